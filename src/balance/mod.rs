@@ -1,0 +1,1 @@
+//! MIS weights and the per-pixel balance: pure mathematics, knows no scene.

@@ -1,0 +1,85 @@
+//! Per-pixel statistics and what becomes of them: EXR, PNG, comparison.
+
+/// What one pixel has collected. Every sample belongs to one pixel.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct PixelStats {
+    /// Paths so far.
+    pub samples: u32,
+    /// Sum over paths of radiance, linear RGB.
+    pub sum: [f64; 3],
+    /// Sum over paths of radiance squared, a channel.
+    pub sum_squared: [f64; 3],
+    /// Paths whose camera ray hit a surface.
+    pub covered: u32,
+    /// The share of light samples α that the next pass would use, in [0, 1].
+    pub balance: f32,
+}
+
+/// Optional sums over paths, kept only when an AOV asks for them.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct AovSums {
+    /// Base colour at the first hit.
+    pub albedo: [f32; 3],
+    /// Unit world-space shading normal at the first hit.
+    pub normal: [f32; 3],
+    /// Distance to the first hit in metres, summed over `covered` paths.
+    pub depth: f32,
+    /// Radiance from lights seen directly and one bounce of them.
+    pub direct: [f32; 3],
+    /// The rest of the radiance.
+    pub indirect: [f32; 3],
+    /// Instance index + 1 of the last path that hit one, 0 for none.
+    pub object: u32,
+    /// Material index + 1 of the last path that hit one, 0 for none.
+    pub material: u32,
+}
+
+/// The statistics of a picture's window.
+#[derive(Debug, Clone)]
+pub struct Film {
+    /// Whole picture's pixels a row.
+    pub width: u32,
+    /// Whole picture's rows.
+    pub height: u32,
+    /// The window that is kept: x0, y0, x1, y1 with x1 and y1 exclusive.
+    pub window: [u32; 4],
+    /// Row-major over the window.
+    pub pixels: Vec<PixelStats>,
+    /// As `pixels`, or empty when no AOV needs it.
+    pub aovs: Vec<AovSums>,
+}
+
+impl PixelStats {
+    /// Mean radiance; black without samples.
+    pub fn mean(&self) -> [f32; 3] {
+        let n = f64::from(self.samples.max(1));
+        self.sum.map(|s| (s / n) as f32)
+    }
+
+    /// Estimated variance of [`mean`](Self::mean), a channel: the paths' sample variance over their number. Paths of
+    /// a low-discrepancy sequence do better than that, so it errs on the high side. Infinite below two samples.
+    pub fn variance_of_mean(&self) -> [f32; 3] {
+        if self.samples < 2 {
+            return [f32::INFINITY; 3];
+        }
+        let n = f64::from(self.samples);
+        std::array::from_fn(|c| {
+            let mean = self.sum[c] / n;
+            ((self.sum_squared[c] / n - mean * mean).max(0.0) / (n - 1.0)) as f32
+        })
+    }
+}
+
+impl Film {
+    /// An empty film.
+    pub fn new(width: u32, height: u32, window: [u32; 4], with_aovs: bool) -> Self {
+        let n = (window[2] - window[0]) as usize * (window[3] - window[1]) as usize;
+        Self {
+            width,
+            height,
+            window,
+            pixels: vec![PixelStats { balance: 0.5, ..Default::default() }; n],
+            aovs: if with_aovs { vec![AovSums::default(); n] } else { Vec::new() },
+        }
+    }
+}

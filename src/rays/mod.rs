@@ -1,0 +1,109 @@
+//! Ray queries over batches, behind one small trait with two implementations: Debian's Embree 4 ([`embree`]) and
+//! obvhs ([`cwbvh`]).
+
+pub mod cwbvh;
+pub mod embree;
+
+/// No hit, in [`HitBatch`]'s index columns.
+pub const MISS: u32 = u32::MAX;
+
+/// Rays as structure of arrays; all columns are equally long.
+#[derive(Debug, Default, Clone)]
+pub struct RayBatch {
+    /// World-space origins, x, y, z.
+    pub origin: [Vec<f32>; 3],
+    /// World-space directions, x, y, z; unit length unless the producer says otherwise (`t` is in their units).
+    pub direction: [Vec<f32>; 3],
+    /// Where the interval starts, ≥ 0.
+    pub tnear: Vec<f32>,
+    /// Where the interval ends.
+    pub tfar: Vec<f32>,
+    /// A random number of the ray's own: the seed of the choice at surfaces with alpha blending.
+    pub key: Vec<u32>,
+}
+
+/// The closest hits of a [`RayBatch`], in its order.
+#[derive(Debug, Default, Clone)]
+pub struct HitBatch {
+    /// Distance in units of the direction's length; infinite for a miss.
+    pub t: Vec<f32>,
+    /// Barycentric weight of the triangle's second vertex.
+    pub u: Vec<f32>,
+    /// Barycentric weight of the triangle's third vertex.
+    pub v: Vec<f32>,
+    /// Index into [`Scene::instances`](crate::scene::Scene::instances), or [`MISS`].
+    pub instance: Vec<u32>,
+    /// Index into [`Scene::meshes`](crate::scene::Scene::meshes), or [`MISS`].
+    pub mesh: Vec<u32>,
+    /// Triangle of that mesh, or [`MISS`].
+    pub prim: Vec<u32>,
+}
+
+/// How like its neighbours a ray of a batch is; a hint, hits do not depend on it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RayOrder {
+    /// Camera rays of one tile.
+    Coherent,
+    /// Anything else.
+    Incoherent,
+}
+
+/// What a backend says of itself, for `--stats` and picture headers.
+#[derive(Debug, Clone)]
+pub struct BackendInfo {
+    /// `embree` or `obvhs`.
+    pub name: &'static str,
+    /// Library version.
+    pub version: String,
+    /// Instruction set that traversal uses.
+    pub isa: String,
+    /// Seconds that the build took.
+    pub build_seconds: f64,
+    /// Bytes of the acceleration structure.
+    pub memory_bytes: u64,
+}
+
+/// A scene that rays can be shot at. Surfaces with alpha are resolved inside: a hit is a hit that counts.
+pub trait RayQueries: Send + Sync {
+    /// Closest hits; resizes `hits` to the batch.
+    fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch);
+    /// Is anything in each ray's interval? Resizes `occluded` to the batch.
+    fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>);
+    /// What it is.
+    fn info(&self) -> &BackendInfo;
+}
+
+impl RayBatch {
+    /// Number of rays.
+    pub fn len(&self) -> usize {
+        self.tfar.len()
+    }
+
+    /// Has it no rays?
+    pub fn is_empty(&self) -> bool {
+        self.tfar.is_empty()
+    }
+
+    /// Removes all rays, keeps the memory.
+    pub fn clear(&mut self) {
+        for column in self.origin.iter_mut().chain(&mut self.direction) {
+            column.clear();
+        }
+        self.tnear.clear();
+        self.tfar.clear();
+        self.key.clear();
+    }
+
+    /// Adds a ray.
+    pub fn push(&mut self, origin: glam::Vec3, direction: glam::Vec3, tnear: f32, tfar: f32, key: u32) {
+        for (axis, column) in self.origin.iter_mut().enumerate() {
+            column.push(origin[axis]);
+        }
+        for (axis, column) in self.direction.iter_mut().enumerate() {
+            column.push(direction[axis]);
+        }
+        self.tnear.push(tnear);
+        self.tfar.push(tfar);
+        self.key.push(key);
+    }
+}

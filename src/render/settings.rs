@@ -1,0 +1,92 @@
+//! What to render, checked.
+
+use serde::{Deserialize, Serialize};
+
+/// Which light transport.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Integrator {
+    /// Emission, direct and indirect light.
+    Path,
+    /// Emission and direct light.
+    Direct,
+}
+
+/// How light and BSDF sampling share the work at a camera path's first surface.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Balance {
+    /// Multi-pass, safeguarded second-order balance for each pixel (the default).
+    Progressive,
+    /// Lu, Pacanowski and Granier 2013 to the letter: a pilot of half the samples, then one balance for each pixel.
+    SecondOrder,
+    /// Balance heuristic, one sample of each.
+    Half,
+    /// Power heuristic (exponent 2), one sample of each.
+    Power,
+    /// Maximum heuristic, one sample of each.
+    Max,
+}
+
+/// Pixel reconstruction filter, by importance sampling.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum PixelFilter {
+    /// Gaussian of standard deviation 0.5 pixels, cut at 1.5.
+    Gaussian,
+    /// One pixel's square.
+    Box,
+    /// Blackman-Harris of radius 1.5 pixels.
+    BlackmanHarris,
+}
+
+/// Everything that the picture's bits depend on besides the scene and the backend, and when to stop.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct RenderSettings {
+    /// Index into [`Scene::cameras`](crate::scene::Scene::cameras).
+    pub camera: usize,
+    /// Whole picture's pixels a row, ≥ 1.
+    pub width: u32,
+    /// Whole picture's rows, ≥ 1.
+    pub height: u32,
+    /// Window that is kept: x0, y0, x1, y1, the last two exclusive, inside the picture, not empty.
+    pub crop: Option<[u32; 4]>,
+    /// Which light transport.
+    pub integrator: Integrator,
+    /// Most segments of a path, ≥ 1: 1 is emission alone, 2 is direct light.
+    pub max_depth: u32,
+    /// Paths a pixel at which to stop, ≥ 1.
+    pub spp: Option<u32>,
+    /// Wall seconds at which to stop, counted from the start of rendering, > 0.
+    pub time: Option<f64>,
+    /// Estimated relative error at which to stop, > 0.
+    pub noise: Option<f64>,
+    /// How light and BSDF sampling share the work.
+    pub balance: Balance,
+    /// Seed of every random choice.
+    pub seed: u32,
+    /// Pixel filter.
+    pub filter: PixelFilter,
+    /// Keep the sums that AOVs need?
+    pub aovs: bool,
+}
+
+impl Default for RenderSettings {
+    fn default() -> Self {
+        Self {
+            camera: 0,
+            width: 960,
+            height: 540,
+            crop: None,
+            integrator: Integrator::Path,
+            max_depth: 8,
+            spp: Some(64),
+            time: None,
+            noise: None,
+            balance: Balance::Progressive,
+            seed: 0,
+            filter: PixelFilter::Gaussian,
+            aovs: false,
+        }
+    }
+}
