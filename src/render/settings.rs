@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+pub use crate::sampling::PixelFilter;
+
 /// Which light transport.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
@@ -26,18 +28,6 @@ pub enum Balance {
     Power,
     /// Maximum heuristic, one sample of each.
     Max,
-}
-
-/// Pixel reconstruction filter, by importance sampling.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
-#[serde(rename_all = "kebab-case")]
-pub enum PixelFilter {
-    /// Gaussian of standard deviation 0.5 pixels, cut at 1.5.
-    Gaussian,
-    /// One pixel's square.
-    Box,
-    /// Blackman-Harris of radius 1.5 pixels.
-    BlackmanHarris,
 }
 
 /// Everything that the picture's bits depend on besides the scene and the backend, and when to stop.
