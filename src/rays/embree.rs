@@ -235,12 +235,7 @@ impl DeviceHandle {
         unsafe {
             let geometry = sys::rtcNewGeometry(self.0, sys::RTC_GEOMETRY_TYPE_INSTANCE);
             sys::rtcSetGeometryInstancedScene(geometry, object.0);
-            sys::rtcSetGeometryTransform(
-                geometry,
-                0,
-                sys::RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR,
-                columns.as_ptr().cast(),
-            );
+            sys::rtcSetGeometryTransform(geometry, 0, sys::RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, columns.as_ptr().cast());
             sys::rtcCommitGeometry(geometry);
             sys::rtcAttachGeometryByID(target.0, geometry, id);
             sys::rtcReleaseGeometry(geometry);
@@ -269,11 +264,8 @@ impl EmbreeRays {
         let device = DeviceHandle::new(options, &monitor)?;
         let version = device.version()?;
         let mesh_range = |object: u32| scene.objects[object as usize].meshes.clone();
-        let has_alpha = scene
-            .instances
-            .iter()
-            .flat_map(|instance| mesh_range(instance.object))
-            .any(|mesh| scene.has_alpha(mesh));
+        let has_alpha =
+            scene.instances.iter().flat_map(|instance| mesh_range(instance.object)).any(|mesh| scene.has_alpha(mesh));
         let top = device.new_scene(has_alpha);
         let attach = |target: &SceneHandle, id: u32, mesh: u32| {
             device.attach_mesh(target, id, &scene.meshes[mesh as usize], scene.has_alpha(mesh));
