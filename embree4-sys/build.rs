@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 fn main() {
     println!("cargo:rustc-link-lib=dylib=embree4");
+    println!("cargo::rustc-check-cfg=cfg(embree_instance_array, embree_instance_stack)");
+    println!("cargo::rustc-cfg=embree_instance_array");
     let out = PathBuf::from(std::env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
     bindgen::Builder::default()
         .header_contents("embree.h", "#include <embree4/rtcore.h>")

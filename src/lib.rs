@@ -7,6 +7,7 @@
 pub mod balance;
 pub mod bsdf;
 pub mod cli;
+pub mod color;
 pub mod error;
 pub mod film;
 pub mod integrator;

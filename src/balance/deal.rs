@@ -1,12 +1,15 @@
 //! Fixed sample counts and how they are dealt to a pass's paths.
 
-/// Light and BSDF samples of one pixel in one pass of N paths; together 2N, each ≥ 1.
+/// Light and BSDF samples of one pixel in one pass of N ≥ 1 paths; where there are two techniques, together 2N and
+/// each ≥ 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Counts {
     /// Light samples n_l.
     pub light: u32,
     /// BSDF samples n_b.
     pub bsdf: u32,
+    /// Paths N.
+    pub paths: u32,
 }
 
 impl Counts {
@@ -14,12 +17,29 @@ impl Counts {
     pub fn new(alpha: f32, paths: u32) -> Self {
         let total = 2 * paths;
         let light = ((alpha * total as f32).round() as u32).clamp(1, total - 1);
-        Self { light, bsdf: total - light }
+        Self { light, bsdf: total - light, paths }
     }
 
     /// One sample of each technique a path.
     pub fn half(paths: u32) -> Self {
-        Self { light: paths, bsdf: paths }
+        Self { light: paths, bsdf: paths, paths }
+    }
+
+    /// One BSDF sample a path: where no light can be sampled.
+    pub fn bsdf_only(paths: u32) -> Self {
+        Self { light: 0, bsdf: paths, paths }
+    }
+
+    /// a_l = n_l/N.
+    #[inline]
+    pub fn light_a_path(self) -> f32 {
+        self.light as f32 / self.paths as f32
+    }
+
+    /// a_b = n_b/N.
+    #[inline]
+    pub fn bsdf_a_path(self) -> f32 {
+        self.bsdf as f32 / self.paths as f32
     }
 
     /// The share of light samples that the counts stand for: what weights must use.

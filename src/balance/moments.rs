@@ -40,9 +40,6 @@ impl Moments {
     /// Pacanowski and Granier 2013, *Second-Order Approximation for Variance Reduction in Multiple Importance
     /// Sampling*). ½ when nothing was seen.
     pub fn second_order(&self) -> f32 {
-        if self.s2 <= 0.0 {
-            return 0.5;
-        }
         alpha_of(self.s1 / (2.0 * self.s2))
     }
 
@@ -76,9 +73,9 @@ impl Moments {
     }
 }
 
-/// α of t = 2α − 1, clamped.
+/// α of t = 2α − 1, clamped; ½ for 0/0, where M is flat.
 fn alpha_of(t: f64) -> f32 {
-    (0.5 + 0.5 * t.clamp(-1.0, 1.0)) as f32
+    if t.is_nan() { 0.5 } else { (0.5 + 0.5 * t.clamp(-1.0, 1.0)) as f32 }
 }
 
 /// Variance of a pilot of `pilot` of `n` samples at ½ followed by the rest at α, relative to all at ½, when V(α)/V(½)

@@ -7,6 +7,7 @@ use std::f32::consts::{FRAC_1_PI, PI};
 use glam::Vec3;
 
 use super::ggx;
+use crate::color::luminance;
 use crate::sampling::warp;
 
 /// The material's parameters at one point, textures applied.
@@ -165,10 +166,4 @@ fn schlick_weight(cos: f32) -> f32 {
     let x = (1.0 - cos).clamp(0.0, 1.0);
     let x2 = x * x;
     x2 * x2 * x
-}
-
-/// Relative luminance of linear Rec. 709 RGB.
-#[inline]
-pub fn luminance(c: Vec3) -> f32 {
-    0.2126 * c.x + 0.7152 * c.y + 0.0722 * c.z
 }

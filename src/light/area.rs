@@ -5,7 +5,7 @@ use std::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
 use super::LightSample;
-use crate::bsdf::metallic_roughness::luminance;
+use crate::color::luminance;
 use crate::sampling::{Discrete, warp};
 use crate::scene::{Material, Mesh, Scene};
 

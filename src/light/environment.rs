@@ -5,7 +5,7 @@ use std::f32::consts::{FRAC_1_PI, PI};
 use glam::Vec3;
 
 use super::LightSample;
-use crate::bsdf::metallic_roughness::luminance;
+use crate::color::luminance;
 use crate::sampling::{Discrete, warp};
 use crate::scene::Environment;
 
@@ -112,8 +112,7 @@ impl EnvironmentSampler {
         let [a, b, c, d] = self.corners(cell.row, cell.column).map(luminance);
         let (left, right) = (a + (c - a) * cell.fv, b + (d - b) * cell.fv);
         let value = left + (right - left) * cell.fu;
-        let sin_theta = (1.0 - wi.y * wi.y).max(0.0).sqrt();
-        self.cell_pdf(cell.row, cell.column, value, a + b + c + d, sin_theta)
+        self.cell_pdf(cell.row, cell.column, value, a + b + c + d, sin_polar(wi))
     }
 
     /// Chance of the cell × bilinear density within it / solid angle of the unit square there.
@@ -132,7 +131,7 @@ impl EnvironmentSampler {
         let (s, c) = self.rotation;
         // The inverse rotation.
         let (x, z) = (c * wi.x - s * wi.z, s * wi.x + c * wi.z);
-        (0.5 + z.atan2(x) * (0.5 * FRAC_1_PI), wi.y.clamp(-1.0, 1.0).acos() * FRAC_1_PI)
+        (0.5 + z.atan2(x) * (0.5 * FRAC_1_PI), sin_polar(wi).atan2(wi.y) * FRAC_1_PI)
     }
 
     #[inline]
@@ -163,6 +162,12 @@ struct Cell {
     /// Position within the cell, from left and top.
     fu: f32,
     fv: f32,
+}
+
+/// Sine of the angle from +y; from x and z, so that it is exact near the poles.
+#[inline]
+fn sin_polar(wi: Vec3) -> f32 {
+    (wi.x * wi.x + wi.z * wi.z).sqrt()
 }
 
 /// The texel rows above and below a row of cells.

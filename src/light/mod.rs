@@ -32,6 +32,8 @@ pub struct Lights {
     pub environment: Option<EnvironmentSampler>,
     /// Emissive triangles, if any.
     pub area: Option<AreaLights>,
+    /// Are there lights without size?
+    pub punctual: bool,
     /// Chance of choosing the environment when there are both.
     environment_share: f32,
 }
@@ -52,7 +54,7 @@ impl Lights {
             (Some(_), None) => 1.0,
             _ => 0.0,
         };
-        Self { environment, area, environment_share }
+        Self { environment, area, punctual: !scene.lights.is_empty(), environment_share }
     }
 
     /// Is there a light with extent?

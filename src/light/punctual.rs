@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use crate::bsdf::metallic_roughness::luminance;
+use crate::color::luminance;
 use crate::scene::{PunctualKind, PunctualLight};
 
 /// One punctual light as seen from a point.

@@ -1,6 +1,7 @@
 //! Ray queries over batches, behind one small trait with two implementations: Debian's Embree 4 ([`embree`]) and
 //! obvhs ([`cwbvh`]).
 
+mod check;
 pub mod cwbvh;
 pub mod embree;
 
@@ -105,5 +106,29 @@ impl RayBatch {
         self.tnear.push(tnear);
         self.tfar.push(tfar);
         self.key.push(key);
+    }
+}
+
+impl HitBatch {
+    /// Number of hits and misses.
+    pub fn len(&self) -> usize {
+        self.t.len()
+    }
+
+    /// Has it neither hits nor misses?
+    pub fn is_empty(&self) -> bool {
+        self.t.is_empty()
+    }
+
+    /// Makes it `len` misses.
+    pub fn reset(&mut self, len: usize) {
+        for (column, miss) in [(&mut self.t, f32::INFINITY), (&mut self.u, 0.0), (&mut self.v, 0.0)] {
+            column.clear();
+            column.resize(len, miss);
+        }
+        for column in [&mut self.instance, &mut self.mesh, &mut self.prim] {
+            column.clear();
+            column.resize(len, MISS);
+        }
     }
 }
