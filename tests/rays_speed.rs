@@ -21,36 +21,21 @@ fn speed() {
         let shadow = shadow_rays(&bounced);
         for isa in [None, Some("avx2")] {
         for (stream, rays) in [("camera", &camera), ("bounce", &bounced)] {
-            for width in [1, 8, 16] { for coherent in [false, true] {
+            for width in [1, 8, 16] { for coherent in [false] {
                 let e = EmbreeRays::build(scene.clone(), &EmbreeOptions { threads: 0, width, coherent, isa: isa.map(String::from) }).unwrap();
                 let batches = pieces(rays, 4096);
                 let mut best = f64::MAX;
-                for _ in 0..3 { let s = Instant::now(); for b in &batches { e.closest_hits(b, RayOrder::Coherent, &mut hits); } best = best.min(s.elapsed().as_secs_f64()); }
+                for _ in 0..9 { let s = Instant::now(); for b in &batches { e.closest_hits(b, RayOrder::Coherent, &mut hits); } best = best.min(s.elapsed().as_secs_f64()); }
                 println!("{isa:?} {stream} {width} coh={coherent} {:.1} Mrays/s", rays.len() as f64 / best / 1e6);
             }}
         }
         for (stream, rays) in [("shadow", &shadow), ("bounce-occl", &bounced)] {
-            for width in [1, 8, 16] { for coherent in [false, true] {
+            for width in [1, 8, 16] { for coherent in [false] {
                 let e = EmbreeRays::build(scene.clone(), &EmbreeOptions { threads: 0, width, coherent, isa: isa.map(String::from) }).unwrap();
                 let batches = pieces(rays, 4096);
                 let mut best = f64::MAX; let mut o = Vec::new();
-                for _ in 0..3 { let s = Instant::now(); for b in &batches { e.occluded(b, RayOrder::Coherent, &mut o); } best = best.min(s.elapsed().as_secs_f64()); }
+                for _ in 0..9 { let s = Instant::now(); for b in &batches { e.occluded(b, RayOrder::Coherent, &mut o); } best = best.min(s.elapsed().as_secs_f64()); }
                 println!("{isa:?} {stream} {width} coh={coherent} {:.1} Mrays/s", rays.len() as f64 / best / 1e6);
             }}
         }
-        // bits
-        for (stream, rays) in [("camera", &camera), ("bounce", &bounced)] {
-            let mut first: Option<HitBatch> = None;
-            for width in [1, 8, 16] { for coherent in [false, true] { for len in [1 << 20, 7] {
-                let e = EmbreeRays::build(scene.clone(), &EmbreeOptions { threads: 0, width, coherent, isa: isa.map(String::from) }).unwrap();
-                let mut all = HitBatch::default();
-                for b in pieces(rays, len) { e.closest_hits(&b, RayOrder::Coherent, &mut hits); all.t.extend(&hits.t); all.u.extend(&hits.u); all.v.extend(&hits.v); all.prim.extend(&hits.prim); }
-                if let Some(f) = &first {
-                    let d = |a: &[f32], b: &[f32]| a.iter().zip(b).filter(|(a, b)| a.to_bits() != b.to_bits()).count();
-                    println!("{isa:?} {stream} {width} coh={coherent} len={len}: differ t {} u {} v {} prim {}", d(&f.t, &all.t), d(&f.u, &all.u), d(&f.v, &all.v), f.prim.iter().zip(&all.prim).filter(|(a, b)| a != b).count());
-                } else { first = Some(all) }
-            }}}
-        }
-        }
-    }
-}
+    }}}

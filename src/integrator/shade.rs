@@ -180,7 +180,7 @@ impl Wave {
     #[inline]
     fn sample_punctual(&mut self, transport: &Transport, vertex: &Vertex) {
         let [.., choice] = vertex.sequence.sample(vertex.state.index, light_set(vertex.depth));
-        let Some(light) = punctual::sample(&transport.scene.lights, vertex.origin, choice) else { return };
+        let Some(light) = punctual::sample(&transport.scene.lights, vertex.surface.position, choice) else { return };
         if vertex.surface.ng.dot(light.wi) <= 0.0 {
             return;
         }

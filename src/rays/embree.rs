@@ -3,6 +3,15 @@
 //! An object that is placed without a transform becomes triangle geometries of the top scene; every other placed
 //! object becomes one sub-scene, and each of its placements an instance geometry of the top scene. Vertex and index
 //! buffers are shared with the [`Scene`], not copied.
+//!
+//! Rays go to Embree in packets, 16 wide where that is native and 8 wide elsewhere, without
+//! `RTC_RAY_QUERY_FLAG_COHERENT`: then Embree traverses ray by ray, and a hit has the same bits in whatever packet the
+//! ray travels. With the flag camera rays are twice as fast, but of coincident surfaces it is the packet's other
+//! rays that decide which one is hit (measured: 2 to 10 % of the hits on two equal instances in one place changed with the
+//! packets), and a crop would no longer have the bits of the whole. Mrays/s of one thread, by
+//! `cargo test --release --test rays_speed -- --ignored --nocapture`:
+//!
+//! SPEED_TABLE
 
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::mem::offset_of;
@@ -12,7 +21,7 @@ use std::time::Instant;
 
 use embree4_sys as sys;
 
-use super::{BackendInfo, HitBatch, RayBatch, RayOrder, RayQueries};
+use super::{BackendInfo, HitBatch, MISS, RayBatch, RayOrder, RayQueries};
 use crate::scene::{Mesh, Scene};
 use crate::{Error, Result};
 
@@ -21,9 +30,8 @@ use crate::{Error, Result};
 pub struct EmbreeOptions {
     /// Threads of the build; 0 for all.
     pub threads: usize,
-    pub width: u32,
-    pub coherent: bool,
-    pub isa: Option<String>,
+    /// An instruction set below the CPU's best, in Embree's words: `sse2`, `sse4.2`, `avx`, `avx2`.
+    pub isa: Option<&'static str>,
 }
 
 /// A [`Scene`] built into Embree's acceleration structure.
@@ -35,7 +43,8 @@ pub struct EmbreeRays {
     scene: Arc<Scene>,
     placements: Vec<Placement>,
     has_alpha: bool,
-    options: EmbreeOptions,
+    /// Are 16-wide packets native? 8-wide ones are wherever AVX is, and narrower CPUs emulate them.
+    wide16: bool,
     info: BackendInfo,
 }
 
@@ -226,12 +235,7 @@ impl DeviceHandle {
         unsafe {
             let geometry = sys::rtcNewGeometry(self.0, sys::RTC_GEOMETRY_TYPE_INSTANCE);
             sys::rtcSetGeometryInstancedScene(geometry, object.0);
-            sys::rtcSetGeometryTransform(
-                geometry,
-                0,
-                sys::RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR,
-                columns.as_ptr().cast(),
-            );
+            sys::rtcSetGeometryTransform(geometry, 0, sys::RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, columns.as_ptr().cast());
             sys::rtcCommitGeometry(geometry);
             sys::rtcAttachGeometryByID(target.0, geometry, id);
             sys::rtcReleaseGeometry(geometry);
@@ -260,11 +264,8 @@ impl EmbreeRays {
         let device = DeviceHandle::new(options, &monitor)?;
         let version = device.version()?;
         let mesh_range = |object: u32| scene.objects[object as usize].meshes.clone();
-        let has_alpha = scene
-            .instances
-            .iter()
-            .flat_map(|instance| mesh_range(instance.object))
-            .any(|mesh| scene.has_alpha(mesh));
+        let has_alpha =
+            scene.instances.iter().flat_map(|instance| mesh_range(instance.object)).any(|mesh| scene.has_alpha(mesh));
         let top = device.new_scene(has_alpha);
         let attach = |target: &SceneHandle, id: u32, mesh: u32| {
             device.attach_mesh(target, id, &scene.meshes[mesh as usize], scene.has_alpha(mesh));
@@ -298,21 +299,13 @@ impl EmbreeRays {
         let info = BackendInfo {
             name: "embree",
             version,
-            isa: isa().to_owned(),
+            isa: options.isa.map_or_else(|| best_isa().to_owned(), str::to_uppercase),
             build_seconds: start.elapsed().as_secs_f64(),
             memory_bytes: monitor.bytes.load(Ordering::Relaxed).max(0) as u64,
         };
-        drop(objects);
-        Ok(Self {
-            top,
-            _device: device,
-            _monitor: monitor,
-            scene,
-            placements,
-            has_alpha,
-            options: options.clone(),
-            info,
-        })
+        let wide16 = device.property(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
+        drop(objects); // the instance geometries keep them
+        Ok(Self { top, _device: device, _monitor: monitor, scene, placements, has_alpha, wide16, info })
     }
 
     /// Instance and mesh of a hit by Embree's ids.
@@ -325,25 +318,13 @@ impl EmbreeRays {
         }
     }
 
-    fn query_context<'a>(&'a self, rays: &'a RayBatch) -> QueryContext<'a> {
-        QueryContext { embree: sys::init_ray_query_context(), rays: self, keys: &rays.key }
-    }
-
-    fn flags(&self, order: RayOrder) -> sys::RTCRayQueryFlags {
-        if self.options.coherent && order == RayOrder::Coherent {
-            sys::RTC_RAY_QUERY_FLAG_COHERENT
-        } else {
-            sys::RTC_RAY_QUERY_FLAG_INCOHERENT
-        }
-    }
-
     fn filter(&self) -> sys::RTCFilterFunctionN {
         if self.has_alpha { Some(filter_alpha) } else { None }
     }
 }
 
 /// The instruction set that Embree picks on this CPU: the highest that it was built for and that the CPU has whole.
-fn isa() -> &'static str {
+fn best_isa() -> &'static str {
     macro_rules! has { ($($feature:tt),+) => { $(std::arch::is_x86_feature_detected!($feature))&&+ } }
     if has!("avx512f", "avx512dq", "avx512cd", "avx512bw", "avx512vl") {
         "AVX512"
@@ -365,6 +346,12 @@ struct QueryContext<'a> {
     rays: &'a EmbreeRays,
     /// By ray id.
     keys: &'a [u32],
+}
+
+impl<'a> QueryContext<'a> {
+    fn new(embree: &'a EmbreeRays, rays: &'a RayBatch) -> Self {
+        Self { embree: sys::init_ray_query_context(), rays: embree, keys: &rays.key }
+    }
 }
 
 /// Rejects the hits of a packet at which the surface is not there.
@@ -412,177 +399,123 @@ impl<const N: usize> Lanes<N> {
 #[inline(always)]
 fn load<const N: usize>(lanes: &mut [f32; N], column: &[f32], start: usize) {
     let rest = &column[start..];
-    match rest.first_chunk::<N>() {
+    match rest.first_chunk() {
         Some(chunk) => *lanes = *chunk,
         None => lanes[..rest.len()].copy_from_slice(rest),
     }
 }
 
-macro_rules! packet_queries {
-    ($n:literal, $ray:ident, $ray_hit:ident, $intersect:ident, $occluded:ident, $closest_fn:ident, $occluded_fn:ident, $load_fn:ident) => {
-        #[inline(always)]
-        fn $load_fn(lanes: &mut sys::$ray, rays: &RayBatch, start: usize) -> Lanes<$n> {
-            load(&mut lanes.org_x, &rays.origin[0], start);
-            load(&mut lanes.org_y, &rays.origin[1], start);
-            load(&mut lanes.org_z, &rays.origin[2], start);
-            load(&mut lanes.dir_x, &rays.direction[0], start);
-            load(&mut lanes.dir_y, &rays.direction[1], start);
-            load(&mut lanes.dir_z, &rays.direction[2], start);
-            load(&mut lanes.tnear, &rays.tnear, start);
-            load(&mut lanes.tfar, &rays.tfar, start);
-            lanes.id = std::array::from_fn(|lane| (start + lane) as u32);
-            Lanes::first(rays.len() - start)
-        }
+/// The way back; lanes beyond the column are dropped.
+#[inline(always)]
+fn store<T: Copy, const N: usize>(column: &mut [T], start: usize, lanes: &[T; N]) {
+    let rest = &mut column[start..];
+    match rest.first_chunk_mut() {
+        Some(chunk) => *chunk = *lanes,
+        None => rest.copy_from_slice(&lanes[..rest.len()]),
+    }
+}
 
-        impl EmbreeRays {
-            fn $closest_fn(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
-                let mut context = self.query_context(rays);
+macro_rules! packet_queries {
+    ($module:ident, $n:literal, $ray:ident, $hit:ident, $ray_hit:ident, $intersect:ident, $occluded:ident) => {
+        mod $module {
+            use super::*;
+
+            fn load_rays(lanes: &mut sys::$ray, rays: &RayBatch, start: usize) -> Lanes<$n> {
+                load(&mut lanes.org_x, &rays.origin[0], start);
+                load(&mut lanes.org_y, &rays.origin[1], start);
+                load(&mut lanes.org_z, &rays.origin[2], start);
+                load(&mut lanes.dir_x, &rays.direction[0], start);
+                load(&mut lanes.dir_y, &rays.direction[1], start);
+                load(&mut lanes.dir_z, &rays.direction[2], start);
+                load(&mut lanes.tnear, &rays.tnear, start);
+                load(&mut lanes.tfar, &rays.tfar, start);
+                lanes.id = std::array::from_fn(|lane| (start + lane) as u32);
+                Lanes::first(rays.len() - start)
+            }
+
+            pub(super) fn closest_hits(to: &EmbreeRays, rays: &RayBatch, hits: &mut HitBatch) {
+                let mut context = QueryContext::new(to, rays);
                 let mut args = sys::RTCIntersectArguments {
-                    flags: self.flags(order),
+                    flags: FLAGS,
                     feature_mask: sys::RTC_FEATURE_FLAG_ALL,
                     context: (&raw mut context).cast(),
-                    filter: self.filter(),
+                    filter: to.filter(),
                     intersect: None,
                 };
-                // SAFETY: numbers only; zero is a value of each.
-                let mut packet: sys::$ray_hit = unsafe { std::mem::zeroed() };
+                let missed = sys::$hit {
+                    primID: [MISS; $n],
+                    geomID: [sys::RTC_INVALID_GEOMETRY_ID; $n],
+                    instID: [[sys::RTC_INVALID_GEOMETRY_ID; $n]; sys::RTC_MAX_INSTANCE_LEVEL_COUNT as usize],
+                    ..Default::default()
+                };
+                let mut packet = sys::$ray_hit::default();
                 packet.ray.mask = [u32::MAX; $n];
                 for start in (0..rays.len()).step_by($n) {
-                    let valid = $load_fn(&mut packet.ray, rays, start);
-                    packet.hit.geomID = [sys::RTC_INVALID_GEOMETRY_ID; $n];
-                    packet.hit.instID[0] = [sys::RTC_INVALID_GEOMETRY_ID; $n];
-                    // SAFETY: the scene is committed; the mask and the packet are aligned by their types.
-                    unsafe { sys::$intersect(valid.0.as_ptr(), self.top.0, &mut packet, &mut args) };
-                    for lane in 0..(rays.len() - start).min($n) {
-                        let at = start + lane;
-                        let geometry = packet.hit.geomID[lane];
-                        if geometry == sys::RTC_INVALID_GEOMETRY_ID {
-                            continue;
+                    let valid = load_rays(&mut packet.ray, rays, start);
+                    packet.hit = missed;
+                    // SAFETY: the scene is committed, `context` lives, mask and packet are aligned by their types.
+                    unsafe { sys::$intersect(valid.0.as_ptr(), to.top.0, &mut packet, &mut args) };
+                    let hit = &packet.hit;
+                    let (mut t, mut instance, mut mesh) = (packet.ray.tfar, [MISS; $n], [MISS; $n]);
+                    for lane in 0..$n {
+                        if hit.geomID[lane] == sys::RTC_INVALID_GEOMETRY_ID {
+                            t[lane] = f32::INFINITY;
+                        } else {
+                            let place = to.place(hit.geomID[lane], hit.instID[0][lane]);
+                            (instance[lane], mesh[lane]) = (place.instance, place.mesh);
                         }
-                        let place = self.place(geometry, packet.hit.instID[0][lane]);
-                        hits.t[at] = packet.ray.tfar[lane];
-                        hits.u[at] = packet.hit.u[lane];
-                        hits.v[at] = packet.hit.v[lane];
-                        hits.instance[at] = place.instance;
-                        hits.mesh[at] = place.mesh;
-                        hits.prim[at] = packet.hit.primID[lane];
                     }
+                    store(&mut hits.t, start, &t);
+                    store(&mut hits.u, start, &hit.u);
+                    store(&mut hits.v, start, &hit.v);
+                    store(&mut hits.instance, start, &instance);
+                    store(&mut hits.mesh, start, &mesh);
+                    store(&mut hits.prim, start, &hit.primID);
                 }
             }
 
-            fn $occluded_fn(&self, rays: &RayBatch, order: RayOrder, occluded: &mut [bool]) {
-                let mut context = self.query_context(rays);
+            pub(super) fn occluded(by: &EmbreeRays, rays: &RayBatch, occluded: &mut [bool]) {
+                let mut context = QueryContext::new(by, rays);
                 let mut args = sys::RTCOccludedArguments {
-                    flags: self.flags(order),
+                    flags: FLAGS,
                     feature_mask: sys::RTC_FEATURE_FLAG_ALL,
                     context: (&raw mut context).cast(),
-                    filter: self.filter(),
+                    filter: by.filter(),
                     occluded: None,
                 };
-                // SAFETY: numbers only; zero is a value of each.
-                let mut packet: sys::$ray = unsafe { std::mem::zeroed() };
-                packet.mask = [u32::MAX; $n];
+                let mut packet = sys::$ray { mask: [u32::MAX; $n], ..Default::default() };
                 for start in (0..rays.len()).step_by($n) {
-                    let valid = $load_fn(&mut packet, rays, start);
-                    // SAFETY: the scene is committed; the mask and the packet are aligned by their types.
-                    unsafe { sys::$occluded(valid.0.as_ptr(), self.top.0, &mut packet, &mut args) };
-                    for (occluded, tfar) in occluded[start..].iter_mut().zip(&packet.tfar) {
-                        *occluded = *tfar == f32::NEG_INFINITY;
-                    }
+                    let valid = load_rays(&mut packet, rays, start);
+                    // SAFETY: the scene is committed, `context` lives, mask and packet are aligned by their types.
+                    unsafe { sys::$occluded(valid.0.as_ptr(), by.top.0, &mut packet, &mut args) };
+                    store(occluded, start, &packet.tfar.map(|tfar| tfar == f32::NEG_INFINITY));
                 }
             }
         }
     };
 }
 
-packet_queries!(16, RTCRay16, RTCRayHit16, rtcIntersect16, rtcOccluded16, closest_hits_16, occluded_16, load_16);
-packet_queries!(8, RTCRay8, RTCRayHit8, rtcIntersect8, rtcOccluded8, closest_hits_8, occluded_8, load_8);
-
-impl EmbreeRays {
-    fn ray(rays: &RayBatch, at: usize) -> sys::RTCRay {
-        sys::RTCRay {
-            org_x: rays.origin[0][at],
-            org_y: rays.origin[1][at],
-            org_z: rays.origin[2][at],
-            tnear: rays.tnear[at],
-            dir_x: rays.direction[0][at],
-            dir_y: rays.direction[1][at],
-            dir_z: rays.direction[2][at],
-            time: 0.0,
-            tfar: rays.tfar[at],
-            mask: u32::MAX,
-            id: at as u32,
-            flags: 0,
-        }
-    }
-
-    fn closest_hits_1(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
-        let mut context = self.query_context(rays);
-        let mut args = sys::RTCIntersectArguments {
-            flags: self.flags(order),
-            feature_mask: sys::RTC_FEATURE_FLAG_ALL,
-            context: (&raw mut context).cast(),
-            filter: self.filter(),
-            intersect: None,
-        };
-        for at in 0..rays.len() {
-            // SAFETY: numbers only; zero is a value of each.
-            let mut packet: sys::RTCRayHit = unsafe { std::mem::zeroed() };
-            packet.ray = Self::ray(rays, at);
-            packet.hit.geomID = sys::RTC_INVALID_GEOMETRY_ID;
-            packet.hit.instID[0] = sys::RTC_INVALID_GEOMETRY_ID;
-            // SAFETY: the scene is committed.
-            unsafe { sys::rtcIntersect1(self.top.0, &mut packet, &mut args) };
-            if packet.hit.geomID == sys::RTC_INVALID_GEOMETRY_ID {
-                continue;
-            }
-            let place = self.place(packet.hit.geomID, packet.hit.instID[0]);
-            hits.t[at] = packet.ray.tfar;
-            hits.u[at] = packet.hit.u;
-            hits.v[at] = packet.hit.v;
-            hits.instance[at] = place.instance;
-            hits.mesh[at] = place.mesh;
-            hits.prim[at] = packet.hit.primID;
-        }
-    }
-
-    fn occluded_1(&self, rays: &RayBatch, order: RayOrder, occluded: &mut [bool]) {
-        let mut context = self.query_context(rays);
-        let mut args = sys::RTCOccludedArguments {
-            flags: self.flags(order),
-            feature_mask: sys::RTC_FEATURE_FLAG_ALL,
-            context: (&raw mut context).cast(),
-            filter: self.filter(),
-            occluded: None,
-        };
-        for at in 0..rays.len() {
-            let mut ray = Self::ray(rays, at);
-            // SAFETY: the scene is committed.
-            unsafe { sys::rtcOccluded1(self.top.0, &mut ray, &mut args) };
-            occluded[at] = ray.tfar == f32::NEG_INFINITY;
-        }
-    }
-}
+packet_queries!(wide16, 16, RTCRay16, RTCHit16, RTCRayHit16, rtcIntersect16, rtcOccluded16);
+packet_queries!(wide8, 8, RTCRay8, RTCHit8, RTCRayHit8, rtcIntersect8, rtcOccluded8);
 
 impl RayQueries for EmbreeRays {
-    fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
-        hits.reset(rays.len());
+    fn closest_hits(&self, rays: &RayBatch, _order: RayOrder, hits: &mut HitBatch) {
+        hits.resize(rays.len());
         let _flushed = FlushToZero::new();
-        match self.options.width {
-            1 => self.closest_hits_1(rays, order, hits),
-            8 => self.closest_hits_8(rays, order, hits),
-            _ => self.closest_hits_16(rays, order, hits),
+        if self.wide16 {
+            wide16::closest_hits(self, rays, hits);
+        } else {
+            wide8::closest_hits(self, rays, hits);
         }
     }
 
-    fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {
-        occluded.clear();
+    fn occluded(&self, rays: &RayBatch, _order: RayOrder, occluded: &mut Vec<bool>) {
         occluded.resize(rays.len(), false);
         let _flushed = FlushToZero::new();
-        match self.options.width {
-            1 => self.occluded_1(rays, order, occluded),
-            8 => self.occluded_8(rays, order, occluded),
-            _ => self.occluded_16(rays, order, occluded),
+        if self.wide16 {
+            wide16::occluded(self, rays, occluded);
+        } else {
+            wide8::occluded(self, rays, occluded);
         }
     }
 
@@ -590,6 +523,9 @@ impl RayQueries for EmbreeRays {
         &self.info
     }
 }
+
+/// No `RTC_RAY_QUERY_FLAG_COHERENT`, see the module's text.
+const FLAGS: sys::RTCRayQueryFlags = sys::RTC_RAY_QUERY_FLAG_INCOHERENT;
 
 /// MXCSR's flush-to-zero and denormals-are-zero.
 const FLUSH: u32 = 1 << 15 | 1 << 6;

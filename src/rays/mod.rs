@@ -1,9 +1,38 @@
 //! Ray queries over batches, behind one small trait with two implementations: Debian's Embree 4 ([`embree`]) and
 //! obvhs ([`cwbvh`]).
 
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use crate::Result;
+use crate::scene::Scene;
+
 mod check;
 pub mod cwbvh;
 pub mod embree;
+
+/// Which library answers ray queries.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Backend {
+    /// Embree 4, as the system has it.
+    #[default]
+    Embree,
+    /// obvhs, in pure Rust.
+    Obvhs,
+}
+
+/// Builds a scene into ray queries, with all threads.
+///
+/// # Errors
+/// See [`embree::EmbreeRays::build`] and [`cwbvh::ObvhsRays::build`].
+pub fn build(backend: Backend, scene: Arc<Scene>) -> Result<Box<dyn RayQueries>> {
+    Ok(match backend {
+        Backend::Embree => Box::new(embree::EmbreeRays::build(scene, &embree::EmbreeOptions::default())?),
+        Backend::Obvhs => Box::new(cwbvh::ObvhsRays::build(scene)?),
+    })
+}
 
 /// No hit, in [`HitBatch`]'s index columns.
 pub const MISS: u32 = u32::MAX;
@@ -120,14 +149,12 @@ impl HitBatch {
         self.t.is_empty()
     }
 
-    /// Makes it `len` misses.
-    pub fn reset(&mut self, len: usize) {
-        for (column, miss) in [(&mut self.t, f32::INFINITY), (&mut self.u, 0.0), (&mut self.v, 0.0)] {
-            column.clear();
-            column.resize(len, miss);
+    /// Makes every column `len` long; the old entries stay.
+    pub(crate) fn resize(&mut self, len: usize) {
+        for column in [&mut self.t, &mut self.u, &mut self.v] {
+            column.resize(len, 0.0);
         }
         for column in [&mut self.instance, &mut self.mesh, &mut self.prim] {
-            column.clear();
             column.resize(len, MISS);
         }
     }

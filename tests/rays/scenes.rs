@@ -99,10 +99,9 @@ pub fn blob() -> Scene {
         for column in 0..columns {
             let theta = PI * row as f32 / rows as f32;
             let phi = 2.0 * PI * column as f32 / columns as f32;
-            let radius = 0.7 + 0.05 * (9.0 * theta).sin() * (11.0 * phi).cos() + 0.01 * (61.0 * theta + 40.0 * phi).sin();
-            vertices.push(
-                (radius * vec3(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin())).to_array(),
-            );
+            let radius =
+                0.7 + 0.05 * (9.0 * theta).sin() * (11.0 * phi).cos() + 0.01 * (61.0 * theta + 40.0 * phi).sin();
+            vertices.push((radius * vec3(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin())).to_array());
         }
     }
     let mut indices = Vec::new();

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use bismar::rays::{Backend, RayQueries};
 use bismar::render::{RenderSettings, render};
 use bismar::scene::{Camera, Instance, Material, Mesh, Object, Positions, Projection, Scene};
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, Mat3, Vec3};
 
 use crate::statistics::Mean;
 
@@ -83,11 +83,13 @@ pub fn sphere(n: u32, radius: f32, center: Vec3) -> (Vec<[f32; 3]>, Vec<[u32; 3]
 /// Looks from `eye` at `at`.
 pub fn look(scene: &mut Scene, eye: Vec3, at: Vec3, yfov: f32) {
     let up = if (at - eye).normalize().y.abs() > 0.99 { Vec3::Z } else { Vec3::Y };
+    let z = (eye - at).normalize();
+    let x = up.cross(z).normalize();
     scene.cameras.push(Camera {
         name: "camera".into(),
         projection: Projection::Perspective { yfov },
         aspect: None,
-        to_world: Affine3A::look_at_rh(eye, at, up).inverse(),
+        to_world: Affine3A::from_mat3_translation(Mat3::from_cols(x, z.cross(x), z), eye),
     });
 }
 

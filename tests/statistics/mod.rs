@@ -59,6 +59,9 @@ impl Mean {
 
     /// Standard errors from `expected`. Values that all agree to rounding are judged by rounding.
     pub fn z(&self, expected: f64) -> f64 {
+        if self.mean == expected {
+            return 0.0;
+        }
         let rounding = 4.0 * f64::from(f32::EPSILON) * expected.abs();
         (self.mean - expected) / self.standard_error().max(rounding)
     }
