@@ -11,6 +11,7 @@ pub mod color;
 pub mod error;
 pub mod film;
 pub mod integrator;
+pub mod lanes;
 pub mod light;
 pub mod rays;
 pub mod render;

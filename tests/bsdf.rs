@@ -4,9 +4,30 @@ mod statistics;
 
 use std::f32::consts::FRAC_1_PI;
 
-use bismar::bsdf::{MetallicRoughness, Surface};
+use bismar::bsdf::{Lobes, MetallicRoughness, Surface};
+use bismar::lanes::{F, V3};
 use glam::Vec3;
 use statistics::{Mean, Random, chi_square_directions, direction, z_limit};
+
+/// f cos θ_i and pdf in the local frame, where the normal is +z.
+fn eval_pdf(bsdf: &MetallicRoughness, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
+    let (value, pdf) = Lobes::splat(bsdf).eval_pdf(V3::splat(Vec3::Z), V3::splat(wo), V3::splat(wi));
+    (value.lane(0), pdf.as_array()[0])
+}
+
+struct Sample {
+    wi: Vec3,
+    value: Vec3,
+    pdf: f32,
+}
+
+/// A sample in the local frame, from the last lane; `None` for a failed one.
+fn sample(bsdf: &MetallicRoughness, wo: Vec3, lobe: f32, u: f32, v: f32) -> Option<Sample> {
+    let numbers = [lobe, u, v].map(F::splat);
+    let s = Lobes::splat(bsdf).sample(V3::splat(Vec3::Z), V3::splat(wo), numbers);
+    let pdf = s.pdf.as_array()[7];
+    (pdf > 0.0).then(|| Sample { wi: s.wi.lane(7), value: s.value.lane(7), pdf })
+}
 
 fn surface(metallic: f32, roughness: f32) -> Surface {
     Surface {
@@ -47,8 +68,8 @@ fn samples_follow_the_pdf() {
                 &format!("{name}, θ = {theta}"),
                 tests,
                 (200_000, 12),
-                || bsdf.sample(wo, random.f32(), random.f32(), random.f32()).map(|s| s.wi),
-                |wi| f64::from(bsdf.eval_pdf(wo, wi).1),
+                || sample(&bsdf, wo, random.f32(), random.f32(), random.f32()).map(|s| s.wi),
+                |wi| f64::from(eval_pdf(&bsdf, wo, wi).1),
             );
         }
     }
@@ -62,8 +83,8 @@ fn sampled_value_and_pdf_are_those_of_evaluation() {
         for theta in ANGLES {
             let wo = direction(theta, 0.6);
             for _ in 0..1000 {
-                let Some(sample) = bsdf.sample(wo, random.f32(), random.f32(), random.f32()) else { continue };
-                let (value, pdf) = bsdf.eval_pdf(wo, sample.wi);
+                let Some(sample) = sample(&bsdf, wo, random.f32(), random.f32(), random.f32()) else { continue };
+                let (value, pdf) = eval_pdf(&bsdf, wo, sample.wi);
                 // The half vector is rebuilt from rounded directions: its error over the lobe's width, squared.
                 let alpha = (s.roughness * s.roughness).max(1e-3);
                 let tolerance = 64.0 * f32::EPSILON / (alpha * alpha) + 1e-4;
@@ -82,8 +103,8 @@ fn values_are_reciprocal() {
         for _ in 0..2000 {
             let mut draw = || direction(1.5 * f64::from(random.f32()), 6.0 * f64::from(random.f32()));
             let (a, b) = (draw(), draw());
-            let forth = bsdf.eval_pdf(a, b).0 / b.z;
-            let back = bsdf.eval_pdf(b, a).0 / a.z;
+            let forth = eval_pdf(&bsdf, a, b).0 / b.z;
+            let back = eval_pdf(&bsdf, b, a).0 / a.z;
             assert!((forth - back).length() <= 1e-4 * forth.length(), "{name}: {forth} {back}");
         }
     }
@@ -93,7 +114,7 @@ fn values_are_reciprocal() {
 fn albedo(bsdf: &MetallicRoughness, wo: Vec3, samples: u32, random: &mut Random) -> Mean {
     let mut mean = Mean::default();
     for _ in 0..samples {
-        let sample = bsdf.sample(wo, random.f32(), random.f32(), random.f32());
+        let sample = sample(bsdf, wo, random.f32(), random.f32(), random.f32());
         mean.add(sample.map_or(0.0, |s| f64::from(s.value.y / s.pdf)));
     }
     mean
@@ -148,8 +169,13 @@ fn sampling_the_lobe_and_sampling_the_cosine_find_the_same_albedo() {
             let by_lobe = albedo(&bsdf, wo, 100_000, &mut random);
             let mut by_cosine = Mean::default();
             for _ in 0..100_000 {
-                let wi = bismar::sampling::warp::cosine_hemisphere(random.f32(), random.f32());
-                by_cosine.add(if wi.z > 0.0 { f64::from(bsdf.eval_pdf(wo, wi).0.y / (wi.z * FRAC_1_PI)) } else { 0.0 });
+                let (u, v) = (F::splat(random.f32()), F::splat(random.f32()));
+                let wi = bismar::sampling::warp::cosine_hemispheres(u, v).lane(0);
+                by_cosine.add(if wi.z > 0.0 {
+                    f64::from(eval_pdf(&bsdf, wo, wi).0.y / (wi.z * FRAC_1_PI))
+                } else {
+                    0.0
+                });
             }
             let error = by_lobe.standard_error().hypot(by_cosine.standard_error()).max(1e-6);
             let z = (by_lobe.mean - by_cosine.mean) / error;

@@ -1,5 +1,9 @@
 //! MIS weights for two techniques with sample counts.
 
+use wide::{CmpEq, CmpGt, Select};
+
+use crate::lanes::F;
+
 /// How two techniques share a contribution that both could have found (Veach and Guibas 1995).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Heuristic {
@@ -30,6 +34,19 @@ impl Heuristic {
     }
 }
 
+impl Heuristic {
+    /// [`weight`](Self::weight), of eight.
+    #[inline(always)]
+    pub fn weights(self, own: F, other: F) -> F {
+        let ratio = other / own;
+        match self {
+            Heuristic::Balance => F::ONE / (F::ONE + ratio),
+            Heuristic::Power => F::ONE / ratio.mul_add(ratio, F::ONE),
+            Heuristic::Max => own.simd_gt(other).select(F::ONE, own.simd_eq(other) & F::HALF),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -42,6 +59,8 @@ mod tests {
                 let sum = h.weight(a, b) + h.weight(b, a);
                 // Two divisions and a sum, each within half an ulp.
                 prop_assert!((sum - 1.0).abs() <= 4.0 * f32::EPSILON, "{h:?} {sum}");
+                let eight = h.weights(F::splat(a), F::splat(b)).as_array()[3];
+                prop_assert!((eight - h.weight(a, b)).abs() <= 2.0 * f32::EPSILON, "{h:?} {eight}");
             }
         }
     }

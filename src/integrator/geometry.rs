@@ -21,18 +21,16 @@ struct Placed {
     normal: Mat3,
 }
 
-/// A point on a surface, seen from the side of `wo`.
+/// A point on a surface, before it is known from which side it is seen.
 #[derive(Debug, Clone, Copy)]
-pub struct SurfacePoint<'a> {
+pub struct Point<'a> {
     /// World space.
     pub position: Vec3,
-    /// Unit geometric normal on `wo`'s side.
+    /// Geometric normal on the side that the winding calls the front; any length.
     pub ng: Vec3,
-    /// Local shading frame: tangent, bitangent, shading normal on `wo`'s side.
-    pub frame: [Vec3; 3],
-    /// Is the side that the winding calls the front seen?
-    pub front: bool,
-    /// How far along `ng` rays begin.
+    /// Shading normal on the same side, interpolated and mapped; any length.
+    pub ns: Vec3,
+    /// How far along the geometric normal rays begin.
     pub stand_off: f32,
     /// Interpolated texture coordinates of both sets.
     texcoords: [Vec2; 2],
@@ -60,17 +58,9 @@ impl Geometry {
         Self { instances }
     }
 
-    /// The surface at a hit: barycentric weights `u`, `v` of triangle `prim`, seen along −`wo` (unit).
+    /// The surface at a hit: barycentric weights `u`, `v` of triangle `prim`'s second and third vertex.
     #[inline]
-    pub fn surface<'a>(
-        &self,
-        scene: &'a Scene,
-        instance: u32,
-        mesh: u32,
-        prim: u32,
-        (u, v): (f32, f32),
-        wo: Vec3,
-    ) -> SurfacePoint<'a> {
+    pub fn point<'a>(&self, scene: &'a Scene, instance: u32, mesh: u32, prim: u32, (u, v): (f32, f32)) -> Point<'a> {
         let mesh = &scene.meshes[mesh as usize];
         let material = &scene.materials[mesh.material as usize];
         let index = mesh.indices[prim as usize].map(|i| i as usize);
@@ -85,10 +75,6 @@ impl Geometry {
             ng = placed.normal * ng;
         }
         let extent = position.abs().max(e1.abs()).max(e2.abs()).max_element();
-        let ng = ng.normalize_or(wo);
-        let front = ng.dot(wo) >= 0.0;
-        let side = if front { 1.0 } else { -1.0 };
-
         let texcoords = std::array::from_fn(|set| match &mesh.texcoords[set] {
             Some(t) => {
                 let [a, b, c] = index.map(|i| Vec2::from_array(t[i]));
@@ -111,10 +97,11 @@ impl Geometry {
             if let Some(placed) = placed {
                 n = placed.normal * n;
             }
-            ns = n.normalize_or(ng);
+            ns = if n.length_squared() > 0.0 { n } else { ng };
         }
         if let (Some(map), Some(tangents)) = (&material.normal_texture, &mesh.tangents) {
             let [a, b, c] = index.map(|i| Vec4::from_array(tangents[i]));
+            ns = ns.normalize_or_zero();
             let mut tangent = (a + (b - a) * u + (c - a) * v).truncate();
             let mut sign = a.w;
             if let (Some(_), Some(t)) = (placed, scene.instances[instance as usize].transform) {
@@ -128,51 +115,11 @@ impl Geometry {
             let scale = material.normal_scale;
             ns = (tangent * (n.x * scale) + bitangent * (n.y * scale) + ns * n.z).normalize_or(ns);
         }
-        let ng = ng * side;
-        let mut ns = ns * side;
-        // Interpolated and mapped normals may face away from the eye where the triangle does not: tilt them back until
-        // the eye is just above the shading horizon.
-        let cos = ns.dot(wo);
-        if cos < MIN_COS {
-            ns = (ns + wo * (MIN_COS - cos)).normalize_or(ng);
-        }
-        let (s, t) = warp::frame(ns);
-        SurfacePoint {
-            position,
-            ng,
-            frame: [s, t, ns],
-            front,
-            stand_off: STAND_OFF * extent,
-            texcoords,
-            color,
-            material,
-            mesh,
-        }
+        Point { position, ng, ns, stand_off: STAND_OFF * extent, texcoords, color, material, mesh }
     }
 }
 
-/// Lowest cosine between eye and shading normal.
-const MIN_COS: f32 = 1e-3;
-
-impl SurfacePoint<'_> {
-    /// World to local.
-    #[inline]
-    pub fn to_local(&self, w: Vec3) -> Vec3 {
-        Vec3::new(self.frame[0].dot(w), self.frame[1].dot(w), self.frame[2].dot(w))
-    }
-
-    /// Local to world.
-    #[inline]
-    pub fn to_world(&self, w: Vec3) -> Vec3 {
-        self.frame[0] * w.x + self.frame[1] * w.y + self.frame[2] * w.z
-    }
-
-    /// Where rays leave on `wo`'s side.
-    #[inline]
-    pub fn origin(&self) -> Vec3 {
-        self.position + self.ng * self.stand_off
-    }
-
+impl Point<'_> {
     /// Base colour with texture and vertex colour.
     #[inline]
     pub fn base_color(&self, scene: &Scene) -> Vec3 {
@@ -202,12 +149,6 @@ impl SurfacePoint<'_> {
             specular_color *= self.texture(scene, t).truncate();
         }
         Surface { base_color: self.base_color(scene), metallic, roughness, specular, specular_color, ior: m.ior }
-    }
-
-    /// Does this side shine?
-    #[inline]
-    pub fn shines(&self) -> bool {
-        self.material.is_emissive() && (self.front || self.material.double_sided)
     }
 
     #[inline]

@@ -2,11 +2,14 @@
 
 pub mod camera;
 pub mod geometry;
-pub mod shade;
+pub mod materials;
+pub mod stages;
+pub mod vertices;
 pub mod wave;
 
 pub use camera::CameraRays;
 pub use geometry::Geometry;
+pub use materials::Materials;
 pub use wave::{PixelPlan, PixelSum, Wave, WaveCounts};
 
 use crate::balance::Heuristic;
@@ -23,6 +26,8 @@ pub struct Transport<'a> {
     pub rays: &'a dyn RayQueries,
     /// Instances' transforms, prepared for shading.
     pub geometry: Geometry,
+    /// Materials, prepared for shading.
+    pub materials: Materials,
     /// What shines.
     pub lights: Lights,
     /// Where camera rays begin.

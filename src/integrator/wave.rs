@@ -6,6 +6,7 @@ use std::time::Instant;
 use glam::Vec3;
 
 use super::Transport;
+use super::vertices::Vertices;
 use crate::balance::{Counts, Moments, deal};
 use crate::film::{AovSums, PixelStats};
 use crate::rays::{HitBatch, RayBatch, RayOrder};
@@ -104,6 +105,11 @@ pub struct Wave {
     pub(super) next_states: Vec<PathState>,
     pub(super) pending: Vec<Pending>,
     occluded: Vec<bool>,
+    /// Rays of the batch that hit nothing.
+    pub(super) escaped: Vec<u32>,
+    pub(super) vertices: Vertices,
+    /// Samples to take: at which vertex, with which index into its pixel's sequence.
+    pub(super) tasks: Vec<(u32, u32)>,
     /// A path: its pixel's place in the plan.
     pub(super) slots: Vec<Slot>,
     /// A BSDF sample at a first surface: its slot and the indirect light that it brought.
@@ -148,7 +154,9 @@ impl Wave {
             let start = Instant::now();
             transport.rays.closest_hits(&self.rays, order, &mut self.hits);
             self.counts.query_seconds += start.elapsed().as_secs_f64();
-            self.shade(transport, plan, depth, sums);
+            self.hits(transport, plan, depth, sums);
+            self.lights(transport, plan, depth);
+            self.scatter(plan, depth);
             self.shadows(transport, depth, sums);
             std::mem::swap(&mut self.rays, &mut self.next_rays);
             std::mem::swap(&mut self.states, &mut self.next_states);

@@ -3,9 +3,11 @@
 use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3};
+use wide::CmpGt;
 
-use super::LightSample;
+use super::LightSamples;
 use crate::color::luminance;
+use crate::lanes::{F, LANES, V3};
 use crate::sampling::{Discrete, warp};
 use crate::scene::{Material, Mesh, Scene};
 
@@ -18,9 +20,12 @@ pub struct EmissiveTriangle {
     /// Unit, on the side that the winding calls the front.
     normal: Vec3,
     area: f32,
+    /// Emitted radiance, before a texture.
+    radiance: Vec3,
     mesh: u32,
     prim: u32,
     two_sided: bool,
+    textured: bool,
 }
 
 /// All emissive triangles of a scene, chosen by power.
@@ -65,9 +70,11 @@ impl AreaLights {
                         edges,
                         normal: cross.normalize_or_zero(),
                         area,
+                        radiance: material.emissive,
                         mesh: mesh_index,
                         prim: prim as u32,
                         two_sided: material.double_sided,
+                        textured: material.emissive_texture.is_some(),
                     });
                 }
             }
@@ -92,25 +99,35 @@ impl AreaLights {
         self.triangles.is_empty()
     }
 
-    /// Draws a point on a triangle chosen by power, uniform over its area.
+    /// Draws points on triangles chosen by power, uniform over their area, as seen from `p`. `choice`, `u` and `v` in
+    /// [0, 1).
     #[inline]
-    pub fn sample(&self, scene: &Scene, p: Vec3, choice: f32, u: f32, v: f32) -> Option<LightSample> {
-        let (index, _) = self.choice.sample(choice);
-        let light = &self.triangles[index as usize];
-        let (b1, b2) = warp::triangle(u, v);
-        let to = light.vertex + light.edges[0] * b1 + light.edges[1] * b2 - p;
+    pub fn sample(&self, scene: &Scene, p: V3, choice: [f32; LANES], u: [f32; LANES], v: [f32; LANES]) -> LightSamples {
+        let chosen = choice.map(|c| self.choice.sample(c).0);
+        let lights = chosen.map(|i| &self.triangles[i as usize]);
+        let gather = |field: fn(&EmissiveTriangle) -> Vec3| {
+            V3::from_arrays([lights.map(|l| field(l).x), lights.map(|l| field(l).y), lights.map(|l| field(l).z)])
+        };
+        let (b1, b2) = warp::triangles(F::from(u), F::from(v));
+        let to = gather(|l| l.vertex) + gather(|l| l.edges[0]) * b1 + gather(|l| l.edges[1]) * b2 - p;
         let distance2 = to.length_squared();
         let distance = distance2.sqrt();
-        let wi = to / distance;
-        let cos = -light.normal.dot(wi);
-        let facing = if light.two_sided { cos.abs() } else { cos };
-        if facing <= 0.0 || distance2 == 0.0 {
-            return None;
+        let wi = to * (F::ONE / distance);
+        let cos = -gather(|l| l.normal).dot(wi);
+        let two_sided = F::from(lights.map(|l| if l.two_sided { 1.0 } else { 0.0 })).simd_gt(F::ZERO);
+        let facing = cos ^ (two_sided & cos & F::splat(-0.0));
+        let density: [f32; LANES] = std::array::from_fn(|i| self.choice.pmf(chosen[i]) / lights[i].area);
+        let pdf = F::from(density) * distance2 / facing;
+        let mut radiance = gather(|l| l.radiance);
+        if lights.iter().any(|l| l.textured) {
+            let textured: [Vec3; LANES] = std::array::from_fn(|i| {
+                let mesh = &scene.meshes[lights[i].mesh as usize];
+                emission(scene, mesh, lights[i].prim, b1.as_array()[i], b2.as_array()[i])
+            });
+            radiance = V3::from_arrays([textured.map(|t| t.x), textured.map(|t| t.y), textured.map(|t| t.z)]);
         }
-        let pdf = self.choice.pmf(index) * distance2 / (facing * light.area);
-        let mesh = &scene.meshes[light.mesh as usize];
-        let radiance = emission(scene, mesh, light.prim, b1, b2);
-        (pdf.is_finite() && pdf > 0.0).then_some(LightSample { wi, distance, radiance, pdf })
+        let seen = facing.simd_gt(F::ZERO) & pdf.is_finite();
+        LightSamples { wi, distance, radiance, pdf: pdf & seen }
     }
 
     /// Density per solid angle of [`sample`](Self::sample) for a hit of triangle `prim`.
@@ -147,7 +164,8 @@ fn mean_emission(scene: &Scene, material: &Material, mesh: &Mesh, index: [u32; 3
     let [a, b, c] = index.map(|i| Vec2::from_array(texcoords[i as usize]));
     let mut sum = Vec3::ZERO;
     for k in 0..16 {
-        let (u, v) = warp::triangle((k % 4) as f32 / 4.0 + 0.125, (k / 4) as f32 / 4.0 + 0.125);
+        let (u, v) = warp::triangles(F::splat((k % 4) as f32 / 4.0 + 0.125), F::splat((k / 4) as f32 / 4.0 + 0.125));
+        let (u, v) = (u.as_array()[0], v.as_array()[0]);
         sum += scene.sample_texture(texture, a + (b - a) * u + (c - a) * v).truncate();
     }
     // A little for what 16 points may have missed.

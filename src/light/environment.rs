@@ -3,9 +3,11 @@
 use std::f32::consts::{FRAC_1_PI, PI};
 
 use glam::Vec3;
+use wide::{CmpGt, CmpLt, Select};
 
-use super::LightSample;
+use super::LightSamples;
 use crate::color::luminance;
+use crate::lanes::{F, LANES, V3};
 use crate::sampling::{Discrete, warp};
 use crate::scene::Environment;
 
@@ -65,109 +67,116 @@ impl EnvironmentSampler {
         self.mean_luminance
     }
 
-    /// Radiance from direction `wi`, unit, world space.
+    /// Radiance from directions `wi`, unit, world space, and the density per solid angle of [`sample`](Self::sample).
     #[inline]
-    pub fn radiance(&self, wi: Vec3) -> Vec3 {
-        let (u, v) = self.uv(wi);
-        let cell = self.cell(u, v);
-        let [a, b, c, d] = self.corners(cell.row, cell.column);
-        let top = a + (b - a) * cell.fu;
-        let bottom = c + (d - c) * cell.fu;
-        top + (bottom - top) * cell.fv
+    pub fn radiance_pdf(&self, wi: V3) -> (V3, F) {
+        let (s, c) = (F::splat(self.rotation.0), F::splat(self.rotation.1));
+        // The inverse rotation.
+        let (x, z) = (c * wi.x - s * wi.z, s * wi.x + c * wi.z);
+        // From x and z, so that it is exact near the poles.
+        let sin_theta = x.mul_add(x, z * z).sqrt();
+        let u = z.atan2(x).mul_add(F::splat(0.5 * FRAC_1_PI), F::HALF);
+        let v = sin_theta.atan2(wi.y) * F::splat(FRAC_1_PI);
+        let column = u.mul_sub(F::splat(self.width as f32), F::HALF);
+        let floor = column.floor();
+        let row = v.mul_add(F::splat(self.height as f32), F::HALF).floor();
+        let wrapped = floor.simd_lt(F::ZERO).select(floor + F::splat(self.width as f32), floor);
+        let cells = self.cells(row.as_array().map(|r| r as usize), wrapped.as_array().map(|c| c as usize));
+        let fu = column - floor;
+        let fv = ((v - cells.top) / cells.height).fast_max(F::ZERO).fast_min(F::ONE);
+        let radiance = cells.radiance(fu, fv);
+        (radiance, self.pdf(&cells, radiance.luminance(), sin_theta))
     }
 
-    /// Draws a direction in proportion to the radiance's luminance.
+    /// Draws directions in proportion to the radiance's luminance.
     #[inline]
-    pub fn sample(&self, u: f32, v: f32) -> Option<LightSample> {
-        let (row, rest_v) = self.rows.sample(v);
-        let (column, rest_u) = self.columns[row as usize].as_ref()?.sample(u);
-        let (row, column) = (row as usize, column as usize);
-        let corners = self.corners(row, column);
-        let [a, b, c, d] = corners.map(luminance);
+    pub fn sample(&self, u: [f32; LANES], v: [f32; LANES]) -> LightSamples {
+        let (mut row, mut column) = ([0; LANES], [0; LANES]);
+        let (mut rest_u, mut rest_v) = ([0.0; LANES], [0.0; LANES]);
+        for i in 0..LANES {
+            let (r, rest) = self.rows.sample(v[i]);
+            (row[i], rest_v[i]) = (r as usize, rest);
+            if let Some(columns) = &self.columns[r as usize] {
+                let (c, rest) = columns.sample(u[i]);
+                (column[i], rest_u[i]) = (c as usize, rest);
+            }
+        }
+        let cells = self.cells(row, column);
+        let [a, b, c, d] = cells.corners.map(V3::luminance);
         // The bilinear function's marginal in v is linear, then the slice in u is linear.
-        let fv = warp::linear(rest_v, a + b, c + d);
-        let (left, right) = (a + (c - a) * fv, b + (d - b) * fv);
-        let fu = if left + right > 0.0 { warp::linear(rest_u, left, right) } else { rest_u };
-        let (top, bottom) = row_extent(row, self.height);
-        let map_u = (column as f32 + 0.5 + fu) / self.width as f32;
-        let map_v = top + (bottom - top) * fv;
-        let (sin_theta, cos_theta) = (PI * map_v).sin_cos();
-        let (sin_phi, cos_phi) = (2.0 * PI * (map_u - 0.5)).sin_cos();
-        let local = Vec3::new(sin_theta * cos_phi, cos_theta, sin_theta * sin_phi);
-        let (s, co) = self.rotation;
-        let wi = Vec3::new(co * local.x + s * local.z, local.y, -s * local.x + co * local.z);
-        let value = left + (right - left) * fu;
-        let pdf = self.cell_pdf(row, column, value, a + b + c + d, sin_theta);
-        let [ra, rb, rc, rd] = corners;
-        let upper = ra + (rb - ra) * fu;
-        let radiance = upper + (rc + (rd - rc) * fu - upper) * fv;
-        (pdf > 0.0).then_some(LightSample { wi, distance: f32::INFINITY, radiance, pdf })
-    }
-
-    /// Density per solid angle of [`sample`](Self::sample).
-    #[inline]
-    pub fn pdf(&self, wi: Vec3) -> f32 {
-        let (u, v) = self.uv(wi);
-        let cell = self.cell(u, v);
-        let [a, b, c, d] = self.corners(cell.row, cell.column).map(luminance);
-        let (left, right) = (a + (c - a) * cell.fv, b + (d - b) * cell.fv);
-        let value = left + (right - left) * cell.fu;
-        self.cell_pdf(cell.row, cell.column, value, a + b + c + d, sin_polar(wi))
+        let fv = warp::linear(F::from(rest_v), a + b, c + d);
+        let (left, right) = ((c - a).mul_add(fv, a), (d - b).mul_add(fv, b));
+        let fu = warp::linear(F::from(rest_u), left, right);
+        let map_u = (F::from(column.map(|c| c as f32 + 0.5)) + fu) / F::splat(self.width as f32);
+        let map_v = cells.height.mul_add(fv, cells.top);
+        let (sin_theta, cos_theta) = warp::sin_cos_turns(map_v * F::HALF);
+        let past = map_u.simd_gt(F::ONE);
+        let (sin_phi, cos_phi) = warp::sin_cos_turns(past.select(map_u - F::ONE, map_u));
+        // u = ½ is the direction +x: half a turn on.
+        let (x, z) = (-(sin_theta * cos_phi), -(sin_theta * sin_phi));
+        let (s, co) = (F::splat(self.rotation.0), F::splat(self.rotation.1));
+        let wi = V3 { x: co * x + s * z, y: cos_theta, z: co * z - s * x };
+        let radiance = cells.radiance(fu, fv);
+        let pdf = self.pdf(&cells, radiance.luminance(), sin_theta);
+        LightSamples { wi, distance: F::splat(f32::INFINITY), radiance, pdf }
     }
 
     /// Chance of the cell × bilinear density within it / solid angle of the unit square there.
-    #[inline]
-    fn cell_pdf(&self, row: usize, column: usize, value: f32, corner_sum: f32, sin_theta: f32) -> f32 {
-        let Some(columns) = &self.columns[row] else { return 0.0 };
-        let chance = self.rows.pmf(row as u32) * columns.pmf(column as u32);
-        let (top, bottom) = row_extent(row, self.height);
-        let density = chance * (4.0 * value / corner_sum) * self.width as f32 / (bottom - top);
-        let pdf = density / (2.0 * PI * PI * sin_theta);
-        if pdf.is_finite() { pdf } else { 0.0 }
+    #[inline(always)]
+    fn pdf(&self, cells: &Cells, luminance: F, sin_theta: F) -> F {
+        let [a, b, c, d] = cells.corners.map(V3::luminance);
+        let density = cells.chance * F::splat(4.0 * self.width as f32) * luminance / ((a + b + c + d) * cells.height);
+        let pdf = density / (F::splat(2.0 * PI * PI) * sin_theta);
+        pdf & pdf.is_finite()
     }
 
-    #[inline]
-    fn uv(&self, wi: Vec3) -> (f32, f32) {
-        let (s, c) = self.rotation;
-        // The inverse rotation.
-        let (x, z) = (c * wi.x - s * wi.z, s * wi.x + c * wi.z);
-        (0.5 + z.atan2(x) * (0.5 * FRAC_1_PI), sin_polar(wi).atan2(wi.y) * FRAC_1_PI)
-    }
-
-    #[inline]
-    fn cell(&self, u: f32, v: f32) -> Cell {
-        let x = u * self.width as f32 - 0.5;
-        let floor = x.floor();
-        let column = (floor as i64).rem_euclid(self.width as i64) as usize;
-        let y = v * self.height as f32 + 0.5;
-        let row = (y as usize).min(self.height);
-        let (top, bottom) = row_extent(row, self.height);
-        let fv = ((v - top) / (bottom - top)).clamp(0.0, 1.0);
-        Cell { row, column, fu: x - floor, fv }
-    }
-
-    /// Radiance at a cell's corners: above left, above right, below left, below right.
-    #[inline]
-    fn corners(&self, row: usize, column: usize) -> [Vec3; 4] {
-        let (above, below) = row_pair(row, self.height);
-        let next = if column + 1 == self.width { 0 } else { column + 1 };
-        let (above, below) = (above * self.width, below * self.width);
-        [self.texels[above + column], self.texels[above + next], self.texels[below + column], self.texels[below + next]]
+    #[inline(always)]
+    fn cells(&self, row: [usize; LANES], column: [usize; LANES]) -> Cells {
+        let mut corners = [[[0.0; LANES]; 3]; 4];
+        let (mut chance, mut top, mut height) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+        for i in 0..LANES {
+            let (row, column) = (row[i].min(self.height), column[i].min(self.width - 1));
+            let (above, below) = row_pair(row, self.height);
+            let next = if column + 1 == self.width { 0 } else { column + 1 };
+            let texels = [(above, column), (above, next), (below, column), (below, next)];
+            for (corner, (y, x)) in corners.iter_mut().zip(texels) {
+                let texel = self.texels[y * self.width + x];
+                (corner[0][i], corner[1][i], corner[2][i]) = (texel.x, texel.y, texel.z);
+            }
+            if let Some(columns) = &self.columns[row] {
+                chance[i] = self.rows.pmf(row as u32) * columns.pmf(column as u32);
+            }
+            let (from, to) = row_extent(row, self.height);
+            (top[i], height[i]) = (from, to - from);
+        }
+        Cells {
+            corners: corners.map(V3::from_arrays),
+            chance: F::from(chance),
+            top: F::from(top),
+            height: F::from(height),
+        }
     }
 }
 
-struct Cell {
-    row: usize,
-    column: usize,
-    /// Position within the cell, from left and top.
-    fu: f32,
-    fv: f32,
+/// Cells between four texel centres.
+struct Cells {
+    /// Radiance above left, above right, below left, below right.
+    corners: [V3; 4],
+    /// Chance of drawing the cell.
+    chance: F,
+    /// Where it begins in v, and how far it goes.
+    top: F,
+    height: F,
 }
 
-/// Sine of the angle from +y; from x and z, so that it is exact near the poles.
-#[inline]
-fn sin_polar(wi: Vec3) -> f32 {
-    (wi.x * wi.x + wi.z * wi.z).sqrt()
+impl Cells {
+    /// The bilinear interpolant at (`fu`, `fv`) from the upper left corner.
+    #[inline(always)]
+    fn radiance(&self, fu: F, fv: F) -> V3 {
+        let [a, b, c, d] = self.corners;
+        let (top, bottom) = (a + (b - a) * fu, c + (d - c) * fu);
+        top + (bottom - top) * fv
+    }
 }
 
 /// The texel rows above and below a row of cells.

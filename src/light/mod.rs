@@ -5,23 +5,26 @@ pub mod environment;
 pub mod punctual;
 
 use glam::Vec3;
+use wide::{CmpLt, Select};
 
+use crate::lanes::{F, LANES, V3};
 use crate::scene::Scene;
 pub use area::{AreaLights, EmissiveTriangle};
 pub use environment::EnvironmentSampler;
 pub use punctual::PunctualSample;
 
-/// A direction toward a light that has extent: what MIS weighs against BSDF sampling.
+/// Directions toward lights that have extent: what MIS weighs against BSDF sampling.
 #[derive(Debug, Clone, Copy)]
-pub struct LightSample {
+pub struct LightSamples {
     /// Unit, toward the light.
-    pub wi: Vec3,
+    pub wi: V3,
     /// To the light; infinite for the environment.
-    pub distance: f32,
+    pub distance: F,
     /// Radiance along `wi` if nothing is in the way.
-    pub radiance: Vec3,
-    /// Per solid angle, over all lights with extent, > 0.
-    pub pdf: f32,
+    pub radiance: V3,
+    /// Per solid angle, over all lights with extent; 0 where a light's back is seen (such a sample counts, with value
+    /// zero).
+    pub pdf: F,
 }
 
 /// All the lights of a scene. Lights with extent are one technique, chosen between by power; punctual lights are
@@ -62,27 +65,54 @@ impl Lights {
         self.environment.is_some() || self.area.is_some()
     }
 
-    /// Draws a direction toward a light as seen from `p`: `choice` picks the light, (`u`, `v`) the point on it, all in
-    /// [0, 1). `None` when the light's back is seen (then the sample counts with value zero).
+    /// Draws directions toward lights as seen from `p`: `choice` picks the light, (`u`, `v`) the point on it, all in
+    /// [0, 1).
     #[inline]
-    pub fn sample(&self, scene: &Scene, p: Vec3, choice: f32, u: f32, v: f32) -> Option<LightSample> {
+    pub fn sample(
+        &self,
+        scene: &Scene,
+        p: V3,
+        mut choice: [f32; LANES],
+        u: [f32; LANES],
+        v: [f32; LANES],
+    ) -> LightSamples {
         let q = self.environment_share;
-        if choice < q {
-            let mut sample = self.environment.as_ref()?.sample(u, v)?;
-            sample.pdf *= q;
-            Some(sample)
-        } else {
-            let choice = ((choice - q) / (1.0 - q)).min(crate::sampling::warp::ONE_MINUS);
-            let mut sample = self.area.as_ref()?.sample(scene, p, choice, u, v)?;
-            sample.pdf *= 1.0 - q;
-            Some(sample)
+        match (&self.environment, &self.area) {
+            (Some(environment), None) => environment.sample(u, v),
+            (None, Some(area)) => area.sample(scene, p, choice, u, v),
+            (Some(environment), Some(area)) => {
+                let sky = F::from(choice).simd_lt(F::splat(q));
+                for c in &mut choice {
+                    *c = ((*c - q) / (1.0 - q)).clamp(0.0, crate::sampling::warp::ONE_MINUS);
+                }
+                let mut a = environment.sample(u, v);
+                let mut b = area.sample(scene, p, choice, u, v);
+                a.pdf *= F::splat(q);
+                b.pdf *= F::splat(1.0 - q);
+                LightSamples {
+                    wi: V3::select(sky, a.wi, b.wi),
+                    distance: sky.select(a.distance, b.distance),
+                    radiance: V3::select(sky, a.radiance, b.radiance),
+                    pdf: sky.select(a.pdf, b.pdf),
+                }
+            }
+            (None, None) => {
+                LightSamples { wi: V3::splat(Vec3::Z), distance: F::ONE, radiance: V3::splat(Vec3::ZERO), pdf: F::ZERO }
+            }
         }
     }
 
-    /// Density per solid angle with which [`sample`](Self::sample) draws the direction `wi` from the environment.
+    /// Radiance of the environment from `wi`, and the density per solid angle with which [`sample`](Self::sample) draws
+    /// those directions from it.
     #[inline]
-    pub fn environment_pdf(&self, wi: Vec3) -> f32 {
-        self.environment.as_ref().map_or(0.0, |e| e.pdf(wi) * self.environment_share)
+    pub fn environment(&self, wi: V3) -> (V3, F) {
+        match &self.environment {
+            Some(environment) => {
+                let (radiance, pdf) = environment.radiance_pdf(wi);
+                (radiance, pdf * F::splat(self.environment_share))
+            }
+            None => (V3::splat(Vec3::ZERO), F::ZERO),
+        }
     }
 
     /// Density per solid angle with which [`sample`](Self::sample), at a point that sees triangle `prim` of `mesh` in

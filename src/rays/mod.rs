@@ -124,7 +124,14 @@ impl RayBatch {
         self.key.clear();
     }
 
+    /// The direction of a ray.
+    #[inline]
+    pub fn direction(&self, i: usize) -> glam::Vec3 {
+        glam::Vec3::new(self.direction[0][i], self.direction[1][i], self.direction[2][i])
+    }
+
     /// Adds a ray.
+    #[inline]
     pub fn push(&mut self, origin: glam::Vec3, direction: glam::Vec3, tnear: f32, tfar: f32, key: u32) {
         for (axis, column) in self.origin.iter_mut().enumerate() {
             column.push(origin[axis]);

@@ -9,7 +9,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use crate::film::Film;
-use crate::integrator::{CameraRays, Geometry, Transport};
+use crate::integrator::{CameraRays, Geometry, Materials, Transport};
 use crate::light::Lights;
 use crate::rays::RayQueries;
 use crate::sampling::FilterSampler;
@@ -97,6 +97,7 @@ pub fn render(
         scene,
         rays,
         geometry: Geometry::new(scene),
+        materials: Materials::new(scene),
         lights: Lights::new(scene, scene.radius()),
         camera: CameraRays::new(&scene.cameras[settings.camera], settings.width, settings.height),
         filter: FilterSampler::new(settings.filter),
@@ -111,7 +112,8 @@ pub fn render(
     };
     let window = settings.crop.unwrap_or([0, 0, settings.width, settings.height]);
     let mut film = Film::new(settings.width, settings.height, window, settings.aovs);
-    let mut tiles = Tile::cover(window);
+    let mut tiles = Tile::cover(settings.width, settings.height, window);
+    let pixels: usize = tiles.iter().map(Tile::pixels).sum();
     let mut stats = RenderStats { noise: f64::INFINITY, ..Default::default() };
     let mut done = 0;
     let reason = loop {
@@ -149,18 +151,18 @@ pub fn render(
             })
             .reduce(TileWork::default, TileWork::plus);
         stats.add(&work);
-        if work.paths < u64::from(pass) * film.pixels.len() as u64 {
+        if work.paths < u64::from(pass) * pixels as u64 {
             break if stop.load(Ordering::Relaxed) { StopReason::Interrupted } else { StopReason::Time };
         }
         done += pass;
         stats.passes += 1;
-        stats.noise = noise(&tiles);
+        stats.noise = noise(&tiles, window);
         if settings.noise.is_some_and(|goal| stats.noise <= goal) {
             break StopReason::Noise;
         }
     };
     for tile in &tiles {
-        for ((x, y), sum) in tile.positions().zip(&tile.sums) {
+        for (x, y, sum) in tile.inside(window) {
             let at = ((y - window[1]) * (window[2] - window[0]) + (x - window[0])) as usize;
             film.pixels[at] = sum.stats;
             if settings.aovs {
@@ -174,9 +176,9 @@ pub fn render(
 
 /// Root of the mean over pixels and channels of variance/(mean² + 0.01): the relative error that relMSE will find, as
 /// estimated from the samples themselves.
-fn noise(tiles: &[Tile]) -> f64 {
+fn noise(tiles: &[Tile], window: [u32; 4]) -> f64 {
     let (mut sum, mut n) = (0.0, 0u64);
-    for pixel in tiles.iter().flat_map(|t| &t.sums) {
+    for (.., pixel) in tiles.iter().flat_map(|t| t.inside(window)) {
         let (mean, variance) = (pixel.stats.mean(), pixel.stats.variance_of_mean());
         for c in 0..3 {
             sum += f64::from(variance[c]) / (f64::from(mean[c]).powi(2) + 0.01);

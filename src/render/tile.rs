@@ -16,7 +16,9 @@ thread_local! {
     static WAVE: RefCell<Wave> = RefCell::default();
 }
 
-/// A tile's pixels inside the window.
+/// A tile's pixels: all of it that is inside the picture, also where a window shows less. A tile is the unit of
+/// repetition: packets of rays are filled tile by tile, and on the edge of a triangle the same ray can hit in one packet
+/// and miss in another.
 pub struct Tile {
     pixels: Vec<TilePixel>,
     plan: Vec<PixelPlan>,
@@ -44,14 +46,15 @@ pub struct TileWork {
 }
 
 impl Tile {
-    /// All tiles that a window (x0, y0, x1, y1; the last two exclusive) touches, row by row.
-    pub fn cover([x0, y0, x1, y1]: [u32; 4]) -> Vec<Tile> {
+    /// All tiles of a picture of `width` by `height` that a window (x0, y0, x1, y1; the last two exclusive) touches, row
+    /// by row.
+    pub fn cover(width: u32, height: u32, [x0, y0, x1, y1]: [u32; 4]) -> Vec<Tile> {
         let mut tiles = Vec::new();
         for ty in y0 / TILE..y1.div_ceil(TILE) {
             for tx in x0 / TILE..x1.div_ceil(TILE) {
                 let mut pixels = Vec::new();
-                for y in (ty * TILE).max(y0)..((ty + 1) * TILE).min(y1) {
-                    for x in (tx * TILE).max(x0)..((tx + 1) * TILE).min(x1) {
+                for y in ty * TILE..((ty + 1) * TILE).min(height) {
+                    for x in tx * TILE..((tx + 1) * TILE).min(width) {
                         pixels.push(TilePixel { x, y, light: 0, bsdf: 0 });
                     }
                 }
@@ -110,8 +113,14 @@ impl Tile {
         TileWork { counts, seconds: start.elapsed().as_secs_f64(), paths }
     }
 
-    /// Positions in the whole picture, in the order of `sums`.
-    pub fn positions(&self) -> impl Iterator<Item = (u32, u32)> {
-        self.pixels.iter().map(|p| (p.x, p.y))
+    /// The pixels inside a window: position in the whole picture and what was collected.
+    pub fn inside(&self, [x0, y0, x1, y1]: [u32; 4]) -> impl Iterator<Item = (u32, u32, &PixelSum)> {
+        let all = self.pixels.iter().zip(&self.sums);
+        all.filter(move |(p, _)| (x0..x1).contains(&p.x) && (y0..y1).contains(&p.y)).map(|(p, sum)| (p.x, p.y, sum))
+    }
+
+    /// How many pixels it has.
+    pub fn pixels(&self) -> usize {
+        self.pixels.len()
     }
 }

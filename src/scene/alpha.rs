@@ -131,7 +131,8 @@ mod tests {
 
     #[test]
     fn mask_is_present_from_the_cutoff_on() {
-        let present = |factor| scene(AlphaMode::Mask(0.5), factor, Some(255), Some(1.0)).is_present(1, 0, 0, 0, 0.25, 0.25);
+        let present =
+            |factor| scene(AlphaMode::Mask(0.5), factor, Some(255), Some(1.0)).is_present(1, 0, 0, 0, 0.25, 0.25);
         assert!(present(0.5));
         assert!(!present(0.499));
     }

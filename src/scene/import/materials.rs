@@ -117,7 +117,8 @@ impl Material {
             if !(0.0..=1.0).contains(&plain.specular) {
                 return Err(json.bad("specularFactor", "0 to 1", plain.specular));
             }
-            plain.specular_color = Vec3::from(json.vector::<3>("specularColorFactor")?.unwrap_or([1.0; 3]).map(|x| x as f32));
+            plain.specular_color =
+                Vec3::from(json.vector::<3>("specularColorFactor")?.unwrap_or([1.0; 3]).map(|x| x as f32));
             if plain.specular_color.min_element() < 0.0 {
                 return Err(json.bad("specularColorFactor", "numbers of at least 0", plain.specular_color));
             }

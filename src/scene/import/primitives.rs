@@ -51,11 +51,11 @@ impl Semantic {
         let small = matches!(a.component, I8 | U8 | I16 | U16);
         let float = a.component == F32;
         match self {
-            Self::Position => a.shape == Shape::Vec3 && (float || quantized && (!morph && small || morph && (small && !unorm))),
-            Self::Normal => a.shape == Shape::Vec3 && (float || quantized && snorm),
-            Self::Tangent => {
-                a.shape == if morph { Shape::Vec3 } else { Shape::Vec4 } && (float || quantized && snorm)
+            Self::Position => {
+                a.shape == Shape::Vec3 && (float || quantized && (!morph && small || morph && (small && !unorm)))
             }
+            Self::Normal => a.shape == Shape::Vec3 && (float || quantized && snorm),
+            Self::Tangent => a.shape == if morph { Shape::Vec3 } else { Shape::Vec4 } && (float || quantized && snorm),
             Self::TexCoord(_) => a.shape == Shape::Vec2 && (float || unorm || quantized && small || morph && snorm),
             Self::Color(_) => matches!(a.shape, Shape::Vec3 | Shape::Vec4) && (float || unorm || morph && snorm),
             Self::Joints(_) => a.shape == Shape::Vec4 && !a.normalized && matches!(a.component, U8 | U16),
@@ -65,7 +65,9 @@ impl Semantic {
 
     fn formats(self) -> &'static str {
         match self {
-            Self::Position | Self::Normal => "VEC3 of FLOAT (integers need KHR_mesh_quantization in extensionsRequired)",
+            Self::Position | Self::Normal => {
+                "VEC3 of FLOAT (integers need KHR_mesh_quantization in extensionsRequired)"
+            }
             Self::Tangent => "VEC4 of FLOAT (VEC3 in morph targets; integers need KHR_mesh_quantization)",
             Self::TexCoord(_) => "VEC2 of FLOAT or normalized UNSIGNED_BYTE or UNSIGNED_SHORT",
             Self::Color(_) => "VEC3 or VEC4 of FLOAT or normalized UNSIGNED_BYTE or UNSIGNED_SHORT",
