@@ -57,8 +57,8 @@ pub fn run(args: &CompareArgs) -> Result<Verdict> {
         atomic::check(path)?;
     }
     let (a, b) = (exr_file::read(&args.a)?, exr_file::read(&args.b)?);
-    let comparison = compare(&a, &b)
-        .map_err(|why| Error::Data(format!("{} and {}: {why}", args.a.display(), args.b.display())))?;
+    let comparison =
+        compare(&a, &b).map_err(|why| Error::Data(format!("{} and {}: {why}", args.a.display(), args.b.display())))?;
     let failures = failures(args, &comparison)?;
     if let Some(path) = &args.diff {
         write_difference(path, &a, &b)?;

@@ -15,7 +15,7 @@ pub use args::RenderArgs;
 use super::progress::Reporter;
 use super::stats::{Seconds, Stats, sample_range};
 use super::{Verbosity, Verdict, host, say};
-use crate::film::{Film, atomic, exr_file, preview};
+use crate::film::{atomic, exr_file, preview};
 use crate::render::{RenderSettings, Rendered, StopReason, render};
 use crate::scene::import::{self, ImportOptions};
 use crate::scene::{Environment, Scene};

@@ -208,10 +208,7 @@ impl Stats {
         let spp = if s.pixel_min == s.pixel_max { s.pixel_min.to_string() } else { format!("{:.1}", s.pixel_mean) };
         format!(
             "{spp} spp in {:.2} s, noise {:.4}, {:.2} Mpaths/s, {:.2} Mrays/s",
-            self.seconds.render,
-            self.noise,
-            self.mpaths_per_second,
-            self.mrays_per_second
+            self.seconds.render, self.noise, self.mpaths_per_second, self.mrays_per_second
         )
     }
 }
