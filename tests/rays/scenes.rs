@@ -2,7 +2,6 @@
 #![allow(dead_code)]
 
 use std::f32::consts::PI;
-use std::sync::Arc;
 
 use bismar::rays::{HitBatch, RayBatch};
 use bismar::scene::{Instance, Material, Mesh, Object, Positions, Scene};
@@ -182,5 +181,3 @@ pub fn pieces(rays: &RayBatch, len: usize) -> Vec<RayBatch> {
         })
         .collect()
 }
-
-pub type Shared = Arc<Scene>;
