@@ -41,7 +41,8 @@ fn expect(folder: &Path, line: &str, code: i32) -> String {
 }
 
 fn names(folder: &Path) -> Vec<String> {
-    let mut names: Vec<_> = fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    let mut names: Vec<_> =
+        fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();
     names
 }
@@ -210,7 +211,7 @@ fn a_full_disk_exits_with_74_and_leaves_the_old_picture() {
     let old = b"the old picture".as_slice();
     fs::write(folder.path().join("scene.exr"), old).unwrap();
     // A limit of a few kilobytes a file fails like a full disk: in the middle of a write.
-    let script = format!("trap '' XFSZ; ulimit -f 8; exec \"$0\" {SMALL} --size 128x128");
+    let script = "trap '' XFSZ; ulimit -f 8; exec \"$0\" render scene.glb --size 128x128 --spp 8 -q";
     let program = assert_cmd::cargo::cargo_bin!("bismar");
     let output = Command::new("sh").arg("-c").arg(script).arg(program).current_dir(folder.path()).output().unwrap();
     assert_eq!(output.status.code(), Some(74), "{}", stderr(&output));
@@ -261,6 +262,18 @@ fn pictures_that_cannot_be_compared_exit_with_65() {
     assert!(text.contains("scene.glb: cannot use this OpenEXR file"), "{text}");
     fs::write(folder.path().join("cut.exr"), &fs::read(folder.path().join("a.exr")).unwrap()[..500]).unwrap();
     expect(folder.path(), "compare cut.exr a.exr", 65);
+}
+
+#[test]
+fn inspect_says_what_is_there_and_what_is_left_out() {
+    let folder = folder();
+    let output = run(folder.path(), "inspect scene.glb");
+    let text = String::from_utf8(output.stdout).unwrap();
+    for words in ["triangles  1", "1  b  perspective  40.1 degrees high", "a plain white sky lights it"] {
+        assert!(text.contains(words), "'{words}' is not in\n{text}");
+    }
+    let summary = json(&run(folder.path(), "inspect scene.glb --json").stdout);
+    assert_eq!(summary["counts"]["triangles"], 1);
 }
 
 #[test]
