@@ -10,7 +10,7 @@ mod render;
 mod stats;
 
 use std::fmt::Display;
-use std::io::{self, ErrorKind, Write};
+use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::panic::catch_unwind;
 use std::process::ExitCode;
 
@@ -101,6 +101,7 @@ fn start_logging(verbosity: Verbosity) {
     let subscriber = tracing_subscriber::fmt()
         .with_env_filter(EnvFilter::new(level))
         .with_writer(io::stderr)
+        .with_ansi(io::stderr().is_terminal())
         .with_target(false)
         .without_time()
         .log_internal_errors(false);

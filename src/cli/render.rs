@@ -15,9 +15,9 @@ pub use args::RenderArgs;
 use super::progress::Reporter;
 use super::stats::{Seconds, Stats, sample_range};
 use super::{Verbosity, Verdict, host, say};
-use crate::film::{Film, atomic, exr_file, preview};
+use crate::film::{atomic, exr_file, preview};
 use crate::render::{RenderSettings, Rendered, StopReason, render};
-use crate::scene::import::{self, ImportOptions};
+use crate::scene::import::{self, ImportOptions, NoteKind};
 use crate::scene::{Environment, Scene};
 use crate::{Error, Result, rays};
 
@@ -109,6 +109,12 @@ fn check_outputs(outputs: &[&PathBuf]) -> Result<()> {
 
 fn read_scene(args: &RenderArgs) -> Result<Scene> {
     let imported = import::import(&args.scene, &ImportOptions { strict: args.strict })?;
+    let inexact = imported.report.notes.iter().filter(|n| matches!(n.kind, NoteKind::Approximated | NoteKind::Ignored));
+    let inexact = inexact.map(|n| n.text.as_str()).collect::<Vec<_>>();
+    if let [first, rest @ ..] = &inexact[..] {
+        let more = if rest.is_empty() { String::new() } else { format!(" and {} more", rest.len()) };
+        warn!("not exactly as {} asks: {first}{more} (`bismar inspect` lists it)", args.scene.display());
+    }
     let mut scene = imported.scene;
     if args.no_env {
         scene.environment = None;

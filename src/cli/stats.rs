@@ -171,6 +171,9 @@ impl Stats {
     /// [`Error::Bug`] if JSON cannot say it.
     pub fn header(&self) -> Result<Header> {
         let text = |s: &str| HeaderValue::Text(s.to_owned());
+        // Writing has not happened yet.
+        let Seconds { read, build, render, .. } = self.seconds;
+        let phases = serde_json::json!({ "read": read, "build": build, "render": render });
         let mut header = vec![
             ("bismar.version", text(self.version)),
             ("bismar.scene", text(&self.scene)),
@@ -178,7 +181,7 @@ impl Stats {
             ("bismar.settings", HeaderValue::Text(json(&self.settings)?)),
             ("bismar.seed", HeaderValue::Number(self.settings.seed.into())),
             ("bismar.backend", HeaderValue::Text(json(&self.backend)?)),
-            ("bismar.seconds", HeaderValue::Text(json(&self.seconds)?)),
+            ("bismar.seconds", HeaderValue::Text(json(&phases)?)),
             ("bismar.samples", HeaderValue::Text(json(&self.samples)?)),
             ("bismar.stop", HeaderValue::Text(json(&self.stop)?.trim_matches('"').to_owned())),
             ("bismar.noise", HeaderValue::Number(self.noise)),

@@ -78,9 +78,11 @@ fn image_of(film: &Film, aovs: &[Aov], header: &Header) -> Image<Layer<AnyChanne
         AnyChannel::new(text(&name), samples)
     });
 
-    let mut own = LayerAttributes::default();
-    own.layer_position = Vec2(x0 as i32, y0 as i32);
-    own.software_name = Some(text(concat!("bismar ", env!("CARGO_PKG_VERSION"))));
+    let mut own = LayerAttributes {
+        layer_position: Vec2(x0 as i32, y0 as i32),
+        software_name: Some(text(concat!("bismar ", env!("CARGO_PKG_VERSION")))),
+        ..Default::default()
+    };
     for (name, value) in header {
         let value = match value {
             HeaderValue::Text(t) => AttributeValue::Text(text(t)),

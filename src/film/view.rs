@@ -19,8 +19,9 @@ impl View {
     /// radiance count as black, infinite radiance as very bright.
     pub fn apply(self, radiance: [f32; 3], exposure_ev: f32) -> [f32; 3] {
         let gain = exposure_ev.exp2();
-        // `max` drops NaN; the bound keeps the sums below finite.
-        let color = radiance.map(|x| (x * gain).max(0.0).min(1e30));
+        // The bound keeps the sums below finite.
+        let finite = |x: f32| if x.is_nan() { 0.0 } else { x.clamp(0.0, 1e30) };
+        let color = radiance.map(|x| finite(x * gain));
         let display = match self {
             View::Agx => agx(color),
             View::Neutral => pbr_neutral(color).map(srgb_encode),
@@ -44,7 +45,7 @@ fn agx(color: [f32; 3]) -> [f32; 3] {
     const INSET: [[f32; 3]; 3] = [
         [0.842_479_06, 0.078_433_6, 0.079_223_745],
         [0.042_328_242, 0.878_468_64, 0.079_166_13],
-        [0.042_375_655, 0.078_433_6, 0.879_142_97],
+        [0.042_375_655, 0.078_433_6, 0.879_143],
     ];
     const OUTSET: [[f32; 3]; 3] = [
         [1.196_879, -0.098_020_88, -0.099_029_74],
