@@ -63,6 +63,9 @@ install() { apt install -y --no-install-recommends "$@" </dev/null; }
 ID='' VERSION_ID='' VERSION_CODENAME='' PRETTY_NAME='this system'
 # shellcheck source=/dev/null
 [ ! -r /etc/os-release ] || . /etc/os-release
+# On a Debian 12 with libc6 of Debian 13 (see below) base-files, and with it the name, are Debian 13's.
+mixed=false
+if [ -e "$trixie_pin" ]; then mixed=true VERSION_ID=12; fi
 case "$ID:${VERSION_ID:-testing}" in
 debian:12) way=debian12 ;;
 debian:1[3-9] | debian:testing | ubuntu:2[4-9].* | ubuntu:[3-9]?.*) way=plain ;;
@@ -97,12 +100,12 @@ own=() from_trixie=()
 for package in "${missing[@]}"; do
     case $package in
     libembree-dev) from_trixie+=("$package") ;;
-    libc6-dev) if have_embree; then from_trixie+=("$package"); else own+=("$package"); fi ;;
+    libc6-dev) if $mixed; then own+=(libc6-dev/trixie); else own+=("$package"); fi ;;
     *) own+=("$package") ;;
     esac
 done
-say "$PRETTY_NAME: installing ${own[*]}${own:+ }${from_trixie[*]}"
-if [ ${#from_trixie[@]} -gt 0 ]; then
+say "$PRETTY_NAME: installing ${missing[*]}"
+if [ ${#from_trixie[@]} -gt 0 ] && ! $mixed; then
     say "Debian 12 has only Embree 3. Embree 4 comes from Debian 13 (trixie) and brings its C library along (libc6," \
         "libstdc++6, libgcc-s1, libtbb12); a pin at priority 100 keeps everything else at Debian 12:"
     say "  $trixie_source, $trixie_pin"
