@@ -178,12 +178,8 @@ impl RayQueries for ObvhsRays {
         hits.resize(rays.len());
         for at in 0..rays.len() {
             let hit = self.closest(&shorter_ray(rays, at), rays.key[at]);
-            let miss = Closest {
-                t: f32::INFINITY,
-                u: 0.0,
-                v: 0.0,
-                id: TriangleId { instance: MISS, mesh: MISS, prim: MISS },
-            };
+            let miss =
+                Closest { t: f32::INFINITY, u: 0.0, v: 0.0, id: TriangleId { instance: MISS, mesh: MISS, prim: MISS } };
             let hit = hit.unwrap_or(miss);
             hits.t[at] = hit.t * SHORTER;
             (hits.u[at], hits.v[at]) = (hit.u, hit.v);

@@ -84,7 +84,9 @@ impl Reference {
                 if least >= -e && plane.t >= tnear - te && plane.t <= tfar + te {
                     possible.push(plane.t - te);
                 }
-                if (triangle.instance, triangle.mesh, triangle.prim) == (hits.instance[at], hits.mesh[at], hits.prim[at]) {
+                if (triangle.instance, triangle.mesh, triangle.prim)
+                    == (hits.instance[at], hits.mesh[at], hits.prim[at])
+                {
                     of_hit = Some((plane, least));
                 }
             }
