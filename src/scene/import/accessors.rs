@@ -1,0 +1,431 @@
+//! Buffer views and accessors: layout checks, and the one reader of vertex data.
+
+use super::buffers::Buffer;
+use super::document::{Document, Lengths};
+use super::images::Image;
+use super::json::{Json, bad};
+use crate::error::{Error, Result};
+
+/// A range of a buffer.
+#[derive(Debug)]
+pub(super) struct View {
+    pub buffer: usize,
+    pub offset: u64,
+    pub length: u64,
+    pub stride: Option<u64>,
+    pub at: String,
+}
+
+impl View {
+    pub fn parse(json: &Json, lengths: &Lengths) -> Result<Self> {
+        let buffer = json.need("buffer", json.index("buffer", lengths.buffers, "buffers")?)?;
+        let offset = json.integer("byteOffset")?.unwrap_or(0);
+        let length = json.need("byteLength", json.integer("byteLength")?)?;
+        if length == 0 {
+            return Err(json.bad("byteLength", "at least 1", 0));
+        }
+        let stride = json.integer("byteStride")?;
+        if let Some(stride) = stride.filter(|s| !(4..=252).contains(s) || s % 4 != 0) {
+            return Err(json.bad("byteStride", "a multiple of 4 from 4 to 252", stride));
+        }
+        Ok(Self { buffer, offset, length, stride, at: json.at.clone() })
+    }
+}
+
+/// Number format of one component.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Component {
+    I8,
+    U8,
+    I16,
+    U16,
+    U32,
+    F32,
+}
+
+impl Component {
+    fn parse(json: &Json) -> Result<Self> {
+        Ok(match json.need("componentType", json.integer("componentType")?)? {
+            5120 => Self::I8,
+            5121 => Self::U8,
+            5122 => Self::I16,
+            5123 => Self::U16,
+            5125 => Self::U32,
+            5126 => Self::F32,
+            other => return Err(json.bad("componentType", "5120, 5121, 5122, 5123, 5125 or 5126", other)),
+        })
+    }
+
+    pub fn size(self) -> u64 {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::U32 | Self::F32 => 4,
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::I8 => "BYTE",
+            Self::U8 => "UNSIGNED_BYTE",
+            Self::I16 => "SHORT",
+            Self::U16 => "UNSIGNED_SHORT",
+            Self::U32 => "UNSIGNED_INT",
+            Self::F32 => "FLOAT",
+        }
+    }
+}
+
+/// Shape of one element.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Shape {
+    Scalar,
+    Vec2,
+    Vec3,
+    Vec4,
+    Mat2,
+    Mat3,
+    Mat4,
+}
+
+impl Shape {
+    fn parse(json: &Json) -> Result<Self> {
+        Ok(match json.need("type", json.string("type")?)? {
+            "SCALAR" => Self::Scalar,
+            "VEC2" => Self::Vec2,
+            "VEC3" => Self::Vec3,
+            "VEC4" => Self::Vec4,
+            "MAT2" => Self::Mat2,
+            "MAT3" => Self::Mat3,
+            "MAT4" => Self::Mat4,
+            other => return Err(json.bad("type", "SCALAR, VEC2, VEC3, VEC4, MAT2, MAT3 or MAT4", other)),
+        })
+    }
+
+    /// Rows and columns; columns of matrices start at multiples of 4 bytes.
+    fn dimensions(self) -> (u64, u64) {
+        match self {
+            Self::Scalar => (1, 1),
+            Self::Vec2 => (2, 1),
+            Self::Vec3 => (3, 1),
+            Self::Vec4 => (4, 1),
+            Self::Mat2 => (2, 2),
+            Self::Mat3 => (3, 3),
+            Self::Mat4 => (4, 4),
+        }
+    }
+
+    fn bytes(self, component: Component) -> u64 {
+        let (rows, columns) = self.dimensions();
+        let column = rows * component.size();
+        if columns == 1 { column } else { (columns - 1) * column.next_multiple_of(4) + column }
+    }
+}
+
+/// Elements that differ from the rest.
+#[derive(Debug)]
+struct Sparse {
+    count: u64,
+    index_view: usize,
+    index_offset: u64,
+    index_component: Component,
+    value_view: usize,
+    value_offset: u64,
+}
+
+/// A checked accessor: its elements lie inside of their views.
+#[derive(Debug)]
+pub(super) struct Accessor {
+    pub view: Option<usize>,
+    offset: u64,
+    pub component: Component,
+    pub shape: Shape,
+    pub normalized: bool,
+    pub count: u64,
+    sparse: Option<Sparse>,
+    pub at: String,
+}
+
+impl Accessor {
+    pub fn parse(json: &Json, views: &[View]) -> Result<Self> {
+        let component = Component::parse(json)?;
+        let shape = Shape::parse(json)?;
+        let count = json.need("count", json.integer("count")?)?;
+        if count == 0 {
+            return Err(json.bad("count", "at least 1", 0));
+        }
+        let normalized = json.boolean("normalized", false)?;
+        if normalized && matches!(component, Component::U32 | Component::F32) {
+            return Err(json.bad("normalized", "false for FLOAT and UNSIGNED_INT", true));
+        }
+        let view = json.index("bufferView", views.len(), "bufferViews")?;
+        let offset = json.integer("byteOffset")?.unwrap_or(0);
+        let accessor = Self { view, offset, component, shape, normalized, count, sparse: None, at: json.at.clone() };
+        if let Some(view) = view {
+            let view = &views[view];
+            let matrix = matches!(shape, Shape::Mat2 | Shape::Mat3 | Shape::Mat4);
+            let alignment = if matrix { 4 } else { component.size() };
+            check_range(json, "byteOffset", view, offset, count, accessor.stride(view), accessor.element_bytes(), alignment)?;
+        }
+        let sparse = json.get("sparse")?.map(|sparse| parse_sparse(&sparse, &accessor, views)).transpose()?;
+        Ok(Self { sparse, ..accessor })
+    }
+
+    pub fn element_bytes(&self) -> u64 {
+        self.shape.bytes(self.component)
+    }
+
+    fn stride(&self, view: &View) -> u64 {
+        view.stride.unwrap_or_else(|| self.element_bytes())
+    }
+
+    /// `VEC3 of FLOAT`, for messages.
+    pub fn format(&self) -> String {
+        let normalized = if self.normalized { "normalized " } else { "" };
+        format!("{} of {normalized}{}", format!("{:?}", self.shape).to_uppercase(), self.component.name())
+    }
+
+    fn views(&self) -> impl Iterator<Item = usize> {
+        self.view.into_iter().chain(self.sparse.iter().flat_map(|s| [s.index_view, s.value_view]))
+    }
+}
+
+/// Does `count` elements of `size` bytes, `stride` apart from `offset`, lie in the view, aligned?
+#[allow(clippy::too_many_arguments)]
+fn check_range(
+    json: &Json,
+    key: &str,
+    view: &View,
+    offset: u64,
+    count: u64,
+    stride: u64,
+    size: u64,
+    alignment: u64,
+) -> Result<()> {
+    if stride < size {
+        return Err(json.bad(key, format!("a stride of at least {size} bytes in {}", view.at), stride));
+    }
+    let start = offset.checked_add(view.offset);
+    if !offset.is_multiple_of(alignment) || !start.is_some_and(|s| s.is_multiple_of(alignment)) {
+        return Err(json.bad(
+            key,
+            format!("a position in the buffer that is a multiple of {alignment}"),
+            format!("{offset} in {}, which starts at byte {}", view.at, view.offset),
+        ));
+    }
+    let end = (count - 1).checked_mul(stride).and_then(|n| n.checked_add(size)).and_then(|n| n.checked_add(offset));
+    if end.is_none_or(|end| end > view.length) {
+        return Err(json.bad(
+            key,
+            format!("{count} elements of {size} bytes within the {} bytes of {}", view.length, view.at),
+            format!("elements up to byte {}", end.map_or("2^64".into(), |end| end.to_string())),
+        ));
+    }
+    Ok(())
+}
+
+fn parse_sparse(json: &Json, accessor: &Accessor, views: &[View]) -> Result<Sparse> {
+    let count = json.need("count", json.integer("count")?)?;
+    if count == 0 || count > accessor.count {
+        return Err(json.bad("count", format!("1 to {}", accessor.count), count));
+    }
+    let part = |key: &str| -> Result<(Json, usize, u64)> {
+        let part = json.need(key, json.get(key)?)?;
+        let view = part.need("bufferView", part.index("bufferView", views.len(), "bufferViews")?)?;
+        if views[view].stride.is_some() {
+            return Err(part.bad("bufferView", "a view without byteStride", &views[view].at));
+        }
+        let offset = part.integer("byteOffset")?.unwrap_or(0);
+        Ok((part, view, offset))
+    };
+    let (indices, index_view, index_offset) = part("indices")?;
+    let index_component = Component::parse(&indices)?;
+    if !matches!(index_component, Component::U8 | Component::U16 | Component::U32) {
+        return Err(indices.bad("componentType", "5121, 5123 or 5125", index_component.name()));
+    }
+    let size = index_component.size();
+    check_range(&indices, "byteOffset", &views[index_view], index_offset, count, size, size, size)?;
+    let (values, value_view, value_offset) = part("values")?;
+    let size = accessor.element_bytes();
+    check_range(&values, "byteOffset", &views[value_view], value_offset, count, size, size, accessor.component.size())?;
+    Ok(Sparse { count, index_view, index_offset, index_component, value_view, value_offset })
+}
+
+/// A view must lie in its buffer, unless all that stands on it are accessors that nothing uses.
+pub(super) fn check_views(
+    views: &[View],
+    buffers: &[Buffer],
+    accessors: &[Accessor],
+    used: &[bool],
+    images: &[Image],
+) -> Result<()> {
+    let mut excused = vec![false; views.len()];
+    for accessor in accessors {
+        accessor.views().for_each(|view| excused[view] = true);
+    }
+    for (accessor, _) in accessors.iter().zip(used).filter(|(_, used)| **used) {
+        accessor.views().for_each(|view| excused[view] = false);
+    }
+    images.iter().filter_map(Image::view).for_each(|view| excused[view] = false);
+    for (view, _) in views.iter().zip(excused).filter(|(_, excused)| !excused) {
+        let buffer = &buffers[view.buffer];
+        if view.offset.checked_add(view.length).is_none_or(|end| end > buffer.length) {
+            return Err(bad(
+                &view.at,
+                format!("a range within the {} bytes of buffers[{}]", buffer.length, view.buffer),
+                format!("{} bytes from byte {}", view.length, view.offset),
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Memory that a file may still ask for: hostile files ask for far more than they hold.
+#[derive(Debug)]
+pub(super) struct Budget {
+    left: u64,
+    whole: u64,
+    file_bytes: u64,
+}
+
+impl Budget {
+    /// `base` bytes and `factor` times the file's size.
+    pub fn new(base: u64, factor: u64, file_bytes: u64) -> Self {
+        let whole = base.saturating_add(file_bytes.saturating_mul(factor));
+        Self { left: whole, whole, file_bytes }
+    }
+
+    /// Takes `count` times `size` bytes.
+    ///
+    /// # Errors
+    /// When they are not left.
+    pub fn take(&mut self, at: &str, count: u64, size: u64) -> Result<()> {
+        let left = count.checked_mul(size).and_then(|bytes| self.left.checked_sub(bytes));
+        self.left = left.ok_or_else(|| {
+            Error::Data(format!(
+                "{at}: asks for {count} elements of {size} bytes; with what was read before that is more than the {} \
+                 MiB that a file of {} bytes may unfold to; is the file damaged?",
+                self.whole >> 20,
+                self.file_bytes
+            ))
+        })?;
+        Ok(())
+    }
+}
+
+/// Reads accessors' elements.
+pub(super) struct Reader<'a> {
+    pub document: &'a Document,
+    pub budget: Budget,
+}
+
+impl<'a> Reader<'a> {
+    pub fn new(document: &'a Document, file_bytes: u64) -> Self {
+        // Quantized, indexed and shared data unfolds, but not without end.
+        const BASE: u64 = 256 << 20;
+        const FACTOR: u64 = 64;
+        Self { document, budget: Budget::new(BASE, FACTOR, file_bytes) }
+    }
+
+    /// All elements as floats; integers are divided by their largest value when they are normalized. Finite.
+    ///
+    /// # Errors
+    /// Bytes that are not there, NaN or infinite values, wrong sparse indices, too much memory.
+    pub fn floats<const N: usize>(&mut self, index: usize) -> Result<Vec<[f32; N]>> {
+        let accessor = &self.document.accessors[index];
+        let n = accessor.normalized;
+        let signed = move |x: f32, largest: f32| if n { (x / largest).max(-1.0) } else { x };
+        let unsigned = move |x: f32, largest: f32| if n { x / largest } else { x };
+        let elements = match accessor.component {
+            Component::F32 => self.elements(index, |b: [u8; 4]| f32::from_le_bytes(b))?,
+            Component::U8 => self.elements(index, |b: [u8; 1]| unsigned(b[0].into(), 255.0))?,
+            Component::I8 => self.elements(index, |b: [u8; 1]| signed((b[0] as i8).into(), 127.0))?,
+            Component::U16 => self.elements(index, |b: [u8; 2]| unsigned(u16::from_le_bytes(b).into(), 65535.0))?,
+            Component::I16 => self.elements(index, |b: [u8; 2]| signed(i16::from_le_bytes(b).into(), 32767.0))?,
+            Component::U32 => self.elements(index, |b: [u8; 4]| u32::from_le_bytes(b) as f32)?,
+        };
+        match elements.iter().position(|e: &[f32; N]| !e.iter().all(|x| x.is_finite())) {
+            None => Ok(elements),
+            Some(i) => Err(bad(&accessor.at, "finite numbers", format!("{:?} in element {i}", elements[i]))),
+        }
+    }
+
+    /// All elements as unsigned integers.
+    ///
+    /// # Errors
+    /// As [`Self::floats`].
+    pub fn integers<const N: usize>(&mut self, index: usize) -> Result<Vec<[u32; N]>> {
+        match self.document.accessors[index].component {
+            Component::U8 | Component::I8 => self.elements(index, |b: [u8; 1]| b[0].into()),
+            Component::U16 | Component::I16 => self.elements(index, |b: [u8; 2]| u16::from_le_bytes(b).into()),
+            Component::U32 | Component::F32 => self.elements(index, |b: [u8; 4]| u32::from_le_bytes(b)),
+        }
+    }
+
+    fn elements<T: Copy + Default, const S: usize, const N: usize>(
+        &mut self,
+        index: usize,
+        decode: impl Fn([u8; S]) -> T,
+    ) -> Result<Vec<[T; N]>> {
+        let document = self.document;
+        let accessor = &document.accessors[index];
+        let size = accessor.element_bytes();
+        if size != (S * N) as u64 {
+            // Callers check formats first; only tightly packed elements are read.
+            return Err(bad(&accessor.at, format!("elements of {} bytes", S * N), accessor.format()));
+        }
+        self.budget.take(&accessor.at, accessor.count, size_of::<[T; N]>() as u64)?;
+        let count = accessor.count as usize;
+        let element = |bytes: &[u8]| {
+            let mut out = [T::default(); N];
+            for (x, chunk) in out.iter_mut().zip(bytes.as_chunks::<S>().0) {
+                *x = decode(*chunk);
+            }
+            out
+        };
+        let mut out = Vec::with_capacity(count);
+        match accessor.view {
+            None => out.resize(count, [T::default(); N]),
+            Some(view) => {
+                let bytes = self.view_bytes(view, accessor.offset)?;
+                let stride = accessor.stride(&document.views[view]) as usize;
+                out.extend(bytes.chunks(stride).take(count).map(|chunk| element(&chunk[..chunk.len().min(S * N)])));
+            }
+        }
+        if let Some(sparse) = &accessor.sparse {
+            let values = self.view_bytes(sparse.value_view, sparse.value_offset)?;
+            let targets = self.sparse_indices(accessor, sparse)?;
+            for (target, value) in targets.into_iter().zip(values.chunks(S * N)) {
+                out[target] = element(value);
+            }
+        }
+        Ok(out)
+    }
+
+    fn sparse_indices(&mut self, accessor: &Accessor, sparse: &Sparse) -> Result<Vec<usize>> {
+        let at = || format!("{}.sparse.indices", accessor.at);
+        self.budget.take(&accessor.at, sparse.count, size_of::<usize>() as u64)?;
+        let bytes = self.view_bytes(sparse.index_view, sparse.index_offset)?;
+        let size = sparse.index_component.size() as usize;
+        let mut out: Vec<usize> = Vec::with_capacity(sparse.count as usize);
+        for (i, chunk) in bytes.chunks_exact(size).take(sparse.count as usize).enumerate() {
+            let target = chunk.iter().rev().fold(0_usize, |sum, &byte| sum << 8 | usize::from(byte));
+            if target as u64 >= accessor.count || out.last().is_some_and(|&last| target <= last) {
+                return Err(bad(
+                    &at(),
+                    format!("strictly increasing indices below {}", accessor.count),
+                    format!("{target} as number {i}"),
+                ));
+            }
+            out.push(target);
+        }
+        Ok(out)
+    }
+
+    /// A view's bytes from an offset on.
+    fn view_bytes(&self, view: usize, offset: u64) -> Result<&'a [u8]> {
+        let view = &self.document.views[view];
+        let start = view.offset.saturating_add(offset);
+        self.document.buffers[view.buffer].bytes(start, view.length.saturating_sub(offset))
+    }
+}

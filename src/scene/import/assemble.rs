@@ -1,0 +1,245 @@
+//! Puts the scene together from a checked document.
+
+use std::collections::HashSet;
+
+use glam::{Affine3A, DAffine3, DVec3};
+
+use super::accessors::Reader;
+use super::cameras::framed;
+use super::document::Document;
+use super::extensions::{Support, support};
+use super::geometry::{self, Pose};
+use super::images::TextureTable;
+use super::materials::MaterialTable;
+use super::nodes::{ObjectKey, Placement, Walk, walk};
+use super::report::{Counts, ImportReport, Notes};
+use crate::error::{Error, Result};
+use crate::scene::{self, Instance, Mesh, Object, Scene, Texels};
+
+/// Builds the scene and fills the report's extensions, notes and counts.
+pub(super) fn assemble(document: &Document, file_bytes: u64, report: &mut ImportReport) -> Result<Scene> {
+    let mut notes = Notes::default();
+    note_document(document, &mut notes);
+    let mut assembly = Assembly {
+        document,
+        reader: Reader::new(document, file_bytes),
+        textures: TextureTable::new(document)?,
+        materials: MaterialTable::default(),
+        scene: Scene::default(),
+        bounds: None,
+    };
+    let walk = walk(document, &mut assembly.reader, &mut notes)?;
+    for (key, placements) in &walk.objects {
+        assembly.place(key, placements, &walk, &mut notes)?;
+    }
+    let placed: HashSet<usize> = walk.objects.iter().map(|(key, _)| key.mesh).collect();
+    assembly.check_unplaced(&placed, &mut notes)?;
+
+    let Assembly { textures, materials, mut scene, bounds, .. } = assembly;
+    materials.note_unused(document, &mut notes);
+    textures.note_unused(document, &mut notes);
+    scene.images = textures.decode(document, file_bytes)?;
+    scene.textures = textures.textures;
+    scene.materials = materials.materials;
+    scene.lights = walk.lights;
+    scene.cameras = walk.cameras;
+    if scene.cameras.is_empty() {
+        scene.cameras.push(framed(bounds));
+    }
+    report.counts = count(&scene);
+    (report.extensions_used, report.extensions_ignored) =
+        document.extensions.keys().cloned().partition(|name| !matches!(support(name), Support::Ignored { .. }));
+    report.notes = notes.into_list();
+    Ok(scene)
+}
+
+/// What concerns the file as a whole.
+fn note_document(document: &Document, notes: &mut Notes) {
+    for (name, at) in &document.extensions {
+        // Extensions of objects are noted where those are used.
+        let whole = !at.contains('.') || at.starts_with("scenes");
+        if let Support::Ignored { why, .. } = support(name)
+            && whole
+            && at != "extensionsUsed"
+        {
+            notes.ignored(&format!("{at}.{name}"), format!("{name}: {why}"));
+        }
+    }
+    if document.animations > 0 {
+        notes.approximated("animations", "animations are not played: the scene is shown at rest");
+    }
+    if document.extensions.contains_key("KHR_materials_variants") {
+        notes.convention("extensions.KHR_materials_variants", "material variants: the default materials are shown");
+    }
+    match document.scenes {
+        0 => notes.convention("scenes", "no scene in the file: all of its nodes are shown"),
+        1 => {}
+        n => notes.not_loaded("scenes", format!("{} of {n} scenes: only {} is shown", n - 1, document.scene_at)),
+    }
+}
+
+struct Assembly<'a> {
+    document: &'a Document,
+    reader: Reader<'a>,
+    textures: TextureTable,
+    materials: MaterialTable,
+    scene: Scene,
+    bounds: Option<(DVec3, DVec3)>,
+}
+
+impl Assembly<'_> {
+    /// Reads an object's meshes and places them.
+    fn place(&mut self, key: &ObjectKey, placements: &[Placement], walk: &Walk, notes: &mut Notes) -> Result<()> {
+        let document = self.document;
+        let placements: Vec<&Placement> = placements.iter().filter(|p| is_solid(p, notes)).collect();
+        let mesh = &document.meshes[key.mesh];
+        let joints = match key.skin {
+            Some(skin) => Some(document.skins[skin].joint_matrices(&mut self.reader, &walk.worlds)?),
+            None => None,
+        };
+        let weights: Vec<f32> = key.weights.iter().map(|bits| f32::from_bits(*bits)).collect();
+        let pose = Pose { weights: &weights, joints: joints.as_deref() };
+        let start = self.scene.meshes.len() as u32;
+        if placements.is_empty() {
+            return Ok(());
+        }
+        for (i, primitive) in mesh.primitives.iter().enumerate() {
+            for name in &primitive.extensions {
+                if let Support::Ignored { why, .. } = support(name) {
+                    notes.ignored(&format!("{}.extensions.{name}", primitive.at), format!("{name}: {why}"));
+                }
+            }
+            // Points and lines use no material of ours.
+            if primitive.mode < 4 {
+                geometry::read(&mut self.reader, primitive, &scene::Material::default(), &pose, notes)?;
+                continue;
+            }
+            let material = self.materials.get(document, primitive.material, &mut self.textures, notes);
+            let shading = &self.materials.materials[material as usize];
+            if let Some(geometry) = geometry::read(&mut self.reader, primitive, shading, &pose, notes)? {
+                let name = match mesh.primitives.len() {
+                    1 => mesh.name.clone(),
+                    _ => format!("{}[{i}]", mesh.name),
+                };
+                self.scene.meshes.push(geometry.into_mesh(name, material));
+            }
+        }
+        let meshes = start..self.scene.meshes.len() as u32;
+        if meshes.is_empty() {
+            return Ok(());
+        }
+        let object = self.scene.objects.len() as u32;
+        self.scene.objects.push(Object { name: mesh.name.clone(), meshes: meshes.clone() });
+        let own = &mut self.scene.meshes[meshes.start as usize..];
+        if let [placement] = placements[..] {
+            if !own.iter_mut().all(|mesh| geometry::bake(mesh, &placement.world)) {
+                return Err(Error::Data(format!(
+                    "{}: positions beyond the range of 32-bit floats in world space; scale the scene down",
+                    placement.at
+                )));
+            }
+            grow(&mut self.bounds, own, &DAffine3::IDENTITY);
+            self.scene.instances.push(Instance { name: placement.name.clone(), object, transform: None });
+            return Ok(());
+        }
+        let corners = corners(own);
+        for placement in placements {
+            corners.iter().for_each(|&c| include(&mut self.bounds, placement.world.transform_point3(c)));
+            let transform = Some(to_single(&placement.world));
+            self.scene.instances.push(Instance { name: placement.name.clone(), object, transform });
+        }
+        Ok(())
+    }
+
+    /// Damaged data is an error also in meshes that are not placed: the file is not to be trusted then.
+    fn check_unplaced(&mut self, placed: &HashSet<usize>, notes: &mut Notes) -> Result<()> {
+        for (index, mesh) in self.document.meshes.iter().enumerate().filter(|(i, _)| !placed.contains(i)) {
+            let _ = index;
+            notes.not_loaded(&mesh.at, "a mesh that no shown node places");
+            for primitive in &mesh.primitives {
+                let pose = Pose { weights: &mesh.weights, joints: None };
+                let material = scene::Material::default();
+                geometry::read(&mut self.reader, primitive, &material, &pose, &mut Notes::default())?;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn to_single(world: &DAffine3) -> Affine3A {
+    world.as_affine3a()
+}
+
+/// Drops what a transform makes flat or infinite.
+fn is_solid(placement: &Placement, notes: &mut Notes) -> bool {
+    let single = to_single(&placement.world);
+    let solid = placement.world.matrix3.determinant() != 0.0 && single.is_finite() && single.inverse().is_finite();
+    if !solid {
+        notes.not_loaded(&placement.at, "a placement with zero or infinite scale: nothing to see");
+    }
+    solid
+}
+
+fn include(bounds: &mut Option<(DVec3, DVec3)>, p: DVec3) {
+    *bounds = Some(bounds.map_or((p, p), |(low, high)| (low.min(p), high.max(p))));
+}
+
+fn grow(bounds: &mut Option<(DVec3, DVec3)>, meshes: &[Mesh], world: &DAffine3) {
+    for p in meshes.iter().flat_map(|m| m.positions.iter()) {
+        include(bounds, world.transform_point3(DVec3::from(p.map(f64::from))));
+    }
+}
+
+/// Corners of the meshes' box.
+fn corners(meshes: &[Mesh]) -> Vec<DVec3> {
+    let mut bounds = None;
+    grow(&mut bounds, meshes, &DAffine3::IDENTITY);
+    let Some((low, high)) = bounds else { return Vec::new() };
+    let pick = |i: u32, axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
+    (0..8).map(|i| DVec3::new(pick(i, 0), pick(i, 1), pick(i, 2))).collect()
+}
+
+/// Bytes of a mesh's arrays.
+pub(super) fn mesh_bytes(mesh: &Mesh) -> u64 {
+    fn of<T>(values: Option<&Vec<T>>) -> usize {
+        values.map_or(0, |v| size_of_val(v.as_slice()))
+    }
+    let bytes = size_of_val(&mesh.positions[..])
+        + of(Some(&mesh.indices))
+        + of(mesh.normals.as_ref())
+        + of(mesh.tangents.as_ref())
+        + mesh.texcoords.iter().map(|t| of(t.as_ref())).sum::<usize>()
+        + of(mesh.colors.as_ref());
+    bytes as u64
+}
+
+/// Bytes of a picture's texels.
+pub(super) fn image_bytes(image: &scene::Image) -> u64 {
+    let bytes = match &image.texels {
+        Texels::Rgb8(t) => size_of_val(t.as_slice()),
+        Texels::Rgba8(t) => size_of_val(t.as_slice()),
+        Texels::Rgba16(t) => size_of_val(t.as_slice()),
+    };
+    bytes as u64
+}
+
+fn count(scene: &Scene) -> Counts {
+    let triangles = |meshes: &[Mesh]| meshes.iter().map(|m| m.indices.len() as u64).sum::<u64>();
+    let of_instance = |i: &Instance| {
+        let range = &scene.objects[i.object as usize].meshes;
+        triangles(&scene.meshes[range.start as usize..range.end as usize])
+    };
+    Counts {
+        triangles: triangles(&scene.meshes),
+        instanced_triangles: scene.instances.iter().map(of_instance).sum(),
+        meshes: scene.meshes.len() as u64,
+        objects: scene.objects.len() as u64,
+        instances: scene.instances.len() as u64,
+        materials: scene.materials.len() as u64,
+        images: scene.images.len() as u64,
+        lights: scene.lights.len() as u64,
+        cameras: scene.cameras.len() as u64,
+        geometry_bytes: scene.meshes.iter().map(mesh_bytes).sum(),
+        image_bytes: scene.images.iter().map(image_bytes).sum(),
+    }
+}

@@ -1,0 +1,121 @@
+//! The file around the scene: GLB container or plain JSON.
+
+use std::fs::File;
+use std::io::Read;
+use std::ops::Range;
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::error::{Error, Result};
+
+const MAGIC: &[u8] = b"glTF";
+const HEADER: usize = 12;
+const CHUNK_HEADER: usize = 8;
+const JSON_CHUNK: u32 = 0x4E4F_534A;
+const BIN_CHUNK: u32 = 0x004E_4942;
+
+/// A scene file's parts.
+pub(super) struct Container {
+    pub json: Value,
+    /// The GLB's binary chunk.
+    pub bin: Option<Vec<u8>>,
+    /// Bytes of the file.
+    pub file_bytes: u64,
+}
+
+/// Reads a regular file whole. Pipes and devices are refused before they are opened.
+///
+/// # Errors
+/// Missing, forbidden, not a regular file, larger than `limit`, or a failed read.
+pub(super) fn read_regular(path: &Path, limit: u64) -> Result<Vec<u8>> {
+    let meta = std::fs::metadata(path).map_err(|e| Error::reading(path, &e))?;
+    if !meta.is_file() {
+        return Err(Error::Data(format!("{}: not a regular file", path.display())));
+    }
+    if meta.len() > limit {
+        return Err(Error::Data(format!(
+            "{}: {} bytes are more than the {limit} that such a file may have",
+            path.display(),
+            meta.len()
+        )));
+    }
+    let mut bytes = Vec::new();
+    let file = File::open(path).map_err(|e| Error::reading(path, &e))?;
+    file.take(limit).read_to_end(&mut bytes).map_err(|e| Error::reading(path, &e))?;
+    Ok(bytes)
+}
+
+/// Reads `.gltf` or `.glb`, told apart by their first bytes.
+pub(super) fn read(path: &Path) -> Result<Container> {
+    const LARGEST: u64 = 64 << 30;
+    let bytes = read_regular(path, LARGEST)?;
+    let in_file = |text: String| Error::Data(format!("{}: {text}", path.display()));
+    let file_bytes = bytes.len() as u64;
+    let is_glb = bytes.starts_with(MAGIC);
+    if !is_glb && path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb")) {
+        return Err(in_file("byte 0: wanted the GLB magic `glTF`, found something else; is this a GLB file?".into()));
+    }
+    let (json, bin) = if is_glb {
+        let chunks = split(&bytes).map_err(|text| in_file(format!("GLB container: {text}")))?;
+        (parse(&bytes[chunks.json]), chunks.bin.map(|range| bytes[range].to_vec()))
+    } else {
+        (parse(&bytes), None)
+    };
+    Ok(Container { json: json.map_err(in_file)?, bin, file_bytes })
+}
+
+fn parse(json: &[u8]) -> std::result::Result<Value, String> {
+    if json.starts_with(b"\xEF\xBB\xBF") {
+        return Err("byte 0: a byte-order mark, which glTF forbids; save the file as UTF-8 without it".into());
+    }
+    // The parser's own recursion limit keeps deep nesting from overflowing the stack.
+    serde_json::from_slice(json).map_err(|error| format!("not valid JSON: {error}"))
+}
+
+struct Chunks {
+    json: Range<usize>,
+    bin: Option<Range<usize>>,
+}
+
+fn word(bytes: &[u8], at: usize) -> Option<u32> {
+    Some(u32::from_le_bytes(bytes.get(at..at.checked_add(4)?)?.try_into().ok()?))
+}
+
+fn split(bytes: &[u8]) -> std::result::Result<Chunks, String> {
+    let truncated = || format!("byte {}: the file ends inside the {HEADER}-byte header", bytes.len());
+    let version = word(bytes, 4).ok_or_else(truncated)?;
+    let length = word(bytes, 8).ok_or_else(truncated)? as usize;
+    if version != 2 {
+        return Err(format!("byte 4: wanted version 2, found {version}; convert the file to glTF 2.0"));
+    }
+    if length > bytes.len() || length < HEADER {
+        return Err(format!("byte 8: the header says {length} bytes, the file has {}; is it truncated?", bytes.len()));
+    }
+    let bytes = &bytes[..length];
+    let (mut json, mut bin) = (None, None);
+    let (mut at, mut index) = (HEADER, 0);
+    while at < length {
+        let cut = || format!("byte {at}: the file ends inside a chunk header");
+        let size = word(bytes, at).ok_or_else(cut)? as usize;
+        let kind = word(bytes, at + 4).ok_or_else(cut)?;
+        let start = at + CHUNK_HEADER;
+        let end = start.checked_add(size).filter(|&end| end <= length).ok_or_else(|| {
+            format!("byte {at}: a chunk of {size} bytes, but only {} are left", length - start.min(length))
+        })?;
+        match (index, kind) {
+            (0, JSON_CHUNK) if size > 0 => json = Some(start..end),
+            (0, JSON_CHUNK) => return Err(format!("byte {at}: the JSON chunk is empty")),
+            (0, _) => return Err(format!("byte {at}: wanted the JSON chunk first, found type {kind:#010x}")),
+            (1, BIN_CHUNK) => bin = Some(start..end),
+            (_, JSON_CHUNK) => return Err(format!("byte {at}: a second JSON chunk")),
+            (_, BIN_CHUNK) => return Err(format!("byte {at}: a BIN chunk that is not the second chunk")),
+            // Later chunks of other kinds are for extensions and are skipped, as the specification asks.
+            _ => {}
+        }
+        at = end;
+        index += 1;
+    }
+    let json = json.ok_or_else(|| format!("byte {HEADER}: no JSON chunk"))?;
+    Ok(Chunks { json, bin })
+}

@@ -1,0 +1,244 @@
+//! The glTF document, checked: after [`Document::parse`] every index is in range, every accessor lies in its view,
+//! and the nodes are a forest.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde_json::Value;
+
+use super::accessors::{Accessor, View};
+use super::buffers::Buffer;
+use super::cameras::{self, Camera};
+use super::extensions;
+use super::images::{Image, Sampler, Texture};
+use super::json::{Json, bad, each_extension};
+use super::lights::{self, Light};
+use super::materials::Material;
+use super::nodes::{Node, check_forest};
+use super::primitives::Mesh;
+use super::skins::{self, Skin};
+use super::{accessors, primitives};
+use crate::error::{Error, Result};
+
+/// Lengths of the document's arrays, to check indices against.
+#[derive(Default)]
+pub(super) struct Lengths {
+    pub accessors: usize,
+    pub buffers: usize,
+    pub cameras: usize,
+    pub images: usize,
+    pub lights: usize,
+    pub materials: usize,
+    pub meshes: usize,
+    pub nodes: usize,
+    pub samplers: usize,
+    pub scenes: usize,
+    pub skins: usize,
+    pub textures: usize,
+    pub variants: usize,
+    pub views: usize,
+}
+
+/// A checked glTF document. Arrays and indices are those of the file.
+pub(super) struct Document {
+    pub generator: Option<String>,
+    pub buffers: Vec<Buffer>,
+    pub views: Vec<View>,
+    pub accessors: Vec<Accessor>,
+    pub images: Vec<Image>,
+    pub samplers: Vec<Sampler>,
+    pub textures: Vec<Texture>,
+    pub materials: Vec<Material>,
+    pub meshes: Vec<Mesh>,
+    pub skins: Vec<Skin>,
+    pub cameras: Vec<Camera>,
+    pub lights: Vec<Light>,
+    pub nodes: Vec<Node>,
+    /// Root nodes of the scene that is shown.
+    pub roots: Vec<usize>,
+    /// JSON path of that scene.
+    pub scene_at: String,
+    pub animations: usize,
+    pub scenes: usize,
+    /// Extensions that stand in the document or are declared, and where first.
+    pub extensions: BTreeMap<String, String>,
+}
+
+impl Document {
+    /// Parses and checks everything but the data of accessors and pictures.
+    ///
+    /// # Errors
+    /// [`Error::Data`] for whatever breaks the specification in a way that could be seen, [`Error::Missing`] for
+    /// a buffer or picture that is not there.
+    pub fn parse(value: &Value, folder: &Path, bin: Option<Vec<u8>>) -> Result<Self> {
+        let root = Json::root(value);
+        let asset = root.need("asset", root.get("asset")?)?;
+        check_version(&asset)?;
+        let required = strings(&root, "extensionsRequired")?;
+        extensions::check_required(&required)?;
+        let mut extensions: BTreeMap<String, String> =
+            strings(&root, "extensionsUsed")?.into_iter().map(|name| (name, "extensionsUsed".into())).collect();
+        each_extension(value, &mut Vec::new(), &mut |name, at| {
+            extensions.entry(name.into()).or_insert_with(|| at.join("."));
+        })?;
+        let quantized = required.iter().any(|name| name == "KHR_mesh_quantization");
+
+        let items = |key: &str| root.items(key);
+        let (buffer_items, view_items, accessor_items) = (items("buffers")?, items("bufferViews")?, items("accessors")?);
+        let (image_items, sampler_items, texture_items) = (items("images")?, items("samplers")?, items("textures")?);
+        let (material_items, mesh_items, skin_items) = (items("materials")?, items("meshes")?, items("skins")?);
+        let (camera_items, node_items, scene_items) = (items("cameras")?, items("nodes")?, items("scenes")?);
+        let light_items = match root.extension("KHR_lights_punctual")? {
+            Some(json) => {
+                if json.object()?.get("lights").is_none() {
+                    return Err(json.bad("lights", "an array", "nothing"));
+                }
+                json.items("lights")?
+            }
+            None => Vec::new(),
+        };
+        let variants = match root.extension("KHR_materials_variants")? {
+            Some(json) => json.items("variants")?.len(),
+            None => 0,
+        };
+        let lengths = Lengths {
+            accessors: accessor_items.len(),
+            buffers: buffer_items.len(),
+            cameras: camera_items.len(),
+            images: image_items.len(),
+            lights: light_items.len(),
+            materials: material_items.len(),
+            meshes: mesh_items.len(),
+            nodes: node_items.len(),
+            samplers: sampler_items.len(),
+            scenes: scene_items.len(),
+            skins: skin_items.len(),
+            textures: texture_items.len(),
+            variants,
+            views: view_items.len(),
+        };
+
+        let mut bin = bin;
+        let buffers = buffer_items
+            .iter()
+            .enumerate()
+            .map(|(i, json)| Buffer::parse(json, folder, if i == 0 { bin.take() } else { None }))
+            .collect::<Result<Vec<_>>>()?;
+        let views = view_items.iter().map(|json| View::parse(json, &lengths)).collect::<Result<Vec<_>>>()?;
+        let accessors =
+            accessor_items.iter().map(|json| Accessor::parse(json, &views)).collect::<Result<Vec<_>>>()?;
+        let images = image_items.iter().map(|json| Image::parse(json, folder, &views)).collect::<Result<Vec<_>>>()?;
+        let samplers = sampler_items.iter().map(Sampler::parse).collect::<Result<Vec<_>>>()?;
+        let textures = texture_items.iter().map(|json| Texture::parse(json, &lengths)).collect::<Result<Vec<_>>>()?;
+        let materials = material_items.iter().map(|json| Material::parse(json, &lengths)).collect::<Result<Vec<_>>>()?;
+        let meshes = mesh_items
+            .iter()
+            .map(|json| Mesh::parse(json, &lengths, &accessors, &views, &materials, quantized))
+            .collect::<Result<Vec<_>>>()?;
+        let skins = skin_items
+            .iter()
+            .map(|json| Skin::parse(json, &lengths, &accessors, &views))
+            .collect::<Result<Vec<_>>>()?;
+        let cameras = camera_items.iter().map(cameras::parse).collect::<Result<Vec<_>>>()?;
+        let lights = light_items.iter().map(lights::parse).collect::<Result<Vec<_>>>()?;
+        let nodes = node_items
+            .iter()
+            .map(|json| Node::parse(json, &lengths, &meshes, &accessors))
+            .collect::<Result<Vec<_>>>()?;
+        check_forest(&nodes)?;
+        let animation_accessors = skins::check_animations(&root.items("animations")?, &lengths)?;
+
+        // A view that sticks out of its buffer is an error, except where nothing but unused accessors stands on it.
+        let mut used = vec![false; accessors.len()];
+        primitives::mark_used(&meshes, &mut used);
+        animation_accessors.iter().for_each(|&i| used[i] = true);
+        skins.iter().filter_map(|s| s.inverse_bind).for_each(|i| used[i] = true);
+        nodes.iter().flat_map(Node::instancing_accessors).for_each(|i| used[i] = true);
+        accessors::check_views(&views, &buffers, &accessors, &used, &images)?;
+
+        let scenes = scene_items
+            .iter()
+            .map(|json| {
+                json.name()?;
+                json.indices("nodes", lengths.nodes, "nodes")
+            })
+            .collect::<Result<Vec<_>>>()?;
+        let chosen = root.index("scene", lengths.scenes, "scenes")?.unwrap_or(0);
+        let mut scenes_left = scenes.into_iter().skip(chosen);
+        let (roots, scene_at) = match scenes_left.next() {
+            Some(roots) => (roots, format!("scenes[{chosen}]")),
+            // Without scenes the file is a library: show all of it.
+            None => (top_nodes(&nodes), "nodes".into()),
+        };
+        check_roots(&roots, &nodes, &scene_at)?;
+        Ok(Self {
+            generator: asset.string("generator")?.map(Into::into),
+            buffers,
+            views,
+            accessors,
+            images,
+            samplers,
+            textures,
+            materials,
+            meshes,
+            skins,
+            cameras,
+            lights,
+            nodes,
+            roots,
+            scene_at,
+            animations: root.items("animations")?.len(),
+            scenes: lengths.scenes,
+            extensions,
+        })
+    }
+}
+
+fn strings(json: &Json, key: &str) -> Result<Vec<String>> {
+    json.items(key)?.iter().map(|item| item.as_string().map(Into::into)).collect()
+}
+
+/// Major version 2; `minVersion` at most 2.0, which is what we read.
+fn check_version(asset: &Json) -> Result<()> {
+    let number = |key: &str, text: &str| -> Result<(u32, u32)> {
+        let parts = text.split_once('.').and_then(|(a, b)| Some((a.parse().ok()?, b.parse().ok()?)));
+        parts.ok_or_else(|| asset.bad(key, "a version like \"2.0\"", format!("\"{text}\"")))
+    };
+    let text = asset.need("version", asset.string("version")?)?;
+    if number("version", text)?.0 != 2 {
+        return Err(Error::Data(format!("asset.version: glTF {text} cannot be read; convert the file to glTF 2.0")));
+    }
+    if let Some(text) = asset.string("minVersion")?
+        && number("minVersion", text)? > (2, 0)
+    {
+        return Err(Error::Data(format!(
+            "asset.minVersion: the file asks for a reader of glTF {text}, this one reads 2.0; export it as glTF 2.0"
+        )));
+    }
+    Ok(())
+}
+
+fn parents(nodes: &[Node]) -> Vec<bool> {
+    let mut has_parent = vec![false; nodes.len()];
+    nodes.iter().flat_map(|n| &n.children).for_each(|&child| has_parent[child] = true);
+    has_parent
+}
+
+fn top_nodes(nodes: &[Node]) -> Vec<usize> {
+    parents(nodes).iter().enumerate().filter(|(_, has)| !**has).map(|(i, _)| i).collect()
+}
+
+/// Scenes name top nodes, each once: so no node is shown twice.
+fn check_roots(roots: &[usize], nodes: &[Node], at: &str) -> Result<()> {
+    let mut taken = parents(nodes);
+    for (i, &root) in roots.iter().enumerate() {
+        if std::mem::replace(&mut taken[root], true) {
+            return Err(bad(
+                &format!("{at}.nodes[{i}]"),
+                "a node without a parent, listed once",
+                format!("node {root}, which has a parent or is listed twice"),
+            ));
+        }
+    }
+    Ok(())
+}

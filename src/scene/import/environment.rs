@@ -1,0 +1,130 @@
+//! Equirectangular environment pictures: Radiance `.hdr` and OpenEXR.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use exr::prelude::*;
+use image::codecs::hdr::HdrDecoder;
+use image::{DynamicImage, ImageDecoder};
+
+use super::container::read_regular;
+use crate::error::{Error, Result};
+use crate::scene::Environment;
+
+/// 16384x8192.
+const LARGEST_PIXELS: u64 = 1 << 27;
+
+/// Reads an equirectangular picture; `rotation_degrees` turns it about +y, `strength` multiplies it.
+///
+/// NaN, infinite and negative pixels become the nearest value that light can have (black, or the largest finite one
+/// of the format), with a warning in the log.
+///
+/// # Errors
+/// [`Error::Usage`] for a rotation or strength that is not finite or negative, [`Error::Missing`] when the file is
+/// not there, [`Error::Data`] when it is not such a picture or larger than 2^27 pixels.
+pub fn environment(path: &Path, rotation_degrees: f32, strength: f32) -> Result<Environment> {
+    if !rotation_degrees.is_finite() {
+        return Err(Error::Usage(format!("--env-rotate {rotation_degrees}: wanted degrees as a finite number")));
+    }
+    if !strength.is_finite() || strength < 0.0 {
+        return Err(Error::Usage(format!("--env-strength {strength}: wanted a finite number of at least 0")));
+    }
+    const LARGEST_FILE: u64 = 4 << 30;
+    let bytes = read_regular(path, LARGEST_FILE)?;
+    let picture = match bytes.as_slice() {
+        [b'#', b'?', ..] => read_hdr(&bytes),
+        [0x76, 0x2F, 0x31, 0x01, ..] => read_exr(&bytes),
+        _ => Err("neither a Radiance .hdr nor an OpenEXR picture".into()),
+    };
+    let (width, height, mut pixels) = picture.map_err(|text| {
+        let help = "an environment is an equirectangular .hdr or .exr picture with R, G and B";
+        Error::Data(format!("{}: {text}; {help}", path.display()))
+    })?;
+    let cleaned = clean(&mut pixels);
+    if cleaned > 0 {
+        tracing::warn!("{}: {cleaned} pixels were NaN, infinite or negative and are changed", path.display());
+    }
+    if u64::from(width) != 2 * u64::from(height) {
+        tracing::warn!("{}: {width}x{height} is not twice as wide as high; it is stretched", path.display());
+    }
+    Ok(Environment {
+        name: path.display().to_string(),
+        width,
+        height,
+        pixels,
+        rotation: rotation_degrees.to_radians(),
+        strength,
+    })
+}
+
+type Picture = std::result::Result<(u32, u32, Vec<[f32; 3]>), String>;
+
+fn check_size(width: u64, height: u64, file_bytes: usize) -> std::result::Result<(), String> {
+    // The same proportion as for textures: flat colours compress a thousandfold, small pictures always pass.
+    let pixels = width.saturating_mul(height);
+    let fits = pixels.saturating_mul(12) <= (1 << 30) + 256 * file_bytes as u64;
+    if width == 0 || height == 0 || pixels > LARGEST_PIXELS || !fits {
+        return Err(format!("{width}x{height} pixels in {file_bytes} bytes; at most {LARGEST_PIXELS} can be used"));
+    }
+    Ok(())
+}
+
+fn read_hdr(bytes: &[u8]) -> Picture {
+    let damaged = |e: image::ImageError| format!("a damaged Radiance picture: {e}");
+    let decoder = HdrDecoder::new(Cursor::new(bytes)).map_err(damaged)?;
+    let (width, height) = decoder.dimensions();
+    check_size(width.into(), height.into(), bytes.len())?;
+    let raw = DynamicImage::from_decoder(decoder).map_err(damaged)?.into_rgb32f().into_raw();
+    Ok((width, height, raw.as_chunks::<3>().0.to_vec()))
+}
+
+fn read_exr(bytes: &[u8]) -> Picture {
+    let damaged = |e: exr::error::Error| format!("an OpenEXR picture that cannot be read: {e}");
+    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(damaged)?;
+    for header in &meta.headers {
+        check_size(header.layer_size.0 as u64, header.layer_size.1 as u64, bytes.len())?;
+    }
+    let image = exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .rgb_channels(
+            |size, _| (size.0, vec![[0.0_f32; 3]; size.0 * size.1]),
+            |(width, pixels), at, (r, g, b): (f32, f32, f32)| pixels[at.1 * *width + at.0] = [r, g, b],
+        )
+        .first_valid_layer()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(Cursor::new(bytes))
+        .map_err(damaged)?;
+    let size = image.layer_data.size;
+    let (_, pixels) = image.layer_data.channel_data.pixels;
+    Ok((size.0 as u32, size.1 as u32, pixels))
+}
+
+/// Makes every value finite and ≥ 0; says how many pixels changed.
+fn clean(pixels: &mut [[f32; 3]]) -> usize {
+    let mut changed = 0;
+    for pixel in pixels {
+        let before = *pixel;
+        for x in pixel.iter_mut() {
+            *x = if x.is_nan() { 0.0 } else { x.clamp(0.0, LARGEST_RADIANCE) };
+        }
+        changed += usize::from(before.iter().zip(*pixel).any(|(a, b)| *a != b));
+    }
+    changed
+}
+
+/// What a half float can hold: sums over a map of such pixels stay finite.
+const LARGEST_RADIANCE: f32 = 65504.0;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cleaning_leaves_light_alone_and_counts_the_rest() {
+        let mut pixels = [[1.0, 0.0, 2.5], [f32::NAN, 1.0, 1.0], [-1.0, 0.0, 0.0], [f32::INFINITY, 0.0, 0.0]];
+        assert_eq!(clean(&mut pixels), 3);
+        assert_eq!(pixels, [[1.0, 0.0, 2.5], [0.0, 1.0, 1.0], [0.0; 3], [65504.0, 0.0, 0.0]]);
+    }
+}

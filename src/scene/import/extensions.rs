@@ -1,0 +1,79 @@
+//! Which extensions are understood, and what leaving one out means.
+
+use crate::error::{Error, Result};
+
+/// How an extension is treated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Support {
+    /// Shown as it asks.
+    Full,
+    /// Does not change a still picture, or has an exact fallback in the core file.
+    NoEffect,
+    /// Left out; says why. `factor` is the member that must be above 0 for it to matter at all.
+    Ignored { why: &'static str, factor: Option<&'static str> },
+}
+
+/// What is done about an extension.
+pub(super) fn support(name: &str) -> Support {
+    use Support::*;
+    let ignored = |why, factor| Ignored { why, factor };
+    match name {
+        "KHR_lights_punctual"
+        | "KHR_materials_emissive_strength"
+        | "KHR_materials_ior"
+        | "KHR_materials_specular"
+        | "KHR_materials_unlit"
+        | "KHR_materials_variants"
+        | "KHR_mesh_quantization"
+        | "KHR_node_visibility"
+        | "KHR_texture_transform"
+        | "EXT_mesh_gpu_instancing" => Full,
+        "KHR_animation_pointer"
+        | "KHR_interactivity"
+        | "KHR_node_hoverability"
+        | "KHR_node_selectability"
+        | "KHR_xmp"
+        | "KHR_xmp_json_ld"
+        | "MSFT_lod" => NoEffect,
+        // Optional compression comes with uncompressed data, which is what we read.
+        "EXT_meshopt_compression" | "KHR_meshopt_compression" | "KHR_draco_mesh_compression" => NoEffect,
+        "KHR_materials_transmission" => ignored("transmission is not shaded: opaque", Some("transmissionFactor")),
+        "KHR_materials_diffuse_transmission" => {
+            ignored("diffuse transmission is not shaded: opaque", Some("diffuseTransmissionFactor"))
+        }
+        "KHR_materials_volume" => ignored("volumes are not shaded", Some("thicknessFactor")),
+        "KHR_materials_clearcoat" => ignored("clear coat is not shaded", Some("clearcoatFactor")),
+        "KHR_materials_sheen" => ignored("sheen is not shaded", Some("sheenColorFactor")),
+        "KHR_materials_anisotropy" => ignored("highlights are isotropic", Some("anisotropyStrength")),
+        "KHR_materials_iridescence" => ignored("iridescence is not shaded", Some("iridescenceFactor")),
+        "KHR_materials_dispersion" => ignored("dispersion is not shaded", Some("dispersion")),
+        "KHR_materials_pbrSpecularGlossiness" => {
+            ignored("the archived specular-glossiness model is not shaded: metallic-roughness is", None)
+        }
+        "EXT_texture_webp" => ignored("WebP is not read", None),
+        "KHR_texture_basisu" => ignored("KTX2 is not read", None),
+        "MSFT_texture_dds" => ignored("DDS is not read", None),
+        "EXT_lights_image_based" => ignored("the file's own environment is not read: give one with --env", None),
+        _ => ignored("not known to this renderer", None),
+    }
+}
+
+/// Extensions that hold the data itself: without their decoder a file that requires them has nothing to show.
+const DECODERS: &[&str] = &["EXT_meshopt_compression", "KHR_meshopt_compression", "KHR_draco_mesh_compression"];
+
+/// # Errors
+/// Names every required extension that is not understood.
+pub(super) fn check_required(required: &[String]) -> Result<()> {
+    let refused: Vec<_> = required
+        .iter()
+        .filter(|name| matches!(support(name), Support::Ignored { .. }) || DECODERS.contains(&name.as_str()))
+        .map(String::as_str)
+        .collect();
+    if refused.is_empty() {
+        return Ok(());
+    }
+    Err(Error::Data(format!(
+        "extensionsRequired: the file cannot be shown without {}, which this renderer does not have; export it without",
+        refused.join(", ")
+    )))
+}

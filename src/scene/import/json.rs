@@ -1,0 +1,222 @@
+//! JSON values that know their path, so that every complaint can say where.
+
+use std::fmt::Display;
+
+use serde_json::{Map, Value};
+
+use crate::error::{Error, Result};
+
+/// A complaint about the file's content: where, what was wanted, what came, what to do.
+pub(super) fn bad(at: &str, wanted: impl Display, found: impl Display) -> Error {
+    let at = if at.is_empty() { "the document" } else { at };
+    Error::Data(format!(
+        "{at}: wanted {wanted}, found {found}; this is not valid glTF 2.0: export the file again or ask Khronos' glTF \
+         Validator about it"
+    ))
+}
+
+/// A JSON value and its path (`meshes[3].primitives[0]`).
+#[derive(Clone)]
+pub(super) struct Json<'a> {
+    value: &'a Value,
+    pub at: String,
+}
+
+impl<'a> Json<'a> {
+    pub fn root(value: &'a Value) -> Self {
+        Self { value, at: String::new() }
+    }
+
+    /// Path of a member.
+    pub fn path(&self, key: &str) -> String {
+        if self.at.is_empty() { key.into() } else { format!("{}.{key}", self.at) }
+    }
+
+    pub fn bad(&self, key: &str, wanted: impl Display, found: impl Display) -> Error {
+        bad(&self.path(key), wanted, found)
+    }
+
+    pub fn object(&self) -> Result<&'a Map<String, Value>> {
+        self.value.as_object().ok_or_else(|| bad(&self.at, "an object", kind(self.value)))
+    }
+
+    fn field(&self, key: &str) -> Result<Option<&'a Value>> {
+        Ok(self.object()?.get(key))
+    }
+
+    /// A typed member, absent or of the right type.
+    fn typed<T>(&self, key: &str, wanted: &str, read: impl Fn(&'a Value) -> Option<T>) -> Result<Option<T>> {
+        match self.field(key)? {
+            None => Ok(None),
+            Some(value) => read(value).map(Some).ok_or_else(|| self.bad(key, wanted, kind(value))),
+        }
+    }
+
+    /// Turns an absent member into a complaint.
+    pub fn need<T>(&self, key: &str, member: Option<T>) -> Result<T> {
+        member.ok_or_else(|| self.bad(key, "a value", "nothing"))
+    }
+
+    pub fn get(&self, key: &str) -> Result<Option<Json<'a>>> {
+        Ok(self.typed(key, "an object", |v| v.is_object().then_some(v))?.map(|value| Json { value, at: self.path(key) }))
+    }
+
+    /// The elements of an array member; none when it is absent.
+    pub fn items(&self, key: &str) -> Result<Vec<Json<'a>>> {
+        let Some(array) = self.typed(key, "an array", Value::as_array)? else { return Ok(Vec::new()) };
+        let path = self.path(key);
+        Ok(array.iter().enumerate().map(|(i, value)| Json { value, at: format!("{path}[{i}]") }).collect())
+    }
+
+    pub fn string(&self, key: &str) -> Result<Option<&'a str>> {
+        self.typed(key, "a string", Value::as_str)
+    }
+
+    /// The value itself as a string.
+    pub fn as_string(&self) -> Result<&'a str> {
+        self.value.as_str().ok_or_else(|| bad(&self.at, "a string", kind(self.value)))
+    }
+
+    /// A name for people: its own, else its path.
+    pub fn name(&self) -> Result<String> {
+        Ok(match self.string("name")? {
+            Some(name) if !name.is_empty() => name.into(),
+            _ => self.at.clone(),
+        })
+    }
+
+    pub fn boolean(&self, key: &str, default: bool) -> Result<bool> {
+        Ok(self.typed(key, "true or false", Value::as_bool)?.unwrap_or(default))
+    }
+
+    /// A number that a 32-bit float can hold.
+    pub fn number(&self, key: &str) -> Result<Option<f64>> {
+        self.typed(key, "a number", finite)
+    }
+
+    /// An integer ≥ 0. `3.0` is one: JSON has a single kind of number.
+    pub fn integer(&self, key: &str) -> Result<Option<u64>> {
+        self.typed(key, "an integer of at least 0", whole)
+    }
+
+    /// An integer that is one of the elements of `what`.
+    pub fn index(&self, key: &str, len: usize, what: &str) -> Result<Option<usize>> {
+        match self.typed(key, &format!("an index into {what}"), whole)? {
+            None => Ok(None),
+            Some(index) if index < len as u64 => Ok(Some(index as usize)),
+            Some(index) => Err(self.bad(key, format!("an index into {what}, of which there are {len}"), index)),
+        }
+    }
+
+    /// An array of indices; none when it is absent.
+    pub fn indices(&self, key: &str, len: usize, what: &str) -> Result<Vec<usize>> {
+        let Some(array) = self.typed(key, "an array", Value::as_array)? else { return Ok(Vec::new()) };
+        let element = |(i, value): (usize, &Value)| match whole(value) {
+            Some(index) if index < len as u64 => Ok(index as usize),
+            _ => Err(bad(
+                &format!("{}[{i}]", self.path(key)),
+                format!("an index into {what}, of which there are {len}"),
+                shown(value),
+            )),
+        };
+        array.iter().enumerate().map(element).collect()
+    }
+
+    /// An array of numbers of any length.
+    pub fn numbers(&self, key: &str) -> Result<Option<Vec<f64>>> {
+        let Some(array) = self.typed(key, "an array of numbers", Value::as_array)? else { return Ok(None) };
+        let element = |(i, value): (usize, &Value)| {
+            finite(value).ok_or_else(|| bad(&format!("{}[{i}]", self.path(key)), "a number", shown(value)))
+        };
+        array.iter().enumerate().map(element).collect::<Result<_>>().map(Some)
+    }
+
+    /// An array of exactly `N` numbers.
+    pub fn vector<const N: usize>(&self, key: &str) -> Result<Option<[f64; N]>> {
+        let Some(numbers) = self.numbers(key)? else { return Ok(None) };
+        let len = numbers.len();
+        let wanted = || self.bad(key, format!("{N} numbers"), format!("{len}"));
+        <[f64; N]>::try_from(numbers).map(Some).map_err(|_| wanted())
+    }
+
+    /// An extension's object.
+    pub fn extension(&self, name: &str) -> Result<Option<Json<'a>>> {
+        match self.get("extensions")? {
+            Some(extensions) => extensions.get(name),
+            None => Ok(None),
+        }
+    }
+
+    /// Names of all extensions on this object.
+    pub fn extension_names(&self) -> Result<Vec<&'a str>> {
+        match self.get("extensions")? {
+            Some(extensions) => Ok(extensions.object()?.keys().map(String::as_str).collect()),
+            None => Ok(Vec::new()),
+        }
+    }
+}
+
+fn finite(value: &Value) -> Option<f64> {
+    value.as_f64().filter(|x| (*x as f32).is_finite())
+}
+
+fn whole(value: &Value) -> Option<u64> {
+    const EXACT: f64 = 9_007_199_254_740_992.0; // 2^53
+    value.as_u64().or_else(|| value.as_f64().filter(|x| x.fract() == 0.0 && (0.0..EXACT).contains(x)).map(|x| x as u64))
+}
+
+fn kind(value: &Value) -> String {
+    match value {
+        Value::Array(_) => "an array".into(),
+        Value::Object(_) => "an object".into(),
+        other => shown(other),
+    }
+}
+
+fn shown(value: &Value) -> String {
+    const LONGEST: usize = 40;
+    let text = match value {
+        Value::Array(_) | Value::Object(_) => return kind(value),
+        other => other.to_string(),
+    };
+    if text.chars().count() <= LONGEST { text } else { text.chars().take(LONGEST).chain(['…']).collect() }
+}
+
+/// Visits every `extensions` object of the document outside of `extras`, and complains about one that is none.
+/// Depth is bounded by the JSON parser's own limit.
+pub(super) fn each_extension<'a>(
+    value: &'a Value,
+    at: &mut Vec<String>,
+    seen: &mut impl FnMut(&'a str, &[String]),
+) -> Result<()> {
+    match value {
+        Value::Array(items) => {
+            for item in items {
+                each_extension(item, at, seen)?;
+            }
+        }
+        Value::Object(members) => {
+            for (key, member) in members {
+                if key == "extras" {
+                    continue;
+                }
+                at.push(key.clone());
+                if key == "extensions" {
+                    let Some(extensions) = member.as_object() else {
+                        return Err(bad(&at.join("."), "an object", kind(member)));
+                    };
+                    for (name, extension) in extensions {
+                        if !extension.is_object() {
+                            return Err(bad(&format!("{}.{name}", at.join(".")), "an object", kind(extension)));
+                        }
+                        seen(name, at);
+                    }
+                }
+                each_extension(member, at, seen)?;
+                at.pop();
+            }
+        }
+        _ => {}
+    }
+    Ok(())
+}
