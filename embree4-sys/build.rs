@@ -26,7 +26,7 @@ fn main() {
     }
     link();
     // bindgen panics when it finds no libclang; a sentence is kinder.
-    process_panic_hook();
+    explain_panics();
     let bindings = Builder::default()
         .header_contents("embree.h", "#include <embree4/rtcore.h>")
         .clang_arg(format!("-I{}", include.display()))
@@ -67,9 +67,7 @@ fn find_header() -> Result<PathBuf, String> {
             include.display()
         ));
     }
-    Err(format!(
-        "no embree4/rtcore.h in {looked}: run `make setup`, or set EMBREE_DIR to where Embree 4 is unpacked"
-    ))
+    Err(format!("no embree4/rtcore.h in {looked}: run `make setup`, or set EMBREE_DIR to where Embree 4 is unpacked"))
 }
 
 /// What a header defines a macro as; commented lines do not count.
@@ -81,9 +79,7 @@ fn define<'a>(header: &'a str, name: &str) -> Option<&'a str> {
 }
 
 fn version(config: &str) -> String {
-    ["MAJOR", "MINOR", "PATCH"]
-        .map(|part| define(config, &format!("RTC_VERSION_{part}")).unwrap_or("?"))
-        .join(".")
+    ["MAJOR", "MINOR", "PATCH"].map(|part| define(config, &format!("RTC_VERSION_{part}")).unwrap_or("?")).join(".")
 }
 
 fn link() {
@@ -96,7 +92,7 @@ fn link() {
 }
 
 /// Turns bindgen's panic about a missing libclang into what to do.
-fn process_panic_hook() {
+fn explain_panics() {
     std::panic::set_hook(Box::new(|panic| {
         let text = panic.to_string().replace('\n', " ");
         println!(

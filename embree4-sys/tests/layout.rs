@@ -48,7 +48,8 @@ fn bytes_written_by_a_hit() -> Vec<usize> {
     let mut guarded = Guarded { record: Default::default(), behind: [CANARY; 64] };
     // SAFETY: the whole of RTCHit is made of numbers.
     unsafe { ptr::write_bytes(&raw mut guarded.record.hit, CANARY, 1) };
-    guarded.record.ray = sys::RTCRay { org_z: 1.0, dir_z: -1.0, tfar: f32::INFINITY, mask: u32::MAX, ..Default::default() };
+    guarded.record.ray =
+        sys::RTCRay { org_z: 1.0, dir_z: -1.0, tfar: f32::INFINITY, mask: u32::MAX, ..Default::default() };
     guarded.record.hit.geomID = sys::RTC_INVALID_GEOMETRY_ID;
     // SAFETY: the buffers outlive the scene, the last vertex is padded, the handles are released once each.
     unsafe {

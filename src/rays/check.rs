@@ -18,8 +18,7 @@ pub(super) fn check(scene: &Scene) -> Result<()> {
                 mesh.name, mesh.indices[at]
             )));
         }
-        // Also true of NaN.
-        let astray = |position: &[f32; 3]| position.iter().any(|x| !(x.abs() <= FARTHEST));
+        let astray = |position: &[f32; 3]| position.iter().any(|x| x.is_nan() || x.abs() > FARTHEST);
         if let Some(at) = mesh.positions.iter().position(astray) {
             return Err(Error::Data(format!(
                 "mesh {index} \"{}\": vertex {at} is at {:?}, which is not a place within {FARTHEST:e} m",
