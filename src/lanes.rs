@@ -2,7 +2,6 @@
 
 use glam::Vec3;
 pub use wide::f32x8 as F;
-use wide::{CmpGt, Select};
 
 /// Lanes of an [`F`].
 pub const LANES: usize = 8;

@@ -1,7 +1,5 @@
 //! MIS weights for two techniques with sample counts.
 
-use wide::{CmpEq, CmpGt, Select};
-
 use crate::lanes::F;
 
 /// How two techniques share a contribution that both could have found (Veach and Guibas 1995).

@@ -2,8 +2,6 @@
 
 use std::f32::consts::PI;
 
-use wide::CmpGt;
-
 use crate::lanes::{F, V3};
 use crate::sampling::warp::sin_cos_turns;
 

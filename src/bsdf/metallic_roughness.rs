@@ -5,7 +5,6 @@
 use std::f32::consts::{FRAC_1_PI, PI};
 
 use glam::Vec3;
-use wide::{CmpGt, CmpLt, Select};
 
 use super::ggx;
 use crate::lanes::{F, V3};

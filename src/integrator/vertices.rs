@@ -1,7 +1,5 @@
 //! The vertices of a batch's paths as structure of arrays: what light and BSDF sampling need.
 
-use wide::{CmpLt, Select};
-
 use crate::bsdf::{Lobes, MetallicRoughness};
 use crate::lanes::{F, LANES, Rows, V3, V3Column, grow, load, store};
 

@@ -3,7 +3,6 @@
 use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3};
-use wide::CmpGt;
 
 use super::LightSamples;
 use crate::color::luminance;

@@ -3,7 +3,6 @@
 use std::f32::consts::{FRAC_1_PI, PI};
 
 use glam::Vec3;
-use wide::{CmpGt, CmpLt, Select};
 
 use super::LightSamples;
 use crate::color::luminance;

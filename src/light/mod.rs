@@ -5,7 +5,6 @@ pub mod environment;
 pub mod punctual;
 
 use glam::Vec3;
-use wide::{CmpLt, Select};
 
 use crate::lanes::{F, LANES, V3};
 use crate::scene::Scene;

@@ -4,28 +4,11 @@
 //! object becomes one sub-scene, and each of its placements an instance geometry of the top scene. Vertex and index
 //! buffers are shared with the [`Scene`], not copied.
 //!
-//! Rays go to Embree in packets, 16 wide where that is native and 8 wide elsewhere, without
-//! `RTC_RAY_QUERY_FLAG_COHERENT`: then a hit has the same bits in whatever packet the ray travels. With the flag camera
-//! rays are twice as fast, but of coincident surfaces it is the packet's other rays that decide which one is hit
-//! (2 to 10 % of the hits changed on two equal instances in one place), and a crop would no longer have the bits of the
-//! whole. Mrays/s that the choice rests on, one thread, Embree 4.3.3, AVX-512, on a machine with other work:
-//!
-//! | 36-triangle room | single | 8 wide | 16 wide | 16 wide, flag |
-//! | --- | --- | --- | --- | --- |
-//! | camera, closest | 17 | 32 | 33 | 86 |
-//! | diffuse bounce, closest | 13 | 20 | 21 | 12 |
-//! | diffuse bounce, occluded | 18 | 25 | 38 | 22 |
-//! | to a lamp, occluded | 23 | 75 | 78 | 75 |
-//!
-//! | 490,000-triangle blob | single | 8 wide | 16 wide | 16 wide, flag |
-//! | --- | --- | --- | --- | --- |
-//! | camera, closest | 12 | 20 | 20 | 41 |
-//! | diffuse bounce, closest | 5.8 | 6.4 | 6.4 | 3.3 |
-//! | diffuse bounce, occluded | 5.6 | 5.9 | 6.3 | 3.3 |
-//! | to a lamp, occluded | 5.9 | 6.9 | 7.1 | 4.5 |
-//!
-//! Where 16-wide packets are emulated (AVX2) they are as slow as single rays. Today's rates on this machine:
-//! `cargo test --release --test rays_speed -- --ignored --nocapture`.
+//! Rays go to Embree in packets, 16 wide where that is native and 8 wide elsewhere. Camera rays, and all rays in a scene
+//! of few triangles, carry `RTC_RAY_QUERY_FLAG_COHERENT`: then a packet is traversed together, which is up to twice as
+//! fast; otherwise Embree traverses ray by ray. Together, it is the packet's other rays that decide which of two
+//! coincident surfaces is hit (measured: 2 to 10 % of the hits on two equal instances in one place changed with the
+//! packets). The renderer therefore fills its packets tile by tile, always alike.
 
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::mem::offset_of;
@@ -59,6 +42,8 @@ pub struct EmbreeRays {
     has_alpha: bool,
     /// Are 16-wide packets native? 8-wide ones are wherever AVX is, and narrower CPUs emulate them.
     wide16: bool,
+    /// At most [`SMALL_SCENE`] triangles and instances?
+    small: bool,
     info: BackendInfo,
 }
 
@@ -317,9 +302,14 @@ impl EmbreeRays {
             build_seconds: start.elapsed().as_secs_f64(),
             memory_bytes: monitor.bytes.load(Ordering::Relaxed).max(0) as u64,
         };
+        let placed = scene.instances.iter().map(|i| {
+            let meshes = &scene.meshes[mesh_range(i.object).start as usize..mesh_range(i.object).end as usize];
+            1 + meshes.iter().map(|m| m.indices.len()).sum::<usize>()
+        });
+        let small = placed.sum::<usize>() <= SMALL_SCENE;
         let wide16 = device.property(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
         drop(objects); // the instance geometries keep them
-        Ok(Self { top, _device: device, _monitor: monitor, scene, placements, has_alpha, wide16, info })
+        Ok(Self { top, _device: device, _monitor: monitor, scene, placements, has_alpha, wide16, small, info })
     }
 
     /// Instance and mesh of a hit by Embree's ids.
@@ -447,10 +437,10 @@ macro_rules! packet_queries {
                 Lanes::first(rays.len() - start)
             }
 
-            pub(super) fn closest_hits(to: &EmbreeRays, rays: &RayBatch, hits: &mut HitBatch) {
+            pub(super) fn closest_hits(to: &EmbreeRays, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
                 let mut context = QueryContext::new(to, rays);
                 let mut args = sys::RTCIntersectArguments {
-                    flags: FLAGS,
+                    flags: to.flags(order),
                     feature_mask: sys::RTC_FEATURE_FLAG_ALL,
                     context: (&raw mut context).cast(),
                     filter: to.filter(),
@@ -488,10 +478,10 @@ macro_rules! packet_queries {
                 }
             }
 
-            pub(super) fn occluded(by: &EmbreeRays, rays: &RayBatch, occluded: &mut [bool]) {
+            pub(super) fn occluded(by: &EmbreeRays, rays: &RayBatch, order: RayOrder, occluded: &mut [bool]) {
                 let mut context = QueryContext::new(by, rays);
                 let mut args = sys::RTCOccludedArguments {
-                    flags: FLAGS,
+                    flags: by.flags(order),
                     feature_mask: sys::RTC_FEATURE_FLAG_ALL,
                     context: (&raw mut context).cast(),
                     filter: by.filter(),
@@ -513,23 +503,23 @@ packet_queries!(wide16, 16, RTCRay16, RTCHit16, RTCRayHit16, rtcIntersect16, rtc
 packet_queries!(wide8, 8, RTCRay8, RTCHit8, RTCRayHit8, rtcIntersect8, rtcOccluded8);
 
 impl RayQueries for EmbreeRays {
-    fn closest_hits(&self, rays: &RayBatch, _order: RayOrder, hits: &mut HitBatch) {
+    fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
         hits.resize(rays.len());
         let _flushed = FlushToZero::new();
         if self.wide16 {
-            wide16::closest_hits(self, rays, hits);
+            wide16::closest_hits(self, rays, order, hits);
         } else {
-            wide8::closest_hits(self, rays, hits);
+            wide8::closest_hits(self, rays, order, hits);
         }
     }
 
-    fn occluded(&self, rays: &RayBatch, _order: RayOrder, occluded: &mut Vec<bool>) {
+    fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {
         occluded.resize(rays.len(), false);
         let _flushed = FlushToZero::new();
         if self.wide16 {
-            wide16::occluded(self, rays, occluded);
+            wide16::occluded(self, rays, order, occluded);
         } else {
-            wide8::occluded(self, rays, occluded);
+            wide8::occluded(self, rays, order, occluded);
         }
     }
 
@@ -538,8 +528,19 @@ impl RayQueries for EmbreeRays {
     }
 }
 
-/// No `RTC_RAY_QUERY_FLAG_COHERENT`, see the module's text.
-const FLAGS: sys::RTCRayQueryFlags = sys::RTC_RAY_QUERY_FLAG_INCOHERENT;
+impl EmbreeRays {
+    /// Packets stay together through a scene that any ray soon knows by heart, and where they are of one mind.
+    fn flags(&self, order: RayOrder) -> sys::RTCRayQueryFlags {
+        if self.small || order == RayOrder::Coherent {
+            sys::RTC_RAY_QUERY_FLAG_COHERENT
+        } else {
+            sys::RTC_RAY_QUERY_FLAG_INCOHERENT
+        }
+    }
+}
+
+/// Triangles and instances up to which packets pay for every ray.
+const SMALL_SCENE: usize = 2000;
 
 /// MXCSR's flush-to-zero and denormals-are-zero.
 const FLUSH: u32 = 1 << 15 | 1 << 6;

@@ -69,7 +69,8 @@ pub struct HitBatch {
     pub prim: Vec<u32>,
 }
 
-/// How like its neighbours a ray of a batch is; a hint, hits do not depend on it.
+/// How like its neighbours a ray of a batch is. A hint: hits do not depend on it, but for which of coincident surfaces is
+/// hit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RayOrder {
     /// Camera rays of one tile.

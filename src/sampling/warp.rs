@@ -3,7 +3,6 @@
 use std::f32::consts::PI;
 
 use glam::Vec3;
-use wide::{CmpEq, CmpGt, CmpLt, Select};
 
 use crate::lanes::{F, V3};
 

@@ -7,7 +7,6 @@ use crate::integrator::{PixelPlan, Transport};
 use crate::lanes::{F, LANES, Rows, V3, first};
 use crate::light::punctual;
 use crate::sampling::hash;
-use wide::CmpGt;
 
 /// Shadow rays toward a point end this share before it.
 const SHADOW_END: f32 = 1.0 - 1e-4;

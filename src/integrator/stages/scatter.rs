@@ -1,7 +1,6 @@
 //! BSDF sampling: the next rays.
 
 use glam::Vec3;
-use wide::{CmpGe, CmpGt, Select};
 
 use super::bsdf_set;
 use crate::integrator::PixelPlan;
