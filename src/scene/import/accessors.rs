@@ -165,7 +165,16 @@ impl Accessor {
             let view = &views[view];
             let matrix = matches!(shape, Shape::Mat2 | Shape::Mat3 | Shape::Mat4);
             let alignment = if matrix { 4 } else { component.size() };
-            check_range(json, "byteOffset", view, offset, count, accessor.stride(view), accessor.element_bytes(), alignment)?;
+            check_range(
+                json,
+                "byteOffset",
+                view,
+                offset,
+                count,
+                accessor.stride(view),
+                accessor.element_bytes(),
+                alignment,
+            )?;
         }
         let sparse = json.get("sparse")?.map(|sparse| parse_sparse(&sparse, &accessor, views)).transpose()?;
         Ok(Self { sparse, ..accessor })

@@ -1,7 +1,7 @@
 //! Buffers: found and measured when the document is checked, read when something needs them.
 
-use std::sync::OnceLock;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use super::container::read_regular;
 use super::json::{Json, bad};
@@ -78,7 +78,8 @@ impl Buffer {
                 )));
             }
         };
-        let range = offset.checked_add(length).filter(|&end| end <= self.length).map(|end| offset as usize..end as usize);
+        let range =
+            offset.checked_add(length).filter(|&end| end <= self.length).map(|end| offset as usize..end as usize);
         range.and_then(|r| all.get(r)).ok_or_else(|| {
             bad(&self.at, format!("{length} bytes from byte {offset}"), format!("{} bytes in all", self.length))
         })

@@ -60,7 +60,12 @@ impl Camera {
         let y = world.matrix3.y_axis;
         let y = (y - z * y.dot(z)).try_normalize()?;
         let to_world = camera_to_world(y.cross(z), y, z, world.translation);
-        to_world.is_finite().then_some(scene::Camera { name, projection: self.projection, aspect: self.aspect, to_world })
+        to_world.is_finite().then_some(scene::Camera {
+            name,
+            projection: self.projection,
+            aspect: self.aspect,
+            to_world,
+        })
     }
 }
 

@@ -36,7 +36,6 @@ pub(super) struct Lengths {
     pub skins: usize,
     pub textures: usize,
     pub variants: usize,
-    pub views: usize,
 }
 
 /// A checked glTF document. Arrays and indices are those of the file.
@@ -84,7 +83,8 @@ impl Document {
         let quantized = required.iter().any(|name| name == "KHR_mesh_quantization");
 
         let items = |key: &str| root.items(key);
-        let (buffer_items, view_items, accessor_items) = (items("buffers")?, items("bufferViews")?, items("accessors")?);
+        let (buffer_items, view_items, accessor_items) =
+            (items("buffers")?, items("bufferViews")?, items("accessors")?);
         let (image_items, sampler_items, texture_items) = (items("images")?, items("samplers")?, items("textures")?);
         let (material_items, mesh_items, skin_items) = (items("materials")?, items("meshes")?, items("skins")?);
         let (camera_items, node_items, scene_items) = (items("cameras")?, items("nodes")?, items("scenes")?);
@@ -115,7 +115,6 @@ impl Document {
             skins: skin_items.len(),
             textures: texture_items.len(),
             variants,
-            views: view_items.len(),
         };
 
         let mut bin = bin;
@@ -125,12 +124,12 @@ impl Document {
             .map(|(i, json)| Buffer::parse(json, folder, if i == 0 { bin.take() } else { None }))
             .collect::<Result<Vec<_>>>()?;
         let views = view_items.iter().map(|json| View::parse(json, &lengths)).collect::<Result<Vec<_>>>()?;
-        let accessors =
-            accessor_items.iter().map(|json| Accessor::parse(json, &views)).collect::<Result<Vec<_>>>()?;
+        let accessors = accessor_items.iter().map(|json| Accessor::parse(json, &views)).collect::<Result<Vec<_>>>()?;
         let images = image_items.iter().map(|json| Image::parse(json, folder, &views)).collect::<Result<Vec<_>>>()?;
         let samplers = sampler_items.iter().map(Sampler::parse).collect::<Result<Vec<_>>>()?;
         let textures = texture_items.iter().map(|json| Texture::parse(json, &lengths)).collect::<Result<Vec<_>>>()?;
-        let materials = material_items.iter().map(|json| Material::parse(json, &lengths)).collect::<Result<Vec<_>>>()?;
+        let materials =
+            material_items.iter().map(|json| Material::parse(json, &lengths)).collect::<Result<Vec<_>>>()?;
         let meshes = mesh_items
             .iter()
             .map(|json| Mesh::parse(json, &lengths, &accessors, &views, &materials, quantized))

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use glam::{DMat3, DMat4, DVec3, Vec3};
+use glam::{DAffine3, DMat3, DMat4, DVec3, Vec3};
 
 use super::accessors::{Reader, Shape};
 use super::json::bad;
@@ -97,7 +97,11 @@ pub(super) fn read(
         skin(reader, primitive, joints, &mut g)?;
     }
     if let Some(i) = g.positions.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
-        return Err(bad(&primitive.at, "finite positions in the rest pose", format!("{:?} at vertex {i}", g.positions[i])));
+        return Err(bad(
+            &primitive.at,
+            "finite positions in the rest pose",
+            format!("{:?} at vertex {i}", g.positions[i]),
+        ));
     }
     drop_degenerate(&mut g, &primitive.at, notes);
     if g.indices.is_empty() {
@@ -189,10 +193,9 @@ fn skin(reader: &mut Reader, primitive: &Primitive, joints: &[DMat4], g: &mut Ge
     reader.budget.take(&primitive.at, g.positions.len() as u64, size_of::<DMat4>() as u64)?;
     let mut blended = vec![(DMat4::ZERO, 0.0_f64); g.positions.len()];
     for set in 0..primitive.skin_sets() {
-        let (Some(&joint_index), Some(&weight_index)) = (
-            primitive.attributes.get(&Semantic::Joints(set)),
-            primitive.attributes.get(&Semantic::Weights(set)),
-        ) else {
+        let (Some(&joint_index), Some(&weight_index)) =
+            (primitive.attributes.get(&Semantic::Joints(set)), primitive.attributes.get(&Semantic::Weights(set)))
+        else {
             continue;
         };
         let chosen = reader.integers::<4>(joint_index)?;
@@ -206,7 +209,11 @@ fn skin(reader: &mut Reader, primitive: &Primitive, joints: &[DMat4], g: &mut Ge
                 }
                 let Some(joint_matrix) = joints.get(joint as usize) else {
                     let at = &reader.document.accessors[joint_index].at;
-                    return Err(bad(at, format!("joints below {}", joints.len()), format!("{joint} at vertex {vertex}")));
+                    return Err(bad(
+                        at,
+                        format!("joints below {}", joints.len()),
+                        format!("{joint} at vertex {vertex}"),
+                    ));
                 };
                 *matrix += *joint_matrix * f64::from(weight);
                 *sum += f64::from(weight);
@@ -219,7 +226,11 @@ fn skin(reader: &mut Reader, primitive: &Primitive, joints: &[DMat4], g: &mut Ge
         let linear = DMat3::from_mat4(matrix);
         let p = &mut g.positions[vertex];
         *p = matrix.transform_point3(DVec3::from(p.map(f64::from))).as_vec3().to_array();
-        transform_frame(&linear, g.normals.as_mut().map(|n| &mut n[vertex]), g.tangents.as_mut().map(|t| &mut t[vertex]));
+        transform_frame(
+            &linear,
+            g.normals.as_mut().map(|n| &mut n[vertex]),
+            g.tangents.as_mut().map(|t| &mut t[vertex]),
+        );
     }
     Ok(())
 }
@@ -242,17 +253,12 @@ fn transform_frame(linear: &DMat3, normal: Option<&mut [f32; 3]>, tangent: Optio
 }
 
 /// Moves a mesh to world space for good.
-///
-/// Returns false when a position leaves the range of 32-bit floats.
-pub(super) fn bake(mesh: &mut scene::Mesh, world: &glam::DAffine3) -> bool {
-    if *world == glam::DAffine3::IDENTITY {
-        return true;
+pub(super) fn bake(mesh: &mut scene::Mesh, world: &DAffine3) {
+    if *world == DAffine3::IDENTITY {
+        return;
     }
-    let mut finite = true;
     for p in mesh.positions.as_mut_slice() {
-        let moved = world.transform_point3(DVec3::from(p.map(f64::from))).as_vec3();
-        finite &= moved.is_finite();
-        *p = moved.to_array();
+        *p = world.transform_point3(DVec3::from(p.map(f64::from))).as_vec3().to_array();
     }
     for n in mesh.normals.iter_mut().flatten() {
         transform_frame(&world.matrix3, Some(n), None);
@@ -263,7 +269,6 @@ pub(super) fn bake(mesh: &mut scene::Mesh, world: &glam::DAffine3) -> bool {
     if world.matrix3.determinant() < 0.0 {
         mesh.indices.iter_mut().for_each(|t| t.swap(1, 2));
     }
-    finite
 }
 
 fn point(g: &Geometry, i: u32) -> DVec3 {

@@ -58,7 +58,9 @@ impl<'a> Json<'a> {
     }
 
     pub fn get(&self, key: &str) -> Result<Option<Json<'a>>> {
-        Ok(self.typed(key, "an object", |v| v.is_object().then_some(v))?.map(|value| Json { value, at: self.path(key) }))
+        Ok(self
+            .typed(key, "an object", |v| v.is_object().then_some(v))?
+            .map(|value| Json { value, at: self.path(key) }))
     }
 
     /// The elements of an array member; none when it is absent.

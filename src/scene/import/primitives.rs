@@ -6,7 +6,7 @@ use super::accessors::{Accessor, Component, Shape, View};
 use super::document::Lengths;
 use super::json::{Json, bad};
 use super::materials::Material;
-use crate::error::Result;
+use crate::error::{Error, Result};
 
 /// What an attribute means. Sets other than 0 and 1 are checked, but not read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -51,11 +51,11 @@ impl Semantic {
         let small = matches!(a.component, I8 | U8 | I16 | U16);
         let float = a.component == F32;
         match self {
-            Self::Position => a.shape == Shape::Vec3 && (float || quantized && (!morph && small || morph && (small && !unorm))),
-            Self::Normal => a.shape == Shape::Vec3 && (float || quantized && snorm),
-            Self::Tangent => {
-                a.shape == if morph { Shape::Vec3 } else { Shape::Vec4 } && (float || quantized && snorm)
+            Self::Position => {
+                a.shape == Shape::Vec3 && (float || quantized && (!morph && small || morph && (small && !unorm)))
             }
+            Self::Normal => a.shape == Shape::Vec3 && (float || quantized && snorm),
+            Self::Tangent => a.shape == if morph { Shape::Vec3 } else { Shape::Vec4 } && (float || quantized && snorm),
             Self::TexCoord(_) => a.shape == Shape::Vec2 && (float || unorm || quantized && small || morph && snorm),
             Self::Color(_) => matches!(a.shape, Shape::Vec3 | Shape::Vec4) && (float || unorm || morph && snorm),
             Self::Joints(_) => a.shape == Shape::Vec4 && !a.normalized && matches!(a.component, U8 | U16),
@@ -65,7 +65,9 @@ impl Semantic {
 
     fn formats(self) -> &'static str {
         match self {
-            Self::Position | Self::Normal => "VEC3 of FLOAT (integers need KHR_mesh_quantization in extensionsRequired)",
+            Self::Position | Self::Normal => {
+                "VEC3 of FLOAT (integers need KHR_mesh_quantization in extensionsRequired)"
+            }
             Self::Tangent => "VEC4 of FLOAT (VEC3 in morph targets; integers need KHR_mesh_quantization)",
             Self::TexCoord(_) => "VEC2 of FLOAT or normalized UNSIGNED_BYTE or UNSIGNED_SHORT",
             Self::Color(_) => "VEC3 or VEC4 of FLOAT or normalized UNSIGNED_BYTE or UNSIGNED_SHORT",
@@ -209,6 +211,16 @@ impl Primitive {
                 mapping.index("material", lengths.materials, "materials")?;
                 mapping.indices("variants", lengths.variants, "extensions.KHR_materials_variants.variants")?;
             }
+        }
+        // Draco's uncompressed fallback is optional: without it there is nothing to read, not even zeros.
+        let only_compressed = json.extension("KHR_draco_mesh_compression")?.is_some()
+            && all_accessors.iter().any(|&i| accessors[i].view.is_none());
+        if only_compressed {
+            return Err(Error::Data(format!(
+                "{}: the geometry is only there as KHR_draco_mesh_compression, which this renderer cannot decode; \
+                 export the file without",
+                json.at
+            )));
         }
         let extensions = json.extension_names()?.into_iter().map(Into::into).collect();
         Ok(Self { attributes, indices, mode, material, targets, extensions, at: json.at.clone(), all_accessors })

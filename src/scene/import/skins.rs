@@ -29,7 +29,11 @@ impl Skin {
                 return Err(json.bad("inverseBindMatrices", "MAT4 of FLOAT", a.format()));
             }
             if a.count < joints.len() as u64 {
-                return Err(json.bad("inverseBindMatrices", format!("{} matrices, one a joint", joints.len()), a.count));
+                return Err(json.bad(
+                    "inverseBindMatrices",
+                    format!("{} matrices, one a joint", joints.len()),
+                    a.count,
+                ));
             }
             if let Some(view) = a.view.filter(|&v| views[v].stride.is_some()) {
                 return Err(json.bad("inverseBindMatrices", "a bufferView without byteStride", &views[view].at));
