@@ -103,10 +103,9 @@ fn strips_and_fans_become_the_triangles_of_the_specification() {
 fn only_vertices_that_triangles_use_are_kept() {
     let mut positions = vec![9.0; 3 * 100];
     positions[3 * 40..3 * 40 + 9].copy_from_slice(&TRIANGLE);
-    let accessor = format!(
-        r#"{{"bufferView":0,"componentType":5126,"count":100,"type":"VEC3"}},
-        {{"bufferView":0,"byteOffset":1200,"componentType":5121,"count":3,"type":"SCALAR"}}"#
-    );
+    let accessor = r#"{"bufferView":0,"componentType":5126,"count":100,"type":"VEC3"},
+        {"bufferView":0,"byteOffset":1200,"componentType":5121,"count":3,"type":"SCALAR"}"#
+        .into();
     let positions = [floats(&positions), vec![40, 41, 42]].concat();
     let primitive = r#"{"attributes":{"POSITION":0},"indices":1}"#.into();
     let scene = scene(Parts { positions, accessor, primitive, ..Default::default() });
@@ -166,7 +165,7 @@ fn default_morph_weights_are_applied() {
 
 #[test]
 fn skins_stand_where_their_joints_are_whatever_the_mesh_node_says() {
-    let joints = vec![0, 0, 0, 0].repeat(3);
+    let joints = vec![0; 12];
     let weights = floats(&[1.0, 0.0, 0.0, 0.0].repeat(3));
     let mut bind = [0.0; 16];
     [0, 5, 10, 15].iter().for_each(|&i| bind[i] = 1.0);
@@ -320,7 +319,7 @@ fn generated_tangents_agree_with_those_that_exporters_wrote() {
         assert!(std::env::var("CI").as_deref() != Ok("true"), "{} is missing", folder.display());
         return println!("skipped: {} is missing", folder.display());
     }
-    for name in ["TwoSidedPlane/TwoSidedPlane.glb", "AlphaBlendModeTest/AlphaBlendModeTest.glb"] {
+    for name in ["ClearCoatTest/ClearCoatTest.glb", "AlphaBlendModeTest/AlphaBlendModeTest.glb"] {
         let bytes = std::fs::read(folder.join(name)).unwrap();
         // Renamed, the attribute is an application's own and is not read.
         let at = bytes.windows(9).position(|w| w == b"\"TANGENT\"").unwrap();
@@ -345,8 +344,8 @@ fn generated_tangents_agree_with_those_that_exporters_wrote() {
                 alike += usize::from(dot > 0.9 && ta[3] == tb[3]);
             }
         }
-        // Exporters may weld otherwise, so a few may differ; a wrong sign or axis would make all of them differ.
-        assert!(corners > 0 && alike * 100 >= corners * 95, "{name}: {alike} of {corners}");
+        // Within 25°, which rounding and welding stay far below; a wrong sign or axis makes 90° or 180°.
+        assert!(corners > 0 && alike == corners, "{name}: {alike} of {corners}");
     }
 }
 

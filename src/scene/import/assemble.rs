@@ -23,10 +23,12 @@ const LARGEST_COORDINATE: f64 = 1.8e18;
 pub(super) fn assemble(document: &Document, file_bytes: u64, report: &mut ImportReport) -> Result<Scene> {
     let mut notes = Notes::default();
     note_document(document, &mut notes);
+    let mut reader = Reader::new(document, file_bytes);
+    let textures = TextureTable::new(document, &mut reader.budget)?;
     let mut assembly = Assembly {
         document,
-        reader: Reader::new(document, file_bytes),
-        textures: TextureTable::new(document)?,
+        reader,
+        textures,
         materials: MaterialTable::default(),
         scene: Scene::default(),
         bounds: None,

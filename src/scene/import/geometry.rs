@@ -149,7 +149,7 @@ fn read_triangles(reader: &mut Reader, p: &Primitive, vertices: usize, notes: &m
     let n = list.len();
     let corner = |i: usize| list[i];
     reader.budget.take(&p.at, n as u64, 12)?;
-    if p.mode == 4 && n % 3 != 0 {
+    if p.mode == 4 && !n.is_multiple_of(3) {
         notes.repaired(&p.at, "a number of indices that is no multiple of 3: the last ones are dropped");
     }
     Ok(match p.mode {
@@ -299,10 +299,8 @@ fn compact(g: &mut Geometry) {
         return;
     }
     let keep: Vec<bool> = new_index.iter().map(|&i| i != UNUSED).collect();
-    let mut next = 0;
-    for slot in new_index.iter_mut().filter(|slot| **slot != UNUSED) {
+    for (next, slot) in (0..).zip(new_index.iter_mut().filter(|slot| **slot != UNUSED)) {
         *slot = next;
-        next += 1;
     }
     g.indices.iter_mut().flatten().for_each(|i| *i = new_index[*i as usize]);
     fn filter<T: Copy>(values: &mut Vec<T>, keep: &[bool]) {

@@ -52,7 +52,8 @@ impl Semantic {
         let float = a.component == F32;
         match self {
             Self::Position => {
-                a.shape == Shape::Vec3 && (float || quantized && (!morph && small || morph && (small && !unorm)))
+                let integer = if morph { matches!(a.component, I8 | I16) } else { small };
+                a.shape == Shape::Vec3 && (float || quantized && integer)
             }
             Self::Normal => a.shape == Shape::Vec3 && (float || quantized && snorm),
             Self::Tangent => a.shape == if morph { Shape::Vec3 } else { Shape::Vec4 } && (float || quantized && snorm),
@@ -202,9 +203,10 @@ impl Primitive {
             all_accessors.push(index);
         }
         let material = json.index("material", lengths.materials, "materials")?;
-        let no_tangents = !attributes.contains_key(&Semantic::Tangent);
+        // From normals, tangents could be made; without both there is no tangent space at all.
+        let no_tangents = !attributes.contains_key(&Semantic::Tangent) && !attributes.contains_key(&Semantic::Normal);
         if let Some(at) = material.and_then(|m| materials[m].needs_tangents.as_ref()).filter(|_| no_tangents) {
-            return Err(json.bad("attributes", format!("TANGENT, which {at} needs"), "none"));
+            return Err(json.bad("attributes", format!("NORMAL or TANGENT, which {at} needs"), "none"));
         }
         if let Some(variants) = json.extension("KHR_materials_variants")? {
             for mapping in variants.items("mappings")? {
