@@ -7,9 +7,11 @@
 pub mod balance;
 pub mod bsdf;
 pub mod cli;
+pub mod color;
 pub mod error;
 pub mod film;
 pub mod integrator;
+pub mod lanes;
 pub mod light;
 pub mod rays;
 pub mod render;

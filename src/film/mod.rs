@@ -1,5 +1,15 @@
 //! Per-pixel statistics and what becomes of them: EXR, PNG, comparison.
 
+pub mod aov;
+pub mod atomic;
+pub mod compare;
+pub mod exr_file;
+pub mod preview;
+pub mod view;
+
+pub use aov::Aov;
+pub use view::View;
+
 /// What one pixel has collected. Every sample belongs to one pixel.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct PixelStats {

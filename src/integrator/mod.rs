@@ -1,1 +1,47 @@
-//! integrator
+//! Light transport along a batch of paths, in stages: trace, shade, trace shadows, again.
+
+pub mod camera;
+pub mod geometry;
+pub mod materials;
+pub mod stages;
+pub mod vertices;
+pub mod wave;
+
+pub use camera::CameraRays;
+pub use geometry::Geometry;
+pub use materials::Materials;
+pub use wave::{PixelPlan, PixelSum, Wave, WaveCounts};
+
+use crate::balance::Heuristic;
+use crate::light::Lights;
+use crate::rays::RayQueries;
+use crate::sampling::FilterSampler;
+use crate::scene::Scene;
+
+/// Everything that paths need and no path changes.
+pub struct Transport<'a> {
+    /// What is there.
+    pub scene: &'a Scene,
+    /// What rays hit.
+    pub rays: &'a dyn RayQueries,
+    /// Instances' transforms, prepared for shading.
+    pub geometry: Geometry,
+    /// Materials, prepared for shading.
+    pub materials: Materials,
+    /// What shines.
+    pub lights: Lights,
+    /// Where camera rays begin.
+    pub camera: CameraRays,
+    /// Where in the pixel.
+    pub filter: FilterSampler,
+    /// How the techniques are weighed.
+    pub heuristic: Heuristic,
+    /// Most segments of a path.
+    pub max_depth: u32,
+    /// Seed of every random choice.
+    pub seed: u32,
+    /// Collect balance moments?
+    pub learns: bool,
+    /// Collect AOV sums?
+    pub aovs: bool,
+}

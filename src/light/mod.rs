@@ -1,1 +1,124 @@
-//! light
+//! Where light comes from: the environment, emissive triangles, punctual lights; and which one to sample.
+
+pub mod area;
+pub mod environment;
+pub mod punctual;
+
+use glam::Vec3;
+use wide::{CmpLt, Select};
+
+use crate::lanes::{F, LANES, V3};
+use crate::scene::Scene;
+pub use area::{AreaLights, EmissiveTriangle};
+pub use environment::EnvironmentSampler;
+pub use punctual::PunctualSample;
+
+/// Directions toward lights that have extent: what MIS weighs against BSDF sampling.
+#[derive(Debug, Clone, Copy)]
+pub struct LightSamples {
+    /// Unit, toward the light.
+    pub wi: V3,
+    /// To the light; infinite for the environment.
+    pub distance: F,
+    /// Radiance along `wi` if nothing is in the way.
+    pub radiance: V3,
+    /// Per solid angle, over all lights with extent; 0 where a light's back is seen (such a sample counts, with value
+    /// zero).
+    pub pdf: F,
+}
+
+/// All the lights of a scene. Lights with extent are one technique, chosen between by power; punctual lights are
+/// another, which BSDF sampling can never find.
+#[derive(Debug)]
+pub struct Lights {
+    /// The environment, if it shines.
+    pub environment: Option<EnvironmentSampler>,
+    /// Emissive triangles, if any.
+    pub area: Option<AreaLights>,
+    /// Are there lights without size?
+    pub punctual: bool,
+    /// Chance of choosing the environment when there are both.
+    environment_share: f32,
+}
+
+impl Lights {
+    /// Gathers a scene's lights. `radius` is the scene's bounding radius in metres: it turns the environment's
+    /// radiance into a power that can be compared with the lamps'.
+    pub fn new(scene: &Scene, radius: f32) -> Self {
+        let environment = scene.environment.as_ref().and_then(EnvironmentSampler::new);
+        let area = AreaLights::new(scene);
+        let environment_share = match (&environment, &area) {
+            (Some(environment), Some(area)) => {
+                // Power through the scene's bounding disk against emitted power; neither is ever left out.
+                let sky = environment.mean_luminance() * std::f32::consts::PI * radius * radius;
+                let lamps = area.power();
+                (sky / (sky + lamps)).clamp(0.1, 0.9)
+            }
+            (Some(_), None) => 1.0,
+            _ => 0.0,
+        };
+        Self { environment, area, punctual: !scene.lights.is_empty(), environment_share }
+    }
+
+    /// Is there a light with extent?
+    pub fn has_extent(&self) -> bool {
+        self.environment.is_some() || self.area.is_some()
+    }
+
+    /// Draws directions toward lights as seen from `p`: `choice` picks the light, (`u`, `v`) the point on it, all in
+    /// [0, 1).
+    #[inline]
+    pub fn sample(
+        &self,
+        scene: &Scene,
+        p: V3,
+        mut choice: [f32; LANES],
+        u: [f32; LANES],
+        v: [f32; LANES],
+    ) -> LightSamples {
+        let q = self.environment_share;
+        match (&self.environment, &self.area) {
+            (Some(environment), None) => environment.sample(u, v),
+            (None, Some(area)) => area.sample(scene, p, choice, u, v),
+            (Some(environment), Some(area)) => {
+                let sky = F::from(choice).simd_lt(F::splat(q));
+                for c in &mut choice {
+                    *c = ((*c - q) / (1.0 - q)).clamp(0.0, crate::sampling::warp::ONE_MINUS);
+                }
+                let mut a = environment.sample(u, v);
+                let mut b = area.sample(scene, p, choice, u, v);
+                a.pdf *= F::splat(q);
+                b.pdf *= F::splat(1.0 - q);
+                LightSamples {
+                    wi: V3::select(sky, a.wi, b.wi),
+                    distance: sky.select(a.distance, b.distance),
+                    radiance: V3::select(sky, a.radiance, b.radiance),
+                    pdf: sky.select(a.pdf, b.pdf),
+                }
+            }
+            (None, None) => {
+                LightSamples { wi: V3::splat(Vec3::Z), distance: F::ONE, radiance: V3::splat(Vec3::ZERO), pdf: F::ZERO }
+            }
+        }
+    }
+
+    /// Radiance of the environment from `wi`, and the density per solid angle with which [`sample`](Self::sample) draws
+    /// those directions from it.
+    #[inline]
+    pub fn environment(&self, wi: V3) -> (V3, F) {
+        match &self.environment {
+            Some(environment) => {
+                let (radiance, pdf) = environment.radiance_pdf(wi);
+                (radiance, pdf * F::splat(self.environment_share))
+            }
+            None => (V3::splat(Vec3::ZERO), F::ZERO),
+        }
+    }
+
+    /// Density per solid angle with which [`sample`](Self::sample), at a point that sees triangle `prim` of `mesh` in
+    /// `instance` at `distance` along `wi`, draws that direction. Zero when that triangle is not a light.
+    #[inline]
+    pub fn area_pdf(&self, instance: u32, mesh: u32, prim: u32, wi: Vec3, distance: f32) -> f32 {
+        self.area.as_ref().map_or(0.0, |a| a.pdf(instance, mesh, prim, wi, distance) * (1.0 - self.environment_share))
+    }
+}

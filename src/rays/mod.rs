@@ -1,8 +1,38 @@
 //! Ray queries over batches, behind one small trait with two implementations: Debian's Embree 4 ([`embree`]) and
 //! obvhs ([`cwbvh`]).
 
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use crate::Result;
+use crate::scene::Scene;
+
+mod check;
 pub mod cwbvh;
 pub mod embree;
+
+/// Which library answers ray queries.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Backend {
+    /// Embree 4, as the system has it.
+    #[default]
+    Embree,
+    /// obvhs, in pure Rust.
+    Obvhs,
+}
+
+/// Builds a scene into ray queries, with all threads.
+///
+/// # Errors
+/// See [`embree::EmbreeRays::build`] and [`cwbvh::ObvhsRays::build`].
+pub fn build(backend: Backend, scene: Arc<Scene>) -> Result<Box<dyn RayQueries>> {
+    Ok(match backend {
+        Backend::Embree => Box::new(embree::EmbreeRays::build(scene, &embree::EmbreeOptions::default())?),
+        Backend::Obvhs => Box::new(cwbvh::ObvhsRays::build(scene)?),
+    })
+}
 
 /// No hit, in [`HitBatch`]'s index columns.
 pub const MISS: u32 = u32::MAX;
@@ -94,7 +124,14 @@ impl RayBatch {
         self.key.clear();
     }
 
+    /// The direction of a ray.
+    #[inline]
+    pub fn direction(&self, i: usize) -> glam::Vec3 {
+        glam::Vec3::new(self.direction[0][i], self.direction[1][i], self.direction[2][i])
+    }
+
     /// Adds a ray.
+    #[inline]
     pub fn push(&mut self, origin: glam::Vec3, direction: glam::Vec3, tnear: f32, tfar: f32, key: u32) {
         for (axis, column) in self.origin.iter_mut().enumerate() {
             column.push(origin[axis]);
@@ -105,5 +142,27 @@ impl RayBatch {
         self.tnear.push(tnear);
         self.tfar.push(tfar);
         self.key.push(key);
+    }
+}
+
+impl HitBatch {
+    /// Number of hits and misses.
+    pub fn len(&self) -> usize {
+        self.t.len()
+    }
+
+    /// Has it neither hits nor misses?
+    pub fn is_empty(&self) -> bool {
+        self.t.is_empty()
+    }
+
+    /// Makes every column `len` long; the old entries stay.
+    pub(crate) fn resize(&mut self, len: usize) {
+        for column in [&mut self.t, &mut self.u, &mut self.v] {
+            column.resize(len, 0.0);
+        }
+        for column in [&mut self.instance, &mut self.mesh, &mut self.prim] {
+            column.resize(len, MISS);
+        }
     }
 }

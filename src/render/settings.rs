@@ -2,6 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+pub use crate::balance::Balance;
+pub use crate::sampling::PixelFilter;
+
 /// Which light transport.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
@@ -10,34 +13,6 @@ pub enum Integrator {
     Path,
     /// Emission and direct light.
     Direct,
-}
-
-/// How light and BSDF sampling share the work at a camera path's first surface.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
-#[serde(rename_all = "kebab-case")]
-pub enum Balance {
-    /// Multi-pass, safeguarded second-order balance for each pixel (the default).
-    Progressive,
-    /// Lu, Pacanowski and Granier 2013 to the letter: a pilot of half the samples, then one balance for each pixel.
-    SecondOrder,
-    /// Balance heuristic, one sample of each.
-    Half,
-    /// Power heuristic (exponent 2), one sample of each.
-    Power,
-    /// Maximum heuristic, one sample of each.
-    Max,
-}
-
-/// Pixel reconstruction filter, by importance sampling.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
-#[serde(rename_all = "kebab-case")]
-pub enum PixelFilter {
-    /// Gaussian of standard deviation 0.5 pixels, cut at 1.5.
-    Gaussian,
-    /// One pixel's square.
-    Box,
-    /// Blackman-Harris of radius 1.5 pixels.
-    BlackmanHarris,
 }
 
 /// Everything that the picture's bits depend on besides the scene and the backend, and when to stop.

@@ -19,6 +19,11 @@ impl Positions {
         Self { padded: vertices }
     }
 
+    /// The vertices and the unused one that follows them.
+    pub fn padded(&self) -> &[[f32; 3]] {
+        &self.padded
+    }
+
     /// The vertices, for changes in place.
     pub fn as_mut_slice(&mut self) -> &mut [[f32; 3]] {
         let n = self.padded.len().saturating_sub(1);

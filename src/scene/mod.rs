@@ -1,6 +1,8 @@
 //! Plain scene data: what an importer fills and everything downstream reads. It knows nothing of rays or files
 //! (only [`import`] does).
 
+use glam::Vec3;
+
 pub mod alpha;
 pub mod camera;
 pub mod environment;
@@ -38,4 +40,39 @@ pub struct Scene {
     pub cameras: Vec<Camera>,
     /// Light from infinity.
     pub environment: Option<Environment>,
+}
+
+impl Scene {
+    /// Radius in metres of a sphere around everything, 0 for an empty scene.
+    pub fn radius(&self) -> f32 {
+        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for mesh_box in self.boxes() {
+            low = low.min(mesh_box.0);
+            high = high.max(mesh_box.1);
+        }
+        if low.x > high.x { 0.0 } else { 0.5 * (high - low).length() }
+    }
+
+    /// World-space corners (lowest, highest) of a box around each placed mesh.
+    fn boxes(&self) -> impl Iterator<Item = (Vec3, Vec3)> {
+        let own: Vec<(Vec3, Vec3)> = self
+            .meshes
+            .iter()
+            .map(|mesh| {
+                let points = mesh.positions.iter().map(|&p| Vec3::from_array(p));
+                points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)))
+            })
+            .collect();
+        self.instances.iter().flat_map(move |instance| {
+            let own: Vec<_> = self.objects[instance.object as usize].meshes.clone().map(|m| own[m as usize]).collect();
+            own.into_iter().filter(|(l, h)| l.x <= h.x).map(|(l, h)| match instance.transform {
+                None => (l, h),
+                Some(t) => (0..8).fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), corner| {
+                    let pick = |axis: usize| if corner >> axis & 1 == 0 { l[axis] } else { h[axis] };
+                    let p = t.transform_point3(Vec3::new(pick(0), pick(1), pick(2)));
+                    (low.min(p), high.max(p))
+                }),
+            })
+        })
+    }
 }

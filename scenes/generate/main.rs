@@ -1,0 +1,38 @@
+//! Writes the scenes of this folder: `cargo run --release --example make_scenes [FOLDER]`.
+//!
+//! The committed files are byte for byte what this program writes; `tests/scenes.rs` holds it to that.
+
+mod cornell;
+mod field;
+mod glb;
+mod glossy_sun;
+mod many_lights;
+mod mesh;
+mod pictures;
+mod random;
+mod showpiece;
+mod veach;
+
+use std::error::Error;
+use std::path::PathBuf;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let here = || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/scenes"));
+    let folder = std::env::args_os().nth(1).map_or_else(here, PathBuf::from);
+    std::fs::create_dir_all(&folder)?;
+    let files = [
+        ("cornell.glb", cornell::scene().finish()),
+        ("veach.glb", veach::scene().finish()),
+        ("glossy-sun.glb", glossy_sun::scene().finish()),
+        ("glossy-sun.hdr", glossy_sun::sky()?),
+        ("many-lights.glb", many_lights::scene().finish()),
+        ("field.glb", field::scene().finish()),
+        ("field.hdr", field::sky()?),
+        ("showpiece.glb", showpiece::scene()?.finish()),
+    ];
+    for (name, bytes) in files {
+        std::fs::write(folder.join(name), &bytes)?;
+        println!("{name}: {} KiB", bytes.len().div_ceil(1024));
+    }
+    Ok(())
+}

@@ -1,0 +1,104 @@
+//! The methods of `--balance`: which weights, which passes, which share next.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Heuristic, Moments};
+
+/// How light and BSDF sampling share the work at a camera path's first surface.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Balance {
+    /// Multi-pass, safeguarded second-order balance for each pixel (the default).
+    Progressive,
+    /// Lu, Pacanowski and Granier 2013 to the letter: a pilot of half the samples, then one balance for each pixel.
+    SecondOrder,
+    /// Balance heuristic, one sample of each.
+    Half,
+    /// Power heuristic (exponent 2), one sample of each.
+    Power,
+    /// Maximum heuristic, one sample of each.
+    Max,
+}
+
+/// Pseudo-observations of `progressive`'s ridge: 1 is best on average, 2 safer, by the synthetic prototype.
+const RIDGE: f64 = 1.0;
+/// Paths a pixel in the first two passes; each later pass doubles what there is.
+const FIRST_PASS: u32 = 8;
+/// No pass is longer: a stop or a checkpoint waits for the pass's tile at most.
+const LONGEST_PASS: u32 = 128;
+
+impl Balance {
+    /// Weights between the techniques.
+    pub fn heuristic(self) -> Heuristic {
+        match self {
+            Balance::Progressive | Balance::SecondOrder | Balance::Half => Heuristic::Balance,
+            Balance::Power => Heuristic::Power,
+            Balance::Max => Heuristic::Max,
+        }
+    }
+
+    /// Does it learn from samples?
+    pub fn learns(self) -> bool {
+        matches!(self, Balance::Progressive | Balance::SecondOrder)
+    }
+
+    /// Paths a pixel of the pass that begins after `done` paths, of `goal` in all (`None`: until some other rule
+    /// stops), or `None` when the goal is reached. `second-order` needs a goal: its pilot is half of it. The others'
+    /// passes are 8, 8, 16, 32, 64, 128, 128, … whatever the goal, so that a render can go on to a higher one.
+    pub fn next_pass(self, done: u32, goal: Option<u32>) -> Option<u32> {
+        let left = goal.map_or(u32::MAX, |g| g.saturating_sub(done));
+        if left == 0 {
+            return None;
+        }
+        let size = match (self, goal) {
+            (Balance::SecondOrder, Some(goal)) if done == 0 => goal.div_ceil(2),
+            (Balance::SecondOrder, Some(_)) => left,
+            _ => done.clamp(FIRST_PASS, LONGEST_PASS),
+        };
+        Some(size.min(left))
+    }
+
+    /// The share of light samples α for a pixel's next pass, in [0, 1], from what it has seen.
+    pub fn share(self, seen: &Moments) -> f32 {
+        match self {
+            Balance::Progressive => seen.second_order_ridge(RIDGE),
+            Balance::SecondOrder => seen.second_order(),
+            Balance::Half | Balance::Power | Balance::Max => 0.5,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn passes(balance: Balance, goal: u32) -> Vec<u32> {
+        let mut done = 0;
+        std::iter::from_fn(|| {
+            let n = balance.next_pass(done, Some(goal))?;
+            done += n;
+            Some(n)
+        })
+        .collect()
+    }
+
+    #[test]
+    fn passes_double_and_end_at_the_goal() {
+        assert_eq!(passes(Balance::Progressive, 300), [8, 8, 16, 32, 64, 128, 44]);
+        assert_eq!(passes(Balance::Half, 5), [5]);
+        assert!(passes(Balance::Half, 0).is_empty());
+    }
+
+    #[test]
+    fn a_higher_goal_begins_with_the_same_passes() {
+        let (low, high) = (passes(Balance::Progressive, 128), passes(Balance::Progressive, 4096));
+        assert_eq!(low[..], high[..low.len()]);
+    }
+
+    #[test]
+    fn second_order_has_a_pilot_of_half_the_samples() {
+        assert_eq!(passes(Balance::SecondOrder, 64), [32, 32]);
+        assert_eq!(passes(Balance::SecondOrder, 5), [3, 2]);
+        assert_eq!(passes(Balance::SecondOrder, 1), [1]);
+    }
+}

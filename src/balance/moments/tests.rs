@@ -1,0 +1,165 @@
+//! Closed-form oracles. Domain [0, 1], p_l = 2x, p_b = 2(1 − x), so S = 2, r = 2x − 1, Y = f, unless a test says
+//! otherwise.
+
+use super::*;
+use proptest::prelude::*;
+
+/// Moments of f by the midpoint rule (error below 1e-9 for the smooth f used here).
+fn moments(f: impl Fn(f64) -> f64) -> Moments {
+    let n = 100_000;
+    let mut m = Moments::default();
+    for i in 0..n {
+        let x = (f64::from(i) + 0.5) / f64::from(n);
+        let r = 2.0 * x - 1.0;
+        let w = f(x).powi(2) / f64::from(n);
+        m.s0 += w;
+        m.s1 += w * r;
+        m.s2 += w * r * r;
+    }
+    m
+}
+
+/// Atoms (mass of Y², r), exact.
+fn atoms(list: &[(f64, f64)]) -> Moments {
+    let mut m = Moments::default();
+    for &(w, r) in list {
+        m.s0 += w;
+        m.s1 += w * r;
+        m.s2 += w * r * r;
+    }
+    m
+}
+
+/// M(α) of atoms.
+fn second_moment(list: &[(f64, f64)], alpha: f64) -> f64 {
+    let t = 2.0 * alpha - 1.0;
+    list.iter().map(|(w, r)| w / (1.0 + t * r)).sum()
+}
+
+fn t_of(alpha: f32) -> f64 {
+    2.0 * f64::from(alpha) - 1.0
+}
+
+/// α is an f32.
+const F32: f64 = 2.0 * f32::EPSILON as f64;
+
+#[test]
+fn blend_of_the_pdfs_gives_the_taylor_value() {
+    // f = a p_l + b p_b: t = ρ/(1 + 0.6ρ²) with ρ = (a − b)/(a + b).
+    for (a, b, t) in [(3.0, 1.0, 0.434_782_608_7), (1.0, 9.0, -0.578_034_682_1)] {
+        let m = moments(|x| a * 2.0 * x + b * 2.0 * (1.0 - x));
+        assert!((t_of(m.second_order()) - t).abs() < 1e-6, "{}", t_of(m.second_order()));
+    }
+}
+
+#[test]
+fn constant_integrand_stays_at_half() {
+    let m = moments(|_| 1.0);
+    for alpha in [m.second_order(), m.second_order_ridge(1.0), m.minimax_ridge(0.0)] {
+        assert!((alpha - 0.5).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn x_squared_gives_nine_elevenths_and_minimax_seventeen_twentieths() {
+    let m = moments(|x| x * x);
+    assert!((m.s0 - 0.2).abs() < 1e-8 && (m.s1 - 2.0 / 15.0).abs() < 1e-8 && (m.s2 - 11.0 / 105.0).abs() < 1e-8);
+    assert!((m.second_order() - 9.0 / 11.0).abs() < 1e-6);
+    assert!((m.minimax_ridge(0.0) - 17.0 / 20.0).abs() < 1e-6);
+}
+
+#[test]
+fn disjoint_supports_are_exact_for_minimax_and_known_for_taylor() {
+    for (a, b) in [(0.9f64, 0.1f64), (0.2, 0.8), (0.5, 0.5)] {
+        let m = atoms(&[(a, 1.0), (b, -1.0)]);
+        assert!((f64::from(m.minimax_ridge(0.0)) - a.sqrt() / (a.sqrt() + b.sqrt())).abs() < F32);
+        assert!((f64::from(m.second_order()) - (0.5 + (a - b) / (4.0 * (a + b)))).abs() < F32);
+    }
+}
+
+#[test]
+fn equal_pdfs_stay_at_half() {
+    let m = atoms(&[(1.0, 0.0)]);
+    assert_eq!(m.second_order(), 0.5);
+    assert_eq!(m.second_order_ridge(1.0), 0.5);
+    assert_eq!(m.minimax_ridge(0.0), 0.5);
+}
+
+#[test]
+fn truncated_odd_order_case_has_its_taylor_value() {
+    let m = atoms(&[(0.1, -1.0), (0.9, 0.9)]);
+    assert!((t_of(m.second_order()) - 0.428_2).abs() < 5e-5, "{}", t_of(m.second_order()));
+    assert!((t_of(m.minimax_ridge(0.0)) - 0.492_8).abs() < 5e-5, "{}", t_of(m.minimax_ridge(0.0)));
+}
+
+#[test]
+fn newton_overshoot_is_clamped_and_does_not_raise_the_second_moment() {
+    // F1: f supported where r = 0.1; raw t = 5.
+    let list = [(1.0, 0.1)];
+    let alpha = atoms(&list).second_order();
+    assert_eq!(alpha, 1.0);
+    assert!(second_moment(&list, f64::from(alpha)) <= second_moment(&list, 0.5));
+}
+
+#[test]
+fn nothing_seen_stays_at_half() {
+    let m = Moments::default();
+    assert_eq!((m.second_order(), m.second_order_ridge(1.0), m.minimax_ridge(1.0)), (0.5, 0.5, 0.5));
+}
+
+#[test]
+fn one_firefly_is_held_in_by_the_ridge() {
+    // F4: one sample has 99 % of the weight, so N_eff ≈ 1.
+    let mut m = Moments::default();
+    for _ in 0..99 {
+        m.add(1.0, -0.2);
+    }
+    m.add(9801.0, 1.0);
+    for kappa in [1.0, 2.0] {
+        let bound = 1.0 / (2.0 * (1.0 + kappa));
+        assert!(t_of(m.second_order_ridge(kappa)) <= bound + 0.02, "{}", t_of(m.second_order_ridge(kappa)));
+    }
+}
+
+#[test]
+fn bad_samples_are_dropped_and_large_ones_do_not_overflow() {
+    // F16 and F17.
+    let mut m = Moments::default();
+    for (w, r) in [(f64::NAN, 0.0), (-1.0, 0.5), (f64::INFINITY, 0.5), (1.0, f64::NAN)] {
+        m.add(w, r);
+    }
+    assert_eq!(m, Moments::default());
+    m.add(1e80, 0.5);
+    m.add(1e80, 0.5);
+    for alpha in [m.second_order(), m.second_order_ridge(1.0), m.minimax_ridge(1.0)] {
+        assert!(alpha > 0.5 && alpha <= 1.0, "{alpha}");
+    }
+}
+
+#[test]
+fn half_pilot_can_not_get_below_half() {
+    assert_eq!(pilot_then_rest(32.0, 64.0, 0.0), 0.5);
+    assert_eq!(pilot_then_rest(16.0, 64.0, 0.4), 0.25 + 0.75 * 0.4);
+}
+
+/// Random measures of up to eight atoms.
+fn measures() -> impl Strategy<Value = Vec<(f64, f64)>> {
+    prop::collection::vec((1e-6f64..1.0, -1.0f64..=1.0), 1..8)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(20_000))]
+
+    #[test]
+    fn minimax_never_raises_the_second_moment(list in measures()) {
+        let alpha = f64::from(atoms(&list).minimax_ridge(0.0));
+        let (at_half, found) = (second_moment(&list, 0.5), second_moment(&list, alpha));
+        prop_assert!(found <= at_half * (1.0 + 1e-6), "{alpha}: {found} > {at_half}");
+    }
+
+    #[test]
+    fn any_share_is_bounded_by_its_distance_from_the_ends(list in measures(), alpha in 0.01f64..0.99) {
+        let bound = second_moment(&list, 0.5) / (2.0 * alpha.min(1.0 - alpha));
+        prop_assert!(second_moment(&list, alpha) <= bound * (1.0 + 1e-12));
+    }
+}

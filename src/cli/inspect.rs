@@ -1,0 +1,177 @@
+//! `bismar inspect SCENE`
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::{Verdict, print, print_json};
+use crate::Result;
+use crate::scene::import::{self, ImportOptions, Note, Summary};
+
+/// Say what a scene holds, and what of it is used, approximated and left out.
+#[derive(Debug, Args)]
+pub struct InspectArgs {
+    /// The scene, .gltf or .glb.
+    scene: PathBuf,
+    /// Print JSON, with everything that the text shortens.
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &InspectArgs) -> Result<Verdict> {
+    let summary = import::summary(&import::import(&args.scene, &ImportOptions::default())?);
+    if args.json {
+        print_json(&summary)?
+    } else {
+        print(text(&summary).trim_end())?
+    }
+    Ok(Verdict::Done)
+}
+
+/// Rows shown of a list; the heaviest first where the order says nothing.
+const SHOWN: usize = 12;
+
+fn text(s: &Summary) -> String {
+    let mut out = s.file.clone();
+    if let Some(generator) = &s.generator {
+        let _ = write!(out, "  (by {generator})");
+    }
+    let c = &s.counts;
+    let _ = writeln!(out, "\n{} on disk, read in {:.2} s\n", bytes(s.file_bytes), s.read_seconds);
+    let placed = if c.instanced_triangles == c.triangles {
+        String::new()
+    } else {
+        format!(", {} as placed", c.instanced_triangles)
+    };
+    let sizes = [
+        ("triangles", format!("{}{placed}", c.triangles)),
+        ("meshes", format!("{} in {} objects, placed {} times", c.meshes, c.objects, c.instances)),
+        ("memory", format!("{} geometry, {} images", bytes(c.geometry_bytes), bytes(c.image_bytes))),
+    ];
+    out += &table(sizes.into_iter().map(|(name, value)| vec![name.to_owned(), value]).collect(), "");
+
+    let cameras = s.cameras.iter().map(|c| {
+        let vertical = match c.projection {
+            "perspective" => format!("{:.1} degrees high", c.vertical),
+            _ => format!("{} m to the top", number(c.vertical)),
+        };
+        let aspect = c.aspect.map(|a| format!("aspect {a:.3}")).unwrap_or_default();
+        vec![
+            c.index.to_string(),
+            c.name.clone(),
+            c.projection.into(),
+            vertical,
+            aspect,
+            format!("at {}", vector(&c.position)),
+        ]
+    });
+    section(&mut out, "cameras", cameras.collect());
+
+    let mut lights: Vec<_> = s
+        .lights
+        .iter()
+        .map(|l| {
+            let unit = if l.kind == "directional" { "lx" } else { "cd" };
+            vec![l.name.clone(), l.kind.to_owned(), format!("{} {unit}", vector(&l.intensity))]
+        })
+        .collect();
+    let emissive = s.materials.iter().filter(|m| m.features.contains(&"emissive"));
+    lights.extend(emissive.map(|m| vec![m.name.clone(), "emissive".into(), format!("{} triangles", m.triangles)]));
+    if lights.is_empty() {
+        lights.push(vec!["none: without --env a plain white sky lights it".into()]);
+    }
+    section(&mut out, "lights", lights);
+
+    let mut materials = s.materials.iter().collect::<Vec<_>>();
+    materials.sort_by_key(|m| std::cmp::Reverse(m.triangles));
+    let materials =
+        materials.iter().map(|m| vec![m.name.clone(), format!("{} triangles", m.triangles), m.features.join(", ")]);
+    section(&mut out, "materials", materials.collect());
+
+    let mut images = s.images.iter().collect::<Vec<_>>();
+    images.sort_by_key(|i| std::cmp::Reverse(i.bytes));
+    let images = images.iter().map(|i| vec![i.name.clone(), format!("{} x {}", i.width, i.height), bytes(i.bytes)]);
+    section(&mut out, "images", images.collect());
+
+    let extensions = [
+        ("as they ask", &s.extensions_used),
+        ("approximated", &s.extensions_approximated),
+        ("left out", &s.extensions_ignored),
+    ];
+    let rows = extensions.into_iter().filter(|(_, names)| !names.is_empty());
+    section(&mut out, "extensions", rows.map(|(how, names)| vec![how.to_owned(), names.join(", ")]).collect());
+    section(&mut out, "approximated", notes(&s.approximated));
+    section(&mut out, "left out, though the picture would differ", notes(&s.ignored));
+    section(&mut out, "not loaded, as the picture does not need it", notes(&s.not_loaded));
+    section(&mut out, "remarks", notes(&s.remarks));
+    out
+}
+
+fn notes(notes: &[Note]) -> Vec<Vec<String>> {
+    let row = |n: &Note| {
+        let more = if n.count > 1 { format!(" and {} more", n.count - 1) } else { String::new() };
+        vec![format!("{}  [{}{more}]", n.text, n.at)]
+    };
+    notes.iter().map(row).collect()
+}
+
+fn section(out: &mut String, title: &str, mut rows: Vec<Vec<String>>) {
+    if rows.is_empty() {
+        return;
+    }
+    let _ = writeln!(out, "\n{title}");
+    let more = rows.len().saturating_sub(SHOWN);
+    rows.truncate(SHOWN);
+    *out += &table(rows, "  ");
+    if more > 0 {
+        let _ = writeln!(out, "  and {more} more: --json lists all");
+    }
+}
+
+/// Columns as wide as their widest cell, counted in characters. Names come from files: what would move a terminal's
+/// cursor is shown as `?`.
+fn table(mut rows: Vec<Vec<String>>, indent: &str) -> String {
+    for cell in rows.iter_mut().flatten() {
+        *cell = cell.replace(char::is_control, "?");
+    }
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let width = |c: usize| rows.iter().filter_map(|r| r.get(c)).map(|x| x.chars().count()).max().unwrap_or(0);
+    let widths = (0..columns).map(width).collect::<Vec<_>>();
+    let line = |row: &Vec<String>| {
+        let cells = row.iter().zip(&widths).map(|(cell, &width)| format!("{cell:<width$}")).collect::<Vec<_>>();
+        format!("{}\n", format!("{indent}{}", cells.join("  ")).trim_end())
+    };
+    rows.iter().map(line).collect()
+}
+
+fn vector(v: &[f32; 3]) -> String {
+    format!("({})", v.map(number).join(", "))
+}
+
+/// Four digits, without the zeros at their end.
+fn number(x: f32) -> String {
+    let text = if x != 0.0 && !(1e-3..1e6).contains(&x.abs()) { return format!("{x:.2e}") } else { format!("{x:.3}") };
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+fn bytes(n: u64) -> String {
+    match n {
+        0..1024 => format!("{n} B"),
+        1024..1_048_576 => format!("{:.1} KiB", n as f64 / 1024.0),
+        _ => format!("{:.1} MiB", n as f64 / 1_048_576.0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_are_aligned_by_characters_and_numbers_are_short() {
+        let rows = vec![vec!["ä".to_owned(), "1".into()], vec!["a\u{1b}c".into(), "22".into()]];
+        assert_eq!(table(rows, " "), " ä    1\n a?c  22\n");
+        assert_eq!([0.0, -1.5, 2.0, 0.1234, 1e-5].map(number), ["0", "-1.5", "2", "0.123", "1.00e-5"]);
+        assert_eq!([10, 2048, 3 << 20].map(bytes), ["10 B", "2.0 KiB", "3.0 MiB"]);
+    }
+}

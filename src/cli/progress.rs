@@ -1,0 +1,169 @@
+//! How far a render is, for people on a terminal and for the programs that start renders.
+
+use std::io::{self, IsTerminal, Write};
+use std::sync::Mutex;
+use std::time::Duration;
+
+use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
+use serde_json::json;
+
+use super::say;
+use crate::render::Progress;
+
+/// Where progress goes and how it looks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Style {
+    /// A bar if stderr is a terminal, else plain.
+    Auto,
+    /// A bar on stderr, with ETA, noise and Mrays/s.
+    Bar,
+    /// `PROGRESS: 42%` on stderr, at most once a second.
+    Plain,
+    /// One JSON object a line on stdout, at most once a second.
+    Json,
+    /// `openjd_progress: 42` on stdout, at most once a second.
+    Openjd,
+    /// Nothing.
+    None,
+}
+
+/// Takes progress from any thread.
+pub struct Reporter {
+    style: Style,
+    bar: ProgressBar,
+    last: Mutex<Last>,
+}
+
+#[derive(Default)]
+struct Last {
+    progress: Option<Progress>,
+    /// Seconds since rendering began when a line was last printed.
+    printed: Option<f64>,
+    /// Never falls, whatever the estimates do.
+    percent: u32,
+}
+
+impl Reporter {
+    /// A reporter; `auto` is silent when `quiet`.
+    pub fn new(style: Style, quiet: bool) -> Self {
+        let style = match style {
+            Style::Auto if quiet => Style::None,
+            Style::Auto if io::stderr().is_terminal() => Style::Bar,
+            Style::Auto => Style::Plain,
+            chosen => chosen,
+        };
+        // indicatif draws on stderr, and only if that is a terminal.
+        let bar = if style == Style::Bar { ProgressBar::new(100) } else { ProgressBar::hidden() };
+        if let Ok(template) = ProgressStyle::with_template("{bar:32} {percent:>3}%  {msg}") {
+            bar.set_style(template);
+        }
+        Self { style, bar, last: Mutex::default() }
+    }
+
+    /// To be called often; cheap, and skipped while another thread prints.
+    pub fn update(&self, progress: Progress) {
+        let Ok(mut last) = self.last.try_lock() else { return };
+        let (percent, due) = last.take(progress);
+        match self.style {
+            Style::None | Style::Auto => {}
+            Style::Bar => {
+                self.bar.set_position(percent.into());
+                self.bar.set_message(message(&progress));
+            }
+            _ if due => self.line(&progress, percent),
+            _ => {}
+        }
+    }
+
+    /// Ends it; a complete render's last line is always the one of 100 %.
+    pub fn finish(&self, complete: bool) {
+        self.bar.finish_and_clear();
+        let Ok(last) = self.last.lock() else { return };
+        if let (true, Some(progress)) = (complete, last.progress) {
+            self.line(&Progress { fraction: 1.0, ..progress }, 100);
+        }
+    }
+
+    fn line(&self, progress: &Progress, percent: u32) {
+        match self.style {
+            Style::Plain => say(format_args!("PROGRESS: {percent}%")),
+            Style::Json => out(&json_line(progress)),
+            Style::Openjd => out(&format!("openjd_progress: {percent}")),
+            Style::Auto | Style::Bar | Style::None => {}
+        }
+    }
+}
+
+impl Last {
+    /// Percent to show, below 100 before the end, and whether a line is due.
+    fn take(&mut self, progress: Progress) -> (u32, bool) {
+        self.progress = Some(progress);
+        self.percent = self.percent.max((progress.fraction * 100.0) as u32).min(99);
+        let due = self.printed.is_none_or(|t| progress.seconds - t >= 1.0);
+        if due {
+            self.printed = Some(progress.seconds);
+        }
+        (self.percent, due)
+    }
+}
+
+fn out(line: &str) {
+    // Nobody there to read progress is no reason to stop rendering.
+    let mut stdout = io::stdout().lock();
+    let _ = writeln!(stdout, "{line}").and_then(|()| stdout.flush());
+}
+
+fn eta_seconds(progress: &Progress) -> Option<f64> {
+    let left = progress.seconds * (1.0 - progress.fraction) / progress.fraction;
+    (left.is_finite() && left >= 0.0).then_some(left)
+}
+
+fn mrays_per_second(progress: &Progress) -> f64 {
+    progress.rays as f64 / progress.seconds.max(1e-9) / 1e6
+}
+
+fn message(progress: &Progress) -> String {
+    let eta = eta_seconds(progress)
+        .and_then(|s| Duration::try_from_secs_f64(s).ok())
+        .map_or("unknown".into(), |d| HumanDuration(d).to_string());
+    let noise = if progress.noise.is_finite() { format!("{:.4}", progress.noise) } else { "unknown".into() };
+    format!("ETA {eta}  {} spp  noise {noise}  {:.1} Mrays/s", progress.spp, mrays_per_second(progress))
+}
+
+fn json_line(progress: &Progress) -> String {
+    json!({
+        "fraction": progress.fraction,
+        "seconds": progress.seconds,
+        "eta_seconds": eta_seconds(progress),
+        "spp": progress.spp,
+        "noise": progress.noise,
+        "rays": progress.rays,
+        "mrays_per_second": mrays_per_second(progress),
+    })
+    .to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(seconds: f64, fraction: f64) -> Progress {
+        Progress { fraction, seconds, rays: 4_000_000, noise: f64::INFINITY, spp: 8 }
+    }
+
+    #[test]
+    fn lines_come_once_a_second_and_percent_never_falls_nor_ends_early() {
+        let mut last = Last::default();
+        let lines = [at(0.1, 0.2), at(0.5, 0.3), at(1.1, 0.1), at(1.2, 1.0), at(2.2, 1.0)].map(|p| last.take(p));
+        assert_eq!(lines, [(20, true), (30, false), (30, true), (99, false), (99, true)]);
+    }
+
+    #[test]
+    fn json_has_null_for_what_is_not_known_yet() {
+        let line: serde_json::Value = serde_json::from_str(&json_line(&at(2.0, 0.0))).unwrap();
+        assert_eq!((&line["noise"], &line["eta_seconds"]), (&json!(null), &json!(null)));
+        assert_eq!(line["mrays_per_second"], json!(2.0));
+        let line: serde_json::Value = serde_json::from_str(&json_line(&at(2.0, 0.25))).unwrap();
+        assert_eq!(line["eta_seconds"], json!(6.0));
+    }
+}

@@ -1,0 +1,255 @@
+//! The flags of `bismar render`.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use clap::{Args, ValueEnum};
+
+use crate::cli::progress::Style;
+use crate::film::{Aov, View};
+use crate::rays::Backend;
+use crate::render::{Balance, Integrator, PixelFilter};
+use crate::{Error, Result};
+
+/// Render a glTF scene to OpenEXR.
+///
+/// Stops at whichever of --spp, --time and --noise comes first; without any of them at 64 paths a pixel. SIGINT and
+/// SIGTERM end it early and save what there is (exit code 75); a second one ends it at once.
+#[derive(Debug, Args)]
+pub struct RenderArgs {
+    /// The scene, .gltf or .glb.
+    pub scene: PathBuf,
+    /// Where the picture goes [default: the scene's name with .exr, in the current folder].
+    #[arg(short, long, value_name = "FILE.exr")]
+    output: Option<PathBuf>,
+
+    /// Camera by name or, counted from 0, by index [default: the first].
+    #[arg(long, value_name = "NAME|INDEX", help_heading = "View")]
+    pub camera: Option<String>,
+    /// Picture size in pixels [default: 960 wide, as high as the camera's aspect asks].
+    #[arg(long, value_name = "WxH", help_heading = "View")]
+    pub size: Option<Size>,
+    /// Render this window only: pixels from the top left, the last two exclusive. It has the bits of the whole.
+    #[arg(long, value_name = "x0,y0,x1,y1", help_heading = "View")]
+    pub crop: Option<Crop>,
+
+    /// Light from infinity: an equirectangular .hdr or .exr.
+    #[arg(long, value_name = "FILE", help_heading = "Light")]
+    pub env: Option<PathBuf>,
+    /// Turn it about +y, in degrees.
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true, requires = "env",
+        value_parser = finite, help_heading = "Light")]
+    pub env_rotate: f32,
+    /// Multiply its radiance.
+    #[arg(long, value_name = "X", default_value_t = 1.0, requires = "env", value_parser = not_negative,
+        help_heading = "Light")]
+    pub env_strength: f32,
+    /// No light from infinity at all.
+    #[arg(long, conflicts_with = "env", help_heading = "Light")]
+    pub no_env: bool,
+
+    /// Light transport.
+    #[arg(long, value_enum, default_value_t = Integrator::Path, help_heading = "Sampling")]
+    pub integrator: Integrator,
+    /// Most segments of a path: 1 is emission alone, 2 is direct light.
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..),
+        help_heading = "Sampling")]
+    pub max_depth: u32,
+    /// Stop at this many paths a pixel.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Sampling")]
+    pub spp: Option<u32>,
+    /// Stop after this many seconds of rendering.
+    #[arg(long, value_name = "SECONDS", value_parser = positive, help_heading = "Sampling")]
+    pub time: Option<f64>,
+    /// Stop at this estimated relative error: the root of mean(variance / (mean^2 + 0.01)).
+    #[arg(long, value_name = "X", value_parser = positive, help_heading = "Sampling")]
+    pub noise: Option<f64>,
+    /// How light and BSDF sampling share the work.
+    #[arg(long, value_enum, default_value_t = Balance::Progressive, help_heading = "Sampling")]
+    pub balance: Balance,
+    /// Pixel filter.
+    #[arg(long, value_enum, default_value_t = PixelFilter::Gaussian, help_heading = "Sampling")]
+    pub filter: PixelFilter,
+    /// Seed of every random choice.
+    #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Sampling")]
+    pub seed: u32,
+
+    /// What traces rays.
+    #[arg(long, value_enum, default_value_t = Backend::Embree, help_heading = "Machine")]
+    pub rays: Backend,
+    /// Threads [default: BISMAR_THREADS, else SLURM_CPUS_PER_TASK, else all].
+    #[arg(long, value_name = "N", value_parser = threads, help_heading = "Machine")]
+    pub threads: Option<usize>,
+
+    /// Outputs beside the beauty: any of albedo, normal, depth, direct, indirect, variance, samples, balance, object,
+    /// material, separated by commas; or all, or none.
+    #[arg(long, value_name = "LIST", default_value = "variance,samples,balance", help_heading = "Output")]
+    aov: AovList,
+    /// Write a PNG too.
+    #[arg(long, value_name = "FILE.png", help_heading = "Output")]
+    pub preview: Option<PathBuf>,
+    /// The PNG's view transform.
+    #[arg(long, value_enum, default_value_t = View::Agx, help_heading = "Output")]
+    pub view: View,
+    /// The PNG's exposure in stops.
+    #[arg(long, value_name = "EV", default_value_t = 0.0, allow_negative_numbers = true, value_parser = finite,
+        help_heading = "Output")]
+    pub exposure: f32,
+    /// Write times and counts as JSON (docs/stats.md).
+    #[arg(long, value_name = "FILE.json", help_heading = "Output")]
+    pub stats: Option<PathBuf>,
+    /// How progress is shown.
+    #[arg(long, value_enum, default_value_t = Style::Auto, help_heading = "Output")]
+    pub progress: Style,
+    /// Refuse a scene that cannot be shown exactly as its file asks.
+    #[arg(long, help_heading = "Output")]
+    pub strict: bool,
+}
+
+impl RenderArgs {
+    /// Where the picture goes.
+    pub fn output(&self) -> PathBuf {
+        self.output.clone().unwrap_or_else(|| {
+            let mut name = self.scene.file_stem().unwrap_or("bismar".as_ref()).to_owned();
+            name.push(".exr");
+            name.into()
+        })
+    }
+
+    /// What is written beside the beauty.
+    pub fn aovs(&self) -> &[Aov] {
+        &self.aov.0
+    }
+
+    /// What clap cannot check.
+    ///
+    /// # Errors
+    /// [`Error::Usage`].
+    pub fn check(&self) -> Result<()> {
+        if self.balance == Balance::SecondOrder && self.spp.is_none() {
+            return Err(Error::Usage(
+                "--balance second-order needs --spp: the paper's pilot is half of all samples, so their number must be \
+                 known beforehand"
+                    .into(),
+            ));
+        }
+        for (flag, path, extension) in [("-o", &self.output, "exr"), ("--preview", &self.preview, "png")] {
+            let Some(path) = path else { continue };
+            let named = path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
+            // A device has no extension, and is welcome for measuring.
+            if !named && !path.starts_with("/dev") {
+                return Err(Error::Usage(format!("{flag} {}: the name must end in .{extension}", path.display())));
+            }
+        }
+        Ok(())
+    }
+}
+
+type Parsed<T> = std::result::Result<T, String>;
+
+fn finite(text: &str) -> Parsed<f32> {
+    text.parse().ok().filter(|x: &f32| x.is_finite()).ok_or("not a number".into())
+}
+
+fn not_negative(text: &str) -> Parsed<f32> {
+    finite(text).ok().filter(|x| *x >= 0.0).ok_or("not a number of 0 or more".into())
+}
+
+fn positive(text: &str) -> Parsed<f64> {
+    text.parse().ok().filter(|x: &f64| *x > 0.0 && x.is_finite()).ok_or("not a number above 0".into())
+}
+
+fn threads(text: &str) -> Parsed<usize> {
+    text.parse().ok().filter(|n| (1..=4096).contains(n)).ok_or("not a number from 1 to 4096".into())
+}
+
+/// `WxH`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Size(pub u32, pub u32);
+
+impl FromStr for Size {
+    type Err = String;
+
+    fn from_str(text: &str) -> Parsed<Self> {
+        const MOST: u32 = 1 << 16;
+        let side = |s: &str| s.parse().ok().filter(|n| (1..=MOST).contains(n));
+        let sides = text.split_once('x').and_then(|(w, h)| Some(Size(side(w)?, side(h)?)));
+        sides.ok_or(format!("not WIDTHxHEIGHT in pixels, each from 1 to {MOST}, as in 960x540"))
+    }
+}
+
+/// `x0,y0,x1,y1`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Crop([u32; 4]);
+
+impl FromStr for Crop {
+    type Err = String;
+
+    fn from_str(text: &str) -> Parsed<Self> {
+        let numbers = text.split(',').map(|n| n.trim().parse().ok()).collect::<Option<Vec<u32>>>();
+        let window = numbers.and_then(|n| <[u32; 4]>::try_from(n).ok());
+        match window {
+            Some([x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => Ok(Crop([x0, y0, x1, y1])),
+            Some(_) => Err("the window is empty: x1 must be above x0, and y1 above y0".into()),
+            None => Err("not x0,y0,x1,y1 in pixels".into()),
+        }
+    }
+}
+
+impl Crop {
+    /// The window, if it lies inside a picture of this size.
+    ///
+    /// # Errors
+    /// [`Error::Usage`].
+    pub fn inside(self, width: u32, height: u32) -> Result<[u32; 4]> {
+        let [x0, y0, x1, y1] = self.0;
+        if x1 > width || y1 > height {
+            return Err(Error::Usage(format!(
+                "--crop {x0},{y0},{x1},{y1} is not inside the picture of {width}x{height} pixels"
+            )));
+        }
+        Ok(self.0)
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct AovList(Vec<Aov>);
+
+impl FromStr for AovList {
+    type Err = String;
+
+    fn from_str(text: &str) -> Parsed<Self> {
+        match text {
+            "none" => Ok(AovList(Vec::new())),
+            "all" => Ok(AovList(Aov::value_variants().to_vec())),
+            list => {
+                let one = |name: &str| {
+                    Aov::from_str(name.trim(), false).map_err(|_| format!("there is no output '{}'", name.trim()))
+                };
+                list.split(',').map(one).collect::<Parsed<_>>().map(AovList)
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_windows_and_lists_are_read_or_refused() {
+        assert_eq!("960x540".parse(), Ok(Size(960, 540)));
+        for bad in ["", "960", "960x", "0x5", "-1x5", "960X540", "70000x1", "1x1x1"] {
+            assert!(bad.parse::<Size>().is_err(), "{bad}");
+        }
+        assert_eq!("0,1,2,3".parse(), Ok(Crop([0, 1, 2, 3])));
+        for bad in ["", "1,2,3", "2,0,1,5", "0,0,0,1", "0,0,1,1,1", "-1,0,1,1"] {
+            assert!(bad.parse::<Crop>().is_err(), "{bad}");
+        }
+        assert!(Crop([0, 0, 10, 10]).inside(10, 9).is_err());
+        assert_eq!("depth, normal".parse(), Ok(AovList(vec![Aov::Depth, Aov::Normal])));
+        assert_eq!("all".parse::<AovList>().map(|l| l.0.len()), Ok(10));
+        assert_eq!("variance,samples,balance".parse(), Ok(AovList(Aov::DEFAULT.to_vec())));
+        assert!("depth,,normal".parse::<AovList>().is_err());
+    }
+}

@@ -1,0 +1,81 @@
+//! Which camera, and how large a picture.
+
+use crate::scene::{Camera, Projection};
+use crate::{Error, Result};
+
+/// Index of the camera that `--camera` means: by name, else by index, else the first.
+///
+/// # Errors
+/// [`Error::Usage`] with the cameras that there are.
+pub fn camera(cameras: &[Camera], wanted: Option<&str>) -> Result<usize> {
+    let list = || cameras.iter().enumerate().map(|(i, c)| format!("\n  {i}  {}", c.name)).collect::<String>();
+    let Some(wanted) = wanted else {
+        return if cameras.is_empty() { Err(Error::Bug("a scene without a camera".into())) } else { Ok(0) };
+    };
+    let named = cameras.iter().enumerate().filter(|(_, c)| c.name == wanted).map(|(i, _)| i).collect::<Vec<_>>();
+    match named[..] {
+        [one] => Ok(one),
+        [] => match wanted.parse::<usize>() {
+            Ok(index) if index < cameras.len() => Ok(index),
+            _ => Err(Error::Usage(format!("--camera {wanted}: there is no such camera; there are:{}", list()))),
+        },
+        _ => Err(Error::Usage(format!(
+            "--camera {wanted}: {} cameras have this name; choose by index:{}",
+            named.len(),
+            list()
+        ))),
+    }
+}
+
+/// The default size: 960 wide, by the camera's aspect, or 16:9.
+pub fn size(camera: &Camera) -> (u32, u32) {
+    const WIDTH: u32 = 960;
+    let aspect = camera.aspect.or(match camera.projection {
+        Projection::Orthographic { xmag, ymag } => Some((xmag / ymag).abs()),
+        Projection::Perspective { .. } => None,
+    });
+    let aspect = aspect.filter(|a| a.is_finite() && *a > 0.0).unwrap_or(16.0 / 9.0);
+    (WIDTH, (WIDTH as f32 / aspect).round().clamp(1.0, 16.0 * WIDTH as f32) as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cameras(names: &[&str]) -> Vec<Camera> {
+        let camera = |name: &&str| Camera {
+            name: name.to_string(),
+            projection: Projection::Perspective { yfov: 1.0 },
+            aspect: None,
+            to_world: glam::Affine3A::IDENTITY,
+        };
+        names.iter().map(camera).collect()
+    }
+
+    #[test]
+    fn a_camera_is_found_by_name_then_by_index() {
+        let list = cameras(&["front", "2", "side", "side"]);
+        assert_eq!(camera(&list, None).unwrap(), 0);
+        assert_eq!(camera(&list, Some("front")).unwrap(), 0);
+        assert_eq!(camera(&list, Some("2")).unwrap(), 1);
+        assert_eq!(camera(&list, Some("3")).unwrap(), 3);
+        let unknown = camera(&list, Some("top")).unwrap_err();
+        assert_eq!(unknown.exit_code(), 64);
+        assert!(unknown.to_string().contains("0  front"), "{unknown}");
+        assert!(camera(&list, Some("side")).unwrap_err().to_string().contains("choose by index"));
+        assert_eq!(camera(&list, Some("4")).unwrap_err().exit_code(), 64);
+    }
+
+    #[test]
+    fn the_default_size_follows_the_cameras_aspect() {
+        let mut one = cameras(&["a"]).remove(0);
+        assert_eq!(size(&one), (960, 540));
+        one.aspect = Some(1.5);
+        assert_eq!(size(&one), (960, 640));
+        one.aspect = Some(f32::NAN);
+        assert_eq!(size(&one), (960, 540));
+        one.aspect = None;
+        one.projection = Projection::Orthographic { xmag: 1.0, ymag: 2.0 };
+        assert_eq!(size(&one), (960, 1920));
+    }
+}

@@ -1,0 +1,221 @@
+//! What a render took: `--stats` (schema in `docs/stats.md`) and the picture's header.
+
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::host;
+use crate::film::exr_file::{Header, HeaderValue};
+use crate::film::{Film, atomic};
+use crate::rays::BackendInfo;
+use crate::render::{RenderSettings, Rendered, StopReason};
+use crate::scene::Scene;
+use crate::{Error, Result};
+
+/// Raised when a field changes its meaning or goes away.
+const SCHEMA: u32 = 1;
+
+/// Everything that is known of a render; what is written so far for headers, all of it for `--stats`.
+#[derive(Debug, Clone, Serialize)]
+pub struct Stats {
+    schema: u32,
+    version: &'static str,
+    /// File name only: a picture tells nobody where its maker keeps files.
+    scene: String,
+    camera: String,
+    environment: Option<Sky>,
+    settings: RenderSettings,
+    backend: Backend,
+    threads: usize,
+    stop: StopReason,
+    /// Null before the first pass is complete.
+    noise: f64,
+    samples: Samples,
+    /// Wall seconds by phase.
+    pub seconds: Seconds,
+    rays: Rays,
+    mpaths_per_second: f64,
+    mrays_per_second: f64,
+    /// Thread seconds inside ray queries and inside tiles, over all threads, and the first's share of the second.
+    ray_query_seconds: f64,
+    tile_seconds: f64,
+    ray_query_share: f64,
+    peak_memory_bytes: u64,
+}
+
+/// Wall seconds by phase.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct Seconds {
+    /// Scene, textures, environment.
+    pub read: f64,
+    /// Acceleration structure.
+    pub build: f64,
+    /// Passes.
+    pub render: f64,
+    /// Pictures.
+    pub write: f64,
+    /// Start of the command to the writing of the statistics.
+    pub total: f64,
+}
+
+#[derive(Debug, Clone, Serialize)]
+struct Sky {
+    name: String,
+    rotate_degrees: f32,
+    strength: f32,
+}
+
+#[derive(Debug, Clone, Serialize)]
+struct Backend {
+    name: &'static str,
+    version: String,
+    isa: String,
+    build_seconds: f64,
+    memory_bytes: u64,
+}
+
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Samples {
+    paths: u64,
+    passes: u32,
+    pixels: u64,
+    pixel_min: u32,
+    pixel_mean: f64,
+    pixel_max: u32,
+}
+
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Rays {
+    camera: u64,
+    first_bounce: u64,
+    later_bounce: u64,
+    shadow: u64,
+    total: u64,
+}
+
+/// Fewest and most paths of the film's pixels.
+pub fn sample_range(film: &Film) -> (u32, u32) {
+    let samples = film.pixels.iter().map(|p| p.samples);
+    (samples.clone().min().unwrap_or(0), samples.max().unwrap_or(0))
+}
+
+/// The file's name without its folders.
+pub fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+impl Stats {
+    /// Gathers what a finished render says; `seconds` may still lack its last phases.
+    pub fn new(
+        scene_path: &Path,
+        scene: &Scene,
+        settings: &RenderSettings,
+        backend: &BackendInfo,
+        threads: usize,
+        rendered: &Rendered,
+        seconds: Seconds,
+    ) -> Self {
+        let stats = &rendered.stats;
+        let mega_per_second = |count: u64| count as f64 / stats.render_seconds.max(1e-9) / 1e6;
+        let (pixel_min, pixel_max) = sample_range(&rendered.film);
+        let pixels = rendered.film.pixels.len() as u64;
+        Self {
+            schema: SCHEMA,
+            version: env!("CARGO_PKG_VERSION"),
+            scene: file_name(scene_path),
+            camera: scene.cameras.get(settings.camera).map(|c| c.name.clone()).unwrap_or_default(),
+            environment: scene.environment.as_ref().map(|e| Sky {
+                name: file_name(Path::new(&e.name)),
+                rotate_degrees: e.rotation.to_degrees(),
+                strength: e.strength,
+            }),
+            settings: settings.clone(),
+            backend: Backend {
+                name: backend.name,
+                version: backend.version.clone(),
+                isa: backend.isa.clone(),
+                build_seconds: backend.build_seconds,
+                memory_bytes: backend.memory_bytes,
+            },
+            threads,
+            stop: rendered.stop,
+            noise: stats.noise,
+            samples: Samples {
+                paths: stats.paths,
+                passes: stats.passes,
+                pixels,
+                pixel_min,
+                pixel_mean: stats.paths as f64 / pixels.max(1) as f64,
+                pixel_max,
+            },
+            seconds,
+            rays: Rays {
+                camera: stats.camera_rays,
+                first_bounce: stats.first_bounce_rays,
+                later_bounce: stats.later_bounce_rays,
+                shadow: stats.shadow_rays,
+                total: stats.rays(),
+            },
+            mpaths_per_second: mega_per_second(stats.paths),
+            mrays_per_second: mega_per_second(stats.rays()),
+            ray_query_seconds: stats.ray_query_seconds,
+            tile_seconds: stats.tile_seconds,
+            ray_query_share: stats.ray_query_seconds / stats.tile_seconds.max(1e-9),
+            peak_memory_bytes: host::peak_memory_bytes(),
+        }
+    }
+
+    /// Header attributes of the picture.
+    ///
+    /// # Errors
+    /// [`Error::Bug`] if JSON cannot say it.
+    pub fn header(&self) -> Result<Header> {
+        let text = |s: &str| HeaderValue::Text(s.to_owned());
+        // Writing has not happened yet.
+        let Seconds { read, build, render, .. } = self.seconds;
+        let phases = serde_json::json!({ "read": read, "build": build, "render": render });
+        let mut header = vec![
+            ("bismar.version", text(self.version)),
+            ("bismar.scene", text(&self.scene)),
+            ("bismar.camera", text(&self.camera)),
+            ("bismar.settings", HeaderValue::Text(json(&self.settings)?)),
+            ("bismar.seed", HeaderValue::Number(self.settings.seed.into())),
+            ("bismar.backend", HeaderValue::Text(json(&self.backend)?)),
+            ("bismar.seconds", HeaderValue::Text(json(&phases)?)),
+            ("bismar.samples", HeaderValue::Text(json(&self.samples)?)),
+            ("bismar.stop", HeaderValue::Text(json(&self.stop)?.trim_matches('"').to_owned())),
+            ("bismar.noise", HeaderValue::Number(self.noise)),
+        ];
+        if let Some(sky) = &self.environment {
+            header.push(("bismar.environment", HeaderValue::Text(json(sky)?)));
+        }
+        Ok(header)
+    }
+
+    /// Writes the JSON file of `--stats`.
+    ///
+    /// # Errors
+    /// As [`atomic::write`].
+    pub fn write(&mut self, path: &Path) -> Result<()> {
+        self.peak_memory_bytes = host::peak_memory_bytes();
+        atomic::write(path, |file| {
+            serde_json::to_writer_pretty(&mut *file, self)?;
+            std::io::Write::write_all(file, b"\n")?;
+            Ok(Ok(()))
+        })
+    }
+
+    /// One line for people.
+    pub fn summary(&self) -> String {
+        let s = &self.samples;
+        let spp = if s.pixel_min == s.pixel_max { s.pixel_min.to_string() } else { format!("{:.1}", s.pixel_mean) };
+        format!(
+            "{spp} spp in {:.2} s, noise {:.4}, {:.2} Mpaths/s, {:.2} Mrays/s",
+            self.seconds.render, self.noise, self.mpaths_per_second, self.mrays_per_second
+        )
+    }
+}
+
+fn json(value: &impl Serialize) -> Result<String> {
+    serde_json::to_string(value).map_err(|e| Error::Bug(format!("JSON: {e}")))
+}

@@ -1,0 +1,138 @@
+use super::*;
+use crate::film::{AovSums, PixelStats};
+
+fn film() -> Film {
+    let mut film = Film::new(40, 30, [4, 3, 24, 25], true);
+    for (i, (pixel, aov)) in film.pixels.iter_mut().zip(&mut film.aovs).enumerate() {
+        let x = i as f64 * 0.25;
+        *pixel = PixelStats {
+            samples: 4,
+            sum: [x, 2.0 * x, 3.0],
+            sum_squared: [x * x, x * x * 4.0, 9.0],
+            covered: (i % 5) as u32,
+            balance: 0.25,
+        };
+        *aov = AovSums { depth: i as f32, object: i as u32, ..Default::default() };
+    }
+    film
+}
+
+fn written(film: &Film, aovs: &[Aov], header: &Header) -> (tempfile::TempDir, std::path::PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    write(&path, film, aovs, header).unwrap();
+    (folder, path)
+}
+
+#[test]
+fn what_is_written_is_read_again_with_its_windows_and_variance() {
+    let film = film();
+    let (_folder, path) = written(&film, &Aov::DEFAULT, &Header::new());
+    let picture = read(&path).unwrap();
+    assert_eq!((picture.window, picture.display), ([4, 3, 24, 25], [0, 0, 40, 30]));
+    assert_eq!(picture.rgb, film.pixels.iter().map(PixelStats::mean).collect::<Vec<_>>());
+    assert_eq!(picture.variance, Some(film.pixels.iter().map(PixelStats::variance_of_mean).collect()));
+}
+
+#[test]
+fn aovs_are_layers_with_the_usual_letters_and_integers_stay_integers() {
+    use clap::ValueEnum;
+    let film = film();
+    let (_folder, path) = written(&film, Aov::value_variants(), &Header::new());
+    let image = read_first_flat_layer_from_file(&path).unwrap();
+    let names = image.layer_data.channel_data.list.iter().map(|c| c.name.to_string()).collect::<Vec<_>>();
+    assert_eq!(
+        names.join(" "),
+        "A B G R albedo.B albedo.G albedo.R balance.V depth.Z direct.B direct.G direct.R indirect.B indirect.G \
+         indirect.R material.V normal.X normal.Y normal.Z object.V samples.V variance.B variance.G variance.R"
+    );
+    let channel = |name| &image.layer_data.channel_data.list[names.iter().position(|n| n == name).unwrap()].sample_data;
+    assert_eq!(*channel("samples.V"), FlatSamples::U32(vec![4; 440]));
+    assert_eq!(*channel("object.V"), FlatSamples::U32((0..440).collect()));
+    let FlatSamples::F32(depth) = channel("depth.Z") else { panic!("depth is not float") };
+    assert_eq!(depth[..4], [f32::INFINITY, 1.0, 1.0, 1.0]);
+    let FlatSamples::F32(alpha) = channel("A") else { panic!("alpha is not float") };
+    assert_eq!(alpha[..5], [0.0, 0.25, 0.5, 0.75, 1.0]);
+}
+
+#[test]
+fn an_aov_whose_sums_were_not_kept_is_left_out() {
+    let film = Film::new(2, 2, [0, 0, 2, 2], false);
+    assert!(Aov::Depth.channels(&film).is_empty());
+    assert_eq!(Aov::Balance.channels(&film).len(), 1);
+}
+
+#[test]
+fn header_attributes_hold_text_in_utf8_and_numbers() {
+    let header =
+        vec![("bismar.scene", HeaderValue::Text("Küche.glb".into())), ("bismar.seed", HeaderValue::Number(7.0))];
+    let (_folder, path) = written(&film(), &[], &header);
+    let image = read_first_flat_layer_from_file(&path).unwrap();
+    let other = &image.layer_data.attributes.other;
+    assert_eq!(other[&text("bismar.scene")], AttributeValue::Text(text("Küche.glb")));
+    assert_eq!(other[&text("bismar.seed")], AttributeValue::F64(7.0));
+    assert!(read(&path).unwrap().variance.is_none());
+}
+
+#[test]
+fn half_floats_and_blenders_layer_names_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("h.exr");
+    let channel = |name, x| AnyChannel::new(text(name), FlatSamples::F16(vec![f16::from_f32(x); 6]));
+    let channels = [
+        channel("ViewLayer.Combined.R", 0.5),
+        channel("ViewLayer.Combined.G", 1.0),
+        channel("ViewLayer.Combined.B", 2.0),
+        channel("ViewLayer.Depth.Z", 9.0),
+    ];
+    let channels = AnyChannels::sort(channels.into_iter().collect());
+    Image::from_channels((3, 2), channels).write().to_file(&path).unwrap();
+    assert_eq!(read(&path).unwrap().rgb, vec![[0.5, 1.0, 2.0]; 6]);
+}
+
+#[test]
+fn a_picture_without_colour_says_what_it_has() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("z.exr");
+    let channels = [AnyChannel::new(text("Z"), FlatSamples::F32(vec![0.0; 4]))];
+    let channels = AnyChannels::sort(channels.into_iter().collect());
+    Image::from_channels((2, 2), channels).write().to_file(&path).unwrap();
+    let error = read(&path).unwrap_err();
+    assert_eq!(error.exit_code(), 65);
+    assert!(error.to_string().contains("no channels R, G and B but Z"), "{error}");
+}
+
+#[test]
+fn inputs_that_are_not_there_or_not_pictures_have_their_own_exit_codes() {
+    let folder = tempfile::tempdir().unwrap();
+    assert_eq!(read(&folder.path().join("absent.exr")).unwrap_err().exit_code(), 66);
+    assert_eq!(read(folder.path()).unwrap_err().exit_code(), 74);
+    let path = folder.path().join("text.exr");
+    std::fs::write(&path, "not a picture").unwrap();
+    assert_eq!(read(&path).unwrap_err().exit_code(), 65);
+}
+
+/// The harness prints panics that the decoder was caught at; they are part of what is tested.
+#[test]
+fn broken_files_end_in_an_error_or_a_picture_but_never_in_a_panic() {
+    let (folder, path) = written(&film(), &Aov::DEFAULT, &Header::new());
+    let good = std::fs::read(&path).unwrap();
+    let broken = folder.path().join("broken.exr");
+    let try_bytes = |bytes: &[u8]| {
+        std::fs::write(&broken, bytes).unwrap();
+        read(&broken)
+    };
+    for length in (0..good.len()).step_by(7) {
+        assert!(try_bytes(&good[..length]).is_err(), "cut to {length} bytes, and read");
+    }
+    // The header is the first 800 bytes or so: each byte of it, then a stride through the rest.
+    for at in (0..900.min(good.len())).chain((900..good.len()).step_by(41)) {
+        for value in [0x00, 0x7f, 0xff, good[at] ^ 0x10] {
+            let mut bytes = good.clone();
+            bytes[at] = value;
+            if let Err(error) = try_bytes(&bytes) {
+                assert_eq!(error.exit_code(), 65, "byte {at} = {value}: {error}");
+            }
+        }
+    }
+}

@@ -1,0 +1,158 @@
+//! From a hit to a point on a surface: position, normals, material parameters.
+
+use glam::{Mat3, Vec2, Vec3, Vec4};
+
+use crate::bsdf::Surface;
+use crate::sampling::warp;
+use crate::scene::{Material, Mesh, Scene, TextureRef};
+
+/// How far ray origins stand off their surface, as a share of the largest coordinate involved: some sixteen roundings.
+const STAND_OFF: f32 = 16.0 * f32::EPSILON;
+
+/// Instances' normal matrices.
+#[derive(Debug)]
+pub struct Geometry {
+    instances: Vec<Option<Placed>>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Placed {
+    /// Inverse transpose, times the sign of the determinant: outward normals stay outward for the winding.
+    normal: Mat3,
+}
+
+/// A point on a surface, before it is known from which side it is seen.
+#[derive(Debug, Clone, Copy)]
+pub struct Point<'a> {
+    /// World space.
+    pub position: Vec3,
+    /// Geometric normal on the side that the winding calls the front; any length.
+    pub ng: Vec3,
+    /// Shading normal on the same side, interpolated and mapped; any length.
+    pub ns: Vec3,
+    /// How far along the geometric normal rays begin.
+    pub stand_off: f32,
+    /// Interpolated texture coordinates of both sets.
+    texcoords: [Vec2; 2],
+    /// Interpolated vertex colour.
+    color: Vec4,
+    /// The material.
+    pub material: &'a Material,
+    /// The mesh.
+    pub mesh: &'a Mesh,
+}
+
+impl Geometry {
+    /// Prepares a scene's instances.
+    pub fn new(scene: &Scene) -> Self {
+        let instances = scene
+            .instances
+            .iter()
+            .map(|instance| {
+                instance.transform.map(|t| {
+                    let m = Mat3::from(t.matrix3);
+                    Placed { normal: m.inverse().transpose() * m.determinant().signum() }
+                })
+            })
+            .collect();
+        Self { instances }
+    }
+
+    /// The surface at a hit: barycentric weights `u`, `v` of triangle `prim`'s second and third vertex.
+    #[inline]
+    pub fn point<'a>(&self, scene: &'a Scene, instance: u32, mesh: u32, prim: u32, (u, v): (f32, f32)) -> Point<'a> {
+        let mesh = &scene.meshes[mesh as usize];
+        let material = &scene.materials[mesh.material as usize];
+        let index = mesh.indices[prim as usize].map(|i| i as usize);
+        let [a, b, c] = index.map(|i| Vec3::from_array(mesh.positions[i]));
+        let (mut e1, mut e2) = (b - a, c - a);
+        let mut position = a + e1 * u + e2 * v;
+        let mut ng = e1.cross(e2);
+        let placed = &self.instances[instance as usize];
+        if let (Some(placed), Some(t)) = (placed, scene.instances[instance as usize].transform) {
+            position = t.transform_point3(position);
+            (e1, e2) = (t.transform_vector3(e1), t.transform_vector3(e2));
+            ng = placed.normal * ng;
+        }
+        let extent = position.abs().max(e1.abs()).max(e2.abs()).max_element();
+        let texcoords = std::array::from_fn(|set| match &mesh.texcoords[set] {
+            Some(t) => {
+                let [a, b, c] = index.map(|i| Vec2::from_array(t[i]));
+                a + (b - a) * u + (c - a) * v
+            }
+            None => Vec2::ZERO,
+        });
+        let color = match &mesh.colors {
+            Some(colors) => {
+                let [a, b, c] = index.map(|i| Vec4::from_array(colors[i]));
+                a + (b - a) * u + (c - a) * v
+            }
+            None => Vec4::ONE,
+        };
+
+        let mut ns = ng;
+        if let Some(normals) = &mesh.normals {
+            let [a, b, c] = index.map(|i| Vec3::from_array(normals[i]));
+            let mut n = a + (b - a) * u + (c - a) * v;
+            if let Some(placed) = placed {
+                n = placed.normal * n;
+            }
+            ns = if n.length_squared() > 0.0 { n } else { ng };
+        }
+        if let (Some(map), Some(tangents)) = (&material.normal_texture, &mesh.tangents) {
+            let [a, b, c] = index.map(|i| Vec4::from_array(tangents[i]));
+            ns = ns.normalize_or_zero();
+            let mut tangent = (a + (b - a) * u + (c - a) * v).truncate();
+            let mut sign = a.w;
+            if let (Some(_), Some(t)) = (placed, scene.instances[instance as usize].transform) {
+                tangent = t.transform_vector3(tangent);
+                sign *= t.matrix3.determinant().signum();
+            }
+            let tangent = (tangent - ns * ns.dot(tangent)).normalize_or(warp::frame(ns).0);
+            let bitangent = ns.cross(tangent) * sign;
+            let texel = scene.sample_texture(map, texcoords[usize::from(map.set.min(1))]).truncate();
+            let n = texel * 2.0 - Vec3::ONE;
+            let scale = material.normal_scale;
+            ns = (tangent * (n.x * scale) + bitangent * (n.y * scale) + ns * n.z).normalize_or(ns);
+        }
+        Point { position, ng, ns, stand_off: STAND_OFF * extent, texcoords, color, material, mesh }
+    }
+}
+
+impl Point<'_> {
+    /// Base colour with texture and vertex colour.
+    #[inline]
+    pub fn base_color(&self, scene: &Scene) -> Vec3 {
+        let color = (self.material.base_color * self.color).truncate();
+        match &self.material.base_color_texture {
+            Some(t) => color * self.texture(scene, t).truncate(),
+            None => color,
+        }
+    }
+
+    /// The material's parameters here.
+    #[inline]
+    pub fn parameters(&self, scene: &Scene) -> Surface {
+        let m = self.material;
+        let (mut metallic, mut roughness) = (m.metallic, m.roughness);
+        if let Some(t) = &m.metallic_roughness_texture {
+            let texel = self.texture(scene, t);
+            roughness *= texel.y;
+            metallic *= texel.z;
+        }
+        let mut specular = m.specular;
+        if let Some(t) = &m.specular_texture {
+            specular *= self.texture(scene, t).w;
+        }
+        let mut specular_color = m.specular_color;
+        if let Some(t) = &m.specular_color_texture {
+            specular_color *= self.texture(scene, t).truncate();
+        }
+        Surface { base_color: self.base_color(scene), metallic, roughness, specular, specular_color, ior: m.ior }
+    }
+
+    #[inline]
+    fn texture(&self, scene: &Scene, texture: &TextureRef) -> Vec4 {
+        scene.sample_texture(texture, self.texcoords[usize::from(texture.set.min(1))])
+    }
+}

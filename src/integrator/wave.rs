@@ -1,0 +1,278 @@
+//! A batch of paths from camera to end, stage by stage. Buffers are kept between waves: none is allocated in the
+//! steady state.
+
+use std::time::Instant;
+
+use glam::Vec3;
+
+use super::Transport;
+use super::vertices::Vertices;
+use crate::balance::{Counts, Moments, deal};
+use crate::film::{AovSums, PixelStats};
+use crate::rays::{HitBatch, RayBatch, RayOrder};
+use crate::sampling::PixelSequence;
+
+/// One pixel's part in a wave.
+#[derive(Debug, Clone, Copy)]
+pub struct PixelPlan {
+    /// Position in the whole picture.
+    pub x: u32,
+    /// Position in the whole picture.
+    pub y: u32,
+    /// Paths that the pixel has taken before.
+    pub first_path: u32,
+    /// Light samples at first surfaces that it has taken before.
+    pub first_light: u32,
+    /// BSDF samples at first surfaces that it has taken before.
+    pub first_bsdf: u32,
+    /// Light and BSDF samples at first surfaces for the paths of this wave.
+    pub counts: Counts,
+}
+
+/// What a wave adds to one pixel.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct PixelSum {
+    /// Radiance statistics.
+    pub stats: PixelStats,
+    /// Balance moments, when learning.
+    pub moments: Moments,
+    /// AOV sums, when asked for.
+    pub aovs: AovSums,
+}
+
+/// Rays and time of waves.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct WaveCounts {
+    /// Rays from the camera.
+    pub camera_rays: u64,
+    /// Rays of the first bounce.
+    pub first_bounce_rays: u64,
+    /// Rays of later bounces.
+    pub later_bounce_rays: u64,
+    /// Shadow rays.
+    pub shadow_rays: u64,
+    /// Seconds inside ray queries.
+    pub query_seconds: f64,
+}
+
+impl WaveCounts {
+    /// The sum of two.
+    pub fn plus(&self, other: &Self) -> Self {
+        Self {
+            camera_rays: self.camera_rays + other.camera_rays,
+            first_bounce_rays: self.first_bounce_rays + other.first_bounce_rays,
+            later_bounce_rays: self.later_bounce_rays + other.later_bounce_rays,
+            shadow_rays: self.shadow_rays + other.shadow_rays,
+            query_seconds: self.query_seconds + other.query_seconds,
+        }
+    }
+}
+
+/// One ray under way.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PathState {
+    /// Radiance that arrives here counts this much.
+    pub beta: Vec3,
+    /// BSDF pdf of the ray times its technique's samples a path; unused for camera rays.
+    pub weighted_pdf: f32,
+    /// Path of the wave.
+    pub slot: u32,
+    /// Index into its pixel's sequence.
+    pub index: u32,
+    /// BSDF sample of a first surface that it descends from.
+    pub child: u32,
+}
+
+/// One shadow ray's contribution, if nothing is in its way.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Pending {
+    pub radiance: Vec3,
+    pub slot: u32,
+    pub child: u32,
+    /// The balance's W and r; W = 0 where nothing is to be learned.
+    pub w: f32,
+    pub r: f32,
+}
+
+/// The buffers of one thread.
+#[derive(Debug, Default)]
+pub struct Wave {
+    pub(super) rays: RayBatch,
+    pub(super) next_rays: RayBatch,
+    pub(super) shadow_rays: RayBatch,
+    pub(super) hits: HitBatch,
+    pub(super) states: Vec<PathState>,
+    pub(super) next_states: Vec<PathState>,
+    pub(super) pending: Vec<Pending>,
+    occluded: Vec<bool>,
+    /// Rays of the batch that hit nothing.
+    pub(super) escaped: Vec<u32>,
+    pub(super) vertices: Vertices,
+    /// Samples to take: at which vertex, with which index into its pixel's sequence.
+    pub(super) tasks: Vec<(u32, u32)>,
+    /// A path: its pixel's place in the plan.
+    pub(super) slots: Vec<Slot>,
+    /// A BSDF sample at a first surface: its slot and the indirect light that it brought.
+    pub(super) children: Vec<Child>,
+    keys: [Vec<f32>; 2],
+    dealt: [Vec<u8>; 2],
+    order: Vec<u32>,
+    /// Rays and time so far.
+    pub counts: WaveCounts,
+}
+
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Slot {
+    pub pixel: u32,
+    pub radiance: Vec3,
+    pub direct: Vec3,
+    pub covered: bool,
+    /// How many light and BSDF samples it takes at its first surface, and their first indices in the sequence.
+    pub light: u8,
+    pub bsdf: u8,
+    pub first_light: u32,
+    pub first_bsdf: u32,
+    pub sequence: PixelSequence,
+}
+
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Child {
+    pub slot: u32,
+    pub indirect: Vec3,
+}
+
+impl Wave {
+    /// Traces `paths` paths for each pixel of `plan` and adds to `sums`, one a pixel, in a fixed order.
+    pub fn run(&mut self, transport: &Transport, plan: &[PixelPlan], paths: u32, sums: &mut [PixelSum]) {
+        self.begin(transport, plan, paths);
+        for depth in 0..transport.max_depth {
+            if self.rays.is_empty() {
+                break;
+            }
+            self.count(depth);
+            let order = if depth == 0 { RayOrder::Coherent } else { RayOrder::Incoherent };
+            let start = Instant::now();
+            transport.rays.closest_hits(&self.rays, order, &mut self.hits);
+            self.counts.query_seconds += start.elapsed().as_secs_f64();
+            self.hits(transport, plan, depth, sums);
+            self.lights(transport, plan, depth);
+            self.scatter(plan, depth);
+            self.shadows(transport, depth, sums);
+            std::mem::swap(&mut self.rays, &mut self.next_rays);
+            std::mem::swap(&mut self.states, &mut self.next_states);
+        }
+        self.finish(transport, plan, sums);
+    }
+
+    /// Camera rays, and each path's share of its pixel's samples.
+    fn begin(&mut self, transport: &Transport, plan: &[PixelPlan], paths: u32) {
+        self.rays.clear();
+        self.states.clear();
+        self.slots.clear();
+        self.children.clear();
+        for (pixel, plan_of) in plan.iter().enumerate() {
+            let sequence = PixelSequence::new(plan_of.x, plan_of.y, transport.seed);
+            let first_slot = self.slots.len();
+            self.keys.iter_mut().for_each(Vec::clear);
+            for i in 0..paths {
+                let index = plan_of.first_path + i;
+                let [px, py, deal_light, deal_bsdf] = sequence.sample(index, 0);
+                self.keys[0].push(deal_light);
+                self.keys[1].push(deal_bsdf);
+                let offset = transport.filter.sample(px, py);
+                let (origin, direction) =
+                    transport.camera.ray(plan_of.x as f32 + 0.5 + offset.x, plan_of.y as f32 + 0.5 + offset.y);
+                let slot = self.slots.len() as u32;
+                self.rays.push(origin, direction, 0.0, f32::INFINITY, sequence.key(index, 0));
+                self.states.push(PathState { beta: Vec3::ONE, weighted_pdf: 0.0, slot, index, child: u32::MAX });
+                self.slots.push(Slot {
+                    pixel: pixel as u32,
+                    radiance: Vec3::ZERO,
+                    direct: Vec3::ZERO,
+                    covered: false,
+                    light: 0,
+                    bsdf: 0,
+                    first_light: 0,
+                    first_bsdf: 0,
+                    sequence,
+                });
+            }
+            let counts = [plan_of.counts.light, plan_of.counts.bsdf];
+            for technique in 0..2 {
+                self.dealt[technique].resize(paths as usize, 0);
+                deal(counts[technique], &self.keys[technique], &mut self.order, &mut self.dealt[technique]);
+            }
+            let (mut light, mut bsdf) = (plan_of.first_light, plan_of.first_bsdf);
+            for (i, slot) in self.slots[first_slot..].iter_mut().enumerate() {
+                (slot.light, slot.bsdf) = (self.dealt[0][i], self.dealt[1][i]);
+                (slot.first_light, slot.first_bsdf) = (light, bsdf);
+                light += u32::from(slot.light);
+                bsdf += u32::from(slot.bsdf);
+            }
+        }
+    }
+
+    /// Adds what the shadow rays let through.
+    fn shadows(&mut self, transport: &Transport, depth: u32, sums: &mut [PixelSum]) {
+        if self.shadow_rays.is_empty() {
+            return;
+        }
+        self.counts.shadow_rays += self.shadow_rays.len() as u64;
+        let start = Instant::now();
+        transport.rays.occluded(&self.shadow_rays, RayOrder::Incoherent, &mut self.occluded);
+        self.counts.query_seconds += start.elapsed().as_secs_f64();
+        for (pending, _) in self.pending.iter().zip(&self.occluded).filter(|(_, occluded)| !**occluded) {
+            let slot = &mut self.slots[pending.slot as usize];
+            slot.radiance += pending.radiance;
+            if depth == 0 {
+                slot.direct += pending.radiance;
+                if pending.w > 0.0 {
+                    sums[slot.pixel as usize].moments.add(f64::from(pending.w), f64::from(pending.r));
+                }
+            } else {
+                self.children[pending.child as usize].indirect += pending.radiance;
+            }
+        }
+        self.shadow_rays.clear();
+        self.pending.clear();
+    }
+
+    /// Folds the paths into their pixels, in path order.
+    fn finish(&mut self, transport: &Transport, plan: &[PixelPlan], sums: &mut [PixelSum]) {
+        if transport.learns {
+            for child in &self.children {
+                let pixel = self.slots[child.slot as usize].pixel as usize;
+                let a_b = plan[pixel].counts.bsdf_a_path();
+                // Indirect light: Z = 2X, Y = 2 a_b X, r = −1.
+                let w = 4.0 * a_b * child.indirect.length_squared();
+                sums[pixel].moments.add(f64::from(w), -1.0);
+            }
+        }
+        for slot in &self.slots {
+            let sum = &mut sums[slot.pixel as usize];
+            sum.stats.samples += 1;
+            sum.stats.covered += u32::from(slot.covered);
+            for c in 0..3 {
+                let x = f64::from(slot.radiance[c]);
+                sum.stats.sum[c] += x;
+                sum.stats.sum_squared[c] += x * x;
+            }
+            if transport.aovs {
+                let indirect = slot.radiance - slot.direct;
+                for c in 0..3 {
+                    sum.aovs.direct[c] += slot.direct[c];
+                    sum.aovs.indirect[c] += indirect[c];
+                }
+            }
+        }
+    }
+
+    fn count(&mut self, depth: u32) {
+        let n = self.rays.len() as u64;
+        match depth {
+            0 => self.counts.camera_rays += n,
+            1 => self.counts.first_bounce_rays += n,
+            _ => self.counts.later_bounce_rays += n,
+        }
+    }
+}

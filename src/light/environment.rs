@@ -1,0 +1,193 @@
+//! The environment as a light: bilinear radiance, sampled in proportion to it.
+
+use std::f32::consts::{FRAC_1_PI, PI};
+
+use glam::Vec3;
+use wide::{CmpGt, CmpLt, Select};
+
+use super::LightSamples;
+use crate::color::luminance;
+use crate::lanes::{F, LANES, V3};
+use crate::sampling::{Discrete, warp};
+use crate::scene::Environment;
+
+/// Radiance is interpolated between texel centres (wrapping in u, clamped at the poles). Samples are drawn from that
+/// very interpolant times sin θ at the middle of each row: cells between four texel centres by their integral, then
+/// the bilinear function within the cell.
+#[derive(Debug)]
+pub struct EnvironmentSampler {
+    width: usize,
+    /// Texel rows.
+    height: usize,
+    /// `width * height` radiance, rotation not applied, strength applied.
+    texels: Vec<Vec3>,
+    /// Row of cells: `height + 1` of them, the first and last half as high.
+    rows: Discrete,
+    /// For each row of cells, its columns.
+    columns: Vec<Option<Discrete>>,
+    /// Sine and cosine of the rotation about +y.
+    rotation: (f32, f32),
+    /// Luminance averaged over the sphere.
+    mean_luminance: f32,
+}
+
+impl EnvironmentSampler {
+    /// `None` when it is black.
+    pub fn new(environment: &Environment) -> Option<Self> {
+        let (width, height) = (environment.width as usize, environment.height as usize);
+        let texels: Vec<Vec3> =
+            environment.pixels.iter().map(|&p| Vec3::from_array(p) * environment.strength).collect();
+        let lum: Vec<f32> = texels.iter().map(|&t| luminance(t)).collect();
+        let mut row_weights = Vec::with_capacity(height + 1);
+        let mut columns = Vec::with_capacity(height + 1);
+        let mut mean = 0.0f64;
+        for row in 0..=height {
+            let (above, below) = row_pair(row, height);
+            let weight = |x: usize| {
+                let next = (x + 1) % width;
+                lum[above * width + x] + lum[above * width + next] + lum[below * width + x] + lum[below * width + next]
+            };
+            let (top, bottom) = row_extent(row, height);
+            let sin = (PI * 0.5 * (top + bottom)).sin();
+            let column = Discrete::new((0..width).map(weight));
+            let total = column.as_ref().map_or(0.0, Discrete::total) * 0.25;
+            // Integral over the cells: mean value × sin θ × height in v × width in u.
+            let integral = total * f64::from(sin) * f64::from(bottom - top) / width as f64;
+            mean += integral * std::f64::consts::FRAC_PI_2;
+            row_weights.push(integral as f32);
+            columns.push(column);
+        }
+        let rows = Discrete::new(row_weights.into_iter())?;
+        let rotation = environment.rotation.sin_cos();
+        Some(Self { width, height, texels, rows, columns, rotation, mean_luminance: mean as f32 })
+    }
+
+    /// Luminance averaged over the sphere (to the accuracy of one row).
+    pub fn mean_luminance(&self) -> f32 {
+        self.mean_luminance
+    }
+
+    /// Radiance from directions `wi`, unit, world space, and the density per solid angle of [`sample`](Self::sample).
+    #[inline]
+    pub fn radiance_pdf(&self, wi: V3) -> (V3, F) {
+        let (s, c) = (F::splat(self.rotation.0), F::splat(self.rotation.1));
+        // The inverse rotation.
+        let (x, z) = (c * wi.x - s * wi.z, s * wi.x + c * wi.z);
+        // From x and z, so that it is exact near the poles.
+        let sin_theta = x.mul_add(x, z * z).sqrt();
+        let u = z.atan2(x).mul_add(F::splat(0.5 * FRAC_1_PI), F::HALF);
+        let v = sin_theta.atan2(wi.y) * F::splat(FRAC_1_PI);
+        let column = u.mul_sub(F::splat(self.width as f32), F::HALF);
+        let floor = column.floor();
+        let row = v.mul_add(F::splat(self.height as f32), F::HALF).floor();
+        let wrapped = floor.simd_lt(F::ZERO).select(floor + F::splat(self.width as f32), floor);
+        let cells = self.cells(row.as_array().map(|r| r as usize), wrapped.as_array().map(|c| c as usize));
+        let fu = column - floor;
+        let fv = ((v - cells.top) / cells.height).fast_max(F::ZERO).fast_min(F::ONE);
+        let radiance = cells.radiance(fu, fv);
+        (radiance, self.pdf(&cells, radiance.luminance(), sin_theta))
+    }
+
+    /// Draws directions in proportion to the radiance's luminance.
+    #[inline]
+    pub fn sample(&self, u: [f32; LANES], v: [f32; LANES]) -> LightSamples {
+        let (mut row, mut column) = ([0; LANES], [0; LANES]);
+        let (mut rest_u, mut rest_v) = ([0.0; LANES], [0.0; LANES]);
+        for i in 0..LANES {
+            let (r, rest) = self.rows.sample(v[i]);
+            (row[i], rest_v[i]) = (r as usize, rest);
+            if let Some(columns) = &self.columns[r as usize] {
+                let (c, rest) = columns.sample(u[i]);
+                (column[i], rest_u[i]) = (c as usize, rest);
+            }
+        }
+        let cells = self.cells(row, column);
+        let [a, b, c, d] = cells.corners.map(V3::luminance);
+        // The bilinear function's marginal in v is linear, then the slice in u is linear.
+        let fv = warp::linear(F::from(rest_v), a + b, c + d);
+        let (left, right) = ((c - a).mul_add(fv, a), (d - b).mul_add(fv, b));
+        let fu = warp::linear(F::from(rest_u), left, right);
+        let map_u = (F::from(column.map(|c| c as f32 + 0.5)) + fu) / F::splat(self.width as f32);
+        let map_v = cells.height.mul_add(fv, cells.top);
+        let (sin_theta, cos_theta) = warp::sin_cos_turns(map_v * F::HALF);
+        let past = map_u.simd_gt(F::ONE);
+        let (sin_phi, cos_phi) = warp::sin_cos_turns(past.select(map_u - F::ONE, map_u));
+        // u = ½ is the direction +x: half a turn on.
+        let (x, z) = (-(sin_theta * cos_phi), -(sin_theta * sin_phi));
+        let (s, co) = (F::splat(self.rotation.0), F::splat(self.rotation.1));
+        let wi = V3 { x: co * x + s * z, y: cos_theta, z: co * z - s * x };
+        let radiance = cells.radiance(fu, fv);
+        let pdf = self.pdf(&cells, radiance.luminance(), sin_theta);
+        LightSamples { wi, distance: F::splat(f32::INFINITY), radiance, pdf }
+    }
+
+    /// Chance of the cell × bilinear density within it / solid angle of the unit square there.
+    #[inline(always)]
+    fn pdf(&self, cells: &Cells, luminance: F, sin_theta: F) -> F {
+        let [a, b, c, d] = cells.corners.map(V3::luminance);
+        let density = cells.chance * F::splat(4.0 * self.width as f32) * luminance / ((a + b + c + d) * cells.height);
+        let pdf = density / (F::splat(2.0 * PI * PI) * sin_theta);
+        pdf & pdf.is_finite()
+    }
+
+    #[inline(always)]
+    fn cells(&self, row: [usize; LANES], column: [usize; LANES]) -> Cells {
+        let mut corners = [[[0.0; LANES]; 3]; 4];
+        let (mut chance, mut top, mut height) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+        for i in 0..LANES {
+            let (row, column) = (row[i].min(self.height), column[i].min(self.width - 1));
+            let (above, below) = row_pair(row, self.height);
+            let next = if column + 1 == self.width { 0 } else { column + 1 };
+            let texels = [(above, column), (above, next), (below, column), (below, next)];
+            for (corner, (y, x)) in corners.iter_mut().zip(texels) {
+                let texel = self.texels[y * self.width + x];
+                (corner[0][i], corner[1][i], corner[2][i]) = (texel.x, texel.y, texel.z);
+            }
+            if let Some(columns) = &self.columns[row] {
+                chance[i] = self.rows.pmf(row as u32) * columns.pmf(column as u32);
+            }
+            let (from, to) = row_extent(row, self.height);
+            (top[i], height[i]) = (from, to - from);
+        }
+        Cells {
+            corners: corners.map(V3::from_arrays),
+            chance: F::from(chance),
+            top: F::from(top),
+            height: F::from(height),
+        }
+    }
+}
+
+/// Cells between four texel centres.
+struct Cells {
+    /// Radiance above left, above right, below left, below right.
+    corners: [V3; 4],
+    /// Chance of drawing the cell.
+    chance: F,
+    /// Where it begins in v, and how far it goes.
+    top: F,
+    height: F,
+}
+
+impl Cells {
+    /// The bilinear interpolant at (`fu`, `fv`) from the upper left corner.
+    #[inline(always)]
+    fn radiance(&self, fu: F, fv: F) -> V3 {
+        let [a, b, c, d] = self.corners;
+        let (top, bottom) = (a + (b - a) * fu, c + (d - c) * fu);
+        top + (bottom - top) * fv
+    }
+}
+
+/// The texel rows above and below a row of cells.
+#[inline]
+fn row_pair(row: usize, height: usize) -> (usize, usize) {
+    (row.saturating_sub(1), row.min(height - 1))
+}
+
+/// Where a row of cells begins and ends in v.
+#[inline]
+fn row_extent(row: usize, height: usize) -> (f32, f32) {
+    let h = height as f32;
+    (((row as f32 - 0.5) / h).max(0.0), ((row as f32 + 0.5) / h).min(1.0))
+}

@@ -1,0 +1,66 @@
+//! Lights without size: only light sampling finds them, so nothing is to be weighed.
+
+use glam::Vec3;
+
+use crate::color::luminance;
+use crate::scene::{PunctualKind, PunctualLight};
+
+/// One punctual light as seen from a point.
+#[derive(Debug, Clone, Copy)]
+pub struct PunctualSample {
+    /// Unit, toward the light.
+    pub wi: Vec3,
+    /// To the light; infinite for a directional one.
+    pub distance: f32,
+    /// Irradiance at normal incidence over the chance of choosing this light.
+    pub irradiance: Vec3,
+}
+
+/// Chooses one of `lights` by its unoccluded irradiance at `p`, with `choice` in [0, 1). `None` when none reaches `p`.
+#[inline]
+pub fn sample(lights: &[PunctualLight], p: Vec3, choice: f32) -> Option<PunctualSample> {
+    let total: f32 = lights.iter().map(|l| luminance(irradiance(l, p).2)).sum();
+    if total <= 0.0 || !total.is_finite() {
+        return None;
+    }
+    let mut rest = choice * total;
+    let mut chosen = None;
+    for light in lights {
+        let (wi, distance, e) = irradiance(light, p);
+        let weight = luminance(e);
+        if weight > 0.0 {
+            chosen = Some(PunctualSample { wi, distance, irradiance: e * (total / weight) });
+            if rest < weight {
+                break;
+            }
+        }
+        rest -= weight;
+    }
+    chosen
+}
+
+/// Direction to the light, distance, irradiance at normal incidence. KHR_lights_punctual: candela over distance
+/// squared; a spot's edge fades with the square of a linear ramp in the cosine.
+#[inline]
+fn irradiance(light: &PunctualLight, p: Vec3) -> (Vec3, f32, Vec3) {
+    if light.kind == PunctualKind::Directional {
+        return (-light.direction, f32::INFINITY, light.intensity);
+    }
+    let to = light.position - p;
+    let distance2 = to.length_squared();
+    if distance2 == 0.0 {
+        return (Vec3::Y, 0.0, Vec3::ZERO);
+    }
+    let distance = distance2.sqrt();
+    let wi = to / distance;
+    let fade = match light.kind {
+        PunctualKind::Spot { inner, outer } => {
+            let (cos_inner, cos_outer) = (inner.cos(), outer.cos());
+            let cos = -light.direction.dot(wi);
+            let ramp = ((cos - cos_outer) / (cos_inner - cos_outer).max(1e-3)).clamp(0.0, 1.0);
+            ramp * ramp
+        }
+        _ => 1.0,
+    };
+    (wi, distance, light.intensity * (fade / distance2))
+}

@@ -1,0 +1,58 @@
+//! What a ray query backend takes for granted of a scene, checked once before the build.
+
+use crate::scene::Scene;
+use crate::{Error, Result};
+
+/// Largest coordinate, in metres, that both backends take: Embree leaves triangles beyond 1.8e18 out silently.
+const FARTHEST: f32 = 1e18;
+
+/// Refuses what would make a backend read out of bounds or lose triangles: indices beyond the vertices, coordinates
+/// that are not numbers or beyond [`FARTHEST`], transforms that cannot be inverted, ranges beyond their table.
+pub(super) fn check(scene: &Scene) -> Result<()> {
+    for (index, mesh) in scene.meshes.iter().enumerate() {
+        let count = mesh.positions.len();
+        let beyond = |triangle: &[u32; 3]| triangle.iter().any(|&vertex| vertex as usize >= count);
+        if let Some(at) = mesh.indices.iter().position(beyond) {
+            return Err(Error::Data(format!(
+                "mesh {index} \"{}\": triangle {at} has the vertices {:?}, but there are only {count}",
+                mesh.name, mesh.indices[at]
+            )));
+        }
+        let astray = |position: &[f32; 3]| position.iter().any(|x| x.is_nan() || x.abs() > FARTHEST);
+        if let Some(at) = mesh.positions.iter().position(astray) {
+            return Err(Error::Data(format!(
+                "mesh {index} \"{}\": vertex {at} is at {:?}, which is not a place within {FARTHEST:e} m",
+                mesh.name, mesh.positions[at]
+            )));
+        }
+    }
+    for (index, object) in scene.objects.iter().enumerate() {
+        if object.meshes.start > object.meshes.end || object.meshes.end as usize > scene.meshes.len() {
+            return Err(Error::Data(format!(
+                "object {index} \"{}\" has the meshes {:?}, but there are only {}",
+                object.name,
+                object.meshes,
+                scene.meshes.len()
+            )));
+        }
+    }
+    for (index, instance) in scene.instances.iter().enumerate() {
+        if instance.object as usize >= scene.objects.len() {
+            return Err(Error::Data(format!(
+                "instance {index} \"{}\" places object {}, but there are only {}",
+                instance.name,
+                instance.object,
+                scene.objects.len()
+            )));
+        }
+        if let Some(transform) = instance.transform
+            && !(transform.is_finite() && transform.inverse().is_finite())
+        {
+            return Err(Error::Data(format!(
+                "instance {index} \"{}\" has a transform that cannot be inverted; is a scale zero?",
+                instance.name
+            )));
+        }
+    }
+    Ok(())
+}

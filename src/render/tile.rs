@@ -1,0 +1,126 @@
+//! One square of pixels: what it has collected, and how it takes a pass.
+
+use std::cell::RefCell;
+use std::time::Instant;
+
+use crate::balance::{Balance, Counts};
+use crate::integrator::{PixelPlan, PixelSum, Transport, Wave, WaveCounts};
+
+/// Pixels along a side. Tiles lie on the whole picture's grid.
+pub const TILE: u32 = 16;
+/// Paths that are traced together: their buffers stay in the second-level cache.
+const WAVE_PATHS: u32 = 2048;
+
+thread_local! {
+    /// A thread's buffers, kept over tiles and passes.
+    static WAVE: RefCell<Wave> = RefCell::default();
+}
+
+/// A tile's pixels: all of it that is inside the picture, also where a window shows less. A tile is the unit of
+/// repetition: packets of rays are filled tile by tile, and on the edge of a triangle the same ray can hit in one packet
+/// and miss in another.
+pub struct Tile {
+    pixels: Vec<TilePixel>,
+    plan: Vec<PixelPlan>,
+    /// One a pixel, in the pixels' order.
+    pub sums: Vec<PixelSum>,
+}
+
+struct TilePixel {
+    x: u32,
+    y: u32,
+    /// Light and BSDF samples taken at first surfaces.
+    light: u32,
+    bsdf: u32,
+}
+
+/// What a pass over a tile took.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct TileWork {
+    /// Rays by kind and query time.
+    pub counts: WaveCounts,
+    /// Wall seconds on its thread.
+    pub seconds: f64,
+    /// Paths traced.
+    pub paths: u64,
+}
+
+impl Tile {
+    /// All tiles of a picture of `width` by `height` that a window (x0, y0, x1, y1; the last two exclusive) touches, row
+    /// by row.
+    pub fn cover(width: u32, height: u32, [x0, y0, x1, y1]: [u32; 4]) -> Vec<Tile> {
+        let mut tiles = Vec::new();
+        for ty in y0 / TILE..y1.div_ceil(TILE) {
+            for tx in x0 / TILE..x1.div_ceil(TILE) {
+                let mut pixels = Vec::new();
+                for y in ty * TILE..((ty + 1) * TILE).min(height) {
+                    for x in tx * TILE..((tx + 1) * TILE).min(width) {
+                        pixels.push(TilePixel { x, y, light: 0, bsdf: 0 });
+                    }
+                }
+                let mut sums = vec![PixelSum::default(); pixels.len()];
+                sums.iter_mut().for_each(|s| s.stats.balance = 0.5);
+                tiles.push(Tile { pixels, plan: Vec::new(), sums });
+            }
+        }
+        tiles
+    }
+
+    /// Takes a pass of `paths` paths a pixel. The balance of each pixel follows from its own earlier passes.
+    pub fn pass(&mut self, transport: &Transport, balance: Balance, paths: u32) -> TileWork {
+        let start = Instant::now();
+        let two_techniques = transport.lights.has_extent();
+        let before_pass = self.sums.first().map_or(0, |s| s.stats.samples);
+        // A long pass goes in parts with the same balance, so that buffers stay small.
+        let mut left = paths;
+        let mut done = 0;
+        let counts = WAVE.with_borrow_mut(|wave| {
+            wave.counts = WaveCounts::default();
+            while left > 0 {
+                let part = left.min(WAVE_PATHS);
+                let at_once = (WAVE_PATHS / part).max(1) as usize;
+                for (pixels, sums) in self.pixels.chunks_mut(at_once).zip(self.sums.chunks_mut(at_once)) {
+                    self.plan.clear();
+                    for (pixel, sum) in pixels.iter_mut().zip(sums.iter()) {
+                        let counts = match two_techniques {
+                            true => Counts::new(sum.stats.balance, part),
+                            false => Counts::bsdf_only(part),
+                        };
+                        self.plan.push(PixelPlan {
+                            x: pixel.x,
+                            y: pixel.y,
+                            first_path: before_pass + done,
+                            first_light: pixel.light,
+                            first_bsdf: pixel.bsdf,
+                            counts,
+                        });
+                        pixel.light += counts.light;
+                        pixel.bsdf += counts.bsdf;
+                    }
+                    wave.run(transport, &self.plan, part, sums);
+                }
+                left -= part;
+                done += part;
+            }
+            wave.counts
+        });
+        if transport.learns && two_techniques {
+            for sum in &mut self.sums {
+                sum.stats.balance = balance.share(&sum.moments);
+            }
+        }
+        let paths = u64::from(paths) * self.pixels.len() as u64;
+        TileWork { counts, seconds: start.elapsed().as_secs_f64(), paths }
+    }
+
+    /// The pixels inside a window: position in the whole picture and what was collected.
+    pub fn inside(&self, [x0, y0, x1, y1]: [u32; 4]) -> impl Iterator<Item = (u32, u32, &PixelSum)> {
+        let all = self.pixels.iter().zip(&self.sums);
+        all.filter(move |(p, _)| (x0..x1).contains(&p.x) && (y0..y1).contains(&p.y)).map(|(p, sum)| (p.x, p.y, sum))
+    }
+
+    /// How many pixels it has.
+    pub fn pixels(&self) -> usize {
+        self.pixels.len()
+    }
+}

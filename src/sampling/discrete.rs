@@ -1,0 +1,106 @@
+//! Discrete choice that keeps the stratification of its random number.
+
+/// Random numbers have this many bits: the distribution function is rounded to them, so that the probabilities that
+/// [`Discrete::pmf`] reports are those of [`Discrete::sample`] to the last bit.
+const GRID: f64 = (1u32 << 23) as f64;
+
+/// A distribution over 0..len by inversion: monotone in the random number, so stratified numbers choose stratified
+/// outcomes (an alias table would shuffle them). A guide table makes the search constant time on average (Chen and
+/// Asau 1974).
+#[derive(Debug, Clone)]
+pub struct Discrete {
+    /// `len + 1` values from 0 to 1.
+    cdf: Vec<f32>,
+    /// For each of `len` equal steps of the random number, the first outcome that it can be.
+    guide: Vec<u32>,
+    total: f64,
+}
+
+impl Discrete {
+    /// From weights ≥ 0, finite; `None` when there is no positive weight or more than 2³² of them.
+    pub fn new(weights: impl ExactSizeIterator<Item = f32>) -> Option<Self> {
+        let n = weights.len();
+        u32::try_from(n).ok()?;
+        let mut sums = Vec::with_capacity(n + 1);
+        let mut total = 0.0f64;
+        sums.push(0.0);
+        for w in weights {
+            total += f64::from(w);
+            sums.push(total);
+        }
+        if total <= 0.0 || !total.is_finite() {
+            return None;
+        }
+        let cdf: Vec<f32> = sums.iter().map(|s| ((s / total * GRID).round() / GRID) as f32).collect();
+        let mut at = 0u32;
+        let guide = (0..n)
+            .map(|k| {
+                let u = k as f64 / n as f64;
+                while at as usize + 1 < n && f64::from(cdf[at as usize + 1]) <= u {
+                    at += 1;
+                }
+                at
+            })
+            .collect();
+        Some(Self { cdf, guide, total })
+    }
+
+    /// The outcome for `u` in [0, 1), and where `u` lies between the outcome's ends: a fresh number in [0, 1).
+    #[inline]
+    pub fn sample(&self, u: f32) -> (u32, f32) {
+        let n = self.guide.len();
+        let mut i = self.guide[((u * n as f32) as usize).min(n - 1)] as usize;
+        // The guide's step was found in floating point: step back if it overshot.
+        while i > 0 && self.cdf[i] > u {
+            i -= 1;
+        }
+        while i + 1 < n && self.cdf[i + 1] <= u {
+            i += 1;
+        }
+        let width = self.cdf[i + 1] - self.cdf[i];
+        let fresh = if width > 0.0 { (u - self.cdf[i]) / width } else { 0.0 };
+        (i as u32, fresh.clamp(0.0, super::warp::ONE_MINUS))
+    }
+
+    /// Probability of outcome `i`.
+    #[inline]
+    pub fn pmf(&self, i: u32) -> f32 {
+        self.cdf[i as usize + 1] - self.cdf[i as usize]
+    }
+
+    /// Sum of the weights that it was made from.
+    pub fn total(&self) -> f64 {
+        self.total
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outcomes_have_exactly_the_reported_probability() {
+        for weights in [vec![1.0f32], vec![0.0, 3.0, 1.0, 0.0], vec![5.0, 1e-6, 0.25, 7.5, 2.0, 0.0, 1.0]] {
+            let table = Discrete::new(weights.iter().copied()).unwrap();
+            // Every number of the 23-bit grid, counted: no statistics needed.
+            let mut count = vec![0u32; weights.len()];
+            for k in 0..(1u32 << 23) {
+                let (i, fresh) = table.sample(k as f32 / GRID as f32);
+                assert!((0.0..1.0).contains(&fresh));
+                count[i as usize] += 1;
+            }
+            let total: f32 = weights.iter().sum();
+            for (i, w) in weights.iter().enumerate() {
+                let p = f64::from(count[i]) / GRID;
+                assert_eq!(p as f32, table.pmf(i as u32));
+                assert!((p - f64::from(w / total)).abs() <= 1.0 / GRID, "{i}: {p}");
+            }
+        }
+    }
+
+    #[test]
+    fn nothing_to_choose_is_none() {
+        assert!(Discrete::new([].into_iter()).is_none());
+        assert!(Discrete::new([0.0, 0.0].into_iter()).is_none());
+    }
+}

@@ -1,0 +1,114 @@
+//! The same bits, whatever the threads, the window or the number of samples asked for in the end.
+
+mod stage;
+mod statistics;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+
+use bismar::film::Film;
+use bismar::rays::Backend;
+use bismar::render::{Balance, RenderSettings, StopReason, render};
+use bismar::scene::{Environment, Scene};
+use glam::Vec3;
+use stage::{Stage, add, lambert, lamp, look, metal, rectangle, sphere};
+
+fn scene() -> Arc<Scene> {
+    let mut scene = Scene { environment: Some(Environment::constant([0.3; 3])), ..Default::default() };
+    rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
+    rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, lamp(9.0));
+    let (points, indices) = sphere(8, 0.6, Vec3::new(0.0, 0.6, 0.0));
+    add(&mut scene, points, indices, metal(0.4));
+    look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.5, 0.0), 0.6);
+    Arc::new(scene)
+}
+
+fn settings() -> RenderSettings {
+    RenderSettings { width: 50, height: 37, spp: Some(40), aovs: true, ..Default::default() }
+}
+
+fn film(stage: &Stage, settings: &RenderSettings, threads: usize) -> Film {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    pool.install(|| render(&stage.scene, &*stage.rays, settings, &AtomicBool::new(false), &|_| ())).film
+}
+
+/// Everything about a pixel, as text that differs when a bit differs.
+fn pixel(film: &Film, x: u32, y: u32) -> String {
+    let [x0, y0, x1, _] = film.window;
+    let at = ((y - y0) * (x1 - x0) + x - x0) as usize;
+    format!("{:?} {:?}", film.pixels[at], film.aovs[at])
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_bits() {
+    for backend in [Backend::Embree, Backend::Obvhs] {
+        let stage = Stage::new(scene(), backend);
+        for balance in [Balance::Progressive, Balance::SecondOrder, Balance::Power] {
+            let settings = RenderSettings { balance, ..settings() };
+            let one = film(&stage, &settings, 1);
+            for threads in [2, 3, 7] {
+                let other = film(&stage, &settings, threads);
+                for y in 0..37 {
+                    for x in 0..50 {
+                        assert_eq!(pixel(&one, x, y), pixel(&other, x, y), "{backend:?} {balance:?} {threads}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_crop_has_the_bits_of_the_whole() {
+    let stage = Stage::new(scene(), Backend::Embree);
+    let whole = film(&stage, &settings(), 2);
+    for crop in [[0, 0, 1, 1], [13, 9, 34, 33], [49, 36, 50, 37]] {
+        let part = film(&stage, &RenderSettings { crop: Some(crop), ..settings() }, 2);
+        for y in crop[1]..crop[3] {
+            for x in crop[0]..crop[2] {
+                assert_eq!(pixel(&whole, x, y), pixel(&part, x, y), "{crop:?} {x} {y}");
+            }
+        }
+    }
+}
+
+#[test]
+fn seeds_differ() {
+    let stage = Stage::new(scene(), Backend::Embree);
+    let a = film(&stage, &settings(), 2);
+    let b = film(&stage, &RenderSettings { seed: 1, ..settings() }, 2);
+    // The lower rows show the floor, where no pixel is without noise.
+    for y in 25..37 {
+        for x in 0..50 {
+            assert_ne!(pixel(&a, x, y), pixel(&b, x, y));
+        }
+    }
+}
+
+#[test]
+fn a_raised_stop_flag_ends_the_render_with_what_there_is() {
+    let stage = Stage::new(scene(), Backend::Embree);
+    let stop = AtomicBool::new(false);
+    let tiles = AtomicU32::new(0);
+    let settings = RenderSettings { spp: Some(1 << 20), ..settings() };
+    let rendered = render(&stage.scene, &*stage.rays, &settings, &stop, &|_| {
+        if tiles.fetch_add(1, Ordering::Relaxed) == 100 {
+            stop.store(true, Ordering::Relaxed);
+        }
+    });
+    assert_eq!(rendered.stop, StopReason::Interrupted);
+    assert!(rendered.film.pixels.iter().all(|p| p.samples > 0 && p.samples < 1 << 20));
+}
+
+#[test]
+fn time_and_noise_goals_stop_a_render() {
+    let stage = Stage::new(scene(), Backend::Embree);
+    let run =
+        |settings: RenderSettings| render(&stage.scene, &*stage.rays, &settings, &AtomicBool::new(false), &|_| ());
+    let by_time = run(RenderSettings { spp: None, time: Some(0.2), ..settings() });
+    assert_eq!(by_time.stop, StopReason::Time);
+    assert!(by_time.film.pixels.iter().all(|p| p.samples > 0));
+    let by_noise = run(RenderSettings { spp: None, noise: Some(0.05), ..settings() });
+    assert_eq!(by_noise.stop, StopReason::Noise);
+    assert!(by_noise.stats.noise <= 0.05);
+}

@@ -1,0 +1,291 @@
+//! The program as scripts and people call it: exit codes, messages, files.
+
+mod glb;
+
+use std::fs;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// A folder with a scene in it: one triangle, two cameras `a` and `b`, no light.
+fn folder() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("scene.glb"), glb::triangle()).unwrap();
+    folder
+}
+
+fn bismar(folder: &Path) -> Command {
+    let mut command = Command::new(assert_cmd::cargo::cargo_bin!("bismar"));
+    command.current_dir(folder).env_remove("BISMAR_THREADS").env_remove("SLURM_CPUS_PER_TASK");
+    command
+}
+
+fn run(folder: &Path, line: &str) -> Output {
+    bismar(folder).args(line.split_whitespace()).output().unwrap()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Runs, expects an exit code, and returns stderr.
+#[track_caller]
+fn expect(folder: &Path, line: &str, code: i32) -> String {
+    let output = run(folder, line);
+    let text = stderr(&output);
+    assert_eq!(output.status.code(), Some(code), "bismar {line}\n{text}");
+    text
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let mut names: Vec<_> =
+        fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+fn json(bytes: &[u8]) -> Value {
+    serde_json::from_slice(bytes).unwrap()
+}
+
+const SMALL: &str = "render scene.glb --size 32x24 --spp 8 -q";
+
+#[test]
+fn wrong_usage_exits_with_64_and_says_what_is_wrong() {
+    let folder = folder();
+    for (line, words) in [
+        ("", "Usage"),
+        ("paint scene.glb", "paint"),
+        ("render", "SCENE"),
+        ("render scene.glb --sunny", "--sunny"),
+        ("render scene.glb --size 12", "WIDTHxHEIGHT"),
+        ("render scene.glb --spp 0", "spp"),
+        ("render scene.glb --time nan", "above 0"),
+        ("render scene.glb --threads 0", "4096"),
+        ("render scene.glb --env-rotate 90", "--env"),
+        ("render scene.glb --env a.hdr --no-env", "--no-env"),
+        ("render scene.glb --aov fog", "there is no output 'fog'"),
+        ("render scene.glb --balance second-order", "pilot is half of all samples"),
+        ("render scene.glb -o out.png", "must end in .exr"),
+        ("render scene.glb -o a.exr --stats a.exr", "two outputs"),
+        ("render scene.glb --crop 0,0,2000,10", "not inside the picture"),
+        ("compare a.exr", "B"),
+        ("compare a.exr b.exr --diff c.txt", ".png or .exr"),
+    ] {
+        let text = expect(folder.path(), line, 64);
+        assert!(text.contains(words), "bismar {line}: '{words}' is not in\n{text}");
+    }
+    assert_eq!(names(folder.path()), ["scene.glb"]);
+}
+
+#[test]
+fn help_and_version_exit_with_0() {
+    let folder = folder();
+    for line in ["--help", "--version", "render --help", "help compare"] {
+        expect(folder.path(), line, 0);
+    }
+}
+
+#[test]
+fn a_scene_or_picture_that_is_not_there_exits_with_66_and_is_named() {
+    let folder = folder();
+    for line in ["render absent.glb", "inspect absent.glb", "compare absent.glb absent.glb"] {
+        let text = expect(folder.path(), line, 66);
+        assert!(text.contains("absent.glb"), "{text}");
+    }
+}
+
+#[test]
+fn an_unknown_camera_exits_with_64_and_the_cameras_are_listed() {
+    let text = expect(folder().path(), "render scene.glb --camera top", 64);
+    assert!(text.contains("0  a") && text.contains("1  b"), "{text}");
+}
+
+#[test]
+fn an_output_that_cannot_be_created_exits_with_73_before_the_scene_is_read() {
+    let folder = folder();
+    for line in [
+        "render absent.glb -o absent/out.exr",
+        "render absent.glb -o scene.glb/out.exr",
+        "render absent.glb --preview absent/out.png",
+        "render absent.glb --stats absent/out.json",
+    ] {
+        let text = expect(folder.path(), line, 73);
+        assert!(text.contains("cannot create"), "{text}");
+    }
+}
+
+#[test]
+fn a_thread_count_that_is_no_number_exits_with_64_and_names_its_variable() {
+    let folder = folder();
+    let output = bismar(folder.path()).args(SMALL.split(' ')).env("BISMAR_THREADS", "many").output().unwrap();
+    assert_eq!(output.status.code(), Some(64));
+    assert!(stderr(&output).contains("BISMAR_THREADS is 'many'"), "{}", stderr(&output));
+    for (flag, variable, taken) in [
+        ("--threads=1", "BISMAR_THREADS", "1 threads (--threads)"),
+        ("-v", "BISMAR_THREADS", "3 threads (BISMAR_THREADS)"),
+        ("-v", "SLURM_CPUS_PER_TASK", "3 threads (SLURM_CPUS_PER_TASK)"),
+    ] {
+        let line = "render scene.glb --size 8x8 --spp 1 -v";
+        let output = bismar(folder.path()).args(line.split(' ')).arg(flag).env(variable, "3").output().unwrap();
+        assert!(stderr(&output).contains(taken), "{}", stderr(&output));
+    }
+}
+
+#[test]
+fn a_render_writes_picture_preview_and_statistics_and_nothing_else() {
+    let folder = folder();
+    expect(folder.path(), &format!("{SMALL} --preview p.png --stats s.json --crop 4,5,20,21"), 0);
+    assert_eq!(names(folder.path()), ["p.png", "s.json", "scene.exr", "scene.glb"]);
+    let stats = json(&fs::read(folder.path().join("s.json")).unwrap());
+    assert_eq!(stats["samples"]["paths"], 16 * 16 * 8);
+    assert_eq!(stats["rays"]["camera"], stats["samples"]["paths"]);
+    assert_eq!((&stats["stop"], &stats["scene"]), (&"samples".into(), &"scene.glb".into()));
+    let share = stats["ray_query_share"].as_f64().unwrap();
+    assert!(share > 0.0 && share <= 1.0, "{share}");
+    for phase in ["read", "build", "render", "write", "total"] {
+        assert!(stats["seconds"][phase].as_f64().unwrap() > 0.0, "{phase}");
+    }
+    assert!(stats["peak_memory_bytes"].as_u64().unwrap() > 1 << 20);
+    let png = fs::read(folder.path().join("p.png")).unwrap();
+    assert_eq!((&png[1..4], &png[16..24]), (&b"PNG"[..], &[0, 0, 0, 16, 0, 0, 0, 16][..]));
+}
+
+#[test]
+fn a_scene_without_light_gets_a_white_sky_and_a_warning() {
+    let folder = folder();
+    let text = expect(folder.path(), "render scene.glb --size 8x8 --spp 1", 0);
+    assert!(text.contains("scene.glb has no light: a plain white sky"), "{text}");
+    let text = expect(folder.path(), "render scene.glb --size 8x8 --spp 1 --no-env", 0);
+    assert!(text.contains("black"), "{text}");
+}
+
+#[test]
+fn progress_off_a_terminal_is_lines_that_machines_read() {
+    let folder = folder();
+    let line = "render scene.glb --size 32x24 --spp 8";
+    let output = run(folder.path(), line);
+    assert!(!output.stderr.contains(&b'\r') && !output.stderr.contains(&0x1b), "{}", stderr(&output));
+    assert!(stderr(&output).lines().any(|l| l == "PROGRESS: 100%"), "{}", stderr(&output));
+    assert!(output.stdout.is_empty());
+
+    let output = run(folder.path(), &format!("{line} --progress json"));
+    let lines = String::from_utf8(output.stdout).unwrap();
+    let lines = lines.lines().map(|l| json(l.as_bytes())).collect::<Vec<_>>();
+    assert_eq!(lines.last().unwrap()["fraction"], 1.0);
+
+    let output = run(folder.path(), &format!("{line} --progress openjd"));
+    assert!(String::from_utf8(output.stdout).unwrap().ends_with("openjd_progress: 100\n"));
+
+    let output = run(folder.path(), &format!("{line} -q"));
+    assert!(!stderr(&output).contains("PROGRESS"), "{}", stderr(&output));
+}
+
+#[test]
+fn an_interrupted_render_saves_what_there_is_and_exits_with_75() {
+    for signal in ["-INT", "-TERM"] {
+        let folder = folder();
+        let line = "render scene.glb --size 64x48 --time 600 --progress plain --stats s.json";
+        let mut child =
+            bismar(folder.path()).args(line.split(' ')).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+        let mut lines = BufReader::new(child.stderr.take().unwrap());
+        let mut text = String::new();
+        while !text.contains("PROGRESS") {
+            assert_ne!(lines.read_line(&mut text).unwrap(), 0, "it ended by itself:\n{text}");
+        }
+        assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+        lines.read_to_string(&mut text).unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(75), "{text}");
+        assert!(text.contains("scene.exr is saved"), "{text}");
+        expect(folder.path(), "compare scene.exr scene.exr", 0);
+        assert_eq!(json(&fs::read(folder.path().join("s.json")).unwrap())["stop"], "interrupted");
+    }
+}
+
+#[test]
+fn a_full_disk_exits_with_74_and_leaves_the_old_picture() {
+    let folder = folder();
+    let old = b"the old picture".as_slice();
+    fs::write(folder.path().join("scene.exr"), old).unwrap();
+    // A limit of a few kilobytes a file fails like a full disk: in the middle of a write.
+    let script = "trap '' XFSZ; ulimit -f 8; exec \"$0\" render scene.glb --size 128x128 --spp 8 -q";
+    let program = assert_cmd::cargo::cargo_bin!("bismar");
+    let output = Command::new("sh").arg("-c").arg(script).arg(program).current_dir(folder.path()).output().unwrap();
+    assert_eq!(output.status.code(), Some(74), "{}", stderr(&output));
+    assert!(stderr(&output).contains("scene.exr: cannot write"), "{}", stderr(&output));
+    assert_eq!(fs::read(folder.path().join("scene.exr")).unwrap(), old);
+    assert_eq!(names(folder.path()), ["scene.exr", "scene.glb"]);
+}
+
+#[test]
+fn a_picture_compared_with_itself_has_no_difference_and_z_0() {
+    let folder = folder();
+    expect(folder.path(), SMALL, 0);
+    let output = run(folder.path(), "compare scene.exr scene.exr --json --max-relmse 0 --max-z 0");
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let report = json(&output.stdout);
+    for number in ["rel_mse", "rmse", "mae"] {
+        assert_eq!(report[number], 0.0, "{number}");
+    }
+    assert_eq!(report["bias"], serde_json::json!([0.0, 0.0, 0.0]));
+    assert_eq!(report["statistics"]["bias_z"], serde_json::json!([0.0, 0.0, 0.0]));
+    assert_eq!(report["within"], true);
+}
+
+#[test]
+fn pictures_beyond_the_threshold_exit_with_1() {
+    let folder = folder();
+    expect(folder.path(), &format!("{SMALL} -o a.exr"), 0);
+    expect(folder.path(), &format!("{SMALL} -o b.exr --no-env"), 0);
+    expect(folder.path(), "compare a.exr b.exr", 0);
+    let text = expect(folder.path(), "compare a.exr b.exr --max-relmse 0.001 --diff d.png", 1);
+    assert!(text.contains("relMSE") && text.contains("beyond 0.001"), "{text}");
+    assert!(folder.path().join("d.png").exists());
+    expect(folder.path(), "compare a.exr b.exr --max-z 6", 1);
+    expect(folder.path(), "compare a.exr b.exr --diff d.exr", 0);
+    expect(folder.path(), "compare d.exr b.exr", 0);
+}
+
+#[test]
+fn pictures_that_cannot_be_compared_exit_with_65() {
+    let folder = folder();
+    expect(folder.path(), &format!("{SMALL} -o a.exr --aov none"), 0);
+    expect(folder.path(), &format!("{SMALL} -o b.exr --crop 0,0,16,24"), 0);
+    let text = expect(folder.path(), "compare a.exr b.exr", 65);
+    assert!(text.contains("windows differ: 32 x 24 from (0, 0) and 16 x 24"), "{text}");
+    let text = expect(folder.path(), "compare a.exr a.exr --max-z 3", 65);
+    assert!(text.contains("must carry variance"), "{text}");
+    let text = expect(folder.path(), "compare scene.glb a.exr", 65);
+    assert!(text.contains("scene.glb: cannot use this OpenEXR file"), "{text}");
+    fs::write(folder.path().join("cut.exr"), &fs::read(folder.path().join("a.exr")).unwrap()[..500]).unwrap();
+    expect(folder.path(), "compare cut.exr a.exr", 65);
+}
+
+#[test]
+fn inspect_says_what_is_there_and_what_is_left_out() {
+    let folder = folder();
+    let output = run(folder.path(), "inspect scene.glb");
+    let text = String::from_utf8(output.stdout).unwrap();
+    for words in ["triangles  1", "1  b  perspective  40.1 degrees high", "a plain white sky lights it"] {
+        assert!(text.contains(words), "'{words}' is not in\n{text}");
+    }
+    let summary = json(&run(folder.path(), "inspect scene.glb --json").stdout);
+    assert_eq!(summary["counts"]["triangles"], 1);
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_error() {
+    let folder = folder();
+    expect(folder.path(), SMALL, 0);
+    for line in ["compare scene.exr scene.exr", "compare scene.exr scene.exr --json", "--help", "inspect scene.glb"] {
+        let mut child =
+            bismar(folder.path()).args(line.split(' ')).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        drop(child.stdout.take());
+        let output = child.wait_with_output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "bismar {line}: {}", stderr(&output));
+        assert!(output.stderr.is_empty(), "bismar {line}: {}", stderr(&output));
+    }
+}

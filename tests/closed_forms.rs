@@ -1,0 +1,246 @@
+//! Rendered radiance against closed forms: every balance, both backends. Replicas differ by seed; the z-tests' limit
+//! keeps the false-alarm rate of the whole file's family at `statistics::FALSE_ALARM` a test.
+
+mod stage;
+mod statistics;
+
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+use bismar::rays::Backend;
+use bismar::render::{Balance, Integrator, PixelFilter, RenderSettings};
+use bismar::scene::{Environment, PunctualKind, PunctualLight, Scene};
+use glam::{DVec3, Vec3};
+use stage::{Stage, add, lambert, lamp, look, metal, rectangle, sphere};
+use statistics::z_limit;
+
+const BALANCES: [Balance; 5] =
+    [Balance::Progressive, Balance::SecondOrder, Balance::Half, Balance::Power, Balance::Max];
+const REPLICAS: u32 = 300;
+
+fn settings() -> RenderSettings {
+    RenderSettings { width: 2, height: 2, spp: Some(32), seed: 1000, filter: PixelFilter::Box, ..Default::default() }
+}
+
+/// Renders with every balance, backend and the two integrators; all must agree with `expected`.
+fn agrees(scene: Scene, expected: f64, integrators: &[Integrator]) {
+    let scene = Arc::new(scene);
+    let limit = z_limit(2 * BALANCES.len() * integrators.len());
+    for backend in [Backend::Embree, Backend::Obvhs] {
+        let stage = Stage::new(scene.clone(), backend);
+        for &integrator in integrators {
+            for balance in BALANCES {
+                let mean = stage.mean_green(&RenderSettings { balance, integrator, ..settings() }, REPLICAS);
+                let z = mean.z(expected);
+                assert!(
+                    z.abs() < limit,
+                    "{backend:?} {integrator:?} {balance:?}: {} ± {} for {expected}, z = {z}",
+                    mean.mean,
+                    mean.standard_error()
+                );
+            }
+        }
+    }
+}
+
+const BOTH: [Integrator; 2] = [Integrator::Direct, Integrator::Path];
+
+#[test]
+fn white_diffuse_sphere_vanishes_in_a_white_furnace() {
+    let mut scene = Scene { environment: Some(Environment::constant([1.0; 3])), ..Default::default() };
+    let (points, indices) = sphere(12, 1.0, Vec3::ZERO);
+    add(&mut scene, points, indices, lambert(1.0));
+    look(&mut scene, Vec3::new(0.0, 0.5, 3.0), Vec3::ZERO, 0.3);
+    agrees(scene, 1.0, &BOTH);
+}
+
+#[test]
+fn white_metal_plate_vanishes_in_a_white_furnace() {
+    // Rough at alpha = 0.01, where the single-scattering loss at this angle is of the order alpha², 1e-4: half of a
+    // thousandth is allowed for it by placing the expectation at the lobe's own albedo, found by quadrature elsewhere.
+    let mut scene = Scene { environment: Some(Environment::constant([1.0; 3])), ..Default::default() };
+    rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, metal(0.1));
+    look(&mut scene, Vec3::new(0.0, 3.0, 1.0), Vec3::ZERO, 1e-3);
+    let expected = plate_albedo(0.01, (1.0f64 / 10.0f64.sqrt()).atan());
+    assert!((1.0 - expected).abs() < 1e-3, "{expected}");
+    agrees(scene, expected, &BOTH);
+}
+
+/// Albedo of a white GGX metal with separable Smith masking, by quadrature over visible microfacet normals: the
+/// mean of G₁(wi) over them (the VNDF weight), with tan θ_m = α √(u/(1 − u)) for D's own distribution re-weighted.
+fn plate_albedo(alpha: f64, theta: f64) -> f64 {
+    let wo = DVec3::new(theta.sin(), 0.0, theta.cos());
+    let g1 = |w: DVec3| {
+        let tan2 = (w.x * w.x + w.y * w.y) / (w.z * w.z);
+        2.0 / (1.0 + (1.0 + alpha * alpha * tan2).sqrt())
+    };
+    let (mut sum, n) = (0.0, 1000);
+    for i in 0..n {
+        let u = (f64::from(i) + 0.5) / f64::from(n);
+        let tan = alpha * (u / (1.0 - u)).sqrt();
+        let cos = 1.0 / (1.0 + tan * tan).sqrt();
+        let sin = tan * cos;
+        for j in 0..n {
+            let phi = 2.0 * PI * (f64::from(j) + 0.5) / f64::from(n);
+            let m = DVec3::new(sin * phi.cos(), sin * phi.sin(), cos);
+            let wi = 2.0 * wo.dot(m) * m - wo;
+            if wi.z > 0.0 && wo.dot(m) > 0.0 {
+                // D(m) cos θ_m is the density of m; the VNDF has G₁(wo)(wo·m)D/cos θ_o.
+                sum += g1(wo) * wo.dot(m) / (wo.z * cos) * g1(wi);
+            }
+        }
+    }
+    sum / f64::from(n * n)
+}
+
+#[test]
+fn constant_sky_over_a_diffuse_plane_gives_its_albedo() {
+    let mut scene = Scene { environment: Some(Environment::constant([2.0; 3])), ..Default::default() };
+    rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.6));
+    look(&mut scene, Vec3::new(0.0, 2.0, 2.0), Vec3::ZERO, 0.2);
+    agrees(scene, 1.2, &BOTH);
+}
+
+/// Irradiance at `p` with normal +y from a polygon of unit radiance, by Lambert's formula; all above the horizon.
+fn polygon_irradiance(p: DVec3, corners: &[DVec3]) -> f64 {
+    let n = corners.len();
+    let mut sum = 0.0;
+    for i in 0..n {
+        let (a, b) = ((corners[i] - p).normalize(), (corners[(i + 1) % n] - p).normalize());
+        let cross = a.cross(b);
+        sum += a.dot(b).clamp(-1.0, 1.0).acos() * cross.normalize_or_zero().y;
+    }
+    0.5 * sum.abs()
+}
+
+#[test]
+fn rectangular_light_over_a_diffuse_plane() {
+    let mut scene = Scene::default();
+    rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.5));
+    rectangle(&mut scene, 1.5, [-0.2, 1.0], [-0.7, 0.4], false, lamp(10.0));
+    look(&mut scene, Vec3::new(0.0, 1.0, 3.0), Vec3::ZERO, 1e-3);
+    let corners = [(-0.2, -0.7), (1.0, -0.7), (1.0, 0.4), (-0.2, 0.4)].map(|(x, z)| DVec3::new(x, 1.5, z));
+    agrees(scene, 0.5 / PI * 10.0 * polygon_irradiance(DVec3::ZERO, &corners), &BOTH);
+}
+
+#[test]
+fn spherical_light_over_a_diffuse_plane() {
+    let (center, radius) = (Vec3::new(0.5, 2.0, -0.3), 0.4);
+    let (points, indices) = sphere(24, radius, center);
+    // The exact irradiance of the polyhedron: the sum over its triangles that face the point.
+    let mut irradiance = 0.0;
+    for t in &indices {
+        let [a, b, c] = t.map(|i| Vec3::from_array(points[i as usize]).as_dvec3());
+        if (b - a).cross(c - a).dot(-a) > 0.0 {
+            irradiance += polygon_irradiance(DVec3::ZERO, &[a, b, c]);
+        }
+    }
+    // It is the sphere's, π (r/d)² cos θ, but for the tessellation: 48 columns lose at most (π/48)² of the area.
+    let d = center.as_dvec3().length();
+    let of_sphere = PI * (f64::from(radius) / d).powi(2) * f64::from(center.y) / d;
+    assert!((irradiance / of_sphere - 1.0).abs() < (PI / 48.0).powi(2) * 2.0, "{irradiance} {of_sphere}");
+
+    let mut scene = Scene::default();
+    rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.5));
+    add(&mut scene, points, indices, lamp(10.0));
+    look(&mut scene, Vec3::new(0.0, 1.0, 3.0), Vec3::ZERO, 1e-3);
+    agrees(scene, 0.5 / PI * 10.0 * irradiance, &BOTH);
+}
+
+fn punctual(kind: PunctualKind) -> Scene {
+    let mut scene = Scene::default();
+    rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.5));
+    let position = Vec3::new(1.0, 2.0, 0.0);
+    // The spot's axis misses the origin by an angle whose cosine is 0.9.
+    let toward = -position.normalize();
+    let aside = Vec3::Z;
+    let direction = toward * 0.9 + aside * (1.0f32 - 0.81).sqrt();
+    scene.lights.push(PunctualLight { name: "light".into(), kind, intensity: Vec3::splat(30.0), position, direction });
+    look(&mut scene, Vec3::new(0.0, 1.0, 3.0), Vec3::ZERO, 1e-4);
+    scene
+}
+
+/// ρ/π · I cos θ/d² of the scene above.
+fn point_radiance() -> f64 {
+    0.5 / PI * 30.0 * (2.0 / 5.0f64.sqrt()) / 5.0
+}
+
+#[test]
+fn point_light_over_a_diffuse_plane() {
+    agrees(punctual(PunctualKind::Point), point_radiance(), &BOTH);
+}
+
+#[test]
+fn spot_light_fades_from_its_inner_to_its_outer_cone() {
+    let cone = |inner: f32, outer: f32| PunctualKind::Spot { inner: inner.acos(), outer: outer.acos() };
+    // Inside, halfway down the ramp in the cosine (a quarter, squared), outside.
+    agrees(punctual(cone(0.85, 0.5)), point_radiance(), &[Integrator::Direct]);
+    agrees(punctual(cone(0.95, 0.85)), 0.25 * point_radiance(), &[Integrator::Direct]);
+    agrees(punctual(cone(0.99, 0.95)), 0.0, &[Integrator::Direct]);
+}
+
+#[test]
+fn directional_light_over_a_diffuse_plane() {
+    let mut scene = punctual(PunctualKind::Directional);
+    scene.lights[0].direction = Vec3::new(0.6, -0.8, 0.0);
+    agrees(scene, 0.5 / PI * 30.0 * 0.8, &BOTH);
+}
+
+#[test]
+fn interreflection_between_two_plates_is_the_geometric_series() {
+    // A point between two facing white-ish plates so large that what escapes is below the noise: each bounce keeps
+    // ρ, light enters as emission of one plate. L = Le Σ ρ^k over the segments that the depth allows.
+    let mut scene = Scene::default();
+    let glowing = bismar::scene::Material { emissive: Vec3::ONE, ..lambert(0.5) };
+    // The inside of a cube of glowing walls: exactly closed.
+    let s = 1.0f32;
+    let corners: Vec<[f32; 3]> =
+        (0..8).map(|i| [0, 1, 2].map(|axis| if i >> axis & 1 == 0 { -s } else { s })).collect();
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let indices = quads.iter().flat_map(|q| [[q[0], q[2], q[1]], [q[0], q[3], q[2]]]).collect();
+    let glowing = bismar::scene::Material { double_sided: true, ..glowing };
+    add(&mut scene, corners, indices, glowing);
+    look(&mut scene, Vec3::new(0.1, 0.2, 0.3), Vec3::new(1.0, 0.3, -0.2), 0.5);
+    let series = |segments: i32| (0..segments).map(|k| 0.5f64.powi(k)).sum::<f64>();
+    // Direct: emission and one bounce. Path: eight segments, by default.
+    agrees(
+        Scene {
+            meshes: scene.meshes.clone(),
+            objects: scene.objects.clone(),
+            instances: scene.instances.clone(),
+            materials: scene.materials.clone(),
+            cameras: scene.cameras.clone(),
+            ..Default::default()
+        },
+        series(2),
+        &[Integrator::Direct],
+    );
+    agrees(scene, series(8), &[Integrator::Path]);
+}
+
+#[test]
+fn all_balances_and_backends_agree_on_a_glossy_scene_with_sky_lamp_and_indirect_light() {
+    let mut scene = Scene::default();
+    let mut sky = Environment::constant([0.4; 3]);
+    (sky.width, sky.height) = (16, 8);
+    sky.pixels = vec![[0.4; 3]; 128];
+    sky.pixels[20] = [60.0, 55.0, 50.0];
+    scene.environment = Some(sky);
+    rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, metal(0.5));
+    rectangle(&mut scene, 1.5, [-0.4, 0.4], [-0.9, -0.3], false, lamp(6.0));
+    let (points, indices) = sphere(8, 0.4, Vec3::new(0.2, 0.4, 0.2));
+    add(&mut scene, points, indices, lambert(0.7));
+    look(&mut scene, Vec3::new(0.0, 1.2, 3.0), Vec3::new(0.0, 0.2, 0.0), 0.5);
+    let scene = Arc::new(scene);
+    let reference = Stage::new(scene.clone(), Backend::Embree)
+        .mean_green(&RenderSettings { balance: Balance::Half, seed: 900_000, spp: Some(128), ..settings() }, 1000);
+    let limit = z_limit(2 * BALANCES.len());
+    for backend in [Backend::Embree, Backend::Obvhs] {
+        let stage = Stage::new(scene.clone(), backend);
+        for balance in BALANCES {
+            let mean = stage.mean_green(&RenderSettings { balance, ..settings() }, 1000);
+            let z = (mean.mean - reference.mean) / mean.standard_error().hypot(reference.standard_error());
+            assert!(z.abs() < limit, "{backend:?} {balance:?}: {} for {}, z = {z}", mean.mean, reference.mean);
+        }
+    }
+}

@@ -1,0 +1,205 @@
+//! The lights' promises: samples follow the pdf, radiance along a sample is the light's own.
+
+mod statistics;
+
+use bismar::lanes::{LANES, V3};
+use bismar::light::{AreaLights, EnvironmentSampler, LightSamples};
+use bismar::scene::{Environment, Instance, Material, Mesh, Object, Positions, Scene};
+use glam::{Affine3A, Vec3};
+use statistics::{Mean, Random, chi_square_directions, direction, z_limit};
+
+struct Sample {
+    wi: Vec3,
+    radiance: Vec3,
+    pdf: f32,
+}
+
+/// The third lane, `None` where the sample failed.
+fn third(s: LightSamples) -> Option<Sample> {
+    let pdf = s.pdf.as_array()[3];
+    (pdf > 0.0).then(|| Sample { wi: s.wi.lane(3), radiance: s.radiance.lane(3), pdf })
+}
+
+fn sample_environment(sampler: &EnvironmentSampler, u: f32, v: f32) -> Option<Sample> {
+    third(sampler.sample([u; LANES], [v; LANES]))
+}
+
+fn radiance_pdf(sampler: &EnvironmentSampler, wi: Vec3) -> (Vec3, f32) {
+    let (radiance, pdf) = sampler.radiance_pdf(V3::splat(wi));
+    (radiance.lane(3), pdf.as_array()[3])
+}
+
+fn sample_lamps(lights: &AreaLights, scene: &Scene, choice: f32, u: f32, v: f32) -> Option<Sample> {
+    third(lights.sample(scene, V3::splat(Vec3::ZERO), [choice; LANES], [u; LANES], [v; LANES]))
+}
+
+/// A small map with a sun, a black band and uneven colours.
+fn map(rotation: f32) -> Environment {
+    let (width, height) = (8, 5);
+    let mut random = Random(9);
+    let mut pixels: Vec<[f32; 3]> = (0..width * height).map(|_| [random.f32(), random.f32(), random.f32()]).collect();
+    pixels[10] = [40.0, 30.0, 20.0];
+    pixels[24..32].fill([0.0; 3]);
+    Environment { name: "test".into(), width, height, pixels, rotation, strength: 2.0 }
+}
+
+#[test]
+fn environment_samples_follow_the_pdf() {
+    for (k, rotation) in [0.0, 1.3, -2.5].into_iter().enumerate() {
+        let sampler = EnvironmentSampler::new(&map(rotation)).unwrap();
+        let mut random = Random(20 + k as u64);
+        chi_square_directions(
+            &format!("environment turned by {rotation}"),
+            3,
+            (400_000, 12),
+            || sample_environment(&sampler, random.f32(), random.f32()).map(|s| s.wi),
+            |wi| f64::from(radiance_pdf(&sampler, wi).1),
+        );
+    }
+}
+
+#[test]
+fn environment_samples_carry_their_directions_radiance_and_pdf() {
+    let sampler = EnvironmentSampler::new(&map(0.7)).unwrap();
+    let mut random = Random(3);
+    for _ in 0..10_000 {
+        let s = sample_environment(&sampler, random.f32(), random.f32()).unwrap();
+        let (radiance, pdf) = radiance_pdf(&sampler, s.wi);
+        // Directions are rounded, and the map changes by up to 40 units over an eighth of a turn.
+        assert!((radiance - s.radiance).abs().max_element() < 2e-3, "{}", s.wi);
+        assert!((pdf / s.pdf - 1.0).abs() < 2e-2 || s.pdf < 1e-3, "{} {pdf} {}", s.wi, s.pdf);
+    }
+}
+
+#[test]
+fn environment_direction_reads_the_documented_texel() {
+    // u = 0.5 + atan2(z, x)/2π, v = acos(y)/π from the top; texel centres at (i + 0.5)/size.
+    let (width, height) = (8u32, 4u32);
+    let mut e = Environment::constant([0.0; 3]);
+    (e.width, e.height) = (width, height);
+    e.pixels = (0..width * height).map(|i| [i as f32 + 1.0, 0.0, 0.0]).collect();
+    let sampler = EnvironmentSampler::new(&e).unwrap();
+    for y in 0..height {
+        for x in 0..width {
+            let phi = 2.0 * std::f32::consts::PI * ((x as f32 + 0.5) / width as f32 - 0.5);
+            let theta = std::f32::consts::PI * (y as f32 + 0.5) / height as f32;
+            let d = Vec3::new(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin());
+            let read = radiance_pdf(&sampler, d).0.x;
+            assert!((read - (y * width + x + 1) as f32).abs() < 1e-3, "{x} {y}: {read}");
+        }
+    }
+}
+
+#[test]
+fn rotation_turns_the_map_about_plus_y() {
+    // A quarter turn about +y carries +z to +x.
+    let mut still = map(0.0);
+    still.pixels[10] = [90.0, 0.0, 0.0];
+    let turned = Environment { rotation: std::f32::consts::FRAC_PI_2, ..still.clone() };
+    let (still, turned) = (EnvironmentSampler::new(&still).unwrap(), EnvironmentSampler::new(&turned).unwrap());
+    let mut random = Random(8);
+    for _ in 0..1000 {
+        let d = bismar::sampling::warp::sphere(random.f32(), random.f32());
+        let carried = Vec3::new(d.z, d.y, -d.x);
+        assert!((radiance_pdf(&still, d).0 - radiance_pdf(&turned, carried).0).abs().max_element() < 1e-2);
+    }
+}
+
+#[test]
+fn constant_environment_has_the_uniform_pdf_on_average() {
+    // sin θ is taken at the middle of a row of cells, so the pdf is not quite 1/4π; its mean over the sphere is.
+    let sampler = EnvironmentSampler::new(&Environment::constant([1.0; 3])).unwrap();
+    let mut mean = Mean::default();
+    let mut random = Random(5);
+    for _ in 0..200_000 {
+        let d = bismar::sampling::warp::sphere(random.f32(), random.f32());
+        mean.add(f64::from(radiance_pdf(&sampler, d).1) * 4.0 * std::f64::consts::PI);
+    }
+    assert!(mean.z(1.0).abs() < z_limit(1), "{}", mean.mean);
+}
+
+/// Three lamps of unlike size and power around the origin, the middle one seen from behind unless two-sided, one placed
+/// by a mirrored instance.
+fn lamps(double_sided: bool) -> Scene {
+    let triangle = |points: [[f32; 3]; 3], material| Mesh {
+        positions: Positions::new(points.to_vec()),
+        indices: vec![[0, 1, 2]],
+        material,
+        ..Default::default()
+    };
+    let lamp = |radiance: f32| Material { emissive: Vec3::splat(radiance), double_sided, ..Default::default() };
+    Scene {
+        meshes: vec![
+            triangle([[-1.0, 2.0, -1.0], [1.5, 2.0, -1.0], [0.0, 2.5, 1.5]], 0),
+            triangle([[3.0, -1.0, 0.0], [3.0, 1.0, 0.5], [3.0, 0.0, 2.0]], 1),
+            triangle([[0.0, 0.0, 2.0], [1.0, 0.0, 2.0], [0.0, 1.5, 2.5]], 2),
+        ],
+        objects: (0..3).map(|i| Object { name: String::new(), meshes: i..i + 1 }).collect(),
+        instances: (0..3)
+            .map(|i| Instance {
+                name: String::new(),
+                object: i,
+                transform: (i == 2).then(|| Affine3A::from_scale(Vec3::new(-1.2, 1.0, 1.4))),
+            })
+            .collect(),
+        materials: vec![lamp(3.0), lamp(1.0), lamp(8.0)],
+        ..Default::default()
+    }
+}
+
+/// The lamps in direction `d` from the origin, one behind the other: instance, distance.
+fn look(scene: &Scene, d: Vec3) -> Vec<(u32, f32)> {
+    let mut found = Vec::new();
+    for (i, instance) in scene.instances.iter().enumerate() {
+        let mesh = &scene.meshes[i];
+        let [a, b, c] = [0, 1, 2].map(|k| {
+            let p = Vec3::from_array(mesh.positions[k]);
+            instance.transform.map_or(p, |t| t.transform_point3(p))
+        });
+        let n = (b - a).cross(c - a);
+        let t = a.dot(n) / d.dot(n);
+        let p = d * t;
+        let inside = [(a, b), (b, c), (c, a)].iter().all(|(p0, p1)| (*p1 - *p0).cross(p - *p0).dot(n) >= 0.0);
+        if t > 0.0 && inside {
+            found.push((i as u32, t));
+        }
+    }
+    found
+}
+
+#[test]
+fn lamp_samples_follow_the_pdf() {
+    for double_sided in [false, true] {
+        let scene = lamps(double_sided);
+        let lights = AreaLights::new(&scene).unwrap();
+        let mut random = Random(31);
+        chi_square_directions(
+            &format!("lamps, double_sided {double_sided}"),
+            2,
+            (100_000, 96),
+            || sample_lamps(&lights, &scene, random.f32(), random.f32(), random.f32()).map(|s| s.wi),
+            // Light samples do not know what is in front of what.
+            |d| look(&scene, d).iter().map(|&(i, t)| f64::from(lights.pdf(i, i, 0, d, t))).sum(),
+        );
+    }
+}
+
+#[test]
+fn lamps_shine_from_the_side_that_the_winding_calls_the_front_also_when_mirrored() {
+    let scene = lamps(false);
+    let lights = AreaLights::new(&scene).unwrap();
+    let mut random = Random(32);
+    for _ in 0..20_000 {
+        let d = direction(f64::from(random.f32()) * 3.14, f64::from(random.f32()) * 6.28);
+        for (i, t) in look(&scene, d) {
+            let t_world = |k: usize| {
+                let p = Vec3::from_array(scene.meshes[i as usize].positions[k]);
+                scene.instances[i as usize].transform.map_or(p, |m| m.transform_point3(p))
+            };
+            // A mirroring instance turns the winding round, and with it the front.
+            let turned = if i == 2 { -1.0 } else { 1.0 };
+            let n = (t_world(1) - t_world(0)).cross(t_world(2) - t_world(0)) * turned;
+            assert_eq!(lights.pdf(i, i, 0, d, t) > 0.0, n.dot(d) < 0.0, "lamp {i}");
+        }
+    }
+}

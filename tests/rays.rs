@@ -1,0 +1,273 @@
+//! Promises of both ray query backends.
+
+#[path = "rays/reference.rs"]
+mod reference;
+#[path = "rays/scenes.rs"]
+mod scenes;
+
+use std::f32::consts::FRAC_PI_3;
+use std::hint::black_box;
+use std::sync::Arc;
+
+use bismar::Error;
+use bismar::rays::cwbvh::ObvhsRays;
+use bismar::rays::embree::{EmbreeOptions, EmbreeRays, set_flush_to_zero};
+use bismar::rays::{self, Backend, HitBatch, MISS, RayBatch, RayOrder, RayQueries};
+use bismar::scene::{Instance, Object, Scene};
+use glam::{Affine3A, Quat, Vec3, vec3};
+
+use reference::Reference;
+use scenes::{Random, bounce, box_room, camera_rays, mesh, pieces, scene};
+
+/// Embree on this CPU, with 8-wide and with emulated packets; obvhs.
+fn backends(scene: &Arc<Scene>) -> Vec<Box<dyn RayQueries>> {
+    let mut all: Vec<Box<dyn RayQueries>> = vec![Box::new(ObvhsRays::build(scene.clone()).unwrap())];
+    for isa in [None, Some("avx2"), Some("sse2")] {
+        let options = EmbreeOptions { isa, ..EmbreeOptions::default() };
+        all.push(Box::new(EmbreeRays::build(scene.clone(), &options).unwrap()));
+    }
+    all
+}
+
+fn closest(rays: &dyn RayQueries, batch: &RayBatch, order: RayOrder) -> HitBatch {
+    // Not empty: old entries must not shine through.
+    let mut hits = HitBatch::default();
+    rays.closest_hits(&ray(vec3(0.1, 0.2, 5.0), -Vec3::Z), order, &mut hits);
+    rays.closest_hits(batch, order, &mut hits);
+    hits
+}
+
+fn occluded(rays: &dyn RayQueries, batch: &RayBatch, order: RayOrder) -> Vec<bool> {
+    let mut occluded = vec![true; 3];
+    rays.occluded(batch, order, &mut occluded);
+    occluded
+}
+
+fn ray(origin: Vec3, direction: Vec3) -> RayBatch {
+    let mut batch = RayBatch::default();
+    batch.push(origin, direction, 0.0, f32::INFINITY, 0);
+    batch
+}
+
+/// Triangles of all sizes in [-1, 1]³.
+fn soup(count: u32, seed: u64) -> bismar::scene::Mesh {
+    let mut random = Random(seed);
+    let mut vertices = Vec::new();
+    for _ in 0..count {
+        let (centre, size) = (random.point(), random.unit() * 0.5);
+        vertices.extend([(); 3].map(|()| (centre + random.point() * size).to_array()));
+    }
+    mesh(vertices, (0..count).map(|at| [3 * at, 3 * at + 1, 3 * at + 2]).collect())
+}
+
+/// Soups in world space, and others that are turned, stretched, mirrored, and placed several times.
+fn soups() -> Arc<Scene> {
+    let turn = Quat::from_axis_angle(vec3(1.0, 2.0, 3.0).normalize(), FRAC_PI_3);
+    let stretched = Affine3A::from_scale_rotation_translation(vec3(0.5, 2.0, 1.0), turn, vec3(0.3, -0.2, 0.1));
+    let mirrored = Affine3A::from_scale_rotation_translation(vec3(-1.5, 0.7, 1.0), turn, vec3(-2.0, 0.5, -1.0));
+    let meshes = vec![soup(60, 1), soup(40, 2), mesh(vec![], vec![]), soup(30, 3), soup(20, 4)];
+    let mut scene = scene(meshes, &[(0, None), (1, Some(stretched)), (2, None), (1, Some(mirrored))]);
+    // An object of three meshes, the first without triangles; one object that stands and is placed as well.
+    scene.objects.push(Object { name: "three".into(), meshes: 2..5 });
+    for (object, transform) in [(5, Some(mirrored)), (3, None), (3, Some(stretched)), (2, Some(stretched))] {
+        scene.instances.push(Instance { name: "node".into(), object, transform });
+    }
+    Arc::new(scene)
+}
+
+/// Rays towards the middle, some with short intervals, some along axes with zeros of both signs.
+fn rays_at_soup(len: usize, seed: u64) -> RayBatch {
+    let mut random = Random(seed);
+    let mut batch = RayBatch::default();
+    for at in 0..len {
+        let origin = random.point() * 3.0;
+        let mut direction = (random.point() - origin).normalize();
+        if at % 7 == 0 {
+            direction = [vec3(-0.0, 0.0, 1.0), vec3(0.0, -1.0, -0.0), vec3(1.0, -0.0, -0.0)][at / 7 % 3];
+        }
+        let (tnear, tfar) = match at % 3 {
+            0 => (0.0, f32::INFINITY),
+            1 => (random.unit() * 3.0, f32::INFINITY),
+            _ => (random.unit(), 1.0 + random.unit() * 3.0),
+        };
+        batch.push(origin, direction, tnear, tfar, random.bits());
+    }
+    batch
+}
+
+/// Relative error of Embree's reciprocal: an approximation and one Newton step, two units in the last place.
+const RECIPROCAL: f32 = 2.0 * f32::EPSILON;
+
+const LENGTHS: [usize; 9] = [0, 1, 7, 8, 9, 15, 16, 17, 1000];
+
+fn assert_same_bits(a: &HitBatch, b: &HitBatch, what: &str) {
+    let bits = |column: &[f32]| column.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+    assert_eq!(a.instance, b.instance, "instance, {what}");
+    assert_eq!(a.mesh, b.mesh, "mesh, {what}");
+    assert_eq!(a.prim, b.prim, "prim, {what}");
+    for (a, b, column) in [(&a.t, &b.t, "t"), (&a.u, &b.u, "u"), (&a.v, &b.v, "v")] {
+        assert_eq!(bits(a), bits(b), "{column}, {what}");
+    }
+}
+
+#[test]
+fn closest_hits_are_those_of_brute_force_in_double_precision() {
+    let scene = soups();
+    let reference = Reference::new(&scene);
+    for backend in backends(&scene) {
+        for len in LENGTHS {
+            let rays = rays_at_soup(len, len as u64);
+            let hits = closest(&*backend, &rays, RayOrder::Incoherent);
+            let demanded = reference.check(&rays, &hits);
+            let hit = hits.prim.iter().filter(|&&prim| prim != MISS).count();
+            if len == 1000 {
+                println!("{:?}: {hit} hits, {demanded} demanded", backend.info());
+                // The oracle must have had a say: rays meet something, and few of them are within rounding of an edge.
+                assert!(hit > 300 && hit < 700, "{hit}");
+                assert!(demanded > 990, "{demanded}");
+            }
+        }
+    }
+}
+
+#[test]
+fn occluded_says_whether_there_is_a_hit() {
+    let scene = soups();
+    for backend in backends(&scene) {
+        for len in LENGTHS {
+            for order in [RayOrder::Coherent, RayOrder::Incoherent] {
+                let rays = rays_at_soup(len, 100 + len as u64);
+                let hits = closest(&*backend, &rays, order);
+                let hit: Vec<bool> = hits.prim.iter().map(|&prim| prim != MISS).collect();
+                assert_eq!(occluded(&*backend, &rays, order), hit, "{:?}", backend.info());
+            }
+        }
+    }
+}
+
+#[test]
+fn hits_have_the_same_bits_in_every_grouping_and_order() {
+    // Two equal instances in one place: the hardest case, every hit is a tie.
+    let room = box_room().meshes.remove(0);
+    let here = Some(Affine3A::IDENTITY);
+    let twice = scene(vec![room.clone(), room], &[(0, here), (0, here), (1, None), (0, None)]);
+    for scene in [Arc::new(twice), soups()] {
+        for backend in backends(&scene) {
+            let camera = camera_rays(64);
+            let first = closest(&*backend, &camera, RayOrder::Incoherent);
+            let bounced = bounce(&scene, &camera, &first);
+            for rays in [&camera, &bounced] {
+                let whole = closest(&*backend, rays, RayOrder::Incoherent);
+                let shadows = occluded(&*backend, rays, RayOrder::Incoherent);
+                for (len, order) in [(1, RayOrder::Coherent), (7, RayOrder::Incoherent), (1000, RayOrder::Coherent)] {
+                    let mut pieced = HitBatch::default();
+                    let mut pieced_shadows = Vec::new();
+                    for piece in pieces(rays, len) {
+                        let hits = closest(&*backend, &piece, order);
+                        pieced.t.extend(hits.t);
+                        pieced.u.extend(hits.u);
+                        pieced.v.extend(hits.v);
+                        pieced.instance.extend(hits.instance);
+                        pieced.mesh.extend(hits.mesh);
+                        pieced.prim.extend(hits.prim);
+                        pieced_shadows.extend(occluded(&*backend, &piece, order));
+                    }
+                    let what = format!("pieces of {len}, {order:?}, {:?}", backend.info());
+                    assert_same_bits(&whole, &pieced, &what);
+                    assert_eq!(shadows, pieced_shadows, "{what}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn scenes_without_triangles_are_missed() {
+    let empty = mesh(vec![], vec![]);
+    let placed = [(0, None), (0, Some(Affine3A::IDENTITY))];
+    let unplaced = scene(vec![soup(10, 1)], &[]);
+    for scene in [Scene::default(), scene(vec![empty], &placed), unplaced] {
+        for backend in backends(&Arc::new(scene)) {
+            let rays = rays_at_soup(20, 1);
+            assert_eq!(closest(&*backend, &rays, RayOrder::Coherent).prim, [MISS; 20]);
+            assert_eq!(occluded(&*backend, &rays, RayOrder::Coherent), [false; 20]);
+        }
+    }
+}
+
+#[test]
+fn hits_very_close_to_the_origin_count() {
+    let triangle = mesh(vec![[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]);
+    for backend in backends(&Arc::new(scene(vec![triangle], &[(0, None)]))) {
+        for height in [1e-3, 1e-5, 1e-7] {
+            let hits = closest(&*backend, &ray(vec3(0.0, 0.0, height), -Vec3::Z), RayOrder::Coherent);
+            let error = (hits.t[0] / height - 1.0).abs();
+            assert!(error <= RECIPROCAL, "{:?}: {}", backend.info(), hits.t[0]);
+        }
+    }
+}
+
+#[test]
+fn weights_are_of_the_second_and_third_vertex() {
+    let triangle = mesh(vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]);
+    for backend in backends(&Arc::new(scene(vec![triangle], &[(0, None)]))) {
+        let hits = closest(&*backend, &ray(vec3(0.5, 0.25, 1.0), -Vec3::Z), RayOrder::Coherent);
+        for (value, exact) in [(hits.u[0], 0.5), (hits.v[0], 0.25), (hits.t[0], 1.0)] {
+            assert!((value / exact - 1.0).abs() <= RECIPROCAL, "{:?}: {value} is not {exact}", backend.info());
+        }
+    }
+}
+
+#[test]
+fn malformed_scenes_are_refused_with_the_place() {
+    let good = || scene(vec![soup(3, 1)], &[(0, Some(Affine3A::IDENTITY))]);
+    let refused = |change: fn(&mut Scene), part: &str| {
+        let mut scene = good();
+        change(&mut scene);
+        let scene = Arc::new(scene);
+        for backend in [Backend::Embree, Backend::Obvhs] {
+            match rays::build(backend, scene.clone()) {
+                Err(Error::Data(text)) => assert!(text.contains(part), "{text}"),
+                Err(error) => panic!("{error}"),
+                Ok(_) => panic!("{part:?} was taken"),
+            }
+        }
+    };
+    refused(|scene| scene.meshes[0].indices[2][1] = 9, "triangle 2");
+    refused(|scene| scene.meshes[0].indices[0][0] = u32::MAX, "triangle 0");
+    refused(|scene| scene.meshes[0].positions.as_mut_slice()[4][1] = f32::NAN, "vertex 4");
+    refused(|scene| scene.meshes[0].positions.as_mut_slice()[5][0] = f32::NEG_INFINITY, "vertex 5");
+    refused(|scene| scene.meshes[0].positions.as_mut_slice()[6][2] = 3e18, "vertex 6");
+    refused(|scene| scene.objects[0].meshes = 0..2, "object 0");
+    refused(|scene| scene.instances[0].object = 1, "instance 0");
+    refused(|scene| scene.instances[0].transform = Some(Affine3A::from_scale(vec3(1.0, 0.0, 1.0))), "inverted");
+    rays::build(Backend::Embree, Arc::new(good())).unwrap();
+}
+
+#[test]
+fn queries_leave_the_threads_floating_point_mode_alone() {
+    let denormal_survives = || black_box(f32::from_bits(1)) * black_box(1.0) != 0.0;
+    let scene = soups();
+    let backend = EmbreeRays::build(scene, &EmbreeOptions::default()).unwrap();
+    std::thread::spawn(move || {
+        assert!(denormal_survives());
+        closest(&backend, &rays_at_soup(20, 1), RayOrder::Coherent);
+        assert!(denormal_survives());
+        set_flush_to_zero();
+        assert!(!denormal_survives());
+        closest(&backend, &rays_at_soup(20, 1), RayOrder::Coherent);
+        assert!(!denormal_survives());
+    })
+    .join()
+    .unwrap();
+}
+
+#[test]
+fn backends_say_what_they_are() {
+    for backend in backends(&Arc::new(box_room())) {
+        let info = backend.info();
+        assert!(info.memory_bytes > 36 * 16, "{info:?}");
+        assert!(info.build_seconds > 0.0 && !info.isa.is_empty(), "{info:?}");
+        assert!(info.version.split('.').all(|part| part.parse::<u32>().is_ok()), "{info:?}");
+    }
+}

@@ -1,0 +1,183 @@
+//! Scenes and ray streams that the ray tests share.
+#![allow(dead_code)]
+
+use std::f32::consts::PI;
+
+use bismar::rays::{HitBatch, RayBatch};
+use bismar::scene::{Instance, Material, Mesh, Object, Positions, Scene};
+use glam::{Affine3A, Vec3, vec3};
+
+/// SplitMix64: enough for test rays.
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn bits(&mut self) -> u32 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 32) as u32
+    }
+
+    /// In [0, 1).
+    pub fn unit(&mut self) -> f32 {
+        (self.bits() >> 8) as f32 / (1 << 24) as f32
+    }
+
+    /// In [-1, 1)³.
+    pub fn point(&mut self) -> Vec3 {
+        vec3(self.unit(), self.unit(), self.unit()) * 2.0 - 1.0
+    }
+
+    /// Uniform on the sphere.
+    pub fn direction(&mut self) -> Vec3 {
+        let (z, phi) = (self.unit() * 2.0 - 1.0, self.unit() * 2.0 * PI);
+        let r = (1.0 - z * z).max(0.0).sqrt();
+        vec3(r * phi.cos(), r * phi.sin(), z)
+    }
+}
+
+pub fn mesh(vertices: Vec<[f32; 3]>, indices: Vec<[u32; 3]>) -> Mesh {
+    Mesh { name: "mesh".into(), positions: Positions::new(vertices), indices, ..Mesh::default() }
+}
+
+/// Every mesh is an object of its own; `placements` name object and transform.
+pub fn scene(meshes: Vec<Mesh>, placements: &[(u32, Option<Affine3A>)]) -> Scene {
+    let object = |index: u32| Object { name: format!("object {index}"), meshes: index..index + 1 };
+    let instance = |&(object, transform): &(u32, Option<Affine3A>)| Instance { name: "node".into(), object, transform };
+    Scene {
+        objects: (0..meshes.len() as u32).map(object).collect(),
+        instances: placements.iter().map(instance).collect(),
+        materials: vec![Material::default()],
+        meshes,
+        ..Scene::default()
+    }
+}
+
+fn quad(vertices: &mut Vec<[f32; 3]>, indices: &mut Vec<[u32; 3]>, corners: [Vec3; 4]) {
+    let base = vertices.len() as u32;
+    vertices.extend(corners.map(|corner| corner.to_array()));
+    indices.extend([[base, base + 1, base + 2], [base, base + 2, base + 3]]);
+}
+
+/// A box room without a front, two boxes and a lamp: 36 triangles in [-1, 1]³.
+pub fn box_room() -> Scene {
+    let (mut vertices, mut indices) = (Vec::new(), Vec::new());
+    let cuboid = |vertices: &mut Vec<_>, indices: &mut Vec<_>, centre: Vec3, half: Vec3, angle: f32, front: bool| {
+        let turn = glam::Quat::from_rotation_y(angle);
+        let corner = |x: f32, y: f32, z: f32| centre + turn * (vec3(x, y, z) * half);
+        for axis in 0..3 {
+            for side in [-1.0, 1.0] {
+                if !front && axis == 2 && side > 0.0 {
+                    continue;
+                }
+                let at = |a: f32, b: f32| {
+                    let mut p = [0.0; 3];
+                    p[axis] = side;
+                    p[(axis + 1) % 3] = a;
+                    p[(axis + 2) % 3] = b;
+                    corner(p[0], p[1], p[2])
+                };
+                quad(vertices, indices, [at(-1.0, -1.0), at(1.0, -1.0), at(1.0, 1.0), at(-1.0, 1.0)]);
+            }
+        }
+    };
+    cuboid(&mut vertices, &mut indices, Vec3::ZERO, Vec3::ONE, 0.0, false);
+    cuboid(&mut vertices, &mut indices, vec3(-0.35, -0.4, -0.3), vec3(0.3, 0.6, 0.3), 0.3, true);
+    cuboid(&mut vertices, &mut indices, vec3(0.35, -0.7, 0.3), vec3(0.3, 0.3, 0.3), -0.3, true);
+    let lamp = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, z)| vec3(x * 0.25, 0.99, z * 0.25));
+    quad(&mut vertices, &mut indices, lamp);
+    scene(vec![mesh(vertices, indices)], &[(0, None)])
+}
+
+/// A bumpy sphere of 490,000 triangles over a ground plane, in [-1, 1]³.
+pub fn blob() -> Scene {
+    let (columns, rows) = (700_u32, 350_u32);
+    let mut vertices = Vec::new();
+    for row in 0..=rows {
+        for column in 0..columns {
+            let theta = PI * row as f32 / rows as f32;
+            let phi = 2.0 * PI * column as f32 / columns as f32;
+            let radius =
+                0.7 + 0.05 * (9.0 * theta).sin() * (11.0 * phi).cos() + 0.01 * (61.0 * theta + 40.0 * phi).sin();
+            vertices.push((radius * vec3(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin())).to_array());
+        }
+    }
+    let mut indices = Vec::new();
+    for row in 0..rows {
+        for column in 0..columns {
+            let next = (column + 1) % columns;
+            let at = |row: u32, column: u32| row * columns + column;
+            indices.push([at(row, column), at(row + 1, column), at(row + 1, next)]);
+            indices.push([at(row, column), at(row + 1, next), at(row, next)]);
+        }
+    }
+    let ground = [(-3.0, -3.0), (-3.0, 3.0), (3.0, 3.0), (3.0, -3.0)].map(|(x, z)| vec3(x, -0.8, z));
+    quad(&mut vertices, &mut indices, ground);
+    scene(vec![mesh(vertices, indices)], &[(0, None)])
+}
+
+/// Camera rays from +z in 8x8 blocks, `size`² of them.
+pub fn camera_rays(size: u32) -> RayBatch {
+    let mut rays = RayBatch::default();
+    let mut random = Random(1);
+    for block in 0..(size / 8).pow(2) {
+        for pixel in 0..64 {
+            let x = (block % (size / 8) * 8 + pixel % 8) as f32 + random.unit();
+            let y = (block / (size / 8) * 8 + pixel / 8) as f32 + random.unit();
+            let direction = vec3(x / size as f32 - 0.5, y / size as f32 - 0.5, -1.2).normalize();
+            rays.push(vec3(0.0, 0.2, 3.2), direction, 0.0, f32::INFINITY, random.bits());
+        }
+    }
+    rays
+}
+
+/// One diffuse bounce of the hits of `rays`.
+pub fn bounce(scene: &Scene, rays: &RayBatch, hits: &HitBatch) -> RayBatch {
+    let mut random = Random(2);
+    let mut bounced = RayBatch::default();
+    for at in 0..rays.len() {
+        if hits.t[at].is_infinite() {
+            continue;
+        }
+        let mesh = &scene.meshes[hits.mesh[at] as usize];
+        let [a, b, c] = mesh.indices[hits.prim[at] as usize].map(|v| Vec3::from(mesh.positions[v as usize]));
+        let direction: Vec3 = std::array::from_fn(|axis| rays.direction[axis][at]).into();
+        let normal = (b - a).cross(c - a).normalize();
+        let normal = if normal.dot(direction) > 0.0 { -normal } else { normal };
+        let place = a + (b - a) * hits.u[at] + (c - a) * hits.v[at];
+        let outward = (normal + random.direction() * 0.999).normalize();
+        bounced.push(place + normal * 1e-4, outward, 0.0, f32::INFINITY, random.bits());
+    }
+    bounced
+}
+
+/// Rays from the origins of `rays` to the lamp.
+pub fn shadow_rays(rays: &RayBatch) -> RayBatch {
+    let mut random = Random(3);
+    let mut shadows = RayBatch::default();
+    for at in 0..rays.len() {
+        let origin: Vec3 = std::array::from_fn(|axis| rays.origin[axis][at]).into();
+        let lamp = vec3(random.unit() * 0.5 - 0.25, 0.98, random.unit() * 0.5 - 0.25);
+        let distance = (lamp - origin).length();
+        shadows.push(origin, (lamp - origin) / distance, 0.0, distance * 0.999, random.bits());
+    }
+    shadows
+}
+
+/// The batch in pieces of `len` rays.
+pub fn pieces(rays: &RayBatch, len: usize) -> Vec<RayBatch> {
+    (0..rays.len())
+        .step_by(len)
+        .map(|start| {
+            let range = start..(start + len).min(rays.len());
+            RayBatch {
+                origin: std::array::from_fn(|axis| rays.origin[axis][range.clone()].to_vec()),
+                direction: std::array::from_fn(|axis| rays.direction[axis][range.clone()].to_vec()),
+                tnear: rays.tnear[range.clone()].to_vec(),
+                tfar: rays.tfar[range.clone()].to_vec(),
+                key: rays.key[range].to_vec(),
+            }
+        })
+        .collect()
+}

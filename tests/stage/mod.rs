@@ -1,0 +1,123 @@
+//! Small scenes in code, and many renders of them.
+#![allow(dead_code, reason = "each test program uses its own part")]
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use bismar::rays::{Backend, RayQueries};
+use bismar::render::{RenderSettings, render};
+use bismar::scene::{Camera, Instance, Material, Mesh, Object, Positions, Projection, Scene};
+use glam::{Affine3A, Mat3, Vec3};
+
+use crate::statistics::Mean;
+
+/// Lambert of one albedo: the specular layer off.
+pub fn lambert(albedo: f32) -> Material {
+    Material {
+        base_color: glam::Vec4::new(albedo, albedo, albedo, 1.0),
+        metallic: 0.0,
+        specular: 0.0,
+        ..Default::default()
+    }
+}
+
+/// White metal of a perceptual roughness.
+pub fn metal(roughness: f32) -> Material {
+    Material { metallic: 1.0, roughness, ..Default::default() }
+}
+
+/// A one-sided black lamp.
+pub fn lamp(radiance: f32) -> Material {
+    Material { emissive: Vec3::splat(radiance), ..lambert(0.0) }
+}
+
+/// Adds a mesh with its own object and instance.
+pub fn add(scene: &mut Scene, points: Vec<[f32; 3]>, indices: Vec<[u32; 3]>, material: Material) {
+    let n = scene.meshes.len() as u32;
+    scene.materials.push(material);
+    scene.meshes.push(Mesh {
+        name: format!("mesh {n}"),
+        positions: Positions::new(points),
+        indices,
+        material: n,
+        ..Default::default()
+    });
+    scene.objects.push(Object { name: String::new(), meshes: n..n + 1 });
+    scene.instances.push(Instance { name: String::new(), object: n, transform: None });
+}
+
+/// A rectangle at height `y`, facing up or down.
+pub fn rectangle(scene: &mut Scene, y: f32, [x0, x1]: [f32; 2], [z0, z1]: [f32; 2], up: bool, material: Material) {
+    let points = vec![[x0, y, z0], [x0, y, z1], [x1, y, z1], [x1, y, z0]];
+    let indices = if up { vec![[0, 1, 2], [0, 2, 3]] } else { vec![[0, 2, 1], [0, 3, 2]] };
+    add(scene, points, indices, material);
+}
+
+/// Corners and outward triangles of a sphere of `n` rows and `2n` columns.
+pub fn sphere(n: u32, radius: f32, center: Vec3) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
+    let mut points = Vec::new();
+    for i in 0..=n {
+        let theta = std::f32::consts::PI * i as f32 / n as f32;
+        for j in 0..2 * n {
+            let phi = std::f32::consts::PI * j as f32 / n as f32;
+            let d = Vec3::new(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin());
+            points.push((center + d * radius).to_array());
+        }
+    }
+    let mut indices = Vec::new();
+    for i in 0..n {
+        for j in 0..2 * n {
+            let (a, b) = (i * 2 * n + j, i * 2 * n + (j + 1) % (2 * n));
+            let (c, d) = (a + 2 * n, b + 2 * n);
+            if i > 0 {
+                indices.push([a, b, c]);
+            }
+            if i + 1 < n {
+                indices.push([b, d, c]);
+            }
+        }
+    }
+    (points, indices)
+}
+
+/// Looks from `eye` at `at`.
+pub fn look(scene: &mut Scene, eye: Vec3, at: Vec3, yfov: f32) {
+    let up = if (at - eye).normalize().y.abs() > 0.99 { Vec3::Z } else { Vec3::Y };
+    let z = (eye - at).normalize();
+    let x = up.cross(z).normalize();
+    scene.cameras.push(Camera {
+        name: "camera".into(),
+        projection: Projection::Perspective { yfov },
+        aspect: None,
+        to_world: Affine3A::from_mat3_translation(Mat3::from_cols(x, z.cross(x), z), eye),
+    });
+}
+
+/// A scene with its rays.
+pub struct Stage {
+    pub scene: Arc<Scene>,
+    pub rays: Box<dyn RayQueries>,
+}
+
+impl Stage {
+    pub fn new(scene: Arc<Scene>, backend: Backend) -> Self {
+        Self { rays: bismar::rays::build(backend, scene.clone()).unwrap(), scene }
+    }
+
+    /// Green of each pixel.
+    pub fn green(&self, settings: &RenderSettings) -> Vec<f64> {
+        let stop = AtomicBool::new(false);
+        let rendered = render(&self.scene, &*self.rays, settings, &stop, &|_| ());
+        rendered.film.pixels.iter().map(|p| p.sum[1] / f64::from(p.samples)).collect()
+    }
+
+    /// Mean over `replicas` renders, seeds from `settings.seed` on, of the picture's mean green.
+    pub fn mean_green(&self, settings: &RenderSettings, replicas: u32) -> Mean {
+        let mut mean = Mean::default();
+        for r in 0..replicas {
+            let pixels = self.green(&RenderSettings { seed: settings.seed + r, ..settings.clone() });
+            mean.add(pixels.iter().sum::<f64>() / pixels.len() as f64);
+        }
+        mean
+    }
+}
