@@ -27,7 +27,6 @@ impl Scene {
         }
         material.base_color_texture.as_ref().is_some_and(|texture| {
             let image = self.textures[texture.texture as usize].image;
-            // Filtering rounds: what is opaque everywhere must stay opaque.
             without_texture > 0.0 && self.images[image as usize].texels.has_alpha_below(needed / without_texture)
         })
     }
@@ -47,17 +46,17 @@ impl Scene {
     /// Base colour alpha at barycentrics (`u`, `v`) of triangle `prim`.
     fn alpha(&self, mesh: &Mesh, prim: u32, u: f32, v: f32) -> f32 {
         let material = &self.materials[mesh.material as usize];
-        let corners = mesh.indices[prim as usize].map(|i| i as usize);
-        let weights = [1.0 - u - v, u, v];
+        let [a, b, c] = mesh.indices[prim as usize].map(|i| i as usize);
         let mut alpha = material.base_color.w;
         if let Some(texture) = &material.base_color_texture
             && let Some(texcoords) = &mesh.texcoords[usize::from(texture.set)]
         {
-            let uv = corners.iter().zip(weights).map(|(&i, w)| w * Vec2::from(texcoords[i])).sum();
-            alpha *= self.sample_alpha(texture, uv);
+            let [a, b, c] = [a, b, c].map(|i| Vec2::from(texcoords[i]));
+            alpha *= self.sample_alpha(texture, a + u * (b - a) + v * (c - a));
         }
         if let Some(colors) = &mesh.colors {
-            alpha *= corners.iter().zip(weights).map(|(&i, w)| w * colors[i][3]).sum::<f32>();
+            let [a, b, c] = [a, b, c].map(|i| colors[i][3]);
+            alpha *= a + u * (b - a) + v * (c - a);
         }
         alpha
     }

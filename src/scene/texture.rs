@@ -1,6 +1,6 @@
 //! Pictures, samplers and texture look-up.
 
-use std::ops::{Add, Mul};
+use std::ops::{Add, Mul, Sub};
 use std::sync::LazyLock;
 
 use glam::{Vec2, Vec3, Vec4};
@@ -156,7 +156,7 @@ impl Scene {
 
     fn filter<T>(&self, texture: &TextureRef, uv: Vec2, texel: impl Fn(&Texels, usize) -> T) -> T
     where
-        T: Mul<f32, Output = T> + Add<Output = T>,
+        T: Copy + Mul<f32, Output = T> + Add<Output = T> + Sub<Output = T>,
     {
         let uv = texture.transform.map_or(uv, |transform| transform.transform_point2(uv));
         let &Texture { image, wrap_s, wrap_t, filter } = &self.textures[texture.texture as usize];
@@ -171,9 +171,9 @@ impl Scene {
         }
         let (x0, x1, fx) = wrap_s.neighbours(u, width);
         let (y0, y1, fy) = wrap_t.neighbours(v, height);
-        let top = at(x0, y0) * (1.0 - fx) + at(x1, y0) * fx;
-        let bottom = at(x0, y1) * (1.0 - fx) + at(x1, y1) * fx;
-        top * (1.0 - fy) + bottom * fy
+        // This form is exact between equal texels: what is opaque stays opaque.
+        let mix = |a: T, b: T, f: f32| a + (b - a) * f;
+        mix(mix(at(x0, y0), at(x1, y0), fx), mix(at(x0, y1), at(x1, y1), fx), fy)
     }
 }
 

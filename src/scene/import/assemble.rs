@@ -16,14 +16,19 @@ use super::report::{Counts, ImportReport, Notes};
 use crate::error::{Error, Result};
 use crate::scene::{self, Instance, Mesh, Object, Scene, Texels};
 
+/// Squares of distances must fit a 32-bit float; ray queries say the same of their vertices.
+const LARGEST_COORDINATE: f64 = 1.8e18;
+
 /// Builds the scene and fills the report's extensions, notes and counts.
 pub(super) fn assemble(document: &Document, file_bytes: u64, report: &mut ImportReport) -> Result<Scene> {
     let mut notes = Notes::default();
     note_document(document, &mut notes);
+    let mut reader = Reader::new(document, file_bytes);
+    let textures = TextureTable::new(document, &mut reader.budget)?;
     let mut assembly = Assembly {
         document,
-        reader: Reader::new(document, file_bytes),
-        textures: TextureTable::new(document)?,
+        reader,
+        textures,
         materials: MaterialTable::default(),
         scene: Scene::default(),
         bounds: None,
@@ -47,8 +52,13 @@ pub(super) fn assemble(document: &Document, file_bytes: u64, report: &mut Import
         scene.cameras.push(framed(bounds));
     }
     report.counts = count(&scene);
-    (report.extensions_used, report.extensions_ignored) =
-        document.extensions.keys().cloned().partition(|name| !matches!(support(name), Support::Ignored { .. }));
+    for name in document.extensions.keys().cloned() {
+        match support(&name) {
+            Support::Full | Support::NoEffect => report.extensions_used.push(name),
+            Support::Approximated(_) => report.extensions_approximated.push(name),
+            Support::Ignored { .. } => report.extensions_ignored.push(name),
+        }
+    }
     report.notes = notes.into_list();
     Ok(scene)
 }
@@ -131,20 +141,26 @@ impl Assembly<'_> {
         let object = self.scene.objects.len() as u32;
         self.scene.objects.push(Object { name: mesh.name.clone(), meshes: meshes.clone() });
         let own = &mut self.scene.meshes[meshes.start as usize..];
-        if let [placement] = placements[..] {
-            if !own.iter_mut().all(|mesh| geometry::bake(mesh, &placement.world)) {
+        let corners = corners(own);
+        for placement in &placements {
+            let moved: Vec<DVec3> = corners.iter().map(|&c| placement.world.transform_point3(c)).collect();
+            if corners.iter().chain(&moved).any(|p| p.abs().max_element() > LARGEST_COORDINATE) {
                 return Err(Error::Data(format!(
-                    "{}: positions beyond the range of 32-bit floats in world space; scale the scene down",
-                    placement.at
+                    "{}: places {} beyond {LARGEST_COORDINATE:e} m, where rays cannot be traced; scale the scene down",
+                    placement.at, mesh.at
                 )));
             }
-            grow(&mut self.bounds, own, &DAffine3::IDENTITY);
+            if placements.len() > 1 {
+                moved.into_iter().for_each(|p| include(&mut self.bounds, p));
+            }
+        }
+        if let [placement] = placements[..] {
+            own.iter_mut().for_each(|mesh| geometry::bake(mesh, &placement.world));
+            grow(&mut self.bounds, own);
             self.scene.instances.push(Instance { name: placement.name.clone(), object, transform: None });
             return Ok(());
         }
-        let corners = corners(own);
         for placement in placements {
-            corners.iter().for_each(|&c| include(&mut self.bounds, placement.world.transform_point3(c)));
             let transform = Some(to_single(&placement.world));
             self.scene.instances.push(Instance { name: placement.name.clone(), object, transform });
         }
@@ -153,8 +169,7 @@ impl Assembly<'_> {
 
     /// Damaged data is an error also in meshes that are not placed: the file is not to be trusted then.
     fn check_unplaced(&mut self, placed: &HashSet<usize>, notes: &mut Notes) -> Result<()> {
-        for (index, mesh) in self.document.meshes.iter().enumerate().filter(|(i, _)| !placed.contains(i)) {
-            let _ = index;
+        for (_, mesh) in self.document.meshes.iter().enumerate().filter(|(i, _)| !placed.contains(i)) {
             notes.not_loaded(&mesh.at, "a mesh that no shown node places");
             for primitive in &mesh.primitives {
                 let pose = Pose { weights: &mesh.weights, joints: None };
@@ -184,16 +199,16 @@ fn include(bounds: &mut Option<(DVec3, DVec3)>, p: DVec3) {
     *bounds = Some(bounds.map_or((p, p), |(low, high)| (low.min(p), high.max(p))));
 }
 
-fn grow(bounds: &mut Option<(DVec3, DVec3)>, meshes: &[Mesh], world: &DAffine3) {
+fn grow(bounds: &mut Option<(DVec3, DVec3)>, meshes: &[Mesh]) {
     for p in meshes.iter().flat_map(|m| m.positions.iter()) {
-        include(bounds, world.transform_point3(DVec3::from(p.map(f64::from))));
+        include(bounds, DVec3::from(p.map(f64::from)));
     }
 }
 
 /// Corners of the meshes' box.
 fn corners(meshes: &[Mesh]) -> Vec<DVec3> {
     let mut bounds = None;
-    grow(&mut bounds, meshes, &DAffine3::IDENTITY);
+    grow(&mut bounds, meshes);
     let Some((low, high)) = bounds else { return Vec::new() };
     let pick = |i: u32, axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
     (0..8).map(|i| DVec3::new(pick(i, 0), pick(i, 1), pick(i, 2))).collect()

@@ -1,16 +1,15 @@
 //! Buffers: found and measured when the document is checked, read when something needs them.
 
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
 
 use super::container::read_regular;
 use super::json::{Json, bad};
-use super::uri::{self, Resource};
+use super::uri::{self, Contents, Files, Resource};
 use crate::error::{Error, Result};
 
 enum Source {
     Memory(Vec<u8>),
-    File(PathBuf, OnceLock<Vec<u8>>),
+    File(PathBuf, Contents),
     /// No `uri`: legal, but there is nothing to read.
     Nothing,
 }
@@ -25,14 +24,17 @@ pub(super) struct Buffer {
 
 impl Buffer {
     /// Finds a buffer's data; `bin` is the GLB chunk when this is the buffer that may use it.
-    pub fn parse(json: &Json, folder: &Path, bin: Option<Vec<u8>>) -> Result<Self> {
+    pub fn parse(json: &Json, folder: &Path, files: &mut Files, bin: Option<Vec<u8>>) -> Result<Self> {
         let length = json.need("byteLength", json.integer("byteLength")?)?;
         if length == 0 {
             return Err(json.bad("byteLength", "at least 1", 0));
         }
         let (source, available) = match json.string("uri")? {
             Some(text) => match uri::resolve(text, folder, &json.path("uri"))? {
-                Resource::File(path, size) => (Source::File(path, OnceLock::new()), Some(size)),
+                Resource::File(path, size) => {
+                    let contents = files.add(&path, size);
+                    (Source::File(path, contents), Some(size))
+                }
                 Resource::Data { bytes, .. } => {
                     let size = bytes.len() as u64;
                     (Source::Memory(bytes), Some(size))
@@ -50,11 +52,6 @@ impl Buffer {
             return Err(json.bad("byteLength", format!("at most the {available} bytes that the data has"), length));
         }
         Ok(Self { source, length, at: json.at.clone() })
-    }
-
-    /// Bytes outside of the scene file.
-    pub fn external_bytes(&self) -> u64 {
-        if matches!(self.source, Source::File(..)) { self.length } else { 0 }
     }
 
     /// `length` bytes from `offset`.

@@ -11,12 +11,13 @@ use super::buffers::Buffer;
 use super::cameras::{self, Camera};
 use super::extensions;
 use super::images::{Image, Sampler, Texture};
-use super::json::{Json, bad, each_extension};
+use super::json::{Json, bad, each_extension, join};
 use super::lights::{self, Light};
 use super::materials::Material;
 use super::nodes::{Node, check_forest};
 use super::primitives::Mesh;
 use super::skins::{self, Skin};
+use super::uri::Files;
 use super::{accessors, primitives};
 use crate::error::{Error, Result};
 
@@ -36,7 +37,6 @@ pub(super) struct Lengths {
     pub skins: usize,
     pub textures: usize,
     pub variants: usize,
-    pub views: usize,
 }
 
 /// A checked glTF document. Arrays and indices are those of the file.
@@ -62,6 +62,8 @@ pub(super) struct Document {
     pub scenes: usize,
     /// Extensions that stand in the document or are declared, and where first.
     pub extensions: BTreeMap<String, String>,
+    /// Bytes of the files that the document names.
+    pub external_bytes: u64,
 }
 
 impl Document {
@@ -79,7 +81,7 @@ impl Document {
         let mut extensions: BTreeMap<String, String> =
             strings(&root, "extensionsUsed")?.into_iter().map(|name| (name, "extensionsUsed".into())).collect();
         each_extension(value, &mut Vec::new(), &mut |name, at| {
-            extensions.entry(name.into()).or_insert_with(|| at.join("."));
+            extensions.entry(name.into()).or_insert_with(|| join(at));
         })?;
         let quantized = required.iter().any(|name| name == "KHR_mesh_quantization");
 
@@ -116,18 +118,20 @@ impl Document {
             skins: skin_items.len(),
             textures: texture_items.len(),
             variants,
-            views: view_items.len(),
         };
 
-        let mut bin = bin;
+        let (mut bin, mut files) = (bin, Files::default());
         let buffers = buffer_items
             .iter()
             .enumerate()
-            .map(|(i, json)| Buffer::parse(json, folder, if i == 0 { bin.take() } else { None }))
+            .map(|(i, json)| Buffer::parse(json, folder, &mut files, if i == 0 { bin.take() } else { None }))
             .collect::<Result<Vec<_>>>()?;
         let views = view_items.iter().map(|json| View::parse(json, &lengths)).collect::<Result<Vec<_>>>()?;
         let accessors = accessor_items.iter().map(|json| Accessor::parse(json, &views)).collect::<Result<Vec<_>>>()?;
-        let images = image_items.iter().map(|json| Image::parse(json, folder, &views)).collect::<Result<Vec<_>>>()?;
+        let images = image_items
+            .iter()
+            .map(|json| Image::parse(json, folder, &mut files, &views))
+            .collect::<Result<Vec<_>>>()?;
         let samplers = sampler_items.iter().map(Sampler::parse).collect::<Result<Vec<_>>>()?;
         let textures = texture_items.iter().map(|json| Texture::parse(json, &lengths)).collect::<Result<Vec<_>>>()?;
         let materials =
@@ -191,6 +195,7 @@ impl Document {
             animations: root.items("animations")?.len(),
             scenes: lengths.scenes,
             extensions,
+            external_bytes: files.bytes(),
         })
     }
 }

@@ -9,6 +9,8 @@ pub(super) enum Support {
     Full,
     /// Does not change a still picture, or has an exact fallback in the core file.
     NoEffect,
+    /// Something close is shown; says what.
+    Approximated(&'static str),
     /// Left out; says why. `factor` is the member that must be above 0 for it to matter at all.
     Ignored { why: &'static str, factor: Option<&'static str> },
 }
@@ -48,7 +50,7 @@ pub(super) fn support(name: &str) -> Support {
         "KHR_materials_iridescence" => ignored("iridescence is not shaded", Some("iridescenceFactor")),
         "KHR_materials_dispersion" => ignored("dispersion is not shaded", Some("dispersion")),
         "KHR_materials_pbrSpecularGlossiness" => {
-            ignored("the archived specular-glossiness model is not shaded: metallic-roughness is", None)
+            Approximated("the archived specular-glossiness model is not shaded: metallic-roughness is")
         }
         "EXT_texture_webp" => ignored("WebP is not read", None),
         "KHR_texture_basisu" => ignored("KTX2 is not read", None),
@@ -66,7 +68,7 @@ const DECODERS: &[&str] = &["EXT_meshopt_compression", "KHR_meshopt_compression"
 pub(super) fn check_required(required: &[String]) -> Result<()> {
     let refused: Vec<_> = required
         .iter()
-        .filter(|name| matches!(support(name), Support::Ignored { .. }) || DECODERS.contains(&name.as_str()))
+        .filter(|name| !matches!(support(name), Support::Full | Support::NoEffect) || DECODERS.contains(&name.as_str()))
         .map(String::as_str)
         .collect();
     if refused.is_empty() {

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use glam::{DMat3, DMat4, DVec3, Vec3};
+use glam::{DAffine3, DMat3, DMat4, DVec3, Vec3};
 
 use super::accessors::{Reader, Shape};
 use super::json::bad;
@@ -149,7 +149,7 @@ fn read_triangles(reader: &mut Reader, p: &Primitive, vertices: usize, notes: &m
     let n = list.len();
     let corner = |i: usize| list[i];
     reader.budget.take(&p.at, n as u64, 12)?;
-    if p.mode == 4 && n % 3 != 0 {
+    if p.mode == 4 && !n.is_multiple_of(3) {
         notes.repaired(&p.at, "a number of indices that is no multiple of 3: the last ones are dropped");
     }
     Ok(match p.mode {
@@ -253,17 +253,12 @@ fn transform_frame(linear: &DMat3, normal: Option<&mut [f32; 3]>, tangent: Optio
 }
 
 /// Moves a mesh to world space for good.
-///
-/// Returns false when a position leaves the range of 32-bit floats.
-pub(super) fn bake(mesh: &mut scene::Mesh, world: &glam::DAffine3) -> bool {
-    if *world == glam::DAffine3::IDENTITY {
-        return true;
+pub(super) fn bake(mesh: &mut scene::Mesh, world: &DAffine3) {
+    if *world == DAffine3::IDENTITY {
+        return;
     }
-    let mut finite = true;
     for p in mesh.positions.as_mut_slice() {
-        let moved = world.transform_point3(DVec3::from(p.map(f64::from))).as_vec3();
-        finite &= moved.is_finite();
-        *p = moved.to_array();
+        *p = world.transform_point3(DVec3::from(p.map(f64::from))).as_vec3().to_array();
     }
     for n in mesh.normals.iter_mut().flatten() {
         transform_frame(&world.matrix3, Some(n), None);
@@ -274,7 +269,6 @@ pub(super) fn bake(mesh: &mut scene::Mesh, world: &glam::DAffine3) -> bool {
     if world.matrix3.determinant() < 0.0 {
         mesh.indices.iter_mut().for_each(|t| t.swap(1, 2));
     }
-    finite
 }
 
 fn point(g: &Geometry, i: u32) -> DVec3 {
@@ -305,10 +299,8 @@ fn compact(g: &mut Geometry) {
         return;
     }
     let keep: Vec<bool> = new_index.iter().map(|&i| i != UNUSED).collect();
-    let mut next = 0;
-    for slot in new_index.iter_mut().filter(|slot| **slot != UNUSED) {
+    for (next, slot) in (0..).zip(new_index.iter_mut().filter(|slot| **slot != UNUSED)) {
         *slot = next;
-        next += 1;
     }
     g.indices.iter_mut().flatten().for_each(|i| *i = new_index[*i as usize]);
     fn filter<T: Copy>(values: &mut Vec<T>, keep: &[bool]) {

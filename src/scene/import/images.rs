@@ -15,7 +15,7 @@ use super::document::{Document, Lengths};
 use super::json::{Json, bad};
 use super::materials::TextureInfo;
 use super::report::Notes;
-use super::uri::{self, Resource};
+use super::uri::{self, Files, Resource};
 use crate::error::{Error, Result};
 use crate::scene::{self, Encoding, Filter, Texels, TextureRef, Wrap};
 
@@ -37,36 +37,39 @@ enum Source {
 pub(super) struct Image {
     source: Source,
     name: String,
-    pub file_bytes: u64,
+    /// Encoded bytes.
+    length: u64,
     pub at: String,
 }
 
 impl Image {
-    pub fn parse(json: &Json, folder: &Path, views: &[View]) -> Result<Self> {
+    pub fn parse(json: &Json, folder: &Path, files: &mut Files, views: &[View]) -> Result<Self> {
         let mut name = json.name()?;
         let mime = json.string("mimeType")?.unwrap_or_default().to_string();
         let view = json.index("bufferView", views.len(), "bufferViews")?;
-        let (source, mime, file_bytes) = match (json.string("uri")?, view) {
+        let (source, mime, length) = match (json.string("uri")?, view) {
             (Some(_), Some(_)) => return Err(json.bad("bufferView", "either uri or bufferView", "both")),
             (Some(text), None) => match uri::resolve(text, folder, &json.path("uri"))? {
                 Resource::File(path, size) => {
                     if name == json.at {
                         name = text.into();
                     }
+                    files.add(&path, size);
                     (Source::File(path), mime, size)
                 }
                 Resource::Data { mime: own, bytes } => {
                     if mime != own && !mime.is_empty() && own.starts_with("image/") {
                         return Err(json.bad("mimeType", format!("\"{own}\" as in the URI"), format!("\"{mime}\"")));
                     }
-                    (Source::Memory(bytes), own, 0)
+                    let length = bytes.len() as u64;
+                    (Source::Memory(bytes), own, length)
                 }
             },
             (None, Some(index)) => {
                 if views[index].stride.is_some() {
                     return Err(json.bad("bufferView", "a view without byteStride", &views[index].at));
                 }
-                (Source::View(index), mime, 0)
+                (Source::View(index), mime, views[index].length)
             }
             (None, None) => (Source::Nothing, mime, 0),
         };
@@ -74,7 +77,7 @@ impl Image {
         if mime.strip_prefix("image/").is_some_and(|kind| !KNOWN.contains(&kind)) {
             return Err(json.bad("mimeType", "image/png or image/jpeg", format!("\"{mime}\"")));
         }
-        Ok(Self { source, name, file_bytes, at: json.at.clone() })
+        Ok(Self { source, name, length, at: json.at.clone() })
     }
 
     pub fn view(&self) -> Option<usize> {
@@ -253,8 +256,13 @@ impl TextureTable {
     ///
     /// # Errors
     /// Damaged headers.
-    pub fn new(document: &Document) -> Result<Self> {
-        let probes = document.images.iter().map(|image| image.probe(document)).collect::<Result<_>>()?;
+    pub fn new(document: &Document, budget: &mut Budget) -> Result<Self> {
+        let mut probes = Vec::with_capacity(document.images.len());
+        for image in &document.images {
+            // Some decoders read all for the header, and many images may share one picture.
+            budget.take(&image.at, image.length, 1)?;
+            probes.push(image.probe(document)?);
+        }
         Ok(Self { textures: Vec::new(), probes, images: Vec::new(), by_image: HashMap::new(), by_use: HashMap::new() })
     }
 

@@ -184,17 +184,38 @@ fn shown(value: &Value) -> String {
     if text.chars().count() <= LONGEST { text } else { text.chars().take(LONGEST).chain(['…']).collect() }
 }
 
+/// One step of a path.
+pub(super) enum Step<'a> {
+    Key(&'a str),
+    Index(usize),
+}
+
+/// The path of steps as text.
+pub(super) fn join(steps: &[Step]) -> String {
+    let mut out = String::new();
+    for step in steps {
+        match step {
+            Step::Index(i) => out.push_str(&format!("[{i}]")),
+            Step::Key(key) if out.is_empty() => out.push_str(key),
+            Step::Key(key) => out.push_str(&format!(".{key}")),
+        }
+    }
+    out
+}
+
 /// Visits every `extensions` object of the document outside of `extras`, and complains about one that is none.
 /// Depth is bounded by the JSON parser's own limit.
 pub(super) fn each_extension<'a>(
     value: &'a Value,
-    at: &mut Vec<String>,
-    seen: &mut impl FnMut(&'a str, &[String]),
+    at: &mut Vec<Step<'a>>,
+    seen: &mut impl FnMut(&'a str, &[Step]),
 ) -> Result<()> {
     match value {
         Value::Array(items) => {
-            for item in items {
+            for (i, item) in items.iter().enumerate() {
+                at.push(Step::Index(i));
                 each_extension(item, at, seen)?;
+                at.pop();
             }
         }
         Value::Object(members) => {
@@ -202,14 +223,14 @@ pub(super) fn each_extension<'a>(
                 if key == "extras" {
                     continue;
                 }
-                at.push(key.clone());
+                at.push(Step::Key(key));
                 if key == "extensions" {
                     let Some(extensions) = member.as_object() else {
-                        return Err(bad(&at.join("."), "an object", kind(member)));
+                        return Err(bad(&join(at), "an object", kind(member)));
                     };
                     for (name, extension) in extensions {
                         if !extension.is_object() {
-                            return Err(bad(&format!("{}.{name}", at.join(".")), "an object", kind(extension)));
+                            return Err(bad(&format!("{}.{name}", join(at)), "an object", kind(extension)));
                         }
                         seen(name, at);
                     }

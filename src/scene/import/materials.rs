@@ -9,7 +9,7 @@ use super::document::{Document, Lengths};
 use super::extensions::{Support, support};
 use super::images::TextureTable;
 use super::json::Json;
-use super::report::Notes;
+use super::report::{NoteKind, Notes};
 use crate::error::Result;
 use crate::scene::{self, AlphaMode, Encoding, TextureRef};
 
@@ -55,8 +55,8 @@ pub(super) struct Material {
     specular_color: Option<TextureInfo>,
     has_occlusion: bool,
     clamped: Vec<String>,
-    /// Extensions that are left out: name and reason.
-    ignored: Vec<(String, &'static str)>,
+    /// Extensions that are not shown exactly: kind, name and reason.
+    inexact: Vec<(NoteKind, String, &'static str)>,
     /// What makes tangents in the file necessary.
     pub needs_tangents: Option<String>,
     at: String,
@@ -135,7 +135,7 @@ impl Material {
             "BLEND" => AlphaMode::Blend,
             other => return Err(json.bad("alphaMode", "OPAQUE, MASK or BLEND", other)),
         };
-        let (ignored, needs_tangents) = check_other_extensions(json, lengths, normal.is_some())?;
+        let (inexact, needs_tangents) = check_other_extensions(json, lengths, normal.is_some())?;
         Ok(Self {
             plain,
             base_color,
@@ -146,7 +146,7 @@ impl Material {
             specular_color,
             has_occlusion,
             clamped,
-            ignored,
+            inexact,
             needs_tangents,
             at: json.at.clone(),
         })
@@ -157,8 +157,8 @@ impl Material {
         for path in &self.clamped {
             notes.repaired(path, "a factor outside of 0 to 1 is clamped");
         }
-        for (name, why) in &self.ignored {
-            notes.ignored(&format!("{}.extensions.{name}", self.at), format!("{name}: {why}"));
+        for (kind, name, why) in &self.inexact {
+            notes.add(*kind, &format!("{}.extensions.{name}", self.at), format!("{name}: {why}"));
         }
         let mut material = self.plain.clone();
         let mut sample = |info: &Option<TextureInfo>, encoding, needed: bool| -> Option<TextureRef> {
@@ -201,11 +201,15 @@ fn check_other_extensions(
     json: &Json,
     lengths: &Lengths,
     has_normal_map: bool,
-) -> Result<(Vec<(String, &'static str)>, Option<String>)> {
-    let (mut ignored, mut needs_tangents) = (Vec::new(), None);
+) -> Result<(Vec<(NoteKind, String, &'static str)>, Option<String>)> {
+    let (mut inexact, mut needs_tangents) = (Vec::new(), None);
     for name in json.extension_names()? {
         let Some(extension) = json.extension(name)? else { continue };
-        let Support::Ignored { why, factor } = support(name) else { continue };
+        let (kind, why, factor) = match support(name) {
+            Support::Ignored { why, factor } => (NoteKind::Ignored, why, factor),
+            Support::Approximated(why) => (NoteKind::Approximated, why, None),
+            Support::Full | Support::NoEffect => continue,
+        };
         for (key, value) in extension.object()? {
             if key.ends_with("Texture") && value.is_object() {
                 TextureInfo::parse(&extension, key, lengths)?;
@@ -223,10 +227,10 @@ fn check_other_extensions(
             Err(_) => true,
         });
         if matters {
-            ignored.push((name.into(), why));
+            inexact.push((kind, name.into(), why));
         }
     }
-    Ok((ignored, needs_tangents))
+    Ok((inexact, needs_tangents))
 }
 
 /// The scene's materials, made when a mesh first uses them.

@@ -66,9 +66,7 @@ pub fn import(path: &Path, options: &ImportOptions) -> Result<Imported> {
         let folder = uri::folder_of(path)?;
         let document = document::Document::parse(&container.json, &folder, container.bin)?;
         report.generator.clone_from(&document.generator);
-        report.file_bytes = container.file_bytes
-            + document.buffers.iter().map(buffers::Buffer::external_bytes).sum::<u64>()
-            + document.images.iter().map(|i| i.file_bytes).sum::<u64>();
+        report.file_bytes = container.file_bytes + document.external_bytes;
         let file_bytes = report.file_bytes;
         let scene = assemble::assemble(&document, file_bytes, &mut report)?;
         if options.strict {

@@ -6,7 +6,7 @@ use super::accessors::{Accessor, Component, Shape, View};
 use super::document::Lengths;
 use super::json::{Json, bad};
 use super::materials::Material;
-use crate::error::Result;
+use crate::error::{Error, Result};
 
 /// What an attribute means. Sets other than 0 and 1 are checked, but not read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -52,7 +52,8 @@ impl Semantic {
         let float = a.component == F32;
         match self {
             Self::Position => {
-                a.shape == Shape::Vec3 && (float || quantized && (!morph && small || morph && (small && !unorm)))
+                let integer = if morph { matches!(a.component, I8 | I16) } else { small };
+                a.shape == Shape::Vec3 && (float || quantized && integer)
             }
             Self::Normal => a.shape == Shape::Vec3 && (float || quantized && snorm),
             Self::Tangent => a.shape == if morph { Shape::Vec3 } else { Shape::Vec4 } && (float || quantized && snorm),
@@ -202,15 +203,26 @@ impl Primitive {
             all_accessors.push(index);
         }
         let material = json.index("material", lengths.materials, "materials")?;
-        let no_tangents = !attributes.contains_key(&Semantic::Tangent);
+        // From normals, tangents could be made; without both there is no tangent space at all.
+        let no_tangents = !attributes.contains_key(&Semantic::Tangent) && !attributes.contains_key(&Semantic::Normal);
         if let Some(at) = material.and_then(|m| materials[m].needs_tangents.as_ref()).filter(|_| no_tangents) {
-            return Err(json.bad("attributes", format!("TANGENT, which {at} needs"), "none"));
+            return Err(json.bad("attributes", format!("NORMAL or TANGENT, which {at} needs"), "none"));
         }
         if let Some(variants) = json.extension("KHR_materials_variants")? {
             for mapping in variants.items("mappings")? {
                 mapping.index("material", lengths.materials, "materials")?;
                 mapping.indices("variants", lengths.variants, "extensions.KHR_materials_variants.variants")?;
             }
+        }
+        // Draco's uncompressed fallback is optional: without it there is nothing to read, not even zeros.
+        let only_compressed = json.extension("KHR_draco_mesh_compression")?.is_some()
+            && all_accessors.iter().any(|&i| accessors[i].view.is_none());
+        if only_compressed {
+            return Err(Error::Data(format!(
+                "{}: the geometry is only there as KHR_draco_mesh_compression, which this renderer cannot decode; \
+                 export the file without",
+                json.at
+            )));
         }
         let extensions = json.extension_names()?.into_iter().map(Into::into).collect();
         Ok(Self { attributes, indices, mode, material, targets, extensions, at: json.at.clone(), all_accessors })

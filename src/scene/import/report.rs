@@ -1,6 +1,6 @@
 //! What the importer did with a file: used, approximated, left out, and why.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::HashMap;
 
 use serde::Serialize;
 
@@ -115,7 +115,6 @@ impl ImportReport {
 pub(super) struct Notes {
     list: Vec<Note>,
     seen: HashMap<(NoteKind, String), usize>,
-    pub ignored_extensions: BTreeSet<String>,
 }
 
 impl Notes {

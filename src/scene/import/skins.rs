@@ -44,6 +44,7 @@ impl Skin {
 
     /// Mesh space to world space by joint, given every node's matrix to world space.
     pub fn joint_matrices(&self, reader: &mut Reader, worlds: &[DMat4]) -> Result<Vec<DMat4>> {
+        reader.budget.take("skins", self.joints.len() as u64, size_of::<DMat4>() as u64)?;
         let inverse_bind = self.inverse_bind.map(|index| reader.floats::<16>(index)).transpose()?;
         let bind = |i: usize| match &inverse_bind {
             Some(matrices) => DMat4::from_cols_array(&matrices[i].map(f64::from)),

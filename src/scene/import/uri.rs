@@ -1,6 +1,8 @@
 //! What a scene file may name: files beside or below it, and data inside of the URI.
 
+use std::collections::HashMap;
 use std::path::{Component, Path, PathBuf};
+use std::sync::{Arc, OnceLock};
 
 use base64::Engine;
 use base64::alphabet::STANDARD;
@@ -16,6 +18,27 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
         .with_decode_padding_mode(DecodePaddingMode::Indifferent)
         .with_decode_allow_trailing_bits(true),
 );
+
+/// The files that a document names, each once however often it is named.
+#[derive(Debug, Default)]
+pub(super) struct Files {
+    by_path: HashMap<PathBuf, (u64, Contents)>,
+}
+
+/// A file's bytes, read when something needs them.
+pub(super) type Contents = Arc<OnceLock<Vec<u8>>>;
+
+impl Files {
+    /// Notes a file of `size` bytes; gives the place for its contents.
+    pub fn add(&mut self, path: &Path, size: u64) -> Contents {
+        self.by_path.entry(path.into()).or_insert_with(|| (size, Contents::default())).1.clone()
+    }
+
+    /// Bytes of all files.
+    pub fn bytes(&self) -> u64 {
+        self.by_path.values().map(|(size, _)| size).sum()
+    }
+}
 
 /// A resolved URI.
 #[derive(Debug)]

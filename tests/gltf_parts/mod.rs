@@ -1,0 +1,133 @@
+//! Small glTF files for tests, and what must hold for all of them.
+
+// Each test program uses a part of this.
+#![allow(dead_code)]
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use base64::Engine;
+use bismar::Error;
+use bismar::scene::import::{ImportOptions, Imported, import};
+
+/// A folder with a scene file in it.
+pub fn scene_file(name: &str, bytes: impl AsRef<[u8]>) -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    std::fs::write(&path, bytes).unwrap();
+    (folder, path)
+}
+
+pub fn floats(values: &[f32]) -> Vec<u8> {
+    values.iter().flat_map(|x| x.to_le_bytes()).collect()
+}
+
+pub const TRIANGLE: [f32; 9] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+
+/// A scene of one triangle; the parts can be replaced.
+pub struct Parts {
+    pub positions: Vec<u8>,
+    pub accessor: String,
+    pub primitive: String,
+    pub nodes: String,
+    pub more: String,
+}
+
+impl Default for Parts {
+    fn default() -> Self {
+        Self {
+            positions: floats(&TRIANGLE),
+            accessor: r#"{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}"#.into(),
+            primitive: r#"{"attributes":{"POSITION":0}}"#.into(),
+            nodes: r#"[{"mesh":0}]"#.into(),
+            more: String::new(),
+        }
+    }
+}
+
+impl Parts {
+    pub fn json(&self) -> String {
+        let Self { positions, accessor, primitive, nodes, more } = self;
+        let n = positions.len();
+        let data = base64::engine::general_purpose::STANDARD.encode(positions);
+        format!(
+            r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}}],"nodes":{nodes},
+            "meshes":[{{"primitives":[{primitive}]}}],"accessors":[{accessor}],
+            "bufferViews":[{{"buffer":0,"byteLength":{n}}}],
+            "buffers":[{{"byteLength":{n},"uri":"data:application/octet-stream;base64,{data}"}}]{more}}}"#
+        )
+    }
+
+    pub fn import(&self) -> Result<Imported, Error> {
+        let (_folder, path) = scene_file("scene.gltf", self.json());
+        import(&path, &ImportOptions::default())
+    }
+}
+
+/// Longer than any file of the set needs by far, also on a busy machine; a hang is what it catches.
+pub const LONGEST: Duration = Duration::from_secs(30);
+
+/// What came of one file: the import's result, or what a panic said.
+pub fn attempt(path: &Path) -> (Result<Result<Imported, Error>, String>, Duration) {
+    let start = Instant::now();
+    let outcome = catch_unwind(AssertUnwindSafe(|| import(path, &ImportOptions::default())));
+    let outcome = outcome.map_err(|payload| {
+        let text = payload.downcast_ref::<String>().cloned();
+        text.or_else(|| payload.downcast_ref::<&str>().map(|s| s.to_string())).unwrap_or_default()
+    });
+    (outcome, start.elapsed())
+}
+
+/// What every accepted scene promises to those who render it.
+pub fn check_scene(imported: &Imported) -> Result<(), String> {
+    let scene = &imported.scene;
+    let promise = |holds: bool, what: &str| if holds { Ok(()) } else { Err(what.to_string()) };
+    promise(!scene.cameras.is_empty(), "a camera")?;
+    for camera in &scene.cameras {
+        let m = camera.to_world.matrix3;
+        promise(camera.to_world.is_finite() && (m.determinant() - 1.0).abs() < 1e-5, "cameras without scale")?;
+    }
+    for mesh in &scene.meshes {
+        let n = mesh.positions.len();
+        promise(mesh.indices.iter().flatten().all(|&i| (i as usize) < n), "indices below the vertex count")?;
+        promise(mesh.positions.iter().flatten().all(|x| x.is_finite()), "finite positions")?;
+        let mut lengths = vec![n];
+        lengths.extend(mesh.normals.as_ref().map(Vec::len));
+        lengths.extend(mesh.tangents.as_ref().map(Vec::len));
+        lengths.extend(mesh.texcoords.iter().flatten().map(Vec::len));
+        lengths.extend(mesh.colors.as_ref().map(Vec::len));
+        promise(lengths.iter().all(|&l| l == n), "attributes as long as positions")?;
+        let unit = |v: &[f32]| (v.iter().map(|x| x * x).sum::<f32>() - 1.0).abs() < 1e-5;
+        promise(mesh.normals.iter().flatten().all(|n| unit(n)), "unit normals")?;
+        promise(mesh.tangents.iter().flatten().all(|t| unit(&t[..3]) && t[3].abs() == 1.0), "unit tangents")?;
+        let material = scene.materials.get(mesh.material as usize).ok_or("materials that exist")?;
+        promise(mesh.tangents.is_some() == material.normal_texture.is_some(), "tangents where a normal map is")?;
+        promise(mesh.tangents.is_none() || mesh.normals.is_some(), "normals where tangents are")?;
+        let all = [
+            &material.base_color_texture,
+            &material.metallic_roughness_texture,
+            &material.normal_texture,
+            &material.emissive_texture,
+            &material.specular_texture,
+            &material.specular_color_texture,
+        ];
+        for texture in all.into_iter().flatten() {
+            promise(mesh.texcoords[usize::from(texture.set)].is_some(), "coordinates for every texture")?;
+            scene.sample_texture(texture, glam::Vec2::new(0.3, 0.7));
+        }
+    }
+    for texture in &scene.textures {
+        promise((texture.image as usize) < scene.images.len(), "images that exist")?;
+    }
+    for object in &scene.objects {
+        promise(object.meshes.end as usize <= scene.meshes.len() && !object.meshes.is_empty(), "meshes of objects")?;
+    }
+    for instance in &scene.instances {
+        promise((instance.object as usize) < scene.objects.len(), "objects that exist")?;
+        let invertible = instance.transform.is_none_or(|t| t.is_finite() && t.inverse().is_finite());
+        promise(invertible, "invertible instances")?;
+    }
+    serde_json::to_string(&bismar::scene::import::summary(imported)).map_err(|e| e.to_string())?;
+    Ok(())
+}

@@ -1,0 +1,446 @@
+//! Files made to break an importer: an error that says where, in time, never a panic.
+
+mod gltf_parts;
+
+use std::path::Path;
+
+use bismar::Error;
+use bismar::scene::import::Imported;
+use gltf_parts::{LONGEST, Parts, TRIANGLE, attempt, check_scene, floats, scene_file};
+
+/// Imports a document; a panic or a long wait fails the test.
+fn import_json(document: &str) -> Result<Imported, Error> {
+    let (_folder, path) = scene_file("scene.gltf", document);
+    in_time(&path)
+}
+
+fn in_time(path: &Path) -> Result<Imported, Error> {
+    let (outcome, time) = attempt(path);
+    assert!(time < LONGEST, "took {time:?}");
+    outcome.unwrap_or_else(|panic| panic!("panicked: {panic}"))
+}
+
+/// Fails with exit code 65 (66 for missing files), and the text has all of `words`.
+fn refused(outcome: Result<Imported, Error>, words: &[&str]) {
+    let error = outcome.map(|_| ()).expect_err("a hostile file was accepted");
+    assert!(matches!(error.exit_code(), 65 | 66), "{} {error}", error.exit_code());
+    for word in words {
+        assert!(error.to_string().contains(word), "no `{word}` in: {error}");
+    }
+}
+
+#[test]
+fn one_triangle_loads_and_gets_a_framed_view() {
+    let imported = Parts::default().import().unwrap();
+    check_scene(&imported).unwrap();
+    assert_eq!(imported.report.counts.triangles, 1);
+    assert_eq!(imported.scene.cameras[0].name, "framed");
+    assert!(imported.scene.instances[0].transform.is_none());
+}
+
+#[test]
+fn a_document_without_triangles_is_an_empty_scene() {
+    let imported = import_json(r#"{"asset":{"version":"2.0"}}"#).unwrap();
+    assert!(imported.scene.instances.is_empty() && imported.scene.meshes.is_empty());
+    check_scene(&imported).unwrap();
+}
+
+#[test]
+fn a_chain_of_100000_nodes_is_walked() {
+    let n = 100_000;
+    let nodes: Vec<_> = (0..n - 1).map(|i| format!(r#"{{"children":[{}]}}"#, i + 1)).collect();
+    let nodes = format!(r#"[{},{{"mesh":0}}]"#, nodes.join(","));
+    assert_eq!(Parts { nodes, ..Default::default() }.import().unwrap().scene.instances.len(), 1);
+}
+
+#[test]
+fn cycles_and_shared_children_are_refused() {
+    for (nodes, at) in [
+        (r#"[{"children":[0]}]"#, "nodes[0]"),
+        (r#"[{"children":[1]},{"children":[0]}]"#, "nodes["),
+        (r#"[{},{"children":[2]},{"children":[1]}]"#, "nodes[1]"),
+        (r#"[{"children":[1,2]},{"children":[3]},{"children":[3]},{}]"#, "nodes[3]"),
+        (r#"[{"children":[1,1]},{}]"#, "nodes[0].children[1]"),
+    ] {
+        refused(Parts { nodes: nodes.into(), ..Default::default() }.import(), &[at]);
+    }
+    // 2^40 paths, were they walked.
+    let levels: Vec<_> = (0..40).map(|i| format!(r#"{{"children":[{0},{0}]}}"#, i + 1)).collect();
+    refused(Parts { nodes: format!("[{},{{}}]", levels.join(",")), ..Default::default() }.import(), &["children"]);
+}
+
+#[test]
+fn deeply_nested_json_is_refused() {
+    let n = 100_000;
+    let document = format!(r#"{{"asset":{{"version":"2.0"}},"extras":{}{}}}"#, "[".repeat(n), "]".repeat(n));
+    refused(import_json(&document), &["not valid JSON"]);
+}
+
+#[test]
+fn memory_out_of_proportion_is_refused() {
+    let huge = r#"{"componentType":5126,"count":4000000000,"type":"VEC3"}"#;
+    refused(Parts { accessor: huge.into(), ..Default::default() }.import(), &["accessors[0]", "4000000000"]);
+    let largest = r#"{"componentType":5126,"count":9007199254740991,"type":"MAT4"}"#;
+    let more = r#","skins":[{"joints":[0],"inverseBindMatrices":1}]"#.into();
+    let accessor = format!("{},{largest}", Parts::default().accessor);
+    assert!(Parts { accessor, more, ..Default::default() }.import().is_ok(), "an unused skin is not read");
+    let sparse = r#"{"componentType":5126,"count":4000000000,"type":"VEC3","sparse":{"count":4000000000,
+        "indices":{"bufferView":0,"componentType":5121},"values":{"bufferView":0}}}"#;
+    refused(Parts { accessor: sparse.into(), ..Default::default() }.import(), &["accessors[0].sparse.indices"]);
+    // A thousand meshes that each unfold a million zeros.
+    let primitive = vec![r#"{"attributes":{"POSITION":0}}"#; 1000].join(",");
+    let accessor = r#"{"componentType":5126,"count":1000000,"type":"VEC3"}"#.into();
+    refused(Parts { accessor, primitive, ..Default::default() }.import(), &["unfold", "1000000 elements"]);
+    let nodes = r#"[{"mesh":0,"extensions":{"EXT_mesh_gpu_instancing":{"attributes":{"TRANSLATION":1}}}}]"#.into();
+    let accessor =
+        format!(r#"{},{{"componentType":5126,"count":1000000000,"type":"VEC3"}}"#, Parts::default().accessor);
+    refused(Parts { accessor, nodes, ..Default::default() }.import(), &["accessors[1]"]);
+}
+
+#[test]
+fn one_file_named_many_times_counts_once() {
+    let (folder, path) = scene_file("data.bin", vec![0; 8 << 20]);
+    let buffer = r#"{"uri":"data.bin","byteLength":8388608}"#;
+    let view = |i: usize| format!(r#"{{"buffer":{i},"byteLength":8388608}}"#);
+    let accessor = |i: usize| format!(r#"{{"bufferView":{i},"componentType":5126,"count":699050,"type":"VEC3"}}"#);
+    let list = |item: &dyn Fn(usize) -> String| (0..500).map(item).collect::<Vec<_>>().join(",");
+    let json = format!(
+        r#"{{"asset":{{"version":"2.0"}},"buffers":[{}],"bufferViews":[{}],"accessors":[{}],"meshes":[{}]}}"#,
+        list(&|_| buffer.into()),
+        list(&view),
+        list(&accessor),
+        list(&|i| format!(r#"{{"primitives":[{{"attributes":{{"POSITION":{i}}}}}]}}"#)),
+    );
+    let scene = path.with_file_name("scene.gltf");
+    std::fs::write(&scene, json).unwrap();
+    refused(in_time(&scene), &["unfold"]);
+    let images = list(&|_| r#"{"uri":"data.bin"}"#.into());
+    std::fs::write(&scene, format!(r#"{{"asset":{{"version":"2.0"}},"images":[{images}]}}"#)).unwrap();
+    refused(in_time(&scene), &["unfold"]);
+    drop(folder);
+}
+
+#[test]
+fn lying_accessors_are_refused() {
+    let view = r#""bufferView":0"#;
+    for (accessor, words) in [
+        (format!(r#"{{{view},"componentType":5126,"count":4,"type":"VEC3"}}"#), ["accessors[0]", "36 bytes"]),
+        (format!(r#"{{{view},"componentType":5126,"count":0,"type":"VEC3"}}"#), ["accessors[0].count", "at least 1"]),
+        (format!(r#"{{{view},"componentType":5126,"count":-1,"type":"VEC3"}}"#), ["accessors[0].count", "-1"]),
+        (format!(r#"{{{view},"componentType":5126,"count":2.5,"type":"VEC3"}}"#), ["accessors[0].count", "2.5"]),
+        (
+            format!(r#"{{{view},"componentType":5126,"count":18446744073709551615,"type":"VEC3"}}"#),
+            ["accessors[0]", "36"],
+        ),
+        (
+            format!(r#"{{{view},"componentType":5126,"count":1,"byteOffset":18446744073709551612,"type":"VEC3"}}"#),
+            ["accessors[0].byteOffset", ""],
+        ),
+        (
+            format!(r#"{{{view},"componentType":5126,"count":1,"byteOffset":2,"type":"VEC3"}}"#),
+            ["accessors[0].byteOffset", "multiple of 4"],
+        ),
+        (format!(r#"{{{view},"componentType":5122,"count":3,"type":"VEC3"}}"#), ["POSITION", "SHORT"]),
+        (format!(r#"{{{view},"componentType":5126,"count":3,"type":"VEC2"}}"#), ["POSITION", "VEC2"]),
+        (format!(r#"{{{view},"componentType":5124,"count":3,"type":"VEC3"}}"#), ["accessors[0].componentType", "5124"]),
+        (r#"{"bufferView":7,"componentType":5126,"count":3,"type":"VEC3"}"#.into(), ["accessors[0].bufferView", "7"]),
+    ] {
+        refused(Parts { accessor, ..Default::default() }.import(), &words);
+    }
+    assert!(
+        Parts {
+            accessor: format!(r#"{{{view},"componentType":5126,"count":3.0,"type":"VEC3"}}"#),
+            ..Default::default()
+        }
+        .import()
+        .is_ok()
+    );
+}
+
+#[test]
+fn wrong_values_are_refused_with_their_place() {
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let mut positions = TRIANGLE;
+        positions[4] = bad;
+        refused(Parts { positions: floats(&positions), ..Default::default() }.import(), &["accessors[0]", "element 1"]);
+    }
+    let with_indices = |indices: &[u8]| {
+        let mut positions = floats(&TRIANGLE);
+        let n = indices.len();
+        positions.extend(indices);
+        let accessor = format!(
+            r#"{{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}},
+            {{"bufferView":0,"byteOffset":36,"componentType":5121,"count":{n},"type":"SCALAR"}}"#
+        );
+        let primitive = r#"{"attributes":{"POSITION":0},"indices":1}"#.into();
+        Parts { positions, accessor, primitive, ..Default::default() }.import()
+    };
+    assert_eq!(with_indices(&[0, 1, 2, 2, 1, 0]).unwrap().report.counts.triangles, 2);
+    refused(with_indices(&[0, 1, 3]), &["accessors[1]", "below 3", "3 as number 2"]);
+    refused(with_indices(&[0, 1, 255]), &["accessors[1]", "255"]);
+}
+
+#[test]
+fn positions_beyond_what_can_be_traced_are_refused() {
+    let one = r#"{"mesh":0,"scale":[1e10,1e10,1e10]}"#;
+    for nodes in [format!("[{one}]"), format!(r#"[{{"children":[1,2]}},{one},{one}]"#)] {
+        let positions = floats(&TRIANGLE.map(|x| x * 1e10));
+        refused(Parts { positions, nodes, ..Default::default() }.import(), &["nodes[", "scale"]);
+    }
+}
+
+#[test]
+fn a_flat_placement_is_dropped_with_a_note() {
+    let nodes = r#"[{"mesh":0,"scale":[1,0,1]}]"#.into();
+    let imported = Parts { nodes, ..Default::default() }.import().unwrap();
+    assert!(imported.scene.instances.is_empty());
+    assert!(imported.report.notes.iter().any(|n| n.at == "nodes[0]" && n.text.contains("scale")));
+}
+
+#[test]
+fn uris_cannot_leave_the_scenes_folder() {
+    let outer = tempfile::tempdir().unwrap();
+    let inner = outer.path().join("inner");
+    std::fs::create_dir_all(inner.join("sub")).unwrap();
+    let secret = outer.path().join("secret.bin");
+    std::fs::write(&secret, floats(&TRIANGLE)).unwrap();
+    std::fs::write(inner.join("sub/in side.bin"), floats(&TRIANGLE)).unwrap();
+    std::os::unix::fs::symlink(&secret, inner.join("link.bin")).unwrap();
+    std::os::unix::fs::symlink(outer.path(), inner.join("up")).unwrap();
+    std::os::unix::fs::symlink("/dev/zero", inner.join("zero.bin")).unwrap();
+    let path = inner.join("scene.gltf");
+    let import_uri = |uri: &str| {
+        let json = Parts::default().json();
+        let start = json.find("data:").unwrap();
+        let end = start + json[start..].find('"').unwrap();
+        std::fs::write(&path, format!("{}{uri}{}", &json[..start], &json[end..])).unwrap();
+        in_time(&path)
+    };
+    for good in ["sub/in side.bin", "sub/in%20side.bin", "./sub/../sub/in%20side.bin"] {
+        assert_eq!(import_uri(good).unwrap().report.counts.triangles, 1, "{good}");
+    }
+    let file_url = format!("file://{}", secret.display());
+    for bad in [
+        "../secret.bin",
+        "%2e%2e/secret.bin",
+        "%2e%2e%2fsecret.bin",
+        "sub/../../secret.bin",
+        "link.bin",
+        "up/secret.bin",
+        "zero.bin",
+        "/etc/passwd",
+        "%2fetc%2fpasswd",
+        "/dev/zero",
+        "file:///etc/passwd",
+        &file_url,
+        "http://localhost/secret.bin",
+        "//localhost/secret.bin",
+        "FILE:secret.bin",
+        "sub",
+        ".",
+        "",
+        "%00",
+        "%ff%fe",
+        "data:",
+        "data:;base64,!!!!",
+        "data:application/octet-stream;;base64,AAAA",
+        "data:application/octet-stream;base64,AAAA",
+    ] {
+        refused(import_uri(bad), &["buffers[0]"]);
+    }
+    assert_eq!(import_uri("not_there.bin").unwrap_err().exit_code(), 66);
+    std::fs::write(inner.join("short.bin"), [0; 35]).unwrap();
+    refused(import_uri("short.bin"), &["buffers[0].byteLength", "36"]);
+}
+
+#[test]
+fn what_is_no_scene_file_is_refused() {
+    let (folder, path) = scene_file("scene.glb", b"glTF");
+    refused(in_time(&path), &["scene.glb", "header"]);
+    refused(in_time(folder.path()), &["not a regular file"]);
+    refused(in_time(Path::new("/dev/zero")), &["not a regular file"]);
+    assert_eq!(in_time(&folder.path().join("nothing.gltf")).unwrap_err().exit_code(), 66);
+}
+
+/// A GLB of chunks (type, bytes), whatever they are.
+fn glb(chunks: &[(u32, &[u8])]) -> Vec<u8> {
+    let length = 12 + chunks.iter().map(|(_, bytes)| 8 + bytes.len()).sum::<usize>();
+    let mut out = b"glTF".to_vec();
+    out.extend([2, length as u32].iter().flat_map(|x| x.to_le_bytes()));
+    for (kind, bytes) in chunks {
+        out.extend([bytes.len() as u32, *kind].iter().flat_map(|x| x.to_le_bytes()));
+        out.extend(*bytes);
+    }
+    out
+}
+
+const JSON: u32 = 0x4E4F_534A;
+const BIN: u32 = 0x004E_4942;
+
+/// A GLB of a textured, skinned-free quad with normals, indices, a camera, a light and a picture: a bit of everything.
+fn small_glb() -> Vec<u8> {
+    let mut bin = floats(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0]);
+    bin.extend(floats(&[0.0, 0.0, 1.0].repeat(4)));
+    bin.extend(floats(&[0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]));
+    bin.extend([0_u16, 1, 2, 0, 2, 3].iter().flat_map(|x| x.to_le_bytes()));
+    let mut png = Vec::new();
+    let pixels = [200, 100, 50, 255, 0, 0, 0, 0];
+    image::ImageEncoder::write_image(
+        image::codecs::png::PngEncoder::new(&mut png),
+        &pixels,
+        2,
+        1,
+        image::ExtendedColorType::Rgba8,
+    )
+    .unwrap();
+    let picture = (bin.len(), png.len());
+    bin.extend(png);
+    let json = format!(
+        r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0,1,2]}}],
+        "extensionsUsed":["KHR_lights_punctual","KHR_texture_transform"],
+        "extensions":{{"KHR_lights_punctual":{{"lights":[{{"type":"spot","spot":{{}},"intensity":5}}]}}}},
+        "nodes":[{{"mesh":0,"rotation":[0,0,0,1]}},{{"camera":0,"translation":[0,0,3]}},
+          {{"extensions":{{"KHR_lights_punctual":{{"light":0}}}}}}],
+        "cameras":[{{"type":"perspective","perspective":{{"yfov":0.7,"znear":0.1}}}}],
+        "meshes":[{{"primitives":[{{"attributes":{{"POSITION":0,"NORMAL":1,"TEXCOORD_0":2}},"indices":3,"material":0}}]}}],
+        "materials":[{{"alphaMode":"MASK","normalTexture":{{"index":0}},"pbrMetallicRoughness":{{"baseColorTexture":
+          {{"index":0,"extensions":{{"KHR_texture_transform":{{"scale":[2,2],"rotation":1}}}}}}}}}}],
+        "textures":[{{"source":0,"sampler":0}}],"samplers":[{{"wrapS":33648}}],
+        "images":[{{"bufferView":4,"mimeType":"image/png"}}],
+        "accessors":[{{"bufferView":0,"componentType":5126,"count":4,"type":"VEC3"}},
+          {{"bufferView":1,"componentType":5126,"count":4,"type":"VEC3"}},
+          {{"bufferView":2,"componentType":5126,"count":4,"type":"VEC2"}},
+          {{"bufferView":3,"componentType":5123,"count":6,"type":"SCALAR"}}],
+        "bufferViews":[{{"buffer":0,"byteLength":48}},{{"buffer":0,"byteOffset":48,"byteLength":48}},
+          {{"buffer":0,"byteOffset":96,"byteLength":32}},{{"buffer":0,"byteOffset":128,"byteLength":12}},
+          {{"buffer":0,"byteOffset":{},"byteLength":{}}}],
+        "buffers":[{{"byteLength":{}}}]}}"#,
+        picture.0,
+        picture.1,
+        bin.len()
+    );
+    glb(&[(JSON, json.as_bytes()), (BIN, &bin)])
+}
+
+#[test]
+fn the_small_glb_uses_all_that_it_has() {
+    let (_folder, path) = scene_file("small.glb", small_glb());
+    let imported = in_time(&path).unwrap();
+    check_scene(&imported).unwrap();
+    let counts = &imported.report.counts;
+    assert_eq!((counts.triangles, counts.images, counts.lights, counts.cameras), (2, 1, 1, 1));
+    assert!(imported.scene.meshes[0].tangents.is_some());
+    assert!(imported.scene.has_alpha(0));
+}
+
+#[test]
+fn glb_headers_that_lie_are_refused() {
+    let json: &[u8] = br#"{"asset":{"version":"2.0"}}"#;
+    let good = glb(&[(JSON, json)]);
+    let patched = |at: usize, word: u32| {
+        let mut bytes = good.clone();
+        bytes[at..at + 4].copy_from_slice(&word.to_le_bytes());
+        bytes
+    };
+    let (folder, path) = scene_file("scene.glb", &good);
+    assert!(in_time(&path).is_ok());
+    for (bytes, word) in [
+        (patched(0, 0), "magic"),
+        (patched(4, 1), "version"),
+        (patched(8, 0), "header says 0"),
+        (patched(8, 11), "header says 11"),
+        (patched(8, u32::MAX), "header says 4294967295"),
+        (patched(12, u32::MAX), "4294967295 bytes"),
+        (patched(12, 0), "empty"),
+        (patched(16, BIN), "JSON chunk first"),
+        (good[..15].to_vec(), "header says"),
+        (glb(&[]), "no JSON chunk"),
+        (glb(&[(JSON, json), (JSON, json)]), "second JSON"),
+        (glb(&[(JSON, json), (7, b""), (BIN, b"abcd")]), "BIN"),
+        (glb(&[(JSON, json), (BIN, b"abcd"), (BIN, b"abcd")]), "BIN"),
+    ] {
+        std::fs::write(&path, bytes).unwrap();
+        refused(in_time(&path), &["scene.glb", word]);
+    }
+    drop(folder);
+}
+
+#[test]
+fn a_picture_that_claims_to_be_huge_is_refused_before_it_is_decoded() {
+    let crc = |bytes: &[u8]| {
+        !bytes.iter().fold(u32::MAX, |crc, &b| {
+            (0..8).fold(crc ^ u32::from(b), |c, _| if c & 1 == 1 { c >> 1 ^ 0xEDB8_8320 } else { c >> 1 })
+        })
+    };
+    let chunk = |kind: &[u8], data: &[u8]| {
+        let body = [kind, data].concat();
+        [&(data.len() as u32).to_be_bytes(), body.as_slice(), &crc(&body).to_be_bytes()].concat()
+    };
+    for side in [100_000_u32, 30_000, u32::MAX >> 1] {
+        let header = [&side.to_be_bytes()[..], &side.to_be_bytes(), &[8, 6, 0, 0, 0]].concat();
+        let png =
+            [b"\x89PNG\r\n\x1a\n".as_slice(), &chunk(b"IHDR", &header), &chunk(b"IDAT", b"x"), &chunk(b"IEND", b"")];
+        let (folder, path) = scene_file("huge.png", png.concat());
+        let primitive = r#"{"attributes":{"POSITION":0,"TEXCOORD_0":1},"material":0}"#.into();
+        let accessor = format!(r#"{},{{"componentType":5126,"count":3,"type":"VEC2"}}"#, Parts::default().accessor);
+        let more = r#","materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}],
+            "textures":[{"source":0}],"images":[{"uri":"huge.png"}]"#
+            .into();
+        let json = Parts { primitive, accessor, more, ..Default::default() }.json();
+        let scene = path.with_file_name("scene.gltf");
+        std::fs::write(&scene, json).unwrap();
+        refused(in_time(&scene), &["images[0]"]);
+        drop(folder);
+    }
+}
+
+mod mutations {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 2000, failure_persistence: None, ..Default::default() })]
+
+        #[test]
+        fn a_file_with_changed_bytes_never_panics(
+            changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
+            cut in prop::option::weighted(0.1, any::<prop::sample::Index>()),
+        ) {
+            let mut bytes = small_glb();
+            for (at, value) in changes {
+                let at = at.index(bytes.len());
+                bytes[at] = value;
+            }
+            if let Some(cut) = cut {
+                bytes.truncate(cut.index(bytes.len()));
+            }
+            let (_folder, path) = scene_file("mutated.glb", bytes);
+            if let Ok(imported) = in_time(&path) {
+                prop_assert_eq!(check_scene(&imported), Ok(()));
+            }
+        }
+
+        #[test]
+        fn a_document_with_changed_numbers_never_panics(
+            changes in prop::collection::vec((any::<prop::sample::Index>(), prop_oneof![
+                Just("-1"), Just("0"), Just("1"), Just("2"), Just("3"), Just("4"), Just("255"), Just("5121"),
+                Just("5123"), Just("5125"), Just("5126"), Just("4294967295"), Just("18446744073709551615"), Just("1e30"),
+                Just("1e-30"), Just("0.5"), Just("null"), Just("[]"), Just("{}"), Just("\"VEC4\""),
+            ]), 1..4),
+        ) {
+            let bytes = small_glb();
+            let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+            let mut json = String::from_utf8(bytes[20..20 + length].to_vec()).unwrap();
+            for (at, value) in changes {
+                let numbers: Vec<_> = json.match_indices(|c: char| c.is_ascii_digit()).map(|(i, _)| i).collect();
+                let at = numbers[at.index(numbers.len())];
+                json.replace_range(at..at + 1, value);
+            }
+            let (_folder, path) = scene_file("mutated.glb", glb(&[(JSON, json.as_bytes()), (BIN, &bytes[28 + length..])]));
+            if let Ok(imported) = in_time(&path) {
+                prop_assert_eq!(check_scene(&imported), Ok(()));
+            }
+        }
+    }
+}
