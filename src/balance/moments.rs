@@ -19,7 +19,7 @@ impl Moments {
     /// found nothing adds nothing. Non-finite samples are dropped.
     #[inline]
     pub fn add(&mut self, w: f64, r: f64) {
-        if !(w > 0.0 && w < f64::MAX.sqrt()) || !r.is_finite() {
+        if !(w > 0.0 && w < f64::MAX.sqrt() && r.is_finite()) {
             return;
         }
         self.s0 += w;

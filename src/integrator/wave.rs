@@ -198,9 +198,9 @@ impl Wave {
                 });
             }
             let counts = [plan_of.counts.light, plan_of.counts.bsdf];
-            for technique in 0..2 {
-                self.dealt[technique].resize(paths as usize, 0);
-                deal(counts[technique], &self.keys[technique], &mut self.order, &mut self.dealt[technique]);
+            for (n, (keys, dealt)) in counts.into_iter().zip(self.keys.iter().zip(&mut self.dealt)) {
+                dealt.resize(paths as usize, 0);
+                deal(n, keys, &mut self.order, dealt);
             }
             let (mut light, mut bsdf) = (plan_of.first_light, plan_of.first_bsdf);
             for (i, slot) in self.slots[first_slot..].iter_mut().enumerate() {

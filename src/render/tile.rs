@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use crate::balance::{Balance, Counts};
 use crate::integrator::{PixelPlan, PixelSum, Transport, Wave, WaveCounts};
+use crate::rays::embree::set_flush_to_zero;
 
 /// Pixels along a side. Tiles lie on the whole picture's grid.
 pub const TILE: u32 = 16;
@@ -69,6 +70,7 @@ impl Tile {
     /// Takes a pass of `paths` paths a pixel. The balance of each pixel follows from its own earlier passes.
     pub fn pass(&mut self, transport: &Transport, balance: Balance, paths: u32) -> TileWork {
         let start = Instant::now();
+        set_flush_to_zero();
         let two_techniques = transport.lights.has_extent();
         let before_pass = self.sums.first().map_or(0, |s| s.stats.samples);
         // A long pass goes in parts with the same balance, so that buffers stay small.

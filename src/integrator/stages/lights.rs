@@ -41,16 +41,10 @@ impl Wave {
     #[inline]
     fn sample_lights(&mut self, transport: &Transport, plan: &[PixelPlan], depth: u32, at: usize) {
         let task = self.task_group(at);
-        let mut numbers = [[0.0; LANES]; 3];
-        for lane in 0..LANES {
-            let slot = &self.slots[self.vertices.slot[task.vertex[lane] as usize] as usize];
-            let [choice, u, v, _] = slot.sequence.sample(task.index[lane], light_set(depth));
-            (numbers[0][lane], numbers[1][lane], numbers[2][lane]) = (choice, u, v);
-        }
+        let [choice, u, v, _] = self.numbers(&task, light_set(depth));
         let vertices = &self.vertices;
         let rows = &task.rows;
         let origin = vertices.origin.load(rows);
-        let [choice, u, v] = numbers;
         let light = transport.lights.sample(transport.scene, origin, choice, u, v);
         let (value, bsdf_pdf) = vertices.lobes(rows).eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
         let (a_l, a_b) = self.samples_a_path(plan, depth, &task.vertex);
@@ -104,6 +98,16 @@ impl Wave {
         self.pending.push(Pending { radiance, slot, child, w: 0.0, r: 0.0 });
         let key = hash(sequence.key(index, light_set(depth)));
         self.shadow_rays.push(origin, light.wi, 0.0, light.distance * SHADOW_END, key);
+    }
+
+    /// Four numbers in [0, 1) a task.
+    #[inline(always)]
+    pub(super) fn numbers(&self, task: &TaskGroup, set: u32) -> [[f32; LANES]; 4] {
+        let points: [[f32; 4]; LANES] = std::array::from_fn(|lane| {
+            let slot = self.vertices.slot[task.vertex[lane] as usize];
+            self.slots[slot as usize].sequence.sample(task.index[lane], set)
+        });
+        std::array::from_fn(|dimension| points.map(|point| point[dimension]))
     }
 
     /// a_l and a_b at some vertices: samples of each technique over paths.

@@ -35,17 +35,9 @@ impl Wave {
     #[inline]
     fn sample_bsdfs(&mut self, plan: &[PixelPlan], depth: u32, at: usize) {
         let task = self.task_group(at);
-        let mut numbers = [[0.0; LANES]; 4];
-        for lane in 0..LANES {
-            let slot = &self.slots[self.vertices.slot[task.vertex[lane] as usize] as usize];
-            let four = slot.sequence.sample(task.index[lane], bsdf_set(depth));
-            for (column, number) in numbers.iter_mut().zip(four) {
-                column[lane] = number;
-            }
-        }
         let vertices = &self.vertices;
         let rows = &task.rows;
-        let [lobe, u, v, survive] = numbers.map(F::from);
+        let [lobe, u, v, survive] = self.numbers(&task, bsdf_set(depth)).map(F::from);
         let sample = vertices.lobes(rows).sample(vertices.ns.load(rows), vertices.wo.load(rows), [lobe, u, v]);
         let (_, a_b) = self.samples_a_path(plan, depth, &task.vertex);
         let weighted_pdf = a_b * sample.pdf;
