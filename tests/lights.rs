@@ -190,7 +190,8 @@ fn lamps_shine_from_the_side_that_the_winding_calls_the_front_also_when_mirrored
     let lights = AreaLights::new(&scene).unwrap();
     let mut random = Random(32);
     for _ in 0..20_000 {
-        let d = direction(f64::from(random.f32()) * 3.14, f64::from(random.f32()) * 6.28);
+        let d =
+            direction(f64::from(random.f32()) * std::f64::consts::PI, f64::from(random.f32()) * std::f64::consts::TAU);
         for (i, t) in look(&scene, d) {
             let t_world = |k: usize| {
                 let p = Vec3::from_array(scene.meshes[i as usize].positions[k]);

@@ -30,7 +30,6 @@ pub fn run(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     info!("{threads} threads ({source})");
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
-        .start_handler(|_| rays::embree::set_flush_to_zero())
         .build()
         .map_err(|e| Error::Host(format!("cannot start {threads} threads: {e}")))?;
     pool.install(|| on_pool(args, verbosity, &output, threads))
