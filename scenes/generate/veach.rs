@@ -33,7 +33,7 @@ pub fn scene() -> Glb {
         let up = normal.cross(DVec3::X).normalize() * 0.36;
         let side = DVec3::X * 2.5;
         // glTF's roughness is the root of the microfacet alpha.
-        let metal = glb.material(&Material::metal(name, [0.78, 0.78, 0.80], alpha.sqrt()));
+        let metal = glb.material(&Material::metal(name, [0.78, 0.78, 0.80], f64::sqrt(alpha)));
         let corners = [centre - side - up, centre + side - up, centre + side + up, centre - side + up];
         glb.object(name, &quad(corners), metal);
     }
