@@ -141,7 +141,8 @@ fn a_render_writes_picture_preview_and_statistics_and_nothing_else() {
     expect(folder.path(), &format!("{SMALL} --preview p.png --stats s.json --crop 4,5,20,21"), 0);
     assert_eq!(names(folder.path()), ["p.png", "s.json", "scene.exr", "scene.glb"]);
     let stats = json(&fs::read(folder.path().join("s.json")).unwrap());
-    assert_eq!(stats["samples"]["paths"], 16 * 16 * 8);
+    // Tiles are traced whole, so the crop's corner at (4, 5) costs the picture's 2 x 2 tiles.
+    assert_eq!(stats["samples"]["paths"], 32 * 24 * 8);
     assert_eq!(stats["rays"]["camera"], stats["samples"]["paths"]);
     assert_eq!((&stats["stop"], &stats["scene"]), (&"samples".into(), &"scene.glb".into()));
     let share = stats["ray_query_share"].as_f64().unwrap();
