@@ -17,5 +17,6 @@ pub mod rays;
 pub mod render;
 pub mod sampling;
 pub mod scene;
+pub mod study;
 
 pub use error::{Error, Result};
