@@ -61,7 +61,16 @@ pub fn window() -> Glb {
         glb.object("left wall", &cuboid(size).translated(dvec3(x, (y0 + y1) / 2.0, (z0 + z1) / 2.0)), white);
     }
     // Nothing gets in from behind the camera.
-    glb.object("front wall", &quad([dvec3(w / 2.0, 0.0, d / 2.0), dvec3(-w / 2.0, 0.0, d / 2.0), dvec3(-w / 2.0, h, d / 2.0), dvec3(w / 2.0, h, d / 2.0)]), white);
+    glb.object(
+        "front wall",
+        &quad([
+            dvec3(w / 2.0, 0.0, d / 2.0),
+            dvec3(-w / 2.0, 0.0, d / 2.0),
+            dvec3(-w / 2.0, h, d / 2.0),
+            dvec3(w / 2.0, h, d / 2.0),
+        ]),
+        white,
+    );
     glb.object("roof", &block(dvec3(w + 1.0, 0.1, d + 0.2), dvec3(0.0, h + 0.01, 0.0), 0.0), white);
     glb.object("table", &block(dvec3(1.3, 0.06, 0.8), dvec3(-0.2, 0.7, -0.4), 0.2), oak);
     for (sx, sz) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
@@ -172,7 +181,11 @@ pub fn night() -> Glb {
     glb.object("ground", &floor(14.0), coal);
     glb.object("wall", &block(dvec3(0.3, 2.2, 5.0), dvec3(-0.9, 0.0, -2.0), 0.15), soot);
     glb.object("hut", &block(dvec3(1.4, 1.3, 1.2), dvec3(1.6, 0.0, -1.6), 0.5), soot);
-    glb.object("barrel", &lathe(&[(0.0, 0.9), (0.34, 0.9), (0.38, 0.45), (0.34, 0.0)], 40, 30.0).translated(dvec3(0.4, 0.0, 0.2)), paint);
+    glb.object(
+        "barrel",
+        &lathe(&[(0.0, 0.9), (0.34, 0.9), (0.38, 0.45), (0.34, 0.0)], 40, 30.0).translated(dvec3(0.4, 0.0, 0.2)),
+        paint,
+    );
     glb.object("lamp", &sphere(0.09, 16).translated(dvec3(-2.6, 1.7, -2.4)), lamp);
     glb.object("ember", &sphere(0.05, 12).translated(dvec3(2.3, 0.05, 0.4)), lamp);
     glb.camera("camera", dvec3(0.6, 1.6, 5.4), dvec3(0.1, 0.7, -0.8), 42.0, 1.5);
@@ -288,7 +301,8 @@ pub fn foliage() -> Result<Glb, ImageError> {
     }
     for _ in 0..160 {
         let at = dvec3(random.between(-2.6, 2.6), 0.01, random.between(-1.8, 1.8));
-        let turn = DQuat::from_rotation_y(random.between(0.0, TAU)) * DQuat::from_rotation_x(random.between(-1.5, -1.1));
+        let turn =
+            DQuat::from_rotation_y(random.between(0.0, TAU)) * DQuat::from_rotation_x(random.between(-1.5, -1.1));
         glb.instance(card, &Place { translation: at, rotation: turn, scale: random.between(0.14, 0.24) });
     }
     glb.camera("camera", dvec3(0.5, 1.9, 5.8), dvec3(0.0, 1.65, -0.3), 36.0, 1.5);

@@ -1,5 +1,7 @@
 //! What a pixel learns from its samples, and the balance that follows from it.
 
+use glam::Vec3;
+
 /// Streaming sums of W = Y·Z and r over a pixel's samples. Sums of passes with different α add up: each is an
 /// unbiased estimate of the same m_k (times the number of samples).
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -12,16 +14,33 @@ pub struct Moments {
     pub s2: f64,
     /// Σ W², for the ridge.
     pub q0: f64,
+    /// Σ Z r, Z summed over channels.
+    pub k1: f64,
+    /// Σ Z r².
+    pub k2: f64,
 }
 
 impl Moments {
-    /// Adds one sample with weight `w` = Σ_c Y_c Z_c (over colour channels; ≥ 0) and `r` in [−1, 1]. A sample that
-    /// found nothing adds nothing. Non-finite samples are dropped.
+    /// Adds a contribution `found` = f/(a_l p_l + a_b p_b) with a_l + a_b = 2, found with a share `alpha` of light
+    /// samples at a direction with contrast `r` in [−1, 1]. A sample that found nothing adds nothing. Negative and
+    /// non-finite samples are dropped.
     #[inline]
-    pub fn add(&mut self, w: f64, r: f64) {
-        if !(w > 0.0 && w < f64::MAX.sqrt() && r.is_finite()) {
+    pub fn add(&mut self, found: Vec3, r: f32, alpha: f32) {
+        let z = found.as_dvec3() * 2.0;
+        let r = f64::from(r);
+        let y_over_z = 1.0 + (2.0 * f64::from(alpha) - 1.0) * r;
+        let z1 = z.element_sum();
+        self.add_observation(z.length_squared() * y_over_z, r, z1);
+    }
+
+    /// Adds one sample with W = Σ_c Y_c Z_c (over colour channels), `r` and Z = Σ_c Z_c.
+    #[inline]
+    fn add_observation(&mut self, w: f64, r: f64, z: f64) {
+        if !(w > 0.0 && w < f64::MAX.sqrt() && z > 0.0 && r.is_finite()) {
             return;
         }
+        self.k1 += z * r;
+        self.k2 += z * r * r;
         self.s0 += w;
         self.s1 += w * r;
         self.s2 += w * r * r;
@@ -34,6 +53,15 @@ impl Moments {
         self.s1 += other.s1;
         self.s2 += other.s2;
         self.q0 += other.q0;
+        self.k1 += other.k1;
+        self.k2 += other.k2;
+    }
+
+    /// The share that brings p_α nearest to f in Kullback-Leibler divergence, linearised at ½: t = K₁/K₂ with
+    /// K_k = E[Z r^k] (Sbert and Szirmay-Kalos 2023 minimise the same divergence; the linear step is derived here from
+    /// its stationarity condition E_½[Y r/(1 + t r)] = 0). Exact for f = a p_l + b p_b. ½ when nothing was seen.
+    pub fn kl_linear(&self) -> f32 {
+        alpha_of(self.k1 / self.k2)
     }
 
     /// The paper's second-order share of light samples: t = m₁/(2 m₂), α = ½ + m₁/(4 m₂), clamped to [0, 1] (Lu,

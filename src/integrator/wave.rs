@@ -7,7 +7,7 @@ use glam::Vec3;
 
 use super::Transport;
 use super::vertices::Vertices;
-use crate::balance::{Counts, Moments, deal};
+use crate::balance::{Counts, Finding, Moments, Technique, deal};
 use crate::film::{AovSums, PixelStats};
 use crate::rays::{HitBatch, RayBatch, RayOrder};
 use crate::sampling::PixelSequence;
@@ -27,6 +27,19 @@ pub struct PixelPlan {
     pub first_bsdf: u32,
     /// Light and BSDF samples at first surfaces for the paths of this wave.
     pub counts: Counts,
+    /// Light and BSDF samples a path that contributions are weighed by: those of all the paths that are weighed
+    /// together, not of this wave's alone.
+    pub a_path: [f32; 2],
+    /// Number of the pixel in findings.
+    pub place: u32,
+}
+
+impl PixelPlan {
+    /// The share of light samples that contributions are weighed by.
+    #[inline]
+    pub fn share(&self) -> f32 {
+        self.a_path[0] / (self.a_path[0] + self.a_path[1])
+    }
 }
 
 /// What a wave adds to one pixel.
@@ -83,14 +96,17 @@ pub(super) struct PathState {
     pub child: u32,
 }
 
+/// In place of an index: a light without size, about which nothing is to be learned.
+pub(super) const PUNCTUAL: u32 = u32::MAX;
+
 /// One shadow ray's contribution, if nothing is in its way.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pending {
     pub radiance: Vec3,
     pub slot: u32,
     pub child: u32,
-    /// The balance's W and r; W = 0 where nothing is to be learned.
-    pub w: f32,
+    /// Index of the light sample in its pixel's sequence, and its r.
+    pub index: u32,
     pub r: f32,
 }
 
@@ -114,9 +130,10 @@ pub struct Wave {
     pub(super) slots: Vec<Slot>,
     /// A BSDF sample at a first surface: its slot and the indirect light that it brought.
     pub(super) children: Vec<Child>,
-    keys: [Vec<f32>; 2],
-    dealt: [Vec<u8>; 2],
-    order: Vec<u32>,
+    /// What the first surfaces' samples found, while it is recorded.
+    pub findings: Vec<Finding>,
+    /// Record findings?
+    pub record: bool,
     /// Rays and time so far.
     pub counts: WaveCounts,
 }
@@ -138,6 +155,8 @@ pub(super) struct Slot {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Child {
     pub slot: u32,
+    /// Index of the BSDF sample in its pixel's sequence.
+    pub index: u32,
     pub indirect: Vec3,
 }
 
@@ -157,7 +176,7 @@ impl Wave {
             self.hits(transport, plan, depth, sums);
             self.lights(transport, plan, depth);
             self.scatter(plan, depth);
-            self.shadows(transport, depth, sums);
+            self.shadows(transport, plan, depth, sums);
             std::mem::swap(&mut self.rays, &mut self.next_rays);
             std::mem::swap(&mut self.states, &mut self.next_states);
         }
@@ -173,12 +192,9 @@ impl Wave {
         for (pixel, plan_of) in plan.iter().enumerate() {
             let sequence = PixelSequence::new(plan_of.x, plan_of.y, transport.seed);
             let first_slot = self.slots.len();
-            self.keys.iter_mut().for_each(Vec::clear);
             for i in 0..paths {
                 let index = plan_of.first_path + i;
-                let [px, py, deal_light, deal_bsdf] = sequence.sample(index, 0);
-                self.keys[0].push(deal_light);
-                self.keys[1].push(deal_bsdf);
+                let [px, py, ..] = sequence.sample(index, 0);
                 let offset = transport.filter.sample(px, py);
                 let (origin, direction) =
                     transport.camera.ray(plan_of.x as f32 + 0.5 + offset.x, plan_of.y as f32 + 0.5 + offset.y);
@@ -197,14 +213,10 @@ impl Wave {
                     sequence,
                 });
             }
-            let counts = [plan_of.counts.light, plan_of.counts.bsdf];
-            for (n, (keys, dealt)) in counts.into_iter().zip(self.keys.iter().zip(&mut self.dealt)) {
-                dealt.resize(paths as usize, 0);
-                deal(n, keys, &mut self.order, dealt);
-            }
             let (mut light, mut bsdf) = (plan_of.first_light, plan_of.first_bsdf);
             for (i, slot) in self.slots[first_slot..].iter_mut().enumerate() {
-                (slot.light, slot.bsdf) = (self.dealt[0][i], self.dealt[1][i]);
+                let i = i as u32;
+                (slot.light, slot.bsdf) = (deal(plan_of.counts.light, paths, i), deal(plan_of.counts.bsdf, paths, i));
                 (slot.first_light, slot.first_bsdf) = (light, bsdf);
                 light += u32::from(slot.light);
                 bsdf += u32::from(slot.bsdf);
@@ -213,7 +225,7 @@ impl Wave {
     }
 
     /// Adds what the shadow rays let through.
-    fn shadows(&mut self, transport: &Transport, depth: u32, sums: &mut [PixelSum]) {
+    fn shadows(&mut self, transport: &Transport, plan: &[PixelPlan], depth: u32, sums: &mut [PixelSum]) {
         if self.shadow_rays.is_empty() {
             return;
         }
@@ -226,8 +238,19 @@ impl Wave {
             slot.radiance += pending.radiance;
             if depth == 0 {
                 slot.direct += pending.radiance;
-                if pending.w > 0.0 {
-                    sums[slot.pixel as usize].moments.add(f64::from(pending.w), f64::from(pending.r));
+                if transport.learns && pending.index != PUNCTUAL {
+                    let plan = &plan[slot.pixel as usize];
+                    sums[slot.pixel as usize].moments.add(pending.radiance, pending.r, plan.share());
+                    if self.record {
+                        let Pending { radiance, index, r, .. } = *pending;
+                        self.findings.push(Finding {
+                            pixel: plan.place,
+                            technique: Technique::Light,
+                            index,
+                            r,
+                            radiance,
+                        });
+                    }
                 }
             } else {
                 self.children[pending.child as usize].indirect += pending.radiance;
@@ -241,11 +264,23 @@ impl Wave {
     fn finish(&mut self, transport: &Transport, plan: &[PixelPlan], sums: &mut [PixelSum]) {
         if transport.learns {
             for child in &self.children {
+                if child.indirect == Vec3::ZERO {
+                    continue;
+                }
                 let pixel = self.slots[child.slot as usize].pixel as usize;
-                let a_b = plan[pixel].counts.bsdf_a_path();
-                // Indirect light: Z = 2X, Y = 2 a_b X, r = −1.
-                let w = 4.0 * a_b * child.indirect.length_squared();
-                sums[pixel].moments.add(f64::from(w), -1.0);
+                let plan = &plan[pixel];
+                // No light sample can find indirect light.
+                sums[pixel].moments.add(child.indirect, -1.0, plan.share());
+                if self.record {
+                    let Child { index, indirect: radiance, .. } = *child;
+                    self.findings.push(Finding {
+                        pixel: plan.place,
+                        technique: Technique::Indirect,
+                        index,
+                        r: -1.0,
+                        radiance,
+                    });
+                }
             }
         }
         for slot in &self.slots {

@@ -11,10 +11,8 @@ fn moments(f: impl Fn(f64) -> f64) -> Moments {
     for i in 0..n {
         let x = (f64::from(i) + 0.5) / f64::from(n);
         let r = 2.0 * x - 1.0;
-        let w = f(x).powi(2) / f64::from(n);
-        m.s0 += w;
-        m.s1 += w * r;
-        m.s2 += w * r * r;
+        let (y, n) = (f(x), f64::from(n));
+        m.add_observation(y * y / n, r, y / n);
     }
     m
 }
@@ -23,9 +21,7 @@ fn moments(f: impl Fn(f64) -> f64) -> Moments {
 fn atoms(list: &[(f64, f64)]) -> Moments {
     let mut m = Moments::default();
     for &(w, r) in list {
-        m.s0 += w;
-        m.s1 += w * r;
-        m.s2 += w * r * r;
+        m.add_observation(w, r, 1.0);
     }
     m
 }
@@ -49,6 +45,29 @@ fn blend_of_the_pdfs_gives_the_taylor_value() {
     for (a, b, t) in [(3.0, 1.0, 0.434_782_608_7), (1.0, 9.0, -0.578_034_682_1)] {
         let m = moments(|x| a * 2.0 * x + b * 2.0 * (1.0 - x));
         assert!((t_of(m.second_order()) - t).abs() < 1e-6, "{}", t_of(m.second_order()));
+    }
+}
+
+#[test]
+fn blend_of_the_pdfs_is_exact_for_the_linear_divergence() {
+    for (a, b) in [(3.0, 1.0), (1.0, 9.0)] {
+        let m = moments(|x| a * 2.0 * x + b * 2.0 * (1.0 - x));
+        assert!((t_of(m.kl_linear()) - (a - b) / (a + b)).abs() < 1e-6, "{}", t_of(m.kl_linear()));
+    }
+    assert_eq!(moments(|x| x * x).kl_linear(), 1.0);
+}
+
+#[test]
+fn a_contribution_counts_as_the_same_whatever_the_share_that_found_it() {
+    // f = (1, 2, 0), p_l = 3, p_b = 1: found = f/(2 p_α), W = Σ_c Y_c Z_c, K₁ = Z r.
+    let f = Vec3::new(1.0, 2.0, 0.0);
+    for alpha in [0.25f32, 0.5, 0.875] {
+        let mixture = alpha * 3.0 + (1.0 - alpha);
+        let mut m = Moments::default();
+        m.add(f / (2.0 * mixture), 0.5, alpha);
+        let (y, z) = (f / 2.0, f / mixture);
+        assert!((m.s0 - f64::from(y.dot(z))).abs() < 1e-6 * m.s0);
+        assert!((m.k1 - f64::from(z.element_sum()) * 0.5).abs() < 1e-6);
     }
 }
 
@@ -112,9 +131,9 @@ fn one_firefly_is_held_in_by_the_ridge() {
     // F4: one sample has 99 % of the weight, so N_eff ≈ 1.
     let mut m = Moments::default();
     for _ in 0..99 {
-        m.add(1.0, -0.2);
+        m.add_observation(1.0, -0.2, 1.0);
     }
-    m.add(9801.0, 1.0);
+    m.add_observation(9801.0, 1.0, 99.0);
     for kappa in [1.0, 2.0] {
         let bound = 1.0 / (2.0 * (1.0 + kappa));
         assert!(t_of(m.second_order_ridge(kappa)) <= bound + 0.02, "{}", t_of(m.second_order_ridge(kappa)));
@@ -126,11 +145,11 @@ fn bad_samples_are_dropped_and_large_ones_do_not_overflow() {
     // F16 and F17.
     let mut m = Moments::default();
     for (w, r) in [(f64::NAN, 0.0), (-1.0, 0.5), (f64::INFINITY, 0.5), (1.0, f64::NAN)] {
-        m.add(w, r);
+        m.add_observation(w, r, 1.0);
     }
     assert_eq!(m, Moments::default());
-    m.add(1e80, 0.5);
-    m.add(1e80, 0.5);
+    m.add_observation(1e80, 0.5, 1e40);
+    m.add_observation(1e80, 0.5, 1e40);
     for alpha in [m.second_order(), m.second_order_ridge(1.0), m.minimax_ridge(1.0)] {
         assert!(alpha > 0.5 && alpha <= 1.0, "{alpha}");
     }

@@ -2,7 +2,8 @@
 
 use glam::Vec3;
 
-use super::observation;
+use super::contrast;
+use crate::balance::{Finding, Technique};
 use crate::bsdf::MetallicRoughness;
 use crate::integrator::vertices::Group;
 use crate::integrator::wave::{PathState, Wave};
@@ -143,7 +144,7 @@ impl Wave {
         let slot = &mut self.slots[state.slot as usize];
         let pixel = slot.pixel as usize;
         let weight = if light_pdf > 0.0 {
-            let a_l = if depth == 1 { plan[pixel].counts.light_a_path() } else { 1.0 };
+            let a_l = if depth == 1 { plan[pixel].a_path[0] } else { 1.0 };
             transport.heuristic.weight(state.weighted_pdf, a_l * light_pdf)
         } else {
             1.0
@@ -159,10 +160,14 @@ impl Wave {
             self.children[state.child as usize].indirect += found;
         }
         if depth == 1 && transport.learns {
-            let counts = &plan[pixel].counts;
-            let bsdf_pdf = state.weighted_pdf / counts.bsdf_a_path();
-            let (w, r) = observation(found, light_pdf, bsdf_pdf, counts.alpha());
-            sums[pixel].moments.add(f64::from(w), f64::from(r));
+            let plan = &plan[pixel];
+            let r = contrast(light_pdf, state.weighted_pdf / plan.a_path[1]);
+            sums[pixel].moments.add(found, r, plan.share());
+            if self.record {
+                let finding =
+                    Finding { pixel: plan.place, technique: Technique::Bsdf, index: state.index, r, radiance: found };
+                self.findings.push(finding);
+            }
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Light sampling: shadow rays that carry what they bring if nothing is in their way.
 
-use super::{light_set, observation};
+use super::{contrast, light_set};
 use crate::bsdf::Lobes;
-use crate::integrator::wave::{Pending, Wave};
+use crate::integrator::wave::{PUNCTUAL, Pending, Wave};
 use crate::integrator::{PixelPlan, Transport};
 use crate::lanes::{F, LANES, Rows, V3, first};
 use crate::light::punctual;
@@ -62,14 +62,10 @@ impl Wave {
             alive &= alive - 1;
             let vertex = task.vertex[lane] as usize;
             let radiance = radiance.lane(lane);
-            let (w, r) = if depth == 0 && transport.learns {
-                let (a_l, a_b) = (a_l.as_array()[lane], a_b.as_array()[lane]);
-                observation(radiance, light.pdf.as_array()[lane], bsdf_pdf.as_array()[lane], a_l / (a_l + a_b))
-            } else {
-                (0.0, 0.0)
-            };
+            let r = contrast(light.pdf.as_array()[lane], bsdf_pdf.as_array()[lane]);
+            let index = task.index[lane];
             let (slot, child) = (self.vertices.slot[vertex], self.vertices.child[vertex]);
-            self.pending.push(Pending { radiance, slot, child, w, r });
+            self.pending.push(Pending { radiance, slot, child, index, r });
             let key = hash(self.slots[slot as usize].sequence.key(task.index[lane], light_set(depth)));
             let tfar = light.distance.as_array()[lane] * SHADOW_END;
             self.shadow_rays.push(origin.lane(lane), light.wi.lane(lane), 0.0, tfar, key);
@@ -95,7 +91,7 @@ impl Wave {
         if !radiance.is_finite() || radiance.max_element() <= 0.0 {
             return;
         }
-        self.pending.push(Pending { radiance, slot, child, w: 0.0, r: 0.0 });
+        self.pending.push(Pending { radiance, slot, child, index: PUNCTUAL, r: 0.0 });
         let key = hash(sequence.key(index, light_set(depth)));
         self.shadow_rays.push(origin, light.wi, 0.0, light.distance * SHADOW_END, key);
     }
@@ -116,8 +112,8 @@ impl Wave {
         if depth > 0 {
             return (F::ONE, F::ONE);
         }
-        let counts = vertex.map(|v| plan[self.slots[self.vertices.slot[v as usize] as usize].pixel as usize].counts);
-        (F::from(counts.map(|c| c.light_a_path())), F::from(counts.map(|c| c.bsdf_a_path())))
+        let a_path = vertex.map(|v| plan[self.slots[self.vertices.slot[v as usize] as usize].pixel as usize].a_path);
+        (F::from(a_path.map(|a| a[0])), F::from(a_path.map(|a| a[1])))
     }
 
     /// The tasks from `at` on, the last one repeated in spare lanes.

@@ -5,8 +5,6 @@ pub mod hits;
 pub mod lights;
 pub mod scatter;
 
-use glam::Vec3;
-
 /// The set of dimensions of light samples at a depth (0 for the first surface).
 #[inline]
 fn light_set(depth: u32) -> u32 {
@@ -19,12 +17,16 @@ fn bsdf_set(depth: u32) -> u32 {
     2 + 2 * depth
 }
 
-/// A direct contribution `found` = g/(a_l p_l + a_b p_b), as the balance sees it: W = Σ_c Y_c Z_c and r.
+/// r = (p_l − p_b)/(p_l + p_b) of a direction that light sampling draws with density `light_pdf` and BSDF sampling with
+/// `bsdf_pdf`, not both zero.
 #[inline]
-fn observation(found: Vec3, light_pdf: f32, bsdf_pdf: f32, alpha: f32) -> (f32, f32) {
-    // With counts that add up to 2N: Z = 2 · found, Y = Z · p_α/p_½; in ratios, so that no pdf overflows.
-    let sum = light_pdf + bsdf_pdf;
-    let (q_l, q_b) = (light_pdf / sum, bsdf_pdf / sum);
-    let y_over_z = 2.0 * (alpha * q_l + (1.0 - alpha) * q_b);
-    (4.0 * found.length_squared() * y_over_z, q_l - q_b)
+fn contrast(light_pdf: f32, bsdf_pdf: f32) -> f32 {
+    // As a ratio of the smaller to the larger, so that no pdf overflows.
+    if light_pdf >= bsdf_pdf {
+        let q = bsdf_pdf / light_pdf;
+        (1.0 - q) / (1.0 + q)
+    } else {
+        let q = light_pdf / bsdf_pdf;
+        (q - 1.0) / (1.0 + q)
+    }
 }

@@ -60,7 +60,7 @@ impl Wave {
             let vertex = task.vertex[lane] as usize;
             let (slot, index) = (self.vertices.slot[vertex], task.index[lane]);
             let child = if depth == 0 {
-                self.children.push(Child { slot, indirect: Vec3::ZERO });
+                self.children.push(Child { slot, index, indirect: Vec3::ZERO });
                 self.children.len() as u32 - 1
             } else {
                 self.vertices.child[vertex]
