@@ -140,11 +140,11 @@ mod tests {
         use sobol_burley::parts::sobol_rev;
         for index in (0..1u32 << SEQUENCE_BITS).step_by(37) {
             let reversed = index.reverse_bits();
-            for d in 0..3 {
+            for (dimension, directions) in (1..).zip(&DIRECTIONS) {
                 let point = (0..SEQUENCE_BITS)
                     .filter(|bit| reversed >> (31 - bit) & 1 == 1)
-                    .fold(0, |p, bit| p ^ DIRECTIONS[d][bit as usize]);
-                assert_eq!(point, sobol_rev(reversed, d as u32 + 1), "dimension {d}, point {index}");
+                    .fold(0, |p, bit| p ^ directions[bit as usize]);
+                assert_eq!(point, sobol_rev(reversed, dimension), "dimension {dimension}, point {index}");
             }
             assert_eq!(index, sobol_rev(reversed, 0));
         }
