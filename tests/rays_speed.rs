@@ -31,12 +31,13 @@ fn rates_of_both_backends() {
     println!("scene | backend | build ms | MB | camera | bounce | bounce occluded | shadow");
     for (name, scene) in [("room", scenes::box_room()), ("blob", scenes::blob())] {
         let scene = Arc::new(scene);
-        let embree =
-            |isa| EmbreeRays::build(scene.clone(), &EmbreeOptions { isa, ..EmbreeOptions::default() }).unwrap();
+        let embree = |isa| {
+            EmbreeRays::build(scene.clone(), &EmbreeOptions { isa, ..EmbreeOptions::default() }, &|_| true).unwrap()
+        };
         let backends: [Box<dyn RayQueries>; 3] = [
             Box::new(embree(None)),
             Box::new(embree(Some("avx2"))),
-            Box::new(ObvhsRays::build(scene.clone()).unwrap()),
+            Box::new(ObvhsRays::build(scene.clone(), &|_| true).unwrap()),
         ];
         let camera = scenes::camera_rays(1024);
         let mut hits = HitBatch::default();
