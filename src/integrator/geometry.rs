@@ -91,9 +91,17 @@ impl Geometry {
         (u, v): (F, F),
     ) -> Points {
         let meshes = mesh.map(|m| &scene.meshes[m as usize]);
-        let indices: [[u32; 3]; LANES] = std::array::from_fn(|lane| meshes[lane].indices[prim[lane] as usize]);
+        let mut indices = [[0; 3]; LANES];
+        for lane in 0..LANES {
+            indices[lane] = meshes[lane].indices[prim[lane] as usize];
+        }
         let corner = |k: usize| {
-            V3::gather(std::array::from_fn(|l| Vec3::from_array(meshes[l].positions[indices[l][k] as usize])))
+            let mut columns = [[0.0; LANES]; 3];
+            for lane in 0..LANES {
+                let p = meshes[lane].positions[indices[lane][k] as usize];
+                (columns[0][lane], columns[1][lane], columns[2][lane]) = (p[0], p[1], p[2]);
+            }
+            V3::from_arrays(columns)
         };
         let a = corner(0);
         let (mut e1, mut e2) = (corner(1) - a, corner(2) - a);
@@ -102,10 +110,14 @@ impl Geometry {
         let mut ns = ng;
         if meshes.iter().any(|m| m.normals.is_some()) {
             let normal = |k: usize| {
-                V3::gather(std::array::from_fn(|l| match &meshes[l].normals {
-                    Some(normals) => Vec3::from_array(normals[indices[l][k] as usize]),
-                    None => Vec3::ZERO,
-                }))
+                let mut columns = [[0.0; LANES]; 3];
+                for lane in 0..LANES {
+                    if let Some(normals) = &meshes[lane].normals {
+                        let n = normals[indices[lane][k] as usize];
+                        (columns[0][lane], columns[1][lane], columns[2][lane]) = (n[0], n[1], n[2]);
+                    }
+                }
+                V3::from_arrays(columns)
             };
             let a = normal(0);
             let interpolated = a + (normal(1) - a) * u + (normal(2) - a) * v;

@@ -148,11 +148,12 @@ impl Wave {
         }
         let direction = self.rays.direction(ray);
         if material.double_sided || point.ng.dot(direction) < 0.0 {
-            let (instance, mesh, prim) = (self.hits.instance[ray], self.hits.mesh[ray], self.hits.prim[ray]);
-            let radiance = area::emission(transport.scene, point.mesh, prim, self.hits.u[ray], self.hits.v[ray]);
+            let hit = (self.hits.instance[ray], self.hits.mesh[ray], self.hits.prim[ray]);
+            let radiance = area::emission(transport.scene, point.mesh, hit.2, self.hits.u[ray], self.hits.v[ray]);
+            let from = (self.rays.origin(ray), self.paths.normal.get(ray));
             let pdf = match depth {
                 0 => 0.0,
-                _ => transport.lights.area_pdf(instance, mesh, prim, direction, self.hits.t[ray]),
+                _ => transport.lights.area_pdf(from, hit, direction, self.hits.t[ray]),
             };
             self.emitted(transport, plan, sums, depth, ray, radiance, pdf);
         }

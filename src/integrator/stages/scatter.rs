@@ -33,10 +33,11 @@ impl Wave {
         let [lobe, u, v, survive] = samples(task.seed, task.index, bsdf_set(depth));
         let sample = vertices.lobes(rows).sample(vertices.ns.load(rows), vertices.wo.load(rows), [lobe, u, v]);
         let weighted_pdf = task.a_b * sample.pdf;
+        let ng = vertices.ng.load(rows);
         let mut beta = vertices.beta.load(rows) * sample.value * (F::ONE / weighted_pdf);
         let mut alive = first(task.len)
             & sample.pdf.simd_gt(F::ZERO)
-            & vertices.ng.load(rows).dot(sample.wi).simd_gt(F::ZERO)
+            & ng.dot(sample.wi).simd_gt(F::ZERO)
             & beta.max_element().simd_gt(F::ZERO)
             & beta.is_finite();
         if depth + 1 >= ROULETTE_DEPTH {
@@ -62,6 +63,7 @@ impl Wave {
             survivors.pack_bits(keys(task.seed, task.index, bsdf_set(depth))),
         );
         let path = [slot, survivors.pack_bits(task.index), child, survivors.pack_bits(task.seed)];
-        self.next_paths.push(survivors.len, survivors.pack_v3(beta), survivors.pack(weighted_pdf), path);
+        let (beta, normal) = (survivors.pack_v3(beta), survivors.pack_v3(ng));
+        self.next_paths.push(survivors.len, beta, normal, survivors.pack(weighted_pdf), path);
     }
 }
