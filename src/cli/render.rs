@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use tracing::{info, warn};
 
-pub use args::RenderArgs;
+pub use args::{RenderArgs, Size, threads};
 
 use super::progress::Reporter;
 use super::stats::{Seconds, Stats, sample_range};
@@ -163,11 +163,12 @@ fn settings(args: &RenderArgs, scene: &Scene) -> Result<RenderSettings> {
         seed: args.seed,
         filter: args.filter,
         aovs: args.aovs().iter().any(|a| a.needs_sums()),
+        ..RenderSettings::default()
     })
 }
 
 /// Raised by the first SIGINT or SIGTERM; the second one ends the program as if nobody had listened.
-fn stop_flag() -> Result<Arc<AtomicBool>> {
+pub(super) fn stop_flag() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         // In this order: the first signal finds the flag still down and raises it.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use crate::lanes::{F, LANES, Rows, U, V3, load, store, store_bits};
 use crate::scene::{Instance, Scene};
 use crate::{Error, Result};
 
@@ -163,6 +164,45 @@ impl RayBatch {
     #[inline]
     pub fn direction(&self, i: usize) -> glam::Vec3 {
         glam::Vec3::new(self.direction[0][i], self.direction[1][i], self.direction[2][i])
+    }
+
+    /// The directions of eight rays.
+    #[inline(always)]
+    pub fn directions(&self, rows: &Rows) -> V3 {
+        let [x, y, z] = &self.direction;
+        V3 { x: load(x, rows), y: load(y, rows), z: load(z, rows) }
+    }
+
+    /// Makes room for `most` rays, to be filled with [`put`](Self::put) and ended with [`close`](Self::close).
+    pub fn open(&mut self, most: usize) {
+        let len = most + LANES;
+        for column in self.origin.iter_mut().chain(&mut self.direction).chain([&mut self.tnear, &mut self.tfar]) {
+            column.resize(len, 0.0);
+        }
+        self.key.resize(len, 0);
+    }
+
+    /// Writes rays from `at` on, eight at a time; `tnear` is zero.
+    #[inline(always)]
+    pub fn put(&mut self, at: usize, origin: V3, direction: V3, tfar: F, key: U) {
+        let ([ox, oy, oz], [dx, dy, dz]) = (&mut self.origin, &mut self.direction);
+        store(ox, at, origin.x);
+        store(oy, at, origin.y);
+        store(oz, at, origin.z);
+        store(dx, at, direction.x);
+        store(dy, at, direction.y);
+        store(dz, at, direction.z);
+        store(&mut self.tnear, at, F::ZERO);
+        store(&mut self.tfar, at, tfar);
+        store_bits(&mut self.key, at, key);
+    }
+
+    /// Keeps the first `len` rays.
+    pub fn close(&mut self, len: usize) {
+        for column in self.origin.iter_mut().chain(&mut self.direction).chain([&mut self.tnear, &mut self.tfar]) {
+            column.truncate(len);
+        }
+        self.key.truncate(len);
     }
 
     /// Adds a ray.
