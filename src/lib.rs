@@ -15,6 +15,7 @@ pub mod lanes;
 pub mod light;
 pub mod rays;
 pub mod render;
+pub mod report;
 pub mod sampling;
 pub mod scene;
 pub mod study;

@@ -1,7 +1,5 @@
 //! What a pixel learns from its samples, and the balance that follows from it.
 
-use glam::Vec3;
-
 /// Streaming sums of W = Y·Z and r over a pixel's samples. Sums of passes with different α add up: each is an
 /// unbiased estimate of the same m_k (times the number of samples).
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -21,30 +19,19 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Adds a contribution `found` = f/(a_l p_l + a_b p_b) with a_l + a_b = 2, found with a share `alpha` of light
-    /// samples at a direction with contrast `r` in [−1, 1]. A sample that found nothing adds nothing. Negative and
-    /// non-finite samples are dropped.
+    /// Adds one sample with weight `w` = Σ_c Y_c Z_c (over colour channels; ≥ 0), `r` in [−1, 1] and `z` = Σ_c Z_c. A
+    /// sample that found nothing adds nothing. Non-finite samples are dropped.
     #[inline]
-    pub fn add(&mut self, found: Vec3, r: f32, alpha: f32) {
-        let z = found.as_dvec3() * 2.0;
-        let r = f64::from(r);
-        let y_over_z = 1.0 + (2.0 * f64::from(alpha) - 1.0) * r;
-        let z1 = z.element_sum();
-        self.add_observation(z.length_squared() * y_over_z, r, z1);
-    }
-
-    /// Adds one sample with W = Σ_c Y_c Z_c (over colour channels), `r` and Z = Σ_c Z_c.
-    #[inline]
-    fn add_observation(&mut self, w: f64, r: f64, z: f64) {
-        if !(w > 0.0 && w < f64::MAX.sqrt() && z > 0.0 && r.is_finite()) {
-            return;
+    pub fn add(&mut self, w: f32, r: f32, z: f32) {
+        let (w, r, z) = (f64::from(w), f64::from(r), f64::from(z));
+        if w > 0.0 && w.is_finite() && z.is_finite() && r.is_finite() {
+            self.s0 += w;
+            self.s1 += w * r;
+            self.s2 += w * r * r;
+            self.q0 += w * w;
+            self.k1 += z * r;
+            self.k2 += z * r * r;
         }
-        self.k1 += z * r;
-        self.k2 += z * r * r;
-        self.s0 += w;
-        self.s1 += w * r;
-        self.s2 += w * r * r;
-        self.q0 += w * w;
     }
 
     /// Adds another pixel's or pass's sums.

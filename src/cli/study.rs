@@ -12,8 +12,8 @@ use super::render::{Size, stop_flag, threads};
 use super::{Verbosity, Verdict, host, print, say};
 use crate::film::atomic;
 use crate::render::{Integrator, Progress};
-use crate::study::balance::table::{Level, Outcome, levels, write_csv};
-use crate::study::balance::{Estimator, Plan, StudyScene, measure};
+use crate::study::balance::table::{Level, Outcome, levels};
+use crate::study::balance::{Estimator, Plan, SceneReport, StudyScene, measure, portrait, write};
 use crate::{Error, Result};
 
 /// Measure what the program's choices are worth.
@@ -135,32 +135,38 @@ fn balance(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {
     let plan = args.plan();
     std::fs::create_dir_all(&plan.folder)
         .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", plan.folder.display())))?;
-    let csv = plan.folder.join("results.csv");
-    atomic::check(&csv)?;
+    let report = plan.folder.join("report.html");
+    atomic::check(&report)?;
     let stop = stop_flag()?;
     let reporter = Reporter::new(args.progress, verbosity.quiet);
     let start = Instant::now();
-    let mut rows = Vec::new();
+    let shown = Estimator::shown(&plan.estimators);
+    let mut reports = Vec::new();
     for (i, path) in args.scenes.iter().enumerate() {
         let scene = StudyScene::load(path, &plan)?;
         let all = args.scenes.len() as f64;
-        let measured = measure(&scene, &plan, &stop, &|p| {
-            let fraction = (i as f64 + p.fraction) / all;
-            reporter.update(Progress { fraction, seconds: start.elapsed().as_secs_f64(), ..p });
-        });
-        if measured.is_err() {
-            reporter.finish(false);
-        }
-        let levels = levels(&scene, &plan, &measured?);
-        rows.extend(levels.iter().flat_map(|level| level.results.iter().map(|o| o.row.clone())));
-        write_csv(&csv, &rows)?;
+        // The portrait takes little.
+        let at = |from: f64, to: f64| {
+            let reporter = &reporter;
+            move |p: Progress| {
+                let fraction = (i as f64 + from + p.fraction * (to - from)) / all;
+                reporter.update(Progress { fraction, seconds: start.elapsed().as_secs_f64(), ..p });
+            }
+        };
+        let taken = measure(&scene, &plan, &stop, &at(0.0, 0.97))
+            .and_then(|measured| Ok((measured, portrait(&scene, &plan, shown, &stop, &at(0.97, 1.0))?)));
+        let (measured, portrait) = taken.inspect_err(|_| reporter.finish(false))?;
+        let levels = levels(&scene, &plan, &measured);
         if let Some(level) = levels.last() {
             print(summary(level))?;
         }
+        reports.push(SceneReport::new(&scene.name, levels, &measured, portrait));
+        // What is known so far can be read while the rest is under way.
+        write(&plan, &reports)?;
     }
     reporter.finish(true);
     if !verbosity.quiet {
-        say(format_args!("{}", csv.display()));
+        say(format_args!("{}", report.display()));
     }
     Ok(Verdict::Done)
 }

@@ -2,31 +2,34 @@
 
 use super::Transport;
 use crate::balance::pilot::Guide;
+use crate::lanes::{F, LANES, U};
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 
-/// What the centres of pixels show, found by rays of their own: nothing in it depends on a pixel's samples.
-pub fn guides(transport: &Transport, pixels: impl Iterator<Item = (u32, u32)>) -> Vec<Guide> {
+/// What the centres of `pixels` show, found by rays of their own: nothing in it depends on a pixel's samples.
+pub fn guides(transport: &Transport, pixels: &[[u32; 2]]) -> Vec<Guide> {
     let (mut rays, mut hits) = (RayBatch::default(), HitBatch::default());
-    for (x, y) in pixels {
-        let (origin, direction) = transport.camera.ray(x as f32 + 0.5, y as f32 + 0.5);
-        rays.push(origin, direction, 0.0, f32::INFINITY, 0);
+    rays.open(pixels.len());
+    for (group, at) in pixels.chunks(LANES).zip((0..).step_by(LANES)) {
+        let middle =
+            |axis: usize| F::from(std::array::from_fn(|lane| group[lane.min(group.len() - 1)][axis] as f32 + 0.5));
+        let (origin, direction) = transport.camera.rays(middle(0), middle(1));
+        rays.put(at, origin, direction, F::splat(f32::INFINITY), U::ZERO);
     }
+    rays.close(pixels.len());
     transport.rays.closest_hits(&rays, RayOrder::Coherent, &mut hits);
-    (0..rays.len())
-        .map(|i| {
-            if hits.instance[i] == MISS {
-                return Guide::default();
-            }
-            let barycentric = (hits.u[i], hits.v[i]);
-            let point =
-                transport.geometry.point(transport.scene, hits.instance[i], hits.mesh[i], hits.prim[i], barycentric);
-            Guide {
-                object: hits.instance[i] + 1,
-                material: point.mesh.material + 1,
-                normal: point.ns.normalize_or_zero(),
-                depth: hits.t[i],
-                roughness: transport.materials.at(transport.scene, &point).alpha.sqrt(),
-            }
-        })
-        .collect()
+    let guide = |ray: usize| {
+        let (instance, mesh, prim) = (hits.instance[ray], hits.mesh[ray], hits.prim[ray]);
+        if instance == MISS {
+            return Guide::default();
+        }
+        let point = transport.geometry.point(transport.scene, instance, mesh, prim, (hits.u[ray], hits.v[ray]));
+        Guide {
+            object: instance + 1,
+            material: point.mesh.material + 1,
+            normal: point.ns.normalize_or_zero(),
+            depth: hits.t[ray],
+            roughness: point.parameters(transport.scene).roughness,
+        }
+    };
+    (0..pixels.len()).map(guide).collect()
 }

@@ -4,6 +4,7 @@ pub mod camera;
 pub mod geometry;
 pub mod guides;
 pub mod materials;
+pub mod paths;
 pub mod stages;
 pub mod vertices;
 pub mod wave;

@@ -124,7 +124,8 @@ impl Tile {
         wave.record = false;
         let width = self.pixels.iter().take_while(|p| p.y == self.pixels[0].y).count();
         let spreads = spreads(&wave.findings, n, pilot);
-        let guides = guides(transport, self.pixels.iter().map(|p| (p.x, p.y)));
+        let places: Vec<_> = self.pixels.iter().map(|p| [p.x, p.y]).collect();
+        let guides = guides(transport, &places);
         let total: Vec<_> = (0..n).map(|i| Counts::new(choose(i, width, &spreads, &guides), paths)).collect();
         for finding in &wave.findings {
             let pixel = finding.pixel as usize;
@@ -170,7 +171,7 @@ impl Tile {
                     first_light: pixel.light,
                     first_bsdf: pixel.bsdf,
                     counts,
-                    a_path: [weighed.light_a_path(), weighed.bsdf_a_path()],
+                    weighed,
                     place: place as u32,
                 });
                 pixel.light += counts.light;

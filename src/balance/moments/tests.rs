@@ -12,7 +12,12 @@ fn moments(f: impl Fn(f64) -> f64) -> Moments {
         let x = (f64::from(i) + 0.5) / f64::from(n);
         let r = 2.0 * x - 1.0;
         let (y, n) = (f(x), f64::from(n));
-        m.add_observation(y * y / n, r, y / n);
+        let (w, z) = (y * y / n, y / n);
+        m.s0 += w;
+        m.s1 += w * r;
+        m.s2 += w * r * r;
+        m.k1 += z * r;
+        m.k2 += z * r * r;
     }
     m
 }
@@ -21,7 +26,9 @@ fn moments(f: impl Fn(f64) -> f64) -> Moments {
 fn atoms(list: &[(f64, f64)]) -> Moments {
     let mut m = Moments::default();
     for &(w, r) in list {
-        m.add_observation(w, r, 1.0);
+        m.s0 += w;
+        m.s1 += w * r;
+        m.s2 += w * r * r;
     }
     m
 }
@@ -55,20 +62,6 @@ fn blend_of_the_pdfs_is_exact_for_the_linear_divergence() {
         assert!((t_of(m.kl_linear()) - (a - b) / (a + b)).abs() < 1e-6, "{}", t_of(m.kl_linear()));
     }
     assert_eq!(moments(|x| x * x).kl_linear(), 1.0);
-}
-
-#[test]
-fn a_contribution_counts_as_the_same_whatever_the_share_that_found_it() {
-    // f = (1, 2, 0), p_l = 3, p_b = 1: found = f/(2 p_α), W = Σ_c Y_c Z_c, K₁ = Z r.
-    let f = Vec3::new(1.0, 2.0, 0.0);
-    for alpha in [0.25f32, 0.5, 0.875] {
-        let mixture = alpha * 3.0 + (1.0 - alpha);
-        let mut m = Moments::default();
-        m.add(f / (2.0 * mixture), 0.5, alpha);
-        let (y, z) = (f / 2.0, f / mixture);
-        assert!((m.s0 - f64::from(y.dot(z))).abs() < 1e-6 * m.s0);
-        assert!((m.k1 - f64::from(z.element_sum()) * 0.5).abs() < 1e-6);
-    }
 }
 
 #[test]
@@ -131,9 +124,9 @@ fn one_firefly_is_held_in_by_the_ridge() {
     // F4: one sample has 99 % of the weight, so N_eff ≈ 1.
     let mut m = Moments::default();
     for _ in 0..99 {
-        m.add_observation(1.0, -0.2, 1.0);
+        m.add(1.0, -0.2, 1.0);
     }
-    m.add_observation(9801.0, 1.0, 99.0);
+    m.add(9801.0, 1.0, 99.0);
     for kappa in [1.0, 2.0] {
         let bound = 1.0 / (2.0 * (1.0 + kappa));
         assert!(t_of(m.second_order_ridge(kappa)) <= bound + 0.02, "{}", t_of(m.second_order_ridge(kappa)));
@@ -144,12 +137,12 @@ fn one_firefly_is_held_in_by_the_ridge() {
 fn bad_samples_are_dropped_and_large_ones_do_not_overflow() {
     // F16 and F17.
     let mut m = Moments::default();
-    for (w, r) in [(f64::NAN, 0.0), (-1.0, 0.5), (f64::INFINITY, 0.5), (1.0, f64::NAN)] {
-        m.add_observation(w, r, 1.0);
+    for (w, r) in [(f32::NAN, 0.0), (-1.0, 0.5), (f32::INFINITY, 0.5), (1.0, f32::NAN)] {
+        m.add(w, r, 1.0);
     }
     assert_eq!(m, Moments::default());
-    m.add_observation(1e80, 0.5, 1e40);
-    m.add_observation(1e80, 0.5, 1e40);
+    m.add(1e38, 0.5, 1e19);
+    m.add(1e38, 0.5, 1e19);
     for alpha in [m.second_order(), m.second_order_ridge(1.0), m.minimax_ridge(1.0)] {
         assert!(alpha > 0.5 && alpha <= 1.0, "{alpha}");
     }

@@ -127,21 +127,7 @@ pub fn measure(
     stop: &AtomicBool,
     progress: &(dyn Fn(Progress) + Sync),
 ) -> Result<Measured> {
-    let folder = scene.folder(plan);
-    std::fs::create_dir_all(&folder)
-        .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", folder.display())))?;
-    let mut run = Run {
-        scene,
-        plan,
-        stop,
-        progress,
-        folder,
-        start: Instant::now(),
-        done: 0.0,
-        all: 1.0,
-        rays: AtomicU64::new(0),
-        shares: None,
-    };
+    let mut run = Run::new(scene, plan, scene.settings.clone(), "", (stop, progress))?;
     let reference_key = Key { what: What::Reference, spp: plan.reference_spp.div_ceil(REFERENCE_PARTS) };
     let mut reference = vec![(reference_key, run.stored(reference_key)?)];
     let mut cells = Vec::new();
@@ -149,18 +135,14 @@ pub fn measure(
         cells.push((key, run.stored(key)?));
     }
     let wants_oracle = plan.estimators.contains(&Estimator::Oracle);
-    let missing = |cells: &[(Key, Cell)], replicas: u32| {
-        let left = |c: &Cell| f64::from(replicas) - c.replicas().min(replicas as usize) as f64;
-        cells.iter().map(|(key, cell)| key.work() * left(cell)).sum::<f64>()
-    };
     run.all = missing(&reference, REFERENCE_PARTS) + missing(&cells, plan.replicas);
+    if run.all > 0.0 {
+        info!("{}: {:.0} Mpaths to take", scene.name, run.all * run.pixels() as f64 / 1e6);
+    }
     run.shares = if wants_oracle { run.stored_shares()? } else { None };
     let training = oracle::training(plan);
     if wants_oracle && run.shares.is_none() {
         run.all += f64::from(training.spp * training.replicas) * oracle::SHARES.len() as f64;
-    }
-    if run.all > 0.0 {
-        info!("{}: {:.0} Mpaths to take", scene.name, run.all * run.pixels() as f64 / 1e6);
     }
 
     run.rounds(&mut reference, REFERENCE_PARTS as usize)?;
@@ -175,6 +157,59 @@ pub fn measure(
         cells.append(&mut these);
     }
     Ok(Measured { reference, cells })
+}
+
+/// Paths a pixel that cells lack.
+fn missing(cells: &[(Key, Cell)], replicas: u32) -> f64 {
+    let left = |c: &Cell| f64::from(replicas) - c.replicas().min(replicas as usize) as f64;
+    cells.iter().map(|(key, cell)| key.work() * left(cell)).sum()
+}
+
+/// A scene to be looked at, not measured.
+pub struct Portrait {
+    /// Pixels a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// A balance that `half` is compared with by eye.
+    pub shown: Balance,
+    /// Paths a pixel of the two noisy pictures.
+    pub spp: u32,
+    /// By `shown`, with [`PORTRAIT_SPP`] paths a pixel.
+    pub clean: Cell,
+    /// By `half` and by `shown`.
+    pub noisy: [Cell; 2],
+}
+
+/// Paths a pixel of a portrait.
+pub const PORTRAIT_SPP: u32 = 64;
+
+/// Takes the portrait of a scene, several times as large as the measured pictures, as far as it is not on disk.
+///
+/// # Errors
+/// As [`measure`].
+pub fn portrait(
+    scene: &StudyScene,
+    plan: &Plan,
+    shown: Balance,
+    stop: &AtomicBool,
+    progress: &(dyn Fn(Progress) + Sync),
+) -> Result<Portrait> {
+    let times = (256 / plan.width.max(plan.height)).max(1);
+    let (width, height) = (times * plan.width, times * plan.height);
+    let settings = RenderSettings { width, height, ..scene.settings.clone() };
+    let mut run = Run::new(scene, plan, settings, "portrait-", (stop, progress))?;
+    let spp = plan.spp.first().map_or(16, |&s| s.min(16));
+    let key = |balance, spp| Key { what: What::Picture(Estimator::Method(balance)), spp };
+    let mut cells = Vec::new();
+    for key in [key(shown, PORTRAIT_SPP), key(Balance::Half, spp), key(shown, spp)] {
+        cells.push((key, run.stored(key)?));
+    }
+    run.all = missing(&cells, 1);
+    run.rounds(&mut cells, 1)?;
+    let mut cells = cells.into_iter().map(|(_, cell)| cell);
+    let mut next = || cells.next().unwrap_or_default();
+    Ok(Portrait { width, height, shown, spp, clean: next(), noisy: [next(), next()] })
 }
 
 /// Everything that a plan asks of a scene, but for the reference.
@@ -202,9 +237,12 @@ fn keys(plan: &Plan) -> Vec<Key> {
 struct Run<'a> {
     scene: &'a StudyScene,
     plan: &'a Plan,
+    settings: RenderSettings,
     stop: &'a AtomicBool,
     progress: &'a (dyn Fn(Progress) + Sync),
     folder: PathBuf,
+    /// Begins the names of its files.
+    prefix: &'static str,
     start: Instant,
     /// Paths a pixel taken, and to take in all.
     done: f64,
@@ -214,21 +252,53 @@ struct Run<'a> {
     shares: Option<Arc<[f32]>>,
 }
 
-impl Run<'_> {
+impl<'a> Run<'a> {
+    fn new(
+        scene: &'a StudyScene,
+        plan: &'a Plan,
+        settings: RenderSettings,
+        prefix: &'static str,
+        (stop, progress): (&'a AtomicBool, &'a (dyn Fn(Progress) + Sync)),
+    ) -> Result<Self> {
+        let folder = scene.folder(plan);
+        std::fs::create_dir_all(&folder)
+            .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", folder.display())))?;
+        let (start, rays) = (Instant::now(), AtomicU64::new(0));
+        Ok(Self {
+            scene,
+            plan,
+            settings,
+            stop,
+            progress,
+            folder,
+            prefix,
+            start,
+            done: 0.0,
+            all: 0.0,
+            rays,
+            shares: None,
+        })
+    }
+
     fn pixels(&self) -> usize {
-        (self.plan.width * self.plan.height) as usize
+        (self.settings.width * self.settings.height) as usize
+    }
+
+    fn path(&self, key: Key) -> PathBuf {
+        self.folder.join(format!("{}{}", self.prefix, key.file_name()))
     }
 
     /// What there is of a cell that this program would take alike.
     fn stored(&mut self, key: Key) -> Result<Cell> {
         let none = Cell::new(self.pixels());
-        let Some(cell) = Cell::read(&self.folder.join(key.file_name()), self.pixels())? else { return Ok(none) };
+        let Some(cell) = Cell::read(&self.path(key), self.pixels())? else { return Ok(none) };
         if cell.replicas() == 0 {
             return Ok(none);
         }
         // The tile in the middle.
-        let (x, y) = (self.plan.width / 2 / TILE * TILE, self.plan.height / 2 / TILE * TILE);
-        let crop = [x, y, (x + TILE).min(self.plan.width), (y + TILE).min(self.plan.height)];
+        let (width, height) = (self.settings.width, self.settings.height);
+        let (x, y) = (width / 2 / TILE * TILE, height / 2 / TILE * TILE);
+        let crop = [x, y, (x + TILE).min(width), (y + TILE).min(height)];
         let shares = match key.what {
             What::Picture(Estimator::Oracle) => Some(cell.shares_of(0).into()),
             _ => self.shares.clone(),
@@ -238,7 +308,7 @@ impl Run<'_> {
         self.shares = kept;
         let mut window = (crop[1]..crop[3]).flat_map(|y| (crop[0]..crop[2]).map(move |x| (y, x)));
         let same = film.pixels.iter().all(|pixel| {
-            let at = window.next().map_or(0, |(y, x)| (y * self.plan.width + x) as usize);
+            let at = window.next().map_or(0, |(y, x)| (y * width + x) as usize);
             pixel.mean()[..] == cell.picture(0)[3 * at..][..3]
         });
         if !same {
@@ -296,7 +366,7 @@ impl Run<'_> {
     fn save(&self, cells: &[(Key, Cell)], dirty: &mut [bool]) -> Result<()> {
         for ((key, cell), dirty) in cells.iter().zip(dirty) {
             if std::mem::take(dirty) {
-                cell.write(&self.folder.join(key.file_name()))?;
+                cell.write(&self.path(*key))?;
             }
         }
         Ok(())
@@ -304,7 +374,7 @@ impl Run<'_> {
 
     /// Finds the oracle's shares and keeps them.
     fn train(&mut self, reference: &Cell, training: oracle::Training) -> Result<()> {
-        let (mean, _) = reference.mean();
+        let mean = reference.mean();
         let mut learner = oracle::Learner::new(&mean);
         for r in 0..training.replicas {
             for (i, &share) in oracle::SHARES.iter().enumerate() {
@@ -339,7 +409,7 @@ impl Run<'_> {
                 let film = self.film(Take { passes: Some(passes), ..take(seeds::REPLICAS, Some(balance)) })?;
                 let mut shares = vec![0.5; self.pixels()];
                 let [x0, y0, x1, y1] = film.window;
-                let window = (y0..y1).flat_map(|y| (x0..x1).map(move |x| y * self.plan.width + x));
+                let window = (y0..y1).flat_map(|y| (x0..x1).map(move |x| y * self.settings.width + x));
                 window.zip(&film.pixels).for_each(|(at, p)| shares[at as usize] = p.balance);
                 // Other seeds: shares that follow from the samples that they weigh would be biased.
                 Take { shares: Some(shares.into()), ..take(seeds::FOUND, None) }
@@ -359,7 +429,7 @@ impl Run<'_> {
             shares: take.shares,
             passes: take.passes,
             crop: take.crop,
-            ..self.scene.settings.clone()
+            ..self.settings.clone()
         };
         let before = self.rays.load(Ordering::Relaxed);
         let rendered = render(&self.scene.scene, &*self.scene.rays, &settings, self.stop, &|p| {

@@ -8,6 +8,7 @@
 pub mod cell;
 pub mod measure;
 pub mod oracle;
+pub mod page;
 pub mod ratio;
 pub mod resample;
 pub mod scene;
@@ -19,7 +20,8 @@ use clap::ValueEnum;
 
 use crate::balance::Balance;
 use crate::render::Integrator;
-pub use measure::{Measured, measure};
+pub use measure::{Measured, Portrait, measure, portrait};
+pub use page::{SceneReport, write};
 pub use scene::StudyScene;
 pub use table::Row;
 
@@ -74,6 +76,15 @@ impl Estimator {
     /// By its name.
     pub fn named(name: &str) -> Option<Self> {
         Self::all().into_iter().find(|e| e.name() == name)
+    }
+
+    /// The one to show beside `half`: the default, if it is studied.
+    pub fn shown(estimators: &[Self]) -> Balance {
+        let methods = estimators.iter().filter_map(|e| if let Self::Method(b) = e { Some(*b) } else { None });
+        let default = crate::render::RenderSettings::default().balance;
+        let mut methods = methods.collect::<Vec<_>>();
+        methods.sort_by_key(|&b| (b != default, b == Balance::Half));
+        methods.first().copied().unwrap_or(default)
     }
 
     /// Does it find a share for each pixel from samples?

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::cell::Cell;
 use super::measure::{Measured, What};
-use super::ratio::{self, Deviations, Ratio};
+use super::ratio::{self, Deviations, Judgeable, Ratio};
 use super::resample::{self, Summary};
 use super::{CONTROL, Estimator, Plan, StudyScene};
 use crate::balance::Balance;
@@ -26,6 +26,8 @@ pub struct Row {
     pub spp: u32,
     pub replicas: usize,
     pub pixels: usize,
+    pub undetermined: usize,
+    pub constant: usize,
     pub rel_mse: f64,
     pub rel_mse_se: f64,
     pub mse: f64,
@@ -93,7 +95,7 @@ pub struct Outcome {
 
 /// Judges the measurements of a scene, from the fewest samples up.
 pub fn levels(scene: &StudyScene, plan: &Plan, measured: &Measured) -> Vec<Level> {
-    let (reference, reference_variance) = measured.reference.mean();
+    let reference = measured.reference.mean();
     plan.spp
         .iter()
         .filter_map(|&spp| {
@@ -101,28 +103,30 @@ pub fn levels(scene: &StudyScene, plan: &Plan, measured: &Measured) -> Vec<Level
             let control = measured.get(What::Control, spp)?;
             let replicas = plan.replicas as usize;
             let base = Deviations::new(half, replicas, &reference);
-            let control = Judged::new(control, &base, &reference);
-            let judge = |estimator: Option<Estimator>, cell: &Cell, judged: &Judged| {
+            let control_deviations = Deviations::new(control, replicas, &reference);
+            let judgeable = Judgeable::new(&base, &control_deviations);
+            let judged =
+                |cell: &Cell| Judged::new(Deviations::new(cell, replicas, &reference), &base, &judgeable.pixels);
+            let against = (judged(control), &base, &judgeable);
+            let judge = |estimator: Option<Estimator>, cell: &Cell| {
+                let own = judged(cell);
                 let found = match estimator {
                     Some(Estimator::Method(balance)) => measured.get(What::Found(balance), spp),
                     _ => None,
                 };
-                let found = found.map(|cell| Judged::new(cell, &base, &reference));
-                let reference = (&reference[..], &reference_variance[..], &measured.reference);
+                let found = found.map(judged);
+                let reference = (&reference[..], &measured.reference);
                 let name = estimator.map_or(CONTROL.to_owned(), Estimator::name);
-                let row = row((&scene.name, name, spp), cell, reference, (judged, &control, &base), found.as_ref());
-                let worse = ratio::surely_worse(&judged.ratios, &control.ratios).into_iter().copied().collect();
-                let variances = (0..judged.own.pixels()).map(|p| judged.own.variance_of_all(p)).collect();
-                let ratios = judged.ratios.clone();
-                Outcome { row, estimator, ratios, worse, variances, shares: cell.mean_shares() }
+                let row = row((&scene.name, name, spp), cell, reference, (&own, &against), found.as_ref());
+                let worse = ratio::surely_worse(&own.ratios, &against.0.ratios).into_iter().copied().collect();
+                let variances = (0..own.own.pixels()).map(|p| own.own.variance_of_all(p)).collect();
+                Outcome { row, estimator, ratios: own.ratios, worse, variances, shares: cell.mean_shares() }
             };
             let mut results = Vec::new();
             for (key, cell) in measured.cells.iter().filter(|(key, _)| key.spp == spp) {
                 match key.what {
-                    What::Picture(estimator) => {
-                        results.push(judge(Some(estimator), cell, &Judged::new(cell, &base, &reference)));
-                    }
-                    What::Control => results.push(judge(None, cell, &control)),
+                    What::Picture(estimator) => results.push(judge(Some(estimator), cell)),
+                    What::Control => results.push(judge(None, cell)),
                     What::Found(_) | What::Reference => {}
                 }
             }
@@ -142,9 +146,8 @@ struct Judged {
 }
 
 impl Judged {
-    fn new(cell: &Cell, base: &Deviations, reference: &[f64]) -> Self {
-        let own = Deviations::new(cell, base.replicas(), reference);
-        let ratios = ratio::ratios(&own, base);
+    fn new(own: Deviations, base: &Deviations, pixels: &[usize]) -> Self {
+        let ratios = ratio::ratios(&own, base, pixels);
         let summary = resample::summary(&own, base, &ratios);
         let errors = resample::standard_errors(&own, base, &ratios);
         Self { own, ratios, summary, errors }
@@ -158,8 +161,8 @@ impl Judged {
 fn row(
     (scene, estimator, spp): (&str, String, u32),
     cell: &Cell,
-    (reference, reference_variance, parts): (&[f64], &[f64], &Cell),
-    (judged, control, base): (&Judged, &Judged, &Deviations),
+    (reference, parts): (&[f64], &Cell),
+    (judged, (control, base, judgeable)): (&Judged, &(Judged, &Deviations, &Judgeable)),
     found: Option<&Judged>,
 ) -> Row {
     let replicas = base.replicas();
@@ -183,7 +186,7 @@ fn row(
     let time_ratio_se = 1.2533 * deviation / (to_half.len() as f64).sqrt();
     let (summary, errors) = (&judged.summary, &judged.errors);
     let mean = judged.mean();
-    let worst = ratio::worst_held_out(&judged.own, base, WORST);
+    let worst = ratio::worst_held_out(&judged.own, base, &judgeable.pixels, WORST);
     let surely = ratio::surely_worse(&judged.ratios, &control.ratios).len();
     let [p50, p95, p99, p100] = summary.percentiles;
     let [p50_se, p95_se, p99_se, p100_se] = errors.percentiles;
@@ -194,10 +197,12 @@ fn row(
         spp,
         replicas,
         pixels: judged.ratios.len(),
+        undetermined: judgeable.undetermined,
+        constant: judgeable.constant,
         rel_mse,
         rel_mse_se: (spread / n).sqrt(),
         mse: (0..replicas).map(|r| error(r, false)).sum::<f64>() / n,
-        bias_z: bias_z(cell, replicas, (reference, reference_variance, parts)),
+        bias_z: bias_z(cell, replicas, reference, parts),
         cpu_seconds,
         wall_seconds: median(times.iter().map(|t| t.wall).collect()),
         time_ratio,
@@ -237,7 +242,7 @@ fn row(
 }
 
 /// Largest |z| over the channels of the picture's mean against the reference's, with its sign.
-fn bias_z(cell: &Cell, replicas: usize, (reference, _, parts): (&[f64], &[f64], &Cell)) -> f64 {
+fn bias_z(cell: &Cell, replicas: usize, reference: &[f64], parts: &Cell) -> f64 {
     let channel_mean = |picture: &mut dyn Iterator<Item = f64>, pixels: usize| picture.sum::<f64>() / pixels as f64;
     let moments = |cell: &Cell, replicas: usize, c: usize| {
         let means = (0..replicas)
@@ -264,6 +269,34 @@ fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     let n = values.len();
     0.5 * (values[(n - 1) / 2] + values[n / 2])
+}
+
+/// What `results.json` says besides the rows.
+#[derive(Serialize)]
+struct Results<'a> {
+    schema: u32,
+    version: &'static str,
+    integrator: crate::render::Integrator,
+    width: u32,
+    height: u32,
+    replicas: u32,
+    reference_spp: u32,
+    rows: &'a [Row],
+}
+
+/// Raised when a column changes its meaning or goes away.
+const SCHEMA: u32 = 1;
+
+/// Writes rows as JSON.
+///
+/// # Errors
+/// As [`atomic::write`].
+pub fn write_json(path: &Path, plan: &Plan, rows: &[Row]) -> Result<()> {
+    let &Plan { integrator, width, height, replicas, reference_spp, .. } = plan;
+    let version = env!("CARGO_PKG_VERSION");
+    let results = Results { schema: SCHEMA, version, integrator, width, height, replicas, reference_spp, rows };
+    let text = serde_json::to_string_pretty(&results).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
+    atomic::write(path, |file| Ok(Ok(std::io::Write::write_all(file, text.as_bytes())?)))
 }
 
 /// Writes rows as CSV with a header line; what there is not is empty.
