@@ -11,7 +11,7 @@ use crate::{Error, Result};
 /// Why the content did not get written: our own error, or the system's.
 type Writing = io::Result<Result<()>>;
 
-/// Fails now if [`write`] to `path` would fail for its folder or its name: before an hour of work, not after it.
+/// Fails now if [`write()`] to `path` would fail for its folder or its name: before an hour of work, not after it.
 ///
 /// # Errors
 /// [`Error::CannotCreate`] or [`Error::Permission`], with the path.
