@@ -287,11 +287,11 @@ mod tests {
         let like = ratios(&deviations(13, n, |_| 0.1), &half, &pixels);
         assert!(surely_worse(&like, &control).len() <= 2);
         // One pixel in twenty has eight times the variance, the others are better.
-        let bad = |p: usize| if p % 20 == 0 { 0.1 * 8f64.sqrt() } else { 0.09 };
+        let bad = |p: usize| if p.is_multiple_of(20) { 0.1 * 8f64.sqrt() } else { 0.09 };
         let unsafe_one = deviations(14, n, bad);
         let found =
             surely_worse(&ratios(&unsafe_one, &half, &pixels), &control).iter().map(|r| r.pixel).collect::<Vec<_>>();
-        let right = found.iter().filter(|p| *p % 20 == 0).count();
+        let right = found.iter().filter(|p| p.is_multiple_of(20)).count();
         assert!(right > 90 && found.len() - right < 12, "{right} of 100 found, {} in all", found.len());
         let (worst, error) = worst_held_out(&unsafe_one, &half, &pixels, 0.01).unwrap();
         assert!((worst - 8.0).abs() < 5.0 * error, "{worst} ± {error}");
