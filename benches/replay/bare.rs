@@ -1,25 +1,22 @@
 //! Embree and nothing else: the least time that a ray stream can take.
 
-use std::time::Instant;
-
 use bismar::rays::{RayBatch, RayOrder};
 use bismar::scene::Scene;
 use embree4_sys as sys;
 
+use crate::clock;
 use crate::tape::Kind;
 
 /// A scene without instances, built as the renderer builds it.
 pub struct Bare {
     device: sys::RTCDevice,
     scene: sys::RTCScene,
-    pub build_seconds: f64,
 }
 
 impl Bare {
     /// The scene must outlive it.
     pub fn build(from: &Scene) -> Self {
         assert!(from.instances.iter().all(|i| i.transform.is_none()), "this scene has instances");
-        let start = Instant::now();
         // SAFETY: the handles are valid; the buffers outlive them (see above) and are padded; the importer has checked
         // the indices.
         unsafe {
@@ -39,7 +36,7 @@ impl Bare {
             }
             sys::rtcCommitScene(scene);
             assert_eq!(sys::rtcGetDeviceError(device), sys::RTC_ERROR_NONE, "Embree refuses the scene");
-            Self { device, scene, build_seconds: start.elapsed().as_secs_f64() }
+            Self { device, scene }
         }
     }
 
@@ -96,12 +93,12 @@ macro_rules! width {
                         filter: None,
                         intersect: None,
                     };
-                    let start = Instant::now();
+                    let start = clock::now();
                     for (packet, valid) in packets.iter_mut().zip(&valid) {
                         // SAFETY: the scene is committed, mask and packet are aligned by their types.
                         unsafe { sys::$intersect(valid.0.as_ptr(), bare.scene, packet, &raw mut arguments) };
                     }
-                    let seconds = start.elapsed().as_secs_f64();
+                    let seconds = clock::now() - start;
                     let hit = |p: &sys::$ray_hit| p.hit.geomID.iter().filter(|g| **g != u32::MAX).count();
                     (seconds, packets.iter().map(hit).sum())
                 }
@@ -114,12 +111,12 @@ macro_rules! width {
                         filter: None,
                         occluded: None,
                     };
-                    let start = Instant::now();
+                    let start = clock::now();
                     for (packet, valid) in packets.iter_mut().zip(&valid) {
                         // SAFETY: as above.
                         unsafe { sys::$occluded(valid.0.as_ptr(), bare.scene, packet, &raw mut arguments) };
                     }
-                    let seconds = start.elapsed().as_secs_f64();
+                    let seconds = clock::now() - start;
                     let hit = |p: &sys::$ray| p.tfar.iter().filter(|t| **t == f32::NEG_INFINITY).count();
                     (seconds, packets.iter().map(hit).sum())
                 }
@@ -157,7 +154,7 @@ pub fn single(bare: &Bare, kind: Kind, order: RayOrder, rays: &RayBatch) -> (f64
         filter: None,
         occluded: None,
     };
-    let start = Instant::now();
+    let start = clock::now();
     for one in &mut all {
         // SAFETY: the scene is committed, the ray is aligned by its type.
         match kind {
@@ -165,7 +162,7 @@ pub fn single(bare: &Bare, kind: Kind, order: RayOrder, rays: &RayBatch) -> (f64
             Kind::Occluded => unsafe { sys::rtcOccluded1(bare.scene, &raw mut one.ray, &raw mut occluded) },
         }
     }
-    let seconds = start.elapsed().as_secs_f64();
+    let seconds = clock::now() - start;
     let hit = |one: &&sys::RTCRayHit| match kind {
         Kind::Closest => one.hit.geomID != sys::RTC_INVALID_GEOMETRY_ID,
         Kind::Occluded => one.ray.tfar == f32::NEG_INFINITY,
