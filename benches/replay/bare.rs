@@ -1,11 +1,29 @@
 //! Embree and nothing else: the least time that a ray stream can take.
 
+use std::ffi::c_void;
+use std::sync::atomic::{AtomicI64, Ordering};
+
 use bismar::rays::{RayBatch, RayOrder};
 use bismar::scene::Scene;
 use embree4_sys as sys;
 
 use crate::clock;
 use crate::tape::Kind;
+
+/// Bytes that the last built device holds and held at most.
+static NOW: AtomicI64 = AtomicI64::new(0);
+static MOST: AtomicI64 = AtomicI64::new(0);
+
+unsafe extern "C" fn on_memory(_: *mut c_void, bytes: isize, _post: bool) -> bool {
+    let now = NOW.fetch_add(bytes as i64, Ordering::Relaxed) + bytes as i64;
+    MOST.fetch_max(now, Ordering::Relaxed);
+    true
+}
+
+/// Bytes that Embree held at most during the last build.
+pub fn peak_bytes() -> u64 {
+    MOST.load(Ordering::Relaxed).max(0) as u64
+}
 
 /// A scene without instances, built as the renderer builds it.
 pub struct Bare {
@@ -21,6 +39,9 @@ impl Bare {
         // the indices.
         unsafe {
             let device = sys::rtcNewDevice(std::ptr::null());
+            NOW.store(0, Ordering::Relaxed);
+            MOST.store(0, Ordering::Relaxed);
+            sys::rtcSetDeviceMemoryMonitorFunction(device, Some(on_memory), std::ptr::null_mut());
             let scene = sys::rtcNewScene(device);
             sys::rtcSetSceneBuildQuality(scene, sys::RTC_BUILD_QUALITY_MEDIUM);
             for mesh in &from.meshes {

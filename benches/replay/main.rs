@@ -302,12 +302,15 @@ fn memory(quick: bool) -> Outcome<()> {
             scene.meshes.iter().map(|m| size_of_val(m.positions.padded()) + size_of_val(&m.indices[..])).sum();
         let film = 256 * 256 * size_of::<PixelStats>();
         let needed = structure + (geometry + film) as u64;
+        drop(Bare::build(&scene));
         let mebi = |bytes: u64| bytes as f64 / f64::from(1 << 20);
         println!(
-            "memory, {} triangles: peak {:.0} MiB; acceleration structure {:.0}, geometry {:.0}, film {:.0} MiB: {:.2} times",
+            "memory, {} triangles: peak {:.0} MiB; acceleration structure {:.0} (while it is built {:.0}), \
+             geometry {:.0}, film {:.0} MiB: {:.2} times",
             scene.meshes.iter().map(|m| m.indices.len()).sum::<usize>(),
             mebi(peak),
             mebi(structure),
+            mebi(bare::peak_bytes()),
             mebi(geometry as u64),
             mebi(film as u64),
             peak as f64 / needed as f64
