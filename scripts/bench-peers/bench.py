@@ -33,9 +33,9 @@ def options():
     parser.add_argument("--bismar-flags", default="", help="more flags for it")
     parser.add_argument("--work", type=Path, default=Path("target/peers"), help="peers, scenes, references [%(default)s]")
     parser.add_argument("--docs", type=Path, default=Path("docs"), help="where results go [%(default)s]")
+    if parser.parse_known_args()[0].quick:
+        parser.set_defaults(spp="16", runs=2, reference_spp=1024)
     out = parser.parse_args()
-    if out.quick:
-        out.spp, out.runs, out.reference_spp = "16", 2, 1024
     out.scenes, out.peers, out.spp = out.scenes.split(","), [p for p in out.peers.split(",") if p], [int(s) for s in out.spp.split(",")]
     installed = [peer for peer in out.peers if (out.work / peer / "bin/python").exists()]
     for peer in set(out.peers) - set(installed):
