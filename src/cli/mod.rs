@@ -8,6 +8,7 @@ mod panics;
 mod progress;
 mod render;
 mod stats;
+mod study;
 
 use std::fmt::Display;
 use std::io::{self, ErrorKind, IsTerminal, Write};
@@ -34,6 +35,7 @@ enum Command {
     Render(Box<render::RenderArgs>),
     Inspect(inspect::InspectArgs),
     Compare(compare::CompareArgs),
+    Study(study::StudyArgs),
 }
 
 /// How much is said on stderr.
@@ -76,6 +78,7 @@ pub fn run() -> ExitCode {
         Command::Render(args) => render::run(args, cli.verbosity),
         Command::Inspect(args) => inspect::run(args),
         Command::Compare(args) => compare::run(args),
+        Command::Study(args) => study::run(args, cli.verbosity),
     });
     match result {
         Ok(Ok(Verdict::Done)) => ExitCode::SUCCESS,

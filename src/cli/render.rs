@@ -5,12 +5,12 @@ mod choose;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use tracing::{info, warn};
 
-pub use args::RenderArgs;
+pub use args::{RenderArgs, Size, threads};
 
 use super::progress::Reporter;
 use super::stats::{Seconds, Stats, sample_range};
@@ -37,6 +37,7 @@ pub fn run(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
 
 fn on_pool(args: &RenderArgs, verbosity: Verbosity, output: &Path, threads: usize) -> Result<Verdict> {
     let start = Instant::now();
+    let stop = stop_flag()?;
     let mut seconds = Seconds::default();
     let scene = read_scene(args)?;
     let settings = settings(args, &scene)?;
@@ -45,14 +46,17 @@ fn on_pool(args: &RenderArgs, verbosity: Verbosity, output: &Path, threads: usiz
 
     let built = Instant::now();
     let scene = Arc::new(scene);
-    let rays = rays::build(args.rays, Arc::clone(&scene))?;
+    let reporter = Reporter::new(args.progress, verbosity.quiet);
+    let rays = rays::build_watched(args.rays, Arc::clone(&scene), &|done| {
+        reporter.building(done, built.elapsed().as_secs_f64());
+        !stop.load(Ordering::Relaxed)
+    })
+    .inspect_err(|_| reporter.finish(false))?;
     let backend = rays.info();
     seconds.build = built.elapsed().as_secs_f64();
     let mebibytes = backend.memory_bytes as f64 / 2_f64.powi(20);
     info!("built {} {} ({}): {:.2} s, {mebibytes:.1} MiB", backend.name, backend.version, backend.isa, seconds.build);
 
-    let stop = stop_flag()?;
-    let reporter = Reporter::new(args.progress, verbosity.quiet);
     let rendered = render(&scene, rays.as_ref(), &settings, &stop, &|p| reporter.update(p));
     reporter.finish(rendered.stop != StopReason::Interrupted);
     seconds.render = rendered.stats.render_seconds;
@@ -159,11 +163,12 @@ fn settings(args: &RenderArgs, scene: &Scene) -> Result<RenderSettings> {
         seed: args.seed,
         filter: args.filter,
         aovs: args.aovs().iter().any(|a| a.needs_sums()),
+        ..RenderSettings::default()
     })
 }
 
 /// Raised by the first SIGINT or SIGTERM; the second one ends the program as if nobody had listened.
-fn stop_flag() -> Result<Arc<AtomicBool>> {
+pub(super) fn stop_flag() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         // In this order: the first signal finds the flag still down and raises it.

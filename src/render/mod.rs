@@ -113,12 +113,18 @@ pub fn render(
     let window = settings.crop.unwrap_or([0, 0, settings.width, settings.height]);
     let mut film = Film::new(settings.width, settings.height, window, settings.aovs);
     let mut tiles = Tile::cover(settings.width, settings.height, window);
+    if let Some(shares) = &settings.shares {
+        tiles.iter_mut().for_each(|tile| tile.begin_with(shares, settings.width));
+    }
     let pixels: usize = tiles.iter().map(Tile::pixels).sum();
     let mut stats = RenderStats { noise: f64::INFINITY, ..Default::default() };
     let mut done = 0;
     let reason = loop {
         if stop.load(Ordering::Relaxed) {
             break StopReason::Interrupted;
+        }
+        if settings.passes.is_some_and(|most| stats.passes >= most) {
+            break StopReason::Samples;
         }
         let elapsed = start.elapsed().as_secs_f64();
         let Some(mut pass) = settings.balance.next_pass(done, settings.spp) else { break StopReason::Samples };

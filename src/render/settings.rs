@@ -1,5 +1,7 @@
 //! What to render, checked.
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 
 pub use crate::balance::Balance;
@@ -44,6 +46,13 @@ pub struct RenderSettings {
     pub filter: PixelFilter,
     /// Keep the sums that AOVs need?
     pub aovs: bool,
+    /// For studies: the share of light samples that each pixel of the whole picture (row by row) begins with instead of
+    /// ½; with a balance that does not learn, the share of all its passes.
+    #[serde(skip)]
+    pub shares: Option<Arc<[f32]>>,
+    /// For studies: stop after this many passes.
+    #[serde(skip)]
+    pub passes: Option<u32>,
 }
 
 impl Default for RenderSettings {
@@ -62,6 +71,8 @@ impl Default for RenderSettings {
             seed: 0,
             filter: PixelFilter::Gaussian,
             aovs: false,
+            shares: None,
+            passes: None,
         }
     }
 }
