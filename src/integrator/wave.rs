@@ -168,7 +168,7 @@ impl Wave {
                 self.rays.put(self.paths.len, origin, direction, F::splat(f32::INFINITY), key);
                 let slot = U::splat(self.paths.len as u32) + U::from(NUMBERS);
                 let path = [slot, index, U::splat(u32::MAX), seed];
-                self.paths.push(n, V3::splat(Vec3::ONE), F::ZERO, path);
+                self.paths.push(n, V3::splat(Vec3::ONE), V3::ZERO, F::ZERO, path);
             }
             let counts = plan_of.counts;
             for (n, (keys, dealt)) in [counts.light, counts.bsdf].into_iter().zip(self.keys.iter().zip(&mut self.dealt))
