@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use super::observation;
+use crate::balance::{Finding, Technique};
 use crate::bsdf::{Lobes, MetallicRoughness};
 use crate::integrator::geometry::Point;
 use crate::integrator::vertices::Group;
@@ -208,10 +209,12 @@ impl Wave {
             self.children[self.paths.child[ray] as usize].indirect += found;
         }
         if depth == 1 && transport.learns {
-            let counts = &plan[pixel].counts;
-            let bsdf_pdf = weighted_pdf / counts.bsdf_a_path();
-            let (w, r) = observation(found, light_pdf, bsdf_pdf, counts.alpha());
-            sums[pixel].moments.add(f64::from(w), f64::from(r));
+            let (w, r) = observation(found, light_pdf, weighted_pdf / slot.a_b, slot.a_l / (slot.a_l + slot.a_b));
+            sums[pixel].moments.add(w, r, 2.0 * found.element_sum());
+            if self.record {
+                let (pixel, index) = (plan[pixel].place, self.paths.index[ray]);
+                self.findings.push(Finding { pixel, technique: Technique::Bsdf, index, r, radiance: found });
+            }
         }
     }
 }

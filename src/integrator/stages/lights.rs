@@ -60,7 +60,9 @@ impl Wave {
             survivors.pack(light.distance * F::splat(SHADOW_END)),
             survivors.pack_bits(hashes(keys(task.seed, task.index, light_set(depth)))),
         );
-        self.pending.push(&survivors, radiance, [task.slot, task.child], [w, r]);
+        // Light of first surfaces has no child: its place is the sample's index.
+        let child = if depth == 0 { task.index } else { task.child };
+        self.pending.push(&survivors, radiance, [task.slot, child], [w, r]);
     }
 
     /// One of the lights without size for each of eight vertices: nothing to weigh, nothing to learn.

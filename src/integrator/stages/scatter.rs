@@ -52,8 +52,9 @@ impl Wave {
         let slot = survivors.pack_bits(task.slot);
         let child = if depth == 0 {
             let next = self.children.len() as u32;
-            let new = slot.as_array()[..survivors.len].iter();
-            self.children.extend(new.map(|&slot| Child { slot, indirect: Vec3::ZERO }));
+            let index = survivors.pack_bits(task.index);
+            let new = slot.as_array()[..survivors.len].iter().zip(index.as_array());
+            self.children.extend(new.map(|(&slot, &index)| Child { slot, index, indirect: Vec3::ZERO }));
             U::splat(next) + U::from(NUMBERS)
         } else {
             survivors.pack_bits(task.child)
