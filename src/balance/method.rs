@@ -31,6 +31,16 @@ const FIRST_PASS: u32 = 8;
 const LONGEST_PASS: u32 = 128;
 
 impl Balance {
+    /// All of them, in the order of the help.
+    pub fn all() -> &'static [Self] {
+        clap::ValueEnum::value_variants()
+    }
+
+    /// As on the command line.
+    pub fn name(self) -> String {
+        clap::ValueEnum::to_possible_value(&self).map_or_else(String::new, |v| v.get_name().to_owned())
+    }
+
     /// Weights between the techniques.
     pub fn heuristic(self) -> Heuristic {
         match self {

@@ -3,7 +3,7 @@
 use glam::{Mat3, Vec2, Vec3, Vec4};
 
 use crate::bsdf::Surface;
-use crate::lanes::{F, LANES, V3};
+use crate::lanes::{F, LANES, V3, eight};
 use crate::sampling::warp;
 use crate::scene::{Material, Mesh, Scene, TextureRef};
 
@@ -90,11 +90,8 @@ impl Geometry {
         prim: [u32; LANES],
         (u, v): (F, F),
     ) -> Points {
-        let meshes = mesh.map(|m| &scene.meshes[m as usize]);
-        let mut indices = [[0; 3]; LANES];
-        for lane in 0..LANES {
-            indices[lane] = meshes[lane].indices[prim[lane] as usize];
-        }
+        let meshes = eight(|lane| &scene.meshes[mesh[lane] as usize]);
+        let indices = eight(|lane| meshes[lane].indices[prim[lane] as usize]);
         let corner = |k: usize| {
             let mut columns = [[0.0; LANES]; 3];
             for lane in 0..LANES {
@@ -123,15 +120,14 @@ impl Geometry {
             let interpolated = a + (normal(1) - a) * u + (normal(2) - a) * v;
             ns = V3::select(interpolated.length_squared().simd_gt(F::ZERO), interpolated, ng);
         }
-        let placed = instance.map(|i| self.instances[i as usize].as_ref());
+        let placed = eight(|lane| self.instances[instance[lane] as usize].as_ref());
         if placed.iter().any(Option::is_some) {
-            let placed = placed.map(|p| p.unwrap_or(&Placed::NOWHERE));
-            let columns = |m: fn(&Placed) -> &Mat3| {
-                [0, 1, 2].map(|axis| V3::gather(std::array::from_fn(|lane| m(placed[lane]).col(axis))))
-            };
+            let placed = eight(|lane| placed[lane].unwrap_or(&Placed::NOWHERE));
+            let columns =
+                |m: fn(&Placed) -> &Mat3| [0, 1, 2].map(|axis| V3::gather(eight(|lane| m(placed[lane]).col(axis))));
             let transform = |[x, y, z]: &[V3; 3], p: V3| *x * p.x + *y * p.y + *z * p.z;
             let (linear, normal) = (columns(|p| &p.linear), columns(|p| &p.normal));
-            position = transform(&linear, position) + V3::gather(placed.map(|p| p.translation));
+            position = transform(&linear, position) + V3::gather(eight(|lane| placed[lane].translation));
             (e1, e2) = (transform(&linear, e1), transform(&linear, e2));
             (ng, ns) = (transform(&normal, ng), transform(&normal, ns));
         }

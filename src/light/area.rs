@@ -7,7 +7,7 @@ use glam::{Vec2, Vec3};
 use super::LightSamples;
 use super::tree::{Emitter, LightTree};
 use crate::color::luminance;
-use crate::lanes::{F, LANES, V3};
+use crate::lanes::{F, LANES, V3, eight};
 use crate::sampling::warp;
 use crate::scene::{Material, Mesh, Scene};
 
@@ -104,9 +104,9 @@ impl AreaLights {
     #[inline]
     pub fn sample(&self, scene: &Scene, p: V3, n: V3, choice: F, u: F, v: F) -> LightSamples {
         let (chosen, pmf) = self.tree.sample(p, n, choice);
-        let lights = chosen.map(|i| &self.triangles[i as usize]);
-        let [vx, vy, vz, ex, ey, ez, fx, fy] = F::transpose(lights.map(|l| F::from(l.place)));
-        let [fz, nx, ny, nz, lx, ly, lz, one_over_area] = F::transpose(lights.map(|l| F::from(l.light)));
+        let lights = eight(|lane| &self.triangles[chosen[lane] as usize]);
+        let [vx, vy, vz, ex, ey, ez, fx, fy] = F::transpose(eight(|lane| F::from(lights[lane].place)));
+        let [fz, nx, ny, nz, lx, ly, lz, one_over_area] = F::transpose(eight(|lane| F::from(lights[lane].light)));
         let (b1, b2) = warp::triangles(u, v);
         let (edge1, edge2) = (V3 { x: ex, y: ey, z: ez }, V3 { x: fx, y: fy, z: fz });
         let to = V3 { x: vx, y: vy, z: vz } + edge1 * b1 + edge2 * b2 - p;
@@ -114,7 +114,7 @@ impl AreaLights {
         let distance = distance2.sqrt();
         let wi = to * (F::ONE / distance);
         let cos = -(V3 { x: nx, y: ny, z: nz }).dot(wi);
-        let two_sided = F::from(lights.map(|l| f32::from(u8::from(l.two_sided)))).simd_gt(F::ZERO);
+        let two_sided = F::from(eight(|lane| f32::from(u8::from(lights[lane].two_sided)))).simd_gt(F::ZERO);
         let facing = two_sided.select(cos.abs(), cos);
         let pdf = pmf * one_over_area * distance2 / facing;
         let mut radiance = V3 { x: lx, y: ly, z: lz };

@@ -4,7 +4,7 @@
 
 use glam::Vec3;
 
-use crate::lanes::{F, LANES, V3};
+use crate::lanes::{F, LANES, V3, eight};
 
 /// What the tree needs to know of a triangle.
 #[derive(Debug, Clone, Copy)]
@@ -168,12 +168,12 @@ impl LightTree {
         let mut at = [0u32; LANES];
         let mut pmf = F::ONE;
         loop {
-            let first = at.map(|i| self.nodes[i as usize].children);
+            let first = eight(|lane| self.nodes[at[lane] as usize].children);
             if first.iter().all(|&f| f == 0) {
                 break;
             }
             // Lanes that have arrived stay with what they have: both "children" of a leaf are the leaf.
-            let inner = F::from(first.map(|f| f as f32)).simd_gt(F::ZERO);
+            let inner = F::from(eight(|lane| first[lane] as f32)).simd_gt(F::ZERO);
             let mut left = [0; LANES];
             let mut right = [0; LANES];
             for lane in 0..LANES {
@@ -196,7 +196,7 @@ impl LightTree {
             }
         }
         // 0/0 on the way: nothing shines here.
-        (at.map(|i| self.nodes[i as usize].emitter), pmf & pmf.simd_ge(F::ZERO))
+        (eight(|lane| self.nodes[at[lane] as usize].emitter), pmf & pmf.simd_ge(F::ZERO))
     }
 
     /// The probability with which [`sample`](Self::sample) chooses `emitter` for point `p` with normal `n`.
@@ -228,9 +228,9 @@ impl LightTree {
     /// some does.
     #[inline(always)]
     fn importance(&self, node: [u32; LANES], p: V3, n: V3) -> F {
-        let bounds = node.map(|i| &self.nodes[i as usize].bounds);
-        let [cx, cy, cz, radius2, ax, ay, az, power] = F::transpose(bounds.map(|b| F::from(b.row)));
-        let [cos_o, sin_o, two_sided] = [0, 1, 2].map(|k| F::from(bounds.map(|b| b.cone[k])));
+        let bounds = eight(|lane| &self.nodes[node[lane] as usize].bounds);
+        let [cx, cy, cz, radius2, ax, ay, az, power] = F::transpose(eight(|lane| F::from(bounds[lane].row)));
+        let [cos_o, sin_o, two_sided] = [0, 1, 2].map(|k| F::from(eight(|lane| bounds[lane].cone[k])));
         let to = V3 { x: cx, y: cy, z: cz } - p;
         let distance2 = to.length_squared();
         let wi = to * (F::ONE / distance2.fast_max(F::splat(f32::MIN_POSITIVE)).sqrt());

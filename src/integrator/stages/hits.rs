@@ -9,7 +9,7 @@ use crate::integrator::geometry::Point;
 use crate::integrator::vertices::Group;
 use crate::integrator::wave::Wave;
 use crate::integrator::{PixelPlan, PixelSum, Transport};
-use crate::lanes::{F, LANES, Rows, U, V3, load, load_bits};
+use crate::lanes::{F, LANES, Rows, U, V3, eight, load, load_bits};
 use crate::light::area;
 use crate::rays::MISS;
 
@@ -72,7 +72,7 @@ impl Wave {
             [&self.hits.instance, &self.hits.mesh, &self.hits.prim].map(|c| load_bits(c, &rows).to_array());
         let barycentric = (load(&self.hits.u, &rows), load(&self.hits.v, &rows));
         let points = transport.geometry.points(transport.scene, instance, mesh, prim, barycentric);
-        let models = mesh.map(|m| transport.materials.plain(m));
+        let models = eight(|lane| transport.materials.plain(mesh[lane]));
         let lobes = if transport.materials.lambert { Lobes::gather_diffuse(models) } else { Lobes::gather(models) };
         let group = Group {
             position: points.position,
