@@ -63,7 +63,8 @@ impl Wave {
         let consecutive = tasks.windows(2).all(|t| t[1].0 == t[0].0 + 1);
         let rows = if consecutive { Rows::From(vertex[0] as usize) } else { Rows::Each(vertex) };
         let slot = load_bits(&self.vertices.slot, &rows);
-        let slots = eight(|lane| &self.slots[slot.as_array()[lane] as usize]);
+        // By vertex: beyond the last task `slot` holds whatever an earlier wave left there.
+        let slots = eight(|lane| &self.slots[self.vertices.slot[vertex[lane] as usize] as usize]);
         TaskGroup {
             index: U::from(eight(|lane| task[lane].1)),
             seed: load_bits(&self.vertices.seed, &rows),
