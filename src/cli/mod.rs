@@ -4,9 +4,12 @@
 mod compare;
 mod host;
 mod inspect;
+mod memory;
+mod merge;
 mod panics;
 mod progress;
 mod render;
+mod signals;
 mod stats;
 
 use std::fmt::Display;
@@ -33,6 +36,7 @@ struct Cli {
 enum Command {
     Render(Box<render::RenderArgs>),
     Inspect(inspect::InspectArgs),
+    Merge(merge::MergeArgs),
     Compare(compare::CompareArgs),
 }
 
@@ -75,6 +79,7 @@ pub fn run() -> ExitCode {
     let result = catch_unwind(|| match &cli.command {
         Command::Render(args) => render::run(args, cli.verbosity),
         Command::Inspect(args) => inspect::run(args),
+        Command::Merge(args) => merge::run(args, cli.verbosity),
         Command::Compare(args) => compare::run(args),
     });
     match result {

@@ -4,6 +4,7 @@
 use std::time::Instant;
 
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
 
 use super::Transport;
 use super::vertices::Vertices;
@@ -30,7 +31,7 @@ pub struct PixelPlan {
 }
 
 /// What a wave adds to one pixel.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct PixelSum {
     /// Radiance statistics.
     pub stats: PixelStats,
