@@ -5,6 +5,7 @@
 //! [`balance`]) → [`render`] → [`film`]. Only [`cli`] sees everything.
 
 pub mod balance;
+pub mod batch;
 pub mod bsdf;
 pub mod cli;
 pub mod color;

@@ -72,6 +72,11 @@ pub fn peak_memory_bytes() -> u64 {
     kilobytes("/proc/self/status", "VmHWM:").unwrap_or(0)
 }
 
+/// Lets [`peak_memory_bytes`] begin again at what the process has now, where the system can.
+pub fn reset_peak_memory() {
+    let _ = fs::write("/proc/self/clear_refs", "5");
+}
+
 /// The machine's memory in bytes, where the system says it.
 pub fn total_memory_bytes() -> Option<u64> {
     kilobytes("/proc/meminfo", "MemTotal:")

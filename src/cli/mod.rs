@@ -1,6 +1,7 @@
 //! The command line: one file a command. Exit codes are those of [`Error::exit_code`], 0, and 1 for a comparison
 //! beyond its threshold.
 
+mod batch;
 mod compare;
 mod host;
 mod inspect;
@@ -36,6 +37,7 @@ struct Cli {
 enum Command {
     Render(Box<render::RenderArgs>),
     Inspect(inspect::InspectArgs),
+    Batch(batch::BatchArgs),
     Merge(merge::MergeArgs),
     Compare(compare::CompareArgs),
 }
@@ -58,6 +60,8 @@ enum Verdict {
     Done,
     /// Exit code 1: the pictures differ beyond the threshold.
     Beyond,
+    /// The worst exit code of several jobs, which have been reported.
+    Worst(u8),
 }
 
 /// Runs the program with the process's arguments.
@@ -79,12 +83,14 @@ pub fn run() -> ExitCode {
     let result = catch_unwind(|| match &cli.command {
         Command::Render(args) => render::run(args, cli.verbosity),
         Command::Inspect(args) => inspect::run(args),
+        Command::Batch(args) => batch::run(args, cli.verbosity),
         Command::Merge(args) => merge::run(args, cli.verbosity),
         Command::Compare(args) => compare::run(args),
     });
     match result {
         Ok(Ok(Verdict::Done)) => ExitCode::SUCCESS,
         Ok(Ok(Verdict::Beyond)) => ExitCode::from(1),
+        Ok(Ok(Verdict::Worst(code))) => ExitCode::from(code),
         Ok(Err(error)) => fail(&error),
         // The hook has said what there is to say.
         Err(_) => ExitCode::from(70),

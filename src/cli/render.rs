@@ -32,7 +32,7 @@ pub fn run(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     pool(threads)?.install(|| {
         let prepared = signals.nothing_to_save(|| {
             let inputs = Inputs::read(args)?;
-            let session = Session { args, inputs: &inputs, threads, began };
+            let session = Session { args, inputs: &inputs, threads, began, replaces: false };
             if let Some(done) = session.done_before()? {
                 return Ok(Err(done));
             }
@@ -48,7 +48,7 @@ pub fn run(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
                 return Ok(Verdict::Done);
             }
         };
-        let session = Session { args, inputs: &inputs, threads, began };
+        let session = Session { args, inputs: &inputs, threads, began, replaces: false };
         let reporter = Reporter::new(args.progress, verbosity.quiet);
         let done =
             session.render(&loaded, &signals.stop, &|p| reporter.update(p), &|complete| reporter.finish(complete))?;

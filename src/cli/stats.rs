@@ -219,6 +219,16 @@ impl Stats {
         })
     }
 
+    /// Paths a pixel, noise, Mrays/s and MiB, for a table.
+    pub fn columns(&self) -> [String; 4] {
+        [
+            format!("{:.0}", self.samples.pixel_mean),
+            format!("{:.4}", self.noise),
+            format!("{:.2}", self.mrays_per_second),
+            format!("{}", self.peak_memory_bytes >> 20),
+        ]
+    }
+
     /// One line for people.
     pub fn summary(&self) -> String {
         let s = &self.samples;

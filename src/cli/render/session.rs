@@ -78,6 +78,8 @@ pub struct Session<'a> {
     pub threads: usize,
     /// When `--time` began to count.
     pub began: Instant,
+    /// When `--resume` finds another render in the output file, or one that cannot go on: begin anew, or refuse?
+    pub replaces: bool,
 }
 
 impl Session<'_> {
@@ -234,7 +236,13 @@ impl Session<'_> {
         let output = self.args.output();
         let earlier = if self.args.resume { Earlier::read(&output)? } else { None };
         let Some(earlier) = earlier else { return Ok(None) };
-        let saved = earlier.saved(&output, ours, settings)?;
+        let saved = match earlier.saved(&output, ours, settings) {
+            Err(Error::Data(why)) if self.replaces => {
+                info!("{why}");
+                return Ok(None);
+            }
+            other => other?,
+        };
         let here = loaded.rays.info();
         let there: serde_json::Value =
             earlier.text("bismar.backend").and_then(|t| serde_json::from_str(t).ok()).unwrap_or_default();
