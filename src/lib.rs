@@ -10,6 +10,7 @@ pub mod bsdf;
 pub mod cli;
 pub mod color;
 pub mod error;
+pub mod farm;
 pub mod film;
 pub mod integrator;
 pub mod lanes;

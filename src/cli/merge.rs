@@ -42,6 +42,9 @@ pub struct MergeArgs {
     /// The PNG's exposure in stops.
     #[arg(long, value_name = "EV", default_value_t = 0.0, allow_negative_numbers = true)]
     exposure: f32,
+    /// Leave out the statistics that a render could go on from.
+    #[arg(long)]
+    no_statistics: bool,
     /// Wait up to so many seconds for files that are not there: shared file systems show them late.
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
     wait: f64,
@@ -83,7 +86,7 @@ pub fn run(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
         return Err(Error::Usage("no parts".into()));
     };
     let (header, fingerprint) = (first.header.clone(), first.fingerprint.clone());
-    let keeps = seeds.len() == 1 && header.keeps_statistics();
+    let keeps = !args.no_statistics && seeds.len() == 1 && header.keeps_statistics();
     let names: Vec<String> = seeds.keys().map(u32::to_string).collect();
     let mut wholes = seeds.into_values().map(|group| assemble(&group)).collect::<Result<Vec<_>>>()?.into_iter();
     let Some(mut whole) = wholes.next() else { return Err(Error::Usage("no parts".into())) };

@@ -3,6 +3,7 @@
 
 mod batch;
 mod compare;
+mod farm;
 mod host;
 mod inspect;
 mod memory;
@@ -38,6 +39,7 @@ enum Command {
     Render(Box<render::RenderArgs>),
     Inspect(inspect::InspectArgs),
     Batch(batch::BatchArgs),
+    Farm(farm::FarmArgs),
     Merge(merge::MergeArgs),
     Compare(compare::CompareArgs),
 }
@@ -84,6 +86,7 @@ pub fn run() -> ExitCode {
         Command::Render(args) => render::run(args, cli.verbosity),
         Command::Inspect(args) => inspect::run(args),
         Command::Batch(args) => batch::run(args, cli.verbosity),
+        Command::Farm(args) => farm::run(args),
         Command::Merge(args) => merge::run(args, cli.verbosity),
         Command::Compare(args) => compare::run(args),
     });

@@ -14,15 +14,24 @@ pub use args::RenderArgs;
 pub use identity::{Earlier, Inputs, attributes};
 pub use session::{Done, Loaded, Session};
 
-use super::progress::Reporter;
+use super::progress::{Reporter, Style};
 use super::signals::Signals;
-use super::{Verbosity, Verdict, host, say};
+use super::{Verbosity, Verdict, host, print, say};
 use crate::film::atomic;
 use crate::scene::import::{self, ImportOptions, NoteKind};
 use crate::scene::{Environment, Scene};
 use crate::{Error, Result};
 
 pub fn run(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
+    let result = render(args, verbosity);
+    if let (Err(error), Style::Openjd) = (&result, args.progress) {
+        // What Open Job Description shows of a task that failed.
+        print(format_args!("openjd_fail: {}", error.to_string().replace('\n', " ")))?;
+    }
+    result
+}
+
+fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     let began = Instant::now();
     args.check()?;
     check_outputs(args)?;
