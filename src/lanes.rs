@@ -1,10 +1,14 @@
 //! Eight numbers at a time: what the shading stages compute with.
 
 use glam::Vec3;
-pub use wide::f32x8 as F;
+use wide::bytemuck::cast;
+pub use wide::{f32x8 as F, u32x8 as U};
 
 /// Lanes of an [`F`].
 pub const LANES: usize = 8;
+
+/// The lanes' numbers.
+pub const NUMBERS: [u32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7];
 
 /// Eight three-vectors.
 #[derive(Debug, Clone, Copy)]
@@ -50,12 +54,95 @@ pub fn store(column: &mut [f32], at: usize, value: F) {
     column[at..at + LANES].copy_from_slice(value.as_array());
 }
 
-/// Makes room for at least `len` numbers, padded so that the last group of lanes is whole.
-pub fn grow(column: &mut Vec<f32>, len: usize) {
-    let padded = len.div_ceil(LANES) * LANES;
-    if column.len() < padded {
-        column.resize(padded, 0.0);
+/// Reads a column of integers.
+#[inline(always)]
+pub fn load_bits(column: &[u32], rows: &Rows) -> U {
+    match rows {
+        Rows::From(at) => {
+            let eight: [u32; LANES] = column[*at..*at + LANES].try_into().unwrap_or_default();
+            U::from(eight)
+        }
+        Rows::Each(rows) => U::from(rows.map(|row| column[row as usize])),
     }
+}
+
+/// Writes [`LANES`] elements of a column of integers from `at` on.
+#[inline(always)]
+pub fn store_bits(column: &mut [u32], at: usize, value: U) {
+    column[at..at + LANES].copy_from_slice(value.as_array());
+}
+
+/// Makes room for at least `len` elements, and for a group of lanes that begins at the last.
+pub fn grow<T: Copy + Default>(column: &mut Vec<T>, len: usize) {
+    if column.len() < len + LANES {
+        column.resize(len + LANES, T::default());
+    }
+}
+
+/// The lanes that survive, moved to the front.
+#[derive(Debug, Clone, Copy)]
+pub struct Survivors {
+    order: U,
+    /// How many.
+    pub len: usize,
+}
+
+/// For each bitmask of eight lanes, the lanes that are set.
+static ORDERS: [[u32; LANES]; 256] = {
+    let mut orders = [[0; LANES]; 256];
+    let mut mask = 0;
+    while mask < 256 {
+        let (mut lane, mut n) = (0, 0);
+        while lane < LANES {
+            if mask >> lane & 1 == 1 {
+                orders[mask][n] = lane as u32;
+                n += 1;
+            }
+            lane += 1;
+        }
+        mask += 1;
+    }
+    orders
+};
+
+impl Survivors {
+    /// Those of a mask.
+    #[inline(always)]
+    pub fn of(mask: F) -> Self {
+        let bits = mask.to_bitmask() & 0xff;
+        Self { order: U::from(ORDERS[bits as usize]), len: bits.count_ones() as usize }
+    }
+
+    /// The survivors' numbers, first; what follows means nothing.
+    #[inline(always)]
+    pub fn pack(&self, value: F) -> F {
+        cast(cast::<F, U>(value).shuffle(self.order))
+    }
+
+    /// [`pack`](Self::pack), of integers.
+    #[inline(always)]
+    pub fn pack_bits(&self, value: U) -> U {
+        value.shuffle(self.order)
+    }
+
+    /// [`pack`](Self::pack), of vectors.
+    #[inline(always)]
+    pub fn pack_v3(&self, v: V3) -> V3 {
+        V3 { x: self.pack(v.x), y: self.pack(v.y), z: self.pack(v.z) }
+    }
+
+    /// [`pack`](Self::pack), of an array.
+    #[inline(always)]
+    pub fn pack_array(&self, values: [u32; LANES]) -> U {
+        self.pack_bits(U::from(values))
+    }
+}
+
+/// Numbers in [0, 1) of 23 bits from integers' upper ones.
+#[inline(always)]
+pub fn unit_interval(bits: U) -> F {
+    let one_to_two: F = cast((bits >> 9) | U::splat(0x3f80_0000));
+    one_to_two - F::ONE
 }
 
 /// Lanes below `n`, as a mask.
@@ -65,6 +152,9 @@ pub fn first(n: usize) -> F {
 }
 
 impl V3 {
+    /// Zero.
+    pub const ZERO: Self = Self { x: F::ZERO, y: F::ZERO, z: F::ZERO };
+
     /// The same vector in every lane.
     #[inline(always)]
     pub fn splat(v: Vec3) -> Self {
@@ -75,6 +165,12 @@ impl V3 {
     #[inline(always)]
     pub fn from_arrays([x, y, z]: [[f32; LANES]; 3]) -> Self {
         Self { x: F::from(x), y: F::from(y), z: F::from(z) }
+    }
+
+    /// From one vector a lane.
+    #[inline(always)]
+    pub fn gather(v: [Vec3; LANES]) -> Self {
+        Self { x: F::from(v.map(|v| v.x)), y: F::from(v.map(|v| v.y)), z: F::from(v.map(|v| v.z)) }
     }
 
     /// One lane.
@@ -117,6 +213,12 @@ impl V3 {
     #[inline(always)]
     pub fn select(mask: F, a: Self, b: Self) -> Self {
         Self { x: mask.select(a.x, b.x), y: mask.select(a.y, b.y), z: mask.select(a.z, b.z) }
+    }
+
+    /// Absolute values.
+    #[inline(always)]
+    pub fn abs(self) -> Self {
+        Self { x: self.x.abs(), y: self.y.abs(), z: self.z.abs() }
     }
 
     /// Largest component of each.

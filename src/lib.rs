@@ -17,7 +17,9 @@ pub mod lanes;
 pub mod light;
 pub mod rays;
 pub mod render;
+pub mod report;
 pub mod sampling;
 pub mod scene;
+pub mod study;
 
 pub use error::{Error, Result};

@@ -207,6 +207,28 @@ fn an_interrupted_render_saves_what_there_is_and_exits_with_75() {
 }
 
 #[test]
+fn a_build_that_is_interrupted_touches_no_output_and_exits_with_75() {
+    let folder = folder();
+    fs::write(folder.path().join("thicket.glb"), glb::thicket(1_500_000)).unwrap();
+    fs::write(folder.path().join("thicket.exr"), b"the old picture").unwrap();
+    let before = names(folder.path());
+    let line = "render thicket.glb --size 64x48 --time 600 -v";
+    let mut child =
+        bismar(folder.path()).args(line.split(' ')).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap());
+    let mut text = String::new();
+    while !text.contains("read thicket.glb") {
+        assert_ne!(lines.read_line(&mut text).unwrap(), 0, "it ended by itself:\n{text}");
+    }
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    lines.read_to_string(&mut text).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(75), "{text}");
+    assert!(text.contains("while building the acceleration structure"), "{text}");
+    assert_eq!(names(folder.path()), before);
+    assert_eq!(fs::read(folder.path().join("thicket.exr")).unwrap(), b"the old picture");
+}
+
+#[test]
 fn a_full_disk_exits_with_74_and_leaves_the_old_picture() {
     let folder = folder();
     let old = b"the old picture".as_slice();

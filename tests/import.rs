@@ -1,51 +1,17 @@
 //! Every scene file of the shared test data loads or is refused as its manifest says: in time, never by a panic.
 
 mod gltf_parts;
-
-use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+mod shared;
 
 use gltf_parts::{LONGEST, attempt, check_scene};
 
-/// The shared glTF files, or `None` with a word about it. On CI they must be there.
-fn shared() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/gltf");
-    if folder.join("manifest.csv").exists() {
-        return Some(folder);
-    }
-    assert!(std::env::var("CI").as_deref() != Ok("true"), "{} is missing", folder.display());
-    println!("skipped: {} is missing", folder.display());
-    None
-}
-
-/// Rows of a CSV text with quoted fields, by column name.
-fn rows(text: &str) -> Vec<HashMap<String, String>> {
-    let mut lines = text.lines().map(|line| {
-        let (mut fields, mut quoted) = (vec![String::new()], false);
-        for c in line.chars() {
-            match c {
-                '"' => quoted = !quoted,
-                ',' if !quoted => fields.push(String::new()),
-                c => fields.last_mut().unwrap().push(c),
-            }
-        }
-        fields
-    });
-    let names = lines.next().unwrap();
-    lines.map(|fields| names.iter().cloned().zip(fields).collect()).collect()
-}
-
 #[test]
 fn every_shared_file_loads_or_is_refused_as_its_manifest_says() {
-    let Some(folder) = shared() else { return };
-    let text = std::fs::read_to_string(folder.join("manifest.csv")).unwrap();
+    let Some(folder) = shared::folder() else { return };
     let mut failures = Vec::new();
     let (mut loaded, mut refused, mut rejected, mut either) = (0, 0, 0, 0);
-    for row in rows(&text) {
+    for row in shared::scenes(&folder) {
         let name = &row["path"];
-        if !name.ends_with(".gltf") && !name.ends_with(".glb") {
-            continue;
-        }
         let (outcome, time) = attempt(&folder.join(name));
         if time > LONGEST {
             failures.push(format!("{name}: took {time:?}"));
@@ -67,9 +33,7 @@ fn every_shared_file_loads_or_is_refused_as_its_manifest_says() {
         {
             failures.push(format!("{name}: the scene breaks a promise: {broken}"));
         }
-        let verdict = row["expected_verdict"].as_str();
-        let must_accept =
-            verdict.starts_with("accept") && !verdict.contains("or error") && !verdict.contains("or clear error");
+        let must_accept = shared::must_accept(&row["expected_verdict"]);
         match (row["reject_class"].as_str(), outcome) {
             ("must_reject", Ok(_)) => failures.push(format!("{name}: must be rejected, but loads")),
             ("must_reject", Err(_)) => rejected += 1,

@@ -2,7 +2,7 @@
 
 mod statistics;
 
-use bismar::lanes::{LANES, V3};
+use bismar::lanes::{F, V3};
 use bismar::light::{AreaLights, EnvironmentSampler, LightSamples};
 use bismar::scene::{Environment, Instance, Material, Mesh, Object, Positions, Scene};
 use glam::{Affine3A, Vec3};
@@ -21,7 +21,7 @@ fn third(s: LightSamples) -> Option<Sample> {
 }
 
 fn sample_environment(sampler: &EnvironmentSampler, u: f32, v: f32) -> Option<Sample> {
-    third(sampler.sample([u; LANES], [v; LANES]))
+    third(sampler.sample(F::splat(u), F::splat(v)))
 }
 
 fn radiance_pdf(sampler: &EnvironmentSampler, wi: Vec3) -> (Vec3, f32) {
@@ -30,7 +30,7 @@ fn radiance_pdf(sampler: &EnvironmentSampler, wi: Vec3) -> (Vec3, f32) {
 }
 
 fn sample_lamps(lights: &AreaLights, scene: &Scene, choice: f32, u: f32, v: f32) -> Option<Sample> {
-    third(lights.sample(scene, V3::splat(Vec3::ZERO), [choice; LANES], [u; LANES], [v; LANES]))
+    third(lights.sample(scene, V3::splat(Vec3::ZERO), F::splat(choice), F::splat(u), F::splat(v)))
 }
 
 /// A small map with a sun, a black band and uneven colours.

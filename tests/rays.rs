@@ -7,7 +7,7 @@ mod scenes;
 
 use std::f32::consts::FRAC_PI_3;
 use std::hint::black_box;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use bismar::Error;
 use bismar::rays::cwbvh::ObvhsRays;
@@ -21,10 +21,10 @@ use scenes::{Random, bounce, box_room, camera_rays, mesh, pieces, scene};
 
 /// Embree on this CPU, with 8-wide and with emulated packets; obvhs.
 fn backends(scene: &Arc<Scene>) -> Vec<Box<dyn RayQueries>> {
-    let mut all: Vec<Box<dyn RayQueries>> = vec![Box::new(ObvhsRays::build(scene.clone()).unwrap())];
+    let mut all: Vec<Box<dyn RayQueries>> = vec![Box::new(ObvhsRays::build(scene.clone(), &|_| true).unwrap())];
     for isa in [None, Some("avx2"), Some("sse2")] {
         let options = EmbreeOptions { isa, ..EmbreeOptions::default() };
-        all.push(Box::new(EmbreeRays::build(scene.clone(), &options).unwrap()));
+        all.push(Box::new(EmbreeRays::build(scene.clone(), &options, &|_| true).unwrap()));
     }
     all
 }
@@ -241,10 +241,44 @@ fn malformed_scenes_are_refused_with_the_place() {
 }
 
 #[test]
+fn a_build_is_followed_and_can_be_stopped() {
+    let placed = |x: f32| Some(Affine3A::from_translation(Vec3::X * x));
+    let meshes = || vec![soup(50_000, 1), soup(30_000, 2), soup(20_000, 3)];
+    let scene = Arc::new(scene(meshes(), &[(0, None), (1, placed(3.0)), (1, placed(6.0)), (2, placed(9.0))]));
+    for backend in [Backend::Embree, Backend::Obvhs] {
+        let seen = Mutex::new(Vec::new());
+        let build = |stop_at: f64| {
+            let watch = |done: f64| {
+                seen.lock().unwrap().push(done);
+                done < stop_at
+            };
+            rays::build_watched(backend, scene.clone(), &watch)
+        };
+        build(f64::INFINITY).unwrap();
+        let all = std::mem::take(&mut *seen.lock().unwrap());
+        assert!(all.iter().all(|done| (0.0..=1.0).contains(done)), "{all:?}");
+        // Whatever the backend's order, something is heard of in each of these stretches.
+        for (low, high) in [(0.0, 0.31), (0.3, 0.81), (0.5, 1.0)] {
+            assert!(
+                all.iter().any(|done| (low..=high).contains(done)),
+                "{backend:?}: nothing in {low}..{high}: {all:?}"
+            );
+        }
+        for stop_at in [0.0, 0.4] {
+            match build(stop_at) {
+                Err(Error::Interrupted(text)) => assert!(text.contains("building"), "{text}"),
+                Err(error) => panic!("{error}"),
+                Ok(_) => panic!("not stopped at {stop_at}"),
+            }
+        }
+    }
+}
+
+#[test]
 fn queries_leave_the_threads_floating_point_mode_alone() {
     let denormal_survives = || black_box(f32::from_bits(1)) * black_box(1.0) != 0.0;
     let scene = soups();
-    let backend = EmbreeRays::build(scene, &EmbreeOptions::default()).unwrap();
+    let backend = EmbreeRays::build(scene, &EmbreeOptions::default(), &|_| true).unwrap();
     std::thread::spawn(move || {
         assert!(denormal_survives());
         closest(&backend, &rays_at_soup(20, 1), RayOrder::Coherent);

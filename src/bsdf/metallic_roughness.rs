@@ -7,7 +7,7 @@ use std::f32::consts::{FRAC_1_PI, PI};
 use glam::Vec3;
 
 use super::ggx;
-use crate::lanes::{F, V3};
+use crate::lanes::{F, LANES, V3};
 use crate::sampling::warp;
 
 /// The material's parameters at one point, textures applied.
@@ -61,6 +61,12 @@ impl MetallicRoughness {
         }
     }
 
+    /// Is there no specular lobe?
+    #[inline]
+    pub fn is_lambert(&self) -> bool {
+        self.f90 <= 0.0 && self.f0.max_element() <= 0.0
+    }
+
     /// Does it scatter at all?
     #[inline]
     pub fn is_black(&self) -> bool {
@@ -99,6 +105,29 @@ pub struct BsdfSample {
 }
 
 impl Lobes {
+    /// Nothing scatters.
+    pub const BLACK: Self =
+        Self { diffuse: V3::ZERO, f0: V3::ZERO, f90: F::ZERO, layer0: F::ZERO, layer90: F::ZERO, alpha: F::ONE };
+
+    /// A model a lane.
+    #[inline(always)]
+    pub fn gather(m: [&MetallicRoughness; LANES]) -> Self {
+        Self {
+            f0: V3::gather(m.map(|m| m.f0)),
+            f90: F::from(m.map(|m| m.f90)),
+            layer0: F::from(m.map(|m| m.layer0)),
+            layer90: F::from(m.map(|m| m.layer90)),
+            alpha: F::from(m.map(|m| m.alpha)),
+            ..Self::gather_diffuse(m)
+        }
+    }
+
+    /// The diffuse lobe of a model a lane.
+    #[inline(always)]
+    pub fn gather_diffuse(m: [&MetallicRoughness; LANES]) -> Self {
+        Self { diffuse: V3::gather(m.map(|m| m.diffuse)), ..Self::BLACK }
+    }
+
     /// The same model in every lane.
     pub fn splat(m: &MetallicRoughness) -> Self {
         Self {

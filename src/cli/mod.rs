@@ -13,6 +13,7 @@ mod progress;
 mod render;
 mod signals;
 mod stats;
+mod study;
 
 use std::fmt::Display;
 use std::io::{self, ErrorKind, IsTerminal, Write};
@@ -42,6 +43,7 @@ enum Command {
     Farm(farm::FarmArgs),
     Merge(merge::MergeArgs),
     Compare(compare::CompareArgs),
+    Study(study::StudyArgs),
 }
 
 /// How much is said on stderr.
@@ -89,6 +91,7 @@ pub fn run() -> ExitCode {
         Command::Farm(args) => farm::run(args),
         Command::Merge(args) => merge::run(args, cli.verbosity),
         Command::Compare(args) => compare::run(args),
+        Command::Study(args) => study::run(args, cli.verbosity),
     });
     match result {
         Ok(Ok(Verdict::Done)) => ExitCode::SUCCESS,

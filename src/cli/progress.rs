@@ -17,9 +17,9 @@ pub enum Style {
     Auto,
     /// A bar on stderr, with ETA, noise and Mrays/s.
     Bar,
-    /// `PROGRESS: 42%` on stderr, at most once a second.
+    /// `PROGRESS: 42%` on stderr, at most once a second; before it, while a long build lasts, `BUILD: 42%`.
     Plain,
-    /// One JSON object a line on stdout, at most once a second.
+    /// One JSON object a line on stdout, at most once a second; its `phase` is `build` or `render`.
     Json,
     /// `openjd_progress: 42` on stdout, at most once a second.
     Openjd,
@@ -39,6 +39,9 @@ struct Last {
     progress: Option<Progress>,
     /// Seconds since rendering began when a line was last printed.
     printed: Option<f64>,
+    /// Seconds since the build began when a line of it was last printed; the first is due after a second, so that
+    /// short builds say nothing.
+    printed_build: f64,
     /// Never falls, whatever the estimates do.
     percent: u32,
 }
@@ -72,6 +75,27 @@ impl Reporter {
             }
             _ if due => self.line(&progress, percent),
             _ => {}
+        }
+    }
+
+    /// The build before the render: the share in [0, 1] that is done, and its seconds so far. As [`Reporter::update`].
+    pub fn building(&self, done: f64, seconds: f64) {
+        let Ok(mut last) = self.last.try_lock() else { return };
+        let percent = (done * 100.0) as u32;
+        match self.style {
+            Style::Bar => {
+                self.bar.set_position(percent.into());
+                self.bar.set_message("building the acceleration structure");
+            }
+            _ if seconds - last.printed_build < 1.0 => {}
+            Style::Plain => say(format_args!("BUILD: {percent}%")),
+            Style::Json => out(&json!({ "phase": "build", "fraction": done, "seconds": seconds }).to_string()),
+            // Its percents are the whole job's: they must not fall when rendering begins.
+            Style::Openjd => out(&format!("openjd_status: building the acceleration structure, {percent}%")),
+            Style::Auto | Style::None => {}
+        }
+        if seconds - last.printed_build >= 1.0 {
+            last.printed_build = seconds;
         }
     }
 
@@ -132,6 +156,7 @@ fn message(progress: &Progress) -> String {
 
 fn json_line(progress: &Progress) -> String {
     json!({
+        "phase": "render",
         "fraction": progress.fraction,
         "seconds": progress.seconds,
         "eta_seconds": eta_seconds(progress),

@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use tracing::{info, warn};
 
-pub use args::RenderArgs;
+pub use args::{RenderArgs, Size, threads};
 pub use identity::{Earlier, Inputs, attributes};
 pub use session::{Done, Loaded, Session};
 
@@ -39,6 +39,7 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     info!("{threads} threads ({source})");
     let signals = Signals::listen()?;
     pool(threads)?.install(|| {
+        let reporter = Reporter::new(args.progress, verbosity.quiet);
         let prepared = signals.nothing_to_save(|| {
             let inputs = Inputs::read(args)?;
             let session = Session { args, inputs: &inputs, threads, began, replaces: false };
@@ -46,7 +47,8 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
                 return Ok(Err(done));
             }
             session.check_memory()?;
-            Ok(Ok((Loaded::load(args)?, inputs)))
+            let loaded = Loaded::load(args, &signals.stop, &|done, seconds| reporter.building(done, seconds));
+            Ok(Ok((loaded.inspect_err(|_| reporter.finish(false))?, inputs)))
         });
         let (loaded, inputs) = match prepared? {
             Ok(work) => work,
@@ -58,7 +60,6 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
             }
         };
         let session = Session { args, inputs: &inputs, threads, began, replaces: false };
-        let reporter = Reporter::new(args.progress, verbosity.quiet);
         let done =
             session.render(&loaded, &signals.stop, &|p| reporter.update(p), &|complete| reporter.finish(complete))?;
         if !verbosity.quiet {

@@ -1,7 +1,8 @@
 //! Camera rays.
 
-use glam::{Affine3A, Vec3};
+use glam::Affine3A;
 
+use crate::lanes::{F, V3};
 use crate::scene::{Camera, Projection};
 
 /// A camera for a picture of a given size.
@@ -30,17 +31,19 @@ impl CameraRays {
         }
     }
 
-    /// Origin and unit direction through the picture's point (`x`, `y`) in pixels from its upper left corner.
-    #[inline]
-    pub fn ray(&self, x: f32, y: f32) -> (Vec3, Vec3) {
-        let sx = (2.0 * x / self.size[0] - 1.0) * self.half[0];
-        let sy = (1.0 - 2.0 * y / self.size[1]) * self.half[1];
+    /// Origins and unit directions through the picture's points (`x`, `y`) in pixels from its upper left corner.
+    #[inline(always)]
+    pub fn rays(&self, x: F, y: F) -> (V3, V3) {
+        let m = &self.to_world.matrix3;
+        let [right, up, back] = [m.x_axis, m.y_axis, m.z_axis].map(|axis| V3::splat(axis.into()));
+        let eye = V3::splat(self.to_world.translation.into());
+        let sx = x.mul_add(F::splat(2.0 / self.size[0]), F::splat(-1.0)) * F::splat(self.half[0]);
+        let sy = y.mul_add(F::splat(-2.0 / self.size[1]), F::ONE) * F::splat(self.half[1]);
+        let across = right * sx + up * sy;
         if self.perspective {
-            let direction = self.to_world.transform_vector3(Vec3::new(sx, sy, -1.0)).normalize();
-            (self.to_world.translation.into(), direction)
+            (eye, (across - back).normalize_or(back))
         } else {
-            let direction = self.to_world.transform_vector3(Vec3::NEG_Z).normalize();
-            (self.to_world.transform_point3(Vec3::new(sx, sy, 0.0)), direction)
+            (eye + across, (V3::ZERO - back).normalize_or(back))
         }
     }
 }

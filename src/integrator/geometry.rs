@@ -3,6 +3,7 @@
 use glam::{Mat3, Vec2, Vec3, Vec4};
 
 use crate::bsdf::Surface;
+use crate::lanes::{F, LANES, V3};
 use crate::sampling::warp;
 use crate::scene::{Material, Mesh, Scene, TextureRef};
 
@@ -17,8 +18,28 @@ pub struct Geometry {
 
 #[derive(Debug, Clone, Copy)]
 struct Placed {
+    /// To world space.
+    linear: Mat3,
+    translation: Vec3,
     /// Inverse transpose, times the sign of the determinant: outward normals stay outward for the winding.
     normal: Mat3,
+}
+
+impl Placed {
+    const NOWHERE: Self = Self { linear: Mat3::IDENTITY, translation: Vec3::ZERO, normal: Mat3::IDENTITY };
+}
+
+/// Eight points on surfaces that need no texture, before it is known from which side they are seen.
+#[derive(Debug, Clone, Copy)]
+pub struct Points {
+    /// World space.
+    pub position: V3,
+    /// As in [`Point`].
+    pub ng: V3,
+    /// Interpolated; otherwise as in [`Point`].
+    pub ns: V3,
+    /// As in [`Point`].
+    pub stand_off: F,
 }
 
 /// A point on a surface, before it is known from which side it is seen.
@@ -50,12 +71,61 @@ impl Geometry {
             .iter()
             .map(|instance| {
                 instance.transform.map(|t| {
-                    let m = Mat3::from(t.matrix3);
-                    Placed { normal: m.inverse().transpose() * m.determinant().signum() }
+                    let linear = Mat3::from(t.matrix3);
+                    let normal = linear.inverse().transpose() * linear.determinant().signum();
+                    Placed { linear, translation: t.translation.into(), normal }
                 })
             })
             .collect();
         Self { instances }
+    }
+
+    /// The surfaces at eight hits, without normal maps: `u`, `v` as for [`point`](Self::point).
+    #[inline(always)]
+    pub fn points(
+        &self,
+        scene: &Scene,
+        instance: [u32; LANES],
+        mesh: [u32; LANES],
+        prim: [u32; LANES],
+        (u, v): (F, F),
+    ) -> Points {
+        let meshes = mesh.map(|m| &scene.meshes[m as usize]);
+        let indices: [[u32; 3]; LANES] = std::array::from_fn(|lane| meshes[lane].indices[prim[lane] as usize]);
+        let corner = |k: usize| {
+            V3::gather(std::array::from_fn(|l| Vec3::from_array(meshes[l].positions[indices[l][k] as usize])))
+        };
+        let a = corner(0);
+        let (mut e1, mut e2) = (corner(1) - a, corner(2) - a);
+        let mut position = a + e1 * u + e2 * v;
+        let mut ng = e1.cross(e2);
+        let mut ns = ng;
+        if meshes.iter().any(|m| m.normals.is_some()) {
+            let normal = |k: usize| {
+                V3::gather(std::array::from_fn(|l| match &meshes[l].normals {
+                    Some(normals) => Vec3::from_array(normals[indices[l][k] as usize]),
+                    None => Vec3::ZERO,
+                }))
+            };
+            let a = normal(0);
+            let interpolated = a + (normal(1) - a) * u + (normal(2) - a) * v;
+            ns = V3::select(interpolated.length_squared().simd_gt(F::ZERO), interpolated, ng);
+        }
+        let placed = instance.map(|i| self.instances[i as usize].as_ref());
+        if placed.iter().any(Option::is_some) {
+            let placed = placed.map(|p| p.unwrap_or(&Placed::NOWHERE));
+            let columns = |m: fn(&Placed) -> &Mat3| {
+                [0, 1, 2].map(|axis| V3::gather(std::array::from_fn(|lane| m(placed[lane]).col(axis))))
+            };
+            let transform = |[x, y, z]: &[V3; 3], p: V3| *x * p.x + *y * p.y + *z * p.z;
+            let (linear, normal) = (columns(|p| &p.linear), columns(|p| &p.normal));
+            position = transform(&linear, position) + V3::gather(placed.map(|p| p.translation));
+            (e1, e2) = (transform(&linear, e1), transform(&linear, e2));
+            (ng, ns) = (transform(&normal, ng), transform(&normal, ns));
+        }
+        let extent = [position, e1, e2].map(|v| v.abs().max_element());
+        let extent = extent[0].fast_max(extent[1]).fast_max(extent[2]);
+        Points { position, ng, ns, stand_off: extent * F::splat(STAND_OFF) }
     }
 
     /// The surface at a hit: barycentric weights `u`, `v` of triangle `prim`'s second and third vertex.
@@ -69,9 +139,9 @@ impl Geometry {
         let mut position = a + e1 * u + e2 * v;
         let mut ng = e1.cross(e2);
         let placed = &self.instances[instance as usize];
-        if let (Some(placed), Some(t)) = (placed, scene.instances[instance as usize].transform) {
-            position = t.transform_point3(position);
-            (e1, e2) = (t.transform_vector3(e1), t.transform_vector3(e2));
+        if let Some(placed) = placed {
+            position = placed.linear * position + placed.translation;
+            (e1, e2) = (placed.linear * e1, placed.linear * e2);
             ng = placed.normal * ng;
         }
         let extent = position.abs().max(e1.abs()).max(e2.abs()).max_element();
@@ -104,9 +174,9 @@ impl Geometry {
             ns = ns.normalize_or_zero();
             let mut tangent = (a + (b - a) * u + (c - a) * v).truncate();
             let mut sign = a.w;
-            if let (Some(_), Some(t)) = (placed, scene.instances[instance as usize].transform) {
-                tangent = t.transform_vector3(tangent);
-                sign *= t.matrix3.determinant().signum();
+            if let Some(placed) = placed {
+                tangent = placed.linear * tangent;
+                sign *= placed.linear.determinant().signum();
             }
             let tangent = (tangent - ns * ns.dot(tangent)).normalize_or(warp::frame(ns).0);
             let bitangent = ns.cross(tangent) * sign;

@@ -3,6 +3,7 @@
 pub mod camera;
 pub mod geometry;
 pub mod materials;
+pub mod paths;
 pub mod stages;
 pub mod vertices;
 pub mod wave;

@@ -1,7 +1,7 @@
 //! The vertices of a batch's paths as structure of arrays: what light and BSDF sampling need.
 
-use crate::bsdf::{Lobes, MetallicRoughness};
-use crate::lanes::{F, LANES, Rows, V3, V3Column, grow, load, store};
+use crate::bsdf::Lobes;
+use crate::lanes::{F, Rows, U, V3, V3Column, grow, load, store, store_bits};
 
 /// Lowest cosine between eye and shading normal.
 const MIN_COS: f32 = 1e-3;
@@ -33,40 +33,47 @@ pub struct Vertices {
     pub index: Vec<u32>,
     /// BSDF sample of a first surface that it descends from.
     pub child: Vec<u32>,
+    /// Seed of its pixel's sequence.
+    pub seed: Vec<u32>,
+    len: usize,
+    /// Diffuse alone: the other columns of the scattering are neither written nor read.
+    lambert: bool,
 }
 
 /// Up to eight points on their way into the columns.
 #[derive(Debug, Clone, Copy)]
 pub struct Group {
     /// World space.
-    pub position: [[f32; LANES]; 3],
+    pub position: V3,
     /// Normals on the winding's front side, of any length.
-    pub ng: [[f32; LANES]; 3],
+    pub ng: V3,
     /// Shading normals, as `ng`.
-    pub ns: [[f32; LANES]; 3],
+    pub ns: V3,
     /// Unit directions of the rays that arrive.
-    pub direction: [[f32; LANES]; 3],
+    pub direction: V3,
     /// As in [`Vertices`].
-    pub beta: [[f32; LANES]; 3],
+    pub beta: V3,
     /// As in [`Vertices`].
-    pub stand_off: [f32; LANES],
+    pub stand_off: F,
     /// The scattering at the points.
-    pub bsdf: [MetallicRoughness; LANES],
+    pub lobes: Lobes,
+    /// Slot, index, child and seed, as in [`Vertices`].
+    pub path: [U; 4],
 }
 
 impl Vertices {
     /// How many vertices.
     pub fn len(&self) -> usize {
-        self.slot.len()
+        self.len
     }
 
     /// Are there none?
     pub fn is_empty(&self) -> bool {
-        self.slot.is_empty()
+        self.len == 0
     }
 
-    /// Forgets all vertices and makes room for `most`.
-    pub fn clear(&mut self, most: usize) {
+    /// Forgets all vertices and makes room for `most`, of surfaces that are all diffuse alone if `lambert`.
+    pub fn open(&mut self, most: usize, lambert: bool) {
         for column in [
             &mut self.origin,
             &mut self.ng,
@@ -81,48 +88,60 @@ impl Vertices {
         for column in [&mut self.f90, &mut self.layer0, &mut self.layer90, &mut self.alpha, &mut self.stand_off] {
             grow(column, most);
         }
-        self.slot.clear();
-        self.index.clear();
-        self.child.clear();
+        for column in [&mut self.slot, &mut self.index, &mut self.child, &mut self.seed] {
+            grow(column, most);
+        }
+        self.len = 0;
+        self.lambert = lambert;
     }
 
-    /// Writes a group at row `at`, a multiple of [`LANES`]: turns normals to the eye's side and normalises them.
-    #[inline]
-    pub fn put(&mut self, at: usize, group: &Group) {
-        let wo = V3::from_arrays(group.direction) * F::splat(-1.0);
-        let ng = V3::from_arrays(group.ng).normalize_or(wo);
+    /// Appends a group, of which the first `n` count: turns normals to the eye's side and normalises them.
+    #[inline(always)]
+    pub fn push(&mut self, n: usize, group: &Group) {
+        let at = self.len;
+        self.len += n;
+        let wo = group.direction * F::splat(-1.0);
+        let ng = group.ng.normalize_or(wo);
         // The side of the eye, as a sign.
         let side = (ng.dot(wo) & F::splat(-0.0)) | F::ONE;
         let ng = ng * side;
-        let ns = V3::from_arrays(group.ns).normalize_or(ng * side) * side;
+        let ns = group.ns.normalize_or(ng * side) * side;
         // Interpolated and mapped normals may face away from the eye where the triangle does not: tilt them back until
         // the eye is just above the shading horizon.
         let cos = ns.dot(wo);
         let low = F::splat(MIN_COS);
         let tilted = (ns + wo * (low - cos)).normalize_or(ng);
         let ns = V3::select(cos.simd_lt(low), tilted, ns);
-        let stand_off = F::from(group.stand_off);
-        self.origin.store(at, V3::from_arrays(group.position) + ng * stand_off);
+        self.origin.store(at, group.position + ng * group.stand_off);
         self.ng.store(at, ng);
         self.ns.store(at, ns);
         self.wo.store(at, wo);
-        self.beta.store(at, V3::from_arrays(group.beta));
-        store(&mut self.stand_off, at, stand_off);
-        let b = &group.bsdf;
-        self.diffuse
-            .store(at, V3::from_arrays([b.map(|m| m.diffuse.x), b.map(|m| m.diffuse.y), b.map(|m| m.diffuse.z)]));
-        self.f0.store(at, V3::from_arrays([b.map(|m| m.f0.x), b.map(|m| m.f0.y), b.map(|m| m.f0.z)]));
-        store(&mut self.f90, at, F::from(b.map(|m| m.f90)));
-        store(&mut self.layer0, at, F::from(b.map(|m| m.layer0)));
-        store(&mut self.layer90, at, F::from(b.map(|m| m.layer90)));
-        store(&mut self.alpha, at, F::from(b.map(|m| m.alpha)));
+        self.beta.store(at, group.beta);
+        store(&mut self.stand_off, at, group.stand_off);
+        let [slot, index, child, seed] = group.path;
+        store_bits(&mut self.slot, at, slot);
+        store_bits(&mut self.index, at, index);
+        store_bits(&mut self.child, at, child);
+        store_bits(&mut self.seed, at, seed);
+        self.diffuse.store(at, group.lobes.diffuse);
+        if !self.lambert {
+            self.f0.store(at, group.lobes.f0);
+            store(&mut self.f90, at, group.lobes.f90);
+            store(&mut self.layer0, at, group.lobes.layer0);
+            store(&mut self.layer90, at, group.lobes.layer90);
+            store(&mut self.alpha, at, group.lobes.alpha);
+        }
     }
 
     /// The scattering at some rows.
     #[inline(always)]
     pub fn lobes(&self, rows: &Rows) -> Lobes {
+        let diffuse = self.diffuse.load(rows);
+        if self.lambert {
+            return Lobes { diffuse, ..Lobes::BLACK };
+        }
         Lobes {
-            diffuse: self.diffuse.load(rows),
+            diffuse,
             f0: self.f0.load(rows),
             f90: load(&self.f90, rows),
             layer0: load(&self.layer0, rows),

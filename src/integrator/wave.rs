@@ -7,11 +7,13 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::Transport;
+use super::paths::{Paths, Pending};
 use super::vertices::Vertices;
 use crate::balance::{Counts, Moments, deal};
 use crate::film::{AovSums, PixelStats};
+use crate::lanes::{F, LANES, NUMBERS, U, V3};
 use crate::rays::{HitBatch, RayBatch, RayOrder};
-use crate::sampling::PixelSequence;
+use crate::sampling::{keys, pixel_seed, samples};
 
 /// One pixel's part in a wave.
 #[derive(Debug, Clone, Copy)]
@@ -69,32 +71,6 @@ impl WaveCounts {
     }
 }
 
-/// One ray under way.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct PathState {
-    /// Radiance that arrives here counts this much.
-    pub beta: Vec3,
-    /// BSDF pdf of the ray times its technique's samples a path; unused for camera rays.
-    pub weighted_pdf: f32,
-    /// Path of the wave.
-    pub slot: u32,
-    /// Index into its pixel's sequence.
-    pub index: u32,
-    /// BSDF sample of a first surface that it descends from.
-    pub child: u32,
-}
-
-/// One shadow ray's contribution, if nothing is in its way.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Pending {
-    pub radiance: Vec3,
-    pub slot: u32,
-    pub child: u32,
-    /// The balance's W and r; W = 0 where nothing is to be learned.
-    pub w: f32,
-    pub r: f32,
-}
-
 /// The buffers of one thread.
 #[derive(Debug, Default)]
 pub struct Wave {
@@ -102,14 +78,16 @@ pub struct Wave {
     pub(super) next_rays: RayBatch,
     pub(super) shadow_rays: RayBatch,
     pub(super) hits: HitBatch,
-    pub(super) states: Vec<PathState>,
-    pub(super) next_states: Vec<PathState>,
-    pub(super) pending: Vec<Pending>,
+    pub(super) paths: Paths,
+    pub(super) next_paths: Paths,
+    pub(super) pending: Pending,
     occluded: Vec<bool>,
-    /// Rays of the batch that hit nothing.
+    /// Rays of the batch that hit nothing, surfaces without texture, other surfaces.
     pub(super) escaped: Vec<u32>,
+    pub(super) plain: Vec<u32>,
+    pub(super) detailed: Vec<u32>,
     pub(super) vertices: Vertices,
-    /// Samples to take: at which vertex, with which index into its pixel's sequence.
+    /// Samples to take at first surfaces: at which vertex, with which index into its pixel's sequence.
     pub(super) tasks: Vec<(u32, u32)>,
     /// A path: its pixel's place in the plan.
     pub(super) slots: Vec<Slot>,
@@ -133,7 +111,9 @@ pub(super) struct Slot {
     pub bsdf: u8,
     pub first_light: u32,
     pub first_bsdf: u32,
-    pub sequence: PixelSequence,
+    /// Light and BSDF samples a path of its pixel.
+    pub a_l: f32,
+    pub a_b: f32,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -147,7 +127,7 @@ impl Wave {
     pub fn run(&mut self, transport: &Transport, plan: &[PixelPlan], paths: u32, sums: &mut [PixelSum]) {
         self.begin(transport, plan, paths);
         for depth in 0..transport.max_depth {
-            if self.rays.is_empty() {
+            if self.paths.len == 0 {
                 break;
             }
             self.count(depth);
@@ -156,64 +136,71 @@ impl Wave {
             transport.rays.closest_hits(&self.rays, order, &mut self.hits);
             self.counts.query_seconds += start.elapsed().as_secs_f64();
             self.hits(transport, plan, depth, sums);
-            self.lights(transport, plan, depth);
-            self.scatter(plan, depth);
+            self.lights(transport, depth);
+            self.scatter(transport, depth);
             self.shadows(transport, depth, sums);
             std::mem::swap(&mut self.rays, &mut self.next_rays);
-            std::mem::swap(&mut self.states, &mut self.next_states);
+            std::mem::swap(&mut self.paths, &mut self.next_paths);
         }
         self.finish(transport, plan, sums);
     }
 
     /// Camera rays, and each path's share of its pixel's samples.
+    #[inline(never)]
     fn begin(&mut self, transport: &Transport, plan: &[PixelPlan], paths: u32) {
-        self.rays.clear();
-        self.states.clear();
+        let all = plan.len() * paths as usize;
+        self.rays.open(all);
+        self.paths.open(all);
         self.slots.clear();
         self.children.clear();
         for (pixel, plan_of) in plan.iter().enumerate() {
-            let sequence = PixelSequence::new(plan_of.x, plan_of.y, transport.seed);
-            let first_slot = self.slots.len();
+            let seed = U::splat(pixel_seed(plan_of.x, plan_of.y, transport.seed));
             self.keys.iter_mut().for_each(Vec::clear);
-            for i in 0..paths {
-                let index = plan_of.first_path + i;
-                let [px, py, deal_light, deal_bsdf] = sequence.sample(index, 0);
-                self.keys[0].push(deal_light);
-                self.keys[1].push(deal_bsdf);
-                let offset = transport.filter.sample(px, py);
-                let (origin, direction) =
-                    transport.camera.ray(plan_of.x as f32 + 0.5 + offset.x, plan_of.y as f32 + 0.5 + offset.y);
-                let slot = self.slots.len() as u32;
-                self.rays.push(origin, direction, 0.0, f32::INFINITY, sequence.key(index, 0));
-                self.states.push(PathState { beta: Vec3::ONE, weighted_pdf: 0.0, slot, index, child: u32::MAX });
+            for i in (0..paths).step_by(LANES) {
+                let n = LANES.min((paths - i) as usize);
+                let index = U::splat(plan_of.first_path + i) + U::from(NUMBERS);
+                let [px, py, deal_light, deal_bsdf] = samples(seed, index, 0);
+                self.keys[0].extend_from_slice(&deal_light.as_array()[..n]);
+                self.keys[1].extend_from_slice(&deal_bsdf.as_array()[..n]);
+                let x = transport.filter.offsets(px) + F::splat(plan_of.x as f32 + 0.5);
+                let y = transport.filter.offsets(py) + F::splat(plan_of.y as f32 + 0.5);
+                let (origin, direction) = transport.camera.rays(x, y);
+                let key = keys(seed, index, 0);
+                self.rays.put(self.paths.len, origin, direction, F::splat(f32::INFINITY), key);
+                let slot = U::splat(self.paths.len as u32) + U::from(NUMBERS);
+                let path = [slot, index, U::splat(u32::MAX), seed];
+                self.paths.push(n, V3::splat(Vec3::ONE), F::ZERO, path);
+            }
+            let counts = plan_of.counts;
+            for (n, (keys, dealt)) in [counts.light, counts.bsdf].into_iter().zip(self.keys.iter().zip(&mut self.dealt))
+            {
+                dealt.resize(paths as usize, 0);
+                deal(n, keys, &mut self.order, dealt);
+            }
+            let (mut first_light, mut first_bsdf) = (plan_of.first_light, plan_of.first_bsdf);
+            let (a_l, a_b) = (counts.light_a_path(), counts.bsdf_a_path());
+            for (&light, &bsdf) in self.dealt[0].iter().zip(&self.dealt[1]) {
                 self.slots.push(Slot {
                     pixel: pixel as u32,
                     radiance: Vec3::ZERO,
                     direct: Vec3::ZERO,
                     covered: false,
-                    light: 0,
-                    bsdf: 0,
-                    first_light: 0,
-                    first_bsdf: 0,
-                    sequence,
+                    light,
+                    bsdf,
+                    first_light,
+                    first_bsdf,
+                    a_l,
+                    a_b,
                 });
-            }
-            let counts = [plan_of.counts.light, plan_of.counts.bsdf];
-            for (n, (keys, dealt)) in counts.into_iter().zip(self.keys.iter().zip(&mut self.dealt)) {
-                dealt.resize(paths as usize, 0);
-                deal(n, keys, &mut self.order, dealt);
-            }
-            let (mut light, mut bsdf) = (plan_of.first_light, plan_of.first_bsdf);
-            for (i, slot) in self.slots[first_slot..].iter_mut().enumerate() {
-                (slot.light, slot.bsdf) = (self.dealt[0][i], self.dealt[1][i]);
-                (slot.first_light, slot.first_bsdf) = (light, bsdf);
-                light += u32::from(slot.light);
-                bsdf += u32::from(slot.bsdf);
+                first_light += u32::from(light);
+                first_bsdf += u32::from(bsdf);
             }
         }
+        self.rays.close(all);
     }
 
     /// Adds what the shadow rays let through.
+    #[inline(never)]
     fn shadows(&mut self, transport: &Transport, depth: u32, sums: &mut [PixelSum]) {
         if self.shadow_rays.is_empty() {
             return;
@@ -222,23 +209,24 @@ impl Wave {
         let start = Instant::now();
         transport.rays.occluded(&self.shadow_rays, RayOrder::Incoherent, &mut self.occluded);
         self.counts.query_seconds += start.elapsed().as_secs_f64();
-        for (pending, _) in self.pending.iter().zip(&self.occluded).filter(|(_, occluded)| !**occluded) {
-            let slot = &mut self.slots[pending.slot as usize];
-            slot.radiance += pending.radiance;
+        let pending = &self.pending;
+        for i in (0..pending.len).filter(|&i| !self.occluded[i]) {
+            let radiance = pending.radiance.get(i);
+            let slot = &mut self.slots[pending.slot[i] as usize];
+            slot.radiance += radiance;
             if depth == 0 {
-                slot.direct += pending.radiance;
-                if pending.w > 0.0 {
-                    sums[slot.pixel as usize].moments.add(f64::from(pending.w), f64::from(pending.r));
+                slot.direct += radiance;
+                if pending.w[i] > 0.0 {
+                    sums[slot.pixel as usize].moments.add(f64::from(pending.w[i]), f64::from(pending.r[i]));
                 }
             } else {
-                self.children[pending.child as usize].indirect += pending.radiance;
+                self.children[pending.child[i] as usize].indirect += radiance;
             }
         }
-        self.shadow_rays.clear();
-        self.pending.clear();
     }
 
     /// Folds the paths into their pixels, in path order.
+    #[inline(never)]
     fn finish(&mut self, transport: &Transport, plan: &[PixelPlan], sums: &mut [PixelSum]) {
         if transport.learns {
             for child in &self.children {
@@ -269,7 +257,7 @@ impl Wave {
     }
 
     fn count(&mut self, depth: u32) {
-        let n = self.rays.len() as u64;
+        let n = self.paths.len as u64;
         match depth {
             0 => self.counts.camera_rays += n,
             1 => self.counts.first_bounce_rays += n,

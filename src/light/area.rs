@@ -101,13 +101,13 @@ impl AreaLights {
     /// Draws points on triangles chosen by power, uniform over their area, as seen from `p`. `choice`, `u` and `v` in
     /// [0, 1).
     #[inline]
-    pub fn sample(&self, scene: &Scene, p: V3, choice: [f32; LANES], u: [f32; LANES], v: [f32; LANES]) -> LightSamples {
-        let chosen = choice.map(|c| self.choice.sample(c).0);
+    pub fn sample(&self, scene: &Scene, p: V3, choice: F, u: F, v: F) -> LightSamples {
+        let chosen = choice.to_array().map(|c| self.choice.sample(c).0);
         let lights = chosen.map(|i| &self.triangles[i as usize]);
         let gather = |field: fn(&EmissiveTriangle) -> Vec3| {
             V3::from_arrays([lights.map(|l| field(l).x), lights.map(|l| field(l).y), lights.map(|l| field(l).z)])
         };
-        let (b1, b2) = warp::triangles(F::from(u), F::from(v));
+        let (b1, b2) = warp::triangles(u, v);
         let to = gather(|l| l.vertex) + gather(|l| l.edges[0]) * b1 + gather(|l| l.edges[1]) * b2 - p;
         let distance2 = to.length_squared();
         let distance = distance2.sqrt();

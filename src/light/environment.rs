@@ -89,7 +89,8 @@ impl EnvironmentSampler {
 
     /// Draws directions in proportion to the radiance's luminance.
     #[inline]
-    pub fn sample(&self, u: [f32; LANES], v: [f32; LANES]) -> LightSamples {
+    pub fn sample(&self, u: F, v: F) -> LightSamples {
+        let (u, v) = (u.as_array(), v.as_array());
         let (mut row, mut column) = ([0; LANES], [0; LANES]);
         let (mut rest_u, mut rest_v) = ([0.0; LANES], [0.0; LANES]);
         for i in 0..LANES {

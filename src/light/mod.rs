@@ -6,7 +6,7 @@ pub mod punctual;
 
 use glam::Vec3;
 
-use crate::lanes::{F, LANES, V3};
+use crate::lanes::{F, V3};
 use crate::scene::Scene;
 pub use area::{AreaLights, EmissiveTriangle};
 pub use environment::EnvironmentSampler;
@@ -67,23 +67,15 @@ impl Lights {
     /// Draws directions toward lights as seen from `p`: `choice` picks the light, (`u`, `v`) the point on it, all in
     /// [0, 1).
     #[inline]
-    pub fn sample(
-        &self,
-        scene: &Scene,
-        p: V3,
-        mut choice: [f32; LANES],
-        u: [f32; LANES],
-        v: [f32; LANES],
-    ) -> LightSamples {
+    pub fn sample(&self, scene: &Scene, p: V3, choice: F, u: F, v: F) -> LightSamples {
         let q = self.environment_share;
         match (&self.environment, &self.area) {
             (Some(environment), None) => environment.sample(u, v),
             (None, Some(area)) => area.sample(scene, p, choice, u, v),
             (Some(environment), Some(area)) => {
-                let sky = F::from(choice).simd_lt(F::splat(q));
-                for c in &mut choice {
-                    *c = ((*c - q) / (1.0 - q)).clamp(0.0, crate::sampling::warp::ONE_MINUS);
-                }
+                let sky = choice.simd_lt(F::splat(q));
+                let choice = (choice - F::splat(q)) * F::splat(1.0 / (1.0 - q));
+                let choice = choice.fast_max(F::ZERO).fast_min(F::splat(crate::sampling::warp::ONE_MINUS));
                 let mut a = environment.sample(u, v);
                 let mut b = area.sample(scene, p, choice, u, v);
                 a.pdf *= F::splat(q);

@@ -16,6 +16,9 @@ pub struct PunctualSample {
     pub irradiance: Vec3,
 }
 
+/// No light.
+pub const DARK: PunctualSample = PunctualSample { wi: Vec3::Y, distance: 0.0, irradiance: Vec3::ZERO };
+
 /// Chooses one of `lights` by its unoccluded irradiance at `p`, with `choice` in [0, 1). `None` when none reaches `p`.
 #[inline]
 pub fn sample(lights: &[PunctualLight], p: Vec3, choice: f32) -> Option<PunctualSample> {

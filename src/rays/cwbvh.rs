@@ -16,7 +16,7 @@ use obvhs::ploc::PlocBuilder;
 use obvhs::ray::{Ray, RayHit};
 use obvhs::rt_triangle::RtTriangle;
 
-use super::{BackendInfo, HitBatch, MISS, RayBatch, RayOrder, RayQueries};
+use super::{BackendInfo, HitBatch, MISS, RayBatch, RayOrder, RayQueries, Watch, go_on};
 use crate::scene::Scene;
 use crate::{Error, Result};
 
@@ -80,13 +80,17 @@ struct Closest {
 }
 
 impl ObvhsRays {
-    /// Builds the acceleration structure; keeps the scene for its alpha.
+    /// Builds the acceleration structure; keeps the scene for its alpha. `watch` follows it object by
+    /// object: obvhs itself reports nothing.
     ///
     /// # Errors
-    /// [`Error::Data`] for a malformed scene or one that makes too deep a tree.
-    pub fn build(scene: Arc<Scene>) -> Result<Self> {
+    /// [`Error::Data`] for a malformed scene or one that makes too deep a tree, [`Error::Interrupted`] when `watch` says
+    /// so.
+    pub fn build(scene: Arc<Scene>, watch: Watch) -> Result<Self> {
         let start = Instant::now();
         super::check::check(&scene)?;
+        let units = super::units(&scene) as f64;
+        go_on(watch, 0.0)?;
         let (mut groups, mut placements, mut bounds) = (Vec::new(), Vec::new(), Vec::new());
         let meshes_of = |object: u32| scene.objects[object as usize].meshes.clone();
         let standing = scene.instances.iter().enumerate().filter(|(_, instance)| instance.transform.is_none());
@@ -96,12 +100,15 @@ impl ObvhsRays {
             placements.push(Placement { group: 0, instance: MISS, to_object: None });
             groups.push(group);
         }
+        let mut built: usize = groups.iter().map(|group: &Group| group.ids.len()).sum();
         // By object; the inner `None` is an object without triangles.
         let mut of_object: Vec<Option<Option<u32>>> = vec![None; scene.objects.len()];
         for (index, instance) in scene.instances.iter().enumerate() {
             let Some(transform) = instance.transform else { continue };
             let of_object = &mut of_object[instance.object as usize];
             if of_object.is_none() {
+                go_on(watch, built as f64 / units)?;
+                built += scene.triangles(instance.object);
                 let group = Group::build(&scene, meshes_of(instance.object).map(|mesh| (MISS, mesh)))?;
                 *of_object = Some(group.map(|group| {
                     groups.push(group);

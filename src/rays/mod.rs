@@ -5,8 +5,9 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::Result;
-use crate::scene::Scene;
+use crate::lanes::{F, LANES, Rows, U, V3, load, store, store_bits};
+use crate::scene::{Instance, Scene};
+use crate::{Error, Result};
 
 mod check;
 pub mod cwbvh;
@@ -28,10 +29,44 @@ pub enum Backend {
 /// # Errors
 /// See [`embree::EmbreeRays::build`] and [`cwbvh::ObvhsRays::build`].
 pub fn build(backend: Backend, scene: Arc<Scene>) -> Result<Box<dyn RayQueries>> {
+    build_watched(backend, scene, &|_| true)
+}
+
+/// As [`build`], followed by `watch`.
+///
+/// # Errors
+/// As [`build`], and [`Error::Interrupted`] when `watch` says so.
+pub fn build_watched(backend: Backend, scene: Arc<Scene>, watch: Watch) -> Result<Box<dyn RayQueries>> {
     Ok(match backend {
-        Backend::Embree => Box::new(embree::EmbreeRays::build(scene, &embree::EmbreeOptions::default())?),
-        Backend::Obvhs => Box::new(cwbvh::ObvhsRays::build(scene)?),
+        Backend::Embree => Box::new(embree::EmbreeRays::build(scene, &embree::EmbreeOptions::default(), watch)?),
+        Backend::Obvhs => Box::new(cwbvh::ObvhsRays::build(scene, watch)?),
     })
+}
+
+/// Follows a build: is handed the share that is done, in [0, 1], from any thread and not always in order, and answers
+/// whether to go on. Embree asks every some thousand triangles, obvhs before each object.
+pub type Watch<'a> = &'a (dyn Fn(f64) -> bool + Sync);
+
+/// Asks `watch` whether to go on.
+fn go_on(watch: Watch, done: f64) -> Result<()> {
+    if watch(done) { Ok(()) } else { Err(stopped()) }
+}
+
+fn stopped() -> Error {
+    Error::Interrupted(
+        "interrupted while building the acceleration structure: nothing new is saved; run the same command again"
+            .to_owned(),
+    )
+}
+
+/// What a build is long for: triangles, each once for every time that it is built, and placements.
+fn units(scene: &Scene) -> usize {
+    let mut built = vec![false; scene.objects.len()];
+    let of_instance = |instance: &Instance| {
+        let again = instance.transform.is_some() && std::mem::replace(&mut built[instance.object as usize], true);
+        1 + if again { 0 } else { scene.triangles(instance.object) }
+    };
+    scene.instances.iter().map(of_instance).sum()
 }
 
 /// No hit, in [`HitBatch`]'s index columns.
@@ -129,6 +164,45 @@ impl RayBatch {
     #[inline]
     pub fn direction(&self, i: usize) -> glam::Vec3 {
         glam::Vec3::new(self.direction[0][i], self.direction[1][i], self.direction[2][i])
+    }
+
+    /// The directions of eight rays.
+    #[inline(always)]
+    pub fn directions(&self, rows: &Rows) -> V3 {
+        let [x, y, z] = &self.direction;
+        V3 { x: load(x, rows), y: load(y, rows), z: load(z, rows) }
+    }
+
+    /// Makes room for `most` rays, to be filled with [`put`](Self::put) and ended with [`close`](Self::close).
+    pub fn open(&mut self, most: usize) {
+        let len = most + LANES;
+        for column in self.origin.iter_mut().chain(&mut self.direction).chain([&mut self.tnear, &mut self.tfar]) {
+            column.resize(len, 0.0);
+        }
+        self.key.resize(len, 0);
+    }
+
+    /// Writes rays from `at` on, eight at a time; `tnear` is zero.
+    #[inline(always)]
+    pub fn put(&mut self, at: usize, origin: V3, direction: V3, tfar: F, key: U) {
+        let ([ox, oy, oz], [dx, dy, dz]) = (&mut self.origin, &mut self.direction);
+        store(ox, at, origin.x);
+        store(oy, at, origin.y);
+        store(oz, at, origin.z);
+        store(dx, at, direction.x);
+        store(dy, at, direction.y);
+        store(dz, at, direction.z);
+        store(&mut self.tnear, at, F::ZERO);
+        store(&mut self.tfar, at, tfar);
+        store_bits(&mut self.key, at, key);
+    }
+
+    /// Keeps the first `len` rays.
+    pub fn close(&mut self, len: usize) {
+        for column in self.origin.iter_mut().chain(&mut self.direction).chain([&mut self.tnear, &mut self.tfar]) {
+            column.truncate(len);
+        }
+        self.key.truncate(len);
     }
 
     /// Adds a ray.

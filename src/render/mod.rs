@@ -133,7 +133,10 @@ pub fn render(
 
 /// The tiles that a render of these settings begins with, row by row.
 pub fn fresh_tiles(settings: &RenderSettings) -> Vec<Tile> {
-    let all = Tile::cover(settings.width, settings.height, settings.window());
+    let mut all = Tile::cover(settings.width, settings.height, settings.window());
+    if let Some(shares) = &settings.shares {
+        all.iter_mut().for_each(|tile| tile.begin_with(shares, settings.width));
+    }
     match settings.part {
         Some(part) => part.of(all),
         None => all,
@@ -182,8 +185,9 @@ pub fn run(scene: &Scene, rays: &dyn RayQueries, settings: &RenderSettings, job:
                 now.stop = StopReason::Noise;
                 break;
             }
+            let enough = now.tiles.is_empty() || settings.passes.is_some_and(|most| now.stats.passes >= most);
             match settings.balance.next_pass(done, settings.spp) {
-                Some(next) if !now.tiles.is_empty() => pass = next,
+                Some(next) if !enough => pass = next,
                 _ => {
                     now.stop = StopReason::Samples;
                     break;

@@ -1,5 +1,7 @@
 //! What to render, checked.
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 
 use super::Part;
@@ -47,6 +49,13 @@ pub struct RenderSettings {
     pub aovs: bool,
     /// Render this part of the tiles only.
     pub part: Option<Part>,
+    /// For studies: the share of light samples that each pixel of the whole picture (row by row) begins with instead of
+    /// ½; with a balance that does not learn, the share of all its passes.
+    #[serde(skip)]
+    pub shares: Option<Arc<[f32]>>,
+    /// For studies: stop after this many passes.
+    #[serde(skip)]
+    pub passes: Option<u32>,
 }
 
 impl RenderSettings {
@@ -73,6 +82,8 @@ impl Default for RenderSettings {
             filter: PixelFilter::Gaussian,
             aovs: false,
             part: None,
+            shares: None,
+            passes: None,
         }
     }
 }

@@ -74,6 +74,13 @@ impl Tile {
         tiles
     }
 
+    /// Sets the pixels' shares for the first pass, from those of the whole picture of `width` pixels a row.
+    pub fn begin_with(&mut self, shares: &[f32], width: u32) {
+        for (pixel, sum) in self.pixels.iter().zip(&mut self.sums) {
+            sum.stats.balance = shares[(pixel.y * width + pixel.x) as usize];
+        }
+    }
+
     /// Takes a pass of `paths` paths a pixel. The balance of each pixel follows from its own earlier passes.
     pub fn pass(&mut self, transport: &Transport, balance: Balance, paths: u32) -> TileWork {
         let start = Instant::now();

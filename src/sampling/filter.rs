@@ -1,9 +1,9 @@
 //! Pixel filters by importance sampling: every sample belongs to one pixel and has weight one (Ernst, Stamminger and
 //! Greiner 2006, *Filter Importance Sampling*). All filters are separable and ≥ 0.
 
-use glam::Vec2;
-
 use serde::{Deserialize, Serialize};
+
+use crate::lanes::F;
 
 /// Pixel reconstruction filter, by importance sampling.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
@@ -57,10 +57,10 @@ impl FilterSampler {
         Self { inverse }
     }
 
-    /// Offset from the pixel's centre, in pixels, for (`u`, `v`) in [0, 1)².
-    #[inline]
-    pub fn sample(&self, u: f32, v: f32) -> Vec2 {
-        Vec2::new(self.one(u), self.one(v))
+    /// Offsets from the pixel's centre along one axis, in pixels, for `u` in [0, 1).
+    #[inline(always)]
+    pub fn offsets(&self, u: F) -> F {
+        F::from(u.to_array().map(|u| self.one(u)))
     }
 
     #[inline]

@@ -8,4 +8,4 @@ pub mod warp;
 
 pub use discrete::Discrete;
 pub use filter::{FilterSampler, PixelFilter};
-pub use sequence::{PixelSequence, hash};
+pub use sequence::{PixelSequence, hash, hashes, keys, pixel_seed, samples};

@@ -1,21 +1,44 @@
-//! Owen-scrambled Sobol points, four dimensions at a time.
+//! Owen-scrambled Sobol points, four dimensions at a time, in eight lanes.
 //!
 //! Each set of four dimensions is a scrambled and shuffled sequence of its own ("padding", Burley 2020, *Practical
 //! Hash-based Owen Scrambling*), so any number of dimensions is to be had and no poor high Sobol dimension is used.
 
-use std::sync::LazyLock;
+use crate::lanes::{F, LANES, U, unit_interval};
 
-use sobol_burley::parts::{Int4, hash_int4, owen_scramble_int4_rev, owen_scramble_rev, sobol_int4_rev};
-
-/// Sample indices in one scramble of `sobol_burley`; beyond it another scramble follows.
+/// Sample indices in one scramble; beyond it another scramble follows: the direction numbers below have 16 bits.
 const SEQUENCE_BITS: u32 = 16;
 
-/// Sobol's first four dimensions for each value of the (reversed) index's upper and next byte: the point is their
-/// exclusive or. `sobol_burley` loops over the index's bits, which after shuffling no branch predictor can foresee: that
-/// loop took a third of all rendering time.
-static SOBOL: LazyLock<[[[u32; 4]; 256]; 2]> = LazyLock::new(|| {
-    [24, 16].map(|shift| std::array::from_fn(|byte| sobol_int4_rev((byte as u32) << shift, 0).into()))
-});
+/// Direction numbers of Sobol's second to fourth dimension (Joe and Kuo 2008, as in `sobol_burley`), bit-reversed, for
+/// each bit of the index from the lowest up. The first dimension, bit-reversed, is the index itself.
+const DIRECTIONS: [[u32; SEQUENCE_BITS as usize]; 3] = {
+    // Primitive polynomials x + 1, x² + x + 1, x³ + x + 1 and initial numbers 1; 1, 3; 1, 3, 1.
+    let degree = [1, 2, 3];
+    let coefficients = [0, 1, 1];
+    let initial = [[1, 0, 0], [1, 3, 0], [1, 3, 1]];
+    let mut directions = [[0u32; SEQUENCE_BITS as usize]; 3];
+    let mut d = 0;
+    while d < 3 {
+        let s = degree[d];
+        let mut v = [0u32; SEQUENCE_BITS as usize];
+        let mut i = 0;
+        while i < v.len() {
+            if i < s {
+                v[i] = initial[d][i] << (31 - i);
+            } else {
+                v[i] = v[i - s] ^ (v[i - s] >> s);
+                let mut k = 1;
+                while k < s {
+                    v[i] ^= ((coefficients[d] >> (s - 1 - k)) & 1) * v[i - k];
+                    k += 1;
+                }
+            }
+            directions[d][i] = v[i].reverse_bits();
+            i += 1;
+        }
+        d += 1;
+    }
+    directions
+};
 
 /// A well-mixed 32-bit hash (an integer finaliser after Chris Wellons' `lowbias32`).
 #[inline]
@@ -27,49 +50,85 @@ pub fn hash(mut n: u32) -> u32 {
     n ^ (n >> 16)
 }
 
-/// The sequence of one pixel.
+/// [`hash`], of eight.
+#[inline(always)]
+pub fn hashes(mut n: U) -> U {
+    n ^= n >> 16;
+    n *= U::splat(0x7feb_352d);
+    n ^= n >> 15;
+    n *= U::splat(0x846c_a68b);
+    n ^ (n >> 16)
+}
+
+/// The seed of pixel (`x`, `y`) of the whole picture under the render's `seed`.
+#[inline]
+pub fn pixel_seed(x: u32, y: u32, seed: u32) -> u32 {
+    hash(x ^ hash(y ^ hash(seed ^ 0x5bd1_e995)))
+}
+
+/// Four numbers in [0, 1) a lane: set `set` of dimensions of point `index` of the sequence of a pixel's `seed`.
+#[inline(always)]
+pub fn samples(seed: U, index: U, set: u32) -> [F; 4] {
+    let scramble = hashes(seed ^ hashes(U::splat(set.wrapping_mul(0x9e37_79b9)) ^ (index >> SEQUENCE_BITS)));
+    let index = reverse_bits(index & U::splat((1 << SEQUENCE_BITS) - 1));
+    let shuffled = owen_scramble(index, hashes(scramble ^ U::splat(0x79c6_8e4a)));
+    let mut point = [reverse_bits(shuffled & U::splat(0xffff_0000)), U::ZERO, U::ZERO, U::ZERO];
+    for bit in 0..SEQUENCE_BITS {
+        let set = U::splat(1 << (31 - bit));
+        let mask = (shuffled & set).simd_eq(set);
+        for (d, directions) in DIRECTIONS.iter().enumerate() {
+            point[d + 1] ^= mask & U::splat(directions[bit as usize]);
+        }
+    }
+    let mut d = 0;
+    point.map(|p| {
+        d += 1;
+        let own = hashes(scramble ^ U::splat(0x912f_69bau32.wrapping_mul(2 * d + 1)));
+        unit_interval(reverse_bits(owen_scramble(p, own)))
+    })
+}
+
+/// A random number of a pixel's point `index` for choices that need no stratification.
+#[inline(always)]
+pub fn keys(seed: U, index: U, set: u32) -> U {
+    hashes(seed ^ hashes(index ^ U::splat(set.rotate_left(24))))
+}
+
+/// An Owen scramble of bit-reversed integers, up to hashing (Laine and Karras 2011 with the constants of Vegdahl 2021).
+#[inline(always)]
+fn owen_scramble(mut n: U, scramble: U) -> U {
+    n ^= n * U::splat(0x3d20_adea);
+    n += scramble;
+    n *= (scramble >> 16) | U::splat(1);
+    n ^= n * U::splat(0x0552_6c56);
+    n ^ (n * U::splat(0x53a2_2864))
+}
+
+#[inline(always)]
+fn reverse_bits(mut n: U) -> U {
+    for (shift, mask) in [(1, 0x5555_5555), (2, 0x3333_3333), (4, 0x0f0f_0f0f), (8, 0x00ff_00ff)] {
+        let mask = U::splat(mask);
+        n = ((n >> shift) & mask) | ((n & mask) << shift);
+    }
+    (n >> 16) | (n << 16)
+}
+
+/// The sequence of one pixel, a point at a time.
 #[derive(Debug, Clone, Copy)]
 pub struct PixelSequence {
     seed: u32,
 }
 
 impl PixelSequence {
-    /// The sequence of pixel (`x`, `y`) of the whole picture under the render's `seed`.
-    #[inline]
+    /// See [`pixel_seed`].
     pub fn new(x: u32, y: u32, seed: u32) -> Self {
-        Self { seed: hash(x ^ hash(y ^ hash(seed ^ 0x5bd1_e995))) }
+        Self { seed: pixel_seed(x, y, seed) }
     }
 
-    /// Four numbers in [0, 1): set `set` of dimensions of the sequence's point `index`.
-    #[inline]
+    /// See [`samples`].
     pub fn sample(self, index: u32, set: u32) -> [f32; 4] {
-        sample_4d(index & ((1 << SEQUENCE_BITS) - 1), self.scramble(index, set))
+        samples(U::splat(self.seed), U::from([index; LANES]), set).map(|n| n.as_array()[0])
     }
-
-    /// The seed of one scramble of one set of dimensions.
-    #[inline]
-    fn scramble(self, index: u32, set: u32) -> u32 {
-        hash(self.seed ^ hash(set.wrapping_mul(0x9e37_79b9) ^ (index >> SEQUENCE_BITS)))
-    }
-
-    /// A random number of the pixel's point `index` for choices that need no stratification.
-    #[inline]
-    pub fn key(self, index: u32, set: u32) -> u32 {
-        hash(self.seed ^ hash(index ^ set.rotate_left(24)))
-    }
-}
-
-/// `sobol_burley::sample_4d(index, 0, seed)`, by table.
-#[inline]
-fn sample_4d(index: u32, seed: u32) -> [f32; 4] {
-    let shuffled = owen_scramble_rev(index.reverse_bits(), sobol_burley::parts::hash(seed ^ 0x79c6_8e4a));
-    let table = &*SOBOL;
-    let mut point: Int4 = table[0][(shuffled >> 24) as usize].into();
-    point ^= table[1][(shuffled >> 16 & 255) as usize].into();
-    // The library's own constants: the same numbers, to the bit.
-    let seeds: Int4 = [seed.wrapping_mul(0x9c8f_2d3b); 4].into();
-    let scramble = seeds ^ [0x912f_69ba, 0x174f_18ab, 0x691e_72ca, 0xb40c_c1b8].into();
-    owen_scramble_int4_rev(point, hash_int4(scramble)).reverse_bits().to_f32_norm()
 }
 
 #[cfg(test)]
@@ -77,10 +136,31 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_table_gives_the_librarys_numbers() {
-        for seed in [0, 1, 0xdead_beef] {
-            for index in (0..1 << SEQUENCE_BITS).step_by(37) {
-                assert_eq!(sample_4d(index, seed), sobol_burley::sample_4d(index, 0, seed));
+    fn unscrambled_points_are_sobols() {
+        use sobol_burley::parts::sobol_rev;
+        for index in (0..1u32 << SEQUENCE_BITS).step_by(37) {
+            let reversed = index.reverse_bits();
+            for (dimension, directions) in (1..).zip(&DIRECTIONS) {
+                let point = (0..SEQUENCE_BITS)
+                    .filter(|bit| reversed >> (31 - bit) & 1 == 1)
+                    .fold(0, |p, bit| p ^ directions[bit as usize]);
+                assert_eq!(point, sobol_rev(reversed, dimension), "dimension {dimension}, point {index}");
+            }
+            assert_eq!(index, sobol_rev(reversed, 0));
+        }
+    }
+
+    #[test]
+    fn pairs_of_dimensions_are_stratified_too() {
+        // The first two dimensions are a (0, m, 2)-net: any 64 consecutive aligned points have one point in each of
+        // 8 x 8 cells, scrambled and shuffled or not.
+        for pixel in 0..50 {
+            let sequence = PixelSequence::new(pixel, 1, 2);
+            let mut seen = [false; 64];
+            for i in 0..64 {
+                let [u, v, ..] = sequence.sample(i, 1);
+                let cell = (u * 8.0) as usize * 8 + (v * 8.0) as usize;
+                assert!(!std::mem::replace(&mut seen[cell], true), "pixel {pixel}, cell {cell} twice");
             }
         }
     }

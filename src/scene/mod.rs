@@ -43,6 +43,11 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// Number of triangles of an object.
+    pub fn triangles(&self, object: u32) -> usize {
+        self.objects[object as usize].meshes.clone().map(|mesh| self.meshes[mesh as usize].indices.len()).sum()
+    }
+
     /// Radius in metres of a sphere around everything, 0 for an empty scene.
     pub fn radius(&self) -> f32 {
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);

@@ -188,7 +188,8 @@ fn positive(text: &str) -> Parsed<f64> {
     text.parse().ok().filter(|x: &f64| *x > 0.0 && x.is_finite()).ok_or("not a number above 0".into())
 }
 
-fn threads(text: &str) -> Parsed<usize> {
+/// A number of threads.
+pub fn threads(text: &str) -> Parsed<usize> {
     text.parse().ok().filter(|n| (1..=4096).contains(n)).ok_or("not a number from 1 to 4096".into())
 }
 

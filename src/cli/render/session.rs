@@ -4,7 +4,7 @@ use std::cell::Cell;
 use std::fmt::{self, Display};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use tracing::{info, warn};
@@ -34,14 +34,17 @@ impl Loaded {
     /// Reads a command's scene and environment and builds its acceleration structure.
     ///
     /// # Errors
-    /// As the import and the ray queries have them.
-    pub fn load(args: &RenderArgs) -> Result<Self> {
+    /// As the import and the ray queries have them; [`Error::Interrupted`] if the stop flag is raised while it builds.
+    pub fn load(args: &RenderArgs, stop: &AtomicBool, building: &(dyn Fn(f64, f64) + Sync)) -> Result<Self> {
         let start = Instant::now();
         let scene = Arc::new(read_scene(args)?);
         let read_seconds = start.elapsed().as_secs_f64();
         info!("read {} in {read_seconds:.2} s", args.scene.display());
         let built = Instant::now();
-        let rays = rays::build(args.rays, Arc::clone(&scene))?;
+        let rays = rays::build_watched(args.rays, Arc::clone(&scene), &|done| {
+            building(done, built.elapsed().as_secs_f64());
+            !stop.load(Ordering::Relaxed)
+        })?;
         let build_seconds = built.elapsed().as_secs_f64();
         let backend = rays.info();
         let mebibytes = backend.memory_bytes as f64 / 2_f64.powi(20);
@@ -282,6 +285,7 @@ fn settings(args: &RenderArgs, scene: &Scene) -> Result<RenderSettings> {
         filter: args.filter,
         aovs: args.aovs().iter().any(|a| a.needs_sums()),
         part: args.part,
+        ..RenderSettings::default()
     };
     if let Some(part) = args.part
         && fresh_tiles(&settings).is_empty()

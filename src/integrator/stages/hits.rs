@@ -3,19 +3,18 @@
 use glam::Vec3;
 
 use super::observation;
-use crate::bsdf::MetallicRoughness;
+use crate::bsdf::{Lobes, MetallicRoughness};
+use crate::integrator::geometry::Point;
 use crate::integrator::vertices::Group;
-use crate::integrator::wave::{PathState, Wave};
+use crate::integrator::wave::Wave;
 use crate::integrator::{PixelPlan, PixelSum, Transport};
-use crate::lanes::{LANES, V3};
+use crate::lanes::{F, LANES, Rows, U, V3, load, load_bits};
 use crate::light::area;
 use crate::rays::MISS;
 
-const NO_BSDF: MetallicRoughness =
-    MetallicRoughness { diffuse: Vec3::ZERO, f0: Vec3::ZERO, f90: 0.0, layer0: 0.0, layer90: 0.0, alpha: 1.0 };
-
 impl Wave {
     /// Sorts the rays of the batch at `depth` (0 for camera rays) into escaped and hit; fills the vertices.
+    #[inline(never)]
     pub(in crate::integrator) fn hits(
         &mut self,
         transport: &Transport,
@@ -24,88 +23,139 @@ impl Wave {
         sums: &mut [PixelSum],
     ) {
         self.escaped.clear();
-        self.vertices.clear(self.states.len());
+        self.plain.clear();
+        self.detailed.clear();
+        self.vertices.open(self.paths.len, transport.materials.lambert);
         let scatters = depth + 1 < transport.max_depth;
-        let mut group = Group {
-            position: [[0.0; LANES]; 3],
-            ng: [[1.0; LANES]; 3],
-            ns: [[1.0; LANES]; 3],
-            direction: [[0.0; LANES]; 3],
-            beta: [[0.0; LANES]; 3],
-            stand_off: [0.0; LANES],
-            bsdf: [NO_BSDF; LANES],
-        };
-        let mut lane = 0;
-        for i in 0..self.states.len() {
-            if self.hits.instance[i] == MISS {
-                self.escaped.push(i as u32);
+        for ray in 0..self.paths.len {
+            let mesh = self.hits.mesh[ray];
+            if mesh == MISS {
+                self.escaped.push(ray as u32);
                 continue;
             }
-            let state = self.states[i];
-            let (instance, mesh, prim) = (self.hits.instance[i], self.hits.mesh[i], self.hits.prim[i]);
-            let barycentric = (self.hits.u[i], self.hits.v[i]);
-            let point = transport.geometry.point(transport.scene, instance, mesh, prim, barycentric);
-            let material = point.material;
+            let kind = transport.materials.kind(mesh);
             if depth == 0 {
-                let slot = &mut self.slots[state.slot as usize];
-                slot.covered = true;
+                self.slots[self.paths.slot[ray] as usize].covered = true;
                 if transport.aovs {
-                    let aovs = &mut sums[slot.pixel as usize].aovs;
-                    let toward = point.ng.dot(self.rays.direction(i));
-                    let normal = point.ns.normalize_or_zero() * if toward > 0.0 { -1.0 } else { 1.0 };
-                    let albedo = point.base_color(transport.scene);
-                    for c in 0..3 {
-                        aovs.albedo[c] += albedo[c];
-                        aovs.normal[c] += normal[c];
-                    }
-                    aovs.depth += self.hits.t[i];
-                    (aovs.object, aovs.material) = (instance + 1, point.mesh.material + 1);
+                    self.aovs(transport, ray, sums);
                 }
             }
-            if material.unlit {
-                self.emitted(transport, plan, sums, depth, &state, point.base_color(transport.scene), 0.0);
-                continue;
-            }
-            if material.is_emissive() {
-                let direction = self.rays.direction(i);
-                if material.double_sided || point.ng.dot(direction) < 0.0 {
-                    let radiance = area::emission(transport.scene, point.mesh, prim, barycentric.0, barycentric.1);
-                    let pdf = match depth {
-                        0 => 0.0,
-                        _ => transport.lights.area_pdf(instance, mesh, prim, direction, self.hits.t[i]),
-                    };
-                    self.emitted(transport, plan, sums, depth, &state, radiance, pdf);
+            if kind.shines {
+                self.shine(transport, plan, depth, ray, sums);
+                if transport.scene.materials[kind.material as usize].unlit {
+                    continue;
                 }
             }
-            if !scatters {
-                continue;
-            }
-            let bsdf = transport.materials.at(transport.scene, &point);
-            if bsdf.is_black() {
-                continue;
-            }
-            for axis in 0..3 {
-                group.position[axis][lane] = point.position[axis];
-                group.ng[axis][lane] = point.ng[axis];
-                group.ns[axis][lane] = point.ns[axis];
-                group.direction[axis][lane] = self.rays.direction[axis][i];
-                group.beta[axis][lane] = state.beta[axis];
-            }
-            group.stand_off[lane] = point.stand_off;
-            group.bsdf[lane] = bsdf;
-            self.vertices.slot.push(state.slot);
-            self.vertices.index.push(state.index);
-            self.vertices.child.push(state.child);
-            lane += 1;
-            if lane == LANES {
-                self.vertices.put(self.vertices.len() - LANES, &group);
-                lane = 0;
+            if scatters && !kind.black {
+                if kind.plain {
+                    self.plain.push(ray as u32);
+                } else {
+                    self.detailed.push(ray as u32);
+                }
             }
         }
-        if lane > 0 {
-            self.vertices.put(self.vertices.len() - lane, &group);
+        for at in (0..self.plain.len()).step_by(LANES) {
+            self.plain_vertices(transport, at);
+        }
+        for at in (0..self.detailed.len()).step_by(LANES) {
+            self.detailed_vertices(transport, at);
         }
         self.escapes(transport, plan, depth, sums);
+    }
+
+    /// Vertices on surfaces without texture.
+    #[inline(always)]
+    fn plain_vertices(&mut self, transport: &Transport, at: usize) {
+        let (rows, n) = eight_of(&self.plain, at);
+        let [instance, mesh, prim] =
+            [&self.hits.instance, &self.hits.mesh, &self.hits.prim].map(|c| load_bits(c, &rows).to_array());
+        let barycentric = (load(&self.hits.u, &rows), load(&self.hits.v, &rows));
+        let points = transport.geometry.points(transport.scene, instance, mesh, prim, barycentric);
+        let models = mesh.map(|m| transport.materials.plain(m));
+        let lobes = if transport.materials.lambert { Lobes::gather_diffuse(models) } else { Lobes::gather(models) };
+        let group = Group {
+            position: points.position,
+            ng: points.ng,
+            ns: points.ns,
+            direction: self.rays.directions(&rows),
+            beta: self.paths.beta.load(&rows),
+            stand_off: points.stand_off,
+            lobes,
+            path: self.path_of(&rows),
+        };
+        self.vertices.push(n, &group);
+    }
+
+    /// Vertices on surfaces that have to be looked up one by one.
+    fn detailed_vertices(&mut self, transport: &Transport, at: usize) {
+        let (rows, n) = eight_of(&self.detailed, at);
+        let rays = match rows {
+            Rows::From(start) => std::array::from_fn(|lane| (start + lane) as u32),
+            Rows::Each(rays) => rays,
+        };
+        let points = rays.map(|ray| self.point(transport, ray as usize));
+        let models = points.map(|p| MetallicRoughness::new(&p.parameters(transport.scene)));
+        let group = Group {
+            position: V3::gather(points.map(|p| p.position)),
+            ng: V3::gather(points.map(|p| p.ng)),
+            ns: V3::gather(points.map(|p| p.ns)),
+            direction: self.rays.directions(&rows),
+            beta: self.paths.beta.load(&rows),
+            stand_off: F::from(points.map(|p| p.stand_off)),
+            lobes: Lobes::gather(models.each_ref()),
+            path: self.path_of(&rows),
+        };
+        self.vertices.push(n, &group);
+    }
+
+    /// Slot, index, child and seed of some rays.
+    #[inline(always)]
+    fn path_of(&self, rows: &Rows) -> [U; 4] {
+        let p = &self.paths;
+        [&p.slot, &p.index, &p.child, &p.seed].map(|column| load_bits(column, rows))
+    }
+
+    /// Where a ray hit.
+    #[inline]
+    fn point<'a>(&self, transport: &'a Transport, ray: usize) -> Point<'a> {
+        let hits = &self.hits;
+        let barycentric = (hits.u[ray], hits.v[ray]);
+        transport.geometry.point(transport.scene, hits.instance[ray], hits.mesh[ray], hits.prim[ray], barycentric)
+    }
+
+    /// What a camera ray found, for the AOVs.
+    fn aovs(&self, transport: &Transport, ray: usize, sums: &mut [PixelSum]) {
+        let point = self.point(transport, ray);
+        let aovs = &mut sums[self.slots[self.paths.slot[ray] as usize].pixel as usize].aovs;
+        let toward = point.ng.dot(self.rays.direction(ray));
+        let normal = point.ns.normalize_or_zero() * if toward > 0.0 { -1.0 } else { 1.0 };
+        let albedo = point.base_color(transport.scene);
+        for c in 0..3 {
+            aovs.albedo[c] += albedo[c];
+            aovs.normal[c] += normal[c];
+        }
+        aovs.depth += self.hits.t[ray];
+        (aovs.object, aovs.material) = (self.hits.instance[ray] + 1, point.mesh.material + 1);
+    }
+
+    /// Light from the surface that a ray hit.
+    fn shine(&mut self, transport: &Transport, plan: &[PixelPlan], depth: u32, ray: usize, sums: &mut [PixelSum]) {
+        let point = self.point(transport, ray);
+        let material = point.material;
+        if material.unlit {
+            self.emitted(transport, plan, sums, depth, ray, point.base_color(transport.scene), 0.0);
+            return;
+        }
+        let direction = self.rays.direction(ray);
+        if material.double_sided || point.ng.dot(direction) < 0.0 {
+            let (instance, mesh, prim) = (self.hits.instance[ray], self.hits.mesh[ray], self.hits.prim[ray]);
+            let radiance = area::emission(transport.scene, point.mesh, prim, self.hits.u[ray], self.hits.v[ray]);
+            let pdf = match depth {
+                0 => 0.0,
+                _ => transport.lights.area_pdf(instance, mesh, prim, direction, self.hits.t[ray]),
+            };
+            self.emitted(transport, plan, sums, depth, ray, radiance, pdf);
+        }
     }
 
     /// Light from infinity along the rays that hit nothing.
@@ -114,15 +164,12 @@ impl Wave {
             return;
         }
         for at in (0..self.escaped.len()).step_by(LANES) {
-            let mut rows = [self.escaped[at]; LANES];
-            let n = LANES.min(self.escaped.len() - at);
-            rows[..n].copy_from_slice(&self.escaped[at..at + n]);
-            let direction = [0, 1, 2].map(|axis| rows.map(|row| self.rays.direction[axis][row as usize]));
-            let (radiance, pdf) = transport.lights.environment(V3::from_arrays(direction));
-            for (lane, &row) in rows[..n].iter().enumerate() {
-                let state = self.states[row as usize];
+            let (rows, n) = eight_of(&self.escaped, at);
+            let (radiance, pdf) = transport.lights.environment(self.rays.directions(&rows));
+            for lane in 0..n {
                 let pdf = if depth == 0 { 0.0 } else { pdf.as_array()[lane] };
-                self.emitted(transport, plan, sums, depth, &state, radiance.lane(lane), pdf);
+                let ray = self.escaped[at + lane] as usize;
+                self.emitted(transport, plan, sums, depth, ray, radiance.lane(lane), pdf);
             }
         }
     }
@@ -136,19 +183,20 @@ impl Wave {
         plan: &[PixelPlan],
         sums: &mut [PixelSum],
         depth: u32,
-        state: &PathState,
+        ray: usize,
         radiance: Vec3,
         light_pdf: f32,
     ) {
-        let slot = &mut self.slots[state.slot as usize];
+        let slot = &mut self.slots[self.paths.slot[ray] as usize];
         let pixel = slot.pixel as usize;
+        let weighted_pdf = self.paths.weighted_pdf[ray];
         let weight = if light_pdf > 0.0 {
-            let a_l = if depth == 1 { plan[pixel].counts.light_a_path() } else { 1.0 };
-            transport.heuristic.weight(state.weighted_pdf, a_l * light_pdf)
+            let a_l = if depth == 1 { slot.a_l } else { 1.0 };
+            transport.heuristic.weight(weighted_pdf, a_l * light_pdf)
         } else {
             1.0
         };
-        let found = state.beta * radiance * weight;
+        let found = self.paths.beta.get(ray) * radiance * weight;
         if !found.is_finite() || found == Vec3::ZERO {
             return;
         }
@@ -156,13 +204,23 @@ impl Wave {
         if depth <= 1 {
             slot.direct += found;
         } else {
-            self.children[state.child as usize].indirect += found;
+            self.children[self.paths.child[ray] as usize].indirect += found;
         }
         if depth == 1 && transport.learns {
             let counts = &plan[pixel].counts;
-            let bsdf_pdf = state.weighted_pdf / counts.bsdf_a_path();
+            let bsdf_pdf = weighted_pdf / counts.bsdf_a_path();
             let (w, r) = observation(found, light_pdf, bsdf_pdf, counts.alpha());
             sums[pixel].moments.add(f64::from(w), f64::from(r));
         }
     }
+}
+
+/// Eight of some row numbers from `at` on, the first of them in spare lanes, and how many there are.
+#[inline(always)]
+fn eight_of(list: &[u32], at: usize) -> (Rows, usize) {
+    let n = LANES.min(list.len() - at);
+    let mut rows = [list[at]; LANES];
+    rows[..n].copy_from_slice(&list[at..at + n]);
+    let consecutive = n == LANES && rows[LANES - 1] == rows[0] + LANES as u32 - 1;
+    (if consecutive { Rows::From(rows[0] as usize) } else { Rows::Each(rows) }, n)
 }

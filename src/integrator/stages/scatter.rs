@@ -2,45 +2,37 @@
 
 use glam::Vec3;
 
-use super::bsdf_set;
-use crate::integrator::PixelPlan;
-use crate::integrator::wave::{Child, PathState, Wave};
-use crate::lanes::{F, LANES, first};
+use super::{Technique, bsdf_set};
+use crate::integrator::Transport;
+use crate::integrator::wave::{Child, Wave};
+use crate::lanes::{F, LANES, NUMBERS, Survivors, U, first};
+use crate::sampling::{keys, samples};
 
 /// Segments after which Russian roulette begins.
 const ROULETTE_DEPTH: u32 = 3;
 
 impl Wave {
     /// Fills the next rays for the vertices at `depth`.
-    pub(in crate::integrator) fn scatter(&mut self, plan: &[PixelPlan], depth: u32) {
-        self.next_rays.clear();
-        self.next_states.clear();
-        self.tasks.clear();
-        for vertex in 0..self.vertices.len() as u32 {
-            if depth > 0 {
-                self.tasks.push((vertex, self.vertices.index[vertex as usize]));
-                continue;
-            }
-            let slot = &self.slots[self.vertices.slot[vertex as usize] as usize];
-            for k in 0..u32::from(slot.bsdf) {
-                self.tasks.push((vertex, slot.first_bsdf + k));
-            }
+    pub(in crate::integrator) fn scatter(&mut self, transport: &Transport, depth: u32) {
+        let last = depth + 1 >= transport.max_depth;
+        let tasks = if last { 0 } else { self.set_tasks(Technique::Bsdf, depth) };
+        self.next_rays.open(tasks);
+        self.next_paths.open(tasks);
+        for at in (0..tasks).step_by(LANES) {
+            self.sample_bsdfs(depth, at);
         }
-        for at in (0..self.tasks.len()).step_by(LANES) {
-            self.sample_bsdfs(plan, depth, at);
-        }
+        self.next_rays.close(self.next_paths.len);
     }
 
     /// One group of BSDF samples.
-    #[inline]
-    fn sample_bsdfs(&mut self, plan: &[PixelPlan], depth: u32, at: usize) {
-        let task = self.task_group(at);
+    #[inline(never)]
+    fn sample_bsdfs(&mut self, depth: u32, at: usize) {
+        let task = self.task_group(at, depth);
         let vertices = &self.vertices;
         let rows = &task.rows;
-        let [lobe, u, v, survive] = self.numbers(&task, bsdf_set(depth)).map(F::from);
+        let [lobe, u, v, survive] = samples(task.seed, task.index, bsdf_set(depth));
         let sample = vertices.lobes(rows).sample(vertices.ns.load(rows), vertices.wo.load(rows), [lobe, u, v]);
-        let (_, a_b) = self.samples_a_path(plan, depth, &task.vertex);
-        let weighted_pdf = a_b * sample.pdf;
+        let weighted_pdf = task.a_b * sample.pdf;
         let mut beta = vertices.beta.load(rows) * sample.value * (F::ONE / weighted_pdf);
         let mut alive = first(task.len)
             & sample.pdf.simd_gt(F::ZERO)
@@ -52,23 +44,24 @@ impl Wave {
             alive &= keep.simd_gt(survive);
             beta = beta * keep.simd_ge(F::ONE).select(F::ONE, F::ONE / keep);
         }
-        let mut alive = alive.to_bitmask();
-        let origin = vertices.origin.load(rows);
-        while alive != 0 {
-            let lane = alive.trailing_zeros() as usize;
-            alive &= alive - 1;
-            let vertex = task.vertex[lane] as usize;
-            let (slot, index) = (self.vertices.slot[vertex], task.index[lane]);
-            let child = if depth == 0 {
-                self.children.push(Child { slot, indirect: Vec3::ZERO });
-                self.children.len() as u32 - 1
-            } else {
-                self.vertices.child[vertex]
-            };
-            let key = self.slots[slot as usize].sequence.key(index, bsdf_set(depth));
-            self.next_rays.push(origin.lane(lane), sample.wi.lane(lane), 0.0, f32::INFINITY, key);
-            let weighted_pdf = weighted_pdf.as_array()[lane];
-            self.next_states.push(PathState { beta: beta.lane(lane), weighted_pdf, slot, index, child });
-        }
+        let survivors = Survivors::of(alive);
+        let slot = survivors.pack_bits(task.slot);
+        let child = if depth == 0 {
+            let next = self.children.len() as u32;
+            let new = slot.as_array()[..survivors.len].iter();
+            self.children.extend(new.map(|&slot| Child { slot, indirect: Vec3::ZERO }));
+            U::splat(next) + U::from(NUMBERS)
+        } else {
+            survivors.pack_bits(task.child)
+        };
+        self.next_rays.put(
+            self.next_paths.len,
+            survivors.pack_v3(vertices.origin.load(rows)),
+            survivors.pack_v3(sample.wi),
+            F::splat(f32::INFINITY),
+            survivors.pack_bits(keys(task.seed, task.index, bsdf_set(depth))),
+        );
+        let path = [slot, survivors.pack_bits(task.index), child, survivors.pack_bits(task.seed)];
+        self.next_paths.push(survivors.len, survivors.pack_v3(beta), survivors.pack(weighted_pdf), path);
     }
 }

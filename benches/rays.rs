@@ -1,6 +1,6 @@
-//! Mrays/s of one thread and both backends: `cargo test --release --test rays_speed -- --ignored --nocapture`.
+//! Mrays/s of one thread and both backends: `cargo bench --bench rays`.
 
-#[path = "rays/scenes.rs"]
+#[path = "../tests/rays/scenes.rs"]
 mod scenes;
 
 use std::sync::Arc;
@@ -25,18 +25,17 @@ fn rate(rays: &RayBatch, mut query: impl FnMut(&RayBatch)) -> f64 {
     rays.len() as f64 / best / 1e6
 }
 
-#[test]
-#[ignore = "a measurement, not a promise"]
-fn rates_of_both_backends() {
+fn main() {
     println!("scene | backend | build ms | MB | camera | bounce | bounce occluded | shadow");
     for (name, scene) in [("room", scenes::box_room()), ("blob", scenes::blob())] {
         let scene = Arc::new(scene);
-        let embree =
-            |isa| EmbreeRays::build(scene.clone(), &EmbreeOptions { isa, ..EmbreeOptions::default() }).unwrap();
+        let embree = |isa| {
+            EmbreeRays::build(scene.clone(), &EmbreeOptions { isa, ..EmbreeOptions::default() }, &|_| true).unwrap()
+        };
         let backends: [Box<dyn RayQueries>; 3] = [
             Box::new(embree(None)),
             Box::new(embree(Some("avx2"))),
-            Box::new(ObvhsRays::build(scene.clone()).unwrap()),
+            Box::new(ObvhsRays::build(scene.clone(), &|_| true).unwrap()),
         ];
         let camera = scenes::camera_rays(1024);
         let mut hits = HitBatch::default();

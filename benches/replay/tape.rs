@@ -1,0 +1,117 @@
+//! Ray queries that are listened to: a tape of every batch, and a stopwatch at both ends of every query.
+
+use std::sync::Mutex;
+use std::time::Instant;
+
+use bismar::rays::{BackendInfo, HitBatch, RayBatch, RayOrder, RayQueries};
+
+/// What a query asked.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    Closest,
+    Occluded,
+}
+
+/// One batch, as the renderer handed it over.
+pub struct Query {
+    pub kind: Kind,
+    pub order: RayOrder,
+    pub rays: RayBatch,
+}
+
+/// Keeps every batch. For one thread: batches are kept in the order in which they come.
+pub struct Recorder<'a> {
+    pub inner: &'a dyn RayQueries,
+    pub tape: Mutex<Vec<Query>>,
+}
+
+impl Recorder<'_> {
+    fn record(&self, kind: Kind, order: RayOrder, rays: &RayBatch) {
+        self.tape.lock().expect("one thread").push(Query { kind, order, rays: rays.clone() });
+    }
+}
+
+impl RayQueries for Recorder<'_> {
+    fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
+        self.record(Kind::Closest, order, rays);
+        self.inner.closest_hits(rays, order, hits);
+    }
+
+    fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {
+        self.record(Kind::Occluded, order, rays);
+        self.inner.occluded(rays, order, occluded);
+    }
+
+    fn info(&self) -> &BackendInfo {
+        self.inner.info()
+    }
+}
+
+/// Where one thread's time goes, in seconds.
+#[derive(Clone, Copy, Default)]
+pub struct Shares {
+    pub camera_queries: f64,
+    pub bounce_queries: f64,
+    pub shadow_queries: f64,
+    /// From the hits to the next query: surfaces, light samples, BSDF samples.
+    pub shading: f64,
+    /// From the shadow query to the next bounce: what it let through is added to the paths.
+    pub adding: f64,
+    /// From a wave's last query to the next wave's first: paths into pixels, balances, tiles, camera rays.
+    pub folding: f64,
+}
+
+/// Times queries and what lies between them. For one thread.
+pub struct Stopwatch<'a> {
+    pub inner: &'a dyn RayQueries,
+    pub first: Mutex<Option<Instant>>,
+    state: Mutex<(Shares, Option<(Kind, Instant)>)>,
+}
+
+impl<'a> Stopwatch<'a> {
+    pub fn new(inner: &'a dyn RayQueries) -> Self {
+        Self { inner, first: Mutex::default(), state: Mutex::default() }
+    }
+
+    pub fn shares(&self) -> Shares {
+        self.state.lock().expect("one thread").0
+    }
+
+    fn time(&self, kind: Kind, order: RayOrder, query: impl FnOnce()) {
+        let start = Instant::now();
+        self.first.lock().expect("one thread").get_or_insert(start);
+        query();
+        let end = Instant::now();
+        let (shares, last) = &mut *self.state.lock().expect("one thread");
+        let camera = kind == Kind::Closest && order == RayOrder::Coherent;
+        if let Some((before, ended)) = *last {
+            let gap = match (before, camera) {
+                (_, true) => &mut shares.folding,
+                (Kind::Closest, false) => &mut shares.shading,
+                (Kind::Occluded, false) => &mut shares.adding,
+            };
+            *gap += (start - ended).as_secs_f64();
+        }
+        let inside = match kind {
+            Kind::Occluded => &mut shares.shadow_queries,
+            Kind::Closest if camera => &mut shares.camera_queries,
+            Kind::Closest => &mut shares.bounce_queries,
+        };
+        *inside += (end - start).as_secs_f64();
+        *last = Some((kind, end));
+    }
+}
+
+impl RayQueries for Stopwatch<'_> {
+    fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
+        self.time(Kind::Closest, order, || self.inner.closest_hits(rays, order, hits));
+    }
+
+    fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {
+        self.time(Kind::Occluded, order, || self.inner.occluded(rays, order, occluded));
+    }
+
+    fn info(&self) -> &BackendInfo {
+        self.inner.info()
+    }
+}

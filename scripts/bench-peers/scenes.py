@@ -1,0 +1,276 @@
+"""The scenes that Bismar and its peers render side by side. `python scenes.py DIR [NAME...]` writes DIR/NAME.glb, sky.hdr.
+
+Every material is pure Lambert (KHR_materials_specular at 0) or pure metal (GGX, alpha = roughness squared, Schlick's
+Fresnel with F0 = base colour), triangles are flat and lamps shine from their front alone, so that every renderer can be
+given the same light transport.
+"""
+
+import json
+import struct
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+
+@dataclass
+class Material:
+    color: tuple
+    metallic: bool = False
+    roughness: float = 1.0
+    emission: tuple | None = None
+
+    def gltf(self):
+        out = {
+            "doubleSided": self.emission is None,
+            "pbrMetallicRoughness": {
+                "baseColorFactor": [*map(float, self.color), 1.0],
+                "metallicFactor": float(self.metallic),
+                "roughnessFactor": float(self.roughness),
+            },
+        }
+        if not self.metallic:
+            out["extensions"] = {"KHR_materials_specular": {"specularFactor": 0.0}}
+        if self.emission is not None:
+            strength = max(self.emission)
+            out["emissiveFactor"] = [float(e / strength) for e in self.emission]
+            out["extensions"]["KHR_materials_emissive_strength"] = {"emissiveStrength": float(strength)}
+        return out
+
+
+@dataclass
+class Place:
+    """Scale, then a turn about +y by `angle` radians, then a move."""
+
+    move: tuple = (0.0, 0.0, 0.0)
+    angle: float = 0.0
+    scale: float = 1.0
+
+    def apply(self, vertices):
+        return turn(vertices * self.scale, self.angle) + np.asarray(self.move)
+
+
+@dataclass
+class Mesh:
+    vertices: np.ndarray
+    triangles: np.ndarray
+    material: Material
+    places: list = field(default_factory=list)  # none: once, as it is
+
+
+@dataclass
+class Scene:
+    meshes: list
+    eye: tuple
+    at: tuple
+    yfov: float
+    sky: bool = False
+
+    def write(self, path):
+        """As binary glTF."""
+        chunk, views, accessors = bytearray(), [], []
+
+        def accessor(array, component, kind, target):
+            views.append({"buffer": 0, "byteOffset": len(chunk), "byteLength": array.nbytes, "target": target})
+            chunk.extend(array.tobytes())
+            bounds = {"min": array.min(0).tolist(), "max": array.max(0).tolist()} if kind == "VEC3" else {}
+            kind_of = {"bufferView": len(views) - 1, "componentType": component, "count": len(array), "type": kind}
+            accessors.append(kind_of | bounds)
+            return len(accessors) - 1
+
+        meshes, nodes = [], []
+        for index, mesh in enumerate(self.meshes):
+            position = accessor(mesh.vertices.astype("<f4"), 5126, "VEC3", 34962)
+            triangles = accessor(mesh.triangles.astype("<u4").reshape(-1, 1), 5125, "SCALAR", 34963)
+            meshes.append({"primitives": [{"attributes": {"POSITION": position}, "indices": triangles, "material": index}]})
+            nodes += [{"mesh": index}] if not mesh.places else []
+            for place in mesh.places:
+                half = place.angle / 2
+                nodes.append({
+                    "mesh": index,
+                    "translation": [float(x) for x in place.move],
+                    "rotation": [0.0, float(np.sin(half)), 0.0, float(np.cos(half))],
+                    "scale": [float(place.scale)] * 3,
+                })
+        nodes.append({"name": "camera", "camera": 0, "matrix": self.camera().T.ravel().tolist()})
+        document = {
+            "asset": {"version": "2.0", "generator": "bench-peers"},
+            "extensionsUsed": ["KHR_materials_emissive_strength", "KHR_materials_specular"],
+            "scene": 0,
+            "scenes": [{"nodes": list(range(len(nodes)))}],
+            "nodes": nodes,
+            "meshes": meshes,
+            "materials": [mesh.material.gltf() for mesh in self.meshes],
+            "cameras": [{"type": "perspective", "perspective": {"yfov": self.yfov, "znear": 0.01, "aspectRatio": 1.0}}],
+            "accessors": accessors,
+            "bufferViews": views,
+            "buffers": [{"byteLength": len(chunk)}],
+        }
+        text = json.dumps(document, separators=(",", ":")).encode()
+        text += b" " * (-len(text) % 4)
+        with open(path, "wb") as file:
+            file.write(struct.pack("<III", 0x46546C67, 2, 28 + len(text) + len(chunk)))
+            file.write(struct.pack("<II", len(text), 0x4E4F534A) + text)
+            file.write(struct.pack("<II", len(chunk), 0x004E4942) + chunk)
+
+    def camera(self):
+        """Camera to world."""
+        z = np.subtract(self.eye, self.at) / np.linalg.norm(np.subtract(self.eye, self.at))
+        x = np.cross([0, 1, 0], z)
+        x /= np.linalg.norm(x)
+        matrix = np.eye(4)
+        matrix[:3] = np.stack([x, np.cross(z, x), z, np.asarray(self.eye)], axis=1)
+        return matrix
+
+
+def turn(vertices, angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return vertices @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T
+
+
+def quad(a, b, c, d):
+    return np.array([a, b, c, d], float), np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def box(center, size, angle=0.0):
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * np.array(size) / 2
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    vertices = np.concatenate([turn(corners, angle)[list(side)] + center for side in sides])
+    return vertices, np.concatenate([[[k, k + 1, k + 2], [k, k + 2, k + 3]] for k in range(0, 24, 4)])
+
+
+def sphere(rings, radius=1.0, center=(0, 0, 0), bumps=lambda theta, phi: 1.0):
+    theta, phi = np.meshgrid(np.arange(rings + 1) / rings * np.pi, np.arange(2 * rings + 1) / rings * np.pi, indexing="ij")
+    unit = np.stack([np.sin(theta) * np.cos(phi), np.cos(theta), np.sin(theta) * np.sin(phi)], -1)
+    vertices = unit * np.asarray(radius * bumps(theta, phi) * np.ones_like(theta))[..., None]
+    wide = 2 * rings + 1
+    a = (np.arange(rings)[:, None] * wide + np.arange(2 * rings)).ravel()
+    triangles = np.concatenate([np.stack([a, a + 1, a + wide], -1), np.stack([a + 1, a + wide + 1, a + wide], -1)])
+    return vertices.reshape(-1, 3) + center, triangles
+
+
+def cornell():
+    white, red, green = Material((0.73,) * 3), Material((0.65, 0.05, 0.05)), Material((0.12, 0.45, 0.15))
+    lamp = Material((0, 0, 0), emission=(17, 12, 4))
+    parts = [
+        (quad((-1, -1, 1), (1, -1, 1), (1, -1, -1), (-1, -1, -1)), white),
+        (quad((-1, 1, -1), (1, 1, -1), (1, 1, 1), (-1, 1, 1)), white),
+        (quad((-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1)), white),
+        (quad((-1, -1, 1), (-1, -1, -1), (-1, 1, -1), (-1, 1, 1)), red),
+        (quad((1, -1, -1), (1, -1, 1), (1, 1, 1), (1, 1, -1)), green),
+        (quad((-0.25, 0.995, -0.25), (0.25, 0.995, -0.25), (0.25, 0.995, 0.25), (-0.25, 0.995, 0.25)), lamp),
+        (box((-0.35, -0.4, -0.3), (0.6, 1.2, 0.6), 0.3), white),
+        (box((0.35, -0.7, 0.35), (0.6, 0.6, 0.6), -0.3), white),
+    ]
+    return Scene([Mesh(*shape, material) for shape, material in parts], (0, 0, 3.9), (0, 0, 0), 0.6911)
+
+
+def veach():
+    """Plates of four roughnesses under lamps of four sizes: where light and BSDF sampling need each other."""
+    meshes = []
+    for alpha, y, z, tilt in ((0.07, -0.9, 1.2, 0.25), (0.14, -0.75, 0.6, 0.4), (0.26, -0.45, 0.0, 0.6), (0.4, 0.0, -0.5, 0.85)):
+        c, s = np.cos(tilt) * 0.28, np.sin(tilt) * 0.28
+        vertices, triangles = quad((-2, -s, c), (2, -s, c), (2, s, -c), (-2, s, -c))
+        meshes.append(Mesh(vertices + [0, y, z], triangles, Material((0.8,) * 3, True, alpha**0.5)))
+    for x, radius in ((-1.5, 0.033), (-0.5, 0.1), (0.5, 0.3), (1.5, 0.5)):
+        lamp = Material((0, 0, 0), emission=(2 / radius**2,) * 3)
+        meshes.append(Mesh(*sphere(16, radius, (x, 1.6, -1.2)), lamp))
+    grey = Material((0.4,) * 3)
+    meshes.append(Mesh(*quad((-6, -1.5, 6), (6, -1.5, 6), (6, -1.5, -4), (-6, -1.5, -4)), grey))
+    meshes.append(Mesh(*quad((-6, -1.5, -4), (6, -1.5, -4), (6, 6, -4), (-6, 6, -4)), grey))
+    return Scene(meshes, (0, 1.2, 6), (0, 0.2, 0), 0.6)
+
+
+def blob():
+    """A bumpy metal ball of 490 k triangles under a sky with a small sun."""
+
+    def bumps(theta, phi):
+        return 1 + 0.15 * np.sin(9 * phi) * np.sin(7 * theta) + 0.03 * np.sin(53 * phi) * np.cos(47 * theta)
+
+    ground = quad((-6, -1.2, 6), (6, -1.2, 6), (6, -1.2, -6), (-6, -1.2, -6))
+    gold = Material((0.9, 0.7, 0.4), True, 0.387)
+    meshes = [Mesh(*sphere(350, bumps=bumps), gold), Mesh(*ground, Material((0.6,) * 3))]
+    return Scene(meshes, (0, 1, 4), (0, 0.2, 0), 0.927, sky=True)
+
+
+def lamps():
+    """A room with pillars and 200 small lamps of very different power: which one to sample?"""
+    random = np.random.default_rng(1)
+    plaster, floor, wood = Material((0.75,) * 3), Material((0.35, 0.3, 0.25)), Material((0.5, 0.3, 0.15))
+    x, y, z = 5.0, 3.0, 7.0
+    meshes = [
+        Mesh(*quad((-x, 0, z), (x, 0, z), (x, 0, -z), (-x, 0, -z)), floor),
+        Mesh(*quad((-x, y, -z), (x, y, -z), (x, y, z), (-x, y, z)), plaster),
+        Mesh(*quad((-x, 0, -z), (x, 0, -z), (x, y, -z), (-x, y, -z)), plaster),
+        Mesh(*quad((x, 0, z), (-x, 0, z), (-x, y, z), (x, y, z)), plaster),
+        Mesh(*quad((-x, 0, z), (-x, 0, -z), (-x, y, -z), (-x, y, z)), plaster),
+        Mesh(*quad((x, 0, -z), (x, 0, z), (x, y, z), (x, y, -z)), plaster),
+    ]
+    for row in (-4.5, -1.5, 1.5, 4.5):
+        meshes += [Mesh(*box((side, y / 2, row), (0.5, y, 0.5)), plaster) for side in (-2.2, 2.2)]
+        meshes += [Mesh(*box((side, 0.35, row - 1.5), (1.4, 0.7, 0.9), 0.2 * row), wood) for side in (-3.6, 0.0, 3.6)]
+    for column in range(10):
+        for row in range(20):
+            place = np.array([-4.5 + column, 0, -6.65 + 0.7 * row]) + random.uniform(-0.2, 0.2, 3)
+            size = random.uniform(0.01, 0.04)
+            watts = 10 ** random.uniform(-1, 1)
+            tint = np.array([1.0, random.uniform(0.6, 1.0), random.uniform(0.3, 1.0)])
+            if (column + row) % 4:  # a square on the ceiling
+                a, b = (place[0], y - 0.01, place[2]), size
+                shape = quad((a[0] - b, a[1], a[2] - b), (a[0] + b, a[1], a[2] - b), (a[0] + b, a[1], a[2] + b), (a[0] - b, a[1], a[2] + b))
+                area = 4 * size**2
+            else:  # a bulb on a long cord
+                place[1] = random.uniform(1.2, 2.5)
+                shape, area = sphere(4, size, place), 4 * np.pi * size**2
+            meshes.append(Mesh(*shape, Material((0, 0, 0), emission=tuple(tint * watts / (np.pi * area)))))
+    return Scene(meshes, (0.6, 1.7, 6.6), (-0.2, 1.2, 0), 0.95)
+
+
+def field400():
+    """400 placements of one mesh of 50 k triangles under a sky with a small sun."""
+
+    def bumps(theta, phi):
+        return 1 + 0.2 * np.sin(5 * phi) * np.sin(4 * theta) + 0.06 * np.sin(31 * phi) * np.cos(29 * theta)
+
+    random = np.random.default_rng(2)
+    shrub = Mesh(*sphere(112, 0.5, (0, 0.45, 0), bumps), Material((0.25, 0.45, 0.15)))
+    for column in range(20):
+        for row in range(20):
+            x, z = np.array([column - 9.5, row - 9.5]) * 1.1 + random.uniform(-0.2, 0.2, 2)
+            shrub.places.append(Place((x, 0, z), random.uniform(0, 2 * np.pi), random.uniform(0.6, 1.2)))
+    ground = quad((-15, 0, 15), (15, 0, 15), (15, 0, -15), (-15, 0, -15))
+    return Scene([shrub, Mesh(*ground, Material((0.5, 0.42, 0.35)))], (0, 4, 13), (0, 0, 1), 0.7, sky=True)
+
+
+SCENES = {build.__name__: build for build in (cornell, veach, blob, lamps, field400)}
+
+
+def sky_bytes(width=512, height=256):
+    """A blue sky with a sun of three by three texels, as RGBE, rows from the top."""
+    up = np.linspace(1, 0, height)[:, None]
+    rgb = np.stack([0.3 + 0.2 * up, 0.5 + 0.2 * up, 0.9 + 0 * up], -1) * np.ones((1, width, 1))
+    rgb[60:63, 100:103] = 3000
+    exponent = np.ceil(np.log2(rgb.max(-1)))
+    mantissa = np.clip(rgb * (256 / 2.0**exponent)[..., None], 0, 255)
+    return np.concatenate([mantissa, (exponent + 128)[..., None]], -1).astype(np.uint8)
+
+
+def sky():
+    """What a reader of sky.hdr sees: (height, width, 3), texel centres at half-integers."""
+    rgbe = sky_bytes().astype(np.float32)
+    return (rgbe[..., :3] * 2.0 ** (rgbe[..., 3:] - 136)).astype(np.float32)
+
+
+def write_all(folder, names):
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        SCENES[name]().write(folder / f"{name}.glb")
+    rgbe = sky_bytes()
+    header = f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {rgbe.shape[0]} +X {rgbe.shape[1]}\n"
+    (folder / "sky.hdr").write_bytes(header.encode() + rgbe.tobytes())
+
+
+if __name__ == "__main__":
+    write_all(sys.argv[1], sys.argv[2:] or SCENES)

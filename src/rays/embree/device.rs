@@ -1,0 +1,266 @@
+//! Embree's device and scenes as handles that release themselves, and what Embree reports while it builds.
+
+use std::ffi::{CStr, CString, c_char, c_void};
+use std::ops::Range;
+use std::ptr::null_mut;
+use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::{Arc, Mutex};
+
+use embree4_sys as sys;
+
+use super::EmbreeOptions;
+use crate::rays::{Watch, go_on, stopped};
+use crate::scene::Mesh;
+use crate::{Error, Result};
+
+/// What Embree reports while it builds.
+#[derive(Default)]
+pub(super) struct Monitor {
+    pub(super) bytes: AtomicI64,
+    error: Mutex<Option<(sys::RTCError, String)>>,
+}
+
+pub(super) struct DeviceHandle(sys::RTCDevice);
+
+impl Drop for DeviceHandle {
+    fn drop(&mut self) {
+        // SAFETY: the handle is valid and released once.
+        unsafe { sys::rtcReleaseDevice(self.0) }
+    }
+}
+
+pub(super) struct SceneHandle(pub(super) sys::RTCScene);
+
+impl Drop for SceneHandle {
+    fn drop(&mut self) {
+        // SAFETY: the handle is valid and released once.
+        unsafe { sys::rtcReleaseScene(self.0) }
+    }
+}
+
+unsafe extern "C" fn on_memory(monitor: *mut c_void, bytes: isize, _post: bool) -> bool {
+    // SAFETY: `build` registered a `Monitor` that outlives the device.
+    let monitor = unsafe { &*monitor.cast::<Monitor>() };
+    monitor.bytes.fetch_add(bytes as i64, Ordering::Relaxed);
+    true
+}
+
+unsafe extern "C" fn on_error(monitor: *mut c_void, code: sys::RTCError, message: *const c_char) {
+    // SAFETY: `build` registered a `Monitor` that outlives the device.
+    let monitor = unsafe { &*monitor.cast::<Monitor>() };
+    let text = if message.is_null() {
+        String::new()
+    } else {
+        // SAFETY: Embree hands over a terminated string.
+        unsafe { CStr::from_ptr(message) }.to_string_lossy().into_owned()
+    };
+    if let Ok(mut first) = monitor.error.lock() {
+        first.get_or_insert((code, text));
+    }
+}
+
+/// The share of one commit in a whole build, and who follows that.
+#[derive(Clone)]
+pub(super) struct Share<'a> {
+    watch: Watch<'a>,
+    /// Within [0, 1].
+    part: Range<f64>,
+    /// Triangles and placements of the whole.
+    units: f64,
+}
+
+impl<'a> Share<'a> {
+    /// Nothing yet of a build of so many triangles and placements.
+    pub(super) fn new(watch: Watch<'a>, units: usize) -> Self {
+        Self { watch, part: 0.0..0.0, units: units as f64 }
+    }
+
+    /// Goes on by so many triangles.
+    pub(super) fn next(&mut self, triangles: usize) -> Self {
+        self.part = self.part.end..(self.part.end + triangles as f64 / self.units).min(1.0);
+        self.clone()
+    }
+
+    /// What is left.
+    pub(super) fn rest(self) -> Self {
+        Self { part: self.part.end..1.0, ..self }
+    }
+}
+
+unsafe extern "C" fn on_progress(share: *mut c_void, fraction: f64) -> bool {
+    // SAFETY: `commit` registered a `Share` that outlives the commit.
+    let Share { watch, part, .. } = unsafe { &*share.cast::<Share>() };
+    watch(part.start + (part.end - part.start) * fraction.clamp(0.0, 1.0))
+}
+
+/// An Embree error as one of ours.
+fn error_of(code: sys::RTCError, message: &str) -> Error {
+    match code {
+        sys::RTC_ERROR_OUT_OF_MEMORY => Error::Host(format!("Embree: not enough memory for this scene: {message}")),
+        sys::RTC_ERROR_CANCELLED => stopped(),
+        sys::RTC_ERROR_UNSUPPORTED_CPU => Error::Host(format!("Embree: this CPU is not supported: {message}")),
+        _ => Error::Bug(format!("Embree error {code}: {message}")),
+    }
+}
+
+impl Monitor {
+    /// The first error since the last call.
+    fn check(&self) -> Result<()> {
+        match self.error.lock().ok().and_then(|mut error| error.take()) {
+            Some((code, message)) => Err(error_of(code, &message)),
+            None => Ok(()),
+        }
+    }
+}
+
+impl DeviceHandle {
+    pub(super) fn new(options: &EmbreeOptions, monitor: &Arc<Monitor>) -> Result<Self> {
+        let mut config = format!("threads={}", options.threads);
+        if let Some(isa) = &options.isa {
+            config += &format!(",isa={isa}");
+        }
+        let config = CString::new(config).unwrap_or_default();
+        // SAFETY: a terminated string that the call copies.
+        let device = unsafe { sys::rtcNewDevice(config.as_ptr()) };
+        if device.is_null() {
+            // SAFETY: null asks for the error of the failed creation.
+            return Err(error_of(unsafe { sys::rtcGetDeviceError(device) }, "no device"));
+        }
+        let device = Self(device);
+        let monitor = Arc::as_ptr(monitor).cast_mut().cast();
+        // SAFETY: the device is valid; the monitor stays in its place and is dropped after the device.
+        unsafe {
+            sys::rtcSetDeviceErrorFunction(device.0, Some(on_error), monitor);
+            sys::rtcSetDeviceMemoryMonitorFunction(device.0, Some(on_memory), monitor);
+        }
+        Ok(device)
+    }
+
+    pub(super) fn property(&self, property: sys::RTCDeviceProperty) -> isize {
+        // SAFETY: the device is valid.
+        unsafe { sys::rtcGetDeviceProperty(self.0, property) }
+    }
+
+    /// The library's version, when its structs are those of the header: same major and minor version.
+    pub(super) fn version(&self) -> Result<String> {
+        let [major, minor, patch] = [
+            sys::RTC_DEVICE_PROPERTY_VERSION_MAJOR,
+            sys::RTC_DEVICE_PROPERTY_VERSION_MINOR,
+            sys::RTC_DEVICE_PROPERTY_VERSION_PATCH,
+        ]
+        .map(|part| self.property(part));
+        let version = format!("{major}.{minor}.{patch}");
+        if (major, minor) == (sys::RTC_VERSION_MAJOR as isize, sys::RTC_VERSION_MINOR as isize) {
+            return Ok(version);
+        }
+        Err(Error::Host(format!(
+            "Embree {version} is installed, but this program was built for {}.{}.x: \
+             install that, or build the program again on this machine",
+            sys::RTC_VERSION_MAJOR,
+            sys::RTC_VERSION_MINOR
+        )))
+    }
+
+    pub(super) fn new_scene(&self, has_alpha: bool) -> SceneHandle {
+        // SAFETY: the device is valid; the flags are set before the commit.
+        unsafe {
+            let scene = sys::rtcNewScene(self.0);
+            if has_alpha {
+                sys::rtcSetSceneFlags(scene, sys::RTC_SCENE_FLAG_FILTER_FUNCTION_IN_ARGUMENTS);
+            }
+            sys::rtcSetSceneBuildQuality(scene, sys::RTC_BUILD_QUALITY_MEDIUM);
+            SceneHandle(scene)
+        }
+    }
+
+    /// Attaches `mesh` to `target` as geometry `id`. The caller has checked the indices and keeps the mesh alive.
+    pub(super) fn attach_mesh(&self, target: &SceneHandle, id: u32, mesh: &Mesh, has_alpha: bool) {
+        if mesh.indices.is_empty() {
+            return;
+        }
+        let vertices = mesh.positions.padded();
+        // SAFETY: both buffers live as long as the `Arc<Scene>`, which is dropped after Embree's handles, and nobody
+        // changes them; the vertex buffer is readable 16 bytes from its last vertex thanks to the padding; every index
+        // is below the vertex count (`check`).
+        unsafe {
+            let geometry = sys::rtcNewGeometry(self.0, sys::RTC_GEOMETRY_TYPE_TRIANGLE);
+            sys::rtcSetSharedGeometryBuffer(
+                geometry,
+                sys::RTC_BUFFER_TYPE_VERTEX,
+                0,
+                sys::RTC_FORMAT_FLOAT3,
+                vertices.as_ptr().cast(),
+                0,
+                size_of::<[f32; 3]>(),
+                mesh.positions.len(),
+            );
+            sys::rtcSetSharedGeometryBuffer(
+                geometry,
+                sys::RTC_BUFFER_TYPE_INDEX,
+                0,
+                sys::RTC_FORMAT_UINT3,
+                mesh.indices.as_ptr().cast(),
+                0,
+                size_of::<[u32; 3]>(),
+                mesh.indices.len(),
+            );
+            if has_alpha {
+                sys::rtcSetGeometryEnableFilterFunctionFromArguments(geometry, true);
+            }
+            sys::rtcCommitGeometry(geometry);
+            sys::rtcAttachGeometryByID(target.0, geometry, id);
+            sys::rtcReleaseGeometry(geometry);
+        }
+    }
+
+    /// Attaches a placement of `object` to `target` as geometry `id`.
+    pub(super) fn attach_instance(
+        &self,
+        target: &SceneHandle,
+        id: u32,
+        object: &SceneHandle,
+        transform: &glam::Affine3A,
+    ) {
+        let columns = transform.to_cols_array();
+        // SAFETY: all handles are valid; the instance takes a reference to `object`; the matrix is copied.
+        unsafe {
+            let geometry = sys::rtcNewGeometry(self.0, sys::RTC_GEOMETRY_TYPE_INSTANCE);
+            sys::rtcSetGeometryInstancedScene(geometry, object.0);
+            sys::rtcSetGeometryTransform(geometry, 0, sys::RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, columns.as_ptr().cast());
+            sys::rtcCommitGeometry(geometry);
+            sys::rtcAttachGeometryByID(target.0, geometry, id);
+            sys::rtcReleaseGeometry(geometry);
+        }
+    }
+}
+
+impl SceneHandle {
+    /// Builds it; `share` is its share of the whole.
+    pub(super) fn commit(&self, monitor: &Monitor, share: Share) -> Result<()> {
+        // Embree asks only every some thousand triangles, and not at all in a scene of few.
+        go_on(share.watch, share.part.start)?;
+        // SAFETY: the handle is valid; `share` outlives the commit, and Embree is told to forget it afterwards.
+        unsafe {
+            sys::rtcSetSceneProgressMonitorFunction(self.0, Some(on_progress), (&raw const share).cast_mut().cast());
+            sys::rtcCommitScene(self.0);
+            sys::rtcSetSceneProgressMonitorFunction(self.0, None, null_mut());
+        }
+        monitor.check()
+    }
+}
+
+/// The instruction set that Embree picks on this CPU: the highest that it was built for and that the CPU has whole.
+pub(super) fn best_isa() -> &'static str {
+    macro_rules! has { ($($feature:tt),+) => { $(std::arch::is_x86_feature_detected!($feature))&&+ } }
+    if has!("avx512f", "avx512dq", "avx512cd", "avx512bw", "avx512vl") {
+        "AVX512"
+    } else if has!("avx2", "fma", "bmi1", "bmi2", "lzcnt", "f16c") {
+        "AVX2"
+    } else if has!("avx") {
+        "AVX"
+    } else if has!("sse4.2") {
+        "SSE4.2"
+    } else {
+        "SSE2"
+    }
+}

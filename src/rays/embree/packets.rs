@@ -1,0 +1,233 @@
+//! Batches to Embree's packets and back.
+
+use std::cell::RefCell;
+use std::ffi::c_int;
+use std::mem::offset_of;
+
+use embree4_sys as sys;
+
+use super::EmbreeRays;
+use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
+
+/// Embree's context of a batch, followed by what the alpha filter needs.
+#[repr(C)]
+struct QueryContext<'a> {
+    embree: sys::RTCRayQueryContext,
+    rays: &'a EmbreeRays,
+    /// By ray id.
+    keys: &'a [u32],
+}
+
+impl<'a> QueryContext<'a> {
+    fn new(embree: &'a EmbreeRays, rays: &'a RayBatch) -> Self {
+        Self { embree: sys::init_ray_query_context(), rays: embree, keys: &rays.key }
+    }
+}
+
+/// Rejects the hits of a packet at which the surface is not there.
+pub(super) unsafe extern "C" fn filter_alpha(args: *const sys::RTCFilterFunctionNArguments) {
+    // A packet of N is a column of N for every field of the single struct.
+    const ID: usize = offset_of!(sys::RTCRay, id) / 4;
+    const U: usize = offset_of!(sys::RTCHit, u) / 4;
+    const V: usize = offset_of!(sys::RTCHit, v) / 4;
+    const PRIM: usize = offset_of!(sys::RTCHit, primID) / 4;
+    const GEOMETRY: usize = offset_of!(sys::RTCHit, geomID) / 4;
+    const INSTANCE: usize = offset_of!(sys::RTCHit, instID) / 4;
+    // SAFETY: Embree calls this with valid arguments, and the context is the one that the queries below hand over.
+    let (args, context) = unsafe { (&*args, &*(*args).context.cast::<QueryContext>()) };
+    let n = args.N as usize;
+    for lane in 0..n {
+        // SAFETY: `valid`, and each column of ray and hit, has N entries.
+        unsafe {
+            let valid = args.valid.add(lane);
+            if *valid != -1 {
+                continue;
+            }
+            let ray = |column: usize| *args.ray.cast::<u32>().add(column * n + lane);
+            let hit = |column: usize| *args.hit.cast::<u32>().add(column * n + lane);
+            let place = context.rays.place(hit(GEOMETRY), hit(INSTANCE));
+            let [u, v] = [hit(U), hit(V)].map(f32::from_bits);
+            let key = context.keys[ray(ID) as usize];
+            if !context.rays.scene.is_present(key, place.instance, place.mesh, hit(PRIM), u, v) {
+                *valid = 0;
+            }
+        }
+    }
+}
+
+/// Embree wants a packet's lane mask aligned like the packet.
+#[repr(C, align(64))]
+struct Lanes<const N: usize>([c_int; N]);
+
+impl<const N: usize> Lanes<N> {
+    fn first(count: usize) -> Self {
+        Self(std::array::from_fn(|lane| if lane < count { -1 } else { 0 }))
+    }
+}
+
+/// Which rays of a batch the lanes of a packet take.
+#[derive(Clone, Copy)]
+enum Picks<'a> {
+    /// Those from here on.
+    From(usize),
+    /// These.
+    Each(&'a [u32]),
+}
+
+/// Copies a part of a column; spare lanes keep what they have.
+#[inline(always)]
+fn load<const N: usize>(lanes: &mut [f32; N], column: &[f32], picks: Picks) {
+    match picks {
+        Picks::From(start) => match column[start..].first_chunk() {
+            Some(chunk) => *lanes = *chunk,
+            None => lanes[..column.len() - start].copy_from_slice(&column[start..]),
+        },
+        Picks::Each(rays) => {
+            for (lane, &ray) in lanes.iter_mut().zip(rays) {
+                *lane = column[ray as usize];
+            }
+        }
+    }
+}
+
+/// The way back; spare lanes are dropped.
+#[inline(always)]
+fn store<T: Copy, const N: usize>(column: &mut [T], picks: Picks, lanes: &[T; N]) {
+    match picks {
+        Picks::From(start) => match column[start..].first_chunk_mut() {
+            Some(chunk) => *chunk = *lanes,
+            None => {
+                let len = column.len() - start;
+                column[start..].copy_from_slice(&lanes[..len]);
+            }
+        },
+        Picks::Each(rays) => {
+            for (&lane, &ray) in lanes.iter().zip(rays) {
+                column[ray as usize] = lane;
+            }
+        }
+    }
+}
+
+/// Calls `packet` with the rays of each packet of `n`, in the batch's order or sorted by the signs of their directions.
+/// Embree takes a packet that stays together through the tree once for each octant that its rays point to: sorted, the
+/// packets of diffuse bounces in a small scene cost a third.
+#[inline(always)]
+fn for_each_packet(rays: &RayBatch, n: usize, sorted: bool, mut packet: impl FnMut(Picks, usize)) {
+    thread_local! {
+        static ORDER: RefCell<Vec<u32>> = const { RefCell::new(Vec::new()) };
+    }
+    if !sorted {
+        for start in (0..rays.len()).step_by(n) {
+            packet(Picks::From(start), n.min(rays.len() - start));
+        }
+        return;
+    }
+    ORDER.with_borrow_mut(|order| {
+        let [x, y, z] = &rays.direction;
+        let octant = |i: usize| (x[i].to_bits() >> 31 | y[i].to_bits() >> 31 << 1 | z[i].to_bits() >> 31 << 2) as usize;
+        let mut ends = [0; 8];
+        (0..rays.len()).for_each(|i| ends[octant(i)] += 1);
+        let mut start = 0;
+        for end in &mut ends {
+            (start, *end) = (start + *end, start);
+        }
+        order.resize(rays.len(), 0);
+        for i in 0..rays.len() {
+            let place = &mut ends[octant(i)];
+            order[*place] = i as u32;
+            *place += 1;
+        }
+        for picks in order.chunks(n) {
+            packet(Picks::Each(picks), picks.len());
+        }
+    });
+}
+
+macro_rules! packet_queries {
+    ($module:ident, $n:literal, $ray:ident, $hit:ident, $ray_hit:ident, $intersect:ident, $occluded:ident) => {
+        pub(super) mod $module {
+            use super::*;
+
+            #[inline(always)]
+            fn load_rays(lanes: &mut sys::$ray, rays: &RayBatch, picks: Picks) {
+                load(&mut lanes.org_x, &rays.origin[0], picks);
+                load(&mut lanes.org_y, &rays.origin[1], picks);
+                load(&mut lanes.org_z, &rays.origin[2], picks);
+                load(&mut lanes.dir_x, &rays.direction[0], picks);
+                load(&mut lanes.dir_y, &rays.direction[1], picks);
+                load(&mut lanes.dir_z, &rays.direction[2], picks);
+                load(&mut lanes.tnear, &rays.tnear, picks);
+                load(&mut lanes.tfar, &rays.tfar, picks);
+                match picks {
+                    Picks::From(start) => lanes.id = std::array::from_fn(|lane| (start + lane) as u32),
+                    Picks::Each(rays) => lanes.id[..rays.len()].copy_from_slice(rays),
+                }
+            }
+
+            pub fn closest_hits(to: &EmbreeRays, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
+                let mut context = QueryContext::new(to, rays);
+                let mut args = sys::RTCIntersectArguments {
+                    flags: to.flags(order),
+                    feature_mask: sys::RTC_FEATURE_FLAG_ALL,
+                    context: (&raw mut context).cast(),
+                    filter: to.filter(),
+                    intersect: None,
+                };
+                let missed = sys::$hit {
+                    primID: [MISS; $n],
+                    geomID: [sys::RTC_INVALID_GEOMETRY_ID; $n],
+                    instID: [[sys::RTC_INVALID_GEOMETRY_ID; $n]; sys::RTC_MAX_INSTANCE_LEVEL_COUNT as usize],
+                    ..Default::default()
+                };
+                let mut packet = sys::$ray_hit::default();
+                packet.ray.mask = [u32::MAX; $n];
+                for_each_packet(rays, $n, to.sorts(order), |picks, len| {
+                    load_rays(&mut packet.ray, rays, picks);
+                    packet.hit = missed;
+                    let valid = Lanes::<$n>::first(len);
+                    // SAFETY: the scene is committed, `context` lives, mask and packet are aligned by their types.
+                    unsafe { sys::$intersect(valid.0.as_ptr(), to.top.0, &mut packet, &mut args) };
+                    let hit = &packet.hit;
+                    let (mut t, mut instance, mut mesh) = (packet.ray.tfar, [MISS; $n], [MISS; $n]);
+                    for lane in 0..$n {
+                        if hit.geomID[lane] == sys::RTC_INVALID_GEOMETRY_ID {
+                            t[lane] = f32::INFINITY;
+                        } else {
+                            let place = to.place(hit.geomID[lane], hit.instID[0][lane]);
+                            (instance[lane], mesh[lane]) = (place.instance, place.mesh);
+                        }
+                    }
+                    store(&mut hits.t, picks, &t);
+                    store(&mut hits.u, picks, &hit.u);
+                    store(&mut hits.v, picks, &hit.v);
+                    store(&mut hits.instance, picks, &instance);
+                    store(&mut hits.mesh, picks, &mesh);
+                    store(&mut hits.prim, picks, &hit.primID);
+                });
+            }
+
+            pub fn occluded(by: &EmbreeRays, rays: &RayBatch, order: RayOrder, occluded: &mut [bool]) {
+                let mut context = QueryContext::new(by, rays);
+                let mut args = sys::RTCOccludedArguments {
+                    flags: by.flags(order),
+                    feature_mask: sys::RTC_FEATURE_FLAG_ALL,
+                    context: (&raw mut context).cast(),
+                    filter: by.filter(),
+                    occluded: None,
+                };
+                let mut packet = sys::$ray { mask: [u32::MAX; $n], ..Default::default() };
+                for_each_packet(rays, $n, by.sorts(order), |picks, len| {
+                    load_rays(&mut packet, rays, picks);
+                    let valid = Lanes::<$n>::first(len);
+                    // SAFETY: the scene is committed, `context` lives, mask and packet are aligned by their types.
+                    unsafe { sys::$occluded(valid.0.as_ptr(), by.top.0, &mut packet, &mut args) };
+                    store(occluded, picks, &packet.tfar.map(|tfar| tfar == f32::NEG_INFINITY));
+                });
+            }
+        }
+    };
+}
+
+packet_queries!(wide16, 16, RTCRay16, RTCHit16, RTCRayHit16, rtcIntersect16, rtcOccluded16);
+packet_queries!(wide8, 8, RTCRay8, RTCHit8, RTCRayHit8, rtcIntersect8, rtcOccluded8);

@@ -1,0 +1,121 @@
+//! Axes: from values to places, and where the ticks go.
+
+/// How values become places.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scale {
+    /// In proportion.
+    Linear,
+    /// Decades are equally long; values ≤ 0 are left out.
+    Log,
+}
+
+/// An axis, fitted to its values.
+#[derive(Debug, Clone, Copy)]
+pub struct Axis {
+    scale: Scale,
+    low: f64,
+    high: f64,
+}
+
+impl Axis {
+    /// An axis on which all of the values that the scale can show have a place.
+    pub fn fit(scale: Scale, values: impl Iterator<Item = f64>) -> Self {
+        let shown = values.filter(|v| v.is_finite() && (scale == Scale::Linear || *v > 0.0));
+        let (low, high) = shown.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+        let (low, high) = match scale {
+            _ if low > high => (1.0, 2.0),
+            Scale::Log => (low * 0.8, high * 1.25),
+            Scale::Linear => {
+                let room = if high > low { 0.05 * (high - low) } else { 0.5 * high.abs().max(1e-9) };
+                (low - room, high + room)
+            }
+        };
+        Self { scale, low, high }
+    }
+
+    /// An axis from `low` to `high`.
+    pub fn new(scale: Scale, low: f64, high: f64) -> Self {
+        Self { scale, low, high }
+    }
+
+    /// Where a value is, 0 at the low end and 1 at the high end; `None` if it has no place on the axis.
+    pub fn place(&self, value: f64) -> Option<f64> {
+        let of = |v: f64| if self.scale == Scale::Log { v.log10() } else { v };
+        let place = (of(value) - of(self.low)) / (of(self.high) - of(self.low));
+        (place.is_finite() && (-1e-9..=1.0 + 1e-9).contains(&place)).then_some(place)
+    }
+
+    /// [`place`](Self::place), values beyond an end at that end.
+    pub fn clamped(&self, value: f64) -> Option<f64> {
+        if value.is_nan() { None } else { self.place(value.clamp(self.low, self.high)) }
+    }
+
+    /// Values to write at the axis, rising, two to seven or so.
+    pub fn ticks(&self) -> Vec<f64> {
+        match self.scale {
+            Scale::Linear => {
+                let rough = (self.high - self.low) / 5.0;
+                let unit = 10f64.powf(rough.log10().floor());
+                let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|s| s * unit).find(|s| *s >= rough).unwrap_or(unit);
+                let (first, last) = ((self.low / step).ceil() as i64, (self.high / step).floor() as i64);
+                (first..=last).map(|i| i as f64 * step).collect()
+            }
+            Scale::Log => {
+                let (first, last) = (self.low.log10().floor() as i32, self.high.log10().ceil() as i32);
+                let at = |within: &[f64], every: i32| {
+                    let decades = (first..=last).filter(|d| (d - first) % every == 0);
+                    let all = decades.flat_map(|d| within.iter().map(move |w| w * 10f64.powi(d)));
+                    all.filter(|v| (self.low..=self.high).contains(v)).collect::<Vec<_>>()
+                };
+                let fine = at(&[1.0, 2.0, 5.0], 1);
+                if fine.len() <= 7 { fine } else { at(&[1.0], 1 + (last - first) / 7) }
+            }
+        }
+    }
+}
+
+/// A tick's text.
+pub fn tick_text(value: f64) -> String {
+    let text = match value.abs() {
+        0.0 => "0".to_owned(),
+        a if (1e-3..1e5).contains(&a) => {
+            let text = format!("{value:.4}");
+            text.trim_end_matches('0').trim_end_matches('.').to_owned()
+        }
+        _ => format!("{value:.0e}"),
+    };
+    text.replacen('-', "−", 1).replace("e-", "e−")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_few_and_on_the_axis() {
+        for (low, high) in [(0.0, 1.0), (-3.0, 17.0), (0.61, 0.63), (1e-5, 3e-2), (0.5, 900.0)] {
+            for scale in [Scale::Linear, Scale::Log] {
+                if scale == Scale::Log && low <= 0.0 {
+                    continue;
+                }
+                let axis = Axis::fit(scale, [low, high].into_iter());
+                let ticks = axis.ticks();
+                assert!(ticks.len() <= 8 && (scale == Scale::Log || ticks.len() >= 2), "{low} {high} {ticks:?}");
+                assert!(ticks.iter().all(|t| axis.place(*t).is_some()), "{ticks:?}");
+            }
+        }
+        assert_eq!(Axis::new(Scale::Log, 0.5, 60.0).ticks(), [0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0]);
+        assert_eq!(tick_text(0.25), "0.25");
+        assert_eq!(tick_text(1e-5), "1e−5");
+        assert_eq!(tick_text(100.0), "100");
+    }
+
+    #[test]
+    fn what_cannot_be_shown_has_no_place() {
+        let axis = Axis::fit(Scale::Log, [0.0, 1.0, 10.0, f64::NAN, -3.0].into_iter());
+        assert!(axis.place(0.0).is_none() && axis.place(f64::NAN).is_none() && axis.place(100.0).is_none());
+        assert!((axis.clamped(100.0).unwrap() - 1.0).abs() < 1e-12);
+        assert!(axis.place(3.0).is_some());
+        assert!(Axis::fit(Scale::Linear, std::iter::empty()).place(1.5).is_some());
+    }
+}

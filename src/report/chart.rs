@@ -1,0 +1,220 @@
+//! Line charts as SVG, with each line's name at its end.
+
+use std::fmt::Write;
+
+use super::axis::{Axis, Scale, tick_text};
+use super::escape;
+
+/// What charts look like, in light and dark. Colours after Wong (2011), *Points of view: Color blindness*, made darker
+/// or lighter to stand out from the ground.
+pub const CSS: &str = "
+.chart{--ink:#1d232b;--soft:#5d6875;--grid:#e4e8ed;--s0:#6b7684;--s1:#0067a5;--s2:#c84e00;--s3:#00805d;--s4:#a8487f;
+--s5:#3a97d3;--s6:#b37a00;--s7:#1d232b;font:12px system-ui,sans-serif;color:var(--ink)}
+@media(prefers-color-scheme:dark){.chart{--ink:#e8ecf1;--soft:#a3adb9;--grid:#333b45;--s0:#98a4b2;--s1:#5bb5f0;
+--s2:#ff9350;--s3:#2fc79b;--s4:#e893c4;--s5:#a5d5f5;--s6:#f0c24b;--s7:#ffffff}}
+.chart text{fill:var(--ink)}.chart .soft{fill:var(--soft)}.chart .title{font-weight:600;font-size:13px}
+.chart .grid{stroke:var(--grid);stroke-width:1}.chart .mark{stroke:var(--soft);stroke-width:1;stroke-dasharray:3 3}
+.chart .line{fill:none;stroke-width:2;stroke-linejoin:round}";
+
+/// How many colours there are.
+pub const COLORS: usize = 8;
+/// Dashes tell apart what colours alone might not.
+const DASHES: [&str; COLORS] = ["5 3", "", "", "8 3", "2 3", "8 3 2 3", "4 2", "1 2"];
+
+/// One line.
+#[derive(Debug, Clone)]
+pub struct Series {
+    /// Written at its end.
+    pub name: String,
+    /// In order of x.
+    pub points: Vec<(f64, f64)>,
+    /// Which of the [`COLORS`]; 0 is grey, for what others are compared with.
+    pub color: usize,
+}
+
+/// A chart of lines over two axes.
+#[derive(Debug, Clone)]
+pub struct Chart {
+    /// Above it.
+    pub title: String,
+    /// Below it.
+    pub x_label: String,
+    /// Above the vertical axis.
+    pub y_label: String,
+    /// The horizontal axis.
+    pub x: Axis,
+    /// The vertical axis.
+    pub y: Axis,
+    /// Its lines.
+    pub series: Vec<Series>,
+    /// A dot at every point?
+    pub dots: bool,
+    /// Vertical lines at values that matter, with a word.
+    pub marks: Vec<(f64, String)>,
+}
+
+const WIDTH: f64 = 560.0;
+const HEIGHT: f64 = 340.0;
+const LEFT: f64 = 58.0;
+const RIGHT: f64 = 128.0;
+const TOP: f64 = 50.0;
+const BOTTOM: f64 = 44.0;
+/// Between the names of two lines.
+const LABEL_GAP: f64 = 14.0;
+
+impl Chart {
+    /// A chart whose axes fit its lines.
+    pub fn fitted(title: &str, [x_label, y_label]: [&str; 2], scales: [Scale; 2], series: Vec<Series>) -> Self {
+        let all = || series.iter().flat_map(|s| &s.points);
+        Self {
+            title: title.to_owned(),
+            x_label: x_label.to_owned(),
+            y_label: y_label.to_owned(),
+            x: Axis::fit(scales[0], all().map(|p| p.0)),
+            y: Axis::fit(scales[1], all().map(|p| p.1)),
+            series,
+            dots: true,
+            marks: Vec::new(),
+        }
+    }
+
+    /// The picture, to stand in a page that has [`CSS`].
+    pub fn svg(&self) -> String {
+        let mut out = open(WIDTH, HEIGHT, &self.title);
+        let (w, h) = (WIDTH - LEFT - RIGHT, HEIGHT - TOP - BOTTOM);
+        let (px, py) = (|p: f64| LEFT + p * w, |p: f64| TOP + (1.0 - p) * h);
+        text(&mut out, (LEFT, 30.0), "soft", "start", &self.y_label);
+        text(&mut out, (LEFT + w / 2.0, HEIGHT - 8.0), "soft", "middle", &self.x_label);
+        for tick in self.x.ticks() {
+            let Some(x) = self.x.place(tick).map(px) else { continue };
+            line(&mut out, "grid", (x, TOP), (x, TOP + h));
+            text(&mut out, (x, TOP + h + 16.0), "soft", "middle", &tick_text(tick));
+        }
+        for tick in self.y.ticks() {
+            let Some(y) = self.y.place(tick).map(py) else { continue };
+            line(&mut out, "grid", (LEFT, y), (LEFT + w, y));
+            text(&mut out, (LEFT - 7.0, y + 4.0), "soft", "end", &tick_text(tick));
+        }
+        for (value, word) in &self.marks {
+            let Some(x) = self.x.place(*value).map(px) else { continue };
+            line(&mut out, "mark", (x, TOP), (x, TOP + h));
+            text(&mut out, (x + 4.0, TOP + 11.0), "soft", "start", word);
+        }
+        let mut labels = Vec::new();
+        for series in &self.series {
+            let placed = |&(x, y): &(f64, f64)| Some((px(self.x.clamped(x)?), py(self.y.clamped(y)?)));
+            let points = series.points.iter().filter_map(placed).collect::<Vec<_>>();
+            let Some(&end) = points.last() else { continue };
+            let color = series.color % COLORS;
+            let path = points.iter().map(|(x, y)| format!("{x:.1},{y:.1}")).collect::<Vec<_>>().join(" ");
+            let _ = write!(
+                out,
+                r#"<polyline class="line" points="{path}" stroke="var(--s{color})" stroke-dasharray="{}"/>"#,
+                DASHES[color]
+            );
+            for (x, y) in points.iter().filter(|_| self.dots) {
+                let _ = write!(out, r#"<circle cx="{x:.1}" cy="{y:.1}" r="3" fill="var(--s{color})"/>"#);
+            }
+            labels.push((end, color, &series.name));
+        }
+        let wanted = labels.iter().map(|((_, y), ..)| *y).collect::<Vec<_>>();
+        for (((x, y), color, name), at) in labels.iter().zip(spread(&wanted, (TOP + 6.0, TOP + h))) {
+            let edge = LEFT + w + 14.0;
+            let _ = write!(
+                out,
+                r#"<path d="M{:.1} {y:.1}L{:.1} {at:.1}" stroke="var(--s{color})" stroke-width="1" fill="none" opacity=".6"/>"#,
+                x + 4.0,
+                edge - 3.0
+            );
+            let _ = write!(
+                out,
+                r#"<text x="{edge:.1}" y="{:.1}" style="fill:var(--s{color})">{}</text>"#,
+                at + 4.0,
+                escape(name)
+            );
+        }
+        out + "</svg>"
+    }
+
+    /// The picture as a file of its own.
+    pub fn file(&self) -> String {
+        standalone(&self.svg())
+    }
+}
+
+/// A picture with the look that pages give it.
+pub(super) fn standalone(svg: &str) -> String {
+    svg.replacen('>', &format!("><style>{CSS}.chart{{background:#fff}}@media(prefers-color-scheme:dark){{.chart{{background:#14181d}}}}</style>"), 1)
+}
+
+/// Opens a picture.
+pub(super) fn open(width: f64, height: f64, title: &str) -> String {
+    let title = escape(title);
+    format!(
+        r#"<svg class="chart" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" role="img" aria-label="{title}"><text class="title" x="0" y="13">{title}</text>"#
+    )
+}
+
+pub(super) fn text(out: &mut String, (x, y): (f64, f64), class: &str, anchor: &str, words: &str) {
+    let words = escape(words);
+    let _ = write!(out, r#"<text class="{class}" x="{x:.1}" y="{y:.1}" text-anchor="{anchor}">{words}</text>"#);
+}
+
+pub(super) fn line(out: &mut String, class: &str, a: (f64, f64), b: (f64, f64)) {
+    let _ = write!(out, r#"<path class="{class}" d="M{:.1} {:.1}L{:.1} {:.1}"/>"#, a.0, a.1, b.0, b.1);
+}
+
+/// Places near the wanted ones, in the same order, at least [`LABEL_GAP`] apart and, if there is room, in the range.
+fn spread(wanted: &[f64], (low, high): (f64, f64)) -> Vec<f64> {
+    let mut order = (0..wanted.len()).collect::<Vec<_>>();
+    order.sort_by(|&a, &b| wanted[a].total_cmp(&wanted[b]));
+    let mut placed = order.iter().map(|&i| wanted[i].max(low)).collect::<Vec<_>>();
+    for i in 1..placed.len() {
+        placed[i] = placed[i].max(placed[i - 1] + LABEL_GAP);
+    }
+    let mut limit = high;
+    for place in placed.iter_mut().rev() {
+        *place = place.min(limit);
+        limit = *place - LABEL_GAP;
+    }
+    let mut result = vec![0.0; wanted.len()];
+    order.iter().zip(placed).for_each(|(&i, p)| result[i] = p);
+    result
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_do_not_overlap_and_keep_their_order() {
+        let places = spread(&[100.0, 101.0, 99.0, 300.0], (50.0, 290.0));
+        assert!(places[2] < places[0] && places[0] < places[1] && places[1] < places[3]);
+        let mut sorted = places.clone();
+        sorted.sort_by(f64::total_cmp);
+        assert!(sorted.windows(2).all(|w| w[1] - w[0] >= LABEL_GAP - 1e-9), "{places:?}");
+        assert!(sorted[3] <= 290.0);
+    }
+
+    #[test]
+    fn a_chart_has_a_line_and_a_name_for_each_series_and_no_markup_from_names() {
+        let series = |name: &str, color| Series { name: name.into(), points: vec![(1.0, 0.1), (10.0, 0.01)], color };
+        let lines = vec![series("a", 0), series("<b>", 9)];
+        let chart = Chart::fitted("t & u", ["x", "y"], [Scale::Log; 2], lines);
+        let svg = chart.svg();
+        assert_eq!(svg.matches("<polyline").count(), 2);
+        assert!(svg.contains("&lt;b&gt;") && !svg.contains("<b>") && svg.contains("t &amp; u"));
+        assert!(!svg.contains("NaN") && !svg.contains("inf"));
+        assert!(chart.file().contains("<style>"));
+    }
+
+    #[test]
+    fn a_series_without_points_or_with_values_off_the_scale_is_no_reason_to_fail() {
+        let series = vec![
+            Series { name: "none".into(), points: vec![], color: 1 },
+            Series { name: "bad".into(), points: vec![(0.0, f64::NAN), (1.0, 0.0)], color: 2 },
+        ];
+        let svg = Chart::fitted("", ["", ""], [Scale::Log, Scale::Linear], series).svg();
+        assert!(!svg.contains("NaN"));
+    }
+}

@@ -1,0 +1,83 @@
+//! Pages that people read: charts as SVG, pictures in false colour, one self-contained HTML file. Knows nothing of what
+//! is reported.
+
+pub mod axis;
+pub mod chart;
+pub mod dots;
+pub mod page;
+pub mod picture;
+pub mod table;
+
+pub use axis::{Axis, Scale};
+pub use chart::{Chart, Series};
+pub use dots::{Dot, DotPlot};
+pub use page::Page;
+pub use picture::{ColorScale, Picture};
+pub use table::{Table, Tone};
+
+/// Text for HTML and SVG: the five characters with a meaning become entities.
+pub fn escape(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => out += "&amp;",
+            '<' => out += "&lt;",
+            '>' => out += "&gt;",
+            '"' => out += "&quot;",
+            '\'' => out += "&#39;",
+            c => out.push(c),
+        }
+    }
+    out
+}
+
+/// A number as people read it: three significant digits, plain from 0.001 to 100 000, a minus that is one.
+pub fn number(x: f64) -> String {
+    let text = match x.abs() {
+        _ if !x.is_finite() => return "–".to_owned(),
+        0.0 => "0".to_owned(),
+        a if !(1e-3..1e5).contains(&a) => format!("{x:.2e}"),
+        a => {
+            let decimals = (2 - a.log10().floor() as i32).clamp(0, 5) as usize;
+            format!("{x:.decimals$}")
+        }
+    };
+    text.replacen('-', "−", 1).replace("e-", "e−")
+}
+
+/// A number with its standard error, both to the error's second digit, three decimals at most.
+pub fn with_error(x: f64, error: f64) -> String {
+    if !x.is_finite() || !error.is_finite() {
+        return number(x);
+    }
+    let decimals = if error > 0.0 { (1 - error.log10().floor() as i32).clamp(0, 3) as usize } else { 3 };
+    format!("{x:.decimals$} ± {error:.decimals$}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_three_digits() {
+        let cases = [(0.0, "0"), (1.0, "1.00"), (0.7134, "0.713"), (12.34, "12.3"), (4096.0, "4096"), (-0.5, "−0.500")];
+        for (x, text) in cases {
+            assert_eq!(number(x), text);
+        }
+        assert_eq!(number(1.234e-5), "1.23e−5");
+        assert_eq!(number(f64::NAN), "–");
+    }
+
+    #[test]
+    fn errors_say_how_many_digits_there_are() {
+        assert_eq!(with_error(0.7134, 0.0123), "0.713 ± 0.012");
+        assert_eq!(with_error(12.3, 1.3), "12.3 ± 1.3");
+        assert_eq!(with_error(1.0, 0.0), "1.000 ± 0.000");
+        assert_eq!(with_error(123.4, 45.0), "123 ± 45");
+    }
+
+    #[test]
+    fn names_cannot_become_markup() {
+        assert_eq!(escape("<a href='x'>&\""), "&lt;a href=&#39;x&#39;&gt;&amp;&quot;");
+    }
+}

@@ -1,0 +1,3 @@
+//! Measurements of the program by itself: what each choice costs and what it is worth, with how sure that is.
+
+pub mod balance;

@@ -1,0 +1,149 @@
+//! The program renders every scene file of the shared test data, or refuses it with a reason, as the manifest says:
+//! in proportion to the file's size, never by a panic, never with half an output.
+
+mod shared;
+
+use std::fs::{self, File};
+use std::os::unix::process::ExitStatusExt;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Scenes that are sound but cannot be shown without an extension that the renderer does not have.
+const REFUSED: [(&str, &str); 3] = [
+    (
+        "materials/bio_04_sphere_specular_glossiness/04_sphere_specular_glossiness.gltf",
+        "KHR_materials_pbrSpecularGlossiness",
+    ),
+    ("materials/bio_14_emission_strength/14_emission_strength.gltf", "KHR_materials_pbrSpecularGlossiness"),
+    ("materials/bio_15_transmission/15_transmission.gltf", "KHR_materials_transmission"),
+];
+
+/// What a file may take: 60 s of processor time, and writable memory (`RLIMIT_DATA`, which counts stacks whole) of
+/// 192 MiB for the program and Embree, 16 MiB more for each processor's threads, and 48 times the bytes of the scene
+/// with its buffers and pictures: PNG and JPEG decode to about ten times their size, a triangle of 36 bytes gets normals,
+/// tangents and a share of the BVH. Five minutes of waiting are a hang.
+fn limits(bytes: u64) -> String {
+    let threads = thread::available_parallelism().map_or(1, usize::from) as u64;
+    let kibibytes = (192 + 16 * threads) * 1024 + 48 * bytes / 1024;
+    format!("ulimit -t 60; ulimit -d {kibibytes}; exec \"$0\" \"$@\"")
+}
+const HANG: Duration = Duration::from_secs(300);
+
+/// Renders one tiny picture into `folder`; the exit code (a signal's number plus 128) and stderr.
+fn render(scene: &Path, bytes: u64, folder: &Path) -> (i32, String) {
+    let log = folder.join("log");
+    let (output, stats) = (folder.join("out.exr"), folder.join("stats.json"));
+    let mut child = Command::new("sh")
+        .args(["-c", &limits(bytes)])
+        .arg(assert_cmd::cargo::cargo_bin!("bismar"))
+        .args(["render", "--size", "16x16", "--spp", "1", "--threads", "1", "-q", "-o"])
+        .args([&output, Path::new("--stats"), &stats, scene])
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(File::create(&log).unwrap())
+        .spawn()
+        .unwrap();
+    let start = Instant::now();
+    let status = loop {
+        if let Some(status) = child.try_wait().unwrap() {
+            break status;
+        }
+        if start.elapsed() > HANG {
+            child.kill().unwrap();
+        }
+        thread::sleep(Duration::from_millis(2));
+    };
+    let text = fs::read_to_string(&log).unwrap();
+    fs::remove_file(log).unwrap();
+    (status.code().unwrap_or_else(|| 128 + status.signal().unwrap()), text)
+}
+
+/// Does an error's text start with the file, and then say where in it?
+fn names_file_and_place(text: &str, scene: &Path) -> bool {
+    let Some(rest) = text.strip_prefix(&format!("error: {}: ", scene.display())) else { return false };
+    let json_path = [
+        "accessors[",
+        "animations[",
+        "asset",
+        "bufferViews[",
+        "buffers[",
+        "cameras[",
+        "extensions.",
+        "extensionsRequired:",
+        "images[",
+        "materials[",
+        "meshes[",
+        "nodes[",
+        "samplers[",
+        "scene:",
+        "scenes[",
+        "skins[",
+        "textures[",
+        "the document:",
+    ];
+    json_path.iter().any(|start| rest.starts_with(start))
+        || rest.starts_with("byte ")
+        || rest.starts_with("GLB container: byte ")
+        || (rest.starts_with("not valid JSON: ") && rest.contains(" at line "))
+}
+
+fn judge(scene: &Path, name: &str, verdict: &str, class: &str, bytes: u64) -> Result<&'static str, String> {
+    let folder = tempfile::tempdir().unwrap();
+    let (code, text) = render(scene, bytes, folder.path());
+    let mut files: Vec<_> = fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    files.sort();
+    let left = if code == 0 { vec!["out.exr", "stats.json"] } else { vec![] };
+    if files != left {
+        return Err(format!("exit code {code} leaves {files:?}: {text}"));
+    }
+    if !matches!(code, 0 | 65 | 66) {
+        return Err(format!("exit code {code}: {text}"));
+    }
+    if code != 0 && !names_file_and_place(&text, scene) {
+        return Err(format!("the message does not say which file or where: {text}"));
+    }
+    let refused = REFUSED.iter().find(|refused| refused.0 == name).map(|refused| refused.1);
+    match (code, refused) {
+        (0, Some(extension)) => Err(format!("renders; it is listed as refused for {extension}")),
+        (_, Some(extension)) if text.contains(extension) => Ok("refused for an extension"),
+        (_, Some(extension)) => Err(format!("is not refused for {extension} but: {text}")),
+        (0, None) if class == "must_reject" => Err("must be rejected, but renders".to_owned()),
+        (_, None) if class == "must_reject" => Ok("rejected"),
+        (0, None) => Ok("rendered"),
+        (_, None) if shared::must_accept(verdict) => Err(format!("must render: {text}")),
+        (_, None) => Ok("rejected, though it may be tolerated"),
+    }
+}
+
+#[test]
+fn every_shared_file_renders_or_is_refused_as_its_manifest_says() {
+    let Some(folder) = shared::folder() else { return };
+    let rows = shared::scenes(&folder);
+    let next = AtomicUsize::new(0);
+    let outcomes = Mutex::new(Vec::new());
+    thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| {
+                while let Some(row) = rows.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    let [name, verdict, class] = ["path", "expected_verdict", "reject_class"].map(|c| row[c].as_str());
+                    let bytes = row["bytes_total"].parse().unwrap();
+                    let outcome = judge(&folder.join(name), name, verdict, class, bytes);
+                    outcomes.lock().unwrap().push(outcome.map_err(|e| format!("{name}: {e}")));
+                }
+            });
+        }
+    });
+    let outcomes = outcomes.into_inner().unwrap();
+    assert_eq!(outcomes.len(), rows.len());
+    let count = |what: &str| outcomes.iter().filter(|o| o.as_ref().is_ok_and(|&o| o == what)).count();
+    let failures: Vec<_> = outcomes.iter().filter_map(|outcome| outcome.as_ref().err().cloned()).collect();
+    for what in ["rendered", "refused for an extension", "rejected", "rejected, though it may be tolerated"] {
+        println!("{} {what}", count(what));
+    }
+    assert!(failures.is_empty(), "{} failures:\n{}", failures.len(), failures.join("\n"));
+    assert!(count("rejected") > 100 && count("rendered") > 200, "the manifest has lost its rows");
+}

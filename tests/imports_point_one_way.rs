@@ -1,0 +1,176 @@
+//! Imports follow the data flow of `docs/architecture.md`: a room sees those before it, never those after.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Each room of `src/` and the rooms that it may see. `error`, `lanes` and `color` are tools that all may use.
+const SEES: [(&str, &[&str]); 17] = [
+    ("error", &[]),
+    ("lanes", &[]),
+    ("color", &[]),
+    ("sampling", &[]),
+    ("balance", &["sampling"]),
+    ("bsdf", &["sampling"]),
+    ("scene", &[]),
+    ("rays", &["scene"]),
+    ("light", &["scene", "sampling"]),
+    ("film", &[]),
+    ("integrator", &["scene", "rays", "light", "bsdf", "sampling", "balance", "film"]),
+    ("render", &["scene", "rays", "light", "sampling", "balance", "film", "integrator"]),
+    ("report", &["film"]),
+    ("study", ALL),
+    ("batch", ALL),
+    ("farm", ALL),
+    ("cli", ALL),
+];
+const ALL: &[&str] = &[
+    "scene",
+    "rays",
+    "light",
+    "bsdf",
+    "sampling",
+    "balance",
+    "film",
+    "integrator",
+    "render",
+    "report",
+    "study",
+    "batch",
+    "farm",
+];
+const TOOLS: [&str; 3] = ["error", "lanes", "color"];
+
+/// What only some folders or files of `src/` may name.
+const KEPT_IN: [(&str, &[&str]); 6] = [
+    ("unsafe ", &["rays/embree"]),
+    ("embree4_sys", &["rays/embree"]),
+    ("obvhs::", &["rays/cwbvh"]),
+    ("clap::", &["cli", "balance", "sampling", "rays", "render", "film"]),
+    ("std::fs", &["scene/import", "film", "cli", "study", "report", "batch", "farm"]),
+    ("std::process", &["cli", "study", "batch", "farm", "main.rs"]),
+];
+
+fn source() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("src")
+}
+
+fn files(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            files(&path, found);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
+        }
+    }
+}
+
+/// Relative path and text without comments of every source file.
+fn sources() -> Vec<(String, String)> {
+    let mut paths = Vec::new();
+    files(&source(), &mut paths);
+    let read = |path: PathBuf| {
+        let name = path.strip_prefix(source()).unwrap().to_str().unwrap().to_owned();
+        (name, without_comments(&fs::read_to_string(&path).unwrap()))
+    };
+    let all: Vec<_> = paths.into_iter().map(read).collect();
+    assert!(all.len() > 50, "{} files in src/", all.len());
+    all
+}
+
+fn without_comments(text: &str) -> String {
+    let code = |line: &str| line.find("//").map_or(line.len(), |at| at);
+    text.lines().map(|line| line[..code(line)].to_owned() + "\n").collect()
+}
+
+/// First names of all paths that start with `crate::`, whether in a list or alone.
+fn names_in_crate(text: &str) -> BTreeSet<String> {
+    let name = |text: &str| text.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>();
+    let mut names = BTreeSet::new();
+    for (at, found) in text.match_indices("crate::") {
+        let rest = &text[at + found.len()..];
+        let Some(list) = rest.strip_prefix('{') else {
+            names.insert(name(rest));
+            continue;
+        };
+        let mut depth = 1;
+        let mut at_start = true;
+        for (at, c) in list.char_indices() {
+            match c {
+                '{' => depth += 1,
+                '}' => depth -= 1,
+                ',' if depth == 1 => at_start = true,
+                c if at_start && depth == 1 && !c.is_whitespace() => {
+                    names.insert(name(&list[at..]));
+                    at_start = false;
+                }
+                _ => {}
+            }
+            if depth == 0 {
+                break;
+            }
+        }
+    }
+    names
+}
+
+/// `rays` for `rays/embree/device.rs`, `color` for `color.rs`.
+fn room(file: &str) -> &str {
+    file.split('/').next().unwrap().trim_end_matches(".rs")
+}
+
+#[test]
+fn rooms_import_only_what_comes_before_them() {
+    let mut failures = Vec::new();
+    for (file, text) in sources() {
+        let room = room(&file);
+        if matches!(room, "lib" | "main") {
+            continue;
+        }
+        let Some((_, sees)) = SEES.iter().find(|rule| rule.0 == room) else {
+            failures
+                .push(format!("{file}: no rule says what `{room}` may see; docs/architecture.md tells how to add one"));
+            continue;
+        };
+        for name in names_in_crate(&text) {
+            // Names of the crate's root itself: `Error`, `Result`.
+            let at_root = name.starts_with(char::is_uppercase);
+            if !at_root && name != room && !TOOLS.contains(&&*name) && !sees.contains(&&*name) {
+                failures.push(format!("{file}: `{room}` must not see `{name}`"));
+            }
+        }
+        // `super::` at a file's outermost level climbs from its own module; it must not climb out of the room.
+        let depth = file.trim_end_matches("/mod.rs").split('/').count();
+        for line in text.lines().filter(|line| line.starts_with("use ") || line.starts_with("pub use ")) {
+            if line.matches("super::").count() >= depth {
+                failures.push(format!("{file}: `{line}` leaves the room; write `crate::`"));
+            }
+        }
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+#[test]
+fn what_only_some_rooms_may_do_is_done_there() {
+    let mut failures = Vec::new();
+    for (file, text) in sources() {
+        for (word, places) in KEPT_IN {
+            if text.contains(word) && !places.iter().any(|place| file.starts_with(place)) {
+                failures.push(format!("{file}: `{}` belongs into {places:?}", word.trim_end()));
+            }
+        }
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+#[test]
+fn every_form_of_an_import_is_seen() {
+    let text = without_comments(
+        "use crate::scene::{Mesh, Scene};\n/// [`crate::cli`]\nuse crate::{\n    Error, film::{self, Film},\n    rays,\n};\n\
+         fn f() -> crate::render::Rendered { todo!() } // crate::farm\n",
+    );
+    let names: Vec<_> = names_in_crate(&text).into_iter().collect();
+    assert_eq!(names, ["Error", "film", "rays", "render", "scene"]);
+    assert_eq!([room("rays/embree/device.rs"), room("color.rs")], ["rays", "color"]);
+}

@@ -1,0 +1,45 @@
+//! The shared glTF files and what their manifest says of them.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+/// The folder, or `None` with a word about it. On CI it must be there.
+pub fn folder() -> Option<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/gltf");
+    if folder.join("manifest.csv").exists() {
+        return Some(folder);
+    }
+    assert!(std::env::var("CI").as_deref() != Ok("true"), "{} is missing", folder.display());
+    println!("skipped: {} is missing", folder.display());
+    None
+}
+
+/// The manifest's rows that are scenes, by column name.
+pub fn scenes(folder: &Path) -> Vec<HashMap<String, String>> {
+    let mut rows = rows(&std::fs::read_to_string(folder.join("manifest.csv")).unwrap());
+    rows.retain(|row| row["path"].ends_with(".gltf") || row["path"].ends_with(".glb"));
+    assert!(rows.len() > 400, "the manifest has lost its rows");
+    rows
+}
+
+/// May the file load, by the manifest's verdict, and nothing else?
+pub fn must_accept(verdict: &str) -> bool {
+    verdict.starts_with("accept") && !verdict.contains("or error") && !verdict.contains("or clear error")
+}
+
+/// Rows of a CSV text with quoted fields.
+fn rows(text: &str) -> Vec<HashMap<String, String>> {
+    let mut lines = text.lines().map(|line| {
+        let (mut fields, mut quoted) = (vec![String::new()], false);
+        for c in line.chars() {
+            match c {
+                '"' => quoted = !quoted,
+                ',' if !quoted => fields.push(String::new()),
+                c => fields.last_mut().unwrap().push(c),
+            }
+        }
+        fields
+    });
+    let names = lines.next().unwrap();
+    lines.map(|fields| names.iter().cloned().zip(fields).collect()).collect()
+}
