@@ -5,10 +5,12 @@
 //! [`balance`]) → [`render`] → [`film`]. Only [`cli`] sees everything.
 
 pub mod balance;
+pub mod batch;
 pub mod bsdf;
 pub mod cli;
 pub mod color;
 pub mod error;
+pub mod farm;
 pub mod film;
 pub mod integrator;
 pub mod lanes;

@@ -52,7 +52,7 @@ fn filter_offsets_follow_the_filter_along_both_axes() {
         let sampler = FilterSampler::new(filter);
         for axis in 0..2 {
             let mut random = Random(100 + 2 * k as u64 + axis as u64);
-            let draw = || f64::from(sampler.sample(random.f32(), random.f32())[axis]);
+            let draw = || f64::from(sampler.offsets(F::splat(random.f32())).as_array()[axis]);
             chi_square_line(&format!("{filter:?}, axis {axis}"), [-radius, radius], draw, density);
         }
     }

@@ -1,8 +1,10 @@
 //! What a pixel learns from its samples, and the balance that follows from it.
 
+use serde::{Deserialize, Serialize};
+
 /// Streaming sums of W = Y·Z and r over a pixel's samples. Sums of passes with different α add up: each is an
 /// unbiased estimate of the same m_k (times the number of samples).
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Moments {
     /// Σ W.
     pub s0: f64,

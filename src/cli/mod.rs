@@ -1,12 +1,17 @@
 //! The command line: one file a command. Exit codes are those of [`Error::exit_code`], 0, and 1 for a comparison
 //! beyond its threshold.
 
+mod batch;
 mod compare;
+mod farm;
 mod host;
 mod inspect;
+mod memory;
+mod merge;
 mod panics;
 mod progress;
 mod render;
+mod signals;
 mod stats;
 mod study;
 
@@ -34,6 +39,9 @@ struct Cli {
 enum Command {
     Render(Box<render::RenderArgs>),
     Inspect(inspect::InspectArgs),
+    Batch(batch::BatchArgs),
+    Farm(farm::FarmArgs),
+    Merge(merge::MergeArgs),
     Compare(compare::CompareArgs),
     Study(study::StudyArgs),
 }
@@ -56,6 +64,8 @@ enum Verdict {
     Done,
     /// Exit code 1: the pictures differ beyond the threshold.
     Beyond,
+    /// The worst exit code of several jobs, which have been reported.
+    Worst(u8),
 }
 
 /// Runs the program with the process's arguments.
@@ -77,12 +87,16 @@ pub fn run() -> ExitCode {
     let result = catch_unwind(|| match &cli.command {
         Command::Render(args) => render::run(args, cli.verbosity),
         Command::Inspect(args) => inspect::run(args),
+        Command::Batch(args) => batch::run(args, cli.verbosity),
+        Command::Farm(args) => farm::run(args),
+        Command::Merge(args) => merge::run(args, cli.verbosity),
         Command::Compare(args) => compare::run(args),
         Command::Study(args) => study::run(args, cli.verbosity),
     });
     match result {
         Ok(Ok(Verdict::Done)) => ExitCode::SUCCESS,
         Ok(Ok(Verdict::Beyond)) => ExitCode::from(1),
+        Ok(Ok(Verdict::Worst(code))) => ExitCode::from(code),
         Ok(Err(error)) => fail(&error),
         // The hook has said what there is to say.
         Err(_) => ExitCode::from(70),

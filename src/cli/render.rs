@@ -2,110 +2,90 @@
 
 mod args;
 mod choose;
+mod identity;
+mod session;
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use tracing::{info, warn};
 
 pub use args::{RenderArgs, Size, threads};
+pub use identity::{Earlier, Inputs, attributes};
+pub use session::{Done, Loaded, Session};
 
-use super::progress::Reporter;
-use super::stats::{Seconds, Stats, sample_range};
-use super::{Verbosity, Verdict, host, say};
-use crate::film::{atomic, exr_file, preview};
-use crate::render::{RenderSettings, Rendered, StopReason, render};
+use super::progress::{Reporter, Style};
+use super::signals::Signals;
+use super::{Verbosity, Verdict, host, print, say};
+use crate::film::atomic;
 use crate::scene::import::{self, ImportOptions, NoteKind};
 use crate::scene::{Environment, Scene};
-use crate::{Error, Result, rays};
+use crate::{Error, Result};
 
 pub fn run(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
+    let result = render(args, verbosity);
+    if let (Err(error), Style::Openjd) = (&result, args.progress) {
+        // What Open Job Description shows of a task that failed.
+        print(format_args!("openjd_fail: {}", error.to_string().replace('\n', " ")))?;
+    }
+    result
+}
+
+fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
+    let began = Instant::now();
     args.check()?;
-    let output = args.output();
-    let outputs = [Some(&output), args.preview.as_ref(), args.stats.as_ref()];
-    check_outputs(&outputs.into_iter().flatten().collect::<Vec<_>>())?;
+    check_outputs(args)?;
     let (threads, source) = host::threads(args.threads)?;
     info!("{threads} threads ({source})");
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build()
-        .map_err(|e| Error::Host(format!("cannot start {threads} threads: {e}")))?;
-    pool.install(|| on_pool(args, verbosity, &output, threads))
-}
-
-fn on_pool(args: &RenderArgs, verbosity: Verbosity, output: &Path, threads: usize) -> Result<Verdict> {
-    let start = Instant::now();
-    let stop = stop_flag()?;
-    let mut seconds = Seconds::default();
-    let scene = read_scene(args)?;
-    let settings = settings(args, &scene)?;
-    seconds.read = start.elapsed().as_secs_f64();
-    info!("read {} in {:.2} s", args.scene.display(), seconds.read);
-
-    let built = Instant::now();
-    let scene = Arc::new(scene);
-    let reporter = Reporter::new(args.progress, verbosity.quiet);
-    let rays = rays::build_watched(args.rays, Arc::clone(&scene), &|done| {
-        reporter.building(done, built.elapsed().as_secs_f64());
-        !stop.load(Ordering::Relaxed)
-    })
-    .inspect_err(|_| reporter.finish(false))?;
-    let backend = rays.info();
-    seconds.build = built.elapsed().as_secs_f64();
-    let mebibytes = backend.memory_bytes as f64 / 2_f64.powi(20);
-    info!("built {} {} ({}): {:.2} s, {mebibytes:.1} MiB", backend.name, backend.version, backend.isa, seconds.build);
-
-    let rendered = render(&scene, rays.as_ref(), &settings, &stop, &|p| reporter.update(p));
-    reporter.finish(rendered.stop != StopReason::Interrupted);
-    seconds.render = rendered.stats.render_seconds;
-    let (fewest, most) = sample_range(&rendered.film);
-    if most == 0 {
-        return Err(nothing_rendered(&rendered, output));
-    }
-
-    let writing = Instant::now();
-    let mut stats = Stats::new(&args.scene, &scene, &settings, backend, threads, &rendered, seconds);
-    exr_file::write(output, &rendered.film, args.aovs(), &stats.header()?)?;
-    if let Some(path) = &args.preview {
-        preview::write(path, &rendered.film, args.view, args.exposure)?;
-    }
-    stats.seconds.write = writing.elapsed().as_secs_f64();
-    stats.seconds.total = start.elapsed().as_secs_f64();
-    if let Some(path) = &args.stats {
-        stats.write(path)?;
-    }
-    if rendered.stop == StopReason::Interrupted {
-        let spp = if fewest == most { fewest.to_string() } else { format!("{fewest} to {most}") };
-        return Err(Error::Interrupted(format!(
-            "interrupted: {} is saved with {spp} paths a pixel; this version cannot go on from there",
-            output.display()
-        )));
-    }
-    if !verbosity.quiet {
-        say(format_args!("{}: {}", output.display(), stats.summary()));
-    }
-    Ok(Verdict::Done)
-}
-
-fn nothing_rendered(rendered: &Rendered, output: &Path) -> Error {
-    let output = output.display();
-    match rendered.stop {
-        StopReason::Interrupted => {
-            Error::Interrupted(format!("interrupted before the first path: {output} is not written"))
+    let signals = Signals::listen()?;
+    pool(threads)?.install(|| {
+        let reporter = Reporter::new(args.progress, verbosity.quiet);
+        let prepared = signals.nothing_to_save(|| {
+            let inputs = Inputs::read(args)?;
+            let session = Session { args, inputs: &inputs, threads, began, replaces: false };
+            if let Some(done) = session.done_before()? {
+                return Ok(Err(done));
+            }
+            session.check_memory()?;
+            let loaded = Loaded::load(args, &signals.stop, &|done, seconds| reporter.building(done, seconds));
+            Ok(Ok((loaded.inspect_err(|_| reporter.finish(false))?, inputs)))
+        });
+        let (loaded, inputs) = match prepared? {
+            Ok(work) => work,
+            Err(done) => {
+                if !verbosity.quiet {
+                    say(done);
+                }
+                return Ok(Verdict::Done);
+            }
+        };
+        let session = Session { args, inputs: &inputs, threads, began, replaces: false };
+        let done =
+            session.render(&loaded, &signals.stop, &|p| reporter.update(p), &|complete| reporter.finish(complete))?;
+        if !verbosity.quiet {
+            say(done);
         }
-        _ => Error::Usage(format!("--time is over before the first path: {output} is not written; give it longer")),
-    }
+        Ok(Verdict::Done)
+    })
 }
 
-/// Finds out before the work whether its results can be kept.
-fn check_outputs(outputs: &[&PathBuf]) -> Result<()> {
+/// Threads to render with.
+pub fn pool(threads: usize) -> Result<rayon::ThreadPool> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    pool.map_err(|e| Error::Host(format!("cannot start {threads} threads: {e}")))
+}
+
+/// Finds out before the work whether its results can be kept, and removes what a killed process left beside them.
+pub fn check_outputs(args: &RenderArgs) -> Result<()> {
+    let output = args.output();
+    let outputs: Vec<&PathBuf> =
+        [Some(&output), args.preview.as_ref(), args.stats.as_ref()].into_iter().flatten().collect();
     for (i, path) in outputs.iter().enumerate() {
         if outputs[..i].contains(path) && path.as_path() != Path::new("/dev/null") {
             return Err(Error::Usage(format!("{}: named for two outputs", path.display())));
         }
         atomic::check(path)?;
+        atomic::sweep(path);
     }
     Ok(())
 }
@@ -137,44 +117,4 @@ fn read_scene(args: &RenderArgs) -> Result<Scene> {
         }
     }
     Ok(scene)
-}
-
-fn settings(args: &RenderArgs, scene: &Scene) -> Result<RenderSettings> {
-    let camera = choose::camera(&scene.cameras, args.camera.as_deref())?;
-    let (width, height) = args.size.map_or_else(|| choose::size(&scene.cameras[camera]), |s| (s.0, s.1));
-    let crop = args.crop.map(|c| c.inside(width, height)).transpose()?;
-    let [x0, y0, x1, y1] = crop.unwrap_or([0, 0, width, height]);
-    let pixels = u64::from(x1 - x0) * u64::from(y1 - y0);
-    // Once in the film, once in its tiles.
-    let bytes_a_pixel = 2 * size_of::<crate::film::PixelStats>() as u64;
-    host::check_memory(&format!("a picture of {} x {} pixels", x1 - x0, y1 - y0), pixels * bytes_a_pixel)?;
-    let unlimited = args.spp.is_none() && args.time.is_none() && args.noise.is_none();
-    Ok(RenderSettings {
-        camera,
-        width,
-        height,
-        crop,
-        integrator: args.integrator,
-        max_depth: args.max_depth,
-        spp: if unlimited { RenderSettings::default().spp } else { args.spp },
-        time: args.time,
-        noise: args.noise,
-        balance: args.balance,
-        seed: args.seed,
-        filter: args.filter,
-        aovs: args.aovs().iter().any(|a| a.needs_sums()),
-        ..RenderSettings::default()
-    })
-}
-
-/// Raised by the first SIGINT or SIGTERM; the second one ends the program as if nobody had listened.
-pub(super) fn stop_flag() -> Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        // In this order: the first signal finds the flag still down and raises it.
-        signal_hook::flag::register_conditional_default(signal, Arc::clone(&stop))
-            .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
-            .map_err(|e| Error::Host(format!("cannot listen to signal {signal}: {e}")))?;
-    }
-    Ok(stop)
 }

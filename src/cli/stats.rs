@@ -5,9 +5,10 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::host;
+use crate::film::atomic;
 use crate::film::exr_file::{Header, HeaderValue};
-use crate::film::{Film, atomic};
 use crate::rays::BackendInfo;
+use crate::render::tile::Tile;
 use crate::render::{RenderSettings, Rendered, StopReason};
 use crate::scene::Scene;
 use crate::{Error, Result};
@@ -93,15 +94,41 @@ struct Rays {
     total: u64,
 }
 
-/// Fewest and most paths of the film's pixels.
-pub fn sample_range(film: &Film) -> (u32, u32) {
-    let samples = film.pixels.iter().map(|p| p.samples);
-    (samples.clone().min().unwrap_or(0), samples.max().unwrap_or(0))
+/// Fewest and most paths of the pixels.
+pub fn sample_range(tiles: &[Tile]) -> (u32, u32) {
+    let paths = tiles.iter().map(Tile::paths);
+    (paths.clone().min().unwrap_or(0), paths.max().unwrap_or(0))
 }
 
 /// The file's name without its folders.
 pub fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+impl Samples {
+    fn of(settings: &RenderSettings, rendered: &Rendered) -> Self {
+        let (pixel_min, pixel_max) = sample_range(&rendered.tiles);
+        let pixels = rendered.tiles.iter().map(|t| t.inside(settings.window()).count() as u64).sum();
+        // A window's outermost tiles are traced whole.
+        let traced: usize = rendered.tiles.iter().map(Tile::pixels).sum();
+        let stats = &rendered.stats;
+        let pixel_mean = stats.paths as f64 / traced.max(1) as f64;
+        Self { paths: stats.paths, passes: stats.passes, pixels, pixel_min, pixel_mean, pixel_max }
+    }
+}
+
+/// Header attributes that settings and tiles alone decide.
+///
+/// # Errors
+/// [`Error::Bug`] if JSON cannot say it.
+pub fn counts_header(settings: &RenderSettings, rendered: &Rendered) -> Result<Header> {
+    Ok(vec![
+        ("bismar.settings".into(), HeaderValue::Text(json(settings)?)),
+        ("bismar.seed".into(), HeaderValue::Number(settings.seed.into())),
+        ("bismar.samples".into(), HeaderValue::Text(json(&Samples::of(settings, rendered))?)),
+        ("bismar.stop".into(), HeaderValue::Text(json(&rendered.stop)?.trim_matches('"').to_owned())),
+        ("bismar.noise".into(), HeaderValue::Number(rendered.stats.noise)),
+    ])
 }
 
 impl Stats {
@@ -117,8 +144,6 @@ impl Stats {
     ) -> Self {
         let stats = &rendered.stats;
         let mega_per_second = |count: u64| count as f64 / stats.render_seconds.max(1e-9) / 1e6;
-        let (pixel_min, pixel_max) = sample_range(&rendered.film);
-        let pixels = rendered.film.pixels.len() as u64;
         Self {
             schema: SCHEMA,
             version: env!("CARGO_PKG_VERSION"),
@@ -140,14 +165,7 @@ impl Stats {
             threads,
             stop: rendered.stop,
             noise: stats.noise,
-            samples: Samples {
-                paths: stats.paths,
-                passes: stats.passes,
-                pixels,
-                pixel_min,
-                pixel_mean: stats.paths as f64 / pixels.max(1) as f64,
-                pixel_max,
-            },
+            samples: Samples::of(settings, rendered),
             seconds,
             rays: Rays {
                 camera: stats.camera_rays,
@@ -169,25 +187,21 @@ impl Stats {
     ///
     /// # Errors
     /// [`Error::Bug`] if JSON cannot say it.
-    pub fn header(&self) -> Result<Header> {
+    pub fn header(&self, rendered: &Rendered) -> Result<Header> {
         let text = |s: &str| HeaderValue::Text(s.to_owned());
         // Writing has not happened yet.
         let Seconds { read, build, render, .. } = self.seconds;
         let phases = serde_json::json!({ "read": read, "build": build, "render": render });
         let mut header = vec![
-            ("bismar.version", text(self.version)),
-            ("bismar.scene", text(&self.scene)),
-            ("bismar.camera", text(&self.camera)),
-            ("bismar.settings", HeaderValue::Text(json(&self.settings)?)),
-            ("bismar.seed", HeaderValue::Number(self.settings.seed.into())),
-            ("bismar.backend", HeaderValue::Text(json(&self.backend)?)),
-            ("bismar.seconds", HeaderValue::Text(json(&phases)?)),
-            ("bismar.samples", HeaderValue::Text(json(&self.samples)?)),
-            ("bismar.stop", HeaderValue::Text(json(&self.stop)?.trim_matches('"').to_owned())),
-            ("bismar.noise", HeaderValue::Number(self.noise)),
+            ("bismar.version".into(), text(self.version)),
+            ("bismar.scene".into(), text(&self.scene)),
+            ("bismar.camera".into(), text(&self.camera)),
+            ("bismar.backend".into(), HeaderValue::Text(json(&self.backend)?)),
+            ("bismar.seconds".into(), HeaderValue::Text(json(&phases)?)),
         ];
+        header.extend(counts_header(&self.settings, rendered)?);
         if let Some(sky) = &self.environment {
-            header.push(("bismar.environment", HeaderValue::Text(json(sky)?)));
+            header.push(("bismar.environment".into(), HeaderValue::Text(json(sky)?)));
         }
         Ok(header)
     }
@@ -203,6 +217,16 @@ impl Stats {
             std::io::Write::write_all(file, b"\n")?;
             Ok(Ok(()))
         })
+    }
+
+    /// Paths a pixel, noise, Mrays/s and MiB, for a table.
+    pub fn columns(&self) -> [String; 4] {
+        [
+            format!("{:.0}", self.samples.pixel_mean),
+            format!("{:.4}", self.noise),
+            format!("{:.2}", self.mrays_per_second),
+            format!("{}", self.peak_memory_bytes >> 20),
+        ]
     }
 
     /// One line for people.

@@ -8,7 +8,8 @@ use clap::{Args, Subcommand};
 use tracing::info;
 
 use super::progress::{Reporter, Style};
-use super::render::{Size, stop_flag, threads};
+use super::render::{Size, threads};
+use super::signals::Signals;
 use super::{Verbosity, Verdict, host, print, say};
 use crate::film::atomic;
 use crate::render::{Integrator, Progress};
@@ -137,7 +138,7 @@ fn balance(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {
         .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", plan.folder.display())))?;
     let report = plan.folder.join("report.html");
     atomic::check(&report)?;
-    let stop = stop_flag()?;
+    let stop = Signals::listen()?.stop;
     let reporter = Reporter::new(args.progress, verbosity.quiet);
     let start = Instant::now();
     let shown = Estimator::shown(&plan.estimators);

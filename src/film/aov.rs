@@ -40,6 +40,11 @@ impl Aov {
     /// What is written unless `--aov` says otherwise: what a comparison needs, and costs nothing to keep.
     pub const DEFAULT: [Aov; 3] = [Aov::Variance, Aov::Samples, Aov::Balance];
 
+    /// Those of a list of names with commas between; unknown names are left out.
+    pub fn named(list: &str) -> Vec<Aov> {
+        list.split(',').filter_map(|name| <Aov as clap::ValueEnum>::from_str(name, false).ok()).collect()
+    }
+
     /// Does it need [`Film::aovs`]?
     pub fn needs_sums(self) -> bool {
         !matches!(self, Aov::Variance | Aov::Samples | Aov::Balance)

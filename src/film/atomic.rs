@@ -1,7 +1,10 @@
 //! Outputs appear whole or not at all: written beside their place, flushed to the disk, renamed.
 
+use std::ffi::{OsStr, OsString};
 use std::fs::{self, File};
 use std::io::{self, BufWriter, ErrorKind};
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
@@ -22,6 +25,22 @@ pub fn check(path: &Path) -> Result<()> {
     }
 }
 
+/// Removes what processes that were killed while they wrote `path` have left beside it. Files that are being written
+/// are locked, and stay.
+pub fn sweep(path: &Path) {
+    let Ok(Place::File { target, folder }) = Place::of(path) else { return };
+    let prefix = prefix_of(&target);
+    let left =
+        |name: &OsStr| name.as_bytes().starts_with(prefix.as_bytes()) && name.as_bytes().ends_with(SUFFIX.as_bytes());
+    let files = fs::read_dir(folder).into_iter().flatten().flatten().filter(|f| left(&f.file_name()));
+    for file in files {
+        if File::open(file.path()).is_ok_and(|f| f.try_lock().is_ok()) {
+            // Somebody else may have been faster.
+            let _ = fs::remove_file(file.path());
+        }
+    }
+}
+
 /// Writes a file through `content`. The old file stays as it was unless everything succeeded; a device such as
 /// `/dev/null` is written in place.
 ///
@@ -37,6 +56,8 @@ pub fn write(path: &Path, content: impl FnOnce(&mut BufWriter<&File>) -> Writing
         }
         Place::File { target, folder } => {
             let temporary = beside(&target, &folder)?;
+            // For `sweep`. Where the file system knows no locks, nothing is swept either.
+            let _ = temporary.as_file().try_lock();
             fill(temporary.as_file(), content).map_err(failed)??;
             temporary.as_file().sync_all().map_err(failed)?;
             temporary.persist(&target).map_err(|e| failed(e.error))?;
@@ -82,18 +103,21 @@ impl Place {
     }
 }
 
-fn beside(target: &Path, folder: &Path) -> Result<NamedTempFile> {
-    let mut prefix = std::ffi::OsString::from(".");
+const SUFFIX: &str = ".tmp";
+
+fn prefix_of(target: &Path) -> OsString {
+    let mut prefix = OsString::from(".");
     prefix.push(target.file_name().unwrap_or_default());
     prefix.push(".");
+    prefix
+}
+
+fn beside(target: &Path, folder: &Path) -> Result<NamedTempFile> {
+    let prefix = prefix_of(target);
     let mut builder = tempfile::Builder::new();
-    builder.prefix(&prefix).suffix(".tmp");
-    #[cfg(unix)]
-    {
-        // What a plain create gives: the umask still applies.
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(fs::Permissions::from_mode(0o666));
-    }
+    builder.prefix(&prefix).suffix(SUFFIX);
+    // What a plain create gives: the umask still applies.
+    builder.permissions(fs::Permissions::from_mode(0o666));
     builder.tempfile_in(folder).map_err(|e| creating(target, &e))
 }
 
@@ -153,6 +177,24 @@ mod tests {
     }
 
     #[test]
+    fn what_a_killed_process_left_is_swept_and_what_is_being_written_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        for name in [".a.exr.AbCdEf.tmp", ".b.exr.AbCdEf.tmp", "a.exr", ".a.exr.keep"] {
+            fs::write(folder.path().join(name), "x").unwrap();
+        }
+        write(&path, |w| {
+            sweep(&path);
+            assert_eq!(names(folder.path()).len(), 4);
+            Ok(Ok(w.write_all(b"new")?))
+        })
+        .unwrap();
+        let mut left = names(folder.path());
+        left.sort();
+        assert_eq!(left, [".a.exr.keep", ".b.exr.AbCdEf.tmp", "a.exr"]);
+    }
+
+    #[test]
     fn a_device_stays_a_device_and_a_full_one_is_a_failed_write() {
         write(Path::new("/dev/null"), |w| Ok(Ok(w.write_all(b"x")?))).unwrap();
         assert!(!fs::metadata("/dev/null").unwrap().is_file());
@@ -163,7 +205,6 @@ mod tests {
     #[cfg(unix)]
     #[test]
     fn a_link_stays_a_link_and_permissions_follow_the_umask() {
-        use std::os::unix::fs::PermissionsExt;
         let folder = tempfile::tempdir().unwrap();
         let (real, link, plain) = (folder.path().join("real"), folder.path().join("link"), folder.path().join("plain"));
         fs::write(&plain, "").unwrap();

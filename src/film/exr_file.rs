@@ -1,11 +1,13 @@
 //! OpenEXR files: films out, any RGB picture in.
 
+use std::borrow::Cow;
 use std::cell::Cell;
 use std::fs;
-use std::io::Cursor;
+use std::io::{BufReader, Cursor, ErrorKind};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
+use exr::block::reader::ChunksReader;
 use exr::error::Error as ExrError;
 use exr::meta::attribute::{AttributeValue, Chromaticities, IntegerBounds, Text};
 use exr::prelude::*;
@@ -24,7 +26,7 @@ pub enum HeaderValue {
 }
 
 /// Named header attributes; names are ASCII, under 32 characters.
-pub type Header = Vec<(&'static str, HeaderValue)>;
+pub type Header = Vec<(Cow<'static, str>, HeaderValue)>;
 
 /// A picture that was read.
 #[derive(Debug, Clone)]
@@ -39,17 +41,57 @@ pub struct Picture {
     pub variance: Option<Vec<[f32; 3]>>,
 }
 
+/// Name of the part that holds what a render goes on from.
+const STATISTICS: &str = "statistics";
+/// 32-bit words a row of that part.
+const WORDS: usize = 4096;
+/// How many bytes of the part count.
+const LENGTH: &str = "bismar.bytes";
+/// What they hash to (BLAKE3, hexadecimal).
+const HASH: &str = "bismar.hash";
+
 /// Writes a film as one part: R, G, B, A in 32-bit floats (A is the share of paths that hit something; colours are
 /// not multiplied by it) and the AOVs as `layer.channel`. ZIP compression; the data window is the film's window, the
 /// display window the whole picture. The file appears whole or not at all.
 ///
+/// `statistics` are bytes that [`read_statistics`] gives back. They go into a second part of that name, as one channel
+/// of integers: programs that do not know it show the first part as ever.
+///
 /// # Errors
 /// As [`atomic::write`].
-pub fn write(path: &Path, film: &Film, aovs: &[Aov], header: &Header) -> Outcome<()> {
-    save(path, &image_of(film, aovs, header))
+pub fn write(path: &Path, film: &Film, aovs: &[Aov], header: &Header, statistics: Option<&[u8]>) -> Outcome<()> {
+    let (shared, mut beauty) = image_of(film, aovs, header);
+    let Some(bytes) = statistics else { return save(path, &Image::new(shared, beauty)) };
+    // The name that Nuke and its successors show without a prefix.
+    beauty.attributes.layer_name = Some(text("rgba"));
+    save(path, &Image::from_layers(shared, vec![beauty, statistics_of(bytes)]))
 }
 
-fn save(path: &Path, image: &Image<Layer<AnyChannels<FlatSamples>>>) -> Outcome<()> {
+fn statistics_of(bytes: &[u8]) -> Layer<AnyChannels<FlatSamples>> {
+    let rows = bytes.len().div_ceil(4 * WORDS).max(1);
+    let mut words = vec![0; rows * WORDS];
+    for (word, chunk) in words.iter_mut().zip(bytes.chunks(4)) {
+        let mut four = [0; 4];
+        four[..chunk.len()].copy_from_slice(chunk);
+        *word = u32::from_le_bytes(four);
+    }
+    let mut own = LayerAttributes::named(STATISTICS);
+    own.other.insert(text(LENGTH), AttributeValue::F64(bytes.len() as f64));
+    own.other.insert(text(HASH), AttributeValue::Text(text(blake3::hash(bytes).to_hex().as_str())));
+    let channel = AnyChannel::new(text("bytes"), FlatSamples::U32(words));
+    // They are packed already, if they can be.
+    let encoding = Encoding { compression: Compression::Uncompressed, ..ENCODING };
+    Layer::new(Vec2(WORDS, rows), own, encoding, AnyChannels::sort([channel].into_iter().collect()))
+}
+
+/// Blocks of 16 rows: the unit of packing in parallel.
+const ENCODING: Encoding =
+    Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
+
+fn save<'a, L>(path: &Path, image: &'a Image<L>) -> Outcome<()>
+where
+    L: exr::image::write::layers::WritableLayers<'a>,
+{
     atomic::write(path, |file| match image.write().to_buffered(file) {
         Ok(()) => Ok(Ok(())),
         Err(ExrError::Io(e)) => Err(e),
@@ -57,7 +99,7 @@ fn save(path: &Path, image: &Image<Layer<AnyChannels<FlatSamples>>>) -> Outcome<
     })
 }
 
-fn image_of(film: &Film, aovs: &[Aov], header: &Header) -> Image<Layer<AnyChannels<FlatSamples>>> {
+fn image_of(film: &Film, aovs: &[Aov], header: &Header) -> (ImageAttributes, Layer<AnyChannels<FlatSamples>>) {
     let [x0, y0, x1, y1] = film.window.map(|x| x as usize);
     let mut channels = Vec::new();
     for (c, name) in ["R", "G", "B"].into_iter().enumerate() {
@@ -90,12 +132,7 @@ fn image_of(film: &Film, aovs: &[Aov], header: &Header) -> Image<Layer<AnyChanne
         };
         own.other.insert(text(name), value);
     }
-    let layer = Layer::new(
-        Vec2(x1 - x0, y1 - y0),
-        own,
-        Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing },
-        AnyChannels::sort(channels.collect()),
-    );
+    let layer = Layer::new(Vec2(x1 - x0, y1 - y0), own, ENCODING, AnyChannels::sort(channels.collect()));
     let display = IntegerBounds::from_dimensions(Vec2(film.width as usize, film.height as usize));
     let mut shared = ImageAttributes::new(display);
     // Rec. 709, said aloud.
@@ -105,7 +142,7 @@ fn image_of(film: &Film, aovs: &[Aov], header: &Header) -> Image<Layer<AnyChanne
         blue: Vec2(0.15, 0.06),
         white: Vec2(0.3127, 0.329),
     });
-    Image::new(shared, layer)
+    (shared, layer)
 }
 
 /// OpenEXR strings are bytes, UTF-8 by custom.
@@ -120,6 +157,45 @@ fn text(s: &str) -> Text {
 /// Missing, forbidden or failing files as [`Error::reading`]; [`Error::Data`] for anything that is not such a
 /// picture, however broken.
 pub fn read(path: &Path) -> Outcome<Picture> {
+    decoded(path, decode)
+}
+
+/// Reads the header attributes that bismar has written, without the picture. Empty for pictures of others.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_header(path: &Path) -> Outcome<Header> {
+    let bad = |why: &str| Error::Data(format!("{}: cannot use this OpenEXR file: {why}", path.display()));
+    let file = fs::File::open(path).map_err(|e| Error::reading(path, &e))?;
+    let read = || MetaData::read_from_buffered(BufReader::new(file), false);
+    let meta = match while_decoding(|| catch_unwind(AssertUnwindSafe(read))) {
+        Ok(Ok(meta)) => meta,
+        Ok(Err(ExrError::Io(e))) if e.kind() != ErrorKind::UnexpectedEof => return Err(Error::reading(path, &e)),
+        Ok(Err(e)) => return Err(bad(&e.to_string())),
+        Err(_) => return Err(bad("it is corrupt")),
+    };
+    let Some(first) = meta.headers.first() else { return Ok(Header::new()) };
+    let ours = first.own_attributes.other.iter().filter_map(|(name, value)| {
+        let name = name.to_string();
+        let value = match value {
+            AttributeValue::Text(t) => HeaderValue::Text(t.to_string()),
+            AttributeValue::F64(x) => HeaderValue::Number(*x),
+            _ => return None,
+        };
+        name.starts_with("bismar.").then(|| (name.into(), value))
+    });
+    Ok(ours.collect())
+}
+
+/// The statistics that [`write`] was given, or `None` for a picture without.
+///
+/// # Errors
+/// As [`read`]; [`Error::Data`] also if the bytes are not those that were written.
+pub fn read_statistics(path: &Path) -> Outcome<Option<Vec<u8>>> {
+    decoded(path, decode_statistics)
+}
+
+fn decoded<T>(path: &Path, decode: impl FnOnce(&[u8]) -> Result<T>) -> Outcome<T> {
     let bad = |why: &str| Error::Data(format!("{}: cannot use this OpenEXR file: {why}", path.display()));
     // All of it at once: what the decoder says afterwards is about the content, never about the disk.
     let bytes = fs::read(path).map_err(|e| Error::reading(path, &e))?;
@@ -129,6 +205,45 @@ pub fn read(path: &Path) -> Outcome<Picture> {
         Ok(Err(e)) => Err(bad(&e.to_string())),
         Err(_) => Err(bad("it is corrupt")),
     }
+}
+
+fn is_statistics(header: &exr::meta::header::Header) -> bool {
+    header.own_attributes.layer_name.as_ref().is_some_and(|name| name.eq(STATISTICS))
+}
+
+fn attribute<'a>(header: &'a exr::meta::header::Header, name: &str) -> Option<&'a AttributeValue> {
+    header.own_attributes.other.get(&text(name))
+}
+
+fn decode_statistics(bytes: &[u8]) -> Result<Option<Vec<u8>>> {
+    let chunks = exr::block::read(Cursor::new(bytes), false)?;
+    let Some(index) = chunks.headers().iter().position(is_statistics) else { return Ok(None) };
+    let header = &chunks.headers()[index];
+    plausible(header, bytes.len() as u64)?;
+    let rows = header.layer_size.1;
+    let (length, hash) = match (attribute(header, LENGTH), attribute(header, HASH)) {
+        (Some(AttributeValue::F64(length)), Some(AttributeValue::Text(hash))) => (*length as usize, hash.to_string()),
+        _ => return Err(invalid("its statistics have no length or hash")),
+    };
+    let row = 4 * WORDS;
+    if header.layer_size.0 != WORDS || header.channels.bytes_per_pixel != 4 || length > rows * row {
+        return Err(invalid("its statistics have another shape"));
+    }
+    let mut all = vec![0; rows * row];
+    let chunks = chunks.filter_chunks(false, |_, _, block| block.layer == index)?;
+    chunks.decompress_sequential(false, |_, block| {
+        let at = block.index.pixel_position.1 * row;
+        let place = all.get_mut(at..at + block.data.len()).ok_or_else(|| invalid("a block out of bounds"))?;
+        for (to, from) in place.chunks_exact_mut(4).zip(block.data.chunks_exact(4)) {
+            to.copy_from_slice(&u32::from_ne_bytes([from[0], from[1], from[2], from[3]]).to_le_bytes());
+        }
+        Ok(())
+    })?;
+    all.truncate(length);
+    if *blake3::hash(&all).to_hex() != *hash {
+        return Err(invalid("its statistics are not those that were written: the file is damaged"));
+    }
+    Ok(Some(all))
 }
 
 thread_local! {
@@ -178,7 +293,7 @@ fn decode(bytes: &[u8]) -> Result<Picture> {
     Err(invalid(format!("it has no channels R, G and B but {}", names.collect::<Vec<_>>().join(", "))))
 }
 
-fn invalid(why: impl Into<std::borrow::Cow<'static, str>>) -> ExrError {
+fn invalid(why: impl Into<Cow<'static, str>>) -> ExrError {
     ExrError::Invalid(why.into())
 }
 

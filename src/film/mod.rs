@@ -7,11 +7,13 @@ pub mod exr_file;
 pub mod preview;
 pub mod view;
 
+use serde::{Deserialize, Serialize};
+
 pub use aov::Aov;
 pub use view::View;
 
 /// What one pixel has collected. Every sample belongs to one pixel.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct PixelStats {
     /// Paths so far.
     pub samples: u32,
@@ -26,7 +28,7 @@ pub struct PixelStats {
 }
 
 /// Optional sums over paths, kept only when an AOV asks for them.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct AovSums {
     /// Base colour at the first hit.
     pub albedo: [f32; 3],
@@ -45,7 +47,7 @@ pub struct AovSums {
 }
 
 /// The statistics of a picture's window.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Film {
     /// Whole picture's pixels a row.
     pub width: u32,
@@ -60,6 +62,18 @@ pub struct Film {
 }
 
 impl PixelStats {
+    /// Adds independent paths of the same pixel.
+    pub fn join(&mut self, other: &Self) {
+        let share = f64::from(other.samples) / f64::from((self.samples + other.samples).max(1));
+        self.balance += ((other.balance - self.balance) as f64 * share) as f32;
+        self.samples += other.samples;
+        self.covered += other.covered;
+        for c in 0..3 {
+            self.sum[c] += other.sum[c];
+            self.sum_squared[c] += other.sum_squared[c];
+        }
+    }
+
     /// Mean radiance; black without samples.
     pub fn mean(&self) -> [f32; 3] {
         let n = f64::from(self.samples.max(1));
@@ -77,6 +91,21 @@ impl PixelStats {
             let mean = self.sum[c] / n;
             ((self.sum_squared[c] / n - mean * mean).max(0.0) / (n - 1.0)) as f32
         })
+    }
+}
+
+impl AovSums {
+    /// Adds independent paths of the same pixel.
+    pub fn join(&mut self, other: &Self) {
+        for c in 0..3 {
+            self.albedo[c] += other.albedo[c];
+            self.normal[c] += other.normal[c];
+            self.direct[c] += other.direct[c];
+            self.indirect[c] += other.indirect[c];
+        }
+        self.depth += other.depth;
+        self.object = if self.object == 0 { other.object } else { self.object };
+        self.material = if self.material == 0 { other.material } else { self.material };
     }
 }
 

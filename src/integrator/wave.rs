@@ -4,6 +4,7 @@
 use std::time::Instant;
 
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
 
 use super::Transport;
 use super::paths::{Paths, Pending};
@@ -36,7 +37,7 @@ pub struct PixelPlan {
 }
 
 /// What a wave adds to one pixel.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct PixelSum {
     /// Radiance statistics.
     pub stats: PixelStats,

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::Part;
 pub use crate::balance::Balance;
 pub use crate::sampling::PixelFilter;
 
@@ -34,7 +35,7 @@ pub struct RenderSettings {
     pub max_depth: u32,
     /// Paths a pixel at which to stop, ≥ 1.
     pub spp: Option<u32>,
-    /// Wall seconds at which to stop, counted from the start of rendering, > 0.
+    /// Wall seconds of all sessions at which to stop, loading included, > 0.
     pub time: Option<f64>,
     /// Estimated relative error at which to stop, > 0.
     pub noise: Option<f64>,
@@ -46,6 +47,8 @@ pub struct RenderSettings {
     pub filter: PixelFilter,
     /// Keep the sums that AOVs need?
     pub aovs: bool,
+    /// Render this part of the tiles only.
+    pub part: Option<Part>,
     /// For studies: the share of light samples that each pixel of the whole picture (row by row) begins with instead of
     /// ½; with a balance that does not learn, the share of all its passes.
     #[serde(skip)]
@@ -53,6 +56,13 @@ pub struct RenderSettings {
     /// For studies: stop after this many passes.
     #[serde(skip)]
     pub passes: Option<u32>,
+}
+
+impl RenderSettings {
+    /// The window that is kept: x0, y0, x1, y1, the last two exclusive.
+    pub fn window(&self) -> [u32; 4] {
+        self.crop.unwrap_or([0, 0, self.width, self.height])
+    }
 }
 
 impl Default for RenderSettings {
@@ -71,6 +81,7 @@ impl Default for RenderSettings {
             seed: 0,
             filter: PixelFilter::Gaussian,
             aovs: false,
+            part: None,
             shares: None,
             passes: None,
         }

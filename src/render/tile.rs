@@ -3,6 +3,8 @@
 use std::cell::RefCell;
 use std::time::Instant;
 
+use serde::{Deserialize, Serialize};
+
 use crate::balance::pilot::{choose, spreads};
 use crate::balance::{Balance, Counts, Technique};
 use crate::integrator::{PixelPlan, PixelSum, Transport, Wave, WaveCounts, guides};
@@ -21,13 +23,18 @@ thread_local! {
 /// A tile's pixels: all of it that is inside the picture, also where a window shows less. A tile is the unit of
 /// repetition: packets of rays are filled tile by tile, and on the edge of a triangle the same ray can hit in one packet
 /// and miss in another.
+///
+/// All that later passes depend on is serialised: a tile that was saved and read goes on as if nothing had happened.
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Tile {
     pixels: Vec<TilePixel>,
+    #[serde(skip)]
     plan: Vec<PixelPlan>,
     /// One a pixel, in the pixels' order.
     pub sums: Vec<PixelSum>,
 }
 
+#[derive(Debug, Serialize, Deserialize)]
 struct TilePixel {
     x: u32,
     y: u32,
@@ -185,6 +192,25 @@ impl Tile {
     pub fn inside(&self, [x0, y0, x1, y1]: [u32; 4]) -> impl Iterator<Item = (u32, u32, &PixelSum)> {
         let all = self.pixels.iter().zip(&self.sums);
         all.filter(move |(p, _)| (x0..x1).contains(&p.x) && (y0..y1).contains(&p.y)).map(|(p, sum)| (p.x, p.y, sum))
+    }
+
+    /// Its place in the picture's grid of tiles: column and row.
+    pub fn place(&self) -> [u32; 2] {
+        self.pixels.first().map_or([0; 2], |p| [p.x / TILE, p.y / TILE])
+    }
+
+    /// Paths that each of its pixels has taken.
+    pub fn paths(&self) -> u32 {
+        self.sums.first().map_or(0, |s| s.stats.samples)
+    }
+
+    /// Has it the pixels of the other, and sums for all of them?
+    pub fn covers(&self, other: &Tile) -> bool {
+        let same = |(a, b): (&TilePixel, &TilePixel)| (a.x, a.y) == (b.x, b.y);
+        self.pixels.len() == other.pixels.len()
+            && self.sums.len() == self.pixels.len()
+            && self.pixels.iter().zip(&other.pixels).all(same)
+            && self.sums.iter().all(|s| s.stats.samples == self.paths())
     }
 
     /// How many pixels it has.

@@ -8,20 +8,21 @@ use clap::{Args, ValueEnum};
 use crate::cli::progress::Style;
 use crate::film::{Aov, View};
 use crate::rays::Backend;
-use crate::render::{Balance, Integrator, PixelFilter};
+use crate::render::{Balance, Integrator, Part, PixelFilter, RenderSettings};
 use crate::{Error, Result};
 
 /// Render a glTF scene to OpenEXR.
 ///
-/// Stops at whichever of --spp, --time and --noise comes first; without any of them at 64 paths a pixel. SIGINT and
-/// SIGTERM end it early and save what there is (exit code 75); a second one ends it at once.
-#[derive(Debug, Args)]
+/// Stops at whichever of --spp, --time and --noise comes first; without any of them at 64 paths a pixel. SIGINT,
+/// SIGTERM and SIGUSR1 end it early and save what there is (exit code 75; --resume goes on from it); a second one ends
+/// it at once.
+#[derive(Debug, Clone, Args)]
 pub struct RenderArgs {
     /// The scene, .gltf or .glb.
     pub scene: PathBuf,
     /// Where the picture goes [default: the scene's name with .exr, in the current folder].
     #[arg(short, long, value_name = "FILE.exr")]
-    output: Option<PathBuf>,
+    pub output: Option<PathBuf>,
 
     /// Camera by name or, counted from 0, by index [default: the first].
     #[arg(long, value_name = "NAME|INDEX", help_heading = "View")]
@@ -58,7 +59,7 @@ pub struct RenderArgs {
     /// Stop at this many paths a pixel.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Sampling")]
     pub spp: Option<u32>,
-    /// Stop after this many seconds of rendering.
+    /// Stop this many seconds after the start, loading included; of a resumed render, over all its sessions.
     #[arg(long, value_name = "SECONDS", value_parser = positive, help_heading = "Sampling")]
     pub time: Option<f64>,
     /// Stop at this estimated relative error: the root of mean(variance / (mean^2 + 0.01)).
@@ -74,12 +75,25 @@ pub struct RenderArgs {
     #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Sampling")]
     pub seed: u32,
 
+    /// Save the picture, with all that is needed to go on, every so many seconds and at the end.
+    #[arg(long, value_name = "SECONDS", value_parser = positive, help_heading = "Interruption and parts")]
+    pub checkpoint: Option<f64>,
+    /// Go on from what the output file holds. Without such a file begin; with a finished one do nothing.
+    #[arg(long, help_heading = "Interruption and parts")]
+    pub resume: bool,
+    /// Render only part K (1 to N) of the picture's tiles; `bismar merge` puts parts together.
+    #[arg(long, value_name = "K/N", conflicts_with_all = ["time", "noise"], help_heading = "Interruption and parts")]
+    pub part: Option<Part>,
+
     /// What traces rays.
     #[arg(long, value_enum, default_value_t = Backend::Embree, help_heading = "Machine")]
     pub rays: Backend,
     /// Threads [default: BISMAR_THREADS, else SLURM_CPUS_PER_TASK, else all].
     #[arg(long, value_name = "N", value_parser = threads, help_heading = "Machine")]
     pub threads: Option<usize>,
+    /// Refuse what needs more memory, as in 900M or 6G [default: what Slurm allows, else what there is].
+    #[arg(long, value_name = "SIZE", value_parser = crate::cli::memory::parse_size, help_heading = "Machine")]
+    pub memory_limit: Option<u64>,
 
     /// Outputs beside the beauty: any of albedo, normal, depth, direct, indirect, variance, samples, balance, object,
     /// material, separated by commas; or all, or none.
@@ -119,6 +133,21 @@ impl RenderArgs {
     /// What is written beside the beauty.
     pub fn aovs(&self) -> &[Aov] {
         &self.aov.0
+    }
+
+    /// Names of what is written beside the beauty, in their order.
+    pub fn aov_names(&self) -> String {
+        let mut aovs = self.aov.0.clone();
+        aovs.sort();
+        aovs.dedup();
+        let names = aovs.iter().filter_map(|a| a.to_possible_value());
+        names.map(|v| v.get_name().to_owned()).collect::<Vec<_>>().join(",")
+    }
+
+    /// The stop rule by samples: 64 when there is no other rule.
+    pub fn spp(&self) -> Option<u32> {
+        let unlimited = self.spp.is_none() && self.time.is_none() && self.noise.is_none();
+        if unlimited { RenderSettings::default().spp } else { self.spp }
     }
 
     /// What clap cannot check.
@@ -214,7 +243,7 @@ impl Crop {
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
-struct AovList(Vec<Aov>);
+pub struct AovList(Vec<Aov>);
 
 impl FromStr for AovList {
     type Err = String;

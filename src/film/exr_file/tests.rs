@@ -20,7 +20,7 @@ fn film() -> Film {
 fn written(film: &Film, aovs: &[Aov], header: &Header) -> (tempfile::TempDir, std::path::PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.exr");
-    write(&path, film, aovs, header).unwrap();
+    write(&path, film, aovs, header, None).unwrap();
     (folder, path)
 }
 
@@ -64,8 +64,10 @@ fn an_aov_whose_sums_were_not_kept_is_left_out() {
 
 #[test]
 fn header_attributes_hold_text_in_utf8_and_numbers() {
-    let header =
-        vec![("bismar.scene", HeaderValue::Text("Küche.glb".into())), ("bismar.seed", HeaderValue::Number(7.0))];
+    let header = vec![
+        ("bismar.scene".into(), HeaderValue::Text("Küche.glb".into())),
+        ("bismar.seed".into(), HeaderValue::Number(7.0)),
+    ];
     let (_folder, path) = written(&film(), &[], &header);
     let image = read_first_flat_layer_from_file(&path).unwrap();
     let other = &image.layer_data.attributes.other;
@@ -133,6 +135,46 @@ fn broken_files_end_in_an_error_or_a_picture_but_never_in_a_panic() {
             if let Err(error) = try_bytes(&bytes) {
                 assert_eq!(error.exit_code(), 65, "byte {at} = {value}: {error}");
             }
+        }
+    }
+}
+
+#[test]
+fn statistics_come_back_to_the_byte_and_the_picture_is_read_as_ever() {
+    let film = film();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    let header = vec![("bismar.format".into(), HeaderValue::Number(1.0))];
+    for length in [0, 1, 4, 70_001] {
+        let bytes: Vec<u8> = (0..length).map(|i: u32| (i * i >> 3) as u8).collect();
+        write(&path, &film, &Aov::DEFAULT, &header, Some(&bytes)).unwrap();
+        assert_eq!(read_statistics(&path).unwrap(), Some(bytes));
+        assert_eq!(read_header(&path).unwrap(), header);
+        assert_eq!(read(&path).unwrap().rgb, film.pixels.iter().map(PixelStats::mean).collect::<Vec<_>>());
+        let first = read_first_rgba_layer_from_file(&path, |_, _| (), |_, _, _: (f32, f32, f32, f32)| ()).unwrap();
+        assert_eq!(first.layer_data.size, Vec2(20, 22));
+    }
+    write(&path, &film, &Aov::DEFAULT, &header, None).unwrap();
+    assert_eq!(read_statistics(&path).unwrap(), None);
+}
+
+#[test]
+fn damaged_statistics_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    let noise: Vec<u8> = (0..50_000_u32).flat_map(|i| (i as f32).sin().to_le_bytes()).collect();
+    write(&path, &film(), &Aov::DEFAULT, &Header::new(), Some(&noise)).unwrap();
+    let whole = std::fs::read(&path).unwrap();
+    // Every change either goes unnoticed, or is an error: never other bytes, never a panic.
+    for i in 0..400 {
+        let mut bytes = whole.clone();
+        let at = (i * 7919 * 13) % bytes.len();
+        bytes[at] ^= 0x55;
+        std::fs::write(&path, &bytes).unwrap();
+        match read_statistics(&path) {
+            Ok(Some(read)) => assert_eq!(read, noise),
+            Ok(None) => {}
+            Err(e) => assert_eq!(e.exit_code(), 65, "byte {at}: {e}"),
         }
     }
 }

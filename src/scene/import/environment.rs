@@ -13,6 +13,8 @@ use crate::scene::Environment;
 
 /// 16384x8192.
 const LARGEST_PIXELS: u64 = 1 << 27;
+/// Bytes of a file.
+pub(super) const LARGEST_FILE: u64 = 4 << 30;
 
 /// Reads an equirectangular picture; `rotation_degrees` turns it about +y, `strength` multiplies it.
 ///
@@ -29,7 +31,7 @@ pub fn environment(path: &Path, rotation_degrees: f32, strength: f32) -> Result<
     if !strength.is_finite() || strength < 0.0 {
         return Err(Error::Usage(format!("--env-strength {strength}: wanted a finite number of at least 0")));
     }
-    const LARGEST_FILE: u64 = 4 << 30;
+
     let bytes = read_regular(path, LARGEST_FILE)?;
     let picture = match bytes.as_slice() {
         [b'#', b'?', ..] => read_hdr(&bytes),

@@ -22,6 +22,7 @@ mod primitives;
 mod report;
 mod skins;
 mod summary;
+mod survey;
 mod tangents;
 mod uri;
 
@@ -31,6 +32,7 @@ use std::time::Instant;
 pub use environment::environment;
 pub use report::{Counts, ImportReport, Note, NoteKind};
 pub use summary::{Summary, summary};
+pub use survey::{Survey, survey, survey_environment};
 
 use super::Scene;
 use crate::error::{Error, Result};

@@ -1,0 +1,417 @@
+//! The batch file: TOML with `[defaults]`, `[[job]]` and `[[matrix]]` (docs/batch.md), expanded into jobs.
+
+use std::collections::HashMap;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use crate::{Error, Result};
+
+/// One render.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Job {
+    /// Unique in its file.
+    pub name: String,
+    /// The scene, relative to the folder of the file resolved.
+    pub scene: PathBuf,
+    /// Flags of `bismar render`, without dashes; `None` for switches. Paths are resolved.
+    pub flags: Vec<(String, Option<String>)>,
+    /// Where the picture goes.
+    pub output: PathBuf,
+    /// Where it stands in the file.
+    pub at: Place,
+}
+
+/// Line and column in the file, from 1, and those of each of a job's keys.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Place {
+    line: usize,
+    column: usize,
+    keys: HashMap<String, (usize, usize)>,
+}
+
+/// A flag that may stand in the file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Flag {
+    /// Takes a value.
+    Value,
+    /// Takes the name of a file.
+    File,
+    /// Is there or not.
+    Switch,
+}
+
+/// More jobs in one file are taken for a mistake.
+const MOST_JOBS: usize = 100_000;
+
+impl Job {
+    /// The job's flags as arguments: `--name=value`, `--name`.
+    pub fn arguments(&self) -> Vec<String> {
+        let flag = |(name, value): &(String, Option<String>)| match value {
+            Some(value) => format!("--{name}={value}"),
+            None => format!("--{name}"),
+        };
+        self.flags.iter().map(flag).collect()
+    }
+}
+
+impl Place {
+    /// `file:line:column` of a key, or of the whole job.
+    pub fn of(&self, file: &Path, key: Option<&str>) -> String {
+        let own = key.and_then(|key| self.keys.get(key)).copied();
+        let (line, column) = own.unwrap_or((self.line, self.column));
+        format!("{}:{line}:{column}", file.display())
+    }
+}
+
+/// A value of the file, and where it stands.
+#[derive(Debug, Clone)]
+struct Setting {
+    key: String,
+    /// More than one in a matrix.
+    values: Vec<Option<String>>,
+    listed: bool,
+    place: (usize, usize),
+}
+
+/// Reads a batch file; `flags` are what may stand in it.
+///
+/// # Errors
+/// [`Error::Config`] with line and column; [`Error::reading`].
+pub fn read(path: &Path, flags: &HashMap<String, Flag>) -> Result<Vec<Job>> {
+    let text = std::fs::read_to_string(path).map_err(|e| match e.kind() {
+        std::io::ErrorKind::InvalidData => Error::Config(format!("{}: is not UTF-8 text", path.display())),
+        _ => Error::reading(path, &e),
+    })?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    parse(&text, folder, flags).map_err(|(at, why)| {
+        let (line, column) = position(&text, at);
+        Error::Config(format!("{}:{line}:{column}: {why}", path.display()))
+    })
+}
+
+/// An error: byte of the text, and what is wrong there.
+type At<T> = std::result::Result<T, (usize, String)>;
+
+fn position(text: &str, byte: usize) -> (usize, usize) {
+    let before = text.get(..byte).unwrap_or(text);
+    let line = before.rfind('\n').map_or(before, |at| &before[at + 1..]);
+    (before.matches('\n').count() + 1, line.chars().count() + 1)
+}
+
+fn parse(text: &str, folder: &Path, flags: &HashMap<String, Flag>) -> At<Vec<Job>> {
+    let table = DeTable::parse(text)
+        .map_err(|e| (e.span().map_or(0, |s| s.start), e.message().trim_end().replace('\n', "; ")))?;
+    let reader = Reader { text, folder, flags };
+    let mut defaults = Vec::new();
+    let mut groups = Vec::new();
+    for (key, value) in sorted(table.get_ref()) {
+        match key.get_ref().as_ref() {
+            "defaults" => {
+                let DeValue::Table(table) = value.get_ref() else {
+                    return Err((value.span().start, "wanted a table: [defaults]".into()));
+                };
+                defaults = reader.settings(table, false)?;
+                if let Some(found) = defaults.iter().find(|s| s.key == "name") {
+                    return Err((reader.byte(found.place), "a name belongs to one job or matrix".into()));
+                }
+            }
+            kind @ ("job" | "matrix") => {
+                let DeValue::Array(tables) = value.get_ref() else {
+                    return Err((value.span().start, format!("wanted an array of tables: [[{kind}]]")));
+                };
+                for table in tables {
+                    let DeValue::Table(settings) = table.get_ref() else {
+                        return Err((table.span().start, format!("wanted a table: [[{kind}]]")));
+                    };
+                    groups.push((table.span(), reader.settings(settings, kind == "matrix")?));
+                }
+            }
+            other => {
+                let why = format!("there is no `{other}`; there are [defaults], [[job]] and [[matrix]]");
+                return Err((key.span().start, why));
+            }
+        }
+    }
+    // Jobs first and matrices second would be the order of the keys: this is that of the file.
+    groups.sort_by_key(|(span, _)| span.start);
+    let mut jobs: Vec<Job> = Vec::new();
+    for (span, own) in groups {
+        reader.expand(span, &defaults, own, &mut jobs)?;
+    }
+    reader.check_unique(&jobs)?;
+    if jobs.is_empty() {
+        return Err((0, "holds no jobs; write [[job]] or [[matrix]]".into()));
+    }
+    Ok(jobs)
+}
+
+/// A table's entries in the order of the file.
+fn sorted<'a, 'b>(table: &'a DeTable<'b>) -> Vec<(&'a Spanned<std::borrow::Cow<'b, str>>, &'a Spanned<DeValue<'b>>)> {
+    let mut entries: Vec<_> = table.iter().collect();
+    entries.sort_by_key(|(key, _)| key.span().start);
+    entries
+}
+
+struct Reader<'a> {
+    text: &'a str,
+    folder: &'a Path,
+    flags: &'a HashMap<String, Flag>,
+}
+
+impl Reader<'_> {
+    fn byte(&self, (line, column): (usize, usize)) -> usize {
+        let start: usize = self.text.split_inclusive('\n').take(line - 1).map(str::len).sum();
+        start + self.text[start..].chars().take(column - 1).map(char::len_utf8).sum::<usize>()
+    }
+
+    fn settings(&self, table: &DeTable, lists: bool) -> At<Vec<Setting>> {
+        let mut settings = Vec::new();
+        for (key, value) in sorted(table) {
+            let name = key.get_ref().to_string();
+            let kind = match (name.as_str(), self.flags.get(&name)) {
+                ("name", _) => Flag::Value,
+                ("scene", _) => Flag::File,
+                (_, Some(kind)) => *kind,
+                _ => {
+                    let mut known: Vec<_> = self.flags.keys().map(String::as_str).collect();
+                    known.extend(["name", "scene"]);
+                    known.sort_unstable();
+                    return Err((
+                        key.span().start,
+                        format!("there is no key `{name}`; there are {}", known.join(", ")),
+                    ));
+                }
+            };
+            let (values, listed) = match value.get_ref() {
+                DeValue::Array(items) if lists => {
+                    if items.is_empty() {
+                        return Err((value.span().start, format!("`{name}` lists nothing")));
+                    }
+                    (items.iter().map(|item| self.scalar(&name, kind, item)).collect::<At<Vec<_>>>()?, true)
+                }
+                DeValue::Array(_) => {
+                    return Err((value.span().start, format!("`{name}` is a list; only a [[matrix]] has lists")));
+                }
+                _ => (vec![self.scalar(&name, kind, value)?], false),
+            };
+            settings.push(Setting { key: name, values, listed, place: position(self.text, key.span().start) });
+        }
+        Ok(settings)
+    }
+
+    /// A value as the command line has it; for switches `Some("")` means off.
+    fn scalar(&self, name: &str, kind: Flag, value: &Spanned<DeValue>) -> At<Option<String>> {
+        let wanted = |what: &str| Err((value.span().start, format!("`{name}` wants {what}")));
+        match (kind, value.get_ref()) {
+            (Flag::Switch, DeValue::Boolean(true)) => Ok(None),
+            (Flag::Switch, DeValue::Boolean(false)) => Ok(Some(String::new())),
+            (Flag::Switch, _) => wanted("true or false"),
+            (_, DeValue::String(text)) => Ok(Some(text.to_string())),
+            (Flag::Value, DeValue::Integer(_) | DeValue::Float(_)) => {
+                // As it is written: 1e-3 stays that.
+                Ok(self.text.get(value.span()).map(|t| t.replace('_', "")))
+            }
+            (Flag::File, _) => wanted("the name of a file, in quotes"),
+            _ => wanted("a number or text in quotes"),
+        }
+    }
+
+    /// All combinations of a group's values, defaults behind them.
+    fn expand(&self, span: Range<usize>, defaults: &[Setting], own: Vec<Setting>, jobs: &mut Vec<Job>) -> At<()> {
+        let mut settings: Vec<Setting> =
+            defaults.iter().filter(|d| own.iter().all(|o| o.key != d.key)).cloned().collect();
+        settings.extend(own);
+        let count = settings.iter().try_fold(1_usize, |n, s| n.checked_mul(s.values.len()));
+        let Some(count) = count.filter(|n| n + jobs.len() <= MOST_JOBS) else {
+            return Err((span.start, format!("this makes more than {MOST_JOBS} jobs")));
+        };
+        for number in 0..count {
+            // The last key's values change fastest.
+            let mut rest = number;
+            let mut chosen: Vec<Option<String>> = vec![None; settings.len()];
+            for (slot, setting) in chosen.iter_mut().zip(&settings).rev() {
+                slot.clone_from(&setting.values[rest % setting.values.len()]);
+                rest /= setting.values.len();
+            }
+            jobs.push(self.job(&span, &settings, &chosen)?);
+        }
+        Ok(())
+    }
+
+    fn job(&self, span: &Range<usize>, settings: &[Setting], chosen: &[Option<String>]) -> At<Job> {
+        let of = |key: &str| settings.iter().zip(chosen).find(|(s, _)| s.key == key).and_then(|(_, v)| v.clone());
+        let Some(scene) = of("scene") else {
+            return Err((span.start, "this has no `scene`, and neither have the defaults".into()));
+        };
+        let kind = |key: &str| if key == "scene" { Some(Flag::File) } else { self.flags.get(key).copied() };
+        let shown = |key: &str, value: &Option<String>| match (kind(key), value) {
+            (Some(Flag::Switch), value) => if value.is_none() { "on" } else { "off" }.to_owned(),
+            (Some(Flag::File), Some(value)) => {
+                Path::new(value).file_stem().unwrap_or_default().to_string_lossy().into_owned()
+            }
+            (_, value) => value.clone().unwrap_or_default(),
+        };
+        let default_name = || {
+            let listed = settings.iter().zip(chosen).filter(|(s, _)| s.listed && s.key != "scene");
+            let parts = listed.map(|(s, v)| format!("-{}", shown(&s.key, v)));
+            format!("{}{}", shown("scene", &Some(scene.clone())), parts.collect::<String>())
+        };
+        let fill = |key: &str, template: &str, name: Option<&str>| -> At<String> {
+            let place = settings.iter().find(|s| s.key == key).map_or(span.start, |s| self.byte(s.place));
+            let mut out = String::new();
+            let mut rest = template;
+            while let Some((before, after)) = rest.split_once('{') {
+                let Some((word, after)) = after.split_once('}') else {
+                    return Err((place, format!("`{key}`: a {{ without its }}")));
+                };
+                out += before;
+                let value = settings.iter().zip(chosen).find(|(s, _)| s.key == word);
+                match (word, name, value) {
+                    ("name", Some(name), _) => out += name,
+                    (_, _, Some((_, value))) if word != key && word != "name" => {
+                        out += &shown(word, value).replace('/', "_");
+                    }
+                    _ => return Err((place, format!("`{key}`: {{{word}}} stands for nothing here"))),
+                }
+                rest = after;
+            }
+            Ok(out + rest)
+        };
+        let name = match of("name") {
+            Some(template) => fill("name", &template, None)?,
+            None => default_name(),
+        };
+        if name.is_empty() || name.contains(['/', '\n', '\0']) || name.starts_with('.') {
+            return Err((span.start, format!("'{name}' cannot be a job's name: it becomes a file's name")));
+        }
+        let mut flags = Vec::new();
+        let mut output = self.folder.join(format!("{name}.exr"));
+        for (setting, value) in settings.iter().zip(chosen) {
+            let key = setting.key.as_str();
+            let value = match (kind(key), value) {
+                _ if key == "name" || key == "scene" => continue,
+                (Some(Flag::Switch), None) => None,
+                (Some(Flag::Switch), Some(_)) => continue,
+                (Some(Flag::File), Some(value)) => {
+                    let path = self.folder.join(fill(key, value, Some(&name))?);
+                    if key == "output" {
+                        output = path;
+                        continue;
+                    }
+                    Some(path.to_string_lossy().into_owned())
+                }
+                (_, value) => value.clone(),
+            };
+            flags.push((key.to_owned(), value));
+        }
+        let (line, column) = position(self.text, span.start);
+        let keys = settings.iter().map(|s| (s.key.clone(), s.place)).collect();
+        Ok(Job { name, scene: self.folder.join(scene), flags, output, at: Place { line, column, keys } })
+    }
+
+    fn check_unique(&self, jobs: &[Job]) -> At<()> {
+        let (mut names, mut files): (HashMap<&str, &Job>, HashMap<&str, &Job>) = Default::default();
+        for job in jobs {
+            let place = self.byte((job.at.line, job.at.column));
+            if let Some(other) = names.insert(&job.name, job) {
+                let why = format!("two jobs are called '{}' (the other is in line {})", job.name, other.at.line);
+                return Err((
+                    place,
+                    format!("{why}; give the group a `name` with all that differs, as in \"{{scene}}-{{seed}}\""),
+                ));
+            }
+            let written = job.flags.iter().filter(|(key, _)| key == "preview" || key == "stats");
+            let written = written.filter_map(|(_, value)| value.as_deref());
+            for file in written.chain(job.output.to_str()) {
+                if let Some(other) = files.insert(file, job) {
+                    let why = format!("'{}' and '{}' both write {file}", other.name, job.name);
+                    return Err((place, format!("{why}; name outputs by the job, as in \"out/{{name}}.exr\"")));
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn flags() -> HashMap<String, Flag> {
+        [
+            ("spp", Flag::Value),
+            ("seed", Flag::Value),
+            ("camera", Flag::Value),
+            ("noise", Flag::Value),
+            ("env", Flag::File),
+            ("output", Flag::File),
+            ("preview", Flag::File),
+            ("no-env", Flag::Switch),
+        ]
+        .map(|(name, kind)| (name.to_owned(), kind))
+        .into()
+    }
+
+    fn jobs(text: &str) -> At<Vec<Job>> {
+        parse(text, Path::new("shots"), &flags())
+    }
+
+    #[test]
+    fn a_matrix_is_every_combination_and_defaults_stand_behind() {
+        let text = r#"
+            [defaults]
+            spp = 64
+            output = "out/{name}.exr"
+            [[matrix]]
+            scene = ["a/hall.glb", "yard.glb"]
+            camera = ["front", "top"]
+            seed = [1, 2, 3]
+            noise = 1e-3
+            [[job]]
+            scene = "x.glb"
+            name = "last"
+            spp = 8
+            no-env = true
+        "#;
+        let jobs = jobs(text).unwrap();
+        assert_eq!(jobs.len(), 13);
+        assert_eq!(jobs[0].name, "hall-front-1");
+        assert_eq!(jobs[1].name, "hall-front-2");
+        assert_eq!(jobs[11].name, "yard-top-3");
+        assert_eq!(jobs[0].scene, Path::new("shots/a/hall.glb"));
+        assert_eq!(jobs[0].output, Path::new("shots/out/hall-front-1.exr"));
+        assert_eq!(jobs[0].arguments(), ["--spp=64", "--camera=front", "--seed=1", "--noise=1e-3"]);
+        assert_eq!(jobs[12].arguments(), ["--spp=8", "--no-env"]);
+        assert_eq!(jobs[12].output, Path::new("shots/out/last.exr"));
+    }
+
+    #[test]
+    fn mistakes_are_told_with_their_place() {
+        for (text, place, words) in [
+            ("[[job]]\nscene = 'a'\nspq = 3", (3, 1), "no key `spq`"),
+            ("[[job]]\nscene = 'a'\nspp = [1, 2]", (3, 7), "only a [[matrix]]"),
+            ("[[job]]\nscene = 'a'\nspp = ", (3, 7), ""),
+            ("\n[[job]]\nspp = 3", (2, 1), "no `scene`"),
+            ("[job]\nscene = 'a'", (1, 1), "[[job]]"),
+            ("[[jobs]]\nscene = 'a'", (1, 3), "there is no `jobs`"),
+            ("[[job]]\nscene = 'a'\nno-env = 1", (3, 10), "true or false"),
+            ("[[job]]\nscene = 7", (2, 9), "file"),
+            ("[[job]]\nscene = 'a'\nspp = true", (3, 7), "number"),
+            ("[[matrix]]\nscene = 'a'\nspp = []", (3, 7), "lists nothing"),
+            ("[[job]]\nscene = 'a'\n[[job]]\nscene = 'b/a.glb'", (3, 1), "two jobs are called 'a'"),
+            ("[[matrix]]\nscene = 'a'\nseed = [1, 2]\noutput = 'o.exr'", (1, 1), "both write"),
+            ("[[job]]\nscene = 'a'\noutput = '{nam}.exr'", (3, 1), "{nam} stands for nothing"),
+            ("[[job]]\nscene = 'a'\nname = 'x/y'", (1, 1), "cannot be"),
+            ("", (1, 1), "no jobs"),
+        ] {
+            let (at, why) = jobs(text).unwrap_err();
+            assert_eq!(position(text, at), place, "{text}: {why}");
+            assert!(why.contains(words), "{text}: {why}");
+        }
+        let huge = format!("[[matrix]]\nscene = 'a'\nseed = [{}]\nspp = [{0}]", "1,".repeat(400));
+        assert!(jobs(&huge).unwrap_err().1.contains("more than"));
+    }
+}

@@ -1,0 +1,6 @@
+//! Many renders from one file: what the file says ([`file`]), who works on what ([`queue`]), what came of it
+//! ([`report`]).
+
+pub mod file;
+pub mod queue;
+pub mod report;

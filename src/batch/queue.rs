@@ -1,0 +1,97 @@
+//! Workers over a list of jobs, and what jobs share.
+
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+
+/// Calls `work` with 0, 1, … `jobs` − 1, each once and in this order, on so many threads.
+pub fn each(jobs: usize, workers: usize, work: &(dyn Fn(usize) + Sync)) {
+    let next = AtomicUsize::new(0);
+    thread::scope(|scope| {
+        for _ in 0..workers.min(jobs) {
+            scope.spawn(|| {
+                loop {
+                    let job = next.fetch_add(1, Ordering::Relaxed);
+                    if job >= jobs {
+                        break;
+                    }
+                    work(job);
+                }
+            });
+        }
+    });
+}
+
+/// Things that several jobs need: made when the first one asks, gone when the last one has had it.
+pub struct Shelf<V> {
+    slots: HashMap<String, Slot<V>>,
+}
+
+struct Slot<V> {
+    /// Jobs that have not had it yet.
+    left: AtomicUsize,
+    value: Mutex<Option<Arc<V>>>,
+}
+
+impl<V> Shelf<V> {
+    /// For jobs that will ask for these keys, each once.
+    pub fn new(keys: impl Iterator<Item = String>) -> Self {
+        let mut slots: HashMap<String, Slot<V>> = HashMap::new();
+        for key in keys {
+            let slot = slots.entry(key).or_insert(Slot { left: AtomicUsize::new(0), value: Mutex::new(None) });
+            *slot.left.get_mut() += 1;
+        }
+        Self { slots }
+    }
+
+    /// The thing, made by `make` if nobody has before; others who want it wait. A failure is each one's own.
+    pub fn get<E>(&self, key: &str, make: impl FnOnce() -> Result<V, E>) -> Result<Arc<V>, E> {
+        let Some(slot) = self.slots.get(key) else { return make().map(Arc::new) };
+        // A panic of another's `make` leaves the slot empty, which is a state like any other.
+        let mut value = slot.value.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*value {
+            Some(there) => Ok(Arc::clone(there)),
+            None => Ok(Arc::clone(value.insert(Arc::new(make()?)))),
+        }
+    }
+
+    /// One of the jobs has had it, or will never ask.
+    pub fn done(&self, key: &str) {
+        let Some(slot) = self.slots.get(key) else { return };
+        if slot.left.fetch_sub(1, Ordering::AcqRel) == 1 {
+            slot.value.lock().unwrap_or_else(PoisonError::into_inner).take();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_job_is_done_once_on_many_threads() {
+        let seen: Vec<AtomicUsize> = (0..100).map(|_| AtomicUsize::new(0)).collect();
+        each(100, 7, &|job| {
+            seen[job].fetch_add(1, Ordering::Relaxed);
+        });
+        assert!(seen.iter().all(|n| n.load(Ordering::Relaxed) == 1));
+    }
+
+    #[test]
+    fn a_shared_thing_is_made_once_and_gone_after_its_last_user() {
+        let shelf = Shelf::new(["a", "b", "a", "a"].map(str::to_owned).into_iter());
+        let made = AtomicUsize::new(0);
+        let make = || {
+            made.fetch_add(1, Ordering::Relaxed);
+            Ok::<_, ()>(7)
+        };
+        assert_eq!(shelf.get("a", || Err("broken")), Err("broken"));
+        let first = shelf.get("a", make).unwrap();
+        let second = shelf.get("a", make).unwrap();
+        assert_eq!((made.load(Ordering::Relaxed), Arc::strong_count(&first)), (1, 3));
+        drop(second);
+        (0..3).for_each(|_| shelf.done("a"));
+        assert_eq!(Arc::strong_count(&first), 1);
+    }
+}

@@ -1,0 +1,317 @@
+//! `bismar batch JOBS.toml`
+
+mod overview;
+
+use std::collections::HashMap;
+use std::fs::{self, File};
+use std::io::Write;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+use clap::error::{ContextKind, ContextValue};
+use clap::{ArgAction, Args, Command, FromArgMatches, ValueHint};
+use serde_json::json;
+use tracing::info;
+
+use super::render::{Done, Earlier, Inputs, Loaded, RenderArgs, Session, check_outputs, pool};
+use super::signals::Signals;
+use super::stats::Stats;
+use super::{Verbosity, Verdict, host, print, say};
+use crate::batch::file::{self, Flag, Job};
+use crate::batch::queue::{Shelf, each};
+use crate::batch::report::{Entry, Report, Status};
+use crate::film::atomic;
+use crate::{Error, Result};
+use overview::Overview;
+
+/// Render what a file lists: many scenes, cameras, settings (docs/batch.md).
+///
+/// A job that fails does not stop the others. The same command again does what is missing or has changed, and goes on
+/// with what was interrupted. The exit code is the highest of any job's, or 75 after SIGINT, SIGTERM or SIGUSR1.
+#[derive(Debug, Args)]
+pub struct BatchArgs {
+    /// The batch file, TOML.
+    file: PathBuf,
+    /// Jobs at a time; threads are divided among them.
+    #[arg(short, long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    jobs: u32,
+    /// Threads [default: BISMAR_THREADS, else SLURM_CPUS_PER_TASK, else all].
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+    /// Say what would be done, and do nothing.
+    #[arg(long)]
+    dry_run: bool,
+    /// Where the JSON report goes [default: the file's name with -report.json, beside it].
+    #[arg(long, value_name = "FILE.json")]
+    report: Option<PathBuf>,
+    /// Write what happens as JSON, one event a line, as it happens; - is standard output.
+    #[arg(long, value_name = "FILE")]
+    events: Option<PathBuf>,
+}
+
+/// Flags of `render` that make no sense in a batch file.
+const NOT_IN_FILES: [&str; 5] = ["resume", "progress", "threads", "part", "memory-limit"];
+
+/// A job with its flags understood.
+pub struct Planned {
+    /// The job.
+    pub job: Job,
+    /// As `bismar render` would take it.
+    pub args: RenderArgs,
+}
+
+/// Reads a batch file and checks every job's flags.
+///
+/// # Errors
+/// [`Error::Config`] with the place in the file.
+pub fn plan(path: &Path) -> Result<Vec<Planned>> {
+    let command = RenderArgs::augment_args(Command::new("render"));
+    let flags: HashMap<String, Flag> = command
+        .get_arguments()
+        .filter_map(|arg| Some((arg.get_long()?.to_owned(), arg)))
+        .filter(|(name, _)| !NOT_IN_FILES.contains(&name.as_str()) && name != "help")
+        .map(|(name, arg)| {
+            let flag = match arg.get_action() {
+                ArgAction::SetTrue => Flag::Switch,
+                // clap knows a path by its type.
+                _ if arg.get_value_hint() == ValueHint::AnyPath => Flag::File,
+                _ => Flag::Value,
+            };
+            (name, flag)
+        })
+        .collect();
+    let jobs = file::read(path, &flags)?;
+    jobs.into_iter().map(|job| understand(path, &command, job)).collect()
+}
+
+fn understand(path: &Path, command: &Command, job: Job) -> Result<Planned> {
+    let bad = |key: Option<&str>, why: &str| {
+        let why = why.strip_prefix("error: ").unwrap_or(why);
+        let why = why.split("\n\n").next().unwrap_or(why);
+        Error::Config(format!("{}: job '{}': {why}", job.at.of(path, key), job.name))
+    };
+    let mut line = vec!["render".into(), job.scene.clone().into_os_string()];
+    line.extend(job.arguments().into_iter().map(Into::into));
+    let matches = command.clone().try_get_matches_from(line).map_err(|e| {
+        let named = match e.get(ContextKind::InvalidArg) {
+            Some(ContextValue::String(arg)) => Some(arg.as_str()),
+            Some(ContextValue::Strings(args)) => args.first().map(String::as_str),
+            _ => None,
+        };
+        let key = named.map(|arg| arg.trim_start_matches('-').split([' ', '=']).next().unwrap_or(arg).to_owned());
+        bad(key.as_deref(), &e.to_string())
+    })?;
+    let mut args = RenderArgs::from_arg_matches(&matches).map_err(|e| bad(None, &e.to_string()))?;
+    args.output = Some(job.output.clone());
+    args.resume = true;
+    args.check().map_err(|e| bad(None, &e.to_string()))?;
+    Ok(Planned { job, args })
+}
+
+pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
+    let began = Instant::now();
+    let mut jobs = plan(&args.file)?;
+    let order: Vec<String> = jobs.iter().map(|j| j.job.name.clone()).collect();
+    // Jobs with one scene follow one another, so that few scenes are in memory at a time.
+    let mut first: HashMap<String, usize> = HashMap::new();
+    for (i, planned) in jobs.iter().enumerate() {
+        first.entry(scene_key(&planned.args)).or_insert(i);
+    }
+    jobs.sort_by_key(|planned| first.get(&scene_key(&planned.args)).copied());
+    let batch = Batch {
+        inputs: Shelf::new(jobs.iter().map(|j| scene_key(&j.args))),
+        scenes: Shelf::new(jobs.iter().map(|j| scene_key(&j.args))),
+        jobs,
+    };
+    if args.dry_run {
+        return batch.dry_run(&order);
+    }
+    let report_path = args.report.clone().unwrap_or_else(|| {
+        let stem = args.file.file_stem().unwrap_or_default().to_string_lossy();
+        args.file.with_file_name(format!("{stem}-report.json"))
+    });
+    atomic::check(&report_path)?;
+    let events = Events::open(args.events.as_deref())?;
+    let (threads, source) = host::threads(args.threads)?;
+    let workers = (args.jobs as usize).min(batch.jobs.len());
+    let each_threads = (threads / workers).max(1);
+    info!("{workers} jobs at a time, each on {each_threads} threads ({threads} in all: {source})");
+    let pools = (0..workers).map(|_| pool(each_threads)).collect::<Result<Vec<_>>>()?;
+    let free = Mutex::new(pools);
+    let signals = Signals::listen()?;
+
+    let overview = Overview::new(batch.jobs.len(), verbosity.quiet);
+    let entries = Mutex::new(Vec::new());
+    events.write(json!({"event": "batch-begins", "jobs": batch.jobs.len(), "file": args.file.display().to_string()}));
+    each(batch.jobs.len(), workers, &|index| {
+        let pool = free.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let Some(pool) = pool else { return };
+        let entry = pool.install(|| batch.work(index, each_threads, workers == 1, &signals, &overview, &events));
+        overview.ended(index, &entry);
+        events
+            .write(json!({"event": "job-ends", "job": entry.job, "status": entry.status, "exit_code": entry.exit_code,
+            "error": entry.error, "seconds": entry.seconds, "output": entry.output}));
+        entries.lock().unwrap_or_else(PoisonError::into_inner).push(entry);
+        free.lock().unwrap_or_else(PoisonError::into_inner).push(pool);
+    });
+    overview.finish();
+
+    let mut entries = entries.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let place: HashMap<&str, usize> = order.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect();
+    entries.sort_by_key(|e| place.get(e.job.as_str()).copied());
+    let report = Report::new(args.file.display().to_string(), began.elapsed().as_secs_f64(), entries);
+    events.write(json!({"event": "batch-ends", "exit_code": report.exit_code()}));
+    atomic::write(&report_path, |file| {
+        serde_json::to_writer_pretty(&mut *file, &report)?;
+        file.write_all(b"\n")?;
+        Ok(Ok(()))
+    })?;
+    if !verbosity.quiet {
+        if args.events.as_deref() != Some(Path::new("-")) {
+            print(overview::table(&report.jobs).trim_end())?;
+        }
+        say(format_args!("{}; report in {}", report.summary(), report_path.display()));
+    }
+    Ok(match report.exit_code() {
+        0 => Verdict::Done,
+        code => Verdict::Worst(code),
+    })
+}
+
+/// Equal for jobs that can share a scene in memory.
+fn scene_key(a: &RenderArgs) -> String {
+    format!("{:?} {:?} {} {} {} {} {:?}", a.scene, a.env, a.env_rotate, a.env_strength, a.no_env, a.strict, a.rays)
+}
+
+struct Batch {
+    jobs: Vec<Planned>,
+    inputs: Shelf<Inputs>,
+    scenes: Shelf<Loaded>,
+}
+
+impl Batch {
+    /// One job from beginning to end; whatever goes wrong is in the entry.
+    fn work(
+        &self,
+        index: usize,
+        threads: usize,
+        alone: bool,
+        signals: &Signals,
+        overview: &Overview,
+        events: &Events,
+    ) -> Entry<Box<Stats>> {
+        let Planned { job, args } = &self.jobs[index];
+        let began = Instant::now();
+        let key = scene_key(args);
+        let mut entry = Entry {
+            job: job.name.clone(),
+            scene: job.scene.display().to_string(),
+            output: job.output.display().to_string(),
+            status: Status::Pending,
+            exit_code: 0,
+            error: None,
+            seconds: 0.0,
+            stats: None,
+        };
+        if signals.stopped() {
+            return entry;
+        }
+        overview.begins(index, &job.name);
+        events.write(json!({"event": "job-begins", "job": job.name, "output": entry.output}));
+        if alone {
+            host::reset_peak_memory();
+        }
+        let render = || -> Result<Done> {
+            if let Some(folder) = args.output().parent() {
+                fs::create_dir_all(folder)
+                    .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", folder.display())))?;
+            }
+            check_outputs(args)?;
+            let inputs = self.inputs.get(&key, || Inputs::read(args))?;
+            let session = Session { args, inputs: &inputs, threads, began, replaces: true };
+            if let Some(done) = session.done_before()? {
+                return Ok(done);
+            }
+            session.check_memory()?;
+            let loaded = self.scenes.get(&key, || Loaded::load(args, &signals.stop, &|_, _| ()))?;
+            session.render(&loaded, &signals.stop, &|p| overview.progress(index, &p), &|_| ())
+        };
+        let result = catch_unwind(AssertUnwindSafe(render))
+            .unwrap_or_else(|_| Err(Error::Bug("the job panicked; what it said is above".into())));
+        self.inputs.done(&key);
+        self.scenes.done(&key);
+        entry.seconds = began.elapsed().as_secs_f64();
+        match result {
+            Ok(Done::Rendered(_, stats)) => {
+                entry.status = Status::Done;
+                entry.stats = Some(stats);
+            }
+            Ok(Done::Before(..)) => entry.status = Status::Before,
+            Err(error) => {
+                let interrupted = matches!(error, Error::Interrupted(_));
+                entry.status = if interrupted { Status::Interrupted } else { Status::Failed };
+                entry.exit_code = error.exit_code();
+                entry.error = Some(error.to_string());
+            }
+        }
+        entry
+    }
+
+    fn dry_run(&self, order: &[String]) -> Result<Verdict> {
+        let mut rows: HashMap<&str, String> = HashMap::new();
+        let mut worst = 0;
+        for Planned { job, args } in &self.jobs {
+            let key = scene_key(args);
+            let would = || -> Result<&str> {
+                let inputs = self.inputs.get(&key, || Inputs::read(args))?;
+                let session = Session { args, inputs: &inputs, threads: 1, began: Instant::now(), replaces: true };
+                if session.done_before()?.is_some() {
+                    return Ok("done before");
+                }
+                Ok(if Earlier::read(&args.output())?.is_some() { "render again or go on" } else { "render" })
+            };
+            let what = would().map(str::to_owned).unwrap_or_else(|e| {
+                worst = worst.max(e.exit_code());
+                format!("would fail: {e}")
+            });
+            self.inputs.done(&key);
+            let flags = job.arguments().join(" ");
+            let (scene, output) = (job.scene.display(), job.output.display());
+            rows.insert(&job.name, format!("{}: {what}\n  bismar render {scene} -o {output} {flags}", job.name));
+        }
+        let lines: Vec<_> = order.iter().filter_map(|name| rows.remove(name.as_str())).collect();
+        print(lines.join("\n"))?;
+        Ok(if worst == 0 { Verdict::Done } else { Verdict::Worst(worst) })
+    }
+}
+
+/// JSON, one event a line.
+struct Events {
+    to: Option<Mutex<Box<dyn Write + Send>>>,
+    began: Instant,
+}
+
+impl Events {
+    fn open(path: Option<&Path>) -> Result<Self> {
+        let to: Option<Box<dyn Write + Send>> = match path {
+            None => None,
+            Some(path) if path == Path::new("-") => Some(Box::new(std::io::stdout())),
+            Some(path) => {
+                let file = File::options().create(true).append(true).open(path);
+                let file = file.map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", path.display())))?;
+                Some(Box::new(file))
+            }
+        };
+        Ok(Self { to: to.map(Mutex::new), began: Instant::now() })
+    }
+
+    fn write(&self, mut event: serde_json::Value) {
+        let Some(to) = &self.to else { return };
+        event["seconds_since_start"] = json!(self.began.elapsed().as_secs_f64());
+        let mut to = to.lock().unwrap_or_else(PoisonError::into_inner);
+        // Nobody there to read events is no reason to stop rendering.
+        let _ = writeln!(to, "{event}").and_then(|()| to.flush());
+    }
+}

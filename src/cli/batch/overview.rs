@@ -1,0 +1,165 @@
+//! How far a batch is: bars on a terminal, lines elsewhere.
+
+use std::io::{self, IsTerminal};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use indicatif::{HumanDuration, MultiProgress, ProgressBar, ProgressStyle};
+
+use crate::batch::report::{Entry, Status};
+use crate::cli::say;
+use crate::cli::stats::Stats;
+use crate::render::Progress;
+
+/// Takes progress from any thread.
+pub struct Overview {
+    quiet: bool,
+    terminal: bool,
+    bars: MultiProgress,
+    all: ProgressBar,
+    state: Mutex<State>,
+    began: Instant,
+}
+
+struct State {
+    jobs: Vec<Fraction>,
+    failed: usize,
+    ended: usize,
+    printed: Option<Instant>,
+    percent: u32,
+}
+
+/// A job's share that is done, and its bar while it runs.
+#[derive(Clone, Default)]
+struct Fraction {
+    done: f64,
+    /// Was it done before this command?
+    before: bool,
+    bar: Option<ProgressBar>,
+}
+
+impl Overview {
+    /// Of so many jobs.
+    pub fn new(jobs: usize, quiet: bool) -> Self {
+        let terminal = io::stderr().is_terminal() && !quiet;
+        let bars = MultiProgress::new();
+        let all = if terminal { bars.add(ProgressBar::new(jobs as u64)) } else { ProgressBar::hidden() };
+        if let Ok(style) = ProgressStyle::with_template("{bar:32} {pos}/{len} jobs  {msg}") {
+            all.set_style(style);
+        }
+        let state = State { jobs: vec![Fraction::default(); jobs], failed: 0, ended: 0, printed: None, percent: 0 };
+        Self { quiet, terminal, bars, all, state: Mutex::new(state), began: Instant::now() }
+    }
+
+    /// A job begins.
+    pub fn begins(&self, index: usize, name: &str) {
+        if !self.terminal {
+            return;
+        }
+        let bar = self.bars.add(ProgressBar::new(1000));
+        if let Ok(style) = ProgressStyle::with_template("  {bar:30} {percent:>3}%  {prefix}  {msg}") {
+            bar.set_style(style);
+        }
+        bar.set_prefix(name.to_owned());
+        self.lock().jobs[index].bar = Some(bar);
+    }
+
+    /// A job goes on.
+    pub fn progress(&self, index: usize, progress: &Progress) {
+        let Ok(mut state) = self.state.try_lock() else { return };
+        let job = &mut state.jobs[index];
+        job.done = progress.fraction.clamp(job.done, 1.0);
+        if let Some(bar) = &job.bar {
+            bar.set_position((1000.0 * job.done) as u64);
+            let mrays = progress.rays as f64 / progress.seconds.max(1e-9) / 1e6;
+            bar.set_message(format!("{} spp  noise {:.4}  {mrays:.1} Mrays/s", progress.spp, progress.noise));
+        }
+        self.show(&mut state);
+    }
+
+    /// A job has ended.
+    pub fn ended(&self, index: usize, entry: &Entry<Box<Stats>>) {
+        let mut state = self.lock();
+        state.ended += 1;
+        state.failed += usize::from(entry.status == Status::Failed);
+        let job = &mut state.jobs[index];
+        job.done = 1.0;
+        job.before = matches!(entry.status, Status::Before | Status::Pending);
+        if let Some(bar) = job.bar.take() {
+            bar.finish_and_clear();
+            self.bars.remove(&bar);
+        }
+        self.all.set_position(state.ended as u64);
+        let line = match (&entry.error, &entry.stats) {
+            _ if entry.status == Status::Pending => None,
+            (Some(error), _) => Some(format!("{}: {error}", entry.job)),
+            (_, Some(stats)) => Some(format!("{}: {}", entry.job, stats.summary())),
+            _ => None,
+        };
+        // Errors are said even to those who want quiet.
+        if let Some(line) = line.filter(|_| !self.quiet || entry.error.is_some()) {
+            if self.terminal {
+                let _ = self.bars.println(line);
+            } else {
+                say(line);
+            }
+        }
+        self.show(&mut state);
+    }
+
+    /// The end of all.
+    pub fn finish(&self) {
+        self.all.finish_and_clear();
+        if !self.quiet && !self.terminal && self.lock().jobs.iter().all(|j| j.done == 1.0) {
+            say("PROGRESS: 100%");
+        }
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn show(&self, state: &mut State) {
+        if self.quiet {
+            return;
+        }
+        // What was there before took no time and says nothing of what is left.
+        let new = state.jobs.iter().filter(|j| !j.before);
+        let (sum, count) = new.fold((0.0, 0), |(sum, n), j| (sum + j.done, n + 1));
+        let fraction = if count == 0 { 1.0 } else { sum / f64::from(count) };
+        if self.terminal {
+            let left = self.began.elapsed().as_secs_f64() * (1.0 - fraction) / fraction;
+            let eta = Duration::try_from_secs_f64(left).map_or("unknown".into(), |d| HumanDuration(d).to_string());
+            let running = state.jobs.iter().filter(|j| j.bar.is_some()).count();
+            self.all.set_message(format!("{running} running, {} failed  ETA {eta}", state.failed));
+        } else if state.printed.is_none_or(|t| t.elapsed() >= Duration::from_secs(1)) {
+            state.printed = Some(Instant::now());
+            let all: f64 = state.jobs.iter().map(|j| j.done).sum();
+            state.percent = state.percent.max((100.0 * all / state.jobs.len() as f64) as u32).min(99);
+            say(format_args!("PROGRESS: {}%", state.percent));
+        }
+    }
+}
+
+/// What came of each job, in columns.
+pub fn table(entries: &[Entry<Box<Stats>>]) -> String {
+    let mut rows = vec![["job", "status", "seconds", "spp", "noise", "Mrays/s", "MiB"].map(str::to_owned)];
+    for entry in entries {
+        let status = serde_json::to_value(entry.status).ok().and_then(|s| s.as_str().map(str::to_owned));
+        let status = status.unwrap_or_default();
+        let seconds = if entry.status == Status::Done { format!("{:.2}", entry.seconds) } else { String::new() };
+        let [spp, noise, speed, memory] = entry.stats.as_ref().map(|s| s.columns()).unwrap_or_default();
+        rows.push([entry.job.clone(), status, seconds, spp, noise, speed, memory]);
+    }
+    let width = |c: usize| rows.iter().map(|r| r[c].chars().count()).max().unwrap_or(0);
+    let widths: [usize; 7] = std::array::from_fn(width);
+    let line = |row: &[String; 7]| {
+        let cell = |c: usize| match c {
+            0 | 1 => format!("{:<w$}", row[c], w = widths[c]),
+            _ => format!("{:>w$}", row[c], w = widths[c]),
+        };
+        let text = (0..7).map(cell).collect::<Vec<_>>().join("  ");
+        format!("{}\n", text.trim_end().replace(char::is_control, "?"))
+    };
+    rows.iter().map(line).collect()
+}

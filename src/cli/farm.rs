@@ -1,0 +1,367 @@
+//! `bismar farm submit` and `bismar farm status`
+
+use std::ffi::OsString;
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf, absolute};
+use std::process::Command as Process;
+
+use clap::parser::ValueSource;
+use clap::{ArgAction, Args, Command, FromArgMatches, Subcommand, ValueEnum, ValueHint};
+use serde_json::json;
+
+use super::render::{Earlier, RenderArgs};
+use super::{Verdict, batch, print, print_json, say};
+use crate::farm::slurm::{self, Ask, quoted};
+use crate::farm::{PLAN, Plan, Render, Task, openjd};
+use crate::film::atomic;
+use crate::{Error, Result};
+
+/// Render on many machines (docs/farm.md).
+#[derive(Debug, Args)]
+pub struct FarmArgs {
+    #[command(subcommand)]
+    command: FarmCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum FarmCommand {
+    Submit(Box<SubmitArgs>),
+    Status(StatusArgs),
+}
+
+/// What the plan is written for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Format {
+    /// An array of tasks and merges that wait for them, submitted by sbatch.
+    Slurm,
+    /// A job template of Open Job Description, to be given to something that runs these.
+    Openjd,
+}
+
+/// Submit a batch file or a scene, each picture in parts.
+///
+/// Writes scripts, and later logs and parts, into a folder. The same command again submits again: tasks that are done
+/// say so and end, others go on from their last checkpoint.
+#[derive(Debug, Args)]
+struct SubmitArgs {
+    /// A batch file (.toml) or a scene (.gltf, .glb).
+    input: PathBuf,
+    /// Parts of each picture, one task each.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    parts: u32,
+    /// For whom.
+    #[arg(long, value_enum, default_value_t = Format::Slurm)]
+    format: Format,
+    /// Where scripts, logs and parts go; all machines must see it [default: the input's name with .farm, beside it].
+    #[arg(long, value_name = "DIR")]
+    folder: Option<PathBuf>,
+    /// Show what would be written and submitted, and do nothing.
+    #[arg(long)]
+    dry_run: bool,
+    /// CPUs of a task.
+    #[arg(long, value_name = "N", help_heading = "Slurm")]
+    cpus: Option<u32>,
+    /// Memory of a task, as in 4G.
+    #[arg(long, value_name = "SIZE", help_heading = "Slurm")]
+    memory: Option<String>,
+    /// Minutes that a task may run before it is saved, requeued and goes on.
+    #[arg(long, value_name = "N", help_heading = "Slurm")]
+    minutes: Option<u32>,
+    /// Tasks at a time, at most.
+    #[arg(long, value_name = "N", help_heading = "Slurm")]
+    throttle: Option<u32>,
+    /// A further option of sbatch, as in --sbatch=--partition=night; may be repeated.
+    #[arg(long, value_name = "OPTION", allow_hyphen_values = true, help_heading = "Slurm")]
+    sbatch: Vec<String>,
+    /// Flags of `bismar render` for a scene, after --.
+    #[arg(last = true, value_name = "RENDER FLAGS")]
+    flags: Vec<OsString>,
+}
+
+/// Show how far a submitted job is, by its files alone.
+#[derive(Debug, Args)]
+struct StatusArgs {
+    /// The folder of `farm submit`.
+    folder: PathBuf,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &FarmArgs) -> Result<Verdict> {
+    match &args.command {
+        FarmCommand::Submit(args) => submit(args),
+        FarmCommand::Status(args) => status(args),
+    }
+}
+
+fn submit(args: &SubmitArgs) -> Result<Verdict> {
+    let is_batch = args.input.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+    let renders = match (is_batch, args.flags.is_empty()) {
+        (true, true) => of_batch(&args.input)?,
+        (true, false) => return Err(Error::Usage("a batch file says its flags itself: none may follow --".into())),
+        (false, _) => vec![of_scene(args)?],
+    };
+    let folder = absolute_of(&args.folder.clone().unwrap_or_else(|| args.input.with_extension("farm")))?;
+    let program = std::env::current_exe().map_err(|e| Error::Host(format!("cannot find this program's file: {e}")))?;
+    let progress = if args.format == Format::Openjd { "openjd" } else { "plain" };
+    let name = args.input.file_stem().unwrap_or_default().to_string_lossy();
+    let plan = Plan::new(&name, &folder, &program.to_string_lossy(), progress, &renders, args.parts)?;
+    match args.format {
+        Format::Slurm => submit_to_slurm(args, &plan),
+        Format::Openjd => write_template(args, &plan),
+    }
+}
+
+fn of_batch(path: &Path) -> Result<Vec<Render>> {
+    let one = |planned: batch::Planned| {
+        let job = planned.job;
+        let command = RenderArgs::augment_args(Command::new("render"));
+        let flags = job.flags.into_iter().map(|(name, value)| {
+            let value = match value {
+                Some(value) if is_path(&command, &name) => Some(absolute_of(Path::new(&value))?.display().to_string()),
+                value => value,
+            };
+            Ok((name, value))
+        });
+        Ok(Render {
+            name: job.name,
+            scene: absolute_of(&job.scene)?,
+            output: absolute_of(&job.output)?,
+            flags: flags.collect::<Result<_>>()?,
+        })
+    };
+    batch::plan(path)?.into_iter().map(one).collect()
+}
+
+fn of_scene(args: &SubmitArgs) -> Result<Render> {
+    let command = RenderArgs::augment_args(Command::new("render"));
+    let line = [OsString::from("render"), args.input.clone().into()].into_iter().chain(args.flags.iter().cloned());
+    let wrong = |e: clap::Error| {
+        let text = e.to_string();
+        let text = text.strip_prefix("error: ").unwrap_or(&text);
+        Error::Usage(format!("after --: {}", text.split("\n\n").next().unwrap_or(text)))
+    };
+    let matches = command.clone().try_get_matches_from(line).map_err(wrong)?;
+    let render = RenderArgs::from_arg_matches(&matches).map_err(wrong)?;
+    render.check()?;
+    let mut flags = Vec::new();
+    for arg in command.get_arguments() {
+        let Some(name) = arg.get_long() else { continue };
+        let id = arg.get_id().as_str();
+        if matches.try_contains_id(id).is_err() || matches.value_source(id) != Some(ValueSource::CommandLine) {
+            continue;
+        }
+        if ["part", "resume", "progress", "output"].contains(&name) {
+            if name == "output" {
+                continue;
+            }
+            return Err(Error::Usage(format!("after --: --{name} is the farm's own affair")));
+        }
+        let value = matches.get_raw(id).and_then(|mut values| values.next()).map(|v| v.to_string_lossy().into_owned());
+        flags.push((
+            name.to_owned(),
+            match (arg.get_action(), value) {
+                (ArgAction::SetTrue, _) => None,
+                (_, Some(value)) if is_path(&command, name) => {
+                    Some(absolute_of(Path::new(&value))?.display().to_string())
+                }
+                (_, value) => value,
+            },
+        ));
+    }
+    let name = args.input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    Ok(Render { name, scene: absolute_of(&args.input)?, output: absolute_of(&render.output())?, flags })
+}
+
+fn is_path(command: &Command, flag: &str) -> bool {
+    command.get_arguments().any(|arg| arg.get_long() == Some(flag) && arg.get_value_hint() == ValueHint::AnyPath)
+}
+
+fn absolute_of(path: &Path) -> Result<PathBuf> {
+    absolute(path).map_err(|e| Error::Usage(format!("{}: {e}", path.display())))
+}
+
+fn submit_to_slurm(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {
+    let ask = Ask {
+        cpus: args.cpus,
+        memory: args.memory.clone(),
+        minutes: args.minutes,
+        throttle: args.throttle,
+        others: args.sbatch.clone(),
+    };
+    let files = slurm::files(plan, &ask);
+    if args.dry_run {
+        let folder = plan.folder.display();
+        let shown = files.iter().map(|(name, content)| format!("# {folder}/{name}\n{content}"));
+        let mut text = shown.collect::<Vec<_>>().join("\n");
+        let arrays: Vec<_> = slurm::arrays(plan, &ask, USUAL_ARRAY)
+            .into_iter()
+            .enumerate()
+            .map(|(i, array)| (array, format!("$ARRAY{}", i + 1)))
+            .collect();
+        text += "\n# to be submitted\n";
+        for (array, id) in &arrays {
+            text += &format!("{}=$(sbatch --parsable {})\n", &id[1..], quoted(&array.arguments));
+        }
+        for number in 0..plan.merges.len() {
+            text += &format!("sbatch --parsable {}\n", slurm::merge(plan, number, &arrays).join(" "));
+        }
+        print(text.trim_end())?;
+        return Ok(Verdict::Done);
+    }
+    let site = site()?;
+    write_folder(plan, &files)?;
+    if !site.requeues {
+        say(
+            "warning: this site does not requeue tasks that exit with 75 (RequeueExit in slurm.conf): a task that its time \
+             limit interrupts stays saved until this command is given again",
+        );
+    }
+    let mut arrays = Vec::new();
+    for array in slurm::arrays(plan, &ask, site.largest_array) {
+        let id = sbatch(&array.arguments)?;
+        say(format_args!("tasks {} to {}: job {id}", array.first + 1, array.first + array.count));
+        arrays.push((array, id));
+    }
+    for (number, merge) in plan.merges.iter().enumerate() {
+        let id = sbatch(&slurm::merge(plan, number, &arrays))?;
+        say(format_args!("merge of {}: job {id}", merge.render));
+    }
+    say(format_args!("`bismar farm status {}` shows how far it is", plan.folder.display()));
+    Ok(Verdict::Done)
+}
+
+/// Slurm's default for MaxArraySize is 1001, which is one more than the highest index.
+const USUAL_ARRAY: usize = 1000;
+
+struct Site {
+    largest_array: usize,
+    requeues: bool,
+}
+
+fn site() -> Result<Site> {
+    let config = capture("scontrol", &["show".into(), "config".into()])?;
+    let of = |key: &str| {
+        let line = config.lines().find(|line| line.split('=').next().is_some_and(|name| name.trim() == key))?;
+        line.split_once('=').map(|(_, value)| value.trim().to_owned())
+    };
+    let largest = of("MaxArraySize").and_then(|n| n.parse::<usize>().ok()).map_or(USUAL_ARRAY, |n| n.max(2) - 1);
+    let requeues = of("RequeueExit").is_some_and(|codes| codes.split(',').any(|code| code.trim() == "75"));
+    Ok(Site { largest_array: largest, requeues })
+}
+
+fn sbatch(arguments: &[String]) -> Result<String> {
+    let all: Vec<String> = [String::from("--parsable")].into_iter().chain(arguments.iter().cloned()).collect();
+    // "number" or "number;cluster".
+    let answer = capture("sbatch", &all)?;
+    Ok(answer.trim().split(';').next().unwrap_or_default().to_owned())
+}
+
+fn capture(program: &str, arguments: &[String]) -> Result<String> {
+    let output = Process::new(program).args(arguments).output().map_err(|e| {
+        Error::Host(format!(
+            "cannot run {program}: {e}; is Slurm installed here? --dry-run and --format openjd need none"
+        ))
+    })?;
+    if !output.status.success() {
+        let said = String::from_utf8_lossy(&output.stderr);
+        return Err(Error::Host(format!("{program} {}: {}", quoted(arguments), said.trim())));
+    }
+    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+fn write_folder(plan: &Plan, files: &[(String, String)]) -> Result<()> {
+    let create = |folder: &Path| {
+        fs::create_dir_all(folder).map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", folder.display())))
+    };
+    create(&plan.folder.join("logs"))?;
+    create(&plan.folder.join("parts"))?;
+    let outputs = plan.tasks.iter().map(|t| &t.output).chain(plan.merges.iter().map(|m| &m.output));
+    for folder in outputs.filter_map(|path| path.parent()) {
+        create(folder)?;
+    }
+    let json = serde_json::to_string_pretty(plan).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
+    for (name, content) in files.iter().chain([&(PLAN.to_owned(), json)]) {
+        atomic::write(&plan.folder.join(name), |file| Ok(Ok(file.write_all(content.as_bytes())?)))?;
+    }
+    Ok(())
+}
+
+fn write_template(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {
+    let template = openjd::template(plan)?;
+    if args.dry_run {
+        print_json(&template)?;
+        return Ok(Verdict::Done);
+    }
+    let text = serde_json::to_string_pretty(&template).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
+    write_folder(plan, &[("template.json".into(), text)])?;
+    say(format_args!("wrote {}", plan.folder.join("template.json").display()));
+    Ok(Verdict::Done)
+}
+
+/// How far one file is.
+struct State {
+    /// `waiting`, `begun` or `done`.
+    state: &'static str,
+    /// In [0, 1].
+    fraction: f64,
+    /// The last error in its log.
+    error: Option<String>,
+}
+
+fn status(args: &StatusArgs) -> Result<Verdict> {
+    let plan = Plan::read(&args.folder)?;
+    let tasks: Vec<State> = plan.tasks.iter().enumerate().map(|(i, task)| state(&plan, i + 1, task)).collect();
+    let merged: Vec<bool> = plan.merges.iter().map(|m| is_finished(&m.output)).collect();
+    let done = tasks.iter().filter(|t| t.state == "done").count();
+    let all = tasks.iter().map(|t| t.fraction).sum::<f64>() / tasks.len().max(1) as f64;
+    let complete = done == tasks.len() && merged.iter().all(|m| *m);
+    if args.json {
+        let tasks = plan.tasks.iter().zip(&tasks).map(|(task, s)| {
+            json!({ "render": task.render, "part": task.part, "state": s.state, "fraction": s.fraction,
+                "error": s.error, "output": task.output })
+        });
+        let merges = plan.merges.iter().zip(&merged);
+        let merges = merges.map(|(m, done)| json!({ "render": m.render, "done": done, "output": m.output }));
+        print_json(&json!({ "schema": 1, "name": plan.name, "complete": complete, "fraction": all,
+            "tasks": tasks.collect::<Vec<_>>(), "merges": merges.collect::<Vec<_>>() }))?;
+        return Ok(Verdict::Done);
+    }
+    let mut text = String::new();
+    for (task, s) in plan.tasks.iter().zip(&tasks) {
+        let error = s.error.as_ref().map_or(String::new(), |e| format!("  {e}"));
+        let part = if plan.parts > 1 { format!(" {}/{}", task.part, plan.parts) } else { String::new() };
+        text += &format!("{}{part}: {} {:.0} %{error}\n", task.render, s.state, 100.0 * s.fraction);
+    }
+    for (merge, done) in plan.merges.iter().zip(&merged) {
+        text += &format!("{} merged: {}\n", merge.render, if *done { "done" } else { "waiting" });
+    }
+    print(format!("{text}{done} of {} tasks done, {:.0} % in all", tasks.len(), 100.0 * all))?;
+    Ok(Verdict::Done)
+}
+
+fn is_finished(path: &Path) -> bool {
+    let earlier = Earlier::read(path).ok().flatten();
+    earlier.is_some_and(|e| e.settings().is_some_and(|s| e.is_done(s.spp, s.time, s.noise)))
+}
+
+fn state(plan: &Plan, number: usize, task: &Task) -> State {
+    if is_finished(&task.output) {
+        return State { state: "done", fraction: 1.0, error: None };
+    }
+    // What the last checkpoint holds, or what the log says if that is more.
+    let log = fs::read_to_string(plan.log(number)).unwrap_or_default();
+    let percent = |line: &str| line.strip_prefix("PROGRESS: ")?.strip_suffix('%')?.parse::<f64>().ok();
+    let said = log.lines().rev().find_map(percent).map_or(0.0, |p| p / 100.0);
+    let earlier = Earlier::read(&task.output).ok().flatten();
+    let saved = earlier.and_then(|e| Some(f64::from(e.paths()) / f64::from(e.settings()?.spp?))).unwrap_or(0.0);
+    let error = log.lines().rev().find(|line| !line.starts_with("PROGRESS")).and_then(|l| l.strip_prefix("error: "));
+    let begun = !log.is_empty() || task.output.exists();
+    State {
+        state: if begun { "begun" } else { "waiting" },
+        fraction: said.max(saved).clamp(0.0, 1.0),
+        error: error.map(str::to_owned),
+    }
+}

@@ -1,0 +1,296 @@
+//! One command's render: from a scene in memory, or from what the output file holds, to the output file.
+
+use std::cell::Cell;
+use std::fmt::{self, Display};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use tracing::{info, warn};
+
+use super::identity::{self, Earlier, Inputs};
+use super::{RenderArgs, choose, read_scene};
+use crate::cli::memory::{self, Need};
+use crate::cli::signals::no_progress;
+use crate::cli::stats::{Seconds, Stats, sample_range};
+use crate::film::exr_file::{self, HeaderValue};
+use crate::film::preview;
+use crate::rays::{self, RayQueries};
+use crate::render::saved::{Saved, pack};
+use crate::render::{Checkpoint, Fingerprint, Progress, RenderSettings, Rendered, Run, StopReason, fresh_tiles, run};
+use crate::scene::Scene;
+use crate::{Error, Result};
+
+/// A scene that is ready to be rendered.
+pub struct Loaded {
+    scene: Arc<Scene>,
+    rays: Box<dyn RayQueries>,
+    read_seconds: f64,
+    build_seconds: f64,
+}
+
+impl Loaded {
+    /// Reads a command's scene and environment and builds its acceleration structure.
+    ///
+    /// # Errors
+    /// As the import and the ray queries have them; [`Error::Interrupted`] if the stop flag is raised while it builds.
+    pub fn load(args: &RenderArgs, stop: &AtomicBool, building: &(dyn Fn(f64, f64) + Sync)) -> Result<Self> {
+        let start = Instant::now();
+        let scene = Arc::new(read_scene(args)?);
+        let read_seconds = start.elapsed().as_secs_f64();
+        info!("read {} in {read_seconds:.2} s", args.scene.display());
+        let built = Instant::now();
+        let rays = rays::build_watched(args.rays, Arc::clone(&scene), &|done| {
+            building(done, built.elapsed().as_secs_f64());
+            !stop.load(Ordering::Relaxed)
+        })?;
+        let build_seconds = built.elapsed().as_secs_f64();
+        let backend = rays.info();
+        let mebibytes = backend.memory_bytes as f64 / 2_f64.powi(20);
+        info!("built {} {} ({}): {build_seconds:.2} s, {mebibytes:.1} MiB", backend.name, backend.version, backend.isa);
+        Ok(Self { scene, rays, read_seconds, build_seconds })
+    }
+}
+
+/// What came of it.
+pub enum Done {
+    /// Rendered; all that is known of it.
+    Rendered(PathBuf, Box<Stats>),
+    /// The file was there already.
+    Before(PathBuf, u32),
+}
+
+impl Display for Done {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Done::Rendered(path, stats) => write!(f, "{}: {}", path.display(), stats.summary()),
+            Done::Before(path, spp) => write!(f, "{}: finished before, with {spp} spp: nothing to do", path.display()),
+        }
+    }
+}
+
+/// One command's render.
+#[derive(Clone, Copy)]
+pub struct Session<'a> {
+    /// The command's flags.
+    pub args: &'a RenderArgs,
+    /// The contents that they name.
+    pub inputs: &'a Inputs,
+    /// Threads that render.
+    pub threads: usize,
+    /// When `--time` began to count.
+    pub began: Instant,
+    /// When `--resume` finds another render in the output file, or one that cannot go on: begin anew, or refuse?
+    pub replaces: bool,
+}
+
+impl Session<'_> {
+    /// With `--resume`: is there nothing left to do? Judged by files alone.
+    ///
+    /// # Errors
+    /// As [`Earlier::read`].
+    pub fn done_before(&self) -> Result<Option<Done>> {
+        let output = self.args.output();
+        if !self.args.resume {
+            return Ok(None);
+        }
+        let Some(earlier) = Earlier::read(&output)? else { return Ok(None) };
+        let answered = earlier.answers(&self.inputs.request(self.args), self.args.part) && self.is_done(&earlier);
+        Ok(answered.then(|| Done::Before(output, earlier.paths())))
+    }
+
+    /// Are its stop rule and its wishes for other files fulfilled?
+    fn is_done(&self, earlier: &Earlier) -> bool {
+        let a = self.args;
+        let others = [&a.preview, &a.stats].into_iter().flatten().all(|path| path.exists());
+        // A picture that is to be gone on from later must be able to.
+        let carries = a.checkpoint.is_none() || earlier.keeps_statistics();
+        others && carries && earlier.is_done(a.spp(), a.time, a.noise)
+    }
+
+    /// Fails if there is not enough memory, by what the files say of themselves.
+    ///
+    /// # Errors
+    /// [`Error::Host`].
+    pub fn check_memory(&self) -> Result<()> {
+        // Where the size follows from the camera, which is not known yet, the default's share of the whole is small.
+        let (width, height) = self.args.size.map_or((960, 540), |s| (s.0, s.1));
+        let pixels = match self.args.crop {
+            Some(crop) => {
+                crop.inside(u32::MAX, u32::MAX).map_or(0, |[x0, y0, x1, y1]| u64::from(x1 - x0) * u64::from(y1 - y0))
+            }
+            None => u64::from(width) * u64::from(height),
+        };
+        let need = Need {
+            scene: &self.inputs.scene,
+            environment_bytes: self.inputs.environment.1,
+            pixels,
+            saves: self.saves(),
+            rays: self.args.rays,
+            threads: self.threads,
+        };
+        let limit = memory::limit(self.args.memory_limit)?;
+        info!("needs about {} MiB of memory; {} allows {}", need.bytes() >> 20, limit.1, limit.0 >> 20);
+        memory::check(&self.args.scene.display().to_string(), need.bytes(), limit)
+    }
+
+    fn saves(&self) -> bool {
+        self.args.checkpoint.is_some() || self.args.part.is_some()
+    }
+
+    /// Renders, saving now and then if that was asked for, and writes what the command asks for.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`] once what there is has been saved; those of outputs; [`Error::Data`] for an output file
+    /// that holds something else, with `--resume`.
+    pub fn render(
+        &self,
+        loaded: &Loaded,
+        stop: &AtomicBool,
+        progress: &(dyn Fn(Progress) + Sync),
+        rendering_ends: &dyn Fn(bool),
+    ) -> Result<Done> {
+        let args = self.args;
+        let output = args.output();
+        let settings = settings(args, &loaded.scene)?;
+        let backend = loaded.rays.info();
+        let fingerprint =
+            Fingerprint::new(&self.inputs.scene.hash, &self.inputs.environment.0, backend.name, &settings);
+        let (from, kept) = match self.go_on_from(&fingerprint, &settings, loaded)? {
+            Some((saved, kept)) => (Some(saved), kept),
+            None => (None, false),
+        };
+        let keeps = kept || args.checkpoint.is_some();
+        let before = from.as_ref().map_or(0, |f| f.stats.paths);
+        let request = self.inputs.request(args);
+        let seconds =
+            Cell::new(Seconds { read: loaded.read_seconds, build: loaded.build_seconds, ..Default::default() });
+        let write = |rendered: &Rendered, with_statistics: bool| -> Result<Stats> {
+            let start = Instant::now();
+            let render = rendered.stats.render_seconds;
+            let stats = Stats::new(
+                &args.scene,
+                &loaded.scene,
+                &settings,
+                backend,
+                self.threads,
+                rendered,
+                Seconds { render, ..seconds.get() },
+            );
+            let mut header = stats.header(rendered)?;
+            header.push(("bismar.aov".into(), HeaderValue::Text(args.aov_names())));
+            header.extend(identity::attributes(&request, &fingerprint, &rendered.stats, keeps)?);
+            let statistics = with_statistics.then(|| pack(&rendered.tiles)).transpose()?;
+            exr_file::write(&output, &rendered.film, args.aovs(), &header, statistics.as_deref())?;
+            let write = seconds.get().write + start.elapsed().as_secs_f64();
+            seconds.set(Seconds { write, ..seconds.get() });
+            Ok(stats)
+        };
+        let mut save = |rendered: &Rendered| match write(rendered, true) {
+            Ok(_) => info!("saved {} with {} paths", output.display(), rendered.stats.paths),
+            Err(e) => warn!("not saved; rendering goes on: {e}"),
+        };
+        let checkpoint = args.checkpoint.map(|seconds| Checkpoint { seconds, save: &mut save });
+        let job = Run { stop, progress, began: self.began, from, checkpoint };
+        let rendered = run(&loaded.scene, loaded.rays.as_ref(), &settings, job);
+        let interrupted = rendered.stop == StopReason::Interrupted;
+        rendering_ends(!interrupted);
+
+        let (fewest, most) = sample_range(&rendered.tiles);
+        let shown = output.display();
+        if most == 0 {
+            return Err(match interrupted {
+                true => no_progress(&format!("interrupted before the first path: {shown} is not written")),
+                false => Error::Usage(format!(
+                    "--time is over before the first path: {shown} is not written; give it longer"
+                )),
+            });
+        }
+        if interrupted && rendered.stats.paths == before {
+            return Err(no_progress(&format!("interrupted before another tile was done: {shown} is as it was")));
+        }
+        let mut stats = write(&rendered, interrupted || keeps || args.part.is_some())?;
+        let writing = Instant::now();
+        if let Some(path) = &args.preview {
+            preview::write(path, &rendered.film, args.view, args.exposure)?;
+        }
+        stats.seconds.write = seconds.get().write + writing.elapsed().as_secs_f64();
+        stats.seconds.total = self.began.elapsed().as_secs_f64();
+        if let Some(path) = &args.stats {
+            stats.write(path)?;
+        }
+        if interrupted {
+            let spp = if fewest == most { fewest.to_string() } else { format!("{fewest} to {most}") };
+            return Err(Error::Interrupted(format!(
+                "interrupted: {shown} is saved with {spp} paths a pixel; the same command with --resume goes on from there"
+            )));
+        }
+        Ok(Done::Rendered(output, Box::new(stats)))
+    }
+
+    /// With `--resume`, what the output file holds, and whether it shall still do so when it is done.
+    fn go_on_from(
+        &self,
+        ours: &Fingerprint,
+        settings: &RenderSettings,
+        loaded: &Loaded,
+    ) -> Result<Option<(Saved, bool)>> {
+        let output = self.args.output();
+        let earlier = if self.args.resume { Earlier::read(&output)? } else { None };
+        let Some(earlier) = earlier else { return Ok(None) };
+        let saved = match earlier.saved(&output, ours, settings) {
+            Err(Error::Data(why)) if self.replaces => {
+                info!("{why}");
+                return Ok(None);
+            }
+            other => other?,
+        };
+        let here = loaded.rays.info();
+        let there: serde_json::Value =
+            earlier.text("bismar.backend").and_then(|t| serde_json::from_str(t).ok()).unwrap_or_default();
+        if there["version"] != here.version.as_str() || there["isa"] != here.isa.as_str() {
+            warn!(
+                "{} began with {} {} ({}) and goes on with {} ({}): the picture is as right as ever, but not to the last \
+                 bit the one of a single host",
+                output.display(),
+                here.name,
+                there["version"].as_str().unwrap_or("?"),
+                there["isa"].as_str().unwrap_or("?"),
+                here.version,
+                here.isa
+            );
+        }
+        info!("goes on from {} with {} paths", output.display(), saved.stats.paths);
+        Ok(Some((saved, earlier.keeps_statistics())))
+    }
+}
+
+fn settings(args: &RenderArgs, scene: &Scene) -> Result<RenderSettings> {
+    let camera = choose::camera(&scene.cameras, args.camera.as_deref())?;
+    let (width, height) = args.size.map_or_else(|| choose::size(&scene.cameras[camera]), |s| (s.0, s.1));
+    let crop = args.crop.map(|c| c.inside(width, height)).transpose()?;
+    let settings = RenderSettings {
+        camera,
+        width,
+        height,
+        crop,
+        integrator: args.integrator,
+        max_depth: args.max_depth,
+        spp: args.spp(),
+        time: args.time,
+        noise: args.noise,
+        balance: args.balance,
+        seed: args.seed,
+        filter: args.filter,
+        aovs: args.aovs().iter().any(|a| a.needs_sums()),
+        part: args.part,
+        ..RenderSettings::default()
+    };
+    if let Some(part) = args.part
+        && fresh_tiles(&settings).is_empty()
+    {
+        return Err(Error::Usage(format!("--part {part}: the picture has fewer tiles than parts; give fewer parts")));
+    }
+    Ok(settings)
+}

@@ -1,0 +1,91 @@
+//! A picture in parts: which tiles belong to which.
+
+use std::fmt::{self, Display};
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+use super::tile::Tile;
+
+/// Part `number` of `of`, counted from 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Part {
+    /// 1 to `of`.
+    pub number: u32,
+    /// How many parts there are, ≥ 1.
+    pub of: u32,
+}
+
+impl Display for Part {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{}/{}", self.number, self.of)
+    }
+}
+
+impl FromStr for Part {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers = text.split_once('/').and_then(|(k, n)| Some((k.parse().ok()?, n.parse().ok()?)));
+        match numbers {
+            Some((number, of)) if (1..=of).contains(&number) => Ok(Part { number, of }),
+            _ => Err("not K/N with K from 1 to N, as in 3/8".into()),
+        }
+    }
+}
+
+impl Part {
+    /// The tiles of a picture's window that are this part's. Parts are of equal size, give or take a tile, and
+    /// interleaved along a Z-order curve: neighbours, which cost alike, go to different parts.
+    pub fn of(self, mut all: Vec<Tile>) -> Vec<Tile> {
+        all.sort_by_cached_key(|tile| z_order(tile.place()));
+        let mine = |(i, _): &(usize, Tile)| *i as u32 % self.of == self.number - 1;
+        let mut tiles: Vec<_> = all.into_iter().enumerate().filter(mine).map(|(_, tile)| tile).collect();
+        in_rows(&mut tiles);
+        tiles
+    }
+}
+
+/// Sorts tiles as [`Tile::cover`] lists them: row by row.
+pub fn in_rows(tiles: &mut [Tile]) {
+    tiles.sort_by_key(|tile| {
+        let [x, y] = tile.place();
+        (y, x)
+    });
+}
+
+/// The bits of both, interleaved (Morton 1966).
+fn z_order([x, y]: [u32; 2]) -> u64 {
+    (0..32).fold(0, |code, bit| code | u64::from(x >> bit & 1) << (2 * bit) | u64::from(y >> bit & 1) << (2 * bit + 1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn every_tile_is_in_one_part_and_parts_are_of_equal_size(
+            (width, height, of) in (1u32..400, 1u32..400, 1u32..40), corner in (0u32..100, 0u32..100)
+        ) {
+            let window = [corner.0.min(width - 1), corner.1.min(height - 1), width, height];
+            let all: Vec<_> = Tile::cover(width, height, window).iter().map(Tile::place).collect();
+            let parts: Vec<_> =
+                (1..=of).map(|number| Part { number, of }.of(Tile::cover(width, height, window))).collect();
+            let sizes = parts.iter().map(Vec::len);
+            prop_assert!(sizes.clone().max().unwrap() - sizes.min().unwrap() <= 1);
+            let mut joined: Vec<_> = parts.into_iter().flatten().collect();
+            in_rows(&mut joined);
+            prop_assert_eq!(joined.iter().map(Tile::place).collect::<Vec<_>>(), all);
+        }
+    }
+
+    #[test]
+    fn parts_are_counted_from_one() {
+        assert_eq!("3/8".parse(), Ok(Part { number: 3, of: 8 }));
+        for bad in ["", "3", "0/8", "9/8", "-1/2", "1/0", "a/b", "1/2/3"] {
+            assert!(bad.parse::<Part>().is_err(), "{bad}");
+        }
+    }
+}
