@@ -9,13 +9,16 @@ NAME := $(basename $(notdir $(SHOWPIECE)))
 BISMAR := target/release/bismar
 
 .DEFAULT_GOAL := help
-.PHONY: help setup build render test clean
+.PHONY: help setup build render test bench bench-peers agreement clean
 
 help:
 	@echo "make setup   installs what is missing: Embree 4, libclang, a C linker"
 	@echo "make build   builds $(BISMAR)"
 	@echo "make render  renders $(SHOWPIECE) to out/$(NAME).exr and .png (SHOWPIECE=..., RENDER_FLAGS=...)"
 	@echo "make test    formatting, lints, tests, documentation"
+	@echo "make bench   a render against the limit of its rays, threads, allocations, set-up, memory"
+	@echo "make bench-peers  error against seconds, side by side with Mitsuba 3 and Cycles (needs Python, 1.5 GiB)"
+	@echo "make agreement    converged pictures against Mitsuba's"
 	@echo "make clean   removes target/ and out/"
 
 setup:
@@ -33,6 +36,18 @@ test: setup
 	$(CARGO) clippy --workspace --all-targets --locked -- -D warnings
 	$(CARGO) test --workspace --locked
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --workspace --no-deps --locked
+
+bench: setup
+	$(CARGO) bench --locked --bench replay -- $(BENCH_FLAGS)
+
+# BENCH_FLAGS="--quick" for a look; docs/throughput.md and docs/peers.md say what is measured.
+bench-peers: build
+	scripts/bench-peers/setup.sh target/peers
+	target/peers/mitsuba/bin/python scripts/bench-peers/bench.py $(BENCH_FLAGS)
+
+agreement: build
+	scripts/bench-peers/setup.sh target/peers
+	target/peers/mitsuba/bin/python scripts/bench-peers/bench.py --agreement --peers mitsuba --scenes cornell,veach,blob $(BENCH_FLAGS)
 
 clean:
 	$(CARGO) clean

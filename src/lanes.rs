@@ -36,6 +36,12 @@ pub enum Rows {
     Each([u32; LANES]),
 }
 
+/// One value a lane. Unlike `array::from_fn` and `map`, whose loops the compiler leaves as calls, it is always inlined.
+#[inline(always)]
+pub fn eight<T>(mut of: impl FnMut(usize) -> T) -> [T; LANES] {
+    [of(0), of(1), of(2), of(3), of(4), of(5), of(6), of(7)]
+}
+
 /// Reads a column.
 #[inline(always)]
 pub fn load(column: &[f32], rows: &Rows) -> F {
@@ -44,7 +50,7 @@ pub fn load(column: &[f32], rows: &Rows) -> F {
             let eight: [f32; LANES] = column[*at..*at + LANES].try_into().unwrap_or_default();
             F::from(eight)
         }
-        Rows::Each(rows) => F::from(rows.map(|row| column[row as usize])),
+        Rows::Each(rows) => F::from(eight(|lane| column[rows[lane] as usize])),
     }
 }
 
@@ -62,7 +68,7 @@ pub fn load_bits(column: &[u32], rows: &Rows) -> U {
             let eight: [u32; LANES] = column[*at..*at + LANES].try_into().unwrap_or_default();
             U::from(eight)
         }
-        Rows::Each(rows) => U::from(rows.map(|row| column[row as usize])),
+        Rows::Each(rows) => U::from(eight(|lane| column[rows[lane] as usize])),
     }
 }
 
@@ -170,7 +176,11 @@ impl V3 {
     /// From one vector a lane.
     #[inline(always)]
     pub fn gather(v: [Vec3; LANES]) -> Self {
-        Self { x: F::from(v.map(|v| v.x)), y: F::from(v.map(|v| v.y)), z: F::from(v.map(|v| v.z)) }
+        Self {
+            x: F::from(eight(|lane| v[lane].x)),
+            y: F::from(eight(|lane| v[lane].y)),
+            z: F::from(eight(|lane| v[lane].z)),
+        }
     }
 
     /// One lane.

@@ -29,8 +29,8 @@ fn radiance_pdf(sampler: &EnvironmentSampler, wi: Vec3) -> (Vec3, f32) {
     (radiance.lane(3), pdf.as_array()[3])
 }
 
-fn sample_lamps(lights: &AreaLights, scene: &Scene, choice: f32, u: f32, v: f32) -> Option<Sample> {
-    third(lights.sample(scene, V3::splat(Vec3::ZERO), F::splat(choice), F::splat(u), F::splat(v)))
+fn sample_lamps(lights: &AreaLights, scene: &Scene, n: Vec3, [choice, u, v]: [f32; 3]) -> Option<Sample> {
+    third(lights.sample(scene, V3::splat(Vec3::ZERO), V3::splat(n), F::splat(choice), F::splat(u), F::splat(v)))
 }
 
 /// A small map with a sun, a black band and uneven colours.
@@ -169,17 +169,22 @@ fn look(scene: &Scene, d: Vec3) -> Vec<(u32, f32)> {
 
 #[test]
 fn lamp_samples_follow_the_pdf() {
-    for double_sided in [false, true] {
+    // Receivers that face all lamps, some, and one.
+    let normals = [Vec3::new(1.0, 1.0, 1.0), Vec3::Y, Vec3::NEG_Z + 0.6 * Vec3::X].map(Vec3::normalize);
+    for (double_sided, n) in [(false, normals[0]), (true, normals[0]), (true, normals[1]), (true, normals[2])] {
         let scene = lamps(double_sided);
         let lights = AreaLights::new(&scene).unwrap();
         let mut random = Random(31);
         chi_square_directions(
-            &format!("lamps, double_sided {double_sided}"),
-            2,
+            &format!("lamps, double_sided {double_sided}, normal {n}"),
+            4,
             (100_000, 96),
-            || sample_lamps(&lights, &scene, random.f32(), random.f32(), random.f32()).map(|s| s.wi),
+            || sample_lamps(&lights, &scene, n, [random.f32(), random.f32(), random.f32()]).map(|s| s.wi),
             // Light samples do not know what is in front of what.
-            |d| look(&scene, d).iter().map(|&(i, t)| f64::from(lights.pdf(i, i, 0, d, t))).sum(),
+            |d| {
+                let pdf = |&(i, t)| f64::from(lights.pdf((Vec3::ZERO, n), (i, i, 0), d, t));
+                look(&scene, d).iter().map(pdf).sum()
+            },
         );
     }
 }
@@ -200,7 +205,8 @@ fn lamps_shine_from_the_side_that_the_winding_calls_the_front_also_when_mirrored
             // A mirroring instance turns the winding round, and with it the front.
             let turned = if i == 2 { -1.0 } else { 1.0 };
             let n = (t_world(1) - t_world(0)).cross(t_world(2) - t_world(0)) * turned;
-            assert_eq!(lights.pdf(i, i, 0, d, t) > 0.0, n.dot(d) < 0.0, "lamp {i}");
+            let pdf = lights.pdf((Vec3::ZERO, d), (i, i, 0), d, t);
+            assert_eq!(pdf > 0.0, n.dot(d) < 0.0, "lamp {i}");
         }
     }
 }

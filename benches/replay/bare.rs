@@ -1,29 +1,47 @@
 //! Embree and nothing else: the least time that a ray stream can take.
 
-use std::time::Instant;
+use std::ffi::c_void;
+use std::sync::atomic::{AtomicI64, Ordering};
 
 use bismar::rays::{RayBatch, RayOrder};
 use bismar::scene::Scene;
 use embree4_sys as sys;
 
+use crate::clock;
 use crate::tape::Kind;
+
+/// Bytes that the last built device holds and held at most.
+static NOW: AtomicI64 = AtomicI64::new(0);
+static MOST: AtomicI64 = AtomicI64::new(0);
+
+unsafe extern "C" fn on_memory(_: *mut c_void, bytes: isize, _post: bool) -> bool {
+    let now = NOW.fetch_add(bytes as i64, Ordering::Relaxed) + bytes as i64;
+    MOST.fetch_max(now, Ordering::Relaxed);
+    true
+}
+
+/// Bytes that Embree held at most during the last build.
+pub fn peak_bytes() -> u64 {
+    MOST.load(Ordering::Relaxed).max(0) as u64
+}
 
 /// A scene without instances, built as the renderer builds it.
 pub struct Bare {
     device: sys::RTCDevice,
     scene: sys::RTCScene,
-    pub build_seconds: f64,
 }
 
 impl Bare {
     /// The scene must outlive it.
     pub fn build(from: &Scene) -> Self {
         assert!(from.instances.iter().all(|i| i.transform.is_none()), "this scene has instances");
-        let start = Instant::now();
         // SAFETY: the handles are valid; the buffers outlive them (see above) and are padded; the importer has checked
         // the indices.
         unsafe {
             let device = sys::rtcNewDevice(std::ptr::null());
+            NOW.store(0, Ordering::Relaxed);
+            MOST.store(0, Ordering::Relaxed);
+            sys::rtcSetDeviceMemoryMonitorFunction(device, Some(on_memory), std::ptr::null_mut());
             let scene = sys::rtcNewScene(device);
             sys::rtcSetSceneBuildQuality(scene, sys::RTC_BUILD_QUALITY_MEDIUM);
             for mesh in &from.meshes {
@@ -39,7 +57,7 @@ impl Bare {
             }
             sys::rtcCommitScene(scene);
             assert_eq!(sys::rtcGetDeviceError(device), sys::RTC_ERROR_NONE, "Embree refuses the scene");
-            Self { device, scene, build_seconds: start.elapsed().as_secs_f64() }
+            Self { device, scene }
         }
     }
 
@@ -96,12 +114,12 @@ macro_rules! width {
                         filter: None,
                         intersect: None,
                     };
-                    let start = Instant::now();
+                    let start = clock::now();
                     for (packet, valid) in packets.iter_mut().zip(&valid) {
                         // SAFETY: the scene is committed, mask and packet are aligned by their types.
                         unsafe { sys::$intersect(valid.0.as_ptr(), bare.scene, packet, &raw mut arguments) };
                     }
-                    let seconds = start.elapsed().as_secs_f64();
+                    let seconds = clock::now() - start;
                     let hit = |p: &sys::$ray_hit| p.hit.geomID.iter().filter(|g| **g != u32::MAX).count();
                     (seconds, packets.iter().map(hit).sum())
                 }
@@ -114,12 +132,12 @@ macro_rules! width {
                         filter: None,
                         occluded: None,
                     };
-                    let start = Instant::now();
+                    let start = clock::now();
                     for (packet, valid) in packets.iter_mut().zip(&valid) {
                         // SAFETY: as above.
                         unsafe { sys::$occluded(valid.0.as_ptr(), bare.scene, packet, &raw mut arguments) };
                     }
-                    let seconds = start.elapsed().as_secs_f64();
+                    let seconds = clock::now() - start;
                     let hit = |p: &sys::$ray| p.tfar.iter().filter(|t| **t == f32::NEG_INFINITY).count();
                     (seconds, packets.iter().map(hit).sum())
                 }
@@ -157,7 +175,7 @@ pub fn single(bare: &Bare, kind: Kind, order: RayOrder, rays: &RayBatch) -> (f64
         filter: None,
         occluded: None,
     };
-    let start = Instant::now();
+    let start = clock::now();
     for one in &mut all {
         // SAFETY: the scene is committed, the ray is aligned by its type.
         match kind {
@@ -165,7 +183,7 @@ pub fn single(bare: &Bare, kind: Kind, order: RayOrder, rays: &RayBatch) -> (f64
             Kind::Occluded => unsafe { sys::rtcOccluded1(bare.scene, &raw mut one.ray, &raw mut occluded) },
         }
     }
-    let seconds = start.elapsed().as_secs_f64();
+    let seconds = clock::now() - start;
     let hit = |one: &&sys::RTCRayHit| match kind {
         Kind::Closest => one.hit.geomID != sys::RTC_INVALID_GEOMETRY_ID,
         Kind::Occluded => one.ray.tfar == f32::NEG_INFINITY,

@@ -5,6 +5,8 @@ use std::time::Instant;
 
 use bismar::rays::{BackendInfo, HitBatch, RayBatch, RayOrder, RayQueries};
 
+use crate::clock;
+
 /// What a query asked.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
@@ -64,8 +66,9 @@ pub struct Shares {
 /// Times queries and what lies between them. For one thread.
 pub struct Stopwatch<'a> {
     pub inner: &'a dyn RayQueries,
-    pub first: Mutex<Option<Instant>>,
-    state: Mutex<(Shares, Option<(Kind, Instant)>)>,
+    /// When the first query began: wall clock, processor seconds of the process.
+    pub first: Mutex<Option<(Instant, f64)>>,
+    state: Mutex<(Shares, Option<(Kind, f64)>)>,
 }
 
 impl<'a> Stopwatch<'a> {
@@ -78,10 +81,10 @@ impl<'a> Stopwatch<'a> {
     }
 
     fn time(&self, kind: Kind, order: RayOrder, query: impl FnOnce()) {
-        let start = Instant::now();
-        self.first.lock().expect("one thread").get_or_insert(start);
+        self.first.lock().expect("one thread").get_or_insert_with(|| (Instant::now(), clock::process()));
+        let start = clock::now();
         query();
-        let end = Instant::now();
+        let end = clock::now();
         let (shares, last) = &mut *self.state.lock().expect("one thread");
         let camera = kind == Kind::Closest && order == RayOrder::Coherent;
         if let Some((before, ended)) = *last {
@@ -90,14 +93,14 @@ impl<'a> Stopwatch<'a> {
                 (Kind::Closest, false) => &mut shares.shading,
                 (Kind::Occluded, false) => &mut shares.adding,
             };
-            *gap += (start - ended).as_secs_f64();
+            *gap += start - ended;
         }
         let inside = match kind {
             Kind::Occluded => &mut shares.shadow_queries,
             Kind::Closest if camera => &mut shares.camera_queries,
             Kind::Closest => &mut shares.bounce_queries,
         };
-        *inside += (end - start).as_secs_f64();
+        *inside += end - start;
         *last = Some((kind, end));
     }
 }

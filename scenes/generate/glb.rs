@@ -22,6 +22,9 @@ pub struct Material {
     pub color_texture: Option<usize>,
     pub metallic_roughness_texture: Option<usize>,
     pub normal_texture: Option<(usize, f64)>,
+    pub emission_texture: Option<usize>,
+    /// Is the base colour's alpha a mask?
+    pub masked: bool,
 }
 
 impl Material {
@@ -37,6 +40,8 @@ impl Material {
             color_texture: None,
             metallic_roughness_texture: None,
             normal_texture: None,
+            emission_texture: None,
+            masked: false,
         }
     }
 
@@ -186,6 +191,12 @@ impl Glb {
         let mut material = json!({ "name": m.name, "pbrMetallicRoughness": pbr });
         if let Some((texture, scale)) = m.normal_texture {
             material["normalTexture"] = json!({ "index": texture, "scale": scale });
+        }
+        if let Some(texture) = m.emission_texture {
+            material["emissiveTexture"] = json!({ "index": texture });
+        }
+        if m.masked {
+            material["alphaMode"] = json!("MASK");
         }
         if m.double_sided {
             material["doubleSided"] = json!(true);

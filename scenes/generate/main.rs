@@ -11,6 +11,7 @@ mod mesh;
 mod pictures;
 mod random;
 mod showpiece;
+mod study;
 mod veach;
 
 use std::error::Error;
@@ -19,7 +20,7 @@ use std::path::PathBuf;
 fn main() -> Result<(), Box<dyn Error>> {
     let here = || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/scenes"));
     let folder = std::env::args_os().nth(1).map_or_else(here, PathBuf::from);
-    std::fs::create_dir_all(&folder)?;
+    std::fs::create_dir_all(folder.join("study"))?;
     let files = [
         ("cornell.glb", cornell::scene().finish()),
         ("veach.glb", veach::scene().finish()),
@@ -29,6 +30,17 @@ fn main() -> Result<(), Box<dyn Error>> {
         ("field.glb", field::scene().finish()),
         ("field.hdr", field::sky()?),
         ("showpiece.glb", showpiece::scene()?.finish()),
+        ("study/window.glb", study::window().finish()),
+        ("study/window.hdr", study::window_sky()?),
+        ("study/screen.glb", study::screen()?.finish()),
+        ("study/slats.glb", study::slats().finish()),
+        ("study/mirrors.glb", study::mirrors().finish()),
+        ("study/night.glb", study::night().finish()),
+        ("study/uplights.glb", study::uplights().finish()),
+        ("study/brushed.glb", study::brushed()?.finish()),
+        ("study/brushed.hdr", study::brushed_sky()?),
+        ("study/foliage.glb", study::foliage()?.finish()),
+        ("study/foliage.hdr", study::foliage_sky()?),
     ];
     for (name, bytes) in files {
         std::fs::write(folder.join(name), &bytes)?;

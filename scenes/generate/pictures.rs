@@ -7,14 +7,32 @@ use glam::{DVec3, dvec3};
 use image::codecs::hdr::HdrEncoder;
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ImageError, Rgb, RgbImage};
+use image::{ImageError, Rgb, RgbImage, Rgba, RgbaImage};
 
 use crate::random::{fractal, hash};
 
+fn encoder(bytes: &mut Vec<u8>) -> PngEncoder<Cursor<&mut Vec<u8>>> {
+    PngEncoder::new_with_quality(Cursor::new(bytes), CompressionType::Best, FilterType::Adaptive)
+}
+
 pub fn png(picture: &RgbImage) -> Result<Vec<u8>, ImageError> {
     let mut bytes = Vec::new();
-    let encoder = PngEncoder::new_with_quality(Cursor::new(&mut bytes), CompressionType::Best, FilterType::Adaptive);
-    picture.write_with_encoder(encoder)?;
+    picture.write_with_encoder(encoder(&mut bytes))?;
+    Ok(bytes)
+}
+
+/// A picture with an alpha of 0 or 1, as PNG, from a function of (u, v) at the texel centres, v downwards; linear
+/// colour.
+pub fn masked(width: u32, height: u32, at: impl Fn(f64, f64) -> ([f64; 3], bool)) -> Result<Vec<u8>, ImageError> {
+    let byte = |c: f64| (c.clamp(0.0, 1.0) * 255.0).round() as u8;
+    let picture = RgbaImage::from_fn(width, height, |x, y| {
+        let (u, v) = ((f64::from(x) + 0.5) / f64::from(width), (f64::from(y) + 0.5) / f64::from(height));
+        let (color, inside) = at(u, v);
+        let [r, g, b] = encode(DVec3::from_array(color)).map(byte);
+        Rgba([r, g, b, if inside { 255 } else { 0 }])
+    });
+    let mut bytes = Vec::new();
+    picture.write_with_encoder(encoder(&mut bytes))?;
     Ok(bytes)
 }
 
@@ -25,7 +43,7 @@ pub fn jpeg(picture: &RgbImage, quality: u8) -> Result<Vec<u8>, ImageError> {
 }
 
 /// A picture from a function of (u, v) at the texel centres, v downwards.
-fn paint(width: u32, height: u32, at: impl Fn(f64, f64) -> [f64; 3]) -> RgbImage {
+pub fn paint(width: u32, height: u32, at: impl Fn(f64, f64) -> [f64; 3]) -> RgbImage {
     RgbImage::from_fn(width, height, |x, y| {
         let (u, v) = ((f64::from(x) + 0.5) / f64::from(width), (f64::from(y) + 0.5) / f64::from(height));
         Rgb(at(u, v).map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u8))

@@ -33,9 +33,9 @@ def options():
     parser.add_argument("--bismar-flags", default="", help="more flags for it")
     parser.add_argument("--work", type=Path, default=Path("target/peers"), help="peers, scenes, references [%(default)s]")
     parser.add_argument("--docs", type=Path, default=Path("docs"), help="where results go [%(default)s]")
+    if parser.parse_known_args()[0].quick:
+        parser.set_defaults(spp="16", runs=2, reference_spp=1024)
     out = parser.parse_args()
-    if out.quick:
-        out.spp, out.runs, out.reference_spp = "16", 2, 1024
     out.scenes, out.peers, out.spp = out.scenes.split(","), [p for p in out.peers.split(",") if p], [int(s) for s in out.spp.split(",")]
     installed = [peer for peer in out.peers if (out.work / peer / "bin/python").exists()]
     for peer in set(out.peers) - set(installed):
@@ -46,8 +46,11 @@ def options():
 
 def measure(opt, scene):
     """One row a render: every renderer takes its turn in every round."""
-    # Cycles' GGX masks otherwise than the others': it is measured against its own converged picture.
-    reference = {name: renderers.Converged("cycles" if name == "cycles" else "mitsuba", opt, scene) for name in ["bismar", *opt.peers]}
+    # Cycles' GGX masks otherwise than the others': with metal it is measured against its own converged picture.
+    own = {"cycles"} if scene in ("veach", "blob") else set()
+    of = {name: name if name in own else "mitsuba" for name in ["bismar", *opt.peers]}
+    converged = {name: renderers.Converged(name, opt, scene) for name in sorted(set(of.values()))}
+    reference = {name: converged[of[name]] for name in of}
     running = {name: renderers.start(name, opt, scene) for name in ["bismar", *opt.peers]}
     rows = []
     for spp in opt.spp:
@@ -91,26 +94,27 @@ def table(rows, opt):
     """Per scene: each renderer's numbers, then ours over the best peer's, round by round."""
     spp = opt.spp[len(opt.spp) // 2]
     lines = [
-        "| scene | renderer | set-up s | seconds | Mpaths/s | relMSE | relMSE x seconds | peak MiB |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| scene | renderer | set-up s | seconds | processor s | Mpaths/s | relMSE | relMSE x seconds | peak MiB |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     ratios = [
-        "| scene | best peer | relMSE x seconds, ours over the peer's | relMSE alone | seconds alone |",
-        "| --- | --- | --- | --- | --- |",
+        "| scene | best peer | relMSE x seconds, ours over the peer's | relMSE alone | seconds alone | processor s alone |",
+        "| --- | --- | --- | --- | --- | --- |",
     ]
     for scene in opt.scenes:
         for name in ["bismar", *opt.peers]:
             of = {"scene": scene, "renderer": name, "spp": spp}
-            setup, paths, error, peak = (np.median(column(rows, k, **of)) for k in ("setup_seconds", "mpaths_per_second", "relmse", "peak_mib"))
+            keys = ("setup_seconds", "cpu_seconds", "mpaths_per_second", "relmse", "peak_mib")
+            setup, cpu, paths, error, peak = (np.median(column(rows, key, **of)) for key in keys)
             seconds, score = (spread(column(rows, k, **of), 3) for k in ("seconds", "inverse_efficiency"))
-            lines.append(f"| {scene} | {TITLES[name]} | {setup:.2f} | {seconds} | {paths:.2f} | {error:.3g} | {score} | {peak:.0f} |")
+            lines.append(f"| {scene} | {TITLES[name]} | {setup:.2f} | {seconds} | {cpu:.2f} | {paths:.2f} | {error:.3g} | {score} | {peak:.0f} |")
         scores = {p: np.median(column(rows, "inverse_efficiency", scene=scene, renderer=p, spp=spp)) for p in opt.peers}
         if not scores:
             continue
         best = min(scores, key=scores.get)
         of = [{"scene": scene, "renderer": name, "spp": spp} for name in ("bismar", best)]
-        ratio = [spread(np.divide(*(column(rows, k, **w) for w in of))) for k in ("inverse_efficiency", "relmse", "seconds")]
-        ratios.append(f"| {scene} | {TITLES[best]} | {ratio[0]} | {ratio[1]} | {ratio[2]} |")
+        ratio = [spread(np.divide(*(column(rows, k, **w) for w in of))) for k in ("inverse_efficiency", "relmse", "seconds", "cpu_seconds")]
+        ratios.append(f"| {scene} | {TITLES[best]} | " + " | ".join(ratio) + " |")
     head = f"{opt.size} x {opt.size} pixels, {spp} spp, at most {opt.depth} segments, box filter; median (least to most) of {opt.runs} runs in turn."
     return "\n".join([head, "", *lines, "", *ratios])
 

@@ -30,6 +30,12 @@ impl Counts {
         Self { light: 0, bsdf: paths, paths }
     }
 
+    /// What is left of these counts after a pilot of `pilot` paths with one sample of each technique.
+    pub fn after(self, pilot: u32) -> Self {
+        let left = |n: u32| n.saturating_sub(pilot);
+        Self { light: left(self.light), bsdf: left(self.bsdf), paths: self.paths - pilot }
+    }
+
     /// a_l = n_l/N.
     #[inline]
     pub fn light_a_path(self) -> f32 {
@@ -48,34 +54,18 @@ impl Counts {
     }
 }
 
-/// Deals `n` samples (≤ 2N) to N = `keys.len()` paths: each gets ⌊n/N⌋ or ⌈n/N⌉, exactly `n` in all, who gets more is
-/// decided by the rank of the path's random `key`. A path's count does not depend on where the path goes, so the sum
-/// over a pass is unbiased. `dealt` receives one count a path; `order` is scratch memory.
-pub fn deal(n: u32, keys: &[f32], order: &mut Vec<u32>, dealt: &mut [u8]) {
-    let paths = keys.len() as u32;
-    debug_assert_eq!(keys.len(), dealt.len());
-    if paths == 0 {
-        return;
-    }
-    let (each, extra) = (n / paths, n % paths);
-    dealt.fill(each as u8);
-    if extra == 0 {
-        return;
-    }
-    order.clear();
-    order.extend(0..paths);
-    order.select_nth_unstable_by(extra as usize - 1, |&a, &b| {
-        keys[a as usize].total_cmp(&keys[b as usize]).then(a.cmp(&b))
-    });
-    for &path in &order[..extra as usize] {
-        dealt[path as usize] += 1;
-    }
+/// How many of a pass's `n` samples path `path` of `paths` ≥ 1 takes: ⌊n/N⌋, the first paths one more. A path's count
+/// depends on its place alone and the place says nothing about where the path goes (points of a scrambled sequence are
+/// each uniform), so the sum over a pass is unbiased; and the paths that take more are a run of the sequence, which is
+/// better spread over the pixel than a random choice of them.
+#[inline]
+pub fn deal(n: u32, paths: u32, path: u32) -> u8 {
+    (n / paths + u32::from(path < n % paths)) as u8
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampling::PixelSequence;
     use proptest::prelude::*;
 
     proptest! {
@@ -89,12 +79,8 @@ mod tests {
         }
 
         #[test]
-        fn exactly_n_samples_are_dealt_and_evenly(paths in 1usize..200, share in 0.0f64..1.0, pixel in 0u32..1000) {
-            let n = (share * 2.0 * paths as f64) as u32;
-            let sequence = PixelSequence::new(pixel, 0, 0);
-            let keys: Vec<f32> = (0..paths as u32).map(|i| sequence.sample(i, 0)[2]).collect();
-            let mut dealt = vec![0; paths];
-            deal(n, &keys, &mut Vec::new(), &mut dealt);
+        fn exactly_n_samples_are_dealt_and_evenly(paths in 1u32..200, n in 0u32..400) {
+            let dealt: Vec<u8> = (0..paths).map(|i| deal(n, paths, i)).collect();
             prop_assert_eq!(dealt.iter().map(|&c| u32::from(c)).sum::<u32>(), n);
             let (low, high) = (dealt.iter().min().unwrap(), dealt.iter().max().unwrap());
             prop_assert!(high - low <= 1);

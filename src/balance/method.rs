@@ -8,10 +8,13 @@ use super::{Heuristic, Moments};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Balance {
-    /// Multi-pass, safeguarded second-order balance for each pixel (the default).
+    /// A pilot of equal counts; each pixel's share from its neighbours' pilots, by measured variance; all samples weighed
+    /// by the total counts (the default).
     Progressive,
     /// Lu, Pacanowski and Granier 2013 to the letter: a pilot of half the samples, then one balance for each pixel.
     SecondOrder,
+    /// The share whose mixture of pdfs is nearest to the light in Kullback-Leibler divergence, to first order.
+    Kl,
     /// Balance heuristic, one sample of each.
     Half,
     /// Power heuristic (exponent 2), one sample of each.
@@ -20,18 +23,28 @@ pub enum Balance {
     Max,
 }
 
-/// Pseudo-observations of `progressive`'s ridge: 1 is best on average, 2 safer, by the synthetic prototype.
-const RIDGE: f64 = 1.0;
+/// `progressive`'s pilot is this part of its first pass.
+const PILOT: u32 = 4;
 /// Paths a pixel in the first two passes; each later pass doubles what there is.
 const FIRST_PASS: u32 = 8;
 /// No pass is longer: a stop or a checkpoint waits for the pass's tile at most.
 const LONGEST_PASS: u32 = 128;
 
 impl Balance {
+    /// All of them, in the order of the help.
+    pub fn all() -> &'static [Self] {
+        clap::ValueEnum::value_variants()
+    }
+
+    /// As on the command line.
+    pub fn name(self) -> String {
+        clap::ValueEnum::to_possible_value(&self).map_or_else(String::new, |v| v.get_name().to_owned())
+    }
+
     /// Weights between the techniques.
     pub fn heuristic(self) -> Heuristic {
         match self {
-            Balance::Progressive | Balance::SecondOrder | Balance::Half => Heuristic::Balance,
+            Balance::Progressive | Balance::SecondOrder | Balance::Kl | Balance::Half => Heuristic::Balance,
             Balance::Power => Heuristic::Power,
             Balance::Max => Heuristic::Max,
         }
@@ -39,12 +52,13 @@ impl Balance {
 
     /// Does it learn from samples?
     pub fn learns(self) -> bool {
-        matches!(self, Balance::Progressive | Balance::SecondOrder)
+        matches!(self, Balance::Progressive | Balance::SecondOrder | Balance::Kl)
     }
 
     /// Paths a pixel of the pass that begins after `done` paths, of `goal` in all (`None`: until some other rule
-    /// stops), or `None` when the goal is reached. `second-order` needs a goal: its pilot is half of it. The others'
-    /// passes are 8, 8, 16, 32, 64, 128, 128, … whatever the goal, so that a render can go on to a higher one.
+    /// stops), or `None` when the goal is reached. `second-order` needs a goal: its pilot is half of it. `progressive`
+    /// takes passes of 128, or of 32 where it does not know how many there will be; the others' passes are 8, 8, 16, 32,
+    /// 64, 128, 128, … whatever the goal, so that a render can go on to a higher one.
     pub fn next_pass(self, done: u32, goal: Option<u32>) -> Option<u32> {
         let left = goal.map_or(u32::MAX, |g| g.saturating_sub(done));
         if left == 0 {
@@ -53,17 +67,28 @@ impl Balance {
         let size = match (self, goal) {
             (Balance::SecondOrder, Some(goal)) if done == 0 => goal.div_ceil(2),
             (Balance::SecondOrder, Some(_)) => left,
+            (Balance::Progressive, Some(_)) => LONGEST_PASS,
+            (Balance::Progressive, None) => done.clamp(PILOT * FIRST_PASS, LONGEST_PASS),
             _ => done.clamp(FIRST_PASS, LONGEST_PASS),
         };
         Some(size.min(left))
     }
 
-    /// The share of light samples α for a pixel's next pass, in [0, 1], from what it has seen.
-    pub fn share(self, seen: &Moments) -> f32 {
+    /// How many paths of the pass of `paths` that begins after `done` are a pilot of equal counts, from which the shares
+    /// of the same pass follow.
+    pub fn pilot(self, done: u32, paths: u32) -> Option<u32> {
+        let learns = self == Balance::Progressive && done == 0 && paths >= PILOT * FIRST_PASS;
+        // Whole blocks of four.
+        learns.then_some(paths / PILOT / 4 * 4)
+    }
+
+    /// The share of light samples α for a pixel's next pass, in [0, 1], from what it has itself seen; `None` where that
+    /// decides nothing.
+    pub fn share(self, seen: &Moments) -> Option<f32> {
         match self {
-            Balance::Progressive => seen.second_order_ridge(RIDGE),
-            Balance::SecondOrder => seen.second_order(),
-            Balance::Half | Balance::Power | Balance::Max => 0.5,
+            Balance::SecondOrder => Some(seen.second_order()),
+            Balance::Kl => Some(seen.kl_linear()),
+            Balance::Progressive | Balance::Half | Balance::Power | Balance::Max => None,
         }
     }
 }
@@ -84,14 +109,15 @@ mod tests {
 
     #[test]
     fn passes_double_and_end_at_the_goal() {
-        assert_eq!(passes(Balance::Progressive, 300), [8, 8, 16, 32, 64, 128, 44]);
+        assert_eq!(passes(Balance::Kl, 300), [8, 8, 16, 32, 64, 128, 44]);
+        assert_eq!(passes(Balance::Progressive, 300), [128, 128, 44]);
         assert_eq!(passes(Balance::Half, 5), [5]);
         assert!(passes(Balance::Half, 0).is_empty());
     }
 
     #[test]
     fn a_higher_goal_begins_with_the_same_passes() {
-        let (low, high) = (passes(Balance::Progressive, 128), passes(Balance::Progressive, 4096));
+        let (low, high) = (passes(Balance::Half, 128), passes(Balance::Half, 4096));
         assert_eq!(low[..], high[..low.len()]);
     }
 

@@ -8,8 +8,10 @@ pub mod deal;
 pub mod heuristic;
 pub mod method;
 pub mod moments;
+pub mod pilot;
 
 pub use deal::{Counts, deal};
 pub use heuristic::Heuristic;
 pub use method::Balance;
 pub use moments::{Moments, pilot_then_rest};
+pub use pilot::{Finding, Technique};

@@ -14,20 +14,26 @@ pub struct Moments {
     pub s2: f64,
     /// Σ W², for the ridge.
     pub q0: f64,
+    /// Σ Z r, Z summed over channels.
+    pub k1: f64,
+    /// Σ Z r².
+    pub k2: f64,
 }
 
 impl Moments {
-    /// Adds one sample with weight `w` = Σ_c Y_c Z_c (over colour channels; ≥ 0) and `r` in [−1, 1]. A sample that
-    /// found nothing adds nothing. Non-finite samples are dropped.
+    /// Adds one sample with weight `w` = Σ_c Y_c Z_c (over colour channels; ≥ 0), `r` in [−1, 1] and `z` = Σ_c Z_c. A
+    /// sample that found nothing adds nothing. Non-finite samples are dropped.
     #[inline]
-    pub fn add(&mut self, w: f64, r: f64) {
-        if !(w > 0.0 && w < f64::MAX.sqrt() && r.is_finite()) {
-            return;
+    pub fn add(&mut self, w: f32, r: f32, z: f32) {
+        let (w, r, z) = (f64::from(w), f64::from(r), f64::from(z));
+        if w > 0.0 && w.is_finite() && z.is_finite() && r.is_finite() {
+            self.s0 += w;
+            self.s1 += w * r;
+            self.s2 += w * r * r;
+            self.q0 += w * w;
+            self.k1 += z * r;
+            self.k2 += z * r * r;
         }
-        self.s0 += w;
-        self.s1 += w * r;
-        self.s2 += w * r * r;
-        self.q0 += w * w;
     }
 
     /// Adds another pixel's or pass's sums.
@@ -36,6 +42,15 @@ impl Moments {
         self.s1 += other.s1;
         self.s2 += other.s2;
         self.q0 += other.q0;
+        self.k1 += other.k1;
+        self.k2 += other.k2;
+    }
+
+    /// The share that brings p_α nearest to f in Kullback-Leibler divergence, linearised at ½: t = K₁/K₂ with
+    /// K_k = E[Z r^k] (Sbert and Szirmay-Kalos 2023 minimise the same divergence; the linear step is derived here from
+    /// its stationarity condition E_½[Y r/(1 + t r)] = 0). Exact for f = a p_l + b p_b. ½ when nothing was seen.
+    pub fn kl_linear(&self) -> f32 {
+        alpha_of(self.k1 / self.k2)
     }
 
     /// The paper's second-order share of light samples: t = m₁/(2 m₂), α = ½ + m₁/(4 m₂), clamped to [0, 1] (Lu,

@@ -7,7 +7,7 @@ use std::f32::consts::{FRAC_1_PI, PI};
 use glam::Vec3;
 
 use super::ggx;
-use crate::lanes::{F, LANES, V3};
+use crate::lanes::{F, LANES, V3, eight};
 use crate::sampling::warp;
 
 /// The material's parameters at one point, textures applied.
@@ -113,11 +113,11 @@ impl Lobes {
     #[inline(always)]
     pub fn gather(m: [&MetallicRoughness; LANES]) -> Self {
         Self {
-            f0: V3::gather(m.map(|m| m.f0)),
-            f90: F::from(m.map(|m| m.f90)),
-            layer0: F::from(m.map(|m| m.layer0)),
-            layer90: F::from(m.map(|m| m.layer90)),
-            alpha: F::from(m.map(|m| m.alpha)),
+            f0: V3::gather(eight(|lane| m[lane].f0)),
+            f90: F::from(eight(|lane| m[lane].f90)),
+            layer0: F::from(eight(|lane| m[lane].layer0)),
+            layer90: F::from(eight(|lane| m[lane].layer90)),
+            alpha: F::from(eight(|lane| m[lane].alpha)),
             ..Self::gather_diffuse(m)
         }
     }
@@ -125,7 +125,7 @@ impl Lobes {
     /// The diffuse lobe of a model a lane.
     #[inline(always)]
     pub fn gather_diffuse(m: [&MetallicRoughness; LANES]) -> Self {
-        Self { diffuse: V3::gather(m.map(|m| m.diffuse)), ..Self::BLACK }
+        Self { diffuse: V3::gather(eight(|lane| m[lane].diffuse)), ..Self::BLACK }
     }
 
     /// The same model in every lane.

@@ -70,8 +70,8 @@ impl Reporter {
         match self.style {
             Style::None | Style::Auto => {}
             Style::Bar => {
-                self.bar.set_position(percent.into());
                 self.bar.set_message(message(&progress));
+                self.bar.set_position(percent.into());
             }
             _ if due => self.line(&progress, percent),
             _ => {}

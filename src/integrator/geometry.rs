@@ -3,7 +3,7 @@
 use glam::{Mat3, Vec2, Vec3, Vec4};
 
 use crate::bsdf::Surface;
-use crate::lanes::{F, LANES, V3};
+use crate::lanes::{F, LANES, V3, eight};
 use crate::sampling::warp;
 use crate::scene::{Material, Mesh, Scene, TextureRef};
 
@@ -90,10 +90,15 @@ impl Geometry {
         prim: [u32; LANES],
         (u, v): (F, F),
     ) -> Points {
-        let meshes = mesh.map(|m| &scene.meshes[m as usize]);
-        let indices: [[u32; 3]; LANES] = std::array::from_fn(|lane| meshes[lane].indices[prim[lane] as usize]);
+        let meshes = eight(|lane| &scene.meshes[mesh[lane] as usize]);
+        let indices = eight(|lane| meshes[lane].indices[prim[lane] as usize]);
         let corner = |k: usize| {
-            V3::gather(std::array::from_fn(|l| Vec3::from_array(meshes[l].positions[indices[l][k] as usize])))
+            let mut columns = [[0.0; LANES]; 3];
+            for lane in 0..LANES {
+                let p = meshes[lane].positions[indices[lane][k] as usize];
+                (columns[0][lane], columns[1][lane], columns[2][lane]) = (p[0], p[1], p[2]);
+            }
+            V3::from_arrays(columns)
         };
         let a = corner(0);
         let (mut e1, mut e2) = (corner(1) - a, corner(2) - a);
@@ -102,24 +107,27 @@ impl Geometry {
         let mut ns = ng;
         if meshes.iter().any(|m| m.normals.is_some()) {
             let normal = |k: usize| {
-                V3::gather(std::array::from_fn(|l| match &meshes[l].normals {
-                    Some(normals) => Vec3::from_array(normals[indices[l][k] as usize]),
-                    None => Vec3::ZERO,
-                }))
+                let mut columns = [[0.0; LANES]; 3];
+                for lane in 0..LANES {
+                    if let Some(normals) = &meshes[lane].normals {
+                        let n = normals[indices[lane][k] as usize];
+                        (columns[0][lane], columns[1][lane], columns[2][lane]) = (n[0], n[1], n[2]);
+                    }
+                }
+                V3::from_arrays(columns)
             };
             let a = normal(0);
             let interpolated = a + (normal(1) - a) * u + (normal(2) - a) * v;
             ns = V3::select(interpolated.length_squared().simd_gt(F::ZERO), interpolated, ng);
         }
-        let placed = instance.map(|i| self.instances[i as usize].as_ref());
+        let placed = eight(|lane| self.instances[instance[lane] as usize].as_ref());
         if placed.iter().any(Option::is_some) {
-            let placed = placed.map(|p| p.unwrap_or(&Placed::NOWHERE));
-            let columns = |m: fn(&Placed) -> &Mat3| {
-                [0, 1, 2].map(|axis| V3::gather(std::array::from_fn(|lane| m(placed[lane]).col(axis))))
-            };
+            let placed = eight(|lane| placed[lane].unwrap_or(&Placed::NOWHERE));
+            let columns =
+                |m: fn(&Placed) -> &Mat3| [0, 1, 2].map(|axis| V3::gather(eight(|lane| m(placed[lane]).col(axis))));
             let transform = |[x, y, z]: &[V3; 3], p: V3| *x * p.x + *y * p.y + *z * p.z;
             let (linear, normal) = (columns(|p| &p.linear), columns(|p| &p.normal));
-            position = transform(&linear, position) + V3::gather(placed.map(|p| p.translation));
+            position = transform(&linear, position) + V3::gather(eight(|lane| placed[lane].translation));
             (e1, e2) = (transform(&linear, e1), transform(&linear, e2));
             (ng, ns) = (transform(&normal, ng), transform(&normal, ns));
         }

@@ -2,6 +2,7 @@
 
 pub mod camera;
 pub mod geometry;
+pub mod guides;
 pub mod materials;
 pub mod paths;
 pub mod stages;
@@ -10,6 +11,7 @@ pub mod wave;
 
 pub use camera::CameraRays;
 pub use geometry::Geometry;
+pub use guides::guides;
 pub use materials::Materials;
 pub use wave::{PixelPlan, PixelSum, Wave, WaveCounts};
 

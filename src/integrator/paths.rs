@@ -7,6 +7,8 @@ use crate::lanes::{F, Survivors, U, V3, V3Column, grow, store, store_bits};
 pub struct Paths {
     /// Radiance that arrives here counts this much.
     pub beta: V3Column,
+    /// Geometric normal where the ray begins; unused for camera rays.
+    pub normal: V3Column,
     /// BSDF pdf of the ray times its technique's samples a path; unused for camera rays.
     pub weighted_pdf: Vec<f32>,
     /// Path of the wave.
@@ -25,6 +27,7 @@ impl Paths {
     /// Forgets all rows and makes room for `most`.
     pub fn open(&mut self, most: usize) {
         self.beta.grow(most);
+        self.normal.grow(most);
         grow(&mut self.weighted_pdf, most);
         for column in [&mut self.slot, &mut self.index, &mut self.child, &mut self.seed] {
             grow(column, most);
@@ -34,8 +37,9 @@ impl Paths {
 
     /// Appends a group, of which the first `n` rows count.
     #[inline(always)]
-    pub fn push(&mut self, n: usize, beta: V3, weighted_pdf: F, [slot, index, child, seed]: [U; 4]) {
+    pub fn push(&mut self, n: usize, beta: V3, normal: V3, weighted_pdf: F, [slot, index, child, seed]: [U; 4]) {
         self.beta.store(self.len, beta);
+        self.normal.store(self.len, normal);
         store(&mut self.weighted_pdf, self.len, weighted_pdf);
         store_bits(&mut self.slot, self.len, slot);
         store_bits(&mut self.index, self.len, index);

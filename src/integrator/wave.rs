@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::Transport;
 use super::paths::{Paths, Pending};
 use super::vertices::Vertices;
-use crate::balance::{Counts, Moments, deal};
+use crate::balance::{Counts, Finding, Moments, Technique, deal};
 use crate::film::{AovSums, PixelStats};
 use crate::lanes::{F, LANES, NUMBERS, U, V3};
 use crate::rays::{HitBatch, RayBatch, RayOrder};
@@ -30,6 +30,10 @@ pub struct PixelPlan {
     pub first_bsdf: u32,
     /// Light and BSDF samples at first surfaces for the paths of this wave.
     pub counts: Counts,
+    /// The counts of all the paths that are weighed together with this wave's: contributions are weighed by these.
+    pub weighed: Counts,
+    /// Number of the pixel in findings.
+    pub place: u32,
 }
 
 /// What a wave adds to one pixel.
@@ -93,9 +97,10 @@ pub struct Wave {
     pub(super) slots: Vec<Slot>,
     /// A BSDF sample at a first surface: its slot and the indirect light that it brought.
     pub(super) children: Vec<Child>,
-    keys: [Vec<f32>; 2],
-    dealt: [Vec<u8>; 2],
-    order: Vec<u32>,
+    /// What first surfaces' samples found, while `record` is set.
+    pub findings: Vec<Finding>,
+    /// Record findings?
+    pub record: bool,
     /// Rays and time so far.
     pub counts: WaveCounts,
 }
@@ -119,6 +124,8 @@ pub(super) struct Slot {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Child {
     pub slot: u32,
+    /// Index of the BSDF sample in its pixel's sequence.
+    pub index: u32,
     pub indirect: Vec3,
 }
 
@@ -138,7 +145,7 @@ impl Wave {
             self.hits(transport, plan, depth, sums);
             self.lights(transport, depth);
             self.scatter(transport, depth);
-            self.shadows(transport, depth, sums);
+            self.shadows(transport, plan, depth, sums);
             std::mem::swap(&mut self.rays, &mut self.next_rays);
             std::mem::swap(&mut self.paths, &mut self.next_paths);
         }
@@ -155,13 +162,10 @@ impl Wave {
         self.children.clear();
         for (pixel, plan_of) in plan.iter().enumerate() {
             let seed = U::splat(pixel_seed(plan_of.x, plan_of.y, transport.seed));
-            self.keys.iter_mut().for_each(Vec::clear);
             for i in (0..paths).step_by(LANES) {
                 let n = LANES.min((paths - i) as usize);
                 let index = U::splat(plan_of.first_path + i) + U::from(NUMBERS);
-                let [px, py, deal_light, deal_bsdf] = samples(seed, index, 0);
-                self.keys[0].extend_from_slice(&deal_light.as_array()[..n]);
-                self.keys[1].extend_from_slice(&deal_bsdf.as_array()[..n]);
+                let [px, py, ..] = samples(seed, index, 0);
                 let x = transport.filter.offsets(px) + F::splat(plan_of.x as f32 + 0.5);
                 let y = transport.filter.offsets(py) + F::splat(plan_of.y as f32 + 0.5);
                 let (origin, direction) = transport.camera.rays(x, y);
@@ -169,17 +173,12 @@ impl Wave {
                 self.rays.put(self.paths.len, origin, direction, F::splat(f32::INFINITY), key);
                 let slot = U::splat(self.paths.len as u32) + U::from(NUMBERS);
                 let path = [slot, index, U::splat(u32::MAX), seed];
-                self.paths.push(n, V3::splat(Vec3::ONE), F::ZERO, path);
-            }
-            let counts = plan_of.counts;
-            for (n, (keys, dealt)) in [counts.light, counts.bsdf].into_iter().zip(self.keys.iter().zip(&mut self.dealt))
-            {
-                dealt.resize(paths as usize, 0);
-                deal(n, keys, &mut self.order, dealt);
+                self.paths.push(n, V3::splat(Vec3::ONE), V3::ZERO, F::ZERO, path);
             }
             let (mut first_light, mut first_bsdf) = (plan_of.first_light, plan_of.first_bsdf);
-            let (a_l, a_b) = (counts.light_a_path(), counts.bsdf_a_path());
-            for (&light, &bsdf) in self.dealt[0].iter().zip(&self.dealt[1]) {
+            let (a_l, a_b) = (plan_of.weighed.light_a_path(), plan_of.weighed.bsdf_a_path());
+            for path in 0..paths {
+                let [light, bsdf] = [plan_of.counts.light, plan_of.counts.bsdf].map(|n| deal(n, paths, path));
                 self.slots.push(Slot {
                     pixel: pixel as u32,
                     radiance: Vec3::ZERO,
@@ -201,7 +200,7 @@ impl Wave {
 
     /// Adds what the shadow rays let through.
     #[inline(never)]
-    fn shadows(&mut self, transport: &Transport, depth: u32, sums: &mut [PixelSum]) {
+    fn shadows(&mut self, transport: &Transport, plan: &[PixelPlan], depth: u32, sums: &mut [PixelSum]) {
         if self.shadow_rays.is_empty() {
             return;
         }
@@ -217,7 +216,13 @@ impl Wave {
             if depth == 0 {
                 slot.direct += radiance;
                 if pending.w[i] > 0.0 {
-                    sums[slot.pixel as usize].moments.add(f64::from(pending.w[i]), f64::from(pending.r[i]));
+                    let pixel = slot.pixel as usize;
+                    let (w, r) = (pending.w[i], pending.r[i]);
+                    sums[pixel].moments.add(w, r, 2.0 * radiance.element_sum());
+                    if self.record {
+                        let (pixel, index) = (plan[pixel].place, pending.child[i]);
+                        self.findings.push(Finding { pixel, technique: Technique::Light, index, r, radiance });
+                    }
                 }
             } else {
                 self.children[pending.child[i] as usize].indirect += radiance;
@@ -230,11 +235,19 @@ impl Wave {
     fn finish(&mut self, transport: &Transport, plan: &[PixelPlan], sums: &mut [PixelSum]) {
         if transport.learns {
             for child in &self.children {
-                let pixel = self.slots[child.slot as usize].pixel as usize;
-                let a_b = plan[pixel].counts.bsdf_a_path();
+                let radiance = child.indirect;
+                if radiance == Vec3::ZERO {
+                    continue;
+                }
+                let slot = &self.slots[child.slot as usize];
+                let pixel = slot.pixel as usize;
                 // Indirect light: Z = 2X, Y = 2 a_b X, r = −1.
-                let w = 4.0 * a_b * child.indirect.length_squared();
-                sums[pixel].moments.add(f64::from(w), -1.0);
+                let w = 4.0 * slot.a_b * radiance.length_squared();
+                sums[pixel].moments.add(w, -1.0, 2.0 * radiance.element_sum());
+                if self.record {
+                    let (pixel, index, r) = (plan[pixel].place, child.index, -1.0);
+                    self.findings.push(Finding { pixel, technique: Technique::Indirect, index, r, radiance });
+                }
             }
         }
         for slot in &self.slots {

@@ -5,43 +5,40 @@ use std::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
 use super::LightSamples;
+use super::tree::{Emitter, LightTree};
 use crate::color::luminance;
-use crate::lanes::{F, LANES, V3};
-use crate::sampling::{Discrete, warp};
+use crate::lanes::{F, LANES, V3, eight};
+use crate::sampling::warp;
 use crate::scene::{Material, Mesh, Scene};
 
-/// One emissive triangle, in world space.
+/// One emissive triangle, in world space, as numbers that can be loaded into lanes.
 #[derive(Debug, Clone, Copy)]
-pub struct EmissiveTriangle {
-    vertex: Vec3,
-    /// From the first vertex to the second and to the third.
-    edges: [Vec3; 2],
-    /// Unit, on the side that the winding calls the front.
-    normal: Vec3,
-    area: f32,
-    /// Emitted radiance, before a texture.
-    radiance: Vec3,
+struct EmissiveTriangle {
+    /// First vertex (3), edge from it to the second (3), x and y of the edge to the third.
+    place: [f32; LANES],
+    /// z of that edge, unit normal on the side that the winding calls the front (3), emitted radiance before a texture
+    /// (3), one over the area.
+    light: [f32; LANES],
     mesh: u32,
     prim: u32,
     two_sided: bool,
     textured: bool,
 }
 
-/// All emissive triangles of a scene, chosen by power.
+/// All emissive triangles of a scene.
 #[derive(Debug)]
 pub struct AreaLights {
     triangles: Vec<EmissiveTriangle>,
-    choice: Discrete,
+    tree: LightTree,
     /// First triangle of each (instance, mesh) that emits, sorted.
     first: Vec<((u32, u32), u32)>,
-    power: f32,
 }
 
 impl AreaLights {
     /// Gathers them; `None` when nothing shines.
     pub fn new(scene: &Scene) -> Option<Self> {
         let mut triangles = Vec::new();
-        let mut weights = Vec::new();
+        let mut emitters = Vec::new();
         let mut first = Vec::new();
         for (instance_index, instance) in scene.instances.iter().enumerate() {
             for mesh_index in scene.objects[instance.object as usize].meshes.clone() {
@@ -63,13 +60,18 @@ impl AreaLights {
                     let radiance = luminance(mean_emission(scene, material, mesh, index));
                     let sides = if material.double_sided { 2.0 } else { 1.0 };
                     let power = PI * area * radiance * sides;
-                    weights.push(if power.is_finite() { power } else { 0.0 });
+                    let n = cross.normalize_or_zero();
+                    emitters.push(Emitter {
+                        low: corners[0].min(corners[1]).min(corners[2]),
+                        high: corners[0].max(corners[1]).max(corners[2]),
+                        normal: n,
+                        power: if power.is_finite() && n != Vec3::ZERO { power } else { 0.0 },
+                        two_sided: material.double_sided,
+                    });
+                    let ([v, e, f], l) = ([corners[0], edges[0], edges[1]], material.emissive);
                     triangles.push(EmissiveTriangle {
-                        vertex: corners[0],
-                        edges,
-                        normal: cross.normalize_or_zero(),
-                        area,
-                        radiance: material.emissive,
+                        place: [v.x, v.y, v.z, e.x, e.y, e.z, f.x, f.y],
+                        light: [f.z, n.x, n.y, n.z, l.x, l.y, l.z, 1.0 / area],
                         mesh: mesh_index,
                         prim: prim as u32,
                         two_sided: material.double_sided,
@@ -78,14 +80,13 @@ impl AreaLights {
                 }
             }
         }
-        let choice = Discrete::new(weights.into_iter())?;
-        let power = choice.total() as f32;
-        Some(Self { triangles, choice, first, power })
+        let tree = LightTree::new(&emitters)?;
+        Some(Self { triangles, tree, first })
     }
 
     /// Emitted power (luminance), in W.
     pub fn power(&self) -> f32 {
-        self.power
+        self.tree.power()
     }
 
     /// How many triangles.
@@ -98,49 +99,49 @@ impl AreaLights {
         self.triangles.is_empty()
     }
 
-    /// Draws points on triangles chosen by power, uniform over their area, as seen from `p`. `choice`, `u` and `v` in
-    /// [0, 1).
+    /// Draws points on triangles, uniform over their area, as seen from `p` with unit geometric normals `n`. `choice`,
+    /// `u` and `v` in [0, 1).
     #[inline]
-    pub fn sample(&self, scene: &Scene, p: V3, choice: F, u: F, v: F) -> LightSamples {
-        let chosen = choice.to_array().map(|c| self.choice.sample(c).0);
-        let lights = chosen.map(|i| &self.triangles[i as usize]);
-        let gather = |field: fn(&EmissiveTriangle) -> Vec3| {
-            V3::from_arrays([lights.map(|l| field(l).x), lights.map(|l| field(l).y), lights.map(|l| field(l).z)])
-        };
+    pub fn sample(&self, scene: &Scene, p: V3, n: V3, choice: F, u: F, v: F) -> LightSamples {
+        let (chosen, pmf) = self.tree.sample(p, n, choice);
+        let lights = eight(|lane| &self.triangles[chosen[lane] as usize]);
+        let [vx, vy, vz, ex, ey, ez, fx, fy] = F::transpose(eight(|lane| F::from(lights[lane].place)));
+        let [fz, nx, ny, nz, lx, ly, lz, one_over_area] = F::transpose(eight(|lane| F::from(lights[lane].light)));
         let (b1, b2) = warp::triangles(u, v);
-        let to = gather(|l| l.vertex) + gather(|l| l.edges[0]) * b1 + gather(|l| l.edges[1]) * b2 - p;
+        let (edge1, edge2) = (V3 { x: ex, y: ey, z: ez }, V3 { x: fx, y: fy, z: fz });
+        let to = V3 { x: vx, y: vy, z: vz } + edge1 * b1 + edge2 * b2 - p;
         let distance2 = to.length_squared();
         let distance = distance2.sqrt();
         let wi = to * (F::ONE / distance);
-        let cos = -gather(|l| l.normal).dot(wi);
-        let two_sided = F::from(lights.map(|l| if l.two_sided { 1.0 } else { 0.0 })).simd_gt(F::ZERO);
-        let facing = cos ^ (two_sided & cos & F::splat(-0.0));
-        let density: [f32; LANES] = std::array::from_fn(|i| self.choice.pmf(chosen[i]) / lights[i].area);
-        let pdf = F::from(density) * distance2 / facing;
-        let mut radiance = gather(|l| l.radiance);
+        let cos = -(V3 { x: nx, y: ny, z: nz }).dot(wi);
+        let two_sided = F::from(eight(|lane| f32::from(u8::from(lights[lane].two_sided)))).simd_gt(F::ZERO);
+        let facing = two_sided.select(cos.abs(), cos);
+        let pdf = pmf * one_over_area * distance2 / facing;
+        let mut radiance = V3 { x: lx, y: ly, z: lz };
         if lights.iter().any(|l| l.textured) {
-            let textured: [Vec3; LANES] = std::array::from_fn(|i| {
+            radiance = V3::gather(std::array::from_fn(|i| {
                 let mesh = &scene.meshes[lights[i].mesh as usize];
                 emission(scene, mesh, lights[i].prim, b1.as_array()[i], b2.as_array()[i])
-            });
-            radiance = V3::from_arrays([textured.map(|t| t.x), textured.map(|t| t.y), textured.map(|t| t.z)]);
+            }));
         }
         let seen = facing.simd_gt(F::ZERO) & pdf.is_finite();
         LightSamples { wi, distance, radiance, pdf: pdf & seen }
     }
 
-    /// Density per solid angle of [`sample`](Self::sample) for a hit of triangle `prim`.
+    /// Density per solid angle of [`sample`](Self::sample), at `p` with normal `n`, for a hit of triangle `prim` at
+    /// `distance` along `wi`.
     #[inline]
-    pub fn pdf(&self, instance: u32, mesh: u32, prim: u32, wi: Vec3, distance: f32) -> f32 {
+    pub fn pdf(&self, (p, n): (Vec3, Vec3), (instance, mesh, prim): (u32, u32, u32), wi: Vec3, distance: f32) -> f32 {
         let Ok(found) = self.first.binary_search_by_key(&(instance, mesh), |&(key, _)| key) else { return 0.0 };
         let index = self.first[found].1 + prim;
-        let light = &self.triangles[index as usize];
-        let cos = -light.normal.dot(wi);
-        let facing = if light.two_sided { cos.abs() } else { cos };
+        let triangle = &self.triangles[index as usize];
+        let [_, nx, ny, nz, .., one_over_area] = triangle.light;
+        let cos = -Vec3::new(nx, ny, nz).dot(wi);
+        let facing = if triangle.two_sided { cos.abs() } else { cos };
         if facing <= 0.0 {
             return 0.0;
         }
-        let pdf = self.choice.pmf(index) * distance * distance / (facing * light.area);
+        let pdf = self.tree.pmf(p, n, index) * one_over_area * distance * distance / facing;
         if pdf.is_finite() { pdf } else { 0.0 }
     }
 }

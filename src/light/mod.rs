@@ -3,12 +3,13 @@
 pub mod area;
 pub mod environment;
 pub mod punctual;
+pub mod tree;
 
 use glam::Vec3;
 
 use crate::lanes::{F, V3};
 use crate::scene::Scene;
-pub use area::{AreaLights, EmissiveTriangle};
+pub use area::AreaLights;
 pub use environment::EnvironmentSampler;
 pub use punctual::PunctualSample;
 
@@ -26,7 +27,7 @@ pub struct LightSamples {
     pub pdf: F,
 }
 
-/// All the lights of a scene. Lights with extent are one technique, chosen between by power; punctual lights are
+/// All the lights of a scene. Lights with extent are one technique, emissive triangles chosen by a light tree; punctual lights are
 /// another, which BSDF sampling can never find.
 #[derive(Debug)]
 pub struct Lights {
@@ -64,20 +65,20 @@ impl Lights {
         self.environment.is_some() || self.area.is_some()
     }
 
-    /// Draws directions toward lights as seen from `p`: `choice` picks the light, (`u`, `v`) the point on it, all in
+    /// Draws directions toward lights as seen from `p` with unit geometric normals `n`: `choice` picks the light, (`u`, `v`) the point on it, all in
     /// [0, 1).
     #[inline]
-    pub fn sample(&self, scene: &Scene, p: V3, choice: F, u: F, v: F) -> LightSamples {
+    pub fn sample(&self, scene: &Scene, p: V3, n: V3, choice: F, u: F, v: F) -> LightSamples {
         let q = self.environment_share;
         match (&self.environment, &self.area) {
             (Some(environment), None) => environment.sample(u, v),
-            (None, Some(area)) => area.sample(scene, p, choice, u, v),
+            (None, Some(area)) => area.sample(scene, p, n, choice, u, v),
             (Some(environment), Some(area)) => {
                 let sky = choice.simd_lt(F::splat(q));
                 let choice = (choice - F::splat(q)) * F::splat(1.0 / (1.0 - q));
                 let choice = choice.fast_max(F::ZERO).fast_min(F::splat(crate::sampling::warp::ONE_MINUS));
                 let mut a = environment.sample(u, v);
-                let mut b = area.sample(scene, p, choice, u, v);
+                let mut b = area.sample(scene, p, n, choice, u, v);
                 a.pdf *= F::splat(q);
                 b.pdf *= F::splat(1.0 - q);
                 LightSamples {
@@ -106,10 +107,10 @@ impl Lights {
         }
     }
 
-    /// Density per solid angle with which [`sample`](Self::sample), at a point that sees triangle `prim` of `mesh` in
-    /// `instance` at `distance` along `wi`, draws that direction. Zero when that triangle is not a light.
+    /// Density per solid angle with which [`sample`](Self::sample), at `from` (point, normal), draws direction `wi`, in
+    /// which triangle `prim` of `mesh` in `instance` is `distance` away. Zero when that triangle is not a light.
     #[inline]
-    pub fn area_pdf(&self, instance: u32, mesh: u32, prim: u32, wi: Vec3, distance: f32) -> f32 {
-        self.area.as_ref().map_or(0.0, |a| a.pdf(instance, mesh, prim, wi, distance) * (1.0 - self.environment_share))
+    pub fn area_pdf(&self, from: (Vec3, Vec3), hit: (u32, u32, u32), wi: Vec3, distance: f32) -> f32 {
+        self.area.as_ref().map_or(0.0, |a| a.pdf(from, hit, wi, distance) * (1.0 - self.environment_share))
     }
 }

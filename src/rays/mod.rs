@@ -166,6 +166,12 @@ impl RayBatch {
         glam::Vec3::new(self.direction[0][i], self.direction[1][i], self.direction[2][i])
     }
 
+    /// The origin of a ray.
+    #[inline]
+    pub fn origin(&self, i: usize) -> glam::Vec3 {
+        glam::Vec3::new(self.origin[0][i], self.origin[1][i], self.origin[2][i])
+    }
+
     /// The directions of eight rays.
     #[inline(always)]
     pub fn directions(&self, rows: &Rows) -> V3 {

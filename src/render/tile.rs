@@ -5,8 +5,9 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
-use crate::balance::{Balance, Counts};
-use crate::integrator::{PixelPlan, PixelSum, Transport, Wave, WaveCounts};
+use crate::balance::pilot::{choose, spreads};
+use crate::balance::{Balance, Counts, Technique};
+use crate::integrator::{PixelPlan, PixelSum, Transport, Wave, WaveCounts, guides};
 use crate::rays::embree::set_flush_to_zero;
 
 /// Pixels along a side. Tiles lie on the whole picture's grid.
@@ -81,52 +82,110 @@ impl Tile {
         }
     }
 
-    /// Takes a pass of `paths` paths a pixel. The balance of each pixel follows from its own earlier passes.
+    /// Takes a pass of `paths` paths a pixel. The balance of each pixel follows from its own tile's earlier passes, or
+    /// from its neighbours' parts of this pass's pilot.
     pub fn pass(&mut self, transport: &Transport, balance: Balance, paths: u32) -> TileWork {
         let start = Instant::now();
         set_flush_to_zero();
         let two_techniques = transport.lights.has_extent();
         let before_pass = self.sums.first().map_or(0, |s| s.stats.samples);
-        // A long pass goes in parts with the same balance, so that buffers stay small.
-        let mut left = paths;
-        let mut done = 0;
         let counts = WAVE.with_borrow_mut(|wave| {
             wave.counts = WaveCounts::default();
-            while left > 0 {
-                let part = left.min(WAVE_PATHS);
-                let at_once = (WAVE_PATHS / part).max(1) as usize;
-                for (pixels, sums) in self.pixels.chunks_mut(at_once).zip(self.sums.chunks_mut(at_once)) {
-                    self.plan.clear();
-                    for (pixel, sum) in pixels.iter_mut().zip(sums.iter()) {
-                        let counts = match two_techniques {
-                            true => Counts::new(sum.stats.balance, part),
-                            false => Counts::bsdf_only(part),
-                        };
-                        self.plan.push(PixelPlan {
-                            x: pixel.x,
-                            y: pixel.y,
-                            first_path: before_pass + done,
-                            first_light: pixel.light,
-                            first_bsdf: pixel.bsdf,
-                            counts,
-                        });
-                        pixel.light += counts.light;
-                        pixel.bsdf += counts.bsdf;
-                    }
-                    wave.run(transport, &self.plan, part, sums);
-                }
-                left -= part;
-                done += part;
+            match balance.pilot(before_pass, paths) {
+                Some(pilot) if two_techniques => self.with_pilot(transport, wave, pilot, paths),
+                _ => self.at_once(transport, wave, paths),
             }
             wave.counts
         });
         if transport.learns && two_techniques {
             for sum in &mut self.sums {
-                sum.stats.balance = balance.share(&sum.moments);
+                sum.stats.balance = balance.share(&sum.moments).unwrap_or(sum.stats.balance);
             }
         }
         let paths = u64::from(paths) * self.pixels.len() as u64;
         TileWork { counts, seconds: start.elapsed().as_secs_f64(), paths }
+    }
+
+    /// A pass at the shares that the pixels have.
+    fn at_once(&mut self, transport: &Transport, wave: &mut Wave, paths: u32) {
+        // A long pass goes in parts with the same balance, so that buffers stay small.
+        let mut left = paths;
+        while left > 0 {
+            let part = left.min(WAVE_PATHS);
+            let shares = self.sums.iter().map(|s| s.stats.balance);
+            let counts: Vec<_> = match transport.lights.has_extent() {
+                true => shares.map(|share| Counts::new(share, part)).collect(),
+                false => vec![Counts::bsdf_only(part); self.pixels.len()],
+            };
+            self.trace(transport, wave, part, &counts, |_, counts| counts);
+            left -= part;
+        }
+    }
+
+    /// A pass that begins with `pilot` paths at equal counts; all its paths are then weighed by its total counts.
+    fn with_pilot(&mut self, transport: &Transport, wave: &mut Wave, pilot: u32, paths: u32) {
+        let n = self.pixels.len();
+        wave.findings.clear();
+        wave.record = true;
+        self.trace(transport, wave, pilot, &vec![Counts::half(pilot); n], |_, counts| counts);
+        wave.record = false;
+        let width = self.pixels.iter().take_while(|p| p.y == self.pixels[0].y).count();
+        let spreads = spreads(&wave.findings, n, pilot);
+        let places: Vec<_> = self.pixels.iter().map(|p| [p.x, p.y]).collect();
+        let guides = guides(transport, &places);
+        let total: Vec<_> = (0..n).map(|i| Counts::new(choose(i, width, &spreads, &guides), paths)).collect();
+        for finding in &wave.findings {
+            let pixel = finding.pixel as usize;
+            let change = finding.at(total[pixel].alpha()) - finding.radiance;
+            let sum = &mut self.sums[pixel];
+            let of_kind = match finding.technique {
+                Technique::Indirect => &mut sum.aovs.indirect,
+                _ => &mut sum.aovs.direct,
+            };
+            for c in 0..3 {
+                sum.stats.sum[c] += f64::from(change[c]);
+                of_kind[c] += change[c];
+            }
+        }
+        let rest: Vec<_> = total.iter().map(|total| total.after(pilot)).collect();
+        self.trace(transport, wave, paths - pilot, &rest, |i, _| total[i]);
+        for (sum, total) in self.sums.iter_mut().zip(&total) {
+            sum.stats.balance = total.alpha();
+        }
+    }
+
+    /// Traces `paths` paths a pixel, dealt by `counts` and weighed by `weighed`'s answer to a pixel and its counts.
+    fn trace(
+        &mut self,
+        transport: &Transport,
+        wave: &mut Wave,
+        paths: u32,
+        counts: &[Counts],
+        weighed: impl Fn(usize, Counts) -> Counts,
+    ) {
+        let first_path = self.sums.first().map_or(0, |s| s.stats.samples);
+        let at_once = (WAVE_PATHS / paths).max(1) as usize;
+        for start in (0..self.pixels.len()).step_by(at_once) {
+            let end = (start + at_once).min(self.pixels.len());
+            self.plan.clear();
+            for (place, pixel) in (start..end).zip(&mut self.pixels[start..end]) {
+                let counts = counts[place];
+                let weighed = weighed(place, counts);
+                self.plan.push(PixelPlan {
+                    x: pixel.x,
+                    y: pixel.y,
+                    first_path,
+                    first_light: pixel.light,
+                    first_bsdf: pixel.bsdf,
+                    counts,
+                    weighed,
+                    place: place as u32,
+                });
+                pixel.light += counts.light;
+                pixel.bsdf += counts.bsdf;
+            }
+            wave.run(transport, &self.plan, paths, &mut self.sums[start..end]);
+        }
     }
 
     /// The pixels inside a window: position in the whole picture and what was collected.

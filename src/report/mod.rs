@@ -47,8 +47,8 @@ pub fn number(x: f64) -> String {
 
 /// A number with its standard error, both to the error's second digit, three decimals at most.
 pub fn with_error(x: f64, error: f64) -> String {
-    if !x.is_finite() || !error.is_finite() {
-        return number(x);
+    if !x.is_finite() || !error.is_finite() || error >= 1e4 {
+        return format!("{} ± {}", number(x), number(error));
     }
     let decimals = if error > 0.0 { (1 - error.log10().floor() as i32).clamp(0, 3) as usize } else { 3 };
     format!("{x:.decimals$} ± {error:.decimals$}")
@@ -74,6 +74,7 @@ mod tests {
         assert_eq!(with_error(12.3, 1.3), "12.3 ± 1.3");
         assert_eq!(with_error(1.0, 0.0), "1.000 ± 0.000");
         assert_eq!(with_error(123.4, 45.0), "123 ± 45");
+        assert_eq!(with_error(1.0, 3e9), "1.00 ± 3.00e9");
     }
 
     #[test]

@@ -116,10 +116,16 @@ pub fn chi_square_directions(
         observed[cell] += 1;
     }
 
+    chi_square(name, tests, &observed, &expected, |i| format!("({}, {})", i / COLUMNS, i % COLUMNS));
+}
+
+/// Do `observed` counts agree with `expected` ones? Panics with the worst cells, named by `cell`, when the chi-square
+/// test at one of `tests` tests' level says no.
+pub fn chi_square(name: &str, tests: usize, observed: &[u32], expected: &[f64], cell: impl Fn(usize) -> String) {
     // Cells below five expected are pooled.
     let (mut statistic, mut cells, mut rare) = (0.0, 0usize, (0.0, 0.0));
     let mut worst: Vec<(f64, usize)> = Vec::new();
-    for (i, (&e, &o)) in expected.iter().zip(&observed).enumerate() {
+    for (i, (&e, &o)) in expected.iter().zip(observed).enumerate() {
         if e < 5.0 {
             rare.0 += e;
             rare.1 += f64::from(o);
@@ -142,7 +148,7 @@ pub fn chi_square_directions(
     let table: Vec<String> = worst
         .iter()
         .take(5)
-        .map(|&(_, i)| format!("cell ({}, {}): {} for {:.1}", i / COLUMNS, i % COLUMNS, observed[i], expected[i]))
+        .map(|&(_, i)| format!("cell {}: {} for {:.1}", cell(i), observed[i], expected[i]))
         .collect();
     assert!(p > level(tests), "{name}: p = {p:.2e}, chi² = {statistic:.1} over {cells} cells; {}", table.join("; "));
 }

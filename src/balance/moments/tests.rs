@@ -11,10 +11,13 @@ fn moments(f: impl Fn(f64) -> f64) -> Moments {
     for i in 0..n {
         let x = (f64::from(i) + 0.5) / f64::from(n);
         let r = 2.0 * x - 1.0;
-        let w = f(x).powi(2) / f64::from(n);
+        let (y, n) = (f(x), f64::from(n));
+        let (w, z) = (y * y / n, y / n);
         m.s0 += w;
         m.s1 += w * r;
         m.s2 += w * r * r;
+        m.k1 += z * r;
+        m.k2 += z * r * r;
     }
     m
 }
@@ -50,6 +53,15 @@ fn blend_of_the_pdfs_gives_the_taylor_value() {
         let m = moments(|x| a * 2.0 * x + b * 2.0 * (1.0 - x));
         assert!((t_of(m.second_order()) - t).abs() < 1e-6, "{}", t_of(m.second_order()));
     }
+}
+
+#[test]
+fn blend_of_the_pdfs_is_exact_for_the_linear_divergence() {
+    for (a, b) in [(3.0, 1.0), (1.0, 9.0)] {
+        let m = moments(|x| a * 2.0 * x + b * 2.0 * (1.0 - x));
+        assert!((t_of(m.kl_linear()) - (a - b) / (a + b)).abs() < 1e-6, "{}", t_of(m.kl_linear()));
+    }
+    assert_eq!(moments(|x| x * x).kl_linear(), 1.0);
 }
 
 #[test]
@@ -112,9 +124,9 @@ fn one_firefly_is_held_in_by_the_ridge() {
     // F4: one sample has 99 % of the weight, so N_eff ≈ 1.
     let mut m = Moments::default();
     for _ in 0..99 {
-        m.add(1.0, -0.2);
+        m.add(1.0, -0.2, 1.0);
     }
-    m.add(9801.0, 1.0);
+    m.add(9801.0, 1.0, 99.0);
     for kappa in [1.0, 2.0] {
         let bound = 1.0 / (2.0 * (1.0 + kappa));
         assert!(t_of(m.second_order_ridge(kappa)) <= bound + 0.02, "{}", t_of(m.second_order_ridge(kappa)));
@@ -125,12 +137,12 @@ fn one_firefly_is_held_in_by_the_ridge() {
 fn bad_samples_are_dropped_and_large_ones_do_not_overflow() {
     // F16 and F17.
     let mut m = Moments::default();
-    for (w, r) in [(f64::NAN, 0.0), (-1.0, 0.5), (f64::INFINITY, 0.5), (1.0, f64::NAN)] {
-        m.add(w, r);
+    for (w, r) in [(f32::NAN, 0.0), (-1.0, 0.5), (f32::INFINITY, 0.5), (1.0, f32::NAN)] {
+        m.add(w, r, 1.0);
     }
     assert_eq!(m, Moments::default());
-    m.add(1e80, 0.5);
-    m.add(1e80, 0.5);
+    m.add(1e38, 0.5, 1e19);
+    m.add(1e38, 0.5, 1e19);
     for alpha in [m.second_order(), m.second_order_ridge(1.0), m.minimax_ridge(1.0)] {
         assert!(alpha > 0.5 && alpha <= 1.0, "{alpha}");
     }

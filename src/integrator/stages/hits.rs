@@ -3,12 +3,13 @@
 use glam::Vec3;
 
 use super::observation;
+use crate::balance::{Finding, Technique};
 use crate::bsdf::{Lobes, MetallicRoughness};
 use crate::integrator::geometry::Point;
 use crate::integrator::vertices::Group;
 use crate::integrator::wave::Wave;
 use crate::integrator::{PixelPlan, PixelSum, Transport};
-use crate::lanes::{F, LANES, Rows, U, V3, load, load_bits};
+use crate::lanes::{F, LANES, Rows, U, V3, eight, load, load_bits};
 use crate::light::area;
 use crate::rays::MISS;
 
@@ -71,7 +72,7 @@ impl Wave {
             [&self.hits.instance, &self.hits.mesh, &self.hits.prim].map(|c| load_bits(c, &rows).to_array());
         let barycentric = (load(&self.hits.u, &rows), load(&self.hits.v, &rows));
         let points = transport.geometry.points(transport.scene, instance, mesh, prim, barycentric);
-        let models = mesh.map(|m| transport.materials.plain(m));
+        let models = eight(|lane| transport.materials.plain(mesh[lane]));
         let lobes = if transport.materials.lambert { Lobes::gather_diffuse(models) } else { Lobes::gather(models) };
         let group = Group {
             position: points.position,
@@ -148,11 +149,12 @@ impl Wave {
         }
         let direction = self.rays.direction(ray);
         if material.double_sided || point.ng.dot(direction) < 0.0 {
-            let (instance, mesh, prim) = (self.hits.instance[ray], self.hits.mesh[ray], self.hits.prim[ray]);
-            let radiance = area::emission(transport.scene, point.mesh, prim, self.hits.u[ray], self.hits.v[ray]);
+            let hit = (self.hits.instance[ray], self.hits.mesh[ray], self.hits.prim[ray]);
+            let radiance = area::emission(transport.scene, point.mesh, hit.2, self.hits.u[ray], self.hits.v[ray]);
+            let from = (self.rays.origin(ray), self.paths.normal.get(ray));
             let pdf = match depth {
                 0 => 0.0,
-                _ => transport.lights.area_pdf(instance, mesh, prim, direction, self.hits.t[ray]),
+                _ => transport.lights.area_pdf(from, hit, direction, self.hits.t[ray]),
             };
             self.emitted(transport, plan, sums, depth, ray, radiance, pdf);
         }
@@ -207,10 +209,12 @@ impl Wave {
             self.children[self.paths.child[ray] as usize].indirect += found;
         }
         if depth == 1 && transport.learns {
-            let counts = &plan[pixel].counts;
-            let bsdf_pdf = weighted_pdf / counts.bsdf_a_path();
-            let (w, r) = observation(found, light_pdf, bsdf_pdf, counts.alpha());
-            sums[pixel].moments.add(f64::from(w), f64::from(r));
+            let (w, r) = observation(found, light_pdf, weighted_pdf / slot.a_b, slot.a_l / (slot.a_l + slot.a_b));
+            sums[pixel].moments.add(w, r, 2.0 * found.element_sum());
+            if self.record {
+                let (pixel, index) = (plan[pixel].place, self.paths.index[ray]);
+                self.findings.push(Finding { pixel, technique: Technique::Bsdf, index, r, radiance: found });
+            }
         }
     }
 }

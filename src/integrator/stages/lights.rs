@@ -36,14 +36,15 @@ impl Wave {
         let vertices = &self.vertices;
         let rows = &task.rows;
         let origin = vertices.origin.load(rows);
-        let light = transport.lights.sample(transport.scene, origin, choice, u, v);
+        let ng = vertices.ng.load(rows);
+        let light = transport.lights.sample(transport.scene, origin, ng, choice, u, v);
         let (value, bsdf_pdf) = vertices.lobes(rows).eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
         let weighted_pdf = task.a_l * light.pdf;
         let weight = transport.heuristic.weights(weighted_pdf, task.a_b * bsdf_pdf);
         let radiance = vertices.beta.load(rows) * value * light.radiance * (weight / weighted_pdf);
         let alive = first(task.len)
             & light.pdf.simd_gt(F::ZERO)
-            & vertices.ng.load(rows).dot(light.wi).simd_gt(F::ZERO)
+            & ng.dot(light.wi).simd_gt(F::ZERO)
             & radiance.max_element().simd_gt(F::ZERO)
             & radiance.is_finite();
         let (w, r) = if depth == 0 && transport.learns {
@@ -59,7 +60,9 @@ impl Wave {
             survivors.pack(light.distance * F::splat(SHADOW_END)),
             survivors.pack_bits(hashes(keys(task.seed, task.index, light_set(depth)))),
         );
-        self.pending.push(&survivors, radiance, [task.slot, task.child], [w, r]);
+        // Light of first surfaces has no child: its place is the sample's index.
+        let child = if depth == 0 { task.index } else { task.child };
+        self.pending.push(&survivors, radiance, [task.slot, child], [w, r]);
     }
 
     /// One of the lights without size for each of eight vertices: nothing to weigh, nothing to learn.

@@ -8,7 +8,7 @@ pub mod scatter;
 use glam::Vec3;
 
 use super::wave::Wave;
-use crate::lanes::{F, LANES, Rows, U, V3, load_bits};
+use crate::lanes::{F, LANES, Rows, U, V3, eight, load_bits};
 
 /// Whose samples are to be taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -58,20 +58,20 @@ impl Wave {
             return self.vertex_group(at);
         }
         let tasks = &self.tasks[at..self.tasks.len().min(at + LANES)];
-        let task: [(u32, u32); LANES] = std::array::from_fn(|lane| tasks[lane.min(tasks.len() - 1)]);
-        let vertex = task.map(|t| t.0);
+        let task: [(u32, u32); LANES] = eight(|lane| tasks[lane.min(tasks.len() - 1)]);
+        let vertex = eight(|lane| task[lane].0);
         let consecutive = tasks.windows(2).all(|t| t[1].0 == t[0].0 + 1);
         let rows = if consecutive { Rows::From(vertex[0] as usize) } else { Rows::Each(vertex) };
         let slot = load_bits(&self.vertices.slot, &rows);
-        let slots = vertex.map(|v| &self.slots[self.vertices.slot[v as usize] as usize]);
+        let slots = eight(|lane| &self.slots[slot.as_array()[lane] as usize]);
         TaskGroup {
-            index: U::from(task.map(|t| t.1)),
+            index: U::from(eight(|lane| task[lane].1)),
             seed: load_bits(&self.vertices.seed, &rows),
             slot,
             child: U::splat(u32::MAX),
             len: tasks.len(),
-            a_l: F::from(slots.map(|s| s.a_l)),
-            a_b: F::from(slots.map(|s| s.a_b)),
+            a_l: F::from(eight(|lane| slots[lane].a_l)),
+            a_b: F::from(eight(|lane| slots[lane].a_b)),
             rows,
         }
     }

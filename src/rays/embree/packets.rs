@@ -144,6 +144,8 @@ fn for_each_packet(rays: &RayBatch, n: usize, sorted: bool, mut packet: impl FnM
     });
 }
 
+const LEVELS: usize = sys::RTC_MAX_INSTANCE_LEVEL_COUNT as usize;
+
 macro_rules! packet_queries {
     ($module:ident, $n:literal, $ray:ident, $hit:ident, $ray_hit:ident, $intersect:ident, $occluded:ident) => {
         pub(super) mod $module {
@@ -174,25 +176,21 @@ macro_rules! packet_queries {
                     filter: to.filter(),
                     intersect: None,
                 };
-                let missed = sys::$hit {
-                    primID: [MISS; $n],
-                    geomID: [sys::RTC_INVALID_GEOMETRY_ID; $n],
-                    instID: [[sys::RTC_INVALID_GEOMETRY_ID; $n]; sys::RTC_MAX_INSTANCE_LEVEL_COUNT as usize],
-                    ..Default::default()
-                };
                 let mut packet = sys::$ray_hit::default();
                 packet.ray.mask = [u32::MAX; $n];
                 for_each_packet(rays, $n, to.sorts(order), |picks, len| {
                     load_rays(&mut packet.ray, rays, picks);
-                    packet.hit = missed;
+                    packet.hit.geomID = [sys::RTC_INVALID_GEOMETRY_ID; $n];
+                    packet.hit.instID = [[sys::RTC_INVALID_GEOMETRY_ID; $n]; LEVELS];
                     let valid = Lanes::<$n>::first(len);
                     // SAFETY: the scene is committed, `context` lives, mask and packet are aligned by their types.
                     unsafe { sys::$intersect(valid.0.as_ptr(), to.top.0, &mut packet, &mut args) };
                     let hit = &packet.hit;
-                    let (mut t, mut instance, mut mesh) = (packet.ray.tfar, [MISS; $n], [MISS; $n]);
+                    let (mut t, mut prim) = (packet.ray.tfar, hit.primID);
+                    let (mut instance, mut mesh) = ([MISS; $n], [MISS; $n]);
                     for lane in 0..$n {
                         if hit.geomID[lane] == sys::RTC_INVALID_GEOMETRY_ID {
-                            t[lane] = f32::INFINITY;
+                            (t[lane], prim[lane]) = (f32::INFINITY, MISS);
                         } else {
                             let place = to.place(hit.geomID[lane], hit.instID[0][lane]);
                             (instance[lane], mesh[lane]) = (place.instance, place.mesh);
@@ -203,7 +201,7 @@ macro_rules! packet_queries {
                     store(&mut hits.v, picks, &hit.v);
                     store(&mut hits.instance, picks, &instance);
                     store(&mut hits.mesh, picks, &mesh);
-                    store(&mut hits.prim, picks, &hit.primID);
+                    store(&mut hits.prim, picks, &prim);
                 });
             }
 

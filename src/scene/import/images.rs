@@ -136,7 +136,9 @@ pub(super) enum Probe {
 }
 
 fn damaged(at: &str, error: &image::ImageError) -> Error {
-    Error::Data(format!("{at}: the picture is damaged: {error}; export or save it again"))
+    // Some decoders end their text with a line feed.
+    let error = error.to_string();
+    Error::Data(format!("{at}: the picture is damaged: {}; export or save it again", error.trim_end()))
 }
 
 fn probe(mut reader: impl BufRead + Seek, at: &str) -> Result<Probe> {

@@ -16,8 +16,6 @@ pub mod table;
 
 use std::path::PathBuf;
 
-use clap::ValueEnum;
-
 use crate::balance::Balance;
 use crate::render::Integrator;
 pub use measure::{Measured, Portrait, measure, portrait};
@@ -58,7 +56,7 @@ pub enum Estimator {
 impl Estimator {
     /// All of them, `half` first.
     pub fn all() -> Vec<Self> {
-        let others = Balance::value_variants().iter().filter(|b| **b != Balance::Half);
+        let others = Balance::all().iter().filter(|b| **b != Balance::Half);
         let methods = std::iter::once(&Balance::Half).chain(others).map(|&b| Estimator::Method(b));
         methods.chain([Estimator::Oracle]).collect()
     }
@@ -66,9 +64,7 @@ impl Estimator {
     /// As on the command line.
     pub fn name(self) -> String {
         match self {
-            Estimator::Method(balance) => {
-                balance.to_possible_value().map_or_else(|| format!("{balance:?}"), |v| v.get_name().to_owned())
-            }
+            Estimator::Method(balance) => balance.name(),
             Estimator::Oracle => "oracle".to_owned(),
         }
     }

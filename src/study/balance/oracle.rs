@@ -12,6 +12,10 @@ pub const SHARES: [f32; 9] = [1.0 / 32.0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 
 /// The file of the result.
 pub const FILE: &str = "oracle.cell";
 
+/// Replicas' worth of variance that is assumed at either end of r besides what was seen: against events that the search
+/// did not see.
+const PSEUDO_REPLICAS: f64 = 1.0;
+
 /// What the search takes.
 #[derive(Debug, Clone, Copy)]
 pub struct Training {
@@ -21,10 +25,10 @@ pub struct Training {
     pub replicas: u32,
 }
 
-/// Half of the replicas, at a quarter of the most samples.
+/// As many replicas as the study's, at a quarter of the most samples.
 pub fn training(plan: &Plan) -> Training {
     let most = plan.spp.last().copied().unwrap_or(1);
-    Training { spp: (most / 4).clamp(most.min(16), most), replicas: (plan.replicas / 2).max(4) }
+    Training { spp: (most / 4).clamp(most.min(16), most), replicas: plan.replicas }
 }
 
 /// Gathers renders with fixed shares.
@@ -63,7 +67,7 @@ impl Learner {
             let variance = |(_, _, squares): &(f64, Vec<f64>, Vec<f64>)| {
                 (3 * pixel..3 * pixel + 3).map(|c| squares[c] * self.weights[c]).sum::<f64>()
             };
-            best(&std::array::from_fn(|i| variance(&self.sums[i])))
+            best(&std::array::from_fn(|i| variance(&self.sums[i])), PSEUDO_REPLICAS / self.sums[0].0)
         };
         (0..pixels).into_par_iter().map(of).collect()
     }
@@ -71,8 +75,9 @@ impl Learner {
 
 /// The share at the minimum of the curve V(t) = c + Σ_j W_j/(1 + t r_j), r = ±1, ±½, W_j ≥ 0, t = 2α − 1, that comes
 /// nearest to noisy variances at [`SHARES`] in relative least squares. The family is that of ∫ f²/p_α for integrands with
-/// four values of r, up to a constant: convex, so that noise cannot make it fall twice.
-fn best(variances: &[f64; SHARES.len()]) -> f32 {
+/// four values of r, up to a constant: convex, so that noise cannot make it fall twice. W of r = ±1 gains `pseudo` times
+/// the least variance.
+fn best(variances: &[f64; SHARES.len()], pseudo: f64) -> f32 {
     const R: [f64; 4] = [-1.0, -0.5, 0.5, 1.0];
     if variances.iter().any(|v| v.is_nan() || *v <= 0.0) {
         return 0.5;
@@ -94,6 +99,9 @@ fn best(variances: &[f64; SHARES.len()]) -> f32 {
             w[j] = next;
         }
     }
+    let least = variances.iter().copied().fold(f64::INFINITY, f64::min);
+    w[0] += pseudo * least;
+    w[3] += pseudo * least;
     let curve = |t: f64| (0..5).map(|j| w[j] * column(j, t)).sum::<f64>();
     let (low, high) = (f64::from(SHARES[0]), f64::from(SHARES[SHARES.len() - 1]));
     let tried = (0..=120).map(|i| low + (high - low) * f64::from(i) / 120.0);
@@ -106,7 +114,7 @@ mod tests {
     use super::*;
 
     fn at(f: impl Fn(f64) -> f64) -> f32 {
-        best(&SHARES.map(|a| f(f64::from(a))))
+        best(&SHARES.map(|a| f(f64::from(a))), 0.0)
     }
 
     #[test]
@@ -116,6 +124,13 @@ mod tests {
         // f = x² with p_l = 2x, p_b = 2(1 − x): M falls all the way to α = 1.
         assert!(at(|a| 1.0 / a) > 0.96);
         assert!((at(|a| 1.0 / a + 1.0 / (1.0 - a) - 3.0) - 0.5).abs() < 0.01);
+    }
+
+    #[test]
+    fn what_was_not_seen_holds_the_share_in() {
+        let variances = SHARES.map(|a| 1.0 / f64::from(a));
+        let held = best(&variances, 1.0 / 16.0);
+        assert!((0.7..0.95).contains(&held), "{held}");
     }
 
     #[test]

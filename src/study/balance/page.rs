@@ -260,7 +260,7 @@ fn method(page: &mut Page, plan: &Plan) {
         );
         page.text(
             "Left out of per-pixel ratios are pixels that do not vary and, as undetermined, pixels whose variance under `half` \
-             is made by a few replicas alone (standard error of its logarithm above 0.5, control included). The rule looks at \
+             or its control is made by a few replicas alone (standard error of its logarithm above 0.6). The rule looks at \
              `half` and its control only; it is the same for all estimators. relMSE and the ratio of means count every pixel.",
         );
         page.text(
@@ -402,11 +402,12 @@ fn with_relative_error(x: f64, error: f64) -> String {
     format!("{} ± {:.0} %", number(x), 100.0 * error / x)
 }
 
-/// Stops by which a picture is brightened: its log-mean luminance becomes middle grey.
+/// Stops by which a picture is brightened: the log-mean luminance of what is not dark becomes middle grey.
 fn exposure(picture: &[f32]) -> f32 {
-    let luminance = |p: &[f32]| crate::color::luminance(glam::Vec3::new(p[0], p[1], p[2])).max(1e-4).ln();
-    let mean = picture.chunks_exact(3).map(luminance).sum::<f32>() / (picture.len() / 3) as f32;
-    (0.18f32.ln() - mean) / std::f32::consts::LN_2
+    let luminances = || picture.chunks_exact(3).map(|p| crate::color::luminance(glam::Vec3::new(p[0], p[1], p[2])));
+    let dark = 0.05 * luminances().sum::<f32>() / (picture.len() / 3) as f32;
+    let (sum, n) = luminances().filter(|l| *l > dark).fold((0.0, 0.0), |(sum, n), l| (sum + l.ln(), n + 1.0));
+    if n > 0.0 { (0.18f32.ln() - sum / n) / std::f32::consts::LN_2 } else { 0.0 }
 }
 
 fn developed(width: u32, height: u32, radiance: &[f32], ev: f32) -> Picture {

@@ -67,7 +67,8 @@ pub fn standard_errors(own: &Deviations, base: &Deviations, ratios: &[Ratio]) ->
         let of = |ratio: &Ratio| {
             let (a, b) = (variance(own, ratio.pixel), variance(base, ratio.pixel));
             (all_own, all_base) = (all_own + a, all_base + b);
-            (b > 0.0).then(|| a / b)
+            // A pixel whose variance few replicas make can lose all of it.
+            (b > 0.01 * (n - 1) as f64 * base.variance_of_all(ratio.pixel)).then(|| a / b)
         };
         let values = ratios.iter().filter_map(of).collect();
         Summary::of(values, all_own, all_base).numbers()

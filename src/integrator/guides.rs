@@ -1,0 +1,35 @@
+//! What pixels' centres show, by which pixels know from which neighbours to learn.
+
+use super::Transport;
+use crate::balance::pilot::Guide;
+use crate::lanes::{F, LANES, U};
+use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
+
+/// What the centres of `pixels` show, found by rays of their own: nothing in it depends on a pixel's samples.
+pub fn guides(transport: &Transport, pixels: &[[u32; 2]]) -> Vec<Guide> {
+    let (mut rays, mut hits) = (RayBatch::default(), HitBatch::default());
+    rays.open(pixels.len());
+    for (group, at) in pixels.chunks(LANES).zip((0..).step_by(LANES)) {
+        let middle =
+            |axis: usize| F::from(std::array::from_fn(|lane| group[lane.min(group.len() - 1)][axis] as f32 + 0.5));
+        let (origin, direction) = transport.camera.rays(middle(0), middle(1));
+        rays.put(at, origin, direction, F::splat(f32::INFINITY), U::ZERO);
+    }
+    rays.close(pixels.len());
+    transport.rays.closest_hits(&rays, RayOrder::Coherent, &mut hits);
+    let guide = |ray: usize| {
+        let (instance, mesh, prim) = (hits.instance[ray], hits.mesh[ray], hits.prim[ray]);
+        if instance == MISS {
+            return Guide::default();
+        }
+        let point = transport.geometry.point(transport.scene, instance, mesh, prim, (hits.u[ray], hits.v[ray]));
+        Guide {
+            object: instance + 1,
+            material: point.mesh.material + 1,
+            normal: point.ns.normalize_or_zero(),
+            depth: hits.t[ray],
+            roughness: point.parameters(transport.scene).roughness,
+        }
+    };
+    (0..pixels.len()).map(guide).collect()
+}
