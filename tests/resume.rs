@@ -2,6 +2,7 @@
 
 mod program;
 mod stage;
+mod statistics;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
@@ -48,8 +49,10 @@ fn in_pieces(stage: &Stage, settings: &RenderSettings, tiles_a_session: u32) -> 
             }
         };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1 + session as usize % 3).build().unwrap();
-        let job = Run { stop: &stop, progress: &progress, began: Instant::now(), from, checkpoint: None };
-        let rendered = pool.install(|| run(&stage.scene, &*stage.rays, settings, job));
+        let rendered = pool.install(|| {
+            let job = Run { stop: &stop, progress: &progress, began: Instant::now(), from, checkpoint: None };
+            run(&stage.scene, &*stage.rays, settings, job)
+        });
         if rendered.stop != StopReason::Interrupted {
             return (rendered, session);
         }
@@ -274,8 +277,9 @@ fn a_read_only_place_is_found_out_before_the_work() {
         println!("skipped: this machine lets nobody mount a read-only folder (unshare -rm)");
         return;
     }
-    let status = Command::new("unshare").args(["-rm", "sh", "-c", script]).arg(program::program());
-    let status = status.current_dir(folder.path()).status().unwrap();
+    let mut command = Command::new("unshare");
+    command.args(["-rm", "sh", "-c", script]).arg(program::program()).current_dir(folder.path());
+    let status = command.status().unwrap();
     let said = fs::read_to_string(folder.path().join("said")).unwrap();
     assert!(status.success() && said.contains("the file system is read-only") && said.contains("alike"), "{said}");
 }
