@@ -1,0 +1,167 @@
+//! A batch does all that can be done, says what cannot, and does nothing twice.
+
+mod glb;
+mod program;
+
+use std::fmt::Write;
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use program::{assert_same_bits, bismar, expect, names, scene, stderr};
+use serde_json::Value;
+
+fn report(folder: &Path) -> Value {
+    serde_json::from_slice(&fs::read(folder.join("jobs-report.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn of_300_jobs_with_10_broken_ones_290_are_done_and_again_only_10_are_tried() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    fs::write(path.join("scene.glb"), glb::triangle()).unwrap();
+    fs::write(path.join("broken.glb"), b"glTF but not really").unwrap();
+    let seeds: Vec<_> = (1..=145).map(|n| n.to_string()).collect();
+    let mut file = format!(
+        "[defaults]\nsize = '12x9'\nspp = 2\noutput = 'out/{{name}}.exr'\n\n[[matrix]]\nscene = ['scene.glb']\n\
+         camera = ['a', 'b']\nseed = [{}]\n",
+        seeds.join(", ")
+    );
+    for n in 0..10 {
+        let what = match n % 4 {
+            0 => "scene = 'broken.glb'",
+            1 => "scene = 'absent.glb'",
+            2 => "scene = 'scene.glb'\ncamera = 'none such'",
+            _ => "scene = 'scene.glb'\noutput = 'scene.glb/out.exr'",
+        };
+        let what = what.replace("out.exr", &format!("out{n}.exr"));
+        writeln!(file, "[[job]]\nname = 'broken{n}'\n{what}").unwrap();
+    }
+    fs::write(path.join("jobs.toml"), file).unwrap();
+
+    let output = bismar(path).args(["batch", "jobs.toml", "--jobs", "2", "--events", "events.jsonl"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(73), "{}", stderr(&output));
+    let first = report(path);
+    assert_eq!((&first["done"], &first["failed"], &first["before"]), (&290.into(), &10.into(), &0.into()));
+    let jobs = first["jobs"].as_array().unwrap();
+    let codes: Vec<_> = jobs.iter().skip(290).map(|j| j["exit_code"].as_u64().unwrap()).collect();
+    assert_eq!(codes, [65, 66, 64, 73, 65, 66, 64, 73, 65, 66]);
+    for job in jobs.iter().take(290) {
+        assert_eq!(job["status"], "done");
+        let stats = &job["stats"];
+        for key in ["noise", "peak_memory_bytes"] {
+            assert!(stats[key].as_f64().unwrap() > 0.0, "{key} of {}", job["job"]);
+        }
+        assert!(stats["rays"]["total"].as_u64().unwrap() > 0 && job["seconds"].as_f64().unwrap() > 0.0);
+    }
+    assert_eq!(names(&path.join("out")).len(), 290);
+    let table = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(table.lines().count(), 301);
+    let events = fs::read_to_string(path.join("events.jsonl")).unwrap();
+    let ends = events.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+    assert_eq!(ends.filter(|e| e["event"] == "job-ends").count(), 300);
+
+    // One output is gone, one job has changed, one broken scene is repaired.
+    fs::remove_file(path.join("out/scene-a-7.exr")).unwrap();
+    let untouched = fs::metadata(path.join("out/scene-b-9.exr")).unwrap().modified().unwrap();
+    fs::write(path.join("absent.glb"), glb::triangle()).unwrap();
+    let file = fs::read_to_string(path.join("jobs.toml")).unwrap();
+    fs::write(path.join("jobs.toml"), file.replace("seed = [1, 2,", "seed = [1001, 2,")).unwrap();
+    let output = bismar(path).args(["batch", "jobs.toml", "-q"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(73));
+    let second = report(path);
+    // Gone: 1. Changed: 2 cameras of one seed. Repaired: 3 jobs.
+    assert_eq!((&second["done"], &second["before"], &second["failed"]), (&6.into(), &287.into(), &7.into()));
+    assert_eq!(fs::metadata(path.join("out/scene-b-9.exr")).unwrap().modified().unwrap(), untouched);
+}
+
+#[test]
+fn a_job_whose_settings_or_scene_have_changed_is_rendered_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    fs::copy(scene("cornell.glb"), path.join("scene.glb")).unwrap();
+    let write = |spp: u32, seed: u32| {
+        let text = format!("[[job]]\nscene = 'scene.glb'\nsize = '24x18'\nspp = {spp}\nseed = {seed}\n");
+        fs::write(path.join("jobs.toml"), text).unwrap();
+    };
+    let run = || {
+        expect(path, "batch jobs.toml -q", 0);
+        report(path)["jobs"][0]["status"].as_str().unwrap().to_owned()
+    };
+    write(8, 1);
+    assert_eq!((run(), run()), ("done".into(), "before".into()));
+    write(8, 2);
+    assert_eq!((run(), run()), ("done".into(), "before".into()));
+    write(16, 2);
+    assert_eq!((run(), run()), ("done".into(), "before".into()));
+    fs::copy(scene("veach.glb"), path.join("scene.glb")).unwrap();
+    assert_eq!((run(), run()), ("done".into(), "before".into()));
+    expect(path, "render scene.glb --size 24x18 --spp 16 --seed 2 -o whole.exr -q", 0);
+    assert_same_bits(&path.join("whole.exr"), &path.join("scene.exr"));
+}
+
+#[test]
+fn an_interrupted_batch_goes_on_to_the_same_pictures() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    fs::copy(scene("cornell.glb"), path.join("scene.glb")).unwrap();
+    fs::write(
+        path.join("jobs.toml"),
+        "[[matrix]]\nscene = 'scene.glb'\nsize = '64x48'\nspp = 256\nseed = [1, 2, 3]\ncheckpoint = 0.1\n",
+    )
+    .unwrap();
+    let mut child =
+        bismar(path).args(["batch", "jobs.toml"]).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap());
+    let mut said = String::new();
+    while !said.contains("scene-1: 256 spp") {
+        assert_ne!(lines.read_line(&mut said).unwrap(), 0, "it ended by itself:\n{said}");
+    }
+    assert!(Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap().success());
+    assert_eq!(child.wait().unwrap().code(), Some(75));
+    let first = report(path);
+    assert_eq!((&first["done"], &first["failed"]), (&1.into(), &0.into()), "{first}");
+    expect(path, "batch jobs.toml -q", 0);
+    let second = report(path);
+    assert_eq!((&second["done"], &second["before"]), (&2.into(), &1.into()), "{second}");
+    for seed in 1..=3 {
+        expect(path, &format!("render scene.glb --size 64x48 --spp 256 --seed {seed} -o whole.exr -q"), 0);
+        assert_same_bits(&path.join("whole.exr"), &path.join(format!("scene-{seed}.exr")));
+    }
+}
+
+#[test]
+fn a_dry_run_says_what_would_be_done_and_does_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    fs::write(path.join("scene.glb"), glb::triangle()).unwrap();
+    fs::write(path.join("jobs.toml"), "[[matrix]]\nscene = 'scene.glb'\nspp = 1\nsize = '8x8'\ncamera = ['a', 'b']\n")
+        .unwrap();
+    expect(path, "render scene.glb --spp 1 --size 8x8 --camera b -o scene-b.exr -q", 0);
+    let before = names(path);
+    let output = bismar(path).args(["batch", "jobs.toml", "--dry-run"]).output().unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains("scene-a: render\n") && text.contains("scene-b: done before\n"), "{text}");
+    assert_eq!((names(path), output.status.code()), (before, Some(0)));
+}
+
+#[test]
+fn mistakes_in_the_file_exit_with_78_and_their_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    for (text, words) in [
+        ("[[job]]\nscene = 'a.glb'\nspp = 'many'\n", "jobs.toml:3:1: job 'a': invalid value 'many' for '--spp"),
+        ("[[job]]\nscene = 'a.glb'\nspq = 3\n", "jobs.toml:3:1: there is no key `spq`"),
+        ("[[job]]\nscene = 'a.glb'\nresume = true\n", "jobs.toml:3:1: there is no key `resume`"),
+        ("[[job]]\nscene = 'a.glb'\nspp = = 3\n", "jobs.toml:3:7"),
+        ("[[job]]\nscene = 'a.glb'\nbalance = 'second-order'\n", "needs --spp"),
+        ("[[job]]\nscene = 'a.glb'\nsize = '3'\n", "WIDTHxHEIGHT"),
+    ] {
+        fs::write(path.join("jobs.toml"), text).unwrap();
+        let said = expect(path, "batch jobs.toml", 78);
+        assert!(said.contains(words), "{text}: {said}");
+    }
+    expect(path, "batch absent.toml", 66);
+    assert_eq!(names(path), ["jobs.toml"]);
+}

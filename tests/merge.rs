@@ -1,0 +1,139 @@
+//! Parts become the whole to the bit, and seeds the mean that all their paths would have given.
+
+mod program;
+
+use std::fs;
+use std::path::Path;
+
+use bismar::film::exr_file;
+use bismar::render::saved::unpack;
+use program::{assert_same_bits, bits, expect, names, scene};
+
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    fs::copy(scene("veach.glb"), folder.path().join("veach.glb")).unwrap();
+    folder
+}
+
+#[test]
+fn parts_in_any_order_are_the_whole_to_the_bit() {
+    let folder = folder();
+    for (flags, parts) in [
+        ("--size 150x90 --spp 24 --aov all", 5),
+        ("--size 150x90 --spp 16 --crop 7,9,140,70 --balance second-order", 3),
+        ("--size 20x20 --spp 8 --balance power --rays obvhs", 4),
+    ] {
+        let line = format!("render veach.glb {flags} -q");
+        expect(folder.path(), &format!("{line} -o whole.exr"), 0);
+        let mut files = String::new();
+        for part in (1..=parts).rev() {
+            expect(folder.path(), &format!("{line} --part {part}/{parts} -o part{part}.exr"), 0);
+            files = if part % 2 == 0 { format!("{files} part{part}.exr") } else { format!("part{part}.exr {files}") };
+        }
+        expect(folder.path(), &format!("merge {files} -o merged.exr -q"), 0);
+        assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("merged.exr"));
+        for name in ["settings", "samples", "noise", "scene", "camera", "stop", "fingerprint", "aov"] {
+            let of = |file: &str| program::attribute(&folder.path().join(file), &format!("bismar.{name}"));
+            assert_eq!(of("whole.exr"), of("merged.exr"), "{name}");
+        }
+        // It is the whole: the whole's command has nothing to do.
+        let said = expect(folder.path(), &format!("render veach.glb {flags} -o merged.exr --resume"), 0);
+        assert!(said.contains("finished before"), "{said}");
+    }
+}
+
+#[test]
+fn parts_that_can_go_on_make_a_whole_that_can() {
+    let folder = folder();
+    let line = "render veach.glb --size 64x48 -q";
+    for part in 1..=2 {
+        expect(folder.path(), &format!("{line} --spp 16 --part {part}/2 --checkpoint 9 -o {part}.exr"), 0);
+    }
+    expect(folder.path(), "merge 1.exr 2.exr -o out.exr -q", 0);
+    expect(folder.path(), &format!("{line} --spp 64 -o out.exr --resume"), 0);
+    expect(folder.path(), &format!("{line} --spp 64 -o whole.exr"), 0);
+    assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("out.exr"));
+}
+
+#[test]
+fn what_does_not_fit_is_refused_by_name() {
+    let folder = folder();
+    let line = "render veach.glb --size 64x48 -q";
+    for (flags, file) in [
+        ("--spp 8 --part 1/3", "a1"),
+        ("--spp 8 --part 2/3", "a2"),
+        ("--spp 8 --part 3/3", "a3"),
+        ("--spp 16 --part 3/3", "longer"),
+        ("--spp 8 --part 2/2", "b2"),
+        ("--spp 8 --part 3/3 --seed 9", "seed9"),
+        ("--spp 8 --part 3/3 --max-depth 3", "shallow"),
+        ("--spp 8", "plain"),
+        ("--spp 8 --seed 1 --checkpoint 9", "one"),
+    ] {
+        expect(folder.path(), &format!("{line} {flags} -o {file}.exr"), 0);
+    }
+    fs::copy(folder.path().join("one.exr"), folder.path().join("copy.exr")).unwrap();
+    for (files, code, words) in [
+        ("a1 a2", 65, "1 of 3 parts are missing: 3/3"),
+        ("a1 a2 a3 a3", 65, "a3.exr and a3.exr are both part 3/3"),
+        ("a1 a2 b2", 65, "b2.exr is part 2/2, but a1.exr is part 1/3"),
+        ("a1 a2 longer", 65, "longer.exr has 16 paths a pixel and a1.exr has 8"),
+        ("a1 a2 seed9", 65, "of seed 0 1 of 3 parts are missing: 3/3"),
+        ("a1 a2 shallow", 65, "different max-depth (3 there, 8 here)"),
+        ("plain", 65, "plain.exr: carries no statistics to merge"),
+        ("one copy", 65, "no independent pictures"),
+        ("a1 a2 absent", 66, "absent.exr"),
+    ] {
+        let line = files.split(' ').map(|f| format!("{f}.exr ")).collect::<String>();
+        let said = expect(folder.path(), &format!("merge {line} -o out.exr"), code);
+        assert!(said.contains(words), "{files}: {said}");
+    }
+    let newer = vec![("bismar.format".into(), exr_file::HeaderValue::Number(99.0))];
+    let film = bismar::film::Film::new(4, 4, [0, 0, 4, 4], false);
+    exr_file::write(&folder.path().join("newer.exr"), &film, &[], &newer, None).unwrap();
+    let said = expect(folder.path(), "merge a1.exr newer.exr a3.exr -o out.exr", 65);
+    assert!(said.contains("newer.exr: is from a newer bismar"), "{said}");
+    assert!(!names(folder.path()).contains(&"out.exr".into()));
+}
+
+/// Sums of all pixels of a picture's tiles: paths, radiance, its square.
+fn sums(path: &Path) -> Vec<(u32, [f64; 3], [f64; 3])> {
+    let tiles = unpack(&exr_file::read_statistics(path).unwrap().unwrap()).unwrap();
+    // One tile, so that pixels are in the picture's order.
+    assert_eq!(tiles.len(), 1);
+    tiles[0].sums.iter().map(|s| (s.stats.samples, s.stats.sum, s.stats.sum_squared)).collect()
+}
+
+#[test]
+fn seeds_are_averaged_by_their_paths_and_so_is_their_variance() {
+    let folder = folder();
+    let file = |name: &str| folder.path().join(name);
+    let line = "render veach.glb --size 16x12 -q --checkpoint 9 --aov all";
+    for (seed, spp) in [(1, 16), (2, 48), (3, 16)] {
+        expect(folder.path(), &format!("{line} --seed {seed} --spp {spp} -o {seed}.exr"), 0);
+    }
+    expect(folder.path(), "merge 3.exr 1.exr 2.exr -o mean.exr -q", 0);
+    expect(folder.path(), "merge 1.exr 2.exr 3.exr -o again.exr -q", 0);
+    assert_same_bits(&file("mean.exr"), &file("again.exr"));
+    let all = [1, 2, 3].map(|seed| sums(&file(&format!("{seed}.exr"))));
+    let merged = bits(&file("mean.exr"));
+    let channel = |name: &str| &merged.iter().find(|(n, _)| n == name).unwrap().1;
+    for (pixel, ((a, b), c)) in all[0].iter().zip(&all[1]).zip(&all[2]).enumerate() {
+        let n = a.0 + b.0 + c.0;
+        assert_eq!((n, channel("samples.V")[pixel]), (80, 80));
+        for (channel_number, name) in ["R", "G", "B"].into_iter().enumerate() {
+            let sum = a.1[channel_number] + b.1[channel_number] + c.1[channel_number];
+            let squared = a.2[channel_number] + b.2[channel_number] + c.2[channel_number];
+            let n = f64::from(n);
+            let variance = (squared / n - (sum / n).powi(2)).max(0.0) / (n - 1.0);
+            assert_eq!(channel(name)[pixel], ((sum / n) as f32).to_bits());
+            assert_eq!(channel(&format!("variance.{name}"))[pixel], (variance as f32).to_bits());
+        }
+    }
+    // Seeds in parts are the same mean.
+    for (seed, spp) in [(1, 16), (2, 48), (3, 16)] {
+        expect(folder.path(), &format!("{line} --seed {seed} --spp {spp} --part 1/1 -o part{seed}.exr"), 0);
+    }
+    expect(folder.path(), "merge part1.exr part2.exr part3.exr -o mean2.exr -q", 0);
+    assert_same_bits(&file("mean.exr"), &file("mean2.exr"));
+}

@@ -1,0 +1,106 @@
+//! The program under test, and its pictures to the bit.
+
+#![allow(dead_code, reason = "every test file uses another part of it")]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use exr::prelude::*;
+
+/// A scene that ships with the project.
+pub fn scene(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)
+}
+
+pub fn program() -> &'static Path {
+    assert_cmd::cargo::cargo_bin!("bismar")
+}
+
+/// The program in a folder, one thread, without what the surroundings say about threads and memory.
+pub fn bismar(folder: &Path) -> Command {
+    let mut command = Command::new(program());
+    command.current_dir(folder).env("BISMAR_THREADS", "1");
+    for name in ["SLURM_CPUS_PER_TASK", "SLURM_MEM_PER_NODE", "SLURM_MEM_PER_CPU", "SLURM_RESTART_COUNT"] {
+        command.env_remove(name);
+    }
+    command
+}
+
+pub fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Runs `bismar LINE`, expects an exit code, and returns stderr.
+#[track_caller]
+pub fn expect(folder: &Path, line: &str, code: i32) -> String {
+    let output = bismar(folder).args(line.split_whitespace()).output().unwrap();
+    let text = stderr(&output);
+    assert_eq!(output.status.code(), Some(code), "bismar {line}\n{text}");
+    text
+}
+
+/// Every channel of the picture's first part, as bits.
+pub fn bits(path: &Path) -> Vec<(String, Vec<u32>)> {
+    let image = exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .from_file(path)
+        .unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    let channel = |c: &AnyChannel<FlatSamples>| {
+        let bits = match &c.sample_data {
+            FlatSamples::F32(values) => values.iter().map(|x| x.to_bits()).collect(),
+            FlatSamples::U32(values) => values.clone(),
+            FlatSamples::F16(_) => panic!("half floats"),
+        };
+        (c.name.to_string(), bits)
+    };
+    image.layer_data.channel_data.list.iter().map(channel).collect()
+}
+
+/// Are two pictures the same in every bit of every channel?
+#[track_caller]
+pub fn assert_same_bits(a: &Path, b: &Path) {
+    let (ours, theirs) = (bits(a), bits(b));
+    assert!(!ours.is_empty() && ours.iter().all(|(_, bits)| !bits.is_empty()));
+    for ((name, ours), (other, theirs)) in ours.iter().zip(&theirs) {
+        assert_eq!(name, other);
+        let differing = ours.iter().zip(theirs).filter(|(a, b)| a != b).count();
+        assert_eq!(
+            differing,
+            0,
+            "{name}: {differing} of {} pixels differ, {} and {}",
+            ours.len(),
+            a.display(),
+            b.display()
+        );
+    }
+    assert_eq!(ours.len(), theirs.len());
+}
+
+pub fn names(folder: &Path) -> Vec<String> {
+    let mut names: Vec<_> =
+        fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+/// A header attribute of a picture that the program wrote.
+pub fn attribute(path: &Path, name: &str) -> String {
+    use bismar::film::exr_file::{HeaderValue, read_header};
+    let header = read_header(path).unwrap_or_else(|e| panic!("{e}"));
+    match header.into_iter().find(|(n, _)| n == name) {
+        Some((_, HeaderValue::Text(text))) => text,
+        Some((_, HeaderValue::Number(x))) => x.to_string(),
+        None => panic!("{} has no {name}", path.display()),
+    }
+}
+
+/// Paths that a picture holds.
+pub fn paths(path: &Path) -> u64 {
+    let samples: serde_json::Value = serde_json::from_str(&attribute(path, "bismar.samples")).unwrap();
+    samples["paths"].as_u64().unwrap()
+}

@@ -1,0 +1,301 @@
+//! Interrupted, killed and finished renders go on, and nobody can tell from the picture.
+
+mod program;
+mod stage;
+mod statistics;
+
+use std::fs;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use bismar::film::exr_file;
+use bismar::rays::Backend;
+use bismar::render::saved::{fits, pack, unpack};
+use bismar::render::{
+    Balance, Checkpoint, Part, RenderSettings, RenderStats, Rendered, Run, Saved, StopReason, fresh_tiles, render, run,
+};
+use bismar::scene::{Environment, Scene};
+use glam::Vec3;
+use program::{assert_same_bits, bismar, bits, expect, names, paths, scene};
+use stage::{Stage, add, lambert, lamp, look, metal, rectangle, sphere};
+
+fn hall() -> Arc<Scene> {
+    let mut scene = Scene { environment: Some(Environment::constant([0.3; 3])), ..Default::default() };
+    rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
+    rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, lamp(9.0));
+    let (points, indices) = sphere(8, 0.6, Vec3::new(0.0, 0.6, 0.0));
+    add(&mut scene, points, indices, metal(0.4));
+    look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.5, 0.0), 0.6);
+    Arc::new(scene)
+}
+
+fn all_bits(rendered: &Rendered) -> Vec<u8> {
+    pack(&rendered.tiles).unwrap()
+}
+
+/// Renders with an interruption every few tiles, each time through bytes and back, on changing numbers of threads.
+fn in_pieces(stage: &Stage, settings: &RenderSettings, tiles_a_session: u32) -> (Rendered, u32) {
+    let mut from = None;
+    for session in 1.. {
+        let (stop, tiles) = (AtomicBool::new(false), AtomicU32::new(0));
+        let progress = |_| {
+            if tiles.fetch_add(1, Ordering::Relaxed) + 1 == tiles_a_session {
+                stop.store(true, Ordering::Relaxed);
+            }
+        };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1 + session as usize % 3).build().unwrap();
+        let rendered = pool.install(|| {
+            let job = Run { stop: &stop, progress: &progress, began: Instant::now(), from, checkpoint: None };
+            run(&stage.scene, &*stage.rays, settings, job)
+        });
+        if rendered.stop != StopReason::Interrupted {
+            return (rendered, session);
+        }
+        let tiles = unpack(&all_bits(&rendered)).unwrap();
+        assert!(fits(&tiles, &fresh_tiles(settings)));
+        from = Some(Saved { tiles, stats: RenderStats { noise: 0.0, ..rendered.stats } });
+    }
+    unreachable!()
+}
+
+#[test]
+fn interruptions_anywhere_leave_no_trace() {
+    for (backend, balance, crop, part) in [
+        (Backend::Embree, Balance::Progressive, None, None),
+        (Backend::Embree, Balance::SecondOrder, Some([3, 20, 49, 36]), None),
+        (Backend::Embree, Balance::Half, None, Some(Part { number: 2, of: 3 })),
+        (Backend::Obvhs, Balance::Progressive, None, None),
+    ] {
+        let stage = Stage::new(hall(), backend);
+        let settings = RenderSettings {
+            width: 50,
+            height: 37,
+            spp: Some(40),
+            aovs: true,
+            balance,
+            crop,
+            part,
+            ..Default::default()
+        };
+        let whole = render(&stage.scene, &*stage.rays, &settings, &AtomicBool::new(false), &|_| ());
+        let (pieces, sessions) = in_pieces(&stage, &settings, 5);
+        assert!(sessions > 2, "{sessions}");
+        assert_eq!(all_bits(&whole), all_bits(&pieces), "{balance:?} {crop:?} {part:?}");
+        assert_eq!(format!("{:?}", whole.film), format!("{:?}", pieces.film));
+        assert_eq!((whole.stats.paths, whole.stats.passes), (pieces.stats.paths, pieces.stats.passes));
+        assert_eq!(whole.stats.noise, pieces.stats.noise);
+    }
+}
+
+#[test]
+fn checkpoints_leave_no_trace_and_each_can_go_on() {
+    let stage = Stage::new(hall(), Backend::Embree);
+    let settings = RenderSettings { width: 50, height: 37, spp: Some(100), ..Default::default() };
+    let stop = AtomicBool::new(false);
+    let whole = all_bits(&render(&stage.scene, &*stage.rays, &settings, &stop, &|_| ()));
+    let mut saved = Vec::new();
+    let mut save = |r: &Rendered| saved.push((all_bits(r), r.stats));
+    let checkpoint = Some(Checkpoint { seconds: 1e-3, save: &mut save });
+    let job = Run { stop: &stop, progress: &|_| (), began: Instant::now(), from: None, checkpoint };
+    assert_eq!(all_bits(&run(&stage.scene, &*stage.rays, &settings, job)), whole);
+    assert!(saved.len() > 1, "{}", saved.len());
+    for (bytes, stats) in saved.into_iter().step_by(2) {
+        let from = Some(Saved { tiles: unpack(&bytes).unwrap(), stats });
+        let job = Run { stop: &stop, progress: &|_| (), began: Instant::now(), from, checkpoint: None };
+        assert_eq!(all_bits(&run(&stage.scene, &*stage.rays, &settings, job)), whole);
+    }
+}
+
+/// `scenes/cornell.glb` for about a second on one thread.
+const LONG: &str = "cornell.glb --size 96x64 --spp 192";
+
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    fs::copy(scene("cornell.glb"), folder.path().join("cornell.glb")).unwrap();
+    folder
+}
+
+fn start(folder: &Path, line: &str) -> Child {
+    bismar(folder).args(line.split_whitespace()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+#[test]
+fn two_hundred_kills_at_any_moment_lose_nothing_that_was_saved() {
+    const KILLS: u32 = 200;
+    let folder = folder();
+    let (whole, killed) = (folder.path().join("whole.exr"), folder.path().join("killed.exr"));
+    expect(folder.path(), &format!("render {LONG} -o whole.exr -q"), 0);
+    // Any moments do; that they are the same ones every time is a help (Knuth's generator, MMIX).
+    let mut random = 1_u64;
+    let (mut kills, mut finished, mut most_saved) = (0, 0, 0);
+    while kills < KILLS {
+        let mut child = start(folder.path(), &format!("render {LONG} -o killed.exr --checkpoint 0.02 --resume -v"));
+        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        thread::sleep(Duration::from_micros((random >> 33) % 250_000));
+        let alive = child.try_wait().unwrap().is_none();
+        child.kill().unwrap();
+        let mut said = String::new();
+        child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+        child.wait().unwrap();
+        kills += u32::from(alive);
+        // What it has said that it saved is there, and whole; what is there goes on.
+        let of_line = |line: &str| line.split("saved killed.exr with ").nth(1)?.split(' ').next()?.parse::<u64>().ok();
+        let saved = said.lines().filter_map(of_line).max();
+        most_saved = saved.unwrap_or(most_saved).max(most_saved);
+        if killed.exists() {
+            assert!(exr_file::read_statistics(&killed).unwrap().is_some());
+            assert!(paths(&killed) >= most_saved, "{} of {most_saved}\n{said}", paths(&killed));
+        } else {
+            assert_eq!(saved, None);
+        }
+        if !alive {
+            assert!(said.contains("192 spp"), "it ended by itself:\n{said}");
+            assert_same_bits(&whole, &killed);
+            fs::remove_file(&killed).unwrap();
+            (finished, most_saved) = (finished + 1, 0);
+        }
+        let left = names(folder.path());
+        assert!(left.len() <= 4, "killed processes leave their files: {left:?}");
+    }
+    expect(folder.path(), &format!("render {LONG} -o killed.exr --checkpoint 9 --resume -q"), 0);
+    assert_same_bits(&whole, &killed);
+    println!("{KILLS} kills, {finished} renders finished between them");
+}
+
+#[test]
+fn a_signal_saves_and_the_same_command_goes_on_to_the_same_bits() {
+    let folder = folder();
+    expect(folder.path(), "render cornell.glb --size 100x70 --spp 600 --aov all -o whole.exr -q", 0);
+    let line = "render cornell.glb --size 100x70 --spp 600 --aov all -o out.exr --resume --progress plain";
+    for signal in ["-INT", "-TERM", "-USR1"] {
+        let mut child = start(folder.path(), line);
+        let mut lines = BufReader::new(child.stderr.take().unwrap());
+        let mut said = String::new();
+        while !said.contains("PROGRESS") {
+            assert_ne!(lines.read_line(&mut said).unwrap(), 0, "it ended by itself:\n{said}");
+        }
+        assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+        lines.read_to_string(&mut said).unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(75), "{said}");
+        assert!(said.contains("--resume"), "{said}");
+    }
+    expect(folder.path(), line, 0);
+    assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("out.exr"));
+}
+
+#[test]
+fn a_finished_render_says_so_and_goes_on_to_a_higher_goal() {
+    let folder = folder();
+    let file = |name| folder.path().join(name);
+    expect(folder.path(), "render cornell.glb --size 40x30 --spp 128 -o whole.exr -q", 0);
+    expect(folder.path(), "render cornell.glb --size 40x30 --spp 32 -o out.exr --checkpoint 9 -q", 0);
+    let before = fs::read(file("out.exr")).unwrap();
+    let said = expect(folder.path(), "render cornell.glb --size 40x30 --spp 32 -o out.exr --resume", 0);
+    assert!(said.contains("finished before, with 32 spp"), "{said}");
+    let said = expect(folder.path(), "render cornell.glb --size 40x30 --noise 50 -o out.exr --resume", 0);
+    assert!(said.contains("finished before"), "{said}");
+    assert_eq!(fs::read(file("out.exr")).unwrap(), before);
+    expect(folder.path(), "render cornell.glb --size 40x30 --spp 128 -o out.exr --resume -q", 0);
+    assert_same_bits(&file("whole.exr"), &file("out.exr"));
+    // A picture that was rendered without statistics is told apart only once it would have to go on.
+    let said = expect(folder.path(), "render cornell.glb --size 40x30 --spp 128 -o whole.exr --resume", 0);
+    assert!(said.contains("finished before"), "{said}");
+    let said = expect(folder.path(), "render cornell.glb --size 40x30 --spp 129 -o whole.exr --resume", 65);
+    assert!(said.contains("carries no statistics"), "{said}");
+    // Stop rules count all sessions.
+    let said = expect(folder.path(), "render cornell.glb --size 40x30 --time 0.0001 -o out.exr --resume", 0);
+    assert!(said.contains("finished before"), "{said}");
+}
+
+#[test]
+fn another_render_is_refused_by_name_and_left_alone() {
+    let folder = folder();
+    fs::copy(scene("veach.glb"), folder.path().join("veach.glb")).unwrap();
+    expect(folder.path(), "render cornell.glb --size 40x30 --spp 16 -o out.exr --checkpoint 9 -q", 0);
+    let before = fs::read(folder.path().join("out.exr")).unwrap();
+    for (flags, words) in [
+        ("cornell.glb --size 40x30 --spp 32 --seed 5", "seed (0 there, 5 here)"),
+        ("cornell.glb --size 40x31 --spp 32", "size (40x30 there, 40x31 here)"),
+        ("cornell.glb --size 40x30 --spp 32 --crop 0,0,9,9", "crop"),
+        ("cornell.glb --size 40x30 --spp 32 --integrator direct", "integrator"),
+        ("cornell.glb --size 40x30 --spp 32 --max-depth 3", "max-depth"),
+        ("cornell.glb --size 40x30 --spp 32 --balance half", "balance"),
+        ("cornell.glb --size 40x30 --spp 32 --filter box", "filter"),
+        ("cornell.glb --size 40x30 --spp 32 --rays obvhs", "rays"),
+        ("cornell.glb --size 40x30 --spp 32 --no-env", "environment"),
+        ("cornell.glb --size 40x30 --spp 32 --aov albedo", "AOVs"),
+        ("cornell.glb --size 40x30 --spp 32 --part 1/2", "not part 1/2"),
+        ("veach.glb --size 40x30 --spp 32", "scene"),
+    ] {
+        let said = expect(folder.path(), &format!("render {flags} -o out.exr --resume"), 65);
+        assert!(said.contains(words), "{flags}: {said}");
+    }
+    let picture = exr_file::Header::from([("bismar.format".into(), exr_file::HeaderValue::Number(99.0))]);
+    let film = bismar::film::Film::new(4, 4, [0, 0, 4, 4], false);
+    for (header, words) in [(picture, "from a newer bismar"), (Vec::new(), "no picture that bismar can go on from")] {
+        exr_file::write(&folder.path().join("other.exr"), &film, &[], &header, None).unwrap();
+        let said = expect(folder.path(), "render cornell.glb -o other.exr --resume", 65);
+        assert!(said.contains(words), "{said}");
+    }
+    assert_eq!(fs::read(folder.path().join("out.exr")).unwrap(), before);
+}
+
+#[test]
+fn a_checkpoint_that_fails_does_not_end_the_render_and_a_full_disk_leaves_the_old_file() {
+    let folder = folder();
+    expect(folder.path(), "render cornell.glb --size 64x48 --spp 64 -o out.exr --checkpoint 9 -q", 0);
+    let before = bits(&folder.path().join("out.exr"));
+    // A limit of a few kilobytes a file fails like a full disk: in the middle of a write.
+    let script = "trap '' XFSZ; ulimit -f 8; exec \"$0\" render cornell.glb --size 64x48 --spp 512 -o out.exr \
+                  --checkpoint 0.01 --resume";
+    let output = Command::new("sh").args(["-c", script]).arg(program::program()).current_dir(folder.path()).output();
+    let output = output.unwrap();
+    let said = program::stderr(&output);
+    assert_eq!(output.status.code(), Some(74), "{said}");
+    assert!(said.contains("not saved; rendering goes on"), "{said}");
+    assert_eq!(bits(&folder.path().join("out.exr")), before);
+    expect(folder.path(), "render cornell.glb --size 64x48 --spp 512 -o out.exr --resume -q", 0);
+    expect(folder.path(), "render cornell.glb --size 64x48 --spp 512 -o whole.exr -q", 0);
+    assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("out.exr"));
+}
+
+#[test]
+fn a_read_only_place_is_found_out_before_the_work() {
+    let folder = folder();
+    let script = "mount -t tmpfs -o size=1m none shots && cp out.exr shots/ && mount -o remount,ro shots && \
+                  ! \"$0\" render cornell.glb --size 40x30 -o shots/out.exr --resume --spp 99 2> said; \
+                  cmp out.exr shots/out.exr && echo alike >> said";
+    expect(folder.path(), "render cornell.glb --size 40x30 --spp 8 -o out.exr --checkpoint 9 -q", 0);
+    fs::create_dir(folder.path().join("shots")).unwrap();
+    let namespace = Command::new("unshare").args(["-rm", "true"]).status();
+    if !namespace.is_ok_and(|s| s.success()) {
+        println!("skipped: this machine lets nobody mount a read-only folder (unshare -rm)");
+        return;
+    }
+    let mut command = Command::new("unshare");
+    command.args(["-rm", "sh", "-c", script]).arg(program::program()).current_dir(folder.path());
+    let status = command.status().unwrap();
+    let said = fs::read_to_string(folder.path().join("said")).unwrap();
+    assert!(status.success() && said.contains("the file system is read-only") && said.contains("alike"), "{said}");
+}
+
+#[test]
+fn memory_that_would_not_suffice_is_told_before_loading() {
+    let folder = folder();
+    let said = expect(folder.path(), "render cornell.glb --size 8000x8000 --memory-limit 500M", 76);
+    assert!(said.contains("needs about") && said.contains("--memory-limit allows 500"), "{said}");
+    let output = bismar(folder.path())
+        .args(["render", "cornell.glb", "--size", "8000x8000"])
+        .env("SLURM_MEM_PER_NODE", "600")
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(76));
+    assert!(program::stderr(&output).contains("SLURM_MEM_PER_NODE allows 600"), "{}", program::stderr(&output));
+    expect(folder.path(), "render cornell.glb --size 40x30 --spp 1 --memory-limit 500M -q", 0);
+    assert_eq!(names(folder.path()), ["cornell.exr", "cornell.glb"]);
+}
