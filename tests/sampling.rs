@@ -43,7 +43,8 @@ fn filter_offsets_follow_the_filter_along_both_axes() {
         let t = 2.0 * PI * (x / 3.0 + 0.5);
         0.35875 - 0.48829 * t.cos() + 0.14128 * (2.0 * t).cos() - 0.01168 * (3.0 * t).cos()
     };
-    let filters: [(PixelFilter, f64, &dyn Fn(f64) -> f64); 3] = [
+    type Density<'a> = &'a dyn Fn(f64) -> f64;
+    let filters: [(PixelFilter, f64, Density); 3] = [
         (PixelFilter::Box, 0.5, &|_| 1.0),
         (PixelFilter::Gaussian, 1.5, &gaussian),
         (PixelFilter::BlackmanHarris, 1.5, &window),
