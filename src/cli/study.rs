@@ -1,5 +1,7 @@
 //! `bismar study`
 
+mod rays;
+
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Instant;
@@ -27,6 +29,7 @@ pub struct StudyArgs {
 #[derive(Debug, Subcommand)]
 enum Study {
     Balance(BalanceArgs),
+    Rays(rays::RaysArgs),
 }
 
 /// Measure how well each --balance shares the work, against a converged reference.
@@ -122,7 +125,10 @@ impl BalanceArgs {
 }
 
 pub fn run(args: &StudyArgs, verbosity: Verbosity) -> Result<Verdict> {
-    let Study::Balance(args) = &args.study;
+    let args = match &args.study {
+        Study::Balance(args) => args,
+        Study::Rays(args) => return rays::run(args, verbosity),
+    };
     let (threads, source) = host::threads(args.threads)?;
     info!("{threads} threads ({source})");
     let pool = rayon::ThreadPoolBuilder::new()
