@@ -118,7 +118,11 @@ pub(super) fn run(args: &RaysArgs, verbosity: Verbosity) -> Result<Verdict> {
     let stop = Signals::listen()?.stop;
     let reporter = Reporter::new(args.progress, verbosity.quiet);
     let start = Instant::now();
-    let mut results = Results::new(bench.host(plan.machine.as_deref()), plan.rounds);
+    let mut host = bench.host(plan.machine.as_deref());
+    if let Some(isa) = plan.isa {
+        host.machine += &format!(", Embree held to {isa}");
+    }
+    let mut results = Results::new(host, plan.rounds);
     let mut subjects: Vec<Box<dyn Fn() -> Result<Subject>>> = Vec::new();
     for path in &args.scenes {
         subjects.push(Box::new(move || Subject::load(path)));

@@ -71,9 +71,9 @@ pub fn measure(
     stop: &AtomicBool,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Result<()> {
-    let baseline = Contender::baseline().held_to(plan.isa);
+    let baseline = Contender::baseline();
     let machine = results.hosts[0].machine.clone();
-    let mut run = Run { bench, subject, plan, machine, stop };
+    let run = Run { bench, subject, plan, machine, stop };
     let (base, built) = run.build(&baseline, true)?;
     results.hosts[0].embree.clone_from(&base.info().version);
     results.hosts[0].embree_isa.clone_from(&base.info().isa);
@@ -82,8 +82,8 @@ pub fn measure(
     let base = Side { backend: base.as_ref(), build_seconds: built.cpu_seconds };
     let answers = bench.one.install(|| streams.iter().map(|s| Answers::of(base.backend, s)).collect::<Vec<_>>());
     results.builds.push(built);
-    let contenders = plan.contenders.iter().cloned().map(|c| c.held_to(plan.isa)).filter(|c| *c != baseline);
-    let mut contenders = contenders.map(|c| (c.name(), c)).collect::<Vec<_>>();
+    let contenders = plan.contenders.iter().filter(|c| **c != baseline);
+    let mut contenders = contenders.map(|c| (c.name(), c.clone())).collect::<Vec<_>>();
     contenders.insert(0, (CONTROL.to_owned(), baseline.clone()));
     let all = contenders.len() as f64;
     let mut control = Vec::new();
@@ -159,12 +159,13 @@ impl Run<'_> {
     }
 
     /// Builds now and then again for the time alone; by one thread, too, for few triangles or a `main` contender.
-    fn build(&mut self, contender: &Contender, main: bool) -> Result<(Box<dyn RayQueries>, Build)> {
+    fn build(&self, contender: &Contender, main: bool) -> Result<(Box<dyn RayQueries>, Build)> {
         let subject = self.subject;
         let timed = |pool: &ThreadPool| -> Result<(Box<dyn RayQueries>, f64, f64)> {
             let (wall, cpu) = (Instant::now(), process_seconds());
             let watch = |_: f64| !self.stop.load(Ordering::Relaxed);
-            let backend = pool.install(|| contender.build(Arc::clone(&subject.scene), &watch))?;
+            let held = contender.clone().held_to(self.plan.isa);
+            let backend = pool.install(|| held.build(Arc::clone(&subject.scene), &watch))?;
             Ok((backend, wall.elapsed().as_secs_f64(), process_seconds() - cpu))
         };
         forget_peak();

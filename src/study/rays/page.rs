@@ -9,7 +9,7 @@ use crate::report::page::chart_figure;
 use crate::report::{Axis, Chart, Dot, DotPlot, Page, Scale, Series, Table, Tone, number, with_error};
 use crate::{Error, Result};
 
-/// The baseline's name without an instruction set that it is held to.
+/// The baseline's name.
 const BASELINE: &str = "embree";
 /// Shown in charts, as many as there are colours, each with its own.
 const SHOWN: [(&str, usize); 8] = [
@@ -264,8 +264,7 @@ fn averages(results: &Results, scenes: &[SceneRows]) -> Table {
     ]);
     let mut table = Table::new(&columns);
     for name in backends(results.builds.iter().map(|b| &*b.backend)) {
-        let tone =
-            if name == CONTROL || name.starts_with(BASELINE) && name == BASELINE { Tone::Faint } else { Tone::Plain };
+        let tone = if name == CONTROL || name == BASELINE { Tone::Faint } else { Tone::Plain };
         let built = scenes.iter().filter_map(|s| Some((s.base_build()?, s.builds().find(|b| b.backend == name)?)));
         let built = built.collect::<Vec<_>>();
         let mut row = vec![(name.to_owned(), tone), (built.len().to_string(), tone)];
