@@ -55,9 +55,11 @@ fn a_study_reports_every_contender_alone_and_merged() {
     for row in a["agreements"].as_array().unwrap() {
         assert_eq!(row["unexplained"], 0, "{row}");
     }
-    // Two scenes, four contenders beside the baseline, seven streams.
-    assert_eq!(a["agreements"].as_array().unwrap().len(), 2 * 4 * 7);
-    assert_eq!(fs::read_to_string(folder.join("a/agreements.csv")).unwrap().lines().count(), 1 + 2 * 4 * 7);
+    // Four contenders beside the baseline on each stream; a scene of few leaves may have too few later bounces.
+    let replayed = a["traces"].as_array().unwrap().iter().filter(|t| t["backend"] == "embree").count();
+    assert!(replayed >= 7 + 5);
+    assert_eq!(a["agreements"].as_array().unwrap().len(), 4 * replayed);
+    assert_eq!(fs::read_to_string(folder.join("a/agreements.csv")).unwrap().lines().count(), 1 + 4 * replayed);
     assert_eq!(a["pictures"].as_array().unwrap().len(), 2 * 4);
     let host = &a["hosts"][0];
     assert_eq!((&host["flush_to_zero"], &host["denormals_are_zero"]), (&Value::Bool(true), &Value::Bool(true)));
@@ -207,6 +209,6 @@ fn wrong_answers_are_not_explained_away() {
         let within = Hit { at: [truth.at[0] * (1.0 + f32::EPSILON), truth.at[1], truth.at[2]], ..truth };
         assert_eq!(judge.class(&rays, i, Some(truth), Some(within)), Class::Same);
     }
-    // All but those that graze or meet an edge: of so few triangles, hardly any ray does.
-    assert!(judged > 1200 && caught as f64 > 0.99 * judged as f64, "{caught} of {judged}");
+    // None of these rays lies within rounding of an edge.
+    assert!(judged > 1200 && caught == judged, "{caught} of {judged}");
 }

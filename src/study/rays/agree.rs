@@ -141,7 +141,12 @@ impl<'a> Judge<'a> {
                             count(Class::Same, i, None, None);
                             continue;
                         }
-                        let (hit_a, hit_b) = (alone(a, rays, i), alone(b, rays, i));
+                        // Neither may have a closest hit where only one finds any: then it is what lies just beyond.
+                        let within = [a, b].map(|backend| alone(backend, rays, i, 1.0));
+                        let [hit_a, hit_b] = match within {
+                            [None, None] => [a, b].map(|backend| alone(backend, rays, i, BEYOND)),
+                            found => found,
+                        };
                         count(self.class_occluded(rays, i, hit_a, hit_b), i, hit_a, hit_b);
                     }
                 }
@@ -224,14 +229,18 @@ impl<'a> Judge<'a> {
     }
 }
 
+/// Bounds hold to first order: where they are as large as the triangle, they exclude nothing.
 fn grazing_or_wrong(plane: Option<&Plane>) -> Class {
-    if plane.is_none_or(|plane| plane.weight_error > GRAZING) { Class::Grazing } else { Class::Unexplained }
+    if plane.is_none_or(|plane| plane.weight_error > 1.0) { Class::Grazing } else { Class::Unexplained }
 }
 
-/// The closest hit of one ray.
-fn alone(backend: &dyn RayQueries, rays: &RayBatch, i: usize) -> Option<Hit> {
+/// By so much a ray's interval is lengthened to find what lies just beyond its end.
+const BEYOND: f32 = 1.0 + 1e-5;
+
+/// The closest hit of one ray, its interval's end times `longer`.
+fn alone(backend: &dyn RayQueries, rays: &RayBatch, i: usize, longer: f32) -> Option<Hit> {
     let mut one = RayBatch::default();
-    one.push(rays.origin(i), rays.direction(i), rays.tnear[i], rays.tfar[i], rays.key[i]);
+    one.push(rays.origin(i), rays.direction(i), rays.tnear[i], rays.tfar[i] * longer, rays.key[i]);
     let mut hits = HitBatch::default();
     backend.closest_hits(&one, RayOrder::Incoherent, &mut hits);
     Hit::new(&hits, 0)
