@@ -1,12 +1,12 @@
 #!/bin/bash
-# The table of README.md: error and CPU seconds (of all threads) of every balance at the same number of paths, on two
-# scenes, against a reference of 4096 paths a pixel by the balance heuristic; stderr has the comparison of docs/noise.md.
-# Pictures go to out/first-look; references are kept.
-#   scripts/first-look.sh [SPP]
+# The table of README.md: error (with its standard error over seeds) and CPU seconds of every balance at the same number
+# of paths, direct light, on two scenes, against a reference of 4096 paths a pixel by the balance heuristic. Stderr has
+# the comparison of docs/noise.md. Pictures go to out/first-look; references are kept.
+#   scripts/first-look.sh [SPP [path]]
 set -euo pipefail
 cd "$(dirname "$0")/.."
-spp=${1:-64} size=96x64 seeds="1 2 3 4 5 6 7 8"
-bismar=target/release/bismar out=out/first-look
+spp=${1:-64} integrator=${2:-direct} size=96x64 seeds=$(seq 64)
+bismar=target/release/bismar out=out/first-look/$integrator
 mkdir -p "$out"
 TIMEFORMAT=%U
 
@@ -18,7 +18,9 @@ echo "| --- | --- | --- | --- |"
 for scene in veach glossy-sun; do
     sky=()
     [ -f "scenes/$scene.hdr" ] && sky=(--env "scenes/$scene.hdr")
-    render() { "$bismar" -q render "scenes/$scene.glb" "${sky[@]}" --size $size --aov none "$@"; }
+    render() {
+        "$bismar" -q render "scenes/$scene.glb" "${sky[@]}" --size $size --aov none --integrator "$integrator" "$@"
+    }
     reference=$out/$scene-reference.exr
     [ -f "$reference" ] || render --balance half --spp 4096 --seed 1000 -o "$reference"
     for balance in half power max second-order progressive; do
@@ -29,8 +31,9 @@ for scene in veach glossy-sun; do
             "$bismar" compare "$picture.exr" "$reference" --json >"$picture-compare.json"
             echo "$(number rel_mse "$picture-compare.json") $seconds $(number noise "$picture.json")"
         done | awk -v scene=$scene -v balance=$balance '
-            { error += $1; seconds += $2; noise += $3 }
-            END { printf "| %s | %s | %.2e | %.2f |\n", scene, balance, error / NR, seconds / NR
+            { error += $1; squares += $1 * $1; seconds += $2; noise += $3 }
+            END { deviation = sqrt((squares / NR - (error / NR) ^ 2) / (NR - 1))
+                  printf "| %s | `%s` | %.4f ± %.4f | %.2f |\n", scene, balance, error / NR, deviation, seconds / NR
                   printf "%s %s: noise by --stats %.4f, root of relMSE %.4f\n", scene, balance, noise / NR,
                       sqrt(error / NR) >"/dev/stderr" }'
     done
