@@ -230,7 +230,8 @@ impl LightTree {
     fn importance(&self, node: [u32; LANES], p: V3, n: V3) -> F {
         let bounds = eight(|lane| &self.nodes[node[lane] as usize].bounds);
         let [cx, cy, cz, radius2, ax, ay, az, power] = F::transpose(eight(|lane| F::from(bounds[lane].row)));
-        let [cos_o, sin_o, two_sided] = [0, 1, 2].map(|k| F::from(eight(|lane| bounds[lane].cone[k])));
+        let cone = |k: usize| F::from(eight(|lane| bounds[lane].cone[k]));
+        let (cos_o, sin_o, two_sided) = (cone(0), cone(1), cone(2));
         let to = V3 { x: cx, y: cy, z: cz } - p;
         let distance2 = to.length_squared();
         let wi = to * (F::ONE / distance2.fast_max(F::splat(f32::MIN_POSITIVE)).sqrt());
