@@ -31,7 +31,8 @@ fn controls_are_caught_and_every_mean_is_right() {
     }
     // Threads have no part in it.
     let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(|| exact(500));
-    let numbers = |r: &Report| r.modes.iter().flat_map(|m| &m.outcomes).map(|o| (o.z, o.worst_ratio)).collect::<Vec<_>>();
+    let numbers =
+        |r: &Report| r.modes.iter().flat_map(|m| &m.outcomes).map(|o| (o.z, o.worst_ratio)).collect::<Vec<_>>();
     assert_eq!(numbers(&alone), numbers(&report));
 }
 
