@@ -192,20 +192,20 @@ fn a_signal_saves_and_the_same_command_goes_on_to_the_same_bits() {
 fn a_finished_render_says_so_and_goes_on_to_a_higher_goal() {
     let folder = folder();
     let file = |name| folder.path().join(name);
-    expect(folder.path(), "render cornell.glb --size 40x30 --spp 128 -o whole.exr -q", 0);
-    expect(folder.path(), "render cornell.glb --size 40x30 --spp 32 -o out.exr --checkpoint 9 -q", 0);
+    expect(folder.path(), "render cornell.glb --size 40x30 --spp 256 -o whole.exr -q", 0);
+    expect(folder.path(), "render cornell.glb --size 40x30 --spp 128 -o out.exr --checkpoint 9 -q", 0);
     let before = fs::read(file("out.exr")).unwrap();
-    let said = expect(folder.path(), "render cornell.glb --size 40x30 --spp 32 -o out.exr --resume", 0);
-    assert!(said.contains("finished before, with 32 spp"), "{said}");
+    let said = expect(folder.path(), "render cornell.glb --size 40x30 --spp 128 -o out.exr --resume", 0);
+    assert!(said.contains("finished before, with 128 spp"), "{said}");
     let said = expect(folder.path(), "render cornell.glb --size 40x30 --noise 50 -o out.exr --resume", 0);
     assert!(said.contains("finished before"), "{said}");
     assert_eq!(fs::read(file("out.exr")).unwrap(), before);
-    expect(folder.path(), "render cornell.glb --size 40x30 --spp 128 -o out.exr --resume -q", 0);
+    expect(folder.path(), "render cornell.glb --size 40x30 --spp 256 -o out.exr --resume -q", 0);
     assert_same_bits(&file("whole.exr"), &file("out.exr"));
     // A picture that was rendered without statistics is told apart only once it would have to go on.
-    let said = expect(folder.path(), "render cornell.glb --size 40x30 --spp 128 -o whole.exr --resume", 0);
+    let said = expect(folder.path(), "render cornell.glb --size 40x30 --spp 256 -o whole.exr --resume", 0);
     assert!(said.contains("finished before"), "{said}");
-    let said = expect(folder.path(), "render cornell.glb --size 40x30 --spp 129 -o whole.exr --resume", 65);
+    let said = expect(folder.path(), "render cornell.glb --size 40x30 --spp 257 -o whole.exr --resume", 65);
     assert!(said.contains("carries no statistics"), "{said}");
     // Stop rules count all sessions.
     let said = expect(folder.path(), "render cornell.glb --size 40x30 --time 0.0001 -o out.exr --resume", 0);
