@@ -47,11 +47,11 @@ fn parts_that_can_go_on_make_a_whole_that_can() {
     let folder = folder();
     let line = "render veach.glb --size 64x48 -q";
     for part in 1..=2 {
-        expect(folder.path(), &format!("{line} --spp 16 --part {part}/2 --checkpoint 9 -o {part}.exr"), 0);
+        expect(folder.path(), &format!("{line} --spp 128 --part {part}/2 --checkpoint 9 -o {part}.exr"), 0);
     }
     expect(folder.path(), "merge 1.exr 2.exr -o out.exr -q", 0);
-    expect(folder.path(), &format!("{line} --spp 64 -o out.exr --resume"), 0);
-    expect(folder.path(), &format!("{line} --spp 64 -o whole.exr"), 0);
+    expect(folder.path(), &format!("{line} --spp 256 -o out.exr --resume"), 0);
+    expect(folder.path(), &format!("{line} --spp 256 -o whole.exr"), 0);
     assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("out.exr"));
 }
 

@@ -83,8 +83,8 @@ fn interruptions_anywhere_leave_no_trace() {
             ..Default::default()
         };
         let whole = render(&stage.scene, &*stage.rays, &settings, &AtomicBool::new(false), &|_| ());
-        let (pieces, sessions) = in_pieces(&stage, &settings, 5);
-        assert!(sessions > 2, "{sessions}");
+        let (pieces, sessions) = in_pieces(&stage, &settings, 2);
+        assert!(sessions > 1, "{sessions}");
         assert_eq!(all_bits(&whole), all_bits(&pieces), "{balance:?} {crop:?} {part:?}");
         assert_eq!(format!("{:?}", whole.film), format!("{:?}", pieces.film));
         assert_eq!((whole.stats.paths, whole.stats.passes), (pieces.stats.paths, pieces.stats.passes));
@@ -248,7 +248,7 @@ fn another_render_is_refused_by_name_and_left_alone() {
 #[test]
 fn a_checkpoint_that_fails_does_not_end_the_render_and_a_full_disk_leaves_the_old_file() {
     let folder = folder();
-    expect(folder.path(), "render cornell.glb --size 64x48 --spp 64 -o out.exr --checkpoint 9 -q", 0);
+    expect(folder.path(), "render cornell.glb --size 64x48 --spp 128 -o out.exr --checkpoint 9 -q", 0);
     let before = bits(&folder.path().join("out.exr"));
     // A limit of a few kilobytes a file fails like a full disk: in the middle of a write.
     let script = "trap '' XFSZ; ulimit -f 8; exec \"$0\" render cornell.glb --size 64x48 --spp 512 -o out.exr \

@@ -146,7 +146,7 @@ fn statistics_come_back_to_the_byte_and_the_picture_is_read_as_ever() {
     let path = folder.path().join("a.exr");
     let header = vec![("bismar.format".into(), HeaderValue::Number(1.0))];
     for length in [0, 1, 4, 70_001] {
-        let bytes: Vec<u8> = (0..length).map(|i: u32| ((i * i) >> 3) as u8).collect();
+        let bytes: Vec<u8> = (0..length).map(|i: u32| (i.wrapping_mul(i) >> 3) as u8).collect();
         write(&path, &film, &Aov::DEFAULT, &header, Some(&bytes)).unwrap();
         assert_eq!(read_statistics(&path).unwrap(), Some(bytes));
         assert_eq!(read_header(&path).unwrap(), header);
