@@ -47,7 +47,7 @@ pub fn cases() -> Vec<Case> {
     let few = |paths, bar, case: Case| Case { paths, bar, ..case };
     let lit = || Domain::grey([(1.0, 0.5, 0.05), (0.1, 0.05, 0.5)]);
     let shadow = || Domain::grey([(0.0, 0.5, 0.05), (0.1, 0.05, 0.5)]);
-    let base = || Domain::grey([(0.5, 0.8, 0.2), (0.5, 0.2, 0.8)]);
+    let base = || Domain::grey([(0.6, 0.7, 0.1), (0.4, 0.1, 0.5)]);
     vec![
         case("F1", "Newton overshoot", "light only where r = 0.1: a raw step is t = 5", {
             Image::flat(&Domain::grey([(1.0, 0.55, 0.45)]))
@@ -58,7 +58,7 @@ pub fn cases() -> Vec<Case> {
         few(4, 1.15, case("F3", "tiny pilot", "f = x², 4 paths", Image::flat(&square()))),
         case("F4", "firefly", "one pixel of 16 sees, once in 500 samples, what outweighs all else a thousandfold", {
             Image::new(|x, y| match (x, y) {
-                (1, 1) => (Domain::grey([(0.498, 0.795, 0.198), (0.498, 0.198, 0.797), (2.0, 0.003, 0.001)]), 1),
+                (1, 1) => (Domain::grey([(0.6, 0.7, 0.1), (0.4, 0.1, 0.5), (2.0, 0.003, 0.001)]), 1),
                 _ => (base(), 1),
             })
         }),

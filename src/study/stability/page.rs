@@ -24,7 +24,11 @@ fn marked(text: String, verdict: Verdict) -> (String, Tone) {
 
 /// Two decimals are what there is to compare; more digits of a large failure are noise.
 fn ratio(x: f64) -> String {
-    if x < 100.0 { format!("{x:.2}") } else { number(x) }
+    match x {
+        f64::INFINITY => "∞".to_owned(),
+        x if x < 100.0 => format!("{x:.2}"),
+        x => number(x),
+    }
 }
 
 fn name_of(mode: &ModeReport) -> String {
