@@ -92,6 +92,11 @@ impl Balance {
         learns.then_some(paths / PILOT / 4 * 4)
     }
 
+    /// Are later passes' shares chosen, once, from what the pass that begins after `done` paths finds in the tile?
+    pub fn learns_at_once(self, done: u32) -> bool {
+        self == Balance::EfficiencyAware && done == 0
+    }
+
     /// The share of light samples α for a pixel's next pass, in [0, 1], from what it has itself seen; `None` where that
     /// decides nothing.
     pub fn share(self, seen: &Moments) -> Option<f32> {

@@ -95,7 +95,7 @@ impl Tile {
             wave.counts = WaveCounts::default();
             match balance.pilot(before_pass, paths) {
                 Some(pilot) if two_techniques => self.with_pilot(transport, wave, pilot, paths),
-                _ if two_techniques && balance == Balance::EfficiencyAware && before_pass == 0 => {
+                _ if two_techniques && balance.learns_at_once(before_pass) => {
                     self.alone(transport, wave, paths);
                 }
                 _ => self.at_once(transport, wave, paths),
