@@ -87,6 +87,7 @@ pub fn run(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
     };
     let (header, fingerprint) = (first.header.clone(), first.fingerprint.clone());
     let keeps = !args.no_statistics && seeds.len() == 1 && header.keeps_statistics();
+    let by_noise = seeds.values().flatten().any(|input| input.header.stop() == Some(StopReason::Noise));
     let names: Vec<String> = seeds.keys().map(u32::to_string).collect();
     let mut wholes = seeds.into_values().map(|group| assemble(&group)).collect::<Result<Vec<_>>>()?.into_iter();
     let Some(mut whole) = wholes.next() else { return Err(Error::Usage("no parts".into())) };
@@ -102,6 +103,12 @@ pub fn run(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
     let request = header.text("bismar.request").unwrap_or_default();
     own.extend(attributes(request, &fingerprint, &rendered.stats, keeps)?);
     if names.len() > 1 {
+        if by_noise {
+            warn!(
+                "these pictures stopped when they looked clean (--noise), and their paths count alike: a picture that \
+                 met nothing bright stopped early, so the mean is a little dark; --spp has no such bias"
+            );
+        }
         own.push(("bismar.seeds".into(), HeaderValue::Text(names.join(","))));
         // Nothing can go on from several seeds at once.
         own.retain(|(name, _)| name != "bismar.fingerprint" && name != "bismar.format");
