@@ -129,7 +129,8 @@ impl Slurm {
 impl Drop for Slurm {
     fn drop(&mut self) {
         // Jobs first: they outlive the daemons.
-        let _ = Command::new("scancel").args(["--me", "--signal=KILL", "--full"]).env("SLURM_CONF", self.conf()).status();
+        let _ =
+            Command::new("scancel").args(["--me", "--signal=KILL", "--full"]).env("SLURM_CONF", self.conf()).status();
         let _ = self.script(&["stop"]).output();
     }
 }

@@ -68,8 +68,8 @@ impl Wave {
     #[inline(always)]
     fn plain_vertices(&mut self, transport: &Transport, at: usize) {
         let (rows, n) = eight_of(&self.plain, at);
-        let [instance, mesh, prim] =
-            [&self.hits.instance, &self.hits.mesh, &self.hits.prim].map(|c| load_bits(c, &rows).to_array());
+        let bits = |column: &[u32]| load_bits(column, &rows).to_array();
+        let (instance, mesh, prim) = (bits(&self.hits.instance), bits(&self.hits.mesh), bits(&self.hits.prim));
         let barycentric = (load(&self.hits.u, &rows), load(&self.hits.v, &rows));
         let points = transport.geometry.points(transport.scene, instance, mesh, prim, barycentric);
         let models = eight(|lane| transport.materials.plain(mesh[lane]));
@@ -113,7 +113,7 @@ impl Wave {
     #[inline(always)]
     fn path_of(&self, rows: &Rows) -> [U; 4] {
         let p = &self.paths;
-        [&p.slot, &p.index, &p.child, &p.seed].map(|column| load_bits(column, rows))
+        [load_bits(&p.slot, rows), load_bits(&p.index, rows), load_bits(&p.child, rows), load_bits(&p.seed, rows)]
     }
 
     /// Where a ray hit.
