@@ -10,6 +10,7 @@ use tracing::info;
 use super::progress::{Reporter, Style};
 use super::render::{Size, threads};
 use super::signals::Signals;
+use super::stability::{self, StabilityArgs};
 use super::{Verbosity, Verdict, host, print, say};
 use crate::film::atomic;
 use crate::render::{Integrator, Progress};
@@ -27,6 +28,7 @@ pub struct StudyArgs {
 #[derive(Debug, Subcommand)]
 enum Study {
     Balance(BalanceArgs),
+    Stability(StabilityArgs),
 }
 
 /// Measure how well each --balance shares the work, against a converged reference.
@@ -122,14 +124,20 @@ impl BalanceArgs {
 }
 
 pub fn run(args: &StudyArgs, verbosity: Verbosity) -> Result<Verdict> {
-    let Study::Balance(args) = &args.study;
-    let (threads, source) = host::threads(args.threads)?;
+    let asked = match &args.study {
+        Study::Balance(args) => args.threads,
+        Study::Stability(args) => args.threads,
+    };
+    let (threads, source) = host::threads(asked)?;
     info!("{threads} threads ({source})");
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build()
         .map_err(|e| Error::Host(format!("cannot start {threads} threads: {e}")))?;
-    pool.install(|| balance(args, verbosity))
+    pool.install(|| match &args.study {
+        Study::Balance(args) => balance(args, verbosity),
+        Study::Stability(args) => stability::run(args, verbosity),
+    })
 }
 
 fn balance(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {
