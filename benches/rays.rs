@@ -6,7 +6,7 @@ mod scenes;
 use std::sync::Arc;
 use std::time::Instant;
 
-use bismar::rays::cwbvh::ObvhsRays;
+use bismar::rays::cwbvh::{ObvhsOptions, ObvhsRays};
 use bismar::rays::embree::{EmbreeOptions, EmbreeRays};
 use bismar::rays::{HitBatch, RayBatch, RayOrder, RayQueries};
 
@@ -35,7 +35,7 @@ fn main() {
         let backends: [Box<dyn RayQueries>; 3] = [
             Box::new(embree(None)),
             Box::new(embree(Some("avx2"))),
-            Box::new(ObvhsRays::build(scene.clone(), &|_| true).unwrap()),
+            Box::new(ObvhsRays::build(scene.clone(), &ObvhsOptions::default(), &|_| true).unwrap()),
         ];
         let camera = scenes::camera_rays(1024);
         let mut hits = HitBatch::default();

@@ -10,8 +10,8 @@ use std::hint::black_box;
 use std::sync::{Arc, Mutex};
 
 use bismar::Error;
-use bismar::rays::cwbvh::ObvhsRays;
-use bismar::rays::embree::{EmbreeOptions, EmbreeRays, set_flush_to_zero};
+use bismar::rays::cwbvh::{ObvhsOptions, ObvhsRays, Preset, TreeKind, TriangleTest};
+use bismar::rays::embree::{EmbreeOptions, EmbreeRays, Packets, Quality, set_flush_to_zero};
 use bismar::rays::{self, Backend, HitBatch, MISS, RayBatch, RayOrder, RayQueries};
 use bismar::scene::{Instance, Object, Scene};
 use glam::{Affine3A, Quat, Vec3, vec3};
@@ -21,10 +21,37 @@ use scenes::{Random, bounce, box_room, camera_rays, mesh, pieces, scene};
 
 /// Embree on this CPU, with 8-wide and with emulated packets; obvhs.
 fn backends(scene: &Arc<Scene>) -> Vec<Box<dyn RayQueries>> {
-    let mut all: Vec<Box<dyn RayQueries>> = vec![Box::new(ObvhsRays::build(scene.clone(), &|_| true).unwrap())];
+    let mut all = vec![obvhs(scene, &ObvhsOptions::default())];
     for isa in [None, Some("avx2"), Some("sse2")] {
-        let options = EmbreeOptions { isa, ..EmbreeOptions::default() };
-        all.push(Box::new(EmbreeRays::build(scene.clone(), &options, &|_| true).unwrap()));
+        all.push(embree(scene, &EmbreeOptions { isa, ..EmbreeOptions::default() }));
+    }
+    all
+}
+
+fn embree(scene: &Arc<Scene>, options: &EmbreeOptions) -> Box<dyn RayQueries> {
+    Box::new(EmbreeRays::build(scene.clone(), options, &|_| true).unwrap())
+}
+
+fn obvhs(scene: &Arc<Scene>, options: &ObvhsOptions) -> Box<dyn RayQueries> {
+    Box::new(ObvhsRays::build(scene.clone(), options, &|_| true).unwrap())
+}
+
+/// What only the study of rays chooses.
+fn other_choices(scene: &Arc<Scene>) -> Vec<Box<dyn RayQueries>> {
+    let mut all = Vec::new();
+    for quality in [Quality::Low, Quality::Medium, Quality::High] {
+        for packets in [Packets::Single, Packets::Four, Packets::Eight, Packets::Sixteen] {
+            let compact = matches!(packets, Packets::Four | Packets::Eight);
+            let robust = matches!(packets, Packets::Single | Packets::Four);
+            all.push(embree(scene, &EmbreeOptions { quality, packets, compact, robust, ..Default::default() }));
+        }
+    }
+    for preset in Preset::ALL {
+        for (tree, test) in [(TreeKind::Two, TriangleTest::Embree), (TreeKind::Eight, TriangleTest::Own)] {
+            let split = Some(preset == Preset::Fast);
+            all.push(obvhs(scene, &ObvhsOptions { tree, preset, split, test }));
+            all.push(obvhs(scene, &ObvhsOptions { tree, preset, ..Default::default() }));
+        }
     }
     all
 }
@@ -110,7 +137,7 @@ fn assert_same_distances(a: &HitBatch, b: &HitBatch, what: &str) {
 fn closest_hits_are_those_of_brute_force_in_double_precision() {
     let scene = soups();
     let reference = Reference::new(&scene);
-    for backend in backends(&scene) {
+    for backend in backends(&scene).into_iter().chain(other_choices(&scene)) {
         for len in LENGTHS {
             let rays = rays_at_soup(len, len as u64);
             let hits = closest(&*backend, &rays, RayOrder::Incoherent);

@@ -5,10 +5,10 @@ use std::sync::atomic::{AtomicI64, Ordering};
 
 use bismar::rays::{RayBatch, RayOrder};
 use bismar::scene::Scene;
+use bismar::study::rays::stream::Kind;
 use embree4_sys as sys;
 
 use crate::clock;
-use crate::tape::Kind;
 
 /// Bytes that the last built device holds and held at most.
 static NOW: AtomicI64 = AtomicI64::new(0);

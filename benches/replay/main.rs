@@ -17,6 +17,7 @@ use bismar::rays::{Backend, HitBatch, RayQueries};
 use bismar::render::{PixelFilter, RenderSettings, Rendered, render};
 use bismar::scene::Scene;
 use bismar::scene::import::{ImportOptions, import};
+use bismar::study::rays::stream::{Kind, Query, Recorder};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 mod bare;
@@ -34,7 +35,7 @@ mod random;
 mod tape;
 
 use bare::Bare;
-use tape::{Kind, Query, Recorder, Stopwatch};
+use tape::Stopwatch;
 
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
@@ -115,9 +116,9 @@ fn spread(mut values: Vec<f64>) -> [f64; 3] {
 /// The render against its own ray stream.
 fn replay(scene: &Scene, rays: &dyn RayQueries, rounds: usize, spp: u32) -> Outcome<()> {
     let (one, settings) = (pool(1)?, settings(spp));
-    let recorder = Recorder { inner: rays, tape: Mutex::default() };
+    let recorder = Recorder::new(rays);
     rendered(&one, scene, &recorder, &settings);
-    let tape = recorder.tape.into_inner().expect("no thread panicked");
+    let tape = recorder.into_tape();
     let count = |kind: Kind| tape.iter().filter(|q| q.kind == kind).map(|q| q.rays.len()).sum::<usize>();
     println!("{} batches: {} rays, {} shadow rays", tape.len(), count(Kind::Closest), count(Kind::Occluded));
 

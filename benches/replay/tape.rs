@@ -1,53 +1,12 @@
-//! Ray queries that are listened to: a tape of every batch, and a stopwatch at both ends of every query.
+//! A stopwatch at both ends of every query.
 
 use std::sync::Mutex;
 use std::time::Instant;
 
 use bismar::rays::{BackendInfo, HitBatch, RayBatch, RayOrder, RayQueries};
+use bismar::study::rays::stream::Kind;
 
 use crate::clock;
-
-/// What a query asked.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
-    Closest,
-    Occluded,
-}
-
-/// One batch, as the renderer handed it over.
-pub struct Query {
-    pub kind: Kind,
-    pub order: RayOrder,
-    pub rays: RayBatch,
-}
-
-/// Keeps every batch. For one thread: batches are kept in the order in which they come.
-pub struct Recorder<'a> {
-    pub inner: &'a dyn RayQueries,
-    pub tape: Mutex<Vec<Query>>,
-}
-
-impl Recorder<'_> {
-    fn record(&self, kind: Kind, order: RayOrder, rays: &RayBatch) {
-        self.tape.lock().expect("one thread").push(Query { kind, order, rays: rays.clone() });
-    }
-}
-
-impl RayQueries for Recorder<'_> {
-    fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
-        self.record(Kind::Closest, order, rays);
-        self.inner.closest_hits(rays, order, hits);
-    }
-
-    fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {
-        self.record(Kind::Occluded, order, rays);
-        self.inner.occluded(rays, order, occluded);
-    }
-
-    fn info(&self) -> &BackendInfo {
-        self.inner.info()
-    }
-}
 
 /// Where one thread's time goes, in seconds.
 #[derive(Clone, Copy, Default)]

@@ -1,5 +1,7 @@
 //! `bismar study`
 
+mod rays;
+
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Instant;
@@ -29,6 +31,7 @@ pub struct StudyArgs {
 enum Study {
     Balance(BalanceArgs),
     Stability(StabilityArgs),
+    Rays(rays::RaysArgs),
 }
 
 /// Measure how well each --balance shares the work, against a converged reference.
@@ -124,20 +127,22 @@ impl BalanceArgs {
 }
 
 pub fn run(args: &StudyArgs, verbosity: Verbosity) -> Result<Verdict> {
-    let asked = match &args.study {
-        Study::Balance(args) => args.threads,
-        Study::Stability(args) => args.threads,
-    };
+    match &args.study {
+        Study::Balance(args) => on_threads(args.threads, || balance(args, verbosity)),
+        Study::Stability(args) => on_threads(args.threads, || stability::run(args, verbosity)),
+        Study::Rays(args) => rays::run(args, verbosity),
+    }
+}
+
+/// Does work on as many threads as asked for.
+fn on_threads(asked: Option<usize>, work: impl FnOnce() -> Result<Verdict> + Send) -> Result<Verdict> {
     let (threads, source) = host::threads(asked)?;
     info!("{threads} threads ({source})");
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build()
         .map_err(|e| Error::Host(format!("cannot start {threads} threads: {e}")))?;
-    pool.install(|| match &args.study {
-        Study::Balance(args) => balance(args, verbosity),
-        Study::Stability(args) => stability::run(args, verbosity),
-    })
+    pool.install(work)
 }
 
 fn balance(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {

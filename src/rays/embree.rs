@@ -28,15 +28,51 @@ use crate::scene::Scene;
 use device::{DeviceHandle, Monitor, SceneHandle, Share, best_isa};
 use flush::FlushToZero;
 pub use flush::set_flush_to_zero;
-use packets::{filter_alpha, wide8, wide16};
+use packets::{filter_alpha, single, wide4, wide8, wide16};
 
-/// Choices of a build.
-#[derive(Debug, Clone, Default)]
+/// Choices of a build and of its queries. The default is what `--rays embree` renders with.
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct EmbreeOptions {
     /// Threads of the build; 0 for all.
     pub threads: usize,
     /// An instruction set below the CPU's best, in Embree's words: `sse2`, `sse4.2`, `avx`, `avx2`.
     pub isa: Option<&'static str>,
+    /// How long to build.
+    pub quality: Quality,
+    /// `RTC_SCENE_FLAG_COMPACT`: less memory before speed.
+    pub compact: bool,
+    /// `RTC_SCENE_FLAG_ROBUST`: box and triangle tests that lose no hit between two triangles.
+    pub robust: bool,
+    /// How rays are handed over.
+    pub packets: Packets,
+}
+
+/// Embree's build qualities.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Quality {
+    /// Morton codes.
+    Low,
+    /// Binned surface area heuristic.
+    #[default]
+    Medium,
+    /// The same with spatial splits.
+    High,
+}
+
+/// How the rays of a batch are handed to Embree.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Packets {
+    /// As wide as the CPU has them, kept together where that pays (see the module's text).
+    #[default]
+    Renderer,
+    /// One by one.
+    Single,
+    /// In the batch's order, kept together through the tree.
+    Four,
+    /// As before.
+    Eight,
+    /// As before.
+    Sixteen,
 }
 
 /// A [`Scene`] built into Embree's acceleration structure.
@@ -48,6 +84,7 @@ pub struct EmbreeRays {
     scene: Arc<Scene>,
     placements: Vec<Placement>,
     has_alpha: bool,
+    packets: Packets,
     /// Are 16-wide packets native? 8-wide ones are wherever AVX is, and narrower CPUs emulate them.
     wide16: bool,
     /// At most [`SMALL_SCENE`] triangles and instances?
@@ -87,7 +124,7 @@ impl EmbreeRays {
         let mesh_range = |object: u32| scene.objects[object as usize].meshes.clone();
         let has_alpha =
             scene.instances.iter().flat_map(|instance| mesh_range(instance.object)).any(|mesh| scene.has_alpha(mesh));
-        let top = device.new_scene(has_alpha);
+        let top = device.new_scene(has_alpha, options);
         let attach = |target: &SceneHandle, id: u32, mesh: u32| {
             device.attach_mesh(target, id, &scene.meshes[mesh as usize], scene.has_alpha(mesh));
         };
@@ -105,7 +142,7 @@ impl EmbreeRays {
             };
             let object = &mut objects[instance.object as usize];
             if object.is_none() {
-                let built = device.new_scene(has_alpha);
+                let built = device.new_scene(has_alpha, options);
                 for (id, mesh) in meshes.clone().enumerate() {
                     attach(&built, id as u32, mesh);
                 }
@@ -124,12 +161,14 @@ impl EmbreeRays {
             isa: options.isa.map_or_else(|| best_isa().to_owned(), str::to_uppercase),
             build_seconds: start.elapsed().as_secs_f64(),
             memory_bytes: monitor.bytes.load(Ordering::Relaxed).max(0) as u64,
+            peak_bytes: Some(monitor.peak.load(Ordering::Relaxed).max(0) as u64),
         };
         let placed = scene.instances.iter().map(|instance| 1 + scene.triangles(instance.object));
         let small = placed.sum::<usize>() <= SMALL_SCENE;
         let wide16 = device.property(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
         drop(objects); // the instance geometries keep them
-        Ok(Self { top, _device: device, _monitor: monitor, scene, placements, has_alpha, wide16, small, info })
+        let packets = options.packets;
+        Ok(Self { top, _device: device, _monitor: monitor, scene, placements, has_alpha, packets, wide16, small, info })
     }
 
     /// Instance and mesh of a hit by Embree's ids.
@@ -151,20 +190,24 @@ impl RayQueries for EmbreeRays {
     fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
         hits.resize(rays.len());
         let _flushed = FlushToZero::new();
-        if self.wide16 {
-            wide16::closest_hits(self, rays, order, hits);
-        } else {
-            wide8::closest_hits(self, rays, order, hits);
+        match self.packets {
+            Packets::Single => single::closest_hits(self, rays, hits),
+            Packets::Four => wide4::closest_hits(self, rays, order, hits),
+            Packets::Eight => wide8::closest_hits(self, rays, order, hits),
+            Packets::Renderer if !self.wide16 => wide8::closest_hits(self, rays, order, hits),
+            Packets::Renderer | Packets::Sixteen => wide16::closest_hits(self, rays, order, hits),
         }
     }
 
     fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {
         occluded.resize(rays.len(), false);
         let _flushed = FlushToZero::new();
-        if self.wide16 {
-            wide16::occluded(self, rays, order, occluded);
-        } else {
-            wide8::occluded(self, rays, order, occluded);
+        match self.packets {
+            Packets::Single => single::occluded(self, rays, occluded),
+            Packets::Four => wide4::occluded(self, rays, order, occluded),
+            Packets::Eight => wide8::occluded(self, rays, order, occluded),
+            Packets::Renderer if !self.wide16 => wide8::occluded(self, rays, order, occluded),
+            Packets::Renderer | Packets::Sixteen => wide16::occluded(self, rays, order, occluded),
         }
     }
 
@@ -176,12 +219,12 @@ impl RayQueries for EmbreeRays {
 impl EmbreeRays {
     /// Is a batch to be sorted into packets of one octant?
     fn sorts(&self, order: RayOrder) -> bool {
-        self.small && order == RayOrder::Incoherent
+        self.packets == Packets::Renderer && self.small && order == RayOrder::Incoherent
     }
 
     /// Packets stay together through a scene that any ray soon knows by heart, and where they are of one mind.
     fn flags(&self, order: RayOrder) -> sys::RTCRayQueryFlags {
-        if self.small || order == RayOrder::Coherent {
+        if self.packets != Packets::Renderer || self.small || order == RayOrder::Coherent {
             sys::RTC_RAY_QUERY_FLAG_COHERENT
         } else {
             sys::RTC_RAY_QUERY_FLAG_INCOHERENT

@@ -39,7 +39,7 @@ pub fn build(backend: Backend, scene: Arc<Scene>) -> Result<Box<dyn RayQueries>>
 pub fn build_watched(backend: Backend, scene: Arc<Scene>, watch: Watch) -> Result<Box<dyn RayQueries>> {
     Ok(match backend {
         Backend::Embree => Box::new(embree::EmbreeRays::build(scene, &embree::EmbreeOptions::default(), watch)?),
-        Backend::Obvhs => Box::new(cwbvh::ObvhsRays::build(scene, watch)?),
+        Backend::Obvhs => Box::new(cwbvh::ObvhsRays::build(scene, &cwbvh::ObvhsOptions::default(), watch)?),
     })
 }
 
@@ -127,6 +127,8 @@ pub struct BackendInfo {
     pub build_seconds: f64,
     /// Bytes of the acceleration structure.
     pub memory_bytes: u64,
+    /// The most that the library held at once while it built, where it says so.
+    pub peak_bytes: Option<u64>,
 }
 
 /// A scene that rays can be shot at. Surfaces with alpha are resolved inside: a hit is a hit that counts.

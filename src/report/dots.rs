@@ -44,28 +44,33 @@ impl DotPlot {
     pub fn svg(&self) -> String {
         let row_height = LANE * self.kinds.len() as f64 + 12.0;
         let body = row_height * self.rows.len() as f64;
-        let mut out = open(WIDTH, TOP + body + 44.0, &self.title);
+        // The legend, in as many lines as it takes.
+        let (mut legend, mut x, mut y) = (String::new(), LEFT, 34.0);
+        for (name, color) in &self.kinds {
+            let (color, width) = (color % COLORS, 24.0 + 7.2 * name.chars().count() as f64);
+            if x > LEFT && x + width > WIDTH {
+                (x, y) = (LEFT, y + 16.0);
+            }
+            let _ = write!(legend, r#"<circle cx="{x:.1}" cy="{y:.1}" r="4" fill="var(--s{color})"/>"#);
+            text(&mut legend, (x + 8.0, y + 4.0), "", "start", name);
+            x += width;
+        }
+        let head = TOP + y - 34.0;
+        let mut out = open(WIDTH, head + body + 44.0, &self.title) + &legend;
         let w = WIDTH - LEFT - RIGHT;
         let px = |p: f64| LEFT + p * w;
-        let mut x = LEFT;
-        for (name, color) in &self.kinds {
-            let color = color % COLORS;
-            let _ = write!(out, r#"<circle cx="{x:.1}" cy="34" r="4" fill="var(--s{color})"/>"#);
-            text(&mut out, (x + 8.0, 38.0), "", "start", name);
-            x += 24.0 + 7.2 * name.chars().count() as f64;
-        }
         for tick in self.axis.ticks() {
             let Some(x) = self.axis.place(tick).map(px) else { continue };
-            line(&mut out, "grid", (x, TOP), (x, TOP + body));
-            text(&mut out, (x, TOP + body + 16.0), "soft", "middle", &tick_text(tick));
+            line(&mut out, "grid", (x, head), (x, head + body));
+            text(&mut out, (x, head + body + 16.0), "soft", "middle", &tick_text(tick));
         }
-        text(&mut out, (LEFT + w / 2.0, TOP + body + 36.0), "soft", "middle", &self.label);
+        text(&mut out, (LEFT + w / 2.0, head + body + 36.0), "soft", "middle", &self.label);
         if let Some((x, word)) = self.mark.as_ref().and_then(|(v, word)| Some((px(self.axis.place(*v)?), word))) {
-            line(&mut out, "mark", (x, TOP - 4.0), (x, TOP + body));
-            text(&mut out, (x + 4.0, TOP + 6.0), "soft", "start", word);
+            line(&mut out, "mark", (x, head - 4.0), (x, head + body));
+            text(&mut out, (x + 4.0, head + 6.0), "soft", "start", word);
         }
         for (i, (name, dots)) in self.rows.iter().enumerate() {
-            let top = TOP + row_height * i as f64;
+            let top = head + row_height * i as f64;
             line(&mut out, "grid", (0.0, top), (LEFT + w, top));
             text(&mut out, (0.0, top + row_height / 2.0 + 4.0), "", "start", name);
             for dot in dots {

@@ -20,7 +20,7 @@ pub use mesh::{Instance, Mesh, Object, Positions};
 pub use texture::{Filter, Image, Texels, Texture, Wrap};
 
 /// A scene, ready to be built into ray queries. Lengths in metres, glTF axes (+y up, right-handed).
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Scene {
     /// Triangle meshes, one a glTF primitive.
     pub meshes: Vec<Mesh>,

@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex};
 
 use embree4_sys as sys;
 
-use super::EmbreeOptions;
+use super::{EmbreeOptions, Quality};
 use crate::rays::{Watch, go_on, stopped};
 use crate::scene::Mesh;
 use crate::{Error, Result};
@@ -17,6 +17,8 @@ use crate::{Error, Result};
 #[derive(Default)]
 pub(super) struct Monitor {
     pub(super) bytes: AtomicI64,
+    /// The most that there were at once.
+    pub(super) peak: AtomicI64,
     error: Mutex<Option<(sys::RTCError, String)>>,
 }
 
@@ -41,7 +43,8 @@ impl Drop for SceneHandle {
 unsafe extern "C" fn on_memory(monitor: *mut c_void, bytes: isize, _post: bool) -> bool {
     // SAFETY: `build` registered a `Monitor` that outlives the device.
     let monitor = unsafe { &*monitor.cast::<Monitor>() };
-    monitor.bytes.fetch_add(bytes as i64, Ordering::Relaxed);
+    let before = monitor.bytes.fetch_add(bytes as i64, Ordering::Relaxed);
+    monitor.peak.fetch_max(before + bytes as i64, Ordering::Relaxed);
     true
 }
 
@@ -161,14 +164,23 @@ impl DeviceHandle {
         )))
     }
 
-    pub(super) fn new_scene(&self, has_alpha: bool) -> SceneHandle {
-        // SAFETY: the device is valid; the flags are set before the commit.
+    pub(super) fn new_scene(&self, has_alpha: bool, options: &EmbreeOptions) -> SceneHandle {
+        let flags = [
+            (has_alpha, sys::RTC_SCENE_FLAG_FILTER_FUNCTION_IN_ARGUMENTS),
+            (options.compact, sys::RTC_SCENE_FLAG_COMPACT),
+            (options.robust, sys::RTC_SCENE_FLAG_ROBUST),
+        ];
+        let flags = flags.iter().filter(|(set, _)| *set).fold(sys::RTC_SCENE_FLAG_NONE, |all, (_, flag)| all | flag);
+        let quality = match options.quality {
+            Quality::Low => sys::RTC_BUILD_QUALITY_LOW,
+            Quality::Medium => sys::RTC_BUILD_QUALITY_MEDIUM,
+            Quality::High => sys::RTC_BUILD_QUALITY_HIGH,
+        };
+        // SAFETY: the device is valid; flags and quality are set before the commit.
         unsafe {
             let scene = sys::rtcNewScene(self.0);
-            if has_alpha {
-                sys::rtcSetSceneFlags(scene, sys::RTC_SCENE_FLAG_FILTER_FUNCTION_IN_ARGUMENTS);
-            }
-            sys::rtcSetSceneBuildQuality(scene, sys::RTC_BUILD_QUALITY_MEDIUM);
+            sys::rtcSetSceneFlags(scene, flags);
+            sys::rtcSetSceneBuildQuality(scene, quality);
             SceneHandle(scene)
         }
     }

@@ -229,3 +229,70 @@ macro_rules! packet_queries {
 
 packet_queries!(wide16, 16, RTCRay16, RTCHit16, RTCRayHit16, rtcIntersect16, rtcOccluded16);
 packet_queries!(wide8, 8, RTCRay8, RTCHit8, RTCRayHit8, rtcIntersect8, rtcOccluded8);
+packet_queries!(wide4, 4, RTCRay4, RTCHit4, RTCRayHit4, rtcIntersect4, rtcOccluded4);
+
+/// Ray by ray.
+pub(super) mod single {
+    use super::*;
+
+    fn ray(rays: &RayBatch, i: usize) -> sys::RTCRay {
+        sys::RTCRay {
+            org_x: rays.origin[0][i],
+            org_y: rays.origin[1][i],
+            org_z: rays.origin[2][i],
+            dir_x: rays.direction[0][i],
+            dir_y: rays.direction[1][i],
+            dir_z: rays.direction[2][i],
+            tnear: rays.tnear[i],
+            tfar: rays.tfar[i],
+            mask: u32::MAX,
+            id: i as u32,
+            ..Default::default()
+        }
+    }
+
+    pub fn closest_hits(to: &EmbreeRays, rays: &RayBatch, hits: &mut HitBatch) {
+        let mut context = QueryContext::new(to, rays);
+        let mut args = sys::RTCIntersectArguments {
+            flags: sys::RTC_RAY_QUERY_FLAG_INCOHERENT,
+            feature_mask: sys::RTC_FEATURE_FLAG_ALL,
+            context: (&raw mut context).cast(),
+            filter: to.filter(),
+            intersect: None,
+        };
+        for i in 0..rays.len() {
+            let mut one = sys::RTCRayHit { ray: ray(rays, i), ..Default::default() };
+            one.hit.geomID = sys::RTC_INVALID_GEOMETRY_ID;
+            one.hit.instID = [sys::RTC_INVALID_GEOMETRY_ID; LEVELS];
+            // SAFETY: the scene is committed, `context` lives, the ray is aligned by its type.
+            unsafe { sys::rtcIntersect1(to.top.0, &raw mut one, &raw mut args) };
+            let hit = one.hit;
+            if hit.geomID == sys::RTC_INVALID_GEOMETRY_ID {
+                hits.t[i] = f32::INFINITY;
+                (hits.instance[i], hits.mesh[i], hits.prim[i]) = (MISS, MISS, MISS);
+            } else {
+                let place = to.place(hit.geomID, hit.instID[0]);
+                hits.t[i] = one.ray.tfar;
+                (hits.instance[i], hits.mesh[i], hits.prim[i]) = (place.instance, place.mesh, hit.primID);
+            }
+            (hits.u[i], hits.v[i]) = (hit.u, hit.v);
+        }
+    }
+
+    pub fn occluded(by: &EmbreeRays, rays: &RayBatch, occluded: &mut [bool]) {
+        let mut context = QueryContext::new(by, rays);
+        let mut args = sys::RTCOccludedArguments {
+            flags: sys::RTC_RAY_QUERY_FLAG_INCOHERENT,
+            feature_mask: sys::RTC_FEATURE_FLAG_ALL,
+            context: (&raw mut context).cast(),
+            filter: by.filter(),
+            occluded: None,
+        };
+        for (i, occluded) in occluded.iter_mut().enumerate() {
+            let mut one = ray(rays, i);
+            // SAFETY: the scene is committed, `context` lives, the ray is aligned by its type.
+            unsafe { sys::rtcOccluded1(by.top.0, &raw mut one, &raw mut args) };
+            *occluded = one.tfar == f32::NEG_INFINITY;
+        }
+    }
+}

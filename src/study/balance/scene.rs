@@ -30,21 +30,12 @@ pub struct StudyScene {
 }
 
 impl StudyScene {
-    /// Reads and builds a scene. A file of the same name that ends in `.hdr` or `.exr` lights it from infinity; a scene
-    /// without any light gets a plain white sky.
+    /// [Reads](read) and builds a scene.
     ///
     /// # Errors
-    /// As [`import::import`], [`import::environment`] and [`rays::build`].
+    /// As [`read`] and [`rays::build`].
     pub fn load(path: &Path, plan: &Plan) -> Result<Self> {
-        let mut scene = import::import(path, &ImportOptions::default())?.scene;
-        let sky = ["hdr", "exr"].map(|e| path.with_extension(e)).into_iter().find(|p| p.is_file());
-        if let Some(sky) = &sky {
-            scene.environment = Some(import::environment(sky, 0.0, 1.0)?);
-        }
-        let glows = scene.materials.iter().any(|m| m.is_emissive() || m.unlit);
-        if scene.environment.is_none() && scene.lights.is_empty() && !glows {
-            scene.environment = Some(Environment::constant([1.0; 3]));
-        }
+        let (scene, sky) = read(path)?;
         let settings = RenderSettings {
             width: plan.width,
             height: plan.height,
@@ -61,6 +52,24 @@ impl StudyScene {
     pub fn folder(&self, plan: &Plan) -> PathBuf {
         plan.folder.join("cells").join(format!("{}-{:016x}", self.name, self.fingerprint))
     }
+}
+
+/// Reads a scene, and says which file lights it from infinity: one of the same name that ends in `.hdr` or `.exr`. A
+/// scene without any light gets a plain white sky.
+///
+/// # Errors
+/// As [`import::import`] and [`import::environment`].
+pub fn read(path: &Path) -> Result<(Scene, Option<PathBuf>)> {
+    let mut scene = import::import(path, &ImportOptions::default())?.scene;
+    let sky = ["hdr", "exr"].map(|e| path.with_extension(e)).into_iter().find(|p| p.is_file());
+    if let Some(sky) = &sky {
+        scene.environment = Some(import::environment(sky, 0.0, 1.0)?);
+    }
+    let glows = scene.materials.iter().any(|m| m.is_emissive() || m.unlit);
+    if scene.environment.is_none() && scene.lights.is_empty() && !glows {
+        scene.environment = Some(Environment::constant([1.0; 3]));
+    }
+    Ok((scene, sky))
 }
 
 /// Of what the pictures depend on outside of this program. (What they depend on inside is found out by rendering a piece
