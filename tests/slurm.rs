@@ -16,6 +16,33 @@ use program::{assert_same_bits, bismar, expect, paths};
 /// Longer than anything here takes on a busy machine; reached only when something hangs.
 const PATIENCE: Duration = Duration::from_secs(240);
 
+#[test]
+fn whatever_happens_to_tasks_the_picture_is_that_of_a_single_machine() {
+    let path = format!("{}:/usr/sbin:/sbin", std::env::var("PATH").unwrap_or_default());
+    let has = |program: &str| std::env::split_paths(&path).any(|folder| folder.join(program).exists());
+    if let Some(missing) = ["sbatch", "slurmctld", "slurmd", "munged"].into_iter().find(|p| !has(p)) {
+        return absent(&format!("{missing} is not installed (Debian: slurmctld slurmd slurm-client munge)"));
+    }
+    let scenarios: [(&str, fn()); _] = [
+        ("two nodes", an_array_over_two_nodes_and_its_merge_are_the_single_machines_picture),
+        ("dead node", a_task_whose_node_dies_goes_on_at_the_other_one),
+        ("requeue and cancel", a_requeued_task_and_a_cancelled_job_go_on),
+        ("time limit", a_task_longer_than_its_time_limit_ends_all_the_same),
+        ("failed task", a_failed_task_cancels_its_own_merge_and_no_other),
+    ];
+    // All at once, whatever the number of CPUs: they spend most of their time waiting for Slurm to begin a task again.
+    thread::scope(|scope| {
+        for (name, scenario) in scenarios {
+            let timed = move || {
+                let start = Instant::now();
+                scenario();
+                println!("{name}: {:.0} s", start.elapsed().as_secs_f64());
+            };
+            thread::Builder::new().name(name.into()).spawn_scoped(scope, timed).unwrap();
+        }
+    });
+}
+
 /// Two nodes of two CPUs, with everything of theirs in one folder; down when dropped.
 struct Slurm {
     folder: tempfile::TempDir,
@@ -23,17 +50,10 @@ struct Slurm {
 }
 
 impl Slurm {
-    /// `None`, with a word about it, where Slurm is not installed.
-    fn start() -> Option<Self> {
-        let path = format!("{}:/usr/sbin:/sbin", std::env::var("PATH").unwrap_or_default());
-        let has = |program: &str| std::env::split_paths(&path).any(|folder| folder.join(program).exists());
-        if let Some(missing) = ["sbatch", "slurmctld", "slurmd", "munged"].into_iter().find(|p| !has(p)) {
-            absent(&format!("{missing} is not installed (Debian: slurmctld slurmd slurm-client munge)"));
-            return None;
-        }
+    fn start() -> Self {
         let slurm = Self { folder: tempfile::tempdir().unwrap(), port: free_ports() };
         succeeds(slurm.script(&["start", "2", "2"]));
-        Some(slurm)
+        slurm
     }
 
     fn script(&self, arguments: &[&str]) -> Command {
@@ -128,7 +148,7 @@ fn free_ports() -> u16 {
 }
 
 /// A render of a few seconds on two threads.
-const LONG: &str = "--size 192x128 --spp 1024";
+const LONG: &str = "--size 192x128 --spp 512";
 
 /// The single machine's picture, `whole.exr`.
 fn single_machine(folder: &Path, flags: &str) -> PathBuf {
@@ -153,9 +173,8 @@ fn assert_went_on(folder: &Path) {
     }
 }
 
-#[test]
 fn an_array_over_two_nodes_and_its_merge_are_the_single_machines_picture() {
-    let Some(slurm) = Slurm::start() else { return };
+    let slurm = Slurm::start();
     let folder = folder();
     let flags = "--size 160x120 --spp 256 --aov all";
     let whole = single_machine(folder.path(), flags);
@@ -202,9 +221,8 @@ fn writer(output: &Path) -> (u32, u32) {
     panic!("nobody writes {}", output.display());
 }
 
-#[test]
 fn a_task_whose_node_dies_goes_on_at_the_other_one() {
-    let Some(slurm) = Slurm::start() else { return };
+    let slurm = Slurm::start();
     let folder = folder();
     let output = folder.path().join("out.exr");
     let jobs = slurm.submit(folder.path(), &format!("veach.glb --cpus 2 -- {LONG} --checkpoint 0.5 -o out.exr"));
@@ -227,9 +245,8 @@ fn a_task_whose_node_dies_goes_on_at_the_other_one() {
     assert_same_bits(&whole, &output);
 }
 
-#[test]
 fn a_requeued_task_and_a_cancelled_job_go_on() {
-    let Some(slurm) = Slurm::start() else { return };
+    let slurm = Slurm::start();
     let folder = folder();
     let output = folder.path().join("out.exr");
     let line = format!("veach.glb --cpus 2 -- {LONG} --checkpoint 0.5 -o out.exr");
@@ -254,24 +271,21 @@ fn a_requeued_task_and_a_cancelled_job_go_on() {
     assert_same_bits(&single_machine(folder.path(), LONG), &output);
 }
 
-#[test]
 fn a_task_longer_than_its_time_limit_ends_all_the_same() {
-    let Some(slurm) = Slurm::start() else { return };
+    let slurm = Slurm::start();
     let folder = folder();
     // A limit is a minute at least; told 57 seconds before it, a task has three.
-    let flags = LONG.replace("192x128", "256x192");
-    let line = format!("veach.glb --cpus 2 --minutes 1 --sbatch=--signal=B:TERM@57 -- {flags} -o out.exr");
+    let line = format!("veach.glb --cpus 2 --minutes 1 --sbatch=--signal=B:TERM@57 -- {LONG} -o out.exr");
     let jobs = slurm.submit(folder.path(), &line);
     slurm.wait_for(&jobs[0], &["COMPLETED"]);
     let restarts: u32 = slurm.values(&jobs[0], "Restarts")[0].parse().unwrap();
     assert!(restarts > 0, "no time limit interrupted it: a longer render is wanted");
     assert_went_on(folder.path());
-    assert_same_bits(&single_machine(folder.path(), &flags), &folder.path().join("out.exr"));
+    assert_same_bits(&single_machine(folder.path(), LONG), &folder.path().join("out.exr"));
 }
 
-#[test]
 fn a_failed_task_cancels_its_own_merge_and_no_other() {
-    let Some(slurm) = Slurm::start() else { return };
+    let slurm = Slurm::start();
     let folder = folder();
     fs::write(folder.path().join("broken.glb"), b"glTF but not really").unwrap();
     let file = "[defaults]\nsize = '48x32'\nspp = 8\noutput = 'out/{name}.exr'\n\n[[matrix]]\n\
