@@ -79,7 +79,8 @@ pub struct RenderArgs {
     /// Save the picture, with all that is needed to go on, every so many seconds and at the end.
     #[arg(long, value_name = "SECONDS", value_parser = positive, help_heading = "Interruption and parts")]
     pub checkpoint: Option<f64>,
-    /// Go on from what the output file holds. Without such a file begin; with a finished one do nothing.
+    /// Go on from what the output file holds. Without such a file begin; with a finished one do nothing. A higher --spp
+    /// goes on from any number of paths; from a multiple of 128 to the bits that it would have had at once.
     #[arg(long, help_heading = "Interruption and parts")]
     pub resume: bool,
     /// Render only part K (1 to N) of the picture's tiles; `bismar merge` puts parts together.

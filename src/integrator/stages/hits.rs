@@ -208,9 +208,11 @@ impl Wave {
         } else {
             self.children[self.paths.child[ray] as usize].indirect += found;
         }
-        if depth == 1 && transport.learns {
+        if depth == 1 && (transport.moments || self.record) {
             let (w, r) = observation(found, light_pdf, weighted_pdf / slot.a_b, slot.a_l / (slot.a_l + slot.a_b));
-            sums[pixel].moments.add(w, r, 2.0 * found.element_sum());
+            if transport.moments {
+                sums[pixel].moments.add(w, r, 2.0 * found.element_sum());
+            }
             if self.record {
                 let (pixel, index) = (plan[pixel].place, self.paths.index[ray]);
                 self.findings.push(Finding { pixel, technique: Technique::Bsdf, index, r, radiance: found });

@@ -141,15 +141,16 @@ pub fn unsafe_control() -> Case {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::study::stability::domain::Atom;
     use crate::balance::{Balance, Counts, Heuristic, Moments};
 
     #[test]
     fn probabilities_add_up_to_one() {
         for case in cases() {
             for domain in &case.image.pixels {
-                for sum in [domain.atoms.iter().map(|a| a.light), domain.atoms.iter().map(|a| a.bsdf)]
-                    .map(Iterator::sum::<f64>)
-                {
+                let light: f64 = domain.atoms.iter().map(|a| a.light).sum();
+                let bsdf: f64 = domain.atoms.iter().map(|a| a.bsdf).sum();
+                for sum in [light, bsdf] {
                     assert!((sum - 1.0).abs() < 1e-12, "{} {}: {sum}", case.mode, case.name);
                 }
             }

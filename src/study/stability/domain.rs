@@ -84,7 +84,7 @@ impl Domain {
         self.atoms.iter().rev().find(|a| p(a) > 0.0).unwrap_or(&self.atoms[0])
     }
 
-    /// Exact variance of a pass's mean over paths with these counts: Σ_i n_i Var_i[found]/N².
+    /// Exact variance of a pass's mean over paths with these counts: `Σ_i n_i Var_i[found] / N²`.
     pub fn variance(&self, heuristic: Heuristic, counts: Counts) -> [f64; 3] {
         let mut variance = [0.0; 3];
         for (by_light, n) in [(true, counts.light), (false, counts.bsdf)] {

@@ -141,11 +141,11 @@ impl Tally {
     pub fn add(&mut self, shots: &[Shot]) {
         let mut picture = [0.0; 3];
         for (i, shot) in shots.iter().enumerate() {
-            for c in 0..3 {
+            for (c, sum) in picture.iter_mut().enumerate() {
                 let off = shot.estimate[c] - self.truth[i][c];
                 self.estimate[i][c].add(off);
                 self.variance[i][c].add(shot.variance[c]);
-                picture[c] += off / shots.len() as f64;
+                *sum += off / shots.len() as f64;
                 self.finite &= off.is_finite() && shot.variance[c].is_finite();
             }
             self.share[i].add(f64::from(shot.share));
@@ -176,10 +176,10 @@ impl Tally {
             let own = if sums.mean() == 0.0 { 0.0 } else { sums.mean().abs() / error };
             (z, tests) = (if own.is_nan() { own } else { z.max(own) }, tests + 1);
         };
-        for i in 0..n {
-            for c in 0..3 {
+        for (i, half) in half.iter().enumerate() {
+            for (c, &base) in half.iter().enumerate() {
                 test(&self.estimate[i][c], self.truth[i][c]);
-                let (own, base) = (self.variance[i][c], half[i][c]);
+                let own = self.variance[i][c];
                 // Rounding: a relative error of 1e-7.
                 let nothing = 1e-14 * self.truth[i][c].powi(2);
                 let (ratio, error) = match base > nothing {

@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use super::domain::{Atom, Domain, Image};
+use crate::balance::efficiency::{self, Cost};
 use crate::balance::pilot::{choose, spreads};
 use crate::balance::{Balance, Counts, Finding, Heuristic, Moments, Technique};
 
@@ -105,6 +106,9 @@ pub fn replica(image: &Image, subject: Subject, paths: u32, random: &mut Random)
     run.states.iter().map(shot).collect()
 }
 
+/// Samples of either technique cost the same here.
+const EQUAL_COST: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
+
 struct Run<'a> {
     image: &'a Image,
     subject: Subject,
@@ -130,7 +134,14 @@ impl Run<'_> {
                         shares[pixel]
                     });
                 }
-                None => (0..self.states.len()).for_each(|i| self.at_once(i, pass)),
+                None => {
+                    let (n, mut findings) = (self.states.len(), Vec::new());
+                    (0..n).for_each(|i| self.at_once(i, pass, &mut findings));
+                    if balance.learns_at_once(done) {
+                        let shares = efficiency::shares(&findings, n, self.image.width, EQUAL_COST);
+                        self.states.iter_mut().zip(shares).for_each(|(state, share)| state.share = share);
+                    }
+                }
             }
             if balance.learns() {
                 for state in &mut self.states {
@@ -141,9 +152,9 @@ impl Run<'_> {
         }
     }
 
-    fn at_once(&mut self, pixel: usize, paths: u32) {
+    fn at_once(&mut self, pixel: usize, paths: u32, findings: &mut Vec<Finding>) {
         let counts = Counts::new(self.states[pixel].share, paths);
-        self.trace(pixel, counts, counts, true, &mut Vec::new());
+        self.trace(pixel, counts, counts, true, findings);
         self.vary(pixel, counts);
     }
 
@@ -183,7 +194,7 @@ impl Run<'_> {
             let shares = (0..=64).map(|i| (i as f32 / 64.0).clamp(1e-3, 1.0 - 1e-3));
             let best = shares.min_by(|&a, &b| moment(a).total_cmp(&moment(b))).unwrap_or(0.5);
             self.states[pixel].share = if findings.is_empty() { 0.5 } else { best };
-            self.at_once(pixel, paths - pilot);
+            self.at_once(pixel, paths - pilot, &mut findings);
         }
     }
 
