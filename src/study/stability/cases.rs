@@ -141,7 +141,6 @@ pub fn unsafe_control() -> Case {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::stability::domain::Atom;
     use crate::balance::{Balance, Counts, Heuristic, Moments};
 
     #[test]
