@@ -1,7 +1,22 @@
 #!/bin/bash
 # Installs what a build needs and is not there: Embree 4, libclang (for the bindings), a C linker, libc's headers.
 # Says nothing and changes nothing when all is there. Debian 12 and 13, Ubuntu 24.04; elsewhere it says what to install.
+# With --farm also what tests/slurm.rs and tests/openjd.rs need, which are skipped without: Slurm, and the tool of
+# Open Job Description in target/openjd.
 set -euo pipefail
+
+farm=false
+case "$*" in
+'') ;;
+--farm) farm=true ;;
+*)
+    printf 'usage: %s [--farm]\n' "$0" >&2
+    exit 64
+    ;;
+esac
+
+openjd_version=0.8.0
+openjd="$(dirname "$0")/../target/openjd"
 
 trixie_source=/etc/apt/sources.list.d/bismar-trixie.sources
 trixie_pin=/etc/apt/preferences.d/bismar-trixie
@@ -44,6 +59,23 @@ have_embree || missing+=(libembree-dev)
 have_libclang || missing+=(libclang-dev)
 command -v cc >/dev/null || missing+=(gcc)
 any /usr/include/stdlib.h || missing+=(libc6-dev)
+if $farm; then
+    any /usr/sbin/slurmctld || missing+=(slurmctld)
+    any /usr/sbin/slurmd || missing+=(slurmd)
+    any /usr/bin/sbatch || missing+=(slurm-client)
+    any /usr/sbin/munged || missing+=(munge)
+    python3 -c 'import ensurepip' 2>/dev/null || missing+=(python3-venv)
+fi
+
+# Its own folder: nothing of the system's Python changes.
+finish() {
+    if $farm && ! [ -x "$openjd/bin/openjd" ]; then
+        say "installing openjd-cli $openjd_version from PyPI into target/openjd"
+        python3 -m venv "$openjd"
+        "$openjd/bin/pip" --quiet --disable-pip-version-check install "openjd-cli==$openjd_version"
+    fi
+    exit 0
+}
 
 need_cargo() {
     command -v cargo >/dev/null || [ -x "$HOME/.cargo/bin/cargo" ] ||
@@ -52,7 +84,7 @@ need_cargo() {
 
 if [ ${#missing[@]} -eq 0 ]; then
     need_cargo
-    exit 0
+    finish
 fi
 need_cargo
 
@@ -92,7 +124,7 @@ if [ $way = plain ]; then
     say "$PRETTY_NAME: installing ${missing[*]}"
     apt update
     install "${missing[@]}"
-    exit 0
+    finish
 fi
 
 # Debian 12: everything but Embree from its own release, and that first, while libc is still its own.
@@ -113,7 +145,7 @@ fi
 apt update
 # The keyring: early images of Debian 12 lack the keys of trixie.
 install debian-archive-keyring "${own[@]}"
-[ ${#from_trixie[@]} -gt 0 ] || exit 0
+[ ${#from_trixie[@]} -gt 0 ] || finish
 
 if ! [ -e "$trixie_source" ]; then
     mirror=$(apt-get indextargets --format '$(REPO_URI)' 'Created-By: Packages' 'Origin: Debian' 'Codename: bookworm' |
@@ -140,3 +172,4 @@ END
     fi
 fi
 install -t trixie "${from_trixie[@]}"
+finish

@@ -190,6 +190,51 @@ fn lamp_samples_follow_the_pdf() {
 }
 
 #[test]
+fn two_triangles_of_a_parallelogram_are_one_lamp_that_follows_the_pdf() {
+    let points = [[-1.0, 2.0, -1.0], [1.0, 2.0, -1.5], [1.5, 2.5, 0.5], [-0.5, 2.5, 1.0]];
+    // All ways to cut it; and a quadrangle that is none, which stays two lamps.
+    let cuts = [[[0, 1, 2], [0, 2, 3]], [[1, 2, 3], [3, 0, 1]], [[2, 0, 1], [3, 0, 2]], [[0, 1, 2], [2, 3, 0]]];
+    for (k, indices) in cuts.into_iter().enumerate() {
+        let bent = k == 3;
+        let mut points = points;
+        points[2][0] += if bent { 0.5 } else { 0.0 };
+        let material = Material { emissive: Vec3::ONE, double_sided: true, ..Default::default() };
+        let positions = Positions::new(points.to_vec());
+        let scene = Scene {
+            meshes: vec![Mesh { positions, indices: indices.to_vec(), ..Default::default() }],
+            objects: vec![Object { name: String::new(), meshes: 0..1 }],
+            instances: vec![Instance { name: String::new(), object: 0, transform: None }],
+            materials: vec![material],
+            ..Default::default()
+        };
+        let lights = AreaLights::new(&scene).unwrap();
+        let n = Vec3::new(0.2, 1.0, 0.1).normalize();
+        let prim_at = |d: Vec3| {
+            indices.iter().enumerate().find_map(|(prim, &index)| {
+                let [a, b, c] = index.map(|i| Vec3::from_array(points[i as usize]));
+                let normal = (b - a).cross(c - a);
+                let t = a.dot(normal) / d.dot(normal);
+                let inside =
+                    [(a, b), (b, c), (c, a)].iter().all(|(p, q)| (*q - *p).cross(d * t - *p).dot(normal) >= 0.0);
+                (t > 0.0 && inside).then_some((prim as u32, t))
+            })
+        };
+        let mut random = Random(61 + k as u64);
+        chi_square_directions(
+            &format!("parallelogram cut {k}"),
+            4,
+            (100_000, 96),
+            || sample_lamps(&lights, &scene, n, [random.f32(), random.f32(), random.f32()]).map(|s| s.wi),
+            |d| prim_at(d).map_or(0.0, |(prim, t)| f64::from(lights.pdf((Vec3::ZERO, n), (0, 0, prim), d, t))),
+        );
+        // One lamp: every direction has the same area density, whatever the choice's number.
+        let spread = (0..64).map(|i| sample_lamps(&lights, &scene, n, [i as f32 / 64.0, 0.3, 0.6]).unwrap().wi.x);
+        let (low, high) = spread.fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
+        assert_eq!(low == high, !bent, "cut {k}");
+    }
+}
+
+#[test]
 fn lamps_shine_from_the_side_that_the_winding_calls_the_front_also_when_mirrored() {
     let scene = lamps(false);
     let lights = AreaLights::new(&scene).unwrap();

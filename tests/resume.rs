@@ -58,7 +58,9 @@ fn in_pieces(stage: &Stage, settings: &RenderSettings, tiles_a_session: u32) -> 
         }
         let tiles = unpack(&all_bits(&rendered)).unwrap();
         assert!(fits(&tiles, &fresh_tiles(settings)));
-        from = Some(Saved { tiles, stats: RenderStats { noise: 0.0, ..rendered.stats } });
+        let saved = Saved { tiles, stats: RenderStats { noise: 0.0, ..rendered.stats } };
+        assert!(saved.is_on_the_way(settings), "{:?}", saved.stats);
+        from = Some(saved);
     }
     unreachable!()
 }
@@ -210,6 +212,30 @@ fn a_finished_render_says_so_and_goes_on_to_a_higher_goal() {
     // Stop rules count all sessions.
     let said = expect(folder.path(), "render cornell.glb --size 40x30 --time 0.0001 -o out.exr --resume", 0);
     assert!(said.contains("finished before"), "{said}");
+}
+
+#[test]
+fn a_goal_that_cuts_the_passes_otherwise_is_told() {
+    const TOLD: &str = "took other passes";
+    let folder = folder();
+    for (balance, first, then, other) in [
+        ("progressive", "--spp 64", "--spp 256", true),
+        ("progressive", "--spp 200", "--spp 256", true),
+        ("progressive", "--spp 128", "--spp 256", false),
+        ("progressive", "--noise 9", "--spp 256", true),
+        ("progressive", "--noise 9", "--noise 0.5 --time 99", false),
+        ("half", "--spp 64", "--spp 256", false),
+        ("half", "--spp 100", "--spp 256", true),
+        ("half", "--noise 9", "--spp 256", false),
+    ] {
+        let line = format!("render cornell.glb --size 20x20 --balance {balance}");
+        expect(folder.path(), &format!("{line} {first} -o out.exr --checkpoint 9 -q"), 0);
+        let said = expect(folder.path(), &format!("{line} {then} -o out.exr --resume"), 0);
+        assert_eq!(said.contains(TOLD), other, "{balance} {first}, {then}: {said}");
+        expect(folder.path(), &format!("{line} {then} -o whole.exr -q"), 0);
+        let whole = bits(&folder.path().join("whole.exr"));
+        assert!(other || whole == bits(&folder.path().join("out.exr")), "{balance} {first}, {then}");
+    }
 }
 
 #[test]

@@ -16,17 +16,25 @@ fn committed_scenes_are_byte_for_byte_what_their_program_writes() {
         .unwrap();
     assert!(status.success());
     let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
-    let mut names = Vec::new();
-    for entry in fs::read_dir(&folder).unwrap() {
-        let name = entry.unwrap().file_name().into_string().unwrap();
-        let same = fs::read(folder.path().join(&name)).unwrap() == fs::read(committed.join(&name)).unwrap();
-        assert!(same, "{name} differs: run `cargo run --release --example make_scenes` and look at what changed");
-        names.push(name);
+    for part in ["", "study"] {
+        let mut names = Vec::new();
+        for name in files(&folder.path().join(part)) {
+            let read = |root: &Path| fs::read(root.join(part).join(&name)).unwrap();
+            let same = read(folder.path()) == read(&committed);
+            assert!(same, "{name} differs: run `cargo run --release --example make_scenes` and look at what changed");
+            names.push(name);
+        }
+        // And none of them is left from an older program.
+        for name in files(&committed.join(part)) {
+            let made = names.contains(&name) || !(name.ends_with(".glb") || name.ends_with(".hdr"));
+            assert!(made, "{name} is not made by the program");
+        }
     }
-    // And none of them is left from an older program.
-    for entry in fs::read_dir(committed).unwrap() {
-        let name = entry.unwrap().file_name().into_string().unwrap();
-        let made = names.contains(&name) || !(name.ends_with(".glb") || name.ends_with(".hdr"));
-        assert!(made, "{name} is not made by the program");
-    }
+}
+
+/// Names of the files in a folder.
+fn files(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).unwrap().map(Result::unwrap);
+    let files = entries.filter(|entry| entry.file_type().unwrap().is_file());
+    files.map(|entry| entry.file_name().into_string().unwrap()).collect()
 }

@@ -15,6 +15,8 @@ pub enum Balance {
     SecondOrder,
     /// The share whose mixture of pdfs is nearest to the light in Kullback-Leibler divergence, to first order.
     Kl,
+    /// Grittmann et al. 2022: a pilot of 32 paths, then the share with the least second moment times cost.
+    EfficiencyAware,
     /// Balance heuristic, one sample of each.
     Half,
     /// Power heuristic (exponent 2), one sample of each.
@@ -44,21 +46,27 @@ impl Balance {
     /// Weights between the techniques.
     pub fn heuristic(self) -> Heuristic {
         match self {
-            Balance::Progressive | Balance::SecondOrder | Balance::Kl | Balance::Half => Heuristic::Balance,
             Balance::Power => Heuristic::Power,
             Balance::Max => Heuristic::Max,
+            _ => Heuristic::Balance,
         }
     }
 
     /// Does it learn from samples?
     pub fn learns(self) -> bool {
-        matches!(self, Balance::Progressive | Balance::SecondOrder | Balance::Kl)
+        matches!(self, Balance::Progressive | Balance::SecondOrder | Balance::Kl | Balance::EfficiencyAware)
+    }
+
+    /// Does a pixel learn from sums over all its samples, pass by pass?
+    pub fn sums_moments(self) -> bool {
+        matches!(self, Balance::SecondOrder | Balance::Kl)
     }
 
     /// Paths a pixel of the pass that begins after `done` paths, of `goal` in all (`None`: until some other rule
     /// stops), or `None` when the goal is reached. `second-order` needs a goal: its pilot is half of it. `progressive`
-    /// takes passes of 128, or of 32 where it does not know how many there will be; the others' passes are 8, 8, 16, 32,
-    /// 64, 128, 128, … whatever the goal, so that a render can go on to a higher one.
+    /// takes passes of 128, or begins with 32 where it does not know how many there will be; `efficiency-aware` always
+    /// begins with 32. The others' passes are 8, 8, 16, 32, 64, 128, 128, … whatever the goal, so that a render can go on
+    /// to a higher one.
     pub fn next_pass(self, done: u32, goal: Option<u32>) -> Option<u32> {
         let left = goal.map_or(u32::MAX, |g| g.saturating_sub(done));
         if left == 0 {
@@ -68,7 +76,9 @@ impl Balance {
             (Balance::SecondOrder, Some(goal)) if done == 0 => goal.div_ceil(2),
             (Balance::SecondOrder, Some(_)) => left,
             (Balance::Progressive, Some(_)) => LONGEST_PASS,
-            (Balance::Progressive, None) => done.clamp(PILOT * FIRST_PASS, LONGEST_PASS),
+            (Balance::EfficiencyAware, _) | (Balance::Progressive, None) => {
+                done.clamp(PILOT * FIRST_PASS, LONGEST_PASS)
+            }
             _ => done.clamp(FIRST_PASS, LONGEST_PASS),
         };
         Some(size.min(left))
@@ -82,13 +92,18 @@ impl Balance {
         learns.then_some(paths / PILOT / 4 * 4)
     }
 
+    /// Are later passes' shares chosen, once, from what the pass that begins after `done` paths finds in the tile?
+    pub fn learns_at_once(self, done: u32) -> bool {
+        self == Balance::EfficiencyAware && done == 0
+    }
+
     /// The share of light samples α for a pixel's next pass, in [0, 1], from what it has itself seen; `None` where that
     /// decides nothing.
     pub fn share(self, seen: &Moments) -> Option<f32> {
         match self {
             Balance::SecondOrder => Some(seen.second_order()),
             Balance::Kl => Some(seen.kl_linear()),
-            Balance::Progressive | Balance::Half | Balance::Power | Balance::Max => None,
+            _ => None,
         }
     }
 }

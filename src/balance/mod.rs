@@ -5,6 +5,7 @@
 //! M(α) = ∫ f²/p_α = Σ_k (−t)^k m_k with m_k = E_½[Y² r^k].
 
 pub mod deal;
+pub mod efficiency;
 pub mod heuristic;
 pub mod method;
 pub mod moments;

@@ -1,4 +1,4 @@
-//! Many renders from one file: what the file says ([`file`]), who works on what ([`queue`]), what came of it
+//! Many renders from one file: what the file says ([`mod@file`]), who works on what ([`queue`]), what came of it
 //! ([`report`]).
 
 pub mod file;

@@ -52,7 +52,7 @@ pub struct BatchArgs {
 }
 
 /// Flags of `render` that make no sense in a batch file.
-const NOT_IN_FILES: [&str; 5] = ["resume", "progress", "threads", "part", "memory-limit"];
+const NOT_IN_FILES: [&str; 6] = ["resume", "progress", "threads", "part", "memory-limit", "path-mapping"];
 
 /// A job with its flags understood.
 pub struct Planned {

@@ -153,7 +153,7 @@ fn of_scene(args: &SubmitArgs) -> Result<Render> {
         if matches.try_contains_id(id).is_err() || matches.value_source(id) != Some(ValueSource::CommandLine) {
             continue;
         }
-        if ["part", "resume", "progress", "output"].contains(&name) {
+        if ["part", "resume", "progress", "path-mapping", "output"].contains(&name) {
             if name == "output" {
                 continue;
             }

@@ -11,6 +11,7 @@ use tracing::warn;
 use super::render::{Earlier, attributes};
 use super::stats::counts_header;
 use super::{Verbosity, Verdict, say};
+use crate::farm::PathMapping;
 use crate::film::exr_file::{self, Header, HeaderValue};
 use crate::film::{Aov, View, atomic, preview};
 use crate::render::part::in_rows;
@@ -25,7 +26,7 @@ use crate::{Error, Result};
 ///
 /// Parts (`render --part K/N`) give the bits of the whole render, in whatever order they are named. Pictures that differ
 /// in nothing but their seed are averaged, each path counting the same; they must have been rendered with --checkpoint.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub struct MergeArgs {
     /// Parts, or pictures of different seeds, or parts of these.
     #[arg(required = true, value_name = "PART.exr")]
@@ -48,6 +49,9 @@ pub struct MergeArgs {
     /// Wait up to so many seconds for files that are not there: shared file systems show them late.
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
     wait: f64,
+    /// Where these paths lie on this machine: rules of Open Job Description (pathmapping-1.0).
+    #[arg(long, value_name = "FILE.json")]
+    path_mapping: Option<PathBuf>,
 }
 
 /// One input.
@@ -67,6 +71,12 @@ struct Whole {
 }
 
 pub fn run(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
+    let mut args = args.clone();
+    if let Some(file) = &args.path_mapping {
+        let mapping = PathMapping::read(file)?;
+        let all = args.parts.iter_mut().chain(&mut args.preview).chain([&mut args.output]);
+        all.for_each(|path| mapping.apply(path));
+    }
     atomic::check(&args.output)?;
     atomic::sweep(&args.output);
     if let Some(path) = &args.preview {
@@ -87,6 +97,7 @@ pub fn run(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
     };
     let (header, fingerprint) = (first.header.clone(), first.fingerprint.clone());
     let keeps = !args.no_statistics && seeds.len() == 1 && header.keeps_statistics();
+    let by_noise = seeds.values().flatten().any(|input| input.header.stop() == Some(StopReason::Noise));
     let names: Vec<String> = seeds.keys().map(u32::to_string).collect();
     let mut wholes = seeds.into_values().map(|group| assemble(&group)).collect::<Result<Vec<_>>>()?.into_iter();
     let Some(mut whole) = wholes.next() else { return Err(Error::Usage("no parts".into())) };
@@ -102,6 +113,12 @@ pub fn run(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
     let request = header.text("bismar.request").unwrap_or_default();
     own.extend(attributes(request, &fingerprint, &rendered.stats, keeps)?);
     if names.len() > 1 {
+        if by_noise {
+            warn!(
+                "these pictures stopped when they looked clean (--noise), and their paths count alike: a picture that \
+                 met nothing bright stopped early, so the mean is a little dark; --spp has no such bias"
+            );
+        }
         own.push(("bismar.seeds".into(), HeaderValue::Text(names.join(","))));
         // Nothing can go on from several seeds at once.
         own.retain(|(name, _)| name != "bismar.fingerprint" && name != "bismar.format");

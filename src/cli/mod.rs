@@ -12,6 +12,7 @@ mod panics;
 mod progress;
 mod render;
 mod signals;
+mod stability;
 mod stats;
 mod study;
 

@@ -34,6 +34,7 @@ pub fn run(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
 fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     let began = Instant::now();
     args.check()?;
+    let args = &args.on_this_machine()?;
     check_outputs(args)?;
     let (threads, source) = host::threads(args.threads)?;
     info!("{threads} threads ({source})");

@@ -12,6 +12,7 @@ use tracing::info;
 use super::progress::{Reporter, Style};
 use super::render::{Size, threads};
 use super::signals::Signals;
+use super::stability::{self, StabilityArgs};
 use super::{Verbosity, Verdict, host, print, say};
 use crate::film::atomic;
 use crate::render::{Integrator, Progress};
@@ -29,6 +30,7 @@ pub struct StudyArgs {
 #[derive(Debug, Subcommand)]
 enum Study {
     Balance(BalanceArgs),
+    Stability(StabilityArgs),
     Rays(rays::RaysArgs),
 }
 
@@ -125,17 +127,22 @@ impl BalanceArgs {
 }
 
 pub fn run(args: &StudyArgs, verbosity: Verbosity) -> Result<Verdict> {
-    let args = match &args.study {
-        Study::Balance(args) => args,
-        Study::Rays(args) => return rays::run(args, verbosity),
-    };
-    let (threads, source) = host::threads(args.threads)?;
+    match &args.study {
+        Study::Balance(args) => on_threads(args.threads, || balance(args, verbosity)),
+        Study::Stability(args) => on_threads(args.threads, || stability::run(args, verbosity)),
+        Study::Rays(args) => rays::run(args, verbosity),
+    }
+}
+
+/// Does work on as many threads as asked for.
+fn on_threads(asked: Option<usize>, work: impl FnOnce() -> Result<Verdict> + Send) -> Result<Verdict> {
+    let (threads, source) = host::threads(asked)?;
     info!("{threads} threads ({source})");
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build()
         .map_err(|e| Error::Host(format!("cannot start {threads} threads: {e}")))?;
-    pool.install(|| balance(args, verbosity))
+    pool.install(work)
 }
 
 fn balance(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {

@@ -2,6 +2,7 @@
 //! ([`openjd`]). Nothing here renders: every task is one plain command that can be run again at any time.
 
 pub mod openjd;
+mod path_mapping;
 pub mod slurm;
 
 use std::path::{Path, PathBuf};
@@ -9,6 +10,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::{Error, Result};
+pub use path_mapping::PathMapping;
 
 /// One render, whole or in parts.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -36,9 +36,11 @@ pub fn template(plan: &Plan) -> Result<Value> {
 }
 
 fn script(command: &[String]) -> Value {
+    let mut args = command[1..].to_vec();
+    args.insert(1, "--path-mapping={{Session.PathMappingRulesFile}}".into());
     json!({ "actions": { "onRun": {
         "command": command[0],
-        "args": command[1..],
+        "args": args,
         "cancelation": { "mode": "NOTIFY_THEN_TERMINATE", "notifyPeriodInSeconds": 30 },
     } } })
 }

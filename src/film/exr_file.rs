@@ -163,7 +163,7 @@ pub fn read(path: &Path) -> Outcome<Picture> {
 /// Reads the header attributes that bismar has written, without the picture. Empty for pictures of others.
 ///
 /// # Errors
-/// As [`read`].
+/// As [`read()`].
 pub fn read_header(path: &Path) -> Outcome<Header> {
     let bad = |why: &str| Error::Data(format!("{}: cannot use this OpenEXR file: {why}", path.display()));
     let file = fs::File::open(path).map_err(|e| Error::reading(path, &e))?;
@@ -187,10 +187,10 @@ pub fn read_header(path: &Path) -> Outcome<Header> {
     Ok(ours.collect())
 }
 
-/// The statistics that [`write`] was given, or `None` for a picture without.
+/// The statistics that [`write()`] was given, or `None` for a picture without.
 ///
 /// # Errors
-/// As [`read`]; [`Error::Data`] also if the bytes are not those that were written.
+/// As [`read()`]; [`Error::Data`] also if the bytes are not those that were written.
 pub fn read_statistics(path: &Path) -> Outcome<Option<Vec<u8>>> {
     decoded(path, decode_statistics)
 }

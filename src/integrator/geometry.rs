@@ -131,8 +131,8 @@ impl Geometry {
             (e1, e2) = (transform(&linear, e1), transform(&linear, e2));
             (ng, ns) = (transform(&normal, ng), transform(&normal, ns));
         }
-        let extent = [position, e1, e2].map(|v| v.abs().max_element());
-        let extent = extent[0].fast_max(extent[1]).fast_max(extent[2]);
+        let size = |v: V3| v.abs().max_element();
+        let extent = size(position).fast_max(size(e1)).fast_max(size(e2));
         Points { position, ng, ns, stand_off: extent * F::splat(STAND_OFF) }
     }
 

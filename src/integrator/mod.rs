@@ -44,7 +44,7 @@ pub struct Transport<'a> {
     /// Seed of every random choice.
     pub seed: u32,
     /// Collect balance moments?
-    pub learns: bool,
+    pub moments: bool,
     /// Collect AOV sums?
     pub aovs: bool,
 }

@@ -99,6 +99,8 @@ pub struct Wave {
     pub(super) children: Vec<Child>,
     /// What first surfaces' samples found, while `record` is set.
     pub findings: Vec<Finding>,
+    /// The paths' radiance, pixel by pixel, while `record` is set.
+    pub recorded: Vec<Vec3>,
     /// Record findings?
     pub record: bool,
     /// Rays and time so far.
@@ -218,7 +220,9 @@ impl Wave {
                 if pending.w[i] > 0.0 {
                     let pixel = slot.pixel as usize;
                     let (w, r) = (pending.w[i], pending.r[i]);
-                    sums[pixel].moments.add(w, r, 2.0 * radiance.element_sum());
+                    if transport.moments {
+                        sums[pixel].moments.add(w, r, 2.0 * radiance.element_sum());
+                    }
                     if self.record {
                         let (pixel, index) = (plan[pixel].place, pending.child[i]);
                         self.findings.push(Finding { pixel, technique: Technique::Light, index, r, radiance });
@@ -233,7 +237,7 @@ impl Wave {
     /// Folds the paths into their pixels, in path order.
     #[inline(never)]
     fn finish(&mut self, transport: &Transport, plan: &[PixelPlan], sums: &mut [PixelSum]) {
-        if transport.learns {
+        if transport.moments || self.record {
             for child in &self.children {
                 let radiance = child.indirect;
                 if radiance == Vec3::ZERO {
@@ -243,12 +247,17 @@ impl Wave {
                 let pixel = slot.pixel as usize;
                 // Indirect light: Z = 2X, Y = 2 a_b X, r = −1.
                 let w = 4.0 * slot.a_b * radiance.length_squared();
-                sums[pixel].moments.add(w, -1.0, 2.0 * radiance.element_sum());
+                if transport.moments {
+                    sums[pixel].moments.add(w, -1.0, 2.0 * radiance.element_sum());
+                }
                 if self.record {
                     let (pixel, index, r) = (plan[pixel].place, child.index, -1.0);
                     self.findings.push(Finding { pixel, technique: Technique::Indirect, index, r, radiance });
                 }
             }
+        }
+        if self.record {
+            self.recorded.extend(self.slots.iter().map(|slot| slot.radiance));
         }
         for slot in &self.slots {
             let sum = &mut sums[slot.pixel as usize];

@@ -1,4 +1,4 @@
-//! Emissive triangles as lights.
+//! Emissive triangles as lights; two that make a parallelogram are sampled as one.
 
 use std::f32::consts::PI;
 
@@ -11,10 +11,10 @@ use crate::lanes::{F, LANES, V3, eight};
 use crate::sampling::warp;
 use crate::scene::{Material, Mesh, Scene};
 
-/// One emissive triangle, in world space, as numbers that can be loaded into lanes.
+/// One emissive triangle, or two that make a parallelogram, in world space, as numbers that can be loaded into lanes.
 #[derive(Debug, Clone, Copy)]
-struct EmissiveTriangle {
-    /// First vertex (3), edge from it to the second (3), x and y of the edge to the third.
+struct Lamp {
+    /// A corner (3), an edge from it (3), x and y of the other edge.
     place: [f32; LANES],
     /// z of that edge, unit normal on the side that the winding calls the front (3), emitted radiance before a texture
     /// (3), one over the area.
@@ -23,23 +23,25 @@ struct EmissiveTriangle {
     prim: u32,
     two_sided: bool,
     textured: bool,
+    parallelogram: bool,
 }
 
-/// All emissive triangles of a scene.
+/// All that emits in a scene, chosen by a light tree.
 #[derive(Debug)]
 pub struct AreaLights {
-    triangles: Vec<EmissiveTriangle>,
+    lamps: Vec<Lamp>,
     tree: LightTree,
-    /// First triangle of each (instance, mesh) that emits, sorted.
+    /// Place in `lamp_of` of the first triangle of each (instance, mesh) that emits, sorted.
     first: Vec<((u32, u32), u32)>,
+    /// The lamp of each emissive triangle.
+    lamp_of: Vec<u32>,
 }
 
 impl AreaLights {
     /// Gathers them; `None` when nothing shines.
     pub fn new(scene: &Scene) -> Option<Self> {
-        let mut triangles = Vec::new();
-        let mut emitters = Vec::new();
-        let mut first = Vec::new();
+        let (mut lamps, mut emitters) = (Vec::new(), Vec::new());
+        let (mut first, mut lamp_of) = (Vec::new(), Vec::new());
         for (instance_index, instance) in scene.instances.iter().enumerate() {
             for mesh_index in scene.objects[instance.object as usize].meshes.clone() {
                 let mesh = &scene.meshes[mesh_index as usize];
@@ -47,41 +49,57 @@ impl AreaLights {
                 if !material.is_emissive() {
                     continue;
                 }
-                first.push(((instance_index as u32, mesh_index), triangles.len() as u32));
+                first.push(((instance_index as u32, mesh_index), lamp_of.len() as u32));
                 let mirrored = instance.transform.is_some_and(|t| t.matrix3.determinant() < 0.0);
-                for (prim, &index) in mesh.indices.iter().enumerate() {
-                    let corners = index.map(|i| {
+                let corners = |prim: usize| {
+                    mesh.indices[prim].map(|i| {
                         let p = Vec3::from_array(mesh.positions[i as usize]);
                         instance.transform.map_or(p, |t| t.transform_point3(p))
-                    });
-                    let edges = [corners[1] - corners[0], corners[2] - corners[0]];
-                    let cross = edges[0].cross(edges[1]) * if mirrored { -1.0 } else { 1.0 };
-                    let area = 0.5 * cross.length();
-                    let radiance = luminance(mean_emission(scene, material, mesh, index));
+                    })
+                };
+                let textured = material.emissive_texture.is_some();
+                let mut prim = 0;
+                while prim < mesh.indices.len() {
+                    let [mut v, s, t] = corners(prim);
+                    let (mut e, mut f, mut far) = (s - v, t - v, v);
+                    let pair = (!textured && prim + 1 < mesh.indices.len())
+                        .then(|| parallelogram([v, s, t], corners(prim + 1)))
+                        .flatten();
+                    if let Some(corners) = pair {
+                        (v, far) = (corners[0], corners[3]);
+                        (e, f) = (corners[1] - v, corners[2] - v);
+                    }
+                    let cross = e.cross(f) * if mirrored { -1.0 } else { 1.0 };
+                    let area = if pair.is_some() { 1.0 } else { 0.5 } * cross.length();
+                    let radiance = luminance(mean_emission(scene, material, mesh, mesh.indices[prim]));
                     let sides = if material.double_sided { 2.0 } else { 1.0 };
                     let power = PI * area * radiance * sides;
                     let n = cross.normalize_or_zero();
                     emitters.push(Emitter {
-                        low: corners[0].min(corners[1]).min(corners[2]),
-                        high: corners[0].max(corners[1]).max(corners[2]),
+                        low: v.min(v + e).min(v + f).min(far),
+                        high: v.max(v + e).max(v + f).max(far),
                         normal: n,
                         power: if power.is_finite() && n != Vec3::ZERO { power } else { 0.0 },
                         two_sided: material.double_sided,
                     });
-                    let ([v, e, f], l) = ([corners[0], edges[0], edges[1]], material.emissive);
-                    triangles.push(EmissiveTriangle {
+                    let l = material.emissive;
+                    let triangles = if pair.is_some() { 2 } else { 1 };
+                    lamp_of.extend(std::iter::repeat_n(lamps.len() as u32, triangles));
+                    lamps.push(Lamp {
                         place: [v.x, v.y, v.z, e.x, e.y, e.z, f.x, f.y],
                         light: [f.z, n.x, n.y, n.z, l.x, l.y, l.z, 1.0 / area],
                         mesh: mesh_index,
                         prim: prim as u32,
                         two_sided: material.double_sided,
-                        textured: material.emissive_texture.is_some(),
+                        textured,
+                        parallelogram: pair.is_some(),
                     });
+                    prim += triangles;
                 }
             }
         }
         let tree = LightTree::new(&emitters)?;
-        Some(Self { triangles, tree, first })
+        Some(Self { lamps, tree, first, lamp_of })
     }
 
     /// Emitted power (luminance), in W.
@@ -89,25 +107,17 @@ impl AreaLights {
         self.tree.power()
     }
 
-    /// How many triangles.
-    pub fn len(&self) -> usize {
-        self.triangles.len()
-    }
-
-    /// Are there none? (Never: see [`new`](Self::new).)
-    pub fn is_empty(&self) -> bool {
-        self.triangles.is_empty()
-    }
-
-    /// Draws points on triangles, uniform over their area, as seen from `p` with unit geometric normals `n`. `choice`,
+    /// Draws points on lamps, uniform over their area, as seen from `p` with unit geometric normals `n`. `choice`,
     /// `u` and `v` in [0, 1).
     #[inline]
     pub fn sample(&self, scene: &Scene, p: V3, n: V3, choice: F, u: F, v: F) -> LightSamples {
         let (chosen, pmf) = self.tree.sample(p, n, choice);
-        let lights = eight(|lane| &self.triangles[chosen[lane] as usize]);
+        let lights = eight(|lane| &self.lamps[chosen[lane] as usize]);
         let [vx, vy, vz, ex, ey, ez, fx, fy] = F::transpose(eight(|lane| F::from(lights[lane].place)));
         let [fz, nx, ny, nz, lx, ly, lz, one_over_area] = F::transpose(eight(|lane| F::from(lights[lane].light)));
+        let whole = F::from(eight(|lane| f32::from(u8::from(lights[lane].parallelogram)))).simd_gt(F::ZERO);
         let (b1, b2) = warp::triangles(u, v);
+        let (b1, b2) = (whole.select(u, b1), whole.select(v, b2));
         let (edge1, edge2) = (V3 { x: ex, y: ey, z: ez }, V3 { x: fx, y: fy, z: fz });
         let to = V3 { x: vx, y: vy, z: vz } + edge1 * b1 + edge2 * b2 - p;
         let distance2 = to.length_squared();
@@ -133,17 +143,32 @@ impl AreaLights {
     #[inline]
     pub fn pdf(&self, (p, n): (Vec3, Vec3), (instance, mesh, prim): (u32, u32, u32), wi: Vec3, distance: f32) -> f32 {
         let Ok(found) = self.first.binary_search_by_key(&(instance, mesh), |&(key, _)| key) else { return 0.0 };
-        let index = self.first[found].1 + prim;
-        let triangle = &self.triangles[index as usize];
-        let [_, nx, ny, nz, .., one_over_area] = triangle.light;
+        let lamp = self.lamp_of[(self.first[found].1 + prim) as usize];
+        let Lamp { light: [_, nx, ny, nz, .., one_over_area], two_sided, .. } = self.lamps[lamp as usize];
         let cos = -Vec3::new(nx, ny, nz).dot(wi);
-        let facing = if triangle.two_sided { cos.abs() } else { cos };
+        let facing = if two_sided { cos.abs() } else { cos };
         if facing <= 0.0 {
             return 0.0;
         }
-        let pdf = self.tree.pmf(p, n, index) * one_over_area * distance * distance / facing;
+        let pdf = self.tree.pmf(p, n, lamp) * one_over_area * distance * distance / facing;
         if pdf.is_finite() { pdf } else { 0.0 }
     }
+}
+
+/// The parallelogram that two triangles make which share an edge: a corner, its two neighbours in the first triangle's
+/// winding, the corner across.
+fn parallelogram(a: [Vec3; 3], b: [Vec3; 3]) -> Option<[Vec3; 4]> {
+    for i in 0..3 {
+        for j in 0..3 {
+            let (s, t) = (a[(i + 1) % 3], a[(i + 2) % 3]);
+            if (s, t) == (b[(j + 2) % 3], b[(j + 1) % 3]) {
+                // As good as equal: some roundings of the largest coordinate.
+                let (error, size) = (a[i] + b[j] - s - t, s.abs().max(t.abs()).max(a[i].abs()).max_element());
+                return (error.abs().max_element() <= 8.0 * f32::EPSILON * size).then_some([a[i], s, t, b[j]]);
+            }
+        }
+    }
+    None
 }
 
 /// Emitted radiance of triangle `prim` of `mesh` at barycentric weights (`u`, `v`) of its second and third vertex,

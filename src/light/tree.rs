@@ -24,10 +24,10 @@ pub struct Emitter {
 /// A cluster of emitters, as numbers that can be loaded into lanes.
 #[derive(Debug, Clone, Copy, Default)]
 struct Bounds {
-    /// Centre of the box (3), squared radius, axis of the cone of normals (3), power.
+    /// Centre of the box (3), its radius, axis of the cone of normals (3), power, negative where both sides shine.
     row: [f32; LANES],
-    /// Cosine and sine of the cone's half angle, 1 where both sides shine.
-    cone: [f32; 3],
+    /// Cosine and sine of the cone's half angle, one over the radius squared.
+    more: [f32; 3],
 }
 
 /// An inner node's or leaf's place in the tree.
@@ -100,8 +100,8 @@ impl Cluster {
         let (c, a) = (center, self.axis);
         let (sin, cos) = self.angle.sin_cos();
         Bounds {
-            row: [c.x, c.y, c.z, half.length_squared(), a.x, a.y, a.z, self.power],
-            cone: [cos, sin, f32::from(u8::from(self.two_sided))],
+            row: [c.x, c.y, c.z, half.length(), a.x, a.y, a.z, if self.two_sided { -self.power } else { self.power }],
+            more: [cos, sin, 1.0 / half.length_squared().max(f32::MIN_POSITIVE)],
         }
     }
 }
@@ -158,7 +158,7 @@ impl LightTree {
 
     /// Total power.
     pub fn power(&self) -> f32 {
-        self.nodes[0].bounds.row[7]
+        self.nodes[0].bounds.row[7].abs()
     }
 
     /// Chooses an emitter for each of eight points `p` with unit geometric normals `n`, by `u` in [0, 1): the emitters
@@ -229,26 +229,28 @@ impl LightTree {
     #[inline(always)]
     fn importance(&self, node: [u32; LANES], p: V3, n: V3) -> F {
         let bounds = eight(|lane| &self.nodes[node[lane] as usize].bounds);
-        let [cx, cy, cz, radius2, ax, ay, az, power] = F::transpose(eight(|lane| F::from(bounds[lane].row)));
-        let [cos_o, sin_o, two_sided] = [0, 1, 2].map(|k| F::from(eight(|lane| bounds[lane].cone[k])));
+        let [cx, cy, cz, radius, ax, ay, az, power] = F::transpose(eight(|lane| F::from(bounds[lane].row)));
+        let more = |k: usize| F::from(eight(|lane| bounds[lane].more[k]));
+        let (cos_o, sin_o, one_over_radius2) = (more(0), more(1), more(2));
         let to = V3 { x: cx, y: cy, z: cz } - p;
         let distance2 = to.length_squared();
-        let wi = to * (F::ONE / distance2.fast_max(F::splat(f32::MIN_POSITIVE)).sqrt());
+        let one_over_distance = F::ONE / distance2.sqrt();
+        let wi = to * one_over_distance;
         // Half angle under which the bounding sphere is seen.
-        let inside = distance2.simd_le(radius2);
-        let sin2_b = radius2 / distance2;
-        let sin_b = inside.select(F::ZERO, sin2_b.sqrt());
-        let cos_b = inside.select(-F::ONE, (F::ONE - sin2_b).fast_max(F::ZERO).sqrt());
+        let sin_b = radius * one_over_distance;
+        let inside = !sin_b.simd_lt(F::ONE);
+        let cos_b = (F::ONE - sin_b * sin_b).fast_max(F::ZERO).sqrt();
+        let (sin_b, cos_b) = (inside.select(F::ZERO, sin_b), inside.select(-F::ONE, cos_b));
         // Angle between the light's normals and the way to the point, at least.
         let cos = -(V3 { x: ax, y: ay, z: az }).dot(wi);
-        let cos = two_sided.simd_gt(F::ZERO).select(cos.abs(), cos);
+        let cos = power.simd_lt(F::ZERO).select(cos.abs(), cos);
         let (cos, sin) = cos_minus(cos, sin_of(cos), cos_o, sin_o);
         let (cos, _) = cos_minus(cos, sin, cos_b, sin_b);
         // Angle at the receiver, at least.
         let cos_i = n.dot(wi);
         let (cos_i, _) = cos_minus(cos_i, sin_of(cos_i), cos_b, sin_b);
-        let importance = power * cos.fast_max(F::ZERO) * cos_i.fast_max(F::ZERO);
-        importance / distance2.fast_max(radius2).fast_max(F::splat(f32::MIN_POSITIVE))
+        let importance = power.abs() * cos.fast_max(F::ZERO) * cos_i.fast_max(F::ZERO);
+        importance * inside.select(one_over_radius2, one_over_distance * one_over_distance)
     }
 }
 

@@ -161,7 +161,7 @@ pub fn run(scene: &Scene, rays: &dyn RayQueries, settings: &RenderSettings, job:
             Integrator::Direct => settings.max_depth.min(2),
         },
         seed: settings.seed,
-        learns: settings.balance.learns(),
+        moments: settings.balance.sums_moments(),
         aovs: settings.aovs,
     };
     let Run { stop, progress, began, from, mut checkpoint } = job;

@@ -2,8 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::RenderStats;
 use super::tile::Tile;
+use super::{RenderSettings, RenderStats, paths_range};
 use crate::{Error, Result};
 
 /// A render that can go on.
@@ -13,6 +13,24 @@ pub struct Saved {
     pub tiles: Vec<Tile>,
     /// Over all sessions so far.
     pub stats: RenderStats,
+}
+
+impl Saved {
+    /// Has it taken the passes that a render of these settings begins with? Then it ends with the same bits. Else its
+    /// passes were cut by another goal or by time: the picture is as right, but another one.
+    pub fn is_on_the_way(&self, settings: &RenderSettings) -> bool {
+        let (done, ahead) = paths_range(&self.tiles);
+        let (mut paths, mut passes) = (0, 0);
+        while paths < ahead {
+            let Some(pass) = settings.balance.next_pass(paths, settings.spp) else { return false };
+            if paths == done && passes == self.stats.passes {
+                // The pass that is half-way.
+                return done + pass == ahead;
+            }
+            (paths, passes) = (paths + pass, passes + 1);
+        }
+        (paths, passes) == (done, self.stats.passes)
+    }
 }
 
 /// Raised whenever tiles saved by an older version can no longer be read.

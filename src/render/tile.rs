@@ -3,8 +3,10 @@
 use std::cell::RefCell;
 use std::time::Instant;
 
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
+use crate::balance::efficiency::{self, Cost};
 use crate::balance::pilot::{choose, spreads};
 use crate::balance::{Balance, Counts, Technique};
 use crate::integrator::{PixelPlan, PixelSum, Transport, Wave, WaveCounts, guides};
@@ -93,11 +95,14 @@ impl Tile {
             wave.counts = WaveCounts::default();
             match balance.pilot(before_pass, paths) {
                 Some(pilot) if two_techniques => self.with_pilot(transport, wave, pilot, paths),
+                _ if two_techniques && balance.learns_at_once(before_pass) => {
+                    self.alone(transport, wave, paths);
+                }
                 _ => self.at_once(transport, wave, paths),
             }
             wave.counts
         });
-        if transport.learns && two_techniques {
+        if transport.moments && two_techniques {
             for sum in &mut self.sums {
                 sum.stats.balance = balance.share(&sum.moments).unwrap_or(sum.stats.balance);
             }
@@ -125,32 +130,74 @@ impl Tile {
     /// A pass that begins with `pilot` paths at equal counts; all its paths are then weighed by its total counts.
     fn with_pilot(&mut self, transport: &Transport, wave: &mut Wave, pilot: u32, paths: u32) {
         let n = self.pixels.len();
-        wave.findings.clear();
-        wave.record = true;
-        self.trace(transport, wave, pilot, &vec![Counts::half(pilot); n], |_, counts| counts);
-        wave.record = false;
-        let width = self.pixels.iter().take_while(|p| p.y == self.pixels[0].y).count();
+        self.record(transport, wave, pilot);
+        let width = self.width();
         let spreads = spreads(&wave.findings, n, pilot);
         let places: Vec<_> = self.pixels.iter().map(|p| [p.x, p.y]).collect();
         let guides = guides(transport, &places);
         let total: Vec<_> = (0..n).map(|i| Counts::new(choose(i, width, &spreads, &guides), paths)).collect();
-        for finding in &wave.findings {
-            let pixel = finding.pixel as usize;
-            let change = finding.at(total[pixel].alpha()) - finding.radiance;
-            let sum = &mut self.sums[pixel];
-            let of_kind = match finding.technique {
-                Technique::Indirect => &mut sum.aovs.indirect,
-                _ => &mut sum.aovs.direct,
-            };
-            for c in 0..3 {
-                sum.stats.sum[c] += f64::from(change[c]);
-                of_kind[c] += change[c];
-            }
-        }
+        self.weigh_again(wave, pilot, &total);
         let rest: Vec<_> = total.iter().map(|total| total.after(pilot)).collect();
         self.trace(transport, wave, paths - pilot, &rest, |i, _| total[i]);
         for (sum, total) in self.sums.iter_mut().zip(&total) {
             sum.stats.balance = total.alpha();
+        }
+    }
+
+    /// A pass of equal counts from which the later passes' shares follow by cost and second moment.
+    fn alone(&mut self, transport: &Transport, wave: &mut Wave, paths: u32) {
+        let n = self.pixels.len();
+        self.record(transport, wave, paths);
+        let rays = wave.counts;
+        let all = (n as u64 * u64::from(paths)) as f32;
+        // A first surface's light sample is a shadow ray at most; all others follow from BSDF samples.
+        let light = (rays.shadow_rays as f32).min(all);
+        let bsdf = rays.first_bounce_rays + rays.later_bounce_rays + rays.shadow_rays;
+        let cost = Cost { fixed: 1.0, light: light / all, bsdf: (bsdf as f32 - light) / all };
+        let shares = efficiency::shares(&wave.findings, n, self.width(), cost);
+        self.sums.iter_mut().zip(shares).for_each(|(sum, share)| sum.stats.balance = share);
+    }
+
+    /// Pixels a row.
+    fn width(&self) -> usize {
+        self.pixels.iter().take_while(|p| p.y == self.pixels[0].y).count()
+    }
+
+    /// Takes `paths` paths a pixel at equal counts and records what they find.
+    fn record(&mut self, transport: &Transport, wave: &mut Wave, paths: u32) {
+        wave.findings.clear();
+        wave.recorded.clear();
+        wave.record = true;
+        self.trace(transport, wave, paths, &vec![Counts::half(paths); self.pixels.len()], |_, counts| counts);
+        wave.record = false;
+    }
+
+    /// Weighs a pilot of `pilot` paths with one sample of each technique again, by each pixel's `total` counts.
+    fn weigh_again(&mut self, wave: &Wave, pilot: u32, total: &[Counts]) {
+        let mut changes = vec![Vec3::ZERO; wave.recorded.len()];
+        for finding in &wave.findings {
+            let pixel = finding.pixel as usize;
+            let change = finding.at(total[pixel].alpha()) - finding.radiance;
+            // A path of the pilot takes the samples of its own number.
+            changes[pixel * pilot as usize + finding.index as usize] += change;
+            let aovs = &mut self.sums[pixel].aovs;
+            let of_kind = match finding.technique {
+                Technique::Indirect => &mut aovs.indirect,
+                _ => &mut aovs.direct,
+            };
+            for c in 0..3 {
+                of_kind[c] += change[c];
+            }
+        }
+        let of_pixels = changes.chunks(pilot as usize).zip(wave.recorded.chunks(pilot as usize));
+        for (sum, (changes, recorded)) in self.sums.iter_mut().zip(of_pixels) {
+            for (change, before) in changes.iter().zip(recorded).filter(|(change, _)| **change != Vec3::ZERO) {
+                for c in 0..3 {
+                    let (change, before) = (f64::from(change[c]), f64::from(before[c]));
+                    sum.stats.sum[c] += change;
+                    sum.stats.sum_squared[c] += change * (2.0 * before + change);
+                }
+            }
         }
     }
 
@@ -216,5 +263,37 @@ impl Tile {
     /// How many pixels it has.
     pub fn pixels(&self) -> usize {
         self.pixels.len()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::balance::Finding;
+
+    #[test]
+    fn a_pilot_weighed_again_has_the_sums_of_paths_that_were_weighed_so_at_once() {
+        let mut tile = Tile::cover(2, 1, [0, 0, 2, 1]).remove(0);
+        let mut wave = Wave::default();
+        let finding = |pixel, technique, index, r, y| Finding { pixel, technique, index, r, radiance: Vec3::splat(y) };
+        wave.findings = vec![
+            finding(0, Technique::Light, 0, 0.5, 1.0),
+            finding(0, Technique::Bsdf, 0, -0.5, 2.0),
+            finding(1, Technique::Indirect, 1, -1.0, 3.0),
+        ];
+        // Pixel by pixel, two paths each; one saw a lamp besides.
+        wave.recorded = [3.0, 5.0, 0.0, 3.0].map(Vec3::splat).to_vec();
+        for (sum, paths) in tile.sums.iter_mut().zip(wave.recorded.chunks(2)) {
+            sum.stats.sum = [f64::from(paths[0].x + paths[1].x); 3];
+            sum.stats.sum_squared = [f64::from(paths[0].x.powi(2) + paths[1].x.powi(2)); 3];
+        }
+        tile.weigh_again(&wave, 2, &[Counts { light: 6, bsdf: 2, paths: 4 }, Counts { light: 2, bsdf: 6, paths: 4 }]);
+        // At α = ¾, r = ±½: 1/1.25 and 2/0.75. At α = ¼, r = −1: 3/1.5.
+        let expected = [[1.0 / 1.25 + 2.0 / 0.75, 5.0], [0.0, 2.0]];
+        for (sum, paths) in tile.sums.iter().zip(expected) {
+            assert!((sum.stats.sum[0] - (paths[0] + paths[1])).abs() < 1e-6);
+            assert!((sum.stats.sum_squared[0] - (paths[0] * paths[0] + paths[1] * paths[1])).abs() < 1e-5);
+        }
+        assert_eq!(tile.sums[1].aovs.indirect, [-1.0; 3]);
     }
 }

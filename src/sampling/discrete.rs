@@ -11,7 +11,7 @@ const GRID: f64 = (1u32 << 23) as f64;
 pub struct Discrete {
     /// `len + 1` values from 0 to 1.
     cdf: Vec<f32>,
-    /// For each of `len` equal steps of the random number, the first outcome that it can be.
+    /// For each of 2^k ≥ 2 `len` equal steps of the random number, the first outcome that it can be.
     guide: Vec<u32>,
     total: f64,
 }
@@ -33,9 +33,10 @@ impl Discrete {
         }
         let cdf: Vec<f32> = sums.iter().map(|s| ((s / total * GRID).round() / GRID) as f32).collect();
         let mut at = 0u32;
-        let guide = (0..n)
+        let steps = (2 * n).next_power_of_two();
+        let guide = (0..steps)
             .map(|k| {
-                let u = k as f64 / n as f64;
+                let u = k as f64 / steps as f64;
                 while at as usize + 1 < n && f64::from(cdf[at as usize + 1]) <= u {
                     at += 1;
                 }
@@ -48,13 +49,9 @@ impl Discrete {
     /// The outcome for `u` in [0, 1), and where `u` lies between the outcome's ends: a fresh number in [0, 1).
     #[inline]
     pub fn sample(&self, u: f32) -> (u32, f32) {
-        let n = self.guide.len();
-        let mut i = self.guide[((u * n as f32) as usize).min(n - 1)] as usize;
-        // The guide's step was found in floating point: step back if it overshot.
-        while i > 0 && self.cdf[i] > u {
-            i -= 1;
-        }
-        while i + 1 < n && self.cdf[i + 1] <= u {
+        // A power of two: the product is exact, and so the step.
+        let mut i = self.guide[(u * self.guide.len() as f32) as usize] as usize;
+        while i + 2 < self.cdf.len() && self.cdf[i + 1] <= u {
             i += 1;
         }
         let width = self.cdf[i + 1] - self.cdf[i];

@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::lanes::F;
+use crate::lanes::{F, eight};
 
 /// Pixel reconstruction filter, by importance sampling.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
@@ -61,7 +61,7 @@ impl FilterSampler {
     /// Offsets from the pixel's centre along one axis, in pixels, for `u` in [0, 1).
     #[inline(always)]
     pub fn offsets(&self, u: F) -> F {
-        F::from(u.to_array().map(|u| self.one(u)))
+        F::from(eight(|lane| self.one(u.as_array()[lane])))
     }
 
     #[inline]

@@ -80,12 +80,11 @@ pub fn samples(seed: U, index: U, set: u32) -> [F; 4] {
             point[d + 1] ^= mask & U::splat(directions[bit as usize]);
         }
     }
-    let mut d = 0;
-    point.map(|p| {
-        d += 1;
-        let own = hashes(scramble ^ U::splat(0x912f_69bau32.wrapping_mul(2 * d + 1)));
-        unit_interval(reverse_bits(owen_scramble(p, own)))
-    })
+    let number = |d: usize| {
+        let own = hashes(scramble ^ U::splat(0x912f_69bau32.wrapping_mul(2 * d as u32 + 3)));
+        unit_interval(reverse_bits(owen_scramble(point[d], own)))
+    };
+    [number(0), number(1), number(2), number(3)]
 }
 
 /// A random number of a pixel's point `index` for choices that need no stratification.

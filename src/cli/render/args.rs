@@ -6,6 +6,7 @@ use std::str::FromStr;
 use clap::{Args, ValueEnum};
 
 use crate::cli::progress::Style;
+use crate::farm::PathMapping;
 use crate::film::{Aov, View};
 use crate::rays::Backend;
 use crate::render::{Balance, Integrator, Part, PixelFilter, RenderSettings};
@@ -78,7 +79,8 @@ pub struct RenderArgs {
     /// Save the picture, with all that is needed to go on, every so many seconds and at the end.
     #[arg(long, value_name = "SECONDS", value_parser = positive, help_heading = "Interruption and parts")]
     pub checkpoint: Option<f64>,
-    /// Go on from what the output file holds. Without such a file begin; with a finished one do nothing.
+    /// Go on from what the output file holds. Without such a file begin; with a finished one do nothing. A higher --spp
+    /// goes on from any number of paths; from a multiple of 128 to the bits that it would have had at once.
     #[arg(long, help_heading = "Interruption and parts")]
     pub resume: bool,
     /// Render only part K (1 to N) of the picture's tiles; `bismar merge` puts parts together.
@@ -112,6 +114,9 @@ pub struct RenderArgs {
     /// Write times and counts as JSON (docs/stats.md).
     #[arg(long, value_name = "FILE.json", help_heading = "Output")]
     pub stats: Option<PathBuf>,
+    /// Where this command's paths lie on this machine: rules of Open Job Description (pathmapping-1.0).
+    #[arg(long, value_name = "FILE.json", help_heading = "Interruption and parts")]
+    pub path_mapping: Option<PathBuf>,
     /// How progress is shown.
     #[arg(long, value_enum, default_value_t = Style::Auto, help_heading = "Output")]
     pub progress: Style,
@@ -148,6 +153,21 @@ impl RenderArgs {
     pub fn spp(&self) -> Option<u32> {
         let unlimited = self.spp.is_none() && self.time.is_none() && self.noise.is_none();
         if unlimited { RenderSettings::default().spp } else { self.spp }
+    }
+
+    /// With its paths as they are on this machine.
+    ///
+    /// # Errors
+    /// As [`PathMapping::read`].
+    pub fn on_this_machine(&self) -> Result<Self> {
+        let mut args = self.clone();
+        if let Some(file) = &self.path_mapping {
+            let mapping = PathMapping::read(file)?;
+            mapping.apply(&mut args.scene);
+            let others = [&mut args.output, &mut args.env, &mut args.preview, &mut args.stats];
+            others.into_iter().flatten().for_each(|path| mapping.apply(path));
+        }
+        Ok(args)
     }
 
     /// What clap cannot check.

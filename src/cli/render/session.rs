@@ -261,6 +261,13 @@ impl Session<'_> {
                 here.isa
             );
         }
+        if !saved.is_on_the_way(settings) {
+            warn!(
+                "{} was begun with another goal and took other passes than this command takes from the beginning: the \
+                 picture is as right as ever, but not bit for bit that of a render in one go",
+                output.display()
+            );
+        }
         info!("goes on from {} with {} paths", output.display(), saved.stats.paths);
         Ok(Some((saved, earlier.keeps_statistics())))
     }

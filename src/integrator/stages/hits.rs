@@ -68,8 +68,8 @@ impl Wave {
     #[inline(always)]
     fn plain_vertices(&mut self, transport: &Transport, at: usize) {
         let (rows, n) = eight_of(&self.plain, at);
-        let [instance, mesh, prim] =
-            [&self.hits.instance, &self.hits.mesh, &self.hits.prim].map(|c| load_bits(c, &rows).to_array());
+        let bits = |column: &[u32]| load_bits(column, &rows).to_array();
+        let (instance, mesh, prim) = (bits(&self.hits.instance), bits(&self.hits.mesh), bits(&self.hits.prim));
         let barycentric = (load(&self.hits.u, &rows), load(&self.hits.v, &rows));
         let points = transport.geometry.points(transport.scene, instance, mesh, prim, barycentric);
         let models = eight(|lane| transport.materials.plain(mesh[lane]));
@@ -113,7 +113,7 @@ impl Wave {
     #[inline(always)]
     fn path_of(&self, rows: &Rows) -> [U; 4] {
         let p = &self.paths;
-        [&p.slot, &p.index, &p.child, &p.seed].map(|column| load_bits(column, rows))
+        [load_bits(&p.slot, rows), load_bits(&p.index, rows), load_bits(&p.child, rows), load_bits(&p.seed, rows)]
     }
 
     /// Where a ray hit.
@@ -208,9 +208,11 @@ impl Wave {
         } else {
             self.children[self.paths.child[ray] as usize].indirect += found;
         }
-        if depth == 1 && transport.learns {
+        if depth == 1 && (transport.moments || self.record) {
             let (w, r) = observation(found, light_pdf, weighted_pdf / slot.a_b, slot.a_l / (slot.a_l + slot.a_b));
-            sums[pixel].moments.add(w, r, 2.0 * found.element_sum());
+            if transport.moments {
+                sums[pixel].moments.add(w, r, 2.0 * found.element_sum());
+            }
             if self.record {
                 let (pixel, index) = (plan[pixel].place, self.paths.index[ray]);
                 self.findings.push(Finding { pixel, technique: Technique::Bsdf, index, r, radiance: found });

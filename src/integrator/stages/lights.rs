@@ -47,7 +47,7 @@ impl Wave {
             & ng.dot(light.wi).simd_gt(F::ZERO)
             & radiance.max_element().simd_gt(F::ZERO)
             & radiance.is_finite();
-        let (w, r) = if depth == 0 && transport.learns {
+        let (w, r) = if depth == 0 && (transport.moments || self.record) {
             observations(radiance, light.pdf, bsdf_pdf, task.a_l / (task.a_l + task.a_b))
         } else {
             (F::ZERO, F::ZERO)

@@ -1,0 +1,96 @@
+//! Efficiency-aware counts: the share of light samples with the least second moment times cost among a few (Grittmann,
+//! Yazici, Georgiev and Slusallek 2022, *Efficiency-Aware Multiple Importance Sampling for Bidirectional Rendering
+//! Algorithms*, for two techniques and with rays as cost).
+
+use super::pilot::{Finding, SHARES};
+
+const N: usize = SHARES.len();
+/// Second moments are averaged over this many pixels to each side: those of a single pixel are too noisy to choose by.
+const RADIUS: usize = 2;
+
+/// What a path costs, in rays.
+#[derive(Debug, Clone, Copy)]
+pub struct Cost {
+    /// Whatever the share is.
+    pub fixed: f32,
+    /// A light sample at the first surface.
+    pub light: f32,
+    /// A BSDF sample there, and all that follows from it.
+    pub bsdf: f32,
+}
+
+impl Cost {
+    /// Of a path with two samples at its first surface, a share `alpha` of them light samples.
+    fn at(&self, alpha: f32) -> f32 {
+        self.fixed + 2.0 * (alpha * self.light + (1.0 - alpha) * self.bsdf)
+    }
+}
+
+/// The shares of light samples for the `pixels` pixels of a tile with rows of `width`, from a pilot of equal counts: each
+/// minimises M(α) C(α), M(α) = Σ Y²/(1 + (2α − 1) r) over the pilots of the pixel and its neighbours, each relative to its
+/// own squared mean. ½ where nothing was found. Later passes only: the pilot must not be weighed by shares from itself.
+pub fn shares(findings: &[Finding], pixels: usize, width: usize, cost: Cost) -> Vec<f32> {
+    let mut moments = vec![([0.0f32; N], 0.0f32); pixels];
+    for finding in findings {
+        let (moments, sum) = &mut moments[finding.pixel as usize];
+        let square = finding.radiance.length_squared();
+        *sum += finding.radiance.element_sum();
+        for (moment, share) in moments.iter_mut().zip(SHARES) {
+            *moment += square / (1.0 + (2.0 * share - 1.0) * finding.r);
+        }
+    }
+    for (moments, sum) in &mut moments {
+        let scale = 1.0 / (*sum * *sum);
+        moments
+            .iter_mut()
+            .for_each(|m| *m = if scale.is_finite() && (*m * scale).is_finite() { *m * scale } else { 0.0 });
+    }
+    let of = |pixel: usize| {
+        let (x, y) = (pixel % width, pixel / width);
+        let rows = y.saturating_sub(RADIUS)..=(y + RADIUS).min(pixels / width - 1);
+        let columns = x.saturating_sub(RADIUS)..=(x + RADIUS).min(width - 1);
+        let mut score = [0.0f32; N];
+        for at in rows.flat_map(|row| columns.clone().map(move |column| row * width + column)) {
+            score.iter_mut().zip(moments[at].0).for_each(|(s, m)| *s += m);
+        }
+        score.iter_mut().zip(SHARES).for_each(|(s, share)| *s *= cost.at(share));
+        let best = (0..N).min_by(|&a, &b| score[a].total_cmp(&score[b])).unwrap_or(N / 2);
+        if score[best] > 0.0 { SHARES[best] } else { 0.5 }
+    };
+    (0..pixels).map(of).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::balance::Technique;
+    use glam::Vec3;
+
+    const EQUAL: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
+
+    fn one(technique: Technique, r: f32, y: f32) -> Finding {
+        Finding { pixel: 0, technique, index: 0, r, radiance: Vec3::splat(y) }
+    }
+
+    #[test]
+    fn disjoint_techniques_share_by_the_root_of_their_second_moments() {
+        // Y²-masses 9 and 1: α = √9/(√9 + √1).
+        let seen = [one(Technique::Light, 1.0, 3.0), one(Technique::Bsdf, -1.0, 1.0)];
+        assert_eq!(shares(&seen, 1, 1, EQUAL), [0.75]);
+    }
+
+    #[test]
+    fn the_dearer_technique_gets_less() {
+        let seen = [one(Technique::Light, 1.0, 1.0), one(Technique::Bsdf, -1.0, 1.0)];
+        assert_eq!(shares(&seen, 1, 1, EQUAL), [0.5]);
+        assert!(shares(&seen, 1, 1, Cost { bsdf: 9.0, ..EQUAL })[0] > 0.5);
+    }
+
+    #[test]
+    fn black_pixels_and_bad_numbers_stay_at_half() {
+        assert_eq!(shares(&[], 4, 2, EQUAL), [0.5; 4]);
+        for y in [f32::NAN, f32::INFINITY, 1e38] {
+            assert_eq!(shares(&[one(Technique::Light, 0.5, y)], 1, 1, EQUAL), [0.5]);
+        }
+    }
+}

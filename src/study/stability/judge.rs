@@ -1,0 +1,212 @@
+//! When a difference is one: bounds on chance.
+
+use serde::Serialize;
+
+use super::simulate::Shot;
+
+/// Chance that the whole family of tests raises an alarm though all is well.
+pub const FALSE_ALARM: f64 = 1e-4;
+
+/// The largest |z| that one of `tests` two-sided tests may show (Bonferroni): the normal tail is bounded by
+/// P(|Z| > z) ≤ √(2/π) exp(−z²/2)/z, so the rate is at most [`FALSE_ALARM`].
+pub fn z_limit(tests: usize) -> f64 {
+    let level = FALSE_ALARM / tests.max(1) as f64;
+    let tail = |z: f64| (2.0 / std::f64::consts::PI).sqrt() * (-0.5 * z * z).exp() / z;
+    let (mut low, mut high) = (0.5, 40.0);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if tail(middle) > level { low = middle } else { high = middle }
+    }
+    high
+}
+
+/// How an estimator came through a mode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// Its worst pixel is within the bar.
+    Survives,
+    /// Its worst pixel is beyond the bar, by no more than chance explains.
+    Unsure,
+    /// Its worst pixel is beyond the bar for sure.
+    Fails,
+    /// Its mean is wrong for sure, or something is not finite.
+    Wrong,
+}
+
+/// What an estimator did in one mode.
+#[derive(Debug, Clone, Serialize)]
+pub struct Outcome {
+    /// Who.
+    pub estimator: String,
+    /// Is everything finite, and every share in [0, 1]?
+    pub finite: bool,
+    /// Largest |mean − truth| in standard errors, over pixels, channels and the picture's mean.
+    pub z: f64,
+    /// How many z-tests that is the largest of.
+    pub tests: usize,
+    /// The picture's mean over the truth, less one.
+    pub bias: f64,
+    /// Mean over pixels and channels of the variance over that of `half`.
+    pub mean_ratio: f64,
+    /// The largest of them.
+    pub worst_ratio: f64,
+    /// Its standard error.
+    pub worst_se: f64,
+    /// Mean share of light samples in the last pass.
+    pub share: f64,
+    /// Its standard deviation over replicas, rooted mean of pixels.
+    pub share_sd: f64,
+}
+
+impl Outcome {
+    /// By the bar of the mode and the limit of all tests.
+    pub fn verdict(&self, bar: f64, limit: f64) -> Verdict {
+        // Rounding, where nothing varies.
+        let beyond = self.worst_ratio - bar * (1.0 + 1e-6);
+        match () {
+            () if !self.finite || self.z.is_nan() || self.z > limit => Verdict::Wrong,
+            () if beyond <= 0.0 => Verdict::Survives,
+            () if beyond <= limit * self.worst_se => Verdict::Unsure,
+            () => Verdict::Fails,
+        }
+    }
+}
+
+/// Sum, sum of squares and number.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Sums {
+    n: f64,
+    sum: f64,
+    squares: f64,
+}
+
+impl Sums {
+    /// Adds a value.
+    pub fn add(&mut self, x: f64) {
+        self.n += 1.0;
+        self.sum += x;
+        self.squares += x * x;
+    }
+
+    fn join(&mut self, other: &Self) {
+        self.n += other.n;
+        self.sum += other.sum;
+        self.squares += other.squares;
+    }
+
+    /// Mean.
+    pub fn mean(&self) -> f64 {
+        self.sum / self.n
+    }
+
+    /// Sample variance.
+    pub fn variance(&self) -> f64 {
+        ((self.squares - self.sum * self.sum / self.n) / (self.n - 1.0)).max(0.0)
+    }
+
+    /// Standard error of the mean.
+    pub fn error(&self) -> f64 {
+        (self.variance() / self.n).sqrt()
+    }
+}
+
+/// Means of many replicas of an image of known truth.
+#[derive(Debug, Clone)]
+pub struct Tally {
+    truth: Vec<[f64; 3]>,
+    /// By pixel and channel: estimate − truth, exact variance.
+    estimate: Vec<[Sums; 3]>,
+    variance: Vec<[Sums; 3]>,
+    picture: [Sums; 3],
+    share: Vec<Sums>,
+    finite: bool,
+}
+
+impl Tally {
+    /// Nothing yet.
+    pub fn new(truth: &[[f64; 3]]) -> Self {
+        let none = vec![[Sums::default(); 3]; truth.len()];
+        Self {
+            truth: truth.to_vec(),
+            estimate: none.clone(),
+            variance: none,
+            picture: [Sums::default(); 3],
+            share: vec![Sums::default(); truth.len()],
+            finite: true,
+        }
+    }
+
+    /// Adds a replica, one shot a pixel.
+    pub fn add(&mut self, shots: &[Shot]) {
+        let mut picture = [0.0; 3];
+        for (i, shot) in shots.iter().enumerate() {
+            for (c, sum) in picture.iter_mut().enumerate() {
+                let off = shot.estimate[c] - self.truth[i][c];
+                self.estimate[i][c].add(off);
+                self.variance[i][c].add(shot.variance[c]);
+                *sum += off / shots.len() as f64;
+                self.finite &= off.is_finite() && shot.variance[c].is_finite();
+            }
+            self.share[i].add(f64::from(shot.share));
+            self.finite &= (0.0..=1.0).contains(&shot.share);
+        }
+        (0..3).for_each(|c| self.picture[c].add(picture[c]));
+    }
+
+    /// Adds another tally of the same image.
+    pub fn join(mut self, other: &Self) -> Self {
+        for (a, b) in [(&mut self.estimate, &other.estimate), (&mut self.variance, &other.variance)] {
+            a.iter_mut().flatten().zip(b.iter().flatten()).for_each(|(a, b)| a.join(b));
+        }
+        self.picture.iter_mut().zip(&other.picture).for_each(|(a, b)| a.join(b));
+        self.share.iter_mut().zip(&other.share).for_each(|(a, b)| a.join(b));
+        self.finite &= other.finite;
+        self
+    }
+
+    /// With the exact variances of `half`, by pixel and channel.
+    pub fn outcome(&self, estimator: String, half: &[[f64; 3]]) -> Outcome {
+        let n = self.truth.len();
+        let (mut z, mut tests, mut worst, mut ratios) = (0.0f64, 0, (0.0f64, 0.0), Sums::default());
+        let truth: [f64; 3] = std::array::from_fn(|c| self.truth.iter().map(|t| t[c]).sum::<f64>() / n as f64);
+        let mut test = |sums: &Sums, truth: f64| {
+            // Weights have the precision of f32.
+            let error = sums.error().hypot(4.0 * f64::from(f32::EPSILON) * truth.abs());
+            let own = if sums.mean() == 0.0 { 0.0 } else { sums.mean().abs() / error };
+            (z, tests) = (if own.is_nan() { own } else { z.max(own) }, tests + 1);
+        };
+        for (i, half) in half.iter().enumerate() {
+            for (c, &base) in half.iter().enumerate() {
+                test(&self.estimate[i][c], self.truth[i][c]);
+                let own = self.variance[i][c];
+                // Rounding: a relative error of 1e-7.
+                let nothing = 1e-14 * self.truth[i][c].powi(2);
+                let (ratio, error) = match base > nothing {
+                    true => (own.mean() / base, own.error() / base),
+                    false if own.mean() <= nothing => (1.0, 0.0),
+                    false => (f64::INFINITY, 0.0),
+                };
+                ratios.add(ratio);
+                if ratio > worst.0 {
+                    worst = (ratio, error);
+                }
+            }
+        }
+        (0..3).for_each(|c| test(&self.picture[c], truth[c]));
+        let total: f64 = truth.iter().sum();
+        let off: f64 = self.picture.iter().map(Sums::mean).sum();
+        Outcome {
+            estimator,
+            finite: self.finite,
+            z,
+            tests,
+            bias: if total > 0.0 { off / total } else { off },
+            mean_ratio: ratios.mean(),
+            worst_ratio: worst.0,
+            worst_se: worst.1,
+            share: self.share.iter().map(Sums::mean).sum::<f64>() / n as f64,
+            share_sd: (self.share.iter().map(Sums::variance).sum::<f64>() / n as f64).sqrt(),
+        }
+    }
+}

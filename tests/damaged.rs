@@ -1,0 +1,221 @@
+//! Files cut short and with bits turned over, as disks and networks leave them: the program says what is wrong with
+//! them, or takes them for what they now are. It never panics, crashes or ends without a reason.
+
+mod program;
+mod shared;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+
+use program::{bismar, expect, scene, stderr};
+
+/// SplitMix64 (Steele, Lea and Flood 2014): damage that is the same in every run.
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, n: usize) -> usize {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) % n.max(1) as u64) as usize
+    }
+}
+
+/// Where headers and most of the text are.
+const FRONT: usize = 4096;
+
+/// A file's bytes after an accident; the seed chooses its kind first, so that consecutive seeds try them all.
+fn damage(bytes: &[u8], seed: usize) -> Vec<u8> {
+    let mut random = Random(seed as u64);
+    let mut bytes = bytes.to_vec();
+    let front = bytes.len().min(FRONT);
+    match seed % 5 {
+        0 => bytes.truncate(random.below(bytes.len())),
+        1 => bytes.truncate(random.below(front)),
+        kind @ (2 | 3) => {
+            for _ in 0..1 + random.below(8) {
+                let at = random.below(if kind == 2 { bytes.len() } else { front });
+                bytes[at] ^= 1 << random.below(8);
+            }
+        }
+        _ => {
+            // Other numbers in what stays well-formed text.
+            let digits: Vec<_> = (0..bytes.len().min(16 * FRONT)).filter(|&i| bytes[i].is_ascii_digit()).collect();
+            for _ in 0..(1 + random.below(4)).min(digits.len()) {
+                bytes[digits[random.below(digits.len())]] = b'0' + random.below(10) as u8;
+            }
+        }
+    }
+    bytes
+}
+
+/// Runs `bismar LINE`: `Err` unless it did its work, or refused a file by name with exit code 65 (66 and 76 when the
+/// damage changed what the file asks for).
+fn survives(folder: &Path, line: &str) -> Result<i32, String> {
+    let output = bismar(folder).args(line.split_whitespace()).output().unwrap();
+    let said = stderr(&output);
+    match output.status.code() {
+        Some(0) => Ok(0),
+        Some(code @ (65 | 66 | 76)) if said.starts_with("error: ") => Ok(code),
+        code => Err(format!("bismar {line}: {code:?}\n{said}")),
+    }
+}
+
+/// Tries every number below `n` on two threads; the exit codes, or a failure with all that went wrong.
+#[track_caller]
+fn try_all(n: usize, attempt: impl Fn(usize) -> Result<i32, String> + Sync) -> Vec<i32> {
+    let next = AtomicUsize::new(0);
+    let outcomes = Mutex::new(Vec::new());
+    thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| {
+                loop {
+                    let i = next.fetch_add(1, Ordering::Relaxed);
+                    if i >= n {
+                        break;
+                    }
+                    let outcome = attempt(i).map_err(|e| format!("number {i}: {e}"));
+                    outcomes.lock().unwrap().push(outcome);
+                }
+            });
+        }
+    });
+    let outcomes = outcomes.into_inner().unwrap();
+    assert_eq!(outcomes.len(), n);
+    let failures: Vec<_> = outcomes.iter().filter_map(|o| o.as_ref().err().cloned()).collect();
+    assert!(failures.is_empty(), "{} failures:\n{}", failures.len(), failures.join("\n"));
+    outcomes.into_iter().flatten().collect()
+}
+
+/// Refused and rendered must both occur: else the damage is too coarse, or none.
+#[track_caller]
+fn assert_mixed(codes: &[i32]) {
+    let refused = codes.iter().filter(|&&code| code != 0).count();
+    println!("{refused} of {} refused", codes.len());
+    assert!(refused > codes.len() / 4 && refused < codes.len(), "{refused} of {}", codes.len());
+}
+
+/// Renders a few pixels of a damaged scene: the scene's own file, or one that stands beside it.
+fn render_damaged(scene: &Path, seed: usize) -> Result<i32, String> {
+    let folder = tempfile::tempdir().unwrap();
+    let entries = fs::read_dir(scene.parent().unwrap()).unwrap().map(|e| e.unwrap().path());
+    let mut beside = Vec::new();
+    for path in entries.filter(|p| p.is_file()) {
+        let used = ["bin", "png", "jpg", "jpeg", "hdr"].iter().any(|&e| path.extension().is_some_and(|x| x == e));
+        if used || path == scene {
+            fs::copy(&path, folder.path().join(path.file_name().unwrap())).unwrap();
+        }
+        if used && path.extension().is_some_and(|e| e != "hdr") {
+            beside.push(path);
+        }
+    }
+    let own_sky = scene.with_extension("hdr");
+    let mut env = String::new();
+    if own_sky.exists() {
+        env = format!(" --env {}", own_sky.file_name().unwrap().to_str().unwrap());
+        beside.push(own_sky);
+    }
+    beside.sort();
+    let victim = if seed % 3 == 2 && !beside.is_empty() { &beside[seed % beside.len()] } else { scene };
+    let name = |path: &Path| path.file_name().unwrap().to_str().unwrap().to_owned();
+    fs::write(folder.path().join(name(victim)), damage(&fs::read(victim).unwrap(), seed)).unwrap();
+    let line = format!("render {}{env} --size 8x8 --spp 2 -q -o out.exr", name(scene));
+    survives(folder.path(), &line).map_err(|e| format!("{} damaged: {e}", victim.display()))
+}
+
+#[test]
+fn damaged_scenes_of_ours_are_rendered_or_refused() {
+    let scenes = ["cornell.glb", "veach.glb", "glossy-sun.glb", "many-lights.glb", "field.glb"].map(scene);
+    assert_mixed(&try_all(60, |i| render_damaged(&scenes[i % scenes.len()], 7 * i + i / 5)));
+}
+
+#[test]
+fn damaged_scenes_of_others_are_rendered_or_refused() {
+    let Some(folder) = shared::folder() else { return };
+    let small = |row: &str| row.parse::<u64>().is_ok_and(|bytes| bytes < 300_000);
+    let rows = shared::scenes(&folder);
+    let sound: Vec<PathBuf> = rows
+        .iter()
+        .filter(|row| shared::must_accept(&row["expected_verdict"]) && small(&row["bytes_total"]))
+        .map(|row| folder.join(&row["path"]))
+        .collect();
+    // Thirty from all over the list.
+    let chosen: Vec<_> = sound.iter().step_by(sound.len() / 30).take(30).collect();
+    assert_eq!(chosen.len(), 30);
+    assert_mixed(&try_all(150, |i| render_damaged(chosen[i % 30], i + i / 30)));
+}
+
+const RENDER: &str = "render cornell.glb --size 40x24 --spp 8 --aov all --checkpoint 9 -q";
+
+/// A folder with a picture of ours, its two parts, and the scene.
+fn pictures() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    fs::copy(scene("cornell.glb"), folder.path().join("cornell.glb")).unwrap();
+    for flags in ["-o whole.exr", "--part 1/2 -o 1.exr", "--part 2/2 -o 2.exr"] {
+        expect(folder.path(), &format!("{RENDER} {flags}"), 0);
+    }
+    folder
+}
+
+#[test]
+fn damaged_pictures_are_compared_merged_and_gone_on_with_or_refused() {
+    let pictures = pictures();
+    let bytes = |name: &str| fs::read(pictures.path().join(name)).unwrap();
+    let [whole, first, second, scene] = ["whole.exr", "1.exr", "2.exr", "cornell.glb"].map(bytes);
+    let codes = try_all(180, |i| {
+        let folder = tempfile::tempdir().unwrap();
+        let put = |name: &str, bytes: &[u8]| fs::write(folder.path().join(name), bytes).unwrap();
+        put("cornell.glb", &scene);
+        let seed = i / 3;
+        match i % 3 {
+            0 => {
+                put("a.exr", &damage(&whole, seed));
+                put("b.exr", &whole);
+                survives(folder.path(), "compare a.exr b.exr --diff diff.png")
+            }
+            1 => {
+                put("1.exr", &damage(&first, seed));
+                put("2.exr", &second);
+                survives(folder.path(), "merge 1.exr 2.exr -o out.exr -q")
+            }
+            _ => {
+                put("out.exr", &damage(&whole, seed));
+                survives(folder.path(), &format!("{} --resume -o out.exr", RENDER.replace("--spp 8", "--spp 16")))
+            }
+        }
+    });
+    assert_mixed(&codes);
+}
+
+/// Statistics changed by someone who also made their hash right again.
+#[test]
+fn forged_statistics_are_gone_on_with_or_refused() {
+    let pictures = pictures();
+    let path = pictures.path().join("whole.exr");
+    let file = fs::read(&path).unwrap();
+    let statistics = bismar::film::exr_file::read_statistics(&path).unwrap().unwrap();
+    let find = |wanted: &[u8]| file.windows(wanted.len()).position(|w| w == wanted).unwrap();
+    let hash_at = find(blake3::hash(&statistics).to_hex().as_bytes());
+    let scene = fs::read(pictures.path().join("cornell.glb")).unwrap();
+    // Rows of 16 KiB stand one after the other, each behind its part, line and length.
+    let rows: Vec<_> = statistics.chunks(4 * 4096).map(|row| (find(row), row.len())).collect();
+    let codes = try_all(100, |i| {
+        let folder = tempfile::tempdir().unwrap();
+        let mut random = Random(i as u64);
+        let (mut file, mut statistics) = (file.clone(), statistics.clone());
+        for _ in 0..1 + random.below(3) {
+            let (row, flip) = (random.below(rows.len()), 1 << random.below(8));
+            let column = random.below(rows[row].1);
+            file[rows[row].0 + column] ^= flip;
+            statistics[row * 4 * 4096 + column] ^= flip;
+        }
+        file[hash_at..hash_at + 64].copy_from_slice(blake3::hash(&statistics).to_hex().as_bytes());
+        fs::write(folder.path().join("cornell.glb"), &scene).unwrap();
+        fs::write(folder.path().join("out.exr"), file).unwrap();
+        survives(folder.path(), &format!("{} --resume -o out.exr", RENDER.replace("--spp 8", "--spp 16")))
+    });
+    assert_mixed(&codes);
+}

@@ -1,0 +1,70 @@
+//! Templates in the Open Job Description format, checked and run by its own command line tool.
+
+mod farm;
+mod program;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use farm::{absent, folder, status, succeeds};
+use program::{assert_same_bits, bismar, expect};
+use serde_json::json;
+
+/// The tool: on the path, or where `scripts/setup.sh --farm` puts it.
+fn tool() -> Option<PathBuf> {
+    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/openjd/bin");
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let folders = std::env::split_paths(&path).chain([own]);
+    let found = folders.map(|folder| folder.join("openjd")).find(|file| file.exists());
+    if found.is_none() {
+        absent("openjd is not installed (PyPI: openjd-cli)");
+    }
+    found
+}
+
+#[test]
+fn a_template_is_accepted_and_its_run_is_the_single_machines_picture() {
+    let Some(tool) = tool() else { return };
+    let folder = folder();
+    let flags = "--size 96x64 --spp 64 --aov all";
+    let mut submit = bismar(folder.path());
+    submit.args(["farm", "submit", "veach.glb", "--parts", "3", "--format", "openjd", "--"]);
+    submit.args(flags.split(' ')).args(["-o", "out.exr"]);
+    succeeds(submit);
+    let template = folder.path().join("veach.farm/template.json");
+    let of = |what: &str| {
+        let mut command = Command::new(&tool);
+        command.arg(what).arg(&template).current_dir(folder.path());
+        command
+    };
+    succeeds(of("check"));
+    let said = succeeds(of("run"));
+    assert!(said.contains("openjd_progress: 100"), "{said}");
+    expect(folder.path(), &format!("render veach.glb {flags} -o whole.exr -q"), 0);
+    assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("out.exr"));
+    assert_eq!(status(folder.path(), "veach.farm")["complete"], true);
+}
+
+#[test]
+fn a_job_runs_where_its_files_lie_elsewhere() {
+    let Some(tool) = tool() else { return };
+    let folder = folder();
+    let (there, here) = (folder.path().join("there"), folder.path().join("here"));
+    fs::create_dir(&there).unwrap();
+    fs::copy(folder.path().join("veach.glb"), there.join("veach.glb")).unwrap();
+    fs::copy(program::scene("field.hdr"), there.join("sky.hdr")).unwrap();
+    let flags = "--size 40x30 --spp 8 --env sky.hdr -o out.exr --preview out.png";
+    let mut submit = bismar(&there);
+    submit.args(["farm", "submit", "veach.glb", "--parts", "2", "--format", "openjd", "--"]).args(flags.split(' '));
+    succeeds(submit);
+    fs::rename(&there, &here).unwrap();
+    let rules = json!({ "version": "pathmapping-1.0", "path_mapping_rules": [
+        { "source_path_format": "POSIX", "source_path": there, "destination_path": here }] });
+    let mut run = Command::new(&tool);
+    run.arg("run").arg(here.join("veach.farm/template.json")).args(["--path-mapping-rules", &rules.to_string()]);
+    succeeds(run);
+    assert!(here.join("out.png").exists() && !there.exists());
+    expect(&here, &format!("render veach.glb {} -q", flags.replace("out.", "whole.")), 0);
+    assert_same_bits(&here.join("whole.exr"), &here.join("out.exr"));
+}

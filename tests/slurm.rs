@@ -1,0 +1,308 @@
+//! A real Slurm of two nodes on this machine: whatever happens to tasks, the picture is that of a single machine.
+
+mod farm;
+mod program;
+
+use std::fs;
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use farm::{absent, folder, status, succeeds};
+use program::{assert_same_bits, bismar, expect, paths};
+
+/// Longer than anything here takes on a busy machine; reached only when something hangs.
+const PATIENCE: Duration = Duration::from_secs(240);
+
+#[test]
+fn whatever_happens_to_tasks_the_picture_is_that_of_a_single_machine() {
+    let path = format!("{}:/usr/sbin:/sbin", std::env::var("PATH").unwrap_or_default());
+    let has = |program: &str| std::env::split_paths(&path).any(|folder| folder.join(program).exists());
+    if let Some(missing) = ["sbatch", "slurmctld", "slurmd", "munged"].into_iter().find(|p| !has(p)) {
+        return absent(&format!("{missing} is not installed (Debian: slurmctld slurmd slurm-client munge)"));
+    }
+    let scenarios: [(&str, fn()); _] = [
+        ("two nodes", an_array_over_two_nodes_and_its_merge_are_the_single_machines_picture),
+        ("dead node", a_task_whose_node_dies_goes_on_at_the_other_one),
+        ("requeue and cancel", a_requeued_task_and_a_cancelled_job_go_on),
+        ("time limit", a_task_longer_than_its_time_limit_ends_all_the_same),
+        ("failed task", a_failed_task_cancels_its_own_merge_and_no_other),
+    ];
+    // All at once, whatever the number of CPUs: they spend most of their time waiting for Slurm to begin a task again.
+    thread::scope(|scope| {
+        for (name, scenario) in scenarios {
+            let timed = move || {
+                let start = Instant::now();
+                scenario();
+                println!("{name}: {:.0} s", start.elapsed().as_secs_f64());
+            };
+            thread::Builder::new().name(name.into()).spawn_scoped(scope, timed).unwrap();
+        }
+    });
+}
+
+/// Two nodes of two CPUs, with everything of theirs in one folder; down when dropped.
+struct Slurm {
+    folder: tempfile::TempDir,
+    port: u16,
+}
+
+impl Slurm {
+    fn start() -> Self {
+        let slurm = Self { folder: tempfile::tempdir().unwrap(), port: free_ports() };
+        succeeds(slurm.script(&["start", "2", "2"]));
+        slurm
+    }
+
+    fn script(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new("bash");
+        command.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/slurm/start-slurm.sh")).args(arguments);
+        command.env("SLURM_CI", self.folder.path()).env("CTLD_PORT", self.port.to_string());
+        command
+    }
+
+    fn conf(&self) -> PathBuf {
+        self.folder.path().join("slurm.conf")
+    }
+
+    /// A client command's output.
+    fn ask(&self, line: &str) -> String {
+        let mut words = line.split(' ');
+        let mut command = Command::new(words.next().unwrap());
+        command.args(words).env("SLURM_CONF", self.conf());
+        succeeds(command)
+    }
+
+    /// `bismar farm submit`: job numbers, in order.
+    fn submit(&self, folder: &Path, line: &str) -> Vec<String> {
+        let mut command = bismar(folder);
+        // Tasks inherit this: they are to see what Slurm gives them.
+        command.env_remove("BISMAR_THREADS").env("SLURM_CONF", self.conf());
+        let output = command.args(["farm", "submit"]).args(line.split(' ')).output().unwrap();
+        let said = program::stderr(&output);
+        assert!(output.status.success(), "{said}");
+        let ids = said.lines().filter_map(|line| line.split_once(": job ")).map(|(_, id)| id.to_owned());
+        ids.collect()
+    }
+
+    /// A value of each of a job's tasks, such as `NodeList`.
+    fn values(&self, job: &str, key: &str) -> Vec<String> {
+        let text = self.ask(&format!("scontrol -o show job {job}"));
+        let value = |line: &str| {
+            let word = line.split(' ').find(|word| word.split('=').next() == Some(key))?;
+            Some(word.split_once('=')?.1.to_owned())
+        };
+        text.lines().filter_map(value).collect()
+    }
+
+    fn state(&self, job: &str) -> Vec<String> {
+        self.values(job, "JobState")
+    }
+
+    /// Waits until all tasks of a job are in one of these states.
+    fn wait_for(&self, job: &str, states: &[&str]) {
+        self.wait(&format!("job {job} is {states:?}"), || {
+            self.state(job).iter().all(|state| states.contains(&state.as_str()))
+        });
+    }
+
+    #[track_caller]
+    fn wait(&self, what: &str, mut holds: impl FnMut() -> bool) {
+        let start = Instant::now();
+        while !holds() {
+            if start.elapsed() > PATIENCE {
+                panic!("not so after {PATIENCE:?}: {what}\n{}", self.ask("scontrol -o show job"));
+            }
+            thread::sleep(Duration::from_millis(200));
+        }
+    }
+
+    /// Waits until a picture is saved that is not finished, and returns its paths.
+    fn wait_for_checkpoint(&self, picture: &Path) -> u64 {
+        self.wait(&format!("{} is saved", picture.display()), || picture.exists());
+        paths(picture)
+    }
+}
+
+impl Drop for Slurm {
+    fn drop(&mut self) {
+        // Jobs first: they outlive the daemons.
+        let _ =
+            Command::new("scancel").args(["--me", "--signal=KILL", "--full"]).env("SLURM_CONF", self.conf()).status();
+        let _ = self.script(&["stop"]).output();
+    }
+}
+
+/// Three ports in a row that nobody listens on.
+fn free_ports() -> u16 {
+    for _ in 0..100 {
+        let first = TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = first.local_addr().unwrap().port();
+        if (1..=2).all(|i| port.checked_add(i).is_some_and(|p| TcpListener::bind(("127.0.0.1", p)).is_ok())) {
+            return port;
+        }
+    }
+    panic!("no three free ports in a row");
+}
+
+/// A render of a few seconds on two threads.
+const LONG: &str = "--size 192x128 --spp 512";
+
+/// The single machine's picture, `whole.exr`.
+fn single_machine(folder: &Path, flags: &str) -> PathBuf {
+    expect(folder, &format!("render veach.glb {flags} -o whole.exr -q --threads 2"), 0);
+    folder.join("whole.exr")
+}
+
+/// Percents that a task's log tells, in order.
+fn percents(folder: &Path) -> Vec<u32> {
+    let log = fs::read_to_string(folder.join("veach.farm/logs/task-1.log")).unwrap();
+    log.lines().filter_map(|line| line.strip_prefix("PROGRESS: ")?.strip_suffix('%')?.parse().ok()).collect()
+}
+
+/// Nowhere does a log fall back to the beginning: what was interrupted went on from what was saved.
+#[track_caller]
+fn assert_went_on(folder: &Path) {
+    let percents = percents(folder);
+    let restarts = percents.windows(2).filter(|pair| pair[1] < pair[0]);
+    assert!(percents.last() == Some(&100), "{percents:?}");
+    for pair in restarts {
+        assert!(pair[1] > 0 && pair[0] - pair[1] <= pair[0] / 2 + 15, "it began anew: {percents:?}");
+    }
+}
+
+fn an_array_over_two_nodes_and_its_merge_are_the_single_machines_picture() {
+    let slurm = Slurm::start();
+    let folder = folder();
+    let flags = "--size 160x120 --spp 256 --aov all";
+    let whole = single_machine(folder.path(), flags);
+    let line = format!("veach.glb --parts 6 --cpus 2 -- {flags} -o out.exr --preview out.png");
+    let jobs = slurm.submit(folder.path(), &line);
+    let [array, merge] = &jobs[..] else { panic!("{jobs:?}") };
+    slurm.wait_for(merge, &["COMPLETED"]);
+    let mut nodes = slurm.values(array, "NodeList");
+    nodes.retain(|node| node.starts_with('n'));
+    nodes.sort();
+    nodes.dedup();
+    assert_eq!(nodes, ["n1", "n2"]);
+    assert_same_bits(&whole, &folder.path().join("out.exr"));
+    assert!(folder.path().join("out.png").exists());
+    let status = status(folder.path(), "veach.farm");
+    assert_eq!((&status["complete"], &status["fraction"]), (&true.into(), &1.0.into()));
+
+    // The same command again does nothing twice.
+    let before: Vec<_> = status["tasks"].as_array().unwrap().iter().map(modified).collect();
+    let jobs = slurm.submit(folder.path(), &line);
+    slurm.wait_for(&jobs[1], &["COMPLETED"]);
+    let after: Vec<_> = status["tasks"].as_array().unwrap().iter().map(modified).collect();
+    assert_eq!(before, after);
+    assert_same_bits(&whole, &folder.path().join("out.exr"));
+}
+
+fn modified(task: &serde_json::Value) -> std::time::SystemTime {
+    fs::metadata(task["output"].as_str().unwrap()).unwrap().modified().unwrap()
+}
+
+/// The process that writes an output, and its parent.
+fn writer(output: &Path) -> (u32, u32) {
+    let argument = format!("--output={}", output.display());
+    for entry in fs::read_dir("/proc").unwrap().flatten() {
+        let Some(id) = entry.file_name().to_str().and_then(|name| name.parse().ok()) else { continue };
+        let command = fs::read(entry.path().join("cmdline")).unwrap_or_default();
+        if command.split(|b| *b == 0).any(|word| word == argument.as_bytes()) {
+            let stat = fs::read_to_string(entry.path().join("stat")).unwrap();
+            // "id (name) state parent …", and the name may hold anything.
+            let parent = stat.rsplit_once(')').unwrap().1.split_whitespace().nth(1).unwrap();
+            return (id, parent.parse().unwrap());
+        }
+    }
+    panic!("nobody writes {}", output.display());
+}
+
+fn a_task_whose_node_dies_goes_on_at_the_other_one() {
+    let slurm = Slurm::start();
+    let folder = folder();
+    let output = folder.path().join("out.exr");
+    let jobs = slurm.submit(folder.path(), &format!("veach.glb --cpus 2 -- {LONG} --checkpoint 0.5 -o out.exr"));
+    let saved = slurm.wait_for_checkpoint(&output);
+    let node = slurm.values(&jobs[0], "NodeList").remove(0);
+    // As a power cut does it: the daemon, Slurm's keeper of the task, and the task.
+    let (task, keeper) = writer(&output);
+    succeeds(slurm.script(&["kill-node", &node[1..]]));
+    for process in [keeper, task] {
+        let mut kill = Command::new("kill");
+        kill.args(["-KILL", &process.to_string()]);
+        succeeds(kill);
+    }
+    let whole = single_machine(folder.path(), LONG);
+    assert!(saved > 0 && saved < paths(&whole), "it was finished before its node died: a longer render is wanted");
+    slurm.wait_for(&jobs[0], &["COMPLETED"]);
+    assert_eq!(slurm.values(&jobs[0], "Restarts"), ["1"]);
+    assert_ne!(slurm.values(&jobs[0], "NodeList"), [node]);
+    assert_went_on(folder.path());
+    assert_same_bits(&whole, &output);
+}
+
+fn a_requeued_task_and_a_cancelled_job_go_on() {
+    let slurm = Slurm::start();
+    let folder = folder();
+    let output = folder.path().join("out.exr");
+    let line = format!("veach.glb --cpus 2 -- {LONG} --checkpoint 0.5 -o out.exr");
+    let jobs = slurm.submit(folder.path(), &line);
+    slurm.wait_for_checkpoint(&output);
+    slurm.ask(&format!("scontrol requeue {}", jobs[0]));
+    slurm.wait("it runs again", || slurm.values(&jobs[0], "Restarts") == ["1"] && slurm.state(&jobs[0]) == ["RUNNING"]);
+    let again = percents(folder.path()).len();
+    slurm.wait("it goes on", || percents(folder.path()).len() > again);
+    slurm.ask(&format!("scancel {}", jobs[0]));
+    slurm.wait_for(&jobs[0], &["CANCELLED"]);
+    // Nobody begins it again but who submitted it.
+    slurm.wait("it has ended", || {
+        let log = fs::read_to_string(folder.path().join("veach.farm/logs/task-1.log")).unwrap();
+        log.matches("goes on from there").count() == 2
+    });
+    let unfinished = status(folder.path(), "veach.farm");
+    assert_eq!((&unfinished["complete"], &unfinished["tasks"][0]["state"]), (&false.into(), &"begun".into()));
+    let jobs = slurm.submit(folder.path(), &line);
+    slurm.wait_for(&jobs[0], &["COMPLETED"]);
+    assert_went_on(folder.path());
+    assert_same_bits(&single_machine(folder.path(), LONG), &output);
+}
+
+fn a_task_longer_than_its_time_limit_ends_all_the_same() {
+    let slurm = Slurm::start();
+    let folder = folder();
+    // A limit is a minute at least; told 57 seconds before it, a task has three.
+    let line = format!("veach.glb --cpus 2 --minutes 1 --sbatch=--signal=B:TERM@57 -- {LONG} -o out.exr");
+    let jobs = slurm.submit(folder.path(), &line);
+    slurm.wait_for(&jobs[0], &["COMPLETED"]);
+    let restarts: u32 = slurm.values(&jobs[0], "Restarts")[0].parse().unwrap();
+    assert!(restarts > 0, "no time limit interrupted it: a longer render is wanted");
+    assert_went_on(folder.path());
+    assert_same_bits(&single_machine(folder.path(), LONG), &folder.path().join("out.exr"));
+}
+
+fn a_failed_task_cancels_its_own_merge_and_no_other() {
+    let slurm = Slurm::start();
+    let folder = folder();
+    fs::write(folder.path().join("broken.glb"), b"glTF but not really").unwrap();
+    let file = "[defaults]\nsize = '48x32'\nspp = 8\noutput = 'out/{name}.exr'\n\n[[matrix]]\n\
+                scene = ['broken.glb', 'veach.glb']\n";
+    fs::write(folder.path().join("jobs.toml"), file).unwrap();
+    let jobs = slurm.submit(folder.path(), "jobs.toml --parts 2");
+    let [array, broken, whole] = &jobs[..] else { panic!("{jobs:?}") };
+    slurm.wait_for(broken, &["CANCELLED"]);
+    slurm.wait_for(whole, &["COMPLETED"]);
+    slurm.wait_for(array, &["COMPLETED", "FAILED"]);
+    let codes = slurm.values(array, "ExitCode");
+    assert_eq!(codes.iter().filter(|code| *code == "65:0").count(), 2, "{codes:?}");
+    let status = status(folder.path(), "jobs.farm");
+    assert_eq!(status["complete"], false);
+    let told = status["tasks"][0]["error"].as_str().unwrap();
+    assert!(told.contains("broken.glb"), "{told}");
+    assert_eq!([0, 1].map(|i| status["merges"][i]["done"].clone()), [false, true]);
+    expect(folder.path(), "render veach.glb --size 48x32 --spp 8 -o whole.exr -q", 0);
+    assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("out/veach.exr"));
+}
