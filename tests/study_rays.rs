@@ -199,7 +199,7 @@ fn wrong_answers_are_not_explained_away() {
         let wrong = [
             None,
             Some(Hit { id: [truth.id[0], truth.id[1], (truth.id[2] + 7) % 36], ..truth }),
-            Some(Hit { at: [truth.at[0] * 1.001, truth.at[1], truth.at[2]], ..truth }),
+            Some(Hit { at: [truth.at[0] + 0.01, truth.at[1], truth.at[2]], ..truth }),
             Some(Hit { at: [truth.at[0], truth.at[1] + 0.01, truth.at[2]], ..truth }),
         ];
         for answer in wrong {

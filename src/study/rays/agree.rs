@@ -1,6 +1,8 @@
 //! Do two backends hit the same? Every difference is judged in double precision: rounding explains it, or it counts as
 //! unexplained.
 
+use glam::Vec3;
+
 use super::exact::{ExactRay, Hit, Plane, meet};
 use super::stream::{Kind, Query, Stream};
 use crate::rays::{HitBatch, RayBatch, RayOrder, RayQueries};
@@ -141,12 +143,7 @@ impl<'a> Judge<'a> {
                             count(Class::Same, i, None, None);
                             continue;
                         }
-                        // Neither may have a closest hit where only one finds any: then it is what lies just beyond.
-                        let within = [a, b].map(|backend| alone(backend, rays, i, 1.0));
-                        let [hit_a, hit_b] = match within {
-                            [None, None] => [a, b].map(|backend| alone(backend, rays, i, BEYOND)),
-                            found => found,
-                        };
+                        let [hit_a, hit_b] = candidates(a, b, rays, i);
                         count(self.class_occluded(rays, i, hit_a, hit_b), i, hit_a, hit_b);
                     }
                 }
@@ -234,13 +231,33 @@ fn grazing_or_wrong(plane: Option<&Plane>) -> Class {
     if plane.is_none_or(|plane| plane.weight_error > 1.0) { Class::Grazing } else { Class::Unexplained }
 }
 
-/// By so much a ray's interval is lengthened to find what lies just beyond its end.
-const BEYOND: f32 = 1.0 + 1e-5;
+/// By so much a ray's interval is lengthened, and its origin shifted in proportion to where it is, to find what it
+/// passes within rounding.
+const BESIDE: f32 = 1e-5;
 
-/// The closest hit of one ray, its interval's end times `longer`.
-fn alone(backend: &dyn RayQueries, rays: &RayBatch, i: usize, longer: f32) -> Option<Hit> {
+/// What ray `i` hits closest by two backends of which only one found any hit. Where neither has a closest one, that of a
+/// ray nearby: a triangle to be judged against the ray itself.
+fn candidates(a: &dyn RayQueries, b: &dyn RayQueries, rays: &RayBatch, i: usize) -> [Option<Hit>; 2] {
+    let shift = BESIDE * (1.0 + rays.origin(i).abs().max_element());
+    let sides = (0..27).map(|k| Vec3::new((k % 3) as f32, (k / 3 % 3) as f32, (k / 9) as f32) - 1.0);
+    let beside = sides.map(|side| (side * shift, 1.0 + BESIDE));
+    let mut tried = [(Vec3::ZERO, 1.0), (Vec3::ZERO, 1.0 + BESIDE)].into_iter().chain(beside);
+    let found = |(shift, longer): (Vec3, f32)| {
+        let both = [a, b].map(|backend| alone(backend, rays, i, shift, longer));
+        both.iter().any(Option::is_some).then_some((both, shift == Vec3::ZERO))
+    };
+    match tried.find_map(found) {
+        None => [None, None],
+        Some((both, true)) => both,
+        // Of a ray nearby, which of two triangles is hit means nothing.
+        Some(([a, b], false)) => [a.or(b), a.or(b)],
+    }
+}
+
+/// The closest hit of one ray, shifted, its interval's end times `longer`.
+fn alone(backend: &dyn RayQueries, rays: &RayBatch, i: usize, shift: Vec3, longer: f32) -> Option<Hit> {
     let mut one = RayBatch::default();
-    one.push(rays.origin(i), rays.direction(i), rays.tnear[i], rays.tfar[i] * longer, rays.key[i]);
+    one.push(rays.origin(i) + shift, rays.direction(i), rays.tnear[i], rays.tfar[i] * longer, rays.key[i]);
     let mut hits = HitBatch::default();
     backend.closest_hits(&one, RayOrder::Incoherent, &mut hits);
     Hit::new(&hits, 0)
