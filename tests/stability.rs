@@ -65,7 +65,7 @@ fn the_stated_false_alarm_rate_is_kept() {
 #[test]
 fn tables_name_every_mode_and_estimator() {
     // Too few renders for their tests; the tables are there all the same.
-    let report = measure(200, Some(20), &AtomicBool::new(false), &mut || Ok(())).unwrap();
+    let report = measure(1000, Some(20), &AtomicBool::new(false), &mut || Ok(())).unwrap();
     let folder = tempfile::tempdir().unwrap();
     write(folder.path(), &report).unwrap();
     let read = |name: &str| fs::read_to_string(folder.path().join(name)).unwrap();

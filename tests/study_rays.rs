@@ -193,7 +193,7 @@ fn wrong_answers_are_not_explained_away() {
     }
     let mut hits = HitBatch::default();
     base.closest_hits(&rays, RayOrder::Incoherent, &mut hits);
-    let (mut judged, mut caught) = (0, 0);
+    let (mut judged, mut caught, mut grazing) = (0, 0, 0);
     for i in (0..rays.len()).filter(|&i| hits.prim[i] != MISS) {
         let truth = Hit::new(&hits, i).unwrap();
         let wrong = [
@@ -202,13 +202,18 @@ fn wrong_answers_are_not_explained_away() {
             Some(Hit { at: [truth.at[0] + 0.01, truth.at[1], truth.at[2]], ..truth }),
             Some(Hit { at: [truth.at[0], truth.at[1] + 0.01, truth.at[2]], ..truth }),
         ];
-        for answer in wrong {
+        for (k, answer) in wrong.into_iter().enumerate() {
             judged += 1;
-            caught += usize::from(judge.class(&rays, i, Some(truth), answer) == Class::Unexplained);
+            match judge.class(&rays, i, Some(truth), answer) {
+                Class::Unexplained => caught += 1,
+                // Another triangle whose plane the ray happens to run along: what it says there cannot be refuted.
+                Class::Grazing if k == 1 => grazing += 1,
+                class => panic!("ray {i}, wrong answer {k}: {class:?}"),
+            }
         }
         let within = Hit { at: [truth.at[0] * (1.0 + f32::EPSILON), truth.at[1], truth.at[2]], ..truth };
         assert_eq!(judge.class(&rays, i, Some(truth), Some(within)), Class::Same);
     }
     // None of these rays lies within rounding of an edge.
-    assert!(judged > 1200 && caught == judged, "{caught} of {judged}");
+    assert!(judged > 1200 && caught + grazing == judged && 100 * grazing < judged, "{caught} of {judged}");
 }

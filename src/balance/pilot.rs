@@ -93,6 +93,9 @@ const DOUBT: f32 = 1.0;
 /// Least gain in variance, as a share, for which ½ is left.
 const LEAST_GAIN: f32 = 0.1;
 
+/// A channel below this share of the strongest counts as if it had that much.
+const WEAKEST: f32 = 0.05;
+
 /// How much a pixel's blocks vary.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Spread {
@@ -106,14 +109,26 @@ pub struct Spread {
 pub fn spreads(findings: &[Finding], pixels: usize, paths: u32) -> Vec<Spread> {
     let block = (paths / 4).clamp(1, BLOCK);
     let blocks = (paths / block) as usize;
-    // Means of each pixel's light blocks, then of its BSDF blocks, at each share; summed over channels, whose variances
-    // techniques rarely share.
+    // Channels count by their relative error: else the strongest decides, and where techniques find different colours
+    // the weak ones pay.
+    let mut found = vec![Vec3::ZERO; pixels];
+    for finding in findings {
+        found[finding.pixel as usize] += finding.radiance;
+    }
+    let weight = |pixel: u32| {
+        let found = found[pixel as usize];
+        if !found.is_finite() {
+            return Vec3::NAN;
+        }
+        found.max(Vec3::splat(WEAKEST * found.max_element())).recip()
+    };
+    // Means of each pixel's light blocks, then of its BSDF blocks, at each share, summed over the weighed channels.
     let mut means = vec![[0.0f32; N]; pixels * 2 * blocks];
     for finding in findings {
         let at = (finding.index / block) as usize;
         let bsdf = usize::from(finding.technique != Technique::Light);
         if at < blocks {
-            let y = finding.radiance.element_sum();
+            let y = finding.radiance.dot(weight(finding.pixel));
             let mean = &mut means[(2 * finding.pixel as usize + bsdf) * blocks + at];
             for (mean, share) in mean.iter_mut().zip(SHARES) {
                 *mean += y / (1.0 + (2.0 * share - 1.0) * finding.r);

@@ -57,10 +57,15 @@ fn unlike_neighbours_teach_nothing() {
 #[test]
 fn black_pixels_and_bad_numbers_stay_at_half() {
     assert_eq!(choose(4, 3, &spreads(&[], 9, 32), &[WALL; 9]), 0.5);
-    for y in [f32::NAN, f32::INFINITY, 1e38] {
+    let chosen = |y| {
         let findings: Vec<_> = (0..9).map(|p| finding(p, Technique::Light, 3, 0.5, y)).collect();
-        assert_eq!(choose(4, 3, &spreads(&findings, 9, 32), &[WALL; 9]), 0.5);
+        choose(4, 3, &spreads(&findings, 9, 32), &[WALL; 9])
+    };
+    for y in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        assert_eq!(chosen(y), 0.5, "{y}");
     }
+    // Channels are weighed by their mean: the unit of radiance does not matter.
+    assert!([1e-30, 1e38].iter().all(|&y| chosen(y) == chosen(1.0)) && chosen(1.0) != 0.5);
 }
 
 #[test]

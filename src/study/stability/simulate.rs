@@ -25,7 +25,7 @@ impl Subject {
         match self {
             Subject::Method(balance) => balance.name(),
             Subject::Biased => "biased control".to_owned(),
-            Subject::Unsafe => "unsafe control".to_owned(),
+            Subject::Unsafe => "unguarded control".to_owned(),
         }
     }
 
@@ -98,7 +98,7 @@ pub fn replica(image: &Image, subject: Subject, paths: u32, random: &mut Random)
             // Counts must be able to reach the total.
             state.moments.second_order().clamp(0.25, 0.75)
         }),
-        Subject::Unsafe => run.unsafe_minimum(paths),
+        Subject::Unsafe => run.unguarded_minimum(paths),
     }
     let n = f64::from(paths);
     let shot =
@@ -180,7 +180,7 @@ impl Run<'_> {
         }
     }
 
-    fn unsafe_minimum(&mut self, paths: u32) {
+    fn unguarded_minimum(&mut self, paths: u32) {
         let pilot = paths / 4;
         for pixel in 0..self.states.len() {
             let mut findings = Vec::new();
