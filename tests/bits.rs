@@ -3,25 +3,12 @@
 mod stage;
 mod statistics;
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use bismar::film::Film;
 use bismar::rays::Backend;
 use bismar::render::{Balance, RenderSettings, StopReason, render};
-use bismar::scene::{Environment, Scene};
-use glam::Vec3;
-use stage::{Stage, add, lambert, lamp, look, metal, rectangle, sphere};
-
-fn scene() -> Arc<Scene> {
-    let mut scene = Scene { environment: Some(Environment::constant([0.3; 3])), ..Default::default() };
-    rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
-    rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, lamp(9.0));
-    let (points, indices) = sphere(8, 0.6, Vec3::new(0.0, 0.6, 0.0));
-    add(&mut scene, points, indices, metal(0.4));
-    look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.5, 0.0), 0.6);
-    Arc::new(scene)
-}
+use stage::{Stage, hall};
 
 fn settings() -> RenderSettings {
     RenderSettings { width: 50, height: 37, spp: Some(40), aovs: true, ..Default::default() }
@@ -42,7 +29,7 @@ fn pixel(film: &Film, x: u32, y: u32) -> String {
 #[test]
 fn any_number_of_threads_gives_the_same_bits() {
     for backend in [Backend::Embree, Backend::Obvhs] {
-        let stage = Stage::new(scene(), backend);
+        let stage = Stage::new(hall(), backend);
         for balance in [Balance::Progressive, Balance::SecondOrder, Balance::Power] {
             let settings = RenderSettings { balance, ..settings() };
             let one = film(&stage, &settings, 1);
@@ -60,7 +47,7 @@ fn any_number_of_threads_gives_the_same_bits() {
 
 #[test]
 fn a_crop_has_the_bits_of_the_whole() {
-    let stage = Stage::new(scene(), Backend::Embree);
+    let stage = Stage::new(hall(), Backend::Embree);
     let whole = film(&stage, &settings(), 2);
     for crop in [[0, 0, 1, 1], [13, 9, 34, 33], [49, 36, 50, 37]] {
         let part = film(&stage, &RenderSettings { crop: Some(crop), ..settings() }, 2);
@@ -74,7 +61,7 @@ fn a_crop_has_the_bits_of_the_whole() {
 
 #[test]
 fn seeds_differ() {
-    let stage = Stage::new(scene(), Backend::Embree);
+    let stage = Stage::new(hall(), Backend::Embree);
     let a = film(&stage, &settings(), 2);
     let b = film(&stage, &RenderSettings { seed: 1, ..settings() }, 2);
     // The lower rows show the floor, where no pixel is without noise.
@@ -87,7 +74,7 @@ fn seeds_differ() {
 
 #[test]
 fn a_raised_stop_flag_ends_the_render_with_what_there_is() {
-    let stage = Stage::new(scene(), Backend::Embree);
+    let stage = Stage::new(hall(), Backend::Embree);
     let stop = AtomicBool::new(false);
     let tiles = AtomicU32::new(0);
     let settings = RenderSettings { spp: Some(1 << 20), ..settings() };
@@ -102,7 +89,7 @@ fn a_raised_stop_flag_ends_the_render_with_what_there_is() {
 
 #[test]
 fn time_and_noise_goals_stop_a_render() {
-    let stage = Stage::new(scene(), Backend::Embree);
+    let stage = Stage::new(hall(), Backend::Embree);
     let run =
         |settings: RenderSettings| render(&stage.scene, &*stage.rays, &settings, &AtomicBool::new(false), &|_| ());
     let by_time = run(RenderSettings { spp: None, time: Some(0.2), ..settings() });

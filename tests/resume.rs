@@ -8,7 +8,6 @@ use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -19,20 +18,8 @@ use bismar::render::saved::{fits, pack, unpack};
 use bismar::render::{
     Balance, Checkpoint, Part, RenderSettings, RenderStats, Rendered, Run, Saved, StopReason, fresh_tiles, render, run,
 };
-use bismar::scene::{Environment, Scene};
-use glam::Vec3;
 use program::{assert_same_bits, bismar, bits, expect, names, paths, scene};
-use stage::{Stage, add, lambert, lamp, look, metal, rectangle, sphere};
-
-fn hall() -> Arc<Scene> {
-    let mut scene = Scene { environment: Some(Environment::constant([0.3; 3])), ..Default::default() };
-    rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
-    rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, lamp(9.0));
-    let (points, indices) = sphere(8, 0.6, Vec3::new(0.0, 0.6, 0.0));
-    add(&mut scene, points, indices, metal(0.4));
-    look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.5, 0.0), 0.6);
-    Arc::new(scene)
-}
+use stage::{Stage, hall};
 
 fn all_bits(rendered: &Rendered) -> Vec<u8> {
     pack(&rendered.tiles).unwrap()

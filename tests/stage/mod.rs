@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use bismar::rays::{Backend, RayQueries};
 use bismar::render::{RenderSettings, render};
-use bismar::scene::{Camera, Instance, Material, Mesh, Object, Positions, Projection, Scene};
+use bismar::scene::{Camera, Environment, Instance, Material, Mesh, Object, Positions, Projection, Scene};
 use glam::{Affine3A, Mat3, Vec3};
 
 use crate::statistics::Mean;
@@ -91,6 +91,17 @@ pub fn look(scene: &mut Scene, eye: Vec3, at: Vec3, yfov: f32) {
         aspect: None,
         to_world: Affine3A::from_mat3_translation(Mat3::from_cols(x, z.cross(x), z), eye),
     });
+}
+
+/// A metal ball on a diffuse floor under a lamp and a grey sky: every kind of light sample and bounce.
+pub fn hall() -> Arc<Scene> {
+    let mut scene = Scene { environment: Some(Environment::constant([0.3; 3])), ..Default::default() };
+    rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
+    rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, lamp(9.0));
+    let (points, indices) = sphere(8, 0.6, Vec3::new(0.0, 0.6, 0.0));
+    add(&mut scene, points, indices, metal(0.4));
+    look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.5, 0.0), 0.6);
+    Arc::new(scene)
 }
 
 /// A scene with its rays.
