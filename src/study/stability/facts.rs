@@ -3,6 +3,7 @@
 use glam::Vec3;
 use serde::Serialize;
 
+use super::simulate::EQUAL_COST;
 use super::domain::Image;
 use crate::balance::pilot::{Candidates, Spreads};
 use crate::balance::{Balance, Finding, Moments, Technique};
@@ -42,7 +43,7 @@ fn share(balance: Balance, samples: &[(f32, f32)], others: &[(f32, f32)]) -> f32
     }
     let candidates = Candidates::two();
     let spreads = Spreads::new(&candidates, &findings, image.pixels.len(), PILOT);
-    spreads.choose(image.width + 1, image.width, &image.guides).light
+    spreads.choose(image.width + 1, image.width, &image.guides, EQUAL_COST).light
 }
 
 /// All of them.

@@ -3,9 +3,9 @@
 use glam::Vec3;
 
 use super::domain::{Atom, Domain, Image};
-use crate::balance::efficiency::{self, Cost};
+use crate::balance::efficiency;
 use crate::balance::pilot::{Candidates, Spreads};
-use crate::balance::{Balance, Counts, Finding, Heuristic, Moments, Technique};
+use crate::balance::{Balance, Cost, Counts, Finding, Heuristic, Moments, Technique};
 
 /// Who is tested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -107,7 +107,7 @@ pub fn replica(image: &Image, subject: Subject, paths: u32, random: &mut Random)
 }
 
 /// Samples of either technique cost the same here.
-const EQUAL_COST: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
+pub(super) const EQUAL_COST: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
 
 struct Run<'a> {
     image: &'a Image,
@@ -129,7 +129,7 @@ impl Run<'_> {
                     self.pilot_by(pilot, pass, |pixel, _, findings| {
                         if shares.is_empty() {
                             let spreads = Spreads::new(&candidates, findings, n, pilot);
-                            shares = (0..n).map(|i| spreads.choose(i, *width, guides).light).collect();
+                            shares = (0..n).map(|i| spreads.choose(i, *width, guides, EQUAL_COST).light).collect();
                         }
                         shares[pixel]
                     });
