@@ -186,7 +186,7 @@ pub fn run(scene: &Scene, rays: &dyn RayQueries, settings: &RenderSettings, job:
                 break;
             }
             let enough = now.tiles.is_empty() || settings.passes.is_some_and(|most| now.stats.passes >= most);
-            match settings.balance.next_pass(done, settings.spp) {
+            match settings.balance.next_pass(done, settings.spp, settings.pilot) {
                 Some(next) if !enough => pass = next,
                 _ => {
                     now.stop = StopReason::Samples;

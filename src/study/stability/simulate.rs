@@ -120,7 +120,7 @@ impl Run<'_> {
     /// As `render::tile` does it.
     fn method(&mut self, balance: Balance, paths: u32) {
         let mut done = 0;
-        while let Some(pass) = balance.next_pass(done, Some(paths)) {
+        while let Some(pass) = balance.next_pass(done, Some(paths), None) {
             match balance.pilot(done, pass) {
                 Some(pilot) => {
                     let n = self.states.len();
