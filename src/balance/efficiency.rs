@@ -69,7 +69,7 @@ mod tests {
     const EQUAL: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
 
     fn one(technique: Technique, r: f32, y: f32) -> Finding {
-        Finding { pixel: 0, technique, index: 0, r, radiance: Vec3::splat(y) }
+        Finding { pixel: 0, technique, lamp: false, index: 0, r, radiance: Vec3::splat(y) }
     }
 
     #[test]

@@ -11,7 +11,7 @@ pub mod method;
 pub mod moments;
 pub mod pilot;
 
-pub use deal::{Counts, deal};
+pub use deal::{Counts, Share, deal};
 pub use heuristic::Heuristic;
 pub use method::{Balance, HALF_PILOT};
 pub use moments::{Moments, pilot_then_rest};

@@ -4,7 +4,7 @@ use glam::Vec3;
 use serde::Serialize;
 
 use super::domain::Image;
-use crate::balance::pilot::{choose, spreads};
+use crate::balance::pilot::{Candidates, Spreads};
 use crate::balance::{Balance, Finding, Moments, Technique};
 
 /// A question about shares and the answers of those who learn.
@@ -37,11 +37,12 @@ fn share(balance: Balance, samples: &[(f32, f32)], others: &[(f32, f32)]) -> f32
         for (i, &(y, r)) in if pixel == 0 { samples } else { others }.iter().enumerate() {
             let technique = if i % 2 == 0 { Technique::Light } else { Technique::Bsdf };
             let radiance = Vec3::splat(y / 6.0);
-            findings.push(Finding { pixel, technique, index: i as u32 / 2, r, radiance });
+            findings.push(Finding { pixel, technique, lamp: false, index: i as u32 / 2, r, radiance });
         }
     }
-    let spreads = spreads(&findings, image.pixels.len(), PILOT);
-    choose(image.width + 1, image.width, &spreads, &image.guides)
+    let candidates = Candidates::two();
+    let spreads = Spreads::new(&candidates, &findings, image.pixels.len(), PILOT);
+    spreads.choose(image.width + 1, image.width, &image.guides).light
 }
 
 /// All of them.

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::domain::{Atom, Domain, Image};
 use crate::balance::efficiency::{self, Cost};
-use crate::balance::pilot::{choose, spreads};
+use crate::balance::pilot::{Candidates, Spreads};
 use crate::balance::{Balance, Counts, Finding, Heuristic, Moments, Technique};
 
 /// Who is tested.
@@ -124,12 +124,12 @@ impl Run<'_> {
             match balance.pilot(done, pass) {
                 Some(pilot) => {
                     let n = self.states.len();
-                    let mut shares = vec![];
+                    let (mut shares, candidates) = (vec![], Candidates::two());
                     let Image { width, guides, .. } = self.image;
                     self.pilot_by(pilot, pass, |pixel, _, findings| {
                         if shares.is_empty() {
-                            let spreads = spreads(findings, n, pilot);
-                            shares = (0..n).map(|i| choose(i, *width, &spreads, guides)).collect();
+                            let spreads = Spreads::new(&candidates, findings, n, pilot);
+                            shares = (0..n).map(|i| spreads.choose(i, *width, guides).light).collect();
                         }
                         shares[pixel]
                     });
@@ -170,11 +170,11 @@ impl Run<'_> {
         let totals: Vec<_> = shares.iter().map(|&share| Counts::new(share, paths)).collect();
         for finding in findings.iter().filter(|f| f.radiance.is_finite() && f.radiance.max_element() > 0.0) {
             let pixel = finding.pixel as usize;
-            let added = finding.at(totals[pixel].alpha());
+            let added = finding.at(totals[pixel].over(Counts::half(pilot)));
             self.states[pixel].sum.iter_mut().zip(added.to_array()).for_each(|(s, x)| *s += f64::from(x));
         }
         for (pixel, &total) in totals.iter().enumerate() {
-            self.trace(pixel, total.after(pilot), total, true, &mut Vec::new());
+            self.trace(pixel, total.after(Counts::half(pilot)), total, true, &mut Vec::new());
             self.vary(pixel, total);
             self.states[pixel].share = total.alpha();
         }
@@ -231,7 +231,7 @@ impl Run<'_> {
                     state.moments.add(w as f32, r, z.iter().sum::<f64>() as f32);
                     let technique = if by_light { Technique::Light } else { Technique::Bsdf };
                     let radiance = Vec3::from_array(y.map(|y| (0.5 * y) as f32));
-                    findings.push(Finding { pixel: pixel as u32, technique, index, r, radiance });
+                    findings.push(Finding { pixel: pixel as u32, technique, lamp: false, index, r, radiance });
                 }
             }
         }
