@@ -250,13 +250,15 @@ fn all_balances_and_backends_agree_on_a_glossy_scene_with_sky_lamp_and_indirect_
     let scene = Arc::new(scene);
     let reference = Stage::new(scene.clone(), Backend::Embree)
         .mean_green(&RenderSettings { balance: Balance::Half, seed: 900_000, spp: Some(128), ..settings() }, 1000);
-    let limit = z_limit(2 * BALANCES.len());
+    let short_pilot = (Balance::SecondOrder, Some(0.25));
+    let balances: Vec<_> = BALANCES.iter().map(|&b| (b, None)).chain([short_pilot]).collect();
+    let limit = z_limit(2 * balances.len());
     for backend in [Backend::Embree, Backend::Obvhs] {
         let stage = Stage::new(scene.clone(), backend);
-        for balance in BALANCES {
-            let mean = stage.mean_green(&RenderSettings { balance, ..settings() }, 1000);
+        for &(balance, pilot) in &balances {
+            let mean = stage.mean_green(&RenderSettings { balance, pilot, ..settings() }, 1000);
             let z = (mean.mean - reference.mean) / mean.standard_error().hypot(reference.standard_error());
-            assert!(z.abs() < limit, "{backend:?} {balance:?}: {} for {}, z = {z}", mean.mean, reference.mean);
+            assert!(z.abs() < limit, "{backend:?} {balance:?} {pilot:?}: {} for {}, z = {z}", mean.mean, reference.mean);
         }
     }
 }

@@ -15,6 +15,6 @@ pub mod pilot;
 pub use cost::Cost;
 pub use deal::{Counts, Share, deal};
 pub use heuristic::Heuristic;
-pub use method::Balance;
+pub use method::{Balance, HALF_PILOT};
 pub use moments::{Moments, pilot_then_rest};
 pub use pilot::{Finding, Technique};
