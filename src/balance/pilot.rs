@@ -98,13 +98,13 @@ pub const SHARES: [f32; 7] = [0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875];
 /// Samples of a block, but a quarter of a technique's pilot at most.
 const BLOCK: u32 = 8;
 /// Pixels to each side that a pixel learns from.
-const RADIUS: usize = 2;
+const RADIUS: usize = 3;
 /// Pseudo-observations: heavy samples, as typical as those seen, that each technique alone could have found.
-const KAPPA: f32 = 4.0;
+const KAPPA: f32 = 2.0;
 /// Standard errors of the gain, over the neighbours, that are held against it.
 const DOUBT: f32 = 1.0;
 /// Least gain in variance, as a share, for which the usual share is left.
-const LEAST_GAIN: f32 = 0.1;
+const LEAST_GAIN: f32 = 0.05;
 /// A channel below this share of the strongest counts as if it had that much.
 const WEAKEST: f32 = 0.05;
 /// Degrees of freedom of one pixel's spread: four blocks a technique.
