@@ -10,7 +10,7 @@
 
 use glam::Vec3;
 
-use super::{Counts, Share};
+use super::{Cost, Counts, Share};
 use crate::lanes::{F, LANES, eight};
 
 /// How a contribution was found.
@@ -156,15 +156,18 @@ impl Candidates {
         Self { usual, rates: shares.chunks(LANES).map(rates).collect(), shares, pilot }
     }
 
-    /// What a heavy sample that one technique alone could find would add to the variance at eight candidates, over what
-    /// it adds at the usual share: mean over the techniques of 1/n_i, but for a factor.
+    /// What heavy samples that one technique alone could find would add to the variance at eight candidates, over what
+    /// they add at the usual share: Σ u_i²/n_i / Σ u_i − 1 with counts n_i, and u_i at the usual share, which is the least
+    /// for the same Σ n_i: without evidence nothing moves.
     fn unseen(&self, chunk: usize) -> F {
-        let there = || (0..3).filter(|&t| self.pilot[t] > 0.0);
-        let n = there().count() as f32;
         let (at, lane) = (self.usual / LANES, self.usual % LANES);
-        let at_usual: f32 = there().map(|t| 1.0 / self.rates[at][t].as_array()[lane]).sum();
-        let here = there().fold(F::ZERO, |sum, t| sum + F::ONE / self.rates[chunk][t]);
-        (here - F::splat(at_usual)) * F::splat(1.0 / n)
+        let (mut sum, mut all) = (F::ZERO, 0.0);
+        for technique in (0..3).filter(|&t| self.pilot[t] > 0.0) {
+            let usual = self.rates[at][technique].as_array()[lane];
+            sum += F::splat(self.pilot[technique] * usual * usual) / self.rates[chunk][technique];
+            all += self.pilot[technique] * usual;
+        }
+        sum * F::splat(1.0 / all) - F::ONE
     }
 
     /// The share that is taken without evidence.
@@ -268,10 +271,10 @@ impl<'a> Spreads<'a> {
         self.usual.push(if sound { at_usual } else { 0.0 });
     }
 
-    /// The share for pixel `pixel` of a tile with rows of `width`, from its neighbours' spreads alone: the one with the
-    /// least variance, pseudo-observations and doubt included, or the usual one where that gains too little. `guides` has
-    /// one entry a pixel.
-    pub fn choose(&self, pixel: usize, width: usize, guides: &[Guide]) -> Share {
+    /// The share for pixel `pixel` of a tile with rows of `width`, from its neighbours' spreads alone. Of those with less
+    /// variance than the usual one, pseudo-observations and doubt included, it is the one with the least variance times
+    /// `cost`; the usual one if there are none. `guides` has one entry a pixel.
+    pub fn choose(&self, pixel: usize, width: usize, guides: &[Guide], cost: Cost) -> Share {
         let chunks = self.candidates.rates.len();
         let (x, y) = (pixel % width, pixel / width);
         let rows = y.saturating_sub(RADIUS)..=(y + RADIUS).min(self.usual.len() / width - 1);
@@ -290,7 +293,8 @@ impl<'a> Spreads<'a> {
         }
         let unseen = KAPPA * usual2 / (usual * count * DEGREES);
         let usual = usual / count;
-        let mut best = (-LEAST_GAIN * usual, self.candidates.usual);
+        let enough = -LEAST_GAIN * usual;
+        let mut best = (f32::INFINITY, self.candidates.usual());
         for chunk in 0..chunks {
             // Sums over neighbours of the difference to the usual share, and of its square.
             let (mut gain, mut gain2) = (F::ZERO, F::ZERO);
@@ -304,13 +308,14 @@ impl<'a> Spreads<'a> {
             let error = (error * F::splat(1.0 / (count - 1.0))).sqrt();
             let score = mean + F::splat(DOUBT) * error + F::splat(unseen) * self.candidates.unseen(chunk);
             for (lane, score) in score.to_array().into_iter().enumerate() {
-                let at = (chunk * LANES + lane).min(self.candidates.shares.len() - 1);
-                if score < best.0 {
-                    best = (score, at);
+                let Some(&share) = self.candidates.shares.get(chunk * LANES + lane) else { break };
+                let work = (usual + score) * cost.at(share.light);
+                if score < enough && work < best.0 {
+                    best = (work, share);
                 }
             }
         }
-        self.candidates.shares[best.1]
+        best.1
     }
 }
 

@@ -6,9 +6,9 @@ use std::time::Instant;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use crate::balance::efficiency::{self, Cost};
+use crate::balance::efficiency;
 use crate::balance::pilot::{Candidates, Spreads};
-use crate::balance::{Balance, Counts, Share, Technique};
+use crate::balance::{Balance, Cost, Counts, Share, Technique};
 use crate::integrator::{PixelPlan, PixelSum, Transport, Wave, WaveCounts, guides};
 use crate::rays::embree::set_flush_to_zero;
 
@@ -150,11 +150,11 @@ impl Tile {
         let n = self.pixels.len();
         let pilot = candidates.pilot(pilot);
         self.record(transport, wave, pilot);
-        let width = self.width();
+        let (width, cost) = (self.width(), cost(&wave.counts));
         let spreads = Spreads::new(candidates, &wave.findings, n, pilot.paths);
         let places: Vec<_> = self.pixels.iter().map(|p| [p.x, p.y]).collect();
         let guides = guides(transport, &places);
-        let shares: Vec<_> = (0..n).map(|i| spreads.choose(i, width, &guides)).collect();
+        let shares: Vec<_> = (0..n).map(|i| spreads.choose(i, width, &guides, cost)).collect();
         let total: Vec<_> = shares.iter().map(|share| Counts::of(*share, paths)).collect();
         self.weigh_again(wave, pilot, &total);
         let rest: Vec<_> = total.iter().map(|total| total.after(pilot)).collect();
@@ -168,12 +168,7 @@ impl Tile {
     fn alone(&mut self, transport: &Transport, wave: &mut Wave, paths: u32) {
         let n = self.pixels.len();
         self.record(transport, wave, Counts::half(paths));
-        let rays = wave.counts;
-        let all = (n as u64 * u64::from(paths)) as f32;
-        // A first surface's light sample is a shadow ray at most; all others follow from BSDF samples.
-        let light = (rays.shadow_rays as f32).min(all);
-        let bsdf = rays.first_bounce_rays + rays.later_bounce_rays + rays.shadow_rays;
-        let cost = Cost { fixed: 1.0, light: light / all, bsdf: (bsdf as f32 - light) / all };
+        let cost = cost(&wave.counts);
         let shares = efficiency::shares(&wave.findings, n, self.width(), cost);
         self.sums.iter_mut().zip(shares).for_each(|(sum, share)| sum.stats.balance = share);
     }
@@ -288,6 +283,15 @@ impl Tile {
     pub fn pixels(&self) -> usize {
         self.pixels.len()
     }
+}
+
+/// What paths with one sample of each technique at the first surface cost, by the rays that they took.
+fn cost(rays: &WaveCounts) -> Cost {
+    // A first surface's light sample is a shadow ray at most; all others follow from BSDF samples.
+    let light = rays.shadow_rays.min(rays.camera_rays);
+    let bsdf = rays.first_bounce_rays + rays.later_bounce_rays + rays.shadow_rays - light;
+    let all = rays.camera_rays.max(1) as f32;
+    Cost { fixed: 1.0, light: light as f32 / all, bsdf: bsdf as f32 / all }
 }
 
 #[cfg(test)]

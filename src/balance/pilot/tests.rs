@@ -3,13 +3,15 @@ use crate::sampling::PixelSequence;
 
 const WALL: Guide = Guide { object: 1, material: 1, normal: Vec3::Z, depth: 2.0, roughness: 0.5 };
 
+const EQUAL: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
+
 fn finding(pixel: u32, technique: Technique, index: u32, r: f32, y: f32) -> Finding {
     Finding { pixel, technique, lamp: false, index, r, radiance: Vec3::splat(y) }
 }
 
 /// The share of light samples for a pixel of a row of `width` ones and rows like it, after a pilot of 32 paths.
 fn choose(pixel: usize, width: usize, findings: &[Finding], guides: &[Guide]) -> f32 {
-    Spreads::new(&Candidates::two(), findings, guides.len(), 32).choose(pixel, width, guides).light
+    Spreads::new(&Candidates::two(), findings, guides.len(), 32).choose(pixel, width, guides, EQUAL).light
 }
 
 /// A row of pixels whose light samples agree and whose BSDF samples, all but pixel `but`'s, find little often and much
@@ -125,7 +127,7 @@ fn estimate(replicas: u32, own: bool) -> (f64, f64) {
         });
         let learned: Vec<_> = learned.collect();
         let candidates = Candidates::two();
-        let total = Counts::of(Spreads::new(&candidates, &learned, 9, PILOT).choose(4, 3, &[WALL; 9]), PATHS);
+        let total = Counts::of(Spreads::new(&candidates, &learned, 9, PILOT).choose(4, 3, &[WALL; 9], EQUAL), PATHS);
         let mut l = 0.0;
         for (technique, n) in [(0, total.light), (1, total.bsdf)] {
             l += (0..n).map(|i| f64::from(of(4, technique, i).at(total.over(Counts::half(PILOT))).x)).sum::<f64>();
@@ -167,7 +169,7 @@ fn the_kind_of_light_that_varies_gets_the_samples() {
                 }
             }
         }
-        Spreads::new(&Candidates::three(0.5), &findings, 9, 32).choose(4, 3, &[WALL; 9])
+        Spreads::new(&Candidates::three(0.5), &findings, 9, 32).choose(4, 3, &[WALL; 9], EQUAL)
     };
     assert!(share(true).sky < Some(0.5) && share(true).light > 0.5, "{:?}", share(true));
     assert!(share(false).sky > Some(0.5) && share(false).light > 0.5, "{:?}", share(false));
@@ -177,7 +179,7 @@ fn the_kind_of_light_that_varies_gets_the_samples() {
 fn without_evidence_the_usual_share_of_the_environment_stands() {
     for (chance, eighths) in [(0.1, 1.0), (0.5, 4.0), (0.7, 6.0), (0.9, 7.0)] {
         let candidates = Candidates::three(chance);
-        let share = Spreads::new(&candidates, &[], 9, 32).choose(4, 3, &[WALL; 9]);
+        let share = Spreads::new(&candidates, &[], 9, 32).choose(4, 3, &[WALL; 9], EQUAL);
         assert_eq!(share, Share { light: 0.5, sky: Some(eighths / 8.0) });
     }
 }
@@ -211,4 +213,15 @@ fn rates_are_the_counts_over_the_pilots() {
             assert!((stated - rate).abs() <= 4.0 * f32::EPSILON * rate, "{share:?} {t}: {stated} {rate}");
         }
     }
+}
+
+#[test]
+fn of_shares_that_are_surely_better_the_cheapest_work_wins() {
+    let findings = noisy_bsdf(5, 9);
+    let candidates = Candidates::two();
+    let spreads = Spreads::new(&candidates, &findings, 5, 32);
+    let share = |cost| spreads.choose(2, 5, &[WALL; 5], cost).light;
+    let dear_light = share(Cost { light: 9.0, ..EQUAL });
+    // Less than where both cost the same, and not below ½, where nothing is better than at ½.
+    assert!(dear_light < share(EQUAL) && dear_light > 0.5, "{dear_light} {}", share(EQUAL));
 }

@@ -47,7 +47,7 @@ fn share(subject: Subject, samples: &[(f32, f32)], others: &[(f32, f32)]) -> f32
     }
     let candidates = Candidates::two();
     let spreads = Spreads::new(&candidates, &findings, image.pixels.len(), PILOT);
-    spreads.choose(pixel, image.width, &image.guides).light
+    spreads.choose(pixel, image.width, &image.guides, EQUAL_COST).light
 }
 
 /// All of them.

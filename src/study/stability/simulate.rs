@@ -3,9 +3,9 @@
 use glam::Vec3;
 
 use super::domain::{Atom, Domain, Image};
-use crate::balance::efficiency::{self, Cost};
+use crate::balance::efficiency;
 use crate::balance::pilot::{Candidates, Spreads};
-use crate::balance::{Balance, Counts, Finding, Heuristic, Moments, Technique};
+use crate::balance::{Balance, Cost, Counts, Finding, Heuristic, Moments, Technique};
 
 /// Who is tested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -160,7 +160,7 @@ impl Run<'_> {
                     self.pilot_by(pilot, pass, |pixel, _, findings| {
                         if shares.is_empty() {
                             let spreads = Spreads::new(&candidates, findings, n, pilot);
-                            shares = (0..n).map(|i| spreads.choose(i, *width, guides).light).collect();
+                            shares = (0..n).map(|i| spreads.choose(i, *width, guides, EQUAL_COST).light).collect();
                         }
                         shares[pixel]
                     });
