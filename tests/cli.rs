@@ -1,6 +1,7 @@
 //! The program as scripts and people call it: exit codes, messages, files.
 
 mod glb;
+mod program;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
@@ -200,7 +201,7 @@ fn an_interrupted_render_saves_what_there_is_and_exits_with_75() {
         while !text.contains("PROGRESS") {
             assert_ne!(lines.read_line(&mut text).unwrap(), 0, "it ended by itself:\n{text}");
         }
-        assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+        program::signal(&child, signal);
         lines.read_to_string(&mut text).unwrap();
         assert_eq!(child.wait().unwrap().code(), Some(75), "{text}");
         assert!(text.contains("scene.exr is saved"), "{text}");
@@ -223,7 +224,7 @@ fn a_build_that_is_interrupted_touches_no_output_and_exits_with_75() {
     while !text.contains("read thicket.glb") {
         assert_ne!(lines.read_line(&mut text).unwrap(), 0, "it ended by itself:\n{text}");
     }
-    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    program::signal(&child, "-INT");
     lines.read_to_string(&mut text).unwrap();
     assert_eq!(child.wait().unwrap().code(), Some(75), "{text}");
     assert!(text.contains("interrupted while loading"), "{text}");

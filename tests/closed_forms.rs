@@ -258,7 +258,12 @@ fn all_balances_and_backends_agree_on_a_glossy_scene_with_sky_lamp_and_indirect_
         for &(balance, pilot) in &balances {
             let mean = stage.mean_green(&RenderSettings { balance, pilot, ..settings() }, 1000);
             let z = (mean.mean - reference.mean) / mean.standard_error().hypot(reference.standard_error());
-            assert!(z.abs() < limit, "{backend:?} {balance:?} {pilot:?}: {} for {}, z = {z}", mean.mean, reference.mean);
+            assert!(
+                z.abs() < limit,
+                "{backend:?} {balance:?} {pilot:?}: {} for {}, z = {z}",
+                mean.mean,
+                reference.mean
+            );
         }
     }
 }

@@ -44,9 +44,8 @@ impl Loaded {
         let read_seconds = start.elapsed().as_secs_f64();
         info!("read {} in {read_seconds:.2} s", args.scene.display());
         let built = Instant::now();
-        let rays = rays::build_watched(args.rays, Arc::clone(&scene), &|done| {
-            building(done, built.elapsed().as_secs_f64())
-        })?;
+        let rays =
+            rays::build_watched(args.rays, Arc::clone(&scene), &|done| building(done, built.elapsed().as_secs_f64()))?;
         let build_seconds = built.elapsed().as_secs_f64();
         let backend = rays.info();
         let mebibytes = backend.memory_bytes as f64 / 2_f64.powi(20);

@@ -87,9 +87,12 @@ pub fn cases() -> Vec<Case> {
         few(
             32,
             BAR,
-            case("F12", "pilot used again", "32 paths; what the biased control does for sure", {
-                Image::flat(&dim_and_bright())
-            }),
+            case(
+                "F12",
+                "pilot used again",
+                "a bright place that light samples find, a dim one for BSDF samples; 32 paths",
+                { Image::flat(&dim_and_bright()) },
+            ),
         ),
         case(
             "F13",

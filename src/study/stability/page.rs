@@ -175,9 +175,8 @@ of `half` with as many paths, in the worst pixel and colour channel: 1 is no har
 const WORST: &str = "✗: a pixel is beyond the mode's bar for sure; ?: the worst one (± its standard error) is beyond it, \
 but none by more than chance explains, the worst of all being looked at. 1.00 may mean that a method learned nothing \
 from so few samples, or nothing that it trusted: see its shares below. `power` and `max` do not adapt: what they lose, \
-they lose by their weights. The last two are no `--balance`: the paper's passes and formula with a ridge of one \
-pseudo-observation, and the share that is best against the worst integrand of the same moments, with a ridge of two; \
-exact cases alone.";
+they lose by their weights. `ridge` and `minimax` are no `--balance` and in exact cases alone: the paper's passes, and its formula \
+with one pseudo-observation, or the share that is best against the worst integrand of such moments, with two.";
 const SHARES: &str = "Mean share of light samples in the last pass ± its standard deviation between replicas: F10 asks how \
 much it scatters where all pixels are alike.";
 const FACTS: &str = "The share of light samples after samples that break naive rules. What is broken must not count.";

@@ -53,8 +53,8 @@ impl Subject {
     pub fn name(self) -> String {
         match self {
             Subject::Method(balance) => balance.name(),
-            Subject::Ridge => "second-order, ridge".to_owned(),
-            Subject::Minimax => "minimax, ridge".to_owned(),
+            Subject::Ridge => "ridge".to_owned(),
+            Subject::Minimax => "minimax".to_owned(),
             Subject::Biased => "biased control".to_owned(),
             Subject::Unsafe => "unguarded control".to_owned(),
         }
