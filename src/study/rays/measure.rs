@@ -8,10 +8,10 @@ use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::agree::{Answers, Judge};
-use super::host::{Gauge, Host, forget_peak, memory, process_seconds, thread_seconds};
+use super::host::{Gauge, Host, forget_peak, instructions, memory, process_seconds, thread_seconds};
 use super::stream::{self, Kind, Query, Stream};
 use super::table::{Agreement, Build, Picture, Results, Scaling, Trace};
-use super::{Contender, Plan, Subject};
+use super::{Contender, LARGE, Plan, Subject};
 use crate::film::PixelStats;
 use crate::rays::embree::set_flush_to_zero;
 use crate::rays::{HitBatch, RayQueries};
@@ -82,7 +82,16 @@ pub fn measure(
     let base = Side { backend: base.as_ref(), build_seconds: built.cpu_seconds };
     let answers = bench.one.install(|| streams.iter().map(|s| Answers::of(base.backend, s)).collect::<Vec<_>>());
     results.builds.push(built);
-    let contenders = plan.contenders.iter().filter(|c| **c != baseline);
+    let chosen = plan.contenders(subject);
+    if chosen.len() < plan.contenders.len() {
+        results.notes.push(format!(
+            "{}: has more than {LARGE} triangles; {} of {} contenders were measured, as --backends quick",
+            subject.name,
+            chosen.len(),
+            plan.contenders.len()
+        ));
+    }
+    let contenders = chosen.iter().filter(|c| **c != baseline);
     let mut contenders = contenders.map(|c| (c.name(), c.clone())).collect::<Vec<_>>();
     contenders.insert(0, (CONTROL.to_owned(), baseline.clone()));
     let all = contenders.len() as f64;
@@ -100,7 +109,9 @@ pub fn measure(
         };
         built.backend.clone_from(&name);
         let side = Side { backend: backend.as_ref(), build_seconds: built.cpu_seconds };
-        for (stream, of_base) in streams.iter().zip(&answers) {
+        for (j, (stream, of_base)) in streams.iter().zip(&answers).enumerate() {
+            // After the build, before the pictures.
+            progress((i as f64 + (j + 1) as f64 / (streams.len() + 2) as f64) / all);
             run.go_on()?;
             let mut tell = |text: String| results.notes.push(format!("{}, {name}: {text}", subject.name));
             let counts = bench.one.install(|| {
@@ -109,9 +120,10 @@ pub fn measure(
             });
             results.agreements.push(Agreement::new([&run.machine, &subject.name, &name, &stream.name], &counts));
             let rounds = run.rounds(stream, &base, &side);
-            results.traces.push(run.trace(&name, (stream, of_base.hit_share()), &rounds, 1));
+            let instructions = || bench.one.install(|| instructions(|| _ = replay(side.backend, stream)));
+            results.traces.push(run.trace(&name, (stream, of_base.hit_share()), &rounds, 1, instructions()));
             if name == CONTROL {
-                control.push(rounds);
+                control.push((rounds, instructions()));
             }
             if stream.name == SCALED && (contender == baseline || contender == Contender::other()) {
                 let name = contender.name();
@@ -124,8 +136,8 @@ pub fn measure(
         results.builds.push(built);
     }
     // The baseline's own speed, from the rounds beside its control.
-    for ((stream, of_base), rounds) in streams.iter().zip(&answers).zip(&control) {
-        let mut row = run.trace(&baseline.name(), (stream, of_base.hit_share()), rounds, 0);
+    for ((stream, of_base), (rounds, instructions)) in streams.iter().zip(&answers).zip(&control) {
+        let mut row = run.trace(&baseline.name(), (stream, of_base.hit_share()), rounds, 0, *instructions);
         (row.speed_ratio, row.speed_ratio_se) = (1.0, 0.0);
         results.traces.push(row);
     }
@@ -151,7 +163,8 @@ impl Run<'_> {
     fn go_on(&self) -> Result<()> {
         if self.stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted(
-                "interrupted: the scenes that were finished are in the report; study the others with --merge-report"
+                "interrupted: the scenes that were finished are in the report; the same command with --merge-report \
+                 DIR/results.json goes on with the others"
                     .to_owned(),
             ));
         }
@@ -246,7 +259,14 @@ impl Run<'_> {
         })
     }
 
-    fn trace(&self, name: &str, (stream, hit_share): (&Stream, f64), rounds: &[[f64; 2]], which: usize) -> Trace {
+    fn trace(
+        &self,
+        name: &str,
+        (stream, hit_share): (&Stream, f64),
+        rounds: &[[f64; 2]],
+        which: usize,
+        instructions: Option<u64>,
+    ) -> Trace {
         let subject = self.subject;
         let own = rounds.iter().map(|r| r[which]).collect::<Vec<_>>();
         let ratios = rounds.iter().map(|[base, own]| base / own).collect::<Vec<_>>();
@@ -266,6 +286,7 @@ impl Run<'_> {
             mrays_spread: rate * spread(&own) / median(&own),
             speed_ratio: median(&ratios),
             speed_ratio_se: standard_error(&ratios),
+            instructions_per_ray: instructions.map(|n| n as f64 / rays),
         }
     }
 

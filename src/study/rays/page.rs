@@ -351,6 +351,7 @@ fn builds(scene: &SceneRows, names: &[&str]) -> Table {
         ("speed", "Of a picture over that with embree in the same rounds"),
         ("crossover, spp", "Paths a pixel from which on the longer build has paid"),
         ("z", "Picture mean against that with embree, other seeds, in standard errors, worst channel"),
+        ("instructions", "Instructions of the processor for one ray of a diffuse bounce; where counters are there"),
         ("threads", "Speed of diffuse bounces with all threads over that with one, by the wall clock"),
     ]);
     for name in names {
@@ -360,6 +361,7 @@ fn builds(scene: &SceneRows, names: &[&str]) -> Table {
         let results = scene.results;
         let picture = results.pictures.iter().find(|p| of_scene(&p.machine, &p.scene, &p.backend));
         let scaling = results.scalings.iter().find(|s| of_scene(&s.machine, &s.scene, &s.backend));
+        let diffuse = scene.traces().find(|t| t.backend == *name && t.stream == STREAM);
         let text = |value: Option<f64>| value.map_or(String::new(), number);
         let plain = |text: String| (text, Tone::Plain);
         table.rows.push(vec![
@@ -378,6 +380,7 @@ fn builds(scene: &SceneRows, names: &[&str]) -> Table {
             picture.map_or(plain(String::new()), |p| {
                 (number(p.bias_z), if p.bias_z.abs() > MOST_Z { Tone::Bad } else { Tone::Plain })
             }),
+            plain(text(diffuse.and_then(|t| t.instructions_per_ray))),
             plain(scaling.map_or(String::new(), |s| format!("{}: {}", s.threads, with_error(s.speedup, s.speedup_se)))),
         ]);
     }
@@ -449,13 +452,13 @@ fn hosts(page: &mut Page, results: &Results) {
     for host in &results.hosts {
         page.heading(&host.machine);
         let counters = if host.hardware_counters {
-            "are there, but instructions a ray are not measured by this version"
+            "there; they counted the instructions of one replay a stream"
         } else {
-            "are none on this machine: instructions a ray were not measured"
+            "none that this program may use, so instructions a ray were not measured"
         };
         page.text(&format!(
             "{}{}; {} cores, {:.0} GiB; Linux {}; frequency governor {}. Embree {} runs on {}, obvhs {} and the program are \
-             compiled for {}. Measuring threads {} results to zero and {} denormal operands as zero. Hardware counters {counters}.",
+             compiled for {}. Measuring threads {} results to zero and {} denormal operands as zero. Hardware counters: {counters}.",
             host.cpu,
             if host.virtual_machine { " in a virtual machine" } else { "" },
             host.cores,
