@@ -84,6 +84,8 @@ fn a_study_reports_every_contender_alone_and_merged() {
         rows.map(|r| (r["rays"].clone(), r["same"].clone())).collect::<Vec<_>>()
     };
     assert_eq!(agreements(&b)[..28], agreements(&a)[..]);
+    let page = fs::read_to_string(folder.join("b/report.html")).unwrap();
+    assert!(page.contains("Two studies of the same") && page.contains("<td>28</td>"));
     // Streams of another scene are refused.
     fs::copy(folder.join("a/streams/sphere-2000.rays"), folder.join("a/streams/sphere-1000.rays")).unwrap();
     let other = study(folder, &format!("--generate sphere:1000 --out c --streams a/streams {FEW}"));

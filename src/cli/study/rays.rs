@@ -34,7 +34,7 @@ pub(super) struct RaysArgs {
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     generate: Vec<Shape>,
     /// What to compare with embree: names such as embree+high+robust or obvhs+bvh2+slow separated by commas, or usual,
-    /// quick, all [default: usual]. Lists are quick where a scene has more than four million triangles.
+    /// quick, large, all [default: usual]. Lists become large where more than four million triangles are built.
     #[arg(long, value_name = "LIST")]
     backends: Option<Contenders>,
     /// Hold Embree to an instruction set, for comparisons of like with like.
@@ -83,7 +83,7 @@ impl FromStr for Contenders {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<Self, String> {
-        let large = if ["usual", "all"].contains(&text) { "quick" } else { text };
+        let large = if ["usual", "quick", "all"].contains(&text) { "large" } else { text };
         Ok(Self { all: Contender::list(text)?, large: Contender::list(large)? })
     }
 }

@@ -56,6 +56,8 @@ const USUAL: &str = "embree+low,embree+two-level,embree+high,embree+compact,embr
                      embree+single,embree+x4,embree+x8,embree+x16,embree+avx2,embree+sse2,obvhs+fastest,\
                      obvhs+very-fast,obvhs+fast,obvhs,obvhs+slow,obvhs+very-slow,obvhs+split,obvhs+slow+whole,\
                      obvhs+own-test,obvhs+bvh2+fastest,obvhs+bvh2,obvhs+bvh2+very-slow";
+/// What it compares where there are millions of triangles: builds of minutes are left out.
+const LARGE: &str = "embree+low,embree+high,embree+single,obvhs+fastest,obvhs,obvhs+bvh2";
 const QUICK: &str = "embree+low,embree+high,embree+single,obvhs+fastest,obvhs,obvhs+very-slow,obvhs+bvh2";
 
 impl Contender {
@@ -69,7 +71,7 @@ impl Contender {
         Self { what: What::Obvhs(ObvhsOptions::default()) }
     }
 
-    /// The lists `usual`, `quick` and `all`, or names separated by commas.
+    /// The lists `usual`, `quick`, `large` and `all`, or names separated by commas.
     ///
     /// # Errors
     /// A sentence that says which word there is not, and which ones there are.
@@ -78,6 +80,7 @@ impl Contender {
             "all" => return Ok(Self::all()),
             "usual" => USUAL,
             "quick" => QUICK,
+            "large" => LARGE,
             names => names,
         };
         text.split(',').map(|name| Self::named(name.trim())).collect()

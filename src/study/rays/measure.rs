@@ -85,7 +85,7 @@ pub fn measure(
     let chosen = plan.contenders(subject);
     if chosen.len() < plan.contenders.len() {
         results.notes.push(format!(
-            "{}: has more than {LARGE} triangles; {} of {} contenders were measured, as --backends quick",
+            "{}: more than {LARGE} triangles are built; {} of {} contenders were measured, as --backends large",
             subject.name,
             chosen.len(),
             plan.contenders.len()

@@ -7,6 +7,7 @@
 //! [`host`]). The control `embree (again)` is the baseline built a second time: its true ratio is 1.
 
 pub mod agree;
+mod compare;
 pub mod contender;
 pub mod exact;
 pub mod host;
