@@ -40,13 +40,13 @@ pub(super) struct RaysArgs {
     /// Hold Embree to an instruction set, for comparisons of like with like.
     #[arg(long, value_name = "ISA", value_parser = PossibleValuesParser::new(ISAS))]
     isa: Option<String>,
-    /// About how many rays a stream has [default: 262144].
+    /// About how many rays a stream has [default: 65536].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1024..=1 << 26))]
     rays: Option<u32>,
     /// Rounds in which a contender and embree take turns [default: 9].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(3..=1000))]
     rounds: Option<u32>,
-    /// Paths a pixel of the compared pictures, 0 for none [default: 8].
+    /// Paths a pixel of the compared pictures, 0 for none [default: 4].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=1 << 16))]
     spp: Option<u32>,
     /// Keep the recorded rays in DIR/streams.
@@ -98,14 +98,14 @@ impl RaysArgs {
             contenders: contenders.all,
             contenders_large: contenders.large,
             isa: ISAS.into_iter().find(|isa| Some(*isa) == self.isa.as_deref()),
-            rays: self.rays.unwrap_or(if quick { 1 << 16 } else { 1 << 18 }) as usize,
+            rays: self.rays.unwrap_or(if quick { 1 << 15 } else { 1 << 16 }) as usize,
             rounds: self.rounds.unwrap_or(if quick { 3 } else { 9 }) as usize,
-            picture: if quick { 96 } else { 192 },
+            picture: if quick { 96 } else { 128 },
             spp: match self.spp {
                 Some(0) => 0,
                 Some(spp) => spp.max(2),
-                None if quick => 4,
-                None => 8,
+                None if quick => 2,
+                None => 4,
             },
             save_streams: self.save_streams,
             streams: self.streams.clone(),

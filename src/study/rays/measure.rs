@@ -109,9 +109,7 @@ pub fn measure(
         };
         built.backend.clone_from(&name);
         let side = Side { backend: backend.as_ref(), build_seconds: built.cpu_seconds };
-        for (j, (stream, of_base)) in streams.iter().zip(&answers).enumerate() {
-            // After the build, before the pictures.
-            progress((i as f64 + (j + 1) as f64 / (streams.len() + 2) as f64) / all);
+        for (stream, of_base) in streams.iter().zip(&answers) {
             run.go_on()?;
             let mut tell = |text: String| results.notes.push(format!("{}, {name}: {text}", subject.name));
             let counts = bench.one.install(|| {
@@ -119,8 +117,14 @@ pub fn measure(
                 judge.compare(stream, (base.backend, of_base), (side.backend, &own), &mut tell)
             });
             results.agreements.push(Agreement::new([&run.machine, &subject.name, &name, &stream.name], &counts));
-            let rounds = run.rounds(stream, &base, &side);
-            let instructions = || bench.one.install(|| instructions(|| _ = replay(side.backend, stream)));
+        }
+        progress((i as f64 + 0.3) / all);
+        let rounds = run.rounds(&streams, &base, &side)?;
+        progress((i as f64 + 0.7) / all);
+        for ((stream, of_base), rounds) in streams.iter().zip(&answers).zip(rounds) {
+            run.go_on()?;
+            let instructions =
+                || bench.one.install(|| instructions(|| _ = replay(side.backend, stream, &mut Sink::default())));
             results.traces.push(run.trace(&name, (stream, of_base.hit_share()), &rounds, 1, instructions()));
             if name == CONTROL {
                 control.push((rounds, instructions()));
@@ -240,22 +244,35 @@ impl Run<'_> {
         Ok(streams)
     }
 
-    /// Seconds of the baseline and of the other for one replay each, round by round in turn.
-    fn rounds(&self, stream: &Stream, base: &Side, side: &Side) -> Vec<[f64; 2]> {
-        self.bench.one.install(|| {
-            let once = replay(base.backend, stream).min(replay(side.backend, stream));
-            let times = ((LEAST_SECONDS / once.max(1e-9)).ceil() as usize).clamp(1, 1000);
-            let seconds = |side: &Side| (0..times).map(|_| replay(side.backend, stream)).sum::<f64>() / times as f64;
-            let both = |round: usize| {
-                if round.is_multiple_of(2) {
-                    let first = seconds(base);
-                    [first, seconds(side)]
-                } else {
-                    let first = seconds(side);
-                    [seconds(base), first]
+    /// For each stream, seconds of the baseline and of the other for one replay each, round by round in turn. A round goes
+    /// through all streams: so each stream's rounds are spread over as long a time as can be, and what slows the machine
+    /// for a second slows one of them.
+    fn rounds(&self, streams: &[Stream], base: &Side, side: &Side) -> Result<Vec<Vec<[f64; 2]>>> {
+        let mut sink = Sink::default();
+        let times = |stream: &Stream, sink: &mut Sink| {
+            let once = replay(base.backend, stream, sink).min(replay(side.backend, stream, sink));
+            ((LEAST_SECONDS / once.max(1e-9)).ceil() as usize).clamp(1, 1000)
+        };
+        // Turn by turn, who is first by turns: neither finds caches and clocks in a better state than the other.
+        let both = |stream: &Stream, round: usize, times: usize, sink: &mut Sink| {
+            let mut sums = [0.0; 2];
+            for turn in round..round + times {
+                for which in if turn.is_multiple_of(2) { [0, 1] } else { [1, 0] } {
+                    sums[which] += replay([base, side][which].backend, stream, sink);
                 }
-            };
-            (0..self.plan.rounds).map(both).collect()
+            }
+            sums.map(|sum| sum / times as f64)
+        };
+        self.bench.one.install(|| {
+            let times = streams.iter().map(|stream| times(stream, &mut sink)).collect::<Vec<_>>();
+            let mut all = vec![Vec::with_capacity(self.plan.rounds); streams.len()];
+            for round in 0..self.plan.rounds {
+                self.go_on()?;
+                for ((stream, &times), taken) in streams.iter().zip(&times).zip(&mut all) {
+                    taken.push(both(stream, round, times, &mut sink));
+                }
+            }
+            Ok(all)
         })
     }
 
@@ -368,14 +385,17 @@ fn answer(backend: &dyn RayQueries, Query { kind, order, rays }: &Query) {
     }
 }
 
+/// Where answers are written.
+type Sink = (HitBatch, Vec<bool>);
+
 /// Processor seconds of this thread for one replay.
-fn replay(backend: &dyn RayQueries, stream: &Stream) -> f64 {
-    let (mut hits, mut occluded) = (HitBatch::default(), Vec::new());
+/// Contender and baseline are to write to the same places: where columns lie matters as much as a tree in small scenes.
+fn replay(backend: &dyn RayQueries, stream: &Stream, (hits, occluded): &mut Sink) -> f64 {
     let start = thread_seconds();
     for Query { kind, order, rays } in &stream.queries {
         match kind {
-            Kind::Closest => backend.closest_hits(rays, *order, &mut hits),
-            Kind::Occluded => backend.occluded(rays, *order, &mut occluded),
+            Kind::Closest => backend.closest_hits(rays, *order, hits),
+            Kind::Occluded => backend.occluded(rays, *order, occluded),
         }
     }
     thread_seconds() - start
