@@ -29,6 +29,8 @@ const MOST_BUILDS: usize = 5;
 const FEW: u64 = 2_000_000;
 /// Stream whose scaling over threads is measured.
 const SCALED: &str = "diffuse";
+/// For so long on one thread, so that starting threads does not count.
+const SCALED_SECONDS: f64 = 0.1;
 
 /// Threads and gauges for measuring, kept from scene to scene.
 pub struct Bench {
@@ -310,11 +312,17 @@ impl Run<'_> {
     /// All threads against one on the same batches, by the wall clock, in turn.
     fn scaling(&self, name: &str, stream: &Stream, side: &Side) -> Option<Scaling> {
         let threads = self.bench.all.current_num_threads();
-        let wall = |pool: &ThreadPool| {
+        let n = stream.queries.len();
+        let wall = |pool: &ThreadPool, times: usize| {
             let start = Instant::now();
-            pool.install(|| stream.queries.par_iter().for_each(|query| answer(side.backend, query)));
+            let queries = (0..times * n).into_par_iter();
+            pool.install(|| {
+                queries.for_each_init(Sink::default, |sink, i| answer(side.backend, &stream.queries[i % n], sink));
+            });
             start.elapsed().as_secs_f64()
         };
+        let times = ((SCALED_SECONDS / wall(&self.bench.one, 1)).ceil() as usize).clamp(1, 1000);
+        let wall = |pool: &ThreadPool| wall(pool, times);
         let ratios = (0..self.plan.rounds).map(|_| wall(&self.bench.one) / wall(&self.bench.all)).collect::<Vec<_>>();
         (threads > 1).then(|| Scaling {
             machine: self.machine.clone(),
@@ -378,10 +386,10 @@ impl Run<'_> {
     }
 }
 
-fn answer(backend: &dyn RayQueries, Query { kind, order, rays }: &Query) {
+fn answer(backend: &dyn RayQueries, Query { kind, order, rays }: &Query, (hits, occluded): &mut Sink) {
     match kind {
-        Kind::Closest => backend.closest_hits(rays, *order, &mut HitBatch::default()),
-        Kind::Occluded => backend.occluded(rays, *order, &mut Vec::new()),
+        Kind::Closest => backend.closest_hits(rays, *order, hits),
+        Kind::Occluded => backend.occluded(rays, *order, occluded),
     }
 }
 
@@ -390,14 +398,9 @@ type Sink = (HitBatch, Vec<bool>);
 
 /// Processor seconds of this thread for one replay.
 /// Contender and baseline are to write to the same places: where columns lie matters as much as a tree in small scenes.
-fn replay(backend: &dyn RayQueries, stream: &Stream, (hits, occluded): &mut Sink) -> f64 {
+fn replay(backend: &dyn RayQueries, stream: &Stream, sink: &mut Sink) -> f64 {
     let start = thread_seconds();
-    for Query { kind, order, rays } in &stream.queries {
-        match kind {
-            Kind::Closest => backend.closest_hits(rays, *order, hits),
-            Kind::Occluded => backend.occluded(rays, *order, occluded),
-        }
-    }
+    stream.queries.iter().for_each(|query| answer(backend, query, sink));
     thread_seconds() - start
 }
 
