@@ -9,7 +9,7 @@ NAME := $(basename $(notdir $(SHOWPIECE)))
 BISMAR := target/release/bismar
 
 .DEFAULT_GOAL := help
-.PHONY: help setup build render test bench bench-peers agreement clean
+.PHONY: help setup build render test bench bench-peers agreement stability clean
 
 help:
 	@echo "make setup   installs what is missing: Embree 4, libclang, a C linker"
@@ -19,6 +19,7 @@ help:
 	@echo "make bench   a render against the limit of its rays, threads, allocations, set-up, memory"
 	@echo "make bench-peers  error against seconds, side by side with Mitsuba 3 and Cycles (needs Python, 1.5 GiB)"
 	@echo "make agreement    converged pictures against Mitsuba's"
+	@echo "make stability    every --balance through the ways to fail, into docs/stability.md (minutes)"
 	@echo "make clean   removes target/ and out/"
 
 setup:
@@ -48,6 +49,10 @@ bench-peers: build
 agreement: build
 	scripts/bench-peers/setup.sh target/peers
 	target/peers/mitsuba/bin/python scripts/bench-peers/bench.py --agreement --peers mitsuba --scenes cornell,veach,blob $(BENCH_FLAGS)
+
+stability: build
+	$(BISMAR) study stability --out out/stability
+	cp out/stability/stability.md docs/stability.md
 
 clean:
 	$(CARGO) clean

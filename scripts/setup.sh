@@ -1,5 +1,6 @@
 #!/bin/bash
-# Installs what a build needs and is not there: Embree 4, libclang (for the bindings), a C linker, libc's headers.
+# Installs what a build needs and is not there: Embree 4, libclang (for the bindings), a C compiler, libc's headers, make
+# (for jemalloc).
 # Says nothing and changes nothing when all is there. Debian 12 and 13, Ubuntu 24.04; elsewhere it says what to install.
 # With --farm also what tests/slurm.rs and tests/openjd.rs need, which are skipped without: Slurm, and the tool of
 # Open Job Description in target/openjd.
@@ -58,6 +59,7 @@ missing=()
 have_embree || missing+=(libembree-dev)
 have_libclang || missing+=(libclang-dev)
 command -v cc >/dev/null || missing+=(gcc)
+command -v make >/dev/null || missing+=(make)
 any /usr/include/stdlib.h || missing+=(libc6-dev)
 if $farm; then
     any /usr/sbin/slurmctld || missing+=(slurmctld)
@@ -107,8 +109,8 @@ debian:* | ubuntu:*)
     ;;
 *)
     fail "$PRETTY_NAME is not a system that this script knows. Install Embree 4 with its headers, libclang and a C" \
-        "compiler (Fedora: embree-devel clang-devel gcc; Arch: embree clang gcc; Debian's names of what is missing:" \
-        "${missing[*]}), then run this again; EMBREE_DIR and LIBCLANG_PATH say where they are if it does not find them"
+        "compiler (Fedora: embree-devel clang-devel gcc make; Arch: embree clang gcc make; Debian's names of what is" \
+        "missing: ${missing[*]}), then run this again; EMBREE_DIR and LIBCLANG_PATH say where they are if it does not find them"
     ;;
 esac
 

@@ -151,6 +151,12 @@ pub fn unit_interval(bits: U) -> F {
     one_to_two - F::ONE
 }
 
+/// Lanes whose bits are `value`, as a mask.
+#[inline(always)]
+pub fn are(bits: U, value: u32) -> F {
+    cast(bits.simd_eq(U::splat(value)))
+}
+
 /// Lanes below `n`, as a mask.
 #[inline(always)]
 pub fn first(n: usize) -> F {

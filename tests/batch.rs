@@ -7,9 +7,9 @@ use std::fmt::Write;
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 
-use program::{assert_same_bits, bismar, expect, names, scene, stderr};
+use program::{assert_same_bits, bismar, expect, names, scene, signal, stderr};
 use serde_json::Value;
 
 fn report(folder: &Path) -> Value {
@@ -118,7 +118,7 @@ fn an_interrupted_batch_goes_on_to_the_same_pictures() {
     while !said.contains("scene-1: 256 spp") {
         assert_ne!(lines.read_line(&mut said).unwrap(), 0, "it ended by itself:\n{said}");
     }
-    assert!(Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap().success());
+    signal(&child, "-TERM");
     assert_eq!(child.wait().unwrap().code(), Some(75));
     let first = report(path);
     assert_eq!((&first["done"], &first["failed"]), (&1.into(), &0.into()), "{first}");

@@ -1,6 +1,7 @@
 //! The program as scripts and people call it: exit codes, messages, files.
 
 mod glb;
+mod program;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
@@ -68,7 +69,10 @@ fn wrong_usage_exits_with_64_and_says_what_is_wrong() {
         ("render scene.glb --env-rotate 90", "--env"),
         ("render scene.glb --env a.hdr --no-env", "--no-env"),
         ("render scene.glb --aov fog", "there is no output 'fog'"),
-        ("render scene.glb --balance second-order", "pilot is half of all samples"),
+        ("render scene.glb --balance second-order", "pilot is a share of all samples"),
+        ("render scene.glb --balance second-order --spp 8 --pilot 1", "above 0 and below 1"),
+        ("render scene.glb --balance second-order --spp 8 --pilot nan", "above 0 and below 1"),
+        ("render scene.glb --pilot 0.25", "belongs to --balance second-order"),
         ("render scene.glb -o out.png", "must end in .exr"),
         ("render scene.glb -o a.exr --stats a.exr", "two outputs"),
         ("render scene.glb --crop 0,0,2000,10", "not inside the picture"),
@@ -197,7 +201,7 @@ fn an_interrupted_render_saves_what_there_is_and_exits_with_75() {
         while !text.contains("PROGRESS") {
             assert_ne!(lines.read_line(&mut text).unwrap(), 0, "it ended by itself:\n{text}");
         }
-        assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+        program::signal(&child, signal);
         lines.read_to_string(&mut text).unwrap();
         assert_eq!(child.wait().unwrap().code(), Some(75), "{text}");
         assert!(text.contains("scene.exr is saved"), "{text}");
@@ -220,10 +224,10 @@ fn a_build_that_is_interrupted_touches_no_output_and_exits_with_75() {
     while !text.contains("read thicket.glb") {
         assert_ne!(lines.read_line(&mut text).unwrap(), 0, "it ended by itself:\n{text}");
     }
-    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    program::signal(&child, "-INT");
     lines.read_to_string(&mut text).unwrap();
     assert_eq!(child.wait().unwrap().code(), Some(75), "{text}");
-    assert!(text.contains("interrupted while"), "{text}");
+    assert!(text.contains("interrupted while loading"), "{text}");
     assert_eq!(names(folder.path()), before);
     assert_eq!(fs::read(folder.path().join("thicket.exr")).unwrap(), b"the old picture");
 }

@@ -124,6 +124,22 @@ fn rectangular_light_over_a_diffuse_plane() {
 }
 
 #[test]
+fn a_sky_and_a_lamp_before_it_are_two_techniques_of_light_sampling() {
+    let mut scene = Scene { environment: Some(Environment::constant([2.0; 3])), ..Default::default() };
+    rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.5));
+    rectangle(&mut scene, 1.5, [-0.2, 1.0], [-0.7, 0.4], false, lamp(10.0));
+    look(&mut scene, Vec3::new(0.0, 1.0, 3.0), Vec3::ZERO, 1e-3);
+    let corners = [(-0.2, -0.7), (1.0, -0.7), (1.0, 0.4), (-0.2, 0.4)].map(|(x, z)| DVec3::new(x, 1.5, z));
+    let lamp = polygon_irradiance(DVec3::ZERO, &corners);
+    let expected = 0.5 / PI * (10.0 * lamp + 2.0 * (PI - lamp));
+    // A pilot, its pass, and a pass and a path after it.
+    let long = RenderSettings { balance: Balance::Progressive, spp: Some(161), ..settings() };
+    let mean = Stage::new(Arc::new(scene.clone()), Backend::Embree).mean_green(&long, REPLICAS);
+    assert!(mean.z(expected).abs() < z_limit(1), "{} for {expected}, z = {}", mean.mean, mean.z(expected));
+    agrees(scene, expected, &BOTH);
+}
+
+#[test]
 fn spherical_light_over_a_diffuse_plane() {
     let (center, radius) = (Vec3::new(0.5, 2.0, -0.3), 0.4);
     let (points, indices) = sphere(24, radius, center);
@@ -234,13 +250,20 @@ fn all_balances_and_backends_agree_on_a_glossy_scene_with_sky_lamp_and_indirect_
     let scene = Arc::new(scene);
     let reference = Stage::new(scene.clone(), Backend::Embree)
         .mean_green(&RenderSettings { balance: Balance::Half, seed: 900_000, spp: Some(128), ..settings() }, 1000);
-    let limit = z_limit(2 * BALANCES.len());
+    let short_pilot = (Balance::SecondOrder, Some(0.25));
+    let balances: Vec<_> = BALANCES.iter().map(|&b| (b, None)).chain([short_pilot]).collect();
+    let limit = z_limit(2 * balances.len());
     for backend in [Backend::Embree, Backend::Obvhs] {
         let stage = Stage::new(scene.clone(), backend);
-        for balance in BALANCES {
-            let mean = stage.mean_green(&RenderSettings { balance, ..settings() }, 1000);
+        for &(balance, pilot) in &balances {
+            let mean = stage.mean_green(&RenderSettings { balance, pilot, ..settings() }, 1000);
             let z = (mean.mean - reference.mean) / mean.standard_error().hypot(reference.standard_error());
-            assert!(z.abs() < limit, "{backend:?} {balance:?}: {} for {}, z = {z}", mean.mean, reference.mean);
+            assert!(
+                z.abs() < limit,
+                "{backend:?} {balance:?} {pilot:?}: {} for {}, z = {z}",
+                mean.mean,
+                reference.mean
+            );
         }
     }
 }

@@ -168,7 +168,7 @@ fn a_signal_saves_and_the_same_command_goes_on_to_the_same_bits() {
         while !said.contains("PROGRESS") {
             assert_ne!(lines.read_line(&mut said).unwrap(), 0, "it ended by itself:\n{said}");
         }
-        assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+        program::signal(&child, signal);
         lines.read_to_string(&mut said).unwrap();
         assert_eq!(child.wait().unwrap().code(), Some(75), "{said}");
         assert!(said.contains("--resume"), "{said}");
@@ -248,6 +248,12 @@ fn another_render_is_refused_by_name_and_left_alone() {
         let said = expect(folder.path(), &format!("render {flags} -o out.exr --resume"), 65);
         assert!(said.contains(words), "{flags}: {said}");
     }
+    let paper = "render cornell.glb --size 40x30 --spp 16 --balance second-order -o paper.exr --checkpoint 9";
+    expect(folder.path(), &format!("{paper} --pilot 0.25 -q"), 0);
+    let said = expect(folder.path(), &format!("{paper} --resume"), 65);
+    assert!(said.contains("pilot (0.25 there, 0.5 here)"), "{said}");
+    let said = expect(folder.path(), &format!("{paper} --pilot 0.25 --resume"), 0);
+    assert!(said.contains("nothing to do"), "{said}");
     let picture = exr_file::Header::from([("bismar.format".into(), exr_file::HeaderValue::Number(99.0))]);
     let film = bismar::film::Film::new(4, 4, [0, 0, 4, 4], false);
     for (header, words) in [(picture, "from a newer bismar"), (Vec::new(), "no picture that bismar can go on from")] {

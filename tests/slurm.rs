@@ -232,8 +232,8 @@ fn a_task_whose_node_dies_goes_on_at_the_other_one() {
     let (task, keeper) = writer(&output);
     succeeds(slurm.script(&["kill-node", &node[1..]]));
     for process in [keeper, task] {
-        let mut kill = Command::new("kill");
-        kill.args(["-KILL", &process.to_string()]);
+        let mut kill = Command::new("sh");
+        kill.args(["-c", &format!("kill -KILL {process}")]);
         succeeds(kill);
     }
     let whole = single_machine(folder.path(), LONG);

@@ -7,6 +7,7 @@ use std::sync::atomic::AtomicBool;
 use bismar::balance::Balance;
 use bismar::study::stability::judge::{FALSE_ALARM, Verdict, z_limit};
 use bismar::study::stability::page::write;
+use bismar::study::stability::simulate::Subject;
 use bismar::study::stability::{Report, measure};
 use serde_json::Value;
 use statrs::distribution::{ContinuousCDF, Normal};
@@ -24,7 +25,8 @@ fn controls_are_caught_and_every_mean_is_right() {
     assert!(wrong.is_empty(), "{wrong:?}");
     for mode in &report.modes {
         let names: Vec<_> = mode.outcomes.iter().map(|o| o.estimator.clone()).collect();
-        assert_eq!(names, Balance::all().iter().map(|b| b.name()).collect::<Vec<_>>());
+        assert_eq!(names[..Balance::all().len()], Balance::all().iter().map(|b| b.name()).collect::<Vec<_>>());
+        assert_eq!(names, Subject::shown().into_iter().map(Subject::name).collect::<Vec<_>>());
         let half = mode.outcomes.iter().find(|o| o.estimator == "half").unwrap();
         assert!((half.worst_ratio - 1.0).abs() < 1e-9, "half against half in {}: {}", mode.mode, half.worst_ratio);
         // No fixed share is better than the best one.

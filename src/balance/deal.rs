@@ -1,11 +1,24 @@
 //! Fixed sample counts and how they are dealt to a pass's paths.
 
+/// How a pixel's samples divide among the techniques.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Share {
+    /// Of all samples, light samples: α in [0, 1].
+    pub light: f32,
+    /// Of the light samples, those toward the environment, in (0, 1), where environment and lamps are techniques of
+    /// their own; `None` where each light sample draws which light it is toward, or there is one kind alone.
+    pub sky: Option<f32>,
+}
+
 /// Light and BSDF samples of one pixel in one pass of N ≥ 1 paths; where there are two techniques, together 2N and
 /// each ≥ 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Counts {
     /// Light samples n_l.
     pub light: u32,
+    /// How many of the light samples, the first ones, are toward the environment, all others toward lamps; `None` where
+    /// each draws.
+    pub sky: Option<u32>,
     /// BSDF samples n_b.
     pub bsdf: u32,
     /// Paths N.
@@ -17,23 +30,35 @@ impl Counts {
     pub fn new(alpha: f32, paths: u32) -> Self {
         let total = 2 * paths;
         let light = ((alpha * total as f32).round() as u32).clamp(1, total - 1);
-        Self { light, bsdf: total - light, paths }
+        Self { light, sky: None, bsdf: total - light, paths }
+    }
+
+    /// The counts nearest to `share` among the 2N samples of `paths` = N ≥ 1 paths.
+    pub fn of(share: Share, paths: u32) -> Self {
+        let all = Self::new(share.light, paths);
+        // A single light sample cannot be divided: it draws.
+        let split = |sky: f32| ((sky * all.light as f32).round() as u32).clamp(1, all.light - 1);
+        Self { sky: share.sky.filter(|_| all.light > 1).map(split), ..all }
     }
 
     /// One sample of each technique a path.
     pub fn half(paths: u32) -> Self {
-        Self { light: paths, bsdf: paths, paths }
+        Self { light: paths, sky: None, bsdf: paths, paths }
     }
 
     /// One BSDF sample a path: where no light can be sampled.
     pub fn bsdf_only(paths: u32) -> Self {
-        Self { light: 0, bsdf: paths, paths }
+        Self { light: 0, sky: None, bsdf: paths, paths }
     }
 
-    /// What is left of these counts after a pilot of `pilot` paths with one sample of each technique.
-    pub fn after(self, pilot: u32) -> Self {
-        let left = |n: u32| n.saturating_sub(pilot);
-        Self { light: left(self.light), bsdf: left(self.bsdf), paths: self.paths - pilot }
+    /// What is left of these counts after those of a pilot.
+    pub fn after(self, pilot: Self) -> Self {
+        Self {
+            light: self.light.saturating_sub(pilot.light),
+            sky: self.sky.zip(pilot.sky).map(|(all, pilot)| all.saturating_sub(pilot)),
+            bsdf: self.bsdf.saturating_sub(pilot.bsdf),
+            paths: self.paths - pilot.paths,
+        }
     }
 
     /// a_l = n_l/N.
@@ -46,6 +71,22 @@ impl Counts {
     #[inline]
     pub fn bsdf_a_path(self) -> f32 {
         self.bsdf as f32 / self.paths as f32
+    }
+
+    /// Samples a path: toward the environment, toward lamps, of the BSDF. Where light samples draw, they go to the
+    /// environment with probability `sky_chance`.
+    pub fn rates(self, sky_chance: f32) -> [f32; 3] {
+        let light = self.light_a_path();
+        let sky = self.sky.map_or(light * sky_chance, |sky| sky as f32 / self.paths as f32);
+        [sky, light - sky, self.bsdf_a_path()]
+    }
+
+    /// Samples a path over those of a pilot at [`Candidates::pilot`](super::pilot::Candidates::pilot)'s counts; the same
+    /// for environment and lamps where light samples draw.
+    pub fn over(self, pilot: Self) -> [f32; 3] {
+        // Any chance does: it cancels.
+        let (own, pilot) = (self.rates(0.5), pilot.rates(0.5));
+        [0, 1, 2].map(|t| own[t] / pilot[t])
     }
 
     /// The share of light samples that the counts stand for: what weights must use.

@@ -2,29 +2,12 @@
 //! Yazici, Georgiev and Slusallek 2022, *Efficiency-Aware Multiple Importance Sampling for Bidirectional Rendering
 //! Algorithms*, for two techniques and with rays as cost).
 
+use super::Cost;
 use super::pilot::{Finding, SHARES};
 
 const N: usize = SHARES.len();
 /// Second moments are averaged over this many pixels to each side: those of a single pixel are too noisy to choose by.
 const RADIUS: usize = 2;
-
-/// What a path costs, in rays.
-#[derive(Debug, Clone, Copy)]
-pub struct Cost {
-    /// Whatever the share is.
-    pub fixed: f32,
-    /// A light sample at the first surface.
-    pub light: f32,
-    /// A BSDF sample there, and all that follows from it.
-    pub bsdf: f32,
-}
-
-impl Cost {
-    /// Of a path with two samples at its first surface, a share `alpha` of them light samples.
-    fn at(&self, alpha: f32) -> f32 {
-        self.fixed + 2.0 * (alpha * self.light + (1.0 - alpha) * self.bsdf)
-    }
-}
 
 /// The shares of light samples for the `pixels` pixels of a tile with rows of `width`, from a pilot of equal counts: each
 /// minimises M(α) C(α), M(α) = Σ Y²/(1 + (2α − 1) r) over the pilots of the pixel and its neighbours, each relative to its
@@ -69,7 +52,7 @@ mod tests {
     const EQUAL: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
 
     fn one(technique: Technique, r: f32, y: f32) -> Finding {
-        Finding { pixel: 0, technique, index: 0, r, radiance: Vec3::splat(y) }
+        Finding { pixel: 0, technique, lamp: false, index: 0, r, radiance: Vec3::splat(y) }
     }
 
     #[test]

@@ -10,6 +10,9 @@
 
 use glam::Vec3;
 
+use super::{Cost, Counts, Share};
+use crate::lanes::{F, LANES, eight};
+
 /// How a contribution was found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Technique {
@@ -28,19 +31,31 @@ pub struct Finding {
     pub pixel: u32,
     /// How.
     pub technique: Technique,
+    /// Light from a lamp, where lamps are a technique of their own; else all light is taken as the environment's.
+    pub lamp: bool,
     /// Index of the sample in its technique's sequence.
     pub index: u32,
-    /// r = (p_l − p_b)/(p_l + p_b), in [−1, 1].
+    /// r = (a_l p_l − p_b)/(a_l p_l + p_b), in [−1, 1], with a_l samples a path of the one light technique that could
+    /// have found it, and one of the BSDF.
     pub r: f32,
-    /// f/(p_l + p_b): what it adds to the pilot's sum over paths.
+    /// f/(a_l p_l + p_b): what it adds to the pilot's sum over paths.
     pub radiance: Vec3,
 }
 
 impl Finding {
-    /// What it adds when weighed by a share `alpha` of light samples in (0, 1) among two a path: f/(2 p_α).
+    /// Which path of a pilot of `paths` paths took the sample: each takes one of each technique; but of light samples,
+    /// where environment and lamps are techniques of their own, the first half of the paths take the environment's.
+    pub fn path(&self, paths: u32) -> u32 {
+        let lamp = self.lamp && self.technique == Technique::Light;
+        self.index + if lamp { paths / 2 } else { 0 }
+    }
+
+    /// What it adds when each technique takes `rates` times as many samples a path as in the pilot (light or
+    /// environment, lamps, BSDF; all > 0) and all are weighed together.
     #[inline]
-    pub fn at(&self, alpha: f32) -> Vec3 {
-        self.radiance / (1.0 + (2.0 * alpha - 1.0) * self.r)
+    pub fn at(&self, rates: [f32; 3]) -> Vec3 {
+        let light = rates[usize::from(self.lamp)];
+        self.radiance / (0.5 * (light * (1.0 + self.r) + rates[2] * (1.0 - self.r)))
     }
 }
 
@@ -79,130 +94,230 @@ impl Guide {
 /// Shares of light samples to choose from. Eighths keep counts multiples of the sequence's small blocks, and hold the
 /// second moment below four times that of ½ whatever the integrand.
 pub const SHARES: [f32; 7] = [0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875];
-const N: usize = SHARES.len();
-const HALF: usize = N / 2;
 
-/// Samples of a block, but a quarter of the pilot at most.
+/// Samples of a block, but a quarter of a technique's pilot at most.
 const BLOCK: u32 = 8;
 /// Pixels to each side that a pixel learns from.
-const RADIUS: usize = 2;
+const RADIUS: usize = 3;
 /// Pseudo-observations: heavy samples, as typical as those seen, that each technique alone could have found.
-const KAPPA: f32 = 4.0;
+const KAPPA: f32 = 2.0;
 /// Standard errors of the gain, over the neighbours, that are held against it.
 const DOUBT: f32 = 1.0;
-/// Least gain in variance, as a share, for which ½ is left.
-const LEAST_GAIN: f32 = 0.1;
-
+/// Least gain in variance, as a share, for which the usual share is left.
+const LEAST_GAIN: f32 = 0.05;
 /// A channel below this share of the strongest counts as if it had that much.
 const WEAKEST: f32 = 0.05;
+/// Degrees of freedom of one pixel's spread: four blocks a technique.
+const DEGREES: f32 = 3.0;
 
-/// How much a pixel's blocks vary.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Spread {
-    /// Variance of the pixel's mean at each of [`SHARES`], relative to its squared mean, but for a common factor.
-    variance: [f32; N],
-    /// Did it see anything vary?
-    any: bool,
+/// The shares that a pixel may have, and the pilot from which it chooses.
+#[derive(Debug)]
+pub struct Candidates {
+    shares: Vec<Share>,
+    /// Which of them is taken without evidence.
+    usual: usize,
+    /// Samples a path over the pilot's: light or environment, lamps, BSDF; eight shares at a time, the last one repeated.
+    rates: Vec<[F; 3]>,
+    /// Samples a path of the pilot; 0 for what is not there.
+    pilot: [f32; 3],
 }
 
-/// The spreads of `pixels` pixels after a pilot of `paths` ≥ 4 paths with one light and one BSDF sample each.
-pub fn spreads(findings: &[Finding], pixels: usize, paths: u32) -> Vec<Spread> {
-    let block = (paths / 4).clamp(1, BLOCK);
-    let blocks = (paths / block) as usize;
-    // Channels count by their relative error: else the strongest decides, and where techniques find different colours
-    // the weak ones pay.
-    let mut found = vec![Vec3::ZERO; pixels];
-    for finding in findings {
-        found[finding.pixel as usize] += finding.radiance;
+impl Candidates {
+    /// Light and BSDF samples, ½ without evidence.
+    pub fn two() -> Self {
+        let shares = SHARES.map(|light| Share { light, sky: None }).to_vec();
+        Self::new(shares, Share { light: 0.5, sky: None }, [1.0, 0.0, 1.0])
     }
-    let weight = |pixel: u32| {
-        let found = found[pixel as usize];
-        if !found.is_finite() {
-            return Vec3::NAN;
+
+    /// Environment, lamps and BSDF; without evidence, half of all samples are light samples and the eighth nearest to
+    /// `sky` of these go to the environment.
+    pub fn three(sky: f32) -> Self {
+        let all = SHARES.iter().flat_map(|&light| SHARES.map(|sky| Share { light, sky: Some(sky) }));
+        // The pilot's are part of the samples: half a light sample a path of each kind, in a quarter of the paths.
+        let least = 0.125;
+        let reached =
+            all.filter(|s| [s.sky, s.sky.map(|s| 1.0 - s)].iter().flatten().all(|k| 2.0 * s.light * k >= least));
+        let usual = Share { light: 0.5, sky: Some((8.0 * sky).round().clamp(1.0, 7.0) / 8.0) };
+        Self::new(reached.collect(), usual, [0.5, 0.5, 1.0])
+    }
+
+    fn new(shares: Vec<Share>, usual: Share, pilot: [f32; 3]) -> Self {
+        let rates = |chunk: &[Share]| {
+            let share = eight(|lane| chunk[lane.min(chunk.len() - 1)]);
+            let of = |rate: &dyn Fn(Share) -> f32| F::from(share.map(rate));
+            let sky = |s: Share| s.sky.unwrap_or(1.0);
+            [
+                of(&|s| 2.0 * s.light * sky(s) / pilot[0]),
+                of(&|s| if pilot[1] > 0.0 { 2.0 * s.light * (1.0 - sky(s)) / pilot[1] } else { 1.0 }),
+                of(&|s| 2.0 * (1.0 - s.light) / pilot[2]),
+            ]
+        };
+        let usual = shares.iter().position(|s| *s == usual).unwrap_or(0);
+        Self { usual, rates: shares.chunks(LANES).map(rates).collect(), shares, pilot }
+    }
+
+    /// What heavy samples that one technique alone could find would add to the variance at eight candidates, over what
+    /// they add at the usual share: Σ u_i²/n_i / Σ u_i − 1 with counts n_i, and u_i at the usual share, which is the least
+    /// for the same Σ n_i: without evidence nothing moves.
+    fn unseen(&self, chunk: usize) -> F {
+        let (at, lane) = (self.usual / LANES, self.usual % LANES);
+        let (mut sum, mut all) = (F::ZERO, 0.0);
+        for technique in (0..3).filter(|&t| self.pilot[t] > 0.0) {
+            let usual = self.rates[at][technique].as_array()[lane];
+            sum += F::splat(self.pilot[technique] * usual * usual) / self.rates[chunk][technique];
+            all += self.pilot[technique] * usual;
         }
-        found.max(Vec3::splat(WEAKEST * found.max_element())).recip()
-    };
-    // Means of each pixel's light blocks, then of its BSDF blocks, at each share, summed over the weighed channels.
-    let mut means = vec![[0.0f32; N]; pixels * 2 * blocks];
-    for finding in findings {
-        let at = (finding.index / block) as usize;
-        let bsdf = usize::from(finding.technique != Technique::Light);
-        if at < blocks {
-            let y = finding.radiance.dot(weight(finding.pixel));
-            let mean = &mut means[(2 * finding.pixel as usize + bsdf) * blocks + at];
-            for (mean, share) in mean.iter_mut().zip(SHARES) {
-                *mean += y / (1.0 + (2.0 * share - 1.0) * finding.r);
+        sum * F::splat(1.0 / all) - F::ONE
+    }
+
+    /// The share that is taken without evidence.
+    pub fn usual(&self) -> Share {
+        self.shares[self.usual]
+    }
+
+    /// The samples of a pilot of `paths` paths, an even number.
+    pub fn pilot(&self, paths: u32) -> Counts {
+        let sky = (self.pilot[1] > 0.0).then_some(paths / 2);
+        Counts { sky, ..Counts::half(paths) }
+    }
+}
+
+/// How much the blocks of some pixels vary, at each of the candidates.
+#[derive(Debug)]
+pub struct Spreads<'a> {
+    candidates: &'a Candidates,
+    /// Pixel by pixel: variance of the pixel's mean relative to its squared mean, but for a common factor.
+    variance: Vec<F>,
+    /// Of each pixel at the usual share; zero for those that saw nothing vary.
+    usual: Vec<f32>,
+}
+
+impl<'a> Spreads<'a> {
+    /// The spreads of `pixels` pixels after the candidates' pilot of `paths` ≥ 4 paths.
+    pub fn new(candidates: &'a Candidates, findings: &[Finding], pixels: usize, paths: u32) -> Self {
+        let chunks = candidates.rates.len();
+        // The same for all techniques: what a longer block's stratification takes away is then taken from each.
+        let fewest = candidates.pilot.iter().filter(|a| **a > 0.0).fold(1.0, |a: f32, b| a.min(*b));
+        let block = ((fewest * paths as f32) as u32 / 4).clamp(1, BLOCK);
+        let blocks = candidates.pilot.map(|a| ((a * paths as f32) as u32 / block) as usize);
+        let all_blocks: usize = blocks.iter().sum();
+        let first_block = [0, blocks[0], blocks[0] + blocks[1]];
+        // Channels count by their relative error: else the strongest decides, and where techniques find different
+        // colours the weak ones pay.
+        let mut found = vec![Vec3::ZERO; pixels];
+        for finding in findings {
+            found[finding.pixel as usize] += finding.radiance;
+        }
+        let weight = |pixel: u32| {
+            let found = found[pixel as usize];
+            if !found.is_finite() {
+                return Vec3::NAN;
+            }
+            found.max(Vec3::splat(WEAKEST * found.max_element())).recip()
+        };
+        // Sums of each pixel's blocks, technique by technique, at each candidate, over the weighed channels.
+        let mut sums = vec![F::ZERO; pixels * all_blocks * chunks];
+        for finding in findings {
+            let lamp = usize::from(finding.lamp);
+            let technique = if finding.technique == Technique::Light { lamp } else { 2 };
+            let at = (finding.index / block) as usize;
+            if at >= blocks[technique] {
+                continue;
+            }
+            let y = F::splat(2.0 * finding.radiance.dot(weight(finding.pixel)));
+            let (of_light, of_bsdf) = (F::splat(1.0 + finding.r), F::splat(1.0 - finding.r));
+            let at = (finding.pixel as usize * all_blocks + first_block[technique] + at) * chunks;
+            for (sum, rates) in sums[at..at + chunks].iter_mut().zip(&candidates.rates) {
+                *sum += y / (rates[lamp] * of_light + rates[2] * of_bsdf);
             }
         }
+        let mut spreads = Self { candidates, variance: Vec::with_capacity(pixels * chunks), usual: Vec::new() };
+        for sums in sums.chunks_exact(all_blocks * chunks) {
+            spreads.add(sums, blocks, first_block);
+        }
+        spreads
     }
-    means.chunks_exact(2 * blocks).map(Spread::new).collect()
-}
 
-impl Spread {
-    /// From as many light blocks as BSDF blocks.
-    fn new(means: &[[f32; N]]) -> Self {
-        let blocks = means.len() / 2;
-        let mut spread = Self::default();
-        let mut at_half = 0.0;
-        for (means, of_light) in [(&means[..blocks], true), (&means[blocks..], false)] {
-            for (j, share) in SHARES.into_iter().enumerate() {
-                let mean = means.iter().map(|m| m[j]).sum::<f32>() / blocks as f32;
-                let squares = means.iter().map(|m| (m[j] - mean) * (m[j] - mean)).sum::<f32>();
-                // n_i samples weigh α_i: α_i² V_i/n_i with n_i ∝ α_i.
-                spread.variance[j] += squares * if of_light { share } else { 1.0 - share };
-                if j == HALF {
-                    at_half += mean;
+    /// A pixel, from its blocks' sums.
+    fn add(&mut self, sums: &[F], blocks: [usize; 3], first_block: [usize; 3]) {
+        let candidates = self.candidates;
+        let chunks = candidates.rates.len();
+        let start = self.variance.len();
+        self.variance.resize(start + chunks, F::ZERO);
+        let mut mean_at_usual = 0.0;
+        let usual = (candidates.usual / LANES, candidates.usual % LANES);
+        for technique in (0..3).filter(|&t| candidates.pilot[t] > 0.0) {
+            let n = blocks[technique];
+            let sums = &sums[first_block[technique] * chunks..][..n * chunks];
+            let a = candidates.pilot[technique];
+            for chunk in 0..chunks {
+                let of_chunk = || sums.iter().skip(chunk).step_by(chunks);
+                let mean = of_chunk().fold(F::ZERO, |a, b| a + *b) * F::splat(1.0 / n as f32);
+                let squares = of_chunk().fold(F::ZERO, |a, b| (*b - mean).mul_add(*b - mean, a));
+                // n_i samples of variance V_i, weighed together: n_i V_i with n_i ∝ a_i times the rate.
+                let scale = F::splat(a / (n as f32 - 1.0));
+                self.variance[start + chunk] += squares * scale * candidates.rates[chunk][technique];
+                if chunk == usual.0 {
+                    mean_at_usual +=
+                        a * mean.as_array()[usual.1] * candidates.rates[chunk][technique].as_array()[usual.1];
                 }
             }
         }
-        let scale = 1.0 / (at_half * at_half);
-        spread.variance.iter_mut().for_each(|v| *v *= scale);
-        spread.any = scale.is_finite() && spread.variance.iter().all(|v| v.is_finite()) && spread.variance[HALF] > 0.0;
-        spread
+        let scale = 1.0 / (mean_at_usual * mean_at_usual);
+        let own = &mut self.variance[start..];
+        own.iter_mut().for_each(|v| *v *= F::splat(scale));
+        let at_usual = own[usual.0].as_array()[usual.1];
+        let sound = scale.is_finite() && own.iter().all(|v| v.is_finite().to_bitmask() == (1 << LANES) - 1);
+        self.usual.push(if sound { at_usual } else { 0.0 });
+    }
+
+    /// The share for pixel `pixel` of a tile with rows of `width`, from its neighbours' spreads alone. Of those with less
+    /// variance than the usual one, pseudo-observations and doubt included, it is the one with the least variance times
+    /// `cost`; the usual one if there are none. `guides` has one entry a pixel.
+    pub fn choose(&self, pixel: usize, width: usize, guides: &[Guide], cost: Cost) -> Share {
+        let chunks = self.candidates.rates.len();
+        let (x, y) = (pixel % width, pixel / width);
+        let rows = y.saturating_sub(RADIUS)..=(y + RADIUS).min(self.usual.len() / width - 1);
+        let columns = x.saturating_sub(RADIUS)..=(x + RADIUS).min(width - 1);
+        let alike =
+            |other: &usize| *other != pixel && self.usual[*other] > 0.0 && guides[pixel].is_like(&guides[*other]);
+        let neighbours = || rows.clone().flat_map(|r| columns.clone().map(move |c| r * width + c)).filter(alike);
+        let (mut usual, mut usual2, mut count) = (0.0f32, 0.0f32, 0.0f32);
+        for other in neighbours() {
+            usual += self.usual[other];
+            usual2 += self.usual[other] * self.usual[other];
+            count += 1.0;
+        }
+        if count < 2.0 {
+            return self.candidates.usual();
+        }
+        let unseen = KAPPA * usual2 / (usual * count * DEGREES);
+        let usual = usual / count;
+        let enough = -LEAST_GAIN * usual;
+        let mut best = (f32::INFINITY, self.candidates.usual());
+        for chunk in 0..chunks {
+            // Sums over neighbours of the difference to the usual share, and of its square.
+            let (mut gain, mut gain2) = (F::ZERO, F::ZERO);
+            for other in neighbours() {
+                let d = self.variance[other * chunks + chunk] - F::splat(self.usual[other]);
+                gain += d;
+                gain2 = d.mul_add(d, gain2);
+            }
+            let mean = gain * F::splat(1.0 / count);
+            let error = (gain2 * F::splat(1.0 / count) - mean * mean).fast_max(F::ZERO);
+            let error = (error * F::splat(1.0 / (count - 1.0))).sqrt();
+            let score = mean + F::splat(DOUBT) * error + F::splat(unseen) * self.candidates.unseen(chunk);
+            for (lane, score) in score.to_array().into_iter().enumerate() {
+                let Some(&share) = self.candidates.shares.get(chunk * LANES + lane) else { break };
+                let work = (usual + score) * cost.at(share.light);
+                if score < enough && work < best.0 {
+                    best = (work, share);
+                }
+            }
+        }
+        best.1
     }
 }
-
-/// The share of light samples for pixel `pixel` of a tile with rows of `width`, from its neighbours' spreads alone: the
-/// one with the least variance, pseudo-observations and doubt included, or ½ where that gains too little. `spreads` and
-/// `guides` have one entry a pixel.
-pub fn choose(pixel: usize, width: usize, spreads: &[Spread], guides: &[Guide]) -> f32 {
-    let (x, y) = (pixel % width, pixel / width);
-    let rows = y.saturating_sub(RADIUS)..=(y + RADIUS).min(spreads.len() / width - 1);
-    let columns = x.saturating_sub(RADIUS)..=(x + RADIUS).min(width - 1);
-    // Sums over neighbours of the difference to ½ at each share and its square, and of the variance at ½.
-    let (mut gain, mut gain2) = ([0.0f32; N], [0.0f32; N]);
-    let (mut half, mut half2, mut count) = (0.0f32, 0.0f32, 0.0f32);
-    for other in rows.flat_map(|row| columns.clone().map(move |column| row * width + column)) {
-        let spread = &spreads[other];
-        if other == pixel || !spread.any || !guides[pixel].is_like(&guides[other]) {
-            continue;
-        }
-        let at_half = spread.variance[HALF];
-        for j in 0..N {
-            let d = spread.variance[j] - at_half;
-            gain[j] += d;
-            gain2[j] += d * d;
-        }
-        half += at_half;
-        half2 += at_half * at_half;
-        count += 1.0;
-    }
-    if count < 2.0 {
-        return 0.5;
-    }
-    let unseen = KAPPA * half2 / (half * count * DEGREES);
-    let score = |j: usize| {
-        let mean = gain[j] / count;
-        let error = ((gain2[j] / count - mean * mean).max(0.0) / (count - 1.0)).sqrt();
-        let alpha = SHARES[j];
-        mean + DOUBT * error + unseen * (0.25 / alpha + 0.25 / (1.0 - alpha) - 1.0)
-    };
-    let best = (0..N).min_by(|&a, &b| score(a).total_cmp(&score(b))).unwrap_or(HALF);
-    if score(best) < -LEAST_GAIN * half / count { SHARES[best] } else { 0.5 }
-}
-
-/// Degrees of freedom of one pixel's spread: four blocks a technique.
-const DEGREES: f32 = 3.0;
 
 #[cfg(test)]
 mod tests;

@@ -48,7 +48,11 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
                 return Ok(Err(done));
             }
             session.check_memory()?;
-            let loaded = Loaded::load(args, &signals.stop, &|done, seconds| reporter.building(done, seconds));
+            // Whoever waits for signals here ends the program itself.
+            let loaded = Loaded::load(args, &|done, seconds| {
+                reporter.building(done, seconds);
+                true
+            });
             Ok(Ok((loaded.inspect_err(|_| reporter.finish(false))?, inputs)))
         });
         let (loaded, inputs) = match prepared? {

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Transport;
 use super::paths::{Paths, Pending};
+use super::stages::{LAMP, SKY};
 use super::vertices::Vertices;
 use crate::balance::{Counts, Finding, Moments, Technique, deal};
 use crate::film::{AovSums, PixelStats};
@@ -26,6 +27,8 @@ pub struct PixelPlan {
     pub first_path: u32,
     /// Light samples at first surfaces that it has taken before.
     pub first_light: u32,
+    /// How many of these light samples were toward the environment by count, not by drawing.
+    pub first_sky: u32,
     /// BSDF samples at first surfaces that it has taken before.
     pub first_bsdf: u32,
     /// Light and BSDF samples at first surfaces for the paths of this wave.
@@ -91,8 +94,10 @@ pub struct Wave {
     pub(super) plain: Vec<u32>,
     pub(super) detailed: Vec<u32>,
     pub(super) vertices: Vertices,
-    /// Samples to take at first surfaces: at which vertex, with which index into its pixel's sequence.
-    pub(super) tasks: Vec<(u32, u32)>,
+    /// Samples to take at first surfaces: at which vertex, with which index into its pixel's sequence, toward what.
+    pub(super) tasks: Vec<(u32, u32, u32)>,
+    /// Where each pixel's light samples go, if not by drawing.
+    pub(super) splits: Vec<Option<Split>>,
     /// A path: its pixel's place in the plan.
     pub(super) slots: Vec<Slot>,
     /// A BSDF sample at a first surface: its slot and the indirect light that it brought.
@@ -118,9 +123,35 @@ pub(super) struct Slot {
     pub bsdf: u8,
     pub first_light: u32,
     pub first_bsdf: u32,
-    /// Light and BSDF samples a path of its pixel.
-    pub a_l: f32,
-    pub a_b: f32,
+    /// Samples a path of its pixel: toward the environment, toward lamps, of the BSDF.
+    pub rates: [f32; 3],
+}
+
+/// How a pixel's light samples divide between the environment, which the first ones go to, and lamps.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Split {
+    /// The number of the first light sample toward lamps.
+    lamps_from: u32,
+    /// Light samples toward lamps before this wave.
+    lamps_before: u32,
+}
+
+impl Split {
+    /// Lamps have a sequence of their own: its points are numbered from here.
+    const LAMPS: u32 = 1 << 31;
+
+    fn new(plan: &PixelPlan) -> Option<Self> {
+        let lamps_before = plan.first_light - plan.first_sky;
+        plan.counts.sky.map(|sky| Self { lamps_from: plan.first_light + sky, lamps_before })
+    }
+
+    /// The point in its technique's sequence of light sample number `light` of the pixel, and what it is toward.
+    pub(super) fn place(self, light: u32) -> (u32, u32) {
+        if light < self.lamps_from {
+            return (light - self.lamps_before, SKY);
+        }
+        (Self::LAMPS | (light - self.lamps_from + self.lamps_before), LAMP)
+    }
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -162,6 +193,7 @@ impl Wave {
         self.paths.open(all);
         self.slots.clear();
         self.children.clear();
+        self.splits.clear();
         for (pixel, plan_of) in plan.iter().enumerate() {
             let seed = U::splat(pixel_seed(plan_of.x, plan_of.y, transport.seed));
             for i in (0..paths).step_by(LANES) {
@@ -178,7 +210,8 @@ impl Wave {
                 self.paths.push(n, V3::splat(Vec3::ONE), V3::ZERO, F::ZERO, path);
             }
             let (mut first_light, mut first_bsdf) = (plan_of.first_light, plan_of.first_bsdf);
-            let (a_l, a_b) = (plan_of.weighed.light_a_path(), plan_of.weighed.bsdf_a_path());
+            let rates = plan_of.weighed.rates(transport.lights.sky_chance);
+            self.splits.push(Split::new(plan_of));
             for path in 0..paths {
                 let [light, bsdf] = [plan_of.counts.light, plan_of.counts.bsdf].map(|n| deal(n, paths, path));
                 self.slots.push(Slot {
@@ -190,8 +223,7 @@ impl Wave {
                     bsdf,
                     first_light,
                     first_bsdf,
-                    a_l,
-                    a_b,
+                    rates,
                 });
                 first_light += u32::from(light);
                 first_bsdf += u32::from(bsdf);
@@ -224,8 +256,9 @@ impl Wave {
                         sums[pixel].moments.add(w, r, 2.0 * radiance.element_sum());
                     }
                     if self.record {
-                        let (pixel, index) = (plan[pixel].place, pending.child[i]);
-                        self.findings.push(Finding { pixel, technique: Technique::Light, index, r, radiance });
+                        let (pixel, place, technique) = (plan[pixel].place, pending.child[i], Technique::Light);
+                        let (index, lamp) = (place & !Split::LAMPS, place >= Split::LAMPS);
+                        self.findings.push(Finding { pixel, technique, lamp, index, r, radiance });
                     }
                 }
             } else {
@@ -246,13 +279,14 @@ impl Wave {
                 let slot = &self.slots[child.slot as usize];
                 let pixel = slot.pixel as usize;
                 // Indirect light: Z = 2X, Y = 2 a_b X, r = −1.
-                let w = 4.0 * slot.a_b * radiance.length_squared();
+                let w = 4.0 * slot.rates[2] * radiance.length_squared();
                 if transport.moments {
                     sums[pixel].moments.add(w, -1.0, 2.0 * radiance.element_sum());
                 }
                 if self.record {
                     let (pixel, index, r) = (plan[pixel].place, child.index, -1.0);
-                    self.findings.push(Finding { pixel, technique: Technique::Indirect, index, r, radiance });
+                    let (technique, lamp) = (Technique::Indirect, false);
+                    self.findings.push(Finding { pixel, technique, lamp, index, r, radiance });
                 }
             }
         }

@@ -7,7 +7,7 @@ pub mod tree;
 
 use glam::Vec3;
 
-use crate::lanes::{F, V3};
+use crate::lanes::{F, LANES, V3};
 use crate::scene::Scene;
 pub use area::AreaLights;
 pub use environment::EnvironmentSampler;
@@ -22,13 +22,13 @@ pub struct LightSamples {
     pub distance: F,
     /// Radiance along `wi` if nothing is in the way.
     pub radiance: V3,
-    /// Per solid angle, over all lights with extent; 0 where a light's back is seen (such a sample counts, with value
-    /// zero).
+    /// Per solid angle, over all lights of its kind (environment, lamps); 0 where a light's back is seen (such a sample
+    /// counts, with value zero).
     pub pdf: F,
 }
 
-/// All the lights of a scene. Lights with extent are one technique, emissive triangles chosen by a light tree; punctual lights are
-/// another, which BSDF sampling can never find.
+/// All the lights of a scene. The environment is one technique and the lamps, emissive triangles chosen by a light tree,
+/// are another; or both are one, whose samples draw the kind. Punctual lights are apart: BSDF sampling never finds them.
 #[derive(Debug)]
 pub struct Lights {
     /// The environment, if it shines.
@@ -37,9 +37,13 @@ pub struct Lights {
     pub area: Option<AreaLights>,
     /// Are there lights without size?
     pub punctual: bool,
-    /// Chance of choosing the environment when there are both.
-    environment_share: f32,
+    /// The part of light samples that goes to the environment where each draws: between 0.1 and 0.9 by power if there
+    /// are lamps too, else 1 or 0.
+    pub sky_chance: f32,
 }
+
+/// The bits of a mask that is set in all lanes.
+const ALL: u32 = (1 << LANES) - 1;
 
 impl Lights {
     /// Gathers a scene's lights. `radius` is the scene's bounding radius in metres: it turns the environment's
@@ -47,7 +51,7 @@ impl Lights {
     pub fn new(scene: &Scene, radius: f32) -> Self {
         let environment = scene.environment.as_ref().and_then(EnvironmentSampler::new);
         let area = AreaLights::new(scene);
-        let environment_share = match (&environment, &area) {
+        let sky_chance = match (&environment, &area) {
             (Some(environment), Some(area)) => {
                 // Power through the scene's bounding disk against emitted power; neither is ever left out.
                 let sky = environment.mean_luminance() * std::f32::consts::PI * radius * radius;
@@ -57,7 +61,7 @@ impl Lights {
             (Some(_), None) => 1.0,
             _ => 0.0,
         };
-        Self { environment, area, punctual: !scene.lights.is_empty(), environment_share }
+        Self { environment, area, punctual: !scene.lights.is_empty(), sky_chance }
     }
 
     /// Is there a light with extent?
@@ -65,22 +69,35 @@ impl Lights {
         self.environment.is_some() || self.area.is_some()
     }
 
-    /// Draws directions toward lights as seen from `p` with unit geometric normals `n`: `choice` picks the light, (`u`, `v`) the point on it, all in
-    /// [0, 1).
+    /// Are there both an environment and lamps?
+    pub fn two_kinds(&self) -> bool {
+        self.environment.is_some() && self.area.is_some()
+    }
+
+    /// Draws for each of eight samples whether it goes to the environment (the mask), by `choice` in [0, 1), and what is
+    /// left of `choice` for the lamps.
     #[inline]
-    pub fn sample(&self, scene: &Scene, p: V3, n: V3, choice: F, u: F, v: F) -> LightSamples {
-        let q = self.environment_share;
+    pub fn draw_kind(&self, choice: F) -> (F, F) {
+        let q = self.sky_chance;
+        let sky = choice.simd_lt(F::splat(q));
+        let left = (choice - F::splat(q)) * F::splat(1.0 / (1.0 - q));
+        (sky, left.fast_max(F::ZERO).fast_min(F::splat(crate::sampling::warp::ONE_MINUS)))
+    }
+
+    /// Draws directions toward the environment where the mask `sky` is set (all of them, if that is all there is), else
+    /// toward lamps as seen from `p` with unit geometric normals `n`: `choice` picks the lamp, (`u`, `v`) the point on
+    /// it, all in [0, 1).
+    #[inline]
+    pub fn sample(&self, scene: &Scene, (p, n): (V3, V3), sky: F, choice: F, u: F, v: F) -> LightSamples {
+        let skies = sky.to_bitmask();
         match (&self.environment, &self.area) {
             (Some(environment), None) => environment.sample(u, v),
+            (Some(environment), Some(_)) if skies == ALL => environment.sample(u, v),
             (None, Some(area)) => area.sample(scene, p, n, choice, u, v),
+            (Some(_), Some(area)) if skies == 0 => area.sample(scene, p, n, choice, u, v),
             (Some(environment), Some(area)) => {
-                let sky = choice.simd_lt(F::splat(q));
-                let choice = (choice - F::splat(q)) * F::splat(1.0 / (1.0 - q));
-                let choice = choice.fast_max(F::ZERO).fast_min(F::splat(crate::sampling::warp::ONE_MINUS));
-                let mut a = environment.sample(u, v);
-                let mut b = area.sample(scene, p, n, choice, u, v);
-                a.pdf *= F::splat(q);
-                b.pdf *= F::splat(1.0 - q);
+                let a = environment.sample(u, v);
+                let b = area.sample(scene, p, n, choice, u, v);
                 LightSamples {
                     wi: V3::select(sky, a.wi, b.wi),
                     distance: sky.select(a.distance, b.distance),
@@ -99,10 +116,7 @@ impl Lights {
     #[inline]
     pub fn environment(&self, wi: V3) -> (V3, F) {
         match &self.environment {
-            Some(environment) => {
-                let (radiance, pdf) = environment.radiance_pdf(wi);
-                (radiance, pdf * F::splat(self.environment_share))
-            }
+            Some(environment) => environment.radiance_pdf(wi),
             None => (V3::splat(Vec3::ZERO), F::ZERO),
         }
     }
@@ -111,6 +125,6 @@ impl Lights {
     /// which triangle `prim` of `mesh` in `instance` is `distance` away. Zero when that triangle is not a light.
     #[inline]
     pub fn area_pdf(&self, from: (Vec3, Vec3), hit: (u32, u32, u32), wi: Vec3, distance: f32) -> f32 {
-        self.area.as_ref().map_or(0.0, |a| a.pdf(from, hit, wi, distance) * (1.0 - self.environment_share))
+        self.area.as_ref().map_or(0.0, |a| a.pdf(from, hit, wi, distance))
     }
 }

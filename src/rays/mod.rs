@@ -24,7 +24,7 @@ pub enum Backend {
     Obvhs,
 }
 
-/// Builds a scene into ray queries, with all threads.
+/// Builds a scene into ray queries, with as many threads as the current rayon pool has.
 ///
 /// # Errors
 /// See [`embree::EmbreeRays::build`] and [`cwbvh::ObvhsRays::build`].
@@ -38,7 +38,11 @@ pub fn build(backend: Backend, scene: Arc<Scene>) -> Result<Box<dyn RayQueries>>
 /// As [`build`], and [`Error::Interrupted`] when `watch` says so.
 pub fn build_watched(backend: Backend, scene: Arc<Scene>, watch: Watch) -> Result<Box<dyn RayQueries>> {
     Ok(match backend {
-        Backend::Embree => Box::new(embree::EmbreeRays::build(scene, &embree::EmbreeOptions::default(), watch)?),
+        Backend::Embree => {
+            // Embree's threads are its own.
+            let options = embree::EmbreeOptions { threads: rayon::current_num_threads(), ..Default::default() };
+            Box::new(embree::EmbreeRays::build(scene, &options, watch)?)
+        }
         Backend::Obvhs => Box::new(cwbvh::ObvhsRays::build(scene, &cwbvh::ObvhsOptions::default(), watch)?),
     })
 }

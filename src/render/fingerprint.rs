@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::{Balance, RenderSettings};
+use crate::balance::HALF_PILOT;
 
 /// Named values; equal in all means equal bits (on one instruction set).
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -36,7 +37,8 @@ impl Fingerprint {
         .map(|(name, value)| (name.to_owned(), value))
         .into();
         if settings.balance == Balance::SecondOrder {
-            values.insert("spp (second-order's pilot is half of it)".into(), format!("{:?}", settings.spp));
+            values.insert("pilot".into(), settings.pilot.unwrap_or(HALF_PILOT).to_string());
+            values.insert("spp (second-order's pilot is a share of it)".into(), format!("{:?}", settings.spp));
         }
         Self(values)
     }
@@ -77,5 +79,8 @@ mod tests {
         assert_eq!(ours.without_seed().differences(&other.without_seed()), "size (10x540 there, 960x540 here)");
         let paper = |spp| of(&RenderSettings { spp: Some(spp), balance: Balance::SecondOrder, ..settings.clone() });
         assert!(paper(64).differences(&paper(128)).contains("pilot"));
+        let piloted = |pilot| of(&RenderSettings { pilot, balance: Balance::SecondOrder, ..settings.clone() });
+        assert_eq!(piloted(None).differences(&piloted(Some(0.5))), "");
+        assert_eq!(piloted(None).differences(&piloted(Some(0.25))), "pilot (0.25 there, 0.5 here)");
     }
 }

@@ -15,7 +15,7 @@ use crate::film::Film;
 use crate::integrator::{CameraRays, Geometry, Materials, Transport};
 use crate::light::Lights;
 use crate::rays::RayQueries;
-use crate::sampling::FilterSampler;
+use crate::sampling::{FilterSampler, hash};
 use crate::scene::Scene;
 pub use fingerprint::Fingerprint;
 pub use part::Part;
@@ -147,7 +147,7 @@ pub fn fresh_tiles(settings: &RenderSettings) -> Vec<Tile> {
 /// tile's time). Without a time limit the film's bits depend on the scene, the backend's hits and `settings` alone: not
 /// on threads, nor on how often it was interrupted and continued.
 pub fn run(scene: &Scene, rays: &dyn RayQueries, settings: &RenderSettings, job: Run) -> Rendered {
-    let transport = Transport {
+    let mut transport = Transport {
         scene,
         rays,
         geometry: Geometry::new(scene),
@@ -186,7 +186,7 @@ pub fn run(scene: &Scene, rays: &dyn RayQueries, settings: &RenderSettings, job:
                 break;
             }
             let enough = now.tiles.is_empty() || settings.passes.is_some_and(|most| now.stats.passes >= most);
-            match settings.balance.next_pass(done, settings.spp) {
+            match settings.balance.next_pass(done, settings.spp, settings.pilot) {
                 Some(next) if !enough => pass = next,
                 _ => {
                     now.stop = StopReason::Samples;
@@ -211,6 +211,9 @@ pub fn run(scene: &Scene, rays: &dyn RayQueries, settings: &RenderSettings, job:
             }
         }
         let target = done + pass;
+        if settings.balance.scrambles_passes() {
+            transport.seed = settings.seed ^ hash(done);
+        }
         let shared = Shared {
             start,
             deadline: settings.time.map(|limit| limit - elapsed() + start.elapsed().as_secs_f64()),

@@ -22,7 +22,7 @@ impl Saved {
         let (done, ahead) = paths_range(&self.tiles);
         let (mut paths, mut passes) = (0, 0);
         while paths < ahead {
-            let Some(pass) = settings.balance.next_pass(paths, settings.spp) else { return false };
+            let Some(pass) = settings.balance.next_pass(paths, settings.spp, settings.pilot) else { return false };
             if paths == done && passes == self.stats.passes {
                 // The pass that is half-way.
                 return done + pass == ahead;

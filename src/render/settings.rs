@@ -41,6 +41,10 @@ pub struct RenderSettings {
     pub noise: Option<f64>,
     /// How light and BSDF sampling share the work.
     pub balance: Balance,
+    /// `second-order`'s pilot as a share of all paths, in (0, 1); `None`:
+    /// [`HALF_PILOT`](crate::balance::HALF_PILOT).
+    #[serde(default)]
+    pub pilot: Option<f64>,
     /// Seed of every random choice.
     pub seed: u32,
     /// Pixel filter.
@@ -78,6 +82,7 @@ impl Default for RenderSettings {
             time: None,
             noise: None,
             balance: Balance::Progressive,
+            pilot: None,
             seed: 0,
             filter: PixelFilter::Gaussian,
             aovs: false,

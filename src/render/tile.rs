@@ -6,9 +6,9 @@ use std::time::Instant;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use crate::balance::efficiency::{self, Cost};
-use crate::balance::pilot::{choose, spreads};
-use crate::balance::{Balance, Counts, Technique};
+use crate::balance::efficiency;
+use crate::balance::pilot::{Candidates, Spreads};
+use crate::balance::{Balance, Cost, Counts, Share, Technique};
 use crate::integrator::{PixelPlan, PixelSum, Transport, Wave, WaveCounts, guides};
 use crate::rays::embree::set_flush_to_zero;
 
@@ -40,9 +40,13 @@ pub struct Tile {
 struct TilePixel {
     x: u32,
     y: u32,
-    /// Light and BSDF samples taken at first surfaces.
+    /// Light and BSDF samples taken at first surfaces, and how many of the light samples were toward the environment by
+    /// count.
     light: u32,
+    sky: u32,
     bsdf: u32,
+    /// The part of light samples that goes to the environment; `None` until that is chosen.
+    sky_share: Option<f32>,
 }
 
 /// What a pass over a tile took.
@@ -66,7 +70,7 @@ impl Tile {
                 let mut pixels = Vec::new();
                 for y in ty * TILE..((ty + 1) * TILE).min(height) {
                     for x in tx * TILE..((tx + 1) * TILE).min(width) {
-                        pixels.push(TilePixel { x, y, light: 0, bsdf: 0 });
+                        pixels.push(TilePixel { x, y, light: 0, sky: 0, bsdf: 0, sky_share: None });
                     }
                 }
                 let mut sums = vec![PixelSum::default(); pixels.len()];
@@ -91,10 +95,17 @@ impl Tile {
         set_flush_to_zero();
         let two_techniques = transport.lights.has_extent();
         let before_pass = self.sums.first().map_or(0, |s| s.stats.samples);
+        let candidates = match transport.lights.two_kinds() {
+            true => Candidates::three(transport.lights.sky_chance),
+            false => Candidates::two(),
+        };
+        if balance == Balance::Progressive {
+            self.pixels.iter_mut().for_each(|p| p.sky_share = p.sky_share.or(candidates.usual().sky));
+        }
         let counts = WAVE.with_borrow_mut(|wave| {
             wave.counts = WaveCounts::default();
             match balance.pilot(before_pass, paths) {
-                Some(pilot) if two_techniques => self.with_pilot(transport, wave, pilot, paths),
+                Some(pilot) if two_techniques => self.with_pilot(transport, wave, &candidates, [pilot, paths]),
                 _ if two_techniques && balance.learns_at_once(before_pass) => {
                     self.alone(transport, wave, paths);
                 }
@@ -117,9 +128,10 @@ impl Tile {
         let mut left = paths;
         while left > 0 {
             let part = left.min(WAVE_PATHS);
-            let shares = self.sums.iter().map(|s| s.stats.balance);
+            let both = self.pixels.iter().zip(&self.sums);
+            let shares = both.map(|(pixel, sum)| Share { light: sum.stats.balance, sky: pixel.sky_share });
             let counts: Vec<_> = match transport.lights.has_extent() {
-                true => shares.map(|share| Counts::new(share, part)).collect(),
+                true => shares.map(|share| Counts::of(share, part)).collect(),
                 false => vec![Counts::bsdf_only(part); self.pixels.len()],
             };
             self.trace(transport, wave, part, &counts, |_, counts| counts);
@@ -127,33 +139,36 @@ impl Tile {
         }
     }
 
-    /// A pass that begins with `pilot` paths at equal counts; all its paths are then weighed by its total counts.
-    fn with_pilot(&mut self, transport: &Transport, wave: &mut Wave, pilot: u32, paths: u32) {
+    /// A pass of `paths` paths that begins with `pilot` paths at equal counts; all are then weighed by the total counts.
+    fn with_pilot(
+        &mut self,
+        transport: &Transport,
+        wave: &mut Wave,
+        candidates: &Candidates,
+        [pilot, paths]: [u32; 2],
+    ) {
         let n = self.pixels.len();
+        let pilot = candidates.pilot(pilot);
         self.record(transport, wave, pilot);
-        let width = self.width();
-        let spreads = spreads(&wave.findings, n, pilot);
+        let (width, cost) = (self.width(), cost(&wave.counts));
+        let spreads = Spreads::new(candidates, &wave.findings, n, pilot.paths);
         let places: Vec<_> = self.pixels.iter().map(|p| [p.x, p.y]).collect();
         let guides = guides(transport, &places);
-        let total: Vec<_> = (0..n).map(|i| Counts::new(choose(i, width, &spreads, &guides), paths)).collect();
+        let shares: Vec<_> = (0..n).map(|i| spreads.choose(i, width, &guides, cost)).collect();
+        let total: Vec<_> = shares.iter().map(|share| Counts::of(*share, paths)).collect();
         self.weigh_again(wave, pilot, &total);
         let rest: Vec<_> = total.iter().map(|total| total.after(pilot)).collect();
-        self.trace(transport, wave, paths - pilot, &rest, |i, _| total[i]);
-        for (sum, total) in self.sums.iter_mut().zip(&total) {
-            sum.stats.balance = total.alpha();
+        self.trace(transport, wave, paths - pilot.paths, &rest, |i, _| total[i]);
+        for ((pixel, sum), share) in self.pixels.iter_mut().zip(&mut self.sums).zip(shares) {
+            (sum.stats.balance, pixel.sky_share) = (share.light, share.sky);
         }
     }
 
     /// A pass of equal counts from which the later passes' shares follow by cost and second moment.
     fn alone(&mut self, transport: &Transport, wave: &mut Wave, paths: u32) {
         let n = self.pixels.len();
-        self.record(transport, wave, paths);
-        let rays = wave.counts;
-        let all = (n as u64 * u64::from(paths)) as f32;
-        // A first surface's light sample is a shadow ray at most; all others follow from BSDF samples.
-        let light = (rays.shadow_rays as f32).min(all);
-        let bsdf = rays.first_bounce_rays + rays.later_bounce_rays + rays.shadow_rays;
-        let cost = Cost { fixed: 1.0, light: light / all, bsdf: (bsdf as f32 - light) / all };
+        self.record(transport, wave, Counts::half(paths));
+        let cost = cost(&wave.counts);
         let shares = efficiency::shares(&wave.findings, n, self.width(), cost);
         self.sums.iter_mut().zip(shares).for_each(|(sum, share)| sum.stats.balance = share);
     }
@@ -163,23 +178,25 @@ impl Tile {
         self.pixels.iter().take_while(|p| p.y == self.pixels[0].y).count()
     }
 
-    /// Takes `paths` paths a pixel at equal counts and records what they find.
-    fn record(&mut self, transport: &Transport, wave: &mut Wave, paths: u32) {
+    /// Takes the same counts for each pixel and records what they find.
+    fn record(&mut self, transport: &Transport, wave: &mut Wave, counts: Counts) {
         wave.findings.clear();
         wave.recorded.clear();
         wave.record = true;
-        self.trace(transport, wave, paths, &vec![Counts::half(paths); self.pixels.len()], |_, counts| counts);
+        self.trace(transport, wave, counts.paths, &vec![counts; self.pixels.len()], |_, counts| counts);
         wave.record = false;
     }
 
-    /// Weighs a pilot of `pilot` paths with one sample of each technique again, by each pixel's `total` counts.
-    fn weigh_again(&mut self, wave: &Wave, pilot: u32, total: &[Counts]) {
+    /// Weighs a pilot with one light and one BSDF sample a path again, by each pixel's `total` counts.
+    fn weigh_again(&mut self, wave: &Wave, pilot: Counts, total: &[Counts]) {
+        // Samples a path, over the pilot's.
+        let rates: Vec<_> = total.iter().map(|total| total.over(pilot)).collect();
+        let pilot = pilot.paths as usize;
         let mut changes = vec![Vec3::ZERO; wave.recorded.len()];
         for finding in &wave.findings {
             let pixel = finding.pixel as usize;
-            let change = finding.at(total[pixel].alpha()) - finding.radiance;
-            // A path of the pilot takes the samples of its own number.
-            changes[pixel * pilot as usize + finding.index as usize] += change;
+            let change = finding.at(rates[pixel]) - finding.radiance;
+            changes[pixel * pilot + finding.path(pilot as u32) as usize] += change;
             let aovs = &mut self.sums[pixel].aovs;
             let of_kind = match finding.technique {
                 Technique::Indirect => &mut aovs.indirect,
@@ -189,7 +206,7 @@ impl Tile {
                 of_kind[c] += change[c];
             }
         }
-        let of_pixels = changes.chunks(pilot as usize).zip(wave.recorded.chunks(pilot as usize));
+        let of_pixels = changes.chunks(pilot).zip(wave.recorded.chunks(pilot));
         for (sum, (changes, recorded)) in self.sums.iter_mut().zip(of_pixels) {
             for (change, before) in changes.iter().zip(recorded).filter(|(change, _)| **change != Vec3::ZERO) {
                 for c in 0..3 {
@@ -223,12 +240,14 @@ impl Tile {
                     y: pixel.y,
                     first_path,
                     first_light: pixel.light,
+                    first_sky: pixel.sky,
                     first_bsdf: pixel.bsdf,
                     counts,
                     weighed,
                     place: place as u32,
                 });
                 pixel.light += counts.light;
+                pixel.sky += counts.sky.unwrap_or(0);
                 pixel.bsdf += counts.bsdf;
             }
             wave.run(transport, &self.plan, paths, &mut self.sums[start..end]);
@@ -266,6 +285,15 @@ impl Tile {
     }
 }
 
+/// What paths with one sample of each technique at the first surface cost, by the rays that they took.
+fn cost(rays: &WaveCounts) -> Cost {
+    // A first surface's light sample is a shadow ray at most; all others follow from BSDF samples.
+    let light = rays.shadow_rays.min(rays.camera_rays);
+    let bsdf = rays.first_bounce_rays + rays.later_bounce_rays + rays.shadow_rays - light;
+    let all = rays.camera_rays.max(1) as f32;
+    Cost { fixed: 1.0, light: light as f32 / all, bsdf: bsdf as f32 / all }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -275,7 +303,14 @@ mod tests {
     fn a_pilot_weighed_again_has_the_sums_of_paths_that_were_weighed_so_at_once() {
         let mut tile = Tile::cover(2, 1, [0, 0, 2, 1]).remove(0);
         let mut wave = Wave::default();
-        let finding = |pixel, technique, index, r, y| Finding { pixel, technique, index, r, radiance: Vec3::splat(y) };
+        let finding = |pixel, technique, index, r, y| Finding {
+            pixel,
+            technique,
+            lamp: false,
+            index,
+            r,
+            radiance: Vec3::splat(y),
+        };
         wave.findings = vec![
             finding(0, Technique::Light, 0, 0.5, 1.0),
             finding(0, Technique::Bsdf, 0, -0.5, 2.0),
@@ -287,7 +322,7 @@ mod tests {
             sum.stats.sum = [f64::from(paths[0].x + paths[1].x); 3];
             sum.stats.sum_squared = [f64::from(paths[0].x.powi(2) + paths[1].x.powi(2)); 3];
         }
-        tile.weigh_again(&wave, 2, &[Counts { light: 6, bsdf: 2, paths: 4 }, Counts { light: 2, bsdf: 6, paths: 4 }]);
+        tile.weigh_again(&wave, Counts::half(2), &[Counts::new(0.75, 4), Counts::new(0.25, 4)]);
         // At α = ¾, r = ±½: 1/1.25 and 2/0.75. At α = ¼, r = −1: 3/1.5.
         let expected = [[1.0 / 1.25 + 2.0 / 0.75, 5.0], [0.0, 2.0]];
         for (sum, paths) in tile.sums.iter().zip(expected) {

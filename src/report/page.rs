@@ -31,6 +31,7 @@ th,td{padding:.28rem .7rem;text-align:right;white-space:nowrap;border-bottom:1px
 th{font-weight:600;color:var(--soft);cursor:help;vertical-align:bottom}th:first-child,td:first-child{text-align:left;
 position:sticky;left:0;background:var(--bg)}
 td.good{color:var(--good);font-weight:600}td.bad{color:var(--bad);font-weight:600}td.faint{color:var(--soft)}
+.words{text-align:left;white-space:normal}
 details{margin:1rem 0}summary{cursor:pointer;color:var(--link)}
 .slider{position:relative;width:100%;max-width:512px;overflow:hidden;border-radius:3px}
 .slider img+img{position:absolute;inset:0;height:100%;clip-path:inset(0 0 0 var(--at,50%))}

@@ -15,6 +15,8 @@ pub enum Tone {
     Bad,
     /// Of less weight: controls, limits.
     Faint,
+    /// Words, not a number: a column of these is set from the left.
+    Words,
 }
 
 /// A table whose first column names its rows.
@@ -36,8 +38,12 @@ impl Table {
     /// The table.
     pub fn html(&self) -> String {
         let mut out = "<div class=scroll><table><thead><tr>".to_owned();
-        for (head, meaning) in &self.columns {
-            let _ = write!(out, r#"<th title="{}">{}</th>"#, escape(meaning), escape(head));
+        let of_words = |column: usize| {
+            !self.rows.is_empty() && self.rows.iter().all(|row| matches!(row.get(column), Some((_, Tone::Words))))
+        };
+        for (i, (head, meaning)) in self.columns.iter().enumerate() {
+            let class = if of_words(i) { " class=words" } else { "" };
+            let _ = write!(out, r#"<th{class} title="{}">{}</th>"#, escape(meaning), escape(head));
         }
         out += "</tr></thead><tbody>";
         for row in &self.rows {
@@ -48,6 +54,7 @@ impl Table {
                     Tone::Good => " class=good",
                     Tone::Bad => " class=bad",
                     Tone::Faint => " class=faint",
+                    Tone::Words => " class=words",
                 };
                 let _ = write!(out, "<td{class}>{}</td>", escape(text));
             }
@@ -80,5 +87,8 @@ mod tests {
         assert_eq!(table.markdown(), "| a\\|b | c |\n| --- | --- |\n| <1> | 2 |\n");
         let html = table.html();
         assert!(html.contains("&lt;1&gt;") && html.contains("<td class=bad>2") && html.contains("&quot;a&quot;"));
+        assert!(!html.contains("class=words"));
+        table.rows[0][1].1 = Tone::Words;
+        assert!(table.html().contains("<th class=words title=\"\">c") && table.html().contains("<td class=words>2"));
     }
 }

@@ -4,7 +4,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output};
 
 use exr::prelude::*;
 
@@ -25,6 +25,13 @@ pub fn bismar(folder: &Path) -> Command {
         command.env_remove(name);
     }
     command
+}
+
+/// Sends a signal, as in `-TERM`. By the shell's own `kill`: small systems have no other.
+#[track_caller]
+pub fn signal(child: &Child, signal: &str) {
+    let kill = format!("kill {signal} {}", child.id());
+    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
 }
 
 pub fn stderr(output: &Output) -> String {

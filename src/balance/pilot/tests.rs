@@ -3,13 +3,20 @@ use crate::sampling::PixelSequence;
 
 const WALL: Guide = Guide { object: 1, material: 1, normal: Vec3::Z, depth: 2.0, roughness: 0.5 };
 
+const EQUAL: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
+
 fn finding(pixel: u32, technique: Technique, index: u32, r: f32, y: f32) -> Finding {
-    Finding { pixel, technique, index, r, radiance: Vec3::splat(y) }
+    Finding { pixel, technique, lamp: false, index, r, radiance: Vec3::splat(y) }
+}
+
+/// The share of light samples for a pixel of a row of `width` ones and rows like it, after a pilot of 32 paths.
+fn choose(pixel: usize, width: usize, findings: &[Finding], guides: &[Guide]) -> f32 {
+    Spreads::new(&Candidates::two(), findings, guides.len(), 32).choose(pixel, width, guides, EQUAL).light
 }
 
 /// A row of pixels whose light samples agree and whose BSDF samples, all but pixel `but`'s, find little often and much
 /// rarely: light sampling is better.
-fn noisy_bsdf(pixels: u32, but: u32) -> Vec<Spread> {
+fn noisy_bsdf(pixels: u32, but: u32) -> Vec<Finding> {
     let mut findings = Vec::new();
     for pixel in 0..pixels {
         for i in 0..32 {
@@ -19,7 +26,7 @@ fn noisy_bsdf(pixels: u32, but: u32) -> Vec<Spread> {
             }
         }
     }
-    spreads(&findings, pixels as usize, 32)
+    findings
 }
 
 #[test]
@@ -56,10 +63,10 @@ fn unlike_neighbours_teach_nothing() {
 
 #[test]
 fn black_pixels_and_bad_numbers_stay_at_half() {
-    assert_eq!(choose(4, 3, &spreads(&[], 9, 32), &[WALL; 9]), 0.5);
+    assert_eq!(choose(4, 3, &[], &[WALL; 9]), 0.5);
     let chosen = |y| {
         let findings: Vec<_> = (0..9).map(|p| finding(p, Technique::Light, 3, 0.5, y)).collect();
-        choose(4, 3, &spreads(&findings, 9, 32), &[WALL; 9])
+        choose(4, 3, &findings, &[WALL; 9])
     };
     for y in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         assert_eq!(chosen(y), 0.5, "{y}");
@@ -78,15 +85,15 @@ fn one_firefly_among_the_neighbours_is_not_believed() {
         }
     }
     findings.push(finding(3, Technique::Bsdf, 5, -1.0, 1e4));
-    assert_eq!(choose(12, 5, &spreads(&findings, 25, 32), &[WALL; 25]), 0.5);
+    assert_eq!(choose(12, 5, &findings, &[WALL; 25]), 0.5);
 }
 
 #[test]
 fn weighing_by_the_share_is_the_balance_heuristic() {
     // p_l = 3, p_b = 1: r = ½.
     let f = finding(0, Technique::Light, 0, 0.5, 1.0 / 4.0);
-    assert_eq!(f.at(0.5).x, 0.25);
-    assert!((f.at(0.75).x - 1.0 / (2.0 * (0.75 * 3.0 + 0.25))).abs() < 1e-7);
+    assert_eq!(f.at([1.0; 3]).x, 0.25);
+    assert!((f.at([1.5, 1.0, 0.5]).x - 1.0 / (2.0 * (0.75 * 3.0 + 0.25))).abs() < 1e-7);
 }
 
 /// Mean of `replicas` estimates of ∫x⁴ dx = 1/5 by nine alike pixels' middle one, its share chosen with `own` among
@@ -113,12 +120,17 @@ fn estimate(replicas: u32, own: bool) -> (f64, f64) {
             .flat_map(|p| (0..2).flat_map(move |t| (0..PILOT).map(move |i| (p, t, i))))
             .map(|(p, t, i)| of(p, t, i))
             .collect();
-        let seen = spreads(&findings, 9, PILOT);
-        let share = if own { choose(4, 3, &[seen[4]; 9], &[WALL; 9]) } else { choose(4, 3, &seen, &[WALL; 9]) };
-        let total = crate::balance::Counts::new(share, PATHS);
+        let from = |p: u32| if own { 4 } else { p };
+        let learned = (0..9).flat_map(|p| {
+            let of_pixel = findings.iter().filter(move |f| f.pixel == from(p));
+            of_pixel.map(move |f| Finding { pixel: p, ..*f })
+        });
+        let learned: Vec<_> = learned.collect();
+        let candidates = Candidates::two();
+        let total = Counts::of(Spreads::new(&candidates, &learned, 9, PILOT).choose(4, 3, &[WALL; 9], EQUAL), PATHS);
         let mut l = 0.0;
         for (technique, n) in [(0, total.light), (1, total.bsdf)] {
-            l += (0..n).map(|i| f64::from(of(4, technique, i).at(total.alpha()).x)).sum::<f64>();
+            l += (0..n).map(|i| f64::from(of(4, technique, i).at(total.over(Counts::half(PILOT))).x)).sum::<f64>();
         }
         let l = l / f64::from(PATHS);
         sum += l;
@@ -143,4 +155,73 @@ fn a_share_from_the_pixels_own_pilot_would_be_biased() {
     let (mean, error) = estimate(20_000, true);
     let z = (mean - 0.2) / error;
     assert!(z.abs() > 5.0, "z = {z}");
+}
+
+#[test]
+fn the_kind_of_light_that_varies_gets_the_samples() {
+    let share = |noisy_lamps: bool| {
+        let mut findings = Vec::new();
+        for pixel in 0..9 {
+            for i in 0..16 {
+                for lamp in [false, true] {
+                    let y = if lamp == noisy_lamps { 1.0 + (7 * (i + pixel) % 11) as f32 } else { 5.0 };
+                    findings.push(Finding { lamp, ..finding(pixel, Technique::Light, i, 0.9, y) });
+                }
+            }
+        }
+        Spreads::new(&Candidates::three(0.5), &findings, 9, 32).choose(4, 3, &[WALL; 9], EQUAL)
+    };
+    assert!(share(true).sky < Some(0.5) && share(true).light > 0.5, "{:?}", share(true));
+    assert!(share(false).sky > Some(0.5) && share(false).light > 0.5, "{:?}", share(false));
+}
+
+#[test]
+fn without_evidence_the_usual_share_of_the_environment_stands() {
+    for (chance, eighths) in [(0.1, 1.0), (0.5, 4.0), (0.7, 6.0), (0.9, 7.0)] {
+        let candidates = Candidates::three(chance);
+        let share = Spreads::new(&candidates, &[], 9, 32).choose(4, 3, &[WALL; 9], EQUAL);
+        assert_eq!(share, Share { light: 0.5, sky: Some(eighths / 8.0) });
+    }
+}
+
+#[test]
+fn every_candidate_has_at_least_the_pilots_samples() {
+    for candidates in [Candidates::two(), Candidates::three(0.3)] {
+        for (pilot, paths) in [(8, 32), (16, 64), (32, 128)] {
+            let pilot = candidates.pilot(pilot);
+            for &share in &candidates.shares {
+                let total = Counts::of(share, paths);
+                let rest = total.after(pilot);
+                assert_eq!(rest.light + pilot.light, total.light, "{share:?} {paths}");
+                assert_eq!(rest.bsdf + pilot.bsdf, total.bsdf, "{share:?} {paths}");
+                assert_eq!(rest.sky.zip(pilot.sky).map(|(a, b)| a + b), total.sky, "{share:?} {paths}");
+                let lamps = |c: Counts| c.sky.map_or(0, |sky| c.light - sky);
+                assert_eq!(lamps(rest) + lamps(pilot), lamps(total), "{share:?} {paths}");
+            }
+        }
+    }
+}
+
+#[test]
+fn rates_are_the_counts_over_the_pilots() {
+    let candidates = Candidates::three(0.3);
+    let pilot = candidates.pilot(32);
+    for (i, &share) in candidates.shares.iter().enumerate() {
+        let rates = Counts::of(share, 128).over(pilot);
+        for (t, rate) in rates.into_iter().enumerate() {
+            let stated = candidates.rates[i / LANES][t].as_array()[i % LANES];
+            assert!((stated - rate).abs() <= 4.0 * f32::EPSILON * rate, "{share:?} {t}: {stated} {rate}");
+        }
+    }
+}
+
+#[test]
+fn of_shares_that_are_surely_better_the_cheapest_work_wins() {
+    let findings = noisy_bsdf(5, 9);
+    let candidates = Candidates::two();
+    let spreads = Spreads::new(&candidates, &findings, 5, 32);
+    let share = |cost| spreads.choose(2, 5, &[WALL; 5], cost).light;
+    let dear_light = share(Cost { light: 9.0, ..EQUAL });
+    // Less than where both cost the same, and not below ½, where nothing is better than at ½.
+    assert!(dear_light < share(EQUAL) && dear_light > 0.5, "{dear_light} {}", share(EQUAL));
 }

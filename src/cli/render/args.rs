@@ -69,6 +69,9 @@ pub struct RenderArgs {
     /// How light and BSDF sampling share the work.
     #[arg(long, value_enum, default_value_t = Balance::Progressive, help_heading = "Sampling")]
     pub balance: Balance,
+    /// Of --balance second-order: the share of its paths that are its pilot, above 0 and below 1 [default: 0.5].
+    #[arg(long, value_name = "SHARE", value_parser = share, help_heading = "Sampling")]
+    pub pilot: Option<f64>,
     /// Pixel filter.
     #[arg(long, value_enum, default_value_t = PixelFilter::Gaussian, help_heading = "Sampling")]
     pub filter: PixelFilter,
@@ -177,10 +180,16 @@ impl RenderArgs {
     pub fn check(&self) -> Result<()> {
         if self.balance == Balance::SecondOrder && self.spp.is_none() {
             return Err(Error::Usage(
-                "--balance second-order needs --spp: the paper's pilot is half of all samples, so their number must be \
-                 known beforehand"
+                "--balance second-order needs --spp: the paper's pilot is a share of all samples, so their number must \
+                 be known beforehand"
                     .into(),
             ));
+        }
+        if self.pilot.is_some() && self.balance != Balance::SecondOrder {
+            return Err(Error::Usage(format!(
+                "--pilot belongs to --balance second-order; {} has a pilot of its own or none",
+                self.balance.name()
+            )));
         }
         for (flag, path, extension) in [("-o", &self.output, "exr"), ("--preview", &self.preview, "png")] {
             let Some(path) = path else { continue };
@@ -206,6 +215,10 @@ fn not_negative(text: &str) -> Parsed<f32> {
 
 fn positive(text: &str) -> Parsed<f64> {
     text.parse().ok().filter(|x: &f64| *x > 0.0 && x.is_finite()).ok_or("not a number above 0".into())
+}
+
+fn share(text: &str) -> Parsed<f64> {
+    text.parse().ok().filter(|x: &f64| *x > 0.0 && *x < 1.0).ok_or("not a number above 0 and below 1".into())
 }
 
 /// A number of threads.

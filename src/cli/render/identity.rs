@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::path::Path;
 
+use crate::balance::HALF_PILOT;
 use crate::film::exr_file::{self, Header, HeaderValue};
 use crate::render::saved::{self, FORMAT, Saved};
 use crate::render::{Balance, Fingerprint, NOISE_PATHS, Part, RenderSettings, RenderStats, StopReason, fresh_tiles};
@@ -41,7 +42,7 @@ impl Inputs {
     pub fn request(&self, args: &RenderArgs) -> String {
         let a = args;
         let flags = format!(
-            "{:?} {:?} {:?} {:?} {} {:?} {:?} {} {:?} {:?} {:?}",
+            "{:?} {:?} {:?} {:?} {} {:?} {:?} {} {:?} {:?} {:?} {}",
             a.camera,
             a.size,
             a.crop,
@@ -53,6 +54,7 @@ impl Inputs {
             a.rays,
             a.aov_names(),
             if a.balance == Balance::SecondOrder { a.spp } else { None },
+            a.pilot.unwrap_or(HALF_PILOT),
         );
         let all = [env!("CARGO_PKG_VERSION"), &self.scene.hash, &self.environment.0, &flags].join("\n");
         blake3::hash(all.as_bytes()).to_hex().to_string()

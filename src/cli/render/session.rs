@@ -4,7 +4,7 @@ use std::cell::Cell;
 use std::fmt::{self, Display};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use tracing::{info, warn};
@@ -30,21 +30,22 @@ pub struct Loaded {
     build_seconds: f64,
 }
 
+/// Is handed the share of a build that is done and its seconds so far; says whether to go on.
+pub type Building<'a> = &'a (dyn Fn(f64, f64) -> bool + Sync);
+
 impl Loaded {
     /// Reads a command's scene and environment and builds its acceleration structure.
     ///
     /// # Errors
-    /// As the import and the ray queries have them; [`Error::Interrupted`] if the stop flag is raised while it builds.
-    pub fn load(args: &RenderArgs, stop: &AtomicBool, building: &(dyn Fn(f64, f64) + Sync)) -> Result<Self> {
+    /// As the import and the ray queries have them; [`Error::Interrupted`] if `building` says so.
+    pub fn load(args: &RenderArgs, building: Building) -> Result<Self> {
         let start = Instant::now();
         let scene = Arc::new(read_scene(args)?);
         let read_seconds = start.elapsed().as_secs_f64();
         info!("read {} in {read_seconds:.2} s", args.scene.display());
         let built = Instant::now();
-        let rays = rays::build_watched(args.rays, Arc::clone(&scene), &|done| {
-            building(done, built.elapsed().as_secs_f64());
-            !stop.load(Ordering::Relaxed)
-        })?;
+        let rays =
+            rays::build_watched(args.rays, Arc::clone(&scene), &|done| building(done, built.elapsed().as_secs_f64()))?;
         let build_seconds = built.elapsed().as_secs_f64();
         let backend = rays.info();
         let mebibytes = backend.memory_bytes as f64 / 2_f64.powi(20);
@@ -288,6 +289,7 @@ fn settings(args: &RenderArgs, scene: &Scene) -> Result<RenderSettings> {
         time: args.time,
         noise: args.noise,
         balance: args.balance,
+        pilot: args.pilot,
         seed: args.seed,
         filter: args.filter,
         aovs: args.aovs().iter().any(|a| a.needs_sums()),

@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::observation;
-use crate::balance::{Finding, Technique};
+use crate::balance::{Counts, Finding, Technique};
 use crate::bsdf::{Lobes, MetallicRoughness};
 use crate::integrator::geometry::Point;
 use crate::integrator::vertices::Group;
@@ -144,7 +144,7 @@ impl Wave {
         let point = self.point(transport, ray);
         let material = point.material;
         if material.unlit {
-            self.emitted(transport, plan, sums, depth, ray, point.base_color(transport.scene), 0.0);
+            self.emitted(transport, plan, sums, depth, ray, point.base_color(transport.scene), [0.0; 2]);
             return;
         }
         let direction = self.rays.direction(ray);
@@ -156,7 +156,7 @@ impl Wave {
                 0 => 0.0,
                 _ => transport.lights.area_pdf(from, hit, direction, self.hits.t[ray]),
             };
-            self.emitted(transport, plan, sums, depth, ray, radiance, pdf);
+            self.emitted(transport, plan, sums, depth, ray, radiance, [0.0, pdf]);
         }
     }
 
@@ -171,12 +171,13 @@ impl Wave {
             for lane in 0..n {
                 let pdf = if depth == 0 { 0.0 } else { pdf.as_array()[lane] };
                 let ray = self.escaped[at + lane] as usize;
-                self.emitted(transport, plan, sums, depth, ray, radiance.lane(lane), pdf);
+                self.emitted(transport, plan, sums, depth, ray, radiance.lane(lane), [pdf, 0.0]);
             }
         }
     }
 
-    /// Light that a ray of the batch found: weighed against having been sampled with density `light_pdf`.
+    /// Light that a ray of the batch found: weighed against having been sampled with the densities `light_pdf` (as the
+    /// environment, as a lamp).
     #[inline]
     #[allow(clippy::too_many_arguments)]
     fn emitted(
@@ -187,17 +188,16 @@ impl Wave {
         depth: u32,
         ray: usize,
         radiance: Vec3,
-        light_pdf: f32,
+        light_pdf: [f32; 2],
     ) {
         let slot = &mut self.slots[self.paths.slot[ray] as usize];
         let pixel = slot.pixel as usize;
         let weighted_pdf = self.paths.weighted_pdf[ray];
-        let weight = if light_pdf > 0.0 {
-            let a_l = if depth == 1 { slot.a_l } else { 1.0 };
-            transport.heuristic.weight(weighted_pdf, a_l * light_pdf)
-        } else {
-            1.0
-        };
+        let sky_chance = transport.lights.sky_chance;
+        let [a_sky, a_lamps, a_b] = if depth == 1 { slot.rates } else { Counts::half(1).rates(sky_chance) };
+        // One of the two is zero.
+        let weighted_light = a_sky * light_pdf[0] + a_lamps * light_pdf[1];
+        let weight = if weighted_light > 0.0 { transport.heuristic.weight(weighted_pdf, weighted_light) } else { 1.0 };
         let found = self.paths.beta.get(ray) * radiance * weight;
         if !found.is_finite() || found == Vec3::ZERO {
             return;
@@ -209,13 +209,15 @@ impl Wave {
             self.children[self.paths.child[ray] as usize].indirect += found;
         }
         if depth == 1 && (transport.moments || self.record) {
-            let (w, r) = observation(found, light_pdf, weighted_pdf / slot.a_b, slot.a_l / (slot.a_l + slot.a_b));
+            let a_l = a_sky + a_lamps;
+            let (w, r) = observation(found, weighted_light / a_l, weighted_pdf / a_b, a_l / (a_l + a_b));
             if transport.moments {
                 sums[pixel].moments.add(w, r, 2.0 * found.element_sum());
             }
             if self.record {
-                let (pixel, index) = (plan[pixel].place, self.paths.index[ray]);
-                self.findings.push(Finding { pixel, technique: Technique::Bsdf, index, r, radiance: found });
+                let (index, lamp) = (self.paths.index[ray], self.splits[pixel].is_some() && light_pdf[1] > 0.0);
+                let (pixel, technique) = (plan[pixel].place, Technique::Bsdf);
+                self.findings.push(Finding { pixel, technique, lamp, index, r, radiance: found });
             }
         }
     }

@@ -1,9 +1,9 @@
 //! Light sampling: shadow rays that carry what they bring if nothing is in their way.
 
-use super::{Technique, light_set, observations};
+use super::{DRAWN, SKY, Technique, light_set, observations};
 use crate::integrator::Transport;
 use crate::integrator::wave::Wave;
-use crate::lanes::{F, LANES, Survivors, V3, first};
+use crate::lanes::{F, LANES, Survivors, V3, are, first};
 use crate::light::punctual;
 use crate::sampling::{hashes, keys, samples};
 
@@ -31,16 +31,21 @@ impl Wave {
     /// One group of light samples.
     #[inline(never)]
     fn sample_lights(&mut self, transport: &Transport, depth: u32, at: usize) {
-        let task = self.task_group(at, depth);
+        let task = self.task_group(transport, at, depth);
         let [choice, u, v, _] = samples(task.seed, task.index, light_set(depth));
         let vertices = &self.vertices;
         let rows = &task.rows;
         let origin = vertices.origin.load(rows);
         let ng = vertices.ng.load(rows);
-        let light = transport.lights.sample(transport.scene, origin, ng, choice, u, v);
+        let [a_sky, a_lamps, a_b] = task.rates;
+        let (drawn_sky, left) = transport.lights.draw_kind(choice);
+        let draws = are(task.kind, DRAWN);
+        let sky = are(task.kind, SKY) | (draws & drawn_sky);
+        let choice = draws.select(left, choice);
+        let light = transport.lights.sample(transport.scene, (origin, ng), sky, choice, u, v);
         let (value, bsdf_pdf) = vertices.lobes(rows).eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
-        let weighted_pdf = task.a_l * light.pdf;
-        let weight = transport.heuristic.weights(weighted_pdf, task.a_b * bsdf_pdf);
+        let weighted_pdf = sky.select(a_sky, a_lamps) * light.pdf;
+        let weight = transport.heuristic.weights(weighted_pdf, a_b * bsdf_pdf);
         let radiance = vertices.beta.load(rows) * value * light.radiance * (weight / weighted_pdf);
         let alive = first(task.len)
             & light.pdf.simd_gt(F::ZERO)
@@ -48,7 +53,8 @@ impl Wave {
             & radiance.max_element().simd_gt(F::ZERO)
             & radiance.is_finite();
         let (w, r) = if depth == 0 && (transport.moments || self.record) {
-            observations(radiance, light.pdf, bsdf_pdf, task.a_l / (task.a_l + task.a_b))
+            let a_l = a_sky + a_lamps;
+            observations(radiance, weighted_pdf / a_l, bsdf_pdf, a_l / (a_l + a_b))
         } else {
             (F::ZERO, F::ZERO)
         };
@@ -68,7 +74,7 @@ impl Wave {
     /// One of the lights without size for each of eight vertices: nothing to weigh, nothing to learn.
     #[inline(never)]
     fn sample_punctual(&mut self, transport: &Transport, depth: u32, at: usize) {
-        let task = self.vertex_group(at);
+        let task = self.vertex_group(transport, at);
         let [.., choice] = samples(task.seed, task.index, light_set(depth));
         let vertices = &self.vertices;
         let rows = &task.rows;

@@ -7,7 +7,9 @@ pub mod scatter;
 
 use glam::Vec3;
 
+use super::Transport;
 use super::wave::Wave;
+use crate::balance::Counts;
 use crate::lanes::{F, LANES, Rows, U, V3, eight, load_bits};
 
 /// Whose samples are to be taken.
@@ -26,12 +28,20 @@ struct TaskGroup {
     seed: U,
     slot: U,
     child: U,
+    /// What the light samples are toward.
+    kind: U,
     /// How many count.
     len: usize,
-    /// Light and BSDF samples a path.
-    a_l: F,
-    a_b: F,
+    /// Samples a path: toward the environment, toward lamps, of the BSDF.
+    rates: [F; 3],
 }
+
+/// What a light sample is toward: not known before it draws.
+pub(super) const DRAWN: u32 = 0;
+/// Toward the environment.
+pub(super) const SKY: u32 = 1;
+/// Toward lamps.
+pub(super) const LAMP: u32 = 2;
 
 impl Wave {
     /// Lists the samples that the vertices at `depth` take of a technique, and says how many there are.
@@ -42,23 +52,29 @@ impl Wave {
         self.tasks.clear();
         for vertex in 0..self.vertices.len() as u32 {
             let slot = &self.slots[self.vertices.slot[vertex as usize] as usize];
-            let (n, first) = match technique {
-                Technique::Light => (slot.light, slot.first_light),
-                Technique::Bsdf => (slot.bsdf, slot.first_bsdf),
-            };
-            self.tasks.extend((0..u32::from(n)).map(|k| (vertex, first + k)));
+            match technique {
+                Technique::Light => {
+                    let all = slot.first_light..slot.first_light + u32::from(slot.light);
+                    let place = |k| self.splits[slot.pixel as usize].map_or((k, DRAWN), |split| split.place(k));
+                    self.tasks.extend(all.map(place).map(|(index, kind)| (vertex, index, kind)));
+                }
+                Technique::Bsdf => {
+                    let all = slot.first_bsdf..slot.first_bsdf + u32::from(slot.bsdf);
+                    self.tasks.extend(all.map(|k| (vertex, k, DRAWN)));
+                }
+            }
         }
         self.tasks.len()
     }
 
     /// The samples from `at` on: at the first surface those listed, elsewhere one a vertex.
     #[inline(always)]
-    fn task_group(&self, at: usize, depth: u32) -> TaskGroup {
+    fn task_group(&self, transport: &Transport, at: usize, depth: u32) -> TaskGroup {
         if depth > 0 {
-            return self.vertex_group(at);
+            return self.vertex_group(transport, at);
         }
         let tasks = &self.tasks[at..self.tasks.len().min(at + LANES)];
-        let task: [(u32, u32); LANES] = eight(|lane| tasks[lane.min(tasks.len() - 1)]);
+        let task: [(u32, u32, u32); LANES] = eight(|lane| tasks[lane.min(tasks.len() - 1)]);
         let vertex = eight(|lane| task[lane].0);
         let consecutive = tasks.windows(2).all(|t| t[1].0 == t[0].0 + 1);
         let rows = if consecutive { Rows::From(vertex[0] as usize) } else { Rows::Each(vertex) };
@@ -70,16 +86,16 @@ impl Wave {
             seed: load_bits(&self.vertices.seed, &rows),
             slot,
             child: U::splat(u32::MAX),
+            kind: U::from(eight(|lane| task[lane].2)),
             len: tasks.len(),
-            a_l: F::from(eight(|lane| slots[lane].a_l)),
-            a_b: F::from(eight(|lane| slots[lane].a_b)),
+            rates: [0, 1, 2].map(|t| F::from(eight(|lane| slots[lane].rates[t]))),
             rows,
         }
     }
 
     /// One sample at each of the vertices from `at` on.
     #[inline(always)]
-    fn vertex_group(&self, at: usize) -> TaskGroup {
+    fn vertex_group(&self, transport: &Transport, at: usize) -> TaskGroup {
         let rows = Rows::From(at);
         let v = &self.vertices;
         TaskGroup {
@@ -87,9 +103,9 @@ impl Wave {
             seed: load_bits(&v.seed, &rows),
             slot: load_bits(&v.slot, &rows),
             child: load_bits(&v.child, &rows),
+            kind: U::splat(DRAWN),
             len: LANES.min(v.len() - at),
-            a_l: F::ONE,
-            a_b: F::ONE,
+            rates: Counts::half(1).rates(transport.lights.sky_chance).map(F::splat),
             rows,
         }
     }

@@ -22,20 +22,20 @@ impl Wave {
         self.next_rays.open(tasks);
         self.next_paths.open(tasks);
         for at in (0..tasks).step_by(LANES) {
-            self.sample_bsdfs(depth, at);
+            self.sample_bsdfs(transport, depth, at);
         }
         self.next_rays.close(self.next_paths.len);
     }
 
     /// One group of BSDF samples.
     #[inline(never)]
-    fn sample_bsdfs(&mut self, depth: u32, at: usize) {
-        let task = self.task_group(at, depth);
+    fn sample_bsdfs(&mut self, transport: &Transport, depth: u32, at: usize) {
+        let task = self.task_group(transport, at, depth);
         let vertices = &self.vertices;
         let rows = &task.rows;
         let [lobe, u, v, survive] = samples(task.seed, task.index, bsdf_set(depth));
         let sample = vertices.lobes(rows).sample(vertices.ns.load(rows), vertices.wo.load(rows), [lobe, u, v]);
-        let weighted_pdf = task.a_b * sample.pdf;
+        let weighted_pdf = task.rates[2] * sample.pdf;
         let ng = vertices.ng.load(rows);
         let mut beta = vertices.beta.load(rows) * sample.value * (F::ONE / weighted_pdf);
         let mut alive = first(task.len)

@@ -93,7 +93,7 @@ impl Measured {
 /// How many passes come before the last one, and their paths.
 fn last_pass(balance: Balance, spp: u32) -> (u32, u32) {
     let (mut passes, mut done) = (0, 0);
-    while let Some(n) = balance.next_pass(done, Some(spp)).filter(|&n| n > 0) {
+    while let Some(n) = balance.next_pass(done, Some(spp), None).filter(|&n| n > 0) {
         if done + n >= spp {
             break;
         }

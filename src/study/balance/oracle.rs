@@ -7,7 +7,8 @@ use rayon::prelude::*;
 use super::Plan;
 use crate::film::compare::REL_MSE_EPSILON;
 
-/// Shares of light samples that are tried.
+/// Shares of light samples that are tried: fine fractions of powers of two, as all counts of samples that keep the gain of
+/// the sequence.
 pub const SHARES: [f32; 9] = [1.0 / 32.0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 31.0 / 32.0];
 /// The file of the result.
 pub const FILE: &str = "oracle.cell";
@@ -73,8 +74,8 @@ impl Learner {
     }
 }
 
-/// The share at the minimum of the curve V(t) = c + Σ_j W_j/(1 + t r_j), r = ±1, ±½, W_j ≥ 0, t = 2α − 1, that comes
-/// nearest to noisy variances at [`SHARES`] in relative least squares. The family is that of ∫ f²/p_α for integrands with
+/// The one of [`SHARES`] at which the curve V(t) = c + Σ_j W_j/(1 + t r_j), r = ±1, ±½, W_j ≥ 0, t = 2α − 1, that comes
+/// nearest to noisy variances at them in relative least squares, is lowest. The family is that of ∫ f²/p_α for integrands with
 /// four values of r, up to a constant: convex, so that noise cannot make it fall twice. W of r = ±1 gains `pseudo` times
 /// the least variance.
 fn best(variances: &[f64; SHARES.len()], pseudo: f64) -> f32 {
@@ -103,10 +104,8 @@ fn best(variances: &[f64; SHARES.len()], pseudo: f64) -> f32 {
     w[0] += pseudo * least;
     w[3] += pseudo * least;
     let curve = |t: f64| (0..5).map(|j| w[j] * column(j, t)).sum::<f64>();
-    let (low, high) = (f64::from(SHARES[0]), f64::from(SHARES[SHARES.len() - 1]));
-    let tried = (0..=120).map(|i| low + (high - low) * f64::from(i) / 120.0);
-    let best = tried.min_by(|x, y| curve(2.0 * x - 1.0).total_cmp(&curve(2.0 * y - 1.0)));
-    best.unwrap_or(0.5) as f32
+    let at = |share: &f32| curve(2.0 * f64::from(*share) - 1.0);
+    SHARES.into_iter().min_by(|x, y| at(x).total_cmp(&at(y))).unwrap_or(0.5)
 }
 
 #[cfg(test)]

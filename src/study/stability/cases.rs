@@ -19,7 +19,7 @@ pub struct Case {
 }
 
 /// No pixel and channel may be worse than this, where a mode has no bar of its own.
-const BAR: f64 = 1.05;
+pub const BAR: f64 = 1.05;
 /// Paths a pixel, where a mode does not ask for another number.
 const PATHS: u32 = 64;
 
@@ -56,6 +56,7 @@ pub fn cases() -> Vec<Case> {
             Image::flat(&Domain::grey([(0.02f64.sqrt(), 0.0, 0.4), (0.18f64.sqrt(), 0.38, 0.02)]))
         }),
         few(4, 1.15, case("F3", "tiny pilot", "f = x², 4 paths", Image::flat(&square()))),
+        few(32, 1.15, case("F3", "smallest pilots", "f = x², 32 paths", Image::flat(&square()))),
         case("F4", "firefly", "one pixel of 16 sees, once in 500 samples, what outweighs all else a thousandfold", {
             Image::new(|x, y| match (x, y) {
                 (1, 1) => (Domain::grey([(0.6, 0.7, 0.1), (0.4, 0.1, 0.5), (2.0, 0.003, 0.001)]), 1),
@@ -84,11 +85,14 @@ pub fn cases() -> Vec<Case> {
         }),
         case("F10", "noise of shares between pixels", "the same smooth blend in all pixels", Image::flat(&blend())),
         few(
-            8,
+            32,
             BAR,
-            case("F12", "pilot used again", "f = x², 8 paths: what the biased control does", {
-                Image::flat(&square())
-            }),
+            case(
+                "F12",
+                "pilot used again",
+                "a bright place that light samples find, a dim one for BSDF samples; 32 paths",
+                { Image::flat(&dim_and_bright()) },
+            ),
         ),
         case(
             "F13",
@@ -114,6 +118,11 @@ pub fn cases() -> Vec<Case> {
     ]
 }
 
+/// A bright place that light samples find, a dim one for BSDF samples.
+fn dim_and_bright() -> Domain {
+    Domain::grey([(1.0, 0.3, 0.05), (0.3, 0.1, 0.5)])
+}
+
 /// Where the biased control has to be caught: 8 paths.
 pub fn biased_control() -> Case {
     Case {
@@ -122,7 +131,7 @@ pub fn biased_control() -> Case {
         construct: "a bright place that light samples find, a dim one for BSDF samples; 8 paths",
         paths: 8,
         bar: f64::INFINITY,
-        image: Image::flat(&Domain::grey([(1.0, 0.3, 0.05), (0.3, 0.1, 0.5)])),
+        image: Image::flat(&dim_and_bright()),
     }
 }
 

@@ -111,7 +111,7 @@ impl Domain {
     pub fn best(&self, paths: u32) -> f64 {
         let at = |counts| self.variance(Heuristic::Balance, counts).iter().sum::<f64>();
         let half = at(Counts::half(paths));
-        let least = (1..2 * paths).map(|light| at(Counts { light, bsdf: 2 * paths - light, paths }));
+        let least = (1..2 * paths).map(|light| at(Counts { light, bsdf: 2 * paths - light, ..Counts::half(paths) }));
         if half > 0.0 { least.fold(f64::INFINITY, f64::min) / half } else { 1.0 }
     }
 }

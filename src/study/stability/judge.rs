@@ -26,9 +26,9 @@ pub fn z_limit(tests: usize) -> f64 {
 pub enum Verdict {
     /// Its worst pixel is within the bar.
     Survives,
-    /// Its worst pixel is beyond the bar, by no more than chance explains.
+    /// Its worst pixel is beyond the bar, but none by more than chance explains.
     Unsure,
-    /// Its worst pixel is beyond the bar for sure.
+    /// A pixel is beyond the bar for sure.
     Fails,
     /// Its mean is wrong for sure, or something is not finite.
     Wrong,
@@ -53,6 +53,8 @@ pub struct Outcome {
     pub worst_ratio: f64,
     /// Its standard error.
     pub worst_se: f64,
+    /// The surest pixel and channel's excess over the mode's bar, in its standard errors.
+    pub excess: f64,
     /// Mean share of light samples in the last pass.
     pub share: f64,
     /// Its standard deviation over replicas, rooted mean of pixels.
@@ -62,14 +64,52 @@ pub struct Outcome {
 impl Outcome {
     /// By the bar of the mode and the limit of all tests.
     pub fn verdict(&self, bar: f64, limit: f64) -> Verdict {
-        // Rounding, where nothing varies.
-        let beyond = self.worst_ratio - bar * (1.0 + 1e-6);
         match () {
             () if !self.finite || self.z.is_nan() || self.z > limit => Verdict::Wrong,
-            () if beyond <= 0.0 => Verdict::Survives,
-            () if beyond <= limit * self.worst_se => Verdict::Unsure,
+            () if self.worst_ratio <= rounded_up(bar) => Verdict::Survives,
+            () if self.excess <= limit => Verdict::Unsure,
             () => Verdict::Fails,
         }
+    }
+}
+
+/// Rounding, where nothing varies.
+fn rounded_up(bar: f64) -> f64 {
+    bar * (1.0 + 1e-6)
+}
+
+/// Variance ratios to `half`, pixel by pixel and channel by channel.
+#[derive(Debug)]
+pub struct Ratios {
+    bar: f64,
+    all: Sums,
+    /// The largest and its standard error.
+    pub worst: (f64, f64),
+    /// The largest excess over the bar, in standard errors.
+    pub excess: f64,
+}
+
+impl Ratios {
+    /// None yet, for a mode's bar.
+    pub fn new(bar: f64) -> Self {
+        Self { bar, all: Sums::default(), worst: (0.0, 0.0), excess: 0.0 }
+    }
+
+    /// Adds one and its standard error.
+    pub fn add(&mut self, ratio: f64, error: f64) {
+        self.all.add(ratio);
+        if ratio > self.worst.0 {
+            self.worst = (ratio, error);
+        }
+        let beyond = ratio - rounded_up(self.bar);
+        if beyond > 0.0 {
+            self.excess = self.excess.max(beyond / error);
+        }
+    }
+
+    /// Mean.
+    pub fn mean(&self) -> f64 {
+        self.all.mean()
     }
 }
 
@@ -165,10 +205,10 @@ impl Tally {
         self
     }
 
-    /// With the exact variances of `half`, by pixel and channel.
-    pub fn outcome(&self, estimator: String, half: &[[f64; 3]]) -> Outcome {
+    /// With the exact variances of `half`, by pixel and channel, and the mode's bar.
+    pub fn outcome(&self, estimator: String, half: &[[f64; 3]], bar: f64) -> Outcome {
         let n = self.truth.len();
-        let (mut z, mut tests, mut worst, mut ratios) = (0.0f64, 0, (0.0f64, 0.0), Sums::default());
+        let (mut z, mut tests, mut ratios) = (0.0f64, 0, Ratios::new(bar));
         let truth: [f64; 3] = std::array::from_fn(|c| self.truth.iter().map(|t| t[c]).sum::<f64>() / n as f64);
         let mut test = |sums: &Sums, truth: f64| {
             // Weights have the precision of f32.
@@ -187,10 +227,7 @@ impl Tally {
                     false if own.mean() <= nothing => (1.0, 0.0),
                     false => (f64::INFINITY, 0.0),
                 };
-                ratios.add(ratio);
-                if ratio > worst.0 {
-                    worst = (ratio, error);
-                }
+                ratios.add(ratio, error);
             }
         }
         (0..3).for_each(|c| test(&self.picture[c], truth[c]));
@@ -203,8 +240,9 @@ impl Tally {
             tests,
             bias: if total > 0.0 { off / total } else { off },
             mean_ratio: ratios.mean(),
-            worst_ratio: worst.0,
-            worst_se: worst.1,
+            worst_ratio: ratios.worst.0,
+            worst_se: ratios.worst.1,
+            excess: ratios.excess,
             share: self.share.iter().map(Sums::mean).sum::<f64>() / n as f64,
             share_sd: (self.share.iter().map(Sums::variance).sum::<f64>() / n as f64).sqrt(),
         }

@@ -44,7 +44,7 @@ pub struct ModeReport {
     pub bar: f64,
     /// Mean over pixels of the least variance of any fixed share, over that of `half`; where that is known exactly.
     pub best: Option<f64>,
-    /// One an estimator.
+    /// One an estimator; those that cannot render are missing in renders.
     pub outcomes: Vec<Outcome>,
 }
 
@@ -100,8 +100,8 @@ impl Report {
 
 /// How many pieces of work a measurement has.
 pub fn steps(scenes: bool) -> usize {
-    let balances = Balance::all().len();
-    cases::cases().len() * balances + 2 + if scenes { 5 * (balances + 1) } else { 0 }
+    let exact = cases::cases().len() * Subject::shown().len() + 2;
+    exact + if scenes { scenes::SCENES * (Balance::all().len() + 1) } else { 0 }
 }
 
 /// Takes everything. Exact cases and scenes have their own numbers of replicas, ≥ 2; none of scenes leaves them out.
@@ -118,8 +118,8 @@ pub fn measure(
     let mut modes = Vec::new();
     for case in cases::cases() {
         let mut outcomes = Vec::new();
-        for &balance in Balance::all() {
-            outcomes.push(exact(&case, Subject::Method(balance), replicas));
+        for subject in Subject::shown() {
+            outcomes.push(exact(&case, subject, replicas));
             done()?;
         }
         let best = case.image.pixels.iter().map(|d| d.best(case.paths)).sum::<f64>() / case.image.pixels.len() as f64;
@@ -147,7 +147,7 @@ pub fn measure(
                 rendered: true,
                 paths,
                 replicas,
-                bar: 1.05,
+                bar: cases::BAR,
                 best: None,
                 outcomes,
             });
@@ -201,5 +201,5 @@ fn exact(case: &Case, subject: Subject, replicas: u32) -> Outcome {
         })
         .collect();
     let none = Tally::new(&truth);
-    tallies.iter().fold(none, |sum, tally| sum.join(tally)).outcome(subject.name(), &half)
+    tallies.iter().fold(none, |sum, tally| sum.join(tally)).outcome(subject.name(), &half, case.bar)
 }

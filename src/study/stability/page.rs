@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use super::judge::{Outcome, Verdict};
+use super::simulate::Subject;
 use super::{ModeReport, Report};
-use crate::balance::Balance;
 use crate::film::atomic;
 use crate::report::{Page, Table, Tone, number};
 use crate::{Error, Result};
@@ -22,6 +22,20 @@ fn marked(text: String, verdict: Verdict) -> (String, Tone) {
     }
 }
 
+/// A ratio beside its bar. One that two decimals would show on the wrong side of it has three; what is unsure says how much.
+fn judged(outcome: &Outcome, bar: f64, verdict: Verdict) -> (String, Tone) {
+    let (worst, error) = (outcome.worst_ratio, outcome.worst_se);
+    let text = match ratio(worst) {
+        rounded if rounded == ratio(bar) && verdict != Verdict::Survives => format!("{worst:.3}"),
+        rounded => rounded,
+    };
+    match verdict {
+        Verdict::Unsure if worst - bar < 0.01 => marked(format!("{text} ± {error:.3}"), verdict),
+        Verdict::Unsure => marked(format!("{text} ± {error:.2}"), verdict),
+        _ => marked(text, verdict),
+    }
+}
+
 /// Two decimals are what there is to compare; more digits of a large failure are noise.
 fn ratio(x: f64) -> String {
     match x {
@@ -35,53 +49,72 @@ fn name_of(mode: &ModeReport) -> String {
     format!("{} {}", mode.mode, mode.name)
 }
 
-/// A table with a row a mode and a column an estimator.
-fn by_mode(report: &Report, last: &[(&str, &str)], mut cells: impl FnMut(&ModeReport) -> Vec<(String, Tone)>) -> Table {
+fn none() -> (String, Tone) {
+    ("–".to_owned(), Tone::Faint)
+}
+
+/// A table with a row a mode and a column an estimator, then other columns.
+fn by_mode(
+    report: &Report,
+    cell: impl Fn(&ModeReport, &Outcome) -> (String, Tone),
+    last: &[(&str, &str)],
+    others: impl Fn(&ModeReport) -> Vec<String>,
+) -> Table {
     let mut table = Table::new(&[("mode", "failure mode")]);
-    table.columns.extend(Balance::all().iter().map(|b| (b.name(), String::new())));
+    let names: Vec<_> = Subject::shown().into_iter().map(Subject::name).collect();
+    table.columns.extend(names.iter().map(|name| (name.clone(), String::new())));
     table.columns.extend(last.iter().map(|(a, b)| ((*a).to_owned(), (*b).to_owned())));
     for mode in &report.modes {
         let mut row = vec![(name_of(mode), Tone::Plain)];
-        row.extend(cells(mode));
+        let of = |name: &String| mode.outcomes.iter().find(|o| o.estimator == *name);
+        row.extend(names.iter().map(|name| of(name).map_or_else(none, |o| cell(mode, o))));
+        row.extend(others(mode).into_iter().map(|text| (text, Tone::Faint)));
         table.rows.push(row);
     }
     table
 }
 
-/// The worst pixel and channel of each.
+/// The worst pixel and channel of each, and how often each one failed.
 pub fn survival(report: &Report) -> Table {
-    let cell = |m: &ModeReport, o: &Outcome| marked(ratio(o.worst_ratio), report.verdict(m, o));
-    by_mode(report, &[("bar", "largest ratio that counts as survived")], |m| {
-        let own = m.outcomes.iter().map(|o| cell(m, o));
-        own.chain([(ratio(m.bar), Tone::Faint)]).collect()
-    })
+    let cell = |m: &ModeReport, o: &Outcome| judged(o, m.bar, report.verdict(m, o));
+    let bar = ("bar", "largest ratio that counts as survived");
+    let mut table = by_mode(report, cell, &[bar], |m| vec![ratio(m.bar)]);
+    let mut total = vec![("fails for sure".to_owned(), Tone::Plain)];
+    for subject in Subject::shown() {
+        let outcomes = || report.modes.iter().flat_map(|m| m.outcomes.iter().map(move |o| (m, o)));
+        let own = || outcomes().filter(|(_, o)| o.estimator == subject.name());
+        let sure = |(m, o): &(&ModeReport, &Outcome)| matches!(report.verdict(m, o), Verdict::Fails | Verdict::Wrong);
+        let failed = own().filter(sure).count();
+        let tone = if failed > 0 { Tone::Bad } else { Tone::Good };
+        total.push((format!("{failed} of {}", own().count()), tone));
+    }
+    total.push((String::new(), Tone::Faint));
+    table.rows.push(total);
+    table
 }
 
 /// Mean ratios, and the limit.
 fn means(report: &Report) -> Table {
-    by_mode(report, &[("best fixed share", "least variance of any counts that are fixed beforehand")], |m| {
-        let own = m.outcomes.iter().map(|o| (ratio(o.mean_ratio), Tone::Plain));
-        own.chain([(m.best.map_or("–".to_owned(), ratio), Tone::Faint)]).collect()
-    })
+    let best = ("best fixed share", "least variance of any counts that are fixed beforehand");
+    let cell = |_: &ModeReport, o: &Outcome| (ratio(o.mean_ratio), Tone::Plain);
+    by_mode(report, cell, &[best], |m| vec![m.best.map_or("–".to_owned(), ratio)])
 }
 
-/// Largest |z| of each, and the replicas.
+/// Largest |z| of each.
 fn unbiased(report: &Report) -> Table {
-    by_mode(report, &[("tests", "z-tests an estimator"), ("replicas", "")], |m| {
-        let tests = m.outcomes.first().map_or(0, |o| o.tests).to_string();
-        let own = m.outcomes.iter().map(|o| {
-            let wrong = report.verdict(m, o) == Verdict::Wrong;
-            marked(format!("{:.1}", o.z), if wrong { Verdict::Fails } else { Verdict::Survives })
-        });
-        own.chain([(tests, Tone::Faint), (m.replicas.to_string(), Tone::Faint)]).collect()
+    let cell = |m: &ModeReport, o: &Outcome| {
+        let wrong = report.verdict(m, o) == Verdict::Wrong;
+        marked(format!("{:.1}", o.z), if wrong { Verdict::Fails } else { Verdict::Survives })
+    };
+    by_mode(report, cell, &[("tests", "z-tests an estimator")], |m| {
+        vec![m.outcomes.first().map_or(0, |o| o.tests).to_string()]
     })
 }
 
 /// Mean share and its scatter.
 fn shares(report: &Report) -> Table {
-    by_mode(report, &[], |m| {
-        m.outcomes.iter().map(|o| (format!("{:.2} ± {:.2}", o.share, o.share_sd), Tone::Plain)).collect()
-    })
+    let cell = |_: &ModeReport, o: &Outcome| (format!("{:.2} ± {:.2}", o.share, o.share_sd), Tone::Plain);
+    by_mode(report, cell, &[], |_| vec![])
 }
 
 fn constructs(report: &Report) -> Table {
@@ -89,7 +122,7 @@ fn constructs(report: &Report) -> Table {
     for m in &report.modes {
         let by = if m.rendered { "renders" } else { "exact variances" };
         let cells = [name_of(m), m.construct.to_owned(), m.paths.to_string(), by.to_owned()];
-        table.rows.push(cells.map(|c| (c, Tone::Plain)).to_vec());
+        table.rows.push(cells.map(|c| (c, Tone::Words)).to_vec());
     }
     table
 }
@@ -99,7 +132,7 @@ fn facts(report: &Report) -> Table {
     let names = report.facts.first().map_or(&[][..], |f| &f.answers).iter();
     table.columns.extend(names.map(|(name, ..)| (name.clone(), String::new())));
     for fact in &report.facts {
-        let mut row = [fact.mode, fact.shown, fact.right].map(|t| (t.to_owned(), Tone::Plain)).to_vec();
+        let mut row = [fact.mode, fact.shown, fact.right].map(|t| (t.to_owned(), Tone::Words)).to_vec();
         row.extend(fact.answers.iter().map(|(_, share, right)| {
             marked(format!("{share:.3}"), if *right { Verdict::Survives } else { Verdict::Fails })
         }));
@@ -123,14 +156,14 @@ fn controls(report: &Report) -> Table {
         // Its passes are correlated: there is no exact variance.
         let worst = if c.check.starts_with('z') { "–".to_owned() } else { ratio(o.worst_ratio) };
         let cells = [
-            o.estimator.clone(),
-            format!("{} ({})", c.name, c.mode),
-            format!("{:+.2} %", 100.0 * o.bias).replace('-', "−"),
-            format!("{:.1}", o.z),
-            worst,
-            c.check.to_owned(),
+            (o.estimator.clone(), Tone::Words),
+            (format!("{} ({})", c.name, c.mode), Tone::Words),
+            (format!("{:+.2} %", 100.0 * o.bias).replace('-', "−"), Tone::Plain),
+            (format!("{:.1}", o.z), Tone::Plain),
+            (worst, Tone::Plain),
+            (c.check.to_owned(), Tone::Words),
         ];
-        let mut row = cells.map(|c| (c, Tone::Plain)).to_vec();
+        let mut row = cells.to_vec();
         row.push(if c.caught { ("yes".to_owned(), Tone::Good) } else { ("NO".to_owned(), Tone::Bad) });
         table.rows.push(row);
     }
@@ -139,8 +172,11 @@ fn controls(report: &Report) -> Table {
 
 const LEAD: &str = "Every `--balance` through the failure modes of adaptive sampling. The numbers are variances over that \
 of `half` with as many paths, in the worst pixel and colour channel: 1 is no harm, below 1 is a gain.";
-const WORST: &str = "✗: beyond the mode's bar for sure, ?: beyond it by no more than chance explains. `power` and `max` do \
-not adapt: what they lose, they lose by their weights.";
+const WORST: &str = "✗: a pixel is beyond the mode's bar for sure; ?: the worst one (± its standard error) is beyond it, \
+but none by more than chance explains, the worst of all being looked at. 1.00 may mean that a method learned nothing \
+from so few samples, or nothing that it trusted: see its shares below. `power` and `max` do not adapt: what they lose, \
+they lose by their weights. `ridge` and `minimax` are no `--balance` and in exact cases alone: the paper's passes, and its formula \
+with one pseudo-observation, or the share that is best against the worst integrand of such moments, with two.";
 const SHARES: &str = "Mean share of light samples in the last pass ± its standard deviation between replicas: F10 asks how \
 much it scatters where all pixels are alike.";
 const FACTS: &str = "The share of light samples after samples that break naive rules. What is broken must not count.";
@@ -152,9 +188,10 @@ struct Part {
 }
 
 fn parts(report: &Report) -> Vec<Part> {
+    let replicas = report.modes.first().map_or(0, |m| m.replicas);
     let family = format!(
-        "Largest |mean − truth| in standard errors over all pixels, channels and the picture's mean. All {} tests together \
-         raise a false alarm with a chance of {} at most (Bonferroni, normal tail bounded): the limit is {:.2}. Exact cases \
+        "Largest |mean − truth| in standard errors over all pixels, channels and the picture's mean, after {replicas} \
+         replicas. All {} tests together raise a false alarm with a chance of {} at most (Bonferroni, normal tail bounded): the limit is {:.2}. Exact cases \
          are tested against the exact truth, renders against renders by `half` with other seeds.",
         report.tests, report.false_alarm, report.z_limit
     );
@@ -175,10 +212,16 @@ estimator's passes sample by sample, with the same functions as a render; the va
 the shares that it chose (passes are uncorrelated). Renders are 4 x 4 pixels; their variances are measured over replicas \
 that have the same seeds for all estimators.";
 
+/// What wrote the tables.
+fn command(report: &Report) -> String {
+    let replicas = report.modes.first().map_or(0, |m| m.replicas);
+    format!("bismar study stability --replicas {replicas} --out DIR")
+}
+
 /// The tables for `docs`.
 pub fn markdown(report: &Report) -> String {
-    let mut text = "# Where methods fail\n\nWritten by `bismar study stability`; not by hand.\n".to_owned();
-    text += &format!("\n{LEAD}\n");
+    let mut text = "# Where methods fail\n".to_owned();
+    text += &format!("\n    {}\n\nwrote this; `make stability` brings it here.\n\n{LEAD}\n", command(report));
     for part in parts(report) {
         text += &format!("\n## {}\n\n{}\n\n{}", part.title, part.text, part.table.markdown());
     }

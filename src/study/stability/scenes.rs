@@ -6,7 +6,8 @@ use std::sync::atomic::AtomicBool;
 use glam::{Affine3A, Mat3, Vec3, Vec4};
 use rayon::prelude::*;
 
-use super::judge::{Outcome, Sums};
+use super::cases::BAR;
+use super::judge::{Outcome, Ratios, Sums};
 use crate::Result;
 use crate::balance::Balance;
 use crate::rays::{self, Backend, RayQueries};
@@ -17,6 +18,8 @@ use crate::scene::{
 
 /// Pixels along a side.
 const SIDE: u32 = 4;
+/// How many [`scene_cases`] there are.
+pub const SCENES: usize = 5;
 /// Paths a pixel.
 pub const PATHS: u32 = 64;
 /// Seeds of the renders that means are compared with begin here.
@@ -91,7 +94,7 @@ fn camera(scene: &mut Scene, yfov: f32) {
 ///
 /// # Errors
 /// As [`rays::build`].
-pub fn scene_cases() -> Result<Vec<SceneCase>> {
+pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
     let sky = || Scene { environment: Some(Environment::constant([0.4; 3])), ..Default::default() };
     let build = |mode, name, construct, integrator, mut scene: Scene, yfov| {
         camera(&mut scene, yfov);
@@ -129,7 +132,7 @@ pub fn scene_cases() -> Result<Vec<SceneCase>> {
     ceiling(&mut shadow, [0.0, 1.0, -0.6], 0.3, lamp(6.0));
     ceiling(&mut shadow, [-0.52, 0.2, -0.1], 0.5, lambert(0.0));
     let direct = Integrator::Direct;
-    Ok(vec![
+    Ok([
         build("F6", "deltas", "a mirror, a diffuse floor, a point light, a lamp", direct, delta, 0.3)?,
         build(
             "F8",
@@ -201,7 +204,7 @@ fn outcome(balance: Balance, own: &Renders, half: &Renders, truth: &Renders) -> 
         values.for_each(|x| sums.add(x));
         sums
     };
-    let (mut z, mut worst, mut ratios, mut shares) = (0.0f64, (0.0f64, 0.0), Sums::default(), Vec::new());
+    let (mut z, mut ratios, mut shares) = (0.0f64, Ratios::new(BAR), Vec::new());
     let mut test = |a: Sums, b: Sums| {
         let off = a.mean() - b.mean();
         let rounding = 4.0 * f64::from(f32::EPSILON) * b.mean().abs();
@@ -225,10 +228,7 @@ fn outcome(balance: Balance, own: &Renders, half: &Renders, truth: &Renders) -> 
         } else {
             (f64::INFINITY, 0.0)
         };
-        ratios.add(ratio);
-        if ratio > worst.0 {
-            worst = (ratio, error);
-        }
+        ratios.add(ratio, error);
         shares.push(sums(&mut own.shares.iter().map(|s| f64::from(s[i]))));
     }
     let picture = |r: &Renders| sums(&mut r.green.iter().map(|p| p.iter().sum::<f64>() / pixels as f64));
@@ -242,8 +242,9 @@ fn outcome(balance: Balance, own: &Renders, half: &Renders, truth: &Renders) -> 
         tests: pixels + 1,
         bias: a.mean() / b.mean() - 1.0,
         mean_ratio: ratios.mean(),
-        worst_ratio: worst.0,
-        worst_se: worst.1,
+        worst_ratio: ratios.worst.0,
+        worst_se: ratios.worst.1,
+        excess: ratios.excess,
         share: shares.iter().map(Sums::mean).sum::<f64>() / pixels as f64,
         share_sd: (shares.iter().map(Sums::variance).sum::<f64>() / pixels as f64).sqrt(),
     }

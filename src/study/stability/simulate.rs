@@ -3,15 +3,19 @@
 use glam::Vec3;
 
 use super::domain::{Atom, Domain, Image};
-use crate::balance::efficiency::{self, Cost};
-use crate::balance::pilot::{choose, spreads};
-use crate::balance::{Balance, Counts, Finding, Heuristic, Moments, Technique};
+use crate::balance::efficiency;
+use crate::balance::pilot::{Candidates, Spreads};
+use crate::balance::{Balance, Cost, Counts, Finding, Heuristic, Moments, Technique};
 
 /// Who is tested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Subject {
     /// A method of `--balance`.
     Method(Balance),
+    /// The paper's passes and formula, with a ridge of one pseudo-observation.
+    Ridge,
+    /// The paper's passes, and the share that is best against the worst integrand, with a ridge of two.
+    Minimax,
     /// Positive control of unbiasedness: a pixel's own pilot is weighed anew by a share that follows from that pilot.
     Biased,
     /// Positive control of safety: after a pilot of a quarter, the share that minimises the second moment of the pixel's
@@ -20,17 +24,44 @@ pub enum Subject {
 }
 
 impl Subject {
+    /// Whom the tables show.
+    pub fn shown() -> Vec<Self> {
+        Balance::all().iter().map(|&b| Self::Method(b)).chain([Self::Ridge, Self::Minimax]).collect()
+    }
+
+    /// Does it learn from samples?
+    pub fn learns(self) -> bool {
+        !matches!(self, Subject::Method(balance) if !balance.learns())
+    }
+
+    /// Whose passes it takes.
+    fn passes(self) -> Balance {
+        if let Subject::Method(balance) = self { balance } else { Balance::SecondOrder }
+    }
+
+    /// The share for a pixel's next pass from what it has itself seen, as [`Balance::share`].
+    pub fn share(self, seen: &Moments) -> Option<f32> {
+        match self {
+            Subject::Method(balance) => balance.share(seen),
+            Subject::Ridge => Some(seen.second_order_ridge(1.0)),
+            Subject::Minimax => Some(seen.minimax_ridge(2.0)),
+            Subject::Biased | Subject::Unsafe => None,
+        }
+    }
+
     /// For tables.
     pub fn name(self) -> String {
         match self {
             Subject::Method(balance) => balance.name(),
+            Subject::Ridge => "ridge".to_owned(),
+            Subject::Minimax => "minimax".to_owned(),
             Subject::Biased => "biased control".to_owned(),
             Subject::Unsafe => "unguarded control".to_owned(),
         }
     }
 
     fn heuristic(self) -> Heuristic {
-        if let Subject::Method(balance) = self { balance.heuristic() } else { Heuristic::Balance }
+        self.passes().heuristic()
     }
 }
 
@@ -93,7 +124,7 @@ pub fn replica(image: &Image, subject: Subject, paths: u32, random: &mut Random)
         ],
     };
     match subject {
-        Subject::Method(balance) => run.method(balance, paths),
+        Subject::Method(_) | Subject::Ridge | Subject::Minimax => run.method(paths),
         Subject::Biased => run.pilot_by(paths / 4, paths, |_, state, _| {
             // Counts must be able to reach the total.
             state.moments.second_order().clamp(0.25, 0.75)
@@ -107,7 +138,7 @@ pub fn replica(image: &Image, subject: Subject, paths: u32, random: &mut Random)
 }
 
 /// Samples of either technique cost the same here.
-const EQUAL_COST: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
+pub const EQUAL_COST: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
 
 struct Run<'a> {
     image: &'a Image,
@@ -118,18 +149,18 @@ struct Run<'a> {
 
 impl Run<'_> {
     /// As `render::tile` does it.
-    fn method(&mut self, balance: Balance, paths: u32) {
-        let mut done = 0;
-        while let Some(pass) = balance.next_pass(done, Some(paths)) {
+    fn method(&mut self, paths: u32) {
+        let (balance, mut done) = (self.subject.passes(), 0);
+        while let Some(pass) = balance.next_pass(done, Some(paths), None) {
             match balance.pilot(done, pass) {
                 Some(pilot) => {
                     let n = self.states.len();
-                    let mut shares = vec![];
+                    let (mut shares, candidates) = (vec![], Candidates::two());
                     let Image { width, guides, .. } = self.image;
                     self.pilot_by(pilot, pass, |pixel, _, findings| {
                         if shares.is_empty() {
-                            let spreads = spreads(findings, n, pilot);
-                            shares = (0..n).map(|i| choose(i, *width, &spreads, guides)).collect();
+                            let spreads = Spreads::new(&candidates, findings, n, pilot);
+                            shares = (0..n).map(|i| spreads.choose(i, *width, guides, EQUAL_COST).light).collect();
                         }
                         shares[pixel]
                     });
@@ -145,7 +176,7 @@ impl Run<'_> {
             }
             if balance.learns() {
                 for state in &mut self.states {
-                    state.share = balance.share(&state.moments).unwrap_or(state.share);
+                    state.share = self.subject.share(&state.moments).unwrap_or(state.share);
                 }
             }
             done += pass;
@@ -170,11 +201,11 @@ impl Run<'_> {
         let totals: Vec<_> = shares.iter().map(|&share| Counts::new(share, paths)).collect();
         for finding in findings.iter().filter(|f| f.radiance.is_finite() && f.radiance.max_element() > 0.0) {
             let pixel = finding.pixel as usize;
-            let added = finding.at(totals[pixel].alpha());
+            let added = finding.at(totals[pixel].over(Counts::half(pilot)));
             self.states[pixel].sum.iter_mut().zip(added.to_array()).for_each(|(s, x)| *s += f64::from(x));
         }
         for (pixel, &total) in totals.iter().enumerate() {
-            self.trace(pixel, total.after(pilot), total, true, &mut Vec::new());
+            self.trace(pixel, total.after(Counts::half(pilot)), total, true, &mut Vec::new());
             self.vary(pixel, total);
             self.states[pixel].share = total.alpha();
         }
@@ -209,7 +240,7 @@ impl Run<'_> {
     fn trace(&mut self, pixel: usize, counts: Counts, weighed: Counts, add: bool, findings: &mut Vec<Finding>) {
         let domain: &Domain = &self.image.pixels[pixel];
         let heuristic = self.subject.heuristic();
-        let learns = !matches!(self.subject, Subject::Method(b) if !b.learns());
+        let learns = self.subject.learns();
         let state = &mut self.states[pixel];
         for (by_light, n) in [(true, counts.light), (false, counts.bsdf)] {
             for index in 0..n {
@@ -231,7 +262,7 @@ impl Run<'_> {
                     state.moments.add(w as f32, r, z.iter().sum::<f64>() as f32);
                     let technique = if by_light { Technique::Light } else { Technique::Bsdf };
                     let radiance = Vec3::from_array(y.map(|y| (0.5 * y) as f32));
-                    findings.push(Finding { pixel: pixel as u32, technique, index, r, radiance });
+                    findings.push(Finding { pixel: pixel as u32, technique, lamp: false, index, r, radiance });
                 }
             }
         }
