@@ -99,12 +99,24 @@ pub const SHARES: [f32; 7] = [0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875];
 const BLOCK: u32 = 8;
 /// Pixels to each side that a pixel learns from.
 const RADIUS: usize = 3;
-/// Pseudo-observations: heavy samples, as typical as those seen, that each technique alone could have found.
-const KAPPA: f32 = 2.0;
-/// Standard errors of the gain, over the neighbours, that are held against it.
-const DOUBT: f32 = 1.0;
-/// Least gain in variance, as a share, for which the usual share is left.
-const LEAST_GAIN: f32 = 0.05;
+/// How much evidence it takes to leave the usual share.
+#[derive(Debug, Clone, Copy)]
+pub struct Caution {
+    /// Pseudo-observations: heavy samples, as typical as those seen, that each technique alone could have found.
+    kappa: f32,
+    /// Standard errors of the gain, over the neighbours, that are held against it.
+    doubt: f32,
+    /// Least gain in variance, as a share.
+    least_gain: f32,
+}
+
+impl Caution {
+    /// For light that comes straight from where it shines.
+    pub const DIRECT: Self = Self { kappa: 2.0, doubt: 1.0, least_gain: 0.05 };
+    /// For light that may come by other surfaces: now and then it is far stronger than a pilot shows.
+    pub const INDIRECT: Self = Self { kappa: 4.0, doubt: 2.0, least_gain: 0.1 };
+}
+
 /// A channel below this share of the strongest counts as if it had that much.
 const WEAKEST: f32 = 0.05;
 /// Degrees of freedom of one pixel's spread: four blocks a technique.
@@ -120,28 +132,29 @@ pub struct Candidates {
     rates: Vec<[F; 3]>,
     /// Samples a path of the pilot; 0 for what is not there.
     pilot: [f32; 3],
+    caution: Caution,
 }
 
 impl Candidates {
     /// Light and BSDF samples, ½ without evidence.
-    pub fn two() -> Self {
+    pub fn two(caution: Caution) -> Self {
         let shares = SHARES.map(|light| Share { light, sky: None }).to_vec();
-        Self::new(shares, Share { light: 0.5, sky: None }, [1.0, 0.0, 1.0])
+        Self::new(shares, Share { light: 0.5, sky: None }, [1.0, 0.0, 1.0], caution)
     }
 
     /// Environment, lamps and BSDF; without evidence, half of all samples are light samples and the eighth nearest to
     /// `sky` of these go to the environment.
-    pub fn three(sky: f32) -> Self {
+    pub fn three(sky: f32, caution: Caution) -> Self {
         let all = SHARES.iter().flat_map(|&light| SHARES.map(|sky| Share { light, sky: Some(sky) }));
         // The pilot's are part of the samples: half a light sample a path of each kind, in a quarter of the paths.
         let least = 0.125;
         let reached =
             all.filter(|s| [s.sky, s.sky.map(|s| 1.0 - s)].iter().flatten().all(|k| 2.0 * s.light * k >= least));
         let usual = Share { light: 0.5, sky: Some((8.0 * sky).round().clamp(1.0, 7.0) / 8.0) };
-        Self::new(reached.collect(), usual, [0.5, 0.5, 1.0])
+        Self::new(reached.collect(), usual, [0.5, 0.5, 1.0], caution)
     }
 
-    fn new(shares: Vec<Share>, usual: Share, pilot: [f32; 3]) -> Self {
+    fn new(shares: Vec<Share>, usual: Share, pilot: [f32; 3], caution: Caution) -> Self {
         let rates = |chunk: &[Share]| {
             let share = eight(|lane| chunk[lane.min(chunk.len() - 1)]);
             let of = |rate: &dyn Fn(Share) -> f32| F::from(share.map(rate));
@@ -153,7 +166,7 @@ impl Candidates {
             ]
         };
         let usual = shares.iter().position(|s| *s == usual).unwrap_or(0);
-        Self { usual, rates: shares.chunks(LANES).map(rates).collect(), shares, pilot }
+        Self { usual, rates: shares.chunks(LANES).map(rates).collect(), shares, pilot, caution }
     }
 
     /// What heavy samples that one technique alone could find would add to the variance at eight candidates, over what
@@ -291,9 +304,10 @@ impl<'a> Spreads<'a> {
         if count < 2.0 {
             return self.candidates.usual();
         }
-        let unseen = KAPPA * usual2 / (usual * count * DEGREES);
+        let Caution { kappa, doubt, least_gain } = self.candidates.caution;
+        let unseen = kappa * usual2 / (usual * count * DEGREES);
         let usual = usual / count;
-        let enough = -LEAST_GAIN * usual;
+        let enough = -least_gain * usual;
         let mut best = (f32::INFINITY, self.candidates.usual());
         for chunk in 0..chunks {
             // Sums over neighbours of the difference to the usual share, and of its square.
@@ -306,7 +320,7 @@ impl<'a> Spreads<'a> {
             let mean = gain * F::splat(1.0 / count);
             let error = (gain2 * F::splat(1.0 / count) - mean * mean).fast_max(F::ZERO);
             let error = (error * F::splat(1.0 / (count - 1.0))).sqrt();
-            let score = mean + F::splat(DOUBT) * error + F::splat(unseen) * self.candidates.unseen(chunk);
+            let score = mean + F::splat(doubt) * error + F::splat(unseen) * self.candidates.unseen(chunk);
             for (lane, score) in score.to_array().into_iter().enumerate() {
                 let Some(&share) = self.candidates.shares.get(chunk * LANES + lane) else { break };
                 let work = (usual + score) * cost.at(share.light);

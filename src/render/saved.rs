@@ -34,7 +34,7 @@ impl Saved {
 }
 
 /// Raised whenever tiles saved by an older version can no longer be read.
-pub const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 2;
 
 /// Bytes of a tile, unpacked, at most.
 const LARGEST: usize = 1 << 24;

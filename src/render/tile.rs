@@ -7,7 +7,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use crate::balance::efficiency;
-use crate::balance::pilot::{Candidates, Spreads};
+use crate::balance::pilot::{Candidates, Caution, Spreads};
 use crate::balance::{Balance, Cost, Counts, Share, Technique};
 use crate::integrator::{PixelPlan, PixelSum, Transport, Wave, WaveCounts, guides};
 use crate::rays::embree::set_flush_to_zero;
@@ -95,9 +95,10 @@ impl Tile {
         set_flush_to_zero();
         let two_techniques = transport.lights.has_extent();
         let before_pass = self.sums.first().map_or(0, |s| s.stats.samples);
+        let caution = if transport.max_depth > 2 { Caution::INDIRECT } else { Caution::DIRECT };
         let candidates = match transport.lights.two_kinds() {
-            true => Candidates::three(transport.lights.sky_chance),
-            false => Candidates::two(),
+            true => Candidates::three(transport.lights.sky_chance, caution),
+            false => Candidates::two(caution),
         };
         if balance == Balance::Progressive {
             self.pixels.iter_mut().for_each(|p| p.sky_share = p.sky_share.or(candidates.usual().sky));

@@ -11,7 +11,7 @@ fn finding(pixel: u32, technique: Technique, index: u32, r: f32, y: f32) -> Find
 
 /// The share of light samples for a pixel of a row of `width` ones and rows like it, after a pilot of 32 paths.
 fn choose(pixel: usize, width: usize, findings: &[Finding], guides: &[Guide]) -> f32 {
-    Spreads::new(&Candidates::two(), findings, guides.len(), 32).choose(pixel, width, guides, EQUAL).light
+    Spreads::new(&Candidates::two(Caution::DIRECT), findings, guides.len(), 32).choose(pixel, width, guides, EQUAL).light
 }
 
 /// A row of pixels whose light samples agree and whose BSDF samples, all but pixel `but`'s, find little often and much
@@ -126,7 +126,7 @@ fn estimate(replicas: u32, own: bool) -> (f64, f64) {
             of_pixel.map(move |f| Finding { pixel: p, ..*f })
         });
         let learned: Vec<_> = learned.collect();
-        let candidates = Candidates::two();
+        let candidates = Candidates::two(Caution::DIRECT);
         let total = Counts::of(Spreads::new(&candidates, &learned, 9, PILOT).choose(4, 3, &[WALL; 9], EQUAL), PATHS);
         let mut l = 0.0;
         for (technique, n) in [(0, total.light), (1, total.bsdf)] {
@@ -169,7 +169,7 @@ fn the_kind_of_light_that_varies_gets_the_samples() {
                 }
             }
         }
-        Spreads::new(&Candidates::three(0.5), &findings, 9, 32).choose(4, 3, &[WALL; 9], EQUAL)
+        Spreads::new(&Candidates::three(0.5, Caution::DIRECT), &findings, 9, 32).choose(4, 3, &[WALL; 9], EQUAL)
     };
     assert!(share(true).sky < Some(0.5) && share(true).light > 0.5, "{:?}", share(true));
     assert!(share(false).sky > Some(0.5) && share(false).light > 0.5, "{:?}", share(false));
@@ -178,7 +178,7 @@ fn the_kind_of_light_that_varies_gets_the_samples() {
 #[test]
 fn without_evidence_the_usual_share_of_the_environment_stands() {
     for (chance, eighths) in [(0.1, 1.0), (0.5, 4.0), (0.7, 6.0), (0.9, 7.0)] {
-        let candidates = Candidates::three(chance);
+        let candidates = Candidates::three(chance, Caution::DIRECT);
         let share = Spreads::new(&candidates, &[], 9, 32).choose(4, 3, &[WALL; 9], EQUAL);
         assert_eq!(share, Share { light: 0.5, sky: Some(eighths / 8.0) });
     }
@@ -186,7 +186,7 @@ fn without_evidence_the_usual_share_of_the_environment_stands() {
 
 #[test]
 fn every_candidate_has_at_least_the_pilots_samples() {
-    for candidates in [Candidates::two(), Candidates::three(0.3)] {
+    for candidates in [Candidates::two(Caution::DIRECT), Candidates::three(0.3, Caution::DIRECT)] {
         for (pilot, paths) in [(8, 32), (16, 64), (32, 128)] {
             let pilot = candidates.pilot(pilot);
             for &share in &candidates.shares {
@@ -204,7 +204,7 @@ fn every_candidate_has_at_least_the_pilots_samples() {
 
 #[test]
 fn rates_are_the_counts_over_the_pilots() {
-    let candidates = Candidates::three(0.3);
+    let candidates = Candidates::three(0.3, Caution::DIRECT);
     let pilot = candidates.pilot(32);
     for (i, &share) in candidates.shares.iter().enumerate() {
         let rates = Counts::of(share, 128).over(pilot);
@@ -218,7 +218,7 @@ fn rates_are_the_counts_over_the_pilots() {
 #[test]
 fn of_shares_that_are_surely_better_the_cheapest_work_wins() {
     let findings = noisy_bsdf(5, 9);
-    let candidates = Candidates::two();
+    let candidates = Candidates::two(Caution::DIRECT);
     let spreads = Spreads::new(&candidates, &findings, 5, 32);
     let share = |cost| spreads.choose(2, 5, &[WALL; 5], cost).light;
     let dear_light = share(Cost { light: 9.0, ..EQUAL });

@@ -91,7 +91,7 @@ pub fn cases() -> Vec<Case> {
                 "F12",
                 "pilot used again",
                 "a bright place that light samples find, a dim one for BSDF samples; 32 paths",
-                { Image::flat(&dim_and_bright()) },
+                Image::flat(&dim_and_bright()),
             ),
         ),
         case(

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::domain::Image;
 use super::simulate::{EQUAL_COST, Subject};
-use crate::balance::pilot::{Candidates, Spreads};
+use crate::balance::pilot::{Candidates, Caution, Spreads};
 use crate::balance::{Balance, Finding, Moments, Technique, efficiency};
 
 /// A question about shares and the answers of those who learn.
@@ -45,7 +45,7 @@ fn share(subject: Subject, samples: &[(f32, f32)], others: &[(f32, f32)]) -> f32
     if subject == Subject::Method(Balance::EfficiencyAware) {
         return efficiency::shares(&findings, image.pixels.len(), image.width, EQUAL_COST)[pixel];
     }
-    let candidates = Candidates::two();
+    let candidates = Candidates::two(Caution::DIRECT);
     let spreads = Spreads::new(&candidates, &findings, image.pixels.len(), PILOT);
     spreads.choose(pixel, image.width, &image.guides, EQUAL_COST).light
 }

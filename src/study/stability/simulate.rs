@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::domain::{Atom, Domain, Image};
 use crate::balance::efficiency;
-use crate::balance::pilot::{Candidates, Spreads};
+use crate::balance::pilot::{Candidates, Caution, Spreads};
 use crate::balance::{Balance, Cost, Counts, Finding, Heuristic, Moments, Technique};
 
 /// Who is tested.
@@ -155,7 +155,7 @@ impl Run<'_> {
             match balance.pilot(done, pass) {
                 Some(pilot) => {
                     let n = self.states.len();
-                    let (mut shares, candidates) = (vec![], Candidates::two());
+                    let (mut shares, candidates) = (vec![], Candidates::two(Caution::DIRECT));
                     let Image { width, guides, .. } = self.image;
                     self.pilot_by(pilot, pass, |pixel, _, findings| {
                         if shares.is_empty() {
