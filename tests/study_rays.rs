@@ -122,7 +122,9 @@ fn a_study_goes_on_where_its_results_end() {
     // Nothing to do: nothing changes.
     let same = format!("--generate sphere:12 --out a --merge-report a/results.json {FEW}");
     assert_eq!(study(folder, &same).status.code(), Some(0));
-    assert_eq!(results(folder, "a")["traces"].as_array().unwrap().len(), c["traces"].as_array().unwrap().len());
+    let d = results(folder, "a");
+    assert_eq!(d["traces"].as_array().unwrap().len(), c["traces"].as_array().unwrap().len());
+    assert_eq!(d["hosts"].as_array().unwrap().len(), c["hosts"].as_array().unwrap().len());
 }
 
 #[test]

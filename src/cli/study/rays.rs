@@ -161,11 +161,12 @@ pub(super) fn run(args: &RaysArgs, verbosity: Verbosity) -> Result<Verdict> {
             }
             continue;
         }
-        let before = results.clone();
+        let mut before = results.clone();
         results.forget(&machine, &subject.name);
         if let Err(error) = measure(&bench, &subject, &plan, &mut results, &stop, &progress) {
             reporter.finish(false);
             // What is known of the scenes before stays readable; half a scene would not be.
+            before.forget_idle_host();
             write(&plan.folder, &before)?;
             return Err(error);
         }
@@ -173,10 +174,7 @@ pub(super) fn run(args: &RaysArgs, verbosity: Verbosity) -> Result<Verdict> {
         write(&plan.folder, &results)?;
     }
     reporter.finish(true);
-    if results.hosts.len() > 1 && results.hosts[0].spin_seconds.is_empty() {
-        // All was measured before: this run has nothing to say of the machine.
-        results.hosts.remove(0);
-    }
+    results.forget_idle_host();
     let (unexplained, pictures) = (results.unexplained(), results.differing_pictures());
     write(&plan.folder, &results)?;
     if !verbosity.quiet {

@@ -99,7 +99,8 @@ pub fn measure(
     let mut contenders = contenders.map(|c| (c.name(), c.clone())).collect::<Vec<_>>();
     contenders.insert(0, (CONTROL.to_owned(), baseline.clone()));
     let all = contenders.len() as f64;
-    let mut control = Vec::new();
+    // Of each stream, all rounds of the baseline, and its instructions.
+    let mut own = vec![(Vec::new(), None); streams.len()];
     for (i, (name, contender)) in contenders.into_iter().enumerate() {
         progress(i as f64 / all);
         run.go_on()?;
@@ -125,14 +126,13 @@ pub fn measure(
         progress((i as f64 + 0.3) / all);
         let rounds = run.rounds(&streams, &base, (&contender, &side))?;
         progress((i as f64 + 0.7) / all);
-        for ((stream, of_base), rounds) in streams.iter().zip(&answers).zip(rounds) {
+        for (((stream, of_base), rounds), own) in streams.iter().zip(&answers).zip(rounds).zip(&mut own) {
             run.go_on()?;
-            let instructions =
-                || bench.one.install(|| instructions(|| _ = replay(side.backend, stream, &mut Sink::default())));
-            results.traces.push(run.trace(&name, (stream, of_base.hit_share()), &rounds, 1, instructions()));
-            if name == CONTROL {
-                control.push((rounds, instructions()));
-            }
+            let mut sink = Sink::default();
+            let count = bench.one.install(|| instructions(|| _ = replay(side.backend, stream, &mut sink)));
+            results.traces.push(run.trace(&name, (stream, of_base.hit_share()), &rounds, 1, count));
+            own.0.extend(rounds);
+            own.1 = own.1.or(count);
             if stream.name == SCALED && (contender == baseline || contender == Contender::other()) {
                 let name = contender.name();
                 results.scalings.extend(run.scaling(&name, stream, &side));
@@ -143,8 +143,7 @@ pub fn measure(
         }
         results.builds.push(built);
     }
-    // The baseline's own speed, from the rounds beside its control.
-    for ((stream, of_base), (rounds, instructions)) in streams.iter().zip(&answers).zip(&control) {
+    for ((stream, of_base), (rounds, instructions)) in streams.iter().zip(&answers).zip(&own) {
         let mut row = run.trace(&baseline.name(), (stream, of_base.hit_share()), rounds, 0, *instructions);
         (row.speed_ratio, row.speed_ratio_se) = (1.0, 0.0);
         results.traces.push(row);

@@ -179,7 +179,12 @@ fn costs(results: &Results) -> Charts {
         let traces = lines(&|name| {
             let rows =
                 results.traces.iter().filter(|t| is(&t.machine, &t.shape) && t.backend == name && t.stream == STREAM);
-            rows.map(|t| (t.triangles as f64, 1e3 / t.mrays_per_second)).collect()
+            // By the ratio: contenders of a scene are measured one after the other, and the machine may change its pace.
+            let base = |t: &Trace| {
+                let is = |b: &&Trace| b.machine == t.machine && b.scene == t.scene && b.stream == STREAM;
+                results.traces.iter().filter(is).find(|b| b.backend == BASELINE).map(|b| b.mrays_per_second)
+            };
+            rows.filter_map(|t| Some((t.triangles as f64, 1e3 / (base(t)? * t.speed_ratio)))).collect()
         });
         if builds.is_empty() {
             continue;

@@ -193,6 +193,13 @@ impl Results {
         self.agreements.retain(|r| other(&r.machine, &r.scene));
     }
 
+    /// Removes this study's own host if it measured nothing and there are others: it has nothing to say of the machine.
+    pub fn forget_idle_host(&mut self) {
+        if self.hosts.len() > 1 && self.hosts[0].spin_seconds.is_empty() {
+            self.hosts.remove(0);
+        }
+    }
+
     /// Adds what another study found, but for scenes that this one has of a machine of the same name.
     pub fn merge(&mut self, other: Self) {
         let mine = self.builds.iter().map(|t| (t.machine.clone(), t.scene.clone())).collect::<Vec<_>>();
