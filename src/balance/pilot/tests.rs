@@ -11,7 +11,9 @@ fn finding(pixel: u32, technique: Technique, index: u32, r: f32, y: f32) -> Find
 
 /// The share of light samples for a pixel of a row of `width` ones and rows like it, after a pilot of 32 paths.
 fn choose(pixel: usize, width: usize, findings: &[Finding], guides: &[Guide]) -> f32 {
-    Spreads::new(&Candidates::two(Caution::DIRECT), findings, guides.len(), 32).choose(pixel, width, guides, EQUAL).light
+    Spreads::new(&Candidates::two(Caution::DIRECT), findings, guides.len(), 32)
+        .choose(pixel, width, guides, EQUAL)
+        .light
 }
 
 /// A row of pixels whose light samples agree and whose BSDF samples, all but pixel `but`'s, find little often and much
