@@ -39,7 +39,7 @@ fn obvhs(scene: &Arc<Scene>, options: &ObvhsOptions) -> Box<dyn RayQueries> {
 /// What only the study of rays chooses.
 fn other_choices(scene: &Arc<Scene>) -> Vec<Box<dyn RayQueries>> {
     let mut all = Vec::new();
-    for quality in [Quality::Low, Quality::Medium, Quality::High] {
+    for quality in [Quality::Low, Quality::TwoLevel, Quality::Medium, Quality::High] {
         for packets in [Packets::Single, Packets::Four, Packets::Eight, Packets::Sixteen] {
             let compact = matches!(packets, Packets::Four | Packets::Eight);
             let robust = matches!(packets, Packets::Single | Packets::Four);

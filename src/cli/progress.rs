@@ -150,6 +150,9 @@ fn message(progress: &Progress) -> String {
     let eta = eta_seconds(progress)
         .and_then(|s| Duration::try_from_secs_f64(s).ok())
         .map_or("unknown".into(), |d| HumanDuration(d).to_string());
+    if progress.rays == 0 {
+        return format!("ETA {eta}");
+    }
     let noise = if progress.noise.is_finite() { format!("{:.4}", progress.noise) } else { "unknown".into() };
     format!("ETA {eta}  {} spp  noise {noise}  {:.1} Mrays/s", progress.spp, mrays_per_second(progress))
 }

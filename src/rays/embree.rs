@@ -50,8 +50,10 @@ pub struct EmbreeOptions {
 /// Embree's build qualities.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Quality {
-    /// Morton codes.
+    /// Two levels, a tree for each mesh, built by Morton codes.
     Low,
+    /// Two levels, each mesh's tree as by `Medium`: Embree's low quality of the scene alone.
+    TwoLevel,
     /// Binned surface area heuristic.
     #[default]
     Medium,
@@ -126,7 +128,7 @@ impl EmbreeRays {
             scene.instances.iter().flat_map(|instance| mesh_range(instance.object)).any(|mesh| scene.has_alpha(mesh));
         let top = device.new_scene(has_alpha, options);
         let attach = |target: &SceneHandle, id: u32, mesh: u32| {
-            device.attach_mesh(target, id, &scene.meshes[mesh as usize], scene.has_alpha(mesh));
+            device.attach_mesh(target, id, &scene.meshes[mesh as usize], scene.has_alpha(mesh), options.quality);
         };
         let mut share = Share::new(watch, super::units(&scene));
         let mut objects: Vec<Option<SceneHandle>> = scene.objects.iter().map(|_| None).collect();

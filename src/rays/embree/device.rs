@@ -172,7 +172,7 @@ impl DeviceHandle {
         ];
         let flags = flags.iter().filter(|(set, _)| *set).fold(sys::RTC_SCENE_FLAG_NONE, |all, (_, flag)| all | flag);
         let quality = match options.quality {
-            Quality::Low => sys::RTC_BUILD_QUALITY_LOW,
+            Quality::Low | Quality::TwoLevel => sys::RTC_BUILD_QUALITY_LOW,
             Quality::Medium => sys::RTC_BUILD_QUALITY_MEDIUM,
             Quality::High => sys::RTC_BUILD_QUALITY_HIGH,
         };
@@ -186,7 +186,7 @@ impl DeviceHandle {
     }
 
     /// Attaches `mesh` to `target` as geometry `id`. The caller has checked the indices and keeps the mesh alive.
-    pub(super) fn attach_mesh(&self, target: &SceneHandle, id: u32, mesh: &Mesh, has_alpha: bool) {
+    pub(super) fn attach_mesh(&self, target: &SceneHandle, id: u32, mesh: &Mesh, has_alpha: bool, quality: Quality) {
         if mesh.indices.is_empty() {
             return;
         }
@@ -218,6 +218,10 @@ impl DeviceHandle {
             );
             if has_alpha {
                 sys::rtcSetGeometryEnableFilterFunctionFromArguments(geometry, true);
+            }
+            if quality == Quality::Low {
+                // Of the scene's quality, low means two levels only; the trees in them are as each geometry says.
+                sys::rtcSetGeometryBuildQuality(geometry, sys::RTC_BUILD_QUALITY_LOW);
             }
             sys::rtcCommitGeometry(geometry);
             sys::rtcAttachGeometryByID(target.0, geometry, id);

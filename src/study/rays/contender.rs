@@ -21,7 +21,8 @@ enum What {
 }
 
 /// Words that choose, and what they choose; a field's first word is its default and is not written.
-const QUALITIES: [(&str, Quality); 3] = [("medium", Quality::Medium), ("low", Quality::Low), ("high", Quality::High)];
+const QUALITIES: [(&str, Quality); 4] =
+    [("medium", Quality::Medium), ("low", Quality::Low), ("two-level", Quality::TwoLevel), ("high", Quality::High)];
 const PACKETS: [(&str, Packets); 5] = [
     ("as-rendered", Packets::Renderer),
     ("single", Packets::Single),
@@ -51,10 +52,12 @@ fn word<T: Copy + PartialEq>(list: &[(&'static str, T)], value: T) -> Option<&'s
 }
 
 /// What a default study compares with `embree`: each choice of each library on its own.
-const USUAL: &str = "embree+low,embree+high,embree+compact,embree+robust,embree+high+robust,embree+single,embree+x4,embree+x8,\
-                     embree+x16,embree+avx2,embree+sse2,obvhs+fastest,obvhs+very-fast,obvhs+fast,obvhs,obvhs+slow,\
-                     obvhs+very-slow,obvhs+split,obvhs+slow+whole,obvhs+own-test,obvhs+bvh2+fastest,obvhs+bvh2,\
-                     obvhs+bvh2+very-slow";
+const USUAL: &str = "embree+low,embree+two-level,embree+high,embree+compact,embree+robust,embree+high+robust,\
+                     embree+single,embree+x4,embree+x8,embree+x16,embree+avx2,embree+sse2,obvhs+fastest,\
+                     obvhs+very-fast,obvhs+fast,obvhs,obvhs+slow,obvhs+very-slow,obvhs+split,obvhs+slow+whole,\
+                     obvhs+own-test,obvhs+bvh2+fastest,obvhs+bvh2,obvhs+bvh2+very-slow";
+/// What it compares where there are millions of triangles: builds of minutes are left out.
+const LARGE: &str = "embree+low,embree+high,embree+single,obvhs+fastest,obvhs,obvhs+bvh2";
 const QUICK: &str = "embree+low,embree+high,embree+single,obvhs+fastest,obvhs,obvhs+very-slow,obvhs+bvh2";
 
 impl Contender {
@@ -68,7 +71,7 @@ impl Contender {
         Self { what: What::Obvhs(ObvhsOptions::default()) }
     }
 
-    /// The lists `usual`, `quick` and `all`, or names separated by commas.
+    /// The lists `usual`, `quick`, `large` and `all`, or names separated by commas.
     ///
     /// # Errors
     /// A sentence that says which word there is not, and which ones there are.
@@ -77,6 +80,7 @@ impl Contender {
             "all" => return Ok(Self::all()),
             "usual" => USUAL,
             "quick" => QUICK,
+            "large" => LARGE,
             names => names,
         };
         text.split(',').map(|name| Self::named(name.trim())).collect()
@@ -125,7 +129,7 @@ impl Contender {
                     } else {
                         return unknown(
                             word,
-                            "low, medium, high, compact, robust, single, x4, x8, x16, sse2, sse4.2, avx, avx2",
+                            "low, two-level, medium, high, compact, robust, single, x4, x8, x16, sse2, sse4.2, avx, avx2",
                         );
                     }
                 }

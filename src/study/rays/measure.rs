@@ -8,10 +8,10 @@ use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::agree::{Answers, Judge};
-use super::host::{Gauge, Host, forget_peak, memory, process_seconds, thread_seconds};
+use super::host::{Gauge, Host, forget_peak, instructions, memory, process_seconds, thread_seconds};
 use super::stream::{self, Kind, Query, Stream};
 use super::table::{Agreement, Build, Picture, Results, Scaling, Trace};
-use super::{Contender, Plan, Subject};
+use super::{Contender, LARGE, Plan, Subject};
 use crate::film::PixelStats;
 use crate::rays::embree::set_flush_to_zero;
 use crate::rays::{HitBatch, RayQueries};
@@ -22,6 +22,8 @@ use crate::{Error, Result};
 pub const CONTROL: &str = "embree (again)";
 /// A stream is replayed as often as makes this many seconds, for each time that is taken.
 const LEAST_SECONDS: f64 = 0.02;
+/// Builds that together take less are made again for each round.
+const AGAIN_SECONDS: f64 = 0.4;
 /// Builds are repeated for about so long, this often at most.
 const BUILD_SECONDS: f64 = 0.5;
 const MOST_BUILDS: usize = 5;
@@ -29,6 +31,8 @@ const MOST_BUILDS: usize = 5;
 const FEW: u64 = 2_000_000;
 /// Stream whose scaling over threads is measured.
 const SCALED: &str = "diffuse";
+/// For so long on one thread, so that starting threads does not count.
+const SCALED_SECONDS: f64 = 0.1;
 
 /// Threads and gauges for measuring, kept from scene to scene.
 pub struct Bench {
@@ -82,11 +86,21 @@ pub fn measure(
     let base = Side { backend: base.as_ref(), build_seconds: built.cpu_seconds };
     let answers = bench.one.install(|| streams.iter().map(|s| Answers::of(base.backend, s)).collect::<Vec<_>>());
     results.builds.push(built);
-    let contenders = plan.contenders.iter().filter(|c| **c != baseline);
+    let chosen = plan.contenders(subject);
+    if chosen.len() < plan.contenders.len() {
+        results.notes.push(format!(
+            "{}: more than {LARGE} triangles are built; {} of {} contenders were measured, as --backends large",
+            subject.name,
+            chosen.len(),
+            plan.contenders.len()
+        ));
+    }
+    let contenders = chosen.iter().filter(|c| **c != baseline);
     let mut contenders = contenders.map(|c| (c.name(), c.clone())).collect::<Vec<_>>();
     contenders.insert(0, (CONTROL.to_owned(), baseline.clone()));
     let all = contenders.len() as f64;
-    let mut control = Vec::new();
+    // Of each stream, all rounds of the baseline, and its instructions.
+    let mut own = vec![(Vec::new(), None); streams.len()];
     for (i, (name, contender)) in contenders.into_iter().enumerate() {
         progress(i as f64 / all);
         run.go_on()?;
@@ -108,11 +122,17 @@ pub fn measure(
                 judge.compare(stream, (base.backend, of_base), (side.backend, &own), &mut tell)
             });
             results.agreements.push(Agreement::new([&run.machine, &subject.name, &name, &stream.name], &counts));
-            let rounds = run.rounds(stream, &base, &side);
-            results.traces.push(run.trace(&name, (stream, of_base.hit_share()), &rounds, 1));
-            if name == CONTROL {
-                control.push(rounds);
-            }
+        }
+        progress((i as f64 + 0.3) / all);
+        let rounds = run.rounds(&streams, &base, (&contender, &side))?;
+        progress((i as f64 + 0.7) / all);
+        for (((stream, of_base), rounds), own) in streams.iter().zip(&answers).zip(rounds).zip(&mut own) {
+            run.go_on()?;
+            let mut sink = Sink::default();
+            let count = bench.one.install(|| instructions(|| _ = replay(side.backend, stream, &mut sink)));
+            results.traces.push(run.trace(&name, (stream, of_base.hit_share()), &rounds, 1, count));
+            own.0.extend(rounds);
+            own.1 = own.1.or(count);
             if stream.name == SCALED && (contender == baseline || contender == Contender::other()) {
                 let name = contender.name();
                 results.scalings.extend(run.scaling(&name, stream, &side));
@@ -123,9 +143,8 @@ pub fn measure(
         }
         results.builds.push(built);
     }
-    // The baseline's own speed, from the rounds beside its control.
-    for ((stream, of_base), rounds) in streams.iter().zip(&answers).zip(&control) {
-        let mut row = run.trace(&baseline.name(), (stream, of_base.hit_share()), rounds, 0);
+    for ((stream, of_base), (rounds, instructions)) in streams.iter().zip(&answers).zip(&own) {
+        let mut row = run.trace(&baseline.name(), (stream, of_base.hit_share()), rounds, 0, *instructions);
         (row.speed_ratio, row.speed_ratio_se) = (1.0, 0.0);
         results.traces.push(row);
     }
@@ -151,11 +170,17 @@ impl Run<'_> {
     fn go_on(&self) -> Result<()> {
         if self.stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted(
-                "interrupted: the scenes that were finished are in the report; study the others with --merge-report"
+                "interrupted: the scenes that were finished are in the report; the same command with --merge-report \
+                 DIR/results.json goes on with the others"
                     .to_owned(),
             ));
         }
         Ok(())
+    }
+
+    fn build_once(&self, contender: &Contender) -> Result<Box<dyn RayQueries>> {
+        let watch = |_: f64| !self.stop.load(Ordering::Relaxed);
+        contender.clone().held_to(self.plan.isa).build(Arc::clone(&self.subject.scene), &watch)
     }
 
     /// Builds now and then again for the time alone; by one thread, too, for few triangles or a `main` contender.
@@ -163,9 +188,7 @@ impl Run<'_> {
         let subject = self.subject;
         let timed = |pool: &ThreadPool| -> Result<(Box<dyn RayQueries>, f64, f64)> {
             let (wall, cpu) = (Instant::now(), process_seconds());
-            let watch = |_: f64| !self.stop.load(Ordering::Relaxed);
-            let held = contender.clone().held_to(self.plan.isa);
-            let backend = pool.install(|| held.build(Arc::clone(&subject.scene), &watch))?;
+            let backend = pool.install(|| self.build_once(contender))?;
             Ok((backend, wall.elapsed().as_secs_f64(), process_seconds() - cpu))
         };
         forget_peak();
@@ -227,26 +250,45 @@ impl Run<'_> {
         Ok(streams)
     }
 
-    /// Seconds of the baseline and of the other for one replay each, round by round in turn.
-    fn rounds(&self, stream: &Stream, base: &Side, side: &Side) -> Vec<[f64; 2]> {
-        self.bench.one.install(|| {
-            let once = replay(base.backend, stream).min(replay(side.backend, stream));
-            let times = ((LEAST_SECONDS / once.max(1e-9)).ceil() as usize).clamp(1, 1000);
-            let seconds = |side: &Side| (0..times).map(|_| replay(side.backend, stream)).sum::<f64>() / times as f64;
-            let both = |round: usize| {
-                if round.is_multiple_of(2) {
-                    let first = seconds(base);
-                    [first, seconds(side)]
-                } else {
-                    let first = seconds(side);
-                    [seconds(base), first]
-                }
+    /// For each stream, seconds of the baseline and of the other for one replay each, round by round in turn. A round goes
+    /// through all streams: so each stream's rounds are spread over as long a time as can be, and what slows the machine
+    /// for a second slows one of them. Where builds are short, each round has its own, in other places of the memory.
+    fn rounds(
+        &self,
+        streams: &[Stream],
+        base: &Side,
+        (contender, side): (&Contender, &Side),
+    ) -> Result<Vec<Vec<[f64; 2]>>> {
+        let mut all = vec![Vec::with_capacity(self.plan.rounds); streams.len()];
+        let mut random = 1;
+        for round in 0..self.plan.rounds {
+            self.go_on()?;
+            let _spaces = spaces(&mut random);
+            let again = if base.build_seconds + side.build_seconds < AGAIN_SECONDS {
+                let build = |of: &Contender| self.bench.all.install(|| self.build_once(of));
+                Some([build(&Contender::baseline())?, build(contender)?])
+            } else {
+                None
             };
-            (0..self.plan.rounds).map(both).collect()
-        })
+            let both = again.as_ref().map_or([base.backend, side.backend], |[a, b]| [a.as_ref(), b.as_ref()]);
+            self.bench.one.install(|| {
+                let mut sink = Sink::default();
+                for (stream, taken) in streams.iter().zip(&mut all) {
+                    taken.push(in_turn(both, stream, round, &mut sink));
+                }
+            });
+        }
+        Ok(all)
     }
 
-    fn trace(&self, name: &str, (stream, hit_share): (&Stream, f64), rounds: &[[f64; 2]], which: usize) -> Trace {
+    fn trace(
+        &self,
+        name: &str,
+        (stream, hit_share): (&Stream, f64),
+        rounds: &[[f64; 2]],
+        which: usize,
+        instructions: Option<u64>,
+    ) -> Trace {
         let subject = self.subject;
         let own = rounds.iter().map(|r| r[which]).collect::<Vec<_>>();
         let ratios = rounds.iter().map(|[base, own]| base / own).collect::<Vec<_>>();
@@ -266,17 +308,24 @@ impl Run<'_> {
             mrays_spread: rate * spread(&own) / median(&own),
             speed_ratio: median(&ratios),
             speed_ratio_se: standard_error(&ratios),
+            instructions_per_ray: instructions.map(|n| n as f64 / rays),
         }
     }
 
     /// All threads against one on the same batches, by the wall clock, in turn.
     fn scaling(&self, name: &str, stream: &Stream, side: &Side) -> Option<Scaling> {
         let threads = self.bench.all.current_num_threads();
-        let wall = |pool: &ThreadPool| {
+        let n = stream.queries.len();
+        let wall = |pool: &ThreadPool, times: usize| {
             let start = Instant::now();
-            pool.install(|| stream.queries.par_iter().for_each(|query| answer(side.backend, query)));
+            let queries = (0..times * n).into_par_iter();
+            pool.install(|| {
+                queries.for_each_init(Sink::default, |sink, i| answer(side.backend, &stream.queries[i % n], sink));
+            });
             start.elapsed().as_secs_f64()
         };
+        let times = ((SCALED_SECONDS / wall(&self.bench.one, 1)).ceil() as usize).clamp(1, 1000);
+        let wall = |pool: &ThreadPool| wall(pool, times);
         let ratios = (0..self.plan.rounds).map(|_| wall(&self.bench.one) / wall(&self.bench.all)).collect::<Vec<_>>();
         (threads > 1).then(|| Scaling {
             machine: self.machine.clone(),
@@ -340,23 +389,47 @@ impl Run<'_> {
     }
 }
 
-fn answer(backend: &dyn RayQueries, Query { kind, order, rays }: &Query) {
+fn answer(backend: &dyn RayQueries, Query { kind, order, rays }: &Query, (hits, occluded): &mut Sink) {
     match kind {
-        Kind::Closest => backend.closest_hits(rays, *order, &mut HitBatch::default()),
-        Kind::Occluded => backend.occluded(rays, *order, &mut Vec::new()),
+        Kind::Closest => backend.closest_hits(rays, *order, hits),
+        Kind::Occluded => backend.occluded(rays, *order, occluded),
     }
 }
 
-/// Processor seconds of this thread for one replay.
-fn replay(backend: &dyn RayQueries, stream: &Stream) -> f64 {
-    let (mut hits, mut occluded) = (HitBatch::default(), Vec::new());
-    let start = thread_seconds();
-    for Query { kind, order, rays } in &stream.queries {
-        match kind {
-            Kind::Closest => backend.closest_hits(rays, *order, &mut hits),
-            Kind::Occluded => backend.occluded(rays, *order, &mut occluded),
+/// Seconds of both for a replay. Turn by turn, who is first by turns: neither finds caches and clocks in a better state
+/// than the other.
+fn in_turn(both: [&dyn RayQueries; 2], stream: &Stream, round: usize, sink: &mut Sink) -> [f64; 2] {
+    let once = both.map(|backend| replay(backend, stream, sink));
+    let least = once[0].min(once[1]).max(1e-9);
+    let times = ((LEAST_SECONDS / least).ceil() as usize).clamp(2, 1000);
+    let mut sums = [0.0; 2];
+    for turn in round..round + times {
+        for which in if turn.is_multiple_of(2) { [0, 1] } else { [1, 0] } {
+            sums[which] += replay(both[which], stream, sink);
         }
     }
+    sums.map(|sum| sum / times as f64)
+}
+
+/// Blocks of memory of random sizes: what is allocated while they are there lies elsewhere than the time before. Where it
+/// lies can matter as much as what it is: Mytkowicz et al. (2009), *Producing Wrong Data Without Doing Anything Obviously
+/// Wrong!*
+fn spaces(random: &mut u64) -> Vec<Vec<u8>> {
+    let mut block = || {
+        *random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        std::hint::black_box(Vec::with_capacity(16 + (*random >> 51) as usize))
+    };
+    (0..64).map(|_| block()).collect()
+}
+
+/// Where answers are written.
+type Sink = (HitBatch, Vec<bool>);
+
+/// Processor seconds of this thread for one replay.
+/// Contender and baseline are to write to the same places: where columns lie matters as much as a tree in small scenes.
+fn replay(backend: &dyn RayQueries, stream: &Stream, sink: &mut Sink) -> f64 {
+    let start = thread_seconds();
+    stream.queries.iter().for_each(|query| answer(backend, query, sink));
     thread_seconds() - start
 }
 

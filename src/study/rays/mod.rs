@@ -7,6 +7,7 @@
 //! [`host`]). The control `embree (again)` is the baseline built a second time: its true ratio is 1.
 
 pub mod agree;
+mod compare;
 pub mod contender;
 pub mod exact;
 pub mod host;
@@ -29,6 +30,9 @@ pub use page::write;
 pub use shapes::Shape;
 pub use table::Results;
 
+/// Built triangles above which a study takes fewer contenders, unless they were chosen.
+pub const LARGE: u64 = 4_000_000;
+
 /// What to measure, on each scene.
 #[derive(Debug, Clone)]
 pub struct Plan {
@@ -36,6 +40,8 @@ pub struct Plan {
     pub folder: PathBuf,
     /// What is compared with the baseline.
     pub contenders: Vec<Contender>,
+    /// What is where more than [`LARGE`] triangles are built.
+    pub contenders_large: Vec<Contender>,
     /// Instruction set that Embree is held to.
     pub isa: Option<&'static str>,
     /// About how many rays a stream has.
@@ -54,9 +60,16 @@ pub struct Plan {
     pub machine: Option<String>,
 }
 
+impl Plan {
+    /// What is compared with the baseline on this scene.
+    pub fn contenders(&self, subject: &Subject) -> &[Contender] {
+        if subject.built > LARGE { &self.contenders_large } else { &self.contenders }
+    }
+}
+
 /// A scene to be measured on.
 pub struct Subject {
-    /// The file's name without folders and extension, or that of the shape.
+    /// What tells it from others: the file's name without folders and extension, say, or that of the shape.
     pub name: String,
     /// The kind of a generated scene.
     pub shape: Option<&'static str>,
@@ -71,13 +84,12 @@ pub struct Subject {
 }
 
 impl Subject {
-    /// Reads a file ([`read`]).
+    /// Reads a file ([`read`]) as `name`.
     ///
     /// # Errors
     /// As [`read`]; [`Error::Data`] for a scene without triangles.
-    pub fn load(path: &Path) -> Result<Self> {
-        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let subject = Self::new(name, None, read(path)?.0);
+    pub fn load(path: &Path, name: &str) -> Result<Self> {
+        let subject = Self::new(name.to_owned(), None, read(path)?.0);
         if subject.triangles == 0 {
             return Err(Error::Data(format!("{}: there are no triangles to shoot rays at", path.display())));
         }

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::compare;
 use super::host::drift;
 use super::measure::CONTROL;
 use super::table::{Agreement, Build, MOST_Z, Results, Trace, write_bytes};
@@ -10,7 +11,7 @@ use crate::report::{Axis, Chart, Dot, DotPlot, Page, Scale, Series, Table, Tone,
 use crate::{Error, Result};
 
 /// The baseline's name.
-const BASELINE: &str = "embree";
+pub(super) const BASELINE: &str = "embree";
 /// Shown in charts, as many as there are colours, each with its own.
 const SHOWN: [(&str, usize); 8] = [
     ("embree", 0),
@@ -96,7 +97,7 @@ impl<'a> SceneRows<'a> {
         let machines = self.results.hosts.iter().map(|h| &h.machine).collect::<Vec<_>>();
         match machines.iter().position(|m| **m == self.machine) {
             None | Some(0) => self.name.to_owned(),
-            Some(other) => format!("{}-{other}", self.name),
+            Some(other) => format!("{}-machine{}", self.name, other + 1),
         }
     }
 
@@ -146,14 +147,23 @@ fn overview(results: &Results) -> Option<DotPlot> {
     })
 }
 
-/// Build and trace over the number of triangles, for each kind of generated scene of which there are several sizes.
+/// Build and trace over the number of triangles, for each kind of generated scene of which a machine measured several sizes.
 fn costs(results: &Results) -> Charts {
-    let mut shapes = results.builds.iter().filter_map(|b| b.shape.clone()).collect::<Vec<_>>();
-    shapes.sort();
-    shapes.dedup();
+    let machines = backends(results.hosts.iter().map(|h| &*h.machine));
+    let of_machine = |(i, machine): (usize, &&str)| {
+        let rows = results.builds.iter().filter(|b| b.machine == **machine);
+        let mut shapes = rows.filter_map(|b| Some((i, b.shape.clone()?))).collect::<Vec<_>>();
+        shapes.sort();
+        shapes.dedup();
+        shapes
+    };
     let mut charts = Vec::new();
-    for shape in shapes {
-        let is = |own: &Option<String>| own.as_ref() == Some(&shape);
+    for (i, shape) in machines.iter().enumerate().flat_map(of_machine) {
+        let is = |machine: &str, own: &Option<String>| machine == machines[i] && own.as_ref() == Some(&shape);
+        let (of, file) = match i {
+            0 => (String::new(), String::new()),
+            i => (format!(", {}", machines[i]), format!("-machine{}", i + 1)),
+        };
         let lines = |of: &dyn Fn(&str) -> Vec<(f64, f64)>| {
             let line = |&(name, color): &(&str, usize)| {
                 let mut points = of(name);
@@ -163,25 +173,31 @@ fn costs(results: &Results) -> Charts {
             SHOWN.iter().map(line).filter(|s| s.points.len() > 1).collect::<Vec<_>>()
         };
         let builds = lines(&|name| {
-            let rows = results.builds.iter().filter(|b| is(&b.shape) && b.backend == name);
+            let rows = results.builds.iter().filter(|b| is(&b.machine, &b.shape) && b.backend == name);
             rows.map(|b| (b.built_triangles as f64, b.cpu_seconds)).collect()
         });
         let traces = lines(&|name| {
-            let rows = results.traces.iter().filter(|t| is(&t.shape) && t.backend == name && t.stream == STREAM);
-            rows.map(|t| (t.triangles as f64, 1e3 / t.mrays_per_second)).collect()
+            let rows =
+                results.traces.iter().filter(|t| is(&t.machine, &t.shape) && t.backend == name && t.stream == STREAM);
+            // By the ratio: contenders of a scene are measured one after the other, and the machine may change its pace.
+            let base = |t: &Trace| {
+                let is = |b: &&Trace| b.machine == t.machine && b.scene == t.scene && b.stream == STREAM;
+                results.traces.iter().filter(is).find(|b| b.backend == BASELINE).map(|b| b.mrays_per_second)
+            };
+            rows.filter_map(|t| Some((t.triangles as f64, 1e3 / (base(t)? * t.speed_ratio)))).collect()
         });
         if builds.is_empty() {
             continue;
         }
         let log = [Scale::Log; 2];
-        let title = format!("Building: {shape}");
+        let title = format!("Building: {shape}{of}");
         charts.push((
-            format!("cost-build-{shape}"),
+            format!("cost-build-{shape}{file}"),
             Chart::fitted(&title, ["triangles", "CPU seconds, all threads"], log, builds),
         ));
-        let title = format!("Tracing diffuse bounces: {shape}");
+        let title = format!("Tracing diffuse bounces: {shape}{of}");
         charts.push((
-            format!("cost-trace-{shape}"),
+            format!("cost-trace-{shape}{file}"),
             Chart::fitted(&title, ["triangles", "nanoseconds a ray, one thread"], log, traces),
         ));
     }
@@ -216,6 +232,7 @@ fn page(results: &Results, scenes: &[SceneRows]) -> String {
         page.section("Cost over the number of triangles");
         page.row(&costs.iter().map(|(_, chart)| chart_figure(&chart.svg(), "")).collect::<Vec<_>>());
     }
+    compare::section(&mut page, results);
     method(&mut page, results);
     for scene in scenes {
         scene_section(&mut page, scene);
@@ -351,6 +368,7 @@ fn builds(scene: &SceneRows, names: &[&str]) -> Table {
         ("speed", "Of a picture over that with embree in the same rounds"),
         ("crossover, spp", "Paths a pixel from which on the longer build has paid"),
         ("z", "Picture mean against that with embree, other seeds, in standard errors, worst channel"),
+        ("instructions", "Instructions of the processor for one ray of a diffuse bounce; where counters are there"),
         ("threads", "Speed of diffuse bounces with all threads over that with one, by the wall clock"),
     ]);
     for name in names {
@@ -360,6 +378,7 @@ fn builds(scene: &SceneRows, names: &[&str]) -> Table {
         let results = scene.results;
         let picture = results.pictures.iter().find(|p| of_scene(&p.machine, &p.scene, &p.backend));
         let scaling = results.scalings.iter().find(|s| of_scene(&s.machine, &s.scene, &s.backend));
+        let diffuse = scene.traces().find(|t| t.backend == *name && t.stream == STREAM);
         let text = |value: Option<f64>| value.map_or(String::new(), number);
         let plain = |text: String| (text, Tone::Plain);
         table.rows.push(vec![
@@ -378,6 +397,7 @@ fn builds(scene: &SceneRows, names: &[&str]) -> Table {
             picture.map_or(plain(String::new()), |p| {
                 (number(p.bias_z), if p.bias_z.abs() > MOST_Z { Tone::Bad } else { Tone::Plain })
             }),
+            plain(text(diffuse.and_then(|t| t.instructions_per_ray))),
             plain(scaling.map_or(String::new(), |s| format!("{}: {}", s.threads, with_error(s.speedup, s.speedup_se)))),
         ]);
     }
@@ -446,16 +466,18 @@ fn method(page: &mut Page, results: &Results) {
 
 fn hosts(page: &mut Page, results: &Results) {
     page.section("The machine");
-    for host in &results.hosts {
-        page.heading(&host.machine);
+    for (i, host) in results.hosts.iter().enumerate() {
+        let earlier = results.hosts[..i].iter().filter(|h| h.machine == host.machine).count();
+        let run = if earlier == 0 { String::new() } else { format!(", run {}", earlier + 1) };
+        page.heading(&format!("{}{run}", host.machine));
         let counters = if host.hardware_counters {
-            "are there, but instructions a ray are not measured by this version"
+            "there; they counted the instructions of one replay a stream"
         } else {
-            "are none on this machine: instructions a ray were not measured"
+            "none that this program may use, so instructions a ray were not measured"
         };
         page.text(&format!(
             "{}{}; {} cores, {:.0} GiB; Linux {}; frequency governor {}. Embree {} runs on {}, obvhs {} and the program are \
-             compiled for {}. Measuring threads {} results to zero and {} denormal operands as zero. Hardware counters {counters}.",
+             compiled for {}. Measuring threads {} results to zero and {} denormal operands as zero. Hardware counters: {counters}.",
             host.cpu,
             if host.virtual_machine { " in a virtual machine" } else { "" },
             host.cores,

@@ -13,7 +13,7 @@ use crate::scene::{Camera, Environment, Instance, Material, Mesh, Object, Positi
 pub struct Shape {
     /// What its triangles are like.
     pub kind: ShapeKind,
-    /// About how many there are, in [8, 100 million].
+    /// How many there are, the ground's one or two among them; in [8, 100 million].
     pub triangles: u32,
 }
 
@@ -82,15 +82,22 @@ impl Shape {
 
     /// Makes it, always the same to the bit on one machine.
     pub fn scene(&self) -> Scene {
-        let n = self.triangles;
+        // Spheres and leaves have an even number of triangles; a ground of one makes the whole odd.
+        let ground = 2 - self.triangles % 2;
+        let n = self.triangles - ground;
         let (mut vertices, mut indices) = match self.kind {
-            ShapeKind::Sphere => sphere(n - 2),
-            ShapeKind::Slivers => slivers(n - 2),
-            ShapeKind::Foliage => foliage(n - 2),
+            ShapeKind::Sphere => sphere(n),
+            ShapeKind::Slivers => slivers(n),
+            ShapeKind::Foliage => foliage(n),
         };
         let (first, far) = (vertices.len() as u32, 8.0);
-        vertices.extend([[-far, -1.3, far], [far, -1.3, far], [far, -1.3, -far], [-far, -1.3, -far]]);
-        indices.extend([[0, 1, 2], [0, 2, 3]].map(|t| t.map(|i| i + first)));
+        if ground == 2 {
+            vertices.extend([[-far, -1.3, far], [far, -1.3, far], [far, -1.3, -far], [-far, -1.3, -far]]);
+            indices.extend([[0, 1, 2], [0, 2, 3]].map(|t| t.map(|i| i + first)));
+        } else {
+            vertices.extend([[-2.0 * far, -1.3, far], [2.0 * far, -1.3, far], [0.0, -1.3, -3.0 * far]]);
+            indices.push([0, 1, 2].map(|i| i + first));
+        }
         let material = Material {
             name: "grey".into(),
             base_color: Vec4::new(0.7, 0.7, 0.7, 1.0),
@@ -122,22 +129,49 @@ impl Shape {
 
 type Triangles = (Vec<[f32; 3]>, Vec<[u32; 3]>);
 
-/// `n` triangles but for a row's remainder.
+/// `n` triangles, an even number: rings of about as many vertices as their length asks for, and two poles. A band
+/// between two rings has as many triangles as both have vertices.
 fn sphere(n: u32) -> Triangles {
-    let rows = ((f64::from(n) / 4.0).sqrt().round() as u32).max(1);
-    let wide = 2 * rows + 1;
-    let mut vertices = Vec::with_capacity((wide * (rows + 1)) as usize);
-    for i in 0..=rows {
-        for j in 0..wide {
-            let (theta, phi) = (i as f32 / rows as f32 * PI, j as f32 / rows as f32 * PI);
+    let half = n / 2;
+    let rows = ((f64::from(half) * std::f64::consts::FRAC_PI_4).sqrt().round() as u32).saturating_sub(1).max(1);
+    // Three a ring, and the others by the rings' lengths.
+    let others = f64::from(half - 3 * rows);
+    let before =
+        |i: u32| (0.5 * others * (1.0 - (f64::from(i) / f64::from(rows) * std::f64::consts::PI).cos())).round();
+    let rings = (0..rows).map(|i| 3 + (before(i + 1) - before(i)) as u32);
+    let rings = std::iter::once(1).chain(rings).chain([1]).collect::<Vec<_>>();
+    let mut vertices = Vec::with_capacity(half as usize + 2);
+    for (i, &ring) in rings.iter().enumerate() {
+        for j in 0..ring {
+            let (theta, phi) = (i as f32 / (rows + 1) as f32 * PI, j as f32 / ring as f32 * TAU);
             let bumps =
-                0.12 * (9.0 * phi).sin() * (7.0 * theta).sin() + 0.03 * (53.0 * phi).sin() * (47.0 * theta).cos();
+                0.12 * (9.0 * phi).sin() * (7.0 * theta).sin() + 0.03 * (53.0 * phi).sin() * (47.0 * theta).sin();
             let unit = vec3(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin());
             vertices.push((unit * (1.0 + bumps)).to_array());
         }
     }
-    let corners = (0..rows).flat_map(|i| (0..2 * rows).map(move |j| i * wide + j));
-    (vertices, corners.flat_map(|a| [[a, a + 1, a + wide], [a + 1, a + wide + 1, a + wide]]).collect())
+    let mut indices = Vec::with_capacity(n as usize);
+    let mut first = 0;
+    for pair in rings.windows(2) {
+        let ([upper, lower], second) = ([pair[0], pair[1]], first + pair[0]);
+        let (top, bottom) = (|i: u32| first + i % upper, |j: u32| second + j % lower);
+        // A pole has a vertex but no edges.
+        let edges = |ring: u32| if ring == 1 { 0 } else { ring };
+        let (mut i, mut j) = (0, 0);
+        while i < edges(upper) || j < edges(lower) {
+            let below = j < edges(lower)
+                && (i == edges(upper) || u64::from(j + 1) * u64::from(upper) <= u64::from(i + 1) * u64::from(lower));
+            if below {
+                indices.push([top(i), bottom(j + 1), bottom(j)]);
+                j += 1;
+            } else {
+                indices.push([top(i), top(i + 1), bottom(j)]);
+                i += 1;
+            }
+        }
+        first = second;
+    }
+    (vertices, indices)
 }
 
 /// Every three vertices.
@@ -178,21 +212,38 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shapes_have_the_triangles_that_were_asked_for_and_sound_vertices() {
+    fn shapes_have_exactly_the_triangles_that_were_asked_for_and_sound_vertices() {
         for (name, kind) in KINDS {
-            for n in [8, 1000, 50_000] {
+            for n in (8..100).chain([1000, 4999, 50_000]) {
                 let shape = format!("{name}:{n}").parse::<Shape>().unwrap();
                 assert_eq!(shape, Shape { kind, triangles: n });
                 let scene = shape.scene();
                 let mesh = &scene.meshes[0];
-                let had = mesh.indices.len() as f64;
-                assert!((had / f64::from(n) - 1.0).abs() < 3.0 / f64::from(n).sqrt(), "{name}: {had} for {n}");
+                assert_eq!(mesh.indices.len(), n as usize, "{name}");
                 assert!(mesh.indices.iter().flatten().all(|i| (*i as usize) < mesh.positions.len()));
                 assert!(mesh.positions.iter().flatten().all(|x| x.is_finite()));
+                let corners = |t: &[u32; 3]| t.map(|i| Vec3::from(mesh.positions[i as usize]));
+                let area = |[a, b, c]: [Vec3; 3]| (b - a).cross(c - a).length();
+                assert!(mesh.indices.iter().map(corners).all(|t| area(t) > 0.0), "{name}:{n}");
             }
         }
         for wrong in ["sphere", "sphere:7", "sphere:x", "cube:100", "sphere:100000001"] {
             assert!(wrong.parse::<Shape>().unwrap_err().contains(wrong), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_sphere_is_closed() {
+        for n in [6, 10, 98, 5000] {
+            let (vertices, indices) = sphere(n);
+            let mut edges = indices.iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]).collect::<Vec<_>>();
+            edges.sort_unstable();
+            // Each edge once in each direction, and Euler's formula.
+            for pair in edges.windows(2) {
+                assert_ne!(pair[0], pair[1], "{n}");
+            }
+            assert!(edges.iter().all(|[a, b]| edges.binary_search(&[*b, *a]).is_ok()), "{n}");
+            assert_eq!(vertices.len() + indices.len(), edges.len() / 2 + 2);
         }
     }
 }

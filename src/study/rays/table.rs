@@ -48,6 +48,8 @@ pub struct Trace {
     pub mrays_spread: f64,
     pub speed_ratio: f64,
     pub speed_ratio_se: f64,
+    #[serde(default)]
+    pub instructions_per_ray: Option<f64>,
 }
 
 /// What a build takes.
@@ -174,9 +176,33 @@ impl Results {
         self.pictures.iter().filter(|p| p.bias_z.abs() > MOST_Z).count()
     }
 
-    /// Adds what another study found, but for scenes that this one measured on a machine of the same name.
+    /// Did this machine measure a scene with all of these contenders?
+    pub fn has(&self, machine: &str, scene: &str, contenders: &[String]) -> bool {
+        let is = |b: &&Build| b.machine == machine && b.scene == scene;
+        let there = self.builds.iter().filter(is).map(|b| &b.backend).collect::<Vec<_>>();
+        !there.is_empty() && contenders.iter().all(|name| there.contains(&name))
+    }
+
+    /// Removes a machine's rows of a scene.
+    pub fn forget(&mut self, machine: &str, scene: &str) {
+        let other = |m: &str, s: &str| m != machine || s != scene;
+        self.traces.retain(|r| other(&r.machine, &r.scene));
+        self.builds.retain(|r| other(&r.machine, &r.scene));
+        self.pictures.retain(|r| other(&r.machine, &r.scene));
+        self.scalings.retain(|r| other(&r.machine, &r.scene));
+        self.agreements.retain(|r| other(&r.machine, &r.scene));
+    }
+
+    /// Removes this study's own host if it measured nothing and there are others: it has nothing to say of the machine.
+    pub fn forget_idle_host(&mut self) {
+        if self.hosts.len() > 1 && self.hosts[0].spin_seconds.is_empty() {
+            self.hosts.remove(0);
+        }
+    }
+
+    /// Adds what another study found, but for scenes that this one has of a machine of the same name.
     pub fn merge(&mut self, other: Self) {
-        let mine = self.traces.iter().map(|t| (t.machine.clone(), t.scene.clone())).collect::<Vec<_>>();
+        let mine = self.builds.iter().map(|t| (t.machine.clone(), t.scene.clone())).collect::<Vec<_>>();
         let new = |machine: &str, scene: &str| !mine.iter().any(|(m, s)| m == machine && s == scene);
         self.traces.extend(other.traces.into_iter().filter(|r| new(&r.machine, &r.scene)));
         self.builds.extend(other.builds.into_iter().filter(|r| new(&r.machine, &r.scene)));

@@ -1,0 +1,112 @@
+//! How far two studies of the same scenes agree: two runs on one machine, under two names, or two machines.
+
+use super::table::{Results, Trace};
+use crate::report::{Page, Table, Tone, number, with_error};
+
+/// Ratios are to be stable within this share.
+const WITHIN: f64 = 0.05;
+
+/// A speed over that of the baseline, as measured twice.
+struct Pair<'a> {
+    a: &'a Trace,
+    b: &'a Trace,
+}
+
+impl Pair<'_> {
+    /// By what share the larger ratio exceeds the other.
+    fn apart(&self) -> f64 {
+        let quotient = self.a.speed_ratio / self.b.speed_ratio;
+        quotient.max(1.0 / quotient) - 1.0
+    }
+}
+
+/// What both measured, most different first. The baseline itself, whose ratio is 1, is no evidence.
+fn pairs<'a>(results: &'a Results, a: &str, b: &str) -> Vec<Pair<'a>> {
+    let of = |machine: &str| {
+        let own = move |t: &&Trace| t.machine == machine && t.backend != super::page::BASELINE;
+        results.traces.iter().filter(own).collect::<Vec<_>>()
+    };
+    let others = of(b);
+    let same = |a: &&Trace, b: &&Trace| a.scene == b.scene && a.backend == b.backend && a.stream == b.stream;
+    let pair = |a: &'a Trace| others.iter().find(|b| same(&a, b)).map(|b| Pair { a, b });
+    let mut all = of(a).into_iter().filter_map(pair).collect::<Vec<_>>();
+    all.sort_by(|a, b| b.apart().total_cmp(&a.apart()));
+    all
+}
+
+/// A section for all machines that measured what the first one measured, too; nothing if there are none.
+pub(super) fn section(page: &mut Page, results: &Results) {
+    let mut machines = results.traces.iter().map(|t| &*t.machine).collect::<Vec<_>>();
+    machines.dedup();
+    let mut names: Vec<&str> = Vec::new();
+    machines.into_iter().for_each(|m| {
+        if !names.contains(&m) {
+            names.push(m)
+        }
+    });
+    let mut all = Vec::new();
+    for (i, a) in names.iter().enumerate() {
+        all.extend(
+            names[i + 1..].iter().map(|b| (*a, *b, pairs(results, a, b))).filter(|(.., pairs)| !pairs.is_empty()),
+        );
+    }
+    if all.is_empty() {
+        return;
+    }
+    page.section("Two studies of the same");
+    page.text(
+        "By how much the speeds over that of embree differ between two runs, or two machines, that measured the same \
+         contenders with the same streams.",
+    );
+    let mut table = Table::new(&[
+        ("one", "Machine or run"),
+        ("the other", "Machine or run"),
+        ("ratios", "How many speed ratios both measured"),
+        ("median", "Of the differences"),
+        ("95th percentile", "Of the differences"),
+        ("largest", "Of the differences"),
+        ("within 5 %", "How many of the ratios"),
+    ]);
+    for (a, b, pairs) in &all {
+        let at = |share: f64| pairs[((1.0 - share) * (pairs.len() - 1) as f64).round() as usize].apart();
+        let within = pairs.iter().filter(|p| p.apart() <= WITHIN).count();
+        let cells = [
+            (*a).to_owned(),
+            (*b).to_owned(),
+            pairs.len().to_string(),
+            percent(at(0.5)),
+            percent(at(0.95)),
+            percent(at(1.0)),
+            format!("{within} ({:.1} %)", 100.0 * within as f64 / pairs.len() as f64),
+        ];
+        table.rows.push(cells.map(|text| (text, Tone::Plain)).to_vec());
+    }
+    page.table(&table);
+    for (a, b, pairs) in &all {
+        let beyond = pairs.iter().filter(|p| p.apart() > WITHIN).collect::<Vec<_>>();
+        if beyond.is_empty() {
+            continue;
+        }
+        page.details(&format!("{} ratios that differ by more than 5 %: {a}, {b}", beyond.len()), |page| {
+            let mut table = Table::new(&[
+                ("scene", ""),
+                ("contender", "Backend with its choices"),
+                ("stream", "Which rays"),
+                (a, "Speed over that of embree, with the standard error of the median"),
+                (b, "Speed over that of embree, with the standard error of the median"),
+                ("apart", "The larger over the other"),
+            ]);
+            for Pair { a, b } in beyond.iter().copied() {
+                let ratio = |t: &Trace| with_error(t.speed_ratio, t.speed_ratio_se);
+                let apart = percent(Pair { a, b }.apart());
+                let cells = [a.scene.clone(), a.backend.clone(), a.stream.clone(), ratio(a), ratio(b), apart];
+                table.rows.push(cells.map(|text| (text, Tone::Plain)).to_vec());
+            }
+            page.table(&table);
+        });
+    }
+}
+
+fn percent(share: f64) -> String {
+    format!("{} %", number(100.0 * share))
+}
