@@ -3,7 +3,7 @@
 //! Algorithms*, for two techniques and with rays as cost).
 
 use super::Cost;
-use super::pilot::{Finding, SHARES};
+use super::pilot::{Finding, SHARES, around};
 
 const N: usize = SHARES.len();
 /// Second moments are averaged over this many pixels to each side: those of a single pixel are too noisy to choose by.
@@ -29,11 +29,8 @@ pub fn shares(findings: &[Finding], pixels: usize, width: usize, cost: Cost) -> 
             .for_each(|m| *m = if scale.is_finite() && (*m * scale).is_finite() { *m * scale } else { 0.0 });
     }
     let of = |pixel: usize| {
-        let (x, y) = (pixel % width, pixel / width);
-        let rows = y.saturating_sub(RADIUS)..=(y + RADIUS).min(pixels / width - 1);
-        let columns = x.saturating_sub(RADIUS)..=(x + RADIUS).min(width - 1);
         let mut score = [0.0f32; N];
-        for at in rows.flat_map(|row| columns.clone().map(move |column| row * width + column)) {
+        for at in around(pixel, width, pixels, RADIUS) {
             score.iter_mut().zip(moments[at].0).for_each(|(s, m)| *s += m);
         }
         score.iter_mut().zip(SHARES).for_each(|(s, share)| *s *= cost.at(share));

@@ -99,6 +99,7 @@ pub const SHARES: [f32; 7] = [0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875];
 const BLOCK: u32 = 8;
 /// Pixels to each side that a pixel learns from.
 const RADIUS: usize = 3;
+
 /// How much evidence it takes to leave the usual share.
 #[derive(Debug, Clone, Copy)]
 pub struct Caution {
@@ -133,6 +134,10 @@ pub struct Candidates {
     /// Samples a path of the pilot; 0 for what is not there.
     pilot: [f32; 3],
     caution: Caution,
+    /// Eight shares at a time: what heavy samples that one technique alone could find would add to the variance, over
+    /// what they add at the usual share: Σ u_i²/n_i / Σ u_i − 1 with counts n_i, and u_i at the usual share, which is the
+    /// least for the same Σ n_i: without evidence nothing moves.
+    unseen: Vec<F>,
 }
 
 impl Candidates {
@@ -145,13 +150,12 @@ impl Candidates {
     /// Environment, lamps and BSDF; without evidence, half of all samples are light samples and the eighth nearest to
     /// `sky` of these go to the environment.
     pub fn three(sky: f32, caution: Caution) -> Self {
-        let all = SHARES.iter().flat_map(|&light| SHARES.map(|sky| Share { light, sky: Some(sky) }));
+        let all = SHARES.into_iter().flat_map(|light| SHARES.map(|sky| (light, sky)));
         // The pilot's are part of the samples: half a light sample a path of each kind, in a quarter of the paths.
-        let least = 0.125;
-        let reached =
-            all.filter(|s| [s.sky, s.sky.map(|s| 1.0 - s)].iter().flatten().all(|k| 2.0 * s.light * k >= least));
+        let reached = all.filter(|(light, sky)| 2.0 * light * sky.min(1.0 - sky) >= 0.125);
+        let shares = reached.map(|(light, sky)| Share { light, sky: Some(sky) }).collect();
         let usual = Share { light: 0.5, sky: Some((8.0 * sky).round().clamp(1.0, 7.0) / 8.0) };
-        Self::new(reached.collect(), usual, [0.5, 0.5, 1.0], caution)
+        Self::new(shares, usual, [0.5, 0.5, 1.0], caution)
     }
 
     fn new(shares: Vec<Share>, usual: Share, pilot: [f32; 3], caution: Caution) -> Self {
@@ -166,21 +170,15 @@ impl Candidates {
             ]
         };
         let usual = shares.iter().position(|s| *s == usual).unwrap_or(0);
-        Self { usual, rates: shares.chunks(LANES).map(rates).collect(), shares, pilot, caution }
-    }
-
-    /// What heavy samples that one technique alone could find would add to the variance at eight candidates, over what
-    /// they add at the usual share: Σ u_i²/n_i / Σ u_i − 1 with counts n_i, and u_i at the usual share, which is the least
-    /// for the same Σ n_i: without evidence nothing moves.
-    fn unseen(&self, chunk: usize) -> F {
-        let (at, lane) = (self.usual / LANES, self.usual % LANES);
-        let (mut sum, mut all) = (F::ZERO, 0.0);
-        for technique in (0..3).filter(|&t| self.pilot[t] > 0.0) {
-            let usual = self.rates[at][technique].as_array()[lane];
-            sum += F::splat(self.pilot[technique] * usual * usual) / self.rates[chunk][technique];
-            all += self.pilot[technique] * usual;
-        }
-        sum * F::splat(1.0 / all) - F::ONE
+        let rates: Vec<_> = shares.chunks(LANES).map(rates).collect();
+        let there = || (0..3).filter(|&t| pilot[t] > 0.0);
+        let at_usual = rates[usual / LANES].map(|rate| rate.as_array()[usual % LANES]);
+        let all: f32 = there().map(|t| pilot[t] * at_usual[t]).sum();
+        let unseen = |rates: &[F; 3]| {
+            let of = |t: usize| F::splat(pilot[t] * at_usual[t] * at_usual[t]) / rates[t];
+            there().map(of).fold(F::ZERO, |sum, x| sum + x) * F::splat(1.0 / all) - F::ONE
+        };
+        Self { usual, unseen: rates.iter().map(unseen).collect(), rates, shares, pilot, caution }
     }
 
     /// The share that is taken without evidence.
@@ -289,12 +287,9 @@ impl<'a> Spreads<'a> {
     /// `cost`; the usual one if there are none. `guides` has one entry a pixel.
     pub fn choose(&self, pixel: usize, width: usize, guides: &[Guide], cost: Cost) -> Share {
         let chunks = self.candidates.rates.len();
-        let (x, y) = (pixel % width, pixel / width);
-        let rows = y.saturating_sub(RADIUS)..=(y + RADIUS).min(self.usual.len() / width - 1);
-        let columns = x.saturating_sub(RADIUS)..=(x + RADIUS).min(width - 1);
         let alike =
             |other: &usize| *other != pixel && self.usual[*other] > 0.0 && guides[pixel].is_like(&guides[*other]);
-        let neighbours = || rows.clone().flat_map(|r| columns.clone().map(move |c| r * width + c)).filter(alike);
+        let neighbours = || around(pixel, width, self.usual.len(), RADIUS).filter(alike);
         let (mut usual, mut usual2, mut count) = (0.0f32, 0.0f32, 0.0f32);
         for other in neighbours() {
             usual += self.usual[other];
@@ -320,7 +315,7 @@ impl<'a> Spreads<'a> {
             let mean = gain * F::splat(1.0 / count);
             let error = (gain2 * F::splat(1.0 / count) - mean * mean).fast_max(F::ZERO);
             let error = (error * F::splat(1.0 / (count - 1.0))).sqrt();
-            let score = mean + F::splat(doubt) * error + F::splat(unseen) * self.candidates.unseen(chunk);
+            let score = mean + F::splat(doubt) * error + F::splat(unseen) * self.candidates.unseen[chunk];
             for (lane, score) in score.to_array().into_iter().enumerate() {
                 let Some(&share) = self.candidates.shares.get(chunk * LANES + lane) else { break };
                 let work = (usual + score) * cost.at(share.light);
@@ -331,6 +326,15 @@ impl<'a> Spreads<'a> {
         }
         best.1
     }
+}
+
+/// The pixels up to `radius` to each side of `pixel`, itself too, row by row, in a tile of `pixels` pixels with rows of
+/// `width`.
+pub fn around(pixel: usize, width: usize, pixels: usize, radius: usize) -> impl Iterator<Item = usize> {
+    let (x, y) = (pixel % width, pixel / width);
+    let rows = y.saturating_sub(radius)..=(y + radius).min(pixels / width - 1);
+    let columns = x.saturating_sub(radius)..=(x + radius).min(width - 1);
+    rows.flat_map(move |row| columns.clone().map(move |column| row * width + column))
 }
 
 #[cfg(test)]

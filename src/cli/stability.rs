@@ -5,14 +5,12 @@ use std::time::Instant;
 
 use clap::Args;
 
-use super::progress::{Reporter, Style};
-use super::render::threads;
 use super::signals::{Signals, no_progress};
+use super::study::{RunArgs, open};
 use super::{Verbosity, Verdict, print, say};
-use crate::film::atomic;
+use crate::Result;
 use crate::render::Progress;
 use crate::study::stability::{self, Report, page, steps};
-use crate::{Error, Result};
 
 /// Take every --balance through the modes in which such methods fail.
 ///
@@ -30,21 +28,14 @@ pub struct StabilityArgs {
     /// A look within half a minute or so: 1000 pictures of each kind.
     #[arg(long, conflicts_with = "replicas")]
     quick: bool,
-    /// Threads [default: BISMAR_THREADS, else SLURM_CPUS_PER_TASK, else all].
-    #[arg(long, value_name = "N", value_parser = threads)]
-    pub threads: Option<usize>,
-    /// How progress is shown.
-    #[arg(long, value_enum, default_value_t = Style::Auto)]
-    progress: Style,
+    #[command(flatten)]
+    pub(super) run: RunArgs,
 }
 
 pub fn run(args: &StabilityArgs, verbosity: Verbosity) -> Result<Verdict> {
-    std::fs::create_dir_all(&args.out)
-        .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", args.out.display())))?;
-    let page = args.out.join("stability.html");
-    atomic::check(&page)?;
+    let page = open(&args.out, "stability.html")?;
     let signals = Signals::listen()?;
-    let reporter = Reporter::new(args.progress, verbosity.quiet);
+    let reporter = args.run.reporter(verbosity);
     let (start, all) = (Instant::now(), steps(true) as f64);
     let mut steps = 0.0;
     let mut done = || {

@@ -2,7 +2,7 @@
 
 mod rays;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Instant;
 
@@ -25,6 +25,33 @@ use crate::{Error, Result};
 pub struct StudyArgs {
     #[command(subcommand)]
     study: Study,
+}
+
+/// What every study takes.
+#[derive(Debug, Args)]
+pub(super) struct RunArgs {
+    /// Threads [default: BISMAR_THREADS, else SLURM_CPUS_PER_TASK, else all].
+    #[arg(long, value_name = "N", value_parser = threads)]
+    pub(super) threads: Option<usize>,
+    /// How progress is shown.
+    #[arg(long, value_enum, default_value_t = Style::Auto)]
+    progress: Style,
+}
+
+impl RunArgs {
+    /// Who tells of progress.
+    pub(super) fn reporter(&self, verbosity: Verbosity) -> Reporter {
+        Reporter::new(self.progress, verbosity.quiet)
+    }
+}
+
+/// Makes a study's folder, and finds out now if its `page` could not be written after hours: the page's path.
+pub(super) fn open(folder: &Path, page: &str) -> Result<PathBuf> {
+    std::fs::create_dir_all(folder)
+        .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", folder.display())))?;
+    let page = folder.join(page);
+    atomic::check(&page)?;
+    Ok(page)
 }
 
 #[derive(Debug, Subcommand)]
@@ -70,12 +97,8 @@ struct BalanceArgs {
     /// hold all the same.
     #[arg(long)]
     quick: bool,
-    /// Threads [default: BISMAR_THREADS, else SLURM_CPUS_PER_TASK, else all].
-    #[arg(long, value_name = "N", value_parser = threads)]
-    threads: Option<usize>,
-    /// How progress is shown.
-    #[arg(long, value_enum, default_value_t = Style::Auto)]
-    progress: Style,
+    #[command(flatten)]
+    run: RunArgs,
 }
 
 #[derive(Debug, Clone)]
@@ -128,8 +151,8 @@ impl BalanceArgs {
 
 pub fn run(args: &StudyArgs, verbosity: Verbosity) -> Result<Verdict> {
     match &args.study {
-        Study::Balance(args) => on_threads(args.threads, || balance(args, verbosity)),
-        Study::Stability(args) => on_threads(args.threads, || stability::run(args, verbosity)),
+        Study::Balance(args) => on_threads(args.run.threads, || balance(args, verbosity)),
+        Study::Stability(args) => on_threads(args.run.threads, || stability::run(args, verbosity)),
         Study::Rays(args) => rays::run(args, verbosity),
     }
 }
@@ -147,12 +170,9 @@ fn on_threads(asked: Option<usize>, work: impl FnOnce() -> Result<Verdict> + Sen
 
 fn balance(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {
     let plan = args.plan();
-    std::fs::create_dir_all(&plan.folder)
-        .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", plan.folder.display())))?;
-    let report = plan.folder.join("report.html");
-    atomic::check(&report)?;
+    let report = open(&plan.folder, "report.html")?;
     let stop = Signals::listen()?.stop;
-    let reporter = Reporter::new(args.progress, verbosity.quiet);
+    let reporter = args.run.reporter(verbosity);
     let start = Instant::now();
     let shown = Estimator::shown(&plan.estimators);
     let mut reports = Vec::new();

@@ -95,18 +95,16 @@ impl Tile {
         set_flush_to_zero();
         let two_techniques = transport.lights.has_extent();
         let before_pass = self.sums.first().map_or(0, |s| s.stats.samples);
-        let caution = if transport.max_depth > 2 { Caution::INDIRECT } else { Caution::DIRECT };
-        let candidates = match transport.lights.two_kinds() {
-            true => Candidates::three(transport.lights.sky_chance, caution),
-            false => Candidates::two(caution),
-        };
-        if balance == Balance::Progressive {
-            self.pixels.iter_mut().for_each(|p| p.sky_share = p.sky_share.or(candidates.usual().sky));
+        // Once, in the first pass: what it chooses holds for all passes.
+        let chooses = balance == Balance::Progressive && two_techniques && before_pass == 0;
+        let candidates = chooses.then(|| candidates(transport));
+        if let Some(candidates) = &candidates {
+            self.pixels.iter_mut().for_each(|p| p.sky_share = candidates.usual().sky);
         }
         let counts = WAVE.with_borrow_mut(|wave| {
             wave.counts = WaveCounts::default();
-            match balance.pilot(before_pass, paths) {
-                Some(pilot) if two_techniques => self.with_pilot(transport, wave, &candidates, [pilot, paths]),
+            match candidates.as_ref().zip(balance.pilot(before_pass, paths)) {
+                Some((candidates, pilot)) => self.with_pilot(transport, wave, candidates, [pilot, paths]),
                 _ if two_techniques && balance.learns_at_once(before_pass) => {
                     self.alone(transport, wave, paths);
                 }
@@ -283,6 +281,15 @@ impl Tile {
     /// How many pixels it has.
     pub fn pixels(&self) -> usize {
         self.pixels.len()
+    }
+}
+
+/// The shares that a pixel may have by what shines and how far light may go.
+fn candidates(transport: &Transport) -> Candidates {
+    let caution = if transport.max_depth > 2 { Caution::INDIRECT } else { Caution::DIRECT };
+    match transport.lights.two_kinds() {
+        true => Candidates::three(transport.lights.sky_chance, caution),
+        false => Candidates::two(caution),
     }
 }
 

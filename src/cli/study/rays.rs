@@ -7,11 +7,9 @@ use std::time::Instant;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 
-use crate::cli::progress::{Reporter, Style};
-use crate::cli::render::threads;
+use super::{RunArgs, open};
 use crate::cli::signals::Signals;
 use crate::cli::{Verbosity, Verdict, host, print, say};
-use crate::film::atomic;
 use crate::render::Progress;
 use crate::study::rays::contender::ISAS;
 use crate::study::rays::measure::CONTROL;
@@ -65,12 +63,8 @@ pub(super) struct RaysArgs {
     /// A look within a minute or so a scene: fewer rays, rounds and contenders. Other flags hold all the same.
     #[arg(long)]
     quick: bool,
-    /// Threads [default: BISMAR_THREADS, else SLURM_CPUS_PER_TASK, else all].
-    #[arg(long, value_name = "N", value_parser = threads)]
-    threads: Option<usize>,
-    /// How progress is shown.
-    #[arg(long, value_enum, default_value_t = Style::Auto)]
-    progress: Style,
+    #[command(flatten)]
+    run: RunArgs,
 }
 
 #[derive(Debug, Clone)]
@@ -117,14 +111,11 @@ impl RaysArgs {
 pub(super) fn run(args: &RaysArgs, verbosity: Verbosity) -> Result<Verdict> {
     let plan = args.plan()?;
     let others = args.merge_report.iter().map(|path| Results::read(path)).collect::<Result<Vec<_>>>()?;
-    std::fs::create_dir_all(&plan.folder)
-        .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", plan.folder.display())))?;
-    let report = plan.folder.join("report.html");
-    atomic::check(&report)?;
-    let (threads, _) = host::threads(args.threads)?;
+    let report = open(&plan.folder, "report.html")?;
+    let (threads, _) = host::threads(args.run.threads)?;
     let bench = Bench::new(threads)?;
     let stop = Signals::listen()?.stop;
-    let reporter = Reporter::new(args.progress, verbosity.quiet);
+    let reporter = args.run.reporter(verbosity);
     let start = Instant::now();
     let mut host = bench.host(plan.machine.as_deref());
     if let Some(isa) = plan.isa {
