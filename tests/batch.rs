@@ -1,16 +1,15 @@
 //! A batch does all that can be done, says what cannot, and does nothing twice.
 
-mod glb;
-mod program;
-
 use std::fmt::Write;
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::Stdio;
 
-use program::{assert_same_bits, bismar, expect, names, scene, signal, stderr};
 use serde_json::Value;
+
+use crate::helpers::glb;
+use crate::helpers::program::{assert_same_bits, bismar, expect, names, scene, signal, stderr};
 
 fn report(folder: &Path) -> Value {
     serde_json::from_slice(&fs::read(folder.join("jobs-report.json")).unwrap()).unwrap()

@@ -1,14 +1,12 @@
 //! The same bits, whatever the threads, the window or the number of samples asked for in the end.
 
-mod stage;
-mod statistics;
-
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use bismar::film::Film;
 use bismar::rays::Backend;
 use bismar::render::{Balance, RenderSettings, StopReason, render};
-use stage::{Stage, hall};
+
+use crate::helpers::stage::{Stage, hall};
 
 fn settings() -> RenderSettings {
     RenderSettings { width: 50, height: 37, spp: Some(40), aovs: true, ..Default::default() }

@@ -1,13 +1,13 @@
 //! The BSDF's promises: samples follow the pdf, values are reciprocal, white surfaces lose nothing.
 
-mod statistics;
-
 use std::f32::consts::FRAC_1_PI;
 
 use bismar::bsdf::{Lobes, MetallicRoughness, Surface};
 use bismar::lanes::{F, V3};
 use glam::Vec3;
-use statistics::{Mean, Random, chi_square_directions, direction, z_limit};
+
+use crate::helpers::random::Random;
+use crate::helpers::statistics::{Mean, chi_square_directions, direction, z_limit};
 
 /// f cos θ_i and pdf in the local frame, where the normal is +z.
 fn eval_pdf(bsdf: &MetallicRoughness, wo: Vec3, wi: Vec3) -> (Vec3, f32) {

@@ -1,8 +1,5 @@
 //! The program as scripts and people call it: exit codes, messages, files.
 
-mod glb;
-mod program;
-
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
@@ -10,6 +7,9 @@ use std::process::{Command, Output, Stdio};
 
 use serde_json::Value;
 use tempfile::TempDir;
+
+use crate::helpers::glb;
+use crate::helpers::program::{self, names, stderr};
 
 /// A folder with a scene in it: one triangle, two cameras `a` and `b`, no light.
 fn folder() -> TempDir {
@@ -19,17 +19,13 @@ fn folder() -> TempDir {
 }
 
 fn bismar(folder: &Path) -> Command {
-    let mut command = Command::new(assert_cmd::cargo::cargo_bin!("bismar"));
-    command.current_dir(folder).env_remove("BISMAR_THREADS").env_remove("SLURM_CPUS_PER_TASK");
+    let mut command = program::bismar(folder);
+    command.env_remove("BISMAR_THREADS");
     command
 }
 
 fn run(folder: &Path, line: &str) -> Output {
     bismar(folder).args(line.split_whitespace()).output().unwrap()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 /// Runs, expects an exit code, and returns stderr.
@@ -39,13 +35,6 @@ fn expect(folder: &Path, line: &str, code: i32) -> String {
     let text = stderr(&output);
     assert_eq!(output.status.code(), Some(code), "bismar {line}\n{text}");
     text
-}
-
-fn names(folder: &Path) -> Vec<String> {
-    let mut names: Vec<_> =
-        fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
-    names.sort();
-    names
 }
 
 fn json(bytes: &[u8]) -> Value {

@@ -1,9 +1,6 @@
 //! Rendered radiance against closed forms: every balance, both backends. Replicas differ by seed; the z-tests' limit
 //! keeps the false-alarm rate of the whole file's family at `statistics::FALSE_ALARM` a test.
 
-mod stage;
-mod statistics;
-
 use std::f64::consts::PI;
 use std::sync::Arc;
 
@@ -11,8 +8,9 @@ use bismar::rays::Backend;
 use bismar::render::{Balance, Integrator, PixelFilter, RenderSettings};
 use bismar::scene::{Environment, PunctualKind, PunctualLight, Scene};
 use glam::{DVec3, Vec3};
-use stage::{Stage, add, lambert, lamp, look, metal, rectangle, sphere};
-use statistics::z_limit;
+
+use crate::helpers::stage::{Stage, add, lambert, lamp, look, metal, rectangle, sphere};
+use crate::helpers::statistics::z_limit;
 
 const BALANCES: [Balance; 5] =
     [Balance::Progressive, Balance::SecondOrder, Balance::Half, Balance::Power, Balance::Max];

@@ -1,8 +1,6 @@
 //! The program renders every scene file of the shared test data, or refuses it with a reason, as the manifest says:
 //! in proportion to the file's size, never by a panic, never with half an output.
 
-mod shared;
-
 use std::fs::{self, File};
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
@@ -11,6 +9,8 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
+
+use crate::helpers::shared;
 
 /// Scenes that are sound but cannot be shown without an extension that the renderer does not have.
 const REFUSED: [(&str, &str); 3] = [

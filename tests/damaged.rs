@@ -1,28 +1,15 @@
 //! Files cut short and with bits turned over, as disks and networks leave them: the program says what is wrong with
 //! them, or takes them for what they now are. It never panics, crashes or ends without a reason.
 
-mod program;
-mod shared;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
-use program::{bismar, expect, scene, stderr};
-
-/// SplitMix64 (Steele, Lea and Flood 2014): damage that is the same in every run.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, n: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) % n.max(1) as u64) as usize
-    }
-}
+use crate::helpers::program::{bismar, expect, scene, stderr};
+use crate::helpers::random::Random;
+use crate::helpers::shared;
 
 /// Where headers and most of the text are.
 const FRONT: usize = 4096;

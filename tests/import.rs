@@ -1,9 +1,7 @@
 //! Every scene file of the shared test data loads or is refused as its manifest says: in time, never by a panic.
 
-mod gltf_parts;
-mod shared;
-
-use gltf_parts::{LONGEST, attempt, check_scene};
+use crate::helpers::gltf_parts::{LONGEST, attempt, check_scene};
+use crate::helpers::shared;
 
 #[test]
 fn every_shared_file_loads_or_is_refused_as_its_manifest_says() {

@@ -1,11 +1,10 @@
 //! What a scene holds once imported: geometry, placement, cameras, lights, materials, and the report about the rest.
 
-mod gltf_parts;
-
 use bismar::scene::import::{ImportOptions, NoteKind, environment, import};
 use bismar::scene::{AlphaMode, Projection, PunctualKind, Scene};
 use glam::{Vec2, Vec3};
-use gltf_parts::{Parts, TRIANGLE, floats, scene_file};
+
+use crate::helpers::gltf_parts::{Parts, TRIANGLE, floats, scene_file};
 
 fn scene(parts: Parts) -> Scene {
     parts.import().unwrap().scene

@@ -1,12 +1,11 @@
 //! Files made to break an importer: an error that says where, in time, never a panic.
 
-mod gltf_parts;
-
 use std::path::Path;
 
 use bismar::Error;
 use bismar::scene::import::Imported;
-use gltf_parts::{LONGEST, Parts, TRIANGLE, attempt, check_scene, floats, scene_file};
+
+use crate::helpers::gltf_parts::{LONGEST, Parts, TRIANGLE, attempt, check_scene, floats, scene_file};
 
 /// Imports a document; a panic or a long wait fails the test.
 fn import_json(document: &str) -> Result<Imported, Error> {

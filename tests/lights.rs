@@ -1,12 +1,12 @@
 //! The lights' promises: samples follow the pdf, radiance along a sample is the light's own.
 
-mod statistics;
-
 use bismar::lanes::{F, V3};
 use bismar::light::{AreaLights, EnvironmentSampler, LightSamples};
 use bismar::scene::{Environment, Instance, Material, Mesh, Object, Positions, Scene};
 use glam::{Affine3A, Vec3};
-use statistics::{Mean, Random, chi_square_directions, direction, z_limit};
+
+use crate::helpers::random::Random;
+use crate::helpers::statistics::{Mean, chi_square_directions, direction, z_limit};
 
 struct Sample {
     wi: Vec3,

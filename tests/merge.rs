@@ -1,13 +1,12 @@
 //! Parts become the whole to the bit, and seeds the mean that all their paths would have given.
 
-mod program;
-
 use std::fs;
 use std::path::Path;
 
 use bismar::film::exr_file;
 use bismar::render::saved::unpack;
-use program::{assert_same_bits, bits, expect, names, scene};
+
+use crate::helpers::program::{self, assert_same_bits, bits, expect, names, scene};
 
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();

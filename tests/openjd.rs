@@ -1,15 +1,13 @@
 //! Templates in the Open Job Description format, checked and run by its own command line tool.
 
-mod farm;
-mod program;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use farm::{absent, folder, status, succeeds};
-use program::{assert_same_bits, bismar, expect};
 use serde_json::json;
+
+use crate::helpers::farm::{absent, folder, status, succeeds};
+use crate::helpers::program::{self, assert_same_bits, bismar, expect};
 
 /// The tool: on the path, or where `scripts/setup.sh --farm` puts it.
 fn tool() -> Option<PathBuf> {

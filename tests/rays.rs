@@ -1,10 +1,5 @@
 //! Promises of both ray query backends.
 
-#[path = "rays/reference.rs"]
-mod reference;
-#[path = "rays/scenes.rs"]
-mod scenes;
-
 use std::f32::consts::FRAC_PI_3;
 use std::hint::black_box;
 use std::sync::{Arc, Mutex};
@@ -16,8 +11,11 @@ use bismar::rays::{self, Backend, HitBatch, MISS, RayBatch, RayOrder, RayQueries
 use bismar::scene::{Instance, Object, Scene};
 use glam::{Affine3A, Quat, Vec3, vec3};
 
+mod reference;
 use reference::Reference;
-use scenes::{Random, bounce, box_room, camera_rays, mesh, pieces, scene};
+
+use crate::helpers::random::Random;
+use crate::helpers::ray_scenes::{bounce, box_room, camera_rays, mesh, pieces, scene};
 
 /// Embree on this CPU, with 8-wide and with emulated packets; obvhs.
 fn backends(scene: &Arc<Scene>) -> Vec<Box<dyn RayQueries>> {
@@ -81,7 +79,7 @@ fn soup(count: u32, seed: u64) -> bismar::scene::Mesh {
     let mut random = Random(seed);
     let mut vertices = Vec::new();
     for _ in 0..count {
-        let (centre, size) = (random.point(), random.unit() * 0.5);
+        let (centre, size) = (random.point(), random.f32() * 0.5);
         vertices.extend([(); 3].map(|()| (centre + random.point() * size).to_array()));
     }
     mesh(vertices, (0..count).map(|at| [3 * at, 3 * at + 1, 3 * at + 2]).collect())
@@ -114,8 +112,8 @@ fn rays_at_soup(len: usize, seed: u64) -> RayBatch {
         }
         let (tnear, tfar) = match at % 3 {
             0 => (0.0, f32::INFINITY),
-            1 => (random.unit() * 3.0, f32::INFINITY),
-            _ => (random.unit(), 1.0 + random.unit() * 3.0),
+            1 => (random.f32() * 3.0, f32::INFINITY),
+            _ => (random.f32(), 1.0 + random.f32() * 3.0),
         };
         batch.push(origin, direction, tnear, tfar, random.bits());
     }

@@ -1,15 +1,13 @@
 //! Surfaces with alpha: both backends let the same rays through.
 
-#[path = "rays/scenes.rs"]
-mod scenes;
-
 use std::sync::Arc;
 
 use bismar::rays::{self, Backend, HitBatch, MISS, RayBatch, RayOrder};
 use bismar::scene::{AlphaMode, Instance, Material, Object, Scene};
 use glam::{Affine3A, Vec4, vec3};
 
-use scenes::{Random, mesh};
+use crate::helpers::random::Random;
+use crate::helpers::ray_scenes::mesh;
 
 const RAYS: usize = 100_000;
 

@@ -1,9 +1,5 @@
 //! Interrupted, killed and finished renders go on, and nobody can tell from the picture.
 
-mod program;
-mod stage;
-mod statistics;
-
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
@@ -18,8 +14,9 @@ use bismar::render::saved::{fits, pack, unpack};
 use bismar::render::{
     Balance, Checkpoint, Part, RenderSettings, RenderStats, Rendered, Run, Saved, StopReason, fresh_tiles, render, run,
 };
-use program::{assert_same_bits, bismar, bits, expect, names, paths, scene};
-use stage::{Stage, hall};
+
+use crate::helpers::program::{self, assert_same_bits, bismar, bits, expect, names, paths, scene};
+use crate::helpers::stage::{Stage, hall};
 
 fn all_bits(rendered: &Rendered) -> Vec<u8> {
     pack(&rendered.tiles).unwrap()

@@ -1,7 +1,5 @@
 //! Draws in one dimension, of a few outcomes and of warped squares follow their densities: chi-square tests.
 
-mod statistics;
-
 use std::f64::consts::PI;
 
 use bismar::lanes::F;
@@ -9,7 +7,9 @@ use bismar::light::punctual;
 use bismar::sampling::{Discrete, FilterSampler, PixelFilter, warp};
 use bismar::scene::{PunctualKind, PunctualLight};
 use glam::{Vec3, vec3};
-use statistics::{Random, chi_square, chi_square_directions};
+
+use crate::helpers::random::Random;
+use crate::helpers::statistics::{chi_square, chi_square_directions};
 
 /// Tests in this file, for the level of each.
 const TESTS: usize = 17;

@@ -1,8 +1,5 @@
 //! A real Slurm of two nodes on this machine: whatever happens to tasks, the picture is that of a single machine.
 
-mod farm;
-mod program;
-
 use std::fs;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
@@ -10,8 +7,8 @@ use std::process::Command;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use farm::{absent, folder, status, succeeds};
-use program::{assert_same_bits, bismar, expect, paths};
+use crate::helpers::farm::{absent, folder, status, succeeds};
+use crate::helpers::program::{self, assert_same_bits, bismar, expect, paths};
 
 /// Longer than anything here takes on a busy machine; reached only when something hangs.
 const PATIENCE: Duration = Duration::from_secs(240);

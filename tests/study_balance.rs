@@ -1,9 +1,5 @@
 //! `bismar study balance` from end to end on a small scene, and the two hooks that it renders through.
 
-mod glb;
-mod stage;
-mod statistics;
-
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
@@ -14,8 +10,10 @@ use bismar::render::{Balance, Integrator, RenderSettings};
 use bismar::scene::{Environment, Scene};
 use glam::Vec3;
 use serde_json::Value;
-use stage::{Stage, lamp, look, metal, rectangle};
-use statistics::z_limit;
+
+use crate::helpers::glb;
+use crate::helpers::stage::{Stage, lamp, look, metal, rectangle};
+use crate::helpers::statistics::z_limit;
 
 fn study(folder: &Path, more: &str) -> Output {
     let line = "study balance scene.glb --out out --size 24x16 --spp 4,16 --replicas 8 --reference-spp 256 \

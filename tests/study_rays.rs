@@ -1,8 +1,5 @@
 //! `bismar study rays` from end to end on small scenes, and the judge of its differences.
 
-#[path = "rays/scenes.rs"]
-mod scenes;
-
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
@@ -15,8 +12,10 @@ use bismar::study::rays::agree::{Answers, Class, Judge};
 use bismar::study::rays::exact::Hit;
 use bismar::study::rays::stream::{Kind, Query, Stream};
 use glam::{Affine3A, Quat, Vec3, vec3};
-use scenes::{Random, box_room, mesh, scene};
 use serde_json::Value;
+
+use crate::helpers::random::Random;
+use crate::helpers::ray_scenes::{box_room, mesh, scene};
 
 fn study(folder: &Path, line: &str) -> Output {
     let mut command = Command::new(assert_cmd::cargo::cargo_bin!("bismar"));

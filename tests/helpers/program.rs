@@ -1,7 +1,5 @@
 //! The program under test, and its pictures to the bit.
 
-#![allow(dead_code, reason = "every test file uses another part of it")]
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output};

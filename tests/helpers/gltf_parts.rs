@@ -1,8 +1,5 @@
 //! Small glTF files for tests, and what must hold for all of them.
 
-// Each test program uses a part of this.
-#![allow(dead_code)]
-
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};

@@ -1,5 +1,4 @@
 //! The statistics that correctness is judged by: z-tests and chi-square tests with a stated false-alarm rate.
-#![allow(dead_code, reason = "each test program uses its own part")]
 
 use std::f64::consts::PI;
 
@@ -8,24 +7,6 @@ use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 
 /// Chance that a whole family of tests raises an alarm though all is well.
 pub const FALSE_ALARM: f64 = 1e-4;
-
-/// Independent random numbers (SplitMix64): a low-discrepancy sequence is too even for tests that assume chance.
-pub struct Random(pub u64);
-
-impl Random {
-    /// Uniform in [0, 1), on the grid of 24 bits.
-    pub fn f32(&mut self) -> f32 {
-        (self.next() >> 40) as f32 / (1u64 << 24) as f32
-    }
-
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-}
 
 /// The level of one of `tests` tests so that all together have [`FALSE_ALARM`] (Šidák).
 pub fn level(tests: usize) -> f64 {

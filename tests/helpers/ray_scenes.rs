@@ -1,41 +1,10 @@
 //! Scenes and ray streams that the ray tests share.
-#![allow(dead_code)]
-
-use std::f32::consts::PI;
 
 use bismar::rays::{HitBatch, RayBatch};
 use bismar::scene::{Instance, Material, Mesh, Object, Positions, Scene};
 use glam::{Affine3A, Vec3, vec3};
 
-/// SplitMix64: enough for test rays.
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn bits(&mut self) -> u32 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 32) as u32
-    }
-
-    /// In [0, 1).
-    pub fn unit(&mut self) -> f32 {
-        (self.bits() >> 8) as f32 / (1 << 24) as f32
-    }
-
-    /// In [-1, 1)³.
-    pub fn point(&mut self) -> Vec3 {
-        vec3(self.unit(), self.unit(), self.unit()) * 2.0 - 1.0
-    }
-
-    /// Uniform on the sphere.
-    pub fn direction(&mut self) -> Vec3 {
-        let (z, phi) = (self.unit() * 2.0 - 1.0, self.unit() * 2.0 * PI);
-        let r = (1.0 - z * z).max(0.0).sqrt();
-        vec3(r * phi.cos(), r * phi.sin(), z)
-    }
-}
+use super::random::Random;
 
 pub fn mesh(vertices: Vec<[f32; 3]>, indices: Vec<[u32; 3]>) -> Mesh {
     Mesh { name: "mesh".into(), positions: Positions::new(vertices), indices, ..Mesh::default() }
@@ -54,7 +23,8 @@ pub fn scene(meshes: Vec<Mesh>, placements: &[(u32, Option<Affine3A>)]) -> Scene
     }
 }
 
-fn quad(vertices: &mut Vec<[f32; 3]>, indices: &mut Vec<[u32; 3]>, corners: [Vec3; 4]) {
+/// Adds two triangles.
+pub fn quad(vertices: &mut Vec<[f32; 3]>, indices: &mut Vec<[u32; 3]>, corners: [Vec3; 4]) {
     let base = vertices.len() as u32;
     vertices.extend(corners.map(|corner| corner.to_array()));
     indices.extend([[base, base + 1, base + 2], [base, base + 2, base + 3]]);
@@ -90,41 +60,14 @@ pub fn box_room() -> Scene {
     scene(vec![mesh(vertices, indices)], &[(0, None)])
 }
 
-/// A bumpy sphere of 490,000 triangles over a ground plane, in [-1, 1]³.
-pub fn blob() -> Scene {
-    let (columns, rows) = (700_u32, 350_u32);
-    let mut vertices = Vec::new();
-    for row in 0..=rows {
-        for column in 0..columns {
-            let theta = PI * row as f32 / rows as f32;
-            let phi = 2.0 * PI * column as f32 / columns as f32;
-            let radius =
-                0.7 + 0.05 * (9.0 * theta).sin() * (11.0 * phi).cos() + 0.01 * (61.0 * theta + 40.0 * phi).sin();
-            vertices.push((radius * vec3(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin())).to_array());
-        }
-    }
-    let mut indices = Vec::new();
-    for row in 0..rows {
-        for column in 0..columns {
-            let next = (column + 1) % columns;
-            let at = |row: u32, column: u32| row * columns + column;
-            indices.push([at(row, column), at(row + 1, column), at(row + 1, next)]);
-            indices.push([at(row, column), at(row + 1, next), at(row, next)]);
-        }
-    }
-    let ground = [(-3.0, -3.0), (-3.0, 3.0), (3.0, 3.0), (3.0, -3.0)].map(|(x, z)| vec3(x, -0.8, z));
-    quad(&mut vertices, &mut indices, ground);
-    scene(vec![mesh(vertices, indices)], &[(0, None)])
-}
-
 /// Camera rays from +z in 8x8 blocks, `size`² of them.
 pub fn camera_rays(size: u32) -> RayBatch {
     let mut rays = RayBatch::default();
     let mut random = Random(1);
     for block in 0..(size / 8).pow(2) {
         for pixel in 0..64 {
-            let x = (block % (size / 8) * 8 + pixel % 8) as f32 + random.unit();
-            let y = (block / (size / 8) * 8 + pixel / 8) as f32 + random.unit();
+            let x = (block % (size / 8) * 8 + pixel % 8) as f32 + random.f32();
+            let y = (block / (size / 8) * 8 + pixel / 8) as f32 + random.f32();
             let direction = vec3(x / size as f32 - 0.5, y / size as f32 - 0.5, -1.2).normalize();
             rays.push(vec3(0.0, 0.2, 3.2), direction, 0.0, f32::INFINITY, random.bits());
         }
@@ -150,19 +93,6 @@ pub fn bounce(scene: &Scene, rays: &RayBatch, hits: &HitBatch) -> RayBatch {
         bounced.push(place + normal * 1e-4, outward, 0.0, f32::INFINITY, random.bits());
     }
     bounced
-}
-
-/// Rays from the origins of `rays` to the lamp.
-pub fn shadow_rays(rays: &RayBatch) -> RayBatch {
-    let mut random = Random(3);
-    let mut shadows = RayBatch::default();
-    for at in 0..rays.len() {
-        let origin: Vec3 = std::array::from_fn(|axis| rays.origin[axis][at]).into();
-        let lamp = vec3(random.unit() * 0.5 - 0.25, 0.98, random.unit() * 0.5 - 0.25);
-        let distance = (lamp - origin).length();
-        shadows.push(origin, (lamp - origin) / distance, 0.0, distance * 0.999, random.bits());
-    }
-    shadows
 }
 
 /// The batch in pieces of `len` rays.

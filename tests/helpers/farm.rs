@@ -1,7 +1,5 @@
 //! What tests of farms share.
 
-#![allow(dead_code, reason = "every test file uses another part of it")]
-
 use std::path::Path;
 use std::process::Command;
 

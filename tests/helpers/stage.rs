@@ -1,6 +1,4 @@
 //! Small scenes in code, and many renders of them.
-#![allow(dead_code, reason = "each test program uses its own part")]
-
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -9,7 +7,7 @@ use bismar::render::{RenderSettings, render};
 use bismar::scene::{Camera, Environment, Instance, Material, Mesh, Object, Positions, Projection, Scene};
 use glam::{Affine3A, Mat3, Vec3};
 
-use crate::statistics::Mean;
+use super::statistics::Mean;
 
 /// Lambert of one albedo: the specular layer off.
 pub fn lambert(albedo: f32) -> Material {

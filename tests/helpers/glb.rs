@@ -1,6 +1,4 @@
 //! Binary glTF files, built here.
-#![allow(dead_code)]
-
 use serde_json::json;
 
 /// One triangle that fills the middle of the view of two cameras, `a` and `b`; no light.

@@ -1,0 +1,31 @@
+//! All tests of the library and the program from outside, in one binary: it links once. `cargo test NAME` runs those
+//! whose path holds NAME, as in `cargo test resume::`.
+
+mod helpers;
+
+// Tests begin in the order of their names: the longest, which mostly waits, before all others.
+#[path = "slurm.rs"]
+mod a_slurm_of_two_nodes;
+
+mod batch;
+mod bits;
+mod bsdf;
+mod cli;
+mod closed_forms;
+mod corpus;
+mod damaged;
+mod import;
+mod import_content;
+mod import_hostile;
+mod imports_point_one_way;
+mod lights;
+mod merge;
+mod openjd;
+mod rays;
+mod rays_alpha;
+mod resume;
+mod sampling;
+mod scenes;
+mod stability;
+mod study_balance;
+mod study_rays;
