@@ -1,7 +1,7 @@
 //! What a scene holds once imported: geometry, placement, cameras, lights, materials, and the report about the rest.
 
 use bismar::scene::import::{ImportOptions, NoteKind, environment, import};
-use bismar::scene::{AlphaMode, Projection, PunctualKind, Scene};
+use bismar::scene::{AlphaMode, Projection, PunctualKind, Scene, TextureSlot};
 use glam::{Vec2, Vec3};
 
 use crate::helpers::gltf_parts::{Parts, TRIANGLE, floats, scene_file};
@@ -357,7 +357,7 @@ fn texture_transforms_turn_as_khronos_test_model_shows() {
     }
     let scene = import(&folder.join("TextureTransformTest.gltf"), &ImportOptions::default()).unwrap().scene;
     let rotation = scene.materials.iter().find(|m| m.name == "Rotation").unwrap();
-    let transform = rotation.base_color_texture.as_ref().unwrap().transform.unwrap();
+    let transform = rotation.textures[TextureSlot::BaseColor].as_ref().unwrap().transform.unwrap();
     // The model marks where the arrow's tip must show, where it shows when the extension is not there, and where with
     // the wrong sign: at these node translations, on a quad with u = x + 0.5, v = 0.5 − y.
     let uv = |x: f32, y: f32| Vec2::new(x + 0.5, 0.5 - y);

@@ -1,8 +1,10 @@
 //! Files made to break an importer: an error that says where, in time, never a panic.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use bismar::Error;
+use bismar::rays::{self, Backend};
 use bismar::scene::import::Imported;
 
 use crate::helpers::gltf_parts::{LONGEST, Parts, TRIANGLE, attempt, check_scene, floats, scene_file};
@@ -183,8 +185,16 @@ fn wrong_values_are_refused_with_their_place() {
 fn positions_beyond_what_can_be_traced_are_refused() {
     let one = r#"{"mesh":0,"scale":[1e10,1e10,1e10]}"#;
     for nodes in [format!("[{one}]"), format!(r#"[{{"children":[1,2]}},{one},{one}]"#)] {
-        let positions = floats(&TRIANGLE.map(|x| x * 1e10));
-        refused(Parts { positions, nodes, ..Default::default() }.import(), &["nodes[", "scale"]);
+        let import = |far: f32| {
+            let positions = floats(&TRIANGLE.map(|x| x * far));
+            Parts { positions, nodes: nodes.clone(), ..Default::default() }.import()
+        };
+        // The rule of the ray queries: 1e18 m.
+        for far in [1e10, 1.5e8] {
+            refused(import(far), &["nodes[", "scale"]);
+        }
+        let scene = import(0.9e8).unwrap().scene;
+        rays::build(Backend::Obvhs, Arc::new(scene)).unwrap();
     }
 }
 

@@ -5,7 +5,7 @@ use glam::{Mat3, Vec2, Vec3, Vec4};
 use crate::bsdf::Surface;
 use crate::lanes::{F, LANES, V3, eight};
 use crate::sampling::warp;
-use crate::scene::{Material, Mesh, Scene, TextureRef};
+use crate::scene::{Material, Mesh, SHUTTER, Scene, TextureRef, TextureSlot};
 
 /// How far ray origins stand off their surface, as a share of the largest coordinate involved: some sixteen roundings.
 const STAND_OFF: f32 = 16.0 * f32::EPSILON;
@@ -70,7 +70,7 @@ impl Geometry {
             .instances
             .iter()
             .map(|instance| {
-                instance.transform.map(|t| {
+                instance.transform(SHUTTER).map(|t| {
                     let linear = Mat3::from(t.matrix3);
                     let normal = linear.inverse().transpose() * linear.determinant().signum();
                     Placed { linear, translation: t.translation.into(), normal }
@@ -177,7 +177,7 @@ impl Geometry {
             }
             ns = if n.length_squared() > 0.0 { n } else { ng };
         }
-        if let (Some(map), Some(tangents)) = (&material.normal_texture, &mesh.tangents) {
+        if let (Some(map), Some(tangents)) = (&material.textures[TextureSlot::Normal], &mesh.tangents) {
             let [a, b, c] = index.map(|i| Vec4::from_array(tangents[i]));
             ns = ns.normalize_or_zero();
             let mut tangent = (a + (b - a) * u + (c - a) * v).truncate();
@@ -202,7 +202,7 @@ impl Point<'_> {
     #[inline]
     pub fn base_color(&self, scene: &Scene) -> Vec3 {
         let color = (self.material.base_color * self.color).truncate();
-        match &self.material.base_color_texture {
+        match &self.material.textures[TextureSlot::BaseColor] {
             Some(t) => color * self.texture(scene, t).truncate(),
             None => color,
         }
@@ -213,17 +213,17 @@ impl Point<'_> {
     pub fn parameters(&self, scene: &Scene) -> Surface {
         let m = self.material;
         let (mut metallic, mut roughness) = (m.metallic, m.roughness);
-        if let Some(t) = &m.metallic_roughness_texture {
+        if let Some(t) = &m.textures[TextureSlot::MetallicRoughness] {
             let texel = self.texture(scene, t);
             roughness *= texel.y;
             metallic *= texel.z;
         }
         let mut specular = m.specular;
-        if let Some(t) = &m.specular_texture {
+        if let Some(t) = &m.textures[TextureSlot::Specular] {
             specular *= self.texture(scene, t).w;
         }
         let mut specular_color = m.specular_color;
-        if let Some(t) = &m.specular_color_texture {
+        if let Some(t) = &m.textures[TextureSlot::SpecularColor] {
             specular_color *= self.texture(scene, t).truncate();
         }
         Surface { base_color: self.base_color(scene), metallic, roughness, specular, specular_color, ior: m.ior }

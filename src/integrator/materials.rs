@@ -1,7 +1,7 @@
 //! Materials, as far as they are the same everywhere.
 
 use crate::bsdf::{MetallicRoughness, Surface};
-use crate::scene::{Material, Mesh, Scene};
+use crate::scene::{Material, Mesh, Scene, TextureSlot};
 
 /// How much of shading a mesh needs.
 #[derive(Debug, Clone, Copy)]
@@ -50,11 +50,11 @@ impl Materials {
 fn kind(scene: &Scene, mesh: &Mesh, constant: &[MetallicRoughness]) -> Kind {
     let m = &scene.materials[mesh.material as usize];
     let plain = mesh.colors.is_none()
-        && m.base_color_texture.is_none()
-        && m.metallic_roughness_texture.is_none()
-        && m.specular_texture.is_none()
-        && m.specular_color_texture.is_none()
-        && (m.normal_texture.is_none() || mesh.tangents.is_none());
+        && TextureSlot::ALL.iter().all(|&slot| match slot {
+            TextureSlot::Emissive => true,
+            TextureSlot::Normal => m.textures[slot].is_none() || mesh.tangents.is_none(),
+            _ => m.textures[slot].is_none(),
+        });
     let black = plain && constant[mesh.material as usize].is_black();
     Kind { material: mesh.material, plain, black, shines: m.unlit || m.is_emissive() }
 }

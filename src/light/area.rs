@@ -9,7 +9,7 @@ use super::tree::{Emitter, LightTree};
 use crate::color::luminance;
 use crate::lanes::{F, LANES, V3, eight};
 use crate::sampling::warp;
-use crate::scene::{Material, Mesh, Scene};
+use crate::scene::{Material, Mesh, SHUTTER, Scene, TextureSlot};
 
 /// One emissive triangle, or two that make a parallelogram, in world space, as numbers that can be loaded into lanes.
 #[derive(Debug, Clone, Copy)]
@@ -50,14 +50,15 @@ impl AreaLights {
                     continue;
                 }
                 first.push(((instance_index as u32, mesh_index), lamp_of.len() as u32));
-                let mirrored = instance.transform.is_some_and(|t| t.matrix3.determinant() < 0.0);
+                let to_world = instance.transform(SHUTTER);
+                let mirrored = to_world.is_some_and(|t| t.matrix3.determinant() < 0.0);
                 let corners = |prim: usize| {
                     mesh.indices[prim].map(|i| {
                         let p = Vec3::from_array(mesh.positions[i as usize]);
-                        instance.transform.map_or(p, |t| t.transform_point3(p))
+                        to_world.map_or(p, |t| t.transform_point3(p))
                     })
                 };
-                let textured = material.emissive_texture.is_some();
+                let textured = material.textures[TextureSlot::Emissive].is_some();
                 let mut prim = 0;
                 while prim < mesh.indices.len() {
                     let [mut v, s, t] = corners(prim);
@@ -176,7 +177,7 @@ fn parallelogram(a: [Vec3; 3], b: [Vec3; 3]) -> Option<[Vec3; 4]> {
 #[inline]
 pub fn emission(scene: &Scene, mesh: &Mesh, prim: u32, u: f32, v: f32) -> Vec3 {
     let material = &scene.materials[mesh.material as usize];
-    let Some(texture) = &material.emissive_texture else { return material.emissive };
+    let Some(texture) = &material.textures[TextureSlot::Emissive] else { return material.emissive };
     let Some(texcoords) = &mesh.texcoords[usize::from(texture.set.min(1))] else { return material.emissive };
     let [a, b, c] = mesh.indices[prim as usize].map(|i| Vec2::from_array(texcoords[i as usize]));
     material.emissive * scene.sample_texture(texture, a + (b - a) * u + (c - a) * v).truncate()
@@ -184,7 +185,7 @@ pub fn emission(scene: &Scene, mesh: &Mesh, prim: u32, u: f32, v: f32) -> Vec3 {
 
 /// Emission averaged over a triangle, by the texture at 16 points of it: good enough to choose by.
 fn mean_emission(scene: &Scene, material: &Material, mesh: &Mesh, index: [u32; 3]) -> Vec3 {
-    let Some(texture) = &material.emissive_texture else { return material.emissive };
+    let Some(texture) = &material.textures[TextureSlot::Emissive] else { return material.emissive };
     let Some(texcoords) = &mesh.texcoords[usize::from(texture.set.min(1))] else { return material.emissive };
     let [a, b, c] = index.map(|i| Vec2::from_array(texcoords[i as usize]));
     let mut sum = Vec3::ZERO;

@@ -1,10 +1,7 @@
 //! What a ray query backend takes for granted of a scene, checked once before the build.
 
-use crate::scene::Scene;
+use crate::scene::{FARTHEST, SHUTTER, Scene};
 use crate::{Error, Result};
-
-/// Largest coordinate, in metres, that both backends take: Embree leaves triangles beyond 1.8e18 out silently.
-const FARTHEST: f32 = 1e18;
 
 /// Refuses what would make a backend read out of bounds or lose triangles: indices beyond the vertices, coordinates
 /// that are not numbers or beyond [`FARTHEST`], transforms that cannot be inverted, ranges beyond their table.
@@ -45,7 +42,7 @@ pub(super) fn check(scene: &Scene) -> Result<()> {
                 scene.objects.len()
             )));
         }
-        if let Some(transform) = instance.transform
+        if let Some(transform) = instance.transform(SHUTTER)
             && !(transform.is_finite() && transform.inverse().is_finite())
         {
             return Err(Error::Data(format!(

@@ -14,7 +14,7 @@ use obvhs::triangle::Triangle;
 
 use super::{BackendInfo, HitBatch, MISS, RayBatch, RayOrder, RayQueries, Watch, go_on};
 use crate::Result;
-use crate::scene::Scene;
+use crate::scene::{SHUTTER, Scene};
 
 mod options;
 mod test;
@@ -92,7 +92,7 @@ impl ObvhsRays {
         go_on(watch, 0.0)?;
         let (mut groups, mut placements, mut bounds) = (Vec::new(), Vec::new(), Vec::new());
         let meshes_of = |object: u32| scene.objects[object as usize].meshes.clone();
-        let standing = scene.instances.iter().enumerate().filter(|(_, instance)| instance.transform.is_none());
+        let standing = scene.instances.iter().enumerate().filter(|(_, instance)| instance.transform(SHUTTER).is_none());
         let standing = standing.flat_map(|(index, i)| meshes_of(i.object).map(move |mesh| (index as u32, mesh)));
         if let Some(group) = Group::build(&scene, standing, options)? {
             bounds.push(group.bounds);
@@ -103,7 +103,7 @@ impl ObvhsRays {
         // By object; the inner `None` is an object without triangles.
         let mut of_object: Vec<Option<Option<u32>>> = vec![None; scene.objects.len()];
         for (index, instance) in scene.instances.iter().enumerate() {
-            let Some(transform) = instance.transform else { continue };
+            let Some(transform) = instance.transform(SHUTTER) else { continue };
             let of_object = &mut of_object[instance.object as usize];
             if of_object.is_none() {
                 go_on(watch, built as f64 / units)?;

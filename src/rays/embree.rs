@@ -24,7 +24,7 @@ use embree4_sys as sys;
 
 use super::{BackendInfo, HitBatch, RayBatch, RayOrder, RayQueries, Watch};
 use crate::Result;
-use crate::scene::Scene;
+use crate::scene::{SHUTTER, Scene};
 use device::{DeviceHandle, Monitor, SceneHandle, Share, best_isa};
 use flush::FlushToZero;
 pub use flush::set_flush_to_zero;
@@ -135,7 +135,7 @@ impl EmbreeRays {
         let mut placements = Vec::new();
         for (index, instance) in scene.instances.iter().enumerate() {
             let meshes = mesh_range(instance.object);
-            let Some(transform) = &instance.transform else {
+            let Some(transform) = instance.transform(SHUTTER) else {
                 for mesh in meshes {
                     attach(&top, placements.len() as u32, mesh);
                     placements.push(Placement { instance: index as u32, mesh });
@@ -152,7 +152,7 @@ impl EmbreeRays {
                 *object = Some(built);
             }
             if let Some(object) = object {
-                device.attach_instance(&top, placements.len() as u32, object, transform);
+                device.attach_instance(&top, placements.len() as u32, object, &transform);
                 placements.push(Placement { instance: index as u32, mesh: meshes.start });
             }
         }

@@ -2,7 +2,7 @@
 
 use glam::Vec2;
 
-use super::{AlphaMode, Mesh, Scene};
+use super::{AlphaMode, Mesh, Scene, TextureSlot};
 
 impl Scene {
     /// Can a ray pass through this mesh at all (alpha mask or blend that is not opaque everywhere)? Where not, no
@@ -25,7 +25,7 @@ impl Scene {
         if without_texture < needed {
             return true;
         }
-        material.base_color_texture.as_ref().is_some_and(|texture| {
+        material.textures[TextureSlot::BaseColor].as_ref().is_some_and(|texture| {
             let image = self.textures[texture.texture as usize].image;
             without_texture > 0.0 && self.images[image as usize].texels.has_alpha_below(needed / without_texture)
         })
@@ -48,7 +48,7 @@ impl Scene {
         let material = &self.materials[mesh.material as usize];
         let [a, b, c] = mesh.indices[prim as usize].map(|i| i as usize);
         let mut alpha = material.base_color.w;
-        if let Some(texture) = &material.base_color_texture
+        if let Some(texture) = &material.textures[TextureSlot::BaseColor]
             && let Some(texcoords) = &mesh.texcoords[usize::from(texture.set)]
         {
             let [a, b, c] = [a, b, c].map(|i| Vec2::from(texcoords[i]));
@@ -86,12 +86,12 @@ mod tests {
 
     fn scene(mode: AlphaMode, factor: f32, texture: Option<u8>, vertex: Option<f32>) -> Scene {
         let texture_ref = TextureRef { texture: 0, set: 0, transform: None, encoding: Encoding::Srgb };
-        let material = Material {
+        let mut material = Material {
             base_color: Vec4::new(1.0, 1.0, 1.0, factor),
-            base_color_texture: texture.map(|_| texture_ref),
             alpha_mode: mode,
             ..Default::default()
         };
+        material.textures[TextureSlot::BaseColor] = texture.map(|_| texture_ref);
         let mesh = Mesh {
             positions: Positions::new(vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
             texcoords: [Some(vec![[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), None],

@@ -1,5 +1,7 @@
 //! The glTF metallic-roughness material, as data.
 
+use std::ops::{Index, IndexMut};
+
 use glam::{Affine2, Vec3, Vec4};
 
 /// How a texture's bytes become numbers.
@@ -24,6 +26,68 @@ pub struct TextureRef {
     pub encoding: Encoding,
 }
 
+/// What a material's texture is for. Each multiplies the factor of the same name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TextureSlot {
+    /// Base colour and alpha.
+    BaseColor,
+    /// Roughness in green, metalness in blue.
+    MetallicRoughness,
+    /// Tangent-space normal map.
+    Normal,
+    /// Emitted radiance.
+    Emissive,
+    /// KHR_materials_specular: strength in alpha.
+    Specular,
+    /// KHR_materials_specular: colour.
+    SpecularColor,
+}
+
+impl TextureSlot {
+    /// All of them, in the order of their numbers.
+    pub const ALL: [Self; 6] = [
+        Self::BaseColor,
+        Self::MetallicRoughness,
+        Self::Normal,
+        Self::Emissive,
+        Self::Specular,
+        Self::SpecularColor,
+    ];
+
+    /// How its bytes become numbers.
+    pub fn encoding(self) -> Encoding {
+        match self {
+            Self::BaseColor | Self::Emissive | Self::SpecularColor => Encoding::Srgb,
+            Self::MetallicRoughness | Self::Normal | Self::Specular => Encoding::Linear,
+        }
+    }
+}
+
+/// A material's textures by slot: the only place that holds them, so whoever asks for all of them misses none.
+#[derive(Debug, Clone, Default)]
+pub struct Textures([Option<TextureRef>; TextureSlot::ALL.len()]);
+
+impl Textures {
+    /// Those that there are.
+    pub fn iter(&self) -> impl Iterator<Item = &TextureRef> {
+        self.0.iter().flatten()
+    }
+}
+
+impl Index<TextureSlot> for Textures {
+    type Output = Option<TextureRef>;
+
+    fn index(&self, slot: TextureSlot) -> &Option<TextureRef> {
+        &self.0[slot as usize]
+    }
+}
+
+impl IndexMut<TextureSlot> for Textures {
+    fn index_mut(&mut self, slot: TextureSlot) -> &mut Option<TextureRef> {
+        &mut self.0[slot as usize]
+    }
+}
+
 /// What alpha means.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum AlphaMode {
@@ -42,30 +106,18 @@ pub struct Material {
     pub name: String,
     /// Linear base colour and alpha, each in [0, 1].
     pub base_color: Vec4,
-    /// Multiplies `base_color`.
-    pub base_color_texture: Option<TextureRef>,
     /// 0 dielectric to 1 metal.
     pub metallic: f32,
     /// Perceptual roughness in [0, 1]; the microfacet alpha is its square.
     pub roughness: f32,
-    /// Roughness in green, metalness in blue.
-    pub metallic_roughness_texture: Option<TextureRef>,
-    /// Tangent-space normal map.
-    pub normal_texture: Option<TextureRef>,
     /// Scales the normal map's x and y.
     pub normal_scale: f32,
     /// Emitted radiance, linear RGB, with KHR_materials_emissive_strength applied; ≥ 0.
     pub emissive: Vec3,
-    /// Multiplies `emissive`.
-    pub emissive_texture: Option<TextureRef>,
     /// KHR_materials_specular: strength in [0, 1].
     pub specular: f32,
-    /// Strength in alpha.
-    pub specular_texture: Option<TextureRef>,
     /// KHR_materials_specular: colour of the dielectric's normal reflectance, ≥ 0.
     pub specular_color: Vec3,
-    /// Multiplies `specular_color`.
-    pub specular_color_texture: Option<TextureRef>,
     /// KHR_materials_ior: index of refraction, ≥ 1 (0 means infinite).
     pub ior: f32,
     /// What alpha means.
@@ -74,6 +126,8 @@ pub struct Material {
     pub double_sided: bool,
     /// KHR_materials_unlit: shows its base colour, scatters nothing.
     pub unlit: bool,
+    /// What it samples.
+    pub textures: Textures,
 }
 
 impl Default for Material {
@@ -82,22 +136,17 @@ impl Default for Material {
         Self {
             name: "default".into(),
             base_color: Vec4::ONE,
-            base_color_texture: None,
             metallic: 1.0,
             roughness: 1.0,
-            metallic_roughness_texture: None,
-            normal_texture: None,
             normal_scale: 1.0,
             emissive: Vec3::ZERO,
-            emissive_texture: None,
             specular: 1.0,
-            specular_texture: None,
             specular_color: Vec3::ONE,
-            specular_color_texture: None,
             ior: 1.5,
             alpha_mode: AlphaMode::Opaque,
             double_sided: false,
             unlit: false,
+            textures: Textures::default(),
         }
     }
 }

@@ -77,6 +77,21 @@ pub struct Instance {
     pub name: String,
     /// Index into [`super::Scene::objects`].
     pub object: u32,
-    /// Object to world; `None` when the meshes are already in world space. Invertible and finite.
+    /// Object to world; `None` when the meshes are already in world space. Invertible and finite. What renders asks
+    /// [`Instance::transform`].
     pub transform: Option<Affine3A>,
 }
+
+/// The time of a picture: the shutter opens and closes at once.
+pub const SHUTTER: f32 = 0.0;
+
+impl Instance {
+    /// Object to world at a time; `None` when the meshes are already in world space. Nothing moves yet.
+    pub fn transform(&self, _time: f32) -> Option<Affine3A> {
+        self.transform
+    }
+}
+
+/// Largest coordinate, in metres, of what is placed: squares of distances must fit a 32-bit float, and Embree leaves
+/// triangles beyond 1.8e18 out silently.
+pub const FARTHEST: f32 = 1e18;

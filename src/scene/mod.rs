@@ -15,8 +15,8 @@ pub mod texture;
 pub use camera::{Camera, Projection};
 pub use environment::Environment;
 pub use lights::{PunctualKind, PunctualLight};
-pub use material::{AlphaMode, Encoding, Material, TextureRef};
-pub use mesh::{Instance, Mesh, Object, Positions};
+pub use material::{AlphaMode, Encoding, Material, TextureRef, TextureSlot, Textures};
+pub use mesh::{FARTHEST, Instance, Mesh, Object, Positions, SHUTTER};
 pub use texture::{Filter, Image, Texels, Texture, Wrap};
 
 /// A scene, ready to be built into ray queries. Lengths in metres, glTF axes (+y up, right-handed).
@@ -70,7 +70,7 @@ impl Scene {
             .collect();
         self.instances.iter().flat_map(move |instance| {
             let own: Vec<_> = self.objects[instance.object as usize].meshes.clone().map(|m| own[m as usize]).collect();
-            own.into_iter().filter(|(l, h)| l.x <= h.x).map(|(l, h)| match instance.transform {
+            own.into_iter().filter(|(l, h)| l.x <= h.x).map(|(l, h)| match instance.transform(SHUTTER) {
                 None => (l, h),
                 Some(t) => (0..8).fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), corner| {
                     let pick = |axis: usize| if corner >> axis & 1 == 0 { l[axis] } else { h[axis] };

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use base64::Engine;
 use bismar::Error;
+use bismar::scene::TextureSlot;
 use bismar::scene::import::{ImportOptions, Imported, import};
 
 /// A folder with a scene file in it.
@@ -99,17 +100,9 @@ pub fn check_scene(imported: &Imported) -> Result<(), String> {
         promise(mesh.normals.iter().flatten().all(|n| unit(n)), "unit normals")?;
         promise(mesh.tangents.iter().flatten().all(|t| unit(&t[..3]) && t[3].abs() == 1.0), "unit tangents")?;
         let material = scene.materials.get(mesh.material as usize).ok_or("materials that exist")?;
-        promise(mesh.tangents.is_some() == material.normal_texture.is_some(), "tangents where a normal map is")?;
+        promise(mesh.tangents.is_some() == material.textures[TextureSlot::Normal].is_some(), "tangents where a normal map is")?;
         promise(mesh.tangents.is_none() || mesh.normals.is_some(), "normals where tangents are")?;
-        let all = [
-            &material.base_color_texture,
-            &material.metallic_roughness_texture,
-            &material.normal_texture,
-            &material.emissive_texture,
-            &material.specular_texture,
-            &material.specular_color_texture,
-        ];
-        for texture in all.into_iter().flatten() {
+        for texture in material.textures.iter() {
             promise(mesh.texcoords[usize::from(texture.set)].is_some(), "coordinates for every texture")?;
             scene.sample_texture(texture, glam::Vec2::new(0.3, 0.7));
         }

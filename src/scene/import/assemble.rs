@@ -14,10 +14,7 @@ use super::materials::MaterialTable;
 use super::nodes::{ObjectKey, Placement, Walk, walk};
 use super::report::{Counts, ImportReport, Notes};
 use crate::error::{Error, Result};
-use crate::scene::{self, Instance, Mesh, Object, Scene, Texels};
-
-/// Squares of distances must fit a 32-bit float; ray queries say the same of their vertices.
-const LARGEST_COORDINATE: f64 = 1.8e18;
+use crate::scene::{self, FARTHEST, Instance, Mesh, Object, Scene, Texels};
 
 /// Builds the scene and fills the report's extensions, notes and counts.
 pub(super) fn assemble(document: &Document, file_bytes: u64, report: &mut ImportReport) -> Result<Scene> {
@@ -144,9 +141,9 @@ impl Assembly<'_> {
         let corners = corners(own);
         for placement in &placements {
             let moved: Vec<DVec3> = corners.iter().map(|&c| placement.world.transform_point3(c)).collect();
-            if corners.iter().chain(&moved).any(|p| p.abs().max_element() > LARGEST_COORDINATE) {
+            if corners.iter().chain(&moved).any(|p| p.abs().max_element() > f64::from(FARTHEST)) {
                 return Err(Error::Data(format!(
-                    "{}: places {} beyond {LARGEST_COORDINATE:e} m, where rays cannot be traced; scale the scene down",
+                    "{}: places {} beyond {FARTHEST:e} m, where rays cannot be traced; scale the scene down",
                     placement.at, mesh.at
                 )));
             }

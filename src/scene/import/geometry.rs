@@ -10,7 +10,7 @@ use super::primitives::{Attributes, Primitive, Semantic};
 use super::report::Notes;
 use super::tangents;
 use crate::error::Result;
-use crate::scene::{self, Material, Positions, TextureRef};
+use crate::scene::{self, Material, Positions, TextureSlot};
 
 /// How a mesh is deformed at rest.
 pub(super) struct Pose<'a> {
@@ -29,19 +29,6 @@ pub(super) struct Geometry {
     pub texcoords: [Option<Vec<[f32; 2]>>; 2],
     pub colors: Option<Vec<[f32; 4]>>,
     pub indices: Vec<[u32; 3]>,
-}
-
-/// The texture uses of a material.
-fn textures(m: &Material) -> impl Iterator<Item = &TextureRef> {
-    let all = [
-        &m.base_color_texture,
-        &m.metallic_roughness_texture,
-        &m.normal_texture,
-        &m.emissive_texture,
-        &m.specular_texture,
-        &m.specular_color_texture,
-    ];
-    all.into_iter().flatten()
 }
 
 /// Reads and checks one primitive. `None` when it has no triangles; a note says why.
@@ -70,14 +57,14 @@ pub(super) fn read(
     let (normal, tangent) = (optional(Semantic::Normal), optional(Semantic::Tangent));
     g.normals = normal.map(|i| reader.floats::<3>(i)).transpose()?;
     // Without normals, the file's tangents do not count either.
-    let tangent = tangent.filter(|_| material.normal_texture.is_some() && g.normals.is_some());
+    let tangent = tangent.filter(|_| material.textures[TextureSlot::Normal].is_some() && g.normals.is_some());
     g.tangents = tangent.map(|i| reader.floats::<4>(i)).transpose()?;
     if let Some(index) = optional(Semantic::Color(0)) {
         let colors = read_colors(reader, index)?;
         g.colors = Some(colors).filter(|c| c.iter().any(|c| *c != [1.0; 4]));
     }
     for (set, slot) in [0_u8, 1].into_iter().zip(&mut g.texcoords) {
-        if !textures(material).any(|t| t.set == set) {
+        if !material.textures.iter().any(|t| t.set == set) {
             continue;
         }
         *slot = Some(match optional(Semantic::TexCoord(set.into())) {
@@ -110,7 +97,7 @@ pub(super) fn read(
     }
     compact(&mut g);
     repair_normals(&mut g, &primitive.at, notes);
-    if let Some(texture) = &material.normal_texture {
+    if let Some(texture) = &material.textures[TextureSlot::Normal] {
         tangents::complete(&mut g, texture.set, &primitive.at, notes);
     }
     Ok(Some(g))

@@ -170,19 +170,19 @@ impl Material {
             textures.register(document, info, encoding, notes)
         };
         let lit = !material.unlit;
-        material.base_color_texture = sample(&self.base_color, Encoding::Srgb, true);
+        material.textures[TextureSlot::BaseColor] = sample(&self.base_color, Encoding::Srgb, true);
         let surface = lit && (material.metallic > 0.0 || material.roughness > 0.0);
-        material.metallic_roughness_texture = sample(&self.metallic_roughness, Encoding::Linear, surface);
+        material.textures[TextureSlot::MetallicRoughness] = sample(&self.metallic_roughness, Encoding::Linear, surface);
         let bent = lit && material.normal_scale != 0.0;
-        material.normal_texture = sample(&self.normal, Encoding::Linear, bent);
+        material.textures[TextureSlot::Normal] = sample(&self.normal, Encoding::Linear, bent);
         let shines = lit && material.emissive.max_element() > 0.0;
-        material.emissive_texture = sample(&self.emissive, Encoding::Srgb, shines);
+        material.textures[TextureSlot::Emissive] = sample(&self.emissive, Encoding::Srgb, shines);
         // A pure metal without a texture for its metalness has no dielectric part.
-        let dielectric = lit && (material.metallic < 1.0 || material.metallic_roughness_texture.is_some());
+        let dielectric = lit && (material.metallic < 1.0 || material.textures[TextureSlot::MetallicRoughness].is_some());
         let specular = dielectric && material.specular > 0.0;
-        material.specular_texture = sample(&self.specular, Encoding::Linear, specular);
+        material.textures[TextureSlot::Specular] = sample(&self.specular, Encoding::Linear, specular);
         let tinted = specular && material.specular_color.max_element() > 0.0;
-        material.specular_color_texture = sample(&self.specular_color, Encoding::Srgb, tinted);
+        material.textures[TextureSlot::SpecularColor] = sample(&self.specular_color, Encoding::Srgb, tinted);
         if self.has_occlusion {
             let text = "occlusion textures are not loaded: light transport computes the occlusion";
             notes.not_loaded(&format!("{}.occlusionTexture", self.at), text);

@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::assemble::{image_bytes, mesh_bytes};
 use super::report::{Counts, Note, NoteKind};
 use super::{ImportReport, Imported};
-use crate::scene::{AlphaMode, Material, Projection, PunctualKind};
+use crate::scene::{AlphaMode, Material, Projection, PunctualKind, TextureSlot};
 
 /// A camera, for people.
 #[derive(Debug, Clone, Serialize)]
@@ -187,14 +187,15 @@ fn light(light: &crate::scene::PunctualLight) -> LightSummary {
 }
 
 fn features(m: &Material) -> Vec<&'static str> {
+    let textured = |slot| m.textures[slot].is_some();
     let all = [
         (m.unlit, "unlit"),
-        (m.base_color_texture.is_some(), "base colour texture"),
-        (m.metallic_roughness_texture.is_some(), "metallic-roughness texture"),
-        (m.normal_texture.is_some(), "normal map"),
+        (textured(TextureSlot::BaseColor), "base colour texture"),
+        (textured(TextureSlot::MetallicRoughness), "metallic-roughness texture"),
+        (textured(TextureSlot::Normal), "normal map"),
         (m.is_emissive(), "emissive"),
-        (m.emissive_texture.is_some(), "emissive texture"),
-        (m.specular_texture.is_some() || m.specular_color_texture.is_some(), "specular texture"),
+        (textured(TextureSlot::Emissive), "emissive texture"),
+        (textured(TextureSlot::Specular) || textured(TextureSlot::SpecularColor), "specular texture"),
         (matches!(m.alpha_mode, AlphaMode::Mask(_)), "alpha mask"),
         (m.alpha_mode == AlphaMode::Blend, "alpha blend"),
         (m.double_sided, "double-sided"),

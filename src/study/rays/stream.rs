@@ -11,7 +11,7 @@ use glam::{Vec3, Vec4};
 use crate::film::atomic;
 use crate::rays::{BackendInfo, HitBatch, RayBatch, RayOrder, RayQueries};
 use crate::render::{Balance, PixelFilter, RenderSettings, render};
-use crate::scene::Scene;
+use crate::scene::{Scene, TextureSlot};
 use crate::{Error, Result};
 
 /// What a query asks.
@@ -123,7 +123,7 @@ pub fn record(scene: &Scene, backend: &dyn RayQueries, settings: &RenderSettings
             material.roughness = if diffuse { 1.0 } else { GLOSSY };
             material.specular = if diffuse { 0.0 } else { 1.0 };
             material.base_color = Vec4::new(0.8, 0.8, 0.8, material.base_color.w);
-            (material.metallic_roughness_texture, material.unlit) = (None, false);
+            (material.textures[TextureSlot::MetallicRoughness], material.unlit) = (None, false);
         }
         scene
     };
