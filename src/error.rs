@@ -1,7 +1,7 @@
 //! The one error type; each kind has the exit code that scripts rely on.
 
 /// What went wrong, for a person: what, where (file, JSON path, byte) and what to do.
-#[derive(Debug, thiserror::Error)]
+#[derive(Debug, Clone, thiserror::Error)]
 pub enum Error {
     /// Wrong flags or values on the command line. Exit code 64.
     #[error("{0}")]

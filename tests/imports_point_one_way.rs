@@ -47,7 +47,7 @@ const KEPT_IN: [(&str, &[&str]); 6] = [
     ("embree4_sys", &["rays/embree"]),
     ("obvhs::", &["rays/cwbvh"]),
     ("clap::", &["cli", "balance", "sampling", "rays", "render", "film"]),
-    ("std::fs", &["scene/import", "film", "cli", "study", "report", "batch", "farm"]),
+    ("std::fs", &["scene/import/source", "film", "cli", "study", "report", "batch", "farm"]),
     ("std::process", &["cli", "study", "batch", "farm", "main.rs"]),
 ];
 
@@ -149,6 +149,25 @@ fn rooms_import_only_what_comes_before_them() {
         }
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+#[test]
+fn the_importer_goes_from_source_to_document_to_build() {
+    // What each of its rooms must not name.
+    let later = [("source", ["document", "build"]), ("document", ["build", "summary"])];
+    let mut seen = 0;
+    for (file, text) in sources() {
+        for (room, rooms) in later {
+            if file.starts_with(&format!("scene/import/{room}/")) {
+                seen += 1;
+                for name in rooms {
+                    let named = ["import", "super", "super::super"].map(|from| format!("{from}::{name}"));
+                    assert!(!named.iter().any(|path| text.contains(path)), "{file}: `{room}` must not see `{name}`");
+                }
+            }
+        }
+    }
+    assert!(seen > 10, "{seen} files in the importer's rooms");
 }
 
 #[test]

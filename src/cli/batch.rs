@@ -235,7 +235,7 @@ impl Batch {
                 return Ok(done);
             }
             session.check_memory()?;
-            let loaded = self.scenes.get(&key, || Loaded::load(args, &|_, _| !signals.stopped()))?;
+            let loaded = self.scenes.get(&key, || Loaded::load(args, &inputs, &|_, _| !signals.stopped()))?;
             session.render(&loaded, &signals.stop, &|p| overview.progress(index, &p), &|_| ())
         };
         let result = catch_unwind(AssertUnwindSafe(render))

@@ -11,14 +11,14 @@ use std::time::Instant;
 use tracing::{info, warn};
 
 pub use args::{RenderArgs, Size, threads};
-pub use identity::{Earlier, Inputs, attributes};
+pub use identity::{Earlier, Files, Inputs, attributes};
 pub use session::{Done, Loaded, Session};
 
 use super::progress::{Reporter, Style};
 use super::signals::Signals;
 use super::{Verbosity, Verdict, host, print, say};
 use crate::film::atomic;
-use crate::scene::import::{self, ImportOptions, NoteKind};
+use crate::scene::import::{ImportOptions, NoteKind};
 use crate::scene::{Environment, Scene};
 use crate::{Error, Result};
 
@@ -49,7 +49,7 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
             }
             session.check_memory()?;
             // Whoever waits for signals here ends the program itself.
-            let loaded = Loaded::load(args, &|done, seconds| {
+            let loaded = Loaded::load(args, &inputs, &|done, seconds| {
                 reporter.building(done, seconds);
                 true
             });
@@ -95,8 +95,9 @@ pub fn check_outputs(args: &RenderArgs) -> Result<()> {
     Ok(())
 }
 
-fn read_scene(args: &RenderArgs) -> Result<Scene> {
-    let imported = import::import(&args.scene, &ImportOptions { strict: args.strict })?;
+fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {
+    let imported = files.scene.import(&ImportOptions { strict: args.strict })?;
+    drop(files.scene);
     let inexact = imported.report.notes.iter().filter(|n| matches!(n.kind, NoteKind::Approximated | NoteKind::Ignored));
     let inexact = inexact.map(|n| n.text.as_str()).collect::<Vec<_>>();
     if let [first, rest @ ..] = &inexact[..] {
@@ -106,8 +107,8 @@ fn read_scene(args: &RenderArgs) -> Result<Scene> {
     let mut scene = imported.scene;
     if args.no_env {
         scene.environment = None;
-    } else if let Some(path) = &args.env {
-        scene.environment = Some(import::environment(path, args.env_rotate, args.env_strength)?);
+    } else if let Some(file) = &files.environment {
+        scene.environment = Some(file.decode(args.env_rotate, args.env_strength)?);
     }
     let lit = scene.environment.is_some()
         || !scene.lights.is_empty()

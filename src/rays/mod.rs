@@ -67,7 +67,8 @@ fn stopped() -> Error {
 fn units(scene: &Scene) -> usize {
     let mut built = vec![false; scene.objects.len()];
     let of_instance = |instance: &Instance| {
-        let again = instance.transform(SHUTTER).is_some() && std::mem::replace(&mut built[instance.object as usize], true);
+        let again =
+            instance.transform(SHUTTER).is_some() && std::mem::replace(&mut built[instance.object as usize], true);
         1 + if again { 0 } else { scene.triangles(instance.object) }
     };
     scene.instances.iter().map(of_instance).sum()

@@ -86,11 +86,8 @@ mod tests {
 
     fn scene(mode: AlphaMode, factor: f32, texture: Option<u8>, vertex: Option<f32>) -> Scene {
         let texture_ref = TextureRef { texture: 0, set: 0, transform: None, encoding: Encoding::Srgb };
-        let mut material = Material {
-            base_color: Vec4::new(1.0, 1.0, 1.0, factor),
-            alpha_mode: mode,
-            ..Default::default()
-        };
+        let mut material =
+            Material { base_color: Vec4::new(1.0, 1.0, 1.0, factor), alpha_mode: mode, ..Default::default() };
         material.textures[TextureSlot::BaseColor] = texture.map(|_| texture_ref);
         let mesh = Mesh {
             positions: Positions::new(vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),

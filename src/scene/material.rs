@@ -45,14 +45,8 @@ pub enum TextureSlot {
 
 impl TextureSlot {
     /// All of them, in the order of their numbers.
-    pub const ALL: [Self; 6] = [
-        Self::BaseColor,
-        Self::MetallicRoughness,
-        Self::Normal,
-        Self::Emissive,
-        Self::Specular,
-        Self::SpecularColor,
-    ];
+    pub const ALL: [Self; 6] =
+        [Self::BaseColor, Self::MetallicRoughness, Self::Normal, Self::Emissive, Self::Specular, Self::SpecularColor];
 
     /// How its bytes become numbers.
     pub fn encoding(self) -> Encoding {

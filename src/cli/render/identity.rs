@@ -2,40 +2,74 @@
 
 use std::collections::HashMap;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
 use crate::balance::HALF_PILOT;
 use crate::film::exr_file::{self, Header, HeaderValue};
 use crate::render::saved::{self, FORMAT, Saved};
 use crate::render::{Balance, Fingerprint, NOISE_PATHS, Part, RenderSettings, RenderStats, StopReason, fresh_tiles};
-use crate::scene::import::{Survey, survey, survey_environment};
+use crate::scene::import::{EnvironmentFile, SceneFiles, Survey};
 use crate::{Error, Result};
 
 use super::RenderArgs;
 
-/// The contents that a command names.
-#[derive(Debug, Clone)]
+/// The contents that a command names, opened once.
+#[derive(Debug)]
 pub struct Inputs {
     /// The scene's files.
     pub scene: Survey,
     /// Of the environment: what tells it from others, and its bytes in memory.
     pub environment: (String, u64),
+    /// The files themselves, until a scene is made of them.
+    files: Mutex<Option<Files>>,
+}
+
+/// The files of a scene and of its environment.
+#[derive(Debug)]
+pub struct Files {
+    pub scene: SceneFiles,
+    pub environment: Option<EnvironmentFile>,
 }
 
 impl Inputs {
     /// Reads and hashes them.
     ///
     /// # Errors
-    /// As [`survey`] and [`survey_environment`].
+    /// As [`SceneFiles::open`] and [`EnvironmentFile::open`].
     pub fn read(args: &RenderArgs) -> Result<Self> {
-        let environment = match &args.env {
-            Some(path) => {
-                let (hash, bytes) = survey_environment(path)?;
-                (format!("{hash} turned {} times {}", args.env_rotate, args.env_strength), bytes)
+        let environment_file = args.env.as_deref().map(EnvironmentFile::open).transpose()?;
+        let environment = match &environment_file {
+            Some(file) => {
+                let name = format!("{} turned {} times {}", file.hash(), args.env_rotate, args.env_strength);
+                (name, file.memory_bytes())
             }
             None if args.no_env => ("none".into(), 0),
             None => ("the scene's own".into(), 0),
         };
-        Ok(Self { scene: survey(&args.scene)?, environment })
+        let scene_files = SceneFiles::open(&args.scene)?;
+        let scene = scene_files.survey();
+        let files = Mutex::new(Some(Files { scene: scene_files, environment: environment_file }));
+        Ok(Self { scene, environment, files })
+    }
+
+    /// Hands the files over. Opens them again when an earlier job of a batch had them and failed.
+    ///
+    /// # Errors
+    /// As [`Inputs::read`]; [`Error::Data`] if they are others by now.
+    pub fn take(&self, args: &RenderArgs) -> Result<Files> {
+        let take = |inputs: &Self| inputs.files.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(files) = take(self) {
+            return Ok(files);
+        }
+        let again = Self::read(args)?;
+        take(&again)
+            .filter(|_| (&again.scene.hash, &again.environment.0) == (&self.scene.hash, &self.environment.0))
+            .ok_or_else(|| {
+                Error::Data(format!(
+                    "{}: has changed while it was waited for; run the command again",
+                    args.scene.display()
+                ))
+            })
     }
 
     /// Tells commands apart that make different pictures, by contents and flags. Parts of a picture are alike.

@@ -10,7 +10,7 @@ use std::time::Instant;
 use tracing::{info, warn};
 
 use super::identity::{self, Earlier, Inputs};
-use super::{RenderArgs, choose, read_scene};
+use super::{RenderArgs, choose, make_scene};
 use crate::cli::memory::{self, Need};
 use crate::cli::signals::no_progress;
 use crate::cli::stats::{Seconds, Stats, sample_range};
@@ -34,13 +34,14 @@ pub struct Loaded {
 pub type Building<'a> = &'a (dyn Fn(f64, f64) -> bool + Sync);
 
 impl Loaded {
-    /// Reads a command's scene and environment and builds its acceleration structure.
+    /// Makes a command's scene and environment of the opened files, lets go of those, and builds the acceleration
+    /// structure.
     ///
     /// # Errors
     /// As the import and the ray queries have them; [`Error::Interrupted`] if `building` says so.
-    pub fn load(args: &RenderArgs, building: Building) -> Result<Self> {
+    pub fn load(args: &RenderArgs, inputs: &Inputs, building: Building) -> Result<Self> {
         let start = Instant::now();
-        let scene = Arc::new(read_scene(args)?);
+        let scene = Arc::new(make_scene(args, inputs.take(args)?)?);
         let read_seconds = start.elapsed().as_secs_f64();
         info!("read {} in {read_seconds:.2} s", args.scene.display());
         let built = Instant::now();

@@ -1,62 +1,111 @@
 //! Equirectangular environment pictures: Radiance `.hdr` and OpenEXR.
 
 use std::io::Cursor;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use exr::prelude::*;
 use image::codecs::hdr::HdrDecoder;
-use image::{DynamicImage, ImageDecoder};
+use image::{DynamicImage, ImageDecoder, ImageReader};
 
-use super::container::read_regular;
+use super::source::read_regular;
 use crate::error::{Error, Result};
 use crate::scene::Environment;
 
 /// 16384x8192.
 const LARGEST_PIXELS: u64 = 1 << 27;
 /// Bytes of a file.
-pub(super) const LARGEST_FILE: u64 = 4 << 30;
+const LARGEST_FILE: u64 = 4 << 30;
 
-/// Reads an equirectangular picture; `rotation_degrees` turns it about +y, `strength` multiplies it.
-///
-/// NaN, infinite and negative pixels become the nearest value that light can have (black, or the largest finite one
-/// of the format), with a warning in the log.
+/// Three floats, and the tables that it is sampled with.
+const BYTES_A_PIXEL: u64 = 12 + 24;
+
+/// An environment's file, opened once: what is hashed is what is rendered.
+#[derive(Debug)]
+pub struct EnvironmentFile {
+    path: PathBuf,
+    bytes: Vec<u8>,
+}
+
+impl EnvironmentFile {
+    /// Reads the file.
+    ///
+    /// # Errors
+    /// The file missing, forbidden or not regular.
+    pub fn open(path: &Path) -> Result<Self> {
+        Ok(Self { path: path.into(), bytes: read_regular(path, LARGEST_FILE)? })
+    }
+
+    /// BLAKE3 of the file, hexadecimal.
+    pub fn hash(&self) -> String {
+        blake3::hash(&self.bytes).to_hex().to_string()
+    }
+
+    /// Bytes that it takes in memory once it is decoded and prepared, by what the file says of itself.
+    pub fn memory_bytes(&self) -> u64 {
+        let reader = ImageReader::new(Cursor::new(&self.bytes)).with_guessed_format();
+        // Radiance or OpenEXR: half a byte a channel at the least, were it well packed; decoding says what is wrong.
+        let pixels = match reader.map(ImageReader::into_dimensions) {
+            Ok(Ok((width, height))) => u64::from(width) * u64::from(height),
+            _ => self.bytes.len() as u64 / 4,
+        };
+        pixels * BYTES_A_PIXEL
+    }
+
+    /// Decodes an equirectangular picture; `rotation_degrees` turns it about +y, `strength` multiplies it.
+    ///
+    /// NaN, infinite and negative pixels become the nearest value that light can have (black, or the largest finite one
+    /// of the format), with a warning in the log.
+    ///
+    /// # Errors
+    /// As [`environment`], but for opening.
+    pub fn decode(&self, rotation_degrees: f32, strength: f32) -> Result<Environment> {
+        check_flags(rotation_degrees, strength)?;
+        let (path, bytes) = (&self.path, &self.bytes);
+        let picture = match bytes.as_slice() {
+            [b'#', b'?', ..] => read_hdr(bytes),
+            [0x76, 0x2F, 0x31, 0x01, ..] => read_exr(bytes),
+            _ => Err("neither a Radiance .hdr nor an OpenEXR picture".into()),
+        };
+        let (width, height, mut pixels) = picture.map_err(|text| {
+            let help = "an environment is an equirectangular .hdr or .exr picture with R, G and B";
+            Error::Data(format!("{}: {text}; {help}", path.display()))
+        })?;
+        let cleaned = clean(&mut pixels);
+        if cleaned > 0 {
+            tracing::warn!("{}: {cleaned} pixels were NaN, infinite or negative and are changed", path.display());
+        }
+        if u64::from(width) != 2 * u64::from(height) {
+            tracing::warn!("{}: {width}x{height} is not twice as wide as high; it is stretched", path.display());
+        }
+        Ok(Environment {
+            name: path.display().to_string(),
+            width,
+            height,
+            pixels,
+            rotation: rotation_degrees.to_radians(),
+            strength,
+        })
+    }
+}
+
+/// Opens and decodes an equirectangular picture ([`EnvironmentFile::decode`]).
 ///
 /// # Errors
 /// [`Error::Usage`] for a rotation or strength that is not finite or negative, [`Error::Missing`] when the file is
 /// not there, [`Error::Data`] when it is not such a picture or larger than 2^27 pixels.
 pub fn environment(path: &Path, rotation_degrees: f32, strength: f32) -> Result<Environment> {
+    check_flags(rotation_degrees, strength)?;
+    EnvironmentFile::open(path)?.decode(rotation_degrees, strength)
+}
+
+fn check_flags(rotation_degrees: f32, strength: f32) -> Result<()> {
     if !rotation_degrees.is_finite() {
         return Err(Error::Usage(format!("--env-rotate {rotation_degrees}: wanted degrees as a finite number")));
     }
     if !strength.is_finite() || strength < 0.0 {
         return Err(Error::Usage(format!("--env-strength {strength}: wanted a finite number of at least 0")));
     }
-
-    let bytes = read_regular(path, LARGEST_FILE)?;
-    let picture = match bytes.as_slice() {
-        [b'#', b'?', ..] => read_hdr(&bytes),
-        [0x76, 0x2F, 0x31, 0x01, ..] => read_exr(&bytes),
-        _ => Err("neither a Radiance .hdr nor an OpenEXR picture".into()),
-    };
-    let (width, height, mut pixels) = picture.map_err(|text| {
-        let help = "an environment is an equirectangular .hdr or .exr picture with R, G and B";
-        Error::Data(format!("{}: {text}; {help}", path.display()))
-    })?;
-    let cleaned = clean(&mut pixels);
-    if cleaned > 0 {
-        tracing::warn!("{}: {cleaned} pixels were NaN, infinite or negative and are changed", path.display());
-    }
-    if u64::from(width) != 2 * u64::from(height) {
-        tracing::warn!("{}: {width}x{height} is not twice as wide as high; it is stretched", path.display());
-    }
-    Ok(Environment {
-        name: path.display().to_string(),
-        width,
-        height,
-        pixels,
-        rotation: rotation_degrees.to_radians(),
-        strength,
-    })
+    Ok(())
 }
 
 type Picture = std::result::Result<(u32, u32, Vec<[f32; 3]>), String>;

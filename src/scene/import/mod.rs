@@ -1,38 +1,26 @@
 //! glTF 2.0 and environment pictures into [`Scene`].
 //!
-//! The file is not trusted: everything that an index, offset or count could break is checked before it is used
-//! (`document`, `accessors`), file names stay under the scene's folder (`uri`), and memory stays in proportion to the
-//! file (`accessors::Budget`). What the shown scene does not need is checked, but not kept; the report says so.
+//! Three rooms, one way: `source` (files, opened once) → `document` (parsed and checked) → `build` (accessors to
+//! meshes, textures, nodes, lights, cameras). The file is not trusted: everything that an index, offset or count could
+//! break is checked before it is used (`document`), file names stay under the scene's folder (`source`), and memory
+//! stays in proportion to the file (`build`). What the shown scene does not need is checked, but not kept; the report
+//! says so.
 
-mod accessors;
-mod assemble;
-mod buffers;
-mod cameras;
-mod container;
+mod build;
+mod complaint;
 mod document;
 mod environment;
-mod extensions;
-mod geometry;
-mod images;
-mod json;
-mod lights;
-mod materials;
-mod nodes;
-mod primitives;
 mod report;
-mod skins;
+mod source;
 mod summary;
-mod survey;
-mod tangents;
-mod uri;
 
 use std::path::Path;
 use std::time::Instant;
 
-pub use environment::environment;
+pub use environment::{EnvironmentFile, environment};
 pub use report::{Counts, ImportReport, Note, NoteKind};
+pub use source::Survey;
 pub use summary::{Summary, summary};
-pub use survey::{Survey, survey, survey_environment};
 
 use super::Scene;
 use crate::error::{Error, Result};
@@ -53,32 +41,64 @@ pub struct Imported {
     pub report: ImportReport,
 }
 
-/// Reads a `.gltf` or `.glb` file.
+/// A `.gltf` or `.glb` file and the files that it names, opened once and in memory.
+#[derive(Debug)]
+pub struct SceneFiles(source::Source);
+
+impl SceneFiles {
+    /// Reads the files; what is wrong with those that the document names is left for [`Self::import`] to say.
+    ///
+    /// # Errors
+    /// [`Error::Data`] (exit code 65) for a file that is no glTF; [`Error::Missing`] (66), [`Error::Permission`] and
+    /// [`Error::Io`] as the system says.
+    pub fn open(path: &Path) -> Result<Self> {
+        source::Source::open(path).map(Self)
+    }
+
+    /// Hashes and measures the files without decoding them.
+    pub fn survey(&self) -> Survey {
+        self.0.survey()
+    }
+
+    /// Makes the scene.
+    ///
+    /// # Errors
+    /// [`Error::Data`] (exit code 65) for a file that breaks the specification, requires an unknown extension, names
+    /// files outside of its folder, or asks for memory out of proportion; [`Error::Missing`] (66) when a buffer or a
+    /// picture is not there; [`Error::Permission`] and [`Error::Io`] as the system says. Texts name the file and the
+    /// JSON path.
+    pub fn import(&self, options: &ImportOptions) -> Result<Imported> {
+        let start = Instant::now();
+        let source = &self.0;
+        let mut report = ImportReport {
+            file: source.path.display().to_string(),
+            file_bytes: source.file_bytes,
+            ..Default::default()
+        };
+        let mut build = || -> Result<Scene> {
+            let document = document::Document::parse(source)?;
+            report.generator.clone_from(&document.generator);
+            let scene = build::build(&document, source.file_bytes, &mut report)?;
+            if options.strict {
+                report.refuse_if_inexact()?;
+            }
+            Ok(scene)
+        };
+        let scene = build().map_err(|error| in_file(&source.path, error))?;
+        report.read_seconds = start.elapsed().as_secs_f64();
+        Ok(Imported { scene, report })
+    }
+}
+
+/// Opens and imports a file.
 ///
 /// # Errors
-/// [`Error::Data`] (exit code 65) for a file that breaks the specification, requires an unknown extension, names
-/// files outside of its folder, or asks for memory out of proportion; [`Error::Missing`] (66) when it, a buffer or a
-/// picture is not there; [`Error::Permission`] and [`Error::Io`] as the system says. Texts name the file and the
-/// JSON path.
+/// As [`SceneFiles::open`] and [`SceneFiles::import`].
 pub fn import(path: &Path, options: &ImportOptions) -> Result<Imported> {
     let start = Instant::now();
-    let container = container::read(path)?;
-    let mut report = ImportReport { file: path.display().to_string(), ..Default::default() };
-    let build = || -> Result<Scene> {
-        let folder = uri::folder_of(path)?;
-        let document = document::Document::parse(&container.json, &folder, container.bin)?;
-        report.generator.clone_from(&document.generator);
-        report.file_bytes = container.file_bytes + document.external_bytes;
-        let file_bytes = report.file_bytes;
-        let scene = assemble::assemble(&document, file_bytes, &mut report)?;
-        if options.strict {
-            report.refuse_if_inexact()?;
-        }
-        Ok(scene)
-    };
-    let scene = build().map_err(|error| in_file(path, error))?;
-    report.read_seconds = start.elapsed().as_secs_f64();
-    Ok(Imported { scene, report })
+    let mut imported = SceneFiles::open(path)?.import(options)?;
+    imported.report.read_seconds = start.elapsed().as_secs_f64();
+    Ok(imported)
 }
 
 /// Puts the scene file's name before a complaint.

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::assemble::{image_bytes, mesh_bytes};
+use super::build::{image_bytes, mesh_bytes};
 use super::report::{Counts, Note, NoteKind};
 use super::{ImportReport, Imported};
 use crate::scene::{AlphaMode, Material, Projection, PunctualKind, TextureSlot};

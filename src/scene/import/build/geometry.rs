@@ -4,16 +4,17 @@ use std::collections::HashMap;
 
 use glam::{DAffine3, DMat3, DMat4, DVec3, Vec3};
 
-use super::accessors::{Reader, Shape};
-use super::json::bad;
-use super::primitives::{Attributes, Primitive, Semantic};
-use super::report::Notes;
+use super::reader::Reader;
 use super::tangents;
 use crate::error::Result;
+use crate::scene::import::complaint::bad;
+use crate::scene::import::document::accessors::Shape;
+use crate::scene::import::document::primitives::{Attributes, Primitive, Semantic};
+use crate::scene::import::report::Notes;
 use crate::scene::{self, Material, Positions, TextureSlot};
 
 /// How a mesh is deformed at rest.
-pub(super) struct Pose<'a> {
+pub struct Pose<'a> {
     /// One weight a morph target.
     pub weights: &'a [f32],
     /// Mesh to world by joint.
@@ -22,7 +23,7 @@ pub(super) struct Pose<'a> {
 
 /// Vertex data in the making; all arrays as long as `positions`.
 #[derive(Debug, Default)]
-pub(super) struct Geometry {
+pub struct Geometry {
     pub positions: Vec<[f32; 3]>,
     pub normals: Option<Vec<[f32; 3]>>,
     pub tangents: Option<Vec<[f32; 4]>>,
@@ -35,7 +36,7 @@ pub(super) struct Geometry {
 ///
 /// # Errors
 /// Data that breaks the specification.
-pub(super) fn read(
+pub fn read(
     reader: &mut Reader,
     primitive: &Primitive,
     material: &Material,
@@ -240,7 +241,7 @@ fn transform_frame(linear: &DMat3, normal: Option<&mut [f32; 3]>, tangent: Optio
 }
 
 /// Moves a mesh to world space for good.
-pub(super) fn bake(mesh: &mut scene::Mesh, world: &DAffine3) {
+pub fn bake(mesh: &mut scene::Mesh, world: &DAffine3) {
     if *world == DAffine3::IDENTITY {
         return;
     }
@@ -263,7 +264,7 @@ fn point(g: &Geometry, i: u32) -> DVec3 {
 }
 
 /// The triangle's area vector, twice.
-pub(super) fn cross(g: &Geometry, [a, b, c]: [u32; 3]) -> DVec3 {
+pub fn cross(g: &Geometry, [a, b, c]: [u32; 3]) -> DVec3 {
     (point(g, b) - point(g, a)).cross(point(g, c) - point(g, a))
 }
 

@@ -4,7 +4,7 @@ use bevy_mikktspace::{Geometry as MikkGeometry, TangentSpace, generate_tangents}
 use glam::{DVec3, Vec3};
 
 use super::geometry::{Geometry, cross};
-use super::report::Notes;
+use crate::scene::import::report::Notes;
 
 struct Mikk<'a> {
     geometry: &'a Geometry,
@@ -49,7 +49,7 @@ impl MikkGeometry for Mikk<'_> {
 }
 
 /// Gives the mesh unit tangents for texture coordinates `set`, and normals if it has none (then flat ones).
-pub(super) fn complete(g: &mut Geometry, set: u8, at: &str, notes: &mut Notes) {
+pub fn complete(g: &mut Geometry, set: u8, at: &str, notes: &mut Notes) {
     if g.normals.is_none() {
         g.unweld();
         let flat = |t: [u32; 3]| [cross(g, t).try_normalize().unwrap_or(DVec3::Y).as_vec3().to_array(); 3];

@@ -5,19 +5,11 @@ use std::fmt::Display;
 use serde_json::{Map, Value};
 
 use crate::error::{Error, Result};
-
-/// A complaint about the file's content: where, what was wanted, what came, what to do.
-pub(super) fn bad(at: &str, wanted: impl Display, found: impl Display) -> Error {
-    let at = if at.is_empty() { "the document" } else { at };
-    Error::Data(format!(
-        "{at}: wanted {wanted}, found {found}; this is not valid glTF 2.0: export the file again or ask Khronos' glTF \
-         Validator about it"
-    ))
-}
+use crate::scene::import::complaint::bad;
 
 /// A JSON value and its path (`meshes[3].primitives[0]`).
 #[derive(Clone)]
-pub(super) struct Json<'a> {
+pub struct Json<'a> {
     value: &'a Value,
     pub at: String,
 }
@@ -185,13 +177,13 @@ fn shown(value: &Value) -> String {
 }
 
 /// One step of a path.
-pub(super) enum Step<'a> {
+pub enum Step<'a> {
     Key(&'a str),
     Index(usize),
 }
 
 /// The path of steps as text.
-pub(super) fn join(steps: &[Step]) -> String {
+pub fn join(steps: &[Step]) -> String {
     let mut out = String::new();
     for step in steps {
         match step {
@@ -205,7 +197,7 @@ pub(super) fn join(steps: &[Step]) -> String {
 
 /// Visits every `extensions` object of the document outside of `extras`, and complains about one that is none.
 /// Depth is bounded by the JSON parser's own limit.
-pub(super) fn each_extension<'a>(
+pub fn each_extension<'a>(
     value: &'a Value,
     at: &mut Vec<Step<'a>>,
     seen: &mut impl FnMut(&'a str, &[Step]),

@@ -1,15 +1,13 @@
-//! Skins, shown in their rest pose, and animations, of which only the references are checked.
+//! Skins, and animations, of which only the references are checked.
 
-use glam::DMat4;
-
-use super::accessors::{Accessor, Component, Reader, Shape, View};
-use super::document::Lengths;
+use super::Lengths;
+use super::accessors::{Accessor, Component, Shape, View};
 use super::json::Json;
 use crate::error::Result;
 
 /// A glTF skin.
 #[derive(Debug)]
-pub(super) struct Skin {
+pub struct Skin {
     pub joints: Vec<usize>,
     pub inverse_bind: Option<usize>,
 }
@@ -41,21 +39,10 @@ impl Skin {
         }
         Ok(Self { joints, inverse_bind })
     }
-
-    /// Mesh space to world space by joint, given every node's matrix to world space.
-    pub fn joint_matrices(&self, reader: &mut Reader, worlds: &[DMat4]) -> Result<Vec<DMat4>> {
-        reader.budget.take("skins", self.joints.len() as u64, size_of::<DMat4>() as u64)?;
-        let inverse_bind = self.inverse_bind.map(|index| reader.floats::<16>(index)).transpose()?;
-        let bind = |i: usize| match &inverse_bind {
-            Some(matrices) => DMat4::from_cols_array(&matrices[i].map(f64::from)),
-            None => DMat4::IDENTITY,
-        };
-        Ok(self.joints.iter().enumerate().map(|(i, &joint)| worlds[joint] * bind(i)).collect())
-    }
 }
 
 /// Checks every reference of every animation; gives the accessors that they use.
-pub(super) fn check_animations(animations: &[Json], lengths: &Lengths) -> Result<Vec<usize>> {
+pub fn check_animations(animations: &[Json], lengths: &Lengths) -> Result<Vec<usize>> {
     let mut used = Vec::new();
     for animation in animations {
         animation.name()?;

@@ -2,15 +2,16 @@
 
 use std::collections::BTreeMap;
 
+use super::Lengths;
 use super::accessors::{Accessor, Component, Shape, View};
-use super::document::Lengths;
-use super::json::{Json, bad};
+use super::json::Json;
 use super::materials::Material;
 use crate::error::{Error, Result};
+use crate::scene::import::complaint::bad;
 
 /// What an attribute means. Sets other than 0 and 1 are checked, but not read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Semantic {
+pub enum Semantic {
     Position,
     Normal,
     Tangent,
@@ -79,11 +80,11 @@ impl Semantic {
 }
 
 /// Accessor by semantic.
-pub(super) type Attributes = BTreeMap<Semantic, usize>;
+pub type Attributes = BTreeMap<Semantic, usize>;
 
 /// One part of a mesh with one material.
 #[derive(Debug)]
-pub(super) struct Primitive {
+pub struct Primitive {
     pub attributes: Attributes,
     pub indices: Option<usize>,
     pub mode: u64,
@@ -97,7 +98,7 @@ pub(super) struct Primitive {
 
 /// A glTF mesh.
 #[derive(Debug)]
-pub(super) struct Mesh {
+pub struct Mesh {
     pub name: String,
     pub primitives: Vec<Primitive>,
     /// Default weights, one a morph target.
@@ -133,7 +134,7 @@ impl Mesh {
 }
 
 /// `weights` of a mesh or node, one a morph target.
-pub(super) fn read_weights(json: &Json, targets: usize) -> Result<Option<Vec<f32>>> {
+pub fn read_weights(json: &Json, targets: usize) -> Result<Option<Vec<f32>>> {
     let Some(weights) = json.numbers("weights")? else { return Ok(None) };
     if weights.len() != targets {
         return Err(json.bad("weights", format!("{targets} numbers, one a morph target"), weights.len()));
@@ -142,7 +143,7 @@ pub(super) fn read_weights(json: &Json, targets: usize) -> Result<Option<Vec<f32
 }
 
 /// Marks accessors that primitives use.
-pub(super) fn mark_used(meshes: &[Mesh], used: &mut [bool]) {
+pub fn mark_used(meshes: &[Mesh], used: &mut [bool]) {
     for primitive in meshes.iter().flat_map(|m| &m.primitives) {
         primitive.all_accessors.iter().for_each(|&i| used[i] = true);
     }

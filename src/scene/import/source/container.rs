@@ -1,12 +1,12 @@
 //! The file around the scene: GLB container or plain JSON.
 
-use std::fs::File;
-use std::io::Read;
 use std::ops::Range;
 use std::path::Path;
 
+use bytes::Bytes;
 use serde_json::Value;
 
+use super::read_regular;
 use crate::error::{Error, Result};
 
 const MAGIC: &[u8] = b"glTF";
@@ -16,40 +16,18 @@ const JSON_CHUNK: u32 = 0x4E4F_534A;
 const BIN_CHUNK: u32 = 0x004E_4942;
 
 /// A scene file's parts.
-pub(super) struct Container {
+pub struct Container {
     pub json: Value,
     /// The GLB's binary chunk.
-    pub bin: Option<Vec<u8>>,
+    pub bin: Option<Bytes>,
     /// Bytes of the file.
     pub file_bytes: u64,
 }
 
-/// Reads a regular file whole. Pipes and devices are refused before they are opened.
-///
-/// # Errors
-/// Missing, forbidden, not a regular file, larger than `limit`, or a failed read.
-pub(super) fn read_regular(path: &Path, limit: u64) -> Result<Vec<u8>> {
-    let meta = std::fs::metadata(path).map_err(|e| Error::reading(path, &e))?;
-    if !meta.is_file() {
-        return Err(Error::Data(format!("{}: not a regular file", path.display())));
-    }
-    if meta.len() > limit {
-        return Err(Error::Data(format!(
-            "{}: {} bytes are more than the {limit} that such a file may have",
-            path.display(),
-            meta.len()
-        )));
-    }
-    let mut bytes = Vec::new();
-    let file = File::open(path).map_err(|e| Error::reading(path, &e))?;
-    file.take(limit).read_to_end(&mut bytes).map_err(|e| Error::reading(path, &e))?;
-    Ok(bytes)
-}
-
 /// Reads `.gltf` or `.glb`, told apart by their first bytes.
-pub(super) fn read(path: &Path) -> Result<Container> {
+pub fn read(path: &Path) -> Result<Container> {
     const LARGEST: u64 = 64 << 30;
-    let bytes = read_regular(path, LARGEST)?;
+    let bytes = Bytes::from(read_regular(path, LARGEST)?);
     let in_file = |text: String| Error::Data(format!("{}: {text}", path.display()));
     let file_bytes = bytes.len() as u64;
     let is_glb = bytes.starts_with(MAGIC);
@@ -58,7 +36,7 @@ pub(super) fn read(path: &Path) -> Result<Container> {
     }
     let (json, bin) = if is_glb {
         let chunks = split(&bytes).map_err(|text| in_file(format!("GLB container: {text}")))?;
-        (parse(&bytes[chunks.json]), chunks.bin.map(|range| bytes[range].to_vec()))
+        (parse(&bytes[chunks.json]), chunks.bin.map(|range| bytes.slice(range)))
     } else {
         (parse(&bytes), None)
     };

@@ -1,21 +1,17 @@
-//! Materials: checked as the document has them, then turned into the scene's own with only the textures that are
-//! sampled.
-
-use std::collections::HashMap;
+//! Materials, as the document has them.
 
 use glam::{Affine2, Vec2, Vec3, Vec4};
 
-use super::document::{Document, Lengths};
+use super::Lengths;
 use super::extensions::{Support, support};
-use super::images::TextureTable;
 use super::json::Json;
-use super::report::{NoteKind, Notes};
 use crate::error::Result;
-use crate::scene::{self, AlphaMode, Encoding, TextureRef};
+use crate::scene::import::report::NoteKind;
+use crate::scene::{self, AlphaMode, TextureSlot};
 
 /// A use of a texture, as the document has it.
 #[derive(Debug, Clone)]
-pub(super) struct TextureInfo {
+pub struct TextureInfo {
     pub texture: usize,
     pub set: u64,
     pub transform: Option<Affine2>,
@@ -45,21 +41,19 @@ impl TextureInfo {
 
 /// A checked material.
 #[derive(Debug)]
-pub(super) struct Material {
-    plain: scene::Material,
-    base_color: Option<TextureInfo>,
-    metallic_roughness: Option<TextureInfo>,
-    normal: Option<TextureInfo>,
-    emissive: Option<TextureInfo>,
-    specular: Option<TextureInfo>,
-    specular_color: Option<TextureInfo>,
-    has_occlusion: bool,
-    clamped: Vec<String>,
+pub struct Material {
+    /// The scene's, without textures.
+    pub plain: scene::Material,
+    /// By [`TextureSlot`].
+    pub textures: [Option<TextureInfo>; TextureSlot::ALL.len()],
+    pub has_occlusion: bool,
+    /// Paths of factors outside of 0 to 1.
+    pub clamped: Vec<String>,
     /// Extensions that are not shown exactly: kind, name and reason.
-    inexact: Vec<(NoteKind, String, &'static str)>,
+    pub inexact: Vec<(NoteKind, String, &'static str)>,
     /// What makes tangents in the file necessary.
     pub needs_tangents: Option<String>,
-    at: String,
+    pub at: String,
 }
 
 impl Material {
@@ -74,7 +68,7 @@ impl Material {
         };
         let texture = |json: &Json, key: &str| TextureInfo::parse(json, key, lengths);
         let mut plain = scene::Material { name: json.name()?, ..Default::default() };
-        let (mut base_color, mut metallic_roughness, mut specular, mut specular_color) = (None, None, None, None);
+        let mut textures = [const { None }; TextureSlot::ALL.len()];
         if let Some(pbr) = json.get("pbrMetallicRoughness")? {
             plain.metallic = unit(&pbr, "metallicFactor", 1.0)?;
             plain.roughness = unit(&pbr, "roughnessFactor", 1.0)?;
@@ -85,10 +79,10 @@ impl Material {
                     plain.base_color = plain.base_color.clamp(Vec4::ZERO, Vec4::ONE);
                 }
             }
-            base_color = texture(&pbr, "baseColorTexture")?;
-            metallic_roughness = texture(&pbr, "metallicRoughnessTexture")?;
+            textures[TextureSlot::BaseColor as usize] = texture(&pbr, "baseColorTexture")?;
+            textures[TextureSlot::MetallicRoughness as usize] = texture(&pbr, "metallicRoughnessTexture")?;
         }
-        let normal = texture(json, "normalTexture")?;
+        textures[TextureSlot::Normal as usize] = texture(json, "normalTexture")?;
         if let Some(normal) = json.get("normalTexture")? {
             plain.normal_scale = normal.number("scale")?.unwrap_or(1.0) as f32;
         }
@@ -96,7 +90,7 @@ impl Material {
             occlusion.number("strength")?;
         }
         let has_occlusion = texture(json, "occlusionTexture")?.is_some();
-        let emissive = texture(json, "emissiveTexture")?;
+        textures[TextureSlot::Emissive as usize] = texture(json, "emissiveTexture")?;
         let factor = json.vector::<3>("emissiveFactor")?.unwrap_or([0.0; 3]).map(|x| x as f32);
         let strength = match json.extension("KHR_materials_emissive_strength")? {
             Some(json) => json.number("emissiveStrength")?.unwrap_or(1.0) as f32,
@@ -122,8 +116,8 @@ impl Material {
             if plain.specular_color.min_element() < 0.0 {
                 return Err(json.bad("specularColorFactor", "numbers of at least 0", plain.specular_color));
             }
-            specular = texture(&json, "specularTexture")?;
-            specular_color = texture(&json, "specularColorTexture")?;
+            textures[TextureSlot::Specular as usize] = texture(&json, "specularTexture")?;
+            textures[TextureSlot::SpecularColor as usize] = texture(&json, "specularColorTexture")?;
         }
         plain.unlit = json.extension("KHR_materials_unlit")?.is_some();
         plain.double_sided = json.boolean("doubleSided", false)?;
@@ -135,63 +129,9 @@ impl Material {
             "BLEND" => AlphaMode::Blend,
             other => return Err(json.bad("alphaMode", "OPAQUE, MASK or BLEND", other)),
         };
-        let (inexact, needs_tangents) = check_other_extensions(json, lengths, normal.is_some())?;
-        Ok(Self {
-            plain,
-            base_color,
-            metallic_roughness,
-            normal,
-            emissive,
-            specular,
-            specular_color,
-            has_occlusion,
-            clamped,
-            inexact,
-            needs_tangents,
-            at: json.at.clone(),
-        })
-    }
-
-    /// The scene's material; registers the textures that it samples.
-    fn resolve(&self, document: &Document, textures: &mut TextureTable, notes: &mut Notes) -> scene::Material {
-        for path in &self.clamped {
-            notes.repaired(path, "a factor outside of 0 to 1 is clamped");
-        }
-        for (kind, name, why) in &self.inexact {
-            notes.add(*kind, &format!("{}.extensions.{name}", self.at), format!("{name}: {why}"));
-        }
-        let mut material = self.plain.clone();
-        let mut sample = |info: &Option<TextureInfo>, encoding, needed: bool| -> Option<TextureRef> {
-            let info = info.as_ref()?;
-            if !needed {
-                notes.not_loaded(&info.at, "a texture whose factor is 0, or that the material does not use");
-                return None;
-            }
-            textures.register(document, info, encoding, notes)
-        };
-        let lit = !material.unlit;
-        material.textures[TextureSlot::BaseColor] = sample(&self.base_color, Encoding::Srgb, true);
-        let surface = lit && (material.metallic > 0.0 || material.roughness > 0.0);
-        material.textures[TextureSlot::MetallicRoughness] = sample(&self.metallic_roughness, Encoding::Linear, surface);
-        let bent = lit && material.normal_scale != 0.0;
-        material.textures[TextureSlot::Normal] = sample(&self.normal, Encoding::Linear, bent);
-        let shines = lit && material.emissive.max_element() > 0.0;
-        material.textures[TextureSlot::Emissive] = sample(&self.emissive, Encoding::Srgb, shines);
-        // A pure metal without a texture for its metalness has no dielectric part.
-        let dielectric = lit && (material.metallic < 1.0 || material.textures[TextureSlot::MetallicRoughness].is_some());
-        let specular = dielectric && material.specular > 0.0;
-        material.textures[TextureSlot::Specular] = sample(&self.specular, Encoding::Linear, specular);
-        let tinted = specular && material.specular_color.max_element() > 0.0;
-        material.textures[TextureSlot::SpecularColor] = sample(&self.specular_color, Encoding::Srgb, tinted);
-        if self.has_occlusion {
-            let text = "occlusion textures are not loaded: light transport computes the occlusion";
-            notes.not_loaded(&format!("{}.occlusionTexture", self.at), text);
-        }
-        if !material.double_sided {
-            let text = "doubleSided is false: back faces are shaded, not culled; emission is from the front only";
-            notes.convention(&self.at, text);
-        }
-        material
+        let (inexact, needs_tangents) =
+            check_other_extensions(json, lengths, textures[TextureSlot::Normal as usize].is_some())?;
+        Ok(Self { plain, textures, has_occlusion, clamped, inexact, needs_tangents, at: json.at.clone() })
     }
 }
 
@@ -231,40 +171,4 @@ fn check_other_extensions(
         }
     }
     Ok((inexact, needs_tangents))
-}
-
-/// The scene's materials, made when a mesh first uses them.
-#[derive(Default)]
-pub(super) struct MaterialTable {
-    pub materials: Vec<scene::Material>,
-    by_index: HashMap<Option<usize>, u32>,
-}
-
-impl MaterialTable {
-    /// The scene's index of a document's material; `None` is the default material.
-    pub fn get(
-        &mut self,
-        document: &Document,
-        index: Option<usize>,
-        textures: &mut TextureTable,
-        notes: &mut Notes,
-    ) -> u32 {
-        *self.by_index.entry(index).or_insert_with(|| {
-            let material = match index {
-                Some(index) => document.materials[index].resolve(document, textures, notes),
-                None => scene::Material::default(),
-            };
-            self.materials.push(material);
-            (self.materials.len() - 1) as u32
-        })
-    }
-
-    /// Notes the materials that no mesh uses.
-    pub fn note_unused(&self, document: &Document, notes: &mut Notes) {
-        for (index, material) in document.materials.iter().enumerate() {
-            if !self.by_index.contains_key(&Some(index)) {
-                notes.not_loaded(&material.at, "a material that no placed mesh uses");
-            }
-        }
-    }
 }

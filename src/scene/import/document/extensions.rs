@@ -4,7 +4,7 @@ use crate::error::{Error, Result};
 
 /// How an extension is treated.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Support {
+pub enum Support {
     /// Shown as it asks.
     Full,
     /// Does not change a still picture, or has an exact fallback in the core file.
@@ -16,7 +16,7 @@ pub(super) enum Support {
 }
 
 /// What is done about an extension.
-pub(super) fn support(name: &str) -> Support {
+pub fn support(name: &str) -> Support {
     use Support::*;
     let ignored = |why, factor| Ignored { why, factor };
     match name {
@@ -65,7 +65,7 @@ const DECODERS: &[&str] = &["EXT_meshopt_compression", "KHR_meshopt_compression"
 
 /// # Errors
 /// Names every required extension that is not understood.
-pub(super) fn check_required(required: &[String]) -> Result<()> {
+pub fn check_required(required: &[String]) -> Result<()> {
     let refused: Vec<_> = required
         .iter()
         .filter(|name| !matches!(support(name), Support::Full | Support::NoEffect) || DECODERS.contains(&name.as_str()))

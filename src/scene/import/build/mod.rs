@@ -1,23 +1,34 @@
 //! Puts the scene together from a checked document.
 
+mod cameras;
+mod geometry;
+mod lights;
+mod materials;
+mod nodes;
+mod reader;
+mod skins;
+mod tangents;
+mod textures;
+
 use std::collections::HashSet;
 
 use glam::{Affine3A, DAffine3, DVec3};
 
-use super::accessors::Reader;
-use super::cameras::framed;
-use super::document::Document;
-use super::extensions::{Support, support};
-use super::geometry::{self, Pose};
-use super::images::TextureTable;
-use super::materials::MaterialTable;
-use super::nodes::{ObjectKey, Placement, Walk, walk};
-use super::report::{Counts, ImportReport, Notes};
 use crate::error::{Error, Result};
+use crate::scene::import::document::Document;
+use crate::scene::import::document::extensions::{Support, support};
+use crate::scene::import::report::{Counts, ImportReport, Notes};
 use crate::scene::{self, FARTHEST, Instance, Mesh, Object, Scene, Texels};
 
+use cameras::framed;
+use geometry::Pose;
+use materials::MaterialTable;
+use nodes::{ObjectKey, Placement, Walk, walk};
+use reader::Reader;
+use textures::TextureTable;
+
 /// Builds the scene and fills the report's extensions, notes and counts.
-pub(super) fn assemble(document: &Document, file_bytes: u64, report: &mut ImportReport) -> Result<Scene> {
+pub fn build(document: &Document, file_bytes: u64, report: &mut ImportReport) -> Result<Scene> {
     let mut notes = Notes::default();
     note_document(document, &mut notes);
     let mut reader = Reader::new(document, file_bytes);
@@ -101,7 +112,7 @@ impl Assembly<'_> {
         let placements: Vec<&Placement> = placements.iter().filter(|p| is_solid(p, notes)).collect();
         let mesh = &document.meshes[key.mesh];
         let joints = match key.skin {
-            Some(skin) => Some(document.skins[skin].joint_matrices(&mut self.reader, &walk.worlds)?),
+            Some(skin) => Some(skins::joint_matrices(&document.skins[skin], &mut self.reader, &walk.worlds)?),
             None => None,
         };
         let weights: Vec<f32> = key.weights.iter().map(|bits| f32::from_bits(*bits)).collect();
@@ -212,7 +223,7 @@ fn corners(meshes: &[Mesh]) -> Vec<DVec3> {
 }
 
 /// Bytes of a mesh's arrays.
-pub(super) fn mesh_bytes(mesh: &Mesh) -> u64 {
+pub fn mesh_bytes(mesh: &Mesh) -> u64 {
     fn of<T>(values: Option<&Vec<T>>) -> usize {
         values.map_or(0, |v| size_of_val(v.as_slice()))
     }
@@ -226,7 +237,7 @@ pub(super) fn mesh_bytes(mesh: &Mesh) -> u64 {
 }
 
 /// Bytes of a picture's texels.
-pub(super) fn image_bytes(image: &scene::Image) -> u64 {
+pub fn image_bytes(image: &scene::Image) -> u64 {
     let bytes = match &image.texels {
         Texels::Rgb8(t) => size_of_val(t.as_slice()),
         Texels::Rgba8(t) => size_of_val(t.as_slice()),

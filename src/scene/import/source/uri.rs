@@ -1,15 +1,13 @@
 //! What a scene file may name: files beside or below it, and data inside of the URI.
 
-use std::collections::HashMap;
 use std::path::{Component, Path, PathBuf};
-use std::sync::{Arc, OnceLock};
 
 use base64::Engine;
 use base64::alphabet::STANDARD;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
-use super::json::bad;
 use crate::error::{Error, Result};
+use crate::scene::import::complaint::bad;
 
 /// Exporters disagree about padding; everything else of base64 is checked.
 const BASE64: GeneralPurpose = GeneralPurpose::new(
@@ -19,32 +17,11 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
         .with_decode_allow_trailing_bits(true),
 );
 
-/// The files that a document names, each once however often it is named.
-#[derive(Debug, Default)]
-pub(super) struct Files {
-    by_path: HashMap<PathBuf, (u64, Contents)>,
-}
-
-/// A file's bytes, read when something needs them.
-pub(super) type Contents = Arc<OnceLock<Vec<u8>>>;
-
-impl Files {
-    /// Notes a file of `size` bytes; gives the place for its contents.
-    pub fn add(&mut self, path: &Path, size: u64) -> Contents {
-        self.by_path.entry(path.into()).or_insert_with(|| (size, Contents::default())).1.clone()
-    }
-
-    /// Bytes of all files.
-    pub fn bytes(&self) -> u64 {
-        self.by_path.values().map(|(size, _)| size).sum()
-    }
-}
-
 /// A resolved URI.
 #[derive(Debug)]
-pub(super) enum Resource {
-    /// A regular file under the scene's folder, and its size in bytes.
-    File(PathBuf, u64),
+pub enum Resource {
+    /// A regular file under the scene's folder.
+    File(PathBuf),
     /// Data from the URI itself.
     Data {
         /// Media type, may be empty.
@@ -58,7 +35,7 @@ pub(super) enum Resource {
 ///
 /// # Errors
 /// When the system cannot resolve it.
-pub(super) fn folder_of(scene: &Path) -> Result<PathBuf> {
+pub fn folder_of(scene: &Path) -> Result<PathBuf> {
     let parent = match scene.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
@@ -71,7 +48,7 @@ pub(super) fn folder_of(scene: &Path) -> Result<PathBuf> {
 /// # Errors
 /// A scheme other than `data:`, an absolute path, a path or link that leaves `folder`, anything but a regular
 /// file, malformed data: [`Error::Data`]. A file that is not there: [`Error::Missing`].
-pub(super) fn resolve(uri: &str, folder: &Path, at: &str) -> Result<Resource> {
+pub fn resolve(uri: &str, folder: &Path, at: &str) -> Result<Resource> {
     if let Some(data) = uri.strip_prefix("data:") {
         return decode(data, at);
     }
@@ -120,7 +97,7 @@ pub(super) fn resolve(uri: &str, folder: &Path, at: &str) -> Result<Resource> {
     if !meta.is_file() {
         return Err(refused("is not a regular file"));
     }
-    Ok(Resource::File(path, meta.len()))
+    Ok(Resource::File(path))
 }
 
 /// `[mediatype][;parameter=value]*[;base64],data`.

@@ -1,29 +1,37 @@
 //! The glTF document, checked: after [`Document::parse`] every index is in range, every accessor lies in its view,
 //! and the nodes are a forest.
 
+pub mod accessors;
+mod buffers;
+pub mod cameras;
+pub mod extensions;
+pub mod images;
+mod json;
+pub mod lights;
+pub mod materials;
+pub mod nodes;
+pub mod primitives;
+pub mod skins;
+
 use std::collections::BTreeMap;
-use std::path::Path;
 
-use serde_json::Value;
-
-use super::accessors::{Accessor, View};
-use super::buffers::Buffer;
-use super::cameras::{self, Camera};
-use super::extensions;
-use super::images::{Image, Sampler, Texture};
-use super::json::{Json, bad, each_extension, join};
-use super::lights::{self, Light};
-use super::materials::Material;
-use super::nodes::{Node, check_forest};
-use super::primitives::Mesh;
-use super::skins::{self, Skin};
-use super::uri::Files;
-use super::{accessors, primitives};
 use crate::error::{Error, Result};
+use crate::scene::import::complaint::bad;
+use crate::scene::import::source::Source;
+use accessors::{Accessor, View};
+use buffers::Buffer;
+use cameras::Camera;
+use images::{Image, Sampler, Texture};
+use json::{Json, each_extension, join};
+use lights::Light;
+use materials::Material;
+use nodes::{Node, check_forest};
+use primitives::Mesh;
+use skins::Skin;
 
 /// Lengths of the document's arrays, to check indices against.
 #[derive(Default)]
-pub(super) struct Lengths {
+pub struct Lengths {
     pub accessors: usize,
     pub buffers: usize,
     pub cameras: usize,
@@ -40,7 +48,7 @@ pub(super) struct Lengths {
 }
 
 /// A checked glTF document. Arrays and indices are those of the file.
-pub(super) struct Document {
+pub struct Document {
     pub generator: Option<String>,
     pub buffers: Vec<Buffer>,
     pub views: Vec<View>,
@@ -62,8 +70,6 @@ pub(super) struct Document {
     pub scenes: usize,
     /// Extensions that stand in the document or are declared, and where first.
     pub extensions: BTreeMap<String, String>,
-    /// Bytes of the files that the document names.
-    pub external_bytes: u64,
 }
 
 impl Document {
@@ -72,15 +78,15 @@ impl Document {
     /// # Errors
     /// [`Error::Data`] for whatever breaks the specification in a way that could be seen, [`Error::Missing`] for
     /// a buffer or picture that is not there.
-    pub fn parse(value: &Value, folder: &Path, bin: Option<Vec<u8>>) -> Result<Self> {
-        let root = Json::root(value);
+    pub fn parse(source: &Source) -> Result<Self> {
+        let root = Json::root(&source.json);
         let asset = root.need("asset", root.get("asset")?)?;
         check_version(&asset)?;
         let required = strings(&root, "extensionsRequired")?;
         extensions::check_required(&required)?;
         let mut extensions: BTreeMap<String, String> =
             strings(&root, "extensionsUsed")?.into_iter().map(|name| (name, "extensionsUsed".into())).collect();
-        each_extension(value, &mut Vec::new(), &mut |name, at| {
+        each_extension(&source.json, &mut Vec::new(), &mut |name, at| {
             extensions.entry(name.into()).or_insert_with(|| join(at));
         })?;
         let quantized = required.iter().any(|name| name == "KHR_mesh_quantization");
@@ -120,17 +126,17 @@ impl Document {
             variants,
         };
 
-        let (mut bin, mut files) = (bin, Files::default());
         let buffers = buffer_items
             .iter()
             .enumerate()
-            .map(|(i, json)| Buffer::parse(json, folder, &mut files, if i == 0 { bin.take() } else { None }))
+            .map(|(i, json)| Buffer::parse(json, i, source))
             .collect::<Result<Vec<_>>>()?;
         let views = view_items.iter().map(|json| View::parse(json, &lengths)).collect::<Result<Vec<_>>>()?;
         let accessors = accessor_items.iter().map(|json| Accessor::parse(json, &views)).collect::<Result<Vec<_>>>()?;
         let images = image_items
             .iter()
-            .map(|json| Image::parse(json, folder, &mut files, &views))
+            .enumerate()
+            .map(|(i, json)| Image::parse(json, i, source, &views))
             .collect::<Result<Vec<_>>>()?;
         let samplers = sampler_items.iter().map(Sampler::parse).collect::<Result<Vec<_>>>()?;
         let textures = texture_items.iter().map(|json| Texture::parse(json, &lengths)).collect::<Result<Vec<_>>>()?;
@@ -195,7 +201,6 @@ impl Document {
             animations: root.items("animations")?.len(),
             scenes: lengths.scenes,
             extensions,
-            external_bytes: files.bytes(),
         })
     }
 }

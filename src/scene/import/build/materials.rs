@@ -1,0 +1,87 @@
+//! Materials for the scene, with only the textures that are sampled.
+
+use std::collections::HashMap;
+
+use super::textures::TextureTable;
+use crate::scene::import::document::Document;
+use crate::scene::import::document::materials::Material;
+use crate::scene::import::report::Notes;
+use crate::scene::{self, TextureSlot};
+
+/// The scene's material; registers the textures that it samples.
+fn resolve(from: &Material, document: &Document, textures: &mut TextureTable, notes: &mut Notes) -> scene::Material {
+    for path in &from.clamped {
+        notes.repaired(path, "a factor outside of 0 to 1 is clamped");
+    }
+    for (kind, name, why) in &from.inexact {
+        notes.add(*kind, &format!("{}.extensions.{name}", from.at), format!("{name}: {why}"));
+    }
+    let mut material = from.plain.clone();
+    let lit = !material.unlit;
+    for slot in TextureSlot::ALL {
+        let Some(info) = &from.textures[slot as usize] else { continue };
+        // A pure metal without a texture for its metalness has no dielectric part.
+        let dielectric =
+            || lit && (material.metallic < 1.0 || material.textures[TextureSlot::MetallicRoughness].is_some());
+        let needed = match slot {
+            TextureSlot::BaseColor => true,
+            TextureSlot::MetallicRoughness => lit && (material.metallic > 0.0 || material.roughness > 0.0),
+            TextureSlot::Normal => lit && material.normal_scale != 0.0,
+            TextureSlot::Emissive => lit && material.emissive.max_element() > 0.0,
+            TextureSlot::Specular => dielectric() && material.specular > 0.0,
+            TextureSlot::SpecularColor => {
+                dielectric() && material.specular > 0.0 && material.specular_color.max_element() > 0.0
+            }
+        };
+        if needed {
+            material.textures[slot] = textures.register(document, info, slot, notes);
+        } else {
+            notes.not_loaded(&info.at, "a texture whose factor is 0, or that the material does not use");
+        }
+    }
+    if from.has_occlusion {
+        let text = "occlusion textures are not loaded: light transport computes the occlusion";
+        notes.not_loaded(&format!("{}.occlusionTexture", from.at), text);
+    }
+    if !material.double_sided {
+        let text = "doubleSided is false: back faces are shaded, not culled; emission is from the front only";
+        notes.convention(&from.at, text);
+    }
+    material
+}
+
+/// The scene's materials, made when a mesh first uses them.
+#[derive(Default)]
+pub struct MaterialTable {
+    pub materials: Vec<scene::Material>,
+    by_index: HashMap<Option<usize>, u32>,
+}
+
+impl MaterialTable {
+    /// The scene's index of a document's material; `None` is the default material.
+    pub fn get(
+        &mut self,
+        document: &Document,
+        index: Option<usize>,
+        textures: &mut TextureTable,
+        notes: &mut Notes,
+    ) -> u32 {
+        *self.by_index.entry(index).or_insert_with(|| {
+            let material = match index {
+                Some(index) => resolve(&document.materials[index], document, textures, notes),
+                None => scene::Material::default(),
+            };
+            self.materials.push(material);
+            (self.materials.len() - 1) as u32
+        })
+    }
+
+    /// Notes the materials that no mesh uses.
+    pub fn note_unused(&self, document: &Document, notes: &mut Notes) {
+        for (index, material) in document.materials.iter().enumerate() {
+            if !self.by_index.contains_key(&Some(index)) {
+                notes.not_loaded(&material.at, "a material that no placed mesh uses");
+            }
+        }
+    }
+}

@@ -1,0 +1,142 @@
+//! The node tree, walked without recursion.
+
+use std::collections::HashMap;
+
+use glam::{DAffine3, DMat4, DQuat, DVec3};
+
+use super::reader::Reader;
+use super::{cameras, lights};
+use crate::error::Result;
+use crate::scene::import::document::Document;
+use crate::scene::import::document::extensions::{Support, support};
+use crate::scene::import::document::nodes::Instancing;
+use crate::scene::import::report::Notes;
+use crate::scene::{Camera, PunctualLight};
+
+/// What an object is made from: equal keys share their meshes.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub struct ObjectKey {
+    pub mesh: usize,
+    /// Bits of the morph weights.
+    pub weights: Vec<u32>,
+    pub skin: Option<usize>,
+}
+
+/// Where an object stands.
+pub struct Placement {
+    pub name: String,
+    pub world: DAffine3,
+    pub at: String,
+}
+
+/// What the shown scene holds.
+#[derive(Default)]
+pub struct Walk {
+    /// Objects in the order of their first placement.
+    pub objects: Vec<(ObjectKey, Vec<Placement>)>,
+    pub cameras: Vec<Camera>,
+    pub lights: Vec<PunctualLight>,
+    /// Every node's transform to world space, also those of other scenes (joints may be anywhere).
+    pub worlds: Vec<DMat4>,
+}
+
+/// Walks the shown scene.
+///
+/// # Errors
+/// Instance data that cannot be read.
+pub fn walk(document: &Document, reader: &mut Reader, notes: &mut Notes) -> Result<Walk> {
+    let nodes = &document.nodes;
+    let mut worlds = vec![DAffine3::IDENTITY; nodes.len()];
+    let mut is_child = vec![false; nodes.len()];
+    nodes.iter().flat_map(|n| &n.children).for_each(|&c| is_child[c] = true);
+    let mut stack: Vec<(usize, DAffine3)> =
+        (0..nodes.len()).filter(|&i| !is_child[i]).map(|i| (i, DAffine3::IDENTITY)).collect();
+    while let Some((index, parent)) = stack.pop() {
+        worlds[index] = parent * nodes[index].transform;
+        stack.extend(nodes[index].children.iter().map(|&child| (child, worlds[index])));
+    }
+
+    let mut out = Walk { worlds: worlds.iter().map(|&w| w.into()).collect(), ..Default::default() };
+    let mut by_key: HashMap<ObjectKey, usize> = HashMap::new();
+    let mut shown = vec![false; nodes.len()];
+    // In the document's order, depth first.
+    let mut stack: Vec<(usize, bool)> = document.roots.iter().rev().map(|&root| (root, true)).collect();
+    while let Some((index, parent_visible)) = stack.pop() {
+        let node = &nodes[index];
+        let visible = parent_visible && node.visible;
+        shown[index] = true;
+        stack.extend(node.children.iter().rev().map(|&child| (child, visible)));
+        for name in &node.extensions {
+            if let Support::Ignored { why, .. } = support(name) {
+                notes.ignored(&format!("{}.extensions.{name}", node.at), format!("{name}: {why}"));
+            }
+        }
+        let world = worlds[index];
+        if let Some(camera) = node.camera.map(|c| &document.cameras[c]) {
+            let name = if node.name == node.at { camera.name.clone() } else { None };
+            match cameras::place(camera, name.unwrap_or_else(|| node.name.clone()), &world) {
+                Some(camera) => out.cameras.push(camera),
+                None => notes.ignored(&node.at, "a camera whose node has no direction or place"),
+            }
+        }
+        if !visible {
+            if node.mesh.is_some() || node.light.is_some() {
+                notes.not_loaded(&node.at, "a node that KHR_node_visibility hides");
+            }
+            continue;
+        }
+        if let Some(light) = node.light {
+            out.lights.extend(lights::place(&document.lights[light], &node.name, &world, notes));
+        }
+        let Some(mesh) = node.mesh else { continue };
+        let weights = node.weights.as_ref().unwrap_or(&document.meshes[mesh].weights);
+        let key = ObjectKey { mesh, weights: weights.iter().map(|w| w.to_bits()).collect(), skin: node.skin };
+        let placements = match by_key.get(&key) {
+            Some(&i) => &mut out.objects[i].1,
+            None => {
+                by_key.insert(key.clone(), out.objects.len());
+                out.objects.push((key, Vec::new()));
+                match out.objects.last_mut() {
+                    Some((_, placements)) => placements,
+                    None => continue,
+                }
+            }
+        };
+        let place = |world: DAffine3| Placement { name: node.name.clone(), world, at: node.at.clone() };
+        match &node.instancing {
+            // Joints alone place a skinned mesh.
+            _ if node.skin.is_some() => placements.push(place(DAffine3::IDENTITY)),
+            Some(instancing) => {
+                placements.extend(instances(instancing, reader)?.into_iter().map(|t| place(world * t)));
+            }
+            None => placements.push(place(world)),
+        }
+    }
+    for (node, _) in nodes.iter().zip(shown).filter(|(_, shown)| !shown) {
+        if node.mesh.is_some() || node.camera.is_some() || node.light.is_some() {
+            notes.not_loaded(&node.at, "a node that is not in the shown scene");
+        }
+    }
+    Ok(out)
+}
+
+/// Instance to node space.
+fn instances(from: &Instancing, reader: &mut Reader) -> Result<Vec<DAffine3>> {
+    let Some(&any) = from.all.first() else { return Ok(Vec::new()) };
+    let accessor = &reader.document.accessors[any];
+    let (at, count) = (accessor.at.clone(), accessor.count);
+    // Each becomes a placement, which is larger than what it is read from.
+    const PLACEMENT: u64 = 256;
+    reader.budget.take(&at, count, PLACEMENT)?;
+    let translation = from.translation.map(|i| reader.floats::<3>(i)).transpose()?;
+    let rotation = from.rotation.map(|i| reader.floats::<4>(i)).transpose()?;
+    let scale = from.scale.map(|i| reader.floats::<3>(i)).transpose()?;
+    let place = |i: usize| {
+        let t = translation.as_ref().map_or(DVec3::ZERO, |v| DVec3::from(v[i].map(f64::from)));
+        let s = scale.as_ref().map_or(DVec3::ONE, |v| DVec3::from(v[i].map(f64::from)));
+        let r = rotation.as_ref().map_or(DQuat::IDENTITY, |v| DQuat::from_array(v[i].map(f64::from)));
+        let r = if r.length_squared() > 0.0 { r.normalize() } else { DQuat::IDENTITY };
+        DAffine3::from_scale_rotation_translation(s, r, t)
+    };
+    Ok((0..count as usize).map(place).collect())
+}

@@ -1,0 +1,156 @@
+//! The one reader of accessors' elements, within a budget of memory.
+
+use crate::error::{Error, Result};
+use crate::scene::import::complaint::bad;
+use crate::scene::import::document::Document;
+use crate::scene::import::document::accessors::{Accessor, Component, Sparse};
+
+/// Memory that a file may still ask for: hostile files ask for far more than they hold.
+#[derive(Debug)]
+pub struct Budget {
+    left: u64,
+    whole: u64,
+    file_bytes: u64,
+}
+
+impl Budget {
+    /// `base` bytes and `factor` times the file's size.
+    pub fn new(base: u64, factor: u64, file_bytes: u64) -> Self {
+        let whole = base.saturating_add(file_bytes.saturating_mul(factor));
+        Self { left: whole, whole, file_bytes }
+    }
+
+    /// Takes `count` times `size` bytes.
+    ///
+    /// # Errors
+    /// When they are not left.
+    pub fn take(&mut self, at: &str, count: u64, size: u64) -> Result<()> {
+        let left = count.checked_mul(size).and_then(|bytes| self.left.checked_sub(bytes));
+        self.left = left.ok_or_else(|| {
+            Error::Data(format!(
+                "{at}: asks for {count} elements of {size} bytes; with what was read before that is more than the {} \
+                 MiB that a file of {} bytes may unfold to; is the file damaged?",
+                self.whole >> 20,
+                self.file_bytes
+            ))
+        })?;
+        Ok(())
+    }
+}
+
+/// Reads accessors' elements.
+pub struct Reader<'a> {
+    pub document: &'a Document,
+    pub budget: Budget,
+}
+
+impl<'a> Reader<'a> {
+    pub fn new(document: &'a Document, file_bytes: u64) -> Self {
+        // Quantized, indexed and shared data unfolds, but not without end.
+        const BASE: u64 = 256 << 20;
+        const FACTOR: u64 = 64;
+        Self { document, budget: Budget::new(BASE, FACTOR, file_bytes) }
+    }
+
+    /// All elements as floats; integers are divided by their largest value when they are normalized. Finite.
+    ///
+    /// # Errors
+    /// Bytes that are not there, NaN or infinite values, wrong sparse indices, too much memory.
+    pub fn floats<const N: usize>(&mut self, index: usize) -> Result<Vec<[f32; N]>> {
+        let accessor = &self.document.accessors[index];
+        let n = accessor.normalized;
+        let signed = move |x: f32, largest: f32| if n { (x / largest).max(-1.0) } else { x };
+        let unsigned = move |x: f32, largest: f32| if n { x / largest } else { x };
+        let elements = match accessor.component {
+            Component::F32 => self.elements(index, |b: [u8; 4]| f32::from_le_bytes(b))?,
+            Component::U8 => self.elements(index, |b: [u8; 1]| unsigned(b[0].into(), 255.0))?,
+            Component::I8 => self.elements(index, |b: [u8; 1]| signed((b[0] as i8).into(), 127.0))?,
+            Component::U16 => self.elements(index, |b: [u8; 2]| unsigned(u16::from_le_bytes(b).into(), 65535.0))?,
+            Component::I16 => self.elements(index, |b: [u8; 2]| signed(i16::from_le_bytes(b).into(), 32767.0))?,
+            Component::U32 => self.elements(index, |b: [u8; 4]| u32::from_le_bytes(b) as f32)?,
+        };
+        match elements.iter().position(|e: &[f32; N]| !e.iter().all(|x| x.is_finite())) {
+            None => Ok(elements),
+            Some(i) => Err(bad(&accessor.at, "finite numbers", format!("{:?} in element {i}", elements[i]))),
+        }
+    }
+
+    /// All elements as unsigned integers.
+    ///
+    /// # Errors
+    /// As [`Self::floats`].
+    pub fn integers<const N: usize>(&mut self, index: usize) -> Result<Vec<[u32; N]>> {
+        match self.document.accessors[index].component {
+            Component::U8 | Component::I8 => self.elements(index, |b: [u8; 1]| b[0].into()),
+            Component::U16 | Component::I16 => self.elements(index, |b: [u8; 2]| u16::from_le_bytes(b).into()),
+            Component::U32 | Component::F32 => self.elements(index, |b: [u8; 4]| u32::from_le_bytes(b)),
+        }
+    }
+
+    fn elements<T: Copy + Default, const S: usize, const N: usize>(
+        &mut self,
+        index: usize,
+        decode: impl Fn([u8; S]) -> T,
+    ) -> Result<Vec<[T; N]>> {
+        let document = self.document;
+        let accessor = &document.accessors[index];
+        let size = accessor.element_bytes();
+        if size != (S * N) as u64 {
+            // Callers check formats first; only tightly packed elements are read.
+            return Err(bad(&accessor.at, format!("elements of {} bytes", S * N), accessor.format()));
+        }
+        self.budget.take(&accessor.at, accessor.count, size_of::<[T; N]>() as u64)?;
+        let count = accessor.count as usize;
+        let element = |bytes: &[u8]| {
+            let mut out = [T::default(); N];
+            for (x, chunk) in out.iter_mut().zip(bytes.as_chunks::<S>().0) {
+                *x = decode(*chunk);
+            }
+            out
+        };
+        let mut out = Vec::with_capacity(count);
+        match accessor.view {
+            None => out.resize(count, [T::default(); N]),
+            Some(view) => {
+                let bytes = self.view_bytes(view, accessor.offset)?;
+                let stride = accessor.stride(&document.views[view]) as usize;
+                out.extend(bytes.chunks(stride).take(count).map(|chunk| element(&chunk[..chunk.len().min(S * N)])));
+            }
+        }
+        if let Some(sparse) = &accessor.sparse {
+            let values = self.view_bytes(sparse.value_view, sparse.value_offset)?;
+            let targets = self.sparse_indices(accessor, sparse)?;
+            for (target, value) in targets.into_iter().zip(values.chunks(S * N)) {
+                out[target] = element(value);
+            }
+        }
+        Ok(out)
+    }
+
+    fn sparse_indices(&mut self, accessor: &Accessor, sparse: &Sparse) -> Result<Vec<usize>> {
+        let at = || format!("{}.sparse.indices", accessor.at);
+        self.budget.take(&accessor.at, sparse.count, size_of::<usize>() as u64)?;
+        let bytes = self.view_bytes(sparse.index_view, sparse.index_offset)?;
+        let size = sparse.index_component.size() as usize;
+        let mut out: Vec<usize> = Vec::with_capacity(sparse.count as usize);
+        for (i, chunk) in bytes.chunks_exact(size).take(sparse.count as usize).enumerate() {
+            let target = chunk.iter().rev().fold(0_usize, |sum, &byte| sum << 8 | usize::from(byte));
+            if target as u64 >= accessor.count || out.last().is_some_and(|&last| target <= last) {
+                return Err(bad(
+                    &at(),
+                    format!("strictly increasing indices below {}", accessor.count),
+                    format!("{target} as number {i}"),
+                ));
+            }
+            out.push(target);
+        }
+        Ok(out)
+    }
+
+    /// A view's bytes from an offset on.
+    fn view_bytes(&self, view: usize, offset: u64) -> Result<&'a [u8]> {
+        let view = &self.document.views[view];
+        let start = view.offset.saturating_add(offset);
+        self.document.buffers[view.buffer].bytes(start, view.length.saturating_sub(offset))
+    }
+}

@@ -1,0 +1,53 @@
+//! Buffers: the bytes that accessors and pictures stand on.
+
+use bytes::Bytes;
+
+use super::json::Json;
+use crate::error::{Error, Result};
+use crate::scene::import::complaint::bad;
+use crate::scene::import::source::Source;
+
+/// One glTF buffer.
+pub struct Buffer {
+    /// Without `uri` and GLB chunk there is nothing to read, which is legal.
+    data: Option<Bytes>,
+    /// Bytes that the document may use; the data has at least as many.
+    pub length: u64,
+    at: String,
+}
+
+impl Buffer {
+    /// Finds a buffer's data.
+    pub fn parse(json: &Json, index: usize, source: &Source) -> Result<Self> {
+        let length = json.need("byteLength", json.integer("byteLength")?)?;
+        if length == 0 {
+            return Err(json.bad("byteLength", "at least 1", 0));
+        }
+        let data = match json.string("uri")? {
+            Some(_) => source.buffer(index)?.map(|data| data.bytes),
+            None => source.bin.clone().filter(|_| index == 0),
+        };
+        if let Some(available) = data.as_ref().map(|d| d.len() as u64).filter(|&n| n < length) {
+            return Err(json.bad("byteLength", format!("at most the {available} bytes that the data has"), length));
+        }
+        Ok(Self { data, length, at: json.at.clone() })
+    }
+
+    /// `length` bytes from `offset`.
+    ///
+    /// # Errors
+    /// When the range is not in the buffer, or the buffer has no data.
+    pub fn bytes(&self, offset: u64, length: u64) -> Result<&[u8]> {
+        let Some(all) = &self.data else {
+            return Err(Error::Data(format!(
+                "{}: has no `uri`, so there is no data to read; the file is incomplete: export it again",
+                self.at
+            )));
+        };
+        let range =
+            offset.checked_add(length).filter(|&end| end <= self.length).map(|end| offset as usize..end as usize);
+        range.and_then(|r| all.get(r)).ok_or_else(|| {
+            bad(&self.at, format!("{length} bytes from byte {offset}"), format!("{} bytes in all", self.length))
+        })
+    }
+}

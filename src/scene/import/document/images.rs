@@ -1,0 +1,129 @@
+//! Pictures, samplers and textures, as the document has them.
+
+use bytes::Bytes;
+
+use super::Lengths;
+use super::accessors::View;
+use super::json::Json;
+use crate::error::Result;
+use crate::scene::import::source::{Data, Source};
+use crate::scene::{Filter, Wrap};
+
+/// Where a picture's bytes are.
+#[derive(Debug)]
+pub enum ImageData {
+    /// Of its own.
+    Bytes(Bytes),
+    /// A buffer view.
+    View(usize),
+    /// Neither `uri` nor `bufferView`.
+    Nothing,
+}
+
+/// A document's image.
+#[derive(Debug)]
+pub struct Image {
+    pub data: ImageData,
+    pub name: String,
+    /// Encoded bytes.
+    pub length: u64,
+    pub at: String,
+}
+
+impl Image {
+    pub fn parse(json: &Json, index: usize, source: &Source, views: &[View]) -> Result<Self> {
+        let mut name = json.name()?;
+        let mut mime = json.string("mimeType")?.unwrap_or_default().to_string();
+        let view = json.index("bufferView", views.len(), "bufferViews")?;
+        let uri = json.string("uri")?;
+        if uri.is_some() && view.is_some() {
+            return Err(json.bad("bufferView", "either uri or bufferView", "both"));
+        }
+        let (data, length) = match (source.image(index)?, view) {
+            (Some(Data { bytes, mime: own }), _) => {
+                match (own, uri) {
+                    (Some(own), _) if mime != own && !mime.is_empty() && own.starts_with("image/") => {
+                        return Err(json.bad("mimeType", format!("\"{own}\" as in the URI"), format!("\"{mime}\"")));
+                    }
+                    (Some(own), _) => mime = own,
+                    (None, Some(uri)) if name == json.at => name = uri.into(),
+                    (None, _) => {}
+                }
+                let length = bytes.len() as u64;
+                (ImageData::Bytes(bytes), length)
+            }
+            (None, Some(index)) => {
+                if views[index].stride.is_some() {
+                    return Err(json.bad("bufferView", "a view without byteStride", &views[index].at));
+                }
+                (ImageData::View(index), views[index].length)
+            }
+            (None, None) => (ImageData::Nothing, 0),
+        };
+        const KNOWN: &[&str] = &["png", "jpeg", "jpg", "webp", "ktx2", "vnd-ms.dds", "x-basis"];
+        if mime.strip_prefix("image/").is_some_and(|kind| !KNOWN.contains(&kind)) {
+            return Err(json.bad("mimeType", "image/png or image/jpeg", format!("\"{mime}\"")));
+        }
+        Ok(Self { data, name, length, at: json.at.clone() })
+    }
+
+    pub fn view(&self) -> Option<usize> {
+        if let ImageData::View(view) = self.data { Some(view) } else { None }
+    }
+}
+
+/// A document's sampler.
+#[derive(Debug, Clone, Copy)]
+pub struct Sampler {
+    pub wrap_s: Wrap,
+    pub wrap_t: Wrap,
+    pub filter: Filter,
+}
+
+impl Sampler {
+    pub fn parse(json: &Json) -> Result<Self> {
+        json.name()?;
+        let wrap = |key: &str| match json.integer(key)?.unwrap_or(10497) {
+            33071 => Ok(Wrap::ClampToEdge),
+            33648 => Ok(Wrap::MirroredRepeat),
+            10497 => Ok(Wrap::Repeat),
+            other => Err(json.bad(key, "33071, 33648 or 10497", other)),
+        };
+        let filter = match json.integer("magFilter")?.unwrap_or(9729) {
+            9728 => Filter::Nearest,
+            9729 => Filter::Linear,
+            other => return Err(json.bad("magFilter", "9728 or 9729", other)),
+        };
+        if let Some(min) = json.integer("minFilter")?.filter(|f| !matches!(f, 9728 | 9729 | 9984..=9987)) {
+            return Err(json.bad("minFilter", "9728, 9729 or 9984 to 9987", min));
+        }
+        Ok(Self { wrap_s: wrap("wrapS")?, wrap_t: wrap("wrapT")?, filter })
+    }
+}
+
+/// A document's texture.
+#[derive(Debug)]
+pub struct Texture {
+    pub source: Option<usize>,
+    pub sampler: Option<usize>,
+    /// Pictures in formats of extensions.
+    pub alternatives: Vec<String>,
+    pub at: String,
+}
+
+impl Texture {
+    pub fn parse(json: &Json, lengths: &Lengths) -> Result<Self> {
+        json.name()?;
+        let source = json.index("source", lengths.images, "images")?;
+        let sampler = json.index("sampler", lengths.samplers, "samplers")?;
+        let mut alternatives = Vec::new();
+        for name in json.extension_names()? {
+            if let Some(extension) = json.extension(name)?
+                && extension.index("source", lengths.images, "images")?.is_some()
+            {
+                alternatives.push(name.into());
+            }
+        }
+        Ok(Self { source, sampler, alternatives, at: json.at.clone() })
+    }
+}

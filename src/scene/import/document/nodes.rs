@@ -1,0 +1,164 @@
+//! Nodes, as the document has them: a forest.
+
+use glam::{DAffine3, DMat4, DQuat, DVec3};
+
+use super::Lengths;
+use super::accessors::{Accessor, Component, Shape};
+use super::json::Json;
+use super::primitives::{Mesh, read_weights};
+use crate::error::Result;
+use crate::scene::import::complaint::bad;
+
+/// A checked node.
+#[derive(Debug)]
+pub struct Node {
+    pub name: String,
+    pub children: Vec<usize>,
+    /// To the parent's space.
+    pub transform: DAffine3,
+    pub mesh: Option<usize>,
+    pub skin: Option<usize>,
+    pub camera: Option<usize>,
+    pub light: Option<usize>,
+    pub weights: Option<Vec<f32>>,
+    pub instancing: Option<Instancing>,
+    pub visible: bool,
+    pub extensions: Vec<String>,
+    pub at: String,
+}
+
+/// EXT_mesh_gpu_instancing: accessors of translation, rotation, scale.
+#[derive(Debug)]
+pub struct Instancing {
+    pub translation: Option<usize>,
+    pub rotation: Option<usize>,
+    pub scale: Option<usize>,
+    pub all: Vec<usize>,
+}
+
+impl Node {
+    pub fn parse(json: &Json, lengths: &Lengths, meshes: &[Mesh], accessors: &[Accessor]) -> Result<Self> {
+        let mesh = json.index("mesh", lengths.meshes, "meshes")?;
+        let skin = json.index("skin", lengths.skins, "skins")?;
+        if let (Some(mesh), Some(_)) = (mesh, skin)
+            && let Some(primitive) = meshes[mesh].primitives.iter().find(|p| p.skin_sets() == 0)
+        {
+            return Err(json.bad("skin", format!("JOINTS_0 and WEIGHTS_0 in {}", primitive.at), "none"));
+        }
+        let weights = read_weights(json, mesh.map_or(0, |m| meshes[m].weights.len()))?;
+        let light = match json.extension("KHR_lights_punctual")? {
+            Some(json) => {
+                Some(json.need("light", json.index("light", lengths.lights, "extensions.KHR_lights_punctual.lights")?)?)
+            }
+            None => None,
+        };
+        let instancing = match json.extension("EXT_mesh_gpu_instancing")? {
+            Some(json) => Some(Instancing::parse(&json, accessors)?),
+            None => None,
+        };
+        let visible = match json.extension("KHR_node_visibility")? {
+            Some(json) => json.boolean("visible", true)?,
+            None => true,
+        };
+        Ok(Self {
+            name: json.name()?,
+            children: json.indices("children", lengths.nodes, "nodes")?,
+            transform: transform(json)?,
+            mesh,
+            skin,
+            camera: json.index("camera", lengths.cameras, "cameras")?,
+            light,
+            weights,
+            instancing,
+            visible,
+            extensions: json.extension_names()?.into_iter().map(Into::into).collect(),
+            at: json.at.clone(),
+        })
+    }
+
+    /// Accessors of EXT_mesh_gpu_instancing.
+    pub fn instancing_accessors(&self) -> impl Iterator<Item = usize> {
+        self.instancing.iter().flat_map(|i| i.all.iter().copied())
+    }
+}
+
+fn transform(json: &Json) -> Result<DAffine3> {
+    let translation = json.vector::<3>("translation")?.map_or(DVec3::ZERO, DVec3::from);
+    let scale = json.vector::<3>("scale")?.map_or(DVec3::ONE, DVec3::from);
+    let rotation = json.vector::<4>("rotation")?.map_or(DQuat::IDENTITY, DQuat::from_array);
+    if rotation.length_squared() == 0.0 {
+        return Err(json.bad("rotation", "a quaternion of length 1", "zeros"));
+    }
+    match json.vector::<16>("matrix")? {
+        None => Ok(DAffine3::from_scale_rotation_translation(scale, rotation.normalize(), translation)),
+        Some(m) => {
+            if [m[3], m[7], m[11], m[15]] != [0.0, 0.0, 0.0, 1.0] {
+                let row = format!("{}, {}, {}, {}", m[3], m[7], m[11], m[15]);
+                return Err(json.bad("matrix", "a fourth row of 0, 0, 0, 1", row));
+            }
+            Ok(DAffine3::from_mat4(DMat4::from_cols_array(&m)))
+        }
+    }
+}
+
+impl Instancing {
+    fn parse(json: &Json, accessors: &[Accessor]) -> Result<Self> {
+        let attributes = json.need("attributes", json.get("attributes")?)?;
+        let mut out = Self { translation: None, rotation: None, scale: None, all: Vec::new() };
+        for name in attributes.object()?.keys() {
+            let index = attributes.need(name, attributes.index(name, accessors.len(), "accessors")?)?;
+            let a = &accessors[index];
+            let float = a.component == Component::F32;
+            let (fits, slot) = match name.as_str() {
+                "TRANSLATION" => (a.shape == Shape::Vec3 && float, Some(&mut out.translation)),
+                "SCALE" => (a.shape == Shape::Vec3 && float, Some(&mut out.scale)),
+                "ROTATION" => {
+                    let snorm = a.normalized && matches!(a.component, Component::I8 | Component::I16);
+                    (a.shape == Shape::Vec4 && (float || snorm), Some(&mut out.rotation))
+                }
+                _ => (true, None),
+            };
+            if !fits {
+                return Err(attributes.bad(name, "VEC3 of FLOAT (ROTATION: VEC4, or normalized integers)", a.format()));
+            }
+            if let Some(slot) = slot {
+                *slot = Some(index);
+            }
+            out.all.push(index);
+        }
+        if let Some(&first) = out.all.first()
+            && let Some(&other) = out.all.iter().find(|&&i| accessors[i].count != accessors[first].count)
+        {
+            let wanted = format!("{} elements in every attribute", accessors[first].count);
+            return Err(json.bad("attributes", wanted, accessors[other].count));
+        }
+        Ok(out)
+    }
+}
+
+/// Every node has at most one parent and nothing is its own ancestor.
+pub fn check_forest(nodes: &[Node]) -> Result<()> {
+    let mut parent: Vec<Option<usize>> = vec![None; nodes.len()];
+    for (index, node) in nodes.iter().enumerate() {
+        for (i, &child) in node.children.iter().enumerate() {
+            if let Some(other) = parent[child].replace(index) {
+                return Err(bad(
+                    &format!("{}.children[{i}]", node.at),
+                    "nodes with at most one parent, and no cycles",
+                    format!("nodes[{child}], which is also a child of nodes[{other}]"),
+                ));
+            }
+        }
+    }
+    // What cannot be reached from a node without a parent is a cycle.
+    let mut reached = vec![false; nodes.len()];
+    let mut stack: Vec<usize> = (0..nodes.len()).filter(|&i| parent[i].is_none()).collect();
+    while let Some(index) = stack.pop() {
+        reached[index] = true;
+        stack.extend(&nodes[index].children);
+    }
+    match reached.iter().position(|r| !r) {
+        None => Ok(()),
+        Some(index) => Err(bad(&nodes[index].at, "a tree of nodes", "a node that is its own ancestor")),
+    }
+}
