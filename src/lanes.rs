@@ -121,26 +121,26 @@ impl Survivors {
 
     /// The survivors' numbers, first; what follows means nothing.
     #[inline(always)]
-    pub fn pack(&self, value: F) -> F {
+    pub fn compress(&self, value: F) -> F {
         cast(cast::<F, U>(value).shuffle(self.order))
     }
 
-    /// [`pack`](Self::pack), of integers.
+    /// [`compress`](Self::compress), of integers.
     #[inline(always)]
-    pub fn pack_bits(&self, value: U) -> U {
+    pub fn compress_bits(&self, value: U) -> U {
         value.shuffle(self.order)
     }
 
-    /// [`pack`](Self::pack), of vectors.
+    /// [`compress`](Self::compress), of vectors.
     #[inline(always)]
-    pub fn pack_v3(&self, v: V3) -> V3 {
-        V3 { x: self.pack(v.x), y: self.pack(v.y), z: self.pack(v.z) }
+    pub fn compress_v3(&self, v: V3) -> V3 {
+        V3 { x: self.compress(v.x), y: self.compress(v.y), z: self.compress(v.z) }
     }
 
-    /// [`pack`](Self::pack), of an array.
+    /// [`compress`](Self::compress), of an array.
     #[inline(always)]
-    pub fn pack_array(&self, values: [u32; LANES]) -> U {
-        self.pack_bits(U::from(values))
+    pub fn compress_array(&self, values: [u32; LANES]) -> U {
+        self.compress_bits(U::from(values))
     }
 }
 
@@ -159,7 +159,7 @@ pub fn are(bits: U, value: u32) -> F {
 
 /// Lanes below `n`, as a mask.
 #[inline(always)]
-pub fn first(n: usize) -> F {
+pub fn mask(n: usize) -> F {
     F::splat(n as f32).simd_gt(F::from([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]))
 }
 

@@ -14,7 +14,7 @@ fn settings() -> RenderSettings {
 
 fn film(stage: &Stage, settings: &RenderSettings, threads: usize) -> Film {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(|| render(&stage.scene, &*stage.rays, settings, &AtomicBool::new(false), &|_| ())).film
+    pool.install(|| render(&stage.scene, settings, &AtomicBool::new(false), &|_| ())).film
 }
 
 /// Everything about a pixel, as text that differs when a bit differs.
@@ -76,7 +76,7 @@ fn a_raised_stop_flag_ends_the_render_with_what_there_is() {
     let stop = AtomicBool::new(false);
     let tiles = AtomicU32::new(0);
     let settings = RenderSettings { spp: Some(1 << 20), ..settings() };
-    let rendered = render(&stage.scene, &*stage.rays, &settings, &stop, &|_| {
+    let rendered = render(&stage.scene, &settings, &stop, &|_| {
         if tiles.fetch_add(1, Ordering::Relaxed) == 100 {
             stop.store(true, Ordering::Relaxed);
         }
@@ -88,8 +88,7 @@ fn a_raised_stop_flag_ends_the_render_with_what_there_is() {
 #[test]
 fn time_and_noise_goals_stop_a_render() {
     let stage = Stage::new(hall(), Backend::Embree);
-    let run =
-        |settings: RenderSettings| render(&stage.scene, &*stage.rays, &settings, &AtomicBool::new(false), &|_| ());
+    let run = |settings: RenderSettings| render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ());
     let by_time = run(RenderSettings { spp: None, time: Some(0.2), ..settings() });
     assert_eq!(by_time.stop, StopReason::Time);
     assert!(by_time.film.pixels.iter().all(|p| p.samples > 0));

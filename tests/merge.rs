@@ -100,7 +100,7 @@ fn sums(path: &Path) -> Vec<(u32, [f64; 3], [f64; 3])> {
     let tiles = unpack(&exr_file::read_statistics(path).unwrap().unwrap()).unwrap();
     // One tile, so that pixels are in the picture's order.
     assert_eq!(tiles.len(), 1);
-    tiles[0].sums.iter().map(|s| (s.stats.samples, s.stats.sum, s.stats.sum_squared)).collect()
+    tiles[0].stats.iter().map(|s| (s.samples, s.sum, s.sum_squared)).collect()
 }
 
 #[test]

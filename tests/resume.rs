@@ -35,7 +35,7 @@ fn in_pieces(stage: &Stage, settings: &RenderSettings, tiles_a_session: u32) -> 
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1 + session as usize % 3).build().unwrap();
         let rendered = pool.install(|| {
             let job = Run { stop: &stop, progress: &progress, began: Instant::now(), from, checkpoint: None };
-            run(&stage.scene, &*stage.rays, settings, job)
+            run(&stage.scene, settings, job)
         });
         if rendered.stop != StopReason::Interrupted {
             return (rendered, session);
@@ -68,7 +68,7 @@ fn interruptions_anywhere_leave_no_trace() {
             part,
             ..Default::default()
         };
-        let whole = render(&stage.scene, &*stage.rays, &settings, &AtomicBool::new(false), &|_| ());
+        let whole = render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ());
         let (pieces, sessions) = in_pieces(&stage, &settings, 2);
         assert!(sessions > 1, "{sessions}");
         assert_eq!(all_bits(&whole), all_bits(&pieces), "{balance:?} {crop:?} {part:?}");
@@ -83,17 +83,17 @@ fn checkpoints_leave_no_trace_and_each_can_go_on() {
     let stage = Stage::new(hall(), Backend::Embree);
     let settings = RenderSettings { width: 50, height: 37, spp: Some(100), ..Default::default() };
     let stop = AtomicBool::new(false);
-    let whole = all_bits(&render(&stage.scene, &*stage.rays, &settings, &stop, &|_| ()));
+    let whole = all_bits(&render(&stage.scene, &settings, &stop, &|_| ()));
     let mut saved = Vec::new();
     let mut save = |r: &Rendered| saved.push((all_bits(r), r.stats));
     let checkpoint = Some(Checkpoint { seconds: 1e-3, save: &mut save });
     let job = Run { stop: &stop, progress: &|_| (), began: Instant::now(), from: None, checkpoint };
-    assert_eq!(all_bits(&run(&stage.scene, &*stage.rays, &settings, job)), whole);
+    assert_eq!(all_bits(&run(&stage.scene, &settings, job)), whole);
     assert!(saved.len() > 1, "{}", saved.len());
     for (bytes, stats) in saved.into_iter().step_by(2) {
         let from = Some(Saved { tiles: unpack(&bytes).unwrap(), stats });
         let job = Run { stop: &stop, progress: &|_| (), began: Instant::now(), from, checkpoint: None };
-        assert_eq!(all_bits(&run(&stage.scene, &*stage.rays, &settings, job)), whole);
+        assert_eq!(all_bits(&run(&stage.scene, &settings, job)), whole);
     }
 }
 

@@ -13,6 +13,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use bismar::film::PixelStats;
+use bismar::integrator::PreparedScene;
 use bismar::rays::{Backend, HitBatch, RayQueries};
 use bismar::render::{PixelFilter, RenderSettings, Rendered, render};
 use bismar::scene::Scene;
@@ -77,8 +78,10 @@ fn main() -> Outcome<()> {
         "blob, 256 x 256 pixels, {spp} spp, depth 8, box filter; processor seconds, medians of {rounds} rounds in turn\n"
     );
     replay(&scene, rays.as_ref(), rounds, spp)?;
-    threads(&scene, rays.as_ref(), rounds, 4 * spp)?;
-    allocations(&scene, rays.as_ref())?;
+    let prepared = PreparedScene::new(scene, rays);
+    threads(&prepared, rounds, 4 * spp)?;
+    allocations(&prepared)?;
+    drop(prepared);
     set_up(&file, rounds)?;
     memory(quick)
 }
@@ -103,8 +106,8 @@ fn pool(threads: usize) -> Outcome<ThreadPool> {
     Ok(ThreadPoolBuilder::new().num_threads(threads).build()?)
 }
 
-fn rendered(pool: &ThreadPool, scene: &Scene, rays: &dyn RayQueries, settings: &RenderSettings) -> Rendered {
-    pool.install(|| render(scene, rays, settings, &AtomicBool::new(false), &|_| {}))
+fn rendered(pool: &ThreadPool, scene: &PreparedScene, settings: &RenderSettings) -> Rendered {
+    pool.install(|| render(scene, settings, &AtomicBool::new(false), &|_| {}))
 }
 
 /// Middle, least and most.
@@ -114,10 +117,10 @@ fn spread(mut values: Vec<f64>) -> [f64; 3] {
 }
 
 /// The render against its own ray stream.
-fn replay(scene: &Scene, rays: &dyn RayQueries, rounds: usize, spp: u32) -> Outcome<()> {
+fn replay(scene: &Arc<Scene>, rays: &dyn RayQueries, rounds: usize, spp: u32) -> Outcome<()> {
     let (one, settings) = (pool(1)?, settings(spp));
     let recorder = Recorder::new(rays);
-    rendered(&one, scene, &recorder, &settings);
+    rendered(&one, &PreparedScene::new(Arc::clone(scene), Box::new(&recorder)), &settings);
     let tape = recorder.into_tape();
     let count = |kind: Kind| tape.iter().filter(|q| q.kind == kind).map(|q| q.rays.len()).sum::<usize>();
     println!("{} batches: {} rays, {} shadow rays", tape.len(), count(Kind::Closest), count(Kind::Occluded));
@@ -128,12 +131,14 @@ fn replay(scene: &Scene, rays: &dyn RayQueries, rounds: usize, spp: u32) -> Outc
     let mut shares = Vec::new();
     for _ in 0..rounds {
         let watch = Stopwatch::new(rays);
+        let prepared = PreparedScene::new(Arc::clone(scene), Box::new(&watch));
         let seconds = one.install(|| {
             let start = clock::now();
-            render(scene, &watch, &settings, &AtomicBool::new(false), &|_| {});
+            render(&prepared, &settings, &AtomicBool::new(false), &|_| {});
             clock::now() - start
         });
         whole.push(seconds);
+        drop(prepared);
         shares.push((seconds, watch.shares()));
         let (seconds, hits) = again(rays, &tape);
         ours.push(seconds);
@@ -205,10 +210,10 @@ fn bare_loop(query: BareQuery, bare: &Bare, tape: &[Query]) -> (f64, usize) {
 }
 
 /// All threads against one.
-fn threads(scene: &Scene, rays: &dyn RayQueries, rounds: usize, spp: u32) -> Outcome<()> {
+fn threads(scene: &PreparedScene, rounds: usize, spp: u32) -> Outcome<()> {
     let all = std::thread::available_parallelism()?.get();
     let (one, many) = (pool(1)?, pool(all)?);
-    let seconds = |pool: &ThreadPool| rendered(pool, scene, rays, &settings(spp)).stats.render_seconds;
+    let seconds = |pool: &ThreadPool| rendered(pool, scene, &settings(spp)).stats.render_seconds;
     let ratios = (0..rounds).map(|_| seconds(&one) / seconds(&many)).collect();
     let [middle, least, most] = spread(ratios);
     println!("{all} threads: {middle:.3} times as fast as one ({least:.3} to {most:.3})\n");
@@ -216,7 +221,7 @@ fn threads(scene: &Scene, rays: &dyn RayQueries, rounds: usize, spp: u32) -> Out
 }
 
 /// Between the ends of two tiles of the last pass, on all threads.
-fn allocations(scene: &Scene, rays: &dyn RayQueries) -> Outcome<()> {
+fn allocations(scene: &PreparedScene) -> Outcome<()> {
     let seen = Mutex::new(Vec::with_capacity(1 << 16));
     let note = |p: bismar::render::Progress| {
         if let Ok(mut seen) = seen.lock() {
@@ -225,7 +230,7 @@ fn allocations(scene: &Scene, rays: &dyn RayQueries) -> Outcome<()> {
     };
     let all = std::thread::available_parallelism()?.get();
     let spp = 64;
-    let rendered = pool(all)?.install(|| render(scene, rays, &settings(spp), &AtomicBool::new(false), &note));
+    let rendered = pool(all)?.install(|| render(scene, &settings(spp), &AtomicBool::new(false), &note));
     let seen = seen.into_inner().expect("no thread panicked");
     let last = seen.iter().map(|s| s.0).max().unwrap_or(0);
     let pass: Vec<u64> = seen.iter().filter(|s| s.0 == last).map(|s| s.1).collect();
@@ -249,7 +254,9 @@ fn set_up(file: &Path, rounds: usize) -> Outcome<()> {
         let scene = Arc::new(all.install(|| read(file))?);
         let rays = all.install(|| bismar::rays::build(Backend::Embree, Arc::clone(&scene)))?;
         let watch = Stopwatch::new(rays.as_ref());
-        rendered(&all, &scene, &watch, &RenderSettings { crop: Some([0, 0, 1, 1]), ..settings(1) });
+        let prepared = all.install(|| PreparedScene::new(Arc::clone(&scene), Box::new(&watch)));
+        rendered(&all, &prepared, &RenderSettings { crop: Some([0, 0, 1, 1]), ..settings(1) });
+        drop(prepared);
         let first = watch.first.into_inner().expect("no thread panicked").ok_or("no ray was traced")?;
         wall[0].push((first.0 - start.0).as_secs_f64());
         processor[0].push(first.1 - start.1);

@@ -4,17 +4,22 @@
 //! r = (p_l − p_b)/(p_l + p_b), Y = 2f/(p_l + p_b) the contribution at α = ½, Z = f/p_α the one at the α in use.
 //! M(α) = ∫ f²/p_α = Σ_k (−t)^k m_k with m_k = E_½[Y² r^k].
 
+pub mod contribution;
 pub mod cost;
-pub mod deal;
-pub mod efficiency;
+pub mod counts;
 pub mod heuristic;
 pub mod method;
+pub mod methods;
 pub mod moments;
-pub mod pilot;
+pub mod sampler;
+pub mod spread;
 
+pub use contribution::{Contribution, Observer, Technique};
 pub use cost::Cost;
-pub use deal::{Counts, Share, deal};
+pub use counts::{Counts, Share, deal};
 pub use heuristic::Heuristic;
-pub use method::{Balance, HALF_PILOT};
+pub use method::Method;
+pub use methods::Balance;
+pub use methods::second_order::HALF_PILOT;
 pub use moments::{Moments, pilot_then_rest};
-pub use pilot::{Finding, Technique};
+pub use sampler::{Learned, Sampler};

@@ -4,7 +4,6 @@ use std::env;
 
 use super::host;
 use crate::film::{AovSums, PixelStats};
-use crate::integrator::PixelSum;
 use crate::rays::Backend;
 use crate::scene::import::Survey;
 use crate::{Error, Result};
@@ -61,7 +60,7 @@ impl Need<'_> {
                 Backend::Embree => EMBREE_TRIANGLE,
                 Backend::Obvhs => OBVHS_TRIANGLE,
             };
-        let tile = size_of::<PixelSum>() + 16;
+        let tile = size_of::<PixelStats>() + size_of::<AovSums>() + 76;
         let film = size_of::<PixelStats>() + size_of::<AovSums>();
         // Twelve channels of the picture on their way into its file; statistics as bytes and as words.
         let saving = 12 * 4 + if self.saves { 3 * tile } else { 0 };

@@ -292,10 +292,8 @@ impl Whole {
     /// Sums add up: every path of either counts the same, and so does the variance of their mean.
     fn average(&mut self, other: &Whole) {
         for (tile, more) in self.tiles.iter_mut().zip(&other.tiles) {
-            for (sum, more) in tile.sums.iter_mut().zip(&more.sums) {
-                sum.stats.join(&more.stats);
-                sum.aovs.join(&more.aovs);
-            }
+            tile.stats.iter_mut().zip(&more.stats).for_each(|(own, more)| own.join(more));
+            tile.aovs.iter_mut().zip(&more.aovs).for_each(|(own, more)| own.join(more));
         }
         self.stats.join(&other.stats);
     }

@@ -8,7 +8,7 @@ use crate::sampling::warp;
 use crate::scene::{Material, Mesh, SHUTTER, Scene, TextureRef, TextureSlot};
 
 /// How far ray origins stand off their surface, as a share of the largest coordinate involved: some sixteen roundings.
-const STAND_OFF: f32 = 16.0 * f32::EPSILON;
+const ORIGIN_OFFSET: f32 = 16.0 * f32::EPSILON;
 
 /// Instances' normal matrices.
 #[derive(Debug)]
@@ -39,7 +39,7 @@ pub struct Points {
     /// Interpolated; otherwise as in [`Point`].
     pub ns: V3,
     /// As in [`Point`].
-    pub stand_off: F,
+    pub origin_offset: F,
 }
 
 /// A point on a surface, before it is known from which side it is seen.
@@ -52,7 +52,7 @@ pub struct Point<'a> {
     /// Shading normal on the same side, interpolated and mapped; any length.
     pub ns: Vec3,
     /// How far along the geometric normal rays begin.
-    pub stand_off: f32,
+    pub origin_offset: f32,
     /// Interpolated texture coordinates of both sets.
     texcoords: [Vec2; 2],
     /// Interpolated vertex colour.
@@ -133,7 +133,7 @@ impl Geometry {
         }
         let size = |v: V3| v.abs().max_element();
         let extent = size(position).fast_max(size(e1)).fast_max(size(e2));
-        Points { position, ng, ns, stand_off: extent * F::splat(STAND_OFF) }
+        Points { position, ng, ns, origin_offset: extent * F::splat(ORIGIN_OFFSET) }
     }
 
     /// The surface at a hit: barycentric weights `u`, `v` of triangle `prim`'s second and third vertex.
@@ -193,7 +193,7 @@ impl Geometry {
             let scale = material.normal_scale;
             ns = (tangent * (n.x * scale) + bitangent * (n.y * scale) + ns * n.z).normalize_or(ns);
         }
-        Point { position, ng, ns, stand_off: STAND_OFF * extent, texcoords, color, material, mesh }
+        Point { position, ng, ns, origin_offset: ORIGIN_OFFSET * extent, texcoords, color, material, mesh }
     }
 }
 

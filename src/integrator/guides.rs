@@ -1,7 +1,7 @@
 //! What pixels' centres show, by which pixels know from which neighbours to learn.
 
 use super::Transport;
-use crate::balance::pilot::Guide;
+use crate::balance::spread::Guide;
 use crate::lanes::{F, LANES, U};
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 

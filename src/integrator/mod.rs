@@ -5,6 +5,7 @@ pub mod geometry;
 pub mod guides;
 pub mod materials;
 pub mod paths;
+pub mod prepared;
 pub mod stages;
 pub mod vertices;
 pub mod wave;
@@ -13,7 +14,8 @@ pub use camera::CameraRays;
 pub use geometry::Geometry;
 pub use guides::guides;
 pub use materials::Materials;
-pub use wave::{PixelPlan, PixelSum, Wave, WaveCounts};
+pub use prepared::PreparedScene;
+pub use wave::{PixelBatch, PixelTask, Wave, WaveCounts};
 
 use crate::balance::Heuristic;
 use crate::light::Lights;
@@ -28,11 +30,11 @@ pub struct Transport<'a> {
     /// What rays hit.
     pub rays: &'a dyn RayQueries,
     /// Instances' transforms, prepared for shading.
-    pub geometry: Geometry,
+    pub geometry: &'a Geometry,
     /// Materials, prepared for shading.
-    pub materials: Materials,
+    pub materials: &'a Materials,
     /// What shines.
-    pub lights: Lights,
+    pub lights: &'a Lights,
     /// Where camera rays begin.
     pub camera: CameraRays,
     /// Where in the pixel.
@@ -43,8 +45,4 @@ pub struct Transport<'a> {
     pub max_depth: u32,
     /// Seed of every random choice.
     pub seed: u32,
-    /// Collect balance moments?
-    pub moments: bool,
-    /// Collect AOV sums?
-    pub aovs: bool,
 }

@@ -80,11 +80,11 @@ impl Pending {
     /// Appends the survivors of a group.
     #[inline(always)]
     pub fn push(&mut self, survivors: &Survivors, radiance: V3, [slot, child]: [U; 2], [w, r]: [F; 2]) {
-        self.radiance.store(self.len, survivors.pack_v3(radiance));
-        store_bits(&mut self.slot, self.len, survivors.pack_bits(slot));
-        store_bits(&mut self.child, self.len, survivors.pack_bits(child));
-        store(&mut self.w, self.len, survivors.pack(w));
-        store(&mut self.r, self.len, survivors.pack(r));
+        self.radiance.store(self.len, survivors.compress_v3(radiance));
+        store_bits(&mut self.slot, self.len, survivors.compress_bits(slot));
+        store_bits(&mut self.child, self.len, survivors.compress_bits(child));
+        store(&mut self.w, self.len, survivors.compress(w));
+        store(&mut self.r, self.len, survivors.compress(r));
         self.len += survivors.len;
     }
 }

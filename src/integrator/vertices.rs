@@ -26,7 +26,7 @@ pub struct Vertices {
     layer90: Vec<f32>,
     alpha: Vec<f32>,
     /// How far `origin` stands off the surface along `ng`.
-    pub stand_off: Vec<f32>,
+    pub origin_offset: Vec<f32>,
     /// Path of the wave.
     pub slot: Vec<u32>,
     /// Index into its pixel's sequence.
@@ -54,7 +54,7 @@ pub struct Group {
     /// As in [`Vertices`].
     pub beta: V3,
     /// As in [`Vertices`].
-    pub stand_off: F,
+    pub origin_offset: F,
     /// The scattering at the points.
     pub lobes: Lobes,
     /// Slot, index, child and seed, as in [`Vertices`].
@@ -85,7 +85,7 @@ impl Vertices {
         ] {
             column.grow(most);
         }
-        for column in [&mut self.f90, &mut self.layer0, &mut self.layer90, &mut self.alpha, &mut self.stand_off] {
+        for column in [&mut self.f90, &mut self.layer0, &mut self.layer90, &mut self.alpha, &mut self.origin_offset] {
             grow(column, most);
         }
         for column in [&mut self.slot, &mut self.index, &mut self.child, &mut self.seed] {
@@ -112,12 +112,12 @@ impl Vertices {
         let low = F::splat(MIN_COS);
         let tilted = (ns + wo * (low - cos)).normalize_or(ng);
         let ns = V3::select(cos.simd_lt(low), tilted, ns);
-        self.origin.store(at, group.position + ng * group.stand_off);
+        self.origin.store(at, group.position + ng * group.origin_offset);
         self.ng.store(at, ng);
         self.ns.store(at, ns);
         self.wo.store(at, wo);
         self.beta.store(at, group.beta);
-        store(&mut self.stand_off, at, group.stand_off);
+        store(&mut self.origin_offset, at, group.origin_offset);
         let [slot, index, child, seed] = group.path;
         store_bits(&mut self.slot, at, slot);
         store_bits(&mut self.index, at, index);

@@ -4,13 +4,12 @@
 use std::time::Instant;
 
 use glam::Vec3;
-use serde::{Deserialize, Serialize};
 
 use super::Transport;
 use super::paths::{Paths, Pending};
-use super::stages::{LAMP, SKY};
+use super::stages::{AREA, ENVIRONMENT};
 use super::vertices::Vertices;
-use crate::balance::{Counts, Finding, Moments, Technique, deal};
+use crate::balance::{Contribution, Counts, Observer, Technique, deal};
 use crate::film::{AovSums, PixelStats};
 use crate::lanes::{F, LANES, NUMBERS, U, V3};
 use crate::rays::{HitBatch, RayBatch, RayOrder};
@@ -18,7 +17,7 @@ use crate::sampling::{keys, pixel_seed, samples};
 
 /// One pixel's part in a wave.
 #[derive(Debug, Clone, Copy)]
-pub struct PixelPlan {
+pub struct PixelTask {
     /// Position in the whole picture.
     pub x: u32,
     /// Position in the whole picture.
@@ -28,26 +27,36 @@ pub struct PixelPlan {
     /// Light samples at first surfaces that it has taken before.
     pub first_light: u32,
     /// How many of these light samples were toward the environment by count, not by drawing.
-    pub first_sky: u32,
+    pub first_environment: u32,
     /// BSDF samples at first surfaces that it has taken before.
     pub first_bsdf: u32,
     /// Light and BSDF samples at first surfaces for the paths of this wave.
     pub counts: Counts,
     /// The counts of all the paths that are weighed together with this wave's: contributions are weighed by these.
     pub weighed: Counts,
-    /// Number of the pixel in findings.
-    pub place: u32,
+    /// Number of the pixel in its tile, for observers.
+    pub number: u32,
 }
 
-/// What a wave adds to one pixel.
-#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
-pub struct PixelSum {
+/// What a wave works on and adds to, an entry a pixel, and who is told what first surfaces' samples find.
+pub struct PixelBatch<'a> {
+    /// What each pixel is to take.
+    pub tasks: &'a [PixelTask],
     /// Radiance statistics.
-    pub stats: PixelStats,
-    /// Balance moments, when learning.
-    pub moments: Moments,
-    /// AOV sums, when asked for.
-    pub aovs: AovSums,
+    pub stats: &'a mut [PixelStats],
+    /// AOV sums; empty if none are asked for.
+    pub aovs: &'a mut [AovSums],
+    /// Hears of contributions, if anybody does.
+    pub observer: Option<&'a mut dyn Observer>,
+}
+
+impl PixelBatch<'_> {
+    /// Tells the observer of a contribution in pixel `pixel` of the batch.
+    pub(super) fn tell(&mut self, pixel: usize, found: Contribution) {
+        if let Some(observer) = &mut self.observer {
+            observer.contribution(&Contribution { pixel: self.tasks[pixel].number, ..found });
+        }
+    }
 }
 
 /// Rays and time of waves.
@@ -98,16 +107,10 @@ pub struct Wave {
     pub(super) tasks: Vec<(u32, u32, u32)>,
     /// Where each pixel's light samples go, if not by drawing.
     pub(super) splits: Vec<Option<Split>>,
-    /// A path: its pixel's place in the plan.
+    /// A path: its pixel's place in the batch.
     pub(super) slots: Vec<Slot>,
     /// A BSDF sample at a first surface: its slot and the indirect light that it brought.
     pub(super) children: Vec<Child>,
-    /// What first surfaces' samples found, while `record` is set.
-    pub findings: Vec<Finding>,
-    /// The paths' radiance, pixel by pixel, while `record` is set.
-    pub recorded: Vec<Vec3>,
-    /// Record findings?
-    pub record: bool,
     /// Rays and time so far.
     pub counts: WaveCounts,
 }
@@ -123,34 +126,34 @@ pub(super) struct Slot {
     pub bsdf: u8,
     pub first_light: u32,
     pub first_bsdf: u32,
-    /// Samples a path of its pixel: toward the environment, toward lamps, of the BSDF.
+    /// Samples a path of its pixel: toward the environment, toward area lights, of the BSDF.
     pub rates: [f32; 3],
 }
 
-/// How a pixel's light samples divide between the environment, which the first ones go to, and lamps.
+/// How a pixel's light samples divide between the environment, which the first ones go to, and area lights.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Split {
-    /// The number of the first light sample toward lamps.
-    lamps_from: u32,
-    /// Light samples toward lamps before this wave.
-    lamps_before: u32,
+    /// The number of the first light sample toward area lights.
+    area_from: u32,
+    /// Light samples toward area lights before this wave.
+    area_before: u32,
 }
 
 impl Split {
-    /// Lamps have a sequence of their own: its points are numbered from here.
-    const LAMPS: u32 = 1 << 31;
+    /// Area lights have a sequence of their own: its points are numbered from here.
+    const AREA_SEQUENCE: u32 = 1 << 31;
 
-    fn new(plan: &PixelPlan) -> Option<Self> {
-        let lamps_before = plan.first_light - plan.first_sky;
-        plan.counts.sky.map(|sky| Self { lamps_from: plan.first_light + sky, lamps_before })
+    fn new(task: &PixelTask) -> Option<Self> {
+        let area_before = task.first_light - task.first_environment;
+        task.counts.environment.map(|environment| Self { area_from: task.first_light + environment, area_before })
     }
 
     /// The point in its technique's sequence of light sample number `light` of the pixel, and what it is toward.
     pub(super) fn place(self, light: u32) -> (u32, u32) {
-        if light < self.lamps_from {
-            return (light - self.lamps_before, SKY);
+        if light < self.area_from {
+            return (light - self.area_before, ENVIRONMENT);
         }
-        (Self::LAMPS | (light - self.lamps_from + self.lamps_before), LAMP)
+        (Self::AREA_SEQUENCE | (light - self.area_from + self.area_before), AREA)
     }
 }
 
@@ -163,9 +166,9 @@ pub(super) struct Child {
 }
 
 impl Wave {
-    /// Traces `paths` paths for each pixel of `plan` and adds to `sums`, one a pixel, in a fixed order.
-    pub fn run(&mut self, transport: &Transport, plan: &[PixelPlan], paths: u32, sums: &mut [PixelSum]) {
-        self.begin(transport, plan, paths);
+    /// Traces `paths` paths for each pixel of the batch and adds to its sums, in a fixed order.
+    pub fn run(&mut self, transport: &Transport, paths: u32, batch: &mut PixelBatch) {
+        self.begin(transport, batch.tasks, paths);
         for depth in 0..transport.max_depth {
             if self.paths.len == 0 {
                 break;
@@ -175,33 +178,33 @@ impl Wave {
             let start = Instant::now();
             transport.rays.closest_hits(&self.rays, order, &mut self.hits);
             self.counts.query_seconds += start.elapsed().as_secs_f64();
-            self.hits(transport, plan, depth, sums);
-            self.lights(transport, depth);
+            self.hits(transport, depth, batch);
+            self.lights(transport, depth, batch.observer.is_some());
             self.scatter(transport, depth);
-            self.shadows(transport, plan, depth, sums);
+            self.shadows(transport, depth, batch);
             std::mem::swap(&mut self.rays, &mut self.next_rays);
             std::mem::swap(&mut self.paths, &mut self.next_paths);
         }
-        self.finish(transport, plan, sums);
+        self.finish(batch);
     }
 
     /// Camera rays, and each path's share of its pixel's samples.
     #[inline(never)]
-    fn begin(&mut self, transport: &Transport, plan: &[PixelPlan], paths: u32) {
-        let all = plan.len() * paths as usize;
+    fn begin(&mut self, transport: &Transport, tasks: &[PixelTask], paths: u32) {
+        let all = tasks.len() * paths as usize;
         self.rays.open(all);
         self.paths.open(all);
         self.slots.clear();
         self.children.clear();
         self.splits.clear();
-        for (pixel, plan_of) in plan.iter().enumerate() {
-            let seed = U::splat(pixel_seed(plan_of.x, plan_of.y, transport.seed));
+        for (pixel, task) in tasks.iter().enumerate() {
+            let seed = U::splat(pixel_seed(task.x, task.y, transport.seed));
             for i in (0..paths).step_by(LANES) {
                 let n = LANES.min((paths - i) as usize);
-                let index = U::splat(plan_of.first_path + i) + U::from(NUMBERS);
+                let index = U::splat(task.first_path + i) + U::from(NUMBERS);
                 let [px, py, ..] = samples(seed, index, 0);
-                let x = transport.filter.offsets(px) + F::splat(plan_of.x as f32 + 0.5);
-                let y = transport.filter.offsets(py) + F::splat(plan_of.y as f32 + 0.5);
+                let x = transport.filter.offsets(px) + F::splat(task.x as f32 + 0.5);
+                let y = transport.filter.offsets(py) + F::splat(task.y as f32 + 0.5);
                 let (origin, direction) = transport.camera.rays(x, y);
                 let key = keys(seed, index, 0);
                 self.rays.put(self.paths.len, origin, direction, F::splat(f32::INFINITY), key);
@@ -209,11 +212,11 @@ impl Wave {
                 let path = [slot, index, U::splat(u32::MAX), seed];
                 self.paths.push(n, V3::splat(Vec3::ONE), V3::ZERO, F::ZERO, path);
             }
-            let (mut first_light, mut first_bsdf) = (plan_of.first_light, plan_of.first_bsdf);
-            let rates = plan_of.weighed.rates(transport.lights.sky_chance);
-            self.splits.push(Split::new(plan_of));
+            let (mut first_light, mut first_bsdf) = (task.first_light, task.first_bsdf);
+            let rates = task.weighed.rates(transport.lights.environment_probability);
+            self.splits.push(Split::new(task));
             for path in 0..paths {
-                let [light, bsdf] = [plan_of.counts.light, plan_of.counts.bsdf].map(|n| deal(n, paths, path));
+                let [light, bsdf] = [task.counts.light, task.counts.bsdf].map(|n| deal(n, paths, path));
                 self.slots.push(Slot {
                     pixel: pixel as u32,
                     radiance: Vec3::ZERO,
@@ -234,7 +237,7 @@ impl Wave {
 
     /// Adds what the shadow rays let through.
     #[inline(never)]
-    fn shadows(&mut self, transport: &Transport, plan: &[PixelPlan], depth: u32, sums: &mut [PixelSum]) {
+    fn shadows(&mut self, transport: &Transport, depth: u32, batch: &mut PixelBatch) {
         if self.shadow_rays.is_empty() {
             return;
         }
@@ -251,15 +254,12 @@ impl Wave {
                 slot.direct += radiance;
                 if pending.w[i] > 0.0 {
                     let pixel = slot.pixel as usize;
-                    let (w, r) = (pending.w[i], pending.r[i]);
-                    if transport.moments {
-                        sums[pixel].moments.add(w, r, 2.0 * radiance.element_sum());
-                    }
-                    if self.record {
-                        let (pixel, place, technique) = (plan[pixel].place, pending.child[i], Technique::Light);
-                        let (index, lamp) = (place & !Split::LAMPS, place >= Split::LAMPS);
-                        self.findings.push(Finding { pixel, technique, lamp, index, r, radiance });
-                    }
+                    let (w, r, number) = (pending.w[i], pending.r[i], pending.child[i]);
+                    let (index, area) = (number & !Split::AREA_SEQUENCE, number >= Split::AREA_SEQUENCE);
+                    batch.tell(
+                        pixel,
+                        Contribution { pixel: 0, technique: Technique::Light, area, index, r, w, radiance },
+                    );
                 }
             } else {
                 self.children[pending.child[i] as usize].indirect += radiance;
@@ -269,8 +269,8 @@ impl Wave {
 
     /// Folds the paths into their pixels, in path order.
     #[inline(never)]
-    fn finish(&mut self, transport: &Transport, plan: &[PixelPlan], sums: &mut [PixelSum]) {
-        if transport.moments || self.record {
+    fn finish(&mut self, batch: &mut PixelBatch) {
+        if batch.observer.is_some() {
             for child in &self.children {
                 let radiance = child.indirect;
                 if radiance == Vec3::ZERO {
@@ -280,33 +280,31 @@ impl Wave {
                 let pixel = slot.pixel as usize;
                 // Indirect light: Z = 2X, Y = 2 a_b X, r = −1.
                 let w = 4.0 * slot.rates[2] * radiance.length_squared();
-                if transport.moments {
-                    sums[pixel].moments.add(w, -1.0, 2.0 * radiance.element_sum());
-                }
-                if self.record {
-                    let (pixel, index, r) = (plan[pixel].place, child.index, -1.0);
-                    let (technique, lamp) = (Technique::Indirect, false);
-                    self.findings.push(Finding { pixel, technique, lamp, index, r, radiance });
-                }
+                let technique = Technique::Indirect;
+                batch.tell(
+                    pixel,
+                    Contribution { pixel: 0, technique, area: false, index: child.index, r: -1.0, w, radiance },
+                );
             }
-        }
-        if self.record {
-            self.recorded.extend(self.slots.iter().map(|slot| slot.radiance));
         }
         for slot in &self.slots {
-            let sum = &mut sums[slot.pixel as usize];
-            sum.stats.samples += 1;
-            sum.stats.covered += u32::from(slot.covered);
+            let pixel = slot.pixel as usize;
+            if let Some(observer) = &mut batch.observer {
+                observer.path(batch.tasks[pixel].number, slot.radiance);
+            }
+            let stats = &mut batch.stats[pixel];
+            stats.samples += 1;
+            stats.covered += u32::from(slot.covered);
             for c in 0..3 {
                 let x = f64::from(slot.radiance[c]);
-                sum.stats.sum[c] += x;
-                sum.stats.sum_squared[c] += x * x;
+                stats.sum[c] += x;
+                stats.sum_squared[c] += x * x;
             }
-            if transport.aovs {
+            if let Some(aovs) = batch.aovs.get_mut(pixel) {
                 let indirect = slot.radiance - slot.direct;
                 for c in 0..3 {
-                    sum.aovs.direct[c] += slot.direct[c];
-                    sum.aovs.indirect[c] += indirect[c];
+                    aovs.direct[c] += slot.direct[c];
+                    aovs.indirect[c] += indirect[c];
                 }
             }
         }

@@ -13,7 +13,7 @@ use crate::scene::{Material, Mesh, SHUTTER, Scene, TextureSlot};
 
 /// One emissive triangle, or two that make a parallelogram, in world space, as numbers that can be loaded into lanes.
 #[derive(Debug, Clone, Copy)]
-struct Lamp {
+struct AreaLight {
     /// A corner (3), an edge from it (3), x and y of the other edge.
     place: [f32; LANES],
     /// z of that edge, unit normal on the side that the winding calls the front (3), emitted radiance before a texture
@@ -29,19 +29,19 @@ struct Lamp {
 /// All that emits in a scene, chosen by a light tree.
 #[derive(Debug)]
 pub struct AreaLights {
-    lamps: Vec<Lamp>,
+    lights: Vec<AreaLight>,
     tree: LightTree,
-    /// Place in `lamp_of` of the first triangle of each (instance, mesh) that emits, sorted.
+    /// Place in `light_of` of the first triangle of each (instance, mesh) that emits, sorted.
     first: Vec<((u32, u32), u32)>,
-    /// The lamp of each emissive triangle.
-    lamp_of: Vec<u32>,
+    /// The area light of each emissive triangle.
+    light_of: Vec<u32>,
 }
 
 impl AreaLights {
     /// Gathers them; `None` when nothing shines.
     pub fn new(scene: &Scene) -> Option<Self> {
-        let (mut lamps, mut emitters) = (Vec::new(), Vec::new());
-        let (mut first, mut lamp_of) = (Vec::new(), Vec::new());
+        let (mut lights, mut emitters) = (Vec::new(), Vec::new());
+        let (mut first, mut light_of) = (Vec::new(), Vec::new());
         for (instance_index, instance) in scene.instances.iter().enumerate() {
             for mesh_index in scene.objects[instance.object as usize].meshes.clone() {
                 let mesh = &scene.meshes[mesh_index as usize];
@@ -49,7 +49,7 @@ impl AreaLights {
                 if !material.is_emissive() {
                     continue;
                 }
-                first.push(((instance_index as u32, mesh_index), lamp_of.len() as u32));
+                first.push(((instance_index as u32, mesh_index), light_of.len() as u32));
                 let to_world = instance.transform(SHUTTER);
                 let mirrored = to_world.is_some_and(|t| t.matrix3.determinant() < 0.0);
                 let corners = |prim: usize| {
@@ -85,8 +85,8 @@ impl AreaLights {
                     });
                     let l = material.emissive;
                     let triangles = if pair.is_some() { 2 } else { 1 };
-                    lamp_of.extend(std::iter::repeat_n(lamps.len() as u32, triangles));
-                    lamps.push(Lamp {
+                    light_of.extend(std::iter::repeat_n(lights.len() as u32, triangles));
+                    lights.push(AreaLight {
                         place: [v.x, v.y, v.z, e.x, e.y, e.z, f.x, f.y],
                         light: [f.z, n.x, n.y, n.z, l.x, l.y, l.z, 1.0 / area],
                         mesh: mesh_index,
@@ -100,7 +100,7 @@ impl AreaLights {
             }
         }
         let tree = LightTree::new(&emitters)?;
-        Some(Self { lamps, tree, first, lamp_of })
+        Some(Self { lights, tree, first, light_of })
     }
 
     /// Emitted power (luminance), in W.
@@ -108,12 +108,12 @@ impl AreaLights {
         self.tree.power()
     }
 
-    /// Draws points on lamps, uniform over their area, as seen from `p` with unit geometric normals `n`. `choice`,
+    /// Draws points on area lights, uniform over their area, as seen from `p` with unit geometric normals `n`. `choice`,
     /// `u` and `v` in [0, 1).
     #[inline]
     pub fn sample(&self, scene: &Scene, p: V3, n: V3, choice: F, u: F, v: F) -> LightSamples {
         let (chosen, pmf) = self.tree.sample(p, n, choice);
-        let lights = eight(|lane| &self.lamps[chosen[lane] as usize]);
+        let lights = eight(|lane| &self.lights[chosen[lane] as usize]);
         let [vx, vy, vz, ex, ey, ez, fx, fy] = F::transpose(eight(|lane| F::from(lights[lane].place)));
         let [fz, nx, ny, nz, lx, ly, lz, one_over_area] = F::transpose(eight(|lane| F::from(lights[lane].light)));
         let whole = F::from(eight(|lane| f32::from(u8::from(lights[lane].parallelogram)))).simd_gt(F::ZERO);
@@ -144,14 +144,14 @@ impl AreaLights {
     #[inline]
     pub fn pdf(&self, (p, n): (Vec3, Vec3), (instance, mesh, prim): (u32, u32, u32), wi: Vec3, distance: f32) -> f32 {
         let Ok(found) = self.first.binary_search_by_key(&(instance, mesh), |&(key, _)| key) else { return 0.0 };
-        let lamp = self.lamp_of[(self.first[found].1 + prim) as usize];
-        let Lamp { light: [_, nx, ny, nz, .., one_over_area], two_sided, .. } = self.lamps[lamp as usize];
+        let light = self.light_of[(self.first[found].1 + prim) as usize];
+        let AreaLight { light: [_, nx, ny, nz, .., one_over_area], two_sided, .. } = self.lights[light as usize];
         let cos = -Vec3::new(nx, ny, nz).dot(wi);
         let facing = if two_sided { cos.abs() } else { cos };
         if facing <= 0.0 {
             return 0.0;
         }
-        let pdf = self.tree.pmf(p, n, lamp) * one_over_area * distance * distance / facing;
+        let pdf = self.tree.pmf(p, n, light) * one_over_area * distance * distance / facing;
         if pdf.is_finite() { pdf } else { 0.0 }
     }
 }

@@ -22,12 +22,12 @@ pub struct LightSamples {
     pub distance: F,
     /// Radiance along `wi` if nothing is in the way.
     pub radiance: V3,
-    /// Per solid angle, over all lights of its kind (environment, lamps); 0 where a light's back is seen (such a sample
+    /// Per solid angle, over all lights of its kind (environment, area lights); 0 where a light's back is seen (such a sample
     /// counts, with value zero).
     pub pdf: F,
 }
 
-/// All the lights of a scene. The environment is one technique and the lamps, emissive triangles chosen by a light tree,
+/// All the lights of a scene. The environment is one technique and the area lights, emissive triangles chosen by a light tree,
 /// are another; or both are one, whose samples draw the kind. Punctual lights are apart: BSDF sampling never finds them.
 #[derive(Debug)]
 pub struct Lights {
@@ -38,8 +38,8 @@ pub struct Lights {
     /// Are there lights without size?
     pub punctual: bool,
     /// The part of light samples that goes to the environment where each draws: between 0.1 and 0.9 by power if there
-    /// are lamps too, else 1 or 0.
-    pub sky_chance: f32,
+    /// are area lights too, else 1 or 0.
+    pub environment_probability: f32,
 }
 
 /// The bits of a mask that is set in all lanes.
@@ -47,21 +47,21 @@ const ALL: u32 = (1 << LANES) - 1;
 
 impl Lights {
     /// Gathers a scene's lights. `radius` is the scene's bounding radius in metres: it turns the environment's
-    /// radiance into a power that can be compared with the lamps'.
+    /// radiance into a power that can be compared with the area lights'.
     pub fn new(scene: &Scene, radius: f32) -> Self {
         let environment = scene.environment.as_ref().and_then(EnvironmentSampler::new);
         let area = AreaLights::new(scene);
-        let sky_chance = match (&environment, &area) {
+        let environment_probability = match (&environment, &area) {
             (Some(environment), Some(area)) => {
                 // Power through the scene's bounding disk against emitted power; neither is ever left out.
-                let sky = environment.mean_luminance() * std::f32::consts::PI * radius * radius;
-                let lamps = area.power();
-                (sky / (sky + lamps)).clamp(0.1, 0.9)
+                let env = environment.mean_luminance() * std::f32::consts::PI * radius * radius;
+                let emitters = area.power();
+                (env / (env + emitters)).clamp(0.1, 0.9)
             }
             (Some(_), None) => 1.0,
             _ => 0.0,
         };
-        Self { environment, area, punctual: !scene.lights.is_empty(), sky_chance }
+        Self { environment, area, punctual: !scene.lights.is_empty(), environment_probability }
     }
 
     /// Is there a light with extent?
@@ -69,40 +69,48 @@ impl Lights {
         self.environment.is_some() || self.area.is_some()
     }
 
-    /// Are there both an environment and lamps?
+    /// Are there both an environment and area lights?
     pub fn two_kinds(&self) -> bool {
         self.environment.is_some() && self.area.is_some()
     }
 
     /// Draws for each of eight samples whether it goes to the environment (the mask), by `choice` in [0, 1), and what is
-    /// left of `choice` for the lamps.
+    /// left of `choice` for the area lights.
     #[inline]
     pub fn draw_kind(&self, choice: F) -> (F, F) {
-        let q = self.sky_chance;
-        let sky = choice.simd_lt(F::splat(q));
+        let q = self.environment_probability;
+        let toward = choice.simd_lt(F::splat(q));
         let left = (choice - F::splat(q)) * F::splat(1.0 / (1.0 - q));
-        (sky, left.fast_max(F::ZERO).fast_min(F::splat(crate::sampling::warp::ONE_MINUS)))
+        (toward, left.fast_max(F::ZERO).fast_min(F::splat(crate::sampling::warp::ONE_MINUS)))
     }
 
-    /// Draws directions toward the environment where the mask `sky` is set (all of them, if that is all there is), else
-    /// toward lamps as seen from `p` with unit geometric normals `n`: `choice` picks the lamp, (`u`, `v`) the point on
+    /// Draws directions toward the environment where the mask `toward_environment` is set (all of them, if that is all there is), else
+    /// toward area lights as seen from `p` with unit geometric normals `n`: `choice` picks the light, (`u`, `v`) the point on
     /// it, all in [0, 1).
     #[inline]
-    pub fn sample(&self, scene: &Scene, (p, n): (V3, V3), sky: F, choice: F, u: F, v: F) -> LightSamples {
-        let skies = sky.to_bitmask();
+    pub fn sample(
+        &self,
+        scene: &Scene,
+        (p, n): (V3, V3),
+        toward_environment: F,
+        choice: F,
+        u: F,
+        v: F,
+    ) -> LightSamples {
+        let mask = toward_environment.to_bitmask();
         match (&self.environment, &self.area) {
             (Some(environment), None) => environment.sample(u, v),
-            (Some(environment), Some(_)) if skies == ALL => environment.sample(u, v),
+            (Some(environment), Some(_)) if mask == ALL => environment.sample(u, v),
             (None, Some(area)) => area.sample(scene, p, n, choice, u, v),
-            (Some(_), Some(area)) if skies == 0 => area.sample(scene, p, n, choice, u, v),
+            (Some(_), Some(area)) if mask == 0 => area.sample(scene, p, n, choice, u, v),
             (Some(environment), Some(area)) => {
                 let a = environment.sample(u, v);
                 let b = area.sample(scene, p, n, choice, u, v);
                 LightSamples {
-                    wi: V3::select(sky, a.wi, b.wi),
-                    distance: sky.select(a.distance, b.distance),
-                    radiance: V3::select(sky, a.radiance, b.radiance),
-                    pdf: sky.select(a.pdf, b.pdf),
+                    wi: V3::select(toward_environment, a.wi, b.wi),
+                    distance: toward_environment.select(a.distance, b.distance),
+                    radiance: V3::select(toward_environment, a.radiance, b.radiance),
+                    pdf: toward_environment.select(a.pdf, b.pdf),
                 }
             }
             (None, None) => {

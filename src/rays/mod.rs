@@ -146,6 +146,20 @@ pub trait RayQueries: Send + Sync {
     fn info(&self) -> &BackendInfo;
 }
 
+impl<T: RayQueries + ?Sized> RayQueries for &T {
+    fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
+        (**self).closest_hits(rays, order, hits);
+    }
+
+    fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {
+        (**self).occluded(rays, order, occluded);
+    }
+
+    fn info(&self) -> &BackendInfo {
+        (**self).info()
+    }
+}
+
 impl RayBatch {
     /// Number of rays.
     pub fn len(&self) -> usize {

@@ -29,7 +29,7 @@ impl Fingerprint {
             ("crop", settings.crop.map_or("none".into(), |c| c.map(|x| x.to_string()).join(","))),
             ("integrator", format!("{:?}", settings.integrator).to_lowercase()),
             ("max-depth", settings.max_depth.to_string()),
-            ("balance", format!("{:?}", settings.balance).to_lowercase()),
+            ("balance", settings.balance.name().replace('-', "")),
             ("filter", format!("{:?}", settings.filter).to_lowercase()),
             (SEED, settings.seed.to_string()),
             ("sums for AOVs", settings.aovs.to_string()),

@@ -2,6 +2,7 @@
 
 pub mod fingerprint;
 pub mod part;
+pub mod sampler;
 pub mod saved;
 pub mod settings;
 pub mod tile;
@@ -12,11 +13,8 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use crate::film::Film;
-use crate::integrator::{CameraRays, Geometry, Materials, Transport};
-use crate::light::Lights;
-use crate::rays::RayQueries;
+use crate::integrator::{CameraRays, PreparedScene, Transport};
 use crate::sampling::{FilterSampler, hash};
-use crate::scene::Scene;
 pub use fingerprint::Fingerprint;
 pub use part::Part;
 pub use saved::Saved;
@@ -121,19 +119,18 @@ const SECONDS_PER_SAVING_SECOND: f64 = 19.0;
 
 /// [`run`] from the beginning to the end, without checkpoints, the clock beginning now.
 pub fn render(
-    scene: &Scene,
-    rays: &dyn RayQueries,
+    scene: &PreparedScene,
     settings: &RenderSettings,
     stop: &AtomicBool,
     progress: &(dyn Fn(Progress) + Sync),
 ) -> Rendered {
     let began = Instant::now();
-    run(scene, rays, settings, Run { stop, progress, began, from: None, checkpoint: None })
+    run(scene, settings, Run { stop, progress, began, from: None, checkpoint: None })
 }
 
 /// The tiles that a render of these settings begins with, row by row.
 pub fn fresh_tiles(settings: &RenderSettings) -> Vec<Tile> {
-    let mut all = Tile::cover(settings.width, settings.height, settings.window());
+    let mut all = Tile::cover(settings.width, settings.height, settings.window(), settings.columns());
     if let Some(shares) = &settings.shares {
         all.iter_mut().for_each(|tile| tile.begin_with(shares, settings.width));
     }
@@ -146,23 +143,22 @@ pub fn fresh_tiles(settings: &RenderSettings) -> Vec<Tile> {
 /// Renders on the current rayon pool until a stop rule of `settings` holds or the stop flag is raised (then within a
 /// tile's time). Without a time limit the film's bits depend on the scene, the backend's hits and `settings` alone: not
 /// on threads, nor on how often it was interrupted and continued.
-pub fn run(scene: &Scene, rays: &dyn RayQueries, settings: &RenderSettings, job: Run) -> Rendered {
+pub fn run(scene: &PreparedScene, settings: &RenderSettings, job: Run) -> Rendered {
+    let method = settings.balance.method();
     let mut transport = Transport {
-        scene,
-        rays,
-        geometry: Geometry::new(scene),
-        materials: Materials::new(scene),
-        lights: Lights::new(scene, scene.radius()),
-        camera: CameraRays::new(&scene.cameras[settings.camera], settings.width, settings.height),
+        scene: &scene.scene,
+        rays: scene.rays.as_ref(),
+        geometry: &scene.geometry,
+        materials: &scene.materials,
+        lights: &scene.lights,
+        camera: CameraRays::new(&scene.scene.cameras[settings.camera], settings.width, settings.height),
         filter: FilterSampler::new(settings.filter),
-        heuristic: settings.balance.heuristic(),
+        heuristic: method.heuristic(),
         max_depth: match settings.integrator {
             Integrator::Path => settings.max_depth,
             Integrator::Direct => settings.max_depth.min(2),
         },
         seed: settings.seed,
-        moments: settings.balance.sums_moments(),
-        aovs: settings.aovs,
     };
     let Run { stop, progress, began, from, mut checkpoint } = job;
     let start = Instant::now();
@@ -186,7 +182,7 @@ pub fn run(scene: &Scene, rays: &dyn RayQueries, settings: &RenderSettings, job:
                 break;
             }
             let enough = now.tiles.is_empty() || settings.passes.is_some_and(|most| now.stats.passes >= most);
-            match settings.balance.next_pass(done, settings.spp, settings.pilot) {
+            match method.next_pass(done, settings.spp, settings.pilot) {
                 Some(next) if !enough => pass = next,
                 _ => {
                     now.stop = StopReason::Samples;
@@ -211,7 +207,7 @@ pub fn run(scene: &Scene, rays: &dyn RayQueries, settings: &RenderSettings, job:
             }
         }
         let target = done + pass;
-        if settings.balance.scrambles_passes() {
+        if method.scrambles_passes() {
             transport.seed = settings.seed ^ hash(done);
         }
         let shared = Shared {
@@ -278,11 +274,13 @@ fn paths_range(tiles: &[Tile]) -> (u32, u32) {
 pub fn film_of(tiles: &[Tile], settings: &RenderSettings) -> Film {
     let window = settings.window();
     let mut film = Film::new(settings.width, settings.height, window, settings.aovs);
-    for (x, y, sum) in tiles.iter().flat_map(|tile| tile.inside(window)) {
-        let at = ((y - window[1]) * (window[2] - window[0]) + (x - window[0])) as usize;
-        film.pixels[at] = sum.stats;
-        if settings.aovs {
-            film.aovs[at] = sum.aovs;
+    for tile in tiles {
+        for (x, y, i) in tile.inside(window) {
+            let at = ((y - window[1]) * (window[2] - window[0]) + (x - window[0])) as usize;
+            film.pixels[at] = tile.stats[i];
+            if settings.aovs {
+                film.aovs[at] = tile.aovs[i];
+            }
         }
     }
     film
@@ -296,8 +294,8 @@ pub const NOISE_PATHS: u32 = 32;
 /// estimated from the samples themselves. Infinite while a pixel has less than two paths.
 pub fn noise(tiles: &[Tile], window: [u32; 4]) -> f64 {
     let (mut sum, mut n) = (0.0, 0u64);
-    for (.., pixel) in tiles.iter().flat_map(|t| t.inside(window)) {
-        let (mean, variance) = (pixel.stats.mean(), pixel.stats.variance_of_mean());
+    for stats in tiles.iter().flat_map(|tile| tile.inside(window).map(|(.., i)| &tile.stats[i])) {
+        let (mean, variance) = (stats.mean(), stats.variance_of_mean());
         for c in 0..3 {
             sum += f64::from(variance[c]) / (f64::from(mean[c]).powi(2) + 0.01);
         }

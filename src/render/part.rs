@@ -62,7 +62,10 @@ fn z_order([x, y]: [u32; 2]) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::render::tile::Columns;
     use proptest::prelude::*;
+
+    const NONE: Columns = Columns { moments: false, aovs: false };
 
     proptest! {
         #[test]
@@ -70,9 +73,9 @@ mod tests {
             (width, height, of) in (1u32..400, 1u32..400, 1u32..40), corner in (0u32..100, 0u32..100)
         ) {
             let window = [corner.0.min(width - 1), corner.1.min(height - 1), width, height];
-            let all: Vec<_> = Tile::cover(width, height, window).iter().map(Tile::place).collect();
+            let all: Vec<_> = Tile::cover(width, height, window, NONE).iter().map(Tile::place).collect();
             let parts: Vec<_> =
-                (1..=of).map(|number| Part { number, of }.of(Tile::cover(width, height, window))).collect();
+                (1..=of).map(|number| Part { number, of }.of(Tile::cover(width, height, window, NONE))).collect();
             let sizes = parts.iter().map(Vec::len);
             prop_assert!(sizes.clone().max().unwrap() - sizes.min().unwrap() <= 1);
             let mut joined: Vec<_> = parts.into_iter().flatten().collect();

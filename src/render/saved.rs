@@ -1,8 +1,9 @@
 //! What a render needs to go on: its tiles and what they took, as bytes and back.
 
 use rayon::prelude::*;
+use serde::de::DeserializeOwned;
 
-use super::tile::Tile;
+use super::tile::{Columns, Tile, Tile2};
 use super::{RenderSettings, RenderStats, paths_range};
 use crate::{Error, Result};
 
@@ -22,7 +23,9 @@ impl Saved {
         let (done, ahead) = paths_range(&self.tiles);
         let (mut paths, mut passes) = (0, 0);
         while paths < ahead {
-            let Some(pass) = settings.balance.next_pass(paths, settings.spp, settings.pilot) else { return false };
+            let Some(pass) = settings.balance.method().next_pass(paths, settings.spp, settings.pilot) else {
+                return false;
+            };
             if paths == done && passes == self.stats.passes {
                 // The pass that is half-way.
                 return done + pass == ahead;
@@ -34,7 +37,7 @@ impl Saved {
 }
 
 /// Raised whenever tiles saved by an older version can no longer be read.
-pub const FORMAT: u32 = 2;
+pub const FORMAT: u32 = 3;
 
 /// Bytes of a tile, unpacked, at most.
 const LARGEST: usize = 1 << 24;
@@ -58,6 +61,15 @@ pub fn pack(tiles: &[Tile]) -> Result<Vec<u8>> {
 
 /// Reads what [`pack`] made; nothing in it is trusted. `None` if it is not that.
 pub fn unpack(bytes: &[u8]) -> Option<Vec<Tile>> {
+    records(bytes)
+}
+
+/// Reads what `pack` of format 2 made, and keeps the columns that such a render has.
+pub fn unpack_2(bytes: &[u8], columns: Columns) -> Option<Vec<Tile>> {
+    Some(records::<Tile2>(bytes)?.into_iter().map(|tile| tile.into_tile(columns)).collect())
+}
+
+fn records<T: DeserializeOwned + Send>(bytes: &[u8]) -> Option<Vec<T>> {
     let mut records = Vec::new();
     let mut rest = bytes;
     while let Some((length, after)) = rest.split_first_chunk::<4>() {
@@ -71,7 +83,7 @@ pub fn unpack(bytes: &[u8]) -> Option<Vec<Tile>> {
     let read = |record: &&[u8]| {
         let (size, packed) = lz4_flex::block::uncompressed_size(record).ok().filter(|(size, _)| *size <= LARGEST)?;
         let record = lz4_flex::decompress(packed, size).ok()?;
-        match postcard::take_from_bytes::<Tile>(&record) {
+        match postcard::take_from_bytes::<T>(&record) {
             Ok((tile, [])) => Some(tile),
             _ => None,
         }
@@ -92,15 +104,17 @@ pub fn fits(saved: &[Tile], fresh: &[Tile]) -> bool {
 mod tests {
     use super::*;
 
+    const BOTH: Columns = Columns { moments: true, aovs: true };
+
     #[test]
     fn tiles_come_back_and_anything_else_does_not() {
-        let mut tiles = Tile::cover(40, 20, [0, 0, 40, 20]);
-        tiles[1].sums[3].stats.sum = [0.1, -0.0, f64::NAN];
+        let mut tiles = Tile::cover(40, 20, [0, 0, 40, 20], BOTH);
+        tiles[1].stats[3].sum = [0.1, -0.0, f64::NAN];
         let bytes = pack(&tiles).unwrap();
         let again = unpack(&bytes).unwrap();
         assert_eq!(pack(&again).unwrap(), bytes);
-        assert!(fits(&again, &Tile::cover(40, 20, [0, 0, 40, 20])));
-        assert!(!fits(&again, &Tile::cover(40, 21, [0, 0, 40, 21])));
+        assert!(fits(&again, &Tile::cover(40, 20, [0, 0, 40, 20], BOTH)));
+        assert!(!fits(&again, &Tile::cover(40, 21, [0, 0, 40, 21], BOTH)));
         for cut in [1, 3, 4, bytes.len() / 2, bytes.len() - 1] {
             assert!(unpack(&bytes[..cut]).is_none(), "{cut}");
         }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::Part;
+use super::tile::Columns;
 pub use crate::balance::Balance;
 pub use crate::sampling::PixelFilter;
 
@@ -63,6 +64,11 @@ pub struct RenderSettings {
 }
 
 impl RenderSettings {
+    /// What tiles keep besides the statistics.
+    pub fn columns(&self) -> Columns {
+        Columns { moments: self.balance.method().sums_moments(), aovs: self.aovs }
+    }
+
     /// The window that is kept: x0, y0, x1, y1, the last two exclusive.
     pub fn window(&self) -> [u32; 4] {
         self.crop.unwrap_or([0, 0, self.width, self.height])

@@ -2,7 +2,8 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use bismar::rays::{Backend, RayQueries};
+use bismar::integrator::PreparedScene;
+use bismar::rays::Backend;
 use bismar::render::{RenderSettings, render};
 use bismar::scene::{Camera, Environment, Instance, Material, Mesh, Object, Positions, Projection, Scene};
 use glam::{Affine3A, Mat3, Vec3};
@@ -104,19 +105,18 @@ pub fn hall() -> Arc<Scene> {
 
 /// A scene with its rays.
 pub struct Stage {
-    pub scene: Arc<Scene>,
-    pub rays: Box<dyn RayQueries>,
+    pub scene: PreparedScene<'static>,
 }
 
 impl Stage {
     pub fn new(scene: Arc<Scene>, backend: Backend) -> Self {
-        Self { rays: bismar::rays::build(backend, scene.clone()).unwrap(), scene }
+        Self { scene: PreparedScene::build(scene, backend).unwrap() }
     }
 
     /// Green of each pixel.
     pub fn green(&self, settings: &RenderSettings) -> Vec<f64> {
         let stop = AtomicBool::new(false);
-        let rendered = render(&self.scene, &*self.rays, settings, &stop, &|_| ());
+        let rendered = render(&self.scene, settings, &stop, &|_| ());
         rendered.film.pixels.iter().map(|p| p.sum[1] / f64::from(p.samples)).collect()
     }
 

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::str::FromStr;
 
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 
 use crate::cli::progress::Style;
@@ -67,7 +68,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "X", value_parser = positive, help_heading = "Sampling")]
     pub noise: Option<f64>,
     /// How light and BSDF sampling share the work.
-    #[arg(long, value_enum, default_value_t = Balance::Progressive, help_heading = "Sampling")]
+    #[arg(long, value_parser = balance(), default_value = "progressive", help_heading = "Sampling")]
     pub balance: Balance,
     /// Of --balance second-order: the share of its paths that are its pilot, above 0 and below 1 [default: 0.5].
     #[arg(long, value_name = "SHARE", value_parser = share, help_heading = "Sampling")]
@@ -178,14 +179,14 @@ impl RenderArgs {
     /// # Errors
     /// [`Error::Usage`].
     pub fn check(&self) -> Result<()> {
-        if self.balance == Balance::SecondOrder && self.spp.is_none() {
+        if self.balance.method().needs_goal() && self.spp.is_none() {
             return Err(Error::Usage(
                 "--balance second-order needs --spp: the paper's pilot is a share of all samples, so their number must \
                  be known beforehand"
                     .into(),
             ));
         }
-        if self.pilot.is_some() && self.balance != Balance::SecondOrder {
+        if self.pilot.is_some() && !self.balance.method().needs_goal() {
             return Err(Error::Usage(format!(
                 "--pilot belongs to --balance second-order; {} has a pilot of its own or none",
                 self.balance.name()
@@ -215,6 +216,12 @@ fn not_negative(text: &str) -> Parsed<f32> {
 
 fn positive(text: &str) -> Parsed<f64> {
     text.parse().ok().filter(|x: &f64| *x > 0.0 && x.is_finite()).ok_or("not a number above 0".into())
+}
+
+/// A method of the balance by its name.
+fn balance() -> impl TypedValueParser<Value = Balance> {
+    let names = Balance::all().iter().map(|b| PossibleValue::new(b.name()).help(b.method().about()));
+    PossibleValuesParser::new(names).map(|name| Balance::named(&name).expect("one of them"))
 }
 
 fn share(text: &str) -> Parsed<f64> {

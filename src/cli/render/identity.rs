@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use crate::balance::HALF_PILOT;
 use crate::film::exr_file::{self, Header, HeaderValue};
 use crate::render::saved::{self, FORMAT, Saved};
-use crate::render::{Balance, Fingerprint, NOISE_PATHS, Part, RenderSettings, RenderStats, StopReason, fresh_tiles};
+use crate::render::{Fingerprint, NOISE_PATHS, Part, RenderSettings, RenderStats, StopReason, fresh_tiles};
 use crate::scene::import::{EnvironmentFile, SceneFiles, Survey};
 use crate::{Error, Result};
 
@@ -87,7 +87,7 @@ impl Inputs {
             a.seed,
             a.rays,
             a.aov_names(),
-            if a.balance == Balance::SecondOrder { a.spp } else { None },
+            if a.balance.method().needs_goal() { a.spp } else { None },
             a.pilot.unwrap_or(HALF_PILOT),
         );
         let all = [env!("CARGO_PKG_VERSION"), &self.scene.hash, &self.environment.0, &flags].join("\n");
@@ -218,7 +218,11 @@ impl Earlier {
                 "carries no statistics to go on from, as it was rendered without --checkpoint{else_}"
             )));
         };
-        let tiles = saved::unpack(&bytes).filter(|tiles| saved::fits(tiles, &fresh_tiles(settings)));
+        let tiles = match self.number("bismar.format") {
+            Some(2.0) => saved::unpack_2(&bytes, settings.columns()),
+            _ => saved::unpack(&bytes),
+        };
+        let tiles = tiles.filter(|tiles| saved::fits(tiles, &fresh_tiles(settings)));
         match (tiles, self.stats()) {
             (Some(tiles), Some(stats)) => Ok(Saved { tiles, stats }),
             _ => Err(refused(format!("its statistics are not those of such a render{else_}"))),

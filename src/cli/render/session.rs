@@ -16,7 +16,8 @@ use crate::cli::signals::no_progress;
 use crate::cli::stats::{Seconds, Stats, sample_range};
 use crate::film::exr_file::{self, HeaderValue};
 use crate::film::preview;
-use crate::rays::{self, RayQueries};
+use crate::integrator::PreparedScene;
+use crate::rays;
 use crate::render::saved::{Saved, pack};
 use crate::render::{Checkpoint, Fingerprint, Progress, RenderSettings, Rendered, Run, StopReason, fresh_tiles, run};
 use crate::scene::Scene;
@@ -24,8 +25,7 @@ use crate::{Error, Result};
 
 /// A scene that is ready to be rendered.
 pub struct Loaded {
-    scene: Arc<Scene>,
-    rays: Box<dyn RayQueries>,
+    prepared: PreparedScene<'static>,
     read_seconds: f64,
     build_seconds: f64,
 }
@@ -51,7 +51,7 @@ impl Loaded {
         let backend = rays.info();
         let mebibytes = backend.memory_bytes as f64 / 2_f64.powi(20);
         info!("built {} {} ({}): {build_seconds:.2} s, {mebibytes:.1} MiB", backend.name, backend.version, backend.isa);
-        Ok(Self { scene, rays, read_seconds, build_seconds })
+        Ok(Self { prepared: PreparedScene::new(scene, rays), read_seconds, build_seconds })
     }
 }
 
@@ -155,8 +155,8 @@ impl Session<'_> {
     ) -> Result<Done> {
         let args = self.args;
         let output = args.output();
-        let settings = settings(args, &loaded.scene)?;
-        let backend = loaded.rays.info();
+        let settings = settings(args, &loaded.prepared.scene)?;
+        let backend = loaded.prepared.rays.info();
         let fingerprint =
             Fingerprint::new(&self.inputs.scene.hash, &self.inputs.environment.0, backend.name, &settings);
         let (from, kept) = match self.go_on_from(&fingerprint, &settings, loaded)? {
@@ -173,7 +173,7 @@ impl Session<'_> {
             let render = rendered.stats.render_seconds;
             let stats = Stats::new(
                 &args.scene,
-                &loaded.scene,
+                &loaded.prepared.scene,
                 &settings,
                 backend,
                 self.threads,
@@ -195,7 +195,7 @@ impl Session<'_> {
         };
         let checkpoint = args.checkpoint.map(|seconds| Checkpoint { seconds, save: &mut save });
         let job = Run { stop, progress, began: self.began, from, checkpoint };
-        let rendered = run(&loaded.scene, loaded.rays.as_ref(), &settings, job);
+        let rendered = run(&loaded.prepared, &settings, job);
         let interrupted = rendered.stop == StopReason::Interrupted;
         rendering_ends(!interrupted);
 
@@ -248,7 +248,7 @@ impl Session<'_> {
             }
             other => other?,
         };
-        let here = loaded.rays.info();
+        let here = loaded.prepared.rays.info();
         let there: serde_json::Value =
             earlier.text("bismar.backend").and_then(|t| serde_json::from_str(t).ok()).unwrap_or_default();
         if there["version"] != here.version.as_str() || there["isa"] != here.isa.as_str() {

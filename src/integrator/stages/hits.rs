@@ -3,12 +3,13 @@
 use glam::Vec3;
 
 use super::observation;
-use crate::balance::{Counts, Finding, Technique};
+use crate::balance::{Contribution, Counts, Technique};
 use crate::bsdf::{Lobes, MetallicRoughness};
+use crate::film::AovSums;
 use crate::integrator::geometry::Point;
 use crate::integrator::vertices::Group;
 use crate::integrator::wave::Wave;
-use crate::integrator::{PixelPlan, PixelSum, Transport};
+use crate::integrator::{PixelBatch, Transport};
 use crate::lanes::{F, LANES, Rows, U, V3, eight, load, load_bits};
 use crate::light::area;
 use crate::rays::MISS;
@@ -16,13 +17,7 @@ use crate::rays::MISS;
 impl Wave {
     /// Sorts the rays of the batch at `depth` (0 for camera rays) into escaped and hit; fills the vertices.
     #[inline(never)]
-    pub(in crate::integrator) fn hits(
-        &mut self,
-        transport: &Transport,
-        plan: &[PixelPlan],
-        depth: u32,
-        sums: &mut [PixelSum],
-    ) {
+    pub(in crate::integrator) fn hits(&mut self, transport: &Transport, depth: u32, batch: &mut PixelBatch) {
         self.escaped.clear();
         self.plain.clear();
         self.detailed.clear();
@@ -37,12 +32,10 @@ impl Wave {
             let kind = transport.materials.kind(mesh);
             if depth == 0 {
                 self.slots[self.paths.slot[ray] as usize].covered = true;
-                if transport.aovs {
-                    self.aovs(transport, ray, sums);
-                }
+                self.aovs(transport, ray, batch.aovs);
             }
             if kind.shines {
-                self.shine(transport, plan, depth, ray, sums);
+                self.shine(transport, depth, ray, batch);
                 if transport.scene.materials[kind.material as usize].unlit {
                     continue;
                 }
@@ -61,7 +54,7 @@ impl Wave {
         for at in (0..self.detailed.len()).step_by(LANES) {
             self.detailed_vertices(transport, at);
         }
-        self.escapes(transport, plan, depth, sums);
+        self.escapes(transport, depth, batch);
     }
 
     /// Vertices on surfaces without texture.
@@ -80,7 +73,7 @@ impl Wave {
             ns: points.ns,
             direction: self.rays.directions(&rows),
             beta: self.paths.beta.load(&rows),
-            stand_off: points.stand_off,
+            origin_offset: points.origin_offset,
             lobes,
             path: self.path_of(&rows),
         };
@@ -102,7 +95,7 @@ impl Wave {
             ns: V3::gather(points.map(|p| p.ns)),
             direction: self.rays.directions(&rows),
             beta: self.paths.beta.load(&rows),
-            stand_off: F::from(points.map(|p| p.stand_off)),
+            origin_offset: F::from(points.map(|p| p.origin_offset)),
             lobes: Lobes::gather(models.each_ref()),
             path: self.path_of(&rows),
         };
@@ -125,9 +118,10 @@ impl Wave {
     }
 
     /// What a camera ray found, for the AOVs.
-    fn aovs(&self, transport: &Transport, ray: usize, sums: &mut [PixelSum]) {
+    fn aovs(&self, transport: &Transport, ray: usize, aovs: &mut [AovSums]) {
+        let pixel = self.slots[self.paths.slot[ray] as usize].pixel as usize;
+        let Some(aovs) = aovs.get_mut(pixel) else { return };
         let point = self.point(transport, ray);
-        let aovs = &mut sums[self.slots[self.paths.slot[ray] as usize].pixel as usize].aovs;
         let toward = point.ng.dot(self.rays.direction(ray));
         let normal = point.ns.normalize_or_zero() * if toward > 0.0 { -1.0 } else { 1.0 };
         let albedo = point.base_color(transport.scene);
@@ -140,11 +134,11 @@ impl Wave {
     }
 
     /// Light from the surface that a ray hit.
-    fn shine(&mut self, transport: &Transport, plan: &[PixelPlan], depth: u32, ray: usize, sums: &mut [PixelSum]) {
+    fn shine(&mut self, transport: &Transport, depth: u32, ray: usize, batch: &mut PixelBatch) {
         let point = self.point(transport, ray);
         let material = point.material;
         if material.unlit {
-            self.emitted(transport, plan, sums, depth, ray, point.base_color(transport.scene), [0.0; 2]);
+            self.emitted(transport, batch, depth, ray, point.base_color(transport.scene), [0.0; 2]);
             return;
         }
         let direction = self.rays.direction(ray);
@@ -156,12 +150,12 @@ impl Wave {
                 0 => 0.0,
                 _ => transport.lights.area_pdf(from, hit, direction, self.hits.t[ray]),
             };
-            self.emitted(transport, plan, sums, depth, ray, radiance, [0.0, pdf]);
+            self.emitted(transport, batch, depth, ray, radiance, [0.0, pdf]);
         }
     }
 
     /// Light from infinity along the rays that hit nothing.
-    fn escapes(&mut self, transport: &Transport, plan: &[PixelPlan], depth: u32, sums: &mut [PixelSum]) {
+    fn escapes(&mut self, transport: &Transport, depth: u32, batch: &mut PixelBatch) {
         if transport.lights.environment.is_none() {
             return;
         }
@@ -171,20 +165,18 @@ impl Wave {
             for lane in 0..n {
                 let pdf = if depth == 0 { 0.0 } else { pdf.as_array()[lane] };
                 let ray = self.escaped[at + lane] as usize;
-                self.emitted(transport, plan, sums, depth, ray, radiance.lane(lane), [pdf, 0.0]);
+                self.emitted(transport, batch, depth, ray, radiance.lane(lane), [pdf, 0.0]);
             }
         }
     }
 
     /// Light that a ray of the batch found: weighed against having been sampled with the densities `light_pdf` (as the
-    /// environment, as a lamp).
+    /// environment, as an area light).
     #[inline]
-    #[allow(clippy::too_many_arguments)]
     fn emitted(
         &mut self,
         transport: &Transport,
-        plan: &[PixelPlan],
-        sums: &mut [PixelSum],
+        batch: &mut PixelBatch,
         depth: u32,
         ray: usize,
         radiance: Vec3,
@@ -193,10 +185,10 @@ impl Wave {
         let slot = &mut self.slots[self.paths.slot[ray] as usize];
         let pixel = slot.pixel as usize;
         let weighted_pdf = self.paths.weighted_pdf[ray];
-        let sky_chance = transport.lights.sky_chance;
-        let [a_sky, a_lamps, a_b] = if depth == 1 { slot.rates } else { Counts::half(1).rates(sky_chance) };
+        let environment_probability = transport.lights.environment_probability;
+        let [a_env, a_area, a_b] = if depth == 1 { slot.rates } else { Counts::half(1).rates(environment_probability) };
         // One of the two is zero.
-        let weighted_light = a_sky * light_pdf[0] + a_lamps * light_pdf[1];
+        let weighted_light = a_env * light_pdf[0] + a_area * light_pdf[1];
         let weight = if weighted_light > 0.0 { transport.heuristic.weight(weighted_pdf, weighted_light) } else { 1.0 };
         let found = self.paths.beta.get(ray) * radiance * weight;
         if !found.is_finite() || found == Vec3::ZERO {
@@ -208,17 +200,12 @@ impl Wave {
         } else {
             self.children[self.paths.child[ray] as usize].indirect += found;
         }
-        if depth == 1 && (transport.moments || self.record) {
-            let a_l = a_sky + a_lamps;
+        if depth == 1 && batch.observer.is_some() {
+            let a_l = a_env + a_area;
             let (w, r) = observation(found, weighted_light / a_l, weighted_pdf / a_b, a_l / (a_l + a_b));
-            if transport.moments {
-                sums[pixel].moments.add(w, r, 2.0 * found.element_sum());
-            }
-            if self.record {
-                let (index, lamp) = (self.paths.index[ray], self.splits[pixel].is_some() && light_pdf[1] > 0.0);
-                let (pixel, technique) = (plan[pixel].place, Technique::Bsdf);
-                self.findings.push(Finding { pixel, technique, lamp, index, r, radiance: found });
-            }
+            let (index, area) = (self.paths.index[ray], self.splits[pixel].is_some() && light_pdf[1] > 0.0);
+            let technique = Technique::Bsdf;
+            batch.tell(pixel, Contribution { pixel: 0, technique, area, index, r, w, radiance: found });
         }
     }
 }

@@ -1,9 +1,9 @@
 //! Light sampling: shadow rays that carry what they bring if nothing is in their way.
 
-use super::{DRAWN, SKY, Technique, light_set, observations};
+use super::{DRAWN, ENVIRONMENT, Technique, light_set, observations};
 use crate::integrator::Transport;
 use crate::integrator::wave::Wave;
-use crate::lanes::{F, LANES, Survivors, V3, are, first};
+use crate::lanes::{F, LANES, Survivors, V3, are, mask};
 use crate::light::punctual;
 use crate::sampling::{hashes, keys, samples};
 
@@ -12,14 +12,14 @@ const SHADOW_END: f32 = 1.0 - 1e-4;
 
 impl Wave {
     /// Fills the shadow rays for the vertices at `depth`.
-    pub(in crate::integrator) fn lights(&mut self, transport: &Transport, depth: u32) {
+    pub(in crate::integrator) fn lights(&mut self, transport: &Transport, depth: u32, observed: bool) {
         let tasks = self.set_tasks(Technique::Light, depth);
         let punctual = if transport.lights.punctual { self.vertices.len() } else { 0 };
         self.shadow_rays.open(tasks + punctual);
         self.pending.open(tasks + punctual);
         if transport.lights.has_extent() {
             for at in (0..tasks).step_by(LANES) {
-                self.sample_lights(transport, depth, at);
+                self.sample_lights(transport, depth, at, observed);
             }
         }
         for at in (0..punctual).step_by(LANES) {
@@ -30,30 +30,30 @@ impl Wave {
 
     /// One group of light samples.
     #[inline(never)]
-    fn sample_lights(&mut self, transport: &Transport, depth: u32, at: usize) {
+    fn sample_lights(&mut self, transport: &Transport, depth: u32, at: usize, observed: bool) {
         let task = self.task_group(transport, at, depth);
         let [choice, u, v, _] = samples(task.seed, task.index, light_set(depth));
         let vertices = &self.vertices;
         let rows = &task.rows;
         let origin = vertices.origin.load(rows);
         let ng = vertices.ng.load(rows);
-        let [a_sky, a_lamps, a_b] = task.rates;
-        let (drawn_sky, left) = transport.lights.draw_kind(choice);
+        let [a_env, a_area, a_b] = task.rates;
+        let (drawn_environment, left) = transport.lights.draw_kind(choice);
         let draws = are(task.kind, DRAWN);
-        let sky = are(task.kind, SKY) | (draws & drawn_sky);
+        let toward_environment = are(task.kind, ENVIRONMENT) | (draws & drawn_environment);
         let choice = draws.select(left, choice);
-        let light = transport.lights.sample(transport.scene, (origin, ng), sky, choice, u, v);
+        let light = transport.lights.sample(transport.scene, (origin, ng), toward_environment, choice, u, v);
         let (value, bsdf_pdf) = vertices.lobes(rows).eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
-        let weighted_pdf = sky.select(a_sky, a_lamps) * light.pdf;
+        let weighted_pdf = toward_environment.select(a_env, a_area) * light.pdf;
         let weight = transport.heuristic.weights(weighted_pdf, a_b * bsdf_pdf);
         let radiance = vertices.beta.load(rows) * value * light.radiance * (weight / weighted_pdf);
-        let alive = first(task.len)
+        let alive = mask(task.len)
             & light.pdf.simd_gt(F::ZERO)
             & ng.dot(light.wi).simd_gt(F::ZERO)
             & radiance.max_element().simd_gt(F::ZERO)
             & radiance.is_finite();
-        let (w, r) = if depth == 0 && (transport.moments || self.record) {
-            let a_l = a_sky + a_lamps;
+        let (w, r) = if depth == 0 && observed {
+            let a_l = a_env + a_area;
             observations(radiance, weighted_pdf / a_l, bsdf_pdf, a_l / (a_l + a_b))
         } else {
             (F::ZERO, F::ZERO)
@@ -61,10 +61,10 @@ impl Wave {
         let survivors = Survivors::of(alive);
         self.shadow_rays.put(
             self.pending.len,
-            survivors.pack_v3(origin),
-            survivors.pack_v3(light.wi),
-            survivors.pack(light.distance * F::splat(SHADOW_END)),
-            survivors.pack_bits(hashes(keys(task.seed, task.index, light_set(depth)))),
+            survivors.compress_v3(origin),
+            survivors.compress_v3(light.wi),
+            survivors.compress(light.distance * F::splat(SHADOW_END)),
+            survivors.compress_bits(hashes(keys(task.seed, task.index, light_set(depth)))),
         );
         // Light of first surfaces has no child: its place is the sample's index.
         let child = if depth == 0 { task.index } else { task.child };
@@ -79,7 +79,7 @@ impl Wave {
         let vertices = &self.vertices;
         let rows = &task.rows;
         let (origin, ng) = (vertices.origin.load(rows), vertices.ng.load(rows));
-        let position = origin - ng * crate::lanes::load(&vertices.stand_off, rows);
+        let position = origin - ng * crate::lanes::load(&vertices.origin_offset, rows);
         let lights: [_; LANES] = std::array::from_fn(|lane| {
             let choice = choice.as_array()[lane];
             punctual::sample(&transport.scene.lights, position.lane(lane), choice).unwrap_or(punctual::DARK)
@@ -87,17 +87,17 @@ impl Wave {
         let wi = V3::gather(lights.map(|l| l.wi));
         let (value, _) = vertices.lobes(rows).eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), wi);
         let radiance = vertices.beta.load(rows) * value * V3::gather(lights.map(|l| l.irradiance));
-        let alive = first(task.len)
+        let alive = mask(task.len)
             & ng.dot(wi).simd_gt(F::ZERO)
             & radiance.max_element().simd_gt(F::ZERO)
             & radiance.is_finite();
         let survivors = Survivors::of(alive);
         self.shadow_rays.put(
             self.pending.len,
-            survivors.pack_v3(origin),
-            survivors.pack_v3(wi),
-            survivors.pack(F::from(lights.map(|l| l.distance * SHADOW_END))),
-            survivors.pack_bits(hashes(keys(task.seed, task.index, light_set(depth)))),
+            survivors.compress_v3(origin),
+            survivors.compress_v3(wi),
+            survivors.compress(F::from(lights.map(|l| l.distance * SHADOW_END))),
+            survivors.compress_bits(hashes(keys(task.seed, task.index, light_set(depth)))),
         );
         self.pending.push(&survivors, radiance, [task.slot, task.child], [F::ZERO; 2]);
     }

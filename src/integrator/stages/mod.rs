@@ -32,16 +32,16 @@ struct TaskGroup {
     kind: U,
     /// How many count.
     len: usize,
-    /// Samples a path: toward the environment, toward lamps, of the BSDF.
+    /// Samples a path: toward the environment, toward area lights, of the BSDF.
     rates: [F; 3],
 }
 
 /// What a light sample is toward: not known before it draws.
 pub(super) const DRAWN: u32 = 0;
 /// Toward the environment.
-pub(super) const SKY: u32 = 1;
-/// Toward lamps.
-pub(super) const LAMP: u32 = 2;
+pub(super) const ENVIRONMENT: u32 = 1;
+/// Toward area lights.
+pub(super) const AREA: u32 = 2;
 
 impl Wave {
     /// Lists the samples that the vertices at `depth` take of a technique, and says how many there are.
@@ -105,7 +105,7 @@ impl Wave {
             child: load_bits(&v.child, &rows),
             kind: U::splat(DRAWN),
             len: LANES.min(v.len() - at),
-            rates: Counts::half(1).rates(transport.lights.sky_chance).map(F::splat),
+            rates: Counts::half(1).rates(transport.lights.environment_probability).map(F::splat),
             rows,
         }
     }

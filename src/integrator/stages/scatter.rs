@@ -5,7 +5,7 @@ use glam::Vec3;
 use super::{Technique, bsdf_set};
 use crate::integrator::Transport;
 use crate::integrator::wave::{Child, Wave};
-use crate::lanes::{F, LANES, NUMBERS, Survivors, U, first};
+use crate::lanes::{F, LANES, NUMBERS, Survivors, U, mask};
 use crate::sampling::{keys, samples};
 
 /// Segments after which Russian roulette begins.
@@ -38,7 +38,7 @@ impl Wave {
         let weighted_pdf = task.rates[2] * sample.pdf;
         let ng = vertices.ng.load(rows);
         let mut beta = vertices.beta.load(rows) * sample.value * (F::ONE / weighted_pdf);
-        let mut alive = first(task.len)
+        let mut alive = mask(task.len)
             & sample.pdf.simd_gt(F::ZERO)
             & ng.dot(sample.wi).simd_gt(F::ZERO)
             & beta.max_element().simd_gt(F::ZERO)
@@ -49,25 +49,25 @@ impl Wave {
             beta = beta * keep.simd_ge(F::ONE).select(F::ONE, F::ONE / keep);
         }
         let survivors = Survivors::of(alive);
-        let slot = survivors.pack_bits(task.slot);
+        let slot = survivors.compress_bits(task.slot);
         let child = if depth == 0 {
             let next = self.children.len() as u32;
-            let index = survivors.pack_bits(task.index);
+            let index = survivors.compress_bits(task.index);
             let new = slot.as_array()[..survivors.len].iter().zip(index.as_array());
             self.children.extend(new.map(|(&slot, &index)| Child { slot, index, indirect: Vec3::ZERO }));
             U::splat(next) + U::from(NUMBERS)
         } else {
-            survivors.pack_bits(task.child)
+            survivors.compress_bits(task.child)
         };
         self.next_rays.put(
             self.next_paths.len,
-            survivors.pack_v3(vertices.origin.load(rows)),
-            survivors.pack_v3(sample.wi),
+            survivors.compress_v3(vertices.origin.load(rows)),
+            survivors.compress_v3(sample.wi),
             F::splat(f32::INFINITY),
-            survivors.pack_bits(keys(task.seed, task.index, bsdf_set(depth))),
+            survivors.compress_bits(keys(task.seed, task.index, bsdf_set(depth))),
         );
-        let path = [slot, survivors.pack_bits(task.index), child, survivors.pack_bits(task.seed)];
-        let (beta, normal) = (survivors.pack_v3(beta), survivors.pack_v3(ng));
-        self.next_paths.push(survivors.len, beta, normal, survivors.pack(weighted_pdf), path);
+        let path = [slot, survivors.compress_bits(task.index), child, survivors.compress_bits(task.seed)];
+        let (beta, normal) = (survivors.compress_v3(beta), survivors.compress_v3(ng));
+        self.next_paths.push(survivors.len, beta, normal, survivors.compress(weighted_pdf), path);
     }
 }

@@ -93,7 +93,7 @@ impl Measured {
 /// How many passes come before the last one, and their paths.
 fn last_pass(balance: Balance, spp: u32) -> (u32, u32) {
     let (mut passes, mut done) = (0, 0);
-    while let Some(n) = balance.next_pass(done, Some(spp), None).filter(|&n| n > 0) {
+    while let Some(n) = balance.method().next_pass(done, Some(spp), None).filter(|&n| n > 0) {
         if done + n >= spp {
             break;
         }
@@ -225,7 +225,7 @@ fn keys(plan: &Plan) -> Vec<Key> {
         // The shares found are judged where they are best known.
         for estimator in plan.estimators.iter().filter(|_| Some(spp) == most) {
             if let Estimator::Method(balance) = *estimator
-                && balance.learns()
+                && balance.method().learns()
             {
                 keys.push(Key { what: What::Found(balance), spp });
             }
@@ -432,7 +432,7 @@ impl<'a> Run<'a> {
             ..self.settings.clone()
         };
         let before = self.rays.load(Ordering::Relaxed);
-        let rendered = render(&self.scene.scene, &*self.scene.rays, &settings, self.stop, &|p| {
+        let rendered = render(&self.scene.scene, &settings, self.stop, &|p| {
             if self.all > 0.0 && take.crop.is_none() {
                 let fraction = ((self.done + p.fraction * f64::from(take.spp)) / self.all).clamp(0.0, 1.0);
                 let seconds = self.start.elapsed().as_secs_f64();

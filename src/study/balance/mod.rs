@@ -64,7 +64,7 @@ impl Estimator {
     /// As on the command line.
     pub fn name(self) -> String {
         match self {
-            Estimator::Method(balance) => balance.name(),
+            Estimator::Method(balance) => balance.name().to_owned(),
             Estimator::Oracle => "oracle".to_owned(),
         }
     }
@@ -85,7 +85,7 @@ impl Estimator {
 
     /// Does it find a share for each pixel from samples?
     pub fn learns(self) -> bool {
-        matches!(self, Estimator::Method(balance) if balance.learns())
+        matches!(self, Estimator::Method(balance) if balance.method().learns())
     }
 }
 

@@ -9,7 +9,8 @@ use std::sync::Arc;
 use serde_json::Value;
 
 use super::Plan;
-use crate::rays::{self, Backend, RayQueries};
+use crate::integrator::PreparedScene;
+use crate::rays::Backend;
 use crate::render::RenderSettings;
 use crate::scene::import::{self, ImportOptions};
 use crate::scene::{Environment, Scene};
@@ -20,9 +21,7 @@ pub struct StudyScene {
     /// The file's name without folders and extension.
     pub name: String,
     /// What is there.
-    pub scene: Arc<Scene>,
-    /// What rays hit.
-    pub rays: Box<dyn RayQueries>,
+    pub scene: PreparedScene<'static>,
     /// Of the files' bytes and the settings.
     pub fingerprint: u64,
     /// The first camera's view, without balance, samples and seed.
@@ -33,7 +32,7 @@ impl StudyScene {
     /// [Reads](read) and builds a scene.
     ///
     /// # Errors
-    /// As [`read`] and [`rays::build`].
+    /// As [`read`] and [`PreparedScene::build`].
     pub fn load(path: &Path, plan: &Plan) -> Result<Self> {
         let (scene, sky) = read(path)?;
         let settings = RenderSettings {
@@ -43,9 +42,8 @@ impl StudyScene {
             ..RenderSettings::default()
         };
         let fingerprint = fingerprint(path, sky.as_deref(), &settings)?;
-        let scene = Arc::new(scene);
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(Self { name, rays: rays::build(Backend::Embree, Arc::clone(&scene))?, scene, fingerprint, settings })
+        Ok(Self { name, scene: PreparedScene::build(Arc::new(scene), Backend::Embree)?, fingerprint, settings })
     }
 
     /// Where its measurements are kept.

@@ -13,6 +13,7 @@ use super::stream::{self, Kind, Query, Stream};
 use super::table::{Agreement, Build, Picture, Results, Scaling, Trace};
 use super::{Contender, LARGE, Plan, Subject};
 use crate::film::PixelStats;
+use crate::integrator::PreparedScene;
 use crate::rays::embree::set_flush_to_zero;
 use crate::rays::{HitBatch, RayQueries};
 use crate::render::{Balance, RenderSettings, render};
@@ -359,7 +360,8 @@ impl Run<'_> {
                 let backend = [base, side][which].backend;
                 self.bench.one.install(|| {
                     let start = thread_seconds();
-                    let rendered = render(&self.subject.scene, backend, &settings, &AtomicBool::new(false), &|_| {});
+                    let scene = PreparedScene::new(Arc::clone(&self.subject.scene), Box::new(backend));
+                    let rendered = render(&scene, &settings, &AtomicBool::new(false), &|_| {});
                     seconds[which] = thread_seconds() - start;
                     join(&mut sums[which], &rendered.film.pixels);
                 });

@@ -3,12 +3,14 @@
 use std::fs;
 use std::io::Write;
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 
 use glam::{Vec3, Vec4};
 
 use crate::film::atomic;
+use crate::integrator::PreparedScene;
 use crate::rays::{BackendInfo, HitBatch, RayBatch, RayOrder, RayQueries};
 use crate::render::{Balance, PixelFilter, RenderSettings, render};
 use crate::scene::{Scene, TextureSlot};
@@ -113,7 +115,9 @@ pub fn record(scene: &Scene, backend: &dyn RayQueries, settings: &RenderSettings
             ..settings.clone()
         };
         let recorder = Recorder::new(backend);
-        render(scene, &recorder, &settings, &AtomicBool::new(false), &|_| {});
+        let scene = PreparedScene::new(Arc::new(scene.clone()), Box::new(&recorder));
+        render(&scene, &settings, &AtomicBool::new(false), &|_| {});
+        drop(scene);
         Tape::new(recorder.into_tape())
     };
     let surfaces = |diffuse: bool| {

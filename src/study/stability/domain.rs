@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use crate::balance::pilot::Guide;
+use crate::balance::spread::Guide;
 use crate::balance::{Counts, Heuristic};
 
 /// One place of a domain.

@@ -5,8 +5,9 @@ use serde::Serialize;
 
 use super::domain::Image;
 use super::simulate::{EQUAL_COST, Subject};
-use crate::balance::pilot::{Candidates, Caution, Spreads};
-use crate::balance::{Balance, Finding, Moments, Technique, efficiency};
+use crate::balance::methods::efficiency_aware;
+use crate::balance::spread::{Candidates, Caution, Spreads};
+use crate::balance::{Balance, Contribution, Moments, Technique};
 
 /// A question about shares and the answers of those who learn.
 #[derive(Debug, Clone, Serialize)]
@@ -33,20 +34,28 @@ fn share(subject: Subject, samples: &[(f32, f32)], others: &[(f32, f32)]) -> f32
         return own;
     }
     let image = Image::flat(&super::domain::Domain::grey([(0.0, 0.5, 0.5)]));
-    let mut findings = Vec::new();
+    let mut contributions = Vec::new();
     for pixel in 0..image.pixels.len() as u32 {
         for (i, &(y, r)) in if pixel == 0 { samples } else { others }.iter().enumerate() {
             let technique = if i % 2 == 0 { Technique::Light } else { Technique::Bsdf };
             let radiance = Vec3::splat(y / 6.0);
-            findings.push(Finding { pixel, technique, lamp: false, index: i as u32 / 2, r, radiance });
+            contributions.push(Contribution {
+                pixel,
+                technique,
+                area: false,
+                index: i as u32 / 2,
+                r,
+                w: 0.0,
+                radiance,
+            });
         }
     }
     let pixel = image.width + 1;
     if subject == Subject::Method(Balance::EfficiencyAware) {
-        return efficiency::shares(&findings, image.pixels.len(), image.width, EQUAL_COST)[pixel];
+        return efficiency_aware::shares(&contributions, image.pixels.len(), image.width, EQUAL_COST)[pixel];
     }
     let candidates = Candidates::two(Caution::DIRECT);
-    let spreads = Spreads::new(&candidates, &findings, image.pixels.len(), PILOT);
+    let spreads = Spreads::new(&candidates, &contributions, image.pixels.len(), PILOT);
     spreads.choose(pixel, image.width, &image.guides, EQUAL_COST).light
 }
 

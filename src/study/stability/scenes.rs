@@ -10,7 +10,8 @@ use super::cases::BAR;
 use super::judge::{Outcome, Ratios, Sums};
 use crate::Result;
 use crate::balance::Balance;
-use crate::rays::{self, Backend, RayQueries};
+use crate::integrator::PreparedScene;
+use crate::rays::Backend;
 use crate::render::{Integrator, RenderSettings, render};
 use crate::scene::{
     Camera, Environment, Instance, Material, Mesh, Object, Positions, Projection, PunctualKind, PunctualLight, Scene,
@@ -33,8 +34,7 @@ pub struct SceneCase {
     pub name: &'static str,
     /// What is there.
     pub construct: &'static str,
-    scene: Arc<Scene>,
-    rays: Box<dyn RayQueries>,
+    scene: PreparedScene<'static>,
     integrator: Integrator,
 }
 
@@ -93,13 +93,18 @@ fn camera(scene: &mut Scene, yfov: f32) {
 /// All of them.
 ///
 /// # Errors
-/// As [`rays::build`].
+/// As [`PreparedScene::build`].
 pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
     let sky = || Scene { environment: Some(Environment::constant([0.4; 3])), ..Default::default() };
     let build = |mode, name, construct, integrator, mut scene: Scene, yfov| {
         camera(&mut scene, yfov);
-        let scene = Arc::new(scene);
-        Ok(SceneCase { mode, name, construct, rays: rays::build(Backend::Embree, scene.clone())?, scene, integrator })
+        Ok(SceneCase {
+            mode,
+            name,
+            construct,
+            scene: PreparedScene::build(Arc::new(scene), Backend::Embree)?,
+            integrator,
+        })
     };
     let mut caustic = Scene::default();
     floor(&mut caustic, [-3.0, 3.0], lambert(0.6));
@@ -167,7 +172,7 @@ impl SceneCase {
                 seed: seed + r,
                 ..Default::default()
             };
-            let film = render(&self.scene, &*self.rays, &settings, stop, &|_| ()).film;
+            let film = render(&self.scene, &settings, stop, &|_| ()).film;
             let green = film.pixels.iter().map(|p| p.sum[1] / f64::from(p.samples)).collect();
             (green, film.pixels.iter().map(|p| p.balance).collect())
         };
@@ -235,7 +240,7 @@ fn outcome(balance: Balance, own: &Renders, half: &Renders, truth: &Renders) -> 
     let (a, b) = (picture(own), picture(truth));
     test(a, b);
     Outcome {
-        estimator: balance.name(),
+        estimator: balance.name().to_owned(),
         finite: own.green.iter().flatten().all(|x| x.is_finite())
             && own.shares.iter().flatten().all(|s| (0.0..=1.0).contains(s)),
         z,

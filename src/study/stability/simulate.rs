@@ -1,11 +1,15 @@
-//! Estimators on discrete images: the passes that a tile takes, sample by sample, through `balance`'s own functions.
+//! Estimators on discrete images: the methods of the balance as they are, on a [`Sampler`] whose means and variances are
+//! known exactly.
 
 use glam::Vec3;
 
-use super::domain::{Atom, Domain, Image};
-use crate::balance::efficiency;
-use crate::balance::pilot::{Candidates, Caution, Spreads};
-use crate::balance::{Balance, Cost, Counts, Finding, Heuristic, Moments, Technique};
+use super::domain::{Atom, Image};
+use crate::balance::method::{at_once, by_moments, up_to};
+use crate::balance::sampler::Lights;
+use crate::balance::spread::Guide;
+use crate::balance::{
+    Balance, Contribution, Cost, Counts, Heuristic, Learned, Method, Moments, Observer, Sampler, Share, Technique,
+};
 
 /// Who is tested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,37 +35,123 @@ impl Subject {
 
     /// Does it learn from samples?
     pub fn learns(self) -> bool {
-        !matches!(self, Subject::Method(balance) if !balance.learns())
+        self.method().learns()
     }
 
-    /// Whose passes it takes.
-    fn passes(self) -> Balance {
-        if let Subject::Method(balance) = self { balance } else { Balance::SecondOrder }
-    }
-
-    /// The share for a pixel's next pass from what it has itself seen, as [`Balance::share`].
+    /// The share for a pixel's next pass from what it has itself seen; `None` where that decides nothing.
     pub fn share(self, seen: &Moments) -> Option<f32> {
         match self {
-            Subject::Method(balance) => balance.share(seen),
+            Subject::Method(Balance::SecondOrder) => Some(seen.second_order()),
+            Subject::Method(Balance::Kl) => Some(seen.kl_linear()),
             Subject::Ridge => Some(seen.second_order_ridge(1.0)),
             Subject::Minimax => Some(seen.minimax_ridge(2.0)),
-            Subject::Biased | Subject::Unsafe => None,
+            _ => None,
         }
     }
 
     /// For tables.
     pub fn name(self) -> String {
-        match self {
-            Subject::Method(balance) => balance.name(),
-            Subject::Ridge => "ridge".to_owned(),
-            Subject::Minimax => "minimax".to_owned(),
-            Subject::Biased => "biased control".to_owned(),
-            Subject::Unsafe => "unguarded control".to_owned(),
-        }
+        self.method().name().to_owned()
     }
 
-    fn heuristic(self) -> Heuristic {
-        self.passes().heuristic()
+    fn method(self) -> &'static dyn Method {
+        match self {
+            Subject::Method(balance) => balance.method(),
+            Subject::Ridge => &FromMoments { name: "ridge", share: |seen| seen.second_order_ridge(1.0) },
+            Subject::Minimax => &FromMoments { name: "minimax", share: |seen| seen.minimax_ridge(2.0) },
+            Subject::Biased => &Biased,
+            Subject::Unsafe => &Unsafe,
+        }
+    }
+}
+
+/// The paper's passes with another formula.
+struct FromMoments {
+    name: &'static str,
+    share: fn(&Moments) -> f32,
+}
+
+impl Method for FromMoments {
+    fn name(&self) -> &'static str {
+        self.name
+    }
+
+    fn about(&self) -> &'static str {
+        "for studies"
+    }
+
+    fn sums_moments(&self) -> bool {
+        true
+    }
+
+    fn next_pass(&self, done: u32, goal: Option<u32>, pilot: Option<f64>) -> Option<u32> {
+        Balance::SecondOrder.method().next_pass(done, goal, pilot)
+    }
+
+    fn pass(&self, learned: &mut Learned, sampler: &mut dyn Sampler, _done: u32, paths: u32) {
+        by_moments(learned, sampler, paths, self.share);
+    }
+}
+
+struct Biased;
+
+impl Method for Biased {
+    fn name(&self) -> &'static str {
+        "biased control"
+    }
+
+    fn about(&self) -> &'static str {
+        "for studies"
+    }
+
+    fn next_pass(&self, done: u32, goal: Option<u32>, _pilot: Option<f64>) -> Option<u32> {
+        up_to(goal, done, u32::MAX)
+    }
+
+    fn pass(&self, learned: &mut Learned, sampler: &mut dyn Sampler, _done: u32, paths: u32) {
+        let pilot = Counts::half(paths / 4);
+        let mut moments = vec![Moments::default(); sampler.pixels()];
+        for found in sampler.pilot(pilot) {
+            moments[found.pixel as usize].add(found.w, found.r, found.z());
+        }
+        // Counts must be able to reach the total.
+        let total: Vec<_> = moments.iter().map(|m| Counts::new(m.second_order().clamp(0.25, 0.75), paths)).collect();
+        sampler.reweight(&total);
+        let rest: Vec<_> = total.iter().map(|total| total.after(pilot)).collect();
+        sampler.take(&rest, &total, None);
+        learned.shares.iter_mut().zip(&total).for_each(|(share, total)| share.light = total.alpha());
+    }
+}
+
+struct Unsafe;
+
+impl Method for Unsafe {
+    fn name(&self) -> &'static str {
+        "unguarded control"
+    }
+
+    fn about(&self) -> &'static str {
+        "for studies"
+    }
+
+    fn next_pass(&self, done: u32, goal: Option<u32>, _pilot: Option<f64>) -> Option<u32> {
+        up_to(goal, done, if done == 0 { goal.unwrap_or(32) / 4 } else { u32::MAX })
+    }
+
+    fn pass(&self, learned: &mut Learned, sampler: &mut dyn Sampler, done: u32, paths: u32) {
+        if done > 0 {
+            return at_once(learned, sampler, paths);
+        }
+        let (half, mut found) = (vec![Counts::half(paths); sampler.pixels()], Vec::new());
+        sampler.take(&half, &half, Some(&mut found));
+        for (pixel, share) in learned.shares.iter_mut().enumerate() {
+            let own = || found.iter().filter(|f: &&Contribution| f.pixel as usize == pixel);
+            let one = |alpha: f32, f: &Contribution| f.radiance.length_squared() / (1.0 + (2.0 * alpha - 1.0) * f.r);
+            let moment = |alpha: f32| own().map(|f| one(alpha, f)).sum::<f32>();
+            let shares = (0..=64).map(|i| (i as f32 / 64.0).clamp(1e-3, 1.0 - 1e-3));
+            let best = shares.min_by(|&a, &b| moment(a).total_cmp(&moment(b))).unwrap_or(0.5);
+            share.light = if own().next().is_none() { 0.5 } else { best };
+        }
     }
 }
 
@@ -101,169 +191,133 @@ impl Random {
     }
 }
 
-/// One pixel under way.
-#[derive(Debug, Clone)]
-struct State {
-    /// Over paths.
-    sum: [f64; 3],
-    /// Σ n_k² V_k.
-    variance: [f64; 3],
-    moments: Moments,
-    share: f32,
-}
-
 /// One picture of `paths` paths a pixel.
 pub fn replica(image: &Image, subject: Subject, paths: u32, random: &mut Random) -> Vec<Shot> {
-    let mut run = Run {
-        image,
-        subject,
-        random,
-        states: vec![
-            State { sum: [0.0; 3], variance: [0.0; 3], moments: Moments::default(), share: 0.5 };
-            image.pixels.len()
-        ],
-    };
-    match subject {
-        Subject::Method(_) | Subject::Ridge | Subject::Minimax => run.method(paths),
-        Subject::Biased => run.pilot_by(paths / 4, paths, |_, state, _| {
-            // Counts must be able to reach the total.
-            state.moments.second_order().clamp(0.25, 0.75)
-        }),
-        Subject::Unsafe => run.unguarded_minimum(paths),
+    let n = image.pixels.len();
+    let method = subject.method();
+    let mut exact =
+        Exact { image, heuristic: method.heuristic(), random, sums: vec![Default::default(); n], pilot: vec![] };
+    let mut shares = vec![Share { light: 0.5, environment: None }; n];
+    let mut moments = vec![Moments::default(); if method.sums_moments() { n } else { 0 }];
+    let mut done = 0;
+    while let Some(pass) = method.next_pass(done, Some(paths), None) {
+        method.pass(&mut Learned { shares: &mut shares, moments: &mut moments }, &mut exact, done, pass);
+        done += pass;
     }
     let n = f64::from(paths);
-    let shot =
-        |s: &State| Shot { estimate: s.sum.map(|x| x / n), variance: s.variance.map(|v| v / (n * n)), share: s.share };
-    run.states.iter().map(shot).collect()
+    let shot = |(s, share): (&Sums, &Share)| Shot {
+        estimate: s.sum.map(|x| x / n),
+        variance: s.variance.map(|v| v / (n * n)),
+        share: share.light,
+    };
+    exact.sums.iter().zip(&shares).map(shot).collect()
 }
 
 /// Samples of either technique cost the same here.
 pub const EQUAL_COST: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
 
-struct Run<'a> {
-    image: &'a Image,
-    subject: Subject,
-    random: &'a mut Random,
-    states: Vec<State>,
+/// One pixel under way.
+#[derive(Debug, Clone, Default)]
+struct Sums {
+    /// Over paths.
+    sum: [f64; 3],
+    /// Σ n_k² V_k.
+    variance: [f64; 3],
 }
 
-impl Run<'_> {
-    /// As `render::tile` does it.
-    fn method(&mut self, paths: u32) {
-        let (balance, mut done) = (self.subject.passes(), 0);
-        while let Some(pass) = balance.next_pass(done, Some(paths), None) {
-            match balance.pilot(done, pass) {
-                Some(pilot) => {
-                    let n = self.states.len();
-                    let (mut shares, candidates) = (vec![], Candidates::two(Caution::DIRECT));
-                    let Image { width, guides, .. } = self.image;
-                    self.pilot_by(pilot, pass, |pixel, _, findings| {
-                        if shares.is_empty() {
-                            let spreads = Spreads::new(&candidates, findings, n, pilot);
-                            shares = (0..n).map(|i| spreads.choose(i, *width, guides, EQUAL_COST).light).collect();
-                        }
-                        shares[pixel]
-                    });
+struct Exact<'a> {
+    image: &'a Image,
+    heuristic: Heuristic,
+    random: &'a mut Random,
+    sums: Vec<Sums>,
+    pilot: Vec<Contribution>,
+}
+
+impl Sampler for Exact<'_> {
+    fn pixels(&self) -> usize {
+        self.image.pixels.len()
+    }
+
+    fn width(&self) -> usize {
+        self.image.width
+    }
+
+    fn lights(&self) -> Option<Lights> {
+        Some(Lights { environment: None, indirect: false })
+    }
+
+    fn longest(&self) -> u32 {
+        u32::MAX
+    }
+
+    fn take(&mut self, counts: &[Counts], weighed: &[Counts], mut observer: Option<&mut dyn Observer>) {
+        for pixel in 0..self.sums.len() {
+            let heuristic = self.heuristic;
+            self.trace(pixel, counts[pixel], weighed[pixel], |sums, atom, by_light, contribution| {
+                let found = atom.found(heuristic, weighed[pixel], by_light);
+                sums.sum.iter_mut().zip(found).for_each(|(s, x)| *s += x);
+                if let Some(observer) = &mut observer {
+                    observer.contribution(&contribution);
                 }
-                None => {
-                    let (n, mut findings) = (self.states.len(), Vec::new());
-                    (0..n).for_each(|i| self.at_once(i, pass, &mut findings));
-                    if balance.learns_at_once(done) {
-                        let shares = efficiency::shares(&findings, n, self.image.width, EQUAL_COST);
-                        self.states.iter_mut().zip(shares).for_each(|(state, share)| state.share = share);
-                    }
-                }
-            }
-            if balance.learns() {
-                for state in &mut self.states {
-                    state.share = self.subject.share(&state.moments).unwrap_or(state.share);
-                }
-            }
-            done += pass;
+            });
+            let variance = self.image.pixels[pixel].variance(self.heuristic, weighed[pixel]);
+            let n = f64::from(weighed[pixel].paths);
+            self.sums[pixel].variance.iter_mut().zip(variance).for_each(|(sum, v)| *sum += n * n * v);
         }
     }
 
-    fn at_once(&mut self, pixel: usize, paths: u32, findings: &mut Vec<Finding>) {
-        let counts = Counts::new(self.states[pixel].share, paths);
-        self.trace(pixel, counts, counts, true, findings);
-        self.vary(pixel, counts);
+    fn pilot(&mut self, counts: Counts) -> &[Contribution] {
+        let mut found = Vec::new();
+        for pixel in 0..self.sums.len() {
+            self.trace(pixel, counts, counts, |_, _, _, contribution| found.push(contribution));
+        }
+        self.pilot = found;
+        &self.pilot
     }
 
-    /// A pass that begins with a pilot of equal counts, all of it weighed by the total counts of the share that `choose`
-    /// says of a pixel, its state and the pilot's findings.
-    fn pilot_by(&mut self, pilot: u32, paths: u32, mut choose: impl FnMut(usize, &State, &[Finding]) -> f32) {
-        let mut findings = Vec::new();
-        for pixel in 0..self.states.len() {
-            let half = Counts::half(pilot);
-            self.trace(pixel, half, half, false, &mut findings);
-        }
-        let shares: Vec<_> = self.states.iter().enumerate().map(|(i, s)| choose(i, s, &findings)).collect();
-        let totals: Vec<_> = shares.iter().map(|&share| Counts::new(share, paths)).collect();
-        for finding in findings.iter().filter(|f| f.radiance.is_finite() && f.radiance.max_element() > 0.0) {
-            let pixel = finding.pixel as usize;
-            let added = finding.at(totals[pixel].over(Counts::half(pilot)));
-            self.states[pixel].sum.iter_mut().zip(added.to_array()).for_each(|(s, x)| *s += f64::from(x));
-        }
-        for (pixel, &total) in totals.iter().enumerate() {
-            self.trace(pixel, total.after(Counts::half(pilot)), total, true, &mut Vec::new());
-            self.vary(pixel, total);
-            self.states[pixel].share = total.alpha();
+    fn reweight(&mut self, total: &[Counts]) {
+        // One of each technique a path.
+        let half = Counts::half(1);
+        for found in self.pilot.iter().filter(|f| f.radiance.is_finite() && f.radiance.max_element() > 0.0) {
+            let pixel = found.pixel as usize;
+            let added = found.at(total[pixel].over(half));
+            self.sums[pixel].sum.iter_mut().zip(added.to_array()).for_each(|(s, x)| *s += f64::from(x));
         }
     }
 
-    fn unguarded_minimum(&mut self, paths: u32) {
-        let pilot = paths / 4;
-        for pixel in 0..self.states.len() {
-            let mut findings = Vec::new();
-            let half = Counts::half(pilot);
-            self.trace(pixel, half, half, true, &mut findings);
-            self.vary(pixel, half);
-            let moment = |alpha: f32| {
-                let one = |f: &Finding| f.radiance.length_squared() / (1.0 + (2.0 * alpha - 1.0) * f.r);
-                findings.iter().map(one).sum::<f32>()
-            };
-            let shares = (0..=64).map(|i| (i as f32 / 64.0).clamp(1e-3, 1.0 - 1e-3));
-            let best = shares.min_by(|&a, &b| moment(a).total_cmp(&moment(b))).unwrap_or(0.5);
-            self.states[pixel].share = if findings.is_empty() { 0.5 } else { best };
-            self.at_once(pixel, paths - pilot, &mut findings);
-        }
+    fn guides(&mut self) -> Vec<Guide> {
+        self.image.guides.clone()
     }
 
-    fn vary(&mut self, pixel: usize, counts: Counts) {
-        let variance = self.image.pixels[pixel].variance(self.subject.heuristic(), counts);
-        let n = f64::from(counts.paths);
-        self.states[pixel].variance.iter_mut().zip(variance).for_each(|(sum, v)| *sum += n * n * v);
+    fn cost(&self) -> Cost {
+        EQUAL_COST
     }
+}
 
-    /// Takes `counts` samples, weighed by `weighed`; adds them to the pixel's sum if `add`, and what they saw to its
-    /// moments and to `findings`.
-    fn trace(&mut self, pixel: usize, counts: Counts, weighed: Counts, add: bool, findings: &mut Vec<Finding>) {
-        let domain: &Domain = &self.image.pixels[pixel];
-        let heuristic = self.subject.heuristic();
-        let learns = self.subject.learns();
-        let state = &mut self.states[pixel];
+impl Exact<'_> {
+    /// Takes `counts` samples, weighed by `weighed`, and hands over the places where something is.
+    fn trace(
+        &mut self,
+        pixel: usize,
+        counts: Counts,
+        weighed: Counts,
+        mut found: impl FnMut(&mut Sums, &Atom, bool, Contribution),
+    ) {
         for (by_light, n) in [(true, counts.light), (false, counts.bsdf)] {
             for index in 0..n {
-                let atom: &Atom = domain.sample(by_light, self.random.uniform());
+                let atom: &Atom = self.image.pixels[pixel].sample(by_light, self.random.uniform());
                 if atom.f == [0.0; 3] {
                     continue;
                 }
-                if add {
-                    let found = atom.found(heuristic, weighed, by_light);
-                    state.sum.iter_mut().zip(found).for_each(|(s, x)| *s += x);
-                }
-                if learns {
-                    // What is broken is learned from too: the balance has to stand it.
-                    let (a_l, a_b) = (f64::from(weighed.light_a_path()), f64::from(weighed.bsdf_a_path()));
-                    let z = atom.f.map(|f| 2.0 * f / (a_l * atom.light + a_b * atom.bsdf));
-                    let y = atom.f.map(|f| 2.0 * f / (atom.light + atom.bsdf));
-                    let w: f64 = (0..3).map(|c| y[c] * z[c]).sum();
-                    let r = atom.r() as f32;
-                    state.moments.add(w as f32, r, z.iter().sum::<f64>() as f32);
-                    let technique = if by_light { Technique::Light } else { Technique::Bsdf };
-                    let radiance = Vec3::from_array(y.map(|y| (0.5 * y) as f32));
-                    findings.push(Finding { pixel: pixel as u32, technique, lamp: false, index, r, radiance });
-                }
+                // What is broken is learned from too: the balance has to stand it.
+                let (a_l, a_b) = (f64::from(weighed.light_a_path()), f64::from(weighed.bsdf_a_path()));
+                let z = atom.f.map(|f| 2.0 * f / (a_l * atom.light + a_b * atom.bsdf));
+                let y = atom.f.map(|f| 2.0 * f / (atom.light + atom.bsdf));
+                let w = (0..3).map(|c| y[c] * z[c]).sum::<f64>() as f32;
+                let technique = if by_light { Technique::Light } else { Technique::Bsdf };
+                let (r, radiance) = (atom.r() as f32, Vec3::from_array(z.map(|z| (0.5 * z) as f32)));
+                let contribution = Contribution { pixel: pixel as u32, technique, area: false, index, r, w, radiance };
+                found(&mut self.sums[pixel], atom, by_light, contribution);
             }
         }
     }

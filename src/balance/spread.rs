@@ -10,54 +10,8 @@
 
 use glam::Vec3;
 
-use super::{Cost, Counts, Share};
+use super::{Contribution, Cost, Counts, Share, Technique};
 use crate::lanes::{F, LANES, eight};
-
-/// How a contribution was found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Technique {
-    /// A light sample.
-    Light,
-    /// A BSDF sample that met a light.
-    Bsdf,
-    /// A BSDF sample that met a surface: the light that came on from there, which no light sample can find.
-    Indirect,
-}
-
-/// A contribution that a first surface's sample found.
-#[derive(Debug, Clone, Copy)]
-pub struct Finding {
-    /// Pixel of the tile.
-    pub pixel: u32,
-    /// How.
-    pub technique: Technique,
-    /// Light from a lamp, where lamps are a technique of their own; else all light is taken as the environment's.
-    pub lamp: bool,
-    /// Index of the sample in its technique's sequence.
-    pub index: u32,
-    /// r = (a_l p_l − p_b)/(a_l p_l + p_b), in [−1, 1], with a_l samples a path of the one light technique that could
-    /// have found it, and one of the BSDF.
-    pub r: f32,
-    /// f/(a_l p_l + p_b): what it adds to the pilot's sum over paths.
-    pub radiance: Vec3,
-}
-
-impl Finding {
-    /// Which path of a pilot of `paths` paths took the sample: each takes one of each technique; but of light samples,
-    /// where environment and lamps are techniques of their own, the first half of the paths take the environment's.
-    pub fn path(&self, paths: u32) -> u32 {
-        let lamp = self.lamp && self.technique == Technique::Light;
-        self.index + if lamp { paths / 2 } else { 0 }
-    }
-
-    /// What it adds when each technique takes `rates` times as many samples a path as in the pilot (light or
-    /// environment, lamps, BSDF; all > 0) and all are weighed together.
-    #[inline]
-    pub fn at(&self, rates: [f32; 3]) -> Vec3 {
-        let light = rates[usize::from(self.lamp)];
-        self.radiance / (0.5 * (light * (1.0 + self.r) + rates[2] * (1.0 - self.r)))
-    }
-}
 
 /// What the centre of a pixel shows: neighbours that show the same learn from each other.
 #[derive(Debug, Clone, Copy, Default)]
@@ -100,7 +54,7 @@ const BLOCK: u32 = 8;
 /// Pixels to each side that a pixel learns from.
 const RADIUS: usize = 3;
 
-/// How much evidence it takes to leave the usual share.
+/// How much evidence it takes to leave the prior share.
 #[derive(Debug, Clone, Copy)]
 pub struct Caution {
     /// Pseudo-observations: heavy samples, as typical as those seen, that each technique alone could have found.
@@ -128,14 +82,14 @@ const DEGREES: f32 = 3.0;
 pub struct Candidates {
     shares: Vec<Share>,
     /// Which of them is taken without evidence.
-    usual: usize,
-    /// Samples a path over the pilot's: light or environment, lamps, BSDF; eight shares at a time, the last one repeated.
+    prior: usize,
+    /// Samples a path over the pilot's: light or environment, area lights, BSDF; eight shares at a time, the last one repeated.
     rates: Vec<[F; 3]>,
     /// Samples a path of the pilot; 0 for what is not there.
     pilot: [f32; 3],
     caution: Caution,
     /// Eight shares at a time: what heavy samples that one technique alone could find would add to the variance, over
-    /// what they add at the usual share: Σ u_i²/n_i / Σ u_i − 1 with counts n_i, and u_i at the usual share, which is the
+    /// what they add at the prior share: Σ u_i²/n_i / Σ u_i − 1 with counts n_i, and u_i at the prior share, which is the
     /// least for the same Σ n_i: without evidence nothing moves.
     unseen: Vec<F>,
 }
@@ -143,53 +97,53 @@ pub struct Candidates {
 impl Candidates {
     /// Light and BSDF samples, ½ without evidence.
     pub fn two(caution: Caution) -> Self {
-        let shares = SHARES.map(|light| Share { light, sky: None }).to_vec();
-        Self::new(shares, Share { light: 0.5, sky: None }, [1.0, 0.0, 1.0], caution)
+        let shares = SHARES.map(|light| Share { light, environment: None }).to_vec();
+        Self::new(shares, Share { light: 0.5, environment: None }, [1.0, 0.0, 1.0], caution)
     }
 
-    /// Environment, lamps and BSDF; without evidence, half of all samples are light samples and the eighth nearest to
+    /// Environment, area lights and BSDF; without evidence, half of all samples are light samples and the eighth nearest to
     /// `sky` of these go to the environment.
-    pub fn three(sky: f32, caution: Caution) -> Self {
-        let all = SHARES.into_iter().flat_map(|light| SHARES.map(|sky| (light, sky)));
+    pub fn three(environment: f32, caution: Caution) -> Self {
+        let all = SHARES.into_iter().flat_map(|light| SHARES.map(|environment| (light, environment)));
         // The pilot's are part of the samples: half a light sample a path of each kind, in a quarter of the paths.
-        let reached = all.filter(|(light, sky)| 2.0 * light * sky.min(1.0 - sky) >= 0.125);
-        let shares = reached.map(|(light, sky)| Share { light, sky: Some(sky) }).collect();
-        let usual = Share { light: 0.5, sky: Some((8.0 * sky).round().clamp(1.0, 7.0) / 8.0) };
-        Self::new(shares, usual, [0.5, 0.5, 1.0], caution)
+        let reached = all.filter(|(light, environment)| 2.0 * light * environment.min(1.0 - environment) >= 0.125);
+        let shares = reached.map(|(light, environment)| Share { light, environment: Some(environment) }).collect();
+        let prior = Share { light: 0.5, environment: Some((8.0 * environment).round().clamp(1.0, 7.0) / 8.0) };
+        Self::new(shares, prior, [0.5, 0.5, 1.0], caution)
     }
 
-    fn new(shares: Vec<Share>, usual: Share, pilot: [f32; 3], caution: Caution) -> Self {
+    fn new(shares: Vec<Share>, prior: Share, pilot: [f32; 3], caution: Caution) -> Self {
         let rates = |chunk: &[Share]| {
             let share = eight(|lane| chunk[lane.min(chunk.len() - 1)]);
             let of = |rate: &dyn Fn(Share) -> f32| F::from(share.map(rate));
-            let sky = |s: Share| s.sky.unwrap_or(1.0);
+            let environment = |s: Share| s.environment.unwrap_or(1.0);
             [
-                of(&|s| 2.0 * s.light * sky(s) / pilot[0]),
-                of(&|s| if pilot[1] > 0.0 { 2.0 * s.light * (1.0 - sky(s)) / pilot[1] } else { 1.0 }),
+                of(&|s| 2.0 * s.light * environment(s) / pilot[0]),
+                of(&|s| if pilot[1] > 0.0 { 2.0 * s.light * (1.0 - environment(s)) / pilot[1] } else { 1.0 }),
                 of(&|s| 2.0 * (1.0 - s.light) / pilot[2]),
             ]
         };
-        let usual = shares.iter().position(|s| *s == usual).unwrap_or(0);
+        let prior = shares.iter().position(|s| *s == prior).unwrap_or(0);
         let rates: Vec<_> = shares.chunks(LANES).map(rates).collect();
         let there = || (0..3).filter(|&t| pilot[t] > 0.0);
-        let at_usual = rates[usual / LANES].map(|rate| rate.as_array()[usual % LANES]);
-        let all: f32 = there().map(|t| pilot[t] * at_usual[t]).sum();
+        let at_prior = rates[prior / LANES].map(|rate| rate.as_array()[prior % LANES]);
+        let all: f32 = there().map(|t| pilot[t] * at_prior[t]).sum();
         let unseen = |rates: &[F; 3]| {
-            let of = |t: usize| F::splat(pilot[t] * at_usual[t] * at_usual[t]) / rates[t];
+            let of = |t: usize| F::splat(pilot[t] * at_prior[t] * at_prior[t]) / rates[t];
             there().map(of).fold(F::ZERO, |sum, x| sum + x) * F::splat(1.0 / all) - F::ONE
         };
-        Self { usual, unseen: rates.iter().map(unseen).collect(), rates, shares, pilot, caution }
+        Self { prior, unseen: rates.iter().map(unseen).collect(), rates, shares, pilot, caution }
     }
 
     /// The share that is taken without evidence.
-    pub fn usual(&self) -> Share {
-        self.shares[self.usual]
+    pub fn prior(&self) -> Share {
+        self.shares[self.prior]
     }
 
     /// The samples of a pilot of `paths` paths, an even number.
     pub fn pilot(&self, paths: u32) -> Counts {
-        let sky = (self.pilot[1] > 0.0).then_some(paths / 2);
-        Counts { sky, ..Counts::half(paths) }
+        let environment = (self.pilot[1] > 0.0).then_some(paths / 2);
+        Counts { environment, ..Counts::half(paths) }
     }
 }
 
@@ -199,13 +153,13 @@ pub struct Spreads<'a> {
     candidates: &'a Candidates,
     /// Pixel by pixel: variance of the pixel's mean relative to its squared mean, but for a common factor.
     variance: Vec<F>,
-    /// Of each pixel at the usual share; zero for those that saw nothing vary.
-    usual: Vec<f32>,
+    /// Of each pixel at the prior share; zero for those that saw nothing vary.
+    prior: Vec<f32>,
 }
 
 impl<'a> Spreads<'a> {
     /// The spreads of `pixels` pixels after the candidates' pilot of `paths` ≥ 4 paths.
-    pub fn new(candidates: &'a Candidates, findings: &[Finding], pixels: usize, paths: u32) -> Self {
+    pub fn new(candidates: &'a Candidates, contributions: &[Contribution], pixels: usize, paths: u32) -> Self {
         let chunks = candidates.rates.len();
         // The same for all techniques: what a longer block's stratification takes away is then taken from each.
         let fewest = candidates.pilot.iter().filter(|a| **a > 0.0).fold(1.0, |a: f32, b| a.min(*b));
@@ -216,8 +170,8 @@ impl<'a> Spreads<'a> {
         // Channels count by their relative error: else the strongest decides, and where techniques find different
         // colours the weak ones pay.
         let mut found = vec![Vec3::ZERO; pixels];
-        for finding in findings {
-            found[finding.pixel as usize] += finding.radiance;
+        for contribution in contributions {
+            found[contribution.pixel as usize] += contribution.radiance;
         }
         let weight = |pixel: u32| {
             let found = found[pixel as usize];
@@ -228,21 +182,21 @@ impl<'a> Spreads<'a> {
         };
         // Sums of each pixel's blocks, technique by technique, at each candidate, over the weighed channels.
         let mut sums = vec![F::ZERO; pixels * all_blocks * chunks];
-        for finding in findings {
-            let lamp = usize::from(finding.lamp);
-            let technique = if finding.technique == Technique::Light { lamp } else { 2 };
-            let at = (finding.index / block) as usize;
+        for contribution in contributions {
+            let area = usize::from(contribution.area);
+            let technique = if contribution.technique == Technique::Light { area } else { 2 };
+            let at = (contribution.index / block) as usize;
             if at >= blocks[technique] {
                 continue;
             }
-            let y = F::splat(2.0 * finding.radiance.dot(weight(finding.pixel)));
-            let (of_light, of_bsdf) = (F::splat(1.0 + finding.r), F::splat(1.0 - finding.r));
-            let at = (finding.pixel as usize * all_blocks + first_block[technique] + at) * chunks;
+            let y = F::splat(2.0 * contribution.radiance.dot(weight(contribution.pixel)));
+            let (of_light, of_bsdf) = (F::splat(1.0 + contribution.r), F::splat(1.0 - contribution.r));
+            let at = (contribution.pixel as usize * all_blocks + first_block[technique] + at) * chunks;
             for (sum, rates) in sums[at..at + chunks].iter_mut().zip(&candidates.rates) {
-                *sum += y / (rates[lamp] * of_light + rates[2] * of_bsdf);
+                *sum += y / (rates[area] * of_light + rates[2] * of_bsdf);
             }
         }
-        let mut spreads = Self { candidates, variance: Vec::with_capacity(pixels * chunks), usual: Vec::new() };
+        let mut spreads = Self { candidates, variance: Vec::with_capacity(pixels * chunks), prior: Vec::new() };
         for sums in sums.chunks_exact(all_blocks * chunks) {
             spreads.add(sums, blocks, first_block);
         }
@@ -255,8 +209,8 @@ impl<'a> Spreads<'a> {
         let chunks = candidates.rates.len();
         let start = self.variance.len();
         self.variance.resize(start + chunks, F::ZERO);
-        let mut mean_at_usual = 0.0;
-        let usual = (candidates.usual / LANES, candidates.usual % LANES);
+        let mut mean_at_prior = 0.0;
+        let prior = (candidates.prior / LANES, candidates.prior % LANES);
         for technique in (0..3).filter(|&t| candidates.pilot[t] > 0.0) {
             let n = blocks[technique];
             let sums = &sums[first_block[technique] * chunks..][..n * chunks];
@@ -268,47 +222,47 @@ impl<'a> Spreads<'a> {
                 // n_i samples of variance V_i, weighed together: n_i V_i with n_i ∝ a_i times the rate.
                 let scale = F::splat(a / (n as f32 - 1.0));
                 self.variance[start + chunk] += squares * scale * candidates.rates[chunk][technique];
-                if chunk == usual.0 {
-                    mean_at_usual +=
-                        a * mean.as_array()[usual.1] * candidates.rates[chunk][technique].as_array()[usual.1];
+                if chunk == prior.0 {
+                    mean_at_prior +=
+                        a * mean.as_array()[prior.1] * candidates.rates[chunk][technique].as_array()[prior.1];
                 }
             }
         }
-        let scale = 1.0 / (mean_at_usual * mean_at_usual);
+        let scale = 1.0 / (mean_at_prior * mean_at_prior);
         let own = &mut self.variance[start..];
         own.iter_mut().for_each(|v| *v *= F::splat(scale));
-        let at_usual = own[usual.0].as_array()[usual.1];
+        let at_prior = own[prior.0].as_array()[prior.1];
         let sound = scale.is_finite() && own.iter().all(|v| v.is_finite().to_bitmask() == (1 << LANES) - 1);
-        self.usual.push(if sound { at_usual } else { 0.0 });
+        self.prior.push(if sound { at_prior } else { 0.0 });
     }
 
     /// The share for pixel `pixel` of a tile with rows of `width`, from its neighbours' spreads alone. Of those with less
-    /// variance than the usual one, pseudo-observations and doubt included, it is the one with the least variance times
-    /// `cost`; the usual one if there are none. `guides` has one entry a pixel.
+    /// variance than the prior one, pseudo-observations and doubt included, it is the one with the least variance times
+    /// `cost`; the prior one if there are none. `guides` has one entry a pixel.
     pub fn choose(&self, pixel: usize, width: usize, guides: &[Guide], cost: Cost) -> Share {
         let chunks = self.candidates.rates.len();
         let alike =
-            |other: &usize| *other != pixel && self.usual[*other] > 0.0 && guides[pixel].is_like(&guides[*other]);
-        let neighbours = || around(pixel, width, self.usual.len(), RADIUS).filter(alike);
-        let (mut usual, mut usual2, mut count) = (0.0f32, 0.0f32, 0.0f32);
+            |other: &usize| *other != pixel && self.prior[*other] > 0.0 && guides[pixel].is_like(&guides[*other]);
+        let neighbours = || around(pixel, width, self.prior.len(), RADIUS).filter(alike);
+        let (mut prior, mut prior2, mut count) = (0.0f32, 0.0f32, 0.0f32);
         for other in neighbours() {
-            usual += self.usual[other];
-            usual2 += self.usual[other] * self.usual[other];
+            prior += self.prior[other];
+            prior2 += self.prior[other] * self.prior[other];
             count += 1.0;
         }
         if count < 2.0 {
-            return self.candidates.usual();
+            return self.candidates.prior();
         }
         let Caution { kappa, doubt, least_gain } = self.candidates.caution;
-        let unseen = kappa * usual2 / (usual * count * DEGREES);
-        let usual = usual / count;
-        let enough = -least_gain * usual;
-        let mut best = (f32::INFINITY, self.candidates.usual());
+        let unseen = kappa * prior2 / (prior * count * DEGREES);
+        let prior = prior / count;
+        let enough = -least_gain * prior;
+        let mut best = (f32::INFINITY, self.candidates.prior());
         for chunk in 0..chunks {
-            // Sums over neighbours of the difference to the usual share, and of its square.
+            // Sums over neighbours of the difference to the prior share, and of its square.
             let (mut gain, mut gain2) = (F::ZERO, F::ZERO);
             for other in neighbours() {
-                let d = self.variance[other * chunks + chunk] - F::splat(self.usual[other]);
+                let d = self.variance[other * chunks + chunk] - F::splat(self.prior[other]);
                 gain += d;
                 gain2 = d.mul_add(d, gain2);
             }
@@ -318,7 +272,7 @@ impl<'a> Spreads<'a> {
             let score = mean + F::splat(doubt) * error + F::splat(unseen) * self.candidates.unseen[chunk];
             for (lane, score) in score.to_array().into_iter().enumerate() {
                 let Some(&share) = self.candidates.shares.get(chunk * LANES + lane) else { break };
-                let work = (usual + score) * cost.at(share.light);
+                let work = (prior + score) * cost.at(share.light);
                 if score < enough && work < best.0 {
                     best = (work, share);
                 }

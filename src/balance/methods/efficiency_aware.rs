@@ -2,8 +2,40 @@
 //! Yazici, Georgiev and Slusallek 2022, *Efficiency-Aware Multiple Importance Sampling for Bidirectional Rendering
 //! Algorithms*, for two techniques and with rays as cost).
 
-use super::Cost;
-use super::pilot::{Finding, SHARES, around};
+use crate::balance::method::{FIRST_PASS, LONGEST_PASS, at_once, up_to};
+use crate::balance::spread::{SHARES, around};
+use crate::balance::{Contribution, Cost, Counts, Learned, Method, Sampler};
+
+/// Paths a pixel of the first pass, from which the shares follow.
+const PILOT: u32 = 4 * FIRST_PASS;
+
+/// See [`shares`].
+#[derive(Debug)]
+pub struct EfficiencyAware;
+
+impl Method for EfficiencyAware {
+    fn name(&self) -> &'static str {
+        "efficiency-aware"
+    }
+
+    fn about(&self) -> &'static str {
+        "Grittmann et al. 2022: a pilot of 32 paths, then the share with the least second moment times cost"
+    }
+
+    fn next_pass(&self, done: u32, goal: Option<u32>, _pilot: Option<f64>) -> Option<u32> {
+        up_to(goal, done, done.clamp(PILOT, LONGEST_PASS))
+    }
+
+    fn pass(&self, learned: &mut Learned, sampler: &mut dyn Sampler, done: u32, paths: u32) {
+        if done > 0 || sampler.lights().is_none() {
+            return at_once(learned, sampler, paths);
+        }
+        let (counts, mut found) = (vec![Counts::half(paths); sampler.pixels()], Vec::new());
+        sampler.take(&counts, &counts, Some(&mut found));
+        let shares = shares(&found, sampler.pixels(), sampler.width(), sampler.cost());
+        learned.shares.iter_mut().zip(shares).for_each(|(own, share)| own.light = share);
+    }
+}
 
 const N: usize = SHARES.len();
 /// Second moments are averaged over this many pixels to each side: those of a single pixel are too noisy to choose by.
@@ -12,14 +44,14 @@ const RADIUS: usize = 2;
 /// The shares of light samples for the `pixels` pixels of a tile with rows of `width`, from a pilot of equal counts: each
 /// minimises M(α) C(α), M(α) = Σ Y²/(1 + (2α − 1) r) over the pilots of the pixel and its neighbours, each relative to its
 /// own squared mean. ½ where nothing was found. Later passes only: the pilot must not be weighed by shares from itself.
-pub fn shares(findings: &[Finding], pixels: usize, width: usize, cost: Cost) -> Vec<f32> {
+pub fn shares(contributions: &[Contribution], pixels: usize, width: usize, cost: Cost) -> Vec<f32> {
     let mut moments = vec![([0.0f32; N], 0.0f32); pixels];
-    for finding in findings {
-        let (moments, sum) = &mut moments[finding.pixel as usize];
-        let square = finding.radiance.length_squared();
-        *sum += finding.radiance.element_sum();
+    for contribution in contributions {
+        let (moments, sum) = &mut moments[contribution.pixel as usize];
+        let square = contribution.radiance.length_squared();
+        *sum += contribution.radiance.element_sum();
         for (moment, share) in moments.iter_mut().zip(SHARES) {
-            *moment += square / (1.0 + (2.0 * share - 1.0) * finding.r);
+            *moment += square / (1.0 + (2.0 * share - 1.0) * contribution.r);
         }
     }
     for (moments, sum) in &mut moments {
@@ -48,8 +80,8 @@ mod tests {
 
     const EQUAL: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
 
-    fn one(technique: Technique, r: f32, y: f32) -> Finding {
-        Finding { pixel: 0, technique, lamp: false, index: 0, r, radiance: Vec3::splat(y) }
+    fn one(technique: Technique, r: f32, y: f32) -> Contribution {
+        Contribution { pixel: 0, technique, area: false, index: 0, r, w: 0.0, radiance: Vec3::splat(y) }
     }
 
     #[test]

@@ -5,30 +5,30 @@ const WALL: Guide = Guide { object: 1, material: 1, normal: Vec3::Z, depth: 2.0,
 
 const EQUAL: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
 
-fn finding(pixel: u32, technique: Technique, index: u32, r: f32, y: f32) -> Finding {
-    Finding { pixel, technique, lamp: false, index, r, radiance: Vec3::splat(y) }
+fn contribution(pixel: u32, technique: Technique, index: u32, r: f32, y: f32) -> Contribution {
+    Contribution { pixel, technique, area: false, index, r, w: 0.0, radiance: Vec3::splat(y) }
 }
 
 /// The share of light samples for a pixel of a row of `width` ones and rows like it, after a pilot of 32 paths.
-fn choose(pixel: usize, width: usize, findings: &[Finding], guides: &[Guide]) -> f32 {
-    Spreads::new(&Candidates::two(Caution::DIRECT), findings, guides.len(), 32)
+fn choose(pixel: usize, width: usize, contributions: &[Contribution], guides: &[Guide]) -> f32 {
+    Spreads::new(&Candidates::two(Caution::DIRECT), contributions, guides.len(), 32)
         .choose(pixel, width, guides, EQUAL)
         .light
 }
 
 /// A row of pixels whose light samples agree and whose BSDF samples, all but pixel `but`'s, find little often and much
 /// rarely: light sampling is better.
-fn noisy_bsdf(pixels: u32, but: u32) -> Vec<Finding> {
-    let mut findings = Vec::new();
+fn noisy_bsdf(pixels: u32, but: u32) -> Vec<Contribution> {
+    let mut contributions = Vec::new();
     for pixel in 0..pixels {
         for i in 0..32 {
-            findings.push(finding(pixel, Technique::Light, i, 0.9, 1.0));
+            contributions.push(contribution(pixel, Technique::Light, i, 0.9, 1.0));
             if (i + pixel) % 11 == 0 && pixel != but {
-                findings.push(finding(pixel, Technique::Bsdf, i, 0.9, 1.0));
+                contributions.push(contribution(pixel, Technique::Bsdf, i, 0.9, 1.0));
             }
         }
     }
-    findings
+    contributions
 }
 
 #[test]
@@ -67,8 +67,8 @@ fn unlike_neighbours_teach_nothing() {
 fn black_pixels_and_bad_numbers_stay_at_half() {
     assert_eq!(choose(4, 3, &[], &[WALL; 9]), 0.5);
     let chosen = |y| {
-        let findings: Vec<_> = (0..9).map(|p| finding(p, Technique::Light, 3, 0.5, y)).collect();
-        choose(4, 3, &findings, &[WALL; 9])
+        let contributions: Vec<_> = (0..9).map(|p| contribution(p, Technique::Light, 3, 0.5, y)).collect();
+        choose(4, 3, &contributions, &[WALL; 9])
     };
     for y in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         assert_eq!(chosen(y), 0.5, "{y}");
@@ -79,21 +79,21 @@ fn black_pixels_and_bad_numbers_stay_at_half() {
 
 #[test]
 fn one_firefly_among_the_neighbours_is_not_believed() {
-    let mut findings = Vec::new();
+    let mut contributions = Vec::new();
     for pixel in 0..25 {
         for i in 0..32 {
-            findings.push(finding(pixel, Technique::Light, i, 0.1, 1.0 + 0.1 * (i % 3) as f32));
-            findings.push(finding(pixel, Technique::Bsdf, i, -0.1, 1.0 + 0.1 * (i % 5) as f32));
+            contributions.push(contribution(pixel, Technique::Light, i, 0.1, 1.0 + 0.1 * (i % 3) as f32));
+            contributions.push(contribution(pixel, Technique::Bsdf, i, -0.1, 1.0 + 0.1 * (i % 5) as f32));
         }
     }
-    findings.push(finding(3, Technique::Bsdf, 5, -1.0, 1e4));
-    assert_eq!(choose(12, 5, &findings, &[WALL; 25]), 0.5);
+    contributions.push(contribution(3, Technique::Bsdf, 5, -1.0, 1e4));
+    assert_eq!(choose(12, 5, &contributions, &[WALL; 25]), 0.5);
 }
 
 #[test]
 fn weighing_by_the_share_is_the_balance_heuristic() {
     // p_l = 3, p_b = 1: r = ½.
-    let f = finding(0, Technique::Light, 0, 0.5, 1.0 / 4.0);
+    let f = contribution(0, Technique::Light, 0, 0.5, 1.0 / 4.0);
     assert_eq!(f.at([1.0; 3]).x, 0.25);
     assert!((f.at([1.5, 1.0, 0.5]).x - 1.0 / (2.0 * (0.75 * 3.0 + 0.25))).abs() < 1e-7);
 }
@@ -116,16 +116,16 @@ fn estimate(replicas: u32, own: bool) -> (f64, f64) {
         let of = |pixel: u32, technique: u32, index: u32| {
             let x = sample(pixel, technique, index);
             let kind = if technique == 0 { Technique::Light } else { Technique::Bsdf };
-            finding(pixel, kind, index, 2.0 * x - 1.0, f(x) / 2.0)
+            contribution(pixel, kind, index, 2.0 * x - 1.0, f(x) / 2.0)
         };
-        let findings: Vec<Finding> = (0..9)
+        let contributions: Vec<Contribution> = (0..9)
             .flat_map(|p| (0..2).flat_map(move |t| (0..PILOT).map(move |i| (p, t, i))))
             .map(|(p, t, i)| of(p, t, i))
             .collect();
         let from = |p: u32| if own { 4 } else { p };
         let learned = (0..9).flat_map(|p| {
-            let of_pixel = findings.iter().filter(move |f| f.pixel == from(p));
-            of_pixel.map(move |f| Finding { pixel: p, ..*f })
+            let of_pixel = contributions.iter().filter(move |f| f.pixel == from(p));
+            of_pixel.map(move |f| Contribution { pixel: p, ..*f })
         });
         let learned: Vec<_> = learned.collect();
         let candidates = Candidates::two(Caution::DIRECT);
@@ -161,20 +161,20 @@ fn a_share_from_the_pixels_own_pilot_would_be_biased() {
 
 #[test]
 fn the_kind_of_light_that_varies_gets_the_samples() {
-    let share = |noisy_lamps: bool| {
-        let mut findings = Vec::new();
+    let share = |noisy_area: bool| {
+        let mut contributions = Vec::new();
         for pixel in 0..9 {
             for i in 0..16 {
-                for lamp in [false, true] {
-                    let y = if lamp == noisy_lamps { 1.0 + (7 * (i + pixel) % 11) as f32 } else { 5.0 };
-                    findings.push(Finding { lamp, ..finding(pixel, Technique::Light, i, 0.9, y) });
+                for area in [false, true] {
+                    let y = if area == noisy_area { 1.0 + (7 * (i + pixel) % 11) as f32 } else { 5.0 };
+                    contributions.push(Contribution { area, ..contribution(pixel, Technique::Light, i, 0.9, y) });
                 }
             }
         }
-        Spreads::new(&Candidates::three(0.5, Caution::DIRECT), &findings, 9, 32).choose(4, 3, &[WALL; 9], EQUAL)
+        Spreads::new(&Candidates::three(0.5, Caution::DIRECT), &contributions, 9, 32).choose(4, 3, &[WALL; 9], EQUAL)
     };
-    assert!(share(true).sky < Some(0.5) && share(true).light > 0.5, "{:?}", share(true));
-    assert!(share(false).sky > Some(0.5) && share(false).light > 0.5, "{:?}", share(false));
+    assert!(share(true).environment < Some(0.5) && share(true).light > 0.5, "{:?}", share(true));
+    assert!(share(false).environment > Some(0.5) && share(false).light > 0.5, "{:?}", share(false));
 }
 
 #[test]
@@ -182,7 +182,7 @@ fn without_evidence_the_usual_share_of_the_environment_stands() {
     for (chance, eighths) in [(0.1, 1.0), (0.5, 4.0), (0.7, 6.0), (0.9, 7.0)] {
         let candidates = Candidates::three(chance, Caution::DIRECT);
         let share = Spreads::new(&candidates, &[], 9, 32).choose(4, 3, &[WALL; 9], EQUAL);
-        assert_eq!(share, Share { light: 0.5, sky: Some(eighths / 8.0) });
+        assert_eq!(share, Share { light: 0.5, environment: Some(eighths / 8.0) });
     }
 }
 
@@ -196,9 +196,13 @@ fn every_candidate_has_at_least_the_pilots_samples() {
                 let rest = total.after(pilot);
                 assert_eq!(rest.light + pilot.light, total.light, "{share:?} {paths}");
                 assert_eq!(rest.bsdf + pilot.bsdf, total.bsdf, "{share:?} {paths}");
-                assert_eq!(rest.sky.zip(pilot.sky).map(|(a, b)| a + b), total.sky, "{share:?} {paths}");
-                let lamps = |c: Counts| c.sky.map_or(0, |sky| c.light - sky);
-                assert_eq!(lamps(rest) + lamps(pilot), lamps(total), "{share:?} {paths}");
+                assert_eq!(
+                    rest.environment.zip(pilot.environment).map(|(a, b)| a + b),
+                    total.environment,
+                    "{share:?} {paths}"
+                );
+                let area = |c: Counts| c.environment.map_or(0, |environment| c.light - environment);
+                assert_eq!(area(rest) + area(pilot), area(total), "{share:?} {paths}");
             }
         }
     }
@@ -220,16 +224,16 @@ fn rates_are_the_counts_over_the_pilots() {
 #[test]
 fn of_shares_that_are_surely_better_the_cheapest_work_wins() {
     // Light samples vary four times as much as BSDF samples; both find all of the light, disjoint.
-    let mut findings = Vec::new();
+    let mut contributions = Vec::new();
     for pixel in 0..25 {
         for i in 0..32 {
             let number = |k: u32| (crate::sampling::hash(1000 * pixel + 2 * i + k) >> 8) as f32 / (1 << 24) as f32;
-            findings.push(finding(pixel, Technique::Light, i, 1.0, 1.0 + 4.0 * number(0)));
-            findings.push(finding(pixel, Technique::Bsdf, i, -1.0, 1.0 + number(1)));
+            contributions.push(contribution(pixel, Technique::Light, i, 1.0, 1.0 + 4.0 * number(0)));
+            contributions.push(contribution(pixel, Technique::Bsdf, i, -1.0, 1.0 + number(1)));
         }
     }
     let candidates = Candidates::two(Caution::DIRECT);
-    let spreads = Spreads::new(&candidates, &findings, 25, 32);
+    let spreads = Spreads::new(&candidates, &contributions, 25, 32);
     let share = |cost| spreads.choose(12, 5, &[WALL; 25], cost).light;
     // V ∝ 16/α + 1/(1 − α) is least at ¾ of the candidates; V α falls with α, but nothing below ½ is better than ½.
     let dear_light = share(Cost { fixed: 0.0, light: 1.0, bsdf: 0.0 });

@@ -5,9 +5,9 @@
 pub struct Share {
     /// Of all samples, light samples: α in [0, 1].
     pub light: f32,
-    /// Of the light samples, those toward the environment, in (0, 1), where environment and lamps are techniques of
+    /// Of the light samples, those toward the environment, in (0, 1), where environment and area lights are techniques of
     /// their own; `None` where each light sample draws which light it is toward, or there is one kind alone.
-    pub sky: Option<f32>,
+    pub environment: Option<f32>,
 }
 
 /// Light and BSDF samples of one pixel in one pass of N ≥ 1 paths; where there are two techniques, together 2N and
@@ -16,9 +16,9 @@ pub struct Share {
 pub struct Counts {
     /// Light samples n_l.
     pub light: u32,
-    /// How many of the light samples, the first ones, are toward the environment, all others toward lamps; `None` where
+    /// How many of the light samples, the first ones, are toward the environment, all others toward area lights; `None` where
     /// each draws.
-    pub sky: Option<u32>,
+    pub environment: Option<u32>,
     /// BSDF samples n_b.
     pub bsdf: u32,
     /// Paths N.
@@ -30,32 +30,32 @@ impl Counts {
     pub fn new(alpha: f32, paths: u32) -> Self {
         let total = 2 * paths;
         let light = ((alpha * total as f32).round() as u32).clamp(1, total - 1);
-        Self { light, sky: None, bsdf: total - light, paths }
+        Self { light, environment: None, bsdf: total - light, paths }
     }
 
     /// The counts nearest to `share` among the 2N samples of `paths` = N ≥ 1 paths.
     pub fn of(share: Share, paths: u32) -> Self {
         let all = Self::new(share.light, paths);
         // A single light sample cannot be divided: it draws.
-        let split = |sky: f32| ((sky * all.light as f32).round() as u32).clamp(1, all.light - 1);
-        Self { sky: share.sky.filter(|_| all.light > 1).map(split), ..all }
+        let split = |environment: f32| ((environment * all.light as f32).round() as u32).clamp(1, all.light - 1);
+        Self { environment: share.environment.filter(|_| all.light > 1).map(split), ..all }
     }
 
     /// One sample of each technique a path.
     pub fn half(paths: u32) -> Self {
-        Self { light: paths, sky: None, bsdf: paths, paths }
+        Self { light: paths, environment: None, bsdf: paths, paths }
     }
 
     /// One BSDF sample a path: where no light can be sampled.
     pub fn bsdf_only(paths: u32) -> Self {
-        Self { light: 0, sky: None, bsdf: paths, paths }
+        Self { light: 0, environment: None, bsdf: paths, paths }
     }
 
     /// What is left of these counts after those of a pilot.
     pub fn after(self, pilot: Self) -> Self {
         Self {
             light: self.light.saturating_sub(pilot.light),
-            sky: self.sky.zip(pilot.sky).map(|(all, pilot)| all.saturating_sub(pilot)),
+            environment: self.environment.zip(pilot.environment).map(|(all, pilot)| all.saturating_sub(pilot)),
             bsdf: self.bsdf.saturating_sub(pilot.bsdf),
             paths: self.paths - pilot.paths,
         }
@@ -73,16 +73,18 @@ impl Counts {
         self.bsdf as f32 / self.paths as f32
     }
 
-    /// Samples a path: toward the environment, toward lamps, of the BSDF. Where light samples draw, they go to the
-    /// environment with probability `sky_chance`.
-    pub fn rates(self, sky_chance: f32) -> [f32; 3] {
+    /// Samples a path: toward the environment, toward area lights, of the BSDF. Where light samples draw, they go to the
+    /// environment with probability `environment_probability`.
+    pub fn rates(self, environment_probability: f32) -> [f32; 3] {
         let light = self.light_a_path();
-        let sky = self.sky.map_or(light * sky_chance, |sky| sky as f32 / self.paths as f32);
-        [sky, light - sky, self.bsdf_a_path()]
+        let environment = self
+            .environment
+            .map_or(light * environment_probability, |environment| environment as f32 / self.paths as f32);
+        [environment, light - environment, self.bsdf_a_path()]
     }
 
-    /// Samples a path over those of a pilot at [`Candidates::pilot`](super::pilot::Candidates::pilot)'s counts; the same
-    /// for environment and lamps where light samples draw.
+    /// Samples a path over those of a pilot at [`Candidates::pilot`](super::spread::Candidates::pilot)'s counts; the same
+    /// for environment and area lights where light samples draw.
     pub fn over(self, pilot: Self) -> [f32; 3] {
         // Any chance does: it cancels.
         let (own, pilot) = (self.rates(0.5), pilot.rates(0.5));

@@ -1,0 +1,244 @@
+//! A tile's pixels as a [`Sampler`]: the paths that a method of the balance asks for, traced in waves.
+
+use std::cell::RefCell;
+
+use glam::Vec3;
+
+use super::tile::Tile;
+use crate::balance::sampler::Lights;
+use crate::balance::spread::Guide;
+use crate::balance::{Contribution, Cost, Counts, Observer, Sampler, Technique};
+use crate::integrator::{PixelBatch, PixelTask, Transport, Wave, WaveCounts, guides};
+
+/// Paths that are traced together: their buffers stay in the second-level cache.
+const WAVE_PATHS: u32 = 2048;
+
+thread_local! {
+    static BUFFERS: RefCell<Buffers> = RefCell::default();
+}
+
+/// A thread's buffers, kept over tiles and passes.
+#[derive(Debug, Default)]
+pub struct Buffers {
+    wave: Wave,
+    tasks: Vec<PixelTask>,
+    pilot: Pilot,
+}
+
+/// Hands out the buffers of the current thread.
+pub fn with_buffers<T>(work: impl FnOnce(&mut Buffers) -> T) -> T {
+    BUFFERS.with_borrow_mut(work)
+}
+
+/// What a pilot's samples found, and its paths' radiance, pixel by pixel.
+#[derive(Debug, Default)]
+struct Pilot {
+    counts: Option<Counts>,
+    found: Vec<Contribution>,
+    paths: Vec<Vec3>,
+}
+
+impl Observer for Pilot {
+    fn contribution(&mut self, found: &Contribution) {
+        self.found.push(*found);
+    }
+
+    fn path(&mut self, _pixel: u32, radiance: Vec3) {
+        self.paths.push(radiance);
+    }
+}
+
+/// A tile under way in a pass.
+pub struct TileSampler<'a> {
+    tile: &'a mut Tile,
+    transport: &'a Transport<'a>,
+    buffers: &'a mut Buffers,
+}
+
+impl<'a> TileSampler<'a> {
+    /// Begins a pass.
+    pub fn new(tile: &'a mut Tile, transport: &'a Transport<'a>, buffers: &'a mut Buffers) -> Self {
+        buffers.wave.counts = WaveCounts::default();
+        Self { tile, transport, buffers }
+    }
+
+    /// Rays and time of the pass so far.
+    pub fn counts(&self) -> WaveCounts {
+        self.buffers.wave.counts
+    }
+}
+
+impl Sampler for TileSampler<'_> {
+    fn pixels(&self) -> usize {
+        self.tile.pixels()
+    }
+
+    fn width(&self) -> usize {
+        self.tile.width()
+    }
+
+    fn lights(&self) -> Option<Lights> {
+        let lights = self.transport.lights;
+        let environment = lights.two_kinds().then_some(lights.environment_probability);
+        lights.has_extent().then_some(Lights { environment, indirect: self.transport.max_depth > 2 })
+    }
+
+    fn longest(&self) -> u32 {
+        WAVE_PATHS
+    }
+
+    fn take(&mut self, counts: &[Counts], weighed: &[Counts], observer: Option<&mut dyn Observer>) {
+        trace(self.tile, self.transport, &mut self.buffers.wave, &mut self.buffers.tasks, counts, weighed, observer);
+    }
+
+    fn pilot(&mut self, counts: Counts) -> &[Contribution] {
+        let Buffers { wave, tasks, pilot } = self.buffers;
+        pilot.counts = Some(counts);
+        pilot.found.clear();
+        pilot.paths.clear();
+        let all = vec![counts; self.tile.pixels()];
+        trace(self.tile, self.transport, wave, tasks, &all, &all, Some(pilot));
+        &pilot.found
+    }
+
+    fn reweight(&mut self, total: &[Counts]) {
+        reweight(self.tile, &self.buffers.pilot, total);
+    }
+
+    fn guides(&mut self) -> Vec<Guide> {
+        let places: Vec<_> = self.tile.pixels.iter().map(|p| [p.x, p.y]).collect();
+        guides(self.transport, &places)
+    }
+
+    fn cost(&self) -> Cost {
+        cost(&self.buffers.wave.counts)
+    }
+}
+
+/// Traces paths, dealt by `counts` and weighed by `weighed`, all of as many paths a pixel.
+fn trace(
+    tile: &mut Tile,
+    transport: &Transport,
+    wave: &mut Wave,
+    tasks: &mut Vec<PixelTask>,
+    counts: &[Counts],
+    weighed: &[Counts],
+    mut observer: Option<&mut dyn Observer>,
+) {
+    let Some(paths) = counts.first().map(|c| c.paths) else { return };
+    let first_path = tile.paths();
+    let at_once = (WAVE_PATHS / paths).max(1) as usize;
+    for start in (0..tile.pixels.len()).step_by(at_once) {
+        let end = (start + at_once).min(tile.pixels.len());
+        tasks.clear();
+        for (i, pixel) in (start..end).zip(&mut tile.pixels[start..end]) {
+            let counts = counts[i];
+            tasks.push(PixelTask {
+                x: pixel.x,
+                y: pixel.y,
+                first_path,
+                first_light: pixel.light,
+                first_environment: pixel.environment,
+                first_bsdf: pixel.bsdf,
+                counts,
+                weighed: weighed[i],
+                number: i as u32,
+            });
+            pixel.light += counts.light;
+            pixel.environment += counts.environment.unwrap_or(0);
+            pixel.bsdf += counts.bsdf;
+        }
+        let mut batch = PixelBatch {
+            tasks,
+            stats: &mut tile.stats[start..end],
+            aovs: tile.aovs.get_mut(start..end).unwrap_or_default(),
+            observer: match &mut observer {
+                Some(observer) => Some(&mut **observer),
+                None => None,
+            },
+        };
+        wave.run(transport, paths, &mut batch);
+    }
+}
+
+/// Weighs a pilot with one light and one BSDF sample a path by each pixel's `total` counts.
+fn reweight(tile: &mut Tile, pilot: &Pilot, total: &[Counts]) {
+    let Some(counts) = pilot.counts else { return };
+    // Samples a path, over the pilot's.
+    let rates: Vec<_> = total.iter().map(|total| total.over(counts)).collect();
+    let n = counts.paths as usize;
+    let mut changes = vec![Vec3::ZERO; pilot.paths.len()];
+    for found in &pilot.found {
+        let pixel = found.pixel as usize;
+        let change = found.at(rates[pixel]) - found.radiance;
+        changes[pixel * n + found.path(counts.paths) as usize] += change;
+        if let Some(aovs) = tile.aovs.get_mut(pixel) {
+            let of_kind = match found.technique {
+                Technique::Indirect => &mut aovs.indirect,
+                _ => &mut aovs.direct,
+            };
+            for c in 0..3 {
+                of_kind[c] += change[c];
+            }
+        }
+    }
+    let of_pixels = changes.chunks(n).zip(pilot.paths.chunks(n));
+    for (stats, (changes, paths)) in tile.stats.iter_mut().zip(of_pixels) {
+        for (change, before) in changes.iter().zip(paths).filter(|(change, _)| **change != Vec3::ZERO) {
+            for c in 0..3 {
+                let (change, before) = (f64::from(change[c]), f64::from(before[c]));
+                stats.sum[c] += change;
+                stats.sum_squared[c] += change * (2.0 * before + change);
+            }
+        }
+    }
+}
+
+/// What paths with one sample of each technique at the first surface cost, by the rays that they took.
+fn cost(rays: &WaveCounts) -> Cost {
+    // A first surface's light sample is a shadow ray at most; all others follow from BSDF samples.
+    let light = rays.shadow_rays.min(rays.camera_rays);
+    let bsdf = rays.first_bounce_rays + rays.later_bounce_rays + rays.shadow_rays - light;
+    let all = rays.camera_rays.max(1) as f32;
+    Cost { fixed: 1.0, light: light as f32 / all, bsdf: bsdf as f32 / all }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::tile::Columns;
+
+    #[test]
+    fn a_pilot_weighed_again_has_the_sums_of_paths_that_were_weighed_so_at_once() {
+        let mut tile = Tile::cover(2, 1, [0, 0, 2, 1], Columns { moments: false, aovs: true }).remove(0);
+        let mut pilot = Pilot { counts: Some(Counts::half(2)), ..Default::default() };
+        let contribution = |pixel, technique, index, r, y| Contribution {
+            pixel,
+            technique,
+            area: false,
+            index,
+            r,
+            w: 0.0,
+            radiance: Vec3::splat(y),
+        };
+        pilot.found = vec![
+            contribution(0, Technique::Light, 0, 0.5, 1.0),
+            contribution(0, Technique::Bsdf, 0, -0.5, 2.0),
+            contribution(1, Technique::Indirect, 1, -1.0, 3.0),
+        ];
+        // Pixel by pixel, two paths each; one saw an area light besides.
+        pilot.paths = [3.0, 5.0, 0.0, 3.0].map(Vec3::splat).to_vec();
+        for (sum, paths) in tile.stats.iter_mut().zip(pilot.paths.chunks(2)) {
+            sum.sum = [f64::from(paths[0].x + paths[1].x); 3];
+            sum.sum_squared = [f64::from(paths[0].x.powi(2) + paths[1].x.powi(2)); 3];
+        }
+        reweight(&mut tile, &pilot, &[Counts::new(0.75, 4), Counts::new(0.25, 4)]);
+        // At α = ¾, r = ±½: 1/1.25 and 2/0.75. At α = ¼, r = −1: 3/1.5.
+        let expected = [[1.0 / 1.25 + 2.0 / 0.75, 5.0], [0.0, 2.0]];
+        for (sum, paths) in tile.stats.iter().zip(expected) {
+            assert!((sum.sum[0] - (paths[0] + paths[1])).abs() < 1e-6);
+            assert!((sum.sum_squared[0] - (paths[0] * paths[0] + paths[1] * paths[1])).abs() < 1e-5);
+        }
+        assert_eq!(tile.aovs[1].indirect, [-1.0; 3]);
+    }
+}
