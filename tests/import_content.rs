@@ -1,6 +1,6 @@
 //! What a scene holds once imported: geometry, placement, cameras, lights, materials, and the report about the rest.
 
-use bismar::scene::import::{ImportOptions, NoteKind, environment, import};
+use bismar::scene::import::{EnvironmentFile, ImportOptions, NoteKind, SceneFiles, environment, import};
 use bismar::scene::{AlphaMode, Projection, PunctualKind, Scene, TextureSlot};
 use glam::{Vec2, Vec3};
 
@@ -364,6 +364,54 @@ fn texture_transforms_turn_as_khronos_test_model_shows() {
     let tip = uv(0.277_817_46, -0.277_817_46);
     let correct = uv(-0.079_048_224, -0.516_267_5);
     assert!((transform.transform_point2(correct) - tip).length() < 1e-6);
+}
+
+#[test]
+fn what_was_opened_is_what_is_imported() {
+    let json = Parts::default().json();
+    let (start, end) = (json.find("data:").unwrap(), json.find("\"}]}").unwrap());
+    let (folder, path) = scene_file("scene.gltf", format!("{}data.bin{}", &json[..start], &json[end..]));
+    let data = folder.path().join("data.bin");
+    std::fs::write(&data, floats(&TRIANGLE)).unwrap();
+    let before = SceneFiles::open(&path).unwrap();
+    std::fs::write(&data, floats(&TRIANGLE.map(|x| 2.0 * x))).unwrap();
+    let after = SceneFiles::open(&path).unwrap();
+    let largest = |files: &SceneFiles| {
+        let scene = files.import(&ImportOptions::default()).unwrap().scene;
+        scene.meshes[0].positions.iter().flatten().copied().fold(0.0, f32::max)
+    };
+    assert_ne!(before.survey().hash, after.survey().hash);
+    std::fs::remove_file(&path).unwrap();
+    assert_eq!((largest(&before), largest(&after)), (1.0, 2.0));
+    assert_eq!(before.survey().file_bytes, (json.len() - (end - start) + "data.bin".len() + 36) as u64);
+}
+
+#[test]
+fn a_file_that_is_named_twice_counts_once() {
+    let view = r#"{"buffer":0,"byteLength":36}"#;
+    let buffer = r#"{"byteLength":36,"uri":"data.bin"}"#;
+    let json = format!(r#"{{"asset":{{"version":"2.0"}},"buffers":[{buffer},{buffer}],"bufferViews":[{view}]}}"#);
+    let (folder, path) = scene_file("scene.gltf", &json);
+    std::fs::write(folder.path().join("data.bin"), floats(&TRIANGLE)).unwrap();
+    let files = SceneFiles::open(&path).unwrap();
+    let bytes = json.len() as u64 + 36;
+    assert_eq!(files.survey().file_bytes, bytes);
+    assert_eq!(files.import(&ImportOptions::default()).unwrap().report.file_bytes, bytes);
+}
+
+#[test]
+fn an_opened_environment_stays_what_it_was() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/gltf/env");
+    if !folder.exists() {
+        assert!(std::env::var("CI").as_deref() != Ok("true"), "{} is missing", folder.display());
+        return println!("skipped: {} is missing", folder.display());
+    }
+    let bytes = std::fs::read(folder.join("studio_small_03_1k/studio_small_03_1k.hdr")).unwrap();
+    let (_folder, path) = scene_file("sky.hdr", &bytes);
+    let file = EnvironmentFile::open(&path).unwrap();
+    std::fs::write(&path, "no picture").unwrap();
+    assert_eq!(file.hash(), blake3::hash(&bytes).to_hex().to_string());
+    assert_eq!(file.decode(0.0, 1.0).unwrap().width, 1024);
 }
 
 #[test]

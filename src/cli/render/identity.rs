@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
 
 use crate::balance::HALF_PILOT;
 use crate::film::exr_file::{self, Header, HeaderValue};
@@ -20,6 +21,8 @@ pub struct Inputs {
     pub scene: Survey,
     /// Of the environment: what tells it from others, and its bytes in memory.
     pub environment: (String, u64),
+    /// What opening, hashing and measuring took.
+    pub read_seconds: f64,
     /// The files themselves, until a scene is made of them.
     files: Mutex<Option<Files>>,
 }
@@ -37,6 +40,7 @@ impl Inputs {
     /// # Errors
     /// As [`SceneFiles::open`] and [`EnvironmentFile::open`].
     pub fn read(args: &RenderArgs) -> Result<Self> {
+        let start = Instant::now();
         let environment_file = args.env.as_deref().map(EnvironmentFile::open).transpose()?;
         let environment = match &environment_file {
             Some(file) => {
@@ -49,7 +53,7 @@ impl Inputs {
         let scene_files = SceneFiles::open(&args.scene)?;
         let scene = scene_files.survey();
         let files = Mutex::new(Some(Files { scene: scene_files, environment: environment_file }));
-        Ok(Self { scene, environment, files })
+        Ok(Self { scene, environment, read_seconds: start.elapsed().as_secs_f64(), files })
     }
 
     /// Hands the files over. Opens them again when an earlier job of a batch had them and failed.

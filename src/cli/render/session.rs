@@ -42,7 +42,7 @@ impl Loaded {
     pub fn load(args: &RenderArgs, inputs: &Inputs, building: Building) -> Result<Self> {
         let start = Instant::now();
         let scene = Arc::new(make_scene(args, inputs.take(args)?)?);
-        let read_seconds = start.elapsed().as_secs_f64();
+        let read_seconds = inputs.read_seconds + start.elapsed().as_secs_f64();
         info!("read {} in {read_seconds:.2} s", args.scene.display());
         let built = Instant::now();
         let rays =
