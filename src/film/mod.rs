@@ -7,6 +7,7 @@ pub mod exr_file;
 pub mod preview;
 pub mod view;
 
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 pub use aov::Aov;
@@ -62,6 +63,18 @@ pub struct Film {
 }
 
 impl PixelStats {
+    /// Adds a path's radiance; `covered` if its camera ray hit a surface.
+    #[inline]
+    pub fn add(&mut self, radiance: Vec3, covered: bool) {
+        self.samples += 1;
+        self.covered += u32::from(covered);
+        for c in 0..3 {
+            let x = f64::from(radiance[c]);
+            self.sum[c] += x;
+            self.sum_squared[c] += x * x;
+        }
+    }
+
     /// Adds independent paths of the same pixel.
     pub fn join(&mut self, other: &Self) {
         let share = f64::from(other.samples) / f64::from((self.samples + other.samples).max(1));
@@ -95,6 +108,23 @@ impl PixelStats {
 }
 
 impl AovSums {
+    /// Adds what a path's camera ray hit: base colour, unit normal, distance.
+    pub fn add_surface(&mut self, albedo: Vec3, normal: Vec3, depth: f32) {
+        for c in 0..3 {
+            self.albedo[c] += albedo[c];
+            self.normal[c] += normal[c];
+        }
+        self.depth += depth;
+    }
+
+    /// Adds a path's light.
+    pub fn add_light(&mut self, direct: Vec3, indirect: Vec3) {
+        for c in 0..3 {
+            self.direct[c] += direct[c];
+            self.indirect[c] += indirect[c];
+        }
+    }
+
     /// Adds independent paths of the same pixel.
     pub fn join(&mut self, other: &Self) {
         for c in 0..3 {

@@ -14,6 +14,8 @@ pub struct Kind {
     pub black: bool,
     /// It emits, or is unlit.
     pub shines: bool,
+    /// It does nothing but emit its colour.
+    pub unlit: bool,
 }
 
 /// The scattering of each material that no texture or vertex colour varies, made once, and each mesh's kind.
@@ -56,7 +58,7 @@ fn kind(scene: &Scene, mesh: &Mesh, constant: &[MetallicRoughness]) -> Kind {
             _ => m.textures[slot].is_none(),
         });
     let black = plain && constant[mesh.material as usize].is_black();
-    Kind { material: mesh.material, plain, black, shines: m.unlit || m.is_emissive() }
+    Kind { material: mesh.material, plain, black, shines: m.unlit || m.is_emissive(), unlit: m.unlit }
 }
 
 /// The scattering without textures and vertex colours.

@@ -1,21 +1,24 @@
 //! Light transport along a batch of paths, in stages: trace, shade, trace shadows, again.
 
+pub mod batch;
 pub mod camera;
 pub mod geometry;
 pub mod guides;
+pub mod ledger;
 pub mod materials;
-pub mod paths;
 pub mod prepared;
+pub mod queues;
 pub mod stages;
 pub mod vertices;
 pub mod wave;
 
+pub use batch::{PixelBatch, PixelTask};
 pub use camera::CameraRays;
 pub use geometry::Geometry;
 pub use guides::guides;
 pub use materials::Materials;
 pub use prepared::PreparedScene;
-pub use wave::{PixelBatch, PixelTask, Wave, WaveCounts};
+pub use wave::{Wave, WaveCounts};
 
 use crate::balance::Heuristic;
 use crate::light::Lights;

@@ -1,7 +1,8 @@
 //! The vertices of a batch's paths as structure of arrays: what light and BSDF sampling need.
 
+use super::queues::Identity;
 use crate::bsdf::Lobes;
-use crate::lanes::{F, Rows, U, V3, V3Column, grow, load, store, store_bits};
+use crate::lanes::{F, Rows, V3, V3Column, grow, load, load_bits, store, store_bits};
 
 /// Lowest cosine between eye and shading normal.
 const MIN_COS: f32 = 1e-3;
@@ -28,11 +29,11 @@ pub struct Vertices {
     /// How far `origin` stands off the surface along `ng`.
     pub origin_offset: Vec<f32>,
     /// Path of the wave.
-    pub slot: Vec<u32>,
+    pub path: Vec<u32>,
     /// Index into its pixel's sequence.
     pub index: Vec<u32>,
     /// BSDF sample of a first surface that it descends from.
-    pub child: Vec<u32>,
+    pub branch: Vec<u32>,
     /// Seed of its pixel's sequence.
     pub seed: Vec<u32>,
     len: usize,
@@ -57,8 +58,8 @@ pub struct Group {
     pub origin_offset: F,
     /// The scattering at the points.
     pub lobes: Lobes,
-    /// Slot, index, child and seed, as in [`Vertices`].
-    pub path: [U; 4],
+    /// Whose they are.
+    pub identity: Identity,
 }
 
 impl Vertices {
@@ -88,7 +89,7 @@ impl Vertices {
         for column in [&mut self.f90, &mut self.layer0, &mut self.layer90, &mut self.alpha, &mut self.origin_offset] {
             grow(column, most);
         }
-        for column in [&mut self.slot, &mut self.index, &mut self.child, &mut self.seed] {
+        for column in [&mut self.path, &mut self.index, &mut self.branch, &mut self.seed] {
             grow(column, most);
         }
         self.len = 0;
@@ -118,11 +119,10 @@ impl Vertices {
         self.wo.store(at, wo);
         self.beta.store(at, group.beta);
         store(&mut self.origin_offset, at, group.origin_offset);
-        let [slot, index, child, seed] = group.path;
-        store_bits(&mut self.slot, at, slot);
-        store_bits(&mut self.index, at, index);
-        store_bits(&mut self.child, at, child);
-        store_bits(&mut self.seed, at, seed);
+        store_bits(&mut self.path, at, group.identity.path);
+        store_bits(&mut self.index, at, group.identity.index);
+        store_bits(&mut self.branch, at, group.identity.branch);
+        store_bits(&mut self.seed, at, group.identity.seed);
         self.diffuse.store(at, group.lobes.diffuse);
         if !self.lambert {
             self.f0.store(at, group.lobes.f0);
@@ -130,6 +130,17 @@ impl Vertices {
             store(&mut self.layer0, at, group.lobes.layer0);
             store(&mut self.layer90, at, group.lobes.layer90);
             store(&mut self.alpha, at, group.lobes.alpha);
+        }
+    }
+
+    /// Whose some rows are.
+    #[inline(always)]
+    pub fn identity(&self, rows: &Rows) -> Identity {
+        Identity {
+            path: load_bits(&self.path, rows),
+            index: load_bits(&self.index, rows),
+            branch: load_bits(&self.branch, rows),
+            seed: load_bits(&self.seed, rows),
         }
     }
 

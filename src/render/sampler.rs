@@ -173,12 +173,9 @@ fn reweight(tile: &mut Tile, pilot: &Pilot, total: &[Counts]) {
         let change = found.at(rates[pixel]) - found.radiance;
         changes[pixel * n + found.path(counts.paths) as usize] += change;
         if let Some(aovs) = tile.aovs.get_mut(pixel) {
-            let of_kind = match found.technique {
-                Technique::Indirect => &mut aovs.indirect,
-                _ => &mut aovs.direct,
-            };
-            for c in 0..3 {
-                of_kind[c] += change[c];
+            match found.technique {
+                Technique::Indirect => aovs.add_light(Vec3::ZERO, change),
+                _ => aovs.add_light(change, Vec3::ZERO),
             }
         }
     }

@@ -2,72 +2,69 @@
 
 use glam::Vec3;
 
-use super::{Technique, bsdf_set};
+use super::bsdf_set;
+use super::requests::{RequestGroup, Requests};
 use crate::integrator::Transport;
-use crate::integrator::wave::{Child, Wave};
+use crate::integrator::ledger::{Branch, Ledger};
+use crate::integrator::queues::{Identity, PathRays};
+use crate::integrator::vertices::Vertices;
 use crate::lanes::{F, LANES, NUMBERS, Survivors, U, mask};
 use crate::sampling::{keys, samples};
 
 /// Segments after which Russian roulette begins.
-const ROULETTE_DEPTH: u32 = 3;
+pub const ROULETTE_DEPTH: u32 = 3;
 /// A path survives with this times its throughput: by relMSE times seconds on a diffuse room, 1 (the rule of thumb) is a
 /// third worse than 2, and 3 no better.
-const ROULETTE_GAIN: f32 = 2.0;
+pub const ROULETTE_GAIN: f32 = 2.0;
 
-impl Wave {
-    /// Fills the next rays for the vertices at `depth`.
-    pub(in crate::integrator) fn scatter(&mut self, transport: &Transport, depth: u32) {
-        let last = depth + 1 >= transport.max_depth;
-        let tasks = if last { 0 } else { self.set_tasks(Technique::Bsdf, depth) };
-        self.next_rays.open(tasks);
-        self.next_paths.open(tasks);
-        for at in (0..tasks).step_by(LANES) {
-            self.sample_bsdfs(transport, depth, at);
-        }
-        self.next_rays.close(self.next_paths.len);
+/// Fills the next rays for the vertices at `depth`; those of first surfaces begin branches.
+pub fn sample(
+    transport: &Transport,
+    depth: u32,
+    vertices: &Vertices,
+    requests: &Requests,
+    ledger: &mut Ledger,
+    next: &mut PathRays,
+) {
+    next.open(requests.count());
+    for at in (0..requests.count()).step_by(LANES) {
+        let group = requests.group(transport, vertices, ledger, at);
+        one_group(depth, vertices, &group, ledger, next);
     }
+    next.close();
+}
 
-    /// One group of BSDF samples.
-    #[inline(never)]
-    fn sample_bsdfs(&mut self, transport: &Transport, depth: u32, at: usize) {
-        let task = self.task_group(transport, at, depth);
-        let vertices = &self.vertices;
-        let rows = &task.rows;
-        let [lobe, u, v, survive] = samples(task.seed, task.index, bsdf_set(depth));
-        let sample = vertices.lobes(rows).sample(vertices.ns.load(rows), vertices.wo.load(rows), [lobe, u, v]);
-        let weighted_pdf = task.rates[2] * sample.pdf;
-        let ng = vertices.ng.load(rows);
-        let mut beta = vertices.beta.load(rows) * sample.value * (F::ONE / weighted_pdf);
-        let mut alive = mask(task.len)
-            & sample.pdf.simd_gt(F::ZERO)
-            & ng.dot(sample.wi).simd_gt(F::ZERO)
-            & beta.max_element().simd_gt(F::ZERO)
-            & beta.is_finite();
-        if depth + 1 >= ROULETTE_DEPTH {
-            let keep = (beta.max_element() * F::splat(ROULETTE_GAIN)).fast_min(F::ONE);
-            alive &= keep.simd_gt(survive);
-            beta = beta * keep.simd_ge(F::ONE).select(F::ONE, F::ONE / keep);
-        }
-        let survivors = Survivors::of(alive);
-        let slot = survivors.compress_bits(task.slot);
-        let child = if depth == 0 {
-            let next = self.children.len() as u32;
-            let index = survivors.compress_bits(task.index);
-            let new = slot.as_array()[..survivors.len].iter().zip(index.as_array());
-            self.children.extend(new.map(|(&slot, &index)| Child { slot, index, indirect: Vec3::ZERO }));
-            U::splat(next) + U::from(NUMBERS)
-        } else {
-            survivors.compress_bits(task.child)
-        };
-        self.next_rays.put(
-            self.next_paths.len,
-            survivors.compress_v3(vertices.origin.load(rows)),
-            survivors.compress_v3(sample.wi),
-            F::splat(f32::INFINITY),
-            survivors.compress_bits(keys(task.seed, task.index, bsdf_set(depth))),
-        );
-        let path = [slot, survivors.compress_bits(task.index), child, survivors.compress_bits(task.seed)];
-        let (beta, normal) = (survivors.compress_v3(beta), survivors.compress_v3(ng));
-        self.next_paths.push(survivors.len, beta, normal, survivors.compress(weighted_pdf), path);
+#[inline(never)]
+fn one_group(depth: u32, vertices: &Vertices, group: &RequestGroup, ledger: &mut Ledger, next: &mut PathRays) {
+    let (rows, id) = (&group.rows, &group.identity);
+    let [lobe, u, v, survive] = samples(id.seed, id.index, bsdf_set(depth));
+    let sample = vertices.lobes(rows).sample(vertices.ns.load(rows), vertices.wo.load(rows), [lobe, u, v]);
+    let weighted_pdf = group.rates[2] * sample.pdf;
+    let ng = vertices.ng.load(rows);
+    let mut beta = vertices.beta.load(rows) * sample.value * (F::ONE / weighted_pdf);
+    let mut alive = mask(group.len)
+        & sample.pdf.simd_gt(F::ZERO)
+        & ng.dot(sample.wi).simd_gt(F::ZERO)
+        & beta.max_element().simd_gt(F::ZERO)
+        & beta.is_finite();
+    if depth + 1 >= ROULETTE_DEPTH {
+        let keep = (beta.max_element() * F::splat(ROULETTE_GAIN)).fast_min(F::ONE);
+        alive &= keep.simd_gt(survive);
+        beta = beta * keep.simd_ge(F::ONE).select(F::ONE, F::ONE / keep);
     }
+    let survivors = Survivors::of(alive);
+    let (path, index) = (survivors.compress_bits(id.path), survivors.compress_bits(id.index));
+    let branch = if depth == 0 {
+        let first = ledger.branches.len() as u32;
+        let new = path.as_array()[..survivors.len].iter().zip(index.as_array());
+        ledger.branches.extend(new.map(|(&path, &index)| Branch { path, index, indirect: Vec3::ZERO }));
+        U::splat(first) + U::from(NUMBERS)
+    } else {
+        survivors.compress_bits(id.branch)
+    };
+    let identity = Identity { path, index, branch, seed: survivors.compress_bits(id.seed) };
+    let ray = (survivors.compress_v3(vertices.origin.load(rows)), survivors.compress_v3(sample.wi));
+    let key = survivors.compress_bits(keys(id.seed, id.index, bsdf_set(depth)));
+    let (beta, normal) = (survivors.compress_v3(beta), survivors.compress_v3(ng));
+    next.push(survivors.len, ray, key, beta, normal, survivors.compress(weighted_pdf), identity);
 }

@@ -1,0 +1,123 @@
+//! What the paths of a wave have found so far, and how it comes to their pixels.
+
+use glam::Vec3;
+
+use super::batch::{PixelBatch, PixelTask};
+use super::queues::ShadowRays;
+use crate::balance::{Contribution, Technique, deal};
+
+/// A path of the wave.
+#[derive(Debug, Clone, Copy)]
+pub struct PathState {
+    /// Its pixel's place in the batch.
+    pub pixel: u32,
+    /// All that it has found.
+    pub radiance: Vec3,
+    /// Of this, lights seen directly and by one bounce.
+    pub direct: Vec3,
+    /// Did its camera ray hit a surface?
+    pub covered: bool,
+    /// How many light samples it takes at its first surface.
+    pub light: u8,
+    /// How many BSDF samples it takes there.
+    pub bsdf: u8,
+    /// The number of the first of these light samples in its pixel.
+    pub first_light: u32,
+    /// The number of the first of these BSDF samples in its pixel.
+    pub first_bsdf: u32,
+    /// Samples a path of its pixel: toward the environment, toward area lights, of the BSDF.
+    pub rates: [f32; 3],
+}
+
+/// A BSDF sample at a first surface, and what descends from it.
+#[derive(Debug, Clone, Copy)]
+pub struct Branch {
+    /// Path of the wave.
+    pub path: u32,
+    /// Index of the BSDF sample in its pixel's sequence.
+    pub index: u32,
+    /// Light that came by further surfaces.
+    pub indirect: Vec3,
+}
+
+/// Paths, and branches of paths, with what they have found.
+#[derive(Debug, Default)]
+pub struct Ledger {
+    /// The wave's paths, pixel by pixel.
+    pub paths: Vec<PathState>,
+    /// Their BSDF samples at first surfaces that went on.
+    pub branches: Vec<Branch>,
+}
+
+impl Ledger {
+    /// Begins `paths` paths for each pixel, each with its part of the pixel's samples. `environment_probability` as for
+    /// [`Counts::rates`](crate::balance::Counts::rates).
+    pub fn begin(&mut self, tasks: &[PixelTask], paths: u32, environment_probability: f32) {
+        self.paths.clear();
+        self.branches.clear();
+        for (pixel, task) in tasks.iter().enumerate() {
+            let (mut first_light, mut first_bsdf) = (task.first_light, task.first_bsdf);
+            let rates = task.weighed.rates(environment_probability);
+            for path in 0..paths {
+                let [light, bsdf] = [task.counts.light, task.counts.bsdf].map(|n| deal(n, paths, path));
+                self.paths.push(PathState {
+                    pixel: pixel as u32,
+                    radiance: Vec3::ZERO,
+                    direct: Vec3::ZERO,
+                    covered: false,
+                    light,
+                    bsdf,
+                    first_light,
+                    first_bsdf,
+                    rates,
+                });
+                first_light += u32::from(light);
+                first_bsdf += u32::from(bsdf);
+            }
+        }
+    }
+
+    /// Adds what shadow rays from vertices at `depth` bring that are not `occluded`.
+    #[inline(never)]
+    pub fn add_light_samples(&mut self, shadows: &ShadowRays, occluded: &[bool], depth: u32, batch: &mut PixelBatch) {
+        for i in (0..shadows.len).filter(|&i| !occluded[i]) {
+            let radiance = shadows.radiance.get(i);
+            let path = &mut self.paths[shadows.path[i] as usize];
+            path.radiance += radiance;
+            if depth == 0 {
+                path.direct += radiance;
+                if let Some(found) = shadows.observed(i, radiance) {
+                    batch.tell(path.pixel as usize, found);
+                }
+            } else {
+                self.branches[shadows.branch[i] as usize].indirect += radiance;
+            }
+        }
+    }
+
+    /// Folds the paths into their pixels, in path order.
+    #[inline(never)]
+    pub fn finish(&self, batch: &mut PixelBatch) {
+        if batch.observer.is_some() {
+            for branch in self.branches.iter().filter(|branch| branch.indirect != Vec3::ZERO) {
+                let path = &self.paths[branch.path as usize];
+                let radiance = branch.indirect;
+                // No light sample finds it: Z = 2X, Y = 2 a_b X, r = −1.
+                let w = 4.0 * path.rates[2] * radiance.length_squared();
+                let (technique, index) = (Technique::Indirect, branch.index);
+                let found = Contribution { pixel: 0, technique, area: false, index, r: -1.0, w, radiance };
+                batch.tell(path.pixel as usize, found);
+            }
+        }
+        for path in &self.paths {
+            let pixel = path.pixel as usize;
+            if let Some(observer) = &mut batch.observer {
+                observer.path(batch.tasks[pixel].number, path.radiance);
+            }
+            batch.stats[pixel].add(path.radiance, path.covered);
+            if let Some(aovs) = batch.aovs.get_mut(pixel) {
+                aovs.add_light(path.direct, path.radiance - path.direct);
+            }
+        }
+    }
+}

@@ -1,0 +1,213 @@
+//! The queues between stages, as structure of arrays: rays under way, hits sorted by what comes next, shadow rays.
+
+use glam::Vec3;
+
+use crate::balance::{Contribution, Technique};
+use crate::lanes::{F, Survivors, U, V3, V3Column, grow, store, store_bits};
+use crate::rays::RayBatch;
+
+/// Rays under way, and what belongs to each besides the ray, a row each.
+#[derive(Debug, Default)]
+pub struct PathRays {
+    /// The rays.
+    pub rays: RayBatch,
+    /// Radiance that arrives here counts this much.
+    pub beta: V3Column,
+    /// Geometric normal where the ray begins; unused for camera rays.
+    pub normal: V3Column,
+    /// BSDF pdf of the ray times its technique's samples a path; unused for camera rays.
+    pub weighted_pdf: Vec<f32>,
+    /// Path of the wave.
+    pub path: Vec<u32>,
+    /// Index into its pixel's sequence.
+    pub index: Vec<u32>,
+    /// BSDF sample of a first surface that it descends from; unused for camera rays.
+    pub branch: Vec<u32>,
+    /// Seed of its pixel's sequence.
+    pub seed: Vec<u32>,
+    /// How many rows count.
+    pub len: usize,
+}
+
+/// To which path rows belong, and where in its pixel's sequence they are.
+#[derive(Debug, Clone, Copy)]
+pub struct Identity {
+    /// As in [`PathRays`].
+    pub path: U,
+    /// As in [`PathRays`].
+    pub index: U,
+    /// As in [`PathRays`].
+    pub branch: U,
+    /// As in [`PathRays`].
+    pub seed: U,
+}
+
+impl PathRays {
+    /// Forgets all rows and makes room for `most`, to be filled with [`push`](Self::push) and ended with
+    /// [`close`](Self::close).
+    pub fn open(&mut self, most: usize) {
+        self.rays.open(most);
+        self.beta.grow(most);
+        self.normal.grow(most);
+        grow(&mut self.weighted_pdf, most);
+        for column in [&mut self.path, &mut self.index, &mut self.branch, &mut self.seed] {
+            grow(column, most);
+        }
+        self.len = 0;
+    }
+
+    /// Appends a group, of which the first `n` rows count. `key` is for [`RayBatch::put`].
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments, reason = "a row's columns")]
+    pub fn push(
+        &mut self,
+        n: usize,
+        (origin, direction): (V3, V3),
+        key: U,
+        beta: V3,
+        normal: V3,
+        weighted_pdf: F,
+        identity: Identity,
+    ) {
+        self.rays.put(self.len, origin, direction, F::splat(f32::INFINITY), key);
+        self.beta.store(self.len, beta);
+        self.normal.store(self.len, normal);
+        store(&mut self.weighted_pdf, self.len, weighted_pdf);
+        store_bits(&mut self.path, self.len, identity.path);
+        store_bits(&mut self.index, self.len, identity.index);
+        store_bits(&mut self.branch, self.len, identity.branch);
+        store_bits(&mut self.seed, self.len, identity.seed);
+        self.len += n;
+    }
+
+    /// No more rows come.
+    pub fn close(&mut self) {
+        self.rays.close(self.len);
+    }
+}
+
+/// The rays of a batch by what comes next, as row numbers, in order.
+#[derive(Debug, Default)]
+pub struct SortedHits {
+    /// They hit nothing.
+    pub escaped: Vec<u32>,
+    /// They hit a surface that shines.
+    pub emissive: Vec<u32>,
+    /// They hit a surface that scatters, whose scattering is the same everywhere.
+    pub plain: Vec<u32>,
+    /// They hit another surface that scatters: it has to be looked up point by point.
+    pub detailed: Vec<u32>,
+}
+
+impl SortedHits {
+    /// Forgets all of them.
+    pub fn clear(&mut self) {
+        for list in [&mut self.escaped, &mut self.emissive, &mut self.plain, &mut self.detailed] {
+            list.clear();
+        }
+    }
+}
+
+/// Shadow rays, and what they bring if nothing is in their way, a row each.
+#[derive(Debug, Default)]
+pub struct ShadowRays {
+    /// The rays.
+    pub rays: RayBatch,
+    /// Radiance, weighed.
+    pub radiance: V3Column,
+    /// Path of the wave.
+    pub path: Vec<u32>,
+    /// BSDF sample of a first surface that it descends from; unused at first surfaces.
+    pub branch: Vec<u32>,
+    /// How many rows count.
+    pub len: usize,
+    /// Columns for observers; present where somebody is to be told.
+    observed: Option<Observed>,
+}
+
+/// What the balance wants to know of light samples at first surfaces.
+#[derive(Debug, Default, Clone)]
+struct Observed {
+    /// Index of the sample in its technique's sequence.
+    index: Vec<u32>,
+    /// All bits where the sample is toward an area light by count, else none.
+    area: Vec<u32>,
+    /// As in [`Contribution`]; W = 0 where nothing is to be learned.
+    w: Vec<f32>,
+    /// As in [`Contribution`].
+    r: Vec<f32>,
+}
+
+/// One group's [`Observed`].
+#[derive(Debug, Clone, Copy)]
+pub struct Observation {
+    /// Index of the sample in its technique's sequence.
+    pub index: U,
+    /// Mask: toward an area light by count.
+    pub area: U,
+    /// As in [`Contribution`].
+    pub w: F,
+    /// As in [`Contribution`].
+    pub r: F,
+}
+
+impl ShadowRays {
+    /// Forgets all rows and makes room for `most`, with columns for observers if `observed`.
+    pub fn open(&mut self, most: usize, observed: bool) {
+        self.rays.open(most);
+        self.radiance.grow(most);
+        grow(&mut self.path, most);
+        grow(&mut self.branch, most);
+        self.len = 0;
+        self.observed = observed.then(|| {
+            let mut columns = self.observed.take().unwrap_or_default();
+            grow(&mut columns.index, most);
+            grow(&mut columns.area, most);
+            grow(&mut columns.w, most);
+            grow(&mut columns.r, most);
+            columns
+        });
+    }
+
+    /// Appends the survivors of a group: rays of length `tfar`, `radiance`, their path and branch. `key` is for
+    /// [`RayBatch::put`].
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments, reason = "a row's columns")]
+    pub fn push(
+        &mut self,
+        survivors: &Survivors,
+        (origin, direction): (V3, V3),
+        tfar: F,
+        key: U,
+        radiance: V3,
+        [path, branch]: [U; 2],
+        observation: impl FnOnce() -> Observation,
+    ) {
+        let (origin, direction) = (survivors.compress_v3(origin), survivors.compress_v3(direction));
+        self.rays.put(self.len, origin, direction, survivors.compress(tfar), survivors.compress_bits(key));
+        self.radiance.store(self.len, survivors.compress_v3(radiance));
+        store_bits(&mut self.path, self.len, survivors.compress_bits(path));
+        store_bits(&mut self.branch, self.len, survivors.compress_bits(branch));
+        if let Some(columns) = &mut self.observed {
+            let seen = observation();
+            store_bits(&mut columns.index, self.len, survivors.compress_bits(seen.index));
+            store_bits(&mut columns.area, self.len, survivors.compress_bits(seen.area));
+            store(&mut columns.w, self.len, survivors.compress(seen.w));
+            store(&mut columns.r, self.len, survivors.compress(seen.r));
+        }
+        self.len += survivors.len;
+    }
+
+    /// No more rows come.
+    pub fn close(&mut self) {
+        self.rays.close(self.len);
+    }
+
+    /// What an observer is to be told of row `i`, which brings `radiance`; its pixel is left open.
+    pub fn observed(&self, i: usize, radiance: Vec3) -> Option<Contribution> {
+        let seen = self.observed.as_ref().filter(|columns| columns.w[i] > 0.0)?;
+        let (index, area) = (seen.index[i], seen.area[i] != 0);
+        let (technique, r, w) = (Technique::Light, seen.r[i], seen.w[i]);
+        Some(Contribution { pixel: 0, technique, area, index, r, w, radiance })
+    }
+}

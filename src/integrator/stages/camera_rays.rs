@@ -1,0 +1,30 @@
+//! Where paths begin.
+
+use glam::Vec3;
+
+use crate::integrator::Transport;
+use crate::integrator::batch::PixelTask;
+use crate::integrator::queues::{Identity, PathRays};
+use crate::lanes::{F, LANES, NUMBERS, U, V3};
+use crate::sampling::{keys, pixel_seed, samples};
+
+/// Fills `rays` with `paths` camera rays for each pixel, in the ledger's order.
+#[inline(never)]
+pub fn begin(transport: &Transport, tasks: &[PixelTask], paths: u32, rays: &mut PathRays) {
+    rays.open(tasks.len() * paths as usize);
+    for task in tasks {
+        let seed = U::splat(pixel_seed(task.x, task.y, transport.seed));
+        for i in (0..paths).step_by(LANES) {
+            let n = LANES.min((paths - i) as usize);
+            let index = U::splat(task.first_path + i) + U::from(NUMBERS);
+            let [px, py, ..] = samples(seed, index, 0);
+            let x = transport.filter.offsets(px) + F::splat(task.x as f32 + 0.5);
+            let y = transport.filter.offsets(py) + F::splat(task.y as f32 + 0.5);
+            let path = U::splat(rays.len as u32) + U::from(NUMBERS);
+            let identity = Identity { path, index, branch: U::ZERO, seed };
+            let (ray, key) = (transport.camera.rays(x, y), keys(seed, index, 0));
+            rays.push(n, ray, key, V3::splat(Vec3::ONE), V3::ZERO, F::ZERO, identity);
+        }
+    }
+    rays.close();
+}

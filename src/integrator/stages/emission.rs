@@ -1,0 +1,113 @@
+//! Light that rays of the batch run into.
+
+use glam::Vec3;
+
+use super::{eight_of, observation, surfaces};
+use crate::balance::{Contribution, Counts, Technique};
+use crate::integrator::Transport;
+use crate::integrator::batch::PixelBatch;
+use crate::integrator::ledger::Ledger;
+use crate::integrator::queues::PathRays;
+use crate::lanes::LANES;
+use crate::light::area;
+use crate::rays::HitBatch;
+
+/// Adds the light of surfaces that the rays `emissive` hit.
+#[inline(never)]
+pub fn surfaces(
+    transport: &Transport,
+    depth: u32,
+    emissive: &[u32],
+    rays: &PathRays,
+    hits: &HitBatch,
+    ledger: &mut Ledger,
+    batch: &mut PixelBatch,
+) {
+    for ray in emissive.iter().map(|&ray| ray as usize) {
+        let point = surfaces::point(transport, hits, ray);
+        let material = point.material;
+        if material.unlit {
+            let found = Found { radiance: point.base_color(transport.scene), pdf: [0.0; 2] };
+            add(transport, depth, ray, found, rays, ledger, batch);
+            continue;
+        }
+        let direction = rays.rays.direction(ray);
+        if material.double_sided || point.ng.dot(direction) < 0.0 {
+            let hit = (hits.instance[ray], hits.mesh[ray], hits.prim[ray]);
+            let radiance = area::emission(transport.scene, point.mesh, hit.2, hits.u[ray], hits.v[ray]);
+            let from = (rays.rays.origin(ray), rays.normal.get(ray));
+            let pdf = match depth {
+                0 => 0.0,
+                _ => transport.lights.area_pdf(from, hit, direction, hits.t[ray]),
+            };
+            add(transport, depth, ray, Found { radiance, pdf: [0.0, pdf] }, rays, ledger, batch);
+        }
+    }
+}
+
+/// Adds the light from infinity along the rays `escaped`, which hit nothing.
+#[inline(never)]
+pub fn environment(
+    transport: &Transport,
+    depth: u32,
+    escaped: &[u32],
+    rays: &PathRays,
+    ledger: &mut Ledger,
+    batch: &mut PixelBatch,
+) {
+    if transport.lights.environment.is_none() {
+        return;
+    }
+    for at in (0..escaped.len()).step_by(LANES) {
+        let (rows, n) = eight_of(escaped, at);
+        let (radiance, pdf) = transport.lights.environment(rays.rays.directions(&rows));
+        for lane in 0..n {
+            let pdf = if depth == 0 { 0.0 } else { pdf.as_array()[lane] };
+            let found = Found { radiance: radiance.lane(lane), pdf: [pdf, 0.0] };
+            add(transport, depth, escaped[at + lane] as usize, found, rays, ledger, batch);
+        }
+    }
+}
+
+/// Light that a ray met.
+struct Found {
+    radiance: Vec3,
+    /// Density with which light samples would have found it: as the environment, as an area light. One of them is zero.
+    pdf: [f32; 2],
+}
+
+/// Adds light that a ray found, weighed against having been found by a light sample.
+#[inline]
+fn add(
+    transport: &Transport,
+    depth: u32,
+    ray: usize,
+    light: Found,
+    rays: &PathRays,
+    ledger: &mut Ledger,
+    batch: &mut PixelBatch,
+) {
+    let path = &mut ledger.paths[rays.path[ray] as usize];
+    let weighted_pdf = rays.weighted_pdf[ray];
+    let probability = transport.lights.environment_probability;
+    let [a_env, a_area, a_b] = if depth == 1 { path.rates } else { Counts::half(1).rates(probability) };
+    let weighted_light = a_env * light.pdf[0] + a_area * light.pdf[1];
+    let weight = if weighted_light > 0.0 { transport.heuristic.weight(weighted_pdf, weighted_light) } else { 1.0 };
+    let radiance = rays.beta.get(ray) * light.radiance * weight;
+    if !radiance.is_finite() || radiance == Vec3::ZERO {
+        return;
+    }
+    path.radiance += radiance;
+    if depth <= 1 {
+        path.direct += radiance;
+    } else {
+        ledger.branches[rays.branch[ray] as usize].indirect += radiance;
+    }
+    if depth == 1 && batch.observer.is_some() {
+        let pixel = path.pixel as usize;
+        let a_l = a_env + a_area;
+        let (w, r) = observation(radiance, weighted_light / a_l, weighted_pdf / a_b, a_l / (a_l + a_b));
+        let (index, area) = (rays.index[ray], batch.tasks[pixel].counts.environment.is_some() && light.pdf[1] > 0.0);
+        batch.tell(pixel, Contribution { pixel: 0, technique: Technique::Bsdf, area, index, r, w, radiance });
+    }
+}

@@ -1,0 +1,156 @@
+//! Which samples vertices take: as many as their path was dealt at first surfaces, one of each technique elsewhere.
+
+use super::super::batch::PixelTask;
+use crate::balance::Counts;
+use crate::integrator::Transport;
+use crate::integrator::ledger::Ledger;
+use crate::integrator::queues::Identity;
+use crate::integrator::vertices::Vertices;
+use crate::lanes::{F, LANES, Rows, U, eight, load_bits};
+
+/// What a light sample is toward.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Toward {
+    /// Not known before it draws.
+    Drawn,
+    /// The environment, by count.
+    Environment,
+    /// An area light, by count.
+    AreaLight,
+}
+
+/// One sample to take at a first surface.
+#[derive(Debug, Clone, Copy)]
+struct Request {
+    vertex: u32,
+    /// Which point of its pixel's sequence it is.
+    index: u32,
+    toward: Toward,
+}
+
+/// The samples that a batch of vertices takes of a technique.
+#[derive(Debug, Default)]
+pub struct Requests {
+    /// At first surfaces.
+    list: Vec<Request>,
+    /// Is the list meant? Else one sample at each vertex.
+    listed: bool,
+    len: usize,
+}
+
+/// Up to eight samples to take.
+pub struct RequestGroup {
+    /// At which vertices.
+    pub rows: Rows,
+    /// Of which path, and which point of its pixel's sequence each one is.
+    pub identity: Identity,
+    /// What light samples are toward: [`Toward`] as a number.
+    pub toward: U,
+    /// How many count.
+    pub len: usize,
+    /// Samples a path: toward the environment, toward area lights, of the BSDF.
+    pub rates: [F; 3],
+}
+
+/// Area lights have a sequence of their own where light samples are divided: its points are numbered from here.
+pub const AREA_SEQUENCE: u32 = 1 << 31;
+
+impl Requests {
+    /// How many samples.
+    pub fn count(&self) -> usize {
+        self.len
+    }
+
+    /// Light samples of the vertices at `depth` (0 for first surfaces).
+    pub fn light_samples(&mut self, depth: u32, vertices: &Vertices, ledger: &Ledger, tasks: &[PixelTask]) {
+        self.begin(depth, vertices);
+        for (vertex, path) in (0..).zip(&vertices.path[..if self.listed { vertices.len() } else { 0 }]) {
+            let path = &ledger.paths[*path as usize];
+            let task = &tasks[path.pixel as usize];
+            for number in path.first_light..path.first_light + u32::from(path.light) {
+                let (index, toward) = light_sample(task, number);
+                self.list.push(Request { vertex, index, toward });
+            }
+        }
+        self.end();
+    }
+
+    /// BSDF samples of the vertices at `depth`; none where paths end.
+    pub fn bsdf_samples(&mut self, depth: u32, max_depth: u32, vertices: &Vertices, ledger: &Ledger) {
+        self.begin(depth, vertices);
+        if depth + 1 >= max_depth {
+            self.len = 0;
+            return;
+        }
+        for (vertex, path) in (0..).zip(&vertices.path[..if self.listed { vertices.len() } else { 0 }]) {
+            let path = &ledger.paths[*path as usize];
+            let all = path.first_bsdf..path.first_bsdf + u32::from(path.bsdf);
+            self.list.extend(all.map(|index| Request { vertex, index, toward: Toward::Drawn }));
+        }
+        self.end();
+    }
+
+    fn begin(&mut self, depth: u32, vertices: &Vertices) {
+        self.list.clear();
+        self.listed = depth == 0;
+        self.len = vertices.len();
+    }
+
+    fn end(&mut self) {
+        if self.listed {
+            self.len = self.list.len();
+        }
+    }
+
+    /// The samples from `at` on.
+    #[inline(always)]
+    pub fn group(&self, transport: &Transport, vertices: &Vertices, ledger: &Ledger, at: usize) -> RequestGroup {
+        if !self.listed {
+            return one_each(transport, vertices, at);
+        }
+        let list = &self.list[at..self.list.len().min(at + LANES)];
+        let request = eight(|lane| list[lane.min(list.len() - 1)]);
+        let vertex = eight(|lane| request[lane].vertex);
+        let consecutive = list.windows(2).all(|t| t[1].vertex == t[0].vertex + 1);
+        let rows = if consecutive { Rows::From(vertex[0] as usize) } else { Rows::Each(vertex) };
+        // By vertex: beyond the last request columns hold whatever an earlier wave left there.
+        let paths = eight(|lane| &ledger.paths[vertices.path[vertex[lane] as usize] as usize]);
+        RequestGroup {
+            identity: Identity {
+                path: load_bits(&vertices.path, &rows),
+                index: U::from(eight(|lane| request[lane].index)),
+                branch: U::ZERO,
+                seed: load_bits(&vertices.seed, &rows),
+            },
+            toward: U::from(eight(|lane| request[lane].toward as u32)),
+            len: list.len(),
+            rates: [0, 1, 2].map(|t| F::from(eight(|lane| paths[lane].rates[t]))),
+            rows,
+        }
+    }
+}
+
+/// One sample at each of the vertices from `at` on.
+#[inline(always)]
+pub fn one_each(transport: &Transport, vertices: &Vertices, at: usize) -> RequestGroup {
+    let rows = Rows::From(at);
+    RequestGroup {
+        identity: vertices.identity(&rows),
+        toward: U::splat(Toward::Drawn as u32),
+        len: LANES.min(vertices.len() - at),
+        rates: Counts::half(1).rates(transport.lights.environment_probability).map(F::splat),
+        rows,
+    }
+}
+
+/// The point in its technique's sequence of light sample `number` of a pixel, and what it is toward: where they are
+/// divided, the first ones of a wave go to the environment.
+pub fn light_sample(task: &PixelTask, number: u32) -> (u32, Toward) {
+    let Some(environment) = task.counts.environment else { return (number, Toward::Drawn) };
+    let area_before = task.first_light - task.first_environment;
+    let area_from = task.first_light + environment;
+    if number < area_from {
+        return (number - area_before, Toward::Environment);
+    }
+    (AREA_SEQUENCE | (number - area_from + area_before), Toward::AreaLight)
+}

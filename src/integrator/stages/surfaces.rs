@@ -1,0 +1,100 @@
+//! From hits to vertices: points on surfaces that scatter.
+
+use super::eight_of;
+use crate::bsdf::{Lobes, MetallicRoughness};
+use crate::integrator::Transport;
+use crate::integrator::batch::PixelBatch;
+use crate::integrator::geometry::Point;
+use crate::integrator::ledger::Ledger;
+use crate::integrator::queues::{Identity, PathRays, SortedHits};
+use crate::integrator::vertices::{Group, Vertices};
+use crate::lanes::{F, LANES, Rows, V3, eight, load, load_bits};
+use crate::rays::{HitBatch, MISS};
+
+/// Where a ray hit.
+#[inline]
+pub fn point<'a>(transport: &'a Transport, hits: &HitBatch, ray: usize) -> Point<'a> {
+    let barycentric = (hits.u[ray], hits.v[ray]);
+    transport.geometry.point(transport.scene, hits.instance[ray], hits.mesh[ray], hits.prim[ray], barycentric)
+}
+
+/// Notes of camera rays that they hit something, and what, for the AOVs.
+#[inline(never)]
+pub fn observe(transport: &Transport, rays: &PathRays, hits: &HitBatch, ledger: &mut Ledger, batch: &mut PixelBatch) {
+    for ray in (0..rays.len).filter(|&ray| hits.mesh[ray] != MISS) {
+        let path = &mut ledger.paths[rays.path[ray] as usize];
+        path.covered = true;
+        let Some(aovs) = batch.aovs.get_mut(path.pixel as usize) else { continue };
+        let point = point(transport, hits, ray);
+        let toward = point.ng.dot(rays.rays.direction(ray));
+        let normal = point.ns.normalize_or_zero() * if toward > 0.0 { -1.0 } else { 1.0 };
+        aovs.add_surface(point.base_color(transport.scene), normal, hits.t[ray]);
+        (aovs.object, aovs.material) = (hits.instance[ray] + 1, point.mesh.material + 1);
+    }
+}
+
+/// Fills the vertices with the surfaces that scatter.
+pub fn vertices(transport: &Transport, sorted: &SortedHits, rays: &PathRays, hits: &HitBatch, vertices: &mut Vertices) {
+    vertices.open(rays.len, transport.materials.lambert);
+    for at in (0..sorted.plain.len()).step_by(LANES) {
+        plain(transport, &sorted.plain, at, rays, hits, vertices);
+    }
+    for at in (0..sorted.detailed.len()).step_by(LANES) {
+        detailed(transport, &sorted.detailed, at, rays, hits, vertices);
+    }
+}
+
+/// Vertices on surfaces without texture.
+#[inline(always)]
+fn plain(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hits: &HitBatch, vertices: &mut Vertices) {
+    let (rows, n) = eight_of(list, at);
+    let bits = |column: &[u32]| load_bits(column, &rows).to_array();
+    let (instance, mesh, prim) = (bits(&hits.instance), bits(&hits.mesh), bits(&hits.prim));
+    let barycentric = (load(&hits.u, &rows), load(&hits.v, &rows));
+    let points = transport.geometry.points(transport.scene, instance, mesh, prim, barycentric);
+    let models = eight(|lane| transport.materials.plain(mesh[lane]));
+    let lobes = if transport.materials.lambert { Lobes::gather_diffuse(models) } else { Lobes::gather(models) };
+    let group = Group {
+        position: points.position,
+        ng: points.ng,
+        ns: points.ns,
+        direction: rays.rays.directions(&rows),
+        beta: rays.beta.load(&rows),
+        origin_offset: points.origin_offset,
+        lobes,
+        identity: identity(rays, &rows),
+    };
+    vertices.push(n, &group);
+}
+
+/// Vertices on surfaces that have to be looked up one by one.
+fn detailed(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hits: &HitBatch, vertices: &mut Vertices) {
+    let (rows, n) = eight_of(list, at);
+    let each = match rows {
+        Rows::From(start) => std::array::from_fn(|lane| (start + lane) as u32),
+        Rows::Each(rows) => rows,
+    };
+    let points = each.map(|ray| point(transport, hits, ray as usize));
+    let models = points.map(|p| MetallicRoughness::new(&p.parameters(transport.scene)));
+    let group = Group {
+        position: V3::gather(points.map(|p| p.position)),
+        ng: V3::gather(points.map(|p| p.ng)),
+        ns: V3::gather(points.map(|p| p.ns)),
+        direction: rays.rays.directions(&rows),
+        beta: rays.beta.load(&rows),
+        origin_offset: F::from(points.map(|p| p.origin_offset)),
+        lobes: Lobes::gather(models.each_ref()),
+        identity: identity(rays, &rows),
+    };
+    vertices.push(n, &group);
+}
+
+#[inline(always)]
+fn identity(rays: &PathRays, rows: &Rows) -> Identity {
+    Identity {
+        path: load_bits(&rays.path, rows),
+        index: load_bits(&rays.index, rows),
+        branch: load_bits(&rays.branch, rows),
+        seed: load_bits(&rays.seed, rows),
+    }
+}
