@@ -14,7 +14,7 @@ fn settings() -> RenderSettings {
 
 fn film(stage: &Stage, settings: &RenderSettings, threads: usize) -> Film {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(|| render(&stage.scene, settings, &AtomicBool::new(false), &|_| ())).film
+    pool.install(|| render(&stage.scene, settings, &AtomicBool::new(false), &|_| ())).film()
 }
 
 /// Everything about a pixel, as text that differs when a bit differs.
@@ -82,7 +82,7 @@ fn a_raised_stop_flag_ends_the_render_with_what_there_is() {
         }
     });
     assert_eq!(rendered.stop, StopReason::Interrupted);
-    assert!(rendered.film.pixels.iter().all(|p| p.samples > 0 && p.samples < 1 << 20));
+    assert!(rendered.film().pixels.iter().all(|p| p.samples > 0 && p.samples < 1 << 20));
 }
 
 #[test]
@@ -91,7 +91,7 @@ fn time_and_noise_goals_stop_a_render() {
     let run = |settings: RenderSettings| render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ());
     let by_time = run(RenderSettings { spp: None, time: Some(0.2), ..settings() });
     assert_eq!(by_time.stop, StopReason::Time);
-    assert!(by_time.film.pixels.iter().all(|p| p.samples > 0));
+    assert!(by_time.film().pixels.iter().all(|p| p.samples > 0));
     let by_noise = run(RenderSettings { spp: None, noise: Some(0.05), ..settings() });
     assert_eq!(by_noise.stop, StopReason::Noise);
     assert!(by_noise.stats.noise <= 0.05);

@@ -12,7 +12,7 @@ const SEES: [(&str, &[&str]); 17] = [
     ("sampling", &[]),
     ("balance", &["sampling"]),
     ("bsdf", &["sampling"]),
-    ("scene", &[]),
+    ("scene", &["film"]),
     ("rays", &["scene"]),
     ("light", &["scene", "sampling"]),
     ("film", &[]),

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use bismar::film::exr_file;
-use bismar::render::saved::unpack;
+use bismar::render::checkpoint::unpack;
 
 use crate::helpers::program::{self, assert_same_bits, bits, expect, names, scene};
 

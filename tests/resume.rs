@@ -10,9 +10,10 @@ use std::time::{Duration, Instant};
 
 use bismar::film::exr_file;
 use bismar::rays::Backend;
-use bismar::render::saved::{fits, pack, unpack};
+use bismar::render::checkpoint::{fits, pack, unpack};
 use bismar::render::{
-    Balance, Checkpoint, Part, RenderSettings, RenderStats, Rendered, Run, Saved, StopReason, fresh_tiles, render, run,
+    Balance, Checkpoint, Part, RenderSettings, RenderStats, Rendered, RunOptions, Saved, StopReason, fresh_tiles,
+    render, run,
 };
 
 use crate::helpers::program::{self, assert_same_bits, bismar, bits, expect, names, paths, scene};
@@ -34,7 +35,7 @@ fn in_pieces(stage: &Stage, settings: &RenderSettings, tiles_a_session: u32) -> 
         };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1 + session as usize % 3).build().unwrap();
         let rendered = pool.install(|| {
-            let job = Run { stop: &stop, progress: &progress, began: Instant::now(), from, checkpoint: None };
+            let job = RunOptions { stop: &stop, progress: &progress, began: Instant::now(), from, checkpoint: None };
             run(&stage.scene, settings, job)
         });
         if rendered.stop != StopReason::Interrupted {
@@ -72,7 +73,7 @@ fn interruptions_anywhere_leave_no_trace() {
         let (pieces, sessions) = in_pieces(&stage, &settings, 2);
         assert!(sessions > 1, "{sessions}");
         assert_eq!(all_bits(&whole), all_bits(&pieces), "{balance:?} {crop:?} {part:?}");
-        assert_eq!(format!("{:?}", whole.film), format!("{:?}", pieces.film));
+        assert_eq!(format!("{:?}", whole.film()), format!("{:?}", pieces.film()));
         assert_eq!((whole.stats.paths, whole.stats.passes), (pieces.stats.paths, pieces.stats.passes));
         assert_eq!(whole.stats.noise, pieces.stats.noise);
     }
@@ -87,12 +88,12 @@ fn checkpoints_leave_no_trace_and_each_can_go_on() {
     let mut saved = Vec::new();
     let mut save = |r: &Rendered| saved.push((all_bits(r), r.stats));
     let checkpoint = Some(Checkpoint { seconds: 1e-3, save: &mut save });
-    let job = Run { stop: &stop, progress: &|_| (), began: Instant::now(), from: None, checkpoint };
+    let job = RunOptions { stop: &stop, progress: &|_| (), began: Instant::now(), from: None, checkpoint };
     assert_eq!(all_bits(&run(&stage.scene, &settings, job)), whole);
     assert!(saved.len() > 1, "{}", saved.len());
     for (bytes, stats) in saved.into_iter().step_by(2) {
         let from = Some(Saved { tiles: unpack(&bytes).unwrap(), stats });
-        let job = Run { stop: &stop, progress: &|_| (), began: Instant::now(), from, checkpoint: None };
+        let job = RunOptions { stop: &stop, progress: &|_| (), began: Instant::now(), from, checkpoint: None };
         assert_eq!(all_bits(&run(&stage.scene, &settings, job)), whole);
     }
 }
@@ -314,4 +315,44 @@ fn memory_that_would_not_suffice_is_told_before_loading() {
     assert!(program::stderr(&output).contains("SLURM_MEM_PER_NODE allows 600"), "{}", program::stderr(&output));
     expect(folder.path(), "render cornell.glb --size 40x30 --spp 1 --memory-limit 500M -q", 0);
     assert_eq!(names(folder.path()), ["cornell.exr", "cornell.glb"]);
+}
+
+/// A file that bismar wrote when its format was 2 (`tests/data/format2`, packed with LZ4), of `showpiece.glb`.
+fn of_format_2(folder: &Path, name: &str) {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/format2").join(format!("{name}.lz4"));
+    let bytes = lz4_flex::decompress_size_prepended(&fs::read(data).unwrap()).unwrap();
+    fs::write(folder.join(name), bytes).unwrap();
+}
+
+#[test]
+fn files_of_format_2_are_known_go_on_and_merge_to_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name);
+    fs::copy(scene("showpiece.glb"), file("showpiece.glb")).unwrap();
+    ["kl-1.exr", "kl-2.exr", "progressive.exr"].iter().for_each(|name| of_format_2(folder.path(), name));
+
+    let kl = "render showpiece.glb --rays obvhs --size 17x3 --balance kl --aov depth,direct";
+    for part in [1, 2] {
+        let line = format!("{kl} --spp 64 --part {part}/2 --resume -o kl-{part}.exr");
+        let said = expect(folder.path(), &line, 0);
+        assert!(said.contains("finished before, with 64 spp"), "{said}");
+        let said = expect(folder.path(), &format!("{line} --seed 3"), 65);
+        assert!(said.contains("different seed (0 there, 3 here)"), "{said}");
+    }
+    for spp in [64, 128] {
+        for part in [1, 2] {
+            let line = format!("{kl} --spp {spp} --part {part}/2 --resume -o kl-{part}.exr -q");
+            expect(folder.path(), &line, 0);
+        }
+        expect(folder.path(), "merge kl-1.exr kl-2.exr -o merged.exr -q", 0);
+        expect(folder.path(), &format!("{kl} --spp {spp} -o whole.exr -q"), 0);
+        assert_same_bits(&file("merged.exr"), &file("whole.exr"));
+    }
+
+    let progressive = "render showpiece.glb --rays obvhs --size 6x6";
+    let said = expect(folder.path(), &format!("{progressive} --spp 128 --resume -o progressive.exr"), 0);
+    assert!(said.contains("finished before, with 128 spp"), "{said}");
+    expect(folder.path(), &format!("{progressive} --spp 256 --resume -o progressive.exr -q"), 0);
+    expect(folder.path(), &format!("{progressive} --spp 256 -o whole.exr -q"), 0);
+    assert_same_bits(&file("progressive.exr"), &file("whole.exr"));
 }

@@ -15,7 +15,7 @@ use clap::{ArgAction, Args, Command, FromArgMatches, ValueHint};
 use serde_json::json;
 use tracing::info;
 
-use super::render::{Done, Earlier, Inputs, Loaded, RenderArgs, Session, check_outputs, pool};
+use super::render::{Done, Inputs, Loaded, RenderArgs, Session, check_outputs, pool};
 use super::signals::Signals;
 use super::stats::Stats;
 use super::{Verbosity, Verdict, host, print, say};
@@ -23,6 +23,7 @@ use crate::batch::file::{self, Flag, Job};
 use crate::batch::queue::{Shelf, each};
 use crate::batch::report::{Entry, Report, Status};
 use crate::film::atomic;
+use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
 use overview::Overview;
 

@@ -10,11 +10,12 @@ use clap::parser::ValueSource;
 use clap::{ArgAction, Args, Command, FromArgMatches, Subcommand, ValueEnum, ValueHint};
 use serde_json::json;
 
-use super::render::{Earlier, RenderArgs};
+use super::render::RenderArgs;
 use super::{Verdict, batch, print, print_json, say};
 use crate::farm::slurm::{self, Ask, quoted};
 use crate::farm::{PLAN, Plan, Render, Task, openjd};
 use crate::film::atomic;
+use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
 
 /// Render on many machines (docs/farm.md).
@@ -344,7 +345,7 @@ fn status(args: &StatusArgs) -> Result<Verdict> {
 
 fn is_finished(path: &Path) -> bool {
     let earlier = Earlier::read(path).ok().flatten();
-    earlier.is_some_and(|e| e.settings().is_some_and(|s| e.is_done(s.spp, s.time, s.noise)))
+    earlier.is_some_and(|e| e.record.is_done(&e.record.identity.settings))
 }
 
 fn state(plan: &Plan, number: usize, task: &Task) -> State {
@@ -356,7 +357,8 @@ fn state(plan: &Plan, number: usize, task: &Task) -> State {
     let percent = |line: &str| line.strip_prefix("PROGRESS: ")?.strip_suffix('%')?.parse::<f64>().ok();
     let said = log.lines().rev().find_map(percent).map_or(0.0, |p| p / 100.0);
     let earlier = Earlier::read(&task.output).ok().flatten();
-    let saved = earlier.and_then(|e| Some(f64::from(e.paths()) / f64::from(e.settings()?.spp?))).unwrap_or(0.0);
+    let saved = earlier.and_then(|e| Some(f64::from(e.record.paths) / f64::from(e.record.identity.settings.spp?)));
+    let saved = saved.unwrap_or(0.0);
     let error = log.lines().rev().find(|line| !line.starts_with("PROGRESS")).and_then(|l| l.strip_prefix("error: "));
     let begun = !log.is_empty() || task.output.exists();
     State {

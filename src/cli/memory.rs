@@ -3,8 +3,8 @@
 use std::env;
 
 use super::host;
-use crate::film::{AovSums, PixelStats};
 use crate::rays::Backend;
+use crate::render::tile::{Columns, Tile};
 use crate::scene::import::Survey;
 use crate::{Error, Result};
 
@@ -32,6 +32,8 @@ pub struct Need<'a> {
     pub environment_bytes: u64,
     /// Of the window.
     pub pixels: u64,
+    /// What each of them keeps.
+    pub columns: Columns,
     /// Are statistics saved?
     pub saves: bool,
     /// What traces rays.
@@ -60,13 +62,12 @@ impl Need<'_> {
                 Backend::Embree => EMBREE_TRIANGLE,
                 Backend::Obvhs => OBVHS_TRIANGLE,
             };
-        let tile = size_of::<PixelStats>() + size_of::<AovSums>() + 76;
-        let film = size_of::<PixelStats>() + size_of::<AovSums>();
-        // Twelve channels of the picture on their way into its file; statistics as bytes and as words.
-        let saving = 12 * 4 + if self.saves { 3 * tile } else { 0 };
+        let tile = Tile::bytes_a_pixel(self.columns);
+        // Pictures are written from tiles; statistics are packed first, and seldom to more than half.
+        let saving = if self.saves { tile / 2 } else { 0 };
         let loading = s.file_bytes;
         let scene = s.file_bytes + s.geometry_bytes + s.image_bytes + self.environment_bytes;
-        let a_pixel = (tile + film + saving) as u64;
+        let a_pixel = (tile + saving) as u64;
         PROGRAM + self.threads as u64 * A_THREAD + scene + loading.max(s.triangles * a_triangle) + self.pixels * a_pixel
     }
 }

@@ -11,15 +11,15 @@ use std::time::Instant;
 use tracing::{info, warn};
 
 pub use args::{RenderArgs, Size, threads};
-pub use identity::{Earlier, Files, Inputs, attributes};
+pub use identity::{Files, Inputs};
 pub use session::{Done, Loaded, Session};
 
 use super::progress::{Reporter, Style};
 use super::signals::Signals;
 use super::{Verbosity, Verdict, host, print, say};
 use crate::film::atomic;
+use crate::scene::Scene;
 use crate::scene::import::{ImportOptions, NoteKind};
-use crate::scene::{Environment, Scene};
 use crate::{Error, Result};
 
 pub fn run(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
@@ -110,17 +110,13 @@ fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {
     } else if let Some(file) = &files.environment {
         scene.environment = Some(file.decode(args.env_rotate, args.env_strength)?);
     }
-    let lit = scene.environment.is_some()
-        || !scene.lights.is_empty()
-        || scene.materials.iter().any(|m| m.is_emissive() || m.unlit);
     let name = args.scene.display();
-    match (lit, args.no_env) {
-        (true, _) => {}
-        (false, true) => warn!("{name} has no light and --no-env takes the sky away: the picture will be black"),
-        (false, false) => {
-            warn!("{name} has no light: a plain white sky lights it (--env FILE chooses another)");
-            scene.environment = Some(Environment::constant([1.0; 3]));
+    if args.no_env {
+        if !scene.is_lit() {
+            warn!("{name} has no light and --no-env takes the sky away: the picture will be black");
         }
+    } else if scene.light_if_dark() {
+        warn!("{name} has no light: a plain white sky lights it (--env FILE chooses another)");
     }
     Ok(scene)
 }

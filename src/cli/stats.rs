@@ -5,13 +5,14 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::host;
+use crate::Result;
 use crate::film::atomic;
 use crate::film::exr_file::{Header, HeaderValue};
 use crate::rays::BackendInfo;
-use crate::render::tile::Tile;
+use crate::render::checkpoint::json;
+use crate::render::stats::Samples;
 use crate::render::{RenderSettings, Rendered, StopReason};
 use crate::scene::Scene;
-use crate::{Error, Result};
 
 /// Raised when a field changes its meaning or goes away.
 const SCHEMA: u32 = 1;
@@ -76,16 +77,6 @@ struct Backend {
 }
 
 #[derive(Debug, Clone, Copy, Serialize)]
-struct Samples {
-    paths: u64,
-    passes: u32,
-    pixels: u64,
-    pixel_min: u32,
-    pixel_mean: f64,
-    pixel_max: u32,
-}
-
-#[derive(Debug, Clone, Copy, Serialize)]
 struct Rays {
     camera: u64,
     first_bounce: u64,
@@ -94,41 +85,9 @@ struct Rays {
     total: u64,
 }
 
-/// Fewest and most paths of the pixels.
-pub fn sample_range(tiles: &[Tile]) -> (u32, u32) {
-    let paths = tiles.iter().map(Tile::paths);
-    (paths.clone().min().unwrap_or(0), paths.max().unwrap_or(0))
-}
-
 /// The file's name without its folders.
 pub fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-impl Samples {
-    fn of(settings: &RenderSettings, rendered: &Rendered) -> Self {
-        let (pixel_min, pixel_max) = sample_range(&rendered.tiles);
-        let pixels = rendered.tiles.iter().map(|t| t.inside(settings.window()).count() as u64).sum();
-        // A window's outermost tiles are traced whole.
-        let traced: usize = rendered.tiles.iter().map(Tile::pixels).sum();
-        let stats = &rendered.stats;
-        let pixel_mean = stats.paths as f64 / traced.max(1) as f64;
-        Self { paths: stats.paths, passes: stats.passes, pixels, pixel_min, pixel_mean, pixel_max }
-    }
-}
-
-/// Header attributes that settings and tiles alone decide.
-///
-/// # Errors
-/// [`Error::Bug`] if JSON cannot say it.
-pub fn counts_header(settings: &RenderSettings, rendered: &Rendered) -> Result<Header> {
-    Ok(vec![
-        ("bismar.settings".into(), HeaderValue::Text(json(settings)?)),
-        ("bismar.seed".into(), HeaderValue::Number(settings.seed.into())),
-        ("bismar.samples".into(), HeaderValue::Text(json(&Samples::of(settings, rendered))?)),
-        ("bismar.stop".into(), HeaderValue::Text(json(&rendered.stop)?.trim_matches('"').to_owned())),
-        ("bismar.noise".into(), HeaderValue::Number(rendered.stats.noise)),
-    ])
 }
 
 impl Stats {
@@ -136,13 +95,12 @@ impl Stats {
     pub fn new(
         scene_path: &Path,
         scene: &Scene,
-        settings: &RenderSettings,
         backend: &BackendInfo,
         threads: usize,
         rendered: &Rendered,
         seconds: Seconds,
     ) -> Self {
-        let stats = &rendered.stats;
+        let Rendered { settings, stats, .. } = rendered;
         let mega_per_second = |count: u64| count as f64 / stats.render_seconds.max(1e-9) / 1e6;
         Self {
             schema: SCHEMA,
@@ -165,7 +123,7 @@ impl Stats {
             threads,
             stop: rendered.stop,
             noise: stats.noise,
-            samples: Samples::of(settings, rendered),
+            samples: Samples::of(rendered),
             seconds,
             rays: Rays {
                 camera: stats.camera_rays,
@@ -183,11 +141,11 @@ impl Stats {
         }
     }
 
-    /// Header attributes of the picture.
+    /// Header attributes of the picture, beside those of its record.
     ///
     /// # Errors
     /// [`Error::Bug`] if JSON cannot say it.
-    pub fn header(&self, rendered: &Rendered) -> Result<Header> {
+    pub fn header(&self) -> Result<Header> {
         let text = |s: &str| HeaderValue::Text(s.to_owned());
         // Writing has not happened yet.
         let Seconds { read, build, render, .. } = self.seconds;
@@ -196,12 +154,11 @@ impl Stats {
             ("bismar.version".into(), text(self.version)),
             ("bismar.scene".into(), text(&self.scene)),
             ("bismar.camera".into(), text(&self.camera)),
-            ("bismar.backend".into(), HeaderValue::Text(json(&self.backend)?)),
-            ("bismar.seconds".into(), HeaderValue::Text(json(&phases)?)),
+            ("bismar.backend".into(), json(&self.backend)?),
+            ("bismar.seconds".into(), json(&phases)?),
         ];
-        header.extend(counts_header(&self.settings, rendered)?);
         if let Some(sky) = &self.environment {
-            header.push(("bismar.environment".into(), HeaderValue::Text(json(sky)?)));
+            header.push(("bismar.environment".into(), json(sky)?));
         }
         Ok(header)
     }
@@ -238,8 +195,4 @@ impl Stats {
             self.seconds.render, self.noise, self.mpaths_per_second, self.mrays_per_second
         )
     }
-}
-
-fn json(value: &impl Serialize) -> Result<String> {
-    serde_json::to_string(value).map_err(|e| Error::Bug(format!("JSON: {e}")))
 }

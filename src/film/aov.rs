@@ -1,6 +1,6 @@
 //! Arbitrary output variables: what a picture file may hold beside the beauty.
 
-use super::{AovSums, Film, PixelStats};
+use super::{AovSums, PixelStats};
 
 /// An output beside R, G, B and A. Channels are named `layer.channel`, in the letters that Blender, Nuke and tev
 /// know: R, G, B for colours, X, Y, Z for vectors, Z for depth, V for a single value.
@@ -28,12 +28,36 @@ pub enum Aov {
     Material,
 }
 
-/// One channel's values, row-major over the film's window.
-pub enum Channel {
-    /// 32-bit floats.
-    Float(Vec<f32>),
-    /// 32-bit unsigned integers.
-    Uint(Vec<u32>),
+/// How a channel's value follows from what a pixel has collected.
+#[derive(Clone, Copy)]
+pub enum Value {
+    /// A 32-bit float; the last argument is the component.
+    Float(fn(&PixelStats, &AovSums, usize) -> f32),
+    /// A 32-bit unsigned integer.
+    Uint(fn(&PixelStats, &AovSums) -> u32),
+}
+
+/// One channel of a picture file.
+pub struct Channel {
+    /// As the file names it.
+    pub name: String,
+    /// Which of its layer's letters it is, from 0.
+    pub component: usize,
+    /// What it shows.
+    pub value: Value,
+}
+
+/// R, G, B and A.
+pub fn beauty() -> Vec<Channel> {
+    let coverage = Value::Float(|p, _, _| p.covered as f32 / p.samples.max(1) as f32);
+    let mut channels = layer("", "RGB", Value::Float(|p, _, c| p.mean()[c]));
+    channels.extend(layer("", "A", coverage));
+    channels
+}
+
+fn layer(prefix: &str, letters: &str, value: Value) -> Vec<Channel> {
+    let channel = |(component, letter)| Channel { name: format!("{prefix}{letter}"), component, value };
+    letters.chars().enumerate().map(channel).collect()
 }
 
 impl Aov {
@@ -45,56 +69,39 @@ impl Aov {
         list.split(',').filter_map(|name| <Aov as clap::ValueEnum>::from_str(name, false).ok()).collect()
     }
 
-    /// Does it need [`Film::aovs`]?
+    /// Does it need [`AovSums`]?
     pub fn needs_sums(self) -> bool {
         !matches!(self, Aov::Variance | Aov::Samples | Aov::Balance)
     }
 
-    /// Its channels with their full names. Empty if it needs sums that the film has not kept.
-    pub fn channels(self, film: &Film) -> Vec<(String, Channel)> {
-        if self.needs_sums() && film.aovs.len() != film.pixels.len() {
+    /// Its channels with their full names. Empty if it needs sums that are not there.
+    pub fn channels(self, with_sums: bool) -> Vec<Channel> {
+        if self.needs_sums() && !with_sums {
             return Vec::new();
         }
-        let (layer, letters) = match self {
-            Aov::Albedo => ("albedo", "RGB"),
-            Aov::Normal => ("normal", "XYZ"),
-            Aov::Depth => ("depth", "Z"),
-            Aov::Direct => ("direct", "RGB"),
-            Aov::Indirect => ("indirect", "RGB"),
-            Aov::Variance => ("variance", "RGB"),
-            Aov::Samples => ("samples", "V"),
-            Aov::Balance => ("balance", "V"),
-            Aov::Object => ("object", "V"),
-            Aov::Material => ("material", "V"),
+        let (name, letters, value) = match self {
+            Aov::Albedo => ("albedo.", "RGB", Value::Float(|p, a, c| mean(p, a.albedo[c]))),
+            Aov::Normal => ("normal.", "XYZ", Value::Float(|p, a, c| mean(p, a.normal[c]))),
+            Aov::Depth => ("depth.", "Z", Value::Float(depth)),
+            Aov::Direct => ("direct.", "RGB", Value::Float(|p, a, c| mean(p, a.direct[c]))),
+            Aov::Indirect => ("indirect.", "RGB", Value::Float(|p, a, c| mean(p, a.indirect[c]))),
+            Aov::Variance => ("variance.", "RGB", Value::Float(|p, _, c| p.variance_of_mean()[c])),
+            Aov::Samples => ("samples.", "V", Value::Uint(|p, _| p.samples)),
+            Aov::Balance => ("balance.", "V", Value::Float(|p, _, _| p.balance)),
+            Aov::Object => ("object.", "V", Value::Uint(|_, a| a.object)),
+            Aov::Material => ("material.", "V", Value::Uint(|_, a| a.material)),
         };
-        let channels = letters.chars().enumerate();
-        channels.map(|(c, letter)| (format!("{layer}.{letter}"), self.channel(film, c))).collect()
+        layer(name, letters, value)
     }
+}
 
-    fn channel(self, film: &Film, c: usize) -> Channel {
-        let pixel = |f: fn(&PixelStats, usize) -> f32| Channel::Float(film.pixels.iter().map(|p| f(p, c)).collect());
-        let mean = |f: fn(&AovSums, usize) -> f32| {
-            let both = film.aovs.iter().zip(&film.pixels);
-            Channel::Float(both.map(|(a, p)| f(a, c) / p.samples.max(1) as f32).collect())
-        };
-        match self {
-            Aov::Albedo => mean(|a, c| a.albedo[c]),
-            Aov::Normal => mean(|a, c| a.normal[c]),
-            Aov::Direct => mean(|a, c| a.direct[c]),
-            Aov::Indirect => mean(|a, c| a.indirect[c]),
-            Aov::Depth => {
-                let both = film.aovs.iter().zip(&film.pixels);
-                let depth = |(a, p): (&AovSums, &PixelStats)| match p.covered {
-                    0 => f32::INFINITY,
-                    n => a.depth / n as f32,
-                };
-                Channel::Float(both.map(depth).collect())
-            }
-            Aov::Variance => pixel(|p, c| p.variance_of_mean()[c]),
-            Aov::Balance => pixel(|p, _| p.balance),
-            Aov::Samples => Channel::Uint(film.pixels.iter().map(|p| p.samples).collect()),
-            Aov::Object => Channel::Uint(film.aovs.iter().map(|a| a.object).collect()),
-            Aov::Material => Channel::Uint(film.aovs.iter().map(|a| a.material).collect()),
-        }
+fn mean(pixel: &PixelStats, sum: f32) -> f32 {
+    sum / pixel.samples.max(1) as f32
+}
+
+fn depth(pixel: &PixelStats, sums: &AovSums, _: usize) -> f32 {
+    match pixel.covered {
+        0 => f32::INFINITY,
+        n => sums.depth / n as f32,
     }
 }

@@ -7,6 +7,11 @@ use super::exr_file::Picture;
 /// Added to the reference's square in [`Comparison::rel_mse`], so that black pixels do not rule.
 pub const REL_MSE_EPSILON: f64 = 0.01;
 
+/// What relMSE divides a squared difference by, for a reference's value.
+pub fn relative_to(reference: f64) -> f64 {
+    reference * reference + REL_MSE_EPSILON
+}
+
 /// The share of a standard normal distribution with |z| > 3.
 pub const NORMAL_BEYOND_3: f64 = 0.002_699_796;
 
@@ -80,7 +85,7 @@ pub fn compare(a: &Picture, b: &Picture) -> Result<Comparison, String> {
             let (x, y) = (f64::from(x[c]), f64::from(y[c]));
             let d = x - y;
             squared += d * d;
-            relative += d * d / (y * y + REL_MSE_EPSILON);
+            relative += d * d / relative_to(y);
             absolute += d.abs();
             bias[c] += d;
             reference_mean[c] += y;

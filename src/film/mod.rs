@@ -47,7 +47,22 @@ pub struct AovSums {
     pub material: u32,
 }
 
-/// The statistics of a picture's window.
+/// What the pixels of a picture's window have collected, wherever it is kept: what files are written from.
+pub trait Pixels: Sync {
+    /// Whole picture's pixels a row, and rows.
+    fn size(&self) -> [u32; 2];
+
+    /// The window that is kept: x0, y0, x1, y1 with x1 and y1 exclusive.
+    fn window(&self) -> [u32; 4];
+
+    /// Are there sums for AOVs?
+    fn has_aovs(&self) -> bool;
+
+    /// Of the pixel in column x and row y of the whole picture, inside the window. Without sums for AOVs, zeros.
+    fn at(&self, x: u32, y: u32) -> (PixelStats, AovSums);
+}
+
+/// The statistics of a picture's window, row by row.
 #[derive(Debug, Clone, Default)]
 pub struct Film {
     /// Whole picture's pixels a row.
@@ -63,6 +78,9 @@ pub struct Film {
 }
 
 impl PixelStats {
+    /// Of a pixel without paths.
+    pub const EMPTY: Self = Self { samples: 0, sum: [0.0; 3], sum_squared: [0.0; 3], covered: 0, balance: 0.5 };
+
     /// Adds a path's radiance; `covered` if its camera ray hit a surface.
     #[inline]
     pub fn add(&mut self, radiance: Vec3, covered: bool) {
@@ -140,6 +158,18 @@ impl AovSums {
 }
 
 impl Film {
+    /// A copy of pixels.
+    pub fn of(pixels: &dyn Pixels) -> Self {
+        let window @ [x0, y0, x1, y1] = pixels.window();
+        let [width, height] = pixels.size();
+        let places = (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y)));
+        let (stats, mut aovs): (Vec<_>, Vec<_>) = places.map(|(x, y)| pixels.at(x, y)).unzip();
+        if !pixels.has_aovs() {
+            aovs = Vec::new();
+        }
+        Self { width, height, window, pixels: stats, aovs }
+    }
+
     /// An empty film.
     pub fn new(width: u32, height: u32, window: [u32; 4], with_aovs: bool) -> Self {
         let n = (window[2] - window[0]) as usize * (window[3] - window[1]) as usize;
@@ -147,8 +177,28 @@ impl Film {
             width,
             height,
             window,
-            pixels: vec![PixelStats { balance: 0.5, ..Default::default() }; n],
+            pixels: vec![PixelStats::EMPTY; n],
             aovs: if with_aovs { vec![AovSums::default(); n] } else { Vec::new() },
         }
+    }
+}
+
+impl Pixels for Film {
+    fn size(&self) -> [u32; 2] {
+        [self.width, self.height]
+    }
+
+    fn window(&self) -> [u32; 4] {
+        self.window
+    }
+
+    fn has_aovs(&self) -> bool {
+        !self.aovs.is_empty()
+    }
+
+    fn at(&self, x: u32, y: u32) -> (PixelStats, AovSums) {
+        let [x0, y0, x1, _] = self.window;
+        let i = (y - y0) as usize * (x1 - x0) as usize + (x - x0) as usize;
+        (self.pixels[i], self.aovs.get(i).copied().unwrap_or_default())
     }
 }

@@ -6,16 +6,18 @@ use std::path::Path;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 
-use super::{Film, View, atomic};
+use super::{Pixels, View, atomic};
 use crate::Result;
 
-/// Writes a film's beauty through a view transform, over the window that the film keeps.
+/// Writes the beauty through a view transform, over the window that is kept.
 ///
 /// # Errors
 /// As [`atomic::write`].
-pub fn write(path: &Path, film: &Film, view: View, exposure_ev: f32) -> Result<()> {
-    let [x0, y0, x1, y1] = film.window;
-    let bytes = film.pixels.iter().flat_map(|p| view.apply(p.mean(), exposure_ev).map(to_byte)).collect::<Vec<_>>();
+pub fn write(path: &Path, pixels: &dyn Pixels, view: View, exposure_ev: f32) -> Result<()> {
+    let [x0, y0, x1, y1] = pixels.window();
+    let places = (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y)));
+    let bytes =
+        places.flat_map(|(x, y)| view.apply(pixels.at(x, y).0.mean(), exposure_ev).map(to_byte)).collect::<Vec<_>>();
     write_rgb8(path, x1 - x0, y1 - y0, &bytes)
 }
 
@@ -41,6 +43,7 @@ pub fn to_byte(x: f32) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::film::Film;
 
     #[test]
     fn a_preview_has_the_windows_size_and_the_views_colours() {

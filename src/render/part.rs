@@ -38,7 +38,7 @@ impl Part {
     /// The tiles of a picture's window that are this part's. Parts are of equal size, give or take a tile, and
     /// interleaved along a Z-order curve: neighbours, which cost alike, go to different parts.
     pub fn of(self, mut all: Vec<Tile>) -> Vec<Tile> {
-        all.sort_by_cached_key(|tile| z_order(tile.place()));
+        all.sort_by_cached_key(|tile| z_order(tile.grid_position()));
         let mine = |(i, _): &(usize, Tile)| *i as u32 % self.of == self.number - 1;
         let mut tiles: Vec<_> = all.into_iter().enumerate().filter(mine).map(|(_, tile)| tile).collect();
         in_rows(&mut tiles);
@@ -49,7 +49,7 @@ impl Part {
 /// Sorts tiles as [`Tile::cover`] lists them: row by row.
 pub fn in_rows(tiles: &mut [Tile]) {
     tiles.sort_by_key(|tile| {
-        let [x, y] = tile.place();
+        let [x, y] = tile.grid_position();
         (y, x)
     });
 }
@@ -73,14 +73,14 @@ mod tests {
             (width, height, of) in (1u32..400, 1u32..400, 1u32..40), corner in (0u32..100, 0u32..100)
         ) {
             let window = [corner.0.min(width - 1), corner.1.min(height - 1), width, height];
-            let all: Vec<_> = Tile::cover(width, height, window, NONE).iter().map(Tile::place).collect();
+            let all: Vec<_> = Tile::cover(width, height, window, NONE).iter().map(Tile::grid_position).collect();
             let parts: Vec<_> =
                 (1..=of).map(|number| Part { number, of }.of(Tile::cover(width, height, window, NONE))).collect();
             let sizes = parts.iter().map(Vec::len);
             prop_assert!(sizes.clone().max().unwrap() - sizes.min().unwrap() <= 1);
             let mut joined: Vec<_> = parts.into_iter().flatten().collect();
             in_rows(&mut joined);
-            prop_assert_eq!(joined.iter().map(Tile::place).collect::<Vec<_>>(), all);
+            prop_assert_eq!(joined.iter().map(Tile::grid_position).collect::<Vec<_>>(), all);
         }
     }
 

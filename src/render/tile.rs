@@ -128,8 +128,28 @@ impl Tile {
         all.filter(move |(_, p)| (x0..x1).contains(&p.x) && (y0..y1).contains(&p.y)).map(|(i, p)| (p.x, p.y, i))
     }
 
+    /// What its pixel number `i` has collected, row by row. Without sums for AOVs, zeros.
+    pub fn at(&self, i: usize) -> (PixelStats, AovSums) {
+        (self.stats[i], self.aovs.get(i).copied().unwrap_or_default())
+    }
+
+    /// Adds independent paths of the same pixels.
+    pub fn join(&mut self, other: &Tile) {
+        self.stats.iter_mut().zip(&other.stats).for_each(|(own, more)| own.join(more));
+        self.aovs.iter_mut().zip(&other.aovs).for_each(|(own, more)| own.join(more));
+    }
+
+    /// Bytes of memory that a pixel takes with these columns.
+    pub fn bytes_a_pixel(columns: Columns) -> usize {
+        let column = |there: bool, bytes: usize| if there { bytes } else { 0 };
+        size_of::<TilePixel>()
+            + size_of::<PixelStats>()
+            + column(columns.moments, size_of::<Moments>())
+            + column(columns.aovs, size_of::<AovSums>())
+    }
+
     /// Its place in the picture's grid of tiles: column and row.
-    pub fn place(&self) -> [u32; 2] {
+    pub fn grid_position(&self) -> [u32; 2] {
         self.pixels.first().map_or([0; 2], |p| [p.x / TILE, p.y / TILE])
     }
 

@@ -48,6 +48,21 @@ impl Scene {
         self.objects[object as usize].meshes.clone().map(|mesh| self.meshes[mesh as usize].indices.len()).sum()
     }
 
+    /// Does anything in it shine, or show without light?
+    pub fn is_lit(&self) -> bool {
+        let glows = self.materials.iter().any(|m| m.is_emissive() || m.unlit);
+        glows || self.environment.is_some() || !self.lights.is_empty()
+    }
+
+    /// Lights a scene in which nothing shines by a plain white sky; says whether it did.
+    pub fn light_if_dark(&mut self) -> bool {
+        let dark = !self.is_lit();
+        if dark {
+            self.environment = Some(Environment::constant([1.0; 3]));
+        }
+        dark
+    }
+
     /// Radius in metres of a sphere around everything, 0 for an empty scene.
     pub fn radius(&self) -> f32 {
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);

@@ -117,7 +117,7 @@ impl Stage {
     pub fn green(&self, settings: &RenderSettings) -> Vec<f64> {
         let stop = AtomicBool::new(false);
         let rendered = render(&self.scene, settings, &stop, &|_| ());
-        rendered.film.pixels.iter().map(|p| p.sum[1] / f64::from(p.samples)).collect()
+        rendered.film().pixels.iter().map(|p| p.sum[1] / f64::from(p.samples)).collect()
     }
 
     /// Mean over `replicas` renders, seeds from `settings.seed` on, of the picture's mean green.

@@ -10,6 +10,7 @@ use crate::cli::progress::Style;
 use crate::farm::PathMapping;
 use crate::film::{Aov, View};
 use crate::rays::Backend;
+use crate::render::identity::Asked;
 use crate::render::{Balance, Integrator, Part, PixelFilter, RenderSettings};
 use crate::{Error, Result};
 
@@ -157,6 +158,30 @@ impl RenderArgs {
     pub fn spp(&self) -> Option<u32> {
         let unlimited = self.spp.is_none() && self.time.is_none() && self.noise.is_none();
         if unlimited { RenderSettings::default().spp } else { self.spp }
+    }
+
+    /// What tells its file from others' before a scene is loaded.
+    pub fn asked(&self) -> Asked {
+        Asked { camera: self.camera.clone(), size: self.size.map(|s| [s.0, s.1]), aovs: self.aov_names() }
+    }
+
+    /// What it asks for, but for camera, width and height: they are the scene's to say.
+    pub fn settings(&self) -> RenderSettings {
+        RenderSettings {
+            crop: self.crop.map(|c| c.0),
+            integrator: self.integrator,
+            max_depth: self.max_depth,
+            spp: self.spp(),
+            time: self.time,
+            noise: self.noise,
+            balance: self.balance,
+            pilot: self.pilot,
+            seed: self.seed,
+            filter: self.filter,
+            aovs: self.aovs().iter().any(|a| a.needs_sums()),
+            part: self.part,
+            ..RenderSettings::default()
+        }
     }
 
     /// With its paths as they are on this machine.

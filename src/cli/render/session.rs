@@ -9,17 +9,18 @@ use std::time::Instant;
 
 use tracing::{info, warn};
 
-use super::identity::{self, Earlier, Inputs};
+use super::identity::Inputs;
 use super::{RenderArgs, choose, make_scene};
 use crate::cli::memory::{self, Need};
 use crate::cli::signals::no_progress;
-use crate::cli::stats::{Seconds, Stats, sample_range};
-use crate::film::exr_file::{self, HeaderValue};
+use crate::cli::stats::{Seconds, Stats};
 use crate::film::preview;
 use crate::integrator::PreparedScene;
 use crate::rays;
-use crate::render::saved::{Saved, pack};
-use crate::render::{Checkpoint, Fingerprint, Progress, RenderSettings, Rendered, Run, StopReason, fresh_tiles, run};
+use crate::render::checkpoint::{self, Earlier, Host};
+use crate::render::{
+    Checkpoint, Identity, Progress, Record, RenderSettings, Rendered, RunOptions, Saved, StopReason, fresh_tiles, run,
+};
 use crate::scene::Scene;
 use crate::{Error, Result};
 
@@ -97,18 +98,19 @@ impl Session<'_> {
         if !self.args.resume {
             return Ok(None);
         }
-        let Some(earlier) = Earlier::read(&output)? else { return Ok(None) };
-        let answered = earlier.answers(&self.inputs.request(self.args), self.args.part) && self.is_done(&earlier);
-        Ok(answered.then(|| Done::Before(output, earlier.paths())))
+        let Some(Earlier { record, .. }) = Earlier::read(&output)? else { return Ok(None) };
+        let settings = self.args.settings();
+        let answers = record.answers(&self.inputs.identity(self.args, &settings), &self.args.asked());
+        Ok((answers && self.is_done(&record, &settings)).then_some(Done::Before(output, record.paths)))
     }
 
     /// Are its stop rule and its wishes for other files fulfilled?
-    fn is_done(&self, earlier: &Earlier) -> bool {
+    fn is_done(&self, record: &Record, settings: &RenderSettings) -> bool {
         let a = self.args;
         let others = [&a.preview, &a.stats].into_iter().flatten().all(|path| path.exists());
         // A picture that is to be gone on from later must be able to.
-        let carries = a.checkpoint.is_none() || earlier.keeps_statistics();
-        others && carries && earlier.is_done(a.spp(), a.time, a.noise)
+        let carries = a.checkpoint.is_none() || record.keeps;
+        others && carries && record.is_done(settings)
     }
 
     /// Fails if there is not enough memory, by what the files say of themselves.
@@ -128,6 +130,7 @@ impl Session<'_> {
             scene: &self.inputs.scene,
             environment_bytes: self.inputs.environment.1,
             pixels,
+            columns: self.args.settings().columns(),
             saves: self.saves(),
             rays: self.args.rays,
             threads: self.threads,
@@ -157,15 +160,14 @@ impl Session<'_> {
         let output = args.output();
         let settings = settings(args, &loaded.prepared.scene)?;
         let backend = loaded.prepared.rays.info();
-        let fingerprint =
-            Fingerprint::new(&self.inputs.scene.hash, &self.inputs.environment.0, backend.name, &settings);
-        let (from, kept) = match self.go_on_from(&fingerprint, &settings, loaded)? {
+        let identity = self.inputs.identity(args, &settings);
+        let (from, kept) = match self.go_on_from(&identity, loaded)? {
             Some((saved, kept)) => (Some(saved), kept),
             None => (None, false),
         };
         let keeps = kept || args.checkpoint.is_some();
         let before = from.as_ref().map_or(0, |f| f.stats.paths);
-        let request = self.inputs.request(args);
+        let asked = args.asked();
         let seconds =
             Cell::new(Seconds { read: loaded.read_seconds, build: loaded.build_seconds, ..Default::default() });
         let write = |rendered: &Rendered, with_statistics: bool| -> Result<Stats> {
@@ -174,17 +176,13 @@ impl Session<'_> {
             let stats = Stats::new(
                 &args.scene,
                 &loaded.prepared.scene,
-                &settings,
                 backend,
                 self.threads,
                 rendered,
                 Seconds { render, ..seconds.get() },
             );
-            let mut header = stats.header(rendered)?;
-            header.push(("bismar.aov".into(), HeaderValue::Text(args.aov_names())));
-            header.extend(identity::attributes(&request, &fingerprint, &rendered.stats, keeps)?);
-            let statistics = with_statistics.then(|| pack(&rendered.tiles)).transpose()?;
-            exr_file::write(&output, &rendered.film, args.aovs(), &header, statistics.as_deref())?;
+            let record = Record::new(&identity, &asked, rendered, Host::of(backend), keeps);
+            checkpoint::write(&output, rendered, &record, stats.header()?, with_statistics)?;
             let write = seconds.get().write + start.elapsed().as_secs_f64();
             seconds.set(Seconds { write, ..seconds.get() });
             Ok(stats)
@@ -194,12 +192,12 @@ impl Session<'_> {
             Err(e) => warn!("not saved; rendering goes on: {e}"),
         };
         let checkpoint = args.checkpoint.map(|seconds| Checkpoint { seconds, save: &mut save });
-        let job = Run { stop, progress, began: self.began, from, checkpoint };
-        let rendered = run(&loaded.prepared, &settings, job);
+        let options = RunOptions { stop, progress, began: self.began, from, checkpoint };
+        let rendered = run(&loaded.prepared, &settings, options);
         let interrupted = rendered.stop == StopReason::Interrupted;
         rendering_ends(!interrupted);
 
-        let (fewest, most) = sample_range(&rendered.tiles);
+        let (fewest, most) = rendered.paths_range();
         let shown = output.display();
         if most == 0 {
             return Err(match interrupted {
@@ -215,7 +213,7 @@ impl Session<'_> {
         let mut stats = write(&rendered, interrupted || keeps || args.part.is_some())?;
         let writing = Instant::now();
         if let Some(path) = &args.preview {
-            preview::write(path, &rendered.film, args.view, args.exposure)?;
+            preview::write(path, &rendered.pixels(), args.view, args.exposure)?;
         }
         stats.seconds.write = seconds.get().write + writing.elapsed().as_secs_f64();
         stats.seconds.total = self.began.elapsed().as_secs_f64();
@@ -232,38 +230,32 @@ impl Session<'_> {
     }
 
     /// With `--resume`, what the output file holds, and whether it shall still do so when it is done.
-    fn go_on_from(
-        &self,
-        ours: &Fingerprint,
-        settings: &RenderSettings,
-        loaded: &Loaded,
-    ) -> Result<Option<(Saved, bool)>> {
+    fn go_on_from(&self, ours: &Identity, loaded: &Loaded) -> Result<Option<(Saved, bool)>> {
         let output = self.args.output();
         let earlier = if self.args.resume { Earlier::read(&output)? } else { None };
         let Some(earlier) = earlier else { return Ok(None) };
-        let saved = match earlier.saved(&output, ours, settings) {
+        let saved = match earlier.saved(ours) {
             Err(Error::Data(why)) if self.replaces => {
                 info!("{why}");
                 return Ok(None);
             }
             other => other?,
         };
-        let here = loaded.prepared.rays.info();
-        let there: serde_json::Value =
-            earlier.text("bismar.backend").and_then(|t| serde_json::from_str(t).ok()).unwrap_or_default();
-        if there["version"] != here.version.as_str() || there["isa"] != here.isa.as_str() {
+        let backend = loaded.prepared.rays.info();
+        let (there, here) = (&earlier.record.host, Host::of(backend));
+        if *there != here {
             warn!(
                 "{} began with {} {} ({}) and goes on with {} ({}): the picture is as right as ever, but not to the last \
                  bit the one of a single host",
                 output.display(),
-                here.name,
-                there["version"].as_str().unwrap_or("?"),
-                there["isa"].as_str().unwrap_or("?"),
+                backend.name,
+                there.version,
+                there.isa,
                 here.version,
                 here.isa
             );
         }
-        if !saved.is_on_the_way(settings) {
+        if !saved.is_on_the_way(&ours.settings) {
             warn!(
                 "{} was begun with another goal and took other passes than this command takes from the beginning: the \
                  picture is as right as ever, but not bit for bit that of a render in one go",
@@ -271,7 +263,7 @@ impl Session<'_> {
             );
         }
         info!("goes on from {} with {} paths", output.display(), saved.stats.paths);
-        Ok(Some((saved, earlier.keeps_statistics())))
+        Ok(Some((saved, earlier.record.keeps)))
     }
 }
 
@@ -279,24 +271,7 @@ fn settings(args: &RenderArgs, scene: &Scene) -> Result<RenderSettings> {
     let camera = choose::camera(&scene.cameras, args.camera.as_deref())?;
     let (width, height) = args.size.map_or_else(|| choose::size(&scene.cameras[camera]), |s| (s.0, s.1));
     let crop = args.crop.map(|c| c.inside(width, height)).transpose()?;
-    let settings = RenderSettings {
-        camera,
-        width,
-        height,
-        crop,
-        integrator: args.integrator,
-        max_depth: args.max_depth,
-        spp: args.spp(),
-        time: args.time,
-        noise: args.noise,
-        balance: args.balance,
-        pilot: args.pilot,
-        seed: args.seed,
-        filter: args.filter,
-        aovs: args.aovs().iter().any(|a| a.needs_sums()),
-        part: args.part,
-        ..RenderSettings::default()
-    };
+    let settings = RenderSettings { camera, width, height, crop, ..args.settings() };
     if let Some(part) = args.part
         && fresh_tiles(&settings).is_empty()
     {

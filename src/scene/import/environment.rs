@@ -3,12 +3,12 @@
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-use exr::prelude::*;
 use image::codecs::hdr::HdrDecoder;
 use image::{DynamicImage, ImageDecoder, ImageReader};
 
 use super::source::read_regular;
 use crate::error::{Error, Result};
+use crate::film::exr_file;
 use crate::scene::Environment;
 
 /// 16384x8192.
@@ -130,26 +130,10 @@ fn read_hdr(bytes: &[u8]) -> Picture {
 }
 
 fn read_exr(bytes: &[u8]) -> Picture {
-    let damaged = |e: exr::error::Error| format!("an OpenEXR picture that cannot be read: {e}");
-    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(damaged)?;
-    for header in &meta.headers {
-        check_size(header.layer_size.0 as u64, header.layer_size.1 as u64, bytes.len())?;
-    }
-    let image = exr::prelude::read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .rgb_channels(
-            |size, _| (size.0, vec![[0.0_f32; 3]; size.0 * size.1]),
-            |(width, pixels), at, (r, g, b): (f32, f32, f32)| pixels[at.1 * *width + at.0] = [r, g, b],
-        )
-        .first_valid_layer()
-        .all_attributes()
-        .non_parallel()
-        .from_buffered(Cursor::new(bytes))
-        .map_err(damaged)?;
-    let size = image.layer_data.size;
-    let (_, pixels) = image.layer_data.channel_data.pixels;
-    Ok((size.0 as u32, size.1 as u32, pixels))
+    let picture = exr_file::picture(bytes, &|width, height| check_size(width, height, bytes.len()));
+    let picture = picture.map_err(|e| format!("an OpenEXR picture that cannot be read: {e}"))?;
+    let [x0, y0, x1, y1] = picture.window;
+    Ok(((x1 - x0) as u32, (y1 - y0) as u32, picture.rgb))
 }
 
 /// Makes every value finite and ≥ 0; says how many pixels changed.

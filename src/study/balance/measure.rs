@@ -445,7 +445,7 @@ impl<'a> Run<'a> {
                 "interrupted: what was measured is saved in {}; run the same command again to go on",
                 self.plan.folder.display()
             ))),
-            _ => Ok(rendered.film),
+            _ => Ok(rendered.film()),
         }
     }
 }

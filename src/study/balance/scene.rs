@@ -12,8 +12,8 @@ use super::Plan;
 use crate::integrator::PreparedScene;
 use crate::rays::Backend;
 use crate::render::RenderSettings;
+use crate::scene::Scene;
 use crate::scene::import::{self, ImportOptions};
-use crate::scene::{Environment, Scene};
 use crate::{Error, Result};
 
 /// A scene with its rays, and what identifies its pictures.
@@ -63,10 +63,7 @@ pub fn read(path: &Path) -> Result<(Scene, Option<PathBuf>)> {
     if let Some(sky) = &sky {
         scene.environment = Some(import::environment(sky, 0.0, 1.0)?);
     }
-    let glows = scene.materials.iter().any(|m| m.is_emissive() || m.unlit);
-    if scene.environment.is_none() && scene.lights.is_empty() && !glows {
-        scene.environment = Some(Environment::constant([1.0; 3]));
-    }
+    scene.light_if_dark();
     Ok((scene, sky))
 }
 

@@ -363,7 +363,7 @@ impl Run<'_> {
                     let scene = PreparedScene::new(Arc::clone(&self.subject.scene), Box::new(backend));
                     let rendered = render(&scene, &settings, &AtomicBool::new(false), &|_| {});
                     seconds[which] = thread_seconds() - start;
-                    join(&mut sums[which], &rendered.film.pixels);
+                    join(&mut sums[which], &rendered.film().pixels);
                 });
             }
             taken.push(seconds);

@@ -172,7 +172,7 @@ impl SceneCase {
                 seed: seed + r,
                 ..Default::default()
             };
-            let film = render(&self.scene, &settings, stop, &|_| ()).film;
+            let film = render(&self.scene, &settings, stop, &|_| ()).film();
             let green = film.pixels.iter().map(|p| p.sum[1] / f64::from(p.samples)).collect();
             (green, film.pixels.iter().map(|p| p.balance).collect())
         };

@@ -1,0 +1,277 @@
+//! The one reader of OpenEXR files: pictures, environments, and what our own files carry besides.
+
+use std::borrow::Cow;
+use std::cell::Cell;
+use std::fs;
+use std::io::{BufReader, Cursor, ErrorKind};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+
+use exr::block::UncompressedBlock;
+use exr::block::lines::LineRef;
+use exr::block::reader::ChunksReader;
+use exr::error::Error as ExrError;
+use exr::meta::attribute::{AttributeValue, SampleType};
+use exr::meta::header::Header as ExrHeader;
+use exr::prelude::*;
+
+use super::{HASH, Header, HeaderValue, LENGTH, STATISTICS, WORDS, text};
+use crate::{Error, Result as Outcome};
+
+/// A picture that was read.
+#[derive(Debug, Clone)]
+pub struct Picture {
+    /// The data window: x0, y0, x1, y1, the last two exclusive.
+    pub window: [i64; 4],
+    /// The display window, as `window`: the whole picture of which `window` has pixels.
+    pub display: [i64; 4],
+    /// Linear RGB, row-major over `window`.
+    pub rgb: Vec<[f32; 3]>,
+    /// Variance of each value of `rgb` from the layer `variance`, if the file has one.
+    pub variance: Option<Vec<[f32; 3]>>,
+}
+
+/// Reads the colour of any flat OpenEXR file: channels R, G, B (or a layer's that ends in `Combined`, as Blender
+/// writes) in half, float or integer, and `variance.R`, `.G`, `.B` when they are there. Nothing in the file is trusted.
+///
+/// # Errors
+/// Missing, forbidden or failing files as [`Error::reading`]; [`Error::Data`] for anything that is not such a
+/// picture, however broken.
+pub fn read(path: &Path) -> Outcome<Picture> {
+    decoded(path, |bytes| decode(bytes, &|_, _| Ok(())))
+}
+
+/// As [`read()`], from a file's bytes; `fits` refuses widths and heights before memory is taken for them.
+///
+/// # Errors
+/// What is wrong with it, as a part of a sentence.
+pub fn picture(bytes: &[u8], fits: &Fits) -> std::result::Result<Picture, String> {
+    guarded(|| decode(bytes, fits))
+}
+
+/// Says why a picture of this width and height is too large.
+type Fits<'a> = dyn Fn(u64, u64) -> std::result::Result<(), String> + 'a;
+
+/// Reads the header attributes that bismar has written, without the picture. Empty for pictures of others.
+///
+/// # Errors
+/// As [`read()`].
+pub fn read_header(path: &Path) -> Outcome<Header> {
+    let file = fs::File::open(path).map_err(|e| Error::reading(path, &e))?;
+    let mut failed = None;
+    let read = || match MetaData::read_from_buffered(BufReader::new(file), false) {
+        Err(ExrError::Io(e)) if e.kind() != ErrorKind::UnexpectedEof => {
+            failed = Some(e);
+            Err(invalid("it cannot be read"))
+        }
+        other => other,
+    };
+    let meta = guarded(read);
+    if let Some(e) = failed {
+        return Err(Error::reading(path, &e));
+    }
+    let meta = meta.map_err(|why| cannot_use(path, &why))?;
+    let Some(first) = meta.headers.first() else { return Ok(Header::new()) };
+    let ours = first.own_attributes.other.iter().filter_map(|(name, value)| {
+        let name = name.to_string();
+        let value = match value {
+            AttributeValue::Text(t) => HeaderValue::Text(t.to_string()),
+            AttributeValue::F64(x) => HeaderValue::Number(*x),
+            _ => return None,
+        };
+        name.starts_with("bismar.").then(|| (name.into(), value))
+    });
+    Ok(ours.collect())
+}
+
+/// The statistics that [`write()`](super::write()) was given, or `None` for a picture without.
+///
+/// # Errors
+/// As [`read()`]; [`Error::Data`] also if the bytes are not those that were written.
+pub fn read_statistics(path: &Path) -> Outcome<Option<Vec<u8>>> {
+    decoded(path, decode_statistics)
+}
+
+fn decoded<T>(path: &Path, decode: impl FnOnce(&[u8]) -> Result<T>) -> Outcome<T> {
+    // All of it at once: what the decoder says afterwards is about the content, never about the disk.
+    let bytes = fs::read(path).map_err(|e| Error::reading(path, &e))?;
+    guarded(|| decode(&bytes)).map_err(|why| cannot_use(path, &why))
+}
+
+fn cannot_use(path: &Path, why: &str) -> Error {
+    Error::Data(format!("{}: cannot use this OpenEXR file: {why}", path.display()))
+}
+
+/// The decoder has assertions that broken files can reach; a panic of its is the file's fault, not a bug of ours.
+fn guarded<T>(decode: impl FnOnce() -> Result<T>) -> std::result::Result<T, String> {
+    DECODING.set(true);
+    let result = catch_unwind(AssertUnwindSafe(decode));
+    DECODING.set(false);
+    match result {
+        Ok(Ok(decoded)) => Ok(decoded),
+        Ok(Err(e)) => Err(e.to_string()),
+        Err(_) => Err("it is corrupt".into()),
+    }
+}
+
+thread_local! {
+    static DECODING: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Is this thread inside the decoder? A panic is then reported as a corrupt file, and a panic hook has nothing to say.
+pub fn is_decoding() -> bool {
+    DECODING.get()
+}
+
+fn decode(bytes: &[u8], fits: &Fits) -> Result<Picture> {
+    let chunks = exr::block::read(Cursor::new(bytes), false)?;
+    let headers = chunks.headers();
+    for header in headers {
+        plausible(header, bytes.len() as u64)?;
+    }
+    let prefix = |header: &ExrHeader| if header.deep { None } else { color_prefix(&names(header)) };
+    let Some((part, prefix)) = headers.iter().enumerate().find_map(|(i, h)| Some((i, prefix(h)?))) else {
+        let names = headers.iter().flat_map(names).collect::<Vec<_>>();
+        return Err(invalid(format!("it has no channels R, G and B but {}", names.join(", "))));
+    };
+    let header = headers[part].clone();
+    let (width, height) = (header.layer_size.0, header.layer_size.1);
+    fits(width as u64, height as u64).map_err(invalid)?;
+    let color = triple(&header, &prefix).ok_or_else(|| invalid("its colour channels are subsampled"))?;
+    let variance = triple(&header, "variance.");
+    let black = || vec![[0.0; 3]; width * height];
+    let mut picture = Picture {
+        window: window_of(header.own_attributes.layer_position, header.layer_size),
+        display: window_of(
+            header.shared_attributes.display_window.position,
+            header.shared_attributes.display_window.size,
+        ),
+        rgb: black(),
+        variance: variance.map(|_| black()),
+    };
+    each_block(chunks, part, |block| {
+        for line in block.lines(&header.channels) {
+            let channel = line.location.channel;
+            let put = |channels: [usize; 3], pixels: &mut [[f32; 3]]| -> Result<()> {
+                let Some(c) = channels.iter().position(|&own| own == channel) else { return Ok(()) };
+                let Vec2(x, y) = line.location.position;
+                let row = pixels.get_mut(y * width + x..y * width + x + line.location.sample_count);
+                let row = row.ok_or_else(|| invalid("a block out of bounds"))?;
+                read_line(&line, header.channels.list[channel].sample_type, |i, value| row[i][c] = value)
+            };
+            put(color, &mut picture.rgb)?;
+            if let (Some(channels), Some(pixels)) = (variance, &mut picture.variance) {
+                put(channels, pixels)?;
+            }
+        }
+        Ok(())
+    })?;
+    Ok(picture)
+}
+
+/// The blocks of a part's largest resolution level, one after the other: on this thread alone, where panics are expected.
+fn each_block<R: std::io::Read + std::io::Seek>(
+    chunks: exr::block::reader::Reader<R>,
+    part: usize,
+    mut work: impl FnMut(UncompressedBlock) -> Result<()>,
+) -> Result<()> {
+    let wanted = chunks.filter_chunks(false, |_, _, block| block.layer == part && block.level == Vec2(0, 0))?;
+    wanted.decompress_sequential(false, |_, block| work(block))
+}
+
+fn read_line(line: &LineRef, kind: SampleType, put: impl FnMut(usize, f32)) -> Result<()> {
+    fn all<T: exr::io::Data>(line: &LineRef, f: impl Fn(T) -> f32, mut put: impl FnMut(usize, f32)) -> Result<()> {
+        for (i, sample) in line.read_samples::<T>().enumerate() {
+            put(i, f(sample?));
+        }
+        Ok(())
+    }
+    match kind {
+        SampleType::F16 => all(line, f16::to_f32, put),
+        SampleType::F32 => all(line, |x| x, put),
+        SampleType::U32 => all(line, |x: u32| x as f32, put),
+    }
+}
+
+fn is_statistics(header: &ExrHeader) -> bool {
+    header.own_attributes.layer_name.as_ref().is_some_and(|name| name.eq(STATISTICS))
+}
+
+fn attribute<'a>(header: &'a ExrHeader, name: &str) -> Option<&'a AttributeValue> {
+    header.own_attributes.other.get(&text(name))
+}
+
+fn decode_statistics(bytes: &[u8]) -> Result<Option<Vec<u8>>> {
+    let chunks = exr::block::read(Cursor::new(bytes), false)?;
+    let Some(part) = chunks.headers().iter().position(is_statistics) else { return Ok(None) };
+    let header = &chunks.headers()[part];
+    plausible(header, bytes.len() as u64)?;
+    let rows = header.layer_size.1;
+    let (length, hash) = match (attribute(header, LENGTH), attribute(header, HASH)) {
+        (Some(AttributeValue::F64(length)), Some(AttributeValue::Text(hash))) => (*length as usize, hash.to_string()),
+        _ => return Err(invalid("its statistics have no length or hash")),
+    };
+    let row = 4 * WORDS;
+    if header.layer_size.0 != WORDS || header.channels.bytes_per_pixel != 4 || length > rows * row {
+        return Err(invalid("its statistics have another shape"));
+    }
+    let mut all = vec![0; rows * row];
+    each_block(chunks, part, |block| {
+        let at = block.index.pixel_position.1 * row;
+        let place = all.get_mut(at..at + block.data.len()).ok_or_else(|| invalid("a block out of bounds"))?;
+        for (to, from) in place.chunks_exact_mut(4).zip(block.data.chunks_exact(4)) {
+            to.copy_from_slice(&u32::from_ne_bytes([from[0], from[1], from[2], from[3]]).to_le_bytes());
+        }
+        Ok(())
+    })?;
+    all.truncate(length);
+    if *blake3::hash(&all).to_hex() != *hash {
+        return Err(invalid("its statistics are not those that were written: the file is damaged"));
+    }
+    Ok(Some(all))
+}
+
+fn invalid(why: impl Into<Cow<'static, str>>) -> ExrError {
+    ExrError::Invalid(why.into())
+}
+
+/// Refuses sizes that a file of so many bytes cannot hold, before memory is taken for them. No codec of OpenEXR packs
+/// more than a few thousand times (zip at most 1032).
+fn plausible(header: &ExrHeader, file_bytes: u64) -> Result<()> {
+    const MOST_PACKED: u64 = 10_000;
+    let pixels = (header.layer_size.0 as u64).checked_mul(header.layer_size.1 as u64);
+    let bytes = pixels.and_then(|p| p.checked_mul(header.channels.bytes_per_pixel as u64));
+    match bytes {
+        Some(bytes) if bytes <= file_bytes.saturating_mul(MOST_PACKED) => Ok(()),
+        _ => Err(invalid(format!(
+            "it says {} x {} pixels but has only {file_bytes} bytes",
+            header.layer_size.0, header.layer_size.1
+        ))),
+    }
+}
+
+fn names(header: &ExrHeader) -> Vec<String> {
+    header.channels.list.iter().map(|c| c.name.to_string()).collect()
+}
+
+/// What stands before R, G and B in the names of the beauty's channels.
+fn color_prefix(names: &[String]) -> Option<String> {
+    let complete = |prefix: &&str| ["R", "G", "B"].iter().all(|c| names.contains(&format!("{prefix}{c}")));
+    let reds = names.iter().filter_map(|n| n.strip_suffix('R'));
+    let mut candidates = reds.filter(|p| p.is_empty() || p.ends_with("Combined."));
+    candidates.find(complete).map(str::to_owned)
+}
+
+/// Which channels are a colour's R, G and B, at full resolution.
+fn triple(header: &ExrHeader, prefix: &str) -> Option<[usize; 3]> {
+    let find = |c: &str| {
+        let mut all = header.channels.list.iter();
+        all.position(|x| x.name.eq(&format!("{prefix}{c}")) && x.sampling == Vec2(1, 1))
+    };
+    Some([find("R")?, find("G")?, find("B")?])
+}
+
+fn window_of(position: Vec2<i32>, size: Vec2<usize>) -> [i64; 4] {
+    let (x, y) = (i64::from(position.0), i64::from(position.1));
+    [x, y, x + size.0 as i64, y + size.1 as i64]
+}

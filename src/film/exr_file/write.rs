@@ -1,0 +1,177 @@
+//! Films and statistics into files, a block of rows at a time.
+
+use std::path::Path;
+
+use exr::block::lines::LineRefMut;
+use exr::error::Error as ExrError;
+use exr::image::write::samples::{SamplesWriter, WritableSamples};
+use exr::math::RoundingMode;
+use exr::meta::attribute::{AttributeValue, Chromaticities, IntegerBounds, LevelMode, SampleType};
+use exr::meta::header::Header as ExrHeader;
+use exr::prelude::*;
+
+use super::{HASH, Header, HeaderValue, LENGTH, STATISTICS, WORDS, text};
+use crate::film::aov::{self, Aov, Value};
+use crate::film::{Pixels, atomic};
+use crate::{Error, Result as Outcome};
+
+/// Writes pixels as one part: R, G, B, A in 32-bit floats (A is the share of paths that hit something; colours are
+/// not multiplied by it) and the AOVs as `layer.channel`. ZIP compression; the data window is the pixels' window, the
+/// display window the whole picture. The file appears whole or not at all. Beside the pixels it takes next to no memory:
+/// channels are computed as they are written.
+///
+/// `statistics` are bytes that [`read_statistics`](super::read_statistics) gives back. They go into a second part of
+/// that name, as one channel of integers: programs that do not know it show the first part as ever.
+///
+/// # Errors
+/// As [`atomic::write`].
+pub fn write(
+    path: &Path,
+    pixels: &dyn Pixels,
+    aovs: &[Aov],
+    header: &Header,
+    statistics: Option<&[u8]>,
+) -> Outcome<()> {
+    let (shared, mut beauty) = image_of(pixels, aovs, header);
+    let Some(bytes) = statistics else { return save(path, &Image::new(shared, beauty)) };
+    // The name that Nuke and its successors show without a prefix.
+    beauty.attributes.layer_name = Some(text("rgba"));
+    save(path, &Image::from_layers(shared, vec![beauty, statistics_of(bytes)]))
+}
+
+/// Writes linear RGB floats, row-major over `window` within `display` (x0, y0, x1, y1).
+///
+/// # Errors
+/// As [`atomic::write`].
+pub fn write_rgb(path: &Path, window: [i64; 4], display: [i64; 4], rgb: &[[f32; 3]]) -> Outcome<()> {
+    let bounds = |w: [i64; 4]| {
+        IntegerBounds::new(Vec2(w[0] as i32, w[1] as i32), Vec2((w[2] - w[0]) as usize, (w[3] - w[1]) as usize))
+    };
+    let size = bounds(window).size;
+    let channel = |(c, name)| AnyChannel::new(text(name), Samples::Float(Box::new(move |x, y| rgb[y * size.0 + x][c])));
+    let channels = ["R", "G", "B"].into_iter().enumerate().map(channel);
+    let own = LayerAttributes { layer_position: bounds(window).position, ..Default::default() };
+    let layer = Layer::new(size, own, ENCODING, AnyChannels::sort(channels.collect()));
+    save(path, &Image::new(ImageAttributes::new(bounds(display)), layer))
+}
+
+/// Blocks of 16 rows: the unit of packing in parallel.
+const ENCODING: Encoding =
+    Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
+
+type PartOf<'a> = Layer<AnyChannels<Samples<'a>>>;
+
+fn save<'a, L>(path: &Path, image: &'a Image<L>) -> Outcome<()>
+where
+    L: exr::image::write::layers::WritableLayers<'a>,
+{
+    atomic::write(path, |file| match image.write().to_buffered(file) {
+        Ok(()) => Ok(Ok(())),
+        Err(ExrError::Io(e)) => Err(e),
+        Err(other) => Ok(Err(Error::Bug(format!("{}: the EXR is not valid: {other}", path.display())))),
+    })
+}
+
+fn image_of<'a>(pixels: &'a dyn Pixels, aovs: &[Aov], header: &Header) -> (ImageAttributes, PartOf<'a>) {
+    let [x0, y0, x1, y1] = pixels.window();
+    let mut aovs = aovs.to_vec();
+    aovs.sort();
+    aovs.dedup();
+    let channels = aov::beauty().into_iter().chain(aovs.iter().flat_map(|aov| aov.channels(pixels.has_aovs())));
+    let channels = channels.map(|channel| {
+        let c = channel.component;
+        let at = move |x, y| pixels.at(x0 + x as u32, y0 + y as u32);
+        let samples = match channel.value {
+            Value::Float(f) => Samples::Float(Box::new(move |x, y| {
+                let (stats, sums) = at(x, y);
+                f(&stats, &sums, c)
+            })),
+            Value::Uint(f) => Samples::Uint(Box::new(move |x, y| {
+                let (stats, sums) = at(x, y);
+                f(&stats, &sums)
+            })),
+        };
+        AnyChannel::new(text(&channel.name), samples)
+    });
+    let mut own = LayerAttributes {
+        layer_position: Vec2(x0 as i32, y0 as i32),
+        software_name: Some(text(concat!("bismar ", env!("CARGO_PKG_VERSION")))),
+        ..Default::default()
+    };
+    for (name, value) in header {
+        let value = match value {
+            HeaderValue::Text(t) => AttributeValue::Text(text(t)),
+            HeaderValue::Number(x) => AttributeValue::F64(*x),
+        };
+        own.other.insert(text(name), value);
+    }
+    let size = Vec2((x1 - x0) as usize, (y1 - y0) as usize);
+    let layer = Layer::new(size, own, ENCODING, AnyChannels::sort(channels.collect()));
+    let [width, height] = pixels.size();
+    let mut shared = ImageAttributes::new(IntegerBounds::from_dimensions(Vec2(width as usize, height as usize)));
+    // Rec. 709, said aloud.
+    shared.chromaticities = Some(Chromaticities {
+        red: Vec2(0.64, 0.33),
+        green: Vec2(0.3, 0.6),
+        blue: Vec2(0.15, 0.06),
+        white: Vec2(0.3127, 0.329),
+    });
+    (shared, layer)
+}
+
+fn statistics_of(bytes: &[u8]) -> PartOf<'_> {
+    let rows = bytes.len().div_ceil(4 * WORDS).max(1);
+    let word = |x: usize, y: usize| {
+        let mut four = [0; 4];
+        let rest = bytes.get(4 * (y * WORDS + x)..).unwrap_or_default();
+        let there = rest.len().min(4);
+        four[..there].copy_from_slice(&rest[..there]);
+        u32::from_le_bytes(four)
+    };
+    let mut own = LayerAttributes::named(STATISTICS);
+    own.other.insert(text(LENGTH), AttributeValue::F64(bytes.len() as f64));
+    own.other.insert(text(HASH), AttributeValue::Text(text(blake3::hash(bytes).to_hex().as_str())));
+    let channel = AnyChannel::new(text("bytes"), Samples::Uint(Box::new(word)));
+    // They are packed already, if they can be.
+    let encoding = Encoding { compression: Compression::Uncompressed, ..ENCODING };
+    Layer::new(Vec2(WORDS, rows), own, encoding, AnyChannels::sort([channel].into_iter().collect()))
+}
+
+/// A channel's values by column and row of its part, asked for when their block is written.
+enum Samples<'a> {
+    Float(Box<dyn Fn(usize, usize) -> f32 + Sync + 'a>),
+    Uint(Box<dyn Fn(usize, usize) -> u32 + Sync + 'a>),
+}
+
+impl<'a, 's> WritableSamples<'s> for Samples<'a>
+where
+    'a: 's,
+{
+    type Writer = &'s Samples<'a>;
+
+    fn sample_type(&self) -> SampleType {
+        match self {
+            Samples::Float(_) => SampleType::F32,
+            Samples::Uint(_) => SampleType::U32,
+        }
+    }
+
+    fn infer_level_modes(&self) -> (LevelMode, RoundingMode) {
+        (LevelMode::Singular, RoundingMode::Down)
+    }
+
+    fn create_samples_writer(&'s self, _: &ExrHeader) -> Self::Writer {
+        self
+    }
+}
+
+impl SamplesWriter for &Samples<'_> {
+    fn extract_line(&self, line: LineRefMut<'_>) {
+        let Vec2(x, y) = line.location.position;
+        match self {
+            Samples::Float(value) => line.write_samples(|i| value(x + i, y)),
+            Samples::Uint(value) => line.write_samples(|i| value(x + i, y)),
+        }
+        .expect("a line has room for its samples");
+    }
+}

@@ -1,0 +1,342 @@
+//! What a render needs to go on, in a picture's file: its record in the header, its tiles in a part of their own.
+
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use super::identity::Asked;
+use super::scheduler::{self, NOISE_PATHS};
+use super::stats::Samples;
+use super::tile::{Columns, Tile, Tile2};
+use super::{Identity, Part, RenderSettings, RenderStats, Rendered, StopReason, format2, fresh_tiles, paths_range};
+use crate::film::Aov;
+use crate::film::exr_file::{self, Header, HeaderValue};
+use crate::rays::BackendInfo;
+use crate::{Error, Result};
+
+/// A render that can go on.
+#[derive(Debug)]
+pub struct Saved {
+    /// Row by row.
+    pub tiles: Vec<Tile>,
+    /// Over all sessions so far.
+    pub stats: RenderStats,
+}
+
+impl Saved {
+    /// As [`scheduler::is_on_the_way`].
+    pub fn is_on_the_way(&self, settings: &RenderSettings) -> bool {
+        let (done, ahead) = paths_range(&self.tiles);
+        scheduler::is_on_the_way(settings, done, ahead, self.stats.passes)
+    }
+}
+
+/// Raised whenever an older version could no longer read what is written.
+pub const FORMAT: u32 = 3;
+
+/// What a picture says of its making: all that going on and merging ask for, but the tiles.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Record {
+    /// What it was made of.
+    pub identity: Identity,
+    /// [`Identity::request`] of the command that made it.
+    pub request: String,
+    /// Names of its AOVs, with commas between.
+    pub aovs: String,
+    /// Counts and times of all sessions.
+    pub stats: RenderStats,
+    /// Why it ended.
+    pub stop: StopReason,
+    /// Estimated relative error, once a pass is complete.
+    pub noise: Option<f64>,
+    /// Fewest paths of a pixel.
+    pub paths: u32,
+    /// Shall it be gone on from even when it is done?
+    pub keeps: bool,
+    /// Who traced its rays last.
+    pub host: Host,
+    /// The seeds that it is the mean of, if of several: nothing can go on from that.
+    #[serde(skip)]
+    pub seeds: Vec<u32>,
+}
+
+/// What bits depend on beside the command: the same on hosts of one kind.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Host {
+    /// Of the library that traces rays.
+    pub version: String,
+    /// Its instruction set.
+    pub isa: String,
+}
+
+impl Host {
+    /// Of a backend that is here.
+    pub fn of(backend: &BackendInfo) -> Self {
+        Self { version: backend.version.clone(), isa: backend.isa.clone() }
+    }
+}
+
+impl Record {
+    /// Of a render; `keeps` as the field.
+    pub fn new(identity: &Identity, asked: &Asked, rendered: &Rendered, host: Host, keeps: bool) -> Self {
+        Self {
+            identity: identity.clone(),
+            request: identity.request(asked),
+            aovs: asked.aovs.clone(),
+            stats: rendered.stats,
+            stop: rendered.stop,
+            noise: Some(rendered.stats.noise).filter(|noise| noise.is_finite()),
+            paths: rendered.paths_range().0,
+            keeps,
+            host,
+            seeds: Vec::new(),
+        }
+    }
+
+    /// Was it made by a command with this identity and these wishes, for this part?
+    pub fn answers(&self, identity: &Identity, asked: &Asked) -> bool {
+        let requests = [identity.request(asked), format2::request(identity, asked)];
+        requests.contains(&self.request) && self.identity.settings.part == identity.settings.part
+    }
+
+    /// Does it fulfil one of the stop rules of these settings?
+    pub fn is_done(&self, settings: &RenderSettings) -> bool {
+        if self.stop == StopReason::Interrupted {
+            return false;
+        }
+        let seconds = match self.stop {
+            // It may end before its time, when no path fits any more.
+            StopReason::Time => self.identity.settings.time.unwrap_or(0.0),
+            _ => self.stats.seconds,
+        };
+        let noise = self.noise.unwrap_or(f64::INFINITY);
+        settings.spp.is_some_and(|goal| self.paths >= goal)
+            || settings.time.is_some_and(|limit| seconds >= limit)
+            || settings.noise.is_some_and(|goal| noise <= goal && self.paths >= NOISE_PATHS)
+    }
+
+    /// As header attributes, with those that `docs/stats.md` promises to scripts.
+    fn header(&self, rendered: &Rendered) -> Result<Header> {
+        let settings = &rendered.settings;
+        let mut header: Header = vec![
+            ("bismar.request".into(), HeaderValue::Text(self.request.clone())),
+            ("bismar.sessions".into(), json(&self.stats)?),
+            ("bismar.keeps".into(), HeaderValue::Number(if self.keeps { 1.0 } else { 0.0 })),
+            ("bismar.aov".into(), HeaderValue::Text(self.aovs.clone())),
+            ("bismar.settings".into(), json(settings)?),
+            ("bismar.seed".into(), HeaderValue::Number(settings.seed.into())),
+            ("bismar.samples".into(), json(&Samples::of(rendered))?),
+            ("bismar.stop".into(), HeaderValue::Text(super::identity::name(&self.stop))),
+            ("bismar.noise".into(), HeaderValue::Number(rendered.stats.noise)),
+        ];
+        if self.seeds.is_empty() {
+            header.push(("bismar.format".into(), HeaderValue::Number(FORMAT.into())));
+            header.push(("bismar.record".into(), json(self)?));
+            header.push(("bismar.fingerprint".into(), json(&self.identity.bits())?));
+        } else {
+            let seeds: Vec<_> = self.seeds.iter().map(u32::to_string).collect();
+            header.push(("bismar.seeds".into(), HeaderValue::Text(seeds.join(","))));
+        }
+        Ok(header)
+    }
+}
+
+/// JSON as a header's text.
+///
+/// # Errors
+/// [`Error::Bug`] if JSON cannot say it.
+pub fn json(value: &impl Serialize) -> Result<HeaderValue> {
+    serde_json::to_string(value).map(HeaderValue::Text).map_err(|e| Error::Bug(format!("JSON: {e}")))
+}
+
+/// A number of a header.
+pub fn number(header: &Header, name: &str) -> Option<f64> {
+    header.iter().find(|(n, _)| n == name).and_then(|(_, value)| match value {
+        HeaderValue::Number(x) => Some(*x),
+        HeaderValue::Text(_) => None,
+    })
+}
+
+/// A text of a header.
+pub fn text<'a>(header: &'a Header, name: &str) -> Option<&'a str> {
+    header.iter().find(|(n, _)| n == name).and_then(|(_, value)| match value {
+        HeaderValue::Text(text) => Some(text.as_str()),
+        HeaderValue::Number(_) => None,
+    })
+}
+
+/// Writes a render's picture with its record and `more` attributes; with its tiles, if `with_tiles`.
+///
+/// # Errors
+/// As [`exr_file::write`].
+pub fn write(path: &Path, rendered: &Rendered, record: &Record, more: Header, with_tiles: bool) -> Result<()> {
+    let mut header = record.header(rendered)?;
+    header.extend(more);
+    let tiles = with_tiles.then(|| pack(&rendered.tiles)).transpose()?;
+    exr_file::write(path, &rendered.pixels(), &Aov::named(&record.aovs), &header, tiles.as_deref())
+}
+
+/// A picture of ours that is there already.
+#[derive(Debug, Clone)]
+pub struct Earlier {
+    /// Where it is.
+    pub path: PathBuf,
+    /// What it says of its making.
+    pub record: Record,
+    /// All that it says.
+    pub header: Header,
+}
+
+impl Earlier {
+    /// Reads the header of a picture; `None` if there is no file.
+    ///
+    /// # Errors
+    /// As [`exr_file::read_header`]; [`Error::Data`] for pictures of others and of newer versions.
+    pub fn read(path: &Path) -> Result<Option<Self>> {
+        let header = match exr_file::read_header(path) {
+            Err(Error::Missing(_)) => return Ok(None),
+            other => other?,
+        };
+        let refused = |why: String| Error::Data(format!("{}: {why}", path.display()));
+        let record = match number(&header, "bismar.format") {
+            None => return Err(refused("is no picture that bismar can go on from".into())),
+            Some(format) if format > f64::from(FORMAT) => {
+                let why =
+                    format!("is from a newer bismar (format {format}, this one knows {FORMAT}): use that version");
+                return Err(refused(why));
+            }
+            Some(format) if format < 3.0 => format2::record(&header),
+            Some(_) => text(&header, "bismar.record").and_then(|record| serde_json::from_str(record).ok()),
+        };
+        let record = record.ok_or_else(|| refused("does not say what it was made of".into()))?;
+        Ok(Some(Self { path: path.into(), record, header }))
+    }
+
+    /// Its tiles; `None` if it carries none.
+    ///
+    /// # Errors
+    /// As [`exr_file::read_statistics`]; [`Error::Data`] if they are not those of a render of `settings`.
+    pub fn tiles(&self, settings: &RenderSettings) -> Result<Option<Vec<Tile>>> {
+        let Some(bytes) = exr_file::read_statistics(&self.path)? else { return Ok(None) };
+        let tiles = match number(&self.header, "bismar.format") {
+            Some(format) if format < 3.0 => unpack_2(&bytes, settings.columns()),
+            _ => unpack(&bytes),
+        };
+        let tiles = tiles.filter(|tiles| fits(tiles, &fresh_tiles(settings)));
+        let refused = || Error::Data(format!("{}: its statistics are not those of such a render", self.path.display()));
+        tiles.map(Some).ok_or_else(refused)
+    }
+
+    /// What a render of this identity goes on from.
+    ///
+    /// # Errors
+    /// [`Error::Data`], with what differs, when it is another render, or carries no statistics.
+    pub fn saved(&self, ours: &Identity) -> Result<Saved> {
+        let refused = |why: String| {
+            Error::Data(format!("--resume: {}: {why}; without --resume it is rendered anew", self.path.display()))
+        };
+        let theirs = &self.record.identity;
+        let differences = ours.differences(theirs);
+        if !differences.is_empty() {
+            return Err(refused(format!("holds another render: different {differences}")));
+        }
+        if theirs.settings.part != ours.settings.part {
+            let part = |part: Option<Part>| part.map_or("the whole".into(), |p| format!("part {p}"));
+            let (theirs, ours) = (part(theirs.settings.part), part(ours.settings.part));
+            return Err(refused(format!("holds {theirs}, not {ours}")));
+        }
+        let Some(tiles) = self.tiles(&ours.settings)? else {
+            return Err(refused("carries no statistics to go on from, as it was rendered without --checkpoint".into()));
+        };
+        Ok(Saved { tiles, stats: self.record.stats })
+    }
+}
+
+/// Bytes of a tile, unpacked, at most.
+const LARGEST: usize = 1 << 24;
+
+/// Tiles as bytes: for each its length (32 bits, little-endian) and itself (postcard in LZ4, which is faster than a disk
+/// and leaves out what is zero).
+///
+/// # Errors
+/// [`Error::Bug`] if a tile cannot be said.
+pub fn pack(tiles: &[Tile]) -> Result<Vec<u8>> {
+    let record = |tile: &Tile| Ok(lz4_flex::compress_prepend_size(&postcard::to_stdvec(tile)?));
+    let mut bytes = Vec::new();
+    // Some at a time, so that they are not all in memory twice.
+    for some in tiles.chunks(1024) {
+        let records: std::result::Result<Vec<_>, postcard::Error> = some.par_iter().map(record).collect();
+        for record in records.map_err(|e| Error::Bug(format!("a tile cannot be saved: {e}")))? {
+            bytes.extend((record.len() as u32).to_le_bytes());
+            bytes.extend(record);
+        }
+    }
+    Ok(bytes)
+}
+
+/// Reads what [`pack`] made; nothing in it is trusted. `None` if it is not that.
+pub fn unpack(bytes: &[u8]) -> Option<Vec<Tile>> {
+    records(bytes)
+}
+
+/// Reads what `pack` of format 2 made, and keeps the columns that such a render has.
+pub fn unpack_2(bytes: &[u8], columns: Columns) -> Option<Vec<Tile>> {
+    Some(records::<Tile2>(bytes)?.into_iter().map(|tile| tile.into_tile(columns)).collect())
+}
+
+fn records<T: DeserializeOwned + Send>(bytes: &[u8]) -> Option<Vec<T>> {
+    let mut records = Vec::new();
+    let mut rest = bytes;
+    while let Some((length, after)) = rest.split_first_chunk::<4>() {
+        let (record, after) = after.split_at_checked(u32::from_le_bytes(*length) as usize)?;
+        records.push(record);
+        rest = after;
+    }
+    if !rest.is_empty() {
+        return None;
+    }
+    let read = |record: &&[u8]| {
+        let (size, packed) = lz4_flex::block::uncompressed_size(record).ok().filter(|(size, _)| *size <= LARGEST)?;
+        let record = lz4_flex::decompress(packed, size).ok()?;
+        match postcard::take_from_bytes::<T>(&record) {
+            Ok((tile, [])) => Some(tile),
+            _ => None,
+        }
+    };
+    records.par_iter().map(read).collect()
+}
+
+/// Are these the tiles that a render begins with, each whole, and no two more than a pass apart?
+pub fn fits(saved: &[Tile], fresh: &[Tile]) -> bool {
+    let paths = saved.iter().map(Tile::paths);
+    let (low, high) = (paths.clone().min(), paths.clone().max());
+    saved.len() == fresh.len()
+        && saved.iter().zip(fresh).all(|(a, b)| a.covers(b))
+        && paths.into_iter().all(|n| Some(n) == low || Some(n) == high)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BOTH: Columns = Columns { moments: true, aovs: true };
+
+    #[test]
+    fn tiles_come_back_and_anything_else_does_not() {
+        let mut tiles = Tile::cover(40, 20, [0, 0, 40, 20], BOTH);
+        tiles[1].stats[3].sum = [0.1, -0.0, f64::NAN];
+        let bytes = pack(&tiles).unwrap();
+        let again = unpack(&bytes).unwrap();
+        assert_eq!(pack(&again).unwrap(), bytes);
+        assert!(fits(&again, &Tile::cover(40, 20, [0, 0, 40, 20], BOTH)));
+        assert!(!fits(&again, &Tile::cover(40, 21, [0, 0, 40, 21], BOTH)));
+        for cut in [1, 3, 4, bytes.len() / 2, bytes.len() - 1] {
+            assert!(unpack(&bytes[..cut]).is_none(), "{cut}");
+        }
+        let mut longer = bytes.clone();
+        longer.extend([1, 0, 0, 0, 7]);
+        assert!(unpack(&longer).is_none());
+    }
+}

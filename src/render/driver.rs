@@ -1,0 +1,179 @@
+//! Runs tiles through passes on the current rayon pool, as the scheduler says.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Instant;
+
+use rayon::prelude::*;
+
+use super::progress::{Meter, Progress};
+use super::scheduler::{self, Next, State};
+use super::tile::{Tile, TileWork};
+use super::{Integrator, RenderSettings, RenderStats, Rendered, Saved, StopReason, fresh_tiles, noise, paths_range};
+use crate::integrator::{CameraRays, PreparedScene, Transport};
+use crate::sampling::{FilterSampler, hash};
+
+/// How to run a render, besides its settings.
+pub struct RunOptions<'a> {
+    /// Raised to stop it, then within a tile's time.
+    pub stop: &'a AtomicBool,
+    /// Called after every tile, from any thread.
+    pub progress: &'a (dyn Fn(Progress) + Sync),
+    /// When the clock of [`RenderSettings::time`] began, for this session.
+    pub began: Instant,
+    /// What an earlier session left. Its tiles must be those of the settings
+    /// ([`checkpoint::fits`](super::checkpoint::fits)).
+    pub from: Option<Saved>,
+    /// Saves what there is, now and then.
+    pub checkpoint: Option<Checkpoint<'a>>,
+}
+
+/// Saving while rendering.
+pub struct Checkpoint<'a> {
+    /// Seconds from one to the next, at least; more where saving takes long, so that it takes a twentieth of the time
+    /// at most.
+    pub seconds: f64,
+    /// Saves a render that can go on. What fails here is its own affair: rendering goes on.
+    pub save: &'a mut dyn FnMut(&Rendered),
+}
+
+/// Seconds between checkpoints, over the seconds that one takes, at least.
+const SECONDS_PER_SAVING_SECOND: f64 = 19.0;
+
+/// When the next checkpoint is due.
+struct Saver<'a> {
+    checkpoint: Option<Checkpoint<'a>>,
+    saved_at: Instant,
+    pause: f64,
+}
+
+impl<'a> Saver<'a> {
+    fn new(checkpoint: Option<Checkpoint<'a>>) -> Self {
+        let pause = checkpoint.as_ref().map_or(f64::INFINITY, |c| c.seconds);
+        Self { checkpoint, saved_at: Instant::now(), pause }
+    }
+
+    /// Seconds after `start` at which the next one is due.
+    fn due(&self, start: Instant) -> f64 {
+        (self.saved_at - start).as_secs_f64() + self.pause
+    }
+
+    /// Saves if it is time for that.
+    fn save(&mut self, now: &mut Rendered, seconds: f64) {
+        let Some(checkpoint) = &mut self.checkpoint else { return };
+        if self.saved_at.elapsed().as_secs_f64() < self.pause {
+            return;
+        }
+        let saving = Instant::now();
+        now.stats.seconds = seconds;
+        now.stop = StopReason::Interrupted;
+        (checkpoint.save)(now);
+        self.saved_at = Instant::now();
+        self.pause = checkpoint.seconds.max(SECONDS_PER_SAVING_SECOND * saving.elapsed().as_secs_f64());
+    }
+}
+
+/// [`run`] from the beginning to the end, without checkpoints, the clock beginning now.
+pub fn render(
+    scene: &PreparedScene,
+    settings: &RenderSettings,
+    stop: &AtomicBool,
+    progress: &(dyn Fn(Progress) + Sync),
+) -> Rendered {
+    let began = Instant::now();
+    run(scene, settings, RunOptions { stop, progress, began, from: None, checkpoint: None })
+}
+
+/// Renders on the current rayon pool until a stop rule of `settings` holds or the stop flag is raised (then within a
+/// tile's time). Without a time limit the film's bits depend on the scene, the backend's hits and `settings` alone: not
+/// on threads, nor on how often it was interrupted and continued.
+pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions) -> Rendered {
+    let method = settings.balance.method();
+    let mut transport = Transport {
+        scene: &scene.scene,
+        rays: scene.rays.as_ref(),
+        geometry: &scene.geometry,
+        materials: &scene.materials,
+        lights: &scene.lights,
+        camera: CameraRays::new(&scene.scene.cameras[settings.camera], settings.width, settings.height),
+        filter: FilterSampler::new(settings.filter),
+        heuristic: method.heuristic(),
+        max_depth: match settings.integrator {
+            Integrator::Path => settings.max_depth,
+            Integrator::Direct => settings.max_depth.min(2),
+        },
+        seed: settings.seed,
+    };
+    let RunOptions { stop, progress, began, from, checkpoint } = options;
+    let start = Instant::now();
+    let Saved { tiles, stats } =
+        from.unwrap_or_else(|| Saved { tiles: fresh_tiles(settings), stats: RenderStats::default() });
+    let before = RenderStats { noise: f64::INFINITY, ..stats };
+    let mut now = Rendered { settings: settings.clone(), tiles, stats: before, stop: StopReason::Interrupted };
+    // Seconds so far, of this session and those before it: since the clock began, and inside of this function.
+    let elapsed = || before.seconds + began.elapsed().as_secs_f64();
+    let rendering = || before.render_seconds + start.elapsed().as_secs_f64();
+    let stopped = || stop.load(Ordering::Relaxed);
+    let mut saver = Saver::new(checkpoint);
+    now.stop = loop {
+        let (done, ahead) = paths_range(&now.tiles);
+        if ahead == done {
+            now.stats.noise = noise(&now.tiles, settings.window());
+        }
+        if now.tiles.is_empty() {
+            break StopReason::Samples;
+        }
+        let state = State {
+            done,
+            ahead,
+            passes: now.stats.passes,
+            noise: now.stats.noise,
+            seconds: elapsed(),
+            render_seconds: rendering(),
+            stopped: stopped(),
+        };
+        let pass = match scheduler::next(settings, &state) {
+            Next::Pass(paths) => paths,
+            Next::Stop(reason) => break reason,
+        };
+        let target = done + pass;
+        if method.scrambles_passes() {
+            transport.seed = settings.seed ^ hash(done);
+        }
+        let meter = Meter {
+            settings,
+            start,
+            before: elapsed() - start.elapsed().as_secs_f64(),
+            deadline: settings.time.map(|limit| limit - elapsed() + start.elapsed().as_secs_f64()),
+            pause: saver.due(start),
+            stop,
+            rays: AtomicU64::new(now.stats.rays()),
+            tiles: AtomicU64::new(now.tiles.iter().filter(|t| t.paths() == target).count() as u64),
+            tiles_before: now.tiles.iter().filter(|t| t.paths() == target).count() as u64,
+            all_tiles: now.tiles.len() as u64,
+            done,
+            pass,
+            noise: now.stats.noise,
+        };
+        let take = |tile: &mut Tile| {
+            if meter.should_stop() {
+                return TileWork::default();
+            }
+            let work = tile.pass(&transport, settings.balance, pass);
+            progress(meter.after(work.rays()));
+            work
+        };
+        let tiles = now.tiles.par_iter_mut().with_max_len(1).filter(|tile| tile.paths() < target);
+        let work = tiles.map(take).reduce(TileWork::default, TileWork::plus);
+        now.stats.add(&work);
+        now.stats.render_seconds = rendering();
+        if paths_range(&now.tiles).0 == target {
+            now.stats.passes += 1;
+        } else if let Some(reason) = scheduler::cut(settings, elapsed(), stopped()) {
+            break reason;
+        }
+        saver.save(&mut now, elapsed());
+    };
+    now.stats.render_seconds = rendering();
+    now.stats.seconds = elapsed();
+    now
+}

@@ -1,0 +1,198 @@
+//! Parts of a picture put together, and pictures of different seeds averaged.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use tracing::warn;
+
+use super::checkpoint::{self, Earlier, Record, fits};
+use super::part::in_rows;
+use super::tile::Tile;
+use super::{Part, RenderSettings, RenderStats, Rendered, StopReason, fresh_tiles, noise};
+use crate::film::exr_file::{Header, HeaderValue};
+use crate::{Error, Result};
+
+/// What parts or seeds have come to.
+pub struct Merged {
+    /// The whole picture.
+    pub rendered: Rendered,
+    /// The first input's, but for what is counted.
+    pub record: Record,
+    more: Header,
+}
+
+/// Merges pictures, in any order: all parts of each seed. Parts give the bits of the whole render; seeds are averaged,
+/// each path counting the same.
+///
+/// # Errors
+/// [`Error::Data`] for what is no picture of ours, unfinished, another render, twice there, missing or without
+/// statistics, by name; [`Error::Missing`] and others as [`Earlier::read`].
+pub fn merge(paths: &[PathBuf]) -> Result<Merged> {
+    let mut inputs = paths.iter().map(|path| read(path)).collect::<Result<Vec<_>>>()?;
+    inputs.sort_by_key(|i| (settings(i).seed, settings(i).part.map(|p| p.number), i.path.clone()));
+    let Some(first) = inputs.first().cloned() else { return Err(Error::Usage("nothing to merge".into())) };
+    check_kinship(&first, &inputs)?;
+    let by_noise = inputs.iter().any(|input| input.record.stop == StopReason::Noise);
+    let mut seeds: BTreeMap<u32, Vec<Earlier>> = BTreeMap::new();
+    for input in inputs {
+        seeds.entry(settings(&input).seed).or_default().push(input);
+    }
+    let several = seeds.len() > 1;
+    let names = seeds.keys().copied().collect();
+    if several && by_noise {
+        warn!(
+            "these pictures stopped when they looked clean (--noise), and their paths count alike: a picture that met \
+             nothing bright stopped early, so the mean is a little dark; --spp has no such bias"
+        );
+    }
+    let mut whole: Option<Whole> = None;
+    for parts in seeds.values() {
+        let next = assemble(parts)?;
+        match &mut whole {
+            Some(whole) => whole.add(&next),
+            None => whole = Some(next),
+        }
+    }
+    let Some(Whole { tiles, stats }) = whole else { return Err(Error::Bug("no seed".into())) };
+    let settings = RenderSettings { part: None, ..first.record.identity.settings.clone() };
+    let stats = RenderStats { noise: noise(&tiles, settings.window()), ..stats };
+    let rendered = Rendered { settings: settings.clone(), tiles, stats, stop: first.record.stop };
+    let mut record = Record {
+        stats,
+        noise: Some(stats.noise).filter(|noise| noise.is_finite()),
+        paths: rendered.paths_range().0,
+        keeps: !several && first.record.keeps,
+        seeds: if several { names } else { Vec::new() },
+        ..first.record
+    };
+    record.identity.settings = settings;
+    let kept = ["bismar.version", "bismar.scene", "bismar.camera", "bismar.backend", "bismar.environment"];
+    let text = |name: &&'static str| {
+        checkpoint::text(&first.header, name).map(|text| ((*name).into(), HeaderValue::Text(text.into())))
+    };
+    Ok(Merged { rendered, record, more: kept.iter().filter_map(text).collect() })
+}
+
+impl Merged {
+    /// Writes it, with its statistics if its inputs were to keep theirs.
+    ///
+    /// # Errors
+    /// As [`checkpoint::write`].
+    pub fn write(&self, path: &Path) -> Result<()> {
+        checkpoint::write(path, &self.rendered, &self.record, self.more.clone(), self.record.keeps)
+    }
+}
+
+fn settings(input: &Earlier) -> &RenderSettings {
+    &input.record.identity.settings
+}
+
+fn read(path: &Path) -> Result<Earlier> {
+    let Some(input) = Earlier::read(path)? else {
+        return Err(Error::Missing(format!("{}: is not there", path.display())));
+    };
+    if input.record.stop == StopReason::Interrupted {
+        return Err(Error::Data(format!("{}: is not finished: render it with --resume first", path.display())));
+    }
+    Ok(input)
+}
+
+/// Are these parts and seeds of one render, each once?
+fn check_kinship(first: &Earlier, inputs: &[Earlier]) -> Result<()> {
+    let first_name = first.path.display();
+    for other in inputs {
+        let name = other.path.display();
+        let differences = first.record.identity.differences_but_for_seeds(&other.record.identity);
+        if !differences.is_empty() {
+            return Err(Error::Data(format!("{name} is of another render than {first_name}: different {differences}")));
+        }
+        if other.record.aovs != first.record.aovs {
+            return Err(Error::Data(format!("{name} has other AOVs than {first_name}")));
+        }
+        let [ours, theirs] = [first, other].map(|i| settings(i).part);
+        if ours.map(|p| p.of) != theirs.map(|p| p.of) {
+            let of = |part: Option<Part>| part.map_or("the whole".into(), |p| format!("part {p}"));
+            let (ours, theirs) = (of(ours), of(theirs));
+            return Err(Error::Data(format!(
+                "{name} is {theirs}, but {first_name} is {ours}: parts must be of one division"
+            )));
+        }
+        let [ours, theirs] = [first, other].map(|i| &i.record.host);
+        if ours != theirs {
+            warn!(
+                "{name} was rendered by {} ({}) and {first_name} by {} ({}): the picture is as right as ever, but not to \
+                 the last bit the one of a single host",
+                theirs.version, theirs.isa, ours.version, ours.isa
+            );
+        }
+    }
+    for pair in inputs.windows(2) {
+        let [a, b] = [settings(&pair[0]), settings(&pair[1])];
+        if (a.seed, a.part) == (b.seed, b.part) {
+            let what = match a.part {
+                Some(part) => format!("part {part} of seed {}", a.seed),
+                None => format!("seed {}, so that they are no independent pictures", a.seed),
+            };
+            let [a, b] = [pair[0].path.display(), pair[1].path.display()];
+            return Err(Error::Data(format!("{a} and {b} are both {what}")));
+        }
+    }
+    Ok(())
+}
+
+/// One whole picture.
+struct Whole {
+    tiles: Vec<Tile>,
+    stats: RenderStats,
+}
+
+/// Puts the parts of one seed together.
+fn assemble(parts: &[Earlier]) -> Result<Whole> {
+    let Some(first) = parts.first() else { return Err(Error::Bug("no parts".into())) };
+    let seed = settings(first).seed;
+    if let Some(Part { of, .. }) = settings(first).part {
+        let there = |number: &u32| parts.iter().any(|p| settings(p).part.is_some_and(|p| p.number == *number));
+        let missing: Vec<_> = (1..=of).filter(|n| !there(n)).map(|n| format!("{n}/{of}")).collect();
+        if !missing.is_empty() {
+            return Err(Error::Data(format!(
+                "of seed {seed} {} of {of} parts are missing: {}",
+                missing.len(),
+                missing.join(", ")
+            )));
+        }
+    }
+    let mut tiles = Vec::new();
+    let mut stats = RenderStats::default();
+    for part in parts {
+        let name = part.path.display();
+        let own = part.tiles(settings(part))?.ok_or_else(|| {
+            Error::Data(format!("{name}: carries no statistics to merge: render it with --checkpoint"))
+        })?;
+        let paths = |tiles: &[Tile]| tiles.first().map_or(0, Tile::paths);
+        if !tiles.is_empty() && paths(&own) != paths(&tiles) {
+            return Err(Error::Data(format!(
+                "{name} has {} paths a pixel and {} has {}: go on with the one that has less (--resume)",
+                paths(&own),
+                first.path.display(),
+                paths(&tiles)
+            )));
+        }
+        stats.join(&part.record.stats);
+        tiles.extend(own);
+    }
+    in_rows(&mut tiles);
+    if !fits(&tiles, &fresh_tiles(&RenderSettings { part: None, ..settings(first).clone() })) {
+        return Err(Error::Data(format!("the parts of seed {seed} do not cover the picture")));
+    }
+    Ok(Whole { tiles, stats })
+}
+
+impl Whole {
+    /// Sums add up: every path of either counts the same, and so does the variance of their mean.
+    fn add(&mut self, other: &Whole) {
+        for (tile, more) in self.tiles.iter_mut().zip(&other.tiles) {
+            tile.join(more);
+        }
+        self.stats.join(&other.stats);
+    }
+}

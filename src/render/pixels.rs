@@ -1,0 +1,56 @@
+//! A window's pixels where they were collected: in tiles.
+
+use super::RenderSettings;
+use super::tile::{TILE, Tile};
+use crate::film::{AovSums, PixelStats, Pixels};
+
+/// The window's pixels, read from tiles. Where no tile is, nothing was sampled.
+pub struct TilePixels<'a> {
+    size: [u32; 2],
+    window: [u32; 4],
+    aovs: bool,
+    /// Tiles a row of `tiles`.
+    columns: u32,
+    /// Row by row, all that the window touches.
+    tiles: Vec<Option<&'a Tile>>,
+}
+
+impl<'a> TilePixels<'a> {
+    /// Of tiles of a picture of these settings, in any order.
+    pub fn new(tiles: &'a [Tile], settings: &RenderSettings) -> Self {
+        let window @ [x0, y0, x1, y1] = settings.window();
+        let (columns, rows) = (x1.div_ceil(TILE) - x0 / TILE, y1.div_ceil(TILE) - y0 / TILE);
+        let mut grid = vec![None; (columns * rows) as usize];
+        for tile in tiles {
+            let [x, y] = tile.grid_position();
+            grid[((y - y0 / TILE) * columns + (x - x0 / TILE)) as usize] = Some(tile);
+        }
+        Self { size: [settings.width, settings.height], window, aovs: settings.aovs, columns, tiles: grid }
+    }
+}
+
+impl Pixels for TilePixels<'_> {
+    fn size(&self) -> [u32; 2] {
+        self.size
+    }
+
+    fn window(&self) -> [u32; 4] {
+        self.window
+    }
+
+    fn has_aovs(&self) -> bool {
+        self.aovs
+    }
+
+    fn at(&self, x: u32, y: u32) -> (PixelStats, AovSums) {
+        let [x0, y0, ..] = self.window;
+        let (column, row) = (x / TILE, y / TILE);
+        match self.tiles[((row - y0 / TILE) * self.columns + (column - x0 / TILE)) as usize] {
+            Some(tile) => {
+                let width = TILE.min(self.size[0] - column * TILE);
+                tile.at(((y % TILE) * width + x % TILE) as usize)
+            }
+            None => (PixelStats::EMPTY, AovSums::default()),
+        }
+    }
+}

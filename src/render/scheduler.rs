@@ -1,0 +1,176 @@
+//! Which pass is next and when to stop: functions of settings and of what has been done, nothing else.
+
+use super::{RenderSettings, StopReason};
+
+/// Paths a pixel below which a noise goal is not asked for. A stop rule that looks at the samples prefers pictures that
+/// have missed rare bright paths so far: fewest looks at few samples hold that bias down.
+pub const NOISE_PATHS: u32 = 32;
+
+/// How far a render is.
+#[derive(Debug, Clone, Copy)]
+pub struct State {
+    /// Fewest paths of a pixel.
+    pub done: u32,
+    /// Most paths of a pixel: more than `done` after an interruption in the middle of a pass.
+    pub ahead: u32,
+    /// Passes completed.
+    pub passes: u32,
+    /// Estimated relative error after the last whole pass, infinite before.
+    pub noise: f64,
+    /// Seconds so far that `--time` counts, over all sessions.
+    pub seconds: f64,
+    /// Seconds of passes so far, over all sessions.
+    pub render_seconds: f64,
+    /// Was the stop flag raised?
+    pub stopped: bool,
+}
+
+/// What to do next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Next {
+    /// Take every pixel to `done` and so many paths.
+    Pass(u32),
+    /// End.
+    Stop(StopReason),
+}
+
+/// The next pass, or why there is none.
+pub fn next(settings: &RenderSettings, state: &State) -> Next {
+    let State { done, ahead, .. } = *state;
+    // A pass that an interruption has left half-way is finished first: then no bit can tell.
+    let mut pass = ahead - done;
+    if pass == 0 {
+        if settings.noise.is_some_and(|goal| done >= NOISE_PATHS && state.noise <= goal) {
+            return Next::Stop(StopReason::Noise);
+        }
+        let enough = settings.passes.is_some_and(|most| state.passes >= most);
+        match settings.balance.method().next_pass(done, settings.spp, settings.pilot) {
+            Some(paths) if !enough => pass = paths,
+            _ => return Next::Stop(StopReason::Samples),
+        }
+    }
+    if let Some(reason) = cut(settings, state.seconds, state.stopped) {
+        return Next::Stop(reason);
+    }
+    if let Some(limit) = settings.time
+        && done > 0
+    {
+        // What fits into the time that is left, by what a path has cost so far.
+        let fits = ((limit - state.seconds) * f64::from(done) / state.render_seconds) as u32;
+        if fits == 0 {
+            return Next::Stop(StopReason::Time);
+        }
+        if ahead == done {
+            pass = pass.min(fits);
+        }
+    }
+    Next::Pass(pass)
+}
+
+/// Why a render must end at once, even in the middle of a pass.
+pub fn cut(settings: &RenderSettings, seconds: f64, stopped: bool) -> Option<StopReason> {
+    if stopped {
+        return Some(StopReason::Interrupted);
+    }
+    settings.time.filter(|limit| seconds >= *limit).map(|_| StopReason::Time)
+}
+
+/// The share in [0, 1] that is done of the stop rule that is nearest, after `paths` paths a pixel.
+pub fn fraction(settings: &RenderSettings, paths: f64, seconds: f64, noise: f64) -> f64 {
+    let by_samples = settings.spp.map_or(0.0, |goal| paths / f64::from(goal));
+    let by_time = settings.time.map_or(0.0, |limit| seconds / limit);
+    // Error falls with the root of the samples.
+    let by_noise = settings.noise.map_or(0.0, |goal| (goal / noise).powi(2));
+    by_samples.max(by_time).max(by_noise).clamp(0.0, 1.0)
+}
+
+/// Are these the passes that a render of these settings begins with? Then it ends with the same bits. Else its passes
+/// were cut by another goal or by time: the picture is as right, but another one.
+pub fn is_on_the_way(settings: &RenderSettings, done: u32, ahead: u32, passes_done: u32) -> bool {
+    let (mut paths, mut passes) = (0, 0);
+    while paths < ahead {
+        let Some(pass) = settings.balance.method().next_pass(paths, settings.spp, settings.pilot) else { return false };
+        if paths == done && passes == passes_done {
+            // The pass that is half-way.
+            return done + pass == ahead;
+        }
+        (paths, passes) = (paths + pass, passes + 1);
+    }
+    (paths, passes) == (done, passes_done)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::Balance;
+
+    fn half(spp: Option<u32>) -> RenderSettings {
+        RenderSettings { spp, balance: Balance::Half, ..Default::default() }
+    }
+
+    fn after(done: u32) -> State {
+        State { done, ahead: done, passes: 0, noise: f64::INFINITY, seconds: 1.0, render_seconds: 1.0, stopped: false }
+    }
+
+    #[test]
+    fn passes_follow_the_balance_until_the_samples_are_taken() {
+        let settings = half(Some(40));
+        let (mut state, mut passes) = (after(0), Vec::new());
+        while let Next::Pass(paths) = next(&settings, &state) {
+            passes.push(paths);
+            (state.done, state.ahead) = (state.done + paths, state.done + paths);
+        }
+        assert_eq!(passes, [8, 8, 16, 8]);
+        assert_eq!(next(&settings, &state), Next::Stop(StopReason::Samples));
+        let two = RenderSettings { passes: Some(2), ..settings };
+        assert_eq!(next(&two, &State { passes: 1, ..after(8) }), Next::Pass(8));
+        assert_eq!(next(&two, &State { passes: 2, ..after(16) }), Next::Stop(StopReason::Samples));
+    }
+
+    #[test]
+    fn a_pass_that_is_half_way_is_finished_whatever_the_goals_say() {
+        let settings = RenderSettings { noise: Some(1.0), ..half(Some(32)) };
+        let state = State { done: 32, ahead: 64, noise: 0.0, ..after(32) };
+        assert_eq!(next(&settings, &state), Next::Pass(32));
+        assert_eq!(next(&settings, &State { stopped: true, ..state }), Next::Stop(StopReason::Interrupted));
+    }
+
+    #[test]
+    fn a_noise_goal_waits_for_enough_paths() {
+        let settings = RenderSettings { noise: Some(0.1), ..half(None) };
+        assert_eq!(next(&settings, &State { noise: 0.05, ..after(16) }), Next::Pass(16));
+        assert_eq!(next(&settings, &State { noise: 0.05, ..after(32) }), Next::Stop(StopReason::Noise));
+        assert_eq!(next(&settings, &State { noise: 0.2, ..after(32) }), Next::Pass(32));
+    }
+
+    #[test]
+    fn time_cuts_a_pass_to_what_fits_and_ends_when_nothing_does() {
+        let settings = RenderSettings { time: Some(10.0), ..half(None) };
+        let state = |done, seconds| State { seconds, render_seconds: seconds, ..after(done) };
+        // No cost is known before the first path.
+        assert_eq!(next(&settings, &state(0, 9.999)), Next::Pass(8));
+        assert_eq!(next(&settings, &state(64, 5.0)), Next::Pass(64));
+        assert_eq!(next(&settings, &state(64, 8.0)), Next::Pass(16));
+        assert_eq!(next(&settings, &state(64, 9.9)), Next::Stop(StopReason::Time));
+        assert_eq!(next(&settings, &state(0, 10.0)), Next::Stop(StopReason::Time));
+        assert_eq!(next(&settings, &State { ahead: 128, ..state(64, 8.0) }), Next::Pass(64));
+    }
+
+    #[test]
+    fn the_nearest_stop_rule_is_the_progress() {
+        let settings = RenderSettings { time: Some(10.0), noise: Some(0.1), ..half(Some(100)) };
+        assert_eq!(fraction(&settings, 50.0, 1.0, f64::INFINITY), 0.5);
+        assert_eq!(fraction(&settings, 50.0, 9.0, 0.2), 0.9);
+        assert_eq!(fraction(&settings, 50.0, 1.0, 0.05), 1.0);
+    }
+
+    #[test]
+    fn passes_cut_by_another_goal_are_not_on_the_way() {
+        let settings = half(Some(100));
+        assert!(is_on_the_way(&settings, 16, 16, 2));
+        assert!(is_on_the_way(&settings, 16, 32, 2));
+        assert!(!is_on_the_way(&settings, 16, 24, 2));
+        assert!(!is_on_the_way(&settings, 12, 12, 2));
+        assert!(is_on_the_way(&settings, 0, 0, 0));
+    }
+}

@@ -1,0 +1,126 @@
+//! What a render took, and why it ended.
+
+use serde::{Deserialize, Serialize};
+
+use super::Rendered;
+use super::tile::{Tile, TileWork};
+use crate::integrator::WaveCounts;
+
+/// Why a render ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StopReason {
+    /// All samples taken.
+    Samples,
+    /// Out of time.
+    Time,
+    /// The noise goal was reached.
+    Noise,
+    /// The stop flag was raised.
+    Interrupted,
+}
+
+/// Counts and times of a render, over all its sessions.
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+pub struct RenderStats {
+    /// Camera paths.
+    pub paths: u64,
+    /// Camera rays.
+    pub camera_rays: u64,
+    /// Rays of the first bounce.
+    pub first_bounce_rays: u64,
+    /// Rays of later bounces.
+    pub later_bounce_rays: u64,
+    /// Shadow rays.
+    pub shadow_rays: u64,
+    /// Wall seconds from the clock's beginning to the end of rendering: what `--time` limits.
+    pub seconds: f64,
+    /// Wall seconds of the passes.
+    pub render_seconds: f64,
+    /// Thread seconds inside ray queries, over all threads.
+    pub ray_query_seconds: f64,
+    /// Thread seconds inside tiles, over all threads.
+    pub tile_seconds: f64,
+    /// Passes completed.
+    pub passes: u32,
+    /// Estimated relative error of the picture after its last whole pass; not kept, but computed again.
+    #[serde(skip_deserializing)]
+    pub noise: f64,
+}
+
+/// How many samples a picture has.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Samples {
+    /// Paths in all.
+    pub paths: u64,
+    /// Passes completed.
+    pub passes: u32,
+    /// Pixels of the window.
+    pub pixels: u64,
+    /// Fewest paths of a pixel.
+    pub pixel_min: u32,
+    /// Mean paths of a pixel.
+    pub pixel_mean: f64,
+    /// Most paths of a pixel.
+    pub pixel_max: u32,
+}
+
+impl Samples {
+    /// Of a render.
+    pub fn of(rendered: &Rendered) -> Self {
+        let (pixel_min, pixel_max) = rendered.paths_range();
+        let Rendered { tiles, stats, settings, .. } = rendered;
+        let pixels = tiles.iter().map(|t| t.inside(settings.window()).count() as u64).sum();
+        // A window's outermost tiles are traced whole.
+        let traced: usize = tiles.iter().map(Tile::pixels).sum();
+        let pixel_mean = stats.paths as f64 / traced.max(1) as f64;
+        Self { paths: stats.paths, passes: stats.passes, pixels, pixel_min, pixel_mean, pixel_max }
+    }
+}
+
+impl RenderStats {
+    /// Rays of all kinds.
+    pub fn rays(&self) -> u64 {
+        self.camera_rays + self.first_bounce_rays + self.later_bounce_rays + self.shadow_rays
+    }
+
+    /// Adds another render's: of another part or seed of the same picture.
+    pub fn join(&mut self, other: &Self) {
+        self.paths += other.paths;
+        self.camera_rays += other.camera_rays;
+        self.first_bounce_rays += other.first_bounce_rays;
+        self.later_bounce_rays += other.later_bounce_rays;
+        self.shadow_rays += other.shadow_rays;
+        self.seconds += other.seconds;
+        self.render_seconds += other.render_seconds;
+        self.ray_query_seconds += other.ray_query_seconds;
+        self.tile_seconds += other.tile_seconds;
+        self.passes = self.passes.max(other.passes);
+    }
+
+    pub(super) fn add(&mut self, work: &TileWork) {
+        self.paths += work.paths;
+        self.camera_rays += work.counts.camera_rays;
+        self.first_bounce_rays += work.counts.first_bounce_rays;
+        self.later_bounce_rays += work.counts.later_bounce_rays;
+        self.shadow_rays += work.counts.shadow_rays;
+        self.ray_query_seconds += work.counts.query_seconds;
+        self.tile_seconds += work.seconds;
+    }
+}
+
+impl TileWork {
+    pub(super) fn plus(self, other: Self) -> Self {
+        Self {
+            counts: self.counts.plus(&other.counts),
+            seconds: self.seconds + other.seconds,
+            paths: self.paths + other.paths,
+        }
+    }
+
+    /// Rays of all kinds.
+    pub(super) fn rays(&self) -> u64 {
+        let WaveCounts { camera_rays, first_bounce_rays, later_bounce_rays, shadow_rays, .. } = self.counts;
+        camera_rays + first_bounce_rays + later_bounce_rays + shadow_rays
+    }
+}
