@@ -2,16 +2,16 @@
 
 use std::f32::consts::FRAC_1_PI;
 
-use bismar::bsdf::{Lobes, MetallicRoughness, Surface};
-use bismar::lanes::{F, V3};
+use bismar::bsdf::{Bsdf, Parameters, Surface};
+use bismar::lanes::{F, LANES, V3};
 use glam::Vec3;
 
 use crate::helpers::random::Random;
 use crate::helpers::statistics::{Mean, chi_square_directions, direction, z_limit};
 
 /// f cos θ_i and pdf in the local frame, where the normal is +z.
-fn eval_pdf(bsdf: &MetallicRoughness, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
-    let (value, pdf) = Lobes::splat(bsdf).eval_pdf(V3::splat(Vec3::Z), V3::splat(wo), V3::splat(wi));
+fn eval_pdf(bsdf: &Bsdf, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
+    let (value, pdf) = Bsdf::gather([bsdf; LANES]).eval_pdf(V3::splat(Vec3::Z), V3::splat(wo), V3::splat(wi));
     (value.lane(0), pdf.as_array()[0])
 }
 
@@ -22,9 +22,9 @@ struct Sample {
 }
 
 /// A sample in the local frame, from the last lane; `None` for a failed one.
-fn sample(bsdf: &MetallicRoughness, wo: Vec3, lobe: f32, u: f32, v: f32) -> Option<Sample> {
+fn sample(bsdf: &Bsdf, wo: Vec3, lobe: f32, u: f32, v: f32) -> Option<Sample> {
     let numbers = [lobe, u, v].map(F::splat);
-    let s = Lobes::splat(bsdf).sample(V3::splat(Vec3::Z), V3::splat(wo), numbers);
+    let s = Bsdf::gather([bsdf; LANES]).sample(V3::splat(Vec3::Z), V3::splat(wo), numbers);
     let pdf = s.pdf.as_array()[7];
     (pdf > 0.0).then(|| Sample { wi: s.wi.lane(7), value: s.value.lane(7), pdf })
 }
@@ -61,7 +61,7 @@ fn samples_follow_the_pdf() {
     let tests = surfaces.len() * ANGLES.len();
     let mut random = Random(1);
     for (name, s) in &surfaces {
-        let bsdf = MetallicRoughness::new(s);
+        let bsdf = s.bsdf();
         for theta in ANGLES {
             let wo = direction(theta, 0.6);
             chi_square_directions(
@@ -79,7 +79,7 @@ fn samples_follow_the_pdf() {
 fn sampled_value_and_pdf_are_those_of_evaluation() {
     let mut random = Random(2);
     for (name, s) in surfaces() {
-        let bsdf = MetallicRoughness::new(&s);
+        let bsdf = s.bsdf();
         for theta in ANGLES {
             let wo = direction(theta, 0.6);
             for _ in 0..1000 {
@@ -99,7 +99,7 @@ fn sampled_value_and_pdf_are_those_of_evaluation() {
 fn values_are_reciprocal() {
     let mut random = Random(3);
     for (name, s) in surfaces() {
-        let bsdf = MetallicRoughness::new(&s);
+        let bsdf = s.bsdf();
         for _ in 0..2000 {
             let mut draw = || direction(1.5 * f64::from(random.f32()), 6.0 * f64::from(random.f32()));
             let (a, b) = (draw(), draw());
@@ -111,7 +111,7 @@ fn values_are_reciprocal() {
 }
 
 /// Reflected share of uniform white light, by BSDF sampling.
-fn albedo(bsdf: &MetallicRoughness, wo: Vec3, samples: u32, random: &mut Random) -> Mean {
+fn albedo(bsdf: &Bsdf, wo: Vec3, samples: u32, random: &mut Random) -> Mean {
     let mut mean = Mean::default();
     for _ in 0..samples {
         let sample = sample(bsdf, wo, random.f32(), random.f32(), random.f32());
@@ -123,7 +123,7 @@ fn albedo(bsdf: &MetallicRoughness, wo: Vec3, samples: u32, random: &mut Random)
 #[test]
 fn white_lambert_in_a_white_furnace_returns_one() {
     let s = Surface { base_color: Vec3::ONE, specular: 0.0, ..surface(0.0, 1.0) };
-    let bsdf = MetallicRoughness::new(&s);
+    let bsdf = s.bsdf();
     for theta in ANGLES {
         let mean = albedo(&bsdf, direction(theta, 0.0), 1000, &mut Random(4));
         assert!(mean.z(1.0).abs() <= z_limit(ANGLES.len()), "{theta}: {}", mean.mean);
@@ -134,7 +134,7 @@ fn white_lambert_in_a_white_furnace_returns_one() {
 fn smooth_white_metal_in_a_white_furnace_returns_one() {
     // Single scattering conserves energy as roughness goes to zero: at alpha = 1e-3 the loss at θ is at most of the
     // order alpha² tan²θ, 3e-4 at the steepest angle here.
-    let bsdf = MetallicRoughness::new(&Surface { base_color: Vec3::ONE, ..surface(1.0, 0.0) });
+    let bsdf = Surface { base_color: Vec3::ONE, ..surface(1.0, 0.0) }.bsdf();
     for theta in [0.05, 0.7, 1.2, 1.5] {
         let mean = albedo(&bsdf, direction(theta, 0.0), 20_000, &mut Random(5));
         assert!((mean.mean - 1.0).abs() < 3e-4, "{theta}: {}", mean.mean);
@@ -146,7 +146,7 @@ fn no_metal_reflects_more_than_it_receives() {
     // White dielectrics do: see below.
     let mut random = Random(6);
     for roughness in [0.0, 0.3, 0.7, 1.0] {
-        let bsdf = MetallicRoughness::new(&Surface { base_color: Vec3::ONE, ..surface(1.0, roughness) });
+        let bsdf = Surface { base_color: Vec3::ONE, ..surface(1.0, roughness) }.bsdf();
         for theta in ANGLES {
             let mean = albedo(&bsdf, direction(theta, 0.0), 20_000, &mut random);
             let excess = (mean.mean - 1.0) / mean.standard_error().max(1e-6);
@@ -169,7 +169,7 @@ fn white_dielectrics_reflect_as_much_as_the_specified_model() {
         (0.4, 0.2, 1.123),
         (0.4, 0.1, 1.169),
     ] {
-        let bsdf = MetallicRoughness::new(&Surface { base_color: Vec3::ONE, ..surface(0.0, roughness) });
+        let bsdf = Surface { base_color: Vec3::ONE, ..surface(0.0, roughness) }.bsdf();
         let mean = albedo(&bsdf, direction(f64::acos(cos), 0.0), 200_000, &mut Random(8));
         let error = (mean.mean - expected).abs();
         assert!(error < limit * mean.standard_error() + 1e-3, "{roughness} {cos}: {} not {expected}", mean.mean);
@@ -183,7 +183,7 @@ fn sampling_the_lobe_and_sampling_the_cosine_find_the_same_albedo() {
     let surfaces = surfaces();
     let limit = z_limit(surfaces.len() * ANGLES.len());
     for (name, s) in &surfaces {
-        let bsdf = MetallicRoughness::new(s);
+        let bsdf = s.bsdf();
         for theta in ANGLES {
             let wo = direction(theta, 0.3);
             let by_lobe = albedo(&bsdf, wo, 100_000, &mut random);

@@ -1,7 +1,141 @@
 //! Scattering at a surface point: `sample`, `eval`, `pdf`. Directions point away from the surface, `wo` toward the eye
-//! and `wi` toward the light.
+//! and `wi` toward the light, both in world space and unit.
+//!
+//! A model is lobes in layers, and [`Bsdf`] lists them. A lobe is a file: it declares its parameters once, from which
+//! follow those of eight points and the columns of a batch ([`parameters`]), and answers [`Lobe`].
 
 pub mod ggx;
+pub mod lambert;
+pub mod layered;
 pub mod metallic_roughness;
+pub mod microfacet;
+pub mod parameters;
 
-pub use metallic_roughness::{BsdfSample, Lobes, MetallicRoughness, Surface};
+pub use lambert::Lambert;
+pub use layered::{Layered, LobeSet};
+pub use metallic_roughness::Surface;
+pub use microfacet::Microfacet;
+pub use parameters::{Columns, Eight, One, Parameters, Width};
+
+use crate::lanes::{F, LANES, V3};
+use crate::sampling::warp;
+
+/// The lobes of all materials, from the outermost in: the one list of them. What follows from it takes no columns and
+/// no time for lobes that a scene does not use.
+pub type Bsdf<W = One> = Layered<Microfacet<W>, Lambert<W>>;
+
+/// A part of a model at eight points.
+pub trait Lobe: Copy {
+    /// Lanes that have it, as a mask.
+    fn present(&self) -> F;
+
+    /// Which lobes it is made of that any lane has.
+    fn lobes(&self) -> LobeSet {
+        LobeSet::of_one(self.present().any())
+    }
+
+    /// An estimate of the luminance of what it reflects toward `wo` of uniform white light, by which samples choose
+    /// among lobes, and the share of that light that reaches what is beneath. `n` is the shading normal.
+    fn weight(&self, n: V3, wo: V3) -> (F, F);
+
+    /// What it makes of the share `light` that reaches it from above.
+    fn eval(&self, d: &Directions, light: F) -> Response;
+
+    /// Draws a direction from three numbers in [0, 1), the first of which may choose among parts.
+    fn draw(&self, frames: &Frames, wo: V3, numbers: [F; 3]) -> Draw;
+}
+
+/// For what lobes are evaluated.
+#[derive(Debug, Clone, Copy)]
+pub struct Directions {
+    /// Shading normal.
+    pub n: V3,
+    /// Toward the eye.
+    pub wo: V3,
+    /// Toward the light.
+    pub wi: V3,
+    /// Half vector of the two.
+    pub h: V3,
+    /// n · wo.
+    pub cos_o: F,
+    /// n · wi.
+    pub cos_i: F,
+    /// Both are above the surface: a mask.
+    pub above: F,
+}
+
+/// Orthonormal frames about shading normals.
+#[derive(Debug, Clone, Copy)]
+pub struct Frames {
+    /// A tangent.
+    pub t: V3,
+    /// The other.
+    pub b: V3,
+    /// The normal.
+    pub n: V3,
+}
+
+/// What a lobe answers.
+#[derive(Debug, Clone, Copy)]
+pub struct Response {
+    /// f · cos θ_i.
+    pub value: V3,
+    /// Density per solid angle with which it draws `wi`.
+    pub pdf: F,
+    /// Share of the light that reaches what is beneath.
+    pub through: F,
+}
+
+/// A direction that a lobe drew.
+#[derive(Debug, Clone, Copy)]
+pub struct Draw {
+    /// Toward the light.
+    pub wi: V3,
+    /// The half vector of `wo` and `wi`.
+    pub h: V3,
+}
+
+/// Directions drawn from BSDFs.
+#[derive(Debug, Clone, Copy)]
+pub struct BsdfSample {
+    /// Unit, world space.
+    pub wi: V3,
+    /// f · cos θ_i.
+    pub value: V3,
+    /// Per solid angle; 0 where nothing was drawn (a direction below the surface, nothing to draw from): such a sample
+    /// counts, with value zero.
+    pub pdf: F,
+}
+
+impl Bsdf {
+    /// Which lobes it has.
+    pub fn lobes(&self) -> LobeSet {
+        Self::gather([self; LANES]).lobes()
+    }
+}
+
+impl Bsdf<Eight> {
+    /// f(wo, wi) · cos θ_i, and the density per solid angle with which [`sample`](Self::sample) draws `wi`. Zero unless
+    /// both directions are above the surface with shading normal `n`.
+    #[inline(always)]
+    pub fn eval_pdf(&self, n: V3, wo: V3, wi: V3) -> (V3, F) {
+        let found = self.respond(n, wo, Draw { wi, h: (wo + wi).normalize_or(n) });
+        (found.value, found.pdf)
+    }
+
+    /// Draws `wi` from three numbers in [0, 1).
+    #[inline(always)]
+    pub fn sample(&self, n: V3, wo: V3, numbers: [F; 3]) -> BsdfSample {
+        let (t, b) = warp::frames(n);
+        let draw = self.draw(&Frames { t, b, n }, wo, numbers);
+        let Response { value, pdf, .. } = self.respond(n, wo, draw);
+        BsdfSample { wi: draw.wi, value, pdf }
+    }
+
+    #[inline(always)]
+    fn respond(&self, n: V3, wo: V3, Draw { wi, h }: Draw) -> Response {
+        let (cos_o, cos_i) = (n.dot(wo), n.dot(wi));
+        let above = cos_o.simd_gt(F::ZERO) & cos_i.simd_gt(F::ZERO);
+        self.eval(&Directions { n, wo, wi, h, cos_o, cos_i, above }, F::ONE)
+    }
+}

@@ -2,10 +2,11 @@
 
 use glam::{Mat3, Vec2, Vec3, Vec4};
 
+use super::materials;
 use crate::bsdf::Surface;
 use crate::lanes::{F, LANES, V3, eight};
 use crate::sampling::warp;
-use crate::scene::{Material, Mesh, SHUTTER, Scene, TextureRef, TextureSlot};
+use crate::scene::{Material, Mesh, SHUTTER, Scene, TextureSlot};
 
 /// How far ray origins stand off their surface, as a share of the largest coordinate involved: some sixteen roundings.
 const ORIGIN_OFFSET: f32 = 16.0 * f32::EPSILON;
@@ -202,35 +203,19 @@ impl Point<'_> {
     #[inline]
     pub fn base_color(&self, scene: &Scene) -> Vec3 {
         let color = (self.material.base_color * self.color).truncate();
-        match &self.material.textures[TextureSlot::BaseColor] {
-            Some(t) => color * self.texture(scene, t).truncate(),
-            None => color,
-        }
+        self.texel(scene, TextureSlot::BaseColor).map_or(color, |texel| color * texel.truncate())
     }
 
     /// The material's parameters here.
     #[inline]
     pub fn parameters(&self, scene: &Scene) -> Surface {
-        let m = self.material;
-        let (mut metallic, mut roughness) = (m.metallic, m.roughness);
-        if let Some(t) = &m.textures[TextureSlot::MetallicRoughness] {
-            let texel = self.texture(scene, t);
-            roughness *= texel.y;
-            metallic *= texel.z;
-        }
-        let mut specular = m.specular;
-        if let Some(t) = &m.textures[TextureSlot::Specular] {
-            specular *= self.texture(scene, t).w;
-        }
-        let mut specular_color = m.specular_color;
-        if let Some(t) = &m.textures[TextureSlot::SpecularColor] {
-            specular_color *= self.texture(scene, t).truncate();
-        }
-        Surface { base_color: self.base_color(scene), metallic, roughness, specular, specular_color, ior: m.ior }
+        materials::surface(self.material, self.base_color(scene), |slot| self.texel(scene, slot))
     }
 
+    /// What the material's texture reads here, if there is one.
     #[inline]
-    fn texture(&self, scene: &Scene, texture: &TextureRef) -> Vec4 {
-        scene.sample_texture(texture, self.texcoords[usize::from(texture.set.min(1))])
+    fn texel(&self, scene: &Scene, slot: TextureSlot) -> Option<Vec4> {
+        let texture = self.material.textures[slot].as_ref()?;
+        Some(scene.sample_texture(texture, self.texcoords[usize::from(texture.set.min(1))]))
     }
 }

@@ -1,8 +1,8 @@
 //! The vertices of a batch's paths as structure of arrays: what light and BSDF sampling need.
 
 use super::queues::Identity;
-use crate::bsdf::Lobes;
-use crate::lanes::{F, Rows, V3, V3Column, grow, load, load_bits, store, store_bits};
+use crate::bsdf::{Bsdf, Eight, LobeSet, Parameters};
+use crate::lanes::{F, LANES, Rows, V3, V3Column, grow, load_bits, store, store_bits};
 
 /// Lowest cosine between eye and shading normal.
 const MIN_COS: f32 = 1e-3;
@@ -20,12 +20,7 @@ pub struct Vertices {
     pub wo: V3Column,
     /// Radiance that leaves toward the eye counts this much.
     pub beta: V3Column,
-    diffuse: V3Column,
-    f0: V3Column,
-    f90: Vec<f32>,
-    layer0: Vec<f32>,
-    layer90: Vec<f32>,
-    alpha: Vec<f32>,
+    bsdf: <Bsdf as Parameters>::Columns,
     /// How far `origin` stands off the surface along `ng`.
     pub origin_offset: Vec<f32>,
     /// Path of the wave.
@@ -37,13 +32,11 @@ pub struct Vertices {
     /// Seed of its pixel's sequence.
     pub seed: Vec<u32>,
     len: usize,
-    /// Diffuse alone: the other columns of the scattering are neither written nor read.
-    lambert: bool,
 }
 
 /// Up to eight points on their way into the columns.
 #[derive(Debug, Clone, Copy)]
-pub struct Group {
+pub struct Group<'a> {
     /// World space.
     pub position: V3,
     /// Normals on the winding's front side, of any length.
@@ -57,7 +50,7 @@ pub struct Group {
     /// As in [`Vertices`].
     pub origin_offset: F,
     /// The scattering at the points.
-    pub lobes: Lobes,
+    pub bsdfs: [&'a Bsdf; LANES],
     /// Whose they are.
     pub identity: Identity,
 }
@@ -73,27 +66,17 @@ impl Vertices {
         self.len == 0
     }
 
-    /// Forgets all vertices and makes room for `most`, of surfaces that are all diffuse alone if `lambert`.
-    pub fn open(&mut self, most: usize, lambert: bool) {
-        for column in [
-            &mut self.origin,
-            &mut self.ng,
-            &mut self.ns,
-            &mut self.wo,
-            &mut self.beta,
-            &mut self.diffuse,
-            &mut self.f0,
-        ] {
+    /// Forgets all vertices and makes room for `most`, on surfaces with no lobes but those in `lobes`.
+    pub fn open(&mut self, most: usize, lobes: LobeSet) {
+        for column in [&mut self.origin, &mut self.ng, &mut self.ns, &mut self.wo, &mut self.beta] {
             column.grow(most);
         }
-        for column in [&mut self.f90, &mut self.layer0, &mut self.layer90, &mut self.alpha, &mut self.origin_offset] {
-            grow(column, most);
-        }
+        Bsdf::grow(&mut self.bsdf, most, lobes);
+        grow(&mut self.origin_offset, most);
         for column in [&mut self.path, &mut self.index, &mut self.branch, &mut self.seed] {
             grow(column, most);
         }
         self.len = 0;
-        self.lambert = lambert;
     }
 
     /// Appends a group, of which the first `n` count: turns normals to the eye's side and normalises them.
@@ -123,14 +106,7 @@ impl Vertices {
         store_bits(&mut self.index, at, group.identity.index);
         store_bits(&mut self.branch, at, group.identity.branch);
         store_bits(&mut self.seed, at, group.identity.seed);
-        self.diffuse.store(at, group.lobes.diffuse);
-        if !self.lambert {
-            self.f0.store(at, group.lobes.f0);
-            store(&mut self.f90, at, group.lobes.f90);
-            store(&mut self.layer0, at, group.lobes.layer0);
-            store(&mut self.layer90, at, group.lobes.layer90);
-            store(&mut self.alpha, at, group.lobes.alpha);
-        }
+        Bsdf::store(&mut self.bsdf, at, group.bsdfs);
     }
 
     /// Whose some rows are.
@@ -146,18 +122,7 @@ impl Vertices {
 
     /// The scattering at some rows.
     #[inline(always)]
-    pub fn lobes(&self, rows: &Rows) -> Lobes {
-        let diffuse = self.diffuse.load(rows);
-        if self.lambert {
-            return Lobes { diffuse, ..Lobes::BLACK };
-        }
-        Lobes {
-            diffuse,
-            f0: self.f0.load(rows),
-            f90: load(&self.f90, rows),
-            layer0: load(&self.layer0, rows),
-            layer90: load(&self.layer90, rows),
-            alpha: load(&self.alpha, rows),
-        }
+    pub fn bsdf(&self, rows: &Rows) -> Bsdf<Eight> {
+        Bsdf::load(&self.bsdf, rows)
     }
 }

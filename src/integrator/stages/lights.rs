@@ -50,7 +50,7 @@ fn with_extent(transport: &Transport, depth: u32, vertices: &Vertices, group: &R
     let toward_environment = are(group.toward, Toward::Environment as u32) | (draws & drawn_environment);
     let choice = draws.select(left, choice);
     let light = transport.lights.sample(transport.scene, (origin, ng), toward_environment, choice, u, v);
-    let (value, bsdf_pdf) = vertices.lobes(rows).eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
+    let (value, bsdf_pdf) = vertices.bsdf(rows).eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
     let weighted_pdf = toward_environment.select(a_env, a_area) * light.pdf;
     let weight = transport.heuristic.weights(weighted_pdf, a_b * bsdf_pdf);
     let radiance = vertices.beta.load(rows) * value * light.radiance * (weight / weighted_pdf);
@@ -88,7 +88,7 @@ fn without_extent(
         punctual::sample(&transport.scene.lights, position.lane(lane), choice).unwrap_or(punctual::DARK)
     });
     let wi = V3::gather(lights.map(|l| l.wi));
-    let (value, _) = vertices.lobes(rows).eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), wi);
+    let (value, _) = vertices.bsdf(rows).eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), wi);
     let radiance = vertices.beta.load(rows) * value * V3::gather(lights.map(|l| l.irradiance));
     let alive =
         mask(group.len) & ng.dot(wi).simd_gt(F::ZERO) & radiance.max_element().simd_gt(F::ZERO) & radiance.is_finite();

@@ -38,7 +38,7 @@ pub fn sample(
 fn one_group(depth: u32, vertices: &Vertices, group: &RequestGroup, ledger: &mut Ledger, next: &mut PathRays) {
     let (rows, id) = (&group.rows, &group.identity);
     let [lobe, u, v, survive] = samples(id.seed, id.index, bsdf_set(depth));
-    let sample = vertices.lobes(rows).sample(vertices.ns.load(rows), vertices.wo.load(rows), [lobe, u, v]);
+    let sample = vertices.bsdf(rows).sample(vertices.ns.load(rows), vertices.wo.load(rows), [lobe, u, v]);
     let weighted_pdf = group.rates[2] * sample.pdf;
     let ng = vertices.ng.load(rows);
     let mut beta = vertices.beta.load(rows) * sample.value * (F::ONE / weighted_pdf);

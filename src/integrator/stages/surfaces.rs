@@ -1,7 +1,6 @@
 //! From hits to vertices: points on surfaces that scatter.
 
 use super::eight_of;
-use crate::bsdf::{Lobes, MetallicRoughness};
 use crate::integrator::Transport;
 use crate::integrator::batch::PixelBatch;
 use crate::integrator::geometry::Point;
@@ -35,7 +34,7 @@ pub fn observe(transport: &Transport, rays: &PathRays, hits: &HitBatch, ledger: 
 
 /// Fills the vertices with the surfaces that scatter.
 pub fn vertices(transport: &Transport, sorted: &SortedHits, rays: &PathRays, hits: &HitBatch, vertices: &mut Vertices) {
-    vertices.open(rays.len, transport.materials.lambert);
+    vertices.open(rays.len, transport.materials.lobes);
     for at in (0..sorted.plain.len()).step_by(LANES) {
         plain(transport, &sorted.plain, at, rays, hits, vertices);
     }
@@ -52,8 +51,6 @@ fn plain(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hits: 
     let (instance, mesh, prim) = (bits(&hits.instance), bits(&hits.mesh), bits(&hits.prim));
     let barycentric = (load(&hits.u, &rows), load(&hits.v, &rows));
     let points = transport.geometry.points(transport.scene, instance, mesh, prim, barycentric);
-    let models = eight(|lane| transport.materials.plain(mesh[lane]));
-    let lobes = if transport.materials.lambert { Lobes::gather_diffuse(models) } else { Lobes::gather(models) };
     let group = Group {
         position: points.position,
         ng: points.ng,
@@ -61,7 +58,7 @@ fn plain(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hits: 
         direction: rays.rays.directions(&rows),
         beta: rays.beta.load(&rows),
         origin_offset: points.origin_offset,
-        lobes,
+        bsdfs: eight(|lane| transport.materials.plain(mesh[lane])),
         identity: identity(rays, &rows),
     };
     vertices.push(n, &group);
@@ -75,7 +72,7 @@ fn detailed(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hit
         Rows::Each(rows) => rows,
     };
     let points = each.map(|ray| point(transport, hits, ray as usize));
-    let models = points.map(|p| MetallicRoughness::new(&p.parameters(transport.scene)));
+    let bsdfs = points.map(|p| p.parameters(transport.scene).bsdf());
     let group = Group {
         position: V3::gather(points.map(|p| p.position)),
         ng: V3::gather(points.map(|p| p.ng)),
@@ -83,7 +80,7 @@ fn detailed(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hit
         direction: rays.rays.directions(&rows),
         beta: rays.beta.load(&rows),
         origin_offset: F::from(points.map(|p| p.origin_offset)),
-        lobes: Lobes::gather(models.each_ref()),
+        bsdfs: bsdfs.each_ref(),
         identity: identity(rays, &rows),
     };
     vertices.push(n, &group);

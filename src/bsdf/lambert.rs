@@ -1,0 +1,40 @@
+//! Lambert's lobe: as bright from every side.
+
+use std::f32::consts::{FRAC_1_PI, PI};
+
+use super::{Directions, Draw, Eight, Frames, Lobe, Response, parameters::lobe};
+use crate::lanes::{F, V3};
+use crate::sampling::warp;
+
+lobe! {
+    /// Diffuse reflection.
+    Lambert {
+        /// Albedo / π.
+        diffuse: Vector,
+    }
+}
+
+impl Lobe for Lambert<Eight> {
+    #[inline(always)]
+    fn present(&self) -> F {
+        self.diffuse.max_element().simd_gt(F::ZERO)
+    }
+
+    #[inline(always)]
+    fn weight(&self, _: V3, _: V3) -> (F, F) {
+        (self.diffuse.luminance() * F::splat(PI), F::ZERO)
+    }
+
+    #[inline(always)]
+    fn eval(&self, d: &Directions, light: F) -> Response {
+        let value = self.diffuse * ((light * d.cos_i) & d.above);
+        Response { value, pdf: (d.cos_i * F::splat(FRAC_1_PI)) & d.above, through: F::ZERO }
+    }
+
+    #[inline(always)]
+    fn draw(&self, Frames { t, b, n }: &Frames, wo: V3, [_, u, v]: [F; 3]) -> Draw {
+        let cosine = warp::cosine_hemispheres(u, v);
+        let wi = *t * cosine.x + *b * cosine.y + *n * cosine.z;
+        Draw { wi, h: (wo + wi).normalize_or(*n) }
+    }
+}

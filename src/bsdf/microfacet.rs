@@ -1,0 +1,77 @@
+//! The surface of glTF's metals and dielectrics: GGX, separable Smith masking-shadowing, Schlick's Fresnel. Single
+//! scattering: rough white metal loses energy, as the specification says.
+
+use super::{Directions, Draw, Eight, Frames, Lobe, Response, ggx, parameters::lobe};
+use crate::lanes::{F, V3};
+
+lobe! {
+    /// Specular reflection. Each Fresnel term is linear in Schlick's weight between its ends.
+    Microfacet {
+        /// Fresnel at normal incidence.
+        f0: Vector,
+        /// Fresnel at grazing.
+        f90: Scalar,
+        /// What the lobes beneath do not get, at normal incidence.
+        layer0: Scalar,
+        /// The same at grazing.
+        layer90: Scalar,
+        /// Microfacet roughness, ≥ [`ggx::MIN_ALPHA`].
+        alpha: Scalar,
+    }
+}
+
+impl Lobe for Microfacet<Eight> {
+    #[inline(always)]
+    fn present(&self) -> F {
+        self.f90.simd_gt(F::ZERO) | self.f0.max_element().simd_gt(F::ZERO)
+    }
+
+    #[inline(always)]
+    fn weight(&self, n: V3, wo: V3) -> (F, F) {
+        // The Fresnel terms at wo's own angle.
+        let schlick = schlick_weight(n.dot(wo));
+        (self.fresnel(schlick).luminance(), F::ONE - self.layer(schlick))
+    }
+
+    #[inline(always)]
+    fn eval(&self, d: &Directions, light: F) -> Response {
+        let schlick = schlick_weight(d.wo.dot(d.h));
+        let alpha2 = self.alpha * self.alpha;
+        let cos_h = d.n.dot(d.h);
+        let density = ggx::distribution(d.n.cross(d.h).length_squared(), cos_h * cos_h, alpha2);
+        // D G₁(wo)/(4 cos θ_o): the pdf, and the value but for F and G₁(wi).
+        let pdf = ggx::masking(d.cos_o, alpha2) * density / (F::splat(4.0) * d.cos_o);
+        let value = self.fresnel(schlick) * ((pdf * ggx::masking(d.cos_i, alpha2) * light) & d.above);
+        Response { value, pdf: pdf & d.above, through: light * (F::ONE - self.layer(schlick)) }
+    }
+
+    #[inline(always)]
+    fn draw(&self, Frames { t, b, n }: &Frames, wo: V3, [_, u, v]: [F; 3]) -> Draw {
+        let local = V3 { x: t.dot(wo), y: b.dot(wo), z: n.dot(wo) };
+        let m = ggx::sample_visible_normal(local, self.alpha, u, v);
+        // h as drawn, not as rebuilt from wo + wi: exact also for narrow lobes.
+        let h = *t * m.x + *b * m.y + *n * m.z;
+        Draw { wi: h * (F::splat(2.0) * wo.dot(h)) - wo, h }
+    }
+}
+
+impl Microfacet<Eight> {
+    #[inline(always)]
+    fn fresnel(&self, schlick: F) -> V3 {
+        let rise = |f0: F| (self.f90 - f0).mul_add(schlick, f0);
+        V3 { x: rise(self.f0.x), y: rise(self.f0.y), z: rise(self.f0.z) }
+    }
+
+    #[inline(always)]
+    fn layer(&self, schlick: F) -> F {
+        (self.layer90 - self.layer0).mul_add(schlick, self.layer0)
+    }
+}
+
+/// (1 − cos)⁵.
+#[inline(always)]
+fn schlick_weight(cos: F) -> F {
+    let x = (F::ONE - cos).fast_max(F::ZERO).fast_min(F::ONE);
+    let x2 = x * x;
+    x2 * x2 * x
+}
