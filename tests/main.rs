@@ -25,6 +25,7 @@ mod rays;
 mod rays_alpha;
 mod resume;
 mod sampling;
+mod scalar;
 mod scenes;
 mod stability;
 mod study_balance;

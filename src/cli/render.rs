@@ -3,6 +3,7 @@
 mod args;
 mod choose;
 mod identity;
+mod replay;
 mod session;
 
 use std::path::{Path, PathBuf};
@@ -35,8 +36,11 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     let began = Instant::now();
     args.check()?;
     let args = &args.on_this_machine()?;
-    check_outputs(args)?;
     let (threads, source) = host::threads(args.threads)?;
+    if let Some(place) = args.replay_pixel {
+        return pool(threads)?.install(|| replay::run(args, place));
+    }
+    check_outputs(args)?;
     info!("{threads} threads ({source})");
     let signals = Signals::listen()?;
     pool(threads)?.install(|| {

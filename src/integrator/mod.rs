@@ -8,6 +8,7 @@ pub mod ledger;
 pub mod materials;
 pub mod prepared;
 pub mod queues;
+pub mod scalar;
 pub mod stages;
 pub mod vertices;
 pub mod wave;

@@ -5,7 +5,7 @@ use crate::bsdf::{Bsdf, Eight, LobeSet, Parameters};
 use crate::lanes::{F, LANES, Rows, V3, V3Column, grow, load_bits, store, store_bits};
 
 /// Lowest cosine between eye and shading normal.
-const MIN_COS: f32 = 1e-3;
+pub const MIN_COS: f32 = 1e-3;
 
 /// One path vertex a row.
 #[derive(Debug, Default)]

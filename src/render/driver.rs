@@ -83,12 +83,9 @@ pub fn render(
     run(scene, settings, RunOptions { stop, progress, began, from: None, checkpoint: None })
 }
 
-/// Renders on the current rayon pool until a stop rule of `settings` holds or the stop flag is raised (then within a
-/// tile's time). Without a time limit the film's bits depend on the scene, the backend's hits and `settings` alone: not
-/// on threads, nor on how often it was interrupted and continued.
-pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions) -> Rendered {
-    let method = settings.balance.method();
-    let mut transport = Transport {
+/// How the paths of a render with these settings go.
+pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Transport<'a> {
+    Transport {
         scene: &scene.scene,
         rays: scene.rays.as_ref(),
         geometry: &scene.geometry,
@@ -96,13 +93,26 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
         lights: &scene.lights,
         camera: CameraRays::new(&scene.scene.cameras[settings.camera], settings.width, settings.height),
         filter: FilterSampler::new(settings.filter),
-        heuristic: method.heuristic(),
+        heuristic: settings.balance.method().heuristic(),
         max_depth: match settings.integrator {
             Integrator::Path => settings.max_depth,
             Integrator::Direct => settings.max_depth.min(2),
         },
         seed: settings.seed,
-    };
+    }
+}
+
+/// The seed of a pass that begins after `done` paths.
+pub fn pass_seed(settings: &RenderSettings, done: u32) -> u32 {
+    let scrambles = settings.balance.method().scrambles_passes();
+    settings.seed ^ if scrambles { hash(done) } else { 0 }
+}
+
+/// Renders on the current rayon pool until a stop rule of `settings` holds or the stop flag is raised (then within a
+/// tile's time). Without a time limit the film's bits depend on the scene, the backend's hits and `settings` alone: not
+/// on threads, nor on how often it was interrupted and continued.
+pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions) -> Rendered {
+    let mut transport = transport(scene, settings);
     let RunOptions { stop, progress, began, from, checkpoint } = options;
     let start = Instant::now();
     let Saved { tiles, stats } =
@@ -136,9 +146,7 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
             Next::Stop(reason) => break reason,
         };
         let target = done + pass;
-        if method.scrambles_passes() {
-            transport.seed = settings.seed ^ hash(done);
-        }
+        transport.seed = pass_seed(settings, done);
         let meter = Meter {
             settings,
             start,

@@ -53,13 +53,19 @@ pub struct TileSampler<'a> {
     tile: &'a mut Tile,
     transport: &'a Transport<'a>,
     buffers: &'a mut Buffers,
+    watch: &'a mut dyn FnMut(&PixelTask, u32),
 }
 
 impl<'a> TileSampler<'a> {
-    /// Begins a pass.
-    pub fn new(tile: &'a mut Tile, transport: &'a Transport<'a>, buffers: &'a mut Buffers) -> Self {
+    /// Begins a pass; `watch` is told what each pixel takes, and of how many paths, wave by wave.
+    pub fn new(
+        tile: &'a mut Tile,
+        transport: &'a Transport<'a>,
+        buffers: &'a mut Buffers,
+        watch: &'a mut dyn FnMut(&PixelTask, u32),
+    ) -> Self {
         buffers.wave.counts = WaveCounts::default();
-        Self { tile, transport, buffers }
+        Self { tile, transport, buffers, watch }
     }
 
     /// Rays and time of the pass so far.
@@ -88,7 +94,8 @@ impl Sampler for TileSampler<'_> {
     }
 
     fn take(&mut self, counts: &[Counts], weighed: &[Counts], observer: Option<&mut dyn Observer>) {
-        trace(self.tile, self.transport, &mut self.buffers.wave, &mut self.buffers.tasks, counts, weighed, observer);
+        let Buffers { wave, tasks, .. } = self.buffers;
+        trace(self.tile, self.transport, wave, tasks, (counts, weighed), observer, self.watch);
     }
 
     fn pilot(&mut self, counts: Counts) -> &[Contribution] {
@@ -97,7 +104,7 @@ impl Sampler for TileSampler<'_> {
         pilot.found.clear();
         pilot.paths.clear();
         let all = vec![counts; self.tile.pixels()];
-        trace(self.tile, self.transport, wave, tasks, &all, &all, Some(pilot));
+        trace(self.tile, self.transport, wave, tasks, (&all, &all), Some(pilot), self.watch);
         &pilot.found
     }
 
@@ -121,9 +128,9 @@ fn trace(
     transport: &Transport,
     wave: &mut Wave,
     tasks: &mut Vec<PixelTask>,
-    counts: &[Counts],
-    weighed: &[Counts],
+    (counts, weighed): (&[Counts], &[Counts]),
     mut observer: Option<&mut dyn Observer>,
+    watch: &mut dyn FnMut(&PixelTask, u32),
 ) {
     let Some(paths) = counts.first().map(|c| c.paths) else { return };
     let first_path = tile.paths();
@@ -148,6 +155,7 @@ fn trace(
             pixel.environment += counts.environment.unwrap_or(0);
             pixel.bsdf += counts.bsdf;
         }
+        tasks.iter().for_each(|task| watch(task, paths));
         let mut batch = PixelBatch {
             tasks,
             stats: &mut tile.stats[start..end],

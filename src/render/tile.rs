@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::sampler::{self, TileSampler};
 use crate::balance::{Balance, Learned, Moments, Share};
 use crate::film::{AovSums, PixelStats};
-use crate::integrator::{Transport, WaveCounts};
+use crate::integrator::{PixelTask, Transport, WaveCounts};
 use crate::rays::embree::set_flush_to_zero;
 
 /// Pixels along a side. Tiles lie on the whole picture's grid.
@@ -96,6 +96,17 @@ impl Tile {
 
     /// Takes a pass of `paths` paths a pixel as the balance's method has it.
     pub fn pass(&mut self, transport: &Transport, balance: Balance, paths: u32) -> TileWork {
+        self.pass_watched(transport, balance, paths, &mut |_, _| ())
+    }
+
+    /// [`pass`](Self::pass), and `watch` is told what each pixel takes, and of how many paths, wave by wave.
+    pub fn pass_watched(
+        &mut self,
+        transport: &Transport,
+        balance: Balance,
+        paths: u32,
+        watch: &mut dyn FnMut(&PixelTask, u32),
+    ) -> TileWork {
         let start = Instant::now();
         set_flush_to_zero();
         let done = self.paths();
@@ -104,7 +115,7 @@ impl Tile {
             both.map(|(pixel, s)| Share { light: s.balance, environment: pixel.environment_share }).collect();
         let mut moments = std::mem::take(&mut self.moments);
         let counts = sampler::with_buffers(|buffers| {
-            let mut sampler = TileSampler::new(self, transport, buffers);
+            let mut sampler = TileSampler::new(self, transport, buffers, watch);
             let mut learned = Learned { shares: &mut shares, moments: &mut moments };
             balance.method().pass(&mut learned, &mut sampler, done, paths);
             sampler.counts()

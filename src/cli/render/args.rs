@@ -6,6 +6,7 @@ use std::str::FromStr;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 
+use super::replay::Place;
 use crate::cli::progress::Style;
 use crate::farm::PathMapping;
 use crate::film::{Aov, View};
@@ -122,6 +123,10 @@ pub struct RenderArgs {
     /// Where this command's paths lie on this machine: rules of Open Job Description (pathmapping-1.0).
     #[arg(long, value_name = "FILE.json", help_heading = "Interruption and parts")]
     pub path_mapping: Option<PathBuf>,
+    /// Write no picture: print what happens on the paths of one pixel (from the top left), or on its path N alone.
+    #[arg(long, value_name = "X,Y[,N]", conflicts_with_all = ["resume", "checkpoint", "part"],
+        help_heading = "Output")]
+    pub replay_pixel: Option<Place>,
     /// How progress is shown.
     #[arg(long, value_enum, default_value_t = Style::Auto, help_heading = "Output")]
     pub progress: Style,

@@ -26,7 +26,7 @@ use crate::{Error, Result};
 
 /// A scene that is ready to be rendered.
 pub struct Loaded {
-    prepared: PreparedScene<'static>,
+    pub prepared: PreparedScene<'static>,
     read_seconds: f64,
     build_seconds: f64,
 }
@@ -267,7 +267,7 @@ impl Session<'_> {
     }
 }
 
-fn settings(args: &RenderArgs, scene: &Scene) -> Result<RenderSettings> {
+pub fn settings(args: &RenderArgs, scene: &Scene) -> Result<RenderSettings> {
     let camera = choose::camera(&scene.cameras, args.camera.as_deref())?;
     let (width, height) = args.size.map_or_else(|| choose::size(&scene.cameras[camera]), |s| (s.0, s.1));
     let crop = args.crop.map(|c| c.inside(width, height)).transpose()?;

@@ -1,0 +1,78 @@
+//! `bismar render --replay-pixel X,Y[,N]`
+
+use std::str::FromStr;
+use std::time::Instant;
+
+use super::session::settings;
+use super::{Inputs, Loaded, RenderArgs};
+use crate::cli::{Verdict, print};
+use crate::render::{RenderSettings, replay};
+use crate::{Error, Result};
+
+/// `X,Y[,N]`: a pixel of the whole picture, and one of its paths.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Place {
+    pixel: [u32; 2],
+    path: Option<u32>,
+}
+
+impl FromStr for Place {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let numbers: Option<Vec<u32>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+        match numbers.as_deref() {
+            Some(&[x, y]) => Ok(Place { pixel: [x, y], path: None }),
+            Some(&[x, y, n]) => Ok(Place { pixel: [x, y], path: Some(n) }),
+            _ => Err("not X,Y or X,Y,N: a pixel from the top left, and the number of a path, as in 17,4,3".into()),
+        }
+    }
+}
+
+/// Prints the paths; writes no picture.
+pub fn run(args: &RenderArgs, place: Place) -> Result<Verdict> {
+    let inputs = Inputs::read(args)?;
+    let loaded = Loaded::load(args, &inputs, &|_, _| true)?;
+    let settings: RenderSettings = settings(args, &loaded.prepared.scene)?;
+    let Place { pixel: [x, y], path } = place;
+    if x >= settings.width || y >= settings.height {
+        return Err(Error::Usage(format!(
+            "--replay-pixel {x},{y} is not inside the picture of {}x{} pixels",
+            settings.width, settings.height
+        )));
+    }
+    let Some(spp) = settings.spp else {
+        return Err(Error::Usage("--replay-pixel needs --spp: which paths there are follows from it".into()));
+    };
+    if let Some(n) = path.filter(|n| *n >= spp) {
+        return Err(Error::Usage(format!("--replay-pixel {x},{y},{n}: with --spp {spp} the last path is {}", spp - 1)));
+    }
+    let mut printed = Ok(());
+    let start = Instant::now();
+    replay(&loaded.prepared, &settings, [x, y], path, &mut |replayed| {
+        if printed.is_err() {
+            return;
+        }
+        let mut text = format!("pixel {x},{y} path {}: {}", replayed.path, replayed.radiance);
+        for event in &replayed.events {
+            text += &format!("\n  {event}");
+        }
+        printed = print(text);
+    });
+    tracing::info!("replayed in {:.2} s", start.elapsed().as_secs_f64());
+    printed.map(|()| Verdict::Done)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_are_read_or_refused() {
+        assert_eq!("17,4".parse(), Ok(Place { pixel: [17, 4], path: None }));
+        assert_eq!("0, 0,12".parse(), Ok(Place { pixel: [0, 0], path: Some(12) }));
+        for bad in ["", "1", "1,", "-1,2", "1,2,3,4", "a,b", "1.5,2", "99999999999,1"] {
+            assert!(bad.parse::<Place>().is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,319 @@
+//! One path at a time, as plainly as it can be said: the oracle for the wave, and what `--replay-pixel` prints. It shares
+//! scattering, lights and sequences with the wave, but none of its queues, sorting or compaction.
+
+use std::fmt::{self, Display};
+
+use glam::Vec3;
+
+use super::Transport;
+use super::batch::PixelTask;
+use super::stages::lights::SHADOW_END;
+use super::stages::requests::{Toward, light_sample};
+use super::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
+use super::stages::{bsdf_set, light_set};
+use super::vertices::MIN_COS;
+use crate::balance::{Counts, deal};
+use crate::bsdf::{Bsdf, Eight, Parameters};
+use crate::lanes::{F, LANES, U, V3};
+use crate::light::{area, punctual};
+use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
+use crate::sampling::{PixelSequence, hash, keys, pixel_seed};
+
+/// Something that happened on a path; `Display` says it in a line.
+#[derive(Debug, Clone, Copy)]
+pub struct Event {
+    /// Segments before.
+    pub depth: u32,
+    /// What.
+    pub what: What,
+}
+
+/// What can happen. Radiance is what was added to the path's, weights are those of MIS.
+#[derive(Debug, Clone, Copy)]
+#[allow(missing_docs, reason = "the names say it")]
+pub enum What {
+    Ray { origin: Vec3, direction: Vec3, beta: Vec3 },
+    Escape,
+    Hit { instance: u32, mesh: u32, material: u32, t: f32 },
+    Emission { radiance: Vec3, weight: f32 },
+    LightSample { toward: &'static str, wi: Vec3, distance: f32, radiance: Vec3, occluded: bool },
+    BsdfSample { wi: Vec3, pdf: f32 },
+    Ends { why: &'static str },
+}
+
+/// A ray of a path.
+struct Ray {
+    origin: Vec3,
+    direction: Vec3,
+    key: u32,
+    /// Radiance that arrives counts this much.
+    beta: Vec3,
+    /// Geometric normal where it begins.
+    normal: Vec3,
+    /// BSDF pdf times samples a path.
+    weighted_pdf: f32,
+    /// Index into its pixel's sequence.
+    index: u32,
+}
+
+/// Where a path meets a surface.
+struct Vertex {
+    origin: Vec3,
+    position: Vec3,
+    ng: Vec3,
+    ns: Vec3,
+    wo: Vec3,
+    beta: Vec3,
+    bsdf: Bsdf<Eight>,
+}
+
+struct Path<'a> {
+    transport: &'a Transport<'a>,
+    sequence: PixelSequence,
+    seed: u32,
+    /// Samples a path at the first surface: toward the environment, toward area lights, of the BSDF.
+    rates: [f32; 3],
+    tell: &'a mut dyn FnMut(Event),
+}
+
+/// Radiance of path `path` of the `paths` that a wave takes for a pixel; `tell` hears what happens.
+pub fn trace(transport: &Transport, task: &PixelTask, path: u32, paths: u32, tell: &mut dyn FnMut(Event)) -> Vec3 {
+    let sequence = PixelSequence::new(task.x, task.y, transport.seed);
+    let seed = pixel_seed(task.x, task.y, transport.seed);
+    let index = task.first_path + path;
+    let [px, py, ..] = sequence.sample(index, 0);
+    let offset = |u: f32| transport.filter.offsets(F::splat(u)).as_array()[0];
+    let (x, y) = (offset(px) + (task.x as f32 + 0.5), offset(py) + (task.y as f32 + 0.5));
+    let (origin, direction) = transport.camera.rays(F::splat(x), F::splat(y));
+    let rates = task.weighed.rates(transport.lights.environment_probability);
+    let mut state = Path { transport, sequence, seed, rates, tell };
+    let ray = Ray {
+        origin: origin.lane(0),
+        direction: direction.lane(0),
+        key: key(seed, index, 0),
+        beta: Vec3::ONE,
+        normal: Vec3::ZERO,
+        weighted_pdf: 0.0,
+        index,
+    };
+    let before = |n: u32| (0..path).map(|p| u32::from(deal(n, paths, p))).sum::<u32>();
+    let numbers = |first: u32, n: u32| {
+        let start = first + before(n);
+        start..start + u32::from(deal(n, paths, path))
+    };
+    let light = numbers(task.first_light, task.counts.light).map(|number| light_sample(task, number));
+    let bsdf = numbers(task.first_bsdf, task.counts.bsdf);
+    state.follow(&ray, 0, &light.collect::<Vec<_>>(), &bsdf.collect::<Vec<_>>())
+}
+
+fn key(seed: u32, index: u32, set: u32) -> u32 {
+    keys(U::splat(seed), U::splat(index), set).to_array()[0]
+}
+
+impl Path<'_> {
+    fn tell(&mut self, depth: u32, what: What) {
+        (self.tell)(Event { depth, what });
+    }
+
+    /// Radiance that a ray brings, with these light samples (index, toward what) and BSDF samples where it hits.
+    fn follow(&mut self, ray: &Ray, depth: u32, light: &[(u32, Toward)], bsdf: &[u32]) -> Vec3 {
+        let t = self.transport;
+        let Ray { origin, direction, beta, .. } = *ray;
+        self.tell(depth, What::Ray { origin, direction, beta });
+        let (mut rays, mut hits) = (RayBatch::default(), HitBatch::default());
+        rays.push(origin, direction, 0.0, f32::INFINITY, ray.key);
+        t.rays.closest_hits(&rays, RayOrder::Incoherent, &mut hits);
+        let (instance, mesh, prim, distance) = (hits.instance[0], hits.mesh[0], hits.prim[0], hits.t[0]);
+        if mesh == MISS {
+            self.tell(depth, What::Escape);
+            if t.lights.environment.is_none() {
+                return Vec3::ZERO;
+            }
+            let (radiance, pdf) = t.lights.environment(V3::splat(direction));
+            let pdf = if depth == 0 { 0.0 } else { pdf.as_array()[0] };
+            return self.emission(ray, depth, radiance.lane(0), [pdf, 0.0]);
+        }
+        let barycentric = (hits.u[0], hits.v[0]);
+        let point = t.geometry.point(t.scene, instance, mesh, prim, barycentric);
+        let material = point.mesh.material;
+        self.tell(depth, What::Hit { instance, mesh, material, t: distance });
+        if point.material.unlit {
+            return self.emission(ray, depth, point.base_color(t.scene), [0.0; 2]);
+        }
+        let mut found = Vec3::ZERO;
+        if t.materials.kind(mesh).shines && (point.material.double_sided || point.ng.dot(direction) < 0.0) {
+            let radiance = area::emission(t.scene, point.mesh, prim, barycentric.0, barycentric.1);
+            let from = (origin, ray.normal);
+            let hit = (instance, mesh, prim);
+            let pdf = if depth == 0 { 0.0 } else { t.lights.area_pdf(from, hit, direction, distance) };
+            found += self.emission(ray, depth, radiance, [0.0, pdf]);
+        }
+        if depth + 1 >= t.max_depth {
+            self.tell(depth, What::Ends { why: "--max-depth" });
+            return found;
+        }
+        // The side of the eye; a shading normal that faces away from it is tilted until the eye is just above its horizon.
+        let wo = -direction;
+        let front = point.ng.normalize_or(wo);
+        let side = if front.dot(wo) < 0.0 { -1.0 } else { 1.0 };
+        let ng = front * side;
+        let ns = point.ns.normalize_or(front) * side;
+        let tilted = (ns + wo * (MIN_COS - ns.dot(wo))).normalize_or(ng);
+        let vertex = Vertex {
+            origin: point.position + ng * point.origin_offset,
+            position: point.position,
+            ng,
+            ns: if ns.dot(wo) < MIN_COS { tilted } else { ns },
+            wo,
+            beta,
+            bsdf: Bsdf::gather([&point.parameters(t.scene).bsdf(); LANES]),
+        };
+        for &(index, toward) in light {
+            found += self.light_sample(&vertex, depth, index, toward);
+        }
+        if t.lights.punctual {
+            found += self.punctual_sample(&vertex, depth, ray.index);
+        }
+        for &index in bsdf {
+            found += self.bsdf_sample(&vertex, depth, index);
+        }
+        found
+    }
+
+    /// Samples a path of each technique at the vertex at `depth`.
+    fn rates(&self, depth: u32) -> [f32; 3] {
+        let deeper = || Counts::half(1).rates(self.transport.lights.environment_probability);
+        if depth == 0 { self.rates } else { deeper() }
+    }
+
+    /// Light that a ray ran into, weighed against a light sample's densities (as the environment, as an area light).
+    fn emission(&mut self, ray: &Ray, depth: u32, radiance: Vec3, pdf: [f32; 2]) -> Vec3 {
+        let rates = self.rates(depth.saturating_sub(1));
+        let weighted_light = rates[0] * pdf[0] + rates[1] * pdf[1];
+        let weight = match weighted_light > 0.0 {
+            true => self.transport.heuristic.weight(ray.weighted_pdf, weighted_light),
+            false => 1.0,
+        };
+        let radiance = ray.beta * radiance * weight;
+        let radiance = if radiance.is_finite() { radiance } else { Vec3::ZERO };
+        self.tell(depth, What::Emission { radiance, weight });
+        radiance
+    }
+
+    fn light_sample(&mut self, vertex: &Vertex, depth: u32, index: u32, toward: Toward) -> Vec3 {
+        let t = self.transport;
+        if !t.lights.has_extent() {
+            return Vec3::ZERO;
+        }
+        let [a_env, a_area, a_b] = self.rates(depth);
+        let [choice, u, v, _] = self.sequence.sample(index, light_set(depth));
+        let (drawn, left) = t.lights.draw_kind(F::splat(choice));
+        let environment = match toward {
+            Toward::Drawn => drawn.to_bitmask() & 1 == 1,
+            toward => toward == Toward::Environment,
+        };
+        let choice = if toward == Toward::Drawn { left } else { F::splat(choice) };
+        let mask = if environment { F::ZERO.simd_eq(F::ZERO) } else { F::ZERO };
+        let from = (V3::splat(vertex.origin), V3::splat(vertex.ng));
+        let light = t.lights.sample(t.scene, from, mask, choice, F::splat(u), F::splat(v));
+        let (value, bsdf_pdf) = vertex.bsdf.eval_pdf(V3::splat(vertex.ns), V3::splat(vertex.wo), light.wi);
+        let [pdf, bsdf_pdf, distance] = [light.pdf, bsdf_pdf, light.distance].map(|x| x.as_array()[0]);
+        let (wi, value, emitted) = (light.wi.lane(0), value.lane(0), light.radiance.lane(0));
+        let weighted_pdf = if environment { a_env } else { a_area } * pdf;
+        let weight = t.heuristic.weight(weighted_pdf, a_b * bsdf_pdf);
+        let radiance = vertex.beta * value * emitted * (weight / weighted_pdf);
+        let name = if environment { "environment" } else { "area light" };
+        let sound = pdf > 0.0;
+        self.shadow_ray(vertex, depth, index, (name, wi, distance), if sound { radiance } else { Vec3::ZERO })
+    }
+
+    fn punctual_sample(&mut self, vertex: &Vertex, depth: u32, index: u32) -> Vec3 {
+        let [.., choice] = self.sequence.sample(index, light_set(depth));
+        let sample = punctual::sample(&self.transport.scene.lights, vertex.position, choice);
+        let Some(light) = sample else { return Vec3::ZERO };
+        let (ns, wo) = (V3::splat(vertex.ns), V3::splat(vertex.wo));
+        let (value, _) = vertex.bsdf.eval_pdf(ns, wo, V3::splat(light.wi));
+        let radiance = vertex.beta * value.lane(0) * light.irradiance;
+        self.shadow_ray(vertex, depth, index, ("punctual light", light.wi, light.distance), radiance)
+    }
+
+    /// `radiance`, if it is light at all and nothing is in its way.
+    fn shadow_ray(
+        &mut self,
+        vertex: &Vertex,
+        depth: u32,
+        index: u32,
+        (toward, wi, distance): (&'static str, Vec3, f32),
+        radiance: Vec3,
+    ) -> Vec3 {
+        let some = vertex.ng.dot(wi) > 0.0 && radiance.max_element() > 0.0 && radiance.is_finite();
+        if !some {
+            self.tell(depth, What::LightSample { toward, wi, distance, radiance: Vec3::ZERO, occluded: false });
+            return Vec3::ZERO;
+        }
+        let (mut rays, mut occluded) = (RayBatch::default(), Vec::new());
+        let key = hash(key(self.seed, index, light_set(depth)));
+        rays.push(vertex.origin, wi, 0.0, distance * SHADOW_END, key);
+        self.transport.rays.occluded(&rays, RayOrder::Incoherent, &mut occluded);
+        let (occluded, radiance) = (occluded[0], if occluded[0] { Vec3::ZERO } else { radiance });
+        self.tell(depth, What::LightSample { toward, wi, distance, radiance, occluded });
+        radiance
+    }
+
+    fn bsdf_sample(&mut self, vertex: &Vertex, depth: u32, index: u32) -> Vec3 {
+        let [lobe, u, v, survive] = self.sequence.sample(index, bsdf_set(depth));
+        let (ns, wo) = (V3::splat(vertex.ns), V3::splat(vertex.wo));
+        let sample = vertex.bsdf.sample(ns, wo, [lobe, u, v].map(F::splat));
+        let (wi, value, pdf) = (sample.wi.lane(0), sample.value.lane(0), sample.pdf.as_array()[0]);
+        self.tell(depth, What::BsdfSample { wi, pdf });
+        let weighted_pdf = self.rates(depth)[2] * pdf;
+        let mut beta = vertex.beta * value / weighted_pdf;
+        let alive = pdf > 0.0 && vertex.ng.dot(wi) > 0.0 && beta.max_element() > 0.0 && beta.is_finite();
+        if !alive {
+            self.tell(depth, What::Ends { why: "the direction carries nothing" });
+            return Vec3::ZERO;
+        }
+        if depth + 1 >= ROULETTE_DEPTH {
+            let keep = (beta.max_element() * ROULETTE_GAIN).min(1.0);
+            if keep <= survive {
+                self.tell(depth, What::Ends { why: "Russian roulette" });
+                return Vec3::ZERO;
+            }
+            beta /= keep;
+        }
+        let ray = Ray {
+            origin: vertex.origin,
+            direction: wi,
+            key: key(self.seed, index, bsdf_set(depth)),
+            beta,
+            normal: vertex.ng,
+            weighted_pdf,
+            index,
+        };
+        self.follow(&ray, depth + 1, &[(index, Toward::Drawn)], &[index])
+    }
+}
+
+impl Display for Event {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let Self { depth, what } = self;
+        let indent = 2 * *depth as usize;
+        write!(f, "{:indent$}", "")?;
+        match what {
+            What::Ray { origin, direction, beta } => {
+                write!(f, "{depth}: ray from {origin} toward {direction}, throughput {beta}")
+            }
+            What::Escape => write!(f, "   escapes"),
+            What::Hit { instance, mesh, material, t } => {
+                write!(f, "   hits instance {instance}, mesh {mesh}, material {material}, {t} away")
+            }
+            What::Emission { radiance, weight } => write!(f, "   meets light: {radiance} (weight {weight})"),
+            What::LightSample { toward, wi, distance, radiance, occluded } => {
+                let seen = if *occluded { " (occluded)" } else { "" };
+                write!(f, "   light sample, {toward}, toward {wi}, {distance} away: {radiance}{seen}")
+            }
+            What::BsdfSample { wi, pdf } => write!(f, "   BSDF sample toward {wi}, pdf {pdf}"),
+            What::Ends { why } => write!(f, "   ends: {why}"),
+        }
+    }
+}
