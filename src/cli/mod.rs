@@ -22,7 +22,7 @@ use std::panic::catch_unwind;
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
-use tracing::Level;
+use tracing_subscriber::EnvFilter;
 
 use crate::{Error, Result};
 
@@ -111,13 +111,13 @@ fn fail(error: &Error) -> ExitCode {
 
 fn start_logging(verbosity: Verbosity) {
     let level = match verbosity {
-        Verbosity { quiet: true, .. } => Level::ERROR,
-        Verbosity { verbose: 0, .. } => Level::WARN,
-        Verbosity { verbose: 1, .. } => Level::INFO,
-        _ => Level::DEBUG,
+        Verbosity { quiet: true, .. } => "error",
+        Verbosity { verbose: 0, .. } => "warn",
+        Verbosity { verbose: 1, .. } => "info",
+        _ => "debug",
     };
     let subscriber = tracing_subscriber::fmt()
-        .with_max_level(level)
+        .with_env_filter(EnvFilter::new(level))
         .with_writer(io::stderr)
         .with_ansi(io::stderr().is_terminal())
         .with_target(false)
