@@ -38,8 +38,8 @@ test: setup
 	$(CARGO) test --workspace --locked
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --workspace --no-deps --locked
 
-bench: setup
-	$(CARGO) bench --locked --bench replay -- $(BENCH_FLAGS)
+bench: build
+	$(CARGO) bench --package bismar-study --locked --bench replay -- $(BENCH_FLAGS)
 
 # BENCH_FLAGS="--quick" for a look; docs/throughput.md and docs/peers.md say what is measured.
 bench-peers: build

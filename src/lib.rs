@@ -2,7 +2,8 @@
 //! BSDF sampling.
 //!
 //! Data flows one way: [`scene`] → [`rays`] → [`integrator`] (with [`bsdf`], [`light`], [`sampling`],
-//! [`balance`]) → [`render`] → [`film`]. Only [`cli`] sees everything.
+//! [`balance`]) → [`render`] → [`film`]. Only [`cli`] sees everything. Studies of the program are a crate of their own,
+//! `bismar-study`.
 //!
 //! Load, render, save (`examples/` has more: progress and AOVs, going on from a file, balances compared):
 //!
@@ -34,6 +35,7 @@ pub mod batch;
 pub mod bsdf;
 pub mod cli;
 pub mod color;
+pub mod console;
 pub mod error;
 pub mod farm;
 pub mod film;
@@ -42,9 +44,7 @@ pub mod lanes;
 pub mod light;
 pub mod rays;
 pub mod render;
-pub mod report;
 pub mod sampling;
 pub mod scene;
-pub mod study;
 
 pub use error::{Error, Result};

@@ -305,3 +305,36 @@ fn a_reader_that_goes_away_is_no_error() {
         assert!(output.stderr.is_empty(), "bismar {line}: {}", stderr(&output));
     }
 }
+
+#[test]
+fn a_study_is_handed_to_the_program_beside_with_its_whole_line() {
+    use std::os::unix::fs::PermissionsExt;
+    // On the file system of the program, so that it can be linked there: a copy could be busy when it is run.
+    let folder = TempDir::new_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
+    let bismar = folder.path().join("bismar");
+    fs::hard_link(assert_cmd::cargo::cargo_bin!("bismar"), &bismar).unwrap();
+    let run = |line: &str| Command::new(&bismar).args(line.split_whitespace()).output().unwrap();
+
+    let missing = run("study rays --quick");
+    assert_eq!(missing.status.code(), Some(76));
+    let text = stderr(&missing);
+    assert!(text.contains("bismar-study: cannot start") && text.contains("make build"), "{text}");
+
+    let script = folder.path().join("bismar-study");
+    fs::write(&script, "#!/bin/sh\necho \"$@\"\nexit 3\n").unwrap();
+    fs::set_permissions(&script, fs::Permissions::from_mode(0o755)).unwrap();
+    for (line, handed) in [
+        ("study rays a.glb --out b -q", "rays a.glb --out b -q"),
+        ("-q study balance a.glb", "-q balance a.glb"),
+        ("study -vv stability", "-v -v stability"),
+        ("study --help", "--help"),
+        ("study balance -h", "balance -h"),
+        ("study help rays", "help rays"),
+        ("help study rays", "help rays"),
+        ("study", ""),
+    ] {
+        let output = run(line);
+        assert_eq!(output.status.code(), Some(3), "{line}");
+        assert_eq!(String::from_utf8_lossy(&output.stdout).trim_end(), handed, "{line}");
+    }
+}

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Each room of `src/` and the rooms that it may see. `error`, `lanes` and `color` are tools that all may use.
-const SEES: [(&str, &[&str]); 17] = [
+const SEES: [(&str, &[&str]); 16] = [
     ("error", &[]),
     ("lanes", &[]),
     ("color", &[]),
@@ -18,8 +18,7 @@ const SEES: [(&str, &[&str]); 17] = [
     ("film", &[]),
     ("integrator", &["scene", "rays", "light", "bsdf", "sampling", "balance", "film"]),
     ("render", &["scene", "rays", "light", "sampling", "balance", "film", "integrator"]),
-    ("report", &["film"]),
-    ("study", ALL),
+    ("console", &["film", "render"]),
     ("batch", ALL),
     ("farm", ALL),
     ("cli", ALL),
@@ -34,8 +33,7 @@ const ALL: &[&str] = &[
     "film",
     "integrator",
     "render",
-    "report",
-    "study",
+    "console",
     "batch",
     "farm",
 ];
@@ -46,9 +44,9 @@ const KEPT_IN: [(&str, &[&str]); 6] = [
     ("unsafe ", &["rays/embree"]),
     ("embree4_sys", &["rays/embree"]),
     ("obvhs::", &["rays/cwbvh"]),
-    ("clap::", &["cli", "balance", "sampling", "rays", "render", "film"]),
-    ("std::fs", &["scene/import/source", "film", "cli", "study", "report", "batch", "farm"]),
-    ("std::process", &["cli", "study", "batch", "farm", "main.rs"]),
+    ("clap::", &["cli", "console", "balance", "sampling", "rays", "render", "film"]),
+    ("std::fs", &["scene/import/source", "film", "console", "cli", "batch", "farm"]),
+    ("std::process", &["cli", "console", "batch", "farm", "main.rs"]),
 ];
 
 fn source() -> PathBuf {

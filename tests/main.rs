@@ -27,6 +27,3 @@ mod resume;
 mod sampling;
 mod scalar;
 mod scenes;
-mod stability;
-mod study_balance;
-mod study_rays;

@@ -15,13 +15,12 @@ use clap::{ArgAction, Args, Command, FromArgMatches, ValueHint};
 use serde_json::json;
 use tracing::info;
 
-use super::render::{Done, Inputs, Loaded, RenderArgs, Session, check_outputs, pool};
-use super::signals::Signals;
+use super::render::{Done, Inputs, Loaded, RenderArgs, Session, check_outputs};
 use super::stats::Stats;
-use super::{Verbosity, Verdict, host, print, say};
 use crate::batch::file::{self, Flag, Job};
 use crate::batch::queue::{Shelf, each};
 use crate::batch::report::{Entry, Report, Status};
+use crate::console::{Signals, Verbosity, Verdict, host, print, say};
 use crate::film::atomic;
 use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
@@ -139,7 +138,7 @@ pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
     let workers = (args.jobs as usize).min(batch.jobs.len());
     let each_threads = (threads / workers).max(1);
     info!("{workers} jobs at a time, each on {each_threads} threads ({threads} in all: {source})");
-    let pools = (0..workers).map(|_| pool(each_threads)).collect::<Result<Vec<_>>>()?;
+    let pools = (0..workers).map(|_| host::pool(each_threads)).collect::<Result<Vec<_>>>()?;
     let free = Mutex::new(pools);
     let signals = Signals::listen()?;
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde::Serialize;
 
-use super::{Verdict, print, print_json, say};
+use crate::console::{Verdict, print, print_json, say};
 use crate::film::compare::{Comparison, REL_MSE_EPSILON, compare};
 use crate::film::exr_file::{self, Picture};
 use crate::film::{atomic, preview};

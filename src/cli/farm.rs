@@ -11,7 +11,8 @@ use clap::{ArgAction, Args, Command, FromArgMatches, Subcommand, ValueEnum, Valu
 use serde_json::json;
 
 use super::render::RenderArgs;
-use super::{Verdict, batch, print, print_json, say};
+use crate::cli::batch;
+use crate::console::{Verdict, print, print_json, say};
 use crate::farm::slurm::{self, Ask, quoted};
 use crate::farm::{PLAN, Plan, Render, Task, openjd};
 use crate::film::atomic;

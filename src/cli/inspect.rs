@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{Verdict, print, print_json};
 use crate::Result;
+use crate::console::{Verdict, print, print_json};
 use crate::scene::import::{self, ImportOptions, Note, Summary};
 
 /// Say what a scene holds, and what of it is used, approximated and left out.

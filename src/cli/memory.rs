@@ -2,7 +2,7 @@
 
 use std::env;
 
-use super::host;
+use crate::console::host;
 use crate::rays::Backend;
 use crate::render::tile::{Columns, Tile};
 use crate::scene::import::Survey;

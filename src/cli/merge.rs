@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 
-use super::{Verbosity, Verdict, say};
+use crate::console::{Verbosity, Verdict, say};
 use crate::farm::PathMapping;
 use crate::film::{View, atomic, preview};
 use crate::render::merge::merge;

@@ -11,13 +11,12 @@ use std::time::Instant;
 
 use tracing::{info, warn};
 
-pub use args::{RenderArgs, Size, threads};
+pub use args::RenderArgs;
 pub use identity::{Files, Inputs};
 pub use session::{Done, Loaded, Session};
 
-use super::progress::{Reporter, Style};
-use super::signals::Signals;
-use super::{Verbosity, Verdict, host, print, say};
+use crate::console::progress::Style;
+use crate::console::{Reporter, Signals, Verbosity, Verdict, host, print, say};
 use crate::film::atomic;
 use crate::scene::Scene;
 use crate::scene::import::{ImportOptions, NoteKind};
@@ -38,12 +37,12 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     let args = &args.on_this_machine()?;
     let (threads, source) = host::threads(args.threads)?;
     if let Some(place) = args.replay_pixel {
-        return pool(threads)?.install(|| replay::run(args, place));
+        return host::pool(threads)?.install(|| replay::run(args, place));
     }
     check_outputs(args)?;
     info!("{threads} threads ({source})");
     let signals = Signals::listen()?;
-    pool(threads)?.install(|| {
+    host::pool(threads)?.install(|| {
         let reporter = Reporter::new(args.progress, verbosity.quiet);
         let prepared = signals.nothing_to_save(|| {
             let inputs = Inputs::read(args)?;
@@ -76,12 +75,6 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
         }
         Ok(Verdict::Done)
     })
-}
-
-/// Threads to render with.
-pub fn pool(threads: usize) -> Result<rayon::ThreadPool> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    pool.map_err(|e| Error::Host(format!("cannot start {threads} threads: {e}")))
 }
 
 /// Finds out before the work whether its results can be kept, and removes what a killed process left beside them.

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::host;
 use crate::Result;
+use crate::console::host;
 use crate::film::atomic;
 use crate::film::exr_file::{Header, HeaderValue};
 use crate::rays::BackendInfo;

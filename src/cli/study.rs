@@ -1,238 +1,51 @@
-//! `bismar study`
+//! `bismar study`: becomes `bismar-study`, the program of the crate `study/`, which lies beside this one.
 
-mod rays;
+use std::ffi::OsString;
+use std::io::ErrorKind;
+use std::os::unix::process::CommandExt;
+use std::process::Command;
 
-use std::path::{Path, PathBuf};
-use std::str::FromStr;
-use std::time::Instant;
+use clap::Args;
 
-use clap::{Args, Subcommand};
-use tracing::info;
-
-use super::progress::{Reporter, Style};
-use super::render::{Size, threads};
-use super::signals::Signals;
-use super::stability::{self, StabilityArgs};
-use super::{Verbosity, Verdict, host, print, say};
-use crate::film::atomic;
-use crate::render::{Integrator, Progress};
-use crate::study::balance::table::{Level, Outcome, levels};
-use crate::study::balance::{Estimator, Plan, SceneReport, StudyScene, measure, portrait, write};
+use crate::console::{Verbosity, Verdict};
 use crate::{Error, Result};
 
-/// Measure what the program's choices are worth.
+/// Measure what the program's choices are worth: balance, stability, rays
 #[derive(Debug, Args)]
+#[command(disable_help_flag = true)]
 pub struct StudyArgs {
-    #[command(subcommand)]
-    study: Study,
+    /// A study and its flags.
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    line: Vec<OsString>,
 }
 
-/// What every study takes.
-#[derive(Debug, Args)]
-pub(super) struct RunArgs {
-    /// Threads [default: BISMAR_THREADS, else SLURM_CPUS_PER_TASK, else all].
-    #[arg(long, value_name = "N", value_parser = threads)]
-    pub(super) threads: Option<usize>,
-    /// How progress is shown.
-    #[arg(long, value_enum, default_value_t = Style::Auto)]
-    progress: Style,
-}
-
-impl RunArgs {
-    /// Who tells of progress.
-    pub(super) fn reporter(&self, verbosity: Verbosity) -> Reporter {
-        Reporter::new(self.progress, verbosity.quiet)
-    }
-}
-
-/// Makes a study's folder, and finds out now if its `page` could not be written after hours: the page's path.
-pub(super) fn open(folder: &Path, page: &str) -> Result<PathBuf> {
-    std::fs::create_dir_all(folder)
-        .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", folder.display())))?;
-    let page = folder.join(page);
-    atomic::check(&page)?;
-    Ok(page)
-}
-
-#[derive(Debug, Subcommand)]
-enum Study {
-    Balance(BalanceArgs),
-    Stability(StabilityArgs),
-    Rays(rays::RaysArgs),
-}
-
-/// Measure how well each --balance shares the work, against a converged reference.
-///
-/// Writes report.html, results.csv, results.json and charts. Measurements are kept in DIR/cells: the same command goes on
-/// where it was interrupted, and takes only what is missing. A file of the scene's name with .hdr or .exr beside it
-/// lights it from infinity.
-#[derive(Debug, Args)]
-struct BalanceArgs {
-    /// Scenes, .gltf or .glb.
-    #[arg(required = true, value_name = "SCENE")]
-    scenes: Vec<PathBuf>,
-    /// Folder of the results.
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
-    /// What to compare with half: estimators separated by commas, or all; oracle is the best fixed share of each pixel,
-    /// found by brute force.
-    #[arg(long, value_name = "LIST")]
-    balance: Option<Estimators>,
-    /// Paths a pixel, separated by commas [default: 16,64,256].
-    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
-    spp: Vec<u32>,
-    /// Renders of each kind that variances are taken from [default: 32].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(4..=1 << 16))]
-    replicas: Option<u32>,
-    /// Light transport.
-    #[arg(long, value_enum, default_value_t = Integrator::Direct)]
-    integrator: Integrator,
-    /// Size of the measured pictures [default: 64x64].
-    #[arg(long, value_name = "WxH")]
-    size: Option<Size>,
-    /// Paths a pixel of the reference [default: 64 times the most of --spp].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(16..=1 << 28))]
-    reference_spp: Option<u32>,
-    /// A look within a minute or so a scene: fewer and smaller pictures, half, second-order, progressive. Other flags
-    /// hold all the same.
-    #[arg(long)]
-    quick: bool,
-    #[command(flatten)]
-    run: RunArgs,
-}
-
-#[derive(Debug, Clone)]
-struct Estimators(Vec<Estimator>);
-
-impl FromStr for Estimators {
-    type Err = String;
-
-    fn from_str(text: &str) -> std::result::Result<Self, String> {
-        if text == "all" {
-            return Ok(Self(Estimator::all()));
-        }
-        let one = |name: &str| {
-            let known = || Estimator::all().into_iter().map(Estimator::name).collect::<Vec<_>>().join(", ");
-            Estimator::named(name.trim()).ok_or_else(|| format!("there is no '{}'; there are {}", name.trim(), known()))
-        };
-        text.split(',').map(one).collect::<std::result::Result<_, _>>().map(Self)
-    }
-}
-
-impl BalanceArgs {
-    fn plan(&self) -> Plan {
-        let quick = self.quick;
-        let mut spp = match &self.spp[..] {
-            [] if quick => vec![16, 64],
-            [] => vec![16, 64, 256],
-            chosen => chosen.to_vec(),
-        };
-        spp.sort_unstable();
-        spp.dedup();
-        let estimators = match &self.balance {
-            Some(list) => list.0.clone(),
-            None if quick => ["second-order", "progressive"].into_iter().filter_map(Estimator::named).collect(),
-            None => Estimator::all(),
-        };
-        let Size(width, height) = self.size.unwrap_or(if quick { Size(32, 32) } else { Size(64, 64) });
-        let most = spp.last().copied().unwrap_or(1);
-        Plan {
-            folder: self.out.clone(),
-            estimators,
-            reference_spp: self.reference_spp.unwrap_or(most.saturating_mul(64)),
-            spp,
-            replicas: self.replicas.unwrap_or(if quick { 16 } else { 32 }),
-            integrator: self.integrator,
-            width,
-            height,
-        }
-    }
-}
-
+/// Becomes the other program, so that signals and the exit code are its own.
 pub fn run(args: &StudyArgs, verbosity: Verbosity) -> Result<Verdict> {
-    match &args.study {
-        Study::Balance(args) => on_threads(args.run.threads, || balance(args, verbosity)),
-        Study::Stability(args) => on_threads(args.run.threads, || stability::run(args, verbosity)),
-        Study::Rays(args) => rays::run(args, verbosity),
-    }
+    let loudness = if verbosity.quiet { vec!["-q"] } else { vec!["-v"; verbosity.verbose.into()] };
+    Err(become_study(loudness.into_iter().map(OsString::from).chain(args.line.iter().cloned())))
 }
 
-/// Does work on as many threads as asked for.
-fn on_threads(asked: Option<usize>, work: impl FnOnce() -> Result<Verdict> + Send) -> Result<Verdict> {
-    let (threads, source) = host::threads(asked)?;
-    info!("{threads} threads ({source})");
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build()
-        .map_err(|e| Error::Host(format!("cannot start {threads} threads: {e}")))?;
-    pool.install(work)
+/// `bismar help study …` is for the other program to answer; returns if that was not asked.
+///
+/// # Errors
+/// [`Error::Host`] if it cannot be started.
+pub fn help(mut line: impl Iterator<Item = OsString>) -> Result<()> {
+    if line.nth(1).is_some_and(|word| word == "help") && line.next().is_some_and(|word| word == "study") {
+        return Err(become_study(["help".into()].into_iter().chain(line)));
+    }
+    Ok(())
 }
 
-fn balance(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {
-    let plan = args.plan();
-    let report = open(&plan.folder, "report.html")?;
-    let stop = Signals::listen()?.stop;
-    let reporter = args.run.reporter(verbosity);
-    let start = Instant::now();
-    let shown = Estimator::shown(&plan.estimators);
-    let mut reports = Vec::new();
-    for (i, path) in args.scenes.iter().enumerate() {
-        let scene = StudyScene::load(path, &plan)?;
-        let all = args.scenes.len() as f64;
-        // The portrait takes little.
-        let at = |from: f64, to: f64| {
-            let reporter = &reporter;
-            move |p: Progress| {
-                let fraction = (i as f64 + from + p.fraction * (to - from)) / all;
-                reporter.update(Progress { fraction, seconds: start.elapsed().as_secs_f64(), ..p });
-            }
-        };
-        let taken = measure(&scene, &plan, &stop, &at(0.0, 0.97))
-            .and_then(|measured| Ok((measured, portrait(&scene, &plan, shown, &stop, &at(0.97, 1.0))?)));
-        let (measured, portrait) = taken.inspect_err(|_| reporter.finish(false))?;
-        let levels = levels(&scene, &plan, &measured);
-        if let Some(level) = levels.last() {
-            print(summary(level))?;
-        }
-        reports.push(SceneReport::new(&scene.name, levels, &measured, portrait));
-        // What is known so far can be read while the rest is under way.
-        write(&plan, &reports)?;
-    }
-    reporter.finish(true);
-    if !verbosity.quiet {
-        say(format_args!("{}", report.display()));
-    }
-    Ok(Verdict::Done)
-}
-
-/// The highest level's table, for the terminal.
-fn summary(level: &Level) -> String {
-    let mut text = String::new();
-    if let Some(first) = level.results.first() {
-        text += &format!("{}, {} paths a pixel, {} replicas\n", first.row.scene, level.spp, first.row.replicas);
-    }
-    text += &format!(
-        "{:<16}{:>11}{:>9}{:>16}{:>16}{:>10}{:>9}{:>9}{:>9}{:>16}",
-        "", "relMSE", "CPU s", "ratio", "found", "time", ">1.05", "sure", "p99", "worst 1 %"
-    );
-    let with_error = |x: Option<f64>, e: Option<f64>| match (x, e) {
-        (Some(x), Some(e)) => format!("{x:.3} ±{e:.3}"),
-        _ => "-".to_owned(),
+/// Returns only if it cannot.
+fn become_study(line: impl Iterator<Item = OsString>) -> Error {
+    let program = match std::env::current_exe() {
+        Ok(here) => here.with_file_name("bismar-study"),
+        Err(e) => return Error::Host(format!("cannot tell where this program is: {e}")),
     };
-    for Outcome { row, .. } in &level.results {
-        text += &format!(
-            "\n{:<16}{:>11.3e}{:>9.3}{:>16}{:>16}{:>10.3}{:>8.1}%{:>8.2}%{:>9.2}{:>16}",
-            row.estimator,
-            row.rel_mse,
-            row.cpu_seconds,
-            with_error(Some(row.ratio), Some(row.ratio_se)),
-            with_error(row.found_ratio, row.found_ratio_se),
-            row.time_ratio,
-            row.worse * 100.0,
-            row.worse_surely * 100.0,
-            row.p99,
-            with_error(row.worst_held_out, row.worst_held_out_se),
-        );
-    }
-    text + "\n"
+    let error = Command::new(&program).args(line).exec();
+    let advice = match error.kind() {
+        ErrorKind::NotFound => "; studies are a program of their own: put it beside bismar, or `make build` it",
+        _ => "",
+    };
+    Error::Host(format!("{}: cannot start: {error}{advice}", program.display()))
 }

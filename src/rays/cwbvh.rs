@@ -24,6 +24,11 @@ pub use options::{ObvhsOptions, Preset, TreeKind, TriangleTest};
 use test::{Embree, Own, Test};
 use tree::{Tree, union};
 
+/// The library's version, as in Cargo.lock.
+pub const VERSION: &str = env!("BISMAR_OBVHS_VERSION");
+/// Instruction set that this program, and so the library, is compiled for: `x86-64-v3`, say.
+pub const ISA_BASELINE: &str = env!("BISMAR_ISA_BASELINE");
+
 /// obvhs skips boxes that end before t = 1e-4. Directions are shortened by this power of two, which is exact and makes
 /// that 1.5e-9 of the caller's t.
 const SHORTER: f32 = 1.0 / 65536.0;
@@ -124,8 +129,8 @@ impl ObvhsRays {
         let memory_bytes = groups.iter().map(Group::bytes).sum::<usize>() + top.bytes();
         let info = BackendInfo {
             name: "obvhs",
-            version: env!("BISMAR_OBVHS_VERSION").to_owned(),
-            isa: env!("BISMAR_ISA_BASELINE").to_owned(),
+            version: VERSION.to_owned(),
+            isa: ISA_BASELINE.to_owned(),
             build_seconds: start.elapsed().as_secs_f64(),
             memory_bytes: memory_bytes as u64,
             peak_bytes: None,

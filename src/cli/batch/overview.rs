@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 use indicatif::{HumanDuration, MultiProgress, ProgressBar, ProgressStyle};
 
 use crate::batch::report::{Entry, Status};
-use crate::cli::say;
 use crate::cli::stats::Stats;
+use crate::console::say;
 use crate::render::Progress;
 
 /// Takes progress from any thread.

@@ -7,7 +7,9 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 
 use super::replay::Place;
-use crate::cli::progress::Style;
+use crate::console::Size;
+use crate::console::args::threads;
+use crate::console::progress::Style;
 use crate::farm::PathMapping;
 use crate::film::{Aov, View};
 use crate::rays::Backend;
@@ -258,26 +260,6 @@ fn share(text: &str) -> Parsed<f64> {
     text.parse().ok().filter(|x: &f64| *x > 0.0 && *x < 1.0).ok_or("not a number above 0 and below 1".into())
 }
 
-/// A number of threads.
-pub fn threads(text: &str) -> Parsed<usize> {
-    text.parse().ok().filter(|n| (1..=4096).contains(n)).ok_or("not a number from 1 to 4096".into())
-}
-
-/// `WxH`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Size(pub u32, pub u32);
-
-impl FromStr for Size {
-    type Err = String;
-
-    fn from_str(text: &str) -> Parsed<Self> {
-        const MOST: u32 = 1 << 16;
-        let side = |s: &str| s.parse().ok().filter(|n| (1..=MOST).contains(n));
-        let sides = text.split_once('x').and_then(|(w, h)| Some(Size(side(w)?, side(h)?)));
-        sides.ok_or(format!("not WIDTHxHEIGHT in pixels, each from 1 to {MOST}, as in 960x540"))
-    }
-}
-
 /// `x0,y0,x1,y1`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Crop([u32; 4]);
@@ -338,10 +320,6 @@ mod tests {
 
     #[test]
     fn sizes_windows_and_lists_are_read_or_refused() {
-        assert_eq!("960x540".parse(), Ok(Size(960, 540)));
-        for bad in ["", "960", "960x", "0x5", "-1x5", "960X540", "70000x1", "1x1x1"] {
-            assert!(bad.parse::<Size>().is_err(), "{bad}");
-        }
         assert_eq!("0,1,2,3".parse(), Ok(Crop([0, 1, 2, 3])));
         for bad in ["", "1,2,3", "2,0,1,5", "0,0,0,1", "0,0,1,1,1", "-1,0,1,1"] {
             assert!(bad.parse::<Crop>().is_err(), "{bad}");

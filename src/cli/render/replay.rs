@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use super::session::settings;
 use super::{Inputs, Loaded, RenderArgs};
-use crate::cli::{Verdict, print};
+use crate::console::{Verdict, print};
 use crate::render::{RenderSettings, replay};
 use crate::{Error, Result};
 

@@ -1,0 +1,82 @@
+//! How sure summaries over pixels are: the bootstrap over replicas.
+
+use bismar::sampling::hash;
+use rayon::prelude::*;
+
+use super::ratio::{Deviations, Ratio, percentile, worse};
+
+/// Resamples.
+pub const RESAMPLES: u32 = 200;
+/// Shares of pixels whose ratio is at most the percentile.
+pub const PERCENTILES: [f64; 4] = [0.5, 0.95, 0.99, 1.0];
+
+/// What is said of a picture's ratios.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Summary {
+    /// Mean over pixels.
+    pub mean: f64,
+    /// Mean variance over the other's mean variance.
+    pub ratio_of_means: f64,
+    /// Share of pixels above [`super::ratio::WORSE`].
+    pub worse: f64,
+    /// At [`PERCENTILES`].
+    pub percentiles: [f64; 4],
+}
+
+impl Summary {
+    fn of(mut ratios: Vec<f64>, own: f64, base: f64) -> Self {
+        let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
+        let worse = worse(&ratios);
+        ratios.sort_by(f64::total_cmp);
+        Self { mean, ratio_of_means: own / base, worse, percentiles: PERCENTILES.map(|q| percentile(&ratios, q)) }
+    }
+
+    fn numbers(&self) -> [f64; 7] {
+        let [a, b, c, d] = self.percentiles;
+        [self.mean, self.ratio_of_means, self.worse, a, b, c, d]
+    }
+
+    fn from_numbers([mean, ratio_of_means, worse, a, b, c, d]: [f64; 7]) -> Self {
+        Self { mean, ratio_of_means, worse, percentiles: [a, b, c, d] }
+    }
+}
+
+/// The summary of plain (not bias-corrected) ratios.
+pub fn summary(own: &Deviations, base: &Deviations, ratios: &[Ratio]) -> Summary {
+    let total = |d: &Deviations| (0..d.pixels()).map(|p| d.variance_of_all(p)).sum::<f64>();
+    Summary::of(ratios.iter().map(|r| r.ratio).collect(), total(own), total(base))
+}
+
+/// Standard errors of the summary: its standard deviation over resampled replicas, drawn for both alike (their replicas
+/// share seeds).
+pub fn standard_errors(own: &Deviations, base: &Deviations, ratios: &[Ratio]) -> Summary {
+    let n = own.replicas();
+    let draw = |b: u32| {
+        let replica = |i: usize| hash(b ^ hash(i as u32 ^ 0x2545_f491)) as usize % n;
+        let mut times = vec![0.0; n];
+        (0..n).for_each(|i| times[replica(i)] += 1.0);
+        let variance = |d: &Deviations, pixel: usize| {
+            let mut sums = [0.0; 4];
+            for (times, y) in times.iter().zip(d.pixel(pixel)) {
+                sums.iter_mut().zip(y).for_each(|(s, y)| *s += times * y);
+            }
+            let [a, b, c, squares] = sums;
+            (squares - (a * a + b * b + c * c) / n as f64).max(0.0)
+        };
+        let (mut all_own, mut all_base) = (0.0, 0.0);
+        let of = |ratio: &Ratio| {
+            let (a, b) = (variance(own, ratio.pixel), variance(base, ratio.pixel));
+            (all_own, all_base) = (all_own + a, all_base + b);
+            // A pixel whose variance few replicas make can lose all of it.
+            (b > 0.01 * (n - 1) as f64 * base.variance_of_all(ratio.pixel)).then(|| a / b)
+        };
+        let values = ratios.iter().filter_map(of).collect();
+        Summary::of(values, all_own, all_base).numbers()
+    };
+    let draws = (0..RESAMPLES).into_par_iter().map(draw).collect::<Vec<_>>();
+    let deviation = |i: usize| {
+        let mean = draws.iter().map(|d| d[i]).sum::<f64>() / draws.len() as f64;
+        (draws.iter().map(|d| (d[i] - mean).powi(2)).sum::<f64>() / (draws.len() - 1) as f64).sqrt()
+    };
+    Summary::from_numbers(std::array::from_fn(deviation))
+}

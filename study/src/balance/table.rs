@@ -1,0 +1,313 @@
+//! One row a scene, estimator and sample count (`docs/study-balance.md` describes every column).
+
+use std::path::Path;
+
+use bismar::balance::Balance;
+use bismar::film::atomic;
+use bismar::film::compare::REL_MSE_EPSILON;
+use bismar::{Error, Result};
+use serde::Serialize;
+
+use super::cell::Cell;
+use super::measure::{Measured, What};
+use super::ratio::{self, Deviations, Judgeable, Ratio};
+use super::resample::{self, Summary};
+use super::{CONTROL, Estimator, Plan, StudyScene};
+
+/// Share of the pixels in the held-out worst.
+pub const WORST: f64 = 0.01;
+
+/// A line of the table. `_se` is a standard error.
+#[derive(Debug, Clone, Serialize)]
+#[allow(missing_docs, reason = "docs/study-balance.md")]
+pub struct Row {
+    pub scene: String,
+    pub estimator: String,
+    pub spp: u32,
+    pub replicas: usize,
+    pub pixels: usize,
+    pub undetermined: usize,
+    pub constant: usize,
+    pub rel_mse: f64,
+    pub rel_mse_se: f64,
+    pub mse: f64,
+    pub bias_z: f64,
+    pub cpu_seconds: f64,
+    pub wall_seconds: f64,
+    pub time_ratio: f64,
+    pub time_ratio_se: f64,
+    pub inverse_efficiency: f64,
+    pub ratio: f64,
+    pub ratio_se: f64,
+    pub ratio_of_means: f64,
+    pub ratio_of_means_se: f64,
+    pub equal_time_ratio: f64,
+    pub equal_time_ratio_se: f64,
+    pub found_ratio: Option<f64>,
+    pub found_ratio_se: Option<f64>,
+    pub found_ratio_of_means: Option<f64>,
+    pub to_oracle: Option<f64>,
+    pub worse: f64,
+    pub worse_se: f64,
+    pub worse_control: f64,
+    pub worse_surely: f64,
+    pub p50: f64,
+    pub p50_se: f64,
+    pub p95: f64,
+    pub p95_se: f64,
+    pub p99: f64,
+    pub p99_se: f64,
+    pub p100: f64,
+    pub p100_se: f64,
+    pub p50_control: f64,
+    pub p95_control: f64,
+    pub p99_control: f64,
+    pub p100_control: f64,
+    pub log_error: f64,
+    pub worst_held_out: Option<f64>,
+    pub worst_held_out_se: Option<f64>,
+    pub share_mean: f64,
+}
+
+/// Everything about one sample count on one scene.
+pub struct Level {
+    /// Paths a pixel.
+    pub spp: u32,
+    /// What each estimator showed, the control second.
+    pub results: Vec<Outcome>,
+}
+
+/// What one estimator showed at one sample count.
+pub struct Outcome {
+    /// Its line.
+    pub row: Row,
+    /// `None` for the control.
+    pub estimator: Option<Estimator>,
+    /// Per-pixel ratios to `half`.
+    pub ratios: Vec<Ratio>,
+    /// Of them, those that are worse beyond what noise explains, surest first.
+    pub worse: Vec<Ratio>,
+    /// Each pixel's variance, as a part of relMSE.
+    pub variances: Vec<f64>,
+    /// Each pixel's mean share of light samples.
+    pub shares: Vec<f32>,
+}
+
+/// Judges the measurements of a scene, from the fewest samples up.
+pub fn levels(scene: &StudyScene, plan: &Plan, measured: &Measured) -> Vec<Level> {
+    let reference = measured.reference.mean();
+    plan.spp
+        .iter()
+        .filter_map(|&spp| {
+            let half = measured.get(What::Picture(Estimator::Method(Balance::Half)), spp)?;
+            let control = measured.get(What::Control, spp)?;
+            let replicas = plan.replicas as usize;
+            let base = Deviations::new(half, replicas, &reference);
+            let control_deviations = Deviations::new(control, replicas, &reference);
+            let judgeable = Judgeable::new(&base, &control_deviations);
+            let judged =
+                |cell: &Cell| Judged::new(Deviations::new(cell, replicas, &reference), &base, &judgeable.pixels);
+            let against = (judged(control), &base, &judgeable);
+            let judge = |estimator: Option<Estimator>, cell: &Cell| {
+                let own = judged(cell);
+                let found = match estimator {
+                    Some(Estimator::Method(balance)) => measured.get(What::Found(balance), spp),
+                    _ => None,
+                };
+                let found = found.map(judged);
+                let reference = (&reference[..], &measured.reference);
+                let name = estimator.map_or(CONTROL.to_owned(), Estimator::name);
+                let row = row((&scene.name, name, spp), cell, reference, (&own, &against), found.as_ref());
+                let worse = ratio::surely_worse(&own.ratios, &against.0.ratios).into_iter().copied().collect();
+                let variances = (0..own.own.pixels()).map(|p| own.own.variance_of_all(p)).collect();
+                Outcome { row, estimator, ratios: own.ratios, worse, variances, shares: cell.mean_shares() }
+            };
+            let mut results = Vec::new();
+            for (key, cell) in measured.cells.iter().filter(|(key, _)| key.spp == spp) {
+                match key.what {
+                    What::Picture(estimator) => results.push(judge(Some(estimator), cell)),
+                    What::Control => results.push(judge(None, cell)),
+                    What::Found(_) | What::Reference => {}
+                }
+            }
+            let oracle = results.iter().find(|o| o.estimator == Some(Estimator::Oracle)).map(|o| o.row.ratio);
+            results.iter_mut().for_each(|o| o.row.to_oracle = oracle.map(|limit| o.row.ratio / limit));
+            Some(Level { spp, results })
+        })
+        .collect()
+}
+
+/// Ratios of a cell and their summary.
+struct Judged {
+    own: Deviations,
+    ratios: Vec<Ratio>,
+    summary: Summary,
+    errors: Summary,
+}
+
+impl Judged {
+    fn new(own: Deviations, base: &Deviations, pixels: &[usize]) -> Self {
+        let ratios = ratio::ratios(&own, base, pixels);
+        let summary = resample::summary(&own, base, &ratios);
+        let errors = resample::standard_errors(&own, base, &ratios);
+        Self { own, ratios, summary, errors }
+    }
+
+    fn mean(&self) -> f64 {
+        ratio::mean(&self.ratios)
+    }
+}
+
+fn row(
+    (scene, estimator, spp): (&str, String, u32),
+    cell: &Cell,
+    (reference, parts): (&[f64], &Cell),
+    (judged, (control, base, judgeable)): (&Judged, &(Judged, &Deviations, &Judgeable)),
+    found: Option<&Judged>,
+) -> Row {
+    let replicas = base.replicas();
+    let n = replicas as f64;
+    let error = |replica: usize, relative: bool| {
+        let squares = cell.picture(replica).iter().zip(reference).map(|(&x, r)| {
+            let square = (f64::from(x) - r).powi(2);
+            if relative { square / (r * r + REL_MSE_EPSILON) } else { square }
+        });
+        squares.sum::<f64>() / reference.len() as f64
+    };
+    let rel_mses = (0..replicas).map(|r| error(r, true)).collect::<Vec<_>>();
+    let rel_mse = rel_mses.iter().sum::<f64>() / n;
+    let spread = rel_mses.iter().map(|x| (x - rel_mse).powi(2)).sum::<f64>() / (n - 1.0);
+    let times = &cell.times[..replicas];
+    let cpu_seconds = median(times.iter().map(|t| t.cpu).collect());
+    let to_half = times.iter().filter_map(|t| Some(t.cpu / t.half_cpu?)).collect::<Vec<_>>();
+    let time_ratio = median(to_half.clone());
+    // Of a median: 1.2533 times that of a mean of normal values, whose deviation is 1.4826 of the median deviation.
+    let deviation = 1.4826 * median(to_half.iter().map(|x| (x - time_ratio).abs()).collect());
+    let time_ratio_se = 1.2533 * deviation / (to_half.len() as f64).sqrt();
+    let (summary, errors) = (&judged.summary, &judged.errors);
+    let mean = judged.mean();
+    let worst = ratio::worst_held_out(&judged.own, base, &judgeable.pixels, WORST);
+    let surely = ratio::surely_worse(&judged.ratios, &control.ratios).len();
+    let [p50, p95, p99, p100] = summary.percentiles;
+    let [p50_se, p95_se, p99_se, p100_se] = errors.percentiles;
+    let [p50_control, p95_control, p99_control, p100_control] = control.summary.percentiles;
+    Row {
+        scene: scene.to_owned(),
+        estimator,
+        spp,
+        replicas,
+        pixels: judged.ratios.len(),
+        undetermined: judgeable.undetermined,
+        constant: judgeable.constant,
+        rel_mse,
+        rel_mse_se: (spread / n).sqrt(),
+        mse: (0..replicas).map(|r| error(r, false)).sum::<f64>() / n,
+        bias_z: bias_z(cell, replicas, reference, parts),
+        cpu_seconds,
+        wall_seconds: median(times.iter().map(|t| t.wall).collect()),
+        time_ratio,
+        time_ratio_se,
+        inverse_efficiency: rel_mse * cpu_seconds,
+        ratio: mean,
+        ratio_se: errors.mean,
+        ratio_of_means: summary.ratio_of_means,
+        ratio_of_means_se: errors.ratio_of_means,
+        equal_time_ratio: mean * time_ratio,
+        equal_time_ratio_se: (errors.mean * time_ratio).hypot(mean * time_ratio_se),
+        found_ratio: found.map(Judged::mean),
+        found_ratio_se: found.map(|f| f.errors.mean),
+        found_ratio_of_means: found.map(|f| f.summary.ratio_of_means),
+        to_oracle: None,
+        worse: summary.worse,
+        worse_se: errors.worse,
+        worse_control: control.summary.worse,
+        worse_surely: surely as f64 / judged.ratios.len() as f64,
+        p50,
+        p50_se,
+        p95,
+        p95_se,
+        p99,
+        p99_se,
+        p100,
+        p100_se,
+        p50_control,
+        p95_control,
+        p99_control,
+        p100_control,
+        log_error: median(judged.ratios.iter().map(|r| r.log_error).collect()),
+        worst_held_out: worst.map(|w| w.0),
+        worst_held_out_se: worst.map(|w| w.1),
+        share_mean: cell.mean_shares().iter().map(|&s| f64::from(s)).sum::<f64>() / cell.pixels as f64,
+    }
+}
+
+/// Largest |z| over the channels of the picture's mean against the reference's, with its sign.
+fn bias_z(cell: &Cell, replicas: usize, reference: &[f64], parts: &Cell) -> f64 {
+    let channel_mean = |picture: &mut dyn Iterator<Item = f64>, pixels: usize| picture.sum::<f64>() / pixels as f64;
+    let moments = |cell: &Cell, replicas: usize, c: usize| {
+        let means = (0..replicas)
+            .map(|r| channel_mean(&mut cell.picture(r).iter().skip(c).step_by(3).map(|&x| f64::from(x)), cell.pixels))
+            .collect::<Vec<_>>();
+        let n = means.len() as f64;
+        let mean = means.iter().sum::<f64>() / n;
+        (mean, means.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0) / n)
+    };
+    let z = |c: usize| {
+        let (mean, variance) = moments(cell, replicas, c);
+        let (_, reference_variance) = moments(parts, parts.replicas(), c);
+        let truth = channel_mean(&mut reference.iter().skip(c).step_by(3).copied(), cell.pixels);
+        let deviation = (variance + reference_variance).sqrt();
+        if mean == truth { 0.0 } else { (mean - truth) / deviation.max(1e-7 * truth) }
+    };
+    (0..3).map(z).max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(0.0)
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    if values.is_empty() {
+        return f64::NAN;
+    }
+    values.sort_by(f64::total_cmp);
+    let n = values.len();
+    0.5 * (values[(n - 1) / 2] + values[n / 2])
+}
+
+/// What `results.json` says besides the rows.
+#[derive(Serialize)]
+struct Results<'a> {
+    schema: u32,
+    version: &'static str,
+    integrator: bismar::render::Integrator,
+    width: u32,
+    height: u32,
+    replicas: u32,
+    reference_spp: u32,
+    rows: &'a [Row],
+}
+
+/// Raised when a column changes its meaning or goes away.
+const SCHEMA: u32 = 1;
+
+/// Writes rows as JSON.
+///
+/// # Errors
+/// As [`atomic::write`].
+pub fn write_json(path: &Path, plan: &Plan, rows: &[Row]) -> Result<()> {
+    let &Plan { integrator, width, height, replicas, reference_spp, .. } = plan;
+    let version = env!("CARGO_PKG_VERSION");
+    let results = Results { schema: SCHEMA, version, integrator, width, height, replicas, reference_spp, rows };
+    let text = serde_json::to_string_pretty(&results).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
+    atomic::write(path, |file| Ok(Ok(std::io::Write::write_all(file, text.as_bytes())?)))
+}
+
+/// Writes rows as CSV with a header line; what there is not is empty.
+///
+/// # Errors
+/// As [`atomic::write`].
+pub fn write_csv(path: &Path, rows: &[Row]) -> Result<()> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for row in rows {
+        writer.serialize(row).map_err(|e| Error::Bug(format!("CSV: {e}")))?;
+    }
+    let bytes = writer.into_inner().map_err(|e| Error::Bug(format!("CSV: {e}")))?;
+    atomic::write(path, |file| Ok(Ok(std::io::Write::write_all(file, &bytes)?)))
+}

@@ -1,0 +1,227 @@
+//! `bismar study rays`
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::time::Instant;
+
+use bismar::console::{Signals, Verbosity, Verdict, host, print, say};
+use bismar::render::Progress;
+use bismar::{Error, Result};
+use clap::Args;
+use clap::builder::PossibleValuesParser;
+
+use super::{RunArgs, open};
+use crate::rays::contender::ISAS;
+use crate::rays::measure::CONTROL;
+use crate::rays::{Bench, Contender, Plan, Results, Shape, Subject, measure, write};
+
+/// Measure Embree against obvhs: speed on recorded rays, builds, memory, agreement.
+///
+/// Writes report.html, results.json, a CSV file a table and charts. Each contender takes turns with embree as the renderer
+/// uses it. Differences in hits that rounding does not explain, or pictures that differ, end with exit code 1.
+#[derive(Debug, Args)]
+pub(super) struct RaysArgs {
+    /// Scenes, .gltf or .glb.
+    #[arg(value_name = "SCENE", required_unless_present = "generate")]
+    scenes: Vec<PathBuf>,
+    /// Folder of the results.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Generated scenes, separated by commas: sphere:N, slivers:N, foliage:N with N triangles.
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    generate: Vec<Shape>,
+    /// What to compare with embree: names such as embree+high+robust or obvhs+bvh2+slow separated by commas, or usual,
+    /// quick, large, all [default: usual]. Lists become large where more than four million triangles are built.
+    #[arg(long, value_name = "LIST")]
+    backends: Option<Contenders>,
+    /// Hold Embree to an instruction set, for comparisons of like with like.
+    #[arg(long, value_name = "ISA", value_parser = PossibleValuesParser::new(ISAS))]
+    isa: Option<String>,
+    /// About how many rays a stream has [default: 65536].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1024..=1 << 26))]
+    rays: Option<u32>,
+    /// Rounds in which a contender and embree take turns [default: 9].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(3..=1000))]
+    rounds: Option<u32>,
+    /// Paths a pixel of the compared pictures, 0 for none [default: 4].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=1 << 16))]
+    spp: Option<u32>,
+    /// Keep the recorded rays in DIR/streams.
+    #[arg(long)]
+    save_streams: bool,
+    /// Replay rays that were kept instead of recording them.
+    #[arg(long, value_name = "DIR", conflicts_with = "save_streams")]
+    streams: Option<PathBuf>,
+    /// Add the rows of other studies' results.json, of another machine for example. A scene that one of them measured on
+    /// this machine, with all that is asked for, is not measured again: so a study goes on that was interrupted.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    merge_report: Vec<PathBuf>,
+    /// How to call this machine [default: its processor].
+    #[arg(long, value_name = "NAME")]
+    machine: Option<String>,
+    /// A look within a minute or so a scene: fewer rays, rounds and contenders. Other flags hold all the same.
+    #[arg(long)]
+    quick: bool,
+    #[command(flatten)]
+    run: RunArgs,
+}
+
+#[derive(Debug, Clone)]
+struct Contenders {
+    all: Vec<Contender>,
+    large: Vec<Contender>,
+}
+
+impl FromStr for Contenders {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let large = if ["usual", "quick", "all"].contains(&text) { "large" } else { text };
+        Ok(Self { all: Contender::list(text)?, large: Contender::list(large)? })
+    }
+}
+
+impl RaysArgs {
+    fn plan(&self) -> Result<Plan> {
+        let quick = self.quick;
+        let usual = || if quick { "quick" } else { "usual" }.parse::<Contenders>().map_err(Error::Bug);
+        let contenders = self.backends.as_ref().map_or_else(usual, |list| Ok(list.clone()))?;
+        Ok(Plan {
+            folder: self.out.clone(),
+            contenders: contenders.all,
+            contenders_large: contenders.large,
+            isa: ISAS.into_iter().find(|isa| Some(*isa) == self.isa.as_deref()),
+            rays: self.rays.unwrap_or(if quick { 1 << 15 } else { 1 << 16 }) as usize,
+            rounds: self.rounds.unwrap_or(if quick { 3 } else { 9 }) as usize,
+            picture: if quick { 96 } else { 128 },
+            spp: match self.spp {
+                Some(0) => 0,
+                Some(spp) => spp.max(2),
+                None if quick => 2,
+                None => 4,
+            },
+            save_streams: self.save_streams,
+            streams: self.streams.clone(),
+            machine: self.machine.clone(),
+        })
+    }
+}
+
+pub(super) fn run(args: &RaysArgs, verbosity: Verbosity) -> Result<Verdict> {
+    let plan = args.plan()?;
+    let others = args.merge_report.iter().map(|path| Results::read(path)).collect::<Result<Vec<_>>>()?;
+    let report = open(&plan.folder, "report.html")?;
+    let (threads, _) = host::threads(args.run.threads)?;
+    let bench = Bench::new(threads)?;
+    let stop = Signals::listen()?.stop;
+    let reporter = args.run.reporter(verbosity);
+    let start = Instant::now();
+    let mut host = bench.host(plan.machine.as_deref());
+    if let Some(isa) = plan.isa {
+        host.machine += &format!(", Embree held to {isa}");
+    }
+    let machine = host.machine.clone();
+    let mut results = Results::new(host, plan.rounds);
+    others.into_iter().for_each(|other| results.merge(other));
+    let mut subjects: Vec<Box<dyn Fn() -> Result<Subject>>> = Vec::new();
+    for (path, name) in args.scenes.iter().zip(names(&args.scenes, &args.generate)?) {
+        subjects.push(Box::new(move || Subject::load(path, &name)));
+    }
+    for shape in &args.generate {
+        subjects.push(Box::new(move || Ok(Subject::generate(shape))));
+    }
+    let all = subjects.len() as f64;
+    for (i, subject) in subjects.iter().enumerate() {
+        let progress = |done: f64| {
+            let fraction = (i as f64 + done) / all;
+            reporter.update(Progress {
+                fraction,
+                seconds: start.elapsed().as_secs_f64(),
+                rays: 0,
+                noise: f64::INFINITY,
+                spp: 0,
+            });
+        };
+        let subject = subject()?;
+        let mut asked = plan.contenders(&subject).iter().map(Contender::name).collect::<Vec<_>>();
+        asked.push(CONTROL.to_owned());
+        if results.has(&machine, &subject.name, &asked) {
+            if !verbosity.quiet {
+                say(format_args!("{}: measured before, taken from the merged report", subject.name));
+            }
+            continue;
+        }
+        let mut before = results.clone();
+        results.forget(&machine, &subject.name);
+        if let Err(error) = measure(&bench, &subject, &plan, &mut results, &stop, &progress) {
+            reporter.finish(false);
+            // What is known of the scenes before stays readable; half a scene would not be.
+            before.forget_idle_host();
+            write(&plan.folder, &before)?;
+            return Err(error);
+        }
+        print(summary(&results, &subject.name))?;
+        write(&plan.folder, &results)?;
+    }
+    reporter.finish(true);
+    results.forget_idle_host();
+    let (unexplained, pictures) = (results.unexplained(), results.differing_pictures());
+    write(&plan.folder, &results)?;
+    if !verbosity.quiet {
+        say(format_args!("{}", report.display()));
+    }
+    if unexplained > 0 || pictures > 0 {
+        say(format_args!(
+            "the backends do not agree: {unexplained} answers and {pictures} pictures differ without explanation (see the notes of \
+             the report)"
+        ));
+        return Ok(Verdict::Beyond);
+    }
+    Ok(Verdict::Done)
+}
+
+/// What to call each file: its name without extension, with its folder's before it where several have the same.
+fn names(paths: &[PathBuf], shapes: &[Shape]) -> Result<Vec<String>> {
+    let stem = |path: &PathBuf| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let stems = paths.iter().map(stem).collect::<Vec<_>>();
+    let name = |(path, stem): (&PathBuf, &String)| match path.parent().and_then(Path::file_name) {
+        Some(folder) if stems.iter().filter(|s| *s == stem).count() > 1 => {
+            format!("{}-{stem}", folder.to_string_lossy())
+        }
+        _ => stem.clone(),
+    };
+    let names = paths.iter().zip(&stems).map(name).collect::<Vec<_>>();
+    let mut all = names.iter().cloned().chain(shapes.iter().map(Shape::name)).collect::<Vec<_>>();
+    all.sort_unstable();
+    match all.windows(2).find(|pair| pair[0] == pair[1]) {
+        Some(pair) => Err(Error::Usage(format!("two scenes are called '{}': give each once, or rename one", pair[0]))),
+        None => Ok(names),
+    }
+}
+
+/// A scene's speeds for the terminal.
+fn summary(results: &Results, scene: &str) -> String {
+    let traces = results.traces.iter().filter(|t| t.scene == scene);
+    let mut text = format!(
+        "{scene}\n{:<28}{:>10}{:>8}{:>10}{:>16}{:>16}{:>16}",
+        "", "build s", "B/tri", "Mrays/s", "camera", "diffuse", "shadow"
+    );
+    let traces = traces.collect::<Vec<_>>();
+    for build in results.builds.iter().filter(|b| b.scene == scene) {
+        let of = |stream: &str| traces.iter().find(|t| t.backend == build.backend && t.stream == stream);
+        let ratio = |stream: &str| {
+            of(stream).map_or("-".to_owned(), |t| format!("{:.3} ±{:.3}", t.speed_ratio, t.speed_ratio_se))
+        };
+        text += &format!(
+            "\n{:<28}{:>10.4}{:>8.1}{:>10.2}{:>16}{:>16}{:>16}",
+            build.backend,
+            build.cpu_seconds,
+            build.bytes_per_triangle,
+            of("diffuse").map_or(f64::NAN, |t| t.mrays_per_second),
+            ratio("camera"),
+            ratio("diffuse"),
+            ratio("shadow"),
+        );
+    }
+    text + "\n"
+}

@@ -1,0 +1,264 @@
+//! Do two backends hit the same? Every difference is judged in double precision: rounding explains it, or it counts as
+//! unexplained.
+
+use bismar::rays::{HitBatch, RayBatch, RayOrder, RayQueries};
+use bismar::scene::Scene;
+use glam::Vec3;
+
+use super::exact::{ExactRay, Hit, Plane, meet};
+use super::stream::{Kind, Query, Stream};
+
+/// Why two answers differ.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Class {
+    /// They do not, up to rounding.
+    Same,
+    /// Different triangles, within rounding of an edge.
+    Edge,
+    /// Different triangles at the same distance, within rounding.
+    Coplanar,
+    /// The ray lies in the triangle's plane, nearly: rounding is more than a hundredth of the triangle.
+    Grazing,
+    /// Within rounding of where the ray's interval starts (where it leaves its own surface) or ends.
+    SelfHit,
+    /// The texel at which alpha was looked up differs.
+    Alpha,
+    /// One slipped through within rounding of an edge and hit nothing.
+    Miss,
+    /// Rounding does not explain it.
+    Unexplained,
+}
+
+impl Class {
+    /// All of them, in the order of [`Counts`].
+    pub const ALL: [Self; 8] = [
+        Self::Same,
+        Self::Edge,
+        Self::Coplanar,
+        Self::Grazing,
+        Self::SelfHit,
+        Self::Alpha,
+        Self::Miss,
+        Self::Unexplained,
+    ];
+}
+
+/// Of how many rays the answers differ why.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counts(pub [u64; Class::ALL.len()]);
+
+impl Counts {
+    /// Of a class.
+    pub fn of(&self, class: Class) -> u64 {
+        self.0[class as usize]
+    }
+}
+
+/// A weight's rounding above this share makes a hit grazing.
+const GRAZING: f64 = 0.01;
+
+/// The answers of a backend to a stream.
+#[derive(Default)]
+pub struct Answers {
+    hits: Vec<HitBatch>,
+    occluded: Vec<Vec<bool>>,
+}
+
+impl Answers {
+    /// Asks.
+    pub fn of(backend: &dyn RayQueries, stream: &Stream) -> Self {
+        let mut all = Self::default();
+        for Query { kind, order, rays } in &stream.queries {
+            match kind {
+                Kind::Closest => {
+                    let mut hits = HitBatch::default();
+                    backend.closest_hits(rays, *order, &mut hits);
+                    all.hits.push(hits);
+                }
+                Kind::Occluded => {
+                    let mut occluded = Vec::new();
+                    backend.occluded(rays, *order, &mut occluded);
+                    all.occluded.push(occluded);
+                }
+            }
+        }
+        all
+    }
+
+    /// Share of the rays that hit something.
+    pub fn hit_share(&self) -> f64 {
+        let hits = self.hits.iter().flat_map(|h| h.t.iter().map(|t| t.is_finite()));
+        let (mut hit, mut all) = (0_u64, 0_u64);
+        for one in hits.chain(self.occluded.iter().flatten().copied()) {
+            hit += u64::from(one);
+            all += 1;
+        }
+        hit as f64 / all.max(1) as f64
+    }
+}
+
+/// Judges answers on a scene.
+pub struct Judge<'a> {
+    scene: &'a Scene,
+    /// [`Scene::has_alpha`] of each mesh.
+    has_alpha: Vec<bool>,
+}
+
+impl<'a> Judge<'a> {
+    /// For answers on this scene.
+    pub fn new(scene: &'a Scene) -> Self {
+        Self { scene, has_alpha: (0..scene.meshes.len() as u32).map(|mesh| scene.has_alpha(mesh)).collect() }
+    }
+
+    /// Compares the answers of two backends to a stream; hands the first unexplained differences to `tell`.
+    pub fn compare(
+        &self,
+        stream: &Stream,
+        (a, of_a): (&dyn RayQueries, &Answers),
+        (b, of_b): (&dyn RayQueries, &Answers),
+        tell: &mut dyn FnMut(String),
+    ) -> Counts {
+        let mut counts = Counts::default();
+        let (mut closest, mut occluded) = (of_a.hits.iter().zip(&of_b.hits), of_a.occluded.iter().zip(&of_b.occluded));
+        for Query { kind, rays, .. } in &stream.queries {
+            let mut count = |class: Class, i: usize, a: Option<Hit>, b: Option<Hit>| {
+                counts.0[class as usize] += 1;
+                if class == Class::Unexplained && counts.0[class as usize] <= 3 {
+                    let (o, d, range) = (rays.origin(i), rays.direction(i), [rays.tnear[i], rays.tfar[i]]);
+                    tell(format!("{}: ray from {o} to {d} in {range:?}: {a:?} against {b:?}", stream.name));
+                }
+            };
+            match kind {
+                Kind::Closest => {
+                    let Some((a, b)) = closest.next() else { continue };
+                    for i in 0..rays.len() {
+                        let (a, b) = (Hit::new(a, i), Hit::new(b, i));
+                        count(self.class(rays, i, a, b), i, a, b);
+                    }
+                }
+                Kind::Occluded => {
+                    let Some((said_a, said_b)) = occluded.next() else { continue };
+                    for i in 0..rays.len() {
+                        if said_a[i] == said_b[i] {
+                            count(Class::Same, i, None, None);
+                            continue;
+                        }
+                        let [hit_a, hit_b] = candidates(a, b, rays, i);
+                        count(self.class_occluded(rays, i, hit_a, hit_b), i, hit_a, hit_b);
+                    }
+                }
+            }
+        }
+        counts
+    }
+
+    /// Why the closest hits of ray `i` differ.
+    pub fn class(&self, rays: &RayBatch, i: usize, a: Option<Hit>, b: Option<Hit>) -> Class {
+        if a == b {
+            return Class::Same;
+        }
+        let ray = ExactRay::new(rays, i);
+        let plane = |hit: Hit| meet(self.scene, &ray, hit.id);
+        match (a, b) {
+            (None, None) => Class::Same,
+            (Some(hit), None) | (None, Some(hit)) => match plane(hit) {
+                Some(plane) if self.sound(&plane, &ray, &hit) => {
+                    self.lost(&plane, &ray, rays.key[i], &hit, Class::Miss)
+                }
+                plane => grazing_or_wrong(plane.as_ref()),
+            },
+            (Some(a), Some(b)) => {
+                let (Some(of_a), Some(of_b)) = (plane(a), plane(b)) else { return Class::Grazing };
+                for (plane, hit) in [(&of_a, &a), (&of_b, &b)] {
+                    if !self.sound(plane, &ray, hit) {
+                        return grazing_or_wrong(Some(plane));
+                    }
+                }
+                if a.id == b.id {
+                    return Class::Same;
+                }
+                if (of_a.t - of_b.t).abs() <= of_a.t_error + of_b.t_error {
+                    return if of_a.at_edge() || of_b.at_edge() { Class::Edge } else { Class::Coplanar };
+                }
+                let (near, hit) = if of_a.t < of_b.t { (&of_a, &a) } else { (&of_b, &b) };
+                self.lost(near, &ray, rays.key[i], hit, Class::Edge)
+            }
+        }
+    }
+
+    /// Why only one says that ray `i` is blocked, by their closest hits.
+    fn class_occluded(&self, rays: &RayBatch, i: usize, a: Option<Hit>, b: Option<Hit>) -> Class {
+        let class = self.class(rays, i, a, b);
+        if class != Class::Same {
+            return class;
+        }
+        // Both would hit the same: then the difference is one of finding any hit, and that very hit must be in doubt.
+        let (Some(hit), ray) = (a, ExactRay::new(rays, i)) else { return Class::Unexplained };
+        match meet(self.scene, &ray, hit.id) {
+            Some(plane) => self.lost(&plane, &ray, rays.key[i], &hit, Class::Miss),
+            None => Class::Grazing,
+        }
+    }
+
+    /// Is a hit what the triangle and the ray allow?
+    fn sound(&self, plane: &Plane, ray: &ExactRay, hit: &Hit) -> bool {
+        plane.possible(ray) && plane.agrees(hit)
+    }
+
+    /// Why the other backend may have gone past this hit.
+    fn lost(&self, plane: &Plane, ray: &ExactRay, key: u32, hit: &Hit, at_edge: Class) -> Class {
+        if plane.weight_error > GRAZING {
+            return Class::Grazing;
+        }
+        if plane.at_end(ray) {
+            return Class::SelfHit;
+        }
+        if plane.at_edge() {
+            return at_edge;
+        }
+        let [instance, mesh, prim] = hit.id;
+        let [_, u, v] = plane.weights;
+        let near = [-1.0, 0.0, 1.0].map(|step| step * plane.weight_error);
+        let is_there =
+            |(du, dv): (f64, f64)| self.scene.is_present(key, instance, mesh, prim, (u + du) as f32, (v + dv) as f32);
+        let mut around = near.iter().flat_map(|du| near.iter().map(|dv| (*du, *dv)));
+        if self.has_alpha[mesh as usize] && !around.all(is_there) { Class::Alpha } else { Class::Unexplained }
+    }
+}
+
+/// Bounds hold to first order: where they are as large as the triangle, they exclude nothing.
+fn grazing_or_wrong(plane: Option<&Plane>) -> Class {
+    if plane.is_none_or(|plane| plane.weight_error > 1.0) { Class::Grazing } else { Class::Unexplained }
+}
+
+/// By so much a ray's interval is lengthened, and its origin shifted in proportion to where it is, to find what it
+/// passes within rounding.
+const BESIDE: f32 = 1e-5;
+
+/// What ray `i` hits closest by two backends of which only one found any hit. Where neither has a closest one, that of a
+/// ray nearby: a triangle to be judged against the ray itself.
+fn candidates(a: &dyn RayQueries, b: &dyn RayQueries, rays: &RayBatch, i: usize) -> [Option<Hit>; 2] {
+    let shift = BESIDE * (1.0 + rays.origin(i).abs().max_element());
+    let sides = (0..27).map(|k| Vec3::new((k % 3) as f32, (k / 3 % 3) as f32, (k / 9) as f32) - 1.0);
+    let beside = sides.map(|side| (side * shift, 1.0 + BESIDE));
+    let mut tried = [(Vec3::ZERO, 1.0), (Vec3::ZERO, 1.0 + BESIDE)].into_iter().chain(beside);
+    let found = |(shift, longer): (Vec3, f32)| {
+        let both = [a, b].map(|backend| alone(backend, rays, i, shift, longer));
+        both.iter().any(Option::is_some).then_some((both, shift == Vec3::ZERO))
+    };
+    match tried.find_map(found) {
+        None => [None, None],
+        Some((both, true)) => both,
+        // Of a ray nearby, which of two triangles is hit means nothing.
+        Some(([a, b], false)) => [a.or(b), a.or(b)],
+    }
+}
+
+/// The closest hit of one ray, shifted, its interval's end times `longer`.
+fn alone(backend: &dyn RayQueries, rays: &RayBatch, i: usize, shift: Vec3, longer: f32) -> Option<Hit> {
+    let mut one = RayBatch::default();
+    one.push(rays.origin(i) + shift, rays.direction(i), rays.tnear[i], rays.tfar[i] * longer, rays.key[i]);
+    let mut hits = HitBatch::default();
+    backend.closest_hits(&one, RayOrder::Incoherent, &mut hits);
+    Hit::new(&hits, 0)
+}

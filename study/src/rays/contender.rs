@@ -1,0 +1,230 @@
+//! What is compared: a backend with its choices, by a name such as `embree+high+robust`.
+
+use std::sync::Arc;
+
+use bismar::Result;
+use bismar::rays::cwbvh::{ObvhsOptions, ObvhsRays, Preset, TreeKind, TriangleTest};
+use bismar::rays::embree::{EmbreeOptions, EmbreeRays, Packets, Quality};
+use bismar::rays::{RayQueries, Watch};
+use bismar::scene::Scene;
+
+/// A backend with its choices.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Contender {
+    what: What,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum What {
+    Embree(EmbreeOptions),
+    Obvhs(ObvhsOptions),
+}
+
+/// Words that choose, and what they choose; a field's first word is its default and is not written.
+const QUALITIES: [(&str, Quality); 4] =
+    [("medium", Quality::Medium), ("low", Quality::Low), ("two-level", Quality::TwoLevel), ("high", Quality::High)];
+const PACKETS: [(&str, Packets); 5] = [
+    ("as-rendered", Packets::Renderer),
+    ("single", Packets::Single),
+    ("x4", Packets::Four),
+    ("x8", Packets::Eight),
+    ("x16", Packets::Sixteen),
+];
+/// Instruction sets that Embree can be held to.
+pub const ISAS: [&str; 4] = ["sse2", "sse4.2", "avx", "avx2"];
+const PRESETS: [(&str, Preset); 6] = [
+    ("medium", Preset::Medium),
+    ("fastest", Preset::Fastest),
+    ("very-fast", Preset::VeryFast),
+    ("fast", Preset::Fast),
+    ("slow", Preset::Slow),
+    ("very-slow", Preset::VerySlow),
+];
+const TREES: [(&str, TreeKind); 2] = [("cwbvh", TreeKind::Eight), ("bvh2", TreeKind::Two)];
+const TESTS: [(&str, TriangleTest); 2] = [("embree-test", TriangleTest::Embree), ("own-test", TriangleTest::Own)];
+
+fn named<T: Copy>(list: &[(&str, T)], word: &str) -> Option<T> {
+    list.iter().find(|(name, _)| *name == word).map(|(_, value)| *value)
+}
+
+fn word<T: Copy + PartialEq>(list: &[(&'static str, T)], value: T) -> Option<&'static str> {
+    list.iter().skip(1).find(|(_, v)| *v == value).map(|(name, _)| *name)
+}
+
+/// What a default study compares with `embree`: each choice of each library on its own.
+const USUAL: &str = "embree+low,embree+two-level,embree+high,embree+compact,embree+robust,embree+high+robust,\
+                     embree+single,embree+x4,embree+x8,embree+x16,embree+avx2,embree+sse2,obvhs+fastest,\
+                     obvhs+very-fast,obvhs+fast,obvhs,obvhs+slow,obvhs+very-slow,obvhs+split,obvhs+slow+whole,\
+                     obvhs+own-test,obvhs+bvh2+fastest,obvhs+bvh2,obvhs+bvh2+very-slow";
+/// What it compares where there are millions of triangles: builds of minutes are left out.
+const LARGE: &str = "embree+low,embree+high,embree+single,obvhs+fastest,obvhs,obvhs+bvh2";
+const QUICK: &str = "embree+low,embree+high,embree+single,obvhs+fastest,obvhs,obvhs+very-slow,obvhs+bvh2";
+
+impl Contender {
+    /// What everything is compared with: as `--rays embree` renders.
+    pub fn baseline() -> Self {
+        Self { what: What::Embree(EmbreeOptions::default()) }
+    }
+
+    /// As `--rays obvhs` renders.
+    pub fn other() -> Self {
+        Self { what: What::Obvhs(ObvhsOptions::default()) }
+    }
+
+    /// The lists `usual`, `quick`, `large` and `all`, or names separated by commas.
+    ///
+    /// # Errors
+    /// A sentence that says which word there is not, and which ones there are.
+    pub fn list(text: &str) -> std::result::Result<Vec<Self>, String> {
+        let text = match text {
+            "all" => return Ok(Self::all()),
+            "usual" => USUAL,
+            "quick" => QUICK,
+            "large" => LARGE,
+            names => names,
+        };
+        text.split(',').map(|name| Self::named(name.trim())).collect()
+    }
+
+    fn all() -> Vec<Self> {
+        let mut all = Vec::new();
+        for (_, quality) in QUALITIES {
+            for (_, packets) in PACKETS {
+                for (compact, robust) in [(false, false), (true, false), (false, true), (true, true)] {
+                    let options = EmbreeOptions { quality, packets, compact, robust, ..Default::default() };
+                    all.push(Self { what: What::Embree(options) });
+                }
+            }
+        }
+        for (_, tree) in TREES {
+            for (_, preset) in PRESETS {
+                for split in [false, true] {
+                    for (_, test) in TESTS {
+                        let split = Some(split);
+                        all.push(Self { what: What::Obvhs(ObvhsOptions { tree, preset, split, test }) });
+                    }
+                }
+            }
+        }
+        all
+    }
+
+    fn named(name: &str) -> std::result::Result<Self, String> {
+        let mut words = name.split('+');
+        let unknown = |word: &str, there: &str| Err(format!("'{name}': there is no '{word}'; there are {there}"));
+        match words.next() {
+            Some("embree") => {
+                let mut options = EmbreeOptions::default();
+                for word in words {
+                    if let Some(quality) = named(&QUALITIES, word) {
+                        options.quality = quality;
+                    } else if let Some(packets) = named(&PACKETS, word) {
+                        options.packets = packets;
+                    } else if let Some(isa) = ISAS.into_iter().find(|isa| *isa == word) {
+                        options.isa = Some(isa);
+                    } else if word == "compact" {
+                        options.compact = true;
+                    } else if word == "robust" {
+                        options.robust = true;
+                    } else {
+                        return unknown(
+                            word,
+                            "low, two-level, medium, high, compact, robust, single, x4, x8, x16, sse2, sse4.2, avx, avx2",
+                        );
+                    }
+                }
+                Ok(Self { what: What::Embree(options) })
+            }
+            Some("obvhs") => {
+                let mut options = ObvhsOptions::default();
+                for word in words {
+                    if let Some(preset) = named(&PRESETS, word) {
+                        options.preset = preset;
+                    } else if let Some(tree) = named(&TREES, word) {
+                        options.tree = tree;
+                    } else if let Some(test) = named(&TESTS, word) {
+                        options.test = test;
+                    } else if word == "split" || word == "whole" {
+                        options.split = Some(word == "split");
+                    } else {
+                        return unknown(
+                            word,
+                            "bvh2, cwbvh, fastest, very-fast, fast, medium, slow, very-slow, split, whole, own-test",
+                        );
+                    }
+                }
+                Ok(Self { what: What::Obvhs(options) })
+            }
+            other => unknown(other.unwrap_or(""), "embree and obvhs, followed by choices: embree+high+robust"),
+        }
+    }
+
+    /// Its name; what is left at its default is not named.
+    pub fn name(&self) -> String {
+        let (library, words) = match &self.what {
+            What::Embree(o) => (
+                "embree",
+                vec![
+                    word(&QUALITIES, o.quality),
+                    o.compact.then_some("compact"),
+                    o.robust.then_some("robust"),
+                    word(&PACKETS, o.packets),
+                    o.isa,
+                ],
+            ),
+            What::Obvhs(o) => {
+                let split = o.split.map(|split| if split { "split" } else { "whole" });
+                ("obvhs", vec![word(&TREES, o.tree), word(&PRESETS, o.preset), split, word(&TESTS, o.test)])
+            }
+        };
+        words.into_iter().flatten().fold(library.to_owned(), |name, word| name + "+" + word)
+    }
+
+    /// Held to an instruction set, if it is Embree's and not held to another one.
+    pub fn held_to(mut self, isa: Option<&'static str>) -> Self {
+        if let What::Embree(options) = &mut self.what {
+            options.isa = options.isa.or(isa);
+        }
+        self
+    }
+
+    /// Builds the scene, on the current rayon pool or as many threads of Embree's.
+    ///
+    /// # Errors
+    /// As [`EmbreeRays::build`] and [`ObvhsRays::build`].
+    pub fn build(&self, scene: Arc<Scene>, watch: Watch) -> Result<Box<dyn RayQueries>> {
+        Ok(match &self.what {
+            What::Embree(options) => {
+                let options = EmbreeOptions { threads: rayon::current_num_threads(), ..options.clone() };
+                Box::new(EmbreeRays::build(scene, &options, watch)?)
+            }
+            What::Obvhs(options) => Box::new(ObvhsRays::build(scene, options, watch)?),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_read_as_they_are_written() {
+        let mut all = Contender::all();
+        all.extend(Contender::list("usual").unwrap());
+        all.extend(Contender::list("quick").unwrap());
+        for contender in all {
+            assert_eq!(Contender::list(&contender.name()).unwrap(), [contender]);
+        }
+        assert_eq!(Contender::list("embree+medium").unwrap(), [Contender::baseline()]);
+        assert_eq!(Contender::other().name(), "obvhs");
+        for wrong in ["", "embree+best", "obvhs+single", "optix"] {
+            assert!(Contender::list(wrong).unwrap_err().contains("there are"), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn only_embree_is_held_to_an_instruction_set() {
+        let held = |name: &str| Contender::list(name).unwrap().remove(0).held_to(Some("avx")).name();
+        assert_eq!(["embree", "embree+sse2", "obvhs"].map(held), ["embree+avx", "embree+sse2", "obvhs"]);
+    }
+}

@@ -1,0 +1,250 @@
+//! What the machine is and how steadily it runs, and clocks that other programs on it do not disturb.
+
+use std::fs;
+use std::hint::black_box;
+
+use bismar::rays::cwbvh;
+use perf_event::events::{Event, Hardware};
+use rustix::time::{ClockId, clock_gettime};
+use serde::{Deserialize, Serialize};
+
+/// The machine that measured.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[allow(missing_docs, reason = "docs/study-rays.md")]
+pub struct Host {
+    pub machine: String,
+    pub cpu: String,
+    pub cores: usize,
+    pub memory_bytes: u64,
+    pub kernel: String,
+    pub virtual_machine: bool,
+    pub frequency_governor: Option<String>,
+    pub isa_baseline: String,
+    pub embree: String,
+    pub embree_isa: String,
+    pub obvhs: String,
+    pub hardware_counters: bool,
+    pub flush_to_zero: bool,
+    pub denormals_are_zero: bool,
+    pub load_before: f64,
+    pub load_after: f64,
+    pub stolen_share: f64,
+    pub spin_seconds: Vec<f64>,
+    pub chase_seconds: Vec<f64>,
+}
+
+impl Host {
+    /// Looks at the machine; `name` is how to call it, else its processor and number of cores do. To be called where
+    /// rays will be traced, for the floating-point mode.
+    pub fn look(name: Option<&str>) -> Self {
+        let cpus = read("/proc/cpuinfo");
+        let field = |key: &str| cpus.lines().find_map(|l| l.strip_prefix(key)?.trim().strip_prefix(':')).map(str::trim);
+        let cpu = field("model name").unwrap_or("unknown processor").to_owned();
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let (flushes, zeroes) = floating_point_mode();
+        Self {
+            machine: name.map_or_else(|| format!("{cpu}, {cores} cores"), str::to_owned),
+            cores,
+            memory_bytes: kilobytes("/proc/meminfo", "MemTotal:"),
+            kernel: read("/proc/sys/kernel/osrelease").trim().to_owned(),
+            virtual_machine: field("flags").is_some_and(|flags| flags.split(' ').any(|f| f == "hypervisor")),
+            frequency_governor: fs::read_to_string("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
+                .ok()
+                .map(|text| text.trim().to_owned()),
+            isa_baseline: cwbvh::ISA_BASELINE.to_owned(),
+            embree: String::new(),
+            embree_isa: String::new(),
+            obvhs: cwbvh::VERSION.to_owned(),
+            hardware_counters: instructions(|| ()).is_some(),
+            flush_to_zero: flushes,
+            denormals_are_zero: zeroes,
+            load_before: load(),
+            load_after: load(),
+            stolen_share: 0.0,
+            spin_seconds: Vec::new(),
+            chase_seconds: Vec::new(),
+            cpu,
+        }
+    }
+}
+
+/// Times two fixed pieces of work again and again: one that only computes, one that only waits for memory.
+pub struct Gauge {
+    next: Vec<u32>,
+    stolen: (u64, u64),
+}
+
+/// Entries of the chain through memory: 64 MiB, more than most caches hold.
+const CHAIN: usize = 1 << 24;
+/// Steps along it.
+const STEPS: usize = 1 << 19;
+/// Rounds of the computation.
+const ROUNDS: u32 = 10_000_000;
+
+impl Gauge {
+    /// Prepares the chain: one cycle through all its entries (Sattolo's algorithm).
+    pub fn new() -> Self {
+        let mut next = (0..CHAIN as u32).collect::<Vec<_>>();
+        let mut state = 1_u64;
+        for i in (1..CHAIN).rev() {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            next.swap(i, (state >> 33) as usize % i);
+        }
+        Self { next, stolen: stolen() }
+    }
+
+    /// Processor seconds of the computation and of the walk through memory.
+    pub fn read(&self) -> (f64, f64) {
+        let start = thread_seconds();
+        // Eight chains side by side keep the core's units busy: a neighbour on the same core shows.
+        let mut chains = black_box([1_u64, 2, 3, 4, 5, 6, 7, 8]);
+        for _ in 0..ROUNDS {
+            for x in &mut chains {
+                *x = (*x ^ *x >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            }
+        }
+        black_box(chains);
+        let middle = thread_seconds();
+        let mut at = black_box(0_u32);
+        for _ in 0..STEPS {
+            at = self.next[at as usize];
+        }
+        black_box(at);
+        (middle - start, thread_seconds() - middle)
+    }
+
+    /// Adds a reading to `host`, and what the load and the share of stolen time are by now.
+    pub fn note(&self, host: &mut Host) {
+        let (spin, chase) = self.read();
+        host.spin_seconds.push(spin);
+        host.chase_seconds.push(chase);
+        host.load_after = load();
+        let (now, all) = stolen();
+        let all = all.saturating_sub(self.stolen.1).max(1);
+        host.stolen_share = now.saturating_sub(self.stolen.0) as f64 / all as f64;
+    }
+}
+
+impl Default for Gauge {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// The most over the least but for a tenth at either end: how far a series drifted.
+pub fn drift(seconds: &[f64]) -> f64 {
+    let mut sorted = seconds.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let n = sorted.len();
+    if n == 0 { f64::NAN } else { sorted[(n - 1) * 9 / 10] / sorted[(n - 1) / 10] }
+}
+
+/// Are results flushed to zero, and are denormal operands zero, on this thread?
+pub fn floating_point_mode() -> (bool, bool) {
+    let (least, denormal) = (black_box(f32::MIN_POSITIVE), black_box(f32::from_bits(1)));
+    // A normal number halved is denormal; a denormal one times 2²⁴ is normal unless it counts as zero.
+    (black_box(least * black_box(0.5)) == 0.0, black_box(denormal * black_box(16_777_216.0)) == 0.0)
+}
+
+fn seconds(clock: ClockId) -> f64 {
+    let time = clock_gettime(clock);
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+}
+
+/// Processor seconds of the calling thread.
+pub fn thread_seconds() -> f64 {
+    seconds(ClockId::ThreadCPUTime)
+}
+
+/// Processor seconds of all threads of this program.
+pub fn process_seconds() -> f64 {
+    seconds(ClockId::ProcessCPUTime)
+}
+
+/// Instructions of this thread, outside the kernel, while it does something; `None` where the processor's counters are not
+/// there for us: in most virtual machines, and where `perf_event_paranoid` forbids them.
+pub fn instructions(work: impl FnOnce()) -> Option<u64> {
+    counted(Hardware::INSTRUCTIONS, work)
+}
+
+fn counted(event: impl Event, work: impl FnOnce()) -> Option<u64> {
+    let mut counter = perf_event::Builder::new(event).build().ok()?;
+    counter.enable().ok()?;
+    work();
+    counter.disable().ok()?;
+    let count = counter.read_full().ok()?;
+    // Zero if others had the counter all the time; scaled up if they had it for some of it.
+    let (asked, had) = (count.time_enabled()?.as_secs_f64(), count.time_running()?.as_secs_f64());
+    (had > 0.0).then(|| (count.count() as f64 * (asked / had)) as u64)
+}
+
+/// Bytes of memory that this program has, and the most that it had since [`forget_peak`].
+pub fn memory() -> (u64, u64) {
+    (kilobytes("/proc/self/status", "VmRSS:"), kilobytes("/proc/self/status", "VmHWM:"))
+}
+
+/// Lets the peak begin again, where the system can.
+pub fn forget_peak() {
+    let _ = fs::write("/proc/self/clear_refs", "5");
+}
+
+fn read(file: &str) -> String {
+    fs::read_to_string(file).unwrap_or_default()
+}
+
+fn kilobytes(file: &str, key: &str) -> u64 {
+    let text = read(file);
+    let number = text.lines().find_map(|l| l.strip_prefix(key)?.trim().strip_suffix("kB")?.trim().parse::<u64>().ok());
+    number.map_or(0, |k| k * 1024)
+}
+
+fn load() -> f64 {
+    read("/proc/loadavg").split(' ').next().and_then(|x| x.parse().ok()).unwrap_or(f64::NAN)
+}
+
+/// Ticks that a hypervisor gave to others, and all ticks.
+fn stolen() -> (u64, u64) {
+    let text = read("/proc/stat");
+    let line = text.lines().next().unwrap_or_default();
+    let ticks = line.split_whitespace().skip(1).filter_map(|x| x.parse::<u64>().ok()).collect::<Vec<_>>();
+    (ticks.get(7).copied().unwrap_or(0), ticks.iter().take(8).sum())
+}
+
+#[cfg(test)]
+mod tests {
+    use perf_event::events::Software;
+
+    use super::*;
+    use bismar::rays::embree::set_flush_to_zero;
+
+    #[test]
+    fn the_floating_point_mode_is_seen() {
+        std::thread::spawn(|| {
+            assert_eq!(floating_point_mode(), (false, false));
+            set_flush_to_zero();
+            assert_eq!(floating_point_mode(), (true, true));
+        })
+        .join()
+        .unwrap();
+    }
+
+    #[test]
+    fn what_the_system_can_count_is_counted() {
+        let spin = |n: u64| (0..n).for_each(|i| _ = black_box(i));
+        // The processor's instructions: at least one a step. Nanoseconds of the thread, which any Linux that allows
+        // counters has: a million steps take more than a hundredth of one each.
+        for count in [instructions(|| spin(1_000_000)), counted(Software::TASK_CLOCK, || spin(1_000_000))] {
+            assert!(count.is_none_or(|n| (10_000..1_000_000_000).contains(&n)), "{count:?}");
+        }
+    }
+
+    #[test]
+    fn drift_leaves_the_ends_out() {
+        let mut steady = vec![1.0; 20];
+        assert_eq!(drift(&steady), 1.0);
+        steady[3] = 50.0;
+        assert_eq!(drift(&steady), 1.0);
+        steady[..8].fill(1.5);
+        assert_eq!(drift(&steady), 1.5);
+    }
+}

@@ -1,0 +1,475 @@
+//! Takes the measurements on one scene.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use bismar::film::PixelStats;
+use bismar::integrator::PreparedScene;
+use bismar::rays::embree::set_flush_to_zero;
+use bismar::rays::{HitBatch, RayQueries};
+use bismar::render::{Balance, RenderSettings, render};
+use bismar::{Error, Result};
+use rayon::prelude::*;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use super::agree::{Answers, Judge};
+use super::host::{Gauge, Host, forget_peak, instructions, memory, process_seconds, thread_seconds};
+use super::stream::{self, Kind, Query, Stream};
+use super::table::{Agreement, Build, Picture, Results, Scaling, Trace};
+use super::{Contender, LARGE, Plan, Subject};
+
+/// The control's name: the baseline, built a second time.
+pub const CONTROL: &str = "embree (again)";
+/// A stream is replayed as often as makes this many seconds, for each time that is taken.
+const LEAST_SECONDS: f64 = 0.02;
+/// Builds that together take less are made again for each round.
+const AGAIN_SECONDS: f64 = 0.4;
+/// Builds are repeated for about so long, this often at most.
+const BUILD_SECONDS: f64 = 0.5;
+const MOST_BUILDS: usize = 5;
+/// Up to this many triangles, builds by one thread are timed for all contenders, not for the two defaults alone.
+const FEW: u64 = 2_000_000;
+/// Stream whose scaling over threads is measured.
+const SCALED: &str = "diffuse";
+/// For so long on one thread, so that starting threads does not count.
+const SCALED_SECONDS: f64 = 0.1;
+
+/// Threads and gauges for measuring, kept from scene to scene.
+pub struct Bench {
+    one: ThreadPool,
+    all: ThreadPool,
+    gauge: Gauge,
+}
+
+impl Bench {
+    /// With so many threads where all are used. Threads flush denormals to zero, as the renderer's do.
+    ///
+    /// # Errors
+    /// [`Error::Host`] if they cannot be started.
+    pub fn new(threads: usize) -> Result<Self> {
+        let pool = |threads: usize| {
+            ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .start_handler(|_| set_flush_to_zero())
+                .build()
+                .map_err(|e| Error::Host(format!("cannot start {threads} threads: {e}")))
+        };
+        Ok(Self { one: pool(1)?, all: pool(threads)?, gauge: Gauge::new() })
+    }
+
+    /// What the machine is, from one of the threads that trace.
+    pub fn host(&self, name: Option<&str>) -> Host {
+        self.one.install(|| Host::look(name))
+    }
+}
+
+/// Measures everything of `plan` on one scene and adds it to `results`. `progress` is handed the share that is done.
+///
+/// # Errors
+/// [`Error::Interrupted`] when `stop` is raised; what builds, and reading and writing streams, return.
+pub fn measure(
+    bench: &Bench,
+    subject: &Subject,
+    plan: &Plan,
+    results: &mut Results,
+    stop: &AtomicBool,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Result<()> {
+    let baseline = Contender::baseline();
+    let machine = results.hosts[0].machine.clone();
+    let run = Run { bench, subject, plan, machine, stop };
+    let (base, built) = run.build(&baseline, true)?;
+    results.hosts[0].embree.clone_from(&base.info().version);
+    results.hosts[0].embree_isa.clone_from(&base.info().isa);
+    let streams = run.streams(base.as_ref())?;
+    let judge = Judge::new(&subject.scene);
+    let base = Side { backend: base.as_ref(), build_seconds: built.cpu_seconds };
+    let answers = bench.one.install(|| streams.iter().map(|s| Answers::of(base.backend, s)).collect::<Vec<_>>());
+    results.builds.push(built);
+    let chosen = plan.contenders(subject);
+    if chosen.len() < plan.contenders.len() {
+        results.notes.push(format!(
+            "{}: more than {LARGE} triangles are built; {} of {} contenders were measured, as --backends large",
+            subject.name,
+            chosen.len(),
+            plan.contenders.len()
+        ));
+    }
+    let contenders = chosen.iter().filter(|c| **c != baseline);
+    let mut contenders = contenders.map(|c| (c.name(), c.clone())).collect::<Vec<_>>();
+    contenders.insert(0, (CONTROL.to_owned(), baseline.clone()));
+    let all = contenders.len() as f64;
+    // Of each stream, all rounds of the baseline, and its instructions.
+    let mut own = vec![(Vec::new(), None); streams.len()];
+    for (i, (name, contender)) in contenders.into_iter().enumerate() {
+        progress(i as f64 / all);
+        run.go_on()?;
+        bench.one.install(|| bench.gauge.note(&mut results.hosts[0]));
+        let (backend, mut built) = match run.build(&contender, contender == Contender::other()) {
+            Err(Error::Data(text)) => {
+                results.notes.push(format!("{}: {name} cannot build it: {text}", subject.name));
+                continue;
+            }
+            other => other?,
+        };
+        built.backend.clone_from(&name);
+        let side = Side { backend: backend.as_ref(), build_seconds: built.cpu_seconds };
+        for (stream, of_base) in streams.iter().zip(&answers) {
+            run.go_on()?;
+            let mut tell = |text: String| results.notes.push(format!("{}, {name}: {text}", subject.name));
+            let counts = bench.one.install(|| {
+                let own = Answers::of(side.backend, stream);
+                judge.compare(stream, (base.backend, of_base), (side.backend, &own), &mut tell)
+            });
+            results.agreements.push(Agreement::new([&run.machine, &subject.name, &name, &stream.name], &counts));
+        }
+        progress((i as f64 + 0.3) / all);
+        let rounds = run.rounds(&streams, &base, (&contender, &side))?;
+        progress((i as f64 + 0.7) / all);
+        for (((stream, of_base), rounds), own) in streams.iter().zip(&answers).zip(rounds).zip(&mut own) {
+            run.go_on()?;
+            let mut sink = Sink::default();
+            let count = bench.one.install(|| instructions(|| _ = replay(side.backend, stream, &mut sink)));
+            results.traces.push(run.trace(&name, (stream, of_base.hit_share()), &rounds, 1, count));
+            own.0.extend(rounds);
+            own.1 = own.1.or(count);
+            if stream.name == SCALED && (contender == baseline || contender == Contender::other()) {
+                let name = contender.name();
+                results.scalings.extend(run.scaling(&name, stream, &side));
+            }
+        }
+        if plan.spp > 0 {
+            results.pictures.push(run.pictures(&name, &base, &side)?);
+        }
+        results.builds.push(built);
+    }
+    for ((stream, of_base), (rounds, instructions)) in streams.iter().zip(&answers).zip(&own) {
+        let mut row = run.trace(&baseline.name(), (stream, of_base.hit_share()), rounds, 0, *instructions);
+        (row.speed_ratio, row.speed_ratio_se) = (1.0, 0.0);
+        results.traces.push(row);
+    }
+    progress(1.0);
+    Ok(())
+}
+
+/// A built backend.
+struct Side<'a> {
+    backend: &'a dyn RayQueries,
+    build_seconds: f64,
+}
+
+struct Run<'a> {
+    bench: &'a Bench,
+    subject: &'a Subject,
+    plan: &'a Plan,
+    machine: String,
+    stop: &'a AtomicBool,
+}
+
+impl Run<'_> {
+    fn go_on(&self) -> Result<()> {
+        if self.stop.load(Ordering::Relaxed) {
+            return Err(Error::Interrupted(
+                "interrupted: the scenes that were finished are in the report; the same command with --merge-report \
+                 DIR/results.json goes on with the others"
+                    .to_owned(),
+            ));
+        }
+        Ok(())
+    }
+
+    fn build_once(&self, contender: &Contender) -> Result<Box<dyn RayQueries>> {
+        let watch = |_: f64| !self.stop.load(Ordering::Relaxed);
+        contender.clone().held_to(self.plan.isa).build(Arc::clone(&self.subject.scene), &watch)
+    }
+
+    /// Builds now and then again for the time alone; by one thread, too, for few triangles or a `main` contender.
+    fn build(&self, contender: &Contender, main: bool) -> Result<(Box<dyn RayQueries>, Build)> {
+        let subject = self.subject;
+        let timed = |pool: &ThreadPool| -> Result<(Box<dyn RayQueries>, f64, f64)> {
+            let (wall, cpu) = (Instant::now(), process_seconds());
+            let backend = pool.install(|| self.build_once(contender))?;
+            Ok((backend, wall.elapsed().as_secs_f64(), process_seconds() - cpu))
+        };
+        forget_peak();
+        let before = memory().0;
+        let (backend, wall, cpu) = timed(&self.bench.all)?;
+        let peak = memory().1.saturating_sub(before);
+        let (mut walls, mut cpus) = (vec![wall], vec![cpu]);
+        let again = ((BUILD_SECONDS / wall) as usize).min(MOST_BUILDS - 1);
+        for _ in 0..again {
+            let (_, wall, cpu) = timed(&self.bench.all)?;
+            walls.push(wall);
+            cpus.push(cpu);
+        }
+        let one = if main || subject.built <= FEW {
+            let times = (0..=again).map(|_| Ok(timed(&self.bench.one)?.1)).collect::<Result<Vec<_>>>()?;
+            Some(median(&times))
+        } else {
+            None
+        };
+        let info = backend.info();
+        let per_triangle = |bytes: u64| bytes as f64 / subject.built as f64;
+        let row = Build {
+            machine: self.machine.clone(),
+            scene: subject.name.clone(),
+            shape: subject.shape.map(str::to_owned),
+            triangles: subject.triangles,
+            built_triangles: subject.built,
+            backend: contender.name(),
+            version: info.version.clone(),
+            isa: info.isa.clone(),
+            builds: cpus.len(),
+            threads: self.bench.all.current_num_threads(),
+            wall_seconds: median(&walls),
+            cpu_seconds: median(&cpus),
+            cpu_seconds_spread: spread(&cpus),
+            one_thread_seconds: one,
+            bytes_per_triangle: per_triangle(info.memory_bytes),
+            peak_bytes_per_triangle: info.peak_bytes.map(per_triangle),
+            peak_process_bytes_per_triangle: per_triangle(peak),
+        };
+        Ok((backend, row))
+    }
+
+    /// Records streams, or reads those of an earlier study.
+    fn streams(&self, base: &dyn RayQueries) -> Result<Vec<Stream>> {
+        let (subject, plan) = (self.subject, self.plan);
+        let file = format!("{}.rays", subject.name);
+        if let Some(folder) = &plan.streams {
+            return stream::load(&folder.join(file), subject.fingerprint(plan));
+        }
+        let record = || stream::record(&subject.scene, base, &subject.settings, plan.rays);
+        let streams = self.bench.one.install(record);
+        if plan.save_streams {
+            let folder = plan.folder.join("streams");
+            std::fs::create_dir_all(&folder)
+                .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", folder.display())))?;
+            stream::save(&folder.join(file), subject.fingerprint(plan), &streams)?;
+        }
+        Ok(streams)
+    }
+
+    /// For each stream, seconds of the baseline and of the other for one replay each, round by round in turn. A round goes
+    /// through all streams: so each stream's rounds are spread over as long a time as can be, and what slows the machine
+    /// for a second slows one of them. Where builds are short, each round has its own, in other places of the memory.
+    fn rounds(
+        &self,
+        streams: &[Stream],
+        base: &Side,
+        (contender, side): (&Contender, &Side),
+    ) -> Result<Vec<Vec<[f64; 2]>>> {
+        let mut all = vec![Vec::with_capacity(self.plan.rounds); streams.len()];
+        let mut random = 1;
+        for round in 0..self.plan.rounds {
+            self.go_on()?;
+            let _spaces = spaces(&mut random);
+            let again = if base.build_seconds + side.build_seconds < AGAIN_SECONDS {
+                let build = |of: &Contender| self.bench.all.install(|| self.build_once(of));
+                Some([build(&Contender::baseline())?, build(contender)?])
+            } else {
+                None
+            };
+            let both = again.as_ref().map_or([base.backend, side.backend], |[a, b]| [a.as_ref(), b.as_ref()]);
+            self.bench.one.install(|| {
+                let mut sink = Sink::default();
+                for (stream, taken) in streams.iter().zip(&mut all) {
+                    taken.push(in_turn(both, stream, round, &mut sink));
+                }
+            });
+        }
+        Ok(all)
+    }
+
+    fn trace(
+        &self,
+        name: &str,
+        (stream, hit_share): (&Stream, f64),
+        rounds: &[[f64; 2]],
+        which: usize,
+        instructions: Option<u64>,
+    ) -> Trace {
+        let subject = self.subject;
+        let own = rounds.iter().map(|r| r[which]).collect::<Vec<_>>();
+        let ratios = rounds.iter().map(|[base, own]| base / own).collect::<Vec<_>>();
+        let rays = stream.rays() as f64;
+        let rate = rays / median(&own) / 1e6;
+        Trace {
+            machine: self.machine.clone(),
+            scene: subject.name.clone(),
+            shape: subject.shape.map(str::to_owned),
+            triangles: subject.triangles,
+            backend: name.to_owned(),
+            stream: stream.name.clone(),
+            rays: stream.rays() as u64,
+            hit_share,
+            rounds: rounds.len(),
+            mrays_per_second: rate,
+            mrays_spread: rate * spread(&own) / median(&own),
+            speed_ratio: median(&ratios),
+            speed_ratio_se: standard_error(&ratios),
+            instructions_per_ray: instructions.map(|n| n as f64 / rays),
+        }
+    }
+
+    /// All threads against one on the same batches, by the wall clock, in turn.
+    fn scaling(&self, name: &str, stream: &Stream, side: &Side) -> Option<Scaling> {
+        let threads = self.bench.all.current_num_threads();
+        let n = stream.queries.len();
+        let wall = |pool: &ThreadPool, times: usize| {
+            let start = Instant::now();
+            let queries = (0..times * n).into_par_iter();
+            pool.install(|| {
+                queries.for_each_init(Sink::default, |sink, i| answer(side.backend, &stream.queries[i % n], sink));
+            });
+            start.elapsed().as_secs_f64()
+        };
+        let times = ((SCALED_SECONDS / wall(&self.bench.one, 1)).ceil() as usize).clamp(1, 1000);
+        let wall = |pool: &ThreadPool| wall(pool, times);
+        let ratios = (0..self.plan.rounds).map(|_| wall(&self.bench.one) / wall(&self.bench.all)).collect::<Vec<_>>();
+        (threads > 1).then(|| Scaling {
+            machine: self.machine.clone(),
+            scene: self.subject.name.clone(),
+            backend: name.to_owned(),
+            stream: stream.name.clone(),
+            threads,
+            speedup: median(&ratios),
+            speedup_se: standard_error(&ratios),
+        })
+    }
+
+    /// Pictures by both, in turn, with different seeds: their times, and the z of their means.
+    fn pictures(&self, name: &str, base: &Side, side: &Side) -> Result<Picture> {
+        let plan = self.plan;
+        let mut sums = [Vec::new(), Vec::new()];
+        let mut taken = Vec::new();
+        for round in 0..plan.rounds.min(3) as u32 {
+            self.go_on()?;
+            let mut seconds = [0.0; 2];
+            let order = if round.is_multiple_of(2) { [0, 1] } else { [1, 0] };
+            for which in order {
+                let settings = RenderSettings {
+                    width: plan.picture,
+                    height: plan.picture,
+                    spp: Some(plan.spp),
+                    balance: Balance::Half,
+                    seed: 1 + 2 * round + which as u32,
+                    ..self.subject.settings.clone()
+                };
+                let backend = [base, side][which].backend;
+                self.bench.one.install(|| {
+                    let start = thread_seconds();
+                    let scene = PreparedScene::new(Arc::clone(&self.subject.scene), Box::new(backend));
+                    let rendered = render(&scene, &settings, &AtomicBool::new(false), &|_| {});
+                    seconds[which] = thread_seconds() - start;
+                    join(&mut sums[which], &rendered.film().pixels);
+                });
+            }
+            taken.push(seconds);
+        }
+        let own = taken.iter().map(|t| t[1]).collect::<Vec<_>>();
+        let theirs = taken.iter().map(|t| t[0]).collect::<Vec<_>>();
+        let ratios = taken.iter().map(|[base, own]| base / own).collect::<Vec<_>>();
+        let per_spp = median(&own) / f64::from(plan.spp);
+        let base_per_spp = median(&theirs) / f64::from(plan.spp);
+        let crossover = (side.build_seconds - base.build_seconds) / (base_per_spp - per_spp);
+        Ok(Picture {
+            machine: self.machine.clone(),
+            scene: self.subject.name.clone(),
+            backend: name.to_owned(),
+            pixels: u64::from(plan.picture) * u64::from(plan.picture),
+            spp: plan.spp,
+            rounds: taken.len(),
+            build_cpu_seconds: side.build_seconds,
+            cpu_seconds_per_spp: per_spp,
+            speed_ratio: median(&ratios),
+            speed_ratio_se: standard_error(&ratios),
+            crossover_spp: (side.build_seconds > base.build_seconds && per_spp < base_per_spp).then_some(crossover),
+            bias_z: bias_z(&sums[0], &sums[1]),
+        })
+    }
+}
+
+fn answer(backend: &dyn RayQueries, Query { kind, order, rays }: &Query, (hits, occluded): &mut Sink) {
+    match kind {
+        Kind::Closest => backend.closest_hits(rays, *order, hits),
+        Kind::Occluded => backend.occluded(rays, *order, occluded),
+    }
+}
+
+/// Seconds of both for a replay. Turn by turn, who is first by turns: neither finds caches and clocks in a better state
+/// than the other.
+fn in_turn(both: [&dyn RayQueries; 2], stream: &Stream, round: usize, sink: &mut Sink) -> [f64; 2] {
+    let once = both.map(|backend| replay(backend, stream, sink));
+    let least = once[0].min(once[1]).max(1e-9);
+    let times = ((LEAST_SECONDS / least).ceil() as usize).clamp(2, 1000);
+    let mut sums = [0.0; 2];
+    for turn in round..round + times {
+        for which in if turn.is_multiple_of(2) { [0, 1] } else { [1, 0] } {
+            sums[which] += replay(both[which], stream, sink);
+        }
+    }
+    sums.map(|sum| sum / times as f64)
+}
+
+/// Blocks of memory of random sizes: what is allocated while they are there lies elsewhere than the time before. Where it
+/// lies can matter as much as what it is: Mytkowicz et al. (2009), *Producing Wrong Data Without Doing Anything Obviously
+/// Wrong!*
+fn spaces(random: &mut u64) -> Vec<Vec<u8>> {
+    let mut block = || {
+        *random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        std::hint::black_box(Vec::with_capacity(16 + (*random >> 51) as usize))
+    };
+    (0..64).map(|_| block()).collect()
+}
+
+/// Where answers are written.
+type Sink = (HitBatch, Vec<bool>);
+
+/// Processor seconds of this thread for one replay.
+/// Contender and baseline are to write to the same places: where columns lie matters as much as a tree in small scenes.
+fn replay(backend: &dyn RayQueries, stream: &Stream, sink: &mut Sink) -> f64 {
+    let start = thread_seconds();
+    stream.queries.iter().for_each(|query| answer(backend, query, sink));
+    thread_seconds() - start
+}
+
+fn join(sums: &mut Vec<PixelStats>, pixels: &[PixelStats]) {
+    if sums.is_empty() {
+        sums.extend_from_slice(pixels);
+    } else {
+        sums.iter_mut().zip(pixels).for_each(|(sum, pixel)| sum.join(pixel));
+    }
+}
+
+/// z of the pictures' mean difference, of the channel where it is largest.
+fn bias_z(a: &[PixelStats], b: &[PixelStats]) -> f64 {
+    let z = |c: usize| {
+        let mean = |pixels: &[PixelStats]| pixels.iter().map(|p| f64::from(p.mean()[c])).sum::<f64>();
+        let variance = |pixels: &[PixelStats]| pixels.iter().map(|p| f64::from(p.variance_of_mean()[c])).sum::<f64>();
+        let (difference, deviation) = (mean(b) - mean(a), (variance(a) + variance(b)).sqrt());
+        // Without any variance, rounding of the sums alone.
+        if difference == 0.0 { 0.0 } else { difference / deviation.max(1e-6 * mean(a)) }
+    };
+    (0..3).map(z).max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(0.0)
+}
+
+/// Middle of the values.
+pub(super) fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let n = sorted.len();
+    if n == 0 { f64::NAN } else { 0.5 * (sorted[(n - 1) / 2] + sorted[n / 2]) }
+}
+
+/// Standard deviation of normal values, from their median deviation.
+fn spread(values: &[f64]) -> f64 {
+    let middle = median(values);
+    1.4826 * median(&values.iter().map(|x| (x - middle).abs()).collect::<Vec<_>>())
+}
+
+/// Of the median: 1.2533 times that of a mean of normal values.
+fn standard_error(values: &[f64]) -> f64 {
+    1.2533 * spread(values) / (values.len() as f64).sqrt()
+}

@@ -1,0 +1,135 @@
+//! Embree against obvhs: how fast, how large, how soon, and do they agree?
+//!
+//! Every contender is measured beside the baseline, `embree` as the renderer uses it: the two take turns on the same
+//! recorded rays, round by round, so that whatever else the machine does meets both, and their ratio is what is
+//! reported. Only two acceleration structures are ever in memory. Seconds are processor seconds of one thread unless stated
+//! otherwise: another program on the same cores does not count (but its use of caches and memory does: see the gauges of
+//! [`host`]). The control `embree (again)` is the baseline built a second time: its true ratio is 1.
+
+pub mod agree;
+mod compare;
+pub mod contender;
+pub mod exact;
+pub mod host;
+pub mod measure;
+pub mod page;
+pub mod shapes;
+pub mod stream;
+pub mod table;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use bismar::render::RenderSettings;
+use bismar::scene::Scene;
+use bismar::{Error, Result};
+
+use crate::balance::scene::read;
+
+pub use contender::Contender;
+pub use measure::{Bench, measure};
+pub use page::write;
+pub use shapes::Shape;
+pub use table::Results;
+
+/// Built triangles above which a study takes fewer contenders, unless they were chosen.
+pub const LARGE: u64 = 4_000_000;
+
+/// What to measure, on each scene.
+#[derive(Debug, Clone)]
+pub struct Plan {
+    /// Where everything goes.
+    pub folder: PathBuf,
+    /// What is compared with the baseline.
+    pub contenders: Vec<Contender>,
+    /// What is where more than [`LARGE`] triangles are built.
+    pub contenders_large: Vec<Contender>,
+    /// Instruction set that Embree is held to.
+    pub isa: Option<&'static str>,
+    /// About how many rays a stream has.
+    pub rays: usize,
+    /// Rounds in which contender and baseline take turns, ≥ 3.
+    pub rounds: usize,
+    /// Pixels a row and column of the pictures.
+    pub picture: u32,
+    /// Paths a pixel of the pictures, ≥ 2; 0 for no pictures.
+    pub spp: u32,
+    /// Save the streams?
+    pub save_streams: bool,
+    /// Take the streams from this folder instead of recording them.
+    pub streams: Option<PathBuf>,
+    /// How to call this machine.
+    pub machine: Option<String>,
+}
+
+impl Plan {
+    /// What is compared with the baseline on this scene.
+    pub fn contenders(&self, subject: &Subject) -> &[Contender] {
+        if subject.built > LARGE { &self.contenders_large } else { &self.contenders }
+    }
+}
+
+/// A scene to be measured on.
+pub struct Subject {
+    /// What tells it from others: the file's name without folders and extension, say, or that of the shape.
+    pub name: String,
+    /// The kind of a generated scene.
+    pub shape: Option<&'static str>,
+    /// What is there.
+    pub scene: Arc<Scene>,
+    /// Triangles, each as often as it is placed.
+    pub triangles: u64,
+    /// Triangles that are built: each once, or once for every object that is placed.
+    pub built: u64,
+    /// The first camera's view.
+    pub settings: RenderSettings,
+}
+
+impl Subject {
+    /// Reads a file ([`read`]) as `name`.
+    ///
+    /// # Errors
+    /// As [`read`]; [`Error::Data`] for a scene without triangles.
+    pub fn load(path: &Path, name: &str) -> Result<Self> {
+        let subject = Self::new(name.to_owned(), None, read(path)?.0);
+        if subject.triangles == 0 {
+            return Err(Error::Data(format!("{}: there are no triangles to shoot rays at", path.display())));
+        }
+        Ok(subject)
+    }
+
+    /// Generates a scene.
+    pub fn generate(shape: &Shape) -> Self {
+        Self::new(shape.name(), Some(shape.kind.name()), shape.scene())
+    }
+
+    /// A scene with a name.
+    pub fn new(name: String, shape: Option<&'static str>, scene: Scene) -> Self {
+        let triangles = scene.instances.iter().map(|i| scene.triangles(i.object) as u64).sum();
+        let mut seen = vec![false; scene.objects.len()];
+        let of_instance = |i: &bismar::scene::Instance| {
+            let again = i.transform.is_some() && std::mem::replace(&mut seen[i.object as usize], true);
+            if again { 0 } else { scene.triangles(i.object) as u64 }
+        };
+        let built = scene.instances.iter().map(of_instance).sum();
+        Self { name, shape, scene: Arc::new(scene), triangles, built, settings: RenderSettings::default() }
+    }
+
+    /// Of the triangles, their places and the view: what recorded rays depend on.
+    fn fingerprint(&self, plan: &Plan) -> u64 {
+        let mut hasher = blake3::Hasher::new();
+        fn hash(hasher: &mut blake3::Hasher, number: u32) {
+            hasher.update(&number.to_le_bytes());
+        }
+        for mesh in &self.scene.meshes {
+            for position in mesh.positions.iter() {
+                position.iter().for_each(|x| hash(&mut hasher, x.to_bits()));
+            }
+            mesh.indices.iter().flatten().for_each(|x| hash(&mut hasher, *x));
+        }
+        let placed = self.scene.instances.iter().flat_map(|i| i.transform.map(|t| t.to_cols_array()));
+        placed.flatten().for_each(|x| hash(&mut hasher, x.to_bits()));
+        hasher.update(format!("{:?} {}", self.scene.cameras[0], plan.rays).as_bytes());
+        u64::from_le_bytes(std::array::from_fn(|i| hasher.finalize().as_bytes()[i]))
+    }
+}

@@ -1,0 +1,381 @@
+//! Ray streams: the batches that real renders ask for, the same for every backend.
+
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::Mutex;
+use std::sync::atomic::AtomicBool;
+
+use bismar::film::atomic;
+use bismar::integrator::PreparedScene;
+use bismar::rays::{BackendInfo, HitBatch, RayBatch, RayOrder, RayQueries};
+use bismar::render::{Balance, PixelFilter, RenderSettings, render};
+use bismar::scene::{Scene, TextureSlot};
+use bismar::{Error, Result};
+use glam::{Vec3, Vec4};
+
+/// What a query asks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// The closest hit.
+    Closest,
+    /// Is there any hit?
+    Occluded,
+}
+
+/// One batch, as the renderer handed it over.
+#[derive(Debug, Clone)]
+pub struct Query {
+    /// What it asks.
+    pub kind: Kind,
+    /// How the renderer called its order.
+    pub order: RayOrder,
+    /// The rays.
+    pub rays: RayBatch,
+}
+
+/// Passes queries on and keeps every batch, in the order in which they come: for one thread.
+pub struct Recorder<'a> {
+    inner: &'a dyn RayQueries,
+    tape: Mutex<Vec<Query>>,
+}
+
+impl<'a> Recorder<'a> {
+    /// Nothing yet.
+    pub fn new(inner: &'a dyn RayQueries) -> Self {
+        Self { inner, tape: Mutex::default() }
+    }
+
+    /// What was asked.
+    pub fn into_tape(self) -> Vec<Query> {
+        self.tape.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner())
+    }
+
+    fn record(&self, kind: Kind, order: RayOrder, rays: &RayBatch) {
+        let mut tape = self.tape.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        tape.push(Query { kind, order, rays: rays.clone() });
+    }
+}
+
+impl RayQueries for Recorder<'_> {
+    fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
+        self.record(Kind::Closest, order, rays);
+        self.inner.closest_hits(rays, order, hits);
+    }
+
+    fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {
+        self.record(Kind::Occluded, order, rays);
+        self.inner.occluded(rays, order, occluded);
+    }
+
+    fn info(&self) -> &BackendInfo {
+        self.inner.info()
+    }
+}
+
+/// Batches of one kind.
+#[derive(Debug, Clone)]
+pub struct Stream {
+    /// What they are.
+    pub name: String,
+    /// The batches, all of one kind and order.
+    pub queries: Vec<Query>,
+}
+
+impl Stream {
+    /// Number of rays.
+    pub fn rays(&self) -> usize {
+        self.queries.iter().map(|q| q.rays.len()).sum()
+    }
+}
+
+/// Fewer rays than this say nothing about speed.
+const FEWEST: usize = 256;
+/// Rays a batch of the sorted and shuffled streams, about as the renderer has them.
+const BATCH: usize = 4096;
+/// What glossy surfaces are for the glossy stream.
+const GLOSSY: f32 = 0.25;
+
+/// Records the streams of a view with about `rays` rays each. Camera, shadow and later bounces are those of a path-traced
+/// picture as it is; `diffuse` and `glossy` are first bounces with every surface made diffuse, or a metal of roughness
+/// ¼ (what alpha cuts out stays cut out); two more have the diffuse ones shuffled, and sorted by octant and origin.
+/// What a scene has hardly any of is left out. To be called on a pool of one thread.
+pub fn record(scene: &Scene, backend: &dyn RayQueries, settings: &RenderSettings, rays: usize) -> Vec<Stream> {
+    let of = |scene: &Scene, max_depth: u32| {
+        let side = (rays as f64).sqrt().ceil() as u32;
+        let settings = RenderSettings {
+            width: side,
+            height: side,
+            spp: Some(1),
+            balance: Balance::Half,
+            filter: PixelFilter::Box,
+            max_depth,
+            ..settings.clone()
+        };
+        let recorder = Recorder::new(backend);
+        let scene = PreparedScene::new(Arc::new(scene.clone()), Box::new(&recorder));
+        render(&scene, &settings, &AtomicBool::new(false), &|_| {});
+        drop(scene);
+        Tape::new(recorder.into_tape())
+    };
+    let surfaces = |diffuse: bool| {
+        let mut scene = scene.clone();
+        for material in &mut scene.materials {
+            material.metallic = if diffuse { 0.0 } else { 1.0 };
+            material.roughness = if diffuse { 1.0 } else { GLOSSY };
+            material.specular = if diffuse { 0.0 } else { 1.0 };
+            material.base_color = Vec4::new(0.8, 0.8, 0.8, material.base_color.w);
+            (material.textures[TextureSlot::MetallicRoughness], material.unlit) = (None, false);
+        }
+        scene
+    };
+    let real = of(scene, settings.max_depth);
+    let diffuse = of(&surfaces(true), 2).first;
+    let glossy = of(&surfaces(false), 2).first;
+    let apart = [("diffuse-shuffled", shuffled(&diffuse)), ("diffuse-sorted", sorted(&diffuse))];
+    let whole = [
+        ("camera", real.camera),
+        ("shadow", real.shadow),
+        ("diffuse", diffuse),
+        ("glossy", glossy),
+        ("later", real.later),
+    ];
+    let all = whole.into_iter().chain(apart).map(|(name, queries)| {
+        let queries = thinned(queries, rays);
+        Stream { name: name.to_owned(), queries }
+    });
+    all.filter(|stream| stream.rays() >= FEWEST).collect()
+}
+
+/// A tape by kinds.
+#[derive(Default)]
+struct Tape {
+    camera: Vec<Query>,
+    shadow: Vec<Query>,
+    first: Vec<Query>,
+    later: Vec<Query>,
+}
+
+impl Tape {
+    fn new(tape: Vec<Query>) -> Self {
+        let mut all = Self::default();
+        let mut depth = 0;
+        for query in tape {
+            let list = match (query.kind, query.order) {
+                (Kind::Occluded, _) => &mut all.shadow,
+                (Kind::Closest, RayOrder::Coherent) => {
+                    depth = 0;
+                    &mut all.camera
+                }
+                (Kind::Closest, RayOrder::Incoherent) => {
+                    depth += 1;
+                    if depth == 1 { &mut all.first } else { &mut all.later }
+                }
+            };
+            list.push(query);
+        }
+        all
+    }
+}
+
+/// Every so manieth batch, so that about `rays` rays are left from all over the picture.
+fn thinned(queries: Vec<Query>, rays: usize) -> Vec<Query> {
+    let all = queries.iter().map(|q| q.rays.len()).sum::<usize>();
+    let (mut seen, mut taken) = (0, 0);
+    let wanted = |seen: usize| (seen as f64 * (rays as f64 / all as f64).min(1.0)) as usize;
+    let take = |query: &Query| {
+        seen += query.rays.len();
+        let take = taken < wanted(seen);
+        taken += if take { query.rays.len() } else { 0 };
+        take
+    };
+    queries.into_iter().filter(take).collect()
+}
+
+/// The rays in another order, in new batches.
+fn reordered(queries: &[Query], arrange: impl FnOnce(&mut Vec<(u32, u32)>)) -> Vec<Query> {
+    let places = |(q, query): (usize, &Query)| (0..query.rays.len() as u32).map(move |i| (q as u32, i));
+    let mut order = queries.iter().enumerate().flat_map(places).collect::<Vec<_>>();
+    arrange(&mut order);
+    let batch = |part: &[(u32, u32)]| {
+        let mut rays = RayBatch::default();
+        for &(q, i) in part {
+            let (from, i) = (&queries[q as usize].rays, i as usize);
+            rays.push(from.origin(i), from.direction(i), from.tnear[i], from.tfar[i], from.key[i]);
+        }
+        Query { kind: Kind::Closest, order: RayOrder::Incoherent, rays }
+    };
+    order.chunks(BATCH).map(batch).collect()
+}
+
+fn shuffled(queries: &[Query]) -> Vec<Query> {
+    reordered(queries, |order| {
+        let mut state = 1_u64;
+        for i in (1..order.len()).rev() {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            order.swap(i, (state >> 33) as usize % (i + 1));
+        }
+    })
+}
+
+/// By the octant of the direction, then along a Morton curve through the origins.
+fn sorted(queries: &[Query]) -> Vec<Query> {
+    let origins = || queries.iter().flat_map(|q| (0..q.rays.len()).map(|i| q.rays.origin(i)));
+    let (low, high) = origins().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
+    let scale = 1023.0 / (high - low).max_element().max(f32::MIN_POSITIVE);
+    let spread = |x: f32| (0..10).fold(0_u32, |all, bit| all | ((x as u32 >> bit & 1) << (3 * bit)));
+    let key = |&(q, i): &(u32, u32)| {
+        let rays = &queries[q as usize].rays;
+        let (d, p) = (rays.direction(i as usize), (rays.origin(i as usize) - low) * scale);
+        let octant = u32::from(d.x < 0.0) | u32::from(d.y < 0.0) << 1 | u32::from(d.z < 0.0) << 2;
+        (octant, spread(p.x) | spread(p.y) << 1 | spread(p.z) << 2)
+    };
+    reordered(queries, |order| order.sort_by_key(key))
+}
+
+/// First bytes of a file of streams; the digit is raised when the format changes.
+const MAGIC: &[u8] = b"bismar rays 1\n";
+
+/// Writes streams, with the fingerprint of what they were recorded on. Everything is little-endian: the magic line, the
+/// fingerprint (8 bytes), the number of streams, then for each its name (length, UTF-8), kind and order (0 or 1), number of
+/// batches, and for each batch its number of rays and eight columns: origin x, y, z, direction x, y, z, tnear, tfar as f32,
+/// and key as u32. Numbers are u32.
+///
+/// # Errors
+/// As [`atomic::write`].
+pub fn save(path: &Path, fingerprint: u64, streams: &[Stream]) -> Result<()> {
+    let mut bytes = MAGIC.to_vec();
+    bytes.extend(fingerprint.to_le_bytes());
+    let number = |bytes: &mut Vec<u8>, n: usize| bytes.extend((n as u32).to_le_bytes());
+    number(&mut bytes, streams.len());
+    for stream in streams {
+        number(&mut bytes, stream.name.len());
+        bytes.extend(stream.name.as_bytes());
+        let first = stream.queries.first();
+        number(&mut bytes, usize::from(first.is_some_and(|q| q.kind == Kind::Occluded)));
+        number(&mut bytes, usize::from(first.is_some_and(|q| q.order == RayOrder::Incoherent)));
+        number(&mut bytes, stream.queries.len());
+        for Query { rays, .. } in &stream.queries {
+            number(&mut bytes, rays.len());
+            for column in rays.origin.iter().chain(&rays.direction).chain([&rays.tnear, &rays.tfar]) {
+                bytes.extend(column.iter().flat_map(|x| x.to_le_bytes()));
+            }
+            bytes.extend(rays.key.iter().flat_map(|x| x.to_le_bytes()));
+        }
+    }
+    atomic::write(path, |file| Ok(Ok(file.write_all(&bytes)?)))
+}
+
+/// Reads what [`save`] wrote.
+///
+/// # Errors
+/// [`Error::Data`] for another format, a file that is cut off, or streams of another scene or view; what reading returns.
+pub fn load(path: &Path, fingerprint: u64) -> Result<Vec<Stream>> {
+    let bytes = fs::read(path).map_err(|e| Error::reading(path, &e))?;
+    let wrong = |what: &str| Error::Data(format!("{}: {what}", path.display()));
+    let body = bytes.strip_prefix(MAGIC).ok_or_else(|| wrong("these are no ray streams of this version of bismar"))?;
+    let (of, mut rest) = body.split_first_chunk().ok_or_else(|| wrong("cut off"))?;
+    if u64::from_le_bytes(*of) != fingerprint {
+        return Err(wrong("these streams were recorded on another scene, or another view of it"));
+    }
+    streams(&mut rest).ok_or_else(|| wrong("cut off, or damaged"))
+}
+
+fn streams(rest: &mut &[u8]) -> Option<Vec<Stream>> {
+    fn bytes<'a>(rest: &mut &'a [u8], n: usize) -> Option<&'a [u8]> {
+        let (taken, left) = rest.split_at_checked(n)?;
+        *rest = left;
+        Some(taken)
+    }
+    fn number(rest: &mut &[u8]) -> Option<usize> {
+        Some(u32::from_le_bytes(*bytes(rest, 4)?.first_chunk()?) as usize)
+    }
+    fn column(rest: &mut &[u8], n: usize) -> Option<Vec<u32>> {
+        let (words, _) = bytes(rest, n.checked_mul(4)?)?.as_chunks();
+        Some(words.iter().map(|w| u32::from_le_bytes(*w)).collect())
+    }
+    let mut all = Vec::new();
+    for _ in 0..number(rest)? {
+        let length = number(rest)?;
+        let name = String::from_utf8(bytes(rest, length)?.to_vec()).ok()?;
+        let kind = if number(rest)? == 1 { Kind::Occluded } else { Kind::Closest };
+        let order = if number(rest)? == 1 { RayOrder::Incoherent } else { RayOrder::Coherent };
+        let mut queries = Vec::new();
+        for _ in 0..number(rest)? {
+            let n = number(rest)?;
+            let mut floats = || Some(column(rest, n)?.into_iter().map(f32::from_bits).collect::<Vec<_>>());
+            let origin = [floats()?, floats()?, floats()?];
+            let direction = [floats()?, floats()?, floats()?];
+            let (tnear, tfar) = (floats()?, floats()?);
+            let key = column(rest, n)?;
+            queries.push(Query { kind, order, rays: RayBatch { origin, direction, tnear, tfar, key } });
+        }
+        all.push(Stream { name, queries });
+    }
+    rest.is_empty().then_some(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn query(n: usize, seed: u32) -> Query {
+        let mut rays = RayBatch::default();
+        for i in 0..n as u32 {
+            let bits = |k: u32| f32::from_bits((i * 8 + k + seed).wrapping_mul(2_654_435_761) & 0xbfff_ffff);
+            rays.push(Vec3::new(bits(0), bits(1), bits(2)), Vec3::new(bits(3), bits(4), -0.0), 0.0, f32::INFINITY, i);
+        }
+        Query { kind: Kind::Closest, order: RayOrder::Incoherent, rays }
+    }
+
+    fn bits(streams: &[Stream]) -> Vec<u32> {
+        let columns = |q: &Query| {
+            let floats = q.rays.origin.iter().chain(&q.rays.direction).chain([&q.rays.tnear, &q.rays.tfar]);
+            floats.flatten().map(|x| x.to_bits()).chain(q.rays.key.iter().copied()).collect::<Vec<_>>()
+        };
+        streams.iter().flat_map(|s| &s.queries).flat_map(columns).collect()
+    }
+
+    #[test]
+    fn streams_come_back_from_the_disk_to_the_bit_or_not_at_all() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.rays");
+        let shadow = Query { kind: Kind::Occluded, ..query(3, 5) };
+        let streams = [
+            Stream { name: "diffuse".into(), queries: vec![query(7, 1), query(0, 2), query(16, 3)] },
+            Stream { name: "shadow".into(), queries: vec![shadow] },
+        ];
+        save(&path, 42, &streams).unwrap();
+        let again = load(&path, 42).unwrap();
+        assert_eq!(bits(&again), bits(&streams));
+        assert_eq!(
+            again.iter().map(|s| (&*s.name, s.queries.len())).collect::<Vec<_>>(),
+            [("diffuse", 3), ("shadow", 1)]
+        );
+        assert_eq!((again[1].queries[0].kind, again[0].queries[0].kind), (Kind::Occluded, Kind::Closest));
+        assert!(matches!(load(&path, 43), Err(Error::Data(_))));
+        let whole = fs::read(&path).unwrap();
+        for cut in [0, 13, 20, 30, whole.len() - 1] {
+            fs::write(&path, &whole[..cut]).unwrap();
+            assert!(matches!(load(&path, 42), Err(Error::Data(_))), "{cut}");
+        }
+    }
+
+    #[test]
+    fn other_orders_have_the_same_rays_and_thinning_leaves_some_from_everywhere() {
+        let queries = vec![query(5000, 1), query(3000, 9)];
+        let keys = |queries: &[Query]| {
+            let mut all = queries.iter().flat_map(|q| q.rays.origin[0].iter().map(|x| x.to_bits())).collect::<Vec<_>>();
+            all.sort_unstable();
+            all
+        };
+        for other in [shuffled(&queries), sorted(&queries)] {
+            assert_eq!(keys(&other), keys(&queries));
+            assert_ne!(other[0].rays.key, queries[0].rays.key[..other[0].rays.len()]);
+        }
+        let many = (0..100).map(|i| query(10, i)).collect::<Vec<_>>();
+        let few = thinned(many, 200);
+        assert!((18..=22).contains(&few.len()), "{}", few.len());
+    }
+}

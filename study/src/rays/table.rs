@@ -1,0 +1,257 @@
+//! What a study found, as tables (`docs/study-rays.md` describes every column).
+
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+
+use bismar::film::atomic;
+use bismar::{Error, Result};
+use serde::{Deserialize, Serialize};
+
+use super::agree::{Class, Counts};
+use super::host::Host;
+
+/// Raised when a column changes its meaning or goes away.
+const SCHEMA: u32 = 1;
+
+/// Everything.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[allow(missing_docs, reason = "docs/study-rays.md")]
+pub struct Results {
+    pub schema: u32,
+    pub version: String,
+    pub rounds: usize,
+    pub hosts: Vec<Host>,
+    pub traces: Vec<Trace>,
+    pub builds: Vec<Build>,
+    pub pictures: Vec<Picture>,
+    pub scalings: Vec<Scaling>,
+    pub agreements: Vec<Agreement>,
+    /// What could not be measured, and unexplained differences, as sentences.
+    pub notes: Vec<String>,
+}
+
+/// How fast a backend answers a stream.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[allow(missing_docs, reason = "docs/study-rays.md")]
+pub struct Trace {
+    pub machine: String,
+    pub scene: String,
+    pub shape: Option<String>,
+    pub triangles: u64,
+    pub backend: String,
+    pub stream: String,
+    pub rays: u64,
+    pub hit_share: f64,
+    pub rounds: usize,
+    pub mrays_per_second: f64,
+    pub mrays_spread: f64,
+    pub speed_ratio: f64,
+    pub speed_ratio_se: f64,
+    #[serde(default)]
+    pub instructions_per_ray: Option<f64>,
+}
+
+/// What a build takes.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[allow(missing_docs, reason = "docs/study-rays.md")]
+pub struct Build {
+    pub machine: String,
+    pub scene: String,
+    pub shape: Option<String>,
+    pub triangles: u64,
+    pub built_triangles: u64,
+    pub backend: String,
+    pub version: String,
+    pub isa: String,
+    pub builds: usize,
+    pub threads: usize,
+    pub wall_seconds: f64,
+    pub cpu_seconds: f64,
+    pub cpu_seconds_spread: f64,
+    pub one_thread_seconds: Option<f64>,
+    pub bytes_per_triangle: f64,
+    pub peak_bytes_per_triangle: Option<f64>,
+    pub peak_process_bytes_per_triangle: f64,
+}
+
+/// Pictures by a backend against pictures by the baseline.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[allow(missing_docs, reason = "docs/study-rays.md")]
+pub struct Picture {
+    pub machine: String,
+    pub scene: String,
+    pub backend: String,
+    pub pixels: u64,
+    pub spp: u32,
+    pub rounds: usize,
+    pub build_cpu_seconds: f64,
+    pub cpu_seconds_per_spp: f64,
+    pub speed_ratio: f64,
+    pub speed_ratio_se: f64,
+    pub crossover_spp: Option<f64>,
+    pub bias_z: f64,
+}
+
+/// All threads against one.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[allow(missing_docs, reason = "docs/study-rays.md")]
+pub struct Scaling {
+    pub machine: String,
+    pub scene: String,
+    pub backend: String,
+    pub stream: String,
+    pub threads: usize,
+    pub speedup: f64,
+    pub speedup_se: f64,
+}
+
+/// Whether a backend hits what the baseline hits.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[allow(missing_docs, reason = "docs/study-rays.md")]
+pub struct Agreement {
+    pub machine: String,
+    pub scene: String,
+    pub backend: String,
+    pub stream: String,
+    pub rays: u64,
+    pub same: u64,
+    pub edge: u64,
+    pub coplanar: u64,
+    pub grazing: u64,
+    pub self_hit: u64,
+    pub alpha: u64,
+    pub miss: u64,
+    pub unexplained: u64,
+}
+
+impl Agreement {
+    /// From counts.
+    pub fn new([machine, scene, backend, stream]: [&str; 4], counts: &Counts) -> Self {
+        Self {
+            machine: machine.to_owned(),
+            scene: scene.to_owned(),
+            backend: backend.to_owned(),
+            stream: stream.to_owned(),
+            rays: counts.0.iter().sum(),
+            same: counts.of(Class::Same),
+            edge: counts.of(Class::Edge),
+            coplanar: counts.of(Class::Coplanar),
+            grazing: counts.of(Class::Grazing),
+            self_hit: counts.of(Class::SelfHit),
+            alpha: counts.of(Class::Alpha),
+            miss: counts.of(Class::Miss),
+            unexplained: counts.of(Class::Unexplained),
+        }
+    }
+}
+
+/// |z| of a picture's mean above which pictures differ: among a thousand of them, one in thirty studies.
+pub const MOST_Z: f64 = 5.0;
+
+impl Results {
+    /// Nothing yet, measured on `host`.
+    pub fn new(host: Host, rounds: usize) -> Self {
+        Self {
+            schema: SCHEMA,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            rounds,
+            hosts: vec![host],
+            traces: Vec::new(),
+            builds: Vec::new(),
+            pictures: Vec::new(),
+            scalings: Vec::new(),
+            agreements: Vec::new(),
+            notes: Vec::new(),
+        }
+    }
+
+    /// Hits whose difference nothing explains.
+    pub fn unexplained(&self) -> u64 {
+        self.agreements.iter().map(|a| a.unexplained).sum()
+    }
+
+    /// Pictures that differ by more than noise.
+    pub fn differing_pictures(&self) -> usize {
+        self.pictures.iter().filter(|p| p.bias_z.abs() > MOST_Z).count()
+    }
+
+    /// Did this machine measure a scene with all of these contenders?
+    pub fn has(&self, machine: &str, scene: &str, contenders: &[String]) -> bool {
+        let is = |b: &&Build| b.machine == machine && b.scene == scene;
+        let there = self.builds.iter().filter(is).map(|b| &b.backend).collect::<Vec<_>>();
+        !there.is_empty() && contenders.iter().all(|name| there.contains(&name))
+    }
+
+    /// Removes a machine's rows of a scene.
+    pub fn forget(&mut self, machine: &str, scene: &str) {
+        let other = |m: &str, s: &str| m != machine || s != scene;
+        self.traces.retain(|r| other(&r.machine, &r.scene));
+        self.builds.retain(|r| other(&r.machine, &r.scene));
+        self.pictures.retain(|r| other(&r.machine, &r.scene));
+        self.scalings.retain(|r| other(&r.machine, &r.scene));
+        self.agreements.retain(|r| other(&r.machine, &r.scene));
+    }
+
+    /// Removes this study's own host if it measured nothing and there are others: it has nothing to say of the machine.
+    pub fn forget_idle_host(&mut self) {
+        if self.hosts.len() > 1 && self.hosts[0].spin_seconds.is_empty() {
+            self.hosts.remove(0);
+        }
+    }
+
+    /// Adds what another study found, but for scenes that this one has of a machine of the same name.
+    pub fn merge(&mut self, other: Self) {
+        let mine = self.builds.iter().map(|t| (t.machine.clone(), t.scene.clone())).collect::<Vec<_>>();
+        let new = |machine: &str, scene: &str| !mine.iter().any(|(m, s)| m == machine && s == scene);
+        self.traces.extend(other.traces.into_iter().filter(|r| new(&r.machine, &r.scene)));
+        self.builds.extend(other.builds.into_iter().filter(|r| new(&r.machine, &r.scene)));
+        self.pictures.extend(other.pictures.into_iter().filter(|r| new(&r.machine, &r.scene)));
+        self.scalings.extend(other.scalings.into_iter().filter(|r| new(&r.machine, &r.scene)));
+        self.agreements.extend(other.agreements.into_iter().filter(|r| new(&r.machine, &r.scene)));
+        self.hosts.extend(other.hosts);
+        self.notes.extend(other.notes);
+    }
+
+    /// Reads what [`write`](super::write) wrote.
+    ///
+    /// # Errors
+    /// [`Error::Data`] for another format; what reading returns.
+    pub fn read(path: &Path) -> Result<Self> {
+        let bytes = fs::read(path).map_err(|e| Error::reading(path, &e))?;
+        let data = |what: String| Error::Data(format!("{}: {what}", path.display()));
+        let results: Self = serde_json::from_slice(&bytes)
+            .map_err(|e| data(format!("not the results.json of a study of rays by this version: {e}")))?;
+        if results.schema != SCHEMA {
+            return Err(data(format!("schema {}, this program writes {SCHEMA}", results.schema)));
+        }
+        Ok(results)
+    }
+
+    /// Writes `results.json` and a CSV file a table.
+    ///
+    /// # Errors
+    /// As [`atomic::write`].
+    pub fn write(&self, folder: &Path) -> Result<()> {
+        let text = serde_json::to_string_pretty(self).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
+        write_bytes(&folder.join("results.json"), text.as_bytes())?;
+        csv(&folder.join("traces.csv"), &self.traces)?;
+        csv(&folder.join("builds.csv"), &self.builds)?;
+        csv(&folder.join("pictures.csv"), &self.pictures)?;
+        csv(&folder.join("scalings.csv"), &self.scalings)?;
+        csv(&folder.join("agreements.csv"), &self.agreements)
+    }
+}
+
+/// Writes a file whole or not at all.
+pub(super) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
+    atomic::write(path, |file| Ok(Ok(file.write_all(bytes)?)))
+}
+
+fn csv<T: Serialize>(path: &Path, rows: &[T]) -> Result<()> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for row in rows {
+        writer.serialize(row).map_err(|e| Error::Bug(format!("CSV: {e}")))?;
+    }
+    write_bytes(path, &writer.into_inner().map_err(|e| Error::Bug(format!("CSV: {e}")))?)
+}

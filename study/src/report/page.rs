@@ -1,0 +1,209 @@
+//! One HTML file that needs nothing else.
+
+use std::fmt::Write;
+
+use bismar::Result;
+
+use super::chart;
+use super::picture::{ColorScale, Picture};
+use super::{escape, table::Table};
+
+const CSS: &str = "
+:root{--bg:#fff;--ink:#1d232b;--soft:#5d6875;--rule:#e4e8ed;--card:#f6f8fa;--good:#00694c;--bad:#b03a00;--link:#0067a5}
+@media(prefers-color-scheme:dark){:root{--bg:#14181d;--ink:#e8ecf1;--soft:#a3adb9;--rule:#333b45;--card:#1c2229;--good:#4fd3aa;
+--bad:#ff9d61;--link:#5bb5f0}}
+*{box-sizing:border-box}html{color-scheme:light dark}
+body{margin:0 auto;padding:2rem 1.5rem 5rem;max-width:1180px;background:var(--bg);color:var(--ink);
+font:16px/1.55 system-ui,sans-serif}
+h1{font-size:1.9rem;line-height:1.2;margin:0 0 .4rem}h2{font-size:1.4rem;margin:3.2rem 0 .6rem;padding-top:1.2rem;
+border-top:1px solid var(--rule)}h3{font-size:1.05rem;margin:1.8rem 0 .4rem}
+p{max-width:74ch;margin:.5rem 0 .9rem}a{color:var(--link)}.lead{font-size:1.1rem;color:var(--soft)}
+nav{display:flex;flex-wrap:wrap;gap:.3rem 1.1rem;margin:1rem 0 2rem}
+.row{display:flex;flex-wrap:wrap;gap:1.4rem;align-items:flex-start;margin:1rem 0}
+figure{margin:0}figcaption{font-size:.85rem;color:var(--soft);margin-top:.35rem;max-width:60ch}
+.row figure.pic{width:256px}.row figure.crop{width:104px}.row figure.wide{flex:1 1 460px;min-width:0;max-width:620px}
+figure.full{max-width:860px;margin:1rem 0}
+img{display:block;width:100%;image-rendering:pixelated;border-radius:3px;background:var(--card)}
+svg.chart{display:block;width:100%;height:auto}
+.legend{height:.6rem;border-radius:2px;margin-top:.35rem}.ends{display:flex;justify-content:space-between;font-size:.75rem;
+color:var(--soft)}
+.scroll{overflow-x:auto;margin:.8rem 0}table{border-collapse:collapse;font-size:.86rem;font-variant-numeric:tabular-nums}
+th,td{padding:.28rem .7rem;text-align:right;white-space:nowrap;border-bottom:1px solid var(--rule)}
+th{font-weight:600;color:var(--soft);cursor:help;vertical-align:bottom}th:first-child,td:first-child{text-align:left;
+position:sticky;left:0;background:var(--bg)}
+td.good{color:var(--good);font-weight:600}td.bad{color:var(--bad);font-weight:600}td.faint{color:var(--soft)}
+.words{text-align:left;white-space:normal}
+details{margin:1rem 0}summary{cursor:pointer;color:var(--link)}
+.slider{position:relative;width:100%;max-width:512px;overflow:hidden;border-radius:3px}
+.slider img+img{position:absolute;inset:0;height:100%;clip-path:inset(0 0 0 var(--at,50%))}
+.slider::after{content:'';position:absolute;top:0;bottom:0;left:var(--at,50%);width:2px;margin-left:-1px;background:#fff;
+box-shadow:0 0 3px #000;pointer-events:none}
+.slider input{position:absolute;inset:0;width:100%;height:100%;margin:0;opacity:0;cursor:ew-resize;z-index:1}
+.slider:focus-within{outline:2px solid var(--link);outline-offset:2px}
+.slider span{position:absolute;bottom:.4rem;padding:.05rem .45rem;background:#000a;color:#fff;font-size:.78rem;border-radius:3px}
+.slider span.l{left:.4rem}.slider span.r{right:.4rem}
+code{font-size:.9em;background:var(--card);padding:.1em .3em;border-radius:3px}
+@media print{body{max-width:none}nav,.slider input{display:none}}";
+
+const SCRIPT: &str = "document.querySelectorAll('.slider input').forEach(i=>i.addEventListener('input',()=>\
+i.parentNode.style.setProperty('--at',i.value+'%')))";
+
+/// A page under way.
+#[derive(Debug)]
+pub struct Page {
+    title: String,
+    lead: String,
+    links: Vec<(String, String)>,
+    body: String,
+}
+
+impl Page {
+    /// A page with a title and a sentence or two that say what it is.
+    pub fn new(title: &str, lead: &str) -> Self {
+        Self { title: title.to_owned(), lead: lead.to_owned(), links: Vec::new(), body: String::new() }
+    }
+
+    /// Begins a part that the list at the top leads to.
+    pub fn section(&mut self, title: &str) {
+        let id = format!("s{}", self.links.len() + 1);
+        let _ = write!(self.body, "<h2 id={id}>{}</h2>", escape(title));
+        self.links.push((id, title.to_owned()));
+    }
+
+    /// A heading inside of a part.
+    pub fn heading(&mut self, title: &str) {
+        let _ = write!(self.body, "<h3>{}</h3>", escape(title));
+    }
+
+    /// A paragraph. What stands between backticks is set as code.
+    pub fn text(&mut self, text: &str) {
+        let _ = write!(self.body, "<p>{}</p>", marked(text));
+    }
+
+    /// A table.
+    pub fn table(&mut self, table: &Table) {
+        self.body += &table.html();
+    }
+
+    /// Pieces side by side, as many as fit in a row.
+    pub fn row(&mut self, pieces: &[String]) {
+        let _ = write!(self.body, "<div class=row>{}</div>", pieces.concat());
+    }
+
+    /// A chart over the text's whole width.
+    pub fn wide(&mut self, svg: &str, caption: &str) {
+        let _ = write!(self.body, "<figure class=full>{svg}<figcaption>{}</figcaption></figure>", marked(caption));
+    }
+
+    /// Parts that only some readers want.
+    pub fn details(&mut self, summary: &str, fill: impl FnOnce(&mut Page)) {
+        let _ = write!(self.body, "<details><summary>{}</summary>", marked(summary));
+        fill(self);
+        self.body += "</details>";
+    }
+
+    /// The file.
+    pub fn finish(self) -> String {
+        let links = self.links.iter().map(|(id, title)| format!("<a href=#{id}>{}</a>", escape(title)));
+        format!(
+            "<!doctype html><html lang=en><head><meta charset=utf-8><meta name=viewport content=\"width=device-width\">\
+             <title>{title}</title><style>{CSS}{}</style></head><body><h1>{title}</h1><p class=lead>{}</p>\
+             <nav>{}</nav>{}<script>{SCRIPT}</script></body></html>\n",
+            chart::CSS,
+            marked(&self.lead),
+            links.collect::<String>(),
+            self.body,
+            title = escape(&self.title),
+        )
+    }
+}
+
+/// Escaped, with what stands between backticks as code.
+fn marked(text: &str) -> String {
+    let escaped = escape(text);
+    let pieces = escaped.split('`').enumerate();
+    pieces.map(|(i, piece)| if i % 2 == 1 { format!("<code>{piece}</code>") } else { piece.to_owned() }).collect()
+}
+
+/// A chart with a caption, for a row.
+pub fn chart_figure(svg: &str, caption: &str) -> String {
+    format!("<figure class=wide>{svg}<figcaption>{}</figcaption></figure>", marked(caption))
+}
+
+/// A picture with a caption, for a row.
+///
+/// # Errors
+/// As [`Picture::data_uri`].
+pub fn picture_figure(picture: &Picture, caption: &str) -> Result<String> {
+    figure("pic", picture, "", caption)
+}
+
+/// A small picture with a caption, for a row.
+///
+/// # Errors
+/// As [`Picture::data_uri`].
+pub fn crop_figure(picture: &Picture, caption: &str) -> Result<String> {
+    figure("crop", picture, "", caption)
+}
+
+/// A picture in false colours with what they mean: words at the low end, in the middle and at the high end.
+///
+/// # Errors
+/// As [`Picture::data_uri`].
+pub fn map_figure(picture: &Picture, scale: ColorScale, words: [&str; 3], caption: &str) -> Result<String> {
+    let words = words.map(|w| format!("<span>{}</span>", escape(w))).concat();
+    let legend =
+        format!("<div class=legend style=\"background:{}\"></div><div class=ends>{words}</div>", scale.gradient());
+    figure("pic", picture, &legend, caption)
+}
+
+fn figure(class: &str, picture: &Picture, legend: &str, caption: &str) -> Result<String> {
+    let (uri, alt) = (picture.data_uri()?, escape(caption));
+    let (w, h) = (picture.width, picture.height);
+    Ok(format!(
+        "<figure class={class}><img src=\"{uri}\" width={w} height={h} style=\"height:auto\" alt=\"{alt}\">{legend}\
+         <figcaption>{}</figcaption></figure>",
+        marked(caption)
+    ))
+}
+
+/// Two pictures of the same view, the right one over the left one up to where the reader pulls it.
+///
+/// # Errors
+/// As [`Picture::data_uri`].
+pub fn slider(left: (&Picture, &str), right: (&Picture, &str), caption: &str) -> Result<String> {
+    let (a, b) = (left.0.data_uri()?, right.0.data_uri()?);
+    let (left, right) = (escape(left.1), escape(right.1));
+    Ok(format!(
+        "<figure class=wide><div class=slider><img src=\"{a}\" alt=\"{left}\"><img src=\"{b}\" alt=\"{right}\">\
+         <span class=l>{left}</span><span class=r>{right}</span>\
+         <input type=range min=0 max=100 step=.1 value=50 aria-label=\"{left} against {right}\"></div>\
+         <figcaption>{}</figcaption></figure>",
+        marked(caption)
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_page_names_no_other_file_and_no_text_becomes_markup() {
+        let mut page = Page::new("a < b", "with `code` & more");
+        page.section("One <two>");
+        page.text("x");
+        let picture = Picture::new(1, 1, std::iter::once([1.0, 0.0, 0.0]));
+        page.row(&[
+            picture_figure(&picture, "\"quoted\"").unwrap(),
+            slider((&picture, "l"), (&picture, "r"), "").unwrap(),
+        ]);
+        page.details("more", |page| page.text("inside"));
+        let html = page.finish();
+        assert!(html.contains("<h1>a &lt; b</h1>") && html.contains("<code>code</code> &amp; more"));
+        assert!(html.contains("<h2 id=s1>One &lt;two&gt;</h2>") && html.contains("<a href=#s1>"));
+        for outside in ["http://", "https://", "src=\"/", "url(", "<link"] {
+            assert!(!html.contains(outside), "{outside}");
+        }
+        assert_eq!(html.matches("src=\"data:image/png;base64,").count(), 3);
+    }
+}

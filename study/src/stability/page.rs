@@ -1,0 +1,257 @@
+//! The tables of the stability study: for `docs` as Markdown, for people as a page, for programs as JSON.
+
+use std::path::Path;
+
+use bismar::film::atomic;
+use bismar::{Error, Result};
+
+use super::judge::{Outcome, Verdict};
+use super::simulate::Subject;
+use super::{ModeReport, Report};
+use crate::report::{Page, Table, Tone, number};
+
+/// Raised when a field changes its meaning or goes away.
+const SCHEMA: u32 = 1;
+
+/// A number with its mark and tone.
+fn marked(text: String, verdict: Verdict) -> (String, Tone) {
+    match verdict {
+        Verdict::Survives => (text, Tone::Plain),
+        Verdict::Unsure => (format!("{text} ?"), Tone::Faint),
+        Verdict::Fails => (format!("{text} ✗"), Tone::Bad),
+        Verdict::Wrong => ("wrong ✗".to_owned(), Tone::Bad),
+    }
+}
+
+/// A ratio beside its bar. One that two decimals would show on the wrong side of it has three; what is unsure says how much.
+fn judged(outcome: &Outcome, bar: f64, verdict: Verdict) -> (String, Tone) {
+    let (worst, error) = (outcome.worst_ratio, outcome.worst_se);
+    let text = match ratio(worst) {
+        rounded if rounded == ratio(bar) && verdict != Verdict::Survives => format!("{worst:.3}"),
+        rounded => rounded,
+    };
+    match verdict {
+        Verdict::Unsure if worst - bar < 0.01 => marked(format!("{text} ± {error:.3}"), verdict),
+        Verdict::Unsure => marked(format!("{text} ± {error:.2}"), verdict),
+        _ => marked(text, verdict),
+    }
+}
+
+/// Two decimals are what there is to compare; more digits of a large failure are noise.
+fn ratio(x: f64) -> String {
+    match x {
+        f64::INFINITY => "∞".to_owned(),
+        x if x < 100.0 => format!("{x:.2}"),
+        x => number(x),
+    }
+}
+
+fn name_of(mode: &ModeReport) -> String {
+    format!("{} {}", mode.mode, mode.name)
+}
+
+fn none() -> (String, Tone) {
+    ("–".to_owned(), Tone::Faint)
+}
+
+/// A table with a row a mode and a column an estimator, then other columns.
+fn by_mode(
+    report: &Report,
+    cell: impl Fn(&ModeReport, &Outcome) -> (String, Tone),
+    last: &[(&str, &str)],
+    others: impl Fn(&ModeReport) -> Vec<String>,
+) -> Table {
+    let mut table = Table::new(&[("mode", "failure mode")]);
+    let names: Vec<_> = Subject::shown().into_iter().map(Subject::name).collect();
+    table.columns.extend(names.iter().map(|name| (name.clone(), String::new())));
+    table.columns.extend(last.iter().map(|(a, b)| ((*a).to_owned(), (*b).to_owned())));
+    for mode in &report.modes {
+        let mut row = vec![(name_of(mode), Tone::Plain)];
+        let of = |name: &String| mode.outcomes.iter().find(|o| o.estimator == *name);
+        row.extend(names.iter().map(|name| of(name).map_or_else(none, |o| cell(mode, o))));
+        row.extend(others(mode).into_iter().map(|text| (text, Tone::Faint)));
+        table.rows.push(row);
+    }
+    table
+}
+
+/// The worst pixel and channel of each, and how often each one failed.
+pub fn survival(report: &Report) -> Table {
+    let cell = |m: &ModeReport, o: &Outcome| judged(o, m.bar, report.verdict(m, o));
+    let bar = ("bar", "largest ratio that counts as survived");
+    let mut table = by_mode(report, cell, &[bar], |m| vec![ratio(m.bar)]);
+    let mut total = vec![("fails for sure".to_owned(), Tone::Plain)];
+    for subject in Subject::shown() {
+        let outcomes = || report.modes.iter().flat_map(|m| m.outcomes.iter().map(move |o| (m, o)));
+        let own = || outcomes().filter(|(_, o)| o.estimator == subject.name());
+        let sure = |(m, o): &(&ModeReport, &Outcome)| matches!(report.verdict(m, o), Verdict::Fails | Verdict::Wrong);
+        let failed = own().filter(sure).count();
+        let tone = if failed > 0 { Tone::Bad } else { Tone::Good };
+        total.push((format!("{failed} of {}", own().count()), tone));
+    }
+    total.push((String::new(), Tone::Faint));
+    table.rows.push(total);
+    table
+}
+
+/// Mean ratios, and the limit.
+fn means(report: &Report) -> Table {
+    let best = ("best fixed share", "least variance of any counts that are fixed beforehand");
+    let cell = |_: &ModeReport, o: &Outcome| (ratio(o.mean_ratio), Tone::Plain);
+    by_mode(report, cell, &[best], |m| vec![m.best.map_or("–".to_owned(), ratio)])
+}
+
+/// Largest |z| of each.
+fn unbiased(report: &Report) -> Table {
+    let cell = |m: &ModeReport, o: &Outcome| {
+        let wrong = report.verdict(m, o) == Verdict::Wrong;
+        marked(format!("{:.1}", o.z), if wrong { Verdict::Fails } else { Verdict::Survives })
+    };
+    by_mode(report, cell, &[("tests", "z-tests an estimator")], |m| {
+        vec![m.outcomes.first().map_or(0, |o| o.tests).to_string()]
+    })
+}
+
+/// Mean share and its scatter.
+fn shares(report: &Report) -> Table {
+    let cell = |_: &ModeReport, o: &Outcome| (format!("{:.2} ± {:.2}", o.share, o.share_sd), Tone::Plain);
+    by_mode(report, cell, &[], |_| vec![])
+}
+
+fn constructs(report: &Report) -> Table {
+    let mut table = Table::new(&[("mode", ""), ("how it is posed", ""), ("paths a pixel", ""), ("by", "")]);
+    for m in &report.modes {
+        let by = if m.rendered { "renders" } else { "exact variances" };
+        let cells = [name_of(m), m.construct.to_owned(), m.paths.to_string(), by.to_owned()];
+        table.rows.push(cells.map(|c| (c, Tone::Words)).to_vec());
+    }
+    table
+}
+
+fn facts(report: &Report) -> Table {
+    let mut table = Table::new(&[("mode", ""), ("samples", ""), ("right", "")]);
+    let names = report.facts.first().map_or(&[][..], |f| &f.answers).iter();
+    table.columns.extend(names.map(|(name, ..)| (name.clone(), String::new())));
+    for fact in &report.facts {
+        let mut row = [fact.mode, fact.shown, fact.right].map(|t| (t.to_owned(), Tone::Words)).to_vec();
+        row.extend(fact.answers.iter().map(|(_, share, right)| {
+            marked(format!("{share:.3}"), if *right { Verdict::Survives } else { Verdict::Fails })
+        }));
+        table.rows.push(row);
+    }
+    table
+}
+
+fn controls(report: &Report) -> Table {
+    let mut table = Table::new(&[
+        ("control", ""),
+        ("what is wrong with it", ""),
+        ("bias", ""),
+        ("largest z", ""),
+        ("worst ratio", ""),
+        ("check", ""),
+        ("caught", ""),
+    ]);
+    for c in &report.controls {
+        let o = &c.outcome;
+        // Its passes are correlated: there is no exact variance.
+        let worst = if c.check.starts_with('z') { "–".to_owned() } else { ratio(o.worst_ratio) };
+        let cells = [
+            (o.estimator.clone(), Tone::Words),
+            (format!("{} ({})", c.name, c.mode), Tone::Words),
+            (format!("{:+.2} %", 100.0 * o.bias).replace('-', "−"), Tone::Plain),
+            (format!("{:.1}", o.z), Tone::Plain),
+            (worst, Tone::Plain),
+            (c.check.to_owned(), Tone::Words),
+        ];
+        let mut row = cells.to_vec();
+        row.push(if c.caught { ("yes".to_owned(), Tone::Good) } else { ("NO".to_owned(), Tone::Bad) });
+        table.rows.push(row);
+    }
+    table
+}
+
+const LEAD: &str = "Every `--balance` through the failure modes of adaptive sampling. The numbers are variances over that \
+of `half` with as many paths, in the worst pixel and colour channel: 1 is no harm, below 1 is a gain.";
+const WORST: &str = "✗: a pixel is beyond the mode's bar for sure; ?: the worst one (± its standard error) is beyond it, \
+but none by more than chance explains, the worst of all being looked at. 1.00 may mean that a method learned nothing \
+from so few samples, or nothing that it trusted: see its shares below. `power` and `max` do not adapt: what they lose, \
+they lose by their weights. `ridge` and `minimax` are no `--balance` and in exact cases alone: the paper's passes, and its formula \
+with one pseudo-observation, or the share that is best against the worst integrand of such moments, with two.";
+const SHARES: &str = "Mean share of light samples in the last pass ± its standard deviation between replicas: F10 asks how \
+much it scatters where all pixels are alike.";
+const FACTS: &str = "The share of light samples after samples that break naive rules. What is broken must not count.";
+
+struct Part {
+    title: &'static str,
+    text: String,
+    table: Table,
+}
+
+fn parts(report: &Report) -> Vec<Part> {
+    let replicas = report.modes.first().map_or(0, |m| m.replicas);
+    let family = format!(
+        "Largest |mean − truth| in standard errors over all pixels, channels and the picture's mean, after {replicas} \
+         replicas. All {} tests together raise a false alarm with a chance of {} at most (Bonferroni, normal tail bounded): the limit is {:.2}. Exact cases \
+         are tested against the exact truth, renders against renders by `half` with other seeds.",
+        report.tests, report.false_alarm, report.z_limit
+    );
+    let part = |title, text: &str, table| Part { title, text: text.to_owned(), table };
+    vec![
+        part("Who survives what", WORST, survival(report)),
+        part("On average", "The same ratios, averaged over pixels and channels.", means(report)),
+        part("Means", &family, unbiased(report)),
+        part("Controls", "Wrong on purpose: a check that does not catch them is worth nothing.", controls(report)),
+        part("Shares", SHARES, shares(report)),
+        part("Shares after hard samples", FACTS, facts(report)),
+        part("The modes", METHOD, constructs(report)),
+    ]
+}
+
+const METHOD: &str = "Exact cases are pictures of 4 x 4 pixels whose integrands have a few places each. A replica takes an \
+estimator's passes sample by sample, with the same functions as a render; the variance of its result follows exactly from \
+the shares that it chose (passes are uncorrelated). Renders are 4 x 4 pixels; their variances are measured over replicas \
+that have the same seeds for all estimators.";
+
+/// What wrote the tables.
+fn command(report: &Report) -> String {
+    let replicas = report.modes.first().map_or(0, |m| m.replicas);
+    format!("bismar study stability --replicas {replicas} --out DIR")
+}
+
+/// The tables for `docs`.
+pub fn markdown(report: &Report) -> String {
+    let mut text = "# Where methods fail\n".to_owned();
+    text += &format!("\n    {}\n\nwrote this; `make stability` brings it here.\n\n{LEAD}\n", command(report));
+    for part in parts(report) {
+        text += &format!("\n## {}\n\n{}\n\n{}", part.title, part.text, part.table.markdown());
+    }
+    text
+}
+
+/// Writes `stability.md`, `stability.json` and `stability.html` into a folder.
+///
+/// # Errors
+/// As [`atomic::write`].
+pub fn write(folder: &Path, report: &Report) -> Result<()> {
+    let mut page = Page::new("Where methods fail", LEAD);
+    for part in parts(report) {
+        page.section(part.title);
+        page.text(&part.text);
+        page.table(&part.table);
+    }
+    #[derive(serde::Serialize)]
+    struct Results<'a> {
+        schema: u32,
+        version: &'a str,
+        #[serde(flatten)]
+        report: &'a Report,
+    }
+    let results = Results { schema: SCHEMA, version: env!("CARGO_PKG_VERSION"), report };
+    let json = serde_json::to_string_pretty(&results).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
+    for (name, text) in [("md", markdown(report)), ("json", json), ("html", page.finish())] {
+        let path = folder.join("stability").with_extension(name);
+        atomic::write(&path, |file| Ok(Ok(std::io::Write::write_all(file, text.as_bytes())?)))?;
+    }
+    Ok(())
+}

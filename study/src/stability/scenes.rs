@@ -1,0 +1,256 @@
+//! The failure modes that need the renderer itself: small scenes, rendered many times.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use bismar::Result;
+use bismar::balance::Balance;
+use bismar::integrator::PreparedScene;
+use bismar::rays::Backend;
+use bismar::render::{Integrator, RenderSettings, render};
+use bismar::scene::{
+    Camera, Environment, Instance, Material, Mesh, Object, Positions, Projection, PunctualKind, PunctualLight, Scene,
+};
+use glam::{Affine3A, Mat3, Vec3, Vec4};
+use rayon::prelude::*;
+
+use super::cases::BAR;
+use super::judge::{Outcome, Ratios, Sums};
+
+/// Pixels along a side.
+const SIDE: u32 = 4;
+/// How many [`scene_cases`] there are.
+pub const SCENES: usize = 5;
+/// Paths a pixel.
+pub const PATHS: u32 = 64;
+/// Seeds of the renders that means are compared with begin here.
+const OTHER_SEEDS: u32 = 1 << 30;
+
+/// A failure mode on a scene.
+pub struct SceneCase {
+    /// F1 … F17.
+    pub mode: &'static str,
+    /// In a few words.
+    pub name: &'static str,
+    /// What is there.
+    pub construct: &'static str,
+    scene: PreparedScene<'static>,
+    integrator: Integrator,
+}
+
+fn lambert(albedo: f32) -> Material {
+    Material { base_color: Vec4::new(albedo, albedo, albedo, 1.0), metallic: 0.0, specular: 0.0, ..Default::default() }
+}
+
+fn metal(roughness: f32) -> Material {
+    Material { metallic: 1.0, roughness, ..Default::default() }
+}
+
+fn lamp(radiance: f32) -> Material {
+    Material { emissive: Vec3::splat(radiance), ..lambert(0.0) }
+}
+
+/// Adds a parallelogram, seen from where its edges `u` and `v` turn counter-clockwise.
+fn plate(scene: &mut Scene, corner: [f32; 3], u: [f32; 3], v: [f32; 3], material: Material) {
+    let [corner, u, v] = [corner, u, v].map(Vec3::from_array);
+    let points = [corner, corner + u, corner + u + v, corner + v].map(|p| p.to_array());
+    let n = scene.meshes.len() as u32;
+    scene.materials.push(material);
+    scene.meshes.push(Mesh {
+        name: format!("plate {n}"),
+        positions: Positions::new(points.to_vec()),
+        indices: vec![[0, 1, 2], [0, 2, 3]],
+        material: n,
+        ..Default::default()
+    });
+    scene.objects.push(Object { name: String::new(), meshes: n..n + 1 });
+    scene.instances.push(Instance { name: String::new(), object: n, transform: None });
+}
+
+/// A floor over x in `[x0, x1]`, facing up.
+fn floor(scene: &mut Scene, [x0, x1]: [f32; 2], material: Material) {
+    plate(scene, [x0, 0.0, 3.0], [x1 - x0, 0.0, 0.0], [0.0, 0.0, -6.0], material);
+}
+
+/// A square at height `y` of half width `w` around (`x`, `z`), facing down.
+fn ceiling(scene: &mut Scene, [x, y, z]: [f32; 3], w: f32, material: Material) {
+    plate(scene, [x - w, y, z - w], [2.0 * w, 0.0, 0.0], [0.0, 0.0, 2.0 * w], material);
+}
+
+/// Looks at the origin from above and in front.
+fn camera(scene: &mut Scene, yfov: f32) {
+    let eye = Vec3::new(0.0, 1.2, 3.0);
+    let z = eye.normalize();
+    let x = Vec3::Y.cross(z).normalize();
+    scene.cameras.push(Camera {
+        name: "camera".into(),
+        projection: Projection::Perspective { yfov },
+        aspect: None,
+        to_world: Affine3A::from_mat3_translation(Mat3::from_cols(x, z.cross(x), z), eye),
+    });
+}
+
+/// All of them.
+///
+/// # Errors
+/// As [`PreparedScene::build`].
+pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
+    let sky = || Scene { environment: Some(Environment::constant([0.4; 3])), ..Default::default() };
+    let build = |mode, name, construct, integrator, mut scene: Scene, yfov| {
+        camera(&mut scene, yfov);
+        Ok(SceneCase {
+            mode,
+            name,
+            construct,
+            scene: PreparedScene::build(Arc::new(scene), Backend::Embree)?,
+            integrator,
+        })
+    };
+    let mut caustic = Scene::default();
+    floor(&mut caustic, [-3.0, 3.0], lambert(0.6));
+    ceiling(&mut caustic, [0.0, 1.0, 0.0], 0.15, lamp(10.0));
+    plate(&mut caustic, [-0.25, 0.05, -0.5], [0.5, 0.0, 0.0], [0.0, 0.3, 0.0], metal(0.1));
+
+    let mut delta = Scene::default();
+    floor(&mut delta, [-3.0, 0.0], metal(0.0));
+    floor(&mut delta, [0.0, 3.0], lambert(0.6));
+    ceiling(&mut delta, [0.0, 1.0, -0.6], 0.3, lamp(6.0));
+    delta.lights.push(PunctualLight {
+        name: "point".into(),
+        kind: PunctualKind::Point,
+        intensity: Vec3::splat(0.5),
+        position: Vec3::new(0.5, 1.0, 0.5),
+        direction: Vec3::NEG_Y,
+    });
+
+    let mut sobol = sky();
+    floor(&mut sobol, [-3.0, 3.0], metal(0.4));
+    ceiling(&mut sobol, [0.0, 1.0, -0.6], 0.4, lamp(6.0));
+
+    let mut edge = sky();
+    floor(&mut edge, [-3.0, 0.0], metal(0.2));
+    floor(&mut edge, [0.0, 3.0], lambert(0.6));
+    ceiling(&mut edge, [0.0, 1.0, -0.6], 0.4, lamp(6.0));
+
+    let mut shadow = sky();
+    floor(&mut shadow, [-3.0, 3.0], metal(0.5));
+    ceiling(&mut shadow, [0.0, 1.0, -0.6], 0.3, lamp(6.0));
+    ceiling(&mut shadow, [-0.52, 0.2, -0.1], 0.5, lambert(0.0));
+    let direct = Integrator::Direct;
+    Ok([
+        build("F6", "deltas", "a mirror, a diffuse floor, a point light, a lamp", direct, delta, 0.3)?,
+        build(
+            "F8",
+            "caustic",
+            "a lamp, and its picture in a small mirror that only BSDF samples find",
+            Integrator::Path,
+            caustic,
+            0.2,
+        )?,
+        build("F11", "low-discrepancy points", "a glossy floor under a lamp and a sky", direct, sobol, 0.5)?,
+        build("F14", "material edge, rendered", "a near mirror beside a diffuse floor", direct, edge, 0.3)?,
+        build("F15", "shadow edge, rendered", "a hard shadow across a glossy floor", direct, shadow, 0.2)?,
+    ])
+}
+
+/// Green of one pixel after another, replica by replica, and the shares.
+struct Renders {
+    green: Vec<Vec<f64>>,
+    shares: Vec<Vec<f32>>,
+}
+
+impl SceneCase {
+    fn take(&self, balance: Balance, replicas: u32, seed: u32, stop: &AtomicBool) -> Renders {
+        let one = |r: u32| {
+            let settings = RenderSettings {
+                width: SIDE,
+                height: SIDE,
+                spp: Some(PATHS),
+                max_depth: 3,
+                integrator: self.integrator,
+                balance,
+                seed: seed + r,
+                ..Default::default()
+            };
+            let film = render(&self.scene, &settings, stop, &|_| ()).film();
+            let green = film.pixels.iter().map(|p| p.sum[1] / f64::from(p.samples)).collect();
+            (green, film.pixels.iter().map(|p| p.balance).collect())
+        };
+        let (green, shares) = (0..replicas).into_par_iter().map(one).unzip();
+        Renders { green, shares }
+    }
+
+    /// Every estimator against `half` with the same seeds, whose means are compared with those of `half` with others.
+    /// `done` is called after each of them; when `stop` is raised it must return an error.
+    pub fn outcomes(
+        &self,
+        balances: &[Balance],
+        replicas: u32,
+        stop: &AtomicBool,
+        done: &mut dyn FnMut() -> Result<()>,
+    ) -> Result<Vec<Outcome>> {
+        let truth = self.take(Balance::Half, replicas, OTHER_SEEDS, stop);
+        let half = self.take(Balance::Half, replicas, 0, stop);
+        done()?;
+        let mut outcomes = Vec::new();
+        for &balance in balances {
+            let own = if balance == Balance::Half { None } else { Some(self.take(balance, replicas, 0, stop)) };
+            outcomes.push(outcome(balance, own.as_ref().unwrap_or(&half), &half, &truth));
+            done()?;
+        }
+        Ok(outcomes)
+    }
+}
+
+fn outcome(balance: Balance, own: &Renders, half: &Renders, truth: &Renders) -> Outcome {
+    let pixels = own.green[0].len();
+    let sums = |values: &mut dyn Iterator<Item = f64>| {
+        let mut sums = Sums::default();
+        values.for_each(|x| sums.add(x));
+        sums
+    };
+    let (mut z, mut ratios, mut shares) = (0.0f64, Ratios::new(BAR), Vec::new());
+    let mut test = |a: Sums, b: Sums| {
+        let off = a.mean() - b.mean();
+        let rounding = 4.0 * f64::from(f32::EPSILON) * b.mean().abs();
+        let own = if off == 0.0 { 0.0 } else { off.abs() / a.error().hypot(b.error()).hypot(rounding) };
+        z = if own.is_nan() { own } else { z.max(own) };
+    };
+    for i in 0..pixels {
+        let of = |r: &Renders| sums(&mut r.green.iter().map(|p| p[i]));
+        let (a, b) = (of(own), of(half));
+        test(a, of(truth));
+        let nothing = 1e-10 * b.mean().powi(2);
+        let (ratio, error) = if b.variance() > nothing {
+            // The ratio's logarithm has this influence of each replica; both have the same seeds.
+            let influence = own.green.iter().zip(&half.green).map(|(x, y)| {
+                (x[i] - a.mean()).powi(2) / a.variance().max(nothing) - (y[i] - b.mean()).powi(2) / b.variance()
+            });
+            let ratio = a.variance() / b.variance();
+            (ratio, ratio * sums(&mut influence.collect::<Vec<_>>().into_iter()).error())
+        } else if a.variance() <= nothing {
+            (1.0, 0.0)
+        } else {
+            (f64::INFINITY, 0.0)
+        };
+        ratios.add(ratio, error);
+        shares.push(sums(&mut own.shares.iter().map(|s| f64::from(s[i]))));
+    }
+    let picture = |r: &Renders| sums(&mut r.green.iter().map(|p| p.iter().sum::<f64>() / pixels as f64));
+    let (a, b) = (picture(own), picture(truth));
+    test(a, b);
+    Outcome {
+        estimator: balance.name().to_owned(),
+        finite: own.green.iter().flatten().all(|x| x.is_finite())
+            && own.shares.iter().flatten().all(|s| (0.0..=1.0).contains(s)),
+        z,
+        tests: pixels + 1,
+        bias: a.mean() / b.mean() - 1.0,
+        mean_ratio: ratios.mean(),
+        worst_ratio: ratios.worst.0,
+        worst_se: ratios.worst.1,
+        excess: ratios.excess,
+        share: shares.iter().map(Sums::mean).sum::<f64>() / pixels as f64,
+        share_sd: (shares.iter().map(Sums::variance).sum::<f64>() / pixels as f64).sqrt(),
+    }
+}

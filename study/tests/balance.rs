@@ -1,0 +1,155 @@
+//! `bismar study balance` from end to end on a small scene, and the two hooks that it renders through.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+use std::sync::Arc;
+
+use bismar::rays::Backend;
+use bismar::render::{Balance, Integrator, RenderSettings};
+use bismar::scene::{Environment, Scene};
+use glam::Vec3;
+use serde_json::Value;
+
+use crate::helpers::glb;
+use crate::helpers::stage::{Stage, lamp, look, metal, rectangle};
+use crate::helpers::statistics::z_limit;
+
+fn study(folder: &Path, more: &str) -> Output {
+    let line = "balance scene.glb --out out --size 24x16 --spp 4,16 --replicas 8 --reference-spp 256 \
+                --balance second-order,oracle --progress none -q";
+    let mut command = Command::new(assert_cmd::cargo::cargo_bin!("bismar-study"));
+    command.current_dir(folder).args(line.split_whitespace()).args(more.split_whitespace()).output().unwrap()
+}
+
+fn rows(folder: &Path) -> Vec<Value> {
+    let text = fs::read_to_string(folder.join("out/results.json")).unwrap();
+    serde_json::from_str::<Value>(&text).unwrap()["rows"].as_array().unwrap().clone()
+}
+
+fn cells(folder: &Path) -> Vec<(std::path::PathBuf, Vec<u8>)> {
+    let scene = fs::read_dir(folder.join("out/cells")).unwrap().next().unwrap().unwrap().path();
+    let mut files: Vec<_> = fs::read_dir(scene).unwrap().map(|e| e.unwrap().path()).collect();
+    files.sort();
+    files.into_iter().map(|f| (f.clone(), fs::read(f).unwrap())).collect()
+}
+
+#[test]
+fn a_study_measures_once_reports_everything_and_notices_what_changed() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    fs::write(folder.join("scene.glb"), glb::triangle()).unwrap();
+    let output = study(folder, "");
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+
+    let all = rows(folder);
+    let named: Vec<_> = all.iter().map(|r| format!("{} {}", r["estimator"].as_str().unwrap(), r["spp"])).collect();
+    let four = ["half", "half-again", "second-order", "oracle"];
+    let expected: Vec<_> = [4, 16].iter().flat_map(|spp| four.map(|name| format!("{name} {spp}"))).collect();
+    assert_eq!(named, expected);
+    for row in &all {
+        let left_out = row["undetermined"].as_u64().unwrap() + row["constant"].as_u64().unwrap();
+        assert!(row["pixels"].as_u64().unwrap() + left_out <= 24 * 16);
+        assert!(row["rel_mse"].as_f64().unwrap() > 0.0);
+        // Eight pictures of three channels.
+        assert!(row["bias_z"].as_f64().unwrap().abs() < z_limit(24), "{row}");
+    }
+    assert_eq!(all[4]["ratio"], 1.0);
+    assert!(all[6]["found_ratio"].is_number() && all[2]["found_ratio"].is_null());
+    // A header and a line a row.
+    assert_eq!(fs::read_to_string(folder.join("out/results.csv")).unwrap().lines().count(), 9);
+
+    let page = fs::read_to_string(folder.join("out/report.html")).unwrap();
+    for outside in ["http://", "https://", "url(", "<link", "<script src"] {
+        assert!(!page.replace("xmlns=\"http://www.w3.org/2000/svg\"", "").contains(outside), "{outside}");
+    }
+    assert!(page.contains("class=slider") && page.matches("<svg").count() == 4);
+    assert_eq!(fs::read_dir(folder.join("out/charts")).unwrap().count(), 4);
+
+    // Again: nothing is taken, the results are the same to the byte.
+    let (before, csv) = (cells(folder), fs::read(folder.join("out/results.csv")).unwrap());
+    assert_eq!(study(folder, "").status.code(), Some(0));
+    assert!(cells(folder) == before);
+    assert!(fs::read(folder.join("out/results.csv")).unwrap() == csv);
+
+    // A cell of another program (its first picture differs), a lost one, one cut off: those three are taken again, and
+    // the pictures are the same.
+    let path = |name: &str| before.iter().find(|(f, _)| f.ends_with(name)).unwrap().clone();
+    let numbers = |bytes: &[u8]| bytes[bytes.iter().position(|b| *b == b'\n').unwrap()..].to_vec();
+    let (other, mut bytes) = path("second-order-16.cell");
+    let first = bytes.iter().position(|b| *b == b'\n').unwrap() + 1;
+    bytes[first..first + 24 * 16 * 12].fill(0x11);
+    fs::write(&other, &bytes).unwrap();
+    let (lost, _) = path("half-again-4.cell");
+    fs::remove_file(&lost).unwrap();
+    let (cut, bytes) = path("half-16.cell");
+    fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
+    assert_eq!(study(folder, "").status.code(), Some(0));
+    for (file, bytes) in cells(folder) {
+        let (_, old) = before.iter().find(|(f, _)| *f == file).unwrap();
+        assert!(numbers(&bytes) == numbers(old), "{file:?}");
+        let anew = [&other, &lost, &cut].contains(&&file);
+        assert_eq!(bytes != *old, anew, "{file:?}");
+    }
+}
+
+#[test]
+fn wrong_usage_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("scene.glb"), glb::triangle()).unwrap();
+    for (more, words) in [("--bogus", "--bogus"), ("--camera 1", "--camera")] {
+        let output = study(folder.path(), more);
+        assert_eq!(output.status.code(), Some(64), "{more}");
+        assert!(String::from_utf8_lossy(&output.stderr).contains(words));
+    }
+    let output = Command::new(assert_cmd::cargo::cargo_bin!("bismar-study"))
+        .current_dir(folder.path())
+        .args(["balance", "scene.glb", "--out", "out", "--balance", "half,best"])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(64));
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(text.contains("there is no 'best'") && text.contains("oracle"), "{text}");
+}
+
+/// A glossy floor, a lamp and a sky: both techniques matter.
+fn stage() -> Stage {
+    let mut scene = Scene { environment: Some(Environment::constant([0.4; 3])), ..Default::default() };
+    rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, metal(0.4));
+    rectangle(&mut scene, 1.0, [-0.4, 0.4], [-0.9, -0.3], false, lamp(6.0));
+    look(&mut scene, Vec3::new(0.0, 1.2, 3.0), Vec3::new(0.0, 0.2, 0.0), 0.5);
+    Stage::new(Arc::new(scene), Backend::Embree)
+}
+
+fn settings() -> RenderSettings {
+    let integrator = Integrator::Direct;
+    RenderSettings { width: 20, height: 18, spp: Some(16), balance: Balance::Half, integrator, ..Default::default() }
+}
+
+fn all_at(share: f32) -> Option<Arc<[f32]>> {
+    Some(vec![share; 20 * 18].into())
+}
+
+#[test]
+fn fixed_shares_of_a_half_are_half_to_the_bit_and_others_have_the_same_mean() {
+    let stage = stage();
+    assert_eq!(stage.green(&settings()), stage.green(&RenderSettings { shares: all_at(0.5), ..settings() }));
+    let half = stage.mean_green(&settings(), 600);
+    let limit = z_limit(3);
+    for share in [0.05, 0.3, 0.9] {
+        let fixed = RenderSettings { shares: all_at(share), seed: 5000, ..settings() };
+        assert_ne!(stage.green(&settings()), stage.green(&RenderSettings { seed: 0, ..fixed.clone() }));
+        let mean = stage.mean_green(&fixed, 600);
+        let z = (mean.mean - half.mean) / mean.standard_error().hypot(half.standard_error());
+        assert!(z.abs() < limit, "share {share}: {} for {}, z = {z}", mean.mean, half.mean);
+    }
+}
+
+#[test]
+fn a_render_can_stop_before_its_last_pass() {
+    let stage = stage();
+    let balance = Balance::SecondOrder;
+    let pilot = RenderSettings { balance, passes: Some(1), ..settings() };
+    // The pilot of 16 paths is 8 at a half: as 8 paths by half.
+    assert_eq!(stage.green(&pilot), stage.green(&RenderSettings { spp: Some(8), ..settings() }));
+}

@@ -1,0 +1,98 @@
+//! The stability study: its checks catch what they are there for, and its command writes what it says.
+
+use std::fs;
+use std::process::Command;
+use std::sync::atomic::AtomicBool;
+
+use bismar::balance::Balance;
+use bismar_study::stability::judge::{FALSE_ALARM, Verdict, z_limit};
+use bismar_study::stability::page::write;
+use bismar_study::stability::simulate::Subject;
+use bismar_study::stability::{Report, measure};
+use serde_json::Value;
+use statrs::distribution::{ContinuousCDF, Normal};
+
+/// The exact cases; replicas have fixed seeds. Means raise a false alarm with a chance of `FALSE_ALARM`.
+fn exact(replicas: u32) -> Report {
+    measure(replicas, None, &AtomicBool::new(false), &mut || Ok(())).unwrap()
+}
+
+#[test]
+fn controls_are_caught_and_every_mean_is_right() {
+    let report = exact(500);
+    assert!(report.controls_caught(), "{:?}", report.controls);
+    let wrong: Vec<_> = report.wrong().iter().map(|(e, m)| format!("{e} {}", m.mode)).collect();
+    assert!(wrong.is_empty(), "{wrong:?}");
+    for mode in &report.modes {
+        let names: Vec<_> = mode.outcomes.iter().map(|o| o.estimator.clone()).collect();
+        assert_eq!(names[..Balance::all().len()], Balance::all().iter().map(|b| b.name()).collect::<Vec<_>>());
+        assert_eq!(names, Subject::shown().into_iter().map(Subject::name).collect::<Vec<_>>());
+        let half = mode.outcomes.iter().find(|o| o.estimator == "half").unwrap();
+        assert!((half.worst_ratio - 1.0).abs() < 1e-9, "half against half in {}: {}", mode.mode, half.worst_ratio);
+        // No fixed share is better than the best one.
+        assert!(mode.best.unwrap() <= 1.0 + 1e-9);
+    }
+    // Threads have no part in it.
+    let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(|| exact(500));
+    let numbers =
+        |r: &Report| r.modes.iter().flat_map(|m| &m.outcomes).map(|o| (o.z, o.worst_ratio)).collect::<Vec<_>>();
+    assert_eq!(numbers(&alone), numbers(&report));
+}
+
+#[test]
+fn the_default_balance_survives_every_exact_mode() {
+    let report = exact(500);
+    for mode in &report.modes {
+        let own = mode.outcomes.iter().find(|o| o.estimator == "progressive").unwrap();
+        let verdict = report.verdict(mode, own);
+        assert!(verdict != Verdict::Fails, "{} {}: {} ± {}", mode.mode, mode.name, own.worst_ratio, own.worst_se);
+    }
+    for fact in &report.facts {
+        for (name, share, right) in fact.answers.iter().filter(|(name, ..)| name == "progressive") {
+            assert!(right, "{name} in {}: {share} after {}", fact.mode, fact.shown);
+        }
+    }
+}
+
+#[test]
+fn the_stated_false_alarm_rate_is_kept() {
+    for tests in [1, 100, 10_000] {
+        let tail = 2.0 * Normal::new(0.0, 1.0).unwrap().cdf(-z_limit(tests));
+        let level = FALSE_ALARM / tests as f64;
+        // The bound of the tail is an upper one, 1/z² too large at most.
+        assert!(tail <= level && tail > 0.9 * level, "{tests} tests: {tail} for {level}");
+    }
+}
+
+#[test]
+fn tables_name_every_mode_and_estimator() {
+    // Too few renders for their tests; the tables are there all the same.
+    let report = measure(1000, Some(20), &AtomicBool::new(false), &mut || Ok(())).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    write(folder.path(), &report).unwrap();
+    let read = |name: &str| fs::read_to_string(folder.path().join(name)).unwrap();
+    let text = read("stability.md");
+    for mode in (1..=17).map(|i| format!("| F{i} ")) {
+        assert!(text.contains(&mode), "{mode} in\n{text}");
+    }
+    let json: Value = serde_json::from_str(&read("stability.json")).unwrap();
+    let caught: Vec<_> = json["controls"].as_array().unwrap().iter().map(|c| &c["caught"]).collect();
+    assert_eq!(caught, [&Value::Bool(true), &Value::Bool(true)]);
+    let rendered = json["modes"].as_array().unwrap().iter().filter(|m| m["rendered"] == true);
+    for mode in rendered {
+        for outcome in mode["outcomes"].as_array().unwrap() {
+            assert!(outcome["finite"] == true && outcome["worst_ratio"].is_number(), "{outcome}");
+        }
+    }
+    assert!(read("stability.html").contains("Who survives what"));
+}
+
+#[test]
+fn too_few_replicas_are_wrong_usage() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = "stability --out out --replicas 5";
+    let mut command = Command::new(assert_cmd::cargo::cargo_bin!("bismar-study"));
+    let output = command.current_dir(folder.path()).args(line.split(' ')).output().unwrap();
+    assert_eq!(output.status.code(), Some(64));
+    assert!(!folder.path().join("out").exists());
+}
