@@ -25,7 +25,7 @@ const REFUSED: [(&str, &str); 3] = [
 /// What a file may take: 60 s of processor time, and writable memory (`RLIMIT_DATA`, which counts stacks whole) of
 /// 192 MiB for the program and Embree, 16 MiB more for each processor's threads, and 48 times the bytes of the scene
 /// with its buffers and pictures: PNG and JPEG decode to about ten times their size, a triangle of 36 bytes gets normals,
-/// tangents and a share of the BVH. Five minutes of waiting are a hang.
+/// tangents and a share of the BVH. Five minutes without any processor time are a hang.
 fn limits(bytes: u64) -> String {
     let threads = thread::available_parallelism().map_or(1, usize::from) as u64;
     let kibibytes = (192 + 16 * threads) * 1024 + 48 * bytes / 1024;
@@ -47,12 +47,15 @@ fn render(scene: &Path, bytes: u64, folder: &Path) -> (i32, String) {
         .stderr(File::create(&log).unwrap())
         .spawn()
         .unwrap();
-    let start = Instant::now();
+    let (mut since, mut before) = (Instant::now(), None);
     let status = loop {
         if let Some(status) = child.try_wait().unwrap() {
             break status;
         }
-        if start.elapsed() > HANG {
+        let now = processor_time(child.id());
+        if now != before {
+            (since, before) = (Instant::now(), now);
+        } else if since.elapsed() > HANG {
             child.kill().unwrap();
         }
         thread::sleep(Duration::from_millis(2));
@@ -60,6 +63,14 @@ fn render(scene: &Path, bytes: u64, folder: &Path) -> (i32, String) {
     let text = fs::read_to_string(&log).unwrap();
     fs::remove_file(log).unwrap();
     (status.code().unwrap_or_else(|| 128 + status.signal().unwrap()), text)
+}
+
+/// User and system ticks of a process, if it is there.
+fn processor_time(id: u32) -> Option<[u64; 2]> {
+    let stat = fs::read_to_string(format!("/proc/{id}/stat")).ok()?;
+    // "id (name) state ...", and the name may hold anything; the state is the third field, utime and stime 14 and 15.
+    let mut fields = stat.rsplit_once(')')?.1.split_whitespace().skip(11).map_while(|field| field.parse().ok());
+    Some([fields.next()?, fields.next()?])
 }
 
 /// Does an error's text start with the file, and then say where in it?

@@ -25,7 +25,7 @@ pub fn folder() -> tempfile::TempDir {
 pub fn succeeds(mut command: Command) -> String {
     let output = command.output().unwrap_or_else(|e| panic!("{command:?}: {e}"));
     let out = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(output.status.success(), "{command:?}\n{out}\n{}", program::stderr(&output));
+    assert!(output.status.success(), "{command:?}: {}\n{out}\n{}", output.status, program::stderr(&output));
     out
 }
 

@@ -2,12 +2,13 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use base64::Engine;
 use bismar::Error;
 use bismar::scene::TextureSlot;
 use bismar::scene::import::{ImportOptions, Imported, import};
+use cpu_time::ThreadTime;
 
 /// A folder with a scene file in it.
 pub fn scene_file(name: &str, bytes: impl AsRef<[u8]>) -> (tempfile::TempDir, PathBuf) {
@@ -63,18 +64,22 @@ impl Parts {
     }
 }
 
-/// Longer than any file of the set needs by far, also on a busy machine; a hang is what it catches.
+/// Processor time, so that a busy machine has no part in it: longer than any file of the set needs by far.
 pub const LONGEST: Duration = Duration::from_secs(30);
 
-/// What came of one file: the import's result, or what a panic said.
+/// What came of one file, the import's result or what a panic said, and its processor time.
 pub fn attempt(path: &Path) -> (Result<Result<Imported, Error>, String>, Duration) {
-    let start = Instant::now();
-    let outcome = catch_unwind(AssertUnwindSafe(|| import(path, &ImportOptions::default())));
+    // All of it on one thread, whose time it is.
+    let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let (outcome, time) = alone.install(|| {
+        let start = ThreadTime::now();
+        (catch_unwind(AssertUnwindSafe(|| import(path, &ImportOptions::default()))), start.elapsed())
+    });
     let outcome = outcome.map_err(|payload| {
         let text = payload.downcast_ref::<String>().cloned();
         text.or_else(|| payload.downcast_ref::<&str>().map(|s| s.to_string())).unwrap_or_default()
     });
-    (outcome, start.elapsed())
+    (outcome, time)
 }
 
 /// What every accepted scene promises to those who render it.
