@@ -2,7 +2,7 @@
 
 use std::f32::consts::FRAC_1_PI;
 
-use bismar::bsdf::{Bsdf, Parameters, Surface};
+use bismar::bsdf::{Bsdf, Layered, Microfacet, Parameters, Surface};
 use bismar::lanes::{F, LANES, V3};
 use glam::Vec3;
 
@@ -70,6 +70,30 @@ fn samples_follow_the_pdf() {
                 (200_000, 12),
                 || sample(&bsdf, wo, random.f32(), random.f32(), random.f32()).map(|s| s.wi),
                 |wi| f64::from(eval_pdf(&bsdf, wo, wi).1),
+            );
+        }
+    }
+}
+
+#[test]
+fn samples_of_three_layers_follow_the_pdf() {
+    // A coat over dielectric, metal and a mix: only tests compose it.
+    let coat = Microfacet { f0: Vec3::splat(0.3), f90: 1.0, layer0: 0.3, layer90: 1.0, alpha: 0.15 };
+    let mut random = Random(9);
+    for metallic in [0.0, 0.4, 1.0] {
+        let layers = Layered { top: coat, base: surface(metallic, 0.8).bsdf() };
+        let bsdf = Layered::gather([&layers; LANES]);
+        for theta in ANGLES {
+            let (n, wo) = (V3::splat(Vec3::Z), V3::splat(direction(theta, 0.6)));
+            chi_square_directions(
+                &format!("metallic {metallic} under a coat, θ = {theta}"),
+                3 * ANGLES.len(),
+                (200_000, 12),
+                || {
+                    let s = bsdf.sample(n, wo, [random.f32(), random.f32(), random.f32()].map(F::splat));
+                    (s.pdf.as_array()[0] > 0.0).then(|| s.wi.lane(0))
+                },
+                |wi| f64::from(bsdf.eval_pdf(n, wo, V3::splat(wi)).1.as_array()[0]),
             );
         }
     }

@@ -114,7 +114,7 @@ impl Bsdf {
     }
 }
 
-impl Bsdf<Eight> {
+impl<Top: Lobe, Base: Lobe> Layered<Top, Base> {
     /// f(wo, wi) · cos θ_i, and the density per solid angle with which [`sample`](Self::sample) draws `wi`. Zero unless
     /// both directions are above the surface with shading normal `n`.
     #[inline(always)]

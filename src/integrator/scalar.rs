@@ -15,7 +15,7 @@ use super::vertices::MIN_COS;
 use crate::balance::{Counts, deal};
 use crate::bsdf::{Bsdf, Eight, Parameters};
 use crate::lanes::{F, LANES, U, V3};
-use crate::light::{area, punctual};
+use crate::light::{AreaLights, punctual};
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 use crate::sampling::{PixelSequence, hash, keys, pixel_seed};
 
@@ -142,7 +142,7 @@ impl Path<'_> {
         }
         let mut found = Vec3::ZERO;
         if t.materials.kind(mesh).shines && (point.material.double_sided || point.ng.dot(direction) < 0.0) {
-            let radiance = area::emission(t.scene, point.mesh, prim, barycentric.0, barycentric.1);
+            let radiance = AreaLights::radiance(t.scene, point.mesh, prim, barycentric.0, barycentric.1);
             let from = (origin, ray.normal);
             let hit = (instance, mesh, prim);
             let pdf = if depth == 0 { 0.0 } else { t.lights.area_pdf(from, hit, direction, distance) };

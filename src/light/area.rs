@@ -108,6 +108,17 @@ impl AreaLights {
         self.tree.power()
     }
 
+    /// Emitted radiance of triangle `prim` of `mesh` at barycentric weights (`u`, `v`) of its second and third vertex,
+    /// from a side that shines.
+    #[inline]
+    pub fn radiance(scene: &Scene, mesh: &Mesh, prim: u32, u: f32, v: f32) -> Vec3 {
+        let material = &scene.materials[mesh.material as usize];
+        let Some(texture) = &material.textures[TextureSlot::Emissive] else { return material.emissive };
+        let Some(texcoords) = &mesh.texcoords[usize::from(texture.set.min(1))] else { return material.emissive };
+        let [a, b, c] = mesh.indices[prim as usize].map(|i| Vec2::from_array(texcoords[i as usize]));
+        material.emissive * scene.sample_texture(texture, a + (b - a) * u + (c - a) * v).truncate()
+    }
+
     /// Draws points on area lights, uniform over their area, as seen from `p` with unit geometric normals `n`. `choice`,
     /// `u` and `v` in [0, 1).
     #[inline]
@@ -132,7 +143,7 @@ impl AreaLights {
         if lights.iter().any(|l| l.textured) {
             radiance = V3::gather(std::array::from_fn(|i| {
                 let mesh = &scene.meshes[lights[i].mesh as usize];
-                emission(scene, mesh, lights[i].prim, b1.as_array()[i], b2.as_array()[i])
+                Self::radiance(scene, mesh, lights[i].prim, b1.as_array()[i], b2.as_array()[i])
             }));
         }
         let seen = facing.simd_gt(F::ZERO) & pdf.is_finite();
@@ -170,17 +181,6 @@ fn parallelogram(a: [Vec3; 3], b: [Vec3; 3]) -> Option<[Vec3; 4]> {
         }
     }
     None
-}
-
-/// Emitted radiance of triangle `prim` of `mesh` at barycentric weights (`u`, `v`) of its second and third vertex,
-/// from a side that shines.
-#[inline]
-pub fn emission(scene: &Scene, mesh: &Mesh, prim: u32, u: f32, v: f32) -> Vec3 {
-    let material = &scene.materials[mesh.material as usize];
-    let Some(texture) = &material.textures[TextureSlot::Emissive] else { return material.emissive };
-    let Some(texcoords) = &mesh.texcoords[usize::from(texture.set.min(1))] else { return material.emissive };
-    let [a, b, c] = mesh.indices[prim as usize].map(|i| Vec2::from_array(texcoords[i as usize]));
-    material.emissive * scene.sample_texture(texture, a + (b - a) * u + (c - a) * v).truncate()
 }
 
 /// Emission averaged over a triangle, by the texture at 16 points of it: good enough to choose by.

@@ -1,4 +1,11 @@
-//! Where light comes from: the environment, emissive triangles, punctual lights; and which one to sample.
+//! Where light comes from: the environment, emissive triangles, punctual lights; and which one to sample. Each kind is
+//! a file and answers the same three questions:
+//!
+//! | kind | emitted radiance | sample | pdf |
+//! | --- | --- | --- | --- |
+//! | [`environment`] | [`radiance_pdf`](EnvironmentSampler::radiance_pdf) | [`sample`](EnvironmentSampler::sample) | with the radiance: one look-up |
+//! | [`area`] | [`radiance`](AreaLights::radiance) | [`sample`](AreaLights::sample) | [`pdf`](AreaLights::pdf) |
+//! | [`punctual`] | none: no ray meets them | [`sample`](punctual::sample) | 0 |
 
 pub mod area;
 pub mod environment;

@@ -9,7 +9,7 @@ use crate::integrator::batch::PixelBatch;
 use crate::integrator::ledger::Ledger;
 use crate::integrator::queues::PathRays;
 use crate::lanes::LANES;
-use crate::light::area;
+use crate::light::AreaLights;
 use crate::rays::HitBatch;
 
 /// Adds the light of surfaces that the rays `emissive` hit.
@@ -34,7 +34,7 @@ pub fn surfaces(
         let direction = rays.rays.direction(ray);
         if material.double_sided || point.ng.dot(direction) < 0.0 {
             let hit = (hits.instance[ray], hits.mesh[ray], hits.prim[ray]);
-            let radiance = area::emission(transport.scene, point.mesh, hit.2, hits.u[ray], hits.v[ray]);
+            let radiance = AreaLights::radiance(transport.scene, point.mesh, hit.2, hits.u[ray], hits.v[ray]);
             let from = (rays.rays.origin(ray), rays.normal.get(ray));
             let pdf = match depth {
                 0 => 0.0,
