@@ -48,11 +48,9 @@ type Scenario = fn(&Work);
 
 /// Flags of renders of `veach.glb` that take as long as scenarios ask for, whatever the machine.
 struct Work {
-    /// A few seconds on two free CPUs: long enough to step in.
+    /// Several seconds on two free CPUs: long enough to step in, and for a limit of three.
     long: String,
-    /// More than a task gets done in the three seconds that it has there, and few times as much.
-    longer: String,
-    /// Where `long` was over before anybody stepped in: a machine that was busy when it was measured may be free later.
+    /// Where that was over before anybody stepped in: a machine that was busy when it was measured may be free later.
     much_longer: String,
 }
 
@@ -73,7 +71,16 @@ impl Work {
         let second = SPP / times.sum::<f64>().max(0.01);
         // In whole passes.
         let flags = |seconds: f64| format!("{SIZE} --spp {}", (seconds * second / 128.0).ceil() * 128.0);
-        Self { long: flags(12.0), longer: flags(18.0), much_longer: flags(96.0) }
+        Self { long: flags(16.0), much_longer: flags(96.0) }
+    }
+}
+
+impl Work {
+    /// Takes a scenario that says whether it could step in before the render was over, with a longer one if not.
+    #[track_caller]
+    fn in_time(&self, scenario: fn(&str) -> bool) {
+        let stepped_in = [&self.long, &self.much_longer].into_iter().any(|flags| scenario(flags));
+        assert!(stepped_in, "it was over before anything happened to it: a longer render is wanted");
     }
 }
 
@@ -204,10 +211,9 @@ impl Slurm {
         progress.paths = progress.paths.max(paths);
     }
 
-    /// Waits until a picture is saved that is not finished, and returns its paths.
-    fn wait_for_checkpoint(&self, picture: &Path) -> u64 {
+    /// Waits until a picture is saved.
+    fn wait_for_checkpoint(&self, picture: &Path) {
         self.wait(&format!("{} is saved", picture.display()), || picture.exists());
-        paths(picture)
     }
 }
 
@@ -287,8 +293,8 @@ fn modified(task: &serde_json::Value) -> std::time::SystemTime {
     fs::metadata(task["output"].as_str().unwrap()).unwrap().modified().unwrap()
 }
 
-/// The process that writes an output, and its parent.
-fn writer(output: &Path) -> (u32, u32) {
+/// The process that writes an output, and its parent; `None` if nobody does any more.
+fn writer(output: &Path) -> Option<(u32, u32)> {
     let argument = format!("--output={}", output.display());
     for entry in fs::read_dir("/proc").unwrap().flatten() {
         let Some(id) = entry.file_name().to_str().and_then(|name| name.parse().ok()) else { continue };
@@ -297,40 +303,51 @@ fn writer(output: &Path) -> (u32, u32) {
             let stat = fs::read_to_string(entry.path().join("stat")).unwrap();
             // "id (name) state parent …", and the name may hold anything.
             let parent = stat.rsplit_once(')').unwrap().1.split_whitespace().nth(1).unwrap();
-            return (id, parent.parse().unwrap());
+            return Some((id, parent.parse().unwrap()));
         }
     }
-    panic!("nobody writes {}", output.display());
+    None
 }
 
 fn a_task_whose_node_dies_goes_on_at_the_other_one(work: &Work) {
+    work.in_time(kill_node);
+}
+
+/// Did the node die before the render was finished?
+fn kill_node(flags: &str) -> bool {
     let slurm = Slurm::start();
     let folder = &slurm.work;
     let output = folder.path().join("out.exr");
-    let line = format!("veach.glb --cpus 2 -- {} --checkpoint 0.5 -o out.exr", work.long);
+    let line = format!("veach.glb --cpus 2 -- {flags} --checkpoint 0.5 -o out.exr");
     let jobs = slurm.submit(folder.path(), &line);
-    let saved = slurm.wait_for_checkpoint(&output);
+    slurm.wait_for_checkpoint(&output);
     let node = slurm.values(&jobs[0], "NodeList").remove(0);
     // As a power cut does it: the daemon, Slurm's keeper of the task, and the task.
-    let (task, keeper) = writer(&output);
+    let Some((task, keeper)) = writer(&output) else { return false };
     succeeds(slurm.script(&["kill-node", &node[1..]]));
     for process in [keeper, task] {
         let mut kill = Command::new("sh");
         kill.args(["-c", &format!("kill -KILL {process}")]);
         succeeds(kill);
     }
-    let whole = single_machine(folder.path(), &work.long);
-    assert!(saved > 0 && saved < paths(&whole), "it was finished before its node died: a longer render is wanted");
+    let saved = paths(&output);
+    let whole = single_machine(folder.path(), flags);
+    if saved == paths(&whole) {
+        return false;
+    }
     slurm.wait_for(&jobs[0], &["COMPLETED"]);
     assert_eq!(slurm.values(&jobs[0], "Restarts"), ["1"]);
     assert_ne!(slurm.values(&jobs[0], "NodeList"), [node]);
-    assert_went_on(folder.path());
+    // Nothing that was saved is rendered again.
+    let percents = percents(folder.path());
+    let again = percents.windows(2).find(|pair| pair[1] < pair[0]).map(|pair| u64::from(pair[1]));
+    assert!(again.is_none_or(|again| again >= 100 * saved / paths(&whole)), "{saved} paths were saved: {percents:?}");
     assert_same_bits(&whole, &output);
+    true
 }
 
 fn a_requeued_task_and_a_cancelled_job_go_on(work: &Work) {
-    let in_time = [&work.long, &work.much_longer].into_iter().any(|flags| requeue_and_cancel(flags));
-    assert!(in_time, "it was finished before it was cancelled: a longer render is wanted");
+    work.in_time(requeue_and_cancel);
 }
 
 /// Was the job requeued and cancelled before it was finished?
@@ -370,16 +387,21 @@ fn requeue_and_cancel(flags: &str) -> bool {
 }
 
 fn a_task_longer_than_its_time_limit_ends_all_the_same(work: &Work) {
+    work.in_time(outlive_the_limit);
+}
+
+/// Did the limit interrupt the render?
+fn outlive_the_limit(flags: &str) -> bool {
     let slurm = Slurm::start();
     let folder = &slurm.work;
     // A limit is a minute at least; told 57 seconds before it, a task has three.
-    let line = format!("veach.glb --cpus 2 --minutes 1 --sbatch=--signal=B:TERM@57 -- {} -o out.exr", work.longer);
+    let line = format!("veach.glb --cpus 2 --minutes 1 --sbatch=--signal=B:TERM@57 -- {flags} -o out.exr");
     let jobs = slurm.submit(folder.path(), &line);
     slurm.wait_for(&jobs[0], &["COMPLETED"]);
     let restarts: u32 = slurm.values(&jobs[0], "Restarts")[0].parse().unwrap();
-    assert!(restarts > 0, "no time limit interrupted it: a longer render is wanted");
     assert_went_on(folder.path());
-    assert_same_bits(&single_machine(folder.path(), &work.longer), &folder.path().join("out.exr"));
+    assert_same_bits(&single_machine(folder.path(), flags), &folder.path().join("out.exr"));
+    restarts > 0
 }
 
 fn a_failed_task_cancels_its_own_merge_and_no_other(_: &Work) {
