@@ -113,7 +113,7 @@ pub fn print(text: impl Display) -> Result<()> {
 /// Pretty JSON on stdout.
 ///
 /// # Errors
-/// As [`print`].
+/// As [`print()`].
 pub fn print_json(value: &impl serde::Serialize) -> Result<()> {
     print(serde_json::to_string_pretty(value).map_err(|e| Error::Bug(format!("JSON: {e}")))?)
 }

@@ -138,7 +138,7 @@ struct Observed {
     r: Vec<f32>,
 }
 
-/// One group's [`Observed`].
+/// What the balance wants to know of a group of light samples.
 #[derive(Debug, Clone, Copy)]
 pub struct Observation {
     /// Index of the sample in its technique's sequence.
