@@ -169,7 +169,8 @@ fn punctual(kind: PunctualKind) -> Scene {
     let toward = -position.normalize();
     let aside = Vec3::Z;
     let direction = toward * 0.9 + aside * (1.0f32 - 0.81).sqrt();
-    scene.lights.push(PunctualLight { name: "light".into(), kind, intensity: Vec3::splat(30.0), position, direction });
+    let (name, intensity) = ("light".into(), Vec3::splat(30.0));
+    scene.lights.push(PunctualLight { name, kind, intensity, position, direction, range: f32::INFINITY });
     look(&mut scene, Vec3::new(0.0, 1.0, 3.0), Vec3::ZERO, 1e-4);
     scene
 }
@@ -182,6 +183,16 @@ fn point_radiance() -> f64 {
 #[test]
 fn point_light_over_a_diffuse_plane() {
     agrees(punctual(PunctualKind::Point), point_radiance(), &BOTH);
+}
+
+#[test]
+fn a_lights_range_fades_it_and_ends_it() {
+    // The light is √5 m away: 1 − (√5/3)⁴ of its light is left.
+    for (range, left) in [(3.0, 1.0 - 25.0 / 81.0), (2.2, 0.0)] {
+        let mut scene = punctual(PunctualKind::Point);
+        scene.lights[0].range = range;
+        agrees(scene, left * point_radiance(), &BOTH);
+    }
 }
 
 #[test]

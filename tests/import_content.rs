@@ -238,7 +238,7 @@ fn lights_shine_along_their_nodes() {
         {"translation":[0,0,1],"extensions":{"KHR_lights_punctual":{"light":0}}},
         {"extensions":{"KHR_lights_punctual":{"light":1}}}]"#;
     let more = r#","extensionsUsed":["KHR_lights_punctual"],"extensions":{"KHR_lights_punctual":{"lights":[
-        {"type":"spot","color":[1,0.5,0],"intensity":8,"spot":{"innerConeAngle":0.1}},{"type":"directional"}]}}"#;
+        {"type":"spot","color":[1,0.5,0],"intensity":8,"range":5,"spot":{"innerConeAngle":0.1}},{"type":"directional"}]}}"#;
     let scene = scene(Parts { nodes: nodes.into(), more: more.into(), ..Default::default() });
     let [spot, sun] = &scene.lights[..] else { panic!("two lights wanted") };
     assert_eq!(spot.kind, PunctualKind::Spot { inner: 0.1, outer: std::f32::consts::FRAC_PI_4 });
@@ -247,6 +247,7 @@ fn lights_shine_along_their_nodes() {
     assert!((spot.position - Vec3::new(0.0, 2.0, 0.0)).length() <= 4.0 * f32::EPSILON);
     assert!((sun.direction - Vec3::NEG_Y).length() <= 4.0 * f32::EPSILON);
     assert_eq!(sun.intensity, Vec3::ONE);
+    assert_eq!((spot.range, sun.range), (5.0, f32::INFINITY));
 }
 
 fn material(json: &str) -> (Scene, Vec<String>) {

@@ -73,7 +73,8 @@ fn text(s: &Summary) -> String {
         .iter()
         .map(|l| {
             let unit = if l.kind == "directional" { "lx" } else { "cd" };
-            vec![l.name.clone(), l.kind.to_owned(), format!("{} {unit}", vector(&l.intensity))]
+            let range = l.range.map(|range| format!("up to {} m", number(range))).unwrap_or_default();
+            vec![l.name.clone(), l.kind.to_owned(), format!("{} {unit}", vector(&l.intensity)), range]
         })
         .collect();
     let emissive = s.materials.iter().filter(|m| m.features.contains(&"emissive"));

@@ -43,7 +43,8 @@ pub fn sample(lights: &[PunctualLight], p: Vec3, choice: f32) -> Option<Punctual
 }
 
 /// Direction to the light, distance, irradiance at normal incidence. KHR_lights_punctual: candela over distance
-/// squared; a spot's edge fades with the square of a linear ramp in the cosine.
+/// squared, times 1 − (distance/range)⁴ down to 0 at the range; a spot's edge fades with the square of a linear ramp in
+/// the cosine.
 #[inline]
 fn irradiance(light: &PunctualLight, p: Vec3) -> (Vec3, f32, Vec3) {
     if light.kind == PunctualKind::Directional {
@@ -65,5 +66,6 @@ fn irradiance(light: &PunctualLight, p: Vec3) -> (Vec3, f32, Vec3) {
         }
         _ => 1.0,
     };
-    (wi, distance, light.intensity * (fade / distance2))
+    let in_range = (1.0 - (distance / light.range).powi(4)).max(0.0);
+    (wi, distance, light.intensity * (fade * in_range / distance2))
 }

@@ -31,4 +31,6 @@ pub struct PunctualLight {
     pub position: Vec3,
     /// Unit vector along which it shines (directional, spot).
     pub direction: Vec3,
+    /// Metres from which on it gives no light (point, spot), > 0; infinite without an end.
+    pub range: f32,
 }

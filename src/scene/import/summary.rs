@@ -33,6 +33,9 @@ pub struct LightSummary {
     pub kind: &'static str,
     /// Linear RGB; lux for directional lights, candela for others.
     pub intensity: [f32; 3],
+    /// Metres to where it ends, if it does.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub range: Option<f32>,
 }
 
 /// A material, for people.
@@ -183,7 +186,8 @@ fn light(light: &crate::scene::PunctualLight) -> LightSummary {
         PunctualKind::Point => "point",
         PunctualKind::Spot { .. } => "spot",
     };
-    LightSummary { name: light.name.clone(), kind, intensity: light.intensity.to_array() }
+    let range = Some(light.range).filter(|range| range.is_finite() && kind != "directional");
+    LightSummary { name: light.name.clone(), kind, intensity: light.intensity.to_array(), range }
 }
 
 fn features(m: &Material) -> Vec<&'static str> {

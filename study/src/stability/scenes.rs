@@ -121,6 +121,7 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
         intensity: Vec3::splat(0.5),
         position: Vec3::new(0.5, 1.0, 0.5),
         direction: Vec3::NEG_Y,
+        range: f32::INFINITY,
     });
 
     let mut sobol = sky();

@@ -19,9 +19,6 @@ pub fn place(from: &Light, node: &str, world: &DAffine3, notes: &mut Notes) -> O
         notes.ignored(&from.at, "a light whose node has no direction or place (zero or infinite scale)");
         return None;
     };
-    if from.range && from.kind != PunctualKind::Directional {
-        notes.ignored(&from.at, "light range: light falls off with the square of the distance, without an end");
-    }
     let name = from.name.clone().unwrap_or_else(|| node.into());
-    Some(PunctualLight { name, kind: from.kind, intensity: from.intensity, position, direction })
+    Some(PunctualLight { name, kind: from.kind, intensity: from.intensity, position, direction, range: from.range })
 }

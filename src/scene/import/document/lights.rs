@@ -12,8 +12,8 @@ pub struct Light {
     pub name: Option<String>,
     pub kind: PunctualKind,
     pub intensity: Vec3,
-    /// Does it end at a distance?
-    pub range: bool,
+    /// Metres from which on there is no light; infinite without an end.
+    pub range: f32,
     pub at: String,
 }
 
@@ -30,8 +30,8 @@ pub fn parse(json: &Json) -> Result<Light> {
     if !radiant.is_finite() {
         return Err(json.bad("intensity", "a product with color that a 32-bit float can hold", intensity));
     }
-    let range = json.number("range")?;
-    if let Some(range) = range.filter(|r| *r <= 0.0) {
+    let range = json.number("range")?.map_or(f32::INFINITY, |range| range as f32);
+    if range <= 0.0 {
         return Err(json.bad("range", "above 0", range));
     }
     let kind = match json.need("type", json.string("type")?)? {
@@ -49,5 +49,5 @@ pub fn parse(json: &Json) -> Result<Light> {
         other => return Err(json.bad("type", "\"directional\", \"point\" or \"spot\"", other)),
     };
     let name = json.string("name")?.filter(|n| !n.is_empty()).map(Into::into);
-    Ok(Light { name, kind, intensity: radiant, range: range.is_some(), at: json.at.clone() })
+    Ok(Light { name, kind, intensity: radiant, range, at: json.at.clone() })
 }
