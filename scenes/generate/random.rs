@@ -3,16 +3,11 @@
 
 use std::f64::consts::TAU;
 
+use bismar::sampling::random::{mix, split_mix64};
 use glam::{DVec3, dvec3};
 
 /// SplitMix64.
 pub struct Random(pub u64);
-
-fn mix(mut z: u64) -> u64 {
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
-}
 
 fn unit(bits: u64) -> f64 {
     (bits >> 11) as f64 / (1u64 << 53) as f64
@@ -21,8 +16,7 @@ fn unit(bits: u64) -> f64 {
 impl Random {
     /// In [0, 1).
     pub fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        unit(mix(self.0))
+        unit(split_mix64(&mut self.0))
     }
 
     pub fn between(&mut self, low: f64, high: f64) -> f64 {

@@ -81,6 +81,11 @@ pub fn peak_memory_bytes() -> u64 {
     kilobytes("/proc/self/status", "VmHWM:").unwrap_or(0)
 }
 
+/// Memory that this process has now, in bytes; 0 where the system does not say.
+pub fn resident_memory_bytes() -> u64 {
+    kilobytes("/proc/self/status", "VmRSS:").unwrap_or(0)
+}
+
 /// Lets [`peak_memory_bytes`] begin again at what the process has now, where the system can.
 pub fn reset_peak_memory() {
     let _ = fs::write("/proc/self/clear_refs", "5");

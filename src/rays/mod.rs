@@ -78,7 +78,7 @@ fn units(scene: &Scene) -> usize {
 pub const MISS: u32 = u32::MAX;
 
 /// Rays as structure of arrays; all columns are equally long.
-#[derive(Debug, Default, Clone)]
+#[derive(Debug, Default, Clone, Serialize, Deserialize)]
 pub struct RayBatch {
     /// World-space origins, x, y, z.
     pub origin: [Vec<f32>; 3],
@@ -111,7 +111,7 @@ pub struct HitBatch {
 
 /// How like its neighbours a ray of a batch is. A hint: hits do not depend on it, but for which of coincident surfaces is
 /// hit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum RayOrder {
     /// Camera rays of one tile.
     Coherent,

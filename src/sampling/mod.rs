@@ -1,11 +1,14 @@
 //! Random numbers and what is made of them: low-discrepancy sequences, warps from the unit square, discrete
-//! distributions, pixel filters. Everything is a pure function of (pixel, index, dimension, seed).
+//! distributions, pixel filters. What renders use is a pure function of (pixel, index,
+//! dimension, seed).
 
 pub mod discrete;
 pub mod filter;
+pub mod random;
 pub mod sequence;
 pub mod warp;
 
 pub use discrete::Discrete;
 pub use filter::{FilterSampler, PixelFilter};
+pub use random::SplitMix64;
 pub use sequence::{PixelSequence, hash, hashes, keys, pixel_seed, samples};

@@ -4,6 +4,9 @@
 
 pub mod balance;
 pub mod cli;
+pub mod clock;
+pub mod files;
 pub mod rays;
 pub mod report;
 pub mod stability;
+pub mod statistics;

@@ -8,22 +8,22 @@ use bismar::balance::Balance;
 use bismar_study::stability::judge::{FALSE_ALARM, Verdict, z_limit};
 use bismar_study::stability::page::write;
 use bismar_study::stability::simulate::Subject;
-use bismar_study::stability::{Report, measure};
+use bismar_study::stability::{Results, measure};
 use serde_json::Value;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 /// The exact cases; replicas have fixed seeds. Means raise a false alarm with a chance of `FALSE_ALARM`.
-fn exact(replicas: u32) -> Report {
+fn exact(replicas: u32) -> Results {
     measure(replicas, None, &AtomicBool::new(false), &mut || Ok(())).unwrap()
 }
 
 #[test]
 fn controls_are_caught_and_every_mean_is_right() {
-    let report = exact(500);
-    assert!(report.controls_caught(), "{:?}", report.controls);
-    let wrong: Vec<_> = report.wrong().iter().map(|(e, m)| format!("{e} {}", m.mode)).collect();
+    let results = exact(500);
+    assert!(results.controls_caught(), "{:?}", results.controls);
+    let wrong: Vec<_> = results.wrong().iter().map(|(e, m)| format!("{e} {}", m.mode)).collect();
     assert!(wrong.is_empty(), "{wrong:?}");
-    for mode in &report.modes {
+    for mode in &results.modes {
         let names: Vec<_> = mode.outcomes.iter().map(|o| o.estimator.clone()).collect();
         assert_eq!(names[..Balance::all().len()], Balance::all().iter().map(|b| b.name()).collect::<Vec<_>>());
         assert_eq!(names, Subject::shown().into_iter().map(Subject::name).collect::<Vec<_>>());
@@ -35,19 +35,19 @@ fn controls_are_caught_and_every_mean_is_right() {
     // Threads have no part in it.
     let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(|| exact(500));
     let numbers =
-        |r: &Report| r.modes.iter().flat_map(|m| &m.outcomes).map(|o| (o.z, o.worst_ratio)).collect::<Vec<_>>();
-    assert_eq!(numbers(&alone), numbers(&report));
+        |r: &Results| r.modes.iter().flat_map(|m| &m.outcomes).map(|o| (o.z, o.worst_ratio)).collect::<Vec<_>>();
+    assert_eq!(numbers(&alone), numbers(&results));
 }
 
 #[test]
 fn the_default_balance_survives_every_exact_mode() {
-    let report = exact(500);
-    for mode in &report.modes {
+    let results = exact(500);
+    for mode in &results.modes {
         let own = mode.outcomes.iter().find(|o| o.estimator == "progressive").unwrap();
-        let verdict = report.verdict(mode, own);
+        let verdict = results.verdict(mode, own);
         assert!(verdict != Verdict::Fails, "{} {}: {} ± {}", mode.mode, mode.name, own.worst_ratio, own.worst_se);
     }
-    for fact in &report.facts {
+    for fact in &results.facts {
         for (name, share, right) in fact.answers.iter().filter(|(name, ..)| name == "progressive") {
             assert!(right, "{name} in {}: {share} after {}", fact.mode, fact.shown);
         }
@@ -67,9 +67,9 @@ fn the_stated_false_alarm_rate_is_kept() {
 #[test]
 fn tables_name_every_mode_and_estimator() {
     // Too few renders for their tests; the tables are there all the same.
-    let report = measure(1000, Some(20), &AtomicBool::new(false), &mut || Ok(())).unwrap();
+    let results = measure(1000, Some(20), &AtomicBool::new(false), &mut || Ok(())).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    write(folder.path(), &report).unwrap();
+    write(folder.path(), &results).unwrap();
     let read = |name: &str| fs::read_to_string(folder.path().join(name)).unwrap();
     let text = read("stability.md");
     for mode in (1..=17).map(|i| format!("| F{i} ")) {

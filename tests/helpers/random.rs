@@ -2,19 +2,16 @@
 
 use std::f32::consts::PI;
 
+use bismar::sampling::random::split_mix64;
 use glam::{Vec3, vec3};
 
-/// Independent random numbers (SplitMix64; Steele, Lea and Flood 2014): a low-discrepancy sequence is too even for
+/// Independent random numbers (SplitMix64): a low-discrepancy sequence is too even for
 /// tests that assume chance.
 pub struct Random(pub u64);
 
 impl Random {
     pub fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        split_mix64(&mut self.0)
     }
 
     pub fn bits(&mut self) -> u32 {

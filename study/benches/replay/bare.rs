@@ -5,10 +5,9 @@ use std::sync::atomic::{AtomicI64, Ordering};
 
 use bismar::rays::{RayBatch, RayOrder};
 use bismar::scene::Scene;
+use bismar_study::clock::thread_seconds;
 use bismar_study::rays::stream::Kind;
 use embree4_sys as sys;
-
-use crate::clock;
 
 /// Bytes that the last built device holds and held at most.
 static NOW: AtomicI64 = AtomicI64::new(0);
@@ -114,12 +113,12 @@ macro_rules! width {
                         filter: None,
                         intersect: None,
                     };
-                    let start = clock::now();
+                    let start = thread_seconds();
                     for (packet, valid) in packets.iter_mut().zip(&valid) {
                         // SAFETY: the scene is committed, mask and packet are aligned by their types.
                         unsafe { sys::$intersect(valid.0.as_ptr(), bare.scene, packet, &raw mut arguments) };
                     }
-                    let seconds = clock::now() - start;
+                    let seconds = thread_seconds() - start;
                     let hit = |p: &sys::$ray_hit| p.hit.geomID.iter().filter(|g| **g != u32::MAX).count();
                     (seconds, packets.iter().map(hit).sum())
                 }
@@ -132,12 +131,12 @@ macro_rules! width {
                         filter: None,
                         occluded: None,
                     };
-                    let start = clock::now();
+                    let start = thread_seconds();
                     for (packet, valid) in packets.iter_mut().zip(&valid) {
                         // SAFETY: as above.
                         unsafe { sys::$occluded(valid.0.as_ptr(), bare.scene, packet, &raw mut arguments) };
                     }
-                    let seconds = clock::now() - start;
+                    let seconds = thread_seconds() - start;
                     let hit = |p: &sys::$ray| p.tfar.iter().filter(|t| **t == f32::NEG_INFINITY).count();
                     (seconds, packets.iter().map(hit).sum())
                 }
@@ -175,7 +174,7 @@ pub fn single(bare: &Bare, kind: Kind, order: RayOrder, rays: &RayBatch) -> (f64
         filter: None,
         occluded: None,
     };
-    let start = clock::now();
+    let start = thread_seconds();
     for one in &mut all {
         // SAFETY: the scene is committed, the ray is aligned by its type.
         match kind {
@@ -183,7 +182,7 @@ pub fn single(bare: &Bare, kind: Kind, order: RayOrder, rays: &RayBatch) -> (f64
             Kind::Occluded => unsafe { sys::rtcOccluded1(bare.scene, &raw mut one.ray, &raw mut occluded) },
         }
     }
-    let seconds = clock::now() - start;
+    let seconds = thread_seconds() - start;
     let hit = |one: &&sys::RTCRayHit| match kind {
         Kind::Closest => one.hit.geomID != sys::RTC_INVALID_GEOMETRY_ID,
         Kind::Occluded => one.ray.tfar == f32::NEG_INFINITY,

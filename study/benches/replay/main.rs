@@ -18,12 +18,12 @@ use bismar::rays::{Backend, HitBatch, RayQueries};
 use bismar::render::{PixelFilter, RenderSettings, Rendered, render};
 use bismar::scene::Scene;
 use bismar::scene::import::{ImportOptions, import};
+use bismar_study::clock::{process_seconds, thread_seconds};
 use bismar_study::rays::stream::{Kind, Query, Recorder};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 mod bare;
 mod blob;
-mod clock;
 #[allow(dead_code)]
 #[path = "../../../scenes/generate/glb.rs"]
 mod glb;
@@ -133,9 +133,9 @@ fn replay(scene: &Arc<Scene>, rays: &dyn RayQueries, rounds: usize, spp: u32) ->
         let watch = Stopwatch::new(rays);
         let prepared = PreparedScene::new(Arc::clone(scene), Box::new(&watch));
         let seconds = one.install(|| {
-            let start = clock::now();
+            let start = thread_seconds();
             render(&prepared, &settings, &AtomicBool::new(false), &|_| {});
-            clock::now() - start
+            thread_seconds() - start
         });
         whole.push(seconds);
         drop(prepared);
@@ -186,12 +186,12 @@ fn again(rays: &dyn RayQueries, tape: &[Query]) -> (f64, usize) {
     for query in tape {
         // The renderer has just written the rays when it asks: they are in the cache.
         let batch = query.rays.clone();
-        let start = clock::now();
+        let start = thread_seconds();
         match query.kind {
             Kind::Closest => rays.closest_hits(&batch, query.order, &mut hits),
             Kind::Occluded => rays.occluded(&batch, query.order, &mut occluded),
         }
-        seconds += clock::now() - start;
+        seconds += thread_seconds() - start;
         hit += match query.kind {
             Kind::Closest => hits.t.iter().take(batch.len()).filter(|t| t.is_finite()).count(),
             Kind::Occluded => occluded.iter().take(batch.len()).filter(|o| **o).count(),
@@ -250,7 +250,7 @@ fn set_up(file: &Path, rounds: usize) -> Outcome<()> {
     // Wall and processor seconds of all threads.
     let (mut wall, mut processor) = ([Vec::new(), Vec::new()], [Vec::new(), Vec::new()]);
     for _ in 0..rounds {
-        let start = (Instant::now(), clock::process());
+        let start = (Instant::now(), process_seconds());
         let scene = Arc::new(all.install(|| read(file))?);
         let rays = all.install(|| bismar::rays::build(Backend::Embree, Arc::clone(&scene)))?;
         let watch = Stopwatch::new(rays.as_ref());
@@ -261,11 +261,11 @@ fn set_up(file: &Path, rounds: usize) -> Outcome<()> {
         wall[0].push((first.0 - start.0).as_secs_f64());
         processor[0].push(first.1 - start.1);
         drop(rays);
-        let start = (Instant::now(), clock::process());
+        let start = (Instant::now(), process_seconds());
         drop(std::hint::black_box(std::fs::read(file)?));
         drop(Bare::build(&scene));
         wall[1].push(start.0.elapsed().as_secs_f64());
-        processor[1].push(clock::process() - start.1);
+        processor[1].push(process_seconds() - start.1);
     }
     println!("set-up, import to first ray against reading the file and Embree's own build:");
     for (name, [ours, least]) in [("wall", wall), ("processor", processor)] {

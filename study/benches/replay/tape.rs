@@ -4,9 +4,8 @@ use std::sync::Mutex;
 use std::time::Instant;
 
 use bismar::rays::{BackendInfo, HitBatch, RayBatch, RayOrder, RayQueries};
+use bismar_study::clock::{process_seconds, thread_seconds};
 use bismar_study::rays::stream::Kind;
-
-use crate::clock;
 
 /// Where one thread's time goes, in seconds.
 #[derive(Clone, Copy, Default)]
@@ -40,10 +39,10 @@ impl<'a> Stopwatch<'a> {
     }
 
     fn time(&self, kind: Kind, order: RayOrder, query: impl FnOnce()) {
-        self.first.lock().expect("one thread").get_or_insert_with(|| (Instant::now(), clock::process()));
-        let start = clock::now();
+        self.first.lock().expect("one thread").get_or_insert_with(|| (Instant::now(), process_seconds()));
+        let start = thread_seconds();
         query();
-        let end = clock::now();
+        let end = thread_seconds();
         let (shares, last) = &mut *self.state.lock().expect("one thread");
         let camera = kind == Kind::Closest && order == RayOrder::Coherent;
         if let Some((before, ended)) = *last {

@@ -1,19 +1,11 @@
 //! One measurement on disk: the replicas of one estimator at one sample count on one scene.
 
-use std::fs;
-use std::io::{ErrorKind, Write};
 use std::path::Path;
 
-use bismar::film::atomic;
 use bismar::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// What is known of a cell besides its numbers; the file's first line.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-struct Header {
-    pixels: usize,
-    times: Vec<Times>,
-}
+use crate::files;
 
 /// What one replica took.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -27,7 +19,7 @@ pub struct Times {
 }
 
 /// Replicas of one estimator at one sample count.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Cell {
     /// Pixels of a picture.
     pub pixels: usize,
@@ -86,51 +78,30 @@ impl Cell {
         self.shares.extend_from_slice(shares);
     }
 
-    /// Reads a cell of pictures of so many pixels; `None` when there is none, or one of other pictures or cut off.
+    /// Reads a cell of pictures of so many pixels; `None` when there is none, or one of other pictures or damaged.
     ///
     /// # Errors
-    /// [`Error::Io`] and [`Error::Permission`] as the system says.
+    /// As the system says.
     pub fn read(path: &Path, pixels: usize) -> Result<Option<Self>> {
-        let bytes = match fs::read(path) {
-            Ok(bytes) => bytes,
-            Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
-            Err(e) => return Err(Error::reading(path, &e)),
-        };
-        Ok(Self::parse(&bytes).filter(|cell| cell.pixels == pixels))
-    }
-
-    fn parse(bytes: &[u8]) -> Option<Self> {
-        let end = bytes.iter().position(|&b| b == b'\n')?;
-        let Header { pixels, times } = serde_json::from_slice(&bytes[..end]).ok()?;
-        let numbers = &bytes[end + 1..];
-        let floats = pixels.checked_mul(4)?.checked_mul(times.len())?;
-        if numbers.len() != floats.checked_mul(4)? {
-            return None;
+        match files::kept::<Self>(path) {
+            Err(Error::Missing(_)) => Ok(None),
+            cell => Ok(cell?.filter(|cell| cell.pixels == pixels)),
         }
-        let mut all = numbers.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
-        let values = all.by_ref().take(floats / 4 * 3).collect();
-        Some(Self { pixels, times, values, shares: all.collect() })
     }
 
     /// Writes it whole or not at all.
     ///
     /// # Errors
-    /// As [`atomic::write`].
+    /// As [`files::keep`].
     pub fn write(&self, path: &Path) -> Result<()> {
-        let header = Header { pixels: self.pixels, times: self.times.clone() };
-        let header = serde_json::to_string(&header).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
-        atomic::write(path, |file| {
-            writeln!(file, "{header}")?;
-            for x in self.values.iter().chain(&self.shares) {
-                file.write_all(&x.to_le_bytes())?;
-            }
-            Ok(Ok(()))
-        })
+        files::keep(path, self)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     fn cell() -> Cell {

@@ -10,11 +10,13 @@ use bismar::film::{Film, PixelStats};
 use bismar::render::tile::TILE;
 use bismar::render::{Progress, RenderSettings, StopReason, render};
 use bismar::{Error, Result};
-use rustix::time::{ClockId, clock_gettime};
 use tracing::info;
 
 use super::cell::{Cell, Times};
-use super::{CONTROL, Estimator, Plan, StudyScene, oracle};
+use super::key::{Key, What, keys, last_pass};
+use super::{Design, Estimator, StudyScene, oracle};
+use crate::clock::process_seconds;
+use crate::files;
 
 /// Where the seeds of each use begin: no two uses share one.
 mod seeds {
@@ -32,49 +34,6 @@ const TIMING_ROUNDS: usize = 4;
 /// Seconds between two writes of unfinished cells.
 const SAVE_SECONDS: f64 = 60.0;
 
-/// What a cell holds replicas of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum What {
-    /// An estimator's picture: all its passes, combined.
-    Picture(Estimator),
-    /// `half` with other seeds.
-    Control,
-    /// The shares that a learning balance found before its last pass, used for the whole of another render.
-    Found(Balance),
-    /// A part of the reference.
-    Reference,
-}
-
-/// Which cell.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Key {
-    /// Of what.
-    pub what: What,
-    /// Paths a pixel.
-    pub spp: u32,
-}
-
-impl Key {
-    fn file_name(self) -> String {
-        let spp = self.spp;
-        match self.what {
-            What::Picture(estimator) => format!("{}-{spp}.cell", estimator.name()),
-            What::Control => format!("{CONTROL}-{spp}.cell"),
-            What::Found(balance) => format!("{}-{spp}-found.cell", Estimator::Method(balance).name()),
-            What::Reference => format!("reference-{spp}.cell"),
-        }
-    }
-
-    /// Paths a pixel of one replica, over all the renders that it takes.
-    fn work(self) -> f64 {
-        let before = match self.what {
-            What::Found(balance) => last_pass(balance, self.spp).1,
-            _ => 0,
-        };
-        f64::from(self.spp + before)
-    }
-}
-
 /// All measurements of a scene.
 pub struct Measured {
     /// Parts of the reference.
@@ -90,18 +49,6 @@ impl Measured {
     }
 }
 
-/// How many passes come before the last one, and their paths.
-fn last_pass(balance: Balance, spp: u32) -> (u32, u32) {
-    let (mut passes, mut done) = (0, 0);
-    while let Some(n) = balance.method().next_pass(done, Some(spp), None).filter(|&n| n > 0) {
-        if done + n >= spp {
-            break;
-        }
-        (passes, done) = (passes + 1, done + n);
-    }
-    (passes, done)
-}
-
 /// What a render is to be, besides the scene's settings.
 #[derive(Clone, Default)]
 struct Take {
@@ -113,7 +60,7 @@ struct Take {
     crop: Option<[u32; 4]>,
 }
 
-/// Takes what is missing of `plan` on a scene, on the current rayon pool, and returns everything.
+/// Takes what is missing of `design` on a scene, on the current rayon pool, and returns everything.
 ///
 /// A cell on disk is kept only if a tile of its first replica, rendered again, has the same bits: what a change of the
 /// program left alone is not measured twice, and what it changed is never mixed.
@@ -123,37 +70,37 @@ struct Take {
 /// returns.
 pub fn measure(
     scene: &StudyScene,
-    plan: &Plan,
+    design: &Design,
     stop: &AtomicBool,
     progress: &(dyn Fn(Progress) + Sync),
 ) -> Result<Measured> {
-    let mut run = Run::new(scene, plan, scene.settings.clone(), "", (stop, progress))?;
-    let reference_key = Key { what: What::Reference, spp: plan.reference_spp.div_ceil(REFERENCE_PARTS) };
-    let mut reference = vec![(reference_key, run.stored(reference_key)?)];
+    let mut campaign = Campaign::new(scene, design, scene.settings.clone(), "", (stop, progress))?;
+    let reference_key = Key { what: What::Reference, spp: design.reference_spp.div_ceil(REFERENCE_PARTS) };
+    let mut reference = vec![(reference_key, campaign.stored(reference_key)?)];
     let mut cells = Vec::new();
-    for key in keys(plan) {
-        cells.push((key, run.stored(key)?));
+    for key in keys(design) {
+        cells.push((key, campaign.stored(key)?));
     }
-    let wants_oracle = plan.estimators.contains(&Estimator::Oracle);
-    run.all = missing(&reference, REFERENCE_PARTS) + missing(&cells, plan.replicas);
-    if run.all > 0.0 {
-        info!("{}: {:.0} Mpaths to take", scene.name, run.all * run.pixels() as f64 / 1e6);
+    let wants_oracle = design.estimators.contains(&Estimator::Oracle);
+    campaign.all = missing(&reference, REFERENCE_PARTS) + missing(&cells, design.replicas);
+    if campaign.all > 0.0 {
+        info!("{}: {:.0} Mpaths to take", scene.name, campaign.all * campaign.pixels() as f64 / 1e6);
     }
-    run.shares = if wants_oracle { run.stored_shares()? } else { None };
-    let training = oracle::training(plan);
-    if wants_oracle && run.shares.is_none() {
-        run.all += f64::from(training.spp * training.replicas) * oracle::SHARES.len() as f64;
+    campaign.shares = if wants_oracle { campaign.stored_shares()? } else { None };
+    let training = oracle::training(design);
+    if wants_oracle && campaign.shares.is_none() {
+        campaign.all += f64::from(training.spp * training.replicas) * oracle::SHARES.len() as f64;
     }
 
-    run.rounds(&mut reference, REFERENCE_PARTS as usize)?;
+    campaign.rounds(&mut reference, REFERENCE_PARTS as usize)?;
     let reference = reference.remove(0).1;
-    if wants_oracle && run.shares.is_none() {
-        run.train(&reference, training)?;
+    if wants_oracle && campaign.shares.is_none() {
+        campaign.train(&reference, training)?;
     }
-    for spp in &plan.spp {
+    for spp in &design.spp {
         let (mut these, others) = cells.into_iter().partition::<Vec<_>, _>(|(key, _)| key.spp == *spp);
         cells = others;
-        run.rounds(&mut these, plan.replicas as usize)?;
+        campaign.rounds(&mut these, design.replicas as usize)?;
         cells.append(&mut these);
     }
     Ok(Measured { reference, cells })
@@ -190,53 +137,31 @@ pub const PORTRAIT_SPP: u32 = 64;
 /// As [`measure`].
 pub fn portrait(
     scene: &StudyScene,
-    plan: &Plan,
+    design: &Design,
     shown: Balance,
     stop: &AtomicBool,
     progress: &(dyn Fn(Progress) + Sync),
 ) -> Result<Portrait> {
-    let times = (256 / plan.width.max(plan.height)).max(1);
-    let (width, height) = (times * plan.width, times * plan.height);
+    let times = (256 / design.width.max(design.height)).max(1);
+    let (width, height) = (times * design.width, times * design.height);
     let settings = RenderSettings { width, height, ..scene.settings.clone() };
-    let mut run = Run::new(scene, plan, settings, "portrait-", (stop, progress))?;
-    let spp = plan.spp.first().map_or(16, |&s| s.min(16));
+    let mut campaign = Campaign::new(scene, design, settings, "portrait-", (stop, progress))?;
+    let spp = design.spp.first().map_or(16, |&s| s.min(16));
     let key = |balance, spp| Key { what: What::Picture(Estimator::Method(balance)), spp };
     let mut cells = Vec::new();
     for key in [key(shown, PORTRAIT_SPP), key(Balance::Half, spp), key(shown, spp)] {
-        cells.push((key, run.stored(key)?));
+        cells.push((key, campaign.stored(key)?));
     }
-    run.all = missing(&cells, 1);
-    run.rounds(&mut cells, 1)?;
+    campaign.all = missing(&cells, 1);
+    campaign.rounds(&mut cells, 1)?;
     let mut cells = cells.into_iter().map(|(_, cell)| cell);
     let mut next = || cells.next().unwrap_or_default();
     Ok(Portrait { width, height, shown, spp, clean: next(), noisy: [next(), next()] })
 }
 
-/// Everything that a plan asks of a scene, but for the reference.
-fn keys(plan: &Plan) -> Vec<Key> {
-    let mut keys = Vec::new();
-    let most = plan.spp.last().copied();
-    let half = Estimator::Method(Balance::Half);
-    for &spp in &plan.spp {
-        let others = plan.estimators.iter().filter(|e| **e != half).map(|e| What::Picture(*e));
-        for what in [What::Picture(half), What::Control].into_iter().chain(others) {
-            keys.push(Key { what, spp });
-        }
-        // The shares found are judged where they are best known.
-        for estimator in plan.estimators.iter().filter(|_| Some(spp) == most) {
-            if let Estimator::Method(balance) = *estimator
-                && balance.method().learns()
-            {
-                keys.push(Key { what: What::Found(balance), spp });
-            }
-        }
-    }
-    keys
-}
-
-struct Run<'a> {
+struct Campaign<'a> {
     scene: &'a StudyScene,
-    plan: &'a Plan,
+    design: &'a Design,
     settings: RenderSettings,
     stop: &'a AtomicBool,
     progress: &'a (dyn Fn(Progress) + Sync),
@@ -252,21 +177,20 @@ struct Run<'a> {
     shares: Option<Arc<[f32]>>,
 }
 
-impl<'a> Run<'a> {
+impl<'a> Campaign<'a> {
     fn new(
         scene: &'a StudyScene,
-        plan: &'a Plan,
+        design: &'a Design,
         settings: RenderSettings,
         prefix: &'static str,
         (stop, progress): (&'a AtomicBool, &'a (dyn Fn(Progress) + Sync)),
     ) -> Result<Self> {
-        let folder = scene.folder(plan);
-        std::fs::create_dir_all(&folder)
-            .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", folder.display())))?;
+        let folder = scene.folder(design);
+        files::folder(&folder)?;
         let (start, rays) = (Instant::now(), AtomicU64::new(0));
         Ok(Self {
             scene,
-            plan,
+            design,
             settings,
             stop,
             progress,
@@ -415,9 +339,9 @@ impl<'a> Run<'a> {
                 Take { shares: Some(shares.into()), ..take(seeds::FOUND, None) }
             }
         };
-        let (wall, cpu) = (Instant::now(), cpu_seconds());
+        let (wall, cpu) = (Instant::now(), process_seconds());
         let film = self.film(take)?;
-        let times = Times { cpu: cpu_seconds() - cpu, wall: wall.elapsed().as_secs_f64(), half_cpu: None };
+        let times = Times { cpu: process_seconds() - cpu, wall: wall.elapsed().as_secs_f64(), half_cpu: None };
         Ok((film, times))
     }
 
@@ -443,44 +367,9 @@ impl<'a> Run<'a> {
         match rendered.stop {
             StopReason::Interrupted => Err(Error::Interrupted(format!(
                 "interrupted: what was measured is saved in {}; run the same command again to go on",
-                self.plan.folder.display()
+                self.design.folder.display()
             ))),
             _ => Ok(rendered.film()),
         }
-    }
-}
-
-/// CPU seconds of all threads of this process so far.
-fn cpu_seconds() -> f64 {
-    let now = clock_gettime(ClockId::ProcessCPUTime);
-    now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_last_pass_begins_where_the_schedule_says() {
-        assert_eq!(last_pass(Balance::SecondOrder, 64), (1, 32));
-        assert_eq!(last_pass(Balance::SecondOrder, 1), (0, 0));
-    }
-
-    #[test]
-    fn a_plan_measures_half_its_control_and_what_was_found() {
-        let plan = Plan {
-            folder: PathBuf::new(),
-            estimators: vec![Estimator::Method(Balance::SecondOrder), Estimator::Oracle],
-            spp: vec![4, 16],
-            replicas: 4,
-            reference_spp: 64,
-            integrator: bismar::render::Integrator::Direct,
-            width: 8,
-            height: 8,
-        };
-        let names = keys(&plan).into_iter().map(Key::file_name).collect::<Vec<_>>();
-        let expected = "half-4.cell half-again-4.cell second-order-4.cell oracle-4.cell half-16.cell half-again-16.cell \
-                        second-order-16.cell oracle-16.cell second-order-16-found.cell";
-        assert_eq!(names.join(" "), expected);
     }
 }

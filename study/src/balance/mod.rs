@@ -6,6 +6,7 @@
 //! whatever it shows is noise.
 
 pub mod cell;
+pub mod key;
 pub mod measure;
 pub mod oracle;
 pub mod page;
@@ -20,13 +21,13 @@ use bismar::balance::Balance;
 use bismar::render::Integrator;
 
 pub use measure::{Measured, Portrait, measure, portrait};
-pub use page::{SceneReport, write};
+pub use page::{SceneResults, write};
 pub use scene::StudyScene;
 pub use table::Row;
 
 /// What to measure, on each scene.
 #[derive(Debug, Clone)]
-pub struct Plan {
+pub struct Design {
     /// Where everything goes; measurements in its folder `cells`.
     pub folder: PathBuf,
     /// Besides `half`, which is always measured.

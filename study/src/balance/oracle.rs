@@ -2,10 +2,10 @@
 //!
 //! The seeds are not those that the oracle is judged with, so that it does not profit from the noise of its own search.
 
-use bismar::film::compare::REL_MSE_EPSILON;
+use bismar::film::compare::relative_to;
 use rayon::prelude::*;
 
-use super::Plan;
+use super::Design;
 
 /// Shares of light samples that are tried: fine fractions of powers of two, as all counts of samples that keep the gain of
 /// the sequence.
@@ -27,9 +27,9 @@ pub struct Training {
 }
 
 /// As many replicas as the study's, at a quarter of the most samples.
-pub fn training(plan: &Plan) -> Training {
-    let most = plan.spp.last().copied().unwrap_or(1);
-    Training { spp: (most / 4).clamp(most.min(16), most), replicas: plan.replicas }
+pub fn training(design: &Design) -> Training {
+    let most = design.spp.last().copied().unwrap_or(1);
+    Training { spp: (most / 4).clamp(most.min(16), most), replicas: design.replicas }
 }
 
 /// Gathers renders with fixed shares.
@@ -45,7 +45,7 @@ impl Learner {
     pub fn new(reference: &[f64]) -> Self {
         let n = reference.len();
         Self {
-            weights: reference.iter().map(|x| 1.0 / (x * x + REL_MSE_EPSILON)).collect(),
+            weights: reference.iter().map(|&x| 1.0 / relative_to(x)).collect(),
             sums: vec![(0.0, vec![0.0; n], vec![0.0; n]); SHARES.len()],
         }
     }

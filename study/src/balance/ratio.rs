@@ -1,6 +1,6 @@
 //! Per-pixel variances of replicas, their ratio to another estimator's, and how sure that is.
 
-use bismar::film::compare::REL_MSE_EPSILON;
+use bismar::film::compare::relative_to;
 use rayon::prelude::*;
 
 use super::cell::Cell;
@@ -23,7 +23,7 @@ impl Deviations {
     pub fn new(cell: &Cell, replicas: usize, reference: &[f64]) -> Self {
         let values = (0..cell.pixels).into_par_iter().flat_map_iter(|pixel| {
             let weight: [f64; 3] =
-                std::array::from_fn(|c| (3.0 * (reference[3 * pixel + c].powi(2) + REL_MSE_EPSILON)).sqrt().recip());
+                std::array::from_fn(|c| (3.0 * relative_to(reference[3 * pixel + c])).sqrt().recip());
             let at = move |r: usize, c: usize| f64::from(cell.picture(r)[3 * pixel + c]);
             let mean: [f64; 3] =
                 std::array::from_fn(|c| (0..replicas).map(|r| at(r, c)).sum::<f64>() / replicas as f64);
@@ -190,14 +190,6 @@ pub fn worse(ratios: &[f64]) -> f64 {
     ratios.iter().filter(|r| **r > WORSE).count() as f64 / ratios.len() as f64
 }
 
-/// The value below which a share `q` of the sorted values lies; NaN of none.
-pub fn percentile(sorted: &[f64], q: f64) -> f64 {
-    match sorted.len() {
-        0 => f64::NAN,
-        n => sorted[((q * n as f64).ceil() as usize).clamp(1, n) - 1],
-    }
-}
-
 /// The pixels that are worse beyond what noise explains: their z above [`WORSE`] is beyond what the control's ratios
 /// (whose true value is 1) show, with at most [`FALSE_DISCOVERIES`] of wrong finds expected (Benjamini and Hochberg 1995,
 /// with the control's z as the null distribution).
@@ -315,12 +307,5 @@ mod tests {
         let half = Deviations::new(&half, 32, &[1.0; 9]);
         let judgeable = Judgeable::new(&half, &deviations(6, 3, |p| if p == 0 { 0.1 } else { 0.0 }));
         assert_eq!(judgeable, Judgeable { pixels: vec![0], constant: 1, undetermined: 1 });
-    }
-
-    #[test]
-    fn percentiles_are_values_of_the_list() {
-        let sorted = [1.0, 2.0, 3.0, 4.0];
-        assert_eq!([0.0, 0.5, 0.51, 1.0].map(|q| percentile(&sorted, q)), [1.0, 2.0, 3.0, 4.0]);
-        assert!(percentile(&[], 0.5).is_nan());
     }
 }

@@ -3,7 +3,8 @@
 use bismar::sampling::hash;
 use rayon::prelude::*;
 
-use super::ratio::{Deviations, Ratio, percentile, worse};
+use super::ratio::{Deviations, Ratio, worse};
+use crate::statistics::{moments, quantiles};
 
 /// Resamples.
 pub const RESAMPLES: u32 = 200;
@@ -24,11 +25,10 @@ pub struct Summary {
 }
 
 impl Summary {
-    fn of(mut ratios: Vec<f64>, own: f64, base: f64) -> Self {
+    fn of(ratios: Vec<f64>, own: f64, base: f64) -> Self {
         let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
         let worse = worse(&ratios);
-        ratios.sort_by(f64::total_cmp);
-        Self { mean, ratio_of_means: own / base, worse, percentiles: PERCENTILES.map(|q| percentile(&ratios, q)) }
+        Self { mean, ratio_of_means: own / base, worse, percentiles: quantiles(ratios, PERCENTILES) }
     }
 
     fn numbers(&self) -> [f64; 7] {
@@ -74,9 +74,6 @@ pub fn standard_errors(own: &Deviations, base: &Deviations, ratios: &[Ratio]) ->
         Summary::of(values, all_own, all_base).numbers()
     };
     let draws = (0..RESAMPLES).into_par_iter().map(draw).collect::<Vec<_>>();
-    let deviation = |i: usize| {
-        let mean = draws.iter().map(|d| d[i]).sum::<f64>() / draws.len() as f64;
-        (draws.iter().map(|d| (d[i] - mean).powi(2)).sum::<f64>() / (draws.len() - 1) as f64).sqrt()
-    };
+    let deviation = |i: usize| moments(&draws.iter().map(|d| d[i]).collect::<Vec<_>>()).1.sqrt();
     Summary::from_numbers(std::array::from_fn(deviation))
 }

@@ -2,17 +2,19 @@
 
 use std::path::Path;
 
+use bismar::Result;
 use bismar::balance::Balance;
-use bismar::film::atomic;
-use bismar::film::compare::REL_MSE_EPSILON;
-use bismar::{Error, Result};
+use bismar::film::compare::relative_to;
 use serde::Serialize;
 
 use super::cell::Cell;
-use super::measure::{Measured, What};
+use super::key::What;
+use super::measure::Measured;
 use super::ratio::{self, Deviations, Judgeable, Ratio};
 use super::resample::{self, Summary};
-use super::{CONTROL, Estimator, Plan, StudyScene};
+use super::{CONTROL, Design, Estimator, StudyScene};
+use crate::files;
+use crate::statistics::{farthest, median, median_error, moments};
 
 /// Share of the pixels in the held-out worst.
 pub const WORST: f64 = 0.01;
@@ -94,14 +96,15 @@ pub struct Outcome {
 }
 
 /// Judges the measurements of a scene, from the fewest samples up.
-pub fn levels(scene: &StudyScene, plan: &Plan, measured: &Measured) -> Vec<Level> {
+pub fn levels(scene: &StudyScene, design: &Design, measured: &Measured) -> Vec<Level> {
     let reference = measured.reference.mean();
-    plan.spp
+    design
+        .spp
         .iter()
         .filter_map(|&spp| {
             let half = measured.get(What::Picture(Estimator::Method(Balance::Half)), spp)?;
             let control = measured.get(What::Control, spp)?;
-            let replicas = plan.replicas as usize;
+            let replicas = design.replicas as usize;
             let base = Deviations::new(half, replicas, &reference);
             let control_deviations = Deviations::new(control, replicas, &reference);
             let judgeable = Judgeable::new(&base, &control_deviations);
@@ -170,20 +173,16 @@ fn row(
     let error = |replica: usize, relative: bool| {
         let squares = cell.picture(replica).iter().zip(reference).map(|(&x, r)| {
             let square = (f64::from(x) - r).powi(2);
-            if relative { square / (r * r + REL_MSE_EPSILON) } else { square }
+            if relative { square / relative_to(*r) } else { square }
         });
         squares.sum::<f64>() / reference.len() as f64
     };
     let rel_mses = (0..replicas).map(|r| error(r, true)).collect::<Vec<_>>();
-    let rel_mse = rel_mses.iter().sum::<f64>() / n;
-    let spread = rel_mses.iter().map(|x| (x - rel_mse).powi(2)).sum::<f64>() / (n - 1.0);
+    let (rel_mse, rel_mse_variance) = moments(&rel_mses);
     let times = &cell.times[..replicas];
-    let cpu_seconds = median(times.iter().map(|t| t.cpu).collect());
+    let cpu_seconds = median(&times.iter().map(|t| t.cpu).collect::<Vec<_>>());
     let to_half = times.iter().filter_map(|t| Some(t.cpu / t.half_cpu?)).collect::<Vec<_>>();
-    let time_ratio = median(to_half.clone());
-    // Of a median: 1.2533 times that of a mean of normal values, whose deviation is 1.4826 of the median deviation.
-    let deviation = 1.4826 * median(to_half.iter().map(|x| (x - time_ratio).abs()).collect());
-    let time_ratio_se = 1.2533 * deviation / (to_half.len() as f64).sqrt();
+    let (time_ratio, time_ratio_se) = (median(&to_half), median_error(&to_half));
     let (summary, errors) = (&judged.summary, &judged.errors);
     let mean = judged.mean();
     let worst = ratio::worst_held_out(&judged.own, base, &judgeable.pixels, WORST);
@@ -200,11 +199,11 @@ fn row(
         undetermined: judgeable.undetermined,
         constant: judgeable.constant,
         rel_mse,
-        rel_mse_se: (spread / n).sqrt(),
+        rel_mse_se: (rel_mse_variance / n).sqrt(),
         mse: (0..replicas).map(|r| error(r, false)).sum::<f64>() / n,
         bias_z: bias_z(cell, replicas, reference, parts),
         cpu_seconds,
-        wall_seconds: median(times.iter().map(|t| t.wall).collect()),
+        wall_seconds: median(&times.iter().map(|t| t.wall).collect::<Vec<_>>()),
         time_ratio,
         time_ratio_se,
         inverse_efficiency: rel_mse * cpu_seconds,
@@ -234,7 +233,7 @@ fn row(
         p95_control,
         p99_control,
         p100_control,
-        log_error: median(judged.ratios.iter().map(|r| r.log_error).collect()),
+        log_error: median(&judged.ratios.iter().map(|r| r.log_error).collect::<Vec<_>>()),
         worst_held_out: worst.map(|w| w.0),
         worst_held_out_se: worst.map(|w| w.1),
         share_mean: cell.mean_shares().iter().map(|&s| f64::from(s)).sum::<f64>() / cell.pixels as f64,
@@ -244,31 +243,21 @@ fn row(
 /// Largest |z| over the channels of the picture's mean against the reference's, with its sign.
 fn bias_z(cell: &Cell, replicas: usize, reference: &[f64], parts: &Cell) -> f64 {
     let channel_mean = |picture: &mut dyn Iterator<Item = f64>, pixels: usize| picture.sum::<f64>() / pixels as f64;
-    let moments = |cell: &Cell, replicas: usize, c: usize| {
+    let mean_of = |cell: &Cell, replicas: usize, c: usize| {
         let means = (0..replicas)
             .map(|r| channel_mean(&mut cell.picture(r).iter().skip(c).step_by(3).map(|&x| f64::from(x)), cell.pixels))
             .collect::<Vec<_>>();
-        let n = means.len() as f64;
-        let mean = means.iter().sum::<f64>() / n;
-        (mean, means.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0) / n)
+        let (mean, variance) = moments(&means);
+        (mean, variance / means.len() as f64)
     };
     let z = |c: usize| {
-        let (mean, variance) = moments(cell, replicas, c);
-        let (_, reference_variance) = moments(parts, parts.replicas(), c);
+        let (mean, variance) = mean_of(cell, replicas, c);
+        let (_, reference_variance) = mean_of(parts, parts.replicas(), c);
         let truth = channel_mean(&mut reference.iter().skip(c).step_by(3).copied(), cell.pixels);
         let deviation = (variance + reference_variance).sqrt();
         if mean == truth { 0.0 } else { (mean - truth) / deviation.max(1e-7 * truth) }
     };
-    (0..3).map(z).max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(0.0)
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    if values.is_empty() {
-        return f64::NAN;
-    }
-    values.sort_by(f64::total_cmp);
-    let n = values.len();
-    0.5 * (values[(n - 1) / 2] + values[n / 2])
+    farthest((0..3).map(z))
 }
 
 /// What `results.json` says besides the rows.
@@ -290,24 +279,10 @@ const SCHEMA: u32 = 1;
 /// Writes rows as JSON.
 ///
 /// # Errors
-/// As [`atomic::write`].
-pub fn write_json(path: &Path, plan: &Plan, rows: &[Row]) -> Result<()> {
-    let &Plan { integrator, width, height, replicas, reference_spp, .. } = plan;
+/// As [`files::write`].
+pub fn write_json(path: &Path, design: &Design, rows: &[Row]) -> Result<()> {
+    let &Design { integrator, width, height, replicas, reference_spp, .. } = design;
     let version = env!("CARGO_PKG_VERSION");
     let results = Results { schema: SCHEMA, version, integrator, width, height, replicas, reference_spp, rows };
-    let text = serde_json::to_string_pretty(&results).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
-    atomic::write(path, |file| Ok(Ok(std::io::Write::write_all(file, text.as_bytes())?)))
-}
-
-/// Writes rows as CSV with a header line; what there is not is empty.
-///
-/// # Errors
-/// As [`atomic::write`].
-pub fn write_csv(path: &Path, rows: &[Row]) -> Result<()> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    for row in rows {
-        writer.serialize(row).map_err(|e| Error::Bug(format!("CSV: {e}")))?;
-    }
-    let bytes = writer.into_inner().map_err(|e| Error::Bug(format!("CSV: {e}")))?;
-    atomic::write(path, |file| Ok(Ok(std::io::Write::write_all(file, &bytes)?)))
+    files::write_json(path, &results)
 }

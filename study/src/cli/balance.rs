@@ -11,7 +11,7 @@ use clap::Args;
 
 use super::{RunArgs, open};
 use crate::balance::table::{Level, Outcome, levels};
-use crate::balance::{Estimator, Plan, SceneReport, StudyScene, measure, portrait, write};
+use crate::balance::{Design, Estimator, SceneResults, StudyScene, measure, portrait, write};
 
 /// Measure how well each --balance shares the work, against a converged reference.
 ///
@@ -72,7 +72,7 @@ impl FromStr for Estimators {
 }
 
 impl BalanceArgs {
-    fn plan(&self) -> Plan {
+    fn design(&self) -> Design {
         let quick = self.quick;
         let mut spp = match &self.spp[..] {
             [] if quick => vec![16, 64],
@@ -88,7 +88,7 @@ impl BalanceArgs {
         };
         let Size(width, height) = self.size.unwrap_or(if quick { Size(32, 32) } else { Size(64, 64) });
         let most = spp.last().copied().unwrap_or(1);
-        Plan {
+        Design {
             folder: self.out.clone(),
             estimators,
             reference_spp: self.reference_spp.unwrap_or(most.saturating_mul(64)),
@@ -102,15 +102,15 @@ impl BalanceArgs {
 }
 
 pub(super) fn run(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {
-    let plan = args.plan();
-    let report = open(&plan.folder, "report.html")?;
+    let design = args.design();
+    let page = open(&design.folder, "report.html")?;
     let stop = Signals::listen()?.stop;
     let reporter = args.run.reporter(verbosity);
     let start = Instant::now();
-    let shown = Estimator::shown(&plan.estimators);
-    let mut reports = Vec::new();
+    let shown = Estimator::shown(&design.estimators);
+    let mut results = Vec::new();
     for (i, path) in args.scenes.iter().enumerate() {
-        let scene = StudyScene::load(path, &plan)?;
+        let scene = StudyScene::load(path, &design)?;
         let all = args.scenes.len() as f64;
         // The portrait takes little.
         let at = |from: f64, to: f64| {
@@ -120,20 +120,20 @@ pub(super) fn run(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {
                 reporter.update(Progress { fraction, seconds: start.elapsed().as_secs_f64(), ..p });
             }
         };
-        let taken = measure(&scene, &plan, &stop, &at(0.0, 0.97))
-            .and_then(|measured| Ok((measured, portrait(&scene, &plan, shown, &stop, &at(0.97, 1.0))?)));
+        let taken = measure(&scene, &design, &stop, &at(0.0, 0.97))
+            .and_then(|measured| Ok((measured, portrait(&scene, &design, shown, &stop, &at(0.97, 1.0))?)));
         let (measured, portrait) = taken.inspect_err(|_| reporter.finish(false))?;
-        let levels = levels(&scene, &plan, &measured);
+        let levels = levels(&scene, &design, &measured);
         if let Some(level) = levels.last() {
             print(summary(level))?;
         }
-        reports.push(SceneReport::new(&scene.name, levels, &measured, portrait));
+        results.push(SceneResults::new(&scene.name, levels, &measured, portrait));
         // What is known so far can be read while the rest is under way.
-        write(&plan, &reports)?;
+        write(&design, &results)?;
     }
     reporter.finish(true);
     if !verbosity.quiet {
-        say(format_args!("{}", report.display()));
+        say(format_args!("{}", page.display()));
     }
     Ok(Verdict::Done)
 }

@@ -7,13 +7,15 @@ mod stability;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use bismar::Result;
 use bismar::console::args::threads;
 use bismar::console::progress::Style;
 use bismar::console::{self, Reporter, Verbosity, Verdict, host};
 use bismar::film::atomic;
-use bismar::{Error, Result};
 use clap::{Args, Parser, Subcommand};
 use tracing::info;
+
+use crate::files;
 
 /// Measure what the program's choices are worth.
 #[derive(Debug, Parser)]
@@ -52,8 +54,7 @@ impl RunArgs {
 
 /// Makes a study's folder, and finds out now if its `page` could not be written after hours: the page's path.
 fn open(folder: &Path, page: &str) -> Result<PathBuf> {
-    std::fs::create_dir_all(folder)
-        .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", folder.display())))?;
+    files::folder(folder)?;
     let page = folder.join(page);
     atomic::check(&page)?;
     Ok(page)

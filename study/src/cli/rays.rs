@@ -13,7 +13,7 @@ use clap::builder::PossibleValuesParser;
 use super::{RunArgs, open};
 use crate::rays::contender::ISAS;
 use crate::rays::measure::CONTROL;
-use crate::rays::{Bench, Contender, Plan, Results, Shape, Subject, measure, write};
+use crate::rays::{Bench, Contender, Design, Results, Shape, Subject, measure, write};
 
 /// Measure Embree against obvhs: speed on recorded rays, builds, memory, agreement.
 ///
@@ -82,11 +82,11 @@ impl FromStr for Contenders {
 }
 
 impl RaysArgs {
-    fn plan(&self) -> Result<Plan> {
+    fn design(&self) -> Result<Design> {
         let quick = self.quick;
         let usual = || if quick { "quick" } else { "usual" }.parse::<Contenders>().map_err(Error::Bug);
         let contenders = self.backends.as_ref().map_or_else(usual, |list| Ok(list.clone()))?;
-        Ok(Plan {
+        Ok(Design {
             folder: self.out.clone(),
             contenders: contenders.all,
             contenders_large: contenders.large,
@@ -108,20 +108,20 @@ impl RaysArgs {
 }
 
 pub(super) fn run(args: &RaysArgs, verbosity: Verbosity) -> Result<Verdict> {
-    let plan = args.plan()?;
+    let design = args.design()?;
     let others = args.merge_report.iter().map(|path| Results::read(path)).collect::<Result<Vec<_>>>()?;
-    let report = open(&plan.folder, "report.html")?;
+    let page = open(&design.folder, "report.html")?;
     let (threads, _) = host::threads(args.run.threads)?;
     let bench = Bench::new(threads)?;
     let stop = Signals::listen()?.stop;
     let reporter = args.run.reporter(verbosity);
     let start = Instant::now();
-    let mut host = bench.host(plan.machine.as_deref());
-    if let Some(isa) = plan.isa {
+    let mut host = bench.host(design.machine.as_deref());
+    if let Some(isa) = design.isa {
         host.machine += &format!(", Embree held to {isa}");
     }
     let machine = host.machine.clone();
-    let mut results = Results::new(host, plan.rounds);
+    let mut results = Results::new(host, design.rounds);
     others.into_iter().for_each(|other| results.merge(other));
     let mut subjects: Vec<Box<dyn Fn() -> Result<Subject>>> = Vec::new();
     for (path, name) in args.scenes.iter().zip(names(&args.scenes, &args.generate)?) {
@@ -143,7 +143,7 @@ pub(super) fn run(args: &RaysArgs, verbosity: Verbosity) -> Result<Verdict> {
             });
         };
         let subject = subject()?;
-        let mut asked = plan.contenders(&subject).iter().map(Contender::name).collect::<Vec<_>>();
+        let mut asked = design.contenders(&subject).iter().map(Contender::name).collect::<Vec<_>>();
         asked.push(CONTROL.to_owned());
         if results.has(&machine, &subject.name, &asked) {
             if !verbosity.quiet {
@@ -153,22 +153,22 @@ pub(super) fn run(args: &RaysArgs, verbosity: Verbosity) -> Result<Verdict> {
         }
         let mut before = results.clone();
         results.forget(&machine, &subject.name);
-        if let Err(error) = measure(&bench, &subject, &plan, &mut results, &stop, &progress) {
+        if let Err(error) = measure(&bench, &subject, &design, &mut results, &stop, &progress) {
             reporter.finish(false);
             // What is known of the scenes before stays readable; half a scene would not be.
             before.forget_idle_host();
-            write(&plan.folder, &before)?;
+            write(&design.folder, &before)?;
             return Err(error);
         }
         print(summary(&results, &subject.name))?;
-        write(&plan.folder, &results)?;
+        write(&design.folder, &results)?;
     }
     reporter.finish(true);
     results.forget_idle_host();
     let (unexplained, pictures) = (results.unexplained(), results.differing_pictures());
-    write(&plan.folder, &results)?;
+    write(&design.folder, &results)?;
     if !verbosity.quiet {
-        say(format_args!("{}", report.display()));
+        say(format_args!("{}", page.display()));
     }
     if unexplained > 0 || pictures > 0 {
         say(format_args!(

@@ -10,7 +10,7 @@ use bismar::render::Progress;
 use clap::Args;
 
 use super::{RunArgs, open};
-use crate::stability::{self, Report, page, steps};
+use crate::stability::{self, Results, page, steps};
 
 /// Take every --balance through the modes in which such methods fail.
 ///
@@ -46,24 +46,24 @@ pub(super) fn run(args: &StabilityArgs, verbosity: Verbosity) -> Result<Verdict>
         if signals.stopped() { Err(no_progress("nothing was written")) } else { Ok(()) }
     };
     let replicas = if args.quick { 1000 } else { args.replicas };
-    let report = stability::measure(replicas, Some(replicas), &signals.stop, &mut done)
+    let results = stability::measure(replicas, Some(replicas), &signals.stop, &mut done)
         .inspect_err(|_| reporter.finish(false))?;
     reporter.finish(true);
-    page::write(&args.out, &report)?;
-    print(page::survival(&report).markdown().trim_end())?;
+    page::write(&args.out, &results)?;
+    print(page::survival(&results).markdown().trim_end())?;
     if !verbosity.quiet {
         say(format_args!("{}", page.display()));
     }
-    Ok(verdict(&report))
+    Ok(verdict(&results))
 }
 
 /// Done, or what is wrong with the checks or the means.
-fn verdict(report: &Report) -> Verdict {
-    for control in report.controls.iter().filter(|c| !c.caught) {
+fn verdict(results: &Results) -> Verdict {
+    for control in results.controls.iter().filter(|c| !c.caught) {
         say(format_args!("error: the {} was not caught: its check is blind", control.outcome.estimator));
     }
-    for (estimator, mode) in report.wrong() {
+    for (estimator, mode) in results.wrong() {
         say(format_args!("error: {estimator} has a wrong mean in {} ({})", mode.mode, mode.name));
     }
-    if report.controls_caught() && report.wrong().is_empty() { Verdict::Done } else { Verdict::Beyond }
+    if results.controls_caught() && results.wrong().is_empty() { Verdict::Done } else { Verdict::Beyond }
 }

@@ -1,5 +1,6 @@
 //! How far two studies of the same scenes agree: two runs on one machine, under two names, or two machines.
 
+use super::page::{BASELINE, distinct};
 use super::table::{Results, Trace};
 use crate::report::{Page, Table, Tone, number, with_error};
 
@@ -23,7 +24,7 @@ impl Pair<'_> {
 /// What both measured, most different first. The baseline itself, whose ratio is 1, is no evidence.
 fn pairs<'a>(results: &'a Results, a: &str, b: &str) -> Vec<Pair<'a>> {
     let of = |machine: &str| {
-        let own = move |t: &&Trace| t.machine == machine && t.backend != super::page::BASELINE;
+        let own = move |t: &&Trace| t.machine == machine && t.backend != BASELINE;
         results.traces.iter().filter(own).collect::<Vec<_>>()
     };
     let others = of(b);
@@ -36,14 +37,7 @@ fn pairs<'a>(results: &'a Results, a: &str, b: &str) -> Vec<Pair<'a>> {
 
 /// A section for all machines that measured what the first one measured, too; nothing if there are none.
 pub(super) fn section(page: &mut Page, results: &Results) {
-    let mut machines = results.traces.iter().map(|t| &*t.machine).collect::<Vec<_>>();
-    machines.dedup();
-    let mut names: Vec<&str> = Vec::new();
-    machines.into_iter().for_each(|m| {
-        if !names.contains(&m) {
-            names.push(m)
-        }
-    });
+    let names = distinct(results.traces.iter().map(|t| &*t.machine));
     let mut all = Vec::new();
     for (i, a) in names.iter().enumerate() {
         all.extend(

@@ -1,12 +1,18 @@
-//! What the machine is and how steadily it runs, and clocks that other programs on it do not disturb.
+//! What the machine is and how steadily it runs.
 
 use std::fs;
 use std::hint::black_box;
 
+use bismar::console::host::total_memory_bytes;
 use bismar::rays::cwbvh;
+use bismar::rays::embree::set_flush_to_zero;
+use bismar::sampling::SplitMix64;
+use bismar::{Error, Result};
 use perf_event::events::{Event, Hardware};
-use rustix::time::{ClockId, clock_gettime};
+use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::{Deserialize, Serialize};
+
+use crate::clock::thread_seconds;
 
 /// The machine that measured.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -45,7 +51,7 @@ impl Host {
         Self {
             machine: name.map_or_else(|| format!("{cpu}, {cores} cores"), str::to_owned),
             cores,
-            memory_bytes: kilobytes("/proc/meminfo", "MemTotal:"),
+            memory_bytes: total_memory_bytes().unwrap_or(0),
             kernel: read("/proc/sys/kernel/osrelease").trim().to_owned(),
             virtual_machine: field("flags").is_some_and(|flags| flags.split(' ').any(|f| f == "hypervisor")),
             frequency_governor: fs::read_to_string("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
@@ -68,6 +74,35 @@ impl Host {
     }
 }
 
+/// Threads and gauges for measuring, kept from scene to scene.
+pub struct Bench {
+    pub(super) one: ThreadPool,
+    pub(super) all: ThreadPool,
+    pub(super) gauge: Gauge,
+}
+
+impl Bench {
+    /// With so many threads where all are used. Threads flush denormals to zero, as the renderer's do.
+    ///
+    /// # Errors
+    /// [`Error::Host`] if they cannot be started.
+    pub fn new(threads: usize) -> Result<Self> {
+        let pool = |threads: usize| {
+            ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .start_handler(|_| set_flush_to_zero())
+                .build()
+                .map_err(|e| Error::Host(format!("cannot start {threads} threads: {e}")))
+        };
+        Ok(Self { one: pool(1)?, all: pool(threads)?, gauge: Gauge::new() })
+    }
+
+    /// What the machine is, from one of the threads that trace.
+    pub fn host(&self, name: Option<&str>) -> Host {
+        self.one.install(|| Host::look(name))
+    }
+}
+
 /// Times two fixed pieces of work again and again: one that only computes, one that only waits for memory.
 pub struct Gauge {
     next: Vec<u32>,
@@ -85,10 +120,9 @@ impl Gauge {
     /// Prepares the chain: one cycle through all its entries (Sattolo's algorithm).
     pub fn new() -> Self {
         let mut next = (0..CHAIN as u32).collect::<Vec<_>>();
-        let mut state = 1_u64;
+        let mut random = SplitMix64(1);
         for i in (1..CHAIN).rev() {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            next.swap(i, (state >> 33) as usize % i);
+            next.swap(i, random.bits() as usize % i);
         }
         Self { next, stolen: stolen() }
     }
@@ -146,21 +180,6 @@ pub fn floating_point_mode() -> (bool, bool) {
     (black_box(least * black_box(0.5)) == 0.0, black_box(denormal * black_box(16_777_216.0)) == 0.0)
 }
 
-fn seconds(clock: ClockId) -> f64 {
-    let time = clock_gettime(clock);
-    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
-}
-
-/// Processor seconds of the calling thread.
-pub fn thread_seconds() -> f64 {
-    seconds(ClockId::ThreadCPUTime)
-}
-
-/// Processor seconds of all threads of this program.
-pub fn process_seconds() -> f64 {
-    seconds(ClockId::ProcessCPUTime)
-}
-
 /// Instructions of this thread, outside the kernel, while it does something; `None` where the processor's counters are not
 /// there for us: in most virtual machines, and where `perf_event_paranoid` forbids them.
 pub fn instructions(work: impl FnOnce()) -> Option<u64> {
@@ -178,24 +197,8 @@ fn counted(event: impl Event, work: impl FnOnce()) -> Option<u64> {
     (had > 0.0).then(|| (count.count() as f64 * (asked / had)) as u64)
 }
 
-/// Bytes of memory that this program has, and the most that it had since [`forget_peak`].
-pub fn memory() -> (u64, u64) {
-    (kilobytes("/proc/self/status", "VmRSS:"), kilobytes("/proc/self/status", "VmHWM:"))
-}
-
-/// Lets the peak begin again, where the system can.
-pub fn forget_peak() {
-    let _ = fs::write("/proc/self/clear_refs", "5");
-}
-
 fn read(file: &str) -> String {
     fs::read_to_string(file).unwrap_or_default()
-}
-
-fn kilobytes(file: &str, key: &str) -> u64 {
-    let text = read(file);
-    let number = text.lines().find_map(|l| l.strip_prefix(key)?.trim().strip_suffix("kB")?.trim().parse::<u64>().ok());
-    number.map_or(0, |k| k * 1024)
 }
 
 fn load() -> f64 {
@@ -215,7 +218,6 @@ mod tests {
     use perf_event::events::Software;
 
     use super::*;
-    use bismar::rays::embree::set_flush_to_zero;
 
     #[test]
     fn the_floating_point_mode_is_seen() {

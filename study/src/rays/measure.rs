@@ -4,25 +4,28 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
+use bismar::console::host::{peak_memory_bytes, reset_peak_memory, resident_memory_bytes};
 use bismar::film::PixelStats;
 use bismar::integrator::PreparedScene;
-use bismar::rays::embree::set_flush_to_zero;
-use bismar::rays::{HitBatch, RayQueries};
+use bismar::rays::RayQueries;
 use bismar::render::{Balance, RenderSettings, render};
+use bismar::sampling::SplitMix64;
 use bismar::{Error, Result};
+use rayon::ThreadPool;
 use rayon::prelude::*;
-use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::agree::{Answers, Judge};
-use super::host::{Gauge, Host, forget_peak, instructions, memory, process_seconds, thread_seconds};
-use super::stream::{self, Kind, Query, Stream};
+use super::host::{Bench, instructions};
+use super::replay::{Sink, answer, in_turn, replay, spaces};
+use super::stream::{self, Stream};
 use super::table::{Agreement, Build, Picture, Results, Scaling, Trace};
-use super::{Contender, LARGE, Plan, Subject};
+use super::{Contender, Design, LARGE, Subject};
+use crate::clock::{process_seconds, thread_seconds};
+use crate::files;
+use crate::statistics::{farthest, median, median_error, robust_deviation};
 
 /// The control's name: the baseline, built a second time.
 pub const CONTROL: &str = "embree (again)";
-/// A stream is replayed as often as makes this many seconds, for each time that is taken.
-const LEAST_SECONDS: f64 = 0.02;
 /// Builds that together take less are made again for each round.
 const AGAIN_SECONDS: f64 = 0.4;
 /// Builds are repeated for about so long, this often at most.
@@ -35,65 +38,36 @@ const SCALED: &str = "diffuse";
 /// For so long on one thread, so that starting threads does not count.
 const SCALED_SECONDS: f64 = 0.1;
 
-/// Threads and gauges for measuring, kept from scene to scene.
-pub struct Bench {
-    one: ThreadPool,
-    all: ThreadPool,
-    gauge: Gauge,
-}
-
-impl Bench {
-    /// With so many threads where all are used. Threads flush denormals to zero, as the renderer's do.
-    ///
-    /// # Errors
-    /// [`Error::Host`] if they cannot be started.
-    pub fn new(threads: usize) -> Result<Self> {
-        let pool = |threads: usize| {
-            ThreadPoolBuilder::new()
-                .num_threads(threads)
-                .start_handler(|_| set_flush_to_zero())
-                .build()
-                .map_err(|e| Error::Host(format!("cannot start {threads} threads: {e}")))
-        };
-        Ok(Self { one: pool(1)?, all: pool(threads)?, gauge: Gauge::new() })
-    }
-
-    /// What the machine is, from one of the threads that trace.
-    pub fn host(&self, name: Option<&str>) -> Host {
-        self.one.install(|| Host::look(name))
-    }
-}
-
-/// Measures everything of `plan` on one scene and adds it to `results`. `progress` is handed the share that is done.
+/// Measures everything of `design` on one scene and adds it to `results`. `progress` is handed the share that is done.
 ///
 /// # Errors
 /// [`Error::Interrupted`] when `stop` is raised; what builds, and reading and writing streams, return.
 pub fn measure(
     bench: &Bench,
     subject: &Subject,
-    plan: &Plan,
+    design: &Design,
     results: &mut Results,
     stop: &AtomicBool,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Result<()> {
     let baseline = Contender::baseline();
     let machine = results.hosts[0].machine.clone();
-    let run = Run { bench, subject, plan, machine, stop };
-    let (base, built) = run.build(&baseline, true)?;
+    let campaign = Campaign { bench, subject, design, machine, stop };
+    let (base, built) = campaign.build(&baseline, true)?;
     results.hosts[0].embree.clone_from(&base.info().version);
     results.hosts[0].embree_isa.clone_from(&base.info().isa);
-    let streams = run.streams(base.as_ref())?;
+    let streams = campaign.streams(base.as_ref())?;
     let judge = Judge::new(&subject.scene);
     let base = Side { backend: base.as_ref(), build_seconds: built.cpu_seconds };
     let answers = bench.one.install(|| streams.iter().map(|s| Answers::of(base.backend, s)).collect::<Vec<_>>());
     results.builds.push(built);
-    let chosen = plan.contenders(subject);
-    if chosen.len() < plan.contenders.len() {
+    let chosen = design.contenders(subject);
+    if chosen.len() < design.contenders.len() {
         results.notes.push(format!(
             "{}: more than {LARGE} triangles are built; {} of {} contenders were measured, as --backends large",
             subject.name,
             chosen.len(),
-            plan.contenders.len()
+            design.contenders.len()
         ));
     }
     let contenders = chosen.iter().filter(|c| **c != baseline);
@@ -104,9 +78,9 @@ pub fn measure(
     let mut own = vec![(Vec::new(), None); streams.len()];
     for (i, (name, contender)) in contenders.into_iter().enumerate() {
         progress(i as f64 / all);
-        run.go_on()?;
+        campaign.go_on()?;
         bench.one.install(|| bench.gauge.note(&mut results.hosts[0]));
-        let (backend, mut built) = match run.build(&contender, contender == Contender::other()) {
+        let (backend, mut built) = match campaign.build(&contender, contender == Contender::other()) {
             Err(Error::Data(text)) => {
                 results.notes.push(format!("{}: {name} cannot build it: {text}", subject.name));
                 continue;
@@ -116,36 +90,36 @@ pub fn measure(
         built.backend.clone_from(&name);
         let side = Side { backend: backend.as_ref(), build_seconds: built.cpu_seconds };
         for (stream, of_base) in streams.iter().zip(&answers) {
-            run.go_on()?;
+            campaign.go_on()?;
             let mut tell = |text: String| results.notes.push(format!("{}, {name}: {text}", subject.name));
             let counts = bench.one.install(|| {
                 let own = Answers::of(side.backend, stream);
                 judge.compare(stream, (base.backend, of_base), (side.backend, &own), &mut tell)
             });
-            results.agreements.push(Agreement::new([&run.machine, &subject.name, &name, &stream.name], &counts));
+            results.agreements.push(Agreement::new([&campaign.machine, &subject.name, &name, &stream.name], &counts));
         }
         progress((i as f64 + 0.3) / all);
-        let rounds = run.rounds(&streams, &base, (&contender, &side))?;
+        let rounds = campaign.rounds(&streams, &base, (&contender, &side))?;
         progress((i as f64 + 0.7) / all);
         for (((stream, of_base), rounds), own) in streams.iter().zip(&answers).zip(rounds).zip(&mut own) {
-            run.go_on()?;
+            campaign.go_on()?;
             let mut sink = Sink::default();
             let count = bench.one.install(|| instructions(|| _ = replay(side.backend, stream, &mut sink)));
-            results.traces.push(run.trace(&name, (stream, of_base.hit_share()), &rounds, 1, count));
+            results.traces.push(campaign.trace(&name, (stream, of_base.hit_share()), &rounds, 1, count));
             own.0.extend(rounds);
             own.1 = own.1.or(count);
             if stream.name == SCALED && (contender == baseline || contender == Contender::other()) {
                 let name = contender.name();
-                results.scalings.extend(run.scaling(&name, stream, &side));
+                results.scalings.extend(campaign.scaling(&name, stream, &side));
             }
         }
-        if plan.spp > 0 {
-            results.pictures.push(run.pictures(&name, &base, &side)?);
+        if design.spp > 0 {
+            results.pictures.push(campaign.pictures(&name, &base, &side)?);
         }
         results.builds.push(built);
     }
     for ((stream, of_base), (rounds, instructions)) in streams.iter().zip(&answers).zip(&own) {
-        let mut row = run.trace(&baseline.name(), (stream, of_base.hit_share()), rounds, 0, *instructions);
+        let mut row = campaign.trace(&baseline.name(), (stream, of_base.hit_share()), rounds, 0, *instructions);
         (row.speed_ratio, row.speed_ratio_se) = (1.0, 0.0);
         results.traces.push(row);
     }
@@ -159,15 +133,15 @@ struct Side<'a> {
     build_seconds: f64,
 }
 
-struct Run<'a> {
+struct Campaign<'a> {
     bench: &'a Bench,
     subject: &'a Subject,
-    plan: &'a Plan,
+    design: &'a Design,
     machine: String,
     stop: &'a AtomicBool,
 }
 
-impl Run<'_> {
+impl Campaign<'_> {
     fn go_on(&self) -> Result<()> {
         if self.stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted(
@@ -181,7 +155,7 @@ impl Run<'_> {
 
     fn build_once(&self, contender: &Contender) -> Result<Box<dyn RayQueries>> {
         let watch = |_: f64| !self.stop.load(Ordering::Relaxed);
-        contender.clone().held_to(self.plan.isa).build(Arc::clone(&self.subject.scene), &watch)
+        contender.clone().held_to(self.design.isa).build(Arc::clone(&self.subject.scene), &watch)
     }
 
     /// Builds now and then again for the time alone; by one thread, too, for few triangles or a `main` contender.
@@ -192,10 +166,10 @@ impl Run<'_> {
             let backend = pool.install(|| self.build_once(contender))?;
             Ok((backend, wall.elapsed().as_secs_f64(), process_seconds() - cpu))
         };
-        forget_peak();
-        let before = memory().0;
+        reset_peak_memory();
+        let before = resident_memory_bytes();
         let (backend, wall, cpu) = timed(&self.bench.all)?;
-        let peak = memory().1.saturating_sub(before);
+        let peak = peak_memory_bytes().saturating_sub(before);
         let (mut walls, mut cpus) = (vec![wall], vec![cpu]);
         let again = ((BUILD_SECONDS / wall) as usize).min(MOST_BUILDS - 1);
         for _ in 0..again {
@@ -224,7 +198,7 @@ impl Run<'_> {
             threads: self.bench.all.current_num_threads(),
             wall_seconds: median(&walls),
             cpu_seconds: median(&cpus),
-            cpu_seconds_spread: spread(&cpus),
+            cpu_seconds_spread: robust_deviation(&cpus),
             one_thread_seconds: one,
             bytes_per_triangle: per_triangle(info.memory_bytes),
             peak_bytes_per_triangle: info.peak_bytes.map(per_triangle),
@@ -235,20 +209,19 @@ impl Run<'_> {
 
     /// Records streams, or reads those of an earlier study.
     fn streams(&self, base: &dyn RayQueries) -> Result<Vec<Stream>> {
-        let (subject, plan) = (self.subject, self.plan);
+        let (subject, design) = (self.subject, self.design);
         let file = format!("{}.rays", subject.name);
-        if let Some(folder) = &plan.streams {
-            return stream::load(&folder.join(file), subject.fingerprint(plan));
+        if let Some(folder) = &design.streams {
+            return stream::load(&folder.join(file), subject.fingerprint(design));
         }
-        let record = || stream::record(&subject.scene, base, &subject.settings, plan.rays);
+        let record = || stream::record(&subject.scene, base, &subject.settings, design.rays);
         let streams = self.bench.one.install(record);
-        if plan.save_streams {
-            let folder = plan.folder.join("streams");
-            std::fs::create_dir_all(&folder)
-                .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", folder.display())))?;
-            stream::save(&folder.join(file), subject.fingerprint(plan), &streams)?;
+        if !design.save_streams {
+            return Ok(streams);
         }
-        Ok(streams)
+        let folder = design.folder.join("streams");
+        files::folder(&folder)?;
+        stream::save(&folder.join(file), subject.fingerprint(design), streams)
     }
 
     /// For each stream, seconds of the baseline and of the other for one replay each, round by round in turn. A round goes
@@ -260,9 +233,9 @@ impl Run<'_> {
         base: &Side,
         (contender, side): (&Contender, &Side),
     ) -> Result<Vec<Vec<[f64; 2]>>> {
-        let mut all = vec![Vec::with_capacity(self.plan.rounds); streams.len()];
-        let mut random = 1;
-        for round in 0..self.plan.rounds {
+        let mut all = vec![Vec::with_capacity(self.design.rounds); streams.len()];
+        let mut random = SplitMix64(1);
+        for round in 0..self.design.rounds {
             self.go_on()?;
             let _spaces = spaces(&mut random);
             let again = if base.build_seconds + side.build_seconds < AGAIN_SECONDS {
@@ -306,9 +279,9 @@ impl Run<'_> {
             hit_share,
             rounds: rounds.len(),
             mrays_per_second: rate,
-            mrays_spread: rate * spread(&own) / median(&own),
+            mrays_spread: rate * robust_deviation(&own) / median(&own),
             speed_ratio: median(&ratios),
-            speed_ratio_se: standard_error(&ratios),
+            speed_ratio_se: median_error(&ratios),
             instructions_per_ray: instructions.map(|n| n as f64 / rays),
         }
     }
@@ -327,7 +300,7 @@ impl Run<'_> {
         };
         let times = ((SCALED_SECONDS / wall(&self.bench.one, 1)).ceil() as usize).clamp(1, 1000);
         let wall = |pool: &ThreadPool| wall(pool, times);
-        let ratios = (0..self.plan.rounds).map(|_| wall(&self.bench.one) / wall(&self.bench.all)).collect::<Vec<_>>();
+        let ratios = (0..self.design.rounds).map(|_| wall(&self.bench.one) / wall(&self.bench.all)).collect::<Vec<_>>();
         (threads > 1).then(|| Scaling {
             machine: self.machine.clone(),
             scene: self.subject.name.clone(),
@@ -335,24 +308,24 @@ impl Run<'_> {
             stream: stream.name.clone(),
             threads,
             speedup: median(&ratios),
-            speedup_se: standard_error(&ratios),
+            speedup_se: median_error(&ratios),
         })
     }
 
     /// Pictures by both, in turn, with different seeds: their times, and the z of their means.
     fn pictures(&self, name: &str, base: &Side, side: &Side) -> Result<Picture> {
-        let plan = self.plan;
+        let design = self.design;
         let mut sums = [Vec::new(), Vec::new()];
         let mut taken = Vec::new();
-        for round in 0..plan.rounds.min(3) as u32 {
+        for round in 0..design.rounds.min(3) as u32 {
             self.go_on()?;
             let mut seconds = [0.0; 2];
             let order = if round.is_multiple_of(2) { [0, 1] } else { [1, 0] };
             for which in order {
                 let settings = RenderSettings {
-                    width: plan.picture,
-                    height: plan.picture,
-                    spp: Some(plan.spp),
+                    width: design.picture,
+                    height: design.picture,
+                    spp: Some(design.spp),
                     balance: Balance::Half,
                     seed: 1 + 2 * round + which as u32,
                     ..self.subject.settings.clone()
@@ -371,68 +344,24 @@ impl Run<'_> {
         let own = taken.iter().map(|t| t[1]).collect::<Vec<_>>();
         let theirs = taken.iter().map(|t| t[0]).collect::<Vec<_>>();
         let ratios = taken.iter().map(|[base, own]| base / own).collect::<Vec<_>>();
-        let per_spp = median(&own) / f64::from(plan.spp);
-        let base_per_spp = median(&theirs) / f64::from(plan.spp);
+        let per_spp = median(&own) / f64::from(design.spp);
+        let base_per_spp = median(&theirs) / f64::from(design.spp);
         let crossover = (side.build_seconds - base.build_seconds) / (base_per_spp - per_spp);
         Ok(Picture {
             machine: self.machine.clone(),
             scene: self.subject.name.clone(),
             backend: name.to_owned(),
-            pixels: u64::from(plan.picture) * u64::from(plan.picture),
-            spp: plan.spp,
+            pixels: u64::from(design.picture) * u64::from(design.picture),
+            spp: design.spp,
             rounds: taken.len(),
             build_cpu_seconds: side.build_seconds,
             cpu_seconds_per_spp: per_spp,
             speed_ratio: median(&ratios),
-            speed_ratio_se: standard_error(&ratios),
+            speed_ratio_se: median_error(&ratios),
             crossover_spp: (side.build_seconds > base.build_seconds && per_spp < base_per_spp).then_some(crossover),
             bias_z: bias_z(&sums[0], &sums[1]),
         })
     }
-}
-
-fn answer(backend: &dyn RayQueries, Query { kind, order, rays }: &Query, (hits, occluded): &mut Sink) {
-    match kind {
-        Kind::Closest => backend.closest_hits(rays, *order, hits),
-        Kind::Occluded => backend.occluded(rays, *order, occluded),
-    }
-}
-
-/// Seconds of both for a replay. Turn by turn, who is first by turns: neither finds caches and clocks in a better state
-/// than the other.
-fn in_turn(both: [&dyn RayQueries; 2], stream: &Stream, round: usize, sink: &mut Sink) -> [f64; 2] {
-    let once = both.map(|backend| replay(backend, stream, sink));
-    let least = once[0].min(once[1]).max(1e-9);
-    let times = ((LEAST_SECONDS / least).ceil() as usize).clamp(2, 1000);
-    let mut sums = [0.0; 2];
-    for turn in round..round + times {
-        for which in if turn.is_multiple_of(2) { [0, 1] } else { [1, 0] } {
-            sums[which] += replay(both[which], stream, sink);
-        }
-    }
-    sums.map(|sum| sum / times as f64)
-}
-
-/// Blocks of memory of random sizes: what is allocated while they are there lies elsewhere than the time before. Where it
-/// lies can matter as much as what it is: Mytkowicz et al. (2009), *Producing Wrong Data Without Doing Anything Obviously
-/// Wrong!*
-fn spaces(random: &mut u64) -> Vec<Vec<u8>> {
-    let mut block = || {
-        *random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        std::hint::black_box(Vec::with_capacity(16 + (*random >> 51) as usize))
-    };
-    (0..64).map(|_| block()).collect()
-}
-
-/// Where answers are written.
-type Sink = (HitBatch, Vec<bool>);
-
-/// Processor seconds of this thread for one replay.
-/// Contender and baseline are to write to the same places: where columns lie matters as much as a tree in small scenes.
-fn replay(backend: &dyn RayQueries, stream: &Stream, sink: &mut Sink) -> f64 {
-    let start = thread_seconds();
-    stream.queries.iter().for_each(|query| answer(backend, query, sink));
-    thread_seconds() - start
 }
 
 fn join(sums: &mut Vec<PixelStats>, pixels: &[PixelStats]) {
@@ -452,24 +381,5 @@ fn bias_z(a: &[PixelStats], b: &[PixelStats]) -> f64 {
         // Without any variance, rounding of the sums alone.
         if difference == 0.0 { 0.0 } else { difference / deviation.max(1e-6 * mean(a)) }
     };
-    (0..3).map(z).max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(0.0)
-}
-
-/// Middle of the values.
-pub(super) fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let n = sorted.len();
-    if n == 0 { f64::NAN } else { 0.5 * (sorted[(n - 1) / 2] + sorted[n / 2]) }
-}
-
-/// Standard deviation of normal values, from their median deviation.
-fn spread(values: &[f64]) -> f64 {
-    let middle = median(values);
-    1.4826 * median(&values.iter().map(|x| (x - middle).abs()).collect::<Vec<_>>())
-}
-
-/// Of the median: 1.2533 times that of a mean of normal values.
-fn standard_error(values: &[f64]) -> f64 {
-    1.2533 * spread(values) / (values.len() as f64).sqrt()
+    farthest((0..3).map(z))
 }

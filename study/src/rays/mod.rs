@@ -13,6 +13,7 @@ pub mod exact;
 pub mod host;
 pub mod measure;
 pub mod page;
+mod replay;
 pub mod shapes;
 pub mod stream;
 pub mod table;
@@ -24,10 +25,11 @@ use bismar::render::RenderSettings;
 use bismar::scene::Scene;
 use bismar::{Error, Result};
 
-use crate::balance::scene::read;
+use crate::balance::scene::Files;
 
 pub use contender::Contender;
-pub use measure::{Bench, measure};
+pub use host::Bench;
+pub use measure::measure;
 pub use page::write;
 pub use shapes::Shape;
 pub use table::Results;
@@ -37,7 +39,7 @@ pub const LARGE: u64 = 4_000_000;
 
 /// What to measure, on each scene.
 #[derive(Debug, Clone)]
-pub struct Plan {
+pub struct Design {
     /// Where everything goes.
     pub folder: PathBuf,
     /// What is compared with the baseline.
@@ -62,7 +64,7 @@ pub struct Plan {
     pub machine: Option<String>,
 }
 
-impl Plan {
+impl Design {
     /// What is compared with the baseline on this scene.
     pub fn contenders(&self, subject: &Subject) -> &[Contender] {
         if subject.built > LARGE { &self.contenders_large } else { &self.contenders }
@@ -86,12 +88,12 @@ pub struct Subject {
 }
 
 impl Subject {
-    /// Reads a file ([`read`]) as `name`.
+    /// Reads a file ([`Files`]) as `name`.
     ///
     /// # Errors
-    /// As [`read`]; [`Error::Data`] for a scene without triangles.
+    /// As [`Files::open`] and [`Files::import`]; [`Error::Data`] for a scene without triangles.
     pub fn load(path: &Path, name: &str) -> Result<Self> {
-        let subject = Self::new(name.to_owned(), None, read(path)?.0);
+        let subject = Self::new(name.to_owned(), None, Files::open(path)?.import()?);
         if subject.triangles == 0 {
             return Err(Error::Data(format!("{}: there are no triangles to shoot rays at", path.display())));
         }
@@ -116,7 +118,7 @@ impl Subject {
     }
 
     /// Of the triangles, their places and the view: what recorded rays depend on.
-    fn fingerprint(&self, plan: &Plan) -> u64 {
+    fn fingerprint(&self, design: &Design) -> u64 {
         let mut hasher = blake3::Hasher::new();
         fn hash(hasher: &mut blake3::Hasher, number: u32) {
             hasher.update(&number.to_le_bytes());
@@ -129,7 +131,7 @@ impl Subject {
         }
         let placed = self.scene.instances.iter().flat_map(|i| i.transform.map(|t| t.to_cols_array()));
         placed.flatten().for_each(|x| hash(&mut hasher, x.to_bits()));
-        hasher.update(format!("{:?} {}", self.scene.cameras[0], plan.rays).as_bytes());
+        hasher.update(format!("{:?} {}", self.scene.cameras[0], design.rays).as_bytes());
         u64::from_le_bytes(std::array::from_fn(|i| hasher.finalize().as_bytes()[i]))
     }
 }

@@ -1,52 +1,40 @@
 //! What was measured, for people: `report.html` and its charts.
 
+mod charts;
+mod method;
+
 use std::path::Path;
 
-use bismar::{Error, Result};
+use bismar::Result;
 
 use super::compare;
-use super::host::drift;
 use super::measure::CONTROL;
-use super::table::{Agreement, Build, MOST_Z, Results, Trace, write_bytes};
+use super::table::{Agreement, Build, MOST_Z, Results, Trace};
+use crate::files;
 use crate::report::page::chart_figure;
-use crate::report::{Axis, Chart, Dot, DotPlot, Page, Scale, Series, Table, Tone, number, with_error};
+use crate::report::{Page, Table, Tone, number, with_error};
+use charts::{STREAM, costs, overview, picture};
+use method::{hosts, method};
 
 /// The baseline's name.
 pub(super) const BASELINE: &str = "embree";
-/// Shown in charts, as many as there are colours, each with its own.
-const SHOWN: [(&str, usize); 8] = [
-    ("embree", 0),
-    ("embree+high", 1),
-    ("embree+low", 5),
-    ("embree+single", 3),
-    ("obvhs", 2),
-    ("obvhs+fastest", 6),
-    ("obvhs+very-slow", 4),
-    ("obvhs+bvh2", 7),
-];
-/// The stream that stands for all in charts.
-const STREAM: &str = "diffuse";
-/// Charts of the page's top, by the names of their files.
-type Charts = Vec<(String, Chart)>;
-
 /// Writes tables, `report.html` and `charts/`.
 ///
 /// # Errors
-/// As [`bismar::film::atomic::write`].
+/// As [`files::write`].
 pub fn write(folder: &Path, results: &Results) -> Result<()> {
     results.write(folder)?;
     let charts = folder.join("charts");
-    std::fs::create_dir_all(&charts)
-        .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", charts.display())))?;
+    files::folder(&charts)?;
     if let Some(plot) = overview(results) {
-        write_bytes(&charts.join("overview.svg"), plot.file().as_bytes())?;
+        files::write(&charts.join("overview.svg"), plot.file())?;
     }
     let scenes = scenes(results);
-    let all = costs(results).into_iter().chain(scenes.iter().map(|s| (format!("{}-picture", s.file()), s.picture())));
+    let all = costs(results).into_iter().chain(scenes.iter().map(|s| (format!("{}-picture", s.file()), picture(s))));
     for (name, chart) in all {
-        write_bytes(&charts.join(format!("{name}.svg")), chart.file().as_bytes())?;
+        files::write(&charts.join(format!("{name}.svg")), chart.file())?;
     }
-    write_bytes(&folder.join("report.html"), page(results, &scenes).as_bytes())
+    files::write(&folder.join("report.html"), page(results, &scenes))
 }
 
 /// The rows of one scene on one machine.
@@ -101,108 +89,6 @@ impl<'a> SceneRows<'a> {
             Some(other) => format!("{}-machine{}", self.name, other + 1),
         }
     }
-
-    /// Build and render against paths a pixel.
-    fn picture(&self) -> Chart {
-        let rows = self.results.pictures.iter().filter(|r| r.machine == self.machine && r.scene == self.name);
-        let line = |r: &super::table::Picture| {
-            let name = if r.backend == CONTROL { BASELINE } else { &r.backend };
-            let color = SHOWN.iter().find(|(shown, _)| *shown == name)?.1;
-            let at = |spp: f64| (spp, r.build_cpu_seconds + spp * r.cpu_seconds_per_spp);
-            let points = (0..=10).map(|i| at(f64::from(1 << i))).collect();
-            Some(Series { name: name.to_owned(), points, color })
-        };
-        let side = self.results.pictures.first().map_or(0.0, |p| (p.pixels as f64).sqrt());
-        let labels = ["paths a pixel", "CPU seconds, build and render"];
-        let title = format!("Time to a picture of {side:.0} x {side:.0}");
-        let mut chart = Chart::fitted(&title, labels, [Scale::Log; 2], rows.filter_map(line).collect());
-        chart.dots = false;
-        chart
-    }
-}
-
-fn overview(results: &Results) -> Option<DotPlot> {
-    let scenes = scenes(results);
-    let there = |name: &str| results.traces.iter().any(|t| t.backend == name);
-    let mut kinds = vec![(CONTROL, 0)];
-    kinds.extend(SHOWN.into_iter().skip(1).filter(|(name, _)| there(name)));
-    let dots = |scene: &SceneRows| {
-        let of = |(kind, (name, _)): (usize, &(&str, usize))| {
-            let row = scene.traces().find(|t| t.stream == STREAM && t.backend == *name)?;
-            Some(Dot { value: row.speed_ratio, error: row.speed_ratio_se, kind })
-        };
-        (scene.title(), kinds.iter().enumerate().filter_map(of).collect::<Vec<_>>())
-    };
-    let rows = scenes.iter().map(dots).collect::<Vec<_>>();
-    if rows.is_empty() {
-        return None;
-    }
-    let values = rows.iter().flat_map(|(_, dots)| dots.iter().map(|d| d.value)).chain([0.8, 1.25]);
-    Some(DotPlot {
-        title: "Speed of diffuse bounces over that of embree, one thread".to_owned(),
-        label: "median of rounds; bars: two standard errors either way; right is faster".to_owned(),
-        axis: Axis::fit(Scale::Log, values),
-        mark: Some((1.0, "as embree".to_owned())),
-        kinds: kinds.iter().map(|(name, color)| ((*name).to_owned(), *color)).collect(),
-        rows,
-    })
-}
-
-/// Build and trace over the number of triangles, for each kind of generated scene of which a machine measured several sizes.
-fn costs(results: &Results) -> Charts {
-    let machines = backends(results.hosts.iter().map(|h| &*h.machine));
-    let of_machine = |(i, machine): (usize, &&str)| {
-        let rows = results.builds.iter().filter(|b| b.machine == **machine);
-        let mut shapes = rows.filter_map(|b| Some((i, b.shape.clone()?))).collect::<Vec<_>>();
-        shapes.sort();
-        shapes.dedup();
-        shapes
-    };
-    let mut charts = Vec::new();
-    for (i, shape) in machines.iter().enumerate().flat_map(of_machine) {
-        let is = |machine: &str, own: &Option<String>| machine == machines[i] && own.as_ref() == Some(&shape);
-        let (of, file) = match i {
-            0 => (String::new(), String::new()),
-            i => (format!(", {}", machines[i]), format!("-machine{}", i + 1)),
-        };
-        let lines = |of: &dyn Fn(&str) -> Vec<(f64, f64)>| {
-            let line = |&(name, color): &(&str, usize)| {
-                let mut points = of(name);
-                points.sort_by(|a, b| a.0.total_cmp(&b.0));
-                Series { name: name.to_owned(), points, color }
-            };
-            SHOWN.iter().map(line).filter(|s| s.points.len() > 1).collect::<Vec<_>>()
-        };
-        let builds = lines(&|name| {
-            let rows = results.builds.iter().filter(|b| is(&b.machine, &b.shape) && b.backend == name);
-            rows.map(|b| (b.built_triangles as f64, b.cpu_seconds)).collect()
-        });
-        let traces = lines(&|name| {
-            let rows =
-                results.traces.iter().filter(|t| is(&t.machine, &t.shape) && t.backend == name && t.stream == STREAM);
-            // By the ratio: contenders of a scene are measured one after the other, and the machine may change its pace.
-            let base = |t: &Trace| {
-                let is = |b: &&Trace| b.machine == t.machine && b.scene == t.scene && b.stream == STREAM;
-                results.traces.iter().filter(is).find(|b| b.backend == BASELINE).map(|b| b.mrays_per_second)
-            };
-            rows.filter_map(|t| Some((t.triangles as f64, 1e3 / (base(t)? * t.speed_ratio)))).collect()
-        });
-        if builds.is_empty() {
-            continue;
-        }
-        let log = [Scale::Log; 2];
-        let title = format!("Building: {shape}{of}");
-        charts.push((
-            format!("cost-build-{shape}{file}"),
-            Chart::fitted(&title, ["triangles", "CPU seconds, all threads"], log, builds),
-        ));
-        let title = format!("Tracing diffuse bounces: {shape}{of}");
-        charts.push((
-            format!("cost-trace-{shape}{file}"),
-            Chart::fitted(&title, ["triangles", "nanoseconds a ray, one thread"], log, traces),
-        ));
-    }
-    charts
 }
 
 fn page(results: &Results, scenes: &[SceneRows]) -> String {
@@ -223,7 +109,7 @@ fn page(results: &Results, scenes: &[SceneRows]) -> String {
     let mut page = Page::new("Ray study", &lead);
     page.section("Overview");
     if let Some(plot) = overview(results) {
-        page.wide(&plot.svg(), "`embree (again)` is the baseline built a second time: where it is not at 1 is noise.");
+        page.wide(plot.svg(), "`embree (again)` is the baseline built a second time: where it is not at 1 is noise.");
     }
     page.heading("Over all scenes");
     page.text("Geometric means over the scenes that a contender was measured on, relative to `embree` there.");
@@ -231,7 +117,7 @@ fn page(results: &Results, scenes: &[SceneRows]) -> String {
     let costs = costs(results);
     if !costs.is_empty() {
         page.section("Cost over the number of triangles");
-        page.row(&costs.iter().map(|(_, chart)| chart_figure(&chart.svg(), "")).collect::<Vec<_>>());
+        page.row(costs.iter().map(|(_, chart)| chart_figure(chart.svg(), "")));
     }
     compare::section(&mut page, results);
     method(&mut page, results);
@@ -247,7 +133,7 @@ fn page(results: &Results, scenes: &[SceneRows]) -> String {
 }
 
 /// In the order in which they were measured, the baseline first.
-fn backends<'a>(names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
+pub(super) fn distinct<'a>(names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
     let mut all: Vec<&str> = Vec::new();
     for name in names {
         if !all.contains(&name) {
@@ -258,7 +144,7 @@ fn backends<'a>(names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
 }
 
 fn streams(results: &Results) -> Vec<&str> {
-    backends(results.traces.iter().map(|t| &*t.stream))
+    distinct(results.traces.iter().map(|t| &*t.stream))
 }
 
 fn geometric_mean(values: impl Iterator<Item = f64>) -> f64 {
@@ -281,7 +167,7 @@ fn averages(results: &Results, scenes: &[SceneRows]) -> Table {
         ("unexplained", "Answers that differ from embree's without an explanation, over all scenes"),
     ]);
     let mut table = Table::new(&columns);
-    for name in backends(results.builds.iter().map(|b| &*b.backend)) {
+    for name in distinct(results.builds.iter().map(|b| &*b.backend)) {
         let tone = if name == CONTROL || name == BASELINE { Tone::Faint } else { Tone::Plain };
         let built = scenes.iter().filter_map(|s| Some((s.base_build()?, s.builds().find(|b| b.backend == name)?)));
         let built = built.collect::<Vec<_>>();
@@ -315,12 +201,12 @@ fn judged(ratio: f64, error: f64) -> Tone {
 
 fn scene_section(page: &mut Page, scene: &SceneRows) {
     page.section(&scene.title());
-    let streams = backends(scene.traces().map(|t| &*t.stream));
+    let streams = distinct(scene.traces().map(|t| &*t.stream));
     let sizes = streams.iter().filter_map(|s| scene.traces().find(|t| t.stream == *s));
     let sizes = sizes.map(|t| format!("{} {} rays, {:.0} % of them hit", t.stream, t.rays, 100.0 * t.hit_share));
     page.text(&format!("{} triangles. Streams: {}.", scene.triangles, sizes.collect::<Vec<_>>().join("; ")));
-    page.row(&[chart_figure(
-        &scene.picture().svg(),
+    page.row([chart_figure(
+        picture(scene).svg(),
         "Measured build, and measured seconds a path times the number of paths. Where lines cross, the longer build has paid.",
     )]);
     page.heading("Mrays/s of one thread, and speed over that of embree");
@@ -330,7 +216,7 @@ fn scene_section(page: &mut Page, scene: &SceneRows) {
         columns.push(("", "Speed over that of embree in the same rounds, with the standard error of the median"));
     }
     let mut table = Table::new(&columns);
-    let names = backends(scene.builds().map(|b| &*b.backend));
+    let names = distinct(scene.builds().map(|b| &*b.backend));
     for name in &names {
         let mut row = vec![((*name).to_owned(), Tone::Plain)];
         for stream in &streams {
@@ -426,96 +312,4 @@ fn agreement(scene: &SceneRows) -> Table {
         table.rows.push(cells);
     }
     table
-}
-
-fn method(page: &mut Page, results: &Results) {
-    page.details("How this was measured, and how sure it is", |page| {
-        page.text(
-            "The rays are those that renders of the scene asked for, recorded batch by batch with `embree` and replayed to every \
-             contender alike. Camera, shadow and later bounces are from a path-traced picture of the scene as it is; diffuse and \
-             glossy are first bounces with all surfaces made diffuse, or metals of roughness ¼; shuffled and sorted (by octant, \
-             then along a Morton curve through the origins) are the diffuse ones in another order. Shadow rays ask for any hit, \
-             all others for the closest one with its weights and ids, which are written out as the renderer needs them: the \
-             times include that, for all contenders.",
-        );
-        page.text(&format!(
-            "Contender and baseline take turns, {} rounds, first and second by turns. A speed ratio is the median over rounds of \
-             the ratio within a round, ± is the standard error of that median (from the median deviation). Seconds are processor \
-             seconds of one thread: other programs on the same cores do not count, though they take from caches and \
-             memory bandwidth. All threads flush denormals to zero, for both libraries.",
-            results.rounds
-        ));
-        page.text(
-            "Builds begin at the scene's vertex and index buffers and end where rays can be shot; Embree shares the buffers, \
-             obvhs' triangles and ids are copied into the order of the leaves. Builds shorter than half a second are repeated. \
-             Triangles are counted once for each time that they are built.",
-        );
-        page.text(
-            "`embree` hands rays over in packets as wide as the processor has them, kept together for camera rays and in small \
-             scenes; `single` calls for each ray, `x4` to `x16` keep packets together in the batch's order for every stream. \
-             `obvhs` is its compressed eight-wide tree by the medium preset; boxes grow by a millionth of the scene so that \
-             rounding loses no hit; the triangle test is Embree's, written in Rust; `own-test` is obvhs' own one.",
-        );
-        page.text(
-            "Agreement: where two answers differ in anything, the ray and the triangles are intersected again in double precision, \
-             with bounds on the rounding of single precision (forty operations, as in the tests of the backends). An answer that \
-             the bounds exclude, or a nearer triangle that was passed by though the bounds demand it, is unexplained, and makes the \
-             study fail.",
-        );
-    });
-}
-
-fn hosts(page: &mut Page, results: &Results) {
-    page.section("The machine");
-    for (i, host) in results.hosts.iter().enumerate() {
-        let earlier = results.hosts[..i].iter().filter(|h| h.machine == host.machine).count();
-        let run = if earlier == 0 { String::new() } else { format!(", run {}", earlier + 1) };
-        page.heading(&format!("{}{run}", host.machine));
-        let counters = if host.hardware_counters {
-            "there; they counted the instructions of one replay a stream"
-        } else {
-            "none that this program may use, so instructions a ray were not measured"
-        };
-        page.text(&format!(
-            "{}{}; {} cores, {:.0} GiB; Linux {}; frequency governor {}. Embree {} runs on {}, obvhs {} and the program are \
-             compiled for {}. Measuring threads {} results to zero and {} denormal operands as zero. Hardware counters: {counters}.",
-            host.cpu,
-            if host.virtual_machine { " in a virtual machine" } else { "" },
-            host.cores,
-            host.memory_bytes as f64 / f64::from(1 << 30),
-            host.kernel,
-            host.frequency_governor.as_deref().unwrap_or("unknown"),
-            host.embree,
-            host.embree_isa,
-            host.obvhs,
-            host.isa_baseline,
-            if host.flush_to_zero { "flush" } else { "do not flush" },
-            if host.denormals_are_zero { "take" } else { "do not take" },
-        ));
-        page.text(&format!(
-            "Load {:.1} before and {:.1} at the end{}; {:.1} % of the time was given to other machines. Between contenders a fixed \
-             computation and a fixed walk through 64 MiB of memory were timed in processor seconds: the computation drifted by a \
-             factor of {:.3}, the walk by {:.3} (ninth over first tenth of {} readings).",
-            host.load_before,
-            host.load_after,
-            if host.load_before > host.cores as f64 || host.load_after > host.cores as f64 {
-                ", more than there are cores: caches and memory were shared, and wall seconds and scaling mean little"
-            } else {
-                ""
-            },
-            100.0 * host.stolen_share,
-            drift(&host.spin_seconds),
-            drift(&host.chase_seconds),
-            host.spin_seconds.len()
-        ));
-        let line = |name: &str, seconds: &[f64], color: usize| {
-            let first = seconds.first().copied().unwrap_or(1.0);
-            let points = seconds.iter().enumerate().map(|(i, s)| (i as f64, s / first)).collect();
-            Series { name: name.to_owned(), points, color }
-        };
-        let series = vec![line("computation", &host.spin_seconds, 1), line("memory", &host.chase_seconds, 2)];
-        let labels = ["reading", "seconds over the first reading"];
-        let chart = Chart::fitted("Steadiness of the machine", labels, [Scale::Linear; 2], series);
-        page.row(&[chart_figure(&chart.svg(), "")]);
-    }
 }

@@ -4,6 +4,7 @@
 use std::f32::consts::{PI, TAU};
 use std::str::FromStr;
 
+use bismar::sampling::SplitMix64;
 use bismar::scene::{Camera, Environment, Instance, Material, Mesh, Object, Positions, Projection, Scene};
 use glam::{Affine3A, Mat3, Vec3, Vec4, vec3};
 
@@ -50,27 +51,15 @@ impl FromStr for Shape {
     }
 }
 
-/// SplitMix64.
-struct Random(u64);
+/// Uniform on the unit sphere.
+fn direction(random: &mut SplitMix64) -> Vec3 {
+    let (y, phi) = (2.0 * random.f32() - 1.0, TAU * random.f32());
+    let r = (1.0 - y * y).max(0.0).sqrt();
+    vec3(r * phi.cos(), y, r * phi.sin())
+}
 
-impl Random {
-    /// In [0, 1).
-    fn unit(&mut self) -> f32 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 40) as f32 / (1 << 24) as f32
-    }
-
-    fn direction(&mut self) -> Vec3 {
-        let (y, phi) = (2.0 * self.unit() - 1.0, TAU * self.unit());
-        let r = (1.0 - y * y).max(0.0).sqrt();
-        vec3(r * phi.cos(), y, r * phi.sin())
-    }
-
-    fn in_ball(&mut self) -> Vec3 {
-        self.direction() * self.unit().cbrt()
-    }
+fn in_ball(random: &mut SplitMix64) -> Vec3 {
+    direction(random) * random.f32().cbrt()
 }
 
 impl Shape {
@@ -180,12 +169,12 @@ fn apart(vertices: Vec<[f32; 3]>) -> Triangles {
 }
 
 fn slivers(n: u32) -> Triangles {
-    let mut random = Random(1);
+    let mut random = SplitMix64(1);
     // About as much surface however many there are.
     let length = 1.0_f32.min(30.0 / (n as f32).sqrt());
     let needle = |_| {
-        let (middle, along) = (random.in_ball(), random.direction() * length);
-        let across = along.cross(random.direction()) * 1e-3;
+        let (middle, along) = (in_ball(&mut random), direction(&mut random) * length);
+        let across = along.cross(direction(&mut random)) * 1e-3;
         [middle - along * 0.5, middle + along * 0.5, middle - along * 0.5 + across].map(|p| p.to_array())
     };
     apart((0..n).flat_map(needle).collect())
@@ -193,13 +182,13 @@ fn slivers(n: u32) -> Triangles {
 
 /// Leaves of two triangles in 27 crowns.
 fn foliage(n: u32) -> Triangles {
-    let mut random = Random(2);
+    let mut random = SplitMix64(2);
     let crowns = (0..27).map(|i| vec3((i % 3) as f32, (i / 3 % 3) as f32, (i / 9) as f32) - 1.0).collect::<Vec<_>>();
     let size = 1.6 / (n as f32 / 2.0).sqrt().max(4.0);
     let leaf = |i: u32| {
-        let middle = (crowns[i as usize % crowns.len()] + 0.45 * random.in_ball()) * 0.8;
-        let along = random.direction() * size;
-        let across = along.cross(random.direction()).normalize_or(Vec3::X) * (0.4 * size);
+        let middle = (crowns[i as usize % crowns.len()] + 0.45 * in_ball(&mut random)) * 0.8;
+        let along = direction(&mut random) * size;
+        let across = along.cross(direction(&mut random)).normalize_or(Vec3::X) * (0.4 * size);
         let [a, b, c, d] = [-along, across, along, -across].map(|p| (middle + p).to_array());
         [a, b, c, a, c, d]
     };

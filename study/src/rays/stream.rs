@@ -1,22 +1,22 @@
 //! Ray streams: the batches that real renders ask for, the same for every backend.
 
-use std::fs;
-use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 
-use bismar::film::atomic;
 use bismar::integrator::PreparedScene;
 use bismar::rays::{BackendInfo, HitBatch, RayBatch, RayOrder, RayQueries};
 use bismar::render::{Balance, PixelFilter, RenderSettings, render};
 use bismar::scene::{Scene, TextureSlot};
 use bismar::{Error, Result};
 use glam::{Vec3, Vec4};
+use serde::{Deserialize, Serialize};
+
+use crate::files;
 
 /// What a query asks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Kind {
     /// The closest hit.
     Closest,
@@ -25,7 +25,7 @@ pub enum Kind {
 }
 
 /// One batch, as the renderer handed it over.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Query {
     /// What it asks.
     pub kind: Kind,
@@ -75,7 +75,7 @@ impl RayQueries for Recorder<'_> {
 }
 
 /// Batches of one kind.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Stream {
     /// What they are.
     pub name: String,
@@ -234,90 +234,41 @@ fn sorted(queries: &[Query]) -> Vec<Query> {
     reordered(queries, |order| order.sort_by_key(key))
 }
 
-/// First bytes of a file of streams; the digit is raised when the format changes.
-const MAGIC: &[u8] = b"bismar rays 1\n";
+/// Streams on disk, with what they were recorded on.
+#[derive(Serialize, Deserialize)]
+struct Recording {
+    fingerprint: u64,
+    streams: Vec<Stream>,
+}
 
-/// Writes streams, with the fingerprint of what they were recorded on. Everything is little-endian: the magic line, the
-/// fingerprint (8 bytes), the number of streams, then for each its name (length, UTF-8), kind and order (0 or 1), number of
-/// batches, and for each batch its number of rays and eight columns: origin x, y, z, direction x, y, z, tnear, tfar as f32,
-/// and key as u32. Numbers are u32.
+/// Keeps streams, with the fingerprint of what they were recorded on.
 ///
 /// # Errors
-/// As [`atomic::write`].
-pub fn save(path: &Path, fingerprint: u64, streams: &[Stream]) -> Result<()> {
-    let mut bytes = MAGIC.to_vec();
-    bytes.extend(fingerprint.to_le_bytes());
-    let number = |bytes: &mut Vec<u8>, n: usize| bytes.extend((n as u32).to_le_bytes());
-    number(&mut bytes, streams.len());
-    for stream in streams {
-        number(&mut bytes, stream.name.len());
-        bytes.extend(stream.name.as_bytes());
-        let first = stream.queries.first();
-        number(&mut bytes, usize::from(first.is_some_and(|q| q.kind == Kind::Occluded)));
-        number(&mut bytes, usize::from(first.is_some_and(|q| q.order == RayOrder::Incoherent)));
-        number(&mut bytes, stream.queries.len());
-        for Query { rays, .. } in &stream.queries {
-            number(&mut bytes, rays.len());
-            for column in rays.origin.iter().chain(&rays.direction).chain([&rays.tnear, &rays.tfar]) {
-                bytes.extend(column.iter().flat_map(|x| x.to_le_bytes()));
-            }
-            bytes.extend(rays.key.iter().flat_map(|x| x.to_le_bytes()));
-        }
-    }
-    atomic::write(path, |file| Ok(Ok(file.write_all(&bytes)?)))
+/// As [`files::keep`].
+pub fn save(path: &Path, fingerprint: u64, streams: Vec<Stream>) -> Result<Vec<Stream>> {
+    let recording = Recording { fingerprint, streams };
+    files::keep(path, &recording)?;
+    Ok(recording.streams)
 }
 
 /// Reads what [`save`] wrote.
 ///
 /// # Errors
-/// [`Error::Data`] for another format, a file that is cut off, or streams of another scene or view; what reading returns.
+/// [`Error::Data`] for another format, a file that is damaged, or streams of another scene or view; what reading returns.
 pub fn load(path: &Path, fingerprint: u64) -> Result<Vec<Stream>> {
-    let bytes = fs::read(path).map_err(|e| Error::reading(path, &e))?;
-    let wrong = |what: &str| Error::Data(format!("{}: {what}", path.display()));
-    let body = bytes.strip_prefix(MAGIC).ok_or_else(|| wrong("these are no ray streams of this version of bismar"))?;
-    let (of, mut rest) = body.split_first_chunk().ok_or_else(|| wrong("cut off"))?;
-    if u64::from_le_bytes(*of) != fingerprint {
+    let wrong = |what: &str| Error::Data(format!("{}: {what}: record them again with --save-streams", path.display()));
+    let recording: Recording = files::kept(path)?
+        .ok_or_else(|| wrong("these are no ray streams of this version of bismar, or they are cut off or damaged"))?;
+    if recording.fingerprint != fingerprint {
         return Err(wrong("these streams were recorded on another scene, or another view of it"));
     }
-    streams(&mut rest).ok_or_else(|| wrong("cut off, or damaged"))
-}
-
-fn streams(rest: &mut &[u8]) -> Option<Vec<Stream>> {
-    fn bytes<'a>(rest: &mut &'a [u8], n: usize) -> Option<&'a [u8]> {
-        let (taken, left) = rest.split_at_checked(n)?;
-        *rest = left;
-        Some(taken)
-    }
-    fn number(rest: &mut &[u8]) -> Option<usize> {
-        Some(u32::from_le_bytes(*bytes(rest, 4)?.first_chunk()?) as usize)
-    }
-    fn column(rest: &mut &[u8], n: usize) -> Option<Vec<u32>> {
-        let (words, _) = bytes(rest, n.checked_mul(4)?)?.as_chunks();
-        Some(words.iter().map(|w| u32::from_le_bytes(*w)).collect())
-    }
-    let mut all = Vec::new();
-    for _ in 0..number(rest)? {
-        let length = number(rest)?;
-        let name = String::from_utf8(bytes(rest, length)?.to_vec()).ok()?;
-        let kind = if number(rest)? == 1 { Kind::Occluded } else { Kind::Closest };
-        let order = if number(rest)? == 1 { RayOrder::Incoherent } else { RayOrder::Coherent };
-        let mut queries = Vec::new();
-        for _ in 0..number(rest)? {
-            let n = number(rest)?;
-            let mut floats = || Some(column(rest, n)?.into_iter().map(f32::from_bits).collect::<Vec<_>>());
-            let origin = [floats()?, floats()?, floats()?];
-            let direction = [floats()?, floats()?, floats()?];
-            let (tnear, tfar) = (floats()?, floats()?);
-            let key = column(rest, n)?;
-            queries.push(Query { kind, order, rays: RayBatch { origin, direction, tnear, tfar, key } });
-        }
-        all.push(Stream { name, queries });
-    }
-    rest.is_empty().then_some(all)
+    Ok(recording.streams)
 }
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     fn query(n: usize, seed: u32) -> Query {
@@ -346,7 +297,7 @@ mod tests {
             Stream { name: "diffuse".into(), queries: vec![query(7, 1), query(0, 2), query(16, 3)] },
             Stream { name: "shadow".into(), queries: vec![shadow] },
         ];
-        save(&path, 42, &streams).unwrap();
+        save(&path, 42, streams.to_vec()).unwrap();
         let again = load(&path, 42).unwrap();
         assert_eq!(bits(&again), bits(&streams));
         assert_eq!(

@@ -1,15 +1,14 @@
 //! What a study found, as tables (`docs/study-rays.md` describes every column).
 
 use std::fs;
-use std::io::Write;
 use std::path::Path;
 
-use bismar::film::atomic;
 use bismar::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 use super::agree::{Class, Counts};
 use super::host::Host;
+use crate::files;
 
 /// Raised when a column changes its meaning or goes away.
 const SCHEMA: u32 = 1;
@@ -231,27 +230,13 @@ impl Results {
     /// Writes `results.json` and a CSV file a table.
     ///
     /// # Errors
-    /// As [`atomic::write`].
+    /// As [`files::write`].
     pub fn write(&self, folder: &Path) -> Result<()> {
-        let text = serde_json::to_string_pretty(self).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
-        write_bytes(&folder.join("results.json"), text.as_bytes())?;
-        csv(&folder.join("traces.csv"), &self.traces)?;
-        csv(&folder.join("builds.csv"), &self.builds)?;
-        csv(&folder.join("pictures.csv"), &self.pictures)?;
-        csv(&folder.join("scalings.csv"), &self.scalings)?;
-        csv(&folder.join("agreements.csv"), &self.agreements)
+        files::write_json(&folder.join("results.json"), self)?;
+        files::write_csv(&folder.join("traces.csv"), &self.traces)?;
+        files::write_csv(&folder.join("builds.csv"), &self.builds)?;
+        files::write_csv(&folder.join("pictures.csv"), &self.pictures)?;
+        files::write_csv(&folder.join("scalings.csv"), &self.scalings)?;
+        files::write_csv(&folder.join("agreements.csv"), &self.agreements)
     }
-}
-
-/// Writes a file whole or not at all.
-pub(super) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
-    atomic::write(path, |file| Ok(Ok(file.write_all(bytes)?)))
-}
-
-fn csv<T: Serialize>(path: &Path, rows: &[T]) -> Result<()> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    for row in rows {
-        writer.serialize(row).map_err(|e| Error::Bug(format!("CSV: {e}")))?;
-    }
-    write_bytes(path, &writer.into_inner().map_err(|e| Error::Bug(format!("CSV: {e}")))?)
 }

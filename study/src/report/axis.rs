@@ -1,6 +1,6 @@
-//! Axes: from values to places, and where the ticks go.
+//! Axes: from values to positions, and where the ticks go.
 
-/// How values become places.
+/// How values become positions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scale {
     /// In proportion.
@@ -18,7 +18,7 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// An axis on which all of the values that the scale can show have a place.
+    /// An axis on which all of the values that the scale can show have a position.
     pub fn fit(scale: Scale, values: impl Iterator<Item = f64>) -> Self {
         let shown = values.filter(|v| v.is_finite() && (scale == Scale::Linear || *v > 0.0));
         let (low, high) = shown.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
@@ -38,16 +38,16 @@ impl Axis {
         Self { scale, low, high }
     }
 
-    /// Where a value is, 0 at the low end and 1 at the high end; `None` if it has no place on the axis.
-    pub fn place(&self, value: f64) -> Option<f64> {
+    /// Where a value is, 0 at the low end and 1 at the high end; `None` if it has none on the axis.
+    pub fn position(&self, value: f64) -> Option<f64> {
         let of = |v: f64| if self.scale == Scale::Log { v.log10() } else { v };
-        let place = (of(value) - of(self.low)) / (of(self.high) - of(self.low));
-        (place.is_finite() && (-1e-9..=1.0 + 1e-9).contains(&place)).then_some(place)
+        let position = (of(value) - of(self.low)) / (of(self.high) - of(self.low));
+        (position.is_finite() && (-1e-9..=1.0 + 1e-9).contains(&position)).then_some(position)
     }
 
-    /// [`place`](Self::place), values beyond an end at that end.
+    /// [`position`](Self::position), values beyond an end at that end.
     pub fn clamped(&self, value: f64) -> Option<f64> {
-        if value.is_nan() { None } else { self.place(value.clamp(self.low, self.high)) }
+        if value.is_nan() { None } else { self.position(value.clamp(self.low, self.high)) }
     }
 
     /// Values to write at the axis, rising, two to seven or so.
@@ -101,7 +101,7 @@ mod tests {
                 let axis = Axis::fit(scale, [low, high].into_iter());
                 let ticks = axis.ticks();
                 assert!(ticks.len() <= 8 && (scale == Scale::Log || ticks.len() >= 2), "{low} {high} {ticks:?}");
-                assert!(ticks.iter().all(|t| axis.place(*t).is_some()), "{ticks:?}");
+                assert!(ticks.iter().all(|t| axis.position(*t).is_some()), "{ticks:?}");
             }
         }
         assert_eq!(Axis::new(Scale::Log, 0.5, 60.0).ticks(), [0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0]);
@@ -111,11 +111,11 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_shown_has_no_place() {
+    fn what_cannot_be_shown_has_no_position() {
         let axis = Axis::fit(Scale::Log, [0.0, 1.0, 10.0, f64::NAN, -3.0].into_iter());
-        assert!(axis.place(0.0).is_none() && axis.place(f64::NAN).is_none() && axis.place(100.0).is_none());
+        assert!(axis.position(0.0).is_none() && axis.position(f64::NAN).is_none() && axis.position(100.0).is_none());
         assert!((axis.clamped(100.0).unwrap() - 1.0).abs() < 1e-12);
-        assert!(axis.place(3.0).is_some());
-        assert!(Axis::fit(Scale::Linear, std::iter::empty()).place(1.5).is_some());
+        assert!(axis.position(3.0).is_some());
+        assert!(Axis::fit(Scale::Linear, std::iter::empty()).position(1.5).is_some());
     }
 }

@@ -1,9 +1,8 @@
 //! Line charts as SVG, with each line's name at its end.
 
-use std::fmt::Write;
+use maud::{Markup, html};
 
 use super::axis::{Axis, Scale, tick_text};
-use super::escape;
 
 /// What charts look like, in light and dark. Colours after Wong (2011), *Points of view: Color blindness*, made darker
 /// or lighter to stand out from the ground.
@@ -79,89 +78,89 @@ impl Chart {
     }
 
     /// The picture, to stand in a page that has [`CSS`].
-    pub fn svg(&self) -> String {
-        let mut out = open(WIDTH, HEIGHT, &self.title);
+    pub fn svg(&self) -> Markup {
         let (w, h) = (WIDTH - LEFT - RIGHT, HEIGHT - TOP - BOTTOM);
         let (px, py) = (|p: f64| LEFT + p * w, |p: f64| TOP + (1.0 - p) * h);
-        text(&mut out, (LEFT, 30.0), "soft", "start", &self.y_label);
-        text(&mut out, (LEFT + w / 2.0, HEIGHT - 8.0), "soft", "middle", &self.x_label);
-        for tick in self.x.ticks() {
-            let Some(x) = self.x.place(tick).map(px) else { continue };
-            line(&mut out, "grid", (x, TOP), (x, TOP + h));
-            text(&mut out, (x, TOP + h + 16.0), "soft", "middle", &tick_text(tick));
-        }
-        for tick in self.y.ticks() {
-            let Some(y) = self.y.place(tick).map(py) else { continue };
-            line(&mut out, "grid", (LEFT, y), (LEFT + w, y));
-            text(&mut out, (LEFT - 7.0, y + 4.0), "soft", "end", &tick_text(tick));
-        }
-        for (value, word) in &self.marks {
-            let Some(x) = self.x.place(*value).map(px) else { continue };
-            line(&mut out, "mark", (x, TOP), (x, TOP + h));
-            text(&mut out, (x + 4.0, TOP + 11.0), "soft", "start", word);
-        }
-        let mut labels = Vec::new();
-        for series in &self.series {
-            let placed = |&(x, y): &(f64, f64)| Some((px(self.x.clamped(x)?), py(self.y.clamped(y)?)));
+        let placed = |&(x, y): &(f64, f64)| Some((px(self.x.clamped(x)?), py(self.y.clamped(y)?)));
+        let lines = self.series.iter().filter_map(|series| {
             let points = series.points.iter().filter_map(placed).collect::<Vec<_>>();
-            let Some(&end) = points.last() else { continue };
-            let color = series.color % COLORS;
-            let path = points.iter().map(|(x, y)| format!("{x:.1},{y:.1}")).collect::<Vec<_>>().join(" ");
-            let _ = write!(
-                out,
-                r#"<polyline class="line" points="{path}" stroke="var(--s{color})" stroke-dasharray="{}"/>"#,
-                DASHES[color]
-            );
-            for (x, y) in points.iter().filter(|_| self.dots) {
-                let _ = write!(out, r#"<circle cx="{x:.1}" cy="{y:.1}" r="3" fill="var(--s{color})"/>"#);
+            Some((*points.last()?, points, series))
+        });
+        let lines = lines.collect::<Vec<_>>();
+        let labels = spread(&lines.iter().map(|((_, y), ..)| *y).collect::<Vec<_>>(), (TOP + 6.0, TOP + h));
+        let edge = LEFT + w + 14.0;
+        let content = html! {
+            (text((LEFT, 30.0), "soft", "start", &self.y_label))
+            (text((LEFT + w / 2.0, HEIGHT - 8.0), "soft", "middle", &self.x_label))
+            @for (tick, x) in self.x.ticks().into_iter().filter_map(|t| Some((t, px(self.x.position(t)?)))) {
+                (line("grid", (x, TOP), (x, TOP + h)))
+                (text((x, TOP + h + 16.0), "soft", "middle", &tick_text(tick)))
             }
-            labels.push((end, color, &series.name));
-        }
-        let wanted = labels.iter().map(|((_, y), ..)| *y).collect::<Vec<_>>();
-        for (((x, y), color, name), at) in labels.iter().zip(spread(&wanted, (TOP + 6.0, TOP + h))) {
-            let edge = LEFT + w + 14.0;
-            let _ = write!(
-                out,
-                r#"<path d="M{:.1} {y:.1}L{:.1} {at:.1}" stroke="var(--s{color})" stroke-width="1" fill="none" opacity=".6"/>"#,
-                x + 4.0,
-                edge - 3.0
-            );
-            let _ = write!(
-                out,
-                r#"<text x="{edge:.1}" y="{:.1}" style="fill:var(--s{color})">{}</text>"#,
-                at + 4.0,
-                escape(name)
-            );
-        }
-        out + "</svg>"
+            @for (tick, y) in self.y.ticks().into_iter().filter_map(|t| Some((t, py(self.y.position(t)?)))) {
+                (line("grid", (LEFT, y), (LEFT + w, y)))
+                (text((LEFT - 7.0, y + 4.0), "soft", "end", &tick_text(tick)))
+            }
+            @for (word, x) in self.marks.iter().filter_map(|(v, word)| Some((word, px(self.x.position(*v)?)))) {
+                (line("mark", (x, TOP), (x, TOP + h)))
+                (text((x + 4.0, TOP + 11.0), "soft", "start", word))
+            }
+            @for (_, points, series) in &lines {
+                polyline.line points=(points.iter().map(|(x, y)| format!("{x:.1},{y:.1}")).collect::<Vec<_>>().join(" "))
+                    stroke=(ink(series.color)) stroke-dasharray=(DASHES[series.color % COLORS]) {}
+                @if self.dots {
+                    @for &at in points { (dot(at, 3.0, series.color)) }
+                }
+            }
+            @for (((x, y), _, series), at) in lines.iter().zip(labels) {
+                path d=(format!("M{:.1} {y:.1}L{:.1} {at:.1}", x + 4.0, edge - 3.0)) stroke=(ink(series.color))
+                    stroke-width="1" fill="none" opacity=".6" {}
+                text x=(tenth(edge)) y=(tenth(at + 4.0)) style={ "fill:" (ink(series.color)) } { (series.name) }
+            }
+        };
+        frame((WIDTH, HEIGHT), &self.title, content)
     }
 
     /// The picture as a file of its own.
     pub fn file(&self) -> String {
-        standalone(&self.svg())
+        standalone(self.svg())
     }
 }
 
 /// A picture with the look that pages give it.
-pub(super) fn standalone(svg: &str) -> String {
-    svg.replacen('>', &format!("><style>{CSS}.chart{{background:#fff}}@media(prefers-color-scheme:dark){{.chart{{background:#14181d}}}}</style>"), 1)
+pub(super) fn standalone(svg: Markup) -> String {
+    let ground = ".chart{background:#fff}@media(prefers-color-scheme:dark){.chart{background:#14181d}}";
+    svg.0.replacen('>', &format!("><style>{CSS}{ground}</style>"), 1)
 }
 
-/// Opens a picture.
-pub(super) fn open(width: f64, height: f64, title: &str) -> String {
-    let title = escape(title);
-    format!(
-        r#"<svg class="chart" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" role="img" aria-label="{title}"><text class="title" x="0" y="13">{title}</text>"#
-    )
+/// A picture of a size, with its title.
+pub(super) fn frame((width, height): (f64, f64), title: &str, content: Markup) -> Markup {
+    html! {
+        svg.chart xmlns="http://www.w3.org/2000/svg" viewBox={ "0 0 " (width) " " (height) } role="img" aria-label=(title) {
+            text.title x="0" y="13" { (title) }
+            (content)
+        }
+    }
 }
 
-pub(super) fn text(out: &mut String, (x, y): (f64, f64), class: &str, anchor: &str, words: &str) {
-    let words = escape(words);
-    let _ = write!(out, r#"<text class="{class}" x="{x:.1}" y="{y:.1}" text-anchor="{anchor}">{words}</text>"#);
+pub(super) fn text((x, y): (f64, f64), class: &str, anchor: &str, words: &str) -> Markup {
+    html! { text class=(class) x=(tenth(x)) y=(tenth(y)) text-anchor=(anchor) { (words) } }
 }
 
-pub(super) fn line(out: &mut String, class: &str, a: (f64, f64), b: (f64, f64)) {
-    let _ = write!(out, r#"<path class="{class}" d="M{:.1} {:.1}L{:.1} {:.1}"/>"#, a.0, a.1, b.0, b.1);
+pub(super) fn line(class: &str, a: (f64, f64), b: (f64, f64)) -> Markup {
+    html! { path class=(class) d=(format!("M{:.1} {:.1}L{:.1} {:.1}", a.0, a.1, b.0, b.1)) {} }
+}
+
+pub(super) fn dot((x, y): (f64, f64), radius: f64, color: usize) -> Markup {
+    html! { circle cx=(tenth(x)) cy=(tenth(y)) r=(radius) fill=(ink(color)) {} }
+}
+
+/// One of the [`COLORS`] as pages name it.
+pub(super) fn ink(color: usize) -> String {
+    format!("var(--s{})", color % COLORS)
+}
+
+fn tenth(x: f64) -> String {
+    format!("{x:.1}")
 }
 
 /// Places near the wanted ones, in the same order, at least [`LABEL_GAP`] apart and, if there is room, in the range.
@@ -201,7 +200,7 @@ mod tests {
         let series = |name: &str, color| Series { name: name.into(), points: vec![(1.0, 0.1), (10.0, 0.01)], color };
         let lines = vec![series("a", 0), series("<b>", 9)];
         let chart = Chart::fitted("t & u", ["x", "y"], [Scale::Log; 2], lines);
-        let svg = chart.svg();
+        let svg = chart.svg().0;
         assert_eq!(svg.matches("<polyline").count(), 2);
         assert!(svg.contains("&lt;b&gt;") && !svg.contains("<b>") && svg.contains("t &amp; u"));
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
@@ -214,7 +213,7 @@ mod tests {
             Series { name: "none".into(), points: vec![], color: 1 },
             Series { name: "bad".into(), points: vec![(0.0, f64::NAN), (1.0, 0.0)], color: 2 },
         ];
-        let svg = Chart::fitted("", ["", ""], [Scale::Log, Scale::Linear], series).svg();
+        let svg = Chart::fitted("", ["", ""], [Scale::Log, Scale::Linear], series).svg().0;
         assert!(!svg.contains("NaN"));
     }
 }

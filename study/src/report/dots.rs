@@ -1,9 +1,9 @@
 //! Dot plots: one row a thing, one dot a kind, with its uncertainty.
 
-use std::fmt::Write;
+use maud::{Markup, html};
 
 use super::axis::{Axis, tick_text};
-use super::chart::{COLORS, line, open, standalone, text};
+use super::chart::{dot, frame, ink, line, standalone, text};
 
 /// One measured value in a row.
 #[derive(Debug, Clone, Copy)]
@@ -41,56 +41,62 @@ const LANE: f64 = 9.0;
 
 impl DotPlot {
     /// The picture, to stand in a page that has [`super::chart::CSS`].
-    pub fn svg(&self) -> String {
+    pub fn svg(&self) -> Markup {
         let row_height = LANE * self.kinds.len() as f64 + 12.0;
         let body = row_height * self.rows.len() as f64;
         // The legend, in as many lines as it takes.
-        let (mut legend, mut x, mut y) = (String::new(), LEFT, 34.0);
+        let (mut legend, mut at) = (Vec::new(), (LEFT, 34.0));
         for (name, color) in &self.kinds {
-            let (color, width) = (color % COLORS, 24.0 + 7.2 * name.chars().count() as f64);
-            if x > LEFT && x + width > WIDTH {
-                (x, y) = (LEFT, y + 16.0);
+            let width = 24.0 + 7.2 * name.chars().count() as f64;
+            if at.0 > LEFT && at.0 + width > WIDTH {
+                at = (LEFT, at.1 + 16.0);
             }
-            let _ = write!(legend, r#"<circle cx="{x:.1}" cy="{y:.1}" r="4" fill="var(--s{color})"/>"#);
-            text(&mut legend, (x + 8.0, y + 4.0), "", "start", name);
-            x += width;
+            legend.push((at, name, *color));
+            at.0 += width;
         }
-        let head = TOP + y - 34.0;
-        let mut out = open(WIDTH, head + body + 44.0, &self.title) + &legend;
+        let head = TOP + at.1 - 34.0;
         let w = WIDTH - LEFT - RIGHT;
         let px = |p: f64| LEFT + p * w;
-        for tick in self.axis.ticks() {
-            let Some(x) = self.axis.place(tick).map(px) else { continue };
-            line(&mut out, "grid", (x, head), (x, head + body));
-            text(&mut out, (x, head + body + 16.0), "soft", "middle", &tick_text(tick));
-        }
-        text(&mut out, (LEFT + w / 2.0, head + body + 36.0), "soft", "middle", &self.label);
-        if let Some((x, word)) = self.mark.as_ref().and_then(|(v, word)| Some((px(self.axis.place(*v)?), word))) {
-            line(&mut out, "mark", (x, head - 4.0), (x, head + body));
-            text(&mut out, (x + 4.0, head + 6.0), "soft", "start", word);
-        }
-        for (i, (name, dots)) in self.rows.iter().enumerate() {
-            let top = head + row_height * i as f64;
-            line(&mut out, "grid", (0.0, top), (LEFT + w, top));
-            text(&mut out, (0.0, top + row_height / 2.0 + 4.0), "", "start", name);
-            for dot in dots {
-                let Some((_, color)) = self.kinds.get(dot.kind) else { continue };
-                let Some(x) = self.axis.clamped(dot.value).map(px) else { continue };
-                let (y, color) = (top + 6.0 + LANE * (dot.kind as f64 + 0.5), color % COLORS);
-                let end = |v: f64| self.axis.clamped(v).map_or(x, px);
-                let (a, b) = (end(dot.value - 2.0 * dot.error), end(dot.value + 2.0 * dot.error));
-                let _ = write!(
-                    out,
-                    r#"<path d="M{a:.1} {y:.1}H{b:.1}" stroke="var(--s{color})" stroke-width="2" opacity=".55"/><circle cx="{x:.1}" cy="{y:.1}" r="3.5" fill="var(--s{color})"/>"#
-                );
+        let mark = self.mark.as_ref().and_then(|(v, word)| Some((px(self.axis.position(*v)?), word)));
+        let content = html! {
+            @for ((x, y), name, color) in legend {
+                (dot((x, y), 4.0, color))
+                (text((x + 8.0, y + 4.0), "", "start", name))
             }
+            @for (tick, x) in self.axis.ticks().into_iter().filter_map(|t| Some((t, px(self.axis.position(t)?)))) {
+                (line("grid", (x, head), (x, head + body)))
+                (text((x, head + body + 16.0), "soft", "middle", &tick_text(tick)))
+            }
+            (text((LEFT + w / 2.0, head + body + 36.0), "soft", "middle", &self.label))
+            @if let Some((x, word)) = mark {
+                (line("mark", (x, head - 4.0), (x, head + body)))
+                (text((x + 4.0, head + 6.0), "soft", "start", word))
+            }
+            @for (i, (name, dots)) in self.rows.iter().enumerate() {
+                @let top = head + row_height * i as f64;
+                (line("grid", (0.0, top), (LEFT + w, top)))
+                (text((0.0, top + row_height / 2.0 + 4.0), "", "start", name))
+                @for dot in dots { (self.dot(dot, top + 6.0, px)) }
+            }
+        };
+        frame((WIDTH, head + body + 44.0), &self.title, content)
+    }
+
+    /// A dot with its uncertainty, in its kind's lane of a row that begins at `top`; nothing if it has no place.
+    fn dot(&self, one: &Dot, top: f64, px: impl Fn(f64) -> f64) -> Markup {
+        let position = |v: f64| self.axis.clamped(v).map(&px);
+        let (Some((_, color)), Some(x)) = (self.kinds.get(one.kind), position(one.value)) else { return html! {} };
+        let y = top + LANE * (one.kind as f64 + 0.5);
+        let [a, b] = [-2.0, 2.0].map(|n| position(one.value + n * one.error).unwrap_or(x));
+        html! {
+            path d=(format!("M{a:.1} {y:.1}H{b:.1}")) stroke=(ink(*color)) stroke-width="2" opacity=".55" {}
+            (dot((x, y), 3.5, *color))
         }
-        out + "</svg>"
     }
 
     /// The picture as a file of its own.
     pub fn file(&self) -> String {
-        standalone(&self.svg())
+        standalone(self.svg())
     }
 }
 
@@ -111,7 +117,7 @@ mod tests {
             rows: vec![("x".into(), vec![dot(0.5, 0), dot(100.0, 1), dot(f64::NAN, 1)])],
         };
         // Two in the legend, two in the row.
-        assert_eq!(plot.svg().matches("<circle").count(), 4);
+        assert_eq!(plot.svg().0.matches("<circle").count(), 4);
         assert!(!plot.file().contains("NaN"));
     }
 }

@@ -1,12 +1,11 @@
 //! One HTML file that needs nothing else.
 
-use std::fmt::Write;
-
 use bismar::Result;
+use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::chart;
 use super::picture::{ColorScale, Picture};
-use super::{escape, table::Table};
+use super::table::Table;
 
 const CSS: &str = "
 :root{--bg:#fff;--ink:#1d232b;--soft:#5d6875;--rule:#e4e8ed;--card:#f6f8fa;--good:#00694c;--bad:#b03a00;--link:#0067a5}
@@ -63,124 +62,142 @@ impl Page {
         Self { title: title.to_owned(), lead: lead.to_owned(), links: Vec::new(), body: String::new() }
     }
 
+    /// Adds a piece.
+    pub fn add(&mut self, piece: Markup) {
+        self.body += &piece.0;
+    }
+
     /// Begins a part that the list at the top leads to.
     pub fn section(&mut self, title: &str) {
         let id = format!("s{}", self.links.len() + 1);
-        let _ = write!(self.body, "<h2 id={id}>{}</h2>", escape(title));
+        self.add(html! { h2 id=(id) { (title) } });
         self.links.push((id, title.to_owned()));
     }
 
     /// A heading inside of a part.
     pub fn heading(&mut self, title: &str) {
-        let _ = write!(self.body, "<h3>{}</h3>", escape(title));
+        self.add(html! { h3 { (title) } });
     }
 
     /// A paragraph. What stands between backticks is set as code.
     pub fn text(&mut self, text: &str) {
-        let _ = write!(self.body, "<p>{}</p>", marked(text));
+        self.add(html! { p { (marked(text)) } });
     }
 
     /// A table.
     pub fn table(&mut self, table: &Table) {
-        self.body += &table.html();
+        self.add(table.html());
     }
 
     /// Pieces side by side, as many as fit in a row.
-    pub fn row(&mut self, pieces: &[String]) {
-        let _ = write!(self.body, "<div class=row>{}</div>", pieces.concat());
+    pub fn row(&mut self, pieces: impl IntoIterator<Item = Markup>) {
+        self.add(html! { div.row { @for piece in pieces { (piece) } } });
     }
 
     /// A chart over the text's whole width.
-    pub fn wide(&mut self, svg: &str, caption: &str) {
-        let _ = write!(self.body, "<figure class=full>{svg}<figcaption>{}</figcaption></figure>", marked(caption));
+    pub fn wide(&mut self, svg: Markup, caption: &str) {
+        self.add(figure("full", svg, caption));
     }
 
     /// Parts that only some readers want.
     pub fn details(&mut self, summary: &str, fill: impl FnOnce(&mut Page)) {
-        let _ = write!(self.body, "<details><summary>{}</summary>", marked(summary));
+        let before = std::mem::take(&mut self.body);
         fill(self);
-        self.body += "</details>";
+        let inside = PreEscaped(std::mem::replace(&mut self.body, before));
+        self.add(html! { details { summary { (marked(summary)) } (inside) } });
     }
 
     /// The file.
     pub fn finish(self) -> String {
-        let links = self.links.iter().map(|(id, title)| format!("<a href=#{id}>{}</a>", escape(title)));
-        format!(
-            "<!doctype html><html lang=en><head><meta charset=utf-8><meta name=viewport content=\"width=device-width\">\
-             <title>{title}</title><style>{CSS}{}</style></head><body><h1>{title}</h1><p class=lead>{}</p>\
-             <nav>{}</nav>{}<script>{SCRIPT}</script></body></html>\n",
-            chart::CSS,
-            marked(&self.lead),
-            links.collect::<String>(),
-            self.body,
-            title = escape(&self.title),
-        )
+        let page = html! {
+            (DOCTYPE)
+            html lang="en" {
+                head {
+                    meta charset="utf-8";
+                    meta name="viewport" content="width=device-width";
+                    title { (self.title) }
+                    style { (PreEscaped(CSS)) (PreEscaped(chart::CSS)) }
+                }
+                body {
+                    h1 { (self.title) }
+                    p.lead { (marked(&self.lead)) }
+                    nav { @for (id, title) in &self.links { a href={ "#" (id) } { (title) } } }
+                    (PreEscaped(self.body))
+                    script { (PreEscaped(SCRIPT)) }
+                }
+            }
+        };
+        page.0 + "\n"
     }
 }
 
-/// Escaped, with what stands between backticks as code.
-fn marked(text: &str) -> String {
-    let escaped = escape(text);
-    let pieces = escaped.split('`').enumerate();
-    pieces.map(|(i, piece)| if i % 2 == 1 { format!("<code>{piece}</code>") } else { piece.to_owned() }).collect()
+/// What stands between backticks is code.
+fn marked(text: &str) -> Markup {
+    html! {
+        @for (i, piece) in text.split('`').enumerate() {
+            @if i % 2 == 1 { code { (piece) } } @else { (piece) }
+        }
+    }
+}
+
+fn figure(class: &str, content: Markup, caption: &str) -> Markup {
+    html! { figure class=(class) { (content) figcaption { (marked(caption)) } } }
 }
 
 /// A chart with a caption, for a row.
-pub fn chart_figure(svg: &str, caption: &str) -> String {
-    format!("<figure class=wide>{svg}<figcaption>{}</figcaption></figure>", marked(caption))
+pub fn chart_figure(svg: Markup, caption: &str) -> Markup {
+    figure("wide", svg, caption)
 }
 
 /// A picture with a caption, for a row.
 ///
 /// # Errors
 /// As [`Picture::data_uri`].
-pub fn picture_figure(picture: &Picture, caption: &str) -> Result<String> {
-    figure("pic", picture, "", caption)
+pub fn picture_figure(picture: &Picture, caption: &str) -> Result<Markup> {
+    Ok(figure("pic", image(picture, caption)?, caption))
 }
 
 /// A small picture with a caption, for a row.
 ///
 /// # Errors
 /// As [`Picture::data_uri`].
-pub fn crop_figure(picture: &Picture, caption: &str) -> Result<String> {
-    figure("crop", picture, "", caption)
+pub fn crop_figure(picture: &Picture, caption: &str) -> Result<Markup> {
+    Ok(figure("crop", image(picture, caption)?, caption))
 }
 
 /// A picture in false colours with what they mean: words at the low end, in the middle and at the high end.
 ///
 /// # Errors
 /// As [`Picture::data_uri`].
-pub fn map_figure(picture: &Picture, scale: ColorScale, words: [&str; 3], caption: &str) -> Result<String> {
-    let words = words.map(|w| format!("<span>{}</span>", escape(w))).concat();
-    let legend =
-        format!("<div class=legend style=\"background:{}\"></div><div class=ends>{words}</div>", scale.gradient());
-    figure("pic", picture, &legend, caption)
+pub fn map_figure(picture: &Picture, scale: ColorScale, words: [&str; 3], caption: &str) -> Result<Markup> {
+    let content = html! {
+        (image(picture, caption)?)
+        div.legend style={ "background:" (scale.gradient()) } {}
+        div.ends { @for word in words { span { (word) } } }
+    };
+    Ok(figure("pic", content, caption))
 }
 
-fn figure(class: &str, picture: &Picture, legend: &str, caption: &str) -> Result<String> {
-    let (uri, alt) = (picture.data_uri()?, escape(caption));
+fn image(picture: &Picture, alt: &str) -> Result<Markup> {
     let (w, h) = (picture.width, picture.height);
-    Ok(format!(
-        "<figure class={class}><img src=\"{uri}\" width={w} height={h} style=\"height:auto\" alt=\"{alt}\">{legend}\
-         <figcaption>{}</figcaption></figure>",
-        marked(caption)
-    ))
+    Ok(html! { img src=(picture.data_uri()?) width=(w) height=(h) style="height:auto" alt=(alt); })
 }
 
 /// Two pictures of the same view, the right one over the left one up to where the reader pulls it.
 ///
 /// # Errors
 /// As [`Picture::data_uri`].
-pub fn slider(left: (&Picture, &str), right: (&Picture, &str), caption: &str) -> Result<String> {
-    let (a, b) = (left.0.data_uri()?, right.0.data_uri()?);
-    let (left, right) = (escape(left.1), escape(right.1));
-    Ok(format!(
-        "<figure class=wide><div class=slider><img src=\"{a}\" alt=\"{left}\"><img src=\"{b}\" alt=\"{right}\">\
-         <span class=l>{left}</span><span class=r>{right}</span>\
-         <input type=range min=0 max=100 step=.1 value=50 aria-label=\"{left} against {right}\"></div>\
-         <figcaption>{}</figcaption></figure>",
-        marked(caption)
-    ))
+pub fn slider(left: (&Picture, &str), right: (&Picture, &str), caption: &str) -> Result<Markup> {
+    let content = html! {
+        div.slider {
+            img src=(left.0.data_uri()?) alt=(left.1);
+            img src=(right.0.data_uri()?) alt=(right.1);
+            span.l { (left.1) }
+            span.r { (right.1) }
+            input type="range" min="0" max="100" step=".1" value="50" aria-label={ (left.1) " against " (right.1) };
+        }
+    };
+    Ok(figure("wide", content, caption))
 }
 
 #[cfg(test)]
@@ -193,14 +210,14 @@ mod tests {
         page.section("One <two>");
         page.text("x");
         let picture = Picture::new(1, 1, std::iter::once([1.0, 0.0, 0.0]));
-        page.row(&[
+        page.row([
             picture_figure(&picture, "\"quoted\"").unwrap(),
             slider((&picture, "l"), (&picture, "r"), "").unwrap(),
         ]);
         page.details("more", |page| page.text("inside"));
         let html = page.finish();
         assert!(html.contains("<h1>a &lt; b</h1>") && html.contains("<code>code</code> &amp; more"));
-        assert!(html.contains("<h2 id=s1>One &lt;two&gt;</h2>") && html.contains("<a href=#s1>"));
+        assert!(html.contains(r##"<h2 id="s1">One &lt;two&gt;</h2>"##) && html.contains(r##"<a href="#s1">"##));
         for outside in ["http://", "https://", "src=\"/", "url(", "<link"] {
             assert!(!html.contains(outside), "{outside}");
         }

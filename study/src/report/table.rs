@@ -1,8 +1,6 @@
 //! Tables for pages.
 
-use std::fmt::Write;
-
-use super::escape;
+use maud::{Markup, html};
 
 /// How a cell stands out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,6 +15,18 @@ pub enum Tone {
     Faint,
     /// Words, not a number: a column of these is set from the left.
     Words,
+}
+
+impl Tone {
+    fn class(self) -> Option<&'static str> {
+        match self {
+            Tone::Plain => None,
+            Tone::Good => Some("good"),
+            Tone::Bad => Some("bad"),
+            Tone::Faint => Some("faint"),
+            Tone::Words => Some("words"),
+        }
+    }
 }
 
 /// A table whose first column names its rows.
@@ -36,31 +46,24 @@ impl Table {
     }
 
     /// The table.
-    pub fn html(&self) -> String {
-        let mut out = "<div class=scroll><table><thead><tr>".to_owned();
+    pub fn html(&self) -> Markup {
         let of_words = |column: usize| {
             !self.rows.is_empty() && self.rows.iter().all(|row| matches!(row.get(column), Some((_, Tone::Words))))
         };
-        for (i, (head, meaning)) in self.columns.iter().enumerate() {
-            let class = if of_words(i) { " class=words" } else { "" };
-            let _ = write!(out, r#"<th{class} title="{}">{}</th>"#, escape(meaning), escape(head));
+        html! {
+            div.scroll { table {
+                thead { tr {
+                    @for (i, (head, meaning)) in self.columns.iter().enumerate() {
+                        th class=[of_words(i).then_some("words")] title=(meaning) { (head) }
+                    }
+                } }
+                tbody {
+                    @for row in &self.rows {
+                        tr { @for (text, tone) in row { td class=[tone.class()] { (text) } } }
+                    }
+                }
+            } }
         }
-        out += "</tr></thead><tbody>";
-        for row in &self.rows {
-            out += "<tr>";
-            for (text, tone) in row {
-                let class = match tone {
-                    Tone::Plain => "",
-                    Tone::Good => " class=good",
-                    Tone::Bad => " class=bad",
-                    Tone::Faint => " class=faint",
-                    Tone::Words => " class=words",
-                };
-                let _ = write!(out, "<td{class}>{}</td>", escape(text));
-            }
-            out += "</tr>";
-        }
-        out + "</tbody></table></div>"
     }
 
     /// The table in Markdown.
@@ -85,10 +88,11 @@ mod tests {
         let mut table = Table::new(&[("a|b", "what \"a\" is"), ("c", "")]);
         table.rows.push(vec![("<1>".into(), Tone::Plain), ("2".into(), Tone::Bad)]);
         assert_eq!(table.markdown(), "| a\\|b | c |\n| --- | --- |\n| <1> | 2 |\n");
-        let html = table.html();
-        assert!(html.contains("&lt;1&gt;") && html.contains("<td class=bad>2") && html.contains("&quot;a&quot;"));
-        assert!(!html.contains("class=words"));
+        let html = table.html().0;
+        assert!(html.contains("&lt;1&gt;") && html.contains(r#"<td class="bad">2"#) && html.contains("&quot;a&quot;"));
+        assert!(!html.contains(r#"class="words""#));
         table.rows[0][1].1 = Tone::Words;
-        assert!(table.html().contains("<th class=words title=\"\">c") && table.html().contains("<td class=words>2"));
+        let html = table.html().0;
+        assert!(html.contains(r#"<th class="words" title="">c"#) && html.contains(r#"<td class="words">2"#));
     }
 }

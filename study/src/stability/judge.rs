@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::simulate::Shot;
+use crate::statistics::Sums;
 
 /// Chance that the whole family of tests raises an alarm though all is well.
 pub const FALSE_ALARM: f64 = 1e-4;
@@ -110,44 +111,6 @@ impl Ratios {
     /// Mean.
     pub fn mean(&self) -> f64 {
         self.all.mean()
-    }
-}
-
-/// Sum, sum of squares and number.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Sums {
-    n: f64,
-    sum: f64,
-    squares: f64,
-}
-
-impl Sums {
-    /// Adds a value.
-    pub fn add(&mut self, x: f64) {
-        self.n += 1.0;
-        self.sum += x;
-        self.squares += x * x;
-    }
-
-    fn join(&mut self, other: &Self) {
-        self.n += other.n;
-        self.sum += other.sum;
-        self.squares += other.squares;
-    }
-
-    /// Mean.
-    pub fn mean(&self) -> f64 {
-        self.sum / self.n
-    }
-
-    /// Sample variance.
-    pub fn variance(&self) -> f64 {
-        ((self.squares - self.sum * self.sum / self.n) / (self.n - 1.0)).max(0.0)
-    }
-
-    /// Standard error of the mean.
-    pub fn error(&self) -> f64 {
-        (self.variance() / self.n).sqrt()
     }
 }
 

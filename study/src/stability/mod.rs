@@ -17,17 +17,18 @@ use std::sync::atomic::AtomicBool;
 
 use bismar::Result;
 use bismar::balance::{Balance, Counts, Heuristic};
+use bismar::sampling::SplitMix64;
 use rayon::prelude::*;
 use serde::Serialize;
 
 use cases::Case;
 use facts::Fact;
 use judge::{Outcome, Tally, Verdict, z_limit};
-use simulate::{Random, Subject, replica};
+use simulate::{Subject, replica};
 
 /// A mode and how the estimators came through it.
 #[derive(Debug, Clone, Serialize)]
-pub struct ModeReport {
+pub struct ModeResult {
     /// F1 … F17.
     pub mode: &'static str,
     /// In a few words.
@@ -65,7 +66,7 @@ pub struct Control {
 
 /// All that was found.
 #[derive(Debug, Clone, Serialize)]
-pub struct Report {
+pub struct Results {
     /// Largest |z| allowed of one test.
     pub z_limit: f64,
     /// How many z-tests there were.
@@ -73,16 +74,16 @@ pub struct Report {
     /// Chance of a false alarm among all of them.
     pub false_alarm: f64,
     /// In the order of their numbers.
-    pub modes: Vec<ModeReport>,
+    pub modes: Vec<ModeResult>,
     /// Answers that need no chance.
     pub facts: Vec<Fact>,
     /// What had to be caught.
     pub controls: Vec<Control>,
 }
 
-impl Report {
+impl Results {
     /// How an estimator came through a mode.
-    pub fn verdict(&self, mode: &ModeReport, outcome: &Outcome) -> Verdict {
+    pub fn verdict(&self, mode: &ModeResult, outcome: &Outcome) -> Verdict {
         outcome.verdict(mode.bar, self.z_limit)
     }
 
@@ -92,7 +93,7 @@ impl Report {
     }
 
     /// Estimators with a wrong mean or a value that is not finite, each with the mode.
-    pub fn wrong(&self) -> Vec<(&str, &ModeReport)> {
+    pub fn wrong(&self) -> Vec<(&str, &ModeResult)> {
         let of = |m| move |o| (self.verdict(m, o) == Verdict::Wrong).then_some((o.estimator.as_str(), m));
         self.modes.iter().flat_map(|m| m.outcomes.iter().filter_map(of(m))).collect()
     }
@@ -114,7 +115,7 @@ pub fn measure(
     scene_replicas: Option<u32>,
     stop: &AtomicBool,
     done: &mut dyn FnMut() -> Result<()>,
-) -> Result<Report> {
+) -> Result<Results> {
     let mut modes = Vec::new();
     for case in cases::cases() {
         let mut outcomes = Vec::new();
@@ -124,7 +125,7 @@ pub fn measure(
         }
         let best = case.image.pixels.iter().map(|d| d.best(case.paths)).sum::<f64>() / case.image.pixels.len() as f64;
         let Case { mode, name, construct, paths, bar, .. } = case;
-        modes.push(ModeReport {
+        modes.push(ModeResult {
             mode,
             name,
             construct,
@@ -140,7 +141,7 @@ pub fn measure(
         for case in scenes::scene_cases()? {
             let outcomes = case.outcomes(Balance::all(), replicas, stop, done)?;
             let (mode, name, construct, paths) = (case.mode, case.name, case.construct, scenes::PATHS);
-            modes.push(ModeReport {
+            modes.push(ModeResult {
                 mode,
                 name,
                 construct,
@@ -178,7 +179,7 @@ pub fn measure(
             outcome: of_careless,
         },
     ];
-    Ok(Report { z_limit, tests, false_alarm: judge::FALSE_ALARM, modes, facts: facts::facts(), controls })
+    Ok(Results { z_limit, tests, false_alarm: judge::FALSE_ALARM, modes, facts: facts::facts(), controls })
 }
 
 /// Replicas that are added up one after another; sums of these are added in order, so that threads do not matter.
@@ -195,7 +196,9 @@ fn exact(case: &Case, subject: Subject, replicas: u32) -> Outcome {
         .map(|start| {
             let mut tally = Tally::new(&truth);
             for r in start..(start + TOGETHER).min(replicas) {
-                tally.add(&replica(&case.image, subject, case.paths, &mut Random::new(u64::from(r))));
+                // Neighbouring states make overlapping streams.
+                let mut random = SplitMix64(SplitMix64(u64::from(r)).bits());
+                tally.add(&replica(&case.image, subject, case.paths, &mut random));
             }
             tally
         })

@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use bismar::film::atomic;
-use bismar::{Error, Result};
+use bismar::Result;
 
 use super::judge::{Outcome, Verdict};
 use super::simulate::Subject;
-use super::{ModeReport, Report};
+use super::{ModeResult, Results};
+use crate::files;
 use crate::report::{Page, Table, Tone, number};
 
 /// Raised when a field changes its meaning or goes away.
@@ -46,7 +46,7 @@ fn ratio(x: f64) -> String {
     }
 }
 
-fn name_of(mode: &ModeReport) -> String {
+fn name_of(mode: &ModeResult) -> String {
     format!("{} {}", mode.mode, mode.name)
 }
 
@@ -56,16 +56,16 @@ fn none() -> (String, Tone) {
 
 /// A table with a row a mode and a column an estimator, then other columns.
 fn by_mode(
-    report: &Report,
-    cell: impl Fn(&ModeReport, &Outcome) -> (String, Tone),
+    results: &Results,
+    cell: impl Fn(&ModeResult, &Outcome) -> (String, Tone),
     last: &[(&str, &str)],
-    others: impl Fn(&ModeReport) -> Vec<String>,
+    others: impl Fn(&ModeResult) -> Vec<String>,
 ) -> Table {
     let mut table = Table::new(&[("mode", "failure mode")]);
     let names: Vec<_> = Subject::shown().into_iter().map(Subject::name).collect();
     table.columns.extend(names.iter().map(|name| (name.clone(), String::new())));
     table.columns.extend(last.iter().map(|(a, b)| ((*a).to_owned(), (*b).to_owned())));
-    for mode in &report.modes {
+    for mode in &results.modes {
         let mut row = vec![(name_of(mode), Tone::Plain)];
         let of = |name: &String| mode.outcomes.iter().find(|o| o.estimator == *name);
         row.extend(names.iter().map(|name| of(name).map_or_else(none, |o| cell(mode, o))));
@@ -76,15 +76,15 @@ fn by_mode(
 }
 
 /// The worst pixel and channel of each, and how often each one failed.
-pub fn survival(report: &Report) -> Table {
-    let cell = |m: &ModeReport, o: &Outcome| judged(o, m.bar, report.verdict(m, o));
+pub fn survival(results: &Results) -> Table {
+    let cell = |m: &ModeResult, o: &Outcome| judged(o, m.bar, results.verdict(m, o));
     let bar = ("bar", "largest ratio that counts as survived");
-    let mut table = by_mode(report, cell, &[bar], |m| vec![ratio(m.bar)]);
+    let mut table = by_mode(results, cell, &[bar], |m| vec![ratio(m.bar)]);
     let mut total = vec![("fails for sure".to_owned(), Tone::Plain)];
     for subject in Subject::shown() {
-        let outcomes = || report.modes.iter().flat_map(|m| m.outcomes.iter().map(move |o| (m, o)));
+        let outcomes = || results.modes.iter().flat_map(|m| m.outcomes.iter().map(move |o| (m, o)));
         let own = || outcomes().filter(|(_, o)| o.estimator == subject.name());
-        let sure = |(m, o): &(&ModeReport, &Outcome)| matches!(report.verdict(m, o), Verdict::Fails | Verdict::Wrong);
+        let sure = |(m, o): &(&ModeResult, &Outcome)| matches!(results.verdict(m, o), Verdict::Fails | Verdict::Wrong);
         let failed = own().filter(sure).count();
         let tone = if failed > 0 { Tone::Bad } else { Tone::Good };
         total.push((format!("{failed} of {}", own().count()), tone));
@@ -95,32 +95,32 @@ pub fn survival(report: &Report) -> Table {
 }
 
 /// Mean ratios, and the limit.
-fn means(report: &Report) -> Table {
+fn means(results: &Results) -> Table {
     let best = ("best fixed share", "least variance of any counts that are fixed beforehand");
-    let cell = |_: &ModeReport, o: &Outcome| (ratio(o.mean_ratio), Tone::Plain);
-    by_mode(report, cell, &[best], |m| vec![m.best.map_or("–".to_owned(), ratio)])
+    let cell = |_: &ModeResult, o: &Outcome| (ratio(o.mean_ratio), Tone::Plain);
+    by_mode(results, cell, &[best], |m| vec![m.best.map_or("–".to_owned(), ratio)])
 }
 
 /// Largest |z| of each.
-fn unbiased(report: &Report) -> Table {
-    let cell = |m: &ModeReport, o: &Outcome| {
-        let wrong = report.verdict(m, o) == Verdict::Wrong;
+fn unbiased(results: &Results) -> Table {
+    let cell = |m: &ModeResult, o: &Outcome| {
+        let wrong = results.verdict(m, o) == Verdict::Wrong;
         marked(format!("{:.1}", o.z), if wrong { Verdict::Fails } else { Verdict::Survives })
     };
-    by_mode(report, cell, &[("tests", "z-tests an estimator")], |m| {
+    by_mode(results, cell, &[("tests", "z-tests an estimator")], |m| {
         vec![m.outcomes.first().map_or(0, |o| o.tests).to_string()]
     })
 }
 
 /// Mean share and its scatter.
-fn shares(report: &Report) -> Table {
-    let cell = |_: &ModeReport, o: &Outcome| (format!("{:.2} ± {:.2}", o.share, o.share_sd), Tone::Plain);
-    by_mode(report, cell, &[], |_| vec![])
+fn shares(results: &Results) -> Table {
+    let cell = |_: &ModeResult, o: &Outcome| (format!("{:.2} ± {:.2}", o.share, o.share_sd), Tone::Plain);
+    by_mode(results, cell, &[], |_| vec![])
 }
 
-fn constructs(report: &Report) -> Table {
+fn constructs(results: &Results) -> Table {
     let mut table = Table::new(&[("mode", ""), ("how it is posed", ""), ("paths a pixel", ""), ("by", "")]);
-    for m in &report.modes {
+    for m in &results.modes {
         let by = if m.rendered { "renders" } else { "exact variances" };
         let cells = [name_of(m), m.construct.to_owned(), m.paths.to_string(), by.to_owned()];
         table.rows.push(cells.map(|c| (c, Tone::Words)).to_vec());
@@ -128,11 +128,11 @@ fn constructs(report: &Report) -> Table {
     table
 }
 
-fn facts(report: &Report) -> Table {
+fn facts(results: &Results) -> Table {
     let mut table = Table::new(&[("mode", ""), ("samples", ""), ("right", "")]);
-    let names = report.facts.first().map_or(&[][..], |f| &f.answers).iter();
+    let names = results.facts.first().map_or(&[][..], |f| &f.answers).iter();
     table.columns.extend(names.map(|(name, ..)| (name.clone(), String::new())));
-    for fact in &report.facts {
+    for fact in &results.facts {
         let mut row = [fact.mode, fact.shown, fact.right].map(|t| (t.to_owned(), Tone::Words)).to_vec();
         row.extend(fact.answers.iter().map(|(_, share, right)| {
             marked(format!("{share:.3}"), if *right { Verdict::Survives } else { Verdict::Fails })
@@ -142,7 +142,7 @@ fn facts(report: &Report) -> Table {
     table
 }
 
-fn controls(report: &Report) -> Table {
+fn controls(results: &Results) -> Table {
     let mut table = Table::new(&[
         ("control", ""),
         ("what is wrong with it", ""),
@@ -152,7 +152,7 @@ fn controls(report: &Report) -> Table {
         ("check", ""),
         ("caught", ""),
     ]);
-    for c in &report.controls {
+    for c in &results.controls {
         let o = &c.outcome;
         // Its passes are correlated: there is no exact variance.
         let worst = if c.check.starts_with('z') { "–".to_owned() } else { ratio(o.worst_ratio) };
@@ -188,23 +188,23 @@ struct Part {
     table: Table,
 }
 
-fn parts(report: &Report) -> Vec<Part> {
-    let replicas = report.modes.first().map_or(0, |m| m.replicas);
+fn parts(results: &Results) -> Vec<Part> {
+    let replicas = results.modes.first().map_or(0, |m| m.replicas);
     let family = format!(
         "Largest |mean − truth| in standard errors over all pixels, channels and the picture's mean, after {replicas} \
          replicas. All {} tests together raise a false alarm with a chance of {} at most (Bonferroni, normal tail bounded): the limit is {:.2}. Exact cases \
          are tested against the exact truth, renders against renders by `half` with other seeds.",
-        report.tests, report.false_alarm, report.z_limit
+        results.tests, results.false_alarm, results.z_limit
     );
     let part = |title, text: &str, table| Part { title, text: text.to_owned(), table };
     vec![
-        part("Who survives what", WORST, survival(report)),
-        part("On average", "The same ratios, averaged over pixels and channels.", means(report)),
-        part("Means", &family, unbiased(report)),
-        part("Controls", "Wrong on purpose: a check that does not catch them is worth nothing.", controls(report)),
-        part("Shares", SHARES, shares(report)),
-        part("Shares after hard samples", FACTS, facts(report)),
-        part("The modes", METHOD, constructs(report)),
+        part("Who survives what", WORST, survival(results)),
+        part("On average", "The same ratios, averaged over pixels and channels.", means(results)),
+        part("Means", &family, unbiased(results)),
+        part("Controls", "Wrong on purpose: a check that does not catch them is worth nothing.", controls(results)),
+        part("Shares", SHARES, shares(results)),
+        part("Shares after hard samples", FACTS, facts(results)),
+        part("The modes", METHOD, constructs(results)),
     ]
 }
 
@@ -214,16 +214,16 @@ the shares that it chose (passes are uncorrelated). Renders are 4 x 4 pixels; th
 that have the same seeds for all estimators.";
 
 /// What wrote the tables.
-fn command(report: &Report) -> String {
-    let replicas = report.modes.first().map_or(0, |m| m.replicas);
+fn command(results: &Results) -> String {
+    let replicas = results.modes.first().map_or(0, |m| m.replicas);
     format!("bismar study stability --replicas {replicas} --out DIR")
 }
 
 /// The tables for `docs`.
-pub fn markdown(report: &Report) -> String {
+pub fn markdown(results: &Results) -> String {
     let mut text = "# Where methods fail\n".to_owned();
-    text += &format!("\n    {}\n\nwrote this; `make stability` brings it here.\n\n{LEAD}\n", command(report));
-    for part in parts(report) {
+    text += &format!("\n    {}\n\nwrote this; `make stability` brings it here.\n\n{LEAD}\n", command(results));
+    for part in parts(results) {
         text += &format!("\n## {}\n\n{}\n\n{}", part.title, part.text, part.table.markdown());
     }
     text
@@ -232,26 +232,23 @@ pub fn markdown(report: &Report) -> String {
 /// Writes `stability.md`, `stability.json` and `stability.html` into a folder.
 ///
 /// # Errors
-/// As [`atomic::write`].
-pub fn write(folder: &Path, report: &Report) -> Result<()> {
+/// As [`files::write`].
+pub fn write(folder: &Path, results: &Results) -> Result<()> {
     let mut page = Page::new("Where methods fail", LEAD);
-    for part in parts(report) {
+    for part in parts(results) {
         page.section(part.title);
         page.text(&part.text);
         page.table(&part.table);
     }
     #[derive(serde::Serialize)]
-    struct Results<'a> {
+    struct Document<'a> {
         schema: u32,
         version: &'a str,
         #[serde(flatten)]
-        report: &'a Report,
+        results: &'a Results,
     }
-    let results = Results { schema: SCHEMA, version: env!("CARGO_PKG_VERSION"), report };
-    let json = serde_json::to_string_pretty(&results).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
-    for (name, text) in [("md", markdown(report)), ("json", json), ("html", page.finish())] {
-        let path = folder.join("stability").with_extension(name);
-        atomic::write(&path, |file| Ok(Ok(std::io::Write::write_all(file, text.as_bytes())?)))?;
-    }
-    Ok(())
+    let document = Document { schema: SCHEMA, version: env!("CARGO_PKG_VERSION"), results };
+    files::write_json(&folder.join("stability.json"), &document)?;
+    files::write(&folder.join("stability.md"), markdown(results))?;
+    files::write(&folder.join("stability.html"), page.finish())
 }

@@ -15,7 +15,8 @@ use glam::{Affine3A, Mat3, Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::cases::BAR;
-use super::judge::{Outcome, Ratios, Sums};
+use super::judge::{Outcome, Ratios};
+use crate::statistics::Sums;
 
 /// Pixels along a side.
 const SIDE: u32 = 4;

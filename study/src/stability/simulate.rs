@@ -7,6 +7,7 @@ use bismar::balance::spread::Guide;
 use bismar::balance::{
     Balance, Contribution, Cost, Counts, Heuristic, Learned, Method, Moments, Observer, Sampler, Share, Technique,
 };
+use bismar::sampling::SplitMix64;
 use glam::Vec3;
 
 use super::domain::{Atom, Image};
@@ -167,32 +168,8 @@ pub struct Shot {
     pub share: f32,
 }
 
-/// Independent random numbers (SplitMix64; Steele, Lea and Flood 2014).
-#[derive(Debug, Clone)]
-pub struct Random(u64);
-
-impl Random {
-    /// The stream of a number.
-    pub fn new(stream: u64) -> Self {
-        let mut random = Self(stream);
-        Self(random.bits())
-    }
-
-    fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// Uniform in [0, 1).
-    fn uniform(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1u64 << 53) as f64
-    }
-}
-
 /// One picture of `paths` paths a pixel.
-pub fn replica(image: &Image, subject: Subject, paths: u32, random: &mut Random) -> Vec<Shot> {
+pub fn replica(image: &Image, subject: Subject, paths: u32, random: &mut SplitMix64) -> Vec<Shot> {
     let n = image.pixels.len();
     let method = subject.method();
     let mut exact =
@@ -228,7 +205,7 @@ struct Sums {
 struct Exact<'a> {
     image: &'a Image,
     heuristic: Heuristic,
-    random: &'a mut Random,
+    random: &'a mut SplitMix64,
     sums: Vec<Sums>,
     pilot: Vec<Contribution>,
 }
@@ -305,7 +282,7 @@ impl Exact<'_> {
     ) {
         for (by_light, n) in [(true, counts.light), (false, counts.bsdf)] {
             for index in 0..n {
-                let atom: &Atom = self.image.pixels[pixel].sample(by_light, self.random.uniform());
+                let atom: &Atom = self.image.pixels[pixel].sample(by_light, self.random.f64());
                 if atom.f == [0.0; 3] {
                     continue;
                 }

@@ -1,0 +1,90 @@
+//! Charts of a scene, and of all.
+
+use bismar::balance::Balance;
+
+use super::SceneResults;
+use crate::balance::table::{Level, Outcome, Row};
+use crate::balance::{CONTROL, Design, Estimator};
+use crate::report::{Axis, Chart, Dot, DotPlot, Scale, Series};
+
+/// The same colour for an estimator everywhere: grey for `half` and its control.
+fn color(name: &str) -> usize {
+    const OTHERS: [usize; 4] = [3, 4, 5, 6];
+    match name {
+        "half" | CONTROL => 0,
+        "progressive" => 1,
+        "second-order" => 2,
+        "oracle" => 7,
+        _ => {
+            let others = Estimator::all().into_iter().map(Estimator::name);
+            let fixed = ["half", "progressive", "second-order", "oracle"];
+            let at = others.filter(|n| !fixed.contains(&n.as_str())).position(|n| n == name);
+            OTHERS[at.unwrap_or(0) % OTHERS.len()]
+        }
+    }
+}
+
+/// Rows to compare with `half`: no control, not `half` itself.
+fn others(level: &Level) -> impl Iterator<Item = &Outcome> {
+    level.results.iter().filter(|o| o.estimator.is_some_and(|e| e != Estimator::Method(Balance::Half)))
+}
+
+pub(super) fn overview(design: &Design, scenes: &[SceneResults]) -> Option<DotPlot> {
+    let kinds = others(scenes.first()?.top()?).map(|o| o.row.estimator.clone()).collect::<Vec<_>>();
+    let kind = |row: &Row| kinds.iter().position(|k| *k == row.estimator);
+    let dots = |scene: &SceneResults| {
+        let outcomes = scene.top().into_iter().flat_map(others);
+        let dot = |o: &Outcome| Some(Dot { value: o.row.ratio, error: o.row.ratio_se, kind: kind(&o.row)? });
+        (scene.name.clone(), outcomes.filter_map(dot).collect::<Vec<_>>())
+    };
+    let rows = scenes.iter().map(dots).collect::<Vec<_>>();
+    let values = rows.iter().flat_map(|(_, dots)| dots.iter().map(|d| d.value.clamp(0.05, 8.0))).chain([0.8, 1.1]);
+    let spp = design.spp.last().copied().unwrap_or(0);
+    Some(DotPlot {
+        title: format!("Variance over that of half, {spp} paths a pixel"),
+        label: "mean over pixels; bars: two standard errors either way; left is better".to_owned(),
+        axis: Axis::fit(Scale::Log, values),
+        mark: Some((1.0, "as half".to_owned())),
+        kinds: kinds.iter().map(|k| (k.clone(), color(k))).collect(),
+        rows,
+    })
+}
+
+/// The charts of a scene, by the names of their files.
+pub(super) fn scene_charts(scene: &SceneResults) -> Vec<(&'static str, Chart)> {
+    let Some(top) = scene.top() else { return Vec::new() };
+    let named = || top.results.iter().filter(|o| o.estimator.is_some()).map(|o| o.row.estimator.clone());
+    let lines = |x: fn(&Row) -> f64| {
+        let rows = |name: &str| {
+            let all = scene.levels.iter().flat_map(|l| &l.results).filter(|o| o.row.estimator == name);
+            all.map(|o| (x(&o.row), o.row.rel_mse)).collect::<Vec<_>>()
+        };
+        named().map(|name| Series { points: rows(&name), color: color(&name), name }).collect::<Vec<_>>()
+    };
+    let log = [Scale::Log; 2];
+    let seconds =
+        Chart::fitted("Error against time", ["CPU seconds a picture", "relMSE"], log, lines(|r| r.cpu_seconds));
+    let samples = Chart::fitted("Error against samples", ["paths a pixel", "relMSE"], log, lines(|r| f64::from(r.spp)));
+    let distribution = |outcome: &Outcome| {
+        let mut ratios = outcome.ratios.iter().map(|r| r.ratio).collect::<Vec<_>>();
+        ratios.sort_by(f64::total_cmp);
+        let n = ratios.len();
+        let steps = (0..=200).map(|i| (i * n.saturating_sub(1)) / 200).filter(|i| *i < n);
+        let points = steps.map(|i| (ratios[i], (i + 1) as f64 / n as f64)).collect();
+        let row = &outcome.row;
+        let name = if outcome.estimator.is_none() { "half again (noise)" } else { &row.estimator };
+        Series { name: name.to_owned(), points, color: color(&row.estimator) }
+    };
+    let half = Some(Estimator::Method(Balance::Half));
+    let pixels = Chart {
+        title: "Pixels by their variance ratio to half".to_owned(),
+        x_label: "ratio as measured, with its noise".to_owned(),
+        y_label: "share of pixels at or below".to_owned(),
+        x: Axis::new(Scale::Log, 0.1, 10.0),
+        y: Axis::new(Scale::Linear, 0.0, 1.0),
+        series: top.results.iter().filter(|o| o.estimator != half).map(distribution).collect(),
+        dots: false,
+        marks: vec![(1.0, "1".to_owned())],
+    };
+    vec![("error-seconds", seconds), ("error-samples", samples), ("pixels", pixels)]
+}

@@ -1,0 +1,95 @@
+//! What studies leave on disk: tables, pages, and measurements that are taken up again.
+
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+
+use bismar::film::atomic;
+use bismar::{Error, Result};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+/// Makes a folder, and those above it.
+///
+/// # Errors
+/// [`Error::CannotCreate`].
+pub fn folder(path: &Path) -> Result<()> {
+    fs::create_dir_all(path).map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", path.display())))
+}
+
+/// Writes a file whole or not at all.
+///
+/// # Errors
+/// As [`atomic::write`].
+pub fn write(path: &Path, bytes: impl AsRef<[u8]>) -> Result<()> {
+    atomic::write(path, |file| Ok(Ok(file.write_all(bytes.as_ref())?)))
+}
+
+/// Writes pretty JSON.
+///
+/// # Errors
+/// As [`atomic::write`].
+pub fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
+    write(path, serde_json::to_string_pretty(value).map_err(|e| Error::Bug(format!("JSON: {e}")))?)
+}
+
+/// Writes rows as CSV with a header line; what there is not is empty.
+///
+/// # Errors
+/// As [`atomic::write`].
+pub fn write_csv(path: &Path, rows: &[impl Serialize]) -> Result<()> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for row in rows {
+        writer.serialize(row).map_err(|e| Error::Bug(format!("CSV: {e}")))?;
+    }
+    write(path, writer.into_inner().map_err(|e| Error::Bug(format!("CSV: {e}")))?)
+}
+
+/// First bytes of a record; the digit is raised when a kind of record changes.
+const MAGIC: &[u8] = b"bismar study 2\n";
+
+/// Keeps a measurement: a magic line, BLAKE3 of the rest, the value in postcard's encoding.
+///
+/// # Errors
+/// As [`atomic::write`].
+pub fn keep(path: &Path, value: &impl Serialize) -> Result<()> {
+    let body = postcard::to_stdvec(value).map_err(|e| Error::Bug(format!("a measurement cannot be kept: {e}")))?;
+    write(path, [MAGIC, blake3::hash(&body).as_bytes(), &body].concat())
+}
+
+/// Reads what [`keep`] wrote; `None` for anything else, and for what is cut off or damaged.
+///
+/// # Errors
+/// As the system says, [`Error::Missing`] too.
+pub fn kept<T: DeserializeOwned>(path: &Path) -> Result<Option<T>> {
+    let bytes = fs::read(path).map_err(|e| Error::reading(path, &e))?;
+    let body = bytes.strip_prefix(MAGIC).and_then(|rest| rest.split_first_chunk());
+    Ok(body.filter(|(hash, body)| blake3::hash(body) == **hash).and_then(|(_, body)| postcard::from_bytes(body).ok()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_kept_comes_back_to_the_bit_or_not_at_all() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        assert!(matches!(kept::<Vec<f32>>(&path), Err(Error::Missing(_))));
+        let values = vec![1.5f32, -0.0, f32::MIN_POSITIVE, f32::INFINITY];
+        keep(&path, &("name".to_owned(), values.clone())).unwrap();
+        let (name, again) = kept::<(String, Vec<f32>)>(&path).unwrap().unwrap();
+        assert_eq!((name.as_str(), again.iter().map(|x| x.to_bits()).collect::<Vec<_>>()), {
+            ("name", values.iter().map(|x| x.to_bits()).collect())
+        });
+        let whole = fs::read(&path).unwrap();
+        for at in 0..whole.len() {
+            fs::write(&path, &whole[..at]).unwrap();
+            assert!(kept::<(String, Vec<f32>)>(&path).unwrap().is_none(), "{at} bytes");
+            let mut bytes = whole.clone();
+            bytes[at] ^= 1;
+            fs::write(&path, bytes).unwrap();
+            assert!(kept::<(String, Vec<f32>)>(&path).unwrap().is_none(), "byte {at}");
+        }
+    }
+}

@@ -1,0 +1,124 @@
+//! Charts of a scene, and over all.
+
+use super::{BASELINE, SceneRows, distinct, scenes};
+use crate::rays::measure::CONTROL;
+use crate::rays::table::{Picture, Results, Trace};
+use crate::report::{Axis, Chart, Dot, DotPlot, Scale, Series};
+
+/// Shown in charts, as many as there are colours, each with its own.
+const SHOWN: [(&str, usize); 8] = [
+    ("embree", 0),
+    ("embree+high", 1),
+    ("embree+low", 5),
+    ("embree+single", 3),
+    ("obvhs", 2),
+    ("obvhs+fastest", 6),
+    ("obvhs+very-slow", 4),
+    ("obvhs+bvh2", 7),
+];
+/// The stream that stands for all in charts.
+pub(super) const STREAM: &str = "diffuse";
+/// Charts of the page's top, by the names of their files.
+type Charts = Vec<(String, Chart)>;
+
+/// Build and render against paths a pixel.
+pub(super) fn picture(scene: &SceneRows) -> Chart {
+    let rows = scene.results.pictures.iter().filter(|r| r.machine == scene.machine && r.scene == scene.name);
+    let line = |r: &Picture| {
+        let name = if r.backend == CONTROL { BASELINE } else { &r.backend };
+        let color = SHOWN.iter().find(|(shown, _)| *shown == name)?.1;
+        let at = |spp: f64| (spp, r.build_cpu_seconds + spp * r.cpu_seconds_per_spp);
+        let points = (0..=10).map(|i| at(f64::from(1 << i))).collect();
+        Some(Series { name: name.to_owned(), points, color })
+    };
+    let side = scene.results.pictures.first().map_or(0.0, |p| (p.pixels as f64).sqrt());
+    let labels = ["paths a pixel", "CPU seconds, build and render"];
+    let title = format!("Time to a picture of {side:.0} x {side:.0}");
+    let mut chart = Chart::fitted(&title, labels, [Scale::Log; 2], rows.filter_map(line).collect());
+    chart.dots = false;
+    chart
+}
+
+pub(super) fn overview(results: &Results) -> Option<DotPlot> {
+    let scenes = scenes(results);
+    let there = |name: &str| results.traces.iter().any(|t| t.backend == name);
+    let mut kinds = vec![(CONTROL, 0)];
+    kinds.extend(SHOWN.into_iter().skip(1).filter(|(name, _)| there(name)));
+    let dots = |scene: &SceneRows| {
+        let of = |(kind, (name, _)): (usize, &(&str, usize))| {
+            let row = scene.traces().find(|t| t.stream == STREAM && t.backend == *name)?;
+            Some(Dot { value: row.speed_ratio, error: row.speed_ratio_se, kind })
+        };
+        (scene.title(), kinds.iter().enumerate().filter_map(of).collect::<Vec<_>>())
+    };
+    let rows = scenes.iter().map(dots).collect::<Vec<_>>();
+    if rows.is_empty() {
+        return None;
+    }
+    let values = rows.iter().flat_map(|(_, dots)| dots.iter().map(|d| d.value)).chain([0.8, 1.25]);
+    Some(DotPlot {
+        title: "Speed of diffuse bounces over that of embree, one thread".to_owned(),
+        label: "median of rounds; bars: two standard errors either way; right is faster".to_owned(),
+        axis: Axis::fit(Scale::Log, values),
+        mark: Some((1.0, "as embree".to_owned())),
+        kinds: kinds.iter().map(|(name, color)| ((*name).to_owned(), *color)).collect(),
+        rows,
+    })
+}
+
+/// Build and trace over the number of triangles, for each kind of generated scene of which a machine measured several sizes.
+pub(super) fn costs(results: &Results) -> Charts {
+    let machines = distinct(results.hosts.iter().map(|h| &*h.machine));
+    let of_machine = |(i, machine): (usize, &&str)| {
+        let rows = results.builds.iter().filter(|b| b.machine == **machine);
+        let mut shapes = rows.filter_map(|b| Some((i, b.shape.clone()?))).collect::<Vec<_>>();
+        shapes.sort();
+        shapes.dedup();
+        shapes
+    };
+    let mut charts = Vec::new();
+    for (i, shape) in machines.iter().enumerate().flat_map(of_machine) {
+        let is = |machine: &str, own: &Option<String>| machine == machines[i] && own.as_ref() == Some(&shape);
+        let (of, file) = match i {
+            0 => (String::new(), String::new()),
+            i => (format!(", {}", machines[i]), format!("-machine{}", i + 1)),
+        };
+        let lines = |of: &dyn Fn(&str) -> Vec<(f64, f64)>| {
+            let line = |&(name, color): &(&str, usize)| {
+                let mut points = of(name);
+                points.sort_by(|a, b| a.0.total_cmp(&b.0));
+                Series { name: name.to_owned(), points, color }
+            };
+            SHOWN.iter().map(line).filter(|s| s.points.len() > 1).collect::<Vec<_>>()
+        };
+        let builds = lines(&|name| {
+            let rows = results.builds.iter().filter(|b| is(&b.machine, &b.shape) && b.backend == name);
+            rows.map(|b| (b.built_triangles as f64, b.cpu_seconds)).collect()
+        });
+        let traces = lines(&|name| {
+            let rows =
+                results.traces.iter().filter(|t| is(&t.machine, &t.shape) && t.backend == name && t.stream == STREAM);
+            // By the ratio: contenders of a scene are measured one after the other, and the machine may change its pace.
+            let base = |t: &Trace| {
+                let is = |b: &&Trace| b.machine == t.machine && b.scene == t.scene && b.stream == STREAM;
+                results.traces.iter().filter(is).find(|b| b.backend == BASELINE).map(|b| b.mrays_per_second)
+            };
+            rows.filter_map(|t| Some((t.triangles as f64, 1e3 / (base(t)? * t.speed_ratio)))).collect()
+        });
+        if builds.is_empty() {
+            continue;
+        }
+        let log = [Scale::Log; 2];
+        let title = format!("Building: {shape}{of}");
+        charts.push((
+            format!("cost-build-{shape}{file}"),
+            Chart::fitted(&title, ["triangles", "CPU seconds, all threads"], log, builds),
+        ));
+        let title = format!("Tracing diffuse bounces: {shape}{of}");
+        charts.push((
+            format!("cost-trace-{shape}{file}"),
+            Chart::fitted(&title, ["triangles", "nanoseconds a ray, one thread"], log, traces),
+        ));
+    }
+    charts
+}

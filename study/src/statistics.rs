@@ -1,0 +1,98 @@
+//! Summaries of values, the same for every study.
+
+use statrs::statistics::{Data, Median, OrderStatistics};
+
+/// Middle of the values, NaN of none.
+pub fn median(values: &[f64]) -> f64 {
+    Median::median(&Data::new(values.to_vec()))
+}
+
+/// Standard deviation of normal values, from their median deviation.
+pub fn robust_deviation(values: &[f64]) -> f64 {
+    let middle = median(values);
+    1.4826 * median(&values.iter().map(|x| (x - middle).abs()).collect::<Vec<_>>())
+}
+
+/// Standard error of the median of normal values: 1.2533 times that of their mean.
+pub fn median_error(values: &[f64]) -> f64 {
+    1.2533 * robust_deviation(values) / (values.len() as f64).sqrt()
+}
+
+/// For each share q, the least of the values that at least so many of them are not above; NaN of none. (The inverse of the
+/// empirical distribution: always one of the values.)
+pub fn quantiles<const N: usize>(values: Vec<f64>, shares: [f64; N]) -> [f64; N] {
+    let n = values.len();
+    let mut values = Data::new(values);
+    shares.map(|q| match n {
+        0 => f64::NAN,
+        n => values.order_statistic(((q * n as f64).ceil() as usize).clamp(1, n)),
+    })
+}
+
+/// Number, sum and sum of squares.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Sums {
+    n: f64,
+    sum: f64,
+    squares: f64,
+}
+
+impl Sums {
+    /// Adds a value.
+    pub fn add(&mut self, x: f64) {
+        self.n += 1.0;
+        self.sum += x;
+        self.squares += x * x;
+    }
+
+    /// Adds the values of another.
+    pub fn join(&mut self, other: &Self) {
+        self.n += other.n;
+        self.sum += other.sum;
+        self.squares += other.squares;
+    }
+
+    /// Mean.
+    pub fn mean(&self) -> f64 {
+        self.sum / self.n
+    }
+
+    /// Sample variance.
+    pub fn variance(&self) -> f64 {
+        ((self.squares - self.sum * self.sum / self.n) / (self.n - 1.0)).max(0.0)
+    }
+
+    /// Standard error of the mean.
+    pub fn error(&self) -> f64 {
+        (self.variance() / self.n).sqrt()
+    }
+}
+
+/// Mean and sample variance of the values, summed twice: exact where [`Sums`] would cancel.
+pub fn moments(values: &[f64]) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    (mean, values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0))
+}
+
+/// The one of the values that is farthest from zero, with its sign; zero of none.
+pub fn farthest(values: impl Iterator<Item = f64>) -> f64 {
+    values.max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_values_of_the_list() {
+        assert_eq!(quantiles(vec![3.0, 1.0, 4.0, 2.0], [0.0, 0.5, 0.51, 1.0]), [1.0, 2.0, 3.0, 4.0]);
+        assert!(quantiles(vec![], [0.5])[0].is_nan());
+    }
+
+    #[test]
+    fn the_median_is_the_middle() {
+        assert_eq!([median(&[3.0, 1.0, 7.0]), median(&[4.0, 1.0, 2.0, 9.0]), median(&[5.0])], [3.0, 3.0, 5.0]);
+        assert!(median(&[]).is_nan());
+    }
+}
