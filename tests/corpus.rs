@@ -122,6 +122,7 @@ fn judge(scene: &Path, name: &str, verdict: &str, class: &str, bytes: u64) -> Re
         (0, Some(extension)) => Err(format!("renders; it is listed as refused for {extension}")),
         (_, Some(extension)) if text.contains(extension) => Ok("refused for an extension"),
         (_, Some(extension)) => Err(format!("is not refused for {extension} but: {text}")),
+        (0, None) if shared::must_be_noted(name) => Ok("rendered"),
         (0, None) if class == "must_reject" => Err("must be rejected, but renders".to_owned()),
         (_, None) if class == "must_reject" => Ok("rejected"),
         (0, None) => Ok("rendered"),

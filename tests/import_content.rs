@@ -12,14 +12,14 @@ fn scene(parts: Parts) -> Scene {
 
 const POSITION: &str = r#"{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}"#;
 
-fn accessor(offset: usize, component: u32, count: usize, shape: &str, normalized: bool) -> String {
+pub fn accessor(offset: usize, component: u32, count: usize, shape: &str, normalized: bool) -> String {
     format!(
         r#",{{"bufferView":0,"byteOffset":{offset},"componentType":{component},"count":{count},"type":"{shape}","normalized":{normalized}}}"#
     )
 }
 
 /// The triangle's positions and `extra`, which `accessors` (a list that starts with a comma) reads from byte 36 on.
-fn with(extra: Vec<u8>, accessors: &str, primitive: &str) -> Parts {
+pub fn with(extra: Vec<u8>, accessors: &str, primitive: &str) -> Parts {
     Parts {
         positions: [floats(&TRIANGLE), extra].concat(),
         accessor: format!("{POSITION}{accessors}"),

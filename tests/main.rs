@@ -17,6 +17,7 @@ mod damaged;
 mod import;
 mod import_content;
 mod import_hostile;
+mod import_notes;
 mod imports_point_one_way;
 mod lights;
 mod merge;

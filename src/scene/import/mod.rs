@@ -22,6 +22,8 @@ pub use report::{Counts, ImportReport, Note, NoteKind};
 pub use source::Survey;
 pub use summary::{Summary, summary};
 
+use report::Notes;
+
 use super::Scene;
 use crate::error::{Error, Result};
 
@@ -76,9 +78,10 @@ impl SceneFiles {
             ..Default::default()
         };
         let mut build = || -> Result<Scene> {
-            let document = document::Document::parse(source)?;
+            let mut notes = Notes::default();
+            let document = document::Document::parse(source, &mut notes)?;
             report.generator.clone_from(&document.generator);
-            let scene = build::build(&document, source.file_bytes, &mut report)?;
+            let scene = build::build(&document, source.file_bytes, notes, &mut report)?;
             if options.strict {
                 report.refuse_if_inexact()?;
             }

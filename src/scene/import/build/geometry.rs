@@ -61,7 +61,7 @@ pub fn read(
     let tangent = tangent.filter(|_| material.textures[TextureSlot::Normal].is_some() && g.normals.is_some());
     g.tangents = tangent.map(|i| reader.floats::<4>(i)).transpose()?;
     if let Some(index) = optional(Semantic::Color(0)) {
-        let colors = read_colors(reader, index)?;
+        let colors = read_colors(reader, index, notes)?;
         g.colors = Some(colors).filter(|c| c.iter().any(|c| *c != [1.0; 4]));
     }
     for (set, slot) in [0_u8, 1].into_iter().zip(&mut g.texcoords) {
@@ -104,16 +104,18 @@ pub fn read(
     Ok(Some(g))
 }
 
-fn read_colors(reader: &mut Reader, index: usize) -> Result<Vec<[f32; 4]>> {
+fn read_colors(reader: &mut Reader, index: usize, notes: &mut Notes) -> Result<Vec<[f32; 4]>> {
     let accessor = &reader.document.accessors[index];
-    let colors: Vec<[f32; 4]> = match accessor.shape {
+    let mut colors: Vec<[f32; 4]> = match accessor.shape {
         Shape::Vec3 => reader.floats::<3>(index)?.into_iter().map(|[r, g, b]| [r, g, b, 1.0]).collect(),
         _ => reader.floats::<4>(index)?,
     };
-    match colors.iter().position(|c| !c.iter().all(|x| (0.0..=1.0).contains(x))) {
-        None => Ok(colors),
-        Some(i) => Err(bad(&accessor.at, "colours from 0 to 1", format!("{:?} in element {i}", colors[i]))),
+    // As the specification asks.
+    if !colors.iter().flatten().all(|x| (0.0..=1.0).contains(x)) {
+        notes.repaired(&accessor.at, "vertex colours outside of 0 to 1 are clamped");
+        colors.iter_mut().flatten().for_each(|x| *x = x.clamp(0.0, 1.0));
     }
+    Ok(colors)
 }
 
 /// Indices as triangles: modes 4 to 6, every index below `vertices`.

@@ -27,9 +27,8 @@ use nodes::{ObjectKey, Placement, Walk, walk};
 use reader::Reader;
 use textures::TextureTable;
 
-/// Builds the scene and fills the report's extensions, notes and counts.
-pub fn build(document: &Document, file_bytes: u64, report: &mut ImportReport) -> Result<Scene> {
-    let mut notes = Notes::default();
+/// Builds the scene, adds to the document's notes, and fills the report's extensions, notes and counts.
+pub fn build(document: &Document, file_bytes: u64, mut notes: Notes, report: &mut ImportReport) -> Result<Scene> {
     note_document(document, &mut notes);
     let mut reader = Reader::new(document, file_bytes);
     let textures = TextureTable::new(document, &mut reader.budget)?;

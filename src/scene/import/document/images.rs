@@ -6,6 +6,7 @@ use super::Lengths;
 use super::accessors::View;
 use super::json::Json;
 use crate::error::Result;
+use crate::scene::import::report::Notes;
 use crate::scene::import::source::{Data, Source};
 use crate::scene::{Filter, Wrap};
 
@@ -81,7 +82,7 @@ pub struct Sampler {
 }
 
 impl Sampler {
-    pub fn parse(json: &Json) -> Result<Self> {
+    pub fn parse(json: &Json, notes: &mut Notes) -> Result<Self> {
         json.name()?;
         let wrap = |key: &str| match json.integer(key)?.unwrap_or(10497) {
             33071 => Ok(Wrap::ClampToEdge),
@@ -92,10 +93,13 @@ impl Sampler {
         let filter = match json.integer("magFilter")?.unwrap_or(9729) {
             9728 => Filter::Nearest,
             9729 => Filter::Linear,
-            other => return Err(json.bad("magFilter", "9728 or 9729", other)),
+            _ => {
+                notes.repaired(&json.path("magFilter"), "an unknown filter: linear is used");
+                Filter::Linear
+            }
         };
-        if let Some(min) = json.integer("minFilter")?.filter(|f| !matches!(f, 9728 | 9729 | 9984..=9987)) {
-            return Err(json.bad("minFilter", "9728, 9729 or 9984 to 9987", min));
+        if json.integer("minFilter")?.is_some_and(|f| !matches!(f, 9728 | 9729 | 9984..=9987)) {
+            notes.repaired(&json.path("minFilter"), "an unknown filter; minification filters are not used");
         }
         Ok(Self { wrap_s: wrap("wrapS")?, wrap_t: wrap("wrapT")?, filter })
     }

@@ -1,23 +1,27 @@
 //! KHR_lights_punctual.
 
+use std::f32::consts::FRAC_PI_2;
+
 use glam::Vec3;
 
 use super::json::Json;
 use crate::error::Result;
 use crate::scene::PunctualKind;
+use crate::scene::import::report::Notes;
 
 /// A checked light.
 #[derive(Debug)]
 pub struct Light {
     pub name: Option<String>,
-    pub kind: PunctualKind,
+    /// `None` for a type that the extension does not know.
+    pub kind: Option<PunctualKind>,
     pub intensity: Vec3,
     /// Metres from which on there is no light; infinite without an end.
     pub range: f32,
     pub at: String,
 }
 
-pub fn parse(json: &Json) -> Result<Light> {
+pub fn parse(json: &Json, notes: &mut Notes) -> Result<Light> {
     let color = json.vector::<3>("color")?.unwrap_or([1.0; 3]).map(|x| x as f32);
     if color.iter().any(|x| *x < 0.0) {
         return Err(json.bad("color", "numbers of at least 0", format!("{color:?}")));
@@ -35,18 +39,23 @@ pub fn parse(json: &Json) -> Result<Light> {
         return Err(json.bad("range", "above 0", range));
     }
     let kind = match json.need("type", json.string("type")?)? {
-        "directional" => PunctualKind::Directional,
-        "point" => PunctualKind::Point,
+        "directional" => Some(PunctualKind::Directional),
+        "point" => Some(PunctualKind::Point),
         "spot" => {
             let spot = json.need("spot", json.get("spot")?)?;
             let inner = spot.number("innerConeAngle")?.unwrap_or(0.0) as f32;
             let outer = spot.number("outerConeAngle")?.unwrap_or(std::f64::consts::FRAC_PI_4) as f32;
-            if !(0.0..outer).contains(&inner) || outer > std::f32::consts::FRAC_PI_2 {
-                return Err(json.bad("spot", "0 ≤ innerConeAngle < outerConeAngle ≤ π/2", format!("{inner}, {outer}")));
+            // Equal angles are what Blender writes for a hard edge, and the extension's formula gives one for them.
+            if !(0.0..=outer).contains(&inner) || !(0.0..=FRAC_PI_2).contains(&outer) || outer == 0.0 {
+                let wanted = "0 ≤ innerConeAngle ≤ outerConeAngle ≤ π/2, and not both 0";
+                return Err(json.bad("spot", wanted, format!("{inner}, {outer}")));
             }
-            PunctualKind::Spot { inner, outer }
+            if inner == outer {
+                notes.repaired(&json.path("spot"), "equal cone angles: the spot's edge is hard");
+            }
+            Some(PunctualKind::Spot { inner, outer })
         }
-        other => return Err(json.bad("type", "\"directional\", \"point\" or \"spot\"", other)),
+        _ => None,
     };
     let name = json.string("name")?.filter(|n| !n.is_empty()).map(Into::into);
     Ok(Light { name, kind, intensity: radiant, range, at: json.at.clone() })

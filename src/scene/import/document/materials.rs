@@ -59,8 +59,8 @@ pub struct Material {
 impl Material {
     pub fn parse(json: &Json, lengths: &Lengths) -> Result<Self> {
         let mut clamped = Vec::new();
-        let mut unit = |json: &Json, key: &str, default: f64| -> Result<f32> {
-            let x = json.number(key)?.unwrap_or(default);
+        let unit = |json: &Json, key: &str, clamped: &mut Vec<String>| -> Result<f32> {
+            let x = json.number(key)?.unwrap_or(1.0);
             if !(0.0..=1.0).contains(&x) {
                 clamped.push(json.path(key));
             }
@@ -70,8 +70,8 @@ impl Material {
         let mut plain = scene::Material { name: json.name()?, ..Default::default() };
         let mut textures = [const { None }; TextureSlot::ALL.len()];
         if let Some(pbr) = json.get("pbrMetallicRoughness")? {
-            plain.metallic = unit(&pbr, "metallicFactor", 1.0)?;
-            plain.roughness = unit(&pbr, "roughnessFactor", 1.0)?;
+            plain.metallic = unit(&pbr, "metallicFactor", &mut clamped)?;
+            plain.roughness = unit(&pbr, "roughnessFactor", &mut clamped)?;
             if let Some(color) = pbr.vector::<4>("baseColorFactor")? {
                 plain.base_color = Vec4::from(color.map(|x| x as f32));
                 if plain.base_color != plain.base_color.clamp(Vec4::ZERO, Vec4::ONE) {
@@ -107,10 +107,7 @@ impl Material {
             }
         }
         if let Some(json) = json.extension("KHR_materials_specular")? {
-            plain.specular = json.number("specularFactor")?.unwrap_or(1.0) as f32;
-            if !(0.0..=1.0).contains(&plain.specular) {
-                return Err(json.bad("specularFactor", "0 to 1", plain.specular));
-            }
+            plain.specular = unit(&json, "specularFactor", &mut clamped)?;
             plain.specular_color =
                 Vec3::from(json.vector::<3>("specularColorFactor")?.unwrap_or([1.0; 3]).map(|x| x as f32));
             if plain.specular_color.min_element() < 0.0 {

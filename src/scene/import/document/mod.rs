@@ -17,6 +17,7 @@ use std::collections::BTreeMap;
 
 use crate::error::{Error, Result};
 use crate::scene::import::complaint::bad;
+use crate::scene::import::report::Notes;
 use crate::scene::import::source::Source;
 use accessors::{Accessor, View};
 use buffers::Buffer;
@@ -78,7 +79,10 @@ impl Document {
     /// # Errors
     /// [`Error::Data`] for whatever breaks the specification in a way that could be seen, [`Error::Missing`] for
     /// a buffer or picture that is not there.
-    pub fn parse(source: &Source) -> Result<Self> {
+    pub fn parse(source: &Source, notes: &mut Notes) -> Result<Self> {
+        if source.byte_order_mark {
+            notes.repaired("the document", "a byte-order mark before the JSON is skipped");
+        }
         let root = Json::root(&source.json);
         let asset = root.need("asset", root.get("asset")?)?;
         check_version(&asset)?;
@@ -110,6 +114,14 @@ impl Document {
             Some(json) => json.items("variants")?.len(),
             None => 0,
         };
+        for json in buffer_items.iter().chain(&image_items) {
+            if json
+                .string("uri")
+                .is_ok_and(|uri| uri.is_some_and(|uri| !uri.starts_with("data:") && uri.contains('\\')))
+            {
+                notes.repaired(&json.path("uri"), "`\\` in a path is read as `/`, unless a file has it in its name");
+            }
+        }
         let lengths = Lengths {
             accessors: accessor_items.len(),
             buffers: buffer_items.len(),
@@ -138,20 +150,20 @@ impl Document {
             .enumerate()
             .map(|(i, json)| Image::parse(json, i, source, &views))
             .collect::<Result<Vec<_>>>()?;
-        let samplers = sampler_items.iter().map(Sampler::parse).collect::<Result<Vec<_>>>()?;
+        let samplers = sampler_items.iter().map(|json| Sampler::parse(json, notes)).collect::<Result<Vec<_>>>()?;
         let textures = texture_items.iter().map(|json| Texture::parse(json, &lengths)).collect::<Result<Vec<_>>>()?;
         let materials =
             material_items.iter().map(|json| Material::parse(json, &lengths)).collect::<Result<Vec<_>>>()?;
         let meshes = mesh_items
             .iter()
-            .map(|json| Mesh::parse(json, &lengths, &accessors, &views, &materials, quantized))
+            .map(|json| Mesh::parse(json, &lengths, &accessors, &views, &materials, quantized, notes))
             .collect::<Result<Vec<_>>>()?;
         let skins = skin_items
             .iter()
             .map(|json| Skin::parse(json, &lengths, &accessors, &views))
             .collect::<Result<Vec<_>>>()?;
         let cameras = camera_items.iter().map(cameras::parse).collect::<Result<Vec<_>>>()?;
-        let lights = light_items.iter().map(lights::parse).collect::<Result<Vec<_>>>()?;
+        let lights = light_items.iter().map(|json| lights::parse(json, notes)).collect::<Result<Vec<_>>>()?;
         let nodes = node_items
             .iter()
             .map(|json| Node::parse(json, &lengths, &meshes, &accessors))

@@ -8,6 +8,7 @@ use super::json::Json;
 use super::materials::Material;
 use crate::error::{Error, Result};
 use crate::scene::import::complaint::bad;
+use crate::scene::import::report::Notes;
 
 /// What an attribute means. Sets other than 0 and 1 are checked, but not read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -114,6 +115,7 @@ impl Mesh {
         views: &[View],
         materials: &[Material],
         quantized: bool,
+        notes: &mut Notes,
     ) -> Result<Self> {
         let items = json.items("primitives")?;
         if items.is_empty() {
@@ -121,7 +123,7 @@ impl Mesh {
         }
         let primitives = items
             .iter()
-            .map(|item| Primitive::parse(item, lengths, accessors, views, materials, quantized))
+            .map(|item| Primitive::parse(item, lengths, accessors, views, materials, quantized, notes))
             .collect::<Result<Vec<_>>>()?;
         let targets = primitives[0].targets.len();
         if let Some(other) = primitives.iter().find(|p| p.targets.len() != targets) {
@@ -157,6 +159,7 @@ impl Primitive {
         views: &[View],
         materials: &[Material],
         quantized: bool,
+        notes: &mut Notes,
     ) -> Result<Self> {
         let mode = json.integer("mode")?.unwrap_or(4);
         if mode > 6 {
@@ -164,10 +167,10 @@ impl Primitive {
         }
         let mut all_accessors = Vec::new();
         let members = json.need("attributes", json.get("attributes")?)?;
-        let attributes = parse_attributes(&members, accessors, false, quantized, &mut all_accessors)?;
+        let attributes = parse_attributes(&members, accessors, false, quantized, &mut all_accessors, notes)?;
         let mut targets = Vec::new();
         for target in json.items("targets")? {
-            targets.push(parse_attributes(&target, accessors, true, quantized, &mut all_accessors)?);
+            targets.push(parse_attributes(&target, accessors, true, quantized, &mut all_accessors, notes)?);
         }
         // Every attribute, also those that are not read, has one element a vertex.
         if let Some(&first) = attributes.values().next().or(all_accessors.first()) {
@@ -241,6 +244,7 @@ fn parse_attributes(
     morph: bool,
     quantized: bool,
     all: &mut Vec<usize>,
+    notes: &mut Notes,
 ) -> Result<Attributes> {
     let mut attributes = Attributes::new();
     for name in json.object()?.keys() {
@@ -250,7 +254,8 @@ fn parse_attributes(
             continue; // An application's own.
         }
         let Some(semantic) = Semantic::parse(name) else {
-            return Err(json.bad(name, "a semantic of the specification, or a name that starts with _", "neither"));
+            notes.repaired(&json.path(name), format!("an attribute {name}, which the specification does not know"));
+            continue;
         };
         if !semantic.allows(&accessors[index], morph, quantized) {
             return Err(json.bad(name, semantic.formats(), accessors[index].format()));

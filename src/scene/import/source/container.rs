@@ -18,6 +18,8 @@ const BIN_CHUNK: u32 = 0x004E_4942;
 /// A scene file's parts.
 pub struct Container {
     pub json: Value,
+    /// Does the JSON start with a byte-order mark?
+    pub byte_order_mark: bool,
     /// The GLB's binary chunk.
     pub bin: Option<Bytes>,
     /// Bytes of the file.
@@ -36,19 +38,18 @@ pub fn read(path: &Path) -> Result<Container> {
     }
     let (json, bin) = if is_glb {
         let chunks = split(&bytes).map_err(|text| in_file(format!("GLB container: {text}")))?;
-        (parse(&bytes[chunks.json]), chunks.bin.map(|range| bytes.slice(range)))
+        (bytes.slice(chunks.json), chunks.bin.map(|range| bytes.slice(range)))
     } else {
-        (parse(&bytes), None)
+        (bytes, None)
     };
-    Ok(Container { json: json.map_err(in_file)?, bin, file_bytes })
-}
-
-fn parse(json: &[u8]) -> std::result::Result<Value, String> {
-    if json.starts_with(b"\xEF\xBB\xBF") {
-        return Err("byte 0: a byte-order mark, which glTF forbids; save the file as UTF-8 without it".into());
-    }
+    // RFC 8259, 8.1: writers must not add one, readers may skip it.
+    let (json, byte_order_mark) = match json.strip_prefix(b"\xEF\xBB\xBF") {
+        Some(rest) => (rest, true),
+        None => (&json[..], false),
+    };
     // The parser's own recursion limit keeps deep nesting from overflowing the stack.
-    serde_json::from_slice(json).map_err(|error| format!("not valid JSON: {error}"))
+    let json = serde_json::from_slice(json).map_err(|error| in_file(format!("not valid JSON: {error}")))?;
+    Ok(Container { json, byte_order_mark, bin, file_bytes })
 }
 
 struct Chunks {

@@ -34,6 +34,8 @@ pub struct Source {
     pub path: PathBuf,
     /// Its document.
     pub json: Value,
+    /// Does it start with a byte-order mark?
+    pub byte_order_mark: bool,
     /// The GLB's binary chunk.
     pub bin: Option<Bytes>,
     /// Bytes of all files, each counted once.
@@ -48,11 +50,11 @@ impl Source {
     /// # Errors
     /// The scene file missing, forbidden, not regular or neither GLB nor JSON.
     pub fn open(path: &Path) -> Result<Self> {
-        let Container { json, bin, file_bytes } = container::read(path)?;
+        let Container { json, byte_order_mark, bin, file_bytes } = container::read(path)?;
         let folder = uri::folder_of(path)?;
         let mut files = Files { folder, bytes: file_bytes, by_path: HashMap::new() };
         let (buffers, images) = (files.read_all(&json, "buffers"), files.read_all(&json, "images"));
-        Ok(Self { path: path.into(), json, bin, file_bytes: files.bytes, buffers, images })
+        Ok(Self { path: path.into(), json, byte_order_mark, bin, file_bytes: files.bytes, buffers, images })
     }
 
     /// What `buffers[index].uri` names; `None` without a URI.

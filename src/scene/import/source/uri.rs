@@ -70,7 +70,12 @@ pub fn resolve(uri: &str, folder: &Path, at: &str) -> Result<Resource> {
     if name.contains('\0') {
         return Err(refused("contains a NUL character"));
     }
-    let relative = Path::new(name.as_ref());
+    // Exporters on Windows write `\` between folders; a file that has one in its name is still found.
+    let mut name = name.into_owned();
+    if name.contains('\\') && !folder.join(&name).exists() {
+        name = name.replace('\\', "/");
+    }
+    let relative = Path::new(&name);
     let mut depth = 0_i64;
     for component in relative.components() {
         match component {
