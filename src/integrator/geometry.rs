@@ -199,6 +199,12 @@ impl Geometry {
 }
 
 impl Point<'_> {
+    /// Does an emissive material shine here against a ray of this direction? One-sided ones do from their front.
+    #[inline]
+    pub fn shines_against(&self, direction: Vec3) -> bool {
+        self.material.double_sided || self.ng.dot(direction) < 0.0
+    }
+
     /// Base colour with texture and vertex colour.
     #[inline]
     pub fn base_color(&self, scene: &Scene) -> Vec3 {

@@ -21,7 +21,7 @@ pub use materials::Materials;
 pub use prepared::PreparedScene;
 pub use wave::{Wave, WaveCounts};
 
-use crate::balance::Heuristic;
+use crate::balance::{Counts, Heuristic};
 use crate::light::Lights;
 use crate::rays::RayQueries;
 use crate::sampling::FilterSampler;
@@ -49,4 +49,11 @@ pub struct Transport<'a> {
     pub max_depth: u32,
     /// Seed of every random choice.
     pub seed: u32,
+}
+
+impl Transport<'_> {
+    /// Samples a path of each technique beyond first surfaces: one light sample, one BSDF sample.
+    fn deeper_rates(&self) -> [f32; 3] {
+        Counts::half(1).rates(self.lights.environment_probability)
+    }
 }

@@ -12,7 +12,7 @@ use super::stages::requests::{Toward, light_sample};
 use super::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
 use super::stages::{bsdf_set, light_set};
 use super::vertices::MIN_COS;
-use crate::balance::{Counts, deal};
+use crate::balance::deal;
 use crate::bsdf::{Bsdf, Eight, Parameters};
 use crate::lanes::{F, LANES, U, V3};
 use crate::light::{AreaLights, punctual};
@@ -141,7 +141,7 @@ impl Path<'_> {
             return self.emission(ray, depth, point.base_color(t.scene), [0.0; 2]);
         }
         let mut found = Vec3::ZERO;
-        if t.materials.kind(mesh).shines && (point.material.double_sided || point.ng.dot(direction) < 0.0) {
+        if t.materials.kind(mesh).shines && point.shines_against(direction) {
             let radiance = AreaLights::radiance(t.scene, point.mesh, prim, barycentric.0, barycentric.1);
             let from = (origin, ray.normal);
             let hit = (instance, mesh, prim);
@@ -182,8 +182,7 @@ impl Path<'_> {
 
     /// Samples a path of each technique at the vertex at `depth`.
     fn rates(&self, depth: u32) -> [f32; 3] {
-        let deeper = || Counts::half(1).rates(self.transport.lights.environment_probability);
-        if depth == 0 { self.rates } else { deeper() }
+        if depth == 0 { self.rates } else { self.transport.deeper_rates() }
     }
 
     /// Light that a ray ran into, weighed against a light sample's densities (as the environment, as an area light).

@@ -146,6 +146,7 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
             Next::Stop(reason) => break reason,
         };
         let target = done + pass;
+        let finished = now.tiles.iter().filter(|t| t.paths() == target).count() as u64;
         transport.seed = pass_seed(settings, done);
         let meter = Meter {
             settings,
@@ -155,8 +156,8 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
             pause: saver.due(start),
             stop,
             rays: AtomicU64::new(now.stats.rays()),
-            tiles: AtomicU64::new(now.tiles.iter().filter(|t| t.paths() == target).count() as u64),
-            tiles_before: now.tiles.iter().filter(|t| t.paths() == target).count() as u64,
+            tiles: AtomicU64::new(finished),
+            tiles_before: finished,
             all_tiles: now.tiles.len() as u64,
             done,
             pass,

@@ -1,7 +1,6 @@
 //! `bismar render --replay-pixel X,Y[,N]`
 
 use std::str::FromStr;
-use std::time::Instant;
 
 use super::session::settings;
 use super::{Inputs, Loaded, RenderArgs};
@@ -48,7 +47,6 @@ pub fn run(args: &RenderArgs, place: Place) -> Result<Verdict> {
         return Err(Error::Usage(format!("--replay-pixel {x},{y},{n}: with --spp {spp} the last path is {}", spp - 1)));
     }
     let mut printed = Ok(());
-    let start = Instant::now();
     replay(&loaded.prepared, &settings, [x, y], path, &mut |replayed| {
         if printed.is_err() {
             return;
@@ -59,7 +57,6 @@ pub fn run(args: &RenderArgs, place: Place) -> Result<Verdict> {
         }
         printed = print(text);
     });
-    tracing::info!("replayed in {:.2} s", start.elapsed().as_secs_f64());
     printed.map(|()| Verdict::Done)
 }
 

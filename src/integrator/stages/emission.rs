@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::{eight_of, observation, surfaces};
-use crate::balance::{Contribution, Counts, Technique};
+use crate::balance::{Contribution, Technique};
 use crate::integrator::Transport;
 use crate::integrator::batch::PixelBatch;
 use crate::integrator::ledger::Ledger;
@@ -25,14 +25,13 @@ pub fn surfaces(
 ) {
     for ray in emissive.iter().map(|&ray| ray as usize) {
         let point = surfaces::point(transport, hits, ray);
-        let material = point.material;
-        if material.unlit {
+        if point.material.unlit {
             let found = Found { radiance: point.base_color(transport.scene), pdf: [0.0; 2] };
             add(transport, depth, ray, found, rays, ledger, batch);
             continue;
         }
         let direction = rays.rays.direction(ray);
-        if material.double_sided || point.ng.dot(direction) < 0.0 {
+        if point.shines_against(direction) {
             let hit = (hits.instance[ray], hits.mesh[ray], hits.prim[ray]);
             let radiance = AreaLights::radiance(transport.scene, point.mesh, hit.2, hits.u[ray], hits.v[ray]);
             let from = (rays.rays.origin(ray), rays.normal.get(ray));
@@ -89,8 +88,7 @@ fn add(
 ) {
     let path = &mut ledger.paths[rays.path[ray] as usize];
     let weighted_pdf = rays.weighted_pdf[ray];
-    let probability = transport.lights.environment_probability;
-    let [a_env, a_area, a_b] = if depth == 1 { path.rates } else { Counts::half(1).rates(probability) };
+    let [a_env, a_area, a_b] = if depth == 1 { path.rates } else { transport.deeper_rates() };
     let weighted_light = a_env * light.pdf[0] + a_area * light.pdf[1];
     let weight = if weighted_light > 0.0 { transport.heuristic.weight(weighted_pdf, weighted_light) } else { 1.0 };
     let radiance = rays.beta.get(ray) * light.radiance * weight;

@@ -1,7 +1,6 @@
 //! Which samples vertices take: as many as their path was dealt at first surfaces, one of each technique elsewhere.
 
 use super::super::batch::PixelTask;
-use crate::balance::Counts;
 use crate::integrator::Transport;
 use crate::integrator::ledger::Ledger;
 use crate::integrator::queues::Identity;
@@ -138,7 +137,7 @@ pub fn one_each(transport: &Transport, vertices: &Vertices, at: usize) -> Reques
         identity: vertices.identity(&rows),
         toward: U::splat(Toward::Drawn as u32),
         len: LANES.min(vertices.len() - at),
-        rates: Counts::half(1).rates(transport.lights.environment_probability).map(F::splat),
+        rates: transport.deeper_rates().map(F::splat),
         rows,
     }
 }
