@@ -106,17 +106,25 @@ fn one_file_named_many_times_counts_once() {
     let accessor = |i: usize| format!(r#"{{"bufferView":{i},"componentType":5126,"count":699050,"type":"VEC3"}}"#);
     let list = |item: &dyn Fn(usize) -> String| (0..500).map(item).collect::<Vec<_>>().join(",");
     let json = format!(
-        r#"{{"asset":{{"version":"2.0"}},"buffers":[{}],"bufferViews":[{}],"accessors":[{}],"meshes":[{}]}}"#,
+        r#"{{"asset":{{"version":"2.0"}},"buffers":[{}],"bufferViews":[{}],"accessors":[{}],"meshes":[{}],"nodes":[{}]}}"#,
         list(&|_| buffer.into()),
         list(&view),
         list(&accessor),
         list(&|i| format!(r#"{{"primitives":[{{"attributes":{{"POSITION":{i}}}}}]}}"#)),
+        list(&|i| format!(r#"{{"mesh":{i}}}"#)),
     );
     let scene = path.with_file_name("scene.gltf");
     std::fs::write(&scene, json).unwrap();
     refused(in_time(&scene), &["unfold"]);
-    let images = list(&|_| r#"{"uri":"data.bin"}"#.into());
-    std::fs::write(&scene, format!(r#"{{"asset":{{"version":"2.0"}},"images":[{images}]}}"#)).unwrap();
+    let json = format!(
+        r#"{{"asset":{{"version":"2.0"}},"images":[{}],"textures":[{}],"materials":[{}],"nodes":[{{"mesh":0}}],
+        "meshes":[{{"primitives":[{}]}}],"accessors":[{{"componentType":5126,"count":3,"type":"VEC3"}}]}}"#,
+        list(&|_| r#"{"uri":"data.bin"}"#.into()),
+        list(&|i| format!(r#"{{"source":{i}}}"#)),
+        list(&|i| format!(r#"{{"emissiveFactor":[1,1,1],"emissiveTexture":{{"index":{i}}}}}"#)),
+        list(&|i| format!(r#"{{"attributes":{{"POSITION":0}},"material":{i}}}"#)),
+    );
+    std::fs::write(&scene, json).unwrap();
     refused(in_time(&scene), &["unfold"]);
     drop(folder);
 }

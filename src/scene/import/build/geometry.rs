@@ -105,7 +105,7 @@ pub fn read(
 }
 
 fn read_colors(reader: &mut Reader, index: usize, notes: &mut Notes) -> Result<Vec<[f32; 4]>> {
-    let accessor = &reader.document.accessors[index];
+    let accessor = reader.document.accessors.get(index)?;
     let mut colors: Vec<[f32; 4]> = match accessor.shape {
         Shape::Vec3 => reader.floats::<3>(index)?.into_iter().map(|[r, g, b]| [r, g, b, 1.0]).collect(),
         _ => reader.floats::<4>(index)?,
@@ -126,7 +126,7 @@ fn read_triangles(reader: &mut Reader, p: &Primitive, vertices: usize, notes: &m
             (0..vertices as u32).collect()
         }
         Some(index) => {
-            let accessor = &reader.document.accessors[index];
+            let accessor = reader.document.accessors.get(index)?;
             let restart = u32::MAX >> (32 - 8 * accessor.component.size());
             let list: Vec<u32> = reader.integers::<1>(index)?.into_iter().map(|[i]| i).collect();
             if let Some(i) = list.iter().position(|&v| v as usize >= vertices || v == restart) {
@@ -198,7 +198,7 @@ fn skin(reader: &mut Reader, primitive: &Primitive, joints: &[DMat4], g: &mut Ge
                     continue;
                 }
                 let Some(joint_matrix) = joints.get(joint as usize) else {
-                    let at = &reader.document.accessors[joint_index].at;
+                    let at = &reader.document.accessors.get(joint_index)?.at;
                     return Err(bad(
                         at,
                         format!("joints below {}", joints.len()),

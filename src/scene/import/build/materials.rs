@@ -3,13 +3,19 @@
 use std::collections::HashMap;
 
 use super::textures::TextureTable;
+use crate::error::Result;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::materials::Material;
 use crate::scene::import::report::Notes;
 use crate::scene::{self, TextureSlot};
 
 /// The scene's material; registers the textures that it samples.
-fn resolve(from: &Material, document: &Document, textures: &mut TextureTable, notes: &mut Notes) -> scene::Material {
+fn resolve(
+    from: &Material,
+    document: &Document,
+    textures: &mut TextureTable,
+    notes: &mut Notes,
+) -> Result<scene::Material> {
     for path in &from.clamped {
         notes.repaired(path, "a factor outside of 0 to 1 is clamped");
     }
@@ -34,7 +40,7 @@ fn resolve(from: &Material, document: &Document, textures: &mut TextureTable, no
             }
         };
         if needed {
-            material.textures[slot] = textures.register(document, info, slot, notes);
+            material.textures[slot] = textures.register(document, info, slot, notes)?;
         } else {
             notes.not_loaded(&info.at, "a texture whose factor is 0, or that the material does not use");
         }
@@ -47,7 +53,7 @@ fn resolve(from: &Material, document: &Document, textures: &mut TextureTable, no
         let text = "doubleSided is false: back faces are shaded, not culled; emission is from the front only";
         notes.convention(&from.at, text);
     }
-    material
+    Ok(material)
 }
 
 /// The scene's materials, made when a mesh first uses them.
@@ -59,26 +65,32 @@ pub struct MaterialTable {
 
 impl MaterialTable {
     /// The scene's index of a document's material; `None` is the default material.
+    ///
+    /// # Errors
+    /// A faulty material, or texture that it samples.
     pub fn get(
         &mut self,
         document: &Document,
         index: Option<usize>,
         textures: &mut TextureTable,
         notes: &mut Notes,
-    ) -> u32 {
-        *self.by_index.entry(index).or_insert_with(|| {
-            let material = match index {
-                Some(index) => resolve(&document.materials[index], document, textures, notes),
-                None => scene::Material::default(),
-            };
-            self.materials.push(material);
-            (self.materials.len() - 1) as u32
-        })
+    ) -> Result<u32> {
+        if let Some(&known) = self.by_index.get(&index) {
+            return Ok(known);
+        }
+        let material = match index {
+            Some(index) => resolve(document.materials.get(index)?, document, textures, notes)?,
+            None => scene::Material::default(),
+        };
+        self.materials.push(material);
+        let new = (self.materials.len() - 1) as u32;
+        self.by_index.insert(index, new);
+        Ok(new)
     }
 
     /// Notes the materials that no mesh uses.
     pub fn note_unused(&self, document: &Document, notes: &mut Notes) {
-        for (index, material) in document.materials.iter().enumerate() {
+        for (index, material) in document.materials.sound() {
             if !self.by_index.contains_key(&Some(index)) {
                 notes.not_loaded(&material.at, "a material that no placed mesh uses");
             }

@@ -30,8 +30,8 @@ use textures::TextureTable;
 /// Builds the scene, adds to the document's notes, and fills the report's extensions, notes and counts.
 pub fn build(document: &Document, file_bytes: u64, mut notes: Notes, report: &mut ImportReport) -> Result<Scene> {
     note_document(document, &mut notes);
-    let mut reader = Reader::new(document, file_bytes);
-    let textures = TextureTable::new(document, &mut reader.budget)?;
+    let reader = Reader::new(document, file_bytes);
+    let textures = TextureTable::new(file_bytes);
     let mut assembly = Assembly {
         document,
         reader,
@@ -45,14 +45,14 @@ pub fn build(document: &Document, file_bytes: u64, mut notes: Notes, report: &mu
         assembly.place(key, placements, &walk, &mut notes)?;
     }
     let placed: HashSet<usize> = walk.objects.iter().map(|(key, _)| key.mesh).collect();
-    assembly.check_unplaced(&placed, &mut notes)?;
+    note_unplaced(document, &placed, &mut notes);
 
     let Assembly { textures, materials, mut scene, bounds, .. } = assembly;
+    note_faults(document, scene.instances.is_empty(), &mut notes)?;
     materials.note_unused(document, &mut notes);
     textures.note_unused(document, &mut notes);
-    scene.images = textures.decode(document, file_bytes)?;
-    scene.textures = textures.textures;
     scene.materials = materials.materials;
+    textures.decode(document, file_bytes, &mut scene, &mut notes)?;
     scene.lights = walk.lights;
     scene.cameras = walk.cameras;
     if scene.cameras.is_empty() {
@@ -82,13 +82,13 @@ fn note_document(document: &Document, notes: &mut Notes) {
             notes.ignored(&format!("{at}.{name}"), format!("{name}: {why}"));
         }
     }
-    if document.animations > 0 {
+    if document.animations.len() > 0 {
         notes.approximated("animations", "animations are not played: the scene is shown at rest");
     }
     if document.extensions.contains_key("KHR_materials_variants") {
         notes.convention("extensions.KHR_materials_variants", "material variants: the default materials are shown");
     }
-    match document.scenes {
+    match document.scenes.len() {
         0 => notes.convention("scenes", "no scene in the file: all of its nodes are shown"),
         1 => {}
         n => notes.not_loaded("scenes", format!("{} of {n} scenes: only {} is shown", n - 1, document.scene_at)),
@@ -109,9 +109,9 @@ impl Assembly<'_> {
     fn place(&mut self, key: &ObjectKey, placements: &[Placement], walk: &Walk, notes: &mut Notes) -> Result<()> {
         let document = self.document;
         let placements: Vec<&Placement> = placements.iter().filter(|p| is_solid(p, notes)).collect();
-        let mesh = &document.meshes[key.mesh];
+        let mesh = document.meshes.get(key.mesh)?;
         let joints = match key.skin {
-            Some(skin) => Some(skins::joint_matrices(&document.skins[skin], &mut self.reader, &walk.worlds)?),
+            Some(skin) => Some(skins::joint_matrices(document.skins.get(skin)?, &mut self.reader, &walk.worlds)?),
             None => None,
         };
         let weights: Vec<f32> = key.weights.iter().map(|bits| f32::from_bits(*bits)).collect();
@@ -131,7 +131,7 @@ impl Assembly<'_> {
                 geometry::read(&mut self.reader, primitive, &scene::Material::default(), &pose, notes)?;
                 continue;
             }
-            let material = self.materials.get(document, primitive.material, &mut self.textures, notes);
+            let material = self.materials.get(document, primitive.material, &mut self.textures, notes)?;
             let shading = &self.materials.materials[material as usize];
             if let Some(geometry) = geometry::read(&mut self.reader, primitive, shading, &pose, notes)? {
                 let name = match mesh.primitives.len() {
@@ -173,19 +173,25 @@ impl Assembly<'_> {
         }
         Ok(())
     }
+}
 
-    /// Damaged data is an error also in meshes that are not placed: the file is not to be trusted then.
-    fn check_unplaced(&mut self, placed: &HashSet<usize>, notes: &mut Notes) -> Result<()> {
-        for (_, mesh) in self.document.meshes.iter().enumerate().filter(|(i, _)| !placed.contains(i)) {
-            notes.not_loaded(&mesh.at, "a mesh that no shown node places");
-            for primitive in &mesh.primitives {
-                let pose = Pose { weights: &mesh.weights, joints: None };
-                let material = scene::Material::default();
-                geometry::read(&mut self.reader, primitive, &material, &pose, &mut Notes::default())?;
-            }
-        }
-        Ok(())
+fn note_unplaced(document: &Document, placed: &HashSet<usize>, notes: &mut Notes) {
+    for (_, mesh) in document.meshes.sound().filter(|(index, _)| !placed.contains(index)) {
+        notes.not_loaded(&mesh.at, "a mesh that no shown node places");
     }
+}
+
+/// What is still faulty here is what nothing shown needed. Where nothing is shown at all, that may be why: then the first
+/// fault is an error.
+fn note_faults(document: &Document, nothing_shown: bool, notes: &mut Notes) -> Result<()> {
+    for (at, error) in document.faults() {
+        if nothing_shown {
+            return Err(error);
+        }
+        // Pictures that a shown material asks for have their note already.
+        notes.not_loaded(&at, format!("faulty, but nothing shown needs it: {error}"));
+    }
+    Ok(())
 }
 
 fn to_single(world: &DAffine3) -> Affine3A {

@@ -63,16 +63,17 @@ pub fn walk(document: &Document, reader: &mut Reader, notes: &mut Notes) -> Resu
     let mut stack: Vec<(usize, bool)> = document.roots.iter().rev().map(|&root| (root, true)).collect();
     while let Some((index, parent_visible)) = stack.pop() {
         let node = &nodes[index];
-        let visible = parent_visible && node.visible;
+        let content = node.content()?;
+        let visible = parent_visible && content.visible;
         shown[index] = true;
         stack.extend(node.children.iter().rev().map(|&child| (child, visible)));
-        for name in &node.extensions {
+        for name in &content.extensions {
             if let Support::Ignored { why, .. } = support(name) {
                 notes.ignored(&format!("{}.extensions.{name}", node.at), format!("{name}: {why}"));
             }
         }
         let world = worlds[index];
-        if let Some(camera) = node.camera.map(|c| &document.cameras[c]) {
+        if let Some(camera) = content.camera.map(|c| document.cameras.get(c)).transpose()? {
             let name = if node.name == node.at { camera.name.clone() } else { None };
             match cameras::place(camera, name.unwrap_or_else(|| node.name.clone()), &world) {
                 Some(camera) => out.cameras.push(camera),
@@ -80,17 +81,17 @@ pub fn walk(document: &Document, reader: &mut Reader, notes: &mut Notes) -> Resu
             }
         }
         if !visible {
-            if node.mesh.is_some() || node.light.is_some() {
+            if content.mesh.is_some() || content.light.is_some() {
                 notes.not_loaded(&node.at, "a node that KHR_node_visibility hides");
             }
             continue;
         }
-        if let Some(light) = node.light {
-            out.lights.extend(lights::place(&document.lights[light], &node.name, &world, notes));
+        if let Some(light) = content.light {
+            out.lights.extend(lights::place(document.lights.get(light)?, &node.name, &world, notes));
         }
-        let Some(mesh) = node.mesh else { continue };
-        let weights = node.weights.as_ref().unwrap_or(&document.meshes[mesh].weights);
-        let key = ObjectKey { mesh, weights: weights.iter().map(|w| w.to_bits()).collect(), skin: node.skin };
+        let Some(mesh) = content.mesh else { continue };
+        let weights = content.weights.as_ref().unwrap_or(&document.meshes.get(mesh)?.weights);
+        let key = ObjectKey { mesh, weights: weights.iter().map(|w| w.to_bits()).collect(), skin: content.skin };
         let placements = match by_key.get(&key) {
             Some(&i) => &mut out.objects[i].1,
             None => {
@@ -103,9 +104,9 @@ pub fn walk(document: &Document, reader: &mut Reader, notes: &mut Notes) -> Resu
             }
         };
         let place = |world: DAffine3| Placement { name: node.name.clone(), world, at: node.at.clone() };
-        match &node.instancing {
+        match &content.instancing {
             // Joints alone place a skinned mesh.
-            _ if node.skin.is_some() => placements.push(place(DAffine3::IDENTITY)),
+            _ if content.skin.is_some() => placements.push(place(DAffine3::IDENTITY)),
             Some(instancing) => {
                 placements.extend(instances(instancing, reader)?.into_iter().map(|t| place(world * t)));
             }
@@ -113,7 +114,7 @@ pub fn walk(document: &Document, reader: &mut Reader, notes: &mut Notes) -> Resu
         }
     }
     for (node, _) in nodes.iter().zip(shown).filter(|(_, shown)| !shown) {
-        if node.mesh.is_some() || node.camera.is_some() || node.light.is_some() {
+        if node.content().is_ok_and(|c| c.mesh.is_some() || c.camera.is_some() || c.light.is_some()) {
             notes.not_loaded(&node.at, "a node that is not in the shown scene");
         }
     }
@@ -123,7 +124,7 @@ pub fn walk(document: &Document, reader: &mut Reader, notes: &mut Notes) -> Resu
 /// Instance to node space.
 fn instances(from: &Instancing, reader: &mut Reader) -> Result<Vec<DAffine3>> {
     let Some(&any) = from.all.first() else { return Ok(Vec::new()) };
-    let accessor = &reader.document.accessors[any];
+    let accessor = reader.document.accessors.get(any)?;
     let (at, count) = (accessor.at.clone(), accessor.count);
     // Each becomes a placement, which is larger than what it is read from.
     const PLACEMENT: u64 = 256;

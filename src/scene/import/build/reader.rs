@@ -20,6 +20,11 @@ impl Budget {
         Self { left: whole, whole, file_bytes }
     }
 
+    /// For what a file of this size holds: quantized, indexed and shared data unfolds, but not without end.
+    pub fn for_data(file_bytes: u64) -> Self {
+        Self::new(256 << 20, 64, file_bytes)
+    }
+
     /// Takes `count` times `size` bytes.
     ///
     /// # Errors
@@ -46,10 +51,7 @@ pub struct Reader<'a> {
 
 impl<'a> Reader<'a> {
     pub fn new(document: &'a Document, file_bytes: u64) -> Self {
-        // Quantized, indexed and shared data unfolds, but not without end.
-        const BASE: u64 = 256 << 20;
-        const FACTOR: u64 = 64;
-        Self { document, budget: Budget::new(BASE, FACTOR, file_bytes) }
+        Self { document, budget: Budget::for_data(file_bytes) }
     }
 
     /// All elements as floats; integers are divided by their largest value when they are normalized. Finite.
@@ -57,7 +59,7 @@ impl<'a> Reader<'a> {
     /// # Errors
     /// Bytes that are not there, NaN or infinite values, wrong sparse indices, too much memory.
     pub fn floats<const N: usize>(&mut self, index: usize) -> Result<Vec<[f32; N]>> {
-        let accessor = &self.document.accessors[index];
+        let accessor = self.document.accessors.get(index)?;
         let n = accessor.normalized;
         let signed = move |x: f32, largest: f32| if n { (x / largest).max(-1.0) } else { x };
         let unsigned = move |x: f32, largest: f32| if n { x / largest } else { x };
@@ -80,7 +82,7 @@ impl<'a> Reader<'a> {
     /// # Errors
     /// As [`Self::floats`].
     pub fn integers<const N: usize>(&mut self, index: usize) -> Result<Vec<[u32; N]>> {
-        match self.document.accessors[index].component {
+        match self.document.accessors.get(index)?.component {
             Component::U8 | Component::I8 => self.elements(index, |b: [u8; 1]| b[0].into()),
             Component::U16 | Component::I16 => self.elements(index, |b: [u8; 2]| u16::from_le_bytes(b).into()),
             Component::U32 | Component::F32 => self.elements(index, |b: [u8; 4]| u32::from_le_bytes(b)),
@@ -93,7 +95,7 @@ impl<'a> Reader<'a> {
         decode: impl Fn([u8; S]) -> T,
     ) -> Result<Vec<[T; N]>> {
         let document = self.document;
-        let accessor = &document.accessors[index];
+        let accessor = document.accessors.get(index)?;
         let size = accessor.element_bytes();
         if size != (S * N) as u64 {
             // Callers check formats first; only tightly packed elements are read.
@@ -113,7 +115,7 @@ impl<'a> Reader<'a> {
             None => out.resize(count, [T::default(); N]),
             Some(view) => {
                 let bytes = self.view_bytes(view, accessor.offset)?;
-                let stride = accessor.stride(&document.views[view]) as usize;
+                let stride = accessor.stride(document.views.get(view)?) as usize;
                 out.extend(bytes.chunks(stride).take(count).map(|chunk| element(&chunk[..chunk.len().min(S * N)])));
             }
         }
@@ -149,8 +151,8 @@ impl<'a> Reader<'a> {
 
     /// A view's bytes from an offset on.
     fn view_bytes(&self, view: usize, offset: u64) -> Result<&'a [u8]> {
-        let view = &self.document.views[view];
+        let view = self.document.views.get(view)?;
         let start = view.offset.saturating_add(offset);
-        self.document.buffers[view.buffer].bytes(start, view.length.saturating_sub(offset))
+        self.document.buffers.get(view.buffer)?.bytes(start, view.length.saturating_sub(offset))
     }
 }

@@ -1,87 +1,110 @@
-//! Pictures and textures for the scene. Every picture's header is checked; only those that a material samples are
-//! decoded.
+//! Pictures and textures for the scene. Only those that a material samples are looked at; one that cannot be used is left
+//! out with a note.
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::io::Cursor;
 
-use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
+use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
 use rayon::prelude::*;
 
 use super::reader::Budget;
 use crate::error::{Error, Result};
-use crate::scene::import::complaint::bad;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::images::{Image, ImageData, Sampler};
 use crate::scene::import::document::materials::TextureInfo;
 use crate::scene::import::report::Notes;
-use crate::scene::{self, Filter, Texels, TextureRef, TextureSlot, Wrap};
+use crate::scene::{self, Filter, Scene, Texels, TextureRef, TextureSlot, Wrap};
 
 /// Texels a side and in all. Larger pictures are refused before anything is decoded.
 const LARGEST_SIDE: u32 = 1 << 15;
 const LARGEST_TEXELS: u64 = 1 << 28;
 
 /// A picture as it is stored; nothing if it has no data.
+///
+/// # Errors
+/// A file that cannot be read, bytes that are not in the buffer.
 fn stored<'a>(image: &'a Image, document: &'a Document) -> Result<&'a [u8]> {
     match &image.data {
         ImageData::Nothing => Ok(&[]),
+        ImageData::Unreadable(error) => Err(error.clone()),
         ImageData::Bytes(bytes) => Ok(bytes),
         ImageData::View(index) => {
-            let view = &document.views[*index];
-            document.buffers[view.buffer].bytes(view.offset, view.length)
+            let view = document.views.get(*index)?;
+            document.buffers.get(view.buffer)?.bytes(view.offset, view.length)
         }
     }
 }
 
-fn decode(image: &Image, document: &Document, format: ImageFormat) -> Result<scene::Image> {
+/// The picture, or what is wrong with it.
+fn decode(
+    image: &Image,
+    document: &Document,
+    format: ImageFormat,
+) -> Result<std::result::Result<scene::Image, String>> {
     let mut reader = ImageReader::with_format(Cursor::new(stored(image, document)?), format);
     let mut limits = Limits::default();
     limits.max_image_width = Some(LARGEST_SIDE);
     limits.max_image_height = Some(LARGEST_SIDE);
     limits.max_alloc = Some(LARGEST_TEXELS * 16);
     reader.limits(limits);
-    let picture = reader.decode().map_err(|e| damaged(&image.at, &e))?;
-    let (width, height) = (picture.width(), picture.height());
-    Ok(scene::Image { name: image.name.clone(), width, height, texels: texels(picture) })
+    Ok(reader.decode().map_err(|e| damaged(&e)).map(|picture| {
+        let (width, height) = (picture.width(), picture.height());
+        scene::Image { name: image.name.clone(), width, height, texels: texels(picture) }
+    }))
 }
 
 /// What a picture's header says.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug)]
 pub enum Probe {
     /// Can be decoded; width, height and bytes a texel once decoded.
     Readable(ImageFormat, u32, u32, u64),
     /// Cannot be decoded; why.
-    Unreadable(&'static str),
+    Unreadable(String),
 }
 
-fn damaged(at: &str, error: &image::ImageError) -> Error {
+impl Probe {
+    fn unreadable(why: impl Into<String>) -> Self {
+        Self::Unreadable(why.into())
+    }
+}
+
+fn damaged(error: &ImageError) -> String {
     // Some decoders end their text with a line feed.
     let error = error.to_string();
-    Error::Data(format!("{at}: the picture is damaged: {}; export or save it again", error.trim_end()))
+    format!("the picture is damaged: {}; export or save it again", error.trim_end())
 }
 
-/// Reads the header.
+/// Reads the header. A picture that is not there, damaged or of another format is no error here.
 ///
 /// # Errors
-/// A PNG or JPEG whose header is damaged. Other formats are not errors here.
+/// Bytes that are not in the buffer, sizes beyond the decoders' limits.
 fn probe(image: &Image, document: &Document) -> Result<Probe> {
-    if matches!(image.data, ImageData::Nothing) {
-        return Ok(Probe::Unreadable("an image without data"));
+    match &image.data {
+        ImageData::Nothing => return Ok(Probe::unreadable("an image without data")),
+        ImageData::Unreadable(error) => return Ok(Probe::unreadable(error.to_string())),
+        ImageData::Bytes(_) | ImageData::View(_) => {}
     }
     let (bytes, at) = (stored(image, document)?, &image.at);
     let format = match bytes {
         [0x89, b'P', b'N', b'G', ..] => ImageFormat::Png,
         [0xFF, 0xD8, 0xFF, ..] => ImageFormat::Jpeg,
         [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => {
-            return Ok(Probe::Unreadable("WebP pictures are not read: use PNG or JPEG"));
+            return Ok(Probe::unreadable("WebP pictures are not read: use PNG or JPEG"));
         }
-        [0xAB, b'K', b'T', b'X', ..] => return Ok(Probe::Unreadable("KTX2 pictures are not read: use PNG or JPEG")),
-        [b'D', b'D', b'S', b' ', ..] => return Ok(Probe::Unreadable("DDS pictures are not read: use PNG or JPEG")),
-        _ => return Ok(Probe::Unreadable("the picture is neither PNG nor JPEG")),
+        [0xAB, b'K', b'T', b'X', ..] => return Ok(Probe::unreadable("KTX2 pictures are not read: use PNG or JPEG")),
+        [b'D', b'D', b'S', b' ', ..] => return Ok(Probe::unreadable("DDS pictures are not read: use PNG or JPEG")),
+        _ => return Ok(Probe::unreadable("the picture is neither PNG nor JPEG")),
     };
-    let decoder = ImageReader::with_format(Cursor::new(bytes), format).into_decoder().map_err(|e| damaged(at, &e))?;
+    let decoder = ImageReader::with_format(Cursor::new(bytes), format).into_decoder();
+    let decoder = match decoder {
+        Ok(decoder) => decoder,
+        Err(e @ ImageError::Limits(_)) => return Err(Error::Data(format!("{at}: {}", damaged(&e)))),
+        Err(e) => return Ok(Probe::Unreadable(damaged(&e))),
+    };
     let (width, height) = decoder.dimensions();
     if width == 0 || height == 0 {
-        return Err(bad(at, "a picture of at least 1x1", format!("{width}x{height}")));
+        return Ok(Probe::unreadable(format!("a picture of {width}x{height} texels")));
     }
     let bytes = match decoder.color_type() {
         ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => 8,
@@ -112,8 +135,10 @@ fn texels(picture: DynamicImage) -> Texels {
 
 /// The scene's textures and pictures, registered as materials ask for them.
 pub struct TextureTable {
-    pub textures: Vec<scene::Texture>,
-    probes: Vec<Probe>,
+    textures: Vec<scene::Texture>,
+    /// By the document's image, of those that were asked for.
+    probes: HashMap<usize, Probe>,
+    budget: Budget,
     /// Document's image of each of the scene's.
     images: Vec<usize>,
     by_image: HashMap<usize, u32>,
@@ -121,18 +146,27 @@ pub struct TextureTable {
 }
 
 impl TextureTable {
-    /// Checks the header of every picture of the document.
-    ///
-    /// # Errors
-    /// Damaged headers.
-    pub fn new(document: &Document, budget: &mut Budget) -> Result<Self> {
-        let mut probes = Vec::with_capacity(document.images.len());
-        for image in &document.images {
-            // Some decoders read all for the header, and many images may share one picture.
-            budget.take(&image.at, image.length, 1)?;
-            probes.push(probe(image, document)?);
+    pub fn new(file_bytes: u64) -> Self {
+        Self {
+            textures: Vec::new(),
+            probes: HashMap::new(),
+            budget: Budget::for_data(file_bytes),
+            images: Vec::new(),
+            by_image: HashMap::new(),
+            by_use: HashMap::new(),
         }
-        Ok(Self { textures: Vec::new(), probes, images: Vec::new(), by_image: HashMap::new(), by_use: HashMap::new() })
+    }
+
+    fn probe(&mut self, document: &Document, index: usize) -> Result<&Probe> {
+        match self.probes.entry(index) {
+            Entry::Occupied(known) => Ok(known.into_mut()),
+            Entry::Vacant(unknown) => {
+                let image = document.images.get(index)?;
+                // Some decoders read all for the header, and many images may share one picture.
+                self.budget.take(&image.at, image.length, 1)?;
+                Ok(unknown.insert(probe(image, document)?))
+            }
+        }
     }
 
     /// The scene's reference for a document's; `None` with a note when there is nothing to sample.
@@ -142,30 +176,33 @@ impl TextureTable {
         info: &TextureInfo,
         slot: TextureSlot,
         notes: &mut Notes,
-    ) -> Option<TextureRef> {
-        let texture = &document.textures[info.texture];
+    ) -> Result<Option<TextureRef>> {
+        let texture = document.textures.get(info.texture)?;
         let Some(source) = texture.source else {
             let text = match texture.alternatives.first() {
                 Some(name) => format!("a texture only in {name}, which is not read: the factor alone is used"),
                 None => "a texture without a picture: the factor alone is used".into(),
             };
             notes.ignored(&info.at, text);
-            return None;
+            return Ok(None);
         };
-        if let Probe::Unreadable(why) = self.probes[source] {
-            notes.ignored(&document.images[source].at, format!("{why}; the factor alone is used"));
-            return None;
+        if let Probe::Unreadable(why) = self.probe(document, source)? {
+            notes.ignored(&document.images.get(source)?.at, format!("{why}; the factor alone is used"));
+            return Ok(None);
         }
         let Some(set) = u8::try_from(info.set).ok().filter(|set| *set < 2) else {
             let text = "a texture on TEXCOORD_2 or higher, of which only 0 and 1 are read: the factor alone is used";
             notes.ignored(&info.at, text);
-            return None;
+            return Ok(None);
         };
         if !texture.alternatives.is_empty() {
             notes.not_loaded(&texture.at, "an alternative picture of an extension: the core one is used");
         }
         let default = Sampler { wrap_s: Wrap::Repeat, wrap_t: Wrap::Repeat, filter: Filter::Linear };
-        let sampler = texture.sampler.map_or(default, |index| document.samplers[index]);
+        let sampler = match texture.sampler {
+            Some(index) => *document.samplers.get(index)?,
+            None => default,
+        };
         let key = (source, sampler.wrap_s, sampler.wrap_t, sampler.filter);
         let index = *self.by_use.entry(key).or_insert_with(|| {
             let image = *self.by_image.entry(source).or_insert_with(|| {
@@ -176,22 +213,23 @@ impl TextureTable {
             self.textures.push(scene::Texture { image, wrap_s, wrap_t, filter });
             (self.textures.len() - 1) as u32
         });
-        Some(TextureRef { texture: index, set, transform: info.transform, encoding: slot.encoding() })
+        Ok(Some(TextureRef { texture: index, set, transform: info.transform, encoding: slot.encoding() }))
     }
 
-    /// Decodes the pictures that are sampled, in parallel.
+    /// Decodes the pictures that are sampled, in parallel, into `scene`, with their textures. Materials lose the textures
+    /// whose picture is damaged.
     ///
     /// # Errors
-    /// The first damaged or too large picture, by the document's order.
-    pub fn decode(&self, document: &Document, file_bytes: u64) -> Result<Vec<scene::Image>> {
+    /// The first picture that is too large, by the document's order.
+    pub fn decode(self, document: &Document, file_bytes: u64, scene: &mut Scene, notes: &mut Notes) -> Result<()> {
         // Flat colours compress a thousandfold; a floor lets ordinary ones pass.
         const BASE: u64 = 1 << 30;
         const FACTOR: u64 = 256;
         let mut budget = Budget::new(BASE, FACTOR, file_bytes);
         let mut jobs = Vec::new();
         for &index in &self.images {
-            let image = &document.images[index];
-            let Probe::Readable(format, width, height, bytes) = self.probes[index] else { continue };
+            let image = document.images.get(index)?;
+            let Some(&Probe::Readable(format, width, height, bytes)) = self.probes.get(&index) else { continue };
             let count = u64::from(width) * u64::from(height);
             if width.max(height) > LARGEST_SIDE || count > LARGEST_TEXELS {
                 return Err(Error::Data(format!(
@@ -204,15 +242,56 @@ impl TextureTable {
             jobs.push((image, format));
         }
         let decoded: Vec<_> = jobs.par_iter().map(|(image, format)| decode(image, document, *format)).collect();
-        decoded.into_iter().collect()
+        // The scene's index of each picture and texture that is left.
+        let (mut image_left, mut texture_left) = (Vec::new(), Vec::new());
+        for ((image, _), decoded) in jobs.iter().zip(decoded) {
+            image_left.push(match decoded? {
+                Ok(picture) => Some(push(&mut scene.images, picture)),
+                Err(why) => {
+                    notes.ignored(&image.at, format!("{why}; the factor alone is used"));
+                    None
+                }
+            });
+        }
+        for texture in self.textures {
+            let left = image_left[texture.image as usize];
+            texture_left.push(left.map(|image| push(&mut scene.textures, scene::Texture { image, ..texture })));
+        }
+        if image_left.contains(&None) {
+            drop_textures(scene, &texture_left);
+        }
+        Ok(())
     }
 
     /// Notes the pictures that nothing samples.
     pub fn note_unused(&self, document: &Document, notes: &mut Notes) {
-        for (index, image) in document.images.iter().enumerate() {
+        for (index, image) in document.images.sound() {
             if !self.by_image.contains_key(&index) {
                 notes.not_loaded(&image.at, "a picture that no visible material samples");
             }
         }
+    }
+}
+
+/// Appends, and gives the index.
+fn push<T>(list: &mut Vec<T>, item: T) -> u32 {
+    list.push(item);
+    (list.len() - 1) as u32
+}
+
+/// Renumbers the materials' textures; those without a new number are taken away, and tangents that stood for them.
+fn drop_textures(scene: &mut Scene, left: &[Option<u32>]) {
+    for material in &mut scene.materials {
+        for slot in TextureSlot::ALL {
+            let reference = material.textures[slot].take();
+            material.textures[slot] =
+                reference.and_then(|old| Some(TextureRef { texture: left[old.texture as usize]?, ..old }));
+        }
+    }
+    for mesh in &mut scene.meshes {
+        mesh.tangents = mesh
+            .tangents
+            .take()
+            .filter(|_| scene.materials[mesh.material as usize].textures[TextureSlot::Normal].is_some());
     }
 }

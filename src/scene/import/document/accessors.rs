@@ -1,9 +1,8 @@
 //! Buffer views and accessors: where elements lie, and that they lie inside.
 
-use super::Lengths;
 use super::buffers::Buffer;
-use super::images::Image;
 use super::json::Json;
+use super::table::Table;
 use crate::error::Result;
 use crate::scene::import::complaint::bad;
 
@@ -18,8 +17,8 @@ pub struct View {
 }
 
 impl View {
-    pub fn parse(json: &Json, lengths: &Lengths) -> Result<Self> {
-        let buffer = json.need("buffer", json.index("buffer", lengths.buffers, "buffers")?)?;
+    pub fn parse(json: &Json, buffers: &Table<Buffer>) -> Result<Self> {
+        let buffer = json.need("buffer", json.index("buffer", buffers.len(), "buffers")?)?;
         let offset = json.integer("byteOffset")?.unwrap_or(0);
         let length = json.need("byteLength", json.integer("byteLength")?)?;
         if length == 0 {
@@ -28,6 +27,11 @@ impl View {
         let stride = json.integer("byteStride")?;
         if let Some(stride) = stride.filter(|s| !(4..=252).contains(s) || s % 4 != 0) {
             return Err(json.bad("byteStride", "a multiple of 4 from 4 to 252", stride));
+        }
+        let whole = buffers.get(buffer)?.length;
+        if offset.checked_add(length).is_none_or(|end| end > whole) {
+            let wanted = format!("a range within the {whole} bytes of buffers[{buffer}]");
+            return Err(bad(&json.at, wanted, format!("{length} bytes from byte {offset}")));
         }
         Ok(Self { buffer, offset, length, stride, at: json.at.clone() })
     }
@@ -148,7 +152,7 @@ pub struct Accessor {
 }
 
 impl Accessor {
-    pub fn parse(json: &Json, views: &[View]) -> Result<Self> {
+    pub fn parse(json: &Json, views: &Table<View>) -> Result<Self> {
         let component = Component::parse(json)?;
         let shape = Shape::parse(json)?;
         let count = json.need("count", json.integer("count")?)?;
@@ -163,7 +167,7 @@ impl Accessor {
         let offset = json.integer("byteOffset")?.unwrap_or(0);
         let accessor = Self { view, offset, component, shape, normalized, count, sparse: None, at: json.at.clone() };
         if let Some(view) = view {
-            let view = &views[view];
+            let view = views.get(view)?;
             let matrix = matches!(shape, Shape::Mat2 | Shape::Mat3 | Shape::Mat4);
             let alignment = if matrix { 4 } else { component.size() };
             check_range(
@@ -193,10 +197,6 @@ impl Accessor {
     pub fn format(&self) -> String {
         let normalized = if self.normalized { "normalized " } else { "" };
         format!("{} of {normalized}{}", format!("{:?}", self.shape).to_uppercase(), self.component.name())
-    }
-
-    fn views(&self) -> impl Iterator<Item = usize> {
-        self.view.into_iter().chain(self.sparse.iter().flat_map(|s| [s.index_view, s.value_view]))
     }
 }
 
@@ -234,7 +234,7 @@ fn check_range(
     Ok(())
 }
 
-fn parse_sparse(json: &Json, accessor: &Accessor, views: &[View]) -> Result<Sparse> {
+fn parse_sparse(json: &Json, accessor: &Accessor, views: &Table<View>) -> Result<Sparse> {
     let count = json.need("count", json.integer("count")?)?;
     if count == 0 || count > accessor.count {
         return Err(json.bad("count", format!("1 to {}", accessor.count), count));
@@ -242,8 +242,8 @@ fn parse_sparse(json: &Json, accessor: &Accessor, views: &[View]) -> Result<Spar
     let part = |key: &str| -> Result<(Json, usize, u64)> {
         let part = json.need(key, json.get(key)?)?;
         let view = part.need("bufferView", part.index("bufferView", views.len(), "bufferViews")?)?;
-        if views[view].stride.is_some() {
-            return Err(part.bad("bufferView", "a view without byteStride", &views[view].at));
+        if views.get(view)?.stride.is_some() {
+            return Err(part.bad("bufferView", "a view without byteStride", &views.get(view)?.at));
         }
         let offset = part.integer("byteOffset")?.unwrap_or(0);
         Ok((part, view, offset))
@@ -254,38 +254,18 @@ fn parse_sparse(json: &Json, accessor: &Accessor, views: &[View]) -> Result<Spar
         return Err(indices.bad("componentType", "5121, 5123 or 5125", index_component.name()));
     }
     let size = index_component.size();
-    check_range(&indices, "byteOffset", &views[index_view], index_offset, count, size, size, size)?;
+    check_range(&indices, "byteOffset", views.get(index_view)?, index_offset, count, size, size, size)?;
     let (values, value_view, value_offset) = part("values")?;
     let size = accessor.element_bytes();
-    check_range(&values, "byteOffset", &views[value_view], value_offset, count, size, size, accessor.component.size())?;
+    check_range(
+        &values,
+        "byteOffset",
+        views.get(value_view)?,
+        value_offset,
+        count,
+        size,
+        size,
+        accessor.component.size(),
+    )?;
     Ok(Sparse { count, index_view, index_offset, index_component, value_view, value_offset })
-}
-
-/// A view must lie in its buffer, unless all that stands on it are accessors that nothing uses.
-pub fn check_views(
-    views: &[View],
-    buffers: &[Buffer],
-    accessors: &[Accessor],
-    used: &[bool],
-    images: &[Image],
-) -> Result<()> {
-    let mut excused = vec![false; views.len()];
-    for accessor in accessors {
-        accessor.views().for_each(|view| excused[view] = true);
-    }
-    for (accessor, _) in accessors.iter().zip(used).filter(|(_, used)| **used) {
-        accessor.views().for_each(|view| excused[view] = false);
-    }
-    images.iter().filter_map(Image::view).for_each(|view| excused[view] = false);
-    for (view, _) in views.iter().zip(excused).filter(|(_, excused)| !excused) {
-        let buffer = &buffers[view.buffer];
-        if view.offset.checked_add(view.length).is_none_or(|end| end > buffer.length) {
-            return Err(bad(
-                &view.at,
-                format!("a range within the {} bytes of buffers[{}]", buffer.length, view.buffer),
-                format!("{} bytes from byte {}", view.length, view.offset),
-            ));
-        }
-    }
-    Ok(())
 }

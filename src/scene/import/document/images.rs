@@ -5,7 +5,8 @@ use bytes::Bytes;
 use super::Lengths;
 use super::accessors::View;
 use super::json::Json;
-use crate::error::Result;
+use super::table::Table;
+use crate::error::{Error, Result};
 use crate::scene::import::report::Notes;
 use crate::scene::import::source::{Data, Source};
 use crate::scene::{Filter, Wrap};
@@ -19,6 +20,8 @@ pub enum ImageData {
     View(usize),
     /// Neither `uri` nor `bufferView`.
     Nothing,
+    /// A `uri` that cannot be read; why.
+    Unreadable(Error),
 }
 
 /// A document's image.
@@ -32,44 +35,33 @@ pub struct Image {
 }
 
 impl Image {
-    pub fn parse(json: &Json, index: usize, source: &Source, views: &[View]) -> Result<Self> {
+    pub fn parse(json: &Json, index: usize, source: &Source, views: &Table<View>) -> Result<Self> {
         let mut name = json.name()?;
-        let mut mime = json.string("mimeType")?.unwrap_or_default().to_string();
+        json.string("mimeType")?; // The bytes say what they are.
         let view = json.index("bufferView", views.len(), "bufferViews")?;
         let uri = json.string("uri")?;
         if uri.is_some() && view.is_some() {
             return Err(json.bad("bufferView", "either uri or bufferView", "both"));
         }
-        let (data, length) = match (source.image(index)?, view) {
-            (Some(Data { bytes, mime: own }), _) => {
-                match (own, uri) {
-                    (Some(own), _) if mime != own && !mime.is_empty() && own.starts_with("image/") => {
-                        return Err(json.bad("mimeType", format!("\"{own}\" as in the URI"), format!("\"{mime}\"")));
-                    }
-                    (Some(own), _) => mime = own,
-                    (None, Some(uri)) if name == json.at => name = uri.into(),
-                    (None, _) => {}
+        let (data, length) = match (source.image(index), view) {
+            (Err(error), _) => (ImageData::Unreadable(error), 0),
+            (Ok(Some(Data { bytes, mime })), _) => {
+                if let Some(uri) = uri.filter(|_| mime.is_none() && name == json.at) {
+                    name = uri.into();
                 }
                 let length = bytes.len() as u64;
                 (ImageData::Bytes(bytes), length)
             }
-            (None, Some(index)) => {
-                if views[index].stride.is_some() {
-                    return Err(json.bad("bufferView", "a view without byteStride", &views[index].at));
+            (Ok(None), Some(index)) => {
+                let view = views.get(index)?;
+                if view.stride.is_some() {
+                    return Err(json.bad("bufferView", "a view without byteStride", &view.at));
                 }
-                (ImageData::View(index), views[index].length)
+                (ImageData::View(index), view.length)
             }
-            (None, None) => (ImageData::Nothing, 0),
+            (Ok(None), None) => (ImageData::Nothing, 0),
         };
-        const KNOWN: &[&str] = &["png", "jpeg", "jpg", "webp", "ktx2", "vnd-ms.dds", "x-basis"];
-        if mime.strip_prefix("image/").is_some_and(|kind| !KNOWN.contains(&kind)) {
-            return Err(json.bad("mimeType", "image/png or image/jpeg", format!("\"{mime}\"")));
-        }
         Ok(Self { data, name, length, at: json.at.clone() })
-    }
-
-    pub fn view(&self) -> Option<usize> {
-        if let ImageData::View(view) = self.data { Some(view) } else { None }
     }
 }
 
@@ -123,7 +115,8 @@ impl Texture {
         let mut alternatives = Vec::new();
         for name in json.extension_names()? {
             if let Some(extension) = json.extension(name)?
-                && extension.index("source", lengths.images, "images")?.is_some()
+                && extension.object()?.contains_key("source")
+                && (source.is_some() || extension.index("source", lengths.images, "images")?.is_some())
             {
                 alternatives.push(name.into());
             }

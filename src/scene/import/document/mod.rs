@@ -1,5 +1,5 @@
-//! The glTF document, checked: after [`Document::parse`] every index is in range, every accessor lies in its view,
-//! and the nodes are a forest.
+//! The glTF document, checked: after [`Document::parse`] every sound element's indices are in range, every sound
+//! accessor lies in its view, and the nodes are a forest. A faulty element stops only those who need it.
 
 pub mod accessors;
 mod buffers;
@@ -12,6 +12,7 @@ pub mod materials;
 pub mod nodes;
 pub mod primitives;
 pub mod skins;
+mod table;
 
 use std::collections::BTreeMap;
 
@@ -22,19 +23,19 @@ use crate::scene::import::source::Source;
 use accessors::{Accessor, View};
 use buffers::Buffer;
 use cameras::Camera;
-use images::{Image, Sampler, Texture};
+use images::{Image, ImageData, Sampler, Texture};
 use json::{Json, each_extension, join};
 use lights::Light;
 use materials::Material;
 use nodes::{Node, check_forest};
 use primitives::Mesh;
 use skins::Skin;
+use table::Table;
 
 /// Lengths of the document's arrays, to check indices against.
 #[derive(Default)]
 pub struct Lengths {
     pub accessors: usize,
-    pub buffers: usize,
     pub cameras: usize,
     pub images: usize,
     pub lights: usize,
@@ -51,24 +52,24 @@ pub struct Lengths {
 /// A checked glTF document. Arrays and indices are those of the file.
 pub struct Document {
     pub generator: Option<String>,
-    pub buffers: Vec<Buffer>,
-    pub views: Vec<View>,
-    pub accessors: Vec<Accessor>,
-    pub images: Vec<Image>,
-    pub samplers: Vec<Sampler>,
-    pub textures: Vec<Texture>,
-    pub materials: Vec<Material>,
-    pub meshes: Vec<Mesh>,
-    pub skins: Vec<Skin>,
-    pub cameras: Vec<Camera>,
-    pub lights: Vec<Light>,
+    pub buffers: Table<Buffer>,
+    pub views: Table<View>,
+    pub accessors: Table<Accessor>,
+    pub images: Table<Image>,
+    pub samplers: Table<Sampler>,
+    pub textures: Table<Texture>,
+    pub materials: Table<Material>,
+    pub meshes: Table<Mesh>,
+    pub skins: Table<Skin>,
+    pub cameras: Table<Camera>,
+    pub lights: Table<Light>,
     pub nodes: Vec<Node>,
     /// Root nodes of the scene that is shown.
     pub roots: Vec<usize>,
     /// JSON path of that scene.
     pub scene_at: String,
-    pub animations: usize,
-    pub scenes: usize,
+    pub animations: Table<()>,
+    pub scenes: Table<Vec<usize>>,
     /// Extensions that stand in the document or are declared, and where first.
     pub extensions: BTreeMap<String, String>,
 }
@@ -124,7 +125,6 @@ impl Document {
         }
         let lengths = Lengths {
             accessors: accessor_items.len(),
-            buffers: buffer_items.len(),
             cameras: camera_items.len(),
             images: image_items.len(),
             lights: light_items.len(),
@@ -138,60 +138,37 @@ impl Document {
             variants,
         };
 
-        let buffers = buffer_items
-            .iter()
-            .enumerate()
-            .map(|(i, json)| Buffer::parse(json, i, source))
-            .collect::<Result<Vec<_>>>()?;
-        let views = view_items.iter().map(|json| View::parse(json, &lengths)).collect::<Result<Vec<_>>>()?;
-        let accessors = accessor_items.iter().map(|json| Accessor::parse(json, &views)).collect::<Result<Vec<_>>>()?;
-        let images = image_items
-            .iter()
-            .enumerate()
-            .map(|(i, json)| Image::parse(json, i, source, &views))
-            .collect::<Result<Vec<_>>>()?;
-        let samplers = sampler_items.iter().map(|json| Sampler::parse(json, notes)).collect::<Result<Vec<_>>>()?;
-        let textures = texture_items.iter().map(|json| Texture::parse(json, &lengths)).collect::<Result<Vec<_>>>()?;
-        let materials =
-            material_items.iter().map(|json| Material::parse(json, &lengths)).collect::<Result<Vec<_>>>()?;
-        let meshes = mesh_items
-            .iter()
-            .map(|json| Mesh::parse(json, &lengths, &accessors, &views, &materials, quantized, notes))
-            .collect::<Result<Vec<_>>>()?;
-        let skins = skin_items
-            .iter()
-            .map(|json| Skin::parse(json, &lengths, &accessors, &views))
-            .collect::<Result<Vec<_>>>()?;
-        let cameras = camera_items.iter().map(cameras::parse).collect::<Result<Vec<_>>>()?;
-        let lights = light_items.iter().map(|json| lights::parse(json, notes)).collect::<Result<Vec<_>>>()?;
+        let buffers = Table::parse("buffers", &buffer_items, |i, json| Buffer::parse(json, i, source));
+        let views = Table::parse("bufferViews", &view_items, |_, json| View::parse(json, &buffers));
+        let accessors = Table::parse("accessors", &accessor_items, |_, json| Accessor::parse(json, &views));
+        let images = Table::parse("images", &image_items, |i, json| Image::parse(json, i, source, &views));
+        let samplers = Table::parse("samplers", &sampler_items, |_, json| Sampler::parse(json, notes));
+        let textures = Table::parse("textures", &texture_items, |_, json| Texture::parse(json, &lengths));
+        let materials = Table::parse("materials", &material_items, |_, json| Material::parse(json, &lengths));
+        let meshes = Table::parse("meshes", &mesh_items, |_, json| {
+            Mesh::parse(json, &lengths, &accessors, &views, &materials, quantized, notes)
+        });
+        let skins = Table::parse("skins", &skin_items, |_, json| Skin::parse(json, &lengths, &accessors, &views));
+        let cameras = Table::parse("cameras", &camera_items, |_, json| cameras::parse(json));
+        let lights =
+            Table::parse("extensions.KHR_lights_punctual.lights", &light_items, |_, json| lights::parse(json, notes));
         let nodes = node_items
             .iter()
             .map(|json| Node::parse(json, &lengths, &meshes, &accessors))
             .collect::<Result<Vec<_>>>()?;
         check_forest(&nodes)?;
-        let animation_accessors = skins::check_animations(&root.items("animations")?, &lengths)?;
+        let animations =
+            Table::parse("animations", &root.items("animations")?, |_, json| skins::check_animation(json, &lengths));
 
-        // A view that sticks out of its buffer is an error, except where nothing but unused accessors stands on it.
-        let mut used = vec![false; accessors.len()];
-        primitives::mark_used(&meshes, &mut used);
-        animation_accessors.iter().for_each(|&i| used[i] = true);
-        skins.iter().filter_map(|s| s.inverse_bind).for_each(|i| used[i] = true);
-        nodes.iter().flat_map(Node::instancing_accessors).for_each(|i| used[i] = true);
-        accessors::check_views(&views, &buffers, &accessors, &used, &images)?;
-
-        let scenes = scene_items
-            .iter()
-            .map(|json| {
-                json.name()?;
-                json.indices("nodes", lengths.nodes, "nodes")
-            })
-            .collect::<Result<Vec<_>>>()?;
+        let scenes = Table::parse("scenes", &scene_items, |_, json| {
+            json.name()?;
+            json.indices("nodes", lengths.nodes, "nodes")
+        });
         let chosen = root.index("scene", lengths.scenes, "scenes")?.unwrap_or(0);
-        let mut scenes_left = scenes.into_iter().skip(chosen);
-        let (roots, scene_at) = match scenes_left.next() {
-            Some(roots) => (roots, format!("scenes[{chosen}]")),
+        let (roots, scene_at) = match scenes.len() {
             // Without scenes the file is a library: show all of it.
-            None => (top_nodes(&nodes), "nodes".into()),
+            0 => (top_nodes(&nodes), "nodes".into()),
+            _ => (scenes.get(chosen)?.clone(), format!("scenes[{chosen}]")),
         };
         check_roots(&roots, &nodes, &scene_at)?;
         Ok(Self {
@@ -210,10 +187,38 @@ impl Document {
             nodes,
             roots,
             scene_at,
-            animations: root.items("animations")?.len(),
-            scenes: lengths.scenes,
+            animations,
+            scenes,
             extensions,
         })
+    }
+}
+
+impl Document {
+    /// What is wrong with the document's elements: paths and reasons, a reason again with all who need that element.
+    pub fn faults(&self) -> Vec<(String, Error)> {
+        let unreadable = |(_, image): (usize, &Image)| match &image.data {
+            ImageData::Unreadable(error) => Some((image.at.clone(), error.clone())),
+            _ => None,
+        };
+        let nodes = self.nodes.iter().filter_map(|node| Some((node.at.clone(), node.content().err()?)));
+        let tables = self
+            .buffers
+            .faults()
+            .chain(self.views.faults())
+            .chain(self.accessors.faults())
+            .chain(self.images.faults())
+            .chain(self.samplers.faults())
+            .chain(self.textures.faults())
+            .chain(self.materials.faults())
+            .chain(self.meshes.faults())
+            .chain(self.skins.faults())
+            .chain(self.cameras.faults())
+            .chain(self.lights.faults())
+            .chain(self.animations.faults())
+            .chain(self.scenes.faults())
+            .map(|(at, error)| (at, error.clone()));
+        tables.chain(nodes).chain(self.images.sound().filter_map(unreadable)).collect()
     }
 }
 

@@ -6,6 +6,7 @@ use super::Lengths;
 use super::accessors::{Accessor, Component, Shape};
 use super::json::Json;
 use super::primitives::{Mesh, read_weights};
+use super::table::Table;
 use crate::error::Result;
 use crate::scene::import::complaint::bad;
 
@@ -16,6 +17,13 @@ pub struct Node {
     pub children: Vec<usize>,
     /// To the parent's space.
     pub transform: DAffine3,
+    pub at: String,
+    content: Result<Content>,
+}
+
+/// What hangs on a node.
+#[derive(Debug)]
+pub struct Content {
     pub mesh: Option<usize>,
     pub skin: Option<usize>,
     pub camera: Option<usize>,
@@ -24,7 +32,6 @@ pub struct Node {
     pub instancing: Option<Instancing>,
     pub visible: bool,
     pub extensions: Vec<String>,
-    pub at: String,
 }
 
 /// EXT_mesh_gpu_instancing: accessors of translation, rotation, scale.
@@ -37,15 +44,37 @@ pub struct Instancing {
 }
 
 impl Node {
-    pub fn parse(json: &Json, lengths: &Lengths, meshes: &[Mesh], accessors: &[Accessor]) -> Result<Self> {
+    /// The forest is checked whole, what hangs on a node where it is shown.
+    pub fn parse(json: &Json, lengths: &Lengths, meshes: &Table<Mesh>, accessors: &Table<Accessor>) -> Result<Self> {
+        Ok(Self {
+            name: json.name()?,
+            children: json.indices("children", lengths.nodes, "nodes")?,
+            transform: transform(json)?,
+            at: json.at.clone(),
+            content: Content::parse(json, lengths, meshes, accessors),
+        })
+    }
+
+    /// What hangs on it.
+    ///
+    /// # Errors
+    /// What is wrong with that.
+    pub fn content(&self) -> Result<&Content> {
+        self.content.as_ref().map_err(Clone::clone)
+    }
+}
+
+impl Content {
+    fn parse(json: &Json, lengths: &Lengths, meshes: &Table<Mesh>, accessors: &Table<Accessor>) -> Result<Self> {
         let mesh = json.index("mesh", lengths.meshes, "meshes")?;
         let skin = json.index("skin", lengths.skins, "skins")?;
-        if let (Some(mesh), Some(_)) = (mesh, skin)
-            && let Some(primitive) = meshes[mesh].primitives.iter().find(|p| p.skin_sets() == 0)
+        let shape = mesh.map(|index| meshes.get(index)).transpose()?;
+        if let (Some(shape), Some(_)) = (shape, skin)
+            && let Some(primitive) = shape.primitives.iter().find(|p| p.skin_sets() == 0)
         {
             return Err(json.bad("skin", format!("JOINTS_0 and WEIGHTS_0 in {}", primitive.at), "none"));
         }
-        let weights = read_weights(json, mesh.map_or(0, |m| meshes[m].weights.len()))?;
+        let weights = read_weights(json, shape.map_or(0, |shape| shape.weights.len()))?;
         let light = match json.extension("KHR_lights_punctual")? {
             Some(json) => {
                 Some(json.need("light", json.index("light", lengths.lights, "extensions.KHR_lights_punctual.lights")?)?)
@@ -60,25 +89,9 @@ impl Node {
             Some(json) => json.boolean("visible", true)?,
             None => true,
         };
-        Ok(Self {
-            name: json.name()?,
-            children: json.indices("children", lengths.nodes, "nodes")?,
-            transform: transform(json)?,
-            mesh,
-            skin,
-            camera: json.index("camera", lengths.cameras, "cameras")?,
-            light,
-            weights,
-            instancing,
-            visible,
-            extensions: json.extension_names()?.into_iter().map(Into::into).collect(),
-            at: json.at.clone(),
-        })
-    }
-
-    /// Accessors of EXT_mesh_gpu_instancing.
-    pub fn instancing_accessors(&self) -> impl Iterator<Item = usize> {
-        self.instancing.iter().flat_map(|i| i.all.iter().copied())
+        let camera = json.index("camera", lengths.cameras, "cameras")?;
+        let extensions = json.extension_names()?.into_iter().map(Into::into).collect();
+        Ok(Self { mesh, skin, camera, light, weights, instancing, visible, extensions })
     }
 }
 
@@ -102,12 +115,12 @@ fn transform(json: &Json) -> Result<DAffine3> {
 }
 
 impl Instancing {
-    fn parse(json: &Json, accessors: &[Accessor]) -> Result<Self> {
+    fn parse(json: &Json, accessors: &Table<Accessor>) -> Result<Self> {
         let attributes = json.need("attributes", json.get("attributes")?)?;
         let mut out = Self { translation: None, rotation: None, scale: None, all: Vec::new() };
         for name in attributes.object()?.keys() {
             let index = attributes.need(name, attributes.index(name, accessors.len(), "accessors")?)?;
-            let a = &accessors[index];
+            let a = accessors.get(index)?;
             let float = a.component == Component::F32;
             let (fits, slot) = match name.as_str() {
                 "TRANSLATION" => (a.shape == Shape::Vec3 && float, Some(&mut out.translation)),
@@ -126,11 +139,9 @@ impl Instancing {
             }
             out.all.push(index);
         }
-        if let Some(&first) = out.all.first()
-            && let Some(&other) = out.all.iter().find(|&&i| accessors[i].count != accessors[first].count)
-        {
-            let wanted = format!("{} elements in every attribute", accessors[first].count);
-            return Err(json.bad("attributes", wanted, accessors[other].count));
+        let counts = out.all.iter().map(|&index| Ok(accessors.get(index)?.count)).collect::<Result<Vec<_>>>()?;
+        if let Some(other) = counts.iter().find(|&&count| count != counts[0]) {
+            return Err(json.bad("attributes", format!("{} elements in every attribute", counts[0]), other));
         }
         Ok(out)
     }

@@ -6,6 +6,7 @@ use super::Lengths;
 use super::accessors::{Accessor, Component, Shape, View};
 use super::json::Json;
 use super::materials::Material;
+use super::table::Table;
 use crate::error::{Error, Result};
 use crate::scene::import::complaint::bad;
 use crate::scene::import::report::Notes;
@@ -94,7 +95,6 @@ pub struct Primitive {
     pub targets: Vec<Attributes>,
     pub extensions: Vec<String>,
     pub at: String,
-    all_accessors: Vec<usize>,
 }
 
 /// A glTF mesh.
@@ -111,9 +111,9 @@ impl Mesh {
     pub fn parse(
         json: &Json,
         lengths: &Lengths,
-        accessors: &[Accessor],
-        views: &[View],
-        materials: &[Material],
+        accessors: &Table<Accessor>,
+        views: &Table<View>,
+        materials: &Table<Material>,
         quantized: bool,
         notes: &mut Notes,
     ) -> Result<Self> {
@@ -144,20 +144,13 @@ pub fn read_weights(json: &Json, targets: usize) -> Result<Option<Vec<f32>>> {
     Ok(Some(weights.into_iter().map(|w| w as f32).collect()))
 }
 
-/// Marks accessors that primitives use.
-pub fn mark_used(meshes: &[Mesh], used: &mut [bool]) {
-    for primitive in meshes.iter().flat_map(|m| &m.primitives) {
-        primitive.all_accessors.iter().for_each(|&i| used[i] = true);
-    }
-}
-
 impl Primitive {
     fn parse(
         json: &Json,
         lengths: &Lengths,
-        accessors: &[Accessor],
-        views: &[View],
-        materials: &[Material],
+        accessors: &Table<Accessor>,
+        views: &Table<View>,
+        materials: &Table<Material>,
         quantized: bool,
         notes: &mut Notes,
     ) -> Result<Self> {
@@ -174,13 +167,14 @@ impl Primitive {
         }
         // Every attribute, also those that are not read, has one element a vertex.
         if let Some(&first) = attributes.values().next().or(all_accessors.first()) {
-            let count = accessors[first].count;
-            if let Some(&other) = all_accessors.iter().find(|&&i| accessors[i].count != count) {
-                return Err(json.bad(
-                    "attributes",
-                    format!("as many elements in every attribute and target ({count}, as in accessors[{first}])"),
-                    format!("{} in accessors[{other}]", accessors[other].count),
-                ));
+            let count = accessors.get(first)?.count;
+            for &other in &all_accessors {
+                let found = accessors.get(other)?.count;
+                if found != count {
+                    let wanted =
+                        format!("as many elements in every attribute and target ({count}, as in accessors[{first}])");
+                    return Err(json.bad("attributes", wanted, format!("{found} in accessors[{other}]")));
+                }
             }
         }
         let sets = |f: fn(u32) -> Semantic| (0..).take_while(|&i| attributes.contains_key(&f(i))).count();
@@ -196,20 +190,21 @@ impl Primitive {
         }
         let indices = json.index("indices", lengths.accessors, "accessors")?;
         if let Some(index) = indices {
-            let a = &accessors[index];
+            let a = accessors.get(index)?;
             let unsigned = matches!(a.component, Component::U8 | Component::U16 | Component::U32);
             if a.shape != Shape::Scalar || !unsigned || a.normalized {
                 return Err(json.bad("indices", "SCALAR of UNSIGNED_BYTE, UNSIGNED_SHORT or UNSIGNED_INT", a.format()));
             }
-            if let Some(view) = a.view.filter(|&v| views[v].stride.is_some()) {
-                return Err(json.bad("indices", "a bufferView without byteStride", &views[view].at));
+            if let Some(view) = a.view.map(|view| views.get(view)).transpose()?.filter(|view| view.stride.is_some()) {
+                return Err(json.bad("indices", "a bufferView without byteStride", &view.at));
             }
             all_accessors.push(index);
         }
         let material = json.index("material", lengths.materials, "materials")?;
         // From normals, tangents could be made; without both there is no tangent space at all.
         let no_tangents = !attributes.contains_key(&Semantic::Tangent) && !attributes.contains_key(&Semantic::Normal);
-        if let Some(at) = material.and_then(|m| materials[m].needs_tangents.as_ref()).filter(|_| no_tangents) {
+        let shading = material.map(|index| materials.get(index)).transpose()?;
+        if let Some(at) = shading.and_then(|m| m.needs_tangents.as_ref()).filter(|_| no_tangents) {
             return Err(json.bad("attributes", format!("NORMAL or TANGENT, which {at} needs"), "none"));
         }
         if let Some(variants) = json.extension("KHR_materials_variants")? {
@@ -220,7 +215,7 @@ impl Primitive {
         }
         // Draco's uncompressed fallback is optional: without it there is nothing to read, not even zeros.
         let only_compressed = json.extension("KHR_draco_mesh_compression")?.is_some()
-            && all_accessors.iter().any(|&i| accessors[i].view.is_none());
+            && all_accessors.iter().any(|&i| accessors.get(i).is_ok_and(|a| a.view.is_none()));
         if only_compressed {
             return Err(Error::Data(format!(
                 "{}: the geometry is only there as KHR_draco_mesh_compression, which this renderer cannot decode; \
@@ -229,7 +224,7 @@ impl Primitive {
             )));
         }
         let extensions = json.extension_names()?.into_iter().map(Into::into).collect();
-        Ok(Self { attributes, indices, mode, material, targets, extensions, at: json.at.clone(), all_accessors })
+        Ok(Self { attributes, indices, mode, material, targets, extensions, at: json.at.clone() })
     }
 
     /// Number of JOINTS/WEIGHTS pairs.
@@ -240,7 +235,7 @@ impl Primitive {
 
 fn parse_attributes(
     json: &Json,
-    accessors: &[Accessor],
+    accessors: &Table<Accessor>,
     morph: bool,
     quantized: bool,
     all: &mut Vec<usize>,
@@ -257,8 +252,9 @@ fn parse_attributes(
             notes.repaired(&json.path(name), format!("an attribute {name}, which the specification does not know"));
             continue;
         };
-        if !semantic.allows(&accessors[index], morph, quantized) {
-            return Err(json.bad(name, semantic.formats(), accessors[index].format()));
+        let accessor = accessors.get(index)?;
+        if !semantic.allows(accessor, morph, quantized) {
+            return Err(json.bad(name, semantic.formats(), accessor.format()));
         }
         attributes.insert(semantic, index);
     }
