@@ -28,7 +28,9 @@ setup:
 build: setup
 	$(CARGO) build --release --locked
 
-render: build
+# Without the studies, which take as long to build again.
+render: setup
+	$(CARGO) build --release --locked --package bismar
 	@mkdir -p out
 	$(BISMAR) render $(SHOWPIECE) -o out/$(NAME).exr --preview out/$(NAME).png $(RENDER_FLAGS)
 

@@ -190,6 +190,50 @@ fn wrong_values_are_refused_with_their_place() {
 }
 
 #[test]
+fn values_of_wrong_types_are_refused_with_their_place_and_what_was_wanted() {
+    let camera = |camera: &str| (format!(r#","cameras":[{camera}]"#), r#"[{"mesh":0,"camera":0}]"#, "cameras[0]");
+    let light = |light: &str| {
+        let nodes = r#"[{"mesh":0,"extensions":{"KHR_lights_punctual":{"light":0}}}]"#;
+        let more = format!(r#","extensions":{{"KHR_lights_punctual":{{"lights":[{light}]}}}}"#);
+        (more, nodes, "extensions.KHR_lights_punctual.lights[0]")
+    };
+    let material =
+        |material: &str| (format!(r#","materials":[{material}],"textures":[{{}}]"#), r#"[{"mesh":0}]"#, "materials[0]");
+    let import = |more: String, nodes: &str| {
+        let primitive = r#"{"attributes":{"POSITION":0},"material":0}"#.into();
+        let more = if more.contains("materials") { more } else { format!(r#"{more},"materials":[{{}}]"#) };
+        Parts { primitive, nodes: nodes.into(), more, ..Default::default() }.import()
+    };
+    for ((more, nodes, at), words) in [
+        (material(r#"{"normalTexture":{"index":0,"scale":"big"}}"#), [".normalTexture.scale", "a number", "big"]),
+        (material(r#"{"normalTexture":{"index":4294967296}}"#), [".normalTexture.index", "an index", "4294967296"]),
+        (material(r#"{"normalTexture":{"index":1}}"#), [".normalTexture.index", "textures", "1"]),
+        (material(r#"{"normalTexture":{}}"#), [".normalTexture.index", "a value", "nothing"]),
+        (material(r#"{"emissiveFactor":[1,2]}"#), [".emissiveFactor", "array of length 3", "length 2"]),
+        (material(r#"{"emissiveFactor":[1,2,1e39]}"#), [".emissiveFactor[2]", "32-bit float", "1e+39"]),
+        (material(r#"{"doubleSided":1}"#), [".doubleSided", "a boolean", "1"]),
+        (material(r#"{"alphaMode":"GLASS"}"#), [".alphaMode", "MASK", "GLASS"]),
+        (material(r#"{"pbrMetallicRoughness":{"metallicFactor":null}}"#), [".metallicFactor", "a value", "null"]),
+        (material(r#"{"extensions":{"KHR_materials_ior":{"ior":0.5}}}"#), [".ior", "at least 1", "0.5"]),
+        (material("[]"), ["", "an object", "an array"]),
+        (camera(r#"{"type":"perspective"}"#), [".perspective", "a value", "nothing"]),
+        (camera(r#"{"type":"fisheye"}"#), [".type", "orthographic", "fisheye"]),
+        (camera(r#"{"type":"perspective","perspective":{"znear":1}}"#), [".perspective.yfov", "a value", "nothing"]),
+        (camera(r#"{"type":"perspective","perspective":{"znear":1,"yfov":4}}"#), [".yfov", "below π", "4"]),
+        (camera(r#"{"type":"perspective","perspective":{"znear":2,"zfar":1,"yfov":1}}"#), [".zfar", "znear", "1"]),
+        (light(r#"{"type":"point","color":[1,1]}"#), [".color", "array of length 3", "length 2"]),
+        (light(r#"{"type":"spot"}"#), [".spot", "a value", "nothing"]),
+        (light(r#"{"type":"point","range":-1}"#), [".range", "above 0", "-1"]),
+    ] {
+        let words = [&format!("{at}{}", if words[0].is_empty() { ":" } else { "" }), words[0], words[1], words[2]];
+        refused(import(more, nodes), &words);
+    }
+    // JSON has one kind of number.
+    let (more, nodes, _) = material(r#"{"normalTexture":{"index":0.0,"texCoord":1.0,"scale":10000000000}}"#);
+    assert_eq!(import(more, nodes).unwrap().scene.materials[0].normal_scale, 1e10);
+}
+
+#[test]
 fn positions_beyond_what_can_be_traced_are_refused() {
     let one = r#"{"mesh":0,"scale":[1e10,1e10,1e10]}"#;
     for nodes in [format!("[{one}]"), format!(r#"[{{"children":[1,2]}},{one},{one}]"#)] {

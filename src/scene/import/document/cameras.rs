@@ -1,8 +1,15 @@
 //! Cameras, as the document has them.
 
+use std::f32::consts::PI;
+
+use gltf::json::camera::Type;
+use gltf::json::validation::Checked::Valid;
+
 use super::json::Json;
+use super::typed::read;
 use crate::error::Result;
 use crate::scene::Projection;
+use crate::scene::import::complaint::bad;
 
 /// A checked camera.
 #[derive(Debug)]
@@ -13,40 +20,30 @@ pub struct Camera {
 }
 
 pub fn parse(json: &Json) -> Result<Camera> {
+    let from: gltf::json::Camera = read(json)?;
     let kind = json.need("type", json.string("type")?)?;
-    let values = json.need(kind, json.get(kind)?)?;
-    let positive = |key: &str| -> Result<Option<f32>> {
-        match values.number(key)?.map(|x| x as f32) {
-            Some(x) if x <= 0.0 => Err(values.bad(key, "a number above 0", x)),
-            x => Ok(x),
-        }
+    let check = |holds: bool, key: &str, wanted: &str, x: f32| match holds {
+        true => Ok(x),
+        false => Err(bad(&json.path(&format!("{kind}.{key}")), wanted, x)),
     };
-    let zfar = positive("zfar")?;
-    let znear = values.need("znear", values.number("znear")?)? as f32;
-    if zfar.is_some_and(|zfar| zfar <= znear) {
-        return Err(values.bad("zfar", format!("more than znear ({znear})"), zfar.unwrap_or_default()));
-    }
-    let (projection, aspect) = match kind {
-        "perspective" => {
-            values.need("znear", positive("znear")?)?;
-            let yfov = values.need("yfov", positive("yfov")?)?;
-            if yfov >= std::f32::consts::PI {
-                return Err(values.bad("yfov", "an angle below π", yfov));
-            }
-            (Projection::Perspective { yfov }, positive("aspectRatio")?)
+    let positive = |key: &str, x: f32| check(x > 0.0, key, "a number above 0", x);
+    let (projection, aspect) = match from.type_ {
+        Valid(Type::Perspective) => {
+            let p = json.need(kind, from.perspective)?;
+            let znear = positive("znear", p.znear)?;
+            p.zfar.map(|zfar| check(zfar > znear, "zfar", "more than znear", zfar)).transpose()?;
+            let yfov = check(p.yfov < PI, "yfov", "an angle below π", positive("yfov", p.yfov)?)?;
+            let aspect = p.aspect_ratio.map(|x| positive("aspectRatio", x)).transpose()?;
+            (Projection::Perspective { yfov }, aspect)
         }
-        "orthographic" => {
-            if znear < 0.0 {
-                return Err(values.bad("znear", "at least 0", znear));
-            }
-            values.need("zfar", zfar)?;
-            let xmag = values.need("xmag", positive("xmag")?)?;
-            let ymag = values.need("ymag", positive("ymag")?)?;
-            let aspect = Some(xmag / ymag).filter(|a| a.is_finite() && *a > 0.0);
-            (Projection::Orthographic { xmag, ymag }, aspect)
+        Valid(Type::Orthographic) => {
+            let o = json.need(kind, from.orthographic)?;
+            let znear = check(o.znear >= 0.0, "znear", "at least 0", o.znear)?;
+            check(o.zfar > znear, "zfar", "more than znear", o.zfar)?;
+            let (xmag, ymag) = (positive("xmag", o.xmag)?, positive("ymag", o.ymag)?);
+            (Projection::Orthographic { xmag, ymag }, Some(xmag / ymag).filter(|a| a.is_finite() && *a > 0.0))
         }
-        other => return Err(json.bad("type", "\"perspective\" or \"orthographic\"", other)),
+        _ => return Err(json.bad("type", "\"perspective\" or \"orthographic\"", kind)),
     };
-    let name = json.string("name")?.filter(|n| !n.is_empty()).map(Into::into);
-    Ok(Camera { name, projection, aspect })
+    Ok(Camera { name: from.name.filter(|n| !n.is_empty()), projection, aspect })
 }

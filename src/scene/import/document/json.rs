@@ -19,6 +19,10 @@ impl<'a> Json<'a> {
         Self { value, at: String::new() }
     }
 
+    pub fn value(&self) -> &'a Value {
+        self.value
+    }
+
     /// Path of a member.
     pub fn path(&self, key: &str) -> String {
         if self.at.is_empty() { key.into() } else { format!("{}.{key}", self.at) }
@@ -81,11 +85,6 @@ impl<'a> Json<'a> {
 
     pub fn boolean(&self, key: &str, default: bool) -> Result<bool> {
         Ok(self.typed(key, "true or false", Value::as_bool)?.unwrap_or(default))
-    }
-
-    /// A number that a 32-bit float can hold.
-    pub fn number(&self, key: &str) -> Result<Option<f64>> {
-        self.typed(key, "a number", finite)
     }
 
     /// An integer ≥ 0. `3.0` is one: JSON has a single kind of number.
@@ -167,7 +166,7 @@ fn kind(value: &Value) -> String {
     }
 }
 
-fn shown(value: &Value) -> String {
+pub fn shown(value: &Value) -> String {
     const LONGEST: usize = 40;
     let text = match value {
         Value::Array(_) | Value::Object(_) => return kind(value),

@@ -3,8 +3,11 @@
 use std::f32::consts::FRAC_PI_2;
 
 use glam::Vec3;
+use gltf::json::extensions::scene::khr_lights_punctual::{self, Type};
+use gltf::json::validation::Checked;
 
 use super::json::Json;
+use super::typed::read;
 use crate::error::Result;
 use crate::scene::PunctualKind;
 use crate::scene::import::report::Notes;
@@ -22,29 +25,27 @@ pub struct Light {
 }
 
 pub fn parse(json: &Json, notes: &mut Notes) -> Result<Light> {
-    let color = json.vector::<3>("color")?.unwrap_or([1.0; 3]).map(|x| x as f32);
-    if color.iter().any(|x| *x < 0.0) {
-        return Err(json.bad("color", "numbers of at least 0", format!("{color:?}")));
+    let from: khr_lights_punctual::Light = read(json)?;
+    if from.color.iter().any(|x| *x < 0.0) {
+        return Err(json.bad("color", "numbers of at least 0", format!("{:?}", from.color)));
     }
-    let intensity = json.number("intensity")?.unwrap_or(1.0) as f32;
-    if intensity < 0.0 {
-        return Err(json.bad("intensity", "at least 0", intensity));
+    if from.intensity < 0.0 {
+        return Err(json.bad("intensity", "at least 0", from.intensity));
     }
-    let radiant = Vec3::from(color) * intensity;
-    if !radiant.is_finite() {
-        return Err(json.bad("intensity", "a product with color that a 32-bit float can hold", intensity));
+    let intensity = Vec3::from(from.color) * from.intensity;
+    if !intensity.is_finite() {
+        return Err(json.bad("intensity", "a product with color that a 32-bit float can hold", from.intensity));
     }
-    let range = json.number("range")?.map_or(f32::INFINITY, |range| range as f32);
+    let range = from.range.unwrap_or(f32::INFINITY);
     if range <= 0.0 {
         return Err(json.bad("range", "above 0", range));
     }
-    let kind = match json.need("type", json.string("type")?)? {
-        "directional" => Some(PunctualKind::Directional),
-        "point" => Some(PunctualKind::Point),
-        "spot" => {
-            let spot = json.need("spot", json.get("spot")?)?;
-            let inner = spot.number("innerConeAngle")?.unwrap_or(0.0) as f32;
-            let outer = spot.number("outerConeAngle")?.unwrap_or(std::f64::consts::FRAC_PI_4) as f32;
+    let kind = match from.type_ {
+        Checked::Valid(Type::Directional) => Some(PunctualKind::Directional),
+        Checked::Valid(Type::Point) => Some(PunctualKind::Point),
+        Checked::Valid(Type::Spot) => {
+            let spot = json.need("spot", from.spot)?;
+            let (inner, outer) = (spot.inner_cone_angle, spot.outer_cone_angle);
             // Equal angles are what Blender writes for a hard edge, and the extension's formula gives one for them.
             if !(0.0..=outer).contains(&inner) || !(0.0..=FRAC_PI_2).contains(&outer) || outer == 0.0 {
                 let wanted = "0 ≤ innerConeAngle ≤ outerConeAngle ≤ π/2, and not both 0";
@@ -55,8 +56,7 @@ pub fn parse(json: &Json, notes: &mut Notes) -> Result<Light> {
             }
             Some(PunctualKind::Spot { inner, outer })
         }
-        _ => None,
+        Checked::Invalid => None,
     };
-    let name = json.string("name")?.filter(|n| !n.is_empty()).map(Into::into);
-    Ok(Light { name, kind, intensity: radiant, range, at: json.at.clone() })
+    Ok(Light { name: from.name.filter(|n| !n.is_empty()), kind, intensity, range, at: json.at.clone() })
 }

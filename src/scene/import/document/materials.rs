@@ -1,10 +1,14 @@
 //! Materials, as the document has them.
 
-use glam::{Affine2, Vec2, Vec3, Vec4};
+use glam::{Affine2, Vec3};
+use gltf::json::material::AlphaMode as Alpha;
+use gltf::json::texture;
+use gltf::json::validation::Checked;
 
 use super::Lengths;
 use super::extensions::{Support, support};
 use super::json::Json;
+use super::typed::read;
 use crate::error::Result;
 use crate::scene::import::report::NoteKind;
 use crate::scene::{self, AlphaMode, TextureSlot};
@@ -13,29 +17,24 @@ use crate::scene::{self, AlphaMode, TextureSlot};
 #[derive(Debug, Clone)]
 pub struct TextureInfo {
     pub texture: usize,
-    pub set: u64,
+    pub set: u32,
     pub transform: Option<Affine2>,
     pub at: String,
 }
 
 impl TextureInfo {
     fn parse(json: &Json, key: &str, lengths: &Lengths) -> Result<Option<Self>> {
-        let Some(info) = json.get(key)? else { return Ok(None) };
-        let texture = info.need("index", info.index("index", lengths.textures, "textures")?)?;
-        let mut set = info.integer("texCoord")?.unwrap_or(0);
-        let mut transform = None;
-        if let Some(t) = info.extension("KHR_texture_transform")? {
-            let vector = |key: &str, default: f64| -> Result<Vec2> {
-                Ok(Vec2::from(t.vector::<2>(key)?.unwrap_or([default; 2]).map(|x| x as f32)))
-            };
-            let (offset, scale) = (vector("offset", 0.0)?, vector("scale", 1.0)?);
-            let rotation = t.number("rotation")?.unwrap_or(0.0) as f32;
-            set = t.integer("texCoord")?.unwrap_or(set);
+        let Some(json) = json.get(key)? else { return Ok(None) };
+        // The crate knows no transform of normal and occlusion textures; as plain textures they have one.
+        let info: texture::Info = read(&json)?;
+        let texture = json.need("index", json.index("index", lengths.textures, "textures")?)?;
+        let own = info.extensions.and_then(|extensions| extensions.texture_transform);
+        let set = own.as_ref().and_then(|t| t.tex_coord).unwrap_or(info.tex_coord);
+        let affine = own.map(|t| {
             // The rotation is counter-clockwise as seen, and v runs down; Khronos' TextureTransformTest agrees.
-            let affine = Affine2::from_scale_angle_translation(scale, -rotation, offset);
-            transform = Some(affine).filter(|t| *t != Affine2::IDENTITY);
-        }
-        Ok(Some(Self { texture, set, transform, at: info.at }))
+            Affine2::from_scale_angle_translation(t.scale.0.into(), -t.rotation.0, t.offset.0.into())
+        });
+        Ok(Some(Self { texture, set, transform: affine.filter(|t| *t != Affine2::IDENTITY), at: json.at }))
     }
 }
 
@@ -58,74 +57,65 @@ pub struct Material {
 
 impl Material {
     pub fn parse(json: &Json, lengths: &Lengths) -> Result<Self> {
+        let from: gltf::json::Material = read(json)?;
+        let extensions = from.extensions.unwrap_or_default();
         let mut clamped = Vec::new();
-        let unit = |json: &Json, key: &str, clamped: &mut Vec<String>| -> Result<f32> {
-            let x = json.number(key)?.unwrap_or(1.0);
+        let mut unit = |json: &Json, key: &str, x: f32| {
             if !(0.0..=1.0).contains(&x) {
                 clamped.push(json.path(key));
             }
-            Ok(x.clamp(0.0, 1.0) as f32)
+            x.clamp(0.0, 1.0)
         };
         let texture = |json: &Json, key: &str| TextureInfo::parse(json, key, lengths);
         let mut plain = scene::Material { name: json.name()?, ..Default::default() };
         let mut textures = [const { None }; TextureSlot::ALL.len()];
         if let Some(pbr) = json.get("pbrMetallicRoughness")? {
-            plain.metallic = unit(&pbr, "metallicFactor", &mut clamped)?;
-            plain.roughness = unit(&pbr, "roughnessFactor", &mut clamped)?;
-            if let Some(color) = pbr.vector::<4>("baseColorFactor")? {
-                plain.base_color = Vec4::from(color.map(|x| x as f32));
-                if plain.base_color != plain.base_color.clamp(Vec4::ZERO, Vec4::ONE) {
-                    clamped.push(pbr.path("baseColorFactor"));
-                    plain.base_color = plain.base_color.clamp(Vec4::ZERO, Vec4::ONE);
-                }
-            }
+            let from = from.pbr_metallic_roughness;
+            plain.metallic = unit(&pbr, "metallicFactor", from.metallic_factor.0);
+            plain.roughness = unit(&pbr, "roughnessFactor", from.roughness_factor.0);
+            plain.base_color = from.base_color_factor.0.map(|x| unit(&pbr, "baseColorFactor", x)).into();
             textures[TextureSlot::BaseColor as usize] = texture(&pbr, "baseColorTexture")?;
             textures[TextureSlot::MetallicRoughness as usize] = texture(&pbr, "metallicRoughnessTexture")?;
         }
         textures[TextureSlot::Normal as usize] = texture(json, "normalTexture")?;
-        if let Some(normal) = json.get("normalTexture")? {
-            plain.normal_scale = normal.number("scale")?.unwrap_or(1.0) as f32;
-        }
-        if let Some(occlusion) = json.get("occlusionTexture")? {
-            occlusion.number("strength")?;
-        }
+        plain.normal_scale = from.normal_texture.map_or(1.0, |normal| normal.scale);
         let has_occlusion = texture(json, "occlusionTexture")?.is_some();
         textures[TextureSlot::Emissive as usize] = texture(json, "emissiveTexture")?;
-        let factor = json.vector::<3>("emissiveFactor")?.unwrap_or([0.0; 3]).map(|x| x as f32);
-        let strength = match json.extension("KHR_materials_emissive_strength")? {
-            Some(json) => json.number("emissiveStrength")?.unwrap_or(1.0) as f32,
-            None => 1.0,
-        };
+        let (factor, strength) =
+            (from.emissive_factor.0, extensions.emissive_strength.map_or(1.0, |e| e.emissive_strength.0));
         plain.emissive = Vec3::from(factor) * strength;
         if !plain.emissive.is_finite() || plain.emissive.min_element() < 0.0 || strength < 0.0 {
             return Err(json.bad("emissiveFactor", "finite numbers of at least 0", format!("{factor:?} · {strength}")));
         }
-        if let Some(json) = json.extension("KHR_materials_ior")? {
-            plain.ior = json.number("ior")?.unwrap_or(1.5) as f32;
+        if let Some(ior) = extensions.ior {
+            plain.ior = ior.ior.0;
             if plain.ior != 0.0 && plain.ior < 1.0 {
-                return Err(json.bad("ior", "0, or at least 1", plain.ior));
+                return Err(json.bad("extensions.KHR_materials_ior.ior", "0, or at least 1", plain.ior));
             }
         }
-        if let Some(json) = json.extension("KHR_materials_specular")? {
-            plain.specular = unit(&json, "specularFactor", &mut clamped)?;
-            plain.specular_color =
-                Vec3::from(json.vector::<3>("specularColorFactor")?.unwrap_or([1.0; 3]).map(|x| x as f32));
+        if let (Some(specular), Some(json)) = (extensions.specular, json.extension("KHR_materials_specular")?) {
+            plain.specular = unit(&json, "specularFactor", specular.specular_factor.0);
+            plain.specular_color = Vec3::from(specular.specular_color_factor.0);
             if plain.specular_color.min_element() < 0.0 {
                 return Err(json.bad("specularColorFactor", "numbers of at least 0", plain.specular_color));
             }
             textures[TextureSlot::Specular as usize] = texture(&json, "specularTexture")?;
             textures[TextureSlot::SpecularColor as usize] = texture(&json, "specularColorTexture")?;
         }
-        plain.unlit = json.extension("KHR_materials_unlit")?.is_some();
-        plain.double_sided = json.boolean("doubleSided", false)?;
-        let cutoff = json.number("alphaCutoff")?.unwrap_or(0.5) as f32;
-        plain.alpha_mode = match json.string("alphaMode")?.unwrap_or("OPAQUE") {
-            "OPAQUE" => AlphaMode::Opaque,
-            "MASK" if cutoff >= 0.0 => AlphaMode::Mask(cutoff),
-            "MASK" => return Err(json.bad("alphaCutoff", "at least 0", cutoff)),
-            "BLEND" => AlphaMode::Blend,
-            other => return Err(json.bad("alphaMode", "OPAQUE, MASK or BLEND", other)),
+        plain.unlit = extensions.unlit.is_some();
+        plain.double_sided = from.double_sided;
+        let cutoff = from.alpha_cutoff.map_or(0.5, |cutoff| cutoff.0);
+        plain.alpha_mode = match from.alpha_mode {
+            Checked::Valid(Alpha::Opaque) => AlphaMode::Opaque,
+            Checked::Valid(Alpha::Mask) if cutoff >= 0.0 => AlphaMode::Mask(cutoff),
+            Checked::Valid(Alpha::Mask) => return Err(json.bad("alphaCutoff", "at least 0", cutoff)),
+            Checked::Valid(Alpha::Blend) => AlphaMode::Blend,
+            Checked::Invalid => {
+                let found = json.string("alphaMode")?.unwrap_or_default();
+                return Err(json.bad("alphaMode", "OPAQUE, MASK or BLEND", found));
+            }
         };
+        clamped.dedup();
         let (inexact, needs_tangents) =
             check_other_extensions(json, lengths, textures[TextureSlot::Normal as usize].is_some())?;
         Ok(Self { plain, textures, has_occlusion, clamped, inexact, needs_tangents, at: json.at.clone() })

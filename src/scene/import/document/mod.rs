@@ -13,6 +13,7 @@ pub mod nodes;
 pub mod primitives;
 pub mod skins;
 mod table;
+mod typed;
 
 use std::collections::BTreeMap;
 
