@@ -6,7 +6,7 @@ use std::str::FromStr;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 
-use super::replay::Place;
+use super::replay::PixelPath;
 use crate::console::Size;
 use crate::console::args::threads;
 use crate::console::progress::Style;
@@ -128,7 +128,7 @@ pub struct RenderArgs {
     /// Write no picture: print what happens on the paths of one pixel (from the top left), or on its path N alone.
     #[arg(long, value_name = "X,Y[,N]", conflicts_with_all = ["resume", "checkpoint", "part"],
         help_heading = "Output")]
-    pub replay_pixel: Option<Place>,
+    pub replay_pixel: Option<PixelPath>,
     /// How progress is shown.
     #[arg(long, value_enum, default_value_t = Style::Auto, help_heading = "Output")]
     pub progress: Style,

@@ -10,30 +10,30 @@ use crate::{Error, Result};
 
 /// `X,Y[,N]`: a pixel of the whole picture, and one of its paths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Place {
+pub struct PixelPath {
     pixel: [u32; 2],
     path: Option<u32>,
 }
 
-impl FromStr for Place {
+impl FromStr for PixelPath {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<Self, String> {
         let numbers: Option<Vec<u32>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
         match numbers.as_deref() {
-            Some(&[x, y]) => Ok(Place { pixel: [x, y], path: None }),
-            Some(&[x, y, n]) => Ok(Place { pixel: [x, y], path: Some(n) }),
+            Some(&[x, y]) => Ok(PixelPath { pixel: [x, y], path: None }),
+            Some(&[x, y, n]) => Ok(PixelPath { pixel: [x, y], path: Some(n) }),
             _ => Err("not X,Y or X,Y,N: a pixel from the top left, and the number of a path, as in 17,4,3".into()),
         }
     }
 }
 
 /// Prints the paths; writes no picture.
-pub fn run(args: &RenderArgs, place: Place) -> Result<Verdict> {
+pub fn run(args: &RenderArgs, place: PixelPath) -> Result<Verdict> {
     let inputs = Inputs::read(args)?;
     let loaded = Loaded::load(args, &inputs, &|_, _| true)?;
     let settings: RenderSettings = settings(args, &loaded.prepared.scene)?;
-    let Place { pixel: [x, y], path } = place;
+    let PixelPath { pixel: [x, y], path } = place;
     if x >= settings.width || y >= settings.height {
         return Err(Error::Usage(format!(
             "--replay-pixel {x},{y} is not inside the picture of {}x{} pixels",
@@ -66,10 +66,10 @@ mod tests {
 
     #[test]
     fn places_are_read_or_refused() {
-        assert_eq!("17,4".parse(), Ok(Place { pixel: [17, 4], path: None }));
-        assert_eq!("0, 0,12".parse(), Ok(Place { pixel: [0, 0], path: Some(12) }));
+        assert_eq!("17,4".parse(), Ok(PixelPath { pixel: [17, 4], path: None }));
+        assert_eq!("0, 0,12".parse(), Ok(PixelPath { pixel: [0, 0], path: Some(12) }));
         for bad in ["", "1", "1,", "-1,2", "1,2,3,4", "a,b", "1.5,2", "99999999999,1"] {
-            assert!(bad.parse::<Place>().is_err(), "{bad}");
+            assert!(bad.parse::<PixelPath>().is_err(), "{bad}");
         }
     }
 }

@@ -18,7 +18,7 @@ use std::path::Path;
 use std::time::Instant;
 
 pub use environment::{EnvironmentFile, environment};
-pub use report::{Counts, ImportReport, Note, NoteKind};
+pub use report::{ImportReport, Note, NoteKind, SceneCounts};
 pub use source::Survey;
 pub use summary::{Summary, summary};
 

@@ -37,7 +37,7 @@ pub struct Note {
 
 /// Sizes of an imported scene.
 #[derive(Debug, Clone, Default, Serialize)]
-pub struct Counts {
+pub struct SceneCounts {
     /// Triangles in memory.
     pub triangles: u64,
     /// Triangles in the picture's world, each instance counted.
@@ -78,7 +78,7 @@ pub struct ImportReport {
     /// Remarks, in the order of the file.
     pub notes: Vec<Note>,
     /// Sizes.
-    pub counts: Counts,
+    pub counts: SceneCounts,
     /// Bytes of the file and of the buffers and pictures that it names.
     pub file_bytes: u64,
     /// Wall time of the import.

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::build::{image_bytes, mesh_bytes};
-use super::report::{Counts, Note, NoteKind};
+use super::report::{Note, NoteKind, SceneCounts};
 use super::{ImportReport, Imported};
 use crate::scene::{AlphaMode, Material, Projection, PunctualKind, TextureSlot};
 
@@ -89,7 +89,7 @@ pub struct Summary {
     /// Wall time of the import.
     pub read_seconds: f64,
     /// Sizes.
-    pub counts: Counts,
+    pub counts: SceneCounts,
     /// Cameras; at least one.
     pub cameras: Vec<CameraSummary>,
     /// Punctual lights.

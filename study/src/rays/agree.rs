@@ -30,7 +30,7 @@ pub enum Class {
 }
 
 impl Class {
-    /// All of them, in the order of [`Counts`].
+    /// All of them, in the order of [`Tally`].
     pub const ALL: [Self; 8] = [
         Self::Same,
         Self::Edge,
@@ -45,9 +45,9 @@ impl Class {
 
 /// Of how many rays the answers differ why.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Counts(pub [u64; Class::ALL.len()]);
+pub struct Tally(pub [u64; Class::ALL.len()]);
 
-impl Counts {
+impl Tally {
     /// Of a class.
     pub fn of(&self, class: Class) -> u64 {
         self.0[class as usize]
@@ -117,8 +117,8 @@ impl<'a> Judge<'a> {
         (a, of_a): (&dyn RayQueries, &Answers),
         (b, of_b): (&dyn RayQueries, &Answers),
         tell: &mut dyn FnMut(String),
-    ) -> Counts {
-        let mut counts = Counts::default();
+    ) -> Tally {
+        let mut counts = Tally::default();
         let (mut closest, mut occluded) = (of_a.hits.iter().zip(&of_b.hits), of_a.occluded.iter().zip(&of_b.occluded));
         for Query { kind, rays, .. } in &stream.queries {
             let mut count = |class: Class, i: usize, a: Option<Hit>, b: Option<Hit>| {

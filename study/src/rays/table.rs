@@ -6,7 +6,7 @@ use std::path::Path;
 use bismar::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-use super::agree::{Class, Counts};
+use super::agree::{Class, Tally};
 use super::host::Host;
 use crate::files;
 
@@ -126,7 +126,7 @@ pub struct Agreement {
 
 impl Agreement {
     /// From counts.
-    pub fn new([machine, scene, backend, stream]: [&str; 4], counts: &Counts) -> Self {
+    pub fn new([machine, scene, backend, stream]: [&str; 4], counts: &Tally) -> Self {
         Self {
             machine: machine.to_owned(),
             scene: scene.to_owned(),

@@ -17,7 +17,7 @@ use glam::{Affine3A, DAffine3, DVec3};
 use crate::error::{Error, Result};
 use crate::scene::import::document::Document;
 use crate::scene::import::document::extensions::{Support, support};
-use crate::scene::import::report::{Counts, ImportReport, Notes};
+use crate::scene::import::report::{ImportReport, Notes, SceneCounts};
 use crate::scene::{self, FARTHEST, Instance, Mesh, Object, Scene, Texels};
 
 use cameras::framed;
@@ -251,13 +251,13 @@ pub fn image_bytes(image: &scene::Image) -> u64 {
     bytes as u64
 }
 
-fn count(scene: &Scene) -> Counts {
+fn count(scene: &Scene) -> SceneCounts {
     let triangles = |meshes: &[Mesh]| meshes.iter().map(|m| m.indices.len() as u64).sum::<u64>();
     let of_instance = |i: &Instance| {
         let range = &scene.objects[i.object as usize].meshes;
         triangles(&scene.meshes[range.start as usize..range.end as usize])
     };
-    Counts {
+    SceneCounts {
         triangles: triangles(&scene.meshes),
         instanced_triangles: scene.instances.iter().map(of_instance).sum(),
         meshes: scene.meshes.len() as u64,
