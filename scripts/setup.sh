@@ -4,20 +4,25 @@
 # Says nothing and changes nothing when all is there. Debian 12 and 13, Ubuntu 24.04; elsewhere it says what to install.
 # With --farm also what tests/slurm.rs and tests/openjd.rs need, which are skipped without: Slurm, and the tool of
 # Open Job Description in target/openjd.
+# With --pictures also the programs that tests/pictures.rs holds our pictures against: OpenImageIO, FLIP and, where Python
+# is 3.11, Blender (0.5 GB), in target/pictures.
 set -euo pipefail
 
-farm=false
-case "$*" in
-'') ;;
---farm) farm=true ;;
-*)
-    printf 'usage: %s [--farm]\n' "$0" >&2
-    exit 64
-    ;;
-esac
+farm=false pictures=false
+for flag in "$@"; do
+    case "$flag" in
+    --farm) farm=true ;;
+    --pictures) pictures=true ;;
+    *)
+        printf 'usage: %s [--farm] [--pictures]\n' "$0" >&2
+        exit 64
+        ;;
+    esac
+done
 
 openjd_version=0.8.0
 openjd="$(dirname "$0")/../target/openjd"
+looks="$(dirname "$0")/../target/pictures"
 
 trixie_source=/etc/apt/sources.list.d/bismar-trixie.sources
 trixie_pin=/etc/apt/preferences.d/bismar-trixie
@@ -66,6 +71,8 @@ if $farm; then
     any /usr/sbin/slurmd || missing+=(slurmd)
     any /usr/bin/sbatch || missing+=(slurm-client)
     any /usr/sbin/munged || missing+=(munge)
+fi
+if $farm || $pictures; then
     python3 -c 'import ensurepip' 2>/dev/null || missing+=(python3-venv)
 fi
 
@@ -75,6 +82,16 @@ finish() {
         say "installing openjd-cli $openjd_version from PyPI into target/openjd"
         python3 -m venv "$openjd"
         "$openjd/bin/pip" --quiet --disable-pip-version-check install "openjd-cli==$openjd_version"
+    fi
+    if $pictures && ! "$looks/bin/python" -c 'import OpenImageIO, flip_evaluator' 2>/dev/null; then
+        say "installing OpenImageIO and FLIP from PyPI into target/pictures"
+        python3 -m venv "$looks"
+        "$looks/bin/pip" --quiet --disable-pip-version-check install numpy OpenImageIO==3.0.21.0 flip-evaluator==1.7
+        # Blender is built for one version of Python alone.
+        if "$looks/bin/python" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))'; then
+            say "installing Blender from PyPI into target/pictures"
+            "$looks/bin/pip" --quiet --disable-pip-version-check install bpy==5.0.1
+        fi
     fi
     exit 0
 }

@@ -187,7 +187,7 @@ fn forged_statistics_are_gone_on_with_or_refused() {
     let find = |wanted: &[u8]| file.windows(wanted.len()).position(|w| w == wanted).unwrap();
     let hash_at = find(blake3::hash(&statistics).to_hex().as_bytes());
     let scene = fs::read(pictures.path().join("cornell.glb")).unwrap();
-    // Rows of 16 KiB stand one after the other, each behind its part, line and length.
+    // They stand at the end of the file; a run of 16 KiB is found where it is.
     let rows: Vec<_> = statistics.chunks(4 * 4096).map(|row| (find(row), row.len())).collect();
     let codes = try_all(100, |i| {
         let folder = tempfile::tempdir().unwrap();

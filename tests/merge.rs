@@ -89,7 +89,7 @@ fn what_does_not_fit_is_refused_by_name() {
     }
     let newer = vec![("bismar.format".into(), exr_file::HeaderValue::Number(99.0))];
     let film = bismar::film::Film::new(4, 4, [0, 0, 4, 4], false);
-    exr_file::write(&folder.path().join("newer.exr"), &film, &[], &newer, None).unwrap();
+    exr_file::write(&folder.path().join("newer.exr"), &film, exr_file::Layers::default(), &newer, None).unwrap();
     let said = expect(folder.path(), "merge a1.exr newer.exr a3.exr -o out.exr", 65);
     assert!(said.contains("newer.exr: is from a newer bismar"), "{said}");
     assert!(!names(folder.path()).contains(&"out.exr".into()));

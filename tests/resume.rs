@@ -258,7 +258,7 @@ fn another_render_is_refused_by_name_and_left_alone() {
     let picture = exr_file::Header::from([("bismar.format".into(), exr_file::HeaderValue::Number(99.0))]);
     let film = bismar::film::Film::new(4, 4, [0, 0, 4, 4], false);
     for (header, words) in [(picture, "from a newer bismar"), (Vec::new(), "no picture that bismar can go on from")] {
-        exr_file::write(&folder.path().join("other.exr"), &film, &[], &header, None).unwrap();
+        exr_file::write(&folder.path().join("other.exr"), &film, exr_file::Layers::default(), &header, None).unwrap();
         let said = expect(folder.path(), "render cornell.glb -o other.exr --resume", 65);
         assert!(said.contains(words), "{said}");
     }

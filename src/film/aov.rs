@@ -1,6 +1,6 @@
 //! Arbitrary output variables: what a picture file may hold beside the beauty.
 
-use super::{AovSums, PixelStats};
+use super::{AovSums, Background, PixelStats};
 
 /// An output beside R, G, B and A. Channels are named `layer.channel`, in the letters that Blender, Nuke and tev
 /// know: R, G, B for colours, X, Y, Z for vectors, Z for depth, V for a single value.
@@ -10,7 +10,7 @@ pub enum Aov {
     Albedo,
     /// World-space shading normal at the first hit, mean over all paths (a miss counts as zero).
     Normal,
-    /// Distance to the first hit in metres, mean over the paths that hit; infinite where none did.
+    /// Distance to the first hit in metres, mean over the paths that hit; [`NOWHERE`] where none did.
     Depth,
     /// Radiance of lights seen directly and after one bounce.
     Direct,
@@ -32,10 +32,18 @@ pub enum Aov {
 #[derive(Clone, Copy)]
 pub enum Value {
     /// A 32-bit float; the last argument is the component.
-    Float(fn(&PixelStats, &AovSums, usize) -> f32),
+    Float(Component),
+    /// As `Float`, and good enough in 16 bits.
+    Color(Component),
     /// A 32-bit unsigned integer.
     Uint(fn(&PixelStats, &AovSums) -> u32),
 }
+
+/// A component of what a pixel shows.
+pub type Component = fn(&PixelStats, &AovSums, usize) -> f32;
+
+/// The depth of what is not there, as Cycles has it: finite, so that compositors can reckon with it.
+pub const NOWHERE: f32 = 1e10;
 
 /// One channel of a picture file.
 pub struct Channel {
@@ -47,11 +55,14 @@ pub struct Channel {
     pub value: Value,
 }
 
-/// R, G, B and A.
-pub fn beauty() -> Vec<Channel> {
-    let coverage = Value::Float(|p, _, _| p.covered as f32 / p.samples.max(1) as f32);
-    let mut channels = layer("", "RGB", Value::Float(|p, _, c| p.mean()[c]));
-    channels.extend(layer("", "A", coverage));
+/// R, G, B and A: premultiplied, so that *over* puts the picture on another.
+pub fn beauty(background: Background) -> Vec<Channel> {
+    let alpha: Component = match background {
+        Background::Sky => |p, _, _| if p.samples > 0 { 1.0 } else { 0.0 },
+        Background::Black | Background::Transparent => |p, _, _| p.coverage(),
+    };
+    let mut channels = layer("", "RGB", Value::Color(|p, _, c| p.mean()[c]));
+    channels.extend(layer("", "A", Value::Color(alpha)));
     channels
 }
 
@@ -80,11 +91,11 @@ impl Aov {
             return Vec::new();
         }
         let (name, letters, value) = match self {
-            Aov::Albedo => ("albedo.", "RGB", Value::Float(|p, a, c| mean(p, a.albedo[c]))),
-            Aov::Normal => ("normal.", "XYZ", Value::Float(|p, a, c| mean(p, a.normal[c]))),
+            Aov::Albedo => ("albedo.", "RGB", Value::Color(|p, a, c| mean(p, a.albedo[c]))),
+            Aov::Normal => ("normal.", "XYZ", Value::Color(|p, a, c| mean(p, a.normal[c]))),
             Aov::Depth => ("depth.", "Z", Value::Float(depth)),
-            Aov::Direct => ("direct.", "RGB", Value::Float(|p, a, c| mean(p, a.direct[c]))),
-            Aov::Indirect => ("indirect.", "RGB", Value::Float(|p, a, c| mean(p, a.indirect[c]))),
+            Aov::Direct => ("direct.", "RGB", Value::Color(|p, a, c| mean(p, a.direct[c]))),
+            Aov::Indirect => ("indirect.", "RGB", Value::Color(|p, a, c| mean(p, a.indirect[c]))),
             Aov::Variance => ("variance.", "RGB", Value::Float(|p, _, c| p.variance_of_mean()[c])),
             Aov::Samples => ("samples.", "V", Value::Uint(|p, _| p.samples)),
             Aov::Balance => ("balance.", "V", Value::Float(|p, _, _| p.balance)),
@@ -101,7 +112,7 @@ fn mean(pixel: &PixelStats, sum: f32) -> f32 {
 
 fn depth(pixel: &PixelStats, sums: &AovSums, _: usize) -> f32 {
     match pixel.covered {
-        0 => f32::INFINITY,
+        0 => NOWHERE,
         n => sums.depth / n as f32,
     }
 }

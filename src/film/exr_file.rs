@@ -6,7 +6,7 @@ mod write;
 use std::borrow::Cow;
 
 pub use read::{Picture, is_decoding, picture, read, read_header, read_statistics};
-pub use write::{write, write_rgb};
+pub use write::{Layers, write, write_rgb};
 
 /// What a header attribute holds.
 #[derive(Debug, Clone, PartialEq)]
@@ -15,16 +15,24 @@ pub enum HeaderValue {
     Text(String),
     /// An OpenEXR `double`.
     Number(f64),
+    /// A matrix for row vectors, row by row: of [`WORLD_TO_CAMERA`] and [`WORLD_TO_NDC`] alone.
+    Matrix([f32; 16]),
 }
+
+/// The attribute that takes points of the world to the camera's space: x to the right, y up, z along the view.
+pub const WORLD_TO_CAMERA: &str = "worldToCamera";
+/// The attribute that takes points of the world to the display window: (0, 0) is its upper left corner, (1, 1) its lower
+/// right one, after division by w; z has no meaning.
+pub const WORLD_TO_NDC: &str = "worldToNDC";
 
 /// Named header attributes; names are ASCII, under 32 characters.
 pub type Header = Vec<(Cow<'static, str>, HeaderValue)>;
 
-/// Name of the part that holds what a render goes on from.
+/// In files before format 4, the name of the part that holds what a render goes on from.
 const STATISTICS: &str = "statistics";
 /// 32-bit words a row of that part.
 const WORDS: usize = 4096;
-/// How many bytes of the part count.
+/// How many bytes of statistics there are: the last ones of the file, or those of the part that count.
 const LENGTH: &str = "bismar.bytes";
 /// What they hash to (BLAKE3, hexadecimal).
 const HASH: &str = "bismar.hash";

@@ -47,6 +47,19 @@ pub struct AovSums {
     pub material: u32,
 }
 
+/// What is shown where camera rays hit nothing.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Background {
+    /// There is no environment: black, and A is the share of paths that hit something.
+    #[default]
+    Black,
+    /// The environment: A is 1.
+    Sky,
+    /// The environment gives light, but is left out of the picture; A as for `Black`, and PNGs have it too.
+    Transparent,
+}
+
 /// What the pixels of a picture's window have collected, wherever it is kept: what files are written from.
 pub trait Pixels: Sync {
     /// Whole picture's pixels a row, and rows.
@@ -57,6 +70,9 @@ pub trait Pixels: Sync {
 
     /// Are there sums for AOVs?
     fn has_aovs(&self) -> bool;
+
+    /// What is behind everything.
+    fn background(&self) -> Background;
 
     /// Of the pixel in column x and row y of the whole picture, inside the window. Without sums for AOVs, zeros.
     fn at(&self, x: u32, y: u32) -> (PixelStats, AovSums);
@@ -75,6 +91,8 @@ pub struct Film {
     pub pixels: Vec<PixelStats>,
     /// As `pixels`, or empty when no AOV needs it.
     pub aovs: Vec<AovSums>,
+    /// What is behind everything.
+    pub background: Background,
 }
 
 impl PixelStats {
@@ -109,6 +127,11 @@ impl PixelStats {
     pub fn mean(&self) -> [f32; 3] {
         let n = f64::from(self.samples.max(1));
         self.sum.map(|s| (s / n) as f32)
+    }
+
+    /// Share of paths that hit something, in [0, 1].
+    pub fn coverage(&self) -> f32 {
+        self.covered as f32 / self.samples.max(1) as f32
     }
 
     /// Estimated variance of [`mean`](Self::mean), a channel: the paths' sample variance over their number. Paths of
@@ -167,7 +190,7 @@ impl Film {
         if !pixels.has_aovs() {
             aovs = Vec::new();
         }
-        Self { width, height, window, pixels: stats, aovs }
+        Self { width, height, window, pixels: stats, aovs, background: pixels.background() }
     }
 
     /// An empty film.
@@ -179,6 +202,7 @@ impl Film {
             window,
             pixels: vec![PixelStats::EMPTY; n],
             aovs: if with_aovs { vec![AovSums::default(); n] } else { Vec::new() },
+            background: Background::default(),
         }
     }
 }
@@ -194,6 +218,10 @@ impl Pixels for Film {
 
     fn has_aovs(&self) -> bool {
         !self.aovs.is_empty()
+    }
+
+    fn background(&self) -> Background {
+        self.background
     }
 
     fn at(&self, x: u32, y: u32) -> (PixelStats, AovSums) {

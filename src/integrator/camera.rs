@@ -1,6 +1,6 @@
 //! Camera rays.
 
-use glam::Affine3A;
+use glam::{Affine3A, Mat3, Mat4, Vec3, Vec4};
 
 use crate::lanes::{F, V3};
 use crate::scene::{Camera, Projection};
@@ -31,6 +31,26 @@ impl CameraRays {
         }
     }
 
+    /// Matrices for row vectors, row by row: from the world to the camera's space (x to the right, y up, z along the
+    /// view), and to the picture's (x and y from 0 in the upper left to 1 in the lower right corner, after division by
+    /// w), as OpenEXR's `worldToCamera` and `worldToNDC` have them.
+    pub fn matrices(&self) -> [[f32; 16]; 2] {
+        let m = &self.to_world.matrix3;
+        let [right, up, forward] = [m.x_axis, m.y_axis, -m.z_axis].map(Vec3::from);
+        let eye = Vec3::from(self.to_world.translation);
+        let to_camera = Mat4::from_mat3(Mat3::from_cols(right, up, forward).transpose()) * Mat4::from_translation(-eye);
+        // Columns are what x, y, z and 1 of camera space give.
+        let [x, y] = self.half.map(|half| 0.5 / half);
+        let (centre, one) = (Vec4::new(0.5, 0.5, 0.0, 0.0), Vec4::new(0.0, 0.0, 0.0, 1.0));
+        let (along, constant) = match self.perspective {
+            true => (centre + Vec4::Z + one, -Vec4::Z),
+            false => (Vec4::Z, centre + one),
+        };
+        let to_picture = Mat4::from_cols(Vec4::X * x, Vec4::Y * -y, along, constant) * to_camera;
+        // Columns of a matrix for column vectors are the rows of that for row vectors.
+        [to_camera, to_picture].map(|m| m.to_cols_array())
+    }
+
     /// Origins and unit directions through the picture's points (`x`, `y`) in pixels from its upper left corner.
     #[inline(always)]
     pub fn rays(&self, x: F, y: F) -> (V3, V3) {
@@ -44,6 +64,31 @@ impl CameraRays {
             (eye, (across - back).normalize_or(back))
         } else {
             (eye + across, (V3::ZERO - back).normalize_or(back))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lanes::LANES;
+
+    #[test]
+    fn matrices_take_points_on_a_pixels_ray_back_to_the_pixel() {
+        let pose = Mat3::from_rotation_y(0.7) * Mat3::from_rotation_x(-0.4) * Mat3::from_rotation_z(0.2);
+        let to_world = Affine3A::from_mat3_translation(pose, Vec3::new(1.0, -2.0, 3.0));
+        for projection in [Projection::Perspective { yfov: 0.8 }, Projection::Orthographic { xmag: 2.0, ymag: 1.5 }] {
+            let camera = Camera { name: String::new(), projection, aspect: None, to_world };
+            let rays = CameraRays::new(&camera, 320, 200);
+            let [to_camera, to_picture] = rays.matrices().map(|m| Mat4::from_cols_array(&m));
+            for (x, y) in [(0.0, 0.0), (320.0, 200.0), (31.0, 170.0), (160.0, 100.0)] {
+                let (origin, direction) = rays.rays(F::splat(x), F::splat(y));
+                let point = origin.lane(LANES - 1) + direction.lane(LANES - 1) * 5.0;
+                let seen = to_camera.transform_point3(point);
+                assert!(seen.z > 0.0 && seen.x.signum() * (x - 160.0) >= -1e-3, "{seen}");
+                let at = to_picture.project_point3(point);
+                assert!((at.x - x / 320.0).abs() < 1e-5 && (at.y - y / 200.0).abs() < 1e-5, "{projection:?}: {at}");
+            }
         }
     }
 }

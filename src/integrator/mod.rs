@@ -49,6 +49,8 @@ pub struct Transport<'a> {
     pub max_depth: u32,
     /// Seed of every random choice.
     pub seed: u32,
+    /// Is the environment left out where the camera sees it directly?
+    pub hides_sky: bool,
 }
 
 impl Transport<'_> {

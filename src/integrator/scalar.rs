@@ -126,7 +126,7 @@ impl Path<'_> {
         let (instance, mesh, prim, distance) = (hits.instance[0], hits.mesh[0], hits.prim[0], hits.t[0]);
         if mesh == MISS {
             self.tell(depth, What::Escape);
-            if t.lights.environment.is_none() {
+            if t.lights.environment.is_none() || (depth == 0 && t.hides_sky) {
                 return Vec3::ZERO;
             }
             let (radiance, pdf) = t.lights.environment(V3::splat(direction));

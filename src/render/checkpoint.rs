@@ -11,8 +11,8 @@ use super::scheduler::{self, NOISE_PATHS};
 use super::stats::Samples;
 use super::tile::{Columns, Tile, Tile2};
 use super::{Identity, Part, RenderSettings, RenderStats, Rendered, StopReason, format2, fresh_tiles, paths_range};
-use crate::film::Aov;
-use crate::film::exr_file::{self, Header, HeaderValue};
+use crate::film::exr_file::{self, Header, HeaderValue, Layers};
+use crate::film::{Aov, Background};
 use crate::rays::BackendInfo;
 use crate::{Error, Result};
 
@@ -34,7 +34,7 @@ impl Saved {
 }
 
 /// Raised whenever an older version could no longer read what is written.
-pub const FORMAT: u32 = 3;
+pub const FORMAT: u32 = 4;
 
 /// What a picture says of its making: all that going on and merging ask for, but the tiles.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -57,6 +57,12 @@ pub struct Record {
     pub keeps: bool,
     /// Who traced its rays last.
     pub host: Host,
+    /// Are its colours 16-bit floats?
+    #[serde(default)]
+    pub half: bool,
+    /// What is behind everything. Before format 4, A was 0 where a sky was shown; so it stays in such files.
+    #[serde(default)]
+    pub background: Background,
     /// The seeds that it is the mean of, if of several: nothing can go on from that.
     #[serde(skip)]
     pub seeds: Vec<u32>,
@@ -91,6 +97,8 @@ impl Record {
             paths: rendered.paths_range().0,
             keeps,
             host,
+            half: asked.half,
+            background: rendered.background,
             seeds: Vec::new(),
         }
     }
@@ -155,7 +163,7 @@ pub fn json(value: &impl Serialize) -> Result<HeaderValue> {
 pub fn number(header: &Header, name: &str) -> Option<f64> {
     header.iter().find(|(n, _)| n == name).and_then(|(_, value)| match value {
         HeaderValue::Number(x) => Some(*x),
-        HeaderValue::Text(_) => None,
+        _ => None,
     })
 }
 
@@ -163,7 +171,7 @@ pub fn number(header: &Header, name: &str) -> Option<f64> {
 pub fn text<'a>(header: &'a Header, name: &str) -> Option<&'a str> {
     header.iter().find(|(n, _)| n == name).and_then(|(_, value)| match value {
         HeaderValue::Text(text) => Some(text.as_str()),
-        HeaderValue::Number(_) => None,
+        _ => None,
     })
 }
 
@@ -175,7 +183,8 @@ pub fn write(path: &Path, rendered: &Rendered, record: &Record, more: Header, wi
     let mut header = record.header(rendered)?;
     header.extend(more);
     let tiles = with_tiles.then(|| pack(&rendered.tiles)).transpose()?;
-    exr_file::write(path, &rendered.pixels(), &Aov::named(&record.aovs), &header, tiles.as_deref())
+    let layers = Layers { aovs: &Aov::named(&record.aovs), half: record.half };
+    exr_file::write(path, &rendered.pixels(), layers, &header, tiles.as_deref())
 }
 
 /// A picture of ours that is there already.

@@ -9,6 +9,7 @@ use super::progress::{Meter, Progress};
 use super::scheduler::{self, Next, State};
 use super::tile::{Tile, TileWork};
 use super::{Integrator, RenderSettings, RenderStats, Rendered, Saved, StopReason, fresh_tiles, noise, paths_range};
+use crate::film::Background;
 use crate::integrator::{CameraRays, PreparedScene, Transport};
 use crate::sampling::{FilterSampler, hash};
 
@@ -99,6 +100,7 @@ pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Tra
             Integrator::Direct => settings.max_depth.min(2),
         },
         seed: settings.seed,
+        hides_sky: settings.transparent,
     }
 }
 
@@ -118,7 +120,13 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     let Saved { tiles, stats } =
         from.unwrap_or_else(|| Saved { tiles: fresh_tiles(settings), stats: RenderStats::default() });
     let before = RenderStats { noise: f64::INFINITY, ..stats };
-    let mut now = Rendered { settings: settings.clone(), tiles, stats: before, stop: StopReason::Interrupted };
+    let background = match &scene.scene.environment {
+        None => Background::Black,
+        Some(_) if settings.transparent => Background::Transparent,
+        Some(_) => Background::Sky,
+    };
+    let stop_reason = StopReason::Interrupted;
+    let mut now = Rendered { settings: settings.clone(), tiles, stats: before, stop: stop_reason, background };
     // Seconds so far, of this session and those before it: since the clock began, and inside of this function.
     let elapsed = || before.seconds + began.elapsed().as_secs_f64();
     let rendering = || before.render_seconds + start.elapsed().as_secs_f64();

@@ -9,6 +9,7 @@ use super::Identity;
 use super::checkpoint::{Host, Record, number, text};
 use super::identity::{Asked, name};
 use crate::balance::HALF_PILOT;
+use crate::film::Background;
 use crate::film::exr_file::Header;
 use crate::rays::Backend;
 
@@ -39,6 +40,8 @@ pub fn record(header: &Header) -> Option<Record> {
             isa: backend["isa"].as_str().unwrap_or("?").into(),
         },
         seeds: Vec::new(),
+        half: false,
+        background: Background::Black,
     })
 }
 

@@ -32,6 +32,8 @@ pub struct Asked {
     pub size: Option<[u32; 2]>,
     /// Names of AOVs, with commas between.
     pub aovs: String,
+    /// Colours in 16 bits?
+    pub half: bool,
 }
 
 /// Named values, for comparison.
@@ -68,6 +70,9 @@ impl Identity {
             ("seed", s.seed.to_string()),
             ("sums for AOVs", s.aovs.to_string()),
         ]);
+        if s.transparent {
+            values.insert("transparent", "true".into());
+        }
         if s.balance.method().needs_goal() {
             values.insert("pilot", s.pilot.unwrap_or(HALF_PILOT).to_string());
             let spp = s.spp.map_or("none".into(), |n| n.to_string());
@@ -83,6 +88,10 @@ impl Identity {
         values.insert("camera", asked.camera.clone().unwrap_or("the first".into()));
         values.insert("size", asked.size.map_or("the camera's".into(), |[w, h]| format!("{w}x{h}")));
         values.insert("aovs", asked.aovs.clone());
+        // What is not said leaves requests as they were before it could be.
+        if asked.half {
+            values.insert("half", "true".into());
+        }
         blake3::hash(serde_json::json!(values).to_string().as_bytes()).to_hex().to_string()
     }
 
@@ -144,12 +153,13 @@ mod tests {
         let settings = RenderSettings { part: "1/2".parse().ok(), ..Default::default() };
         let whole = RenderSettings { camera: 3, width: 7, part: None, time: Some(1.0), ..settings.clone() };
         let of = |settings: &RenderSettings| Identity::new("a", "none", Backend::Embree, settings);
-        let asked = Asked { camera: Some("top".into()), size: None, aovs: "depth".into() };
+        let asked = Asked { camera: Some("top".into()), size: None, aovs: "depth".into(), half: false };
         assert_eq!(of(&settings).request(&asked), of(&whole).request(&asked));
         for other in [
             Asked { camera: None, ..asked.clone() },
             Asked { size: Some([9, 9]), ..asked.clone() },
             Asked { aovs: String::new(), ..asked.clone() },
+            Asked { half: true, ..asked.clone() },
         ] {
             assert_ne!(of(&settings).request(&asked), of(&settings).request(&other));
         }

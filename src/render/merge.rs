@@ -56,7 +56,8 @@ pub fn merge(paths: &[PathBuf]) -> Result<Merged> {
     let Some(Whole { tiles, stats }) = whole else { return Err(Error::Bug("no seed".into())) };
     let settings = RenderSettings { part: None, ..first.record.identity.settings.clone() };
     let stats = RenderStats { noise: noise(&tiles, settings.window()), ..stats };
-    let rendered = Rendered { settings: settings.clone(), tiles, stats, stop: first.record.stop };
+    let Record { stop, background, .. } = first.record;
+    let rendered = Rendered { settings: settings.clone(), tiles, stats, stop, background };
     let mut record = Record {
         stats,
         noise: Some(stats.noise).filter(|noise| noise.is_finite()),
@@ -70,7 +71,8 @@ pub fn merge(paths: &[PathBuf]) -> Result<Merged> {
     let text = |name: &&'static str| {
         checkpoint::text(&first.header, name).map(|text| ((*name).into(), HeaderValue::Text(text.into())))
     };
-    Ok(Merged { rendered, record, more: kept.iter().filter_map(text).collect() })
+    let matrices = first.header.iter().filter(|(_, value)| matches!(value, HeaderValue::Matrix(_))).cloned();
+    Ok(Merged { rendered, record, more: kept.iter().filter_map(text).chain(matrices).collect() })
 }
 
 impl Merged {
@@ -108,6 +110,9 @@ fn check_kinship(first: &Earlier, inputs: &[Earlier]) -> Result<()> {
         }
         if other.record.aovs != first.record.aovs {
             return Err(Error::Data(format!("{name} has other AOVs than {first_name}")));
+        }
+        if other.record.half != first.record.half {
+            return Err(Error::Data(format!("{name} and {first_name}: only one of them has 16-bit colours (--half)")));
         }
         let [ours, theirs] = [first, other].map(|i| settings(i).part);
         if ours.map(|p| p.of) != theirs.map(|p| p.of) {

@@ -18,8 +18,8 @@ pub mod settings;
 pub mod stats;
 pub mod tile;
 
-use crate::film::Film;
 use crate::film::compare::relative_to;
+use crate::film::{Background, Film};
 pub use checkpoint::{Record, Saved};
 pub use driver::{Checkpoint, RunOptions, render, run, transport};
 pub use identity::Identity;
@@ -42,12 +42,14 @@ pub struct Rendered {
     pub stats: RenderStats,
     /// Why it ended.
     pub stop: StopReason,
+    /// What is behind everything.
+    pub background: Background,
 }
 
 impl Rendered {
     /// The window's pixels as they are: what files are written from.
     pub fn pixels(&self) -> TilePixels<'_> {
-        TilePixels::new(&self.tiles, &self.settings)
+        TilePixels::new(&self.tiles, &self.settings, self.background)
     }
 
     /// The window's pixels, copied row by row: for those who compute with them.

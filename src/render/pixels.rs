@@ -2,13 +2,14 @@
 
 use super::RenderSettings;
 use super::tile::{TILE, Tile};
-use crate::film::{AovSums, PixelStats, Pixels};
+use crate::film::{AovSums, Background, PixelStats, Pixels};
 
 /// The window's pixels, read from tiles. Where no tile is, nothing was sampled.
 pub struct TilePixels<'a> {
     size: [u32; 2],
     window: [u32; 4],
     aovs: bool,
+    background: Background,
     /// Tiles a row of `tiles`.
     columns: u32,
     /// Row by row, all that the window touches.
@@ -16,8 +17,8 @@ pub struct TilePixels<'a> {
 }
 
 impl<'a> TilePixels<'a> {
-    /// Of tiles of a picture of these settings, in any order.
-    pub fn new(tiles: &'a [Tile], settings: &RenderSettings) -> Self {
+    /// Of tiles of a picture of these settings, in any order, with this behind everything.
+    pub fn new(tiles: &'a [Tile], settings: &RenderSettings, background: Background) -> Self {
         let window @ [x0, y0, x1, y1] = settings.window();
         let (columns, rows) = (x1.div_ceil(TILE) - x0 / TILE, y1.div_ceil(TILE) - y0 / TILE);
         let mut grid = vec![None; (columns * rows) as usize];
@@ -25,7 +26,8 @@ impl<'a> TilePixels<'a> {
             let [x, y] = tile.grid_position();
             grid[((y - y0 / TILE) * columns + (x - x0 / TILE)) as usize] = Some(tile);
         }
-        Self { size: [settings.width, settings.height], window, aovs: settings.aovs, columns, tiles: grid }
+        let (size, aovs) = ([settings.width, settings.height], settings.aovs);
+        Self { size, window, aovs, background, columns, tiles: grid }
     }
 }
 
@@ -40,6 +42,10 @@ impl Pixels for TilePixels<'_> {
 
     fn has_aovs(&self) -> bool {
         self.aovs
+    }
+
+    fn background(&self) -> Background {
+        self.background
     }
 
     fn at(&self, x: u32, y: u32) -> (PixelStats, AovSums) {

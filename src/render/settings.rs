@@ -52,6 +52,9 @@ pub struct RenderSettings {
     pub filter: PixelFilter,
     /// Keep the sums that AOVs need?
     pub aovs: bool,
+    /// Leave the environment out of the picture, where the camera sees it directly; it gives light all the same.
+    #[serde(default)]
+    pub transparent: bool,
     /// Render this part of the tiles only.
     pub part: Option<Part>,
     /// For studies: the share of light samples that each pixel of the whole picture (row by row) begins with instead of
@@ -92,6 +95,7 @@ impl Default for RenderSettings {
             seed: 0,
             filter: PixelFilter::Gaussian,
             aovs: false,
+            transparent: false,
             part: None,
             shares: None,
             passes: None,

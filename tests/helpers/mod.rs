@@ -4,6 +4,7 @@
 pub mod farm;
 pub mod glb;
 pub mod gltf_parts;
+pub mod pictures;
 pub mod program;
 pub mod random;
 pub mod ray_scenes;

@@ -100,6 +100,7 @@ pub fn attribute(path: &Path, name: &str) -> String {
     match header.into_iter().find(|(n, _)| n == name) {
         Some((_, HeaderValue::Text(text))) => text,
         Some((_, HeaderValue::Number(x))) => x.to_string(),
+        Some((_, HeaderValue::Matrix(m))) => format!("{m:?}"),
         None => panic!("{} has no {name}", path.display()),
     }
 }

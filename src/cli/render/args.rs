@@ -109,6 +109,13 @@ pub struct RenderArgs {
     /// material, separated by commas; or all, or none.
     #[arg(long, value_name = "LIST", default_value = "variance,samples,balance", help_heading = "Output")]
     aov: AovList,
+    /// Colours and normals in 16-bit floats: a file of half the size, and what compositors work with.
+    #[arg(long, help_heading = "Output")]
+    pub half: bool,
+    /// Leave the sky out of picture and PNG where the camera sees it: alpha says what is there. It gives light all the
+    /// same.
+    #[arg(long, help_heading = "Output")]
+    pub transparent: bool,
     /// Write a PNG too.
     #[arg(long, value_name = "FILE.png", help_heading = "Output")]
     pub preview: Option<PathBuf>,
@@ -169,7 +176,8 @@ impl RenderArgs {
 
     /// What tells its file from others' before a scene is loaded.
     pub fn asked(&self) -> Asked {
-        Asked { camera: self.camera.clone(), size: self.size.map(|s| [s.0, s.1]), aovs: self.aov_names() }
+        let (camera, size) = (self.camera.clone(), self.size.map(|s| [s.0, s.1]));
+        Asked { camera, size, aovs: self.aov_names(), half: self.half }
     }
 
     /// What it asks for, but for camera, width and height: they are the scene's to say.
@@ -186,6 +194,7 @@ impl RenderArgs {
             seed: self.seed,
             filter: self.filter,
             aovs: self.aovs().iter().any(|a| a.needs_sums()),
+            transparent: self.transparent,
             part: self.part,
             ..RenderSettings::default()
         }

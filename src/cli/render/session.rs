@@ -14,8 +14,9 @@ use super::{RenderArgs, choose, make_scene};
 use crate::cli::memory::{self, Need};
 use crate::cli::stats::{Seconds, Stats};
 use crate::console::signals::no_progress;
+use crate::film::exr_file::{HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::film::preview;
-use crate::integrator::PreparedScene;
+use crate::integrator::{CameraRays, PreparedScene};
 use crate::rays;
 use crate::render::checkpoint::{self, Earlier, Host};
 use crate::render::{
@@ -182,7 +183,12 @@ impl Session<'_> {
                 Seconds { render, ..seconds.get() },
             );
             let record = Record::new(&identity, &asked, rendered, Host::of(backend), keeps);
-            checkpoint::write(&output, rendered, &record, stats.header()?, with_statistics)?;
+            let mut header = stats.header()?;
+            let camera = &loaded.prepared.scene.cameras[settings.camera];
+            let matrices = CameraRays::new(camera, settings.width, settings.height).matrices();
+            let named = [WORLD_TO_CAMERA, WORLD_TO_NDC].into_iter().zip(matrices);
+            header.extend(named.map(|(name, matrix)| (name.into(), HeaderValue::Matrix(matrix))));
+            checkpoint::write(&output, rendered, &record, header, with_statistics)?;
             let write = seconds.get().write + start.elapsed().as_secs_f64();
             seconds.set(Seconds { write, ..seconds.get() });
             Ok(stats)

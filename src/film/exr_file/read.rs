@@ -2,8 +2,8 @@
 
 use std::borrow::Cow;
 use std::cell::Cell;
-use std::fs;
-use std::io::{BufReader, Cursor, ErrorKind};
+use std::fs::{self, File};
+use std::io::{BufReader, Cursor, ErrorKind, Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use exr::meta::attribute::{AttributeValue, SampleType};
 use exr::meta::header::Header as ExrHeader;
 use exr::prelude::*;
 
-use super::{HASH, Header, HeaderValue, LENGTH, STATISTICS, WORDS, text};
+use super::{HASH, Header, HeaderValue, LENGTH, STATISTICS, WORDS, WORLD_TO_CAMERA, WORLD_TO_NDC, text};
 use crate::{Error, Result as Outcome};
 
 /// A picture that was read.
@@ -57,7 +57,32 @@ type Fits<'a> = dyn Fn(u64, u64) -> std::result::Result<(), String> + 'a;
 /// # Errors
 /// As [`read()`].
 pub fn read_header(path: &Path) -> Outcome<Header> {
-    let file = fs::File::open(path).map_err(|e| Error::reading(path, &e))?;
+    let meta = read_meta(path, open(path)?)?;
+    let Some(first) = meta.headers.first() else { return Ok(Header::new()) };
+    let ours = first.own_attributes.other.iter().filter_map(|(name, value)| {
+        let name = name.to_string();
+        let value = match value {
+            AttributeValue::Text(t) => HeaderValue::Text(t.to_string()),
+            AttributeValue::F64(x) => HeaderValue::Number(*x),
+            _ => return None,
+        };
+        // How many bytes of statistics there are is the file's affair alone.
+        let told = name.starts_with("bismar.") && ![LENGTH, HASH].contains(&name.as_str());
+        told.then(|| (name.into(), value))
+    });
+    let mut header: Header = ours.collect();
+    let of = &first.own_attributes;
+    for (name, matrix) in [(WORLD_TO_CAMERA, of.world_to_camera), (WORLD_TO_NDC, of.world_to_normalized_device)] {
+        header.extend(matrix.map(|m| (name.into(), HeaderValue::Matrix(m))));
+    }
+    Ok(header)
+}
+
+fn open(path: &Path) -> Outcome<File> {
+    File::open(path).map_err(|e| Error::reading(path, &e))
+}
+
+fn read_meta(path: &Path, file: File) -> Outcome<MetaData> {
     let mut failed = None;
     let read = || match MetaData::read_from_buffered(BufReader::new(file), false) {
         Err(ExrError::Io(e)) if e.kind() != ErrorKind::UnexpectedEof => {
@@ -70,18 +95,7 @@ pub fn read_header(path: &Path) -> Outcome<Header> {
     if let Some(e) = failed {
         return Err(Error::reading(path, &e));
     }
-    let meta = meta.map_err(|why| cannot_use(path, &why))?;
-    let Some(first) = meta.headers.first() else { return Ok(Header::new()) };
-    let ours = first.own_attributes.other.iter().filter_map(|(name, value)| {
-        let name = name.to_string();
-        let value = match value {
-            AttributeValue::Text(t) => HeaderValue::Text(t.to_string()),
-            AttributeValue::F64(x) => HeaderValue::Number(*x),
-            _ => return None,
-        };
-        name.starts_with("bismar.").then(|| (name.into(), value))
-    });
-    Ok(ours.collect())
+    meta.map_err(|why| cannot_use(path, &why))
 }
 
 /// The statistics that [`write()`](super::write()) was given, or `None` for a picture without.
@@ -89,7 +103,39 @@ pub fn read_header(path: &Path) -> Outcome<Header> {
 /// # Errors
 /// As [`read()`]; [`Error::Data`] also if the bytes are not those that were written.
 pub fn read_statistics(path: &Path) -> Outcome<Option<Vec<u8>>> {
-    decoded(path, decode_statistics)
+    let mut file = open(path)?;
+    let failed = |e| Error::reading(path, &e);
+    let meta = read_meta(path, file.try_clone().map_err(failed)?)?;
+    if meta.headers.len() > 1 {
+        // Before format 4 they were a part of their own.
+        return decoded(path, decode_statistics);
+    }
+    let refused = |why: &str| cannot_use(path, why);
+    let Some((length, hash)) = meta.headers.first().map(sealed).transpose().map_err(|e| refused(&e.to_string()))?.flatten()
+    else {
+        return Ok(None);
+    };
+    let all = file.metadata().map_err(failed)?.len();
+    let start = all.checked_sub(length).ok_or_else(|| refused("its statistics are cut off"))?;
+    let mut bytes = Vec::new();
+    file.seek(SeekFrom::Start(start)).and_then(|_| file.read_to_end(&mut bytes)).map_err(failed)?;
+    if *blake3::hash(&bytes).to_hex() != *hash {
+        return Err(refused(DAMAGED));
+    }
+    Ok(Some(bytes))
+}
+
+const DAMAGED: &str = "its statistics are not those that were written: the file is damaged";
+
+/// Length and hash of the statistics that belong to a part, if there are any.
+fn sealed(header: &ExrHeader) -> Result<Option<(u64, String)>> {
+    match (attribute(header, LENGTH), attribute(header, HASH)) {
+        (None, None) => Ok(None),
+        (Some(AttributeValue::F64(length)), Some(AttributeValue::Text(hash))) => {
+            Ok(Some((*length as u64, hash.to_string())))
+        }
+        _ => Err(invalid("its statistics have no length or hash")),
+    }
 }
 
 fn decoded<T>(path: &Path, decode: impl FnOnce(&[u8]) -> Result<T>) -> Outcome<T> {
@@ -207,11 +253,8 @@ fn decode_statistics(bytes: &[u8]) -> Result<Option<Vec<u8>>> {
     let header = &chunks.headers()[part];
     plausible(header, bytes.len() as u64)?;
     let rows = header.layer_size.1;
-    let (length, hash) = match (attribute(header, LENGTH), attribute(header, HASH)) {
-        (Some(AttributeValue::F64(length)), Some(AttributeValue::Text(hash))) => (*length as usize, hash.to_string()),
-        _ => return Err(invalid("its statistics have no length or hash")),
-    };
-    let row = 4 * WORDS;
+    let (length, hash) = sealed(header)?.ok_or_else(|| invalid("its statistics have no length or hash"))?;
+    let (length, row) = (usize::try_from(length).unwrap_or(usize::MAX), 4 * WORDS);
     if header.layer_size.0 != WORDS || header.channels.bytes_per_pixel != 4 || length > rows * row {
         return Err(invalid("its statistics have another shape"));
     }
@@ -226,7 +269,7 @@ fn decode_statistics(bytes: &[u8]) -> Result<Option<Vec<u8>>> {
     })?;
     all.truncate(length);
     if *blake3::hash(&all).to_hex() != *hash {
-        return Err(invalid("its statistics are not those that were written: the file is damaged"));
+        return Err(invalid(DAMAGED));
     }
     Ok(Some(all))
 }

@@ -1,5 +1,6 @@
 //! Films and statistics into files, a block of rows at a time.
 
+use std::io::{Seek, SeekFrom, Write};
 use std::path::Path;
 
 use exr::block::lines::LineRefMut;
@@ -10,33 +11,57 @@ use exr::meta::attribute::{AttributeValue, Chromaticities, IntegerBounds, LevelM
 use exr::meta::header::Header as ExrHeader;
 use exr::prelude::*;
 
-use super::{HASH, Header, HeaderValue, LENGTH, STATISTICS, WORDS, text};
+use super::{HASH, Header, HeaderValue, LENGTH, WORLD_TO_CAMERA, WORLD_TO_NDC, text};
 use crate::film::aov::{self, Aov, Value};
 use crate::film::{Pixels, atomic};
 use crate::{Error, Result as Outcome};
 
-/// Writes pixels as one part: R, G, B, A in 32-bit floats (A is the share of paths that hit something; colours are
-/// not multiplied by it) and the AOVs as `layer.channel`. ZIP compression; the data window is the pixels' window, the
-/// display window the whole picture. The file appears whole or not at all. Beside the pixels it takes next to no memory:
-/// channels are computed as they are written.
+/// What a file holds of pixels besides R, G, B and A, and how exactly.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Layers<'a> {
+    /// Which AOVs.
+    pub aovs: &'a [Aov],
+    /// Colours and directions in 16-bit floats; distances, statistics and identities stay as they are.
+    pub half: bool,
+}
+
+impl<'a, const N: usize> From<&'a [Aov; N]> for Layers<'a> {
+    fn from(aovs: &'a [Aov; N]) -> Self {
+        Layers { aovs, half: false }
+    }
+}
+
+impl<'a> From<&'a [Aov]> for Layers<'a> {
+    fn from(aovs: &'a [Aov]) -> Self {
+        Layers { aovs, half: false }
+    }
+}
+
+/// Writes pixels as one part: R, G, B, A (premultiplied; A by [`Background`](crate::film::Background)) and the AOVs as
+/// `layer.channel`. ZIP compression; the data window is the pixels' window, the display window the whole picture. The
+/// file appears whole or not at all. Beside the pixels it takes next to no memory: channels are computed as they are
+/// written.
 ///
-/// `statistics` are bytes that [`read_statistics`](super::read_statistics) gives back. They go into a second part of
-/// that name, as one channel of integers: programs that do not know it show the first part as ever.
+/// `statistics` are bytes that [`read_statistics`](super::read_statistics) gives back. They follow the picture at the
+/// end of the file, where its table of offsets leads nobody: a part of their own would need a data window of its own,
+/// which crashes Blender 5.0 where it is not inside the picture's.
 ///
 /// # Errors
 /// As [`atomic::write`].
-pub fn write(
+pub fn write<'a>(
     path: &Path,
     pixels: &dyn Pixels,
-    aovs: &[Aov],
+    layers: impl Into<Layers<'a>>,
     header: &Header,
     statistics: Option<&[u8]>,
 ) -> Outcome<()> {
-    let (shared, mut beauty) = image_of(pixels, aovs, header);
-    let Some(bytes) = statistics else { return save(path, &Image::new(shared, beauty)) };
-    // The name that Nuke and its successors show without a prefix.
-    beauty.attributes.layer_name = Some(text("rgba"));
-    save(path, &Image::from_layers(shared, vec![beauty, statistics_of(bytes)]))
+    let (shared, mut beauty) = image_of(pixels, layers.into(), header);
+    if let Some(bytes) = statistics {
+        let hash = blake3::hash(bytes).to_hex();
+        beauty.attributes.other.insert(text(LENGTH), AttributeValue::F64(bytes.len() as f64));
+        beauty.attributes.other.insert(text(HASH), AttributeValue::Text(text(hash.as_str())));
+    }
+    save(path, &Image::new(shared, beauty), statistics.unwrap_or_default())
 }
 
 /// Writes linear RGB floats, row-major over `window` within `display` (x0, y0, x1, y1).
@@ -52,7 +77,7 @@ pub fn write_rgb(path: &Path, window: [i64; 4], display: [i64; 4], rgb: &[[f32; 
     let channels = ["R", "G", "B"].into_iter().enumerate().map(channel);
     let own = LayerAttributes { layer_position: bounds(window).position, ..Default::default() };
     let layer = Layer::new(size, own, ENCODING, AnyChannels::sort(channels.collect()));
-    save(path, &Image::new(ImageAttributes::new(bounds(display)), layer))
+    save(path, &Image::new(ImageAttributes::new(bounds(display)), layer), &[])
 }
 
 /// Blocks of 16 rows: the unit of packing in parallel.
@@ -61,28 +86,37 @@ const ENCODING: Encoding =
 
 type PartOf<'a> = Layer<AnyChannels<Samples<'a>>>;
 
-fn save<'a, L>(path: &Path, image: &'a Image<L>) -> Outcome<()>
+fn save<'a, L>(path: &Path, image: &'a Image<L>, behind: &[u8]) -> Outcome<()>
 where
     L: exr::image::write::layers::WritableLayers<'a>,
 {
-    atomic::write(path, |file| match image.write().to_buffered(file) {
-        Ok(()) => Ok(Ok(())),
+    atomic::write(path, |file| match image.write().to_buffered(&mut *file) {
+        Ok(()) => {
+            file.seek(SeekFrom::End(0))?;
+            file.write_all(behind)?;
+            Ok(Ok(()))
+        }
         Err(ExrError::Io(e)) => Err(e),
         Err(other) => Ok(Err(Error::Bug(format!("{}: the EXR is not valid: {other}", path.display())))),
     })
 }
 
-fn image_of<'a>(pixels: &'a dyn Pixels, aovs: &[Aov], header: &Header) -> (ImageAttributes, PartOf<'a>) {
+fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers, header: &Header) -> (ImageAttributes, PartOf<'a>) {
     let [x0, y0, x1, y1] = pixels.window();
-    let mut aovs = aovs.to_vec();
+    let mut aovs = layers.aovs.to_vec();
     aovs.sort();
     aovs.dedup();
-    let channels = aov::beauty().into_iter().chain(aovs.iter().flat_map(|aov| aov.channels(pixels.has_aovs())));
+    let beauty = aov::beauty(pixels.background());
+    let channels = beauty.into_iter().chain(aovs.iter().flat_map(|aov| aov.channels(pixels.has_aovs())));
     let channels = channels.map(|channel| {
         let c = channel.component;
         let at = move |x, y| pixels.at(x0 + x as u32, y0 + y as u32);
         let samples = match channel.value {
-            Value::Float(f) => Samples::Float(Box::new(move |x, y| {
+            Value::Color(f) if layers.half => Samples::Half(Box::new(move |x, y| {
+                let (stats, sums) = at(x, y);
+                half(f(&stats, &sums, c))
+            })),
+            Value::Float(f) | Value::Color(f) => Samples::Float(Box::new(move |x, y| {
                 let (stats, sums) = at(x, y);
                 f(&stats, &sums, c)
             })),
@@ -99,9 +133,18 @@ fn image_of<'a>(pixels: &'a dyn Pixels, aovs: &[Aov], header: &Header) -> (Image
         ..Default::default()
     };
     for (name, value) in header {
-        let value = match value {
-            HeaderValue::Text(t) => AttributeValue::Text(text(t)),
-            HeaderValue::Number(x) => AttributeValue::F64(*x),
+        let value = match (name.as_ref(), value) {
+            (_, HeaderValue::Text(t)) => AttributeValue::Text(text(t)),
+            (_, HeaderValue::Number(x)) => AttributeValue::F64(*x),
+            (WORLD_TO_CAMERA, HeaderValue::Matrix(m)) => {
+                own.world_to_camera = Some(*m);
+                continue;
+            }
+            (WORLD_TO_NDC, HeaderValue::Matrix(m)) => {
+                own.world_to_normalized_device = Some(*m);
+                continue;
+            }
+            (_, HeaderValue::Matrix(m)) => AttributeValue::Matrix4x4(*m),
         };
         own.other.insert(text(name), value);
     }
@@ -119,26 +162,14 @@ fn image_of<'a>(pixels: &'a dyn Pixels, aovs: &[Aov], header: &Header) -> (Image
     (shared, layer)
 }
 
-fn statistics_of(bytes: &[u8]) -> PartOf<'_> {
-    let rows = bytes.len().div_ceil(4 * WORDS).max(1);
-    let word = |x: usize, y: usize| {
-        let mut four = [0; 4];
-        let rest = bytes.get(4 * (y * WORDS + x)..).unwrap_or_default();
-        let there = rest.len().min(4);
-        four[..there].copy_from_slice(&rest[..there]);
-        u32::from_le_bytes(four)
-    };
-    let mut own = LayerAttributes::named(STATISTICS);
-    own.other.insert(text(LENGTH), AttributeValue::F64(bytes.len() as f64));
-    own.other.insert(text(HASH), AttributeValue::Text(text(blake3::hash(bytes).to_hex().as_str())));
-    let channel = AnyChannel::new(text("bytes"), Samples::Uint(Box::new(word)));
-    // They are packed already, if they can be.
-    let encoding = Encoding { compression: Compression::Uncompressed, ..ENCODING };
-    Layer::new(Vec2(WORDS, rows), own, encoding, AnyChannels::sort([channel].into_iter().collect()))
+/// The nearest 16-bit float; what is too bright for it becomes its largest number, not infinity.
+fn half(x: f32) -> f16 {
+    if x.is_finite() { f16::from_f32(x.clamp(f16::MIN.to_f32(), f16::MAX.to_f32())) } else { f16::from_f32(x) }
 }
 
 /// A channel's values by column and row of its part, asked for when their block is written.
 enum Samples<'a> {
+    Half(Box<dyn Fn(usize, usize) -> f16 + Sync + 'a>),
     Float(Box<dyn Fn(usize, usize) -> f32 + Sync + 'a>),
     Uint(Box<dyn Fn(usize, usize) -> u32 + Sync + 'a>),
 }
@@ -151,6 +182,7 @@ where
 
     fn sample_type(&self) -> SampleType {
         match self {
+            Samples::Half(_) => SampleType::F16,
             Samples::Float(_) => SampleType::F32,
             Samples::Uint(_) => SampleType::U32,
         }
@@ -169,6 +201,7 @@ impl SamplesWriter for &Samples<'_> {
     fn extract_line(&self, line: LineRefMut<'_>) {
         let Vec2(x, y) = line.location.position;
         match self {
+            Samples::Half(value) => line.write_samples(|i| value(x + i, y)),
             Samples::Float(value) => line.write_samples(|i| value(x + i, y)),
             Samples::Uint(value) => line.write_samples(|i| value(x + i, y)),
         }

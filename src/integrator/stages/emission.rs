@@ -54,7 +54,7 @@ pub fn environment(
     ledger: &mut Ledger,
     batch: &mut PixelBatch,
 ) {
-    if transport.lights.environment.is_none() {
+    if transport.lights.environment.is_none() || (depth == 0 && transport.hides_sky) {
         return;
     }
     for at in (0..escaped.len()).step_by(LANES) {
