@@ -33,7 +33,7 @@ fn every_kind_of_file_opens_in_openimageio_and_blender_without_a_word() {
     let Some(python) = python() else { return };
     let folder = folder();
     let line = "render cornell.glb --size 80x60 -q --spp 4 --threads 1";
-    interrupted(folder.path(), "render cornell.glb --size 80x60 --spp 100000 --checkpoint 0.05 -q");
+    interrupted(folder.path(), "render cornell.glb --size 80x60 --spp 100000 --checkpoint 0.05 -q -o out.exr");
     fs::rename(folder.path().join("out.exr"), folder.path().join("interrupted.exr")).unwrap();
     for (flags, name) in [
         ("", "finished"),

@@ -231,8 +231,8 @@ impl Batch {
             check_outputs(args)?;
             let inputs = self.inputs.get(&key, || Inputs::read(args))?;
             let session = Session { args, inputs: &inputs, threads, began, replaces: true };
-            if let Some(done) = session.done_before()? {
-                return Ok(done);
+            if let Some(record) = session.done_before()? {
+                return session.develop(&record);
             }
             session.check_memory()?;
             let loaded = self.scenes.get(&key, || Loaded::load(args, &inputs, &|_, _| !signals.stopped()))?;

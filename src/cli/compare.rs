@@ -7,8 +7,7 @@ use serde::Serialize;
 
 use crate::console::{Verdict, print, print_json, say};
 use crate::film::compare::{Comparison, REL_MSE_EPSILON, compare};
-use crate::film::exr_file::{self, Picture};
-use crate::film::{atomic, preview};
+use crate::film::{Picture, atomic, exr_file, preview};
 use crate::{Error, Result};
 
 /// Compare a picture with a reference: relMSE, RMSE, MAE, bias, and z where both carry variance.

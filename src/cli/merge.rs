@@ -8,7 +8,8 @@ use clap::Args;
 
 use crate::console::{Verbosity, Verdict, say};
 use crate::farm::PathMapping;
-use crate::film::{View, atomic, preview};
+use crate::film::exr_file::HeaderValue;
+use crate::film::{Exposure, Look, View, atomic, colors, preview};
 use crate::render::merge::merge;
 use crate::{Error, Result};
 
@@ -30,9 +31,9 @@ pub struct MergeArgs {
     /// The PNG's view transform.
     #[arg(long, value_enum, default_value_t = View::Agx)]
     view: View,
-    /// The PNG's exposure in stops.
-    #[arg(long, value_name = "EV", default_value_t = 0.0, allow_negative_numbers = true)]
-    exposure: f32,
+    /// The PNG's exposure in stops, or auto as for render.
+    #[arg(long, value_name = "EV", default_value_t = Exposure::Auto, allow_negative_numbers = true)]
+    exposure: Exposure,
     /// Leave out the statistics that a render could go on from.
     #[arg(long)]
     no_statistics: bool,
@@ -59,9 +60,11 @@ pub fn run(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
     wait_for(&args.parts, args.wait)?;
     let mut merged = merge(&args.parts)?;
     merged.record.keeps &= !args.no_statistics;
+    let exposure = args.exposure.of(colors(&merged.rendered.pixels()));
+    merged.more.push(("bismar.exposure".into(), HeaderValue::Number(exposure.into())));
     merged.write(&args.output)?;
     if let Some(path) = &args.preview {
-        preview::write(path, &merged.rendered.pixels(), args.view, args.exposure)?;
+        preview::write(path, &merged.rendered.pixels(), Look { view: args.view, exposure }, "")?;
     }
     if !verbosity.quiet {
         let what = match merged.record.seeds.len() {
@@ -69,7 +72,8 @@ pub fn run(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
             n => format!("{n} seeds"),
         };
         let noise = merged.rendered.stats.noise;
-        say(format_args!("{}: {what} merged, noise {noise:.4}", args.output.display()));
+        let shown = if args.preview.is_some() { format!(", exposure {exposure} EV") } else { String::new() };
+        say(format_args!("{}: {what} merged, noise {noise:.4}{shown}", args.output.display()));
     }
     Ok(Verdict::Done)
 }

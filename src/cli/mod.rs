@@ -3,6 +3,7 @@
 
 mod batch;
 mod compare;
+mod develop;
 mod farm;
 mod inspect;
 mod memory;
@@ -35,6 +36,7 @@ enum Command {
     Farm(farm::FarmArgs),
     Merge(merge::MergeArgs),
     Compare(compare::CompareArgs),
+    Develop(develop::DevelopArgs),
     Study(study::StudyArgs),
 }
 
@@ -52,6 +54,7 @@ pub fn run() -> ExitCode {
             Command::Farm(args) => farm::run(args),
             Command::Merge(args) => merge::run(args, cli.verbosity),
             Command::Compare(args) => compare::run(args),
+            Command::Develop(args) => develop::run(args, cli.verbosity),
             Command::Study(args) => study::run(args, cli.verbosity),
         },
     )

@@ -47,8 +47,8 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
         let prepared = signals.nothing_to_save(|| {
             let inputs = Inputs::read(args)?;
             let session = Session { args, inputs: &inputs, threads, began, replaces: false };
-            if let Some(done) = session.done_before()? {
-                return Ok(Err(done));
+            if let Some(record) = session.done_before()? {
+                return Ok(Err(session.develop(&record)?));
             }
             session.check_memory()?;
             // Whoever waits for signals here ends the program itself.

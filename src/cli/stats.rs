@@ -30,6 +30,11 @@ pub struct Stats {
     backend: Backend,
     threads: usize,
     stop: StopReason,
+    /// Of the PNG, in stops.
+    pub exposure: f32,
+    /// Is there a PNG?
+    #[serde(skip)]
+    pub shown: bool,
     /// Null before the first pass is complete.
     noise: f64,
     samples: Samples,
@@ -122,6 +127,8 @@ impl Stats {
             },
             threads,
             stop: rendered.stop,
+            exposure: 0.0,
+            shown: false,
             noise: stats.noise,
             samples: Samples::of(rendered),
             seconds,
@@ -154,6 +161,7 @@ impl Stats {
             ("bismar.version".into(), text(self.version)),
             ("bismar.scene".into(), text(&self.scene)),
             ("bismar.camera".into(), text(&self.camera)),
+            ("bismar.exposure".into(), HeaderValue::Number(self.exposure.into())),
             ("bismar.backend".into(), json(&self.backend)?),
             ("bismar.seconds".into(), json(&phases)?),
         ];
@@ -190,8 +198,9 @@ impl Stats {
     pub fn summary(&self) -> String {
         let s = &self.samples;
         let spp = if s.pixel_min == s.pixel_max { s.pixel_min.to_string() } else { format!("{:.1}", s.pixel_mean) };
+        let exposure = if self.shown { format!(", exposure {} EV", self.exposure) } else { String::new() };
         format!(
-            "{spp} spp in {:.2} s, noise {:.4}, {:.2} Mpaths/s, {:.2} Mrays/s",
+            "{spp} spp in {:.2} s, noise {:.4}, {:.2} Mpaths/s, {:.2} Mrays/s{exposure}",
             self.seconds.render, self.noise, self.mpaths_per_second, self.mrays_per_second
         )
     }

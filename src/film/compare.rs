@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::exr_file::Picture;
+use super::Picture;
 
 /// Added to the reference's square in [`Comparison::rel_mse`], so that black pixels do not rule.
 pub const REL_MSE_EPSILON: f64 = 0.01;
@@ -156,7 +156,8 @@ mod tests {
 
     fn picture(rgb: Vec<[f32; 3]>, variance: Option<f32>) -> Picture {
         let window = [5, 7, 5 + rgb.len() as i64, 8];
-        Picture { window, display: [0, 0, 100, 100], variance: variance.map(|v| vec![[v; 3]; rgb.len()]), rgb }
+        let variance = variance.map(|v| vec![[v; 3]; rgb.len()]);
+        Picture { window, display: [0, 0, 100, 100], variance, rgb, alpha: None, displayed: false }
     }
 
     #[test]

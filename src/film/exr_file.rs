@@ -5,7 +5,7 @@ mod write;
 
 use std::borrow::Cow;
 
-pub use read::{Picture, is_decoding, picture, read, read_header, read_statistics};
+pub use read::{is_decoding, layer, picture, read, read_header, read_statistics};
 pub use write::{Layers, write, write_rgb};
 
 /// What a header attribute holds.

@@ -3,7 +3,9 @@
 pub mod aov;
 pub mod atomic;
 pub mod compare;
+pub mod exposure;
 pub mod exr_file;
+pub mod picture;
 pub mod preview;
 pub mod view;
 
@@ -11,6 +13,9 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 pub use aov::Aov;
+pub use exposure::Exposure;
+pub use picture::Picture;
+pub use preview::Look;
 pub use view::View;
 
 /// What one pixel has collected. Every sample belongs to one pixel.
@@ -76,6 +81,12 @@ pub trait Pixels: Sync {
 
     /// Of the pixel in column x and row y of the whole picture, inside the window. Without sums for AOVs, zeros.
     fn at(&self, x: u32, y: u32) -> (PixelStats, AovSums);
+}
+
+/// Mean radiance of the pixels, row by row.
+pub fn colors(pixels: &dyn Pixels) -> impl Iterator<Item = [f32; 3]> {
+    let [x0, y0, x1, y1] = pixels.window();
+    (y0..y1).flat_map(move |y| (x0..x1).map(move |x| pixels.at(x, y).0.mean()))
 }
 
 /// The statistics of a picture's window, row by row.

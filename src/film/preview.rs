@@ -1,34 +1,86 @@
 //! PNG pictures for people, 8 bits a channel.
 
-use std::io;
+use std::fs::File;
+use std::io::{self, BufReader};
 use std::path::Path;
 
-use image::codecs::png::PngEncoder;
-use image::{ExtendedColorType, ImageEncoder};
+use png::{BitDepth, ColorType, Compression, Decoder, Encoder};
 
-use super::{Background, Pixels, View, atomic};
+use super::{Background, Picture, Pixels, View, atomic};
 use crate::Result;
 
+/// How a picture is developed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Look {
+    /// The view transform.
+    pub view: View,
+    /// In stops.
+    pub exposure: f32,
+}
+
+/// What is developed.
+struct Negative<I> {
+    /// The upper left corner's place in the whole picture.
+    corner: [i64; 2],
+    size: [u32; 2],
+    /// Linear RGB, premultiplied, and alpha, row by row.
+    pixels: I,
+    transparent: bool,
+}
+
+/// The keyword of the text in a PNG that says what it was made of.
+const MARK: &str = "bismar";
+
 /// Writes the beauty through a view transform, over the window that is kept; with alpha, not premultiplied as PNG has it,
-/// where the background is transparent.
+/// where the background is transparent. `mark` is what [`mark`] gives back.
 ///
 /// # Errors
 /// As [`atomic::write`].
-pub fn write(path: &Path, pixels: &dyn Pixels, view: View, exposure_ev: f32) -> Result<()> {
+pub fn write(path: &Path, pixels: &dyn Pixels, look: Look, mark: &str) -> Result<()> {
     let [x0, y0, x1, y1] = pixels.window();
     let places = (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y)));
-    let stats = places.map(|(x, y)| pixels.at(x, y).0);
-    let (width, height) = (x1 - x0, y1 - y0);
-    if pixels.background() == Background::Transparent {
-        let bytes = stats.flat_map(|p| {
-            let alpha = p.coverage();
-            let [r, g, b] = view.apply(p.mean().map(|c| c / alpha.max(f32::MIN_POSITIVE)), exposure_ev).map(to_byte);
-            [r, g, b, to_byte(alpha)]
-        });
-        return write_bytes(path, width, height, &bytes.collect::<Vec<_>>(), ExtendedColorType::Rgba8);
+    let negative = Negative {
+        corner: [x0.into(), y0.into()],
+        size: [x1 - x0, y1 - y0],
+        pixels: places.map(|(x, y)| pixels.at(x, y).0).map(|p| (p.mean(), p.coverage())),
+        transparent: pixels.background() == Background::Transparent,
+    };
+    negative.develop(path, look, mark)
+}
+
+/// As [`write()`], of a picture from a file; with alpha where it has some and `opaque` does not say otherwise.
+///
+/// # Errors
+/// As [`atomic::write`].
+pub fn write_picture(path: &Path, picture: &Picture, opaque: bool, look: Look, mark: &str) -> Result<()> {
+    let alpha = picture.alpha.as_deref().filter(|alpha| !opaque && alpha.iter().any(|a| *a < 1.0));
+    let of = |i: usize| alpha.map_or(1.0, |alpha| alpha[i]);
+    let negative = Negative {
+        corner: [picture.window[0], picture.window[1]],
+        size: picture.size().map(|n| n as u32),
+        pixels: picture.rgb.iter().enumerate().map(|(i, color)| (*color, of(i))),
+        transparent: alpha.is_some(),
+    };
+    negative.develop(path, look, mark)
+}
+
+impl<I: Iterator<Item = ([f32; 3], f32)>> Negative<I> {
+    fn develop(self, path: &Path, look: Look, mark: &str) -> Result<()> {
+        let [width, height] = self.size;
+        let mut bytes = Vec::with_capacity(width as usize * height as usize * if self.transparent { 4 } else { 3 });
+        for (i, (color, alpha)) in (0_i64..).zip(self.pixels) {
+            let at = [self.corner[0] + i % i64::from(width), self.corner[1] + i / i64::from(width)];
+            let shown = |color| look.view.apply(color, look.exposure).map(|x| dithered(x, at));
+            if self.transparent {
+                bytes.extend(shown(color.map(|c| c / alpha.max(f32::MIN_POSITIVE))));
+                bytes.push(to_byte(alpha));
+            } else {
+                bytes.extend(shown(color));
+            }
+        }
+        let kind = if self.transparent { ColorType::Rgba } else { ColorType::Rgb };
+        write_bytes(path, self.size, &bytes, kind, mark)
     }
-    let bytes = stats.flat_map(|p| view.apply(p.mean(), exposure_ev).map(to_byte)).collect::<Vec<_>>();
-    write_rgb8(path, width, height, &bytes)
 }
 
 /// Writes 8-bit RGB, row-major from the top.
@@ -36,17 +88,36 @@ pub fn write(path: &Path, pixels: &dyn Pixels, view: View, exposure_ev: f32) -> 
 /// # Errors
 /// As [`atomic::write`].
 pub fn write_rgb8(path: &Path, width: u32, height: u32, bytes: &[u8]) -> Result<()> {
-    write_bytes(path, width, height, bytes, ExtendedColorType::Rgb8)
+    write_bytes(path, [width, height], bytes, ColorType::Rgb, "")
 }
 
-fn write_bytes(path: &Path, width: u32, height: u32, bytes: &[u8], kind: ExtendedColorType) -> Result<()> {
+fn write_bytes(path: &Path, [width, height]: [u32; 2], bytes: &[u8], kind: ColorType, mark: &str) -> Result<()> {
     atomic::write(path, |file| {
-        PngEncoder::new(file).write_image(bytes, width, height, kind).map_err(|e| match e {
-            image::ImageError::IoError(e) => e,
+        let mut encoder = Encoder::new(file, width, height);
+        encoder.set_color(kind);
+        encoder.set_depth(BitDepth::Eight);
+        encoder.set_compression(Compression::Balanced);
+        let written = || -> std::result::Result<(), png::EncodingError> {
+            if !mark.is_empty() {
+                encoder.add_text_chunk(MARK.into(), mark.into())?;
+            }
+            let mut writer = encoder.write_header()?;
+            writer.write_image_data(bytes)?;
+            writer.finish()
+        };
+        written().map_err(|e| match e {
+            png::EncodingError::IoError(e) => e,
             other => io::Error::other(other),
         })?;
         Ok(Ok(()))
     })
+}
+
+/// The mark that a PNG was written with; `None` if it has none or is not there.
+pub fn mark(path: &Path) -> Option<String> {
+    let reader = Decoder::new(BufReader::new(File::open(path).ok()?)).read_info().ok()?;
+    let text = &reader.info().uncompressed_latin1_text;
+    text.iter().find(|chunk| chunk.keyword == MARK).map(|chunk| chunk.text.clone())
 }
 
 /// The byte nearest to a value of [0, 1].
@@ -54,37 +125,59 @@ pub fn to_byte(x: f32) -> u8 {
     (x * 255.0 + 0.5) as u8
 }
 
+/// One of the two bytes next to a value of [0, 1], so that their mean around the pixel `at` is the value: slow gradients
+/// show no bands. Values that are bytes stay so. Interleaved gradient noise (Jimenez, "Next Generation Post Processing in
+/// Call of Duty", SIGGRAPH 2014), by place in the whole picture: a crop has the whole's bytes.
+fn dithered(x: f32, at: [i64; 2]) -> u8 {
+    let along = 0.067_110_56 * at[0] as f64 + 0.005_837_15 * at[1] as f64;
+    let noise = (52.982_918_9 * along.rem_euclid(1.0)).rem_euclid(1.0) as f32;
+    (x * 255.0 + noise.min(0.999)) as u8
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::film::{Film, PixelStats};
 
+    const LOOK: Look = Look { view: View::Srgb, exposure: 0.0 };
+
     #[test]
     fn a_preview_has_the_windows_size_and_the_views_colours() {
-        let mut film = Film::new(10, 10, [2, 3, 5, 5], false);
+        let mut film = Film::new(300, 300, [2, 3, 102, 102], false);
         for pixel in &mut film.pixels {
             pixel.samples = 2;
             pixel.sum = [2.0, 0.36, f64::NAN];
         }
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("p.png");
-        write(&path, &film, View::Srgb, 0.0).unwrap();
+        write(&path, &film, LOOK, "of a film").unwrap();
+        assert_eq!(mark(&path).as_deref(), Some("of a film"));
         let picture = image::open(&path).unwrap().into_rgb8();
-        assert_eq!(picture.dimensions(), (3, 2));
-        assert!(picture.pixels().all(|p| p.0 == [255, 118, 0]));
+        assert_eq!(picture.dimensions(), (100, 99));
+        // 0.18 is 117.65 of 255: that in the mean, and nothing but its neighbours.
+        assert!(picture.pixels().all(|p| [p.0[0], p.0[2]] == [255, 0] && [117, 118].contains(&p.0[1])));
+        let mean = picture.pixels().map(|p| f64::from(p.0[1])).sum::<f64>() / 9900.0;
+        assert!((mean - 117.646).abs() < 0.01, "{mean}");
+        // A crop has the whole's bytes.
+        film.window = [2, 3, 101, 103];
+        film.pixels.truncate(9900);
+        write(&path, &film, LOOK, "").unwrap();
+        let crop = image::open(&path).unwrap().into_rgb8();
+        assert!((0..99).all(|y| (0..99).all(|x| picture[(x, y)] == crop[(x, y)])));
+        assert_eq!(mark(&path), None);
     }
 
     #[test]
     fn a_transparent_preview_has_the_surfaces_own_colour_and_their_share() {
         let mut film = Film::new(2, 1, [0, 0, 2, 1], false);
         film.background = Background::Transparent;
-        film.pixels[0] = PixelStats { samples: 4, covered: 1, sum: [1.0, 0.5, 0.0], ..PixelStats::EMPTY };
+        film.pixels[0] = PixelStats { samples: 4, covered: 1, sum: [1.0, 0.0, 0.0], ..PixelStats::EMPTY };
         film.pixels[1] = PixelStats { samples: 4, ..PixelStats::EMPTY };
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("p.png");
-        write(&path, &film, View::Srgb, 0.0).unwrap();
+        write(&path, &film, LOOK, "").unwrap();
         let picture = image::open(&path).unwrap();
         assert_eq!(picture.color(), image::ColorType::Rgba8);
-        assert_eq!(picture.into_rgba8().into_raw(), [255, 188, 0, 64, 0, 0, 0, 0]);
+        assert_eq!(picture.into_rgba8().into_raw(), [255, 0, 0, 64, 0, 0, 0, 0]);
     }
 }

@@ -15,6 +15,15 @@ pub enum View {
 }
 
 impl View {
+    /// As the command line has it.
+    pub fn name(self) -> &'static str {
+        match self {
+            View::Agx => "agx",
+            View::Neutral => "neutral",
+            View::Srgb => "srgb",
+        }
+    }
+
     /// Display-encoded RGB in [0, 1] of linear radiance at an exposure in stops. Never NaN: NaN and negative
     /// radiance count as black, infinite radiance as very bright.
     pub fn apply(self, radiance: [f32; 3], exposure_ev: f32) -> [f32; 3] {

@@ -138,6 +138,7 @@ impl Record {
             ("bismar.samples".into(), json(&Samples::of(rendered))?),
             ("bismar.stop".into(), HeaderValue::Text(super::identity::name(&self.stop))),
             ("bismar.noise".into(), HeaderValue::Number(rendered.stats.noise)),
+            ("bismar.background".into(), HeaderValue::Text(super::identity::name(&self.background))),
         ];
         if self.seeds.is_empty() {
             header.push(("bismar.format".into(), HeaderValue::Number(FORMAT.into())));

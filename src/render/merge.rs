@@ -18,7 +18,8 @@ pub struct Merged {
     pub rendered: Rendered,
     /// The first input's, but for what is counted.
     pub record: Record,
-    more: Header,
+    /// Header attributes besides those of the record.
+    pub more: Header,
 }
 
 /// Merges pictures, in any order: all parts of each seed. Parts give the bits of the whole render; seeds are averaged,

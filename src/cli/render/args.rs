@@ -11,7 +11,7 @@ use crate::console::Size;
 use crate::console::args::threads;
 use crate::console::progress::Style;
 use crate::farm::PathMapping;
-use crate::film::{Aov, View};
+use crate::film::{Aov, Exposure, View};
 use crate::rays::Backend;
 use crate::render::identity::Asked;
 use crate::render::{Balance, Integrator, Part, PixelFilter, RenderSettings};
@@ -122,10 +122,11 @@ pub struct RenderArgs {
     /// The PNG's view transform.
     #[arg(long, value_enum, default_value_t = View::Agx, help_heading = "Output")]
     pub view: View,
-    /// The PNG's exposure in stops.
-    #[arg(long, value_name = "EV", default_value_t = 0.0, allow_negative_numbers = true, value_parser = finite,
+    /// The PNG's exposure in stops, or auto: the log-mean of what is not dark becomes middle grey. It is printed, and
+    /// stands in the header (bismar.exposure): give it to the other pictures of a sequence.
+    #[arg(long, value_name = "EV", default_value_t = Exposure::Auto, allow_negative_numbers = true,
         help_heading = "Output")]
-    pub exposure: f32,
+    pub exposure: Exposure,
     /// Write times and counts as JSON (docs/stats.md).
     #[arg(long, value_name = "FILE.json", help_heading = "Output")]
     pub stats: Option<PathBuf>,
@@ -238,7 +239,15 @@ impl RenderArgs {
             let named = path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
             // A device has no extension, and is welcome for measuring.
             if !named && !path.starts_with("/dev") {
-                return Err(Error::Usage(format!("{flag} {}: the name must end in .{extension}", path.display())));
+                let instead = match (flag, path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"))) {
+                    ("-o", true) => {
+                        let exr = path.with_extension("exr");
+                        format!(": -o {} --preview {} writes both", exr.display(), path.display())
+                    }
+                    _ => String::new(),
+                };
+                let why = format!("{flag} {}: the name must end in .{extension}{instead}", path.display());
+                return Err(Error::Usage(why));
             }
         }
         Ok(())

@@ -15,7 +15,7 @@ use crate::cli::memory::{self, Need};
 use crate::cli::stats::{Seconds, Stats};
 use crate::console::signals::no_progress;
 use crate::film::exr_file::{HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
-use crate::film::preview;
+use crate::film::{Background, Look, Picture, colors, preview};
 use crate::integrator::{CameraRays, PreparedScene};
 use crate::rays;
 use crate::render::checkpoint::{self, Earlier, Host};
@@ -61,15 +61,21 @@ impl Loaded {
 pub enum Done {
     /// Rendered; all that is known of it.
     Rendered(PathBuf, Box<Stats>),
-    /// The file was there already.
-    Before(PathBuf, u32),
+    /// The file was there already, with so many paths a pixel; the exposure of a PNG that has been developed anew.
+    Before(PathBuf, u32, Option<f32>),
 }
 
 impl Display for Done {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
             Done::Rendered(path, stats) => write!(f, "{}: {}", path.display(), stats.summary()),
-            Done::Before(path, spp) => write!(f, "{}: finished before, with {spp} spp: nothing to do", path.display()),
+            Done::Before(path, spp, png) => {
+                write!(f, "{}: finished before, with {spp} spp: ", path.display())?;
+                match png {
+                    None => write!(f, "nothing to do"),
+                    Some(exposure) => write!(f, "the PNG is developed anew, exposure {exposure} EV"),
+                }
+            }
         }
     }
 }
@@ -94,7 +100,7 @@ impl Session<'_> {
     ///
     /// # Errors
     /// As [`Earlier::read`].
-    pub fn done_before(&self) -> Result<Option<Done>> {
+    pub fn done_before(&self) -> Result<Option<Record>> {
         let output = self.args.output();
         if !self.args.resume {
             return Ok(None);
@@ -102,13 +108,39 @@ impl Session<'_> {
         let Some(Earlier { record, .. }) = Earlier::read(&output)? else { return Ok(None) };
         let settings = self.args.settings();
         let answers = record.answers(&self.inputs.identity(self.args, &settings), &self.args.asked());
-        Ok((answers && self.is_done(&record, &settings)).then_some(Done::Before(output, record.paths)))
+        Ok(Some(record).filter(|record| answers && self.is_done(record, &settings)))
+    }
+
+    /// What is left to do for a finished picture: its PNG is developed from the file if it is not there or was made with
+    /// another view, exposure or number of paths.
+    ///
+    /// # Errors
+    /// As [`Picture::open`] and [`preview::write_picture`].
+    pub fn develop(&self, record: &Record) -> Result<Done> {
+        let (args, output) = (self.args, self.args.output());
+        let mark = self.mark(record.stats.paths);
+        let Some(png) = args.preview.as_ref().filter(|png| preview::mark(png).as_ref() != Some(&mark)) else {
+            return Ok(Done::Before(output, record.paths, None));
+        };
+        let picture = Picture::open(&output, None)?;
+        let exposure = args.exposure.of(picture.rgb.iter().copied());
+        let opaque = record.background != Background::Transparent;
+        preview::write_picture(png, &picture, opaque, Look { view: args.view, exposure }, &mark)?;
+        Ok(Done::Before(output, record.paths, Some(exposure)))
+    }
+
+    /// What a PNG says of its making, so that one that was made otherwise is known.
+    fn mark(&self, paths: u64) -> String {
+        let args = self.args;
+        let request = self.inputs.identity(args, &args.settings()).request(&args.asked());
+        format!("view {}, exposure {}, {paths} paths of {request}", args.view.name(), args.exposure)
     }
 
     /// Are its stop rule and its wishes for other files fulfilled?
     fn is_done(&self, record: &Record, settings: &RenderSettings) -> bool {
         let a = self.args;
-        let others = [&a.preview, &a.stats].into_iter().flatten().all(|path| path.exists());
+        // A PNG is developed from the picture.
+        let others = a.stats.as_ref().is_none_or(|path| path.exists());
         // A picture that is to be gone on from later must be able to.
         let carries = a.checkpoint.is_none() || record.keeps;
         others && carries && record.is_done(settings)
@@ -174,7 +206,7 @@ impl Session<'_> {
         let write = |rendered: &Rendered, with_statistics: bool| -> Result<Stats> {
             let start = Instant::now();
             let render = rendered.stats.render_seconds;
-            let stats = Stats::new(
+            let mut stats = Stats::new(
                 &args.scene,
                 &loaded.prepared.scene,
                 backend,
@@ -183,6 +215,7 @@ impl Session<'_> {
                 Seconds { render, ..seconds.get() },
             );
             let record = Record::new(&identity, &asked, rendered, Host::of(backend), keeps);
+            stats.exposure = args.exposure.of(colors(&rendered.pixels()));
             let mut header = stats.header()?;
             let camera = &loaded.prepared.scene.cameras[settings.camera];
             let matrices = CameraRays::new(camera, settings.width, settings.height).matrices();
@@ -219,7 +252,8 @@ impl Session<'_> {
         let mut stats = write(&rendered, interrupted || keeps || args.part.is_some())?;
         let writing = Instant::now();
         if let Some(path) = &args.preview {
-            preview::write(path, &rendered.pixels(), args.view, args.exposure)?;
+            let look = Look { view: args.view, exposure: stats.exposure };
+            preview::write(path, &rendered.pixels(), look, &self.mark(rendered.stats.paths))?;
         }
         stats.seconds.write = seconds.get().write + writing.elapsed().as_secs_f64();
         stats.seconds.total = self.began.elapsed().as_secs_f64();
@@ -232,6 +266,7 @@ impl Session<'_> {
                 "interrupted: {shown} is saved with {spp} paths a pixel; the same command with --resume goes on from there"
             )));
         }
+        stats.shown = args.preview.is_some();
         Ok(Done::Rendered(output, Box::new(stats)))
     }
 

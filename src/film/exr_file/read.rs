@@ -16,20 +16,8 @@ use exr::meta::header::Header as ExrHeader;
 use exr::prelude::*;
 
 use super::{HASH, Header, HeaderValue, LENGTH, STATISTICS, WORDS, WORLD_TO_CAMERA, WORLD_TO_NDC, text};
+use crate::film::Picture;
 use crate::{Error, Result as Outcome};
-
-/// A picture that was read.
-#[derive(Debug, Clone)]
-pub struct Picture {
-    /// The data window: x0, y0, x1, y1, the last two exclusive.
-    pub window: [i64; 4],
-    /// The display window, as `window`: the whole picture of which `window` has pixels.
-    pub display: [i64; 4],
-    /// Linear RGB, row-major over `window`.
-    pub rgb: Vec<[f32; 3]>,
-    /// Variance of each value of `rgb` from the layer `variance`, if the file has one.
-    pub variance: Option<Vec<[f32; 3]>>,
-}
 
 /// Reads the colour of any flat OpenEXR file: channels R, G, B (or a layer's that ends in `Combined`, as Blender
 /// writes) in half, float or integer, and `variance.R`, `.G`, `.B` when they are there. Nothing in the file is trusted.
@@ -38,7 +26,7 @@ pub struct Picture {
 /// Missing, forbidden or failing files as [`Error::reading`]; [`Error::Data`] for anything that is not such a
 /// picture, however broken.
 pub fn read(path: &Path) -> Outcome<Picture> {
-    decoded(path, |bytes| decode(bytes, &|_, _| Ok(())))
+    decoded(path, |bytes| decode(bytes, None, &|_, _| Ok(())))
 }
 
 /// As [`read()`], from a file's bytes; `fits` refuses widths and heights before memory is taken for them.
@@ -46,7 +34,16 @@ pub fn read(path: &Path) -> Outcome<Picture> {
 /// # Errors
 /// What is wrong with it, as a part of a sentence.
 pub fn picture(bytes: &[u8], fits: &Fits) -> std::result::Result<Picture, String> {
-    guarded(|| decode(bytes, fits))
+    guarded(|| decode(bytes, None, fits))
+}
+
+/// As [`picture`] of any size, of a layer by name: its R, G and B, X, Y and Z, or its only channel three times; or a channel
+/// by its full name. `None` is the beauty.
+///
+/// # Errors
+/// As [`picture`].
+pub fn layer(bytes: &[u8], layer: Option<&str>) -> std::result::Result<Picture, String> {
+    guarded(|| decode(bytes, layer, &|_, _| Ok(())))
 }
 
 /// Says why a picture of this width and height is too large.
@@ -111,7 +108,8 @@ pub fn read_statistics(path: &Path) -> Outcome<Option<Vec<u8>>> {
         return decoded(path, decode_statistics);
     }
     let refused = |why: &str| cannot_use(path, why);
-    let Some((length, hash)) = meta.headers.first().map(sealed).transpose().map_err(|e| refused(&e.to_string()))?.flatten()
+    let Some((length, hash)) =
+        meta.headers.first().map(sealed).transpose().map_err(|e| refused(&e.to_string()))?.flatten()
     else {
         return Ok(None);
     };
@@ -169,22 +167,32 @@ pub fn is_decoding() -> bool {
     DECODING.get()
 }
 
-fn decode(bytes: &[u8], fits: &Fits) -> Result<Picture> {
+fn decode(bytes: &[u8], layer: Option<&str>, fits: &Fits) -> Result<Picture> {
     let chunks = exr::block::read(Cursor::new(bytes), false)?;
     let headers = chunks.headers();
     for header in headers {
         plausible(header, bytes.len() as u64)?;
     }
-    let prefix = |header: &ExrHeader| if header.deep { None } else { color_prefix(&names(header)) };
-    let Some((part, prefix)) = headers.iter().enumerate().find_map(|(i, h)| Some((i, prefix(h)?))) else {
+    let of = |header: &ExrHeader| match layer {
+        _ if header.deep => None,
+        None => ["R", "G", "B"].map(|c| color_prefix(&names(header)).map(|prefix| prefix + c)).into_iter().collect(),
+        Some(layer) => layer_channels(&names(header), layer),
+    };
+    let found = headers.iter().enumerate().find_map(|(i, h)| Some((i, of(h)?)));
+    let Some((part, colors)) = found.filter(|(_, colors): &(_, Vec<String>)| colors.len() == 3) else {
         let names = headers.iter().flat_map(names).collect::<Vec<_>>();
-        return Err(invalid(format!("it has no channels R, G and B but {}", names.join(", "))));
+        let wanted = layer.map_or("channels R, G and B".into(), |layer| format!("layer '{layer}'"));
+        return Err(invalid(format!("it has no {wanted} but {}", names.join(", "))));
     };
     let header = headers[part].clone();
     let (width, height) = (header.layer_size.0, header.layer_size.1);
     fits(width as u64, height as u64).map_err(invalid)?;
-    let color = triple(&header, &prefix).ok_or_else(|| invalid("its colour channels are subsampled"))?;
-    let variance = triple(&header, "variance.");
+    let full = |names: &[String]| names.iter().map(|name| full_channel(&header, name)).collect::<Option<Vec<_>>>();
+    let three = |names: &[String]| full(names).and_then(|all| <[usize; 3]>::try_from(all).ok());
+    let color = three(&colors).ok_or_else(|| invalid("its colour channels are subsampled"))?;
+    let beauty = |name: &str| layer.is_none().then(|| name.to_owned());
+    let variance = beauty("variance.").and_then(|v| three(&["R", "G", "B"].map(|c| format!("{v}{c}"))));
+    let alpha = beauty(colors[0].trim_end_matches('R')).and_then(|prefix| full_channel(&header, &(prefix + "A")));
     let black = || vec![[0.0; 3]; width * height];
     let mut picture = Picture {
         window: window_of(header.own_attributes.layer_position, header.layer_size),
@@ -194,18 +202,27 @@ fn decode(bytes: &[u8], fits: &Fits) -> Result<Picture> {
         ),
         rgb: black(),
         variance: variance.map(|_| black()),
+        alpha: alpha.map(|_| vec![0.0; width * height]),
+        displayed: false,
     };
     each_block(chunks, part, |block| {
         for line in block.lines(&header.channels) {
             let channel = line.location.channel;
+            let (Vec2(x, y), kind) = (line.location.position, header.channels.list[channel].sample_type);
+            let place = y * width + x..y * width + x + line.location.sample_count;
+            let beyond = || invalid("a block out of bounds");
             let put = |channels: [usize; 3], pixels: &mut [[f32; 3]]| -> Result<()> {
-                let Some(c) = channels.iter().position(|&own| own == channel) else { return Ok(()) };
-                let Vec2(x, y) = line.location.position;
-                let row = pixels.get_mut(y * width + x..y * width + x + line.location.sample_count);
-                let row = row.ok_or_else(|| invalid("a block out of bounds"))?;
-                read_line(&line, header.channels.list[channel].sample_type, |i, value| row[i][c] = value)
+                let row = pixels.get_mut(place.clone()).ok_or_else(beyond)?;
+                for (c, _) in channels.iter().enumerate().filter(|(_, own)| **own == channel) {
+                    read_line(&line, kind, |i, value| row[i][c] = value)?;
+                }
+                Ok(())
             };
             put(color, &mut picture.rgb)?;
+            if let (Some(_), Some(pixels)) = (alpha.filter(|own| *own == channel), &mut picture.alpha) {
+                let row = pixels.get_mut(place.clone()).ok_or_else(beyond)?;
+                read_line(&line, kind, |i, value| row[i] = value)?;
+            }
             if let (Some(channels), Some(pixels)) = (variance, &mut picture.variance) {
                 put(channels, pixels)?;
             }
@@ -305,13 +322,21 @@ fn color_prefix(names: &[String]) -> Option<String> {
     candidates.find(complete).map(str::to_owned)
 }
 
-/// Which channels are a colour's R, G and B, at full resolution.
-fn triple(header: &ExrHeader, prefix: &str) -> Option<[usize; 3]> {
-    let find = |c: &str| {
-        let mut all = header.channels.list.iter();
-        all.position(|x| x.name.eq(&format!("{prefix}{c}")) && x.sampling == Vec2(1, 1))
+/// The names of a layer's three channels, or of its only one three times.
+fn layer_channels(names: &[String], layer: &str) -> Option<Vec<String>> {
+    let all = |letters: &str| letters.chars().map(|c| format!("{layer}.{c}")).collect::<Vec<_>>();
+    let there = |wanted: &Vec<String>| wanted.iter().all(|name| names.contains(name));
+    let alone = names.iter().filter(|name| name.strip_prefix(layer).is_some_and(|rest| rest.starts_with('.')));
+    let alone = match alone.collect::<Vec<_>>()[..] {
+        [one] => Some(one.clone()),
+        _ => names.iter().find(|name| *name == layer).cloned(),
     };
-    Some([find("R")?, find("G")?, find("B")?])
+    ["RGB", "XYZ"].into_iter().map(all).find(there).or_else(|| alone.map(|one| vec![one; 3]))
+}
+
+/// Which channel of full resolution has this name.
+fn full_channel(header: &ExrHeader, name: &str) -> Option<usize> {
+    header.channels.list.iter().position(|x| x.name.eq(name) && x.sampling == Vec2(1, 1))
 }
 
 fn window_of(position: Vec2<i32>, size: Vec2<usize>) -> [i64; 4] {

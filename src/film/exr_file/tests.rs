@@ -2,7 +2,9 @@ use exr::image::FlatSamples;
 use exr::meta::attribute::AttributeValue;
 use exr::prelude::*;
 
-use super::{Header, HeaderValue, Layers, WORLD_TO_CAMERA, WORLD_TO_NDC, read, read_header, read_statistics, text, write};
+use super::{
+    Header, HeaderValue, Layers, WORLD_TO_CAMERA, WORLD_TO_NDC, read, read_header, read_statistics, text, write,
+};
 use crate::film::aov::NOWHERE;
 use crate::film::{Aov, AovSums, Background, Film, PixelStats};
 

@@ -2,9 +2,8 @@
 
 use bismar::Result;
 use bismar::balance::Balance;
-use bismar::color::luminance;
 use bismar::film::View;
-use glam::Vec3;
+use bismar::film::exposure::automatic;
 
 use super::SceneResults;
 use crate::balance::measure::PORTRAIT_SPP;
@@ -23,12 +22,8 @@ const RATIO_WORDS: [&str; 3] = ["¼", "1: as half", "4"];
 const CROPS: usize = 4;
 const CROP_RADIUS: u32 = 4;
 
-/// Stops by which a picture is brightened: the log-mean luminance of what is not dark becomes middle grey.
 fn exposure(picture: &[f32]) -> f32 {
-    let luminances = || picture.chunks_exact(3).map(|p| luminance(Vec3::new(p[0], p[1], p[2])));
-    let dark = 0.05 * luminances().sum::<f32>() / (picture.len() / 3) as f32;
-    let (sum, n) = luminances().filter(|l| *l > dark).fold((0.0, 0.0), |(sum, n), l| (sum + l.ln(), n + 1.0));
-    if n > 0.0 { (0.18f32.ln() - sum / n) / std::f32::consts::LN_2 } else { 0.0 }
+    automatic(picture.chunks_exact(3).map(|p| [p[0], p[1], p[2]]))
 }
 
 fn developed(width: u32, height: u32, radiance: &[f32], ev: f32) -> Picture {

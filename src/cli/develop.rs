@@ -1,0 +1,47 @@
+//! `bismar develop IN -o OUT.png`
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use crate::console::{Verbosity, Verdict, say};
+use crate::film::{Exposure, Look, Picture, View, atomic, exr_file, preview};
+use crate::render::checkpoint::text;
+use crate::{Error, Result};
+
+/// Make a PNG of any OpenEXR or HDR picture, without rendering it again.
+#[derive(Debug, Args)]
+pub struct DevelopArgs {
+    /// The picture: .exr of any program, or .hdr.
+    input: PathBuf,
+    /// Where the PNG goes [default: beside the picture, with .png].
+    #[arg(short, long, value_name = "FILE.png")]
+    output: Option<PathBuf>,
+    /// The view transform.
+    #[arg(long, value_enum, default_value_t = View::Agx)]
+    view: View,
+    /// The exposure in stops, or auto: the log-mean of what is not dark becomes middle grey. It is printed.
+    #[arg(long, value_name = "EV", default_value_t = Exposure::Auto, allow_negative_numbers = true)]
+    exposure: Exposure,
+    /// Another layer than the beauty, or one channel, as in albedo or depth.Z.
+    #[arg(long, value_name = "NAME")]
+    layer: Option<String>,
+}
+
+pub fn run(args: &DevelopArgs, verbosity: Verbosity) -> Result<Verdict> {
+    let output = args.output.clone().unwrap_or_else(|| args.input.with_extension("png"));
+    if !output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) && !output.starts_with("/dev") {
+        return Err(Error::Usage(format!("-o {}: the name must end in .png", output.display())));
+    }
+    atomic::check(&output)?;
+    let picture = Picture::open(&args.input, args.layer.as_deref())?;
+    // Where bismar has written it, A says what is there; only a picture without its sky is meant to be laid over others.
+    let header = exr_file::read_header(&args.input).unwrap_or_default();
+    let opaque = !header.is_empty() && text(&header, "bismar.background") != Some("transparent");
+    let exposure = args.exposure.of(picture.rgb.iter().copied());
+    preview::write_picture(&output, &picture, opaque, Look { view: args.view, exposure }, "")?;
+    if !verbosity.quiet {
+        say(format_args!("{}: view {}, exposure {exposure} EV", output.display(), args.view.name()));
+    }
+    Ok(Verdict::Done)
+}
