@@ -2,6 +2,7 @@
 
 use std::env;
 use std::fs;
+use std::process::Command;
 
 /// Embree's C API is the same within a major version.
 const EMBREE_MAJOR: &str = "4";
@@ -16,7 +17,34 @@ fn main() {
     }
     println!("cargo::rustc-env=BISMAR_EMBREE_HEADER_VERSION={embree}");
     println!("cargo::rustc-env=BISMAR_ISA_BASELINE={}", isa_baseline());
+    println!("cargo::rustc-env=BISMAR_COMMIT={}", commit());
+    let compiler = env::var("RUSTC").ok().and_then(|rustc| said(&rustc, &["--version"]));
+    println!("cargo::rustc-env=BISMAR_COMPILER={}", compiler.unwrap_or("unknown".into()));
     println!("cargo::rustc-env=BISMAR_OBVHS_VERSION={}", locked_version("obvhs"));
+}
+
+/// The commit that an optimised build is made of; `BISMAR_COMMIT` where there is no git. Others are not stamped: every
+/// commit would have them built again.
+fn commit() -> String {
+    println!("cargo::rerun-if-env-changed=BISMAR_COMMIT");
+    if let Ok(commit) = env::var("BISMAR_COMMIT") {
+        return commit;
+    }
+    if env::var("PROFILE").as_deref() != Ok("release") {
+        return "development".into();
+    }
+    println!("cargo::rerun-if-changed=src");
+    for name in ["HEAD", "index"] {
+        let path = said("git", &["rev-parse", "--git-path", name]).filter(|path| fs::exists(path).unwrap_or(false));
+        path.iter().for_each(|path| println!("cargo::rerun-if-changed={path}"));
+    }
+    said("git", &["describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]).unwrap_or("unknown".into())
+}
+
+/// What a program prints, if it is there and succeeds.
+fn said(program: &str, arguments: &[&str]) -> Option<String> {
+    let output = Command::new(program).args(arguments).output().ok().filter(|output| output.status.success())?;
+    Some(String::from_utf8_lossy(&output.stdout).trim().to_owned()).filter(|text| !text.is_empty())
 }
 
 /// The x86-64 level that rustc may use without asking the CPU.

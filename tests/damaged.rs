@@ -7,7 +7,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
-use crate::helpers::program::{bismar, expect, scene, stderr};
+use crate::helpers::program::{self, bismar, expect, scene, stderr};
 use crate::helpers::random::Random;
 use crate::helpers::shared;
 
@@ -200,9 +200,44 @@ fn forged_statistics_are_gone_on_with_or_refused() {
             statistics[row * 4 * 4096 + column] ^= flip;
         }
         file[hash_at..hash_at + 64].copy_from_slice(blake3::hash(&statistics).to_hex().as_bytes());
+        program::seal(&mut file);
         fs::write(folder.path().join("cornell.glb"), &scene).unwrap();
         fs::write(folder.path().join("out.exr"), file).unwrap();
         survives(folder.path(), &format!("{} --resume -o out.exr", RENDER.replace("--spp 8", "--spp 16")))
     });
     assert_mixed(&codes);
+}
+
+#[test]
+fn a_finished_picture_that_was_changed_is_never_called_done() {
+    let pictures = pictures();
+    let whole = fs::read(pictures.path().join("whole.exr")).unwrap();
+    let scene = fs::read(pictures.path().join("cornell.glb")).unwrap();
+    let jobs = "[defaults]\nsize = '40x24'\nspp = 8\naov = 'all'\ncheckpoint = 9\noutput = 'out.exr'\n";
+    let jobs = format!("{jobs}[[job]]\nscene = 'cornell.glb'\n");
+    let codes = try_all(150, |i| {
+        let folder = tempfile::tempdir().unwrap();
+        let put = |name: &str, bytes: &[u8]| fs::write(folder.path().join(name), bytes).unwrap();
+        put("cornell.glb", &scene);
+        let mut random = Random(i as u64);
+        let mut bytes = whole.clone();
+        match i % 5 {
+            0 => bytes.truncate(random.below(whole.len())),
+            // Where the header is, and anywhere.
+            1 | 2 => bytes[random.below(FRONT)] ^= 1 << random.below(8),
+            _ => bytes[random.below(whole.len())] ^= 1 << random.below(8),
+        }
+        put("out.exr", &bytes);
+        let code = survives(folder.path(), &format!("{RENDER} --resume -o out.exr"))?;
+        if code == 0 && fs::read(folder.path().join("out.exr")).unwrap() == bytes {
+            return Err(format!("cut or flipped, and called done: {i}"));
+        }
+        // A batch renders it anew, unless nobody could tell that it is ours.
+        put("jobs.toml", jobs.as_bytes());
+        let code = survives(folder.path(), "batch jobs.toml -q --threads 1")
+            .or_else(|why| if why.contains("Some(65)") { Ok(65) } else { Err(why) })?;
+        let same = fs::read(folder.path().join("out.exr")).unwrap() == bytes;
+        if code == 0 && same { Err(format!("called done by a batch: {i}")) } else { Ok(code) }
+    });
+    assert!(codes.iter().filter(|&&code| code == 0).count() > codes.len() / 2, "{codes:?}");
 }

@@ -22,6 +22,7 @@ mod imports_point_one_way;
 mod lights;
 mod merge;
 mod openjd;
+mod paths;
 mod pictures;
 mod rays;
 mod rays_alpha;

@@ -15,12 +15,12 @@ use clap::{ArgAction, Args, Command, FromArgMatches, ValueHint};
 use serde_json::json;
 use tracing::info;
 
-use super::render::{Done, Inputs, Loaded, RenderArgs, Session, check_outputs};
+use super::render::{Done, Inputs, Loaded, RenderArgs, Session, check_outputs, declare};
 use super::stats::Stats;
 use crate::batch::file::{self, Flag, Job};
 use crate::batch::queue::{Shelf, each};
 use crate::batch::report::{Entry, Report, Status};
-use crate::console::{Signals, Verbosity, Verdict, host, print, say};
+use crate::console::{Paths, Signals, Verbosity, Verdict, host, print, say};
 use crate::film::atomic;
 use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
@@ -62,11 +62,11 @@ pub struct Planned {
     pub args: RenderArgs,
 }
 
-/// Reads a batch file and checks every job's flags.
+/// Reads a batch file and checks every job's flags, and that no job writes what it or another reads or writes.
 ///
 /// # Errors
 /// [`Error::Config`] with the place in the file.
-pub fn plan(path: &Path) -> Result<Vec<Planned>> {
+pub fn plan(path: &Path) -> Result<(Vec<Planned>, Paths)> {
     let command = RenderArgs::augment_args(Command::new("render"));
     let flags: HashMap<String, Flag> = command
         .get_arguments()
@@ -83,7 +83,14 @@ pub fn plan(path: &Path) -> Result<Vec<Planned>> {
         })
         .collect();
     let jobs = file::read(path, &flags)?;
-    jobs.into_iter().map(|job| understand(path, &command, job)).collect()
+    let jobs: Vec<_> = jobs.into_iter().map(|job| understand(path, &command, job)).collect::<Result<_>>()?;
+    let mut paths = Paths::default();
+    paths.reads("the batch file", path)?;
+    for Planned { job, args } in &jobs {
+        declare(args, &format!(" of '{}'", job.name), &mut paths)
+            .map_err(|e| Error::Config(format!("{}: job '{}': {e}", job.at.of(path, None), job.name)))?;
+    }
+    Ok((jobs, paths))
 }
 
 fn understand(path: &Path, command: &Command, job: Job) -> Result<Planned> {
@@ -112,7 +119,15 @@ fn understand(path: &Path, command: &Command, job: Job) -> Result<Planned> {
 
 pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
     let began = Instant::now();
-    let mut jobs = plan(&args.file)?;
+    let (mut jobs, mut paths) = plan(&args.file)?;
+    let report_path = args.report.clone().unwrap_or_else(|| {
+        let stem = args.file.file_stem().unwrap_or_default().to_string_lossy();
+        args.file.with_file_name(format!("{stem}-report.json"))
+    });
+    paths.writes("--report", &report_path)?;
+    if let Some(events) = args.events.as_deref().filter(|path| *path != Path::new("-")) {
+        paths.writes("--events", events)?;
+    }
     let order: Vec<String> = jobs.iter().map(|j| j.job.name.clone()).collect();
     // Jobs with one scene follow one another, so that few scenes are in memory at a time.
     let mut first: HashMap<String, usize> = HashMap::new();
@@ -124,14 +139,11 @@ pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
         inputs: Shelf::new(jobs.iter().map(|j| scene_key(&j.args))),
         scenes: Shelf::new(jobs.iter().map(|j| scene_key(&j.args))),
         jobs,
+        paths: Mutex::new(paths),
     };
     if args.dry_run {
         return batch.dry_run(&order);
     }
-    let report_path = args.report.clone().unwrap_or_else(|| {
-        let stem = args.file.file_stem().unwrap_or_default().to_string_lossy();
-        args.file.with_file_name(format!("{stem}-report.json"))
-    });
     atomic::check(&report_path)?;
     let events = Events::open(args.events.as_deref())?;
     let (threads, source) = host::threads(args.threads)?;
@@ -189,6 +201,8 @@ struct Batch {
     jobs: Vec<Planned>,
     inputs: Shelf<Inputs>,
     scenes: Shelf<Loaded>,
+    /// All that any job reads or writes.
+    paths: Mutex<Paths>,
 }
 
 impl Batch {
@@ -230,6 +244,7 @@ impl Batch {
             }
             check_outputs(args)?;
             let inputs = self.inputs.get(&key, || Inputs::read(args))?;
+            inputs.declare(&mut self.paths.lock().unwrap_or_else(PoisonError::into_inner))?;
             let session = Session { args, inputs: &inputs, threads, began, replaces: true };
             if let Some(record) = session.done_before()? {
                 return session.develop(&record);

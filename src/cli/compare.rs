@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde::Serialize;
 
-use crate::console::{Verdict, print, print_json, say};
+use crate::console::{Paths, Verdict, print, print_json, say};
 use crate::film::compare::{Comparison, REL_MSE_EPSILON, compare};
 use crate::film::{Picture, atomic, exr_file, preview};
 use crate::{Error, Result};
@@ -53,6 +53,9 @@ pub fn run(args: &CompareArgs) -> Result<Verdict> {
         if !has_extension(path, "png") && !has_extension(path, "exr") {
             return Err(Error::Usage(format!("--diff {}: the name must end in .png or .exr", path.display())));
         }
+        let mut paths = Paths::default();
+        [&args.a, &args.b].into_iter().try_for_each(|picture| paths.reads("the picture", picture))?;
+        paths.writes("--diff", path)?;
         atomic::check(path)?;
     }
     let (a, b) = (exr_file::read(&args.a)?, exr_file::read(&args.b)?);

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::console::{Verbosity, Verdict, say};
+use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::film::{Exposure, Look, Picture, View, atomic, exr_file, preview};
 use crate::render::checkpoint::text;
 use crate::{Error, Result};
@@ -33,6 +33,9 @@ pub fn run(args: &DevelopArgs, verbosity: Verbosity) -> Result<Verdict> {
     if !output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) && !output.starts_with("/dev") {
         return Err(Error::Usage(format!("-o {}: the name must end in .png", output.display())));
     }
+    let mut paths = Paths::default();
+    paths.reads("the picture", &args.input)?;
+    paths.writes("-o", &output)?;
     atomic::check(&output)?;
     let picture = Picture::open(&args.input, args.layer.as_deref())?;
     // Where bismar has written it, A says what is there; only a picture without its sky is meant to be laid over others.

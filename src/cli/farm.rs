@@ -134,7 +134,7 @@ fn of_batch(path: &Path) -> Result<Vec<Render>> {
             flags: flags.collect::<Result<_>>()?,
         })
     };
-    batch::plan(path)?.into_iter().map(one).collect()
+    batch::plan(path)?.0.into_iter().map(one).collect()
 }
 
 fn of_scene(args: &SubmitArgs) -> Result<Render> {

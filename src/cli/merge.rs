@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 
-use crate::console::{Verbosity, Verdict, say};
+use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::farm::PathMapping;
 use crate::film::exr_file::HeaderValue;
 use crate::film::{Exposure, Look, View, atomic, colors, preview};
@@ -52,10 +52,13 @@ pub fn run(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
         let all = args.parts.iter_mut().chain(&mut args.preview).chain([&mut args.output]);
         all.for_each(|path| mapping.apply(path));
     }
-    atomic::check(&args.output)?;
-    atomic::sweep(&args.output);
-    if let Some(path) = &args.preview {
+    let mut paths = Paths::default();
+    args.parts.iter().try_for_each(|part| paths.reads("the part", part))?;
+    for (flag, path) in [("-o", Some(&args.output)), ("--preview", args.preview.as_ref())] {
+        let Some(path) = path else { continue };
+        paths.writes(flag, path)?;
         atomic::check(path)?;
+        atomic::sweep(path);
     }
     wait_for(&args.parts, args.wait)?;
     let mut merged = merge(&args.parts)?;

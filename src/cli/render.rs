@@ -6,7 +6,6 @@ mod identity;
 mod replay;
 mod session;
 
-use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use tracing::{info, warn};
@@ -15,12 +14,12 @@ pub use args::RenderArgs;
 pub use identity::{Files, Inputs};
 pub use session::{Done, Loaded, Session};
 
+use crate::Result;
 use crate::console::progress::Style;
-use crate::console::{Reporter, Signals, Verbosity, Verdict, host, print, say};
+use crate::console::{Paths, Reporter, Signals, Verbosity, Verdict, host, print, say};
 use crate::film::atomic;
 use crate::scene::Scene;
 use crate::scene::import::{ImportOptions, NoteKind};
-use crate::{Error, Result};
 
 pub fn run(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     let result = render(args, verbosity);
@@ -39,6 +38,8 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     if let Some(place) = args.replay_pixel {
         return host::pool(threads)?.install(|| replay::run(args, place));
     }
+    let mut paths = Paths::default();
+    declare(args, "", &mut paths)?;
     check_outputs(args)?;
     info!("{threads} threads ({source})");
     let signals = Signals::listen()?;
@@ -46,6 +47,7 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
         let reporter = Reporter::new(args.progress, verbosity.quiet);
         let prepared = signals.nothing_to_save(|| {
             let inputs = Inputs::read(args)?;
+            inputs.declare(&mut paths)?;
             let session = Session { args, inputs: &inputs, threads, began, replaces: false };
             if let Some(record) = session.done_before()? {
                 return Ok(Err(session.develop(&record)?));
@@ -77,15 +79,26 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     })
 }
 
+/// Adds what a command reads and writes to a run's files; `of` is added to what they are for.
+///
+/// # Errors
+/// As [`Paths::writes`].
+pub fn declare(args: &RenderArgs, of: &str, paths: &mut Paths) -> Result<()> {
+    paths.reads(&format!("the scene{of}"), &args.scene)?;
+    for (flag, path) in [("--env", &args.env), ("--path-mapping", &args.path_mapping)] {
+        path.iter().try_for_each(|path| paths.reads(&format!("{flag}{of}"), path))?;
+    }
+    paths.writes(&format!("-o{of}"), &args.output())?;
+    for (flag, path) in [("--preview", &args.preview), ("--stats", &args.stats)] {
+        path.iter().try_for_each(|path| paths.writes(&format!("{flag}{of}"), path))?;
+    }
+    Ok(())
+}
+
 /// Finds out before the work whether its results can be kept, and removes what a killed process left beside them.
 pub fn check_outputs(args: &RenderArgs) -> Result<()> {
     let output = args.output();
-    let outputs: Vec<&PathBuf> =
-        [Some(&output), args.preview.as_ref(), args.stats.as_ref()].into_iter().flatten().collect();
-    for (i, path) in outputs.iter().enumerate() {
-        if outputs[..i].contains(path) && path.as_path() != Path::new("/dev/null") {
-            return Err(Error::Usage(format!("{}: named for two outputs", path.display())));
-        }
+    for path in [Some(&output), args.preview.as_ref(), args.stats.as_ref()].into_iter().flatten() {
         atomic::check(path)?;
         atomic::sweep(path);
     }

@@ -4,6 +4,7 @@
 pub mod args;
 pub mod host;
 mod panics;
+pub mod paths;
 pub mod progress;
 pub mod signals;
 
@@ -17,6 +18,7 @@ use tracing::Level;
 
 use crate::{Error, Result};
 pub use args::Size;
+pub use paths::Paths;
 pub use progress::Reporter;
 pub use signals::Signals;
 

@@ -1,11 +1,15 @@
 //! OpenEXR files: films out ([`write()`]), any RGB picture in ([`read()`]).
 
+mod bounds;
+mod head;
 mod read;
+mod seal;
 mod write;
 
 use std::borrow::Cow;
 
-pub use read::{is_decoding, layer, picture, read, read_header, read_statistics};
+pub use read::{bytes_of, is_decoding, layer, picture, read, read_header, read_statistics};
+pub use seal::{SEAL, Seal, check};
 pub use write::{Layers, write, write_rgb};
 
 /// What a header attribute holds.
@@ -42,5 +46,7 @@ fn text(s: &str) -> exr::meta::attribute::Text {
     exr::meta::attribute::Text::from_slice_unchecked(s.as_bytes())
 }
 
+#[cfg(test)]
+mod hostile;
 #[cfg(test)]
 mod tests;

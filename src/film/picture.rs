@@ -1,6 +1,5 @@
 //! Pictures of any origin, to be compared and developed.
 
-use std::fs;
 use std::io::Cursor;
 use std::path::Path;
 
@@ -34,7 +33,7 @@ impl Picture {
     /// Missing, forbidden or failing files as [`Error::reading`]; [`Error::Data`] for what is no such picture or lacks
     /// the layer.
     pub fn open(path: &Path, layer: Option<&str>) -> Result<Self> {
-        let bytes = fs::read(path).map_err(|e| Error::reading(path, &e))?;
+        let bytes = exr_file::bytes_of(path)?;
         let refused = |why: String| Error::Data(format!("{}: {why}", path.display()));
         let format = match bytes.get(..4) {
             Some([0x76, 0x2F, 0x31, 0x01]) => {

@@ -10,8 +10,10 @@ use super::identity::Asked;
 use super::scheduler::{self, NOISE_PATHS};
 use super::stats::Samples;
 use super::tile::{Columns, Tile, Tile2};
-use super::{Identity, Part, RenderSettings, RenderStats, Rendered, StopReason, format2, fresh_tiles, paths_range};
-use crate::film::exr_file::{self, Header, HeaderValue, Layers};
+use super::{
+    Identity, Maker, Part, RenderSettings, RenderStats, Rendered, StopReason, format2, fresh_tiles, paths_range,
+};
+use crate::film::exr_file::{self, Header, HeaderValue, Layers, Seal};
 use crate::film::{Aov, Background};
 use crate::rays::BackendInfo;
 use crate::{Error, Result};
@@ -63,6 +65,9 @@ pub struct Record {
     /// What is behind everything. Before format 4, A was 0 where a sky was shown; so it stays in such files.
     #[serde(default)]
     pub background: Background,
+    /// Which build wrote it; files that say so are sealed ([`exr_file::check`]).
+    #[serde(default)]
+    pub maker: Option<Maker>,
     /// The seeds that it is the mean of, if of several: nothing can go on from that.
     #[serde(skip)]
     pub seeds: Vec<u32>,
@@ -99,6 +104,7 @@ impl Record {
             host,
             half: asked.half,
             background: rendered.background,
+            maker: Some(Maker::here()),
             seeds: Vec::new(),
         }
     }
@@ -224,6 +230,27 @@ impl Earlier {
         Ok(Some(Self { path: path.into(), record, header }))
     }
 
+    /// Is the file what was written, to the last byte? Files from before there were seals are decoded whole.
+    ///
+    /// # Errors
+    /// [`Error::Data`] for a file that is damaged; others as [`exr_file::check`].
+    pub fn verify(&self) -> Result<()> {
+        let damaged = |why: &str| {
+            let path = self.path.display();
+            Error::Data(format!("{path}: is damaged: {why}; delete it, or render without --resume"))
+        };
+        match exr_file::check(&self.path)? {
+            Seal::Whole(_) => Ok(()),
+            Seal::Broken => Err(damaged("its bytes are not those that were written")),
+            Seal::Missing if self.record.maker.is_some() => Err(damaged("its seal is not where it was written")),
+            Seal::Missing => {
+                let read = exr_file::read(&self.path).and_then(|_| exr_file::read_statistics(&self.path));
+                read.map_err(|e| damaged(&e.to_string()))?;
+                Ok(())
+            }
+        }
+    }
+
     /// Its tiles; `None` if it carries none.
     ///
     /// # Errors
@@ -242,11 +269,12 @@ impl Earlier {
     /// What a render of this identity goes on from.
     ///
     /// # Errors
-    /// [`Error::Data`], with what differs, when it is another render, or carries no statistics.
+    /// [`Error::Data`], with what differs, when it is another render, is damaged, or carries no statistics.
     pub fn saved(&self, ours: &Identity) -> Result<Saved> {
         let refused = |why: String| {
             Error::Data(format!("--resume: {}: {why}; without --resume it is rendered anew", self.path.display()))
         };
+        self.verify()?;
         let theirs = &self.record.identity;
         let differences = ours.differences(theirs);
         if !differences.is_empty() {

@@ -39,6 +39,7 @@ pub fn record(header: &Header) -> Option<Record> {
             version: backend["version"].as_str().unwrap_or("?").into(),
             isa: backend["isa"].as_str().unwrap_or("?").into(),
         },
+        maker: None,
         seeds: Vec::new(),
         half: false,
         background: Background::Black,

@@ -170,6 +170,7 @@ fn assemble(parts: &[Earlier]) -> Result<Whole> {
     let mut tiles = Vec::new();
     let mut stats = RenderStats::default();
     for part in parts {
+        part.verify()?;
         let name = part.path.display();
         let own = part.tiles(settings(part))?.ok_or_else(|| {
             Error::Data(format!("{name}: carries no statistics to merge: render it with --checkpoint"))

@@ -3,6 +3,7 @@
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
+use crate::console::Paths;
 use crate::render::{Identity, RenderSettings};
 use crate::scene::import::{EnvironmentFile, SceneFiles, Survey};
 use crate::{Error, Result};
@@ -49,6 +50,14 @@ impl Inputs {
         let scene = scene_files.survey();
         let files = Mutex::new(Some(Files { scene: scene_files, environment: environment_file }));
         Ok(Self { scene, environment, read_seconds: start.elapsed().as_secs_f64(), files })
+    }
+
+    /// Adds the files that the scene names to a run's.
+    ///
+    /// # Errors
+    /// As [`Paths::reads`].
+    pub fn declare(&self, paths: &mut Paths) -> Result<()> {
+        self.scene.files.iter().try_for_each(|file| paths.reads("the scene's", file))
     }
 
     /// Hands the files over. Opens them again when an earlier job of a batch had them and failed.

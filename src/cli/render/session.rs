@@ -96,19 +96,28 @@ pub struct Session<'a> {
 }
 
 impl Session<'_> {
-    /// With `--resume`: is there nothing left to do? Judged by files alone.
+    /// With `--resume`: is there nothing left to do? Judged by files alone, and every byte of the picture's.
     ///
     /// # Errors
-    /// As [`Earlier::read`].
+    /// As [`Earlier::read`] and, unless it replaces what is there, [`Earlier::verify`].
     pub fn done_before(&self) -> Result<Option<Record>> {
         let output = self.args.output();
         if !self.args.resume {
             return Ok(None);
         }
-        let Some(Earlier { record, .. }) = Earlier::read(&output)? else { return Ok(None) };
-        let settings = self.args.settings();
+        let Some(earlier) = Earlier::read(&output)? else { return Ok(None) };
+        let (settings, record) = (self.args.settings(), &earlier.record);
         let answers = record.answers(&self.inputs.identity(self.args, &settings), &self.args.asked());
-        Ok(Some(record).filter(|record| answers && self.is_done(record, &settings)))
+        if !answers || !self.is_done(record, &settings) {
+            return Ok(None);
+        }
+        match earlier.verify() {
+            Err(Error::Data(why)) if self.replaces => {
+                warn!("{why}: it is rendered anew");
+                Ok(None)
+            }
+            verified => verified.map(|()| Some(earlier.record)),
+        }
     }
 
     /// What is left to do for a finished picture: its PNG is developed from the file if it is not there or was made with

@@ -4,18 +4,21 @@ use std::borrow::Cow;
 use std::cell::Cell;
 use std::fs::{self, File};
 use std::io::{BufReader, Cursor, ErrorKind, Read, Seek, SeekFrom};
+use std::os::unix::fs::FileTypeExt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use exr::block::UncompressedBlock;
 use exr::block::lines::LineRef;
-use exr::block::reader::ChunksReader;
+use exr::block::reader::{ChunksReader, Reader};
 use exr::error::Error as ExrError;
 use exr::meta::attribute::{AttributeValue, SampleType};
 use exr::meta::header::Header as ExrHeader;
 use exr::prelude::*;
 
-use super::{HASH, Header, HeaderValue, LENGTH, STATISTICS, WORDS, WORLD_TO_CAMERA, WORLD_TO_NDC, text};
+use super::{
+    HASH, Header, HeaderValue, LENGTH, SEAL, STATISTICS, WORDS, WORLD_TO_CAMERA, WORLD_TO_NDC, bounds, head, text,
+};
 use crate::film::Picture;
 use crate::{Error, Result as Outcome};
 
@@ -63,8 +66,8 @@ pub fn read_header(path: &Path) -> Outcome<Header> {
             AttributeValue::F64(x) => HeaderValue::Number(*x),
             _ => return None,
         };
-        // How many bytes of statistics there are is the file's affair alone.
-        let told = name.starts_with("bismar.") && ![LENGTH, HASH].contains(&name.as_str());
+        // How many bytes there are, and which, is the file's affair alone.
+        let told = name.starts_with("bismar.") && ![LENGTH, HASH, SEAL].contains(&name.as_str());
         told.then(|| (name.into(), value))
     });
     let mut header: Header = ours.collect();
@@ -80,6 +83,8 @@ fn open(path: &Path) -> Outcome<File> {
 }
 
 fn read_meta(path: &Path, file: File) -> Outcome<MetaData> {
+    check_head(path, &file)?;
+    (&file).rewind().map_err(|e| Error::reading(path, &e))?;
     let mut failed = None;
     let read = || match MetaData::read_from_buffered(BufReader::new(file), false) {
         Err(ExrError::Io(e)) if e.kind() != ErrorKind::UnexpectedEof => {
@@ -137,9 +142,38 @@ fn sealed(header: &ExrHeader) -> Result<Option<(u64, String)>> {
 }
 
 fn decoded<T>(path: &Path, decode: impl FnOnce(&[u8]) -> Result<T>) -> Outcome<T> {
-    // All of it at once: what the decoder says afterwards is about the content, never about the disk.
-    let bytes = fs::read(path).map_err(|e| Error::reading(path, &e))?;
+    let bytes = bytes_of(path)?;
     guarded(|| decode(&bytes)).map_err(|why| cannot_use(path, &why))
+}
+
+/// The bytes of a picture of any format: all of it at once, so that what decoders say afterwards is about the content,
+/// never about the disk.
+///
+/// # Errors
+/// As [`Error::reading`]; [`Error::Data`] for devices and for OpenEXR whose attributes are out of proportion.
+pub fn bytes_of(path: &Path) -> Outcome<Vec<u8>> {
+    let failed = |e| Error::reading(path, &e);
+    let kind = fs::metadata(path).map_err(failed)?.file_type();
+    if kind.is_char_device() || kind.is_block_device() {
+        return Err(Error::Data(format!("{}: a device, not a picture", path.display())));
+    }
+    if kind.is_file() {
+        let mut file = open(path)?;
+        let mut magic = [0; 4];
+        if file.read(&mut magic).map_err(failed)? == 4 && magic == head::MAGIC {
+            file.rewind().map_err(failed)?;
+            check_head(path, &file)?;
+        }
+    }
+    fs::read(path).map_err(failed)
+}
+
+/// Before a file is read whole.
+fn check_head(path: &Path, file: &File) -> Outcome<()> {
+    head::walk(BufReader::new(file), &mut |_| ()).map_err(|e| match e.kind() {
+        ErrorKind::InvalidData | ErrorKind::UnexpectedEof => cannot_use(path, &e.to_string()),
+        _ => Error::reading(path, &e),
+    })
 }
 
 fn cannot_use(path: &Path, why: &str) -> Error {
@@ -168,11 +202,8 @@ pub fn is_decoding() -> bool {
 }
 
 fn decode(bytes: &[u8], layer: Option<&str>, fits: &Fits) -> Result<Picture> {
-    let chunks = exr::block::read(Cursor::new(bytes), false)?;
+    let chunks = checked(bytes)?;
     let headers = chunks.headers();
-    for header in headers {
-        plausible(header, bytes.len() as u64)?;
-    }
     let of = |header: &ExrHeader| match layer {
         _ if header.deep => None,
         None => ["R", "G", "B"].map(|c| color_prefix(&names(header)).map(|prefix| prefix + c)).into_iter().collect(),
@@ -232,14 +263,34 @@ fn decode(bytes: &[u8], layer: Option<&str>, fits: &Fits) -> Result<Picture> {
     Ok(picture)
 }
 
+/// A file whose attributes, sizes and counts have been checked.
+fn checked(bytes: &[u8]) -> Result<Reader<Cursor<&[u8]>>> {
+    head::walk(bytes, &mut |_| ()).map_err(|e| invalid(e.to_string()))?;
+    let chunks = exr::block::read(Cursor::new(bytes), false)?;
+    chunks.headers().iter().try_for_each(|header| bounds::check(header, bytes.len() as u64)).map_err(invalid)?;
+    Ok(chunks)
+}
+
 /// The blocks of a part's largest resolution level, one after the other: on this thread alone, where panics are expected.
-fn each_block<R: std::io::Read + std::io::Seek>(
-    chunks: exr::block::reader::Reader<R>,
+fn each_block(
+    chunks: Reader<Cursor<&[u8]>>,
     part: usize,
     mut work: impl FnMut(UncompressedBlock) -> Result<()>,
 ) -> Result<()> {
     let wanted = chunks.filter_chunks(false, |_, _, block| block.layer == part && block.level == Vec2(0, 0))?;
-    wanted.decompress_sequential(false, |_, block| work(block))
+    let meta = wanted.meta_data().clone();
+    for chunk in wanted {
+        let chunk = chunk?;
+        let header = meta.headers.get(chunk.layer_index).ok_or_else(|| invalid("a block of no part"))?;
+        bounds::check_block(&chunk, header).map_err(invalid)?;
+        let block = UncompressedBlock::decompress_chunk(chunk, &meta, false)?;
+        // What the table of blocks says and what is there may differ.
+        if block.index.layer != part || block.index.level != Vec2(0, 0) {
+            return Err(invalid("a block in the place of another"));
+        }
+        work(block)?;
+    }
+    Ok(())
 }
 
 fn read_line(line: &LineRef, kind: SampleType, put: impl FnMut(usize, f32)) -> Result<()> {
@@ -265,10 +316,9 @@ fn attribute<'a>(header: &'a ExrHeader, name: &str) -> Option<&'a AttributeValue
 }
 
 fn decode_statistics(bytes: &[u8]) -> Result<Option<Vec<u8>>> {
-    let chunks = exr::block::read(Cursor::new(bytes), false)?;
+    let chunks = checked(bytes)?;
     let Some(part) = chunks.headers().iter().position(is_statistics) else { return Ok(None) };
     let header = &chunks.headers()[part];
-    plausible(header, bytes.len() as u64)?;
     let rows = header.layer_size.1;
     let (length, hash) = sealed(header)?.ok_or_else(|| invalid("its statistics have no length or hash"))?;
     let (length, row) = (usize::try_from(length).unwrap_or(usize::MAX), 4 * WORDS);
@@ -293,21 +343,6 @@ fn decode_statistics(bytes: &[u8]) -> Result<Option<Vec<u8>>> {
 
 fn invalid(why: impl Into<Cow<'static, str>>) -> ExrError {
     ExrError::Invalid(why.into())
-}
-
-/// Refuses sizes that a file of so many bytes cannot hold, before memory is taken for them. No codec of OpenEXR packs
-/// more than a few thousand times (zip at most 1032).
-fn plausible(header: &ExrHeader, file_bytes: u64) -> Result<()> {
-    const MOST_PACKED: u64 = 10_000;
-    let pixels = (header.layer_size.0 as u64).checked_mul(header.layer_size.1 as u64);
-    let bytes = pixels.and_then(|p| p.checked_mul(header.channels.bytes_per_pixel as u64));
-    match bytes {
-        Some(bytes) if bytes <= file_bytes.saturating_mul(MOST_PACKED) => Ok(()),
-        _ => Err(invalid(format!(
-            "it says {} x {} pixels but has only {file_bytes} bytes",
-            header.layer_size.0, header.layer_size.1
-        ))),
-    }
 }
 
 fn names(header: &ExrHeader) -> Vec<String> {

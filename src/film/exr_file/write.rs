@@ -11,6 +11,7 @@ use exr::meta::attribute::{AttributeValue, Chromaticities, IntegerBounds, LevelM
 use exr::meta::header::Header as ExrHeader;
 use exr::prelude::*;
 
+use super::seal::{self, SEAL};
 use super::{HASH, Header, HeaderValue, LENGTH, WORLD_TO_CAMERA, WORLD_TO_NDC, text};
 use crate::film::aov::{self, Aov, Value};
 use crate::film::{Pixels, atomic};
@@ -94,6 +95,11 @@ where
         Ok(()) => {
             file.seek(SeekFrom::End(0))?;
             file.write_all(behind)?;
+            file.flush()?;
+            // Nothing can be read back from a device.
+            if file.get_ref().metadata()?.is_file() {
+                seal::close(file.get_ref())?;
+            }
             Ok(Ok(()))
         }
         Err(ExrError::Io(e)) => Err(e),
@@ -132,6 +138,7 @@ fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers, header: &Header) -> (Ima
         software_name: Some(text(concat!("bismar ", env!("CARGO_PKG_VERSION")))),
         ..Default::default()
     };
+    own.other.insert(text(SEAL), AttributeValue::Text(text(seal::OPEN)));
     for (name, value) in header {
         let value = match (name.as_ref(), value) {
             (_, HeaderValue::Text(t)) => AttributeValue::Text(text(t)),

@@ -40,6 +40,8 @@ pub struct Source {
     pub bin: Option<Bytes>,
     /// Bytes of all files, each counted once.
     pub file_bytes: u64,
+    /// All files, the scene file first.
+    pub files: Vec<PathBuf>,
     buffers: Vec<Option<Result<Data>>>,
     images: Vec<Option<Result<Data>>>,
 }
@@ -54,7 +56,9 @@ impl Source {
         let folder = uri::folder_of(path)?;
         let mut files = Files { folder, bytes: file_bytes, by_path: HashMap::new() };
         let (buffers, images) = (files.read_all(&json, "buffers"), files.read_all(&json, "images"));
-        Ok(Self { path: path.into(), json, byte_order_mark, bin, file_bytes: files.bytes, buffers, images })
+        let Files { bytes: file_bytes, by_path, .. } = files;
+        let files = [path.to_owned()].into_iter().chain(by_path.into_keys()).collect();
+        Ok(Self { path: path.into(), json, byte_order_mark, bin, file_bytes, files, buffers, images })
     }
 
     /// What `buffers[index].uri` names; `None` without a URI.

@@ -1,6 +1,7 @@
 //! What a scene's files hash to, and what memory loading them will take.
 
 use std::io::Cursor;
+use std::path::PathBuf;
 
 use image::ImageReader;
 use serde_json::Value;
@@ -12,6 +13,8 @@ use super::Source;
 pub struct Survey {
     /// BLAKE3 of the scene file and the files that it names, hexadecimal.
     pub hash: String,
+    /// The files, the scene file first.
+    pub files: Vec<PathBuf>,
     /// Bytes of these files.
     pub file_bytes: u64,
     /// Triangles in memory, at most.
@@ -25,7 +28,8 @@ pub struct Survey {
 impl Source {
     /// Hashes and measures the files, and decodes none. What is wrong with them is left for the import to say.
     pub fn survey(&self) -> Survey {
-        let mut survey = Survey { hash: self.hash(), file_bytes: self.file_bytes, ..Default::default() };
+        let mut survey =
+            Survey { hash: self.hash(), files: self.files.clone(), file_bytes: self.file_bytes, ..Default::default() };
         survey.image_bytes = (0..self.images.len()).map(|i| decoded_bytes(self.image_bytes(i))).sum();
         self.measure_meshes(&mut survey);
         survey
