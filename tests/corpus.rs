@@ -123,10 +123,11 @@ fn judge(scene: &Path, name: &str, verdict: &str, class: &str, bytes: u64) -> Re
         (_, Some(extension)) if text.contains(extension) => Ok("refused for an extension"),
         (_, Some(extension)) => Err(format!("is not refused for {extension} but: {text}")),
         (0, None) if shared::must_be_noted(name) => Ok("rendered"),
+        (0, None) if shared::must_accept(verdict) => Ok("rendered"),
+        (_, None) if shared::must_accept(verdict) => Err(format!("must render: {text}")),
         (0, None) if class == "must_reject" => Err("must be rejected, but renders".to_owned()),
         (_, None) if class == "must_reject" => Ok("rejected"),
         (0, None) => Ok("rendered"),
-        (_, None) if shared::must_accept(verdict) => Err(format!("must render: {text}")),
         (_, None) => Ok("rejected, though it may be tolerated"),
     }
 }

@@ -52,6 +52,7 @@ pub fn read(
         notes.ignored(&primitive.at, "points and lines are not shown, only triangles");
         return Ok(None);
     }
+    reader.check_stream(primitive)?;
     let mut g = Geometry { positions: reader.floats::<3>(position)?, ..Default::default() };
     g.indices = read_triangles(reader, primitive, g.positions.len(), notes)?;
     let optional = |semantic| attributes.get(&semantic).copied();

@@ -1,6 +1,7 @@
 //! Puts the scene together from a checked document.
 
 mod cameras;
+mod decode;
 mod geometry;
 mod lights;
 mod materials;
@@ -41,6 +42,8 @@ pub fn build(document: &Document, file_bytes: u64, mut notes: Notes, report: &mu
         bounds: None,
     };
     let walk = walk(document, &mut assembly.reader, &mut notes)?;
+    let meshes = walk.objects.iter().filter_map(|(key, _)| document.meshes.get(key.mesh).ok());
+    assembly.reader.unpack(meshes.flat_map(|mesh| &mesh.primitives))?;
     for (key, placements) in &walk.objects {
         assembly.place(key, placements, &walk, &mut notes)?;
     }

@@ -1,9 +1,17 @@
 //! The one reader of accessors' elements, within a budget of memory.
 
+use std::collections::HashMap;
+
+use bytes::Bytes;
+use rayon::prelude::*;
+
+use super::decode::{draco, meshopt};
 use crate::error::{Error, Result};
 use crate::scene::import::complaint::bad;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::accessors::{Accessor, Component, Sparse};
+use crate::scene::import::document::compression::Draco;
+use crate::scene::import::document::primitives::Primitive;
 
 /// Memory that a file may still ask for: hostile files ask for far more than they hold.
 #[derive(Debug)]
@@ -47,11 +55,94 @@ impl Budget {
 pub struct Reader<'a> {
     pub document: &'a Document,
     pub budget: Budget,
+    /// Decoded views, by index.
+    views: HashMap<usize, Result<Bytes>>,
+    /// Draco streams that are decoded, by view; what is wrong with them.
+    streams: HashMap<usize, Result<()>>,
+    /// Elements of accessors from Draco streams, tightly packed, with the stream's view.
+    unpacked: HashMap<usize, (usize, Bytes)>,
 }
 
 impl<'a> Reader<'a> {
     pub fn new(document: &'a Document, file_bytes: u64) -> Self {
-        Self { document, budget: Budget::for_data(file_bytes) }
+        let budget = Budget::for_data(file_bytes);
+        Self { document, budget, views: HashMap::new(), streams: HashMap::new(), unpacked: HashMap::new() }
+    }
+
+    /// Decodes what these primitives need, on all cores. What is wrong is told where it is read.
+    ///
+    /// # Errors
+    /// Too much memory.
+    pub fn unpack<'p>(&mut self, primitives: impl Iterator<Item = &'p Primitive> + Clone) -> Result<()> {
+        let document = self.document;
+        let accessors = primitives.clone().flat_map(|p| p.attributes.values().chain(&p.indices).copied());
+        let views = accessors.filter_map(|index| document.accessors.get(index).ok()?.view);
+        let streams: Vec<_> = primitives.filter_map(|p| Some((p, p.draco.as_ref()?))).collect();
+        let mut waiting: Vec<usize> = views.chain(streams.iter().map(|(_, draco)| draco.view)).collect();
+        waiting.sort_unstable();
+        waiting.dedup();
+        waiting.retain(|index| !self.views.contains_key(index));
+        self.decode_views(&waiting)?;
+
+        let mut jobs: Vec<(&Primitive, &Draco, Bytes)> = Vec::new();
+        for (primitive, draco) in streams {
+            if self.streams.contains_key(&draco.view) {
+                continue;
+            }
+            let elements = primitive.attributes.values().chain(&primitive.indices);
+            for accessor in elements.filter_map(|&index| document.accessors.get(index).ok()) {
+                self.budget.take(&accessor.at, accessor.count, accessor.element_bytes())?;
+            }
+            match self.view_bytes(draco.view, 0) {
+                Ok(stream) => {
+                    self.streams.insert(draco.view, Ok(()));
+                    jobs.push((primitive, draco, stream));
+                }
+                Err(error) => drop(self.streams.insert(draco.view, Err(error))),
+            }
+        }
+        let decoded: Vec<_> = jobs.par_iter().map(|(p, d, stream)| draco::decode(document, p, d, stream)).collect();
+        for ((_, draco, _), decoded) in jobs.into_iter().zip(decoded) {
+            match decoded {
+                Ok(accessors) => {
+                    let found = accessors.into_iter().map(|(index, bytes)| (index, (draco.view, bytes.into())));
+                    self.unpacked.extend(found);
+                }
+                Err(error) => drop(self.streams.insert(draco.view, Err(error))),
+            }
+        }
+        Ok(())
+    }
+
+    fn decode_views(&mut self, indices: &[usize]) -> Result<()> {
+        let document = self.document;
+        let mut jobs = Vec::new();
+        for &index in indices {
+            let Ok(view) = document.views.get(index) else { continue };
+            let Some(compressed) = &view.compressed else { continue };
+            self.budget.take(&view.at, compressed.count, compressed.stride)?;
+            let buffer = document.buffers.get(compressed.buffer);
+            jobs.push((index, compressed, buffer.and_then(|b| b.bytes(compressed.offset, compressed.length))));
+        }
+        let decoded = jobs.into_par_iter().map(|(index, compressed, stream)| {
+            (index, stream.and_then(|stream| meshopt::decode(compressed, &stream)).map(Bytes::from))
+        });
+        self.views.extend(decoded.collect::<Vec<_>>());
+        Ok(())
+    }
+
+    /// Is the primitive's Draco stream, if there is one, sound? It must have been [unpacked](Self::unpack).
+    pub fn check_stream(&self, primitive: &Primitive) -> Result<()> {
+        let Some(draco) = &primitive.draco else { return Ok(()) };
+        self.streams.get(&draco.view).cloned().unwrap_or(Ok(()))?;
+        let coded = draco.attributes.keys().map(|semantic| primitive.attributes[semantic]).chain(primitive.indices);
+        match coded.into_iter().find(|index| self.unpacked.get(index).is_none_or(|(view, _)| *view != draco.view)) {
+            None => Ok(()),
+            Some(index) => {
+                let found = "elements of another stream";
+                Err(bad(&draco.at, format!("accessors[{index}] to stand for this stream alone"), found))
+            }
+        }
     }
 
     /// All elements as floats; integers are divided by their largest value when they are normalized. Finite.
@@ -111,9 +202,10 @@ impl<'a> Reader<'a> {
             out
         };
         let mut out = Vec::with_capacity(count);
-        match accessor.view {
-            None => out.resize(count, [T::default(); N]),
-            Some(view) => {
+        match (accessor.view, self.unpacked.get(&index)) {
+            (None, Some((_, bytes))) => out.extend(bytes.chunks(S * N).map(element)),
+            (None, None) => out.resize(count, [T::default(); N]),
+            (Some(view), _) => {
                 let bytes = self.view_bytes(view, accessor.offset)?;
                 let stride = accessor.stride(document.views.get(view)?) as usize;
                 out.extend(bytes.chunks(stride).take(count).map(|chunk| element(&chunk[..chunk.len().min(S * N)])));
@@ -150,8 +242,15 @@ impl<'a> Reader<'a> {
     }
 
     /// A view's bytes from an offset on.
-    fn view_bytes(&self, view: usize, offset: u64) -> Result<&'a [u8]> {
-        let view = self.document.views.get(view)?;
+    fn view_bytes(&mut self, index: usize, offset: u64) -> Result<Bytes> {
+        let view = self.document.views.get(index)?;
+        if view.compressed.is_some() {
+            if !self.views.contains_key(&index) {
+                self.decode_views(&[index])?;
+            }
+            let bytes = self.views[&index].clone()?;
+            return Ok(bytes.slice((offset as usize).min(bytes.len())..));
+        }
         let start = view.offset.saturating_add(offset);
         self.document.buffers.get(view.buffer)?.bytes(start, view.length.saturating_sub(offset))
     }

@@ -5,13 +5,15 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::io::Cursor;
 
+use bytes::Bytes;
 use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
 use rayon::prelude::*;
 
+use super::decode::basis;
 use super::reader::Budget;
 use crate::error::{Error, Result};
 use crate::scene::import::document::Document;
-use crate::scene::import::document::images::{Image, ImageData, Sampler};
+use crate::scene::import::document::images::{Image, ImageData, Sampler, Texture};
 use crate::scene::import::document::materials::TextureInfo;
 use crate::scene::import::report::Notes;
 use crate::scene::{self, Filter, Scene, Texels, TextureRef, TextureSlot, Wrap};
@@ -24,11 +26,11 @@ const LARGEST_TEXELS: u64 = 1 << 28;
 ///
 /// # Errors
 /// A file that cannot be read, bytes that are not in the buffer.
-fn stored<'a>(image: &'a Image, document: &'a Document) -> Result<&'a [u8]> {
+fn stored(image: &Image, document: &Document) -> Result<Bytes> {
     match &image.data {
-        ImageData::Nothing => Ok(&[]),
+        ImageData::Nothing => Ok(Bytes::new()),
         ImageData::Unreadable(error) => Err(error.clone()),
-        ImageData::Bytes(bytes) => Ok(bytes),
+        ImageData::Bytes(bytes) => Ok(bytes.clone()),
         ImageData::View(index) => {
             let view = document.views.get(*index)?;
             document.buffers.get(view.buffer)?.bytes(view.offset, view.length)
@@ -37,12 +39,14 @@ fn stored<'a>(image: &'a Image, document: &'a Document) -> Result<&'a [u8]> {
 }
 
 /// The picture, or what is wrong with it.
-fn decode(
-    image: &Image,
-    document: &Document,
-    format: ImageFormat,
-) -> Result<std::result::Result<scene::Image, String>> {
-    let mut reader = ImageReader::with_format(Cursor::new(stored(image, document)?), format);
+fn decode(image: &Image, document: &Document, format: Format) -> Result<std::result::Result<scene::Image, String>> {
+    let bytes = stored(image, document)?;
+    let Format::Image(format) = format else {
+        let Ok((width, height)) = basis::probe(&bytes) else { return Ok(Err("a damaged KTX2 picture".into())) };
+        let made = |texels| scene::Image { name: image.name.clone(), width, height, texels: eight_bits(texels) };
+        return Ok(basis::decode(&bytes).map(made));
+    };
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     let mut limits = Limits::default();
     limits.max_image_width = Some(LARGEST_SIDE);
     limits.max_image_height = Some(LARGEST_SIDE);
@@ -54,11 +58,18 @@ fn decode(
     }))
 }
 
+/// Who decodes a picture.
+#[derive(Debug, Clone, Copy)]
+pub enum Format {
+    Image(ImageFormat),
+    Basis,
+}
+
 /// What a picture's header says.
 #[derive(Debug)]
 pub enum Probe {
     /// Can be decoded; width, height and bytes a texel once decoded.
-    Readable(ImageFormat, u32, u32, u64),
+    Readable(Format, u32, u32, u64),
     /// Cannot be decoded; why.
     Unreadable(String),
 }
@@ -86,15 +97,19 @@ fn probe(image: &Image, document: &Document) -> Result<Probe> {
         ImageData::Bytes(_) | ImageData::View(_) => {}
     }
     let (bytes, at) = (stored(image, document)?, &image.at);
-    let format = match bytes {
+    let format = match &bytes[..] {
         [0x89, b'P', b'N', b'G', ..] => ImageFormat::Png,
         [0xFF, 0xD8, 0xFF, ..] => ImageFormat::Jpeg,
-        [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => {
-            return Ok(Probe::unreadable("WebP pictures are not read: use PNG or JPEG"));
+        [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => ImageFormat::WebP,
+        [0xAB, b'K', b'T', b'X', b' ', b'2', b'0', ..] => {
+            return Ok(match basis::probe(&bytes) {
+                Ok((width, height)) => Probe::Readable(Format::Basis, width, height, 4),
+                Err(why) => Probe::Unreadable(why),
+            });
         }
-        [0xAB, b'K', b'T', b'X', ..] => return Ok(Probe::unreadable("KTX2 pictures are not read: use PNG or JPEG")),
+        [0xAB, b'K', b'T', b'X', ..] => return Ok(Probe::unreadable("KTX 1 pictures are not read: use PNG or JPEG")),
         [b'D', b'D', b'S', b' ', ..] => return Ok(Probe::unreadable("DDS pictures are not read: use PNG or JPEG")),
-        _ => return Ok(Probe::unreadable("the picture is neither PNG nor JPEG")),
+        _ => return Ok(Probe::unreadable("the picture is none of PNG, JPEG, WebP and KTX2")),
     };
     let decoder = ImageReader::with_format(Cursor::new(bytes), format).into_decoder();
     let decoder = match decoder {
@@ -110,7 +125,7 @@ fn probe(image: &Image, document: &Document) -> Result<Probe> {
         ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => 8,
         _ => 4,
     };
-    Ok(Probe::Readable(format, width, height, bytes))
+    Ok(Probe::Readable(Format::Image(format), width, height, bytes))
 }
 
 fn texels(picture: DynamicImage) -> Texels {
@@ -119,17 +134,17 @@ fn texels(picture: DynamicImage) -> Texels {
             let raw = picture.into_rgba16().into_raw();
             Texels::Rgba16(raw.as_chunks::<4>().0.to_vec())
         }
-        ColorType::La8 | ColorType::Rgba8 => {
-            let raw = picture.into_rgba8().into_raw();
-            let texels = raw.as_chunks::<4>().0;
-            // Opaque pictures need no alpha, and then no filter at their surfaces either.
-            if texels.iter().all(|t| t[3] == 255) {
-                Texels::Rgb8(texels.iter().map(|t| [t[0], t[1], t[2]]).collect())
-            } else {
-                Texels::Rgba8(texels.to_vec())
-            }
-        }
+        ColorType::La8 | ColorType::Rgba8 => eight_bits(picture.into_rgba8().into_raw()),
         _ => Texels::Rgb8(picture.into_rgb8().into_raw().as_chunks::<3>().0.to_vec()),
+    }
+}
+
+/// Opaque pictures need no alpha, and then no filter at their surfaces either.
+fn eight_bits(raw: Vec<u8>) -> Texels {
+    let texels = raw.as_chunks::<4>().0;
+    match texels.iter().all(|t| t[3] == 255) {
+        true => Texels::Rgb8(texels.iter().map(|t| [t[0], t[1], t[2]]).collect()),
+        false => Texels::Rgba8(texels.to_vec()),
     }
 }
 
@@ -169,6 +184,33 @@ impl TextureTable {
         }
     }
 
+    /// The first of a texture's pictures that can be decoded; `None` with a note when there is none.
+    fn readable(
+        &mut self,
+        document: &Document,
+        texture: &Texture,
+        at: &str,
+        notes: &mut Notes,
+    ) -> Result<Option<usize>> {
+        let mut why_not = None;
+        for &source in &texture.sources {
+            match self.probe(document, source)? {
+                Probe::Readable(..) => return Ok(Some(source)),
+                Probe::Unreadable(why) => why_not = Some((source, why.clone())),
+            }
+        }
+        match (why_not, texture.alternatives.first()) {
+            (Some((source, why)), _) => {
+                notes.ignored(&document.images.get(source)?.at, format!("{why}; the factor alone is used"));
+            }
+            (None, Some(name)) => {
+                notes.ignored(at, format!("a texture only in {name}, which is not read: the factor alone is used"));
+            }
+            (None, None) => notes.ignored(at, "a texture without a picture: the factor alone is used"),
+        }
+        Ok(None)
+    }
+
     /// The scene's reference for a document's; `None` with a note when there is nothing to sample.
     pub fn register(
         &mut self,
@@ -178,25 +220,14 @@ impl TextureTable {
         notes: &mut Notes,
     ) -> Result<Option<TextureRef>> {
         let texture = document.textures.get(info.texture)?;
-        let Some(source) = texture.source else {
-            let text = match texture.alternatives.first() {
-                Some(name) => format!("a texture only in {name}, which is not read: the factor alone is used"),
-                None => "a texture without a picture: the factor alone is used".into(),
-            };
-            notes.ignored(&info.at, text);
-            return Ok(None);
-        };
-        if let Probe::Unreadable(why) = self.probe(document, source)? {
-            notes.ignored(&document.images.get(source)?.at, format!("{why}; the factor alone is used"));
-            return Ok(None);
-        }
+        let Some(source) = self.readable(document, texture, &info.at, notes)? else { return Ok(None) };
         let Some(set) = u8::try_from(info.set).ok().filter(|set| *set < 2) else {
             let text = "a texture on TEXCOORD_2 or higher, of which only 0 and 1 are read: the factor alone is used";
             notes.ignored(&info.at, text);
             return Ok(None);
         };
-        if !texture.alternatives.is_empty() {
-            notes.not_loaded(&texture.at, "an alternative picture of an extension: the core one is used");
+        if texture.sources.len() > 1 || !texture.alternatives.is_empty() {
+            notes.not_loaded(&texture.at, "other pictures of the texture: one is used");
         }
         let default = Sampler { wrap_s: Wrap::Repeat, wrap_t: Wrap::Repeat, filter: Filter::Linear };
         let sampler = match texture.sampler {

@@ -1,6 +1,7 @@
 //! Buffer views and accessors: where elements lie, and that they lie inside.
 
 use super::buffers::Buffer;
+use super::compression::Meshopt;
 use super::json::Json;
 use super::table::Table;
 use crate::error::Result;
@@ -13,6 +14,8 @@ pub struct View {
     pub offset: u64,
     pub length: u64,
     pub stride: Option<u64>,
+    /// Where its bytes are instead, if its buffer has none.
+    pub compressed: Option<Meshopt>,
     pub at: String,
 }
 
@@ -28,12 +31,19 @@ impl View {
         if let Some(stride) = stride.filter(|s| !(4..=252).contains(s) || s % 4 != 0) {
             return Err(json.bad("byteStride", "a multiple of 4 from 4 to 252", stride));
         }
+        let compressed = match buffers.get(buffer) {
+            Ok(buffer) if buffer.has_data() => None,
+            _ => Meshopt::parse(json, buffers)?,
+        };
+        if compressed.is_some() {
+            return Ok(Self { buffer, offset, length, stride, compressed, at: json.at.clone() });
+        }
         let whole = buffers.get(buffer)?.length;
         if offset.checked_add(length).is_none_or(|end| end > whole) {
             let wanted = format!("a range within the {whole} bytes of buffers[{buffer}]");
             return Err(bad(&json.at, wanted, format!("{length} bytes from byte {offset}")));
         }
-        Ok(Self { buffer, offset, length, stride, at: json.at.clone() })
+        Ok(Self { buffer, offset, length, stride, compressed, at: json.at.clone() })
     }
 }
 

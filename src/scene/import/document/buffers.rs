@@ -33,11 +33,16 @@ impl Buffer {
         Ok(Self { data, length, at: json.at.clone() })
     }
 
+    /// Is there anything to read?
+    pub fn has_data(&self) -> bool {
+        self.data.is_some()
+    }
+
     /// `length` bytes from `offset`.
     ///
     /// # Errors
     /// When the range is not in the buffer, or the buffer has no data.
-    pub fn bytes(&self, offset: u64, length: u64) -> Result<&[u8]> {
+    pub fn bytes(&self, offset: u64, length: u64) -> Result<Bytes> {
         let Some(all) = &self.data else {
             return Err(Error::Data(format!(
                 "{}: has no `uri`, so there is no data to read; the file is incomplete: export it again",
@@ -46,7 +51,7 @@ impl Buffer {
         };
         let range =
             offset.checked_add(length).filter(|&end| end <= self.length).map(|end| offset as usize..end as usize);
-        range.and_then(|r| all.get(r)).ok_or_else(|| {
+        range.filter(|r| r.end <= all.len()).map(|r| all.slice(r)).ok_or_else(|| {
             bad(&self.at, format!("{length} bytes from byte {offset}"), format!("{} bytes in all", self.length))
         })
     }

@@ -29,7 +29,12 @@ pub fn support(name: &str) -> Support {
         | "KHR_mesh_quantization"
         | "KHR_node_visibility"
         | "KHR_texture_transform"
-        | "EXT_mesh_gpu_instancing" => Full,
+        | "KHR_draco_mesh_compression"
+        | "KHR_meshopt_compression"
+        | "KHR_texture_basisu"
+        | "EXT_mesh_gpu_instancing"
+        | "EXT_meshopt_compression"
+        | "EXT_texture_webp" => Full,
         "KHR_animation_pointer"
         | "KHR_interactivity"
         | "KHR_node_hoverability"
@@ -37,8 +42,6 @@ pub fn support(name: &str) -> Support {
         | "KHR_xmp"
         | "KHR_xmp_json_ld"
         | "MSFT_lod" => NoEffect,
-        // Optional compression comes with uncompressed data, which is what we read.
-        "EXT_meshopt_compression" | "KHR_meshopt_compression" | "KHR_draco_mesh_compression" => NoEffect,
         "KHR_materials_transmission" => ignored("transmission is not shaded: opaque", Some("transmissionFactor")),
         "KHR_materials_diffuse_transmission" => {
             ignored("diffuse transmission is not shaded: opaque", Some("diffuseTransmissionFactor"))
@@ -52,23 +55,18 @@ pub fn support(name: &str) -> Support {
         "KHR_materials_pbrSpecularGlossiness" => {
             Approximated("the archived specular-glossiness model is not shaded: metallic-roughness is")
         }
-        "EXT_texture_webp" => ignored("WebP is not read", None),
-        "KHR_texture_basisu" => ignored("KTX2 is not read", None),
         "MSFT_texture_dds" => ignored("DDS is not read", None),
         "EXT_lights_image_based" => ignored("the file's own environment is not read: give one with --env", None),
         _ => ignored("not known to this renderer", None),
     }
 }
 
-/// Extensions that hold the data itself: without their decoder a file that requires them has nothing to show.
-const DECODERS: &[&str] = &["EXT_meshopt_compression", "KHR_meshopt_compression", "KHR_draco_mesh_compression"];
-
 /// # Errors
 /// Names every required extension that is not understood.
 pub fn check_required(required: &[String]) -> Result<()> {
     let refused: Vec<_> = required
         .iter()
-        .filter(|name| !matches!(support(name), Support::Full | Support::NoEffect) || DECODERS.contains(&name.as_str()))
+        .filter(|name| !matches!(support(name), Support::Full | Support::NoEffect))
         .map(String::as_str)
         .collect();
     if refused.is_empty() {

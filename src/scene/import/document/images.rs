@@ -97,12 +97,16 @@ impl Sampler {
     }
 }
 
+const WEBP: &str = "EXT_texture_webp";
+const BASIS: &str = "KHR_texture_basisu";
+
 /// A document's texture.
 #[derive(Debug)]
 pub struct Texture {
-    pub source: Option<usize>,
+    /// Pictures, any of which can be shown, the first one best: of EXT_texture_webp, its own, of KHR_texture_basisu.
+    pub sources: Vec<usize>,
     pub sampler: Option<usize>,
-    /// Pictures in formats of extensions.
+    /// Other formats of extensions.
     pub alternatives: Vec<String>,
     pub at: String,
 }
@@ -110,17 +114,22 @@ pub struct Texture {
 impl Texture {
     pub fn parse(json: &Json, lengths: &Lengths) -> Result<Self> {
         json.name()?;
-        let source = json.index("source", lengths.images, "images")?;
         let sampler = json.index("sampler", lengths.samplers, "samplers")?;
+        let own = json.index("source", lengths.images, "images")?;
+        let of = |name: &str| match json.extension(name)? {
+            Some(extension) => extension.index("source", lengths.images, "images"),
+            None => Ok(None),
+        };
+        let sources = [of(WEBP)?, own, of(BASIS)?].into_iter().flatten().collect();
         let mut alternatives = Vec::new();
-        for name in json.extension_names()? {
+        for name in json.extension_names()?.into_iter().filter(|name| ![WEBP, BASIS].contains(name)) {
             if let Some(extension) = json.extension(name)?
                 && extension.object()?.contains_key("source")
-                && (source.is_some() || extension.index("source", lengths.images, "images")?.is_some())
+                && (own.is_some() || extension.index("source", lengths.images, "images")?.is_some())
             {
                 alternatives.push(name.into());
             }
         }
-        Ok(Self { source, sampler, alternatives, at: json.at.clone() })
+        Ok(Self { sources, sampler, alternatives, at: json.at.clone() })
     }
 }

@@ -4,6 +4,7 @@
 pub mod accessors;
 mod buffers;
 pub mod cameras;
+pub mod compression;
 pub mod extensions;
 pub mod images;
 mod json;

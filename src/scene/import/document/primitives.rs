@@ -4,10 +4,11 @@ use std::collections::BTreeMap;
 
 use super::Lengths;
 use super::accessors::{Accessor, Component, Shape, View};
+use super::compression::Draco;
 use super::json::Json;
 use super::materials::Material;
 use super::table::Table;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::scene::import::complaint::bad;
 use crate::scene::import::report::Notes;
 
@@ -24,7 +25,7 @@ pub enum Semantic {
 }
 
 impl Semantic {
-    fn parse(name: &str) -> Option<Self> {
+    pub fn parse(name: &str) -> Option<Self> {
         let (stem, set) = match name.split_once('_') {
             Some((stem, set)) => (stem, Some(set)),
             None => (name, None),
@@ -93,6 +94,8 @@ pub struct Primitive {
     pub material: Option<usize>,
     /// Displacements by morph target.
     pub targets: Vec<Attributes>,
+    /// Where its accessors' elements are, if those have no view.
+    pub draco: Option<Draco>,
     pub extensions: Vec<String>,
     pub at: String,
 }
@@ -213,18 +216,21 @@ impl Primitive {
                 mapping.indices("variants", lengths.variants, "extensions.KHR_materials_variants.variants")?;
             }
         }
-        // Draco's uncompressed fallback is optional: without it there is nothing to read, not even zeros.
-        let only_compressed = json.extension("KHR_draco_mesh_compression")?.is_some()
-            && all_accessors.iter().any(|&i| accessors.get(i).is_ok_and(|a| a.view.is_none()));
-        if only_compressed {
-            return Err(Error::Data(format!(
-                "{}: the geometry is only there as KHR_draco_mesh_compression, which this renderer cannot decode; \
-                 export the file without",
-                json.at
-            )));
+        // With an uncompressed fallback there is nothing to decode.
+        let draco = Draco::parse(json, &attributes, views.len())?.filter(|draco| {
+            let mut coded = draco.attributes.keys().map(|semantic| attributes[semantic]).chain(indices);
+            coded.any(|index| accessors.get(index).is_ok_and(|accessor| accessor.view.is_none()))
+        });
+        if draco.is_some() && (mode != 4 || indices.is_none()) {
+            let wanted = "triangles with indices, as KHR_draco_mesh_compression packs them";
+            return Err(json.bad(
+                "mode",
+                wanted,
+                if indices.is_none() { "no indices".into() } else { mode.to_string() },
+            ));
         }
         let extensions = json.extension_names()?.into_iter().map(Into::into).collect();
-        Ok(Self { attributes, indices, mode, material, targets, extensions, at: json.at.clone() })
+        Ok(Self { attributes, indices, mode, material, targets, draco, extensions, at: json.at.clone() })
     }
 
     /// Number of JOINTS/WEIGHTS pairs.

@@ -1,0 +1,39 @@
+//! Pictures under KHR_texture_basisu: KTX2 with a Basis Universal payload.
+
+use basisu::{DecodeFlags, TargetFormat, Transcoder};
+
+use super::guarded;
+
+/// Texels that a byte may stand for, beyond a few that are free: flat ones are packed tighter than this by no encoder.
+const TEXELS_A_BYTE: u64 = 4096;
+const FREE_TEXELS: u64 = 1 << 20;
+
+/// Width and height, or why it cannot be shown.
+pub fn probe(bytes: &[u8]) -> std::result::Result<(u32, u32), String> {
+    let header = |at: usize| bytes.get(at..at + 4)?.try_into().ok().map(u32::from_le_bytes);
+    // KTX2, 3.1: pixelWidth, pixelHeight, pixelDepth, layerCount, faceCount after identifier, format and type size.
+    let sizes = [20, 24, 28, 32, 36].map(header);
+    let [Some(width), Some(height), Some(depth), Some(layers), Some(faces)] = sizes else {
+        return Err("a KTX2 picture without a whole header".into());
+    };
+    if depth > 1 || layers > 1 || faces != 1 {
+        return Err("a KTX2 picture with layers, faces or depth".into());
+    }
+    if u64::from(width) * u64::from(height) > FREE_TEXELS + TEXELS_A_BYTE * bytes.len() as u64 {
+        return Err(format!("a KTX2 picture of {width}x{height} texels in {} bytes", bytes.len()));
+    }
+    Ok((width, height))
+}
+
+/// Texels, row by row from the top, RGBA; or what is wrong with a file, which may be that its payload is not Basis
+/// Universal of low dynamic range.
+pub fn decode(bytes: &[u8]) -> std::result::Result<Vec<u8>, String> {
+    guarded(|| {
+        let picture = Transcoder::new(bytes).map_err(|e| format!("{e:?}"))?;
+        if !picture.supports(TargetFormat::Rgba32) {
+            return Err(format!("{:?} is not read", picture.source_format()));
+        }
+        picture.transcode(0, TargetFormat::Rgba32, DecodeFlags::NONE).map_err(|e| format!("{e:?}"))
+    })
+    .map_err(|why| format!("the picture is damaged: {why}; export or save it again"))
+}
