@@ -18,6 +18,7 @@ mod import;
 mod import_content;
 mod import_hostile;
 mod import_notes;
+mod import_packed;
 mod imports_point_one_way;
 mod lights;
 mod merge;

@@ -61,7 +61,7 @@ pub fn thicket(triangles: u32) -> Vec<u8> {
     file(&document, &binary)
 }
 
-fn file(document: &serde_json::Value, binary: &[u8]) -> Vec<u8> {
+pub fn file(document: &serde_json::Value, binary: &[u8]) -> Vec<u8> {
     let mut text = document.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
 

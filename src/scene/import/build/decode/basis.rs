@@ -11,11 +11,14 @@ const FREE_TEXELS: u64 = 1 << 20;
 /// Width and height, or why it cannot be shown.
 pub fn probe(bytes: &[u8]) -> std::result::Result<(u32, u32), String> {
     let header = |at: usize| bytes.get(at..at + 4)?.try_into().ok().map(u32::from_le_bytes);
-    // KTX2, 3.1: pixelWidth, pixelHeight, pixelDepth, layerCount, faceCount after identifier, format and type size.
-    let sizes = [20, 24, 28, 32, 36].map(header);
-    let [Some(width), Some(height), Some(depth), Some(layers), Some(faces)] = sizes else {
+    // KTX2, 3.1: vkFormat, which is 0 for Basis Universal; pixelWidth, pixelHeight, pixelDepth, layerCount, faceCount.
+    let sizes = [12, 20, 24, 28, 32, 36].map(header);
+    let [Some(format), Some(width), Some(height), Some(depth), Some(layers), Some(faces)] = sizes else {
         return Err("a KTX2 picture without a whole header".into());
     };
+    if format != 0 {
+        return Err(format!("a KTX2 picture in Vulkan's format {format}, not Basis Universal"));
+    }
     if depth > 1 || layers > 1 || faces != 1 {
         return Err("a KTX2 picture with layers, faces or depth".into());
     }
