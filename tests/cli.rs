@@ -9,6 +9,7 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 use crate::helpers::glb;
+use crate::helpers::gltf_parts::Parts;
 use crate::helpers::program::{self, names, stderr};
 
 /// A folder with a scene in it: one triangle, two cameras `a` and `b`, no light.
@@ -337,4 +338,59 @@ fn a_study_is_handed_to_the_program_beside_with_its_whole_line() {
         assert_eq!(output.status.code(), Some(3), "{line}");
         assert_eq!(String::from_utf8_lossy(&output.stdout).trim_end(), handed, "{line}");
     }
+}
+
+#[test]
+fn more_lights_than_memory_end_with_76_before_they_are_made() {
+    let folder = tempfile::tempdir().unwrap();
+    // A thousand emissive triangles in one point of a mesh, placed 200,000 times: 36 KB.
+    const PLACES: usize = 200_000;
+    let positions = [[0.0_f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    let binary: Vec<u8> = positions.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
+    let indices: Vec<u8> = (0..3000).map(|i| (i % 3) as u8).collect();
+    let scene = serde_json::json!({
+        "asset": { "version": "2.0" }, "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "mesh": 0, "extensions": { "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": 2 } } } }],
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1, "material": 0 }] }],
+        "materials": [{ "emissiveFactor": [1, 1, 1] }],
+        "accessors": [
+            { "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3" },
+            { "bufferView": 1, "componentType": 5121, "count": 3000, "type": "SCALAR" },
+            { "componentType": 5126, "count": PLACES, "type": "VEC3" },
+        ],
+        "bufferViews": [{ "buffer": 0, "byteLength": 36 }, { "buffer": 0, "byteOffset": 36, "byteLength": 3000 }],
+        "buffers": [{ "byteLength": 3036 }],
+    });
+    fs::write(folder.path().join("scene.glb"), glb::file(&scene, &[binary, indices].concat())).unwrap();
+    for limit in ["2G", "20G"] {
+        let text = expect(folder.path(), &format!("render scene.glb -o a.exr --size 8x8 --memory-limit {limit}"), 76);
+        assert!(text.contains("200000000 emissive triangles"), "{text}");
+    }
+    assert_eq!(names(folder.path()), ["scene.glb"]);
+}
+
+#[test]
+fn lights_in_watts_are_683_times_as_dark() {
+    let folder = tempfile::tempdir().unwrap();
+    let nodes = r#"[{"mesh":0,"children":[1]},
+        {"translation":[0.3,0.3,2],"extensions":{"KHR_lights_punctual":{"light":0}}}]"#;
+    let more = r#","extensions":{"KHR_lights_punctual":{"lights":[{"type":"point","intensity":683}]}}"#;
+    let parts = Parts { nodes: nodes.into(), more: more.into(), ..Default::default() };
+    fs::write(folder.path().join("scene.gltf"), parts.json()).unwrap();
+    let mean = |unit: &str| {
+        let line = format!("render scene.gltf -o {unit}.exr --size 16x16 --spp 4 --no-env --light-unit {unit}");
+        expect(folder.path(), &line, 0);
+        let picture = bismar::film::Picture::open(&folder.path().join(format!("{unit}.exr")), None).unwrap();
+        picture.rgb.iter().flatten().map(|x| f64::from(*x)).sum::<f64>()
+    };
+    let (lumen, watt) = (mean("lumen"), mean("watt"));
+    // Sums of products that differ by one factor, each rounded to 24 bits.
+    assert!(lumen > 0.0 && (lumen / watt - 683.0).abs() < 683.0 * 1e-5, "{lumen} {watt}");
+    // Another picture: not gone on with.
+    let said = expect(
+        folder.path(),
+        "render scene.gltf -o lumen.exr --size 16x16 --spp 4 --no-env --light-unit watt --resume",
+        65,
+    );
+    assert!(said.contains("scene"), "{said}");
 }

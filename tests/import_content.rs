@@ -292,7 +292,7 @@ fn strict_refuses_what_cannot_be_shown_exactly_and_names_it() {
         let parts =
             Parts { primitive, more: format!(r#","materials":[{json}],"textures":[{{}}]"#), ..Default::default() };
         let (_folder, path) = scene_file("scene.gltf", parts.json());
-        import(&path, &ImportOptions { strict: true })
+        import(&path, &ImportOptions { strict: true, ..Default::default() })
     };
     assert!(strict("{}").is_ok());
     for (json, word) in [
@@ -438,4 +438,37 @@ fn environments_load_and_others_are_refused() {
     }
     assert_eq!(environment(std::path::Path::new("not/there.hdr"), 0.0, 1.0).unwrap_err().exit_code(), 66);
     assert_eq!(environment(std::path::Path::new("not/there.hdr"), 0.0, -1.0).unwrap_err().exit_code(), 64);
+}
+
+#[test]
+fn scenes_and_variants_are_chosen_by_name_or_index() {
+    let primitive = r#"{"attributes":{"POSITION":0},"material":0,"extensions":{"KHR_materials_variants":{"mappings":[
+        {"material":1,"variants":[0,2]},{"material":2,"variants":[1]}]}}}"#;
+    let more = r#","materials":[{"name":"plain"},{"name":"red"},{"name":"blue"}],"extensions":{"KHR_materials_variants":
+        {"variants":[{"name":"dawn"},{"name":"noon"},{"name":"1"}]}}"#;
+    let parts = Parts { primitive: primitive.into(), more: more.into(), ..Default::default() };
+    let scenes = r#""scenes":[{"name":"full","nodes":[0]},{"name":"empty","nodes":[]},{"name":"empty"}]"#;
+    let json = parts.json().replace(r#""scenes":[{"nodes":[0]}]"#, scenes);
+    let (_folder, path) = scene_file("scene.gltf", json);
+    let import = |scene: Option<&str>, variant: Option<&str>| {
+        let options = ImportOptions { scene: scene.map(Into::into), variant: variant.map(Into::into), strict: false };
+        import(&path, &options)
+    };
+    let shown = |variant: Option<&str>| import(None, variant).unwrap().scene.materials[0].name.clone();
+    assert_eq!(
+        [None, Some("dawn"), Some("noon"), Some("1"), Some("2")].map(shown),
+        ["plain", "red", "blue", "red", "red"]
+    );
+    let instances = |scene: &str| import(Some(scene), None).unwrap().scene.instances.len();
+    assert_eq!(["full", "0", "1", "2"].map(instances), [1, 1, 0, 0]);
+    let report = import(None, None).unwrap().report;
+    assert_eq!((report.scenes, report.variants.len()), (["full", "empty", "empty"].map(String::from).to_vec(), 3));
+    for (scene, variant, words) in [
+        (Some("empty"), None, "2 scenes have this name; choose by index:\n  0  full\n  1  empty\n  2  empty"),
+        (Some("3"), None, "there is no such scene"),
+        (None, Some("night"), "there is no such variant; there are:\n  0  dawn"),
+    ] {
+        let error = import(scene, variant).unwrap_err();
+        assert!(error.exit_code() == 64 && error.to_string().contains(words), "{error}");
+    }
 }

@@ -59,7 +59,7 @@ fn equal_cone_angles_make_a_spot_and_unknown_types_no_light() {
 #[test]
 fn a_byte_order_mark_is_skipped() {
     let (_folder, path) = scene_file("scene.gltf", format!("\u{feff}{}", Parts::default().json()));
-    let report = import(&path, &ImportOptions { strict: true }).unwrap().report;
+    let report = import(&path, &ImportOptions { strict: true, ..Default::default() }).unwrap().report;
     assert!(report.of_kind(NoteKind::Repaired).any(|n| n.text.contains("byte-order")));
 }
 
@@ -113,7 +113,7 @@ fn a_buffer_that_nothing_shown_needs_may_be_missing() {
         Parts::default().json().replace(r#""buffers":["#, r#""buffers":[{"uri":"not_there.bin","byteLength":9},"#);
     let json = json.replace(r#""buffer":0"#, r#""buffer":1"#);
     let (_folder, path) = scene_file("scene.gltf", &json);
-    let report = import(&path, &ImportOptions { strict: true }).unwrap().report;
+    let report = import(&path, &ImportOptions { strict: true, ..Default::default() }).unwrap().report;
     assert!(report.of_kind(NoteKind::NotLoaded).any(|n| n.at == "buffers[0]" && n.text.contains("not_there.bin")));
     let (_folder, path) = scene_file("scene.gltf", json.replace(r#""buffer":1"#, r#""buffer":0"#));
     assert_eq!(import(&path, &ImportOptions::default()).unwrap_err().exit_code(), 66);
@@ -170,14 +170,14 @@ fn a_picture_that_cannot_be_used_leaves_the_factor() {
         assert!(material.textures[TextureSlot::Normal].is_none());
         assert_eq!(material.textures[TextureSlot::BaseColor].as_ref().unwrap().texture, 0);
         assert_eq!(imported.scene.images[0].name, "good.png");
-        let error = import(&path, &ImportOptions { strict: true }).unwrap_err();
+        let error = import(&path, &ImportOptions { strict: true, ..Default::default() }).unwrap_err();
         assert!(error.to_string().contains("images[0]"), "{error}");
         // A picture of this kind beside a core one is not even looked at.
         let json = parts
             .json()
             .replace(r#"[{"source":0},"#, r#"[{"source":1,"extensions":{"EXT_texture_avif":{"source":0}}},"#);
         std::fs::write(&path, json).unwrap();
-        let imported = import(&path, &ImportOptions { strict: true }).unwrap();
+        let imported = import(&path, &ImportOptions { strict: true, ..Default::default() }).unwrap();
         assert!(imported.scene.meshes[0].tangents.is_some());
     }
 }

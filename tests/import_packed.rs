@@ -201,7 +201,7 @@ fn draco(speed: i32) -> Vec<u8> {
 #[track_caller]
 fn imported(bytes: &[u8]) -> Imported {
     let (_folder, path) = scene_file("scene.glb", bytes);
-    let imported = import(&path, &ImportOptions { strict: true }).unwrap();
+    let imported = import(&path, &ImportOptions { strict: true, ..Default::default() }).unwrap();
     check_scene(&imported).unwrap();
     imported
 }

@@ -194,7 +194,17 @@ pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
 
 /// Equal for jobs that can share a scene in memory.
 fn scene_key(a: &RenderArgs) -> String {
-    format!("{:?} {:?} {} {} {} {} {:?}", a.scene, a.env, a.env_rotate, a.env_strength, a.no_env, a.strict, a.rays)
+    format!(
+        "{:?}{} {:?} {} {} {} {} {:?}",
+        a.scene,
+        a.choices(),
+        a.env,
+        a.env_rotate,
+        a.env_strength,
+        a.no_env,
+        a.strict,
+        a.rays
+    )
 }
 
 struct Batch {

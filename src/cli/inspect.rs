@@ -14,13 +14,20 @@ use crate::scene::import::{self, ImportOptions, Note, Summary};
 pub struct InspectArgs {
     /// The scene, .gltf or .glb.
     scene: PathBuf,
+    /// The document's scene to show, by name or index.
+    #[arg(long = "scene-name", visible_alias = "scene", value_name = "NAME|INDEX")]
+    scene_name: Option<String>,
+    /// The material variant to show, by name or index.
+    #[arg(long, value_name = "NAME")]
+    variant: Option<String>,
     /// Print JSON, with everything that the text shortens.
     #[arg(long)]
     json: bool,
 }
 
 pub fn run(args: &InspectArgs) -> Result<Verdict> {
-    let summary = import::summary(&import::import(&args.scene, &ImportOptions::default())?);
+    let options = ImportOptions { strict: false, scene: args.scene_name.clone(), variant: args.variant.clone() };
+    let summary = import::summary(&import::import(&args.scene, &options)?);
     if args.json {
         print_json(&summary)?
     } else {
@@ -94,6 +101,14 @@ fn text(s: &Summary) -> String {
     images.sort_by_key(|i| std::cmp::Reverse(i.bytes));
     let images = images.iter().map(|i| vec![i.name.clone(), format!("{} x {}", i.width, i.height), bytes(i.bytes)]);
     section(&mut out, "images", images.collect());
+
+    // One scene and no variant leave nothing to choose.
+    for (title, names) in [("scenes", &s.scenes), ("material variants", &s.variants)] {
+        if names.len() > usize::from(title == "scenes") {
+            let rows = names.iter().enumerate().map(|(index, name)| vec![index.to_string(), name.clone()]);
+            section(&mut out, title, rows.collect());
+        }
+    }
 
     let extensions = [
         ("as they ask", &s.extensions_used),

@@ -19,7 +19,7 @@ use crate::console::progress::Style;
 use crate::console::{Paths, Reporter, Signals, Verbosity, Verdict, host, print, say};
 use crate::film::atomic;
 use crate::scene::Scene;
-use crate::scene::import::{ImportOptions, NoteKind};
+use crate::scene::import::NoteKind;
 
 pub fn run(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     let result = render(args, verbosity);
@@ -106,7 +106,7 @@ pub fn check_outputs(args: &RenderArgs) -> Result<()> {
 }
 
 fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {
-    let imported = files.scene.import(&ImportOptions { strict: args.strict })?;
+    let imported = files.scene.import(&args.import_options())?;
     drop(files.scene);
     let inexact = imported.report.notes.iter().filter(|n| matches!(n.kind, NoteKind::Approximated | NoteKind::Ignored));
     let inexact = inexact.map(|n| n.text.as_str()).collect::<Vec<_>>();
@@ -115,6 +115,8 @@ fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {
         warn!("not exactly as {} asks: {first}{more} (`bismar inspect` lists it)", args.scene.display());
     }
     let mut scene = imported.scene;
+    let unit = args.light_unit.radiant();
+    scene.lights.iter_mut().for_each(|light| light.intensity *= unit);
     if args.no_env {
         scene.environment = None;
     } else if let Some(file) = &files.environment {

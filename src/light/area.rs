@@ -103,6 +103,21 @@ impl AreaLights {
         Some(Self { lights, tree, first, light_of })
     }
 
+    /// Bytes of a light and its place in the tree while both are made.
+    pub const BYTES_EACH: u64 = 240;
+
+    /// How many a scene has at most: emissive triangles, as they are placed.
+    pub fn count(scene: &Scene) -> u64 {
+        let shines = |mesh: &&Mesh| scene.materials[mesh.material as usize].is_emissive();
+        let triangles: Vec<u64> = scene
+            .objects
+            .iter()
+            .map(|object| &scene.meshes[object.meshes.start as usize..object.meshes.end as usize])
+            .map(|meshes| meshes.iter().filter(shines).map(|mesh| mesh.indices.len() as u64).sum())
+            .collect();
+        scene.instances.iter().map(|instance| triangles[instance.object as usize]).sum()
+    }
+
     /// Emitted power (luminance), in W.
     pub fn power(&self) -> f32 {
         self.tree.power()

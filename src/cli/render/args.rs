@@ -15,6 +15,7 @@ use crate::film::{Aov, Exposure, View};
 use crate::rays::Backend;
 use crate::render::identity::Asked;
 use crate::render::{Balance, Integrator, Part, PixelFilter, RenderSettings};
+use crate::scene::import::ImportOptions;
 use crate::{Error, Result};
 
 /// Render a glTF scene to OpenEXR.
@@ -26,6 +27,12 @@ use crate::{Error, Result};
 pub struct RenderArgs {
     /// The scene, .gltf or .glb.
     pub scene: PathBuf,
+    /// The document's scene to show, by name or index [default: the file's own].
+    #[arg(long = "scene-name", visible_alias = "scene", value_name = "NAME|INDEX", help_heading = "View")]
+    pub scene_name: Option<String>,
+    /// The material variant to show (KHR_materials_variants), by name or index [default: the default materials].
+    #[arg(long, value_name = "NAME", help_heading = "View")]
+    pub variant: Option<String>,
     /// Where the picture goes [default: the scene's name with .exr, in the current folder].
     #[arg(short, long, value_name = "FILE.exr")]
     pub output: Option<PathBuf>,
@@ -51,6 +58,10 @@ pub struct RenderArgs {
     #[arg(long, value_name = "X", default_value_t = 1.0, requires = "env", value_parser = not_negative,
         help_heading = "Light")]
     pub env_strength: f32,
+    /// What the file's point, spot and directional lights are counted in: as lumens they are taken as they are, as watts
+    /// divided by 683 lm/W, as Blender multiplies.
+    #[arg(long, value_enum, default_value_t, value_name = "UNIT", help_heading = "Light")]
+    pub light_unit: LightUnit,
     /// No light from infinity at all.
     #[arg(long, conflicts_with = "env", help_heading = "Light")]
     pub no_env: bool,
@@ -145,7 +156,40 @@ pub struct RenderArgs {
     pub strict: bool,
 }
 
+/// What punctual lights are counted in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum LightUnit {
+    /// Candela and lux, as KHR_lights_punctual says.
+    #[default]
+    Lumen,
+    /// Watts a steradian or square metre, times 683 lm/W.
+    Watt,
+}
+
+impl LightUnit {
+    /// What intensities are multiplied by.
+    pub fn radiant(self) -> f32 {
+        match self {
+            Self::Lumen => 1.0,
+            Self::Watt => 1.0 / 683.0,
+        }
+    }
+}
+
 impl RenderArgs {
+    /// What of the file to import, and how strictly.
+    pub fn import_options(&self) -> ImportOptions {
+        ImportOptions { strict: self.strict, scene: self.scene_name.clone(), variant: self.variant.clone() }
+    }
+
+    /// What tells a scene apart that is made of the same files otherwise than by default; empty for the default.
+    pub fn choices(&self) -> String {
+        let name =
+            |flag: &str, value: &Option<String>| value.as_ref().map(|v| format!(", {flag} {v}")).unwrap_or_default();
+        let unit = if self.light_unit == LightUnit::Watt { ", lights in watts" } else { "" };
+        format!("{}{}{unit}", name("scene", &self.scene_name), name("variant", &self.variant))
+    }
+
     /// Where the picture goes.
     pub fn output(&self) -> PathBuf {
         self.output.clone().unwrap_or_else(|| {

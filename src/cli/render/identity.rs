@@ -82,6 +82,6 @@ impl Inputs {
 
     /// What a render of these settings is made of.
     pub fn identity(&self, args: &RenderArgs, settings: &RenderSettings) -> Identity {
-        Identity::new(&self.scene.hash, &self.environment.0, args.rays, settings)
+        Identity::new(&format!("{}{}", self.scene.hash, args.choices()), &self.environment.0, args.rays, settings)
     }
 }

@@ -17,6 +17,7 @@ use crate::console::signals::no_progress;
 use crate::film::exr_file::{HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::film::{Background, Look, Picture, colors, preview};
 use crate::integrator::{CameraRays, PreparedScene};
+use crate::light::AreaLights;
 use crate::rays;
 use crate::render::checkpoint::{self, Earlier, Host};
 use crate::render::{
@@ -46,6 +47,7 @@ impl Loaded {
         let scene = Arc::new(make_scene(args, inputs.take(args)?)?);
         let read_seconds = inputs.read_seconds + start.elapsed().as_secs_f64();
         info!("read {} in {read_seconds:.2} s", args.scene.display());
+        check_placed(args, inputs, &scene)?;
         let built = Instant::now();
         let rays =
             rays::build_watched(args.rays, Arc::clone(&scene), &|done| building(done, built.elapsed().as_secs_f64()))?;
@@ -55,6 +57,18 @@ impl Loaded {
         info!("built {} {} ({}): {build_seconds:.2} s, {mebibytes:.1} MiB", backend.name, backend.version, backend.isa);
         Ok(Self { prepared: PreparedScene::new(scene, rays), read_seconds, build_seconds })
     }
+}
+
+/// Bytes of an instance: in the scene, as rays and shading keep it.
+const INSTANCE: u64 = 512;
+
+/// Fails if there is not enough memory for what the scene places, which its files do not say beforehand.
+fn check_placed(args: &RenderArgs, inputs: &Inputs, scene: &Scene) -> Result<()> {
+    let (lights, instances) = (AreaLights::count(scene), scene.instances.len() as u64);
+    let placed = lights * AreaLights::BYTES_EACH + instances * INSTANCE;
+    let what = format!("{} with {instances} instances and {lights} emissive triangles in them", args.scene.display());
+    let bytes = inputs.scene.geometry_bytes + inputs.scene.image_bytes + placed;
+    memory::check(&what, bytes, memory::limit(args.memory_limit)?)
 }
 
 /// What came of it.

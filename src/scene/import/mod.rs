@@ -27,11 +27,15 @@ use report::Notes;
 use super::Scene;
 use crate::error::{Error, Result};
 
-/// How strictly to import.
-#[derive(Debug, Clone, Copy, Default)]
+/// What to import, and how strictly.
+#[derive(Debug, Clone, Default)]
 pub struct ImportOptions {
     /// Whatever would be approximated or ignored (also a missing texture) is an error that names it.
     pub strict: bool,
+    /// The document's scene, by name or index; else the one that it shows by default.
+    pub scene: Option<String>,
+    /// The material variant (KHR_materials_variants), by name; else the default materials.
+    pub variant: Option<String>,
 }
 
 /// A scene, and what was done to get it.
@@ -68,7 +72,7 @@ impl SceneFiles {
     /// [`Error::Data`] (exit code 65) for a file that breaks the specification, requires an unknown extension, names
     /// files outside of its folder, or asks for memory out of proportion; [`Error::Missing`] (66) when a buffer or a
     /// picture is not there; [`Error::Permission`] and [`Error::Io`] as the system says. Texts name the file and the
-    /// JSON path.
+    /// JSON path. [`Error::Usage`] (64) for a scene or variant that is not there, with those that are.
     pub fn import(&self, options: &ImportOptions) -> Result<Imported> {
         let start = Instant::now();
         let source = &self.0;
@@ -79,7 +83,7 @@ impl SceneFiles {
         };
         let mut build = || -> Result<Scene> {
             let mut notes = Notes::default();
-            let document = document::Document::parse(source, &mut notes)?;
+            let document = document::Document::parse(source, options, &mut notes)?;
             report.generator.clone_from(&document.generator);
             let scene = build::build(&document, source.file_bytes, notes, &mut report)?;
             if options.strict {

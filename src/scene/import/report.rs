@@ -69,6 +69,10 @@ pub struct ImportReport {
     pub file: String,
     /// What wrote it (`asset.generator`), if it says so.
     pub generator: Option<String>,
+    /// Names of the document's scenes, of which one is shown; empty for those without.
+    pub scenes: Vec<String>,
+    /// Names of its material variants.
+    pub variants: Vec<String>,
     /// Extensions in the file that are shown as they ask.
     pub extensions_used: Vec<String>,
     /// Extensions in the file that are shown, but not exactly.

@@ -102,6 +102,10 @@ pub struct Summary {
     pub meshes: Vec<MeshSummary>,
     /// Decoded pictures.
     pub images: Vec<ImageSummary>,
+    /// Names of the document's scenes; empty for those without.
+    pub scenes: Vec<String>,
+    /// Names of its material variants.
+    pub variants: Vec<String>,
     /// Extensions shown as they ask.
     pub extensions_used: Vec<String>,
     /// Extensions shown, but not exactly.
@@ -161,6 +165,8 @@ pub fn summary(imported: &Imported) -> Summary {
             .iter()
             .map(|i| ImageSummary { name: i.name.clone(), width: i.width, height: i.height, bytes: image_bytes(i) })
             .collect(),
+        scenes: report.scenes.clone(),
+        variants: report.variants.clone(),
         extensions_used: report.extensions_used.clone(),
         extensions_approximated: report.extensions_approximated.clone(),
         extensions_ignored: report.extensions_ignored.clone(),

@@ -30,7 +30,7 @@ use textures::TextureTable;
 
 /// Builds the scene, adds to the document's notes, and fills the report's extensions, notes and counts.
 pub fn build(document: &Document, file_bytes: u64, mut notes: Notes, report: &mut ImportReport) -> Result<Scene> {
-    note_document(document, &mut notes);
+    note_document(document, document.variant.is_some(), &mut notes);
     let reader = Reader::new(document, file_bytes);
     let textures = TextureTable::new(file_bytes);
     let mut assembly = Assembly {
@@ -69,12 +69,14 @@ pub fn build(document: &Document, file_bytes: u64, mut notes: Notes, report: &mu
             Support::Ignored { .. } => report.extensions_ignored.push(name),
         }
     }
+    report.scenes.clone_from(&document.scene_names);
+    report.variants.clone_from(&document.variants);
     report.notes = notes.into_list();
     Ok(scene)
 }
 
 /// What concerns the file as a whole.
-fn note_document(document: &Document, notes: &mut Notes) {
+fn note_document(document: &Document, variant: bool, notes: &mut Notes) {
     for (name, at) in &document.extensions {
         // Extensions of objects are noted where those are used.
         let whole = !at.contains('.') || at.starts_with("scenes");
@@ -88,8 +90,9 @@ fn note_document(document: &Document, notes: &mut Notes) {
     if document.animations.len() > 0 {
         notes.approximated("animations", "animations are not played: the scene is shown at rest");
     }
-    if document.extensions.contains_key("KHR_materials_variants") {
-        notes.convention("extensions.KHR_materials_variants", "material variants: the default materials are shown");
+    if !document.variants.is_empty() && !variant {
+        let text = "material variants: the default materials are shown (--variant chooses others)";
+        notes.convention("extensions.KHR_materials_variants", text);
     }
     match document.scenes.len() {
         0 => notes.convention("scenes", "no scene in the file: all of its nodes are shown"),

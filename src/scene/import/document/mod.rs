@@ -19,6 +19,7 @@ mod typed;
 use std::collections::BTreeMap;
 
 use crate::error::{Error, Result};
+use crate::scene::import::ImportOptions;
 use crate::scene::import::complaint::bad;
 use crate::scene::import::report::Notes;
 use crate::scene::import::source::Source;
@@ -49,6 +50,8 @@ pub struct Lengths {
     pub skins: usize,
     pub textures: usize,
     pub variants: usize,
+    /// The chosen material variant.
+    pub variant: Option<usize>,
 }
 
 /// A checked glTF document. Arrays and indices are those of the file.
@@ -72,6 +75,12 @@ pub struct Document {
     pub scene_at: String,
     pub animations: Table<()>,
     pub scenes: Table<Vec<usize>>,
+    /// Their names; empty where there is none.
+    pub scene_names: Vec<String>,
+    /// Names of the material variants.
+    pub variants: Vec<String>,
+    /// Which of them is shown.
+    pub variant: Option<usize>,
     /// Extensions that stand in the document or are declared, and where first.
     pub extensions: BTreeMap<String, String>,
 }
@@ -82,7 +91,7 @@ impl Document {
     /// # Errors
     /// [`Error::Data`] for whatever breaks the specification in a way that could be seen, [`Error::Missing`] for
     /// a buffer or picture that is not there.
-    pub fn parse(source: &Source, notes: &mut Notes) -> Result<Self> {
+    pub fn parse(source: &Source, options: &ImportOptions, notes: &mut Notes) -> Result<Self> {
         if source.byte_order_mark {
             notes.repaired("the document", "a byte-order mark before the JSON is skipped");
         }
@@ -113,10 +122,14 @@ impl Document {
             }
             None => Vec::new(),
         };
-        let variants = match root.extension("KHR_materials_variants")? {
-            Some(json) => json.items("variants")?.len(),
-            None => 0,
+        let names = |items: &[Json]| -> Result<Vec<String>> {
+            items.iter().map(|json| Ok(json.string("name")?.unwrap_or_default().into())).collect()
         };
+        let variants = match root.extension("KHR_materials_variants")? {
+            Some(json) => names(&json.items("variants")?)?,
+            None => Vec::new(),
+        };
+        let scene_names = names(&scene_items)?;
         for json in buffer_items.iter().chain(&image_items) {
             if json
                 .string("uri")
@@ -137,7 +150,8 @@ impl Document {
             scenes: scene_items.len(),
             skins: skin_items.len(),
             textures: texture_items.len(),
-            variants,
+            variants: variants.len(),
+            variant: options.variant.as_deref().map(|name| choose("variant", name, &variants)).transpose()?,
         };
 
         let buffers = Table::parse("buffers", &buffer_items, |i, json| Buffer::parse(json, i, source));
@@ -166,7 +180,10 @@ impl Document {
             json.name()?;
             json.indices("nodes", lengths.nodes, "nodes")
         });
-        let chosen = root.index("scene", lengths.scenes, "scenes")?.unwrap_or(0);
+        let chosen = match &options.scene {
+            Some(wanted) => choose("scene", wanted, &scene_names)?,
+            None => root.index("scene", lengths.scenes, "scenes")?.unwrap_or(0),
+        };
         let (roots, scene_at) = match scenes.len() {
             // Without scenes the file is a library: show all of it.
             0 => (top_nodes(&nodes), "nodes".into()),
@@ -191,6 +208,9 @@ impl Document {
             scene_at,
             animations,
             scenes,
+            scene_names,
+            variants,
+            variant: lengths.variant,
             extensions,
         })
     }
@@ -222,6 +242,22 @@ impl Document {
             .map(|(at, error)| (at, error.clone()));
         tables.chain(nodes).chain(self.images.sound().filter_map(unreadable)).collect()
     }
+}
+
+/// The element that a flag means: the only one of this name, else by index.
+fn choose(what: &str, wanted: &str, names: &[String]) -> Result<usize> {
+    let named: Vec<usize> = (0..names.len()).filter(|&i| names[i] == wanted).collect();
+    let index = || wanted.parse().ok().filter(|&index: &usize| index < names.len());
+    let chosen = if named.is_empty() { index() } else { named.first().copied().filter(|_| named.len() == 1) };
+    chosen.ok_or_else(|| {
+        let list: String = names.iter().enumerate().map(|(i, name)| format!("\n  {i}  {name}")).collect();
+        let why = match (names.len(), named.len()) {
+            (0, _) => format!("the file has no {what}s"),
+            (_, 0) => format!("there is no such {what}; there are:{list}"),
+            (_, n) => format!("{n} {what}s have this name; choose by index:{list}"),
+        };
+        Error::Usage(format!("--{what} {wanted}: {why}"))
+    })
 }
 
 fn strings(json: &Json, key: &str) -> Result<Vec<String>> {

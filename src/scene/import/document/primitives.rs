@@ -203,18 +203,22 @@ impl Primitive {
             }
             all_accessors.push(index);
         }
-        let material = json.index("material", lengths.materials, "materials")?;
+        let mut material = json.index("material", lengths.materials, "materials")?;
+        if let Some(variants) = json.extension("KHR_materials_variants")? {
+            for mapping in variants.items("mappings")? {
+                let to = mapping.index("material", lengths.materials, "materials")?;
+                let of = "extensions.KHR_materials_variants.variants";
+                let whose = mapping.indices("variants", lengths.variants, of)?;
+                if lengths.variant.is_some_and(|chosen| whose.contains(&chosen)) {
+                    material = to;
+                }
+            }
+        }
         // From normals, tangents could be made; without both there is no tangent space at all.
         let no_tangents = !attributes.contains_key(&Semantic::Tangent) && !attributes.contains_key(&Semantic::Normal);
         let shading = material.map(|index| materials.get(index)).transpose()?;
         if let Some(at) = shading.and_then(|m| m.needs_tangents.as_ref()).filter(|_| no_tangents) {
             return Err(json.bad("attributes", format!("NORMAL or TANGENT, which {at} needs"), "none"));
-        }
-        if let Some(variants) = json.extension("KHR_materials_variants")? {
-            for mapping in variants.items("mappings")? {
-                mapping.index("material", lengths.materials, "materials")?;
-                mapping.indices("variants", lengths.variants, "extensions.KHR_materials_variants.variants")?;
-            }
         }
         // With an uncompressed fallback there is nothing to decode.
         let draco = Draco::parse(json, &attributes, views.len())?.filter(|draco| {
