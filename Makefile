@@ -9,13 +9,15 @@ NAME := $(basename $(notdir $(SHOWPIECE)))
 BISMAR := target/release/bismar
 
 .DEFAULT_GOAL := help
-.PHONY: help setup build render test bench bench-peers agreement stability clean
+.PHONY: help setup build render test deb try-docs bench bench-peers agreement stability clean
 
 help:
 	@echo "make setup   installs what is missing: Embree 4, libclang, a C linker"
 	@echo "make build   builds $(BISMAR)"
 	@echo "make render  renders $(SHOWPIECE) to out/$(NAME).exr and .png (SHOWPIECE=..., RENDER_FLAGS=...)"
 	@echo "make test    formatting, lints, tests, documentation"
+	@echo "make deb     packs both programs for Debian (target/bismar_*.deb)"
+	@echo "make try-docs  runs every command of docs/guide.md and docs/gallery.md"
 	@echo "make bench   a render against the limit of its rays, threads, allocations, set-up, memory"
 	@echo "make bench-peers  error against seconds, side by side with Mitsuba 3 and Cycles (needs Python, 1.5 GiB)"
 	@echo "make agreement    converged pictures against Mitsuba's"
@@ -39,6 +41,12 @@ test: setup
 	$(CARGO) clippy --workspace --all-targets --locked -- -D warnings
 	$(CARGO) test --workspace --locked
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --workspace --no-deps --locked
+
+deb: build
+	@scripts/make-deb.sh
+
+try-docs: build
+	scripts/try-docs.sh
 
 bench: build
 	$(CARGO) bench --package bismar-study --locked --bench replay -- $(BENCH_FLAGS)

@@ -31,7 +31,7 @@ fn main() -> Result<()> {
         let from = Earlier::read(&out)?.map(|earlier| earlier.saved(&identity)).transpose()?;
         let (began, stop) = (Instant::now(), AtomicBool::new(false));
         let progress = |_| stop.store(began.elapsed().as_secs_f64() > 5.0, Ordering::Relaxed);
-        let options = RunOptions { stop: &stop, progress: &progress, began, from, checkpoint: None };
+        let options = RunOptions { stop: &stop, progress: &progress, began, from, pauses: Vec::new() };
         let rendered = run(&scene, &settings, options);
         let record = Record::new(&identity, &asked, &rendered, Host::of(scene.rays.info()), true);
         checkpoint::write(&out, &rendered, &record, Vec::new(), true)?;

@@ -121,9 +121,17 @@ fn an_interrupted_batch_goes_on_to_the_same_pictures() {
     assert_eq!(child.wait().unwrap().code(), Some(75));
     let first = report(path);
     assert_eq!((&first["done"], &first["failed"]), (&1.into(), &0.into()), "{first}");
+    for error in first["jobs"].as_array().unwrap().iter().filter_map(|job| job["error"].as_str()) {
+        // The same command goes on; it has no --resume.
+        assert!(!error.contains("--resume"), "{error}");
+    }
     expect(path, "batch jobs.toml -q", 0);
     let second = report(path);
     assert_eq!((&second["done"], &second["before"]), (&2.into(), &1.into()), "{second}");
+    // What was done before keeps its numbers.
+    assert_eq!(second["jobs"][0]["stats"], first["jobs"][0]["stats"]);
+    assert_eq!(second["jobs"][0]["seconds"], first["jobs"][0]["seconds"]);
+    assert!(second["jobs"][0]["stats"]["noise"].as_f64().unwrap() > 0.0, "{second}");
     for seed in 1..=3 {
         expect(path, &format!("render scene.glb --size 64x48 --spp 256 --seed {seed} -o whole.exr -q"), 0);
         assert_same_bits(&path.join("whole.exr"), &path.join(format!("scene-{seed}.exr")));
@@ -143,6 +151,54 @@ fn a_dry_run_says_what_would_be_done_and_does_nothing() {
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(text.contains("scene-a: render\n") && text.contains("scene-b: done before\n"), "{text}");
     assert_eq!((names(path), output.status.code()), (before, Some(0)));
+}
+
+#[test]
+fn only_some_jobs_are_done_and_the_report_keeps_the_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    for name in ["one", "two"] {
+        fs::write(path.join(format!("{name}.glb")), glb::triangle()).unwrap();
+    }
+    fs::write(path.join("jobs.toml"), "[[matrix]]\nscene = '*.glb'\nspp = 1\nsize = [[8, 8]]\ncamera = ['a', 'b']\n")
+        .unwrap();
+    let said = expect(path, "batch jobs.toml --only three-*", 64);
+    assert!(said.contains("no job's name matches; there are one-8x8-a, one-8x8-b"), "{said}");
+    let counts = |report: &Value| [&report["done"], &report["before"]].map(|n| n.as_u64().unwrap());
+    expect(path, "batch jobs.toml -q --only *-b", 0);
+    assert_eq!(counts(&report(path)), [2, 0]);
+    let said = expect(path, "batch jobs.toml --only one-* --only two-*-b", 0);
+    assert!(said.contains("3 jobs: 1 done, 2 done before"), "{said}");
+    let all = report(path);
+    assert_eq!(counts(&all), [1, 2]);
+    let said = expect(path, "batch jobs.toml --only two-*-a", 0);
+    assert!(said.contains("1 jobs: 1 done"), "{said}");
+    let names: Vec<_> = report(path)["jobs"].as_array().unwrap().iter().map(|j| j["job"].clone()).collect();
+    assert_eq!(names, ["one-8x8-a", "one-8x8-b", "two-8x8-a", "two-8x8-b"]);
+    // A picture that somebody else has made anew has other numbers.
+    expect(path, "render one.glb --size 8x8 --spp 2 --camera a -o one-8x8-a.exr -q", 0);
+    expect(path, "batch jobs.toml -q", 0);
+    assert!(report(path)["jobs"][0]["stats"].is_null());
+}
+
+#[test]
+fn a_dry_run_prints_commands_that_a_shell_takes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let odd = "a 'b' $(c).glb";
+    fs::write(path.join(odd), glb::triangle()).unwrap();
+    fs::write(
+        path.join("jobs.toml"),
+        format!("[[job]]\nscene = \"{odd}\"\nspp = 1\nsize = [8, 8]\naov = ['depth', 'normal']\n"),
+    )
+    .unwrap();
+    let output = bismar(path).args(["batch", "jobs.toml", "--dry-run"]).output().unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    let command = text.lines().nth(1).unwrap().trim().strip_prefix("bismar").unwrap();
+    let line = format!("'{}'{command} -q", crate::helpers::program::program().display());
+    let status = std::process::Command::new("sh").args(["-c", &line]).current_dir(path).status().unwrap();
+    assert!(status.success(), "{line}");
+    assert!(path.join("a 'b' $(c).exr").exists(), "{:?}", names(path));
 }
 
 #[test]

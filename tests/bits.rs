@@ -1,10 +1,12 @@
 //! The same bits, whatever the threads, the window or the number of samples asked for in the end.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use bismar::film::Film;
 use bismar::rays::Backend;
 use bismar::render::{Balance, RenderSettings, StopReason, render};
+use bismar::scene::Scene;
 
 use crate::helpers::stage::{Stage, hall};
 
@@ -83,6 +85,31 @@ fn a_raised_stop_flag_ends_the_render_with_what_there_is() {
     });
     assert_eq!(rendered.stop, StopReason::Interrupted);
     assert!(rendered.film().pixels.iter().all(|p| p.samples > 0 && p.samples < 1 << 20));
+}
+
+#[test]
+fn small_first_passes_leave_the_picture_unbiased_and_the_balance_learnt() {
+    use bismar::film::PixelStats;
+    // One with an area lamp alone, one with a sky besides: there light samples divide.
+    let with_sky = Stage::new(hall(), Backend::Embree);
+    let mut scene = Scene::clone(&hall());
+    scene.environment = None;
+    let settings = RenderSettings { spp: Some(132), ..settings() };
+    let timed = RenderSettings { time: Some(1e9), seed: 7, ..settings.clone() };
+    for stage in [with_sky, Stage::new(Arc::new(scene), Backend::Embree)] {
+        let (plain, early) = (film(&stage, &settings, 2), film(&stage, &timed, 2));
+        let sum = |film: &Film, of: &dyn Fn(&PixelStats) -> f64| film.pixels.iter().map(of).sum::<f64>();
+        for c in 0..3 {
+            let mean = |film: &Film| sum(film, &|p| f64::from(p.mean()[c]));
+            let variance = |film: &Film| sum(film, &|p| f64::from(p.variance_of_mean()[c]));
+            let z = (mean(&plain) - mean(&early)) / (variance(&plain) + variance(&early)).sqrt();
+            assert!(z.abs() < 5.0, "channel {c}: z {z}");
+        }
+        // Pixels learn their shares as ever, from other samples.
+        let learnt = |film: &Film| film.pixels.iter().filter(|p| p.balance != 0.5).count() as f64;
+        let (plain, early) = (learnt(&plain), learnt(&early));
+        assert!(plain > 0.0 && (early / plain - 1.0).abs() < 0.2, "{early} pixels, {plain} without");
+    }
 }
 
 #[test]

@@ -54,11 +54,16 @@ fn wrong_usage_exits_with_64_and_says_what_is_wrong() {
         ("render scene.glb --sunny", "--sunny"),
         ("render scene.glb --size 12", "WIDTHxHEIGHT"),
         ("render scene.glb --spp 0", "spp"),
+        ("render scene.glb --spp -1", "-1 is not in 1.."),
+        ("render scene.glb --time -1", "not a time above 0"),
+        ("render scene.glb --time 10x", "90s, 10m, 1.5h"),
+        ("render --tev scene.glb", "--tev alone"),
+        ("completions tcsh", "possible values"),
         ("render scene.glb --time nan", "above 0"),
         ("render scene.glb --threads 0", "4096"),
         ("render scene.glb --env-rotate 90", "--env"),
         ("render scene.glb --env a.hdr --no-env", "--no-env"),
-        ("render scene.glb --aov fog", "there is no output 'fog'"),
+        ("render scene.glb --aov fog", "there is no output 'fog'; there are albedo, normal, depth"),
         ("render scene.glb --balance second-order", "pilot is a share of all samples"),
         ("render scene.glb --balance second-order --spp 8 --pilot 1", "above 0 and below 1"),
         ("render scene.glb --balance second-order --spp 8 --pilot nan", "above 0 and below 1"),
@@ -78,9 +83,137 @@ fn wrong_usage_exits_with_64_and_says_what_is_wrong() {
 #[test]
 fn help_and_version_exit_with_0() {
     let folder = folder();
-    for line in ["--help", "--version", "render --help", "help compare"] {
+    for line in ["--help", "--version", "-V", "render --help", "help compare"] {
         expect(folder.path(), line, 0);
     }
+    let version = String::from_utf8(run(folder.path(), "--version").stdout).unwrap();
+    for words in ["bismar 0.", "\ncommit ", "\nEmbree 4.", "\ncompiled for "] {
+        assert!(version.contains(words), "{version}");
+    }
+    assert_eq!(run(folder.path(), "-V").stdout.iter().filter(|c| **c == b'\n').count(), 1);
+}
+
+#[test]
+fn shells_and_manuals_are_told_every_flag() {
+    let folder = folder();
+    for shell in ["bash", "zsh", "fish"] {
+        let script = String::from_utf8(run(folder.path(), &format!("completions {shell}")).stdout).unwrap();
+        assert!(script.contains("checkpoint") && script.contains("bismar"), "{shell}: {script}");
+    }
+    let said = expect(folder.path(), "man pages/man1", 0);
+    let pages = names(&folder.path().join("pages/man1"));
+    assert!(said.contains(&format!("wrote {} pages", pages.len())), "{said}");
+    for page in ["bismar.1", "bismar-render.1", "bismar-farm-submit.1"] {
+        assert!(pages.iter().any(|p| p == page), "{pages:?}");
+    }
+    let page = fs::read_to_string(folder.path().join("pages/man1/bismar-render.1")).unwrap();
+    assert!(page.contains("checkpoint") && page.contains("bismar render"), "{page}");
+}
+
+#[test]
+fn what_is_logged_follows_flags_and_rust_log() {
+    let folder = folder();
+    let said = |flags: &str, filter: &str| {
+        let line = format!("render scene.glb --size 8x8 --spp 1 --progress none {flags}");
+        stderr(&bismar(folder.path()).args(line.split_whitespace()).env("RUST_LOG", filter).output().unwrap())
+    };
+    let count = |flags, filter| said(flags, filter).lines().count();
+    let (silent, plain, verbose, very) = (count("-q", ""), count("", ""), count("-v", ""), count("-vv", ""));
+    assert!(silent == 0 && plain > 0 && plain < verbose && verbose < very, "{silent} {plain} {verbose} {very}");
+    // Whoever asks for more is told when, too.
+    assert!(said("-v", "").contains("T") && said("-v", "").contains("Z  INFO"), "{}", said("-v", ""));
+    assert!(!said("", "").contains("Z  WARN"), "{}", said("", ""));
+    let driver = said("", "bismar::render::driver=debug");
+    assert!(driver.contains("DEBUG") && !driver.contains("INFO"), "{driver}");
+    assert!(said("", "bismar=loud").contains("RUST_LOG is 'bismar=loud'"), "{}", said("", "bismar=loud"));
+    for flags in ["--log json", "--log json -vv"] {
+        let text = said(flags, "");
+        assert!(text.lines().count() > 1, "{text}");
+        for line in text.lines() {
+            let line = json(line.as_bytes());
+            assert!(["timestamp", "level", "message"].iter().all(|key| line[key].is_string()), "{line}");
+        }
+    }
+    let error = json(expect(folder.path(), "render absent.glb --log json", 66).trim().as_bytes());
+    assert_eq!(error["level"], "ERROR");
+}
+
+#[test]
+fn a_checkpoint_refreshes_the_preview_too() {
+    let folder = folder();
+    let line = "render scene.glb --size 64x48 --time 1h --checkpoint 0.05 --preview p.png -v";
+    let mut child =
+        bismar(folder.path()).args(line.split(' ')).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap());
+    let mut text = String::new();
+    while !text.contains("saved scene.exr") {
+        assert_ne!(lines.read_line(&mut text).unwrap(), 0, "it ended by itself:\n{text}");
+    }
+    program::signal(&child, "-KILL");
+    child.wait().unwrap();
+    let png = fs::read(folder.path().join("p.png")).unwrap();
+    assert_eq!((&png[1..4], &png[16..24]), (&b"PNG"[..], &[0, 0, 0, 64, 0, 0, 0, 48][..]));
+}
+
+/// Reads a whole packet of tev's protocol: its length in 4 bytes, little-endian, that count too, and the rest.
+fn packet(from: &mut impl Read) -> Option<Vec<u8>> {
+    let mut length = [0; 4];
+    from.read_exact(&mut length).ok()?;
+    let mut rest = vec![0; u32::from_le_bytes(length) as usize - 4];
+    from.read_exact(&mut rest).ok().map(|()| rest)
+}
+
+#[test]
+fn a_viewer_is_shown_the_picture_and_one_that_is_not_there_is_no_failure() {
+    let folder = folder();
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = listener.local_addr().unwrap().port();
+    let viewer = std::thread::spawn(move || {
+        let mut stream = listener.accept().unwrap().0;
+        std::iter::from_fn(|| packet(&mut stream)).collect::<Vec<_>>()
+    });
+    expect(folder.path(), &format!("{SMALL} --tev :{port}"), 0);
+    let packets = viewer.join().unwrap();
+    // Create: kind 4, grab focus, name, width, height, channels.
+    let create = [&[4, 1][..], b"scene.exr\0", &[32, 0, 0, 0, 24, 0, 0, 0, 3, 0, 0, 0], b"R\0G\0B\0"].concat();
+    assert_eq!(packets[0], create);
+    // Update: kind 6; at its end the pixels.
+    let last = packets.last().unwrap();
+    assert_eq!(last[0], 6);
+    let pixels =
+        last[last.len() - 32 * 24 * 3 * 4..].chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap()));
+    let sum: f32 = pixels.sum();
+    assert!(sum > 100.0, "{sum}");
+    let text = expect(folder.path(), &format!("render scene.glb --size 8x8 --spp 1 --tev :{port}"), 0);
+    assert!(text.contains("nobody answers; rendering goes on without"), "{text}");
+}
+
+#[test]
+fn time_that_is_over_too_soon_leaves_no_black_pixel_untold() {
+    let folder = folder();
+    fs::copy(program::scene("showpiece.glb"), folder.path().join("showpiece.glb")).unwrap();
+    // Times from a first pass that cannot be finished to several: whatever there is, what is black is told.
+    let (mut told, mut whole) = (0, 0);
+    for milliseconds in [100, 200, 400, 800, 1600, 3200, 6400, 12800, 25600] {
+        let output = run(
+            folder.path(),
+            &format!("render showpiece.glb --size 320x180 --time {}", f64::from(milliseconds) / 1e3),
+        );
+        let text = stderr(&output);
+        if output.status.code() == Some(64) {
+            assert!(text.contains("before the first path"), "{text}");
+            continue;
+        }
+        let fewest = program::attribute(&folder.path().join("showpiece.exr"), "bismar.samples");
+        let empty = json(fewest.as_bytes())["pixel_min"] == 0;
+        assert_eq!(text.contains("have no paths and are black"), empty, "{text}");
+        told += usize::from(empty);
+        whole += usize::from(!empty);
+        if whole == 1 {
+            break;
+        }
+    }
+    assert!(whole == 1, "{told} pictures were told to be black in places");
 }
 
 #[test]

@@ -12,8 +12,8 @@ use bismar::film::exr_file;
 use bismar::rays::Backend;
 use bismar::render::checkpoint::{fits, pack, unpack};
 use bismar::render::{
-    Balance, Checkpoint, Part, RenderSettings, RenderStats, Rendered, RunOptions, Saved, StopReason, fresh_tiles,
-    render, run,
+    Balance, Part, Pause, RenderSettings, RenderStats, Rendered, RunOptions, Saved, StopReason, fresh_tiles, render,
+    run,
 };
 
 use crate::helpers::program::{self, assert_same_bits, bismar, bits, expect, names, paths, scene};
@@ -35,7 +35,7 @@ fn in_pieces(stage: &Stage, settings: &RenderSettings, tiles_a_session: u32) -> 
         };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1 + session as usize % 3).build().unwrap();
         let rendered = pool.install(|| {
-            let job = RunOptions { stop: &stop, progress: &progress, began: Instant::now(), from, checkpoint: None };
+            let job = RunOptions { stop: &stop, progress: &progress, began: Instant::now(), from, pauses: Vec::new() };
             run(&stage.scene, settings, job)
         });
         if rendered.stop != StopReason::Interrupted {
@@ -87,13 +87,13 @@ fn checkpoints_leave_no_trace_and_each_can_go_on() {
     let whole = all_bits(&render(&stage.scene, &settings, &stop, &|_| ()));
     let mut saved = Vec::new();
     let mut save = |r: &Rendered| saved.push((all_bits(r), r.stats));
-    let checkpoint = Some(Checkpoint { seconds: 1e-3, save: &mut save });
-    let job = RunOptions { stop: &stop, progress: &|_| (), began: Instant::now(), from: None, checkpoint };
+    let pauses = vec![Pause { seconds: 1e-3, at: &mut save }];
+    let job = RunOptions { stop: &stop, progress: &|_| (), began: Instant::now(), from: None, pauses };
     assert_eq!(all_bits(&run(&stage.scene, &settings, job)), whole);
     assert!(saved.len() > 1, "{}", saved.len());
     for (bytes, stats) in saved.into_iter().step_by(2) {
         let from = Some(Saved { tiles: unpack(&bytes).unwrap(), stats });
-        let job = RunOptions { stop: &stop, progress: &|_| (), began: Instant::now(), from, checkpoint: None };
+        let job = RunOptions { stop: &stop, progress: &|_| (), began: Instant::now(), from, pauses: Vec::new() };
         assert_eq!(all_bits(&run(&stage.scene, &settings, job)), whole);
     }
 }
@@ -211,7 +211,11 @@ fn a_goal_that_cuts_the_passes_otherwise_is_told() {
         ("progressive", "--spp 200", "--spp 256", true),
         ("progressive", "--spp 128", "--spp 256", false),
         ("progressive", "--noise 9", "--spp 256", true),
-        ("progressive", "--noise 9", "--noise 0.5 --time 99", false),
+        ("progressive", "--noise 9", "--noise 0.5", false),
+        ("progressive", "--noise 9 --time 99", "--noise 0.5 --time 98", false),
+        // Against the clock the first passes are smaller.
+        ("progressive", "--noise 9", "--spp 256 --time 99", true),
+        ("progressive", "--spp 4 --time 99", "--noise 0.5 --time 99", false),
         ("half", "--spp 64", "--spp 256", false),
         ("half", "--spp 100", "--spp 256", true),
         ("half", "--noise 9", "--spp 256", false),

@@ -4,6 +4,9 @@ use super::{Counts, Heuristic, Learned, Moments, Observer, Sampler};
 
 /// Paths a pixel in the first two passes; each later pass doubles what there is.
 pub const FIRST_PASS: u32 = 8;
+/// Against the clock, this many paths of each pixel come first, in passes of 1, 1 and 2: all of the picture is there
+/// early, however slow it is. Nothing is learnt from them.
+pub const EARLY: u32 = 4;
 /// No pass is longer: a stop or a checkpoint waits for the pass's tile at most.
 pub const LONGEST_PASS: u32 = 128;
 

@@ -4,9 +4,9 @@ use std::collections::HashMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use super::values::{Setting, settings, sorted};
 use crate::{Error, Result};
 
 /// One render.
@@ -37,8 +37,12 @@ pub struct Place {
 pub enum Flag {
     /// Takes a value.
     Value,
+    /// Takes several, with this between them; a list in the file.
+    List(char),
     /// Takes the name of a file.
     File,
+    /// Takes the name of a file that is read: in a matrix, wildcards stand for all there are.
+    Input,
     /// Is there or not.
     Switch,
 }
@@ -66,16 +70,6 @@ impl Place {
     }
 }
 
-/// A value of the file, and where it stands.
-#[derive(Debug, Clone)]
-struct Setting {
-    key: String,
-    /// More than one in a matrix.
-    values: Vec<Option<String>>,
-    listed: bool,
-    place: (usize, usize),
-}
-
 /// Reads a batch file; `flags` are what may stand in it.
 ///
 /// # Errors
@@ -93,9 +87,9 @@ pub fn read(path: &Path, flags: &HashMap<String, Flag>) -> Result<Vec<Job>> {
 }
 
 /// An error: byte of the text, and what is wrong there.
-type At<T> = std::result::Result<T, (usize, String)>;
+pub(super) type At<T> = std::result::Result<T, (usize, String)>;
 
-fn position(text: &str, byte: usize) -> (usize, usize) {
+pub(super) fn position(text: &str, byte: usize) -> (usize, usize) {
     let before = text.get(..byte).unwrap_or(text);
     let line = before.rfind('\n').map_or(before, |at| &before[at + 1..]);
     (before.matches('\n').count() + 1, line.chars().count() + 1)
@@ -113,7 +107,7 @@ fn parse(text: &str, folder: &Path, flags: &HashMap<String, Flag>) -> At<Vec<Job
                 let DeValue::Table(table) = value.get_ref() else {
                     return Err((value.span().start, "wanted a table: [defaults]".into()));
                 };
-                defaults = reader.settings(table, false)?;
+                defaults = settings(&reader, table, false)?;
                 if let Some(found) = defaults.iter().find(|s| s.key == "name") {
                     return Err((reader.byte(found.place), "a name belongs to one job or matrix".into()));
                 }
@@ -123,10 +117,10 @@ fn parse(text: &str, folder: &Path, flags: &HashMap<String, Flag>) -> At<Vec<Job
                     return Err((value.span().start, format!("wanted an array of tables: [[{kind}]]")));
                 };
                 for table in tables {
-                    let DeValue::Table(settings) = table.get_ref() else {
+                    let DeValue::Table(own) = table.get_ref() else {
                         return Err((table.span().start, format!("wanted a table: [[{kind}]]")));
                     };
-                    groups.push((table.span(), reader.settings(settings, kind == "matrix")?));
+                    groups.push((table.span(), settings(&reader, own, kind == "matrix")?));
                 }
             }
             other => {
@@ -148,75 +142,17 @@ fn parse(text: &str, folder: &Path, flags: &HashMap<String, Flag>) -> At<Vec<Job
     Ok(jobs)
 }
 
-/// A table's entries in the order of the file.
-fn sorted<'a, 'b>(table: &'a DeTable<'b>) -> Vec<(&'a Spanned<std::borrow::Cow<'b, str>>, &'a Spanned<DeValue<'b>>)> {
-    let mut entries: Vec<_> = table.iter().collect();
-    entries.sort_by_key(|(key, _)| key.span().start);
-    entries
-}
-
-struct Reader<'a> {
-    text: &'a str,
-    folder: &'a Path,
-    flags: &'a HashMap<String, Flag>,
+/// What values are read with.
+pub(super) struct Reader<'a> {
+    pub text: &'a str,
+    pub folder: &'a Path,
+    pub flags: &'a HashMap<String, Flag>,
 }
 
 impl Reader<'_> {
     fn byte(&self, (line, column): (usize, usize)) -> usize {
         let start: usize = self.text.split_inclusive('\n').take(line - 1).map(str::len).sum();
         start + self.text[start..].chars().take(column - 1).map(char::len_utf8).sum::<usize>()
-    }
-
-    fn settings(&self, table: &DeTable, lists: bool) -> At<Vec<Setting>> {
-        let mut settings = Vec::new();
-        for (key, value) in sorted(table) {
-            let name = key.get_ref().to_string();
-            let kind = match (name.as_str(), self.flags.get(&name)) {
-                ("name", _) => Flag::Value,
-                ("scene", _) => Flag::File,
-                (_, Some(kind)) => *kind,
-                _ => {
-                    let mut known: Vec<_> = self.flags.keys().map(String::as_str).collect();
-                    known.extend(["name", "scene"]);
-                    known.sort_unstable();
-                    return Err((
-                        key.span().start,
-                        format!("there is no key `{name}`; there are {}", known.join(", ")),
-                    ));
-                }
-            };
-            let (values, listed) = match value.get_ref() {
-                DeValue::Array(items) if lists => {
-                    if items.is_empty() {
-                        return Err((value.span().start, format!("`{name}` lists nothing")));
-                    }
-                    (items.iter().map(|item| self.scalar(&name, kind, item)).collect::<At<Vec<_>>>()?, true)
-                }
-                DeValue::Array(_) => {
-                    return Err((value.span().start, format!("`{name}` is a list; only a [[matrix]] has lists")));
-                }
-                _ => (vec![self.scalar(&name, kind, value)?], false),
-            };
-            settings.push(Setting { key: name, values, listed, place: position(self.text, key.span().start) });
-        }
-        Ok(settings)
-    }
-
-    /// A value as the command line has it; for switches `Some("")` means off.
-    fn scalar(&self, name: &str, kind: Flag, value: &Spanned<DeValue>) -> At<Option<String>> {
-        let wanted = |what: &str| Err((value.span().start, format!("`{name}` wants {what}")));
-        match (kind, value.get_ref()) {
-            (Flag::Switch, DeValue::Boolean(true)) => Ok(None),
-            (Flag::Switch, DeValue::Boolean(false)) => Ok(Some(String::new())),
-            (Flag::Switch, _) => wanted("true or false"),
-            (_, DeValue::String(text)) => Ok(Some(text.to_string())),
-            (Flag::Value, DeValue::Integer(_) | DeValue::Float(_)) => {
-                // As it is written: 1e-3 stays that.
-                Ok(self.text.get(value.span()).map(|t| t.replace('_', "")))
-            }
-            (Flag::File, _) => wanted("the name of a file, in quotes"),
-            _ => wanted("a number or text in quotes"),
-        }
     }
 
     /// All combinations of a group's values, defaults behind them.
@@ -246,10 +182,10 @@ impl Reader<'_> {
         let Some(scene) = of("scene") else {
             return Err((span.start, "this has no `scene`, and neither have the defaults".into()));
         };
-        let kind = |key: &str| if key == "scene" { Some(Flag::File) } else { self.flags.get(key).copied() };
+        let kind = |key: &str| if key == "scene" { Some(Flag::Input) } else { self.flags.get(key).copied() };
         let shown = |key: &str, value: &Option<String>| match (kind(key), value) {
             (Some(Flag::Switch), value) => if value.is_none() { "on" } else { "off" }.to_owned(),
-            (Some(Flag::File), Some(value)) => {
+            (Some(Flag::File | Flag::Input), Some(value)) => {
                 Path::new(value).file_stem().unwrap_or_default().to_string_lossy().into_owned()
             }
             (_, value) => value.clone().unwrap_or_default(),
@@ -295,7 +231,7 @@ impl Reader<'_> {
                 _ if key == "name" || key == "scene" => continue,
                 (Some(Flag::Switch), None) => None,
                 (Some(Flag::Switch), Some(_)) => continue,
-                (Some(Flag::File), Some(value)) => {
+                (Some(Flag::File | Flag::Input), Some(value)) => {
                     let path = self.folder.join(fill(key, value, Some(&name))?);
                     if key == "output" {
                         output = path;
@@ -346,7 +282,9 @@ mod tests {
             ("seed", Flag::Value),
             ("camera", Flag::Value),
             ("noise", Flag::Value),
-            ("env", Flag::File),
+            ("env", Flag::Input),
+            ("size", Flag::List('x')),
+            ("aov", Flag::List(',')),
             ("output", Flag::File),
             ("preview", Flag::File),
             ("no-env", Flag::Switch),
@@ -389,6 +327,46 @@ mod tests {
     }
 
     #[test]
+    fn lists_are_one_value_and_in_a_matrix_several() {
+        let text = "[defaults]\naov = ['albedo', 'normal']\n[[job]]\nscene = 'a'\nsize = [64, 48]\n\
+                    [[matrix]]\nscene = 'b'\nsize = [[64, 48], '32x24']\n[[matrix]]\nscene = 'c'\naov = ['depth', 'all']";
+        let lines: Vec<_> =
+            jobs(text).unwrap().iter().map(|j| format!("{} {}", j.name, j.arguments().join(" "))).collect();
+        assert_eq!(
+            lines,
+            [
+                "a --aov=albedo,normal --size=64x48",
+                "b-64x48 --aov=albedo,normal --size=64x48",
+                "b-32x24 --aov=albedo,normal --size=32x24",
+                "c-depth --aov=depth",
+                "c-all --aov=all"
+            ]
+        );
+    }
+
+    #[test]
+    fn wildcards_are_the_files_that_there_are() {
+        let folder = tempfile::tempdir().unwrap();
+        let odd = folder.path().join("[shots]");
+        std::fs::create_dir_all(odd.join("a")).unwrap();
+        for name in ["a/two.glb", "a/one.glb", "a/x.txt", "three.glb", "odd[1].glb"] {
+            std::fs::write(odd.join(name), "").unwrap();
+        }
+        let names = |text: &str| -> Vec<_> {
+            parse(text, &odd, &flags()).unwrap().into_iter().map(|job| (job.name, job.scene)).collect()
+        };
+        let of = |list: &[&str]| -> Vec<_> {
+            let name = |file: &&str| Path::new(file).file_stem().unwrap().to_string_lossy().into_owned();
+            list.iter().map(|file| (name(file), odd.join(file))).collect()
+        };
+        assert_eq!(names("[[matrix]]\nscene = 'a/*.glb'"), of(&["a/one.glb", "a/two.glb"]));
+        let all = of(&["three.glb", "a/one.glb", "a/two.glb"]);
+        assert_eq!(names("[[matrix]]\nscene = ['three.glb', '*/*.glb']"), all);
+        // A file that is called so is meant.
+        assert_eq!(names("[[job]]\nscene = 'odd[1].glb'"), of(&["odd[1].glb"]));
+    }
+
+    #[test]
     fn mistakes_are_told_with_their_place() {
         for (text, place, words) in [
             ("[[job]]\nscene = 'a'\nspq = 3", (3, 1), "no key `spq`"),
@@ -401,6 +379,12 @@ mod tests {
             ("[[job]]\nscene = 7", (2, 9), "file"),
             ("[[job]]\nscene = 'a'\nspp = true", (3, 7), "number"),
             ("[[matrix]]\nscene = 'a'\nspp = []", (3, 7), "lists nothing"),
+            ("[[matrix]]\nscene = 'a'\nsize = [640, 480]", (3, 8), "[[640, 480]]"),
+            ("[[job]]\nscene = 'a'\naov = ['albedo', true]", (3, 18), "a number or text"),
+            ("[[job]]\nscene = 'a'\nsize = []", (3, 8), "lists nothing"),
+            ("[[matrix]]\nscene = 'none such/*.glb'", (2, 9), "no file is called"),
+            ("[[matrix]]\nscene = '[a.glb'", (2, 9), "wildcards"),
+            ("[[job]]\nscene = 'none such/*.glb'", (2, 9), "only a [[matrix]]"),
             ("[[job]]\nscene = 'a'\n[[job]]\nscene = 'b/a.glb'", (3, 1), "two jobs are called 'a'"),
             ("[[matrix]]\nscene = 'a'\nseed = [1, 2]\noutput = 'o.exr'", (1, 1), "both write"),
             ("[[job]]\nscene = 'a'\noutput = '{nam}.exr'", (3, 1), "{nam} stands for nothing"),

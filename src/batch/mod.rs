@@ -4,3 +4,4 @@
 pub mod file;
 pub mod queue;
 pub mod report;
+mod values;

@@ -2,7 +2,7 @@
 
 mod overview;
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::fs::{self, File};
 use std::io::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -12,15 +12,16 @@ use std::time::Instant;
 
 use clap::error::{ContextKind, ContextValue};
 use clap::{ArgAction, Args, Command, FromArgMatches, ValueHint};
+use glob::Pattern;
 use serde_json::json;
 use tracing::info;
 
 use super::render::{Done, Inputs, Loaded, RenderArgs, Session, check_outputs, declare};
-use super::stats::Stats;
 use crate::batch::file::{self, Flag, Job};
 use crate::batch::queue::{Shelf, each};
-use crate::batch::report::{Entry, Report, Status};
+use crate::batch::report::{self, Entry, Report, Status};
 use crate::console::{Paths, Signals, Verbosity, Verdict, host, print, say};
+use crate::farm::slurm::quoted;
 use crate::film::atomic;
 use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
@@ -40,7 +41,10 @@ pub struct BatchArgs {
     /// Threads [default: BISMAR_THREADS, else SLURM_CPUS_PER_TASK, else all].
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
-    /// Say what would be done, and do nothing.
+    /// Only jobs whose names match, as in 'hall-*'; may be given several times. The report keeps the others.
+    #[arg(long, value_name = "PATTERN")]
+    only: Vec<Pattern>,
+    /// Say what would be done, as commands for a shell, and do nothing.
     #[arg(long)]
     dry_run: bool,
     /// Where the JSON report goes [default: the file's name with -report.json, beside it].
@@ -75,6 +79,9 @@ pub fn plan(path: &Path) -> Result<(Vec<Planned>, Paths)> {
         .map(|(name, arg)| {
             let flag = match arg.get_action() {
                 ArgAction::SetTrue => Flag::Switch,
+                _ if name == "size" => Flag::List('x'),
+                _ if ["aov", "crop"].contains(&name.as_str()) => Flag::List(','),
+                _ if name == "env" => Flag::Input,
                 // clap knows a path by its type.
                 _ if arg.get_value_hint() == ValueHint::AnyPath => Flag::File,
                 _ => Flag::Value,
@@ -129,6 +136,14 @@ pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
         paths.writes("--events", events)?;
     }
     let order: Vec<String> = jobs.iter().map(|j| j.job.name.clone()).collect();
+    if !args.only.is_empty() {
+        jobs.retain(|planned| args.only.iter().any(|pattern| pattern.matches(&planned.job.name)));
+        if jobs.is_empty() {
+            let names = order.iter().take(20).cloned().collect::<Vec<_>>().join(", ");
+            let more = if order.len() > 20 { ", …" } else { "" };
+            return Err(Error::Usage(format!("--only: no job's name matches; there are {names}{more}")));
+        }
+    }
     // Jobs with one scene follow one another, so that few scenes are in memory at a time.
     let mut first: HashMap<String, usize> = HashMap::new();
     for (i, planned) in jobs.iter().enumerate() {
@@ -136,6 +151,7 @@ pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
     }
     jobs.sort_by_key(|planned| first.get(&scene_key(&planned.args)).copied());
     let batch = Batch {
+        earlier: report::earlier(&report_path),
         inputs: Shelf::new(jobs.iter().map(|j| scene_key(&j.args))),
         scenes: Shelf::new(jobs.iter().map(|j| scene_key(&j.args))),
         jobs,
@@ -160,8 +176,9 @@ pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
     each(batch.jobs.len(), workers, &|index| {
         let pool = free.lock().unwrap_or_else(PoisonError::into_inner).pop();
         let Some(pool) = pool else { return };
-        let entry = pool.install(|| batch.work(index, each_threads, workers == 1, &signals, &overview, &events));
-        overview.ended(index, &entry);
+        let (entry, line) =
+            pool.install(|| batch.work(index, each_threads, workers == 1, &signals, &overview, &events));
+        overview.ended(index, &entry, line);
         events
             .write(json!({"event": "job-ends", "job": entry.job, "status": entry.status, "exit_code": entry.exit_code,
             "error": entry.error, "seconds": entry.seconds, "output": entry.output}));
@@ -173,8 +190,15 @@ pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
     let mut entries = entries.into_inner().unwrap_or_else(PoisonError::into_inner);
     let place: HashMap<&str, usize> = order.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect();
     entries.sort_by_key(|e| place.get(e.job.as_str()).copied());
-    let report = Report::new(args.file.display().to_string(), began.elapsed().as_secs_f64(), entries);
-    events.write(json!({"event": "batch-ends", "exit_code": report.exit_code()}));
+    let (exit_code, seconds) = (report::worst(&entries), began.elapsed().as_secs_f64());
+    events.write(json!({"event": "batch-ends", "exit_code": exit_code}));
+    let (summary, table) = (report::summary(&entries, seconds), overview::table(&entries));
+    // What was not asked for stays as it was.
+    let asked: HashSet<String> = entries.iter().map(|e| e.job.clone()).collect();
+    let others = order.iter().filter(|name| !asked.contains(*name));
+    entries.extend(others.filter_map(|name| batch.earlier.get(name).cloned()));
+    entries.sort_by_key(|e| place.get(e.job.as_str()).copied());
+    let report = Report::new(args.file.display().to_string(), seconds, exit_code, entries);
     atomic::write(&report_path, |file| {
         serde_json::to_writer_pretty(&mut *file, &report)?;
         file.write_all(b"\n")?;
@@ -182,11 +206,11 @@ pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
     })?;
     if !verbosity.quiet {
         if args.events.as_deref() != Some(Path::new("-")) {
-            print(overview::table(&report.jobs).trim_end())?;
+            print(table.trim_end())?;
         }
-        say(format_args!("{}; report in {}", report.summary(), report_path.display()));
+        say(format_args!("{summary}; report in {}", report_path.display()));
     }
-    Ok(match report.exit_code() {
+    Ok(match exit_code {
         0 => Verdict::Done,
         code => Verdict::Worst(code),
     })
@@ -209,6 +233,8 @@ fn scene_key(a: &RenderArgs) -> String {
 
 struct Batch {
     jobs: Vec<Planned>,
+    /// What the report said before.
+    earlier: HashMap<String, Entry>,
     inputs: Shelf<Inputs>,
     scenes: Shelf<Loaded>,
     /// All that any job reads or writes.
@@ -216,7 +242,7 @@ struct Batch {
 }
 
 impl Batch {
-    /// One job from beginning to end; whatever goes wrong is in the entry.
+    /// One job from beginning to end, and a line for people; whatever goes wrong is in the entry.
     fn work(
         &self,
         index: usize,
@@ -225,7 +251,7 @@ impl Batch {
         signals: &Signals,
         overview: &Overview,
         events: &Events,
-    ) -> Entry<Box<Stats>> {
+    ) -> (Entry, Option<String>) {
         let Planned { job, args } = &self.jobs[index];
         let began = Instant::now();
         let key = scene_key(args);
@@ -240,7 +266,7 @@ impl Batch {
             stats: None,
         };
         if signals.stopped() {
-            return entry;
+            return (entry, None);
         }
         overview.begins(index, &job.name);
         events.write(json!({"event": "job-begins", "job": job.name, "output": entry.output}));
@@ -271,17 +297,25 @@ impl Batch {
         match result {
             Ok(Done::Rendered(_, stats)) => {
                 entry.status = Status::Done;
-                entry.stats = Some(stats);
+                let line = format!("{}: {}", job.name, stats.summary());
+                entry.stats = serde_json::to_value(stats).ok();
+                return (entry, Some(line));
             }
-            Ok(Done::Before(..)) => entry.status = Status::Before,
+            Ok(Done::Before(_, paths, _)) => {
+                entry.status = Status::Before;
+                if let Some(earlier) = self.earlier.get(&job.name) {
+                    entry.remember(earlier, paths);
+                }
+            }
             Err(error) => {
                 let interrupted = matches!(error, Error::Interrupted(_));
                 entry.status = if interrupted { Status::Interrupted } else { Status::Failed };
                 entry.exit_code = error.exit_code();
                 entry.error = Some(error.to_string());
+                return (entry, Some(format!("{}: {error}", job.name)));
             }
         }
-        entry
+        (entry, None)
     }
 
     fn dry_run(&self, order: &[String]) -> Result<Verdict> {
@@ -302,9 +336,10 @@ impl Batch {
                 format!("would fail: {e}")
             });
             self.inputs.done(&key);
-            let flags = job.arguments().join(" ");
-            let (scene, output) = (job.scene.display(), job.output.display());
-            rows.insert(&job.name, format!("{}: {what}\n  bismar render {scene} -o {output} {flags}", job.name));
+            let mut words: Vec<String> = ["bismar", "render"].map(str::to_owned).into();
+            words.extend([job.scene.display().to_string(), "-o".into(), job.output.display().to_string()]);
+            words.extend(job.arguments());
+            rows.insert(&job.name, format!("{}: {what}\n  {}", job.name, quoted(&words)));
         }
         let lines: Vec<_> = order.iter().filter_map(|name| rows.remove(name.as_str())).collect();
         print(lines.join("\n"))?;

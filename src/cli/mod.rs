@@ -14,13 +14,14 @@ mod study;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
+use crate::console::help::{CompletionsArgs, ManArgs};
 use crate::console::{self, Verbosity};
 
 /// Offline glTF renderer that finds, for each pixel, the balance between light and BSDF sampling.
 #[derive(Debug, Parser)]
-#[command(name = "bismar", version, arg_required_else_help = true, max_term_width = 100)]
+#[command(name = "bismar", version, long_version = console::VERSION, arg_required_else_help = true, max_term_width = 100)]
 struct Cli {
     #[command(flatten)]
     verbosity: Verbosity,
@@ -38,6 +39,8 @@ enum Command {
     Compare(compare::CompareArgs),
     Develop(develop::DevelopArgs),
     Study(study::StudyArgs),
+    Completions(CompletionsArgs),
+    Man(ManArgs),
 }
 
 /// Runs the program with the process's arguments.
@@ -56,6 +59,8 @@ pub fn run() -> ExitCode {
             Command::Compare(args) => compare::run(args),
             Command::Develop(args) => develop::run(args, cli.verbosity),
             Command::Study(args) => study::run(args, cli.verbosity),
+            Command::Completions(args) => args.run(Cli::command()),
+            Command::Man(args) => args.run(Cli::command()),
         },
     )
 }

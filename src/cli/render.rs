@@ -8,7 +8,7 @@ mod session;
 
 use std::time::Instant;
 
-use tracing::{info, warn};
+use tracing::{debug, info, warn};
 
 pub use args::RenderArgs;
 pub use identity::{Files, Inputs};
@@ -110,6 +110,7 @@ fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {
     drop(files.scene);
     let inexact = imported.report.notes.iter().filter(|n| matches!(n.kind, NoteKind::Approximated | NoteKind::Ignored));
     let inexact = inexact.map(|n| n.text.as_str()).collect::<Vec<_>>();
+    inexact.iter().for_each(|note| debug!("{note}"));
     if let [first, rest @ ..] = &inexact[..] {
         let more = if rest.is_empty() { String::new() } else { format!(" and {} more", rest.len()) };
         warn!("not exactly as {} asks: {first}{more} (`bismar inspect` lists it)", args.scene.display());

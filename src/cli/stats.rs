@@ -184,24 +184,15 @@ impl Stats {
         })
     }
 
-    /// Paths a pixel, noise, Mrays/s and MiB, for a table.
-    pub fn columns(&self) -> [String; 4] {
-        [
-            format!("{:.0}", self.samples.pixel_mean),
-            format!("{:.4}", self.noise),
-            format!("{:.2}", self.mrays_per_second),
-            format!("{}", self.peak_memory_bytes >> 20),
-        ]
-    }
-
     /// One line for people.
     pub fn summary(&self) -> String {
         let s = &self.samples;
         let spp = if s.pixel_min == s.pixel_max { s.pixel_min.to_string() } else { format!("{:.1}", s.pixel_mean) };
         let exposure = if self.shown { format!(", exposure {} EV", self.exposure) } else { String::new() };
+        let noise = if self.noise.is_finite() { format!("{:.4}", self.noise) } else { "unknown".into() };
         format!(
-            "{spp} spp in {:.2} s, noise {:.4}, {:.2} Mpaths/s, {:.2} Mrays/s{exposure}",
-            self.seconds.render, self.noise, self.mpaths_per_second, self.mrays_per_second
+            "{spp} spp in {:.2} s, noise {noise}, {:.2} Mpaths/s, {:.2} Mrays/s{exposure}",
+            self.seconds.render, self.mpaths_per_second, self.mrays_per_second
         )
     }
 }

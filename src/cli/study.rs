@@ -7,7 +7,7 @@ use std::process::Command;
 
 use clap::Args;
 
-use crate::console::{Verbosity, Verdict};
+use crate::console::{LogFormat, Verbosity, Verdict};
 use crate::{Error, Result};
 
 /// Measure what the program's choices are worth: balance, stability, rays
@@ -22,7 +22,8 @@ pub struct StudyArgs {
 /// Becomes the other program, so that signals and the exit code are its own.
 pub fn run(args: &StudyArgs, verbosity: Verbosity) -> Result<Verdict> {
     let loudness = if verbosity.quiet { vec!["-q"] } else { vec!["-v"; verbosity.verbose.into()] };
-    Err(become_study(loudness.into_iter().map(OsString::from).chain(args.line.iter().cloned())))
+    let format = if verbosity.log == LogFormat::Json { vec!["--log=json"] } else { Vec::new() };
+    Err(become_study(loudness.into_iter().chain(format).map(OsString::from).chain(args.line.iter().cloned())))
 }
 
 /// `bismar help study …` is for the other program to answer; returns if that was not asked.

@@ -10,6 +10,21 @@ pub fn threads(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|n| (1..=4096).contains(n)).ok_or("not a number from 1 to 4096".into())
 }
 
+/// A time above 0 in seconds, for `value_parser`: `90`, or with a unit, `90s`, `10m`, `1.5h`, `2d`.
+///
+/// # Errors
+/// What is wrong with it, for clap.
+pub fn seconds(text: &str) -> Result<f64, String> {
+    let (number, unit) = match text.find(|c: char| c.is_ascii_alphabetic() && c != 'e' && c != 'E') {
+        Some(at) => text.split_at(at),
+        None => (text, "s"),
+    };
+    let unit = [("s", 1.0), ("m", 60.0), ("h", 3600.0), ("d", 86400.0)].iter().find(|(name, _)| *name == unit);
+    let seconds = unit.and_then(|(_, unit)| number.trim().parse::<f64>().ok().map(|number| number * unit));
+    let seconds = seconds.filter(|s| *s > 0.0 && s.is_finite());
+    seconds.ok_or("not a time above 0 in seconds, or with a unit: 90, 90s, 10m, 1.5h".into())
+}
+
 /// A picture's size in pixels, `WxH`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Size(pub u32, pub u32);
@@ -28,6 +43,15 @@ impl FromStr for Size {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn times_have_units_or_are_seconds() {
+        let times = ["90", "90s", "10m", "1.5h", "2d", "1e-3", "0.25"].map(seconds);
+        assert_eq!(times, [90.0, 90.0, 600.0, 5400.0, 172800.0, 1e-3, 0.25].map(Ok));
+        for bad in ["", "m", "0", "-1", "nan", "inf", "10 minutes", "1h30m", "10min", "1e400"] {
+            assert!(seconds(bad).is_err(), "{bad}");
+        }
+    }
 
     #[test]
     fn sizes_are_two_numbers_of_pixels() {

@@ -2,25 +2,45 @@
 //! listen to signals and look at the machine.
 
 pub mod args;
+pub mod help;
 pub mod host;
+mod logging;
 mod panics;
 pub mod paths;
 pub mod progress;
+pub mod screen;
 pub mod signals;
+pub mod tev;
 
 use std::fmt::Display;
-use std::io::{self, ErrorKind, IsTerminal, Write};
+use std::io::{self, ErrorKind, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
 
 use clap::{Args, Parser};
-use tracing::Level;
 
 use crate::{Error, Result};
 pub use args::Size;
+pub use logging::{Format as LogFormat, say};
 pub use paths::Paths;
 pub use progress::Reporter;
 pub use signals::Signals;
+
+/// The commit that a release was built from; other builds say that they are none.
+pub const COMMIT: &str = env!("BISMAR_COMMIT");
+
+/// What `--version` says: the program's version and what it was built from.
+pub const VERSION: &str = concat!(
+    env!("CARGO_PKG_VERSION"),
+    "\ncommit ",
+    env!("BISMAR_COMMIT"),
+    "\nEmbree ",
+    env!("BISMAR_EMBREE_HEADER_VERSION"),
+    ", obvhs ",
+    env!("BISMAR_OBVHS_VERSION"),
+    "\ncompiled for ",
+    env!("BISMAR_ISA_BASELINE"),
+);
 
 /// How much is said on stderr.
 #[derive(Debug, Clone, Copy, Args)]
@@ -28,9 +48,12 @@ pub struct Verbosity {
     /// Say nothing but errors.
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     pub quiet: bool,
-    /// Say what is done; twice for more.
+    /// Say what is done, and when; twice for more, thrice for all. The variable RUST_LOG chooses finer.
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     pub verbose: u8,
+    /// How lines on stderr look.
+    #[arg(long, global = true, value_enum, default_value_t, value_name = "FORMAT")]
+    pub log: LogFormat,
 }
 
 /// What a command that did its work ends with.
@@ -59,7 +82,7 @@ pub fn run<Cli: Parser>(verbosity: impl Fn(&Cli) -> Verbosity, work: impl FnOnce
             return if e.use_stderr() { ExitCode::from(64) } else { ExitCode::SUCCESS };
         }
     };
-    start_logging(verbosity(&cli));
+    logging::start(verbosity(&cli));
     // A panic on a rayon thread arrives here too, once the pool has unwound. Nothing is used after it but the exit code.
     match catch_unwind(AssertUnwindSafe(|| work(&cli))) {
         Ok(Ok(Verdict::Done)) => ExitCode::SUCCESS,
@@ -73,31 +96,8 @@ pub fn run<Cli: Parser>(verbosity: impl Fn(&Cli) -> Verbosity, work: impl FnOnce
 
 /// Says an error; its exit code.
 pub fn fail(error: &Error) -> ExitCode {
-    say(format_args!("error: {error}"));
+    logging::say_error(error);
     ExitCode::from(error.exit_code())
-}
-
-fn start_logging(verbosity: Verbosity) {
-    let level = match verbosity {
-        Verbosity { quiet: true, .. } => Level::ERROR,
-        Verbosity { verbose: 0, .. } => Level::WARN,
-        Verbosity { verbose: 1, .. } => Level::INFO,
-        _ => Level::DEBUG,
-    };
-    let subscriber = tracing_subscriber::fmt()
-        .with_max_level(level)
-        .with_writer(io::stderr)
-        .with_ansi(io::stderr().is_terminal())
-        .with_target(false)
-        .without_time()
-        .log_internal_errors(false);
-    // Only a second call in one process fails; the first one's level stays then.
-    let _ = subscriber.try_init();
-}
-
-/// A line on stderr. `eprintln` would panic when nobody reads it.
-pub fn say(text: impl Display) {
-    let _ = writeln!(io::stderr().lock(), "{text}");
 }
 
 /// A command's result on stdout. A reader that has gone away (`| head`) has had enough: that is no error.

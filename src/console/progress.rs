@@ -2,12 +2,12 @@
 
 use std::io::{self, IsTerminal, Write};
 use std::sync::Mutex;
-use std::time::Duration;
 
-use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use serde_json::json;
 
 use super::say;
+use super::screen::{self, clock};
 use crate::render::Progress;
 
 /// Where progress goes and how it looks.
@@ -15,7 +15,7 @@ use crate::render::Progress;
 pub enum Style {
     /// A bar if stderr is a terminal, else plain.
     Auto,
-    /// A bar on stderr, with ETA, noise and Mrays/s.
+    /// A bar on stderr, with time, paths, noise and Mrays/s.
     Bar,
     /// `PROGRESS: 42%` on stderr, at most once a second; before it, while a long build lasts, `BUILD: 42%`.
     Plain,
@@ -43,8 +43,11 @@ struct Last {
     /// short builds say nothing.
     printed_build: f64,
     /// Never falls, whatever the estimates do.
-    percent: u32,
+    permille: u32,
 }
+
+/// A bar's steps are tenths of a percent.
+const STEPS: u32 = 1000;
 
 impl Reporter {
     /// A reporter; `auto` is silent when `quiet`.
@@ -55,25 +58,24 @@ impl Reporter {
             Style::Auto => Style::Plain,
             chosen => chosen,
         };
-        // indicatif draws on stderr, and only if that is a terminal.
-        let bar = if style == Style::Bar { ProgressBar::new(100) } else { ProgressBar::hidden() };
-        if let Ok(template) = ProgressStyle::with_template("{bar:32} {percent:>3}%  {msg}") {
-            bar.set_style(template);
-        }
+        let bar = match style {
+            Style::Bar => screen::bar(STEPS.into(), "{wide_bar} {msg}"),
+            _ => ProgressBar::hidden(),
+        };
         Self { style, bar, last: Mutex::default() }
     }
 
     /// To be called often; cheap, and skipped while another thread prints.
     pub fn update(&self, progress: Progress) {
         let Ok(mut last) = self.last.try_lock() else { return };
-        let (percent, due) = last.take(progress);
+        let (permille, due) = last.take(progress);
         match self.style {
             Style::None | Style::Auto => {}
             Style::Bar => {
-                self.bar.set_message(message(&progress));
-                self.bar.set_position(percent.into());
+                self.bar.set_message(message(&progress, permille));
+                self.bar.set_position(permille.into());
             }
-            _ if due => self.line(&progress, percent),
+            _ if due => self.line(&progress, permille / 10),
             _ => {}
         }
     }
@@ -84,8 +86,8 @@ impl Reporter {
         let percent = (done * 100.0) as u32;
         match self.style {
             Style::Bar => {
-                self.bar.set_position(percent.into());
-                self.bar.set_message("building the acceleration structure");
+                self.bar.set_position((done * f64::from(STEPS)) as u64);
+                self.bar.set_message(format!("{percent}%  {}  building the acceleration structure", clock(seconds)));
             }
             _ if seconds - last.printed_build < 1.0 => {}
             Style::Plain => say(format_args!("BUILD: {percent}%")),
@@ -101,7 +103,7 @@ impl Reporter {
 
     /// Ends it; a complete render's last line is always the one of 100 %.
     pub fn finish(&self, complete: bool) {
-        self.bar.finish_and_clear();
+        screen::remove(&self.bar);
         let Ok(last) = self.last.lock() else { return };
         if let (true, Some(progress)) = (complete, last.progress) {
             self.line(&Progress { fraction: 1.0, ..progress }, 100);
@@ -119,15 +121,15 @@ impl Reporter {
 }
 
 impl Last {
-    /// Percent to show, below 100 before the end, and whether a line is due.
+    /// Tenths of a percent to show, below 100 % before the end, and whether a line is due.
     fn take(&mut self, progress: Progress) -> (u32, bool) {
         self.progress = Some(progress);
-        self.percent = self.percent.max((progress.fraction * 100.0) as u32).min(99);
+        self.permille = self.permille.max((progress.fraction * f64::from(STEPS)) as u32).min(STEPS - 1);
         let due = self.printed.is_none_or(|t| progress.seconds - t >= 1.0);
         if due {
             self.printed = Some(progress.seconds);
         }
-        (self.percent, due)
+        (self.permille, due)
     }
 }
 
@@ -146,15 +148,22 @@ fn mrays_per_second(progress: &Progress) -> f64 {
     progress.rays as f64 / progress.seconds.max(1e-9) / 1e6
 }
 
-fn message(progress: &Progress) -> String {
-    let eta = eta_seconds(progress)
-        .and_then(|s| Duration::try_from_secs_f64(s).ok())
-        .map_or("unknown".into(), |d| HumanDuration(d).to_string());
+/// What stands beside the bar: 60 columns or fewer in ordinary cases, so that a terminal of 80 has room for both.
+fn message(progress: &Progress, permille: u32) -> String {
+    let percent = f64::from(permille) / 10.0;
+    let left = eta_seconds(progress).map_or("?".into(), clock);
+    let times = format!("{percent:.1}%  {}, {left} left", clock(progress.seconds));
     if progress.rays == 0 {
-        return format!("ETA {eta}");
+        return times;
     }
-    let noise = if progress.noise.is_finite() { format!("{:.4}", progress.noise) } else { "unknown".into() };
-    format!("ETA {eta}  {} spp  noise {noise}  {:.1} Mrays/s", progress.spp, mrays_per_second(progress))
+    format!("{times}  {}  {:.1} Mrays/s", samples(progress), mrays_per_second(progress))
+}
+
+/// Mean paths a pixel, and noise once it is known.
+pub fn samples(progress: &Progress) -> String {
+    let spp = progress.mean_spp;
+    let spp = if spp < 100.0 { format!("{spp:.1} spp") } else { format!("{spp:.0} spp") };
+    if progress.noise.is_finite() { format!("{spp}  noise {:.4}", progress.noise) } else { spp }
 }
 
 fn json_line(progress: &Progress) -> String {
@@ -163,7 +172,7 @@ fn json_line(progress: &Progress) -> String {
         "fraction": progress.fraction,
         "seconds": progress.seconds,
         "eta_seconds": eta_seconds(progress),
-        "spp": progress.spp,
+        "spp": progress.mean_spp,
         "noise": progress.noise,
         "rays": progress.rays,
         "mrays_per_second": mrays_per_second(progress),
@@ -176,14 +185,24 @@ mod tests {
     use super::*;
 
     fn at(seconds: f64, fraction: f64) -> Progress {
-        Progress { fraction, seconds, rays: 4_000_000, noise: f64::INFINITY, spp: 8 }
+        Progress { fraction, seconds, rays: 4_000_000, noise: f64::INFINITY, spp: 8, mean_spp: 12.25 }
     }
 
     #[test]
     fn lines_come_once_a_second_and_percent_never_falls_nor_ends_early() {
         let mut last = Last::default();
         let lines = [at(0.1, 0.2), at(0.5, 0.3), at(1.1, 0.1), at(1.2, 1.0), at(2.2, 1.0)].map(|p| last.take(p));
-        assert_eq!(lines, [(20, true), (30, false), (30, true), (99, false), (99, true)]);
+        assert_eq!(lines, [(200, true), (300, false), (300, true), (999, false), (999, true)]);
+    }
+
+    #[test]
+    fn a_bar_has_room_beside_its_text_in_80_columns() {
+        let text = message(&at(252.0, 0.25), 250);
+        assert_eq!(text, "25.0%  4:12, 12:36 left  12.2 spp  0.0 Mrays/s");
+        let long = Progress { noise: 0.012345, mean_spp: 16384.0, rays: 9 << 40, ..at(7e4, 0.5) };
+        let text = message(&long, 999);
+        assert_eq!(text, "99.9%  19:26:40, 19:26:40 left  16384 spp  noise 0.0123  141.4 Mrays/s");
+        assert!(text.len() <= 72);
     }
 
     #[test]

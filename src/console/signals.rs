@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
 
-use super::say;
+use super::{logging, screen};
 use crate::{Error, Result};
 
 /// Raised by the first signal.
@@ -54,7 +54,8 @@ impl Signals {
                     && watched.phase.compare_exchange(LOADING, ENDING, Ordering::SeqCst, Ordering::SeqCst).is_ok()
                 {
                     let error = no_progress("interrupted while loading: nothing was rendered, and no file is changed");
-                    say(format_args!("error: {error}"));
+                    screen::clear();
+                    logging::say_error(&error);
                     std::process::exit(error.exit_code().into());
                 }
                 thread::sleep(Duration::from_millis(20));

@@ -4,6 +4,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
 use rayon::prelude::*;
+use tracing::debug;
 
 use super::progress::{Meter, Progress};
 use super::scheduler::{self, Next, State};
@@ -24,56 +25,55 @@ pub struct RunOptions<'a> {
     /// What an earlier session left. Its tiles must be those of the settings
     /// ([`checkpoint::fits`](super::checkpoint::fits)).
     pub from: Option<Saved>,
-    /// Saves what there is, now and then.
-    pub checkpoint: Option<Checkpoint<'a>>,
+    /// Called now and then, with what there is.
+    pub pauses: Vec<Pause<'a>>,
 }
 
-/// Saving while rendering.
-pub struct Checkpoint<'a> {
-    /// Seconds from one to the next, at least; more where saving takes long, so that it takes a twentieth of the time
-    /// at most.
+/// A pause of a render, in which it is saved or shown, and after which it goes on.
+pub struct Pause<'a> {
+    /// Seconds from one to the next, at least; more where one takes long, so that it takes a twentieth of the time at
+    /// most.
     pub seconds: f64,
-    /// Saves a render that can go on. What fails here is its own affair: rendering goes on.
-    pub save: &'a mut dyn FnMut(&Rendered),
+    /// Is handed a render that can go on. What fails here is its own affair: rendering goes on.
+    pub at: &'a mut dyn FnMut(&Rendered),
 }
 
-/// Seconds between checkpoints, over the seconds that one takes, at least.
-const SECONDS_PER_SAVING_SECOND: f64 = 19.0;
+/// Seconds between pauses, over the seconds that one takes, at least.
+const SECONDS_PER_PAUSE_SECOND: f64 = 19.0;
 
-/// When the next checkpoint is due.
-struct Saver<'a> {
-    checkpoint: Option<Checkpoint<'a>>,
-    saved_at: Instant,
-    pause: f64,
+/// When the next pause is due.
+struct Watch<'a> {
+    own: Pause<'a>,
+    last: Instant,
+    /// Seconds from the last one to the next.
+    wait: f64,
 }
 
-impl<'a> Saver<'a> {
-    fn new(checkpoint: Option<Checkpoint<'a>>) -> Self {
-        let pause = checkpoint.as_ref().map_or(f64::INFINITY, |c| c.seconds);
-        Self { checkpoint, saved_at: Instant::now(), pause }
+impl<'a> Watch<'a> {
+    fn new(own: Pause<'a>) -> Self {
+        Self { last: Instant::now(), wait: own.seconds, own }
     }
 
     /// Seconds after `start` at which the next one is due.
     fn due(&self, start: Instant) -> f64 {
-        (self.saved_at - start).as_secs_f64() + self.pause
+        (self.last - start).as_secs_f64() + self.wait
     }
 
-    /// Saves if it is time for that.
-    fn save(&mut self, now: &mut Rendered, seconds: f64) {
-        let Some(checkpoint) = &mut self.checkpoint else { return };
-        if self.saved_at.elapsed().as_secs_f64() < self.pause {
+    /// Pauses if it is time for that.
+    fn pause(&mut self, now: &mut Rendered, seconds: f64) {
+        if self.last.elapsed().as_secs_f64() < self.wait {
             return;
         }
-        let saving = Instant::now();
+        let began = Instant::now();
         now.stats.seconds = seconds;
         now.stop = StopReason::Interrupted;
-        (checkpoint.save)(now);
-        self.saved_at = Instant::now();
-        self.pause = checkpoint.seconds.max(SECONDS_PER_SAVING_SECOND * saving.elapsed().as_secs_f64());
+        (self.own.at)(now);
+        self.last = Instant::now();
+        self.wait = self.own.seconds.max(SECONDS_PER_PAUSE_SECOND * began.elapsed().as_secs_f64());
     }
 }
 
-/// [`run`] from the beginning to the end, without checkpoints, the clock beginning now.
+/// [`run`] from the beginning to the end, without pauses, the clock beginning now.
 pub fn render(
     scene: &PreparedScene,
     settings: &RenderSettings,
@@ -81,7 +81,12 @@ pub fn render(
     progress: &(dyn Fn(Progress) + Sync),
 ) -> Rendered {
     let began = Instant::now();
-    run(scene, settings, RunOptions { stop, progress, began, from: None, checkpoint: None })
+    run(scene, settings, RunOptions { stop, progress, began, from: None, pauses: Vec::new() })
+}
+
+/// Tiles whose pixels have taken so many paths.
+fn tiles_at(tiles: &[Tile], paths: u32) -> u64 {
+    tiles.iter().filter(|tile| tile.paths() == paths).count() as u64
 }
 
 /// How the paths of a render with these settings go.
@@ -107,7 +112,13 @@ pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Tra
 /// The seed of a pass that begins after `done` paths.
 pub fn pass_seed(settings: &RenderSettings, done: u32) -> u32 {
     let scrambles = settings.balance.method().scrambles_passes();
-    settings.seed ^ if scrambles { hash(done) } else { 0 }
+    settings.seed
+        ^ match () {
+            // Points that nobody learns from, and none of those that the pilot has.
+            () if scheduler::is_early(settings, done) => hash(u32::MAX),
+            () if scrambles => hash(done),
+            () => 0,
+        }
 }
 
 /// Renders on the current rayon pool until a stop rule of `settings` holds or the stop flag is raised (then within a
@@ -115,7 +126,7 @@ pub fn pass_seed(settings: &RenderSettings, done: u32) -> u32 {
 /// on threads, nor on how often it was interrupted and continued.
 pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions) -> Rendered {
     let mut transport = transport(scene, settings);
-    let RunOptions { stop, progress, began, from, checkpoint } = options;
+    let RunOptions { stop, progress, began, from, pauses } = options;
     let start = Instant::now();
     let Saved { tiles, stats } =
         from.unwrap_or_else(|| Saved { tiles: fresh_tiles(settings), stats: RenderStats::default() });
@@ -131,7 +142,7 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     let elapsed = || before.seconds + began.elapsed().as_secs_f64();
     let rendering = || before.render_seconds + start.elapsed().as_secs_f64();
     let stopped = || stop.load(Ordering::Relaxed);
-    let mut saver = Saver::new(checkpoint);
+    let mut watches: Vec<_> = pauses.into_iter().map(Watch::new).collect();
     now.stop = loop {
         let (done, ahead) = paths_range(&now.tiles);
         if ahead == done {
@@ -154,14 +165,14 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
             Next::Stop(reason) => break reason,
         };
         let target = done + pass;
-        let finished = now.tiles.iter().filter(|t| t.paths() == target).count() as u64;
+        let finished = tiles_at(&now.tiles, target);
         transport.seed = pass_seed(settings, done);
         let meter = Meter {
             settings,
             start,
             before: elapsed() - start.elapsed().as_secs_f64(),
             deadline: settings.time.map(|limit| limit - elapsed() + start.elapsed().as_secs_f64()),
-            pause: saver.due(start),
+            pause: watches.iter().map(|w| w.due(start)).fold(f64::INFINITY, f64::min),
             stop,
             rays: AtomicU64::new(now.stats.rays()),
             tiles: AtomicU64::new(finished),
@@ -183,12 +194,17 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
         let work = tiles.map(take).reduce(TileWork::default, TileWork::plus);
         now.stats.add(&work);
         now.stats.render_seconds = rendering();
+        debug!(
+            "{pass} paths a pixel after {done}: {} tiles took them, {:.2} s so far",
+            tiles_at(&now.tiles, target),
+            elapsed()
+        );
         if paths_range(&now.tiles).0 == target {
             now.stats.passes += 1;
         } else if let Some(reason) = scheduler::cut(settings, elapsed(), stopped()) {
             break reason;
         }
-        saver.save(&mut now, elapsed());
+        watches.iter_mut().for_each(|watch| watch.pause(&mut now, elapsed()));
     };
     now.stats.render_seconds = rendering();
     now.stats.seconds = elapsed();

@@ -22,7 +22,7 @@ pub mod tile;
 use crate::film::compare::relative_to;
 use crate::film::{Background, Film};
 pub use checkpoint::{Record, Saved};
-pub use driver::{Checkpoint, RunOptions, render, run, transport};
+pub use driver::{Pause, RunOptions, render, run, transport};
 pub use identity::Identity;
 pub use maker::Maker;
 pub use part::Part;
@@ -57,6 +57,13 @@ impl Rendered {
     /// The window's pixels, copied row by row: for those who compute with them.
     pub fn film(&self) -> Film {
         Film::of(&self.pixels())
+    }
+
+    /// How many of the window's pixels have no path, and how many pixels it has.
+    pub fn pixels_without_paths(&self) -> (usize, usize) {
+        let count = |tile: &Tile| tile.inside(self.settings.window()).count();
+        let empty = self.tiles.iter().filter(|tile| tile.paths() == 0).map(count).sum();
+        (empty, self.tiles.iter().map(count).sum())
     }
 
     /// Fewest and most paths of its pixels.

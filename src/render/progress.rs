@@ -18,6 +18,8 @@ pub struct Progress {
     pub noise: f64,
     /// Paths a pixel after the last finished pass.
     pub spp: u32,
+    /// Mean paths a pixel, those of the pass under way included.
+    pub mean_spp: f64,
 }
 
 /// What the tiles of a pass share. Seconds count from `start`, unless it is said otherwise.
@@ -27,7 +29,7 @@ pub(super) struct Meter<'a> {
     /// Seconds that the time limit counts besides those since `start`.
     pub before: f64,
     pub deadline: Option<f64>,
-    /// When a checkpoint is due.
+    /// When a pause is due.
     pub pause: f64,
     pub stop: &'a AtomicBool,
     pub rays: AtomicU64,
@@ -42,7 +44,7 @@ pub(super) struct Meter<'a> {
 }
 
 impl Meter<'_> {
-    /// Is it time to end, or to save?
+    /// Is it time to end, or to pause?
     pub fn should_stop(&self) -> bool {
         let seconds = self.start.elapsed().as_secs_f64();
         // No pause before a tile is done, or nothing would ever be.
@@ -57,6 +59,6 @@ impl Meter<'_> {
         let seconds = self.start.elapsed().as_secs_f64();
         let paths = f64::from(self.done) + f64::from(self.pass) * tiles as f64 / self.all_tiles as f64;
         let fraction = scheduler::fraction(self.settings, paths, self.before + seconds, self.noise);
-        Progress { fraction, seconds, rays, noise: self.noise, spp: self.done }
+        Progress { fraction, seconds, rays, noise: self.noise, spp: self.done, mean_spp: paths }
     }
 }

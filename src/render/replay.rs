@@ -2,9 +2,9 @@
 
 use glam::Vec3;
 
-use super::RenderSettings;
 use super::driver::{pass_seed, transport};
 use super::tile::Tile;
+use super::{RenderSettings, scheduler};
 use crate::integrator::scalar::{self, Event};
 use crate::integrator::{PixelTask, PreparedScene};
 
@@ -31,9 +31,8 @@ pub fn replay(
     let mut transport = transport(scene, settings);
     let window = [x, y, x + 1, y + 1];
     let Some(mut tile) = Tile::cover(settings.width, settings.height, window, settings.columns()).pop() else { return };
-    let method = settings.balance.method();
     let mut done = 0;
-    while let Some(pass) = method.next_pass(done, settings.spp, settings.pilot) {
+    while let Some(pass) = scheduler::planned(settings, done) {
         transport.seed = pass_seed(settings, done);
         tile.pass_watched(&transport, settings.balance, pass, &mut |task: &PixelTask, paths| {
             if [task.x, task.y] != [x, y] {

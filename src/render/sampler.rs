@@ -4,7 +4,7 @@ use std::cell::RefCell;
 
 use glam::Vec3;
 
-use super::tile::Tile;
+use super::tile::{Tile, TilePixel};
 use crate::balance::sampler::Lights;
 use crate::balance::spread::Guide;
 use crate::balance::{Contribution, Cost, Counts, Observer, Sampler, Technique};
@@ -104,7 +104,18 @@ impl Sampler for TileSampler<'_> {
         pilot.found.clear();
         pilot.paths.clear();
         let all = vec![counts; self.tile.pixels()];
+        // Light samples toward the environment, toward area lights where these are divided, and BSDF samples so far.
+        let first = |p: &TilePixel| match counts.environment {
+            Some(_) => [p.environment, p.light - p.environment, p.bsdf],
+            None => [p.light, 0, p.bsdf],
+        };
+        let first: Vec<_> = self.tile.pixels.iter().map(first).collect();
         trace(self.tile, self.transport, wave, tasks, (&all, &all), Some(pilot), self.watch);
+        // Who learns from it counts the pilot's samples from 0.
+        for found in &mut pilot.found {
+            let technique = if found.technique == Technique::Light { usize::from(found.area) } else { 2 };
+            found.index -= first[found.pixel as usize][technique];
+        }
         &pilot.found
     }
 

@@ -1,6 +1,7 @@
 //! Which pass is next and when to stop: functions of settings and of what has been done, nothing else.
 
 use super::{RenderSettings, StopReason};
+use crate::balance::method::EARLY;
 
 /// Paths a pixel below which a noise goal is not asked for. A stop rule that looks at the samples prefers pictures that
 /// have missed rare bright paths so far: fewest looks at few samples hold that bias down.
@@ -34,6 +35,20 @@ pub enum Next {
     Stop(StopReason),
 }
 
+/// Paths a pixel of the pass that begins after `done` paths, if nothing cuts it short; `None` when the samples are taken.
+pub fn planned(settings: &RenderSettings, done: u32) -> Option<u32> {
+    let method = settings.balance.method();
+    let pass = method.next_pass(done, settings.spp, settings.pilot)?;
+    Some(if is_early(settings, done) { pass.min(done.max(1)).min(EARLY - done) } else { pass })
+}
+
+/// Is the pass that begins after `done` paths one of the small ones that come first against the clock? Not for methods
+/// whose shares follow from their passes: a few paths would teach them nonsense.
+pub fn is_early(settings: &RenderSettings, done: u32) -> bool {
+    let method = settings.balance.method();
+    settings.time.is_some() && done < EARLY && !method.needs_goal() && !method.sums_moments()
+}
+
 /// The next pass, or why there is none.
 pub fn next(settings: &RenderSettings, state: &State) -> Next {
     let State { done, ahead, .. } = *state;
@@ -44,7 +59,7 @@ pub fn next(settings: &RenderSettings, state: &State) -> Next {
             return Next::Stop(StopReason::Noise);
         }
         let enough = settings.passes.is_some_and(|most| state.passes >= most);
-        match settings.balance.method().next_pass(done, settings.spp, settings.pilot) {
+        match planned(settings, done) {
             Some(paths) if !enough => pass = paths,
             _ => return Next::Stop(StopReason::Samples),
         }
@@ -89,7 +104,7 @@ pub fn fraction(settings: &RenderSettings, paths: f64, seconds: f64, noise: f64)
 pub fn is_on_the_way(settings: &RenderSettings, done: u32, ahead: u32, passes_done: u32) -> bool {
     let (mut paths, mut passes) = (0, 0);
     while paths < ahead {
-        let Some(pass) = settings.balance.method().next_pass(paths, settings.spp, settings.pilot) else { return false };
+        let Some(pass) = planned(settings, paths) else { return false };
         if paths == done && passes == passes_done {
             // The pass that is half-way.
             return done + pass == ahead;
@@ -148,12 +163,32 @@ mod tests {
         let settings = RenderSettings { time: Some(10.0), ..half(None) };
         let state = |done, seconds| State { seconds, render_seconds: seconds, ..after(done) };
         // No cost is known before the first path.
-        assert_eq!(next(&settings, &state(0, 9.999)), Next::Pass(8));
+        assert_eq!(next(&settings, &state(0, 9.999)), Next::Pass(1));
         assert_eq!(next(&settings, &state(64, 5.0)), Next::Pass(64));
         assert_eq!(next(&settings, &state(64, 8.0)), Next::Pass(16));
         assert_eq!(next(&settings, &state(64, 9.9)), Next::Stop(StopReason::Time));
         assert_eq!(next(&settings, &state(0, 10.0)), Next::Stop(StopReason::Time));
         assert_eq!(next(&settings, &State { ahead: 128, ..state(64, 8.0) }), Next::Pass(64));
+    }
+
+    #[test]
+    fn against_the_clock_the_whole_picture_comes_first() {
+        let passes = |settings: &RenderSettings| {
+            let mut done = 0;
+            let next = || planned(settings, done).inspect(|pass| done += pass);
+            std::iter::from_fn(next).take(7).collect::<Vec<_>>()
+        };
+        let time = |balance, spp| RenderSettings { spp, time: Some(9.0), balance, ..Default::default() };
+        assert_eq!(passes(&time(Balance::Progressive, None)), [1, 1, 2, 32, 36, 72, 128]);
+        assert_eq!(passes(&time(Balance::Progressive, Some(150))), [1, 1, 2, 128, 18]);
+        assert_eq!(passes(&time(Balance::EfficiencyAware, Some(3))), [1, 1, 1]);
+        assert_eq!(passes(&time(Balance::Half, None)), [1, 1, 2, 8, 12, 24, 48]);
+        assert_eq!(passes(&time(Balance::Kl, None))[..3], [8, 8, 16]);
+        assert_eq!(passes(&time(Balance::SecondOrder, Some(64))), [32, 32]);
+        // A pass that time cut in between changes nothing of that.
+        assert_eq!(planned(&time(Balance::Half, None), 3), Some(1));
+        // Without a clock, as ever.
+        assert_eq!(passes(&RenderSettings { spp: Some(150), ..Default::default() }), [128, 22]);
     }
 
     #[test]

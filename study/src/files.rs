@@ -8,6 +8,7 @@ use bismar::film::atomic;
 use bismar::{Error, Result};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde_aux::prelude::serde_introspect;
 
 /// Makes a folder, and those above it.
 ///
@@ -33,12 +34,13 @@ pub fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
     write(path, serde_json::to_string_pretty(value).map_err(|e| Error::Bug(format!("JSON: {e}")))?)
 }
 
-/// Writes rows as CSV with a header line; what there is not is empty.
+/// Writes rows as CSV with a header line, also where there are no rows; what there is not is empty.
 ///
 /// # Errors
 /// As [`atomic::write`].
-pub fn write_csv(path: &Path, rows: &[impl Serialize]) -> Result<()> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
+pub fn write_csv<Row: Serialize + DeserializeOwned>(path: &Path, rows: &[Row]) -> Result<()> {
+    let mut writer = csv::WriterBuilder::new().has_headers(false).from_writer(Vec::new());
+    writer.write_record(serde_introspect::<Row>()).map_err(|e| Error::Bug(format!("CSV: {e}")))?;
     for row in rows {
         writer.serialize(row).map_err(|e| Error::Bug(format!("CSV: {e}")))?;
     }
@@ -70,6 +72,21 @@ pub fn kept<T: DeserializeOwned>(path: &Path) -> Result<Option<T>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_table_has_its_header_with_and_without_rows() {
+        #[derive(Serialize, serde::Deserialize)]
+        struct Row {
+            name: String,
+            seconds: Option<f64>,
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("t.csv");
+        write_csv::<Row>(&path, &[]).unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "name,seconds\n");
+        write_csv(&path, &[Row { name: "a,b".into(), seconds: None }]).unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "name,seconds\n\"a,b\",\n");
+    }
 
     #[test]
     fn what_is_kept_comes_back_to_the_bit_or_not_at_all() {

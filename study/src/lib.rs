@@ -6,6 +6,7 @@ pub mod balance;
 pub mod cli;
 pub mod clock;
 pub mod files;
+pub mod provenance;
 pub mod rays;
 pub mod report;
 pub mod stability;

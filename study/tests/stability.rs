@@ -84,7 +84,7 @@ fn tables_name_every_mode_and_estimator() {
             assert!(outcome["finite"] == true && outcome["worst_ratio"].is_number(), "{outcome}");
         }
     }
-    assert!(read("stability.html").contains("Who survives what"));
+    assert!(read("report.html").contains("Who survives what"));
 }
 
 #[test]

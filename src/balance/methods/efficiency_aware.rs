@@ -2,7 +2,7 @@
 //! Yazici, Georgiev and Slusallek 2022, *Efficiency-Aware Multiple Importance Sampling for Bidirectional Rendering
 //! Algorithms*, for two techniques and with rays as cost).
 
-use crate::balance::method::{FIRST_PASS, LONGEST_PASS, at_once, up_to};
+use crate::balance::method::{EARLY, FIRST_PASS, LONGEST_PASS, at_once, up_to};
 use crate::balance::spread::{SHARES, around};
 use crate::balance::{Contribution, Cost, Counts, Learned, Method, Sampler};
 
@@ -27,7 +27,7 @@ impl Method for EfficiencyAware {
     }
 
     fn pass(&self, learned: &mut Learned, sampler: &mut dyn Sampler, done: u32, paths: u32) {
-        if done > 0 || sampler.lights().is_none() {
+        if done > EARLY || sampler.lights().is_none() {
             return at_once(learned, sampler, paths);
         }
         let (counts, mut found) = (vec![Counts::half(paths); sampler.pixels()], Vec::new());

@@ -1,7 +1,7 @@
 //! `progressive`, the default: a pilot of equal counts, each pixel's share from its neighbours' pilots by measured
 //! variance ([`spread`](crate::balance::spread)), all samples weighed together by the total counts.
 
-use crate::balance::method::{FIRST_PASS, LONGEST_PASS, at_once, up_to};
+use crate::balance::method::{EARLY, FIRST_PASS, LONGEST_PASS, at_once, up_to};
 use crate::balance::sampler::Lights;
 use crate::balance::spread::{Candidates, Caution, Spreads};
 use crate::balance::{Counts, Learned, Method, Sampler};
@@ -29,9 +29,9 @@ impl Method for Progressive {
         up_to(goal, done, size)
     }
 
-    /// Shares are chosen once, in the first pass, and hold for all passes.
+    /// Shares are chosen once, in the first pass that is not an early one, and hold for all passes.
     fn pass(&self, learned: &mut Learned, sampler: &mut dyn Sampler, done: u32, paths: u32) {
-        let Some(lights) = sampler.lights().filter(|_| done == 0) else {
+        let Some(lights) = sampler.lights().filter(|_| done <= EARLY) else {
             return at_once(learned, sampler, paths);
         };
         let candidates = candidates(lights);

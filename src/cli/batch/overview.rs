@@ -4,18 +4,19 @@ use std::io::{self, IsTerminal};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use indicatif::{HumanDuration, MultiProgress, ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
+use serde_json::Value;
 
 use crate::batch::report::{Entry, Status};
-use crate::cli::stats::Stats;
+use crate::console::progress::samples;
 use crate::console::say;
+use crate::console::screen::{self, clock};
 use crate::render::Progress;
 
 /// Takes progress from any thread.
 pub struct Overview {
     quiet: bool,
     terminal: bool,
-    bars: MultiProgress,
     all: ProgressBar,
     state: Mutex<State>,
     began: Instant,
@@ -42,13 +43,12 @@ impl Overview {
     /// Of so many jobs.
     pub fn new(jobs: usize, quiet: bool) -> Self {
         let terminal = io::stderr().is_terminal() && !quiet;
-        let bars = MultiProgress::new();
-        let all = if terminal { bars.add(ProgressBar::new(jobs as u64)) } else { ProgressBar::hidden() };
-        if let Ok(style) = ProgressStyle::with_template("{bar:32} {pos}/{len} jobs  {msg}") {
-            all.set_style(style);
-        }
+        let all = match terminal {
+            true => screen::bar(jobs as u64, "{wide_bar} {pos}/{len} jobs  {msg}"),
+            false => ProgressBar::hidden(),
+        };
         let state = State { jobs: vec![Fraction::default(); jobs], failed: 0, ended: 0, printed: None, percent: 0 };
-        Self { quiet, terminal, bars, all, state: Mutex::new(state), began: Instant::now() }
+        Self { quiet, terminal, all, state: Mutex::new(state), began: Instant::now() }
     }
 
     /// A job begins.
@@ -56,11 +56,8 @@ impl Overview {
         if !self.terminal {
             return;
         }
-        let bar = self.bars.add(ProgressBar::new(1000));
-        if let Ok(style) = ProgressStyle::with_template("  {bar:30} {percent:>3}%  {prefix}  {msg}") {
-            bar.set_style(style);
-        }
-        bar.set_prefix(name.to_owned());
+        let bar = screen::bar(1000, "  {wide_bar} {prefix}  {msg}");
+        bar.set_prefix(short(name));
         self.lock().jobs[index].bar = Some(bar);
     }
 
@@ -72,13 +69,14 @@ impl Overview {
         if let Some(bar) = &job.bar {
             bar.set_position((1000.0 * job.done) as u64);
             let mrays = progress.rays as f64 / progress.seconds.max(1e-9) / 1e6;
-            bar.set_message(format!("{} spp  noise {:.4}  {mrays:.1} Mrays/s", progress.spp, progress.noise));
+            let percent = 100.0 * job.done.min(0.999);
+            bar.set_message(format!("{percent:.1}%  {}  {mrays:.1} Mrays/s", samples(progress)));
         }
         self.show(&mut state);
     }
 
-    /// A job has ended.
-    pub fn ended(&self, index: usize, entry: &Entry<Box<Stats>>) {
+    /// A job has ended; `line` says what came of it.
+    pub fn ended(&self, index: usize, entry: &Entry, line: Option<String>) {
         let mut state = self.lock();
         state.ended += 1;
         state.failed += usize::from(entry.status == Status::Failed);
@@ -86,30 +84,19 @@ impl Overview {
         job.done = 1.0;
         job.before = matches!(entry.status, Status::Before | Status::Pending);
         if let Some(bar) = job.bar.take() {
-            bar.finish_and_clear();
-            self.bars.remove(&bar);
+            screen::remove(&bar);
         }
         self.all.set_position(state.ended as u64);
-        let line = match (&entry.error, &entry.stats) {
-            _ if entry.status == Status::Pending => None,
-            (Some(error), _) => Some(format!("{}: {error}", entry.job)),
-            (_, Some(stats)) => Some(format!("{}: {}", entry.job, stats.summary())),
-            _ => None,
-        };
         // Errors are said even to those who want quiet.
         if let Some(line) = line.filter(|_| !self.quiet || entry.error.is_some()) {
-            if self.terminal {
-                let _ = self.bars.println(line);
-            } else {
-                say(line);
-            }
+            say(line);
         }
         self.show(&mut state);
     }
 
     /// The end of all.
     pub fn finish(&self) {
-        self.all.finish_and_clear();
+        screen::remove(&self.all);
         if !self.quiet && !self.terminal && self.lock().jobs.iter().all(|j| j.done == 1.0) {
             say("PROGRESS: 100%");
         }
@@ -128,10 +115,10 @@ impl Overview {
         let (sum, count) = new.fold((0.0, 0), |(sum, n), j| (sum + j.done, n + 1));
         let fraction = if count == 0 { 1.0 } else { sum / f64::from(count) };
         if self.terminal {
-            let left = self.began.elapsed().as_secs_f64() * (1.0 - fraction) / fraction;
-            let eta = Duration::try_from_secs_f64(left).map_or("unknown".into(), |d| HumanDuration(d).to_string());
+            let seconds = self.began.elapsed().as_secs_f64();
+            let (now, left) = (clock(seconds), clock(seconds * (1.0 - fraction) / fraction));
             let running = state.jobs.iter().filter(|j| j.bar.is_some()).count();
-            self.all.set_message(format!("{running} running, {} failed  ETA {eta}", state.failed));
+            self.all.set_message(format!("{running} running, {} failed  {now}, {left} left", state.failed));
         } else if state.printed.is_none_or(|t| t.elapsed() >= Duration::from_secs(1)) {
             state.printed = Some(Instant::now());
             let all: f64 = state.jobs.iter().map(|j| j.done).sum();
@@ -141,14 +128,32 @@ impl Overview {
     }
 }
 
+/// A job's name in no more than 24 columns: its beginning and its end, which differ most.
+fn short(name: &str) -> String {
+    let all: Vec<char> = name.chars().collect();
+    match all.len() {
+        0..=24 => name.into(),
+        n => all[..8].iter().chain(&['…']).chain(&all[n - 15..]).collect(),
+    }
+}
+
+/// Paths a pixel, noise, Mrays/s and MiB of a job's statistics; empty where they do not say.
+fn columns(stats: &Value) -> [String; 4] {
+    let number = |value: &Value, digits: usize| value.as_f64().map_or(String::new(), |x| format!("{x:.digits$}"));
+    let memory = stats["peak_memory_bytes"].as_u64().map_or(String::new(), |bytes| (bytes >> 20).to_string());
+    let (spp, speed) = (number(&stats["samples"]["pixel_mean"], 0), number(&stats["mrays_per_second"], 2));
+    [spp, number(&stats["noise"], 4), speed, memory]
+}
+
 /// What came of each job, in columns.
-pub fn table(entries: &[Entry<Box<Stats>>]) -> String {
+pub fn table(entries: &[Entry]) -> String {
     let mut rows = vec![["job", "status", "seconds", "spp", "noise", "Mrays/s", "MiB"].map(str::to_owned)];
     for entry in entries {
         let status = serde_json::to_value(entry.status).ok().and_then(|s| s.as_str().map(str::to_owned));
         let status = status.unwrap_or_default();
-        let seconds = if entry.status == Status::Done { format!("{:.2}", entry.seconds) } else { String::new() };
-        let [spp, noise, speed, memory] = entry.stats.as_ref().map(|s| s.columns()).unwrap_or_default();
+        let stats = entry.stats.as_ref();
+        let seconds = stats.map(|_| format!("{:.2}", entry.seconds)).unwrap_or_default();
+        let [spp, noise, speed, memory] = stats.map(columns).unwrap_or_default();
         rows.push([entry.job.clone(), status, seconds, spp, noise, speed, memory]);
     }
     let width = |c: usize| rows.iter().map(|r| r[c].chars().count()).max().unwrap_or(0);

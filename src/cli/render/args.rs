@@ -8,8 +8,9 @@ use clap::{Args, ValueEnum};
 
 use super::replay::PixelPath;
 use crate::console::Size;
-use crate::console::args::threads;
+use crate::console::args::{seconds, threads};
 use crate::console::progress::Style;
+use crate::console::tev;
 use crate::farm::PathMapping;
 use crate::film::{Aov, Exposure, View};
 use crate::rays::Backend;
@@ -24,6 +25,7 @@ use crate::{Error, Result};
 /// SIGTERM and SIGUSR1 end it early and save what there is (exit code 75; --resume goes on from it); a second one ends
 /// it at once.
 #[derive(Debug, Clone, Args)]
+#[command(allow_negative_numbers = true)]
 pub struct RenderArgs {
     /// The scene, .gltf or .glb.
     pub scene: PathBuf,
@@ -76,8 +78,9 @@ pub struct RenderArgs {
     /// Stop at this many paths a pixel.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Sampling")]
     pub spp: Option<u32>,
-    /// Stop this many seconds after the start, loading included; of a resumed render, over all its sessions.
-    #[arg(long, value_name = "SECONDS", value_parser = positive, help_heading = "Sampling")]
+    /// Stop this long after the start, loading included, in seconds or as in 90s, 10m, 1.5h; of a resumed render, over
+    /// all its sessions. The first passes are small, so that all of the picture is there early.
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, help_heading = "Sampling")]
     pub time: Option<f64>,
     /// Stop at this estimated relative error: the root of mean(variance / (mean^2 + 0.01)).
     #[arg(long, value_name = "X", value_parser = positive, help_heading = "Sampling")]
@@ -95,8 +98,9 @@ pub struct RenderArgs {
     #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Sampling")]
     pub seed: u32,
 
-    /// Save the picture, with all that is needed to go on, every so many seconds and at the end.
-    #[arg(long, value_name = "SECONDS", value_parser = positive, help_heading = "Interruption and parts")]
+    /// Save the picture, with all that is needed to go on, every so many seconds (or as in 10m) and at the end; the
+    /// --preview with it.
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, help_heading = "Interruption and parts")]
     pub checkpoint: Option<f64>,
     /// Go on from what the output file holds. Without such a file begin; with a finished one do nothing. A higher --spp
     /// goes on from any number of paths; from a multiple of 128 to the bits that it would have had at once.
@@ -130,6 +134,9 @@ pub struct RenderArgs {
     /// Write a PNG too.
     #[arg(long, value_name = "FILE.png", help_heading = "Output")]
     pub preview: Option<PathBuf>,
+    /// Show the picture in tev while it is rendered; alone it means 127.0.0.1:14158.
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = tev::DEFAULT, help_heading = "Output")]
+    pub tev: Option<tev::Address>,
     /// The PNG's view transform.
     #[arg(long, value_enum, default_value_t = View::Agx, help_heading = "Output")]
     pub view: View,
@@ -368,7 +375,11 @@ impl FromStr for AovList {
             "all" => Ok(AovList(Aov::value_variants().to_vec())),
             list => {
                 let one = |name: &str| {
-                    Aov::from_str(name.trim(), false).map_err(|_| format!("there is no output '{}'", name.trim()))
+                    Aov::from_str(name.trim(), false).map_err(|_| {
+                        let names = Aov::value_variants().iter().filter_map(Aov::to_possible_value);
+                        let names = names.map(|v| v.get_name().to_owned()).collect::<Vec<_>>().join(", ");
+                        format!("there is no output '{}'; there are {names}, all and none", name.trim())
+                    })
                 };
                 list.split(',').map(one).collect::<Parsed<_>>().map(AovList)
             }

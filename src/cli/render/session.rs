@@ -7,13 +7,14 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use tracing::{info, warn};
+use tracing::{debug, info, warn};
 
 use super::identity::Inputs;
 use super::{RenderArgs, choose, make_scene};
 use crate::cli::memory::{self, Need};
 use crate::cli::stats::{Seconds, Stats};
 use crate::console::signals::no_progress;
+use crate::console::tev::Tev;
 use crate::film::exr_file::{HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::film::{Background, Look, Picture, colors, preview};
 use crate::integrator::{CameraRays, PreparedScene};
@@ -21,10 +22,13 @@ use crate::light::AreaLights;
 use crate::rays;
 use crate::render::checkpoint::{self, Earlier, Host};
 use crate::render::{
-    Checkpoint, Identity, Progress, Record, RenderSettings, Rendered, RunOptions, Saved, StopReason, fresh_tiles, run,
+    Identity, Pause, Progress, Record, RenderSettings, Rendered, RunOptions, Saved, StopReason, fresh_tiles, run,
 };
 use crate::scene::Scene;
 use crate::{Error, Result};
+
+/// Seconds between pictures for a viewer.
+const SECONDS_BETWEEN_SHOWS: f64 = 2.0;
 
 /// A scene that is ready to be rendered.
 pub struct Loaded {
@@ -48,6 +52,16 @@ impl Loaded {
         let read_seconds = inputs.read_seconds + start.elapsed().as_secs_f64();
         info!("read {} in {read_seconds:.2} s", args.scene.display());
         check_placed(args, inputs, &scene)?;
+        debug!(
+            "{} objects in {} places, {} triangles kept, {} materials, {} textures, {} punctual lights, {} cameras",
+            scene.objects.len(),
+            scene.instances.len(),
+            scene.meshes.iter().map(|mesh| mesh.indices.len()).sum::<usize>(),
+            scene.materials.len(),
+            scene.textures.len(),
+            scene.lights.len(),
+            scene.cameras.len()
+        );
         let built = Instant::now();
         let rays =
             rays::build_watched(args.rays, Arc::clone(&scene), &|done| building(done, built.elapsed().as_secs_f64()))?;
@@ -249,13 +263,34 @@ impl Session<'_> {
             seconds.set(Seconds { write, ..seconds.get() });
             Ok(stats)
         };
-        let mut save = |rendered: &Rendered| match write(rendered, true) {
-            Ok(_) => info!("saved {} with {} paths", output.display(), rendered.stats.paths),
+        let preview = |rendered: &Rendered, stats: &Stats| match &args.preview {
+            Some(path) => {
+                let look = Look { view: args.view, exposure: stats.exposure };
+                preview::write(path, &rendered.pixels(), look, &self.mark(rendered.stats.paths))
+            }
+            None => Ok(()),
+        };
+        let mut save = |rendered: &Rendered| match write(rendered, true).and_then(|stats| preview(rendered, &stats)) {
+            Ok(()) => info!("saved {} with {} paths", output.display(), rendered.stats.paths),
             Err(e) => warn!("not saved; rendering goes on: {e}"),
         };
-        let checkpoint = args.checkpoint.map(|seconds| Checkpoint { seconds, save: &mut save });
-        let options = RunOptions { stop, progress, began: self.began, from, checkpoint };
-        let rendered = run(&loaded.prepared, &settings, options);
+        let mut viewer = args.tev.as_ref().and_then(|address| {
+            let name = output.display().to_string();
+            Tev::open(address, &name, settings.window()).inspect_err(|e| warn!("{e}; rendering goes on without")).ok()
+        });
+        let mut show = |rendered: &Rendered| {
+            if let Some(Err(e)) = viewer.as_mut().map(|tev| tev.show(&rendered.pixels())) {
+                warn!("{e}; rendering goes on without");
+                viewer = None;
+            }
+        };
+        let save = args.checkpoint.map(|seconds| Pause { seconds, at: &mut save });
+        let mut pauses: Vec<Pause> = save.into_iter().collect();
+        if args.tev.is_some() {
+            pauses.push(Pause { seconds: SECONDS_BETWEEN_SHOWS, at: &mut show });
+        }
+        let rendered = run(&loaded.prepared, &settings, RunOptions { stop, progress, began: self.began, from, pauses });
+        show(&rendered);
         let interrupted = rendered.stop == StopReason::Interrupted;
         rendering_ends(!interrupted);
 
@@ -274,10 +309,7 @@ impl Session<'_> {
         }
         let mut stats = write(&rendered, interrupted || keeps || args.part.is_some())?;
         let writing = Instant::now();
-        if let Some(path) = &args.preview {
-            let look = Look { view: args.view, exposure: stats.exposure };
-            preview::write(path, &rendered.pixels(), look, &self.mark(rendered.stats.paths))?;
-        }
+        preview(&rendered, &stats)?;
         stats.seconds.write = seconds.get().write + writing.elapsed().as_secs_f64();
         stats.seconds.total = self.began.elapsed().as_secs_f64();
         if let Some(path) = &args.stats {
@@ -285,11 +317,20 @@ impl Session<'_> {
         }
         if interrupted {
             let spp = if fewest == most { fewest.to_string() } else { format!("{fewest} to {most}") };
+            let again = if self.replaces { "the same command" } else { "the same command with --resume" };
             return Err(Error::Interrupted(format!(
-                "interrupted: {shown} is saved with {spp} paths a pixel; the same command with --resume goes on from there"
+                "interrupted: {shown} is saved with {spp} paths a pixel; {again} goes on from there"
             )));
         }
         stats.shown = args.preview.is_some();
+        if fewest == 0 {
+            let (empty, all) = rendered.pixels_without_paths();
+            let share = 100.0 * empty as f64 / all as f64;
+            warn!(
+                "{shown}: {empty} of {all} pixels ({share:.0} %) have no paths and are black: --time was over; give it longer, or \
+                 make the picture smaller"
+            );
+        }
         Ok(Done::Rendered(output, Box::new(stats)))
     }
 

@@ -19,12 +19,16 @@ use crate::clock::process_seconds;
 use crate::files;
 
 /// Where the seeds of each use begin: no two uses share one.
-mod seeds {
+pub(super) mod seeds {
     pub const REPLICAS: u32 = 0;
     pub const CONTROL: u32 = 1 << 20;
     pub const FOUND: u32 = 2 << 20;
     pub const ORACLE: u32 = 3 << 20;
     pub const REFERENCE: u32 = 4 << 20;
+
+    /// For results.
+    pub const ALL: [(&str, u32); 5] =
+        [("replicas", REPLICAS), ("control", CONTROL), ("found", FOUND), ("oracle", ORACLE), ("reference", REFERENCE)];
 }
 
 /// Independent renders that make up the reference.

@@ -91,10 +91,9 @@ fn page(design: &Design, scenes: &[SceneResults]) -> Result<String> {
     );
     page.section("Overview");
     if let Some(plot) = overview(design, scenes) {
-        page.wide(
-            plot.svg(),
-            "The oracle is no method: it is the best fixed share of each pixel, found by brute force.",
-        );
+        let oracle = scenes.iter().any(|s| s.outcome(Estimator::Oracle).is_some());
+        let caption = "The oracle is no method: it is the best fixed share of each pixel, found by brute force.";
+        page.wide(plot.svg(), if oracle { caption } else { "" });
     }
     averages(&mut page, scenes, spp);
     method(&mut page, design);
@@ -203,7 +202,13 @@ fn scene_section(page: &mut Page, design: &Design, scene: &SceneResults) -> Resu
     let (Some(top), Some(outcome)) = (scene.top(), scene.outcome(shown)) else { return Ok(()) };
     page.text(&sentences(&outcome.row, design));
     pictures(page, design, scene, outcome)?;
-    page.row(scene_charts(scene).into_iter().map(|(_, c)| chart_figure(c.svg(), "")));
+    let captions = [
+        "Bars: two standard errors either way. Lines that would hide each other are drawn side by side.",
+        "The same over samples.",
+        "Left of 1: less variance than `half` in that pixel. `half again` shows how far noise alone scatters.",
+    ];
+    let charts = scene_charts(scene).into_iter().zip(captions);
+    page.row(charts.map(|((_, chart), caption)| chart_figure(chart.svg(), caption)));
     page.heading(&format!("{} paths a pixel", top.spp));
     page.table(&level_table(top));
     for level in scene.levels.iter().rev().skip(1) {
@@ -228,6 +233,13 @@ fn sentences(row: &Row, design: &Design) -> String {
         with_error(row.equal_time_ratio, row.equal_time_ratio_se),
         with_error(row.ratio_of_means, row.ratio_of_means_se),
     );
+    if (row.ratio / row.ratio_of_means).ln().abs() > 0.15 {
+        text += &format!(
+            " The two differ because the first counts every pixel alike, while the second, and relMSE with it, is ruled by the \
+             few noisiest pixels, where `{name}` gains {}.",
+            if row.ratio < row.ratio_of_means { "less" } else { "more" }
+        );
+    }
     if let (Some(found), Some(error)) = (row.found_ratio, row.found_ratio_se) {
         text +=
             &format!(" With the shares that it found used from the start it would be {}.", with_error(found, error));
@@ -263,7 +275,10 @@ fn level_table(level: &Level) -> Table {
         ("of means", "The whole picture's variance over that of half"),
         ("at equal time", "The variance ratio times the time ratio"),
         ("found", "Variance ratio with the shares found before the last pass used for all samples"),
-        ("/ oracle", "Variance ratio over that of the oracle"),
+        (
+            "/ oracle",
+            "Variance ratio over that of the oracle, the best fixed share of each pixel; empty where it was not sought",
+        ),
         ("> 1.05", "Share of pixels whose measured ratio is above 1.05, noise included"),
         ("surely", "Share of pixels above 1.05 beyond what noise explains"),
         ("p50", "Half of the pixels' measured ratios are below"),

@@ -5,22 +5,23 @@ use std::path::Path;
 use bismar::Result;
 use bismar::balance::Balance;
 use bismar::film::compare::relative_to;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::cell::Cell;
 use super::key::What;
-use super::measure::Measured;
+use super::measure::{Measured, seeds};
 use super::ratio::{self, Deviations, Judgeable, Ratio};
 use super::resample::{self, Summary};
 use super::{CONTROL, Design, Estimator, StudyScene};
 use crate::files;
+use crate::provenance::Provenance;
 use crate::statistics::{farthest, median, median_error, moments};
 
 /// Share of the pixels in the held-out worst.
 pub const WORST: f64 = 0.01;
 
 /// A line of the table. `_se` is a standard error.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 #[allow(missing_docs, reason = "docs/study-balance.md")]
 pub struct Row {
     pub scene: String,
@@ -265,6 +266,7 @@ fn bias_z(cell: &Cell, replicas: usize, reference: &[f64], parts: &Cell) -> f64 
 struct Results<'a> {
     schema: u32,
     version: &'static str,
+    run: Provenance,
     integrator: bismar::render::Integrator,
     width: u32,
     height: u32,
@@ -283,6 +285,7 @@ const SCHEMA: u32 = 1;
 pub fn write_json(path: &Path, design: &Design, rows: &[Row]) -> Result<()> {
     let &Design { integrator, width, height, replicas, reference_spp, .. } = design;
     let version = env!("CARGO_PKG_VERSION");
-    let results = Results { schema: SCHEMA, version, integrator, width, height, replicas, reference_spp, rows };
+    let run = Provenance::now(&seeds::ALL);
+    let results = Results { schema: SCHEMA, version, run, integrator, width, height, replicas, reference_spp, rows };
     files::write_json(path, &results)
 }

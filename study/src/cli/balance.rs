@@ -9,7 +9,7 @@ use bismar::console::{Signals, Size, Verbosity, Verdict, print, say};
 use bismar::render::{Integrator, Progress};
 use clap::Args;
 
-use super::{RunArgs, open};
+use super::{PAGE, RunArgs, open};
 use crate::balance::table::{Level, Outcome, levels};
 use crate::balance::{Design, Estimator, SceneResults, StudyScene, measure, portrait, write};
 
@@ -75,7 +75,7 @@ impl BalanceArgs {
     fn design(&self) -> Design {
         let quick = self.quick;
         let mut spp = match &self.spp[..] {
-            [] if quick => vec![16, 64],
+            [] if quick => vec![8, 16, 32, 64],
             [] => vec![16, 64, 256],
             chosen => chosen.to_vec(),
         };
@@ -103,7 +103,7 @@ impl BalanceArgs {
 
 pub(super) fn run(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {
     let design = args.design();
-    let page = open(&design.folder, "report.html")?;
+    let page = open(&design.folder, PAGE)?;
     let stop = Signals::listen()?.stop;
     let reporter = args.run.reporter(verbosity);
     let start = Instant::now();

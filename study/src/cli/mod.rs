@@ -9,17 +9,18 @@ use std::process::ExitCode;
 
 use bismar::Result;
 use bismar::console::args::threads;
+use bismar::console::help::{CompletionsArgs, ManArgs};
 use bismar::console::progress::Style;
 use bismar::console::{self, Reporter, Verbosity, Verdict, host};
 use bismar::film::atomic;
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, CommandFactory, Parser, Subcommand};
 use tracing::info;
 
 use crate::files;
 
 /// Measure what the program's choices are worth.
 #[derive(Debug, Parser)]
-#[command(name = "bismar-study", bin_name = "bismar study", version, max_term_width = 100)]
+#[command(name = "bismar-study", bin_name = "bismar study", version, long_version = console::VERSION, max_term_width = 100)]
 struct Cli {
     #[command(flatten)]
     verbosity: Verbosity,
@@ -32,7 +33,12 @@ enum Study {
     Balance(balance::BalanceArgs),
     Stability(stability::StabilityArgs),
     Rays(rays::RaysArgs),
+    Completions(CompletionsArgs),
+    Man(ManArgs),
 }
+
+/// The page of every study, in its folder.
+const PAGE: &str = "report.html";
 
 /// What every study takes.
 #[derive(Debug, Args)]
@@ -68,6 +74,8 @@ pub fn run() -> ExitCode {
             Study::Balance(args) => on_threads(args.run.threads, || balance::run(args, cli.verbosity)),
             Study::Stability(args) => on_threads(args.run.threads, || stability::run(args, cli.verbosity)),
             Study::Rays(args) => rays::run(args, cli.verbosity),
+            Study::Completions(args) => args.run(Cli::command()),
+            Study::Man(args) => args.run(Cli::command()),
         },
     )
 }

@@ -10,7 +10,7 @@ use bismar::{Error, Result};
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 
-use super::{RunArgs, open};
+use super::{PAGE, RunArgs, open};
 use crate::rays::contender::ISAS;
 use crate::rays::measure::CONTROL;
 use crate::rays::{Bench, Contender, Design, Results, Shape, Subject, measure, write};
@@ -110,7 +110,7 @@ impl RaysArgs {
 pub(super) fn run(args: &RaysArgs, verbosity: Verbosity) -> Result<Verdict> {
     let design = args.design()?;
     let others = args.merge_report.iter().map(|path| Results::read(path)).collect::<Result<Vec<_>>>()?;
-    let page = open(&design.folder, "report.html")?;
+    let page = open(&design.folder, PAGE)?;
     let (threads, _) = host::threads(args.run.threads)?;
     let bench = Bench::new(threads)?;
     let stop = Signals::listen()?.stop;
@@ -140,6 +140,7 @@ pub(super) fn run(args: &RaysArgs, verbosity: Verbosity) -> Result<Verdict> {
                 rays: 0,
                 noise: f64::INFINITY,
                 spp: 0,
+                mean_spp: 0.0,
             });
         };
         let subject = subject()?;

@@ -9,12 +9,12 @@ use bismar::console::{Signals, Verbosity, Verdict, print, say};
 use bismar::render::Progress;
 use clap::Args;
 
-use super::{RunArgs, open};
+use super::{PAGE, RunArgs, open};
 use crate::stability::{self, Results, page, steps};
 
 /// Take every --balance through the modes in which such methods fail.
 ///
-/// Writes stability.md (the table of who survives what), stability.html and stability.json. Tests means against the truth,
+/// Writes report.html, stability.md (the table of who survives what) and stability.json. Tests means against the truth,
 /// variances pixel by pixel against half, and both checks against controls that are wrong on purpose: exit code 1 when a
 /// control is not caught or a mean is wrong. Needs no scene.
 #[derive(Debug, Args)]
@@ -33,7 +33,7 @@ pub(super) struct StabilityArgs {
 }
 
 pub(super) fn run(args: &StabilityArgs, verbosity: Verbosity) -> Result<Verdict> {
-    let page = open(&args.out, "stability.html")?;
+    let page = open(&args.out, PAGE)?;
     let signals = Signals::listen()?;
     let reporter = args.run.reporter(verbosity);
     let (start, all) = (Instant::now(), steps(true) as f64);
@@ -42,7 +42,7 @@ pub(super) fn run(args: &StabilityArgs, verbosity: Verbosity) -> Result<Verdict>
         steps += 1.0;
         let fraction = (steps / all).min(1.0);
         let seconds = start.elapsed().as_secs_f64();
-        reporter.update(Progress { fraction, seconds, rays: 0, noise: f64::INFINITY, spp: 0 });
+        reporter.update(Progress { fraction, seconds, rays: 0, noise: f64::INFINITY, spp: 0, mean_spp: 0.0 });
         if signals.stopped() { Err(no_progress("nothing was written")) } else { Ok(()) }
     };
     let replicas = if args.quick { 1000 } else { args.replicas };

@@ -3,7 +3,6 @@
 use std::fs;
 use std::hint::black_box;
 
-use bismar::console::host::total_memory_bytes;
 use bismar::rays::cwbvh;
 use bismar::rays::embree::set_flush_to_zero;
 use bismar::sampling::SplitMix64;
@@ -13,6 +12,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::{Deserialize, Serialize};
 
 use crate::clock::thread_seconds;
+use crate::provenance::Machine;
 
 /// The machine that measured.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -45,14 +45,13 @@ impl Host {
     pub fn look(name: Option<&str>) -> Self {
         let cpus = read("/proc/cpuinfo");
         let field = |key: &str| cpus.lines().find_map(|l| l.strip_prefix(key)?.trim().strip_prefix(':')).map(str::trim);
-        let cpu = field("model name").unwrap_or("unknown processor").to_owned();
-        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let Machine { cpu, cores, memory_bytes, kernel } = Machine::look();
         let (flushes, zeroes) = floating_point_mode();
         Self {
             machine: name.map_or_else(|| format!("{cpu}, {cores} cores"), str::to_owned),
             cores,
-            memory_bytes: total_memory_bytes().unwrap_or(0),
-            kernel: read("/proc/sys/kernel/osrelease").trim().to_owned(),
+            memory_bytes,
+            kernel,
             virtual_machine: field("flags").is_some_and(|flags| flags.split(' ').any(|f| f == "hypervisor")),
             frequency_governor: fs::read_to_string("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
                 .ok()

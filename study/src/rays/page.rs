@@ -207,7 +207,8 @@ fn scene_section(page: &mut Page, scene: &SceneRows) {
     page.text(&format!("{} triangles. Streams: {}.", scene.triangles, sizes.collect::<Vec<_>>().join("; ")));
     page.row([chart_figure(
         picture(scene).svg(),
-        "Measured build, and measured seconds a path times the number of paths. Where lines cross, the longer build has paid.",
+        "Measured build, and measured seconds a path times the number of paths, over those of `embree`. Where a line falls below 1, \
+         the longer build has paid.",
     )]);
     page.heading("Mrays/s of one thread, and speed over that of embree");
     let mut columns = vec![("contender", "Backend with its choices")];

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::agree::{Class, Tally};
 use super::host::Host;
 use crate::files;
+use crate::provenance::Provenance;
 
 /// Raised when a column changes its meaning or goes away.
 const SCHEMA: u32 = 1;
@@ -20,6 +21,8 @@ pub struct Results {
     pub schema: u32,
     pub version: String,
     pub rounds: usize,
+    #[serde(default)]
+    pub runs: Vec<Provenance>,
     pub hosts: Vec<Host>,
     pub traces: Vec<Trace>,
     pub builds: Vec<Build>,
@@ -155,6 +158,8 @@ impl Results {
             schema: SCHEMA,
             version: env!("CARGO_PKG_VERSION").to_owned(),
             rounds,
+            // Pictures of a round have the next two.
+            runs: vec![Provenance::now(&[("streams", 0), ("pictures", 1), ("shapes", 1)])],
             hosts: vec![host],
             traces: Vec::new(),
             builds: Vec::new(),
@@ -208,6 +213,7 @@ impl Results {
         self.pictures.extend(other.pictures.into_iter().filter(|r| new(&r.machine, &r.scene)));
         self.scalings.extend(other.scalings.into_iter().filter(|r| new(&r.machine, &r.scene)));
         self.agreements.extend(other.agreements.into_iter().filter(|r| new(&r.machine, &r.scene)));
+        self.runs.extend(other.runs);
         self.hosts.extend(other.hosts);
         self.notes.extend(other.notes);
     }

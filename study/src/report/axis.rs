@@ -50,27 +50,35 @@ impl Axis {
         if value.is_nan() { None } else { self.position(value.clamp(self.low, self.high)) }
     }
 
-    /// Values to write at the axis, rising, two to seven or so.
+    /// Does it show decades equally long?
+    pub fn is_log(&self) -> bool {
+        self.scale == Scale::Log
+    }
+
+    /// Values to write at the axis, rising, three to eight.
     pub fn ticks(&self) -> Vec<f64> {
-        match self.scale {
-            Scale::Linear => {
-                let rough = (self.high - self.low) / 5.0;
-                let unit = 10f64.powf(rough.log10().floor());
-                let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|s| s * unit).find(|s| *s >= rough).unwrap_or(unit);
-                let (first, last) = ((self.low / step).ceil() as i64, (self.high / step).floor() as i64);
-                (first..=last).map(|i| i as f64 * step).collect()
+        let within = |v: &f64| (self.low..=self.high).contains(v);
+        if self.scale == Scale::Log {
+            let (first, last) = (self.low.log10().floor() as i32, self.high.log10().ceil() as i32);
+            let at = |digits: &[f64], every: i32| {
+                let decades = (first..=last).filter(|d| (d - first) % every == 0);
+                decades.flat_map(|d| digits.iter().map(move |x| x * 10f64.powi(d))).filter(within).collect::<Vec<_>>()
+            };
+            let tries =
+                [at(&[1.0, 2.0, 5.0], 1), at(&[1.0, 3.0], 1), at(&[1.0], 1), at(&[1.0], 1 + (last - first) / 7)];
+            if let Some(ticks) = tries.into_iter().find(|ticks| (3..=7).contains(&ticks.len())) {
+                return ticks;
             }
-            Scale::Log => {
-                let (first, last) = (self.low.log10().floor() as i32, self.high.log10().ceil() as i32);
-                let at = |within: &[f64], every: i32| {
-                    let decades = (first..=last).filter(|d| (d - first) % every == 0);
-                    let all = decades.flat_map(|d| within.iter().map(move |w| w * 10f64.powi(d)));
-                    all.filter(|v| (self.low..=self.high).contains(v)).collect::<Vec<_>>()
-                };
-                let fine = at(&[1.0, 2.0, 5.0], 1);
-                if fine.len() <= 7 { fine } else { at(&[1.0], 1 + (last - first) / 7) }
-            }
+            // Less than a decade, or so.
         }
+        let unit = 10f64.powf((self.high - self.low).log10().floor());
+        let at = |step: f64| {
+            let (first, last) = ((self.low / step).ceil() as i64, (self.high / step).floor() as i64);
+            (first..=last).map(|i| i as f64 * step).filter(within).collect::<Vec<_>>()
+        };
+        // The widest step that leaves three.
+        let tries = [2.0, 1.0, 0.5, 0.2, 0.1].map(|step| at(step * unit));
+        tries.into_iter().find(|ticks| ticks.len() >= 3).unwrap_or_default()
     }
 }
 
@@ -93,14 +101,16 @@ mod tests {
 
     #[test]
     fn ticks_are_round_few_and_on_the_axis() {
-        for (low, high) in [(0.0, 1.0), (-3.0, 17.0), (0.61, 0.63), (1e-5, 3e-2), (0.5, 900.0)] {
+        let more = (1..200).map(|i| (0.37, 0.37 * 1.04f64.powi(i)));
+        for (low, high) in [(0.0, 1.0), (-3.0, 17.0), (0.61, 0.63), (1e-5, 3e-2), (0.5, 900.0)].into_iter().chain(more)
+        {
             for scale in [Scale::Linear, Scale::Log] {
                 if scale == Scale::Log && low <= 0.0 {
                     continue;
                 }
                 let axis = Axis::fit(scale, [low, high].into_iter());
                 let ticks = axis.ticks();
-                assert!(ticks.len() <= 8 && (scale == Scale::Log || ticks.len() >= 2), "{low} {high} {ticks:?}");
+                assert!((3..=9).contains(&ticks.len()), "{low} {high} {ticks:?}");
                 assert!(ticks.iter().all(|t| axis.position(*t).is_some()), "{ticks:?}");
             }
         }

@@ -27,6 +27,8 @@ pub struct Series {
     pub name: String,
     /// In order of x.
     pub points: Vec<(f64, f64)>,
+    /// Standard error of each point's y, of which two are drawn either way; or none.
+    pub errors: Vec<f64>,
     /// Which of the [`COLORS`]; 0 is grey, for what others are compared with.
     pub color: usize,
 }
@@ -58,6 +60,8 @@ const LEFT: f64 = 58.0;
 const RIGHT: f64 = 128.0;
 const TOP: f64 = 50.0;
 const BOTTOM: f64 = 44.0;
+/// Lines nearer than this all along are drawn side by side, so far apart.
+const APART: f64 = 4.0;
 /// Between the names of two lines.
 const LABEL_GAP: f64 = 14.0;
 
@@ -86,12 +90,21 @@ impl Chart {
             let points = series.points.iter().filter_map(placed).collect::<Vec<_>>();
             Some((*points.last()?, points, series))
         });
-        let lines = lines.collect::<Vec<_>>();
+        let lines = drawn_apart(lines.collect());
+        // Two standard errors either way, where the point is drawn.
+        let bars = |series: &Series, points: &[(f64, f64)]| {
+            let known = series.points.iter().zip(&series.errors).filter(|(point, _)| placed(point).is_some());
+            let ends = known.zip(points).filter_map(|((&(_, y), error), &(x, _))| {
+                let [low, high] = [-2.0, 2.0].map(|n| self.y.clamped(y + n * error).map(py));
+                Some((x, low?, high?))
+            });
+            ends.collect::<Vec<_>>()
+        };
         let labels = spread(&lines.iter().map(|((_, y), ..)| *y).collect::<Vec<_>>(), (TOP + 6.0, TOP + h));
         let edge = LEFT + w + 14.0;
         let content = html! {
-            (text((LEFT, 30.0), "soft", "start", &self.y_label))
-            (text((LEFT + w / 2.0, HEIGHT - 8.0), "soft", "middle", &self.x_label))
+            (text((0.0, 32.0), "soft", "start", &labelled(&self.y_label, &self.y)))
+            (text((LEFT + w / 2.0, HEIGHT - 8.0), "soft", "middle", &labelled(&self.x_label, &self.x)))
             @for (tick, x) in self.x.ticks().into_iter().filter_map(|t| Some((t, px(self.x.position(t)?)))) {
                 (line("grid", (x, TOP), (x, TOP + h)))
                 (text((x, TOP + h + 16.0), "soft", "middle", &tick_text(tick)))
@@ -107,6 +120,9 @@ impl Chart {
             @for (_, points, series) in &lines {
                 polyline.line points=(points.iter().map(|(x, y)| format!("{x:.1},{y:.1}")).collect::<Vec<_>>().join(" "))
                     stroke=(ink(series.color)) stroke-dasharray=(DASHES[series.color % COLORS]) {}
+                @for (x, low, high) in bars(series, points) {
+                    path d=(format!("M{x:.1} {low:.1}V{high:.1}")) stroke=(ink(series.color)) stroke-width="1.5" opacity=".6" {}
+                }
                 @if self.dots {
                     @for &at in points { (dot(at, 3.0, series.color)) }
                 }
@@ -135,7 +151,9 @@ pub(super) fn standalone(svg: Markup) -> String {
 /// A picture of a size, with its title.
 pub(super) fn frame((width, height): (f64, f64), title: &str, content: Markup) -> Markup {
     html! {
-        svg.chart xmlns="http://www.w3.org/2000/svg" viewBox={ "0 0 " (width) " " (height) } role="img" aria-label=(title) {
+        // Its letters are 12 high at full width: no narrower than that they are 10.
+        svg.chart xmlns="http://www.w3.org/2000/svg" viewBox={ "0 0 " (width) " " (height) } role="img" aria-label=(title)
+            style={ "min-width:" (format!("{:.0}", width * 10.0 / 12.0 + 1.0)) "px" } {
             text.title x="0" y="13" { (title) }
             (content)
         }
@@ -157,6 +175,31 @@ pub(super) fn dot((x, y): (f64, f64), radius: f64, color: usize) -> Markup {
 /// One of the [`COLORS`] as pages name it.
 pub(super) fn ink(color: usize) -> String {
     format!("var(--s{})", color % COLORS)
+}
+
+/// With its scale, where that is not the usual one.
+pub(super) fn labelled(label: &str, axis: &Axis) -> String {
+    if axis.is_log() && !label.is_empty() { format!("{label} (log scale)") } else { label.to_owned() }
+}
+
+type Line<'a> = ((f64, f64), Vec<(f64, f64)>, &'a Series);
+
+/// Lines that would hide each other, side by side.
+fn drawn_apart(lines: Vec<Line>) -> Vec<Line> {
+    let coincide = |a: &[(f64, f64)], b: &[(f64, f64)]| {
+        let near = |(p, q): (&(f64, f64), &(f64, f64))| (p.0 - q.0).abs() < APART && (p.1 - q.1).abs() < APART;
+        a.len() == b.len() && a.iter().zip(b).all(near)
+    };
+    let mut apart: Vec<Line> = Vec::new();
+    for (i, (_, points, series)) in lines.iter().enumerate() {
+        let hidden = lines[..i].iter().filter(|(_, earlier, _)| coincide(earlier, points)).count() as f64;
+        // Across the line: to its right, and up where it falls, else down.
+        let falls = points.last().zip(points.first()).is_some_and(|(last, first)| last.1 > first.1);
+        let (dx, dy) = (hidden * APART * 0.7, hidden * APART * if falls { -0.7 } else { 0.7 });
+        let moved: Vec<_> = points.iter().map(|(x, y)| (x + dx, y + dy)).collect();
+        apart.push((moved.last().copied().unwrap_or_default(), moved, series));
+    }
+    apart
 }
 
 fn tenth(x: f64) -> String {
@@ -197,7 +240,12 @@ mod tests {
 
     #[test]
     fn a_chart_has_a_line_and_a_name_for_each_series_and_no_markup_from_names() {
-        let series = |name: &str, color| Series { name: name.into(), points: vec![(1.0, 0.1), (10.0, 0.01)], color };
+        let series = |name: &str, color| Series {
+            name: name.into(),
+            points: vec![(1.0, 0.1), (10.0, 0.01)],
+            errors: vec![],
+            color,
+        };
         let lines = vec![series("a", 0), series("<b>", 9)];
         let chart = Chart::fitted("t & u", ["x", "y"], [Scale::Log; 2], lines);
         let svg = chart.svg().0;
@@ -208,10 +256,29 @@ mod tests {
     }
 
     #[test]
+    fn errors_are_bars_and_lines_that_coincide_are_drawn_apart() {
+        let series = |y: f64, color| Series {
+            name: String::new(),
+            points: vec![(1.0, y), (10.0, y / 9.0)],
+            errors: vec![0.1 * y, 0.1],
+            color,
+        };
+        let chart =
+            Chart::fitted("", ["x", "y"], [Scale::Log; 2], vec![series(1.0, 1), series(1.0, 2), series(3.0, 3)]);
+        let svg = chart.svg().0;
+        // Six points with a bar each; one reaches below 0 and ends at the axis.
+        assert_eq!(svg.matches("stroke-width=\"1.5\"").count(), 6);
+        assert!(svg.contains("y (log scale)") && !svg.contains("NaN"));
+        let lines: Vec<_> = svg.split("<polyline").skip(1).map(|l| l.split("points=\"").nth(1).unwrap()).collect();
+        let first = |line: &str| line.split(['\"', ' ']).next().unwrap().to_owned();
+        assert!(first(lines[0]) != first(lines[1]), "{svg}");
+    }
+
+    #[test]
     fn a_series_without_points_or_with_values_off_the_scale_is_no_reason_to_fail() {
         let series = vec![
-            Series { name: "none".into(), points: vec![], color: 1 },
-            Series { name: "bad".into(), points: vec![(0.0, f64::NAN), (1.0, 0.0)], color: 2 },
+            Series { name: "none".into(), points: vec![], errors: vec![], color: 1 },
+            Series { name: "bad".into(), points: vec![(0.0, f64::NAN), (1.0, 0.0)], errors: vec![1.0; 2], color: 2 },
         ];
         let svg = Chart::fitted("", ["", ""], [Scale::Log, Scale::Linear], series).svg().0;
         assert!(!svg.contains("NaN"));

@@ -3,7 +3,7 @@
 use maud::{Markup, html};
 
 use super::axis::{Axis, tick_text};
-use super::chart::{dot, frame, ink, line, standalone, text};
+use super::chart::{dot, frame, ink, labelled, line, standalone, text};
 
 /// One measured value in a row.
 #[derive(Debug, Clone, Copy)]
@@ -67,7 +67,7 @@ impl DotPlot {
                 (line("grid", (x, head), (x, head + body)))
                 (text((x, head + body + 16.0), "soft", "middle", &tick_text(tick)))
             }
-            (text((LEFT + w / 2.0, head + body + 36.0), "soft", "middle", &self.label))
+            (text((LEFT + w / 2.0, head + body + 36.0), "soft", "middle", &labelled(&self.label, &self.axis)))
             @if let Some((x, word)) = mark {
                 (line("mark", (x, head - 4.0), (x, head + body)))
                 (text((x + 4.0, head + 6.0), "soft", "start", word))

@@ -20,13 +20,17 @@ p{max-width:74ch;margin:.5rem 0 .9rem}a{color:var(--link)}.lead{font-size:1.1rem
 nav{display:flex;flex-wrap:wrap;gap:.3rem 1.1rem;margin:1rem 0 2rem}
 .row{display:flex;flex-wrap:wrap;gap:1.4rem;align-items:flex-start;margin:1rem 0}
 figure{margin:0}figcaption{font-size:.85rem;color:var(--soft);margin-top:.35rem;max-width:60ch}
-.row figure.pic{width:256px}.row figure.crop{width:104px}.row figure.wide{flex:1 1 460px;min-width:0;max-width:620px}
+.row figure{min-width:0;max-width:100%}.row figure.pic{width:256px}.row figure.crop{width:104px}.row figure.wide{flex:1 1 480px;min-width:0;max-width:620px}
 figure.full{max-width:860px;margin:1rem 0}
 img{display:block;width:100%;image-rendering:pixelated;border-radius:3px;background:var(--card)}
 svg.chart{display:block;width:100%;height:auto}
 .legend{height:.6rem;border-radius:2px;margin-top:.35rem}.ends{display:flex;justify-content:space-between;font-size:.75rem;
 color:var(--soft)}
-.scroll{overflow-x:auto;margin:.8rem 0}table{border-collapse:collapse;font-size:.86rem;font-variant-numeric:tabular-nums}
+.scroll{overflow-x:auto;margin:.8rem 0 .2rem}.scroll:focus-visible{outline:2px solid var(--link);outline-offset:2px}
+.hint{display:none;font-size:.8rem;color:var(--soft);margin:0 0 .6rem}.over+.hint{display:block}
+.columns{margin:.2rem 0 1rem;font-size:.86rem}dl{margin:.4rem 0;display:grid;grid-template-columns:max-content 1fr;gap:.15rem 1rem}
+dt{font-weight:600}dd{margin:0;grid-column:2}@media(max-width:520px){dl{display:block}dd{margin:0 0 .4rem}}
+table{border-collapse:collapse;font-size:.86rem;font-variant-numeric:tabular-nums}
 th,td{padding:.28rem .7rem;text-align:right;white-space:nowrap;border-bottom:1px solid var(--rule)}
 th{font-weight:600;color:var(--soft);cursor:help;vertical-align:bottom}th:first-child,td:first-child{text-align:left;
 position:sticky;left:0;background:var(--bg)}
@@ -44,8 +48,13 @@ box-shadow:0 0 3px #000;pointer-events:none}
 code{font-size:.9em;background:var(--card);padding:.1em .3em;border-radius:3px}
 @media print{body{max-width:none}nav,.slider input{display:none}}";
 
+/// Moves the sliders' lines; says of what is wider than the page that it scrolls, and takes the rest out of the way of
+/// the tabulator key.
 const SCRIPT: &str = "document.querySelectorAll('.slider input').forEach(i=>i.addEventListener('input',()=>\
-i.parentNode.style.setProperty('--at',i.value+'%')))";
+i.parentNode.style.setProperty('--at',i.value+'%')));\
+const all=document.querySelectorAll('.scroll'),look=()=>all.forEach(s=>{const o=s.scrollWidth>s.clientWidth+1;\
+s.classList.toggle('over',o);s.tabIndex=o?0:-1});\
+addEventListener('resize',look);document.querySelectorAll('details').forEach(d=>d.addEventListener('toggle',look));look()";
 
 /// A page under way.
 #[derive(Debug)]
@@ -96,7 +105,7 @@ impl Page {
 
     /// A chart over the text's whole width.
     pub fn wide(&mut self, svg: Markup, caption: &str) {
-        self.add(figure("full", svg, caption));
+        self.add(figure("full", scrolling("chart", svg), caption));
     }
 
     /// Parts that only some readers want.
@@ -141,12 +150,20 @@ fn marked(text: &str) -> Markup {
 }
 
 fn figure(class: &str, content: Markup, caption: &str) -> Markup {
-    html! { figure class=(class) { (content) figcaption { (marked(caption)) } } }
+    html! { figure class=(class) { (content) @if !caption.is_empty() { figcaption { (marked(caption)) } } } }
+}
+
+/// What may be wider than the page, so that it scrolls, by keys too.
+pub(super) fn scrolling(what: &str, content: Markup) -> Markup {
+    html! {
+        div.scroll tabindex="0" role="region" aria-label=(what) { (content) }
+        p.hint aria-hidden="true" { "There is more to the right: swipe, or scroll with → and ←." }
+    }
 }
 
 /// A chart with a caption, for a row.
 pub fn chart_figure(svg: Markup, caption: &str) -> Markup {
-    figure("wide", svg, caption)
+    figure("wide", scrolling("chart", svg), caption)
 }
 
 /// A picture with a caption, for a row.
@@ -194,7 +211,7 @@ pub fn slider(left: (&Picture, &str), right: (&Picture, &str), caption: &str) ->
             img src=(right.0.data_uri()?) alt=(right.1);
             span.l { (left.1) }
             span.r { (right.1) }
-            input type="range" min="0" max="100" step=".1" value="50" aria-label={ (left.1) " against " (right.1) };
+            input type="range" min="0" max="100" step="1" value="50" aria-label={ (left.1) " against " (right.1) };
         }
     };
     Ok(figure("wide", content, caption))

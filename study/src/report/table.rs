@@ -2,6 +2,8 @@
 
 use maud::{Markup, html};
 
+use super::page::scrolling;
+
 /// How a cell stands out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Tone {
@@ -50,8 +52,9 @@ impl Table {
         let of_words = |column: usize| {
             !self.rows.is_empty() && self.rows.iter().all(|row| matches!(row.get(column), Some((_, Tone::Words))))
         };
+        let meant = || self.columns.iter().filter(|(_, meaning)| !meaning.is_empty());
         html! {
-            div.scroll { table {
+            (scrolling("table", html! { table {
                 thead { tr {
                     @for (i, (head, meaning)) in self.columns.iter().enumerate() {
                         th class=[of_words(i).then_some("words")] title=(meaning) { (head) }
@@ -62,7 +65,14 @@ impl Table {
                         tr { @for (text, tone) in row { td class=[tone.class()] { (text) } } }
                     }
                 }
-            } }
+            } }))
+            // For fingers and keys, which cannot point.
+            @if meant().next().is_some() {
+                details.columns {
+                    summary { "What the columns mean" }
+                    dl { @for (head, meaning) in meant() { @if !head.is_empty() { dt { (head) } } dd { (meaning) } } }
+                }
+            }
         }
     }
 
@@ -90,6 +100,8 @@ mod tests {
         assert_eq!(table.markdown(), "| a\\|b | c |\n| --- | --- |\n| <1> | 2 |\n");
         let html = table.html().0;
         assert!(html.contains("&lt;1&gt;") && html.contains(r#"<td class="bad">2"#) && html.contains("&quot;a&quot;"));
+        assert!(html.contains(r#"tabindex="0""#) && html.contains("<dt>a|b</dt><dd>what &quot;a&quot; is</dd>"));
+        assert!(!html.contains("<dt>c"), "nothing is said of it");
         assert!(!html.contains(r#"class="words""#));
         table.rows[0][1].1 = Tone::Words;
         let html = table.html().0;

@@ -5,9 +5,11 @@ use std::path::Path;
 use bismar::Result;
 
 use super::judge::{Outcome, Verdict};
+use super::scenes::OTHER_SEEDS;
 use super::simulate::Subject;
 use super::{ModeResult, Results};
 use crate::files;
+use crate::provenance::Provenance;
 use crate::report::{Page, Table, Tone, number};
 
 /// Raised when a field changes its meaning or goes away.
@@ -229,7 +231,7 @@ pub fn markdown(results: &Results) -> String {
     text
 }
 
-/// Writes `stability.md`, `stability.json` and `stability.html` into a folder.
+/// Writes `report.html`, `stability.md` and `stability.json` into a folder.
 ///
 /// # Errors
 /// As [`files::write`].
@@ -244,11 +246,14 @@ pub fn write(folder: &Path, results: &Results) -> Result<()> {
     struct Document<'a> {
         schema: u32,
         version: &'a str,
+        run: Provenance,
         #[serde(flatten)]
         results: &'a Results,
     }
-    let document = Document { schema: SCHEMA, version: env!("CARGO_PKG_VERSION"), results };
+    let run = Provenance::now(&[("replicas", 0), ("reference", OTHER_SEEDS)]);
+    let document = Document { schema: SCHEMA, version: env!("CARGO_PKG_VERSION"), run, results };
+
     files::write_json(&folder.join("stability.json"), &document)?;
     files::write(&folder.join("stability.md"), markdown(results))?;
-    files::write(&folder.join("stability.html"), page.finish())
+    files::write(&folder.join("report.html"), page.finish())
 }

@@ -25,7 +25,7 @@ pub const SCENES: usize = 5;
 /// Paths a pixel.
 pub const PATHS: u32 = 64;
 /// Seeds of the renders that means are compared with begin here.
-const OTHER_SEEDS: u32 = 1 << 30;
+pub const OTHER_SEEDS: u32 = 1 << 30;
 
 /// A failure mode on a scene.
 pub struct SceneCase {

@@ -25,5 +25,6 @@ pub fn read_regular(path: &Path, limit: u64) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let file = File::open(path).map_err(|e| Error::reading(path, &e))?;
     file.take(limit).read_to_end(&mut bytes).map_err(|e| Error::reading(path, &e))?;
+    tracing::debug!("{}: {} bytes", path.display(), bytes.len());
     Ok(bytes)
 }

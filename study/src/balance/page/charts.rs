@@ -42,7 +42,7 @@ pub(super) fn overview(design: &Design, scenes: &[SceneResults]) -> Option<DotPl
     let spp = design.spp.last().copied().unwrap_or(0);
     Some(DotPlot {
         title: format!("Variance over that of half, {spp} paths a pixel"),
-        label: "mean over pixels; bars: two standard errors either way; left is better".to_owned(),
+        label: "variance ratio, mean over pixels; bars: two standard errors either way; left is better".to_owned(),
         axis: Axis::fit(Scale::Log, values),
         mark: Some((1.0, "as half".to_owned())),
         kinds: kinds.iter().map(|k| (k.clone(), color(k))).collect(),
@@ -55,16 +55,27 @@ pub(super) fn scene_charts(scene: &SceneResults) -> Vec<(&'static str, Chart)> {
     let Some(top) = scene.top() else { return Vec::new() };
     let named = || top.results.iter().filter(|o| o.estimator.is_some()).map(|o| o.row.estimator.clone());
     let lines = |x: fn(&Row) -> f64| {
-        let rows = |name: &str| {
-            let all = scene.levels.iter().flat_map(|l| &l.results).filter(|o| o.row.estimator == name);
-            all.map(|o| (x(&o.row), o.row.rel_mse)).collect::<Vec<_>>()
+        let line = |name: String| {
+            let all = || scene.levels.iter().flat_map(|l| &l.results).filter(|o| o.row.estimator == name);
+            let points = all().map(|o| (x(&o.row), o.row.rel_mse)).collect();
+            let errors = all().map(|o| o.row.rel_mse_se).collect();
+            Series { points, errors, color: color(&name), name: name.clone() }
         };
-        named().map(|name| Series { points: rows(&name), color: color(&name), name }).collect::<Vec<_>>()
+        named().map(line).collect::<Vec<_>>()
     };
     let log = [Scale::Log; 2];
-    let seconds =
-        Chart::fitted("Error against time", ["CPU seconds a picture", "relMSE"], log, lines(|r| r.cpu_seconds));
-    let samples = Chart::fitted("Error against samples", ["paths a pixel", "relMSE"], log, lines(|r| f64::from(r.spp)));
+    let seconds = Chart::fitted(
+        "Error against time",
+        ["CPU seconds a picture, median", "relMSE, mean over replicas"],
+        log,
+        lines(|r| r.cpu_seconds),
+    );
+    let samples = Chart::fitted(
+        "Error against samples",
+        ["paths a pixel", "relMSE, mean over replicas"],
+        log,
+        lines(|r| f64::from(r.spp)),
+    );
     let distribution = |outcome: &Outcome| {
         let mut ratios = outcome.ratios.iter().map(|r| r.ratio).collect::<Vec<_>>();
         ratios.sort_by(f64::total_cmp);
@@ -73,12 +84,12 @@ pub(super) fn scene_charts(scene: &SceneResults) -> Vec<(&'static str, Chart)> {
         let points = steps.map(|i| (ratios[i], (i + 1) as f64 / n as f64)).collect();
         let row = &outcome.row;
         let name = if outcome.estimator.is_none() { "half again (noise)" } else { &row.estimator };
-        Series { name: name.to_owned(), points, color: color(&row.estimator) }
+        Series { name: name.to_owned(), points, errors: Vec::new(), color: color(&row.estimator) }
     };
     let half = Some(Estimator::Method(Balance::Half));
     let pixels = Chart {
         title: "Pixels by their variance ratio to half".to_owned(),
-        x_label: "ratio as measured, with its noise".to_owned(),
+        x_label: "variance ratio as measured, with its noise".to_owned(),
         y_label: "share of pixels at or below".to_owned(),
         x: Axis::new(Scale::Log, 0.1, 10.0),
         y: Axis::new(Scale::Linear, 0.0, 1.0),

@@ -2,7 +2,7 @@
 
 use super::{BASELINE, SceneRows, distinct, scenes};
 use crate::rays::measure::CONTROL;
-use crate::rays::table::{Picture, Results, Trace};
+use crate::rays::table::{Build, Picture, Results};
 use crate::report::{Axis, Chart, Dot, DotPlot, Scale, Series};
 
 /// Shown in charts, as many as there are colours, each with its own.
@@ -21,20 +21,24 @@ pub(super) const STREAM: &str = "diffuse";
 /// Charts of the page's top, by the names of their files.
 type Charts = Vec<(String, Chart)>;
 
-/// Build and render against paths a pixel.
+/// Build and render against paths a pixel, over the baseline's: times themselves are in the tables, and would lie on each
+/// other.
 pub(super) fn picture(scene: &SceneRows) -> Chart {
     let rows = scene.results.pictures.iter().filter(|r| r.machine == scene.machine && r.scene == scene.name);
-    let line = |r: &Picture| {
+    let rows = rows.collect::<Vec<_>>();
+    let base = rows.iter().find(|r| r.backend == CONTROL);
+    let seconds = |r: &Picture, spp: f64| r.build_cpu_seconds + spp * r.cpu_seconds_per_spp;
+    let line = |r: &&Picture| {
         let name = if r.backend == CONTROL { BASELINE } else { &r.backend };
         let color = SHOWN.iter().find(|(shown, _)| *shown == name)?.1;
-        let at = |spp: f64| (spp, r.build_cpu_seconds + spp * r.cpu_seconds_per_spp);
-        let points = (0..=10).map(|i| at(f64::from(1 << i))).collect();
-        Some(Series { name: name.to_owned(), points, color })
+        let at = |spp: f64| Some((spp, seconds(r, spp) / seconds(base?, spp)));
+        let points = (0..=10).filter_map(|i| at(f64::from(1 << i))).collect();
+        Some(Series { name: name.to_owned(), points, errors: Vec::new(), color })
     };
     let side = scene.results.pictures.first().map_or(0.0, |p| (p.pixels as f64).sqrt());
-    let labels = ["paths a pixel", "CPU seconds, build and render"];
-    let title = format!("Time to a picture of {side:.0} x {side:.0}");
-    let mut chart = Chart::fitted(&title, labels, [Scale::Log; 2], rows.filter_map(line).collect());
+    let labels = ["paths a pixel", "CPU time of build and render over that of embree"];
+    let title = format!("Time to a picture of {side:.0} x {side:.0}, less is faster");
+    let mut chart = Chart::fitted(&title, labels, [Scale::Log; 2], rows.iter().filter_map(line).collect());
     chart.dots = false;
     chart
 }
@@ -58,7 +62,7 @@ pub(super) fn overview(results: &Results) -> Option<DotPlot> {
     let values = rows.iter().flat_map(|(_, dots)| dots.iter().map(|d| d.value)).chain([0.8, 1.25]);
     Some(DotPlot {
         title: "Speed of diffuse bounces over that of embree, one thread".to_owned(),
-        label: "median of rounds; bars: two standard errors either way; right is faster".to_owned(),
+        label: "speed ratio, median of rounds; bars: two standard errors either way; right is faster".to_owned(),
         axis: Axis::fit(Scale::Log, values),
         mark: Some((1.0, "as embree".to_owned())),
         kinds: kinds.iter().map(|(name, color)| ((*name).to_owned(), *color)).collect(),
@@ -87,23 +91,22 @@ pub(super) fn costs(results: &Results) -> Charts {
             let line = |&(name, color): &(&str, usize)| {
                 let mut points = of(name);
                 points.sort_by(|a, b| a.0.total_cmp(&b.0));
-                Series { name: name.to_owned(), points, color }
+                Series { name: name.to_owned(), points, errors: Vec::new(), color }
             };
             SHOWN.iter().map(line).filter(|s| s.points.len() > 1).collect::<Vec<_>>()
         };
         let builds = lines(&|name| {
             let rows = results.builds.iter().filter(|b| is(&b.machine, &b.shape) && b.backend == name);
-            rows.map(|b| (b.built_triangles as f64, b.cpu_seconds)).collect()
+            let base = |b: &Build| {
+                let is = |o: &&Build| o.machine == b.machine && o.scene == b.scene && o.backend == BASELINE;
+                results.builds.iter().find(is).map(|base| base.cpu_seconds)
+            };
+            rows.filter_map(|b| Some((b.built_triangles as f64, b.cpu_seconds / base(b)?))).collect()
         });
         let traces = lines(&|name| {
             let rows =
                 results.traces.iter().filter(|t| is(&t.machine, &t.shape) && t.backend == name && t.stream == STREAM);
-            // By the ratio: contenders of a scene are measured one after the other, and the machine may change its pace.
-            let base = |t: &Trace| {
-                let is = |b: &&Trace| b.machine == t.machine && b.scene == t.scene && b.stream == STREAM;
-                results.traces.iter().filter(is).find(|b| b.backend == BASELINE).map(|b| b.mrays_per_second)
-            };
-            rows.filter_map(|t| Some((t.triangles as f64, 1e3 / (base(t)? * t.speed_ratio)))).collect()
+            rows.map(|t| (t.triangles as f64, 1.0 / t.speed_ratio)).collect()
         });
         if builds.is_empty() {
             continue;
@@ -112,12 +115,12 @@ pub(super) fn costs(results: &Results) -> Charts {
         let title = format!("Building: {shape}{of}");
         charts.push((
             format!("cost-build-{shape}{file}"),
-            Chart::fitted(&title, ["triangles", "CPU seconds, all threads"], log, builds),
+            Chart::fitted(&title, ["triangles", "CPU time of a build over that of embree"], log, builds),
         ));
         let title = format!("Tracing diffuse bounces: {shape}{of}");
         charts.push((
             format!("cost-trace-{shape}{file}"),
-            Chart::fitted(&title, ["triangles", "nanoseconds a ray, one thread"], log, traces),
+            Chart::fitted(&title, ["triangles", "time of a ray over that with embree, one thread"], log, traces),
         ));
     }
     charts

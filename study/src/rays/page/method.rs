@@ -88,7 +88,7 @@ pub(super) fn hosts(page: &mut Page, results: &Results) {
         let line = |name: &str, seconds: &[f64], color: usize| {
             let first = seconds.first().copied().unwrap_or(1.0);
             let points = seconds.iter().enumerate().map(|(i, s)| (i as f64, s / first)).collect();
-            Series { name: name.to_owned(), points, color }
+            Series { name: name.to_owned(), points, errors: Vec::new(), color }
         };
         let series = vec![line("computation", &host.spin_seconds, 1), line("memory", &host.chase_seconds, 2)];
         let labels = ["reading", "seconds over the first reading"];

@@ -1,0 +1,64 @@
+//! Who measured, with what, on what: for results that are read elsewhere and later.
+
+use std::collections::BTreeMap;
+use std::fs;
+
+use bismar::console;
+use bismar::console::host::total_memory_bytes;
+use serde::{Deserialize, Serialize};
+
+/// What stands in the JSON of every study as `run`.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Provenance {
+    /// Of the program.
+    pub version: String,
+    /// That the program was built from, if it is a release.
+    pub commit: String,
+    /// The words of the command line.
+    pub command: Vec<String>,
+    /// Where it ran.
+    pub machine: Machine,
+    /// Where the seeds of each use begin; replica r has the seed r above that.
+    pub seeds: BTreeMap<String, u32>,
+}
+
+/// A machine.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Machine {
+    /// The processor's name.
+    pub cpu: String,
+    /// Threads that can run at a time.
+    pub cores: usize,
+    /// Of memory.
+    pub memory_bytes: u64,
+    /// Version of Linux.
+    pub kernel: String,
+}
+
+impl Provenance {
+    /// Of this process.
+    pub fn now(seeds: &[(&str, u32)]) -> Self {
+        Self {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            commit: console::COMMIT.to_owned(),
+            command: std::env::args().collect(),
+            machine: Machine::look(),
+            seeds: seeds.iter().map(|(name, seed)| ((*name).to_owned(), *seed)).collect(),
+        }
+    }
+}
+
+impl Machine {
+    /// The one that this is.
+    pub fn look() -> Self {
+        let read = |path: &str| fs::read_to_string(path).unwrap_or_default();
+        let cpus = read("/proc/cpuinfo");
+        let field = |line: &str| Some(line.strip_prefix("model name")?.trim().strip_prefix(':')?.trim().to_owned());
+        Self {
+            cpu: cpus.lines().find_map(field).unwrap_or_else(|| "unknown processor".to_owned()),
+            cores: std::thread::available_parallelism().map_or(1, usize::from),
+            memory_bytes: total_memory_bytes().unwrap_or(0),
+            kernel: read("/proc/sys/kernel/osrelease").trim().to_owned(),
+        }
+    }
+}
