@@ -451,7 +451,8 @@ fn scenes_and_variants_are_chosen_by_name_or_index() {
     let json = parts.json().replace(r#""scenes":[{"nodes":[0]}]"#, scenes);
     let (_folder, path) = scene_file("scene.gltf", json);
     let import = |scene: Option<&str>, variant: Option<&str>| {
-        let options = ImportOptions { scene: scene.map(Into::into), variant: variant.map(Into::into), strict: false };
+        let (scene, variant) = (scene.map(Into::into), variant.map(Into::into));
+        let options = ImportOptions { scene, variant, ..Default::default() };
         import(&path, &options)
     };
     let shown = |variant: Option<&str>| import(None, variant).unwrap().scene.materials[0].name.clone();

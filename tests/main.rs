@@ -15,6 +15,7 @@ mod closed_forms;
 mod corpus;
 mod damaged;
 mod import;
+mod import_animation;
 mod import_content;
 mod import_hostile;
 mod import_notes;

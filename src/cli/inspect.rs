@@ -6,28 +6,24 @@ use std::path::PathBuf;
 use clap::Args;
 
 use crate::Result;
+use crate::cli::shown::Shown;
 use crate::console::{Verdict, print, print_json};
-use crate::scene::import::{self, ImportOptions, Note, Summary};
+use crate::scene::import::{self, Note, Summary};
 
 /// Say what a scene holds, and what of it is used, approximated and left out.
 #[derive(Debug, Args)]
 pub struct InspectArgs {
     /// The scene, .gltf or .glb.
     scene: PathBuf,
-    /// The document's scene to show, by name or index.
-    #[arg(long = "scene-name", visible_alias = "scene", value_name = "NAME|INDEX")]
-    scene_name: Option<String>,
-    /// The material variant to show, by name or index.
-    #[arg(long, value_name = "NAME")]
-    variant: Option<String>,
+    #[command(flatten)]
+    shown: Shown,
     /// Print JSON, with everything that the text shortens.
     #[arg(long)]
     json: bool,
 }
 
 pub fn run(args: &InspectArgs) -> Result<Verdict> {
-    let options = ImportOptions { strict: false, scene: args.scene_name.clone(), variant: args.variant.clone() };
-    let summary = import::summary(&import::import(&args.scene, &options)?);
+    let summary = import::summary(&import::import(&args.scene, &args.shown.options(false))?);
     if args.json {
         print_json(&summary)?
     } else {

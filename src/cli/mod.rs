@@ -9,6 +9,7 @@ mod inspect;
 mod memory;
 mod merge;
 mod render;
+mod shown;
 mod stats;
 mod study;
 

@@ -106,7 +106,7 @@ pub fn check_outputs(args: &RenderArgs) -> Result<()> {
 }
 
 fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {
-    let imported = files.scene.import(&args.import_options())?;
+    let imported = files.scene.import(&args.shown.options(args.strict))?;
     drop(files.scene);
     let inexact = imported.report.notes.iter().filter(|n| matches!(n.kind, NoteKind::Approximated | NoteKind::Ignored));
     let inexact = inexact.map(|n| n.text.as_str()).collect::<Vec<_>>();

@@ -7,6 +7,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 
 use super::replay::PixelPath;
+use crate::cli::shown::Shown;
 use crate::console::Size;
 use crate::console::args::{seconds, threads};
 use crate::console::progress::Style;
@@ -16,7 +17,6 @@ use crate::film::{Aov, Exposure, View};
 use crate::rays::Backend;
 use crate::render::identity::Asked;
 use crate::render::{Balance, Integrator, Part, PixelFilter, RenderSettings};
-use crate::scene::import::ImportOptions;
 use crate::{Error, Result};
 
 /// Render a glTF scene to OpenEXR.
@@ -29,12 +29,8 @@ use crate::{Error, Result};
 pub struct RenderArgs {
     /// The scene, .gltf or .glb.
     pub scene: PathBuf,
-    /// The document's scene to show, by name or index [default: the file's own].
-    #[arg(long = "scene-name", visible_alias = "scene", value_name = "NAME|INDEX", help_heading = "View")]
-    pub scene_name: Option<String>,
-    /// The material variant to show (KHR_materials_variants), by name or index [default: the default materials].
-    #[arg(long, value_name = "NAME", help_heading = "View")]
-    pub variant: Option<String>,
+    #[command(flatten)]
+    pub shown: Shown,
     /// Where the picture goes [default: the scene's name with .exr, in the current folder].
     #[arg(short, long, value_name = "FILE.exr")]
     pub output: Option<PathBuf>,
@@ -184,17 +180,10 @@ impl LightUnit {
 }
 
 impl RenderArgs {
-    /// What of the file to import, and how strictly.
-    pub fn import_options(&self) -> ImportOptions {
-        ImportOptions { strict: self.strict, scene: self.scene_name.clone(), variant: self.variant.clone() }
-    }
-
     /// What tells a scene apart that is made of the same files otherwise than by default; empty for the default.
     pub fn choices(&self) -> String {
-        let name =
-            |flag: &str, value: &Option<String>| value.as_ref().map(|v| format!(", {flag} {v}")).unwrap_or_default();
         let unit = if self.light_unit == LightUnit::Watt { ", lights in watts" } else { "" };
-        format!("{}{}{unit}", name("scene", &self.scene_name), name("variant", &self.variant))
+        format!("{}{unit}", self.shown.name())
     }
 
     /// Where the picture goes.

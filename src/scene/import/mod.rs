@@ -32,10 +32,21 @@ use crate::error::{Error, Result};
 pub struct ImportOptions {
     /// Whatever would be approximated or ignored (also a missing texture) is an error that names it.
     pub strict: bool,
+    /// A moment of its animations; else the pose that its nodes and weights have.
+    pub pose: Option<Pose>,
     /// The document's scene, by name or index; else the one that it shows by default.
     pub scene: Option<String>,
     /// The material variant (KHR_materials_variants), by name; else the default materials.
     pub variant: Option<String>,
+}
+
+/// A moment of a document's animations.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pose {
+    /// Since their beginning; before the first key of a channel and after its last one it stands still.
+    pub seconds: f64,
+    /// By name or index; `None` or `all` for all of them at once, as viewers play them.
+    pub animation: Option<String>,
 }
 
 /// A scene, and what was done to get it.
@@ -83,9 +94,17 @@ impl SceneFiles {
         };
         let mut build = || -> Result<Scene> {
             let mut notes = Notes::default();
-            let document = document::Document::parse(source, options, &mut notes)?;
+            let posed = match &options.pose {
+                Some(pose) => {
+                    let at_rest = document::Document::parse(source, &source.json, options, &mut Notes::default())?;
+                    Some(build::posed(&at_rest, &source.json, source.file_bytes, pose, &mut notes)?)
+                }
+                None => None,
+            };
+            let json = posed.as_ref().unwrap_or(&source.json);
+            let document = document::Document::parse(source, json, options, &mut notes)?;
             report.generator.clone_from(&document.generator);
-            let scene = build::build(&document, source.file_bytes, notes, &mut report)?;
+            let scene = build::build(&document, source.file_bytes, posed.is_some(), notes, &mut report)?;
             if options.strict {
                 report.refuse_if_inexact()?;
             }

@@ -63,7 +63,8 @@ pub fn read(
     g.tangents = tangent.map(|i| reader.floats::<4>(i)).transpose()?;
     if let Some(index) = optional(Semantic::Color(0)) {
         let colors = read_colors(reader, index, notes)?;
-        g.colors = Some(colors).filter(|c| c.iter().any(|c| *c != [1.0; 4]));
+        let moves = primitive.targets.iter().any(|target| target.contains_key(&Semantic::Color(0)));
+        g.colors = Some(colors).filter(|c| moves || c.iter().any(|c| *c != [1.0; 4]));
     }
     for (set, slot) in [0_u8, 1].into_iter().zip(&mut g.texcoords) {
         if !material.textures.iter().any(|t| t.set == set) {
@@ -153,6 +154,7 @@ fn read_triangles(reader: &mut Reader, p: &Primitive, vertices: usize, notes: &m
 
 /// Adds the morph targets with their weights.
 fn morph(reader: &mut Reader, primitive: &Primitive, weights: &[f32], g: &mut Geometry) -> Result<()> {
+    let vertices = g.positions.len();
     for (target, &weight) in primitive.targets.iter().zip(weights).filter(|(_, w)| **w != 0.0) {
         let target: &Attributes = target;
         let mut add = |semantic: Semantic, out: &mut dyn Iterator<Item = &mut [f32]>| -> Result<()> {
@@ -167,6 +169,12 @@ fn morph(reader: &mut Reader, primitive: &Primitive, weights: &[f32], g: &mut Ge
         add(Semantic::Position, &mut g.positions.iter_mut().map(|p| p.as_mut_slice()))?;
         add(Semantic::Normal, &mut g.normals.iter_mut().flatten().map(|n| n.as_mut_slice()))?;
         add(Semantic::Tangent, &mut g.tangents.iter_mut().flatten().map(|t| &mut t[..3]))?;
+        if let (Some(colors), Some(&index)) = (&mut g.colors, target.get(&Semantic::Color(0))) {
+            let deltas = reader.flat(index)?;
+            for (color, delta) in colors.iter_mut().zip(deltas.chunks(deltas.len() / vertices)) {
+                color.iter_mut().zip(delta).for_each(|(x, d)| *x += weight * *d as f32);
+            }
+        }
         for (set, out) in (0..).zip(&mut g.texcoords) {
             if let (Some(out), Some(&index)) = (out, target.get(&Semantic::TexCoord(set))) {
                 let deltas = reader.floats::<2>(index)?;
@@ -176,6 +184,7 @@ fn morph(reader: &mut Reader, primitive: &Primitive, weights: &[f32], g: &mut Ge
             }
         }
     }
+    g.colors.iter_mut().flatten().flatten().for_each(|x| *x = x.clamp(0.0, 1.0));
     Ok(())
 }
 

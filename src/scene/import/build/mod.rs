@@ -6,6 +6,7 @@ mod geometry;
 mod lights;
 mod materials;
 mod nodes;
+mod pose;
 mod reader;
 mod skins;
 mod tangents;
@@ -25,12 +26,19 @@ use cameras::framed;
 use geometry::Pose;
 use materials::MaterialTable;
 use nodes::{ObjectKey, Placement, Walk, walk};
+pub use pose::posed;
 use reader::Reader;
 use textures::TextureTable;
 
 /// Builds the scene, adds to the document's notes, and fills the report's extensions, notes and counts.
-pub fn build(document: &Document, file_bytes: u64, mut notes: Notes, report: &mut ImportReport) -> Result<Scene> {
-    note_document(document, document.variant.is_some(), &mut notes);
+pub fn build(
+    document: &Document,
+    file_bytes: u64,
+    posed: bool,
+    mut notes: Notes,
+    report: &mut ImportReport,
+) -> Result<Scene> {
+    note_document(document, document.variant.is_some(), posed, &mut notes);
     let reader = Reader::new(document, file_bytes);
     let textures = TextureTable::new(file_bytes);
     let mut assembly = Assembly {
@@ -76,7 +84,7 @@ pub fn build(document: &Document, file_bytes: u64, mut notes: Notes, report: &mu
 }
 
 /// What concerns the file as a whole.
-fn note_document(document: &Document, variant: bool, notes: &mut Notes) {
+fn note_document(document: &Document, variant: bool, posed: bool, notes: &mut Notes) {
     for (name, at) in &document.extensions {
         // Extensions of objects are noted where those are used.
         let whole = !at.contains('.') || at.starts_with("scenes");
@@ -87,8 +95,9 @@ fn note_document(document: &Document, variant: bool, notes: &mut Notes) {
             notes.ignored(&format!("{at}.{name}"), format!("{name}: {why}"));
         }
     }
-    if document.animations.len() > 0 {
-        notes.approximated("animations", "animations are not played: the scene is shown at rest");
+    if document.animations.len() > 0 && !posed {
+        let text = "animations are not played: the scene is shown at rest (--pose and --frame show other moments)";
+        notes.approximated("animations", text);
     }
     if !document.variants.is_empty() && !variant {
         let text = "material variants: the default materials are shown (--variant chooses others)";

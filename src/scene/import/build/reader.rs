@@ -9,7 +9,7 @@ use super::decode::{draco, meshopt};
 use crate::error::{Error, Result};
 use crate::scene::import::complaint::bad;
 use crate::scene::import::document::Document;
-use crate::scene::import::document::accessors::{Accessor, Component, Sparse};
+use crate::scene::import::document::accessors::{Accessor, Component, Shape, Sparse};
 use crate::scene::import::document::compression::Draco;
 use crate::scene::import::document::primitives::Primitive;
 
@@ -166,6 +166,24 @@ impl<'a> Reader<'a> {
             None => Ok(elements),
             Some(i) => Err(bad(&accessor.at, "finite numbers", format!("{:?} in element {i}", elements[i]))),
         }
+    }
+
+    /// All components of all elements, one after the other, as [`Self::floats`] has them.
+    ///
+    /// # Errors
+    /// As [`Self::floats`]; matrices.
+    pub fn flat(&mut self, index: usize) -> Result<Vec<f64>> {
+        fn flat<const N: usize>(elements: Vec<[f32; N]>) -> Vec<f64> {
+            elements.into_iter().flatten().map(f64::from).collect()
+        }
+        let accessor = self.document.accessors.get(index)?;
+        Ok(match accessor.shape {
+            Shape::Scalar => flat(self.floats::<1>(index)?),
+            Shape::Vec2 => flat(self.floats::<2>(index)?),
+            Shape::Vec3 => flat(self.floats::<3>(index)?),
+            Shape::Vec4 => flat(self.floats::<4>(index)?),
+            _ => return Err(bad(&accessor.at, "numbers or vectors", accessor.format())),
+        })
     }
 
     /// All elements as unsigned integers.

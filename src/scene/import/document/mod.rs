@@ -2,6 +2,7 @@
 //! accessor lies in its view, and the nodes are a forest. A faulty element stops only those who need it.
 
 pub mod accessors;
+pub mod animations;
 mod buffers;
 pub mod cameras;
 pub mod compression;
@@ -18,12 +19,15 @@ mod typed;
 
 use std::collections::BTreeMap;
 
+use serde_json::Value;
+
 use crate::error::{Error, Result};
 use crate::scene::import::ImportOptions;
 use crate::scene::import::complaint::bad;
 use crate::scene::import::report::Notes;
 use crate::scene::import::source::Source;
 use accessors::{Accessor, View};
+use animations::Animation;
 use buffers::Buffer;
 use cameras::Camera;
 use images::{Image, ImageData, Sampler, Texture};
@@ -73,7 +77,7 @@ pub struct Document {
     pub roots: Vec<usize>,
     /// JSON path of that scene.
     pub scene_at: String,
-    pub animations: Table<()>,
+    pub animations: Table<Animation>,
     pub scenes: Table<Vec<usize>>,
     /// Their names; empty where there is none.
     pub scene_names: Vec<String>,
@@ -86,23 +90,23 @@ pub struct Document {
 }
 
 impl Document {
-    /// Parses and checks everything but the data of accessors and pictures.
+    /// `json` is the source's document, or one made of it. Parses and checks everything but the data of accessors and pictures.
     ///
     /// # Errors
     /// [`Error::Data`] for whatever breaks the specification in a way that could be seen, [`Error::Missing`] for
     /// a buffer or picture that is not there.
-    pub fn parse(source: &Source, options: &ImportOptions, notes: &mut Notes) -> Result<Self> {
+    pub fn parse(source: &Source, json: &Value, options: &ImportOptions, notes: &mut Notes) -> Result<Self> {
         if source.byte_order_mark {
             notes.repaired("the document", "a byte-order mark before the JSON is skipped");
         }
-        let root = Json::root(&source.json);
+        let root = Json::root(json);
         let asset = root.need("asset", root.get("asset")?)?;
         check_version(&asset)?;
         let required = strings(&root, "extensionsRequired")?;
         extensions::check_required(&required)?;
         let mut extensions: BTreeMap<String, String> =
             strings(&root, "extensionsUsed")?.into_iter().map(|name| (name, "extensionsUsed".into())).collect();
-        each_extension(&source.json, &mut Vec::new(), &mut |name, at| {
+        each_extension(json, &mut Vec::new(), &mut |name, at| {
             extensions.entry(name.into()).or_insert_with(|| join(at));
         })?;
         let quantized = required.iter().any(|name| name == "KHR_mesh_quantization");
@@ -174,7 +178,7 @@ impl Document {
             .collect::<Result<Vec<_>>>()?;
         check_forest(&nodes)?;
         let animations =
-            Table::parse("animations", &root.items("animations")?, |_, json| skins::check_animation(json, &lengths));
+            Table::parse("animations", &root.items("animations")?, |_, json| Animation::parse(json, &lengths));
 
         let scenes = Table::parse("scenes", &scene_items, |_, json| {
             json.name()?;
@@ -245,7 +249,7 @@ impl Document {
 }
 
 /// The element that a flag means: the only one of this name, else by index.
-fn choose(what: &str, wanted: &str, names: &[String]) -> Result<usize> {
+pub fn choose(what: &str, wanted: &str, names: &[String]) -> Result<usize> {
     let named: Vec<usize> = (0..names.len()).filter(|&i| names[i] == wanted).collect();
     let index = || wanted.parse().ok().filter(|&index: &usize| index < names.len());
     let chosen = if named.is_empty() { index() } else { named.first().copied().filter(|_| named.len() == 1) };

@@ -1,4 +1,4 @@
-//! Skins, and animations, of which only the references are checked.
+//! Skins, as the document has them.
 
 use super::Lengths;
 use super::accessors::{Accessor, Component, Shape, View};
@@ -40,26 +40,4 @@ impl Skin {
         }
         Ok(Self { joints, inverse_bind })
     }
-}
-
-/// Checks every reference of an animation.
-pub fn check_animation(animation: &Json, lengths: &Lengths) -> Result<()> {
-    animation.name()?;
-    let samplers = animation.items("samplers")?;
-    for sampler in &samplers {
-        for key in ["input", "output"] {
-            sampler.need(key, sampler.index(key, lengths.accessors, "accessors")?)?;
-        }
-        sampler.string("interpolation")?;
-    }
-    for channel in animation.items("channels")? {
-        channel.need("sampler", channel.index("sampler", samplers.len(), "this animation's samplers")?)?;
-        let target = channel.need("target", channel.get("target")?)?;
-        target.index("node", lengths.nodes, "nodes")?;
-        target.need("path", target.string("path")?)?;
-        if let Some(pointer) = target.extension("KHR_animation_pointer")? {
-            pointer.need("pointer", pointer.string("pointer")?)?;
-        }
-    }
-    Ok(())
 }

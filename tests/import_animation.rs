@@ -1,0 +1,306 @@
+//! Animations at one moment, against what their formulas say; and keys that make no sense.
+
+use bismar::scene::import::{ImportOptions, Imported, NoteKind, Pose, import};
+use bismar::scene::{Projection, TextureSlot};
+use glam::{Affine3A, Quat, Vec3, vec3};
+use serde_json::{Value, json};
+
+use crate::helpers::gltf_parts::{LONGEST, TRIANGLE, attempt, check_scene, floats, scene_file};
+
+/// A triangle in a node, with room for animations: data, accessors and views grow as they are asked for.
+struct Moving {
+    document: Value,
+    data: Vec<u8>,
+}
+
+impl Moving {
+    fn new() -> Self {
+        let document = json!({
+            "asset": { "version": "2.0" }, "scenes": [{ "nodes": [0] }], "nodes": [{ "mesh": 0 }],
+            "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "material": 0 }] }],
+            "materials": [{}], "accessors": [], "bufferViews": [], "animations": [],
+        });
+        let mut out = Self { document, data: Vec::new() };
+        out.floats(&TRIANGLE, "VEC3");
+        out
+    }
+
+    /// The index of an accessor of these floats.
+    fn floats(&mut self, values: &[f32], shape: &str) -> usize {
+        let width = match shape {
+            "SCALAR" => 1,
+            "VEC2" => 2,
+            "VEC3" => 3,
+            _ => 4,
+        };
+        let (start, bytes) = (self.data.len(), floats(values));
+        self.data.extend(&bytes);
+        let views = self.document["bufferViews"].as_array_mut().unwrap();
+        views.push(json!({ "buffer": 0, "byteOffset": start, "byteLength": bytes.len() }));
+        let view = views.len() - 1;
+        let accessors = self.document["accessors"].as_array_mut().unwrap();
+        accessors
+            .push(json!({ "bufferView": view, "componentType": 5126, "count": values.len() / width, "type": shape }));
+        accessors.len() - 1
+    }
+
+    /// Adds an animation of one channel.
+    fn animate(&mut self, name: &str, target: Value, interpolation: &str, times: &[f32], values: &[f32], shape: &str) {
+        let (input, output) = (self.floats(times, "SCALAR"), self.floats(values, shape));
+        self.document["animations"].as_array_mut().unwrap().push(json!({
+            "name": name,
+            "samplers": [{ "input": input, "output": output, "interpolation": interpolation }],
+            "channels": [{ "sampler": 0, "target": target }],
+        }));
+    }
+
+    fn pointer(&mut self, pointer: &str, times: &[f32], values: &[f32], shape: &str) {
+        let target = json!({ "path": "pointer", "extensions": { "KHR_animation_pointer": { "pointer": pointer } } });
+        self.animate("", target, "LINEAR", times, values, shape);
+    }
+
+    fn text(&self) -> String {
+        use base64::Engine;
+        let data = base64::engine::general_purpose::STANDARD.encode(&self.data);
+        let mut document = self.document.clone();
+        document["buffers"] =
+            json!([{ "byteLength": self.data.len(), "uri": format!("data:application/octet-stream;base64,{data}") }]);
+        document.to_string()
+    }
+
+    fn at(&self, seconds: f64, animation: Option<&str>) -> Result<Imported, bismar::Error> {
+        let (_folder, path) = scene_file("scene.gltf", self.text());
+        let pose = Some(Pose { seconds, animation: animation.map(Into::into) });
+        import(&path, &ImportOptions { pose, ..Default::default() })
+    }
+
+    /// Where the triangle's node stands: its origin and what its x and y axis became.
+    #[track_caller]
+    fn placed(&self, seconds: f64) -> [Vec3; 3] {
+        let imported = self.at(seconds, None).unwrap();
+        check_scene(&imported).unwrap();
+        axes(&imported)
+    }
+}
+
+/// What is placed once is kept in world space.
+fn axes(imported: &Imported) -> [Vec3; 3] {
+    let [a, b, c] = [0, 1, 2].map(|i| Vec3::from(imported.scene.meshes[0].positions[i]));
+    [a, b - a, c - a]
+}
+
+fn node(path: &str) -> Value {
+    json!({ "node": 0, "path": path })
+}
+
+const TIMES: [f32; 3] = [0.5, 1.0, 3.0];
+
+#[test]
+fn keys_are_held_joined_by_lines_or_by_splines() {
+    let keys = [vec3(1.0, 0.0, 0.0), vec3(0.0, 2.0, 0.0), vec3(0.0, 0.0, 4.0)];
+    let tangents = [vec3(0.0, 1.0, -1.0), vec3(3.0, 0.0, 0.5), vec3(-2.0, 1.0, 0.0)];
+    let flat = |keys: &[Vec3]| keys.iter().flat_map(|k| k.to_array()).collect::<Vec<_>>();
+    // Tangent in, value, tangent out.
+    let spline: Vec<Vec3> = (0..3).flat_map(|i| [tangents[i] * 2.0, keys[i], tangents[i]]).collect();
+    for (interpolation, values) in [("STEP", flat(&keys)), ("LINEAR", flat(&keys)), ("CUBICSPLINE", flat(&spline))] {
+        let mut moving = Moving::new();
+        moving.animate("walk", node("translation"), interpolation, &TIMES, &values, "VEC3");
+        for t in [0.0, 0.5, 0.75, 0.999, 1.0, 1.5, 2.9, 3.0, 100.0] {
+            let i = TIMES.iter().rposition(|k| f64::from(*k) <= t);
+            let expected = match i {
+                None => keys[0],
+                Some(2) => keys[2],
+                Some(i) => {
+                    let step = TIMES[i + 1] - TIMES[i];
+                    let u = (t as f32 - TIMES[i]) / step;
+                    match interpolation {
+                        "STEP" => keys[i],
+                        "LINEAR" => keys[i].lerp(keys[i + 1], u),
+                        // Bernstein's form of the same cubic.
+                        _ => {
+                            let b = [
+                                keys[i],
+                                keys[i] + tangents[i] * step / 3.0,
+                                keys[i + 1] - tangents[i + 1] * 2.0 * step / 3.0,
+                                keys[i + 1],
+                            ];
+                            let v = 1.0 - u;
+                            b[0] * v * v * v + b[1] * 3.0 * v * v * u + b[2] * 3.0 * v * u * u + b[3] * u * u * u
+                        }
+                    }
+                }
+            };
+            let [found, ..] = moving.placed(t);
+            assert!(found.distance(expected) < 1e-5, "{interpolation} at {t}: {found} for {expected}");
+        }
+    }
+}
+
+#[test]
+fn rotations_take_the_shortest_way_on_the_sphere() {
+    let quarter = Quat::from_rotation_z(std::f32::consts::FRAC_PI_2);
+    // The same rotation by the other sign, which is the long way.
+    let values = [Quat::IDENTITY.to_array(), (-quarter).to_array()].concat();
+    let mut moving = Moving::new();
+    moving.document["nodes"][0]["matrix"] = json!([2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 2, 0, 5, 6, 7, 1]);
+    moving.animate("", node("rotation"), "LINEAR", &[0.0, 1.0], &values, "VEC4");
+    for t in [0.0_f32, 0.25, 1.0 / 3.0, 0.5, 1.0] {
+        // The matrix of the file has a scale and a place, which stay.
+        let expected = Affine3A::from_scale_rotation_translation(
+            Vec3::splat(2.0),
+            Quat::from_rotation_z(std::f32::consts::FRAC_PI_2 * t),
+            vec3(5.0, 6.0, 7.0),
+        );
+        let expected = [expected.translation, expected.matrix3.x_axis, expected.matrix3.y_axis].map(Vec3::from);
+        let found = moving.placed(t.into());
+        assert!((0..3).all(|i| found[i].distance(expected[i]) < 1e-5), "{t}: {found:?} for {expected:?}");
+    }
+}
+
+#[test]
+fn weights_move_positions_and_colours() {
+    let mut moving = Moving::new();
+    let lifted = moving.floats(&[0.0, 0.0, 1.0].repeat(3), "VEC3");
+    let color = moving.floats(&[1.0, 1.0, 1.0].repeat(3), "VEC3");
+    let darker = moving.floats(&[-0.5, -0.25, 0.0].repeat(3), "VEC3");
+    let primitive = &mut moving.document["meshes"][0]["primitives"][0];
+    primitive["attributes"]["COLOR_0"] = color.into();
+    primitive["targets"] = json!([{ "POSITION": lifted }, { "COLOR_0": darker }]);
+    moving.animate("", node("weights"), "LINEAR", &[0.0, 2.0], &[0.0, 0.0, 3.0, 1.0], "SCALAR");
+    for (t, height, color) in
+        [(0.0, 0.0, [1.0, 1.0, 1.0]), (1.0, 1.5, [0.75, 0.875, 1.0]), (9.0, 3.0, [0.5, 0.75, 1.0])]
+    {
+        let scene = moving.at(t, None).unwrap().scene;
+        assert!(scene.meshes[0].positions.iter().all(|p| p[2] == height), "at {t}");
+        let colors = scene.meshes[0].colors.as_ref();
+        let found = colors.map_or([1.0; 3], |c| [c[0][0], c[0][1], c[0][2]]);
+        assert_eq!(found, color, "at {t}");
+    }
+}
+
+#[test]
+fn pointers_move_materials_lights_cameras_textures_and_visibility() {
+    let mut moving = Moving::new();
+    moving.document["nodes"] = json!([{ "mesh": 0, "children": [1, 2] }, { "camera": 0 },
+        { "extensions": { "KHR_lights_punctual": { "light": 0 } } }]);
+    moving.document["cameras"] = json!([{ "type": "perspective", "perspective": { "yfov": 0.5, "znear": 0.1 } }]);
+    moving.document["extensions"] = json!({ "KHR_lights_punctual": { "lights": [{ "type": "point" }] } });
+    moving.document["textures"] = json!([{ "source": 0 }]);
+    let mut png = std::io::Cursor::new(Vec::new());
+    image::RgbImage::new(2, 2).write_to(&mut png, image::ImageFormat::Png).unwrap();
+    use base64::Engine;
+    let png = base64::engine::general_purpose::STANDARD.encode(png.into_inner());
+    moving.document["images"] = json!([{ "uri": format!("data:image/png;base64,{png}") }]);
+    let texcoords = moving.floats(&[0.0; 6], "VEC2");
+    moving.document["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = texcoords.into();
+    moving.document["materials"][0] = json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } });
+    let times = [0.0, 1.0];
+    moving.pointer("/materials/0/pbrMetallicRoughness/roughnessFactor", &times, &[0.0, 1.0], "SCALAR");
+    moving.pointer("/materials/0/emissiveFactor", &times, &[0.0, 0.0, 0.0, 1.0, 0.5, 0.25], "VEC3");
+    moving.pointer("/extensions/KHR_lights_punctual/lights/0/intensity", &times, &[1.0, 3.0], "SCALAR");
+    moving.pointer("/cameras/0/perspective/yfov", &times, &[0.5, 1.5], "SCALAR");
+    let transform = "/materials/0/pbrMetallicRoughness/baseColorTexture/extensions/KHR_texture_transform/offset";
+    moving.pointer(transform, &times, &[0.0, 0.0, 1.0, -1.0], "VEC2");
+    let scene = moving.at(0.5, None).unwrap().scene;
+    let material = &scene.materials[0];
+    assert_eq!((material.roughness, material.emissive), (0.5, vec3(0.5, 0.25, 0.125)));
+    let texture = material.textures[TextureSlot::BaseColor].as_ref().unwrap();
+    assert_eq!(texture.transform.unwrap().translation.to_array(), [0.5, -0.5]);
+    assert_eq!(scene.lights[0].intensity, Vec3::splat(2.0));
+    assert!(matches!(scene.cameras[0].projection, Projection::Perspective { yfov } if yfov == 1.0));
+    moving.pointer("/nodes/0/extensions/KHR_node_visibility/visible", &times, &[1.0, 0.0], "SCALAR");
+    assert_eq!(moving.at(0.0, None).unwrap().scene.instances.len(), 1);
+    assert_eq!(moving.at(1.0, None).unwrap().scene.instances.len(), 0);
+}
+
+#[test]
+fn one_animation_or_all_are_played_and_the_report_says_which() {
+    let mut moving = Moving::new();
+    moving.animate("left", node("translation"), "LINEAR", &[0.0, 1.0], &[0.0, 0.0, 0.0, -2.0, 0.0, 0.0], "VEC3");
+    moving.animate("grow", node("scale"), "LINEAR", &[0.0, 1.0], &[1.0, 1.0, 1.0, 3.0, 3.0, 3.0], "VEC3");
+    let place = |animation: Option<&str>| {
+        let imported = moving.at(0.5, animation).unwrap();
+        let [origin, x, _] = axes(&imported);
+        let note = imported.report.of_kind(NoteKind::Convention).find(|n| n.at == "animations").unwrap().text.clone();
+        (origin.x, x.x, note)
+    };
+    assert_eq!(place(None), (-1.0, 2.0, "at 0.5 s, played: left, grow".into()));
+    assert_eq!(place(Some("all")), place(None));
+    assert_eq!(place(Some("left")), (-1.0, 1.0, "at 0.5 s, played: left".into()));
+    assert_eq!(place(Some("1")), (0.0, 2.0, "at 0.5 s, played: grow".into()));
+    let error = moving.at(0.5, Some("jump")).unwrap_err();
+    assert!(error.exit_code() == 64 && error.to_string().contains("0  left"), "{error}");
+    // At rest without a pose, and said so.
+    let (_folder, path) = scene_file("scene.gltf", moving.text());
+    let rest = import(&path, &ImportOptions::default()).unwrap();
+    assert_eq!(axes(&rest), [Vec3::ZERO, Vec3::X, Vec3::Y]);
+    assert!(rest.report.of_kind(NoteKind::Approximated).any(|n| n.text.contains("at rest")));
+}
+
+#[test]
+fn keys_that_make_no_sense_are_refused_with_their_place() {
+    type Case = (&'static str, &'static str, Vec<f32>, Vec<f32>, &'static str, &'static str);
+    let line = || vec![0.0; 6];
+    let cases: [Case; 9] = [
+        ("translation", "LINEAR", vec![0.0, f32::NAN], line(), "VEC3", "finite"),
+        ("translation", "LINEAR", vec![1.0, 0.5], line(), "VEC3", "increase"),
+        ("translation", "LINEAR", vec![1.0, 1.0], line(), "VEC3", "increase"),
+        ("translation", "LINEAR", vec![0.0, 1.0], vec![0.0; 9], "VEC3", "2 keys"),
+        ("translation", "LINEAR", vec![0.0, 1.0], vec![0.0; 8], "VEC4", "2 keys"),
+        ("translation", "CUBICSPLINE", vec![0.0, 1.0], line(), "VEC3", "2 keys"),
+        ("rotation", "LINEAR", vec![0.0, 1.0], line(), "VEC3", "2 keys"),
+        ("translation", "LINEAR", vec![0.0, 1.0], vec![0.0, 0.0, 0.0, f32::INFINITY, 0.0, 0.0], "VEC3", "finite"),
+        ("weights", "LINEAR", vec![0.0, 1.0], vec![0.0, 1.0], "SCALAR", "weights"),
+    ];
+    for (path, interpolation, times, values, shape, word) in cases {
+        let mut moving = Moving::new();
+        moving.animate("", node(path), interpolation, &times, &values, shape);
+        let error = moving.at(0.7, None).map(|_| ()).unwrap_err();
+        assert!(error.exit_code() == 65 && error.to_string().contains(word), "{path} {word}: {error}");
+        // At rest nothing needs them.
+        let (_folder, path) = scene_file("scene.gltf", moving.text());
+        import(&path, &ImportOptions::default()).unwrap();
+    }
+}
+
+#[test]
+fn pointers_to_anything_else_are_not_played() {
+    for pointer in [
+        "",
+        "/",
+        "x",
+        "/nodes",
+        "/nodes/0",
+        "/nodes/0/mesh",
+        "/nodes/0/children/0",
+        "/nodes/-1/color",
+        "/nodes/x/color",
+        "/accessors/0/count",
+        "/scene",
+        "/asset/version",
+        "/weights",
+        "/nodes/0/translation/9",
+        "/~0~1/offset",
+        "/bufferViews/0/byteOffset",
+        "/meshes/0/primitives/0/indices",
+    ] {
+        let mut moving = Moving::new();
+        moving.pointer(pointer, &[0.0, 1.0], &[1.0, 2.0], "SCALAR");
+        let imported = moving.at(0.5, None).unwrap_or_else(|error| panic!("{pointer}: {error}"));
+        check_scene(&imported).unwrap();
+        let said = imported.report.of_kind(NoteKind::Approximated).any(|n| n.text.contains("is not played"));
+        assert!(said, "{pointer}: {:?}", imported.report.notes);
+    }
+}
+
+#[test]
+fn a_million_keys_are_read_in_time() {
+    let mut moving = Moving::new();
+    let times: Vec<f32> = (0..1_000_000).map(|i| i as f32).collect();
+    let values: Vec<f32> = times.iter().flat_map(|t| [*t, 0.0, 0.0]).collect();
+    moving.animate("", node("translation"), "LINEAR", &times, &values, "VEC3");
+    assert_eq!(moving.placed(777_777.5)[0].x, 777_777.5);
+    let (_folder, path) = scene_file("scene.gltf", moving.text());
+    let (_, time) = attempt(&path);
+    assert!(time < LONGEST, "{time:?}");
+}
