@@ -2,16 +2,17 @@
 
 use std::io::{self, Write};
 use std::sync::LazyLock;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use console::Term;
+use console::{Term, measure_text_width};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
 
 /// All bars of the process; none is drawn where stderr is no terminal.
 static BARS: LazyLock<MultiProgress> = LazyLock::new(|| {
     let term = Term::stderr();
     MultiProgress::with_draw_target(match term.is_term() {
-        true => ProgressDrawTarget::term_like_with_hz(Box::new(Narrow(term)), 10),
+        true => ProgressDrawTarget::term_like_with_hz(Box::new(Narrow { term, column: AtomicUsize::new(0) }), 10),
         false => ProgressDrawTarget::hidden(),
     })
 });
@@ -69,52 +70,71 @@ pub fn clock(seconds: f64) -> String {
     }
 }
 
-/// A terminal with its last columns left empty. The cursor waits there: the `^C` that a terminal prints when somebody
-/// types it stays in the bar's line and goes away with it. Bars are no reason to fail: errors of the terminal are dropped.
+/// A terminal with its last columns left empty, if it has 80 at least. The cursor waits there: the `^C` that a terminal
+/// prints when somebody types it stays in the bar's line and goes away with it. indicatif fills lines up to their end and
+/// takes it that the next one begins by itself: here it has to be begun. Bars are no reason to fail: errors of the
+/// terminal are dropped.
 #[derive(Debug)]
-struct Narrow(Term);
+struct Narrow {
+    term: Term,
+    /// Columns written in this line.
+    column: AtomicUsize,
+}
 
 const SPARE: u16 = 4;
 
+impl Narrow {
+    fn at_start(&self, done: io::Result<()>) -> io::Result<()> {
+        self.column.store(0, Ordering::Relaxed);
+        done.or(Ok(()))
+    }
+}
+
 impl TermLike for Narrow {
     fn width(&self) -> u16 {
-        self.0.size().1.saturating_sub(SPARE).max(20)
+        let columns = self.term.size().1;
+        if columns < 80 { columns.max(1) } else { columns - SPARE }
     }
 
     fn height(&self) -> u16 {
-        self.0.size().0
+        self.term.size().0
     }
 
     fn move_cursor_up(&self, n: usize) -> io::Result<()> {
-        self.0.move_cursor_up(n).or(Ok(()))
+        self.at_start(self.term.move_cursor_up(n))
     }
 
     fn move_cursor_down(&self, n: usize) -> io::Result<()> {
-        self.0.move_cursor_down(n).or(Ok(()))
+        self.at_start(self.term.move_cursor_down(n))
     }
 
     fn move_cursor_right(&self, n: usize) -> io::Result<()> {
-        self.0.move_cursor_right(n).or(Ok(()))
+        self.term.move_cursor_right(n).or(Ok(()))
     }
 
     fn move_cursor_left(&self, n: usize) -> io::Result<()> {
-        self.0.move_cursor_left(n).or(Ok(()))
+        self.term.move_cursor_left(n).or(Ok(()))
     }
 
-    fn write_line(&self, s: &str) -> io::Result<()> {
-        self.0.write_line(s).or(Ok(()))
+    fn write_line(&self, text: &str) -> io::Result<()> {
+        self.at_start(self.term.write_line(text))
     }
 
-    fn write_str(&self, s: &str) -> io::Result<()> {
-        self.0.write_str(s).or(Ok(()))
+    fn write_str(&self, text: &str) -> io::Result<()> {
+        let before = self.column.load(Ordering::Relaxed);
+        if before > 0 && before.is_multiple_of(self.width().into()) && !text.is_empty() {
+            self.write_line("")?;
+        }
+        self.column.fetch_add(measure_text_width(text), Ordering::Relaxed);
+        self.term.write_str(text).or(Ok(()))
     }
 
     fn clear_line(&self) -> io::Result<()> {
-        self.0.clear_line().or(Ok(()))
+        self.at_start(self.term.clear_line())
     }
 
     fn flush(&self) -> io::Result<()> {
-        self.0.flush().or(Ok(()))
+        self.term.flush().or(Ok(()))
     }
 }
 
