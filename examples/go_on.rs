@@ -34,7 +34,7 @@ fn main() -> Result<()> {
         let options = RunOptions { stop: &stop, progress: &progress, began, from, pauses: Vec::new() };
         let rendered = run(&scene, &settings, options);
         let record = Record::new(&identity, &asked, &rendered, Host::of(scene.rays.info()), true);
-        checkpoint::write(&out, &rendered, &record, Vec::new(), true)?;
+        checkpoint::write(&out, &rendered, &record, Vec::new(), None, true)?;
         eprintln!("{} paths so far", rendered.stats.paths);
         if rendered.stop != StopReason::Interrupted {
             return Ok(());

@@ -83,10 +83,11 @@ finish() {
         python3 -m venv "$openjd"
         "$openjd/bin/pip" --quiet --disable-pip-version-check install "openjd-cli==$openjd_version"
     fi
-    if $pictures && ! "$looks/bin/python" -c 'import OpenImageIO, flip_evaluator' 2>/dev/null; then
+    if $pictures && ! "$looks/bin/python" -c 'import OpenImageIO, flip_evaluator, mmh3' 2>/dev/null; then
         say "installing OpenImageIO and FLIP from PyPI into target/pictures"
         python3 -m venv "$looks"
-        "$looks/bin/pip" --quiet --disable-pip-version-check install numpy OpenImageIO==3.0.21.0 flip-evaluator==1.7
+        "$looks/bin/pip" --quiet --disable-pip-version-check install numpy OpenImageIO==3.0.21.0 flip-evaluator==1.7 \
+            mmh3
         # Blender is built for one version of Python alone.
         if "$looks/bin/python" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))'; then
             say "installing Blender from PyPI into target/pictures"

@@ -7,6 +7,7 @@ mod helpers;
 #[path = "slurm.rs"]
 mod a_slurm_of_two_nodes;
 
+mod aovs;
 mod batch;
 mod bits;
 mod bsdf;
@@ -14,6 +15,8 @@ mod cli;
 mod closed_forms;
 mod corpus;
 mod damaged;
+mod fireflies;
+mod flip;
 mod import;
 mod import_animation;
 mod import_content;

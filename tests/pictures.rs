@@ -104,3 +104,187 @@ fn where_nothing_is_depth_is_finite() {
     let depth: Vec<_> = depth.iter().map(|b| f32::from_bits(*b)).collect();
     assert!(depth.contains(&1e10) && depth.iter().all(|d| *d > 0.0 && *d <= 1e10));
 }
+
+fn rgb(path: &Path) -> Vec<u8> {
+    image::open(path).unwrap().into_rgb8().into_raw()
+}
+
+#[test]
+fn a_picture_is_developed_from_its_file_as_it_was_when_it_was_rendered() {
+    let folder = folder();
+    let file = |name: &str| folder.path().join(name);
+    let line = "render cornell.glb --size 40x30 --spp 8 --env field.hdr -o a.exr --preview a.png";
+    let said = expect(folder.path(), line, 0);
+    let exposure: f32 = program::attribute(&file("a.exr"), "bismar.exposure").parse().unwrap();
+    assert!(exposure != 0.0 && said.contains(&format!("exposure {exposure} EV")), "{said}");
+    let said = expect(folder.path(), "develop a.exr -o again.png", 0);
+    assert!(said.contains(&format!("again.png: view agx, exposure {exposure} EV")), "{said}");
+    assert_eq!(rgb(&file("a.png")), rgb(&file("again.png")));
+    // The value that was printed gives the same picture; another one does not.
+    expect(folder.path(), &format!("{line} --exposure {exposure} -q"), 0);
+    assert_eq!(rgb(&file("a.png")), rgb(&file("again.png")));
+    expect(folder.path(), "develop a.exr -o again.png --exposure 3 -q", 0);
+    assert_ne!(rgb(&file("a.png")), rgb(&file("again.png")));
+    // Pictures of others, and other layers.
+    expect(folder.path(), "develop field.hdr -q", 0);
+    assert!(file("field.png").exists());
+    expect(folder.path(), "develop a.exr --layer samples -o s.png --view srgb -q", 0);
+    let pixels = rgb(&file("s.png"));
+    // 8 paths everywhere: one grey, but for dithering.
+    assert!(pixels.iter().all(|byte| byte.abs_diff(pixels[0]) <= 1));
+    let said = expect(folder.path(), "develop a.exr --layer fog -o f.png", 65);
+    assert!(said.contains("no layer 'fog'") && said.contains("variance.R"), "{said}");
+    let said = expect(folder.path(), "render cornell.glb -o b.png", 64);
+    assert!(said.contains("-o b.exr --preview b.png"), "{said}");
+    expect(folder.path(), "develop cornell.glb", 65);
+    expect(folder.path(), "develop absent.exr", 66);
+}
+
+#[test]
+fn a_batch_develops_anew_what_is_to_look_otherwise_and_renders_nothing() {
+    let folder = folder();
+    let jobs = |more: &str| {
+        let text = format!("[[job]]\nscene = 'cornell.glb'\nsize = '40x30'\nspp = 4\npreview = '{{name}}.png'\n{more}");
+        fs::write(folder.path().join("jobs.toml"), text).unwrap();
+        expect(folder.path(), "batch jobs.toml -q", 0);
+        let read = |name: &str| fs::read(folder.path().join(name)).unwrap();
+        (read("cornell.exr"), read("cornell.png"))
+    };
+    let (picture, first) = jobs("");
+    assert_eq!(jobs(""), (picture.clone(), first.clone()));
+    let (same, brighter) = jobs("exposure = 2");
+    assert!(same == picture && brighter != first);
+    let (same, neutral) = jobs("exposure = 2\nview = 'neutral'");
+    assert!(same == picture && neutral != brighter);
+    fs::remove_file(folder.path().join("cornell.png")).unwrap();
+    assert_eq!(jobs(""), (picture, first));
+}
+
+#[test]
+fn a_scene_without_camera_fills_pictures_of_any_shape_and_is_not_cut_off() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("thicket.glb"), crate::helpers::glb::thicket(3000)).unwrap();
+    for (width, height) in [(100_usize, 300_usize), (200, 200), (320, 180)] {
+        let line = format!("render thicket.glb --size {width}x{height} --spp 4 --filter box --transparent -q -o a.exr");
+        let said = expect(folder.path(), &line, 0);
+        assert!(said.is_empty(), "{said}");
+        let all = bits(&folder.path().join("a.exr"));
+        let alpha = &all.iter().find(|(name, _)| name == "A").unwrap().1;
+        let there = (0..alpha.len()).filter(|i| f32::from_bits(alpha[*i]) > 0.0);
+        let (mut low, mut high) = ([width, height], [0, 0]);
+        for i in there {
+            let at = [i % width, i / width];
+            low = [low[0].min(at[0]), low[1].min(at[1])];
+            high = [high[0].max(at[0] + 1), high[1].max(at[1] + 1)];
+        }
+        let [across, down] = [0, 1].map(|k| (high[k] - low[k]) as f64 / [width, height][k] as f64);
+        assert!(across.max(down) > 0.85, "{width}x{height}: {low:?} to {high:?}");
+        for (k, size) in [width, height].into_iter().enumerate() {
+            assert!(low[k] > 0 && high[k] < size, "{width}x{height}: {low:?} to {high:?}");
+            let off = low[k].abs_diff(size - high[k]);
+            assert!(off as f64 <= 1.0 + 0.04 * size as f64, "{width}x{height}: {low:?} to {high:?}");
+        }
+    }
+}
+
+#[test]
+fn a_picture_that_is_black_everywhere_is_told() {
+    use crate::helpers::gltf_parts::Parts;
+    let lamp = |rotation: &str| Parts {
+        nodes: format!(r#"[{{"mesh":0,"rotation":{rotation}}}]"#),
+        primitive: r#"{"attributes":{"POSITION":0},"material":0}"#.into(),
+        more: r#","materials":[{"emissiveFactor":[1,1,1]}]"#.into(),
+        ..Default::default()
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let said = |rotation| {
+        fs::write(folder.path().join("lamp.gltf"), lamp(rotation).json()).unwrap();
+        expect(folder.path(), "render lamp.gltf --size 24x18 --spp 2", 0)
+    };
+    assert!(!said("[0,0,0,1]").contains("black everywhere"));
+    // A lamp that shows its back.
+    let said = said("[0,1,0,0]");
+    assert!(said.contains("lamp.exr is black everywhere") && said.contains("shines from its front"), "{said}");
+}
+
+#[test]
+fn pictures_of_any_kind_are_compared_in_part_by_layer_and_by_folder() {
+    let folder = folder();
+    let path = folder.path();
+    let line = "render cornell.glb --size 40x30 --spp 8 -q --aov all";
+    for (flags, name) in [("", "a/1"), ("--seed 5", "b/1"), ("--crop 8,4,30,20", "a/crop"), ("", "b/crop")] {
+        fs::create_dir_all(path.join(name).parent().unwrap()).unwrap();
+        expect(path, &format!("{line} {flags} -o {name}.exr"), 0);
+    }
+    let compared = |line: &str| -> serde_json::Value {
+        let output = bismar(path).args(["compare"]).args(line.split(' ')).arg("--json").output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{}", program::stderr(&output));
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    // A crop has the bits of the whole, on either side.
+    for line in ["a/crop.exr a/1.exr", "a/1.exr a/crop.exr"] {
+        let same = compared(line);
+        assert_eq!((&same["rel_mse"], &same["flip"]), (&0.0.into(), &0.0.into()));
+        assert_eq!((&same["width"], &same["height"]), (&22.into(), &16.into()));
+    }
+    let seeds = compared("a/1.exr b/1.exr --page page.html");
+    assert!(seeds["flip"].as_f64().unwrap() > 0.01, "{seeds}");
+    let page = fs::read_to_string(path.join("page.html")).unwrap();
+    assert!(page.contains("FLIP") && page.matches("data:image/png").count() == 3 && !page.contains("{{"));
+    assert!(compared("a/1.exr b/1.exr --layer albedo")["rel_mse"].as_f64().unwrap() < 0.05);
+    assert_eq!(compared("a/1.exr b/1.exr --layer samples.V")["rel_mse"], 0.0);
+    expect(path, "develop a/1.exr -o a.png -q", 0);
+    expect(path, "develop b/1.exr -o b.png -q", 0);
+    let shown = compared("a.png b.png");
+    assert!(shown["flip"].as_f64().unwrap() > 0.01 && shown["statistics"].is_null());
+    assert_eq!(compared("field.hdr field.hdr")["flip"], 0.0);
+    let both = compared("a b --csv pairs.csv");
+    assert_eq!(both.as_array().unwrap().len(), 2);
+    let rows = fs::read_to_string(path.join("pairs.csv")).unwrap();
+    assert_eq!(rows.lines().count(), 3);
+    assert!(rows.starts_with("a,b,width,height,rel_mse,") && rows.contains("\"a/1.exr\",\"b/1.exr\",40,30,"), "{rows}");
+    let said = expect(path, "compare a b --max-flip 0.001", 1);
+    assert!(said.contains("a/1.exr: FLIP"), "{said}");
+    fs::create_dir(path.join("c")).unwrap();
+    expect(path, "compare a c", 65);
+}
+
+/// Open Image Denoise, as Blender's wheel brings it along.
+fn denoiser() -> Option<std::path::PathBuf> {
+    let site = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/pictures/lib/python3.11/site-packages/bpy/lib");
+    let library = site.join("libOpenImageDenoise.so.2");
+    if !library.exists() {
+        println!("skipped: no Open Image Denoise (bpy for Python 3.11 has it: scripts/setup.sh --pictures)");
+    }
+    Some(library).filter(|library| library.exists())
+}
+
+#[test]
+fn noise_is_taken_out_into_a_layer_of_its_own_or_it_is_said_how_to_get_the_library() {
+    let folder = folder();
+    let line = "render cornell.glb --size 80x60 --spp 8 -q";
+    let render = |flags: &str, library: &str| {
+        let mut command = bismar(folder.path());
+        command.args(line.split(' ')).args(flags.split(' ')).env("BISMAR_OIDN", library);
+        let output = command.output().unwrap();
+        (output.status.code(), program::stderr(&output))
+    };
+    let (code, said) = render("--denoise oidn -o none.exr", "/not/there.so");
+    assert!(code == Some(76) && said.contains("RenderKit/oidn/releases"), "{code:?} {said}");
+    assert!(!folder.path().join("none.exr").exists());
+    let Some(library) = denoiser() else { return };
+    let (code, said) = render("--denoise oidn -o a.exr --preview a.png", library.to_str().unwrap());
+    assert_eq!(code, Some(0), "{said}");
+    expect(folder.path(), &format!("{line} -o plain.exr"), 0);
+    expect(folder.path(), "render cornell.glb --size 80x60 --spp 1024 --seed 9 -q -o true.exr", 0);
+    let [plain, with] = ["plain.exr", "a.exr"].map(|name| bits(&folder.path().join(name)));
+    for (name, values) in &plain {
+        assert!(with.iter().any(|(other, same)| other == name && same == values), "{name} has changed");
+    }
+    // Nearer to the truth than what it was made of.
+    let open = |name: &str, layer| bismar::film::Picture::open(&folder.path().join(name), layer).unwrap();
+    let truth = open("true.exr", None);
+    let error = |picture| bismar::film::compare::compare(&picture, &truth).unwrap().rel_mse;
+    let (noisy, clean) = (error(open("a.exr", None)), error(open("a.exr", Some("denoised"))));
+    assert!(clean < 0.3 * noisy, "{clean} {noisy}");
+}

@@ -3,7 +3,8 @@
 use std::sync::atomic::AtomicU32;
 
 use bismar::balance::{Balance, Contribution, Counts, Heuristic, Observer, Share};
-use bismar::film::PixelStats;
+use bismar::color::luminance;
+use bismar::film::{Peak, PixelStats};
 use bismar::integrator::{PixelBatch, PixelTask, Wave, scalar};
 use bismar::rays::Backend;
 use bismar::render::{RenderSettings, transport};
@@ -35,6 +36,8 @@ fn each_path_of_a_wave_is_the_scalar_path() {
     ] {
         let stage = Stage::new(hall(), backend);
         let settings = RenderSettings { width: 20, height: 15, balance, max_depth, ..Default::default() };
+        let limit = |most| Some(most).filter(|_| balance == Balance::Max);
+        let settings = RenderSettings { clamp_direct: limit(0.5), clamp_indirect: limit(0.1), ..settings };
         let transport = transport(&stage.scene, &settings);
         let paths = 24;
         // Uneven numbers of samples, divided between environment and area light, and weighed by others.
@@ -54,9 +57,23 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         let tasks: Vec<_> = (0..300).map(task).collect();
         let mut stats = vec![PixelStats::default(); tasks.len()];
         let mut seen = Radiance::default();
-        let mut batch = PixelBatch { tasks: &tasks, stats: &mut stats, aovs: &mut [], observer: Some(&mut seen) };
+        let mut peaks = vec![Peak::default(); tasks.len()];
+        let (all, found) = (&mut stats, Some(&mut seen as &mut dyn Observer));
+        let mut batch = PixelBatch {
+            tasks: &tasks,
+            stats: all,
+            peaks: &mut peaks,
+            aovs: &mut [],
+            extras: &mut [],
+            observer: found,
+        };
         Wave::default().run(&transport, paths, &mut batch);
         assert_eq!(seen.0.len(), tasks.len() * paths as usize);
+        for (peak, (task, paths)) in peaks.iter().zip(tasks.iter().zip(seen.0.chunks(paths as usize))) {
+            let of = |path: u32| luminance(paths[(path - task.first_path) as usize]);
+            let most = paths.iter().map(|radiance| luminance(*radiance)).fold(0.0, f32::max);
+            assert!(peak.luminance == most && (most == 0.0 || of(peak.path) == most), "{peak:?}");
+        }
         let events = AtomicU32::new(0);
         let mut differing = 0;
         let mut lit = 0;

@@ -1,28 +1,45 @@
-//! `bismar compare A.exr B.exr`
+//! `bismar compare A B`
 
+mod page;
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde::Serialize;
 
 use crate::console::{Paths, Verdict, print, print_json, say};
-use crate::film::compare::{Comparison, REL_MSE_EPSILON, compare};
+use crate::film::compare::{Comparison, REL_MSE_EPSILON, compare, in_common};
 use crate::film::{Picture, atomic, exr_file, preview};
 use crate::{Error, Result};
 
-/// Compare a picture with a reference: relMSE, RMSE, MAE, bias, and z where both carry variance.
+/// Compare a picture with a reference: relMSE, RMSE, MAE, FLIP, bias, and z where both carry variance.
+///
+/// Pictures are OpenEXR, Radiance HDR, PNG or JPEG; a crop is compared with its part of the whole. Of two folders, pictures
+/// of the same name are compared.
 #[derive(Debug, Args)]
 pub struct CompareArgs {
-    /// The picture.
+    /// The picture, or a folder of them.
     a: PathBuf,
     /// The reference: what relMSE divides by, and what a bias is measured from.
     b: PathBuf,
-    /// Print JSON.
+    /// Compare this layer of OpenEXR files, or one channel, as in albedo or depth.Z.
+    #[arg(long, value_name = "NAME")]
+    layer: Option<String>,
+    /// Print JSON; of folders, an array.
     #[arg(long)]
     json: bool,
+    /// Write a row of numbers for each pair.
+    #[arg(long, value_name = "FILE.csv")]
+    csv: Option<PathBuf>,
     /// Exit with 1 if relMSE is beyond this, or A has a value that is not finite.
     #[arg(long, value_name = "X", value_parser = positive_or_zero)]
     max_relmse: Option<f64>,
+    /// Exit with 1 if mean FLIP is beyond this.
+    #[arg(long, value_name = "X", value_parser = positive_or_zero)]
+    max_flip: Option<f64>,
     /// Exit with 1 if a channel's bias has |z| beyond this; both pictures must carry variance.
     #[arg(long, value_name = "X", value_parser = positive_or_zero)]
     max_z: Option<f64>,
@@ -30,6 +47,9 @@ pub struct CompareArgs {
     /// yellow 1, green not finite), or .exr of A - B.
     #[arg(long, value_name = "FILE")]
     diff: Option<PathBuf>,
+    /// Write a page with both pictures under a slider, and what people see of their difference (FLIP).
+    #[arg(long, value_name = "FILE.html")]
+    page: Option<PathBuf>,
 }
 
 fn positive_or_zero(text: &str) -> std::result::Result<f64, String> {
@@ -44,51 +64,160 @@ struct Report<'a> {
     #[serde(flatten)]
     comparison: &'a Comparison,
     max_relmse: Option<f64>,
+    max_flip: Option<f64>,
     max_z: Option<f64>,
     within: bool,
 }
 
+/// Two pictures that were compared.
+struct Pair {
+    a: PathBuf,
+    b: PathBuf,
+    comparison: Comparison,
+    failures: Vec<String>,
+}
+
 pub fn run(args: &CompareArgs) -> Result<Verdict> {
-    if let Some(path) = &args.diff {
-        if !has_extension(path, "png") && !has_extension(path, "exr") {
-            return Err(Error::Usage(format!("--diff {}: the name must end in .png or .exr", path.display())));
+    let mut paths = Paths::default();
+    [&args.a, &args.b].into_iter().try_for_each(|picture| paths.reads("the picture", picture))?;
+    for (flag, path, endings) in
+        [("--diff", &args.diff, &["png", "exr"][..]), ("--page", &args.page, &["html"]), ("--csv", &args.csv, &["csv"])]
+    {
+        let Some(path) = path else { continue };
+        if !endings.iter().any(|ending| has_extension(path, ending)) && !path.starts_with("/dev") {
+            let endings = endings.iter().map(|ending| format!(".{ending}")).collect::<Vec<_>>().join(" or ");
+            return Err(Error::Usage(format!("{flag} {}: the name must end in {endings}", path.display())));
         }
-        let mut paths = Paths::default();
-        [&args.a, &args.b].into_iter().try_for_each(|picture| paths.reads("the picture", picture))?;
-        paths.writes("--diff", path)?;
+        paths.writes(flag, path)?;
         atomic::check(path)?;
     }
-    let (a, b) = (exr_file::read(&args.a)?, exr_file::read(&args.b)?);
-    let comparison =
-        compare(&a, &b).map_err(|why| Error::Data(format!("{} and {}: {why}", args.a.display(), args.b.display())))?;
+    let folders = args.a.is_dir() && args.b.is_dir();
+    if folders && (args.diff.is_some() || args.page.is_some()) {
+        return Err(Error::Usage("--diff and --page show one pair of pictures, not two folders of them".into()));
+    }
+    let paths = if folders { same_names(&args.a, &args.b)? } else { vec![(args.a.clone(), args.b.clone())] };
+    let pairs = paths.into_iter().map(|(a, b)| one(args, a, b)).collect::<Result<Vec<_>>>()?;
+    let reports: Vec<_> = pairs
+        .iter()
+        .map(|pair| Report {
+            a: &pair.a,
+            b: &pair.b,
+            reference: "b",
+            comparison: &pair.comparison,
+            max_relmse: args.max_relmse,
+            max_flip: args.max_flip,
+            max_z: args.max_z,
+            within: pair.failures.is_empty(),
+        })
+        .collect();
+    if let Some(path) = &args.csv {
+        write_csv(path, &reports)?;
+    }
+    match (args.json, &reports[..]) {
+        (true, [one]) if !folders => print_json(one)?,
+        (true, all) => print_json(&all)?,
+        (false, _) if folders => print(overview(&pairs))?,
+        (false, _) => print(table(&pairs[0]))?,
+    }
+    for pair in &pairs {
+        for failure in &pair.failures {
+            let name = if folders { format!("{}: ", pair.a.display()) } else { String::new() };
+            say(format_args!("{name}{failure}"));
+        }
+    }
+    Ok(if pairs.iter().all(|pair| pair.failures.is_empty()) { Verdict::Done } else { Verdict::Beyond })
+}
+
+fn one(args: &CompareArgs, a: PathBuf, b: PathBuf) -> Result<Pair> {
+    let unlike = |why: String| Error::Data(format!("{} and {}: {why}", a.display(), b.display()));
+    let layer = args.layer.as_deref();
+    let [first, second] = [Picture::open(&a, layer)?, Picture::open(&b, layer)?];
+    let (first, second) = in_common(&first, &second).map_err(unlike)?;
+    let comparison = compare(&first, &second).map_err(unlike)?;
     let failures = failures(args, &comparison)?;
     if let Some(path) = &args.diff {
-        write_difference(path, &a, &b)?;
+        write_difference(path, &first, &second)?;
     }
-    if args.json {
-        let (max_relmse, max_z) = (args.max_relmse, args.max_z);
-        let within = failures.is_empty();
-        let (a, b, comparison) = (&args.a, &args.b, &comparison);
-        print_json(&Report { a, b, reference: "b", comparison, max_relmse, max_z, within })?;
-    } else {
-        print(table(args, &comparison))?;
+    if let Some(path) = &args.page {
+        page::write(path, [&a, &b], [&first, &second], &comparison)?;
     }
-    for failure in &failures {
-        say(failure);
+    Ok(Pair { a, b, comparison, failures })
+}
+
+/// Pictures of the first folder that have a namesake in the second, by name.
+fn same_names(a: &Path, b: &Path) -> Result<Vec<(PathBuf, PathBuf)>> {
+    let names = |folder: &Path| -> Result<BTreeSet<_>> {
+        let entries = fs::read_dir(folder).map_err(|e| Error::reading(folder, &e))?;
+        let names = entries.flatten().map(|entry| entry.path()).filter(|path| {
+            path.is_file() && ["exr", "hdr", "png", "jpg", "jpeg"].iter().any(|ending| has_extension(path, ending))
+        });
+        Ok(names.filter_map(|path| path.file_name().map(ToOwned::to_owned)).collect())
+    };
+    let (ours, theirs) = (names(a)?, names(b)?);
+    let alone = |these: &BTreeSet<_>, those| these.difference(those).cloned().collect::<Vec<std::ffi::OsString>>();
+    for (folder, names) in [(a, alone(&ours, &theirs)), (b, alone(&theirs, &ours))] {
+        if let Some(first) = names.first() {
+            let (n, first) = (names.len(), first.display());
+            say(format_args!("only in {}, not compared: {first}{}", folder.display(), and_more(n - 1)));
+        }
     }
-    Ok(if failures.is_empty() { Verdict::Done } else { Verdict::Beyond })
+    let both: Vec<_> = ours.intersection(&theirs).map(|name| (a.join(name), b.join(name))).collect();
+    if both.is_empty() {
+        let why = "have no pictures of the same name";
+        return Err(Error::Data(format!("{} and {} {why}", a.display(), b.display())));
+    }
+    Ok(both)
+}
+
+fn and_more(n: usize) -> String {
+    if n == 0 { String::new() } else { format!(" and {n} more") }
+}
+
+fn write_csv(path: &Path, reports: &[Report]) -> Result<()> {
+    let quoted = |path: &Path| format!("\"{}\"", path.display().to_string().replace('"', "\"\""));
+    atomic::write(path, |file| {
+        writeln!(file, "a,b,width,height,rel_mse,rmse,mae,flip,bias_r,bias_g,bias_b,z_r,z_g,z_b,within")?;
+        for report in reports {
+            let c = report.comparison;
+            let [r, g, b] = c.bias;
+            // Without variance there is no z.
+            let z = c
+                .statistics
+                .as_ref()
+                .map_or([String::new(), String::new(), String::new()], |s| s.bias_z.map(|z| z.to_string()));
+            writeln!(
+                file,
+                "{},{},{},{},{},{},{},{},{r},{g},{b},{},{}",
+                quoted(report.a),
+                quoted(report.b),
+                c.width,
+                c.height,
+                c.rel_mse,
+                c.rmse,
+                c.mae,
+                c.flip,
+                z.join(","),
+                report.within
+            )?;
+        }
+        Ok(Ok(()))
+    })
 }
 
 fn failures(args: &CompareArgs, comparison: &Comparison) -> Result<Vec<String>> {
     let mut failures = Vec::new();
+    let beyond = |value: f64, most: f64| value.is_nan() || value > most;
     if let Some(most) = args.max_relmse {
         // NaN is beyond everything.
-        if comparison.rel_mse.is_nan() || comparison.rel_mse > most {
+        if beyond(comparison.rel_mse, most) {
             failures.push(format!("relMSE {} is beyond {most}", short(comparison.rel_mse)));
         }
         if comparison.not_finite[0] > 0 {
             failures.push(format!("{} pixels of A are not finite", comparison.not_finite[0]));
         }
+    }
+    if let Some(most) = args.max_flip.filter(|most| beyond(comparison.flip, *most)) {
+        failures.push(format!("FLIP {} is beyond {most}", short(comparison.flip)));
     }
     if let Some(most) = args.max_z {
         let Some(statistics) = &comparison.statistics else {
@@ -98,7 +227,7 @@ fn failures(args: &CompareArgs, comparison: &Comparison) -> Result<Vec<String>> 
             ));
         };
         for (z, channel) in statistics.bias_z.iter().zip(["R", "G", "B"]) {
-            if z.is_nan() || z.abs() > most {
+            if beyond(z.abs(), most) {
                 failures.push(format!("{channel}: the bias has z = {}, beyond {most}", short(*z)));
             }
         }
@@ -110,16 +239,27 @@ fn short(x: f64) -> String {
     if x == 0.0 || (1e-3..1e4).contains(&x.abs()) { format!("{x:.4}") } else { format!("{x:.3e}") }
 }
 
-fn table(args: &CompareArgs, c: &Comparison) -> String {
+/// A line for each pair.
+fn overview(pairs: &[Pair]) -> String {
+    let mut text = format!("{:>12}{:>12}{:>12}{:>12}  picture\n", "relMSE", "RMSE", "MAE", "FLIP");
+    for Pair { a, comparison: c, .. } in pairs {
+        let [rel_mse, rmse, mae, flip] = [c.rel_mse, c.rmse, c.mae, c.flip].map(short);
+        let name = a.file_name().unwrap_or_default().display();
+        text += &format!("{rel_mse:>12}{rmse:>12}{mae:>12}{flip:>12}  {name}\n");
+    }
+    text.trim_end().to_owned()
+}
+
+fn table(Pair { a, b, comparison: c, .. }: &Pair) -> String {
     let row = |name: &str, values: &[f64; 3]| {
         format!("{name:<10}{:>12}{:>12}{:>12}\n", short(values[0]), short(values[1]), short(values[2]))
     };
-    let mut text = format!("A  {}\nB  {}  (the reference)\n", args.a.display(), args.b.display());
+    let mut text = format!("A  {}\nB  {}  (the reference)\n", a.display(), b.display());
     text += &format!("{} x {} pixels\n\n", c.width, c.height);
     if c.not_finite != [0, 0] {
         text += &format!("not finite, left out: {} pixels of A, {} of B\n\n", c.not_finite[0], c.not_finite[1]);
     }
-    for (name, value) in [("relMSE", c.rel_mse), ("RMSE", c.rmse), ("MAE", c.mae)] {
+    for (name, value) in [("relMSE", c.rel_mse), ("RMSE", c.rmse), ("MAE", c.mae), ("FLIP", c.flip)] {
         text += &format!("{name:<10}{:>12}\n", short(value));
     }
     text += &format!("\n{:<10}{:>12}{:>12}{:>12}\n", "", "R", "G", "B");
@@ -155,8 +295,8 @@ fn write_difference(path: &Path, a: &Picture, b: &Picture) -> Result<()> {
         return exr_file::write_rgb(path, a.window, a.display, &signed);
     }
     let bytes = pairs.flat_map(|(x, y)| false_color(relative_difference(x, y)).map(preview::to_byte));
-    let [x0, y0, x1, y1] = a.window;
-    preview::write_rgb8(path, (x1 - x0) as u32, (y1 - y0) as u32, &bytes.collect::<Vec<_>>())
+    let [width, height] = a.size();
+    preview::write_rgb8(path, width as u32, height as u32, &bytes.collect::<Vec<_>>())
 }
 
 /// Root mean square over the channels of (a - b) / sqrt(b^2 + 0.01): a pixel's share of relMSE, rooted.

@@ -83,7 +83,7 @@ fn text(s: &Summary) -> String {
     let emissive = s.materials.iter().filter(|m| m.features.contains(&"emissive"));
     lights.extend(emissive.map(|m| vec![m.name.clone(), "emissive".into(), format!("{} triangles", m.triangles)]));
     if lights.is_empty() {
-        lights.push(vec!["none: without --env a plain white sky lights it".into()]);
+        lights.push(vec!["none: without --env a studio's soft light is added".into()]);
     }
     section(&mut out, "lights", lights);
 

@@ -129,7 +129,7 @@ fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {
             warn!("{name} has no light and --no-env takes the sky away: the picture will be black");
         }
     } else if scene.light_if_dark() {
-        warn!("{name} has no light: a plain white sky lights it (--env FILE chooses another)");
+        warn!("{name} has no light: a studio's soft light is added (--env FILE chooses another)");
     }
     Ok(scene)
 }

@@ -11,7 +11,7 @@ use crate::film::exr_file::{Header, HeaderValue};
 use crate::rays::BackendInfo;
 use crate::render::checkpoint::json;
 use crate::render::stats::Samples;
-use crate::render::{RenderSettings, Rendered, StopReason};
+use crate::render::{Fireflies, RenderSettings, Rendered, StopReason};
 use crate::scene::Scene;
 
 /// Raised when a field changes its meaning or goes away.
@@ -38,6 +38,8 @@ pub struct Stats {
     /// Null before the first pass is complete.
     noise: f64,
     samples: Samples,
+    fireflies: Fireflies,
+    not_finite: NotFinite,
     /// Wall seconds by phase.
     pub seconds: Seconds,
     rays: Rays,
@@ -63,6 +65,14 @@ pub struct Seconds {
     pub write: f64,
     /// Start of the command to the writing of the statistics.
     pub total: f64,
+}
+
+/// Samples that were left out.
+#[derive(Debug, Clone, Copy, Serialize)]
+struct NotFinite {
+    count: u64,
+    /// Column, row, path.
+    first: Option<[u32; 3]>,
 }
 
 #[derive(Debug, Clone, Serialize)]
@@ -131,6 +141,8 @@ impl Stats {
             shown: false,
             noise: stats.noise,
             samples: Samples::of(rendered),
+            fireflies: Fireflies::of(rendered),
+            not_finite: NotFinite { count: stats.not_finite, first: stats.first_not_finite },
             seconds,
             rays: Rays {
                 camera: stats.camera_rays,
@@ -164,6 +176,8 @@ impl Stats {
             ("bismar.exposure".into(), HeaderValue::Number(self.exposure.into())),
             ("bismar.backend".into(), json(&self.backend)?),
             ("bismar.seconds".into(), json(&phases)?),
+            ("bismar.fireflies".into(), json(&self.fireflies)?),
+            ("bismar.not_finite".into(), json(&self.not_finite)?),
         ];
         if let Some(sky) = &self.environment {
             header.push(("bismar.environment".into(), json(sky)?));
@@ -188,10 +202,24 @@ impl Stats {
     pub fn summary(&self) -> String {
         let s = &self.samples;
         let spp = if s.pixel_min == s.pixel_max { s.pixel_min.to_string() } else { format!("{:.1}", s.pixel_mean) };
+        let replay = |x, y, path| {
+            let (spp, seed) = (s.pixel_max, self.settings.seed);
+            format!("--spp {spp} --seed {seed} --replay-pixel {x},{y},{path}")
+        };
+        let mut told = String::new();
+        if let Some(spot) = self.fireflies.brightest.first() {
+            let Fireflies { count, per_megapixel, .. } = self.fireflies;
+            let by = replay(spot.x, spot.y, spot.path);
+            told += &format!("; {count} fireflies ({per_megapixel:.0} a megapixel), the brightest by {by}");
+        }
+        if let Some([x, y, path]) = self.not_finite.first {
+            told +=
+                &format!("; {} samples were not finite, the first by {}", self.not_finite.count, replay(x, y, path));
+        }
         let exposure = if self.shown { format!(", exposure {} EV", self.exposure) } else { String::new() };
         let noise = if self.noise.is_finite() { format!("{:.4}", self.noise) } else { "unknown".into() };
         format!(
-            "{spp} spp in {:.2} s, noise {noise}, {:.2} Mpaths/s, {:.2} Mrays/s{exposure}",
+            "{spp} spp in {:.2} s, noise {noise}, {:.2} Mpaths/s, {:.2} Mrays/s{exposure}{told}",
             self.seconds.render, self.mpaths_per_second, self.mrays_per_second
         )
     }

@@ -1,6 +1,7 @@
 //! Arbitrary output variables: what a picture file may hold beside the beauty.
 
-use super::{AovSums, Background, PixelStats};
+use super::cryptomatte::RANKS;
+use super::{AovSums, Background, ExtraSums, PixelStats};
 
 /// An output beside R, G, B and A. Channels are named `layer.channel`, in the letters that Blender, Nuke and tev
 /// know: R, G, B for colours, X, Y, Z for vectors, Z for depth, V for a single value.
@@ -26,6 +27,23 @@ pub enum Aov {
     Object,
     /// Material index + 1, 0 for none, as integers.
     Material,
+    /// World-space position of the first hit in metres, mean over the paths that hit; 0 where none did.
+    Position,
+    /// Texture coordinates (TEXCOORD_0) of the first hit, mean over the paths that hit; 0 where none did, and on meshes whose
+    /// material has no texture.
+    Uv,
+    /// Radiance that the surface of the first hit emits, mean over all paths.
+    Emission,
+    /// For denoisers: as `albedo`, of what is seen in mirrors where the first hit is one.
+    GuideAlbedo,
+    /// For denoisers: the normal of that surface.
+    GuideNormal,
+    /// The beauty by what the light came from: environment, surfaces that shine, lights without size. They add up to it.
+    Lights,
+    /// Cryptomatte of objects, by the names of their nodes.
+    CryptoObject,
+    /// Cryptomatte of materials.
+    CryptoMaterial,
 }
 
 /// How a channel's value follows from what a pixel has collected.
@@ -35,12 +53,19 @@ pub enum Value {
     Float(Component),
     /// As `Float`, and good enough in 16 bits.
     Color(Component),
+    /// As `Float`, of the extra sums.
+    Extra(ExtraComponent),
+    /// As `Extra`, and good enough in 16 bits.
+    ExtraColor(ExtraComponent),
     /// A 32-bit unsigned integer.
     Uint(fn(&PixelStats, &AovSums) -> u32),
 }
 
 /// A component of what a pixel shows.
 pub type Component = fn(&PixelStats, &AovSums, usize) -> f32;
+
+/// As [`Component`], of the extra sums.
+pub type ExtraComponent = fn(&PixelStats, &ExtraSums, usize) -> f32;
 
 /// The depth of what is not there, as Cycles has it: finite, so that compositors can reckon with it.
 pub const NOWHERE: f32 = 1e10;
@@ -82,12 +107,18 @@ impl Aov {
 
     /// Does it need [`AovSums`]?
     pub fn needs_sums(self) -> bool {
-        !matches!(self, Aov::Variance | Aov::Samples | Aov::Balance)
+        !matches!(self, Aov::Variance | Aov::Samples | Aov::Balance) && !self.needs_extras()
+    }
+
+    /// Does it need [`ExtraSums`]?
+    pub fn needs_extras(self) -> bool {
+        use Aov::{CryptoMaterial, CryptoObject, Emission, GuideAlbedo, GuideNormal, Lights, Position, Uv};
+        matches!(self, Position | Uv | Emission | GuideAlbedo | GuideNormal | Lights | CryptoObject | CryptoMaterial)
     }
 
     /// Its channels with their full names. Empty if it needs sums that are not there.
-    pub fn channels(self, with_sums: bool) -> Vec<Channel> {
-        if self.needs_sums() && !with_sums {
+    pub fn channels(self, with_sums: bool, with_extras: bool) -> Vec<Channel> {
+        if (self.needs_sums() && !with_sums) || (self.needs_extras() && !with_extras) {
             return Vec::new();
         }
         let (name, letters, value) = match self {
@@ -101,9 +132,52 @@ impl Aov {
             Aov::Balance => ("balance.", "V", Value::Float(|p, _, _| p.balance)),
             Aov::Object => ("object.", "V", Value::Uint(|_, a| a.object)),
             Aov::Material => ("material.", "V", Value::Uint(|_, a| a.material)),
+            Aov::Position => ("position.", "XYZ", Value::Extra(|p, e, c| of_hits(p, e.position[c]))),
+            Aov::Uv => ("uv.", "UV", Value::Extra(|p, e, c| of_hits(p, e.uv[c]))),
+            Aov::Emission => ("emission.", "RGB", Value::ExtraColor(|p, e, c| mean(p, e.emission[c]))),
+            Aov::GuideAlbedo => ("guide_albedo.", "RGB", Value::ExtraColor(|p, e, c| mean(p, e.guide_albedo[c]))),
+            Aov::GuideNormal => ("guide_normal.", "XYZ", Value::ExtraColor(|p, e, c| mean(p, e.guide_normal[c]))),
+            Aov::Lights => {
+                let [sky, surfaces, punctual]: [ExtraComponent; 3] = [
+                    |p, e, c| mean(p, e.lights[0][c]),
+                    |p, e, c| mean(p, e.lights[1][c]),
+                    |p, e, c| mean(p, e.lights[2][c]),
+                ];
+                let all = [("light_environment.", sky), ("light_surfaces.", surfaces), ("light_punctual.", punctual)];
+                return all.into_iter().flat_map(|(name, of)| layer(name, "RGB", Value::ExtraColor(of))).collect();
+            }
+            Aov::CryptoObject => return matte(OBJECTS, |p, e, c| ranked(p, e.objects.rank(c / 2), c)),
+            Aov::CryptoMaterial => return matte(MATERIALS, |p, e, c| ranked(p, e.materials.rank(c / 2), c)),
         };
         layer(name, letters, value)
     }
+}
+
+/// Cryptomatte's layer of objects.
+pub const OBJECTS: &str = "CryptoObject";
+/// Cryptomatte's layer of materials.
+pub const MATERIALS: &str = "CryptoMaterial";
+
+/// Layers of two ranks each: hash and coverage, hash and coverage.
+fn matte(name: &str, value: ExtraComponent) -> Vec<Channel> {
+    let channel = |component: usize| Channel {
+        name: format!("{name}{:02}.{}", component / 4, ["R", "G", "B", "A"][component % 4]),
+        component,
+        value: Value::Extra(value),
+    };
+    (0..2 * RANKS).map(channel).collect()
+}
+
+/// A rank's hash, as the bits of a float, for even components, its coverage for odd ones.
+fn ranked(pixel: &PixelStats, (id, paths): (u32, u32), component: usize) -> f32 {
+    match component.is_multiple_of(2) {
+        true => f32::from_bits(id),
+        false => paths as f32 / pixel.samples.max(1) as f32,
+    }
+}
+
+fn of_hits(pixel: &PixelStats, sum: f32) -> f32 {
+    sum / pixel.covered.max(1) as f32
 }
 
 fn mean(pixel: &PixelStats, sum: f32) -> f32 {

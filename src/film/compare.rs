@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::Picture;
+use super::flip::flip;
 
 /// Added to the reference's square in [`Comparison::rel_mse`], so that black pixels do not rule.
 pub const REL_MSE_EPSILON: f64 = 0.01;
@@ -31,6 +32,8 @@ pub struct Comparison {
     pub rmse: f64,
     /// mean(|a − b|).
     pub mae: f64,
+    /// Mean of [`flip`](super::flip): of two pictures for screens their own, else that of high dynamic range.
+    pub flip: f64,
     /// mean(a − b) of R, G, B.
     pub bias: [f64; 3],
     /// Mean of B's R, G, B, to judge the bias by.
@@ -56,6 +59,25 @@ pub struct Statistics {
     pub largest: Option<(f64, [i64; 2])>,
     /// Pixel values that entered z: those with variance, or with a difference.
     pub values: u64,
+}
+
+/// FLIP error of each pixel of A against B, of equal windows.
+pub fn flip_map(a: &Picture, b: &Picture) -> Vec<f32> {
+    flip(&b.rgb, &a.rgb, a.size()[0], a.displayed && b.displayed)
+}
+
+/// The parts of two pictures that can be compared: where one is a crop of the other, what both show.
+///
+/// # Errors
+/// A sentence if they are not of one picture, or neither window lies in the other.
+pub fn in_common(a: &Picture, b: &Picture) -> Result<(Picture, Picture), String> {
+    let inside = |[x0, y0, x1, y1]: [i64; 4], w: [i64; 4]| x0 >= w[0] && y0 >= w[1] && x1 <= w[2] && y1 <= w[3];
+    let window = if inside(a.window, b.window) { a.window } else { b.window };
+    if a.display != b.display || !(inside(window, a.window) && inside(window, b.window)) {
+        // Says which windows differ.
+        compare(a, b)?;
+    }
+    Ok((a.within(window), b.within(window)))
 }
 
 /// Compares A with the reference B.
@@ -92,6 +114,7 @@ pub fn compare(a: &Picture, b: &Picture) -> Result<Comparison, String> {
         }
     }
     let (n, values) = (pixels as f64, 3.0 * pixels as f64);
+    let flip = flip_map(a, b);
     Ok(Comparison {
         width: (a.window[2] - a.window[0]) as u64,
         height: (a.window[3] - a.window[1]) as u64,
@@ -99,6 +122,7 @@ pub fn compare(a: &Picture, b: &Picture) -> Result<Comparison, String> {
         rel_mse: relative / values,
         rmse: (squared / values).sqrt(),
         mae: absolute / values,
+        flip: flip.iter().map(|e| f64::from(*e)).sum::<f64>() / flip.len() as f64,
         bias: bias.map(|s| s / n),
         reference_mean: reference_mean.map(|s| s / n),
         statistics: statistics(a, b),

@@ -3,13 +3,17 @@
 pub mod aov;
 pub mod atomic;
 pub mod compare;
+pub mod cryptomatte;
+pub mod denoise;
 pub mod exposure;
 pub mod exr_file;
+pub mod flip;
 pub mod picture;
 pub mod preview;
 pub mod view;
 
-use glam::Vec3;
+use cryptomatte::Matte;
+use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 pub use aov::Aov;
@@ -33,6 +37,25 @@ pub struct PixelStats {
     pub balance: f32,
 }
 
+/// The brightest path of a pixel.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Peak {
+    /// Of its radiance.
+    pub luminance: f32,
+    /// Its number in the pixel.
+    pub path: u32,
+}
+
+impl Peak {
+    /// Takes another path in; the first of equals stays.
+    #[inline]
+    pub fn add(&mut self, luminance: f32, path: u32) {
+        if luminance > self.luminance {
+            *self = Self { luminance, path };
+        }
+    }
+}
+
 /// Optional sums over paths, kept only when an AOV asks for them.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct AovSums {
@@ -52,6 +75,81 @@ pub struct AovSums {
     pub material: u32,
 }
 
+/// More optional sums over paths, kept only when an AOV asks for one of them.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct ExtraSums {
+    /// World space position of the first hit in metres, over `covered` paths.
+    pub position: [f32; 3],
+    /// The first hit's TEXCOORD_0, over `covered` paths.
+    pub uv: [f32; 2],
+    /// Radiance that the surface of the first hit emits.
+    pub emission: [f32; 3],
+    /// Base colour of the first hit, seen in mirrors where it is one.
+    pub guide_albedo: [f32; 3],
+    /// Unit normal of the same surface.
+    pub guide_normal: [f32; 3],
+    /// Radiance by what it came from: environment, surfaces that shine, lights without size.
+    pub lights: [[f32; 3]; 3],
+    /// Names of objects that paths hit first.
+    pub objects: Matte,
+    /// Names of materials that paths hit first.
+    pub materials: Matte,
+}
+
+/// Adds a colour to a sum.
+fn accumulate(sum: &mut [f32; 3], more: [f32; 3]) {
+    sum.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
+}
+
+impl ExtraSums {
+    /// Adds light of a group: 0 from the environment, 1 from surfaces, 2 from lights without size.
+    #[inline]
+    pub fn add_light(&mut self, group: usize, radiance: Vec3) {
+        accumulate(&mut self.lights[group], radiance.to_array());
+    }
+
+    /// Adds radiance that the surface of a first hit emits.
+    pub fn add_emission(&mut self, radiance: Vec3) {
+        accumulate(&mut self.emission, radiance.to_array());
+    }
+
+    /// Adds what a path's camera ray hit: position, texture coordinates, hashes of the names of object and material.
+    pub fn add_surface(&mut self, position: Vec3, uv: Vec2, [object, material]: [u32; 2]) {
+        accumulate(&mut self.position, position.to_array());
+        self.uv = [self.uv[0] + uv.x, self.uv[1] + uv.y];
+        self.objects.add(object, 1);
+        self.materials.add(material, 1);
+    }
+
+    /// Adds light of unknown origin to all groups, in proportion to what they have.
+    pub fn share_light(&mut self, more: Vec3) {
+        for c in 0..3 {
+            let all: f32 = self.lights.iter().map(|light| light[c]).sum();
+            if all > 0.0 {
+                self.lights.iter_mut().for_each(|light| light[c] *= (all + more[c]) / all);
+            }
+        }
+    }
+
+    /// Adds the surface that a denoiser is to be guided by.
+    pub fn add_guide(&mut self, albedo: Vec3, normal: Vec3) {
+        accumulate(&mut self.guide_albedo, albedo.to_array());
+        accumulate(&mut self.guide_normal, normal.to_array());
+    }
+
+    /// Adds independent paths of the same pixel.
+    pub fn join(&mut self, other: &Self) {
+        accumulate(&mut self.position, other.position);
+        accumulate(&mut self.emission, other.emission);
+        accumulate(&mut self.guide_albedo, other.guide_albedo);
+        accumulate(&mut self.guide_normal, other.guide_normal);
+        self.uv.iter_mut().zip(other.uv).for_each(|(sum, more)| *sum += more);
+        self.lights.iter_mut().zip(other.lights).for_each(|(sum, more)| accumulate(sum, more));
+        self.objects.join(&other.objects);
+        self.materials.join(&other.materials);
+    }
+}
+
 /// What is shown where camera rays hit nothing.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -65,6 +163,13 @@ pub enum Background {
     Transparent,
 }
 
+/// How noise is taken out of a finished picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Denoise {
+    /// Intel's Open Image Denoise, where it is installed.
+    Oidn,
+}
+
 /// What the pixels of a picture's window have collected, wherever it is kept: what files are written from.
 pub trait Pixels: Sync {
     /// Whole picture's pixels a row, and rows.
@@ -75,6 +180,11 @@ pub trait Pixels: Sync {
 
     /// Are there sums for AOVs?
     fn has_aovs(&self) -> bool;
+
+    /// More sums of that pixel; `None` if there are none.
+    fn extras(&self, _x: u32, _y: u32) -> Option<ExtraSums> {
+        None
+    }
 
     /// What is behind everything.
     fn background(&self) -> Background;
@@ -87,6 +197,23 @@ pub trait Pixels: Sync {
 pub fn colors(pixels: &dyn Pixels) -> impl Iterator<Item = [f32; 3]> {
     let [x0, y0, x1, y1] = pixels.window();
     (y0..y1).flat_map(move |y| (x0..x1).map(move |x| pixels.at(x, y).0.mean()))
+}
+
+/// The beauty without its noise, row by row, guided by albedo and normals; pixels must have extra sums.
+///
+/// # Errors
+/// As [`Denoiser::denoise`](denoise::Denoiser::denoise).
+pub fn denoised(denoiser: &denoise::Denoiser, pixels: &dyn Pixels) -> crate::Result<Vec<[f32; 3]>> {
+    let [x0, y0, x1, y1] = pixels.window();
+    let (mut color, mut albedo, mut normal) = (Vec::new(), Vec::new(), Vec::new());
+    for (x, y) in (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y))) {
+        let (stats, extras) = (pixels.at(x, y).0, pixels.extras(x, y).unwrap_or_default());
+        let n = stats.samples.max(1) as f32;
+        color.push(stats.mean());
+        albedo.push(extras.guide_albedo.map(|sum| (sum / n).clamp(0.0, 1.0)));
+        normal.push(extras.guide_normal.map(|sum| sum / n));
+    }
+    denoiser.denoise(denoise::Noisy { width: (x1 - x0) as usize, color: &color, albedo: &albedo, normal: &normal })
 }
 
 /// The statistics of a picture's window, row by row.

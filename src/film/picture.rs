@@ -75,6 +75,25 @@ impl Picture {
         }
     }
 
+    /// What it shows of a window that lies in its own.
+    pub fn within(&self, window: [i64; 4]) -> Self {
+        let [x0, y0, x1, y1] = window;
+        let [width, _] = self.size();
+        let places: Vec<usize> = (y0..y1)
+            .flat_map(|y| (x0..x1).map(move |x| (x, y)))
+            .map(|(x, y)| (y - self.window[1]) as usize * width + (x - self.window[0]) as usize)
+            .collect();
+        let colors = |all: &[[f32; 3]]| places.iter().map(|i| all[*i]).collect();
+        Self {
+            window,
+            display: self.display,
+            rgb: colors(&self.rgb),
+            variance: self.variance.as_deref().map(colors),
+            alpha: self.alpha.as_ref().map(|all| places.iter().map(|i| all[*i]).collect()),
+            displayed: self.displayed,
+        }
+    }
+
     /// Pixels a row, and rows.
     pub fn size(&self) -> [usize; 2] {
         let [x0, y0, x1, y1] = self.window;

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, BufReader};
 use std::path::Path;
 
-use png::{BitDepth, ColorType, Compression, Decoder, Encoder};
+use png::{BitDepth, ColorType, Compression, Decoder, Encoder, EncodingError};
 
 use super::{Background, Picture, Pixels, View, atomic};
 use crate::Result;
@@ -45,7 +45,8 @@ pub fn write(path: &Path, pixels: &dyn Pixels, look: Look, mark: &str) -> Result
         pixels: places.map(|(x, y)| pixels.at(x, y).0).map(|p| (p.mean(), p.coverage())),
         transparent: pixels.background() == Background::Transparent,
     };
-    negative.develop(path, look, mark)
+    let (size, (bytes, kind)) = (negative.size, negative.develop(look));
+    write_bytes(path, size, &bytes, kind, mark)
 }
 
 /// As [`write()`], of a picture from a file; with alpha where it has some and `opaque` does not say otherwise.
@@ -53,6 +54,32 @@ pub fn write(path: &Path, pixels: &dyn Pixels, look: Look, mark: &str) -> Result
 /// # Errors
 /// As [`atomic::write`].
 pub fn write_picture(path: &Path, picture: &Picture, opaque: bool, look: Look, mark: &str) -> Result<()> {
+    let (bytes, kind) = developed(picture, opaque, look);
+    write_bytes(path, picture.size().map(|n| n as u32), &bytes, kind, mark)
+}
+
+/// A picture as the bytes of an opaque PNG.
+///
+/// # Errors
+/// [`Error::Bug`](crate::Error::Bug) if it cannot be said as one.
+pub fn encoded_picture(picture: &Picture, look: Look) -> Result<Vec<u8>> {
+    let [width, height] = picture.size().map(|n| n as u32);
+    encoded(width, height, &developed(picture, true, look).0)
+}
+
+/// 8-bit RGB as the bytes of a PNG.
+///
+/// # Errors
+/// As [`encoded_picture`].
+pub fn encoded(width: u32, height: u32, bytes: &[u8]) -> Result<Vec<u8>> {
+    let mut file = Vec::new();
+    match encode(&mut file, [width, height], bytes, ColorType::Rgb, "") {
+        Ok(()) => Ok(file),
+        Err(e) => Err(crate::Error::Bug(format!("a PNG: {e}"))),
+    }
+}
+
+fn developed(picture: &Picture, opaque: bool, look: Look) -> (Vec<u8>, ColorType) {
     let alpha = picture.alpha.as_deref().filter(|alpha| !opaque && alpha.iter().any(|a| *a < 1.0));
     let of = |i: usize| alpha.map_or(1.0, |alpha| alpha[i]);
     let negative = Negative {
@@ -61,11 +88,12 @@ pub fn write_picture(path: &Path, picture: &Picture, opaque: bool, look: Look, m
         pixels: picture.rgb.iter().enumerate().map(|(i, color)| (*color, of(i))),
         transparent: alpha.is_some(),
     };
-    negative.develop(path, look, mark)
+    negative.develop(look)
 }
 
 impl<I: Iterator<Item = ([f32; 3], f32)>> Negative<I> {
-    fn develop(self, path: &Path, look: Look, mark: &str) -> Result<()> {
+    /// Bytes of pixels, row by row, and what they are.
+    fn develop(self, look: Look) -> (Vec<u8>, ColorType) {
         let [width, height] = self.size;
         let mut bytes = Vec::with_capacity(width as usize * height as usize * if self.transparent { 4 } else { 3 });
         for (i, (color, alpha)) in (0_i64..).zip(self.pixels) {
@@ -78,8 +106,7 @@ impl<I: Iterator<Item = ([f32; 3], f32)>> Negative<I> {
                 bytes.extend(shown(color));
             }
         }
-        let kind = if self.transparent { ColorType::Rgba } else { ColorType::Rgb };
-        write_bytes(path, self.size, &bytes, kind, mark)
+        (bytes, if self.transparent { ColorType::Rgba } else { ColorType::Rgb })
     }
 }
 
@@ -91,26 +118,33 @@ pub fn write_rgb8(path: &Path, width: u32, height: u32, bytes: &[u8]) -> Result<
     write_bytes(path, [width, height], bytes, ColorType::Rgb, "")
 }
 
-fn write_bytes(path: &Path, [width, height]: [u32; 2], bytes: &[u8], kind: ColorType, mark: &str) -> Result<()> {
+fn write_bytes(path: &Path, size: [u32; 2], bytes: &[u8], kind: ColorType, mark: &str) -> Result<()> {
     atomic::write(path, |file| {
-        let mut encoder = Encoder::new(file, width, height);
-        encoder.set_color(kind);
-        encoder.set_depth(BitDepth::Eight);
-        encoder.set_compression(Compression::Balanced);
-        let written = || -> std::result::Result<(), png::EncodingError> {
-            if !mark.is_empty() {
-                encoder.add_text_chunk(MARK.into(), mark.into())?;
-            }
-            let mut writer = encoder.write_header()?;
-            writer.write_image_data(bytes)?;
-            writer.finish()
-        };
-        written().map_err(|e| match e {
-            png::EncodingError::IoError(e) => e,
+        encode(file, size, bytes, kind, mark).map_err(|e| match e {
+            EncodingError::IoError(e) => e,
             other => io::Error::other(other),
         })?;
         Ok(Ok(()))
     })
+}
+
+fn encode(
+    file: impl io::Write,
+    [width, height]: [u32; 2],
+    bytes: &[u8],
+    kind: ColorType,
+    mark: &str,
+) -> std::result::Result<(), EncodingError> {
+    let mut encoder = Encoder::new(file, width, height);
+    encoder.set_color(kind);
+    encoder.set_depth(BitDepth::Eight);
+    encoder.set_compression(Compression::Balanced);
+    if !mark.is_empty() {
+        encoder.add_text_chunk(MARK.into(), mark.into())?;
+    }
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(bytes)?;
+    writer.finish()
 }
 
 /// The mark that a PNG was written with; `None` if it has none or is not there.

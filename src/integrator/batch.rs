@@ -1,7 +1,7 @@
 //! What a wave is asked for, and where what it finds goes.
 
 use crate::balance::{Contribution, Counts, Observer};
-use crate::film::{AovSums, PixelStats};
+use crate::film::{AovSums, ExtraSums, Peak, PixelStats};
 
 /// One pixel's part in a wave.
 #[derive(Debug, Clone, Copy)]
@@ -32,8 +32,12 @@ pub struct PixelBatch<'a> {
     pub tasks: &'a [PixelTask],
     /// Radiance statistics.
     pub stats: &'a mut [PixelStats],
+    /// Brightest paths; empty if nobody asks.
+    pub peaks: &'a mut [Peak],
     /// AOV sums; empty if none are asked for.
     pub aovs: &'a mut [AovSums],
+    /// More sums for AOVs; empty if none are asked for.
+    pub extras: &'a mut [ExtraSums],
     /// Hears of contributions, if anybody does.
     pub observer: Option<&'a mut dyn Observer>,
 }

@@ -55,7 +55,7 @@ pub struct Point<'a> {
     /// How far along the geometric normal rays begin.
     pub origin_offset: f32,
     /// Interpolated texture coordinates of both sets.
-    texcoords: [Vec2; 2],
+    pub texcoords: [Vec2; 2],
     /// Interpolated vertex colour.
     color: Vec4,
     /// The material.

@@ -5,6 +5,8 @@ use glam::Vec3;
 use super::batch::{PixelBatch, PixelTask};
 use super::queues::ShadowRays;
 use crate::balance::{Contribution, Technique, deal};
+use crate::color::luminance;
+use crate::lanes::{LANES, U};
 
 /// A path of the wave.
 #[derive(Debug, Clone, Copy)]
@@ -40,6 +42,50 @@ pub struct Branch {
     pub indirect: Vec3,
 }
 
+/// A mirror at the end of a path's chain of mirrors.
+#[derive(Debug, Clone, Copy)]
+pub struct Mirror {
+    /// Product of the base colours so far.
+    pub tint: Vec3,
+    /// The first one's, turned to the eye.
+    pub normal: Vec3,
+    /// Where on the path it is, 0 for the first hit.
+    pub depth: u32,
+}
+
+/// Samples that were left out because their light was no finite number.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Faults {
+    /// How many.
+    pub count: u64,
+    /// The path of the first.
+    pub first: Option<u32>,
+}
+
+impl Faults {
+    /// One more, of this path of the wave.
+    #[inline]
+    pub fn add(&mut self, path: u32) {
+        self.count += 1;
+        self.first.get_or_insert(path);
+    }
+
+    /// Those of eight paths whose bit is set.
+    #[inline(always)]
+    pub fn add_lanes(&mut self, bits: u32, paths: U) {
+        if bits != 0 {
+            (0..LANES).filter(|lane| bits >> lane & 1 == 1).for_each(|lane| self.add(paths.as_array()[lane]));
+        }
+    }
+}
+
+/// A contribution whose brightest channel is `most` at most, and the share of it that is left.
+#[inline]
+pub fn limited(radiance: Vec3, most: f32) -> (Vec3, f32) {
+    let peak = radiance.max_element();
+    if peak > most { (radiance * (most / peak), most / peak) } else { (radiance, 1.0) }
+}
+
 /// Paths, and branches of paths, with what they have found.
 #[derive(Debug, Default)]
 pub struct Ledger {
@@ -47,6 +93,10 @@ pub struct Ledger {
     pub paths: Vec<PathState>,
     /// Their BSDF samples at first surfaces that went on.
     pub branches: Vec<Branch>,
+    /// What was left out.
+    pub faults: Faults,
+    /// Of each path, the mirror in which its guide is still looked for; empty if nobody asks.
+    pub mirrors: Vec<Option<Mirror>>,
 }
 
 impl Ledger {
@@ -55,6 +105,8 @@ impl Ledger {
     pub fn begin(&mut self, tasks: &[PixelTask], paths: u32, environment_probability: f32) {
         self.paths.clear();
         self.branches.clear();
+        self.faults = Faults::default();
+        self.mirrors.clear();
         for (pixel, task) in tasks.iter().enumerate() {
             let (mut first_light, mut first_bsdf) = (task.first_light, task.first_bsdf);
             let rates = task.weighed.rates(environment_probability);
@@ -77,17 +129,27 @@ impl Ledger {
         }
     }
 
-    /// Adds what shadow rays from vertices at `depth` bring that are not `occluded`.
+    /// Adds what shadow rays from vertices at `depth` bring that are not `occluded`, each at most `limit`.
     #[inline(never)]
-    pub fn add_light_samples(&mut self, shadows: &ShadowRays, occluded: &[bool], depth: u32, batch: &mut PixelBatch) {
+    pub fn add_light_samples(
+        &mut self,
+        shadows: &ShadowRays,
+        occluded: &[bool],
+        depth: u32,
+        limit: f32,
+        batch: &mut PixelBatch,
+    ) {
         for i in (0..shadows.len).filter(|&i| !occluded[i]) {
-            let radiance = shadows.radiance.get(i);
+            let (radiance, share) = limited(shadows.radiance.get(i), limit);
             let path = &mut self.paths[shadows.path[i] as usize];
             path.radiance += radiance;
+            if let Some(extras) = batch.extras.get_mut(path.pixel as usize) {
+                extras.add_light(shadows.group[i] as usize, radiance);
+            }
             if depth == 0 {
                 path.direct += radiance;
                 if let Some(found) = shadows.observed(i, radiance) {
-                    batch.tell(path.pixel as usize, found);
+                    batch.tell(path.pixel as usize, Contribution { w: found.w * share * share, ..found });
                 }
             } else {
                 self.branches[shadows.branch[i] as usize].indirect += radiance;
@@ -98,6 +160,12 @@ impl Ledger {
     /// Folds the paths into their pixels, in path order.
     #[inline(never)]
     pub fn finish(&self, batch: &mut PixelBatch) {
+        // What was seen in no mirror after all: the mirror itself.
+        for (path, mirror) in self.paths.iter().zip(&self.mirrors) {
+            if let (Some(mirror), Some(extras)) = (mirror, batch.extras.get_mut(path.pixel as usize)) {
+                extras.add_guide(mirror.tint, mirror.normal);
+            }
+        }
         if batch.observer.is_some() {
             for branch in self.branches.iter().filter(|branch| branch.indirect != Vec3::ZERO) {
                 let path = &self.paths[branch.path as usize];
@@ -109,8 +177,12 @@ impl Ledger {
                 batch.tell(path.pixel as usize, found);
             }
         }
-        for path in &self.paths {
+        let paths = self.paths.len() / batch.tasks.len().max(1);
+        for (i, path) in self.paths.iter().enumerate() {
             let pixel = path.pixel as usize;
+            if let Some(peak) = batch.peaks.get_mut(pixel) {
+                peak.add(luminance(path.radiance), batch.tasks[pixel].first_path + (i % paths) as u32);
+            }
             if let Some(observer) = &mut batch.observer {
                 observer.path(batch.tasks[pixel].number, path.radiance);
             }

@@ -18,7 +18,7 @@ pub use camera::CameraRays;
 pub use geometry::Geometry;
 pub use guides::guides;
 pub use materials::Materials;
-pub use prepared::PreparedScene;
+pub use prepared::{Names, PreparedScene};
 pub use wave::{Wave, WaveCounts};
 
 use crate::balance::{Counts, Heuristic};
@@ -39,6 +39,8 @@ pub struct Transport<'a> {
     pub materials: &'a Materials,
     /// What shines.
     pub lights: &'a Lights,
+    /// Hashes of names.
+    pub names: &'a Names,
     /// Where camera rays begin.
     pub camera: CameraRays,
     /// Where in the pixel.
@@ -49,6 +51,9 @@ pub struct Transport<'a> {
     pub max_depth: u32,
     /// Seed of every random choice.
     pub seed: u32,
+    /// Most that a light's contribution may have in a channel: found from first surfaces, and from later ones. Infinite:
+    /// no limit. What the camera sees directly has none.
+    pub limits: [f32; 2],
     /// Is the environment left out where the camera sees it directly?
     pub hides_sky: bool,
 }

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::{Geometry, Materials};
 use crate::Result;
+use crate::film::cryptomatte;
 use crate::light::Lights;
 use crate::rays::{self, Backend, RayQueries};
 use crate::scene::Scene;
@@ -20,6 +21,17 @@ pub struct PreparedScene<'a> {
     pub materials: Materials,
     /// What shines, with the tables to sample it.
     pub lights: Lights,
+    /// Hashes of names.
+    pub names: Names,
+}
+
+/// Hashes of names, for Cryptomatte.
+#[derive(Debug)]
+pub struct Names {
+    /// Of each instance.
+    pub objects: Vec<u32>,
+    /// Of each material.
+    pub materials: Vec<u32>,
 }
 
 impl<'a> PreparedScene<'a> {
@@ -37,6 +49,10 @@ impl<'a> PreparedScene<'a> {
         let geometry = Geometry::new(&scene);
         let materials = Materials::new(&scene);
         let lights = Lights::new(&scene, scene.radius());
-        Self { scene, rays, geometry, materials, lights }
+        let names = Names {
+            objects: scene.instances.iter().map(|instance| cryptomatte::id(&instance.name)).collect(),
+            materials: scene.materials.iter().map(|material| cryptomatte::id(&material.name)).collect(),
+        };
+        Self { scene, rays, geometry, materials, lights, names }
     }
 }

@@ -119,6 +119,8 @@ pub struct ShadowRays {
     pub path: Vec<u32>,
     /// BSDF sample of a first surface that it descends from; unused at first surfaces.
     pub branch: Vec<u32>,
+    /// What the light comes from, as for [`ExtraSums::add_light`](crate::film::ExtraSums::add_light).
+    pub group: Vec<u32>,
     /// How many rows count.
     pub len: usize,
     /// Columns for observers; present where somebody is to be told.
@@ -158,6 +160,7 @@ impl ShadowRays {
         self.radiance.grow(most);
         grow(&mut self.path, most);
         grow(&mut self.branch, most);
+        grow(&mut self.group, most);
         self.len = 0;
         self.observed = observed.then(|| {
             let mut columns = self.observed.take().unwrap_or_default();
@@ -169,7 +172,7 @@ impl ShadowRays {
         });
     }
 
-    /// Appends the survivors of a group: rays of length `tfar`, `radiance`, their path and branch. `key` is for
+    /// Appends the survivors of a group: rays of length `tfar`, `radiance`, their path, branch and group. `key` is for
     /// [`RayBatch::put`].
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "a row's columns")]
@@ -180,7 +183,7 @@ impl ShadowRays {
         tfar: F,
         key: U,
         radiance: V3,
-        [path, branch]: [U; 2],
+        [path, branch, group]: [U; 3],
         observation: impl FnOnce() -> Observation,
     ) {
         let (origin, direction) = (survivors.compress_v3(origin), survivors.compress_v3(direction));
@@ -188,6 +191,7 @@ impl ShadowRays {
         self.radiance.store(self.len, survivors.compress_v3(radiance));
         store_bits(&mut self.path, self.len, survivors.compress_bits(path));
         store_bits(&mut self.branch, self.len, survivors.compress_bits(branch));
+        store_bits(&mut self.group, self.len, survivors.compress_bits(group));
         if let Some(columns) = &mut self.observed {
             let seen = observation();
             store_bits(&mut columns.index, self.len, survivors.compress_bits(seen.index));

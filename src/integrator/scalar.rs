@@ -7,6 +7,7 @@ use glam::Vec3;
 
 use super::Transport;
 use super::batch::PixelTask;
+use super::ledger::limited;
 use super::stages::lights::SHADOW_END;
 use super::stages::requests::{Toward, light_sample};
 use super::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
@@ -195,6 +196,8 @@ impl Path<'_> {
         };
         let radiance = ray.beta * radiance * weight;
         let radiance = if radiance.is_finite() { radiance } else { Vec3::ZERO };
+        let limit = if depth == 0 { f32::INFINITY } else { self.transport.limits[(depth > 1) as usize] };
+        let (radiance, _) = limited(radiance, limit);
         self.tell(depth, What::Emission { radiance, weight });
         radiance
     }
@@ -254,6 +257,7 @@ impl Path<'_> {
         let key = hash(key(self.seed, index, light_set(depth)));
         rays.push(vertex.origin, wi, 0.0, distance * SHADOW_END, key);
         self.transport.rays.occluded(&rays, RayOrder::Incoherent, &mut occluded);
+        let (radiance, _) = limited(radiance, self.transport.limits[(depth > 0) as usize]);
         let (occluded, radiance) = (occluded[0], if occluded[0] { Vec3::ZERO } else { radiance });
         self.tell(depth, What::LightSample { toward, wi, distance, radiance, occluded });
         radiance

@@ -25,6 +25,10 @@ pub struct WaveCounts {
     pub shadow_rays: u64,
     /// Seconds inside ray queries.
     pub query_seconds: f64,
+    /// Samples left out as their light was no finite number.
+    pub not_finite: u64,
+    /// Of the first of them: column, row, number of the path in its pixel.
+    pub first_not_finite: Option<[u32; 3]>,
 }
 
 impl WaveCounts {
@@ -36,6 +40,8 @@ impl WaveCounts {
             later_bounce_rays: self.later_bounce_rays + other.later_bounce_rays,
             shadow_rays: self.shadow_rays + other.shadow_rays,
             query_seconds: self.query_seconds + other.query_seconds,
+            not_finite: self.not_finite + other.not_finite,
+            first_not_finite: self.first_not_finite.or(other.first_not_finite),
         }
     }
 
@@ -69,6 +75,9 @@ impl Wave {
     pub fn run(&mut self, transport: &Transport, paths: u32, batch: &mut PixelBatch) {
         let Self { rays, next_rays, hits, sorted, vertices, requests, shadows, occluded, ledger, counts } = self;
         ledger.begin(batch.tasks, paths, transport.lights.environment_probability);
+        if !batch.extras.is_empty() {
+            ledger.mirrors.resize(ledger.paths.len(), None);
+        }
         camera_rays::begin(transport, batch.tasks, paths, rays);
         for depth in 0..transport.max_depth {
             if rays.len == 0 {
@@ -81,6 +90,8 @@ impl Wave {
             sort::sort(transport, depth, hits, sorted);
             if depth == 0 {
                 surfaces::observe(transport, rays, hits, ledger, batch);
+            } else if !batch.extras.is_empty() {
+                surfaces::follow_mirrors(transport, depth, rays, hits, ledger, batch);
             }
             emission::surfaces(transport, depth, &sorted.emissive, rays, hits, ledger, batch);
             emission::environment(transport, depth, &sorted.escaped, rays, ledger, batch);
@@ -94,11 +105,16 @@ impl Wave {
             if !shadows.rays.is_empty() {
                 counts.shadow_rays += shadows.len as u64;
                 timed(counts, || transport.rays.occluded(&shadows.rays, RayOrder::Incoherent, occluded));
-                ledger.add_light_samples(shadows, occluded, depth, batch);
+                ledger.add_light_samples(shadows, occluded, depth, transport.limits[(depth > 0) as usize], batch);
             }
             std::mem::swap(rays, next_rays);
         }
         ledger.finish(batch);
+        counts.not_finite += ledger.faults.count;
+        if let (None, Some(path)) = (counts.first_not_finite, ledger.faults.first) {
+            let task = &batch.tasks[ledger.paths[path as usize].pixel as usize];
+            counts.first_not_finite = Some([task.x, task.y, task.first_path + path % paths]);
+        }
     }
 }
 

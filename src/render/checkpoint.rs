@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::identity::Asked;
 use super::scheduler::{self, NOISE_PATHS};
 use super::stats::Samples;
-use super::tile::{Columns, Tile, Tile2};
+use super::tile::{Columns, Tile, Tile2, Tile3};
 use super::{
     Identity, Maker, Part, RenderSettings, RenderStats, Rendered, StopReason, format2, fresh_tiles, paths_range,
 };
@@ -182,15 +182,22 @@ pub fn text<'a>(header: &'a Header, name: &str) -> Option<&'a str> {
     })
 }
 
-/// Writes a render's picture with its record and `more` attributes; with its tiles, if `with_tiles`.
+/// Writes a render's picture with its record, `more` attributes and a layer `denoised`; with its tiles, if `with_tiles`.
 ///
 /// # Errors
 /// As [`exr_file::write`].
-pub fn write(path: &Path, rendered: &Rendered, record: &Record, more: Header, with_tiles: bool) -> Result<()> {
+pub fn write(
+    path: &Path,
+    rendered: &Rendered,
+    record: &Record,
+    more: Header,
+    denoised: Option<&[[f32; 3]]>,
+    with_tiles: bool,
+) -> Result<()> {
     let mut header = record.header(rendered)?;
     header.extend(more);
     let tiles = with_tiles.then(|| pack(&rendered.tiles)).transpose()?;
-    let layers = Layers { aovs: &Aov::named(&record.aovs), half: record.half };
+    let layers = Layers { aovs: &Aov::named(&record.aovs), half: record.half, denoised };
     exr_file::write(path, &rendered.pixels(), layers, &header, tiles.as_deref())
 }
 
@@ -259,6 +266,7 @@ impl Earlier {
         let Some(bytes) = exr_file::read_statistics(&self.path)? else { return Ok(None) };
         let tiles = match number(&self.header, "bismar.format") {
             Some(format) if format < 3.0 => unpack_2(&bytes, settings.columns()),
+            Some(format) if format < 4.0 => unpack_3(&bytes),
             _ => unpack(&bytes),
         };
         let tiles = tiles.filter(|tiles| fits(tiles, &fresh_tiles(settings)));
@@ -319,6 +327,11 @@ pub fn unpack(bytes: &[u8]) -> Option<Vec<Tile>> {
     records(bytes)
 }
 
+/// Reads what `pack` of format 3 made.
+pub fn unpack_3(bytes: &[u8]) -> Option<Vec<Tile>> {
+    Some(records::<Tile3>(bytes)?.into_iter().map(Tile3::into_tile).collect())
+}
+
 /// Reads what `pack` of format 2 made, and keeps the columns that such a render has.
 pub fn unpack_2(bytes: &[u8], columns: Columns) -> Option<Vec<Tile>> {
     Some(records::<Tile2>(bytes)?.into_iter().map(|tile| tile.into_tile(columns)).collect())
@@ -359,7 +372,7 @@ pub fn fits(saved: &[Tile], fresh: &[Tile]) -> bool {
 mod tests {
     use super::*;
 
-    const BOTH: Columns = Columns { moments: true, aovs: true };
+    const BOTH: Columns = Columns { moments: true, aovs: true, extras: true };
 
     #[test]
     fn tiles_come_back_and_anything_else_does_not() {

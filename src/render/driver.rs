@@ -13,6 +13,7 @@ use super::{Integrator, RenderSettings, RenderStats, Rendered, Saved, StopReason
 use crate::film::Background;
 use crate::integrator::{CameraRays, PreparedScene, Transport};
 use crate::sampling::{FilterSampler, hash};
+use crate::scene::Scene;
 
 /// How to run a render, besides its settings.
 pub struct RunOptions<'a> {
@@ -89,6 +90,12 @@ fn tiles_at(tiles: &[Tile], paths: u32) -> u64 {
     tiles.iter().filter(|tile| tile.paths() == paths).count() as u64
 }
 
+/// The camera of a render with these settings.
+pub fn camera(scene: &Scene, settings: &RenderSettings) -> CameraRays {
+    let RenderSettings { camera, width, height, .. } = *settings;
+    CameraRays::new(&scene.camera(camera, width, height), width, height)
+}
+
 /// How the paths of a render with these settings go.
 pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Transport<'a> {
     Transport {
@@ -97,7 +104,8 @@ pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Tra
         geometry: &scene.geometry,
         materials: &scene.materials,
         lights: &scene.lights,
-        camera: CameraRays::new(&scene.scene.cameras[settings.camera], settings.width, settings.height),
+        names: &scene.names,
+        camera: camera(&scene.scene, settings),
         filter: FilterSampler::new(settings.filter),
         heuristic: settings.balance.method().heuristic(),
         max_depth: match settings.integrator {
@@ -105,6 +113,7 @@ pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Tra
             Integrator::Direct => settings.max_depth.min(2),
         },
         seed: settings.seed,
+        limits: [settings.clamp_direct, settings.clamp_indirect].map(|most| most.map_or(f32::INFINITY, |x| x as f32)),
         hides_sky: settings.transparent,
     }
 }

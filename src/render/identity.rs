@@ -34,6 +34,8 @@ pub struct Asked {
     pub aovs: String,
     /// Colours in 16 bits?
     pub half: bool,
+    /// With a layer without noise?
+    pub denoised: bool,
 }
 
 /// Named values, for comparison.
@@ -70,6 +72,12 @@ impl Identity {
             ("seed", s.seed.to_string()),
             ("sums for AOVs", s.aovs.to_string()),
         ]);
+        for (name, most) in [("clamp-direct", s.clamp_direct), ("clamp-indirect", s.clamp_indirect)] {
+            values.extend(most.map(|most| (name, most.to_string())));
+        }
+        if s.extras {
+            values.insert("more sums for AOVs", "true".into());
+        }
         if s.transparent {
             values.insert("transparent", "true".into());
         }
@@ -91,6 +99,9 @@ impl Identity {
         // What is not said leaves requests as they were before it could be.
         if asked.half {
             values.insert("half", "true".into());
+        }
+        if asked.denoised {
+            values.insert("denoised", "true".into());
         }
         blake3::hash(serde_json::json!(values).to_string().as_bytes()).to_hex().to_string()
     }
@@ -153,7 +164,7 @@ mod tests {
         let settings = RenderSettings { part: "1/2".parse().ok(), ..Default::default() };
         let whole = RenderSettings { camera: 3, width: 7, part: None, time: Some(1.0), ..settings.clone() };
         let of = |settings: &RenderSettings| Identity::new("a", "none", Backend::Embree, settings);
-        let asked = Asked { camera: Some("top".into()), size: None, aovs: "depth".into(), half: false };
+        let asked = Asked { camera: Some("top".into()), aovs: "depth".into(), ..Default::default() };
         assert_eq!(of(&settings).request(&asked), of(&whole).request(&asked));
         for other in [
             Asked { camera: None, ..asked.clone() },

@@ -9,6 +9,7 @@ use super::checkpoint::{self, Earlier, Record, fits};
 use super::part::in_rows;
 use super::tile::Tile;
 use super::{Part, RenderSettings, RenderStats, Rendered, StopReason, fresh_tiles, noise};
+use crate::film::cryptomatte::PREFIX;
 use crate::film::exr_file::{Header, HeaderValue};
 use crate::{Error, Result};
 
@@ -72,8 +73,11 @@ pub fn merge(paths: &[PathBuf]) -> Result<Merged> {
     let text = |name: &&'static str| {
         checkpoint::text(&first.header, name).map(|text| ((*name).into(), HeaderValue::Text(text.into())))
     };
-    let matrices = first.header.iter().filter(|(_, value)| matches!(value, HeaderValue::Matrix(_))).cloned();
-    Ok(Merged { rendered, record, more: kept.iter().filter_map(text).chain(matrices).collect() })
+    let more = first.header.iter().filter(|(name, value)| {
+        let named = name.starts_with(PREFIX) || ["bismar.objects", "bismar.materials"].contains(&name.as_ref());
+        named || matches!(value, HeaderValue::Matrix(_))
+    });
+    Ok(Merged { rendered, record, more: kept.iter().filter_map(text).chain(more.cloned()).collect() })
 }
 
 impl Merged {
@@ -82,7 +86,7 @@ impl Merged {
     /// # Errors
     /// As [`checkpoint::write`].
     pub fn write(&self, path: &Path) -> Result<()> {
-        checkpoint::write(path, &self.rendered, &self.record, self.more.clone(), self.record.keeps)
+        checkpoint::write(path, &self.rendered, &self.record, self.more.clone(), None, self.record.keeps)
     }
 }
 

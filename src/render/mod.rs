@@ -5,6 +5,7 @@
 
 pub mod checkpoint;
 pub mod driver;
+pub mod fireflies;
 mod format2;
 pub mod identity;
 mod maker;
@@ -22,7 +23,8 @@ pub mod tile;
 use crate::film::compare::relative_to;
 use crate::film::{Background, Film};
 pub use checkpoint::{Record, Saved};
-pub use driver::{Pause, RunOptions, render, run, transport};
+pub use driver::{Pause, RunOptions, camera, render, run, transport};
+pub use fireflies::Fireflies;
 pub use identity::Identity;
 pub use maker::Maker;
 pub use part::Part;

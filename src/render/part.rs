@@ -65,7 +65,7 @@ mod tests {
     use crate::render::tile::Columns;
     use proptest::prelude::*;
 
-    const NONE: Columns = Columns { moments: false, aovs: false };
+    const NONE: Columns = Columns { moments: false, aovs: false, extras: false };
 
     proptest! {
         #[test]

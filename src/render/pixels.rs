@@ -2,13 +2,14 @@
 
 use super::RenderSettings;
 use super::tile::{TILE, Tile};
-use crate::film::{AovSums, Background, PixelStats, Pixels};
+use crate::film::{AovSums, Background, ExtraSums, PixelStats, Pixels};
 
 /// The window's pixels, read from tiles. Where no tile is, nothing was sampled.
 pub struct TilePixels<'a> {
     size: [u32; 2],
     window: [u32; 4],
     aovs: bool,
+    extras: bool,
     background: Background,
     /// Tiles a row of `tiles`.
     columns: u32,
@@ -26,8 +27,19 @@ impl<'a> TilePixels<'a> {
             let [x, y] = tile.grid_position();
             grid[((y - y0 / TILE) * columns + (x - x0 / TILE)) as usize] = Some(tile);
         }
-        let (size, aovs) = ([settings.width, settings.height], settings.aovs);
-        Self { size, window, aovs, background, columns, tiles: grid }
+        let (size, aovs, extras) = ([settings.width, settings.height], settings.aovs, settings.extras);
+        Self { size, window, aovs, extras, background, columns, tiles: grid }
+    }
+}
+
+impl TilePixels<'_> {
+    /// The tile of a pixel, and the pixel's place in it.
+    fn place(&self, x: u32, y: u32) -> Option<(&Tile, usize)> {
+        let [x0, y0, ..] = self.window;
+        let (column, row) = (x / TILE, y / TILE);
+        let tile = self.tiles[((row - y0 / TILE) * self.columns + (column - x0 / TILE)) as usize]?;
+        let width = TILE.min(self.size[0] - column * TILE);
+        Some((tile, ((y % TILE) * width + x % TILE) as usize))
     }
 }
 
@@ -44,19 +56,16 @@ impl Pixels for TilePixels<'_> {
         self.aovs
     }
 
+    fn extras(&self, x: u32, y: u32) -> Option<ExtraSums> {
+        let no_tile = self.extras.then(ExtraSums::default);
+        self.place(x, y).map_or(no_tile, |(tile, i)| tile.extras.get(i).copied())
+    }
+
     fn background(&self) -> Background {
         self.background
     }
 
     fn at(&self, x: u32, y: u32) -> (PixelStats, AovSums) {
-        let [x0, y0, ..] = self.window;
-        let (column, row) = (x / TILE, y / TILE);
-        match self.tiles[((row - y0 / TILE) * self.columns + (column - x0 / TILE)) as usize] {
-            Some(tile) => {
-                let width = TILE.min(self.size[0] - column * TILE);
-                tile.at(((y % TILE) * width + x % TILE) as usize)
-            }
-            None => (PixelStats::EMPTY, AovSums::default()),
-        }
+        self.place(x, y).map_or((PixelStats::EMPTY, AovSums::default()), |(tile, i)| tile.at(i))
     }
 }

@@ -170,7 +170,9 @@ fn trace(
         let mut batch = PixelBatch {
             tasks,
             stats: &mut tile.stats[start..end],
+            peaks: &mut tile.peaks[start..end],
             aovs: tile.aovs.get_mut(start..end).unwrap_or_default(),
+            extras: tile.extras.get_mut(start..end).unwrap_or_default(),
             observer: match &mut observer {
                 Some(observer) => Some(&mut **observer),
                 None => None,
@@ -197,6 +199,10 @@ fn reweight(tile: &mut Tile, pilot: &Pilot, total: &[Counts]) {
                 _ => aovs.add_light(change, Vec3::ZERO),
             }
         }
+    }
+    // Where the pilot's light came from is forgotten: groups share what changes as they share the pixel.
+    for (extras, changes) in tile.extras.iter_mut().zip(changes.chunks(n)) {
+        extras.share_light(changes.iter().sum());
     }
     let of_pixels = changes.chunks(n).zip(pilot.paths.chunks(n));
     for (stats, (changes, paths)) in tile.stats.iter_mut().zip(of_pixels) {
@@ -226,7 +232,7 @@ mod tests {
 
     #[test]
     fn a_pilot_weighed_again_has_the_sums_of_paths_that_were_weighed_so_at_once() {
-        let mut tile = Tile::cover(2, 1, [0, 0, 2, 1], Columns { moments: false, aovs: true }).remove(0);
+        let mut tile = Tile::cover(2, 1, [0, 0, 2, 1], Columns { moments: false, aovs: true, extras: false }).remove(0);
         let mut pilot = Pilot { counts: Some(Counts::half(2)), ..Default::default() };
         let contribution = |pixel, technique, index, r, y| Contribution {
             pixel,

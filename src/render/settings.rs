@@ -52,6 +52,16 @@ pub struct RenderSettings {
     pub filter: PixelFilter,
     /// Keep the sums that AOVs need?
     pub aovs: bool,
+    /// Keep the extra sums that some AOVs need?
+    #[serde(default)]
+    pub extras: bool,
+    /// Most of a channel in a light's contribution, found from first surfaces, > 0; `None`: no limit. A limit takes fireflies
+    /// away, and light with them.
+    #[serde(default)]
+    pub clamp_direct: Option<f64>,
+    /// As `clamp_direct`, found from later surfaces.
+    #[serde(default)]
+    pub clamp_indirect: Option<f64>,
     /// Leave the environment out of the picture, where the camera sees it directly; it gives light all the same.
     #[serde(default)]
     pub transparent: bool,
@@ -69,7 +79,7 @@ pub struct RenderSettings {
 impl RenderSettings {
     /// What tiles keep besides the statistics.
     pub fn columns(&self) -> Columns {
-        Columns { moments: self.balance.method().sums_moments(), aovs: self.aovs }
+        Columns { moments: self.balance.method().sums_moments(), aovs: self.aovs, extras: self.extras }
     }
 
     /// The window that is kept: x0, y0, x1, y1, the last two exclusive.
@@ -95,6 +105,9 @@ impl Default for RenderSettings {
             seed: 0,
             filter: PixelFilter::Gaussian,
             aovs: false,
+            extras: false,
+            clamp_direct: None,
+            clamp_indirect: None,
             transparent: false,
             part: None,
             shares: None,

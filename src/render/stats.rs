@@ -43,6 +43,12 @@ pub struct RenderStats {
     pub tile_seconds: f64,
     /// Passes completed.
     pub passes: u32,
+    /// Samples left out as their light was no finite number.
+    #[serde(default)]
+    pub not_finite: u64,
+    /// Of the first of them: column, row, number of the path in its pixel.
+    #[serde(default)]
+    pub first_not_finite: Option<[u32; 3]>,
     /// Estimated relative error of the picture after its last whole pass; not kept, but computed again.
     #[serde(skip_deserializing)]
     pub noise: f64,
@@ -96,6 +102,8 @@ impl RenderStats {
         self.ray_query_seconds += other.ray_query_seconds;
         self.tile_seconds += other.tile_seconds;
         self.passes = self.passes.max(other.passes);
+        self.not_finite += other.not_finite;
+        self.first_not_finite = self.first_not_finite.or(other.first_not_finite);
     }
 
     pub(super) fn add(&mut self, work: &TileWork) {
@@ -106,6 +114,8 @@ impl RenderStats {
         self.shadow_rays += work.counts.shadow_rays;
         self.ray_query_seconds += work.counts.query_seconds;
         self.tile_seconds += work.seconds;
+        self.not_finite += work.counts.not_finite;
+        self.first_not_finite = self.first_not_finite.or(work.counts.first_not_finite);
     }
 }
 

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::sampler::{self, TileSampler};
 use crate::balance::{Balance, Learned, Moments, Share};
-use crate::film::{AovSums, PixelStats};
+use crate::film::{AovSums, ExtraSums, Peak, PixelStats};
 use crate::integrator::{PixelTask, Transport, WaveCounts};
 use crate::rays::embree::set_flush_to_zero;
 
@@ -27,6 +27,10 @@ pub struct Tile {
     pub moments: Vec<Moments>,
     /// AOV sums, one a pixel, or none when no AOV needs them.
     pub aovs: Vec<AovSums>,
+    /// More sums, one a pixel, or none when no AOV needs them.
+    pub extras: Vec<ExtraSums>,
+    /// Brightest paths, one a pixel. Files before format 4 have none.
+    pub peaks: Vec<Peak>,
 }
 
 /// Which columns tiles have besides the statistics.
@@ -36,6 +40,8 @@ pub struct Columns {
     pub moments: bool,
     /// [`Tile::aovs`].
     pub aovs: bool,
+    /// [`Tile::extras`].
+    pub extras: bool,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -82,6 +88,8 @@ impl Tile {
                     stats: vec![PixelStats { balance: 0.5, ..Default::default() }; n],
                     moments: vec![Moments::default(); if columns.moments { n } else { 0 }],
                     aovs: vec![AovSums::default(); if columns.aovs { n } else { 0 }],
+                    extras: vec![ExtraSums::default(); if columns.extras { n } else { 0 }],
+                    peaks: vec![Peak::default(); n],
                 });
             }
         }
@@ -149,6 +157,8 @@ impl Tile {
     pub fn join(&mut self, other: &Tile) {
         self.stats.iter_mut().zip(&other.stats).for_each(|(own, more)| own.join(more));
         self.aovs.iter_mut().zip(&other.aovs).for_each(|(own, more)| own.join(more));
+        self.extras.iter_mut().zip(&other.extras).for_each(|(own, more)| own.join(more));
+        self.peaks.iter_mut().zip(&other.peaks).for_each(|(own, more)| own.add(more.luminance, more.path));
     }
 
     /// Bytes of memory that a pixel takes with these columns.
@@ -156,8 +166,10 @@ impl Tile {
         let column = |there: bool, bytes: usize| if there { bytes } else { 0 };
         size_of::<TilePixel>()
             + size_of::<PixelStats>()
+            + size_of::<Peak>()
             + column(columns.moments, size_of::<Moments>())
             + column(columns.aovs, size_of::<AovSums>())
+            + column(columns.extras, size_of::<ExtraSums>())
     }
 
     /// Its place in the picture's grid of tiles: column and row.
@@ -173,7 +185,8 @@ impl Tile {
     /// Has it the pixels and columns of the other, all whole?
     pub fn covers(&self, other: &Tile) -> bool {
         let same = |(a, b): (&TilePixel, &TilePixel)| (a.x, a.y) == (b.x, b.y);
-        let sizes = |tile: &Tile| [tile.pixels.len(), tile.stats.len(), tile.moments.len(), tile.aovs.len()];
+        let sizes =
+            |t: &Tile| [t.pixels.len(), t.stats.len(), t.moments.len(), t.aovs.len(), t.extras.len(), t.peaks.len()];
         sizes(self) == sizes(other)
             && self.pixels.iter().zip(&other.pixels).all(same)
             && self.stats.iter().all(|s| s.samples == self.paths())
@@ -182,6 +195,24 @@ impl Tile {
     /// How many pixels it has.
     pub fn pixels(&self) -> usize {
         self.pixels.len()
+    }
+}
+
+/// A tile as format 3 saved it: without the brightest paths.
+#[derive(Deserialize)]
+pub(super) struct Tile3 {
+    pixels: Vec<TilePixel>,
+    stats: Vec<PixelStats>,
+    moments: Vec<Moments>,
+    aovs: Vec<AovSums>,
+}
+
+impl Tile3 {
+    /// The same without knowledge of brightest paths.
+    pub fn into_tile(self) -> Tile {
+        let Self { pixels, stats, moments, aovs } = self;
+        let peaks = vec![Peak::default(); stats.len()];
+        Tile { pixels, stats, moments, aovs, extras: Vec::new(), peaks }
     }
 }
 
@@ -200,6 +231,8 @@ impl Tile2 {
             stats: sums.iter().map(|s| s.0).collect(),
             moments: sums.iter().filter(|_| columns.moments).map(|s| s.1).collect(),
             aovs: sums.iter().filter(|_| columns.aovs).map(|s| s.2).collect(),
+            extras: Vec::new(),
+            peaks: vec![Peak::default(); sums.len()],
             pixels: self.pixels,
         }
     }

@@ -6,6 +6,7 @@ use glam::Vec3;
 pub mod alpha;
 pub mod camera;
 pub mod environment;
+pub mod framing;
 pub mod import;
 pub mod lights;
 pub mod material;
@@ -14,6 +15,7 @@ pub mod texture;
 
 pub use camera::{Camera, Projection};
 pub use environment::Environment;
+pub use framing::Framing;
 pub use lights::{PunctualKind, PunctualLight};
 pub use material::{AlphaMode, Encoding, Material, TextureRef, TextureSlot, Textures};
 pub use mesh::{FARTHEST, Instance, Mesh, Object, Positions, SHUTTER};
@@ -36,8 +38,11 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// Point, spot and directional lights, in world space.
     pub lights: Vec<PunctualLight>,
-    /// Cameras, in world space; at least one (a framed view when the file has none).
+    /// Cameras, in world space; at least one (a framed view when the file has none). What renders asks
+    /// [`Scene::camera`].
     pub cameras: Vec<Camera>,
+    /// Of a file without a camera: what the framed view, its only one, is fitted to.
+    pub framing: Option<Box<Framing>>,
     /// Light from infinity.
     pub environment: Option<Environment>,
 }
@@ -48,17 +53,25 @@ impl Scene {
         self.objects[object as usize].meshes.clone().map(|mesh| self.meshes[mesh as usize].indices.len()).sum()
     }
 
+    /// Camera `index` for a picture of `width` by `height`: the framed view fits it.
+    pub fn camera(&self, index: usize, width: u32, height: u32) -> Camera {
+        match &self.framing {
+            Some(framing) => framing.camera(f64::from(width) / f64::from(height)),
+            None => self.cameras[index].clone(),
+        }
+    }
+
     /// Does anything in it shine, or show without light?
     pub fn is_lit(&self) -> bool {
         let glows = self.materials.iter().any(|m| m.is_emissive() || m.unlit);
         glows || self.environment.is_some() || !self.lights.is_empty()
     }
 
-    /// Lights a scene in which nothing shines by a plain white sky; says whether it did.
+    /// Lights a scene in which nothing shines by [`Environment::studio`]; says whether it did.
     pub fn light_if_dark(&mut self) -> bool {
         let dark = !self.is_lit();
         if dark {
-            self.environment = Some(Environment::constant([1.0; 3]));
+            self.environment = Some(Environment::studio());
         }
         dark
     }

@@ -13,7 +13,7 @@ use crate::console::args::{seconds, threads};
 use crate::console::progress::Style;
 use crate::console::tev;
 use crate::farm::PathMapping;
-use crate::film::{Aov, Exposure, View};
+use crate::film::{Aov, Denoise, Exposure, View};
 use crate::rays::Backend;
 use crate::render::identity::Asked;
 use crate::render::{Balance, Integrator, Part, PixelFilter, RenderSettings};
@@ -87,6 +87,13 @@ pub struct RenderArgs {
     /// Of --balance second-order: the share of its paths that are its pilot, above 0 and below 1 [default: 0.5].
     #[arg(long, value_name = "SHARE", value_parser = share, help_heading = "Sampling")]
     pub pilot: Option<f64>,
+    /// Limit each contribution of light at first surfaces to this in its brightest channel: takes fireflies away, and light
+    /// with them.
+    #[arg(long, value_name = "X", value_parser = positive, help_heading = "Sampling")]
+    pub clamp_direct: Option<f64>,
+    /// As --clamp-direct, at later surfaces.
+    #[arg(long, value_name = "X", value_parser = positive, help_heading = "Sampling")]
+    pub clamp_indirect: Option<f64>,
     /// Pixel filter.
     #[arg(long, value_enum, default_value_t = PixelFilter::Gaussian, help_heading = "Sampling")]
     pub filter: PixelFilter,
@@ -117,7 +124,9 @@ pub struct RenderArgs {
     pub memory_limit: Option<u64>,
 
     /// Outputs beside the beauty: any of albedo, normal, depth, direct, indirect, variance, samples, balance, object,
-    /// material, separated by commas; or all, or none.
+    /// material, position, uv, emission, guide-albedo, guide-normal (as albedo and normal, but seen in mirrors: for
+    /// denoisers), lights (the beauty by what gave the light), crypto-object, crypto-material, separated by commas; or
+    /// all, or none.
     #[arg(long, value_name = "LIST", default_value = "variance,samples,balance", help_heading = "Output")]
     aov: AovList,
     /// Colours and normals in 16-bit floats: a file of half the size, and what compositors work with.
@@ -127,6 +136,9 @@ pub struct RenderArgs {
     /// same.
     #[arg(long, help_heading = "Output")]
     pub transparent: bool,
+    /// Add a layer `denoised` to the picture, and show that in the PNG. The beauty stays as it is.
+    #[arg(long, value_enum, conflicts_with = "part", help_heading = "Output")]
+    pub denoise: Option<Denoise>,
     /// Write a PNG too.
     #[arg(long, value_name = "FILE.png", help_heading = "Output")]
     pub preview: Option<PathBuf>,
@@ -195,16 +207,19 @@ impl RenderArgs {
         })
     }
 
-    /// What is written beside the beauty.
-    pub fn aovs(&self) -> &[Aov] {
-        &self.aov.0
+    /// What is written beside the beauty, in its order. A pilot's light is weighed again when its sources are forgotten: all
+    /// is then all but `lights`.
+    pub fn aovs(&self) -> Vec<Aov> {
+        let mut aovs = self.aov.0.clone();
+        aovs.sort();
+        aovs.dedup();
+        aovs.retain(|aov| *aov != Aov::Lights || !self.balance.method().needs_goal());
+        aovs
     }
 
     /// Names of what is written beside the beauty, in their order.
     pub fn aov_names(&self) -> String {
-        let mut aovs = self.aov.0.clone();
-        aovs.sort();
-        aovs.dedup();
+        let aovs = self.aovs();
         let names = aovs.iter().filter_map(|a| a.to_possible_value());
         names.map(|v| v.get_name().to_owned()).collect::<Vec<_>>().join(",")
     }
@@ -218,7 +233,7 @@ impl RenderArgs {
     /// What tells its file from others' before a scene is loaded.
     pub fn asked(&self) -> Asked {
         let (camera, size) = (self.camera.clone(), self.size.map(|s| [s.0, s.1]));
-        Asked { camera, size, aovs: self.aov_names(), half: self.half }
+        Asked { camera, size, aovs: self.aov_names(), half: self.half, denoised: self.denoise.is_some() }
     }
 
     /// What it asks for, but for camera, width and height: they are the scene's to say.
@@ -235,6 +250,9 @@ impl RenderArgs {
             seed: self.seed,
             filter: self.filter,
             aovs: self.aovs().iter().any(|a| a.needs_sums()),
+            extras: self.denoise.is_some() || self.aovs().iter().any(|a| a.needs_extras()),
+            clamp_direct: self.clamp_direct,
+            clamp_indirect: self.clamp_indirect,
             transparent: self.transparent,
             part: self.part,
             ..RenderSettings::default()
@@ -271,6 +289,14 @@ impl RenderArgs {
         if self.pilot.is_some() && !self.balance.method().needs_goal() {
             return Err(Error::Usage(format!(
                 "--pilot belongs to --balance second-order; {} has a pilot of its own or none",
+                self.balance.name()
+            )));
+        }
+        let all = self.aov.0.len() == Aov::value_variants().len();
+        if !all && self.balance.method().needs_goal() && self.aov.0.contains(&Aov::Lights) {
+            return Err(Error::Usage(format!(
+                "--aov lights: --balance {} weighs a pilot's light again when where it came from is forgotten; take another \
+                 balance",
                 self.balance.name()
             )));
         }
@@ -388,7 +414,7 @@ mod tests {
         }
         assert!(Crop([0, 0, 10, 10]).inside(10, 9).is_err());
         assert_eq!("depth, normal".parse(), Ok(AovList(vec![Aov::Depth, Aov::Normal])));
-        assert_eq!("all".parse::<AovList>().map(|l| l.0.len()), Ok(10));
+        assert_eq!("all".parse::<AovList>().map(|l| l.0.len()), Ok(18));
         assert_eq!("variance,samples,balance".parse(), Ok(AovList(Aov::DEFAULT.to_vec())));
         assert!("depth,,normal".parse::<AovList>().is_err());
     }

@@ -1,8 +1,8 @@
 //! One command's render: from a scene in memory, or from what the output file holds, to the output file.
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::fmt::{self, Display};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -15,20 +15,25 @@ use crate::cli::memory::{self, Need};
 use crate::cli::stats::{Seconds, Stats};
 use crate::console::signals::no_progress;
 use crate::console::tev::Tev;
-use crate::film::exr_file::{HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
-use crate::film::{Background, Look, Picture, colors, preview};
-use crate::integrator::{CameraRays, PreparedScene};
+use crate::film::aov::{MATERIALS, OBJECTS};
+use crate::film::denoise::Denoiser;
+use crate::film::exr_file::{Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
+use crate::film::{Aov, Background, Look, Picture, colors, cryptomatte, denoised, preview};
+use crate::integrator::PreparedScene;
 use crate::light::AreaLights;
 use crate::rays;
 use crate::render::checkpoint::{self, Earlier, Host};
 use crate::render::{
-    Identity, Pause, Progress, Record, RenderSettings, Rendered, RunOptions, Saved, StopReason, fresh_tiles, run,
+    Identity, Pause, Progress, Record, RenderSettings, Rendered, RunOptions, Saved, StopReason, camera, fresh_tiles,
+    run,
 };
 use crate::scene::Scene;
 use crate::{Error, Result};
 
 /// Seconds between pictures for a viewer.
 const SECONDS_BETWEEN_SHOWS: f64 = 2.0;
+/// The layer without noise.
+const DENOISED: &str = "denoised";
 
 /// A scene that is ready to be rendered.
 pub struct Loaded {
@@ -159,11 +164,21 @@ impl Session<'_> {
         let Some(png) = args.preview.as_ref().filter(|png| preview::mark(png).as_ref() != Some(&mark)) else {
             return Ok(Done::Before(output, record.paths, None));
         };
-        let picture = Picture::open(&output, None)?;
-        let exposure = args.exposure.of(picture.rgb.iter().copied());
-        let opaque = record.background != Background::Transparent;
-        preview::write_picture(png, &picture, opaque, Look { view: args.view, exposure }, &mark)?;
+        let exposure = self.develop_file(png, record.background, &mark)?;
         Ok(Done::Before(output, record.paths, Some(exposure)))
+    }
+
+    /// Develops a PNG from the picture's file, without noise if the command wants that; its exposure.
+    fn develop_file(&self, png: &Path, background: Background, mark: &str) -> Result<f32> {
+        let (args, output) = (self.args, self.args.output());
+        let mut picture = Picture::open(&output, None)?;
+        let exposure = args.exposure.of(picture.rgb.iter().copied());
+        if args.denoise.is_some() {
+            picture.rgb = Picture::open(&output, Some(DENOISED))?.rgb;
+        }
+        let opaque = background != Background::Transparent;
+        preview::write_picture(png, &picture, opaque, Look { view: args.view, exposure }, mark)?;
+        Ok(exposure)
     }
 
     /// What a PNG says of its making, so that one that was made otherwise is known.
@@ -240,7 +255,10 @@ impl Session<'_> {
         let asked = args.asked();
         let seconds =
             Cell::new(Seconds { read: loaded.read_seconds, build: loaded.build_seconds, ..Default::default() });
-        let write = |rendered: &Rendered, with_statistics: bool| -> Result<Stats> {
+        // Before the work, not after it.
+        let denoiser = args.denoise.map(|_| Denoiser::load()).transpose()?;
+        let clean = RefCell::new(None);
+        let write = |rendered: &Rendered, with_statistics: bool, last: bool| -> Result<Stats> {
             let start = Instant::now();
             let render = rendered.stats.render_seconds;
             let mut stats = Stats::new(
@@ -254,23 +272,28 @@ impl Session<'_> {
             let record = Record::new(&identity, &asked, rendered, Host::of(backend), keeps);
             stats.exposure = args.exposure.of(colors(&rendered.pixels()));
             let mut header = stats.header()?;
-            let camera = &loaded.prepared.scene.cameras[settings.camera];
-            let matrices = CameraRays::new(camera, settings.width, settings.height).matrices();
+            let matrices = camera(&loaded.prepared.scene, &settings).matrices();
             let named = [WORLD_TO_CAMERA, WORLD_TO_NDC].into_iter().zip(matrices);
             header.extend(named.map(|(name, matrix)| (name.into(), HeaderValue::Matrix(matrix))));
-            checkpoint::write(&output, rendered, &record, header, with_statistics)?;
+            header.extend(names(&loaded.prepared.scene, &args.aovs())?);
+            if let Some(denoiser) = denoiser.as_ref().filter(|_| last) {
+                *clean.borrow_mut() = Some(denoised(denoiser, &rendered.pixels())?);
+            }
+            checkpoint::write(&output, rendered, &record, header, clean.borrow().as_deref(), with_statistics)?;
             let write = seconds.get().write + start.elapsed().as_secs_f64();
             seconds.set(Seconds { write, ..seconds.get() });
             Ok(stats)
         };
-        let preview = |rendered: &Rendered, stats: &Stats| match &args.preview {
-            Some(path) => {
-                let look = Look { view: args.view, exposure: stats.exposure };
-                preview::write(path, &rendered.pixels(), look, &self.mark(rendered.stats.paths))
+        let preview = |rendered: &Rendered, stats: &Stats| {
+            let Some(path) = &args.preview else { return Ok(()) };
+            let mark = self.mark(rendered.stats.paths);
+            if clean.borrow().is_some() {
+                return self.develop_file(path, rendered.background, &mark).map(drop);
             }
-            None => Ok(()),
+            preview::write(path, &rendered.pixels(), Look { view: args.view, exposure: stats.exposure }, &mark)
         };
-        let mut save = |rendered: &Rendered| match write(rendered, true).and_then(|stats| preview(rendered, &stats)) {
+        let save_both = |rendered: &Rendered| write(rendered, true, false).and_then(|stats| preview(rendered, &stats));
+        let mut save = |rendered: &Rendered| match save_both(rendered) {
             Ok(()) => info!("saved {} with {} paths", output.display(), rendered.stats.paths),
             Err(e) => warn!("not saved; rendering goes on: {e}"),
         };
@@ -307,7 +330,13 @@ impl Session<'_> {
         if interrupted && rendered.stats.paths == before {
             return Err(no_progress(&format!("interrupted before another tile was done: {shown} is as it was")));
         }
-        let mut stats = write(&rendered, interrupted || keeps || args.part.is_some())?;
+        if !interrupted && colors(&rendered.pixels()).all(|color| color.iter().all(|x| *x <= 0.0)) {
+            warn!(
+                "{shown} is black everywhere: no light reaches what the camera sees. Does a lamp face away (a surface shines \
+                 from its front alone, unless it is double-sided), or the camera? --env FILE gives light from all around"
+            );
+        }
+        let mut stats = write(&rendered, interrupted || keeps || args.part.is_some(), true)?;
         let writing = Instant::now();
         preview(&rendered, &stats)?;
         stats.seconds.write = seconds.get().write + writing.elapsed().as_secs_f64();
@@ -370,6 +399,25 @@ impl Session<'_> {
         info!("goes on from {} with {} paths", output.display(), saved.stats.paths);
         Ok(Some((saved, earlier.record.keeps)))
     }
+}
+
+/// What the numbers and hashes of objects and materials stand for.
+fn names(scene: &Scene, aovs: &[Aov]) -> Result<Header> {
+    let objects = || scene.instances.iter().map(|instance| instance.name.as_str());
+    let materials = || scene.materials.iter().map(|material| material.name.as_str());
+    let mut header = Header::new();
+    for aov in aovs {
+        match aov {
+            Aov::Object => header.push(("bismar.objects".into(), checkpoint::json(&objects().collect::<Vec<_>>())?)),
+            Aov::Material => {
+                header.push(("bismar.materials".into(), checkpoint::json(&materials().collect::<Vec<_>>())?))
+            }
+            Aov::CryptoObject => header.extend(cryptomatte::header(OBJECTS, objects())),
+            Aov::CryptoMaterial => header.extend(cryptomatte::header(MATERIALS, materials())),
+            _ => {}
+        }
+    }
+    Ok(header)
 }
 
 pub fn settings(args: &RenderArgs, scene: &Scene) -> Result<RenderSettings> {

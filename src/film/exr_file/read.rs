@@ -20,6 +20,7 @@ use super::{
     HASH, Header, HeaderValue, LENGTH, SEAL, STATISTICS, WORDS, WORLD_TO_CAMERA, WORLD_TO_NDC, bounds, head, text,
 };
 use crate::film::Picture;
+use crate::film::cryptomatte::PREFIX;
 use crate::{Error, Result as Outcome};
 
 /// Reads the colour of any flat OpenEXR file: channels R, G, B (or a layer's that ends in `Combined`, as Blender
@@ -67,7 +68,8 @@ pub fn read_header(path: &Path) -> Outcome<Header> {
             _ => return None,
         };
         // How many bytes there are, and which, is the file's affair alone.
-        let told = name.starts_with("bismar.") && ![LENGTH, HASH, SEAL].contains(&name.as_str());
+        let ours = name.starts_with("bismar.") || name.starts_with(PREFIX);
+        let told = ours && ![LENGTH, HASH, SEAL].contains(&name.as_str());
         told.then(|| (name.into(), value))
     });
     let mut header: Header = ours.collect();

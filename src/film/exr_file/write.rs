@@ -13,7 +13,7 @@ use exr::prelude::*;
 
 use super::seal::{self, SEAL};
 use super::{HASH, Header, HeaderValue, LENGTH, WORLD_TO_CAMERA, WORLD_TO_NDC, text};
-use crate::film::aov::{self, Aov, Value};
+use crate::film::aov::{self, Aov, ExtraComponent, Value};
 use crate::film::{Pixels, atomic};
 use crate::{Error, Result as Outcome};
 
@@ -24,17 +24,19 @@ pub struct Layers<'a> {
     pub aovs: &'a [Aov],
     /// Colours and directions in 16-bit floats; distances, statistics and identities stay as they are.
     pub half: bool,
+    /// The layer `denoised`: linear RGB, row by row over the window.
+    pub denoised: Option<&'a [[f32; 3]]>,
 }
 
 impl<'a, const N: usize> From<&'a [Aov; N]> for Layers<'a> {
     fn from(aovs: &'a [Aov; N]) -> Self {
-        Layers { aovs, half: false }
+        Layers { aovs, ..Default::default() }
     }
 }
 
 impl<'a> From<&'a [Aov]> for Layers<'a> {
     fn from(aovs: &'a [Aov]) -> Self {
-        Layers { aovs, half: false }
+        Layers { aovs, ..Default::default() }
     }
 }
 
@@ -56,7 +58,8 @@ pub fn write<'a>(
     header: &Header,
     statistics: Option<&[u8]>,
 ) -> Outcome<()> {
-    let (shared, mut beauty) = image_of(pixels, layers.into(), header);
+    let layers = layers.into();
+    let (shared, mut beauty) = image_of(pixels, layers, header);
     if let Some(bytes) = statistics {
         let hash = blake3::hash(bytes).to_hex();
         beauty.attributes.other.insert(text(LENGTH), AttributeValue::F64(bytes.len() as f64));
@@ -107,21 +110,28 @@ where
     })
 }
 
-fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers, header: &Header) -> (ImageAttributes, PartOf<'a>) {
+fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers<'a>, header: &Header) -> (ImageAttributes, PartOf<'a>) {
     let [x0, y0, x1, y1] = pixels.window();
     let mut aovs = layers.aovs.to_vec();
     aovs.sort();
     aovs.dedup();
     let beauty = aov::beauty(pixels.background());
-    let channels = beauty.into_iter().chain(aovs.iter().flat_map(|aov| aov.channels(pixels.has_aovs())));
+    let with_extras = pixels.extras(x0, y0).is_some();
+    let channels = beauty.into_iter().chain(aovs.iter().flat_map(|aov| aov.channels(pixels.has_aovs(), with_extras)));
     let channels = channels.map(|channel| {
         let c = channel.component;
         let at = move |x, y| pixels.at(x0 + x as u32, y0 + y as u32);
+        let extra = move |f: ExtraComponent, x, y| {
+            let extras = pixels.extras(x0 + x as u32, y0 + y as u32).unwrap_or_default();
+            f(&at(x, y).0, &extras, c)
+        };
         let samples = match channel.value {
             Value::Color(f) if layers.half => Samples::Half(Box::new(move |x, y| {
                 let (stats, sums) = at(x, y);
                 half(f(&stats, &sums, c))
             })),
+            Value::ExtraColor(f) if layers.half => Samples::Half(Box::new(move |x, y| half(extra(f, x, y)))),
+            Value::Extra(f) | Value::ExtraColor(f) => Samples::Float(Box::new(move |x, y| extra(f, x, y))),
             Value::Float(f) | Value::Color(f) => Samples::Float(Box::new(move |x, y| {
                 let (stats, sums) = at(x, y);
                 f(&stats, &sums, c)
@@ -156,7 +166,17 @@ fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers, header: &Header) -> (Ima
         own.other.insert(text(name), value);
     }
     let size = Vec2((x1 - x0) as usize, (y1 - y0) as usize);
-    let layer = Layer::new(size, own, ENCODING, AnyChannels::sort(channels.collect()));
+    let denoised = layers.denoised.into_iter().flat_map(|rgb| {
+        ["R", "G", "B"].into_iter().enumerate().map(move |(c, letter)| {
+            let value = move |x: usize, y: usize| rgb[y * size.0 + x][c];
+            let samples = match layers.half {
+                true => Samples::Half(Box::new(move |x, y| half(value(x, y)))),
+                false => Samples::Float(Box::new(value)),
+            };
+            AnyChannel::new(text(&format!("denoised.{letter}")), samples)
+        })
+    });
+    let layer = Layer::new(size, own, ENCODING, AnyChannels::sort(channels.chain(denoised).collect()));
     let [width, height] = pixels.size();
     let mut shared = ImageAttributes::new(IntegerBounds::from_dimensions(Vec2(width as usize, height as usize)));
     // Rec. 709, said aloud.

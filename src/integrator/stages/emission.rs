@@ -6,7 +6,7 @@ use super::{eight_of, observation, surfaces};
 use crate::balance::{Contribution, Technique};
 use crate::integrator::Transport;
 use crate::integrator::batch::PixelBatch;
-use crate::integrator::ledger::Ledger;
+use crate::integrator::ledger::{Ledger, limited};
 use crate::integrator::queues::PathRays;
 use crate::lanes::LANES;
 use crate::light::AreaLights;
@@ -26,7 +26,7 @@ pub fn surfaces(
     for ray in emissive.iter().map(|&ray| ray as usize) {
         let point = surfaces::point(transport, hits, ray);
         if point.material.unlit {
-            let found = Found { radiance: point.base_color(transport.scene), pdf: [0.0; 2] };
+            let found = Found { radiance: point.base_color(transport.scene), pdf: [0.0; 2], group: 1 };
             add(transport, depth, ray, found, rays, ledger, batch);
             continue;
         }
@@ -39,7 +39,7 @@ pub fn surfaces(
                 0 => 0.0,
                 _ => transport.lights.area_pdf(from, hit, direction, hits.t[ray]),
             };
-            add(transport, depth, ray, Found { radiance, pdf: [0.0, pdf] }, rays, ledger, batch);
+            add(transport, depth, ray, Found { radiance, pdf: [0.0, pdf], group: 1 }, rays, ledger, batch);
         }
     }
 }
@@ -62,7 +62,7 @@ pub fn environment(
         let (radiance, pdf) = transport.lights.environment(rays.rays.directions(&rows));
         for lane in 0..n {
             let pdf = if depth == 0 { 0.0 } else { pdf.as_array()[lane] };
-            let found = Found { radiance: radiance.lane(lane), pdf: [pdf, 0.0] };
+            let found = Found { radiance: radiance.lane(lane), pdf: [pdf, 0.0], group: 0 };
             add(transport, depth, escaped[at + lane] as usize, found, rays, ledger, batch);
         }
     }
@@ -73,6 +73,8 @@ struct Found {
     radiance: Vec3,
     /// Density with which light samples would have found it: as the environment, as an area light. One of them is zero.
     pdf: [f32; 2],
+    /// As for [`ExtraSums::add_light`](crate::film::ExtraSums::add_light).
+    group: usize,
 }
 
 /// Adds light that a ray found, weighed against having been found by a light sample.
@@ -92,10 +94,21 @@ fn add(
     let weighted_light = a_env * light.pdf[0] + a_area * light.pdf[1];
     let weight = if weighted_light > 0.0 { transport.heuristic.weight(weighted_pdf, weighted_light) } else { 1.0 };
     let radiance = rays.beta.get(ray) * light.radiance * weight;
-    if !radiance.is_finite() || radiance == Vec3::ZERO {
+    if !radiance.is_finite() {
+        ledger.faults.add(rays.path[ray]);
         return;
     }
+    if radiance == Vec3::ZERO {
+        return;
+    }
+    let radiance = if depth == 0 { radiance } else { limited(radiance, transport.limits[(depth > 1) as usize]).0 };
     path.radiance += radiance;
+    if let Some(extras) = batch.extras.get_mut(path.pixel as usize) {
+        extras.add_light(light.group, radiance);
+        if depth == 0 && light.group == 1 {
+            extras.add_emission(radiance);
+        }
+    }
     if depth <= 1 {
         path.direct += radiance;
     } else {

@@ -3,7 +3,7 @@
 use super::requests::{AREA_SEQUENCE, RequestGroup, Requests, Toward, one_each};
 use super::{light_set, observations};
 use crate::integrator::Transport;
-use crate::integrator::ledger::Ledger;
+use crate::integrator::ledger::{Faults, Ledger};
 use crate::integrator::queues::{Observation, ShadowRays};
 use crate::integrator::vertices::Vertices;
 use crate::lanes::{F, LANES, Survivors, U, V3, are, load, mask};
@@ -20,7 +20,7 @@ pub fn sample(
     depth: u32,
     vertices: &Vertices,
     requests: &Requests,
-    ledger: &Ledger,
+    ledger: &mut Ledger,
     observed: bool,
     shadows: &mut ShadowRays,
 ) {
@@ -28,18 +28,26 @@ pub fn sample(
     shadows.open(requests.count() + punctual, observed && depth == 0);
     if transport.lights.has_extent() {
         for at in (0..requests.count()).step_by(LANES) {
-            with_extent(transport, depth, vertices, &requests.group(transport, vertices, ledger, at), shadows);
+            let group = requests.group(transport, vertices, ledger, at);
+            with_extent(transport, depth, vertices, &group, &mut ledger.faults, shadows);
         }
     }
     for at in (0..punctual).step_by(LANES) {
-        without_extent(transport, depth, vertices, &one_each(transport, vertices, at), shadows);
+        without_extent(transport, depth, vertices, &one_each(transport, vertices, at), &mut ledger.faults, shadows);
     }
     shadows.close();
 }
 
 /// Samples of lights that MIS weighs.
 #[inline(never)]
-fn with_extent(transport: &Transport, depth: u32, vertices: &Vertices, group: &RequestGroup, shadows: &mut ShadowRays) {
+fn with_extent(
+    transport: &Transport,
+    depth: u32,
+    vertices: &Vertices,
+    group: &RequestGroup,
+    faults: &mut Faults,
+    shadows: &mut ShadowRays,
+) {
     let (rows, id) = (&group.rows, &group.identity);
     let [choice, u, v, _] = samples(id.seed, id.index, light_set(depth));
     let origin = vertices.origin.load(rows);
@@ -54,11 +62,10 @@ fn with_extent(transport: &Transport, depth: u32, vertices: &Vertices, group: &R
     let weighted_pdf = toward_environment.select(a_env, a_area) * light.pdf;
     let weight = transport.heuristic.weights(weighted_pdf, a_b * bsdf_pdf);
     let radiance = vertices.beta.load(rows) * value * light.radiance * (weight / weighted_pdf);
-    let alive = mask(group.len)
-        & light.pdf.simd_gt(F::ZERO)
-        & ng.dot(light.wi).simd_gt(F::ZERO)
-        & radiance.max_element().simd_gt(F::ZERO)
-        & radiance.is_finite();
+    let there = mask(group.len) & light.pdf.simd_gt(F::ZERO) & ng.dot(light.wi).simd_gt(F::ZERO);
+    let finite = radiance.is_finite();
+    faults.add_lanes((there & !finite).to_bitmask(), id.path);
+    let alive = there & radiance.max_element().simd_gt(F::ZERO) & finite;
     let observation = || {
         let a_l = a_env + a_area;
         let (w, r) = observations(radiance, weighted_pdf / a_l, bsdf_pdf, a_l / (a_l + a_b));
@@ -67,7 +74,10 @@ fn with_extent(transport: &Transport, depth: u32, vertices: &Vertices, group: &R
     };
     let key = hashes(keys(id.seed, id.index, light_set(depth)));
     let tfar = light.distance * F::splat(SHADOW_END);
-    shadows.push(&Survivors::of(alive), (origin, light.wi), tfar, key, radiance, [id.path, id.branch], observation);
+    let group = toward_environment.to_bitmask();
+    let group = U::from(std::array::from_fn(|lane| u32::from(group >> lane & 1 == 0)));
+    let whose = [id.path, id.branch, group];
+    shadows.push(&Survivors::of(alive), (origin, light.wi), tfar, key, radiance, whose, observation);
 }
 
 /// One of the lights without size for each of eight vertices: nothing to weigh, nothing to learn.
@@ -77,6 +87,7 @@ fn without_extent(
     depth: u32,
     vertices: &Vertices,
     group: &RequestGroup,
+    faults: &mut Faults,
     shadows: &mut ShadowRays,
 ) {
     let (rows, id) = (&group.rows, &group.identity);
@@ -90,10 +101,12 @@ fn without_extent(
     let wi = V3::gather(lights.map(|l| l.wi));
     let (value, _) = vertices.bsdf(rows).eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), wi);
     let radiance = vertices.beta.load(rows) * value * V3::gather(lights.map(|l| l.irradiance));
-    let alive =
-        mask(group.len) & ng.dot(wi).simd_gt(F::ZERO) & radiance.max_element().simd_gt(F::ZERO) & radiance.is_finite();
+    let (there, finite) = (mask(group.len) & ng.dot(wi).simd_gt(F::ZERO), radiance.is_finite());
+    faults.add_lanes((there & !finite).to_bitmask(), id.path);
+    let alive = there & radiance.max_element().simd_gt(F::ZERO) & finite;
     let key = hashes(keys(id.seed, id.index, light_set(depth)));
     let tfar = F::from(lights.map(|l| l.distance * SHADOW_END));
     let nothing = || Observation { index: U::ZERO, area: U::ZERO, w: F::ZERO, r: F::ZERO };
-    shadows.push(&Survivors::of(alive), (origin, wi), tfar, key, radiance, [id.path, id.branch], nothing);
+    let whose = [id.path, id.branch, U::splat(2)];
+    shadows.push(&Survivors::of(alive), (origin, wi), tfar, key, radiance, whose, nothing);
 }

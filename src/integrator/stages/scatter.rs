@@ -42,11 +42,10 @@ fn one_group(depth: u32, vertices: &Vertices, group: &RequestGroup, ledger: &mut
     let weighted_pdf = group.rates[2] * sample.pdf;
     let ng = vertices.ng.load(rows);
     let mut beta = vertices.beta.load(rows) * sample.value * (F::ONE / weighted_pdf);
-    let mut alive = mask(group.len)
-        & sample.pdf.simd_gt(F::ZERO)
-        & ng.dot(sample.wi).simd_gt(F::ZERO)
-        & beta.max_element().simd_gt(F::ZERO)
-        & beta.is_finite();
+    let there = mask(group.len) & sample.pdf.simd_gt(F::ZERO) & ng.dot(sample.wi).simd_gt(F::ZERO);
+    let finite = beta.is_finite();
+    ledger.faults.add_lanes((there & !finite).to_bitmask(), id.path);
+    let mut alive = there & beta.max_element().simd_gt(F::ZERO) & finite;
     if depth + 1 >= ROULETTE_DEPTH {
         let keep = (beta.max_element() * F::splat(ROULETTE_GAIN)).fast_min(F::ONE);
         alive &= keep.simd_gt(survive);

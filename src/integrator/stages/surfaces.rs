@@ -1,10 +1,12 @@
 //! From hits to vertices: points on surfaces that scatter.
 
+use glam::Vec3;
+
 use super::eight_of;
 use crate::integrator::Transport;
 use crate::integrator::batch::PixelBatch;
 use crate::integrator::geometry::Point;
-use crate::integrator::ledger::Ledger;
+use crate::integrator::ledger::{Ledger, Mirror};
 use crate::integrator::queues::{Identity, PathRays, SortedHits};
 use crate::integrator::vertices::{Group, Vertices};
 use crate::lanes::{F, LANES, Rows, V3, eight, load, load_bits};
@@ -23,12 +25,69 @@ pub fn observe(transport: &Transport, rays: &PathRays, hits: &HitBatch, ledger: 
     for ray in (0..rays.len).filter(|&ray| hits.mesh[ray] != MISS) {
         let path = &mut ledger.paths[rays.path[ray] as usize];
         path.covered = true;
-        let Some(aovs) = batch.aovs.get_mut(path.pixel as usize) else { continue };
+        let pixel = path.pixel as usize;
+        let (aovs, extras) = (batch.aovs.get_mut(pixel), batch.extras.get_mut(pixel));
+        if aovs.is_none() && extras.is_none() {
+            continue;
+        }
         let point = point(transport, hits, ray);
-        let toward = point.ng.dot(rays.rays.direction(ray));
-        let normal = point.ns.normalize_or_zero() * if toward > 0.0 { -1.0 } else { 1.0 };
-        aovs.add_surface(point.base_color(transport.scene), normal, hits.t[ray]);
-        (aovs.object, aovs.material) = (hits.instance[ray] + 1, point.mesh.material + 1);
+        let (albedo, normal) = (point.base_color(transport.scene), facing(&point, rays, ray));
+        let (instance, material) = (hits.instance[ray], point.mesh.material);
+        if let Some(aovs) = aovs {
+            aovs.add_surface(albedo, normal, hits.t[ray]);
+            (aovs.object, aovs.material) = (instance + 1, material + 1);
+        }
+        if let Some(extras) = extras {
+            let names = [transport.names.objects[instance as usize], transport.names.materials[material as usize]];
+            extras.add_surface(point.position, point.texcoords[0], names);
+            if is_mirror(transport, &point) {
+                ledger.mirrors[rays.path[ray] as usize] = Some(Mirror { tint: albedo, normal, depth: 0 });
+            } else {
+                extras.add_guide(albedo, normal);
+            }
+        }
+    }
+}
+
+/// The shading normal on the side of the ray.
+fn facing(point: &Point, rays: &PathRays, ray: usize) -> Vec3 {
+    let toward = point.ng.dot(rays.rays.direction(ray));
+    point.ns.normalize_or_zero() * if toward > 0.0 { -1.0 } else { 1.0 }
+}
+
+/// Does it show others rather than itself: a metal so smooth that reflections have edges?
+fn is_mirror(transport: &Transport, point: &Point) -> bool {
+    let surface = point.parameters(transport.scene);
+    !point.material.unlit && surface.metallic > 0.9 && surface.roughness < 0.15
+}
+
+/// Looks for the guides of paths whose camera ray hit a mirror, where rays of their first reflections hit.
+#[inline(never)]
+pub fn follow_mirrors(
+    transport: &Transport,
+    depth: u32,
+    rays: &PathRays,
+    hits: &HitBatch,
+    ledger: &mut Ledger,
+    batch: &mut PixelBatch,
+) {
+    for ray in 0..rays.len {
+        let path = rays.path[ray] as usize;
+        // One reflection speaks for a path: the first that hits.
+        let waiting = ledger.mirrors.get(path).copied().flatten();
+        let Some(mirror) = waiting.filter(|mirror| mirror.depth + 1 == depth) else { continue };
+        let Some(extras) = batch.extras.get_mut(ledger.paths[path].pixel as usize) else { continue };
+        if hits.mesh[ray] == MISS {
+            continue;
+        }
+        let point = point(transport, hits, ray);
+        let tint = mirror.tint * point.base_color(transport.scene);
+        if is_mirror(transport, &point) {
+            ledger.mirrors[path] = Some(Mirror { tint, depth, ..mirror });
+        } else {
+            ledger.mirrors[path] = None;
+            extras.add_guide(tint, facing(&point, rays, ray));
+        }
     }
 }
 

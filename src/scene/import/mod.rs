@@ -81,9 +81,10 @@ impl SceneFiles {
     ///
     /// # Errors
     /// [`Error::Data`] (exit code 65) for a file that breaks the specification, requires an unknown extension, names
-    /// files outside of its folder, or asks for memory out of proportion; [`Error::Missing`] (66) when a buffer or a
-    /// picture is not there; [`Error::Permission`] and [`Error::Io`] as the system says. Texts name the file and the
-    /// JSON path. [`Error::Usage`] (64) for a scene or variant that is not there, with those that are.
+    /// files outside of its folder, or asks for memory out of proportion; [`Error::Missing`] (66) when a buffer is not
+    /// there (a picture that is not is left out, with a note); [`Error::Permission`] and [`Error::Io`] as the system says.
+    /// Texts name the file and the JSON path. [`Error::Usage`] (64) for a scene or variant that is not there, with those
+    /// that are.
     pub fn import(&self, options: &ImportOptions) -> Result<Imported> {
         let start = Instant::now();
         let source = &self.0;

@@ -69,7 +69,7 @@ impl Files {
         Ok(Self { scene: SceneFiles::open(path)?, sky: sky.map(|p| EnvironmentFile::open(&p)).transpose()? })
     }
 
-    /// The scene, lit: one without any light gets a plain white sky.
+    /// The scene, lit: one without any light gets a studio's.
     ///
     /// # Errors
     /// As [`SceneFiles::import`] and [`EnvironmentFile::decode`].

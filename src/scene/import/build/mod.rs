@@ -20,9 +20,8 @@ use crate::error::{Error, Result};
 use crate::scene::import::document::Document;
 use crate::scene::import::document::extensions::{Support, support};
 use crate::scene::import::report::{ImportReport, Notes, SceneCounts};
-use crate::scene::{self, FARTHEST, Instance, Mesh, Object, Scene, Texels};
+use crate::scene::{self, FARTHEST, Framing, Instance, Mesh, Object, Scene, Texels};
 
-use cameras::framed;
 use geometry::Pose;
 use materials::MaterialTable;
 use nodes::{ObjectKey, Placement, Walk, walk};
@@ -47,18 +46,19 @@ pub fn build(
         textures,
         materials: MaterialTable::default(),
         scene: Scene::default(),
-        bounds: None,
+        framing: None,
     };
     let walk = walk(document, &mut assembly.reader, &mut notes)?;
     let meshes = walk.objects.iter().filter_map(|(key, _)| document.meshes.get(key.mesh).ok());
     assembly.reader.unpack(meshes.flat_map(|mesh| &mesh.primitives))?;
+    assembly.framing = walk.cameras.is_empty().then(Box::default);
     for (key, placements) in &walk.objects {
         assembly.place(key, placements, &walk, &mut notes)?;
     }
     let placed: HashSet<usize> = walk.objects.iter().map(|(key, _)| key.mesh).collect();
     note_unplaced(document, &placed, &mut notes);
 
-    let Assembly { textures, materials, mut scene, bounds, .. } = assembly;
+    let Assembly { textures, materials, mut scene, framing, .. } = assembly;
     note_faults(document, scene.instances.is_empty(), &mut notes)?;
     materials.note_unused(document, &mut notes);
     textures.note_unused(document, &mut notes);
@@ -66,9 +66,9 @@ pub fn build(
     textures.decode(document, file_bytes, &mut scene, &mut notes)?;
     scene.lights = walk.lights;
     scene.cameras = walk.cameras;
-    if scene.cameras.is_empty() {
-        scene.cameras.push(framed(bounds));
-    }
+    // Until a picture's size is known, for a square one.
+    scene.cameras.extend(framing.as_ref().map(|framing| framing.camera(1.0)));
+    scene.framing = framing;
     report.counts = count(&scene);
     for name in document.extensions.keys().cloned() {
         match support(&name) {
@@ -116,7 +116,8 @@ struct Assembly<'a> {
     textures: TextureTable,
     materials: MaterialTable,
     scene: Scene,
-    bounds: Option<(DVec3, DVec3)>,
+    /// Of a scene without a camera.
+    framing: Option<Box<Framing>>,
 }
 
 impl Assembly<'_> {
@@ -172,13 +173,15 @@ impl Assembly<'_> {
                     placement.at, mesh.at
                 )));
             }
-            if placements.len() > 1 {
-                moved.into_iter().for_each(|p| include(&mut self.bounds, p));
+            if let Some(framing) = self.framing.as_mut().filter(|_| placements.len() > 1) {
+                moved.into_iter().for_each(|p| framing.include(p));
             }
         }
         if let [placement] = placements[..] {
             own.iter_mut().for_each(|mesh| geometry::bake(mesh, &placement.world));
-            grow(&mut self.bounds, own);
+            if let Some(framing) = &mut self.framing {
+                points(own).for_each(|p| framing.include(p));
+            }
             self.scene.instances.push(Instance { name: placement.name.clone(), object, transform: None });
             return Ok(());
         }
@@ -223,21 +226,14 @@ fn is_solid(placement: &Placement, notes: &mut Notes) -> bool {
     solid
 }
 
-fn include(bounds: &mut Option<(DVec3, DVec3)>, p: DVec3) {
-    *bounds = Some(bounds.map_or((p, p), |(low, high)| (low.min(p), high.max(p))));
-}
-
-fn grow(bounds: &mut Option<(DVec3, DVec3)>, meshes: &[Mesh]) {
-    for p in meshes.iter().flat_map(|m| m.positions.iter()) {
-        include(bounds, DVec3::from(p.map(f64::from)));
-    }
+fn points(meshes: &[Mesh]) -> impl Iterator<Item = DVec3> {
+    meshes.iter().flat_map(|m| m.positions.iter()).map(|p| DVec3::from(p.map(f64::from)))
 }
 
 /// Corners of the meshes' box.
 fn corners(meshes: &[Mesh]) -> Vec<DVec3> {
-    let mut bounds = None;
-    grow(&mut bounds, meshes);
-    let Some((low, high)) = bounds else { return Vec::new() };
+    let bounds = |b: Option<(DVec3, DVec3)>, p: DVec3| Some(b.map_or((p, p), |(low, high)| (low.min(p), high.max(p))));
+    let Some((low, high)) = points(meshes).fold(None, bounds) else { return Vec::new() };
     let pick = |i: u32, axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
     (0..8).map(|i| DVec3::new(pick(i, 0), pick(i, 1), pick(i, 2))).collect()
 }

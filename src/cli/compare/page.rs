@@ -1,0 +1,64 @@
+//! A page with two pictures under a slider, their FLIP errors, and their numbers. One file, nothing loaded.
+
+use std::io::Write;
+use std::path::Path;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
+use super::{false_color, short};
+use crate::Result;
+use crate::film::compare::{Comparison, flip_map};
+use crate::film::preview::{encoded, encoded_picture, to_byte};
+use crate::film::{Exposure, Look, Picture, View, atomic};
+
+const TEMPLATE: &str = include_str!("page.html");
+
+/// Writes the page; both pictures are shown with the view and exposure that suit B.
+///
+/// # Errors
+/// As [`atomic::write`].
+pub fn write(path: &Path, names: [&Path; 2], [a, b]: [&Picture; 2], c: &Comparison) -> Result<()> {
+    let view = if a.displayed && b.displayed { View::Srgb } else { View::Agx };
+    let exposure = if view == View::Srgb { 0.0 } else { Exposure::Auto.of(b.rgb.iter().copied()) };
+    let look = Look { view, exposure };
+    let [width, height] = a.size().map(|n| n as u32);
+    let errors = flip_map(a, b);
+    let map: Vec<u8> = errors.iter().flat_map(|e| false_color(*e).map(to_byte)).collect();
+    let data = |png: Vec<u8>| format!("data:image/png;base64,{}", STANDARD.encode(png));
+    let numbers = [("relMSE", c.rel_mse), ("RMSE", c.rmse), ("MAE", c.mae), ("FLIP, mean", c.flip)];
+    let mut rows: String = numbers
+        .iter()
+        .map(|(name, value)| format!("<tr><th scope=row>{name}<td colspan=3>{}\n", short(*value)))
+        .collect();
+    let mut triple = |name: &str, values: [f64; 3]| {
+        let [r, g, b] = values.map(short);
+        rows += &format!("<tr><th scope=row>{name}, R G B<td>{r}<td>{g}<td>{b}\n");
+    };
+    triple("mean of B", c.reference_mean);
+    triple("bias A − B", c.bias);
+    if let Some(s) = &c.statistics {
+        triple("z of the bias", s.bias_z);
+    }
+    let shown = |path: &Path| escaped(&path.display().to_string());
+    let fill = [
+        ("{{a-name}}", shown(names[0])),
+        ("{{b-name}}", shown(names[1])),
+        ("{{width}}", width.to_string()),
+        ("{{height}}", height.to_string()),
+        ("{{look}}", format!("view {}, exposure {exposure} EV", view.name())),
+        ("{{rows}}", rows),
+        ("{{a}}", data(encoded_picture(a, look)?)),
+        ("{{b}}", data(encoded_picture(b, look)?)),
+        ("{{map}}", data(encoded(width, height, &map)?)),
+    ];
+    let mut text = TEMPLATE.to_owned();
+    for (word, value) in fill {
+        text = text.replace(word, &value);
+    }
+    atomic::write(path, |file| Ok(Ok(file.write_all(text.as_bytes())?)))
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;").replace("{{", "{ {")
+}

@@ -1,0 +1,143 @@
+//! What the layers beside the beauty hold.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use bismar::film::{AovSums, ExtraSums, PixelStats, Pixels};
+use bismar::rays::Backend;
+use bismar::render::{Balance, RenderSettings, Rendered, render};
+use bismar::scene::{Environment, Material, PunctualKind, PunctualLight, Scene};
+use glam::{Vec3, Vec4};
+
+use crate::helpers::pictures::{python, run};
+use crate::helpers::program::{bits, expect, scene};
+use crate::helpers::stage::{Stage, lambert, lamp, look, metal, rectangle};
+
+fn rendered(scene: Scene, balance: Balance) -> Rendered {
+    let stage = Stage::new(Arc::new(scene), Backend::Embree);
+    let settings = RenderSettings {
+        width: 24,
+        height: 16,
+        spp: Some(32),
+        aovs: true,
+        extras: true,
+        balance,
+        ..Default::default()
+    };
+    render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ())
+}
+
+fn each(rendered: &Rendered, mut check: impl FnMut(PixelStats, AovSums, ExtraSums)) {
+    let pixels = rendered.pixels();
+    for (x, y) in (0..16).flat_map(|y| (0..24).map(move |x| (x, y))) {
+        let (stats, sums) = pixels.at(x, y);
+        check(stats, sums, pixels.extras(x, y).unwrap());
+    }
+}
+
+/// A floor under a lamp, a bulb and a sky.
+fn lit() -> Scene {
+    let mut scene = Scene { environment: Some(Environment::constant([0.3, 0.2, 0.1])), ..Default::default() };
+    rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
+    rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, lamp(9.0));
+    rectangle(&mut scene, 0.6, [-1.5, 1.5], [-2.0, -1.0], true, metal(0.3));
+    scene.lights.push(PunctualLight {
+        name: "bulb".into(),
+        kind: PunctualKind::Point,
+        intensity: Vec3::new(0.5, 1.0, 2.0),
+        position: Vec3::new(1.0, 1.0, 0.5),
+        direction: Vec3::NEG_Y,
+        range: f32::INFINITY,
+    });
+    look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.8, 0.0), 0.8);
+    scene
+}
+
+#[test]
+fn groups_of_light_and_direct_and_indirect_light_add_up_to_the_beauty() {
+    for balance in [Balance::Progressive, Balance::Half] {
+        let rendered = rendered(lit(), balance);
+        let mut by_group = [0.0; 3];
+        each(&rendered, |stats, sums, extras| {
+            for c in 0..3 {
+                let all: f32 = (0..3).map(|group| extras.lights[group][c]).sum();
+                let beauty = stats.sum[c] as f32;
+                assert!((all - beauty).abs() <= 1e-4 * beauty.max(1.0), "{all} {beauty}");
+                let both = sums.direct[c] + sums.indirect[c];
+                assert!((both - beauty).abs() <= 1e-4 * beauty.max(1.0), "{both} {beauty}");
+            }
+            for (total, group) in by_group.iter_mut().zip(extras.lights) {
+                *total += f64::from(group[1]);
+            }
+        });
+        assert!(by_group.iter().all(|light| *light > 1.0), "{by_group:?}");
+    }
+}
+
+#[test]
+fn emission_is_the_lamps_own_and_position_is_where_the_ray_ends() {
+    let eye = Vec3::new(0.0, 1.2, 4.0);
+    let (mut seen, mut near) = (0, 0);
+    each(&rendered(lit(), Balance::Half), |stats, sums, extras| {
+        let share = extras.emission[1] / (9.0 * stats.samples as f32);
+        seen += u32::from(share > 0.0);
+        assert!((0.0..=1.0).contains(&share), "{share}");
+        if stats.covered == stats.samples {
+            let n = stats.covered as f32;
+            let position = Vec3::from(extras.position) / n;
+            // A pixel sees little of the floor near the eye.
+            let depth = sums.depth / n;
+            if depth < 5.0 {
+                near += 1;
+                assert!((position.distance(eye) - depth).abs() < 0.05 * depth, "{position} {depth}");
+            }
+        } else if stats.covered == 0 {
+            assert_eq!(extras.position, [0.0; 3]);
+        }
+    });
+    assert!(seen > 0 && near > 50, "{seen} {near}");
+}
+
+#[test]
+fn a_denoisers_guides_are_what_a_mirror_shows() {
+    let mut scene = Scene { environment: Some(Environment::constant([1.0; 3])), ..Default::default() };
+    let colored = |material: Material, r, g, b| Material { base_color: Vec4::new(r, g, b, 1.0), ..material };
+    // Looked at from above: a mirror, and above the eye a red ceiling that only the mirror shows.
+    rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, colored(metal(0.0), 0.9, 0.8, 0.7));
+    rectangle(&mut scene, 3.0, [-90.0, 90.0], [-90.0, 90.0], false, colored(lambert(0.5), 0.5, 0.1, 0.1));
+    look(&mut scene, Vec3::new(0.0, 2.0, 0.0), Vec3::ZERO, 0.5);
+    each(&rendered(scene, Balance::Progressive), |stats, sums, extras| {
+        let n = stats.samples as f32;
+        let close = |sum: [f32; 3], expected: [f32; 3]| {
+            sum.iter().zip(expected).for_each(|(a, b)| assert!((a / n - b).abs() < 1e-3, "{sum:?} {expected:?} {n}"));
+        };
+        close(sums.albedo, [0.9, 0.8, 0.7]);
+        close(sums.normal, [0.0, 1.0, 0.0]);
+        close(extras.guide_albedo, [0.45, 0.08, 0.07]);
+        close(extras.guide_normal, [0.0, -1.0, 0.0]);
+    });
+}
+
+#[test]
+fn mattes_are_read_by_the_specification_and_say_what_the_numbers_of_objects_say() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = format!("render {} --size 60x45 --spp 16 -q --aov all", scene("cornell.glb").display());
+    expect(folder.path(), &format!("{line} -o a.exr"), 0);
+    for part in [1, 2] {
+        expect(folder.path(), &format!("{line} --part {part}/2 -o {part}.exr"), 0);
+    }
+    expect(folder.path(), "merge 1.exr 2.exr -o merged.exr -q", 0);
+    assert!(bits(&folder.path().join("a.exr")) == bits(&folder.path().join("merged.exr")));
+    let Some(python) = python() else { return };
+    for file in ["a.exr", "merged.exr"] {
+        let found = run(&python, "matte.py", folder.path(), &[file]);
+        for kind in ["object", "material"] {
+            let of = &found[kind];
+            let number = |key: &str| of[key].as_f64().unwrap();
+            // Every hash has a name, whose hash it is by another's program; coverage adds up to alpha.
+            assert_eq!((number("unknown"), number("wrong_hashes")), (0.0, 0.0), "{kind}: {of}");
+            assert!(number("coverage_error") < 1e-5 && number("names") >= 3.0, "{kind}: {of}");
+            assert!(number("whole_pixels") > 1000.0 && number("other_than_number") == 0.0, "{kind}: {of}");
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! Bright paths are found and can be limited; light that is no number is left out, and told.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use bismar::integrator::scalar::What;
+use bismar::rays::Backend;
+use bismar::render::{Fireflies, RenderSettings, Rendered, render, replay};
+use bismar::scene::{Environment, Scene};
+use glam::Vec3;
+
+use crate::helpers::program::{bismar, expect, scene, stderr};
+use crate::helpers::stage::{Stage, hall, lambert, lamp, look, rectangle};
+
+fn rendered(stage: &Stage, settings: &RenderSettings) -> Rendered {
+    render(&stage.scene, settings, &AtomicBool::new(false), &|_| ())
+}
+
+fn mean(rendered: &Rendered) -> f64 {
+    rendered.film().pixels.iter().map(|p| p.sum[1]).sum()
+}
+
+const SMALL: (u32, u32) = (40, 30);
+
+fn settings() -> RenderSettings {
+    RenderSettings { width: SMALL.0, height: SMALL.1, spp: Some(32), ..Default::default() }
+}
+
+#[test]
+fn a_limit_that_nothing_reaches_changes_no_bit_and_lower_ones_take_light_away() {
+    let stage = Stage::new(hall(), Backend::Embree);
+    let free = rendered(&stage, &settings());
+    let of = |direct, indirect| {
+        rendered(&stage, &RenderSettings { clamp_direct: direct, clamp_indirect: indirect, ..settings() })
+    };
+    assert_eq!(format!("{:?}", of(Some(1e9), Some(1e9)).film()), format!("{:?}", free.film()));
+    let (all, direct, indirect) = (mean(&free), mean(&of(Some(0.05), None)), mean(&of(None, Some(0.01))));
+    assert!(direct < 0.9 * all && indirect < 0.99 * all, "{all} {direct} {indirect}");
+    // What the camera sees directly has no limit.
+    let seen = |r: &Rendered| r.film().pixels.iter().map(|p| p.mean()[1]).fold(0.0, f32::max);
+    assert!(seen(&of(Some(0.05), Some(0.05))) >= 0.3);
+}
+
+#[test]
+fn light_beyond_all_numbers_is_left_out_counted_and_found_again() {
+    let mut scene = Scene { environment: Some(Environment::constant([0.3; 3])), ..Default::default() };
+    rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
+    rectangle(&mut scene, 0.5, [-0.2, 0.2], [-0.2, 0.2], false, lamp(3e38));
+    look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.2, 0.0), 0.6);
+    let stage = Stage::new(Arc::new(scene), Backend::Embree);
+    let found = rendered(&stage, &settings());
+    assert!(found.film().pixels.iter().all(|p| p.mean().iter().all(|x| x.is_finite())));
+    let [x, y, path] = found.stats.first_not_finite.unwrap();
+    assert!(found.stats.not_finite > 0 && x < SMALL.0 && y < SMALL.1 && path < 32);
+    // The path is traced again, and something on it brings nothing.
+    let mut replayed = Vec::new();
+    replay(&stage.scene, &settings(), [x, y], Some(path), &mut |path| replayed.push(path));
+    let nothing = |what: &What| match what {
+        What::LightSample { radiance, .. } | What::Emission { radiance, .. } => *radiance == Vec3::ZERO,
+        _ => false,
+    };
+    assert!(replayed.len() == 1 && replayed[0].events.iter().any(|event| nothing(&event.what)));
+}
+
+#[test]
+fn the_brightest_firefly_is_the_path_that_replaying_shows() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = format!("render {} --size 60x40 --spp 16 --seed 3 -o a.exr", scene("veach.glb").display());
+    let said = expect(folder.path(), &format!("{line} --stats s.json"), 0);
+    let stats: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(folder.path().join("s.json")).unwrap()).unwrap();
+    let brightest = &stats["fireflies"]["brightest"][0];
+    let [x, y, path] = ["x", "y", "path"].map(|key| brightest[key].as_u64().unwrap());
+    let replay = format!("--spp 16 --seed 3 --replay-pixel {x},{y},{path}");
+    assert!(said.contains(&format!("the brightest by {replay}")), "{said}");
+    let again = format!("render {} --size 60x40 {replay}", scene("veach.glb").display());
+    let output = bismar(folder.path()).args(again.split(' ')).output().unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+    let told = String::from_utf8(output.stdout).unwrap();
+    // `pixel 3,4 path 5: [r, g, b]`
+    let values = told.lines().next().unwrap().split('[').nth(1).unwrap().trim_end_matches(']').to_owned();
+    let rgb: Vec<f32> = values.split(", ").map(|x| x.parse().unwrap()).collect();
+    let shown = bismar::color::luminance(Vec3::from_slice(&rgb));
+    let kept = brightest["luminance"].as_f64().unwrap() as f32;
+    assert!((shown - kept).abs() <= 1e-3 * kept, "{shown} {kept}");
+    assert_eq!(Fireflies::default().count, 0);
+}
