@@ -1,10 +1,10 @@
 #!/bin/bash
 # Runs the commands of docs/guide.md and docs/gallery.md (or of the files named) as they stand, from the repository's
-# root, with target/release (or the folder BISMAR_BIN) first in the path; stops at the first that fails. Results are in out/.
+# root, with target/release first in the path; stops at the first that fails. Results are in out/.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 [ $# -gt 0 ] || set -- docs/guide.md docs/gallery.md
-export PATH="${BISMAR_BIN:-$PWD/target/release}:$PATH"
+export PATH="$PWD/target/release:$PATH"
 command -v bismar bismar-study >/dev/null || { echo "make build first" >&2; exit 64; }
 mkdir -p out
 for file in "$@"; do

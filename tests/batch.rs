@@ -4,10 +4,13 @@ use std::fmt::Write;
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::Stdio;
+use std::process::{Child, Stdio};
+use std::thread;
+use std::time::Duration;
 
 use serde_json::Value;
 
+use crate::helpers::farm::{kill, workers};
 use crate::helpers::glb;
 use crate::helpers::program::{assert_same_bits, bismar, expect, names, scene, signal, stderr};
 
@@ -219,4 +222,73 @@ fn mistakes_in_the_file_exit_with_78_and_their_place() {
     }
     expect(path, "batch absent.toml", 66);
     assert_eq!(names(path), ["jobs.toml"]);
+}
+
+/// Six short jobs, and in the middle of them one that takes hours.
+fn with_an_endless_job(folder: &Path) {
+    fs::write(folder.join("scene.glb"), glb::triangle()).unwrap();
+    let file = "[defaults]\nscene = 'scene.glb'\nsize = '24x18'\nspp = 4\n\n[[matrix]]\nseed = [1, 2, 3]\n\n[[job]]\n\
+                name = 'endless'\nsize = '64x48'\nspp = 1_000_000_000\n\n[[matrix]]\nseed = [4, 5, 6]\n";
+    fs::write(folder.join("jobs.toml"), file).unwrap();
+}
+
+/// Waits until the endless job has begun so often, as long as the batch lives; the process that renders it.
+#[track_caller]
+fn worker_of_endless(folder: &Path, batch: &mut Child, begun: usize) -> u32 {
+    loop {
+        let events = fs::read_to_string(folder.join("events.jsonl")).unwrap_or_default();
+        let of_endless = |line: &&str| line.contains("job-begins") && line.contains("endless");
+        if events.lines().filter(of_endless).count() == begun
+            && let [worker] = workers(batch.id())[..]
+        {
+            return worker;
+        }
+        assert!(batch.try_wait().unwrap().is_none(), "it has ended by itself:\n{events}");
+        thread::sleep(Duration::from_millis(5));
+    }
+}
+
+#[test]
+fn a_job_that_takes_its_process_along_takes_no_other_job() {
+    for (flags, begun) in [("--jobs 2", 2), ("--isolate", 1)] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path();
+        with_an_endless_job(path);
+        let line = format!("batch jobs.toml -q --events events.jsonl {flags}");
+        let mut batch = bismar(path).args(line.split(' ')).stdout(Stdio::null()).spawn().unwrap();
+        // Where jobs share a process, those that were at work when it died are tried again alone.
+        for begun in 1..=begun {
+            kill(worker_of_endless(path, &mut batch, begun));
+        }
+        assert_eq!(batch.wait().unwrap().code(), Some(76), "{flags}");
+        let report = report(path);
+        // A job whose process dies between its picture and the word of it is found done.
+        let count = |of: &str| report[of].as_u64().unwrap();
+        assert_eq!((count("done") + count("before"), count("failed")), (6, 1), "{flags}: {report:#}");
+        let jobs = report["jobs"].as_array().unwrap();
+        assert_eq!(jobs.len(), 7);
+        assert_eq!((&jobs[3]["job"], &jobs[3]["exit_code"]), (&"endless".into(), &76.into()));
+        assert!(jobs[3]["error"].as_str().unwrap().contains("killed"), "{report:#}");
+        assert!(jobs.iter().all(|job| job["status"] != "done" || job["stats"]["noise"].is_number()), "{report:#}");
+    }
+}
+
+#[test]
+fn a_killed_batch_takes_its_processes_along_and_the_next_one_accounts_for_all() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    with_an_endless_job(path);
+    let mut batch = bismar(path).args(["batch", "jobs.toml", "-q", "--events", "events.jsonl"]).spawn().unwrap();
+    let worker = worker_of_endless(path, &mut batch, 1);
+    batch.kill().unwrap();
+    batch.wait().unwrap();
+    // Of a process that nobody waits for the number may stay, but no words.
+    while !fs::read(format!("/proc/{worker}/cmdline")).unwrap_or_default().is_empty() {
+        thread::sleep(Duration::from_millis(5));
+    }
+    let text = fs::read_to_string(path.join("jobs.toml")).unwrap().replace("1_000_000_000", "4");
+    fs::write(path.join("jobs.toml"), text).unwrap();
+    expect(path, "batch jobs.toml -q", 0);
+    let report = report(path);
+    assert_eq!((&report["done"], &report["before"]), (&4.into(), &3.into()), "{report:#}");
 }

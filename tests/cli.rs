@@ -527,3 +527,23 @@ fn lights_in_watts_are_683_times_as_dark() {
     );
     assert!(said.contains("scene"), "{said}");
 }
+
+#[test]
+fn numbers_that_mean_nothing_are_refused_and_control_characters_are_shown() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("jobs.toml"), "[[job]]\nscene = 'a.glb'\n").unwrap();
+    for line in [
+        "merge a.exr -o b.exr --wait nan",
+        "merge a.exr -o b.exr --wait inf",
+        "batch jobs.toml --threads 0",
+        "batch jobs.toml --threads 100000",
+    ] {
+        let said = expect(folder.path(), line, 64);
+        assert!(said.contains("invalid value"), "{line}: {said}");
+    }
+    for command in ["render", "inspect"] {
+        let output = bismar(folder.path()).args([command, "a\u{1b}[2J\u{85}.glb"]).output().unwrap();
+        assert_eq!(output.status.code(), Some(66));
+        assert!(stderr(&output).contains(r"a\u{1b}[2J\u{85}.glb"), "{}", stderr(&output));
+    }
+}

@@ -15,6 +15,7 @@ mod cli;
 mod closed_forms;
 mod corpus;
 mod damaged;
+mod farm;
 mod fireflies;
 mod flip;
 mod import;

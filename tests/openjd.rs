@@ -6,7 +6,7 @@ use std::process::Command;
 
 use serde_json::json;
 
-use crate::helpers::farm::{absent, folder, status, succeeds};
+use crate::helpers::farm::{HOSTILE, absent, folder, status, succeeds};
 use crate::helpers::program::{self, assert_same_bits, bismar, expect};
 
 /// The tool: on the path, or where `scripts/setup.sh --farm` puts it.
@@ -65,4 +65,26 @@ fn a_job_runs_where_its_files_lie_elsewhere() {
     assert!(here.join("out.png").exists() && !there.exists());
     expect(&here, &format!("render veach.glb {} -q", flags.replace("out.", "whole.")), 0);
     assert_same_bits(&here.join("whole.exr"), &here.join("out.exr"));
+}
+
+#[test]
+fn names_are_no_references() {
+    let Some(tool) = tool() else { return };
+    let folder = folder();
+    let flags = "--size 40x20 --spp 2";
+    expect(folder.path(), &format!("render veach.glb {flags} -o whole.exr -q"), 0);
+    let inner = folder.path().join("{{Param.Y}} }} {{");
+    fs::create_dir(&inner).unwrap();
+    for name in HOSTILE {
+        let scene = format!("{name}.glb");
+        fs::copy(folder.path().join("veach.glb"), inner.join(&scene)).unwrap();
+        let mut submit = bismar(&inner);
+        submit.args(["farm", "submit", &scene, "--parts", "2", "--format", "openjd", "--"]).args(flags.split(' '));
+        succeeds(submit);
+        let mut run = Command::new(&tool);
+        run.arg("run").arg(inner.join(format!("{name}.farm/template.json"))).current_dir(&inner);
+        succeeds(run);
+        assert_same_bits(&folder.path().join("whole.exr"), &inner.join(format!("{name}.exr")));
+        assert!(!inner.join("X").exists() && !folder.path().join("X").exists());
+    }
 }

@@ -162,7 +162,7 @@ fn a_signal_saves_and_the_same_command_goes_on_to_the_same_bits() {
     let folder = folder();
     expect(folder.path(), "render cornell.glb --size 100x70 --spp 600 --aov all -o whole.exr -q", 0);
     let line = "render cornell.glb --size 100x70 --spp 600 --aov all -o out.exr --resume --progress plain";
-    for signal in ["-INT", "-TERM", "-USR1"] {
+    for signal in ["-INT", "-TERM", "-HUP", "-USR1"] {
         let mut child = start(folder.path(), line);
         let mut lines = BufReader::new(child.stderr.take().unwrap());
         let mut said = String::new();
@@ -362,4 +362,123 @@ fn files_of_format_2_are_known_go_on_and_merge_to_the_same_bits() {
     expect(folder.path(), &format!("{progressive} --spp 256 --resume -o progressive.exr -q"), 0);
     expect(folder.path(), &format!("{progressive} --spp 256 -o whole.exr -q"), 0);
     assert_same_bits(&file("progressive.exr"), &file("whole.exr"));
+}
+
+/// Hours of work.
+const ENDLESS: &str = "cornell.glb --size 96x64 --spp 1000000000 -o out.exr";
+
+#[test]
+fn nohup_is_heard() {
+    let folder = folder();
+    let mut shell = Command::new("sh");
+    shell.args(["-c", &format!("trap '' HUP; exec \"$0\" render {ENDLESS} --progress plain")]).arg(program::program());
+    let mut child = shell.current_dir(folder.path()).env("BISMAR_THREADS", "1").stderr(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap());
+    let mut wait_for_progress = || {
+        let mut said = String::new();
+        while !said.contains("PROGRESS") {
+            assert_ne!(lines.read_line(&mut said).unwrap(), 0, "it ended by itself:\n{said}");
+        }
+    };
+    wait_for_progress();
+    program::signal(&child, "-HUP");
+    // Two more lines are a second and more of rendering.
+    wait_for_progress();
+    wait_for_progress();
+    assert!(!folder.path().join("out.exr").exists());
+    program::signal(&child, "-TERM");
+    assert_eq!(child.wait().unwrap().code(), Some(75));
+}
+
+#[test]
+fn whoever_does_not_read_keeps_nobody_from_saving() {
+    let folder = folder();
+    for line in ["--progress plain", "--progress json", "-vv --progress plain"] {
+        // A pipe that is full already, and that nobody reads from.
+        let (_reader, mut writer) = std::io::pipe().unwrap();
+        let filler = writer.try_clone().unwrap();
+        let mut fill = Command::new("sh");
+        fill.args(["-c", "exec dd if=/dev/zero of=/dev/stdout bs=4096 oflag=nonblock"]).stdout(filler);
+        fill.stderr(Stdio::null()).status().unwrap();
+        std::io::Write::flush(&mut writer).unwrap();
+        let mut render = bismar(folder.path());
+        render.args(["render"]).args(ENDLESS.split(' ')).args(line.split(' ')).args([
+            "--checkpoint",
+            "0.1",
+            "--resume",
+        ]);
+        let mut child = render.stdout(writer.try_clone().unwrap()).stderr(writer).spawn().unwrap();
+        let out = folder.path().join("out.exr");
+        let before = if out.exists() { paths(&out) } else { 0 };
+        let mut saved = 0;
+        // It goes on, checkpoint after checkpoint.
+        while saved < 2 || paths(&out) <= before {
+            assert!(child.try_wait().unwrap().is_none(), "{line}: it ended by itself");
+            let now = if out.exists() { paths(&out) } else { 0 };
+            saved += u32::from(now > before);
+            thread::sleep(std::time::Duration::from_millis(20));
+        }
+        program::signal(&child, "-TERM");
+        assert_eq!(child.wait().unwrap().code(), Some(75), "{line}");
+    }
+}
+
+#[test]
+fn a_signal_in_the_first_milliseconds_ends_with_75_or_leaves_everything_untouched() {
+    let folder = folder();
+    let whole = names(folder.path());
+    let mut codes = std::collections::BTreeMap::new();
+    for microseconds in (0..60_000).step_by(3_000) {
+        let child = start(folder.path(), &format!("render {ENDLESS}"));
+        thread::sleep(std::time::Duration::from_micros(microseconds));
+        program::signal(&child, "-TERM");
+        let ended = child.wait_with_output().unwrap();
+        // 75, or by the signal itself before anybody listened.
+        let code = ended.status.code();
+        assert!(code.is_none_or(|code| code == 75), "{code:?}: {}", program::stderr(&ended));
+        *codes.entry(code).or_insert(0) += 1;
+        let out = folder.path().join("out.exr");
+        if out.exists() {
+            assert!(code.is_some() && exr_file::read_statistics(&out).unwrap().is_some());
+            fs::remove_file(out).unwrap();
+        }
+        assert_eq!(names(folder.path()), whole);
+    }
+    assert!(codes.contains_key(&Some(75)), "{codes:?}");
+}
+
+#[test]
+fn checkpoints_are_kept_by_number_and_handed_on_and_the_first_is_early() {
+    let folder = folder();
+    let told = folder.path().join("told.sh");
+    fs::write(&told, "#!/bin/sh\necho \"$1\" >>told\n").unwrap();
+    assert!(Command::new("chmod").args(["+x", "told.sh"]).current_dir(folder.path()).status().unwrap().success());
+    let in_folder =
+        |prefix: &str| names(folder.path()).into_iter().filter(|n| n.starts_with(prefix)).collect::<Vec<_>>();
+    // An hour between checkpoints; the first does not wait for it.
+    let line = format!("render {ENDLESS} --checkpoint 3600 --keep 3 --on-checkpoint ./told.sh --resume");
+    let mut child = start(folder.path(), &line);
+    while in_folder("told").len() < 2 {
+        assert!(child.try_wait().unwrap().is_none());
+        thread::sleep(std::time::Duration::from_millis(20));
+    }
+    program::signal(&child, "-TERM");
+    assert_eq!(child.wait().unwrap().code(), Some(75));
+    let lines = || fs::read_to_string(folder.path().join("told")).unwrap();
+    assert_eq!(lines(), "./out.checkpoint-0001.exr\n./out.checkpoint-0002.exr\n");
+    let mut child = start(folder.path(), &line.replace("3600", "0.05"));
+    while !in_folder("out.checkpoint-").contains(&"out.checkpoint-0007.exr".to_owned()) {
+        assert!(child.try_wait().unwrap().is_none());
+        thread::sleep(std::time::Duration::from_millis(5));
+    }
+    program::signal(&child, "-TERM");
+    child.wait().unwrap();
+    let kept = in_folder("out.checkpoint-");
+    assert_eq!(kept.len(), 3, "{kept:?}");
+    let held: Vec<_> = kept.iter().map(|name| paths(&folder.path().join(name))).collect();
+    assert!(held.is_sorted() && held[0] < held[2] && held[2] == paths(&folder.path().join("out.exr")), "{held:?}");
+    // A program that is not there is a warning.
+    let short = "render cornell.glb --size 96x64 --spp 64 -o b.exr --checkpoint 0.01 --on-checkpoint ./none";
+    let said = expect(folder.path(), short, 0);
+    assert!(said.contains("./none"), "{said}");
 }

@@ -8,7 +8,7 @@ use std::process::Command;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::helpers::farm::{absent, folder, status, succeeds};
+use crate::helpers::farm::{HOSTILE, absent, folder, kill, parent, status, succeeds, writer};
 use crate::helpers::program::{self, assert_same_bits, bismar, expect, paths};
 
 /// So long nothing happens only where something hangs: no new path in a picture, no task in a state that is new to it.
@@ -29,6 +29,8 @@ fn whatever_happens_to_tasks_the_picture_is_that_of_a_single_machine() {
         ("requeue and cancel", a_requeued_task_and_a_cancelled_job_go_on),
         ("time limit", a_task_longer_than_its_time_limit_ends_all_the_same),
         ("failed task", a_failed_task_cancels_its_own_merge_and_no_other),
+        ("hostile names", names_are_data_to_slurm_too),
+        ("out of memory", a_task_out_of_memory_gets_more_and_its_merge_waits),
     ];
     // All at once, whatever the number of CPUs: they spend most of their time waiting for Slurm to begin a task again.
     thread::scope(|scope| {
@@ -293,22 +295,6 @@ fn modified(task: &serde_json::Value) -> std::time::SystemTime {
     fs::metadata(task["output"].as_str().unwrap()).unwrap().modified().unwrap()
 }
 
-/// The process that writes an output, and its parent; `None` if nobody does any more.
-fn writer(output: &Path) -> Option<(u32, u32)> {
-    let argument = format!("--output={}", output.display());
-    for entry in fs::read_dir("/proc").unwrap().flatten() {
-        let Some(id) = entry.file_name().to_str().and_then(|name| name.parse().ok()) else { continue };
-        let command = fs::read(entry.path().join("cmdline")).unwrap_or_default();
-        if command.split(|b| *b == 0).any(|word| word == argument.as_bytes()) {
-            let stat = fs::read_to_string(entry.path().join("stat")).unwrap();
-            // "id (name) state parent …", and the name may hold anything.
-            let parent = stat.rsplit_once(')').unwrap().1.split_whitespace().nth(1).unwrap();
-            return Some((id, parent.parse().unwrap()));
-        }
-    }
-    None
-}
-
 fn a_task_whose_node_dies_goes_on_at_the_other_one(work: &Work) {
     work.in_time(kill_node);
 }
@@ -322,14 +308,12 @@ fn kill_node(flags: &str) -> bool {
     let jobs = slurm.submit(folder.path(), &line);
     slurm.wait_for_checkpoint(&output);
     let node = slurm.values(&jobs[0], "NodeList").remove(0);
-    // As a power cut does it: the daemon, Slurm's keeper of the task, and the task.
-    let Some((task, keeper)) = writer(&output) else { return false };
+    // As a power cut does it: the daemon, Slurm's keeper of the task, the task, and its render.
+    let Some(render) = writer(&output) else { return false };
+    let task = parent(render);
+    let keeper = parent(task);
     succeeds(slurm.script(&["kill-node", &node[1..]]));
-    for process in [keeper, task] {
-        let mut kill = Command::new("sh");
-        kill.args(["-c", &format!("kill -KILL {process}")]);
-        succeeds(kill);
-    }
+    [keeper, task, render].into_iter().for_each(kill);
     let saved = paths(&output);
     let whole = single_machine(folder.path(), flags);
     if saved == paths(&whole) {
@@ -425,4 +409,67 @@ fn a_failed_task_cancels_its_own_merge_and_no_other(_: &Work) {
     assert_eq!([0, 1].map(|i| status["merges"][i]["done"].clone()), [false, true]);
     expect(folder.path(), "render veach.glb --size 48x32 --spp 8 -o whole.exr -q", 0);
     assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("out/veach.exr"));
+}
+
+fn names_are_data_to_slurm_too(_: &Work) {
+    let slurm = Slurm::start();
+    let flags = "--size 40x20 --spp 2";
+    let whole = single_machine(slurm.work.path(), flags);
+    let submitted = HOSTILE.map(|name| {
+        let folder = slurm.work.path().join(name);
+        fs::create_dir(&folder).unwrap();
+        fs::copy(slurm.work.path().join("veach.glb"), folder.join("veach.glb")).unwrap();
+        let jobs = slurm.submit(&folder, &format!("veach.glb --parts 2 -- {flags}"));
+        (folder, jobs)
+    });
+    for (folder, jobs) in submitted {
+        slurm.wait_for(&jobs[1], &["COMPLETED"]);
+        assert_same_bits(&whole, &folder.join("veach.exr"));
+        // Slurm's own log is there too, where Slurm can be told the place, and nowhere else.
+        let logs = program::names(&folder.join("veach.farm/logs"));
+        let own = format!("slurm-{}_", jobs[0]);
+        let expected = if folder.to_str().unwrap().contains(['%', '\\']) { 0 } else { 2 };
+        assert_eq!(logs.iter().filter(|log| log.starts_with(&own)).count(), expected, "{logs:?}");
+    }
+    let mut names = program::names(slurm.work.path());
+    names.retain(|name| !HOSTILE.contains(&name.as_str()));
+    assert_eq!(names, ["veach.glb", "whole.exr"]);
+}
+
+fn a_task_out_of_memory_gets_more_and_its_merge_waits(work: &Work) {
+    work.in_time(starve);
+}
+
+/// Was a task killed twice, as the system does it for want of memory, before it was finished?
+fn starve(flags: &str) -> bool {
+    let slurm = Slurm::start();
+    let folder = &slurm.work;
+    let part = folder.path().join("veach.farm/parts/veach.1-of-2.exr");
+    let line = format!("veach.glb --parts 2 --memory 400M --retry-memory -- {flags} --checkpoint 0.5 -o out.exr");
+    let jobs = slurm.submit(folder.path(), &line);
+    let [array, merge] = &jobs[..] else { panic!("{jobs:?}") };
+    let task = format!("{array}_1");
+    let log = || fs::read_to_string(folder.path().join("veach.farm/logs/task-1.log")).unwrap_or_default();
+    for told in ["Slurm begins it again with 600 MiB", "Slurm holds it, and its merge waits"] {
+        slurm.wait("the task runs", || writer(&part).is_some() || slurm.state(&task) == ["COMPLETED"]);
+        let Some(render) = writer(&part) else { return false };
+        kill(render);
+        slurm.wait("it is told", || log().contains(told) || slurm.state(&task) == ["COMPLETED"]);
+        if !log().contains(told) {
+            return false;
+        }
+    }
+    assert_eq!(slurm.values(&task, "MinMemoryNode"), ["600M"]);
+    let held = || {
+        let mut status = bismar(folder.path());
+        status.args(["farm", "status", "veach.farm", "--json"]).env("SLURM_CONF", slurm.conf());
+        let status: serde_json::Value = serde_json::from_str(&succeeds(status)).unwrap();
+        assert_eq!(status["slurm_answers"], true);
+        status["tasks"][0]["state"] == "held" && status["merges"][0]["state"] == "waiting"
+    };
+    slurm.wait("it is held", held);
+    slurm.ask(&format!("scontrol release {task}"));
+    slurm.wait_for(merge, &["COMPLETED"]);
+    assert_same_bits(&single_machine(folder.path(), flags), &folder.path().join("out.exr"));
+    true
 }

@@ -4,24 +4,44 @@ use std::collections::HashMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
+use serde::{Deserialize, Serialize};
 use toml::de::{DeTable, DeValue};
 
 use super::values::{Setting, settings, sorted};
 use crate::{Error, Result};
 
 /// One render.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Job {
     /// Unique in its file.
     pub name: String,
     /// The scene, relative to the folder of the file resolved.
+    #[serde(with = "any_name")]
     pub scene: PathBuf,
     /// Flags of `bismar render`, without dashes; `None` for switches. Paths are resolved.
     pub flags: Vec<(String, Option<String>)>,
     /// Where the picture goes.
+    #[serde(with = "any_name")]
     pub output: PathBuf,
     /// Where it stands in the file.
+    #[serde(skip)]
     pub at: Place,
+}
+
+/// Paths that need not be UTF-8.
+mod any_name {
+    use std::ffi::OsString;
+    use std::path::{Path, PathBuf};
+
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub fn serialize<S: Serializer>(path: &Path, to: S) -> Result<S::Ok, S::Error> {
+        path.as_os_str().serialize(to)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<PathBuf, D::Error> {
+        Ok(OsString::deserialize(from)?.into())
+    }
 }
 
 /// Line and column in the file, from 1, and those of each of a job's keys.
@@ -220,7 +240,7 @@ impl Reader<'_> {
             Some(template) => fill("name", &template, None)?,
             None => default_name(),
         };
-        if name.is_empty() || name.contains(['/', '\n', '\0']) || name.starts_with('.') {
+        if name.is_empty() || name.contains('/') || name.starts_with('.') {
             return Err((span.start, format!("'{name}' cannot be a job's name: it becomes a file's name")));
         }
         let mut flags = Vec::new();
@@ -237,7 +257,11 @@ impl Reader<'_> {
                         output = path;
                         continue;
                     }
-                    Some(path.to_string_lossy().into_owned())
+                    let Some(path) = path.to_str() else {
+                        let why = format!("`{key}`: {path:?} is not UTF-8; rename the folder");
+                        return Err((self.byte(setting.place), why));
+                    };
+                    Some(path.to_owned())
                 }
                 (_, value) => value.clone(),
             };
@@ -389,6 +413,8 @@ mod tests {
             ("[[matrix]]\nscene = 'a'\nseed = [1, 2]\noutput = 'o.exr'", (1, 1), "both write"),
             ("[[job]]\nscene = 'a'\noutput = '{nam}.exr'", (3, 1), "{nam} stands for nothing"),
             ("[[job]]\nscene = 'a'\nname = 'x/y'", (1, 1), "cannot be"),
+            ("[[job]]\nscene = 'a'\ncamera = \"x\\ny\"", (3, 10), "control character"),
+            ("[[job]]\nscene = \"x\\ny\"", (2, 9), "control character"),
             ("", (1, 1), "no jobs"),
         ] {
             let (at, why) = jobs(text).unwrap_err();

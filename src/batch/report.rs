@@ -6,6 +6,8 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::file::Job;
+
 /// What became of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -44,6 +46,20 @@ pub struct Entry {
 }
 
 impl Entry {
+    /// Of a job that has not begun.
+    pub fn pending(job: &Job) -> Self {
+        Self {
+            job: job.name.clone(),
+            scene: job.scene.display().to_string(),
+            output: job.output.display().to_string(),
+            status: Status::Pending,
+            exit_code: 0,
+            error: None,
+            seconds: 0.0,
+            stats: None,
+        }
+    }
+
     /// Takes over what an earlier report says of the render, if the picture is still that one.
     pub fn remember(&mut self, earlier: &Entry, paths: u32) {
         let same = earlier.output == self.output

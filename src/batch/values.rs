@@ -81,7 +81,9 @@ fn text<'a>(value: &'a Spanned<DeValue>) -> Option<&'a str> {
 
 /// A value as the command line has it; of wildcards, all files.
 fn one(reader: &Reader, name: &str, kind: Flag, value: &Spanned<DeValue>) -> At<Vec<Option<String>>> {
+    let control = |text: &str| (value.span().start, format!("`{name}` holds a control character: {text:?}"));
     match (kind, value.get_ref()) {
+        (_, DeValue::String(text)) if text.contains(char::is_control) => Err(control(text)),
         (Flag::List(between), DeValue::Array(items)) if !items.is_empty() => {
             let items: At<Vec<_>> = items.iter().map(|item| scalar(reader, name, Flag::Value, item)).collect();
             let items: Vec<_> = items?.into_iter().flatten().collect();
@@ -90,7 +92,10 @@ fn one(reader: &Reader, name: &str, kind: Flag, value: &Spanned<DeValue>) -> At<
         (Flag::Input, DeValue::String(pattern)) => {
             let files =
                 files(reader.folder, pattern).map_err(|why| (value.span().start, format!("`{name}`: {why}")))?;
-            Ok(files.into_iter().map(Some).collect())
+            // Also what wildcards find is a name.
+            let fine =
+                |file: String| if file.contains(char::is_control) { Err(control(&file)) } else { Ok(Some(file)) };
+            files.into_iter().map(fine).collect()
         }
         _ => scalar(reader, name, kind, value).map(|value| vec![value]),
     }
@@ -102,6 +107,9 @@ fn scalar(reader: &Reader, name: &str, kind: Flag, value: &Spanned<DeValue>) -> 
         (Flag::Switch, DeValue::Boolean(true)) => Ok(None),
         (Flag::Switch, DeValue::Boolean(false)) => Ok(Some(String::new())),
         (Flag::Switch, _) => wanted("true or false"),
+        (_, DeValue::String(text)) if text.contains(char::is_control) => {
+            Err((value.span().start, format!("`{name}` holds a control character: {text:?}")))
+        }
         (_, DeValue::String(text)) => Ok(Some(text.to_string())),
         (Flag::Value | Flag::List(_), DeValue::Integer(_) | DeValue::Float(_)) => {
             // As it is written: 1e-3 stays that.

@@ -1,11 +1,12 @@
 //! `bismar batch JOBS.toml`
 
+mod crew;
 mod overview;
+mod worker;
 
 use std::collections::{HashMap, HashSet};
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::Write;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -16,21 +17,26 @@ use glob::Pattern;
 use serde_json::json;
 use tracing::info;
 
-use super::render::{Done, Inputs, Loaded, RenderArgs, Session, check_outputs, declare};
+use super::render::{Inputs, RenderArgs, Session, declare};
 use crate::batch::file::{self, Flag, Job};
-use crate::batch::queue::{Shelf, each};
-use crate::batch::report::{self, Entry, Report, Status};
+use crate::batch::order::{Ended, Message};
+use crate::batch::queue::Shelf;
+use crate::batch::report::{self, Report};
+use crate::console::args::threads;
 use crate::console::{Paths, Signals, Verbosity, Verdict, host, print, say};
 use crate::farm::slurm::quoted;
 use crate::film::atomic;
 use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
+use crew::Crew;
 use overview::Overview;
+pub use worker::{WorkerArgs, run as work};
 
 /// Render what a file lists: many scenes, cameras, settings (docs/batch.md).
 ///
 /// A job that fails does not stop the others. The same command again does what is missing or has changed, and goes on
-/// with what was interrupted. The exit code is the highest of any job's, or 75 after SIGINT, SIGTERM or SIGUSR1.
+/// with what was interrupted. The exit code is the highest of any job's, or 75 after SIGINT, SIGTERM, SIGHUP or
+/// SIGUSR1.
 #[derive(Debug, Args)]
 pub struct BatchArgs {
     /// The batch file, TOML.
@@ -38,8 +44,11 @@ pub struct BatchArgs {
     /// Jobs at a time; threads are divided among them.
     #[arg(short, long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1024))]
     jobs: u32,
+    /// Each job in a process of its own, with a scene of its own.
+    #[arg(long)]
+    isolate: bool,
     /// Threads [default: BISMAR_THREADS, else SLURM_CPUS_PER_TASK, else all].
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = threads)]
     threads: Option<usize>,
     /// Only jobs whose names match, as in 'hall-*'; may be given several times. The report keeps the others.
     #[arg(long, value_name = "PATTERN")]
@@ -56,7 +65,8 @@ pub struct BatchArgs {
 }
 
 /// Flags of `render` that make no sense in a batch file.
-const NOT_IN_FILES: [&str; 6] = ["resume", "progress", "threads", "part", "memory-limit", "path-mapping"];
+const NOT_IN_FILES: [&str; 8] =
+    ["resume", "progress", "threads", "part", "memory-limit", "path-mapping", "on-checkpoint", "led"];
 
 /// A job with its flags understood.
 pub struct Planned {
@@ -150,42 +160,48 @@ pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
         first.entry(scene_key(&planned.args)).or_insert(i);
     }
     jobs.sort_by_key(|planned| first.get(&scene_key(&planned.args)).copied());
-    let batch = Batch {
-        earlier: report::earlier(&report_path),
-        inputs: Shelf::new(jobs.iter().map(|j| scene_key(&j.args))),
-        scenes: Shelf::new(jobs.iter().map(|j| scene_key(&j.args))),
-        jobs,
-        paths: Mutex::new(paths),
-    };
     if args.dry_run {
-        return batch.dry_run(&order);
+        return dry_run(&jobs, &order);
     }
+    let signals = Signals::listen()?;
+    let earlier = report::earlier(&report_path);
     atomic::check(&report_path)?;
     let events = Events::open(args.events.as_deref())?;
     let (threads, source) = host::threads(args.threads)?;
-    let workers = (args.jobs as usize).min(batch.jobs.len());
-    let each_threads = (threads / workers).max(1);
-    info!("{workers} jobs at a time, each on {each_threads} threads ({threads} in all: {source})");
-    let pools = (0..workers).map(|_| host::pool(each_threads)).collect::<Result<Vec<_>>>()?;
-    let free = Mutex::new(pools);
-    let signals = Signals::listen()?;
+    let at_once = (args.jobs as usize).min(jobs.len());
+    let each_threads = (threads / at_once).max(1);
+    info!("{at_once} jobs at a time, each on {each_threads} threads ({threads} in all: {source})");
 
-    let overview = Overview::new(batch.jobs.len(), verbosity.quiet);
+    let overview = Overview::new(jobs.len(), verbosity.quiet);
     let entries = Mutex::new(Vec::new());
-    events.write(json!({"event": "batch-begins", "jobs": batch.jobs.len(), "file": args.file.display().to_string()}));
-    each(batch.jobs.len(), workers, &|index| {
-        let pool = free.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        let Some(pool) = pool else { return };
-        let (entry, line) =
-            pool.install(|| batch.work(index, each_threads, workers == 1, &signals, &overview, &events));
-        overview.ended(index, &entry, line);
-        events
-            .write(json!({"event": "job-ends", "job": entry.job, "status": entry.status, "exit_code": entry.exit_code,
-            "error": entry.error, "seconds": entry.seconds, "output": entry.output}));
-        entries.lock().unwrap_or_else(PoisonError::into_inner).push(entry);
-        free.lock().unwrap_or_else(PoisonError::into_inner).push(pool);
-    });
+    events.write(json!({"event": "batch-begins", "jobs": jobs.len(), "file": args.file.display().to_string()}));
+    let told = |message: Message| match message {
+        Message::Begins(index) => {
+            let job = &jobs[index].job;
+            overview.begins(index, &job.name);
+            let output = job.output.display().to_string();
+            events.write(json!({"event": "job-begins", "job": job.name, "output": output}));
+        }
+        Message::Goes(index, progress) => overview.progress(index, &progress),
+        Message::Ends(index, ended) => {
+            let Ended { mut entry, line, before } = *ended;
+            if let (Some(earlier), Some(paths)) = (earlier.get(&entry.job), before) {
+                entry.remember(earlier, paths);
+            }
+            overview.ended(index, &entry, line);
+            events.write(json!({"event": "job-ends", "job": entry.job, "status": entry.status,
+                "exit_code": entry.exit_code, "error": entry.error, "seconds": entry.seconds,
+                "output": entry.output}));
+            entries.lock().unwrap_or_else(PoisonError::into_inner).push(entry);
+        }
+    };
+    let threads = each_threads;
+    let written = [Some(&report_path), args.events.as_ref().filter(|path| *path != Path::new("-"))];
+    let written: Vec<_> = written.into_iter().flatten().map(|path| path.clone().into_os_string()).collect();
+    let crew = Crew { jobs: &jobs, written: &written, at_once, threads, signals: &signals, verbosity, told: &told };
+    let worked = if args.isolate { crew.work_apart() } else { crew.work_together() };
     overview.finish();
+    worked?;
 
     let mut entries = entries.into_inner().unwrap_or_else(PoisonError::into_inner);
     let place: HashMap<&str, usize> = order.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect();
@@ -196,7 +212,7 @@ pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
     // What was not asked for stays as it was.
     let asked: HashSet<String> = entries.iter().map(|e| e.job.clone()).collect();
     let others = order.iter().filter(|name| !asked.contains(*name));
-    entries.extend(others.filter_map(|name| batch.earlier.get(name).cloned()));
+    entries.extend(others.filter_map(|name| earlier.get(name).cloned()));
     entries.sort_by_key(|e| place.get(e.job.as_str()).copied());
     let report = Report::new(args.file.display().to_string(), seconds, exit_code, entries);
     atomic::write(&report_path, |file| {
@@ -217,7 +233,7 @@ pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
 }
 
 /// Equal for jobs that can share a scene in memory.
-fn scene_key(a: &RenderArgs) -> String {
+pub fn scene_key(a: &RenderArgs) -> String {
     format!(
         "{:?}{} {:?} {} {} {} {} {:?}",
         a.scene,
@@ -231,120 +247,34 @@ fn scene_key(a: &RenderArgs) -> String {
     )
 }
 
-struct Batch {
-    jobs: Vec<Planned>,
-    /// What the report said before.
-    earlier: HashMap<String, Entry>,
-    inputs: Shelf<Inputs>,
-    scenes: Shelf<Loaded>,
-    /// All that any job reads or writes.
-    paths: Mutex<Paths>,
-}
-
-impl Batch {
-    /// One job from beginning to end, and a line for people; whatever goes wrong is in the entry.
-    fn work(
-        &self,
-        index: usize,
-        threads: usize,
-        alone: bool,
-        signals: &Signals,
-        overview: &Overview,
-        events: &Events,
-    ) -> (Entry, Option<String>) {
-        let Planned { job, args } = &self.jobs[index];
-        let began = Instant::now();
+/// Says what would be done, in the order of the file.
+fn dry_run(jobs: &[Planned], order: &[String]) -> Result<Verdict> {
+    let shelf = Shelf::new(jobs.iter().map(|j| scene_key(&j.args)));
+    let mut rows: HashMap<&str, String> = HashMap::new();
+    let mut worst = 0;
+    for Planned { job, args } in jobs {
         let key = scene_key(args);
-        let mut entry = Entry {
-            job: job.name.clone(),
-            scene: job.scene.display().to_string(),
-            output: job.output.display().to_string(),
-            status: Status::Pending,
-            exit_code: 0,
-            error: None,
-            seconds: 0.0,
-            stats: None,
+        let would = || -> Result<&str> {
+            let inputs = shelf.get(&key, || Inputs::read(args))?;
+            let session = Session { args, inputs: &inputs, threads: 1, began: Instant::now(), replaces: true };
+            if session.done_before()?.is_some() {
+                return Ok("done before");
+            }
+            Ok(if Earlier::read(&args.output())?.is_some() { "render again or go on" } else { "render" })
         };
-        if signals.stopped() {
-            return (entry, None);
-        }
-        overview.begins(index, &job.name);
-        events.write(json!({"event": "job-begins", "job": job.name, "output": entry.output}));
-        if alone {
-            host::reset_peak_memory();
-        }
-        let render = || -> Result<Done> {
-            if let Some(folder) = args.output().parent() {
-                fs::create_dir_all(folder)
-                    .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", folder.display())))?;
-            }
-            check_outputs(args)?;
-            let inputs = self.inputs.get(&key, || Inputs::read(args))?;
-            inputs.declare(&mut self.paths.lock().unwrap_or_else(PoisonError::into_inner))?;
-            let session = Session { args, inputs: &inputs, threads, began, replaces: true };
-            if let Some(record) = session.done_before()? {
-                return session.develop(&record);
-            }
-            session.check_memory()?;
-            let loaded = self.scenes.get(&key, || Loaded::load(args, &inputs, &|_, _| !signals.stopped()))?;
-            session.render(&loaded, &signals.stop, &|p| overview.progress(index, &p), &|_| ())
-        };
-        let result = catch_unwind(AssertUnwindSafe(render))
-            .unwrap_or_else(|_| Err(Error::Bug("the job panicked; what it said is above".into())));
-        self.inputs.done(&key);
-        self.scenes.done(&key);
-        entry.seconds = began.elapsed().as_secs_f64();
-        match result {
-            Ok(Done::Rendered(_, stats)) => {
-                entry.status = Status::Done;
-                let line = format!("{}: {}", job.name, stats.summary());
-                entry.stats = serde_json::to_value(stats).ok();
-                return (entry, Some(line));
-            }
-            Ok(Done::Before(_, paths, _)) => {
-                entry.status = Status::Before;
-                if let Some(earlier) = self.earlier.get(&job.name) {
-                    entry.remember(earlier, paths);
-                }
-            }
-            Err(error) => {
-                let interrupted = matches!(error, Error::Interrupted(_));
-                entry.status = if interrupted { Status::Interrupted } else { Status::Failed };
-                entry.exit_code = error.exit_code();
-                entry.error = Some(error.to_string());
-                return (entry, Some(format!("{}: {error}", job.name)));
-            }
-        }
-        (entry, None)
+        let what = would().map(str::to_owned).unwrap_or_else(|e| {
+            worst = worst.max(e.exit_code());
+            format!("would fail: {e}")
+        });
+        shelf.done(&key);
+        let mut words: Vec<String> = ["bismar", "render"].map(str::to_owned).into();
+        words.extend([job.scene.display().to_string(), "-o".into(), job.output.display().to_string()]);
+        words.extend(job.arguments());
+        rows.insert(&job.name, format!("{}: {what}\n  {}", job.name, quoted(&words)));
     }
-
-    fn dry_run(&self, order: &[String]) -> Result<Verdict> {
-        let mut rows: HashMap<&str, String> = HashMap::new();
-        let mut worst = 0;
-        for Planned { job, args } in &self.jobs {
-            let key = scene_key(args);
-            let would = || -> Result<&str> {
-                let inputs = self.inputs.get(&key, || Inputs::read(args))?;
-                let session = Session { args, inputs: &inputs, threads: 1, began: Instant::now(), replaces: true };
-                if session.done_before()?.is_some() {
-                    return Ok("done before");
-                }
-                Ok(if Earlier::read(&args.output())?.is_some() { "render again or go on" } else { "render" })
-            };
-            let what = would().map(str::to_owned).unwrap_or_else(|e| {
-                worst = worst.max(e.exit_code());
-                format!("would fail: {e}")
-            });
-            self.inputs.done(&key);
-            let mut words: Vec<String> = ["bismar", "render"].map(str::to_owned).into();
-            words.extend([job.scene.display().to_string(), "-o".into(), job.output.display().to_string()]);
-            words.extend(job.arguments());
-            rows.insert(&job.name, format!("{}: {what}\n  {}", job.name, quoted(&words)));
-        }
-        let lines: Vec<_> = order.iter().filter_map(|name| rows.remove(name.as_str())).collect();
-        print(lines.join("\n"))?;
-        Ok(if worst == 0 { Verdict::Done } else { Verdict::Worst(worst) })
-    }
+    let lines: Vec<_> = order.iter().filter_map(|name| rows.remove(name.as_str())).collect();
+    print(lines.join("\n"))?;
+    Ok(if worst == 0 { Verdict::Done } else { Verdict::Worst(worst) })
 }
 
 /// JSON, one event a line.

@@ -1,23 +1,27 @@
-//! `bismar farm submit` and `bismar farm status`
+//! `bismar farm submit`, `bismar farm status` and `bismar farm task`
+
+mod site;
+mod status;
+mod task;
 
 use std::ffi::OsString;
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf, absolute};
-use std::process::Command as Process;
 
 use clap::parser::ValueSource;
 use clap::{ArgAction, Args, Command, FromArgMatches, Subcommand, ValueEnum, ValueHint};
-use serde_json::json;
 
 use super::render::RenderArgs;
 use crate::cli::batch;
 use crate::console::{Verdict, print, print_json, say};
-use crate::farm::slurm::{self, Ask, quoted};
-use crate::farm::{PLAN, Plan, Render, Task, openjd};
+use crate::farm::slurm::{self, Ask, Submitted, SubmittedArray, quoted};
+use crate::farm::{PLAN, Plan, Render, openjd, utf8};
 use crate::film::atomic;
-use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
+use site::{Site, USUAL_ARRAY, sbatch};
+use status::StatusArgs;
+use task::TaskArgs;
 
 /// Render on many machines (docs/farm.md).
 #[derive(Debug, Args)]
@@ -30,6 +34,7 @@ pub struct FarmArgs {
 enum FarmCommand {
     Submit(Box<SubmitArgs>),
     Status(StatusArgs),
+    Task(TaskArgs),
 }
 
 /// What the plan is written for.
@@ -70,6 +75,9 @@ struct SubmitArgs {
     /// Minutes that a task may run before it is saved, requeued and goes on.
     #[arg(long, value_name = "N", help_heading = "Slurm")]
     minutes: Option<u32>,
+    /// Begin a task that ran out of memory again, once, with half as much again.
+    #[arg(long, help_heading = "Slurm")]
+    retry_memory: bool,
     /// Tasks at a time, at most.
     #[arg(long, value_name = "N", help_heading = "Slurm")]
     throttle: Option<u32>,
@@ -81,20 +89,11 @@ struct SubmitArgs {
     flags: Vec<OsString>,
 }
 
-/// Show how far a submitted job is, by its files alone.
-#[derive(Debug, Args)]
-struct StatusArgs {
-    /// The folder of `farm submit`.
-    folder: PathBuf,
-    /// Print JSON.
-    #[arg(long)]
-    json: bool,
-}
-
 pub fn run(args: &FarmArgs) -> Result<Verdict> {
     match &args.command {
         FarmCommand::Submit(args) => submit(args),
-        FarmCommand::Status(args) => status(args),
+        FarmCommand::Status(args) => status::run(args),
+        FarmCommand::Task(args) => task::run(args),
     }
 }
 
@@ -106,10 +105,10 @@ fn submit(args: &SubmitArgs) -> Result<Verdict> {
         (false, _) => vec![of_scene(args)?],
     };
     let folder = absolute_of(&args.folder.clone().unwrap_or_else(|| args.input.with_extension("farm")))?;
-    let program = std::env::current_exe().map_err(|e| Error::Host(format!("cannot find this program's file: {e}")))?;
     let progress = if args.format == Format::Openjd { "openjd" } else { "plain" };
     let name = args.input.file_stem().unwrap_or_default().to_string_lossy();
-    let plan = Plan::new(&name, &folder, &program.to_string_lossy(), progress, &renders, args.parts)?;
+    let mut plan = Plan::new(&name, &folder, &this_program()?, progress, &renders, args.parts)?;
+    plan.retries_memory = args.retry_memory;
     match args.format {
         Format::Slurm => submit_to_slurm(args, &plan),
         Format::Openjd => write_template(args, &plan),
@@ -122,7 +121,7 @@ fn of_batch(path: &Path) -> Result<Vec<Render>> {
         let command = RenderArgs::augment_args(Command::new("render"));
         let flags = job.flags.into_iter().map(|(name, value)| {
             let value = match value {
-                Some(value) if is_path(&command, &name) => Some(absolute_of(Path::new(&value))?.display().to_string()),
+                Some(value) if is_path(&command, &name) => Some(utf8(&absolute_of(Path::new(&value))?)?.to_owned()),
                 value => value,
             };
             Ok((name, value))
@@ -155,21 +154,19 @@ fn of_scene(args: &SubmitArgs) -> Result<Render> {
         if matches.try_contains_id(id).is_err() || matches.value_source(id) != Some(ValueSource::CommandLine) {
             continue;
         }
-        if ["part", "resume", "progress", "path-mapping", "output"].contains(&name) {
+        if ["part", "resume", "progress", "path-mapping", "on-checkpoint", "output", "led"].contains(&name) {
             if name == "output" {
                 continue;
             }
             return Err(Error::Usage(format!("after --: --{name} is the farm's own affair")));
         }
-        let value = matches.get_raw(id).and_then(|mut values| values.next()).map(|v| v.to_string_lossy().into_owned());
+        let value = matches.get_raw(id).and_then(|mut values| values.next()).map(|v| utf8(Path::new(v))).transpose()?;
         flags.push((
             name.to_owned(),
             match (arg.get_action(), value) {
                 (ArgAction::SetTrue, _) => None,
-                (_, Some(value)) if is_path(&command, name) => {
-                    Some(absolute_of(Path::new(&value))?.display().to_string())
-                }
-                (_, value) => value,
+                (_, Some(value)) if is_path(&command, name) => Some(utf8(&absolute_of(Path::new(value))?)?.to_owned()),
+                (_, value) => value.map(str::to_owned),
             },
         ));
     }
@@ -185,6 +182,10 @@ fn absolute_of(path: &Path) -> Result<PathBuf> {
     absolute(path).map_err(|e| Error::Usage(format!("{}: {e}", path.display())))
 }
 
+fn this_program() -> Result<PathBuf> {
+    std::env::current_exe().map_err(|e| Error::Host(format!("cannot find this program's file: {e}")))
+}
+
 fn submit_to_slurm(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {
     let ask = Ask {
         cpus: args.cpus,
@@ -193,12 +194,19 @@ fn submit_to_slurm(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {
         throttle: args.throttle,
         others: args.sbatch.clone(),
     };
-    let files = slurm::files(plan, &ask);
+    let files = slurm::files(plan, &ask)?;
     if args.dry_run {
         let folder = plan.folder.display();
         let shown = files.iter().map(|(name, content)| format!("# {folder}/{name}\n{content}"));
         let mut text = shown.collect::<Vec<_>>().join("\n");
-        let arrays: Vec<_> = slurm::arrays(plan, &ask, USUAL_ARRAY)
+        for (what, commands) in [
+            ("tasks", plan.tasks.iter().map(|t| &t.command).collect::<Vec<_>>()),
+            ("merges", plan.merges.iter().map(|m| &m.command).collect()),
+        ] {
+            text += &format!("\n# {what}, in {folder}/{PLAN}\n");
+            commands.iter().for_each(|command| text += &format!("{}\n", quoted(command)));
+        }
+        let arrays: Vec<_> = slurm::arrays(plan, &ask, USUAL_ARRAY)?
             .into_iter()
             .enumerate()
             .map(|(i, array)| (array, format!("$ARRAY{}", i + 1)))
@@ -208,12 +216,14 @@ fn submit_to_slurm(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {
             text += &format!("{}=$(sbatch --parsable {})\n", &id[1..], quoted(&array.arguments));
         }
         for number in 0..plan.merges.len() {
-            text += &format!("sbatch --parsable {}\n", slurm::merge(plan, number, &arrays).join(" "));
+            let arguments = slurm::merge(plan, number, &arrays)?;
+            // The first names the arrays' variables.
+            text += &format!("sbatch --parsable {} {}\n", arguments[0], quoted(&arguments[1..]));
         }
         print(text.trim_end())?;
         return Ok(Verdict::Done);
     }
-    let site = site()?;
+    let site = Site::ask()?;
     write_folder(plan, &files)?;
     if !site.requeues {
         say(
@@ -221,57 +231,23 @@ fn submit_to_slurm(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {
              limit interrupts stays saved until this command is given again",
         );
     }
+    let mut submitted = Submitted::default();
     let mut arrays = Vec::new();
-    for array in slurm::arrays(plan, &ask, site.largest_array) {
+    for array in slurm::arrays(plan, &ask, site.largest_array)? {
         let id = sbatch(&array.arguments)?;
         say(format_args!("tasks {} to {}: job {id}", array.first + 1, array.first + array.count));
+        submitted.arrays.push(SubmittedArray { first: array.first, count: array.count, job: id.clone() });
+        submitted.write(&plan.folder)?;
         arrays.push((array, id));
     }
     for (number, merge) in plan.merges.iter().enumerate() {
-        let id = sbatch(&slurm::merge(plan, number, &arrays))?;
+        let id = sbatch(&slurm::merge(plan, number, &arrays)?)?;
         say(format_args!("merge of {}: job {id}", merge.render));
+        submitted.merges.push(id);
+        submitted.write(&plan.folder)?;
     }
     say(format_args!("`bismar farm status {}` shows how far it is", plan.folder.display()));
     Ok(Verdict::Done)
-}
-
-/// Slurm's default for MaxArraySize is 1001, which is one more than the highest index.
-const USUAL_ARRAY: usize = 1000;
-
-struct Site {
-    largest_array: usize,
-    requeues: bool,
-}
-
-fn site() -> Result<Site> {
-    let config = capture("scontrol", &["show".into(), "config".into()])?;
-    let of = |key: &str| {
-        let line = config.lines().find(|line| line.split('=').next().is_some_and(|name| name.trim() == key))?;
-        line.split_once('=').map(|(_, value)| value.trim().to_owned())
-    };
-    let largest = of("MaxArraySize").and_then(|n| n.parse::<usize>().ok()).map_or(USUAL_ARRAY, |n| n.max(2) - 1);
-    let requeues = of("RequeueExit").is_some_and(|codes| codes.split(',').any(|code| code.trim() == "75"));
-    Ok(Site { largest_array: largest, requeues })
-}
-
-fn sbatch(arguments: &[String]) -> Result<String> {
-    let all: Vec<String> = [String::from("--parsable")].into_iter().chain(arguments.iter().cloned()).collect();
-    // "number" or "number;cluster".
-    let answer = capture("sbatch", &all)?;
-    Ok(answer.trim().split(';').next().unwrap_or_default().to_owned())
-}
-
-fn capture(program: &str, arguments: &[String]) -> Result<String> {
-    let output = Process::new(program).args(arguments).output().map_err(|e| {
-        Error::Host(format!(
-            "cannot run {program}: {e}; is Slurm installed here? --dry-run and --format openjd need none"
-        ))
-    })?;
-    if !output.status.success() {
-        let said = String::from_utf8_lossy(&output.stderr);
-        return Err(Error::Host(format!("{program} {}: {}", quoted(arguments), said.trim())));
-    }
-    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
 fn write_folder(plan: &Plan, files: &[(String, String)]) -> Result<()> {
@@ -301,70 +277,4 @@ fn write_template(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {
     write_folder(plan, &[("template.json".into(), text)])?;
     say(format_args!("wrote {}", plan.folder.join("template.json").display()));
     Ok(Verdict::Done)
-}
-
-/// How far one file is.
-struct State {
-    /// `waiting`, `begun` or `done`.
-    state: &'static str,
-    /// In [0, 1].
-    fraction: f64,
-    /// The last error in its log.
-    error: Option<String>,
-}
-
-fn status(args: &StatusArgs) -> Result<Verdict> {
-    let plan = Plan::read(&args.folder)?;
-    let tasks: Vec<State> = plan.tasks.iter().enumerate().map(|(i, task)| state(&plan, i + 1, task)).collect();
-    let merged: Vec<bool> = plan.merges.iter().map(|m| is_finished(&m.output)).collect();
-    let done = tasks.iter().filter(|t| t.state == "done").count();
-    let all = tasks.iter().map(|t| t.fraction).sum::<f64>() / tasks.len().max(1) as f64;
-    let complete = done == tasks.len() && merged.iter().all(|m| *m);
-    if args.json {
-        let tasks = plan.tasks.iter().zip(&tasks).map(|(task, s)| {
-            json!({ "render": task.render, "part": task.part, "state": s.state, "fraction": s.fraction,
-                "error": s.error, "output": task.output })
-        });
-        let merges = plan.merges.iter().zip(&merged);
-        let merges = merges.map(|(m, done)| json!({ "render": m.render, "done": done, "output": m.output }));
-        print_json(&json!({ "schema": 1, "name": plan.name, "complete": complete, "fraction": all,
-            "tasks": tasks.collect::<Vec<_>>(), "merges": merges.collect::<Vec<_>>() }))?;
-        return Ok(Verdict::Done);
-    }
-    let mut text = String::new();
-    for (task, s) in plan.tasks.iter().zip(&tasks) {
-        let error = s.error.as_ref().map_or(String::new(), |e| format!("  {e}"));
-        let part = if plan.parts > 1 { format!(" {}/{}", task.part, plan.parts) } else { String::new() };
-        text += &format!("{}{part}: {} {:.0} %{error}\n", task.render, s.state, 100.0 * s.fraction);
-    }
-    for (merge, done) in plan.merges.iter().zip(&merged) {
-        text += &format!("{} merged: {}\n", merge.render, if *done { "done" } else { "waiting" });
-    }
-    print(format!("{text}{done} of {} tasks done, {:.0} % in all", tasks.len(), 100.0 * all))?;
-    Ok(Verdict::Done)
-}
-
-fn is_finished(path: &Path) -> bool {
-    let earlier = Earlier::read(path).ok().flatten();
-    earlier.is_some_and(|e| e.record.is_done(&e.record.identity.settings))
-}
-
-fn state(plan: &Plan, number: usize, task: &Task) -> State {
-    if is_finished(&task.output) {
-        return State { state: "done", fraction: 1.0, error: None };
-    }
-    // What the last checkpoint holds, or what the log says if that is more.
-    let log = fs::read_to_string(plan.log(number)).unwrap_or_default();
-    let percent = |line: &str| line.strip_prefix("PROGRESS: ")?.strip_suffix('%')?.parse::<f64>().ok();
-    let said = log.lines().rev().find_map(percent).map_or(0.0, |p| p / 100.0);
-    let earlier = Earlier::read(&task.output).ok().flatten();
-    let saved = earlier.and_then(|e| Some(f64::from(e.record.paths) / f64::from(e.record.identity.settings.spp?)));
-    let saved = saved.unwrap_or(0.0);
-    let error = log.lines().rev().find(|line| !line.starts_with("PROGRESS")).and_then(|l| l.strip_prefix("error: "));
-    let begun = !log.is_empty() || task.output.exists();
-    State {
-        state: if begun { "begun" } else { "waiting" },
-        fraction: said.max(saved).clamp(0.0, 1.0),
-        error: error.map(str::to_owned),
-    }
 }

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 
+use crate::console::args::wait;
 use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::farm::PathMapping;
 use crate::film::exr_file::HeaderValue;
@@ -38,7 +39,7 @@ pub struct MergeArgs {
     #[arg(long)]
     no_statistics: bool,
     /// Wait up to so many seconds for files that are not there: shared file systems show them late.
-    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0, value_parser = wait)]
     wait: f64,
     /// Where these paths lie on this machine: rules of Open Job Description (pathmapping-1.0).
     #[arg(long, value_name = "FILE.json")]

@@ -35,6 +35,8 @@ enum Command {
     Render(Box<render::RenderArgs>),
     Inspect(inspect::InspectArgs),
     Batch(batch::BatchArgs),
+    #[command(hide = true)]
+    BatchWorker(batch::WorkerArgs),
     Farm(farm::FarmArgs),
     Merge(merge::MergeArgs),
     Compare(compare::CompareArgs),
@@ -55,6 +57,7 @@ pub fn run() -> ExitCode {
             Command::Render(args) => render::run(args, cli.verbosity),
             Command::Inspect(args) => inspect::run(args),
             Command::Batch(args) => batch::run(args, cli.verbosity),
+            Command::BatchWorker(_) => batch::work(),
             Command::Farm(args) => farm::run(args),
             Command::Merge(args) => merge::run(args, cli.verbosity),
             Command::Compare(args) => compare::run(args),

@@ -3,6 +3,7 @@
 mod args;
 mod choose;
 mod identity;
+mod keep;
 mod replay;
 mod session;
 
@@ -40,9 +41,10 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     }
     let mut paths = Paths::default();
     declare(args, "", &mut paths)?;
+    // Before anything is touched.
+    let signals = if args.led { Signals::led() } else { Signals::listen() }?;
     check_outputs(args)?;
     info!("{threads} threads ({source})");
-    let signals = Signals::listen()?;
     host::pool(threads)?.install(|| {
         let reporter = Reporter::new(args.progress, verbosity.quiet);
         let prepared = signals.nothing_to_save(|| {

@@ -25,6 +25,14 @@ pub fn seconds(text: &str) -> Result<f64, String> {
     seconds.ok_or("not a time above 0 in seconds, or with a unit: 90, 90s, 10m, 1.5h".into())
 }
 
+/// As [`seconds`], or 0: some wait.
+///
+/// # Errors
+/// As [`seconds`].
+pub fn wait(text: &str) -> Result<f64, String> {
+    if text.trim().parse() == Ok(0.0) { Ok(0.0) } else { seconds(text) }
+}
+
 /// A picture's size in pixels, `WxH`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Size(pub u32, pub u32);
@@ -50,6 +58,17 @@ mod tests {
         assert_eq!(times, [90.0, 90.0, 600.0, 5400.0, 172800.0, 1e-3, 0.25].map(Ok));
         for bad in ["", "m", "0", "-1", "nan", "inf", "10 minutes", "1h30m", "10min", "1e400"] {
             assert!(seconds(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn waits_end_and_threads_are_counted() {
+        assert_eq!((wait("0"), wait("0.5"), threads("4096")), (Ok(0.0), Ok(0.5), Ok(4096)));
+        for bad in ["nan", "inf", "-1", ""] {
+            assert!(wait(bad).is_err(), "{bad}");
+        }
+        for bad in ["0", "4097", "100000", "-1", "x"] {
+            assert!(threads(bad).is_err(), "{bad}");
         }
     }
 

@@ -12,7 +12,7 @@ use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::time::{FormatTime, SystemTime};
 use tracing_subscriber::prelude::*;
 
-use super::{Verbosity, screen};
+use super::{Verbosity, screen, shown};
 
 /// How lines on stderr look.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
@@ -61,7 +61,8 @@ pub fn start(verbosity: Verbosity) {
     }
 }
 
-/// A line on stderr, above any bar. `eprintln` would panic when nobody reads it.
+/// A line on stderr, above any bar, printed as soon as it is read. Names in it come from files: control characters are
+/// shown, not sent.
 pub fn say(text: impl Display) {
     line(Level::INFO, &text.to_string());
 }
@@ -81,7 +82,7 @@ fn line(level: Level, text: &str) {
             let _ = SystemTime.format_time(&mut Writer::new(&mut now));
             json!({ "timestamp": now, "level": level.as_str(), "message": text }).to_string()
         }
-        _ => text.to_owned(),
+        _ => shown(text),
     };
     screen::write(format!("{text}\n").as_bytes());
 }

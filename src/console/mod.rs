@@ -2,6 +2,7 @@
 //! listen to signals and look at the machine.
 
 pub mod args;
+pub mod child;
 pub mod help;
 pub mod host;
 mod logging;
@@ -10,6 +11,7 @@ pub mod paths;
 pub mod progress;
 pub mod screen;
 pub mod signals;
+pub mod stderr;
 pub mod tev;
 
 use std::fmt::Display;
@@ -84,27 +86,35 @@ pub fn run<Cli: Parser>(verbosity: impl Fn(&Cli) -> Verbosity, work: impl FnOnce
     };
     logging::start(verbosity(&cli));
     // A panic on a rayon thread arrives here too, once the pool has unwound. Nothing is used after it but the exit code.
-    match catch_unwind(AssertUnwindSafe(|| work(&cli))) {
+    let code = match catch_unwind(AssertUnwindSafe(|| work(&cli))) {
         Ok(Ok(Verdict::Done)) => ExitCode::SUCCESS,
         Ok(Ok(Verdict::Beyond)) => ExitCode::from(1),
         Ok(Ok(Verdict::Worst(code))) => ExitCode::from(code),
         Ok(Err(error)) => fail(&error),
         // The hook has said what there is to say.
         Err(_) => ExitCode::from(70),
-    }
+    };
+    stderr::flush();
+    code
 }
 
 /// Says an error; its exit code.
 pub fn fail(error: &Error) -> ExitCode {
     logging::say_error(error);
+    stderr::flush();
     ExitCode::from(error.exit_code())
 }
 
-/// A command's result on stdout. A reader that has gone away (`| head`) has had enough: that is no error.
+/// A command's result on stdout, as [`say`] shows it. A reader that has gone away (`| head`) has had enough: that is no
+/// error.
 ///
 /// # Errors
 /// [`Error::Io`] when it cannot be written for another reason.
 pub fn print(text: impl Display) -> Result<()> {
+    print_as_it_is(&shown(&text.to_string()))
+}
+
+fn print_as_it_is(text: &str) -> Result<()> {
     let mut out = io::stdout().lock();
     match writeln!(out, "{text}").and_then(|()| out.flush()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(Error::Io(format!("standard output: cannot write: {e}"))),
@@ -112,10 +122,31 @@ pub fn print(text: impl Display) -> Result<()> {
     }
 }
 
+/// With control characters as escapes, but for the ends of lines and tabs.
+fn shown(text: &str) -> String {
+    let control = |c: char| c.is_control() && c != '\n' && c != '\t';
+    if !text.contains(control) {
+        return text.into();
+    }
+    text.chars().map(|c| if control(c) { c.escape_default().to_string() } else { c.into() }).collect()
+}
+
 /// Pretty JSON on stdout.
 ///
 /// # Errors
 /// As [`print()`].
 pub fn print_json(value: &impl serde::Serialize) -> Result<()> {
-    print(serde_json::to_string_pretty(value).map_err(|e| Error::Bug(format!("JSON: {e}")))?)
+    // JSON has escapes of its own.
+    print_as_it_is(&serde_json::to_string_pretty(value).map_err(|e| Error::Bug(format!("JSON: {e}")))?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn control_characters_are_shown() {
+        assert_eq!(shown("a\nb\tc"), "a\nb\tc");
+        assert_eq!(shown("\u{1b}[2J\r\u{85}é"), "\\u{1b}[2J\\r\\u{85}é");
+    }
 }

@@ -1,7 +1,9 @@
 //! How far a render is, for people on a terminal and for the programs that start renders.
 
 use std::io::{self, IsTerminal, Write};
-use std::sync::Mutex;
+use std::sync::{Arc, Condvar, Mutex};
+use std::thread;
+use std::time::Duration;
 
 use indicatif::ProgressBar;
 use serde_json::json;
@@ -27,8 +29,93 @@ pub enum Style {
     None,
 }
 
-/// Takes progress from any thread.
+/// Takes progress from any thread, and keeps none of them waiting: a thread of its own shows it.
 pub struct Reporter {
+    news: Arc<(Mutex<News>, Condvar)>,
+}
+
+/// What has not been shown yet.
+#[derive(Default)]
+struct News {
+    render: Option<Progress>,
+    build: Option<(f64, f64)>,
+    /// It has ended; complete?
+    end: Option<bool>,
+    /// All has been shown.
+    over: bool,
+}
+
+impl Reporter {
+    /// A reporter; `auto` is silent when `quiet`.
+    pub fn new(style: Style, quiet: bool) -> Self {
+        let news = Arc::new((Mutex::new(News::default()), Condvar::new()));
+        let printer = Printer::new(style, quiet);
+        if printer.style == Style::None {
+            return Self::silent();
+        }
+        let theirs = Arc::clone(&news);
+        let show = move || {
+            let (news, changed) = &*theirs;
+            let is_old = |news: &mut News| news.render.is_none() && news.build.is_none() && news.end.is_none();
+            loop {
+                let Ok(mut now) = news.lock().and_then(|news| changed.wait_while(news, is_old)) else { return };
+                let News { render, build, end, .. } = std::mem::take(&mut *now);
+                drop(now);
+                if let Some((done, seconds)) = build {
+                    printer.building(done, seconds);
+                }
+                if let Some(progress) = render {
+                    printer.update(progress);
+                }
+                if let Some(complete) = end {
+                    printer.finish(complete);
+                    if let Ok(mut news) = news.lock() {
+                        news.over = true;
+                    }
+                    changed.notify_all();
+                    return;
+                }
+            }
+        };
+        // Without a thread nothing is shown, and all is rendered.
+        let thread = thread::Builder::new().name("progress".into()).spawn(show);
+        thread.map_or_else(|_| Self::silent(), |_| Self { news })
+    }
+
+    fn silent() -> Self {
+        let over = News { over: true, ..News::default() };
+        Self { news: Arc::new((Mutex::new(over), Condvar::new())) }
+    }
+
+    fn tell(&self, what: impl FnOnce(&mut News)) {
+        if let Ok(mut news) = self.news.0.lock() {
+            what(&mut news);
+        }
+        self.news.1.notify_all();
+    }
+
+    /// To be called often; cheap.
+    pub fn update(&self, progress: Progress) {
+        self.tell(|news| news.render = Some(progress));
+    }
+
+    /// The build before the render: the share in [0, 1] that is done, and its seconds so far. As [`Reporter::update`].
+    pub fn building(&self, done: f64, seconds: f64) {
+        self.tell(|news| news.build = Some((done, seconds)));
+    }
+
+    /// Ends it; a complete render's last line is always the one of 100 %. Does not wait long for it to be read.
+    pub fn finish(&self, complete: bool) {
+        const PATIENCE: Duration = Duration::from_secs(1);
+        self.tell(|news| news.end = Some(complete));
+        if let Ok(news) = self.news.0.lock() {
+            let _ = self.news.1.wait_timeout_while(news, PATIENCE, |news| !news.over);
+        }
+    }
+}
+
+/// Shows progress.
+struct Printer {
     style: Style,
     bar: ProgressBar,
     last: Mutex<Last>,
@@ -49,9 +136,8 @@ struct Last {
 /// A bar's steps are tenths of a percent.
 const STEPS: u32 = 1000;
 
-impl Reporter {
-    /// A reporter; `auto` is silent when `quiet`.
-    pub fn new(style: Style, quiet: bool) -> Self {
+impl Printer {
+    fn new(style: Style, quiet: bool) -> Self {
         let style = match style {
             Style::Auto if quiet => Style::None,
             Style::Auto if io::stderr().is_terminal() => Style::Bar,
@@ -65,8 +151,7 @@ impl Reporter {
         Self { style, bar, last: Mutex::default() }
     }
 
-    /// To be called often; cheap, and skipped while another thread prints.
-    pub fn update(&self, progress: Progress) {
+    fn update(&self, progress: Progress) {
         let Ok(mut last) = self.last.try_lock() else { return };
         let (permille, due) = last.take(progress);
         match self.style {
@@ -80,8 +165,7 @@ impl Reporter {
         }
     }
 
-    /// The build before the render: the share in [0, 1] that is done, and its seconds so far. As [`Reporter::update`].
-    pub fn building(&self, done: f64, seconds: f64) {
+    fn building(&self, done: f64, seconds: f64) {
         let Ok(mut last) = self.last.try_lock() else { return };
         let percent = (done * 100.0) as u32;
         match self.style {
@@ -101,8 +185,7 @@ impl Reporter {
         }
     }
 
-    /// Ends it; a complete render's last line is always the one of 100 %.
-    pub fn finish(&self, complete: bool) {
+    fn finish(&self, complete: bool) {
         screen::remove(&self.bar);
         let Ok(last) = self.last.lock() else { return };
         if let (true, Some(progress)) = (complete, last.progress) {

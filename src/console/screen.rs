@@ -1,18 +1,19 @@
 //! The terminal's last lines, where bars are: what is said goes above them, and a Ctrl-C leaves nothing behind.
 
-use std::io::{self, Write};
+use std::io::{self, IsTerminal, Write};
 use std::sync::LazyLock;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use console::{Term, measure_text_width};
+use console::Term;
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
+
+use super::stderr;
 
 /// All bars of the process; none is drawn where stderr is no terminal.
 static BARS: LazyLock<MultiProgress> = LazyLock::new(|| {
     let term = Term::stderr();
     MultiProgress::with_draw_target(match term.is_term() {
-        true => ProgressDrawTarget::term_like_with_hz(Box::new(Narrow { term, column: AtomicUsize::new(0) }), 10),
+        true => ProgressDrawTarget::term_like_with_hz(Box::new(Narrow(term)), 10),
         false => ProgressDrawTarget::hidden(),
     })
 });
@@ -34,15 +35,25 @@ pub fn remove(bar: &ProgressBar) {
 
 /// Takes all bars away, for good.
 pub fn clear() {
+    if !io::stderr().is_terminal() {
+        return;
+    }
     let _ = BARS.clear();
     BARS.set_draw_target(ProgressDrawTarget::hidden());
 }
 
-/// Writes to stderr above the bars. Nobody there to read it is no error.
+/// Writes to stderr above the bars, sooner or later.
 pub fn write(bytes: &[u8]) {
-    BARS.suspend(|| {
-        let _ = io::stderr().lock().write_all(bytes);
-    });
+    stderr::write(bytes.to_vec());
+}
+
+/// Writes to stderr above the bars, if there are any, as soon as somebody reads. Nobody there is no error.
+pub(super) fn write_now(bytes: &[u8]) {
+    let write = || drop(io::stderr().lock().write_all(bytes));
+    match io::stderr().is_terminal() {
+        true => BARS.suspend(write),
+        false => write(),
+    }
 }
 
 /// For those who want a writer: all of a call's bytes go above the bars.
@@ -70,71 +81,52 @@ pub fn clock(seconds: f64) -> String {
     }
 }
 
-/// A terminal with its last columns left empty, if it has 80 at least. The cursor waits there: the `^C` that a terminal
-/// prints when somebody types it stays in the bar's line and goes away with it. indicatif fills lines up to their end and
-/// takes it that the next one begins by itself: here it has to be begun. Bars are no reason to fail: errors of the
-/// terminal are dropped.
+/// A terminal with its last columns left empty. The cursor waits there: the `^C` that a terminal prints when somebody
+/// types it stays in the bar's line and goes away with it. Bars are no reason to fail: errors of the terminal are dropped.
 #[derive(Debug)]
-struct Narrow {
-    term: Term,
-    /// Columns written in this line.
-    column: AtomicUsize,
-}
+struct Narrow(Term);
 
 const SPARE: u16 = 4;
 
-impl Narrow {
-    fn at_start(&self, done: io::Result<()>) -> io::Result<()> {
-        self.column.store(0, Ordering::Relaxed);
-        done.or(Ok(()))
-    }
-}
-
 impl TermLike for Narrow {
     fn width(&self) -> u16 {
-        let columns = self.term.size().1;
-        if columns < 80 { columns.max(1) } else { columns - SPARE }
+        self.0.size().1.saturating_sub(SPARE).max(20)
     }
 
     fn height(&self) -> u16 {
-        self.term.size().0
+        self.0.size().0
     }
 
     fn move_cursor_up(&self, n: usize) -> io::Result<()> {
-        self.at_start(self.term.move_cursor_up(n))
+        self.0.move_cursor_up(n).or(Ok(()))
     }
 
     fn move_cursor_down(&self, n: usize) -> io::Result<()> {
-        self.at_start(self.term.move_cursor_down(n))
+        self.0.move_cursor_down(n).or(Ok(()))
     }
 
     fn move_cursor_right(&self, n: usize) -> io::Result<()> {
-        self.term.move_cursor_right(n).or(Ok(()))
+        self.0.move_cursor_right(n).or(Ok(()))
     }
 
     fn move_cursor_left(&self, n: usize) -> io::Result<()> {
-        self.term.move_cursor_left(n).or(Ok(()))
+        self.0.move_cursor_left(n).or(Ok(()))
     }
 
-    fn write_line(&self, text: &str) -> io::Result<()> {
-        self.at_start(self.term.write_line(text))
+    fn write_line(&self, s: &str) -> io::Result<()> {
+        self.0.write_line(s).or(Ok(()))
     }
 
-    fn write_str(&self, text: &str) -> io::Result<()> {
-        let before = self.column.load(Ordering::Relaxed);
-        if before > 0 && before.is_multiple_of(self.width().into()) && !text.is_empty() {
-            self.write_line("")?;
-        }
-        self.column.fetch_add(measure_text_width(text), Ordering::Relaxed);
-        self.term.write_str(text).or(Ok(()))
+    fn write_str(&self, s: &str) -> io::Result<()> {
+        self.0.write_str(s).or(Ok(()))
     }
 
     fn clear_line(&self) -> io::Result<()> {
-        self.at_start(self.term.clear_line())
+        self.0.clear_line().or(Ok(()))
     }
 
     fn flush(&self) -> io::Result<()> {
-        self.term.flush().or(Ok(()))
+        self.0.flush().or(Ok(()))
     }
 }
 

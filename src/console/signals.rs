@@ -1,13 +1,16 @@
-//! SIGINT, SIGTERM and SIGUSR1: the first saves and ends, the second ends at once.
+//! SIGINT, SIGTERM, SIGHUP and SIGUSR1: the first saves and ends, the second ends at once.
 
+use std::fs;
+use std::io::{self, ErrorKind, Read};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
+use signal_hook::{flag, low_level};
 
-use super::{logging, screen};
+use super::{fail, screen};
 use crate::{Error, Result};
 
 /// Raised by the first signal.
@@ -22,20 +25,53 @@ const LOADING: u8 = 0;
 const WORKING: u8 = 1;
 const ENDING: u8 = 2;
 
+/// What a child ends with when its parent is gone: as after a signal.
+const ORPHANED: i32 = 75;
+
 impl Signals {
     /// Listens from now on.
     ///
     /// # Errors
     /// [`Error::Host`] if the system does not let it.
     pub fn listen() -> Result<Self> {
-        let stop = Arc::new(AtomicBool::new(false));
-        for signal in [SIGINT, SIGTERM, SIGUSR1] {
+        let signals = Self::silent();
+        for signal in heard() {
             // In this order: the first signal finds the flag still down and raises it.
-            signal_hook::flag::register_conditional_default(signal, Arc::clone(&stop))
-                .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop)))
+            flag::register_conditional_default(signal, Arc::clone(&signals.stop))
+                .and_then(|_| flag::register(signal, Arc::clone(&signals.stop)))
                 .map_err(|e| Error::Host(format!("cannot listen to signal {signal}: {e}")))?;
         }
-        Ok(Self { stop, phase: Arc::new(AtomicU8::new(WORKING)) })
+        Ok(signals)
+    }
+
+    /// Listens to the parent instead, as [`lead`](super::child::lead) speaks to it: signals that reach this process are
+    /// the parent's affair. A byte on standard input stands for the first one; at its end the parent is gone, and this
+    /// process ends on the spot.
+    ///
+    /// # Errors
+    /// As [`Signals::listen`].
+    pub fn led() -> Result<Self> {
+        let signals = Self::silent();
+        for signal in heard() {
+            flag::register(signal, Arc::default())
+                .map_err(|e| Error::Host(format!("cannot listen to signal {signal}: {e}")))?;
+        }
+        let stop = Arc::clone(&signals.stop);
+        thread::spawn(move || {
+            let mut byte = [0];
+            loop {
+                match io::stdin().read(&mut byte) {
+                    Ok(1..) => stop.store(true, Ordering::SeqCst),
+                    Err(e) if e.kind() == ErrorKind::Interrupted => {}
+                    _ => low_level::exit(ORPHANED),
+                }
+            }
+        });
+        Ok(signals)
+    }
+
+    fn silent() -> Self {
+        Self { stop: Arc::default(), phase: Arc::new(AtomicU8::new(WORKING)) }
     }
 
     /// Was there a signal?
@@ -53,9 +89,10 @@ impl Signals {
                 if watched.stopped()
                     && watched.phase.compare_exchange(LOADING, ENDING, Ordering::SeqCst, Ordering::SeqCst).is_ok()
                 {
-                    let error = no_progress("interrupted while loading: nothing was rendered, and no file is changed");
+                    let why = "interrupted while loading: nothing was rendered, and no file is changed";
+                    let error = Error::Interrupted(why.into());
                     screen::clear();
-                    logging::say_error(&error);
+                    let _ = fail(&error);
                     std::process::exit(error.exit_code().into());
                 }
                 thread::sleep(Duration::from_millis(20));
@@ -72,16 +109,11 @@ impl Signals {
     }
 }
 
-/// Restarts by Slurm without any progress after which a task is not worth another.
-const FRUITLESS: u32 = 3;
-
-/// What a session that got nowhere ends with: interrupted (75), so that a farm tries again, but not for ever.
-pub fn no_progress(text: &str) -> Error {
-    let restarts = std::env::var("SLURM_RESTART_COUNT").ok().and_then(|n| n.trim().parse::<u32>().ok());
-    match restarts {
-        Some(n) if n >= FRUITLESS => {
-            Error::Host(format!("{text}; this is restart {n}, and it got nowhere: give it more time or a faster host"))
-        }
-        _ => Error::Interrupted(text.into()),
-    }
+/// Signals that are listened to: not SIGHUP where `nohup` has it ignored.
+fn heard() -> impl Iterator<Item = i32> {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let ignored = ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0);
+    let is_heard = move |signal: &i32| *signal != SIGHUP || ignored >> (SIGHUP - 1) & 1 == 0;
+    [SIGINT, SIGTERM, SIGHUP, SIGUSR1].into_iter().filter(is_heard)
 }

@@ -1,10 +1,13 @@
 //! Renders for many machines: what to run ([`Plan`]), said to Slurm ([`slurm`]) or in the Open Job Description format
-//! ([`openjd`]). Nothing here renders: every task is one plain command that can be run again at any time.
+//! ([`openjd`]). Nothing here renders: every task is one plain command that can be run again at any time. Commands are
+//! data: no shell reads them on their way.
 
 pub mod openjd;
 mod path_mapping;
+pub mod sessions;
 pub mod slurm;
 
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -35,6 +38,9 @@ pub struct Plan {
     pub folder: PathBuf,
     /// Parts of every render.
     pub parts: u32,
+    /// Is a task that ran out of memory to be begun again, once, with half as much again?
+    #[serde(default)]
+    pub retries_memory: bool,
     /// Renders of pictures or parts: all can run at once.
     pub tasks: Vec<Task>,
     /// Each needs some of the tasks done.
@@ -80,17 +86,19 @@ impl Plan {
     /// Every render in `parts` parts; `program` is what to run, `progress` how it reports.
     ///
     /// # Errors
-    /// [`Error::Usage`] for parts of a render that stops by time or noise: each part would stop elsewhere.
+    /// [`Error::Usage`] for parts of a render that stops by time or noise: each part would stop elsewhere; for names
+    /// that are not UTF-8 or hold control characters.
     pub fn new(
         name: &str,
         folder: &Path,
-        program: &str,
+        program: &Path,
         progress: &str,
         renders: &[Render],
         parts: u32,
     ) -> Result<Self> {
-        let mut plan =
-            Self { schema: 1, name: name.into(), folder: folder.into(), parts, tasks: Vec::new(), merges: Vec::new() };
+        let (tasks, merges) = (Vec::new(), Vec::new());
+        let (name, folder) = (name.into(), folder.into());
+        let mut plan = Self { schema: 1, name, folder, parts, retries_memory: false, tasks, merges };
         for render in renders {
             if parts > 1
                 && let Some((flag, _)) = render.flags.iter().find(|(flag, _)| flag == "time" || flag == "noise")
@@ -100,12 +108,13 @@ impl Plan {
                     render.name
                 )));
             }
-            plan.add(render, program, progress);
+            plan.add(render, utf8(program)?, progress)?;
         }
+        plan.check()?;
         Ok(plan)
     }
 
-    fn add(&mut self, render: &Render, program: &str, progress: &str) {
+    fn add(&mut self, render: &Render, program: &str, progress: &str) -> Result<()> {
         let parts = self.parts;
         let first = self.tasks.len();
         let flag = |(name, value): &(String, Option<String>)| match value {
@@ -120,7 +129,7 @@ impl Plan {
                 1 => render.output.clone(),
                 _ => self.folder.join("parts").join(format!("{}.{part}-of-{parts}.exr", render.name)),
             };
-            let mut command = vec![program.into(), "render".into(), text(&render.scene)];
+            let mut command = vec![program.into(), "render".into(), utf8(&render.scene)?.into()];
             command.extend(own.iter().map(|f| flag(f)));
             if parts > 1 {
                 command.push(format!("--part={part}/{parts}"));
@@ -131,7 +140,7 @@ impl Plan {
             command.extend([
                 "--resume".into(),
                 format!("--progress={progress}"),
-                format!("--output={}", text(&output)),
+                format!("--output={}", utf8(&output)?),
             ]);
             self.tasks.push(Task { render: render.name.clone(), part, command, output });
         }
@@ -142,33 +151,94 @@ impl Plan {
                 command.push("--no-statistics".into());
             }
             command.extend(whole.iter().filter(|(name, _)| name != "stats").map(|f| flag(f)));
-            command.push(format!("--output={}", text(&render.output)));
-            command.extend(self.tasks[first..].iter().map(|task| text(&task.output)));
+            command.push(format!("--output={}", utf8(&render.output)?));
+            for task in &self.tasks[first..] {
+                command.push(utf8(&task.output)?.into());
+            }
             let tasks = (first, self.tasks.len() - 1);
             self.merges.push(Merge { render: render.name.clone(), command, output: render.output.clone(), tasks });
         }
+        Ok(())
     }
 
-    /// Reads a folder's plan.
+    /// Tasks render and merges merge, and no name holds what a line or a terminal would take for more than a name.
+    fn check(&self) -> Result<()> {
+        let tasks = self.tasks.iter().map(|t| ("render", &t.render, &t.command));
+        let merges = self.merges.iter().map(|m| ("merge", &m.render, &m.command));
+        utf8(&self.folder).and_then(printable)?;
+        printable(&self.name)?;
+        for (what, render, command) in tasks.chain(merges) {
+            printable(render)?;
+            command.iter().try_for_each(|word| printable(word))?;
+            if let Some(word) = command.iter().find(|word| word.starts_with("--on-checkpoint")) {
+                return Err(Error::Usage(format!("{word}: no plan may make other machines run programs")));
+            }
+            if command.get(1).is_none_or(|word| word != what) {
+                return Err(Error::Usage(format!("the command of '{render}' is none of `bismar {what}`")));
+            }
+        }
+        if let Some(merge) = self.merges.iter().find(|m| m.tasks.0 > m.tasks.1 || m.tasks.1 >= self.tasks.len()) {
+            return Err(Error::Usage(format!("the merge of '{}' needs tasks that are not there", merge.render)));
+        }
+        Ok(())
+    }
+
+    /// Reads a plan's file.
     ///
     /// # Errors
     /// [`Error::Missing`] and [`Error::Data`], with the file.
-    pub fn read(folder: &Path) -> Result<Self> {
-        let path = folder.join(PLAN);
-        let bytes = std::fs::read(&path).map_err(|e| Error::reading(&path, &e))?;
-        let plan: Self = serde_json::from_slice(&bytes)
-            .map_err(|e| Error::Data(format!("{}: is no plan of `farm submit`: {e}", path.display())))?;
+    pub fn read(path: &Path) -> Result<Self> {
+        let bytes = std::fs::read(path).map_err(|e| Error::reading(path, &e))?;
+        let bad = |why: &dyn Display| Error::Data(format!("{}: is no plan of `farm submit`: {why}", path.display()));
+        let plan: Self = serde_json::from_slice(&bytes).map_err(|e| bad(&e))?;
+        plan.check().map_err(|e| bad(&e))?;
         Ok(plan)
     }
 
-    /// The log that a task writes; tasks are counted from 1.
-    pub fn log(&self, number: usize) -> PathBuf {
-        self.folder.join("logs").join(format!("task-{number}.log"))
+    /// The log that a task writes, or a merge; both are counted from 1.
+    pub fn log(&self, number: usize, merge: bool) -> PathBuf {
+        let what = if merge { "merge" } else { "task" };
+        self.folder.join("logs").join(format!("{what}-{number}.log"))
+    }
+
+    /// The command of a task, or of a merge, and its output; both are counted from 1.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if there are fewer.
+    pub fn command(&self, number: usize, merge: bool) -> Result<(&[String], &Path)> {
+        let at = number.checked_sub(1);
+        let found = match merge {
+            true => at.and_then(|i| self.merges.get(i)).map(|m| (&m.command[..], m.output.as_path())),
+            false => at.and_then(|i| self.tasks.get(i)).map(|t| (&t.command[..], t.output.as_path())),
+        };
+        let (tasks, merges) = (self.tasks.len(), self.merges.len());
+        found.ok_or_else(|| {
+            Error::Usage(format!("there is no number {number}: the plan has {tasks} tasks, {merges} merges"))
+        })
     }
 }
 
-fn text(path: &Path) -> String {
-    path.to_string_lossy().into_owned()
+/// A path in UTF-8, as it is everywhere.
+///
+/// # Errors
+/// [`Error::Usage`] for others: plans and templates are JSON.
+pub fn utf8(path: &Path) -> Result<&str> {
+    path.to_str().ok_or_else(|| {
+        Error::Usage(format!("{path:?}: is not UTF-8, and other machines cannot be told such a name; rename it"))
+    })
+}
+
+/// Refuses control characters.
+///
+/// # Errors
+/// [`Error::Usage`].
+pub fn printable(name: &str) -> Result<()> {
+    match name.contains(char::is_control) {
+        true => {
+            Err(Error::Usage(format!("{name:?}: holds a control character, which no name on a farm may; rename it")))
+        }
+        false => Ok(()),
+    }
 }
 
 #[cfg(test)]
@@ -183,7 +253,7 @@ pub(crate) mod tests {
             output: format!("/o/{name}.exr").into(),
             flags: vec![("spp".into(), Some("64".into())), ("preview".into(), Some(format!("/o/{name}.png")))],
         };
-        Plan::new("shots", Path::new("/f"), "bismar", "plain", &[render("a"), render("b")], parts).unwrap()
+        Plan::new("shots", Path::new("/f"), Path::new("bismar"), "plain", &[render("a"), render("b")], parts).unwrap()
     }
 
     #[test]
@@ -211,8 +281,9 @@ pub(crate) mod tests {
             output: "/a.exr".into(),
             flags: vec![("time".into(), Some("3".into()))],
         };
-        let refused = Plan::new("x", Path::new("/f"), "bismar", "plain", std::slice::from_ref(&timed), 2).unwrap_err();
+        let refused =
+            Plan::new("x", Path::new("/f"), Path::new("bismar"), "plain", std::slice::from_ref(&timed), 2).unwrap_err();
         assert_eq!(refused.exit_code(), 64);
-        assert!(Plan::new("x", Path::new("/f"), "bismar", "plain", &[timed], 1).is_ok());
+        assert!(Plan::new("x", Path::new("/f"), Path::new("bismar"), "plain", &[timed], 1).is_ok());
     }
 }

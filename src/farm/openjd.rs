@@ -1,4 +1,7 @@
 //! A plan as a job template of the Open Job Description specification (version 2023-09).
+//!
+//! Two braces begin and end a reference there, and nothing escapes them: names that hold them refer to parameters whose
+//! values are braces.
 
 use serde_json::{Value, json};
 
@@ -16,7 +19,7 @@ pub fn template(plan: &Plan) -> Result<Value> {
         let own = plan.tasks[first..].iter().take_while(|t| t.render == task.render).count();
         let mut step = json!({
             "name": step_name(&task.render)?,
-            "script": script(&parametrised(&plan.tasks[first].command, task.part, own)?),
+            "script": script(&parametrised(&plan.tasks[first].command, task.part, own)),
         });
         if own > 1 {
             let part = json!({ "name": "Part", "type": "INT", "range": format!("1-{own}") });
@@ -29,10 +32,17 @@ pub fn template(plan: &Plan) -> Result<Value> {
         steps.push(json!({
             "name": step_name(&format!("merge {}", merge.render))?,
             "dependencies": [{ "dependsOn": step_name(&merge.render)? }],
-            "script": script(&parametrised(&merge.command, 0, 1)?),
+            "script": script(&parametrised(&merge.command, 0, 1)),
         }));
     }
-    Ok(json!({ "specificationVersion": "jobtemplate-2023-09", "name": plan.name, "steps": steps }))
+    let name = literal(&plan.name);
+    let mut template = json!({ "specificationVersion": "jobtemplate-2023-09", "name": name, "steps": steps });
+    if template.to_string().contains(BRACES[0].1) || template.to_string().contains(BRACES[1].1) {
+        let parameter =
+            |(braces, _, name): (&str, &str, &str)| json!({ "name": name, "type": "STRING", "default": braces });
+        template["parameterDefinitions"] = BRACES.map(parameter).into();
+    }
+    Ok(template)
 }
 
 fn script(command: &[String]) -> Value {
@@ -46,26 +56,31 @@ fn script(command: &[String]) -> Value {
 }
 
 /// The first part's command as that of all.
-fn parametrised(command: &[String], part: u32, of: usize) -> Result<Vec<String>> {
-    if let Some(word) = command.iter().find(|word| word.contains("{{")) {
-        return Err(Error::Usage(format!(
-            "'{word}': two braces mean something else in Open Job Description; rename it"
-        )));
-    }
+fn parametrised(command: &[String], part: u32, of: usize) -> Vec<String> {
     if of == 1 {
-        return Ok(command.to_vec());
+        return command.iter().map(|word| literal(word)).collect();
     }
     let (number, file) = (format!("--part={part}/"), format!(".{part}-of-{of}.exr"));
     let word = |word: &String| {
         if word.starts_with(&number) {
-            word.replacen(&number, "--part={{Task.Param.Part}}/", 1)
+            literal(word).replacen(&number, "--part={{Task.Param.Part}}/", 1)
         } else if word.starts_with("--output=") && word.ends_with(&file) {
-            format!("{}.{{{{Task.Param.Part}}}}-of-{of}.exr", &word[..word.len() - file.len()])
+            format!("{}.{{{{Task.Param.Part}}}}-of-{of}.exr", literal(&word[..word.len() - file.len()]))
         } else {
-            word.clone()
+            literal(word)
         }
     };
-    Ok(command.iter().map(word).collect())
+    command.iter().map(word).collect()
+}
+
+/// Braces, what refers to them, and the parameter's name.
+const BRACES: [(&str, &str, &str); 2] = [("{{", "{{Param.Open}}", "Open"), ("}}", "{{Param.Close}}", "Close")];
+
+/// What stands for a name where references are allowed.
+fn literal(name: &str) -> String {
+    let [(open, opened, _), (close, closed, _)] = BRACES;
+    // The references end with braces of their own.
+    name.split(open).map(|part| part.replace(close, closed)).collect::<Vec<_>>().join(opened)
 }
 
 fn step_name(name: &str) -> Result<String> {

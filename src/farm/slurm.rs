@@ -1,6 +1,14 @@
 //! A plan as a Slurm array and the merges that wait for it.
 
-use super::Plan;
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::{PLAN, Plan, printable, utf8};
+use crate::film::atomic;
+use crate::{Error, Result};
 
 /// What is asked of Slurm for each task.
 #[derive(Debug, Clone, Default)]
@@ -18,29 +26,29 @@ pub struct Ask {
 }
 
 /// Files of a plan's folder: name and content.
-pub fn files(plan: &Plan, ask: &Ask) -> Vec<(String, String)> {
-    let lines = |commands: &mut dyn Iterator<Item = &Vec<String>>| -> String {
-        commands.map(|command| format!("{}\n", quoted(command))).collect()
-    };
-    let mut files = vec![
-        ("tasks.sbatch".into(), script(plan, ask, "tasks.txt", "task-$number.log")),
-        ("tasks.txt".into(), lines(&mut plan.tasks.iter().map(|t| &t.command))),
-    ];
+///
+/// # Errors
+/// [`Error::Usage`] for control characters in what is asked: each option is one line.
+pub fn files(plan: &Plan, ask: &Ask) -> Result<Vec<(String, String)>> {
+    ask.others.iter().chain(&ask.memory).try_for_each(|option| printable(option))?;
+    let mut files = vec![("tasks.sbatch".into(), script(plan, ask))];
     if !plan.merges.is_empty() {
         let alone = Ask { minutes: None, throttle: None, ..ask.clone() };
-        files.push(("merge.sbatch".into(), script(plan, &alone, "merges.txt", "merge-$number.log")));
-        files.push(("merges.txt".into(), lines(&mut plan.merges.iter().map(|m| &m.command))));
+        files.push(("merge.sbatch".into(), script(plan, &alone)));
     }
-    files
+    Ok(files)
 }
 
-/// A batch script: the number of its line is the array's index plus the first argument. The command replaces the shell,
-/// so that signals reach it.
-fn script(plan: &Plan, ask: &Ask, list: &str, log: &str) -> String {
-    let folder = plan.folder.display().to_string();
+/// A batch script. Its arguments are a command and, before it, a number that is added to the array's index to give the
+/// command's last word. So the shell reads no name as a part of its program. The command replaces the shell, so that
+/// signals reach it.
+fn script(plan: &Plan, ask: &Ask) -> String {
+    // Slurm's own words. In the folder's name, too, it reads `%` and `\` as more than letters, and tasks would fail.
+    let plain = !plan.folder.to_string_lossy().contains(['%', '\\']);
+    let log = if plain { "logs/slurm-%A_%a.log" } else { "/dev/null" };
     let mut options = vec![
         format!("--job-name={}", name(&plan.name)),
-        format!("--output={}", quoted_option(&format!("{folder}/logs/slurm-%A_%a.log"))),
+        format!("--output={log}"),
         "--open-mode=append".into(),
         "--requeue".into(),
         format!("--signal=B:TERM@{}", lead(ask.minutes)),
@@ -50,13 +58,17 @@ fn script(plan: &Plan, ask: &Ask, list: &str, log: &str) -> String {
     options.extend(ask.minutes.map(|m| format!("--time={m}")));
     options.extend(ask.others.iter().cloned());
     let options: String = options.iter().map(|o| format!("#SBATCH {o}\n")).collect();
-    let folder = quote(&folder);
-    format!(
-        "#!/bin/bash\n{options}\
-         number=$(( ${{SLURM_ARRAY_TASK_ID:-0}} + $1 ))\n\
-         exec >>{folder}/logs/{log} 2>&1\n\
-         eval \"exec $(sed -n \"${{number}}p\" {folder}/{list})\"\n"
-    )
+    format!("#!/bin/bash\n{options}exec \"${{@:2}}\" $(( ${{SLURM_ARRAY_TASK_ID:-0}} + $1 ))\n")
+}
+
+/// Arguments of sbatch: the folder to be in, a script of it, and the script's arguments.
+fn run(plan: &Plan, command: &[String], script: &str, number: usize, more: &[&str]) -> Result<Vec<String>> {
+    let folder = utf8(&plan.folder)?;
+    let mut words = vec![format!("--chdir={folder}"), format!("{folder}/{script}"), number.to_string()];
+    words.extend(command.first().cloned());
+    words.extend(["farm".into(), "task".into(), format!("--plan={folder}/{PLAN}")]);
+    words.extend(more.iter().map(|&word| word.to_owned()));
+    Ok(words)
 }
 
 /// Seconds before the time limit at which a task is told to save: two minutes, or a quarter of a short limit.
@@ -65,15 +77,18 @@ fn lead(minutes: Option<u32>) -> u32 {
 }
 
 /// Arrays for all tasks, as arguments of sbatch: options and script's argument. A site limits an array's size.
-pub fn arrays(plan: &Plan, ask: &Ask, largest: usize) -> Vec<Array> {
+///
+/// # Errors
+/// As [`utf8`].
+pub fn arrays(plan: &Plan, ask: &Ask, largest: usize) -> Result<Vec<Array>> {
     let throttle = ask.throttle.map_or(String::new(), |n| format!("%{n}"));
-    let script = plan.folder.join("tasks.sbatch").display().to_string();
     (0..plan.tasks.len())
         .step_by(largest.max(1))
         .map(|first| {
             let count = largest.min(plan.tasks.len() - first);
-            let arguments = vec![format!("--array=1-{count}{throttle}"), script.clone(), first.to_string()];
-            Array { first, count, arguments }
+            let mut arguments = vec![format!("--array=1-{count}{throttle}")];
+            arguments.extend(run(plan, &plan.tasks[first].command, "tasks.sbatch", first, &[])?);
+            Ok(Array { first, count, arguments })
         })
         .collect()
 }
@@ -90,7 +105,10 @@ pub struct Array {
 }
 
 /// Arguments of sbatch for the merge of this number, counted from 0, after arrays with these job numbers.
-pub fn merge(plan: &Plan, number: usize, arrays: &[(Array, String)]) -> Vec<String> {
+///
+/// # Errors
+/// As [`utf8`].
+pub fn merge(plan: &Plan, number: usize, arrays: &[(Array, String)]) -> Result<Vec<String>> {
     let (first, last) = plan.merges[number].tasks;
     let mut needed = Vec::new();
     for (array, id) in arrays {
@@ -103,12 +121,53 @@ pub fn merge(plan: &Plan, number: usize, arrays: &[(Array, String)]) -> Vec<Stri
             false => needed.extend((from..=to).map(|task| format!("{id}_{}", task - array.first + 1))),
         }
     }
-    vec![
-        format!("--dependency=afterok:{}", needed.join(":")),
-        "--kill-on-invalid-dep=yes".into(),
-        plan.folder.join("merge.sbatch").display().to_string(),
-        (number + 1).to_string(),
-    ]
+    let mut arguments = vec![format!("--dependency=afterok:{}", needed.join(":")), "--kill-on-invalid-dep=yes".into()];
+    arguments.extend(run(plan, &plan.merges[number].command, "merge.sbatch", number + 1, &["--merge"])?);
+    Ok(arguments)
+}
+
+/// Numbers that Slurm gave to a plan's arrays and merges, in its order; kept in the plan's folder.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Submitted {
+    /// Of the tasks.
+    pub arrays: Vec<SubmittedArray>,
+    /// Of the merges.
+    pub merges: Vec<String>,
+}
+
+/// An array that Slurm has.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SubmittedArray {
+    /// First task, counted from 0.
+    pub first: usize,
+    /// Tasks.
+    pub count: usize,
+    /// Slurm's number.
+    pub job: String,
+}
+
+/// Of [`Submitted`] within the folder.
+const SUBMITTED: &str = "slurm.json";
+
+impl Submitted {
+    /// Reads it; `None` if Slurm was never asked.
+    pub fn read(folder: &Path) -> Option<Self> {
+        fs::read(folder.join(SUBMITTED)).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok())
+    }
+
+    /// Writes it.
+    ///
+    /// # Errors
+    /// As [`atomic::write`].
+    pub fn write(&self, folder: &Path) -> Result<()> {
+        let json = serde_json::to_vec_pretty(self).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
+        atomic::write(&folder.join(SUBMITTED), |file| Ok(Ok(file.write_all(&json)?)))
+    }
+
+    /// Is it one of these jobs?
+    pub fn knows(&self, job: &str) -> bool {
+        self.arrays.iter().map(|array| &array.job).chain(&self.merges).any(|known| known == job)
+    }
 }
 
 /// A job's name without what would need quotes.
@@ -116,7 +175,7 @@ fn name(text: &str) -> String {
     text.chars().map(|c| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' }).collect()
 }
 
-/// Words for a shell.
+/// Words as a shell would want them, for people.
 pub fn quoted(words: &[String]) -> String {
     words.iter().map(|word| quote(word)).collect::<Vec<_>>().join(" ")
 }
@@ -124,15 +183,6 @@ pub fn quoted(words: &[String]) -> String {
 fn quote(word: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_=/.,:+%@".contains(c);
     if !word.is_empty() && word.chars().all(plain) { word.into() } else { format!("'{}'", word.replace('\'', r"'\''")) }
-}
-
-/// A value for a line of #SBATCH.
-fn quoted_option(value: &str) -> String {
-    if value.contains([' ', '"', '\\']) {
-        format!("\"{}\"", value.replace('\\', "\\\\").replace('"', "\\\""))
-    } else {
-        value.into()
-    }
 }
 
 #[cfg(test)]
@@ -143,24 +193,25 @@ mod tests {
     #[test]
     fn merges_wait_for_their_own_parts_also_across_arrays() {
         let plan = plan(3);
-        let arrays = arrays(&plan, &Ask { throttle: Some(2), ..Default::default() }, 4);
+        let arrays = arrays(&plan, &Ask { throttle: Some(2), ..Default::default() }, 4).unwrap();
         assert_eq!(arrays.iter().map(|a| (a.first, a.count)).collect::<Vec<_>>(), [(0, 4), (4, 2)]);
-        assert_eq!(arrays[1].arguments, ["--array=1-2%2", "/f/tasks.sbatch", "4"]);
+        let run = ["--chdir=/f", "/f/tasks.sbatch", "4", "bismar", "farm", "task", "--plan=/f/farm.json"];
+        assert_eq!(arrays[1].arguments, [&["--array=1-2%2"], &run[..]].concat());
         let ids: Vec<_> = arrays.into_iter().zip(["10".to_owned(), "20".to_owned()]).collect();
-        assert_eq!(merge(&plan, 0, &ids)[0], "--dependency=afterok:10_1:10_2:10_3");
-        assert_eq!(merge(&plan, 1, &ids)[0], "--dependency=afterok:10_4:20");
+        assert_eq!(merge(&plan, 0, &ids).unwrap()[0], "--dependency=afterok:10_1:10_2:10_3");
+        assert_eq!(merge(&plan, 1, &ids).unwrap()[0], "--dependency=afterok:10_4:20");
     }
 
     #[test]
-    fn lines_survive_a_shell() {
+    fn words_survive_a_shell_and_scripts_hold_none_of_them() {
         let words = ["it's", "a b", "", "--x=1,2", "$HOME"].map(str::to_owned);
         let output = std::process::Command::new("bash")
             .args(["-c", &format!("printf '%s\\n' {}", quoted(&words))])
             .output()
             .unwrap();
         assert_eq!(String::from_utf8(output.stdout).unwrap(), "it's\na b\n\n--x=1,2\n$HOME\n");
-        let files = files(&plan(3), &Ask::default());
-        assert!(files[1].1.lines().all(|line| line.contains(r"'/s/it'\''s a hall.glb'")));
-        assert_eq!(files[1].1.lines().count(), 6);
+        for (name, content) in files(&plan(3), &Ask::default()).unwrap() {
+            assert!(!content.contains("hall") && !content.contains("/f"), "{name}: {content}");
+        }
     }
 }

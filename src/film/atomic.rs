@@ -59,6 +59,10 @@ pub fn write(path: &Path, content: impl FnOnce(&mut BufWriter<&File>) -> Writing
             // For `sweep`. Where the file system knows no locks, nothing is swept either.
             let _ = temporary.as_file().try_lock();
             fill(temporary.as_file(), content).map_err(failed)??;
+            if let Ok(old) = fs::metadata(&target) {
+                // Where the system does not let it, the file is the umask's.
+                let _ = temporary.as_file().set_permissions(old.permissions());
+            }
             temporary.as_file().sync_all().map_err(failed)?;
             temporary.persist(&target).map_err(|e| failed(e.error))?;
             // The rename itself survives a power cut only once the folder is flushed; not every file system can.
@@ -90,7 +94,7 @@ impl Place {
             }
             Ok(meta) if !meta.is_file() => return Ok(Place::Device),
             Ok(_) => path.canonicalize().map_err(|e| creating(path, &e))?,
-            Err(_) => path.to_owned(),
+            Err(_) => followed(path)?,
         };
         if target.file_name().is_none() {
             return Err(Error::CannotCreate(format!("'{}': cannot write: not a file name", path.display())));
@@ -101,6 +105,18 @@ impl Place {
         };
         Ok(Place::File { target, folder })
     }
+}
+
+/// Where a link to nothing yet leads.
+fn followed(path: &Path) -> Result<PathBuf> {
+    // As many as systems follow.
+    const MOST: u32 = 40;
+    let mut target = path.to_owned();
+    for _ in 0..MOST {
+        let Ok(next) = fs::read_link(&target) else { return Ok(target) };
+        target = target.parent().unwrap_or(Path::new("")).join(next);
+    }
+    Err(Error::CannotCreate(format!("{}: cannot write: links lead in a circle", path.display())))
 }
 
 const SUFFIX: &str = ".tmp";
@@ -215,5 +231,22 @@ mod tests {
         assert_eq!(fs::read(&real).unwrap(), b"new");
         let mode = |p: &Path| fs::metadata(p).unwrap().permissions().mode();
         assert_eq!(mode(&real), mode(&plain));
+        // A file keeps its own.
+        fs::set_permissions(&real, fs::Permissions::from_mode(0o640)).unwrap();
+        write(&link, |w| Ok(Ok(w.write_all(b"newer")?))).unwrap();
+        assert_eq!((mode(&real) & 0o777, fs::read(&real).unwrap()), (0o640, b"newer".to_vec()));
+        // A link to nothing yet leads there; links in a circle nowhere.
+        let (later, first, second) = (folder.path().join("later"), folder.path().join("1"), folder.path().join("2"));
+        std::os::unix::fs::symlink("later", &second).unwrap();
+        std::os::unix::fs::symlink(&second, &first).unwrap();
+        check(&first).unwrap();
+        write(&first, |w| Ok(Ok(w.write_all(b"x")?))).unwrap();
+        assert!(
+            fs::symlink_metadata(&first).unwrap().is_symlink() && fs::symlink_metadata(&second).unwrap().is_symlink()
+        );
+        assert_eq!(fs::read(&later).unwrap(), b"x");
+        let circle = folder.path().join("circle");
+        std::os::unix::fs::symlink("circle", &circle).unwrap();
+        assert_eq!(check(&circle).unwrap_err().exit_code(), 73);
     }
 }

@@ -39,6 +39,8 @@ pub struct Pause<'a> {
     pub at: &'a mut dyn FnMut(&Rendered),
 }
 
+/// Seconds after which the first pause is due, at most: what has begun to cost something is kept.
+const FIRST: f64 = 4.0;
 /// Seconds between pauses, over the seconds that one takes, at least.
 const SECONDS_PER_PAUSE_SECOND: f64 = 19.0;
 
@@ -52,7 +54,7 @@ struct Watch<'a> {
 
 impl<'a> Watch<'a> {
     fn new(own: Pause<'a>) -> Self {
-        Self { last: Instant::now(), wait: own.seconds, own }
+        Self { last: Instant::now(), wait: own.seconds.min(FIRST), own }
     }
 
     /// Seconds after `start` at which the next one is due.

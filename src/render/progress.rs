@@ -3,10 +3,12 @@
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
+use serde::{Deserialize, Deserializer, Serialize};
+
 use super::{RenderSettings, scheduler};
 
 /// How far a render is; handed to the progress callback after every tile, from any thread.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub struct Progress {
     /// In [0, 1], of the stop rule that is nearest.
     pub fraction: f64,
@@ -15,11 +17,17 @@ pub struct Progress {
     /// Rays of all kinds so far.
     pub rays: u64,
     /// Estimated relative error after the last finished pass; infinite before.
+    #[serde(deserialize_with = "or_infinite")]
     pub noise: f64,
     /// Paths a pixel after the last finished pass.
     pub spp: u32,
     /// Mean paths a pixel, those of the pass under way included.
     pub mean_spp: f64,
+}
+
+/// JSON says null for infinity.
+fn or_infinite<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    Ok(Option::deserialize(from)?.unwrap_or(f64::INFINITY))
 }
 
 /// What the tiles of a pass share. Seconds count from `start`, unless it is said otherwise.

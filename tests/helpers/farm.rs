@@ -1,5 +1,6 @@
 //! What tests of farms share.
 
+use std::fs;
 use std::path::Path;
 use std::process::Command;
 
@@ -13,10 +14,20 @@ pub fn absent(why: &str) {
     println!("skipped: {why}; scripts/setup.sh --farm installs it");
 }
 
+/// Names that mean something to shells, to Slurm (`%j`, `\\`) or to Open Job Description.
+pub const HOSTILE: [&str; 6] = [
+    "it's %j",
+    "%A_%a %% 100%",
+    r#"back\slash "quoted""#,
+    "$(touch X)`touch X`",
+    "a; touch X #&|<>*?!~",
+    "{{Param.X}} {{{x}}}",
+];
+
 /// With `veach.glb`.
 pub fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    std::fs::copy(program::scene("veach.glb"), folder.path().join("veach.glb")).unwrap();
+    fs::copy(program::scene("veach.glb"), folder.path().join("veach.glb")).unwrap();
     folder
 }
 
@@ -35,4 +46,40 @@ pub fn status(folder: &Path, farm: &str) -> Value {
     let mut command = program::bismar(folder);
     command.args(["farm", "status", farm, "--json"]);
     serde_json::from_str(&succeeds(command)).unwrap()
+}
+
+/// The process that renders an output; `None` if nobody does any more.
+pub fn writer(output: &Path) -> Option<u32> {
+    let argument = format!("--output={}", output.display());
+    processes().into_iter().find(|(_, words)| words.contains(&argument)).map(|(id, _)| id)
+}
+
+/// The processes that a batch has at work.
+pub fn workers(batch: u32) -> Vec<u32> {
+    let of_batch = |(id, words): &(u32, Vec<String>)| {
+        words.get(1).is_some_and(|word| word == "batch-worker") && parent(*id) == batch
+    };
+    processes().into_iter().filter(of_batch).map(|(id, _)| id).collect()
+}
+
+/// All processes and their words.
+fn processes() -> Vec<(u32, Vec<String>)> {
+    let process = |entry: fs::DirEntry| {
+        let id = entry.file_name().to_str()?.parse().ok()?;
+        let words = fs::read(entry.path().join("cmdline")).ok()?;
+        Some((id, words.split(|b| *b == 0).map(|word| String::from_utf8_lossy(word).into_owned()).collect()))
+    };
+    fs::read_dir("/proc").unwrap().flatten().filter_map(process).collect()
+}
+
+/// 0 for a process that has gone.
+pub fn parent(process: u32) -> u32 {
+    // "id (name) state parent …", and the name may hold anything.
+    let stat = fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
+    stat.rsplit_once(')').and_then(|(_, rest)| rest.split_whitespace().nth(1)?.parse().ok()).unwrap_or(0)
+}
+
+/// `kill -KILL`; a process that has just ended is as good. By the shell's own: small systems have no other.
+pub fn kill(process: u32) {
+    let _ = Command::new("sh").args(["-c", &format!("kill -KILL {process}")]).status().unwrap();
 }

@@ -22,8 +22,8 @@ use crate::{Error, Result};
 /// Render a glTF scene to OpenEXR.
 ///
 /// Stops at whichever of --spp, --time and --noise comes first; without any of them at 64 paths a pixel. SIGINT,
-/// SIGTERM and SIGUSR1 end it early and save what there is (exit code 75; --resume goes on from it); a second one ends
-/// it at once.
+/// SIGTERM, SIGHUP and SIGUSR1 end it early and save what there is (exit code 75; --resume goes on from it); a second
+/// one ends it at once.
 #[derive(Debug, Clone, Args)]
 #[command(allow_negative_numbers = true)]
 pub struct RenderArgs {
@@ -105,6 +105,13 @@ pub struct RenderArgs {
     /// --preview with it.
     #[arg(long, value_name = "SECONDS", value_parser = seconds, help_heading = "Interruption and parts")]
     pub checkpoint: Option<f64>,
+    /// Keep the last N checkpoints beside the picture too, as out.checkpoint-0007.exr.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), requires = "checkpoint",
+        help_heading = "Interruption and parts")]
+    pub keep: Option<u32>,
+    /// Run this program, with the name of the file, whenever a checkpoint is saved. Rendering goes on meanwhile.
+    #[arg(long, value_name = "PROGRAM", requires = "checkpoint", help_heading = "Interruption and parts")]
+    pub on_checkpoint: Option<PathBuf>,
     /// Go on from what the output file holds. Without such a file begin; with a finished one do nothing. A higher --spp
     /// goes on from any number of paths; from a multiple of 128 to the bits that it would have had at once.
     #[arg(long, help_heading = "Interruption and parts")]
@@ -169,6 +176,9 @@ pub struct RenderArgs {
     /// Refuse a scene that cannot be shown exactly as its file asks.
     #[arg(long, help_heading = "Output")]
     pub strict: bool,
+    /// Leave signals to the parent process, which tells of them by standard input.
+    #[arg(long, hide = true)]
+    pub led: bool,
 }
 
 /// What punctual lights are counted in.

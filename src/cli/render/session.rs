@@ -10,10 +10,10 @@ use std::time::Instant;
 use tracing::{debug, info, warn};
 
 use super::identity::Inputs;
+use super::keep::Keeper;
 use super::{RenderArgs, choose, make_scene};
 use crate::cli::memory::{self, Need};
 use crate::cli::stats::{Seconds, Stats};
-use crate::console::signals::no_progress;
 use crate::console::tev::Tev;
 use crate::film::aov::{MATERIALS, OBJECTS};
 use crate::film::denoise::Denoiser;
@@ -284,6 +284,7 @@ impl Session<'_> {
             seconds.set(Seconds { write, ..seconds.get() });
             Ok(stats)
         };
+        let mut keeper = Keeper::new(&output, args.keep, args.on_checkpoint.as_deref());
         let preview = |rendered: &Rendered, stats: &Stats| {
             let Some(path) = &args.preview else { return Ok(()) };
             let mark = self.mark(rendered.stats.paths);
@@ -294,7 +295,10 @@ impl Session<'_> {
         };
         let save_both = |rendered: &Rendered| write(rendered, true, false).and_then(|stats| preview(rendered, &stats));
         let mut save = |rendered: &Rendered| match save_both(rendered) {
-            Ok(()) => info!("saved {} with {} paths", output.display(), rendered.stats.paths),
+            Ok(()) => {
+                info!("saved {} with {} paths", output.display(), rendered.stats.paths);
+                keeper.saved();
+            }
             Err(e) => warn!("not saved; rendering goes on: {e}"),
         };
         let mut viewer = args.tev.as_ref().and_then(|address| {
@@ -321,14 +325,15 @@ impl Session<'_> {
         let shown = output.display();
         if most == 0 {
             return Err(match interrupted {
-                true => no_progress(&format!("interrupted before the first path: {shown} is not written")),
+                true => Error::Interrupted(format!("interrupted before the first path: {shown} is not written")),
                 false => Error::Usage(format!(
                     "--time is over before the first path: {shown} is not written; give it longer"
                 )),
             });
         }
         if interrupted && rendered.stats.paths == before {
-            return Err(no_progress(&format!("interrupted before another tile was done: {shown} is as it was")));
+            let why = format!("interrupted before another tile was done: {shown} is as it was");
+            return Err(Error::Interrupted(why));
         }
         if !interrupted && colors(&rendered.pixels()).all(|color| color.iter().all(|x| *x <= 0.0)) {
             warn!(
@@ -337,6 +342,9 @@ impl Session<'_> {
             );
         }
         let mut stats = write(&rendered, interrupted || keeps || args.part.is_some(), true)?;
+        if interrupted {
+            keeper.saved();
+        }
         let writing = Instant::now();
         preview(&rendered, &stats)?;
         stats.seconds.write = seconds.get().write + writing.elapsed().as_secs_f64();
@@ -360,7 +368,7 @@ impl Session<'_> {
                  make the picture smaller"
             );
         }
-        Ok(Done::Rendered(output, Box::new(stats)))
+        Ok(Done::Rendered(output.clone(), Box::new(stats)))
     }
 
     /// With `--resume`, what the output file holds, and whether it shall still do so when it is done.

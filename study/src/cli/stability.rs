@@ -3,10 +3,9 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use bismar::Result;
-use bismar::console::signals::no_progress;
 use bismar::console::{Signals, Verbosity, Verdict, print, say};
 use bismar::render::Progress;
+use bismar::{Error, Result};
 use clap::Args;
 
 use super::{PAGE, RunArgs, open};
@@ -43,7 +42,7 @@ pub(super) fn run(args: &StabilityArgs, verbosity: Verbosity) -> Result<Verdict>
         let fraction = (steps / all).min(1.0);
         let seconds = start.elapsed().as_secs_f64();
         reporter.update(Progress { fraction, seconds, rays: 0, noise: f64::INFINITY, spp: 0, mean_spp: 0.0 });
-        if signals.stopped() { Err(no_progress("nothing was written")) } else { Ok(()) }
+        if signals.stopped() { Err(Error::Interrupted("nothing was written".into())) } else { Ok(()) }
     };
     let replicas = if args.quick { 1000 } else { args.replicas };
     let results = stability::measure(replicas, Some(replicas), &signals.stop, &mut done)

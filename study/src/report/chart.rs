@@ -60,7 +60,7 @@ const LEFT: f64 = 58.0;
 const RIGHT: f64 = 128.0;
 const TOP: f64 = 50.0;
 const BOTTOM: f64 = 44.0;
-/// Lines nearer than this on average are drawn side by side, so far apart.
+/// Lines nearer than this all along are drawn side by side, so far apart.
 const APART: f64 = 4.0;
 /// Between the names of two lines.
 const LABEL_GAP: f64 = 14.0;
@@ -69,15 +69,12 @@ impl Chart {
     /// A chart whose axes fit its lines.
     pub fn fitted(title: &str, [x_label, y_label]: [&str; 2], scales: [Scale; 2], series: Vec<Series>) -> Self {
         let all = || series.iter().flat_map(|s| &s.points);
-        // With their errors; but one as large as its value is no reason to show decades of nothing.
-        let bars = series.iter().flat_map(|s| s.points.iter().zip(&s.errors));
-        let ends = bars.flat_map(|(&(_, y), error)| [(y - 2.0 * error).max(0.3 * y), y + 2.0 * error]);
         Self {
             title: title.to_owned(),
             x_label: x_label.to_owned(),
             y_label: y_label.to_owned(),
             x: Axis::fit(scales[0], all().map(|p| p.0)),
-            y: Axis::fit(scales[1], all().map(|p| p.1).chain(ends)),
+            y: Axis::fit(scales[1], all().map(|p| p.1)),
             series,
             dots: true,
             marks: Vec::new(),
@@ -190,8 +187,8 @@ type Line<'a> = ((f64, f64), Vec<(f64, f64)>, &'a Series);
 /// Lines that would hide each other, side by side.
 fn drawn_apart(lines: Vec<Line>) -> Vec<Line> {
     let coincide = |a: &[(f64, f64)], b: &[(f64, f64)]| {
-        let distance = |(p, q): (&(f64, f64), &(f64, f64))| (p.0 - q.0).abs().max((p.1 - q.1).abs());
-        a.len() == b.len() && a.iter().zip(b).map(distance).sum::<f64>() < APART * a.len() as f64
+        let near = |(p, q): (&(f64, f64), &(f64, f64))| (p.0 - q.0).abs() < APART && (p.1 - q.1).abs() < APART;
+        a.len() == b.len() && a.iter().zip(b).all(near)
     };
     let mut apart: Vec<Line> = Vec::new();
     for (i, (_, points, series)) in lines.iter().enumerate() {

@@ -1,0 +1,154 @@
+//! The process that renders a batch's jobs: an order in, messages out ([`order`](crate::batch::order)).
+
+use std::fs;
+use std::io::{self, Write};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::mpsc::{Sender, channel};
+use std::sync::{Mutex, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use clap::{Args, Command};
+use serde_json::to_value;
+
+use super::{Planned, scene_key, understand};
+use crate::batch::order::{Ended, Message, Order};
+use crate::batch::queue::{Shelf, each};
+use crate::batch::report::{Entry, Status};
+use crate::cli::render::{Done, Inputs, Loaded, RenderArgs, Session, check_outputs, declare};
+use crate::console::{Paths, Signals, Verdict, host};
+use crate::render::Progress;
+use crate::{Error, Result};
+
+/// Render what standard input orders: `bismar batch` calls this.
+#[derive(Debug, Args)]
+pub struct WorkerArgs {}
+
+pub fn run() -> Result<Verdict> {
+    let mut line = String::new();
+    io::stdin().read_line(&mut line).map_err(|e| Error::Io(format!("standard input: cannot read: {e}")))?;
+    let bad = |e: &dyn std::fmt::Display| Error::Usage(format!("is no order of `bismar batch`: {e}"));
+    let Order { jobs, written, at_once, threads } = serde_json::from_str(&line).map_err(|e| bad(&e))?;
+    let signals = Signals::led()?;
+    let command = RenderArgs::augment_args(Command::new("render"));
+    let jobs = jobs.into_iter().map(|job| understand("".as_ref(), &command, job)).collect::<Result<Vec<_>>>()?;
+    let mut paths = Paths::default();
+    written.iter().try_for_each(|path| paths.writes("the batch's own", path.as_ref()))?;
+    jobs.iter().try_for_each(|planned| declare(&planned.args, &format!(" of '{}'", planned.job.name), &mut paths))?;
+    let pools = (0..at_once.clamp(1, jobs.len().max(1))).map(|_| host::pool(threads)).collect::<Result<Vec<_>>>()?;
+    let worker = Worker {
+        inputs: Shelf::new(jobs.iter().map(|j| scene_key(&j.args))),
+        scenes: Shelf::new(jobs.iter().map(|j| scene_key(&j.args))),
+        jobs,
+        paths: Mutex::new(paths),
+        threads,
+        alone: pools.len() == 1,
+        signals,
+    };
+    // Nobody who renders waits for whoever reads this.
+    let (say, said) = channel();
+    let printer = thread::spawn(move || {
+        for message in said {
+            let Ok(text) = serde_json::to_string(&message) else { continue };
+            let mut out = io::stdout().lock();
+            // Where nobody reads, standard input ends as well.
+            let _ = writeln!(out, "{text}").and_then(|()| out.flush());
+        }
+    });
+    let free = Mutex::new(pools);
+    let workers = free.lock().map_or(1, |free| free.len());
+    each(worker.jobs.len(), workers, &|index| {
+        let say = say.clone();
+        let pool = free.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let Some(pool) = pool else { return };
+        let ended = pool.install(|| worker.work(index, &say));
+        let _ = say.send(Message::Ends(index, Box::new(ended)));
+        free.lock().unwrap_or_else(PoisonError::into_inner).push(pool);
+    });
+    drop(say);
+    let _ = printer.join();
+    Ok(Verdict::Done)
+}
+
+/// Between messages of a job that goes on.
+const PAUSE: Duration = Duration::from_millis(100);
+
+struct Worker {
+    jobs: Vec<Planned>,
+    inputs: Shelf<Inputs>,
+    scenes: Shelf<Loaded>,
+    /// All that any of the jobs reads or writes.
+    paths: Mutex<Paths>,
+    /// Of each job.
+    threads: usize,
+    /// One job at a time?
+    alone: bool,
+    signals: Signals,
+}
+
+impl Worker {
+    /// One job from beginning to end; whatever goes wrong is in the entry.
+    fn work(&self, index: usize, say: &Sender<Message>) -> Ended {
+        let Planned { job, args } = &self.jobs[index];
+        let began = Instant::now();
+        let mut entry = Entry::pending(job);
+        if self.signals.stopped() {
+            return Ended { entry, line: None, before: None };
+        }
+        let _ = say.send(Message::Begins(index));
+        if self.alone {
+            host::reset_peak_memory();
+        }
+        let said = Mutex::new(None);
+        let goes = |progress: Progress| {
+            let Ok(mut said) = said.try_lock() else { return };
+            if said.is_none_or(|at: Instant| at.elapsed() >= PAUSE) {
+                *said = Some(Instant::now());
+                let _ = say.send(Message::Goes(index, progress));
+            }
+        };
+        let key = scene_key(args);
+        let result = catch_unwind(AssertUnwindSafe(|| self.render(args, &key, began, &goes)))
+            .unwrap_or_else(|_| Err(Error::Bug("the job panicked; what it said is above".into())));
+        self.inputs.done(&key);
+        self.scenes.done(&key);
+        entry.seconds = began.elapsed().as_secs_f64();
+        let (mut line, mut before) = (None, None);
+        match result {
+            Ok(Done::Rendered(_, stats)) => {
+                entry.status = Status::Done;
+                line = Some(format!("{}: {}", job.name, stats.summary()));
+                entry.stats = to_value(stats).ok();
+            }
+            Ok(Done::Before(_, paths, _)) => {
+                entry.status = Status::Before;
+                before = Some(paths);
+            }
+            Err(error) => {
+                let interrupted = matches!(error, Error::Interrupted(_));
+                entry.status = if interrupted { Status::Interrupted } else { Status::Failed };
+                entry.exit_code = error.exit_code();
+                entry.error = Some(error.to_string());
+                line = Some(format!("{}: {error}", job.name));
+            }
+        }
+        Ended { entry, line, before }
+    }
+
+    fn render(&self, args: &RenderArgs, key: &str, began: Instant, goes: &(dyn Fn(Progress) + Sync)) -> Result<Done> {
+        if let Some(folder) = args.output().parent() {
+            fs::create_dir_all(folder)
+                .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", folder.display())))?;
+        }
+        check_outputs(args)?;
+        let inputs = self.inputs.get(key, || Inputs::read(args))?;
+        inputs.declare(&mut self.paths.lock().unwrap_or_else(PoisonError::into_inner))?;
+        let session = Session { args, inputs: &inputs, threads: self.threads, began, replaces: true };
+        if let Some(record) = session.done_before()? {
+            return session.develop(&record);
+        }
+        session.check_memory()?;
+        let loaded = self.scenes.get(key, || Loaded::load(args, &inputs, &|_, _| !self.signals.stopped()))?;
+        session.render(&loaded, &self.signals.stop, goes, &|_| ())
+    }
+}

@@ -1,0 +1,403 @@
+//! Farms, against a stand-in for Slurm: names are data, of which nothing is run on the way; tasks that are interrupted,
+//! killed or starved are begun again as long as that helps; and `farm status` says what has become of them.
+
+use std::ffi::OsString;
+use std::fs;
+use std::os::unix::ffi::OsStringExt;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output};
+use std::thread;
+use std::time::{Duration, SystemTime};
+
+use serde_json::Value;
+
+use crate::helpers::farm::{HOSTILE, kill, parent, status, succeeds, writer};
+use crate::helpers::glb;
+use crate::helpers::program::{assert_same_bits, bismar, expect, paths, signal, stderr};
+
+/// An `sbatch` that runs tasks at once, one after the other, as Slurm would: the script by bash, its arguments as they
+/// are, in the folder that it is told.
+const SBATCH: &str = r#"#!/bin/bash
+echo "$0 $*" >>"$CALLS"
+tasks=0
+while [[ $1 == --* ]]; do
+    case $1 in
+        --dependency=afterok:*) needs=${1#*:} ;;
+        --array=1-*) tasks=${1#--array=1-}; tasks=${tasks%%%*} ;;
+        --chdir=*) cd "${1#--chdir=}" || exit 1 ;;
+    esac
+    shift
+done
+if [[ -e $HOLD ]]; then echo 7; exit; fi
+for ((i = 1; i <= tasks; i++)); do SLURM_ARRAY_TASK_ID=$i bash "$@" >&2 || failed+=" 7_$i"; done
+[[ $tasks == 0 ]] || echo "$failed" >"$CALLS.failed"
+for id in ${needs//:/ }; do grep -q "$id\\>" "$CALLS.failed" && tasks=none; done
+[[ $tasks != 0 ]] || bash "$@" >&2
+echo 7
+"#;
+
+/// Says what a site is like; keeps other orders.
+const SCONTROL: &str = "#!/bin/sh\n[ $1 = show ] || echo scontrol $* >>$CALLS\necho 'RequeueExit = 75'\n";
+/// Answers what a test has written down, if anything.
+const SQUEUE: &str = "#!/bin/sh\ncat $QUEUE\n";
+
+/// A folder with a scene, and beside it programs that stand in for Slurm's.
+struct Site {
+    home: tempfile::TempDir,
+    folder: PathBuf,
+}
+
+impl Site {
+    fn new(folder: &str) -> Self {
+        let home = tempfile::tempdir().unwrap();
+        let bin = home.path().join("bin");
+        fs::create_dir(&bin).unwrap();
+        for (name, script) in [("sbatch", SBATCH), ("scontrol", SCONTROL), ("squeue", SQUEUE)] {
+            fs::write(bin.join(name), script).unwrap();
+            fs::set_permissions(bin.join(name), fs::Permissions::from_mode(0o755)).unwrap();
+        }
+        let folder = home.path().join(folder);
+        fs::create_dir(&folder).unwrap();
+        fs::write(folder.join("scene.glb"), glb::triangle()).unwrap();
+        Self { home, folder }
+    }
+
+    fn file(&self, name: &str) -> PathBuf {
+        self.home.path().join(name)
+    }
+
+    /// `bismar farm …` where these programs are Slurm's.
+    fn farm(&self) -> Command {
+        let path = format!("{}:{}", self.file("bin").display(), std::env::var("PATH").unwrap());
+        let mut command = bismar(&self.folder);
+        command.env("PATH", path).env("CALLS", self.file("calls"));
+        command.env("QUEUE", self.file("queue")).env("HOLD", self.file("hold")).arg("farm");
+        command
+    }
+
+    fn submit(&self, arguments: &[OsString]) -> Output {
+        self.farm().arg("submit").args(arguments).output().unwrap()
+    }
+
+    /// Submits the scene, whole and on one task, which nobody begins.
+    #[track_caller]
+    fn submit_only(&self, line: &str) {
+        fs::write(self.file("hold"), "").unwrap();
+        let said = self.submit(&words(&line.split(' ').collect::<Vec<_>>()));
+        assert!(said.status.success(), "{}", stderr(&said));
+    }
+
+    /// Begins a task as Slurm would, job 7.
+    fn begin(&self, number: usize) -> Child {
+        let mut command = self.farm();
+        command.args(["task", &number.to_string(), "--plan", "scene.farm/farm.json"]);
+        command
+            .env("SLURM_ARRAY_JOB_ID", "7")
+            .env("SLURM_JOB_ID", "7")
+            .env("SLURM_MEM_PER_NODE", "900")
+            .env("SLURM_RESTART_COUNT", "20");
+        command.spawn().unwrap()
+    }
+
+    fn sessions(&self) -> Value {
+        let bytes = fs::read(self.folder.join("scene.farm/logs/task-1.json")).unwrap_or_default();
+        serde_json::from_slice(&bytes).unwrap_or_default()
+    }
+
+    fn status(&self) -> Value {
+        let mut command = self.farm();
+        command.args(["status", "scene.farm", "--json"]);
+        serde_json::from_str(&succeeds(command)).unwrap()
+    }
+
+    #[track_caller]
+    fn assert_state(&self, name: &str, words: &str) {
+        let status = self.status();
+        let task = &status["tasks"][0];
+        assert_eq!(task["state"], name, "{status:#}");
+        assert!(task["error"].as_str().unwrap_or_default().contains(words), "{status:#}");
+        assert_eq!(status["complete"], name == "done", "{status:#}");
+    }
+
+    /// Submits, and expects that it is refused with this code before Slurm hears of it; returns what is said.
+    #[track_caller]
+    fn refuses(&self, code: i32, arguments: &[OsString]) -> String {
+        let said = self.submit(arguments);
+        let text = stderr(&said);
+        self.assert_nothing_ran();
+        assert_eq!(said.status.code(), Some(code), "{arguments:?}: {text}");
+        assert!(!self.home.path().join("calls").exists(), "{arguments:?} was submitted");
+        // Nor does it reach a terminal as it is.
+        assert!(text.trim_end().chars().all(|c| !c.is_control()), "{text:?}");
+        text
+    }
+
+    /// Names of hostile files are `touch X` in some shell's eyes.
+    #[track_caller]
+    fn assert_nothing_ran(&self) {
+        let folders = [self.home.path(), &self.folder].map(Path::to_owned);
+        let below = fs::read_dir(&self.folder).unwrap().map(|entry| entry.unwrap().path());
+        for folder in folders.into_iter().chain(below) {
+            assert!(!folder.join("X").exists(), "a name was run in {}", folder.display());
+        }
+    }
+}
+
+fn words(line: &[&str]) -> Vec<OsString> {
+    line.iter().map(Into::into).collect()
+}
+
+#[test]
+fn a_hostile_batch_file_runs_nothing() {
+    let site = Site::new("shots");
+    for line in [
+        r#"camera = "a\ntouch X #""#,
+        r#"name = "a\ntouch X #""#,
+        r#"name = "a\u001b[2J""#,
+        r#"name = "a\u0085touch X""#,
+        r#"output = "a\ntouch X #.exr""#,
+        r#"preview = "a\rtouch X #.png""#,
+        r#"env = "a\ntouch X #""#,
+        r#"scene = "a\ntouch X #.glb""#,
+    ] {
+        let scene = if line.starts_with("scene") { "" } else { "scene = 'scene.glb'\n" };
+        fs::write(site.folder.join("jobs.toml"), format!("[[job]]\n{scene}spp = 1\n{line}\n")).unwrap();
+        for format in ["slurm", "openjd"] {
+            let said = site.refuses(78, &words(&["jobs.toml", "--format", format]));
+            assert!(said.contains("jobs.toml:") && said.contains("control character"), "{line}: {said}");
+        }
+        // Nor are they names on this machine.
+        expect(&site.folder, "batch jobs.toml", 78);
+        site.assert_nothing_ran();
+    }
+}
+
+#[test]
+fn a_name_that_cannot_travel_is_refused_before_submission() {
+    let site = Site::new("shots");
+    for line in [
+        &["scene.glb", "--", "--camera", "a\ntouch X #"][..],
+        &["scene.glb", "--", "-o", "a\ntouch X #.exr"],
+        &["scene.glb", "--folder", "f\ntouch X #"],
+        &["scene.glb", "--sbatch=--comment=a\ntouch X #"],
+        &["scene.glb", "--memory", "1G\ntouch X #"],
+        &["a\ntouch X #.glb"],
+    ] {
+        let said = site.refuses(64, &words(line));
+        assert!(said.contains("control character"), "{line:?}: {said}");
+    }
+    let other =
+        |prefix: &str, suffix: &str| OsString::from_vec([prefix.as_bytes(), &[0xff], suffix.as_bytes()].concat());
+    fs::write(site.folder.join(other("s", ".glb")), glb::triangle()).unwrap();
+    for line in [
+        vec![other("s", ".glb")],
+        vec!["scene.glb".into(), "--folder".into(), other("f", "")],
+        vec!["scene.glb".into(), "--".into(), "-o".into(), other("o", ".exr")],
+        vec!["scene.glb".into(), "--".into(), "--preview".into(), other("p", ".png")],
+    ] {
+        let said = site.refuses(64, &line);
+        assert!(said.contains("UTF-8"), "{line:?}: {said}");
+    }
+}
+
+#[test]
+fn any_other_name_travels_as_it_is() {
+    for folder in HOSTILE {
+        let site = Site::new(folder);
+        // In a batch file a brace begins a template.
+        let name = folder.replace(['{', '}'], "_");
+        let job = format!("[[job]]\nscene = 'scene.glb'\nsize = '40x20'\nspp = 2\nname = '''{name}'''\n");
+        let other = "[[job]]\nscene = 'scene.glb'\nname = 'no camera'\ncamera = '$(touch X)`touch X`;touch X'\n";
+        fs::write(site.folder.join("jobs.toml"), job + other).unwrap();
+        let said = site.submit(&words(&["jobs.toml", "--parts", "2", "--memory", "1G"]));
+        assert!(said.status.success(), "{folder}: {}", stderr(&said));
+        site.assert_nothing_ran();
+        expect(&site.folder, "render scene.glb --size 40x20 --spp 2 -o whole.exr -q", 0);
+        assert_same_bits(&site.folder.join("whole.exr"), &site.folder.join(format!("{name}.exr")));
+        let status = status(&site.folder, "jobs.farm");
+        let last = status["tasks"].as_array().unwrap().last().unwrap();
+        assert!(last["error"].as_str().is_some_and(|error| error.contains("$(touch X)")), "{last}");
+    }
+}
+
+#[test]
+fn a_task_is_an_entry_of_its_plan() {
+    let site = Site::new("shots");
+    let said = site.submit(&words(&["scene.glb", "--parts", "2", "--", "--size", "40x20", "--spp", "2"]));
+    assert!(said.status.success(), "{}", stderr(&said));
+    let plan = site.folder.join("scene.farm/farm.json");
+    for (line, code) in [
+        ("farm task 1 --plan scene.farm/farm.json", 0),
+        ("farm task 2 --plan scene.farm/farm.json", 0),
+        ("farm task 1 --merge --plan scene.farm/farm.json", 0),
+        ("farm task 0 --plan scene.farm/farm.json", 64),
+        ("farm task 3 --plan scene.farm/farm.json", 64),
+        ("farm task 2 --merge --plan scene.farm/farm.json", 64),
+        ("farm task 1 --plan absent.json", 66),
+        ("farm task 1 --plan scene.glb", 65),
+    ] {
+        expect(&site.folder, line, code);
+    }
+    // Whatever a plan says, its tasks render and its merges merge.
+    let good: serde_json::Value = serde_json::from_slice(&fs::read(&plan).unwrap()).unwrap();
+    for command in [vec![], vec!["touch"], vec!["touch", "X"], vec!["bismar", "farm", "task", "1"]] {
+        let mut bad = good.clone();
+        bad["tasks"][0]["command"] = command.into();
+        fs::write(&plan, bad.to_string()).unwrap();
+        expect(&site.folder, "farm task 1 --plan scene.farm/farm.json", 65);
+        site.assert_nothing_ran();
+    }
+}
+
+/// Waits as long as `child` lives.
+#[track_caller]
+fn wait(child: &mut Child, mut holds: impl FnMut() -> bool) {
+    while !holds() {
+        assert!(child.try_wait().unwrap().is_none(), "it has ended by itself");
+        thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// Waits until nobody renders it any more.
+fn wait_for_end_of(output: &Path) {
+    while writer(output).is_some() {
+        thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// Hours of work, on one tile after the other.
+const ENDLESS: &str = "--size 64x48 --spp 1000000000 -o out.exr";
+
+#[test]
+fn twenty_preemptions_with_progress_hold_nothing_and_three_in_a_row_without_do() {
+    let site = Site::new("shots");
+    let output = site.folder.join("out.exr");
+    let log = || fs::read_to_string(site.folder.join("scene.farm/logs/task-1.log")).unwrap_or_default();
+    let saved = || if output.exists() { paths(&output) } else { 0 };
+    site.submit_only(&format!("scene.glb -- {ENDLESS}"));
+    // Nothing is saved yet when it is killed.
+    let fruitless = || {
+        let mut child = site.begin(1);
+        wait(&mut child, || writer(&output).is_some());
+        child.kill().unwrap();
+        child.wait().unwrap();
+        wait_for_end_of(&output);
+    };
+    for preemption in 0..20 {
+        let (before, said) = (saved(), log().len());
+        let mut child = site.begin(1);
+        wait(&mut child, || log()[said..].contains("PROGRESS"));
+        signal(&child, "-TERM");
+        assert_eq!(child.wait().unwrap().code(), Some(75), "{preemption}: {}", log());
+        assert!(saved() > before);
+        if preemption % 5 == 2 {
+            (0..2).for_each(|_| fruitless());
+        }
+    }
+    (0..3).for_each(|_| fruitless());
+    assert_eq!(site.begin(1).wait().unwrap().code(), Some(76), "{}", log());
+    site.assert_state("held", "3 times in a row");
+}
+
+#[test]
+fn a_task_that_is_killed_takes_its_render_along_and_is_counted() {
+    let site = Site::new("shots");
+    let output = site.folder.join("out.exr");
+    site.submit_only(&format!("scene.glb -- {ENDLESS} --checkpoint 9999"));
+    site.assert_state("waiting", "");
+    for session in 1..=3 {
+        let mut child = site.begin(1);
+        wait(&mut child, || writer(&output).is_some() && site.sessions()["begun"] == session);
+        let render = writer(&output).unwrap();
+        assert_eq!(parent(render), child.id());
+        site.assert_state("running", "");
+        child.kill().unwrap();
+        child.wait().unwrap();
+        wait_for_end_of(&output);
+    }
+    // Its last sign of life is long ago.
+    let record = fs::File::options().append(true).open(site.folder.join("scene.farm/logs/task-1.json")).unwrap();
+    record.set_modified(SystemTime::now() - Duration::from_secs(600)).unwrap();
+    site.assert_state("dead", "");
+    assert_eq!(site.begin(1).wait().unwrap().code(), Some(76));
+    site.assert_state("held", "3 times in a row");
+}
+
+#[test]
+fn a_task_out_of_memory_is_begun_again_once_with_more_and_then_held() {
+    let site = Site::new("shots");
+    let output = site.folder.join("out.exr");
+    site.submit_only(&format!("scene.glb --retry-memory -- {ENDLESS}"));
+    // As the system does when a task's memory is used up: one process dies, the largest.
+    let starve = || {
+        let mut child = site.begin(1);
+        wait(&mut child, || writer(&output).is_some());
+        kill(writer(&output).unwrap());
+        child.wait().unwrap().code()
+    };
+    let calls = || fs::read_to_string(site.file("calls")).unwrap();
+    assert_eq!(starve(), Some(75));
+    assert!(calls().ends_with("scontrol requeue 7\nscontrol update JobId=7 MinMemoryNode=1350\n"), "{}", calls());
+    site.assert_state("begun", "out of memory (it was given 900 MiB)");
+    assert_eq!(starve(), Some(76));
+    assert!(calls().ends_with("scontrol requeuehold 7\n"), "{}", calls());
+    site.assert_state("held", "its merge waits");
+    assert_eq!(site.sessions()["out_of_memory"], true);
+    // Nobody asked for more.
+    fs::remove_dir_all(site.folder.join("scene.farm")).unwrap();
+    site.submit_only(&format!("scene.glb -- {ENDLESS}"));
+    assert_eq!(starve(), Some(76));
+    assert_eq!(calls().matches("MinMemoryNode").count(), 1);
+}
+
+#[test]
+fn status_asks_the_plan_and_not_the_file() {
+    let site = Site::new("shots");
+    let submit = |line: &str| {
+        let said = site.submit(&words(&line.split(' ').collect::<Vec<_>>()));
+        assert!(said.status.success(), "{}", stderr(&said));
+    };
+    let flags = "--parts 2 -- --size 40x20 -o out.exr --spp";
+    let states = |of: &str| {
+        let status = site.status();
+        status[of].as_array().unwrap().iter().map(|s| s["state"].as_str().unwrap().to_owned()).collect::<Vec<_>>()
+    };
+    submit(&format!("scene.glb {flags} 4"));
+    site.assert_state("done", "");
+    assert_eq!((states("tasks"), states("merges")), (vec!["done".into(); 2], vec!["done".into()]));
+    // The same with a higher goal, which nobody begins: the parts have a sixteenth of it, and the picture is not it.
+    site.submit_only(&format!("scene.glb {flags} 64"));
+    site.assert_state("begun", "");
+    assert_eq!(states("merges"), ["begun"]);
+    assert_eq!(site.status()["fraction"], 4.0 / 64.0);
+    // Another scene with the same outputs.
+    fs::write(site.folder.join("scene.glb"), glb::thicket(3)).unwrap();
+    site.assert_state("stale", "another render than the plan asks for");
+    assert_eq!(states("merges"), ["stale"]);
+    // Slurm knows better what happens to it now.
+    for (said, state) in [("RUNNING None", "running"), ("PENDING Priority", "stale"), ("PENDING JobHeldUser", "held")] {
+        fs::write(site.file("queue"), format!("7 1 {said}\n")).unwrap();
+        site.assert_state(state, "");
+    }
+    fs::write(site.folder.join("scene.glb"), glb::triangle()).unwrap();
+    fs::write(site.file("queue"), "7 1 PENDING Priority\n").unwrap();
+    site.assert_state("waiting", "");
+    // And without the file that it is made of, nobody can tell for certain.
+    fs::remove_file(site.folder.join("scene.glb")).unwrap();
+    site.assert_state("waiting", "scene.glb");
+}
+
+#[test]
+fn no_plan_makes_other_machines_run_programs() {
+    let site = Site::new("shots");
+    let said = site.refuses(64, &words(&["scene.glb", "--", "--checkpoint", "9", "--on-checkpoint", "/bin/true"]));
+    assert!(said.contains("on-checkpoint"), "{said}");
+    fs::write(site.folder.join("jobs.toml"), "[[job]]\nscene = 'scene.glb'\non-checkpoint = 'X'\n").unwrap();
+    site.refuses(78, &words(&["jobs.toml"]));
+    site.submit_only("scene.glb -- --size 8x6 --spp 1");
+    let plan = site.folder.join("scene.farm/farm.json");
+    let text = fs::read_to_string(&plan).unwrap().replace("--resume", "--on-checkpoint=touch");
+    fs::write(&plan, text).unwrap();
+    expect(&site.folder, "farm task 1 --plan scene.farm/farm.json", 65);
+}
