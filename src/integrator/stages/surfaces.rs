@@ -57,8 +57,12 @@ fn facing(point: &Point, rays: &PathRays, ray: usize) -> Vec3 {
 
 /// Does it show others rather than itself: a metal so smooth that reflections have edges?
 fn is_mirror(transport: &Transport, point: &Point) -> bool {
-    let surface = point.parameters(transport.scene);
-    !point.material.unlit && surface.metallic > 0.9 && surface.roughness < 0.15
+    // Textures only take away.
+    let metal = point.material.metallic > 0.9 && !point.material.unlit;
+    metal && {
+        let surface = point.parameters(transport.scene);
+        surface.metallic > 0.9 && surface.roughness < 0.15
+    }
 }
 
 /// Looks for the guides of paths whose camera ray hit a mirror, where rays of their first reflections hit.
