@@ -30,7 +30,6 @@ fn whatever_happens_to_tasks_the_picture_is_that_of_a_single_machine() {
         ("time limit", a_task_longer_than_its_time_limit_ends_all_the_same),
         ("failed task", a_failed_task_cancels_its_own_merge_and_no_other),
         ("hostile names", names_are_data_to_slurm_too),
-        ("out of memory", a_task_out_of_memory_gets_more_and_its_merge_waits),
     ];
     // All at once, whatever the number of CPUs: they spend most of their time waiting for Slurm to begin a task again.
     thread::scope(|scope| {
@@ -434,42 +433,4 @@ fn names_are_data_to_slurm_too(_: &Work) {
     let mut names = program::names(slurm.work.path());
     names.retain(|name| !HOSTILE.contains(&name.as_str()));
     assert_eq!(names, ["veach.glb", "whole.exr"]);
-}
-
-fn a_task_out_of_memory_gets_more_and_its_merge_waits(work: &Work) {
-    work.in_time(starve);
-}
-
-/// Was a task killed twice, as the system does it for want of memory, before it was finished?
-fn starve(flags: &str) -> bool {
-    let slurm = Slurm::start();
-    let folder = &slurm.work;
-    let part = folder.path().join("veach.farm/parts/veach.1-of-2.exr");
-    let line = format!("veach.glb --parts 2 --memory 400M --retry-memory -- {flags} --checkpoint 0.5 -o out.exr");
-    let jobs = slurm.submit(folder.path(), &line);
-    let [array, merge] = &jobs[..] else { panic!("{jobs:?}") };
-    let task = format!("{array}_1");
-    let log = || fs::read_to_string(folder.path().join("veach.farm/logs/task-1.log")).unwrap_or_default();
-    for told in ["Slurm begins it again with 600 MiB", "Slurm holds it, and its merge waits"] {
-        slurm.wait("the task runs", || writer(&part).is_some() || slurm.state(&task) == ["COMPLETED"]);
-        let Some(render) = writer(&part) else { return false };
-        kill(render);
-        slurm.wait("it is told", || log().contains(told) || slurm.state(&task) == ["COMPLETED"]);
-        if !log().contains(told) {
-            return false;
-        }
-    }
-    assert_eq!(slurm.values(&task, "MinMemoryNode"), ["600M"]);
-    let held = || {
-        let mut status = bismar(folder.path());
-        status.args(["farm", "status", "veach.farm", "--json"]).env("SLURM_CONF", slurm.conf());
-        let status: serde_json::Value = serde_json::from_str(&succeeds(status)).unwrap();
-        assert_eq!(status["slurm_answers"], true);
-        status["tasks"][0]["state"] == "held" && status["merges"][0]["state"] == "waiting"
-    };
-    slurm.wait("it is held", held);
-    slurm.ask(&format!("scontrol release {task}"));
-    slurm.wait_for(merge, &["COMPLETED"]);
-    assert_same_bits(&single_machine(folder.path(), flags), &folder.path().join("out.exr"));
-    true
 }
