@@ -408,7 +408,7 @@ mod tests {
             ("[[job]]\nscene = 'a'\nsize = []", (3, 8), "lists nothing"),
             ("[[matrix]]\nscene = 'none such/*.glb'", (2, 9), "no file is called"),
             ("[[matrix]]\nscene = '[a.glb'", (2, 9), "wildcards"),
-            ("[[job]]\nscene = 'none such/*.glb'", (2, 9), "only a [[matrix]]"),
+            ("[[job]]\nscene = 'none such/*.glb'", (2, 9), "no file is called"),
             ("[[job]]\nscene = 'a'\n[[job]]\nscene = 'b/a.glb'", (3, 1), "two jobs are called 'a'"),
             ("[[matrix]]\nscene = 'a'\nseed = [1, 2]\noutput = 'o.exr'", (1, 1), "both write"),
             ("[[job]]\nscene = 'a'\noutput = '{nam}.exr'", (3, 1), "{nam} stands for nothing"),

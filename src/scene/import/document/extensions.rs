@@ -77,3 +77,39 @@ pub fn check_required(required: &[String]) -> Result<()> {
         refused.join(", ")
     )))
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+    use std::path::Path;
+
+    use super::*;
+
+    #[test]
+    fn the_table_of_the_documentation_is_this_one() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let table = std::fs::read_to_string(root.join("docs/gltf.md")).unwrap();
+        let mut listed = BTreeSet::new();
+        for row in table.split("## Extensions").nth(1).unwrap().lines().filter(|line| line.starts_with("| `")) {
+            let [_, name, state, tests, _] = row.split('|').map(str::trim).collect::<Vec<_>>()[..] else {
+                panic!("not a row: {row}")
+            };
+            let name = name.trim_matches('`');
+            let expected = match support(name) {
+                Support::Full => "as it asks",
+                Support::NoEffect => "no effect",
+                Support::Approximated { .. } => "approximated",
+                Support::Ignored { .. } => "left out",
+            };
+            assert_eq!(state, expected, "{name}");
+            for test in tests.split(',').map(|test| test.trim().trim_matches('`')).filter(|test| !test.is_empty()) {
+                assert!(root.join(test).is_file(), "{name}: there is no {test}");
+            }
+            assert!(listed.insert(name.to_owned()), "{name} twice");
+        }
+        // The names in the function above, as they are written there.
+        let source = include_str!("extensions.rs").split("#[cfg(test)]").next().unwrap();
+        let names = source.split('"').filter(|text| ["KHR_", "EXT_", "MSFT_"].iter().any(|start| text.starts_with(start)));
+        assert_eq!(listed, names.map(str::to_owned).collect());
+    }
+}
