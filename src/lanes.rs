@@ -314,6 +314,13 @@ impl V3Column {
         store(z, at, v.z);
     }
 
+    /// Replaces one vector.
+    #[inline(always)]
+    pub fn set(&mut self, i: usize, v: Vec3) {
+        let [x, y, z] = &mut self.columns;
+        (x[i], y[i], z[i]) = (v.x, v.y, v.z);
+    }
+
     /// One vector.
     #[inline(always)]
     pub fn get(&self, i: usize) -> Vec3 {

@@ -12,16 +12,16 @@ use glam::{DVec3, Vec3};
 use crate::helpers::stage::{Stage, add, lambert, lamp, look, metal, rectangle, sphere};
 use crate::helpers::statistics::z_limit;
 
-const BALANCES: [Balance; 5] =
+pub const BALANCES: [Balance; 5] =
     [Balance::Progressive, Balance::SecondOrder, Balance::Half, Balance::Power, Balance::Max];
-const REPLICAS: u32 = 300;
+pub const REPLICAS: u32 = 300;
 
-fn settings() -> RenderSettings {
+pub fn settings() -> RenderSettings {
     RenderSettings { width: 2, height: 2, spp: Some(32), seed: 1000, filter: PixelFilter::Box, ..Default::default() }
 }
 
 /// Renders with every balance, backend and the two integrators; all must agree with `expected`.
-fn agrees(scene: Scene, expected: f64, integrators: &[Integrator]) {
+pub fn agrees(scene: Scene, expected: f64, integrators: &[Integrator]) {
     let scene = Arc::new(scene);
     let limit = z_limit(2 * BALANCES.len() * integrators.len());
     for backend in [Backend::Embree, Backend::Obvhs] {
@@ -41,7 +41,7 @@ fn agrees(scene: Scene, expected: f64, integrators: &[Integrator]) {
     }
 }
 
-const BOTH: [Integrator; 2] = [Integrator::Direct, Integrator::Path];
+pub const BOTH: [Integrator; 2] = [Integrator::Direct, Integrator::Path];
 
 #[test]
 fn white_diffuse_sphere_vanishes_in_a_white_furnace() {
@@ -100,7 +100,7 @@ fn constant_sky_over_a_diffuse_plane_gives_its_albedo() {
 }
 
 /// Irradiance at `p` with normal +y from a polygon of unit radiance, by Lambert's formula; all above the horizon.
-fn polygon_irradiance(p: DVec3, corners: &[DVec3]) -> f64 {
+pub fn polygon_irradiance(p: DVec3, corners: &[DVec3]) -> f64 {
     let n = corners.len();
     let mut sum = 0.0;
     for i in 0..n {

@@ -276,10 +276,68 @@ fn material_factors_and_extensions_arrive() {
 }
 
 #[test]
+fn transmission_and_volume_arrive() {
+    let (scene, notes) = material(
+        r#"{"pbrMetallicRoughness":{"metallicFactor":0},"extensions":{
+        "KHR_materials_transmission":{"transmissionFactor":0.5},
+        "KHR_materials_volume":{"thicknessFactor":0.1,"attenuationDistance":2,"attenuationColor":[0.25,1,0]}}}"#,
+    );
+    let m = &scene.materials[0];
+    assert!(m.transmits() && m.bounds_body && m.transmission == 0.5);
+    // After two metres the colour is left.
+    assert!(((m.absorption * -2.0).exp() - Vec3::new(0.25, 1.0, 0.0)).abs().max_element() < 1e-6, "{}", m.absorption);
+    assert!(notes.is_empty(), "{notes:?}");
+    let (scene, _) = material(r#"{"extensions":{"KHR_materials_transmission":{"transmissionFactor":1}}}"#);
+    assert!(!scene.materials[0].transmits(), "the default is a metal");
+    let (scene, _) = material(
+        r#"{"pbrMetallicRoughness":{"metallicFactor":0},"extensions":{"KHR_materials_transmission":
+        {"transmissionFactor":7},"KHR_materials_volume":{"thicknessFactor":-1,"attenuationDistance":0}}}"#,
+    );
+    let m = &scene.materials[0];
+    assert!(m.transmission == 1.0 && !m.bounds_body && m.absorption == Vec3::ZERO);
+}
+
+#[test]
+fn layers_arrive() {
+    let (scene, notes) = material(
+        r#"{"extensions":{"KHR_materials_clearcoat":{"clearcoatFactor":0.5,"clearcoatRoughnessFactor":0.25},
+        "KHR_materials_sheen":{"sheenColorFactor":[0.1,0.2,3],"sheenRoughnessFactor":0.75},
+        "KHR_materials_diffuse_transmission":{"diffuseTransmissionFactor":0.25,
+        "diffuseTransmissionColorFactor":[1,0.5,0]}}}"#,
+    );
+    let m = &scene.materials[0];
+    assert_eq!((m.clearcoat, m.clearcoat_roughness, m.sheen_roughness), (0.5, 0.25, 0.75));
+    assert_eq!(m.sheen_color, Vec3::new(0.1, 0.2, 1.0));
+    assert_eq!((m.diffuse_transmission, m.diffuse_transmission_color), (0.25, Vec3::new(1.0, 0.5, 0.0)));
+    assert!(notes.is_empty(), "{notes:?}");
+    let error = |json: &str| {
+        let primitive = r#"{"attributes":{"POSITION":0},"material":0}"#.into();
+        let more = format!(r#","materials":[{{"extensions":{{{json}}}}}]"#);
+        Parts { primitive, more, ..Default::default() }.import().unwrap_err().to_string()
+    };
+    let found = error(r#""KHR_materials_sheen":{"sheenColorFactor":1}"#);
+    assert!(found.contains("KHR_materials_sheen.sheenColorFactor"), "{found}");
+    let found = error(r#""KHR_materials_clearcoat":{"clearcoatTexture":{"index":4}}"#);
+    assert!(found.contains("clearcoatTexture.index"), "{found}");
+}
+
+#[test]
+fn the_specular_glossiness_model_takes_the_place_of_the_other() {
+    let (scene, notes) = material(
+        r#"{"pbrMetallicRoughness":{"baseColorFactor":[1,0,0,1]},"extensions":{"KHR_materials_pbrSpecularGlossiness":
+        {"diffuseFactor":[0.1,0.2,0.3,0.4],"specularFactor":[0.5,0.6,0.7],"glossinessFactor":0.75}}}"#,
+    );
+    let m = &scene.materials[0];
+    assert_eq!(m.base_color.to_array(), [0.1, 0.2, 0.3, 0.4]);
+    assert_eq!((m.metallic, m.roughness, m.specular_glossiness), (0.0, 0.25, Some(Vec3::new(0.5, 0.6, 0.7))));
+    assert!(notes.is_empty(), "{notes:?}");
+}
+
+#[test]
 fn what_a_material_loses_is_reported_only_when_it_matters() {
-    let (_, notes) = material(r#"{"extensions":{"KHR_materials_transmission":{"transmissionFactor":0.5}}}"#);
-    assert!(notes.len() == 1 && notes[0].contains("KHR_materials_transmission"), "{notes:?}");
-    let (_, notes) = material(r#"{"extensions":{"KHR_materials_transmission":{"transmissionFactor":0}}}"#);
+    let (_, notes) = material(r#"{"extensions":{"KHR_materials_iridescence":{"iridescenceFactor":0.5}}}"#);
+    assert!(notes.len() == 1 && notes[0].contains("KHR_materials_iridescence"), "{notes:?}");
+    let (_, notes) = material(r#"{"extensions":{"KHR_materials_iridescence":{"iridescenceFactor":0}}}"#);
     assert!(notes.is_empty(), "{notes:?}");
     let (_, notes) = material(r#"{"extensions":{"EXT_unheard_of":{}}}"#);
     assert!(notes.len() == 1 && notes[0].contains("EXT_unheard_of"), "{notes:?}");
@@ -296,7 +354,7 @@ fn strict_refuses_what_cannot_be_shown_exactly_and_names_it() {
     };
     assert!(strict("{}").is_ok());
     for (json, word) in [
-        (r#"{"extensions":{"KHR_materials_sheen":{"sheenColorFactor":[1,0,0]}}}"#, "KHR_materials_sheen"),
+        (r#"{"extensions":{"KHR_materials_iridescence":{"iridescenceFactor":1}}}"#, "KHR_materials_iridescence"),
         (r#"{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}"#, "baseColorTexture"),
     ] {
         let error = strict(json).unwrap_err();

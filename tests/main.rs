@@ -1,6 +1,7 @@
 //! All tests of the library and the program from outside, in one binary: it links once. `cargo test NAME` runs those
 //! whose path holds NAME, as in `cargo test resume::`.
 
+mod glass;
 mod helpers;
 
 // Tests begin in the order of their names: the longest, which mostly waits, before all others.

@@ -114,6 +114,11 @@ impl<Top: Lobe, Base: Lobe> Lobe for Layered<Top, Base> {
     }
 
     #[inline(always)]
+    fn transmits(&self) -> F {
+        self.top.transmits() | self.base.transmits()
+    }
+
+    #[inline(always)]
     fn weight(&self, n: V3, wo: V3) -> (F, F) {
         let (top, through) = self.top.weight(n, wo);
         let (base, rest) = self.base.weight(n, wo);

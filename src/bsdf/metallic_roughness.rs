@@ -1,11 +1,13 @@
-//! The glTF 2.0 metallic-roughness model (specification, appendix B) with KHR_materials_specular and _ior: a linear
-//! mix of a dielectric, whose diffuse base is seen through its Fresnel layer, and a metal.
+//! The glTF 2.0 metallic-roughness model (specification, appendix B) with KHR_materials_specular, _ior, _transmission,
+//! _diffuse_transmission, _sheen and _clearcoat: a linear mix of a dielectric, whose base is seen through its Fresnel layer,
+//! and a metal. The dielectric's base is a mix in its turn: of a diffuse one, which reflects and transmits, and of glass.
+//! KHR_materials_pbrSpecularGlossiness is the same with other names for what the lobes are made of.
 
 use std::f32::consts::FRAC_1_PI;
 
 use glam::Vec3;
 
-use super::{Bsdf, Lambert, Layered, Microfacet, ggx};
+use super::{Bsdf, Clearcoat, Glass, Lambert, Layered, Microfacet, Sheen, Translucent, ggx, glass, sheen};
 
 /// The material's parameters at one point, textures applied.
 #[derive(Debug, Clone, Copy)]
@@ -22,24 +24,124 @@ pub struct Surface {
     pub specular_color: Vec3,
     /// Index of refraction, ≥ 1, or 0 for infinite.
     pub ior: f32,
+    /// KHR_materials_pbrSpecularGlossiness: reflectance at normal incidence. Base colour and roughness are its diffuse
+    /// colour and one less its glossiness; metalness, specular and index do not count.
+    pub specular_glossiness: Option<Vec3>,
+    /// KHR_materials_transmission: share of the dielectric that is glass, in [0, 1].
+    pub transmission: f32,
+    /// KHR_materials_diffuse_transmission: share of the diffuse base that transmits, in [0, 1].
+    pub diffuse_transmission: f32,
+    /// Its colour.
+    pub diffuse_transmission_color: Vec3,
+    /// The surface bounds a body (KHR_materials_volume); else it is a thin wall.
+    pub bounds_body: bool,
+    /// It is seen from behind: the eye is inside of the body.
+    pub behind: bool,
+    /// KHR_materials_sheen: colour, in [0, 1].
+    pub sheen_color: Vec3,
+    /// Perceptual roughness of the sheen in [0, 1].
+    pub sheen_roughness: f32,
+    /// KHR_materials_clearcoat: strength, in [0, 1].
+    pub clearcoat: f32,
+    /// Perceptual roughness of the coat in [0, 1].
+    pub clearcoat_roughness: f32,
+    /// Unit normal of the coat on the eye's side, or zero for the shading normal.
+    pub clearcoat_normal: Vec3,
+}
+
+impl Default for Surface {
+    /// A white diffuse one of glTF's default index of refraction.
+    fn default() -> Self {
+        Self {
+            base_color: Vec3::ONE,
+            metallic: 0.0,
+            roughness: 1.0,
+            specular: 1.0,
+            specular_color: Vec3::ONE,
+            ior: 1.5,
+            specular_glossiness: None,
+            transmission: 0.0,
+            diffuse_transmission: 0.0,
+            diffuse_transmission_color: Vec3::ONE,
+            bounds_body: false,
+            behind: false,
+            sheen_color: Vec3::ZERO,
+            sheen_roughness: 0.0,
+            clearcoat: 0.0,
+            clearcoat_roughness: 0.0,
+            clearcoat_normal: Vec3::ZERO,
+        }
+    }
 }
 
 impl Surface {
     /// The model with these parameters.
     #[inline]
     pub fn bsdf(&self) -> Bsdf {
-        let m = self.metallic;
+        // Lobes that are missing keep parameters with which nothing is undefined: other lanes may have them.
+        let coat =
+            Clearcoat { coat: self.clearcoat, normal: self.clearcoat_normal, alpha: alpha(self.clearcoat_roughness) };
+        let sheen = Sheen { color: self.sheen_color, roughness: self.sheen_roughness.max(sheen::MIN_ROUGHNESS) };
+        let share = self.transmission * (1.0 - self.metallic);
+        let glass = match share > 0.0 {
+            true => self.glass(share),
+            false => Glass { eta: 1.5, alpha: 1.0, ..Default::default() },
+        };
+        Layered { top: coat, base: Layered { top: sheen, base: Layered { top: glass, base: self.reflection(share) } } }
+    }
+
+    /// What is not glass, of which the surface has this share.
+    #[inline]
+    fn reflection(&self, glass: f32) -> super::Reflection<super::One> {
+        let alpha = alpha(self.roughness);
+        if glass >= 1.0 {
+            let top = Microfacet { alpha, ..Default::default() };
+            return Layered { top: Translucent::default(), base: Layered { top, base: Lambert::default() } };
+        }
+        if let Some(f0) = self.specular_glossiness {
+            let layer0 = f0.max_element();
+            let diffuse = self.base_color * ((1.0 - layer0) * FRAC_1_PI);
+            let top = Microfacet { f0, f90: 1.0, layer0, layer90: 1.0, alpha };
+            return Layered { top: Translucent::default(), base: Layered { top, base: Lambert { diffuse } } };
+        }
+        let m = if glass > 0.0 { self.metallic / (1.0 - glass) } else { self.metallic };
+        let dielectric0 = self.dielectric0();
+        let (layer0, layer90) = (dielectric0.max_element(), self.specular);
+        let mut diffuse = self.base_color * ((1.0 - m) * FRAC_1_PI);
+        let mut transmitted = Translucent { diffuse: Vec3::ZERO, layer0, layer90 };
+        if self.diffuse_transmission > 0.0 {
+            let share = self.diffuse_transmission;
+            transmitted.diffuse = self.diffuse_transmission_color * ((1.0 - m) * share * FRAC_1_PI);
+            diffuse *= 1.0 - share;
+        }
+        let f0 = dielectric0 * (1.0 - m) + self.base_color * m;
+        let top = Microfacet { f0, f90: self.specular * (1.0 - m) + m, layer0, layer90, alpha };
+        Layered { top: transmitted, base: Layered { top, base: Lambert { diffuse } } }
+    }
+
+    /// The dielectric's reflectance at normal incidence.
+    fn dielectric0(&self) -> Vec3 {
         let reflectance = if self.ior == 0.0 { 1.0 } else { ((self.ior - 1.0) / (self.ior + 1.0)).powi(2) };
-        let dielectric0 = (reflectance * self.specular_color).min(Vec3::ONE) * self.specular;
-        Layered {
-            top: Microfacet {
-                f0: dielectric0 * (1.0 - m) + self.base_color * m,
-                f90: self.specular * (1.0 - m) + m,
-                layer0: dielectric0.max_element(),
-                layer90: self.specular,
-                alpha: (self.roughness * self.roughness).max(ggx::MIN_ALPHA),
-            },
-            base: Lambert { diffuse: self.base_color * ((1.0 - m) * FRAC_1_PI) },
+        (reflectance * self.specular_color).min(Vec3::ONE) * self.specular
+    }
+
+    fn glass(&self, share: f32) -> Glass {
+        // An infinite index passes nothing whatever its value here; index 1 is no surface, and so not a rough one.
+        let ior = if self.ior == 0.0 { f32::from(u8::MAX) } else { self.ior.max(1.0 + glass::MIN_BEND) };
+        let rough = if ior > 1.0 + glass::MIN_BEND { alpha(self.roughness) } else { ggx::MIN_ALPHA };
+        Glass {
+            share,
+            tint: self.base_color,
+            f0: self.dielectric0(),
+            f90: self.specular,
+            eta: if self.bounds_body && self.behind { 1.0 / ior } else { ior },
+            thin: f32::from(u8::from(!self.bounds_body)),
+            alpha: rough,
         }
     }
+}
+
+/// The microfacet α of a perceptual roughness.
+fn alpha(roughness: f32) -> f32 {
+    (roughness * roughness).max(ggx::MIN_ALPHA)
 }

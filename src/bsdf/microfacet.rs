@@ -70,7 +70,7 @@ impl Microfacet<Eight> {
 
 /// (1 − cos)⁵.
 #[inline(always)]
-fn schlick_weight(cos: F) -> F {
+pub(super) fn schlick_weight(cos: F) -> F {
     let x = (F::ONE - cos).fast_max(F::ZERO).fast_min(F::ONE);
     let x2 = x * x;
     x2 * x2 * x

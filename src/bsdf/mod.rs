@@ -4,25 +4,36 @@
 //! A model is lobes in layers, and [`Bsdf`] lists them. A lobe is a file: it declares its parameters once, from which
 //! follow those of eight points and the columns of a batch ([`parameters`]), and answers [`Lobe`].
 
+pub mod clearcoat;
 pub mod ggx;
+pub mod glass;
 pub mod lambert;
 pub mod layered;
 pub mod metallic_roughness;
 pub mod microfacet;
 pub mod parameters;
+pub mod sheen;
+pub mod translucent;
 
+pub use clearcoat::Clearcoat;
+pub use glass::Glass;
 pub use lambert::Lambert;
 pub use layered::{Layered, LobeSet};
 pub use metallic_roughness::Surface;
 pub use microfacet::Microfacet;
 pub use parameters::{Columns, Eight, One, Parameters, Width};
+pub use sheen::Sheen;
+pub use translucent::Translucent;
 
 use crate::lanes::{F, LANES, V3};
 use crate::sampling::warp;
 
 /// The lobes of all materials, from the outermost in: the one list of them. What follows from it takes no columns and
 /// no time for lobes that a scene does not use.
-pub type Bsdf<W = One> = Layered<Microfacet<W>, Lambert<W>>;
+pub type Bsdf<W = One> = Layered<Clearcoat<W>, Layered<Sheen<W>, Layered<Glass<W>, Reflection<W>>>>;
+
+/// What is left of a surface besides its glass.
+type Reflection<W> = Layered<Translucent<W>, Layered<Microfacet<W>, Lambert<W>>>;
 
 /// A part of a model at eight points.
 pub trait Lobe: Copy {
@@ -32,6 +43,12 @@ pub trait Lobe: Copy {
     /// Which lobes it is made of that any lane has.
     fn lobes(&self) -> LobeSet {
         LobeSet::of_one(self.present().any())
+    }
+
+    /// Lanes in which it answers below the surface too, as a mask.
+    #[inline(always)]
+    fn transmits(&self) -> F {
+        F::ZERO
     }
 
     /// An estimate of the luminance of what it reflects toward `wo` of uniform white light, by which samples choose
@@ -54,7 +71,7 @@ pub struct Directions {
     pub wo: V3,
     /// Toward the light.
     pub wi: V3,
-    /// Half vector of the two.
+    /// Half vector of the two; with `wi` below the surface, [`Draw::h`] or zero.
     pub h: V3,
     /// n · wo.
     pub cos_o: F,
@@ -78,7 +95,7 @@ pub struct Frames {
 /// What a lobe answers.
 #[derive(Debug, Clone, Copy)]
 pub struct Response {
-    /// f · cos θ_i.
+    /// f · |cos θ_i|.
     pub value: V3,
     /// Density per solid angle with which it draws `wi`.
     pub pdf: F,
@@ -91,7 +108,8 @@ pub struct Response {
 pub struct Draw {
     /// Toward the light.
     pub wi: V3,
-    /// The half vector of `wo` and `wi`.
+    /// The normal of the microfacet that made it, toward the surface where light is transmitted; else the half vector of
+    /// `wo` and `wi`.
     pub h: V3,
 }
 
@@ -100,7 +118,7 @@ pub struct Draw {
 pub struct BsdfSample {
     /// Unit, world space.
     pub wi: V3,
-    /// f · cos θ_i.
+    /// f · |cos θ_i|.
     pub value: V3,
     /// Per solid angle; 0 where nothing was drawn (a direction below the surface, nothing to draw from): such a sample
     /// counts, with value zero.
@@ -115,11 +133,12 @@ impl Bsdf {
 }
 
 impl<Top: Lobe, Base: Lobe> Layered<Top, Base> {
-    /// f(wo, wi) · cos θ_i, and the density per solid angle with which [`sample`](Self::sample) draws `wi`. Zero unless
-    /// both directions are above the surface with shading normal `n`.
+    /// f(wo, wi) · |cos θ_i|, and the density per solid angle with which [`sample`](Self::sample) draws `wi`. Zero unless
+    /// both directions are above the surface with shading normal `n`, or `wi` is below it and a lobe transmits.
     #[inline(always)]
     pub fn eval_pdf(&self, n: V3, wo: V3, wi: V3) -> (V3, F) {
-        let found = self.respond(n, wo, Draw { wi, h: (wo + wi).normalize_or(n) });
+        let half = (wo + wi).normalize_or(n);
+        let found = self.respond(n, wo, Draw { wi, h: V3::select(n.dot(wi).simd_gt(F::ZERO), half, V3::ZERO) });
         (found.value, found.pdf)
     }
 

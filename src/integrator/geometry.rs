@@ -52,6 +52,8 @@ pub struct Point<'a> {
     pub ng: Vec3,
     /// Shading normal on the same side, interpolated and mapped; any length.
     pub ns: Vec3,
+    /// Unit normal of the coat on the same side; zero where it is the shading normal, or there is no coat.
+    coat: Vec3,
     /// How far along the geometric normal rays begin.
     pub origin_offset: f32,
     /// Interpolated texture coordinates of both sets.
@@ -178,9 +180,10 @@ impl Geometry {
             }
             ns = if n.length_squared() > 0.0 { n } else { ng };
         }
-        if let (Some(map), Some(tangents)) = (&material.textures[TextureSlot::Normal], &mesh.tangents) {
+        let mapped = |slot: TextureSlot, scale: f32| {
+            let (map, tangents) = (material.textures[slot].as_ref()?, mesh.tangents.as_ref()?);
             let [a, b, c] = index.map(|i| Vec4::from_array(tangents[i]));
-            ns = ns.normalize_or_zero();
+            let ns = ns.normalize_or_zero();
             let mut tangent = (a + (b - a) * u + (c - a) * v).truncate();
             let mut sign = a.w;
             if let Some(placed) = placed {
@@ -191,10 +194,17 @@ impl Geometry {
             let bitangent = ns.cross(tangent) * sign;
             let texel = scene.sample_texture(map, texcoords[usize::from(map.set.min(1))]).truncate();
             let n = texel * 2.0 - Vec3::ONE;
-            let scale = material.normal_scale;
-            ns = (tangent * (n.x * scale) + bitangent * (n.y * scale) + ns * n.z).normalize_or(ns);
-        }
-        Point { position, ng, ns, origin_offset: ORIGIN_OFFSET * extent, texcoords, color, material, mesh }
+            Some((tangent * (n.x * scale) + bitangent * (n.y * scale) + ns * n.z).normalize_or(ns))
+        };
+        // A coat lies over the bumps of what is beneath.
+        let coat = match material.clearcoat > 0.0 && mesh.tangents.is_some() {
+            true => {
+                mapped(TextureSlot::ClearcoatNormal, material.clearcoat_normal_scale).unwrap_or(ns.normalize_or_zero())
+            }
+            false => Vec3::ZERO,
+        };
+        let ns = mapped(TextureSlot::Normal, material.normal_scale).unwrap_or(ns);
+        Point { position, ng, ns, coat, origin_offset: ORIGIN_OFFSET * extent, texcoords, color, material, mesh }
     }
 }
 
@@ -203,6 +213,12 @@ impl Point<'_> {
     #[inline]
     pub fn shines_against(&self, direction: Vec3) -> bool {
         self.material.double_sided || self.ng.dot(direction) < 0.0
+    }
+
+    /// Does a ray of this direction see its back?
+    #[inline]
+    pub fn is_behind(&self, direction: Vec3) -> bool {
+        self.ng.dot(direction) > 0.0
     }
 
     /// Base colour with texture and vertex colour.
@@ -216,6 +232,14 @@ impl Point<'_> {
     #[inline]
     pub fn parameters(&self, scene: &Scene) -> Surface {
         materials::surface(self.material, self.base_color(scene), |slot| self.texel(scene, slot))
+    }
+
+    /// The parameters as a ray of this direction meets them.
+    #[inline]
+    pub fn seen(&self, scene: &Scene, direction: Vec3) -> Surface {
+        let behind = self.is_behind(direction);
+        let clearcoat_normal = if behind { -self.coat } else { self.coat };
+        Surface { behind, clearcoat_normal, ..self.parameters(scene) }
     }
 
     /// What the material's texture reads here, if there is one.

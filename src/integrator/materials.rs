@@ -18,27 +18,48 @@ pub struct Kind {
     pub shines: bool,
     /// It does nothing but emit its colour.
     pub unlit: bool,
+    /// It bounds a body of this medium, an index into [`Materials::media`].
+    pub bounds: Option<u32>,
 }
 
 /// The scattering of each material that no texture or vertex colour varies, made once, and each mesh's kind.
 #[derive(Debug)]
 pub struct Materials {
-    constant: Vec<Bsdf>,
+    /// Seen from the front and, where something transmits, from behind.
+    constant: [Vec<Bsdf>; 2],
     kinds: Vec<Kind>,
     /// Lobes that the scene's surfaces may have.
     pub lobes: LobeSet,
+    /// Does light pass through a surface of the scene?
+    pub transmits: bool,
+    /// Absorption per metre in media by their numbers, the first of which absorbs nothing and is everywhere where no
+    /// other is. Without others nobody asks in which a path is.
+    pub media: Vec<Vec3>,
 }
 
 impl Materials {
     /// Prepares a scene's materials.
     pub fn new(scene: &Scene) -> Self {
-        let constant: Vec<_> = scene.materials.iter().map(constant).collect();
-        let kinds: Vec<_> = scene.meshes.iter().map(|mesh| kind(scene, mesh, &constant)).collect();
-        // Textures and vertex colours multiply: a lobe that is missing without them is missing with them, but for the
-        // innermost, which needs no place in the set.
-        let lit = kinds.iter().filter(|kind| !kind.unlit);
-        let lobes = lit.map(|kind| constant[kind.material as usize].lobes()).fold(LobeSet::default(), LobeSet::union);
-        Self { constant, kinds, lobes }
+        let constant: Vec<_> = scene.materials.iter().map(|m| plain(m).bsdf()).collect();
+        let mut media = vec![Vec3::ZERO];
+        let mut bounds = |m: &Material| {
+            let absorbs = m.absorption.max_element() > 0.0;
+            absorbs.then(|| media.push(m.absorption));
+            if absorbs { media.len() as u32 - 1 } else { 0 }
+        };
+        let bodies: Vec<_> =
+            scene.materials.iter().map(|m| (m.transmits() && m.bounds_body).then(|| bounds(m))).collect();
+        let kind = |mesh: &Mesh| Kind { bounds: bodies[mesh.material as usize], ..kind(scene, mesh, &constant) };
+        let kinds: Vec<_> = scene.meshes.iter().map(kind).collect();
+        let lit = || kinds.iter().filter(|kind| !kind.unlit).map(|kind| &scene.materials[kind.material as usize]);
+        let lobes = lit().map(lobes).fold(LobeSet::default(), LobeSet::union);
+        let transmits = lit().any(Material::transmits);
+        let behind = if transmits {
+            scene.materials.iter().map(|m| Surface { behind: true, ..plain(m) }.bsdf()).collect()
+        } else {
+            Vec::new()
+        };
+        Self { constant: [constant, behind], kinds, lobes, transmits, media }
     }
 
     /// The kind of a mesh.
@@ -47,10 +68,26 @@ impl Materials {
         &self.kinds[mesh as usize]
     }
 
-    /// The scattering of a plain mesh.
+    /// The scattering of a plain mesh. `behind` only where the scene transmits.
     #[inline]
-    pub fn plain(&self, mesh: u32) -> &Bsdf {
-        &self.constant[self.kinds[mesh as usize].material as usize]
+    pub fn plain(&self, mesh: u32, behind: bool) -> &Bsdf {
+        &self.constant[usize::from(behind)][self.kinds[mesh as usize].material as usize]
+    }
+
+    /// Do media absorb?
+    #[inline]
+    pub fn absorbs(&self) -> bool {
+        self.media.len() > 1
+    }
+
+    /// The media on the eye's side of a surface and beyond it, where a ray in `medium` meets a mesh.
+    #[inline]
+    pub fn sides(&self, mesh: u32, behind: bool, medium: u32) -> [u32; 2] {
+        match self.kind(mesh).bounds {
+            Some(inside) if behind => [inside, 0],
+            Some(inside) => [medium, inside],
+            None => [medium; 2],
+        }
     }
 }
 
@@ -59,23 +96,50 @@ fn kind(scene: &Scene, mesh: &Mesh, constant: &[Bsdf]) -> Kind {
     let plain = mesh.colors.is_none()
         && TextureSlot::ALL.iter().all(|&slot| match slot {
             TextureSlot::Emissive => true,
-            TextureSlot::Normal => m.textures[slot].is_none() || mesh.tangents.is_none(),
+            TextureSlot::Normal | TextureSlot::ClearcoatNormal => m.textures[slot].is_none() || mesh.tangents.is_none(),
             _ => m.textures[slot].is_none(),
         });
     let black = plain && constant[mesh.material as usize].lobes().is_empty();
-    Kind { material: mesh.material, plain, black, shines: m.unlit || m.is_emissive(), unlit: m.unlit }
+    Kind { material: mesh.material, plain, black, shines: m.unlit || m.is_emissive(), unlit: m.unlit, bounds: None }
 }
 
-/// The scattering without textures and vertex colours.
-fn constant(material: &Material) -> Bsdf {
-    surface(material, material.base_color.truncate(), |_| None).bsdf()
+/// The parameters without textures and vertex colours.
+fn plain(material: &Material) -> Surface {
+    surface(material, material.base_color.truncate(), |_| None)
+}
+
+/// Lobes that a material may have. Textures and vertex colours multiply: a lobe that is missing without them is missing
+/// with them, but for those of dielectrics, and the innermost, which needs no place in the set.
+fn lobes(material: &Material) -> LobeSet {
+    let plain = plain(material);
+    match material.textures[TextureSlot::MetallicRoughness] {
+        Some(_) => plain.bsdf().lobes().union(Surface { metallic: 0.0, ..plain }.bsdf().lobes()),
+        None => plain.bsdf().lobes(),
+    }
 }
 
 /// A material's parameters where its base colour is `base_color` and its other textures read `texel`.
 #[inline(always)]
 pub fn surface(material: &Material, base_color: Vec3, texel: impl Fn(TextureSlot) -> Option<Vec4>) -> Surface {
-    let &Material { metallic, roughness, specular, specular_color, ior, .. } = material;
-    let mut s = Surface { base_color, metallic, roughness, specular, specular_color, ior };
+    let mut s = Surface {
+        base_color,
+        metallic: material.metallic,
+        roughness: material.roughness,
+        specular: material.specular,
+        specular_color: material.specular_color,
+        ior: material.ior,
+        specular_glossiness: material.specular_glossiness,
+        transmission: material.transmission,
+        diffuse_transmission: material.diffuse_transmission,
+        diffuse_transmission_color: material.diffuse_transmission_color,
+        bounds_body: material.bounds_body,
+        behind: false,
+        sheen_color: material.sheen_color,
+        sheen_roughness: material.sheen_roughness,
+        clearcoat: material.clearcoat,
+        clearcoat_roughness: material.clearcoat_roughness,
+        clearcoat_normal: Vec3::ZERO,
+    };
     if let Some(texel) = texel(TextureSlot::MetallicRoughness) {
         s.roughness *= texel.y;
         s.metallic *= texel.z;
@@ -85,6 +149,31 @@ pub fn surface(material: &Material, base_color: Vec3, texel: impl Fn(TextureSlot
     }
     if let Some(texel) = texel(TextureSlot::SpecularColor) {
         s.specular_color *= texel.truncate();
+    }
+    if let Some(texel) = texel(TextureSlot::Transmission) {
+        s.transmission *= texel.x;
+    }
+    if let Some(texel) = texel(TextureSlot::DiffuseTransmission) {
+        s.diffuse_transmission *= texel.w;
+    }
+    if let Some(texel) = texel(TextureSlot::DiffuseTransmissionColor) {
+        s.diffuse_transmission_color *= texel.truncate();
+    }
+    if let Some(texel) = texel(TextureSlot::SheenColor) {
+        s.sheen_color *= texel.truncate();
+    }
+    if let Some(texel) = texel(TextureSlot::SheenRoughness) {
+        s.sheen_roughness *= texel.w;
+    }
+    if let Some(texel) = texel(TextureSlot::Clearcoat) {
+        s.clearcoat *= texel.x;
+    }
+    if let Some(texel) = texel(TextureSlot::ClearcoatRoughness) {
+        s.clearcoat_roughness *= texel.y;
+    }
+    if let (Some(specular), Some(texel)) = (&mut s.specular_glossiness, texel(TextureSlot::SpecularGlossiness)) {
+        *specular *= texel.truncate();
+        s.roughness = 1.0 - (1.0 - s.roughness) * texel.w;
     }
     s
 }

@@ -13,7 +13,7 @@ pub struct PathRays {
     pub rays: RayBatch,
     /// Radiance that arrives here counts this much.
     pub beta: V3Column,
-    /// Geometric normal where the ray begins; unused for camera rays.
+    /// Geometric normal where the ray begins, zero on what transmits; unused for camera rays.
     pub normal: V3Column,
     /// BSDF pdf of the ray times its technique's samples a path; unused for camera rays.
     pub weighted_pdf: Vec<f32>,
@@ -25,6 +25,8 @@ pub struct PathRays {
     pub branch: Vec<u32>,
     /// Seed of its pixel's sequence.
     pub seed: Vec<u32>,
+    /// The medium that the ray is in, of [`Materials::media`](super::Materials::media); unused where none absorbs.
+    pub medium: Vec<u32>,
     /// How many rows count.
     pub len: usize,
 }

@@ -11,10 +11,10 @@ use super::ledger::limited;
 use super::stages::lights::SHADOW_END;
 use super::stages::requests::{Toward, light_sample};
 use super::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
-use super::stages::{bsdf_set, light_set};
+use super::stages::{bsdf_set, light_set, media};
 use super::vertices::MIN_COS;
 use crate::balance::deal;
-use crate::bsdf::{Bsdf, Eight, Parameters};
+use crate::bsdf::{Bsdf, Eight, Lobe, Parameters};
 use crate::lanes::{F, LANES, U, V3};
 use crate::light::{AreaLights, punctual};
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
@@ -49,12 +49,14 @@ struct Ray {
     key: u32,
     /// Radiance that arrives counts this much.
     beta: Vec3,
-    /// Geometric normal where it begins.
+    /// Geometric normal where it begins, zero on what transmits.
     normal: Vec3,
     /// BSDF pdf times samples a path.
     weighted_pdf: f32,
     /// Index into its pixel's sequence.
     index: u32,
+    /// The medium that it is in.
+    medium: u32,
 }
 
 /// Where a path meets a surface.
@@ -66,6 +68,36 @@ struct Vertex {
     wo: Vec3,
     beta: Vec3,
     bsdf: Bsdf<Eight>,
+    /// Light passes through.
+    transmits: bool,
+    origin_offset: f32,
+    /// On the eye's side, and beyond.
+    media: [u32; 2],
+}
+
+/// A way to leave a vertex.
+struct Leaving {
+    origin: Vec3,
+    allowed: bool,
+    medium: u32,
+}
+
+impl Vertex {
+    fn leave(&self, wi: Vec3) -> Leaving {
+        let cos = self.ng.dot(wi);
+        let beyond = self.transmits && cos < 0.0;
+        let alike = !self.transmits || cos * self.ns.dot(wi) > 0.0;
+        Leaving {
+            origin: if beyond { self.origin - self.ng * (2.0 * self.origin_offset) } else { self.origin },
+            allowed: (cos > 0.0 || beyond) && alike,
+            medium: self.media[usize::from(beyond)],
+        }
+    }
+
+    /// The normal by which lights are chosen.
+    fn facing(&self) -> Vec3 {
+        if self.transmits { Vec3::ZERO } else { self.ng }
+    }
 }
 
 struct Path<'a> {
@@ -96,6 +128,7 @@ pub fn trace(transport: &Transport, task: &PixelTask, path: u32, paths: u32, tel
         normal: Vec3::ZERO,
         weighted_pdf: 0.0,
         index,
+        medium: 0,
     };
     let before = |n: u32| (0..path).map(|p| u32::from(deal(n, paths, p))).sum::<u32>();
     let numbers = |first: u32, n: u32| {
@@ -119,8 +152,8 @@ impl Path<'_> {
     /// Radiance that a ray brings, with these light samples (index, toward what) and BSDF samples where it hits.
     fn follow(&mut self, ray: &Ray, depth: u32, light: &[(u32, Toward)], bsdf: &[u32]) -> Vec3 {
         let t = self.transport;
-        let Ray { origin, direction, beta, .. } = *ray;
-        self.tell(depth, What::Ray { origin, direction, beta });
+        let Ray { origin, direction, .. } = *ray;
+        self.tell(depth, What::Ray { origin, direction, beta: ray.beta });
         let (mut rays, mut hits) = (RayBatch::default(), HitBatch::default());
         rays.push(origin, direction, 0.0, f32::INFINITY, ray.key);
         t.rays.closest_hits(&rays, RayOrder::Incoherent, &mut hits);
@@ -138,6 +171,10 @@ impl Path<'_> {
         let point = t.geometry.point(t.scene, instance, mesh, prim, barycentric);
         let material = point.mesh.material;
         self.tell(depth, What::Hit { instance, mesh, material, t: distance });
+        let behind = point.is_behind(direction);
+        let medium = if depth == 0 { t.materials.sides(mesh, behind, 0)[0] } else { ray.medium };
+        let beta = ray.beta * media::left(t.materials.media[medium as usize], distance);
+        let ray = &Ray { beta, ..*ray };
         if point.material.unlit {
             return self.emission(ray, depth, point.base_color(t.scene), [0.0; 2]);
         }
@@ -160,6 +197,7 @@ impl Path<'_> {
         let ng = front * side;
         let ns = point.ns.normalize_or(front) * side;
         let tilted = (ns + wo * (MIN_COS - ns.dot(wo))).normalize_or(ng);
+        let scattering = Bsdf::gather([&point.seen(t.scene, direction).bsdf(); LANES]);
         let vertex = Vertex {
             origin: point.position + ng * point.origin_offset,
             position: point.position,
@@ -167,7 +205,10 @@ impl Path<'_> {
             ns: if ns.dot(wo) < MIN_COS { tilted } else { ns },
             wo,
             beta,
-            bsdf: Bsdf::gather([&point.parameters(t.scene).bsdf(); LANES]),
+            bsdf: scattering,
+            transmits: scattering.transmits().any(),
+            origin_offset: point.origin_offset,
+            media: t.materials.sides(mesh, behind, medium),
         };
         for &(index, toward) in light {
             found += self.light_sample(&vertex, depth, index, toward);
@@ -216,7 +257,7 @@ impl Path<'_> {
         };
         let choice = if toward == Toward::Drawn { left } else { F::splat(choice) };
         let mask = if environment { F::ZERO.simd_eq(F::ZERO) } else { F::ZERO };
-        let from = (V3::splat(vertex.origin), V3::splat(vertex.ng));
+        let from = (V3::splat(vertex.origin), V3::splat(vertex.facing()));
         let light = t.lights.sample(t.scene, from, mask, choice, F::splat(u), F::splat(v));
         let (value, bsdf_pdf) = vertex.bsdf.eval_pdf(V3::splat(vertex.ns), V3::splat(vertex.wo), light.wi);
         let [pdf, bsdf_pdf, distance] = [light.pdf, bsdf_pdf, light.distance].map(|x| x.as_array()[0]);
@@ -248,14 +289,16 @@ impl Path<'_> {
         (toward, wi, distance): (&'static str, Vec3, f32),
         radiance: Vec3,
     ) -> Vec3 {
-        let some = vertex.ng.dot(wi) > 0.0 && radiance.max_element() > 0.0 && radiance.is_finite();
+        let Leaving { origin, allowed, medium } = vertex.leave(wi);
+        let radiance = radiance * media::left(self.transport.materials.media[medium as usize], distance);
+        let some = allowed && radiance.max_element() > 0.0 && radiance.is_finite();
         if !some {
             self.tell(depth, What::LightSample { toward, wi, distance, radiance: Vec3::ZERO, occluded: false });
             return Vec3::ZERO;
         }
         let (mut rays, mut occluded) = (RayBatch::default(), Vec::new());
         let key = hash(key(self.seed, index, light_set(depth)));
-        rays.push(vertex.origin, wi, 0.0, distance * SHADOW_END, key);
+        rays.push(origin, wi, 0.0, distance * SHADOW_END, key);
         self.transport.rays.occluded(&rays, RayOrder::Incoherent, &mut occluded);
         let (radiance, _) = limited(radiance, self.transport.limits[(depth > 0) as usize]);
         let (occluded, radiance) = (occluded[0], if occluded[0] { Vec3::ZERO } else { radiance });
@@ -271,7 +314,8 @@ impl Path<'_> {
         self.tell(depth, What::BsdfSample { wi, pdf });
         let weighted_pdf = self.rates(depth)[2] * pdf;
         let mut beta = vertex.beta * value / weighted_pdf;
-        let alive = pdf > 0.0 && vertex.ng.dot(wi) > 0.0 && beta.max_element() > 0.0 && beta.is_finite();
+        let Leaving { origin, allowed, medium } = vertex.leave(wi);
+        let alive = pdf > 0.0 && allowed && beta.max_element() > 0.0 && beta.is_finite();
         if !alive {
             self.tell(depth, What::Ends { why: "the direction carries nothing" });
             return Vec3::ZERO;
@@ -285,13 +329,14 @@ impl Path<'_> {
             beta /= keep;
         }
         let ray = Ray {
-            origin: vertex.origin,
+            origin,
             direction: wi,
             key: key(self.seed, index, bsdf_set(depth)),
             beta,
-            normal: vertex.ng,
+            normal: vertex.facing(),
             weighted_pdf,
             index,
+            medium,
         };
         self.follow(&ray, depth + 1, &[(index, Toward::Drawn)], &[index])
     }

@@ -1,8 +1,10 @@
 //! The vertices of a batch's paths as structure of arrays: what light and BSDF sampling need.
 
+use wide::bytemuck::cast;
+
 use super::queues::Identity;
 use crate::bsdf::{Bsdf, Eight, LobeSet, Parameters};
-use crate::lanes::{F, LANES, Rows, V3, V3Column, grow, load_bits, store, store_bits};
+use crate::lanes::{F, LANES, Rows, U, V3, V3Column, grow, load, load_bits, store, store_bits};
 
 /// Lowest cosine between eye and shading normal.
 pub const MIN_COS: f32 = 1e-3;
@@ -31,7 +33,20 @@ pub struct Vertices {
     pub branch: Vec<u32>,
     /// Seed of its pixel's sequence.
     pub seed: Vec<u32>,
+    /// The media on the eye's side and beyond, of [`Materials::media`](super::Materials::media); where some absorb.
+    pub media: Option<[Vec<u32>; 2]>,
     len: usize,
+}
+
+/// Rays that leave vertices.
+#[derive(Debug, Clone, Copy)]
+pub struct Leaving {
+    /// Where they begin, on the side to which they go.
+    pub origin: V3,
+    /// Mask: the geometric normal allows it.
+    pub allowed: F,
+    /// Mask: they go beyond the surface.
+    pub beyond: F,
 }
 
 /// Up to eight points on their way into the columns.
@@ -51,6 +66,8 @@ pub struct Group<'a> {
     pub origin_offset: F,
     /// The scattering at the points.
     pub bsdfs: [&'a Bsdf; LANES],
+    /// As in [`Vertices`]; read where there are columns for them.
+    pub media: [U; 2],
     /// Whose they are.
     pub identity: Identity,
 }
@@ -66,8 +83,9 @@ impl Vertices {
         self.len == 0
     }
 
-    /// Forgets all vertices and makes room for `most`, on surfaces with no lobes but those in `lobes`.
-    pub fn open(&mut self, most: usize, lobes: LobeSet) {
+    /// Forgets all vertices and makes room for `most`, on surfaces with no lobes but those in `lobes`, in media if some
+    /// `absorb`.
+    pub fn open(&mut self, most: usize, lobes: LobeSet, absorb: bool) {
         for column in [&mut self.origin, &mut self.ng, &mut self.ns, &mut self.wo, &mut self.beta] {
             column.grow(most);
         }
@@ -76,6 +94,8 @@ impl Vertices {
         for column in [&mut self.path, &mut self.index, &mut self.branch, &mut self.seed] {
             grow(column, most);
         }
+        self.media = absorb.then(|| self.media.take().unwrap_or_default());
+        self.media.iter_mut().flatten().for_each(|column| grow(column, most));
         self.len = 0;
     }
 
@@ -107,6 +127,40 @@ impl Vertices {
         store_bits(&mut self.branch, at, group.identity.branch);
         store_bits(&mut self.seed, at, group.identity.seed);
         Bsdf::store(&mut self.bsdf, at, group.bsdfs);
+        if let Some(columns) = &mut self.media {
+            columns.iter_mut().zip(group.media).for_each(|(column, medium)| store_bits(column, at, medium));
+        }
+    }
+
+    /// The geometric normals at some rows by which lights are chosen: zero in lanes of `both`, which light reaches from
+    /// both sides.
+    #[inline(always)]
+    pub fn facing(&self, rows: &Rows, both: F) -> V3 {
+        V3::select(both, V3::ZERO, self.ng.load(rows))
+    }
+
+    /// Rays toward `wi` from some rows, of which lanes of `both` transmit: there, both normals must see `wi` on the same
+    /// side.
+    #[inline(always)]
+    pub fn leave(&self, rows: &Rows, both: F, wi: V3) -> Leaving {
+        let (origin, ng) = (self.origin.load(rows), self.ng.load(rows));
+        let cos = ng.dot(wi);
+        let above = cos.simd_gt(F::ZERO);
+        if !both.any() {
+            return Leaving { origin, allowed: above, beyond: F::ZERO };
+        }
+        let beyond = both & cos.simd_lt(F::ZERO);
+        let far = origin - ng * (F::splat(2.0) * load(&self.origin_offset, rows));
+        let alike = (cos * self.ns.load(rows).dot(wi)).simd_gt(F::ZERO);
+        Leaving { origin: V3::select(beyond, far, origin), allowed: (above | beyond) & alike, beyond }
+    }
+
+    /// The media that rays are in which leave some rows, those of `beyond` on the far side.
+    #[inline(always)]
+    pub fn media(&self, rows: &Rows, beyond: F) -> Option<U> {
+        let [near, far] = self.media.as_ref()?;
+        let beyond: U = cast(beyond);
+        Some((load_bits(far, rows) & beyond) | (load_bits(near, rows) & !beyond))
     }
 
     /// Whose some rows are.

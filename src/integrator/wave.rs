@@ -8,7 +8,7 @@ use super::batch::PixelBatch;
 use super::ledger::Ledger;
 use super::queues::{PathRays, ShadowRays, SortedHits};
 use super::stages::requests::Requests;
-use super::stages::{camera_rays, emission, lights, scatter, sort, surfaces};
+use super::stages::{camera_rays, emission, lights, media, scatter, sort, surfaces};
 use super::vertices::Vertices;
 use crate::rays::{HitBatch, RayOrder};
 
@@ -92,6 +92,9 @@ impl Wave {
                 surfaces::observe(transport, rays, hits, ledger, batch);
             } else if !batch.extras.is_empty() {
                 surfaces::follow_mirrors(transport, depth, rays, hits, ledger, batch);
+            }
+            if transport.materials.absorbs() {
+                media::cross(transport, depth, rays, hits);
             }
             emission::surfaces(transport, depth, &sorted.emissive, rays, hits, ledger, batch);
             emission::environment(transport, depth, &sorted.escaped, rays, ledger, batch);

@@ -134,8 +134,8 @@ impl AreaLights {
         material.emissive * scene.sample_texture(texture, a + (b - a) * u + (c - a) * v).truncate()
     }
 
-    /// Draws points on area lights, uniform over their area, as seen from `p` with unit geometric normals `n`. `choice`,
-    /// `u` and `v` in [0, 1).
+    /// Draws points on area lights, uniform over their area, as seen from `p` with normals `n` as for
+    /// [`LightTree::sample`]. `choice`, `u` and `v` in [0, 1).
     #[inline]
     pub fn sample(&self, scene: &Scene, p: V3, n: V3, choice: F, u: F, v: F) -> LightSamples {
         let (chosen, pmf) = self.tree.sample(p, n, choice);

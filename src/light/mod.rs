@@ -92,7 +92,7 @@ impl Lights {
     }
 
     /// Draws directions toward the environment where the mask `toward_environment` is set (all of them, if that is all there is), else
-    /// toward area lights as seen from `p` with unit geometric normals `n`: `choice` picks the light, (`u`, `v`) the point on
+    /// toward area lights as seen from `p` with normals `n` as for [`tree::LightTree::sample`]: `choice` picks the light, (`u`, `v`) the point on
     /// it, all in [0, 1).
     #[inline]
     pub fn sample(

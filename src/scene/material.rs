@@ -41,18 +41,64 @@ pub enum TextureSlot {
     Specular,
     /// KHR_materials_specular: colour.
     SpecularColor,
+    /// KHR_materials_transmission: share in red.
+    Transmission,
+    /// KHR_materials_clearcoat: strength in red.
+    Clearcoat,
+    /// KHR_materials_clearcoat: roughness in green.
+    ClearcoatRoughness,
+    /// KHR_materials_clearcoat: tangent-space normal map of the coat.
+    ClearcoatNormal,
+    /// KHR_materials_sheen: colour.
+    SheenColor,
+    /// KHR_materials_sheen: roughness in alpha.
+    SheenRoughness,
+    /// KHR_materials_pbrSpecularGlossiness: specular colour, and glossiness in alpha.
+    SpecularGlossiness,
+    /// KHR_materials_diffuse_transmission: share in alpha.
+    DiffuseTransmission,
+    /// KHR_materials_diffuse_transmission: colour.
+    DiffuseTransmissionColor,
 }
 
 impl TextureSlot {
     /// All of them, in the order of their numbers.
-    pub const ALL: [Self; 6] =
-        [Self::BaseColor, Self::MetallicRoughness, Self::Normal, Self::Emissive, Self::Specular, Self::SpecularColor];
+    pub const ALL: [Self; 15] = [
+        Self::BaseColor,
+        Self::MetallicRoughness,
+        Self::Normal,
+        Self::Emissive,
+        Self::Specular,
+        Self::SpecularColor,
+        Self::Transmission,
+        Self::Clearcoat,
+        Self::ClearcoatRoughness,
+        Self::ClearcoatNormal,
+        Self::SheenColor,
+        Self::SheenRoughness,
+        Self::SpecularGlossiness,
+        Self::DiffuseTransmission,
+        Self::DiffuseTransmissionColor,
+    ];
 
     /// How its bytes become numbers.
     pub fn encoding(self) -> Encoding {
         match self {
-            Self::BaseColor | Self::Emissive | Self::SpecularColor => Encoding::Srgb,
-            Self::MetallicRoughness | Self::Normal | Self::Specular => Encoding::Linear,
+            Self::BaseColor
+            | Self::Emissive
+            | Self::SpecularColor
+            | Self::SheenColor
+            | Self::SpecularGlossiness
+            | Self::DiffuseTransmissionColor => Encoding::Srgb,
+            Self::MetallicRoughness
+            | Self::Normal
+            | Self::Specular
+            | Self::Transmission
+            | Self::Clearcoat
+            | Self::ClearcoatRoughness
+            | Self::ClearcoatNormal
+            | Self::SheenRoughness
+            | Self::DiffuseTransmission => Encoding::Linear,
         }
     }
 }
@@ -65,6 +111,11 @@ impl Textures {
     /// Those that there are.
     pub fn iter(&self) -> impl Iterator<Item = &TextureRef> {
         self.0.iter().flatten()
+    }
+
+    /// A normal map: the one whose coordinates say how tangents lie.
+    pub fn normal_map(&self) -> Option<&TextureRef> {
+        self[TextureSlot::Normal].as_ref().or(self[TextureSlot::ClearcoatNormal].as_ref())
     }
 }
 
@@ -93,7 +144,7 @@ pub enum AlphaMode {
     Blend,
 }
 
-/// glTF 2.0 metallic-roughness with KHR_materials_specular, _ior, _emissive_strength and _unlit.
+/// glTF 2.0 metallic-roughness with its KHR_materials extensions.
 #[derive(Debug, Clone)]
 pub struct Material {
     /// Name for messages.
@@ -114,6 +165,29 @@ pub struct Material {
     pub specular_color: Vec3,
     /// KHR_materials_ior: index of refraction, ≥ 1 (0 means infinite).
     pub ior: f32,
+    /// KHR_materials_transmission: share of the dielectric's base that transmits light, in [0, 1].
+    pub transmission: f32,
+    /// KHR_materials_volume: the surface bounds a body, of which its winding shows the outside. Else it is a thin wall.
+    pub bounds_body: bool,
+    /// KHR_materials_volume: absorption in the body, per metre; ≥ 0.
+    pub absorption: Vec3,
+    /// KHR_materials_diffuse_transmission: share of the diffuse base that transmits, in [0, 1].
+    pub diffuse_transmission: f32,
+    /// Its colour, in [0, 1].
+    pub diffuse_transmission_color: Vec3,
+    /// KHR_materials_sheen: colour, in [0, 1].
+    pub sheen_color: Vec3,
+    /// KHR_materials_sheen: perceptual roughness, in [0, 1].
+    pub sheen_roughness: f32,
+    /// KHR_materials_clearcoat: strength, in [0, 1].
+    pub clearcoat: f32,
+    /// KHR_materials_clearcoat: perceptual roughness, in [0, 1].
+    pub clearcoat_roughness: f32,
+    /// Scales the coat's normal map's x and y.
+    pub clearcoat_normal_scale: f32,
+    /// KHR_materials_pbrSpecularGlossiness: specular colour, in [0, 1]. Base colour and roughness are the diffuse colour and
+    /// one less the glossiness.
+    pub specular_glossiness: Option<Vec3>,
     /// What alpha means.
     pub alpha_mode: AlphaMode,
     /// Emission on both sides; single-sided surfaces shade from both sides but shine from the front.
@@ -137,6 +211,17 @@ impl Default for Material {
             specular: 1.0,
             specular_color: Vec3::ONE,
             ior: 1.5,
+            transmission: 0.0,
+            bounds_body: false,
+            absorption: Vec3::ZERO,
+            diffuse_transmission: 0.0,
+            diffuse_transmission_color: Vec3::ONE,
+            sheen_color: Vec3::ZERO,
+            sheen_roughness: 0.0,
+            clearcoat: 0.0,
+            clearcoat_roughness: 0.0,
+            clearcoat_normal_scale: 1.0,
+            specular_glossiness: None,
             alpha_mode: AlphaMode::Opaque,
             double_sided: false,
             unlit: false,
@@ -149,5 +234,15 @@ impl Material {
     /// Can it emit at all (before its texture is looked at)?
     pub fn is_emissive(&self) -> bool {
         self.emissive.max_element() > 0.0 && !self.unlit
+    }
+
+    /// Can a part of it be dielectric (before its texture is looked at)?
+    pub fn has_dielectric(&self) -> bool {
+        !self.unlit && (self.metallic < 1.0 || self.textures[TextureSlot::MetallicRoughness].is_some())
+    }
+
+    /// Does light pass through some of it?
+    pub fn transmits(&self) -> bool {
+        self.has_dielectric() && (self.transmission > 0.0 || self.diffuse_transmission > 0.0)
     }
 }

@@ -6,7 +6,6 @@ use std::time::Duration;
 
 use base64::Engine;
 use bismar::Error;
-use bismar::scene::TextureSlot;
 use bismar::scene::import::{ImportOptions, Imported, import};
 use cpu_time::ThreadTime;
 
@@ -105,10 +104,7 @@ pub fn check_scene(imported: &Imported) -> Result<(), String> {
         promise(mesh.normals.iter().flatten().all(|n| unit(n)), "unit normals")?;
         promise(mesh.tangents.iter().flatten().all(|t| unit(&t[..3]) && t[3].abs() == 1.0), "unit tangents")?;
         let material = scene.materials.get(mesh.material as usize).ok_or("materials that exist")?;
-        promise(
-            mesh.tangents.is_some() == material.textures[TextureSlot::Normal].is_some(),
-            "tangents where a normal map is",
-        )?;
+        promise(mesh.tangents.is_some() == material.textures.normal_map().is_some(), "tangents where a normal map is")?;
         promise(mesh.tangents.is_none() || mesh.normals.is_some(), "normals where tangents are")?;
         for texture in material.textures.iter() {
             promise(mesh.texcoords[usize::from(texture.set)].is_some(), "coordinates for every texture")?;

@@ -79,6 +79,38 @@ pub fn sphere(n: u32, radius: f32, center: Vec3) -> (Vec<[f32; 3]>, Vec<[u32; 3]
     (points, indices)
 }
 
+/// Clear glass of an index of refraction: a body's boundary.
+pub fn glass(ior: f32, roughness: f32) -> Material {
+    Material { metallic: 0.0, roughness, ior, transmission: 1.0, bounds_body: true, ..Default::default() }
+}
+
+/// A closed box, wound outward.
+pub fn closed_box(scene: &mut Scene, low: Vec3, high: Vec3, material: Material) {
+    let corner = |i: usize| [0, 1, 2].map(|axis| if i >> axis & 1 == 0 { low[axis] } else { high[axis] });
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let indices = quads.iter().flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]).collect();
+    add(scene, (0..8).map(corner).collect(), indices, material);
+}
+
+/// The hall with glass in it: a ball that absorbs with a lamp inside, a rough and a half transparent thin wall.
+pub fn glass_hall() -> Arc<Scene> {
+    let mut scene = Arc::unwrap_or_clone(hall());
+    let body = Material { absorption: Vec3::new(1.0, 0.3, 2.0), ..glass(1.5, 0.5) };
+    let center = Vec3::new(-0.9, 0.7, 1.2);
+    for (radius, material) in [(0.5, body), (0.25, lamp(2.0)), (0.3, lambert(0.5))] {
+        let (points, indices) = sphere(6, radius, center + if radius == 0.3 { Vec3::X } else { Vec3::ZERO });
+        add(&mut scene, points, indices, material);
+    }
+    let wall = |roughness, transmission| Material { bounds_body: false, transmission, ..glass(1.5, roughness) };
+    let points = vec![[0.3, 0.0, 1.8], [1.2, 0.0, 1.6], [1.2, 1.2, 1.6], [0.3, 1.2, 1.8]];
+    add(&mut scene, points, vec![[0, 1, 2], [0, 2, 3]], wall(0.5, 1.0));
+    let coated = Material { clearcoat: 0.7, sheen_color: Vec3::splat(0.4), sheen_roughness: 0.5, ..wall(0.4, 0.5) };
+    rectangle(&mut scene, 1.6, [-1.0, 1.0], [-0.5, 1.0], true, coated);
+    let leaf = Material { diffuse_transmission: 0.5, ..lambert(0.8) };
+    rectangle(&mut scene, 1.3, [-1.5, -0.8], [-0.2, 0.6], true, leaf);
+    Arc::new(scene)
+}
+
 /// Looks from `eye` at `at`.
 pub fn look(scene: &mut Scene, eye: Vec3, at: Vec3, yfov: f32) {
     let up = if (at - eye).normalize().y.abs() > 0.99 { Vec3::Z } else { Vec3::Y };

@@ -1,7 +1,8 @@
 //! Light sampling: shadow rays that carry what they bring if nothing is in their way.
 
 use super::requests::{AREA_SEQUENCE, RequestGroup, Requests, Toward, one_each};
-use super::{light_set, observations};
+use super::{light_set, media, observations};
+use crate::bsdf::Lobe;
 use crate::integrator::Transport;
 use crate::integrator::ledger::{Faults, Ledger};
 use crate::integrator::queues::{Observation, ShadowRays};
@@ -50,19 +51,22 @@ fn with_extent(
 ) {
     let (rows, id) = (&group.rows, &group.identity);
     let [choice, u, v, _] = samples(id.seed, id.index, light_set(depth));
-    let origin = vertices.origin.load(rows);
-    let ng = vertices.ng.load(rows);
+    let bsdf = vertices.bsdf(rows);
+    let both = bsdf.transmits();
     let [a_env, a_area, a_b] = group.rates;
     let (drawn_environment, left) = transport.lights.draw_kind(choice);
     let draws = are(group.toward, Toward::Drawn as u32);
     let toward_environment = are(group.toward, Toward::Environment as u32) | (draws & drawn_environment);
     let choice = draws.select(left, choice);
-    let light = transport.lights.sample(transport.scene, (origin, ng), toward_environment, choice, u, v);
-    let (value, bsdf_pdf) = vertices.bsdf(rows).eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
+    let from = (vertices.origin.load(rows), vertices.facing(rows, both));
+    let light = transport.lights.sample(transport.scene, from, toward_environment, choice, u, v);
+    let (value, bsdf_pdf) = bsdf.eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
+    let leaving = vertices.leave(rows, both, light.wi);
     let weighted_pdf = toward_environment.select(a_env, a_area) * light.pdf;
     let weight = transport.heuristic.weights(weighted_pdf, a_b * bsdf_pdf);
     let radiance = vertices.beta.load(rows) * value * light.radiance * (weight / weighted_pdf);
-    let there = mask(group.len) & light.pdf.simd_gt(F::ZERO) & ng.dot(light.wi).simd_gt(F::ZERO);
+    let radiance = media::dimmed(transport, radiance, vertices.media(rows, leaving.beyond), light.distance);
+    let there = mask(group.len) & light.pdf.simd_gt(F::ZERO) & leaving.allowed;
     let finite = radiance.is_finite();
     faults.add_lanes((there & !finite).to_bitmask(), id.path);
     let alive = there & radiance.max_element().simd_gt(F::ZERO) & finite;
@@ -76,8 +80,8 @@ fn with_extent(
     let tfar = light.distance * F::splat(SHADOW_END);
     let group = toward_environment.to_bitmask();
     let group = U::from(std::array::from_fn(|lane| u32::from(group >> lane & 1 == 0)));
-    let whose = [id.path, id.branch, group];
-    shadows.push(&Survivors::of(alive), (origin, light.wi), tfar, key, radiance, whose, observation);
+    let (ray, whose) = ((leaving.origin, light.wi), [id.path, id.branch, group]);
+    shadows.push(&Survivors::of(alive), ray, tfar, key, radiance, whose, observation);
 }
 
 /// One of the lights without size for each of eight vertices: nothing to weigh, nothing to learn.
@@ -99,14 +103,18 @@ fn without_extent(
         punctual::sample(&transport.scene.lights, position.lane(lane), choice).unwrap_or(punctual::DARK)
     });
     let wi = V3::gather(lights.map(|l| l.wi));
-    let (value, _) = vertices.bsdf(rows).eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), wi);
+    let bsdf = vertices.bsdf(rows);
+    let (value, _) = bsdf.eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), wi);
+    let leaving = vertices.leave(rows, bsdf.transmits(), wi);
     let radiance = vertices.beta.load(rows) * value * V3::gather(lights.map(|l| l.irradiance));
-    let (there, finite) = (mask(group.len) & ng.dot(wi).simd_gt(F::ZERO), radiance.is_finite());
+    let distance = F::from(lights.map(|l| l.distance));
+    let radiance = media::dimmed(transport, radiance, vertices.media(rows, leaving.beyond), distance);
+    let (there, finite) = (mask(group.len) & leaving.allowed, radiance.is_finite());
     faults.add_lanes((there & !finite).to_bitmask(), id.path);
     let alive = there & radiance.max_element().simd_gt(F::ZERO) & finite;
     let key = hashes(keys(id.seed, id.index, light_set(depth)));
     let tfar = F::from(lights.map(|l| l.distance * SHADOW_END));
     let nothing = || Observation { index: U::ZERO, area: U::ZERO, w: F::ZERO, r: F::ZERO };
     let whose = [id.path, id.branch, U::splat(2)];
-    shadows.push(&Survivors::of(alive), (origin, wi), tfar, key, radiance, whose, nothing);
+    shadows.push(&Survivors::of(alive), (leaving.origin, wi), tfar, key, radiance, whose, nothing);
 }

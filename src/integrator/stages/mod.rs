@@ -1,10 +1,11 @@
 //! What happens between two ray queries, a function a stage from queues to queues: camera rays; hits sorted by what comes
-//! next; light that rays ran into; vertices on the surfaces that scatter; which samples these take; shadow rays; the next
+//! next; what media took; light that rays ran into; vertices on the surfaces that scatter; which samples these take; shadow rays; the next
 //! rays.
 
 pub mod camera_rays;
 pub mod emission;
 pub mod lights;
+pub mod media;
 pub mod requests;
 pub mod scatter;
 pub mod sort;

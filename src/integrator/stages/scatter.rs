@@ -4,11 +4,12 @@ use glam::Vec3;
 
 use super::bsdf_set;
 use super::requests::{RequestGroup, Requests};
+use crate::bsdf::Lobe;
 use crate::integrator::Transport;
 use crate::integrator::ledger::{Branch, Ledger};
 use crate::integrator::queues::{Identity, PathRays};
 use crate::integrator::vertices::Vertices;
-use crate::lanes::{F, LANES, NUMBERS, Survivors, U, mask};
+use crate::lanes::{F, LANES, NUMBERS, Survivors, U, grow, mask, store_bits};
 use crate::sampling::{keys, samples};
 
 /// Segments after which Russian roulette begins.
@@ -27,6 +28,9 @@ pub fn sample(
     next: &mut PathRays,
 ) {
     next.open(requests.count());
+    if vertices.media.is_some() {
+        grow(&mut next.medium, requests.count());
+    }
     for at in (0..requests.count()).step_by(LANES) {
         let group = requests.group(transport, vertices, ledger, at);
         one_group(depth, vertices, &group, ledger, next);
@@ -38,11 +42,13 @@ pub fn sample(
 fn one_group(depth: u32, vertices: &Vertices, group: &RequestGroup, ledger: &mut Ledger, next: &mut PathRays) {
     let (rows, id) = (&group.rows, &group.identity);
     let [lobe, u, v, survive] = samples(id.seed, id.index, bsdf_set(depth));
-    let sample = vertices.bsdf(rows).sample(vertices.ns.load(rows), vertices.wo.load(rows), [lobe, u, v]);
+    let bsdf = vertices.bsdf(rows);
+    let both = bsdf.transmits();
+    let sample = bsdf.sample(vertices.ns.load(rows), vertices.wo.load(rows), [lobe, u, v]);
     let weighted_pdf = group.rates[2] * sample.pdf;
-    let ng = vertices.ng.load(rows);
+    let leaving = vertices.leave(rows, both, sample.wi);
     let mut beta = vertices.beta.load(rows) * sample.value * (F::ONE / weighted_pdf);
-    let there = mask(group.len) & sample.pdf.simd_gt(F::ZERO) & ng.dot(sample.wi).simd_gt(F::ZERO);
+    let there = mask(group.len) & sample.pdf.simd_gt(F::ZERO) & leaving.allowed;
     let finite = beta.is_finite();
     ledger.faults.add_lanes((there & !finite).to_bitmask(), id.path);
     let mut alive = there & beta.max_element().simd_gt(F::ZERO) & finite;
@@ -62,8 +68,11 @@ fn one_group(depth: u32, vertices: &Vertices, group: &RequestGroup, ledger: &mut
         survivors.compress_bits(id.branch)
     };
     let identity = Identity { path, index, branch, seed: survivors.compress_bits(id.seed) };
-    let ray = (survivors.compress_v3(vertices.origin.load(rows)), survivors.compress_v3(sample.wi));
+    let ray = (survivors.compress_v3(leaving.origin), survivors.compress_v3(sample.wi));
     let key = survivors.compress_bits(keys(id.seed, id.index, bsdf_set(depth)));
-    let (beta, normal) = (survivors.compress_v3(beta), survivors.compress_v3(ng));
+    let (beta, normal) = (survivors.compress_v3(beta), survivors.compress_v3(vertices.facing(rows, both)));
+    if let Some(medium) = vertices.media(rows, leaving.beyond) {
+        store_bits(&mut next.medium, next.len, survivors.compress_bits(medium));
+    }
     next.push(survivors.len, ray, key, beta, normal, survivors.compress(weighted_pdf), identity);
 }

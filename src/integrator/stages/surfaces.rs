@@ -9,7 +9,7 @@ use crate::integrator::geometry::Point;
 use crate::integrator::ledger::{Ledger, Mirror};
 use crate::integrator::queues::{Identity, PathRays, SortedHits};
 use crate::integrator::vertices::{Group, Vertices};
-use crate::lanes::{F, LANES, Rows, V3, eight, load, load_bits};
+use crate::lanes::{F, LANES, Rows, U, V3, eight, load, load_bits};
 use crate::rays::{HitBatch, MISS};
 
 /// Where a ray hit.
@@ -97,7 +97,7 @@ pub fn follow_mirrors(
 
 /// Fills the vertices with the surfaces that scatter.
 pub fn vertices(transport: &Transport, sorted: &SortedHits, rays: &PathRays, hits: &HitBatch, vertices: &mut Vertices) {
-    vertices.open(rays.len, transport.materials.lobes);
+    vertices.open(rays.len, transport.materials.lobes, transport.materials.absorbs());
     for at in (0..sorted.plain.len()).step_by(LANES) {
         plain(transport, &sorted.plain, at, rays, hits, vertices);
     }
@@ -114,14 +114,21 @@ fn plain(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hits: 
     let (instance, mesh, prim) = (bits(&hits.instance), bits(&hits.mesh), bits(&hits.prim));
     let barycentric = (load(&hits.u, &rows), load(&hits.v, &rows));
     let points = transport.geometry.points(transport.scene, instance, mesh, prim, barycentric);
+    let direction = rays.rays.directions(&rows);
+    let behind = match transport.materials.transmits {
+        true => points.ng.dot(direction).simd_gt(F::ZERO).to_bitmask(),
+        false => 0,
+    };
+    let behind = |lane: usize| behind >> lane & 1 == 1;
     let group = Group {
         position: points.position,
         ng: points.ng,
         ns: points.ns,
-        direction: rays.rays.directions(&rows),
+        direction,
         beta: rays.beta.load(&rows),
         origin_offset: points.origin_offset,
-        bsdfs: eight(|lane| transport.materials.plain(mesh[lane])),
+        bsdfs: eight(|lane| transport.materials.plain(mesh[lane], behind(lane))),
+        media: media(transport, rays, &rows, mesh, behind),
         identity: identity(rays, &rows),
     };
     vertices.push(n, &group);
@@ -135,7 +142,8 @@ fn detailed(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hit
         Rows::Each(rows) => rows,
     };
     let points = each.map(|ray| point(transport, hits, ray as usize));
-    let bsdfs = points.map(|p| p.parameters(transport.scene).bsdf());
+    let seen = eight(|lane| points[lane].seen(transport.scene, rays.rays.direction(each[lane] as usize)));
+    let bsdfs = seen.map(|surface| surface.bsdf());
     let group = Group {
         position: V3::gather(points.map(|p| p.position)),
         ng: V3::gather(points.map(|p| p.ng)),
@@ -144,9 +152,27 @@ fn detailed(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hit
         beta: rays.beta.load(&rows),
         origin_offset: F::from(points.map(|p| p.origin_offset)),
         bsdfs: bsdfs.each_ref(),
+        media: media(transport, rays, &rows, each.map(|ray| hits.mesh[ray as usize]), |lane| seen[lane].behind),
         identity: identity(rays, &rows),
     };
     vertices.push(n, &group);
+}
+
+/// The media on both sides of eight hits' surfaces, if any absorb.
+#[inline(always)]
+fn media(
+    transport: &Transport,
+    rays: &PathRays,
+    rows: &Rows,
+    mesh: [u32; LANES],
+    behind: impl Fn(usize) -> bool,
+) -> [U; 2] {
+    if !transport.materials.absorbs() {
+        return [U::ZERO; 2];
+    }
+    let medium = load_bits(&rays.medium, rows).to_array();
+    let sides = eight(|lane| transport.materials.sides(mesh[lane], behind(lane), medium[lane]));
+    [0, 1].map(|side| U::from(eight(|lane| sides[lane][side])))
 }
 
 #[inline(always)]

@@ -11,7 +11,7 @@ use crate::scene::import::complaint::bad;
 use crate::scene::import::document::accessors::Shape;
 use crate::scene::import::document::primitives::{Attributes, Primitive, Semantic};
 use crate::scene::import::report::Notes;
-use crate::scene::{self, Material, Positions, TextureSlot};
+use crate::scene::{self, Material, Positions};
 
 /// How a mesh is deformed at rest.
 pub struct Pose<'a> {
@@ -59,7 +59,7 @@ pub fn read(
     let (normal, tangent) = (optional(Semantic::Normal), optional(Semantic::Tangent));
     g.normals = normal.map(|i| reader.floats::<3>(i)).transpose()?;
     // Without normals, the file's tangents do not count either.
-    let tangent = tangent.filter(|_| material.textures[TextureSlot::Normal].is_some() && g.normals.is_some());
+    let tangent = tangent.filter(|_| material.textures.normal_map().is_some() && g.normals.is_some());
     g.tangents = tangent.map(|i| reader.floats::<4>(i)).transpose()?;
     if let Some(index) = optional(Semantic::Color(0)) {
         let colors = read_colors(reader, index, notes)?;
@@ -100,7 +100,7 @@ pub fn read(
     }
     compact(&mut g);
     repair_normals(&mut g, &primitive.at, notes);
-    if let Some(texture) = &material.textures[TextureSlot::Normal] {
+    if let Some(texture) = material.textures.normal_map() {
         tangents::complete(&mut g, texture.set, &primitive.at, notes);
     }
     Ok(Some(g))

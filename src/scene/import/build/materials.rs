@@ -26,24 +26,33 @@ fn resolve(
     let lit = !material.unlit;
     for slot in TextureSlot::ALL {
         let Some(info) = &from.textures[slot as usize] else { continue };
-        // A pure metal without a texture for its metalness has no dielectric part.
-        let dielectric =
-            || lit && (material.metallic < 1.0 || material.textures[TextureSlot::MetallicRoughness].is_some());
         let needed = match slot {
             TextureSlot::BaseColor => true,
             TextureSlot::MetallicRoughness => lit && (material.metallic > 0.0 || material.roughness > 0.0),
             TextureSlot::Normal => lit && material.normal_scale != 0.0,
             TextureSlot::Emissive => lit && material.emissive.max_element() > 0.0,
-            TextureSlot::Specular => dielectric() && material.specular > 0.0,
+            TextureSlot::Specular => material.has_dielectric() && material.specular > 0.0,
             TextureSlot::SpecularColor => {
-                dielectric() && material.specular > 0.0 && material.specular_color.max_element() > 0.0
+                material.has_dielectric() && material.specular > 0.0 && material.specular_color.max_element() > 0.0
             }
+            TextureSlot::Transmission => material.has_dielectric() && material.transmission > 0.0,
+            TextureSlot::DiffuseTransmission | TextureSlot::DiffuseTransmissionColor => {
+                material.has_dielectric() && material.diffuse_transmission > 0.0
+            }
+            TextureSlot::SheenColor | TextureSlot::SheenRoughness => lit && material.sheen_color.max_element() > 0.0,
+            TextureSlot::Clearcoat | TextureSlot::ClearcoatRoughness => lit && material.clearcoat > 0.0,
+            TextureSlot::ClearcoatNormal => lit && material.clearcoat > 0.0 && material.clearcoat_normal_scale != 0.0,
+            TextureSlot::SpecularGlossiness => lit,
         };
         if needed {
             material.textures[slot] = textures.register(document, info, slot, notes)?;
         } else {
             notes.not_loaded(&info.at, "a texture whose factor is 0, or that the material does not use");
         }
+    }
+    if material.transmits() {
+        let text = "light passes through, shadow rays do not: behind it, punctual lights do not shine";
+        notes.convention(&from.at, text);
     }
     if from.has_occlusion {
         let text = "occlusion textures are not loaded: light transport computes the occlusion";

@@ -73,7 +73,7 @@ pub fn build(
     for name in document.extensions.keys().cloned() {
         match support(&name) {
             Support::Full | Support::NoEffect => report.extensions_used.push(name),
-            Support::Approximated(_) => report.extensions_approximated.push(name),
+            Support::Approximated { .. } => report.extensions_approximated.push(name),
             Support::Ignored { .. } => report.extensions_ignored.push(name),
         }
     }

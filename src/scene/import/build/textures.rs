@@ -320,9 +320,7 @@ fn drop_textures(scene: &mut Scene, left: &[Option<u32>]) {
         }
     }
     for mesh in &mut scene.meshes {
-        mesh.tangents = mesh
-            .tangents
-            .take()
-            .filter(|_| scene.materials[mesh.material as usize].textures[TextureSlot::Normal].is_some());
+        mesh.tangents =
+            mesh.tangents.take().filter(|_| scene.materials[mesh.material as usize].textures.normal_map().is_some());
     }
 }

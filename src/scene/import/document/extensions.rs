@@ -9,8 +9,8 @@ pub enum Support {
     Full,
     /// Does not change a still picture, or has an exact fallback in the core file.
     NoEffect,
-    /// Something close is shown; says what.
-    Approximated(&'static str),
+    /// Something close is shown; says what. `factor` as for those left out.
+    Approximated { why: &'static str, factor: Option<&'static str> },
     /// Left out; says why. `factor` is the member that must be above 0 for it to matter at all.
     Ignored { why: &'static str, factor: Option<&'static str> },
 }
@@ -19,13 +19,20 @@ pub enum Support {
 pub fn support(name: &str) -> Support {
     use Support::*;
     let ignored = |why, factor| Ignored { why, factor };
+    let approximated = |why, factor| Approximated { why, factor };
     match name {
         "KHR_lights_punctual"
+        | "KHR_materials_clearcoat"
+        | "KHR_materials_diffuse_transmission"
         | "KHR_materials_emissive_strength"
         | "KHR_materials_ior"
+        | "KHR_materials_pbrSpecularGlossiness"
+        | "KHR_materials_sheen"
         | "KHR_materials_specular"
+        | "KHR_materials_transmission"
         | "KHR_materials_unlit"
         | "KHR_materials_variants"
+        | "KHR_materials_volume"
         | "KHR_mesh_quantization"
         | "KHR_node_visibility"
         | "KHR_texture_transform"
@@ -42,19 +49,9 @@ pub fn support(name: &str) -> Support {
         | "KHR_xmp"
         | "KHR_xmp_json_ld"
         | "MSFT_lod" => NoEffect,
-        "KHR_materials_transmission" => ignored("transmission is not shaded: opaque", Some("transmissionFactor")),
-        "KHR_materials_diffuse_transmission" => {
-            ignored("diffuse transmission is not shaded: opaque", Some("diffuseTransmissionFactor"))
-        }
-        "KHR_materials_volume" => ignored("volumes are not shaded", Some("thicknessFactor")),
-        "KHR_materials_clearcoat" => ignored("clear coat is not shaded", Some("clearcoatFactor")),
-        "KHR_materials_sheen" => ignored("sheen is not shaded", Some("sheenColorFactor")),
-        "KHR_materials_anisotropy" => ignored("highlights are isotropic", Some("anisotropyStrength")),
+        "KHR_materials_anisotropy" => approximated("highlights are isotropic", Some("anisotropyStrength")),
+        "KHR_materials_dispersion" => approximated("one index of refraction for all colours", Some("dispersion")),
         "KHR_materials_iridescence" => ignored("iridescence is not shaded", Some("iridescenceFactor")),
-        "KHR_materials_dispersion" => ignored("dispersion is not shaded", Some("dispersion")),
-        "KHR_materials_pbrSpecularGlossiness" => {
-            Approximated("the archived specular-glossiness model is not shaded: metallic-roughness is")
-        }
         "MSFT_texture_dds" => ignored("DDS is not read", None),
         "EXT_lights_image_based" => ignored("the file's own environment is not read: give one with --env", None),
         _ => ignored("not known to this renderer", None),

@@ -115,6 +115,11 @@ impl<'a> Json<'a> {
         array.iter().enumerate().map(element).collect()
     }
 
+    /// A number that a 32-bit float can hold.
+    pub fn number(&self, key: &str) -> Result<Option<f64>> {
+        self.typed(key, "a number", finite)
+    }
+
     /// An array of numbers of any length.
     pub fn numbers(&self, key: &str) -> Result<Option<Vec<f64>>> {
         let Some(array) = self.typed(key, "an array of numbers", Value::as_array)? else { return Ok(None) };

@@ -23,7 +23,7 @@ pub struct TextureInfo {
 }
 
 impl TextureInfo {
-    fn parse(json: &Json, key: &str, lengths: &Lengths) -> Result<Option<Self>> {
+    pub fn parse(json: &Json, key: &str, lengths: &Lengths) -> Result<Option<Self>> {
         let Some(json) = json.get(key)? else { return Ok(None) };
         // The crate knows no transform of normal and occlusion textures; as plain textures they have one.
         let info: texture::Info = read(&json)?;
@@ -38,13 +38,15 @@ impl TextureInfo {
     }
 }
 
+/// By [`TextureSlot`].
+pub type TextureInfos = [Option<TextureInfo>; TextureSlot::ALL.len()];
+
 /// A checked material.
 #[derive(Debug)]
 pub struct Material {
     /// The scene's, without textures.
     pub plain: scene::Material,
-    /// By [`TextureSlot`].
-    pub textures: [Option<TextureInfo>; TextureSlot::ALL.len()],
+    pub textures: TextureInfos,
     pub has_occlusion: bool,
     /// Paths of factors outside of 0 to 1.
     pub clamped: Vec<String>,
@@ -82,18 +84,18 @@ impl Material {
         let has_occlusion = texture(json, "occlusionTexture")?.is_some();
         textures[TextureSlot::Emissive as usize] = texture(json, "emissiveTexture")?;
         let (factor, strength) =
-            (from.emissive_factor.0, extensions.emissive_strength.map_or(1.0, |e| e.emissive_strength.0));
+            (from.emissive_factor.0, extensions.emissive_strength.as_ref().map_or(1.0, |e| e.emissive_strength.0));
         plain.emissive = Vec3::from(factor) * strength;
         if !plain.emissive.is_finite() || plain.emissive.min_element() < 0.0 || strength < 0.0 {
             return Err(json.bad("emissiveFactor", "finite numbers of at least 0", format!("{factor:?} · {strength}")));
         }
-        if let Some(ior) = extensions.ior {
+        if let Some(ior) = &extensions.ior {
             plain.ior = ior.ior.0;
             if plain.ior != 0.0 && plain.ior < 1.0 {
                 return Err(json.bad("extensions.KHR_materials_ior.ior", "0, or at least 1", plain.ior));
             }
         }
-        if let (Some(specular), Some(json)) = (extensions.specular, json.extension("KHR_materials_specular")?) {
+        if let (Some(specular), Some(json)) = (&extensions.specular, json.extension("KHR_materials_specular")?) {
             plain.specular = unit(&json, "specularFactor", specular.specular_factor.0);
             plain.specular_color = Vec3::from(specular.specular_color_factor.0);
             if plain.specular_color.min_element() < 0.0 {
@@ -102,6 +104,7 @@ impl Material {
             textures[TextureSlot::Specular as usize] = texture(&json, "specularTexture")?;
             textures[TextureSlot::SpecularColor as usize] = texture(&json, "specularColorTexture")?;
         }
+        super::lobes::parse(json, &extensions, &mut plain, &mut textures, lengths, &mut clamped)?;
         plain.unlit = extensions.unlit.is_some();
         plain.double_sided = from.double_sided;
         let cutoff = from.alpha_cutoff.map_or(0.5, |cutoff| cutoff.0);
@@ -116,35 +119,31 @@ impl Material {
             }
         };
         clamped.dedup();
-        let (inexact, needs_tangents) =
-            check_other_extensions(json, lengths, textures[TextureSlot::Normal as usize].is_some())?;
+        // Only a normal map of the base layer tells how to make tangents.
+        let needs_tangents =
+            match (&textures[TextureSlot::Normal as usize], &textures[TextureSlot::ClearcoatNormal as usize]) {
+                (None, Some(map)) => Some(map.at.clone()),
+                _ => None,
+            };
+        let inexact = check_other_extensions(json, lengths)?;
         Ok(Self { plain, textures, has_occlusion, clamped, inexact, needs_tangents, at: json.at.clone() })
     }
 }
 
 /// Checks the texture indices of extensions that are not shaded; says which of them change the picture.
-#[allow(clippy::type_complexity)]
-fn check_other_extensions(
-    json: &Json,
-    lengths: &Lengths,
-    has_normal_map: bool,
-) -> Result<(Vec<(NoteKind, String, &'static str)>, Option<String>)> {
-    let (mut inexact, mut needs_tangents) = (Vec::new(), None);
+fn check_other_extensions(json: &Json, lengths: &Lengths) -> Result<Vec<(NoteKind, String, &'static str)>> {
+    let mut inexact = Vec::new();
     for name in json.extension_names()? {
         let Some(extension) = json.extension(name)? else { continue };
         let (kind, why, factor) = match support(name) {
             Support::Ignored { why, factor } => (NoteKind::Ignored, why, factor),
-            Support::Approximated(why) => (NoteKind::Approximated, why, None),
+            Support::Approximated { why, factor } => (NoteKind::Approximated, why, factor),
             Support::Full | Support::NoEffect => continue,
         };
         for (key, value) in extension.object()? {
             if key.ends_with("Texture") && value.is_object() {
                 TextureInfo::parse(&extension, key, lengths)?;
             }
-        }
-        // Only a normal map of the base layer tells how to make tangents.
-        if name == "KHR_materials_clearcoat" && extension.get("clearcoatNormalTexture")?.is_some() && !has_normal_map {
-            needs_tangents = Some(extension.path("clearcoatNormalTexture"));
         }
         let matters = factor.is_none_or(|key| match extension.object() {
             Ok(members) => members.get(key).is_some_and(|v| {
@@ -157,5 +156,5 @@ fn check_other_extensions(
             inexact.push((kind, name.into(), why));
         }
     }
-    Ok((inexact, needs_tangents))
+    Ok(inexact)
 }

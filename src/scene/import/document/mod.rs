@@ -10,6 +10,7 @@ pub mod extensions;
 pub mod images;
 mod json;
 pub mod lights;
+mod lobes;
 pub mod materials;
 pub mod nodes;
 pub mod primitives;

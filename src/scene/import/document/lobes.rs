@@ -1,0 +1,89 @@
+//! Extensions that give a material further lobes.
+
+use glam::Vec3;
+use gltf::json::extensions::material::Material as Extensions;
+
+use super::Lengths;
+use super::json::Json;
+use super::materials::{TextureInfo, TextureInfos};
+use crate::error::Result;
+use crate::scene::{Material, TextureSlot};
+
+/// Fills `plain` and `textures` with what the material's extensions say; `clamped` with the paths of what is out of range.
+///
+/// # Errors
+/// Wrong types, textures that are not there.
+pub fn parse(
+    json: &Json,
+    extensions: &Extensions,
+    plain: &mut Material,
+    textures: &mut TextureInfos,
+    lengths: &Lengths,
+    clamped: &mut Vec<String>,
+) -> Result<()> {
+    let mut within = |json: &Json, key: &str, [low, high]: [f32; 2], x: f32| {
+        if !(low..=high).contains(&x) {
+            clamped.push(json.path(key));
+        }
+        x.clamp(low, high)
+    };
+    let texture = |json: &Json, key: &str| TextureInfo::parse(json, key, lengths);
+    if let (Some(from), Some(json)) = (&extensions.transmission, json.extension("KHR_materials_transmission")?) {
+        plain.transmission = within(&json, "transmissionFactor", [0.0, 1.0], from.transmission_factor.0);
+        textures[TextureSlot::Transmission as usize] = texture(&json, "transmissionTexture")?;
+    }
+    if let (Some(from), Some(json)) = (&extensions.volume, json.extension("KHR_materials_volume")?) {
+        plain.bounds_body = within(&json, "thicknessFactor", [0.0, f32::INFINITY], from.thickness_factor.0) > 0.0;
+        // The way through the body is traced, not read.
+        texture(&json, "thicknessTexture")?;
+        let distance =
+            within(&json, "attenuationDistance", [f32::MIN_POSITIVE, f32::INFINITY], from.attenuation_distance.0);
+        let color = from.attenuation_color.0.map(|x| within(&json, "attenuationColor", [0.0, 1.0], x));
+        // What a colour of 0 leaves nothing of is as good as absorbed.
+        plain.absorption = Vec3::from(color.map(|x| -x.max(1e-20).ln() / distance)).min(Vec3::splat(f32::MAX));
+    }
+    let unit = [0.0, 1.0];
+    if let Some(json) = json.extension("KHR_materials_diffuse_transmission")? {
+        let factor = json.number("diffuseTransmissionFactor")?.unwrap_or(0.0);
+        plain.diffuse_transmission = within(&json, "diffuseTransmissionFactor", unit, factor as f32);
+        let color = json.vector::<3>("diffuseTransmissionColorFactor")?.unwrap_or([1.0; 3]);
+        let color = color.map(|x| within(&json, "diffuseTransmissionColorFactor", unit, x as f32));
+        plain.diffuse_transmission_color = color.into();
+        textures[TextureSlot::DiffuseTransmission as usize] = texture(&json, "diffuseTransmissionTexture")?;
+        textures[TextureSlot::DiffuseTransmissionColor as usize] = texture(&json, "diffuseTransmissionColorTexture")?;
+    }
+    if let Some(json) = json.extension("KHR_materials_sheen")? {
+        let color = json.vector::<3>("sheenColorFactor")?.unwrap_or([0.0; 3]);
+        plain.sheen_color = color.map(|x| within(&json, "sheenColorFactor", unit, x as f32)).into();
+        let roughness = json.number("sheenRoughnessFactor")?.unwrap_or(0.0);
+        plain.sheen_roughness = within(&json, "sheenRoughnessFactor", unit, roughness as f32);
+        textures[TextureSlot::SheenColor as usize] = texture(&json, "sheenColorTexture")?;
+        textures[TextureSlot::SheenRoughness as usize] = texture(&json, "sheenRoughnessTexture")?;
+    }
+    if let Some(json) = json.extension("KHR_materials_clearcoat")? {
+        let mut factor =
+            |key: &str| -> Result<f32> { Ok(within(&json, key, unit, json.number(key)?.unwrap_or(0.0) as f32)) };
+        plain.clearcoat = factor("clearcoatFactor")?;
+        plain.clearcoat_roughness = factor("clearcoatRoughnessFactor")?;
+        textures[TextureSlot::Clearcoat as usize] = texture(&json, "clearcoatTexture")?;
+        textures[TextureSlot::ClearcoatRoughness as usize] = texture(&json, "clearcoatRoughnessTexture")?;
+        textures[TextureSlot::ClearcoatNormal as usize] = texture(&json, "clearcoatNormalTexture")?;
+        if let Some(map) = json.get("clearcoatNormalTexture")? {
+            plain.clearcoat_normal_scale = map.number("scale")?.unwrap_or(1.0) as f32;
+        }
+    }
+    let name = "KHR_materials_pbrSpecularGlossiness";
+    if let (Some(from), Some(json)) = (&extensions.pbr_specular_glossiness, json.extension(name)?) {
+        let specular = from.specular_factor.0.map(|x| within(&json, "specularFactor", unit, x));
+        plain.specular_glossiness = Some(specular.into());
+        plain.base_color = from.diffuse_factor.0.map(|x| within(&json, "diffuseFactor", unit, x)).into();
+        plain.roughness = 1.0 - within(&json, "glossinessFactor", unit, from.glossiness_factor.0);
+        plain.metallic = 0.0;
+        // The two models do not mix.
+        (plain.transmission, plain.diffuse_transmission) = (0.0, 0.0);
+        textures[TextureSlot::BaseColor as usize] = texture(&json, "diffuseTexture")?;
+        textures[TextureSlot::SpecularGlossiness as usize] = texture(&json, "specularGlossinessTexture")?;
+        textures[TextureSlot::MetallicRoughness as usize] = None;
+    }
+    Ok(())
+}

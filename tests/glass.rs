@@ -1,0 +1,180 @@
+//! Light through surfaces, against closed forms and quadrature: every balance, both backends.
+
+use std::sync::Arc;
+
+use bismar::bsdf::{Bsdf, Parameters, Surface};
+use bismar::lanes::{LANES, V3};
+use bismar::rays::Backend;
+use bismar::render::{Balance, Integrator, RenderSettings};
+use bismar::scene::{Environment, Material, Scene};
+use glam::{DVec3, Vec3};
+
+use crate::closed_forms::{BALANCES, agrees, polygon_irradiance, settings};
+use crate::helpers::stage::{Stage, add, closed_box, glass, glass_hall, lambert, lamp, look, rectangle, sphere};
+use crate::helpers::statistics::z_limit;
+
+const PATH: [Integrator; 1] = [Integrator::Path];
+
+fn under_sky(radiance: f32) -> Scene {
+    Scene { environment: Some(Environment::constant([radiance; 3])), ..Default::default() }
+}
+
+/// Reflectance of a dielectric for unpolarized light, by Fresnel's two formulas.
+fn fresnel(eta: f64, theta: f64) -> f64 {
+    let (cos, inside) = (theta.cos(), (1.0 - (theta.sin() / eta).powi(2)).sqrt());
+    let s = (cos - eta * inside) / (cos + eta * inside);
+    let p = (eta * cos - inside) / (eta * cos + inside);
+    0.5 * (s * s + p * p)
+}
+
+#[test]
+fn a_ball_of_clear_glass_vanishes_in_a_white_furnace() {
+    let mut scene = under_sky(1.0);
+    let (points, indices) = sphere(12, 1.0, Vec3::ZERO);
+    add(&mut scene, points, indices, glass(1.5, 0.0));
+    look(&mut scene, Vec3::new(0.0, 0.5, 3.0), Vec3::ZERO, 0.3);
+    agrees(scene, 1.0, &PATH);
+}
+
+#[test]
+fn index_one_is_invisible() {
+    // A floor under sky and lamp, seen through the ball and lit through it: shadow rays find nothing.
+    let mut scene = under_sky(2.0);
+    rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.5));
+    rectangle(&mut scene, 1.5, [-0.2, 1.0], [-0.7, 0.4], false, lamp(10.0));
+    look(&mut scene, Vec3::new(0.0, 1.0, 3.0), Vec3::ZERO, 1e-3);
+    let corners = [(-0.2, -0.7), (1.0, -0.7), (1.0, 0.4), (-0.2, 0.4)].map(|(x, z)| DVec3::new(x, 1.5, z));
+    let lamp = polygon_irradiance(DVec3::ZERO, &corners);
+    let expected = 0.5 / std::f64::consts::PI * (10.0 * lamp + 2.0 * (std::f64::consts::PI - lamp));
+    for roughness in [0.0, 0.7] {
+        let mut scene = scene.clone();
+        closed_box(&mut scene, Vec3::new(-0.5, 0.01, -0.5), Vec3::new(0.5, 0.6, 0.5), glass(1.0, roughness));
+        agrees(scene, expected, &PATH);
+    }
+}
+
+#[test]
+fn a_slab_follows_beer_and_lambert() {
+    // Across and aslant; of index 1, so that nothing else takes part.
+    for (eye, cos) in [(Vec3::new(0.0, 3.0, 0.0), 1.0f64), (Vec3::new(0.0, 3.0, 3.0), 0.5f64.sqrt())] {
+        let mut scene = under_sky(1.0);
+        let body = Material { absorption: Vec3::splat(2.5), ..glass(1.0, 0.0) };
+        closed_box(&mut scene, Vec3::new(-1.0, -0.4, -1.0), Vec3::new(1.0, 0.0, 1.0), body);
+        look(&mut scene, eye, Vec3::ZERO, 1e-3);
+        let expected = (-2.5 * 0.4 / cos).exp();
+        // Nothing is left to chance: rays begin 16 roundings of the box off its sides, and the index that stands for 1
+        // bends by a ten thousandth.
+        let mean = Stage::new(Arc::new(scene), Backend::Embree).mean_green(&settings(), 2).mean;
+        assert!((mean / expected - 1.0).abs() < 3e-4, "{mean} for {expected}");
+    }
+}
+
+#[test]
+fn a_slab_reflects_to_and_fro() {
+    let mut scene = under_sky(1.0);
+    let body = Material { absorption: Vec3::splat(1.5), ..glass(1.6, 0.0) };
+    closed_box(&mut scene, Vec3::new(-9.0, -0.4, -9.0), Vec3::new(9.0, 0.0, 9.0), body);
+    look(&mut scene, Vec3::new(0.0, 3.0, 1e-3), Vec3::ZERO, 1e-3);
+    let (f, t) = (fresnel(1.6, 0.0), (-1.5f64 * 0.4).exp());
+    let series = (1.0 - f).powi(2) / (1.0 - f * f * t * t);
+    agrees(scene, f + series * f * t * t + series * t, &PATH);
+}
+
+#[test]
+fn a_thin_wall_reflects_and_tints() {
+    let mut scene = under_sky(1.0);
+    let base_color = Vec3::splat(0.3).extend(1.0);
+    let wall = Material { bounds_body: false, base_color, ..glass(1.5, 0.0) };
+    rectangle(&mut scene, 0.0, [-9.0, 9.0], [-9.0, 9.0], true, wall);
+    look(&mut scene, Vec3::new(0.0, 3.0, 5.0), Vec3::ZERO, 1e-3);
+    let f = fresnel(1.5, (5.0f64 / 3.0).atan());
+    agrees(scene, f + (1.0 - f) * 0.3, &PATH);
+}
+
+/// What a lamp below y = 0 sends through a surface there, seen aslant from above: quadrature over the lamp's area of what
+/// the BSDF says, less what the way from it absorbs.
+fn lamp_beyond(surface: &Surface, absorption: f64, eye: Vec3, [low, high]: [f32; 2], y: f32) -> f64 {
+    const N: usize = 400;
+    let bsdf = Bsdf::gather([&surface.bsdf(); LANES]);
+    let (n, wo) = (V3::splat(Vec3::Y), V3::splat(eye.normalize()));
+    let step = (high - low) / N as f32;
+    let mut sum = 0.0;
+    for i in 0..N * N {
+        let at = |k: usize| low + (k as f32 + 0.5) * step;
+        let p = Vec3::new(at(i % N), y, at(i / N));
+        let wi = p.normalize();
+        let value = f64::from(bsdf.eval_pdf(n, wo, V3::splat(wi)).0.lane(0).y);
+        let distance = f64::from(p.length());
+        sum += value * f64::from(-wi.y) / (distance * distance) * (-absorption * distance).exp();
+    }
+    sum * f64::from(step * step)
+}
+
+#[test]
+fn a_lamp_behind_rough_glass_is_found_by_both_techniques() {
+    let eye = Vec3::new(0.0, 3.0, 1.5);
+    for (bounds_body, absorption) in [(false, 0.0), (true, 0.0), (true, 0.8)] {
+        let mut scene = Scene::default();
+        let absorption3 = Vec3::splat(absorption as f32);
+        let material = Material { bounds_body, absorption: absorption3, ..glass(1.5, 0.7) };
+        rectangle(&mut scene, 0.0, [-9.0, 9.0], [-9.0, 9.0], true, material);
+        rectangle(&mut scene, -1.2, [-0.7, 0.3], [-0.7, 0.3], true, lamp(10.0));
+        look(&mut scene, eye, Vec3::ZERO, 1e-4);
+        let surface = Surface { roughness: 0.7, transmission: 1.0, bounds_body, ..Surface::default() };
+        let expected = 10.0 * lamp_beyond(&surface, absorption, eye, [-0.7, 0.3], -1.2);
+        assert!(expected > 0.1, "{expected}");
+        agrees(scene, expected, &[Integrator::Direct]);
+    }
+}
+
+#[test]
+fn a_lamp_behind_a_leaf_shines_through() {
+    let eye = Vec3::new(0.0, 3.0, 1.5);
+    let mut scene = Scene::default();
+    let diffuse_transmission_color = Vec3::splat(0.5);
+    let leaf = Material { diffuse_transmission: 0.6, diffuse_transmission_color, ..lambert(0.5) };
+    rectangle(&mut scene, 0.0, [-9.0, 9.0], [-9.0, 9.0], true, leaf);
+    rectangle(&mut scene, -1.2, [-0.7, 0.3], [-0.7, 0.3], true, lamp(10.0));
+    look(&mut scene, eye, Vec3::ZERO, 1e-4);
+    let corners = [(-0.7, -0.7), (0.3, -0.7), (0.3, 0.3), (-0.7, 0.3)].map(|(x, z)| DVec3::new(x, -1.2, z));
+    agrees(scene, 0.6 * 0.5 / std::f64::consts::PI * 10.0 * polygon_irradiance(DVec3::ZERO, &corners), &PATH);
+}
+
+#[test]
+fn all_balances_agree_on_a_hall_with_glass() {
+    let scene = glass_hall();
+    let stage = Stage::new(scene, Backend::Embree);
+    let settings = RenderSettings { width: 8, height: 6, max_depth: 10, ..settings() };
+    let reference = stage
+        .mean_green(&RenderSettings { balance: Balance::Half, seed: 900_000, spp: Some(128), ..settings.clone() }, 100);
+    for balance in BALANCES {
+        let mean = stage.mean_green(&RenderSettings { balance, ..settings.clone() }, 200);
+        let z = (mean.mean - reference.mean) / mean.standard_error().hypot(reference.standard_error());
+        assert!(z.abs() < z_limit(BALANCES.len()), "{balance:?}: {} for {}, z = {z}", mean.mean, reference.mean);
+    }
+}
+
+#[test]
+fn nothing_is_infinite_or_undefined_however_deep() {
+    // Bodies in bodies, of every index and roughness, one of them around the eye, some of them glowing.
+    let mut scene = under_sky(1.0);
+    let (points, indices) = sphere(5, 8.0, Vec3::ZERO);
+    add(&mut scene, points, indices, Material { absorption: Vec3::splat(0.01), ..glass(1.33, 0.1) });
+    for (i, ior) in (0..).zip([0.0, 1.0, 1.000_01, 1.5, 2.4, 50.0]) {
+        for (j, roughness) in (0..).zip([0.0, 0.1, 1.0]) {
+            let center = Vec3::new(0.8 * i as f32 - 2.0, 0.7 * j as f32 - 0.7, 0.0);
+            for radius in [0.6, 0.3] {
+                let (points, indices) = sphere(4, radius, center);
+                let emissive = Vec3::splat(f32::from(u8::from(i == 3)));
+                let absorption = Vec3::new(0.0, 1e30, 1.0);
+                add(&mut scene, points, indices, Material { emissive, absorption, ..glass(ior, roughness) });
+            }
+        }
+    }
+    look(&mut scene, Vec3::new(0.0, 0.0, 5.0), Vec3::ZERO, 0.9);
+    let stage = Stage::new(Arc::new(scene), Backend::Embree);
+    for balance in BALANCES {
+        let pixels = stage.green(&RenderSettings { width: 24, height: 16, balance, max_depth: 64, ..settings() });
+        assert!(pixels.iter().all(|p| p.is_finite()) && pixels.iter().sum::<f64>() > 0.0);
+    }
+}
