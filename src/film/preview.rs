@@ -165,7 +165,7 @@ pub fn to_byte(x: f32) -> u8 {
 fn dithered(x: f32, at: [i64; 2]) -> u8 {
     let along = 0.067_110_56 * at[0] as f64 + 0.005_837_15 * at[1] as f64;
     let noise = (52.982_918_9 * along.rem_euclid(1.0)).rem_euclid(1.0) as f32;
-    (x * 255.0 + noise.min(0.999)) as u8
+    (x * 255.0 + noise.clamp(0.001, 0.999)) as u8
 }
 
 #[cfg(test)]

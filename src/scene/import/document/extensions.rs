@@ -106,7 +106,8 @@ mod tests {
         }
         // The names in the function above, as they are written there.
         let source = include_str!("extensions.rs").split("#[cfg(test)]").next().unwrap();
-        let names = source.split('"').filter(|text| ["KHR_", "EXT_", "MSFT_"].iter().any(|start| text.starts_with(start)));
+        let names =
+            source.split('"').filter(|text| ["KHR_", "EXT_", "MSFT_"].iter().any(|start| text.starts_with(start)));
         assert_eq!(listed, names.map(str::to_owned).collect());
     }
 }
