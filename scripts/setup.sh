@@ -20,7 +20,6 @@ for flag in "$@"; do
     esac
 done
 
-openjd_version=0.8.0
 openjd="$(dirname "$0")/../target/openjd"
 looks="$(dirname "$0")/../target/pictures"
 
@@ -76,22 +75,26 @@ if $farm || $pictures; then
     python3 -c 'import ensurepip' 2>/dev/null || missing+=(python3-venv)
 fi
 
+# install_pinned FOLDER LIST: versions and hashes are in requirements/LIST.txt, made by `pip-compile --generate-hashes`.
+install_pinned() {
+    "$1/bin/pip" --quiet --disable-pip-version-check install --require-hashes -r "$(dirname "$0")/requirements/$2.txt"
+}
+
 # Its own folder: nothing of the system's Python changes.
 finish() {
     if $farm && ! [ -x "$openjd/bin/openjd" ]; then
-        say "installing openjd-cli $openjd_version from PyPI into target/openjd"
+        say "installing openjd-cli from PyPI into target/openjd"
         python3 -m venv "$openjd"
-        "$openjd/bin/pip" --quiet --disable-pip-version-check install "openjd-cli==$openjd_version"
+        install_pinned "$openjd" openjd
     fi
     if $pictures && ! "$looks/bin/python" -c 'import OpenImageIO, flip_evaluator, mmh3' 2>/dev/null; then
         say "installing OpenImageIO and FLIP from PyPI into target/pictures"
         python3 -m venv "$looks"
-        "$looks/bin/pip" --quiet --disable-pip-version-check install numpy OpenImageIO==3.0.21.0 flip-evaluator==1.7 \
-            mmh3
+        install_pinned "$looks" pictures
         # Blender is built for one version of Python alone.
         if "$looks/bin/python" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))'; then
             say "installing Blender from PyPI into target/pictures"
-            "$looks/bin/pip" --quiet --disable-pip-version-check install bpy==5.0.1
+            install_pinned "$looks" blender
         fi
     fi
     exit 0

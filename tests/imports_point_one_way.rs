@@ -41,7 +41,7 @@ const TOOLS: [&str; 3] = ["error", "lanes", "color"];
 
 /// What only some folders or files of `src/` may name.
 const KEPT_IN: [(&str, &[&str]); 7] = [
-    ("unsafe ", &["rays/embree", "film/denoise.rs"]),
+    ("unsafe ", &["rays/embree", "film/denoise.rs", "console/memory"]),
     ("libloading::", &["film/denoise.rs"]),
     ("embree4_sys", &["rays/embree"]),
     ("obvhs::", &["rays/cwbvh"]),

@@ -5,18 +5,18 @@ set -euo pipefail
 dir=$1
 say() { printf 'bench-peers: %s\n' "$*" >&2; }
 
-venv() { # name, package it must be able to import, what to install
+venv() { # name, package it must be able to import, list in scripts/requirements with versions and hashes
     local name=$1 module=$2
     shift 2
     "$dir/$name/bin/python" -c "import $module" 2>/dev/null >&2 && return
-    say "installing $* into $dir/$name"
+    say "installing $1 into $dir/$name"
     "${PYTHON:-python3}" -m venv --clear "$dir/$name" || { say "needs Python's venv (Debian: python3-venv)"; exit 1; }
-    "$dir/$name/bin/pip" --quiet install "$@"
+    "$dir/$name/bin/pip" --quiet install --require-hashes -r "$(dirname "$0")/../requirements/$1.txt"
 }
 
 mkdir -p "$dir"
-venv mitsuba mitsuba mitsuba==3.9.1 numpy
-venv cycles bpy bpy==5.0.1 || say "no Cycles: bpy 5.0.1 is built for Python 3.11 alone (PYTHON=python3.11 chooses one)"
+venv mitsuba mitsuba mitsuba
+venv cycles bpy blender || say "no Cycles: bpy 5.0.1 is built for Python 3.11 alone (PYTHON=python3.11 chooses one)"
 
 # Mitsuba's LLVM back end crashes with the LLVM 14 that Debian 12 has as its default; 19 is beside it in both releases.
 if [ -z "${DRJIT_LIBLLVM_PATH:-}" ] && ! compgen -G "$dir/llvm/usr/lib/*/libLLVM.so.19*" >/dev/null; then

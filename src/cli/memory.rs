@@ -3,6 +3,7 @@
 use std::env;
 
 use crate::console::host;
+use crate::console::memory::{allowed, hold_to};
 use crate::rays::Backend;
 use crate::render::tile::{Columns, Tile};
 use crate::scene::import::Survey;
@@ -74,11 +75,34 @@ impl Need<'_> {
     }
 }
 
-/// Most memory that may be used, and who says so: the flag, else Slurm, else what the machine has.
-pub fn limit(flag: Option<u64>) -> Result<(u64, &'static str)> {
-    if let Some(bytes) = flag {
-        return Ok((bytes, "--memory-limit"));
+/// A limit in bytes, and who sets it.
+pub type Limit = (u64, &'static str);
+
+const MACHINE: &str = "this machine";
+
+/// Most memory that may be used, and who says so: the flag, else Slurm, else what the machine has; but never more than
+/// cgroups and resource limits allow.
+///
+/// # Errors
+/// [`Error::Usage`] for a variable of Slurm's that is no number.
+pub fn limit(flag: Option<u64>) -> Result<Limit> {
+    let asked = match flag {
+        Some(bytes) => Some((bytes, "--memory-limit")),
+        None => slurm()?,
+    };
+    let asked = asked.unwrap_or((host::total_memory_bytes().unwrap_or(u64::MAX), MACHINE));
+    Ok(allowed().filter(|allowed| allowed.0 < asked.0).unwrap_or(asked))
+}
+
+/// Makes what is beyond a limit end with exit code 76 at once, before the system kills; not where the machine is the limit.
+pub fn hold((limit, source): Limit) {
+    if source != MACHINE {
+        // Page tables and files that are being written count into a cgroup too.
+        hold_to(limit - limit / 25);
     }
+}
+
+fn slurm() -> Result<Option<Limit>> {
     let variable = |name: &str| env::var(name).ok().filter(|v| !v.trim().is_empty());
     // Slurm counts in MiB; 0 means all of the node.
     let mebibytes = |name: &str, value: String| match value.trim().parse::<u64>() {
@@ -88,23 +112,23 @@ pub fn limit(flag: Option<u64>) -> Result<(u64, &'static str)> {
     if let Some(value) = variable("SLURM_MEM_PER_NODE") {
         let bytes = mebibytes("SLURM_MEM_PER_NODE", value)?;
         if bytes > 0 {
-            return Ok((bytes, "SLURM_MEM_PER_NODE"));
+            return Ok(Some((bytes, "SLURM_MEM_PER_NODE")));
         }
     } else if let (Some(each), Some(cpus)) = (variable("SLURM_MEM_PER_CPU"), variable("SLURM_CPUS_ON_NODE")) {
         let cpus: u64 = cpus.trim().parse().unwrap_or(1);
         let bytes = mebibytes("SLURM_MEM_PER_CPU", each)?.saturating_mul(cpus);
         if bytes > 0 {
-            return Ok((bytes, "SLURM_MEM_PER_CPU"));
+            return Ok(Some((bytes, "SLURM_MEM_PER_CPU")));
         }
     }
-    Ok((host::total_memory_bytes().unwrap_or(u64::MAX), "this machine"))
+    Ok(None)
 }
 
 /// Fails if `bytes` are more than the limit.
 ///
 /// # Errors
 /// [`Error::Host`] with both numbers and what to do.
-pub fn check(what: &str, bytes: u64, (limit, source): (u64, &str)) -> Result<()> {
+pub fn check(what: &str, bytes: u64, (limit, source): Limit) -> Result<()> {
     if bytes <= limit {
         return Ok(());
     }

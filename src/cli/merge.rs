@@ -6,11 +6,12 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 
+use super::render::claim_output;
 use crate::console::args::wait;
 use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::farm::PathMapping;
 use crate::film::exr_file::HeaderValue;
-use crate::film::{Exposure, Look, View, atomic, colors, preview};
+use crate::film::{Exposure, Look, View, colors, preview};
 use crate::render::merge::merge;
 use crate::{Error, Result};
 
@@ -53,13 +54,13 @@ pub fn run(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
         let all = args.parts.iter_mut().chain(&mut args.preview).chain([&mut args.output]);
         all.for_each(|path| mapping.apply(path));
     }
-    let mut paths = Paths::default();
+    let (mut paths, mut claims) = (Paths::default(), Vec::new());
     args.parts.iter().try_for_each(|part| paths.reads("the part", part))?;
+    args.path_mapping.iter().try_for_each(|file| paths.reads("--path-mapping", file))?;
     for (flag, path) in [("-o", Some(&args.output)), ("--preview", args.preview.as_ref())] {
         let Some(path) = path else { continue };
         paths.writes(flag, path)?;
-        atomic::check(path)?;
-        atomic::sweep(path);
+        claims.push(claim_output(path)?);
     }
     wait_for(&args.parts, args.wait)?;
     let mut merged = merge(&args.parts)?;

@@ -7,6 +7,7 @@ mod keep;
 mod replay;
 mod session;
 
+use std::path::Path;
 use std::time::Instant;
 
 use tracing::{debug, info, warn};
@@ -16,9 +17,11 @@ pub use identity::{Files, Inputs};
 pub use session::{Done, Loaded, Session};
 
 use crate::Result;
+use crate::cli::memory;
 use crate::console::progress::Style;
 use crate::console::{Paths, Reporter, Signals, Verbosity, Verdict, host, print, say};
 use crate::film::atomic;
+use crate::film::lock::{Claim, claim};
 use crate::scene::Scene;
 use crate::scene::import::NoteKind;
 
@@ -43,7 +46,7 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     declare(args, "", &mut paths)?;
     // Before anything is touched.
     let signals = if args.led { Signals::led() } else { Signals::listen() }?;
-    check_outputs(args)?;
+    let _claims = claim_outputs(args)?;
     info!("{threads} threads ({source})");
     host::pool(threads)?.install(|| {
         let reporter = Reporter::new(args.progress, verbosity.quiet);
@@ -51,10 +54,10 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
             let inputs = Inputs::read(args)?;
             inputs.declare(&mut paths)?;
             let session = Session { args, inputs: &inputs, threads, began, replaces: false };
-            if let Some(record) = session.done_before()? {
-                return Ok(Err(session.develop(&record)?));
+            if let Some(earlier) = session.done_before()? {
+                return Ok(Err(session.develop(&earlier)?));
             }
-            session.check_memory()?;
+            memory::hold(session.check_memory()?);
             // Whoever waits for signals here ends the program itself.
             let loaded = Loaded::load(args, &inputs, &|done, seconds| {
                 reporter.building(done, seconds);
@@ -97,14 +100,20 @@ pub fn declare(args: &RenderArgs, of: &str, paths: &mut Paths) -> Result<()> {
     Ok(())
 }
 
-/// Finds out before the work whether its results can be kept, and removes what a killed process left beside them.
-pub fn check_outputs(args: &RenderArgs) -> Result<()> {
+/// Finds out before the work whether its results can be kept and nobody else is writing them, and removes what a killed
+/// process left beside them.
+pub fn claim_outputs(args: &RenderArgs) -> Result<Vec<Claim>> {
     let output = args.output();
-    for path in [Some(&output), args.preview.as_ref(), args.stats.as_ref()].into_iter().flatten() {
-        atomic::check(path)?;
-        atomic::sweep(path);
-    }
-    Ok(())
+    let outputs = [Some(&output), args.preview.as_ref(), args.stats.as_ref()].into_iter().flatten();
+    outputs.map(|path| claim_output(path)).collect()
+}
+
+/// As [`claim_outputs`], of one.
+pub fn claim_output(path: &Path) -> Result<Claim> {
+    atomic::check(path)?;
+    let claim = claim(path)?;
+    atomic::sweep(path);
+    Ok(claim)
 }
 
 fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {

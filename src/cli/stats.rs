@@ -1,18 +1,20 @@
 //! What a render took: `--stats` (schema in `docs/stats.md`) and the picture's header.
 
+use std::fs;
 use std::path::Path;
 
 use serde::Serialize;
+use serde_json::Value;
 
-use crate::Result;
 use crate::console::host;
 use crate::film::atomic;
 use crate::film::exr_file::{Header, HeaderValue};
 use crate::rays::BackendInfo;
-use crate::render::checkpoint::json;
+use crate::render::checkpoint::{json, text};
 use crate::render::stats::Samples;
 use crate::render::{Fireflies, RenderSettings, Rendered, StopReason};
 use crate::scene::Scene;
+use crate::{Error, Result};
 
 /// Raised when a field changes its meaning or goes away.
 const SCHEMA: u32 = 1;
@@ -50,6 +52,42 @@ pub struct Stats {
     tile_seconds: f64,
     ray_query_share: f64,
     peak_memory_bytes: u64,
+    /// Seal of the picture's file; empty before that is written.
+    pub picture: String,
+}
+
+/// The attribute that holds all of it.
+const IN_HEADER: &str = "bismar.stats";
+
+/// Can [`write_again`] do its work?
+pub fn are_in(header: &Header) -> bool {
+    text(header, IN_HEADER).is_some()
+}
+
+/// Writes the JSON file of `--stats` from a picture's header, unless it is there and of this file, by its seal. What was
+/// not known when the picture was written stays as it was then: the seconds of writing, and the total.
+///
+/// # Errors
+/// [`Error::Data`] for a header that is not so; as [`atomic::write`].
+pub fn write_again(path: &Path, header: &Header, seal: &str) -> Result<()> {
+    let there = fs::metadata(path).is_ok_and(|meta| meta.is_file()).then(|| fs::read(path).unwrap_or_default());
+    let there = there.and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok());
+    if there.is_some_and(|stats| stats["picture"] == seal) {
+        return Ok(());
+    }
+    let Some(text) = text(header, IN_HEADER) else { return Ok(()) };
+    let stats = serde_json::from_str::<Value>(text).ok().filter(Value::is_object);
+    let mut stats = stats.ok_or_else(|| Error::Data(format!("{}: {IN_HEADER} is no JSON object", path.display())))?;
+    stats["picture"] = seal.into();
+    write(path, &stats)
+}
+
+fn write(path: &Path, stats: &impl Serialize) -> Result<()> {
+    atomic::write(path, |file| {
+        serde_json::to_writer_pretty(&mut *file, stats)?;
+        std::io::Write::write_all(file, b"\n")?;
+        Ok(Ok(()))
+    })
 }
 
 /// Wall seconds by phase.
@@ -157,6 +195,7 @@ impl Stats {
             tile_seconds: stats.tile_seconds,
             ray_query_share: stats.ray_query_seconds / stats.tile_seconds.max(1e-9),
             peak_memory_bytes: host::peak_memory_bytes(),
+            picture: String::new(),
         }
     }
 
@@ -178,6 +217,7 @@ impl Stats {
             ("bismar.seconds".into(), json(&phases)?),
             ("bismar.fireflies".into(), json(&self.fireflies)?),
             ("bismar.not_finite".into(), json(&self.not_finite)?),
+            (IN_HEADER.into(), json(self)?),
         ];
         if let Some(sky) = &self.environment {
             header.push(("bismar.environment".into(), json(sky)?));
@@ -191,11 +231,7 @@ impl Stats {
     /// As [`atomic::write`].
     pub fn write(&mut self, path: &Path) -> Result<()> {
         self.peak_memory_bytes = host::peak_memory_bytes();
-        atomic::write(path, |file| {
-            serde_json::to_writer_pretty(&mut *file, self)?;
-            std::io::Write::write_all(file, b"\n")?;
-            Ok(Ok(()))
-        })
+        write(path, self)
     }
 
     /// One line for people.

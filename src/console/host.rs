@@ -86,6 +86,11 @@ pub fn resident_memory_bytes() -> u64 {
     kilobytes("/proc/self/status", "VmRSS:").unwrap_or(0)
 }
 
+/// Memory that is mapped for this process, whether it is there or not, in bytes; 0 where the system does not say.
+pub fn virtual_memory_bytes() -> u64 {
+    kilobytes("/proc/self/status", "VmSize:").unwrap_or(0)
+}
+
 /// Lets [`peak_memory_bytes`] begin again at what the process has now, where the system can.
 pub fn reset_peak_memory() {
     let _ = fs::write("/proc/self/clear_refs", "5");

@@ -6,6 +6,7 @@ pub mod child;
 pub mod help;
 pub mod host;
 mod logging;
+pub mod memory;
 mod panics;
 pub mod paths;
 pub mod progress;
@@ -73,7 +74,7 @@ pub enum Verdict {
 /// Exit codes are those of [`Verdict`] and [`Error::exit_code`], 70 for a panic.
 pub fn run<Cli: Parser>(verbosity: impl Fn(&Cli) -> Verbosity, work: impl FnOnce(&Cli) -> Result<Verdict>) -> ExitCode {
     panics::install_hook();
-    if let Err(error) = host::check_isa() {
+    if let Err(error) = host::check_isa().and_then(|()| memory::exit_when_exhausted()) {
         return fail(&error);
     }
     let cli = match Cli::try_parse() {

@@ -11,6 +11,7 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 use signal_hook::{flag, low_level};
 
 use super::{fail, screen};
+use crate::film::lock;
 use crate::{Error, Result};
 
 /// Raised by the first signal.
@@ -93,6 +94,7 @@ impl Signals {
                     let error = Error::Interrupted(why.into());
                     screen::clear();
                     let _ = fail(&error);
+                    lock::release_all();
                     std::process::exit(error.exit_code().into());
                 }
                 thread::sleep(Duration::from_millis(20));

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
 
+use super::lock;
 use crate::{Error, Result};
 
 /// Why the content did not get written: our own error, or the system's.
@@ -64,7 +65,8 @@ pub fn write(path: &Path, content: impl FnOnce(&mut BufWriter<&File>) -> Writing
                 let _ = temporary.as_file().set_permissions(old.permissions());
             }
             temporary.as_file().sync_all().map_err(failed)?;
-            temporary.persist(&target).map_err(|e| failed(e.error))?;
+            let file = temporary.persist(&target).map_err(|e| failed(e.error))?;
+            lock::replaced(&target, file);
             // The rename itself survives a power cut only once the folder is flushed; not every file system can.
             let _ = File::open(&folder).and_then(|f| f.sync_all());
             Ok(())
@@ -79,7 +81,7 @@ fn fill(file: &File, content: impl FnOnce(&mut BufWriter<&File>) -> Writing) -> 
     Ok(result)
 }
 
-enum Place {
+pub(super) enum Place {
     /// A regular file, there already or not, and its folder. Links are followed, so that a link stays one.
     File { target: PathBuf, folder: PathBuf },
     /// Something that must not be replaced by a file.
@@ -87,7 +89,7 @@ enum Place {
 }
 
 impl Place {
-    fn of(path: &Path) -> Result<Self> {
+    pub(super) fn of(path: &Path) -> Result<Self> {
         let target = match fs::metadata(path) {
             Ok(meta) if meta.is_dir() => {
                 return Err(Error::CannotCreate(format!("{}: cannot write: it is a folder", path.display())));
@@ -120,6 +122,14 @@ fn followed(path: &Path) -> Result<PathBuf> {
 }
 
 const SUFFIX: &str = ".tmp";
+
+/// The name of the file that is locked while `target` is not there yet: [`sweep`] removes it when its process is gone.
+pub(super) fn lock_name(target: &Path) -> OsString {
+    let mut name = prefix_of(target);
+    name.push("lock");
+    name.push(SUFFIX);
+    name
+}
 
 fn prefix_of(target: &Path) -> OsString {
     let mut prefix = OsString::from(".");

@@ -8,6 +8,7 @@ pub mod denoise;
 pub mod exposure;
 pub mod exr_file;
 pub mod flip;
+pub mod lock;
 pub mod picture;
 pub mod preview;
 pub mod view;

@@ -13,7 +13,6 @@
 //! packets). The renderer therefore fills its packets tile by tile, always alike.
 
 mod device;
-mod flush;
 mod packets;
 
 use std::sync::Arc;
@@ -26,8 +25,6 @@ use super::{BackendInfo, HitBatch, RayBatch, RayOrder, RayQueries, Watch};
 use crate::Result;
 use crate::scene::{SHUTTER, Scene};
 use device::{DeviceHandle, Monitor, SceneHandle, Share, best_isa};
-use flush::FlushToZero;
-pub use flush::set_flush_to_zero;
 use packets::{filter_alpha, single, wide4, wide8, wide16};
 
 /// Choices of a build and of its queries. The default is what `--rays embree` renders with.
@@ -191,7 +188,6 @@ impl EmbreeRays {
 impl RayQueries for EmbreeRays {
     fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
         hits.resize(rays.len());
-        let _flushed = FlushToZero::new();
         match self.packets {
             Packets::Single => single::closest_hits(self, rays, hits),
             Packets::Four => wide4::closest_hits(self, rays, order, hits),
@@ -203,7 +199,6 @@ impl RayQueries for EmbreeRays {
 
     fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {
         occluded.resize(rays.len(), false);
-        let _flushed = FlushToZero::new();
         match self.packets {
             Packets::Single => single::occluded(self, rays, occluded),
             Packets::Four => wide4::occluded(self, rays, order, occluded),

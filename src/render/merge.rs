@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use tracing::warn;
 
-use super::checkpoint::{self, Earlier, Record, fits};
+use super::checkpoint::{self, Earlier, Record, Saved, fits};
 use super::part::in_rows;
 use super::tile::Tile;
 use super::{Part, RenderSettings, RenderStats, Rendered, StopReason, fresh_tiles, noise};
@@ -136,6 +136,17 @@ fn check_kinship(first: &Earlier, inputs: &[Earlier]) -> Result<()> {
             );
         }
     }
+    let makers = |other: &&Earlier| {
+        let [ours, theirs] = [first, other].map(|i| i.record.maker.as_ref());
+        ours.zip(theirs).map(|(ours, theirs)| ours.differences(theirs)).filter(|text| !text.is_empty())
+    };
+    if let Some((other, differences)) = inputs.iter().find_map(|other| Some((other, makers(&other)?))) {
+        warn!(
+            "{} and {first_name} were written by different builds of bismar, {differences}: the picture is as right as \
+             ever, but perhaps not to the last bit that of one build",
+            other.path.display()
+        );
+    }
     for pair in inputs.windows(2) {
         let [a, b] = [settings(&pair[0]), settings(&pair[1])];
         if (a.seed, a.part) == (b.seed, b.part) {
@@ -179,6 +190,15 @@ fn assemble(parts: &[Earlier]) -> Result<Whole> {
         let own = part.tiles(settings(part))?.ok_or_else(|| {
             Error::Data(format!("{name}: carries no statistics to merge: render it with --checkpoint"))
         })?;
+        let saved = Saved { tiles: own, stats: part.record.stats };
+        // Parts are promised the whole's bits; pictures of several seeds are not.
+        if settings(part).part.is_some() && !saved.is_on_the_way(settings(part)) {
+            warn!(
+                "{name} was begun with another goal and took other passes than a render in one go: the picture is as right \
+                 as ever, but not bit for bit that of the whole"
+            );
+        }
+        let own = saved.tiles;
         let paths = |tiles: &[Tile]| tiles.first().map_or(0, Tile::paths);
         if !tiles.is_empty() && paths(&own) != paths(&tiles) {
             return Err(Error::Data(format!(

@@ -8,7 +8,6 @@ use super::sampler::{self, TileSampler};
 use crate::balance::{Balance, Learned, Moments, Share};
 use crate::film::{AovSums, ExtraSums, Peak, PixelStats};
 use crate::integrator::{PixelTask, Transport, WaveCounts};
-use crate::rays::embree::set_flush_to_zero;
 
 /// Pixels along a side. Tiles lie on the whole picture's grid.
 pub const TILE: u32 = 16;
@@ -117,7 +116,6 @@ impl Tile {
         watch: &mut dyn FnMut(&PixelTask, u32),
     ) -> TileWork {
         let start = Instant::now();
-        set_flush_to_zero();
         let done = self.paths();
         let both = self.pixels.iter().zip(&self.stats);
         let mut shares: Vec<_> =

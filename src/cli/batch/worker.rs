@@ -15,7 +15,7 @@ use super::{Planned, scene_key, understand};
 use crate::batch::order::{Ended, Message, Order};
 use crate::batch::queue::{Shelf, each};
 use crate::batch::report::{Entry, Status};
-use crate::cli::render::{Done, Inputs, Loaded, RenderArgs, Session, check_outputs, declare};
+use crate::cli::render::{Done, Inputs, Loaded, RenderArgs, Session, claim_outputs, declare};
 use crate::console::{Paths, Signals, Verdict, host};
 use crate::render::Progress;
 use crate::{Error, Result};
@@ -140,12 +140,12 @@ impl Worker {
             fs::create_dir_all(folder)
                 .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", folder.display())))?;
         }
-        check_outputs(args)?;
+        let _claims = claim_outputs(args)?;
         let inputs = self.inputs.get(key, || Inputs::read(args))?;
         inputs.declare(&mut self.paths.lock().unwrap_or_else(PoisonError::into_inner))?;
         let session = Session { args, inputs: &inputs, threads: self.threads, began, replaces: true };
-        if let Some(record) = session.done_before()? {
-            return session.develop(&record);
+        if let Some(earlier) = session.done_before()? {
+            return session.develop(&earlier);
         }
         session.check_memory()?;
         let loaded = self.scenes.get(key, || Loaded::load(args, &inputs, &|_, _| !self.signals.stopped()))?;

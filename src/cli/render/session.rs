@@ -13,19 +13,19 @@ use super::identity::Inputs;
 use super::keep::Keeper;
 use super::{RenderArgs, choose, make_scene};
 use crate::cli::memory::{self, Need};
-use crate::cli::stats::{Seconds, Stats};
+use crate::cli::stats::{self, Seconds, Stats};
 use crate::console::tev::Tev;
 use crate::film::aov::{MATERIALS, OBJECTS};
 use crate::film::denoise::Denoiser;
 use crate::film::exr_file::{Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
-use crate::film::{Aov, Background, Look, Picture, colors, cryptomatte, denoised, preview};
+use crate::film::{Aov, Background, Look, Picture, colors, cryptomatte, denoised, exr_file, preview};
 use crate::integrator::PreparedScene;
 use crate::light::AreaLights;
 use crate::rays;
 use crate::render::checkpoint::{self, Earlier, Host};
 use crate::render::{
-    Identity, Pause, Progress, Record, RenderSettings, Rendered, RunOptions, Saved, StopReason, camera, fresh_tiles,
-    run,
+    Identity, Maker, Pause, Progress, Record, RenderSettings, Rendered, RunOptions, Saved, StopReason, camera,
+    fresh_tiles, run,
 };
 use crate::scene::Scene;
 use crate::{Error, Result};
@@ -133,15 +133,15 @@ impl Session<'_> {
     ///
     /// # Errors
     /// As [`Earlier::read`] and, unless it replaces what is there, [`Earlier::verify`].
-    pub fn done_before(&self) -> Result<Option<Record>> {
+    pub fn done_before(&self) -> Result<Option<Earlier>> {
         let output = self.args.output();
         if !self.args.resume {
             return Ok(None);
         }
         let Some(earlier) = Earlier::read(&output)? else { return Ok(None) };
-        let (settings, record) = (self.args.settings(), &earlier.record);
-        let answers = record.answers(&self.inputs.identity(self.args, &settings), &self.args.asked());
-        if !answers || !self.is_done(record, &settings) {
+        let settings = self.args.settings();
+        let answers = earlier.record.answers(&self.inputs.identity(self.args, &settings), &self.args.asked());
+        if !answers || !self.is_done(&earlier, &settings) {
             return Ok(None);
         }
         match earlier.verify() {
@@ -149,17 +149,20 @@ impl Session<'_> {
                 warn!("{why}: it is rendered anew");
                 Ok(None)
             }
-            verified => verified.map(|()| Some(earlier.record)),
+            verified => verified.map(|()| Some(earlier)),
         }
     }
 
     /// What is left to do for a finished picture: its PNG is developed from the file if it is not there or was made with
-    /// another view, exposure or number of paths.
+    /// another view, exposure or number of paths; its statistics are written anew if they are not those of this file.
     ///
     /// # Errors
-    /// As [`Picture::open`] and [`preview::write_picture`].
-    pub fn develop(&self, record: &Record) -> Result<Done> {
-        let (args, output) = (self.args, self.args.output());
+    /// As [`Picture::open`], [`preview::write_picture`] and [`stats::write_again`].
+    pub fn develop(&self, earlier: &Earlier) -> Result<Done> {
+        let (args, output, record) = (self.args, self.args.output(), &earlier.record);
+        if let Some(path) = &args.stats {
+            stats::write_again(path, &earlier.header, &exr_file::seal(&output)?)?;
+        }
         let mark = self.mark(record.stats.paths);
         let Some(png) = args.preview.as_ref().filter(|png| preview::mark(png).as_ref() != Some(&mark)) else {
             return Ok(Done::Before(output, record.paths, None));
@@ -189,20 +192,20 @@ impl Session<'_> {
     }
 
     /// Are its stop rule and its wishes for other files fulfilled?
-    fn is_done(&self, record: &Record, settings: &RenderSettings) -> bool {
-        let a = self.args;
-        // A PNG is developed from the picture.
-        let others = a.stats.as_ref().is_none_or(|path| path.exists());
+    fn is_done(&self, earlier: &Earlier, settings: &RenderSettings) -> bool {
+        let (a, record) = (self.args, &earlier.record);
+        // A PNG is developed from the picture, and so are statistics, which older files do not carry.
+        let others = a.stats.as_ref().is_none_or(|path| stats::are_in(&earlier.header) || path.exists());
         // A picture that is to be gone on from later must be able to.
         let carries = a.checkpoint.is_none() || record.keeps;
         others && carries && record.is_done(settings)
     }
 
-    /// Fails if there is not enough memory, by what the files say of themselves.
+    /// Fails if there is not enough memory, by what the files say of themselves; else how much there is.
     ///
     /// # Errors
     /// [`Error::Host`].
-    pub fn check_memory(&self) -> Result<()> {
+    pub fn check_memory(&self) -> Result<memory::Limit> {
         // Where the size follows from the camera, which is not known yet, the default's share of the whole is small.
         let (width, height) = self.args.size.map_or((960, 540), |s| (s.0, s.1));
         let pixels = match self.args.crop {
@@ -222,7 +225,7 @@ impl Session<'_> {
         };
         let limit = memory::limit(self.args.memory_limit)?;
         info!("needs about {} MiB of memory; {} allows {}", need.bytes() >> 20, limit.1, limit.0 >> 20);
-        memory::check(&self.args.scene.display().to_string(), need.bytes(), limit)
+        memory::check(&self.args.scene.display().to_string(), need.bytes(), limit).map(|()| limit)
     }
 
     fn saves(&self) -> bool {
@@ -350,6 +353,7 @@ impl Session<'_> {
         stats.seconds.write = seconds.get().write + writing.elapsed().as_secs_f64();
         stats.seconds.total = self.began.elapsed().as_secs_f64();
         if let Some(path) = &args.stats {
+            stats.picture = exr_file::seal(&output)?;
             stats.write(path)?;
         }
         if interrupted {
@@ -395,6 +399,14 @@ impl Session<'_> {
                 there.isa,
                 here.version,
                 here.isa
+            );
+        }
+        let maker = earlier.record.maker.as_ref().map(|maker| Maker::here().differences(maker)).unwrap_or_default();
+        if !maker.is_empty() {
+            warn!(
+                "{} was begun by another build of bismar, {maker}: the picture is as right as ever, but perhaps not to \
+                 the last bit the one of a single build",
+                output.display()
             );
         }
         if !saved.is_on_the_way(&ours.settings) {

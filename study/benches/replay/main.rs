@@ -204,7 +204,6 @@ type BareQuery = fn(&Bare, Kind, bismar::rays::RayOrder, &bismar::rays::RayBatch
 
 /// Seconds of the tape inside Embree's calls alone, and how many rays hit.
 fn bare_loop(query: BareQuery, bare: &Bare, tape: &[Query]) -> (f64, usize) {
-    bismar::rays::embree::set_flush_to_zero();
     let of = |q: &Query| query(bare, q.kind, q.order, &q.rays);
     tape.iter().map(of).fold((0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1))
 }

@@ -19,7 +19,7 @@ pub(super) fn method(page: &mut Page, results: &Results) {
             "Contender and baseline take turns, {} rounds, first and second by turns. A speed ratio is the median over rounds of \
              the ratio within a round, ± is the standard error of that median (from the median deviation). Seconds are processor \
              seconds of one thread: other programs on the same cores do not count, though they take from caches and \
-             memory bandwidth. All threads flush denormals to zero, for both libraries.",
+             memory bandwidth. Denormals are as the renderer has them, for both libraries: not flushed to zero.",
             results.rounds
         ));
         page.text(

@@ -1,0 +1,264 @@
+#!/usr/bin/env python3
+"""Misnames, changes, starves and mutates what bismar is given, counts what was lost, and writes the counts into
+docs/reliability.md.
+
+    reliability_files.py BINARY SECTION...     a section by name, or all
+
+A section is given the program and a folder, and returns rows: what, tries, failures, a remark.
+"""
+
+import concurrent.futures
+import itertools
+import os
+import random
+import re
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def run(bismar, folder, line, before=None):
+    words = line.split() if isinstance(line, str) else line
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("SLURM_")}
+    return subprocess.run([bismar, *words], cwd=folder, env={**kept, "BISMAR_THREADS": "1"}, capture_output=True,
+                          text=True, errors="replace", preexec_fn=before)
+
+
+def on_all_cores(work, items):
+    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(work, items))
+
+
+def flips(bismar, folder):
+    """Finished pictures with one bit turned over, or cut short; then the same command with `--resume`."""
+    shutil.copy(ROOT / "scenes/cornell.glb", folder / "cornell.glb")
+    line = "render {}/cornell.glb --size 40x24 --spp 8 -q --resume -o out.exr"
+    whole = {}
+    for more in ["", " --checkpoint 9", " --aov all"]:
+        assert run(bismar, folder, line.format(folder) + more).returncode == 0
+        whole[more] = (folder / "out.exr").read_bytes()
+        (folder / "out.exr").unlink()
+
+    def attempt(number):
+        chance = random.Random(number)
+        more = chance.choice(list(whole))
+        content = bytearray(whole[more])
+        cut = number % 10 == 0
+        if cut:
+            del content[chance.randrange(len(content)):]
+        else:
+            content[chance.randrange(len(content) if number % 2 else min(8192, len(content)))] ^= 1 << chance.randrange(8)
+        own = folder / f"try{number}"
+        own.mkdir()
+        (own / "out.exr").write_bytes(content)
+        code = run(bismar, own, line.format(folder) + more).returncode
+        done = code == 0 and (own / "out.exr").read_bytes() == content
+        shutil.rmtree(own)
+        return cut, done, code
+
+    found = on_all_cores(attempt, range(10_000))
+    rows = []
+    for name, cut in [("one bit turned over", False), ("cut short", True)]:
+        codes = [code for c, _, code in found if c == cut]
+        shown = ", ".join(f"{codes.count(code)} exit with {code}" for code in sorted(set(codes)))
+        rows.append((f"{name}: called done", len(codes), sum(done for c, done, _ in found if c == cut), shown))
+    rows.append(("any other exit code than 0, 65 and 66", len(found), sum(code not in (0, 65, 66) for *_, code in found), ""))
+    return rows
+
+
+# Each command's path flags: what stands before the path, whether it is written, and how it must end.
+COMMANDS = {
+    "render --size 40x24 --spp 1 -q": [
+        ("", "cornell.glb", None), ("--env", "sky.exr", None), ("--path-mapping", "rules.json", None),
+        ("-o", None, "exr"), ("--preview", None, "png"), ("--stats", None, "json")],
+    "merge -q": [
+        ("", "1.exr", None), ("", "2.exr", None), ("--path-mapping", "rules.json", None),
+        ("-o", None, "exr"), ("--preview", None, "png")],
+    "compare": [("", "sky.exr", None), ("", "1.exr", None), ("--diff", None, "exr")],
+    "develop -q": [("", "sky.exr", None), ("-o", None, "png")],
+    "batch -q": [("", "jobs.toml", None), ("--report", None, "json"), ("--events", None, "json")],
+}
+
+
+def spellings(folder, file):
+    """Five names of a file that is there or not."""
+    stem, extension = file.split(".")
+    link = f"link-{stem}.{extension}"
+    (folder / link).unlink(missing_ok=True)
+    (folder / link).symlink_to(file)
+    names = [file, f"./{file}", f"sub/../here/{file}", str(folder / file), link]
+    if (folder / file).exists():
+        hard = f"hard-{stem}.{extension}"
+        (folder / hard).unlink(missing_ok=True)
+        os.link(folder / file, folder / hard)
+        names.append(hard)
+    return names
+
+
+def names(bismar, folder):
+    """Every pair of a command's path flags, of which one is written, given the same file under each of its names."""
+    shutil.copy(ROOT / "scenes/cornell.glb", folder)
+    (folder / "sub").mkdir()
+    (folder / "here").symlink_to(".")
+    render = "render cornell.glb --size 40x24 --spp 1 -q --checkpoint 9"
+    for more in ["-o sky.exr", "-o 1.exr --part 1/2", "-o 2.exr --part 2/2"]:
+        assert run(bismar, folder, f"{render} {more}").returncode == 0
+    (folder / "rules.json").write_text('{"version":"pathmapping-1.0","path_mapping_rules":[]}')
+    (folder / "jobs.toml").write_text("[[job]]\nscene = 'cornell.glb'\nsize = '40x24'\nspp = 1\n")
+    tries = lost = done = pairs = 0
+    for command, flags in COMMANDS.items():
+        for (i, (_, first, first_end)), (j, (_, second, end)) in itertools.permutations(enumerate(flags), 2):
+            if second is not None or (first is None and j < i):
+                continue
+            pairs += 1
+            # A copy of the input that is named as the output must be.
+            shared = f"shared.{end if first else first_end}"
+            if first is None and first_end != end and "json" not in (first_end, end):
+                # Only a link can have both.
+                shared = f"shared.{first_end}"
+            (folder / shared).unlink(missing_ok=True)
+            if first:
+                shutil.copy(folder / first, folder / shared)
+            for name in spellings(folder, shared):
+                if not name.endswith(end) and end != "json":
+                    link = f"other.{end}"
+                    (folder / link).unlink(missing_ok=True)
+                    (folder / link).symlink_to(name)
+                    name = link
+                words = command.split()
+                for k, (flag, file, file_end) in enumerate(flags):
+                    path = {i: shared, j: name}.get(k, file or (f"fresh{k}.{file_end}" if flag == "-o" else None))
+                    words += [word for word in (flag, path) if word] if path else []
+                before = (folder / shared).read_bytes() if first else None
+                code = run(bismar, folder, words).returncode
+                tries += 1
+                done += code != 64
+                lost += first is not None and (folder / shared).read_bytes() != before
+                for path in [*folder.glob("fresh*"), *([] if first else [folder / shared])]:
+                    path.unlink(missing_ok=True)
+    return [(f"{pairs} pairs of flags under five or six names: an input was lost", tries, lost, ""),
+            ("anything but refused with exit code 64", tries, done, "")]
+
+
+def memory(bismar, folder):
+    """Renders that are allowed less memory than they need, a little more, or much more: by a memory cgroup (version 1, where
+    this machine lets us make one), by `ulimit -v` and `ulimit -d`, by `--memory-limit`. They end with 76, before rendering or
+    while they do, or fit."""
+    shutil.copy(ROOT / "scenes/cornell.glb", folder)
+    shutil.copy(ROOT / "scenes/field.glb", folder)
+    group = Path(f"/sys/fs/cgroup/memory/bismar-{os.getpid()}")
+    ways = ["address space", "data", "flag"]
+    try:
+        group.mkdir()
+        ways.append("cgroup")
+    except OSError:
+        pass
+    found = {way: [] for way in ways}
+    chance = random.Random(3)
+    for number in range(100):
+        way = ways[number % len(ways)]
+        limit = int(2 ** chance.uniform(25, 29.5))
+        side = chance.choice([60, 300, 500, 800])
+        scene, rays = chance.choice(["cornell.glb", "field.glb"]), chance.choice(["embree", "obvhs"])
+        line = f"render {scene} --size {side}x{side} --spp 1 --rays {rays} --threads " \
+               f"{chance.choice([1, 2, 8])} -q -o out.exr" + chance.choice(["", " --aov all", " --checkpoint 0.1"])
+        before = None
+        if way == "flag":
+            line += f" --memory-limit {limit}"
+        elif way == "cgroup":
+            (group / "memory.limit_in_bytes").write_text(str(limit))
+            before = lambda: (group / "cgroup.procs").write_text("0")
+        else:
+            kind = resource.RLIMIT_AS if way == "address space" else resource.RLIMIT_DATA
+            # In less than 64 MiB the system cannot even load the program.
+            limit = limit * 4 if way == "address space" else limit
+            before = lambda: resource.setrlimit(kind, (limit, limit))
+        try:
+            code = run(bismar, folder, line, before).returncode
+        except subprocess.SubprocessError:
+            continue
+        found[way].append((code, f"{line}, {limit >> 20} MiB"))
+    if group.exists():
+        group.rmdir()
+    rows = []
+    for way, ends in found.items():
+        wrong = [(code, line) for code, line in ends if code not in (0, 76)]
+        fit = sum(code == 0 for code, _ in ends)
+        remark = f"{fit} fit, {len(ends) - fit - len(wrong)} exit with 76"
+        rows.append((f"limited by {way}: any other end", len(ends), len(wrong), remark + (f"; {wrong}" if wrong else "")))
+    return rows
+
+
+def mutations(_, __):
+    """Mutated glTF, GLB, PNG, JPEG, HDR, EXR, checkpoints, batch files and plans, through the doors of `fuzz/doors.rs`
+    (`tests/mutations.rs`), in slices of processes of their own that may have 256 MiB and four times the largest file."""
+    built = subprocess.run(["cargo", "test", "--test", "all", "--no-run"], cwd=ROOT, capture_output=True, text=True)
+    binary = ROOT / re.search(r"\((target/\S*/all-\w+)\)", built.stderr).group(1)
+    many = int(os.environ.get("BISMAR_MUTATIONS", 1_000_000))
+    size = min(many, 20_000)
+
+    def attempt(start):
+        numbers = {"BISMAR_MUTATIONS": str(size), "BISMAR_MUTATIONS_FROM": str(start)}
+        test = "mutations::no_mutated_file_panics_aborts_or_hangs"
+        try:
+            end = subprocess.run([binary, "--exact", test, "--nocapture"], cwd=ROOT, env={**os.environ, **numbers},
+                                 capture_output=True, text=True, errors="replace", timeout=3600)
+            said, code = end.stdout + end.stderr, end.returncode
+        except subprocess.TimeoutExpired:
+            said, code = "", "a hang"
+        panics = re.search(r"(\d+) panics", said)
+        peak = re.search(r"peak (\d+) MiB", said)
+        slowest = re.search(r"slowest ([\d.]+) s", said)
+        return code, int(panics.group(1)) if panics else 1, int(peak.group(1)) if peak else 0, \
+            float(slowest.group(1)) if slowest else 0.0, start
+
+    ends = on_all_cores(attempt, range(0, many, size))
+    wrong = [f"{code} from {start}" for code, *_, start in ends if code != 0]
+    return [("mutated files: panics, aborts, hangs", size * len(ends), sum(end[1] for end in ends), "; ".join(wrong)),
+            ("processes beyond their memory or without an end", len(ends), len(wrong),
+             f"at most {max(end[2] for end in ends)} MiB; the slowest file took {max(end[3] for end in ends):.2f} s")]
+
+
+SECTIONS = {"Changed and cut pictures": flips, "One file by many names": names, "Little memory": memory,
+            "Mutated files": mutations}
+
+
+PAGE = ROOT / "docs/reliability.md"
+HEAD = "# What was tried to break it\n\nTries and failures, counted by commands; a section is made anew by its command.\n"
+
+
+def write(title, function, rows):
+    """Replaces a section of the page, or appends it."""
+    page = PAGE.read_text() if PAGE.exists() else HEAD
+    text = " ".join(function.__doc__.split())
+    table = "| what | tries | failures | |\n| --- | --- | --- | --- |\n"
+    table += "".join(f"| {what} | {tries} | {failures} | {remark} |\n" for what, tries, failures, remark in rows)
+    new = f"## {title}\n{text} (`scripts/reliability_files.py BINARY {function.__name__}`)\n\n{table}"
+    found = re.search(rf"^## {re.escape(title)}\n.*?(?=^## |\Z)", page, re.M | re.S)
+    page = page.replace(found.group(0), new + "\n") if found else page.rstrip("\n") + f"\n\n{new}"
+    PAGE.write_text(page.rstrip("\n") + "\n")
+
+
+def main():
+    by_name = {function.__name__: (title, function) for title, function in SECTIONS.items()}
+    if len(sys.argv) < 3 or not set(sys.argv[2:]) <= {"all", *by_name}:
+        sys.exit(f"reliability_files.py BINARY SECTION...\nsections: all, {', '.join(by_name)}")
+    failed = False
+    for name, (title, function) in by_name.items():
+        if {"all", name} & set(sys.argv[2:]):
+            with tempfile.TemporaryDirectory() as folder:
+                rows = function(str(Path(sys.argv[1]).resolve()), Path(folder))
+            write(title, function, rows)
+            for row in rows:
+                print(f"{name}: {row[0]}: {row[2]} of {row[1]} {row[3]}", flush=True)
+                failed |= row[2] > 0
+    sys.exit(failed)
+
+
+if __name__ == "__main__":
+    main()

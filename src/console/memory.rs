@@ -1,0 +1,160 @@
+//! Memory: what this process may have, and how running out of it ends.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::fs;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
+
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use signal_hook::consts::SIGABRT;
+
+use super::host;
+use crate::{Error, Result};
+
+/// The system's allocator, which takes note when there is nothing left.
+#[derive(Debug)]
+pub struct Allocator;
+
+/// Raised when an allocation has failed.
+static EXHAUSTED: OnceLock<Arc<AtomicBool>> = OnceLock::new();
+
+fn noted(memory: *mut u8) -> *mut u8 {
+    if memory.is_null()
+        && let Some(exhausted) = EXHAUSTED.get()
+    {
+        exhausted.store(true, Ordering::SeqCst);
+    }
+    memory
+}
+
+// SAFETY: all memory is the system allocator's, and what callers promise is handed on to it as it is.
+unsafe impl GlobalAlloc for Allocator {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        // SAFETY: as promised to us.
+        noted(unsafe { System.alloc(layout) })
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        // SAFETY: as promised to us.
+        noted(unsafe { System.alloc_zeroed(layout) })
+    }
+
+    unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        // SAFETY: as promised to us; `memory` is of `System`, as all that we gave.
+        noted(unsafe { System.realloc(memory, layout, size) })
+    }
+
+    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
+        // SAFETY: as promised to us; `memory` is of `System`, as all that we gave.
+        unsafe { System.dealloc(memory, layout) }
+    }
+}
+
+/// From now on a failed allocation ends the program with exit code 76, where [`Allocator`] is the program's: Rust says how
+/// many bytes it wanted and aborts, which is then no crash.
+///
+/// # Errors
+/// [`Error::Host`] if the system does not let it.
+pub fn exit_when_exhausted() -> Result<()> {
+    let exhausted = Arc::clone(EXHAUSTED.get_or_init(Arc::default));
+    let code = Error::Host(String::new()).exit_code();
+    signal_hook::flag::register_conditional_shutdown(SIGABRT, code.into(), exhausted)
+        .map(drop)
+        .map_err(|e| Error::Host(format!("cannot listen to signal {SIGABRT}: {e}")))
+}
+
+/// The least that is allowed to this process from outside, and by what: its cgroups, of either version, or a resource
+/// limit (`ulimit`). `None` where nothing is set.
+pub fn allowed() -> Option<(u64, &'static str)> {
+    let read = |path: &str| fs::read_to_string(path).unwrap_or_default();
+    let cgroup = cgroup_limit(&read("/proc/self/cgroup"), &read("/proc/self/mountinfo"), Path::new("/"));
+    // What is mapped and not there, as libraries and stacks, counts too.
+    let elsewhere = host::virtual_memory_bytes().saturating_sub(host::resident_memory_bytes());
+    let space = getrlimit(Resource::As).current.map(|bytes| bytes.saturating_sub(elsewhere));
+    let data = getrlimit(Resource::Data).current;
+    let all = [(cgroup, "its cgroup"), (space, "its limit of address space"), (data, "its limit of data")];
+    all.into_iter().filter_map(|(bytes, what)| Some((bytes?, what))).min()
+}
+
+/// Makes allocations beyond so many bytes fail, which is told ([`exit_when_exhausted`]), where the system would kill.
+pub fn hold_to(bytes: u64) {
+    let Rlimit { current, maximum } = getrlimit(Resource::Data);
+    let least = [Some(bytes), current, maximum].into_iter().flatten().min();
+    // Where it cannot be set, all is as it was.
+    let _ = setrlimit(Resource::Data, Rlimit { current: least, maximum });
+}
+
+/// The least limit of the memory cgroups that a process is in, below a file system's `root`. By cgroups(7): `membership`
+/// is `/proc/self/cgroup`, `mounts` is `/proc/self/mountinfo`.
+fn cgroup_limit(membership: &str, mounts: &str, root: &Path) -> Option<u64> {
+    let mounted = mounts.lines().filter_map(|line| {
+        let (place, kind) = line.split_once(" - ")?;
+        let (place, kind): (Vec<_>, Vec<_>) = (place.split(' ').collect(), kind.split(' ').collect());
+        let file = match *kind.first()? {
+            "cgroup2" => "memory.max",
+            "cgroup" if kind.get(2)?.split(',').any(|option| option == "memory") => "memory.limit_in_bytes",
+            _ => return None,
+        };
+        Some((*place.get(3)?, *place.get(4)?, file))
+    });
+    let own = |file: &str| {
+        membership.lines().find_map(|line| {
+            let mut fields = line.splitn(3, ':').skip(1);
+            let (controllers, path) = (fields.next()?, fields.next()?);
+            let ours = match file {
+                "memory.max" => controllers.is_empty(),
+                _ => controllers.split(',').any(|name| name == "memory"),
+            };
+            ours.then_some(path)
+        })
+    };
+    let limits = mounted.filter_map(|(mount_root, mount, file)| {
+        let path = Path::new(own(file)?);
+        let below = path.strip_prefix(mount_root).or_else(|_| path.strip_prefix("/")).ok()?;
+        let mount = root.join(mount.trim_start_matches('/'));
+        let own = mount.join(below);
+        let all = own.ancestors().take_while(|folder| folder.starts_with(&mount));
+        all.filter_map(|folder| fs::read_to_string(folder.join(file)).ok()?.trim().parse::<u64>().ok()).min()
+    });
+    // Version 1 says almost 2^63 for none.
+    limits.min().filter(|bytes| *bytes < 1 << 62)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_least_limit_of_a_cgroup_and_those_above_it_counts() {
+        let folder = tempfile::tempdir().unwrap();
+        let put = |file: &str, text: &str| {
+            let path = folder.path().join(file);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        };
+        put("sys/fs/cgroup/slurm/job_7/memory.max", "max\n");
+        put("sys/fs/cgroup/slurm/memory.max", "419430400\n");
+        put("sys/fs/cgroup/memory/a/b/memory.limit_in_bytes", "9223372036854771712\n");
+        put("sys/fs/cgroup/memory/a/memory.limit_in_bytes", "209715200\n");
+        put("sys/fs/cgroup/memory/memory.limit_in_bytes", "9223372036854771712\n");
+        let two = "34 24 0:29 / /sys/fs/cgroup rw,nosuid - cgroup2 cgroup2 rw\n";
+        let one = "35 24 0:30 / /sys/fs/cgroup/memory rw - cgroup cgroup rw,memory\n\
+                   36 24 0:31 / /sys/fs/cgroup/cpu rw - cgroup cgroup rw,cpu\n";
+        // As in a container that sees its own cgroup alone, but is told its whole path.
+        let inside = "35 24 0:30 /docker/x /sys/fs/cgroup/memory/a rw - cgroup cgroup rw,memory\n";
+        for (membership, mounts, wanted) in [
+            ("0::/slurm/job_7\n", two, Some(400 << 20)),
+            ("0::/\n", two, None),
+            ("5:cpu:/\n4:memory:/a/b\n", one, Some(200 << 20)),
+            ("4:cpuset,memory:/a\n0::/\n", one, Some(200 << 20)),
+            ("4:memory:/\n", one, None),
+            ("4:memory:/docker/x\n", inside, Some(200 << 20)),
+            ("4:memory:/a/b\n0::/slurm\n", &format!("{two}{one}"), Some(200 << 20)),
+            ("", two, None),
+            ("4:memory:/a\n", "", None),
+        ] {
+            assert_eq!(cgroup_limit(membership, mounts, folder.path()), wanted, "{membership}");
+        }
+    }
+}

@@ -1,0 +1,187 @@
+//! Two writers, other builds, too little memory, finished pictures whose companions are gone: nothing is lost, and whoever
+//! asks is told.
+
+use std::fs;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use crate::helpers::program::{self, assert_same_bits, attribute, bismar, expect, names, scene, stderr};
+
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    fs::copy(scene("cornell.glb"), folder.path().join("cornell.glb")).unwrap();
+    folder
+}
+
+#[test]
+fn the_second_of_two_writers_is_told() {
+    let folder = folder();
+    let long = "render cornell.glb --size 96x64 --spp 100000 -o out.exr --progress plain";
+    for checkpoint in ["", " --checkpoint 0.02"] {
+        let line = format!("{long}{checkpoint}");
+        let mut first =
+            bismar(folder.path()).args(line.split(' ')).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut lines = BufReader::new(first.stderr.take().unwrap());
+        let mut said = String::new();
+        while !said.contains("PROGRESS") || !(checkpoint.is_empty() || folder.path().join("out.exr").exists()) {
+            assert_ne!(lines.read_line(&mut said).unwrap(), 0, "it ended by itself:\n{said}");
+        }
+        for second in [
+            "render cornell.glb --size 8x8 --spp 1 -o ./out.exr",
+            "render cornell.glb --size 8x8 --spp 1 -o out.exr --resume",
+            "render cornell.glb --size 8x8 --spp 1 -o other.exr --stats out.exr",
+        ] {
+            let said = expect(folder.path(), second, 73);
+            assert!(said.contains("another bismar is writing it"), "{second}: {said}");
+        }
+        program::signal(&first, "-TERM");
+        lines.read_to_string(&mut said).unwrap();
+        assert_eq!(first.wait().unwrap().code(), Some(75), "{said}");
+        expect(folder.path(), "render cornell.glb --size 8x8 --spp 1 -o out.exr -q", 0);
+        assert_eq!(names(folder.path()), ["cornell.glb", "out.exr"]);
+        fs::remove_file(folder.path().join("out.exr")).unwrap();
+    }
+}
+
+#[test]
+fn merge_asks_of_parts_what_resume_asks() {
+    const TOLD: &str = "took other passes";
+    let folder = folder();
+    let line = "render cornell.glb --size 40x30 -q --checkpoint 9 --resume";
+    for (part, goals) in [(1, &["64", "256"][..]), (2, &["256"])] {
+        for goal in goals {
+            expect(folder.path(), &format!("{line} --part {part}/2 --spp {goal} -o {part}.exr"), 0);
+        }
+    }
+    let said = expect(folder.path(), "merge 1.exr 2.exr -o out.exr", 0);
+    assert!(said.contains("1.exr was begun with another goal") && said.contains(TOLD), "{said}");
+    assert!(!said.contains("2.exr was begun"), "{said}");
+    // From a multiple of 128 there is nothing to tell, and the bits are those of the whole.
+    fs::remove_file(folder.path().join("1.exr")).unwrap();
+    for goal in ["128", "256"] {
+        expect(folder.path(), &format!("{line} --part 1/2 --spp {goal} -o 1.exr"), 0);
+    }
+    let said = expect(folder.path(), "merge 1.exr 2.exr -o out.exr", 0);
+    assert!(!said.contains(TOLD), "{said}");
+    expect(folder.path(), "render cornell.glb --size 40x30 -q --spp 256 -o whole.exr", 0);
+    assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("out.exr"));
+}
+
+/// Turns a word of a picture's header into another of the same length, and seals the file again.
+fn forge(path: &Path, from: &str, to: &str) {
+    let mut file = fs::read(path).unwrap();
+    assert_eq!(from.len(), to.len());
+    let mut found = 0;
+    for at in 0..file.len() - from.len() {
+        if file[at..at + from.len()] == *from.as_bytes() {
+            file[at..at + from.len()].copy_from_slice(to.as_bytes());
+            found += 1;
+        }
+    }
+    assert!(found > 0, "{} says nowhere {from}", path.display());
+    program::seal(&mut file);
+    fs::write(path, file).unwrap();
+}
+
+#[test]
+fn what_another_build_began_goes_on_with_a_word_about_it() {
+    let folder = folder();
+    let line = "render cornell.glb --size 40x30 --checkpoint 9 --resume -o out.exr";
+    expect(folder.path(), &format!("{line} --spp 8 -q"), 0);
+    let record: serde_json::Value =
+        serde_json::from_str(&attribute(&folder.path().join("out.exr"), "bismar.record")).unwrap();
+    let maker = &record["maker"];
+    assert!(maker["compiler"].as_str().unwrap().starts_with("rustc 1."), "{maker}");
+    assert!(maker["isa"].as_str().unwrap().starts_with("x86-64"), "{maker}");
+    let said = expect(folder.path(), &format!("{line} --spp 16"), 0);
+    assert!(!said.contains("another build"), "{said}");
+    forge(&folder.path().join("out.exr"), "\"compiler\":\"rustc 1.", "\"compiler\":\"rustc 0.");
+    let said = expect(folder.path(), &format!("{line} --spp 24"), 0);
+    assert!(said.contains("another build of bismar, compiler (rustc 0."), "{said}");
+    // It was written by this one in the end.
+    let said = expect(folder.path(), &format!("{line} --spp 32"), 0);
+    assert!(!said.contains("another build"), "{said}");
+}
+
+#[test]
+fn statistics_of_a_finished_picture_are_written_again_without_a_render() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    for more in ["", " --checkpoint 9"] {
+        let line = format!("render cornell.glb --size 40x30 --spp 8 -o out.exr --stats out.json{more}");
+        expect(folder.path(), &format!("{line} -q"), 0);
+        let picture = fs::read(at("out.exr")).unwrap();
+        let stats = || serde_json::from_slice::<serde_json::Value>(&fs::read(at("out.json")).unwrap()).unwrap();
+        let first = stats();
+        assert!(first["picture"].as_str().unwrap().starts_with(&format!("{:016}-", picture.len())), "{first}");
+        let text = fs::read(at("out.json")).unwrap();
+        expect(folder.path(), &format!("{line} --resume"), 0);
+        assert_eq!(fs::read(at("out.json")).unwrap(), text, "what is right is left alone");
+        for stale in [None, Some(""), Some("{}"), Some("not json"), Some("{\"picture\":\"another\"}")] {
+            match stale {
+                None => fs::remove_file(at("out.json")).unwrap(),
+                Some(text) => fs::write(at("out.json"), text).unwrap(),
+            }
+            let said = expect(folder.path(), &format!("{line} --resume"), 0);
+            assert!(said.contains("finished before"), "{said}");
+            let again = stats();
+            for field in ["schema", "version", "scene", "settings", "samples", "noise", "rays", "picture", "threads"] {
+                assert_eq!(again[field], first[field], "{field}");
+            }
+        }
+        assert_eq!(fs::read(at("out.exr")).unwrap(), picture);
+    }
+}
+
+/// Renders under a limit that the shell sets; the exit code and what was said.
+fn limited(folder: &Path, limit: &str, line: &str) -> (Option<i32>, String) {
+    let script = format!("{limit} && exec \"$0\" {line}");
+    let mut command = Command::new("sh");
+    command.args(["-c", &script]).arg(program::program()).current_dir(folder).env("BISMAR_THREADS", "2");
+    let output = command.output().unwrap();
+    (output.status.code(), stderr(&output))
+}
+
+#[test]
+fn too_little_memory_is_76_before_or_while_rendering_or_it_fits() {
+    let folder = folder();
+    let line = "render cornell.glb --size 700x500 --spp 1 --aov all --checkpoint 0.1 -q -o out.exr";
+    let mut codes = Vec::new();
+    for rays in ["embree", "obvhs"] {
+        for unit in ["d", "v"] {
+            for mebibytes in [60, 130, 190, 300, 700] {
+                // What libraries and stacks map counts as address space; in less than that nothing can be loaded.
+                let mapped = if unit == "v" { 128 } else { 0 };
+                let limit = format!("ulimit -{unit} {}", (mapped + mebibytes) << 10);
+                let (code, said) = limited(folder.path(), &limit, &format!("{line} --rays {rays}"));
+                assert!(matches!(code, Some(0 | 76)), "{limit} {rays}: {code:?}\n{said}");
+                codes.push(code);
+            }
+        }
+    }
+    assert!(codes.contains(&Some(0)) && codes.contains(&Some(76)), "{codes:?}");
+    let (code, said) = limited(folder.path(), "ulimit -d 102400", line);
+    assert_eq!(code, Some(76), "{said}");
+    assert!(said.contains("its limit of data allows"), "{said}");
+}
+
+#[test]
+fn a_cgroup_is_found_and_heeded() {
+    let group = Path::new("/sys/fs/cgroup/memory").join(format!("bismar-{}", std::process::id()));
+    if fs::create_dir(&group).is_err() {
+        println!("skipped: this machine lets nobody make a memory cgroup of version 1");
+        return;
+    }
+    let folder = folder();
+    let render = |mebibytes: u64, line: &str| {
+        fs::write(group.join("memory.limit_in_bytes"), (mebibytes << 20).to_string()).unwrap();
+        limited(folder.path(), &format!("echo 0 > {}/cgroup.procs", group.display()), line)
+    };
+    let large = render(400, "render cornell.glb --size 3000x3000 --spp 1 -q -o out.exr");
+    let small = render(400, "render cornell.glb --size 100x100 --spp 1 -q -o out.exr");
+    fs::remove_dir(&group).unwrap();
+    assert_eq!(large.0, Some(76), "{}", large.1);
+    assert!(large.1.contains("its cgroup allows 400"), "{}", large.1);
+    assert_eq!(small.0, Some(0), "{}", small.1);
+}
