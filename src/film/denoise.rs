@@ -57,8 +57,8 @@ impl Denoiser {
             }
         }
         Err(Error::Host(format!(
-            "--denoise oidn: Open Image Denoise is not here ({why}): install your system's package of it (Debian 13: \
-             libopenimagedenoise2), or unpack a release from https://github.com/RenderKit/oidn/releases and set {VARIABLE} to \
+            "--denoise oidn: Open Image Denoise is not here ({why}): install your system's package of it, \
+             or unpack a release from https://github.com/RenderKit/oidn/releases and set {VARIABLE} to \
              its lib/libOpenImageDenoise.so.2"
         )))
     }
