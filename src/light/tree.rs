@@ -321,6 +321,12 @@ mod tests {
         if seed.is_multiple_of(4) { Vec3::ZERO } else { warp::sphere(number(seed ^ 1), number(seed ^ 2)) }
     }
 
+    /// Choices from the root to an emitter.
+    fn depth(tree: &LightTree, emitter: u32) -> usize {
+        let up = |&node: &u32| Some(tree.nodes[node as usize].parent);
+        std::iter::successors(Some(tree.leaves[emitter as usize]), up).take_while(|&node| node != 0).count()
+    }
+
     fn emitters(n: u32, seed: u32) -> Vec<Emitter> {
         (0..n)
             .map(|i| {
@@ -361,7 +367,10 @@ mod tests {
                     if chance > 0.0 {
                         count[chosen[lane] as usize] += 1;
                         let stated = tree.pmf(p, normal, chosen[lane]);
-                        prop_assert!((chance / stated - 1.0).abs() < 1e-3, "{chance} {stated}");
+                        // A level: sum and quotient of a share near one are rounded, and what it leaves to one is off
+                        // by as much, before factors of at most one; then the roundings of both products.
+                        let rounding = f32::EPSILON * (1.0 + 4.0 * stated) * depth(&tree, chosen[lane]) as f32;
+                        prop_assert!((chance - stated).abs() <= rounding, "{chance} {stated}");
                     }
                 }
             }
