@@ -20,6 +20,8 @@ import tempfile
 import time
 from pathlib import Path
 
+import reliability_files
+
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs/reliability.md"
 HEAD = """# What was tried to break it
@@ -275,6 +277,8 @@ def write(title, text, rows):
 
 
 def main():
+    for title, function in reliability_files.SECTIONS.items():
+        section(title)(function)
     if len(sys.argv) < 3 or not set(sys.argv[2:]) <= {"all", *SECTIONS}:
         sys.exit(f"{__doc__}\nsections: all, {', '.join(SECTIONS)}")
     bismar = str(Path(sys.argv[1]).resolve())
@@ -284,7 +288,7 @@ def main():
             continue
         with tempfile.TemporaryDirectory() as folder:
             rows = function(bismar, Path(folder))
-        write(title, function.__doc__.strip(), rows)
+        write(title, f"{' '.join(function.__doc__.split())} (`scripts/reliability.py BINARY {name}`)", rows)
         for row in rows:
             print(f"{name}: {row[0]}: {row[2]} of {row[1]} {row[3]}", flush=True)
             failed |= row[2] > 0

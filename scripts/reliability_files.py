@@ -1,11 +1,4 @@
-#!/usr/bin/env python3
-"""Misnames, changes, starves and mutates what bismar is given, counts what was lost, and writes the counts into
-docs/reliability.md.
-
-    reliability_files.py BINARY SECTION...     a section by name, or all
-
-A section is given the program and a folder, and returns rows: what, tries, failures, a remark.
-"""
+"""Sections of `reliability.py` that misname, change, starve and mutate what bismar is given."""
 
 import concurrent.futures
 import itertools
@@ -15,8 +8,6 @@ import re
 import resource
 import shutil
 import subprocess
-import sys
-import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -226,39 +217,3 @@ def mutations(_, __):
 
 SECTIONS = {"Changed and cut pictures": flips, "One file by many names": names, "Little memory": memory,
             "Mutated files": mutations}
-
-
-PAGE = ROOT / "docs/reliability.md"
-HEAD = "# What was tried to break it\n\nTries and failures, counted by commands; a section is made anew by its command.\n"
-
-
-def write(title, function, rows):
-    """Replaces a section of the page, or appends it."""
-    page = PAGE.read_text() if PAGE.exists() else HEAD
-    text = " ".join(function.__doc__.split())
-    table = "| what | tries | failures | |\n| --- | --- | --- | --- |\n"
-    table += "".join(f"| {what} | {tries} | {failures} | {remark} |\n" for what, tries, failures, remark in rows)
-    new = f"## {title}\n{text} (`scripts/reliability_files.py BINARY {function.__name__}`)\n\n{table}"
-    found = re.search(rf"^## {re.escape(title)}\n.*?(?=^## |\Z)", page, re.M | re.S)
-    page = page.replace(found.group(0), new + "\n") if found else page.rstrip("\n") + f"\n\n{new}"
-    PAGE.write_text(page.rstrip("\n") + "\n")
-
-
-def main():
-    by_name = {function.__name__: (title, function) for title, function in SECTIONS.items()}
-    if len(sys.argv) < 3 or not set(sys.argv[2:]) <= {"all", *by_name}:
-        sys.exit(f"reliability_files.py BINARY SECTION...\nsections: all, {', '.join(by_name)}")
-    failed = False
-    for name, (title, function) in by_name.items():
-        if {"all", name} & set(sys.argv[2:]):
-            with tempfile.TemporaryDirectory() as folder:
-                rows = function(str(Path(sys.argv[1]).resolve()), Path(folder))
-            write(title, function, rows)
-            for row in rows:
-                print(f"{name}: {row[0]}: {row[2]} of {row[1]} {row[3]}", flush=True)
-                failed |= row[2] > 0
-    sys.exit(failed)
-
-
-if __name__ == "__main__":
-    main()

@@ -5,7 +5,7 @@ use bismar::scene::{Projection, TextureSlot};
 use glam::{Affine3A, Quat, Vec3, vec3};
 use serde_json::{Value, json};
 
-use crate::helpers::gltf_parts::{LONGEST, TRIANGLE, attempt, check_scene, floats, scene_file};
+use crate::helpers::gltf_parts::{LONGEST, TRIANGLE, attempt, check_scene, data_uri, floats, scene_file};
 
 /// A triangle in a node, with room for animations: data, accessors and views grow as they are asked for.
 struct Moving {
@@ -60,11 +60,9 @@ impl Moving {
     }
 
     fn text(&self) -> String {
-        use base64::Engine;
-        let data = base64::engine::general_purpose::STANDARD.encode(&self.data);
         let mut document = self.document.clone();
         document["buffers"] =
-            json!([{ "byteLength": self.data.len(), "uri": format!("data:application/octet-stream;base64,{data}") }]);
+            json!([{ "byteLength": self.data.len(), "uri": data_uri("application/octet-stream", &self.data) }]);
         document.to_string()
     }
 
@@ -188,9 +186,7 @@ fn pointers_move_materials_lights_cameras_textures_and_visibility() {
     moving.document["textures"] = json!([{ "source": 0 }]);
     let mut png = std::io::Cursor::new(Vec::new());
     image::RgbImage::new(2, 2).write_to(&mut png, image::ImageFormat::Png).unwrap();
-    use base64::Engine;
-    let png = base64::engine::general_purpose::STANDARD.encode(png.into_inner());
-    moving.document["images"] = json!([{ "uri": format!("data:image/png;base64,{png}") }]);
+    moving.document["images"] = json!([{ "uri": data_uri("image/png", &png.into_inner()) }]);
     let texcoords = moving.floats(&[0.0; 6], "VEC2");
     moving.document["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = texcoords.into();
     moving.document["materials"][0] = json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } });

@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde::Serialize;
 
+use crate::console::args::not_negative;
 use crate::console::{Paths, Verdict, print, print_json, say};
 use crate::film::compare::{Comparison, REL_MSE_EPSILON, compare, in_common};
 use crate::film::{Picture, atomic, exr_file, preview};
@@ -35,13 +36,13 @@ pub struct CompareArgs {
     #[arg(long, value_name = "FILE.csv")]
     csv: Option<PathBuf>,
     /// Exit with 1 if relMSE is beyond this, or A has a value that is not finite.
-    #[arg(long, value_name = "X", value_parser = positive_or_zero)]
+    #[arg(long, value_name = "X", value_parser = not_negative)]
     max_relmse: Option<f64>,
     /// Exit with 1 if mean FLIP is beyond this.
-    #[arg(long, value_name = "X", value_parser = positive_or_zero)]
+    #[arg(long, value_name = "X", value_parser = not_negative)]
     max_flip: Option<f64>,
     /// Exit with 1 if a channel's bias has |z| beyond this; both pictures must carry variance.
-    #[arg(long, value_name = "X", value_parser = positive_or_zero)]
+    #[arg(long, value_name = "X", value_parser = not_negative)]
     max_z: Option<f64>,
     /// Write a picture of the difference: .png of |A - B| / sqrt(B^2 + 0.01) in false colours (black 0 to pale
     /// yellow 1, green not finite), or .exr of A - B.
@@ -50,10 +51,6 @@ pub struct CompareArgs {
     /// Write a page with both pictures under a slider, and what people see of their difference (FLIP).
     #[arg(long, value_name = "FILE.html")]
     page: Option<PathBuf>,
-}
-
-fn positive_or_zero(text: &str) -> std::result::Result<f64, String> {
-    text.parse().ok().filter(|x: &f64| *x >= 0.0 && x.is_finite()).ok_or("not a number of 0 or more".into())
 }
 
 #[derive(Serialize)]

@@ -2,6 +2,7 @@
 
 use clap::Args;
 
+use crate::console::args::{not_negative, positive};
 use crate::scene::import::{ImportOptions, Pose};
 
 /// What of a file is shown.
@@ -15,13 +16,13 @@ pub struct Shown {
     #[arg(long, value_name = "NAME|INDEX")]
     variant: Option<String>,
     /// Show the animations' pose at this time [default: the pose that the file rests in].
-    #[arg(long, value_name = "SECONDS", value_parser = seconds, conflicts_with = "frame")]
+    #[arg(long, value_name = "SECONDS", value_parser = not_negative, conflicts_with = "frame")]
     pose: Option<f64>,
     /// As --pose, in frames of --fps; the first one is 0.
-    #[arg(long, value_name = "N", value_parser = seconds)]
+    #[arg(long, value_name = "N", value_parser = not_negative)]
     frame: Option<f64>,
     /// Frames a second, for --frame.
-    #[arg(long, value_name = "F", value_parser = rate, default_value_t = 24.0)]
+    #[arg(long, value_name = "F", value_parser = positive, default_value_t = 24.0)]
     fps: f64,
     /// The animation to play, by name or index, or all of them at once [default: all].
     #[arg(long, value_name = "NAME|INDEX|all")]
@@ -52,12 +53,4 @@ impl Shown {
         }
         name
     }
-}
-
-fn seconds(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|x: &f64| x.is_finite() && *x >= 0.0).ok_or_else(|| "not a number of at least 0".into())
-}
-
-fn rate(text: &str) -> Result<f64, String> {
-    seconds(text).ok().filter(|x| *x > 0.0).ok_or_else(|| "not a number above 0".into())
 }

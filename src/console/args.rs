@@ -33,6 +33,22 @@ pub fn wait(text: &str) -> Result<f64, String> {
     if text.trim().parse() == Ok(0.0) { Ok(0.0) } else { seconds(text) }
 }
 
+/// A finite number above 0.
+///
+/// # Errors
+/// What it is not.
+pub fn positive(text: &str) -> Result<f64, String> {
+    not_negative(text).ok().filter(|x| *x > 0.0).ok_or("not a number above 0".into())
+}
+
+/// A finite number of 0 or more.
+///
+/// # Errors
+/// What it is not.
+pub fn not_negative(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|x: &f64| *x >= 0.0 && x.is_finite()).ok_or("not a number of 0 or more".into())
+}
+
 /// A picture's size in pixels, `WxH`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Size(pub u32, pub u32);

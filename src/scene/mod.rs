@@ -5,6 +5,7 @@ use glam::Vec3;
 
 pub mod alpha;
 pub mod camera;
+mod choose;
 pub mod environment;
 pub mod framing;
 pub mod import;
@@ -14,6 +15,7 @@ pub mod mesh;
 pub mod texture;
 
 pub use camera::{Camera, Projection};
+pub(crate) use choose::choose;
 pub use environment::Environment;
 pub use framing::Framing;
 pub use lights::{PunctualKind, PunctualLight};

@@ -21,6 +21,10 @@ pub fn floats(values: &[f32]) -> Vec<u8> {
     values.iter().flat_map(|x| x.to_le_bytes()).collect()
 }
 
+pub fn data_uri(kind: &str, bytes: &[u8]) -> String {
+    format!("data:{kind};base64,{}", base64::engine::general_purpose::STANDARD.encode(bytes))
+}
+
 pub const TRIANGLE: [f32; 9] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
 
 /// A scene of one triangle; the parts can be replaced.
@@ -48,12 +52,12 @@ impl Parts {
     pub fn json(&self) -> String {
         let Self { positions, accessor, primitive, nodes, more } = self;
         let n = positions.len();
-        let data = base64::engine::general_purpose::STANDARD.encode(positions);
+        let data = data_uri("application/octet-stream", positions);
         format!(
             r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}}],"nodes":{nodes},
             "meshes":[{{"primitives":[{primitive}]}}],"accessors":[{accessor}],
             "bufferViews":[{{"buffer":0,"byteLength":{n}}}],
-            "buffers":[{{"byteLength":{n},"uri":"data:application/octet-stream;base64,{data}"}}]{more}}}"#
+            "buffers":[{{"byteLength":{n},"uri":"{data}"}}]{more}}}"#
         )
     }
 

@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use super::replay::PixelPath;
 use crate::cli::shown::Shown;
 use crate::console::Size;
-use crate::console::args::{seconds, threads};
+use crate::console::args::{positive, seconds, threads};
 use crate::console::progress::Style;
 use crate::console::tev;
 use crate::farm::PathMapping;
@@ -338,10 +338,6 @@ fn finite(text: &str) -> Parsed<f32> {
 
 fn not_negative(text: &str) -> Parsed<f32> {
     finite(text).ok().filter(|x| *x >= 0.0).ok_or("not a number of 0 or more".into())
-}
-
-fn positive(text: &str) -> Parsed<f64> {
-    text.parse().ok().filter(|x: &f64| *x > 0.0 && x.is_finite()).ok_or("not a number above 0".into())
 }
 
 /// A method of the balance by its name.

@@ -1,6 +1,6 @@
 //! Which camera, and how large a picture.
 
-use crate::scene::{Camera, Projection};
+use crate::scene::{Camera, Projection, choose};
 use crate::{Error, Result};
 
 /// Index of the camera that `--camera` means: by name, else by index, else the first.
@@ -8,22 +8,10 @@ use crate::{Error, Result};
 /// # Errors
 /// [`Error::Usage`] with the cameras that there are.
 pub fn camera(cameras: &[Camera], wanted: Option<&str>) -> Result<usize> {
-    let list = || cameras.iter().enumerate().map(|(i, c)| format!("\n  {i}  {}", c.name)).collect::<String>();
-    let Some(wanted) = wanted else {
-        return if cameras.is_empty() { Err(Error::Bug("a scene without a camera".into())) } else { Ok(0) };
-    };
-    let named = cameras.iter().enumerate().filter(|(_, c)| c.name == wanted).map(|(i, _)| i).collect::<Vec<_>>();
-    match named[..] {
-        [one] => Ok(one),
-        [] => match wanted.parse::<usize>() {
-            Ok(index) if index < cameras.len() => Ok(index),
-            _ => Err(Error::Usage(format!("--camera {wanted}: there is no such camera; there are:{}", list()))),
-        },
-        _ => Err(Error::Usage(format!(
-            "--camera {wanted}: {} cameras have this name; choose by index:{}",
-            named.len(),
-            list()
-        ))),
+    match wanted {
+        Some(wanted) => choose("camera", wanted, &cameras.iter().map(|c| c.name.clone()).collect::<Vec<_>>()),
+        None if cameras.is_empty() => Err(Error::Bug("a scene without a camera".into())),
+        None => Ok(0),
     }
 }
 

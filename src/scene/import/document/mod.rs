@@ -23,6 +23,7 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 
 use crate::error::{Error, Result};
+use crate::scene::choose;
 use crate::scene::import::ImportOptions;
 use crate::scene::import::complaint::bad;
 use crate::scene::import::report::Notes;
@@ -247,22 +248,6 @@ impl Document {
             .map(|(at, error)| (at, error.clone()));
         tables.chain(nodes).chain(self.images.sound().filter_map(unreadable)).collect()
     }
-}
-
-/// The element that a flag means: the only one of this name, else by index.
-pub fn choose(what: &str, wanted: &str, names: &[String]) -> Result<usize> {
-    let named: Vec<usize> = (0..names.len()).filter(|&i| names[i] == wanted).collect();
-    let index = || wanted.parse().ok().filter(|&index: &usize| index < names.len());
-    let chosen = if named.is_empty() { index() } else { named.first().copied().filter(|_| named.len() == 1) };
-    chosen.ok_or_else(|| {
-        let list: String = names.iter().enumerate().map(|(i, name)| format!("\n  {i}  {name}")).collect();
-        let why = match (names.len(), named.len()) {
-            (0, _) => format!("the file has no {what}s"),
-            (_, 0) => format!("there is no such {what}; there are:{list}"),
-            (_, n) => format!("{n} {what}s have this name; choose by index:{list}"),
-        };
-        Error::Usage(format!("--{what} {wanted}: {why}"))
-    })
 }
 
 fn strings(json: &Json, key: &str) -> Result<Vec<String>> {
