@@ -401,3 +401,52 @@ fn no_plan_makes_other_machines_run_programs() {
     fs::write(&plan, text).unwrap();
     expect(&site.folder, "farm task 1 --plan scene.farm/farm.json", 65);
 }
+
+#[test]
+fn frames_on_a_farm_are_those_of_one_machine() {
+    let site = Site::new("shots");
+    let path = &site.folder;
+    fs::write(path.join("moving.glb"), glb::moving()).unwrap();
+    let flags = "--size 40x30 --spp 4 --fps 10";
+    expect(path, &format!("render moving.glb --frames 1-5 {flags} -o whole/a.####.exr -q"), 0);
+    for (parts, chunk, tasks) in [(1, 1, 5), (1, 2, 5), (2, 1, 10), (2, 3, 10)] {
+        let out = format!("out-{parts}-{chunk}");
+        let line = format!("moving.glb --parts {parts} --chunk {chunk} --folder f-{out} -- --frames 1-5 {flags}");
+        let mut line: Vec<_> = line.split(' ').map(str::to_owned).collect();
+        line.extend(["-o".into(), format!("{out}/a.####.exr"), "--preview".into(), format!("{out}/a.####.png")]);
+        let said = site.submit(&line.iter().map(Into::into).collect::<Vec<_>>());
+        assert!(said.status.success(), "{}", stderr(&said));
+        for frame in 1..=5 {
+            let name = format!("a.000{frame}.exr");
+            assert_same_bits(&path.join("whole").join(&name), &path.join(&out).join(&name));
+            assert!(path.join(&out).join(name.replace("exr", "png")).exists());
+        }
+        let status = status(path, &format!("f-{out}"));
+        let rows = status["tasks"].as_array().unwrap();
+        assert_eq!((rows.len(), &status["complete"]), (tasks, &true.into()), "{status:#}");
+        assert_eq!(status["merges"].as_array().unwrap().len(), if parts > 1 { 5 } else { 0 });
+        assert_eq!((&rows[0]["render"], &rows[0]["frame"]), (&"moving.0001".into(), &1.into()));
+        let last = &rows[tasks - 1];
+        assert_eq!((&last["render"], &last["task"]), (&"moving.0005".into(), &(5_u32.div_ceil(chunk) * parts).into()));
+    }
+    // From a batch file, with a frame that cannot be written.
+    fs::create_dir_all(path.join("b/x.0002.exr")).unwrap();
+    let file = "[[job]]\nscene = 'moving.glb'\nframes = '1-3'\nsize = '40x30'\nspp = 4\nfps = 10\n\
+                output = 'b/x.####.exr'\n";
+    fs::write(path.join("jobs.toml"), file).unwrap();
+    let said = site.submit(&words(&["jobs.toml", "--chunk", "3"]));
+    assert!(said.status.success(), "{}", stderr(&said));
+    let status = status(path, "jobs.farm");
+    let states: Vec<_> = status["tasks"].as_array().unwrap().iter().map(|t| t["state"].clone()).collect();
+    assert_eq!(states, ["done", "failed", "done"], "{status:#}");
+    assert!(status["tasks"][1]["error"].as_str().unwrap().contains("0002"), "{status:#}");
+    assert_same_bits(&path.join("whole/a.0003.exr"), &path.join("b/x.0003.exr"));
+    for (line, words_of) in [
+        (&["moving.glb", "--", "--frames", "1-4", "-o", "x.exr"][..], "####"),
+        (&["moving.glb", "--", "--frames", "4-1"], "ends before"),
+    ] {
+        let said = site.submit(&words(line));
+        assert_eq!(said.status.code(), Some(64));
+        assert!(stderr(&said).contains(words_of), "{}", stderr(&said));
+    }
+}

@@ -39,3 +39,4 @@ mod resume;
 mod sampling;
 mod scalar;
 mod scenes;
+mod sequences;

@@ -7,6 +7,7 @@ use std::process::Command;
 use serde_json::json;
 
 use crate::helpers::farm::{HOSTILE, absent, folder, status, succeeds};
+use crate::helpers::glb;
 use crate::helpers::program::{self, assert_same_bits, bismar, expect};
 
 /// The tool: on the path, or where `scripts/setup.sh --farm` puts it.
@@ -42,6 +43,36 @@ fn a_template_is_accepted_and_its_run_is_the_single_machines_picture() {
     expect(folder.path(), &format!("render veach.glb {flags} -o whole.exr -q"), 0);
     assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("out.exr"));
     assert_eq!(status(folder.path(), "veach.farm")["complete"], true);
+}
+
+#[test]
+fn a_sequence_runs_as_a_parameter_space() {
+    let Some(tool) = tool() else { return };
+    let folder = folder();
+    let path = folder.path();
+    fs::write(path.join("moving.glb"), glb::moving()).unwrap();
+    let flags = "--frames 2-6x2 --size 40x30 --spp 4 --fps 10";
+    expect(path, &format!("render moving.glb {flags} -o whole.####.exr -q"), 0);
+    for (parts, chunk) in [("1", "2"), ("2", "1")] {
+        let mut submit = bismar(path);
+        submit.args(["farm", "submit", "moving.glb", "--parts", parts, "--chunk", chunk, "--format", "openjd", "--"]);
+        submit.args(flags.split(' ')).args(["-o", "out.####.exr"]);
+        succeeds(submit);
+        let of = |what: &str| {
+            let mut command = Command::new(&tool);
+            command.arg(what).arg(path.join("moving.farm/template.json")).current_dir(path);
+            command
+        };
+        succeeds(of("check"));
+        let said = succeeds(of("run"));
+        assert!(said.contains("openjd_progress: 100"), "{said}");
+        for frame in [2, 4, 6] {
+            let out = path.join(format!("out.000{frame}.exr"));
+            assert_same_bits(&path.join(format!("whole.000{frame}.exr")), &out);
+            fs::remove_file(out).unwrap();
+        }
+        fs::remove_dir_all(path.join("moving.farm")).unwrap();
+    }
 }
 
 #[test]

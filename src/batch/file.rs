@@ -7,10 +7,11 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use toml::de::{DeTable, DeValue};
 
+use super::frames::{split, with_place};
 use super::values::{Setting, settings, sorted};
 use crate::{Error, Result};
 
-/// One render.
+/// One render, or one of each of its `frames`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Job {
     /// Unique in its file.
@@ -65,6 +66,8 @@ pub enum Flag {
     Input,
     /// Is there or not.
     Switch,
+    /// Is true or false.
+    Choice,
 }
 
 /// More jobs in one file are taken for a mistake.
@@ -155,7 +158,19 @@ fn parse(text: &str, folder: &Path, flags: &HashMap<String, Flag>) -> At<Vec<Job
     for (span, own) in groups {
         reader.expand(span, &defaults, own, &mut jobs)?;
     }
-    reader.check_unique(&jobs)?;
+    let mut all = Vec::new();
+    for job in &jobs {
+        let frames = split(job.clone()).map_err(|(key, why)| {
+            let place = job.at.keys.get(&key).copied().unwrap_or((job.at.line, job.at.column));
+            (reader.byte(place), why)
+        })?;
+        all.extend(frames);
+        if all.len() > MOST_JOBS {
+            let place = (job.at.line, job.at.column);
+            return Err((reader.byte(place), format!("with its frames this makes more than {MOST_JOBS} jobs")));
+        }
+    }
+    reader.check_unique(&all)?;
     if jobs.is_empty() {
         return Err((0, "holds no jobs; write [[job]] or [[matrix]]".into()));
     }
@@ -215,6 +230,7 @@ impl Reader<'_> {
             let parts = listed.map(|(s, v)| format!("-{}", shown(&s.key, v)));
             format!("{}{}", shown("scene", &Some(scene.clone())), parts.collect::<String>())
         };
+        let sequence = settings.iter().any(|s| s.key == "frames");
         let fill = |key: &str, template: &str, name: Option<&str>| -> At<String> {
             let place = settings.iter().find(|s| s.key == key).map_or(span.start, |s| self.byte(s.place));
             let mut out = String::new();
@@ -226,6 +242,7 @@ impl Reader<'_> {
                 out += before;
                 let value = settings.iter().zip(chosen).find(|(s, _)| s.key == word);
                 match (word, name, value) {
+                    _ if sequence && (word == "frame" || word.starts_with("frame:")) => out += &format!("{{{word}}}"),
                     ("name", Some(name), _) => out += name,
                     (_, _, Some((_, value))) if word != key && word != "name" => {
                         out += &shown(word, value).replace('/', "_");
@@ -240,6 +257,7 @@ impl Reader<'_> {
             Some(template) => fill("name", &template, None)?,
             None => default_name(),
         };
+        let name = if sequence { with_place(name) } else { name };
         if name.is_empty() || name.contains('/') || name.starts_with('.') {
             return Err((span.start, format!("'{name}' cannot be a job's name: it becomes a file's name")));
         }
@@ -312,6 +330,8 @@ mod tests {
             ("output", Flag::File),
             ("preview", Flag::File),
             ("no-env", Flag::Switch),
+            ("frames", Flag::List(',')),
+            ("seed-per-frame", Flag::Choice),
         ]
         .map(|(name, kind)| (name.to_owned(), kind))
         .into()
@@ -369,6 +389,25 @@ mod tests {
     }
 
     #[test]
+    fn frames_are_one_job_until_they_are_split() {
+        let text = "[defaults]\noutput = 'out/{name}.exr'\npreview = 'p/{name}-{frame:02}.png'\n[[matrix]]\nscene = 'a.glb'\n\
+                    camera = ['x', 'y']\nframes = '1-9x4'\n[[job]]\nscene = 'a.glb'\nname = 'b-##'\nframes = [7, 12]\n\
+                    seed-per-frame = false\n[[job]]\nscene = 'b.glb'\npreview = 'still.png'";
+        let jobs = jobs(text).unwrap();
+        assert_eq!(jobs.iter().map(|j| j.name.as_str()).collect::<Vec<_>>(), ["a-x.####", "a-y.####", "b-##", "b"]);
+        let frames: Vec<_> = jobs.into_iter().flat_map(|job| split(job).unwrap()).collect();
+        let shown: Vec<_> =
+            frames.iter().map(|j| format!("{} {} {}", j.name, j.output.display(), j.arguments().join(" "))).collect();
+        assert_eq!(shown.len(), 9);
+        assert_eq!(
+            shown[2],
+            "a-x.0009 shots/out/a-x.0009.exr --preview=shots/p/a-x.0009-09.png --camera=x --frame=9 --seed-per-frame=true"
+        );
+        assert_eq!(shown[7], "b-12 shots/out/b-12.exr --preview=shots/p/b-12-12.png --seed-per-frame=false --frame=12");
+        assert_eq!(shown[8], "b shots/out/b.exr --preview=shots/still.png");
+    }
+
+    #[test]
     fn wildcards_are_the_files_that_there_are() {
         let folder = tempfile::tempdir().unwrap();
         let odd = folder.path().join("[shots]");
@@ -415,6 +454,11 @@ mod tests {
             ("[[job]]\nscene = 'a'\nname = 'x/y'", (1, 1), "cannot be"),
             ("[[job]]\nscene = 'a'\ncamera = \"x\\ny\"", (3, 10), "control character"),
             ("[[job]]\nscene = \"x\\ny\"", (2, 9), "control character"),
+            ("[[job]]\nscene = 'a'\nframes = '5-1'", (3, 1), "ends before"),
+            ("[[job]]\nscene = 'a'\nframes = '1-1e9'", (3, 1), "is no frame"),
+            ("[[job]]\nscene = 'a'\nframes = '1-9'\noutput = 'o.exr'", (4, 1), "####"),
+            ("[[matrix]]\nscene = 'a'\nframes = '1-99999'\nseed = [1, 2]", (1, 1), "with its frames"),
+            ("[[job]]\nscene = 'a'\nseed-per-frame = 1", (3, 18), "true or false"),
             ("", (1, 1), "no jobs"),
         ] {
             let (at, why) = jobs(text).unwrap_err();

@@ -1,7 +1,8 @@
-//! Many renders from one file: what the file says ([`mod@file`]), who works on what ([`order`], [`queue`]), what came of
-//! it ([`report`]).
+//! Many renders from one file: what the file says ([`mod@file`]), a sequence's [`frames`], who works on what ([`order`],
+//! [`queue`]), what came of it ([`report`]).
 
 pub mod file;
+pub mod frames;
 pub mod order;
 pub mod queue;
 pub mod report;

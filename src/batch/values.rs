@@ -106,7 +106,8 @@ fn scalar(reader: &Reader, name: &str, kind: Flag, value: &Spanned<DeValue>) -> 
     match (kind, value.get_ref()) {
         (Flag::Switch, DeValue::Boolean(true)) => Ok(None),
         (Flag::Switch, DeValue::Boolean(false)) => Ok(Some(String::new())),
-        (Flag::Switch, _) => wanted("true or false"),
+        (Flag::Choice, DeValue::Boolean(choice)) => Ok(Some(choice.to_string())),
+        (Flag::Switch | Flag::Choice, _) => wanted("true or false"),
         (_, DeValue::String(text)) if text.contains(char::is_control) => {
             Err((value.span().start, format!("`{name}` holds a control character: {text:?}")))
         }

@@ -2,6 +2,7 @@
 
 mod crew;
 mod overview;
+mod sequence;
 mod worker;
 
 use std::collections::{HashMap, HashSet};
@@ -19,10 +20,12 @@ use tracing::info;
 
 use super::render::{Inputs, RenderArgs, Session, declare};
 use crate::batch::file::{self, Flag, Job};
+use crate::batch::frames::split;
 use crate::batch::order::{Ended, Message};
 use crate::batch::queue::Shelf;
 use crate::batch::report::{self, Report};
 use crate::console::args::threads;
+use crate::console::progress::Style;
 use crate::console::{Paths, Signals, Verbosity, Verdict, host, print, say};
 use crate::farm::slurm::quoted;
 use crate::film::atomic;
@@ -30,6 +33,7 @@ use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
 use crew::Crew;
 use overview::Overview;
+pub use sequence::run as sequence;
 pub use worker::{WorkerArgs, run as work};
 
 /// Render what a file lists: many scenes, cameras, settings (docs/batch.md).
@@ -76,11 +80,11 @@ pub struct Planned {
     pub args: RenderArgs,
 }
 
-/// Reads a batch file and checks every job's flags, and that no job writes what it or another reads or writes.
+/// Reads a batch file; sequences of frames are one job each.
 ///
 /// # Errors
 /// [`Error::Config`] with the place in the file.
-pub fn plan(path: &Path) -> Result<(Vec<Planned>, Paths)> {
+pub fn read(path: &Path) -> Result<Vec<Job>> {
     let command = RenderArgs::augment_args(Command::new("render"));
     let flags: HashMap<String, Flag> = command
         .get_arguments()
@@ -90,7 +94,8 @@ pub fn plan(path: &Path) -> Result<(Vec<Planned>, Paths)> {
             let flag = match arg.get_action() {
                 ArgAction::SetTrue => Flag::Switch,
                 _ if name == "size" => Flag::List('x'),
-                _ if ["aov", "crop"].contains(&name.as_str()) => Flag::List(','),
+                _ if ["aov", "crop", "frames"].contains(&name.as_str()) => Flag::List(','),
+                _ if name == "seed-per-frame" => Flag::Choice,
                 _ if name == "env" => Flag::Input,
                 // clap knows a path by its type.
                 _ if arg.get_value_hint() == ValueHint::AnyPath => Flag::File,
@@ -99,23 +104,43 @@ pub fn plan(path: &Path) -> Result<(Vec<Planned>, Paths)> {
             (name, flag)
         })
         .collect();
-    let jobs = file::read(path, &flags)?;
-    let jobs: Vec<_> = jobs.into_iter().map(|job| understand(path, &command, job)).collect::<Result<_>>()?;
-    let mut paths = Paths::default();
-    paths.reads("the batch file", path)?;
-    for Planned { job, args } in &jobs {
-        declare(args, &format!(" of '{}'", job.name), &mut paths)
-            .map_err(|e| Error::Config(format!("{}: job '{}': {e}", job.at.of(path, None), job.name)))?;
-    }
-    Ok((jobs, paths))
+    file::read(path, &flags)
 }
 
-fn understand(path: &Path, command: &Command, job: Job) -> Result<Planned> {
-    let bad = |key: Option<&str>, why: &str| {
-        let why = why.strip_prefix("error: ").unwrap_or(why);
-        let why = why.split("\n\n").next().unwrap_or(why);
-        Error::Config(format!("{}: job '{}': {why}", job.at.of(path, key), job.name))
-    };
+/// Jobs as they are carried out, each frame one; `file` is where they are written, if they are. Checks every job's flags,
+/// and that no job writes what it or another reads or writes.
+///
+/// # Errors
+/// [`Error::Config`], with the place in the file.
+pub fn plan(file: Option<&Path>, jobs: Vec<Job>) -> Result<(Vec<Planned>, Paths)> {
+    let command = RenderArgs::augment_args(Command::new("render"));
+    let mut planned = Vec::new();
+    for job in jobs {
+        let whole = job.clone();
+        let frames = split(job).map_err(|(key, why)| bad(file, &whole, Some(&key), &why))?;
+        for frame in frames {
+            planned.push(understand(file, &command, frame)?);
+        }
+    }
+    let mut paths = Paths::default();
+    file.iter().try_for_each(|file| paths.reads("the batch file", file))?;
+    for Planned { job, args } in &planned {
+        declare(args, &format!(" of '{}'", job.name), &mut paths).map_err(|e| bad(file, job, None, &e.to_string()))?;
+    }
+    Ok((planned, paths))
+}
+
+/// What is wrong with a job, and where it stands in its file, if it does.
+fn bad(file: Option<&Path>, job: &Job, key: Option<&str>, why: &str) -> Error {
+    let why = why.strip_prefix("error: ").unwrap_or(why);
+    let why = why.split("\n\n").next().unwrap_or(why);
+    Error::Config(match file {
+        Some(file) => format!("{}: job '{}': {why}", job.at.of(file, key), job.name),
+        None => why.into(),
+    })
+}
+
+fn understand(file: Option<&Path>, command: &Command, job: Job) -> Result<Planned> {
     let mut line = vec!["render".into(), job.scene.clone().into_os_string()];
     line.extend(job.arguments().into_iter().map(Into::into));
     let matches = command.clone().try_get_matches_from(line).map_err(|e| {
@@ -125,26 +150,21 @@ fn understand(path: &Path, command: &Command, job: Job) -> Result<Planned> {
             _ => None,
         };
         let key = named.map(|arg| arg.trim_start_matches('-').split([' ', '=']).next().unwrap_or(arg).to_owned());
-        bad(key.as_deref(), &e.to_string())
+        bad(file, &job, key.as_deref(), &e.to_string())
     })?;
-    let mut args = RenderArgs::from_arg_matches(&matches).map_err(|e| bad(None, &e.to_string()))?;
+    let mut args = RenderArgs::from_arg_matches(&matches).map_err(|e| bad(file, &job, None, &e.to_string()))?;
     args.output = Some(job.output.clone());
     args.resume = true;
-    args.check().map_err(|e| bad(None, &e.to_string()))?;
+    args.check().map_err(|e| bad(file, &job, None, &e.to_string()))?;
     Ok(Planned { job, args })
 }
 
 pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
-    let began = Instant::now();
-    let (mut jobs, mut paths) = plan(&args.file)?;
-    let report_path = args.report.clone().unwrap_or_else(|| {
+    let (mut jobs, paths) = plan(Some(&args.file), read(&args.file)?)?;
+    let report = args.report.clone().unwrap_or_else(|| {
         let stem = args.file.file_stem().unwrap_or_default().to_string_lossy();
         args.file.with_file_name(format!("{stem}-report.json"))
     });
-    paths.writes("--report", &report_path)?;
-    if let Some(events) = args.events.as_deref().filter(|path| *path != Path::new("-")) {
-        paths.writes("--events", events)?;
-    }
     let order: Vec<String> = jobs.iter().map(|j| j.job.name.clone()).collect();
     if !args.only.is_empty() {
         jobs.retain(|planned| args.only.iter().any(|pattern| pattern.matches(&planned.job.name)));
@@ -154,82 +174,125 @@ pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
             return Err(Error::Usage(format!("--only: no job's name matches; there are {names}{more}")));
         }
     }
-    // Jobs with one scene follow one another, so that few scenes are in memory at a time.
-    let mut first: HashMap<String, usize> = HashMap::new();
-    for (i, planned) in jobs.iter().enumerate() {
-        first.entry(scene_key(&planned.args)).or_insert(i);
-    }
-    jobs.sort_by_key(|planned| first.get(&scene_key(&planned.args)).copied());
-    if args.dry_run {
-        return dry_run(&jobs, &order);
-    }
-    let signals = Signals::listen()?;
-    let earlier = report::earlier(&report_path);
-    atomic::check(&report_path)?;
-    let events = Events::open(args.events.as_deref())?;
-    let (threads, source) = host::threads(args.threads)?;
-    let at_once = (args.jobs as usize).min(jobs.len());
-    let each_threads = (threads / at_once).max(1);
-    info!("{at_once} jobs at a time, each on {each_threads} threads ({threads} in all: {source})");
-
-    let overview = Overview::new(jobs.len(), verbosity.quiet);
-    let entries = Mutex::new(Vec::new());
-    events.write(json!({"event": "batch-begins", "jobs": jobs.len(), "file": args.file.display().to_string()}));
-    let told = |message: Message| match message {
-        Message::Begins(index) => {
-            let job = &jobs[index].job;
-            overview.begins(index, &job.name);
-            let output = job.output.display().to_string();
-            events.write(json!({"event": "job-begins", "job": job.name, "output": output}));
-        }
-        Message::Goes(index, progress) => overview.progress(index, &progress),
-        Message::Ends(index, ended) => {
-            let Ended { mut entry, line, before } = *ended;
-            if let (Some(earlier), Some(paths)) = (earlier.get(&entry.job), before) {
-                entry.remember(earlier, paths);
-            }
-            overview.ended(index, &entry, line);
-            events.write(json!({"event": "job-ends", "job": entry.job, "status": entry.status,
-                "exit_code": entry.exit_code, "error": entry.error, "seconds": entry.seconds,
-                "output": entry.output}));
-            entries.lock().unwrap_or_else(PoisonError::into_inner).push(entry);
-        }
+    let work = Work {
+        file: args.file.display().to_string(),
+        order,
+        report: Some(report),
+        events: args.events.clone(),
+        at_once: args.jobs as usize,
+        isolate: args.isolate,
+        dry_run: args.dry_run,
+        threads: args.threads,
+        style: Style::Auto,
+        led: false,
     };
-    let threads = each_threads;
-    let written = [Some(&report_path), args.events.as_ref().filter(|path| *path != Path::new("-"))];
-    let written: Vec<_> = written.into_iter().flatten().map(|path| path.clone().into_os_string()).collect();
-    let crew = Crew { jobs: &jobs, written: &written, at_once, threads, signals: &signals, verbosity, told: &told };
-    let worked = if args.isolate { crew.work_apart() } else { crew.work_together() };
-    overview.finish();
-    worked?;
+    work.carry_out(jobs, paths, verbosity)
+}
 
-    let mut entries = entries.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let place: HashMap<&str, usize> = order.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect();
-    entries.sort_by_key(|e| place.get(e.job.as_str()).copied());
-    let (exit_code, seconds) = (report::worst(&entries), began.elapsed().as_secs_f64());
-    events.write(json!({"event": "batch-ends", "exit_code": exit_code}));
-    let (summary, table) = (report::summary(&entries, seconds), overview::table(&entries));
-    // What was not asked for stays as it was.
-    let asked: HashSet<String> = entries.iter().map(|e| e.job.clone()).collect();
-    let others = order.iter().filter(|name| !asked.contains(*name));
-    entries.extend(others.filter_map(|name| earlier.get(name).cloned()));
-    entries.sort_by_key(|e| place.get(e.job.as_str()).copied());
-    let report = Report::new(args.file.display().to_string(), seconds, exit_code, entries);
-    atomic::write(&report_path, |file| {
-        serde_json::to_writer_pretty(&mut *file, &report)?;
-        file.write_all(b"\n")?;
-        Ok(Ok(()))
-    })?;
-    if !verbosity.quiet {
-        if args.events.as_deref() != Some(Path::new("-")) {
-            print(table.trim_end())?;
+/// How jobs are to be done.
+struct Work {
+    /// Where they come from, for people.
+    file: String,
+    /// All jobs' names, also of those that are not asked for.
+    order: Vec<String>,
+    report: Option<PathBuf>,
+    events: Option<PathBuf>,
+    at_once: usize,
+    isolate: bool,
+    dry_run: bool,
+    threads: Option<usize>,
+    style: Style,
+    /// Are signals a parent's?
+    led: bool,
+}
+
+impl Work {
+    fn carry_out(&self, mut jobs: Vec<Planned>, mut paths: Paths, verbosity: Verbosity) -> Result<Verdict> {
+        let (began, stdout) = (Instant::now(), Path::new("-"));
+        self.report.iter().try_for_each(|report| paths.writes("--report", report))?;
+        let events_file = self.events.as_ref().filter(|path| *path != stdout);
+        events_file.iter().try_for_each(|events| paths.writes("--events", events))?;
+        // Jobs with one scene follow one another, so that few scenes are in memory at a time.
+        let mut first: HashMap<String, usize> = HashMap::new();
+        for (i, planned) in jobs.iter().enumerate() {
+            first.entry(scene_key(&planned.args)).or_insert(i);
         }
-        say(format_args!("{summary}; report in {}", report_path.display()));
+        jobs.sort_by_key(|planned| first.get(&scene_key(&planned.args)).copied());
+        if self.dry_run {
+            return dry_run(&jobs, &self.order);
+        }
+        let signals = if self.led { Signals::led() } else { Signals::listen() }?;
+        let earlier = self.report.as_deref().map(report::earlier).unwrap_or_default();
+        self.report.iter().try_for_each(|report| atomic::check(report))?;
+        let events = Events::open(self.events.as_deref())?;
+        let (threads, source) = host::threads(self.threads)?;
+        let at_once = self.at_once.min(jobs.len());
+        let each_threads = (threads / at_once).max(1);
+        info!("{at_once} jobs at a time, each on {each_threads} threads ({threads} in all: {source})");
+
+        let overview = Overview::new(jobs.len(), self.style, verbosity.quiet);
+        let entries = Mutex::new(Vec::new());
+        events.write(json!({"event": "batch-begins", "jobs": jobs.len(), "file": self.file}));
+        let told = |message: Message| match message {
+            Message::Begins(index) => {
+                let job = &jobs[index].job;
+                overview.begins(index, &job.name);
+                let output = job.output.display().to_string();
+                events.write(json!({"event": "job-begins", "job": job.name, "output": output}));
+            }
+            Message::Goes(index, progress) => overview.progress(index, &progress),
+            Message::Ends(index, ended) => {
+                let Ended { mut entry, line, before } = *ended;
+                if let (Some(earlier), Some(paths)) = (earlier.get(&entry.job), before) {
+                    entry.remember(earlier, paths);
+                }
+                overview.ended(index, &entry, line);
+                events.write(json!({"event": "job-ends", "job": entry.job, "status": entry.status,
+                    "exit_code": entry.exit_code, "error": entry.error, "seconds": entry.seconds,
+                    "output": entry.output}));
+                entries.lock().unwrap_or_else(PoisonError::into_inner).push(entry);
+            }
+        };
+        let threads = each_threads;
+        let written = self.report.iter().chain(events_file);
+        let written: Vec<_> = written.map(|path| path.clone().into_os_string()).collect();
+        let crew = Crew { jobs: &jobs, written: &written, at_once, threads, signals: &signals, verbosity, told: &told };
+        let worked = if self.isolate { crew.work_apart() } else { crew.work_together() };
+        overview.finish();
+        worked?;
+
+        let mut entries = entries.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let place: HashMap<&str, usize> = self.order.iter().enumerate().map(|(i, name)| (name.as_str(), i)).collect();
+        entries.sort_by_key(|e| place.get(e.job.as_str()).copied());
+        let (exit_code, seconds) = (report::worst(&entries), began.elapsed().as_secs_f64());
+        events.write(json!({"event": "batch-ends", "exit_code": exit_code}));
+        let (summary, table) = (report::summary(&entries, seconds), overview::table(&entries));
+        let verdict = if exit_code == 0 { Verdict::Done } else { Verdict::Worst(exit_code) };
+        let Some(report_path) = &self.report else {
+            if !verbosity.quiet {
+                say(summary);
+            }
+            return Ok(verdict);
+        };
+        // What was not asked for stays as it was.
+        let asked: HashSet<String> = entries.iter().map(|e| e.job.clone()).collect();
+        let others = self.order.iter().filter(|name| !asked.contains(*name));
+        entries.extend(others.filter_map(|name| earlier.get(name).cloned()));
+        entries.sort_by_key(|e| place.get(e.job.as_str()).copied());
+        let report = Report::new(self.file.clone(), seconds, exit_code, entries);
+        atomic::write(report_path, |file| {
+            serde_json::to_writer_pretty(&mut *file, &report)?;
+            file.write_all(b"\n")?;
+            Ok(Ok(()))
+        })?;
+        if !verbosity.quiet {
+            if self.events.as_deref() != Some(stdout) {
+                print(table.trim_end())?;
+            }
+            say(format_args!("{summary}; report in {}", report_path.display()));
+        }
+        Ok(verdict)
     }
-    Ok(match exit_code {
-        0 => Verdict::Done,
-        code => Verdict::Worst(code),
-    })
 }
 
 /// Equal for jobs that can share a scene in memory.

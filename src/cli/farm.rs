@@ -9,10 +9,11 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf, absolute};
 
-use clap::parser::ValueSource;
-use clap::{ArgAction, Args, Command, FromArgMatches, Subcommand, ValueEnum, ValueHint};
+use clap::{Args, Command, FromArgMatches, Subcommand, ValueEnum, ValueHint};
 
-use super::render::RenderArgs;
+use super::render::{RenderArgs, given};
+use crate::batch::file::Job;
+use crate::batch::frames::{split, with_place};
 use crate::cli::batch;
 use crate::console::{Verdict, print, print_json, say};
 use crate::farm::slurm::{self, Ask, Submitted, SubmittedArray, quoted};
@@ -48,7 +49,8 @@ enum Format {
 
 /// Submit a batch file or a scene, each picture in parts.
 ///
-/// Writes scripts, and later logs and parts, into a folder. The same command again submits again: tasks that are done
+/// A sequence's frames (`frames` in the file, --frames for a scene) are tasks too, --chunk of them one after the other in
+/// each. Writes scripts, and later logs and parts, into a folder. The same command again submits again: tasks that are done
 /// say so and end, others go on from their last checkpoint.
 #[derive(Debug, Args)]
 struct SubmitArgs {
@@ -57,6 +59,9 @@ struct SubmitArgs {
     /// Parts of each picture, one task each.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     parts: u32,
+    /// Frames of a sequence in one task, one after the other.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    chunk: u32,
     /// For whom.
     #[arg(long, value_enum, default_value_t = Format::Slurm)]
     format: Format,
@@ -107,7 +112,7 @@ fn submit(args: &SubmitArgs) -> Result<Verdict> {
     let folder = absolute_of(&args.folder.clone().unwrap_or_else(|| args.input.with_extension("farm")))?;
     let progress = if args.format == Format::Openjd { "openjd" } else { "plain" };
     let name = args.input.file_stem().unwrap_or_default().to_string_lossy();
-    let mut plan = Plan::new(&name, &folder, &this_program()?, progress, &renders, args.parts)?;
+    let mut plan = Plan::new(&name, &folder, &this_program()?, progress, &renders, (args.parts, args.chunk))?;
     plan.retries_memory = args.retry_memory;
     match args.format {
         Format::Slurm => submit_to_slurm(args, &plan),
@@ -116,24 +121,27 @@ fn submit(args: &SubmitArgs) -> Result<Verdict> {
 }
 
 fn of_batch(path: &Path) -> Result<Vec<Render>> {
-    let one = |planned: batch::Planned| {
-        let job = planned.job;
-        let command = RenderArgs::augment_args(Command::new("render"));
-        let flags = job.flags.into_iter().map(|(name, value)| {
-            let value = match value {
-                Some(value) if is_path(&command, &name) => Some(utf8(&absolute_of(Path::new(&value))?)?.to_owned()),
-                value => value,
-            };
-            Ok((name, value))
-        });
-        Ok(Render {
-            name: job.name,
-            scene: absolute_of(&job.scene)?,
-            output: absolute_of(&job.output)?,
-            flags: flags.collect::<Result<_>>()?,
-        })
+    let command = RenderArgs::augment_args(Command::new("render"));
+    let one = |job: Job| {
+        let flags = absolute_flags(&command, job.flags)?;
+        Ok(Render { name: job.name, scene: absolute_of(&job.scene)?, output: absolute_of(&job.output)?, flags })
     };
-    batch::plan(path)?.0.into_iter().map(one).collect()
+    let jobs = batch::read(path)?;
+    // Checked frame by frame, and given to tasks by sequences.
+    batch::plan(Some(path), jobs.clone())?;
+    jobs.into_iter().map(one).collect()
+}
+
+/// With paths as they are from anywhere.
+fn absolute_flags(command: &Command, flags: Vec<(String, Option<String>)>) -> Result<Vec<(String, Option<String>)>> {
+    let one = |(name, value): (String, Option<String>)| {
+        let value = match value {
+            Some(value) if is_path(command, &name) => Some(utf8(&absolute_of(Path::new(&value))?)?.to_owned()),
+            value => value,
+        };
+        Ok((name, value))
+    };
+    flags.into_iter().map(one).collect()
 }
 
 fn of_scene(args: &SubmitArgs) -> Result<Render> {
@@ -147,31 +155,20 @@ fn of_scene(args: &SubmitArgs) -> Result<Render> {
     let matches = command.clone().try_get_matches_from(line).map_err(wrong)?;
     let render = RenderArgs::from_arg_matches(&matches).map_err(wrong)?;
     render.check()?;
-    let mut flags = Vec::new();
-    for arg in command.get_arguments() {
-        let Some(name) = arg.get_long() else { continue };
-        let id = arg.get_id().as_str();
-        if matches.try_contains_id(id).is_err() || matches.value_source(id) != Some(ValueSource::CommandLine) {
-            continue;
-        }
-        if ["part", "resume", "progress", "path-mapping", "on-checkpoint", "output", "led"].contains(&name) {
-            if name == "output" {
-                continue;
-            }
+    let mut flags = given(&command, &matches)?;
+    for name in ["part", "resume", "progress", "path-mapping", "on-checkpoint", "led"] {
+        if flags.iter().any(|(flag, _)| flag == name) {
             return Err(Error::Usage(format!("after --: --{name} is the farm's own affair")));
         }
-        let value = matches.get_raw(id).and_then(|mut values| values.next()).map(|v| utf8(Path::new(v))).transpose()?;
-        flags.push((
-            name.to_owned(),
-            match (arg.get_action(), value) {
-                (ArgAction::SetTrue, _) => None,
-                (_, Some(value)) if is_path(&command, name) => Some(utf8(&absolute_of(Path::new(value))?)?.to_owned()),
-                (_, value) => value.map(str::to_owned),
-            },
-        ));
     }
+    flags.retain(|(name, _)| name != "output");
+    let flags = absolute_flags(&command, flags)?;
     let name = args.input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    Ok(Render { name, scene: absolute_of(&args.input)?, output: absolute_of(&render.output())?, flags })
+    let name = if render.frames.is_some() { with_place(name) } else { name };
+    let (scene, output) = (absolute_of(&args.input)?, absolute_of(&render.output())?);
+    let job = Job { name, scene, flags, output, at: Default::default() };
+    split(job.clone()).map_err(|(_, why)| Error::Usage(format!("after --: {why}")))?;
+    Ok(Render { name: job.name, scene: job.scene, output: job.output, flags: job.flags })
 }
 
 fn is_path(command: &Command, flag: &str) -> bool {
@@ -256,6 +253,7 @@ fn write_folder(plan: &Plan, files: &[(String, String)]) -> Result<()> {
     };
     create(&plan.folder.join("logs"))?;
     create(&plan.folder.join("parts"))?;
+    // A frame's number is in no folder's name.
     let outputs = plan.tasks.iter().map(|t| &t.output).chain(plan.merges.iter().map(|m| &m.output));
     for folder in outputs.filter_map(|path| path.parent()) {
         create(folder)?;

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 
 use super::render::claim_output;
+use crate::batch::frames::{Frames, numbered};
 use crate::console::args::wait;
 use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::farm::PathMapping;
@@ -21,6 +22,9 @@ use crate::{Error, Result};
 /// in nothing but their seed are averaged, each path counting the same; they must have been rendered with --checkpoint.
 #[derive(Debug, Clone, Args)]
 pub struct MergeArgs {
+    /// Put each of these frames together; the names of parts and outputs hold their number as #### or {frame:04}.
+    #[arg(long, value_name = "FRAMES")]
+    frames: Option<Frames>,
     /// Parts, or pictures of different seeds, or parts of these.
     #[arg(required = true, value_name = "PART.exr")]
     parts: Vec<PathBuf>,
@@ -54,6 +58,34 @@ pub fn run(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
         let all = args.parts.iter_mut().chain(&mut args.preview).chain([&mut args.output]);
         all.for_each(|path| mapping.apply(path));
     }
+    let Some(frames) = args.frames.take() else { return one(&args, verbosity) };
+    let mut worst = 0;
+    for &frame in frames.numbers() {
+        // One that fails stops no other.
+        if let Err(error) = args.of_frame(frame).and_then(|args| one(&args, verbosity)) {
+            say(format_args!("error: frame {frame}: {error}"));
+            worst = worst.max(error.exit_code());
+        }
+    }
+    Ok(if worst == 0 { Verdict::Done } else { Verdict::Worst(worst) })
+}
+
+impl MergeArgs {
+    /// With a frame's number in all names.
+    fn of_frame(&self, frame: u32) -> Result<Self> {
+        let mut args = self.clone();
+        for path in args.parts.iter_mut().chain(&mut args.preview).chain([&mut args.output]) {
+            *path = numbered(path, frame).ok_or_else(|| {
+                let why = "names one file for all frames; write their number as #### or {frame:04}";
+                Error::Usage(format!("{}: {why}", path.display()))
+            })?;
+        }
+        Ok(args)
+    }
+}
+
+/// Merges one picture.
+fn one(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
     let (mut paths, mut claims) = (Paths::default(), Vec::new());
     args.parts.iter().try_for_each(|part| paths.reads("the part", part))?;
     args.path_mapping.iter().try_for_each(|file| paths.reads("--path-mapping", file))?;

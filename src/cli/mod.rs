@@ -17,6 +17,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
 
+use crate::Error;
 use crate::console::help::{CompletionsArgs, ManArgs};
 use crate::console::{self, Verbosity};
 
@@ -54,6 +55,12 @@ pub fn run() -> ExitCode {
     console::run(
         |cli: &Cli| cli.verbosity,
         |cli| match &cli.command {
+            Command::Render(args) if args.frames.is_some() => {
+                // What was parsed once is parsed again: which flags were given is what the frames' processes are told.
+                let matches = Cli::command().get_matches();
+                let own = matches.subcommand_matches("render").ok_or_else(|| Error::Bug("no render".into()))?;
+                batch::sequence(args, own, cli.verbosity)
+            }
             Command::Render(args) => render::run(args, cli.verbosity),
             Command::Inspect(args) => inspect::run(args),
             Command::Batch(args) => batch::run(args, cli.verbosity),

@@ -2,6 +2,7 @@
 
 mod args;
 mod choose;
+mod flags;
 mod identity;
 mod keep;
 mod replay;
@@ -13,6 +14,7 @@ use std::time::Instant;
 use tracing::{debug, info, warn};
 
 pub use args::RenderArgs;
+pub use flags::given;
 pub use identity::{Files, Inputs};
 pub use session::{Done, Loaded, Session};
 

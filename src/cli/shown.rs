@@ -30,6 +30,16 @@ pub struct Shown {
 }
 
 impl Shown {
+    /// What `--frame` says.
+    pub fn frame(&self) -> Option<f64> {
+        self.frame
+    }
+
+    /// As if `--frame` said so.
+    pub fn set_frame(&mut self, frame: u32) {
+        self.frame = Some(frame.into());
+    }
+
     /// For the import.
     pub fn options(&self, strict: bool) -> ImportOptions {
         let seconds = self.pose.or(self.frame.map(|frame| frame / self.fps));

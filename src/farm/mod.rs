@@ -12,10 +12,11 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use crate::batch::frames::{Frames, numbered};
 use crate::{Error, Result};
 pub use path_mapping::PathMapping;
 
-/// One render, whole or in parts.
+/// One render, whole or in parts, or one of each of its `frames`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Render {
     /// Unique in its plan; becomes part of file names.
@@ -47,7 +48,7 @@ pub struct Plan {
     pub merges: Vec<Merge>,
 }
 
-/// One command that makes one file.
+/// One command that makes one file, or one for each of some frames.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Task {
     /// Of the render.
@@ -56,8 +57,11 @@ pub struct Task {
     pub part: u32,
     /// Program and arguments.
     pub command: Vec<String>,
-    /// The file, absolute.
+    /// The file, absolute; of frames, with a place for their numbers.
     pub output: PathBuf,
+    /// Of a sequence: which ones it renders.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frames: Option<Frames>,
 }
 
 /// One command that puts parts together.
@@ -67,8 +71,11 @@ pub struct Merge {
     pub render: String,
     /// Program and arguments.
     pub command: Vec<String>,
-    /// The file, absolute.
+    /// The file, absolute; of frames, with a place for their numbers.
     pub output: PathBuf,
+    /// Of a sequence: which ones it puts together.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frames: Option<Frames>,
     /// First and last of the tasks that it needs, counted from 0.
     pub tasks: (usize, usize),
 }
@@ -83,7 +90,8 @@ const OF_THE_WHOLE: [&str; 4] = ["preview", "view", "exposure", "stats"];
 pub const PLAN: &str = "farm.json";
 
 impl Plan {
-    /// Every render in `parts` parts; `program` is what to run, `progress` how it reports.
+    /// Every render in `parts` parts, and sequences in tasks of `chunk` frames; `program` is what to run, `progress` how it
+    /// reports.
     ///
     /// # Errors
     /// [`Error::Usage`] for parts of a render that stops by time or noise: each part would stop elsewhere; for names
@@ -94,7 +102,7 @@ impl Plan {
         program: &Path,
         progress: &str,
         renders: &[Render],
-        parts: u32,
+        (parts, chunk): (u32, u32),
     ) -> Result<Self> {
         let (tasks, merges) = (Vec::new(), Vec::new());
         let (name, folder) = (name.into(), folder.into());
@@ -108,19 +116,30 @@ impl Plan {
                     render.name
                 )));
             }
-            plan.add(render, utf8(program)?, progress)?;
+            let mut render = render.clone();
+            let frames = render.flags.iter().position(|(flag, _)| flag == "frames");
+            match frames.and_then(|at| render.flags.remove(at).1) {
+                None => plan.add(&render, None, utf8(program)?, progress)?,
+                Some(frames) => {
+                    let frames: Frames = frames.parse().map_err(|why| Error::Usage(format!("--frames: {why}")))?;
+                    for frames in frames.chunks(chunk as usize) {
+                        plan.add(&render, Some(frames), utf8(program)?, progress)?;
+                    }
+                }
+            }
         }
         plan.check()?;
         Ok(plan)
     }
 
-    fn add(&mut self, render: &Render, program: &str, progress: &str) -> Result<()> {
+    fn add(&mut self, render: &Render, frames: Option<Frames>, program: &str, progress: &str) -> Result<()> {
         let parts = self.parts;
         let first = self.tasks.len();
         let flag = |(name, value): &(String, Option<String>)| match value {
             Some(value) => format!("--{name}={value}"),
             None => format!("--{name}"),
         };
+        let which = frames.as_ref().map(|frames| format!("--frames={frames}"));
         let (whole, own): (Vec<_>, Vec<_>) =
             render.flags.iter().partition(|(name, _)| parts > 1 && OF_THE_WHOLE.contains(&name.as_str()));
         let checkpoints = own.iter().any(|(name, _)| name == "checkpoint");
@@ -131,6 +150,7 @@ impl Plan {
             };
             let mut command = vec![program.into(), "render".into(), utf8(&render.scene)?.into()];
             command.extend(own.iter().map(|f| flag(f)));
+            command.extend(which.clone());
             if parts > 1 {
                 command.push(format!("--part={part}/{parts}"));
             }
@@ -142,10 +162,11 @@ impl Plan {
                 format!("--progress={progress}"),
                 format!("--output={}", utf8(&output)?),
             ]);
-            self.tasks.push(Task { render: render.name.clone(), part, command, output });
+            self.tasks.push(Task { render: render.name.clone(), part, command, output, frames: frames.clone() });
         }
         if parts > 1 {
             let mut command: Vec<String> = vec![program.into(), "merge".into(), format!("--wait={WAIT}")];
+            command.extend(which);
             // The parts carry statistics because a farm interrupts; the picture only if it was asked to.
             if !checkpoints {
                 command.push("--no-statistics".into());
@@ -155,8 +176,8 @@ impl Plan {
             for task in &self.tasks[first..] {
                 command.push(utf8(&task.output)?.into());
             }
-            let tasks = (first, self.tasks.len() - 1);
-            self.merges.push(Merge { render: render.name.clone(), command, output: render.output.clone(), tasks });
+            let (tasks, output) = ((first, self.tasks.len() - 1), render.output.clone());
+            self.merges.push(Merge { render: render.name.clone(), command, output, frames, tasks });
         }
         Ok(())
     }
@@ -201,20 +222,29 @@ impl Plan {
         self.folder.join("logs").join(format!("{what}-{number}.log"))
     }
 
-    /// The command of a task, or of a merge, and its output; both are counted from 1.
+    /// The command of a task, or of a merge, and its outputs; both are counted from 1.
     ///
     /// # Errors
     /// [`Error::Usage`] if there are fewer.
-    pub fn command(&self, number: usize, merge: bool) -> Result<(&[String], &Path)> {
+    pub fn command(&self, number: usize, merge: bool) -> Result<(&[String], Vec<PathBuf>)> {
         let at = number.checked_sub(1);
         let found = match merge {
-            true => at.and_then(|i| self.merges.get(i)).map(|m| (&m.command[..], m.output.as_path())),
-            false => at.and_then(|i| self.tasks.get(i)).map(|t| (&t.command[..], t.output.as_path())),
+            true => at.and_then(|i| self.merges.get(i)).map(|m| (&m.command, &m.output, &m.frames)),
+            false => at.and_then(|i| self.tasks.get(i)).map(|t| (&t.command, &t.output, &t.frames)),
         };
+        let found = found.map(|(command, output, frames)| (&command[..], files(output, frames.as_ref())));
         let (tasks, merges) = (self.tasks.len(), self.merges.len());
         found.ok_or_else(|| {
             Error::Usage(format!("there is no number {number}: the plan has {tasks} tasks, {merges} merges"))
         })
+    }
+}
+
+/// The files of an output, one for each frame.
+pub fn files(output: &Path, frames: Option<&Frames>) -> Vec<PathBuf> {
+    match frames {
+        None => vec![output.to_owned()],
+        Some(frames) => frames.numbers().iter().filter_map(|&frame| numbered(output, frame)).collect(),
     }
 }
 
@@ -253,7 +283,8 @@ pub(crate) mod tests {
             output: format!("/o/{name}.exr").into(),
             flags: vec![("spp".into(), Some("64".into())), ("preview".into(), Some(format!("/o/{name}.png")))],
         };
-        Plan::new("shots", Path::new("/f"), Path::new("bismar"), "plain", &[render("a"), render("b")], parts).unwrap()
+        Plan::new("shots", Path::new("/f"), Path::new("bismar"), "plain", &[render("a"), render("b")], (parts, 1))
+            .unwrap()
     }
 
     #[test]
@@ -270,6 +301,34 @@ pub(crate) mod tests {
         assert!(merge.contains("--preview=/o/b.png") && merge.contains("/f/parts/b.3-of-3.exr"), "{merge}");
     }
 
+    /// Frames 1 to 7, three a task, in so many parts.
+    pub(crate) fn sequence(parts: u32, chunk: u32) -> Plan {
+        let render = Render {
+            name: "a.####".into(),
+            scene: "/s/a.glb".into(),
+            output: "/o/a.####.exr".into(),
+            flags: vec![("frames".into(), Some("1-7".into())), ("preview".into(), Some("/o/a.####.png".into()))],
+        };
+        Plan::new("shots", Path::new("/f"), Path::new("bismar"), "plain", &[render], (parts, chunk)).unwrap()
+    }
+
+    #[test]
+    fn frames_are_tasks_in_chunks_and_parts_are_inside_frames() {
+        let plan = sequence(2, 3);
+        let tasks: Vec<_> =
+            plan.tasks.iter().map(|t| (t.frames.clone().unwrap().to_string(), t.part, t.output.clone())).collect();
+        assert_eq!(tasks.len(), 6);
+        assert_eq!(tasks[3], ("4-6".into(), 2, "/f/parts/a.####.2-of-2.exr".into()));
+        assert_eq!(plan.merges.iter().map(|m| m.tasks).collect::<Vec<_>>(), [(0, 1), (2, 3), (4, 5)]);
+        let (command, files) = plan.command(2, true).unwrap();
+        let line = command.join(" ");
+        assert!(line.contains("--frames=4-6") && line.contains("--preview=/o/a.####.png"), "{line}");
+        assert_eq!(files[2], Path::new("/o/a.0006.exr"));
+        assert_eq!(plan.command(6, false).unwrap().1, [Path::new("/f/parts/a.0007.2-of-2.exr")]);
+        let read: Plan = serde_json::from_str(&serde_json::to_string(&plan).unwrap()).unwrap();
+        assert_eq!(read, plan);
+    }
+
     #[test]
     fn a_whole_render_needs_no_merge_and_parts_no_rule_but_samples() {
         let whole = plan(1);
@@ -282,8 +341,9 @@ pub(crate) mod tests {
             flags: vec![("time".into(), Some("3".into()))],
         };
         let refused =
-            Plan::new("x", Path::new("/f"), Path::new("bismar"), "plain", std::slice::from_ref(&timed), 2).unwrap_err();
+            Plan::new("x", Path::new("/f"), Path::new("bismar"), "plain", std::slice::from_ref(&timed), (2, 1))
+                .unwrap_err();
         assert_eq!(refused.exit_code(), 64);
-        assert!(Plan::new("x", Path::new("/f"), Path::new("bismar"), "plain", &[timed], 1).is_ok());
+        assert!(Plan::new("x", Path::new("/f"), Path::new("bismar"), "plain", &[timed], (1, 1)).is_ok());
     }
 }

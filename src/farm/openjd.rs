@@ -6,34 +6,40 @@
 use serde_json::{Value, json};
 
 use super::Plan;
+use crate::batch::frames::Frames;
 use crate::{Error, Result};
 
-/// The template, as JSON. Each render is a step whose tasks are its parts, each merge a step that depends on it.
+/// The template, as JSON. Each render is a step whose tasks are its frames and their parts, each merge (of a sequence, all
+/// of its merges) a step that depends on it.
 ///
 /// # Errors
-/// [`Error::Usage`] for names that the format has no place for.
+/// [`Error::Usage`] for names and numbers that the format has no place for.
 pub fn template(plan: &Plan) -> Result<Value> {
     let mut steps = Vec::new();
     let mut first = 0;
     while let Some(task) = plan.tasks.get(first) {
         let own = plan.tasks[first..].iter().take_while(|t| t.render == task.render).count();
-        let mut step = json!({
-            "name": step_name(&task.render)?,
-            "script": script(&parametrised(&plan.tasks[first].command, task.part, own)),
-        });
-        if own > 1 {
-            let part = json!({ "name": "Part", "type": "INT", "range": format!("1-{own}") });
-            step["parameterSpace"] = json!({ "taskParameterDefinitions": [part] });
+        let chunks: Vec<_> = plan.tasks[first..first + own].iter().filter(|t| t.part == 1).collect();
+        let chunks: Vec<_> = chunks.iter().filter_map(|t| t.frames.as_ref()).collect();
+        let parts = plan.parts as usize;
+        let mut parameters: Vec<Value> = frames_parameter(&task.render, &chunks)?.into_iter().collect();
+        if parts > 1 {
+            parameters.push(json!({ "name": "Part", "type": "INT", "range": format!("1-{parts}") }));
         }
-        steps.push(step);
+        let command = parametrised(&task.command, task.part, parts, &chunks);
+        steps.push(step(&task.render, &command, parameters)?);
         first += own;
     }
-    for merge in &plan.merges {
-        steps.push(json!({
-            "name": step_name(&format!("merge {}", merge.render))?,
-            "dependencies": [{ "dependsOn": step_name(&merge.render)? }],
-            "script": script(&parametrised(&merge.command, 0, 1)),
-        }));
+    let mut first = 0;
+    while let Some(merge) = plan.merges.get(first) {
+        let own = plan.merges[first..].iter().take_while(|m| m.render == merge.render).count();
+        let chunks: Vec<_> = plan.merges[first..first + own].iter().filter_map(|m| m.frames.as_ref()).collect();
+        let parameters = frames_parameter(&merge.render, &chunks)?.into_iter().collect();
+        let command = parametrised(&merge.command, 0, 1, &chunks);
+        let mut step = step(&format!("merge {}", merge.render), &command, parameters)?;
+        step["dependencies"] = json!([{ "dependsOn": step_name(&merge.render)? }]);
+        steps.push(step);
+        first += own;
     }
     let name = literal(&plan.name);
     let mut template = json!({ "specificationVersion": "jobtemplate-2023-09", "name": name, "steps": steps });
@@ -43,6 +49,44 @@ pub fn template(plan: &Plan) -> Result<Value> {
         template["parameterDefinitions"] = BRACES.map(parameter).into();
     }
     Ok(template)
+}
+
+fn step(name: &str, command: &[String], parameters: Vec<Value>) -> Result<Value> {
+    let mut step = json!({ "name": step_name(name)?, "script": script(command) });
+    if !parameters.is_empty() {
+        step["parameterSpace"] = json!({ "taskParameterDefinitions": parameters });
+    }
+    Ok(step)
+}
+
+/// Values of the frames' parameter: whole numbers where each task has one frame, else texts.
+fn frames_parameter(render: &str, chunks: &[&Frames]) -> Result<Option<Value>> {
+    /// Of a parameter that is a list.
+    const MOST_VALUES: usize = 1024;
+    let numbers: Option<Vec<u32>> =
+        chunks.iter().map(|c| <[u32; 1]>::try_from(c.numbers()).ok().map(|[n]| n)).collect();
+    Ok(match numbers {
+        _ if chunks.is_empty() => None,
+        Some(numbers) => {
+            let range = |[first, last, step]: [u32; 3]| match (first == last, step) {
+                (true, _) => first.to_string(),
+                (false, 1) => format!("{first}-{last}"),
+                (false, step) => format!("{first}-{last}:{step}"),
+            };
+            let ranges = Frames::ranges_of(&numbers).into_iter().map(range).collect::<Vec<_>>().join(",");
+            Some(json!({ "name": "Frame", "type": "INT", "range": ranges }))
+        }
+        None if chunks.len() > MOST_VALUES => {
+            return Err(Error::Usage(format!(
+                "'{render}' is {} chunks of frames, and the format has room for {MOST_VALUES}: give a larger --chunk, or 1",
+                chunks.len()
+            )));
+        }
+        None => {
+            let values: Vec<String> = chunks.iter().map(ToString::to_string).collect();
+            Some(json!({ "name": "Frames", "type": "STRING", "range": values }))
+        }
+    })
 }
 
 fn script(command: &[String]) -> Value {
@@ -55,16 +99,17 @@ fn script(command: &[String]) -> Value {
     } } })
 }
 
-/// The first part's command as that of all.
-fn parametrised(command: &[String], part: u32, of: usize) -> Vec<String> {
-    if of == 1 {
-        return command.iter().map(|word| literal(word)).collect();
-    }
+/// The first part's command, of the first frames, as that of all.
+fn parametrised(command: &[String], part: u32, of: usize, chunks: &[&Frames]) -> Vec<String> {
     let (number, file) = (format!("--part={part}/"), format!(".{part}-of-{of}.exr"));
+    let frames = chunks.first().map(|frames| format!("--frames={frames}"));
+    let parameter = if chunks.iter().all(|c| c.numbers().len() == 1) { "Frame" } else { "Frames" };
     let word = |word: &String| {
-        if word.starts_with(&number) {
+        if frames.as_ref() == Some(word) {
+            format!("--frames={{{{Task.Param.{parameter}}}}}")
+        } else if of > 1 && word.starts_with(&number) {
             literal(word).replacen(&number, "--part={{Task.Param.Part}}/", 1)
-        } else if word.starts_with("--output=") && word.ends_with(&file) {
+        } else if of > 1 && word.starts_with("--output=") && word.ends_with(&file) {
             format!("{}.{{{{Task.Param.Part}}}}-of-{of}.exr", literal(&word[..word.len() - file.len()]))
         } else {
             literal(word)
@@ -96,7 +141,24 @@ fn step_name(name: &str) -> Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::farm::tests::plan;
+    use crate::farm::tests::{plan, sequence};
+
+    #[test]
+    fn frames_are_a_parameter_space() {
+        let of = |plan: &Plan| template(plan).unwrap();
+        let single = of(&sequence(2, 1));
+        let space = |step: usize| single["steps"][step]["parameterSpace"]["taskParameterDefinitions"].clone();
+        assert_eq!(single["steps"].as_array().map(Vec::len), Some(2));
+        assert_eq!(space(0)[0], json!({ "name": "Frame", "type": "INT", "range": "1-7" }));
+        assert_eq!((&space(0)[1]["range"], space(1).as_array().map(Vec::len)), (&json!("1-2"), Some(1)));
+        let args = single["steps"][1]["script"]["actions"]["onRun"]["args"].to_string();
+        assert!(args.contains("--frames={{Task.Param.Frame}}") && args.contains("a.####.2-of-2.exr"), "{args}");
+        let chunked = of(&sequence(1, 3));
+        assert_eq!(
+            chunked["steps"][0]["parameterSpace"]["taskParameterDefinitions"],
+            json!([{ "name": "Frames", "type": "STRING", "range": ["1-3", "4-6", "7"] }])
+        );
+    }
 
     #[test]
     fn parts_are_a_parameter_and_merges_depend() {

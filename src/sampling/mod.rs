@@ -11,4 +11,4 @@ pub mod warp;
 pub use discrete::Discrete;
 pub use filter::{FilterSampler, PixelFilter};
 pub use random::SplitMix64;
-pub use sequence::{PixelSequence, hash, hashes, keys, pixel_seed, samples};
+pub use sequence::{PixelSequence, frame_seed, hash, hashes, keys, pixel_seed, samples};

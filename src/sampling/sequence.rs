@@ -66,6 +66,12 @@ pub fn pixel_seed(x: u32, y: u32, seed: u32) -> u32 {
     hash(x ^ hash(y ^ hash(seed ^ 0x5bd1_e995)))
 }
 
+/// The seed of a frame of a sequence under the seed of all: noise differs from frame to frame.
+pub fn frame_seed(seed: u32, frame: f64) -> u32 {
+    let bits = frame.to_bits();
+    hash(seed ^ hash(bits as u32 ^ hash((bits >> 32) as u32 ^ 0x68e3_1da4)))
+}
+
 /// Four numbers in [0, 1) a lane: set `set` of dimensions of point `index` of the sequence of a pixel's `seed`.
 #[inline(always)]
 pub fn samples(seed: U, index: U, set: u32) -> [F; 4] {
@@ -190,5 +196,8 @@ mod tests {
         assert_ne!(base, PixelSequence::new(0, 0, 1).sample(0, 0));
         assert_ne!(base, PixelSequence::new(0, 0, 0).sample(0, 1));
         assert_ne!(base, PixelSequence::new(0, 0, 0).sample(1 << SEQUENCE_BITS, 0));
+        let seeds: std::collections::HashSet<u32> =
+            (0..8).flat_map(|seed| (0..1000).map(move |frame| frame_seed(seed, frame.into()))).collect();
+        assert_eq!(seeds.len(), 8000);
     }
 }

@@ -28,6 +28,76 @@ pub fn triangle() -> Vec<u8> {
     file(&document, &binary)
 }
 
+/// A textured triangle that stands still, one that moves, one that changes its form and colour; camera `a` moves, `b` does
+/// not. Each for a second, on lines.
+pub fn moving() -> Vec<u8> {
+    let mut binary = Vec::new();
+    let (mut views, mut accessors) = (Vec::new(), Vec::new());
+    let mut add = |bytes: Vec<u8>, shape: Option<(&str, usize)>| {
+        views.push(json!({ "buffer": 0, "byteOffset": binary.len(), "byteLength": bytes.len() }));
+        if let Some((shape, width)) = shape {
+            accessors.push(json!({ "bufferView": views.len() - 1, "componentType": 5126, "type": shape,
+                "count": bytes.len() / 4 / width }));
+        }
+        binary.extend(bytes);
+        binary.resize(binary.len().next_multiple_of(4), 0);
+    };
+    let floats = |values: &[f32]| values.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+    add(floats(&[-1.0, -1.0, 0.0, 1.0, -1.0, 0.0, 0.0, 1.0, 0.0]), Some(("VEC3", 3)));
+    add(floats(&[0.0, 0.0, 3.0, 0.0, 0.0, 3.0]), Some(("VEC2", 2)));
+    add(floats(&[0.0, 0.0, 0.0, 0.5, 0.5, 0.0, 0.0, 0.0, 0.5]), Some(("VEC3", 3)));
+    add(floats(&[0.0, 1.0]), Some(("SCALAR", 1)));
+    add(floats(&[-0.5, 0.0, 0.5, 0.5, 0.5, 0.5]), Some(("VEC3", 3)));
+    add(floats(&[0.0, 1.0]), Some(("SCALAR", 1)));
+    add(floats(&[1.0, 0.2, 0.2, 1.0, 0.2, 0.2, 1.0, 1.0]), Some(("VEC4", 4)));
+    add(floats(&[0.0, 0.0, 3.0, 0.3, 0.2, 4.0]), Some(("VEC3", 3)));
+    let picture = image::RgbImage::from_fn(8, 8, |x, y| image::Rgb([(x * 30) as u8, (y * 30) as u8, 90]));
+    let mut png = std::io::Cursor::new(Vec::new());
+    picture.write_to(&mut png, image::ImageFormat::Png).unwrap();
+    add(png.into_inner(), None);
+    let pointer = "/materials/1/pbrMetallicRoughness/baseColorFactor";
+    let channel = |sampler: u32, target: serde_json::Value| json!({ "sampler": sampler, "target": target });
+    let sampler = |output: u32| json!({ "input": 3, "output": output });
+    let camera = || json!({ "type": "perspective", "perspective": { "yfov": 0.7, "znear": 0.1 } });
+    let document = json!({
+        "asset": { "version": "2.0" },
+        "scene": 0,
+        "scenes": [{ "nodes": [0, 1, 2, 3, 4] }],
+        "extensionsUsed": ["KHR_animation_pointer"],
+        "nodes": [
+            { "mesh": 0, "translation": [0, 0, -1], "scale": [2, 2, 2] },
+            { "mesh": 0, "scale": [0.4, 0.4, 0.4] },
+            { "mesh": 1, "translation": [0.2, -0.4, 0.2] },
+            { "name": "a", "camera": 0 },
+            { "name": "b", "camera": 1, "translation": [0, 0, 4] },
+        ],
+        "cameras": [camera(), camera()],
+        "materials": [
+            { "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 }, "metallicFactor": 0 } },
+            { "pbrMetallicRoughness": { "metallicFactor": 0 } },
+        ],
+        "textures": [{ "source": 0 }],
+        "images": [{ "bufferView": 8, "mimeType": "image/png" }],
+        "meshes": [
+            { "primitives": [{ "attributes": { "POSITION": 0, "TEXCOORD_0": 1 }, "material": 0 }] },
+            { "primitives": [{ "attributes": { "POSITION": 0 }, "targets": [{ "POSITION": 2 }], "material": 1 }] },
+        ],
+        "animations": [{
+            "samplers": [sampler(4), sampler(5), sampler(6), sampler(7)],
+            "channels": [
+                channel(0, json!({ "node": 1, "path": "translation" })),
+                channel(1, json!({ "node": 2, "path": "weights" })),
+                channel(2, json!({ "path": "pointer", "extensions": { "KHR_animation_pointer": { "pointer": pointer } } })),
+                channel(3, json!({ "node": 3, "path": "translation" })),
+            ],
+        }],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{ "byteLength": binary.len() }],
+    });
+    file(&document, &binary)
+}
+
 /// So many triangles through the same 1000 points of [-1, 1]³, hard to put in order; no camera, no light.
 pub fn thicket(triangles: u32) -> Vec<u8> {
     const POINTS: u16 = 1000;

@@ -5,17 +5,18 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use indicatif::ProgressBar;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::batch::report::{Entry, Status};
-use crate::console::progress::samples;
-use crate::console::say;
+use crate::console::progress::{Style, samples};
 use crate::console::screen::{self, clock};
+use crate::console::{print, say};
 use crate::render::Progress;
 
 /// Takes progress from any thread.
 pub struct Overview {
     quiet: bool,
+    style: Style,
     terminal: bool,
     all: ProgressBar,
     state: Mutex<State>,
@@ -40,15 +41,18 @@ struct Fraction {
 }
 
 impl Overview {
-    /// Of so many jobs.
-    pub fn new(jobs: usize, quiet: bool) -> Self {
-        let terminal = io::stderr().is_terminal() && !quiet;
+    /// Of so many jobs. As [`Reporter`](crate::console::Reporter), `Auto` is silent when `quiet`.
+    pub fn new(jobs: usize, style: Style, quiet: bool) -> Self {
+        let terminal = match style {
+            Style::Auto => io::stderr().is_terminal() && !quiet,
+            style => style == Style::Bar,
+        };
         let all = match terminal {
             true => screen::bar(jobs as u64, "{wide_bar} {pos}/{len} jobs  {msg}"),
             false => ProgressBar::hidden(),
         };
         let state = State { jobs: vec![Fraction::default(); jobs], failed: 0, ended: 0, printed: None, percent: 0 };
-        Self { quiet, terminal, all, state: Mutex::new(state), began: Instant::now() }
+        Self { quiet, style, terminal, all, state: Mutex::new(state), began: Instant::now() }
     }
 
     /// A job begins.
@@ -97,9 +101,28 @@ impl Overview {
     /// The end of all.
     pub fn finish(&self) {
         screen::remove(&self.all);
-        if !self.quiet && !self.terminal && self.lock().jobs.iter().all(|j| j.done == 1.0) {
-            say("PROGRESS: 100%");
+        let state = self.lock();
+        if !self.silent() && !self.terminal && state.jobs.iter().all(|j| j.done == 1.0) {
+            self.line(100, &state);
         }
+    }
+
+    fn silent(&self) -> bool {
+        self.style == Style::None || self.style == Style::Auto && self.quiet
+    }
+
+    /// For programs and logs.
+    fn line(&self, percent: u32, state: &State) {
+        // Nobody there to read progress is no reason to stop rendering.
+        let _ = match self.style {
+            Style::Openjd => print(format_args!("openjd_progress: {percent}")),
+            Style::Json => print(json!({ "phase": "jobs", "fraction": f64::from(percent) / 100.0,
+                "jobs": state.jobs.len(), "ended": state.ended, "failed": state.failed })),
+            _ => {
+                say(format_args!("PROGRESS: {percent}%"));
+                Ok(())
+            }
+        };
     }
 
     fn lock(&self) -> std::sync::MutexGuard<'_, State> {
@@ -107,7 +130,7 @@ impl Overview {
     }
 
     fn show(&self, state: &mut State) {
-        if self.quiet {
+        if self.silent() {
             return;
         }
         // What was there before took no time and says nothing of what is left.
@@ -123,7 +146,7 @@ impl Overview {
             state.printed = Some(Instant::now());
             let all: f64 = state.jobs.iter().map(|j| j.done).sum();
             state.percent = state.percent.max((100.0 * all / state.jobs.len() as f64) as u32).min(99);
-            say(format_args!("PROGRESS: {}%", state.percent));
+            self.line(state.percent, state);
         }
     }
 }

@@ -31,7 +31,7 @@ pub fn run() -> Result<Verdict> {
     let Order { jobs, written, at_once, threads } = serde_json::from_str(&line).map_err(|e| bad(&e))?;
     let signals = Signals::led()?;
     let command = RenderArgs::augment_args(Command::new("render"));
-    let jobs = jobs.into_iter().map(|job| understand("".as_ref(), &command, job)).collect::<Result<Vec<_>>>()?;
+    let jobs = jobs.into_iter().map(|job| understand(None, &command, job)).collect::<Result<Vec<_>>>()?;
     let mut paths = Paths::default();
     written.iter().try_for_each(|path| paths.writes("the batch's own", path.as_ref()))?;
     jobs.iter().try_for_each(|planned| declare(&planned.args, &format!(" of '{}'", planned.job.name), &mut paths))?;

@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::{Args, Command, FromArgMatches};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::site::{Fate, Queue};
+use crate::batch::frames::numbered_name;
 use crate::cli::batch::scene_key;
 use crate::cli::render::{Inputs, RenderArgs, Session};
 use crate::console::{Verdict, print, print_json};
@@ -30,7 +31,7 @@ pub struct StatusArgs {
     json: bool,
 }
 
-/// How far a task or a merge is.
+/// How far a task's or a merge's file is.
 struct State {
     /// `waiting`, `running`, `begun`, `held`, `failed`, `dead`, `stale` or `done` (docs/farm.md).
     name: &'static str,
@@ -38,6 +39,8 @@ struct State {
     fraction: f64,
     /// Of its last session, or what its file holds instead.
     error: Option<String>,
+    output: PathBuf,
+    frame: Option<u32>,
 }
 
 pub fn run(args: &StatusArgs) -> Result<Verdict> {
@@ -48,43 +51,80 @@ pub fn run(args: &StatusArgs) -> Result<Verdict> {
     let (mut tasks, mut merges) = (Vec::new(), Vec::new());
     for (i, task) in plan.tasks.iter().enumerate() {
         let fate = queue.as_ref().and_then(|queue| queue.task(i));
-        tasks.push(look.state(&understand(&task.command)?, &plan.log(i + 1, false), fate));
+        let states = look.states(understand(&task.command)?, &plan.log(i + 1, false), fate)?;
+        tasks.extend(states.into_iter().map(|state| Row { render: &task.render, part: task.part, task: i + 1, state }));
     }
     for (i, merge) in plan.merges.iter().enumerate() {
         let fate = queue.as_ref().and_then(|queue| queue.merge(i));
         let mut whole = understand(&plan.tasks[merge.tasks.0].command)?;
         // What parts carry because a farm interrupts, the whole need not.
         (whole.part, whole.checkpoint, whole.output) = (None, None, Some(merge.output.clone()));
-        merges.push(look.state(&whole, &plan.log(i + 1, true), fate));
+        let states = look.states(whole, &plan.log(i + 1, true), fate)?;
+        merges.extend(states.into_iter().map(|state| Row { render: &merge.render, part: 0, task: i + 1, state }));
     }
-    let done = tasks.iter().filter(|s| s.name == "done").count();
-    let all = tasks.iter().map(|s| s.fraction).sum::<f64>() / tasks.len().max(1) as f64;
-    let complete = done == tasks.len() && merges.iter().all(|s| s.name == "done");
+    let is_done = |row: &Row| row.state.name == "done";
+    let done = tasks.iter().filter(|row| is_done(row)).count();
+    let all = tasks.iter().map(|row| row.state.fraction).sum::<f64>() / tasks.len().max(1) as f64;
+    let complete = done == tasks.len() && merges.iter().all(is_done);
+    let sequences = plan.tasks.iter().any(|task| task.frames.is_some());
     if args.json {
-        let tasks = plan.tasks.iter().zip(&tasks).map(|(task, s)| {
-            json!({ "render": task.render, "part": task.part, "state": s.name, "fraction": s.fraction,
-                "error": s.error, "output": task.output })
-        });
-        let merges = plan.merges.iter().zip(&merges).map(|(merge, s)| {
-            json!({ "render": merge.render, "done": s.name == "done", "state": s.name, "error": s.error,
-                "output": merge.output })
-        });
         print_json(&json!({ "schema": 1, "name": plan.name, "complete": complete, "fraction": all,
-            "slurm_answers": queue.is_some(), "tasks": tasks.collect::<Vec<_>>(),
-            "merges": merges.collect::<Vec<_>>() }))?;
+            "slurm_answers": queue.is_some(), "tasks": tasks.iter().map(Row::task).collect::<Vec<_>>(),
+            "merges": merges.iter().map(Row::merge).collect::<Vec<_>>() }))?;
         return Ok(Verdict::Done);
     }
     let mut text = String::new();
-    let error = |s: &State| s.error.as_ref().map_or(String::new(), |e| format!("  {e}"));
-    for (task, s) in plan.tasks.iter().zip(&tasks) {
-        let part = if plan.parts > 1 { format!(" {}/{}", task.part, plan.parts) } else { String::new() };
-        text += &format!("{}{part}: {} {:.0} %{}\n", task.render, s.name, 100.0 * s.fraction, error(s));
+    let error = |row: &Row| row.state.error.as_ref().map_or(String::new(), |e| format!("  {e}"));
+    for row in &tasks {
+        let part = if plan.parts > 1 { format!(" {}/{}", row.part, plan.parts) } else { String::new() };
+        text +=
+            &format!("{}{part}: {} {:.0} %{}\n", row.name(), row.state.name, 100.0 * row.state.fraction, error(row));
     }
-    for (merge, s) in plan.merges.iter().zip(&merges) {
-        text += &format!("{} merged: {}{}\n", merge.render, s.name, error(s));
+    for row in &merges {
+        text += &format!("{} merged: {}{}\n", row.name(), row.state.name, error(row));
     }
-    print(format!("{text}{done} of {} tasks done, {:.0} % in all", tasks.len(), 100.0 * all))?;
+    let what = match (sequences, plan.parts) {
+        (true, 1) => "frames",
+        (true, _) => "parts of frames",
+        _ => "tasks",
+    };
+    print(format!("{text}{done} of {} {what} done, {:.0} % in all", tasks.len(), 100.0 * all))?;
     Ok(Verdict::Done)
+}
+
+/// A file that a task or a merge makes: of a sequence's, one for each frame.
+struct Row<'a> {
+    render: &'a str,
+    part: u32,
+    /// Number of the task or merge, from 1.
+    task: usize,
+    state: State,
+}
+
+impl Row<'_> {
+    fn name(&self) -> String {
+        let numbered = self.state.frame.and_then(|frame| numbered_name(self.render, frame));
+        numbered.unwrap_or_else(|| self.render.to_owned())
+    }
+
+    fn task(&self) -> Value {
+        let s = &self.state;
+        self.of_sequence(json!({ "render": self.name(), "part": self.part, "state": s.name, "fraction": s.fraction,
+            "error": s.error, "output": s.output }))
+    }
+
+    fn merge(&self) -> Value {
+        let s = &self.state;
+        self.of_sequence(json!({ "render": self.name(), "done": s.name == "done", "state": s.name, "error": s.error,
+            "output": s.output }))
+    }
+
+    fn of_sequence(&self, mut row: Value) -> Value {
+        if let Some(frame) = self.state.frame {
+            (row["frame"], row["task"]) = (frame.into(), self.task.into());
+        }
+        row
+    }
 }
 
 /// A task's command as `bismar render` would understand it.
@@ -111,7 +151,23 @@ enum Holds {
 }
 
 impl Look<'_> {
-    fn state(&mut self, asked: &RenderArgs, log: &Path, fate: Option<Fate>) -> State {
+    /// Of each of a command's files, in its order.
+    fn states(&mut self, asked: RenderArgs, log: &Path, fate: Option<Fate>) -> Result<Vec<State>> {
+        let Some(frames) = &asked.frames else { return Ok(vec![self.state(&asked, log, fate, None)]) };
+        let mut states = Vec::new();
+        // A task renders one frame after the other.
+        let mut first = true;
+        for &frame in frames.numbers() {
+            let mut state = self.state(&asked.of_frame(frame)?, log, fate, Some(frame));
+            if state.name == "running" && !std::mem::take(&mut first) {
+                (state.name, state.fraction) = (if state.fraction > 0.0 { "begun" } else { "waiting" }, 0.0);
+            }
+            states.push(state);
+        }
+        Ok(states)
+    }
+
+    fn state(&mut self, asked: &RenderArgs, log: &Path, fate: Option<Fate>, frame: Option<u32>) -> State {
         let record = beside(log);
         let sessions = Some(Sessions::read(&record))
             // An earlier submission's tells nothing of this one.
@@ -136,7 +192,18 @@ impl Look<'_> {
         };
         let percent = |line: &str| line.strip_prefix("PROGRESS: ")?.strip_suffix('%')?.parse::<f64>().ok();
         let said = log.lines().rev().find_map(percent).map_or(0.0, |p| p / 100.0);
-        let told = log.lines().rev().find_map(|line| line.strip_prefix("error: "));
+        let (output, mut lines) = (asked.output(), log.lines().rev());
+        let (said, told) = match frame {
+            None => (said, lines.find_map(|line| line.strip_prefix("error: "))),
+            // Its log is that of all its task's frames.
+            Some(frame) => {
+                let stem = output.file_stem().unwrap_or_default().to_string_lossy();
+                let own = [format!("{stem}: "), format!("error: frame {frame}: ")];
+                let of_all = |line: &str| line.starts_with("error: ") && !line.starts_with("error: frame ");
+                let told = lines.find(|line| own.iter().any(|own| line.starts_with(own)) || of_all(line));
+                (0.0, told.map(|line| line.trim_start_matches("error: ")))
+            }
+        };
         let (fraction, other) = match holds {
             Holds::All => (1.0, None),
             Holds::Some(saved) if name == "running" => (saved.max(said), None),
@@ -145,7 +212,7 @@ impl Look<'_> {
             Holds::Other(other) => (0.0, Some(other)),
         };
         let error = if name == "done" { None } else { told.map(str::to_owned).or(other).or(why) };
-        State { name, fraction: fraction.clamp(0.0, 1.0), error }
+        State { name, fraction: fraction.clamp(0.0, 1.0), error, output, frame }
     }
 
     /// What is in a command's output, and why that cannot be said for certain.

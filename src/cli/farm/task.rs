@@ -4,7 +4,7 @@ use std::env;
 use std::fs::{self, File};
 use std::io::Write;
 use std::os::unix::process::ExitStatusExt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Command, ExitStatus};
 use std::time::Instant;
 
@@ -38,7 +38,7 @@ pub struct TaskArgs {
 pub fn run(args: &TaskArgs) -> Result<Verdict> {
     let signals = Signals::listen()?;
     let plan = Plan::read(&args.plan)?;
-    let (command, output) = plan.command(args.number, args.merge)?;
+    let (command, outputs) = plan.command(args.number, args.merge)?;
     let path = plan.log(args.number, args.merge);
     let cannot = |e| Error::CannotCreate(format!("{}: cannot write: {e}", path.display()));
     let mut log = File::options().create(true).append(true).open(&path).map_err(cannot)?;
@@ -53,8 +53,8 @@ pub fn run(args: &TaskArgs) -> Result<Verdict> {
     }
     let record = beside(&path);
     let job = [variable("SLURM_ARRAY_JOB_ID"), variable("SLURM_JOB_ID")].into_iter().flatten().next();
-    let sessions = Sessions::read(&record).begin(&job.unwrap_or_default(), &host(), paths(output), said);
-    let mut session = Session { sessions, record, output, retries_memory: plan.retries_memory };
+    let sessions = Sessions::read(&record).begin(&job.unwrap_or_default(), &host(), paths(&outputs), said);
+    let mut session = Session { sessions, record, outputs, retries_memory: plan.retries_memory };
     let code = session.run(&mut process, &signals).unwrap_or_else(|error| {
         let _ = writeln!(log, "error: {error}");
         error.exit_code()
@@ -64,14 +64,14 @@ pub fn run(args: &TaskArgs) -> Result<Verdict> {
     Ok(Verdict::Worst(code))
 }
 
-struct Session<'a> {
+struct Session {
     sessions: Sessions,
     record: PathBuf,
-    output: &'a Path,
+    outputs: Vec<PathBuf>,
     retries_memory: bool,
 }
 
-impl Session<'_> {
+impl Session {
     /// The exit code.
     fn run(&mut self, process: &mut Command, signals: &Signals) -> Result<u8> {
         self.sessions.worth_another()?;
@@ -88,7 +88,7 @@ impl Session<'_> {
             return Err(self.out_of_memory());
         }
         let code = code(status)?;
-        self.sessions.end(code, paths(self.output))?;
+        self.sessions.end(code, paths(&self.outputs))?;
         Ok(code)
     }
 
@@ -140,9 +140,10 @@ fn code(status: ExitStatus) -> Result<u8> {
     }
 }
 
-/// Paths that a picture holds.
-fn paths(picture: &Path) -> u64 {
-    Earlier::read(picture).ok().flatten().map_or(0, |earlier| earlier.record.stats.paths)
+/// Paths that pictures hold.
+fn paths(pictures: &[PathBuf]) -> u64 {
+    let of = |picture: &PathBuf| Earlier::read(picture).ok().flatten().map_or(0, |earlier| earlier.record.stats.paths);
+    pictures.iter().map(of).sum()
 }
 
 fn variable(name: &str) -> Option<String> {

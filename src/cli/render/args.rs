@@ -7,6 +7,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 
 use super::replay::PixelPath;
+use crate::batch::frames::{Frames, numbered};
 use crate::cli::shown::Shown;
 use crate::console::Size;
 use crate::console::args::{positive, seconds, threads};
@@ -17,6 +18,7 @@ use crate::film::{Aov, Denoise, Exposure, View};
 use crate::rays::Backend;
 use crate::render::identity::Asked;
 use crate::render::{Balance, Integrator, Part, PixelFilter, RenderSettings};
+use crate::sampling::frame_seed;
 use crate::{Error, Result};
 
 /// Render a glTF scene to OpenEXR.
@@ -31,6 +33,10 @@ pub struct RenderArgs {
     pub scene: PathBuf,
     #[command(flatten)]
     pub shown: Shown,
+    /// Render these frames, each to a file of its own: 1-240, 1-240x2 (every second one), 7,12,40-44. The names of files hold
+    /// their number as #### or {frame:04}. The same command again does what is missing (docs/animation.md).
+    #[arg(long, value_name = "FRAMES", conflicts_with_all = ["pose", "frame", "replay_pixel"], help_heading = "View")]
+    pub frames: Option<Frames>,
     /// Where the picture goes [default: the scene's name with .exr, in the current folder].
     #[arg(short, long, value_name = "FILE.exr")]
     pub output: Option<PathBuf>,
@@ -100,6 +106,10 @@ pub struct RenderArgs {
     /// Seed of every random choice.
     #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Sampling")]
     pub seed: u32,
+    /// Mix the frame's number into the seed, so that noise does not stick to the screen [default: true with --frames, else
+    /// false].
+    #[arg(long, value_name = "true|false", num_args = 0..=1, default_missing_value = "true", help_heading = "Sampling")]
+    pub seed_per_frame: Option<bool>,
 
     /// Save the picture, with all that is needed to go on, every so many seconds (or as in 10m) and at the end; the
     /// --preview with it.
@@ -212,7 +222,7 @@ impl RenderArgs {
     pub fn output(&self) -> PathBuf {
         self.output.clone().unwrap_or_else(|| {
             let mut name = self.scene.file_stem().unwrap_or("bismar".as_ref()).to_owned();
-            name.push(".exr");
+            name.push(if self.frames.is_some() { ".####.exr" } else { ".exr" });
             name.into()
         })
     }
@@ -257,7 +267,10 @@ impl RenderArgs {
             noise: self.noise,
             balance: self.balance,
             pilot: self.pilot,
-            seed: self.seed,
+            seed: match (self.seed_per_frame, self.shown.frame()) {
+                (Some(true), Some(frame)) => frame_seed(self.seed, frame),
+                _ => self.seed,
+            },
             filter: self.filter,
             aovs: self.aovs().iter().any(|a| a.needs_sums()),
             extras: self.denoise.is_some() || self.aovs().iter().any(|a| a.needs_extras()),
@@ -284,6 +297,24 @@ impl RenderArgs {
         Ok(args)
     }
 
+    /// Of a sequence: as one frame is rendered.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for an output without a place for its number.
+    pub fn of_frame(&self, frame: u32) -> Result<Self> {
+        let mut args = Self { frames: None, seed_per_frame: Some(self.seed_per_frame.unwrap_or(true)), ..self.clone() };
+        args.shown.set_frame(frame);
+        let output = self.output();
+        args.output = Some(
+            numbered(&output, frame)
+                .ok_or_else(|| Error::Usage(format!("{}: has no place for a frame's number", output.display())))?,
+        );
+        for path in [&mut args.preview, &mut args.stats].into_iter().flatten() {
+            *path = numbered(path, frame).unwrap_or_else(|| path.clone());
+        }
+        Ok(args)
+    }
+
     /// What clap cannot check.
     ///
     /// # Errors
@@ -301,6 +332,9 @@ impl RenderArgs {
                 "--pilot belongs to --balance second-order; {} has a pilot of its own or none",
                 self.balance.name()
             )));
+        }
+        if self.seed_per_frame == Some(true) && self.frames.is_none() && self.shown.frame().is_none() {
+            return Err(Error::Usage("--seed-per-frame needs a frame: --frames or --frame".into()));
         }
         let all = self.aov.0.len() == Aov::value_variants().len();
         if !all && self.balance.method().needs_goal() && self.aov.0.contains(&Aov::Lights) {

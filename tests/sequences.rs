@@ -1,0 +1,194 @@
+//! Sequences: each frame is the picture that a command of its own gives, whatever is shared, killed or missing.
+
+use std::collections::HashSet;
+use std::fs;
+use std::path::Path;
+use std::process::Stdio;
+use std::thread;
+use std::time::Duration;
+
+use serde_json::Value;
+
+use crate::helpers::farm::{HOSTILE, kill, workers};
+use crate::helpers::glb;
+use crate::helpers::program::{assert_same_bits, attribute, bismar, bits, expect, names, stderr};
+
+const FLAGS: &str = "--size 24x18 --spp 4 --fps 10";
+
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("moving.glb"), glb::moving()).unwrap();
+    folder
+}
+
+#[test]
+fn frames_are_the_pictures_of_single_commands_and_again_only_what_is_missing_is_done() {
+    let folder = folder();
+    let path = folder.path();
+    let line = format!("render moving.glb --frames 1-5x2,8 {FLAGS} -o out/a.####.exr --preview out/{{frame:03}}.png");
+    expect(path, &line, 0);
+    let files = ["003.png", "005.png", "008.png", "a.0001.exr", "a.0003.exr", "a.0005.exr", "a.0008.exr"];
+    assert_eq!(names(&path.join("out")), [&["001.png"], &files[..]].concat());
+    for frame in [1, 3, 5, 8] {
+        expect(path, &format!("render moving.glb --frame {frame} --seed-per-frame {FLAGS} -o single.exr -q"), 0);
+        assert_same_bits(&path.join("single.exr"), &path.join(format!("out/a.000{frame}.exr")));
+    }
+    let all: HashSet<_> = [1, 3, 5, 8].map(|n| bits(&path.join(format!("out/a.000{n}.exr")))).into();
+    assert_eq!(all.len(), 4, "nothing moves");
+    let dates = || {
+        names(&path.join("out"))
+            .into_iter()
+            .map(|n| fs::metadata(path.join("out").join(n)).unwrap().modified().unwrap())
+    };
+    let before: Vec<_> = dates().collect();
+    let said = expect(path, &line, 0);
+    assert!(said.contains("4 done before"), "{said}");
+    assert!(dates().eq(before.iter().copied()));
+    fs::remove_file(path.join("out/a.0005.exr")).unwrap();
+    let said = expect(path, &line, 0);
+    assert!(said.contains("1 done, 3 done before"), "{said}");
+    // One seed for all is another picture, and is asked for by name.
+    let fixed = format!("render moving.glb --frames 3,4 --seed-per-frame false {FLAGS} -o fixed.####.exr -q");
+    expect(path, &fixed, 0);
+    expect(path, &format!("render moving.glb --frame 3 {FLAGS} -o single.exr -q"), 0);
+    assert_same_bits(&path.join("single.exr"), &path.join("fixed.0003.exr"));
+    assert_ne!(bits(&path.join("fixed.0003.exr")), bits(&path.join("out/a.0003.exr")));
+    assert_ne!(
+        attribute(&path.join("fixed.0003.exr"), "bismar.request"),
+        attribute(&path.join("out/a.0003.exr"), "bismar.request")
+    );
+    // The default name is the scene's.
+    expect(path, &format!("render moving.glb --frames 2 {FLAGS} -q"), 0);
+    assert!(path.join("moving.0002.exr").exists());
+}
+
+#[test]
+fn what_is_no_sequence_is_refused_before_anything_is_written() {
+    let folder = folder();
+    let path = folder.path();
+    for (flags, words) in [
+        ("--frames 1-1e9", "is no frame"),
+        ("--frames 5-1", "ends before it begins"),
+        ("--frames 1-5x0", "a step is 1 or more"),
+        ("--frames 0-9999999", "more than 100000"),
+        ("--frames 1,2,1", "frame 1 twice"),
+        ("--frames=-5", "is no frame"),
+        ("--frames 1-4 -o out.exr", "####"),
+        ("--frames 1-4 -o a#/out.exr", "####"),
+        ("--frames 1-4 --preview out.png", "####"),
+        ("--frames 1-4 -o out.{frame:4}.exr", "####"),
+        ("--frames 1-4 --stats s.json", "####"),
+        ("--frames 1-4 -o a.#.exr --preview b.#.jpg", ".png"),
+        ("--frames 1-4 --frame 2", "cannot be used with"),
+        ("--frames 1-4 --pose 2", "cannot be used with"),
+        ("--seed-per-frame", "needs a frame"),
+        ("--frames 1-4 --balance second-order", "--spp"),
+    ] {
+        let said = expect(path, &format!("render moving.glb {flags}"), 64);
+        assert!(said.contains(words), "{flags}: {said}");
+    }
+    assert_eq!(names(path), ["moving.glb"]);
+}
+
+#[test]
+fn a_frame_that_fails_stops_no_other() {
+    let folder = folder();
+    let path = folder.path();
+    fs::write(path.join("a.0002.exr"), "somebody else's").unwrap();
+    fs::create_dir(path.join("a.0003.exr")).unwrap();
+    let said = expect(path, &format!("render moving.glb --frames 1-4 {FLAGS} -o a.####.exr"), 73);
+    assert!(said.contains("a.0002: ") && said.contains("2 done, 2 failed"), "{said}");
+    assert_eq!(fs::read(path.join("a.0002.exr")).unwrap(), b"somebody else's");
+    fs::remove_file(path.join("a.0002.exr")).unwrap();
+    fs::remove_dir(path.join("a.0003.exr")).unwrap();
+    let said = expect(path, &format!("render moving.glb --frames 1-4 {FLAGS} -o a.####.exr"), 0);
+    assert!(said.contains("2 done, 2 done before"), "{said}");
+    // Keys that make no sense are each frame's own error.
+    let broken = glb::moving();
+    fs::write(path.join("broken.glb"), broken.strip_suffix(&[0; 4][..]).unwrap_or(&broken[..broken.len() - 40]))
+        .unwrap();
+    expect(path, &format!("render broken.glb --frames 1-2 {FLAGS} -o b.####.exr"), 65);
+}
+
+#[test]
+fn a_batch_combines_frames_with_scenes_cameras_and_settings() {
+    let folder = folder();
+    let path = folder.path();
+    fs::copy(path.join("moving.glb"), path.join("other.glb")).unwrap();
+    let file = "[defaults]\nsize = '24x18'\nspp = 2\nfps = 10\noutput = 'out/{name}.exr'\n[[matrix]]\n\
+                scene = ['moving.glb', 'other.glb']\ncamera = ['a', 'b']\nframes = '2-6x2'\nseed = [0, 7]\n\
+                [[job]]\nscene = 'moving.glb'\nname = 'still'\nframe = 4\n";
+    fs::write(path.join("jobs.toml"), file).unwrap();
+    expect(path, "batch jobs.toml -q --jobs 2", 0);
+    assert_eq!(names(&path.join("out")).len(), 25);
+    let report: Value = serde_json::from_slice(&fs::read(path.join("jobs-report.json")).unwrap()).unwrap();
+    assert_eq!((&report["done"], &report["jobs"][5]["job"]), (&25.into(), &"moving-a-7.0006".into()));
+    for (name, flags) in [
+        ("moving-a-0.0004", "moving.glb --camera a --frame 4 --seed-per-frame"),
+        ("other-b-7.0006", "other.glb --camera b --frame 6 --seed-per-frame --seed 7"),
+        ("still", "moving.glb --frame 4"),
+    ] {
+        expect(path, &format!("render {flags} --size 24x18 --spp 2 --fps 10 -o single.exr -q"), 0);
+        assert_same_bits(&path.join("single.exr"), &path.join(format!("out/{name}.exr")));
+    }
+    expect(path, "batch jobs.toml -q --only *-b-7.*", 0);
+    let report: Value = serde_json::from_slice(&fs::read(path.join("jobs-report.json")).unwrap()).unwrap();
+    assert_eq!(report["before"], 6, "{report}");
+}
+
+#[test]
+fn names_are_taken_as_they_are() {
+    for name in HOSTILE {
+        let folder = folder();
+        let path = folder.path();
+        let scene = format!("{name}#.glb");
+        fs::rename(path.join("moving.glb"), path.join(&scene)).unwrap();
+        let out =
+            bismar(path).args(["render", &scene, "--frames", "1-2", "--size", "8x6", "--spp", "1"]).output().unwrap();
+        assert!(out.status.success(), "{}", stderr(&out));
+        let (one, two) = (format!("{name}#.0001.exr"), format!("{name}#.0002.exr"));
+        assert!(path.join(one).exists() && path.join(two).exists(), "{:?}", names(path));
+    }
+}
+
+/// Paths of `out` that are there, as bits.
+fn pictures(out: &Path) -> Vec<Vec<(String, Vec<u32>)>> {
+    names(out).iter().filter(|n| n.ends_with(".exr")).map(|n| bits(&out.join(n))).collect()
+}
+
+#[test]
+fn killed_at_any_moment_a_sequence_ends_with_the_same_bits() {
+    let folder = folder();
+    let path = folder.path();
+    let flags = "--frames 0-11 --size 48x36 --spp 64 --fps 10 --checkpoint 0.05";
+    expect(path, &format!("render moving.glb {flags} -o whole/a.##.exr -q"), 0);
+    let line = format!("render moving.glb {flags} -o out/a.##.exr");
+    let mut last = false;
+    for round in 0..40_u64 {
+        let mut child = bismar(path).args(line.split(' ')).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+        thread::sleep(Duration::from_millis(20 + 37 * (round % 7)));
+        if child.try_wait().unwrap().is_some_and(|status| status.success()) {
+            last = true;
+            break;
+        }
+        // The command, or the process that works for it.
+        match workers(child.id()).first() {
+            Some(&worker) if round % 2 == 0 => {
+                kill(worker);
+                child.wait().unwrap();
+            }
+            _ => {
+                child.kill().unwrap();
+                child.wait().unwrap();
+            }
+        }
+    }
+    if !last {
+        expect(path, &line, 0);
+    }
+    let (whole, out) = (pictures(&path.join("whole")), pictures(&path.join("out")));
+    assert_eq!(whole.len(), 12);
+    assert!(whole == out, "a frame has other bits");
+    let left = names(&path.join("out"));
+    assert_eq!(left.len(), 12, "{left:?}");
+}
