@@ -12,8 +12,7 @@ use bismar::film::exr_file;
 use bismar::rays::Backend;
 use bismar::render::checkpoint::{fits, pack, unpack};
 use bismar::render::{
-    Balance, Part, Pause, RenderSettings, RenderStats, Rendered, RunOptions, Saved, StopReason, fresh_tiles, render,
-    run,
+    Balance, Part, Pause, RenderSettings, RenderStats, Rendered, RunOptions, Saved, StopReason, render, run,
 };
 
 use crate::helpers::program::{self, assert_same_bits, bismar, bits, expect, names, paths, scene};
@@ -42,7 +41,7 @@ fn in_pieces(stage: &Stage, settings: &RenderSettings, tiles_a_session: u32) -> 
             return (rendered, session);
         }
         let tiles = unpack(&all_bits(&rendered)).unwrap();
-        assert!(fits(&tiles, &fresh_tiles(settings)));
+        assert!(fits(&tiles, settings));
         let saved = Saved { tiles, stats: RenderStats { noise: 0.0, ..rendered.stats } };
         assert!(saved.is_on_the_way(settings), "{:?}", saved.stats);
         from = Some(saved);
@@ -52,17 +51,20 @@ fn in_pieces(stage: &Stage, settings: &RenderSettings, tiles_a_session: u32) -> 
 
 #[test]
 fn interruptions_anywhere_leave_no_trace() {
-    for (backend, balance, crop, part) in [
-        (Backend::Embree, Balance::Progressive, None, None),
-        (Backend::Embree, Balance::SecondOrder, Some([3, 20, 49, 36]), None),
-        (Backend::Embree, Balance::Half, None, Some(Part { number: 2, of: 3 })),
-        (Backend::Obvhs, Balance::Progressive, None, None),
+    for (backend, balance, crop, part, noise) in [
+        (Backend::Embree, Balance::Progressive, None, None, None),
+        (Backend::Embree, Balance::SecondOrder, Some([3, 20, 49, 36]), None, None),
+        (Backend::Embree, Balance::Half, None, Some(Part { number: 2, of: 3 }), None),
+        (Backend::Obvhs, Balance::Progressive, None, None, None),
+        (Backend::Embree, Balance::Progressive, None, None, Some(0.15)),
+        (Backend::Embree, Balance::Kl, Some([3, 20, 49, 36]), None, Some(0.12)),
     ] {
         let stage = Stage::new(hall(), backend);
         let settings = RenderSettings {
             width: 50,
             height: 37,
-            spp: Some(40),
+            spp: Some(if noise.is_some() { 200 } else { 40 }),
+            noise,
             aovs: true,
             balance,
             crop,
@@ -74,7 +76,9 @@ fn interruptions_anywhere_leave_no_trace() {
         assert!(sessions > 1, "{sessions}");
         assert_eq!(all_bits(&whole), all_bits(&pieces), "{balance:?} {crop:?} {part:?}");
         assert_eq!(format!("{:?}", whole.film()), format!("{:?}", pieces.film()));
-        assert_eq!((whole.stats.paths, whole.stats.passes), (pieces.stats.paths, pieces.stats.passes));
+        assert_eq!(whole.stats.paths, pieces.stats.paths);
+        // With a noise goal tiles take their own passes: rounds over them are what an interruption adds to.
+        assert!(noise.is_some() || whole.stats.passes == pieces.stats.passes);
         assert_eq!(whole.stats.noise, pieces.stats.noise);
     }
 }
@@ -219,6 +223,9 @@ fn a_goal_that_cuts_the_passes_otherwise_is_told() {
         ("half", "--spp 64", "--spp 256", false),
         ("half", "--spp 100", "--spp 256", true),
         ("half", "--noise 9", "--spp 256", false),
+        // Tiles that ended by themselves are brought to one number of paths.
+        ("half", "--noise 0.1 --spp 128", "--spp 256", true),
+        ("progressive", "--noise 0.1 --spp 128", "--noise 0.05 --spp 256", true),
     ] {
         let line = format!("render cornell.glb --size 20x20 --balance {balance}");
         expect(folder.path(), &format!("{line} {first} -o out.exr --checkpoint 9 -q"), 0);

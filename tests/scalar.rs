@@ -69,7 +69,7 @@ fn each_path_of_a_wave_is_the_scalar_path() {
             extras: &mut [],
             observer: found,
         };
-        Wave::default().run(&transport, paths, &mut batch);
+        Wave::default().run(&transport, &mut batch);
         assert_eq!(seen.0.len(), tasks.len() * paths as usize);
         for (peak, (task, paths)) in peaks.iter().zip(tasks.iter().zip(seen.0.chunks(paths as usize))) {
             let of = |path: u32| luminance(paths[(path - task.first_path) as usize]);
@@ -81,7 +81,7 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         let mut lit = 0;
         for (i, wave) in seen.0.iter().enumerate() {
             let (task, path) = (&tasks[i / paths as usize], (i % paths as usize) as u32);
-            let scalar = scalar::trace(&transport, task, path, paths, &mut |event| {
+            let scalar = scalar::trace(&transport, task, path, &mut |event| {
                 events.fetch_add(u32::from(!event.to_string().is_empty()), std::sync::atomic::Ordering::Relaxed);
             });
             lit += u32::from(scalar != Vec3::ZERO);

@@ -1,6 +1,6 @@
 //! What a method of `--balance` is: which weights, which passes, which share next. One file a method in `methods`.
 
-use super::{Counts, Heuristic, Learned, Moments, Observer, Sampler};
+use super::{Counts, Heuristic, Learned, Moments, Observer, Sampler, Share};
 
 /// Paths a pixel in the first two passes; each later pass doubles what there is.
 pub const FIRST_PASS: u32 = 8;
@@ -78,10 +78,11 @@ pub fn at_once(learned: &mut Learned, sampler: &mut dyn Sampler, paths: u32) {
     let mut left = paths;
     while left > 0 {
         let part = left.min(sampler.longest());
-        let counts: Vec<_> = match lights {
-            true => learned.shares.iter().map(|share| Counts::of(*share, part)).collect(),
-            false => vec![Counts::bsdf_only(part); sampler.pixels()],
+        let of = |(paths, share): (u32, &Share)| match lights && paths > 0 {
+            true => Counts::of(*share, paths),
+            false => Counts::bsdf_only(paths),
         };
+        let counts: Vec<_> = sampler.paths(part).into_iter().zip(&*learned.shares).map(of).collect();
         let observer = if lights && !sums.0.is_empty() { Some(&mut sums as &mut dyn Observer) } else { None };
         sampler.take(&counts, &counts, observer);
         left -= part;

@@ -18,8 +18,12 @@ pub trait Sampler {
     /// Most paths a pixel that it takes at once.
     fn longest(&self) -> u32;
 
-    /// Takes `counts[i]` samples in pixel i, all with the same number of paths, and weighs them by `weighed[i]`; tells
-    /// `observer` what they find.
+    /// How many paths each pixel takes of a pass of `paths`: some may need fewer.
+    fn paths(&mut self, paths: u32) -> Vec<u32> {
+        vec![paths; self.pixels()]
+    }
+
+    /// Takes `counts[i]` samples in pixel i and weighs them by `weighed[i]`; tells `observer` what they find.
     fn take(&mut self, counts: &[Counts], weighed: &[Counts], observer: Option<&mut dyn Observer>);
 
     /// Takes the same `counts`, one light and one BSDF sample a path, in each pixel, and keeps what they find until

@@ -39,6 +39,7 @@ pub struct Stats {
     pub shown: bool,
     /// Null before the first pass is complete.
     noise: f64,
+    noise_worst_tile: f64,
     samples: Samples,
     fireflies: Fireflies,
     not_finite: NotFinite,
@@ -178,6 +179,7 @@ impl Stats {
             exposure: 0.0,
             shown: false,
             noise: stats.noise,
+            noise_worst_tile: rendered.worst_noise(),
             samples: Samples::of(rendered),
             fireflies: Fireflies::of(rendered),
             not_finite: NotFinite { count: stats.not_finite, first: stats.first_not_finite },
@@ -239,8 +241,14 @@ impl Stats {
         let s = &self.samples;
         let spp = if s.pixel_min == s.pixel_max { s.pixel_min.to_string() } else { format!("{:.1}", s.pixel_mean) };
         let replay = |x, y, path| {
-            let (spp, seed) = (s.pixel_max, self.settings.seed);
-            format!("--spp {spp} --seed {seed} --replay-pixel {x},{y},{path}")
+            let RenderSettings { spp, noise, min_spp, seed, .. } = self.settings;
+            let spp = spp.or(Some(s.pixel_max).filter(|_| noise.is_none()));
+            let flag =
+                |name: &str, value: Option<String>| value.map(|value| format!("--{name} {value} ")).unwrap_or_default();
+            let stop = flag("spp", spp.map(|n| n.to_string()))
+                + &flag("noise", noise.map(|x| x.to_string()))
+                + &flag("min-spp", min_spp.map(|n| n.to_string()));
+            format!("{stop}--seed {seed} --replay-pixel {x},{y},{path}")
         };
         let mut told = String::new();
         if let Some(spot) = self.fireflies.brightest.first() {
@@ -253,7 +261,11 @@ impl Stats {
                 &format!("; {} samples were not finite, the first by {}", self.not_finite.count, replay(x, y, path));
         }
         let exposure = if self.shown { format!(", exposure {} EV", self.exposure) } else { String::new() };
-        let noise = if self.noise.is_finite() { format!("{:.4}", self.noise) } else { "unknown".into() };
+        let noise = match (self.noise.is_finite(), self.settings.noise) {
+            (false, _) => "unknown".into(),
+            (true, None) => format!("{:.4}", self.noise),
+            (true, Some(_)) => format!("{:.4} (noisiest tile {:.4})", self.noise, self.noise_worst_tile),
+        };
         format!(
             "{spp} spp in {:.2} s, noise {noise}, {:.2} Mpaths/s, {:.2} Mrays/s{exposure}{told}",
             self.seconds.render, self.mpaths_per_second, self.mrays_per_second

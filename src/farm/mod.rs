@@ -94,7 +94,7 @@ impl Plan {
     /// reports.
     ///
     /// # Errors
-    /// [`Error::Usage`] for parts of a render that stops by time or noise: each part would stop elsewhere; for names
+    /// [`Error::Usage`] for parts of a render that stops by time: each part would stop elsewhere; for names
     /// that are not UTF-8 or hold control characters.
     pub fn new(
         name: &str,
@@ -109,10 +109,10 @@ impl Plan {
         let mut plan = Self { schema: 1, name, folder, parts, retries_memory: false, tasks, merges };
         for render in renders {
             if parts > 1
-                && let Some((flag, _)) = render.flags.iter().find(|(flag, _)| flag == "time" || flag == "noise")
+                && let Some((flag, _)) = render.flags.iter().find(|(flag, _)| flag == "time")
             {
                 return Err(Error::Usage(format!(
-                    "'{}' stops by {flag}, and its parts would stop at different numbers of paths: give it --spp instead",
+                    "'{}' stops by {flag}, and its parts would stop at different numbers of paths: give it --spp or --noise instead",
                     render.name
                 )));
             }

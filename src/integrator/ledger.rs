@@ -100,9 +100,9 @@ pub struct Ledger {
 }
 
 impl Ledger {
-    /// Begins `paths` paths for each pixel, each with its part of the pixel's samples. `environment_probability` as for
+    /// Begins each pixel's paths, each with its part of the pixel's samples. `environment_probability` as for
     /// [`Counts::rates`](crate::balance::Counts::rates).
-    pub fn begin(&mut self, tasks: &[PixelTask], paths: u32, environment_probability: f32) {
+    pub fn begin(&mut self, tasks: &[PixelTask], environment_probability: f32) {
         self.paths.clear();
         self.branches.clear();
         self.faults = Faults::default();
@@ -110,6 +110,7 @@ impl Ledger {
         for (pixel, task) in tasks.iter().enumerate() {
             let (mut first_light, mut first_bsdf) = (task.first_light, task.first_bsdf);
             let rates = task.weighed.rates(environment_probability);
+            let paths = task.counts.paths;
             for path in 0..paths {
                 let [light, bsdf] = [task.counts.light, task.counts.bsdf].map(|n| deal(n, paths, path));
                 self.paths.push(PathState {
@@ -177,11 +178,11 @@ impl Ledger {
                 batch.tell(path.pixel as usize, found);
             }
         }
-        let paths = self.paths.len() / batch.tasks.len().max(1);
-        for (i, path) in self.paths.iter().enumerate() {
+        let numbers = batch.tasks.iter().flat_map(|task| task.first_path..task.first_path + task.counts.paths);
+        for (path, number) in self.paths.iter().zip(numbers) {
             let pixel = path.pixel as usize;
             if let Some(peak) = batch.peaks.get_mut(pixel) {
-                peak.add(luminance(path.radiance), batch.tasks[pixel].first_path + (i % paths) as u32);
+                peak.add(luminance(path.radiance), number);
             }
             if let Some(observer) = &mut batch.observer {
                 observer.path(batch.tasks[pixel].number, path.radiance);

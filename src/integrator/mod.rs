@@ -28,6 +28,7 @@ use crate::sampling::FilterSampler;
 use crate::scene::Scene;
 
 /// Everything that paths need and no path changes.
+#[derive(Clone)]
 pub struct Transport<'a> {
     /// What is there.
     pub scene: &'a Scene,

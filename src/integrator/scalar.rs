@@ -109,8 +109,9 @@ struct Path<'a> {
     tell: &'a mut dyn FnMut(Event),
 }
 
-/// Radiance of path `path` of the `paths` that a wave takes for a pixel; `tell` hears what happens.
-pub fn trace(transport: &Transport, task: &PixelTask, path: u32, paths: u32, tell: &mut dyn FnMut(Event)) -> Vec3 {
+/// Radiance of path `path` of those that a wave takes for a pixel; `tell` hears what happens.
+pub fn trace(transport: &Transport, task: &PixelTask, path: u32, tell: &mut dyn FnMut(Event)) -> Vec3 {
+    let paths = task.counts.paths;
     let sequence = PixelSequence::new(task.x, task.y, transport.seed);
     let seed = pixel_seed(task.x, task.y, transport.seed);
     let index = task.first_path + path;

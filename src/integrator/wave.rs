@@ -71,14 +71,14 @@ pub struct Wave {
 }
 
 impl Wave {
-    /// Traces `paths` paths for each pixel of the batch and adds to its sums, in a fixed order.
-    pub fn run(&mut self, transport: &Transport, paths: u32, batch: &mut PixelBatch) {
+    /// Traces the paths that the batch's tasks count and adds to its sums, in a fixed order.
+    pub fn run(&mut self, transport: &Transport, batch: &mut PixelBatch) {
         let Self { rays, next_rays, hits, sorted, vertices, requests, shadows, occluded, ledger, counts } = self;
-        ledger.begin(batch.tasks, paths, transport.lights.environment_probability);
+        ledger.begin(batch.tasks, transport.lights.environment_probability);
         if !batch.extras.is_empty() {
             ledger.mirrors.resize(ledger.paths.len(), None);
         }
-        camera_rays::begin(transport, batch.tasks, paths, rays);
+        camera_rays::begin(transport, batch.tasks, rays);
         for depth in 0..transport.max_depth {
             if rays.len == 0 {
                 break;
@@ -115,8 +115,10 @@ impl Wave {
         ledger.finish(batch);
         counts.not_finite += ledger.faults.count;
         if let (None, Some(path)) = (counts.first_not_finite, ledger.faults.first) {
-            let task = &batch.tasks[ledger.paths[path as usize].pixel as usize];
-            counts.first_not_finite = Some([task.x, task.y, task.first_path + path % paths]);
+            let pixel = ledger.paths[path as usize].pixel;
+            let before = batch.tasks[..pixel as usize].iter().map(|task| task.counts.paths).sum::<u32>();
+            let task = &batch.tasks[pixel as usize];
+            counts.first_not_finite = Some([task.x, task.y, task.first_path + path - before]);
         }
     }
 }

@@ -7,7 +7,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::identity::Asked;
-use super::scheduler::{self, NOISE_PATHS};
+use super::scheduler;
 use super::stats::Samples;
 use super::tile::{Columns, Tile, Tile2, Tile3};
 use super::{
@@ -31,7 +31,14 @@ impl Saved {
     /// As [`scheduler::is_on_the_way`].
     pub fn is_on_the_way(&self, settings: &RenderSettings) -> bool {
         let (done, ahead) = paths_range(&self.tiles);
-        scheduler::is_on_the_way(settings, done, ahead, self.stats.passes)
+        match settings.noise_goal() {
+            // Each tile goes its own way, and from the first look at the noise on any.
+            Some(goal) => {
+                let own_way = |n: u32| n > goal.least || scheduler::is_planned(settings, n);
+                self.tiles.iter().all(|tile| own_way(tile.paths()))
+            }
+            None => scheduler::is_on_the_way(settings, done, ahead, self.stats.passes),
+        }
     }
 }
 
@@ -53,8 +60,11 @@ pub struct Record {
     pub stop: StopReason,
     /// Estimated relative error, once a pass is complete.
     pub noise: Option<f64>,
-    /// Fewest paths of a pixel.
+    /// Fewest paths of a tile.
     pub paths: u32,
+    /// Noise of its noisiest tile. Older files do not say.
+    #[serde(default)]
+    pub worst_noise: Option<f64>,
     /// Shall it be gone on from even when it is done?
     pub keeps: bool,
     /// Who traced its rays last.
@@ -100,6 +110,7 @@ impl Record {
             stop: rendered.stop,
             noise: Some(rendered.stats.noise).filter(|noise| noise.is_finite()),
             paths: rendered.paths_range().0,
+            worst_noise: Some(rendered.worst_noise()).filter(|noise| noise.is_finite()),
             keeps,
             host,
             half: asked.half,
@@ -125,10 +136,14 @@ impl Record {
             StopReason::Time => self.identity.settings.time.unwrap_or(0.0),
             _ => self.stats.seconds,
         };
-        let noise = self.noise.unwrap_or(f64::INFINITY);
+        let before = &self.identity.settings;
+        let same =
+            settings.noise.is_some() && (settings.noise_goal(), settings.spp) == (before.noise_goal(), before.spp);
+        let worst = self.worst_noise.unwrap_or(f64::INFINITY);
         settings.spp.is_some_and(|goal| self.paths >= goal)
             || settings.time.is_some_and(|limit| seconds >= limit)
-            || settings.noise.is_some_and(|goal| noise <= goal && self.paths >= NOISE_PATHS)
+            || (same && self.stop != StopReason::Time)
+            || settings.noise_goal().is_some_and(|goal| worst <= goal.error && self.paths >= goal.least)
     }
 
     /// As header attributes, with those that `docs/stats.md` promises to scripts.
@@ -269,7 +284,7 @@ impl Earlier {
             Some(format) if format < 4.0 => unpack_3(&bytes),
             _ => unpack(&bytes),
         };
-        let tiles = tiles.filter(|tiles| fits(tiles, &fresh_tiles(settings)));
+        let tiles = tiles.filter(|tiles| fits(tiles, settings));
         let refused = || Error::Data(format!("{}: its statistics are not those of such a render", self.path.display()));
         tiles.map(Some).ok_or_else(refused)
     }
@@ -359,18 +374,16 @@ fn records<T: DeserializeOwned + Send>(bytes: &[u8]) -> Option<Vec<T>> {
     records.par_iter().map(read).collect()
 }
 
-/// Are these the tiles that a render begins with, each whole, and no two more than a pass apart?
-pub fn fits(saved: &[Tile], fresh: &[Tile]) -> bool {
-    let paths = saved.iter().map(Tile::paths);
-    let (low, high) = (paths.clone().min(), paths.clone().max());
-    saved.len() == fresh.len()
-        && saved.iter().zip(fresh).all(|(a, b)| a.covers(b))
-        && paths.into_iter().all(|n| Some(n) == low || Some(n) == high)
+/// Are these the tiles of a render of these settings, each whole?
+pub fn fits(saved: &[Tile], settings: &RenderSettings) -> bool {
+    let fresh = fresh_tiles(settings);
+    saved.len() == fresh.len() && saved.iter().zip(&fresh).all(|(a, b)| a.covers(b))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::render::Balance;
 
     const BOTH: Columns = Columns { moments: true, aovs: true, extras: true };
 
@@ -381,8 +394,16 @@ mod tests {
         let bytes = pack(&tiles).unwrap();
         let again = unpack(&bytes).unwrap();
         assert_eq!(pack(&again).unwrap(), bytes);
-        assert!(fits(&again, &Tile::cover(40, 20, [0, 0, 40, 20], BOTH)));
-        assert!(!fits(&again, &Tile::cover(40, 21, [0, 0, 40, 21], BOTH)));
+        let settings = |height| RenderSettings {
+            width: 40,
+            height,
+            aovs: true,
+            extras: true,
+            balance: Balance::SecondOrder,
+            ..Default::default()
+        };
+        assert!(fits(&again, &settings(20)));
+        assert!(!fits(&again, &settings(21)));
         for cut in [1, 3, 4, bytes.len() / 2, bytes.len() - 1] {
             assert!(unpack(&bytes[..cut]).is_none(), "{cut}");
         }

@@ -87,11 +87,6 @@ pub fn render(
     run(scene, settings, RunOptions { stop, progress, began, from: None, pauses: Vec::new() })
 }
 
-/// Tiles whose pixels have taken so many paths.
-fn tiles_at(tiles: &[Tile], paths: u32) -> u64 {
-    tiles.iter().filter(|tile| tile.paths() == paths).count() as u64
-}
-
 /// The camera of a render with these settings.
 pub fn camera(scene: &Scene, settings: &RenderSettings) -> CameraRays {
     let RenderSettings { camera, width, height, .. } = *settings;
@@ -136,7 +131,7 @@ pub fn pass_seed(settings: &RenderSettings, done: u32) -> u32 {
 /// tile's time). Without a time limit the film's bits depend on the scene, the backend's hits and `settings` alone: not
 /// on threads, nor on how often it was interrupted and continued.
 pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions) -> Rendered {
-    let mut transport = transport(scene, settings);
+    let transport = transport(scene, settings);
     let RunOptions { stop, progress, began, from, pauses } = options;
     let start = Instant::now();
     let Saved { tiles, stats } =
@@ -155,18 +150,21 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     let stopped = || stop.load(Ordering::Relaxed);
     let mut watches: Vec<_> = pauses.into_iter().map(Watch::new).collect();
     now.stop = loop {
-        let (done, ahead) = paths_range(&now.tiles);
-        if ahead == done {
-            now.stats.noise = noise(&now.tiles, settings.window());
-        }
         if now.tiles.is_empty() {
             break StopReason::Samples;
+        }
+        let clean: Vec<bool> = now.tiles.par_iter().map(|tile| tile.is_clean(settings)).collect();
+        let open = || now.tiles.iter().zip(&clean).filter(|(_, clean)| !**clean).map(|(tile, _)| tile);
+        let (done, ahead) = paths_range(open());
+        let ahead = if settings.noise.is_some() { done } else { ahead };
+        if ahead == done {
+            now.stats.noise = noise(&now.tiles, settings.window());
         }
         let state = State {
             done,
             ahead,
             passes: now.stats.passes,
-            noise: now.stats.noise,
+            clean: open().next().is_none(),
             seconds: elapsed(),
             render_seconds: rendering(),
             stopped: stopped(),
@@ -176,8 +174,17 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
             Next::Stop(reason) => break reason,
         };
         let target = done + pass;
-        let finished = tiles_at(&now.tiles, target);
-        transport.seed = pass_seed(settings, done);
+        // What a tile takes now: with a noise goal, each goes its own way.
+        let passes = |(tile, clean): (&Tile, &bool)| match settings.noise.is_some() {
+            _ if *clean => 0,
+            true => {
+                scheduler::planned(settings, tile.paths()).unwrap_or(0).min(settings.time.map_or(u32::MAX, |_| pass))
+            }
+            false => target.saturating_sub(tile.paths()),
+        };
+        let passes: Vec<u32> = now.tiles.iter().zip(&clean).map(passes).collect();
+        let left = passes.iter().filter(|paths| **paths > 0).count() as u64;
+        let traced = now.tiles.iter().map(|tile| tile.pixels() as f64).sum::<f64>();
         let meter = Meter {
             settings,
             start,
@@ -186,31 +193,29 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
             pause: watches.iter().map(|w| w.due(start)).fold(f64::INFINITY, f64::min),
             stop,
             rays: AtomicU64::new(now.stats.rays()),
-            tiles: AtomicU64::new(finished),
-            tiles_before: finished,
-            all_tiles: now.tiles.len() as u64,
+            tiles: AtomicU64::new(0),
+            clean: clean.iter().filter(|clean| **clean).count() as f64 / clean.len() as f64,
             done,
-            pass,
+            paths: AtomicU64::new(now.stats.paths),
+            traced,
             noise: now.stats.noise,
         };
-        let take = |tile: &mut Tile| {
+        let take = |(tile, paths): (&mut Tile, &u32)| {
             if meter.should_stop() {
                 return TileWork::default();
             }
-            let work = tile.pass(&transport, settings.balance, pass);
-            progress(meter.after(work.rays()));
+            let transport = Transport { seed: pass_seed(settings, tile.paths()), ..transport.clone() };
+            let work = tile.pass(&transport, settings, *paths);
+            progress(meter.after(&work));
             work
         };
-        let tiles = now.tiles.par_iter_mut().with_max_len(1).filter(|tile| tile.paths() < target);
+        let tiles = now.tiles.par_iter_mut().with_max_len(1).zip(&passes).filter(|(_, paths)| **paths > 0);
         let work = tiles.map(take).reduce(TileWork::default, TileWork::plus);
+        let taken = meter.tiles.into_inner();
         now.stats.add(&work);
         now.stats.render_seconds = rendering();
-        debug!(
-            "{pass} paths a pixel after {done}: {} tiles took them, {:.2} s so far",
-            tiles_at(&now.tiles, target),
-            elapsed()
-        );
-        if paths_range(&now.tiles).0 == target {
+        debug!("{pass} paths a pixel after {done}: {taken} of {left} tiles took them, {:.2} s so far", elapsed());
+        if taken == left {
             now.stats.passes += 1;
         } else if let Some(reason) = scheduler::cut(settings, elapsed(), stopped()) {
             break reason;

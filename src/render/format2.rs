@@ -33,6 +33,7 @@ pub fn record(header: &Header) -> Option<Record> {
         stats: json(header, "bismar.sessions")?,
         stop: serde_json::from_value(text(header, "bismar.stop")?.into()).ok()?,
         noise: number(header, "bismar.noise").filter(|noise| noise.is_finite()),
+        worst_noise: None,
         paths: samples["pixel_min"].as_u64().map_or(0, |n| n as u32),
         keeps: number(header, "bismar.keeps") == Some(1.0),
         host: Host {

@@ -8,7 +8,7 @@ use tracing::warn;
 use super::checkpoint::{self, Earlier, Record, Saved, fits};
 use super::part::in_rows;
 use super::tile::Tile;
-use super::{Part, RenderSettings, RenderStats, Rendered, StopReason, fresh_tiles, noise};
+use super::{Part, RenderSettings, RenderStats, Rendered, StopReason, noise};
 use crate::film::cryptomatte::PREFIX;
 use crate::film::exr_file::{Header, HeaderValue};
 use crate::{Error, Result};
@@ -34,19 +34,14 @@ pub fn merge(paths: &[PathBuf]) -> Result<Merged> {
     inputs.sort_by_key(|i| (settings(i).seed, settings(i).part.map(|p| p.number), i.path.clone()));
     let Some(first) = inputs.first().cloned() else { return Err(Error::Usage("nothing to merge".into())) };
     check_kinship(&first, &inputs)?;
-    let by_noise = inputs.iter().any(|input| input.record.stop == StopReason::Noise);
+    // Of a whole whose tiles end by noise or samples, each by itself, it is what the last of them ended by.
+    let by_samples = inputs.iter().any(|input| input.record.stop == StopReason::Samples);
     let mut seeds: BTreeMap<u32, Vec<Earlier>> = BTreeMap::new();
     for input in inputs {
         seeds.entry(settings(&input).seed).or_default().push(input);
     }
     let several = seeds.len() > 1;
     let names = seeds.keys().copied().collect();
-    if several && by_noise {
-        warn!(
-            "these pictures stopped when they looked clean (--noise), and their paths count alike: a picture that met \
-             nothing bright stopped early, so the mean is a little dark; --spp has no such bias"
-        );
-    }
     let mut whole: Option<Whole> = None;
     for parts in seeds.values() {
         let next = assemble(parts)?;
@@ -59,11 +54,14 @@ pub fn merge(paths: &[PathBuf]) -> Result<Merged> {
     let settings = RenderSettings { part: None, ..first.record.identity.settings.clone() };
     let stats = RenderStats { noise: noise(&tiles, settings.window()), ..stats };
     let Record { stop, background, .. } = first.record;
+    let stop = if by_samples { StopReason::Samples } else { stop };
     let rendered = Rendered { settings: settings.clone(), tiles, stats, stop, background };
     let mut record = Record {
         stats,
+        stop,
         noise: Some(stats.noise).filter(|noise| noise.is_finite()),
         paths: rendered.paths_range().0,
+        worst_noise: Some(rendered.worst_noise()).filter(|noise| noise.is_finite()),
         keeps: !several && first.record.keeps,
         seeds: if several { names } else { Vec::new() },
         ..first.record
@@ -200,7 +198,15 @@ fn assemble(parts: &[Earlier]) -> Result<Whole> {
         }
         let own = saved.tiles;
         let paths = |tiles: &[Tile]| tiles.first().map_or(0, Tile::paths);
-        if !tiles.is_empty() && paths(&own) != paths(&tiles) {
+        let [goal, ours] =
+            [settings(part), settings(first)].map(|s| (s.noise, s.min_spp, s.spp.filter(|_| s.noise.is_some())));
+        if goal != ours {
+            return Err(Error::Data(format!(
+                "{name} and {} ended at different goals (--noise, --min-spp, --spp): go on with one of them (--resume)",
+                first.path.display()
+            )));
+        }
+        if !tiles.is_empty() && goal.0.is_none() && paths(&own) != paths(&tiles) {
             return Err(Error::Data(format!(
                 "{name} has {} paths a pixel and {} has {}: go on with the one that has less (--resume)",
                 paths(&own),
@@ -212,7 +218,7 @@ fn assemble(parts: &[Earlier]) -> Result<Whole> {
         tiles.extend(own);
     }
     in_rows(&mut tiles);
-    if !fits(&tiles, &fresh_tiles(&RenderSettings { part: None, ..settings(first).clone() })) {
+    if !fits(&tiles, &RenderSettings { part: None, ..settings(first).clone() }) {
         return Err(Error::Data(format!("the parts of seed {seed} do not cover the picture")));
     }
     Ok(Whole { tiles, stats })

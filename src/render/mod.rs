@@ -3,6 +3,7 @@
 //! [`scheduler`] says what is next, [`driver`] does it tile by tile, [`checkpoint`] keeps it in files, [`merge`] puts
 //! parts together. What makes a picture's bits is said in [`identity`].
 
+pub mod adaptive;
 pub mod checkpoint;
 pub mod driver;
 pub mod fireflies;
@@ -68,9 +69,15 @@ impl Rendered {
         (empty, self.tiles.iter().map(count).sum())
     }
 
-    /// Fewest and most paths of its pixels.
+    /// Fewest and most paths of its tiles ([`Tile::paths`]).
     pub fn paths_range(&self) -> (u32, u32) {
         paths_range(&self.tiles)
+    }
+
+    /// Noise of its noisiest tile; 0 without tiles.
+    pub fn worst_noise(&self) -> f64 {
+        let (window, tiles) = (self.settings.window(), self.tiles.iter());
+        tiles.map(|tile| noise(std::slice::from_ref(tile), window)).fold(0.0, f64::max)
     }
 }
 
@@ -86,10 +93,10 @@ pub fn fresh_tiles(settings: &RenderSettings) -> Vec<Tile> {
     }
 }
 
-/// Fewest and most paths that a pixel of these tiles has taken.
-fn paths_range(tiles: &[Tile]) -> (u32, u32) {
-    let paths = tiles.iter().map(Tile::paths);
-    (paths.clone().min().unwrap_or(0), paths.max().unwrap_or(0))
+/// Fewest and most paths of these tiles.
+fn paths_range<'a>(tiles: impl IntoIterator<Item = &'a Tile>) -> (u32, u32) {
+    let range = |(low, high): (u32, u32), n: u32| (low.min(n), high.max(n));
+    tiles.into_iter().map(Tile::paths).map(|n| (n, n)).reduce(|all, (n, _)| range(all, n)).unwrap_or_default()
 }
 
 /// Root of the mean over pixels and channels of variance over [`relative_to`] the mean: the relative error that relMSE

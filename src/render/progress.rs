@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use serde::{Deserialize, Deserializer, Serialize};
 
+use super::tile::TileWork;
 use super::{RenderSettings, scheduler};
 
 /// How far a render is; handed to the progress callback after every tile, from any thread.
@@ -41,13 +42,15 @@ pub(super) struct Meter<'a> {
     pub pause: f64,
     pub stop: &'a AtomicBool,
     pub rays: AtomicU64,
-    /// Tiles that have taken the pass, and that had when this session came to it.
+    /// Tiles that have taken the pass in this session.
     pub tiles: AtomicU64,
-    pub tiles_before: u64,
-    pub all_tiles: u64,
-    /// Paths before the pass, and of it.
+    /// The share of all tiles that are as clean as asked.
+    pub clean: f64,
+    /// Paths a pixel before the pass.
     pub done: u32,
-    pub pass: u32,
+    /// Paths so far, and pixels that they are of.
+    pub paths: AtomicU64,
+    pub traced: f64,
     pub noise: f64,
 }
 
@@ -56,17 +59,18 @@ impl Meter<'_> {
     pub fn should_stop(&self) -> bool {
         let seconds = self.start.elapsed().as_secs_f64();
         // No pause before a tile is done, or nothing would ever be.
-        let pause = seconds > self.pause && self.tiles.load(Ordering::Relaxed) > self.tiles_before;
+        let pause = seconds > self.pause && self.tiles.load(Ordering::Relaxed) > 0;
         pause || self.stop.load(Ordering::Relaxed) || self.deadline.is_some_and(|d| seconds > d)
     }
 
-    /// Counts a tile that took so many rays.
-    pub fn after(&self, traced: u64) -> Progress {
-        let tiles = self.tiles.fetch_add(1, Ordering::Relaxed) + 1;
-        let rays = self.rays.fetch_add(traced, Ordering::Relaxed) + traced;
+    /// Counts what a tile took.
+    pub fn after(&self, work: &TileWork) -> Progress {
+        self.tiles.fetch_add(1, Ordering::Relaxed);
+        let add = |to: &AtomicU64, n: u64| to.fetch_add(n, Ordering::Relaxed) + n;
+        let (rays, paths) = (add(&self.rays, work.rays()), add(&self.paths, work.paths));
         let seconds = self.start.elapsed().as_secs_f64();
-        let paths = f64::from(self.done) + f64::from(self.pass) * tiles as f64 / self.all_tiles as f64;
-        let fraction = scheduler::fraction(self.settings, paths, self.before + seconds, self.noise);
-        Progress { fraction, seconds, rays, noise: self.noise, spp: self.done, mean_spp: paths }
+        let mean_spp = paths as f64 / self.traced;
+        let fraction = scheduler::fraction(self.settings, mean_spp, self.before + seconds, self.clean);
+        Progress { fraction, seconds, rays, noise: self.noise, spp: self.done, mean_spp }
     }
 }

@@ -34,18 +34,18 @@ pub fn replay(
     let mut done = 0;
     while let Some(pass) = scheduler::planned(settings, done) {
         transport.seed = pass_seed(settings, done);
-        tile.pass_watched(&transport, settings.balance, pass, &mut |task: &PixelTask, paths| {
+        tile.pass_watched(&transport, settings, pass, &mut |task: &PixelTask| {
             if [task.x, task.y] != [x, y] {
                 return;
             }
-            for path in (0..paths).filter(|path| only.is_none_or(|only| only == task.first_path + path)) {
+            for path in (0..task.counts.paths).filter(|path| only.is_none_or(|only| only == task.first_path + path)) {
                 let mut events = Vec::new();
-                let radiance = scalar::trace(&transport, task, path, paths, &mut |event| events.push(event));
+                let radiance = scalar::trace(&transport, task, path, &mut |event| events.push(event));
                 tell(Replayed { path: task.first_path + path, radiance, events });
             }
         });
         done += pass;
-        if only.is_some_and(|only| only < done) {
+        if tile.is_clean(settings) || only.is_some_and(|only| only < tile.fewest_paths()) {
             break;
         }
     }

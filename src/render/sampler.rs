@@ -4,6 +4,7 @@ use std::cell::RefCell;
 
 use glam::Vec3;
 
+use super::adaptive::NoiseGoal;
 use super::tile::{Tile, TilePixel};
 use crate::balance::sampler::Lights;
 use crate::balance::spread::Guide;
@@ -53,19 +54,21 @@ pub struct TileSampler<'a> {
     tile: &'a mut Tile,
     transport: &'a Transport<'a>,
     buffers: &'a mut Buffers,
-    watch: &'a mut dyn FnMut(&PixelTask, u32),
+    goal: Option<NoiseGoal>,
+    watch: &'a mut dyn FnMut(&PixelTask),
 }
 
 impl<'a> TileSampler<'a> {
-    /// Begins a pass; `watch` is told what each pixel takes, and of how many paths, wave by wave.
+    /// Begins a pass; `watch` is told what each pixel takes, wave by wave.
     pub fn new(
         tile: &'a mut Tile,
         transport: &'a Transport<'a>,
         buffers: &'a mut Buffers,
-        watch: &'a mut dyn FnMut(&PixelTask, u32),
+        goal: Option<NoiseGoal>,
+        watch: &'a mut dyn FnMut(&PixelTask),
     ) -> Self {
         buffers.wave.counts = WaveCounts::default();
-        Self { tile, transport, buffers, watch }
+        Self { tile, transport, buffers, goal, watch }
     }
 
     /// Rays and time of the pass so far.
@@ -91,6 +94,11 @@ impl Sampler for TileSampler<'_> {
 
     fn longest(&self) -> u32 {
         WAVE_PATHS
+    }
+
+    fn paths(&mut self, paths: u32) -> Vec<u32> {
+        let seen = self.tile.seen();
+        seen.deal(seen.paths_for(paths, self.goal.as_ref()))
     }
 
     fn take(&mut self, counts: &[Counts], weighed: &[Counts], observer: Option<&mut dyn Observer>) {
@@ -133,7 +141,7 @@ impl Sampler for TileSampler<'_> {
     }
 }
 
-/// Traces paths, dealt by `counts` and weighed by `weighed`, all of as many paths a pixel.
+/// Traces paths, dealt by `counts` and weighed by `weighed`.
 fn trace(
     tile: &mut Tile,
     transport: &Transport,
@@ -141,20 +149,25 @@ fn trace(
     tasks: &mut Vec<PixelTask>,
     (counts, weighed): (&[Counts], &[Counts]),
     mut observer: Option<&mut dyn Observer>,
-    watch: &mut dyn FnMut(&PixelTask, u32),
+    watch: &mut dyn FnMut(&PixelTask),
 ) {
-    let Some(paths) = counts.first().map(|c| c.paths) else { return };
-    let first_path = tile.paths();
-    let at_once = (WAVE_PATHS / paths).max(1) as usize;
-    for start in (0..tile.pixels.len()).step_by(at_once) {
-        let end = (start + at_once).min(tile.pixels.len());
+    let mut start = 0;
+    while start < counts.len() {
+        // Whole pixels, as many as fit, at least one.
+        let mut paths = 0;
+        let fits = |c: &&Counts| {
+            paths += c.paths;
+            paths <= WAVE_PATHS
+        };
+        let end = start + counts[start..].iter().take_while(fits).count().max(1);
         tasks.clear();
-        for (i, pixel) in (start..end).zip(&mut tile.pixels[start..end]) {
+        let pixels = tile.pixels[start..end].iter_mut().zip(&tile.stats[start..end]);
+        for (i, (pixel, stats)) in (start..end).zip(pixels) {
             let counts = counts[i];
             tasks.push(PixelTask {
                 x: pixel.x,
                 y: pixel.y,
-                first_path,
+                first_path: stats.samples,
                 first_light: pixel.light,
                 first_environment: pixel.environment,
                 first_bsdf: pixel.bsdf,
@@ -166,7 +179,7 @@ fn trace(
             pixel.environment += counts.environment.unwrap_or(0);
             pixel.bsdf += counts.bsdf;
         }
-        tasks.iter().for_each(|task| watch(task, paths));
+        tasks.iter().for_each(&mut *watch);
         let mut batch = PixelBatch {
             tasks,
             stats: &mut tile.stats[start..end],
@@ -178,7 +191,8 @@ fn trace(
                 None => None,
             },
         };
-        wave.run(transport, paths, &mut batch);
+        wave.run(transport, &mut batch);
+        start = end;
     }
 }
 

@@ -1,23 +1,20 @@
 //! Which pass is next and when to stop: functions of settings and of what has been done, nothing else.
 
+use super::adaptive::GROWTH;
 use super::{RenderSettings, StopReason};
-use crate::balance::method::EARLY;
-
-/// Paths a pixel below which a noise goal is not asked for. A stop rule that looks at the samples prefers pictures that
-/// have missed rare bright paths so far: fewest looks at few samples hold that bias down.
-pub const NOISE_PATHS: u32 = 32;
+use crate::balance::method::{EARLY, up_to};
 
 /// How far a render is.
 #[derive(Debug, Clone, Copy)]
 pub struct State {
-    /// Fewest paths of a pixel.
+    /// Fewest paths of a tile that is not clean.
     pub done: u32,
-    /// Most paths of a pixel: more than `done` after an interruption in the middle of a pass.
+    /// Most paths of such a tile: more than `done` after an interruption in the middle of a pass.
     pub ahead: u32,
     /// Passes completed.
     pub passes: u32,
-    /// Estimated relative error after the last whole pass, infinite before.
-    pub noise: f64,
+    /// Is every tile as clean as asked?
+    pub clean: bool,
     /// Seconds so far that `--time` counts, over all sessions.
     pub seconds: f64,
     /// Seconds of passes so far, over all sessions.
@@ -38,7 +35,10 @@ pub enum Next {
 /// Paths a pixel of the pass that begins after `done` paths, if nothing cuts it short; `None` when the samples are taken.
 pub fn planned(settings: &RenderSettings, done: u32) -> Option<u32> {
     let method = settings.balance.method();
-    let pass = method.next_pass(done, settings.spp, settings.pilot)?;
+    let mut pass = method.next_pass(done, settings.spp, settings.pilot)?;
+    if let Some(goal) = settings.noise_goal().filter(|goal| done >= goal.least) {
+        pass = up_to(settings.spp, done, goal.least.max(done).saturating_mul(GROWTH))?;
+    }
     Some(if is_early(settings, done) { pass.min(done.max(1)).min(EARLY - done) } else { pass })
 }
 
@@ -52,12 +52,12 @@ pub fn is_early(settings: &RenderSettings, done: u32) -> bool {
 /// The next pass, or why there is none.
 pub fn next(settings: &RenderSettings, state: &State) -> Next {
     let State { done, ahead, .. } = *state;
+    if state.clean {
+        return Next::Stop(StopReason::Noise);
+    }
     // A pass that an interruption has left half-way is finished first: then no bit can tell.
     let mut pass = ahead - done;
     if pass == 0 {
-        if settings.noise.is_some_and(|goal| done >= NOISE_PATHS && state.noise <= goal) {
-            return Next::Stop(StopReason::Noise);
-        }
         let enough = settings.passes.is_some_and(|most| state.passes >= most);
         match planned(settings, done) {
             Some(paths) if !enough => pass = paths,
@@ -90,13 +90,22 @@ pub fn cut(settings: &RenderSettings, seconds: f64, stopped: bool) -> Option<Sto
     settings.time.filter(|limit| seconds >= *limit).map(|_| StopReason::Time)
 }
 
-/// The share in [0, 1] that is done of the stop rule that is nearest, after `paths` paths a pixel.
-pub fn fraction(settings: &RenderSettings, paths: f64, seconds: f64, noise: f64) -> f64 {
+/// The share in [0, 1] that is done of the stop rule that is nearest, after `paths` paths a pixel, where a share of
+/// `clean` of all tiles is as clean as asked.
+pub fn fraction(settings: &RenderSettings, paths: f64, seconds: f64, clean: f64) -> f64 {
     let by_samples = settings.spp.map_or(0.0, |goal| paths / f64::from(goal));
     let by_time = settings.time.map_or(0.0, |limit| seconds / limit);
-    // Error falls with the root of the samples.
-    let by_noise = settings.noise.map_or(0.0, |goal| (goal / noise).powi(2));
-    by_samples.max(by_time).max(by_noise).clamp(0.0, 1.0)
+    by_samples.max(by_time).max(clean).clamp(0.0, 1.0)
+}
+
+/// Do passes of these settings come to so many paths?
+pub fn is_planned(settings: &RenderSettings, paths: u32) -> bool {
+    let mut done = 0;
+    while done < paths {
+        let Some(pass) = planned(settings, done) else { return false };
+        done += pass;
+    }
+    done == paths
 }
 
 /// Are these the passes that a render of these settings begins with? Then it ends with the same bits. Else its passes
@@ -124,7 +133,7 @@ mod tests {
     }
 
     fn after(done: u32) -> State {
-        State { done, ahead: done, passes: 0, noise: f64::INFINITY, seconds: 1.0, render_seconds: 1.0, stopped: false }
+        State { done, ahead: done, passes: 0, clean: false, seconds: 1.0, render_seconds: 1.0, stopped: false }
     }
 
     #[test]
@@ -145,17 +154,17 @@ mod tests {
     #[test]
     fn a_pass_that_is_half_way_is_finished_whatever_the_goals_say() {
         let settings = RenderSettings { noise: Some(1.0), ..half(Some(32)) };
-        let state = State { done: 32, ahead: 64, noise: 0.0, ..after(32) };
+        let state = State { done: 32, ahead: 64, ..after(32) };
         assert_eq!(next(&settings, &state), Next::Pass(32));
         assert_eq!(next(&settings, &State { stopped: true, ..state }), Next::Stop(StopReason::Interrupted));
     }
 
     #[test]
-    fn a_noise_goal_waits_for_enough_paths() {
+    fn a_noise_goal_ends_it_when_every_tile_is_clean() {
         let settings = RenderSettings { noise: Some(0.1), ..half(None) };
-        assert_eq!(next(&settings, &State { noise: 0.05, ..after(16) }), Next::Pass(16));
-        assert_eq!(next(&settings, &State { noise: 0.05, ..after(32) }), Next::Stop(StopReason::Noise));
-        assert_eq!(next(&settings, &State { noise: 0.2, ..after(32) }), Next::Pass(32));
+        assert_eq!(next(&settings, &State { clean: true, ..after(32) }), Next::Stop(StopReason::Noise));
+        assert_eq!(next(&settings, &State { clean: false, ..after(32) }), Next::Pass(96));
+        assert_eq!(next(&settings, &after(16)), Next::Pass(16));
     }
 
     #[test]
@@ -194,9 +203,9 @@ mod tests {
     #[test]
     fn the_nearest_stop_rule_is_the_progress() {
         let settings = RenderSettings { time: Some(10.0), noise: Some(0.1), ..half(Some(100)) };
-        assert_eq!(fraction(&settings, 50.0, 1.0, f64::INFINITY), 0.5);
+        assert_eq!(fraction(&settings, 50.0, 1.0, 0.0), 0.5);
         assert_eq!(fraction(&settings, 50.0, 9.0, 0.2), 0.9);
-        assert_eq!(fraction(&settings, 50.0, 1.0, 0.05), 1.0);
+        assert_eq!(fraction(&settings, 50.0, 1.0, 1.0), 1.0);
     }
 
     #[test]

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::Part;
+use super::adaptive::{NOISE_PATHS, NoiseGoal};
 use super::tile::Columns;
 pub use crate::balance::Balance;
 pub use crate::sampling::PixelFilter;
@@ -38,8 +39,11 @@ pub struct RenderSettings {
     pub spp: Option<u32>,
     /// Wall seconds of all sessions at which to stop, loading included, > 0.
     pub time: Option<f64>,
-    /// Estimated relative error at which to stop, > 0.
+    /// Estimated relative error at which pixels of a tile take no more paths ([`adaptive`](super::adaptive)), > 0.
     pub noise: Option<f64>,
+    /// Paths a pixel before `noise` is asked for; `None`: [`NOISE_PATHS`].
+    #[serde(default)]
+    pub min_spp: Option<u32>,
     /// How light and BSDF sampling share the work.
     pub balance: Balance,
     /// `second-order`'s pilot as a share of all paths, in (0, 1); `None`:
@@ -82,6 +86,11 @@ impl RenderSettings {
         Columns { moments: self.balance.method().sums_moments(), aovs: self.aovs, extras: self.extras }
     }
 
+    /// When tiles' pixels end, besides the samples.
+    pub fn noise_goal(&self) -> Option<NoiseGoal> {
+        self.noise.map(|error| NoiseGoal { error, least: self.min_spp.unwrap_or(NOISE_PATHS).max(2) })
+    }
+
     /// The window that is kept: x0, y0, x1, y1, the last two exclusive.
     pub fn window(&self) -> [u32; 4] {
         self.crop.unwrap_or([0, 0, self.width, self.height])
@@ -100,6 +109,7 @@ impl Default for RenderSettings {
             spp: Some(64),
             time: None,
             noise: None,
+            min_spp: None,
             balance: Balance::Progressive,
             pilot: None,
             seed: 0,

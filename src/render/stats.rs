@@ -74,8 +74,10 @@ pub struct Samples {
 impl Samples {
     /// Of a render.
     pub fn of(rendered: &Rendered) -> Self {
-        let (pixel_min, pixel_max) = rendered.paths_range();
         let Rendered { tiles, stats, settings, .. } = rendered;
+        let inside =
+            || tiles.iter().flat_map(|tile| tile.inside(settings.window()).map(|(.., i)| tile.stats[i].samples));
+        let (pixel_min, pixel_max) = (inside().min().unwrap_or(0), inside().max().unwrap_or(0));
         let pixels = tiles.iter().map(|t| t.inside(settings.window()).count() as u64).sum();
         // A window's outermost tiles are traced whole.
         let traced: usize = tiles.iter().map(Tile::pixels).sum();

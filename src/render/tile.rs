@@ -4,8 +4,10 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
+use super::RenderSettings;
+use super::adaptive::Seen;
 use super::sampler::{self, TileSampler};
-use crate::balance::{Balance, Learned, Moments, Share};
+use crate::balance::{Learned, Moments, Share};
 use crate::film::{AovSums, ExtraSums, Peak, PixelStats};
 use crate::integrator::{PixelTask, Transport, WaveCounts};
 
@@ -102,37 +104,36 @@ impl Tile {
         }
     }
 
-    /// Takes a pass of `paths` paths a pixel as the balance's method has it.
-    pub fn pass(&mut self, transport: &Transport, balance: Balance, paths: u32) -> TileWork {
-        self.pass_watched(transport, balance, paths, &mut |_, _| ())
+    /// Takes a pass of `paths` paths a pixel, or fewer where a noise goal has it so, as the balance's method has it.
+    pub fn pass(&mut self, transport: &Transport, settings: &RenderSettings, paths: u32) -> TileWork {
+        self.pass_watched(transport, settings, paths, &mut |_| ())
     }
 
-    /// [`pass`](Self::pass), and `watch` is told what each pixel takes, and of how many paths, wave by wave.
+    /// [`pass`](Self::pass), and `watch` is told what each pixel takes, wave by wave.
     pub fn pass_watched(
         &mut self,
         transport: &Transport,
-        balance: Balance,
+        settings: &RenderSettings,
         paths: u32,
-        watch: &mut dyn FnMut(&PixelTask, u32),
+        watch: &mut dyn FnMut(&PixelTask),
     ) -> TileWork {
         let start = Instant::now();
-        let done = self.paths();
+        let (done, before) = (self.paths(), self.all_paths());
         let both = self.pixels.iter().zip(&self.stats);
         let mut shares: Vec<_> =
             both.map(|(pixel, s)| Share { light: s.balance, environment: pixel.environment_share }).collect();
         let mut moments = std::mem::take(&mut self.moments);
         let counts = sampler::with_buffers(|buffers| {
-            let mut sampler = TileSampler::new(self, transport, buffers, watch);
+            let mut sampler = TileSampler::new(self, transport, buffers, settings.noise_goal(), watch);
             let mut learned = Learned { shares: &mut shares, moments: &mut moments };
-            balance.method().pass(&mut learned, &mut sampler, done, paths);
+            settings.balance.method().pass(&mut learned, &mut sampler, done, paths);
             sampler.counts()
         });
         self.moments = moments;
         for ((pixel, stats), share) in self.pixels.iter_mut().zip(&mut self.stats).zip(shares) {
             (stats.balance, pixel.environment_share) = (share.light, share.environment);
         }
-        let paths = u64::from(paths) * self.pixels.len() as u64;
-        TileWork { counts, seconds: start.elapsed().as_secs_f64(), paths }
+        TileWork { counts, seconds: start.elapsed().as_secs_f64(), paths: self.all_paths() - before }
     }
 
     /// Pixels a row.
@@ -175,9 +176,29 @@ impl Tile {
         self.pixels.first().map_or([0; 2], |p| [p.x / TILE, p.y / TILE])
     }
 
-    /// Paths that each of its pixels has taken.
+    /// What its pixels have seen.
+    pub(super) fn seen(&self) -> Seen<'_> {
+        Seen { stats: &self.stats, width: self.width() }
+    }
+
+    /// Most paths of its pixels: they differ by a noise goal alone.
     pub fn paths(&self) -> u32 {
-        self.stats.first().map_or(0, |s| s.samples)
+        self.seen().paths()
+    }
+
+    /// Paths of all its pixels.
+    fn all_paths(&self) -> u64 {
+        self.stats.iter().map(|s| u64::from(s.samples)).sum()
+    }
+
+    /// Fewest paths of a pixel.
+    pub fn fewest_paths(&self) -> u32 {
+        self.stats.iter().map(|s| s.samples).min().unwrap_or(0)
+    }
+
+    /// Is it as clean as these settings ask, so that it takes no more passes?
+    pub fn is_clean(&self, settings: &RenderSettings) -> bool {
+        settings.noise_goal().is_some_and(|goal| self.seen().is_clean(&goal))
     }
 
     /// Has it the pixels and columns of the other, all whole?
@@ -185,9 +206,7 @@ impl Tile {
         let same = |(a, b): (&TilePixel, &TilePixel)| (a.x, a.y) == (b.x, b.y);
         let sizes =
             |t: &Tile| [t.pixels.len(), t.stats.len(), t.moments.len(), t.aovs.len(), t.extras.len(), t.peaks.len()];
-        sizes(self) == sizes(other)
-            && self.pixels.iter().zip(&other.pixels).all(same)
-            && self.stats.iter().all(|s| s.samples == self.paths())
+        sizes(self) == sizes(other) && self.pixels.iter().zip(&other.pixels).all(same) && self.seen().is_whole()
     }
 
     /// How many pixels it has.

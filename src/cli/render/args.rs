@@ -84,9 +84,14 @@ pub struct RenderArgs {
     /// all its sessions. The first passes are small, so that all of the picture is there early.
     #[arg(long, value_name = "SECONDS", value_parser = seconds, help_heading = "Sampling")]
     pub time: Option<f64>,
-    /// Stop at this estimated relative error: the root of mean(variance / (mean^2 + 0.01)).
+    /// Stop where the estimated relative error is at most this, each tile of 16 x 16 pixels by itself: the root of
+    /// mean(variance / (mean^2 + 0.01)).
     #[arg(long, value_name = "X", value_parser = positive, help_heading = "Sampling")]
     pub noise: Option<f64>,
+    /// Of --noise: fewest paths a pixel before anything stops [default: 32].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..), requires = "noise",
+        help_heading = "Sampling")]
+    pub min_spp: Option<u32>,
     /// How light and BSDF sampling share the work.
     #[arg(long, value_parser = balance(), default_value = "progressive", help_heading = "Sampling")]
     pub balance: Balance,
@@ -127,7 +132,7 @@ pub struct RenderArgs {
     #[arg(long, help_heading = "Interruption and parts")]
     pub resume: bool,
     /// Render only part K (1 to N) of the picture's tiles; `bismar merge` puts parts together.
-    #[arg(long, value_name = "K/N", conflicts_with_all = ["time", "noise"], help_heading = "Interruption and parts")]
+    #[arg(long, value_name = "K/N", conflicts_with = "time", help_heading = "Interruption and parts")]
     pub part: Option<Part>,
 
     /// What traces rays.
@@ -265,6 +270,7 @@ impl RenderArgs {
             spp: self.spp(),
             time: self.time,
             noise: self.noise,
+            min_spp: self.min_spp,
             balance: self.balance,
             pilot: self.pilot,
             seed: match (self.seed_per_frame, self.shown.frame()) {

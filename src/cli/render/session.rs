@@ -23,6 +23,7 @@ use crate::integrator::PreparedScene;
 use crate::light::AreaLights;
 use crate::rays;
 use crate::render::checkpoint::{self, Earlier, Host};
+use crate::render::tile::Tile;
 use crate::render::{
     Identity, Maker, Pause, Progress, Record, RenderSettings, Rendered, RunOptions, Saved, StopReason, camera,
     fresh_tiles, run,
@@ -409,7 +410,9 @@ impl Session<'_> {
                 output.display()
             );
         }
-        if !saved.is_on_the_way(&ours.settings) {
+        let [goal, theirs] = [&ours.settings, &earlier.record.identity.settings].map(RenderSettings::noise_goal);
+        let looked = |tile: &Tile| goal.or(theirs).is_some_and(|goal| tile.paths() > goal.least);
+        if (goal != theirs && saved.tiles.iter().any(looked)) || !saved.is_on_the_way(&ours.settings) {
             warn!(
                 "{} was begun with another goal and took other passes than this command takes from the beginning: the \
                  picture is as right as ever, but not bit for bit that of a render in one go",

@@ -8,11 +8,12 @@ use crate::integrator::queues::{Identity, PathRays};
 use crate::lanes::{F, LANES, NUMBERS, U, V3};
 use crate::sampling::{keys, pixel_seed, samples};
 
-/// Fills `rays` with `paths` camera rays for each pixel, in the ledger's order.
+/// Fills `rays` with the camera rays of each pixel's paths, in the ledger's order.
 #[inline(never)]
-pub fn begin(transport: &Transport, tasks: &[PixelTask], paths: u32, rays: &mut PathRays) {
-    rays.open(tasks.len() * paths as usize);
+pub fn begin(transport: &Transport, tasks: &[PixelTask], rays: &mut PathRays) {
+    rays.open(tasks.iter().map(|task| task.counts.paths as usize).sum());
     for task in tasks {
+        let paths = task.counts.paths;
         let seed = U::splat(pixel_seed(task.x, task.y, transport.seed));
         for i in (0..paths).step_by(LANES) {
             let n = LANES.min((paths - i) as usize);

@@ -1,0 +1,190 @@
+//! Where a noise goal lets a tile's pixels end, each group of them by what another group has found.
+//!
+//! A stop rule that looks at the samples that it stops prefers pictures that have missed rare bright paths so far, and
+//! makes them dark. So a tile's pixels are eight groups, the places of 2 x 4 pixels, and a group takes as many paths as the
+//! next group's error asks for. A pixel's own samples can come back to it by way of all eight, after as many looks; looks
+//! are few, as a group takes at once what it will need, from half of what it has to three times that.
+
+use crate::film::PixelStats;
+use crate::film::compare::relative_to;
+
+/// Paths a pixel before anybody looks at the noise, unless told: fewer say little of it.
+pub const NOISE_PATHS: u32 = 32;
+/// Groups of pixels.
+const GROUPS: usize = 8;
+/// Paths that a pass can bring, over those that there are.
+pub const GROWTH: u32 = 3;
+/// A group that needs more takes this part of what it has, at least.
+const LEAST: f64 = 0.5;
+/// Paths come in blocks of the sequence.
+const BLOCK: f64 = 4.0;
+
+/// When a tile's pixels end.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NoiseGoal {
+    /// Relative error, > 0.
+    pub error: f64,
+    /// Paths a pixel that come before anybody looks, ≥ 2.
+    pub least: u32,
+}
+
+/// What a tile's pixels have collected, row by row.
+#[derive(Clone, Copy)]
+pub struct Seen<'a> {
+    /// One a pixel.
+    pub stats: &'a [PixelStats],
+    /// Pixels a row.
+    pub width: usize,
+}
+
+impl<'a> Seen<'a> {
+    /// Indices of a group's pixels.
+    fn group(self, group: usize) -> impl Iterator<Item = usize> + Clone + 'a {
+        (0..self.stats.len()).filter(move |i| self.group_of(*i) == group)
+    }
+
+    fn group_of(self, i: usize) -> usize {
+        2 * (i / self.width % 4) + i % self.width % 2
+    }
+
+    /// Paths of each of a group's pixels; 0 if it has none.
+    fn paths_of(self, group: usize) -> u32 {
+        self.group(group).next().map_or(0, |i| self.stats[i].samples)
+    }
+
+    /// Most paths of a pixel.
+    pub fn paths(self) -> u32 {
+        (0..GROUPS).map(|group| self.paths_of(group)).max().unwrap_or(0)
+    }
+
+    /// Have the pixels of each group as many paths?
+    pub fn is_whole(self) -> bool {
+        (0..self.stats.len()).all(|i| self.stats[i].samples == self.paths_of(self.group_of(i)))
+    }
+
+    /// Paths that each pixel of a group should have, as the next group tells that has pixels.
+    fn asked(self, group: usize, goal: &NoiseGoal) -> f64 {
+        let others = (1..=GROUPS).map(|step| (group + step) % GROUPS);
+        let Some(other) = others.into_iter().find(|g| self.group(*g).next().is_some()) else { return 0.0 };
+        let (sum, n) = self.group(other).fold((0.0, 0.0), |(sum, n), i| (sum + self.error(i), n + 1.0));
+        sum / n * f64::from(self.paths_of(other)) / (goal.error * goal.error)
+    }
+
+    /// Variance of the mean over the square of the mean ([`relative_to`]), the mean of the channels.
+    fn error(self, i: usize) -> f64 {
+        let (mean, variance) = (self.stats[i].mean(), self.stats[i].variance_of_mean());
+        (0..3).map(|c| f64::from(variance[c]) / relative_to(f64::from(mean[c]))).sum::<f64>() / 3.0
+    }
+
+    /// How many of a pass's `paths` paths the pixels of each group take; without a goal, what brings all to one number.
+    pub fn paths_for(self, paths: u32, goal: Option<&NoiseGoal>) -> [u32; GROUPS] {
+        let most = self.paths();
+        std::array::from_fn(|group| {
+            let own = self.paths_of(group);
+            let Some(goal) = goal else { return paths + most - own };
+            if own < goal.least {
+                return paths;
+            }
+            let (own, asked) = (f64::from(own), self.asked(group, goal));
+            let more = (asked - own).max(LEAST * own);
+            if asked > own { ((more / BLOCK).ceil() * BLOCK).min(f64::from(paths)) as u32 } else { 0 }
+        })
+    }
+
+    /// The same for each pixel.
+    pub fn deal(self, groups: [u32; GROUPS]) -> Vec<u32> {
+        (0..self.stats.len()).map(|i| groups[self.group_of(i)]).collect()
+    }
+
+    /// Is it all as clean as asked?
+    pub fn is_clean(self, goal: &NoiseGoal) -> bool {
+        let there = (0..GROUPS).filter(|&group| self.group(group).next().is_some());
+        let more = self.paths_for(1, Some(goal));
+        there.map(|group| more[group]).sum::<u32>() == 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sampling::SplitMix64;
+
+    /// A pixel with a mean of 1 and this variance of its paths, after `n` of them.
+    fn pixel(variance: f64, n: u32) -> PixelStats {
+        let m = f64::from(n);
+        PixelStats { samples: n, sum: [m; 3], sum_squared: [m + variance * (m - 1.0); 3], ..PixelStats::EMPTY }
+    }
+
+    const GOAL: NoiseGoal = NoiseGoal { error: 0.1, least: 32 };
+
+    #[test]
+    fn a_group_takes_what_the_next_one_asks_for_whatever_its_own_pixels_show() {
+        // Relative variance 1.01 v over paths must come to 0.01: 100 v paths.
+        let variances = [1e9, 0.3, 1.0, 4.0, 0.1, 0.1, 0.1, 0.1];
+        let stats: Vec<_> = (0..256).map(|i| pixel(1.01 * variances[2 * (i / 16 % 4) + i % 2], 64)).collect();
+        let tile = Seen { stats: &stats, width: 16 };
+        assert!(tile.is_whole() && tile.paths() == 64);
+        // Enough, 36 more, as much as the pass has.
+        assert_eq!(tile.paths_for(192, Some(&GOAL)), [0, 36, 192, 0, 0, 0, 0, 192]);
+        assert!(!tile.is_clean(&GOAL));
+        let dealt = tile.deal([0, 36, 192, 7, 1, 2, 3, 4]);
+        assert_eq!([dealt[0], dealt[1], dealt[16], dealt[17], dealt[48], dealt[65]], [0, 36, 192, 7, 3, 36]);
+        // A little more is half of what there is; nobody looks too early.
+        let goal = NoiseGoal { error: 0.1 * f64::sqrt(99.0 / 64.0), ..GOAL };
+        assert_eq!(tile.paths_for(192, Some(&goal))[1], 32);
+        assert_eq!(tile.paths_for(5, Some(&NoiseGoal { least: 65, ..GOAL })), [5; 8]);
+        assert!(tile.is_clean(&NoiseGoal { error: 1e6, ..GOAL }));
+    }
+
+    #[test]
+    fn tiles_of_few_pixels_ask_whom_there_is() {
+        for (pixels, width) in [(1, 1), (2, 1), (2, 2), (3, 1)] {
+            for (variance, clean) in [(1e-3, true), (1e3, false)] {
+                let stats = vec![pixel(variance, 64); pixels];
+                assert_eq!(Seen { stats: &stats, width }.is_clean(&GOAL), clean, "{pixels} {width} {variance}");
+            }
+        }
+    }
+
+    /// z of the mean of 10 000 tiles of 8 x 8 pixels against what it should be, whose paths are 1 and, with a chance of
+    /// 1/4000, a hundred more; `next` deals passes after the first of 32 paths.
+    fn z(next: impl Fn(Seen, u32) -> Vec<u32>) -> f64 {
+        const TILES: u32 = 10_000;
+        let (mut sum, mut sum2) = (0.0, 0.0);
+        let mut random = SplitMix64(7);
+        for _ in 0..TILES {
+            let mut stats = vec![PixelStats::EMPTY; 64];
+            let mut dealt = vec![32; 64];
+            while dealt.iter().any(|n| *n > 0) {
+                for (pixel, n) in stats.iter_mut().zip(&dealt) {
+                    for _ in 0..*n {
+                        let bright = random.f64() < 1.0 / 4000.0;
+                        pixel.add(glam::Vec3::splat(if bright { 101.0 } else { 1.0 }), true);
+                    }
+                }
+                let seen = Seen { stats: &stats, width: 8 };
+                let left = 512 - seen.paths();
+                dealt = next(seen, left.min(GROWTH * seen.paths()));
+            }
+            let mean = stats.iter().map(|s| f64::from(s.mean()[0])).sum::<f64>() / 64.0;
+            (sum, sum2) = (sum + mean, sum2 + mean * mean);
+        }
+        let n = f64::from(TILES);
+        let (mean, variance) = (sum / n, (sum2 / n - (sum / n).powi(2)) / (n - 1.0));
+        (mean - 1.025) / variance.sqrt()
+    }
+
+    /// |z| > 4 by chance: one in 16 000.
+    #[test]
+    fn rare_bright_paths_make_no_tile_darker() {
+        let goal = NoiseGoal { error: 0.05, least: 32 };
+        let own = |seen: Seen, paths| {
+            let error = (0..64).map(|i| seen.error(i)).sum::<f64>() / 64.0;
+            vec![if error > 0.05 * 0.05 { paths } else { 0 }; 64]
+        };
+        let (groups, own) = (z(|seen, paths| seen.deal(seen.paths_for(paths, Some(&goal)))), z(own));
+        assert!(groups.abs() < 4.0, "{groups} {own}");
+        // What must be found: tiles that end by their own samples.
+        assert!(own < -8.0, "{own}");
+    }
+}
