@@ -4,20 +4,26 @@
 use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use bismar::batch::file::{self, Flag};
 use bismar::farm::{PathMapping, Plan};
 use bismar::film::{Picture, exr_file};
+use bismar::integrator::PreparedScene;
+use bismar::rays::Backend;
 use bismar::render::checkpoint::{Earlier, unpack};
+use bismar::render::{self, RenderSettings};
 use bismar::scene::import::{EnvironmentFile, ImportOptions, SceneFiles};
 
-/// Takes bytes in as the program does, in a folder for its files. Whatever comes of them but a panic, an abort, a hang or
-/// much memory is right.
-pub type Door = fn(&Path, &[u8]);
+/// Takes bytes in as the program does, in a folder for its files; are they what they should be? Whatever comes of them but
+/// a panic, an abort, a hang or much memory is right.
+pub type Door = fn(&Path, &[u8]) -> bool;
 
 /// All of them, by name.
-pub const DOORS: [(&str, Door); 8] = [
+pub const DOORS: [(&str, Door); 9] = [
     ("scene", scene),
+    ("render", render),
     ("picture", picture),
     ("environment", environment),
     ("exr", exr),
@@ -33,60 +39,83 @@ fn put(folder: &Path, name: &str, bytes: &[u8]) -> PathBuf {
     path
 }
 
+/// A scene's file, named by what it is.
+fn put_scene(folder: &Path, bytes: &[u8]) -> PathBuf {
+    put(folder, if bytes.starts_with(b"glTF") { "scene.glb" } else { "scene.gltf" }, bytes)
+}
+
 /// glTF as JSON or GLB, with all that is inside it: accessors, pictures.
-pub fn scene(folder: &Path, bytes: &[u8]) {
-    let Ok(files) = SceneFiles::open(&put(folder, "scene.glb", bytes)) else { return };
-    let _ = files.survey();
-    let _ = files.import(&ImportOptions::default());
+pub fn scene(folder: &Path, bytes: &[u8]) -> bool {
+    let Ok(files) = SceneFiles::open(&put_scene(folder, bytes)) else { return false };
+    files.survey();
+    files.import(&ImportOptions::default()).is_ok()
+}
+
+/// glTF to a picture of 8 x 8 pixels, each a number, by one of the ray libraries.
+pub fn render(folder: &Path, bytes: &[u8]) -> bool {
+    let imported = SceneFiles::open(&put_scene(folder, bytes)).and_then(|files| files.import(&Default::default()));
+    let Ok(imported) = imported else { return false };
+    let mut scene = imported.scene;
+    scene.light_if_dark();
+    let rays = if bytes.len().is_multiple_of(2) { Backend::Embree } else { Backend::Obvhs };
+    let Ok(scene) = PreparedScene::build(Arc::new(scene), rays) else { return false };
+    let settings = RenderSettings { width: 8, height: 8, spp: Some(2), aovs: true, ..Default::default() };
+    let rendered = render::render(&scene, &settings, &AtomicBool::new(false), &|_| ());
+    for pixel in &rendered.film().pixels {
+        assert!(pixel.mean().iter().all(|x| x.is_finite()), "a pixel is no number");
+    }
+    true
 }
 
 /// PNG, JPEG, HDR and EXR for `compare` and `develop`.
-pub fn picture(folder: &Path, bytes: &[u8]) {
-    let _ = Picture::open(&put(folder, "picture", bytes), None);
+pub fn picture(folder: &Path, bytes: &[u8]) -> bool {
+    Picture::open(&put(folder, "picture", bytes), None).is_ok()
 }
 
 /// HDR and EXR for `--env`.
-pub fn environment(folder: &Path, bytes: &[u8]) {
-    let Ok(file) = EnvironmentFile::open(&put(folder, "sky", bytes)) else { return };
-    let _ = file.memory_bytes();
-    let _ = file.decode(0.0, 1.0);
+pub fn environment(folder: &Path, bytes: &[u8]) -> bool {
+    let Ok(file) = EnvironmentFile::open(&put(folder, "sky", bytes)) else { return false };
+    file.memory_bytes();
+    file.decode(0.0, 1.0).is_ok()
 }
 
 /// EXR and its header.
-pub fn exr(folder: &Path, bytes: &[u8]) {
+pub fn exr(folder: &Path, bytes: &[u8]) -> bool {
     let path = put(folder, "a.exr", bytes);
-    let _ = exr_file::read(&path);
-    let _ = exr_file::read_header(&path);
-    let _ = exr_file::read_statistics(&path);
-    let _ = exr_file::check(&path);
+    let read = exr_file::read(&path).is_ok();
+    let _ = (exr_file::read_header(&path), exr_file::read_statistics(&path), exr_file::check(&path));
+    read
 }
 
 /// A picture of ours that a render goes on from.
-pub fn checkpoint(folder: &Path, bytes: &[u8]) {
-    let Ok(Some(earlier)) = Earlier::read(&put(folder, "a.exr", bytes)) else { return };
-    let _ = earlier.verify();
+pub fn checkpoint(folder: &Path, bytes: &[u8]) -> bool {
+    let Ok(Some(earlier)) = Earlier::read(&put(folder, "a.exr", bytes)) else { return false };
     let settings = &earlier.record.identity.settings;
     // What a file says of its size is compared with what the scene and the command say before tiles are made of it.
-    if settings.width <= 256 && settings.height <= 256 {
-        let _ = earlier.tiles(settings);
-    }
+    let small = settings.width <= 256 && settings.height <= 256;
+    earlier.verify().is_ok() & (small && earlier.tiles(settings).is_ok())
 }
 
 /// Packed tiles whose hash is right.
-pub fn statistics(_: &Path, bytes: &[u8]) {
-    let _ = unpack(bytes);
+pub fn statistics(_: &Path, bytes: &[u8]) -> bool {
+    unpack(bytes).is_some()
 }
 
 /// A batch file.
-pub fn batch(folder: &Path, bytes: &[u8]) {
-    let flags = [("spp", Flag::Value), ("no-env", Flag::Switch), ("preview", Flag::File), ("seed", Flag::Value)];
+pub fn batch(folder: &Path, bytes: &[u8]) -> bool {
+    let flags = [
+        ("spp", Flag::Value),
+        ("no-env", Flag::Switch),
+        ("preview", Flag::File),
+        ("seed", Flag::Value),
+        ("output", Flag::File),
+    ];
     let flags: HashMap<_, _> = flags.into_iter().map(|(name, flag)| (name.to_owned(), flag)).collect();
-    let _ = file::read(&put(folder, "jobs.toml", bytes), &flags);
+    file::read(&put(folder, "jobs.toml", bytes), &flags).is_ok()
 }
 
 /// The plan of a farm, and rules for its paths.
-pub fn farm(folder: &Path, bytes: &[u8]) {
+pub fn farm(folder: &Path, bytes: &[u8]) -> bool {
     let path = put(folder, "farm.json", bytes);
-    let _ = Plan::read(folder);
-    let _ = PathMapping::read(&path);
+    Plan::read(&path).is_ok() | PathMapping::read(&path).is_ok()
 }

@@ -2,6 +2,7 @@
 
 import concurrent.futures
 import itertools
+import json
 import os
 import random
 import re
@@ -185,34 +186,67 @@ def memory(bismar, folder):
     return rows
 
 
-def mutations(_, __):
-    """Mutated glTF, GLB, PNG, JPEG, HDR, EXR, checkpoints, batch files and plans, through the doors of `fuzz/doors.rs`
-    (`tests/mutations.rs`), in slices of processes of their own that may have 256 MiB and four times the largest file."""
+def mutations(_, folder):
+    """Mutated glTF, GLB, PNG, JPEG, HDR, EXR, checkpoints, batch files and plans, through the doors of `fuzz/doors.rs`, by
+    `tests/mutations.rs`: one after the other in processes that may have 256 MiB and four times the largest sound file. A
+    process that dies or stands still for a minute is one failure, and another begins behind the file in hand."""
+    test = "mutations::no_mutated_file_panics_aborts_or_hangs"
     built = subprocess.run(["cargo", "test", "--test", "all", "--no-run"], cwd=ROOT, capture_output=True, text=True)
-    binary = ROOT / re.search(r"\((target/\S*/all-\w+)\)", built.stderr).group(1)
+    binaries = [ROOT / name for name in re.findall(r"\((target/\S*/all-\w+)\)", built.stderr)]
+    lists = lambda binary: test in subprocess.run([binary, "--list"], capture_output=True, text=True).stdout
+    binary = next(filter(lists, binaries))
     many = int(os.environ.get("BISMAR_MUTATIONS", 1_000_000))
     size = min(many, 20_000)
 
-    def attempt(start):
-        numbers = {"BISMAR_MUTATIONS": str(size), "BISMAR_MUTATIONS_FROM": str(start)}
-        test = "mutations::no_mutated_file_panics_aborts_or_hangs"
-        try:
-            end = subprocess.run([binary, "--exact", test, "--nocapture"], cwd=ROOT, env={**os.environ, **numbers},
-                                 capture_output=True, text=True, errors="replace", timeout=3600)
-            said, code = end.stdout + end.stderr, end.returncode
-        except subprocess.TimeoutExpired:
-            said, code = "", "a hang"
-        panics = re.search(r"(\d+) panics", said)
-        peak = re.search(r"peak (\d+) MiB", said)
-        slowest = re.search(r"slowest ([\d.]+) s", said)
-        return code, int(panics.group(1)) if panics else 1, int(peak.group(1)) if peak else 0, \
-            float(slowest.group(1)) if slowest else 0.0, start
+    def process(start, end):
+        """What it said, if it came to its end; else how it ended, and the number in hand."""
+        at = folder / f"at-{start}"
+        more = {"BISMAR_MUTATIONS": str(end - start), "BISMAR_MUTATIONS_FROM": str(start), "BISMAR_MUTATIONS_AT": str(at)}
+        with open(folder / f"said-{start}", "w+b") as said:
+            child = subprocess.Popen([binary, "--exact", test, "--nocapture"], cwd=ROOT, env={**os.environ, **more},
+                                     stdout=said, stderr=subprocess.STDOUT)
+            number, why = None, ""
+            while not why and child.poll() is None:
+                try:
+                    child.wait(60)
+                except subprocess.TimeoutExpired:
+                    before, number = number, at.read_bytes() if at.exists() else None
+                    why = "stands still" if before == number else ""
+            if why:
+                child.kill()
+            code = child.wait()
+            said.seek(0)
+            result = re.search(rb"^mutations: (.*)$", said.read(), re.M)
+        if result:
+            return json.loads(result.group(1)), code, None
+        return None, why or f"ends with {code}", int.from_bytes(at.read_bytes(), "little") if at.exists() else start
 
-    ends = on_all_cores(attempt, range(0, many, size))
-    wrong = [f"{code} from {start}" for code, *_, start in ends if code != 0]
-    return [("mutated files: panics, aborts, hangs", size * len(ends), sum(end[1] for end in ends), "; ".join(wrong)),
-            ("processes beyond their memory or without an end", len(ends), len(wrong),
-             f"at most {max(end[2] for end in ends)} MiB; the slowest file took {max(end[3] for end in ends):.2f} s")]
+    def slice_from(start):
+        found, deaths, beyond, end = [], [], 0, min(start + size, many)
+        while start < end:
+            result, code, number = process(start, end)
+            if result:
+                found.append(result)
+                beyond += code != 0 and not result["panics"]
+                break
+            deaths.append(f"{number} {code}")
+            start = number + 1
+        return found, deaths, beyond
+
+    slices = on_all_cores(slice_from, range(0, many, size))
+    ends = [result for found, _, _ in slices for result in found]
+    rows = []
+    for door in ends[0]["doors"]:
+        tried, taken = (sum(end["doors"][door][i] for end in ends) for i in range(2))
+        doors = list(ends[0]["doors"])
+        panics = [n for end in ends for n in end["panics"] if doors[n % len(doors)] == door]
+        deaths = [text for _, deaths, _ in slices for text in deaths if doors[int(text.split()[0]) % len(doors)] == door]
+        rows.append((f"{door}: panics, aborts, hangs", tried + len(deaths), len(panics) + len(deaths),
+                     f"{taken} taken, the others refused" + "".join(f"; {n}" for n in [*panics, *deaths][:5])))
+    rows.append(("processes beyond their memory", len(ends), sum(beyond for *_, beyond in slices),
+                 f"at most {max(end['peak'] for end in ends) >> 20} MiB; the slowest file took "
+                 f"{max(end['slowest'] for end in ends):.2f} s"))
+    return rows
 
 
 SECTIONS = {"Changed and cut pictures": flips, "One file by many names": names, "Little memory": memory,

@@ -39,6 +39,7 @@ pub mod console;
 pub mod error;
 pub mod farm;
 pub mod film;
+pub mod guard;
 pub mod integrator;
 pub mod lanes;
 pub mod light;

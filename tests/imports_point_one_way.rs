@@ -4,9 +4,10 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Each room of `src/` and the rooms that it may see. `error`, `lanes` and `color` are tools that all may use.
-const SEES: [(&str, &[&str]); 16] = [
+/// Each room of `src/` and the rooms that it may see. `error`, `guard`, `lanes` and `color` are tools that all may use.
+const SEES: [(&str, &[&str]); 17] = [
     ("error", &[]),
+    ("guard", &[]),
     ("lanes", &[]),
     ("color", &[]),
     ("sampling", &[]),
@@ -37,7 +38,7 @@ const ALL: &[&str] = &[
     "batch",
     "farm",
 ];
-const TOOLS: [&str; 3] = ["error", "lanes", "color"];
+const TOOLS: [&str; 4] = ["error", "guard", "lanes", "color"];
 
 /// What only some folders or files of `src/` may name.
 const KEPT_IN: [(&str, &[&str]); 7] = [

@@ -1,22 +1,26 @@
 //! Mutated files of every kind that the program reads: never a panic, an abort or a hang.
 //!
-//! `BISMAR_MUTATIONS=N` tries N of them instead of a few thousand, from `BISMAR_MUTATIONS_FROM` on, and holds the process
-//! to its memory: `scripts/reliability.py mutations` does so a million times. `BISMAR_MUTATION=N` tries one alone.
+//! `BISMAR_MUTATIONS=N` tries N of them instead of a few thousand, from `BISMAR_MUTATIONS_FROM` on, writes the number in hand
+//! to `BISMAR_MUTATIONS_AT` and holds the process to its memory: `scripts/reliability.py mutations` does so a million times.
+//! `BISMAR_MUTATION=N` tries one alone. `BISMAR_SEEDS=FOLDER` is given the sound files, for `scripts/fuzz.sh`.
 
 use std::env;
-use std::fs;
+use std::fs::{self, File};
+use std::os::unix::fs::FileExt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use bismar::console::host::peak_memory_bytes;
 use bismar::film::{Aov, Film, exr_file};
+use bismar::guard;
 use exr::prelude::*;
 use image::codecs::{hdr::HdrEncoder, jpeg::JpegEncoder, png::PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
+use serde_json::{Value, json};
 
 use crate::helpers::glb;
-use crate::helpers::gltf_parts::Parts;
+use crate::helpers::gltf_parts::{Parts, data_uri};
 use crate::helpers::program::{expect, scene, seal};
 use crate::helpers::random::Random;
 use crate::helpers::shared;
@@ -31,20 +35,44 @@ struct Sound {
     bytes: Vec<u8>,
 }
 
+const SCENE: &[&str] = &["scene", "render"];
+
+/// A scene in one file: what it names is put into its text.
+fn embedded(path: &Path) -> Vec<u8> {
+    let bytes = fs::read(path).unwrap();
+    let Ok(mut json) = serde_json::from_slice::<Value>(&bytes) else { return bytes };
+    for list in ["buffers", "images"] {
+        for object in json.get_mut(list).and_then(Value::as_array_mut).into_iter().flatten() {
+            let file = object["uri"].as_str().map(|uri| path.with_file_name(uri));
+            if let Some(Ok(content)) = file.map(fs::read) {
+                object["uri"] = data_uri("application/octet-stream", &content).into();
+            }
+        }
+    }
+    json.to_string().into_bytes()
+}
+
+/// The shared files that are small, sound and malformed ones.
+fn shared_scenes() -> Vec<Sound> {
+    let Some(folder) = shared::folder() else { return Vec::new() };
+    let mut rows = shared::scenes(&folder);
+    rows.retain(|row| row["bytes_total"].parse::<u64>().is_ok_and(|bytes| bytes < 40_000));
+    let malformed = |path: &str| path.starts_with("malformed");
+    let (malformed, others): (Vec<_>, Vec<_>) = rows.iter().partition(|row| malformed(&row["path"]));
+    let some = malformed.into_iter().step_by(4).chain(others);
+    some.map(|row| Sound { doors: SCENE, bytes: embedded(&folder.join(&row["path"])) }).collect()
+}
+
+/// Of ours, each of which its doors take.
 fn sound() -> Vec<Sound> {
     let folder = tempfile::tempdir().unwrap();
     let mut all = Vec::new();
     let mut add = |doors: &'static [&'static str], bytes: Vec<u8>| all.push(Sound { doors, bytes });
 
-    add(&["scene"], glb::triangle());
-    add(&["scene"], Parts::default().json().into_bytes());
-    add(&["scene"], fs::read(scene("cornell.glb")).unwrap());
-    if let Some(folder) = shared::folder() {
-        let rows = shared::scenes(&folder);
-        let small = |row: &str| row.parse::<u64>().is_ok_and(|bytes| bytes < 40_000);
-        for row in rows.iter().filter(|row| small(&row["bytes_total"])).step_by(7) {
-            add(&["scene"], fs::read(folder.join(&row["path"])).unwrap());
-        }
+    add(SCENE, glb::triangle());
+    add(SCENE, Parts::default().json().into_bytes());
+    for name in ["cornell.glb", "veach.glb"] {
+        add(SCENE, fs::read(scene(name)).unwrap());
     }
 
     let pixels: Vec<u8> = (0..16 * 9 * 3).map(|i: u32| (i * i / 7) as u8).collect();
@@ -86,7 +114,7 @@ fn sound() -> Vec<Sound> {
     }
     let film = Film::new(20, 12, [0, 0, 20, 12], false);
     exr_file::write(&at("film.exr"), &film, &Aov::DEFAULT, &Vec::new(), Some(&[1; 900])).unwrap();
-    add(&["exr", "checkpoint"], fs::read(at("film.exr")).unwrap());
+    add(&["exr"], fs::read(at("film.exr")).unwrap());
 
     fs::copy(scene("cornell.glb"), at("cornell.glb")).unwrap();
     let line = "render cornell.glb --size 34x20 --spp 8 --checkpoint 9 -q -o out.exr";
@@ -103,11 +131,7 @@ fn sound() -> Vec<Sound> {
         fs::copy(scene("cornell.glb"), at(&format!("{name}.glb"))).unwrap();
     }
     expect(folder.path(), "farm submit jobs.toml --format openjd --parts 2", 0);
-    for name in ["farm.json", "plan.json", "job.json", "template.json"] {
-        if let Ok(bytes) = fs::read(at("jobs.farm").join(name)) {
-            add(&["farm"], bytes);
-        }
-    }
+    add(&["farm"], fs::read(at("jobs.farm/farm.json")).unwrap());
     add(
         &["farm"],
         br#"{"version":"pathmapping-1.0","path_mapping_rules":[{"source_path_format":"POSIX",
@@ -117,10 +141,12 @@ fn sound() -> Vec<Sound> {
     all
 }
 
+/// At which sizes and counts go wrong.
+const NUMBERS: [u64; 12] =
+    [0, 1, 2, 0x7F, 0x80, 0xFF, 0xFFFF, 0x7FFF_FFFF, 0x8000_0000, 0xFFFF_FFFF, 1 << 49, u64::MAX];
+
 /// What an accident or somebody with a mind makes of a file.
 fn mutated(bytes: &[u8], other: &[u8], random: &mut Random) -> Vec<u8> {
-    const NUMBERS: [u64; 12] =
-        [0, 1, 2, 0x7F, 0x80, 0xFF, 0xFFFF, 0x7FFF_FFFF, 0x8000_0000, 0xFFFF_FFFF, 1 << 49, u64::MAX];
     let mut bytes = bytes.to_vec();
     for _ in 0..1 + random.below(4) {
         let at = random.below(bytes.len());
@@ -162,21 +188,120 @@ fn mutated(bytes: &[u8], other: &[u8], random: &mut Random) -> Vec<u8> {
     bytes
 }
 
-/// Mutates by number, and goes through a door; whether it ended, and how long it took.
-fn attempt(sound: &[Sound], number: u64, folder: &Path) -> (bool, Duration) {
+/// The same for a document's values: of what is well-formed JSON, most can be read, and much is wrong all the same.
+fn mutate_json(json: &mut Value, random: &mut Random) {
+    fn places(value: &Value, at: String, found: &mut Vec<String>) {
+        match value {
+            Value::Array(list) => (0..list.len()).for_each(|i| places(&list[i], format!("{at}/{i}"), found)),
+            Value::Object(map) => map.iter().for_each(|(key, value)| places(value, format!("{at}/{key}"), found)),
+            _ => (),
+        }
+        found.push(at);
+    }
+    for _ in 0..1 + random.below(2) {
+        let mut found = Vec::new();
+        places(json, String::new(), &mut found);
+        let other = json.pointer(&found[random.below(found.len())]).cloned().unwrap_or_default();
+        // Mostly numbers, to which others are the least offence.
+        if random.below(4) > 0 {
+            found.retain(|at| json.pointer(at).is_some_and(Value::is_number));
+        }
+        let Some(value) = found.get(random.below(found.len())).and_then(|at| json.pointer_mut(at)) else { continue };
+        let whole = NUMBERS[random.below(NUMBERS.len())];
+        *value = match value.take() {
+            Value::Number(number) => {
+                let number = number.as_f64().unwrap_or_default();
+                match random.below(8) {
+                    0 => json!(whole),
+                    1 => json!(-(whole as f64)),
+                    2 => other,
+                    3 | 4 => json!(number + [-1.0, 1.0, 2.0, 0.5][random.below(4)]),
+                    5 => json!([0, 1, 2, 3, 4, 5121, 5123, 5125, 5126, 9728][random.below(10)]),
+                    _ => json!(number * [0.0, -1.0, 1e30, 1e-30, 1000.0, 0.1, 1e-7][random.below(7)]),
+                }
+            }
+            Value::Array(mut list) if random.below(2) == 0 => {
+                list.truncate(random.below(list.len()));
+                Value::Array(list)
+            }
+            _ => [Value::Null, json!([]), json!({}), json!(""), json!(true), other][random.below(6)].clone(),
+        };
+    }
+}
+
+/// A scene or plan by its values, and by the bytes that they speak of; `None` if it is no document.
+fn mutated_document(bytes: &[u8], random: &mut Random) -> Option<Vec<u8>> {
+    let word = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?) as usize);
+    if !bytes.starts_with(b"glTF") {
+        let mut json = serde_json::from_slice(bytes).ok()?;
+        mutate_json(&mut json, random);
+        return Some(json.to_string().into_bytes());
+    }
+    let end = 20 + word(12)?;
+    let mut json = serde_json::from_slice(bytes.get(20..end)?).ok()?;
+    let mut binary = bytes.get(end + 8..).unwrap_or_default().to_vec();
+    for _ in 0..random.below(4) {
+        let at = random.below(binary.len());
+        binary.iter_mut().skip(at).take(1).for_each(|byte| *byte ^= 1 << random.below(8));
+    }
+    if binary.is_empty() || random.below(4) > 0 {
+        mutate_json(&mut json, random);
+    }
+    Some(glb::file(&json, &binary))
+}
+
+/// What came of a mutated file.
+#[derive(PartialEq)]
+enum End {
+    Taken,
+    Refused,
+    Panic,
+}
+
+/// Mutates by number, and goes through a door; how long that took.
+fn attempt(sound: &[Sound], number: u64, folder: &Path) -> (End, Duration) {
     let mut random = Random(number);
     // Each door as often as any other.
     let (name, door) = DOORS[number as usize % DOORS.len()];
     let fit: Vec<_> = sound.iter().filter(|s| s.doors.contains(&name)).collect();
     let [file, other] = [0; 2].map(|_| fit[random.below(fit.len())]);
-    let mut bytes = mutated(&file.bytes, &other.bytes, &mut random);
+    let document = if random.below(4) > 0 { mutated_document(&file.bytes, &mut random) } else { None };
+    let mut bytes = document.unwrap_or_else(|| mutated(&file.bytes, &other.bytes, &mut random));
     if name == "checkpoint" && random.below(2) == 0 {
         // As a forger would: what is behind the seal is reached.
         let _ = catch_unwind(AssertUnwindSafe(|| seal(&mut bytes)));
     }
     let start = Instant::now();
-    let ended = catch_unwind(AssertUnwindSafe(|| door(folder, &bytes))).is_ok();
-    (ended, start.elapsed())
+    let end = match catch_unwind(AssertUnwindSafe(|| door(folder, &bytes))) {
+        Ok(true) => End::Taken,
+        Ok(false) => End::Refused,
+        Err(_) => End::Panic,
+    };
+    (end, start.elapsed())
+}
+
+/// What goes through no door says nothing when it is mutated.
+#[test]
+fn sound_files_pass_their_doors() {
+    let folder = tempfile::tempdir().unwrap();
+    let ours = sound();
+    for (i, file) in ours.iter().enumerate() {
+        for (name, door) in DOORS.iter().filter(|(name, _)| file.doors.contains(name)) {
+            assert!(door(folder.path(), &file.bytes), "sound file {i} at {name}");
+        }
+    }
+    let shared = shared_scenes();
+    let taken = shared.iter().filter(|file| doors::scene(folder.path(), &file.bytes)).count();
+    assert!(taken * 10 >= shared.len() * 6, "{taken} of {} shared scenes", shared.len());
+    assert!(DOORS.iter().all(|(name, _)| ours.iter().any(|file| file.doors.contains(name))));
+    if let Some(seeds) = env::var_os("BISMAR_SEEDS") {
+        for (i, file) in ours.iter().chain(&shared).enumerate() {
+            for folder in file.doors.iter().map(|name| Path::new(&seeds).join(name)) {
+                fs::create_dir_all(&folder).unwrap();
+                fs::write(folder.join(format!("sound-{i}")), &file.bytes).unwrap();
+            }
+        }
+    }
 }
 
 #[test]
@@ -187,34 +312,41 @@ fn no_mutated_file_panics_aborts_or_hangs() {
         Some(one) => one..one + 1,
         None => from..from + many.unwrap_or(4000),
     };
+    let at = env::var_os("BISMAR_MUTATIONS_AT").map(|path| File::create(path).unwrap());
     // The decoder's own panics are its way to say no, and forgers meet none of ours.
     let hook = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |info| {
         let sealing = info.location().is_some_and(|l| l.file().ends_with("helpers/program.rs"));
-        if !exr_file::is_decoding() && !sealing {
+        if !guard::is_decoding() && !sealing {
             hook(info);
         }
     }));
-    let sound = sound();
+    let mut sound = sound();
+    sound.extend(shared_scenes());
     let folder = tempfile::tempdir().unwrap();
     let (mut failures, mut slowest) = (Vec::new(), (Duration::ZERO, 0));
+    let mut counts = [[0_u64; 2]; DOORS.len()];
     for number in numbers.clone() {
-        let (ended, took) = attempt(&sound, number, folder.path());
+        if let Some(at) = &at {
+            at.write_all_at(&number.to_le_bytes(), 0).unwrap();
+        }
+        let (end, took) = attempt(&sound, number, folder.path());
         slowest = slowest.max((took, number));
-        if !ended {
+        let [tried, taken] = &mut counts[number as usize % DOORS.len()];
+        *tried += 1;
+        *taken += u64::from(end == End::Taken);
+        if end == End::Panic {
             failures.push(number);
         }
     }
     let largest = sound.iter().map(|s| s.bytes.len() as u64).max().unwrap();
     let peak = peak_memory_bytes();
-    println!(
-        "{} mutated files, {} panics, slowest {:.3} s (number {}), peak {} MiB, largest sound file {largest} bytes",
-        numbers.end - numbers.start,
-        failures.len(),
-        slowest.0.as_secs_f64(),
-        slowest.1,
-        peak >> 20
-    );
+    // A line for the script.
+    let doors: serde_json::Map<_, _> =
+        DOORS.iter().zip(counts).map(|((name, _), counts)| ((*name).to_owned(), json!(counts))).collect();
+    let (slowest, slow) = (slowest.0.as_secs_f64(), slowest.1);
+    let said = json!({ "panics": failures, "doors": doors, "slowest": slowest, "slow": slow, "peak": peak });
+    println!("mutations: {said}");
     assert!(failures.is_empty(), "BISMAR_MUTATION={}", failures[0]);
     // With other tests in the same process memory says nothing.
     assert!(many.is_none() || peak <= (256 << 20) + 4 * largest, "peak {} MiB", peak >> 20);

@@ -4,13 +4,13 @@ use std::backtrace::{Backtrace, BacktraceStatus};
 use std::panic;
 
 use super::say;
-use crate::film::exr_file;
+use crate::guard;
 
 /// From now on a panic prints one sentence that asks for a report; with `RUST_BACKTRACE=1` the way there too.
 pub fn install_hook() {
     panic::set_hook(Box::new(|info| {
-        // Inside the EXR decoder a panic means a corrupt file, and is reported as that.
-        if exr_file::is_decoding() {
+        // Inside a decoder of others a panic means a corrupt file, and is reported as that.
+        if guard::is_decoding() {
             return;
         }
         let payload = info.payload();

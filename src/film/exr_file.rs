@@ -8,7 +8,7 @@ mod write;
 
 use std::borrow::Cow;
 
-pub use read::{bytes_of, is_decoding, layer, picture, read, read_header, read_statistics};
+pub use read::{bytes_of, layer, picture, read, read_header, read_statistics};
 pub use seal::{SEAL, Seal, check, seal};
 pub use write::{Layers, write, write_rgb};
 

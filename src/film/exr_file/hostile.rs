@@ -122,8 +122,36 @@ fn sizes_out_of_proportion_to_the_file_are_refused() {
         (with(1 << 31, 1 << 31, 1), u64::MAX),
         (with(16, 16, 1 << 40), 1 << 30),
         (with(1 << 27, 16, 1), 1 << 20),
+        (with(1 << 24, 2, 1), 3388),
     ] {
         assert!(bounds::check(&header, bytes).is_err(), "{:?}", header.layer_size);
+    }
+}
+
+#[test]
+fn blocks_that_cannot_hold_their_pixels_are_refused_before_memory_is_taken_for_them() {
+    let folder = tempfile::tempdir().unwrap();
+    for compression in [
+        Compression::RLE,
+        Compression::ZIP16,
+        Compression::PIZ,
+        Compression::PXR24,
+        Compression::B44A,
+        Compression::DWAA(None),
+        Compression::DWAB(None),
+    ] {
+        let rows = compression.scan_lines_per_block().min(64);
+        let path = written(folder.path(), "c.exr", compression, rows);
+        read(&path).unwrap();
+        let mut bytes = fs::read(&path).unwrap();
+        // One block, of so many rows as before, but 200 MB of them.
+        let window = b"dataWindow\0box2i\0\x10\0\0\0";
+        let at = bytes.windows(window.len()).position(|w| w == window).unwrap() + window.len();
+        bytes[at + 8..at + 12].copy_from_slice(&(32_000_000 / rows as i32).to_le_bytes());
+        fs::write(&path, &bytes).unwrap();
+        let error = read(&path).unwrap_err();
+        assert_eq!(error.exit_code(), 65);
+        assert!(error.to_string().contains("holds too little"), "{compression}: {error}");
     }
 }
 

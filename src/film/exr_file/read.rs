@@ -1,11 +1,9 @@
 //! The one reader of OpenEXR files: pictures, environments, and what our own files carry besides.
 
 use std::borrow::Cow;
-use std::cell::Cell;
 use std::fs::{self, File};
 use std::io::{BufReader, Cursor, ErrorKind, Read, Seek, SeekFrom};
 use std::os::unix::fs::FileTypeExt;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use exr::block::UncompressedBlock;
@@ -21,7 +19,7 @@ use super::{
 };
 use crate::film::Picture;
 use crate::film::cryptomatte::PREFIX;
-use crate::{Error, Result as Outcome};
+use crate::{Error, Result as Outcome, guard};
 
 /// Reads the colour of any flat OpenEXR file: channels R, G, B (or a layer's that ends in `Combined`, as Blender
 /// writes) in half, float or integer, and `variance.R`, `.G`, `.B` when they are there. Nothing in the file is trusted.
@@ -182,25 +180,9 @@ fn cannot_use(path: &Path, why: &str) -> Error {
     Error::Data(format!("{}: cannot use this OpenEXR file: {why}", path.display()))
 }
 
-/// The decoder has assertions that broken files can reach; a panic of its is the file's fault, not a bug of ours.
+/// A panic of the decoder is an answer too.
 fn guarded<T>(decode: impl FnOnce() -> Result<T>) -> std::result::Result<T, String> {
-    DECODING.set(true);
-    let result = catch_unwind(AssertUnwindSafe(decode));
-    DECODING.set(false);
-    match result {
-        Ok(Ok(decoded)) => Ok(decoded),
-        Ok(Err(e)) => Err(e.to_string()),
-        Err(_) => Err("it is corrupt".into()),
-    }
-}
-
-thread_local! {
-    static DECODING: Cell<bool> = const { Cell::new(false) };
-}
-
-/// Is this thread inside the decoder? A panic is then reported as a corrupt file, and a panic hook has nothing to say.
-pub fn is_decoding() -> bool {
-    DECODING.get()
+    guard::guarded("it is corrupt", decode)
 }
 
 fn decode(bytes: &[u8], layer: Option<&str>, fits: &Fits) -> Result<Picture> {

@@ -6,16 +6,13 @@ pub mod draco;
 pub mod meshopt;
 
 use std::fmt::Display;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use crate::error::Error;
+use crate::guard;
 
 /// What a decoder makes, or why it makes nothing.
 fn guarded<T, E: Display>(decode: impl FnOnce() -> Result<T, E>) -> Result<T, String> {
-    match catch_unwind(AssertUnwindSafe(decode)) {
-        Ok(outcome) => outcome.map_err(|error| error.to_string()),
-        Err(_) => Err("its decoder gave up".into()),
-    }
+    guard::guarded("its decoder gave up", decode)
 }
 
 /// A damaged stream, as an error of the file.
