@@ -94,6 +94,7 @@ impl Site {
         command.args(["task", &number.to_string(), "--plan", "scene.farm/farm.json"]);
         command
             .env("SLURM_ARRAY_JOB_ID", "7")
+            .env("SLURM_ARRAY_TASK_ID", number.to_string())
             .env("SLURM_JOB_ID", "7")
             .env("SLURM_MEM_PER_NODE", "900")
             .env("SLURM_RESTART_COUNT", "20");
@@ -338,10 +339,10 @@ fn a_task_out_of_memory_is_begun_again_once_with_more_and_then_held() {
     };
     let calls = || fs::read_to_string(site.file("calls")).unwrap();
     assert_eq!(starve(), Some(75));
-    assert!(calls().ends_with("scontrol requeue 7\nscontrol update JobId=7 MinMemoryNode=1350\n"), "{}", calls());
+    assert!(calls().ends_with("scontrol requeue 7_1\nscontrol update JobId=7_1 MinMemoryNode=1350\n"), "{}", calls());
     site.assert_state("begun", "out of memory (it was given 900 MiB)");
     assert_eq!(starve(), Some(76));
-    assert!(calls().ends_with("scontrol requeuehold 7\n"), "{}", calls());
+    assert!(calls().ends_with("scontrol requeuehold 7_1\n"), "{}", calls());
     site.assert_state("held", "its merge waits");
     assert_eq!(site.sessions()["out_of_memory"], true);
     // Nobody asked for more.

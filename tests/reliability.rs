@@ -185,3 +185,16 @@ fn a_cgroup_is_found_and_heeded() {
     assert!(large.1.contains("its cgroup allows 400"), "{}", large.1);
     assert_eq!(small.0, Some(0), "{}", small.1);
 }
+
+/// Most renders are given what they say they need, and not more.
+#[test]
+fn what_a_render_says_it_needs_is_enough() {
+    let folder = folder();
+    for (flags, threads) in [("", 1), ("", 8), ("--rays obvhs", 2), ("--part 1/2 --aov all --checkpoint 9", 2)] {
+        let line = format!("render cornell.glb --size 640x480 --spp 1 --threads {threads} {flags} -q -o out.exr");
+        let said = expect(folder.path(), &format!("{line} --memory-limit 1M"), 76);
+        let words: Vec<_> = said.split(' ').collect();
+        let need = words[words.iter().position(|word| *word == "MiB").unwrap() - 1];
+        expect(folder.path(), &format!("{line} --memory-limit {need}M"), 0);
+    }
+}

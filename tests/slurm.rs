@@ -30,6 +30,8 @@ fn whatever_happens_to_tasks_the_picture_is_that_of_a_single_machine() {
         ("time limit", a_task_longer_than_its_time_limit_ends_all_the_same),
         ("failed task", a_failed_task_cancels_its_own_merge_and_no_other),
         ("hostile names", names_are_data_to_slurm_too),
+        ("out of memory", a_task_out_of_memory_gets_more_or_is_held_and_its_merge_waits),
+        ("killed for memory", a_task_killed_for_want_of_memory_is_begun_again),
     ];
     // All at once, whatever the number of CPUs: they spend most of their time waiting for Slurm to begin a task again.
     thread::scope(|scope| {
@@ -433,4 +435,85 @@ fn names_are_data_to_slurm_too(_: &Work) {
     let mut names = program::names(slurm.work.path());
     names.retain(|name| !HOSTILE.contains(&name.as_str()));
     assert_eq!(names, ["veach.glb", "whole.exr"]);
+}
+
+/// Mebibytes that a render says it needs.
+fn need(folder: &Path, flags: &str) -> u64 {
+    let said =
+        expect(folder, &format!("render veach.glb {flags} --part 1/2 --threads 1 --memory-limit 1M -o no.exr"), 76);
+    let words: Vec<_> = said.split(' ').collect();
+    let at = words.iter().position(|word| *word == "MiB").unwrap();
+    words[at - 1].parse().unwrap()
+}
+
+/// A task's state and its merge's, as `farm status` tells them with Slurm's help.
+fn states(slurm: &Slurm) -> [String; 2] {
+    let mut status = bismar(slurm.work.path());
+    status.args(["farm", "status", "veach.farm", "--json"]).env("SLURM_CONF", slurm.conf());
+    let status: serde_json::Value = serde_json::from_str(&succeeds(status)).unwrap();
+    ["tasks", "merges"].map(|of| status[of][0]["state"].as_str().unwrap().to_owned())
+}
+
+fn a_task_out_of_memory_gets_more_or_is_held_and_its_merge_waits(_: &Work) {
+    let flags = "--size 960x640 --spp 2";
+    let slurm = Slurm::start();
+    let folder = slurm.work.path();
+    let need = need(folder, flags);
+    let log = || fs::read_to_string(folder.join("veach.farm/logs/task-1.log")).unwrap_or_default();
+    // Half as much again is enough.
+    let line = |memory: u64| {
+        format!("veach.glb --parts 2 --cpus 1 --memory {memory}M --retry-memory -- {flags} -o {memory}.exr")
+    };
+    let jobs = slurm.submit(folder, &line(need * 3 / 4));
+    slurm.wait_for(&jobs[1], &["COMPLETED"]);
+    let raised = need * 3 / 4 + (need * 3 / 4).div_ceil(2);
+    assert!(log().contains(&format!("Slurm begins it again with {raised} MiB")), "{}", log());
+    assert_eq!(slurm.values(&format!("{}_1", jobs[0]), "MinMemoryNode"), [format!("{raised}M")]);
+    let whole = single_machine(folder, flags);
+    assert_same_bits(&whole, &folder.join(format!("{}.exr", need * 3 / 4)));
+
+    // It is not: after the second try both wait for somebody who gives them more.
+    fs::remove_dir_all(folder.join("veach.farm")).unwrap();
+    let jobs = slurm.submit(folder, &line(need / 2));
+    let [array, merge] = &jobs[..] else { panic!("{jobs:?}") };
+    slurm.wait("it is held", || states(&slurm) == ["held", "waiting"]);
+    assert!(log().contains("Slurm begins it again with") && log().contains("Slurm holds it"), "{}", log());
+    for task in [1, 2].map(|number| format!("{array}_{number}")) {
+        slurm.wait("it is held", || {
+            let reason = slurm.values(&task, "Reason").remove(0).to_lowercase();
+            slurm.state(&task) != ["RUNNING"] && reason.contains("held")
+        });
+        slurm.ask(&format!("scontrol update JobId={task} MinMemoryNode={}", need * 9 / 8));
+        slurm.ask(&format!("scontrol release {task}"));
+    }
+    slurm.wait_for(merge, &["COMPLETED"]);
+    assert_same_bits(&whole, &folder.join(format!("{}.exr", need / 2)));
+}
+
+fn a_task_killed_for_want_of_memory_is_begun_again(work: &Work) {
+    work.in_time(starve);
+}
+
+/// Was a task killed, as the system does it for want of memory, before it was finished?
+fn starve(flags: &str) -> bool {
+    let slurm = Slurm::start();
+    let folder = slurm.work.path();
+    let part = folder.join("veach.farm/parts/veach.1-of-2.exr");
+    let line = format!("veach.glb --parts 2 --memory 400M --retry-memory -- {flags} --checkpoint 0.5 -o out.exr");
+    let jobs = slurm.submit(folder, &line);
+    let [array, merge] = &jobs[..] else { panic!("{jobs:?}") };
+    let task = format!("{array}_1");
+    let over = || slurm.state(&task) == ["COMPLETED"];
+    slurm.wait("the task runs", || writer(&part).is_some() || over());
+    let Some(render) = writer(&part) else { return false };
+    kill(render);
+    let log = || fs::read_to_string(folder.join("veach.farm/logs/task-1.log")).unwrap_or_default();
+    slurm.wait("it is told", || log().contains("Slurm begins it again with 600 MiB") || over());
+    if !log().contains("600 MiB") {
+        return false;
+    }
+    slurm.wait_for(merge, &["COMPLETED"]);
+    assert_eq!(slurm.values(&task, "MinMemoryNode"), ["600M"]);
+    assert_same_bits(&single_machine(folder, flags), &folder.join("out.exr"));
+    true
 }

@@ -2,7 +2,7 @@
 
 use std::env;
 use std::fs::{self, File};
-use std::io::Write;
+use std::io::{Read, Seek, SeekFrom, Write};
 use std::os::unix::process::ExitStatusExt;
 use std::path::PathBuf;
 use std::process::{Command, ExitStatus};
@@ -15,7 +15,7 @@ use super::site::capture;
 use crate::console::child::{lead, this_program};
 use crate::console::{Signals, Verdict};
 use crate::farm::Plan;
-use crate::farm::sessions::{BEAT, INTERRUPTED, Sessions, beside};
+use crate::farm::sessions::{BEAT, HELD, INTERRUPTED, Sessions, beside};
 use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
 
@@ -41,7 +41,7 @@ pub fn run(args: &TaskArgs) -> Result<Verdict> {
     let (command, outputs) = plan.command(args.number, args.merge)?;
     let path = plan.log(args.number, args.merge);
     let cannot = |e| Error::CannotCreate(format!("{}: cannot write: {e}", path.display()));
-    let mut log = File::options().create(true).append(true).open(&path).map_err(cannot)?;
+    let log = File::options().create(true).read(true).append(true).open(&path).map_err(cannot)?;
     let said = log.metadata().map_or(0, |meta| meta.len());
     // The plan's word for the program is not asked: a plan can make this program render and merge, and no other do
     // anything.
@@ -54,9 +54,9 @@ pub fn run(args: &TaskArgs) -> Result<Verdict> {
     let record = beside(&path);
     let job = [variable("SLURM_ARRAY_JOB_ID"), variable("SLURM_JOB_ID")].into_iter().flatten().next();
     let sessions = Sessions::read(&record).begin(&job.unwrap_or_default(), &host(), paths(&outputs), said);
-    let mut session = Session { sessions, record, outputs, retries_memory: plan.retries_memory };
+    let mut session = Session { sessions, record, log, outputs, retries_memory: plan.retries_memory };
     let code = session.run(&mut process, &signals).unwrap_or_else(|error| {
-        let _ = writeln!(log, "error: {error}");
+        let _ = writeln!(session.log, "error: {error}");
         error.exit_code()
     });
     session.sessions.code = Some(code);
@@ -67,6 +67,7 @@ pub fn run(args: &TaskArgs) -> Result<Verdict> {
 struct Session {
     sessions: Sessions,
     record: PathBuf,
+    log: File,
     outputs: Vec<PathBuf>,
     retries_memory: bool,
 }
@@ -83,18 +84,27 @@ impl Session {
                 Sessions::beat(&self.record);
             }
         })?;
-        if status.signal() == Some(SIGKILL) {
-            // Whoever else kills, as Slurm does, kills this process as well.
-            return Err(self.out_of_memory());
+        // Whoever else kills, as Slurm does, kills this process as well.
+        let killed = status.signal() == Some(SIGKILL);
+        if killed || status.code() == Some(HELD.into()) && self.wanted_memory() {
+            return Err(self.out_of_memory(killed));
         }
         let code = code(status)?;
         self.sessions.end(code, paths(&self.outputs))?;
         Ok(code)
     }
 
+    /// Did the render say that it had too little memory, before it began or when there was no more?
+    fn wanted_memory(&mut self) -> bool {
+        let mut said = String::new();
+        let read = self.log.seek(SeekFrom::Start(self.sessions.log)).and_then(|_| self.log.read_to_string(&mut said));
+        let of_memory = |line: &str| line.starts_with("error: ") && line.contains("memory");
+        read.is_ok() && said.lines().any(|line| of_memory(line) || line.starts_with("memory allocation of"))
+    }
+
     /// Lets Slurm begin the task again with half as much memory again, once and if that is asked for, else hold it. Both
     /// now, while it runs: what Slurm sees run out of memory fails, whatever it exits with, and takes its merge along.
-    fn out_of_memory(&mut self) -> Error {
+    fn out_of_memory(&mut self, killed: bool) -> Error {
         let memory = [("SLURM_MEM_PER_NODE", "MinMemoryNode"), ("SLURM_MEM_PER_CPU", "MinMemoryCPU")];
         let memory = memory.into_iter().find_map(|(name, key)| Some((key, variable(name)?.parse::<u64>().ok()?)));
         let memory = memory.filter(|(_, mebibytes)| *mebibytes > 0);
@@ -102,29 +112,44 @@ impl Session {
         self.sessions.out_of_memory = true;
         self.sessions.memory_raised |= more.is_some();
         let had = memory.map_or(String::new(), |(_, mebibytes)| format!(" (it was given {mebibytes} MiB)"));
-        let why = format!("out of memory{had}: the system has killed the process");
-        // Slurm's signals follow at once.
-        let written = self.sessions.write(&self.record);
-        let Some(job) = variable("SLURM_JOB_ID") else { return Error::Host(format!("{why}; give it more")) };
-        let scontrol = |words: &[&str]| capture("scontrol", &words.iter().map(|&word| word.into()).collect::<Vec<_>>());
-        let done = written.and_then(|()| match more {
+        let how = if killed { ": the system has killed the process" } else { "" };
+        let why = format!("out of memory{had}{how}");
+        let Some(job) = job() else { return Error::Host(format!("{why}; give it more")) };
+        let (orders, told): (Vec<Vec<String>>, _) = match more {
             Some((key, mebibytes)) => {
                 let raised = mebibytes + mebibytes.div_ceil(2);
-                scontrol(&["requeue", &job])?;
-                scontrol(&["update", &format!("JobId={job}"), &format!("{key}={raised}")])?;
-                Ok(Error::Interrupted(format!("{why}; Slurm begins it again with {raised} MiB")))
+                let update = ["update".into(), format!("JobId={job}"), format!("{key}={raised}")];
+                let told = Error::Interrupted(format!("{why}; Slurm begins it again with {raised} MiB"));
+                (vec![vec!["requeue".into(), job], update.into()], told)
             }
             None => {
-                scontrol(&["requeuehold", &job])?;
                 let key = memory.map_or("MinMemoryNode", |(key, _)| key);
-                Ok(Error::Host(format!(
+                let told = Error::Host(format!(
                     "{why}; Slurm holds it, and its merge waits: scontrol update JobId={job} {key}=MIB, then scontrol \
                      release {job}"
-                )))
+                ));
+                (vec![vec!["requeuehold".into(), job]], told)
             }
-        });
-        done.unwrap_or_else(|e| Error::Host(format!("{why}; {e}")))
+        };
+        // Slurm's signals follow the first order: what is to be known is written before it.
+        match self.sessions.write(&self.record).and_then(|()| orders.iter().try_for_each(|words| order(words))) {
+            Ok(()) => told,
+            Err(e) => Error::Host(format!("{why}; {e}")),
+        }
     }
+}
+
+/// Slurm's name for this task alone: the number of an array's last task is the array's, too.
+fn job() -> Option<String> {
+    let array = variable("SLURM_ARRAY_JOB_ID").zip(variable("SLURM_ARRAY_TASK_ID"));
+    array.map(|(array, task)| format!("{array}_{task}")).or_else(|| variable("SLURM_JOB_ID"))
+}
+
+/// Has `scontrol` do something. What it orders may end this task, whose processes Slurm then sends SIGTERM: it is not to
+/// hear of that.
+fn order(words: &[String]) -> Result<()> {
+    let deaf = ["-c", "trap '' TERM; exec scontrol \"$@\"", "scontrol"].map(str::to_owned);
+    capture("sh", &[&deaf[..], words].concat()).map(drop)
 }
 
 /// What a render or a merge ended with.

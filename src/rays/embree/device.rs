@@ -118,7 +118,9 @@ impl Monitor {
 
 impl DeviceHandle {
     pub(super) fn new(options: &EmbreeOptions, monitor: &Arc<Monitor>) -> Result<Self> {
-        let mut config = format!("threads={}", options.threads);
+        // Else 128 MiB are mapped for subdivision surfaces, which there are none of: nothing for the machine, but much for a
+        // limit of memory.
+        let mut config = format!("threads={},tessellation_cache_size=1", options.threads);
         if let Some(isa) = &options.isa {
             config += &format!(",isa={isa}");
         }
