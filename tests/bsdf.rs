@@ -2,7 +2,7 @@
 
 use std::f32::consts::FRAC_1_PI;
 
-use bismar::bsdf::{Bsdf, Layered, Microfacet, Parameters, Surface};
+use bismar::bsdf::{Anisotropy, Bsdf, Iridescence, Layered, Microfacet, Parameters, Surface, film};
 use bismar::lanes::{F, LANES, V3};
 use glam::Vec3;
 
@@ -76,6 +76,33 @@ fn glasses() -> Vec<(String, Surface)> {
     all
 }
 
+/// Brushed metals and dielectrics, films over either, both, over glass, and under a coat.
+fn finishes() -> Vec<(String, Surface)> {
+    let brushed =
+        |s, strength| Surface { anisotropy: Some(Anisotropy { strength, tangent: Vec3::new(0.6, 0.8, 0.0) }), ..s };
+    let film = |s, thickness| Surface { iridescence: Some(Iridescence { factor: 0.9, ior: 1.4, thickness }), ..s };
+    let glass =
+        |bounds_body, behind, roughness| Surface { transmission: 1.0, bounds_body, behind, ..surface(0.0, roughness) };
+    vec![
+        ("brushed metal".into(), brushed(surface(1.0, 0.4), 0.5)),
+        ("brushed plastic".into(), brushed(surface(0.0, 0.5), 1.0)),
+        ("film over a mix".into(), film(Surface { specular: 0.7, ..surface(0.4, 0.5) }, 550.0)),
+        (
+            "both, coated".into(),
+            brushed(film(Surface { clearcoat: 0.6, clearcoat_roughness: 0.5, ..surface(0.5, 0.6) }, 300.0), 0.7),
+        ),
+        ("soap".into(), film(glass(false, false, 0.45), 350.0)),
+        ("from within".into(), brushed(film(glass(true, true, 0.6), 200.0), 0.4)),
+        (
+            "half glass, leaf".into(),
+            film(
+                Surface { diffuse_transmission: 0.5, ..Surface { transmission: 0.5, ..glass(true, false, 0.6) } },
+                500.0,
+            ),
+        ),
+    ]
+}
+
 /// Pure Lambert, dielectrics, a mix, metals; roughness from narrow to full.
 fn surfaces() -> Vec<(String, Surface)> {
     let mut all = vec![("lambert".to_string(), Surface { specular: 0.0, ..surface(0.0, 1.0) })];
@@ -93,7 +120,7 @@ const ANGLES: [f64; 4] = [0.05, 0.7, 1.2, 1.5];
 
 #[test]
 fn samples_follow_the_pdf() {
-    let surfaces = [surfaces(), glasses(), layers()].concat();
+    let surfaces = [surfaces(), glasses(), layers(), finishes()].concat();
     let tests = surfaces.len() * ANGLES.len();
     let mut random = Random(1);
     for (name, s) in &surfaces {
@@ -139,7 +166,7 @@ fn samples_of_three_layers_follow_the_pdf() {
 #[test]
 fn sampled_value_and_pdf_are_those_of_evaluation() {
     let mut random = Random(2);
-    for (name, s) in [surfaces(), glasses(), layers()].concat() {
+    for (name, s) in [surfaces(), glasses(), layers(), finishes()].concat() {
         let bsdf = s.bsdf();
         for theta in ANGLES {
             let wo = direction(theta, 0.6);
@@ -160,7 +187,8 @@ fn sampled_value_and_pdf_are_those_of_evaluation() {
 #[test]
 fn values_are_reciprocal() {
     let mut random = Random(3);
-    for (name, s) in surfaces() {
+    let reflecting = |s: &Surface| s.transmission == 0.0 && s.clearcoat == 0.0;
+    for (name, s) in surfaces().into_iter().chain(finishes().into_iter().filter(|(_, s)| reflecting(s))) {
         let bsdf = s.bsdf();
         for _ in 0..2000 {
             let mut draw = || direction(1.5 * f64::from(random.f32()), 6.0 * f64::from(random.f32()));
@@ -235,6 +263,125 @@ fn layers_over_white_return_no_more_than_they_receive_and_smooth_ones_all() {
             let mean = albedo(rough);
             assert!(mean.mean < 1.01 + z_limit(24) * mean.standard_error(), "{theta} {rough:?}: {}", mean.mean);
         }
+    }
+}
+
+#[test]
+fn no_finish_returns_more_than_it_receives() {
+    // In any channel; without the dielectrics' diffuse base, of which see below. What is not glass is metal.
+    let mut random = Random(15);
+    for (name, s) in finishes() {
+        let metallic = if s.transmission > 0.0 { 0.0 } else { 1.0 };
+        let s = Surface { metallic, diffuse_transmission: 0.0, transmission: 1.0 - metallic, clearcoat: 0.0, ..s };
+        for theta in ANGLES {
+            for base_color in [Vec3::ONE, Vec3::new(0.9, 0.0, 0.5)] {
+                let bsdf = Surface { base_color, ..s }.bsdf();
+                let mut means = [Mean::default(), Mean::default(), Mean::default()];
+                for _ in 0..20_000 {
+                    let sample = sample(&bsdf, direction(theta, 0.3), random.f32(), random.f32(), random.f32());
+                    let found = sample.map_or(Vec3::ZERO, |s| s.value / s.pdf);
+                    (0..3).for_each(|channel| means[channel].add(f64::from(found[channel])));
+                }
+                for mean in means {
+                    let excess = (mean.mean - 1.0) / mean.standard_error().max(1e-6);
+                    assert!(excess < z_limit(7 * 4 * 6), "{name} {theta} {base_color}: {}", mean.mean);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_finish_of_nothing_is_the_plain_surface() {
+    let mut random = Random(16);
+    let nothing = [
+        (Some(Anisotropy { strength: 0.0, tangent: Vec3::Y }), None),
+        (Some(Anisotropy { strength: 0.9, tangent: Vec3::ZERO }), None),
+        (None, Some(Iridescence { factor: 0.0, ior: 1.3, thickness: 300.0 })),
+        (None, Some(Iridescence { factor: 1.0, ior: 1.3, thickness: 0.0 })),
+    ];
+    let whole = |s: &Surface| s.transmission == 0.0 || s.transmission == 1.0;
+    for (name, s) in [surfaces(), glasses()].concat().into_iter().filter(|(_, s)| whole(s)) {
+        for (anisotropy, iridescence) in nothing {
+            let (plain, finished) = (s.bsdf(), Surface { anisotropy, iridescence, ..s }.bsdf());
+            for _ in 0..500 {
+                let wo = direction(1.5 * f64::from(random.f32()), 6.0 * f64::from(random.f32()));
+                let Some(drawn) = sample(&plain, wo, random.f32(), random.f32(), random.f32()) else { continue };
+                let [a, b] = [&plain, &finished].map(|bsdf| eval_pdf(bsdf, wo, drawn.wi).0);
+                assert!((a - b).length() <= 2e-4 * a.length(), "{name} {iridescence:?}: {a} {b}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_brushed_surface_spreads_light_along_its_tangent() {
+    let tangent = Vec3::new(0.6, 0.8, 0.0);
+    let bsdf = Surface { anisotropy: Some(Anisotropy { strength: 0.8, tangent }), ..surface(1.0, 0.3) }.bsdf();
+    // D's closed form at the half vector, at normal incidence: alpha along is mix(0.09, 1, 0.64), across 0.09.
+    let alphas = [0.09 + 0.91 * 0.64, 0.09];
+    let wo = Vec3::Z;
+    for (x, y) in [(0.2, 0.0), (0.0, 0.05), (0.3, 0.05)] {
+        let h = (tangent * x + Vec3::Z.cross(tangent) * y + Vec3::Z).normalize();
+        let wi = h * (2.0 * wo.dot(h)) - wo;
+        let k = (x / alphas[0]).powi(2) + (y / alphas[1]).powi(2) + 1.0;
+        let d = 1.0 / (std::f32::consts::PI * alphas[0] * alphas[1] * k * k * h.z.powi(4));
+        // All of it is seen from above: pdf = D / 4.
+        let pdf = eval_pdf(&bsdf, wo, wi).1;
+        assert!((pdf / (0.25 * d) - 1.0).abs() < 1e-3, "{x} {y}: {pdf} for {}", 0.25 * d);
+    }
+}
+
+/// What a film on a base shows at normal incidence.
+fn film_above(base: f32, ior: f32, thickness: f32) -> Vec3 {
+    film::reflectance(F::ONE, V3::splat(Vec3::splat(base)), F::splat(ior), F::splat(thickness)).lane(0)
+}
+
+#[test]
+fn films_interfere() {
+    let normal = |ratio: f32| ((ratio - 1.0) / (ratio + 1.0)).powi(2);
+    // Index 1 is no film.
+    for base in [0.04, 0.3, 0.9] {
+        for thickness in [0.0, 100.0, 400.0] {
+            let found = film_above(base, 1.0, thickness);
+            assert!((found - Vec3::splat(base)).abs().max_element() < 2e-3, "{base} {thickness}: {found}");
+        }
+    }
+    // A quarter of a wave of the root of the base's index: light that our eyes call green hardly is reflected; half a
+    // wave of it nearly as without. (Green of Rec. 709 is wide: some is left.)
+    let (base, ior) = (normal(1.69), 1.3);
+    let quarter = 550.0 / (4.0 * ior);
+    let [none, all] = [1.0, 2.0].map(|quarters| film_above(base, ior, quarters * quarter).y);
+    assert!(none < 0.15 * base && all > 0.8 * base && all < 1.2 * base, "{none} and {all} of {base}");
+    // Light of all phases adds up where the film is thick: r + t² r' / (1 − r r').
+    for (base_ior, ior) in [(1.5, 1.3), (1.5, 2.0), (3.0, 1.33)] {
+        let (r, below) = (normal(ior), normal(base_ior / ior));
+        let expected = r + (1.0 - r).powi(2) * below / (1.0 - r * below);
+        let found = film_above(normal(base_ior), ior, 60_000.0);
+        assert!((found - Vec3::splat(expected)).abs().max_element() < 1e-4, "{base_ior} {ior}: {found} {expected}");
+    }
+    // What is seen from within is what is seen from without, where the light goes.
+    let film = Some(Iridescence { factor: 1.0, ior: 1.4, thickness: 500.0 });
+    let glass = |behind| Surface {
+        base_color: Vec3::ONE,
+        transmission: 1.0,
+        bounds_body: true,
+        behind,
+        iridescence: film,
+        ..surface(0.0, 0.5)
+    };
+    let mut random = Random(17);
+    for _ in 0..200 {
+        let wo = direction(1.3 * f64::from(random.f32()), 0.0);
+        let Some(drawn) = sample(&glass(false).bsdf(), wo, random.f32(), random.f32(), random.f32()) else { continue };
+        if drawn.wi.z >= -0.05 {
+            continue;
+        }
+        // Turned upside down; radiance is not scaled by the squared index.
+        let forth = eval_pdf(&glass(false).bsdf(), wo, drawn.wi).0 / -drawn.wi.z;
+        let back = eval_pdf(&glass(true).bsdf(), -drawn.wi, -wo).0 / wo.z;
+        let scale = forth / back;
+        assert!((scale / scale.y - Vec3::ONE).abs().max_element() < 1e-3, "{wo} {}: {forth} {back}", drawn.wi);
     }
 }
 
@@ -336,7 +483,7 @@ fn sampling_the_lobe_and_sampling_the_cosine_find_the_same_albedo() {
 #[test]
 fn sampling_lobes_and_sampling_the_sphere_find_the_same_albedo() {
     let mut random = Random(13);
-    let glasses = [glasses(), layers()].concat();
+    let glasses = [glasses(), layers(), finishes()].concat();
     let limit = z_limit(glasses.len() * ANGLES.len());
     for (name, s) in &glasses {
         let bsdf = s.bsdf();

@@ -63,6 +63,9 @@ fn wrong_usage_exits_with_64_and_says_what_is_wrong() {
         ("render scene.glb --threads 0", "4096"),
         ("render scene.glb --env-rotate 90", "--env"),
         ("render scene.glb --env a.hdr --no-env", "--no-env"),
+        ("render scene.glb --sky --no-env", "--no-env"),
+        ("render scene.glb --env a.hdr --sky", "--sky"),
+        ("render scene.glb --camera top", "or framed, which shows all of the scene"),
         ("render scene.glb --aov fog", "there is no output 'fog'; there are albedo, normal, depth"),
         ("render scene.glb --balance second-order", "pilot is a share of all samples"),
         ("render scene.glb --balance second-order --spp 8 --pilot 1", "above 0 and below 1"),
@@ -526,6 +529,44 @@ fn lights_in_watts_are_683_times_as_dark() {
         65,
     );
     assert!(said.contains("scene"), "{said}");
+}
+
+#[test]
+fn a_white_sky_and_the_framed_view_are_there_for_files_with_lamps_and_cameras() {
+    let folder = tempfile::tempdir().unwrap();
+    let nodes = r#"[{"mesh":0,"children":[1,2]},{"translation":[0,0,9],"extensions":{"KHR_lights_punctual":{"light":0}}},
+        {"camera":0,"translation":[0,0,100],"rotation":[0,1,0,0]}]"#;
+    let more = r#","cameras":[{"type":"perspective","perspective":{"yfov":0.5,"znear":1}}],
+        "extensions":{"KHR_lights_punctual":{"lights":[{"type":"point","intensity":1}]}}"#;
+    let parts = Parts { nodes: nodes.into(), more: more.into(), ..Default::default() };
+    fs::write(folder.path().join("scene.gltf"), parts.json()).unwrap();
+    let render = |file: &str, flags: &str| {
+        let said = expect(folder.path(), &format!("render scene.gltf --size 16x16 --spp 4 -o {file} {flags}"), 0);
+        (bismar::film::Picture::open(&folder.path().join(file), None).unwrap().rgb, said)
+    };
+    // The camera looks away.
+    let (away, said) = render("away.exr", "");
+    assert!(away.iter().flatten().all(|x| *x == 0.0) && said.contains("--camera framed"), "{said}");
+    let (framed, _) = render("framed.exr", "--camera framed");
+    let shown = framed.iter().filter(|rgb| rgb[1] > 0.0).count();
+    assert!(shown > 20 && shown < 256, "{shown}");
+    let (sky, _) = render("sky.exr", "--sky --env-strength 0.5");
+    assert!(sky.iter().flatten().all(|x| *x == 0.5));
+    // Other pictures: not gone on with.
+    let line = "render scene.gltf --size 16x16 --spp 8 -o sky.exr --resume";
+    for (flags, words) in [("--sky", "environment"), ("--sky --env-strength 0.5 --camera framed", "camera")] {
+        let said = expect(folder.path(), &format!("{line} {flags}"), 65);
+        assert!(said.contains(words), "{flags}: {said}");
+    }
+    // In a batch each job has its own.
+    let jobs = "[defaults]\nspp = 4\nsize = '16x16'\nscene = 'scene.gltf'\noutput = '{name}.exr'\n[[job]]\nname = '1'\n\
+        [[job]]\nname = '2'\ncamera = 'framed'\n[[job]]\nname = '3'\nsky = true\nenv-strength = 0.5\n";
+    fs::write(folder.path().join("jobs.toml"), jobs).unwrap();
+    expect(folder.path(), "batch jobs.toml", 0);
+    for (job, picture) in [away, framed, sky].iter().enumerate() {
+        let path = folder.path().join(format!("{}.exr", job + 1));
+        assert!(bismar::film::Picture::open(&path, None).unwrap().rgb == *picture, "{job}");
+    }
 }
 
 #[test]

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use bismar::bsdf::{Bsdf, Parameters, Surface};
+use bismar::integrator::dispersion;
 use bismar::lanes::{LANES, V3};
 use bismar::rays::Backend;
 use bismar::render::{Balance, Integrator, RenderSettings};
@@ -138,6 +139,56 @@ fn a_lamp_behind_a_leaf_shines_through() {
     look(&mut scene, eye, Vec3::ZERO, 1e-4);
     let corners = [(-0.7, -0.7), (0.3, -0.7), (0.3, 0.3), (-0.7, 0.3)].map(|(x, z)| DVec3::new(x, -1.2, z));
     agrees(scene, 0.6 * 0.5 / std::f64::consts::PI * 10.0 * polygon_irradiance(DVec3::ZERO, &corners), &PATH);
+}
+
+#[test]
+fn a_coat_dims_what_shines_beneath_it() {
+    let mut scene = Scene::default();
+    rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.5));
+    rectangle(&mut scene, 0.8, [-1.5, 2.0], [-1.7, 1.4], false, Material { clearcoat: 0.9, ..lamp(10.0) });
+    look(&mut scene, Vec3::new(0.0, 0.5, 3.0), Vec3::ZERO, 1e-3);
+    // Quadrature over the lamp.
+    const N: usize = 1000;
+    let mut sum = 0.0;
+    for i in 0..N * N {
+        let at = |low: f64, high: f64, k: usize| low + (k as f64 + 0.5) * (high - low) / N as f64;
+        let p = DVec3::new(at(-1.5, 2.0, i % N), 0.8, at(-1.7, 1.4, i / N));
+        let cos = 0.8 / p.length();
+        sum += cos * cos / p.length_squared() * (1.0 - 0.9 * (0.04 + 0.96 * (1.0 - cos).powi(5)));
+    }
+    let irradiance = 10.0 * sum * (3.5 * 3.1) / (N * N) as f64;
+    agrees(scene, 0.5 / std::f64::consts::PI * irradiance, &[Integrator::Direct]);
+}
+
+#[test]
+fn each_color_is_bent_by_its_own_index() {
+    // A ball before stripes of light, beside the same ball of each channel's index. Rough from without, so that light
+    // samples meet it too, in a body around.
+    let ball = |ior: f32, dispersion: f32| {
+        let mut scene = under_sky(0.1);
+        let (points, indices) = sphere(8, 1.0, Vec3::ZERO);
+        let absorption = Vec3::new(0.1, 0.4, 0.2);
+        add(&mut scene, points, indices, Material { dispersion, absorption, ..glass(ior, 0.3) });
+        rectangle(&mut scene, -2.5, [-1.5, -0.3], [-2.0, 2.0], true, lamp(4.0));
+        look(&mut scene, Vec3::new(1.5, 3.0, 0.5), Vec3::ZERO, 0.5);
+        Stage::new(Arc::new(scene), Backend::Embree)
+    };
+    let settings = RenderSettings { width: 8, height: 6, max_depth: 12, ..settings() };
+    let together = ball(1.5, 8.0);
+    for channel in 0..3 {
+        let ior = [1.4, 1.5, 1.6][channel];
+        assert!((dispersion::index(1.5, 8.0, channel) - ior).abs() < 1e-6);
+        let alone = ball(ior, 0.0);
+        let mean = |stage: &Stage, seed, replicas| {
+            stage.mean_channel(&RenderSettings { seed, ..settings.clone() }, replicas, channel)
+        };
+        let (one, all) = (mean(&alone, 0, 60), mean(&together, 5000, 120));
+        let z = (one.mean - all.mean) / one.standard_error().hypot(all.standard_error());
+        assert!(z.abs() < z_limit(3), "{channel}: {} alone, {} together, z = {z}", one.mean, all.mean);
+        // The test tells indices apart.
+        let other = mean(&ball(1.5 + 0.1 * (channel as f32 - 1.0) + 0.1, 0.0), 0, 60);
+        assert!((other.mean - one.mean).abs() > 5.0 * one.standard_error().hypot(all.standard_error()), "{channel}");
+    }
 }
 
 #[test]

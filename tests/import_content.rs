@@ -334,11 +334,35 @@ fn the_specular_glossiness_model_takes_the_place_of_the_other() {
 }
 
 #[test]
+fn films_brushes_and_prisms_are_as_the_file_says() {
+    let (scene, notes) = material(
+        r#"{"extensions":{"KHR_materials_anisotropy":{"anisotropyStrength":0.6,"anisotropyRotation":1.5},
+        "KHR_materials_iridescence":{"iridescenceFactor":0.7,"iridescenceIor":1.8,"iridescenceThicknessMaximum":550},
+        "KHR_materials_dispersion":{"dispersion":0.36}}}"#,
+    );
+    let m = &scene.materials[0];
+    assert_eq!((m.anisotropy, m.anisotropy_rotation), (0.6, 1.5));
+    assert_eq!((m.iridescence, m.iridescence_ior, m.iridescence_thickness), (0.7, 1.8, [100.0, 550.0]));
+    assert_eq!(m.dispersion, 0.36);
+    // The triangle has nothing along which a brush could have gone.
+    assert!(notes.len() == 1 && notes[0].contains("highlights are isotropic"), "{notes:?}");
+    assert_eq!(m.tangent_set(), Some(0));
+    // Out of range: clamped.
+    let (scene, _) = material(
+        r#"{"extensions":{"KHR_materials_anisotropy":{"anisotropyStrength":7},
+        "KHR_materials_iridescence":{"iridescenceFactor":-1,"iridescenceIor":0.2},
+        "KHR_materials_dispersion":{"dispersion":-3}}}"#,
+    );
+    let m = &scene.materials[0];
+    assert_eq!((m.anisotropy, m.iridescence, m.iridescence_ior, m.dispersion), (1.0, 0.0, 1.0, 0.0));
+}
+
+#[test]
 fn what_a_material_loses_is_reported_only_when_it_matters() {
-    let (_, notes) = material(r#"{"extensions":{"KHR_materials_iridescence":{"iridescenceFactor":0.5}}}"#);
-    assert!(notes.len() == 1 && notes[0].contains("KHR_materials_iridescence"), "{notes:?}");
-    let (_, notes) = material(r#"{"extensions":{"KHR_materials_iridescence":{"iridescenceFactor":0}}}"#);
-    assert!(notes.is_empty(), "{notes:?}");
+    for plain in ["KHR_materials_unlit", "KHR_materials_iridescence", "KHR_materials_anisotropy"] {
+        let (_, notes) = material(&format!(r#"{{"extensions":{{"{plain}":{{}}}}}}"#));
+        assert!(notes.is_empty(), "{notes:?}");
+    }
     let (_, notes) = material(r#"{"extensions":{"EXT_unheard_of":{}}}"#);
     assert!(notes.len() == 1 && notes[0].contains("EXT_unheard_of"), "{notes:?}");
 }
@@ -354,7 +378,7 @@ fn strict_refuses_what_cannot_be_shown_exactly_and_names_it() {
     };
     assert!(strict("{}").is_ok());
     for (json, word) in [
-        (r#"{"extensions":{"KHR_materials_iridescence":{"iridescenceFactor":1}}}"#, "KHR_materials_iridescence"),
+        (r#"{"extensions":{"EXT_materials_unheard_of":{}}}"#, "EXT_materials_unheard_of"),
         (r#"{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}"#, "baseColorTexture"),
     ] {
         let error = strict(json).unwrap_err();

@@ -52,7 +52,7 @@ impl Lobe for Clearcoat<Eight> {
     fn draw(&self, frames: &Frames, wo: V3, [_, u, v]: [F; 3]) -> Draw {
         let n = self.facing(frames.n, wo);
         let (t, b) = warp::frames(n);
-        let m = ggx::sample_visible_normal(V3 { x: t.dot(wo), y: b.dot(wo), z: n.dot(wo) }, self.alpha, u, v);
+        let m = ggx::sample_visible_normal(V3 { x: t.dot(wo), y: b.dot(wo), z: n.dot(wo) }, [self.alpha; 2], u, v);
         let h = t * m.x + b * m.y + n * m.z;
         let wi = h * (F::splat(2.0) * wo.dot(h)) - wo;
         // Below the coat or the surface, nothing is drawn.

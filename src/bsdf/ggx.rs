@@ -1,4 +1,4 @@
-//! The GGX (Trowbridge-Reitz) microfacet distribution, isotropic, with Smith masking; eight lanes at a time.
+//! The GGX (Trowbridge-Reitz) microfacet distribution with Smith masking, as rough every way or not; eight lanes at a time.
 
 use std::f32::consts::PI;
 
@@ -26,17 +26,33 @@ pub fn masking(cos: F, alpha2: F) -> F {
     F::splat(2.0) * cos / (cos + alpha2.mul_add(sin2, cos2).sqrt())
 }
 
+/// [`distribution`] where the surface is rougher one way: of a microfacet normal in the local frame along whose first two
+/// axes the roughnesses `alphas` are.
+#[inline(always)]
+pub fn distribution_along(h: V3, alphas: [F; 2]) -> F {
+    let (x, y) = (h.x / alphas[0], h.y / alphas[1]);
+    let k = x.mul_add(x, y.mul_add(y, h.z * h.z));
+    F::ONE / (F::splat(PI) * alphas[0] * alphas[1] * k * k)
+}
+
+/// [`masking`] of a direction in that frame, |w.z| > 0.
+#[inline(always)]
+pub fn masking_along(w: V3, alphas: [F; 2]) -> F {
+    let (x, y, cos) = (w.x * alphas[0], w.y * alphas[1], w.z.abs());
+    F::splat(2.0) * cos / (cos + x.mul_add(x, y.mul_add(y, cos * cos)).sqrt())
+}
+
 /// Draws a microfacet normal that is visible from `wo` (local frame, wo.z > 0), with density
 /// G₁(wo) D(h) (wo·h)/wo.z (Dupuy and Benyoub 2023, *Sampling Visible GGX Normals with Spherical Caps*).
 #[inline(always)]
-pub fn sample_visible_normal(wo: V3, alpha: F, u: F, v: F) -> V3 {
+pub fn sample_visible_normal(wo: V3, alphas: [F; 2], u: F, v: F) -> V3 {
     // Stretch to the unit hemisphere, draw from the cap that mirrors about wo, go back.
     let up = V3 { x: F::ZERO, y: F::ZERO, z: F::ONE };
-    let stretched = V3 { x: wo.x * alpha, y: wo.y * alpha, z: wo.z }.normalize_or(up);
+    let stretched = V3 { x: wo.x * alphas[0], y: wo.y * alphas[1], z: wo.z }.normalize_or(up);
     let z = (F::ONE - v) * (F::ONE + stretched.z) - stretched.z;
     let sin = (F::ONE - z * z).fast_max(F::ZERO).sqrt();
     let (s, c) = sin_cos_turns(u);
     let h = V3 { x: sin * c, y: sin * s, z } + stretched;
     let positive = h.z.simd_gt(F::ZERO);
-    V3 { x: h.x * alpha, y: h.y * alpha, z: positive & h.z }.normalize_or(up)
+    V3 { x: h.x * alphas[0], y: h.y * alphas[1], z: positive & h.z }.normalize_or(up)
 }

@@ -1,5 +1,5 @@
 //! The glTF 2.0 metallic-roughness model (specification, appendix B) with KHR_materials_specular, _ior, _transmission,
-//! _diffuse_transmission, _sheen and _clearcoat: a linear mix of a dielectric, whose base is seen through its Fresnel layer,
+//! _diffuse_transmission, _sheen, _clearcoat, _anisotropy and _iridescence: a linear mix of a dielectric, whose base is seen through its Fresnel layer,
 //! and a metal. The dielectric's base is a mix in its turn: of a diffuse one, which reflects and transmits, and of glass.
 //! KHR_materials_pbrSpecularGlossiness is the same with other names for what the lobes are made of.
 
@@ -7,7 +7,7 @@ use std::f32::consts::FRAC_1_PI;
 
 use glam::Vec3;
 
-use super::{Bsdf, Clearcoat, Glass, Lambert, Layered, Microfacet, Sheen, Translucent, ggx, glass, sheen};
+use super::{Bsdf, Clearcoat, Finish, Glass, Lambert, Layered, Microfacet, Sheen, Translucent, ggx, glass, sheen};
 
 /// The material's parameters at one point, textures applied.
 #[derive(Debug, Clone, Copy)]
@@ -47,6 +47,30 @@ pub struct Surface {
     pub clearcoat_roughness: f32,
     /// Unit normal of the coat on the eye's side, or zero for the shading normal.
     pub clearcoat_normal: Vec3,
+    /// KHR_materials_anisotropy, if the material has it.
+    pub anisotropy: Option<Anisotropy>,
+    /// KHR_materials_iridescence, if the material has it.
+    pub iridescence: Option<Iridescence>,
+}
+
+/// KHR_materials_anisotropy: a surface that is rougher one way than the other.
+#[derive(Debug, Clone, Copy)]
+pub struct Anisotropy {
+    /// In [0, 1].
+    pub strength: f32,
+    /// Unit direction along the surface in which it is rougher; zero if none is known: then it is as rough every way.
+    pub tangent: Vec3,
+}
+
+/// KHR_materials_iridescence: a thin film.
+#[derive(Debug, Clone, Copy)]
+pub struct Iridescence {
+    /// In [0, 1].
+    pub factor: f32,
+    /// Index of refraction of the film, ≥ 1.
+    pub ior: f32,
+    /// In nanometres, ≥ 0.
+    pub thickness: f32,
 }
 
 impl Default for Surface {
@@ -70,6 +94,8 @@ impl Default for Surface {
             clearcoat: 0.0,
             clearcoat_roughness: 0.0,
             clearcoat_normal: Vec3::ZERO,
+            anisotropy: None,
+            iridescence: None,
         }
     }
 }
@@ -82,17 +108,59 @@ impl Surface {
         let coat =
             Clearcoat { coat: self.clearcoat, normal: self.clearcoat_normal, alpha: alpha(self.clearcoat_roughness) };
         let sheen = Sheen { color: self.sheen_color, roughness: self.sheen_roughness.max(sheen::MIN_ROUGHNESS) };
+        let finished = (self.anisotropy.is_some() || self.iridescence.is_some()) && self.specular_glossiness.is_none();
+        let (glass, reflection) = if finished { self.finished() } else { self.plain() };
+        Layered { top: coat, base: Layered { top: sheen, base: Layered { top: glass, base: reflection } } }
+    }
+
+    /// A surface as rough every way, without a film.
+    #[inline]
+    fn plain(&self) -> (Glass, super::Reflection<super::One>) {
         let share = self.transmission * (1.0 - self.metallic);
-        let glass = match share > 0.0 {
-            true => self.glass(share),
-            false => Glass { eta: 1.5, alpha: 1.0, ..Default::default() },
+        let glass = if share > 0.0 { self.glass(share) } else { NO_GLASS };
+        (glass, Layered { top: NO_FINISH, base: self.reflection(share) })
+    }
+
+    /// What has [`Finish`] in place of glass and microfacets.
+    fn finished(&self) -> (Glass, super::Reflection<super::One>) {
+        let glass = self.glass(self.transmission);
+        let no_glass = self.transmission == 0.0;
+        let alpha_b = if no_glass { alpha(self.roughness) } else { glass.alpha };
+        let Anisotropy { strength, tangent } =
+            self.anisotropy.unwrap_or(Anisotropy { strength: 0.0, tangent: Vec3::ZERO });
+        let strength = if tangent == Vec3::ZERO { 0.0 } else { strength };
+        let mut finish = Finish {
+            tangent,
+            alpha_t: alpha_b + (1.0 - alpha_b) * strength * strength,
+            alpha_b,
+            f0: glass.f0,
+            f90: glass.f90,
+            metal: self.metallic,
+            metal0: self.base_color,
+            share: if self.metallic < 1.0 { self.transmission } else { 0.0 },
+            tint: glass.tint,
+            eta: if no_glass { NO_FINISH.eta } else { glass.eta },
+            thin: if no_glass { 1.0 } else { glass.thin },
+            ..NO_FINISH
         };
-        Layered { top: coat, base: Layered { top: sheen, base: Layered { top: glass, base: self.reflection(share) } } }
+        if let Some(Iridescence { factor, ior, thickness }) = self.iridescence {
+            // What is thinner than an atom is no film.
+            let there = (thickness / 0.03).clamp(0.0, 1.0);
+            let there = there * there * (3.0 - 2.0 * there);
+            (finish.film, finish.film_ior, finish.thickness) = (factor * there, ior, thickness);
+        }
+        let base = (1.0 - self.metallic) * (1.0 - self.transmission) * FRAC_1_PI;
+        let share = self.diffuse_transmission;
+        let transmitted =
+            Translucent { diffuse: self.diffuse_transmission_color * (base * share), ..Default::default() };
+        let lambert = Lambert { diffuse: self.base_color * (base * (1.0 - share)) };
+        let top = Microfacet { alpha: 1.0, ..Default::default() };
+        (NO_GLASS, Layered { top: finish, base: Layered { top: transmitted, base: Layered { top, base: lambert } } })
     }
 
     /// What is not glass, of which the surface has this share.
     #[inline]
-    fn reflection(&self, glass: f32) -> super::Reflection<super::One> {
+    fn reflection(&self, glass: f32) -> super::Unfinished<super::One> {
         let alpha = alpha(self.roughness);
         if glass >= 1.0 {
             let top = Microfacet { alpha, ..Default::default() };
@@ -140,6 +208,28 @@ impl Surface {
         }
     }
 }
+
+/// No glass, for lanes beside others with it.
+const NO_GLASS: Glass =
+    Glass { share: 0.0, tint: Vec3::ZERO, f0: Vec3::ZERO, f90: 0.0, eta: 1.5, thin: 0.0, alpha: 1.0 };
+
+/// No finish, for lanes beside others with it.
+const NO_FINISH: Finish = Finish {
+    tangent: Vec3::ZERO,
+    alpha_t: 1.0,
+    alpha_b: 1.0,
+    f0: Vec3::ZERO,
+    f90: 0.0,
+    metal: 0.0,
+    metal0: Vec3::ZERO,
+    share: 0.0,
+    tint: Vec3::ZERO,
+    eta: 1.5,
+    thin: 1.0,
+    film: 0.0,
+    film_ior: 1.0,
+    thickness: 0.0,
+};
 
 /// The microfacet α of a perceptual roughness.
 fn alpha(roughness: f32) -> f32 {

@@ -48,7 +48,7 @@ impl Lobe for Microfacet<Eight> {
     #[inline(always)]
     fn draw(&self, Frames { t, b, n }: &Frames, wo: V3, [_, u, v]: [F; 3]) -> Draw {
         let local = V3 { x: t.dot(wo), y: b.dot(wo), z: n.dot(wo) };
-        let m = ggx::sample_visible_normal(local, self.alpha, u, v);
+        let m = ggx::sample_visible_normal(local, [self.alpha; 2], u, v);
         // h as drawn, not as rebuilt from wo + wi: exact also for narrow lobes.
         let h = *t * m.x + *b * m.y + *n * m.z;
         Draw { wi: h * (F::splat(2.0) * wo.dot(h)) - wo, h }

@@ -5,6 +5,8 @@
 //! follow those of eight points and the columns of a batch ([`parameters`]), and answers [`Lobe`].
 
 pub mod clearcoat;
+pub mod film;
+pub mod finish;
 pub mod ggx;
 pub mod glass;
 pub mod lambert;
@@ -12,14 +14,16 @@ pub mod layered;
 pub mod metallic_roughness;
 pub mod microfacet;
 pub mod parameters;
+mod refraction;
 pub mod sheen;
 pub mod translucent;
 
 pub use clearcoat::Clearcoat;
+pub use finish::Finish;
 pub use glass::Glass;
 pub use lambert::Lambert;
 pub use layered::{Layered, LobeSet};
-pub use metallic_roughness::Surface;
+pub use metallic_roughness::{Anisotropy, Iridescence, Surface};
 pub use microfacet::Microfacet;
 pub use parameters::{Columns, Eight, One, Parameters, Width};
 pub use sheen::Sheen;
@@ -33,7 +37,10 @@ use crate::sampling::warp;
 pub type Bsdf<W = One> = Layered<Clearcoat<W>, Layered<Sheen<W>, Layered<Glass<W>, Reflection<W>>>>;
 
 /// What is left of a surface besides its glass.
-type Reflection<W> = Layered<Translucent<W>, Layered<Microfacet<W>, Lambert<W>>>;
+type Reflection<W> = Layered<Finish<W>, Unfinished<W>>;
+
+/// And without a finish.
+type Unfinished<W> = Layered<Translucent<W>, Layered<Microfacet<W>, Lambert<W>>>;
 
 /// A part of a model at eight points.
 pub trait Lobe: Copy {

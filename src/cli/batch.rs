@@ -298,13 +298,15 @@ impl Work {
 /// Equal for jobs that can share a scene in memory.
 pub fn scene_key(a: &RenderArgs) -> String {
     format!(
-        "{:?}{} {:?} {} {} {} {} {:?}",
+        "{:?}{} {:?} {} {} {} {} {} {} {:?}",
         a.scene,
         a.choices(),
         a.env,
         a.env_rotate,
         a.env_strength,
         a.no_env,
+        a.sky,
+        a.is_framed(),
         a.strict,
         a.rays
     )

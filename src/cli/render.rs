@@ -24,8 +24,8 @@ use crate::console::progress::Style;
 use crate::console::{Paths, Reporter, Signals, Verbosity, Verdict, host, print, say};
 use crate::film::atomic;
 use crate::film::lock::{Claim, claim};
-use crate::scene::Scene;
 use crate::scene::import::NoteKind;
+use crate::scene::{Environment, Scene};
 
 pub fn run(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     let result = render(args, verbosity);
@@ -133,6 +133,8 @@ fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {
     scene.lights.iter_mut().for_each(|light| light.intensity *= unit);
     if args.no_env {
         scene.environment = None;
+    } else if args.sky {
+        scene.environment = Some(Environment { strength: args.env_strength, ..Environment::constant([1.0; 3]) });
     } else if let Some(file) = &files.environment {
         scene.environment = Some(file.decode(args.env_rotate, args.env_strength)?);
     }
@@ -142,7 +144,10 @@ fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {
             warn!("{name} has no light and --no-env takes the sky away: the picture will be black");
         }
     } else if scene.light_if_dark() {
-        warn!("{name} has no light: a studio's soft light is added (--env FILE chooses another)");
+        warn!("{name} has no light: a studio's soft light is added (--env FILE or --sky choose another)");
+    }
+    if args.is_framed() {
+        scene.frame();
     }
     Ok(scene)
 }

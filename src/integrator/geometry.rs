@@ -3,10 +3,11 @@
 use glam::{Mat3, Vec2, Vec3, Vec4};
 
 use super::materials;
-use crate::bsdf::Surface;
+use crate::bsdf::{Anisotropy, Surface};
 use crate::lanes::{F, LANES, V3, eight};
+use crate::light::AreaLights;
 use crate::sampling::warp;
-use crate::scene::{Material, Mesh, SHUTTER, Scene, TextureSlot};
+use crate::scene::{Material, Mesh, SHUTTER, Scene, TextureRef, TextureSlot};
 
 /// How far ray origins stand off their surface, as a share of the largest coordinate involved: some sixteen roundings.
 const ORIGIN_OFFSET: f32 = 16.0 * f32::EPSILON;
@@ -54,6 +55,8 @@ pub struct Point<'a> {
     pub ns: Vec3,
     /// Unit normal of the coat on the same side; zero where it is the shading normal, or there is no coat.
     coat: Vec3,
+    /// Unit direction along the surface in which it is rougher; zero if it has none.
+    rough: Vec3,
     /// How far along the geometric normal rays begin.
     pub origin_offset: f32,
     /// Interpolated texture coordinates of both sets.
@@ -180,8 +183,10 @@ impl Geometry {
             }
             ns = if n.length_squared() > 0.0 { n } else { ng };
         }
-        let mapped = |slot: TextureSlot, scale: f32| {
-            let (map, tangents) = (material.textures[slot].as_ref()?, mesh.tangents.as_ref()?);
+        let texel = |map: &TextureRef| scene.sample_texture(map, texcoords[usize::from(map.set.min(1))]).truncate();
+        // Tangent, bitangent and interpolated normal.
+        let frame = || {
+            let tangents = mesh.tangents.as_ref()?;
             let [a, b, c] = index.map(|i| Vec4::from_array(tangents[i]));
             let ns = ns.normalize_or_zero();
             let mut tangent = (a + (b - a) * u + (c - a) * v).truncate();
@@ -191,9 +196,12 @@ impl Geometry {
                 sign *= placed.linear.determinant().signum();
             }
             let tangent = (tangent - ns * ns.dot(tangent)).normalize_or(warp::frame(ns).0);
-            let bitangent = ns.cross(tangent) * sign;
-            let texel = scene.sample_texture(map, texcoords[usize::from(map.set.min(1))]).truncate();
-            let n = texel * 2.0 - Vec3::ONE;
+            Some((tangent, ns.cross(tangent) * sign, ns))
+        };
+        let mapped = |slot: TextureSlot, scale: f32| {
+            let map = material.textures[slot].as_ref()?;
+            let (tangent, bitangent, ns) = frame()?;
+            let n = texel(map) * 2.0 - Vec3::ONE;
             Some((tangent * (n.x * scale) + bitangent * (n.y * scale) + ns * n.z).normalize_or(ns))
         };
         // A coat lies over the bumps of what is beneath.
@@ -203,8 +211,16 @@ impl Geometry {
             }
             false => Vec3::ZERO,
         };
+        let rough = || {
+            let (tangent, bitangent, _) = frame()?;
+            let map = material.textures[TextureSlot::Anisotropy].as_ref();
+            let along = map.map_or(Vec2::X, |map| texel(map).truncate() * 2.0 - Vec2::ONE);
+            let along = Vec2::from_angle(material.anisotropy_rotation).rotate(along.normalize_or(Vec2::X));
+            Some(tangent * along.x + bitangent * along.y)
+        };
+        let rough = if material.anisotropy > 0.0 { rough().unwrap_or_default() } else { Vec3::ZERO };
         let ns = mapped(TextureSlot::Normal, material.normal_scale).unwrap_or(ns);
-        Point { position, ng, ns, coat, origin_offset: ORIGIN_OFFSET * extent, texcoords, color, material, mesh }
+        Point { position, ng, ns, coat, rough, origin_offset: ORIGIN_OFFSET * extent, texcoords, color, material, mesh }
     }
 }
 
@@ -213,6 +229,12 @@ impl Point<'_> {
     #[inline]
     pub fn shines_against(&self, direction: Vec3) -> bool {
         self.material.double_sided || self.ng.dot(direction) < 0.0
+    }
+
+    /// What it emits against a ray of this direction, where triangle `prim` was hit at `barycentric`.
+    #[inline]
+    pub fn radiance(&self, scene: &Scene, prim: u32, barycentric: (f32, f32), direction: Vec3) -> Vec3 {
+        AreaLights::radiance(scene, self.mesh, prim, barycentric, self.ng.normalize_or_zero().dot(direction))
     }
 
     /// Does a ray of this direction see its back?
@@ -239,7 +261,9 @@ impl Point<'_> {
     pub fn seen(&self, scene: &Scene, direction: Vec3) -> Surface {
         let behind = self.is_behind(direction);
         let clearcoat_normal = if behind { -self.coat } else { self.coat };
-        Surface { behind, clearcoat_normal, ..self.parameters(scene) }
+        let surface = self.parameters(scene);
+        let anisotropy = surface.anisotropy.map(|anisotropy| Anisotropy { tangent: self.rough, ..anisotropy });
+        Surface { behind, clearcoat_normal, anisotropy, ..surface }
     }
 
     /// What the material's texture reads here, if there is one.

@@ -2,7 +2,7 @@
 
 use glam::{Vec3, Vec4};
 
-use crate::bsdf::{Bsdf, LobeSet, Surface};
+use crate::bsdf::{Anisotropy, Bsdf, Iridescence, LobeSet, Surface};
 use crate::scene::{Material, Mesh, Scene, TextureSlot};
 
 /// How much of shading a mesh needs.
@@ -32,6 +32,8 @@ pub struct Materials {
     pub lobes: LobeSet,
     /// Does light pass through a surface of the scene?
     pub transmits: bool,
+    /// Does it do so by its colour?
+    pub disperses: bool,
     /// Absorption per metre in media by their numbers, the first of which absorbs nothing and is everywhere where no
     /// other is. Without others nobody asks in which a path is.
     pub media: Vec<Vec3>,
@@ -54,12 +56,13 @@ impl Materials {
         let lit = || kinds.iter().filter(|kind| !kind.unlit).map(|kind| &scene.materials[kind.material as usize]);
         let lobes = lit().map(lobes).fold(LobeSet::default(), LobeSet::union);
         let transmits = lit().any(Material::transmits);
+        let disperses = lit().any(Material::disperses);
         let behind = if transmits {
             scene.materials.iter().map(|m| Surface { behind: true, ..plain(m) }.bsdf()).collect()
         } else {
             Vec::new()
         };
-        Self { constant: [constant, behind], kinds, lobes, transmits, media }
+        Self { constant: [constant, behind], kinds, lobes, transmits, disperses, media }
     }
 
     /// The kind of a mesh.
@@ -94,6 +97,8 @@ impl Materials {
 fn kind(scene: &Scene, mesh: &Mesh, constant: &[Bsdf]) -> Kind {
     let m = &scene.materials[mesh.material as usize];
     let plain = mesh.colors.is_none()
+        && !m.disperses()
+        && (m.anisotropy == 0.0 || mesh.tangents.is_none())
         && TextureSlot::ALL.iter().all(|&slot| match slot {
             TextureSlot::Emissive => true,
             TextureSlot::Normal | TextureSlot::ClearcoatNormal => m.textures[slot].is_none() || mesh.tangents.is_none(),
@@ -139,6 +144,13 @@ pub fn surface(material: &Material, base_color: Vec3, texel: impl Fn(TextureSlot
         clearcoat: material.clearcoat,
         clearcoat_roughness: material.clearcoat_roughness,
         clearcoat_normal: Vec3::ZERO,
+        anisotropy: (material.anisotropy > 0.0)
+            .then_some(Anisotropy { strength: material.anisotropy, tangent: Vec3::ZERO }),
+        iridescence: (material.iridescence > 0.0).then_some(Iridescence {
+            factor: material.iridescence,
+            ior: material.iridescence_ior,
+            thickness: material.iridescence_thickness[1],
+        }),
     };
     if let Some(texel) = texel(TextureSlot::MetallicRoughness) {
         s.roughness *= texel.y;
@@ -170,6 +182,18 @@ pub fn surface(material: &Material, base_color: Vec3, texel: impl Fn(TextureSlot
     }
     if let Some(texel) = texel(TextureSlot::ClearcoatRoughness) {
         s.clearcoat_roughness *= texel.y;
+    }
+    if let (Some(anisotropy), Some(texel)) = (&mut s.anisotropy, texel(TextureSlot::Anisotropy)) {
+        anisotropy.strength *= texel.z;
+    }
+    if let Some(iridescence) = &mut s.iridescence {
+        if let Some(texel) = texel(TextureSlot::Iridescence) {
+            iridescence.factor *= texel.x;
+        }
+        if let Some(texel) = texel(TextureSlot::IridescenceThickness) {
+            let [least, most] = material.iridescence_thickness;
+            iridescence.thickness = least + (most - least) * texel.y;
+        }
     }
     if let (Some(specular), Some(texel)) = (&mut s.specular_glossiness, texel(TextureSlot::SpecularGlossiness)) {
         *specular *= texel.truncate();

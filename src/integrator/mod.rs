@@ -2,6 +2,7 @@
 
 pub mod batch;
 pub mod camera;
+pub mod dispersion;
 pub mod geometry;
 pub mod guides;
 pub mod ledger;

@@ -7,6 +7,7 @@ use glam::Vec3;
 
 use super::Transport;
 use super::batch::PixelTask;
+use super::dispersion;
 use super::ledger::limited;
 use super::stages::lights::SHADOW_END;
 use super::stages::requests::{Toward, light_sample};
@@ -16,7 +17,7 @@ use super::vertices::MIN_COS;
 use crate::balance::deal;
 use crate::bsdf::{Bsdf, Eight, Lobe, Parameters};
 use crate::lanes::{F, LANES, U, V3};
-use crate::light::{AreaLights, punctual};
+use crate::light::punctual;
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 use crate::sampling::{PixelSequence, hash, keys, pixel_seed};
 
@@ -181,7 +182,7 @@ impl Path<'_> {
         }
         let mut found = Vec3::ZERO;
         if t.materials.kind(mesh).shines && point.shines_against(direction) {
-            let radiance = AreaLights::radiance(t.scene, point.mesh, prim, barycentric.0, barycentric.1);
+            let radiance = point.radiance(t.scene, prim, barycentric, direction);
             let from = (origin, ray.normal);
             let hit = (instance, mesh, prim);
             let pdf = if depth == 0 { 0.0 } else { t.lights.area_pdf(from, hit, direction, distance) };
@@ -198,7 +199,9 @@ impl Path<'_> {
         let ng = front * side;
         let ns = point.ns.normalize_or(front) * side;
         let tilted = (ns + wo * (MIN_COS - ns.dot(wo))).normalize_or(ng);
-        let scattering = Bsdf::gather([&point.seen(t.scene, direction).bsdf(); LANES]);
+        let [color, ..] = self.sequence.sample(ray.index, dispersion::SET);
+        let (seen, beta) = dispersion::draw(point.seen(t.scene, direction), point.material, ray.beta, color);
+        let scattering = Bsdf::gather([&seen.bsdf(); LANES]);
         let vertex = Vertex {
             origin: point.position + ng * point.origin_offset,
             position: point.position,

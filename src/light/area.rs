@@ -22,7 +22,8 @@ struct AreaLight {
     mesh: u32,
     prim: u32,
     two_sided: bool,
-    textured: bool,
+    /// Its radiance follows from the place and the direction.
+    varies: bool,
     parallelogram: bool,
 }
 
@@ -58,12 +59,12 @@ impl AreaLights {
                         to_world.map_or(p, |t| t.transform_point3(p))
                     })
                 };
-                let textured = material.textures[TextureSlot::Emissive].is_some();
+                let varies = material.textures[TextureSlot::Emissive].is_some() || material.clearcoat > 0.0;
                 let mut prim = 0;
                 while prim < mesh.indices.len() {
                     let [mut v, s, t] = corners(prim);
                     let (mut e, mut f, mut far) = (s - v, t - v, v);
-                    let pair = (!textured && prim + 1 < mesh.indices.len())
+                    let pair = (!varies && prim + 1 < mesh.indices.len())
                         .then(|| parallelogram([v, s, t], corners(prim + 1)))
                         .flatten();
                     if let Some(corners) = pair {
@@ -92,7 +93,7 @@ impl AreaLights {
                         mesh: mesh_index,
                         prim: prim as u32,
                         two_sided: material.double_sided,
-                        textured,
+                        varies,
                         parallelogram: pair.is_some(),
                     });
                     prim += triangles;
@@ -124,14 +125,23 @@ impl AreaLights {
     }
 
     /// Emitted radiance of triangle `prim` of `mesh` at barycentric weights (`u`, `v`) of its second and third vertex,
-    /// from a side that shines.
+    /// from a side that shines, seen at cosine `cos` to the triangle's normal, of either sign.
     #[inline]
-    pub fn radiance(scene: &Scene, mesh: &Mesh, prim: u32, u: f32, v: f32) -> Vec3 {
+    pub fn radiance(scene: &Scene, mesh: &Mesh, prim: u32, (u, v): (f32, f32), cos: f32) -> Vec3 {
         let material = &scene.materials[mesh.material as usize];
-        let Some(texture) = &material.textures[TextureSlot::Emissive] else { return material.emissive };
-        let Some(texcoords) = &mesh.texcoords[usize::from(texture.set.min(1))] else { return material.emissive };
-        let [a, b, c] = mesh.indices[prim as usize].map(|i| Vec2::from_array(texcoords[i as usize]));
-        material.emissive * scene.sample_texture(texture, a + (b - a) * u + (c - a) * v).truncate()
+        let texel = |slot: TextureSlot| {
+            let texture = material.textures[slot].as_ref()?;
+            let texcoords = mesh.texcoords[usize::from(texture.set.min(1))].as_ref()?;
+            let [a, b, c] = mesh.indices[prim as usize].map(|i| Vec2::from_array(texcoords[i as usize]));
+            Some(scene.sample_texture(texture, a + (b - a) * u + (c - a) * v).truncate())
+        };
+        let emitted = texel(TextureSlot::Emissive).map_or(material.emissive, |texel| material.emissive * texel);
+        if material.clearcoat == 0.0 {
+            return emitted;
+        }
+        // A coat lies over what shines, and lets through what it does not reflect: Schlick's term for index 1.5.
+        let coat = texel(TextureSlot::Clearcoat).map_or(material.clearcoat, |texel| material.clearcoat * texel.x);
+        emitted * (1.0 - coat * (0.04 + 0.96 * (1.0 - cos.abs()).clamp(0.0, 1.0).powi(5)))
     }
 
     /// Draws points on area lights, uniform over their area, as seen from `p` with normals `n` as for
@@ -155,10 +165,11 @@ impl AreaLights {
         let facing = two_sided.select(cos.abs(), cos);
         let pdf = pmf * one_over_area * distance2 / facing;
         let mut radiance = V3 { x: lx, y: ly, z: lz };
-        if lights.iter().any(|l| l.textured) {
+        if lights.iter().any(|l| l.varies) {
             radiance = V3::gather(std::array::from_fn(|i| {
                 let mesh = &scene.meshes[lights[i].mesh as usize];
-                Self::radiance(scene, mesh, lights[i].prim, b1.as_array()[i], b2.as_array()[i])
+                let at = (b1.as_array()[i], b2.as_array()[i]);
+                Self::radiance(scene, mesh, lights[i].prim, at, cos.as_array()[i])
             }));
         }
         let seen = facing.simd_gt(F::ZERO) & pdf.is_finite();

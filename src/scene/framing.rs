@@ -1,4 +1,4 @@
-//! The view of scenes that have no camera.
+//! The view that fits all of a scene: the default of those that have no camera.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -45,6 +45,9 @@ impl Default for Framing {
 }
 
 impl Framing {
+    /// What the view is called.
+    pub const NAME: &str = "framed";
+
     /// Takes a point in.
     pub fn include(&mut self, p: DVec3) {
         for (direction, extreme) in self.directions.iter().zip(&mut self.extremes) {
@@ -91,7 +94,7 @@ impl Framing {
         let eye = x * centred(&|p| p.x) + y * centred(&|p| p.y) + z * distance;
         let column = |v: DVec3| Vec3A::from(v.as_vec3());
         Camera {
-            name: "framed".into(),
+            name: Self::NAME.into(),
             projection: Projection::Perspective { yfov: YFOV as f32 },
             aspect: None,
             to_world: Affine3A { matrix3: Mat3A::from_cols(column(x), column(y), column(z)), translation: column(eye) },

@@ -59,11 +59,17 @@ pub enum TextureSlot {
     DiffuseTransmission,
     /// KHR_materials_diffuse_transmission: colour.
     DiffuseTransmissionColor,
+    /// KHR_materials_anisotropy: direction in red and green, strength in blue.
+    Anisotropy,
+    /// KHR_materials_iridescence: strength in red.
+    Iridescence,
+    /// KHR_materials_iridescence: where between its ends the thickness is, in green.
+    IridescenceThickness,
 }
 
 impl TextureSlot {
     /// All of them, in the order of their numbers.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 18] = [
         Self::BaseColor,
         Self::MetallicRoughness,
         Self::Normal,
@@ -79,6 +85,9 @@ impl TextureSlot {
         Self::SpecularGlossiness,
         Self::DiffuseTransmission,
         Self::DiffuseTransmissionColor,
+        Self::Anisotropy,
+        Self::Iridescence,
+        Self::IridescenceThickness,
     ];
 
     /// How its bytes become numbers.
@@ -98,7 +107,10 @@ impl TextureSlot {
             | Self::ClearcoatRoughness
             | Self::ClearcoatNormal
             | Self::SheenRoughness
-            | Self::DiffuseTransmission => Encoding::Linear,
+            | Self::DiffuseTransmission
+            | Self::Anisotropy
+            | Self::Iridescence
+            | Self::IridescenceThickness => Encoding::Linear,
         }
     }
 }
@@ -111,11 +123,6 @@ impl Textures {
     /// Those that there are.
     pub fn iter(&self) -> impl Iterator<Item = &TextureRef> {
         self.0.iter().flatten()
-    }
-
-    /// A normal map: the one whose coordinates say how tangents lie.
-    pub fn normal_map(&self) -> Option<&TextureRef> {
-        self[TextureSlot::Normal].as_ref().or(self[TextureSlot::ClearcoatNormal].as_ref())
     }
 }
 
@@ -185,6 +192,18 @@ pub struct Material {
     pub clearcoat_roughness: f32,
     /// Scales the coat's normal map's x and y.
     pub clearcoat_normal_scale: f32,
+    /// KHR_materials_anisotropy: strength, in [0, 1].
+    pub anisotropy: f32,
+    /// Counter-clockwise from the tangent, in radians.
+    pub anisotropy_rotation: f32,
+    /// KHR_materials_iridescence: strength, in [0, 1].
+    pub iridescence: f32,
+    /// Index of refraction of the film, ≥ 1.
+    pub iridescence_ior: f32,
+    /// Its thickness in nanometres where the texture is 0 and where it is 1, or there is none.
+    pub iridescence_thickness: [f32; 2],
+    /// KHR_materials_dispersion: 20 over the Abbe number, ≥ 0.
+    pub dispersion: f32,
     /// KHR_materials_pbrSpecularGlossiness: specular colour, in [0, 1]. Base colour and roughness are the diffuse colour and
     /// one less the glossiness.
     pub specular_glossiness: Option<Vec3>,
@@ -221,6 +240,12 @@ impl Default for Material {
             clearcoat: 0.0,
             clearcoat_roughness: 0.0,
             clearcoat_normal_scale: 1.0,
+            anisotropy: 0.0,
+            anisotropy_rotation: 0.0,
+            iridescence: 0.0,
+            iridescence_ior: 1.3,
+            iridescence_thickness: [100.0, 400.0],
+            dispersion: 0.0,
             specular_glossiness: None,
             alpha_mode: AlphaMode::Opaque,
             double_sided: false,
@@ -239,6 +264,18 @@ impl Material {
     /// Can a part of it be dielectric (before its texture is looked at)?
     pub fn has_dielectric(&self) -> bool {
         !self.unlit && (self.metallic < 1.0 || self.textures[TextureSlot::MetallicRoughness].is_some())
+    }
+
+    /// The texture coordinates along which its meshes' tangents lie, if it needs any: a normal map's, else the anisotropy's.
+    pub fn tangent_set(&self) -> Option<u8> {
+        let set = |slot: TextureSlot| self.textures[slot].as_ref().map(|texture| texture.set);
+        let normals = set(TextureSlot::Normal).or(set(TextureSlot::ClearcoatNormal));
+        normals.or((self.anisotropy > 0.0).then(|| set(TextureSlot::Anisotropy).unwrap_or(0)))
+    }
+
+    /// Does light pass through it by its colour?
+    pub fn disperses(&self) -> bool {
+        self.dispersion > 0.0 && self.bounds_body && self.transmission > 0.0 && self.has_dielectric()
     }
 
     /// Does light pass through some of it?

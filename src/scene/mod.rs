@@ -43,7 +43,7 @@ pub struct Scene {
     /// Cameras, in world space; at least one (a framed view when the file has none). What renders asks
     /// [`Scene::camera`].
     pub cameras: Vec<Camera>,
-    /// Of a file without a camera: what the framed view, its only one, is fitted to.
+    /// What the framed view, the last of the cameras, is fitted to; of a file without a camera, or where it was asked for.
     pub framing: Option<Box<Framing>>,
     /// Light from infinity.
     pub environment: Option<Environment>,
@@ -58,9 +58,29 @@ impl Scene {
     /// Camera `index` for a picture of `width` by `height`: the framed view fits it.
     pub fn camera(&self, index: usize, width: u32, height: u32) -> Camera {
         match &self.framing {
-            Some(framing) => framing.camera(f64::from(width) / f64::from(height)),
-            None => self.cameras[index].clone(),
+            Some(framing) if index + 1 == self.cameras.len() => framing.camera(f64::from(width) / f64::from(height)),
+            _ => self.cameras[index].clone(),
         }
+    }
+
+    /// Adds the framed view to a file's cameras, unless it or another of its name is there.
+    pub fn frame(&mut self) {
+        if self.cameras.iter().any(|camera| camera.name == Framing::NAME) {
+            return;
+        }
+        let mut framing = Box::<Framing>::default();
+        for instance in &self.instances {
+            let transform = instance.transform(SHUTTER);
+            let placed = |p: &[f32; 3]| {
+                let p = Vec3::from_array(*p);
+                transform.map_or(p, |t| t.transform_point3(p)).as_dvec3()
+            };
+            let meshes = self.objects[instance.object as usize].meshes.clone();
+            let points = meshes.flat_map(|mesh| self.meshes[mesh as usize].positions.iter());
+            points.for_each(|p| framing.include(placed(p)));
+        }
+        self.cameras.push(framing.camera(1.0));
+        self.framing = Some(framing);
     }
 
     /// Does anything in it shine, or show without light?

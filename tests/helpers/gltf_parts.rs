@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use base64::Engine;
 use bismar::Error;
+use bismar::scene::TextureSlot;
 use bismar::scene::import::{ImportOptions, Imported, import};
 use cpu_time::ThreadTime;
 
@@ -108,7 +109,12 @@ pub fn check_scene(imported: &Imported) -> Result<(), String> {
         promise(mesh.normals.iter().flatten().all(|n| unit(n)), "unit normals")?;
         promise(mesh.tangents.iter().flatten().all(|t| unit(&t[..3]) && t[3].abs() == 1.0), "unit tangents")?;
         let material = scene.materials.get(mesh.material as usize).ok_or("materials that exist")?;
-        promise(mesh.tangents.is_some() == material.textures.normal_map().is_some(), "tangents where a normal map is")?;
+        // What is anisotropic without a normal map may do without.
+        let slots = [TextureSlot::Normal, TextureSlot::ClearcoatNormal];
+        let mapped = slots.iter().any(|&slot| material.textures[slot].is_some());
+        let promised =
+            if mapped { mesh.tangents.is_some() } else { mesh.tangents.is_none() || material.anisotropy > 0.0 };
+        promise(promised, "tangents where a normal map is")?;
         promise(mesh.tangents.is_none() || mesh.normals.is_some(), "normals where tangents are")?;
         for texture in material.textures.iter() {
             promise(mesh.texcoords[usize::from(texture.set)].is_some(), "coordinates for every texture")?;

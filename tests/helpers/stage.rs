@@ -95,7 +95,7 @@ pub fn closed_box(scene: &mut Scene, low: Vec3, high: Vec3, material: Material) 
 /// The hall with glass in it: a ball that absorbs with a lamp inside, a rough and a half transparent thin wall.
 pub fn glass_hall() -> Arc<Scene> {
     let mut scene = Arc::unwrap_or_clone(hall());
-    let body = Material { absorption: Vec3::new(1.0, 0.3, 2.0), ..glass(1.5, 0.5) };
+    let body = Material { absorption: Vec3::new(1.0, 0.3, 2.0), dispersion: 3.0, ..glass(1.5, 0.5) };
     let center = Vec3::new(-0.9, 0.7, 1.2);
     for (radius, material) in [(0.5, body), (0.25, lamp(2.0)), (0.3, lambert(0.5))] {
         let (points, indices) = sphere(6, radius, center + if radius == 0.3 { Vec3::X } else { Vec3::ZERO });
@@ -108,6 +108,11 @@ pub fn glass_hall() -> Arc<Scene> {
     rectangle(&mut scene, 1.6, [-1.0, 1.0], [-0.5, 1.0], true, coated);
     let leaf = Material { diffuse_transmission: 0.5, ..lambert(0.8) };
     rectangle(&mut scene, 1.3, [-1.5, -0.8], [-0.2, 0.6], true, leaf);
+    let brushed = Material { anisotropy: 0.8, anisotropy_rotation: 0.5, iridescence: 0.8, ..metal(0.3) };
+    rectangle(&mut scene, 1.0, [-1.7, -1.0], [-0.9, -0.3], true, brushed);
+    scene.meshes.last_mut().unwrap().tangents = Some(vec![[1.0, 0.0, 0.0, 1.0]; 4]);
+    let bubble = Material { iridescence: 1.0, ..wall(0.4, 0.9) };
+    rectangle(&mut scene, 0.6, [1.0, 1.7], [-0.9, 0.3], true, bubble);
     Arc::new(scene)
 }
 
@@ -147,16 +152,25 @@ impl Stage {
 
     /// Green of each pixel.
     pub fn green(&self, settings: &RenderSettings) -> Vec<f64> {
+        self.channel(settings, 1)
+    }
+
+    fn channel(&self, settings: &RenderSettings, channel: usize) -> Vec<f64> {
         let stop = AtomicBool::new(false);
         let rendered = render(&self.scene, settings, &stop, &|_| ());
-        rendered.film().pixels.iter().map(|p| p.sum[1] / f64::from(p.samples)).collect()
+        rendered.film().pixels.iter().map(|p| p.sum[channel] / f64::from(p.samples)).collect()
     }
 
     /// Mean over `replicas` renders, seeds from `settings.seed` on, of the picture's mean green.
     pub fn mean_green(&self, settings: &RenderSettings, replicas: u32) -> Mean {
+        self.mean_channel(settings, replicas, 1)
+    }
+
+    /// The same of any channel.
+    pub fn mean_channel(&self, settings: &RenderSettings, replicas: u32, channel: usize) -> Mean {
         let mut mean = Mean::default();
         for r in 0..replicas {
-            let pixels = self.green(&RenderSettings { seed: settings.seed + r, ..settings.clone() });
+            let pixels = self.channel(&RenderSettings { seed: settings.seed + r, ..settings.clone() }, channel);
             mean.add(pixels.iter().sum::<f64>() / pixels.len() as f64);
         }
         mean

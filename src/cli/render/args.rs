@@ -19,6 +19,7 @@ use crate::rays::Backend;
 use crate::render::identity::Asked;
 use crate::render::{Balance, Integrator, Part, PixelFilter, RenderSettings};
 use crate::sampling::frame_seed;
+use crate::scene::Framing;
 use crate::{Error, Result};
 
 /// Render a glTF scene to OpenEXR.
@@ -41,7 +42,8 @@ pub struct RenderArgs {
     #[arg(short, long, value_name = "FILE.exr")]
     pub output: Option<PathBuf>,
 
-    /// Camera by name or, counted from 0, by index [default: the first].
+    /// Camera by name or, counted from 0, by index, or framed: a view that fits all of the scene [default: the first, or
+    /// framed if there is none].
     #[arg(long, value_name = "NAME|INDEX", help_heading = "View")]
     pub camera: Option<String>,
     /// Picture size in pixels [default: 960 wide, as high as the camera's aspect asks].
@@ -52,22 +54,25 @@ pub struct RenderArgs {
     pub crop: Option<Crop>,
 
     /// Light from infinity: an equirectangular .hdr or .exr.
-    #[arg(long, value_name = "FILE", help_heading = "Light")]
+    #[arg(long, value_name = "FILE", group = "infinite", help_heading = "Light")]
     pub env: Option<PathBuf>,
     /// Turn it about +y, in degrees.
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true, requires = "env",
         value_parser = finite, help_heading = "Light")]
     pub env_rotate: f32,
-    /// Multiply its radiance.
-    #[arg(long, value_name = "X", default_value_t = 1.0, requires = "env", value_parser = not_negative,
+    /// Multiply its radiance, or that of --sky.
+    #[arg(long, value_name = "X", default_value_t = 1.0, requires = "infinite", value_parser = not_negative,
         help_heading = "Light")]
     pub env_strength: f32,
+    /// Light from infinity: white from all around.
+    #[arg(long, group = "infinite", conflicts_with = "env", help_heading = "Light")]
+    pub sky: bool,
     /// What the file's point, spot and directional lights are counted in: as lumens they are taken as they are, as watts
     /// divided by 683 lm/W, as Blender multiplies.
     #[arg(long, value_enum, default_value_t, value_name = "UNIT", help_heading = "Light")]
     pub light_unit: LightUnit,
     /// No light from infinity at all.
-    #[arg(long, conflicts_with = "env", help_heading = "Light")]
+    #[arg(long, conflicts_with = "infinite", help_heading = "Light")]
     pub no_env: bool,
 
     /// Light transport.
@@ -217,6 +222,11 @@ impl LightUnit {
 }
 
 impl RenderArgs {
+    /// Does it ask for the view that fits all of the scene?
+    pub fn is_framed(&self) -> bool {
+        self.camera.as_deref() == Some(Framing::NAME)
+    }
+
     /// What tells a scene apart that is made of the same files otherwise than by default; empty for the default.
     pub fn choices(&self) -> String {
         let unit = if self.light_unit == LightUnit::Watt { ", lights in watts" } else { "" };

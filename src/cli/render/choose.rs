@@ -1,6 +1,6 @@
 //! Which camera, and how large a picture.
 
-use crate::scene::{Camera, Projection, choose};
+use crate::scene::{Camera, Framing, Projection, choose};
 use crate::{Error, Result};
 
 /// Index of the camera that `--camera` means: by name, else by index, else the first.
@@ -9,7 +9,8 @@ use crate::{Error, Result};
 /// [`Error::Usage`] with the cameras that there are.
 pub fn camera(cameras: &[Camera], wanted: Option<&str>) -> Result<usize> {
     match wanted {
-        Some(wanted) => choose("camera", wanted, &cameras.iter().map(|c| c.name.clone()).collect::<Vec<_>>()),
+        Some(wanted) => choose("camera", wanted, &cameras.iter().map(|c| c.name.clone()).collect::<Vec<_>>())
+            .map_err(|error| Error::Usage(format!("{error}\n  or {}, which shows all of the scene", Framing::NAME))),
         None if cameras.is_empty() => Err(Error::Bug("a scene without a camera".into())),
         None => Ok(0),
     }

@@ -44,6 +44,7 @@ impl Inputs {
                 (name, file.memory_bytes())
             }
             None if args.no_env => ("none".into(), 0),
+            None if args.sky => (format!("white times {}", args.env_strength), 0),
             None => ("the scene's own".into(), 0),
         };
         let scene_files = SceneFiles::open(&args.scene)?;

@@ -342,7 +342,8 @@ impl Session<'_> {
         if !interrupted && colors(&rendered.pixels()).all(|color| color.iter().all(|x| *x <= 0.0)) {
             warn!(
                 "{shown} is black everywhere: no light reaches what the camera sees. Does a lamp face away (a surface shines \
-                 from its front alone, unless it is double-sided), or the camera? --env FILE gives light from all around"
+                 from its front alone, unless it is double-sided), or the camera? --sky gives light from all around, \
+                 --camera framed shows all of the scene"
             );
         }
         let mut stats = write(&rendered, interrupted || keeps || args.part.is_some(), true)?;

@@ -9,7 +9,6 @@ use crate::integrator::batch::PixelBatch;
 use crate::integrator::ledger::{Ledger, limited};
 use crate::integrator::queues::PathRays;
 use crate::lanes::LANES;
-use crate::light::AreaLights;
 use crate::rays::HitBatch;
 
 /// Adds the light of surfaces that the rays `emissive` hit.
@@ -33,7 +32,7 @@ pub fn surfaces(
         let direction = rays.rays.direction(ray);
         if point.shines_against(direction) {
             let hit = (hits.instance[ray], hits.mesh[ray], hits.prim[ray]);
-            let radiance = AreaLights::radiance(transport.scene, point.mesh, hit.2, hits.u[ray], hits.v[ray]);
+            let radiance = point.radiance(transport.scene, hit.2, (hits.u[ray], hits.v[ray]), direction);
             let from = (rays.rays.origin(ray), rays.normal.get(ray));
             let pdf = match depth {
                 0 => 0.0,

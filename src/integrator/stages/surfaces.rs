@@ -3,14 +3,17 @@
 use glam::Vec3;
 
 use super::eight_of;
+use crate::bsdf::Surface;
 use crate::integrator::Transport;
 use crate::integrator::batch::PixelBatch;
+use crate::integrator::dispersion;
 use crate::integrator::geometry::Point;
 use crate::integrator::ledger::{Ledger, Mirror};
 use crate::integrator::queues::{Identity, PathRays, SortedHits};
 use crate::integrator::vertices::{Group, Vertices};
 use crate::lanes::{F, LANES, Rows, U, V3, eight, load, load_bits};
 use crate::rays::{HitBatch, MISS};
+use crate::sampling::samples;
 
 /// Where a ray hit.
 #[inline]
@@ -143,19 +146,41 @@ fn detailed(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hit
     };
     let points = each.map(|ray| point(transport, hits, ray as usize));
     let seen = eight(|lane| points[lane].seen(transport.scene, rays.rays.direction(each[lane] as usize)));
+    let beta = rays.beta.load(&rows);
+    let (seen, beta) =
+        if transport.materials.disperses { of_one_color(&points, seen, beta, rays, &rows) } else { (seen, beta) };
     let bsdfs = seen.map(|surface| surface.bsdf());
     let group = Group {
         position: V3::gather(points.map(|p| p.position)),
         ng: V3::gather(points.map(|p| p.ng)),
         ns: V3::gather(points.map(|p| p.ns)),
         direction: rays.rays.directions(&rows),
-        beta: rays.beta.load(&rows),
+        beta,
         origin_offset: F::from(points.map(|p| p.origin_offset)),
         bsdfs: bsdfs.each_ref(),
         media: media(transport, rays, &rows, each.map(|ray| hits.mesh[ray as usize]), |lane| seen[lane].behind),
         identity: identity(rays, &rows),
     };
     vertices.push(n, &group);
+}
+
+/// Surfaces that bend light by its colour, as one channel of their paths meets them.
+#[inline(never)]
+fn of_one_color(
+    points: &[Point; LANES],
+    mut seen: [Surface; LANES],
+    beta: V3,
+    rays: &PathRays,
+    rows: &Rows,
+) -> ([Surface; LANES], V3) {
+    let [number, ..] = samples(load_bits(&rays.seed, rows), load_bits(&rays.index, rows), dispersion::SET);
+    let beta = eight(|lane| {
+        let (surface, beta) =
+            dispersion::draw(seen[lane], points[lane].material, beta.lane(lane), number.as_array()[lane]);
+        seen[lane] = surface;
+        beta
+    });
+    (seen, V3::gather(beta))
 }
 
 /// The media on both sides of eight hits' surfaces, if any absorb.

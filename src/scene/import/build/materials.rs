@@ -19,8 +19,8 @@ fn resolve(
     for path in &from.clamped {
         notes.repaired(path, "a factor outside of 0 to 1 is clamped");
     }
-    for (kind, name, why) in &from.inexact {
-        notes.add(*kind, &format!("{}.extensions.{name}", from.at), format!("{name}: {why}"));
+    for (name, why) in &from.left_out {
+        notes.ignored(&format!("{}.extensions.{name}", from.at), format!("{name}: {why}"));
     }
     let mut material = from.plain.clone();
     let lit = !material.unlit;
@@ -42,6 +42,12 @@ fn resolve(
             TextureSlot::SheenColor | TextureSlot::SheenRoughness => lit && material.sheen_color.max_element() > 0.0,
             TextureSlot::Clearcoat | TextureSlot::ClearcoatRoughness => lit && material.clearcoat > 0.0,
             TextureSlot::ClearcoatNormal => lit && material.clearcoat > 0.0 && material.clearcoat_normal_scale != 0.0,
+            TextureSlot::Anisotropy => lit && material.anisotropy > 0.0,
+            TextureSlot::Iridescence => lit && material.iridescence > 0.0,
+            TextureSlot::IridescenceThickness => {
+                lit && material.iridescence > 0.0
+                    && material.iridescence_thickness[0] != material.iridescence_thickness[1]
+            }
             TextureSlot::SpecularGlossiness => lit,
         };
         if needed {

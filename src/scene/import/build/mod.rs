@@ -13,8 +13,10 @@ mod tangents;
 mod textures;
 
 use std::collections::HashSet;
+use std::time::Instant;
 
 use glam::{Affine3A, DAffine3, DVec3};
+use tracing::debug;
 
 use crate::error::{Error, Result};
 use crate::scene::import::document::Document;
@@ -50,7 +52,9 @@ pub fn build(
     };
     let walk = walk(document, &mut assembly.reader, &mut notes)?;
     let meshes = walk.objects.iter().filter_map(|(key, _)| document.meshes.get(key.mesh).ok());
+    let start = Instant::now();
     assembly.reader.unpack(meshes.flat_map(|mesh| &mesh.primitives))?;
+    debug!("geometry unpacked: {:.3} s", start.elapsed().as_secs_f64());
     assembly.framing = walk.cameras.is_empty().then(Box::default);
     for (key, placements) in &walk.objects {
         assembly.place(key, placements, &walk, &mut notes)?;
@@ -73,8 +77,7 @@ pub fn build(
     for name in document.extensions.keys().cloned() {
         match support(&name) {
             Support::Full | Support::NoEffect => report.extensions_used.push(name),
-            Support::Approximated { .. } => report.extensions_approximated.push(name),
-            Support::Ignored { .. } => report.extensions_ignored.push(name),
+            Support::Ignored(_) => report.extensions_ignored.push(name),
         }
     }
     report.scenes.clone_from(&document.scene_names);
@@ -88,7 +91,7 @@ fn note_document(document: &Document, variant: bool, posed: bool, notes: &mut No
     for (name, at) in &document.extensions {
         // Extensions of objects are noted where those are used.
         let whole = !at.contains('.') || at.starts_with("scenes");
-        if let Support::Ignored { why, .. } = support(name)
+        if let Support::Ignored(why) = support(name)
             && whole
             && at != "extensionsUsed"
         {
@@ -138,7 +141,7 @@ impl Assembly<'_> {
         }
         for (i, primitive) in mesh.primitives.iter().enumerate() {
             for name in &primitive.extensions {
-                if let Support::Ignored { why, .. } = support(name) {
+                if let Support::Ignored(why) = support(name) {
                     notes.ignored(&format!("{}.extensions.{name}", primitive.at), format!("{name}: {why}"));
                 }
             }

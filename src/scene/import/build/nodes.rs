@@ -68,7 +68,7 @@ pub fn walk(document: &Document, reader: &mut Reader, notes: &mut Notes) -> Resu
         shown[index] = true;
         stack.extend(node.children.iter().rev().map(|&child| (child, visible)));
         for name in &content.extensions {
-            if let Support::Ignored { why, .. } = support(name) {
+            if let Support::Ignored(why) = support(name) {
                 notes.ignored(&format!("{}.extensions.{name}", node.at), format!("{name}: {why}"));
             }
         }

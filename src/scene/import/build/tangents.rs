@@ -1,4 +1,4 @@
-//! Tangents for normal maps: the file's, or MikkTSpace's, which is what the specification asks for.
+//! Tangents for normal maps and anisotropy: the file's, or MikkTSpace's, which is what the specification asks for.
 
 use bevy_mikktspace::{Geometry as MikkGeometry, TangentSpace, generate_tangents};
 use glam::{DVec3, Vec3};
@@ -54,6 +54,10 @@ pub fn complete(g: &mut Geometry, set: u8, at: &str, notes: &mut Notes) {
         g.unweld();
         let flat = |t: [u32; 3]| [cross(g, t).try_normalize().unwrap_or(DVec3::Y).as_vec3().to_array(); 3];
         g.normals = Some(g.indices.iter().flat_map(|&t| flat(t)).collect());
+    }
+    if g.tangents.is_none() && g.texcoords[usize::from(set)].is_none() {
+        notes.approximated(at, "neither TANGENT nor texture coordinates: highlights are isotropic");
+        return;
     }
     if g.tangents.is_none() {
         generate(g, set);

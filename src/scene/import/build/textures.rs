@@ -4,10 +4,12 @@
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::io::Cursor;
+use std::time::Instant;
 
 use bytes::Bytes;
 use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
 use rayon::prelude::*;
+use tracing::debug;
 
 use super::decode::basis;
 use super::reader::Budget;
@@ -272,7 +274,9 @@ impl TextureTable {
             budget.take(&image.at, count, bytes)?;
             jobs.push((image, format));
         }
+        let start = Instant::now();
         let decoded: Vec<_> = jobs.par_iter().map(|(image, format)| decode(image, document, *format)).collect();
+        debug!("{} pictures decoded: {:.3} s", jobs.len(), start.elapsed().as_secs_f64());
         // The scene's index of each picture and texture that is left.
         let (mut image_left, mut texture_left) = (Vec::new(), Vec::new());
         for ((image, _), decoded) in jobs.iter().zip(decoded) {
@@ -321,6 +325,6 @@ fn drop_textures(scene: &mut Scene, left: &[Option<u32>]) {
     }
     for mesh in &mut scene.meshes {
         mesh.tangents =
-            mesh.tangents.take().filter(|_| scene.materials[mesh.material as usize].textures.normal_map().is_some());
+            mesh.tangents.take().filter(|_| scene.materials[mesh.material as usize].tangent_set().is_some());
     }
 }

@@ -9,23 +9,22 @@ pub enum Support {
     Full,
     /// Does not change a still picture, or has an exact fallback in the core file.
     NoEffect,
-    /// Something close is shown; says what. `factor` as for those left out.
-    Approximated { why: &'static str, factor: Option<&'static str> },
-    /// Left out; says why. `factor` is the member that must be above 0 for it to matter at all.
-    Ignored { why: &'static str, factor: Option<&'static str> },
+    /// Left out; says why.
+    Ignored(&'static str),
 }
 
 /// What is done about an extension.
 pub fn support(name: &str) -> Support {
     use Support::*;
-    let ignored = |why, factor| Ignored { why, factor };
-    let approximated = |why, factor| Approximated { why, factor };
     match name {
         "KHR_lights_punctual"
+        | "KHR_materials_anisotropy"
         | "KHR_materials_clearcoat"
         | "KHR_materials_diffuse_transmission"
+        | "KHR_materials_dispersion"
         | "KHR_materials_emissive_strength"
         | "KHR_materials_ior"
+        | "KHR_materials_iridescence"
         | "KHR_materials_pbrSpecularGlossiness"
         | "KHR_materials_sheen"
         | "KHR_materials_specular"
@@ -49,12 +48,9 @@ pub fn support(name: &str) -> Support {
         | "KHR_xmp"
         | "KHR_xmp_json_ld"
         | "MSFT_lod" => NoEffect,
-        "KHR_materials_anisotropy" => approximated("highlights are isotropic", Some("anisotropyStrength")),
-        "KHR_materials_dispersion" => approximated("one index of refraction for all colours", Some("dispersion")),
-        "KHR_materials_iridescence" => ignored("iridescence is not shaded", Some("iridescenceFactor")),
-        "MSFT_texture_dds" => ignored("DDS is not read", None),
-        "EXT_lights_image_based" => ignored("the file's own environment is not read: give one with --env", None),
-        _ => ignored("not known to this renderer", None),
+        "MSFT_texture_dds" => Ignored("DDS is not read"),
+        "EXT_lights_image_based" => Ignored("the file's own environment is not read: give one with --env"),
+        _ => Ignored("not known to this renderer"),
     }
 }
 
@@ -95,8 +91,7 @@ mod tests {
             let expected = match support(name) {
                 Support::Full => "as it asks",
                 Support::NoEffect => "no effect",
-                Support::Approximated { .. } => "approximated",
-                Support::Ignored { .. } => "left out",
+                Support::Ignored(_) => "left out",
             };
             assert_eq!(state, expected, "{name}");
             for test in tests.split(',').map(|test| test.trim().trim_matches('`')).filter(|test| !test.is_empty()) {

@@ -72,6 +72,30 @@ pub fn parse(
             plain.clearcoat_normal_scale = map.number("scale")?.unwrap_or(1.0) as f32;
         }
     }
+    if let Some(json) = json.extension("KHR_materials_anisotropy")? {
+        let strength = json.number("anisotropyStrength")?.unwrap_or(0.0) as f32;
+        plain.anisotropy = within(&json, "anisotropyStrength", unit, strength);
+        plain.anisotropy_rotation = json.number("anisotropyRotation")?.unwrap_or(0.0) as f32;
+        textures[TextureSlot::Anisotropy as usize] = texture(&json, "anisotropyTexture")?;
+    }
+    if let Some(json) = json.extension("KHR_materials_iridescence")? {
+        let mut number = |key: &str, range: [f32; 2], default: f32| -> Result<f32> {
+            Ok(within(&json, key, range, json.number(key)?.map_or(default, |x| x as f32)))
+        };
+        plain.iridescence = number("iridescenceFactor", unit, 0.0)?;
+        plain.iridescence_ior = number("iridescenceIor", [1.0, f32::from(u8::MAX)], 1.3)?;
+        let thickness = [0.0, f32::from(u16::MAX)];
+        plain.iridescence_thickness = [
+            number("iridescenceThicknessMinimum", thickness, 100.0)?,
+            number("iridescenceThicknessMaximum", thickness, 400.0)?,
+        ];
+        textures[TextureSlot::Iridescence as usize] = texture(&json, "iridescenceTexture")?;
+        textures[TextureSlot::IridescenceThickness as usize] = texture(&json, "iridescenceThicknessTexture")?;
+    }
+    if let Some(json) = json.extension("KHR_materials_dispersion")? {
+        let dispersion = json.number("dispersion")?.unwrap_or(0.0) as f32;
+        plain.dispersion = within(&json, "dispersion", [0.0, f32::from(u8::MAX)], dispersion);
+    }
     let name = "KHR_materials_pbrSpecularGlossiness";
     if let (Some(from), Some(json)) = (&extensions.pbr_specular_glossiness, json.extension(name)?) {
         let specular = from.specular_factor.0.map(|x| within(&json, "specularFactor", unit, x));
@@ -81,6 +105,7 @@ pub fn parse(
         plain.metallic = 0.0;
         // The two models do not mix.
         (plain.transmission, plain.diffuse_transmission) = (0.0, 0.0);
+        (plain.anisotropy, plain.iridescence) = (0.0, 0.0);
         textures[TextureSlot::BaseColor as usize] = texture(&json, "diffuseTexture")?;
         textures[TextureSlot::SpecularGlossiness as usize] = texture(&json, "specularGlossinessTexture")?;
         textures[TextureSlot::MetallicRoughness as usize] = None;

@@ -10,7 +10,6 @@ use super::extensions::{Support, support};
 use super::json::Json;
 use super::typed::read;
 use crate::error::Result;
-use crate::scene::import::report::NoteKind;
 use crate::scene::{self, AlphaMode, TextureSlot};
 
 /// A use of a texture, as the document has it.
@@ -50,8 +49,8 @@ pub struct Material {
     pub has_occlusion: bool,
     /// Paths of factors outside of 0 to 1.
     pub clamped: Vec<String>,
-    /// Extensions that are not shown exactly: kind, name and reason.
-    pub inexact: Vec<(NoteKind, String, &'static str)>,
+    /// Extensions that are left out: name and reason.
+    pub left_out: Vec<(String, &'static str)>,
     /// What makes tangents in the file necessary.
     pub needs_tangents: Option<String>,
     pub at: String,
@@ -125,36 +124,22 @@ impl Material {
                 (None, Some(map)) => Some(map.at.clone()),
                 _ => None,
             };
-        let inexact = check_other_extensions(json, lengths)?;
-        Ok(Self { plain, textures, has_occlusion, clamped, inexact, needs_tangents, at: json.at.clone() })
+        let left_out = check_other_extensions(json, lengths)?;
+        Ok(Self { plain, textures, has_occlusion, clamped, left_out, needs_tangents, at: json.at.clone() })
     }
 }
 
-/// Checks the texture indices of extensions that are not shaded; says which of them change the picture.
-fn check_other_extensions(json: &Json, lengths: &Lengths) -> Result<Vec<(NoteKind, String, &'static str)>> {
-    let mut inexact = Vec::new();
+/// Checks the texture indices of extensions that are not shaded: their names, with reasons.
+fn check_other_extensions(json: &Json, lengths: &Lengths) -> Result<Vec<(String, &'static str)>> {
+    let mut left_out = Vec::new();
     for name in json.extension_names()? {
-        let Some(extension) = json.extension(name)? else { continue };
-        let (kind, why, factor) = match support(name) {
-            Support::Ignored { why, factor } => (NoteKind::Ignored, why, factor),
-            Support::Approximated { why, factor } => (NoteKind::Approximated, why, factor),
-            Support::Full | Support::NoEffect => continue,
-        };
+        let (Some(extension), Support::Ignored(why)) = (json.extension(name)?, support(name)) else { continue };
         for (key, value) in extension.object()? {
             if key.ends_with("Texture") && value.is_object() {
                 TextureInfo::parse(&extension, key, lengths)?;
             }
         }
-        let matters = factor.is_none_or(|key| match extension.object() {
-            Ok(members) => members.get(key).is_some_and(|v| {
-                v.as_f64().is_some_and(|x| x != 0.0)
-                    || v.as_array().is_some_and(|a| a.iter().any(|x| x.as_f64() != Some(0.0)))
-            }),
-            Err(_) => true,
-        });
-        if matters {
-            inexact.push((kind, name.into(), why));
-        }
+        left_out.push((name.into(), why));
     }
-    Ok(inexact)
+    Ok(left_out)
 }
