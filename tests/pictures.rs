@@ -6,6 +6,7 @@ use std::process::Stdio;
 use std::thread;
 use std::time::Duration;
 
+use crate::helpers::gltf_parts::Parts;
 use crate::helpers::pictures::{python, run};
 use crate::helpers::program::{self, bismar, bits, expect, scene};
 
@@ -189,7 +190,6 @@ fn a_scene_without_camera_fills_pictures_of_any_shape_and_is_not_cut_off() {
 
 #[test]
 fn a_picture_that_is_black_everywhere_is_told() {
-    use crate::helpers::gltf_parts::Parts;
     let lamp = |rotation: &str| Parts {
         nodes: format!(r#"[{{"mesh":0,"rotation":{rotation}}}]"#),
         primitive: r#"{"attributes":{"POSITION":0},"material":0}"#.into(),
@@ -201,10 +201,28 @@ fn a_picture_that_is_black_everywhere_is_told() {
         fs::write(folder.path().join("lamp.gltf"), lamp(rotation).json()).unwrap();
         expect(folder.path(), "render lamp.gltf --size 24x18 --spp 2", 0)
     };
-    assert!(!said("[0,0,0,1]").contains("black everywhere"));
+    assert!(!said("[0,0,0,1]").contains(" is black "));
     // A lamp that shows its back.
     let said = said("[0,1,0,0]");
     assert!(said.contains("lamp.exr is black everywhere") && said.contains("shines from its front"), "{said}");
+}
+
+#[test]
+fn unlit_labels_take_no_light_from_what_is_beside_them() {
+    let scene = |other: &str| {
+        let unlit = r#"{"extensions":{"KHR_materials_unlit":{}}}"#;
+        let primitive =
+            r#"{"attributes":{"POSITION":0},"material":0},{"attributes":{"POSITION":0},"material":1}"#.into();
+        Parts { primitive, more: format!(r#","materials":[{unlit},{other}]"#), ..Default::default() }.json()
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let said = |other: &str| {
+        fs::write(folder.path().join("a.gltf"), scene(other)).unwrap();
+        expect(folder.path(), "render a.gltf --size 24x18 --spp 2", 0)
+    };
+    assert!(said("{}").contains("a studio's soft light is added"));
+    assert!(!said(r#"{"extensions":{"KHR_materials_unlit":{}}}"#).contains("studio"));
+    assert!(!said(r#"{"emissiveFactor":[1,1,1]}"#).contains("studio"));
 }
 
 #[test]

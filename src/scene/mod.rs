@@ -83,10 +83,13 @@ impl Scene {
         self.framing = Some(framing);
     }
 
-    /// Does anything in it shine, or show without light?
+    /// Does anything in it shine, or is all of it shown without light?
     pub fn is_lit(&self) -> bool {
-        let glows = self.materials.iter().any(|m| m.is_emissive() || m.unlit);
-        glows || self.environment.is_some() || !self.lights.is_empty()
+        let unlit = !self.materials.is_empty() && self.materials.iter().all(|m| m.unlit);
+        unlit
+            || self.materials.iter().any(Material::is_emissive)
+            || self.environment.is_some()
+            || !self.lights.is_empty()
     }
 
     /// Lights a scene in which nothing shines by [`Environment::studio`]; says whether it did.

@@ -339,9 +339,13 @@ impl Session<'_> {
             let why = format!("interrupted before another tile was done: {shown} is as it was");
             return Err(Error::Interrupted(why));
         }
-        if !interrupted && colors(&rendered.pixels()).all(|color| color.iter().all(|x| *x <= 0.0)) {
+        let lit = colors(&rendered.pixels()).filter(|color| color.iter().any(|x| *x > 0.0)).count();
+        // A lamp that lights nothing but itself is as good as none; of a part, most pixels are others' to light.
+        let few = if args.part.is_some() { 0 } else { colors(&rendered.pixels()).count() / 50 };
+        if !interrupted && lit <= few {
+            let how = if lit == 0 { "everywhere" } else { "almost everywhere" };
             warn!(
-                "{shown} is black everywhere: no light reaches what the camera sees. Does a lamp face away (a surface shines \
+                "{shown} is black {how}: no light reaches what the camera sees. Does a lamp face away (a surface shines \
                  from its front alone, unless it is double-sided), or the camera? --sky gives light from all around, \
                  --camera framed shows all of the scene"
             );
