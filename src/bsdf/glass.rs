@@ -1,5 +1,5 @@
 //! What lets light through: a dielectric's boundary, of a body or as a thin wall, reflects a part of the light and transmits
-//! the rest ([`refraction`]).
+//! the rest (`refraction.rs`).
 //!
 //! Radiance is not scaled by the squared index of refraction inside of bodies: lights in glass are as bright as their
 //! file says, and all that leaves a body has lost the factor again.
