@@ -26,6 +26,7 @@ mod import_hostile;
 mod import_notes;
 mod import_packed;
 mod imports_point_one_way;
+mod lens;
 mod lights;
 mod merge;
 mod mutations;

@@ -1,9 +1,45 @@
 //! Camera rays.
 
+use std::f32::consts::TAU;
+
 use glam::{Affine3A, Mat3, Mat4, Vec3, Vec4};
 
 use crate::lanes::{F, V3};
 use crate::scene::{Camera, Projection};
+
+/// A thin lens; all that lies in the plane of its focus is sharp.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lens {
+    /// Radius of its opening in metres, > 0.
+    pub radius: f32,
+    /// Distance of the plane in focus, along the view, in metres, > 0.
+    pub focus: f32,
+    /// Sides of its opening, a regular polygon in the circle of `radius` with a corner to the right; 0 for the circle itself.
+    pub blades: u32,
+}
+
+impl Lens {
+    /// A point of the opening, uniform for uniform `u` and `v` in [0, 1), in metres to the right and up.
+    #[inline]
+    pub fn point(&self, u: F, v: F) -> (F, F) {
+        let radius = F::splat(self.radius);
+        if self.blades == 0 {
+            // Concentric would keep strata together better, and needs branches; areas are equal in both.
+            let (s, c) = (F::splat(TAU) * u).sin_cos();
+            let r = radius * v.sqrt();
+            return (r * c, r * s);
+        }
+        // One of the triangles about the centre, and a point of it.
+        let n = self.blades as f32;
+        let scaled = u * F::splat(n);
+        let blade = scaled.floor();
+        let along = scaled - blade;
+        let r = radius * v.sqrt();
+        let angle = F::splat(TAU / n);
+        let ((s0, c0), (s1, c1)) = ((blade * angle).sin_cos(), ((blade + F::ONE) * angle).sin_cos());
+        (r * (c0 + along * (c1 - c0)), r * (s0 + along * (s1 - s0)))
+    }
+}
 
 /// A camera for a picture of a given size.
 #[derive(Debug, Clone, Copy)]
@@ -13,6 +49,7 @@ pub struct CameraRays {
     half: [f32; 2],
     size: [f32; 2],
     perspective: bool,
+    lens: Option<Lens>,
 }
 
 impl CameraRays {
@@ -28,7 +65,13 @@ impl CameraRays {
             half: [half_height * aspect, half_height],
             size: [width as f32, height as f32],
             perspective,
+            lens: None,
         }
+    }
+
+    /// With a lens instead of a pinhole.
+    pub fn with_lens(self, lens: Option<Lens>) -> Self {
+        Self { lens, ..self }
     }
 
     /// Matrices for row vectors, row by row: from the world to the camera's space (x to the right, y up, z along the
@@ -49,6 +92,28 @@ impl CameraRays {
         let to_picture = Mat4::from_cols(Vec4::X * x, Vec4::Y * -y, along, constant) * to_camera;
         // Columns of a matrix for column vectors are the rows of that for row vectors.
         [to_camera, to_picture].map(|m| m.to_cols_array())
+    }
+
+    /// As [`Self::rays`], through the points of the lens that `u` and `v`, uniform in [0, 1), choose; through the pinhole
+    /// where there is no lens.
+    #[inline(always)]
+    pub fn rays_through(&self, (x, y): (F, F), (u, v): (F, F)) -> (V3, V3) {
+        let (origin, direction) = self.rays(x, y);
+        match &self.lens {
+            None => (origin, direction),
+            Some(lens) => self.refracted(lens, (origin, direction), lens.point(u, v)),
+        }
+    }
+
+    /// A pinhole's ray, bent to meet it in the plane of focus after it came through this point of the lens.
+    #[inline(never)]
+    fn refracted(&self, lens: &Lens, (origin, direction): (V3, V3), (across, above): (F, F)) -> (V3, V3) {
+        let m = &self.to_world.matrix3;
+        let [right, up, back] = [m.x_axis, m.y_axis, m.z_axis].map(|axis| V3::splat(axis.into()));
+        let distance = F::splat(-lens.focus) / direction.dot(back);
+        let aside = right * across + up * above;
+        let toward = direction * distance - aside;
+        (origin + aside, toward.normalize_or(direction))
     }
 
     /// Origins and unit directions through the picture's points (`x`, `y`) in pixels from its upper left corner.

@@ -116,10 +116,10 @@ pub fn trace(transport: &Transport, task: &PixelTask, path: u32, tell: &mut dyn 
     let sequence = PixelSequence::new(task.x, task.y, transport.seed);
     let seed = pixel_seed(task.x, task.y, transport.seed);
     let index = task.first_path + path;
-    let [px, py, ..] = sequence.sample(index, 0);
+    let [px, py, u, v] = sequence.sample(index, 0);
     let offset = |u: f32| transport.filter.offsets(F::splat(u)).as_array()[0];
     let (x, y) = (offset(px) + (task.x as f32 + 0.5), offset(py) + (task.y as f32 + 0.5));
-    let (origin, direction) = transport.camera.rays(F::splat(x), F::splat(y));
+    let (origin, direction) = transport.camera.rays_through((F::splat(x), F::splat(y)), (F::splat(u), F::splat(v)));
     let rates = task.weighed.rates(transport.lights.environment_probability);
     let mut state = Path { transport, sequence, seed, rates, tell };
     let ray = Ray {

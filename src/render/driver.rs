@@ -6,6 +6,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 use tracing::debug;
 
+use super::lens::lens;
 use super::progress::{Meter, Progress};
 use super::scheduler::{self, Next, State};
 use super::tile::{Tile, TileWork};
@@ -102,7 +103,8 @@ pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Tra
         materials: &scene.materials,
         lights: &scene.lights,
         names: &scene.names,
-        camera: camera(&scene.scene, settings),
+        // Who asks for what cannot be was told before.
+        camera: camera(&scene.scene, settings).with_lens(lens(scene, settings).unwrap_or_default()),
         filter: FilterSampler::new(settings.filter),
         heuristic: settings.balance.method().heuristic(),
         max_depth: match settings.integrator {

@@ -78,6 +78,7 @@ impl Identity {
         if s.extras {
             values.insert("more sums for AOVs", "true".into());
         }
+        values.extend(s.lens.map(|lens| ("lens", lens.to_string())));
         if s.transparent {
             values.insert("transparent", "true".into());
         }

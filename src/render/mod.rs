@@ -9,6 +9,7 @@ pub mod driver;
 pub mod fireflies;
 mod format2;
 pub mod identity;
+pub mod lens;
 mod maker;
 pub mod merge;
 pub mod part;

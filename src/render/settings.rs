@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Part;
 use super::adaptive::{NOISE_PATHS, NoiseGoal};
+use super::lens::LensSettings;
 use super::tile::Columns;
 pub use crate::balance::Balance;
 pub use crate::sampling::PixelFilter;
@@ -69,6 +70,9 @@ pub struct RenderSettings {
     /// Leave the environment out of the picture, where the camera sees it directly; it gives light all the same.
     #[serde(default)]
     pub transparent: bool,
+    /// The camera's lens; `None`: a pinhole, all is sharp.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lens: Option<LensSettings>,
     /// Render this part of the tiles only.
     pub part: Option<Part>,
     /// For studies: the share of light samples that each pixel of the whole picture (row by row) begins with instead of
@@ -119,6 +123,7 @@ impl Default for RenderSettings {
             clamp_direct: None,
             clamp_indirect: None,
             transparent: false,
+            lens: None,
             part: None,
             shares: None,
             passes: None,

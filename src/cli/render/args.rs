@@ -17,6 +17,7 @@ use crate::farm::PathMapping;
 use crate::film::{Aov, Denoise, Exposure, View};
 use crate::rays::Backend;
 use crate::render::identity::Asked;
+use crate::render::lens::{Aperture, Focus, LensSettings};
 use crate::render::{Balance, Integrator, Part, PixelFilter, RenderSettings};
 use crate::sampling::frame_seed;
 use crate::scene::Framing;
@@ -52,6 +53,18 @@ pub struct RenderArgs {
     /// Render this window only: pixels from the top left, the last two exclusive. It has the bits of the whole.
     #[arg(long, value_name = "x0,y0,x1,y1", help_heading = "View")]
     pub crop: Option<Crop>,
+
+    /// Give the camera a lens with this opening: an f-stop, as in f/2.8 (of a picture 24 mm high), or a radius in metres. glTF
+    /// has none [default: a pinhole: all is sharp].
+    #[arg(long, value_name = "F-STOP|RADIUS", help_heading = "View")]
+    pub aperture: Option<Aperture>,
+    /// What is sharp: a plane so many metres before the camera, or what the middle of the picture shows.
+    #[arg(long, value_name = "DISTANCE|auto", default_value = "auto", requires = "aperture", help_heading = "View")]
+    pub focus: Focus,
+    /// Sides of the lens' opening, 3 to 32, or 0 for a round one.
+    #[arg(long, value_name = "N", default_value_t = 0, requires = "aperture", value_parser = blades,
+        help_heading = "View")]
+    pub lens_blades: u32,
 
     /// Light from infinity: an equirectangular .hdr or .exr.
     #[arg(long, value_name = "FILE", group = "infinite", help_heading = "Light")]
@@ -293,6 +306,7 @@ impl RenderArgs {
             clamp_direct: self.clamp_direct,
             clamp_indirect: self.clamp_indirect,
             transparent: self.transparent,
+            lens: self.aperture.map(|aperture| LensSettings { aperture, focus: self.focus, blades: self.lens_blades }),
             part: self.part,
             ..RenderSettings::default()
         }
@@ -394,6 +408,10 @@ fn not_negative(text: &str) -> Parsed<f32> {
 fn balance() -> impl TypedValueParser<Value = Balance> {
     let names = Balance::all().iter().map(|b| PossibleValue::new(b.name()).help(b.method().about()));
     PossibleValuesParser::new(names).map(|name| Balance::named(&name).expect("one of them"))
+}
+
+fn blades(text: &str) -> Parsed<u32> {
+    text.parse().ok().filter(|n| *n == 0 || (3..=32).contains(n)).ok_or("not a number from 3 to 32, nor 0".into())
 }
 
 fn share(text: &str) -> Parsed<f64> {

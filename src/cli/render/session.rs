@@ -23,6 +23,7 @@ use crate::integrator::PreparedScene;
 use crate::light::AreaLights;
 use crate::rays;
 use crate::render::checkpoint::{self, Earlier, Host};
+use crate::render::lens::lens;
 use crate::render::tile::Tile;
 use crate::render::{
     Identity, Maker, Pause, Progress, Record, RenderSettings, Rendered, RunOptions, Saved, StopReason, camera,
@@ -248,6 +249,7 @@ impl Session<'_> {
         let args = self.args;
         let output = args.output();
         let settings = settings(args, &loaded.prepared.scene)?;
+        lens(&loaded.prepared, &settings)?;
         let backend = loaded.prepared.rays.info();
         let identity = self.inputs.identity(args, &settings);
         let (from, kept) = match self.go_on_from(&identity, loaded)? {

@@ -18,12 +18,12 @@ pub fn begin(transport: &Transport, tasks: &[PixelTask], rays: &mut PathRays) {
         for i in (0..paths).step_by(LANES) {
             let n = LANES.min((paths - i) as usize);
             let index = U::splat(task.first_path + i) + U::from(NUMBERS);
-            let [px, py, ..] = samples(seed, index, 0);
+            let [px, py, u, v] = samples(seed, index, 0);
             let x = transport.filter.offsets(px) + F::splat(task.x as f32 + 0.5);
             let y = transport.filter.offsets(py) + F::splat(task.y as f32 + 0.5);
             let path = U::splat(rays.len as u32) + U::from(NUMBERS);
             let identity = Identity { path, index, branch: U::ZERO, seed };
-            let (ray, key) = (transport.camera.rays(x, y), keys(seed, index, 0));
+            let (ray, key) = (transport.camera.rays_through((x, y), (u, v)), keys(seed, index, 0));
             rays.push(n, ray, key, V3::splat(Vec3::ONE), V3::ZERO, F::ZERO, identity);
         }
     }
