@@ -166,6 +166,15 @@ pub fn numbered(path: &Path, frame: u32) -> Option<PathBuf> {
     Some(path.with_file_name(OsString::from_vec(name)))
 }
 
+/// The frame whose number stands in this name, where the pattern has its place.
+pub fn number_of(pattern: &Path, name: &Path) -> Option<u32> {
+    let (start, bytes) = (place(pattern.file_name()?.as_bytes())?.0.start, name.file_name()?.as_bytes());
+    let digits = bytes.get(start..)?.iter().take_while(|b| b.is_ascii_digit()).count();
+    // Digits may go on behind the place: the longest number that gives this very name is meant.
+    let number = |end: usize| std::str::from_utf8(&bytes[start..end]).ok()?.parse().ok();
+    (start + 1..=start + digits).rev().filter_map(number).find(|&n| numbered(pattern, n).as_deref() == Some(name))
+}
+
 /// A name with a place for a frame's number, at its end if it has none.
 pub fn with_place(name: String) -> String {
     if place(name.as_bytes()).is_some() { name } else { name + ".####" }
@@ -268,6 +277,12 @@ mod tests {
         }
         assert_eq!(numbered(Path::new("c#/out.exr"), 1), None);
         assert_eq!(numbered(Path::new("c#/o#.exr"), 12345), Some("c#/o12345.exr".into()));
+        let of = |pattern: &str, name: &str| number_of(Path::new(pattern), Path::new(name));
+        assert_eq!(of("d/a.####.png", "d/a.0042.png"), Some(42));
+        assert_eq!(of("a#7.png", "a127.png"), Some(12));
+        for (pattern, name) in [("a.##.png", "a.7.png"), ("a.#.png", "a.07.png"), ("a.#.png", "b.7.png"), ("a", "a")] {
+            assert_eq!(of(pattern, name), None, "{pattern} {name}");
+        }
         assert_eq!((with_place("hall".into()), with_place("h#".into())), ("hall.####".into(), "h#".into()));
     }
 }

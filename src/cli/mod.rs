@@ -8,6 +8,7 @@ mod farm;
 mod inspect;
 mod memory;
 mod merge;
+mod movie;
 mod render;
 mod shown;
 mod stats;
@@ -42,6 +43,7 @@ enum Command {
     Merge(merge::MergeArgs),
     Compare(compare::CompareArgs),
     Develop(develop::DevelopArgs),
+    Movie(movie::MovieArgs),
     Study(study::StudyArgs),
     Completions(CompletionsArgs),
     Man(ManArgs),
@@ -69,6 +71,7 @@ pub fn run() -> ExitCode {
             Command::Merge(args) => merge::run(args, cli.verbosity),
             Command::Compare(args) => compare::run(args),
             Command::Develop(args) => develop::run(args, cli.verbosity),
+            Command::Movie(args) => movie::run(args, cli.verbosity),
             Command::Study(args) => study::run(args, cli.verbosity),
             Command::Completions(args) => args.run(Cli::command()),
             Command::Man(args) => args.run(Cli::command()),
