@@ -139,7 +139,7 @@ impl Bsdf {
     }
 }
 
-impl<Top: Lobe, Base: Lobe> Layered<Top, Base> {
+impl<Top: Lobe, Base: Lobe> Layered<Option<Top>, Base> {
     /// f(wo, wi) · |cos θ_i|, and the density per solid angle with which [`sample`](Self::sample) draws `wi`. Zero unless
     /// both directions are above the surface with shading normal `n`, or `wi` is below it and a lobe transmits.
     #[inline(always)]

@@ -15,7 +15,7 @@ use super::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
 use super::stages::{bsdf_set, light_set, media};
 use super::vertices::MIN_COS;
 use crate::balance::deal;
-use crate::bsdf::{Bsdf, Eight, Lobe, Parameters};
+use crate::bsdf::{Bsdf, Lobe, Parameters};
 use crate::lanes::{F, LANES, U, V3};
 use crate::light::punctual;
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
@@ -68,7 +68,7 @@ struct Vertex {
     ns: Vec3,
     wo: Vec3,
     beta: Vec3,
-    bsdf: Bsdf<Eight>,
+    bsdf: <Bsdf as Parameters>::Eight,
     /// Light passes through.
     transmits: bool,
     origin_offset: f32,

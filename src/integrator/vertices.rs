@@ -3,7 +3,7 @@
 use wide::bytemuck::cast;
 
 use super::queues::Identity;
-use crate::bsdf::{Bsdf, Eight, LobeSet, Parameters};
+use crate::bsdf::{Bsdf, LobeSet, Parameters};
 use crate::lanes::{F, LANES, Rows, U, V3, V3Column, grow, load, load_bits, store, store_bits};
 
 /// Lowest cosine between eye and shading normal.
@@ -176,7 +176,7 @@ impl Vertices {
 
     /// The scattering at some rows.
     #[inline(always)]
-    pub fn bsdf(&self, rows: &Rows) -> Bsdf<Eight> {
+    pub fn bsdf(&self, rows: &Rows) -> <Bsdf as Parameters>::Eight {
         Bsdf::load(&self.bsdf, rows)
     }
 }
