@@ -5,8 +5,11 @@ mod choose;
 mod flags;
 mod identity;
 mod keep;
+mod names;
 mod replay;
 mod session;
+mod values;
+mod warnings;
 
 use std::path::Path;
 use std::time::Instant;

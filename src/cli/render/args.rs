@@ -1,12 +1,11 @@
 //! The flags of `bismar render`.
 
 use std::path::PathBuf;
-use std::str::FromStr;
 
-use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 
 use super::replay::PixelPath;
+use super::values::{AovList, Crop, balance, blades, finite, not_negative, share};
 use crate::batch::frames::{Frames, numbered};
 use crate::cli::shown::Shown;
 use crate::console::Size;
@@ -391,105 +390,5 @@ impl RenderArgs {
             }
         }
         Ok(())
-    }
-}
-
-type Parsed<T> = std::result::Result<T, String>;
-
-fn finite(text: &str) -> Parsed<f32> {
-    text.parse().ok().filter(|x: &f32| x.is_finite()).ok_or("not a number".into())
-}
-
-fn not_negative(text: &str) -> Parsed<f32> {
-    finite(text).ok().filter(|x| *x >= 0.0).ok_or("not a number of 0 or more".into())
-}
-
-/// A method of the balance by its name.
-fn balance() -> impl TypedValueParser<Value = Balance> {
-    let names = Balance::all().iter().map(|b| PossibleValue::new(b.name()).help(b.method().about()));
-    PossibleValuesParser::new(names).map(|name| Balance::named(&name).expect("one of them"))
-}
-
-fn blades(text: &str) -> Parsed<u32> {
-    text.parse().ok().filter(|n| *n == 0 || (3..=32).contains(n)).ok_or("not a number from 3 to 32, nor 0".into())
-}
-
-fn share(text: &str) -> Parsed<f64> {
-    text.parse().ok().filter(|x: &f64| *x > 0.0 && *x < 1.0).ok_or("not a number above 0 and below 1".into())
-}
-
-/// `x0,y0,x1,y1`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Crop([u32; 4]);
-
-impl FromStr for Crop {
-    type Err = String;
-
-    fn from_str(text: &str) -> Parsed<Self> {
-        let numbers = text.split(',').map(|n| n.trim().parse().ok()).collect::<Option<Vec<u32>>>();
-        let window = numbers.and_then(|n| <[u32; 4]>::try_from(n).ok());
-        match window {
-            Some([x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => Ok(Crop([x0, y0, x1, y1])),
-            Some(_) => Err("the window is empty: x1 must be above x0, and y1 above y0".into()),
-            None => Err("not x0,y0,x1,y1 in pixels".into()),
-        }
-    }
-}
-
-impl Crop {
-    /// The window, if it lies inside a picture of this size.
-    ///
-    /// # Errors
-    /// [`Error::Usage`].
-    pub fn inside(self, width: u32, height: u32) -> Result<[u32; 4]> {
-        let [x0, y0, x1, y1] = self.0;
-        if x1 > width || y1 > height {
-            return Err(Error::Usage(format!(
-                "--crop {x0},{y0},{x1},{y1} is not inside the picture of {width}x{height} pixels"
-            )));
-        }
-        Ok(self.0)
-    }
-}
-
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct AovList(Vec<Aov>);
-
-impl FromStr for AovList {
-    type Err = String;
-
-    fn from_str(text: &str) -> Parsed<Self> {
-        match text {
-            "none" => Ok(AovList(Vec::new())),
-            "all" => Ok(AovList(Aov::value_variants().to_vec())),
-            list => {
-                let one = |name: &str| {
-                    Aov::from_str(name.trim(), false).map_err(|_| {
-                        let names = Aov::value_variants().iter().filter_map(Aov::to_possible_value);
-                        let names = names.map(|v| v.get_name().to_owned()).collect::<Vec<_>>().join(", ");
-                        format!("there is no output '{}'; there are {names}, all and none", name.trim())
-                    })
-                };
-                list.split(',').map(one).collect::<Parsed<_>>().map(AovList)
-            }
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn sizes_windows_and_lists_are_read_or_refused() {
-        assert_eq!("0,1,2,3".parse(), Ok(Crop([0, 1, 2, 3])));
-        for bad in ["", "1,2,3", "2,0,1,5", "0,0,0,1", "0,0,1,1,1", "-1,0,1,1"] {
-            assert!(bad.parse::<Crop>().is_err(), "{bad}");
-        }
-        assert!(Crop([0, 0, 10, 10]).inside(10, 9).is_err());
-        assert_eq!("depth, normal".parse(), Ok(AovList(vec![Aov::Depth, Aov::Normal])));
-        assert_eq!("all".parse::<AovList>().map(|l| l.0.len()), Ok(18));
-        assert_eq!("variance,samples,balance".parse(), Ok(AovList(Aov::DEFAULT.to_vec())));
-        assert!("depth,,normal".parse::<AovList>().is_err());
     }
 }

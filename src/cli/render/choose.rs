@@ -1,7 +1,26 @@
-//! Which camera, and how large a picture.
+//! Which camera, how large a picture, which part of it.
 
-use crate::scene::{Camera, Framing, Projection, choose};
+use super::RenderArgs;
+use crate::render::{RenderSettings, fresh_tiles};
+use crate::scene::{Camera, Framing, Projection, Scene, choose};
 use crate::{Error, Result};
+
+/// What a command asks for, with what the scene has to say.
+///
+/// # Errors
+/// [`Error::Usage`] for a camera that is not there, a window outside of the picture, more parts than tiles.
+pub fn settings(args: &RenderArgs, scene: &Scene) -> Result<RenderSettings> {
+    let camera = camera(&scene.cameras, args.camera.as_deref())?;
+    let (width, height) = args.size.map_or_else(|| size(&scene.cameras[camera]), |s| (s.0, s.1));
+    let crop = args.crop.map(|c| c.inside(width, height)).transpose()?;
+    let settings = RenderSettings { camera, width, height, crop, ..args.settings() };
+    if let Some(part) = args.part
+        && fresh_tiles(&settings).is_empty()
+    {
+        return Err(Error::Usage(format!("--part {part}: the picture has fewer tiles than parts; give fewer parts")));
+    }
+    Ok(settings)
+}
 
 /// Index of the camera that `--camera` means: by name, else by index, else the first.
 ///

@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use super::session::settings;
+use super::choose::settings;
 use super::{Inputs, Loaded, RenderArgs};
 use crate::console::{Verdict, print};
 use crate::render::{RenderSettings, replay};

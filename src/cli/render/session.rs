@@ -9,25 +9,24 @@ use std::time::Instant;
 
 use tracing::{debug, info, warn};
 
+use super::choose::settings;
 use super::identity::Inputs;
 use super::keep::Keeper;
-use super::{RenderArgs, choose, make_scene};
+use super::names::names;
+use super::{RenderArgs, make_scene, warnings};
 use crate::cli::memory::{self, Need};
 use crate::cli::stats::{self, Seconds, Stats};
 use crate::console::tev::Tev;
-use crate::film::aov::{MATERIALS, OBJECTS};
 use crate::film::denoise::Denoiser;
-use crate::film::exr_file::{Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
-use crate::film::{Aov, Background, Look, Picture, colors, cryptomatte, denoised, exr_file, preview};
+use crate::film::exr_file::{HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
+use crate::film::{Background, Look, Picture, colors, denoised, exr_file, preview};
 use crate::integrator::PreparedScene;
 use crate::light::AreaLights;
 use crate::rays;
 use crate::render::checkpoint::{self, Earlier, Host};
 use crate::render::lens::lens;
-use crate::render::tile::Tile;
 use crate::render::{
-    Identity, Maker, Pause, Progress, Record, RenderSettings, Rendered, RunOptions, Saved, StopReason, camera,
-    fresh_tiles, run,
+    Identity, Pause, Progress, Record, RenderSettings, Rendered, RunOptions, Saved, StopReason, camera, run,
 };
 use crate::scene::Scene;
 use crate::{Error, Result};
@@ -341,16 +340,8 @@ impl Session<'_> {
             let why = format!("interrupted before another tile was done: {shown} is as it was");
             return Err(Error::Interrupted(why));
         }
-        let lit = colors(&rendered.pixels()).filter(|color| color.iter().any(|x| *x > 0.0)).count();
-        // A lamp that lights nothing but itself is as good as none; of a part, most pixels are others' to light.
-        let few = if args.part.is_some() { 0 } else { colors(&rendered.pixels()).count() / 50 };
-        if !interrupted && lit <= few {
-            let how = if lit == 0 { "everywhere" } else { "almost everywhere" };
-            warn!(
-                "{shown} is black {how}: no light reaches what the camera sees. Does a lamp face away (a surface shines \
-                 from its front alone, unless it is double-sided), or the camera? --sky gives light from all around, \
-                 --camera framed shows all of the scene"
-            );
+        if !interrupted {
+            warnings::of_darkness(&output, &rendered, args.part.is_some());
         }
         let mut stats = write(&rendered, interrupted || keeps || args.part.is_some(), true)?;
         if interrupted {
@@ -395,70 +386,8 @@ impl Session<'_> {
             }
             other => other?,
         };
-        let backend = loaded.prepared.rays.info();
-        let (there, here) = (&earlier.record.host, Host::of(backend));
-        if *there != here {
-            warn!(
-                "{} began with {} {} ({}) and goes on with {} ({}): the picture is as right as ever, but not to the last \
-                 bit the one of a single host",
-                output.display(),
-                backend.name,
-                there.version,
-                there.isa,
-                here.version,
-                here.isa
-            );
-        }
-        let maker = earlier.record.maker.as_ref().map(|maker| Maker::here().differences(maker)).unwrap_or_default();
-        if !maker.is_empty() {
-            warn!(
-                "{} was begun by another build of bismar, {maker}: the picture is as right as ever, but perhaps not to \
-                 the last bit the one of a single build",
-                output.display()
-            );
-        }
-        let [goal, theirs] = [&ours.settings, &earlier.record.identity.settings].map(RenderSettings::noise_goal);
-        let looked = |tile: &Tile| goal.or(theirs).is_some_and(|goal| tile.paths() > goal.least);
-        if (goal != theirs && saved.tiles.iter().any(looked)) || !saved.is_on_the_way(&ours.settings) {
-            warn!(
-                "{} was begun with another goal and took other passes than this command takes from the beginning: the \
-                 picture is as right as ever, but not bit for bit that of a render in one go",
-                output.display()
-            );
-        }
+        warnings::of_another_making(&output, &earlier.record, &saved, loaded.prepared.rays.info(), &ours.settings);
         info!("goes on from {} with {} paths", output.display(), saved.stats.paths);
         Ok(Some((saved, earlier.record.keeps)))
     }
-}
-
-/// What the numbers and hashes of objects and materials stand for.
-fn names(scene: &Scene, aovs: &[Aov]) -> Result<Header> {
-    let objects = || scene.instances.iter().map(|instance| instance.name.as_str());
-    let materials = || scene.materials.iter().map(|material| material.name.as_str());
-    let mut header = Header::new();
-    for aov in aovs {
-        match aov {
-            Aov::Object => header.push(("bismar.objects".into(), checkpoint::json(&objects().collect::<Vec<_>>())?)),
-            Aov::Material => {
-                header.push(("bismar.materials".into(), checkpoint::json(&materials().collect::<Vec<_>>())?))
-            }
-            Aov::CryptoObject => header.extend(cryptomatte::header(OBJECTS, objects())),
-            Aov::CryptoMaterial => header.extend(cryptomatte::header(MATERIALS, materials())),
-            _ => {}
-        }
-    }
-    Ok(header)
-}
-
-pub fn settings(args: &RenderArgs, scene: &Scene) -> Result<RenderSettings> {
-    let camera = choose::camera(&scene.cameras, args.camera.as_deref())?;
-    let (width, height) = args.size.map_or_else(|| choose::size(&scene.cameras[camera]), |s| (s.0, s.1));
-    let crop = args.crop.map(|c| c.inside(width, height)).transpose()?;
-    let settings = RenderSettings { camera, width, height, crop, ..args.settings() };
-    if let Some(part) = args.part
-        && fresh_tiles(&settings).is_empty()
-    {
-        return Err(Error::Usage(format!("--part {part}: the picture has fewer tiles than parts; give fewer parts")));
-    }
-    Ok(settings)
 }

@@ -1,0 +1,30 @@
+//! What the numbers and hashes of objects and materials in a picture stand for.
+
+use crate::Result;
+use crate::film::aov::{MATERIALS, OBJECTS};
+use crate::film::exr_file::Header;
+use crate::film::{Aov, cryptomatte};
+use crate::render::checkpoint;
+use crate::scene::Scene;
+
+/// Header attributes that say so, for these AOVs.
+///
+/// # Errors
+/// [`Error::Bug`](crate::Error::Bug) if JSON cannot say it.
+pub fn names(scene: &Scene, aovs: &[Aov]) -> Result<Header> {
+    let objects = || scene.instances.iter().map(|instance| instance.name.as_str());
+    let materials = || scene.materials.iter().map(|material| material.name.as_str());
+    let mut header = Header::new();
+    for aov in aovs {
+        match aov {
+            Aov::Object => header.push(("bismar.objects".into(), checkpoint::json(&objects().collect::<Vec<_>>())?)),
+            Aov::Material => {
+                header.push(("bismar.materials".into(), checkpoint::json(&materials().collect::<Vec<_>>())?))
+            }
+            Aov::CryptoObject => header.extend(cryptomatte::header(OBJECTS, objects())),
+            Aov::CryptoMaterial => header.extend(cryptomatte::header(MATERIALS, materials())),
+            _ => {}
+        }
+    }
+    Ok(header)
+}
