@@ -144,10 +144,10 @@ fn blocks_that_cannot_hold_their_pixels_are_refused_before_memory_is_taken_for_t
         let path = written(folder.path(), "c.exr", compression, rows);
         read(&path).unwrap();
         let mut bytes = fs::read(&path).unwrap();
-        // One block, of so many rows as before, but 50 to 100 MB of them.
+        // One block, of so many rows as before, but 24 MB of them.
         let window = b"dataWindow\0box2i\0\x10\0\0\0";
         let at = bytes.windows(window.len()).position(|w| w == window).unwrap() + window.len();
-        bytes[at + 8..at + 12].copy_from_slice(&(8_000_000 / rows as i32).to_le_bytes());
+        bytes[at + 8..at + 12].copy_from_slice(&(4_000_000 / rows as i32).to_le_bytes());
         fs::write(&path, &bytes).unwrap();
         let error = read(&path).unwrap_err();
         assert_eq!(error.exit_code(), 65);
