@@ -35,8 +35,18 @@ impl Frames {
         self.0.chunks(each.max(1)).map(|numbers| Self(numbers.to_vec()))
     }
 
+    /// Numbers as ranges, with `by` before a step that is not 1.
+    pub fn text_of(numbers: &[u32], by: char) -> String {
+        let range = |[first, last, step]: [u32; 3]| match (first == last, step) {
+            (true, _) => first.to_string(),
+            (false, 1) => format!("{first}-{last}"),
+            (false, step) => format!("{first}-{last}{by}{step}"),
+        };
+        Self::ranges_of(numbers).into_iter().map(range).collect::<Vec<_>>().join(",")
+    }
+
     /// First, last and step of each row of equal steps.
-    pub fn ranges_of(numbers: &[u32]) -> Vec<[u32; 3]> {
+    fn ranges_of(numbers: &[u32]) -> Vec<[u32; 3]> {
         let mut ranges: Vec<[u32; 3]> = Vec::new();
         for &n in numbers {
             match ranges.last_mut() {
@@ -99,12 +109,7 @@ impl FromStr for Frames {
 
 impl fmt::Display for Frames {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let range = |[first, last, step]: [u32; 3]| match (first == last, step) {
-            (true, _) => first.to_string(),
-            (false, 1) => format!("{first}-{last}"),
-            (false, step) => format!("{first}-{last}x{step}"),
-        };
-        f.write_str(&Self::ranges_of(&self.0).into_iter().map(range).collect::<Vec<_>>().join(","))
+        f.write_str(&Self::text_of(&self.0, 'x'))
     }
 }
 

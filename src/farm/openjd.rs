@@ -67,15 +67,7 @@ fn frames_parameter(render: &str, chunks: &[&Frames]) -> Result<Option<Value>> {
         chunks.iter().map(|c| <[u32; 1]>::try_from(c.numbers()).ok().map(|[n]| n)).collect();
     Ok(match numbers {
         _ if chunks.is_empty() => None,
-        Some(numbers) => {
-            let range = |[first, last, step]: [u32; 3]| match (first == last, step) {
-                (true, _) => first.to_string(),
-                (false, 1) => format!("{first}-{last}"),
-                (false, step) => format!("{first}-{last}:{step}"),
-            };
-            let ranges = Frames::ranges_of(&numbers).into_iter().map(range).collect::<Vec<_>>().join(",");
-            Some(json!({ "name": "Frame", "type": "INT", "range": ranges }))
-        }
+        Some(numbers) => Some(json!({ "name": "Frame", "type": "INT", "range": Frames::text_of(&numbers, ':') })),
         None if chunks.len() > MOST_VALUES => {
             return Err(Error::Usage(format!(
                 "'{render}' is {} chunks of frames, and the format has room for {MOST_VALUES}: give a larger --chunk, or 1",

@@ -31,9 +31,8 @@ pub fn replay(
     let mut transport = transport(scene, settings);
     let window = [x, y, x + 1, y + 1];
     let Some(mut tile) = Tile::cover(settings.width, settings.height, window, settings.columns()).pop() else { return };
-    let mut done = 0;
-    while let Some(pass) = scheduler::planned(settings, done) {
-        transport.seed = pass_seed(settings, done);
+    while let Some(pass) = scheduler::planned(settings, tile.paths()) {
+        transport.seed = pass_seed(settings, tile.paths());
         tile.pass_watched(&transport, settings, pass, &mut |task: &PixelTask| {
             if [task.x, task.y] != [x, y] {
                 return;
@@ -44,7 +43,6 @@ pub fn replay(
                 tell(Replayed { path: task.first_path + path, radiance, events });
             }
         });
-        done += pass;
         if tile.is_clean(settings) || only.is_some_and(|only| only < tile.fewest_paths()) {
             break;
         }

@@ -36,8 +36,8 @@ pub enum Next {
 pub fn planned(settings: &RenderSettings, done: u32) -> Option<u32> {
     let method = settings.balance.method();
     let mut pass = method.next_pass(done, settings.spp, settings.pilot)?;
-    if let Some(goal) = settings.noise_goal().filter(|goal| done >= goal.least) {
-        pass = up_to(settings.spp, done, goal.least.max(done).saturating_mul(GROWTH))?;
+    if settings.noise_goal().is_some_and(|goal| done >= goal.least) {
+        pass = up_to(settings.spp, done, done.saturating_mul(GROWTH))?;
     }
     Some(if is_early(settings, done) { pass.min(done.max(1)).min(EARLY - done) } else { pass })
 }

@@ -1,6 +1,8 @@
 //! Pixel filters by importance sampling: every sample belongs to one pixel and has weight one (Ernst, Stamminger and
 //! Greiner 2006, *Filter Importance Sampling*). All filters are separable and ≥ 0.
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 
 use crate::lanes::{F, eight};
@@ -25,7 +27,7 @@ const STEPS: usize = 512;
 pub struct FilterSampler {
     /// The distance from the centre beyond which one side's tail has the mass ½(k/[`STEPS`])²: squares, so that the
     /// thin ends are as fine as the rest. Linear in the mass between, so the density is a step function.
-    beyond: Vec<f32>,
+    beyond: Arc<[f32]>,
 }
 
 impl FilterSampler {
