@@ -248,8 +248,9 @@ fn all_balances_and_backends_agree_on_a_glossy_scene_with_sky_lamp_and_indirect_
     let mut scene = Scene::default();
     let mut sky = Environment::constant([0.4; 3]);
     (sky.width, sky.height) = (16, 8);
-    sky.pixels = vec![[0.4; 3]; 128];
-    sky.pixels[20] = [60.0, 55.0, 50.0];
+    let mut pixels = vec![[0.4; 3]; 128];
+    pixels[20] = [60.0, 55.0, 50.0];
+    sky.pixels = pixels.into();
     scene.environment = Some(sky);
     rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, metal(0.5));
     rectangle(&mut scene, 1.5, [-0.4, 0.4], [-0.9, -0.3], false, lamp(6.0));

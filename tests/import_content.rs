@@ -90,7 +90,7 @@ fn strips_and_fans_become_the_triangles_of_the_specification() {
     let of_mode = |mode: u32| {
         let accessor = r#"{"bufferView":0,"componentType":5126,"count":5,"type":"VEC3"}"#.into();
         let primitive = format!(r#"{{"attributes":{{"POSITION":0}},"mode":{mode}}}"#);
-        scene(Parts { positions: square.clone(), accessor, primitive, ..Default::default() }).meshes.remove(0).indices
+        scene(Parts { positions: square.clone(), accessor, primitive, ..Default::default() }).meshes[0].indices.clone()
     };
     assert_eq!(of_mode(5), [[0, 1, 2], [1, 3, 2], [2, 3, 4]]);
     assert_eq!(of_mode(4), [[0, 1, 2]]);

@@ -40,7 +40,7 @@ fn map(rotation: f32) -> Environment {
     let mut pixels: Vec<[f32; 3]> = (0..width * height).map(|_| [random.f32(), random.f32(), random.f32()]).collect();
     pixels[10] = [40.0, 30.0, 20.0];
     pixels[24..32].fill([0.0; 3]);
-    Environment { name: "test".into(), width, height, pixels, rotation, strength: 2.0 }
+    Environment { name: "test".into(), width, height, pixels: pixels.into(), rotation, strength: 2.0 }
 }
 
 #[test]
@@ -94,7 +94,7 @@ fn environment_direction_reads_the_documented_texel() {
 fn rotation_turns_the_map_about_plus_y() {
     // A quarter turn about +y carries +z to +x.
     let mut still = map(0.0);
-    still.pixels[10] = [90.0, 0.0, 0.0];
+    std::sync::Arc::make_mut(&mut still.pixels)[10] = [90.0, 0.0, 0.0];
     let turned = Environment { rotation: std::f32::consts::FRAC_PI_2, ..still.clone() };
     let (still, turned) = (EnvironmentSampler::new(&still).unwrap(), EnvironmentSampler::new(&turned).unwrap());
     let mut random = Random(8);
@@ -129,11 +129,13 @@ fn lamps(double_sided: bool) -> Scene {
     };
     let lamp = |radiance: f32| Material { emissive: Vec3::splat(radiance), double_sided, ..Default::default() };
     Scene {
-        meshes: vec![
+        meshes: [
             triangle([[-1.0, 2.0, -1.0], [1.5, 2.0, -1.0], [0.0, 2.5, 1.5]], 0),
             triangle([[3.0, -1.0, 0.0], [3.0, 1.0, 0.5], [3.0, 0.0, 2.0]], 1),
             triangle([[0.0, 0.0, 2.0], [1.0, 0.0, 2.0], [0.0, 1.5, 2.5]], 2),
-        ],
+        ]
+        .map(Into::into)
+        .into(),
         objects: (0..3).map(|i| Object { name: String::new(), meshes: i..i + 1 }).collect(),
         instances: (0..3)
             .map(|i| Instance {
@@ -201,7 +203,7 @@ fn two_triangles_of_a_parallelogram_are_one_lamp_that_follows_the_pdf() {
         let material = Material { emissive: Vec3::ONE, double_sided: true, ..Default::default() };
         let positions = Positions::new(points.to_vec());
         let scene = Scene {
-            meshes: vec![Mesh { positions, indices: indices.to_vec(), ..Default::default() }],
+            meshes: vec![Mesh { positions, indices: indices.to_vec(), ..Default::default() }.into()],
             objects: vec![Object { name: String::new(), meshes: 0..1 }],
             instances: vec![Instance { name: String::new(), object: 0, transform: None }],
             materials: vec![material],

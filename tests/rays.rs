@@ -171,7 +171,7 @@ fn hits_are_the_same_in_every_grouping_and_order_but_for_which_of_coincident_sur
     // Two equal instances in one place: the hardest case, every hit is a tie.
     let room = box_room().meshes.remove(0);
     let here = Some(Affine3A::IDENTITY);
-    let twice = scene(vec![room.clone(), room], &[(0, here), (0, here), (1, None), (0, None)]);
+    let twice = scene(vec![(*room).clone(), (*room).clone()], &[(0, here), (0, here), (1, None), (0, None)]);
     for scene in [Arc::new(twice), soups()] {
         for backend in backends(&scene) {
             let camera = camera_rays(64);
@@ -254,11 +254,11 @@ fn malformed_scenes_are_refused_with_the_place() {
             }
         }
     };
-    refused(|scene| scene.meshes[0].indices[2][1] = 9, "triangle 2");
-    refused(|scene| scene.meshes[0].indices[0][0] = u32::MAX, "triangle 0");
-    refused(|scene| scene.meshes[0].positions.as_mut_slice()[4][1] = f32::NAN, "vertex 4");
-    refused(|scene| scene.meshes[0].positions.as_mut_slice()[5][0] = f32::NEG_INFINITY, "vertex 5");
-    refused(|scene| scene.meshes[0].positions.as_mut_slice()[6][2] = 3e18, "vertex 6");
+    refused(|scene| Arc::make_mut(&mut scene.meshes[0]).indices[2][1] = 9, "triangle 2");
+    refused(|scene| Arc::make_mut(&mut scene.meshes[0]).indices[0][0] = u32::MAX, "triangle 0");
+    refused(|scene| Arc::make_mut(&mut scene.meshes[0]).positions.as_mut_slice()[4][1] = f32::NAN, "vertex 4");
+    refused(|scene| Arc::make_mut(&mut scene.meshes[0]).positions.as_mut_slice()[5][0] = f32::NEG_INFINITY, "vertex 5");
+    refused(|scene| Arc::make_mut(&mut scene.meshes[0]).positions.as_mut_slice()[6][2] = 3e18, "vertex 6");
     refused(|scene| scene.objects[0].meshes = 0..2, "object 0");
     refused(|scene| scene.instances[0].object = 1, "instance 0");
     refused(|scene| scene.instances[0].transform = Some(Affine3A::from_scale(vec3(1.0, 0.0, 1.0))), "inverted");

@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use crate::helpers::farm::{HOSTILE, kill, workers};
 use crate::helpers::glb;
-use crate::helpers::program::{assert_same_bits, attribute, bismar, bits, expect, names, stderr};
+use crate::helpers::program::{assert_same_bits, attribute, bismar, bits, expect, names, scene, stderr};
 
 const FLAGS: &str = "--size 24x18 --spp 4 --fps 10";
 
@@ -61,6 +61,62 @@ fn frames_are_the_pictures_of_single_commands_and_again_only_what_is_missing_is_
     // The default name is the scene's.
     expect(path, &format!("render moving.glb --frames 2 {FLAGS} -q"), 0);
     assert!(path.join("moving.0002.exr").exists());
+}
+
+#[test]
+fn what_has_not_moved_is_shared_and_changes_no_bit() {
+    let folder = folder();
+    let path = folder.path();
+    fs::copy(scene("field.hdr"), path.join("sky.hdr")).unwrap();
+    // After a second all stands still.
+    let flags = format!("{FLAGS} --env sky.hdr --aov all --camera a");
+    let said = expect(path, &format!("render moving.glb --frames 9-13x2,12 {flags} -o a.##.exr -vv"), 0);
+    assert_eq!(said.matches("no surface has moved").count(), 2, "{said}");
+    for frame in [9, 11, 12, 13] {
+        expect(path, &format!("render moving.glb --frame {frame} --seed-per-frame {flags} -o single.exr -q"), 0);
+        assert_same_bits(&path.join("single.exr"), &path.join(format!("a.{frame:02}.exr")));
+    }
+}
+
+#[test]
+fn jobs_that_differ_in_their_light_or_view_alone_share_neither() {
+    let folder = folder();
+    let path = folder.path();
+    fs::copy(scene("field.hdr"), path.join("sky.hdr")).unwrap();
+    let jobs = [
+        ("plain", ""),
+        ("sky", "sky = true"),
+        ("bright", "sky = true\nenv-strength = 2"),
+        ("dark", "no-env = true"),
+        ("map", "env = 'sky.hdr'"),
+        ("turned", "env = 'sky.hdr'\nenv-rotate = 90"),
+        ("framed", "camera = 'framed'"),
+        ("framed-sky", "camera = 'framed'\nsky = true"),
+        ("watt", "light-unit = 'watt'"),
+    ];
+    // At a moment, where scenes of the same files share their meshes, and at rest.
+    let defaults =
+        "[defaults]\nscene = 'moving.glb'\nsize = '24x18'\nspp = 4\naov = 'all'\noutput = 'out/{name}.exr'\n";
+    for (pose, flags) in [("frame = 12\nfps = 10\n", "--frame 12 --fps 10 "), ("", "")] {
+        let listed = jobs.map(|(name, keys)| format!("[[job]]\nname = '{name}'\n{keys}\n")).concat();
+        fs::write(path.join("jobs.toml"), format!("{defaults}{pose}{listed}")).unwrap();
+        expect(path, "batch jobs.toml -q", 0);
+        let mut seen = HashSet::new();
+        for (name, keys) in jobs {
+            let mut own = String::new();
+            for key in keys.lines().filter(|key| !key.is_empty()) {
+                let (key, value) = key.split_once(" = ").unwrap();
+                let value = if value == "true" { String::new() } else { format!(" {}", value.trim_matches('\'')) };
+                own += &format!("--{key}{value} ");
+            }
+            let line = format!("render moving.glb {flags}{own}--size 24x18 --spp 4 --aov all -o single.exr -q");
+            expect(path, &line, 0);
+            assert_same_bits(&path.join("single.exr"), &path.join(format!("out/{name}.exr")));
+            seen.insert(bits(&path.join("single.exr")));
+        }
+        // Lights in watts are as in lumens where there are none.
+        assert_eq!(seen.len(), jobs.len() - 1);
+    }
 }
 
 #[test]

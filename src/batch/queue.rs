@@ -56,12 +56,19 @@ impl<V> Shelf<V> {
         }
     }
 
-    /// One of the jobs has had it, or will never ask.
-    pub fn done(&self, key: &str) {
-        let Some(slot) = self.slots.get(key) else { return };
-        if slot.left.fetch_sub(1, Ordering::AcqRel) == 1 {
+    /// Jobs that have not done with it.
+    pub fn left(&self, key: &str) -> usize {
+        self.slots.get(key).map_or(0, |slot| slot.left.load(Ordering::Acquire))
+    }
+
+    /// One of the jobs has had it, or will never ask. Was it the last one?
+    pub fn done(&self, key: &str) -> bool {
+        let Some(slot) = self.slots.get(key) else { return false };
+        let last = slot.left.fetch_sub(1, Ordering::AcqRel) == 1;
+        if last {
             slot.value.lock().unwrap_or_else(PoisonError::into_inner).take();
         }
+        last
     }
 }
 
@@ -91,7 +98,8 @@ mod tests {
         let second = shelf.get("a", make).unwrap();
         assert_eq!((made.load(Ordering::Relaxed), Arc::strong_count(&first)), (1, 3));
         drop(second);
-        (0..3).for_each(|_| shelf.done("a"));
+        assert_eq!((shelf.left("a"), shelf.left("b"), shelf.left("c")), (3, 1, 0));
+        assert_eq!([0, 1, 2].map(|_| shelf.done("a")), [false, false, true]);
         assert_eq!(Arc::strong_count(&first), 1);
     }
 }

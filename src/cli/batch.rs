@@ -212,12 +212,14 @@ impl Work {
         self.report.iter().try_for_each(|report| paths.writes("--report", report))?;
         let events_file = self.events.as_ref().filter(|path| *path != stdout);
         events_file.iter().try_for_each(|events| paths.writes("--events", events))?;
-        // Jobs with one scene follow one another, so that few scenes are in memory at a time.
+        // Jobs with one scene follow one another, and those with scenes from the same files, so that few are in memory at a
+        // time.
         let mut first: HashMap<String, usize> = HashMap::new();
         for (i, planned) in jobs.iter().enumerate() {
+            first.entry(files_key(&planned.args)).or_insert(i);
             first.entry(scene_key(&planned.args)).or_insert(i);
         }
-        jobs.sort_by_key(|planned| first.get(&scene_key(&planned.args)).copied());
+        jobs.sort_by_key(|planned| [files_key(&planned.args), scene_key(&planned.args)].map(|key| first[&key]));
         if self.dry_run {
             return dry_run(&jobs, &self.order);
         }
@@ -296,29 +298,22 @@ impl Work {
 }
 
 /// Equal for jobs that can share a scene in memory.
-pub fn scene_key(a: &RenderArgs) -> String {
-    format!(
-        "{:?}{} {:?} {} {} {} {} {} {} {:?}",
-        a.scene,
-        a.choices(),
-        a.env,
-        a.env_rotate,
-        a.env_strength,
-        a.no_env,
-        a.sky,
-        a.is_framed(),
-        a.strict,
-        a.rays
-    )
+fn scene_key(a: &RenderArgs) -> String {
+    format!("{} {:?} {} {:?} {}", files_key(a), a.choices(), a.is_framed(), a.rays, a.strict)
+}
+
+/// Equal for jobs whose scenes are made of the same files.
+pub fn files_key(a: &RenderArgs) -> String {
+    format!("{:?} {:?} {} {} {} {}", a.scene, a.env, a.env_rotate, a.env_strength, a.no_env, a.sky)
 }
 
 /// Says what would be done, in the order of the file.
 fn dry_run(jobs: &[Planned], order: &[String]) -> Result<Verdict> {
-    let shelf = Shelf::new(jobs.iter().map(|j| scene_key(&j.args)));
+    let shelf = Shelf::new(jobs.iter().map(|j| files_key(&j.args)));
     let mut rows: HashMap<&str, String> = HashMap::new();
     let mut worst = 0;
     for Planned { job, args } in jobs {
-        let key = scene_key(args);
+        let key = files_key(args);
         let would = || -> Result<&str> {
             let inputs = shelf.get(&key, || Inputs::read(args))?;
             let session = Session { args, inputs: &inputs, threads: 1, began: Instant::now(), replaces: true };

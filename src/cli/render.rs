@@ -5,6 +5,7 @@ mod choose;
 mod flags;
 mod identity;
 mod keep;
+mod loaded;
 mod names;
 mod replay;
 mod session;
@@ -18,8 +19,10 @@ use tracing::{debug, info, warn};
 
 pub use args::RenderArgs;
 pub use flags::given;
-pub use identity::{Files, Inputs};
-pub use session::{Done, Loaded, Session};
+use identity::Files;
+pub use identity::Inputs;
+pub use loaded::Loaded;
+pub use session::{Done, Session};
 
 use crate::Result;
 use crate::cli::memory;

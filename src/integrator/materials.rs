@@ -52,7 +52,7 @@ impl Materials {
         let bodies: Vec<_> =
             scene.materials.iter().map(|m| (m.transmits() && m.bounds_body).then(|| bounds(m))).collect();
         let kind = |mesh: &Mesh| Kind { bounds: bodies[mesh.material as usize], ..kind(scene, mesh, &constant) };
-        let kinds: Vec<_> = scene.meshes.iter().map(kind).collect();
+        let kinds: Vec<_> = scene.meshes.iter().map(|mesh| kind(mesh)).collect();
         let lit = || kinds.iter().filter(|kind| !kind.unlit).map(|kind| &scene.materials[kind.material as usize]);
         let lobes = lit().map(lobes).fold(LobeSet::default(), LobeSet::union);
         let transmits = lit().any(Material::transmits);

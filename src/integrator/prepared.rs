@@ -14,7 +14,7 @@ pub struct PreparedScene<'a> {
     /// What is there.
     pub scene: Arc<Scene>,
     /// What rays hit.
-    pub rays: Box<dyn RayQueries + 'a>,
+    pub rays: Arc<dyn RayQueries + 'a>,
     /// Instances' transforms, prepared for shading.
     pub geometry: Geometry,
     /// Materials, prepared for shading.
@@ -46,13 +46,23 @@ impl<'a> PreparedScene<'a> {
 
     /// With ray queries that were built from the same surfaces.
     pub fn new(scene: Arc<Scene>, rays: Box<dyn RayQueries + 'a>) -> Self {
+        Self::after(scene, rays.into(), None)
+    }
+
+    /// As [`Self::new`], with the tables of `previous` where they are of the same environment.
+    pub fn after(scene: Arc<Scene>, rays: Arc<dyn RayQueries + 'a>, previous: Option<&Self>) -> Self {
         let geometry = Geometry::new(&scene);
         let materials = Materials::new(&scene);
-        let lights = Lights::new(&scene, scene.radius());
+        let lights = Lights::after(&scene, scene.radius(), previous.map(|p| (&*p.scene, &p.lights)));
         let names = Names {
             objects: scene.instances.iter().map(|instance| cryptomatte::id(&instance.name)).collect(),
             materials: scene.materials.iter().map(|material| cryptomatte::id(&material.name)).collect(),
         };
         Self { scene, rays, geometry, materials, lights, names }
+    }
+
+    /// Its ray queries, if they would answer for another scene's surfaces alike.
+    pub fn rays_of(&self, other: &Scene) -> Option<Arc<dyn RayQueries + 'a>> {
+        self.scene.has_surfaces_of(other).then(|| Arc::clone(&self.rays))
     }
 }

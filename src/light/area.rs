@@ -1,6 +1,7 @@
 //! Emissive triangles as lights; two that make a parallelogram are sampled as one.
 
 use std::f32::consts::PI;
+use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 
@@ -109,7 +110,7 @@ impl AreaLights {
 
     /// How many a scene has at most: emissive triangles, as they are placed.
     pub fn count(scene: &Scene) -> u64 {
-        let shines = |mesh: &&Mesh| scene.materials[mesh.material as usize].is_emissive();
+        let shines = |mesh: &&Arc<Mesh>| scene.materials[mesh.material as usize].is_emissive();
         let triangles: Vec<u64> = scene
             .objects
             .iter()

@@ -12,6 +12,8 @@ pub mod environment;
 pub mod punctual;
 pub mod tree;
 
+use std::sync::Arc;
+
 use glam::Vec3;
 
 use crate::lanes::{F, LANES, V3};
@@ -39,7 +41,7 @@ pub struct LightSamples {
 #[derive(Debug)]
 pub struct Lights {
     /// The environment, if it shines.
-    pub environment: Option<EnvironmentSampler>,
+    pub environment: Option<Arc<EnvironmentSampler>>,
     /// Emissive triangles, if any.
     pub area: Option<AreaLights>,
     /// Are there lights without size?
@@ -56,7 +58,17 @@ impl Lights {
     /// Gathers a scene's lights. `radius` is the scene's bounding radius in metres: it turns the environment's
     /// radiance into a power that can be compared with the area lights'.
     pub fn new(scene: &Scene, radius: f32) -> Self {
-        let environment = scene.environment.as_ref().and_then(EnvironmentSampler::new);
+        Self::after(scene, radius, None)
+    }
+
+    /// As [`Self::new`], with the tables of an earlier scene's environment where it is the same.
+    pub fn after(scene: &Scene, radius: f32, previous: Option<(&Scene, &Self)>) -> Self {
+        let known = previous.and_then(|(earlier, lights)| {
+            let same = earlier.environment.as_ref()?.is(scene.environment.as_ref()?);
+            lights.environment.clone().filter(|_| same)
+        });
+        let make = || scene.environment.as_ref().and_then(EnvironmentSampler::new).map(Arc::new);
+        let environment = known.or_else(make);
         let area = AreaLights::new(scene);
         let environment_probability = match (&environment, &area) {
             (Some(environment), Some(area)) => {

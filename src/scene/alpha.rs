@@ -99,9 +99,9 @@ mod tests {
         let (wrap_s, wrap_t, filter) = (Wrap::Repeat, Wrap::Repeat, Filter::Linear);
         let texels = Texels::Rgba8(vec![[255, 255, 255, texture.unwrap_or(255)]]);
         Scene {
-            meshes: vec![mesh],
+            meshes: vec![mesh.into()],
             materials: vec![material],
-            images: vec![Image { name: "test".into(), width: 1, height: 1, texels }],
+            images: vec![Image { name: "test".into(), width: 1, height: 1, texels }.into()],
             textures: vec![Texture { image: 0, wrap_s, wrap_t, filter }],
             ..Default::default()
         }

@@ -1,6 +1,7 @@
 //! Light from infinity: an equirectangular picture.
 
 use std::f32::consts::PI;
+use std::sync::Arc;
 
 use glam::Vec3;
 
@@ -15,7 +16,7 @@ pub struct Environment {
     /// Rows, ≥ 1.
     pub height: u32,
     /// Linear RGB radiance, row-major from the top, finite and ≥ 0.
-    pub pixels: Vec<[f32; 3]>,
+    pub pixels: Arc<[[f32; 3]]>,
     /// Radians about +y.
     pub rotation: f32,
     /// Multiplies the radiance, ≥ 0.
@@ -47,8 +48,14 @@ impl Environment {
         Self { name: "studio".into(), width, height, pixels, rotation: 0.0, strength: 1.0 }
     }
 
+    /// Is it this very one, from the same decoding?
+    pub fn is(&self, other: &Self) -> bool {
+        let turned = |e: &Self| (e.rotation.to_bits(), e.strength.to_bits());
+        Arc::ptr_eq(&self.pixels, &other.pixels) && turned(self) == turned(other)
+    }
+
     /// The same radiance from everywhere.
     pub fn constant(radiance: [f32; 3]) -> Self {
-        Self { name: "constant".into(), width: 1, height: 1, pixels: vec![radiance], rotation: 0.0, strength: 1.0 }
+        Self { name: "constant".into(), width: 1, height: 1, pixels: [radiance].into(), rotation: 0.0, strength: 1.0 }
     }
 }

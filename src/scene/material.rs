@@ -14,7 +14,7 @@ pub enum Encoding {
 }
 
 /// A use of a texture by a material.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct TextureRef {
     /// Index into [`super::Scene::textures`].
     pub texture: u32,
@@ -116,7 +116,7 @@ impl TextureSlot {
 }
 
 /// A material's textures by slot: the only place that holds them, so whoever asks for all of them misses none.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Textures([Option<TextureRef>; TextureSlot::ALL.len()]);
 
 impl Textures {
@@ -152,7 +152,7 @@ pub enum AlphaMode {
 }
 
 /// glTF 2.0 metallic-roughness with its KHR_materials extensions.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Material {
     /// Name for messages.
     pub name: String,

@@ -1,6 +1,8 @@
 //! Plain scene data: what an importer fills and everything downstream reads. It knows nothing of rays or files
 //! (only [`import`] does).
 
+use std::sync::Arc;
+
 use glam::Vec3;
 
 pub mod alpha;
@@ -27,7 +29,7 @@ pub use texture::{Filter, Image, Texels, Texture, Wrap};
 #[derive(Debug, Clone, Default)]
 pub struct Scene {
     /// Triangle meshes, one a glTF primitive.
-    pub meshes: Vec<Mesh>,
+    pub meshes: Vec<Arc<Mesh>>,
     /// Groups of meshes that are placed together, one a glTF mesh.
     pub objects: Vec<Object>,
     /// Placements of objects. An object that is placed once has its transform baked into its meshes.
@@ -35,7 +37,7 @@ pub struct Scene {
     /// Materials; every mesh names one.
     pub materials: Vec<Material>,
     /// Decoded pictures, only those that a reachable material samples.
-    pub images: Vec<Image>,
+    pub images: Vec<Arc<Image>>,
     /// Pictures with their sampler.
     pub textures: Vec<Texture>,
     /// Point, spot and directional lights, in world space.
@@ -81,6 +83,22 @@ impl Scene {
         }
         self.cameras.push(framing.camera(1.0));
         self.framing = Some(framing);
+    }
+
+    /// Would rays meet the same surfaces in the other scene? Says so only where both share their meshes.
+    pub fn has_surfaces_of(&self, other: &Self) -> bool {
+        let meshes = |scene: &Self| scene.meshes.iter().map(Arc::as_ptr).collect::<Vec<_>>();
+        let images = |scene: &Self| scene.images.iter().map(Arc::as_ptr).collect::<Vec<_>>();
+        let placed = |scene: &Self| {
+            let place = |i: &Instance| (scene.objects[i.object as usize].meshes.clone(), i.transform);
+            scene.instances.iter().map(place).collect::<Vec<_>>()
+        };
+        // Whether a ray goes through them.
+        let opaque = |scene: &Self| scene.materials.iter().all(|material| material.alpha_mode == AlphaMode::Opaque);
+        let alike = || {
+            (&self.materials, &self.textures) == (&other.materials, &other.textures) && images(self) == images(other)
+        };
+        meshes(self) == meshes(other) && placed(self) == placed(other) && (opaque(self) && opaque(other) || alike())
     }
 
     /// Does anything in it shine, or is all of it shown without light?

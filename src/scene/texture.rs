@@ -52,7 +52,7 @@ pub struct Image {
 }
 
 /// A picture with its sampler.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Texture {
     /// Index into [`Scene::images`].
     pub image: u32,
@@ -160,7 +160,7 @@ impl Scene {
     {
         let uv = texture.transform.map_or(uv, |transform| transform.transform_point2(uv));
         let &Texture { image, wrap_s, wrap_t, filter } = &self.textures[texture.texture as usize];
-        let Image { width, height, ref texels, .. } = self.images[image as usize];
+        let Image { width, height, ref texels, .. } = *self.images[image as usize];
         if !uv.is_finite() {
             return texel(texels, 0);
         }
@@ -179,6 +179,8 @@ impl Scene {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use glam::Affine2;
 
     use super::*;
@@ -187,7 +189,7 @@ mod tests {
     fn scene(wrap: Wrap, filter: Filter) -> Scene {
         let texels = Texels::Rgba8(vec![[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [255, 255, 255, 0]]);
         Scene {
-            images: vec![Image { name: "test".into(), width: 2, height: 2, texels }],
+            images: vec![Image { name: "test".into(), width: 2, height: 2, texels }.into()],
             textures: vec![Texture { image: 0, wrap_s: wrap, wrap_t: wrap, filter }],
             ..Default::default()
         }
@@ -262,7 +264,7 @@ mod tests {
     #[test]
     fn srgb_is_decoded_before_filtering_and_alpha_is_not_decoded() {
         let mut scene = scene(Wrap::ClampToEdge, Filter::Linear);
-        scene.images[0].texels = Texels::Rgba8(vec![[0, 10, 188, 128]; 4]);
+        Arc::make_mut(&mut scene.images[0]).texels = Texels::Rgba8(vec![[0, 10, 188, 128]; 4]);
         let srgb = TextureRef { encoding: Encoding::Srgb, ..plain() };
         let c = scene.sample_texture(&srgb, Vec2::splat(0.25));
         // IEC 61966-2-1: 10/255 lies on the linear part, 188 is ((188/255 + 0.055)/1.055)^2.4.
@@ -271,14 +273,14 @@ mod tests {
         assert!((f64::from(c.z) - ((188.0 / 255.0 + 0.055) / 1.055_f64).powf(2.4)).abs() <= 1e-6);
         assert_eq!(c.w, 128.0 / 255.0);
         // Between black and white, decoded first: exactly one half.
-        scene.images[0].texels = Texels::Rgb8(vec![[0; 3], [255; 3], [0; 3], [255; 3]]);
+        Arc::make_mut(&mut scene.images[0]).texels = Texels::Rgb8(vec![[0; 3], [255; 3], [0; 3], [255; 3]]);
         assert_eq!(scene.sample_texture(&srgb, Vec2::splat(0.5)).to_array(), [0.5, 0.5, 0.5, 1.0]);
     }
 
     #[test]
     fn sixteen_bits_keep_their_precision() {
         let mut scene = scene(Wrap::ClampToEdge, Filter::Nearest);
-        scene.images[0].texels = Texels::Rgba16(vec![[1, 257, 65535, 32768]; 4]);
+        Arc::make_mut(&mut scene.images[0]).texels = Texels::Rgba16(vec![[1, 257, 65535, 32768]; 4]);
         let c = scene.sample_texture(&plain(), Vec2::splat(0.25));
         assert_eq!(c.to_array(), [1.0 / 65535.0, 257.0 / 65535.0, 1.0, 32768.0 / 65535.0]);
     }

@@ -18,7 +18,7 @@ pub fn scene(meshes: Vec<Mesh>, placements: &[(u32, Option<Affine3A>)]) -> Scene
         objects: (0..meshes.len() as u32).map(object).collect(),
         instances: placements.iter().map(instance).collect(),
         materials: vec![Material::default()],
-        meshes,
+        meshes: meshes.into_iter().map(Into::into).collect(),
         ..Scene::default()
     }
 }

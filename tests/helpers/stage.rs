@@ -34,13 +34,14 @@ pub fn lamp(radiance: f32) -> Material {
 pub fn add(scene: &mut Scene, points: Vec<[f32; 3]>, indices: Vec<[u32; 3]>, material: Material) {
     let n = scene.meshes.len() as u32;
     scene.materials.push(material);
-    scene.meshes.push(Mesh {
+    let mesh = Mesh {
         name: format!("mesh {n}"),
         positions: Positions::new(points),
         indices,
         material: n,
         ..Default::default()
-    });
+    };
+    scene.meshes.push(mesh.into());
     scene.objects.push(Object { name: String::new(), meshes: n..n + 1 });
     scene.instances.push(Instance { name: String::new(), object: n, transform: None });
 }
@@ -110,7 +111,7 @@ pub fn glass_hall() -> Arc<Scene> {
     rectangle(&mut scene, 1.3, [-1.5, -0.8], [-0.2, 0.6], true, leaf);
     let brushed = Material { anisotropy: 0.8, anisotropy_rotation: 0.5, iridescence: 0.8, ..metal(0.3) };
     rectangle(&mut scene, 1.0, [-1.7, -1.0], [-0.9, -0.3], true, brushed);
-    scene.meshes.last_mut().unwrap().tangents = Some(vec![[1.0, 0.0, 0.0, 1.0]; 4]);
+    std::sync::Arc::make_mut(scene.meshes.last_mut().unwrap()).tangents = Some(vec![[1.0, 0.0, 0.0, 1.0]; 4]);
     let bubble = Material { iridescence: 1.0, ..wall(0.4, 0.9) };
     rectangle(&mut scene, 0.6, [1.0, 1.7], [-0.9, 0.3], true, bubble);
     Arc::new(scene)

@@ -1,17 +1,18 @@
 //! The process that renders a batch's jobs: an order in, messages out ([`order`](crate::batch::order)).
 
+use std::collections::HashMap;
 use std::fs;
 use std::io::{self, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Sender, channel};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use clap::{Args, Command};
 use serde_json::to_value;
 
-use super::{Planned, scene_key, understand};
+use super::{Planned, files_key, scene_key, understand};
 use crate::batch::order::{Ended, Message, Order};
 use crate::batch::queue::{Shelf, each};
 use crate::batch::report::{Entry, Status};
@@ -37,7 +38,8 @@ pub fn run() -> Result<Verdict> {
     jobs.iter().try_for_each(|planned| declare(&planned.args, &format!(" of '{}'", planned.job.name), &mut paths))?;
     let pools = (0..at_once.clamp(1, jobs.len().max(1))).map(|_| host::pool(threads)).collect::<Result<Vec<_>>>()?;
     let worker = Worker {
-        inputs: Shelf::new(jobs.iter().map(|j| scene_key(&j.args))),
+        inputs: Shelf::new(jobs.iter().map(|j| files_key(&j.args))),
+        latest: Mutex::default(),
         scenes: Shelf::new(jobs.iter().map(|j| scene_key(&j.args))),
         jobs,
         paths: Mutex::new(paths),
@@ -77,6 +79,8 @@ struct Worker {
     jobs: Vec<Planned>,
     inputs: Shelf<Inputs>,
     scenes: Shelf<Loaded>,
+    /// Of files that several scenes are made of, the last one.
+    latest: Mutex<HashMap<String, Arc<Loaded>>>,
     /// All that any of the jobs reads or writes.
     paths: Mutex<Paths>,
     /// Of each job.
@@ -110,7 +114,9 @@ impl Worker {
         let key = scene_key(args);
         let result = catch_unwind(AssertUnwindSafe(|| self.render(args, &key, began, &goes)))
             .unwrap_or_else(|_| Err(Error::Bug("the job panicked; what it said is above".into())));
-        self.inputs.done(&key);
+        if self.inputs.done(&files_key(args)) {
+            self.latest().remove(&files_key(args));
+        }
         self.scenes.done(&key);
         entry.seconds = began.elapsed().as_secs_f64();
         let (mut line, mut before) = (None, None);
@@ -135,20 +141,34 @@ impl Worker {
         Ended { entry, line, before }
     }
 
+    fn latest(&self) -> MutexGuard<'_, HashMap<String, Arc<Loaded>>> {
+        self.latest.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     fn render(&self, args: &RenderArgs, key: &str, began: Instant, goes: &(dyn Fn(Progress) + Sync)) -> Result<Done> {
         if let Some(folder) = args.output().parent() {
             fs::create_dir_all(folder)
                 .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", folder.display())))?;
         }
         let _claims = claim_outputs(args)?;
-        let inputs = self.inputs.get(key, || Inputs::read(args))?;
+        let files = files_key(args);
+        let inputs = self.inputs.get(&files, || Inputs::read(args))?;
         inputs.declare(&mut self.paths.lock().unwrap_or_else(PoisonError::into_inner))?;
         let session = Session { args, inputs: &inputs, threads: self.threads, began, replaces: true };
         if let Some(earlier) = session.done_before()? {
             return session.develop(&earlier);
         }
         session.check_memory()?;
-        let loaded = self.scenes.get(key, || Loaded::load(args, &inputs, &|_, _| !self.signals.stopped()))?;
+        let building = |_, _| !self.signals.stopped();
+        // Will other scenes be made of these files?
+        let more = self.inputs.left(&files) > self.scenes.left(key);
+        let loaded = self.scenes.get(key, || {
+            let previous = self.latest().remove(&files);
+            Loaded::load_next(args, &inputs, previous, more, &building)
+        })?;
+        if more {
+            self.latest().insert(files, Arc::clone(&loaded));
+        }
         session.render(&loaded, &self.signals.stop, goes, &|_| ())
     }
 }

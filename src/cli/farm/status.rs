@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 
 use super::site::{Fate, Queue};
 use crate::batch::frames::numbered_name;
-use crate::cli::batch::scene_key;
+use crate::cli::batch::files_key;
 use crate::cli::render::{Inputs, RenderArgs, Session};
 use crate::console::{Verdict, print, print_json};
 use crate::farm::sessions::{HELD, INTERRUPTED, Sessions, beside};
@@ -225,7 +225,7 @@ impl Look<'_> {
         };
         let settings = asked.settings();
         let some = Holds::Some(settings.spp.map_or(0.0, |goal| f64::from(record.paths) / f64::from(goal)));
-        let inputs = self.scenes.entry(scene_key(asked)).or_insert_with(|| {
+        let inputs = self.scenes.entry(files_key(asked)).or_insert_with(|| {
             let inputs = Inputs::read(asked)?;
             // The hashes are enough.
             inputs.take(asked)?;

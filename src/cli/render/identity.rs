@@ -1,6 +1,6 @@
 //! The contents that a command names, hashed without loading the scene.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use crate::console::Paths;
@@ -19,15 +19,15 @@ pub struct Inputs {
     pub environment: (String, u64),
     /// What opening, hashing and measuring took.
     pub read_seconds: f64,
-    /// The files themselves, until a scene is made of them.
+    /// The files themselves, until the last scene is made of them.
     files: Mutex<Option<Files>>,
 }
 
 /// The files of a scene and of its environment.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Files {
-    pub scene: SceneFiles,
-    pub environment: Option<EnvironmentFile>,
+    pub scene: Arc<SceneFiles>,
+    pub environment: Option<Arc<EnvironmentFile>>,
 }
 
 impl Inputs {
@@ -49,6 +49,7 @@ impl Inputs {
         };
         let scene_files = SceneFiles::open(&args.scene)?;
         let scene = scene_files.survey();
+        let (scene_files, environment_file) = (Arc::new(scene_files), environment_file.map(Arc::new));
         let files = Mutex::new(Some(Files { scene: scene_files, environment: environment_file }));
         Ok(Self { scene, environment, read_seconds: start.elapsed().as_secs_f64(), files })
     }
@@ -59,6 +60,16 @@ impl Inputs {
     /// As [`Paths::reads`].
     pub fn declare(&self, paths: &mut Paths) -> Result<()> {
         self.scene.files.iter().try_for_each(|file| paths.reads("the scene's", file))
+    }
+
+    /// The files, for one of several scenes that are made of them.
+    ///
+    /// # Errors
+    /// As [`Inputs::take`].
+    pub fn lend(&self, args: &RenderArgs) -> Result<Files> {
+        let files = self.take(args)?;
+        *self.files.lock().unwrap_or_else(PoisonError::into_inner) = Some(files.clone());
+        Ok(files)
     }
 
     /// Hands the files over. Opens them again when an earlier job of a batch had them and failed.

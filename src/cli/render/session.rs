@@ -3,93 +3,34 @@
 use std::cell::{Cell, RefCell};
 use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use tracing::{debug, info, warn};
+use tracing::{info, warn};
 
 use super::choose::settings;
 use super::identity::Inputs;
 use super::keep::Keeper;
+use super::loaded::Loaded;
 use super::names::names;
-use super::{RenderArgs, make_scene, warnings};
+use super::{RenderArgs, warnings};
 use crate::cli::memory::{self, Need};
 use crate::cli::stats::{self, Seconds, Stats};
 use crate::console::tev::Tev;
 use crate::film::denoise::Denoiser;
 use crate::film::exr_file::{HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::film::{Background, Look, Picture, colors, denoised, exr_file, preview};
-use crate::integrator::PreparedScene;
-use crate::light::AreaLights;
-use crate::rays;
 use crate::render::checkpoint::{self, Earlier, Host};
 use crate::render::lens::lens;
 use crate::render::{
     Identity, Pause, Progress, Record, RenderSettings, Rendered, RunOptions, Saved, StopReason, camera, run,
 };
-use crate::scene::Scene;
 use crate::{Error, Result};
 
 /// Seconds between pictures for a viewer.
 const SECONDS_BETWEEN_SHOWS: f64 = 2.0;
 /// The layer without noise.
 const DENOISED: &str = "denoised";
-
-/// A scene that is ready to be rendered.
-pub struct Loaded {
-    pub prepared: PreparedScene<'static>,
-    read_seconds: f64,
-    build_seconds: f64,
-}
-
-/// Is handed the share of a build that is done and its seconds so far; says whether to go on.
-pub type Building<'a> = &'a (dyn Fn(f64, f64) -> bool + Sync);
-
-impl Loaded {
-    /// Makes a command's scene and environment of the opened files, lets go of those, and builds the acceleration
-    /// structure.
-    ///
-    /// # Errors
-    /// As the import and the ray queries have them; [`Error::Interrupted`] if `building` says so.
-    pub fn load(args: &RenderArgs, inputs: &Inputs, building: Building) -> Result<Self> {
-        let start = Instant::now();
-        let scene = Arc::new(make_scene(args, inputs.take(args)?)?);
-        let read_seconds = inputs.read_seconds + start.elapsed().as_secs_f64();
-        info!("read {} in {read_seconds:.2} s", args.scene.display());
-        check_placed(args, inputs, &scene)?;
-        debug!(
-            "{} objects in {} places, {} triangles kept, {} materials, {} textures, {} punctual lights, {} cameras",
-            scene.objects.len(),
-            scene.instances.len(),
-            scene.meshes.iter().map(|mesh| mesh.indices.len()).sum::<usize>(),
-            scene.materials.len(),
-            scene.textures.len(),
-            scene.lights.len(),
-            scene.cameras.len()
-        );
-        let built = Instant::now();
-        let rays =
-            rays::build_watched(args.rays, Arc::clone(&scene), &|done| building(done, built.elapsed().as_secs_f64()))?;
-        let build_seconds = built.elapsed().as_secs_f64();
-        let backend = rays.info();
-        let mebibytes = backend.memory_bytes as f64 / 2_f64.powi(20);
-        info!("built {} {} ({}): {build_seconds:.2} s, {mebibytes:.1} MiB", backend.name, backend.version, backend.isa);
-        Ok(Self { prepared: PreparedScene::new(scene, rays), read_seconds, build_seconds })
-    }
-}
-
-/// Bytes of an instance: in the scene, as rays and shading keep it.
-const INSTANCE: u64 = 512;
-
-/// Fails if there is not enough memory for what the scene places, which its files do not say beforehand.
-fn check_placed(args: &RenderArgs, inputs: &Inputs, scene: &Scene) -> Result<()> {
-    let (lights, instances) = (AreaLights::count(scene), scene.instances.len() as u64);
-    let placed = lights * AreaLights::BYTES_EACH + instances * INSTANCE;
-    let what = format!("{} with {instances} instances and {lights} emissive triangles in them", args.scene.display());
-    let bytes = inputs.scene.geometry_bytes + inputs.scene.image_bytes + placed;
-    memory::check(&what, bytes, memory::limit(args.memory_limit)?)
-}
 
 /// What came of it.
 pub enum Done {

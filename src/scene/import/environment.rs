@@ -2,6 +2,7 @@
 
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use image::codecs::hdr::HdrDecoder;
 use image::{DynamicImage, ImageDecoder, ImageReader};
@@ -24,7 +25,11 @@ const BYTES_A_PIXEL: u64 = 12 + 24;
 pub struct EnvironmentFile {
     path: PathBuf,
     bytes: Vec<u8>,
+    decoded: Mutex<Option<Decoded>>,
 }
+
+/// Width, height, pixels.
+type Decoded = (u32, u32, Arc<[[f32; 3]]>);
 
 impl EnvironmentFile {
     /// Reads the file.
@@ -32,7 +37,7 @@ impl EnvironmentFile {
     /// # Errors
     /// The file missing, forbidden or not regular.
     pub fn open(path: &Path) -> Result<Self> {
-        Ok(Self { path: path.into(), bytes: read_regular(path, LARGEST_FILE)? })
+        Ok(Self { path: path.into(), bytes: read_regular(path, LARGEST_FILE)?, decoded: Mutex::default() })
     }
 
     /// BLAKE3 of the file, hexadecimal.
@@ -51,7 +56,7 @@ impl EnvironmentFile {
         pixels * BYTES_A_PIXEL
     }
 
-    /// Decodes an equirectangular picture; `rotation_degrees` turns it about +y, `strength` multiplies it.
+    /// Decodes an equirectangular picture, once however often it is asked for; `rotation_degrees` turns it about +y, `strength` multiplies it.
     ///
     /// NaN, infinite and negative pixels become the nearest value that light can have (black, or the largest finite one
     /// of the format), with a warning in the log.
@@ -60,6 +65,22 @@ impl EnvironmentFile {
     /// As [`environment`], but for opening.
     pub fn decode(&self, rotation_degrees: f32, strength: f32) -> Result<Environment> {
         check_flags(rotation_degrees, strength)?;
+        let mut decoded = self.decoded.lock().unwrap_or_else(PoisonError::into_inner);
+        let (width, height, pixels) = match &*decoded {
+            Some(there) => there.clone(),
+            None => decoded.insert(self.decode_pixels()?).clone(),
+        };
+        Ok(Environment {
+            name: self.path.display().to_string(),
+            width,
+            height,
+            pixels,
+            rotation: rotation_degrees.to_radians(),
+            strength,
+        })
+    }
+
+    fn decode_pixels(&self) -> Result<Decoded> {
         let (path, bytes) = (&self.path, &self.bytes);
         let picture = match bytes.as_slice() {
             [b'#', b'?', ..] => read_hdr(bytes),
@@ -77,14 +98,7 @@ impl EnvironmentFile {
         if u64::from(width) != 2 * u64::from(height) {
             tracing::warn!("{}: {width}x{height} is not twice as wide as high; it is stretched", path.display());
         }
-        Ok(Environment {
-            name: path.display().to_string(),
-            width,
-            height,
-            pixels,
-            rotation: rotation_degrees.to_radians(),
-            strength,
-        })
+        Ok((width, height, pixels.into()))
     }
 }
 

@@ -60,7 +60,11 @@ pub struct Imported {
 
 /// A `.gltf` or `.glb` file and the files that it names, opened once and in memory.
 #[derive(Debug)]
-pub struct SceneFiles(source::Source);
+pub struct SceneFiles {
+    source: source::Source,
+    /// What imports of them share.
+    kept: build::Kept,
+}
 
 impl SceneFiles {
     /// Reads the files; what is wrong with those that the document names is left for [`Self::import`] to say.
@@ -69,15 +73,15 @@ impl SceneFiles {
     /// [`Error::Data`] (exit code 65) for a file that is no glTF; [`Error::Missing`] (66), [`Error::Permission`] and
     /// [`Error::Io`] as the system says.
     pub fn open(path: &Path) -> Result<Self> {
-        source::Source::open(path).map(Self)
+        Ok(Self { source: source::Source::open(path)?, kept: build::Kept::default() })
     }
 
     /// Hashes and measures the files without decoding them.
     pub fn survey(&self) -> Survey {
-        self.0.survey()
+        self.source.survey()
     }
 
-    /// Makes the scene.
+    /// Makes the scene. Again, at another moment, it takes what has not moved and the decoded pictures from the last time.
     ///
     /// # Errors
     /// [`Error::Data`] (exit code 65) for a file that breaks the specification, requires an unknown extension, names
@@ -87,7 +91,7 @@ impl SceneFiles {
     /// that are.
     pub fn import(&self, options: &ImportOptions) -> Result<Imported> {
         let start = Instant::now();
-        let source = &self.0;
+        let source = &self.source;
         let mut report = ImportReport {
             file: source.path.display().to_string(),
             file_bytes: source.file_bytes,
@@ -105,7 +109,7 @@ impl SceneFiles {
             let json = posed.as_ref().unwrap_or(&source.json);
             let document = document::Document::parse(source, json, options, &mut notes)?;
             report.generator.clone_from(&document.generator);
-            let scene = build::build(&document, source.file_bytes, posed.is_some(), notes, &mut report)?;
+            let scene = build::build(&document, source.file_bytes, posed.is_some(), &self.kept, notes, &mut report)?;
             if options.strict {
                 report.refuse_if_inexact()?;
             }

@@ -99,7 +99,7 @@ impl Shape {
         let right = Vec3::Y.cross(back).normalize();
         let look = Affine3A::from_mat3_translation(Mat3::from_cols(right, back.cross(right), back), eye);
         Scene {
-            meshes: vec![mesh],
+            meshes: vec![mesh.into()],
             objects: vec![Object { name: self.name(), meshes: 0..1 }],
             instances: vec![Instance { name: self.name(), object: 0, transform: None }],
             materials: vec![material],

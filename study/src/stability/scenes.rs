@@ -57,13 +57,14 @@ fn plate(scene: &mut Scene, corner: [f32; 3], u: [f32; 3], v: [f32; 3], material
     let points = [corner, corner + u, corner + u + v, corner + v].map(|p| p.to_array());
     let n = scene.meshes.len() as u32;
     scene.materials.push(material);
-    scene.meshes.push(Mesh {
+    let mesh = Mesh {
         name: format!("plate {n}"),
         positions: Positions::new(points.to_vec()),
         indices: vec![[0, 1, 2], [0, 2, 3]],
         material: n,
         ..Default::default()
-    });
+    };
+    scene.meshes.push(mesh.into());
     scene.objects.push(Object { name: String::new(), meshes: n..n + 1 });
     scene.instances.push(Instance { name: String::new(), object: n, transform: None });
 }

@@ -3,6 +3,7 @@
 mod cameras;
 mod decode;
 mod geometry;
+mod kept;
 mod lights;
 mod materials;
 mod nodes;
@@ -13,6 +14,7 @@ mod tangents;
 mod textures;
 
 use std::collections::HashSet;
+use std::sync::Arc;
 use std::time::Instant;
 
 use glam::{Affine3A, DAffine3, DVec3};
@@ -21,21 +23,25 @@ use tracing::debug;
 use crate::error::{Error, Result};
 use crate::scene::import::document::Document;
 use crate::scene::import::document::extensions::{Support, support};
+use crate::scene::import::document::primitives::Mesh as MeshOfDocument;
 use crate::scene::import::report::{ImportReport, Notes, SceneCounts};
 use crate::scene::{self, FARTHEST, Framing, Instance, Mesh, Object, Scene, Texels};
 
 use geometry::Pose;
+pub use kept::Kept;
+use kept::{KeptObject, Key, Objects, needs};
 use materials::MaterialTable;
 use nodes::{ObjectKey, Placement, Walk, walk};
 pub use pose::posed;
 use reader::Reader;
 use textures::TextureTable;
 
-/// Builds the scene, adds to the document's notes, and fills the report's extensions, notes and counts.
+/// Builds the scene with what `kept` has of its other moments, adds to the document's notes, and fills the report's extensions, notes and counts.
 pub fn build(
     document: &Document,
     file_bytes: u64,
     posed: bool,
+    kept: &Kept,
     mut notes: Notes,
     report: &mut ImportReport,
 ) -> Result<Scene> {
@@ -49,9 +55,14 @@ pub fn build(
         materials: MaterialTable::default(),
         scene: Scene::default(),
         framing: None,
+        // At rest there are no other moments.
+        sharing: posed.then(|| Sharing { before: kept.objects(), now: Objects::default() }),
     };
     let walk = walk(document, &mut assembly.reader, &mut notes)?;
-    let meshes = walk.objects.iter().filter_map(|(key, _)| document.meshes.get(key.mesh).ok());
+    // What is kept need not be unpacked; where it is another pose that is kept, it is unpacked when it is asked for.
+    let known = |mesh: usize| assembly.sharing.as_ref().is_some_and(|s| s.before.keys().any(|key| key.is_of(mesh)));
+    let meshes = walk.objects.iter().filter(|(key, _)| !known(key.mesh));
+    let meshes = meshes.filter_map(|(key, _)| document.meshes.get(key.mesh).ok());
     let start = Instant::now();
     assembly.reader.unpack(meshes.flat_map(|mesh| &mesh.primitives))?;
     debug!("geometry unpacked: {:.3} s", start.elapsed().as_secs_f64());
@@ -62,12 +73,15 @@ pub fn build(
     let placed: HashSet<usize> = walk.objects.iter().map(|(key, _)| key.mesh).collect();
     note_unplaced(document, &placed, &mut notes);
 
-    let Assembly { textures, materials, mut scene, framing, .. } = assembly;
+    let Assembly { textures, materials, mut scene, framing, sharing, .. } = assembly;
+    if let Some(sharing) = sharing {
+        kept.keep(sharing.now);
+    }
     note_faults(document, scene.instances.is_empty(), &mut notes)?;
     materials.note_unused(document, &mut notes);
     textures.note_unused(document, &mut notes);
     scene.materials = materials.materials;
-    textures.decode(document, file_bytes, &mut scene, &mut notes)?;
+    textures.decode(document, file_bytes, kept, &mut scene, &mut notes)?;
     scene.lights = walk.lights;
     scene.cameras = walk.cameras;
     // Until a picture's size is known, for a square one.
@@ -121,6 +135,13 @@ struct Assembly<'a> {
     scene: Scene,
     /// Of a scene without a camera.
     framing: Option<Box<Framing>>,
+    sharing: Option<Sharing>,
+}
+
+/// Objects of another moment, and of this one.
+struct Sharing {
+    before: Objects,
+    now: Objects,
 }
 
 impl Assembly<'_> {
@@ -139,6 +160,50 @@ impl Assembly<'_> {
         if placements.is_empty() {
             return Ok(());
         }
+        let once = if let [placement] = placements[..] { Some(placement) } else { None };
+        if self.sharing.is_some() {
+            self.share(key, mesh, &pose, once, notes)?;
+        } else {
+            let read = self.read(mesh, &pose, once, notes)?;
+            self.scene.meshes.extend(read.into_iter().map(|(_, mesh)| Arc::new(mesh)));
+        }
+        let meshes = start..self.scene.meshes.len() as u32;
+        if meshes.is_empty() {
+            return Ok(());
+        }
+        let object = self.scene.objects.len() as u32;
+        self.scene.objects.push(Object { name: mesh.name.clone(), meshes: meshes.clone() });
+        let own = self.scene.meshes[meshes.start as usize..].iter().map(Arc::as_ref);
+        if let Some(placement) = once {
+            if let Some(framing) = &mut self.framing {
+                points(own).for_each(|p| framing.include(p));
+            }
+            self.scene.instances.push(Instance { name: placement.name.clone(), object, transform: None });
+            return Ok(());
+        }
+        let corners = corners(own);
+        for placement in &placements {
+            for p in moved(&corners, placement, &mesh.at)? {
+                if let Some(framing) = &mut self.framing {
+                    framing.include(p);
+                }
+            }
+            let transform = Some(to_single(&placement.world));
+            self.scene.instances.push(Instance { name: placement.name.clone(), object, transform });
+        }
+        Ok(())
+    }
+
+    /// Reads an object's meshes, each with the number of its primitive; those of one that is placed once, into world space.
+    fn read(
+        &mut self,
+        mesh: &MeshOfDocument,
+        pose: &Pose,
+        once: Option<&Placement>,
+        notes: &mut Notes,
+    ) -> Result<Vec<(usize, Mesh)>> {
+        let document = self.document;
+        let mut meshes = Vec::new();
         for (i, primitive) in mesh.primitives.iter().enumerate() {
             for name in &primitive.extensions {
                 if let Support::Ignored(why) = support(name) {
@@ -147,52 +212,86 @@ impl Assembly<'_> {
             }
             // Points and lines use no material of ours.
             if primitive.mode < 4 {
-                geometry::read(&mut self.reader, primitive, &scene::Material::default(), &pose, notes)?;
+                geometry::read(&mut self.reader, primitive, &scene::Material::default(), pose, notes)?;
                 continue;
             }
             let material = self.materials.get(document, primitive.material, &mut self.textures, notes)?;
             let shading = &self.materials.materials[material as usize];
-            if let Some(geometry) = geometry::read(&mut self.reader, primitive, shading, &pose, notes)? {
+            if let Some(geometry) = geometry::read(&mut self.reader, primitive, shading, pose, notes)? {
                 let name = match mesh.primitives.len() {
                     1 => mesh.name.clone(),
                     _ => format!("{}[{i}]", mesh.name),
                 };
-                self.scene.meshes.push(geometry.into_mesh(name, material));
+                meshes.push((i, geometry.into_mesh(name, material)));
             }
         }
-        let meshes = start..self.scene.meshes.len() as u32;
-        if meshes.is_empty() {
-            return Ok(());
+        if let Some(placement) = once {
+            moved(&corners(meshes.iter().map(|(_, mesh)| mesh)), placement, &mesh.at)?;
+            meshes.iter_mut().for_each(|(_, mesh)| geometry::bake(mesh, &placement.world));
         }
-        let object = self.scene.objects.len() as u32;
-        self.scene.objects.push(Object { name: mesh.name.clone(), meshes: meshes.clone() });
-        let own = &mut self.scene.meshes[meshes.start as usize..];
-        let corners = corners(own);
-        for placement in &placements {
-            let moved: Vec<DVec3> = corners.iter().map(|&c| placement.world.transform_point3(c)).collect();
-            if corners.iter().chain(&moved).any(|p| p.abs().max_element() > f64::from(FARTHEST)) {
-                return Err(Error::Data(format!(
-                    "{}: places {} beyond {FARTHEST:e} m, where rays cannot be traced; scale the scene down",
-                    placement.at, mesh.at
-                )));
+        Ok(meshes)
+    }
+
+    /// As [`Self::read`], into the scene; what another moment of the files has is taken from there.
+    fn share(
+        &mut self,
+        key: &ObjectKey,
+        mesh: &MeshOfDocument,
+        pose: &Pose,
+        once: Option<&Placement>,
+        notes: &mut Notes,
+    ) -> Result<()> {
+        let document = self.document;
+        let key = Key::new(key, pose.joints, once.map(|placement| &placement.world));
+        // Materials are numbered as if nothing were shared.
+        let (mut materials, mut asked) = (Vec::new(), Vec::new());
+        for primitive in &mesh.primitives {
+            if primitive.mode < 4 {
+                materials.push(0);
+                continue;
             }
-            if let Some(framing) = self.framing.as_mut().filter(|_| placements.len() > 1) {
-                moved.into_iter().for_each(|p| framing.include(p));
-            }
+            let material = self.materials.get(document, primitive.material, &mut self.textures, notes)?;
+            asked.push(needs(&self.materials.materials[material as usize]));
+            materials.push(material);
         }
-        if let [placement] = placements[..] {
-            own.iter_mut().for_each(|mesh| geometry::bake(mesh, &placement.world));
-            if let Some(framing) = &mut self.framing {
-                points(own).for_each(|p| framing.include(p));
+        let before = self.sharing.as_ref().and_then(|sharing| sharing.before.get(&key));
+        let object = match before.filter(|object| object.needs == asked) {
+            Some(object) => Arc::clone(object),
+            None => {
+                self.reader.unpack(mesh.primitives.iter())?;
+                let mut own = Notes::default();
+                let read = self.read(mesh, pose, once, &mut own)?;
+                let meshes = read.into_iter().map(|(i, mesh)| (i, Arc::new(mesh))).collect();
+                Arc::new(KeptObject { needs: asked, meshes, notes: own.into_list() })
             }
-            self.scene.instances.push(Instance { name: placement.name.clone(), object, transform: None });
-            return Ok(());
+        };
+        object.notes.iter().for_each(|note| notes.add(note.kind, &note.at, note.text.clone()));
+        for (primitive, kept) in &object.meshes {
+            let mut kept = Arc::clone(kept);
+            if kept.material != materials[*primitive] {
+                Arc::make_mut(&mut kept).material = materials[*primitive];
+            }
+            self.scene.meshes.push(kept);
         }
-        for placement in placements {
-            let transform = Some(to_single(&placement.world));
-            self.scene.instances.push(Instance { name: placement.name.clone(), object, transform });
+        if let Some(sharing) = &mut self.sharing {
+            sharing.now.insert(key, object);
         }
         Ok(())
+    }
+}
+
+/// Where a placement takes a box's corners.
+///
+/// # Errors
+/// One that takes them, or finds them, too far away.
+fn moved(corners: &[DVec3], placement: &Placement, mesh: &str) -> Result<Vec<DVec3>> {
+    let moved: Vec<DVec3> = corners.iter().map(|&c| placement.world.transform_point3(c)).collect();
+    match corners.iter().chain(&moved).any(|p| p.abs().max_element() > f64::from(FARTHEST)) {
+        true => Err(Error::Data(format!(
+            "{}: places {mesh} beyond {FARTHEST:e} m, where rays cannot be traced; scale the scene down",
+            placement.at
+        ))),
+        false => Ok(moved),
     }
 }
 
@@ -229,12 +328,12 @@ fn is_solid(placement: &Placement, notes: &mut Notes) -> bool {
     solid
 }
 
-fn points(meshes: &[Mesh]) -> impl Iterator<Item = DVec3> {
-    meshes.iter().flat_map(|m| m.positions.iter()).map(|p| DVec3::from(p.map(f64::from)))
+fn points<'a>(meshes: impl Iterator<Item = &'a Mesh>) -> impl Iterator<Item = DVec3> {
+    meshes.flat_map(|m| m.positions.iter()).map(|p| DVec3::from(p.map(f64::from)))
 }
 
 /// Corners of the meshes' box.
-fn corners(meshes: &[Mesh]) -> Vec<DVec3> {
+fn corners<'a>(meshes: impl Iterator<Item = &'a Mesh>) -> Vec<DVec3> {
     let bounds = |b: Option<(DVec3, DVec3)>, p: DVec3| Some(b.map_or((p, p), |(low, high)| (low.min(p), high.max(p))));
     let Some((low, high)) = points(meshes).fold(None, bounds) else { return Vec::new() };
     let pick = |i: u32, axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
@@ -266,7 +365,7 @@ pub fn image_bytes(image: &scene::Image) -> u64 {
 }
 
 fn count(scene: &Scene) -> SceneCounts {
-    let triangles = |meshes: &[Mesh]| meshes.iter().map(|m| m.indices.len() as u64).sum::<u64>();
+    let triangles = |meshes: &[Arc<Mesh>]| meshes.iter().map(|m| m.indices.len() as u64).sum::<u64>();
     let of_instance = |i: &Instance| {
         let range = &scene.objects[i.object as usize].meshes;
         triangles(&scene.meshes[range.start as usize..range.end as usize])
@@ -281,7 +380,7 @@ fn count(scene: &Scene) -> SceneCounts {
         images: scene.images.len() as u64,
         lights: scene.lights.len() as u64,
         cameras: scene.cameras.len() as u64,
-        geometry_bytes: scene.meshes.iter().map(mesh_bytes).sum(),
-        image_bytes: scene.images.iter().map(image_bytes).sum(),
+        geometry_bytes: scene.meshes.iter().map(|mesh| mesh_bytes(mesh)).sum(),
+        image_bytes: scene.images.iter().map(|image| image_bytes(image)).sum(),
     }
 }

@@ -4,6 +4,7 @@
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::io::Cursor;
+use std::sync::Arc;
 use std::time::Instant;
 
 use bytes::Bytes;
@@ -12,6 +13,7 @@ use rayon::prelude::*;
 use tracing::debug;
 
 use super::decode::basis;
+use super::kept::Kept;
 use super::reader::Budget;
 use crate::error::{Error, Result};
 use crate::scene::import::document::Document;
@@ -249,12 +251,19 @@ impl TextureTable {
         Ok(Some(TextureRef { texture: index, set, transform: info.transform, encoding: slot.encoding() }))
     }
 
-    /// Decodes the pictures that are sampled, in parallel, into `scene`, with their textures. Materials lose the textures
+    /// Decodes the pictures that are sampled and not kept, in parallel, into `scene`, with their textures. Materials lose the textures
     /// whose picture is damaged.
     ///
     /// # Errors
     /// The first picture that is too large, by the document's order.
-    pub fn decode(self, document: &Document, file_bytes: u64, scene: &mut Scene, notes: &mut Notes) -> Result<()> {
+    pub fn decode(
+        self,
+        document: &Document,
+        file_bytes: u64,
+        kept: &Kept,
+        scene: &mut Scene,
+        notes: &mut Notes,
+    ) -> Result<()> {
         // Flat colours compress a thousandfold; a floor lets ordinary ones pass.
         const BASE: u64 = 1 << 30;
         const FACTOR: u64 = 256;
@@ -272,16 +281,25 @@ impl TextureTable {
                 )));
             }
             budget.take(&image.at, count, bytes)?;
-            jobs.push((image, format));
+            let there = kept.images().get(&index).cloned();
+            jobs.push((index, image, format, there));
         }
+        let one = |(_, image, format, there): &(usize, &Image, Format, Option<Arc<scene::Image>>)| match there {
+            Some(there) => Ok(Ok(Arc::clone(there))),
+            None => decode(image, document, *format).map(|decoded| decoded.map(Arc::new)),
+        };
         let start = Instant::now();
-        let decoded: Vec<_> = jobs.par_iter().map(|(image, format)| decode(image, document, *format)).collect();
-        debug!("{} pictures decoded: {:.3} s", jobs.len(), start.elapsed().as_secs_f64());
+        let decoded: Vec<_> = jobs.par_iter().map(one).collect();
+        let new = jobs.iter().filter(|(.., there)| there.is_none()).count();
+        debug!("{new} pictures decoded: {:.3} s", start.elapsed().as_secs_f64());
         // The scene's index of each picture and texture that is left.
         let (mut image_left, mut texture_left) = (Vec::new(), Vec::new());
-        for ((image, _), decoded) in jobs.iter().zip(decoded) {
+        for ((index, image, ..), decoded) in jobs.iter().zip(decoded) {
             image_left.push(match decoded? {
-                Ok(picture) => Some(push(&mut scene.images, picture)),
+                Ok(picture) => {
+                    kept.images().insert(*index, Arc::clone(&picture));
+                    Some(push(&mut scene.images, picture))
+                }
                 Err(why) => {
                     notes.ignored(&image.at, format!("{why}; the factor alone is used"));
                     None
@@ -324,7 +342,8 @@ fn drop_textures(scene: &mut Scene, left: &[Option<u32>]) {
         }
     }
     for mesh in &mut scene.meshes {
-        mesh.tangents =
-            mesh.tangents.take().filter(|_| scene.materials[mesh.material as usize].tangent_set().is_some());
+        if mesh.tangents.is_some() && scene.materials[mesh.material as usize].tangent_set().is_none() {
+            Arc::make_mut(mesh).tangents = None;
+        }
     }
 }

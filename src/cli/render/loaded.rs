@@ -1,0 +1,103 @@
+//! What a command renders, in memory: its scene, and what rays are traced by.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use tracing::{debug, info};
+
+use super::identity::{Files, Inputs};
+use super::{RenderArgs, make_scene};
+use crate::cli::memory;
+use crate::integrator::PreparedScene;
+use crate::light::AreaLights;
+use crate::scene::Scene;
+use crate::{Result, rays};
+
+/// A scene that is ready to be rendered.
+pub struct Loaded {
+    pub prepared: PreparedScene<'static>,
+    pub read_seconds: f64,
+    pub build_seconds: f64,
+}
+
+/// Is handed the share of a build that is done and its seconds so far; says whether to go on.
+pub type Building<'a> = &'a (dyn Fn(f64, f64) -> bool + Sync);
+
+impl Loaded {
+    /// Makes a command's scene and environment of the opened files, lets go of those, and builds the acceleration
+    /// structure.
+    ///
+    /// # Errors
+    /// As the import and the ray queries have them; [`Error::Interrupted`] if `building` says so.
+    pub fn load(args: &RenderArgs, inputs: &Inputs, building: Building) -> Result<Self> {
+        Self::load_files(args, inputs, inputs.take(args)?, None, building)
+    }
+
+    /// As [`Self::load`], of files of which `more` will be made; `previous` is what was made of them before, of which it takes
+    /// what has not changed.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    pub fn load_next(
+        args: &RenderArgs,
+        inputs: &Inputs,
+        previous: Option<Arc<Self>>,
+        more: bool,
+        building: Building,
+    ) -> Result<Self> {
+        let files = if more { inputs.lend(args) } else { inputs.take(args) }?;
+        Self::load_files(args, inputs, files, previous, building)
+    }
+
+    fn load_files(
+        args: &RenderArgs,
+        inputs: &Inputs,
+        files: Files,
+        previous: Option<Arc<Self>>,
+        building: Building,
+    ) -> Result<Self> {
+        let start = Instant::now();
+        let scene = Arc::new(make_scene(args, files)?);
+        let read_seconds = inputs.read_seconds + start.elapsed().as_secs_f64();
+        info!("read {} in {read_seconds:.2} s", args.scene.display());
+        check_placed(args, inputs, &scene)?;
+        debug!(
+            "{} objects in {} places, {} triangles kept, {} materials, {} textures, {} punctual lights, {} cameras",
+            scene.objects.len(),
+            scene.instances.len(),
+            scene.meshes.iter().map(|mesh| mesh.indices.len()).sum::<usize>(),
+            scene.materials.len(),
+            scene.textures.len(),
+            scene.lights.len(),
+            scene.cameras.len()
+        );
+        let built = Instant::now();
+        if let Some(previous) = &previous
+            && let Some(rays) = previous.prepared.rays_of(&scene)
+        {
+            debug!("no surface has moved: rays are traced as before");
+            let prepared = PreparedScene::after(scene, rays, Some(&previous.prepared));
+            return Ok(Self { prepared, read_seconds, build_seconds: built.elapsed().as_secs_f64() });
+        }
+        let rays =
+            rays::build_watched(args.rays, Arc::clone(&scene), &|done| building(done, built.elapsed().as_secs_f64()))?;
+        let build_seconds = built.elapsed().as_secs_f64();
+        let backend = rays.info();
+        let mebibytes = backend.memory_bytes as f64 / 2_f64.powi(20);
+        info!("built {} {} ({}): {build_seconds:.2} s, {mebibytes:.1} MiB", backend.name, backend.version, backend.isa);
+        let prepared = PreparedScene::after(scene, rays.into(), previous.as_ref().map(|p| &p.prepared));
+        Ok(Self { prepared, read_seconds, build_seconds })
+    }
+}
+
+/// Bytes of an instance: in the scene, as rays and shading keep it.
+const INSTANCE: u64 = 512;
+
+/// Fails if there is not enough memory for what the scene places, which its files do not say beforehand.
+fn check_placed(args: &RenderArgs, inputs: &Inputs, scene: &Scene) -> Result<()> {
+    let (lights, instances) = (AreaLights::count(scene), scene.instances.len() as u64);
+    let placed = lights * AreaLights::BYTES_EACH + instances * INSTANCE;
+    let what = format!("{} with {instances} instances and {lights} emissive triangles in them", args.scene.display());
+    let bytes = inputs.scene.geometry_bytes + inputs.scene.image_bytes + placed;
+    memory::check(&what, bytes, memory::limit(args.memory_limit)?)
+}
