@@ -40,6 +40,7 @@ pub mod error;
 pub mod farm;
 pub mod film;
 pub mod guard;
+pub mod guiding;
 pub mod integrator;
 pub mod lanes;
 pub mod light;

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Each room of `src/` and the rooms that it may see. `error`, `guard`, `lanes` and `color` are tools that all may use.
-const SEES: [(&str, &[&str]); 17] = [
+const SEES: [(&str, &[&str]); 18] = [
     ("error", &[]),
     ("guard", &[]),
     ("lanes", &[]),
@@ -17,8 +17,9 @@ const SEES: [(&str, &[&str]); 17] = [
     ("rays", &["scene"]),
     ("light", &["scene", "sampling"]),
     ("film", &[]),
-    ("integrator", &["scene", "rays", "light", "bsdf", "sampling", "balance", "film"]),
-    ("render", &["scene", "rays", "light", "sampling", "balance", "film", "integrator"]),
+    ("guiding", &["sampling"]),
+    ("integrator", &["scene", "rays", "light", "bsdf", "sampling", "balance", "film", "guiding"]),
+    ("render", &["scene", "rays", "light", "sampling", "balance", "film", "guiding", "integrator"]),
     ("console", &["film", "render"]),
     ("batch", ALL),
     ("farm", ALL),
@@ -32,6 +33,7 @@ const ALL: &[&str] = &[
     "sampling",
     "balance",
     "film",
+    "guiding",
     "integrator",
     "render",
     "console",
@@ -46,7 +48,7 @@ const KEPT_IN: [(&str, &[&str]); 7] = [
     ("libloading::", &["film/denoise.rs"]),
     ("embree4_sys", &["rays/embree"]),
     ("obvhs::", &["rays/cwbvh"]),
-    ("clap::", &["cli", "console", "balance", "sampling", "rays", "render", "film"]),
+    ("clap::", &["cli", "console", "balance", "sampling", "rays", "render", "film", "guiding"]),
     ("std::fs", &["scene/import/source", "film", "console", "cli", "batch", "farm"]),
     ("std::process", &["cli", "console", "batch", "farm", "main.rs"]),
 ];

@@ -19,6 +19,7 @@ mod damaged;
 mod farm;
 mod fireflies;
 mod flip;
+mod guiding;
 mod import;
 mod import_animation;
 mod import_content;

@@ -5,9 +5,10 @@ use std::sync::atomic::AtomicU32;
 use bismar::balance::{Balance, Contribution, Counts, Heuristic, Observer, Share};
 use bismar::color::luminance;
 use bismar::film::{Peak, PixelStats};
-use bismar::integrator::{PixelBatch, PixelTask, Wave, scalar};
+use bismar::integrator::{PixelBatch, PixelTask, Transport, Wave, scalar};
 use bismar::rays::Backend;
-use bismar::render::{RenderSettings, transport};
+use bismar::render::pilot::learned;
+use bismar::render::{Guiding, RenderSettings, transport};
 use glam::Vec3;
 
 use crate::helpers::stage::{Stage, glass_hall, hall};
@@ -28,19 +29,25 @@ impl Observer for Radiance {
 fn each_path_of_a_wave_is_the_scalar_path() {
     // Sums of the same terms in another order differ by roundings of the largest: a hundred terms at most here.
     const ROUNDINGS: f32 = 100.0 * f32::EPSILON;
-    for (scene, backend, balance, max_depth, least_lit) in [
-        (hall(), Backend::Obvhs, Balance::Half, 2, 6000),
-        (hall(), Backend::Obvhs, Balance::Power, 8, 6000),
-        (hall(), Backend::Obvhs, Balance::Max, 5, 6000),
-        (hall(), Backend::Embree, Balance::Half, 8, 6000),
-        (glass_hall(), Backend::Obvhs, Balance::Half, 12, 4000),
-        (glass_hall(), Backend::Obvhs, Balance::Power, 3, 4000),
+    for (scene, backend, balance, max_depth, least_lit, guiding) in [
+        (hall(), Backend::Obvhs, Balance::Half, 2, 6000, Guiding::Off),
+        (hall(), Backend::Obvhs, Balance::Power, 8, 6000, Guiding::Off),
+        (hall(), Backend::Obvhs, Balance::Max, 5, 6000, Guiding::Off),
+        (hall(), Backend::Embree, Balance::Half, 8, 6000, Guiding::Off),
+        (glass_hall(), Backend::Obvhs, Balance::Half, 12, 4000, Guiding::Off),
+        (glass_hall(), Backend::Obvhs, Balance::Power, 3, 4000, Guiding::Off),
+        (hall(), Backend::Obvhs, Balance::Half, 8, 6000, Guiding::On),
+        (glass_hall(), Backend::Obvhs, Balance::Power, 12, 4000, Guiding::On),
     ] {
         let stage = Stage::new(scene, backend);
-        let settings = RenderSettings { width: 20, height: 15, balance, max_depth, ..Default::default() };
+        let settings = RenderSettings { width: 20, height: 15, balance, max_depth, guiding, ..Default::default() };
         let limit = |most| Some(most).filter(|_| balance == Balance::Max);
         let settings = RenderSettings { clamp_direct: limit(0.5), clamp_indirect: limit(0.1), ..settings };
-        let transport = transport(&stage.scene, &settings);
+        let unguided = transport(&stage.scene, &settings);
+        let learned = learned(&stage.scene, &settings, &unguided);
+        let field = learned.as_ref().and_then(|learned| learned.field.as_ref());
+        assert_eq!(field.is_some(), guiding == Guiding::On);
+        let transport = Transport { field, ..unguided };
         let paths = 24;
         // Uneven numbers of samples, divided between environment and area light, and weighed by others.
         let counts = Counts::of(Share { light: 0.7, environment: Some(0.4) }, paths);

@@ -25,6 +25,8 @@ pub struct Material {
     pub emission_texture: Option<usize>,
     /// Is the base colour's alpha a mask?
     pub masked: bool,
+    /// Share of light that passes a dielectric, as through a thin wall.
+    pub transmission: f64,
 }
 
 impl Material {
@@ -42,6 +44,7 @@ impl Material {
             normal_texture: None,
             emission_texture: None,
             masked: false,
+            transmission: 0.0,
         }
     }
 
@@ -211,6 +214,10 @@ impl Glb {
             self.extensions.insert("KHR_materials_emissive_strength");
             material["emissiveFactor"] = json!(m.emission.map(|e| round(e / strength, 6)));
             extensions.insert("KHR_materials_emissive_strength".into(), json!({ "emissiveStrength": strength }));
+        }
+        if m.transmission > 0.0 {
+            self.extensions.insert("KHR_materials_transmission");
+            extensions.insert("KHR_materials_transmission".into(), json!({ "transmissionFactor": m.transmission }));
         }
         if !extensions.is_empty() {
             material["extensions"] = Value::Object(extensions);

@@ -6,6 +6,7 @@ mod cornell;
 mod field;
 mod glb;
 mod glossy_sun;
+mod interiors;
 mod many_lights;
 mod mesh;
 mod pictures;
@@ -41,6 +42,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         ("study/brushed.hdr", study::brushed_sky()?),
         ("study/foliage.glb", study::foliage()?.finish()),
         ("study/foliage.hdr", study::foliage_sky()?),
+        ("study/slit.glb", interiors::slit().finish()),
+        ("study/slit.hdr", interiors::slit_sky()?),
+        ("study/ajar.glb", interiors::ajar().finish()),
+        ("study/shade.glb", interiors::shade().finish()),
     ];
     for (name, bytes) in files {
         std::fs::write(folder.join(name), &bytes)?;

@@ -29,6 +29,9 @@ pub use parameters::{Columns, Eight, One, Parameters, Width};
 pub use sheen::Sheen;
 pub use translucent::Translucent;
 
+use std::f32::consts::PI;
+
+use crate::color::luminance;
 use crate::lanes::{F, LANES, V3};
 use crate::sampling::warp;
 
@@ -137,7 +140,26 @@ impl Bsdf {
     pub fn lobes(&self) -> LobeSet {
         Self::gather([self; LANES]).lobes()
     }
+
+    /// Does it scatter at least as much widely as sharply? Elsewhere light from one side matters or none does, and the BSDF
+    /// alone knows which.
+    pub fn is_broad(&self) -> bool {
+        let Layered { top: coat, base: Layered { base: Layered { top: glass, base: reflection }, .. } } = self;
+        let Layered { top: finish, base: Layered { top: translucent, base: Layered { top: facets, base: lambert } } } =
+            reflection;
+        let parts = [
+            (coat.coat * 0.04, coat.alpha),
+            (glass.share, glass.alpha),
+            (luminance(finish.f0) + finish.metal + finish.share, finish.alpha_t.min(finish.alpha_b)),
+            (luminance(facets.f0), facets.alpha),
+        ];
+        let sharp: f32 = parts.iter().map(|(part, alpha)| if *alpha < BROAD_ALPHA { *part } else { -part }).sum();
+        sharp <= PI * luminance(lambert.diffuse + translucent.diffuse)
+    }
 }
+
+/// The least microfacet α of what scatters widely.
+const BROAD_ALPHA: f32 = 0.1;
 
 impl<Top: Lobe, Base: Lobe> Layered<Option<Top>, Base> {
     /// f(wo, wi) · |cos θ_i|, and the density per solid angle with which [`sample`](Self::sample) draws `wi`. Zero unless
@@ -152,8 +174,20 @@ impl<Top: Lobe, Base: Lobe> Layered<Option<Top>, Base> {
     /// Draws `wi` from three numbers in [0, 1).
     #[inline(always)]
     pub fn sample(&self, n: V3, wo: V3, numbers: [F; 3]) -> BsdfSample {
+        self.sample_or(n, wo, numbers, (F::ZERO, V3::ZERO))
+    }
+
+    /// As [`sample`](Self::sample), but in lanes of a mask given directions in place of those drawn; of these too with the
+    /// density of drawing them.
+    #[inline(always)]
+    pub fn sample_or(&self, n: V3, wo: V3, numbers: [F; 3], (given, other): (F, V3)) -> BsdfSample {
         let (t, b) = warp::frames(n);
-        let draw = self.draw(&Frames { t, b, n }, wo, numbers);
+        let mut draw = self.draw(&Frames { t, b, n }, wo, numbers);
+        if given.any() {
+            let half = (wo + other).normalize_or(n);
+            let h = V3::select(n.dot(other).simd_gt(F::ZERO), half, V3::ZERO);
+            draw = Draw { wi: V3::select(given, other, draw.wi), h: V3::select(given, h, draw.h) };
+        }
         let Response { value, pdf, .. } = self.respond(n, wo, draw);
         BsdfSample { wi: draw.wi, value, pdf }
     }

@@ -37,6 +37,8 @@ pub struct Need<'a> {
     pub columns: Columns,
     /// Are statistics saved?
     pub saves: bool,
+    /// Bytes for guiding.
+    pub guiding: u64,
     /// What traces rays.
     pub rays: Backend,
     /// Threads of the render.
@@ -71,7 +73,7 @@ impl Need<'_> {
         let loading = s.file_bytes;
         let scene = s.file_bytes + s.geometry_bytes + s.image_bytes + self.environment_bytes;
         let pixels = (self.pixels as f64 * (tile + saving) as f64 * A_BYTE) as u64;
-        PROGRAM + self.threads as u64 * A_THREAD + scene + loading.max(s.triangles * a_triangle) + pixels
+        PROGRAM + self.guiding + self.threads as u64 * A_THREAD + scene + loading.max(s.triangles * a_triangle) + pixels
     }
 }
 

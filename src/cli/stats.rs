@@ -11,7 +11,7 @@ use crate::film::atomic;
 use crate::film::exr_file::{Header, HeaderValue};
 use crate::rays::BackendInfo;
 use crate::render::checkpoint::{json, text};
-use crate::render::stats::Samples;
+use crate::render::stats::{GuidingStats, Samples};
 use crate::render::{Fireflies, RenderSettings, Rendered, StopReason};
 use crate::scene::Scene;
 use crate::{Error, Result};
@@ -41,6 +41,9 @@ pub struct Stats {
     noise: f64,
     noise_worst_tile: f64,
     samples: Samples,
+    /// Of guiding's pilot, where there was one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    guiding: Option<GuidingStats>,
     fireflies: Fireflies,
     not_finite: NotFinite,
     /// Wall seconds by phase.
@@ -181,6 +184,7 @@ impl Stats {
             noise: stats.noise,
             noise_worst_tile: rendered.worst_noise(),
             samples: Samples::of(rendered),
+            guiding: stats.guiding,
             fireflies: Fireflies::of(rendered),
             not_finite: NotFinite { count: stats.not_finite, first: stats.first_not_finite },
             seconds,

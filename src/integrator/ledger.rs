@@ -42,6 +42,26 @@ pub struct Branch {
     pub indirect: Vec3,
 }
 
+/// A ray that leaves a surface, as it was drawn: of what paths are learned from. Its branch is its number.
+#[derive(Debug, Clone, Copy)]
+pub struct Step {
+    /// The ray that led there; [`CAMERA`] if the camera's did.
+    pub parent: u32,
+    /// Where it begins.
+    pub position: Vec3,
+    /// Unit geometric normal on the side that was met.
+    pub normal: Vec3,
+    /// Its unit direction.
+    pub wi: Vec3,
+    /// Luminance of the throughput that the surface had; 0 where nothing is to be guided.
+    pub beta: f32,
+    /// Density with which it was drawn, of the BSDF, and of the field.
+    pub pdf: [f32; 3],
+}
+
+/// The parent of rays from first surfaces.
+pub const CAMERA: u32 = u32::MAX;
+
 /// A mirror at the end of a path's chain of mirrors.
 #[derive(Debug, Clone, Copy)]
 pub struct Mirror {
@@ -97,9 +117,21 @@ pub struct Ledger {
     pub faults: Faults,
     /// Of each path, the mirror in which its guide is still looked for; empty if nobody asks.
     pub mirrors: Vec<Option<Mirror>>,
+    /// Of each branch, how it was drawn: where paths are learned from, and every ray is then a branch. Its light is that which
+    /// it brings itself, until [`gather`](Self::gather).
+    pub steps: Option<Vec<Step>>,
 }
 
 impl Ledger {
+    /// Adds to each branch's light that of those that descend from it.
+    pub fn gather(&mut self) {
+        let steps = self.steps.as_deref().unwrap_or_default();
+        for (i, step) in steps.iter().enumerate().rev().filter(|(_, step)| step.parent != CAMERA) {
+            let light = self.branches[i].indirect;
+            self.branches[step.parent as usize].indirect += light;
+        }
+    }
+
     /// Begins each pixel's paths, each with its part of the pixel's samples. `environment_probability` as for
     /// [`Counts::rates`](crate::balance::Counts::rates).
     pub fn begin(&mut self, tasks: &[PixelTask], environment_probability: f32) {
@@ -107,6 +139,7 @@ impl Ledger {
         self.branches.clear();
         self.faults = Faults::default();
         self.mirrors.clear();
+        self.steps.iter_mut().for_each(Vec::clear);
         for (pixel, task) in tasks.iter().enumerate() {
             let (mut first_light, mut first_bsdf) = (task.first_light, task.first_bsdf);
             let rates = task.weighed.rates(environment_probability);

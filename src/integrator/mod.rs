@@ -23,6 +23,7 @@ pub use prepared::{Names, PreparedScene};
 pub use wave::{Wave, WaveCounts};
 
 use crate::balance::{Counts, Heuristic};
+use crate::guiding::Field;
 use crate::light::Lights;
 use crate::rays::RayQueries;
 use crate::sampling::FilterSampler;
@@ -58,6 +59,8 @@ pub struct Transport<'a> {
     pub limits: [f32; 2],
     /// Is the environment left out where the camera sees it directly?
     pub hides_sky: bool,
+    /// Where light comes from, if paths are guided.
+    pub field: Option<&'a Field>,
 }
 
 impl Transport<'_> {

@@ -27,6 +27,9 @@ pub struct PathRays {
     pub seed: Vec<u32>,
     /// The medium that the ray is in, of [`Materials::media`](super::Materials::media); unused where none absorbs.
     pub medium: Vec<u32>,
+    /// What BSDF sampling alone would have made of `beta`, over it: what roulette goes by, so that it does not end the paths
+    /// that were led to light. Unused where nothing guides.
+    pub unguided: Vec<f32>,
     /// How many rows count.
     pub len: usize,
 }

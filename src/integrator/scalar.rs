@@ -10,12 +10,14 @@ use super::batch::PixelTask;
 use super::dispersion;
 use super::ledger::limited;
 use super::stages::lights::SHADOW_END;
+use super::stages::mixture::{Drawn, Mixture, unguided};
 use super::stages::requests::{Toward, light_sample};
 use super::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
 use super::stages::{bsdf_set, light_set, media};
 use super::vertices::MIN_COS;
 use crate::balance::deal;
 use crate::bsdf::{Bsdf, Lobe, Parameters};
+use crate::guiding::NOWHERE;
 use crate::lanes::{F, LANES, U, V3};
 use crate::light::punctual;
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
@@ -58,6 +60,8 @@ struct Ray {
     index: u32,
     /// The medium that it is in.
     medium: u32,
+    /// What BSDF sampling alone would have made of `beta`, over it.
+    unguided: f32,
 }
 
 /// Where a path meets a surface.
@@ -74,6 +78,9 @@ struct Vertex {
     origin_offset: f32,
     /// On the eye's side, and beyond.
     media: [u32; 2],
+    /// Of the field.
+    cell: u32,
+    unguided: f32,
 }
 
 /// A way to leave a vertex.
@@ -131,6 +138,7 @@ pub fn trace(transport: &Transport, task: &PixelTask, path: u32, tell: &mut dyn 
         weighted_pdf: 0.0,
         index,
         medium: 0,
+        unguided: 1.0,
     };
     let before = |n: u32| (0..path).map(|p| u32::from(deal(n, paths, p))).sum::<u32>();
     let numbers = |first: u32, n: u32| {
@@ -201,9 +209,12 @@ impl Path<'_> {
         let tilted = (ns + wo * (MIN_COS - ns.dot(wo))).normalize_or(ng);
         let [color, ..] = self.sequence.sample(ray.index, dispersion::SET);
         let (seen, beta) = dispersion::draw(point.seen(t.scene, direction), point.material, ray.beta, color);
-        let scattering = Bsdf::gather([&seen.bsdf(); LANES]);
+        let surface = seen.bsdf();
+        let scattering = Bsdf::gather([&surface; LANES]);
+        let origin = point.position + ng * point.origin_offset;
+        let field = t.field.filter(|_| surface.is_broad());
         let vertex = Vertex {
-            origin: point.position + ng * point.origin_offset,
+            origin,
             position: point.position,
             ng,
             ns: if ns.dot(wo) < MIN_COS { tilted } else { ns },
@@ -213,6 +224,8 @@ impl Path<'_> {
             transmits: scattering.transmits().any(),
             origin_offset: point.origin_offset,
             media: t.materials.sides(mesh, behind, medium),
+            cell: field.map_or(NOWHERE, |field| field.cell(origin, ng)),
+            unguided: ray.unguided,
         };
         for &(index, toward) in light {
             found += self.light_sample(&vertex, depth, index, toward);
@@ -224,6 +237,10 @@ impl Path<'_> {
             found += self.bsdf_sample(&vertex, depth, index);
         }
         found
+    }
+
+    fn mixture(&self, vertex: &Vertex) -> Option<Mixture<'_>> {
+        Mixture::new(self.transport.field?, [vertex.cell; LANES])
     }
 
     /// Samples a path of each technique at the vertex at `depth`.
@@ -263,7 +280,10 @@ impl Path<'_> {
         let mask = if environment { F::ZERO.simd_eq(F::ZERO) } else { F::ZERO };
         let from = (V3::splat(vertex.origin), V3::splat(vertex.facing()));
         let light = t.lights.sample(t.scene, from, mask, choice, F::splat(u), F::splat(v));
-        let (value, bsdf_pdf) = vertex.bsdf.eval_pdf(V3::splat(vertex.ns), V3::splat(vertex.wo), light.wi);
+        let (value, mut bsdf_pdf) = vertex.bsdf.eval_pdf(V3::splat(vertex.ns), V3::splat(vertex.wo), light.wi);
+        if let Some(mixture) = self.mixture(vertex) {
+            bsdf_pdf = mixture.pdf(light.wi, bsdf_pdf);
+        }
         let [pdf, bsdf_pdf, distance] = [light.pdf, bsdf_pdf, light.distance].map(|x| x.as_array()[0]);
         let (wi, value, emitted) = (light.wi.lane(0), value.lane(0), light.radiance.lane(0));
         let weighted_pdf = if environment { a_env } else { a_area } * pdf;
@@ -313,7 +333,14 @@ impl Path<'_> {
     fn bsdf_sample(&mut self, vertex: &Vertex, depth: u32, index: u32) -> Vec3 {
         let [lobe, u, v, survive] = self.sequence.sample(index, bsdf_set(depth));
         let (ns, wo) = (V3::splat(vertex.ns), V3::splat(vertex.wo));
-        let sample = vertex.bsdf.sample(ns, wo, [lobe, u, v].map(F::splat));
+        let numbers = [lobe, u, v].map(F::splat);
+        let mixture = self.mixture(vertex);
+        let Drawn { sample, pdfs } = match &mixture {
+            Some(mixture) => mixture.draw(&vertex.bsdf, ns, wo, numbers),
+            None => Drawn::of_bsdf(vertex.bsdf.sample(ns, wo, numbers)),
+        };
+        let before = vertex.unguided;
+        let unguided = mixture.map_or(before, |_| unguided(F::splat(before), sample.pdf, pdfs[0]).as_array()[0]);
         let (wi, value, pdf) = (sample.wi.lane(0), sample.value.lane(0), sample.pdf.as_array()[0]);
         self.tell(depth, What::BsdfSample { wi, pdf });
         let weighted_pdf = self.rates(depth)[2] * pdf;
@@ -325,7 +352,7 @@ impl Path<'_> {
             return Vec3::ZERO;
         }
         if depth + 1 >= ROULETTE_DEPTH {
-            let keep = (beta.max_element() * ROULETTE_GAIN).min(1.0);
+            let keep = (beta.max_element() * unguided * ROULETTE_GAIN).min(1.0);
             if keep <= survive {
                 self.tell(depth, What::Ends { why: "Russian roulette" });
                 return Vec3::ZERO;
@@ -341,6 +368,7 @@ impl Path<'_> {
             weighted_pdf,
             index,
             medium,
+            unguided,
         };
         self.follow(&ray, depth + 1, &[(index, Toward::Drawn)], &[index])
     }

@@ -4,7 +4,7 @@ use wide::bytemuck::cast;
 
 use super::queues::Identity;
 use crate::bsdf::{Bsdf, LobeSet, Parameters};
-use crate::lanes::{F, LANES, Rows, U, V3, V3Column, grow, load, load_bits, store, store_bits};
+use crate::lanes::{F, LANES, Rows, U, V3, V3Column, eight, grow, load, load_bits, store, store_bits};
 
 /// Lowest cosine between eye and shading normal.
 pub const MIN_COS: f32 = 1e-3;
@@ -35,7 +35,20 @@ pub struct Vertices {
     pub seed: Vec<u32>,
     /// The media on the eye's side and beyond, of [`Materials::media`](super::Materials::media); where some absorb.
     pub media: Option<[Vec<u32>; 2]>,
+    /// What guiding knows; where there is a field, or one is learned.
+    pub guided: Option<Guided>,
     len: usize,
+}
+
+/// Of each vertex, what guiding knows.
+#[derive(Debug, Default)]
+pub struct Guided {
+    /// Does its surface scatter widely ([`Bsdf::is_broad`])? 0 or 1.
+    pub broad: Vec<u32>,
+    /// Cell of the field, or [`NOWHERE`](crate::guiding::NOWHERE).
+    pub cell: Vec<u32>,
+    /// As in [`PathRays`](super::queues::PathRays).
+    pub unguided: Vec<f32>,
 }
 
 /// Rays that leave vertices.
@@ -68,6 +81,8 @@ pub struct Group<'a> {
     pub bsdfs: [&'a Bsdf; LANES],
     /// As in [`Vertices`]; read where there are columns for them.
     pub media: [U; 2],
+    /// As in [`Guided`]; read where there is a column for it.
+    pub unguided: F,
     /// Whose they are.
     pub identity: Identity,
 }
@@ -84,8 +99,8 @@ impl Vertices {
     }
 
     /// Forgets all vertices and makes room for `most`, on surfaces with no lobes but those in `lobes`, in media if some
-    /// `absorb`.
-    pub fn open(&mut self, most: usize, lobes: LobeSet, absorb: bool) {
+    /// `absorb`, on paths that are `guided` or learned from.
+    pub fn open(&mut self, most: usize, lobes: LobeSet, absorb: bool, guided: bool) {
         for column in [&mut self.origin, &mut self.ng, &mut self.ns, &mut self.wo, &mut self.beta] {
             column.grow(most);
         }
@@ -96,6 +111,12 @@ impl Vertices {
         }
         self.media = absorb.then(|| self.media.take().unwrap_or_default());
         self.media.iter_mut().flatten().for_each(|column| grow(column, most));
+        self.guided = guided.then(|| self.guided.take().unwrap_or_default());
+        if let Some(Guided { broad, cell, unguided }) = &mut self.guided {
+            grow(broad, most);
+            grow(cell, most);
+            grow(unguided, most);
+        }
         self.len = 0;
     }
 
@@ -129,6 +150,10 @@ impl Vertices {
         Bsdf::store(&mut self.bsdf, at, group.bsdfs);
         if let Some(columns) = &mut self.media {
             columns.iter_mut().zip(group.media).for_each(|(column, medium)| store_bits(column, at, medium));
+        }
+        if let Some(Guided { broad, unguided, .. }) = &mut self.guided {
+            store_bits(broad, at, U::from(eight(|lane| u32::from(group.bsdfs[lane].is_broad()))));
+            store(unguided, at, group.unguided);
         }
     }
 

@@ -4,12 +4,15 @@
 use std::time::Instant;
 
 use super::Transport;
-use super::batch::PixelBatch;
-use super::ledger::Ledger;
+use super::batch::{PixelBatch, PixelTask};
+use super::ledger::{Ledger, Step};
 use super::queues::{PathRays, ShadowRays, SortedHits};
 use super::stages::requests::Requests;
-use super::stages::{camera_rays, emission, lights, media, scatter, sort, surfaces};
+use super::stages::{camera_rays, emission, lights, media, mixture, scatter, sort, surfaces};
 use super::vertices::Vertices;
+use crate::color::luminance;
+use crate::film::PixelStats;
+use crate::guiding::Lesson;
 use crate::rays::{HitBatch, RayOrder};
 
 /// Rays and time of waves.
@@ -79,6 +82,11 @@ impl Wave {
             ledger.mirrors.resize(ledger.paths.len(), None);
         }
         camera_rays::begin(transport, batch.tasks, rays);
+        let learns = ledger.steps.is_some();
+        if learns || transport.field.is_some() {
+            rays.unguided.clear();
+            rays.unguided.resize(rays.weighted_pdf.len(), 1.0);
+        }
         for depth in 0..transport.max_depth {
             if rays.len == 0 {
                 break;
@@ -98,7 +106,8 @@ impl Wave {
             }
             emission::surfaces(transport, depth, &sorted.emissive, rays, hits, ledger, batch);
             emission::environment(transport, depth, &sorted.escaped, rays, ledger, batch);
-            surfaces::vertices(transport, sorted, rays, hits, vertices);
+            surfaces::vertices(transport, learns, sorted, rays, hits, vertices);
+            mixture::find(transport, vertices);
 
             requests.light_samples(depth, vertices, ledger, batch.tasks);
             lights::sample(transport, depth, vertices, requests, ledger, batch.observer.is_some(), shadows);
@@ -120,6 +129,44 @@ impl Wave {
             let task = &batch.tasks[pixel as usize];
             counts.first_not_finite = Some([task.x, task.y, task.first_path + path - before]);
         }
+    }
+}
+
+/// What the squares of pixels' contributions are divided by, from what the pixels took and found.
+pub type Divisors<'a> = &'a dyn Fn(&[PixelTask], &[PixelStats]) -> Vec<f32>;
+
+impl Wave {
+    /// As [`run`](Self::run), for what is to be learned from the paths: adds to `lessons` those that found light, each weighed
+    /// by what `divisors` makes of its pixel; gives these.
+    pub fn learn(
+        &mut self,
+        transport: &Transport,
+        batch: &mut PixelBatch,
+        divisors: Divisors,
+        lessons: &mut Vec<Lesson>,
+    ) -> Vec<f32> {
+        self.ledger.steps.get_or_insert_default();
+        self.run(transport, batch);
+        self.ledger.gather();
+        let divisors = divisors(batch.tasks, batch.stats);
+        let Ledger { steps, branches, paths, .. } = &mut self.ledger;
+        for (step, branch) in steps.take().iter().flatten().zip(branches.iter()) {
+            let found = luminance(branch.indirect);
+            if found > 0.0 && step.beta > 0.0 && found.is_finite() {
+                let Step { position, normal, wi, beta, pdf: [pdf, bsdf_pdf, field_pdf], .. } = *step;
+                lessons.push(Lesson {
+                    position,
+                    normal,
+                    wi,
+                    found: found / beta,
+                    weight: found * found / divisors[paths[branch.path as usize].pixel as usize],
+                    pdf,
+                    bsdf_pdf,
+                    field_pdf,
+                });
+            }
+        }
+        divisors
     }
 }
 

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use tracing::debug;
 
 use super::lens::lens;
+use super::pilot::learned;
 use super::progress::{Meter, Progress};
 use super::scheduler::{self, Next, State};
 use super::tile::{Tile, TileWork};
@@ -94,7 +95,7 @@ pub fn camera(scene: &Scene, settings: &RenderSettings) -> CameraRays {
     CameraRays::new(&scene.camera(camera, width, height), width, height)
 }
 
-/// How the paths of a render with these settings go.
+/// How the paths of a render with these settings go, without guiding.
 pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Transport<'a> {
     Transport {
         scene: &scene.scene,
@@ -114,6 +115,7 @@ pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Tra
         seed: settings.seed,
         limits: [settings.clamp_direct, settings.clamp_indirect].map(|most| most.map_or(f32::INFINITY, |x| x as f32)),
         hides_sky: settings.transparent,
+        field: None,
     }
 }
 
@@ -133,12 +135,16 @@ pub fn pass_seed(settings: &RenderSettings, done: u32) -> u32 {
 /// tile's time). Without a time limit the film's bits depend on the scene, the backend's hits and `settings` alone: not
 /// on threads, nor on how often it was interrupted and continued.
 pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions) -> Rendered {
-    let transport = transport(scene, settings);
     let RunOptions { stop, progress, began, from, pauses } = options;
     let start = Instant::now();
     let Saved { tiles, stats } =
         from.unwrap_or_else(|| Saved { tiles: fresh_tiles(settings), stats: RenderStats::default() });
-    let before = RenderStats { noise: f64::INFINITY, ..stats };
+    let unguided = transport(scene, settings);
+    let goes_on = scheduler::planned(settings, paths_range(&tiles).0).is_some();
+    let learned = if goes_on { learned(scene, settings, &unguided) } else { None };
+    let transport = Transport { field: learned.as_ref().and_then(|learned| learned.field.as_ref()), ..unguided };
+    let guiding = learned.as_ref().map(|learned| learned.stats(start.elapsed().as_secs_f64())).or(stats.guiding);
+    let before = RenderStats { noise: f64::INFINITY, guiding, ..stats };
     let background = match &scene.scene.environment {
         None => Background::Black,
         Some(_) if settings.transparent => Background::Transparent,

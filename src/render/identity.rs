@@ -4,7 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
-use super::RenderSettings;
+use super::pilot::MEMORY;
+use super::{Guiding, RenderSettings};
 use crate::balance::HALF_PILOT;
 use crate::rays::Backend;
 
@@ -79,6 +80,10 @@ impl Identity {
             values.insert("more sums for AOVs", "true".into());
         }
         values.extend(s.lens.map(|lens| ("lens", lens.to_string())));
+        if s.guiding != Guiding::Off {
+            values.insert("guiding", name(&s.guiding));
+            values.insert("guiding-memory", s.guiding_memory.unwrap_or(MEMORY).to_string());
+        }
         if s.transparent {
             values.insert("transparent", "true".into());
         }
@@ -156,6 +161,11 @@ mod tests {
         let paper = |spp| of(&RenderSettings { spp: Some(spp), balance: Balance::SecondOrder, ..settings.clone() });
         assert!(paper(64).differences(&paper(128)).contains("pilot"));
         let piloted = |pilot| of(&RenderSettings { pilot, balance: Balance::SecondOrder, ..settings.clone() });
+        let guided = |guiding, guiding_memory| of(&RenderSettings { guiding, guiding_memory, ..settings.clone() });
+        assert_eq!(guided(Guiding::Off, Some(1 << 20)).differences(&ours), "");
+        assert!(guided(Guiding::On, None).differences(&ours).contains("guiding"));
+        assert_eq!(guided(Guiding::On, None).differences(&guided(Guiding::On, Some(MEMORY))), "");
+        assert!(guided(Guiding::On, None).differences(&guided(Guiding::On, Some(1))).contains("guiding-memory"));
         assert_eq!(piloted(None).differences(&piloted(Some(0.5))), "");
         assert_eq!(piloted(None).differences(&piloted(Some(0.25))), "pilot (0.25 there, 0.5 here)");
     }

@@ -13,6 +13,7 @@ pub mod lens;
 mod maker;
 pub mod merge;
 pub mod part;
+pub mod pilot;
 mod pixels;
 pub mod progress;
 pub mod replay;
@@ -24,6 +25,7 @@ pub mod tile;
 
 use crate::film::compare::relative_to;
 use crate::film::{Background, Film};
+pub use crate::guiding::Guiding;
 pub use checkpoint::{Record, Saved};
 pub use driver::{Pause, RunOptions, camera, render, run, transport};
 pub use fireflies::Fireflies;

@@ -3,10 +3,11 @@
 use glam::Vec3;
 
 use super::driver::{pass_seed, transport};
+use super::pilot::learned;
 use super::tile::Tile;
 use super::{RenderSettings, scheduler};
 use crate::integrator::scalar::{self, Event};
-use crate::integrator::{PixelTask, PreparedScene};
+use crate::integrator::{PixelTask, PreparedScene, Transport};
 
 /// One path of a pixel.
 #[derive(Debug)]
@@ -28,7 +29,10 @@ pub fn replay(
     only: Option<u32>,
     tell: &mut dyn FnMut(Replayed),
 ) {
-    let mut transport = transport(scene, settings);
+    let unguided = transport(scene, settings);
+    let learned = learned(scene, settings, &unguided);
+    let field = learned.as_ref().and_then(|learned| learned.field.as_ref());
+    let mut transport = Transport { field, ..unguided };
     let window = [x, y, x + 1, y + 1];
     let Some(mut tile) = Tile::cover(settings.width, settings.height, window, settings.columns()).pop() else { return };
     while let Some(pass) = scheduler::planned(settings, tile.paths()) {

@@ -9,6 +9,7 @@ use super::adaptive::{NOISE_PATHS, NoiseGoal};
 use super::lens::LensSettings;
 use super::tile::Columns;
 pub use crate::balance::Balance;
+use crate::guiding::Guiding;
 pub use crate::sampling::PixelFilter;
 
 /// Which light transport.
@@ -51,6 +52,12 @@ pub struct RenderSettings {
     /// [`HALF_PILOT`](crate::balance::HALF_PILOT).
     #[serde(default)]
     pub pilot: Option<f64>,
+    /// Are paths led to where a pilot found light?
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub guiding: Guiding,
+    /// Bytes that guiding may take; `None`: [`MEMORY`](super::pilot::MEMORY).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub guiding_memory: Option<u64>,
     /// Seed of every random choice.
     pub seed: u32,
     /// Pixel filter.
@@ -82,6 +89,10 @@ pub struct RenderSettings {
     /// For studies: stop after this many passes.
     #[serde(skip)]
     pub passes: Option<u32>,
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 impl RenderSettings {
@@ -116,6 +127,8 @@ impl Default for RenderSettings {
             min_spp: None,
             balance: Balance::Progressive,
             pilot: None,
+            guiding: Guiding::Off,
+            guiding_memory: None,
             seed: 0,
             filter: PixelFilter::Gaussian,
             aovs: false,

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::Rendered;
+use super::pilot::Worth;
 use super::tile::{Tile, TileWork};
 use crate::integrator::WaveCounts;
 
@@ -49,9 +50,28 @@ pub struct RenderStats {
     /// Of the first of them: column, row, number of the path in its pixel.
     #[serde(default)]
     pub first_not_finite: Option<[u32; 3]>,
+    /// What guiding's pilot found, in the last session.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub guiding: Option<GuidingStats>,
     /// Estimated relative error of the picture after its last whole pass; not kept, but computed again.
     #[serde(skip_deserializing)]
     pub noise: f64,
+}
+
+/// What guiding's pilot found.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub struct GuidingStats {
+    /// Are paths guided?
+    pub on: bool,
+    /// Cells of the field, if so.
+    pub cells: usize,
+    /// Its bytes.
+    pub bytes: usize,
+    /// What it is worth.
+    #[serde(flatten)]
+    pub worth: Worth,
+    /// Wall seconds that it took.
+    pub seconds: f64,
 }
 
 /// How many samples a picture has.
@@ -106,6 +126,7 @@ impl RenderStats {
         self.passes = self.passes.max(other.passes);
         self.not_finite += other.not_finite;
         self.first_not_finite = self.first_not_finite.or(other.first_not_finite);
+        self.guiding = self.guiding.or(other.guiding);
     }
 
     pub(super) fn add(&mut self, work: &TileWork) {

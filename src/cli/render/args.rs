@@ -17,7 +17,7 @@ use crate::film::{Aov, Denoise, Exposure, View};
 use crate::rays::Backend;
 use crate::render::identity::Asked;
 use crate::render::lens::{Aperture, Focus, LensSettings};
-use crate::render::{Balance, Integrator, Part, PixelFilter, RenderSettings};
+use crate::render::{Balance, Guiding, Integrator, Part, PixelFilter, RenderSettings};
 use crate::sampling::frame_seed;
 use crate::scene::Framing;
 use crate::{Error, Result};
@@ -115,6 +115,13 @@ pub struct RenderArgs {
     /// Of --balance second-order: the share of its paths that are its pilot, above 0 and below 1 [default: 0.5].
     #[arg(long, value_name = "SHARE", value_parser = share, help_heading = "Sampling")]
     pub pilot: Option<f64>,
+    /// Lead paths to where a pilot found light (docs/guiding.md): pays where light comes by few ways to what is seen. auto: if
+    /// the pilot finds that it does.
+    #[arg(long, value_enum, default_value_t, value_name = "WHEN", help_heading = "Sampling")]
+    pub guiding: Guiding,
+    /// Memory that guiding may take [default: 128M].
+    #[arg(long, value_name = "SIZE", value_parser = crate::cli::memory::parse_size, help_heading = "Sampling")]
+    pub guiding_memory: Option<u64>,
     /// Limit each contribution of light at first surfaces to this in its brightest channel: takes fireflies away, and light
     /// with them.
     #[arg(long, value_name = "X", value_parser = positive, help_heading = "Sampling")]
@@ -295,6 +302,8 @@ impl RenderArgs {
             min_spp: self.min_spp,
             balance: self.balance,
             pilot: self.pilot,
+            guiding: self.guiding,
+            guiding_memory: self.guiding_memory,
             seed: match (self.seed_per_frame, self.shown.frame()) {
                 (Some(true), Some(frame)) => frame_seed(self.seed, frame),
                 _ => self.seed,

@@ -22,8 +22,9 @@ use crate::film::exr_file::{HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::film::{Background, Look, Picture, colors, denoised, exr_file, preview};
 use crate::render::checkpoint::{self, Earlier, Host};
 use crate::render::lens::lens;
+use crate::render::pilot::MEMORY;
 use crate::render::{
-    Identity, Pause, Progress, Record, RenderSettings, Rendered, RunOptions, Saved, StopReason, camera, run,
+    Guiding, Identity, Pause, Progress, Record, RenderSettings, Rendered, RunOptions, Saved, StopReason, camera, run,
 };
 use crate::{Error, Result};
 
@@ -162,6 +163,10 @@ impl Session<'_> {
             pixels,
             columns: self.args.settings().columns(),
             saves: self.saves(),
+            guiding: match self.args.guiding {
+                Guiding::Off => 0,
+                _ => self.args.guiding_memory.unwrap_or(MEMORY),
+            },
             rays: self.args.rays,
             threads: self.threads,
         };

@@ -110,7 +110,8 @@ fn add(
     }
     if depth <= 1 {
         path.direct += radiance;
-    } else {
+    }
+    if depth > 1 || (depth == 1 && ledger.steps.is_some()) {
         ledger.branches[rays.branch[ray] as usize].indirect += radiance;
     }
     if depth == 1 && batch.observer.is_some() {

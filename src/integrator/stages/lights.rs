@@ -1,5 +1,6 @@
 //! Light sampling: shadow rays that carry what they bring if nothing is in their way.
 
+use super::mixture::Mixture;
 use super::requests::{AREA_SEQUENCE, RequestGroup, Requests, Toward, one_each};
 use super::{light_set, media, observations};
 use crate::bsdf::Lobe;
@@ -60,7 +61,10 @@ fn with_extent(
     let choice = draws.select(left, choice);
     let from = (vertices.origin.load(rows), vertices.facing(rows, both));
     let light = transport.lights.sample(transport.scene, from, toward_environment, choice, u, v);
-    let (value, bsdf_pdf) = bsdf.eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
+    let (value, mut bsdf_pdf) = bsdf.eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
+    if let Some(mixture) = Mixture::at(transport, vertices, rows) {
+        bsdf_pdf = mixture.pdf(light.wi, bsdf_pdf);
+    }
     let leaving = vertices.leave(rows, both, light.wi);
     let weighted_pdf = toward_environment.select(a_env, a_area) * light.pdf;
     let weight = transport.heuristic.weights(weighted_pdf, a_b * bsdf_pdf);

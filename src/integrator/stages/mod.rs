@@ -6,6 +6,7 @@ pub mod camera_rays;
 pub mod emission;
 pub mod lights;
 pub mod media;
+pub mod mixture;
 pub mod requests;
 pub mod scatter;
 pub mod sort;

@@ -3,13 +3,14 @@
 use glam::Vec3;
 
 use super::bsdf_set;
+use super::mixture::{Drawn, Mixture, unguided};
 use super::requests::{RequestGroup, Requests};
 use crate::bsdf::Lobe;
 use crate::integrator::Transport;
-use crate::integrator::ledger::{Branch, Ledger};
+use crate::integrator::ledger::{Branch, CAMERA, Ledger, Step};
 use crate::integrator::queues::{Identity, PathRays};
 use crate::integrator::vertices::Vertices;
-use crate::lanes::{F, LANES, NUMBERS, Survivors, U, grow, mask, store_bits};
+use crate::lanes::{F, LANES, NUMBERS, Rows, Survivors, U, V3, grow, load, load_bits, mask, store, store_bits};
 use crate::sampling::{keys, samples};
 
 /// Segments after which Russian roulette begins.
@@ -31,20 +32,35 @@ pub fn sample(
     if vertices.media.is_some() {
         grow(&mut next.medium, requests.count());
     }
+    if vertices.guided.is_some() {
+        grow(&mut next.unguided, requests.count());
+    }
     for at in (0..requests.count()).step_by(LANES) {
         let group = requests.group(transport, vertices, ledger, at);
-        one_group(depth, vertices, &group, ledger, next);
+        one_group(transport, depth, vertices, &group, ledger, next);
     }
     next.close();
 }
 
 #[inline(never)]
-fn one_group(depth: u32, vertices: &Vertices, group: &RequestGroup, ledger: &mut Ledger, next: &mut PathRays) {
+fn one_group(
+    transport: &Transport,
+    depth: u32,
+    vertices: &Vertices,
+    group: &RequestGroup,
+    ledger: &mut Ledger,
+    next: &mut PathRays,
+) {
     let (rows, id) = (&group.rows, &group.identity);
     let [lobe, u, v, survive] = samples(id.seed, id.index, bsdf_set(depth));
     let bsdf = vertices.bsdf(rows);
     let both = bsdf.transmits();
-    let sample = bsdf.sample(vertices.ns.load(rows), vertices.wo.load(rows), [lobe, u, v]);
+    let (ns, wo) = (vertices.ns.load(rows), vertices.wo.load(rows));
+    let mixture = Mixture::at(transport, vertices, rows);
+    let Drawn { sample, pdfs } = match &mixture {
+        Some(mixture) => mixture.draw(&bsdf, ns, wo, [lobe, u, v]),
+        None => Drawn::of_bsdf(bsdf.sample(ns, wo, [lobe, u, v])),
+    };
     let weighted_pdf = group.rates[2] * sample.pdf;
     let leaving = vertices.leave(rows, both, sample.wi);
     let mut beta = vertices.beta.load(rows) * sample.value * (F::ONE / weighted_pdf);
@@ -52,14 +68,19 @@ fn one_group(depth: u32, vertices: &Vertices, group: &RequestGroup, ledger: &mut
     let finite = beta.is_finite();
     ledger.faults.add_lanes((there & !finite).to_bitmask(), id.path);
     let mut alive = there & beta.max_element().simd_gt(F::ZERO) & finite;
+    let unguided = vertices.guided.as_ref().map(|guided| {
+        let before = load(&guided.unguided, rows);
+        if mixture.is_some() { unguided(before, sample.pdf, pdfs[0]) } else { before }
+    });
     if depth + 1 >= ROULETTE_DEPTH {
-        let keep = (beta.max_element() * F::splat(ROULETTE_GAIN)).fast_min(F::ONE);
+        let worth = unguided.map_or(beta.max_element(), |unguided| beta.max_element() * unguided);
+        let keep = (worth * F::splat(ROULETTE_GAIN)).fast_min(F::ONE);
         alive &= keep.simd_gt(survive);
         beta = beta * keep.simd_ge(F::ONE).select(F::ONE, F::ONE / keep);
     }
     let survivors = Survivors::of(alive);
     let (path, index) = (survivors.compress_bits(id.path), survivors.compress_bits(id.index));
-    let branch = if depth == 0 {
+    let branch = if depth == 0 || ledger.steps.is_some() {
         let first = ledger.branches.len() as u32;
         let new = path.as_array()[..survivors.len].iter().zip(index.as_array());
         ledger.branches.extend(new.map(|(&path, &index)| Branch { path, index, indirect: Vec3::ZERO }));
@@ -67,6 +88,13 @@ fn one_group(depth: u32, vertices: &Vertices, group: &RequestGroup, ledger: &mut
     } else {
         survivors.compress_bits(id.branch)
     };
+    if let Some(steps) = &mut ledger.steps {
+        let pdfs = [sample.pdf, pdfs[0], pdfs[1]];
+        push_steps(depth, vertices, rows, &survivors, sample.wi, pdfs, id.branch, steps);
+    }
+    if let Some(unguided) = unguided {
+        store(&mut next.unguided, next.len, survivors.compress(unguided));
+    }
     let identity = Identity { path, index, branch, seed: survivors.compress_bits(id.seed) };
     let ray = (survivors.compress_v3(leaving.origin), survivors.compress_v3(sample.wi));
     let key = survivors.compress_bits(keys(id.seed, id.index, bsdf_set(depth)));
@@ -75,4 +103,34 @@ fn one_group(depth: u32, vertices: &Vertices, group: &RequestGroup, ledger: &mut
         store_bits(&mut next.medium, next.len, survivors.compress_bits(medium));
     }
     next.push(survivors.len, ray, key, beta, normal, survivors.compress(weighted_pdf), identity);
+}
+
+/// Keeps how the survivors of a group were drawn.
+#[inline(never)]
+#[allow(clippy::too_many_arguments, reason = "a group's columns")]
+fn push_steps(
+    depth: u32,
+    vertices: &Vertices,
+    rows: &Rows,
+    survivors: &Survivors,
+    wi: V3,
+    pdfs: [F; 3],
+    parent: U,
+    steps: &mut Vec<Step>,
+) {
+    let Some(guided) = &vertices.guided else { return };
+    let [position, normal, wi] =
+        [vertices.origin.load(rows), vertices.ng.load(rows), wi].map(|column| survivors.compress_v3(column));
+    let beta = survivors.compress(vertices.beta.load(rows).luminance()).to_array();
+    let broad = survivors.compress_bits(load_bits(&guided.broad, rows)).to_array();
+    let pdfs = pdfs.map(|pdf| survivors.compress(pdf).to_array());
+    let parent = survivors.compress_bits(parent).to_array();
+    steps.extend((0..survivors.len).map(|lane| Step {
+        parent: if depth == 0 { CAMERA } else { parent[lane] },
+        position: position.lane(lane),
+        normal: normal.lane(lane),
+        wi: wi.lane(lane),
+        beta: if broad[lane] == 1 { beta[lane] } else { 0.0 },
+        pdf: pdfs.map(|pdf| pdf[lane]),
+    }));
 }

@@ -98,9 +98,17 @@ pub fn follow_mirrors(
     }
 }
 
-/// Fills the vertices with the surfaces that scatter.
-pub fn vertices(transport: &Transport, sorted: &SortedHits, rays: &PathRays, hits: &HitBatch, vertices: &mut Vertices) {
-    vertices.open(rays.len, transport.materials.lobes, transport.materials.absorbs());
+/// Fills the vertices with the surfaces that scatter, of paths that are guided if a field does or `learns` from them.
+pub fn vertices(
+    transport: &Transport,
+    learns: bool,
+    sorted: &SortedHits,
+    rays: &PathRays,
+    hits: &HitBatch,
+    vertices: &mut Vertices,
+) {
+    let guided = learns || transport.field.is_some();
+    vertices.open(rays.len, transport.materials.lobes, transport.materials.absorbs(), guided);
     for at in (0..sorted.plain.len()).step_by(LANES) {
         plain(transport, &sorted.plain, at, rays, hits, vertices);
     }
@@ -132,6 +140,7 @@ fn plain(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hits: 
         origin_offset: points.origin_offset,
         bsdfs: eight(|lane| transport.materials.plain(mesh[lane], behind(lane))),
         media: media(transport, rays, &rows, mesh, behind),
+        unguided: unguided(vertices, rays, &rows),
         identity: identity(rays, &rows),
     };
     vertices.push(n, &group);
@@ -159,6 +168,7 @@ fn detailed(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hit
         origin_offset: F::from(points.map(|p| p.origin_offset)),
         bsdfs: bsdfs.each_ref(),
         media: media(transport, rays, &rows, each.map(|ray| hits.mesh[ray as usize]), |lane| seen[lane].behind),
+        unguided: unguided(vertices, rays, &rows),
         identity: identity(rays, &rows),
     };
     vertices.push(n, &group);
@@ -198,6 +208,11 @@ fn media(
     let medium = load_bits(&rays.medium, rows).to_array();
     let sides = eight(|lane| transport.materials.sides(mesh[lane], behind(lane), medium[lane]));
     [0, 1].map(|side| U::from(eight(|lane| sides[lane][side])))
+}
+
+#[inline(always)]
+fn unguided(vertices: &Vertices, rays: &PathRays, rows: &Rows) -> F {
+    if vertices.guided.is_some() { load(&rays.unguided, rows) } else { F::ONE }
 }
 
 #[inline(always)]

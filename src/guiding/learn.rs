@@ -1,0 +1,221 @@
+//! From a pilot's samples to a field.
+
+use glam::Vec3;
+
+use super::directions::{BINS, Histogram, SIDE, bins, from_square, steradians};
+use super::field::Field;
+use super::tree::Tree;
+use crate::lanes::{F, V3};
+
+/// A direction that the pilot took from a surface, and what it found there.
+#[derive(Debug, Clone, Copy)]
+pub struct Lesson {
+    /// Of the surface.
+    pub position: Vec3,
+    /// Unit geometric normal on the side that was met.
+    pub normal: Vec3,
+    /// Unit.
+    pub wi: Vec3,
+    /// f·L/p in luminance, > 0: L without the part that MIS leaves to light samples.
+    pub found: f32,
+    /// Square of what it added to its pixel, over what relMSE divides the pixel by.
+    pub weight: f32,
+    /// p: the density with which it was drawn.
+    pub pdf: f32,
+    /// The BSDF's.
+    pub bsdf_pdf: f32,
+    /// The earlier field's; 0 without one.
+    pub field_pdf: f32,
+}
+
+/// Lessons of a cell, about; a cell of fewer is not parted.
+const LESSONS_A_CELL: usize = 256;
+/// Lessons of a node that count as much as all that its parent knows.
+const OWN: f64 = 64.0;
+/// Of so many lessons, one has a say in the tree.
+const PLACES_OF: usize = 8;
+/// Shares among which cells choose.
+pub const SHARES: [f32; 5] = [0.0, 0.25, 0.5, 0.75, 0.875];
+/// The share while a field is learned.
+const LEARNING: f32 = 0.5;
+
+/// What a field is worth, by the last lessons.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Gain {
+    /// Sum over lessons of the second moments of what paths add to their pixels, over what relMSE divides these by: without
+    /// guiding.
+    pub without: f64,
+    /// With it.
+    pub with: f64,
+    /// As they were taken.
+    pub taken: f64,
+    /// Mean share, by lessons.
+    pub share: f32,
+}
+
+impl Gain {
+    /// The variance with guiding over that without it, of paths whose variance was `taken` in the same units.
+    pub fn variance(&self, taken: f64) -> f32 {
+        let [with, without] = [self.with, self.without].map(|moment| (taken + moment - self.taken).max(0.0));
+        if without > 0.0 { (with / without) as f32 } else { 1.0 }
+    }
+}
+
+/// A field of all `lessons`, in a scene whose normals are worth `scale` metres, of at most `most_cells` cells; each cell's
+/// share is found from the lessons from `fresh` on, whose [`Lesson::field_pdf`] is of a field that did not know them.
+/// Without such the share is ½.
+pub fn learn(lessons: &[Lesson], fresh: usize, scale: f32, most_cells: usize) -> (Field, Gain) {
+    let places = lessons.iter().step_by(PLACES_OF).map(|l| Tree::place(l.position, l.normal, scale)).collect();
+    let tree = Tree::new(places, scale, LESSONS_A_CELL / PLACES_OF, most_cells);
+    let mut cells = vec![Sums::default(); tree.leaves()];
+    for (i, lesson) in lessons.iter().enumerate() {
+        cells[tree.leaf(lesson.position, lesson.normal) as usize].add(lesson, i >= fresh);
+    }
+    let histograms = histograms(&tree, &cells);
+    let all = cells.iter().fold(ShareSums::default(), |all, cell| all.plus(&cell.shares));
+    let mut gain = Gain::default();
+    let share = |cell: &Sums| {
+        if fresh >= lessons.len() {
+            return LEARNING;
+        }
+        let best = cell.shares.best(&all);
+        gain.without += cell.shares.moments[0];
+        gain.with += cell.shares.moments[best];
+        gain.taken += cell.shares.taken;
+        gain.share += SHARES[best] * cell.shares.n / all.n.max(1.0);
+        SHARES[best]
+    };
+    let shares = cells.iter().map(share).collect();
+    (Field::new(tree, histograms, shares), gain)
+}
+
+/// What a cell's lessons sum up to.
+#[derive(Debug, Clone)]
+struct Sums {
+    /// ∫ (f L)² dω over each bin.
+    moments: [f32; BINS],
+    n: f64,
+    shares: ShareSums,
+}
+
+impl Default for Sums {
+    fn default() -> Self {
+        Self { moments: [0.0; BINS], n: 0.0, shares: ShareSums::default() }
+    }
+}
+
+impl Sums {
+    fn add(&mut self, lesson: &Lesson, fresh: bool) {
+        let moment = lesson.found * lesson.found * lesson.pdf;
+        if moment.is_finite() {
+            self.moments[bins(V3::splat(lesson.wi))[0] as usize] += moment;
+            self.n += 1.0;
+        }
+        if fresh {
+            self.shares.add(lesson);
+        }
+    }
+}
+
+/// A histogram of each leaf: of what its own lessons say, and the less these are, of what its parents' do.
+fn histograms(tree: &Tree, cells: &[Sums]) -> Vec<Histogram> {
+    let areas = areas();
+    let mut nodes = vec![([0.0; BINS], 0.0); tree.nodes()];
+    for node in (0..nodes.len()).rev() {
+        nodes[node] = match tree.below(node) {
+            Err(leaf) => (cells[leaf as usize].moments.map(f64::from), cells[leaf as usize].n),
+            Ok([a, b]) => (std::array::from_fn(|bin| nodes[a].0[bin] + nodes[b].0[bin]), nodes[a].1 + nodes[b].1),
+        };
+    }
+    // From the top down; what the root's parent would know is nothing: all directions alike.
+    let mut open = vec![(0, areas)];
+    let mut found = vec![None; cells.len()];
+    while let Some((node, parent)) = open.pop() {
+        let (moments, n) = &nodes[node];
+        let own = best(moments, &areas);
+        let (known, told): (f64, f64) = (own.iter().sum(), parent.iter().sum());
+        let trust = if known > 0.0 { n / (n + OWN) } else { 0.0 };
+        let weights = std::array::from_fn(|bin| {
+            trust * own[bin] / known.max(f64::MIN_POSITIVE) + (1.0 - trust) * parent[bin] / told
+        });
+        match tree.below(node) {
+            Err(leaf) => found[leaf as usize] = Some(Histogram::new(&weights)),
+            Ok(children) => open.extend(children.map(|child| (child, weights))),
+        }
+    }
+    found.into_iter().flatten().collect()
+}
+
+/// Solid angles of the bins.
+fn areas() -> [f64; BINS] {
+    std::array::from_fn(|bin| {
+        let middle = |i: usize| F::splat((i as f32 + 0.5) / SIDE as f32);
+        let w = from_square(middle(bin / SIDE), middle(bin % SIDE));
+        f64::from(steradians(w).to_array()[0]) / BINS as f64
+    })
+}
+
+/// In proportion to the root of the second moment's density, by which the variance is least (Rath et al. 2020, equation 9).
+fn best(moments: &[f64; BINS], areas: &[f64; BINS]) -> [f64; BINS] {
+    let smooth = smoothed(moments);
+    std::array::from_fn(|bin| (smooth[bin] * areas[bin]).sqrt())
+}
+
+/// Each bin's sum shared a little with those beside it: lessons are few.
+fn smoothed(sums: &[f64; BINS]) -> [f64; BINS] {
+    let mut smooth = [0.0; BINS];
+    for (bin, sum) in sums.iter().enumerate().filter(|(_, sum)| **sum > 0.0) {
+        let (row, column) = ((bin / SIDE) as isize, (bin % SIDE) as isize);
+        for (dr, dc) in (-1..=1isize).flat_map(|dr| (-1..=1isize).map(move |dc| (dr, dc))) {
+            let inside = |i: isize| i.clamp(0, SIDE as isize - 1) as usize;
+            let weight = [8.0, 1.0, 0.5][dr.unsigned_abs() + dc.unsigned_abs()] / 14.0;
+            smooth[inside(row + dr) * SIDE + inside(column + dc)] += sum * weight;
+        }
+    }
+    smooth
+}
+
+/// Sums of which a cell's share is found.
+#[derive(Debug, Clone, Copy, Default)]
+struct ShareSums {
+    /// Second moment at each of [`SHARES`].
+    moments: [f64; SHARES.len()],
+    /// Sum of squares at a share of ½, over its moment: what a heavy sample weighs.
+    squares: f64,
+    /// Second moment as the samples were taken.
+    taken: f64,
+    n: f32,
+}
+
+/// Heavy samples of all cells' kind that a cell is taken to have seen besides its own.
+const PRIOR: f64 = 4.0;
+
+impl ShareSums {
+    fn add(&mut self, lesson: &Lesson) {
+        let p = f64::from(lesson.pdf);
+        let of = |c: f32| p / f64::from(c.mul_add(lesson.field_pdf - lesson.bsdf_pdf, lesson.bsdf_pdf));
+        for (sum, c) in self.moments.iter_mut().zip(SHARES) {
+            *sum += f64::from(lesson.weight) * of(c).min(1e6);
+        }
+        self.squares += (f64::from(lesson.weight) * of(0.5)).powi(2);
+        self.taken += f64::from(lesson.weight);
+        self.n += 1.0;
+    }
+
+    fn plus(&self, other: &Self) -> Self {
+        Self {
+            moments: std::array::from_fn(|i| self.moments[i] + other.moments[i]),
+            squares: self.squares + other.squares,
+            taken: self.taken + other.taken,
+            n: self.n + other.n,
+        }
+    }
+
+    /// The place of the share with the least second moment, of this cell and a few samples of all.
+    fn best(&self, all: &Self) -> usize {
+        let heavy = if self.moments[2] > 0.0 { self.squares / self.moments[2] } else { 1.0 };
+        let scale = if all.moments[2] > 0.0 { PRIOR * heavy / all.moments[2] } else { 0.0 };
+        let of = |i: usize| self.moments[i] + scale * all.moments[i];
+        (0..SHARES.len()).min_by(|a, b| of(*a).total_cmp(&of(*b))).unwrap_or(0)
+    }
+}

@@ -1,0 +1,99 @@
+//! Guiding at eight vertices: the BSDF and the field as one technique.
+
+use crate::bsdf::{Bsdf, BsdfSample, Parameters};
+use crate::guiding::{Field, NOWHERE};
+use crate::integrator::Transport;
+use crate::integrator::vertices::Vertices;
+use crate::lanes::{F, LANES, Rows, V3, load_bits};
+use crate::sampling::warp::ONE_MINUS;
+
+/// Most by which roulette may favour a path that was led.
+const MOST_UNGUIDED: f32 = 1e6;
+
+/// Draws from a BSDF, or with the cells' shares from the field.
+pub struct Mixture<'a> {
+    field: &'a Field,
+    cells: [u32; LANES],
+    /// Chance of the field.
+    share: F,
+}
+
+/// A direction drawn from a mixture, or from a BSDF alone.
+pub struct Drawn {
+    /// Its density is the mixture's.
+    pub sample: BsdfSample,
+    /// Densities of the BSDF and of the field.
+    pub pdfs: [F; 2],
+}
+
+impl Drawn {
+    /// Where nothing guides.
+    #[inline(always)]
+    pub fn of_bsdf(sample: BsdfSample) -> Self {
+        Self { pdfs: [sample.pdf, F::ZERO], sample }
+    }
+}
+
+/// Finds the cells of the vertices, where there is a field or one is learned.
+#[inline(never)]
+pub fn find(transport: &Transport, vertices: &mut Vertices) {
+    let len = vertices.len();
+    let Vertices { origin, ng, guided: Some(guided), .. } = vertices else { return };
+    for i in 0..len {
+        guided.cell[i] = match transport.field {
+            Some(field) if guided.broad[i] == 1 => field.cell(origin.get(i), ng.get(i)),
+            _ => NOWHERE,
+        };
+    }
+    guided.cell[len..].fill(NOWHERE);
+}
+
+impl<'a> Mixture<'a> {
+    /// In these cells; `None` if nothing guides in any.
+    #[inline(always)]
+    pub fn new(field: &'a Field, cells: [u32; LANES]) -> Option<Self> {
+        let share = field.shares(cells);
+        share.simd_gt(F::ZERO).any().then_some(Self { field, cells, share })
+    }
+
+    /// At some vertices.
+    #[inline(always)]
+    pub fn at(transport: &Transport<'a>, vertices: &Vertices, rows: &Rows) -> Option<Self> {
+        let (field, guided) = transport.field.zip(vertices.guided.as_ref())?;
+        Self::new(field, load_bits(&guided.cell, rows).to_array())
+    }
+
+    /// The density of directions that the BSDF draws with density `bsdf_pdf`.
+    #[inline(always)]
+    pub fn pdf(&self, wi: V3, bsdf_pdf: F) -> F {
+        self.mix(bsdf_pdf, self.field.pdf(self.cells, wi))
+    }
+
+    #[inline(always)]
+    fn mix(&self, bsdf_pdf: F, field_pdf: F) -> F {
+        // Without a share exactly the BSDF's.
+        self.share.mul_add(field_pdf - bsdf_pdf, bsdf_pdf)
+    }
+
+    /// Draws from three numbers in [0, 1).
+    #[inline(always)]
+    pub fn draw(&self, bsdf: &<Bsdf as Parameters>::Eight, n: V3, wo: V3, [lobe, u, v]: [F; 3]) -> Drawn {
+        let led = lobe.simd_lt(self.share);
+        // What is left of the number chooses among lobes.
+        let rest = (lobe - self.share) / (F::ONE - self.share);
+        let rest = rest.fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS));
+        let toward = self.field.draw(self.cells, u, v);
+        let sample = bsdf.sample_or(n, wo, [rest, u, v], (led, toward));
+        let pdfs = [sample.pdf, self.field.pdf(self.cells, sample.wi)];
+        Drawn { sample: BsdfSample { pdf: self.mix(pdfs[0], pdfs[1]), ..sample }, pdfs }
+    }
+}
+
+/// What BSDF sampling alone would have made of a throughput, over it: `before` one more surface, whose mixture has density
+/// `pdf` and whose BSDF `bsdf_pdf`.
+#[inline(always)]
+pub fn unguided(before: F, pdf: F, bsdf_pdf: F) -> F {
+    let ratio = before * pdf / bsdf_pdf;
+    let most = F::splat(MOST_UNGUIDED);
+    ratio.is_finite().select(ratio.fast_min(most), most)
+}

@@ -1,0 +1,163 @@
+//! The pilot of guiding: paths of a smaller picture of the same view, of which a field is learned. What it finds depends on
+//! the scene, the view and the seed alone, so that every part, crop and session learns the same.
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::lens::lens;
+use super::stats::GuidingStats;
+use super::{Guiding, RenderSettings};
+use crate::balance::Counts;
+use crate::color::luminance;
+use crate::film::PixelStats;
+use crate::film::compare::relative_to;
+use crate::guiding::{Field, Lesson, learn};
+use crate::integrator::{CameraRays, PixelBatch, PixelTask, PreparedScene, Transport, Wave};
+use crate::sampling::hash;
+
+/// Pixels of the pilot's picture, at least; that of a large picture has a fraction of its pixels.
+const PIXELS: f64 = 12_288.0;
+/// Pixels of a picture for each of its pilot's.
+const PIXELS_OF: f64 = 16.0;
+/// Paths a pixel in each round; each is led by what those before it found.
+const ROUNDS: [u32; 4] = [1, 2, 4, 8];
+/// The round after which `auto` asks whether it pays.
+const ASKS: usize = 1;
+/// `auto` guides where it is to leave no more than this of the variance.
+const PAYS: f32 = 0.8;
+/// Side of the pilot's tiles, and of the blocks that are judged by their mean.
+const TILE: u32 = 32;
+const BLOCK: u32 = 8;
+/// Bytes that a field and its lessons may take.
+pub const MEMORY: u64 = 128 << 20;
+
+/// What a render's pilot has found.
+#[derive(Debug)]
+pub struct Learned {
+    /// Where light comes from, if it pays to know.
+    pub field: Option<Field>,
+    /// What it is worth.
+    pub worth: Worth,
+}
+
+/// What a field is worth.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Worth {
+    /// The variance that it is to leave, over that without it.
+    pub variance: f32,
+    /// Mean share of samples that follow it.
+    pub share: f32,
+}
+
+impl Learned {
+    /// For people.
+    pub fn stats(&self, seconds: f64) -> GuidingStats {
+        let (cells, bytes) = self.field.as_ref().map_or((0, 0), |field| (field.cells(), field.bytes()));
+        GuidingStats { on: self.field.is_some(), cells, bytes, worth: self.worth, seconds }
+    }
+}
+
+/// Learns what `settings` ask for along `transport`'s paths.
+pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Transport) -> Option<Learned> {
+    if settings.guiding == Guiding::Off || transport.max_depth < 3 {
+        return None;
+    }
+    let most = settings.guiding_memory.unwrap_or(MEMORY) as f64;
+    let paths: u32 = ROUNDS.iter().sum();
+    let lessons_a_path = f64::from(transport.max_depth.min(10) - 1);
+    let fits = most / 2.0 / (f64::from(paths) * lessons_a_path * size_of::<Lesson>() as f64);
+    let pixels = f64::from(settings.width) * f64::from(settings.height);
+    let scale = (PIXELS.max(pixels / PIXELS_OF).min(fits) / pixels).sqrt().min(1.0);
+    let size = [settings.width, settings.height].map(|n| (f64::from(n) * scale).ceil().max(1.0) as u32);
+    let camera = CameraRays::new(&scene.scene.camera(settings.camera, size[0], size[1]), size[0], size[1]);
+    let most_cells = (most / 2.0 / (2 * Field::CELL_BYTES) as f64).max(1.0) as usize;
+    let normals = 0.25 * scene.scene.radius();
+    let lens = lens(scene, settings).unwrap_or_default();
+    let mut lessons = Vec::new();
+    let mut known = None;
+    let mut worth = Worth::default();
+    for (round, paths) in ROUNDS.into_iter().enumerate() {
+        let fresh = lessons.len();
+        let transport = Transport {
+            camera: camera.with_lens(lens),
+            seed: hash(settings.seed ^ hash(0x6775_6964 + round as u32)),
+            field: known.as_ref(),
+            ..transport.clone()
+        };
+        let (taken, variance) = take(&transport, size, paths);
+        lessons.extend(taken);
+        // The first round has led nobody.
+        let fresh = if round > 0 { fresh } else { usize::MAX };
+        let last = round + 1 == ROUNDS.len();
+        let asks = settings.guiding == Guiding::Auto && (round == ASKS || last);
+        let (field, gain) = learn(&lessons, if asks || last { fresh } else { usize::MAX }, normals, most_cells);
+        if asks || last {
+            worth = Worth { variance: gain.variance(variance), share: gain.share };
+        }
+        if asks && worth.variance > PAYS {
+            return Some(Learned { field: None, worth });
+        }
+        known = Some(field);
+    }
+    Some(Learned { field: known, worth })
+}
+
+/// Which block of pixels a pixel is in.
+fn block(&[x, y]: &[u32; 2]) -> [u32; 2] {
+    [y / BLOCK, x / BLOCK]
+}
+
+/// What relMSE divides pixels by, of their blocks' means: a single pixel's few paths do not know its own.
+fn divisors(tasks: &[PixelTask], stats: &[PixelStats]) -> Vec<f32> {
+    let alike = |a: &PixelTask, b: &PixelTask| block(&[a.x, a.y]) == block(&[b.x, b.y]);
+    let mut stats = stats.iter();
+    let of_block = |tasks: &[PixelTask]| {
+        let sum: f64 = stats.by_ref().take(tasks.len()).map(|s| f64::from(luminance(s.mean().into()))).sum();
+        vec![relative_to(sum / tasks.len() as f64) as f32; tasks.len()]
+    };
+    tasks.chunk_by(alike).flat_map(of_block).collect()
+}
+
+/// What paths of a picture of this size teach, and the sum of their variances over what relMSE divides their pixels by.
+fn take(transport: &Transport, [width, height]: [u32; 2], paths: u32) -> (Vec<Lesson>, f64) {
+    let counts = if transport.lights.has_extent() { Counts::half(paths) } else { Counts::bsdf_only(paths) };
+    let tiles: Vec<_> = (0..height)
+        .step_by(TILE as usize)
+        .flat_map(|y| (0..width).step_by(TILE as usize).map(move |x| [x, y]))
+        .collect();
+    let of_tile = |&[x0, y0]: &[u32; 2]| {
+        let mut pixels: Vec<_> =
+            (y0..height.min(y0 + TILE)).flat_map(|y| (x0..width.min(x0 + TILE)).map(move |x| [x, y])).collect();
+        pixels.sort_by_key(block);
+        let task = |[x, y]: [u32; 2]| PixelTask {
+            x,
+            y,
+            first_path: 0,
+            first_light: 0,
+            first_environment: 0,
+            first_bsdf: 0,
+            counts,
+            weighed: counts,
+            number: 0,
+        };
+        let tasks: Vec<_> = pixels.into_iter().map(task).collect();
+        let (mut lessons, mut variance) = (Vec::new(), 0.0);
+        let mut wave = Wave::default();
+        for tasks in tasks.chunks((2048 / paths).max(1) as usize) {
+            let mut stats = vec![PixelStats::default(); tasks.len()];
+            let mut batch =
+                PixelBatch { tasks, stats: &mut stats, peaks: &mut [], aovs: &mut [], extras: &mut [], observer: None };
+            let divisors = wave.learn(transport, &mut batch, &divisors, &mut lessons);
+            // Each path's variance, for as many paths as there are.
+            let of = |(stats, divisor): (&PixelStats, &f32)| {
+                let all = stats.variance_of_mean().iter().map(|v| f64::from(*v)).sum::<f64>() / 3.0;
+                all * f64::from(paths * paths) / f64::from(*divisor)
+            };
+            variance += stats.iter().zip(&divisors).map(of).filter(|v| v.is_finite()).sum::<f64>();
+        }
+        (lessons, variance)
+    };
+    let of_tiles: Vec<_> = tiles.par_iter().map(of_tile).collect();
+    let variance = of_tiles.iter().map(|(_, variance)| variance).sum();
+    (of_tiles.into_iter().flat_map(|(lessons, _)| lessons).collect(), variance)
+}

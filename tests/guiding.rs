@@ -1,0 +1,234 @@
+//! Guiding: the same picture, the same bits, whatever the field holds.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use bismar::film::PixelStats;
+use bismar::guiding::directions::{BINS, bins, steradians};
+use bismar::guiding::{Field, Lesson, NOWHERE, learn};
+use bismar::integrator::{PixelBatch, PixelTask, Transport, Wave};
+use bismar::lanes::{F, LANES, V3};
+use bismar::rays::Backend;
+use bismar::render::pilot::learned;
+use bismar::render::{Balance, Guiding, Part, RenderSettings, Rendered, render, transport};
+use bismar::sampling::{SplitMix64, warp};
+use bismar::scene::{Material, Scene};
+use glam::Vec3;
+
+use crate::helpers::stage::{Stage, add, closed_box, glass_hall, hall, lambert, lamp, look, rectangle};
+use crate::helpers::statistics::Mean;
+
+/// A box with a lamp above a thin shelf: all that the camera sees is lit by the ceiling.
+fn cove() -> Arc<Scene> {
+    let mut scene = Scene::default();
+    closed_box(
+        &mut scene,
+        Vec3::new(-2.0, 0.0, -2.0),
+        Vec3::new(2.0, 2.5, 2.0),
+        Material { double_sided: true, ..lambert(0.7) },
+    );
+    rectangle(&mut scene, 2.0, [-0.8, 0.8], [-2.0, -1.2], true, lambert(0.6));
+    rectangle(&mut scene, 1.99, [-0.8, 0.8], [-2.0, -1.2], false, lambert(0.6));
+    rectangle(&mut scene, 2.05, [-0.3, 0.3], [-1.8, -1.5], true, lamp(40.0));
+    look(&mut scene, Vec3::new(0.0, 1.0, 1.8), Vec3::new(0.0, 0.9, -1.0), 0.9);
+    Arc::new(scene)
+}
+
+fn settings(guiding: Guiding) -> RenderSettings {
+    RenderSettings { width: 36, height: 24, spp: Some(8), balance: Balance::Half, guiding, ..Default::default() }
+}
+
+/// A lesson that light comes from `wi` to a point of the hall's floor.
+fn lesson(position: Vec3, wi: Vec3, found: f32) -> Lesson {
+    let (pdf, bsdf_pdf) = (0.2, 0.2);
+    Lesson { position, normal: Vec3::Y, wi, found, weight: found * found, pdf, bsdf_pdf, field_pdf: 0.0 }
+}
+
+/// Lessons all over the hall, toward directions that `toward` makes of random numbers.
+fn lessons(n: u32, toward: impl Fn(&mut SplitMix64) -> (Vec3, f32)) -> Vec<Lesson> {
+    let mut random = SplitMix64(7);
+    let one = |_| {
+        let position = Vec3::new(6.0 * random.f32() - 3.0, 0.0, 6.0 * random.f32() - 3.0);
+        let (wi, found) = toward(&mut random);
+        lesson(position, wi, found)
+    };
+    (0..n).map(one).collect()
+}
+
+#[test]
+fn what_the_field_draws_has_the_density_that_it_says() {
+    let lessons = lessons(40_000, |random| {
+        let wi = warp::sphere(random.f32(), random.f32().powi(3));
+        (Vec3::new(wi.x, wi.y.abs(), wi.z), random.f32().powi(6))
+    });
+    let (field, _) = learn(&lessons, usize::MAX, 1.0, 1000);
+    assert!(field.cells() > 20, "{}", field.cells());
+    let mut random = SplitMix64(11);
+    let mut worst: f64 = 0.0;
+    for _ in 0..12 {
+        let cell = field.cell(Vec3::new(5.0 * random.f32() - 2.5, 0.0, 5.0 * random.f32() - 2.5), Vec3::Y);
+        assert_ne!(cell, NOWHERE);
+        let cells = [cell; LANES];
+        // The density on the square is the same all over a bin.
+        let (n, mut expected, mut counts) = (200_000, [0.0; BINS], [0.0; BINS]);
+        for _ in 0..20_000 {
+            let w = V3::gather(std::array::from_fn(|_| warp::sphere(random.f32(), random.f32())));
+            let density = (field.pdf(cells, w) * steradians(w)).to_array();
+            for (bin, density) in bins(w).iter().zip(density) {
+                let share = f64::from(density) / BINS as f64 * f64::from(n);
+                let known = std::mem::replace(&mut expected[*bin as usize], share);
+                assert!(known == 0.0 || (known - share).abs() <= 1e-4 * share, "{known} {share}");
+            }
+        }
+        for _ in 0..n / LANES as u32 {
+            let numbers = [(); 2].map(|()| F::from(std::array::from_fn(|_| random.f32())));
+            for bin in bins(field.draw(cells, numbers[0], numbers[1])) {
+                counts[bin as usize] += 1.0;
+            }
+        }
+        let total = expected.iter().sum::<f64>() / f64::from(n);
+        assert!((total - 1.0).abs() < 1e-4, "the density is {total} in all");
+        let (mut chi2, mut freedom) = (0.0, -1.0);
+        for (count, expected) in counts.iter().zip(expected).filter(|(_, expected)| *expected > 5.0) {
+            chi2 += (count - expected) * (count - expected) / expected;
+            freedom += 1.0;
+        }
+        worst = worst.max((chi2 - freedom) / f64::sqrt(2.0 * freedom));
+    }
+    // Twelve tests at six standard deviations: a false alarm in 10⁷.
+    assert!(worst < 6.0, "{worst}");
+}
+
+/// Means of the picture's green without a field and with one, that differ in seeds.
+fn compared(stage: &Stage, settings: &RenderSettings, field: &Field, replicas: u32) -> [Mean; 2] {
+    let mut means = [Mean::default(), Mean::default()];
+    for (mean, field) in means.iter_mut().zip([None, Some(field)]) {
+        for seed in 0..replicas {
+            let settings = RenderSettings { seed: seed + if field.is_some() { 1000 } else { 0 }, ..settings.clone() };
+            let transport = Transport { field, ..transport(&stage.scene, &settings) };
+            let counts = bismar::balance::Counts::half(4);
+            let task = |i: u32| PixelTask {
+                x: i % settings.width,
+                y: i / settings.width,
+                first_path: 0,
+                first_light: 0,
+                first_environment: 0,
+                first_bsdf: 0,
+                counts,
+                weighed: counts,
+                number: i,
+            };
+            let tasks: Vec<_> = (0..settings.width * settings.height).map(task).collect();
+            let mut stats = vec![PixelStats::default(); tasks.len()];
+            let mut batch = PixelBatch {
+                tasks: &tasks,
+                stats: &mut stats,
+                peaks: &mut [],
+                aovs: &mut [],
+                extras: &mut [],
+                observer: None,
+            };
+            Wave::default().run(&transport, &mut batch);
+            mean.add(stats.iter().map(|s| s.sum[1] / f64::from(s.samples)).sum::<f64>() / stats.len() as f64);
+        }
+    }
+    means
+}
+
+fn z([a, b]: &[Mean; 2]) -> f64 {
+    (a.mean - b.mean) / (a.standard_error().powi(2) + b.standard_error().powi(2)).sqrt()
+}
+
+#[test]
+fn a_field_of_lies_changes_no_mean() {
+    // What fields learn in bad luck: a caustic from one side, light from below alone, one firefly among nothing, a light
+    // that was never seen (the lamp above), no lessons at all.
+    let fields = [
+        lessons(20_000, |_| (Vec3::new(0.9, 0.1, 0.2).normalize(), 1.0)),
+        lessons(20_000, |random| (warp::sphere(0.5 + 0.5 * random.f32(), random.f32()).normalize(), 1.0)),
+        lessons(20_000, |random| (Vec3::Y, if random.f32() < 1e-4 { 1e12 } else { 1e-6 })),
+        lessons(20_000, |random| (Vec3::new(random.f32() - 0.5, 0.05, random.f32() - 0.5).normalize(), 1.0)),
+        Vec::new(),
+    ]
+    .map(|lessons| learn(&lessons, usize::MAX, 1.0, 100).0);
+    for (scene, name) in [(hall(), "hall"), (glass_hall(), "glass hall"), (cove(), "cove")] {
+        let stage = Stage::new(scene, Backend::Obvhs);
+        let settings = RenderSettings { width: 24, height: 16, ..settings(Guiding::Off) };
+        for (i, field) in fields.iter().enumerate() {
+            let means = compared(&stage, &settings, field, 40);
+            // Fifteen tests of about normal means: a false alarm in 10⁴.
+            assert!(z(&means).abs() < 4.5, "{name}, field {i}: {} {}, z {}", means[0].mean, means[1].mean, z(&means));
+        }
+    }
+}
+
+#[test]
+fn a_field_that_was_learned_changes_no_mean_and_takes_noise_away() {
+    let stage = Stage::new(cove(), Backend::Embree);
+    let settings = settings(Guiding::On);
+    let unguided = transport(&stage.scene, &settings);
+    let learned = learned(&stage.scene, &settings, &unguided).unwrap();
+    let means = compared(&stage, &settings, learned.field.as_ref().unwrap(), 60);
+    assert!(z(&means).abs() < 4.5, "{} {}", means[0].mean, means[1].mean);
+    // Of 60 replicas each, a ratio of variances below 0.75 by chance alone is 1 in 7; that the field takes half is seen.
+    let [without, with] = means.map(|mean| mean.standard_error().powi(2));
+    assert!(with < 0.75 * without, "{with} {without}");
+    assert!(learned.worth.variance < 0.8, "{:?}", learned.worth);
+}
+
+#[test]
+fn nothing_is_learned_where_nothing_shines() {
+    let mut scene = Scene::default();
+    rectangle(&mut scene, 0.0, [-2.0, 2.0], [-2.0, 2.0], true, lambert(0.5));
+    add(&mut scene, vec![[0.0; 3], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]], vec![[0, 1, 2]], lamp(1e-30));
+    look(&mut scene, Vec3::new(0.0, 1.0, 3.0), Vec3::ZERO, 0.8);
+    let stage = Stage::new(Arc::new(scene), Backend::Obvhs);
+    assert!(stage.green(&settings(Guiding::On)).iter().all(|g| g.is_finite() && *g < 1e-20));
+    let rendered = render(&stage.scene, &settings(Guiding::Auto), &AtomicBool::new(false), &|_| ());
+    assert!(!rendered.stats.guiding.unwrap().on);
+}
+
+fn on_threads(stage: &Stage, settings: &RenderSettings, threads: usize) -> Rendered {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    pool.install(|| render(&stage.scene, settings, &AtomicBool::new(false), &|_| ()))
+}
+
+#[test]
+fn a_guided_picture_has_the_same_bits_on_any_threads_in_any_window_and_part() {
+    let stage = Stage::new(cove(), Backend::Embree);
+    let settings = settings(Guiding::On);
+    let sums = |rendered: &Rendered| {
+        let film = rendered.film();
+        let [x0, y0, x1, _] = film.window;
+        let place = move |i: usize| (x0 + i as u32 % (x1 - x0), y0 + i as u32 / (x1 - x0));
+        film.pixels.iter().enumerate().map(|(i, p)| (place(i), p.sum)).collect::<Vec<_>>()
+    };
+    let one = on_threads(&stage, &settings, 1);
+    assert!(one.stats.guiding.unwrap().on);
+    assert_eq!(sums(&one), sums(&on_threads(&stage, &settings, 3)));
+    let whole = sums(&one);
+    let crop = RenderSettings { crop: Some([17, 3, 33, 20]), ..settings.clone() };
+    for (at, sum) in sums(&on_threads(&stage, &crop, 2)) {
+        assert_eq!(whole.iter().find(|pixel| pixel.0 == at).unwrap().1, sum, "{at:?}");
+    }
+    let part: Part = "2/3".parse().unwrap();
+    let part = on_threads(&stage, &RenderSettings { part: Some(part), ..settings.clone() }, 2);
+    for tile in &part.tiles {
+        let same = one.tiles.iter().find(|other| other.grid_position() == tile.grid_position()).unwrap();
+        assert!((0..tile.pixels()).all(|i| tile.at(i).0.sum == same.at(i).0.sum));
+    }
+    let unguided = RenderSettings { guiding: Guiding::Off, ..settings };
+    assert_ne!(whole, sums(&on_threads(&stage, &unguided, 2)));
+}
+
+#[test]
+fn a_field_is_no_larger_than_it_may_be() {
+    let stage = Stage::new(hall(), Backend::Embree);
+    for memory in [1 << 14, 1 << 19, 1 << 24] {
+        let settings = RenderSettings { guiding_memory: Some(memory), ..settings(Guiding::On) };
+        let unguided = transport(&stage.scene, &settings);
+        let learned = learned(&stage.scene, &settings, &unguided).unwrap();
+        let bytes = learned.field.map_or(0, |field| field.bytes());
+        assert!(bytes as u64 <= memory, "{bytes} of {memory}");
+    }
+}
