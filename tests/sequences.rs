@@ -251,6 +251,42 @@ fn killed_at_any_moment_a_sequence_ends_with_the_same_bits() {
 }
 
 #[test]
+fn sequences_are_compared_frame_by_frame() {
+    let folder = folder();
+    let path = folder.path();
+    let flags = "--size 24x18 --spp 8 --fps 10 --sky -q";
+    expect(path, &format!("render moving.glb --frames 1-5 {flags} --camera b -o a.##.exr"), 0);
+    expect(path, &format!("render moving.glb --frames 1-4 {flags} --camera b --seed 7 -o b.{{frame:03}}.exr"), 0);
+    expect(path, &format!("render moving.glb --frame 3 {flags} --camera a -o b.003.exr"), 0);
+    let compare = |flags: &str| {
+        let line = format!("compare a.##.exr b.{{frame:03}}.exr {flags}");
+        let output = bismar(path).args(line.trim().split(' ')).output().unwrap();
+        (output.status.code().unwrap(), String::from_utf8(output.stdout.clone()).unwrap(), stderr(&output))
+    };
+    let (code, table, said) = compare("--page page.html --csv rows.csv");
+    assert_eq!(code, 0, "{said}");
+    assert!(table.contains("4 frames") && table.contains("worst is frame 3"), "{table}");
+    assert!(said.contains("only of a.##.exr, not compared: frame 5"), "{said}");
+    let page = fs::read_to_string(path.join("page.html")).unwrap();
+    assert!(
+        page.contains("a.03.exr") && page.contains("Error over frames: 4 frames") && !page.contains("{{"),
+        "{page}"
+    );
+    assert_eq!(page.matches("<polyline").count(), 2);
+    assert_eq!(fs::read_to_string(path.join("rows.csv")).unwrap().lines().count(), 5);
+    let (code, json, _) = compare("--json --max-relmse 1e-9");
+    let json: Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((code, &json["worst_frame"], &json["within"]), (1, &3.into(), &false.into()));
+    let frames = json["frames"].as_array().unwrap();
+    let errors: Vec<f64> = frames.iter().map(|frame| frame["rel_mse"].as_f64().unwrap()).collect();
+    assert_eq!(frames.iter().map(|frame| frame["frame"].as_u64().unwrap()).collect::<Vec<_>>(), [1, 2, 3, 4]);
+    assert!(errors.iter().all(|e| *e <= errors[2]), "{errors:?}");
+    assert!((json["mean_rel_mse"].as_f64().unwrap() - errors.iter().sum::<f64>() / 4.0).abs() < 1e-12);
+    assert_eq!(compare("--diff d.png").0, 64);
+    expect(path, "compare a.##.exr c.##.exr", 66);
+}
+
+#[test]
 fn a_movie_is_ffmpegs_and_a_contact_sheet_our_own() {
     let folder = folder();
     let path = folder.path();

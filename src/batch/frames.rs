@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::fmt;
+use std::fs;
 use std::ops::Range;
 use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::path::{Path, PathBuf};
@@ -11,6 +12,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use super::file::Job;
+use crate::Error;
 
 /// Numbers of frames, each once, in the order in which they are rendered; at least one.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -178,6 +180,19 @@ pub fn number_of(pattern: &Path, name: &Path) -> Option<u32> {
     // Digits may go on behind the place: the longest number that gives this very name is meant.
     let number = |end: usize| std::str::from_utf8(&bytes[start..end]).ok()?.parse().ok();
     (start + 1..=start + digits).rev().filter_map(number).find(|&n| numbered(pattern, n).as_deref() == Some(name))
+}
+
+/// Numbers of the frames whose files are there under such a name, in order.
+///
+/// # Errors
+/// As the folder's system says.
+pub fn present(pattern: &Path) -> Result<Vec<u32>, Error> {
+    let folder = pattern.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let entries = fs::read_dir(folder).map_err(|e| Error::reading(folder, &e))?;
+    let names = entries.flatten().map(|entry| pattern.with_file_name(entry.file_name()));
+    let mut numbers: Vec<u32> = names.filter_map(|name| number_of(pattern, &name)).collect();
+    numbers.sort_unstable();
+    Ok(numbers)
 }
 
 /// A name with a place for a frame's number, at its end if it has none.

@@ -1,6 +1,7 @@
 //! `bismar compare A B`
 
 mod page;
+mod sequence;
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -19,17 +20,17 @@ use crate::{Error, Result};
 /// Compare a picture with a reference: relMSE, RMSE, MAE, FLIP, bias, and z where both carry variance.
 ///
 /// Pictures are OpenEXR, Radiance HDR, PNG or JPEG; a crop is compared with its part of the whole. Of two folders, pictures
-/// of the same name are compared.
+/// of the same name are compared; of two sequences, as in a.####.exr, frames of the same number.
 #[derive(Debug, Args)]
 pub struct CompareArgs {
-    /// The picture, or a folder of them.
+    /// The picture, or a folder of them, or a sequence: a name with the frame's number as #### or {frame:04}.
     a: PathBuf,
     /// The reference: what relMSE divides by, and what a bias is measured from.
     b: PathBuf,
     /// Compare this layer of OpenEXR files, or one channel, as in albedo or depth.Z.
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,
-    /// Print JSON; of folders, an array.
+    /// Print JSON; of folders, an array; of sequences, their frames and which is the worst.
     #[arg(long)]
     json: bool,
     /// Write a row of numbers for each pair.
@@ -48,7 +49,8 @@ pub struct CompareArgs {
     /// yellow 1, green not finite), or .exr of A - B.
     #[arg(long, value_name = "FILE")]
     diff: Option<PathBuf>,
-    /// Write a page with both pictures under a slider, and what people see of their difference (FLIP).
+    /// Write a page with both pictures under a slider, and what people see of their difference (FLIP); of sequences, the
+    /// worst frame's, and the curve of their errors.
     #[arg(long, value_name = "FILE.html")]
     page: Option<PathBuf>,
 }
@@ -76,7 +78,15 @@ struct Pair {
 
 pub fn run(args: &CompareArgs) -> Result<Verdict> {
     let mut paths = Paths::default();
-    [&args.a, &args.b].into_iter().try_for_each(|picture| paths.reads("the picture", picture))?;
+    let frames = match sequence::are_sequences(&args.a, &args.b) {
+        true => Some(sequence::in_both(&args.a, &args.b)?),
+        false => None,
+    };
+    let pairs: Vec<(PathBuf, PathBuf)> = match &frames {
+        Some(frames) => frames.iter().map(|(_, a, b)| (a.clone(), b.clone())).collect(),
+        None => vec![(args.a.clone(), args.b.clone())],
+    };
+    pairs.iter().flat_map(|(a, b)| [a, b]).try_for_each(|picture| paths.reads("the picture", picture))?;
     for (flag, path, endings) in
         [("--diff", &args.diff, &["png", "exr"][..]), ("--page", &args.page, &["html"]), ("--csv", &args.csv, &["csv"])]
     {
@@ -92,8 +102,19 @@ pub fn run(args: &CompareArgs) -> Result<Verdict> {
     if folders && (args.diff.is_some() || args.page.is_some()) {
         return Err(Error::Usage("--diff and --page show one pair of pictures, not two folders of them".into()));
     }
-    let paths = if folders { same_names(&args.a, &args.b)? } else { vec![(args.a.clone(), args.b.clone())] };
-    let pairs = paths.into_iter().map(|(a, b)| one(args, a, b)).collect::<Result<Vec<_>>>()?;
+    if frames.is_some() && args.diff.is_some() {
+        return Err(Error::Usage("--diff shows one pair of pictures, not two sequences of them".into()));
+    }
+    let pairs = if folders { same_names(&args.a, &args.b)? } else { pairs };
+    let pairs = pairs.into_iter().map(|(a, b)| one(args, a, b)).collect::<Result<Vec<_>>>()?;
+    let numbers: Option<Vec<u32>> = frames.map(|frames| frames.iter().map(|(frame, ..)| *frame).collect());
+    let worst = sequence::worst(&pairs);
+    if let Some(path) = &args.page {
+        let curve = numbers.as_ref().map(|numbers| sequence::curve(numbers, worst, &pairs)).unwrap_or_default();
+        let Pair { a, b, .. } = &pairs[worst];
+        let (comparison, first, second) = both(args, a, b)?;
+        page::write(path, [a, b], [&first, &second], &comparison, &curve)?;
+    }
     let reports: Vec<_> = pairs
         .iter()
         .map(|pair| Report {
@@ -110,15 +131,19 @@ pub fn run(args: &CompareArgs) -> Result<Verdict> {
     if let Some(path) = &args.csv {
         write_csv(path, &reports)?;
     }
-    match (args.json, &reports[..]) {
-        (true, [one]) if !folders => print_json(one)?,
-        (true, all) => print_json(&all)?,
-        (false, _) if folders => print(overview(&pairs))?,
-        (false, _) => print(table(&pairs[0]))?,
+    match (args.json, &reports[..], &numbers) {
+        (true, all, Some(numbers)) => print_json(&sequence::Sequence::new([&args.a, &args.b], numbers, worst, all))?,
+        (true, [one], None) if !folders => print_json(one)?,
+        (true, all, None) => print_json(&all)?,
+        (false, _, Some(numbers)) => {
+            print(format_args!("{}\n{}", overview(&pairs), sequence::summary(numbers, worst, &pairs)))?;
+        }
+        (false, ..) if folders => print(overview(&pairs))?,
+        (false, ..) => print(table(&pairs[0]))?,
     }
     for pair in &pairs {
         for failure in &pair.failures {
-            let name = if folders { format!("{}: ", pair.a.display()) } else { String::new() };
+            let name = if folders || numbers.is_some() { format!("{}: ", pair.a.display()) } else { String::new() };
             say(format_args!("{name}{failure}"));
         }
     }
@@ -126,19 +151,21 @@ pub fn run(args: &CompareArgs) -> Result<Verdict> {
 }
 
 fn one(args: &CompareArgs, a: PathBuf, b: PathBuf) -> Result<Pair> {
-    let unlike = |why: String| Error::Data(format!("{} and {}: {why}", a.display(), b.display()));
-    let layer = args.layer.as_deref();
-    let [first, second] = [Picture::open(&a, layer)?, Picture::open(&b, layer)?];
-    let (first, second) = in_common(&first, &second).map_err(unlike)?;
-    let comparison = compare(&first, &second).map_err(unlike)?;
+    let (comparison, first, second) = both(args, &a, &b)?;
     let failures = failures(args, &comparison)?;
     if let Some(path) = &args.diff {
         write_difference(path, &first, &second)?;
     }
-    if let Some(path) = &args.page {
-        page::write(path, [&a, &b], [&first, &second], &comparison)?;
-    }
     Ok(Pair { a, b, comparison, failures })
+}
+
+/// Two pictures, as far as they show the same place, and how they compare.
+fn both(args: &CompareArgs, a: &Path, b: &Path) -> Result<(Comparison, Picture, Picture)> {
+    let unlike = |why: String| Error::Data(format!("{} and {}: {why}", a.display(), b.display()));
+    let layer = args.layer.as_deref();
+    let [first, second] = [Picture::open(a, layer)?, Picture::open(b, layer)?];
+    let (first, second) = in_common(&first, &second).map_err(unlike)?;
+    Ok((compare(&first, &second).map_err(unlike)?, first, second))
 }
 
 /// Pictures of the first folder that have a namesake in the second, by name.

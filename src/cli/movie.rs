@@ -10,7 +10,7 @@ use clap::Args;
 use image::imageops::FilterType;
 use image::{ImageFormat, RgbaImage, imageops};
 
-use crate::batch::frames::{Frames, number_of, numbered};
+use crate::batch::frames::{Frames, numbered, present};
 use crate::console::args::positive;
 use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::farm::slurm::quoted;
@@ -71,15 +71,7 @@ fn pictures(args: &MovieArgs) -> Result<Vec<PathBuf>> {
     };
     let numbers = match &args.frames {
         Some(frames) => frames.numbers().to_vec(),
-        None => {
-            let folder = args.pictures.parent().filter(|folder| !folder.as_os_str().is_empty());
-            let folder = folder.unwrap_or(Path::new("."));
-            let entries = fs::read_dir(folder).map_err(|e| Error::reading(folder, &e))?;
-            let names = entries.flatten().map(|entry| args.pictures.with_file_name(entry.file_name()));
-            let mut numbers: Vec<u32> = names.filter_map(|name| number_of(&args.pictures, &name)).collect();
-            numbers.sort_unstable();
-            numbers
-        }
+        None => present(&args.pictures)?,
     };
     let pictures: Vec<PathBuf> = numbers.into_iter().filter_map(named).collect();
     let absent: Vec<_> = pictures.iter().filter(|p| !p.is_file()).map(|p| p.display().to_string()).collect();

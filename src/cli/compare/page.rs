@@ -14,11 +14,12 @@ use crate::film::{Exposure, Look, Picture, View, atomic};
 
 const TEMPLATE: &str = include_str!("page.html");
 
-/// Writes the page; both pictures are shown with the view and exposure that suit B.
+/// Writes the page, with a sequence's `curve` if they are of one; both pictures are shown with the view and exposure that
+/// suit B.
 ///
 /// # Errors
 /// As [`atomic::write`].
-pub fn write(path: &Path, names: [&Path; 2], [a, b]: [&Picture; 2], c: &Comparison) -> Result<()> {
+pub fn write(path: &Path, names: [&Path; 2], [a, b]: [&Picture; 2], c: &Comparison, curve: &str) -> Result<()> {
     let view = if a.displayed && b.displayed { View::Srgb } else { View::Agx };
     let exposure = if view == View::Srgb { 0.0 } else { Exposure::Auto.of(b.rgb.iter().copied()) };
     let look = Look { view, exposure };
@@ -47,6 +48,7 @@ pub fn write(path: &Path, names: [&Path; 2], [a, b]: [&Picture; 2], c: &Comparis
         ("{{width}}", width.to_string()),
         ("{{height}}", height.to_string()),
         ("{{look}}", format!("view {}, exposure {exposure} EV", view.name())),
+        ("{{curve}}", curve.to_owned()),
         ("{{rows}}", rows),
         ("{{a}}", data(encoded_picture(a, look)?)),
         ("{{b}}", data(encoded_picture(b, look)?)),
