@@ -14,7 +14,7 @@ use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
 use bismar::render::checkpoint::{Earlier, unpack};
 use bismar::render::{self, RenderSettings};
-use bismar::scene::import::{EnvironmentFile, ImportOptions, SceneFiles};
+use bismar::scene::import::{EnvironmentFile, ImportOptions, Pose, SceneFiles, Shutter};
 
 /// Takes bytes in as the program does, in a folder for its files; are they what they should be? Whatever comes of them but
 /// a panic, an abort, a hang or much memory is right.
@@ -48,6 +48,10 @@ fn put_scene(folder: &Path, bytes: &[u8]) -> PathBuf {
 pub fn scene(folder: &Path, bytes: &[u8]) -> bool {
     let Ok(files) = SceneFiles::open(&put_scene(folder, bytes)) else { return false };
     files.survey();
+    // A moment of its animations too, and what moves around it.
+    let shutter = Some(Shutter { opens: -0.1, closes: 0.2, steps: Some(3) });
+    let pose = Some(Pose { seconds: 0.7, animation: None, shutter, frame: Some(0.04) });
+    let _ = files.import(&ImportOptions { pose, ..Default::default() });
     files.import(&ImportOptions::default()).is_ok()
 }
 

@@ -42,6 +42,7 @@ fn lit() -> Scene {
     rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, lamp(9.0));
     rectangle(&mut scene, 0.6, [-1.5, 1.5], [-2.0, -1.0], true, metal(0.3));
     scene.lights.push(PunctualLight {
+        motion: Vec::new(),
         name: "bulb".into(),
         kind: PunctualKind::Point,
         intensity: Vec3::new(0.5, 1.0, 2.0),

@@ -170,7 +170,15 @@ fn punctual(kind: PunctualKind) -> Scene {
     let aside = Vec3::Z;
     let direction = toward * 0.9 + aside * (1.0f32 - 0.81).sqrt();
     let (name, intensity) = ("light".into(), Vec3::splat(30.0));
-    scene.lights.push(PunctualLight { name, kind, intensity, position, direction, range: f32::INFINITY });
+    scene.lights.push(PunctualLight {
+        name,
+        kind,
+        intensity,
+        position,
+        direction,
+        range: f32::INFINITY,
+        motion: Vec::new(),
+    });
     look(&mut scene, Vec3::new(0.0, 1.0, 3.0), Vec3::ZERO, 1e-4);
     scene
 }

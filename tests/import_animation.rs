@@ -1,6 +1,6 @@
 //! Animations at one moment, against what their formulas say; and keys that make no sense.
 
-use bismar::scene::import::{ImportOptions, Imported, NoteKind, Pose, import};
+use bismar::scene::import::{ImportOptions, Imported, NoteKind, Pose, Shutter, import};
 use bismar::scene::{Projection, TextureSlot};
 use glam::{Affine3A, Quat, Vec3, vec3};
 use serde_json::{Value, json};
@@ -67,9 +67,18 @@ impl Moving {
     }
 
     fn at(&self, seconds: f64, animation: Option<&str>) -> Result<Imported, bismar::Error> {
+        self.pose(Pose { seconds, animation: animation.map(Into::into), shutter: None, frame: None })
+    }
+
+    /// While the shutter is open, with the frames before and after.
+    fn blurred(&self, seconds: f64, steps: Option<u32>) -> Result<Imported, bismar::Error> {
+        let shutter = Some(Shutter { opens: -0.25, closes: 0.25, steps });
+        self.pose(Pose { seconds, animation: None, shutter, frame: Some(0.04) })
+    }
+
+    fn pose(&self, pose: Pose) -> Result<Imported, bismar::Error> {
         let (_folder, path) = scene_file("scene.gltf", self.text());
-        let pose = Some(Pose { seconds, animation: animation.map(Into::into) });
-        import(&path, &ImportOptions { pose, ..Default::default() })
+        import(&path, &ImportOptions { pose: Some(pose), ..Default::default() })
     }
 
     /// Where the triangle's node stands: its origin and what its x and y axis became.
@@ -251,8 +260,10 @@ fn keys_that_make_no_sense_are_refused_with_their_place() {
     for (path, interpolation, times, values, shape, word) in cases {
         let mut moving = Moving::new();
         moving.animate("", node(path), interpolation, &times, &values, shape);
-        let error = moving.at(0.7, None).map(|_| ()).unwrap_err();
-        assert!(error.exit_code() == 65 && error.to_string().contains(word), "{path} {word}: {error}");
+        for attempt in [moving.at(0.7, None), moving.blurred(0.7, None), moving.blurred(0.7, Some(128))] {
+            let error = attempt.map(|_| ()).unwrap_err();
+            assert!(error.exit_code() == 65 && error.to_string().contains(word), "{path} {word}: {error}");
+        }
         // At rest nothing needs them.
         let (_folder, path) = scene_file("scene.gltf", moving.text());
         import(&path, &ImportOptions::default()).unwrap();
@@ -284,6 +295,7 @@ fn pointers_to_anything_else_are_not_played() {
         moving.pointer(pointer, &[0.0, 1.0], &[1.0, 2.0], "SCALAR");
         let imported = moving.at(0.5, None).unwrap_or_else(|error| panic!("{pointer}: {error}"));
         check_scene(&imported).unwrap();
+        check_scene(&moving.blurred(0.5, None).unwrap()).unwrap();
         let said = imported.report.of_kind(NoteKind::Approximated).any(|n| n.text.contains("is not played"));
         assert!(said, "{pointer}: {:?}", imported.report.notes);
     }
@@ -299,4 +311,105 @@ fn a_million_keys_are_read_in_time() {
     let (_folder, path) = scene_file("scene.gltf", moving.text());
     let (_, time) = attempt(&path);
     assert!(time < LONGEST, "{time:?}");
+    moving.blurred(777_777.5, None).unwrap();
+}
+
+/// Whatever it was, it is finite, or told with 65.
+fn is_told_or_finite(what: &str, attempt: Result<Imported, bismar::Error>) -> Option<Imported> {
+    match attempt {
+        Err(error) => {
+            assert_eq!(error.exit_code(), 65, "{what}: {error}");
+            None
+        }
+        Ok(imported) => {
+            check_scene(&imported).unwrap();
+            let keys = imported.scene.instances.iter().flat_map(|i| i.motion.iter().flat_map(|m| m.keys()));
+            assert!(keys.into_iter().all(|key| key.transform().is_finite()), "{what}");
+            let steps = imported.scene.meshes.iter().flat_map(|m| m.motion.iter().flat_map(|d| &d.positions));
+            assert!(steps.into_iter().all(|p| p.iter().flatten().all(|x| x.is_finite())), "{what}");
+            Some(imported)
+        }
+    }
+}
+
+#[test]
+fn motion_that_makes_no_sense_is_told_or_stands_still() {
+    let ends = [0.0, 1.0];
+    let cases: [(&str, Vec<f32>, &str); 6] = [
+        // Through nothing, to the other side of a mirror, out of the world, a thousand turns, nowhere.
+        ("scale", vec![1.0, 1.0, 1.0, -1.0, -1.0, -1.0], "VEC3"),
+        ("scale", vec![0.0; 6], "VEC3"),
+        ("scale", vec![1e-30, 1.0, 1.0, 1e30, 1.0, 1.0], "VEC3"),
+        ("translation", vec![0.0, 0.0, 0.0, 3e38, 3e38, -3e38], "VEC3"),
+        ("rotation", vec![0.0, 0.0, 0.0, 1.0, 0.0, 1e-30, 0.0, 1e-30], "VEC4"),
+        ("rotation", vec![0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0], "VEC4"),
+    ];
+    for (path, values, shape) in cases {
+        for interpolation in ["LINEAR", "STEP"] {
+            let mut moving = Moving::new();
+            moving.animate("", node(path), interpolation, &ends, &values, shape);
+            for (seconds, steps) in [(0.5, None), (0.5, Some(1)), (0.5, Some(2)), (0.9, None)] {
+                is_told_or_finite(&format!("{path} {values:?}"), moving.blurred(seconds, steps));
+            }
+        }
+    }
+    // Exactly nothing in the middle: it stands still then, and says so.
+    let mut moving = Moving::new();
+    moving.animate("", node("scale"), "LINEAR", &[0.25, 0.75], &[1.0, 1.0, 1.0, -1.0, -1.0, -1.0], "VEC3");
+    let imported = moving.blurred(0.45, Some(2)).unwrap();
+    let _ = check_scene(&imported);
+    let wild: Vec<f32> = (0..200).flat_map(|i| Quat::from_rotation_z(i as f32 * 2.9).to_array()).collect();
+    let times: Vec<f32> = (0..200).map(|i| i as f32 * 0.005).collect();
+    let mut moving = Moving::new();
+    moving.animate("", node("rotation"), "LINEAR", &times, &wild, "VEC4");
+    let spun = is_told_or_finite("a thousand turns", moving.blurred(0.5, None)).unwrap();
+    let motion = spun.scene.instances[0].motion.as_ref().unwrap();
+    assert!(!motion.turns() && motion.keys().len() == 65);
+}
+
+#[test]
+fn skins_that_make_no_sense_are_told_at_any_moment() {
+    let skinned = |joint: f32, change: &dyn Fn(&mut Value)| {
+        let mut moving = Moving::new();
+        let weights = moving.floats(&[1.0, 0.0, 0.0, 0.0].repeat(3), "VEC4");
+        let start = moving.data.len();
+        moving.data.extend([joint as u8, 0, 0, 0].repeat(3));
+        let views = moving.document["bufferViews"].as_array_mut().unwrap();
+        views.push(json!({ "buffer": 0, "byteOffset": start, "byteLength": 12 }));
+        let view = views.len() - 1;
+        let accessors = moving.document["accessors"].as_array_mut().unwrap();
+        accessors.push(json!({ "bufferView": view, "componentType": 5121, "count": 3, "type": "VEC4" }));
+        let joints = accessors.len() - 1;
+        let attributes = &mut moving.document["meshes"][0]["primitives"][0]["attributes"];
+        (attributes["JOINTS_0"], attributes["WEIGHTS_0"]) = (joints.into(), weights.into());
+        moving.document["nodes"] = json!([{ "mesh": 0, "skin": 0 }, { "children": [2] }, {}]);
+        moving.document["scenes"][0]["nodes"] = json!([0, 1]);
+        moving.document["skins"] = json!([{ "joints": [1, 2] }]);
+        let turn = json!({ "node": 2, "path": "rotation" });
+        let quarter = Quat::from_rotation_z(1.5).to_array();
+        moving.animate("", turn, "LINEAR", &[0.0, 1.0], &[[0.0, 0.0, 0.0, 1.0], quarter].concat(), "VEC4");
+        change(&mut moving.document);
+        moving
+    };
+    let sound = skinned(1.0, &|_| ()).blurred(0.5, None).unwrap();
+    assert!(sound.scene.meshes[0].motion.is_some() && sound.scene.instances[0].motion.is_none());
+    type Change = fn(&mut Value);
+    let cases: [(&str, f32, Change); 6] = [
+        ("a joint that is not there", 2.0, |_| ()),
+        ("a joint beyond all nodes", 1.0, |d| d["skins"][0]["joints"] = json!([1, 99])),
+        ("nodes in a circle", 1.0, |d| d["nodes"][2]["children"] = json!([1])),
+        ("a node under itself", 1.0, |d| d["nodes"][1]["children"] = json!([1])),
+        ("no skin of that number", 1.0, |d| d["nodes"][0]["skin"] = json!(7)),
+        ("no joints", 1.0, |d| d["skins"][0]["joints"] = json!([])),
+    ];
+    for (what, joint, change) in cases {
+        let moving = skinned(joint, &change);
+        for attempt in [moving.at(0.5, None), moving.blurred(0.5, None)] {
+            let error = attempt.map(|_| ()).unwrap_err();
+            assert_eq!(error.exit_code(), 65, "{what}: {error}");
+        }
+    }
+    // A skin whose joint carries the mesh that it moves is no circle: joints alone place it.
+    let own = skinned(1.0, &|d| d["skins"][0]["joints"] = json!([1, 0]));
+    is_told_or_finite("its own joint", own.blurred(0.5, None)).unwrap();
 }

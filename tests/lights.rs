@@ -30,7 +30,13 @@ fn radiance_pdf(sampler: &EnvironmentSampler, wi: Vec3) -> (Vec3, f32) {
 }
 
 fn sample_lamps(lights: &AreaLights, scene: &Scene, n: Vec3, [choice, u, v]: [f32; 3]) -> Option<Sample> {
-    third(lights.sample(scene, V3::splat(Vec3::ZERO), V3::splat(n), F::splat(choice), F::splat(u), F::splat(v)))
+    third(lights.sample(
+        (scene, F::ZERO),
+        (V3::splat(Vec3::ZERO), V3::splat(n)),
+        F::splat(choice),
+        F::splat(u),
+        F::splat(v),
+    ))
 }
 
 /// A small map with a sun, a black band and uneven colours.
@@ -142,6 +148,7 @@ fn lamps(double_sided: bool) -> Scene {
                 name: String::new(),
                 object: i,
                 transform: (i == 2).then(|| Affine3A::from_scale(Vec3::new(-1.2, 1.0, 1.4))),
+                ..Default::default()
             })
             .collect(),
         materials: vec![lamp(3.0), lamp(1.0), lamp(8.0)],
@@ -184,7 +191,7 @@ fn lamp_samples_follow_the_pdf() {
             || sample_lamps(&lights, &scene, n, [random.f32(), random.f32(), random.f32()]).map(|s| s.wi),
             // Light samples do not know what is in front of what.
             |d| {
-                let pdf = |&(i, t)| f64::from(lights.pdf((Vec3::ZERO, n), (i, i, 0), d, t));
+                let pdf = |&(i, t)| f64::from(lights.pdf((&scene, 0.0), (Vec3::ZERO, n), (i, i, 0), d, t));
                 look(&scene, d).iter().map(pdf).sum()
             },
         );
@@ -205,7 +212,7 @@ fn two_triangles_of_a_parallelogram_are_one_lamp_that_follows_the_pdf() {
         let scene = Scene {
             meshes: vec![Mesh { positions, indices: indices.to_vec(), ..Default::default() }.into()],
             objects: vec![Object { name: String::new(), meshes: 0..1 }],
-            instances: vec![Instance { name: String::new(), object: 0, transform: None }],
+            instances: vec![Instance { name: String::new(), object: 0, ..Default::default() }],
             materials: vec![material],
             ..Default::default()
         };
@@ -227,7 +234,10 @@ fn two_triangles_of_a_parallelogram_are_one_lamp_that_follows_the_pdf() {
             4,
             (100_000, 96),
             || sample_lamps(&lights, &scene, n, [random.f32(), random.f32(), random.f32()]).map(|s| s.wi),
-            |d| prim_at(d).map_or(0.0, |(prim, t)| f64::from(lights.pdf((Vec3::ZERO, n), (0, 0, prim), d, t))),
+            |d| {
+                prim_at(d)
+                    .map_or(0.0, |(prim, t)| f64::from(lights.pdf((&scene, 0.0), (Vec3::ZERO, n), (0, 0, prim), d, t)))
+            },
         );
         // One lamp: every direction has the same area density, whatever the choice's number.
         let spread = (0..64).map(|i| sample_lamps(&lights, &scene, n, [i as f32 / 64.0, 0.3, 0.6]).unwrap().wi.x);
@@ -252,7 +262,7 @@ fn lamps_shine_from_the_side_that_the_winding_calls_the_front_also_when_mirrored
             // A mirroring instance turns the winding round, and with it the front.
             let turned = if i == 2 { -1.0 } else { 1.0 };
             let n = (t_world(1) - t_world(0)).cross(t_world(2) - t_world(0)) * turned;
-            let pdf = lights.pdf((Vec3::ZERO, d), (i, i, 0), d, t);
+            let pdf = lights.pdf((&scene, 0.0), (Vec3::ZERO, d), (i, i, 0), d, t);
             assert_eq!(pdf > 0.0, n.dot(d) < 0.0, "lamp {i}");
         }
     }

@@ -30,6 +30,7 @@ mod imports_point_one_way;
 mod lens;
 mod lights;
 mod merge;
+mod motion;
 mod mutations;
 mod openjd;
 mod paths;

@@ -95,7 +95,7 @@ fn soups() -> Arc<Scene> {
     // An object of three meshes, the first without triangles; one object that stands and is placed as well.
     scene.objects.push(Object { name: "three".into(), meshes: 2..5 });
     for (object, transform) in [(5, Some(mirrored)), (3, None), (3, Some(stretched)), (2, Some(stretched))] {
-        scene.instances.push(Instance { name: "node".into(), object, transform });
+        scene.instances.push(Instance { name: "node".into(), object, transform, ..Default::default() });
     }
     Arc::new(scene)
 }

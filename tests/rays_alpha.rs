@@ -21,7 +21,7 @@ fn squares(alpha: f32, alpha_mode: AlphaMode) -> Arc<Scene> {
         mesh
     };
     let aside = Affine3A::from_translation(vec3(10.0, 0.0, 0.0));
-    let instance = |transform| Instance { name: "node".into(), object: 0, transform };
+    let instance = |transform| Instance { name: "node".into(), object: 0, transform, ..Default::default() };
     Arc::new(Scene {
         meshes: vec![square(-1.0, 0).into(), square(0.0, 1).into()],
         objects: vec![Object { name: "squares".into(), meshes: 0..2 }],

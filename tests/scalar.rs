@@ -11,7 +11,7 @@ use bismar::render::pilot::learned;
 use bismar::render::{Guiding, RenderSettings, transport};
 use glam::Vec3;
 
-use crate::helpers::stage::{Stage, glass_hall, hall};
+use crate::helpers::stage::{Stage, glass_hall, hall, moving_hall};
 
 /// Keeps each path's radiance.
 #[derive(Default)]
@@ -38,6 +38,9 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         (glass_hall(), Backend::Obvhs, Balance::Power, 3, 4000, Guiding::Off),
         (hall(), Backend::Obvhs, Balance::Half, 8, 6000, Guiding::On),
         (glass_hall(), Backend::Obvhs, Balance::Power, 12, 4000, Guiding::On),
+        (moving_hall(), Backend::Embree, Balance::Half, 8, 6000, Guiding::Off),
+        (moving_hall(), Backend::Embree, Balance::Power, 3, 6000, Guiding::Off),
+        (moving_hall(), Backend::Embree, Balance::Half, 8, 6000, Guiding::On),
     ] {
         let stage = Stage::new(scene, backend);
         let settings = RenderSettings { width: 20, height: 15, balance, max_depth, guiding, ..Default::default() };

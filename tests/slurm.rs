@@ -9,6 +9,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use crate::helpers::farm::{HOSTILE, absent, folder, kill, parent, status, succeeds, writer};
+use crate::helpers::glb;
 use crate::helpers::program::{self, assert_same_bits, bismar, expect, paths};
 
 /// So long nothing happens only where something hangs: no new path in a picture, no task in a state that is new to it.
@@ -25,6 +26,7 @@ fn whatever_happens_to_tasks_the_picture_is_that_of_a_single_machine() {
     let work = Work::measured();
     let scenarios: [(&str, Scenario); _] = [
         ("two nodes", an_array_over_two_nodes_and_its_merge_are_the_single_machines_picture),
+        ("frames", frames_over_two_nodes_outlive_kill_9),
         ("dead node", a_task_whose_node_dies_goes_on_at_the_other_one),
         ("requeue and cancel", a_requeued_task_and_a_cancelled_job_go_on),
         ("time limit", a_task_longer_than_its_time_limit_ends_all_the_same),
@@ -290,6 +292,32 @@ fn an_array_over_two_nodes_and_its_merge_are_the_single_machines_picture(_: &Wor
     let after: Vec<_> = status["tasks"].as_array().unwrap().iter().map(modified).collect();
     assert_eq!(before, after);
     assert_same_bits(&whole, &folder.path().join("out.exr"));
+}
+
+fn frames_over_two_nodes_outlive_kill_9(_: &Work) {
+    let slurm = Slurm::start();
+    let folder = slurm.work.path();
+    fs::write(folder.join("moving.glb"), glb::moving()).unwrap();
+    let flags = "--frames 1-8 --size 160x120 --spp 256 --fps 10 --shutter -1,1 --sky --aov velocity";
+    expect(folder, &format!("render moving.glb {flags} -o whole/a.##.exr -q --threads 2"), 0);
+    let line = format!("moving.glb --chunk 2 --cpus 2 -- {flags} --checkpoint 0.1 -o out/a.##.exr");
+    let jobs = slurm.submit(folder, &line);
+    let there = |frame: u32| folder.join(format!("out/a.{frame:02}.exr")).exists();
+    slurm.wait("a frame is there", || (1..=8).any(there));
+    slurm.ask(&format!("scancel --signal=KILL --full {}", jobs[0]));
+    let mut nodes = slurm.values(&jobs[0], "NodeList");
+    slurm.wait_for(&jobs[0], &["FAILED", "CANCELLED", "COMPLETED", "NODE_FAIL"]);
+    let jobs = slurm.submit(folder, &line);
+    slurm.wait_for(&jobs[0], &["COMPLETED"]);
+    nodes.extend(slurm.values(&jobs[0], "NodeList"));
+    nodes.retain(|node| node.starts_with('n'));
+    nodes.sort();
+    nodes.dedup();
+    assert_eq!(nodes, ["n1", "n2"]);
+    for frame in 1..=8 {
+        let name = format!("a.{frame:02}.exr");
+        assert_same_bits(&folder.join("whole").join(&name), &folder.join("out").join(&name));
+    }
 }
 
 fn modified(task: &serde_json::Value) -> std::time::SystemTime {

@@ -23,7 +23,7 @@ pub struct InspectArgs {
 }
 
 pub fn run(args: &InspectArgs) -> Result<Verdict> {
-    let summary = import::summary(&import::import(&args.scene, &args.shown.options(false))?);
+    let summary = import::summary(&import::import(&args.scene, &args.shown.options(false, false))?);
     if args.json {
         print_json(&summary)?
     } else {

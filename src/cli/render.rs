@@ -125,7 +125,7 @@ pub fn claim_output(path: &Path) -> Result<Claim> {
 }
 
 fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {
-    let imported = files.scene.import(&args.shown.options(args.strict))?;
+    let imported = files.scene.import(&args.shown.options(args.strict, args.has_velocities()))?;
     drop(files.scene);
     let inexact = imported.report.notes.iter().filter(|n| matches!(n.kind, NoteKind::Approximated | NoteKind::Ignored));
     let inexact = inexact.map(|n| n.text.as_str()).collect::<Vec<_>>();
@@ -136,7 +136,10 @@ fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {
     }
     let mut scene = imported.scene;
     let unit = args.light_unit.radiant();
-    scene.lights.iter_mut().for_each(|light| light.intensity *= unit);
+    for light in &mut scene.lights {
+        light.intensity *= unit;
+        light.motion.iter_mut().for_each(|key| key.intensity *= unit);
+    }
     if args.no_env {
         scene.environment = None;
     } else if args.sky {

@@ -40,6 +40,10 @@ pub enum Aov {
     GuideNormal,
     /// The beauty by what the light came from: environment, surfaces that shine, lights without size. They add up to it.
     Lights,
+    /// How what is seen moves in the picture, in pixels a frame, mean over the paths that hit; 0 where none did. For Nuke
+    /// `forward` (u to the right, v up, to the next frame) and `backward` (to the frame before), for Blender `Vector` (X, Y to
+    /// the frame before; Z, W from the next one), as Cycles writes it.
+    Velocity,
     /// Cryptomatte of objects, by the names of their nodes.
     CryptoObject,
     /// Cryptomatte of materials.
@@ -112,8 +116,11 @@ impl Aov {
 
     /// Does it need [`ExtraSums`]?
     pub fn needs_extras(self) -> bool {
-        use Aov::{CryptoMaterial, CryptoObject, Emission, GuideAlbedo, GuideNormal, Lights, Position, Uv};
-        matches!(self, Position | Uv | Emission | GuideAlbedo | GuideNormal | Lights | CryptoObject | CryptoMaterial)
+        use Aov::{CryptoMaterial, CryptoObject, Emission, GuideAlbedo, GuideNormal, Lights, Position, Uv, Velocity};
+        matches!(
+            self,
+            Position | Uv | Emission | GuideAlbedo | GuideNormal | Lights | Velocity | CryptoObject | CryptoMaterial
+        )
     }
 
     /// Its channels with their full names. Empty if it needs sums that are not there.
@@ -145,6 +152,14 @@ impl Aov {
                 ];
                 let all = [("light_environment.", sky), ("light_surfaces.", surfaces), ("light_punctual.", punctual)];
                 return all.into_iter().flat_map(|(name, of)| layer(name, "RGB", Value::ExtraColor(of))).collect();
+            }
+            Aov::Velocity => {
+                let [to_next, to_last]: [ExtraComponent; 2] =
+                    [|p, e, c| of_hits(p, e.velocity[2 + c]), |p, e, c| -of_hits(p, e.velocity[c])];
+                let mut all = layer("forward.", "uv", Value::Extra(to_next));
+                all.extend(layer("backward.", "uv", Value::Extra(to_last)));
+                all.extend(layer("Vector.", "XYZW", Value::Extra(|p, e, c| -of_hits(p, e.velocity[c]))));
+                return all;
             }
             Aov::CryptoObject => return matte(OBJECTS, |p, e, c| ranked(p, e.objects.rank(c / 2), c)),
             Aov::CryptoMaterial => return matte(MATERIALS, |p, e, c| ranked(p, e.materials.rank(c / 2), c)),

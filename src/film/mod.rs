@@ -95,6 +95,10 @@ pub struct ExtraSums {
     pub objects: Matte,
     /// Names of materials that paths hit first.
     pub materials: Matte,
+    /// Pixels from the frame before to the first hit, and from there to the next frame, to the right and up, over `covered`
+    /// paths. Saved apart: files without them are as they were.
+    #[serde(skip)]
+    pub velocity: [f32; 4],
 }
 
 /// Adds a colour to a sum.
@@ -122,6 +126,12 @@ impl ExtraSums {
         self.materials.add(material, 1);
     }
 
+    /// Adds how the surface of a first hit moves in the picture.
+    pub fn add_velocity(&mut self, [before, after]: [Vec2; 2]) {
+        let more = [before.x, before.y, after.x, after.y];
+        self.velocity.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
+    }
+
     /// Adds light of unknown origin to all groups, in proportion to what they have.
     pub fn share_light(&mut self, more: Vec3) {
         for c in 0..3 {
@@ -146,6 +156,7 @@ impl ExtraSums {
         accumulate(&mut self.guide_normal, other.guide_normal);
         self.uv.iter_mut().zip(other.uv).for_each(|(sum, more)| *sum += more);
         self.lights.iter_mut().zip(other.lights).for_each(|(sum, more)| accumulate(sum, more));
+        self.velocity.iter_mut().zip(other.velocity).for_each(|(sum, more)| *sum += more);
         self.objects.join(&other.objects);
         self.materials.join(&other.materials);
     }

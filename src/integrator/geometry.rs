@@ -1,13 +1,13 @@
 //! From a hit to a point on a surface: position, normals, material parameters.
 
-use glam::{Mat3, Vec2, Vec3, Vec4};
+use glam::{Affine3A, Mat3, Vec2, Vec3, Vec4};
 
 use super::materials;
 use crate::bsdf::{Anisotropy, Surface};
 use crate::lanes::{F, LANES, V3, eight};
 use crate::light::AreaLights;
 use crate::sampling::warp;
-use crate::scene::{Material, Mesh, SHUTTER, Scene, TextureRef, TextureSlot};
+use crate::scene::{Material, Mesh, Scene, TextureRef, TextureSlot};
 
 /// How far ray origins stand off their surface, as a share of the largest coordinate involved: some sixteen roundings.
 const ORIGIN_OFFSET: f32 = 16.0 * f32::EPSILON;
@@ -16,6 +16,10 @@ const ORIGIN_OFFSET: f32 = 16.0 * f32::EPSILON;
 #[derive(Debug)]
 pub struct Geometry {
     instances: Vec<Option<Placed>>,
+    /// Does anything in the scene move while the shutter is open? Else rays have no times.
+    pub moves: bool,
+    /// Is it known where things are a frame before and after?
+    pub has_velocities: bool,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -29,6 +33,12 @@ struct Placed {
 
 impl Placed {
     const NOWHERE: Self = Self { linear: Mat3::IDENTITY, translation: Vec3::ZERO, normal: Mat3::IDENTITY };
+
+    fn new(transform: Affine3A) -> Self {
+        let linear = Mat3::from(transform.matrix3);
+        let normal = linear.inverse().transpose() * linear.determinant().signum();
+        Self { linear, translation: transform.translation.into(), normal }
+    }
 }
 
 /// Eight points on surfaces that need no texture, before it is known from which side they are seen.
@@ -72,21 +82,11 @@ pub struct Point<'a> {
 impl Geometry {
     /// Prepares a scene's instances.
     pub fn new(scene: &Scene) -> Self {
-        let instances = scene
-            .instances
-            .iter()
-            .map(|instance| {
-                instance.transform(SHUTTER).map(|t| {
-                    let linear = Mat3::from(t.matrix3);
-                    let normal = linear.inverse().transpose() * linear.determinant().signum();
-                    Placed { linear, translation: t.translation.into(), normal }
-                })
-            })
-            .collect();
-        Self { instances }
+        let instances = scene.instances.iter().map(|instance| instance.transform.map(Placed::new)).collect();
+        Self { instances, moves: scene.moves(), has_velocities: scene.has_velocities() }
     }
 
-    /// The surfaces at eight hits, without normal maps: `u`, `v` as for [`point`](Self::point).
+    /// The surfaces at eight hits, none of which moves, without normal maps: `u`, `v` as for [`point`](Self::point).
     #[inline(always)]
     pub fn points(
         &self,
@@ -142,17 +142,30 @@ impl Geometry {
         Points { position, ng, ns, origin_offset: extent * F::splat(ORIGIN_OFFSET) }
     }
 
-    /// The surface at a hit: barycentric weights `u`, `v` of triangle `prim`'s second and third vertex.
+    /// The surface at a hit: barycentric weights `u`, `v` of the second and third vertex of triangle `prim`, at a time in
+    /// [0, 1] of the shutter.
     #[inline]
-    pub fn point<'a>(&self, scene: &'a Scene, instance: u32, mesh: u32, prim: u32, (u, v): (f32, f32)) -> Point<'a> {
+    pub fn point<'a>(
+        &self,
+        scene: &'a Scene,
+        (instance, mesh, prim): (u32, u32, u32),
+        (u, v): (f32, f32),
+        time: f32,
+    ) -> Point<'a> {
         let mesh = &scene.meshes[mesh as usize];
         let material = &scene.materials[mesh.material as usize];
-        let index = mesh.indices[prim as usize].map(|i| i as usize);
-        let [a, b, c] = index.map(|i| Vec3::from_array(mesh.positions[i]));
+        let vertices = mesh.indices[prim as usize];
+        let index = vertices.map(|i| i as usize);
+        let deformed = mesh.motion.as_ref();
+        let [a, b, c] = match deformed {
+            None => index.map(|i| Vec3::from_array(mesh.positions[i])),
+            Some(motion) => motion.corners(vertices, time),
+        };
         let (mut e1, mut e2) = (b - a, c - a);
         let mut position = a + e1 * u + e2 * v;
         let mut ng = e1.cross(e2);
-        let placed = &self.instances[instance as usize];
+        let moved = if self.moves { moved(scene, instance, time) } else { None };
+        let placed = moved.as_ref().or(self.instances[instance as usize].as_ref());
         if let Some(placed) = placed {
             position = placed.linear * position + placed.translation;
             (e1, e2) = (placed.linear * e1, placed.linear * e2);
@@ -176,7 +189,8 @@ impl Geometry {
 
         let mut ns = ng;
         if let Some(normals) = &mesh.normals {
-            let [a, b, c] = index.map(|i| Vec3::from_array(normals[i]));
+            let still = || index.map(|i| Vec3::from_array(normals[i]));
+            let [a, b, c] = deformed.and_then(|motion| motion.normals(vertices, time)).unwrap_or_else(still);
             let mut n = a + (b - a) * u + (c - a) * v;
             if let Some(placed) = placed {
                 n = placed.normal * n;
@@ -222,6 +236,12 @@ impl Geometry {
         let ns = mapped(TextureSlot::Normal, material.normal_scale).unwrap_or(ns);
         Point { position, ng, ns, coat, rough, origin_offset: ORIGIN_OFFSET * extent, texcoords, color, material, mesh }
     }
+}
+
+/// How an instance that moves stands at a time.
+#[inline(never)]
+fn moved(scene: &Scene, instance: u32, time: f32) -> Option<Placed> {
+    Some(Placed::new(scene.instances[instance as usize].motion.as_ref()?.at(time)))
 }
 
 impl Point<'_> {

@@ -8,12 +8,13 @@ use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 /// What the centres of `pixels` show, found by rays of their own: nothing in it depends on a pixel's samples.
 pub fn guides(transport: &Transport, pixels: &[[u32; 2]]) -> Vec<Guide> {
     let (mut rays, mut hits) = (RayBatch::default(), HitBatch::default());
-    rays.open(pixels.len());
+    let time = F::splat(0.5);
+    rays.open(pixels.len(), transport.geometry.moves);
     for (group, at) in pixels.chunks(LANES).zip((0..).step_by(LANES)) {
         let middle =
             |axis: usize| F::from(std::array::from_fn(|lane| group[lane.min(group.len() - 1)][axis] as f32 + 0.5));
-        let (origin, direction) = transport.camera.rays(middle(0), middle(1));
-        rays.put(at, origin, direction, F::splat(f32::INFINITY), U::ZERO);
+        let ray = transport.camera.rays(middle(0), middle(1), time);
+        rays.put(at, ray, F::splat(f32::INFINITY), U::ZERO, time);
     }
     rays.close(pixels.len());
     transport.rays.closest_hits(&rays, RayOrder::Coherent, &mut hits);
@@ -22,7 +23,8 @@ pub fn guides(transport: &Transport, pixels: &[[u32; 2]]) -> Vec<Guide> {
         if instance == MISS {
             return Guide::default();
         }
-        let point = transport.geometry.point(transport.scene, instance, mesh, prim, (hits.u[ray], hits.v[ray]));
+        let hit = (instance, mesh, prim);
+        let point = transport.geometry.point(transport.scene, hit, (hits.u[ray], hits.v[ray]), rays.time(ray));
         Guide {
             object: instance + 1,
             material: point.mesh.material + 1,

@@ -1,5 +1,7 @@
 //! Materials, as far as they are the same everywhere.
 
+use std::sync::Arc;
+
 use glam::{Vec3, Vec4};
 
 use crate::bsdf::{Anisotropy, Bsdf, Iridescence, LobeSet, Surface};
@@ -10,9 +12,9 @@ use crate::scene::{Material, Mesh, Scene, TextureSlot};
 pub struct Kind {
     /// Its index into [`Scene::materials`].
     pub material: u32,
-    /// No texture or vertex colour varies its scattering or its normal.
+    /// No texture or vertex colour varies its scattering or its normal, and it stands still.
     pub plain: bool,
-    /// Plain, and nothing scatters.
+    /// No texture or vertex colour varies that nothing scatters.
     pub black: bool,
     /// It emits, or is unlit.
     pub shines: bool,
@@ -51,8 +53,11 @@ impl Materials {
         };
         let bodies: Vec<_> =
             scene.materials.iter().map(|m| (m.transmits() && m.bounds_body).then(|| bounds(m))).collect();
-        let kind = |mesh: &Mesh| Kind { bounds: bodies[mesh.material as usize], ..kind(scene, mesh, &constant) };
-        let kinds: Vec<_> = scene.meshes.iter().map(|mesh| kind(mesh)).collect();
+        let kind = |(mesh, moves): (&Arc<Mesh>, bool)| {
+            let kind = kind(scene, mesh, &constant);
+            Kind { bounds: bodies[mesh.material as usize], plain: kind.plain && !moves, ..kind }
+        };
+        let kinds: Vec<_> = scene.meshes.iter().zip(scene.moving_meshes()).map(kind).collect();
         let lit = || kinds.iter().filter(|kind| !kind.unlit).map(|kind| &scene.materials[kind.material as usize]);
         let lobes = lit().map(lobes).fold(LobeSet::default(), LobeSet::union);
         let transmits = lit().any(Material::transmits);

@@ -3,6 +3,7 @@
 pub mod batch;
 pub mod camera;
 pub mod dispersion;
+pub mod events;
 pub mod geometry;
 pub mod guides;
 pub mod ledger;
@@ -11,6 +12,7 @@ pub mod prepared;
 pub mod queues;
 pub mod scalar;
 pub mod stages;
+pub mod velocity;
 pub mod vertices;
 pub mod wave;
 

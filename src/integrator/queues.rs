@@ -45,13 +45,15 @@ pub struct Identity {
     pub branch: U,
     /// As in [`PathRays`].
     pub seed: U,
+    /// When they are, as in [`RayBatch`]; 0 where nothing moves.
+    pub time: F,
 }
 
 impl PathRays {
-    /// Forgets all rows and makes room for `most`, to be filled with [`push`](Self::push) and ended with
-    /// [`close`](Self::close).
-    pub fn open(&mut self, most: usize) {
-        self.rays.open(most);
+    /// Forgets all rows and makes room for `most`, at times of their own if something `moves`, to be filled with
+    /// [`push`](Self::push) and ended with [`close`](Self::close).
+    pub fn open(&mut self, most: usize, moves: bool) {
+        self.rays.open(most, moves);
         self.beta.grow(most);
         self.normal.grow(most);
         grow(&mut self.weighted_pdf, most);
@@ -64,17 +66,8 @@ impl PathRays {
     /// Appends a group, of which the first `n` rows count. `key` is for [`RayBatch::put`].
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "a row's columns")]
-    pub fn push(
-        &mut self,
-        n: usize,
-        (origin, direction): (V3, V3),
-        key: U,
-        beta: V3,
-        normal: V3,
-        weighted_pdf: F,
-        identity: Identity,
-    ) {
-        self.rays.put(self.len, origin, direction, F::splat(f32::INFINITY), key);
+    pub fn push(&mut self, n: usize, ray: (V3, V3), key: U, beta: V3, normal: V3, weighted_pdf: F, identity: Identity) {
+        self.rays.put(self.len, ray, F::splat(f32::INFINITY), key, identity.time);
         self.beta.store(self.len, beta);
         self.normal.store(self.len, normal);
         store(&mut self.weighted_pdf, self.len, weighted_pdf);
@@ -159,9 +152,10 @@ pub struct Observation {
 }
 
 impl ShadowRays {
-    /// Forgets all rows and makes room for `most`, with columns for observers if `observed`.
-    pub fn open(&mut self, most: usize, observed: bool) {
-        self.rays.open(most);
+    /// Forgets all rows and makes room for `most`, at times of their own if something `moves`, with columns for observers if
+    /// `observed`.
+    pub fn open(&mut self, most: usize, moves: bool, observed: bool) {
+        self.rays.open(most, moves);
         self.radiance.grow(most);
         grow(&mut self.path, most);
         grow(&mut self.branch, most);
@@ -177,8 +171,8 @@ impl ShadowRays {
         });
     }
 
-    /// Appends the survivors of a group: rays of length `tfar`, `radiance`, their path, branch and group. `key` is for
-    /// [`RayBatch::put`].
+    /// Appends the survivors of a group: rays of length `tfar`, `radiance`, their path, branch and group. `key` and `time`
+    /// are for [`RayBatch::put`].
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "a row's columns")]
     pub fn push(
@@ -186,13 +180,14 @@ impl ShadowRays {
         survivors: &Survivors,
         (origin, direction): (V3, V3),
         tfar: F,
-        key: U,
+        (key, time): (U, F),
         radiance: V3,
         [path, branch, group]: [U; 3],
         observation: impl FnOnce() -> Observation,
     ) {
-        let (origin, direction) = (survivors.compress_v3(origin), survivors.compress_v3(direction));
-        self.rays.put(self.len, origin, direction, survivors.compress(tfar), survivors.compress_bits(key));
+        let ray = (survivors.compress_v3(origin), survivors.compress_v3(direction));
+        let (key, time) = (survivors.compress_bits(key), survivors.compress(time));
+        self.rays.put(self.len, ray, survivors.compress(tfar), key, time);
         self.radiance.store(self.len, survivors.compress_v3(radiance));
         store_bits(&mut self.path, self.len, survivors.compress_bits(path));
         store_bits(&mut self.branch, self.len, survivors.compress_bits(branch));

@@ -1,14 +1,14 @@
 //! One path at a time, as plainly as it can be said: the oracle for the wave, and what `--replay-pixel` prints. It shares
 //! scattering, lights and sequences with the wave, but none of its queues, sorting or compaction.
 
-use std::fmt::{self, Display};
-
 use glam::Vec3;
 
 use super::Transport;
 use super::batch::PixelTask;
 use super::dispersion;
+pub use super::events::{Event, What};
 use super::ledger::limited;
+use super::stages::camera_rays::TIME_SET;
 use super::stages::lights::SHADOW_END;
 use super::stages::mixture::{Drawn, Mixture, unguided};
 use super::stages::requests::{Toward, light_sample};
@@ -22,28 +22,6 @@ use crate::lanes::{F, LANES, U, V3};
 use crate::light::punctual;
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 use crate::sampling::{PixelSequence, hash, keys, pixel_seed};
-
-/// Something that happened on a path; `Display` says it in a line.
-#[derive(Debug, Clone, Copy)]
-pub struct Event {
-    /// Segments before.
-    pub depth: u32,
-    /// What.
-    pub what: What,
-}
-
-/// What can happen. Radiance is what was added to the path's, weights are those of MIS.
-#[derive(Debug, Clone, Copy)]
-#[allow(missing_docs, reason = "the names say it")]
-pub enum What {
-    Ray { origin: Vec3, direction: Vec3, beta: Vec3 },
-    Escape,
-    Hit { instance: u32, mesh: u32, material: u32, t: f32 },
-    Emission { radiance: Vec3, weight: f32 },
-    LightSample { toward: &'static str, wi: Vec3, distance: f32, radiance: Vec3, occluded: bool },
-    BsdfSample { wi: Vec3, pdf: f32 },
-    Ends { why: &'static str },
-}
 
 /// A ray of a path.
 struct Ray {
@@ -62,6 +40,8 @@ struct Ray {
     medium: u32,
     /// What BSDF sampling alone would have made of `beta`, over it.
     unguided: f32,
+    /// In [0, 1] of the shutter.
+    time: f32,
 }
 
 /// Where a path meets a surface.
@@ -81,6 +61,8 @@ struct Vertex {
     /// Of the field.
     cell: u32,
     unguided: f32,
+    /// Of its path.
+    time: f32,
 }
 
 /// A way to leave a vertex.
@@ -126,7 +108,10 @@ pub fn trace(transport: &Transport, task: &PixelTask, path: u32, tell: &mut dyn 
     let [px, py, u, v] = sequence.sample(index, 0);
     let offset = |u: f32| transport.filter.offsets(F::splat(u)).as_array()[0];
     let (x, y) = (offset(px) + (task.x as f32 + 0.5), offset(py) + (task.y as f32 + 0.5));
-    let (origin, direction) = transport.camera.rays_through((F::splat(x), F::splat(y)), (F::splat(u), F::splat(v)));
+    let moves = transport.geometry.moves;
+    let time = if moves { sequence.sample(index, TIME_SET)[0] } else { 0.0 };
+    let (xy, uv) = ((F::splat(x), F::splat(y)), (F::splat(u), F::splat(v)));
+    let (origin, direction) = transport.camera.rays_through(xy, uv, F::splat(time));
     let rates = task.weighed.rates(transport.lights.environment_probability);
     let mut state = Path { transport, sequence, seed, rates, tell };
     let ray = Ray {
@@ -139,6 +124,7 @@ pub fn trace(transport: &Transport, task: &PixelTask, path: u32, tell: &mut dyn 
         index,
         medium: 0,
         unguided: 1.0,
+        time,
     };
     let before = |n: u32| (0..path).map(|p| u32::from(deal(n, paths, p))).sum::<u32>();
     let numbers = |first: u32, n: u32| {
@@ -166,6 +152,7 @@ impl Path<'_> {
         self.tell(depth, What::Ray { origin, direction, beta: ray.beta });
         let (mut rays, mut hits) = (RayBatch::default(), HitBatch::default());
         rays.push(origin, direction, 0.0, f32::INFINITY, ray.key);
+        rays.time.extend(t.geometry.moves.then_some(ray.time));
         t.rays.closest_hits(&rays, RayOrder::Incoherent, &mut hits);
         let (instance, mesh, prim, distance) = (hits.instance[0], hits.mesh[0], hits.prim[0], hits.t[0]);
         if mesh == MISS {
@@ -178,7 +165,7 @@ impl Path<'_> {
             return self.emission(ray, depth, radiance.lane(0), [pdf, 0.0]);
         }
         let barycentric = (hits.u[0], hits.v[0]);
-        let point = t.geometry.point(t.scene, instance, mesh, prim, barycentric);
+        let point = t.geometry.point(t.scene, (instance, mesh, prim), barycentric, ray.time);
         let material = point.mesh.material;
         self.tell(depth, What::Hit { instance, mesh, material, t: distance });
         let behind = point.is_behind(direction);
@@ -193,7 +180,8 @@ impl Path<'_> {
             let radiance = point.radiance(t.scene, prim, barycentric, direction);
             let from = (origin, ray.normal);
             let hit = (instance, mesh, prim);
-            let pdf = if depth == 0 { 0.0 } else { t.lights.area_pdf(from, hit, direction, distance) };
+            let at = (t.scene, ray.time);
+            let pdf = if depth == 0 { 0.0 } else { t.lights.area_pdf(at, from, hit, direction, distance) };
             found += self.emission(ray, depth, radiance, [0.0, pdf]);
         }
         if depth + 1 >= t.max_depth {
@@ -226,6 +214,7 @@ impl Path<'_> {
             media: t.materials.sides(mesh, behind, medium),
             cell: field.map_or(NOWHERE, |field| field.cell(origin, ng)),
             unguided: ray.unguided,
+            time: ray.time,
         };
         for &(index, toward) in light {
             found += self.light_sample(&vertex, depth, index, toward);
@@ -279,7 +268,8 @@ impl Path<'_> {
         let choice = if toward == Toward::Drawn { left } else { F::splat(choice) };
         let mask = if environment { F::ZERO.simd_eq(F::ZERO) } else { F::ZERO };
         let from = (V3::splat(vertex.origin), V3::splat(vertex.facing()));
-        let light = t.lights.sample(t.scene, from, mask, choice, F::splat(u), F::splat(v));
+        let at = (t.scene, F::splat(vertex.time));
+        let light = t.lights.sample(at, from, mask, choice, F::splat(u), F::splat(v));
         let (value, mut bsdf_pdf) = vertex.bsdf.eval_pdf(V3::splat(vertex.ns), V3::splat(vertex.wo), light.wi);
         if let Some(mixture) = self.mixture(vertex) {
             bsdf_pdf = mixture.pdf(light.wi, bsdf_pdf);
@@ -296,7 +286,7 @@ impl Path<'_> {
 
     fn punctual_sample(&mut self, vertex: &Vertex, depth: u32, index: u32) -> Vec3 {
         let [.., choice] = self.sequence.sample(index, light_set(depth));
-        let sample = punctual::sample(&self.transport.scene.lights, vertex.position, choice);
+        let sample = punctual::sample(&self.transport.scene.lights, vertex.position, choice, vertex.time);
         let Some(light) = sample else { return Vec3::ZERO };
         let (ns, wo) = (V3::splat(vertex.ns), V3::splat(vertex.wo));
         let (value, _) = vertex.bsdf.eval_pdf(ns, wo, V3::splat(light.wi));
@@ -323,6 +313,7 @@ impl Path<'_> {
         let (mut rays, mut occluded) = (RayBatch::default(), Vec::new());
         let key = hash(key(self.seed, index, light_set(depth)));
         rays.push(origin, wi, 0.0, distance * SHADOW_END, key);
+        rays.time.extend(self.transport.geometry.moves.then_some(vertex.time));
         self.transport.rays.occluded(&rays, RayOrder::Incoherent, &mut occluded);
         let (radiance, _) = limited(radiance, self.transport.limits[(depth > 0) as usize]);
         let (occluded, radiance) = (occluded[0], if occluded[0] { Vec3::ZERO } else { radiance });
@@ -369,31 +360,8 @@ impl Path<'_> {
             index,
             medium,
             unguided,
+            time: vertex.time,
         };
         self.follow(&ray, depth + 1, &[(index, Toward::Drawn)], &[index])
-    }
-}
-
-impl Display for Event {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let Self { depth, what } = self;
-        let indent = 2 * *depth as usize;
-        write!(f, "{:indent$}", "")?;
-        match what {
-            What::Ray { origin, direction, beta } => {
-                write!(f, "{depth}: ray from {origin} toward {direction}, throughput {beta}")
-            }
-            What::Escape => write!(f, "   escapes"),
-            What::Hit { instance, mesh, material, t } => {
-                write!(f, "   hits instance {instance}, mesh {mesh}, material {material}, {t} away")
-            }
-            What::Emission { radiance, weight } => write!(f, "   meets light: {radiance} (weight {weight})"),
-            What::LightSample { toward, wi, distance, radiance, occluded } => {
-                let seen = if *occluded { " (occluded)" } else { "" };
-                write!(f, "   light sample, {toward}, toward {wi}, {distance} away: {radiance}{seen}")
-            }
-            What::BsdfSample { wi, pdf } => write!(f, "   BSDF sample toward {wi}, pdf {pdf}"),
-            What::Ends { why } => write!(f, "   ends: {why}"),
-        }
     }
 }

@@ -37,6 +37,8 @@ pub struct Vertices {
     pub media: Option<[Vec<u32>; 2]>,
     /// What guiding knows; where there is a field, or one is learned.
     pub guided: Option<Guided>,
+    /// When they are, as in [`RayBatch`](crate::rays::RayBatch); empty where nothing moves.
+    time: Vec<f32>,
     len: usize,
 }
 
@@ -99,8 +101,8 @@ impl Vertices {
     }
 
     /// Forgets all vertices and makes room for `most`, on surfaces with no lobes but those in `lobes`, in media if some
-    /// `absorb`, on paths that are `guided` or learned from.
-    pub fn open(&mut self, most: usize, lobes: LobeSet, absorb: bool, guided: bool) {
+    /// `absorb`, on paths that are `guided` or learned from, at times of their own if something `moves`.
+    pub fn open(&mut self, most: usize, lobes: LobeSet, absorb: bool, guided: bool, moves: bool) {
         for column in [&mut self.origin, &mut self.ng, &mut self.ns, &mut self.wo, &mut self.beta] {
             column.grow(most);
         }
@@ -116,6 +118,10 @@ impl Vertices {
             grow(broad, most);
             grow(cell, most);
             grow(unguided, most);
+        }
+        match moves {
+            true => grow(&mut self.time, most),
+            false => self.time.clear(),
         }
         self.len = 0;
     }
@@ -155,6 +161,9 @@ impl Vertices {
             store_bits(broad, at, U::from(eight(|lane| u32::from(group.bsdfs[lane].is_broad()))));
             store(unguided, at, group.unguided);
         }
+        if !self.time.is_empty() {
+            store(&mut self.time, at, group.identity.time);
+        }
     }
 
     /// The geometric normals at some rows by which lights are chosen: zero in lanes of `both`, which light reaches from
@@ -188,6 +197,17 @@ impl Vertices {
         Some((load_bits(far, rows) & beyond) | (load_bits(near, rows) & !beyond))
     }
 
+    /// Are they at times of their own?
+    pub fn moves(&self) -> bool {
+        !self.time.is_empty()
+    }
+
+    /// When some rows are; 0 where nothing moves.
+    #[inline(always)]
+    pub fn times(&self, rows: &Rows) -> F {
+        if self.time.is_empty() { F::ZERO } else { load(&self.time, rows) }
+    }
+
     /// Whose some rows are.
     #[inline(always)]
     pub fn identity(&self, rows: &Rows) -> Identity {
@@ -196,6 +216,7 @@ impl Vertices {
             index: load_bits(&self.index, rows),
             branch: load_bits(&self.branch, rows),
             seed: load_bits(&self.seed, rows),
+            time: self.times(rows),
         }
     }
 

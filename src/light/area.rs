@@ -10,7 +10,7 @@ use super::tree::{Emitter, LightTree};
 use crate::color::luminance;
 use crate::lanes::{F, LANES, V3, eight};
 use crate::sampling::warp;
-use crate::scene::{Material, Mesh, SHUTTER, Scene, TextureSlot};
+use crate::scene::{Instance, Material, Mesh, Scene, TextureSlot};
 
 /// One emissive triangle, or two that make a parallelogram, in world space, as numbers that can be loaded into lanes.
 #[derive(Debug, Clone, Copy)]
@@ -20,12 +20,59 @@ struct AreaLight {
     /// z of that edge, unit normal on the side that the winding calls the front (3), emitted radiance before a texture
     /// (3), one over the area.
     light: [f32; LANES],
+    instance: u32,
     mesh: u32,
     prim: u32,
     two_sided: bool,
     /// Its radiance follows from the place and the direction.
     varies: bool,
     parallelogram: bool,
+    /// It is elsewhere at other times: `place` and `light` are of the picture's own moment.
+    moves: bool,
+}
+
+impl AreaLight {
+    /// A corner, the edges from it, the cross product that points to the front.
+    fn stand(&mut self, [v, e, f]: [Vec3; 3], cross: Vec3) {
+        let area = if self.parallelogram { 1.0 } else { 0.5 } * cross.length();
+        let n = cross.normalize_or_zero();
+        let [.., lx, ly, lz, _] = self.light;
+        self.place = [v.x, v.y, v.z, e.x, e.y, e.z, f.x, f.y];
+        self.light = [f.z, n.x, n.y, n.z, lx, ly, lz, 1.0 / area];
+    }
+
+    /// As it is at a time in [0, 1] of the shutter.
+    #[inline(never)]
+    fn at(&self, scene: &Scene, time: f32) -> Self {
+        let mut light = *self;
+        if self.moves {
+            let instance = &scene.instances[self.instance as usize];
+            let mesh = &scene.meshes[self.mesh as usize];
+            let (edges, cross) = edges(corners(instance, mesh, self.prim as usize, Some(time)), instance);
+            light.stand(edges, cross);
+        }
+        light
+    }
+}
+
+/// Corners of a triangle in world space: at a time of the shutter, or at the picture's own moment.
+fn corners(instance: &Instance, mesh: &Mesh, prim: usize, time: Option<f32>) -> [Vec3; 3] {
+    let vertices = mesh.indices[prim];
+    let own = match (&mesh.motion, time) {
+        (Some(motion), Some(time)) => motion.corners(vertices, time),
+        _ => vertices.map(|i| Vec3::from_array(mesh.positions[i as usize])),
+    };
+    match time.map_or(instance.transform, |time| instance.at(time)) {
+        None => own,
+        Some(to_world) => own.map(|p| to_world.transform_point3(p)),
+    }
+}
+
+/// A corner and the edges from it, and their cross product, turned to the front.
+fn edges([v, s, t]: [Vec3; 3], instance: &Instance) -> ([Vec3; 3], Vec3) {
+    let (e, f) = (s - v, t - v);
+    let mirrored = instance.transform.is_some_and(|t| t.matrix3.determinant() < 0.0);
+    ([v, e, f], e.cross(f) * if mirrored { -1.0 } else { 1.0 })
 }
 
 /// All that emits in a scene, chosen by a light tree.
@@ -37,6 +84,8 @@ pub struct AreaLights {
     first: Vec<((u32, u32), u32)>,
     /// The area light of each emissive triangle.
     light_of: Vec<u32>,
+    /// Do some of them move?
+    moves: bool,
 }
 
 impl AreaLights {
@@ -44,6 +93,7 @@ impl AreaLights {
     pub fn new(scene: &Scene) -> Option<Self> {
         let (mut lights, mut emitters) = (Vec::new(), Vec::new());
         let (mut first, mut light_of) = (Vec::new(), Vec::new());
+        let moving = scene.moving_meshes();
         for (instance_index, instance) in scene.instances.iter().enumerate() {
             for mesh_index in scene.objects[instance.object as usize].meshes.clone() {
                 let mesh = &scene.meshes[mesh_index as usize];
@@ -52,57 +102,60 @@ impl AreaLights {
                     continue;
                 }
                 first.push(((instance_index as u32, mesh_index), light_of.len() as u32));
-                let to_world = instance.transform(SHUTTER);
-                let mirrored = to_world.is_some_and(|t| t.matrix3.determinant() < 0.0);
-                let corners = |prim: usize| {
-                    mesh.indices[prim].map(|i| {
-                        let p = Vec3::from_array(mesh.positions[i as usize]);
-                        to_world.map_or(p, |t| t.transform_point3(p))
-                    })
-                };
+                let moves = moving[mesh_index as usize] && (mesh.motion.is_some() || instance.motion.is_some());
+                let corners = |prim: usize| corners(instance, mesh, prim, None);
                 let varies = material.textures[TextureSlot::Emissive].is_some() || material.clearcoat > 0.0;
                 let mut prim = 0;
                 while prim < mesh.indices.len() {
-                    let [mut v, s, t] = corners(prim);
-                    let (mut e, mut f, mut far) = (s - v, t - v, v);
-                    let pair = (!varies && prim + 1 < mesh.indices.len())
-                        .then(|| parallelogram([v, s, t], corners(prim + 1)))
+                    let mut own = corners(prim);
+                    let mut far = own[0];
+                    let pair = (!varies && !moves && prim + 1 < mesh.indices.len())
+                        .then(|| parallelogram(own, corners(prim + 1)))
                         .flatten();
-                    if let Some(corners) = pair {
-                        (v, far) = (corners[0], corners[3]);
-                        (e, f) = (corners[1] - v, corners[2] - v);
+                    if let Some([a, b, c, d]) = pair {
+                        (own, far) = ([a, b, c], d);
                     }
-                    let cross = e.cross(f) * if mirrored { -1.0 } else { 1.0 };
+                    let ([v, e, f], cross) = edges(own, instance);
                     let area = if pair.is_some() { 1.0 } else { 0.5 } * cross.length();
                     let radiance = luminance(mean_emission(scene, material, mesh, mesh.indices[prim]));
                     let sides = if material.double_sided { 2.0 } else { 1.0 };
                     let power = PI * area * radiance * sides;
                     let n = cross.normalize_or_zero();
-                    emitters.push(Emitter {
+                    let mut emitter = Emitter {
                         low: v.min(v + e).min(v + f).min(far),
                         high: v.max(v + e).max(v + f).max(far),
                         normal: n,
+                        spread: 0.0,
                         power: if power.is_finite() && n != Vec3::ZERO { power } else { 0.0 },
                         two_sided: material.double_sided,
-                    });
+                    };
+                    if moves {
+                        sweep(&mut emitter, instance, mesh, prim);
+                    }
+                    emitters.push(emitter);
                     let l = material.emissive;
                     let triangles = if pair.is_some() { 2 } else { 1 };
                     light_of.extend(std::iter::repeat_n(lights.len() as u32, triangles));
-                    lights.push(AreaLight {
-                        place: [v.x, v.y, v.z, e.x, e.y, e.z, f.x, f.y],
-                        light: [f.z, n.x, n.y, n.z, l.x, l.y, l.z, 1.0 / area],
+                    let mut light = AreaLight {
+                        place: [0.0; LANES],
+                        light: [0.0, 0.0, 0.0, 0.0, l.x, l.y, l.z, 0.0],
+                        instance: instance_index as u32,
                         mesh: mesh_index,
                         prim: prim as u32,
                         two_sided: material.double_sided,
                         varies,
                         parallelogram: pair.is_some(),
-                    });
+                        moves,
+                    };
+                    light.stand([v, e, f], cross);
+                    lights.push(light);
                     prim += triangles;
                 }
             }
         }
         let tree = LightTree::new(&emitters)?;
-        Some(Self { lights, tree, first, light_of })
+        let moves = lights.iter().any(|light| light.moves);
+        Some(Self { lights, tree, first, light_of, moves })
     }
 
     /// Bytes of a light and its place in the tree while both are made.
@@ -146,11 +199,16 @@ impl AreaLights {
     }
 
     /// Draws points on area lights, uniform over their area, as seen from `p` with normals `n` as for
-    /// [`LightTree::sample`]. `choice`, `u` and `v` in [0, 1).
+    /// [`LightTree::sample`], at times in [0, 1] of the shutter. `choice`, `u` and `v` in [0, 1).
     #[inline]
-    pub fn sample(&self, scene: &Scene, p: V3, n: V3, choice: F, u: F, v: F) -> LightSamples {
+    pub fn sample(&self, (scene, time): (&Scene, F), (p, n): (V3, V3), choice: F, u: F, v: F) -> LightSamples {
         let (chosen, pmf) = self.tree.sample(p, n, choice);
-        let lights = eight(|lane| &self.lights[chosen[lane] as usize]);
+        let mut lights = eight(|lane| &self.lights[chosen[lane] as usize]);
+        let moved;
+        if self.moves {
+            moved = eight(|lane| lights[lane].at(scene, time.as_array()[lane]));
+            lights = moved.each_ref();
+        }
         let [vx, vy, vz, ex, ey, ez, fx, fy] = F::transpose(eight(|lane| F::from(lights[lane].place)));
         let [fz, nx, ny, nz, lx, ly, lz, one_over_area] = F::transpose(eight(|lane| F::from(lights[lane].light)));
         let whole = F::from(eight(|lane| f32::from(u8::from(lights[lane].parallelogram)))).simd_gt(F::ZERO);
@@ -178,12 +236,28 @@ impl AreaLights {
     }
 
     /// Density per solid angle of [`sample`](Self::sample), at `p` with normal `n`, for a hit of triangle `prim` at
-    /// `distance` along `wi`.
+    /// `distance` along `wi`, at a time in [0, 1] of the shutter.
     #[inline]
-    pub fn pdf(&self, (p, n): (Vec3, Vec3), (instance, mesh, prim): (u32, u32, u32), wi: Vec3, distance: f32) -> f32 {
+    pub fn pdf(
+        &self,
+        (scene, time): (&Scene, f32),
+        (p, n): (Vec3, Vec3),
+        (instance, mesh, prim): (u32, u32, u32),
+        wi: Vec3,
+        distance: f32,
+    ) -> f32 {
         let Ok(found) = self.first.binary_search_by_key(&(instance, mesh), |&(key, _)| key) else { return 0.0 };
         let light = self.light_of[(self.first[found].1 + prim) as usize];
-        let AreaLight { light: [_, nx, ny, nz, .., one_over_area], two_sided, .. } = self.lights[light as usize];
+        let chosen = &self.lights[light as usize];
+        let moved;
+        let chosen = match chosen.moves {
+            false => chosen,
+            true => {
+                moved = chosen.at(scene, time);
+                &moved
+            }
+        };
+        let AreaLight { light: [_, nx, ny, nz, .., one_over_area], two_sided, .. } = *chosen;
         let cos = -Vec3::new(nx, ny, nz).dot(wi);
         let facing = if two_sided { cos.abs() } else { cos };
         if facing <= 0.0 {
@@ -192,6 +266,25 @@ impl AreaLights {
         let pdf = self.tree.pmf(p, n, light) * one_over_area * distance * distance / facing;
         if pdf.is_finite() { pdf } else { 0.0 }
     }
+}
+
+/// Widens an emitter to all that it is while the shutter is open.
+fn sweep(emitter: &mut Emitter, instance: &Instance, mesh: &Mesh, prim: usize) {
+    let keys = mesh.motion.as_ref().map_or(1, |motion| motion.positions.len());
+    // Where both move, between the keys of either, too.
+    let steps = 2 * keys.max(instance.motion.as_ref().map_or(1, |motion| motion.keys().len()));
+    for step in 0..=steps {
+        let own = corners(instance, mesh, prim, Some(step as f32 / steps as f32));
+        for p in own {
+            (emitter.low, emitter.high) = (emitter.low.min(p), emitter.high.max(p));
+        }
+        let normal = edges(own, instance).1.normalize_or(emitter.normal);
+        emitter.spread = emitter.spread.max(normal.angle_between(emitter.normal));
+    }
+    // For what lies between the steps.
+    emitter.spread = (1.2 * emitter.spread + 0.01).min(PI);
+    let margin = 0.01 * (emitter.high - emitter.low).length();
+    (emitter.low, emitter.high) = (emitter.low - margin, emitter.high + margin);
 }
 
 /// The parallelogram that two triangles make which share an edge: a corner, its two neighbours in the first triangle's

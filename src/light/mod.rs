@@ -105,11 +105,11 @@ impl Lights {
 
     /// Draws directions toward the environment where the mask `toward_environment` is set (all of them, if that is all there is), else
     /// toward area lights as seen from `p` with normals `n` as for [`tree::LightTree::sample`]: `choice` picks the light, (`u`, `v`) the point on
-    /// it, all in [0, 1).
+    /// it, all in [0, 1); `at` the scene and times in [0, 1] of the shutter.
     #[inline]
     pub fn sample(
         &self,
-        scene: &Scene,
+        at: (&Scene, F),
         (p, n): (V3, V3),
         toward_environment: F,
         choice: F,
@@ -120,11 +120,11 @@ impl Lights {
         match (&self.environment, &self.area) {
             (Some(environment), None) => environment.sample(u, v),
             (Some(environment), Some(_)) if mask == ALL => environment.sample(u, v),
-            (None, Some(area)) => area.sample(scene, p, n, choice, u, v),
-            (Some(_), Some(area)) if mask == 0 => area.sample(scene, p, n, choice, u, v),
+            (None, Some(area)) => area.sample(at, (p, n), choice, u, v),
+            (Some(_), Some(area)) if mask == 0 => area.sample(at, (p, n), choice, u, v),
             (Some(environment), Some(area)) => {
                 let a = environment.sample(u, v);
-                let b = area.sample(scene, p, n, choice, u, v);
+                let b = area.sample(at, (p, n), choice, u, v);
                 LightSamples {
                     wi: V3::select(toward_environment, a.wi, b.wi),
                     distance: toward_environment.select(a.distance, b.distance),
@@ -149,9 +149,17 @@ impl Lights {
     }
 
     /// Density per solid angle with which [`sample`](Self::sample), at `from` (point, normal), draws direction `wi`, in
-    /// which triangle `prim` of `mesh` in `instance` is `distance` away. Zero when that triangle is not a light.
+    /// which triangle `prim` of `mesh` in `instance` is `distance` away; `at` the scene and a time in [0, 1] of the shutter. Zero
+    /// when that triangle is not a light.
     #[inline]
-    pub fn area_pdf(&self, from: (Vec3, Vec3), hit: (u32, u32, u32), wi: Vec3, distance: f32) -> f32 {
-        self.area.as_ref().map_or(0.0, |a| a.pdf(from, hit, wi, distance))
+    pub fn area_pdf(
+        &self,
+        at: (&Scene, f32),
+        from: (Vec3, Vec3),
+        hit: (u32, u32, u32),
+        wi: Vec3,
+        distance: f32,
+    ) -> f32 {
+        self.area.as_ref().map_or(0.0, |a| a.pdf(at, from, hit, wi, distance))
     }
 }

@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use crate::color::luminance;
-use crate::scene::{PunctualKind, PunctualLight};
+use crate::scene::{LightKey, PunctualKind, PunctualLight};
 
 /// One punctual light as seen from a point.
 #[derive(Debug, Clone, Copy)]
@@ -19,17 +19,18 @@ pub struct PunctualSample {
 /// No light.
 pub const DARK: PunctualSample = PunctualSample { wi: Vec3::Y, distance: 0.0, irradiance: Vec3::ZERO };
 
-/// Chooses one of `lights` by its unoccluded irradiance at `p`, with `choice` in [0, 1). `None` when none reaches `p`.
+/// Chooses one of `lights` by its unoccluded irradiance at `p`, with `choice` in [0, 1), at a time in [0, 1] of the shutter.
+/// `None` when none reaches `p`.
 #[inline]
-pub fn sample(lights: &[PunctualLight], p: Vec3, choice: f32) -> Option<PunctualSample> {
-    let total: f32 = lights.iter().map(|l| luminance(irradiance(l, p).2)).sum();
+pub fn sample(lights: &[PunctualLight], p: Vec3, choice: f32, time: f32) -> Option<PunctualSample> {
+    let total: f32 = lights.iter().map(|l| luminance(irradiance(l, p, time).2)).sum();
     if total <= 0.0 || !total.is_finite() {
         return None;
     }
     let mut rest = choice * total;
     let mut chosen = None;
     for light in lights {
-        let (wi, distance, e) = irradiance(light, p);
+        let (wi, distance, e) = irradiance(light, p, time);
         let weight = luminance(e);
         if weight > 0.0 {
             chosen = Some(PunctualSample { wi, distance, irradiance: e * (total / weight) });
@@ -46,11 +47,12 @@ pub fn sample(lights: &[PunctualLight], p: Vec3, choice: f32) -> Option<Punctual
 /// squared, times 1 − (distance/range)⁴ down to 0 at the range; a spot's edge fades with the square of a linear ramp in
 /// the cosine.
 #[inline]
-fn irradiance(light: &PunctualLight, p: Vec3) -> (Vec3, f32, Vec3) {
+fn irradiance(light: &PunctualLight, p: Vec3, time: f32) -> (Vec3, f32, Vec3) {
+    let LightKey { intensity, position, direction } = light.at(time);
     if light.kind == PunctualKind::Directional {
-        return (-light.direction, f32::INFINITY, light.intensity);
+        return (-direction, f32::INFINITY, intensity);
     }
-    let to = light.position - p;
+    let to = position - p;
     let distance2 = to.length_squared();
     if distance2 == 0.0 {
         return (Vec3::Y, 0.0, Vec3::ZERO);
@@ -60,12 +62,12 @@ fn irradiance(light: &PunctualLight, p: Vec3) -> (Vec3, f32, Vec3) {
     let fade = match light.kind {
         PunctualKind::Spot { inner, outer } => {
             let (cos_inner, cos_outer) = (inner.cos(), outer.cos());
-            let cos = -light.direction.dot(wi);
+            let cos = -direction.dot(wi);
             let ramp = ((cos - cos_outer) / (cos_inner - cos_outer).max(1e-3)).clamp(0.0, 1.0);
             ramp * ramp
         }
         _ => 1.0,
     };
     let in_range = (1.0 - (distance / light.range).powi(4)).max(0.0);
-    (wi, distance, light.intensity * (fade * in_range / distance2))
+    (wi, distance, intensity * (fade * in_range / distance2))
 }

@@ -15,6 +15,8 @@ pub struct Emitter {
     pub high: Vec3,
     /// Unit normal of the side that shines; either where both do.
     pub normal: Vec3,
+    /// How far from it, in radians, the normal may be: 0 where nothing moves.
+    pub spread: f32,
     /// Luminous power, > 0.
     pub power: f32,
     /// Shines from both sides.
@@ -67,7 +69,7 @@ const BINS: usize = 12;
 
 impl Cluster {
     fn of(e: &Emitter) -> Self {
-        Self { low: e.low, high: e.high, axis: e.normal, angle: 0.0, two_sided: e.two_sided, power: e.power }
+        Self { low: e.low, high: e.high, axis: e.normal, angle: e.spread, two_sided: e.two_sided, power: e.power }
     }
 
     fn union(a: Self, b: Self) -> Self {

@@ -1,6 +1,7 @@
 //! What a ray query backend takes for granted of a scene, checked once before the build.
 
-use crate::scene::{FARTHEST, SHUTTER, Scene};
+use crate::scene::motion::{Key, MOST_STEPS};
+use crate::scene::{FARTHEST, Scene};
 use crate::{Error, Result};
 
 /// Refuses what would make a backend read out of bounds or lose triangles: indices beyond the vertices, coordinates
@@ -16,10 +17,21 @@ pub(super) fn check(scene: &Scene) -> Result<()> {
             )));
         }
         let astray = |position: &[f32; 3]| position.iter().any(|x| x.is_nan() || x.abs() > FARTHEST);
-        if let Some(at) = mesh.positions.iter().position(astray) {
+        let steps = mesh.motion.iter().flat_map(|motion| &motion.positions);
+        for positions in steps.clone().chain([&mesh.positions]) {
+            if let Some(at) = positions.iter().position(astray) {
+                return Err(Error::Data(format!(
+                    "mesh {index} \"{}\": vertex {at} is at {:?}, which is not a place within {FARTHEST:e} m",
+                    mesh.name, positions[at]
+                )));
+            }
+        }
+        let number = steps.clone().count();
+        let many = mesh.motion.is_some() && !(2..=MOST_STEPS + 1).contains(&number);
+        if many || steps.into_iter().any(|positions| positions.len() != count) {
+            let name = &mesh.name;
             return Err(Error::Data(format!(
-                "mesh {index} \"{}\": vertex {at} is at {:?}, which is not a place within {FARTHEST:e} m",
-                mesh.name, mesh.positions[at]
+                "mesh {index} \"{name}\": {number} steps that are not all {count} vertices"
             )));
         }
     }
@@ -42,9 +54,8 @@ pub(super) fn check(scene: &Scene) -> Result<()> {
                 scene.objects.len()
             )));
         }
-        if let Some(transform) = instance.transform(SHUTTER)
-            && !(transform.is_finite() && transform.inverse().is_finite())
-        {
+        let keys = instance.motion.iter().flat_map(|motion| motion.keys()).map(Key::transform);
+        if keys.chain(instance.transform).any(|t| !(t.is_finite() && t.inverse().is_finite())) {
             return Err(Error::Data(format!(
                 "instance {index} \"{}\" has a transform that cannot be inverted; is a scale zero?",
                 instance.name

@@ -13,8 +13,8 @@ use obvhs::rt_triangle::RtTriangle;
 use obvhs::triangle::Triangle;
 
 use super::{BackendInfo, HitBatch, MISS, RayBatch, RayOrder, RayQueries, Watch, go_on};
-use crate::Result;
-use crate::scene::{SHUTTER, Scene};
+use crate::scene::Scene;
+use crate::{Error, Result};
 
 mod options;
 mod test;
@@ -88,16 +88,21 @@ impl ObvhsRays {
     /// object: obvhs itself reports nothing.
     ///
     /// # Errors
-    /// [`Error::Data`](crate::Error::Data) for a malformed scene or one that makes too deep a tree,
-    /// [`Error::Interrupted`](crate::Error::Interrupted) when `watch` says so.
+    /// [`Error::Data`] for a malformed scene or one that makes too deep a tree, [`Error::Usage`] for one that moves,
+    /// [`Error::Interrupted`] when `watch` says so.
     pub fn build(scene: Arc<Scene>, options: &ObvhsOptions, watch: Watch) -> Result<Self> {
         let start = Instant::now();
         super::check::check(&scene)?;
+        if scene.moves() {
+            let why =
+                "--rays obvhs traces nothing that moves while the shutter is open: take --rays embree, or no --shutter";
+            return Err(Error::Usage(why.into()));
+        }
         let units = super::units(&scene) as f64;
         go_on(watch, 0.0)?;
         let (mut groups, mut placements, mut bounds) = (Vec::new(), Vec::new(), Vec::new());
         let meshes_of = |object: u32| scene.objects[object as usize].meshes.clone();
-        let standing = scene.instances.iter().enumerate().filter(|(_, instance)| instance.transform(SHUTTER).is_none());
+        let standing = scene.instances.iter().enumerate().filter(|(_, instance)| instance.transform.is_none());
         let standing = standing.flat_map(|(index, i)| meshes_of(i.object).map(move |mesh| (index as u32, mesh)));
         if let Some(group) = Group::build(&scene, standing, options)? {
             bounds.push(group.bounds);
@@ -108,7 +113,7 @@ impl ObvhsRays {
         // By object; the inner `None` is an object without triangles.
         let mut of_object: Vec<Option<Option<u32>>> = vec![None; scene.objects.len()];
         for (index, instance) in scene.instances.iter().enumerate() {
-            let Some(transform) = instance.transform(SHUTTER) else { continue };
+            let Some(transform) = instance.transform else { continue };
             let of_object = &mut of_object[instance.object as usize];
             if of_object.is_none() {
                 go_on(watch, built as f64 / units)?;

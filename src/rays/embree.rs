@@ -23,7 +23,7 @@ use embree4_sys as sys;
 
 use super::{BackendInfo, HitBatch, RayBatch, RayOrder, RayQueries, Watch};
 use crate::Result;
-use crate::scene::{SHUTTER, Scene};
+use crate::scene::Scene;
 use device::{DeviceHandle, Monitor, SceneHandle, Share, best_isa};
 use packets::{filter_alpha, single, wide4, wide8, wide16};
 
@@ -132,7 +132,8 @@ impl EmbreeRays {
         let mut placements = Vec::new();
         for (index, instance) in scene.instances.iter().enumerate() {
             let meshes = mesh_range(instance.object);
-            let Some(transform) = instance.transform(SHUTTER) else {
+            let moving = instance.motion.as_deref();
+            let Some(transform) = instance.transform else {
                 for mesh in meshes {
                     attach(&top, placements.len() as u32, mesh);
                     placements.push(Placement { instance: index as u32, mesh });
@@ -149,7 +150,7 @@ impl EmbreeRays {
                 *object = Some(built);
             }
             if let Some(object) = object {
-                device.attach_instance(&top, placements.len() as u32, object, &transform);
+                device.attach_instance(&top, placements.len() as u32, object, (&transform, moving));
                 placements.push(Placement { instance: index as u32, mesh: meshes.start });
             }
         }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use crate::lanes::{F, LANES, Rows, U, V3, load, store, store_bits};
-use crate::scene::{Instance, SHUTTER, Scene};
+use crate::scene::{Instance, Scene};
 use crate::{Error, Result};
 
 mod check;
@@ -67,8 +67,7 @@ fn stopped() -> Error {
 fn units(scene: &Scene) -> usize {
     let mut built = vec![false; scene.objects.len()];
     let of_instance = |instance: &Instance| {
-        let again =
-            instance.transform(SHUTTER).is_some() && std::mem::replace(&mut built[instance.object as usize], true);
+        let again = instance.transform.is_some() && std::mem::replace(&mut built[instance.object as usize], true);
         1 + if again { 0 } else { scene.triangles(instance.object) }
     };
     scene.instances.iter().map(of_instance).sum()
@@ -90,6 +89,9 @@ pub struct RayBatch {
     pub tfar: Vec<f32>,
     /// A random number of the ray's own: the seed of the choice at surfaces with alpha blending.
     pub key: Vec<u32>,
+    /// When it is, from 0, where the shutter opens, to 1, where it closes; empty where nothing moves.
+    #[serde(default)]
+    pub time: Vec<f32>,
 }
 
 /// The closest hits of a [`RayBatch`], in its order.
@@ -179,6 +181,7 @@ impl RayBatch {
         self.tnear.clear();
         self.tfar.clear();
         self.key.clear();
+        self.time.clear();
     }
 
     /// The direction of a ray.
@@ -200,18 +203,32 @@ impl RayBatch {
         V3 { x: load(x, rows), y: load(y, rows), z: load(z, rows) }
     }
 
-    /// Makes room for `most` rays, to be filled with [`put`](Self::put) and ended with [`close`](Self::close).
-    pub fn open(&mut self, most: usize) {
+    /// When a ray is; 0 where nothing moves.
+    #[inline]
+    pub fn time(&self, i: usize) -> f32 {
+        self.time.get(i).copied().unwrap_or(0.0)
+    }
+
+    /// When eight rays are; 0 where nothing moves.
+    #[inline(always)]
+    pub fn times(&self, rows: &Rows) -> F {
+        if self.time.is_empty() { F::ZERO } else { load(&self.time, rows) }
+    }
+
+    /// Makes room for `most` rays, with their times if something `moves`, to be filled with [`put`](Self::put) and ended with
+    /// [`close`](Self::close).
+    pub fn open(&mut self, most: usize, moves: bool) {
         let len = most + LANES;
         for column in self.origin.iter_mut().chain(&mut self.direction).chain([&mut self.tnear, &mut self.tfar]) {
             column.resize(len, 0.0);
         }
         self.key.resize(len, 0);
+        self.time.resize(if moves { len } else { 0 }, 0.0);
     }
 
-    /// Writes rays from `at` on, eight at a time; `tnear` is zero.
+    /// Writes rays from `at` on, eight at a time; `tnear` is zero, and `time` counts where something moves.
     #[inline(always)]
-    pub fn put(&mut self, at: usize, origin: V3, direction: V3, tfar: F, key: U) {
+    pub fn put(&mut self, at: usize, (origin, direction): (V3, V3), tfar: F, key: U, time: F) {
         let ([ox, oy, oz], [dx, dy, dz]) = (&mut self.origin, &mut self.direction);
         store(ox, at, origin.x);
         store(oy, at, origin.y);
@@ -222,6 +239,9 @@ impl RayBatch {
         store(&mut self.tnear, at, F::ZERO);
         store(&mut self.tfar, at, tfar);
         store_bits(&mut self.key, at, key);
+        if !self.time.is_empty() {
+            store(&mut self.time, at, time);
+        }
     }
 
     /// Keeps the first `len` rays.
@@ -230,6 +250,7 @@ impl RayBatch {
             column.truncate(len);
         }
         self.key.truncate(len);
+        self.time.truncate(len);
     }
 
     /// Adds a ray.

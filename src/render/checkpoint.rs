@@ -319,12 +319,18 @@ impl Earlier {
 const LARGEST: usize = 1 << 24;
 
 /// Tiles as bytes: for each its length (32 bits, little-endian) and itself (postcard in LZ4, which is faster than a disk
-/// and leaves out what is zero).
+/// and leaves out what is zero), velocities behind it if there are any.
 ///
 /// # Errors
 /// [`Error::Bug`] if a tile cannot be said.
 pub fn pack(tiles: &[Tile]) -> Result<Vec<u8>> {
-    let record = |tile: &Tile| Ok(lz4_flex::compress_prepend_size(&postcard::to_stdvec(tile)?));
+    let record = |tile: &Tile| {
+        let mut bytes = postcard::to_stdvec(tile)?;
+        if let Some(velocities) = tile.velocities() {
+            bytes.extend(postcard::to_stdvec(&velocities)?);
+        }
+        Ok(lz4_flex::compress_prepend_size(&bytes))
+    };
     let mut bytes = Vec::new();
     // Some at a time, so that they are not all in memory twice.
     for some in tiles.chunks(1024) {
@@ -339,20 +345,27 @@ pub fn pack(tiles: &[Tile]) -> Result<Vec<u8>> {
 
 /// Reads what [`pack`] made; nothing in it is trusted. `None` if it is not that.
 pub fn unpack(bytes: &[u8]) -> Option<Vec<Tile>> {
-    records(bytes)
+    records(bytes, |tile: Tile, rest| match rest {
+        [] => Some(tile),
+        _ => postcard::take_from_bytes(rest)
+            .ok()
+            .filter(|(_, rest)| rest.is_empty())
+            .and_then(|(v, _)| tile.with_velocities(v)),
+    })
 }
 
 /// Reads what `pack` of format 3 made.
 pub fn unpack_3(bytes: &[u8]) -> Option<Vec<Tile>> {
-    Some(records::<Tile3>(bytes)?.into_iter().map(Tile3::into_tile).collect())
+    records(bytes, |tile: Tile3, rest| rest.is_empty().then(|| tile.into_tile()))
 }
 
 /// Reads what `pack` of format 2 made, and keeps the columns that such a render has.
 pub fn unpack_2(bytes: &[u8], columns: Columns) -> Option<Vec<Tile>> {
-    Some(records::<Tile2>(bytes)?.into_iter().map(|tile| tile.into_tile(columns)).collect())
+    records(bytes, |tile: Tile2, rest| rest.is_empty().then(|| tile.into_tile(columns)))
 }
 
-fn records<T: DeserializeOwned + Send>(bytes: &[u8]) -> Option<Vec<T>> {
+/// Reads each record, and has a tile made of it and of what is left behind it.
+fn records<T: DeserializeOwned>(bytes: &[u8], tile: impl Fn(T, &[u8]) -> Option<Tile> + Sync) -> Option<Vec<Tile>> {
     let mut records = Vec::new();
     let mut rest = bytes;
     while let Some((length, after)) = rest.split_first_chunk::<4>() {
@@ -366,10 +379,7 @@ fn records<T: DeserializeOwned + Send>(bytes: &[u8]) -> Option<Vec<T>> {
     let read = |record: &&[u8]| {
         let (size, packed) = lz4_flex::block::uncompressed_size(record).ok().filter(|(size, _)| *size <= LARGEST)?;
         let record = lz4_flex::decompress(packed, size).ok()?;
-        match postcard::take_from_bytes::<T>(&record) {
-            Ok((tile, [])) => Some(tile),
-            _ => None,
-        }
+        postcard::take_from_bytes::<T>(&record).ok().and_then(|(own, rest)| tile(own, rest))
     };
     records.par_iter().map(read).collect()
 }

@@ -113,10 +113,11 @@ pub fn lens(scene: &PreparedScene, settings: &RenderSettings) -> Result<Option<L
         Focus::Distance(distance) => distance as f32,
         Focus::Auto => {
             let [x, y] = [width, height].map(|size| F::splat(0.5 * size as f32));
-            let (origin, direction) = camera(&scene.scene, settings).rays(x, y);
+            let middle = F::splat(0.5);
+            let ray = camera(&scene.scene, settings).rays(x, y, middle);
             let (mut rays, mut hits) = (RayBatch::default(), HitBatch::default());
-            rays.open(1);
-            rays.put(0, origin, direction, F::splat(f32::INFINITY), U::ZERO);
+            rays.open(1, scene.geometry.moves);
+            rays.put(0, ray, F::splat(f32::INFINITY), U::ZERO, middle);
             rays.close(1);
             scene.rays.closest_hits(&rays, RayOrder::Coherent, &mut hits);
             if hits.instance[0] == MISS {

@@ -79,7 +79,7 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
     for (round, paths) in ROUNDS.into_iter().enumerate() {
         let fresh = lessons.len();
         let transport = Transport {
-            camera: camera.with_lens(lens),
+            camera: camera.clone().with_lens(lens),
             seed: hash(settings.seed ^ hash(0x6775_6964 + round as u32)),
             field: known.as_ref(),
             ..transport.clone()

@@ -209,6 +209,19 @@ impl Tile {
         sizes(self) == sizes(other) && self.pixels.iter().zip(&other.pixels).all(same) && self.seen().is_whole()
     }
 
+    /// Its pixels' sums of velocities; `None` if nothing moves.
+    pub(super) fn velocities(&self) -> Option<Vec<[f32; 4]>> {
+        let some = self.extras.iter().any(|extras| extras.velocity != [0.0; 4]);
+        some.then(|| self.extras.iter().map(|extras| extras.velocity).collect())
+    }
+
+    /// With these; `None` if they are not as many as it has sums.
+    pub(super) fn with_velocities(mut self, velocities: Vec<[f32; 4]>) -> Option<Self> {
+        let fits = velocities.len() == self.extras.len();
+        self.extras.iter_mut().zip(velocities).for_each(|(extras, velocity)| extras.velocity = velocity);
+        fits.then_some(self)
+    }
+
     /// How many pixels it has.
     pub fn pixels(&self) -> usize {
         self.pixels.len()

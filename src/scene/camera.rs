@@ -1,6 +1,10 @@
 //! Cameras.
 
+use std::sync::Arc;
+
 use glam::Affine3A;
+
+use super::Motion;
 
 /// How points are projected.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,6 +32,10 @@ pub struct Camera {
     pub projection: Projection,
     /// Width over height, when the file says one; sizes the default picture.
     pub aspect: Option<f32>,
-    /// Camera to world; rotation and translation, any scale removed.
+    /// Camera to world at the picture's own moment; rotation and translation, any scale removed.
     pub to_world: Affine3A,
+    /// What it does while the shutter is open; `None` if it stands still.
+    pub motion: Option<Arc<Motion>>,
+    /// Camera to world a frame before and after, for velocities; `None` if it is the same, or nobody asks.
+    pub beside: Option<[Affine3A; 2]>,
 }

@@ -94,6 +94,8 @@ impl Framing {
         let eye = x * centred(&|p| p.x) + y * centred(&|p| p.y) + z * distance;
         let column = |v: DVec3| Vec3A::from(v.as_vec3());
         Camera {
+            motion: None,
+            beside: None,
             name: Self::NAME.into(),
             projection: Projection::Perspective { yfov: YFOV as f32 },
             aspect: None,

@@ -2,6 +2,8 @@
 
 use glam::Vec3;
 
+use super::motion::{between, mix};
+
 /// Which punctual light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PunctualKind {
@@ -33,4 +35,40 @@ pub struct PunctualLight {
     pub direction: Vec3,
     /// Metres from which on it gives no light (point, spot), > 0; infinite without an end.
     pub range: f32,
+    /// What it does while the shutter is open, at even steps, two or more; empty if it stands still.
+    pub motion: Vec<LightKey>,
+}
+
+/// A light without size at a moment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LightKey {
+    /// As in [`PunctualLight`].
+    pub intensity: Vec3,
+    /// As in [`PunctualLight`].
+    pub position: Vec3,
+    /// As in [`PunctualLight`].
+    pub direction: Vec3,
+}
+
+impl PunctualLight {
+    /// At the picture's own moment.
+    #[inline]
+    pub fn key(&self) -> LightKey {
+        LightKey { intensity: self.intensity, position: self.position, direction: self.direction }
+    }
+
+    /// At a time in [0, 1] of the shutter.
+    #[inline]
+    pub fn at(&self, time: f32) -> LightKey {
+        if self.motion.is_empty() {
+            return self.key();
+        }
+        let (before, share) = between(self.motion.len(), time);
+        let (a, b) = (&self.motion[before], &self.motion[before + 1]);
+        LightKey {
+            intensity: mix(a.intensity, b.intensity, share),
+            position: mix(a.position, b.position, share),
+            direction: mix(a.direction, b.direction, share).normalize_or(a.direction),
+        }
+    }
 }

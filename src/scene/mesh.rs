@@ -1,8 +1,11 @@
 //! Triangles and where they stand.
 
 use std::ops::{Deref, Range};
+use std::sync::Arc;
 
 use glam::Affine3A;
+
+use super::motion::{Deformation, Motion};
 
 /// Vertex positions that can be handed to Embree without a copy: Embree reads 16 bytes from the start of the last
 /// vertex, so one unused vertex follows it.
@@ -59,6 +62,10 @@ pub struct Mesh {
     pub indices: Vec<[u32; 3]>,
     /// Index into [`super::Scene::materials`].
     pub material: u32,
+    /// What it does while the shutter is open; `None` if it holds its form. Tangents, coordinates and colours stay.
+    pub motion: Option<Deformation>,
+    /// Positions a frame before and after, for velocities; `None` if they are the same, or nobody asks.
+    pub beside: Option<[Positions; 2]>,
 }
 
 /// Meshes that are placed together.
@@ -71,24 +78,26 @@ pub struct Object {
 }
 
 /// One placement of an object.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Instance {
     /// Name of the node, for messages.
     pub name: String,
     /// Index into [`super::Scene::objects`].
     pub object: u32,
-    /// Object to world; `None` when the meshes are already in world space. Invertible and finite. What renders asks
-    /// [`Instance::transform`].
+    /// Object to world, at the picture's own moment; `None` when the meshes are already in world space. Invertible and
+    /// finite.
     pub transform: Option<Affine3A>,
+    /// What it does while the shutter is open; `None` if it stands still.
+    pub motion: Option<Arc<Motion>>,
+    /// Object to world a frame before and after, for velocities; `None` if it is the same, or nobody asks.
+    pub beside: Option<[Affine3A; 2]>,
 }
 
-/// The time of a picture: the shutter opens and closes at once.
-pub const SHUTTER: f32 = 0.0;
-
 impl Instance {
-    /// Object to world at a time; `None` when the meshes are already in world space. Nothing moves yet.
-    pub fn transform(&self, _time: f32) -> Option<Affine3A> {
-        self.transform
+    /// Object to world at a time in [0, 1] of the shutter; `None` when the meshes are already in world space.
+    #[inline]
+    pub fn at(&self, time: f32) -> Option<Affine3A> {
+        self.motion.as_ref().map(|motion| motion.at(time)).or(self.transform)
     }
 }
 

@@ -14,15 +14,17 @@ pub mod import;
 pub mod lights;
 pub mod material;
 pub mod mesh;
+pub mod motion;
 pub mod texture;
 
 pub use camera::{Camera, Projection};
 pub(crate) use choose::choose;
 pub use environment::Environment;
 pub use framing::Framing;
-pub use lights::{PunctualKind, PunctualLight};
+pub use lights::{LightKey, PunctualKind, PunctualLight};
 pub use material::{AlphaMode, Encoding, Material, TextureRef, TextureSlot, Textures};
-pub use mesh::{FARTHEST, Instance, Mesh, Object, Positions, SHUTTER};
+pub use mesh::{FARTHEST, Instance, Mesh, Object, Positions};
+pub use motion::{Deformation, Motion};
 pub use texture::{Filter, Image, Texels, Texture, Wrap};
 
 /// A scene, ready to be built into ray queries. Lengths in metres, glTF axes (+y up, right-handed).
@@ -72,7 +74,7 @@ impl Scene {
         }
         let mut framing = Box::<Framing>::default();
         for instance in &self.instances {
-            let transform = instance.transform(SHUTTER);
+            let transform = instance.transform;
             let placed = |p: &[f32; 3]| {
                 let p = Vec3::from_array(*p);
                 transform.map_or(p, |t| t.transform_point3(p)).as_dvec3()
@@ -85,12 +87,37 @@ impl Scene {
         self.framing = Some(framing);
     }
 
+    /// Does anything move while the shutter is open?
+    pub fn moves(&self) -> bool {
+        self.meshes.iter().any(|mesh| mesh.motion.is_some())
+            || self.instances.iter().any(|instance| instance.motion.is_some())
+            || self.cameras.iter().any(|camera| camera.motion.is_some())
+            || self.lights.iter().any(|light| !light.motion.is_empty())
+    }
+
+    /// Is anything elsewhere, or seen from elsewhere, a frame before or after, as far as that is known?
+    pub fn has_velocities(&self) -> bool {
+        self.meshes.iter().any(|mesh| mesh.beside.is_some())
+            || self.instances.iter().any(|instance| instance.beside.is_some())
+            || self.cameras.iter().any(|camera| camera.beside.is_some())
+    }
+
+    /// Of each mesh, whether it is elsewhere, or has another form, at some time that the shutter is open.
+    pub fn moving_meshes(&self) -> Vec<bool> {
+        let mut moving: Vec<bool> = self.meshes.iter().map(|mesh| mesh.motion.is_some()).collect();
+        for instance in self.instances.iter().filter(|instance| instance.motion.is_some()) {
+            let Object { meshes, .. } = &self.objects[instance.object as usize];
+            moving[meshes.start as usize..meshes.end as usize].fill(true);
+        }
+        moving
+    }
+
     /// Would rays meet the same surfaces in the other scene? Says so only where both share their meshes.
     pub fn has_surfaces_of(&self, other: &Self) -> bool {
         let meshes = |scene: &Self| scene.meshes.iter().map(Arc::as_ptr).collect::<Vec<_>>();
         let images = |scene: &Self| scene.images.iter().map(Arc::as_ptr).collect::<Vec<_>>();
         let placed = |scene: &Self| {
-            let place = |i: &Instance| (scene.objects[i.object as usize].meshes.clone(), i.transform);
+            let place = |i: &Instance| (scene.objects[i.object as usize].meshes.clone(), i.transform, i.motion.clone());
             scene.instances.iter().map(place).collect::<Vec<_>>()
         };
         // Whether a ray goes through them.
@@ -141,7 +168,7 @@ impl Scene {
             .collect();
         self.instances.iter().flat_map(move |instance| {
             let own: Vec<_> = self.objects[instance.object as usize].meshes.clone().map(|m| own[m as usize]).collect();
-            own.into_iter().filter(|(l, h)| l.x <= h.x).map(|(l, h)| match instance.transform(SHUTTER) {
+            own.into_iter().filter(|(l, h)| l.x <= h.x).map(|(l, h)| match instance.transform {
                 None => (l, h),
                 Some(t) => (0..8).fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), corner| {
                     let pick = |axis: usize| if corner >> axis & 1 == 0 { l[axis] } else { h[axis] };

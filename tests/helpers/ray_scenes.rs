@@ -13,7 +13,12 @@ pub fn mesh(vertices: Vec<[f32; 3]>, indices: Vec<[u32; 3]>) -> Mesh {
 /// Every mesh is an object of its own; `placements` name object and transform.
 pub fn scene(meshes: Vec<Mesh>, placements: &[(u32, Option<Affine3A>)]) -> Scene {
     let object = |index: u32| Object { name: format!("object {index}"), meshes: index..index + 1 };
-    let instance = |&(object, transform): &(u32, Option<Affine3A>)| Instance { name: "node".into(), object, transform };
+    let instance = |&(object, transform): &(u32, Option<Affine3A>)| Instance {
+        name: "node".into(),
+        object,
+        transform,
+        ..Default::default()
+    };
     Scene {
         objects: (0..meshes.len() as u32).map(object).collect(),
         instances: placements.iter().map(instance).collect(),
@@ -106,6 +111,7 @@ pub fn pieces(rays: &RayBatch, len: usize) -> Vec<RayBatch> {
                 direction: std::array::from_fn(|axis| rays.direction[axis][range.clone()].to_vec()),
                 tnear: rays.tnear[range.clone()].to_vec(),
                 tfar: rays.tfar[range.clone()].to_vec(),
+                time: rays.time.get(range.clone()).map(<[f32]>::to_vec).unwrap_or_default(),
                 key: rays.key[range].to_vec(),
             }
         })

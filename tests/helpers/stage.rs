@@ -5,8 +5,11 @@ use std::sync::atomic::AtomicBool;
 use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
 use bismar::render::{RenderSettings, render};
-use bismar::scene::{Camera, Environment, Instance, Material, Mesh, Object, Positions, Projection, Scene};
-use glam::{Affine3A, Mat3, Vec3};
+use bismar::scene::{
+    Camera, Deformation, Environment, Instance, LightKey, Material, Mesh, Motion, Object, Positions, Projection,
+    PunctualKind, PunctualLight, Scene,
+};
+use glam::{Affine3A, DAffine3, DQuat, DVec3, Mat3, Vec3};
 
 use super::statistics::Mean;
 
@@ -43,7 +46,7 @@ pub fn add(scene: &mut Scene, points: Vec<[f32; 3]>, indices: Vec<[u32; 3]>, mat
     };
     scene.meshes.push(mesh.into());
     scene.objects.push(Object { name: String::new(), meshes: n..n + 1 });
-    scene.instances.push(Instance { name: String::new(), object: n, transform: None });
+    scene.instances.push(Instance { name: String::new(), object: n, ..Default::default() });
 }
 
 /// A rectangle at height `y`, facing up or down.
@@ -123,6 +126,8 @@ pub fn look(scene: &mut Scene, eye: Vec3, at: Vec3, yfov: f32) {
     let z = (eye - at).normalize();
     let x = up.cross(z).normalize();
     scene.cameras.push(Camera {
+        motion: None,
+        beside: None,
         name: "camera".into(),
         projection: Projection::Perspective { yfov },
         aspect: None,
@@ -138,6 +143,42 @@ pub fn hall() -> Arc<Scene> {
     let (points, indices) = sphere(8, 0.6, Vec3::new(0.0, 0.6, 0.0));
     add(&mut scene, points, indices, metal(0.4));
     look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.5, 0.0), 0.6);
+    Arc::new(scene)
+}
+
+/// A transform that turns about +y and goes on, from identity.
+pub fn turning(angle: f64, by: Vec3) -> Option<Arc<Motion>> {
+    let end = DAffine3::from_rotation_translation(DQuat::from_rotation_y(angle), by.as_dvec3());
+    Motion::new(&[DAffine3::IDENTITY, end]).map(Arc::new)
+}
+
+/// Places the last instance that was added, and has it move.
+pub fn set_in_motion(scene: &mut Scene, motion: Option<Arc<Motion>>) {
+    let instance = scene.instances.last_mut().unwrap();
+    (instance.transform, instance.motion) = (Some(Affine3A::IDENTITY), motion);
+}
+
+/// As [`hall`], and all of it moves: the ball turns, lamps and camera travel, the floor bulges.
+pub fn moving_hall() -> Arc<Scene> {
+    let mut scene = Scene { environment: Some(Environment::constant([0.3; 3])), ..Default::default() };
+    rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
+    let floor = Arc::make_mut(&mut scene.meshes[0]);
+    let mut bulging = floor.positions.clone();
+    bulging.as_mut_slice()[0][1] += 0.4;
+    floor.motion = Some(Deformation { positions: vec![floor.positions.clone(), bulging], normals: Vec::new() });
+    rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, lamp(9.0));
+    set_in_motion(&mut scene, turning(0.7, Vec3::new(0.5, -0.2, 0.3)));
+    let (points, indices) = sphere(8, 0.6, Vec3::new(0.0, 0.6, 0.0));
+    add(&mut scene, points, indices, metal(0.4));
+    set_in_motion(&mut scene, turning(1.5, Vec3::new(0.3, 0.1, 0.0)));
+    let key = |x| LightKey { intensity: Vec3::splat(2.0), position: Vec3::new(x, 1.5, 1.0), direction: Vec3::NEG_Y };
+    let LightKey { intensity, position, direction } = key(0.5);
+    let (name, kind, range) = ("lamp".into(), PunctualKind::Point, f32::INFINITY);
+    let motion = vec![key(-0.5), key(1.5)];
+    scene.lights.push(PunctualLight { name, kind, intensity, position, direction, range, motion });
+    look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.5, 0.0), 0.6);
+    let stand = |x| DAffine3::from_translation(DVec3::new(x, 1.2, 4.0));
+    scene.cameras[0].motion = Motion::new(&[stand(0.0), stand(0.2)]).map(Arc::new);
     Arc::new(scene)
 }
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use super::replay::PixelPath;
-use super::values::{AovList, Crop, balance, blades, finite, not_negative, share};
+use super::values::{AovList, Crop, LightUnit, balance, blades, finite, not_negative, share};
 use crate::batch::frames::{Frames, numbered};
 use crate::cli::shown::Shown;
 use crate::console::Size;
@@ -171,7 +171,7 @@ pub struct RenderArgs {
 
     /// Outputs beside the beauty: any of albedo, normal, depth, direct, indirect, variance, samples, balance, object,
     /// material, position, uv, emission, guide-albedo, guide-normal (as albedo and normal, but seen in mirrors: for
-    /// denoisers), lights (the beauty by what gave the light), crypto-object, crypto-material, separated by commas; or
+    /// denoisers), lights (the beauty by what gave the light), velocity (pixels a frame), crypto-object, crypto-material, separated by commas; or
     /// all, or none.
     #[arg(long, value_name = "LIST", default_value = "variance,samples,balance", help_heading = "Output")]
     aov: AovList,
@@ -220,27 +220,12 @@ pub struct RenderArgs {
     pub led: bool,
 }
 
-/// What punctual lights are counted in.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
-pub enum LightUnit {
-    /// Candela and lux, as KHR_lights_punctual says.
-    #[default]
-    Lumen,
-    /// Watts a steradian or square metre, times 683 lm/W.
-    Watt,
-}
-
-impl LightUnit {
-    /// What intensities are multiplied by.
-    pub fn radiant(self) -> f32 {
-        match self {
-            Self::Lumen => 1.0,
-            Self::Watt => 1.0 / 683.0,
-        }
-    }
-}
-
 impl RenderArgs {
+    /// Is a moment of the animations shown?
+    fn is_posed(&self) -> bool {
+        self.frames.is_some() || self.shown.is_posed()
+    }
+
     /// Does it ask for the view that fits all of the scene?
     pub fn is_framed(&self) -> bool {
         self.camera.as_deref() == Some(Framing::NAME)
@@ -249,7 +234,13 @@ impl RenderArgs {
     /// What tells a scene apart that is made of the same files otherwise than by default; empty for the default.
     pub fn choices(&self) -> String {
         let unit = if self.light_unit == LightUnit::Watt { ", lights in watts" } else { "" };
-        format!("{}{unit}", self.shown.name())
+        let velocities = if self.has_velocities() { ", velocities" } else { "" };
+        format!("{}{unit}{velocities}", self.shown.name())
+    }
+
+    /// Does it ask how things move in the picture?
+    pub fn has_velocities(&self) -> bool {
+        self.aovs().contains(&Aov::Velocity)
     }
 
     /// Where the picture goes.
@@ -262,12 +253,13 @@ impl RenderArgs {
     }
 
     /// What is written beside the beauty, in its order. A pilot's light is weighed again when its sources are forgotten: all
-    /// is then all but `lights`.
+    /// is then all but `lights`. Without a moment nothing has a velocity.
     pub fn aovs(&self) -> Vec<Aov> {
         let mut aovs = self.aov.0.clone();
         aovs.sort();
         aovs.dedup();
         aovs.retain(|aov| *aov != Aov::Lights || !self.balance.method().needs_goal());
+        aovs.retain(|aov| *aov != Aov::Velocity || self.is_posed());
         aovs
     }
 
@@ -375,6 +367,8 @@ impl RenderArgs {
             return Err(Error::Usage("--seed-per-frame needs a frame: --frames or --frame".into()));
         }
         let all = self.aov.0.len() == Aov::value_variants().len();
+        let velocity = !all && self.aov.0.contains(&Aov::Velocity);
+        self.shown.check(self.is_posed(), velocity, self.rays)?;
         if !all && self.balance.method().needs_goal() && self.aov.0.contains(&Aov::Lights) {
             return Err(Error::Usage(format!(
                 "--aov lights: --balance {} weighs a pilot's light again when where it came from is forgotten; take another \

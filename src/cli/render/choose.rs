@@ -52,6 +52,8 @@ mod tests {
 
     fn cameras(names: &[&str]) -> Vec<Camera> {
         let camera = |name: &&str| Camera {
+            motion: None,
+            beside: None,
             name: name.to_string(),
             projection: Projection::Perspective { yfov: 1.0 },
             aspect: None,

@@ -10,7 +10,7 @@ use super::{RenderArgs, make_scene};
 use crate::cli::memory;
 use crate::integrator::PreparedScene;
 use crate::light::AreaLights;
-use crate::scene::Scene;
+use crate::scene::{Deformation, Scene};
 use crate::{Result, rays};
 
 /// A scene that is ready to be rendered.
@@ -96,7 +96,8 @@ const INSTANCE: u64 = 512;
 /// Fails if there is not enough memory for what the scene places, which its files do not say beforehand.
 fn check_placed(args: &RenderArgs, inputs: &Inputs, scene: &Scene) -> Result<()> {
     let (lights, instances) = (AreaLights::count(scene), scene.instances.len() as u64);
-    let placed = lights * AreaLights::BYTES_EACH + instances * INSTANCE;
+    let moving: usize = scene.meshes.iter().filter_map(|mesh| mesh.motion.as_ref()).map(Deformation::bytes).sum();
+    let placed = lights * AreaLights::BYTES_EACH + instances * INSTANCE + moving as u64;
     let what = format!("{} with {instances} instances and {lights} emissive triangles in them", args.scene.display());
     let bytes = inputs.scene.geometry_bytes + inputs.scene.image_bytes + placed;
     memory::check(&what, bytes, memory::limit(args.memory_limit)?)

@@ -33,6 +33,26 @@ pub fn share(text: &str) -> Parsed<f64> {
     text.parse().ok().filter(|x: &f64| *x > 0.0 && *x < 1.0).ok_or("not a number above 0 and below 1".into())
 }
 
+/// What punctual lights are counted in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum LightUnit {
+    /// Candela and lux, as KHR_lights_punctual says.
+    #[default]
+    Lumen,
+    /// Watts a steradian or square metre, times 683 lm/W.
+    Watt,
+}
+
+impl LightUnit {
+    /// What intensities are multiplied by.
+    pub fn radiant(self) -> f32 {
+        match self {
+            Self::Lumen => 1.0,
+            Self::Watt => 1.0 / 683.0,
+        }
+    }
+}
+
 /// `x0,y0,x1,y1`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Crop(pub [u32; 4]);
@@ -103,7 +123,7 @@ mod tests {
         }
         assert!(Crop([0, 0, 10, 10]).inside(10, 9).is_err());
         assert_eq!("depth, normal".parse(), Ok(AovList(vec![Aov::Depth, Aov::Normal])));
-        assert_eq!("all".parse::<AovList>().map(|l| l.0.len()), Ok(18));
+        assert_eq!("all".parse::<AovList>().map(|l| l.0.len()), Ok(19));
         assert_eq!("variance,samples,balance".parse(), Ok(AovList(Aov::DEFAULT.to_vec())));
         assert!("depth,,normal".parse::<AovList>().is_err());
     }

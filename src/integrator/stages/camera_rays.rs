@@ -8,10 +8,14 @@ use crate::integrator::queues::{Identity, PathRays};
 use crate::lanes::{F, LANES, NUMBERS, U, V3};
 use crate::sampling::{keys, pixel_seed, samples};
 
+/// The set of dimensions whose first number says when a path is.
+pub const TIME_SET: u32 = u32::MAX - 1;
+
 /// Fills `rays` with the camera rays of each pixel's paths, in the ledger's order.
 #[inline(never)]
 pub fn begin(transport: &Transport, tasks: &[PixelTask], rays: &mut PathRays) {
-    rays.open(tasks.iter().map(|task| task.counts.paths as usize).sum());
+    let moves = transport.geometry.moves;
+    rays.open(tasks.iter().map(|task| task.counts.paths as usize).sum(), moves);
     for task in tasks {
         let paths = task.counts.paths;
         let seed = U::splat(pixel_seed(task.x, task.y, transport.seed));
@@ -22,8 +26,9 @@ pub fn begin(transport: &Transport, tasks: &[PixelTask], rays: &mut PathRays) {
             let x = transport.filter.offsets(px) + F::splat(task.x as f32 + 0.5);
             let y = transport.filter.offsets(py) + F::splat(task.y as f32 + 0.5);
             let path = U::splat(rays.len as u32) + U::from(NUMBERS);
-            let identity = Identity { path, index, branch: U::ZERO, seed };
-            let (ray, key) = (transport.camera.rays_through((x, y), (u, v)), keys(seed, index, 0));
+            let time = if moves { samples(seed, index, TIME_SET)[0] } else { F::ZERO };
+            let identity = Identity { path, index, branch: U::ZERO, seed, time };
+            let (ray, key) = (transport.camera.rays_through((x, y), (u, v), time), keys(seed, index, 0));
             rays.push(n, ray, key, V3::splat(Vec3::ONE), V3::ZERO, F::ZERO, identity);
         }
     }

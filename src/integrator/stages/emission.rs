@@ -23,7 +23,7 @@ pub fn surfaces(
     batch: &mut PixelBatch,
 ) {
     for ray in emissive.iter().map(|&ray| ray as usize) {
-        let point = surfaces::point(transport, hits, ray);
+        let point = surfaces::point(transport, rays, hits, ray);
         if point.material.unlit {
             let found = Found { radiance: point.base_color(transport.scene), pdf: [0.0; 2], group: 1 };
             add(transport, depth, ray, found, rays, ledger, batch);
@@ -34,9 +34,10 @@ pub fn surfaces(
             let hit = (hits.instance[ray], hits.mesh[ray], hits.prim[ray]);
             let radiance = point.radiance(transport.scene, hit.2, (hits.u[ray], hits.v[ray]), direction);
             let from = (rays.rays.origin(ray), rays.normal.get(ray));
+            let at = (transport.scene, rays.rays.time(ray));
             let pdf = match depth {
                 0 => 0.0,
-                _ => transport.lights.area_pdf(from, hit, direction, hits.t[ray]),
+                _ => transport.lights.area_pdf(at, from, hit, direction, hits.t[ray]),
             };
             add(transport, depth, ray, Found { radiance, pdf: [0.0, pdf], group: 1 }, rays, ledger, batch);
         }

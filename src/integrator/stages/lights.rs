@@ -27,7 +27,7 @@ pub fn sample(
     shadows: &mut ShadowRays,
 ) {
     let punctual = if transport.lights.punctual { vertices.len() } else { 0 };
-    shadows.open(requests.count() + punctual, observed && depth == 0);
+    shadows.open(requests.count() + punctual, vertices.moves(), observed && depth == 0);
     if transport.lights.has_extent() {
         for at in (0..requests.count()).step_by(LANES) {
             let group = requests.group(transport, vertices, ledger, at);
@@ -60,7 +60,7 @@ fn with_extent(
     let toward_environment = are(group.toward, Toward::Environment as u32) | (draws & drawn_environment);
     let choice = draws.select(left, choice);
     let from = (vertices.origin.load(rows), vertices.facing(rows, both));
-    let light = transport.lights.sample(transport.scene, from, toward_environment, choice, u, v);
+    let light = transport.lights.sample((transport.scene, id.time), from, toward_environment, choice, u, v);
     let (value, mut bsdf_pdf) = bsdf.eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
     if let Some(mixture) = Mixture::at(transport, vertices, rows) {
         bsdf_pdf = mixture.pdf(light.wi, bsdf_pdf);
@@ -85,7 +85,7 @@ fn with_extent(
     let group = toward_environment.to_bitmask();
     let group = U::from(std::array::from_fn(|lane| u32::from(group >> lane & 1 == 0)));
     let (ray, whose) = ((leaving.origin, light.wi), [id.path, id.branch, group]);
-    shadows.push(&Survivors::of(alive), ray, tfar, key, radiance, whose, observation);
+    shadows.push(&Survivors::of(alive), ray, tfar, (key, id.time), radiance, whose, observation);
 }
 
 /// One of the lights without size for each of eight vertices: nothing to weigh, nothing to learn.
@@ -103,8 +103,8 @@ fn without_extent(
     let (origin, ng) = (vertices.origin.load(rows), vertices.ng.load(rows));
     let position = origin - ng * load(&vertices.origin_offset, rows);
     let lights: [_; LANES] = std::array::from_fn(|lane| {
-        let choice = choice.as_array()[lane];
-        punctual::sample(&transport.scene.lights, position.lane(lane), choice).unwrap_or(punctual::DARK)
+        let (choice, time) = (choice.as_array()[lane], id.time.as_array()[lane]);
+        punctual::sample(&transport.scene.lights, position.lane(lane), choice, time).unwrap_or(punctual::DARK)
     });
     let wi = V3::gather(lights.map(|l| l.wi));
     let bsdf = vertices.bsdf(rows);
@@ -120,5 +120,5 @@ fn without_extent(
     let tfar = F::from(lights.map(|l| l.distance * SHADOW_END));
     let nothing = || Observation { index: U::ZERO, area: U::ZERO, w: F::ZERO, r: F::ZERO };
     let whose = [id.path, id.branch, U::splat(2)];
-    shadows.push(&Survivors::of(alive), (leaving.origin, wi), tfar, key, radiance, whose, nothing);
+    shadows.push(&Survivors::of(alive), (leaving.origin, wi), tfar, (key, id.time), radiance, whose, nothing);
 }

@@ -25,7 +25,7 @@ pub fn cross(transport: &Transport, depth: u32, rays: &mut PathRays, hits: &HitB
     }
     for ray in (0..rays.len).filter(|&ray| hits.mesh[ray] != MISS) {
         if depth == 0 && transport.materials.kind(hits.mesh[ray]).bounds.is_some_and(|medium| medium > 0) {
-            let behind = surfaces::point(transport, hits, ray).is_behind(rays.rays.direction(ray));
+            let behind = surfaces::point(transport, rays, hits, ray).is_behind(rays.rays.direction(ray));
             [rays.medium[ray], _] = transport.materials.sides(hits.mesh[ray], behind, 0);
         }
         if rays.medium[ray] > 0 {

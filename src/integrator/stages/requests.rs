@@ -120,6 +120,7 @@ impl Requests {
                 index: U::from(eight(|lane| request[lane].index)),
                 branch: U::ZERO,
                 seed: load_bits(&vertices.seed, &rows),
+                time: vertices.times(&rows),
             },
             toward: U::from(eight(|lane| request[lane].toward as u32)),
             len: list.len(),

@@ -28,7 +28,7 @@ pub fn sample(
     ledger: &mut Ledger,
     next: &mut PathRays,
 ) {
-    next.open(requests.count());
+    next.open(requests.count(), vertices.moves());
     if vertices.media.is_some() {
         grow(&mut next.medium, requests.count());
     }
@@ -95,7 +95,8 @@ fn one_group(
     if let Some(unguided) = unguided {
         store(&mut next.unguided, next.len, survivors.compress(unguided));
     }
-    let identity = Identity { path, index, branch, seed: survivors.compress_bits(id.seed) };
+    let (seed, time) = (survivors.compress_bits(id.seed), survivors.compress(id.time));
+    let identity = Identity { path, index, branch, seed, time };
     let ray = (survivors.compress_v3(leaving.origin), survivors.compress_v3(sample.wi));
     let key = survivors.compress_bits(keys(id.seed, id.index, bsdf_set(depth)));
     let (beta, normal) = (survivors.compress_v3(beta), survivors.compress_v3(vertices.facing(rows, both)));

@@ -10,6 +10,7 @@ use crate::integrator::dispersion;
 use crate::integrator::geometry::Point;
 use crate::integrator::ledger::{Ledger, Mirror};
 use crate::integrator::queues::{Identity, PathRays, SortedHits};
+use crate::integrator::velocity::velocity;
 use crate::integrator::vertices::{Group, Vertices};
 use crate::lanes::{F, LANES, Rows, U, V3, eight, load, load_bits};
 use crate::rays::{HitBatch, MISS};
@@ -17,9 +18,9 @@ use crate::sampling::samples;
 
 /// Where a ray hit.
 #[inline]
-pub fn point<'a>(transport: &'a Transport, hits: &HitBatch, ray: usize) -> Point<'a> {
-    let barycentric = (hits.u[ray], hits.v[ray]);
-    transport.geometry.point(transport.scene, hits.instance[ray], hits.mesh[ray], hits.prim[ray], barycentric)
+pub fn point<'a>(transport: &'a Transport, rays: &PathRays, hits: &HitBatch, ray: usize) -> Point<'a> {
+    let (hit, barycentric) = ((hits.instance[ray], hits.mesh[ray], hits.prim[ray]), (hits.u[ray], hits.v[ray]));
+    transport.geometry.point(transport.scene, hit, barycentric, rays.rays.time(ray))
 }
 
 /// Notes of camera rays that they hit something, and what, for the AOVs.
@@ -33,7 +34,7 @@ pub fn observe(transport: &Transport, rays: &PathRays, hits: &HitBatch, ledger: 
         if aovs.is_none() && extras.is_none() {
             continue;
         }
-        let point = point(transport, hits, ray);
+        let point = point(transport, rays, hits, ray);
         let (albedo, normal) = (point.base_color(transport.scene), facing(&point, rays, ray));
         let (instance, material) = (hits.instance[ray], point.mesh.material);
         if let Some(aovs) = aovs {
@@ -43,6 +44,10 @@ pub fn observe(transport: &Transport, rays: &PathRays, hits: &HitBatch, ledger: 
         if let Some(extras) = extras {
             let names = [transport.names.objects[instance as usize], transport.names.materials[material as usize]];
             extras.add_surface(point.position, point.texcoords[0], names);
+            if transport.geometry.has_velocities {
+                let hit = (instance, hits.mesh[ray], hits.prim[ray]);
+                extras.add_velocity(velocity(transport, hit, (hits.u[ray], hits.v[ray])));
+            }
             if is_mirror(transport, &point) {
                 ledger.mirrors[rays.path[ray] as usize] = Some(Mirror { tint: albedo, normal, depth: 0 });
             } else {
@@ -87,7 +92,7 @@ pub fn follow_mirrors(
         if hits.mesh[ray] == MISS {
             continue;
         }
-        let point = point(transport, hits, ray);
+        let point = point(transport, rays, hits, ray);
         let tint = mirror.tint * point.base_color(transport.scene);
         if is_mirror(transport, &point) {
             ledger.mirrors[path] = Some(Mirror { tint, depth, ..mirror });
@@ -108,7 +113,8 @@ pub fn vertices(
     vertices: &mut Vertices,
 ) {
     let guided = learns || transport.field.is_some();
-    vertices.open(rays.len, transport.materials.lobes, transport.materials.absorbs(), guided);
+    let Transport { geometry, materials, .. } = transport;
+    vertices.open(rays.len, materials.lobes, materials.absorbs(), guided, geometry.moves);
     for at in (0..sorted.plain.len()).step_by(LANES) {
         plain(transport, &sorted.plain, at, rays, hits, vertices);
     }
@@ -153,7 +159,7 @@ fn detailed(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hit
         Rows::From(start) => std::array::from_fn(|lane| (start + lane) as u32),
         Rows::Each(rows) => rows,
     };
-    let points = each.map(|ray| point(transport, hits, ray as usize));
+    let points = each.map(|ray| point(transport, rays, hits, ray as usize));
     let seen = eight(|lane| points[lane].seen(transport.scene, rays.rays.direction(each[lane] as usize)));
     let beta = rays.beta.load(&rows);
     let (seen, beta) =
@@ -222,5 +228,6 @@ fn identity(rays: &PathRays, rows: &Rows) -> Identity {
         index: load_bits(&rays.index, rows),
         branch: load_bits(&rays.branch, rows),
         seed: load_bits(&rays.seed, rows),
+        time: rays.rays.times(rows),
     }
 }

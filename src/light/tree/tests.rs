@@ -26,6 +26,7 @@ fn emitters(n: u32, seed: u32) -> Vec<Emitter> {
                 low,
                 high: low + Vec3::new(number(3), number(4), number(5)),
                 normal: warp::sphere(number(6), number(7)),
+                spread: 0.0,
                 power: if i % 7 == 3 { 0.0 } else { number(8).powi(4) + 1e-6 },
                 two_sided: i % 5 == 0,
             }

@@ -11,6 +11,7 @@ use embree4_sys as sys;
 use super::{EmbreeOptions, Quality};
 use crate::rays::{Watch, go_on, stopped};
 use crate::scene::Mesh;
+use crate::scene::motion::{Key, Motion};
 use crate::{Error, Result};
 
 /// What Embree reports while it builds.
@@ -192,22 +193,28 @@ impl DeviceHandle {
         if mesh.indices.is_empty() {
             return;
         }
-        let vertices = mesh.positions.padded();
-        // SAFETY: both buffers live as long as the `Arc<Scene>`, which is dropped after Embree's handles, and nobody
+        let steps = match &mesh.motion {
+            Some(motion) => motion.positions.iter().collect::<Vec<_>>(),
+            None => vec![&mesh.positions],
+        };
+        // SAFETY: all buffers live as long as the `Arc<Scene>`, which is dropped after Embree's handles, and nobody
         // changes them; the vertex buffer is readable 16 bytes from its last vertex thanks to the padding; every index
         // is below the vertex count (`check`).
         unsafe {
             let geometry = sys::rtcNewGeometry(self.0, sys::RTC_GEOMETRY_TYPE_TRIANGLE);
-            sys::rtcSetSharedGeometryBuffer(
-                geometry,
-                sys::RTC_BUFFER_TYPE_VERTEX,
-                0,
-                sys::RTC_FORMAT_FLOAT3,
-                vertices.as_ptr().cast(),
-                0,
-                size_of::<[f32; 3]>(),
-                mesh.positions.len(),
-            );
+            sys::rtcSetGeometryTimeStepCount(geometry, steps.len() as u32);
+            for (step, vertices) in (0..).zip(steps) {
+                sys::rtcSetSharedGeometryBuffer(
+                    geometry,
+                    sys::RTC_BUFFER_TYPE_VERTEX,
+                    step,
+                    sys::RTC_FORMAT_FLOAT3,
+                    vertices.padded().as_ptr().cast(),
+                    0,
+                    size_of::<[f32; 3]>(),
+                    mesh.positions.len(),
+                );
+            }
             sys::rtcSetSharedGeometryBuffer(
                 geometry,
                 sys::RTC_BUFFER_TYPE_INDEX,
@@ -237,18 +244,55 @@ impl DeviceHandle {
         target: &SceneHandle,
         id: u32,
         object: &SceneHandle,
-        transform: &glam::Affine3A,
+        (transform, motion): (&glam::Affine3A, Option<&Motion>),
     ) {
-        let columns = transform.to_cols_array();
-        // SAFETY: all handles are valid; the instance takes a reference to `object`; the matrix is copied.
+        let keys = motion.map_or(&[][..], Motion::keys);
+        // SAFETY: all handles are valid; the instance takes a reference to `object`; matrices are copied; Embree takes as
+        // many steps as a motion has.
         unsafe {
             let geometry = sys::rtcNewGeometry(self.0, sys::RTC_GEOMETRY_TYPE_INSTANCE);
             sys::rtcSetGeometryInstancedScene(geometry, object.0);
-            sys::rtcSetGeometryTransform(geometry, 0, sys::RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, columns.as_ptr().cast());
+            let set = |step: u32, transform: &glam::Affine3A| {
+                let columns = transform.to_cols_array();
+                let format = sys::RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR;
+                sys::rtcSetGeometryTransform(geometry, step, format, columns.as_ptr().cast());
+            };
+            if keys.is_empty() {
+                set(0, transform);
+            } else {
+                sys::rtcSetGeometryTimeStepCount(geometry, keys.len() as u32);
+            }
+            for (step, key) in (0..).zip(keys) {
+                match motion.is_some_and(Motion::turns) {
+                    true => sys::rtcSetGeometryTransformQuaternion(geometry, step, &decomposition(key)),
+                    false => set(step, &key.transform()),
+                }
+            }
             sys::rtcCommitGeometry(geometry);
             sys::rtcAttachGeometryByID(target.0, geometry, id);
             sys::rtcReleaseGeometry(geometry);
         }
+    }
+}
+
+/// A key as Embree joins them.
+fn decomposition(key: &Key) -> sys::RTCQuaternionDecomposition {
+    let (q, m, t) = (key.rotation, &key.linear, key.translation);
+    sys::RTCQuaternionDecomposition {
+        scale_x: m.x_axis.x,
+        scale_y: m.y_axis.y,
+        scale_z: m.z_axis.z,
+        skew_xy: m.y_axis.x,
+        skew_xz: m.z_axis.x,
+        skew_yz: m.z_axis.y,
+        quaternion_r: q.w,
+        quaternion_i: q.x,
+        quaternion_j: q.y,
+        quaternion_k: q.z,
+        translation_x: t.x,
+        translation_y: t.y,
+        translation_z: t.z,
+        ..Default::default()
     }
 }
 

@@ -161,6 +161,9 @@ macro_rules! packet_queries {
                 load(&mut lanes.dir_z, &rays.direction[2], picks);
                 load(&mut lanes.tnear, &rays.tnear, picks);
                 load(&mut lanes.tfar, &rays.tfar, picks);
+                if !rays.time.is_empty() {
+                    load(&mut lanes.time, &rays.time, picks);
+                }
                 match picks {
                     Picks::From(start) => lanes.id = std::array::from_fn(|lane| (start + lane) as u32),
                     Picks::Each(rays) => lanes.id[..rays.len()].copy_from_slice(rays),
@@ -245,6 +248,7 @@ pub(super) mod single {
             dir_z: rays.direction[2][i],
             tnear: rays.tnear[i],
             tfar: rays.tfar[i],
+            time: rays.time(i),
             mask: u32::MAX,
             id: i as u32,
             ..Default::default()

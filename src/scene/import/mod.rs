@@ -17,6 +17,8 @@ mod summary;
 use std::path::Path;
 use std::time::Instant;
 
+use serde_json::Value;
+
 pub use environment::{EnvironmentFile, environment};
 pub use report::{ImportReport, Note, NoteKind, SceneCounts};
 pub use source::Survey;
@@ -47,6 +49,21 @@ pub struct Pose {
     pub seconds: f64,
     /// By name or index; `None` or `all` for all of them at once, as viewers play them.
     pub animation: Option<String>,
+    /// How long light is let in around it; else it is a moment.
+    pub shutter: Option<Shutter>,
+    /// Seconds to the frames before and after, for velocities; `None` if nobody asks for them.
+    pub frame: Option<f64>,
+}
+
+/// For how long a camera's shutter is open.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shutter {
+    /// Seconds from the pose's to its opening, of either sign.
+    pub opens: f64,
+    /// To its closing, > `opens`.
+    pub closes: f64,
+    /// Into how many steps motion is cut, at most [`MOST_STEPS`](super::motion::MOST_STEPS); `None`: as many as it bends.
+    pub steps: Option<u32>,
 }
 
 /// A scene, and what was done to get it.
@@ -99,17 +116,27 @@ impl SceneFiles {
         };
         let mut build = || -> Result<Scene> {
             let mut notes = Notes::default();
-            let posed = match &options.pose {
-                Some(pose) => {
-                    let at_rest = document::Document::parse(source, &source.json, options, &mut Notes::default())?;
-                    Some(build::posed(&at_rest, &source.json, source.file_bytes, pose, &mut notes)?)
-                }
-                None => None,
-            };
-            let json = posed.as_ref().unwrap_or(&source.json);
-            let document = document::Document::parse(source, json, options, &mut notes)?;
+            let parse = |json: &Value| document::Document::parse(source, json, options, &mut Notes::default());
+            let (json, bytes) = (&source.json, source.file_bytes);
+            let (mut posed, mut moments, mut beside) = (None, Vec::new(), Vec::new());
+            if let Some(pose) = &options.pose {
+                let at_rest = parse(json)?;
+                // What stands still stands as while the shutter is open.
+                let aside = pose.shutter.map_or(0.0, |shutter| 0.0_f64.clamp(shutter.opens, shutter.closes));
+                let own = Pose { seconds: pose.seconds + aside, ..pose.clone() };
+                posed = Some(build::posed(&at_rest, json, bytes, &own, &mut notes)?);
+                let moment =
+                    |seconds: f64| build::moment(&at_rest, json, bytes, &Pose { seconds, ..pose.clone() }, &parse);
+                moments = build::moments(pose, &moment)?;
+                let frames = pose.frame.into_iter().flat_map(|frame| [pose.seconds - frame, pose.seconds + frame]);
+                beside = frames.map(moment).collect::<Result<Vec<_>>>()?;
+            }
+            let document = document::Document::parse(source, posed.as_ref().unwrap_or(json), options, &mut notes)?;
             report.generator.clone_from(&document.generator);
-            let scene = build::build(&document, source.file_bytes, posed.is_some(), &self.kept, notes, &mut report)?;
+            let open = moments.len();
+            moments.extend(beside);
+            let shown = build::Shown { document: &document, posed: posed.is_some(), moments: &moments, open };
+            let scene = build::build(&shown, bytes, &self.kept, notes, &mut report)?;
             if options.strict {
                 report.refuse_if_inexact()?;
             }

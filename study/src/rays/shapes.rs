@@ -101,9 +101,11 @@ impl Shape {
         Scene {
             meshes: vec![mesh.into()],
             objects: vec![Object { name: self.name(), meshes: 0..1 }],
-            instances: vec![Instance { name: self.name(), object: 0, transform: None }],
+            instances: vec![Instance { name: self.name(), object: 0, ..Default::default() }],
             materials: vec![material],
             cameras: vec![Camera {
+                motion: None,
+                beside: None,
                 name: "camera".into(),
                 projection: Projection::Perspective { yfov: 0.7 },
                 aspect: None,

@@ -66,7 +66,7 @@ fn plate(scene: &mut Scene, corner: [f32; 3], u: [f32; 3], v: [f32; 3], material
     };
     scene.meshes.push(mesh.into());
     scene.objects.push(Object { name: String::new(), meshes: n..n + 1 });
-    scene.instances.push(Instance { name: String::new(), object: n, transform: None });
+    scene.instances.push(Instance { name: String::new(), object: n, ..Default::default() });
 }
 
 /// A floor over x in `[x0, x1]`, facing up.
@@ -85,6 +85,8 @@ fn camera(scene: &mut Scene, yfov: f32) {
     let z = eye.normalize();
     let x = Vec3::Y.cross(z).normalize();
     scene.cameras.push(Camera {
+        motion: None,
+        beside: None,
         name: "camera".into(),
         projection: Projection::Perspective { yfov },
         aspect: None,
@@ -118,6 +120,7 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
     floor(&mut delta, [0.0, 3.0], lambert(0.6));
     ceiling(&mut delta, [0.0, 1.0, -0.6], 0.3, lamp(6.0));
     delta.lights.push(PunctualLight {
+        motion: Vec::new(),
         name: "point".into(),
         kind: PunctualKind::Point,
         intensity: Vec3::splat(0.5),

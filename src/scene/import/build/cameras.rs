@@ -11,7 +11,14 @@ pub fn place(from: &Camera, name: String, world: &DAffine3) -> Option<scene::Cam
     let y = world.matrix3.y_axis;
     let y = (y - z * y.dot(z)).try_normalize()?;
     let to_world = camera_to_world(y.cross(z), y, z, world.translation);
-    to_world.is_finite().then_some(scene::Camera { name, projection: from.projection, aspect: from.aspect, to_world })
+    to_world.is_finite().then_some(scene::Camera {
+        name,
+        projection: from.projection,
+        aspect: from.aspect,
+        to_world,
+        motion: None,
+        beside: None,
+    })
 }
 
 fn camera_to_world(x: DVec3, y: DVec3, z: DVec3, eye: DVec3) -> Affine3A {

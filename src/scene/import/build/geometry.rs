@@ -2,24 +2,17 @@
 
 use std::collections::HashMap;
 
-use glam::{DAffine3, DMat3, DMat4, DVec3, Vec3};
+use glam::{DAffine3, DVec3, Vec3};
 
+use super::deform::{Pose, Poses, step, take_pose, transform_frame};
 use super::reader::Reader;
 use super::tangents;
 use crate::error::Result;
 use crate::scene::import::complaint::bad;
 use crate::scene::import::document::accessors::Shape;
-use crate::scene::import::document::primitives::{Attributes, Primitive, Semantic};
+use crate::scene::import::document::primitives::{Primitive, Semantic};
 use crate::scene::import::report::Notes;
-use crate::scene::{self, Material, Positions};
-
-/// How a mesh is deformed at rest.
-pub struct Pose<'a> {
-    /// One weight a morph target.
-    pub weights: &'a [f32],
-    /// Mesh to world by joint.
-    pub joints: Option<&'a [DMat4]>,
-}
+use crate::scene::{self, Deformation, Material, Positions};
 
 /// Vertex data in the making; all arrays as long as `positions`.
 #[derive(Debug, Default)]
@@ -30,6 +23,10 @@ pub struct Geometry {
     pub texcoords: [Option<Vec<[f32; 2]>>; 2],
     pub colors: Option<Vec<[f32; 4]>>,
     pub indices: Vec<[u32; 3]>,
+    /// Vertices of the file, where other moments are asked for.
+    pub source: Option<Vec<u32>>,
+    pub motion: Option<Deformation>,
+    pub beside: Option<[Positions; 2]>,
 }
 
 /// Reads and checks one primitive. `None` when it has no triangles; a note says why.
@@ -40,7 +37,7 @@ pub fn read(
     reader: &mut Reader,
     primitive: &Primitive,
     material: &Material,
-    pose: &Pose,
+    Poses { own: pose, over, beside }: &Poses,
     notes: &mut Notes,
 ) -> Result<Option<Geometry>> {
     let attributes = &primitive.attributes;
@@ -85,17 +82,11 @@ pub fn read(
     if attributes.contains_key(&Semantic::Color(1)) {
         notes.not_loaded(&primitive.at, "COLOR_1 and higher, which no material of the specification uses");
     }
-    morph(reader, primitive, pose.weights, &mut g)?;
-    if let Some(joints) = pose.joints {
-        skin(reader, primitive, joints, &mut g)?;
-    }
-    if let Some(i) = g.positions.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
-        return Err(bad(
-            &primitive.at,
-            "finite positions in the rest pose",
-            format!("{:?} at vertex {i}", g.positions[i]),
-        ));
-    }
+    let mut steps =
+        |poses: &[Pose]| -> Result<Vec<_>> { poses.iter().map(|p| step(reader, primitive, p, &g)).collect() };
+    let (steps, beside) = (steps(over)?, steps(beside)?);
+    g.source = (!steps.is_empty() || !beside.is_empty()).then(|| (0..g.positions.len() as u32).collect());
+    take_pose(reader, primitive, pose, &mut g)?;
     drop_degenerate(&mut g, &primitive.at, notes);
     if g.indices.is_empty() {
         notes.not_loaded(&primitive.at, "a primitive without a triangle of any area");
@@ -105,6 +96,18 @@ pub fn read(
     repair_normals(&mut g, &primitive.at, notes);
     if let Some(set) = material.tangent_set() {
         tangents::complete(&mut g, set, &primitive.at, notes);
+    }
+    if let Some(source) = g.source.take() {
+        let pick = |values: &Vec<[f32; 3]>| source.iter().map(|&i| values[i as usize]).collect::<Vec<_>>();
+        let unit = |n: [f32; 3]| Vec3::from(n).normalize_or_zero().to_array();
+        let normals =
+            steps.iter().filter_map(|step| Some(pick(step.normals.as_ref()?).into_iter().map(unit).collect()));
+        let positions =
+            |steps: &[Geometry]| steps.iter().map(|s| Positions::new(pick(&s.positions))).collect::<Vec<_>>();
+        if !steps.is_empty() {
+            g.motion = Some(Deformation { positions: positions(&steps), normals: normals.collect() });
+        }
+        g.beside = positions(&beside).try_into().ok();
     }
     Ok(Some(g))
 }
@@ -155,115 +158,27 @@ fn read_triangles(reader: &mut Reader, p: &Primitive, vertices: usize, notes: &m
     })
 }
 
-/// Adds the morph targets with their weights.
-fn morph(reader: &mut Reader, primitive: &Primitive, weights: &[f32], g: &mut Geometry) -> Result<()> {
-    let vertices = g.positions.len();
-    for (target, &weight) in primitive.targets.iter().zip(weights).filter(|(_, w)| **w != 0.0) {
-        let target: &Attributes = target;
-        let mut add = |semantic: Semantic, out: &mut dyn Iterator<Item = &mut [f32]>| -> Result<()> {
-            if let Some(&index) = target.get(&semantic) {
-                let deltas = reader.floats::<3>(index)?;
-                for (x, delta) in out.zip(deltas) {
-                    x.iter_mut().zip(delta).for_each(|(x, d)| *x += weight * d);
-                }
-            }
-            Ok(())
-        };
-        add(Semantic::Position, &mut g.positions.iter_mut().map(|p| p.as_mut_slice()))?;
-        add(Semantic::Normal, &mut g.normals.iter_mut().flatten().map(|n| n.as_mut_slice()))?;
-        add(Semantic::Tangent, &mut g.tangents.iter_mut().flatten().map(|t| &mut t[..3]))?;
-        if let (Some(colors), Some(&index)) = (&mut g.colors, target.get(&Semantic::Color(0))) {
-            let deltas = reader.flat(index)?;
-            for (color, delta) in colors.iter_mut().zip(deltas.chunks(deltas.len() / vertices)) {
-                color.iter_mut().zip(delta).for_each(|(x, d)| *x += weight * *d as f32);
-            }
+/// Moves a mesh to world space for good; `beside` is where it stands a frame before and after, if that is elsewhere.
+pub fn bake(mesh: &mut scene::Mesh, world: &DAffine3, beside: Option<[DAffine3; 2]>) {
+    let place = |positions: &mut Positions, world: &DAffine3| {
+        for p in positions.as_mut_slice() {
+            *p = world.transform_point3(DVec3::from(p.map(f64::from))).as_vec3().to_array();
         }
-        for (set, out) in (0..).zip(&mut g.texcoords) {
-            if let (Some(out), Some(&index)) = (out, target.get(&Semantic::TexCoord(set))) {
-                let deltas = reader.floats::<2>(index)?;
-                for (x, d) in out.iter_mut().zip(deltas) {
-                    *x = [x[0] + weight * d[0], x[1] + weight * d[1]];
-                }
-            }
-        }
+    };
+    if mesh.beside.is_some() || beside.is_some() {
+        let both = mesh.beside.get_or_insert_with(|| [mesh.positions.clone(), mesh.positions.clone()]);
+        both.iter_mut().zip(beside.unwrap_or([*world; 2])).for_each(|(positions, world)| place(positions, &world));
     }
-    g.colors.iter_mut().flatten().flatten().for_each(|x| *x = x.clamp(0.0, 1.0));
-    Ok(())
-}
-
-/// Moves every vertex by the weighted mean of its joints' matrices.
-fn skin(reader: &mut Reader, primitive: &Primitive, joints: &[DMat4], g: &mut Geometry) -> Result<()> {
-    reader.budget.take(&primitive.at, g.positions.len() as u64, size_of::<DMat4>() as u64)?;
-    let mut blended = vec![(DMat4::ZERO, 0.0_f64); g.positions.len()];
-    for set in 0..primitive.skin_sets() {
-        let (Some(&joint_index), Some(&weight_index)) =
-            (primitive.attributes.get(&Semantic::Joints(set)), primitive.attributes.get(&Semantic::Weights(set)))
-        else {
-            continue;
-        };
-        let chosen = reader.integers::<4>(joint_index)?;
-        let weights = reader.floats::<4>(weight_index)?;
-        for (vertex, ((matrix, sum), (chosen, weights))) in
-            blended.iter_mut().zip(chosen.iter().zip(&weights)).enumerate()
-        {
-            for (&joint, &weight) in chosen.iter().zip(weights) {
-                if weight == 0.0 {
-                    continue;
-                }
-                let Some(joint_matrix) = joints.get(joint as usize) else {
-                    let at = &reader.document.accessors.get(joint_index)?.at;
-                    return Err(bad(
-                        at,
-                        format!("joints below {}", joints.len()),
-                        format!("{joint} at vertex {vertex}"),
-                    ));
-                };
-                *matrix += *joint_matrix * f64::from(weight);
-                *sum += f64::from(weight);
-            }
-        }
-    }
-    for (vertex, (matrix, sum)) in blended.into_iter().enumerate() {
-        // A vertex that no joint holds stays with the first one.
-        let matrix = if sum > 0.0 { matrix * (1.0 / sum) } else { joints.first().copied().unwrap_or(DMat4::IDENTITY) };
-        let linear = DMat3::from_mat4(matrix);
-        let p = &mut g.positions[vertex];
-        *p = matrix.transform_point3(DVec3::from(p.map(f64::from))).as_vec3().to_array();
-        transform_frame(
-            &linear,
-            g.normals.as_mut().map(|n| &mut n[vertex]),
-            g.tangents.as_mut().map(|t| &mut t[vertex]),
-        );
-    }
-    Ok(())
-}
-
-/// Normal by the inverse transpose, tangent by the matrix, the bitangent's sign by the determinant's. What has no
-/// direction left becomes zeros.
-fn transform_frame(linear: &DMat3, normal: Option<&mut [f32; 3]>, tangent: Option<&mut [f32; 4]>) {
-    let sign = if linear.determinant() < 0.0 { -1.0 } else { 1.0 };
-    if let Some(n) = normal {
-        // The cofactors are the inverse transpose times the determinant, and exist always.
-        let (x, y, z) = (linear.x_axis, linear.y_axis, linear.z_axis);
-        let v = DVec3::from(n.map(f64::from));
-        let out = (y.cross(z) * v.x + z.cross(x) * v.y + x.cross(y) * v.z) * sign;
-        *n = out.normalize_or_zero().as_vec3().to_array();
-    }
-    if let Some(t) = tangent {
-        let out = (*linear * DVec3::new(t[0].into(), t[1].into(), t[2].into())).normalize_or_zero().as_vec3();
-        *t = [out.x, out.y, out.z, t[3] * sign as f32];
-    }
-}
-
-/// Moves a mesh to world space for good.
-pub fn bake(mesh: &mut scene::Mesh, world: &DAffine3) {
     if *world == DAffine3::IDENTITY {
         return;
     }
-    for p in mesh.positions.as_mut_slice() {
-        *p = world.transform_point3(DVec3::from(p.map(f64::from))).as_vec3().to_array();
+    let (mut steps, mut normals) = (Vec::new(), Vec::new());
+    if let Some(motion) = &mut mesh.motion {
+        steps.extend(&mut motion.positions);
+        normals.extend(motion.normals.iter_mut().flatten());
     }
-    for n in mesh.normals.iter_mut().flatten() {
+    steps.into_iter().chain([&mut mesh.positions]).for_each(|positions| place(positions, world));
+    for n in normals.into_iter().chain(mesh.normals.iter_mut().flatten()) {
         transform_frame(&world.matrix3, Some(n), None);
     }
     for t in mesh.tangents.iter_mut().flatten() {
@@ -310,6 +225,7 @@ fn compact(g: &mut Geometry) {
         *values = values.iter().zip(keep).filter(|(_, keep)| **keep).map(|(v, _)| *v).collect();
     }
     filter(&mut g.positions, &keep);
+    g.source.iter_mut().for_each(|v| filter(v, &keep));
     g.normals.iter_mut().for_each(|v| filter(v, &keep));
     g.tangents.iter_mut().for_each(|v| filter(v, &keep));
     g.texcoords.iter_mut().flatten().for_each(|v| filter(v, &keep));
@@ -346,6 +262,7 @@ impl Geometry {
             *values = indices.iter().flatten().map(|&i| values[i as usize]).collect();
         }
         spread(&mut self.positions, &self.indices);
+        self.source.iter_mut().for_each(|v| spread(v, &self.indices));
         self.normals.iter_mut().for_each(|v| spread(v, &self.indices));
         self.tangents.iter_mut().for_each(|v| spread(v, &self.indices));
         self.texcoords.iter_mut().flatten().for_each(|v| spread(v, &self.indices));
@@ -372,6 +289,7 @@ impl Geometry {
             *values = kept.iter().map(|&i| values[i]).collect();
         }
         pick(&mut self.positions, &kept);
+        self.source.iter_mut().for_each(|v| pick(v, &kept));
         self.normals.iter_mut().for_each(|v| pick(v, &kept));
         self.tangents.iter_mut().for_each(|v| pick(v, &kept));
         self.texcoords.iter_mut().flatten().for_each(|v| pick(v, &kept));
@@ -390,6 +308,8 @@ impl Geometry {
             colors: self.colors,
             indices: self.indices,
             material,
+            motion: self.motion,
+            beside: self.beside,
         }
     }
 }

@@ -26,7 +26,9 @@ pub struct Key {
     object: ObjectKey,
     joints: Vec<u64>,
     /// Of meshes that are in world space.
-    world: Option<Vec<u64>>,
+    world: Vec<u64>,
+    /// How many moments are while the shutter is open; the others are for velocities.
+    open: usize,
 }
 
 /// Which attributes a material asks for: the set of coordinates that tangents lie along, and all sets.
@@ -49,11 +51,17 @@ impl Key {
         self.object.mesh == mesh
     }
 
-    /// Of an object whose joints and only placement, if it is its only one, stand there.
-    pub fn new(object: &ObjectKey, joints: Option<&[DMat4]>, world: Option<&DAffine3>) -> Self {
+    /// Of an object whose joints, at its moments, and placements, if it is in world space, are these.
+    pub fn new<'a>(
+        object: &ObjectKey,
+        joints: impl Iterator<Item = &'a [DMat4]>,
+        worlds: impl Iterator<Item = DAffine3>,
+        open: usize,
+    ) -> Self {
         let bits = |numbers: &[f64]| numbers.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
-        let joints = joints.unwrap_or_default().iter().flat_map(|m| bits(&m.to_cols_array())).collect();
-        Self { object: object.clone(), joints, world: world.map(|world| bits(&world.to_cols_array())) }
+        let joints = joints.flatten().flat_map(|m| bits(&m.to_cols_array())).collect();
+        let world = worlds.flat_map(|world| bits(&world.to_cols_array())).collect();
+        Self { object: object.clone(), joints, world, open }
     }
 }
 

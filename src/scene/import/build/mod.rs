@@ -1,12 +1,16 @@
 //! Puts the scene together from a checked document.
 
 mod cameras;
+mod count;
 mod decode;
+mod deform;
 mod geometry;
 mod kept;
 mod lights;
 mod materials;
+mod moments;
 mod nodes;
+mod placing;
 mod pose;
 mod reader;
 mod skins;
@@ -17,30 +21,46 @@ use std::collections::HashSet;
 use std::sync::Arc;
 use std::time::Instant;
 
-use glam::{Affine3A, DAffine3, DVec3};
+use glam::{DAffine3, DMat4};
 use tracing::debug;
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::extensions::{Support, support};
 use crate::scene::import::document::primitives::Mesh as MeshOfDocument;
-use crate::scene::import::report::{ImportReport, Notes, SceneCounts};
-use crate::scene::{self, FARTHEST, Framing, Instance, Mesh, Object, Scene, Texels};
+use crate::scene::import::report::{ImportReport, Notes};
+use crate::scene::{self, Framing, Instance, Mesh, Motion, Object, Scene};
 
-use geometry::Pose;
+use count::count;
+pub use count::{image_bytes, mesh_bytes};
+use deform::{Pose, Poses};
 pub use kept::Kept;
 use kept::{KeptObject, Key, Objects, needs};
 use materials::MaterialTable;
+pub use moments::{Moment, moment, moments};
 use nodes::{ObjectKey, Placement, Walk, walk};
+use placing::{corners, is_invertible, is_solid, moved, points, to_single};
 pub use pose::posed;
 use reader::Reader;
 use textures::TextureTable;
 
-/// Builds the scene with what `kept` has of its other moments, adds to the document's notes, and fills the report's extensions, notes and counts.
+/// What is shown.
+pub struct Shown<'a> {
+    /// At the picture's own moment.
+    pub document: &'a Document,
+    /// Is that one of its animations?
+    pub posed: bool,
+    /// While the shutter is open, and a frame before and after; either may be none.
+    pub moments: &'a [Moment],
+    /// How many of them are while the shutter is open.
+    pub open: usize,
+}
+
+/// Builds the scene with what `kept` has of its other poses, adds to the document's notes, and fills the report's
+/// extensions, notes and counts.
 pub fn build(
-    document: &Document,
+    &Shown { document, posed, moments, open }: &Shown,
     file_bytes: u64,
-    posed: bool,
     kept: &Kept,
     mut notes: Notes,
     report: &mut ImportReport,
@@ -50,6 +70,8 @@ pub fn build(
     let textures = TextureTable::new(file_bytes);
     let mut assembly = Assembly {
         document,
+        moments,
+        open,
         reader,
         textures,
         materials: MaterialTable::default(),
@@ -58,7 +80,7 @@ pub fn build(
         // At rest there are no other moments.
         sharing: posed.then(|| Sharing { before: kept.objects(), now: Objects::default() }),
     };
-    let walk = walk(document, &mut assembly.reader, &mut notes)?;
+    let walk = walk(document, (moments, open), &mut assembly.reader, &mut notes)?;
     // What is kept need not be unpacked; where it is another pose that is kept, it is unpacked when it is asked for.
     let known = |mesh: usize| assembly.sharing.as_ref().is_some_and(|s| s.before.keys().any(|key| key.is_of(mesh)));
     let meshes = walk.objects.iter().filter(|(key, _)| !known(key.mesh));
@@ -129,6 +151,9 @@ fn note_document(document: &Document, variant: bool, posed: bool, notes: &mut No
 
 struct Assembly<'a> {
     document: &'a Document,
+    moments: &'a [Moment],
+    /// How many of them are while the shutter is open.
+    open: usize,
     reader: Reader<'a>,
     textures: TextureTable,
     materials: MaterialTable,
@@ -136,6 +161,20 @@ struct Assembly<'a> {
     /// Of a scene without a camera.
     framing: Option<Box<Framing>>,
     sharing: Option<Sharing>,
+}
+
+/// Weights of morph targets, and joints.
+type Form = (Vec<f32>, Option<Vec<DMat4>>);
+
+/// What is placed once and still, and where it is a frame before and after if that is elsewhere.
+type Once<'a> = (&'a Placement, Option<[DAffine3; 2]>);
+
+/// Where a placement is.
+struct Way {
+    /// While the shutter is open; `None` if it is still.
+    open: Option<Vec<DAffine3>>,
+    /// A frame before and after; `None` if that is where it is.
+    beside: Option<[DAffine3; 2]>,
 }
 
 /// Objects of another moment, and of this one.
@@ -154,17 +193,29 @@ impl Assembly<'_> {
             Some(skin) => Some(skins::joint_matrices(document.skins.get(skin)?, &mut self.reader, &walk.worlds)?),
             None => None,
         };
-        let weights: Vec<f32> = key.weights.iter().map(|bits| f32::from_bits(*bits)).collect();
-        let pose = Pose { weights: &weights, joints: joints.as_deref() };
         let start = self.scene.meshes.len() as u32;
         if placements.is_empty() {
             return Ok(());
         }
-        let once = if let [placement] = placements[..] { Some(placement) } else { None };
-        if self.sharing.is_some() {
-            self.share(key, mesh, &pose, once, notes)?;
+        let floats = |bits: &[u32]| bits.iter().map(|bits| f32::from_bits(*bits)).collect::<Vec<_>>();
+        let weights = floats(&key.weights);
+        let forms = self.forms(key)?;
+        let forms: Vec<Pose> = forms.iter().map(|(w, joints)| Pose { weights: w, joints: joints.as_deref() }).collect();
+        let own = Pose { weights: &weights, joints: joints.as_deref() };
+        let changing = |forms: &[Pose]| forms.iter().any(|form| *form != own);
+        let [over, beside] = [&forms[..self.open], &forms[self.open..]].map(|f| if changing(f) { f } else { &[] });
+        let poses = Poses { own, over, beside };
+        let ways = placements.iter().map(|placement| self.way(placement, notes)).collect::<Vec<_>>();
+        // Into world space for good, if it is there but once, and still.
+        let once = if let ([placement], [Way { open: None, .. }]) = (&placements[..], &ways[..]) {
+            Some((*placement, ways[0].beside))
         } else {
-            let read = self.read(mesh, &pose, once, notes)?;
+            None
+        };
+        if self.sharing.is_some() {
+            self.share(key, mesh, &poses, once, notes)?;
+        } else {
+            let read = self.read(mesh, &poses, once, notes)?;
             self.scene.meshes.extend(read.into_iter().map(|(_, mesh)| Arc::new(mesh)));
         }
         let meshes = start..self.scene.meshes.len() as u32;
@@ -174,32 +225,69 @@ impl Assembly<'_> {
         let object = self.scene.objects.len() as u32;
         self.scene.objects.push(Object { name: mesh.name.clone(), meshes: meshes.clone() });
         let own = self.scene.meshes[meshes.start as usize..].iter().map(Arc::as_ref);
-        if let Some(placement) = once {
+        if let Some((placement, _)) = once {
             if let Some(framing) = &mut self.framing {
                 points(own).for_each(|p| framing.include(p));
             }
-            self.scene.instances.push(Instance { name: placement.name.clone(), object, transform: None });
+            self.scene.instances.push(Instance { name: placement.name.clone(), object, ..Default::default() });
             return Ok(());
         }
+        if let (Some(framing), [only]) = (&mut self.framing, &placements[..]) {
+            points(own.clone()).for_each(|p| framing.include(only.world.transform_point3(p)));
+        }
         let corners = corners(own);
-        for placement in &placements {
-            for p in moved(&corners, placement, &mesh.at)? {
-                if let Some(framing) = &mut self.framing {
-                    framing.include(p);
-                }
+        for (placement, way) in placements.iter().zip(ways) {
+            let seen = moved(&corners, &placement.world, &placement.at, &mesh.at)?;
+            if let Some(framing) = self.framing.as_mut().filter(|_| placements.len() > 1) {
+                seen.into_iter().for_each(|p| framing.include(p));
             }
-            let transform = Some(to_single(&placement.world));
-            self.scene.instances.push(Instance { name: placement.name.clone(), object, transform });
+            for world in way.open.iter().flatten() {
+                moved(&corners, world, &placement.at, &mesh.at)?;
+            }
+            let motion = way.open.and_then(|way| Motion::new(&way)).map(Arc::new);
+            let (transform, beside) = (Some(to_single(&placement.world)), way.beside.map(|b| b.map(|w| to_single(&w))));
+            self.scene.instances.push(Instance { name: placement.name.clone(), object, transform, motion, beside });
         }
         Ok(())
+    }
+
+    /// Weights and joints at each moment.
+    fn forms(&mut self, key: &ObjectKey) -> Result<Vec<Form>> {
+        let mut forms = Vec::new();
+        for (i, moment) in self.moments.iter().enumerate() {
+            let weights = key.moving.get(i).unwrap_or(&key.weights).iter().map(|bits| f32::from_bits(*bits));
+            let joints = match key.skin.map(|skin| self.document.skins.get(skin)).transpose()? {
+                Some(skin) => Some(skins::joint_matrices(skin, &mut self.reader, &moment.matrices())?),
+                None => None,
+            };
+            forms.push((weights.collect(), joints));
+        }
+        Ok(forms)
+    }
+
+    /// Where a placement is at other moments.
+    fn way(&self, placement: &Placement, notes: &mut Notes) -> Way {
+        let way = placement.way(self.moments);
+        let still = |way: &[DAffine3]| way.iter().all(|world| to_single(world) == to_single(&placement.world));
+        let (open, beside) = way.split_at(self.open.min(way.len()));
+        let solid = open.iter().all(is_invertible);
+        if !solid {
+            let text =
+                "of zero or infinite scale while the shutter is open: it stands still as at the picture's moment";
+            notes.approximated(&placement.at, text);
+        }
+        Way {
+            open: (solid && !still(open)).then(|| open.to_vec()),
+            beside: beside.try_into().ok().filter(|beside: &[DAffine3; 2]| !still(beside)),
+        }
     }
 
     /// Reads an object's meshes, each with the number of its primitive; those of one that is placed once, into world space.
     fn read(
         &mut self,
         mesh: &MeshOfDocument,
-        pose: &Pose,
-        once: Option<&Placement>,
+        poses: &Poses,
+        once: Option<Once>,
         notes: &mut Notes,
     ) -> Result<Vec<(usize, Mesh)>> {
         let document = self.document;
@@ -212,12 +300,12 @@ impl Assembly<'_> {
             }
             // Points and lines use no material of ours.
             if primitive.mode < 4 {
-                geometry::read(&mut self.reader, primitive, &scene::Material::default(), pose, notes)?;
+                geometry::read(&mut self.reader, primitive, &scene::Material::default(), poses, notes)?;
                 continue;
             }
             let material = self.materials.get(document, primitive.material, &mut self.textures, notes)?;
             let shading = &self.materials.materials[material as usize];
-            if let Some(geometry) = geometry::read(&mut self.reader, primitive, shading, pose, notes)? {
+            if let Some(geometry) = geometry::read(&mut self.reader, primitive, shading, poses, notes)? {
                 let name = match mesh.primitives.len() {
                     1 => mesh.name.clone(),
                     _ => format!("{}[{i}]", mesh.name),
@@ -225,9 +313,9 @@ impl Assembly<'_> {
                 meshes.push((i, geometry.into_mesh(name, material)));
             }
         }
-        if let Some(placement) = once {
-            moved(&corners(meshes.iter().map(|(_, mesh)| mesh)), placement, &mesh.at)?;
-            meshes.iter_mut().for_each(|(_, mesh)| geometry::bake(mesh, &placement.world));
+        if let Some((placement, beside)) = once {
+            moved(&corners(meshes.iter().map(|(_, mesh)| mesh)), &placement.world, &placement.at, &mesh.at)?;
+            meshes.iter_mut().for_each(|(_, mesh)| geometry::bake(mesh, &placement.world, beside));
         }
         Ok(meshes)
     }
@@ -237,12 +325,16 @@ impl Assembly<'_> {
         &mut self,
         key: &ObjectKey,
         mesh: &MeshOfDocument,
-        pose: &Pose,
-        once: Option<&Placement>,
+        poses: &Poses,
+        once: Option<Once>,
         notes: &mut Notes,
     ) -> Result<()> {
         let document = self.document;
-        let key = Key::new(key, pose.joints, once.map(|placement| &placement.world));
+        let joints = [&poses.own].into_iter().chain(poses.over).chain(poses.beside).filter_map(|pose| pose.joints);
+        let worlds = once
+            .iter()
+            .flat_map(|(placement, beside)| [placement.world].into_iter().chain(beside.iter().flatten().copied()));
+        let key = Key::new(key, joints, worlds, self.open);
         // Materials are numbered as if nothing were shared.
         let (mut materials, mut asked) = (Vec::new(), Vec::new());
         for primitive in &mesh.primitives {
@@ -260,7 +352,7 @@ impl Assembly<'_> {
             None => {
                 self.reader.unpack(mesh.primitives.iter())?;
                 let mut own = Notes::default();
-                let read = self.read(mesh, pose, once, &mut own)?;
+                let read = self.read(mesh, poses, once, &mut own)?;
                 let meshes = read.into_iter().map(|(i, mesh)| (i, Arc::new(mesh))).collect();
                 Arc::new(KeptObject { needs: asked, meshes, notes: own.into_list() })
             }
@@ -277,21 +369,6 @@ impl Assembly<'_> {
             sharing.now.insert(key, object);
         }
         Ok(())
-    }
-}
-
-/// Where a placement takes a box's corners.
-///
-/// # Errors
-/// One that takes them, or finds them, too far away.
-fn moved(corners: &[DVec3], placement: &Placement, mesh: &str) -> Result<Vec<DVec3>> {
-    let moved: Vec<DVec3> = corners.iter().map(|&c| placement.world.transform_point3(c)).collect();
-    match corners.iter().chain(&moved).any(|p| p.abs().max_element() > f64::from(FARTHEST)) {
-        true => Err(Error::Data(format!(
-            "{}: places {mesh} beyond {FARTHEST:e} m, where rays cannot be traced; scale the scene down",
-            placement.at
-        ))),
-        false => Ok(moved),
     }
 }
 
@@ -312,75 +389,4 @@ fn note_faults(document: &Document, nothing_shown: bool, notes: &mut Notes) -> R
         notes.not_loaded(&at, format!("faulty, but nothing shown needs it: {error}"));
     }
     Ok(())
-}
-
-fn to_single(world: &DAffine3) -> Affine3A {
-    world.as_affine3a()
-}
-
-/// Drops what a transform makes flat or infinite.
-fn is_solid(placement: &Placement, notes: &mut Notes) -> bool {
-    let single = to_single(&placement.world);
-    let solid = placement.world.matrix3.determinant() != 0.0 && single.is_finite() && single.inverse().is_finite();
-    if !solid {
-        notes.not_loaded(&placement.at, "a placement with zero or infinite scale: nothing to see");
-    }
-    solid
-}
-
-fn points<'a>(meshes: impl Iterator<Item = &'a Mesh>) -> impl Iterator<Item = DVec3> {
-    meshes.flat_map(|m| m.positions.iter()).map(|p| DVec3::from(p.map(f64::from)))
-}
-
-/// Corners of the meshes' box.
-fn corners<'a>(meshes: impl Iterator<Item = &'a Mesh>) -> Vec<DVec3> {
-    let bounds = |b: Option<(DVec3, DVec3)>, p: DVec3| Some(b.map_or((p, p), |(low, high)| (low.min(p), high.max(p))));
-    let Some((low, high)) = points(meshes).fold(None, bounds) else { return Vec::new() };
-    let pick = |i: u32, axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
-    (0..8).map(|i| DVec3::new(pick(i, 0), pick(i, 1), pick(i, 2))).collect()
-}
-
-/// Bytes of a mesh's arrays.
-pub fn mesh_bytes(mesh: &Mesh) -> u64 {
-    fn of<T>(values: Option<&Vec<T>>) -> usize {
-        values.map_or(0, |v| size_of_val(v.as_slice()))
-    }
-    let bytes = size_of_val(&mesh.positions[..])
-        + of(Some(&mesh.indices))
-        + of(mesh.normals.as_ref())
-        + of(mesh.tangents.as_ref())
-        + mesh.texcoords.iter().map(|t| of(t.as_ref())).sum::<usize>()
-        + of(mesh.colors.as_ref());
-    bytes as u64
-}
-
-/// Bytes of a picture's texels.
-pub fn image_bytes(image: &scene::Image) -> u64 {
-    let bytes = match &image.texels {
-        Texels::Rgb8(t) => size_of_val(t.as_slice()),
-        Texels::Rgba8(t) => size_of_val(t.as_slice()),
-        Texels::Rgba16(t) => size_of_val(t.as_slice()),
-    };
-    bytes as u64
-}
-
-fn count(scene: &Scene) -> SceneCounts {
-    let triangles = |meshes: &[Arc<Mesh>]| meshes.iter().map(|m| m.indices.len() as u64).sum::<u64>();
-    let of_instance = |i: &Instance| {
-        let range = &scene.objects[i.object as usize].meshes;
-        triangles(&scene.meshes[range.start as usize..range.end as usize])
-    };
-    SceneCounts {
-        triangles: triangles(&scene.meshes),
-        instanced_triangles: scene.instances.iter().map(of_instance).sum(),
-        meshes: scene.meshes.len() as u64,
-        objects: scene.objects.len() as u64,
-        instances: scene.instances.len() as u64,
-        materials: scene.materials.len() as u64,
-        images: scene.images.len() as u64,
-        lights: scene.lights.len() as u64,
-        cameras: scene.cameras.len() as u64,
-        geometry_bytes: scene.meshes.iter().map(|mesh| mesh_bytes(mesh)).sum(),
-        image_bytes: scene.images.iter().map(|image| image_bytes(image)).sum(),
-    }
 }

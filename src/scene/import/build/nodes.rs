@@ -1,9 +1,11 @@
 //! The node tree, walked without recursion.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
-use glam::{DAffine3, DMat4, DQuat, DVec3};
+use glam::{Affine3A, DAffine3, DMat4, DQuat, DVec3};
 
+use super::moments::Moment;
 use super::reader::Reader;
 use super::{cameras, lights};
 use crate::error::Result;
@@ -11,7 +13,7 @@ use crate::scene::import::document::Document;
 use crate::scene::import::document::extensions::{Support, support};
 use crate::scene::import::document::nodes::Instancing;
 use crate::scene::import::report::Notes;
-use crate::scene::{Camera, PunctualLight};
+use crate::scene::{Camera, Motion, PunctualLight};
 
 /// What an object is made from: equal keys share their meshes.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
@@ -19,6 +21,8 @@ pub struct ObjectKey {
     pub mesh: usize,
     /// Bits of the morph weights.
     pub weights: Vec<u32>,
+    /// Those of each moment of the shutter; empty where they are the same.
+    pub moving: Vec<Vec<u32>>,
     pub skin: Option<usize>,
 }
 
@@ -27,6 +31,15 @@ pub struct Placement {
     pub name: String,
     pub world: DAffine3,
     pub at: String,
+    /// The node, and where it is in it; `None` for what joints alone place.
+    pub node: Option<(usize, DAffine3)>,
+}
+
+impl Placement {
+    /// Where it is at each moment of the shutter; empty where joints alone place it.
+    pub fn way(&self, moments: &[Moment]) -> Vec<DAffine3> {
+        self.node.iter().flat_map(|&(node, local)| moments.iter().map(move |m| m.worlds[node] * local)).collect()
+    }
 }
 
 /// What the shown scene holds.
@@ -40,11 +53,8 @@ pub struct Walk {
     pub worlds: Vec<DMat4>,
 }
 
-/// Walks the shown scene.
-///
-/// # Errors
-/// Instance data that cannot be read.
-pub fn walk(document: &Document, reader: &mut Reader, notes: &mut Notes) -> Result<Walk> {
+/// Every node's transform to world space.
+pub fn worlds(document: &Document) -> Vec<DAffine3> {
     let nodes = &document.nodes;
     let mut worlds = vec![DAffine3::IDENTITY; nodes.len()];
     let mut is_child = vec![false; nodes.len()];
@@ -55,7 +65,20 @@ pub fn walk(document: &Document, reader: &mut Reader, notes: &mut Notes) -> Resu
         worlds[index] = parent * nodes[index].transform;
         stack.extend(nodes[index].children.iter().map(|&child| (child, worlds[index])));
     }
+    worlds
+}
 
+/// Walks the shown scene, with what its moments add, of which the first `open` are while the shutter is.
+///
+/// # Errors
+/// Instance data that cannot be read.
+pub fn walk(
+    document: &Document,
+    (moments, open): (&[Moment], usize),
+    reader: &mut Reader,
+    notes: &mut Notes,
+) -> Result<Walk> {
+    let (nodes, worlds) = (&document.nodes, worlds(document));
     let mut out = Walk { worlds: worlds.iter().map(|&w| w.into()).collect(), ..Default::default() };
     let mut by_key: HashMap<ObjectKey, usize> = HashMap::new();
     let mut shown = vec![false; nodes.len()];
@@ -76,7 +99,14 @@ pub fn walk(document: &Document, reader: &mut Reader, notes: &mut Notes) -> Resu
         if let Some(camera) = content.camera.map(|c| document.cameras.get(c)).transpose()? {
             let name = if node.name == node.at { camera.name.clone() } else { None };
             match cameras::place(camera, name.unwrap_or_else(|| node.name.clone()), &world) {
-                Some(camera) => out.cameras.push(camera),
+                Some(placed) => {
+                    let way = moments.iter().map(|m| cameras::place(camera, String::new(), &m.worlds[index]));
+                    let way: Option<Vec<_>> = way.map(|camera| Some(camera?.to_world)).collect();
+                    let (way, after) = way.as_deref().map_or((&[][..], &[][..]), |way| way.split_at(open));
+                    let motion = Motion::new(&way.iter().map(in_double).collect::<Vec<_>>()).map(Arc::new);
+                    let beside = after.try_into().ok().filter(|beside| *beside != [placed.to_world; 2]);
+                    out.cameras.push(Camera { motion, beside, ..placed });
+                }
                 None => notes.ignored(&node.at, "a camera whose node has no direction or place"),
             }
         }
@@ -86,12 +116,20 @@ pub fn walk(document: &Document, reader: &mut Reader, notes: &mut Notes) -> Resu
             }
             continue;
         }
-        if let Some(light) = content.light {
-            out.lights.extend(lights::place(document.lights.get(light)?, &node.name, &world, notes));
+        let light = content.light.map(|light| document.lights.get(light)).transpose()?;
+        if let Some(placed) = light.and_then(|light| lights::place(light, &node.name, &world, notes)) {
+            let motion: Option<Vec<_>> = moments[..open].iter().map(|m| m.lights[index]).collect();
+            let motion = motion.filter(|keys| keys.iter().any(|key| *key != placed.key()));
+            out.lights.push(PunctualLight { motion: motion.unwrap_or_default(), ..placed });
         }
         let Some(mesh) = content.mesh else { continue };
         let weights = content.weights.as_ref().unwrap_or(&document.meshes.get(mesh)?.weights);
-        let key = ObjectKey { mesh, weights: weights.iter().map(|w| w.to_bits()).collect(), skin: content.skin };
+        let bits = |weights: &[f32]| weights.iter().map(|w| w.to_bits()).collect::<Vec<_>>();
+        let mut moving: Vec<_> = moments.iter().map(|m| bits(&m.weights[index])).collect();
+        if moving.iter().all(|moment| *moment == bits(weights)) {
+            moving.clear();
+        }
+        let key = ObjectKey { mesh, weights: bits(weights), moving, skin: content.skin };
         let placements = match by_key.get(&key) {
             Some(&i) => &mut out.objects[i].1,
             None => {
@@ -103,14 +141,20 @@ pub fn walk(document: &Document, reader: &mut Reader, notes: &mut Notes) -> Resu
                 }
             }
         };
-        let place = |world: DAffine3| Placement { name: node.name.clone(), world, at: node.at.clone() };
+        let place = |world: DAffine3, inside: Option<(usize, DAffine3)>| Placement {
+            name: node.name.clone(),
+            world,
+            at: node.at.clone(),
+            node: inside,
+        };
         match &content.instancing {
             // Joints alone place a skinned mesh.
-            _ if content.skin.is_some() => placements.push(place(DAffine3::IDENTITY)),
+            _ if content.skin.is_some() => placements.push(place(DAffine3::IDENTITY, None)),
             Some(instancing) => {
-                placements.extend(instances(instancing, reader)?.into_iter().map(|t| place(world * t)));
+                let all = instances(instancing, reader)?;
+                placements.extend(all.into_iter().map(|t| place(world * t, Some((index, t)))));
             }
-            None => placements.push(place(world)),
+            None => placements.push(place(world, Some((index, DAffine3::IDENTITY)))),
         }
     }
     for (node, _) in nodes.iter().zip(shown).filter(|(_, shown)| !shown) {
@@ -119,6 +163,10 @@ pub fn walk(document: &Document, reader: &mut Reader, notes: &mut Notes) -> Resu
         }
     }
     Ok(out)
+}
+
+fn in_double(transform: &Affine3A) -> DAffine3 {
+    DAffine3::from_cols_array(&transform.to_cols_array().map(f64::from))
 }
 
 /// Instance to node space.

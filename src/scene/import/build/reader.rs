@@ -14,7 +14,7 @@ use crate::scene::import::document::compression::Draco;
 use crate::scene::import::document::primitives::Primitive;
 
 /// Memory that a file may still ask for: hostile files ask for far more than they hold.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Budget {
     left: u64,
     whole: u64,
