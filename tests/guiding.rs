@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::time::Instant;
 
 use bismar::film::PixelStats;
 use bismar::guiding::directions::{BINS, bins, steradians};
@@ -10,7 +11,7 @@ use bismar::integrator::{PixelBatch, PixelTask, Transport, Wave};
 use bismar::lanes::{F, LANES, V3};
 use bismar::rays::Backend;
 use bismar::render::pilot::learned;
-use bismar::render::{Balance, Guiding, Part, RenderSettings, Rendered, render, transport};
+use bismar::render::{Balance, Guiding, Part, RenderSettings, Rendered, RunOptions, Saved, render, run, transport};
 use bismar::sampling::{SplitMix64, warp};
 use bismar::scene::{Material, Scene};
 use glam::Vec3;
@@ -219,6 +220,20 @@ fn a_guided_picture_has_the_same_bits_on_any_threads_in_any_window_and_part() {
     }
     let unguided = RenderSettings { guiding: Guiding::Off, ..settings };
     assert_ne!(whole, sums(&on_threads(&stage, &unguided, 2)));
+}
+
+#[test]
+fn a_guided_picture_that_is_gone_on_from_has_the_bits_of_one_in_one_go() {
+    let stage = Stage::new(cove(), Backend::Embree);
+    let (first, longer) = (settings(Guiding::On), RenderSettings { spp: Some(16), ..settings(Guiding::On) });
+    let Rendered { tiles, stats, .. } = on_threads(&stage, &first, 2);
+    let stop = AtomicBool::new(false);
+    let from = Some(Saved { tiles, stats });
+    let options = RunOptions { stop: &stop, progress: &|_| (), began: Instant::now(), from, pauses: Vec::new() };
+    let (parts, whole) = (run(&stage.scene, &longer, options), on_threads(&stage, &longer, 2));
+    for (a, b) in parts.tiles.iter().zip(&whole.tiles) {
+        assert!((0..a.pixels()).all(|i| a.at(i).0.samples == 16 && a.at(i).0.sum == b.at(i).0.sum));
+    }
 }
 
 #[test]

@@ -28,12 +28,15 @@ pub struct Lesson {
     pub field_pdf: f32,
 }
 
-/// Lessons of a cell, about; a cell of fewer is not parted.
-const LESSONS_A_CELL: usize = 256;
+/// Lessons of a cell, about: the more, the more there are. A cell of fewer is not parted; but where little is found, near lights
+/// are seen in other directions from everywhere, and one cell for all leads nobody.
+const LESSONS_A_CELL: [usize; 2] = [24, 256];
+/// Cells, about, before they hold more lessons than the fewest.
+const FIRST_CELLS: usize = 64;
 /// Lessons of a node that count as much as all that its parent knows.
-const OWN: f64 = 64.0;
-/// Of so many lessons, one has a say in the tree.
-const PLACES_OF: usize = 8;
+const OWN: f64 = 16.0;
+/// Lessons that have a say in the tree, at most.
+const PLACES: usize = 1 << 15;
 /// Shares among which cells choose.
 pub const SHARES: [f32; 5] = [0.0, 0.25, 0.5, 0.75, 0.875];
 /// The share while a field is learned.
@@ -65,8 +68,10 @@ impl Gain {
 /// share is found from the lessons from `fresh` on, whose [`Lesson::field_pdf`] is of a field that did not know them.
 /// Without such the share is ½.
 pub fn learn(lessons: &[Lesson], fresh: usize, scale: f32, most_cells: usize) -> (Field, Gain) {
-    let places = lessons.iter().step_by(PLACES_OF).map(|l| Tree::place(l.position, l.normal, scale)).collect();
-    let tree = Tree::new(places, scale, LESSONS_A_CELL / PLACES_OF, most_cells);
+    let step = lessons.len().div_ceil(PLACES).max(1);
+    let places = lessons.iter().step_by(step).map(|l| Tree::place(l.position, l.normal, scale)).collect();
+    let of_cell = (lessons.len() / FIRST_CELLS).clamp(LESSONS_A_CELL[0], LESSONS_A_CELL[1]);
+    let tree = Tree::new(places, scale, of_cell.div_ceil(step), most_cells);
     let mut cells = vec![Sums::default(); tree.leaves()];
     for (i, lesson) in lessons.iter().enumerate() {
         cells[tree.leaf(lesson.position, lesson.normal) as usize].add(lesson, i >= fresh);

@@ -16,15 +16,23 @@ use crate::integrator::{CameraRays, PixelBatch, PixelTask, PreparedScene, Transp
 use crate::sampling::hash;
 
 /// Pixels of the pilot's picture, at least; that of a large picture has a fraction of its pixels.
-const PIXELS: f64 = 12_288.0;
+const PIXELS: f64 = 8192.0;
 /// Pixels of a picture for each of its pilot's.
 const PIXELS_OF: f64 = 16.0;
-/// Paths a pixel in each round; each is led by what those before it found.
-const ROUNDS: [u32; 4] = [1, 2, 4, 8];
-/// The round after which `auto` asks whether it pays.
-const ASKS: usize = 1;
-/// `auto` guides where it is to leave no more than this of the variance.
-const PAYS: f32 = 0.8;
+/// Rounds, at most: of 1, 2, 4, … paths a pixel, each led by what those before it found.
+const ROUNDS: u32 = 6;
+/// Paths of the pilot for each pixel of the picture, at most.
+const PATHS_A_PIXEL: f64 = 24.0;
+/// Lessons after which no further round is worth its time, or as many as half the picture's pixels.
+const ENOUGH: usize = 150_000;
+/// The round after which `auto` asks whether it pays, counted from 0.
+const ASKS: u32 = 1;
+/// Then, it goes on where it is to leave no more than this of the variance, or where so few of a pilot's paths have found
+/// anything that nobody can tell.
+const PROMISES: f32 = 0.9;
+const FEW: f64 = 0.04;
+/// At the end, it guides where no more than this is to be left.
+const PAYS: f32 = 0.75;
 /// Side of the pilot's tiles, and of the blocks that are judged by their mean.
 const TILE: u32 = 32;
 const BLOCK: u32 = 8;
@@ -63,11 +71,10 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
         return None;
     }
     let most = settings.guiding_memory.unwrap_or(MEMORY) as f64;
-    let paths: u32 = ROUNDS.iter().sum();
-    let lessons_a_path = f64::from(transport.max_depth.min(10) - 1);
-    let fits = most / 2.0 / (f64::from(paths) * lessons_a_path * size_of::<Lesson>() as f64);
+    // A round may bring as many lessons as all before it, several times: each is told how many it may keep.
+    let most_lessons = (most / 2.0 / size_of::<Lesson>() as f64) as usize;
     let pixels = f64::from(settings.width) * f64::from(settings.height);
-    let scale = (PIXELS.max(pixels / PIXELS_OF).min(fits) / pixels).sqrt().min(1.0);
+    let scale = (PIXELS.max(pixels / PIXELS_OF) / pixels).sqrt().min(1.0);
     let size = [settings.width, settings.height].map(|n| (f64::from(n) * scale).ceil().max(1.0) as u32);
     let camera = CameraRays::new(&scene.scene.camera(settings.camera, size[0], size[1]), size[0], size[1]);
     let most_cells = (most / 2.0 / (2 * Field::CELL_BYTES) as f64).max(1.0) as usize;
@@ -76,28 +83,39 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
     let mut lessons = Vec::new();
     let mut known = None;
     let mut worth = Worth::default();
-    for (round, paths) in ROUNDS.into_iter().enumerate() {
+    let pilot_pixels = f64::from(size[0]) * f64::from(size[1]);
+    for round in 0..ROUNDS {
+        let paths = 1 << round;
         let fresh = lessons.len();
         let transport = Transport {
             camera: camera.clone().with_lens(lens),
-            seed: hash(settings.seed ^ hash(0x6775_6964 + round as u32)),
+            seed: hash(settings.seed ^ hash(0x6775_6964 + round)),
             field: known.as_ref(),
             ..transport.clone()
         };
-        let (taken, variance) = take(&transport, size, paths);
+        let (taken, variance) = take(&transport, size, paths, most_lessons - fresh);
+        let few = (taken.len() as f64) < FEW * pilot_pixels * f64::from(paths);
         lessons.extend(taken);
+        // Those of the next round, and all before.
+        let all = pilot_pixels * f64::from(4 * paths - 1);
+        let last = round + 1 == ROUNDS
+            || all > (PATHS_A_PIXEL * pixels).max(15.0 * pilot_pixels)
+            || lessons.len() >= ENOUGH.max(pixels as usize / 2).min(most_lessons);
+        let asks = last || (round == ASKS && settings.guiding == Guiding::Auto);
         // The first round has led nobody.
-        let fresh = if round > 0 { fresh } else { usize::MAX };
-        let last = round + 1 == ROUNDS.len();
-        let asks = settings.guiding == Guiding::Auto && (round == ASKS || last);
-        let (field, gain) = learn(&lessons, if asks || last { fresh } else { usize::MAX }, normals, most_cells);
-        if asks || last {
+        let fresh = if asks && round > 0 { fresh } else { usize::MAX };
+        let (field, gain) = learn(&lessons, fresh, normals, most_cells);
+        if asks {
             worth = Worth { variance: gain.variance(variance), share: gain.share };
-        }
-        if asks && worth.variance > PAYS {
-            return Some(Learned { field: None, worth });
+            let most = if last { PAYS } else { PROMISES };
+            if settings.guiding == Guiding::Auto && worth.variance > most && (last || !few) {
+                return Some(Learned { field: None, worth });
+            }
         }
         known = Some(field);
+        if last {
+            break;
+        }
     }
     Some(Learned { field: known, worth })
 }
@@ -118,13 +136,15 @@ fn divisors(tasks: &[PixelTask], stats: &[PixelStats]) -> Vec<f32> {
     tasks.chunk_by(alike).flat_map(of_block).collect()
 }
 
-/// What paths of a picture of this size teach, and the sum of their variances over what relMSE divides their pixels by.
-fn take(transport: &Transport, [width, height]: [u32; 2], paths: u32) -> (Vec<Lesson>, f64) {
+/// What paths of a picture of this size teach, at most so many lessons, and the sum of their variances over what relMSE divides
+/// their pixels by.
+fn take(transport: &Transport, [width, height]: [u32; 2], paths: u32, most: usize) -> (Vec<Lesson>, f64) {
     let counts = if transport.lights.has_extent() { Counts::half(paths) } else { Counts::bsdf_only(paths) };
     let tiles: Vec<_> = (0..height)
         .step_by(TILE as usize)
         .flat_map(|y| (0..width).step_by(TILE as usize).map(move |x| [x, y]))
         .collect();
+    let most = most / tiles.len();
     let of_tile = |&[x0, y0]: &[u32; 2]| {
         let mut pixels: Vec<_> =
             (y0..height.min(y0 + TILE)).flat_map(|y| (x0..width.min(x0 + TILE)).map(move |x| [x, y])).collect();
@@ -155,6 +175,13 @@ fn take(transport: &Transport, [width, height]: [u32; 2], paths: u32) -> (Vec<Le
             };
             variance += stats.iter().zip(&divisors).map(of).filter(|v| v.is_finite()).sum::<f64>();
         }
+        // Every other one, until it fits: from all over the tile.
+        while lessons.len() > most {
+            let mut kept = 0..;
+            lessons.retain(|_| kept.next().is_some_and(|i: usize| i % 2 == 1));
+            lessons.iter_mut().for_each(|lesson| lesson.weight *= 2.0);
+        }
+        lessons.shrink_to_fit();
         (lessons, variance)
     };
     let of_tiles: Vec<_> = tiles.par_iter().map(of_tile).collect();
