@@ -31,6 +31,8 @@ pub struct Lesson {
 /// Lessons of a cell, about: the more, the more there are. A cell of fewer is not parted; but where little is found, near lights
 /// are seen in other directions from everywhere, and one cell for all leads nobody.
 const LESSONS_A_CELL: [usize; 2] = [24, 256];
+/// Bytes of a cell while it learns: its sums, those of two nodes of the tree, and what comes of it.
+pub const LEARNING_CELL_BYTES: usize = size_of::<Sums>() + 2 * (BINS + 1) * size_of::<f64>() + Field::CELL_BYTES;
 /// Cells, about, before they hold more lessons than the fewest.
 const FIRST_CELLS: usize = 64;
 /// Lessons of a node that count as much as all that its parent knows.

@@ -11,6 +11,7 @@ use crate::balance::Counts;
 use crate::color::luminance;
 use crate::film::PixelStats;
 use crate::film::compare::relative_to;
+use crate::guiding::learn::LEARNING_CELL_BYTES;
 use crate::guiding::{Field, Lesson, learn};
 use crate::integrator::{CameraRays, PixelBatch, PixelTask, PreparedScene, Transport, Wave};
 use crate::sampling::hash;
@@ -71,13 +72,13 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
         return None;
     }
     let most = settings.guiding_memory.unwrap_or(MEMORY) as f64;
-    // A round may bring as many lessons as all before it, several times: each is told how many it may keep.
-    let most_lessons = (most / 2.0 / size_of::<Lesson>() as f64) as usize;
+    // A quarter for lessons, which are copied once; a quarter for cells, as they are while they learn.
+    let most_lessons = (most / 4.0 / size_of::<Lesson>() as f64) as usize;
+    let most_cells = (most / 4.0 / LEARNING_CELL_BYTES as f64).max(1.0) as usize;
     let pixels = f64::from(settings.width) * f64::from(settings.height);
     let scale = (PIXELS.max(pixels / PIXELS_OF) / pixels).sqrt().min(1.0);
     let size = [settings.width, settings.height].map(|n| (f64::from(n) * scale).ceil().max(1.0) as u32);
     let camera = CameraRays::new(&scene.scene.camera(settings.camera, size[0], size[1]), size[0], size[1]);
-    let most_cells = (most / 2.0 / (2 * Field::CELL_BYTES) as f64).max(1.0) as usize;
     let normals = 0.25 * scene.scene.radius();
     let lens = lens(scene, settings).unwrap_or_default();
     let mut lessons = Vec::new();
