@@ -126,7 +126,10 @@ fn split(places: &mut [Place]) -> Option<(usize, f32, usize)> {
             first += 1;
         }
     }
-    Some((axis, at, first))
+    // Between the two: many places have the same number, as normals of a flat surface do, which roundings must not part.
+    let below = places[..first].iter().map(|p| p[axis]).fold(f32::NEG_INFINITY, f32::max);
+    let between = below + (at - below) / 2.0;
+    Some((axis, if between > below { between } else { at }, first))
 }
 
 #[cfg(test)]
@@ -154,6 +157,19 @@ mod tests {
         assert!(counts.iter().all(|n| (1..=100).contains(n)), "{counts:?}");
         assert!(sides.iter().all(|[a, b]| a != b), "the two sides of a wall are in one cell");
         assert!(Tree::new(places, 1.0, 1, 64).leaves() <= 64);
+    }
+
+    #[test]
+    fn roundings_do_not_part_what_is_flat() {
+        let mut random = SplitMix64(6);
+        let normals: Vec<_> = (0..20).map(|_| crate::sampling::warp::sphere(random.f32(), random.f32())).collect();
+        let places: Vec<_> = (0..2000).map(|i| Tree::place(Vec3::ZERO, normals[i % 20], 1.0)).collect();
+        let tree = Tree::new(places, 1.0, 150, 1000);
+        assert_eq!(tree.leaves(), 20);
+        for normal in normals {
+            let near = (normal * (1.0 + 2.0 * f32::EPSILON), normal * (1.0 - 2.0 * f32::EPSILON));
+            assert_eq!(tree.leaf(Vec3::ZERO, near.0), tree.leaf(Vec3::ZERO, near.1));
+        }
     }
 
     #[test]
