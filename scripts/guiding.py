@@ -59,7 +59,7 @@ def main():
     parser.add_argument("--reference", type=int, default=1024)
     parser.add_argument("--size", default="192x128")
     parser.add_argument("--guiding", default="auto")
-    args = parser.parse_args()
+    args = parser.parse_intermixed_args()
     levels = [int(n) for n in args.spp.split(",")]
     products = {spp: [] for spp in levels}
     print("| scene | " + " | ".join(f"{spp} spp: relMSE of off, ratio of relMSE, of CPU s, product" for spp in levels) + " | guided |")

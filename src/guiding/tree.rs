@@ -113,12 +113,19 @@ fn split(places: &mut [Place]) -> Option<(usize, f32, usize)> {
     let variances: [f64; 6] = std::array::from_fn(|axis| squares[axis] - sums[axis] * sums[axis] / n);
     let axis = (0..6).max_by(|a, b| variances[*a].total_cmp(&variances[*b]))?;
     let middle = places.len() / 2;
-    let (lower, median, _) = places.select_nth_unstable_by(middle, |a, b| a[axis].total_cmp(&b[axis]));
-    let mut at = median[axis];
-    if lower.iter().all(|p| p[axis] >= at) {
-        // Half of them are the lowest: these apart from the others.
-        at = places.iter().map(|p| p[axis]).filter(|x| *x > at).min_by(f32::total_cmp)?;
-    }
+    let (_, median, _) = places.select_nth_unstable_by(middle, |a, b| a[axis].total_cmp(&b[axis]));
+    let median = median[axis];
+    // Many have the same number but for roundings, which must not part them: on a flat floor, or a facet's normal.
+    let values = || places.iter().map(|p| p[axis]);
+    let alike = SAME * values().map(f32::abs).fold(0.0, f32::max);
+    let most = |part: &dyn Fn(f32) -> bool| values().filter(|x| part(*x)).max_by(f32::total_cmp);
+    let least = |part: &dyn Fn(f32) -> bool| values().filter(|x| part(*x)).min_by(f32::total_cmp);
+    let (low, high) = match most(&|x| x < median - alike) {
+        Some(low) => (low, least(&|x| x >= median - alike)?),
+        None => (most(&|x| x <= median + alike)?, least(&|x| x > median + alike)?),
+    };
+    let between = low + (high - low) / 2.0;
+    let at = if between > low { between } else { high };
     let mut first = 0;
     for i in 0..places.len() {
         if places[i][axis] < at {
@@ -126,11 +133,11 @@ fn split(places: &mut [Place]) -> Option<(usize, f32, usize)> {
             first += 1;
         }
     }
-    // Between the two: many places have the same number, as normals of a flat surface do, which roundings must not part.
-    let below = places[..first].iter().map(|p| p[axis]).fold(f32::NEG_INFINITY, f32::max);
-    let between = below + (at - below) / 2.0;
-    Some((axis, if between > below { between } else { at }, first))
+    Some((axis, at, first))
 }
+
+/// Numbers that differ by less, over the largest, are the same.
+const SAME: f32 = 1e-5;
 
 #[cfg(test)]
 mod tests {
@@ -163,7 +170,8 @@ mod tests {
     fn roundings_do_not_part_what_is_flat() {
         let mut random = SplitMix64(6);
         let normals: Vec<_> = (0..20).map(|_| crate::sampling::warp::sphere(random.f32(), random.f32())).collect();
-        let places: Vec<_> = (0..2000).map(|i| Tree::place(Vec3::ZERO, normals[i % 20], 1.0)).collect();
+        let mut rounded = |normal: Vec3| normal * (1.0 + 4.0 * f32::EPSILON * (random.f32() - 0.5));
+        let places: Vec<_> = (0..2000).map(|i| Tree::place(Vec3::ZERO, rounded(normals[i % 20]), 1.0)).collect();
         let tree = Tree::new(places, 1.0, 150, 1000);
         assert_eq!(tree.leaves(), 20);
         for normal in normals {
