@@ -80,7 +80,7 @@ def main():
                 [e, t] = [x[args.guiding] / x["off"] for x in (error, seconds)]
                 products[spp].append(e * t)
                 row.append(f"{error['off']:.2e} {e:.2f} {t:.2f} **{e * t:.2f}**")
-            told = f"yes ({guided['worth']['variance']:.2f})" if guided["on"] else f"no ({guided['worth']['variance']:.2f})"
+            told = f"yes ({guided['variance']:.2f})" if guided["on"] else f"no ({guided['variance']:.2f})"
             print(f"| {scene.removeprefix('study/')} | " + " | ".join(row) + f" | {told} |", flush=True)
     means = [math.exp(sum(map(math.log, p)) / len(p)) for p in products.values()]
     print("| geometric mean | " + " | ".join(f"**{m:.2f}**" for m in means) + " | |")

@@ -99,7 +99,8 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         }
         assert!(lit > least_lit && events.into_inner() > 20_000, "{lit}");
         // On the edge of a triangle, Embree's packets may hit where a single ray misses: a few paths in ten thousand.
-        let allowed = if backend == Backend::Embree { 7 } else { 0 };
+        // A rounding may put a place on the edge of a cell into the one beside it: as few.
+        let allowed = if backend == Backend::Embree || guiding == Guiding::On { 7 } else { 0 };
         assert!(differing <= allowed, "{backend:?} {balance:?} {max_depth}: {differing} of {} paths", seen.0.len());
         assert_eq!(transport.heuristic, balance.method().heuristic());
         assert!(balance != Balance::Power || transport.heuristic == Heuristic::Power);
