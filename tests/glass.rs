@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use bismar::bsdf::{Bsdf, Parameters, Surface};
+use bismar::bsdf::{Bsdf, Lobe, Parameters, Surface};
 use bismar::integrator::dispersion;
 use bismar::lanes::{LANES, V3};
 use bismar::rays::Backend;

@@ -26,6 +26,7 @@ mod import_content;
 mod import_hostile;
 mod import_notes;
 mod import_packed;
+mod import_reach;
 mod imports_point_one_way;
 mod lens;
 mod lights;

@@ -7,7 +7,9 @@ use std::f32::consts::FRAC_1_PI;
 
 use glam::Vec3;
 
-use super::{Bsdf, Clearcoat, Finish, Glass, Lambert, Layered, Microfacet, Sheen, Translucent, ggx, glass, sheen};
+use super::{
+    Bsdf, Clearcoat, Core, Finish, Glass, Lambert, Layered, Microfacet, Sheen, Translucent, ggx, glass, sheen,
+};
 
 /// The material's parameters at one point, textures applied.
 #[derive(Debug, Clone, Copy)]
@@ -75,6 +77,7 @@ pub struct Iridescence {
 
 impl Default for Surface {
     /// A white diffuse one of glTF's default index of refraction.
+    #[inline(always)]
     fn default() -> Self {
         Self {
             base_color: Vec3::ONE,
@@ -111,6 +114,12 @@ impl Surface {
         let finished = (self.anisotropy.is_some() || self.iridescence.is_some()) && self.specular_glossiness.is_none();
         let (glass, reflection) = if finished { self.finished() } else { self.plain() };
         Layered { top: coat, base: Layered { top: sheen, base: Layered { top: glass, base: reflection } } }
+    }
+
+    /// The model, where nothing but the core one's parameters is set.
+    #[inline(always)]
+    pub fn core(&self) -> Core {
+        self.reflection(0.0).base
     }
 
     /// A surface as rough every way, without a film.
@@ -159,7 +168,7 @@ impl Surface {
     }
 
     /// What is not glass, of which the surface has this share.
-    #[inline]
+    #[inline(always)]
     fn reflection(&self, glass: f32) -> super::Unfinished<super::One> {
         let alpha = alpha(self.roughness);
         if glass >= 1.0 {

@@ -43,7 +43,10 @@ pub type Bsdf<W = One> = Layered<Clearcoat<W>, Layered<Sheen<W>, Layered<Glass<W
 type Reflection<W> = Layered<Finish<W>, Unfinished<W>>;
 
 /// And without a finish.
-type Unfinished<W> = Layered<Translucent<W>, Layered<Microfacet<W>, Lambert<W>>>;
+type Unfinished<W> = Layered<Translucent<W>, Core<W>>;
+
+/// glTF's core model, which most surfaces have and nothing more: what is compiled once more, without the rest.
+pub type Core<W = One> = Layered<Microfacet<W>, Lambert<W>>;
 
 /// A part of a model at eight points.
 pub trait Lobe: Copy {
@@ -70,6 +73,44 @@ pub trait Lobe: Copy {
 
     /// Draws a direction from three numbers in [0, 1), the first of which may choose among parts.
     fn draw(&self, frames: &Frames, wo: V3, numbers: [F; 3]) -> Draw;
+
+    /// f(wo, wi) · |cos θ_i|, and the density per solid angle with which [`sample`](Self::sample) draws `wi`. Zero unless
+    /// both directions are above the surface with shading normal `n`, or `wi` is below it and a lobe transmits.
+    #[inline(always)]
+    fn eval_pdf(&self, n: V3, wo: V3, wi: V3) -> (V3, F) {
+        let half = (wo + wi).normalize_or(n);
+        let found = respond(self, n, wo, Draw { wi, h: V3::select(n.dot(wi).simd_gt(F::ZERO), half, V3::ZERO) });
+        (found.value, found.pdf)
+    }
+
+    /// Draws `wi` from three numbers in [0, 1).
+    #[inline(always)]
+    fn sample(&self, n: V3, wo: V3, numbers: [F; 3]) -> BsdfSample {
+        self.sample_or(n, wo, numbers, (F::ZERO, V3::ZERO))
+    }
+
+    /// As [`sample`](Self::sample), but in lanes of a mask given directions in place of those drawn; of these too with the
+    /// density of drawing them.
+    #[inline(always)]
+    fn sample_or(&self, n: V3, wo: V3, numbers: [F; 3], (given, other): (F, V3)) -> BsdfSample {
+        let (t, b) = warp::frames(n);
+        let mut draw = self.draw(&Frames { t, b, n }, wo, numbers);
+        if given.any() {
+            let half = (wo + other).normalize_or(n);
+            let h = V3::select(n.dot(other).simd_gt(F::ZERO), half, V3::ZERO);
+            draw = Draw { wi: V3::select(given, other, draw.wi), h: V3::select(given, h, draw.h) };
+        }
+        let Response { value, pdf, .. } = respond(self, n, wo, draw);
+        BsdfSample { wi: draw.wi, value, pdf }
+    }
+}
+
+/// What a model answers for a drawn direction.
+#[inline(always)]
+fn respond(lobe: &impl Lobe, n: V3, wo: V3, Draw { wi, h }: Draw) -> Response {
+    let (cos_o, cos_i) = (n.dot(wo), n.dot(wi));
+    let above = cos_o.simd_gt(F::ZERO) & cos_i.simd_gt(F::ZERO);
+    lobe.eval(&Directions { n, wo, wi, h, cos_o, cos_i, above }, F::ONE)
 }
 
 /// For what lobes are evaluated.
@@ -156,46 +197,23 @@ impl Bsdf {
         let sharp: f32 = parts.iter().map(|(part, alpha)| if *alpha < BROAD_ALPHA { *part } else { -part }).sum();
         sharp <= PI * luminance(lambert.diffuse + translucent.diffuse)
     }
+
+    /// A batch's columns of the core model.
+    pub fn core_mut(columns: &mut <Self as Parameters>::Columns) -> &mut <Core as Parameters>::Columns {
+        &mut columns.base.base.base.base.base
+    }
+
+    /// A batch's columns of the core model, where it has no others.
+    pub fn core(columns: &<Self as Parameters>::Columns) -> Option<&<Core as Parameters>::Columns> {
+        let Layered { top: None, base: Layered { top: None, base: Layered { top: None, base } } } = columns else {
+            return None;
+        };
+        match base {
+            Layered { top: None, base: Layered { top: None, base } } => Some(base),
+            _ => None,
+        }
+    }
 }
 
 /// The least microfacet α of what scatters widely.
 const BROAD_ALPHA: f32 = 0.1;
-
-impl<Top: Lobe, Base: Lobe> Layered<Option<Top>, Base> {
-    /// f(wo, wi) · |cos θ_i|, and the density per solid angle with which [`sample`](Self::sample) draws `wi`. Zero unless
-    /// both directions are above the surface with shading normal `n`, or `wi` is below it and a lobe transmits.
-    #[inline(always)]
-    pub fn eval_pdf(&self, n: V3, wo: V3, wi: V3) -> (V3, F) {
-        let half = (wo + wi).normalize_or(n);
-        let found = self.respond(n, wo, Draw { wi, h: V3::select(n.dot(wi).simd_gt(F::ZERO), half, V3::ZERO) });
-        (found.value, found.pdf)
-    }
-
-    /// Draws `wi` from three numbers in [0, 1).
-    #[inline(always)]
-    pub fn sample(&self, n: V3, wo: V3, numbers: [F; 3]) -> BsdfSample {
-        self.sample_or(n, wo, numbers, (F::ZERO, V3::ZERO))
-    }
-
-    /// As [`sample`](Self::sample), but in lanes of a mask given directions in place of those drawn; of these too with the
-    /// density of drawing them.
-    #[inline(always)]
-    pub fn sample_or(&self, n: V3, wo: V3, numbers: [F; 3], (given, other): (F, V3)) -> BsdfSample {
-        let (t, b) = warp::frames(n);
-        let mut draw = self.draw(&Frames { t, b, n }, wo, numbers);
-        if given.any() {
-            let half = (wo + other).normalize_or(n);
-            let h = V3::select(n.dot(other).simd_gt(F::ZERO), half, V3::ZERO);
-            draw = Draw { wi: V3::select(given, other, draw.wi), h: V3::select(given, h, draw.h) };
-        }
-        let Response { value, pdf, .. } = self.respond(n, wo, draw);
-        BsdfSample { wi: draw.wi, value, pdf }
-    }
-
-    #[inline(always)]
-    fn respond(&self, n: V3, wo: V3, Draw { wi, h }: Draw) -> Response {
-        let (cos_o, cos_i) = (n.dot(wo), n.dot(wi));
-        let above = cos_o.simd_gt(F::ZERO) & cos_i.simd_gt(F::ZERO);
-        self.eval(&Directions { n, wo, wi, h, cos_o, cos_i, above }, F::ONE)
-    }
-}

@@ -57,6 +57,11 @@ const OBVHS_TRIANGLE: u64 = 260;
 /// What shading keeps of a triangle and its vertices beside the mesh.
 const SHADING_TRIANGLE: u64 = 16;
 
+/// Bytes of the program before it has a scene.
+pub fn at_rest(threads: usize) -> u64 {
+    PROGRAM + threads as u64 * A_THREAD
+}
+
 impl Need<'_> {
     /// Bytes at the worst moment, by what the files say of themselves: an estimate from above, within about a factor
     /// of two for scenes that are mostly shown.
@@ -70,10 +75,10 @@ impl Need<'_> {
         let tile = Tile::bytes_a_pixel(self.columns);
         // Pictures are written from tiles; statistics are packed first, and seldom to more than half.
         let saving = if self.saves { tile / 2 } else { 0 };
-        let loading = s.file_bytes;
-        let scene = s.file_bytes + s.geometry_bytes + s.image_bytes + self.environment_bytes;
+        let loading = s.read_bytes;
+        let scene = s.read_bytes + s.geometry_bytes + s.image_bytes + self.environment_bytes;
         let pixels = (self.pixels as f64 * (tile + saving) as f64 * A_BYTE) as u64;
-        PROGRAM + self.guiding + self.threads as u64 * A_THREAD + scene + loading.max(s.triangles * a_triangle) + pixels
+        at_rest(self.threads) + self.guiding + scene + loading.max(s.triangles * a_triangle) + pixels
     }
 }
 

@@ -3,7 +3,7 @@
 use glam::{Affine3A, Mat3, Vec2, Vec3, Vec4};
 
 use super::materials;
-use crate::bsdf::{Anisotropy, Surface};
+use crate::bsdf::{Anisotropy, Core, Surface};
 use crate::lanes::{F, LANES, V3, eight};
 use crate::light::AreaLights;
 use crate::sampling::warp;
@@ -197,44 +197,79 @@ impl Geometry {
             }
             ns = if n.length_squared() > 0.0 { n } else { ng };
         }
-        let texel = |map: &TextureRef| scene.sample_texture(map, texcoords[usize::from(map.set.min(1))]).truncate();
-        // Tangent, bitangent and interpolated normal.
-        let frame = || {
-            let tangents = mesh.tangents.as_ref()?;
-            let [a, b, c] = index.map(|i| Vec4::from_array(tangents[i]));
-            let ns = ns.normalize_or_zero();
-            let mut tangent = (a + (b - a) * u + (c - a) * v).truncate();
-            let mut sign = a.w;
-            if let Some(placed) = placed {
-                tangent = placed.linear * tangent;
-                sign *= placed.linear.determinant().signum();
-            }
-            let tangent = (tangent - ns * ns.dot(tangent)).normalize_or(warp::frame(ns).0);
-            Some((tangent, ns.cross(tangent) * sign, ns))
-        };
-        let mapped = |slot: TextureSlot, scale: f32| {
-            let map = material.textures[slot].as_ref()?;
-            let (tangent, bitangent, ns) = frame()?;
-            let n = texel(map) * 2.0 - Vec3::ONE;
-            Some((tangent * (n.x * scale) + bitangent * (n.y * scale) + ns * n.z).normalize_or(ns))
-        };
+        let corner = Corner { scene, mesh, material, placed, index, barycentric: (u, v), texcoords, ns };
+        let coated_or_rough = material.clearcoat > 0.0 || material.anisotropy > 0.0;
+        let (coat, rough) = if coated_or_rough { corner.coat_and_rough() } else { (Vec3::ZERO, Vec3::ZERO) };
+        let ns = corner.mapped(TextureSlot::Normal, material.normal_scale).unwrap_or(ns);
+        Point { position, ng, ns, coat, rough, origin_offset: ORIGIN_OFFSET * extent, texcoords, color, material, mesh }
+    }
+}
+
+/// What is known of a point before its normals are mapped.
+struct Corner<'a> {
+    scene: &'a Scene,
+    mesh: &'a Mesh,
+    material: &'a Material,
+    placed: Option<&'a Placed>,
+    /// Of its triangle's vertices.
+    index: [usize; 3],
+    barycentric: (f32, f32),
+    texcoords: [Vec2; 2],
+    /// Interpolated normal, of any length.
+    ns: Vec3,
+}
+
+impl Corner<'_> {
+    #[inline(always)]
+    fn texel(&self, map: &TextureRef) -> Vec3 {
+        self.scene.sample_texture(map, self.texcoords[usize::from(map.set.min(1))]).truncate()
+    }
+
+    /// Tangent, bitangent and normal.
+    #[inline(always)]
+    fn frame(&self) -> Option<(Vec3, Vec3, Vec3)> {
+        let tangents = self.mesh.tangents.as_ref()?;
+        let [a, b, c] = self.index.map(|i| Vec4::from_array(tangents[i]));
+        let ns = self.ns.normalize_or_zero();
+        let (u, v) = self.barycentric;
+        let mut tangent = (a + (b - a) * u + (c - a) * v).truncate();
+        let mut sign = a.w;
+        if let Some(placed) = self.placed {
+            tangent = placed.linear * tangent;
+            sign *= placed.linear.determinant().signum();
+        }
+        let tangent = (tangent - ns * ns.dot(tangent)).normalize_or(warp::frame(ns).0);
+        Some((tangent, ns.cross(tangent) * sign, ns))
+    }
+
+    /// The normal of a map.
+    #[inline(always)]
+    fn mapped(&self, slot: TextureSlot, scale: f32) -> Option<Vec3> {
+        let map = self.material.textures[slot].as_ref()?;
+        let (tangent, bitangent, ns) = self.frame()?;
+        let n = self.texel(map) * 2.0 - Vec3::ONE;
+        Some((tangent * (n.x * scale) + bitangent * (n.y * scale) + ns * n.z).normalize_or(ns))
+    }
+
+    /// The coat's normal and the direction of roughness, as in [`Point`]; apart, as few materials have either.
+    #[inline(never)]
+    fn coat_and_rough(&self) -> (Vec3, Vec3) {
+        let Self { material, ns, .. } = self;
         // A coat lies over the bumps of what is beneath.
-        let coat = match material.clearcoat > 0.0 && mesh.tangents.is_some() {
+        let coat = match material.clearcoat > 0.0 && self.mesh.tangents.is_some() {
             true => {
-                mapped(TextureSlot::ClearcoatNormal, material.clearcoat_normal_scale).unwrap_or(ns.normalize_or_zero())
+                let mapped = self.mapped(TextureSlot::ClearcoatNormal, material.clearcoat_normal_scale);
+                mapped.unwrap_or(ns.normalize_or_zero())
             }
             false => Vec3::ZERO,
         };
-        let rough = || {
-            let (tangent, bitangent, _) = frame()?;
+        let rough = self.frame().filter(|_| material.anisotropy > 0.0).map(|(tangent, bitangent, _)| {
             let map = material.textures[TextureSlot::Anisotropy].as_ref();
-            let along = map.map_or(Vec2::X, |map| texel(map).truncate() * 2.0 - Vec2::ONE);
+            let along = map.map_or(Vec2::X, |map| self.texel(map).truncate() * 2.0 - Vec2::ONE);
             let along = Vec2::from_angle(material.anisotropy_rotation).rotate(along.normalize_or(Vec2::X));
-            Some(tangent * along.x + bitangent * along.y)
-        };
-        let rough = if material.anisotropy > 0.0 { rough().unwrap_or_default() } else { Vec3::ZERO };
-        let ns = mapped(TextureSlot::Normal, material.normal_scale).unwrap_or(ns);
-        Point { position, ng, ns, coat, rough, origin_offset: ORIGIN_OFFSET * extent, texcoords, color, material, mesh }
+            tangent * along.x + bitangent * along.y
+        });
+        (coat, rough.unwrap_or_default())
     }
 }
 
@@ -274,6 +309,12 @@ impl Point<'_> {
     #[inline]
     pub fn parameters(&self, scene: &Scene) -> Surface {
         materials::surface(self.material, self.base_color(scene), |slot| self.texel(scene, slot))
+    }
+
+    /// The scattering, where no surface of the scene has more than the core model.
+    #[inline(always)]
+    pub fn core(&self, scene: &Scene) -> Core {
+        materials::core(self.material, self.base_color(scene), |slot| self.texel(scene, slot)).core()
     }
 
     /// The parameters as a ray of this direction meets them.

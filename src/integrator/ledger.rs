@@ -173,20 +173,21 @@ impl Ledger {
         limit: f32,
         batch: &mut PixelBatch,
     ) {
-        for i in (0..shadows.len).filter(|&i| !occluded[i]) {
+        let owners = shadows.path.iter().zip(&occluded[..shadows.len]).enumerate();
+        for (i, (&owner, _)) in owners.filter(|(_, (_, occluded))| !**occluded) {
             let (radiance, share) = limited(shadows.radiance.get(i), limit);
-            let path = &mut self.paths[shadows.path[i] as usize];
+            let path = &mut self.paths[owner as usize];
             path.radiance += radiance;
             if let Some(extras) = batch.extras.get_mut(path.pixel as usize) {
                 extras.add_light(shadows.group[i] as usize, radiance);
             }
-            if depth == 0 {
-                path.direct += radiance;
-                if let Some(found) = shadows.observed(i, radiance) {
-                    batch.tell(path.pixel as usize, Contribution { w: found.w * share * share, ..found });
-                }
-            } else {
+            if depth > 0 {
                 self.branches[shadows.branch[i] as usize].indirect += radiance;
+                continue;
+            }
+            path.direct += radiance;
+            if let Some(found) = shadows.observed(i, radiance) {
+                batch.tell(path.pixel as usize, Contribution { w: found.w * share * share, ..found });
             }
         }
     }
@@ -211,18 +212,21 @@ impl Ledger {
                 batch.tell(path.pixel as usize, found);
             }
         }
-        let numbers = batch.tasks.iter().flat_map(|task| task.first_path..task.first_path + task.counts.paths);
-        for (path, number) in self.paths.iter().zip(numbers) {
-            let pixel = path.pixel as usize;
+        let mut left = &self.paths[..];
+        for (pixel, task) in batch.tasks.iter().enumerate() {
+            let (paths, others) = left.split_at(task.counts.paths as usize);
+            left = others;
+            let stats = &mut batch.stats[pixel];
+            paths.iter().for_each(|path| stats.add(path.radiance, path.covered));
             if let Some(peak) = batch.peaks.get_mut(pixel) {
-                peak.add(luminance(path.radiance), number);
+                let numbered = paths.iter().zip(task.first_path..);
+                numbered.for_each(|(path, number)| peak.add(luminance(path.radiance), number));
             }
             if let Some(observer) = &mut batch.observer {
-                observer.path(batch.tasks[pixel].number, path.radiance);
+                paths.iter().for_each(|path| observer.path(task.number, path.radiance));
             }
-            batch.stats[pixel].add(path.radiance, path.covered);
             if let Some(aovs) = batch.aovs.get_mut(pixel) {
-                aovs.add_light(path.direct, path.radiance - path.direct);
+                paths.iter().for_each(|path| aovs.add_light(path.direct, path.radiance - path.direct));
             }
         }
     }

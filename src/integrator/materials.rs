@@ -132,23 +132,14 @@ fn lobes(material: &Material) -> LobeSet {
 #[inline(always)]
 pub fn surface(material: &Material, base_color: Vec3, texel: impl Fn(TextureSlot) -> Option<Vec4>) -> Surface {
     let mut s = Surface {
-        base_color,
-        metallic: material.metallic,
-        roughness: material.roughness,
-        specular: material.specular,
-        specular_color: material.specular_color,
-        ior: material.ior,
-        specular_glossiness: material.specular_glossiness,
         transmission: material.transmission,
         diffuse_transmission: material.diffuse_transmission,
         diffuse_transmission_color: material.diffuse_transmission_color,
         bounds_body: material.bounds_body,
-        behind: false,
         sheen_color: material.sheen_color,
         sheen_roughness: material.sheen_roughness,
         clearcoat: material.clearcoat,
         clearcoat_roughness: material.clearcoat_roughness,
-        clearcoat_normal: Vec3::ZERO,
         anisotropy: (material.anisotropy > 0.0)
             .then_some(Anisotropy { strength: material.anisotropy, tangent: Vec3::ZERO }),
         iridescence: (material.iridescence > 0.0).then_some(Iridescence {
@@ -156,17 +147,8 @@ pub fn surface(material: &Material, base_color: Vec3, texel: impl Fn(TextureSlot
             ior: material.iridescence_ior,
             thickness: material.iridescence_thickness[1],
         }),
+        ..core(material, base_color, &texel)
     };
-    if let Some(texel) = texel(TextureSlot::MetallicRoughness) {
-        s.roughness *= texel.y;
-        s.metallic *= texel.z;
-    }
-    if let Some(texel) = texel(TextureSlot::Specular) {
-        s.specular *= texel.w;
-    }
-    if let Some(texel) = texel(TextureSlot::SpecularColor) {
-        s.specular_color *= texel.truncate();
-    }
     if let Some(texel) = texel(TextureSlot::Transmission) {
         s.transmission *= texel.x;
     }
@@ -199,6 +181,32 @@ pub fn surface(material: &Material, base_color: Vec3, texel: impl Fn(TextureSlot
             let [least, most] = material.iridescence_thickness;
             iridescence.thickness = least + (most - least) * texel.y;
         }
+    }
+    s
+}
+
+/// Of these, the core model's.
+#[inline(always)]
+pub fn core(material: &Material, base_color: Vec3, texel: impl Fn(TextureSlot) -> Option<Vec4>) -> Surface {
+    let mut s = Surface {
+        base_color,
+        metallic: material.metallic,
+        roughness: material.roughness,
+        specular: material.specular,
+        specular_color: material.specular_color,
+        ior: material.ior,
+        specular_glossiness: material.specular_glossiness,
+        ..Surface::default()
+    };
+    if let Some(texel) = texel(TextureSlot::MetallicRoughness) {
+        s.roughness *= texel.y;
+        s.metallic *= texel.z;
+    }
+    if let Some(texel) = texel(TextureSlot::Specular) {
+        s.specular *= texel.w;
+    }
+    if let Some(texel) = texel(TextureSlot::SpecularColor) {
+        s.specular_color *= texel.truncate();
     }
     if let (Some(specular), Some(texel)) = (&mut s.specular_glossiness, texel(TextureSlot::SpecularGlossiness)) {
         *specular *= texel.truncate();

@@ -3,7 +3,7 @@
 use wide::bytemuck::cast;
 
 use super::queues::Identity;
-use crate::bsdf::{Bsdf, LobeSet, Parameters};
+use crate::bsdf::{Bsdf, Core, LobeSet, Parameters};
 use crate::lanes::{F, LANES, Rows, U, V3, V3Column, eight, grow, load, load_bits, store, store_bits};
 
 /// Lowest cosine between eye and shading normal.
@@ -64,6 +64,15 @@ pub struct Leaving {
     pub beyond: F,
 }
 
+/// What scatters at eight points.
+#[derive(Debug, Clone, Copy)]
+pub enum Scattering<'a> {
+    /// Any lobes.
+    Any([&'a Bsdf; LANES]),
+    /// Those of the core model; where no vertex has any other.
+    Core([&'a Core; LANES]),
+}
+
 /// Up to eight points on their way into the columns.
 #[derive(Debug, Clone, Copy)]
 pub struct Group<'a> {
@@ -80,7 +89,7 @@ pub struct Group<'a> {
     /// As in [`Vertices`].
     pub origin_offset: F,
     /// The scattering at the points.
-    pub bsdfs: [&'a Bsdf; LANES],
+    pub bsdfs: Scattering<'a>,
     /// As in [`Vertices`]; read where there are columns for them.
     pub media: [U; 2],
     /// As in [`Guided`]; read where there is a column for it.
@@ -153,12 +162,15 @@ impl Vertices {
         store_bits(&mut self.index, at, group.identity.index);
         store_bits(&mut self.branch, at, group.identity.branch);
         store_bits(&mut self.seed, at, group.identity.seed);
-        Bsdf::store(&mut self.bsdf, at, group.bsdfs);
+        match group.bsdfs {
+            Scattering::Any(bsdfs) => Bsdf::store(&mut self.bsdf, at, bsdfs),
+            Scattering::Core(cores) => Core::store(Bsdf::core_mut(&mut self.bsdf), at, cores),
+        }
         if let Some(columns) = &mut self.media {
             columns.iter_mut().zip(group.media).for_each(|(column, medium)| store_bits(column, at, medium));
         }
-        if let Some(Guided { broad, unguided, .. }) = &mut self.guided {
-            store_bits(broad, at, U::from(eight(|lane| u32::from(group.bsdfs[lane].is_broad()))));
+        if let (Some(Guided { broad, unguided, .. }), Scattering::Any(bsdfs)) = (&mut self.guided, group.bsdfs) {
+            store_bits(broad, at, U::from(eight(|lane| u32::from(bsdfs[lane].is_broad()))));
             store(unguided, at, group.unguided);
         }
         if !self.time.is_empty() {
@@ -224,5 +236,10 @@ impl Vertices {
     #[inline(always)]
     pub fn bsdf(&self, rows: &Rows) -> <Bsdf as Parameters>::Eight {
         Bsdf::load(&self.bsdf, rows)
+    }
+    /// Those of the core model, where no vertex has any other lobe.
+    #[inline(always)]
+    pub fn core(&self) -> Option<&<Core as Parameters>::Columns> {
+        Bsdf::core(&self.bsdf)
     }
 }

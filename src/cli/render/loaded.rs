@@ -90,8 +90,8 @@ impl Loaded {
     }
 }
 
-/// Bytes of an instance: in the scene, as rays and shading keep it.
-const INSTANCE: u64 = 512;
+/// Bytes of an instance: in the scene, as rays and shading keep it, and while it is placed.
+const INSTANCE: u64 = 1024;
 
 /// Fails if there is not enough memory for what the scene places, which its files do not say beforehand.
 fn check_placed(args: &RenderArgs, inputs: &Inputs, scene: &Scene) -> Result<()> {
@@ -99,6 +99,7 @@ fn check_placed(args: &RenderArgs, inputs: &Inputs, scene: &Scene) -> Result<()>
     let moving: usize = scene.meshes.iter().filter_map(|mesh| mesh.motion.as_ref()).map(Deformation::bytes).sum();
     let placed = lights * AreaLights::BYTES_EACH + instances * INSTANCE + moving as u64;
     let what = format!("{} with {instances} instances and {lights} emissive triangles in them", args.scene.display());
-    let bytes = inputs.scene.geometry_bytes + inputs.scene.image_bytes + placed;
+    let files = inputs.scene.geometry_bytes + inputs.scene.image_bytes;
+    let bytes = memory::at_rest(rayon::current_num_threads()) + files + placed;
     memory::check(&what, bytes, memory::limit(args.memory_limit)?)
 }

@@ -1,9 +1,11 @@
 //! Light sampling: shadow rays that carry what they bring if nothing is in their way.
 
+use wide::bytemuck::cast;
+
 use super::mixture::Mixture;
 use super::requests::{AREA_SEQUENCE, RequestGroup, Requests, Toward, one_each};
 use super::{light_set, media, observations};
-use crate::bsdf::Lobe;
+use crate::bsdf::{Core, Lobe, Parameters};
 use crate::integrator::Transport;
 use crate::integrator::ledger::{Faults, Ledger};
 use crate::integrator::queues::{Observation, ShadowRays};
@@ -31,7 +33,15 @@ pub fn sample(
     if transport.lights.has_extent() {
         for at in (0..requests.count()).step_by(LANES) {
             let group = requests.group(transport, vertices, ledger, at);
-            with_extent(transport, depth, vertices, &group, &mut ledger.faults, shadows);
+            let faults = &mut ledger.faults;
+            match vertices.core() {
+                Some(columns) => {
+                    with_extent(transport, depth, vertices, &Core::load(columns, &group.rows), &group, faults, shadows);
+                }
+                None => {
+                    with_extent(transport, depth, vertices, &vertices.bsdf(&group.rows), &group, faults, shadows);
+                }
+            }
         }
     }
     for at in (0..punctual).step_by(LANES) {
@@ -46,13 +56,13 @@ fn with_extent(
     transport: &Transport,
     depth: u32,
     vertices: &Vertices,
+    bsdf: &impl Lobe,
     group: &RequestGroup,
     faults: &mut Faults,
     shadows: &mut ShadowRays,
 ) {
     let (rows, id) = (&group.rows, &group.identity);
     let [choice, u, v, _] = samples(id.seed, id.index, light_set(depth));
-    let bsdf = vertices.bsdf(rows);
     let both = bsdf.transmits();
     let [a_env, a_area, a_b] = group.rates;
     let (drawn_environment, left) = transport.lights.draw_kind(choice);
@@ -82,8 +92,7 @@ fn with_extent(
     };
     let key = hashes(keys(id.seed, id.index, light_set(depth)));
     let tfar = light.distance * F::splat(SHADOW_END);
-    let group = toward_environment.to_bitmask();
-    let group = U::from(std::array::from_fn(|lane| u32::from(group >> lane & 1 == 0)));
+    let group: U = cast(!toward_environment & cast::<U, F>(U::ONE));
     let (ray, whose) = ((leaving.origin, light.wi), [id.path, id.branch, group]);
     shadows.push(&Survivors::of(alive), ray, tfar, (key, id.time), radiance, whose, observation);
 }

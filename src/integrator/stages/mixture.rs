@@ -1,6 +1,6 @@
 //! Guiding at eight vertices: the BSDF and the field as one technique.
 
-use crate::bsdf::{Bsdf, BsdfSample, Parameters};
+use crate::bsdf::{BsdfSample, Lobe};
 use crate::guiding::{Field, NOWHERE};
 use crate::integrator::Transport;
 use crate::integrator::vertices::Vertices;
@@ -77,7 +77,7 @@ impl<'a> Mixture<'a> {
 
     /// Draws from three numbers in [0, 1).
     #[inline(always)]
-    pub fn draw(&self, bsdf: &<Bsdf as Parameters>::Eight, n: V3, wo: V3, [lobe, u, v]: [F; 3]) -> Drawn {
+    pub fn draw(&self, bsdf: &impl Lobe, n: V3, wo: V3, [lobe, u, v]: [F; 3]) -> Drawn {
         let led = lobe.simd_lt(self.share);
         // What is left of the number chooses among lobes.
         let rest = (lobe - self.share) / (F::ONE - self.share);

@@ -5,7 +5,7 @@ use crate::integrator::Transport;
 use crate::integrator::ledger::Ledger;
 use crate::integrator::queues::Identity;
 use crate::integrator::vertices::Vertices;
-use crate::lanes::{F, LANES, Rows, U, eight, load_bits};
+use crate::lanes::{F, LANES, NUMBERS, Rows, U, eight, load_bits};
 
 /// What a light sample is toward.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -108,9 +108,12 @@ impl Requests {
             return one_each(transport, vertices, at);
         }
         let list = &self.list[at..self.list.len().min(at + LANES)];
-        let request = eight(|lane| list[lane.min(list.len() - 1)]);
+        let request = match list.first_chunk() {
+            Some(all) => *all,
+            None => eight(|lane| list[lane.min(list.len() - 1)]),
+        };
         let vertex = eight(|lane| request[lane].vertex);
-        let consecutive = list.windows(2).all(|t| t[1].vertex == t[0].vertex + 1);
+        let consecutive = U::from(vertex).simd_eq(U::splat(vertex[0]) + U::from(NUMBERS)) == U::MAX;
         let rows = if consecutive { Rows::From(vertex[0] as usize) } else { Rows::Each(vertex) };
         // By vertex: beyond the last request columns hold whatever an earlier wave left there.
         let paths = eight(|lane| &ledger.paths[vertices.path[vertex[lane] as usize] as usize]);

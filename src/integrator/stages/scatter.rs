@@ -5,7 +5,7 @@ use glam::Vec3;
 use super::bsdf_set;
 use super::mixture::{Drawn, Mixture, unguided};
 use super::requests::{RequestGroup, Requests};
-use crate::bsdf::Lobe;
+use crate::bsdf::{Core, Lobe, Parameters};
 use crate::integrator::Transport;
 use crate::integrator::ledger::{Branch, CAMERA, Ledger, Step};
 use crate::integrator::queues::{Identity, PathRays};
@@ -37,7 +37,12 @@ pub fn sample(
     }
     for at in (0..requests.count()).step_by(LANES) {
         let group = requests.group(transport, vertices, ledger, at);
-        one_group(transport, depth, vertices, &group, ledger, next);
+        match vertices.core() {
+            Some(columns) => {
+                one_group(transport, depth, vertices, &Core::load(columns, &group.rows), &group, ledger, next)
+            }
+            None => one_group(transport, depth, vertices, &vertices.bsdf(&group.rows), &group, ledger, next),
+        }
     }
     next.close();
 }
@@ -47,18 +52,18 @@ fn one_group(
     transport: &Transport,
     depth: u32,
     vertices: &Vertices,
+    bsdf: &impl Lobe,
     group: &RequestGroup,
     ledger: &mut Ledger,
     next: &mut PathRays,
 ) {
     let (rows, id) = (&group.rows, &group.identity);
     let [lobe, u, v, survive] = samples(id.seed, id.index, bsdf_set(depth));
-    let bsdf = vertices.bsdf(rows);
     let both = bsdf.transmits();
     let (ns, wo) = (vertices.ns.load(rows), vertices.wo.load(rows));
     let mixture = Mixture::at(transport, vertices, rows);
     let Drawn { sample, pdfs } = match &mixture {
-        Some(mixture) => mixture.draw(&bsdf, ns, wo, [lobe, u, v]),
+        Some(mixture) => mixture.draw(bsdf, ns, wo, [lobe, u, v]),
         None => Drawn::of_bsdf(bsdf.sample(ns, wo, [lobe, u, v])),
     };
     let weighted_pdf = group.rates[2] * sample.pdf;

@@ -11,7 +11,7 @@ use crate::integrator::geometry::Point;
 use crate::integrator::ledger::{Ledger, Mirror};
 use crate::integrator::queues::{Identity, PathRays, SortedHits};
 use crate::integrator::velocity::velocity;
-use crate::integrator::vertices::{Group, Vertices};
+use crate::integrator::vertices::{Group, Scattering, Vertices};
 use crate::lanes::{F, LANES, Rows, U, V3, eight, load, load_bits};
 use crate::rays::{HitBatch, MISS};
 use crate::sampling::samples;
@@ -144,7 +144,7 @@ fn plain(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hits: 
         direction,
         beta: rays.beta.load(&rows),
         origin_offset: points.origin_offset,
-        bsdfs: eight(|lane| transport.materials.plain(mesh[lane], behind(lane))),
+        bsdfs: Scattering::Any(eight(|lane| transport.materials.plain(mesh[lane], behind(lane)))),
         media: media(transport, rays, &rows, mesh, behind),
         unguided: unguided(vertices, rays, &rows),
         identity: identity(rays, &rows),
@@ -160,23 +160,29 @@ fn detailed(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hit
         Rows::Each(rows) => rows,
     };
     let points = each.map(|ray| point(transport, rays, hits, ray as usize));
-    let seen = eight(|lane| points[lane].seen(transport.scene, rays.rays.direction(each[lane] as usize)));
-    let beta = rays.beta.load(&rows);
-    let (seen, beta) =
-        if transport.materials.disperses { of_one_color(&points, seen, beta, rays, &rows) } else { (seen, beta) };
-    let bsdfs = seen.map(|surface| surface.bsdf());
-    let group = Group {
+    let place = |beta, bsdfs, behind: &dyn Fn(usize) -> bool| Group {
         position: V3::gather(points.map(|p| p.position)),
         ng: V3::gather(points.map(|p| p.ng)),
         ns: V3::gather(points.map(|p| p.ns)),
         direction: rays.rays.directions(&rows),
         beta,
         origin_offset: F::from(points.map(|p| p.origin_offset)),
-        bsdfs: bsdfs.each_ref(),
-        media: media(transport, rays, &rows, each.map(|ray| hits.mesh[ray as usize]), |lane| seen[lane].behind),
+        bsdfs,
+        media: media(transport, rays, &rows, each.map(|ray| hits.mesh[ray as usize]), behind),
         unguided: unguided(vertices, rays, &rows),
         identity: identity(rays, &rows),
     };
+    let beta = rays.beta.load(&rows);
+    if vertices.core().is_some() && vertices.guided.is_none() {
+        let cores = eight(|lane| points[lane].core(transport.scene));
+        let group = place(beta, Scattering::Core(cores.each_ref()), &|_| false);
+        return vertices.push(n, &group);
+    }
+    let seen = eight(|lane| points[lane].seen(transport.scene, rays.rays.direction(each[lane] as usize)));
+    let (seen, beta) =
+        if transport.materials.disperses { of_one_color(&points, seen, beta, rays, &rows) } else { (seen, beta) };
+    let bsdfs = eight(|lane| seen[lane].bsdf());
+    let group = place(beta, Scattering::Any(bsdfs.each_ref()), &|lane| seen[lane].behind);
     vertices.push(n, &group);
 }
 

@@ -7,6 +7,7 @@ use std::io::Cursor;
 use std::sync::Arc;
 use std::time::Instant;
 
+use bytemuck::{Pod, allocation::try_cast_vec};
 use bytes::Bytes;
 use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
 use rayon::prelude::*;
@@ -136,10 +137,10 @@ fn texels(picture: DynamicImage) -> Texels {
     match picture.color() {
         ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => {
             let raw = picture.into_rgba16().into_raw();
-            Texels::Rgba16(raw.as_chunks::<4>().0.to_vec())
+            Texels::Rgba16(grouped(raw))
         }
         ColorType::La8 | ColorType::Rgba8 => eight_bits(picture.into_rgba8().into_raw()),
-        _ => Texels::Rgb8(picture.into_rgb8().into_raw().as_chunks::<3>().0.to_vec()),
+        _ => Texels::Rgb8(grouped(picture.into_rgb8().into_raw())),
     }
 }
 
@@ -148,8 +149,16 @@ fn eight_bits(raw: Vec<u8>) -> Texels {
     let texels = raw.as_chunks::<4>().0;
     match texels.iter().all(|t| t[3] == 255) {
         true => Texels::Rgb8(texels.iter().map(|t| [t[0], t[1], t[2]]).collect()),
-        false => Texels::Rgba8(texels.to_vec()),
+        false => Texels::Rgba8(grouped(raw)),
     }
+}
+
+/// Without a second copy in memory, unless there is room for half a texel at the end.
+fn grouped<T: Pod, const N: usize>(raw: Vec<T>) -> Vec<[T; N]>
+where
+    [T; N]: Pod,
+{
+    try_cast_vec(raw).unwrap_or_else(|(_, raw)| raw.as_chunks::<N>().0.to_vec())
 }
 
 /// The scene's textures and pictures, registered as materials ask for them.

@@ -5,12 +5,12 @@ use bytes::Bytes;
 use super::json::Json;
 use crate::error::{Error, Result};
 use crate::scene::import::complaint::bad;
-use crate::scene::import::source::Source;
+use crate::scene::import::source::{Blob, Source};
 
 /// One glTF buffer.
 pub struct Buffer {
     /// Without `uri` and GLB chunk there is nothing to read, which is legal.
-    data: Option<Bytes>,
+    data: Option<Blob>,
     /// Bytes that the document may use; the data has at least as many.
     pub length: u64,
     at: String,
@@ -27,7 +27,7 @@ impl Buffer {
             Some(_) => source.buffer(index)?.map(|data| data.bytes),
             None => source.bin.clone().filter(|_| index == 0),
         };
-        if let Some(available) = data.as_ref().map(|d| d.len() as u64).filter(|&n| n < length) {
+        if let Some(available) = data.as_ref().map(|data| data.length).filter(|&n| n < length) {
             return Err(json.bad("byteLength", format!("at most the {available} bytes that the data has"), length));
         }
         Ok(Self { data, length, at: json.at.clone() })
@@ -49,9 +49,8 @@ impl Buffer {
                 self.at
             )));
         };
-        let range =
-            offset.checked_add(length).filter(|&end| end <= self.length).map(|end| offset as usize..end as usize);
-        range.filter(|r| r.end <= all.len()).map(|r| all.slice(r)).ok_or_else(|| {
+        let range = offset.checked_add(length).filter(|&end| end <= self.length).map(|end| offset..end);
+        range.and_then(|range| all.get(range)).ok_or_else(|| {
             bad(&self.at, format!("{length} bytes from byte {offset}"), format!("{} bytes in all", self.length))
         })
     }

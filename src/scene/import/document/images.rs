@@ -49,8 +49,7 @@ impl Image {
                 if let Some(uri) = uri.filter(|_| mime.is_none() && name == json.at) {
                     name = uri.into();
                 }
-                let length = bytes.len() as u64;
-                (ImageData::Bytes(bytes), length)
+                (ImageData::Bytes(bytes.all()), bytes.length)
             }
             (Ok(None), Some(index)) => {
                 let view = views.get(index)?;

@@ -1,19 +1,24 @@
 //! A scene's files, each opened once: what is hashed and measured is what is rendered, whatever happens to the files
 //! meanwhile.
 
+mod blob;
 mod container;
+mod reach;
 mod read;
 mod survey;
 mod uri;
 
 use std::collections::HashMap;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use bytes::Bytes;
 use serde_json::Value;
 
 use crate::error::Result;
+pub use blob::Blob;
 use container::Container;
+use reach::Reach;
+use read::open_regular;
 pub use read::read_regular;
 pub use survey::Survey;
 use uri::Resource;
@@ -22,12 +27,12 @@ use uri::Resource;
 #[derive(Debug, Clone)]
 pub struct Data {
     /// The bytes.
-    pub bytes: Bytes,
+    pub bytes: Blob,
     /// Media type of a data URI, may be empty; `None` for files.
     pub mime: Option<String>,
 }
 
-/// A scene file and the files that it names, in memory.
+/// A scene file and the files that it names, in memory, but for what no scene of it can show.
 #[derive(Debug)]
 pub struct Source {
     /// The scene file's path.
@@ -37,13 +42,16 @@ pub struct Source {
     /// Does it start with a byte-order mark?
     pub byte_order_mark: bool,
     /// The GLB's binary chunk.
-    pub bin: Option<Bytes>,
+    pub bin: Option<Blob>,
     /// Bytes of all files, each counted once.
     pub file_bytes: u64,
+    /// Of these, those in memory.
+    read_bytes: u64,
     /// All files, the scene file first.
     pub files: Vec<PathBuf>,
     buffers: Vec<Option<Result<Data>>>,
     images: Vec<Option<Result<Data>>>,
+    reach: Reach,
 }
 
 impl Source {
@@ -52,13 +60,56 @@ impl Source {
     /// # Errors
     /// The scene file missing, forbidden, not regular or neither GLB nor JSON.
     pub fn open(path: &Path) -> Result<Self> {
-        let Container { json, byte_order_mark, bin, file_bytes } = container::read(path)?;
+        let Container { json, byte_order_mark, file, file_bytes, bin } = container::read(path)?;
+        let reach = Reach::of(&json);
+        let bin = match bin {
+            Some(within) => Some(Blob::read(path, &file, within, Some(reach.ranges(&json, 0)))?),
+            None => None,
+        };
         let folder = uri::folder_of(path)?;
-        let mut files = Files { folder, bytes: file_bytes, by_path: HashMap::new() };
-        let (buffers, images) = (files.read_all(&json, "buffers"), files.read_all(&json, "images"));
-        let Files { bytes: file_bytes, by_path, .. } = files;
-        let files = [path.to_owned()].into_iter().chain(by_path.into_keys()).collect();
-        Ok(Self { path: path.into(), json, byte_order_mark, bin, file_bytes, files, buffers, images })
+        let resolve = |list: &str| -> Vec<Option<Result<Resource>>> {
+            let items = json[list].as_array().into_iter().flatten().enumerate();
+            items
+                .map(|(i, item)| Some(uri::resolve(item["uri"].as_str()?, &folder, &format!("{list}[{i}].uri"))))
+                .collect()
+        };
+        let (buffers, images) = (resolve("buffers"), resolve("images"));
+        let mut files = Wanted::new();
+        for (i, buffer) in buffers.iter().enumerate() {
+            want(&mut files, buffer.as_ref(), Some(reach.ranges(&json, i)));
+        }
+        // A picture is read whole or not at all.
+        for (image, reached) in images.iter().zip(&reach.images) {
+            want(&mut files, image.as_ref(), (!reached).then(Vec::new));
+        }
+        let read = |(path, wanted): (PathBuf, _)| (read(&path, wanted), path);
+        let blobs: HashMap<_, _> = files.into_iter().map(read).map(|(blob, path)| (path, blob)).collect();
+        let data = |named: Vec<Option<Result<Resource>>>| -> Vec<Option<Result<Data>>> {
+            let data = |resource| match resource {
+                Resource::Data { mime, bytes } => Ok(Data { bytes: Blob::whole(bytes.into()), mime: Some(mime) }),
+                Resource::File(path) => Ok(Data { bytes: blobs[&path].clone()?, mime: None }),
+            };
+            named.into_iter().map(|resource| Some(resource?.and_then(data))).collect()
+        };
+        let (buffers, images) = (data(buffers), data(images));
+        let sound = || blobs.iter().filter_map(|(path, blob)| Some((path, blob.as_ref().ok()?)));
+        let left_out = |blob: &Blob| blob.length - blob.read_bytes();
+        let file_bytes = file_bytes + sound().map(|(_, blob)| blob.length).sum::<u64>();
+        let read_bytes =
+            file_bytes - sound().map(|(_, blob)| left_out(blob)).chain(bin.iter().map(left_out)).sum::<u64>();
+        let files = [path].into_iter().chain(sound().map(|(path, _)| &**path)).map(Path::to_owned).collect();
+        Ok(Self {
+            path: path.into(),
+            json,
+            byte_order_mark,
+            bin,
+            file_bytes,
+            read_bytes,
+            files,
+            buffers,
+            images,
+            reach,
+        })
     }
 
     /// What `buffers[index].uri` names; `None` without a URI.
@@ -78,30 +129,19 @@ impl Source {
     }
 }
 
-/// Files by path, each read once however often it is named.
-struct Files {
-    folder: PathBuf,
-    bytes: u64,
-    by_path: HashMap<PathBuf, Bytes>,
+/// What is wanted of each file, however often it is named; `None` for all of it.
+type Wanted = HashMap<PathBuf, Option<Vec<Range<u64>>>>;
+
+fn want(files: &mut Wanted, resource: Option<&Result<Resource>>, ranges: Option<Vec<Range<u64>>>) {
+    let Some(Ok(Resource::File(path))) = resource else { return };
+    let wanted = files.entry(path.clone()).or_insert_with(|| Some(Vec::new()));
+    match (wanted.as_mut(), ranges) {
+        (Some(wanted), Some(ranges)) => wanted.extend(ranges),
+        _ => *wanted = None,
+    }
 }
 
-impl Files {
-    fn read_all(&mut self, json: &Value, list: &str) -> Vec<Option<Result<Data>>> {
-        let items = json[list].as_array().into_iter().flatten().enumerate();
-        items.map(|(i, item)| Some(self.read(item["uri"].as_str()?, &format!("{list}[{i}].uri")))).collect()
-    }
-
-    fn read(&mut self, uri: &str, at: &str) -> Result<Data> {
-        let path = match uri::resolve(uri, &self.folder, at)? {
-            Resource::Data { mime, bytes } => return Ok(Data { bytes: bytes.into(), mime: Some(mime) }),
-            Resource::File(path) => path,
-        };
-        if let Some(bytes) = self.by_path.get(&path) {
-            return Ok(Data { bytes: bytes.clone(), mime: None });
-        }
-        let bytes = Bytes::from(read_regular(&path, u64::MAX)?);
-        self.bytes += bytes.len() as u64;
-        self.by_path.insert(path, bytes.clone());
-        Ok(Data { bytes, mime: None })
-    }
+fn read(path: &Path, wanted: Option<Vec<Range<u64>>>) -> Result<Blob> {
+    let (file, size) = open_regular(path, u64::MAX)?;
+    Blob::read(path, &file, 0..size, wanted)
 }

@@ -3,7 +3,8 @@
 use std::io::Cursor;
 use std::path::PathBuf;
 
-use image::ImageReader;
+use bytes::Bytes;
+use image::{ImageDecoder, ImageReader};
 use serde_json::Value;
 
 use super::Source;
@@ -11,12 +12,14 @@ use super::Source;
 /// What a scene's files say of themselves.
 #[derive(Debug, Clone, Default)]
 pub struct Survey {
-    /// BLAKE3 of the scene file and the files that it names, hexadecimal.
+    /// BLAKE3 of the scene file and the files that it names, as far as they were read; hexadecimal.
     pub hash: String,
     /// The files, the scene file first.
     pub files: Vec<PathBuf>,
     /// Bytes of these files.
     pub file_bytes: u64,
+    /// Of these, what was read: all but what no scene of the document can show.
+    pub read_bytes: u64,
     /// Triangles in memory, at most.
     pub triangles: u64,
     /// Bytes of vertices and indices in memory, at most.
@@ -28,9 +31,11 @@ pub struct Survey {
 impl Source {
     /// Hashes and measures the files, and decodes none. What is wrong with them is left for the import to say.
     pub fn survey(&self) -> Survey {
-        let mut survey =
-            Survey { hash: self.hash(), files: self.files.clone(), file_bytes: self.file_bytes, ..Default::default() };
-        survey.image_bytes = (0..self.images.len()).map(|i| decoded_bytes(self.image_bytes(i))).sum();
+        let Self { file_bytes, read_bytes, .. } = *self;
+        let (hash, files) = (self.hash(), self.files.clone());
+        let mut survey = Survey { hash, files, file_bytes, read_bytes, ..Default::default() };
+        let shown = (0..self.reach.images.len()).filter(|&i| self.reach.images[i]);
+        survey.image_bytes = shown.map(|i| decoded_bytes(&self.image_bytes(i))).sum();
         self.measure_meshes(&mut survey);
         survey
     }
@@ -40,32 +45,32 @@ impl Source {
         // Numbers and strings of the document as they are written, whatever the white space.
         hasher.update(self.json.to_string().as_bytes());
         for data in self.buffers.iter().chain(&self.images).flatten().flatten() {
-            hasher.update(&(data.bytes.len() as u64).to_le_bytes());
-            hasher.update_rayon(&data.bytes);
+            hasher.update(&data.bytes.length.to_le_bytes());
+            data.bytes.hash(&mut hasher);
         }
         if let Some(bin) = &self.bin {
-            hasher.update_rayon(bin);
+            bin.hash(&mut hasher);
         }
         hasher.finalize().to_hex().to_string()
     }
 
     /// A picture as it is stored; nothing if there is none.
-    fn image_bytes(&self, index: usize) -> &[u8] {
+    fn image_bytes(&self, index: usize) -> Bytes {
         if let Some(Some(Ok(data))) = self.images.get(index) {
-            return &data.bytes;
+            return data.bytes.all();
         }
         let view = &self.json["images"][index]["bufferView"];
         if !view.is_u64() {
-            return &[];
+            return Bytes::new();
         }
         let view = &self.json["bufferViews"][number(view)];
         let buffer = number(&view["buffer"]);
         let named = self.buffers.get(buffer).and_then(|named| named.as_ref()?.as_ref().ok());
         let Some(bytes) = named.map(|data| &data.bytes).or(self.bin.as_ref().filter(|_| buffer == 0)) else {
-            return &[];
+            return Bytes::new();
         };
-        let start = number(&view["byteOffset"]);
-        bytes.get(start..start.saturating_add(number(&view["byteLength"]))).unwrap_or_default()
+        let start = number(&view["byteOffset"]) as u64;
+        bytes.get(start..start.saturating_add(number(&view["byteLength"]) as u64)).unwrap_or_default()
     }
 
     fn measure_meshes(&self, survey: &mut Survey) {
@@ -74,7 +79,8 @@ impl Source {
             let count = index.as_u64().map(|i| json["accessors"][i as usize]["count"].as_u64().unwrap_or(0));
             count.filter(|&n| n < 1 << 40)
         };
-        for primitive in items(json, "meshes").flat_map(|mesh| items(mesh, "primitives")) {
+        let shown = items(json, "meshes").zip(&self.reach.meshes).filter(|(_, reached)| **reached);
+        for primitive in shown.flat_map(|(mesh, _)| items(mesh, "primitives")) {
             let attributes = &primitive["attributes"];
             let vertices = accessor(&attributes["POSITION"]).unwrap_or(0);
             let corners = accessor(&primitive["indices"]).unwrap_or(vertices);
@@ -92,11 +98,18 @@ impl Source {
     }
 }
 
+/// Four bytes a texel, eight of those with 16 bits a channel; nothing for what is no picture.
 fn decoded_bytes(bytes: &[u8]) -> u64 {
-    match ImageReader::new(Cursor::new(bytes)).with_guessed_format().map(ImageReader::into_dimensions) {
-        Ok(Ok((width, height))) => 4 * u64::from(width) * u64::from(height),
-        _ => 0,
+    if let [0xAB, b'K', b'T', b'X', b' ', b'2', b'0', ..] = bytes {
+        let side = |at: usize| bytes.get(at..at + 4)?.try_into().ok().map(u32::from_le_bytes);
+        return 4 * u64::from(side(20).unwrap_or(0)) * u64::from(side(24).unwrap_or(0));
     }
+    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().ok();
+    let Some(decoder) = reader.and_then(|reader| reader.into_decoder().ok()) else { return 0 };
+    let (width, height) = decoder.dimensions();
+    let color = decoder.color_type();
+    let channel = if color.bytes_per_pixel() > color.channel_count() { 2 } else { 1 };
+    4 * channel * u64::from(width) * u64::from(height)
 }
 
 fn items<'a>(json: &'a Value, key: &str) -> impl Iterator<Item = &'a Value> {
