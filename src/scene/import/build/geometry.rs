@@ -27,6 +27,44 @@ pub struct Geometry {
     pub source: Option<Vec<u32>>,
     pub motion: Option<Deformation>,
     pub beside: Option<[Positions; 2]>,
+    /// The texture coordinates along which tangents are still to be made.
+    pub tangents_for: Option<u8>,
+}
+
+/// A mesh that only wants what can fail no more.
+#[derive(Debug)]
+pub struct Draft {
+    pub geometry: Geometry,
+    pub name: String,
+    /// Of the scene.
+    pub material: u32,
+    /// Where it is put for good, and where that is a frame before and after if it is elsewhere.
+    pub world: Option<(DAffine3, Option<[DAffine3; 2]>)>,
+}
+
+impl Draft {
+    /// Does what it wants take long?
+    pub fn takes_long(&self) -> bool {
+        self.geometry.tangents_for.is_some() && self.geometry.tangents.is_none()
+    }
+
+    /// A mesh with the positions alone.
+    pub fn outline(&self) -> scene::Mesh {
+        let geometry = Geometry { positions: self.geometry.positions.clone(), ..Default::default() };
+        Self { geometry, name: String::new(), material: self.material, world: self.world }.finish()
+    }
+
+    /// The scene's mesh.
+    pub fn finish(mut self) -> scene::Mesh {
+        if let Some(set) = self.geometry.tangents_for {
+            tangents::make(&mut self.geometry, set);
+        }
+        let mut mesh = self.geometry.into_mesh(self.name, self.material);
+        if let Some((world, beside)) = self.world {
+            bake(&mut mesh, &world, beside);
+        }
+        mesh
+    }
 }
 
 /// Reads and checks one primitive. `None` when it has no triangles; a note says why.
@@ -94,8 +132,12 @@ pub fn read(
     }
     compact(&mut g);
     repair_normals(&mut g, &primitive.at, notes);
-    if let Some(set) = material.tangent_set() {
-        tangents::complete(&mut g, set, &primitive.at, notes);
+    g.tangents_for = material.tangent_set().filter(|&set| tangents::prepare(&mut g, set, &primitive.at, notes));
+    if g.source.is_some()
+        && let Some(set) = g.tangents_for.take()
+    {
+        // They part vertices, which the other moments then have as well.
+        tangents::make(&mut g, set);
     }
     if let Some(source) = g.source.take() {
         let pick = |values: &Vec<[f32; 3]>| source.iter().map(|&i| values[i as usize]).collect::<Vec<_>>();
@@ -159,7 +201,7 @@ fn read_triangles(reader: &mut Reader, p: &Primitive, vertices: usize, notes: &m
 }
 
 /// Moves a mesh to world space for good; `beside` is where it stands a frame before and after, if that is elsewhere.
-pub fn bake(mesh: &mut scene::Mesh, world: &DAffine3, beside: Option<[DAffine3; 2]>) {
+fn bake(mesh: &mut scene::Mesh, world: &DAffine3, beside: Option<[DAffine3; 2]>) {
     let place = |positions: &mut Positions, world: &DAffine3| {
         for p in positions.as_mut_slice() {
             *p = world.transform_point3(DVec3::from(p.map(f64::from))).as_vec3().to_array();
@@ -298,7 +340,7 @@ impl Geometry {
     }
 
     /// The scene's mesh.
-    pub fn into_mesh(self, name: String, material: u32) -> scene::Mesh {
+    fn into_mesh(self, name: String, material: u32) -> scene::Mesh {
         scene::Mesh {
             name,
             positions: Positions::new(self.positions),

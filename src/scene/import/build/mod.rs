@@ -16,12 +16,14 @@ mod reader;
 mod skins;
 mod tangents;
 mod textures;
+mod unshown;
 
 use std::collections::HashSet;
 use std::sync::Arc;
 use std::time::Instant;
 
-use glam::{DAffine3, DMat4};
+use glam::{DAffine3, DMat4, DVec3};
+use rayon::prelude::*;
 use tracing::debug;
 
 use crate::error::Result;
@@ -29,20 +31,22 @@ use crate::scene::import::document::Document;
 use crate::scene::import::document::extensions::{Support, support};
 use crate::scene::import::document::primitives::Mesh as MeshOfDocument;
 use crate::scene::import::report::{ImportReport, Notes};
-use crate::scene::{self, Framing, Instance, Mesh, Motion, Object, Scene};
+use crate::scene::{self, Instance, Motion, Object, Scene};
 
 use count::count;
 pub use count::{image_bytes, mesh_bytes};
 use deform::{Pose, Poses};
+use geometry::Draft;
 pub use kept::Kept;
 use kept::{KeptObject, Key, Objects, needs};
 use materials::MaterialTable;
 pub use moments::{Moment, moment, moments};
 use nodes::{ObjectKey, Placement, Walk, walk};
-use placing::{corners, is_invertible, is_solid, moved, points, to_single};
+use placing::{check_near, corners, framed, is_invertible, is_solid, points, to_single};
 pub use pose::posed;
 use reader::Reader;
 use textures::TextureTable;
+use unshown::{note_document, note_faults, note_unplaced};
 
 /// What is shown.
 pub struct Shown<'a> {
@@ -76,7 +80,8 @@ pub fn build(
         textures,
         materials: MaterialTable::default(),
         scene: Scene::default(),
-        framing: None,
+        seen: Vec::new(),
+        drafts: Vec::new(),
         // At rest there are no other moments.
         sharing: posed.then(|| Sharing { before: kept.objects(), now: Objects::default() }),
     };
@@ -88,14 +93,18 @@ pub fn build(
     let start = Instant::now();
     assembly.reader.unpack(meshes.flat_map(|mesh| &mesh.primitives))?;
     debug!("geometry unpacked: {:.3} s", start.elapsed().as_secs_f64());
-    assembly.framing = walk.cameras.is_empty().then(Box::default);
     for (key, placements) in &walk.objects {
         assembly.place(key, placements, &walk, &mut notes)?;
     }
     let placed: HashSet<usize> = walk.objects.iter().map(|(key, _)| key.mesh).collect();
     note_unplaced(document, &placed, &mut notes);
 
-    let Assembly { textures, materials, mut scene, framing, sharing, .. } = assembly;
+    let Assembly { textures, materials, mut scene, seen, drafts, sharing, .. } = assembly;
+    let start = Instant::now();
+    let finished: Vec<_> = drafts.into_par_iter().map(|(i, draft)| (i, Arc::new(draft.finish()))).collect();
+    finished.into_iter().for_each(|(i, mesh)| scene.meshes[i] = mesh);
+    debug!("tangents made: {:.3} s", start.elapsed().as_secs_f64());
+    let framing = walk.cameras.is_empty().then(|| Box::new(framed(&scene, &seen)));
     if let Some(sharing) = sharing {
         kept.keep(sharing.now);
     }
@@ -122,33 +131,6 @@ pub fn build(
     Ok(scene)
 }
 
-/// What concerns the file as a whole.
-fn note_document(document: &Document, variant: bool, posed: bool, notes: &mut Notes) {
-    for (name, at) in &document.extensions {
-        // Extensions of objects are noted where those are used.
-        let whole = !at.contains('.') || at.starts_with("scenes");
-        if let Support::Ignored(why) = support(name)
-            && whole
-            && at != "extensionsUsed"
-        {
-            notes.ignored(&format!("{at}.{name}"), format!("{name}: {why}"));
-        }
-    }
-    if document.animations.len() > 0 && !posed {
-        let text = "animations are not played: the scene is shown at rest (--pose and --frame show other moments)";
-        notes.approximated("animations", text);
-    }
-    if !document.variants.is_empty() && !variant {
-        let text = "material variants: the default materials are shown (--variant chooses others)";
-        notes.convention("extensions.KHR_materials_variants", text);
-    }
-    match document.scenes.len() {
-        0 => notes.convention("scenes", "no scene in the file: all of its nodes are shown"),
-        1 => {}
-        n => notes.not_loaded("scenes", format!("{} of {n} scenes: only {} is shown", n - 1, document.scene_at)),
-    }
-}
-
 struct Assembly<'a> {
     document: &'a Document,
     moments: &'a [Moment],
@@ -158,8 +140,10 @@ struct Assembly<'a> {
     textures: TextureTable,
     materials: MaterialTable,
     scene: Scene,
-    /// Of a scene without a camera.
-    framing: Option<Box<Framing>>,
+    /// Objects, in world space for good or not, and where they are.
+    seen: Vec<(u32, bool, Vec<DAffine3>)>,
+    /// What takes long to finish, with the number of the mesh that stands for it in the scene.
+    drafts: Vec<(usize, Draft)>,
     sharing: Option<Sharing>,
 }
 
@@ -215,8 +199,15 @@ impl Assembly<'_> {
         if self.sharing.is_some() {
             self.share(key, mesh, &poses, once, notes)?;
         } else {
-            let read = self.read(mesh, &poses, once, notes)?;
-            self.scene.meshes.extend(read.into_iter().map(|(_, mesh)| Arc::new(mesh)));
+            for (_, draft) in self.read(mesh, &poses, once, notes)? {
+                if draft.takes_long() {
+                    let outline = Arc::new(draft.outline());
+                    self.drafts.push((self.scene.meshes.len(), draft));
+                    self.scene.meshes.push(outline);
+                } else {
+                    self.scene.meshes.push(Arc::new(draft.finish()));
+                }
+            }
         }
         let meshes = start..self.scene.meshes.len() as u32;
         if meshes.is_empty() {
@@ -225,24 +216,15 @@ impl Assembly<'_> {
         let object = self.scene.objects.len() as u32;
         self.scene.objects.push(Object { name: mesh.name.clone(), meshes: meshes.clone() });
         let own = self.scene.meshes[meshes.start as usize..].iter().map(Arc::as_ref);
+        self.seen.push((object, once.is_some(), placements.iter().map(|placement| placement.world).collect()));
         if let Some((placement, _)) = once {
-            if let Some(framing) = &mut self.framing {
-                points(own).for_each(|p| framing.include(p));
-            }
             self.scene.instances.push(Instance { name: placement.name.clone(), object, ..Default::default() });
             return Ok(());
         }
-        if let (Some(framing), [only]) = (&mut self.framing, &placements[..]) {
-            points(own.clone()).for_each(|p| framing.include(only.world.transform_point3(p)));
-        }
-        let corners = corners(own);
+        let corners = corners(points(own));
         for (placement, way) in placements.iter().zip(ways) {
-            let seen = moved(&corners, &placement.world, &placement.at, &mesh.at)?;
-            if let Some(framing) = self.framing.as_mut().filter(|_| placements.len() > 1) {
-                seen.into_iter().for_each(|p| framing.include(p));
-            }
-            for world in way.open.iter().flatten() {
-                moved(&corners, world, &placement.at, &mesh.at)?;
+            for world in [&placement.world].into_iter().chain(way.open.iter().flatten()) {
+                check_near(&corners, world, &placement.at, &mesh.at)?;
             }
             let motion = way.open.and_then(|way| Motion::new(&way)).map(Arc::new);
             let (transform, beside) = (Some(to_single(&placement.world)), way.beside.map(|b| b.map(|w| to_single(&w))));
@@ -282,16 +264,16 @@ impl Assembly<'_> {
         }
     }
 
-    /// Reads an object's meshes, each with the number of its primitive; those of one that is placed once, into world space.
+    /// Reads an object's meshes, each with the number of its primitive; those of one that is placed once, for world space.
     fn read(
         &mut self,
         mesh: &MeshOfDocument,
         poses: &Poses,
         once: Option<Once>,
         notes: &mut Notes,
-    ) -> Result<Vec<(usize, Mesh)>> {
+    ) -> Result<Vec<(usize, Draft)>> {
         let document = self.document;
-        let mut meshes = Vec::new();
+        let mut drafts: Vec<(usize, Draft)> = Vec::new();
         for (i, primitive) in mesh.primitives.iter().enumerate() {
             for name in &primitive.extensions {
                 if let Support::Ignored(why) = support(name) {
@@ -310,14 +292,16 @@ impl Assembly<'_> {
                     1 => mesh.name.clone(),
                     _ => format!("{}[{i}]", mesh.name),
                 };
-                meshes.push((i, geometry.into_mesh(name, material)));
+                let world = once.map(|(placement, beside)| (placement.world, beside));
+                drafts.push((i, Draft { geometry, name, material, world }));
             }
         }
-        if let Some((placement, beside)) = once {
-            moved(&corners(meshes.iter().map(|(_, mesh)| mesh)), &placement.world, &placement.at, &mesh.at)?;
-            meshes.iter_mut().for_each(|(_, mesh)| geometry::bake(mesh, &placement.world, beside));
+        if let Some((placement, _)) = once {
+            let positions = drafts.iter().flat_map(|(_, draft)| &draft.geometry.positions);
+            let corners = corners(positions.map(|p| DVec3::from(p.map(f64::from))));
+            check_near(&corners, &placement.world, &placement.at, &mesh.at)?;
         }
-        Ok(meshes)
+        Ok(drafts)
     }
 
     /// As [`Self::read`], into the scene; what another moment of the files has is taken from there.
@@ -353,7 +337,7 @@ impl Assembly<'_> {
                 self.reader.unpack(mesh.primitives.iter())?;
                 let mut own = Notes::default();
                 let read = self.read(mesh, poses, once, &mut own)?;
-                let meshes = read.into_iter().map(|(i, mesh)| (i, Arc::new(mesh))).collect();
+                let meshes = read.into_par_iter().map(|(i, draft)| (i, Arc::new(draft.finish()))).collect();
                 Arc::new(KeptObject { needs: asked, meshes, notes: own.into_list() })
             }
         };
@@ -370,23 +354,4 @@ impl Assembly<'_> {
         }
         Ok(())
     }
-}
-
-fn note_unplaced(document: &Document, placed: &HashSet<usize>, notes: &mut Notes) {
-    for (_, mesh) in document.meshes.sound().filter(|(index, _)| !placed.contains(index)) {
-        notes.not_loaded(&mesh.at, "a mesh that no shown node places");
-    }
-}
-
-/// What is still faulty here is what nothing shown needed. Where nothing is shown at all, that may be why: then the first
-/// fault is an error.
-fn note_faults(document: &Document, nothing_shown: bool, notes: &mut Notes) -> Result<()> {
-    for (at, error) in document.faults() {
-        if nothing_shown {
-            return Err(error);
-        }
-        // Pictures that a shown material asks for have their note already.
-        notes.not_loaded(&at, format!("faulty, but nothing shown needs it: {error}"));
-    }
-    Ok(())
 }

@@ -48,8 +48,9 @@ impl MikkGeometry for Mikk<'_> {
     }
 }
 
-/// Gives the mesh unit tangents for texture coordinates `set`, and normals if it has none (then flat ones).
-pub fn complete(g: &mut Geometry, set: u8, at: &str, notes: &mut Notes) {
+/// Prepares a mesh for [`make`], which takes long and notes nothing: gives it normals if it has none (then flat ones).
+/// Can it have tangents for texture coordinates `set`?
+pub fn prepare(g: &mut Geometry, set: u8, at: &str, notes: &mut Notes) -> bool {
     if g.normals.is_none() {
         g.unweld();
         let flat = |t: [u32; 3]| [cross(g, t).try_normalize().unwrap_or(DVec3::Y).as_vec3().to_array(); 3];
@@ -57,11 +58,18 @@ pub fn complete(g: &mut Geometry, set: u8, at: &str, notes: &mut Notes) {
     }
     if g.tangents.is_none() && g.texcoords[usize::from(set)].is_none() {
         notes.approximated(at, "neither TANGENT nor texture coordinates: highlights are isotropic");
-        return;
+        return false;
     }
     if g.tangents.is_none() {
-        generate(g, set);
         notes.convention(at, "tangents are not in the file: made by MikkTSpace");
+    }
+    true
+}
+
+/// Gives the mesh unit tangents for texture coordinates `set`.
+pub fn make(g: &mut Geometry, set: u8) {
+    if g.tangents.is_none() {
+        generate(g, set);
     }
     let (Some(tangents), Some(normals)) = (&mut g.tangents, &g.normals) else { return };
     for (t, n) in tangents.iter_mut().zip(normals) {
