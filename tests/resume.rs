@@ -171,7 +171,9 @@ fn a_signal_saves_and_the_same_command_goes_on_to_the_same_bits() {
     let folder = folder();
     expect(folder.path(), "render cornell.glb --size 100x70 --spp 600 --aov all -o whole.exr -q", 0);
     let line = "render cornell.glb --size 100x70 --spp 600 --aov all -o out.exr --resume --progress plain";
-    for signal in ["-INT", "-TERM", "-HUP", "-USR1"] {
+    let mut signals = ["-INT", "-TERM", "-HUP", "-USR1"].into_iter().peekable();
+    let mut late = 0;
+    while let Some(signal) = signals.peek() {
         let mut child = start(folder.path(), line);
         let mut lines = BufReader::new(child.stderr.take().unwrap());
         let mut said = String::new();
@@ -180,8 +182,17 @@ fn a_signal_saves_and_the_same_command_goes_on_to_the_same_bits() {
         }
         program::signal(&child, signal);
         lines.read_to_string(&mut said).unwrap();
-        assert_eq!(child.wait().unwrap().code(), Some(75), "{said}");
+        let code = child.wait().unwrap().code();
+        if code == Some(0) {
+            // On a busy machine it may be done before it can be told.
+            late += 1;
+            assert!(late < 20, "no {signal} is heard:\n{said}");
+            fs::remove_file(folder.path().join("out.exr")).unwrap();
+            continue;
+        }
+        assert_eq!(code, Some(75), "{said}");
         assert!(said.contains("--resume"), "{said}");
+        signals.next();
     }
     expect(folder.path(), line, 0);
     assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("out.exr"));

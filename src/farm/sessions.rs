@@ -28,6 +28,9 @@ pub struct Sessions {
     pub log: u64,
     /// Was it given more memory?
     pub memory_raised: bool,
+    /// How much, in MiB: what has less was begun again before the scheduler had heard of it.
+    #[serde(default)]
+    pub memory_raised_to: u64,
     /// Was the last one ended for want of memory?
     pub out_of_memory: bool,
     /// What the last one ended with; nothing while it runs, and when nobody could say any more.
@@ -60,6 +63,7 @@ impl Sessions {
             fruitless,
             log,
             memory_raised: known.memory_raised,
+            memory_raised_to: known.memory_raised_to,
             out_of_memory: false,
             code: None,
         }

@@ -108,16 +108,19 @@ impl Session {
         let memory = [("SLURM_MEM_PER_NODE", "MinMemoryNode"), ("SLURM_MEM_PER_CPU", "MinMemoryCPU")];
         let memory = memory.into_iter().find_map(|(name, key)| Some((key, variable(name)?.parse::<u64>().ok()?)));
         let memory = memory.filter(|(_, mebibytes)| *mebibytes > 0);
-        let more = memory.filter(|_| self.retries_memory && !self.sessions.memory_raised);
+        let Sessions { memory_raised, memory_raised_to, .. } = self.sessions;
+        let more = memory.filter(|(_, given)| self.retries_memory && (!memory_raised || *given < memory_raised_to));
+        let more = more.map(|(key, given)| (key, given + given.div_ceil(2)));
         self.sessions.out_of_memory = true;
-        self.sessions.memory_raised |= more.is_some();
+        if let Some((_, raised)) = more {
+            (self.sessions.memory_raised, self.sessions.memory_raised_to) = (true, raised);
+        }
         let had = memory.map_or(String::new(), |(_, mebibytes)| format!(" (it was given {mebibytes} MiB)"));
         let how = if killed { ": the system has killed the process" } else { "" };
         let why = format!("out of memory{had}{how}");
         let Some(job) = job() else { return Error::Host(format!("{why}; give it more")) };
         let (orders, told): (Vec<Vec<String>>, _) = match more {
-            Some((key, mebibytes)) => {
-                let raised = mebibytes + mebibytes.div_ceil(2);
+            Some((key, raised)) => {
                 let update = ["update".into(), format!("JobId={job}"), format!("{key}={raised}")];
                 let told = Error::Interrupted(format!("{why}; Slurm begins it again with {raised} MiB"));
                 (vec![vec!["requeue".into(), job], update.into()], told)
