@@ -108,17 +108,7 @@ fn compared(stage: &Stage, settings: &RenderSettings, field: &Field, replicas: u
             let settings = RenderSettings { seed: seed + if field.is_some() { 1000 } else { 0 }, ..settings.clone() };
             let transport = Transport { field, ..transport(&stage.scene, &settings) };
             let counts = bismar::balance::Counts::half(4);
-            let task = |i: u32| PixelTask {
-                x: i % settings.width,
-                y: i / settings.width,
-                first_path: 0,
-                first_light: 0,
-                first_environment: 0,
-                first_bsdf: 0,
-                counts,
-                weighed: counts,
-                number: i,
-            };
+            let task = |i: u32| PixelTask::first([i % settings.width, i / settings.width], counts, i);
             let tasks: Vec<_> = (0..settings.width * settings.height).map(task).collect();
             let mut stats = vec![PixelStats::default(); tasks.len()];
             let mut batch = PixelBatch {

@@ -26,6 +26,23 @@ pub struct PixelTask {
     pub number: u32,
 }
 
+impl PixelTask {
+    /// The first paths of a pixel, weighed by themselves.
+    pub fn first([x, y]: [u32; 2], counts: Counts, number: u32) -> Self {
+        Self {
+            x,
+            y,
+            first_path: 0,
+            first_light: 0,
+            first_environment: 0,
+            first_bsdf: 0,
+            counts,
+            weighed: counts,
+            number,
+        }
+    }
+}
+
 /// What a wave works on and adds to, an entry a pixel, and who is told what first surfaces' samples find.
 pub struct PixelBatch<'a> {
     /// What each pixel is to take.

@@ -150,18 +150,7 @@ fn take(transport: &Transport, [width, height]: [u32; 2], paths: u32, most: usiz
         let mut pixels: Vec<_> =
             (y0..height.min(y0 + TILE)).flat_map(|y| (x0..width.min(x0 + TILE)).map(move |x| [x, y])).collect();
         pixels.sort_by_key(block);
-        let task = |[x, y]: [u32; 2]| PixelTask {
-            x,
-            y,
-            first_path: 0,
-            first_light: 0,
-            first_environment: 0,
-            first_bsdf: 0,
-            counts,
-            weighed: counts,
-            number: 0,
-        };
-        let tasks: Vec<_> = pixels.into_iter().map(task).collect();
+        let tasks: Vec<_> = pixels.into_iter().map(|pixel| PixelTask::first(pixel, counts, 0)).collect();
         let (mut lessons, mut variance) = (Vec::new(), 0.0);
         let mut wave = Wave::default();
         for tasks in tasks.chunks((2048 / paths).max(1) as usize) {

@@ -140,7 +140,7 @@ struct Assembly<'a> {
     textures: TextureTable,
     materials: MaterialTable,
     scene: Scene,
-    /// Objects, in world space for good or not, and where they are.
+    /// Of a scene without a camera: objects, in world space for good or not, and where they are.
     seen: Vec<(u32, bool, Vec<DAffine3>)>,
     /// What takes long to finish, with the number of the mesh that stands for it in the scene.
     drafts: Vec<(usize, Draft)>,
@@ -216,7 +216,9 @@ impl Assembly<'_> {
         let object = self.scene.objects.len() as u32;
         self.scene.objects.push(Object { name: mesh.name.clone(), meshes: meshes.clone() });
         let own = self.scene.meshes[meshes.start as usize..].iter().map(Arc::as_ref);
-        self.seen.push((object, once.is_some(), placements.iter().map(|placement| placement.world).collect()));
+        if walk.cameras.is_empty() {
+            self.seen.push((object, once.is_some(), placements.iter().map(|placement| placement.world).collect()));
+        }
         if let Some((placement, _)) = once {
             self.scene.instances.push(Instance { name: placement.name.clone(), object, ..Default::default() });
             return Ok(());

@@ -68,7 +68,7 @@ impl Source {
         };
         let folder = uri::folder_of(path)?;
         let resolve = |list: &str| -> Vec<Option<Result<Resource>>> {
-            let items = json[list].as_array().into_iter().flatten().enumerate();
+            let items = reach::items(&json[list]).enumerate();
             items
                 .map(|(i, item)| Some(uri::resolve(item["uri"].as_str()?, &folder, &format!("{list}[{i}].uri"))))
                 .collect()
@@ -82,8 +82,11 @@ impl Source {
         for (image, reached) in images.iter().zip(&reach.images) {
             want(&mut files, image.as_ref(), (!reached).then(Vec::new));
         }
-        let read = |(path, wanted): (PathBuf, _)| (read(&path, wanted), path);
-        let blobs: HashMap<_, _> = files.into_iter().map(read).map(|(blob, path)| (path, blob)).collect();
+        let read = |(path, wanted): (PathBuf, _)| {
+            let blob = read(&path, wanted);
+            (path, blob)
+        };
+        let blobs: HashMap<_, _> = files.into_iter().map(read).collect();
         let data = |named: Vec<Option<Result<Resource>>>| -> Vec<Option<Result<Data>>> {
             let data = |resource| match resource {
                 Resource::Data { mime, bytes } => Ok(Data { bytes: Blob::whole(bytes.into()), mime: Some(mime) }),

@@ -141,7 +141,8 @@ fn indices(list: &[bool]) -> Vec<usize> {
     (0..list.len()).filter(|&i| list[i]).collect()
 }
 
-fn items(json: &Value) -> impl Iterator<Item = &Value> {
+/// The elements of an array; none of anything else.
+pub fn items(json: &Value) -> impl Iterator<Item = &Value> {
     json.as_array().into_iter().flatten()
 }
 

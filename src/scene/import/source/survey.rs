@@ -8,6 +8,7 @@ use image::{ImageDecoder, ImageReader};
 use serde_json::Value;
 
 use super::Source;
+use super::reach::items;
 
 /// What a scene's files say of themselves.
 #[derive(Debug, Clone, Default)]
@@ -79,8 +80,8 @@ impl Source {
             let count = index.as_u64().map(|i| json["accessors"][i as usize]["count"].as_u64().unwrap_or(0));
             count.filter(|&n| n < 1 << 40)
         };
-        let shown = items(json, "meshes").zip(&self.reach.meshes).filter(|(_, reached)| **reached);
-        for primitive in shown.flat_map(|(mesh, _)| items(mesh, "primitives")) {
+        let shown = items(&json["meshes"]).zip(&self.reach.meshes).filter(|(_, reached)| **reached);
+        for primitive in shown.flat_map(|(mesh, _)| items(&mesh["primitives"])) {
             let attributes = &primitive["attributes"];
             let vertices = accessor(&attributes["POSITION"]).unwrap_or(0);
             let corners = accessor(&primitive["indices"]).unwrap_or(vertices);
@@ -110,10 +111,6 @@ fn decoded_bytes(bytes: &[u8]) -> u64 {
     let color = decoder.color_type();
     let channel = if color.bytes_per_pixel() > color.channel_count() { 2 } else { 1 };
     4 * channel * u64::from(width) * u64::from(height)
-}
-
-fn items<'a>(json: &'a Value, key: &str) -> impl Iterator<Item = &'a Value> {
-    json[key].as_array().into_iter().flatten()
 }
 
 /// An index or size; 0, their default, when it is not there.
