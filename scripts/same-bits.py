@@ -154,7 +154,8 @@ def cases():
     # inspect loads as render does, and says more about it.
     for name, scene in scenes.items():
         yield case(f"{name} inspect", f"inspect {scene.split()[0]} --json >inspect.json", quick=True)
-    study = "study balance {} --out . --quick --size 32x24 --spp 16,160 --replicas 8 --reference-spp 512 --balance all"
+    study = "study balance {} --out . --quick --size 32x24 --spp 16,160 --replicas 8 --reference-spp 512 --balance all" \
+            " --footprint none"
     for name in ["veach", "study/window"]:
         path = ROOT / f"scenes/{name}.glb"
         line = study.format(path) + " --threads 1 --progress none -q"

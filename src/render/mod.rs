@@ -37,7 +37,7 @@ pub use progress::Progress;
 pub use replay::replay;
 pub use settings::{Balance, Integrator, PixelFilter, RenderSettings};
 pub use stats::{RenderStats, StopReason};
-use tile::Tile;
+use tile::{TILE, Tile};
 
 /// A finished or stopped render.
 #[derive(Debug)]
@@ -86,7 +86,12 @@ impl Rendered {
 
 /// The tiles that a render of these settings begins with, row by row.
 pub fn fresh_tiles(settings: &RenderSettings) -> Vec<Tile> {
-    let mut all = Tile::cover(settings.width, settings.height, settings.window(), settings.columns());
+    let cover = |window| Tile::cover(settings.width, settings.height, window, settings.columns());
+    let corner = |tile: &[u32; 2]| tile.map(|n| n * TILE);
+    let mut all = match &settings.tiles {
+        None => cover(settings.window()),
+        Some(some) => some.iter().map(corner).flat_map(|[x, y]| cover([x, y, x + 1, y + 1])).collect(),
+    };
     if let Some(shares) = &settings.shares {
         all.iter_mut().for_each(|tile| tile.begin_with(shares, settings.width));
     }

@@ -89,6 +89,10 @@ pub struct RenderSettings {
     /// For studies: stop after this many passes.
     #[serde(skip)]
     pub passes: Option<u32>,
+    /// For studies: render these tiles of the whole picture's grid alone ([`Tile::grid_position`](super::tile::Tile)), in
+    /// this order.
+    #[serde(skip)]
+    pub tiles: Option<Arc<[[u32; 2]]>>,
 }
 
 fn is_default<T: Default + PartialEq>(value: &T) -> bool {
@@ -140,6 +144,7 @@ impl Default for RenderSettings {
             part: None,
             shares: None,
             passes: None,
+            tiles: None,
         }
     }
 }

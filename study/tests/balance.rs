@@ -18,10 +18,14 @@ use crate::helpers::stage::{Stage, lamp, look, metal, rectangle};
 use crate::helpers::statistics::z_limit;
 
 fn study(folder: &Path, more: &str) -> Output {
-    let line = "balance scene.glb --out out --size 24x16 --spp 4,16 --replicas 8 --reference-spp 256 \
-                --balance second-order,oracle --progress none -q";
+    let line = "--size 24x16 --spp 4,16 --replicas 8 --reference-spp 256 --balance second-order,oracle";
+    balance(folder, &format!("{line} {more}"))
+}
+
+fn balance(folder: &Path, more: &str) -> Output {
     let mut command = Command::new(assert_cmd::cargo::cargo_bin!("bismar-study"));
-    command.current_dir(folder).args(line.split_whitespace()).args(more.split_whitespace()).output().unwrap()
+    let line = format!("balance scene.glb --out out --progress none -q {more}");
+    command.current_dir(folder).args(line.split_whitespace()).output().unwrap()
 }
 
 fn rows(folder: &Path) -> Vec<Value> {
@@ -41,7 +45,7 @@ fn a_study_measures_once_reports_everything_and_notices_what_changed() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     fs::write(folder.join("scene.glb"), glb::triangle()).unwrap();
-    let output = study(folder, "");
+    let output = study(folder, "--footprint none");
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
 
     let all = rows(folder);
@@ -70,7 +74,7 @@ fn a_study_measures_once_reports_everything_and_notices_what_changed() {
 
     // Again: nothing is taken, the results are the same to the byte.
     let (before, csv) = (cells(folder), fs::read(folder.join("out/results.csv")).unwrap());
-    assert_eq!(study(folder, "").status.code(), Some(0));
+    assert_eq!(study(folder, "--footprint 24x16").status.code(), Some(0));
     assert!(cells(folder) == before);
     assert!(fs::read(folder.join("out/results.csv")).unwrap() == csv);
 
@@ -88,7 +92,7 @@ fn a_study_measures_once_reports_everything_and_notices_what_changed() {
     fs::remove_file(&lost).unwrap();
     let (cut, bytes) = path("half-16.cell");
     fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
-    assert_eq!(study(folder, "").status.code(), Some(0));
+    assert_eq!(study(folder, "--footprint 24x16").status.code(), Some(0));
     for (file, bytes) in cells(folder) {
         let i = before.iter().position(|(f, _)| *f == file).unwrap();
         let (_, old) = &before[i];
@@ -98,11 +102,82 @@ fn a_study_measures_once_reports_everything_and_notices_what_changed() {
     }
 }
 
+/// The pixels of a study of a mosaic are those of the same tiles in the whole picture, to the bit.
+#[test]
+fn a_footprint_measures_tiles_of_the_large_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    fs::write(folder.join("scene.glb"), glb::triangle()).unwrap();
+    let pictures = |more: &str| {
+        let output = balance(folder, &format!("--balance progressive --spp 32 --replicas 4 --reference-spp 16 {more}"));
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+        let cells = fs::read_dir(folder.join("out/cells")).unwrap().map(|e| e.unwrap().path());
+        let last = cells.max_by_key(|path| fs::metadata(path).unwrap().modified().unwrap()).unwrap();
+        ["half-32.cell", "progressive-32.cell", "progressive-32-found.cell"]
+            .map(|name| files::kept::<Cell>(&last.join(name)).unwrap().unwrap())
+    };
+    // Of 10 x 5 tiles the two at columns 2 and 7, row 2; of the second one half.
+    let [tiles, whole] = [pictures("--size 24x16 --footprint 160x90"), pictures("--size 160x90 --footprint none")];
+    let json: Value = serde_json::from_str(&fs::read_to_string(folder.join("out/results.json")).unwrap()).unwrap();
+    assert!(json["footprint"].is_null());
+    for (tiles, whole) in tiles.iter().zip(&whole) {
+        assert_eq!((tiles.pixels, whole.pixels), (24 * 16, 160 * 90));
+        for (x, y) in (0..24).flat_map(|x| (0..16).map(move |y| (x, y))) {
+            let (own, at) = (24 * y + x, 160 * (32 + y) + if x < 16 { 32 + x } else { 112 + x - 16 });
+            assert_eq!(tiles.picture(3)[3 * own..][..3], whole.picture(3)[3 * at..][..3]);
+            assert_eq!(tiles.shares_of(3)[own], whole.shares_of(3)[at]);
+            assert_eq!(tiles.paths_of(3)[own], 32.0);
+        }
+    }
+}
+
+/// Whole pictures: nothing is taken twice, and the ratios are those of the numbers beside them.
+#[test]
+fn whole_pictures_show_error_against_seconds() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("scene.glb"), glb::triangle()).unwrap();
+    let line = "--whole --size 24x16 --spp 4,32 --replicas 4 --reference-spp 256";
+    let run = || {
+        let output = balance(folder.path(), line);
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+        (rows(folder.path()), cells(folder.path()))
+    };
+    let (all, kept) = run();
+    let named: Vec<_> = all.iter().map(|r| format!("{} {}", r["estimator"].as_str().unwrap(), r["spp"])).collect();
+    let four = ["half", "progressive", "half+guiding", "progressive+guiding"];
+    assert_eq!(named, [4, 32].iter().flat_map(|spp| four.map(|name| format!("{name} {spp}"))).collect::<Vec<_>>());
+    for (i, row) in all.iter().enumerate() {
+        let number = |name: &str| row[name].as_f64().unwrap();
+        assert_eq!(number("paths_mean"), number("spp"));
+        let half = all[i / 4 * 4]["rel_mse"].as_f64().unwrap();
+        assert!((number("rel_mse_ratio") / (number("rel_mse") / half) - 1.0).abs() < 1e-9, "{row}");
+        assert_eq!(number("product_ratio"), number("rel_mse_ratio") * number("time_ratio"));
+        assert!(number("bias_z").abs() < z_limit(24), "{row}");
+        assert_eq!(row["guided"].is_number(), i % 4 > 1, "{row}");
+    }
+    assert_eq!(all[0]["product_ratio"], 1.0);
+    let page = fs::read_to_string(folder.path().join("out/report.html")).unwrap();
+    assert!(page.contains(r#"class="slider""#) && page.matches("<svg").count() == 3);
+    assert_eq!(fs::read_dir(folder.path().join("out/charts")).unwrap().count(), 3);
+    let again = run();
+    assert!(again.0 == all && again.1 == kept);
+    for (more, words) in [("--whole --footprint 64x64", "--footprint"), ("--balance half+bogus", "there is no")] {
+        let output = balance(folder.path(), more);
+        assert_eq!(output.status.code(), Some(64), "{more}");
+        assert!(String::from_utf8_lossy(&output.stderr).contains(words), "{more}");
+    }
+}
+
 #[test]
 fn wrong_usage_is_told() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("scene.glb"), glb::triangle()).unwrap();
-    for (more, words) in [("--bogus", "--bogus"), ("--camera 1", "--camera")] {
+    for (more, words) in [
+        ("--bogus", "--bogus"),
+        ("--camera 1", "--camera"),
+        ("--footprint 9", "nor none"),
+        ("--footprint 20x20", "--size 24x16"),
+    ] {
         let output = study(folder.path(), more);
         assert_eq!(output.status.code(), Some(64), "{more}");
         assert!(String::from_utf8_lossy(&output.stderr).contains(words));

@@ -2,13 +2,14 @@
 
 use std::path::Path;
 
+use bismar::render::stats::GuidingStats;
 use bismar::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 use crate::files;
 
 /// What one replica took.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Times {
     /// CPU seconds of all threads.
     pub cpu: f64,
@@ -16,6 +17,39 @@ pub struct Times {
     pub wall: f64,
     /// CPU seconds of `half` in the same round, where it was rendered then.
     pub half_cpu: Option<f64>,
+    /// Guiding's, where it was asked.
+    pub pilot: Option<Pilot>,
+}
+
+/// What a pilot of guiding found.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Pilot {
+    /// Were paths guided?
+    pub on: bool,
+    /// The variance that it expected to be left, over that without guiding.
+    pub variance: f32,
+    /// Wall seconds that it took.
+    pub seconds: f64,
+}
+
+impl Pilot {
+    /// Of a render.
+    pub fn of(stats: &GuidingStats) -> Self {
+        Self { on: stats.on, variance: stats.worth.variance, seconds: stats.seconds }
+    }
+}
+
+/// One replica.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Replica {
+    /// What it took.
+    pub times: Times,
+    /// As [`Cell::picture`].
+    pub values: Vec<f32>,
+    /// As [`Cell::shares_of`].
+    pub shares: Vec<f32>,
+    /// As [`Cell::paths_of`].
+    pub paths: Vec<f32>,
 }
 
 /// Replicas of one estimator at one sample count.
@@ -29,6 +63,8 @@ pub struct Cell {
     pub values: Vec<f32>,
     /// Each pixel's share of light samples after the last pass, replica by replica.
     pub shares: Vec<f32>,
+    /// Each pixel's paths, replica by replica.
+    pub paths: Vec<f32>,
 }
 
 impl Cell {
@@ -52,6 +88,11 @@ impl Cell {
         &self.shares[replica * self.pixels..][..self.pixels]
     }
 
+    /// One replica's paths, one number a pixel; none of what is no render.
+    pub fn paths_of(&self, replica: usize) -> &[f32] {
+        self.paths.get(replica * self.pixels..).map_or(&[], |rest| &rest[..self.pixels])
+    }
+
     /// Each pixel's mean share over the replicas.
     pub fn mean_shares(&self) -> Vec<f32> {
         let mut mean = vec![0.0; self.pixels];
@@ -71,11 +112,12 @@ impl Cell {
     }
 
     /// Adds a replica.
-    pub fn push(&mut self, times: Times, values: &[f32], shares: &[f32]) {
-        debug_assert!(values.len() == self.pixels * 3 && shares.len() == self.pixels);
-        self.times.push(times);
-        self.values.extend_from_slice(values);
-        self.shares.extend_from_slice(shares);
+    pub fn push(&mut self, replica: &Replica) {
+        debug_assert!(replica.values.len() == self.pixels * 3 && replica.shares.len() == self.pixels);
+        self.times.push(replica.times);
+        self.values.extend_from_slice(&replica.values);
+        self.shares.extend_from_slice(&replica.shares);
+        self.paths.extend_from_slice(&replica.paths);
     }
 
     /// Reads a cell of pictures of so many pixels; `None` when there is none, or one of other pictures or damaged.
@@ -108,8 +150,10 @@ mod tests {
         let mut cell = Cell::new(2);
         for r in 0..3 {
             let x = r as f32;
-            let times = Times { cpu: 0.1 * f64::from(r), wall: 1.0, half_cpu: (r > 0).then_some(0.3) };
-            cell.push(times, &[x, 1.0, 2.0, 3.0 * x, 4.0, f32::MIN_POSITIVE], &[0.25 * x, 0.5]);
+            let pilot = Some(Pilot { on: r == 1, variance: 0.5, seconds: 0.1 });
+            let times = Times { cpu: 0.1 * f64::from(r), wall: 1.0, half_cpu: (r > 0).then_some(0.3), pilot };
+            let values = vec![x, 1.0, 2.0, 3.0 * x, 4.0, f32::MIN_POSITIVE];
+            cell.push(&Replica { times, values, shares: vec![0.25 * x, 0.5], paths: vec![64.0, x] });
         }
         cell
     }
@@ -134,5 +178,6 @@ mod tests {
         let mean = cell().mean();
         assert!((mean[0] - 1.0).abs() < 1e-12 && (mean[3] - 3.0).abs() < 1e-12);
         assert_eq!(cell().mean_shares(), [0.25, 0.5]);
+        assert_eq!(cell().paths_of(2), [64.0, 2.0]);
     }
 }

@@ -2,7 +2,7 @@
 
 use bismar::balance::Balance;
 
-use super::{CONTROL, Design, Estimator};
+use super::{CONTROL, Design, Estimator, HALF};
 
 /// What a cell holds replicas of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,14 +52,14 @@ impl Key {
 pub fn keys(design: &Design) -> Vec<Key> {
     let mut keys = Vec::new();
     let most = design.spp.last().copied();
-    let half = Estimator::Method(Balance::Half);
     for &spp in &design.spp {
-        let others = design.estimators.iter().filter(|e| **e != half).map(|e| What::Picture(*e));
-        for what in [What::Picture(half), What::Control].into_iter().chain(others) {
+        let others = design.estimators.iter().filter(|e| **e != HALF).map(|e| What::Picture(*e));
+        let control = (!design.whole).then_some(What::Control);
+        for what in [What::Picture(HALF)].into_iter().chain(control).chain(others) {
             keys.push(Key { what, spp });
         }
         // The shares found are judged where they are best known.
-        for estimator in design.estimators.iter().filter(|_| Some(spp) == most) {
+        for estimator in design.estimators.iter().filter(|_| Some(spp) == most && !design.whole) {
             if let Estimator::Method(balance) = *estimator
                 && balance.method().learns()
             {
@@ -105,10 +105,17 @@ mod tests {
             integrator: bismar::render::Integrator::Direct,
             width: 8,
             height: 8,
+            footprint: None,
+            whole: false,
         };
         let names = keys(&design).into_iter().map(Key::file_name).collect::<Vec<_>>();
         let expected = "half-4.cell half-again-4.cell second-order-4.cell oracle-4.cell half-16.cell half-again-16.cell \
                         second-order-16.cell oracle-16.cell second-order-16-found.cell";
         assert_eq!(names.join(" "), expected);
+        let estimators = ["half", "half+guiding", "progressive"].into_iter().filter_map(Estimator::named).collect();
+        let names = keys(&Design { estimators, whole: true, ..design }).into_iter().map(Key::file_name);
+        let expected = "half-4.cell half+guiding-4.cell progressive-4.cell half-16.cell half+guiding-16.cell \
+                        progressive-16.cell";
+        assert_eq!(names.collect::<Vec<_>>().join(" "), expected);
     }
 }

@@ -5,23 +5,30 @@
 //! in their ratio (a pixel that stays at ½ has the ratio 1 exactly). The control `half-again` is `half` with other seeds:
 //! whatever it shows is noise.
 
+mod campaign;
 pub mod cell;
 pub mod key;
 pub mod measure;
+pub mod mosaic;
 pub mod oracle;
 pub mod page;
+pub mod portrait;
 pub mod ratio;
 pub mod resample;
 pub mod scene;
 pub mod table;
+pub mod whole;
 
 use std::path::PathBuf;
 
+use bismar::Result;
 use bismar::balance::Balance;
 use bismar::render::Integrator;
 
-pub use measure::{Measured, Portrait, measure, portrait};
+pub use measure::{Measured, measure};
+pub use mosaic::Mosaic;
 pub use page::{SceneResults, write};
+pub use portrait::{Portrait, portrait};
 pub use scene::StudyScene;
 pub use table::Row;
 
@@ -40,10 +47,41 @@ pub struct Design {
     pub reference_spp: u32,
     /// Light transport.
     pub integrator: Integrator,
-    /// Pixels a row.
+    /// Measured pixels a row.
     pub width: u32,
     /// Rows.
     pub height: u32,
+    /// Size of the picture whose tiles are measured; `None`: that of the measured pixels, which are all of it.
+    pub footprint: Option<[u32; 2]>,
+    /// Is it about the error of whole pictures against seconds, not about pixels' variances?
+    pub whole: bool,
+}
+
+impl Design {
+    /// Which pixels are measured.
+    ///
+    /// # Errors
+    /// As [`Mosaic::new`].
+    pub fn mosaic(&self) -> Result<Mosaic> {
+        Mosaic::new([self.width, self.height], self.footprint)
+    }
+
+    /// The measured pixels, in words.
+    pub fn pixels(&self) -> String {
+        let Self { width, height, .. } = self;
+        match self.footprint {
+            Some([w, h]) if [w, h] != [*width, *height] => {
+                format!("{width}x{height} pixels of {w}x{h} (whole tiles, spread over the view)")
+            }
+            _ => format!("{width}x{height} pixels"),
+        }
+    }
+
+    /// What the reference is rendered by.
+    pub fn reference(&self) -> Estimator {
+        let guided = self.whole && self.estimators.iter().any(|e| e.parts().1);
+        if guided { Estimator::Guided(Balance::Half) } else { HALF }
+    }
 }
 
 /// What is compared.
@@ -51,9 +89,16 @@ pub struct Design {
 pub enum Estimator {
     /// One of `--balance`.
     Method(Balance),
+    /// One of `--balance`, with `--guiding auto`.
+    Guided(Balance),
     /// The best fixed share of each pixel, found by brute force beforehand: the limit, not a method.
     Oracle,
 }
+
+/// What all others are compared with.
+pub const HALF: Estimator = Estimator::Method(Balance::Half);
+/// Ends the names of those that are guided.
+const GUIDED: &str = "+guiding";
 
 impl Estimator {
     /// All of them, `half` first.
@@ -67,13 +112,24 @@ impl Estimator {
     pub fn name(self) -> String {
         match self {
             Estimator::Method(balance) => balance.name().to_owned(),
+            Estimator::Guided(balance) => format!("{}{GUIDED}", balance.name()),
             Estimator::Oracle => "oracle".to_owned(),
         }
     }
 
     /// By its name.
     pub fn named(name: &str) -> Option<Self> {
-        Self::all().into_iter().find(|e| e.name() == name)
+        let guided = Balance::all().iter().map(|&balance| Self::Guided(balance));
+        Self::all().into_iter().chain(guided).find(|e| e.name() == name)
+    }
+
+    /// `--balance`, and whether paths may be guided.
+    pub fn parts(self) -> (Balance, bool) {
+        match self {
+            Self::Method(balance) => (balance, false),
+            Self::Guided(balance) => (balance, true),
+            Self::Oracle => (Balance::Half, false),
+        }
     }
 
     /// The one to show beside `half`: the default, if it is studied.
@@ -83,11 +139,6 @@ impl Estimator {
         let mut methods = methods.collect::<Vec<_>>();
         methods.sort_by_key(|&b| (b != default, b == Balance::Half));
         methods.first().copied().unwrap_or(default)
-    }
-
-    /// Does it find a share for each pixel from samples?
-    pub fn learns(self) -> bool {
-        matches!(self, Estimator::Method(balance) if balance.method().learns())
     }
 }
 

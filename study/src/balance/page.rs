@@ -1,15 +1,15 @@
 //! What was measured, for people: `report.html` and its charts.
 
 mod charts;
-mod pictures;
+pub(super) mod pictures;
 
 use bismar::Result;
-use bismar::balance::Balance;
 
 use super::key::What;
-use super::measure::{Measured, Portrait, REFERENCE_PARTS};
+use super::measure::{Measured, REFERENCE_PARTS};
+use super::portrait::Portrait;
 use super::table::{Level, Outcome, Row, WORST, write_json};
-use super::{Design, Estimator};
+use super::{Design, Estimator, HALF};
 use crate::files;
 use crate::report::page::chart_figure;
 use crate::report::{Page, Table, Tone, number, with_error};
@@ -34,11 +34,11 @@ impl SceneResults {
     /// Gathers it.
     pub fn new(name: &str, levels: Vec<Level>, measured: &Measured, portrait: Portrait) -> Self {
         let most = levels.last().map_or(0, |l| l.spp);
-        let example = |balance| {
-            let cell = measured.get(What::Picture(Estimator::Method(balance)), most);
+        let example = |estimator| {
+            let cell = measured.get(What::Picture(estimator), most);
             cell.map_or(Vec::new(), |c| c.picture(0).to_vec())
         };
-        let examples = [example(Balance::Half), example(portrait.shown)];
+        let examples = [example(HALF), example(Estimator::Method(portrait.shown))];
         Self { name: name.to_owned(), levels, reference: measured.reference.mean(), examples, portrait }
     }
 
@@ -77,11 +77,10 @@ fn page(design: &Design, scenes: &[SceneResults]) -> Result<String> {
     let spp = design.spp.last().copied().unwrap_or(0);
     let lead = format!(
         "How light and BSDF sampling share the work: every estimator against `half` (one sample of each a path, balance \
-         heuristic), on {} scene{}, {}x{} pixels, {:?} light transport, {} replicas of every picture.",
+         heuristic), on {} scene{}, {}, {:?} light transport, {} replicas of every picture.",
         scenes.len(),
         if scenes.len() == 1 { "" } else { "s" },
-        design.width,
-        design.height,
+        design.pixels(),
         design.integrator,
         design.replicas
     );
@@ -129,7 +128,7 @@ fn averages(page: &mut Page, scenes: &[SceneResults], spp: u32) {
         let mean = |f: &dyn Fn(&Row) -> f64| rows.iter().map(|r| f(r)).sum::<f64>() / n;
         let error = |f: &dyn Fn(&Row) -> f64| rows.iter().map(|r| f(r).powi(2)).sum::<f64>().sqrt() / n;
         let found = rows.iter().all(|r| r.found_ratio.is_some());
-        let faint = matches!(outcome.estimator, Some(Estimator::Oracle | Estimator::Method(Balance::Half)));
+        let faint = matches!(outcome.estimator, Some(Estimator::Oracle | HALF));
         let (ratio, ratio_se) = (mean(&|r| r.ratio), error(&|r| r.ratio_se));
         let tone = if faint { Tone::Faint } else { tone(ratio, ratio_se) };
         let plain = if faint { Tone::Faint } else { Tone::Plain };
@@ -157,6 +156,14 @@ fn method(page: &mut Page, design: &Design) {
              what two estimators do alike cancels.",
             design.replicas, design.reference_spp
         ));
+        if design.footprint.is_some() {
+            page.text(
+                "Measured are tiles of a large picture, rendered as in the whole of it: pixels as small as those of what is \
+                 rendered in earnest, with the neighbours that they have there. In a small picture of the whole view nearly every \
+                 pixel has an edge in it, and where in the pixel a path goes hides what the balance does. Pictures of the measured \
+                 pixels show the tiles side by side.",
+            );
+        }
         page.text(
             "The variance ratio is the mean over pixels of a pixel's variance over that by `half`; the jackknife takes off \
              the bias that noise in the divisor gives to such a mean. The ratio of means divides the whole picture's \
@@ -290,7 +297,7 @@ fn level_table(level: &Level) -> Table {
     ]);
     for outcome in &level.results {
         let row = &outcome.row;
-        let half = outcome.estimator == Some(Estimator::Method(Balance::Half));
+        let half = outcome.estimator == Some(HALF);
         let faint = half || matches!(outcome.estimator, None | Some(Estimator::Oracle));
         let plain = if faint { Tone::Faint } else { Tone::Plain };
         let toned = |x: f64, e: f64| (with_error(x, e), if faint { Tone::Faint } else { tone(x, e) });

@@ -240,7 +240,7 @@ pub fn worst_held_out(own: &Deviations, base: &Deviations, pixels: &[usize], sha
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::balance::cell::Times;
+    use crate::balance::cell::Replica;
 
     /// Grey replicas of `pixels` pixels, normal with the deviations of `of`, from `seed`.
     fn cell(seed: u64, replicas: usize, pixels: usize, of: impl Fn(usize) -> f64) -> Cell {
@@ -252,8 +252,8 @@ mod tests {
         let mut normal = move || (-2.0 * uniform().ln()).sqrt() * (std::f64::consts::TAU * uniform()).cos();
         let mut cell = Cell::new(pixels);
         for _ in 0..replicas {
-            let values = (0..pixels).flat_map(|p| [(1.0 + of(p) * normal()) as f32; 3]).collect::<Vec<_>>();
-            cell.push(Times { cpu: 1.0, wall: 1.0, half_cpu: None }, &values, &vec![0.5; pixels]);
+            let values = (0..pixels).flat_map(|p| [(1.0 + of(p) * normal()) as f32; 3]).collect();
+            cell.push(&Replica { values, shares: vec![0.5; pixels], ..Replica::default() });
         }
         cell
     }

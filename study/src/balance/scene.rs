@@ -10,7 +10,7 @@ use bismar::scene::Scene;
 use bismar::scene::import::{EnvironmentFile, ImportOptions, SceneFiles};
 use bismar::{Error, Result};
 
-use super::Design;
+use super::{Design, Mosaic};
 
 /// A scene with its rays, and what identifies its pictures.
 pub struct StudyScene {
@@ -37,7 +37,8 @@ impl StudyScene {
             integrator: design.integrator,
             ..RenderSettings::default()
         };
-        let fingerprint = files.fingerprint(&settings)?;
+        let mosaic = design.mosaic()?;
+        let fingerprint = files.fingerprint(&settings, &mosaic)?;
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Self {
             name,
@@ -82,10 +83,11 @@ impl Files {
 
     /// Of what the pictures depend on outside of this program. (What they depend on inside is found out by rendering a
     /// piece of each stored measurement again: see [`measure`](super::measure()).)
-    fn fingerprint(&self, settings: &RenderSettings) -> Result<String> {
+    fn fingerprint(&self, settings: &RenderSettings, mosaic: &Mosaic) -> Result<String> {
         let sky = self.sky.as_ref().map_or(String::new(), EnvironmentFile::hash);
         let settings = serde_json::to_string(settings).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
-        let all = [self.scene.survey().hash, sky, settings].join("\n");
+        let pieces = if mosaic.is_whole() { String::new() } else { format!("{:?}", mosaic.picture) };
+        let all = [self.scene.survey().hash, sky, settings, pieces].join("\n");
         Ok(blake3::hash(all.as_bytes()).to_hex()[..16].to_owned())
     }
 }
@@ -102,10 +104,16 @@ mod tests {
         let (scene, buffer) = (folder.path().join("a.gltf"), folder.path().join("b.bin"));
         fs::write(&scene, r#"{"asset":{"version":"2.0"},"buffers":[{"uri":"b.bin","byteLength":1}]}"#).unwrap();
         fs::write(&buffer, "1").unwrap();
-        let of = |settings: &RenderSettings| Files::open(&scene).unwrap().fingerprint(settings).unwrap();
+        let with = |settings: &RenderSettings, footprint| {
+            let mosaic = Mosaic::new([64, 32], footprint).unwrap();
+            Files::open(&scene).unwrap().fingerprint(settings, &mosaic).unwrap()
+        };
+        let of = |settings: &RenderSettings| with(settings, None);
         let first = of(&RenderSettings::default());
         assert_eq!(first, of(&RenderSettings::default()));
         assert_ne!(first, of(&RenderSettings { width: 1, ..Default::default() }));
+        assert_eq!(first, with(&RenderSettings::default(), Some([64, 32])));
+        assert_ne!(first, with(&RenderSettings::default(), Some([640, 320])));
         fs::write(&buffer, "2").unwrap();
         assert_ne!(first, of(&RenderSettings::default()));
     }

@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use bismar::Result;
-use bismar::balance::Balance;
 use bismar::film::compare::relative_to;
 use serde::{Deserialize, Serialize};
 
@@ -12,7 +11,7 @@ use super::key::What;
 use super::measure::{Measured, seeds};
 use super::ratio::{self, Deviations, Judgeable, Ratio};
 use super::resample::{self, Summary};
-use super::{CONTROL, Design, Estimator, StudyScene};
+use super::{CONTROL, Design, Estimator, HALF, StudyScene};
 use crate::files;
 use crate::provenance::Provenance;
 use crate::statistics::{farthest, median, median_error, moments};
@@ -103,7 +102,7 @@ pub fn levels(scene: &StudyScene, design: &Design, measured: &Measured) -> Vec<L
         .spp
         .iter()
         .filter_map(|&spp| {
-            let half = measured.get(What::Picture(Estimator::Method(Balance::Half)), spp)?;
+            let half = measured.get(What::Picture(HALF), spp)?;
             let control = measured.get(What::Control, spp)?;
             let replicas = design.replicas as usize;
             let base = Deviations::new(half, replicas, &reference);
@@ -242,7 +241,7 @@ fn row(
 }
 
 /// Largest |z| over the channels of the picture's mean against the reference's, with its sign.
-fn bias_z(cell: &Cell, replicas: usize, reference: &[f64], parts: &Cell) -> f64 {
+pub(super) fn bias_z(cell: &Cell, replicas: usize, reference: &[f64], parts: &Cell) -> f64 {
     let channel_mean = |picture: &mut dyn Iterator<Item = f64>, pixels: usize| picture.sum::<f64>() / pixels as f64;
     let mean_of = |cell: &Cell, replicas: usize, c: usize| {
         let means = (0..replicas)
@@ -270,6 +269,9 @@ struct Results<'a> {
     integrator: bismar::render::Integrator,
     width: u32,
     height: u32,
+    /// Of the picture whose tiles were measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    footprint: Option<[u32; 2]>,
     replicas: u32,
     reference_spp: u32,
     rows: &'a [Row],
@@ -283,9 +285,10 @@ const SCHEMA: u32 = 1;
 /// # Errors
 /// As [`files::write`].
 pub fn write_json(path: &Path, design: &Design, rows: &[Row]) -> Result<()> {
-    let &Design { integrator, width, height, replicas, reference_spp, .. } = design;
+    let &Design { integrator, width, height, footprint, replicas, reference_spp, .. } = design;
     let version = env!("CARGO_PKG_VERSION");
     let run = Provenance::now(&seeds::ALL);
-    let results = Results { schema: SCHEMA, version, run, integrator, width, height, replicas, reference_spp, rows };
+    let schema = SCHEMA;
+    let results = Results { schema, version, run, integrator, width, height, footprint, replicas, reference_spp, rows };
     files::write_json(path, &results)
 }

@@ -11,7 +11,7 @@ use clap::Args;
 
 use super::{PAGE, RunArgs, open};
 use crate::balance::table::{Level, Outcome, levels};
-use crate::balance::{Design, Estimator, SceneResults, StudyScene, measure, portrait, write};
+use crate::balance::{Design, Estimator, SceneResults, StudyScene, measure, portrait, whole, write};
 
 /// Measure how well each --balance shares the work, against a converged reference.
 ///
@@ -27,22 +27,30 @@ pub(super) struct BalanceArgs {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// What to compare with half: estimators separated by commas, or all; oracle is the best fixed share of each pixel,
-    /// found by brute force.
+    /// found by brute force; NAME+guiding is that one with --guiding auto.
     #[arg(long, value_name = "LIST")]
     balance: Option<Estimators>,
-    /// Paths a pixel, separated by commas [default: 16,64,256].
+    /// Paths a pixel, separated by commas [default: 16,64,256; with --whole 1024 too].
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
     spp: Vec<u32>,
-    /// Renders of each kind that variances are taken from [default: 32].
+    /// Renders of each kind that variances are taken from [default: 32; with --whole 4].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(4..=1 << 16))]
     replicas: Option<u32>,
-    /// Light transport.
-    #[arg(long, value_enum, default_value_t = Integrator::Direct)]
-    integrator: Integrator,
-    /// Size of the measured pictures [default: 64x64].
+    /// Light transport [default: direct; with --whole path].
+    #[arg(long, value_enum)]
+    integrator: Option<Integrator>,
+    /// How many pixels to measure [default: 64x64; with --whole 192x128].
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
-    /// Paths a pixel of the reference [default: 64 times the most of --spp].
+    /// Size of the picture that they are of: pixels as small as its own, in whole tiles of 16x16, spread evenly over the
+    /// view. none: a picture of --size, all of it, whose large pixels have edges in them that hide the balance.
+    #[arg(long, value_name = "WxH|none", default_value = "1920x1080")]
+    footprint: Footprint,
+    /// Whole pictures instead: their error against CPU seconds, what is spent on learning included; half and progressive
+    /// unless told, with the path integrator also guided.
+    #[arg(long, conflicts_with = "footprint")]
+    whole: bool,
+    /// Paths a pixel of the reference [default: 64 times the most of --spp; with --whole 4 times].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(16..=1 << 28))]
     reference_spp: Option<u32>,
     /// A look within a minute or so a scene: fewer and smaller pictures, half, second-order, progressive. Other flags
@@ -51,6 +59,20 @@ pub(super) struct BalanceArgs {
     quick: bool,
     #[command(flatten)]
     pub(super) run: RunArgs,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Footprint(Option<Size>);
+
+impl FromStr for Footprint {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        match text {
+            "none" => Ok(Self(None)),
+            size => size.parse().map(|size| Self(Some(size))).map_err(|e| format!("{e}, nor none")),
+        }
+    }
 }
 
 #[derive(Debug, Clone)]
@@ -73,56 +95,83 @@ impl FromStr for Estimators {
 
 impl BalanceArgs {
     fn design(&self) -> Design {
-        let quick = self.quick;
+        let (quick, whole) = (self.quick, self.whole);
+        let integrator = self.integrator.unwrap_or(if whole { Integrator::Path } else { Integrator::Direct });
         let mut spp = match &self.spp[..] {
             [] if quick => vec![8, 16, 32, 64],
+            [] if whole => vec![16, 64, 256, 1024],
             [] => vec![16, 64, 256],
             chosen => chosen.to_vec(),
         };
         spp.sort_unstable();
         spp.dedup();
+        let named = |names: &[&str]| names.iter().filter_map(|name| Estimator::named(name)).collect();
         let estimators = match &self.balance {
             Some(list) => list.0.clone(),
-            None if quick => ["second-order", "progressive"].into_iter().filter_map(Estimator::named).collect(),
+            None if whole && integrator == Integrator::Path => {
+                named(&["half", "progressive", "half+guiding", "progressive+guiding"])
+            }
+            None if whole => named(&["half", "progressive"]),
+            None if quick => named(&["second-order", "progressive"]),
             None => Estimator::all(),
         };
-        let Size(width, height) = self.size.unwrap_or(if quick { Size(32, 32) } else { Size(64, 64) });
+        let size = match () {
+            () if whole => Size(192, 128),
+            () if quick => Size(32, 32),
+            () => Size(64, 64),
+        };
+        let Size(width, height) = self.size.unwrap_or(size);
         let most = spp.last().copied().unwrap_or(1);
+        let replicas = match () {
+            () if whole => 4,
+            () if quick => 16,
+            () => 32,
+        };
         Design {
             folder: self.out.clone(),
             estimators,
-            reference_spp: self.reference_spp.unwrap_or(most.saturating_mul(64)),
+            reference_spp: self.reference_spp.unwrap_or(most.saturating_mul(if whole { 4 } else { 64 })),
             spp,
-            replicas: self.replicas.unwrap_or(if quick { 16 } else { 32 }),
-            integrator: self.integrator,
+            replicas: self.replicas.unwrap_or(replicas),
+            integrator,
             width,
             height,
+            footprint: self.footprint.0.filter(|_| !whole).map(|Size(width, height)| [width, height]),
+            whole,
         }
     }
 }
 
 pub(super) fn run(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {
     let design = args.design();
+    design.mosaic()?;
     let page = open(&design.folder, PAGE)?;
     let stop = Signals::listen()?.stop;
     let reporter = args.run.reporter(verbosity);
     let start = Instant::now();
+    // The share of all progress that is a scene's, from one share of its own to another.
+    let at = |i: usize, from: f64, to: f64| {
+        let (reporter, start, all) = (&reporter, &start, args.scenes.len() as f64);
+        move |p: Progress| {
+            let fraction = (i as f64 + from + p.fraction * (to - from)) / all;
+            reporter.update(Progress { fraction, seconds: start.elapsed().as_secs_f64(), ..p });
+        }
+    };
+    let ended = |_: &_| reporter.finish(false);
     let shown = Estimator::shown(&design.estimators);
-    let mut results = Vec::new();
+    let (mut results, mut pictures) = (Vec::new(), Vec::new());
     for (i, path) in args.scenes.iter().enumerate() {
         let scene = StudyScene::load(path, &design)?;
-        let all = args.scenes.len() as f64;
+        if design.whole {
+            let measured = measure(&scene, &design, &stop, &at(i, 0.0, 1.0)).inspect_err(ended)?;
+            pictures.push(whole::SceneResults::new(&scene, &design, &measured));
+            print(scores(&design, &pictures[i]))?;
+            whole::page::write(&design, &pictures)?;
+            continue;
+        }
         // The portrait takes little.
-        let at = |from: f64, to: f64| {
-            let reporter = &reporter;
-            move |p: Progress| {
-                let fraction = (i as f64 + from + p.fraction * (to - from)) / all;
-                reporter.update(Progress { fraction, seconds: start.elapsed().as_secs_f64(), ..p });
-            }
-        };
-        let taken = measure(&scene, &design, &stop, &at(0.0, 0.97))
-            .and_then(|measured| Ok((measured, portrait(&scene, &design, shown, &stop, &at(0.97, 1.0))?)));
-        let (measured, portrait) = taken.inspect_err(|_| reporter.finish(false))?;
+        let measured = measure(&scene, &design, &stop, &at(i, 0.0, 0.97)).inspect_err(ended)?;
+        let portrait = portrait(&scene, &design, shown, &stop, &at(i, 0.97, 1.0)).inspect_err(ended)?;
         let levels = levels(&scene, &design, &measured);
         if let Some(level) = levels.last() {
             print(summary(level))?;
@@ -136,6 +185,28 @@ pub(super) fn run(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {
         say(format_args!("{}", page.display()));
     }
     Ok(Verdict::Done)
+}
+
+/// A scene's whole pictures, for the terminal.
+fn scores(design: &Design, scene: &whole::SceneResults) -> String {
+    let mut text = format!(
+        "{}, {} replicas\n{:<24}{:>7}{:>11}{:>9}{:>16}{:>16}{:>16}",
+        scene.name, design.replicas, "", "paths", "relMSE", "CPU s", "error", "time", "product"
+    );
+    for row in &scene.rows {
+        let ratio = |x: f64, e: f64| format!("{x:.3} ±{e:.3}");
+        text += &format!(
+            "\n{:<24}{:>7.0}{:>11.3e}{:>9.3}{:>16}{:>16}{:>16}",
+            row.estimator,
+            row.paths_mean,
+            row.rel_mse,
+            row.cpu_seconds,
+            ratio(row.rel_mse_ratio, row.rel_mse_ratio_se),
+            ratio(row.time_ratio, row.time_ratio_se),
+            ratio(row.product_ratio, row.product_ratio_se),
+        );
+    }
+    text + "\n"
 }
 
 /// The highest level's table, for the terminal.

@@ -1,10 +1,8 @@
 //! Charts of a scene, and of all.
 
-use bismar::balance::Balance;
-
 use super::SceneResults;
 use crate::balance::table::{Level, Outcome, Row};
-use crate::balance::{CONTROL, Design, Estimator};
+use crate::balance::{CONTROL, Design, Estimator, HALF};
 use crate::report::{Axis, Chart, Dot, DotPlot, Scale, Series};
 
 /// The same colour for an estimator everywhere: grey for `half` and its control.
@@ -26,7 +24,7 @@ fn color(name: &str) -> usize {
 
 /// Rows to compare with `half`: no control, not `half` itself.
 fn others(level: &Level) -> impl Iterator<Item = &Outcome> {
-    level.results.iter().filter(|o| o.estimator.is_some_and(|e| e != Estimator::Method(Balance::Half)))
+    level.results.iter().filter(|o| o.estimator.is_some_and(|e| e != HALF))
 }
 
 pub(super) fn overview(design: &Design, scenes: &[SceneResults]) -> Option<DotPlot> {
@@ -86,14 +84,13 @@ pub(super) fn scene_charts(scene: &SceneResults) -> Vec<(&'static str, Chart)> {
         let name = if outcome.estimator.is_none() { "half again (noise)" } else { &row.estimator };
         Series { name: name.to_owned(), points, errors: Vec::new(), color: color(&row.estimator) }
     };
-    let half = Some(Estimator::Method(Balance::Half));
     let pixels = Chart {
         title: "Pixels by their variance ratio to half".to_owned(),
         x_label: "variance ratio as measured, with its noise".to_owned(),
         y_label: "share of pixels at or below".to_owned(),
         x: Axis::new(Scale::Log, 0.1, 10.0),
         y: Axis::new(Scale::Linear, 0.0, 1.0),
-        series: top.results.iter().filter(|o| o.estimator != half).map(distribution).collect(),
+        series: top.results.iter().filter(|o| o.estimator != Some(HALF)).map(distribution).collect(),
         dots: false,
         marks: vec![(1.0, "1".to_owned())],
     };

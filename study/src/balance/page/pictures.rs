@@ -1,32 +1,31 @@
 //! What a scene looks like: pictures, shares and errors in false colours, the worst pixels.
 
 use bismar::Result;
-use bismar::balance::Balance;
 use bismar::film::View;
 use bismar::film::exposure::automatic;
 
 use super::SceneResults;
-use crate::balance::measure::PORTRAIT_SPP;
+use crate::balance::portrait::PORTRAIT_SPP;
 use crate::balance::table::Outcome;
-use crate::balance::{Design, Estimator};
+use crate::balance::{Design, Estimator, HALF};
 use crate::report::page::{crop_figure, map_figure, picture_figure, slider};
 use crate::report::{ColorScale, Page, Picture, number};
 use crate::statistics::quantiles;
 
 /// Share of light samples in false colours.
-const SHARE: ColorScale = ColorScale::Difference { middle: 0.5, half_width: 0.5 };
-const SHARE_WORDS: [&str; 3] = ["0: BSDF alone", "½", "1: light alone"];
+pub(in crate::balance) const SHARE: ColorScale = ColorScale::Difference { middle: 0.5, half_width: 0.5 };
+pub(in crate::balance) const SHARE_WORDS: [&str; 3] = ["0: BSDF alone", "½", "1: light alone"];
 const RATIO: ColorScale = ColorScale::Ratio { factor: 4.0 };
 const RATIO_WORDS: [&str; 3] = ["¼", "1: as half", "4"];
 /// Worst pixels that are shown, and how far around them.
 const CROPS: usize = 4;
 const CROP_RADIUS: u32 = 4;
 
-fn exposure(picture: &[f32]) -> f32 {
+pub(in crate::balance) fn exposure(picture: &[f32]) -> f32 {
     automatic(picture.chunks_exact(3).map(|p| [p[0], p[1], p[2]]))
 }
 
-fn developed(width: u32, height: u32, radiance: &[f32], ev: f32) -> Picture {
+pub(in crate::balance) fn developed(width: u32, height: u32, radiance: &[f32], ev: f32) -> Picture {
     Picture::new(width, height, radiance.chunks_exact(3).map(|p| View::Agx.apply([p[0], p[1], p[2]], ev)))
 }
 
@@ -54,7 +53,7 @@ pub(super) fn pictures(page: &mut Page, design: &Design, scene: &SceneResults, o
             &shares(&oracle.shares, design.width, design.height),
             SHARE,
             SHARE_WORDS,
-            "The oracle's shares, by brute force, at the measured size.",
+            "The oracle's shares of the measured pixels, by brute force.",
         )?);
     }
     let mut ratios = vec![f64::NAN; (design.width * design.height) as usize];
@@ -72,8 +71,7 @@ pub(super) fn pictures(page: &mut Page, design: &Design, scene: &SceneResults, o
 pub(super) fn by_eye(page: &mut Page, design: &Design, scene: &SceneResults) -> Result<()> {
     let portrait = &scene.portrait;
     let shown = Estimator::Method(portrait.shown);
-    let half = Estimator::Method(Balance::Half);
-    let (Some(a), Some(b)) = (scene.outcome(half), scene.outcome(shown)) else { return Ok(()) };
+    let (Some(a), Some(b)) = (scene.outcome(HALF), scene.outcome(shown)) else { return Ok(()) };
     let (name, spp) = (shown.name(), portrait.spp);
     page.heading("By eye");
     let ev = exposure(portrait.clean.picture(0));
@@ -90,7 +88,7 @@ pub(super) fn by_eye(page: &mut Page, design: &Design, scene: &SceneResults) -> 
             &Picture::mapped(design.width, design.height, scale, outcome.variances.iter().map(|v| v.sqrt())),
             scale,
             [&low, &middle, &high],
-            &format!("Relative error of a pixel by `{name}`, {} paths a pixel.", outcome.row.spp),
+            &format!("Relative error of the measured pixels by `{name}`, {} paths each.", outcome.row.spp),
         )?);
     }
     page.row(pieces);
@@ -115,20 +113,21 @@ pub(super) fn worst_pixels(page: &mut Page, design: &Design, scene: &SceneResult
     ];
     page.heading("The pixels that look worst");
     page.text(&format!(
-        "The {} pixels in which `{name}` is worse than `half` with the largest z, in the middle of {side}x{side} pixels, \
-         {} paths a pixel, one replica. With so many pixels, a z of 3 to 4 is noise.",
+        "The {} pixels in which `{name}` is worse than `half` with the largest z, in the middle of {side}x{side} of the measured \
+         pixels, {} paths a pixel, one replica. With so many pixels, a z of 3 to 4 is noise.",
         sorted.len().min(CROPS),
         outcome.row.spp,
         side = 2 * CROP_RADIUS + 1
     ));
+    let mosaic = design.mosaic()?;
     for ratio in sorted.into_iter().take(CROPS) {
-        let (x, y) = (ratio.pixel as u32 % w, ratio.pixel as u32 / w);
+        let ([px, py], x, y) = (mosaic.place(ratio.pixel), ratio.pixel as u32 % w, ratio.pixel as u32 / w);
         let (low, high) = ((-ratio.log_error).exp() * ratio.ratio, ratio.log_error.exp() * ratio.ratio);
         let mut pieces = Vec::new();
         for (i, (what, picture)) in all.iter().enumerate() {
             let caption = match i {
                 0 => format!(
-                    "({x}, {y}): ratio {} ({} to {}), z {:.1}",
+                    "({px}, {py}): ratio {} ({} to {}), z {:.1}",
                     number(ratio.ratio),
                     number(low),
                     number(high),

@@ -1,0 +1,264 @@
+//! Measurements of one scene: renders them, keeps them on disk and takes them up again.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Instant;
+
+use bismar::film::PixelStats;
+use bismar::render::{Guiding, Progress, RenderSettings, StopReason, render};
+use bismar::{Error, Result};
+use tracing::info;
+
+use super::cell::{Cell, Pilot, Replica, Times};
+use super::key::{Key, What, last_pass};
+use super::measure::seeds;
+use super::{Design, Estimator, HALF, Mosaic, StudyScene, oracle};
+use crate::clock::process_seconds;
+use crate::files;
+
+/// Of these rounds, one renders `half` again for the time alone, where its replicas are on disk already.
+const TIMING_ROUNDS: usize = 4;
+/// Seconds between two writes of unfinished cells.
+const SAVE_SECONDS: f64 = 60.0;
+
+/// What a render is to be, besides the scene's settings.
+#[derive(Clone)]
+struct Take {
+    spp: u32,
+    seed: u32,
+    estimator: Estimator,
+    /// Of the measured pixels.
+    shares: Option<Arc<[f32]>>,
+    passes: Option<u32>,
+    /// Number of the only one of the mosaic.
+    tile: Option<usize>,
+}
+
+impl Default for Take {
+    fn default() -> Self {
+        Self { spp: 1, seed: 0, estimator: HALF, shares: None, passes: None, tile: None }
+    }
+}
+
+/// The measurements of one scene under way.
+pub(super) struct Campaign<'a> {
+    scene: &'a StudyScene,
+    design: &'a Design,
+    mosaic: Mosaic,
+    settings: RenderSettings,
+    stop: &'a AtomicBool,
+    progress: &'a (dyn Fn(Progress) + Sync),
+    folder: PathBuf,
+    /// Begins the names of its files.
+    prefix: &'static str,
+    start: Instant,
+    /// Paths a pixel taken, and to take in all.
+    done: f64,
+    pub all: f64,
+    rays: AtomicU64,
+    /// The oracle's, of the measured pixels.
+    pub shares: Option<Arc<[f32]>>,
+}
+
+impl<'a> Campaign<'a> {
+    /// Of these pixels.
+    pub fn new(
+        scene: &'a StudyScene,
+        design: &'a Design,
+        mosaic: Mosaic,
+        prefix: &'static str,
+        (stop, progress): (&'a AtomicBool, &'a (dyn Fn(Progress) + Sync)),
+    ) -> Result<Self> {
+        let folder = scene.folder(design);
+        files::folder(&folder)?;
+        let (start, rays) = (Instant::now(), AtomicU64::new(0));
+        let settings = mosaic.settings(scene.settings.clone());
+        Ok(Self {
+            scene,
+            design,
+            mosaic,
+            settings,
+            stop,
+            progress,
+            folder,
+            prefix,
+            start,
+            done: 0.0,
+            all: 0.0,
+            rays,
+            shares: None,
+        })
+    }
+
+    /// Of one replica.
+    pub fn pixels(&self) -> usize {
+        self.mosaic.pixels()
+    }
+
+    fn path(&self, key: Key) -> PathBuf {
+        self.folder.join(format!("{}{}", self.prefix, key.file_name()))
+    }
+
+    /// What there is of a cell that this program would take alike.
+    pub fn stored(&mut self, key: Key) -> Result<Cell> {
+        let none = Cell::new(self.pixels());
+        let Some(cell) = Cell::read(&self.path(key), self.pixels())? else { return Ok(none) };
+        if cell.replicas() == 0 {
+            return Ok(none);
+        }
+        let middle = self.mosaic.middle();
+        let shares = match key.what {
+            What::Picture(Estimator::Oracle) => Some(cell.shares_of(0).into()),
+            _ => self.shares.clone(),
+        };
+        let kept = std::mem::replace(&mut self.shares, shares);
+        let taken = self.replica(key, 0, Some(middle));
+        self.shares = kept;
+        let (own, old) = (taken?.values, cell.picture(0));
+        let same = self.mosaic.places(middle).all(|p| own[3 * p.at..][..3] == old[3 * p.at..][..3]);
+        if !same {
+            info!("{}: {} is measured anew: this program samples otherwise", self.scene.name, key.file_name());
+        }
+        Ok(if same { cell } else { none })
+    }
+
+    /// The oracle's, if they were found before.
+    pub fn stored_shares(&self) -> Result<Option<Arc<[f32]>>> {
+        let cell = Cell::read(&self.folder.join(oracle::FILE), self.pixels())?;
+        Ok(cell.filter(|c| c.replicas() == 1).map(|c| c.shares_of(0).into()))
+    }
+
+    /// Takes replicas until each cell has `replicas`, one of each cell in turn: what the machine does otherwise meets all
+    /// alike.
+    pub fn rounds(&mut self, cells: &mut [(Key, Cell)], replicas: usize) -> Result<()> {
+        let half = What::Picture(HALF);
+        let mut saved = Instant::now();
+        let mut dirty = vec![false; cells.len()];
+        let mut round = || -> Result<()> {
+            for r in 0..replicas {
+                let due = cells.iter().map(|(_, cell)| cell.replicas() == r).collect::<Vec<_>>();
+                let mut half_cpu = None;
+                for (i, (key, cell)) in cells.iter_mut().enumerate() {
+                    let again = key.what == half && r % TIMING_ROUNDS == 0 && due.iter().any(|&d| d);
+                    if !due[i] && !again {
+                        continue;
+                    }
+                    let mut taken = self.replica(*key, r as u32, None)?;
+                    if key.what == half {
+                        half_cpu = Some(taken.times.cpu);
+                    }
+                    if !due[i] {
+                        continue;
+                    }
+                    taken.times.half_cpu = half_cpu;
+                    cell.push(&taken);
+                    dirty[i] = true;
+                    self.done += key.work();
+                }
+                if saved.elapsed().as_secs_f64() > SAVE_SECONDS {
+                    self.save(cells, &mut dirty)?;
+                    saved = Instant::now();
+                }
+            }
+            Ok(())
+        };
+        let ended = round();
+        self.save(cells, &mut dirty)?;
+        ended
+    }
+
+    fn save(&self, cells: &[(Key, Cell)], dirty: &mut [bool]) -> Result<()> {
+        for ((key, cell), dirty) in cells.iter().zip(dirty) {
+            if std::mem::take(dirty) {
+                cell.write(&self.path(*key))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Finds the oracle's shares and keeps them.
+    pub fn train(&mut self, reference: &Cell, training: oracle::Training) -> Result<()> {
+        let mean = reference.mean();
+        let mut learner = oracle::Learner::new(&mean);
+        for r in 0..training.replicas {
+            for (i, &share) in oracle::SHARES.iter().enumerate() {
+                let shares = Some(vec![share; self.pixels()].into());
+                let (spp, seed) = (training.spp, seeds::ORACLE + r);
+                let taken = self.take(Take { spp, seed, shares, ..Take::default() })?;
+                learner.add(i, taken.values.into_iter());
+                self.done += f64::from(spp);
+            }
+        }
+        let shares = learner.shares();
+        let mut cell = Cell::new(self.pixels());
+        let values = mean.iter().map(|&x| x as f32).collect();
+        cell.push(&Replica { values, shares: shares.clone(), ..Replica::default() });
+        cell.write(&self.folder.join(oracle::FILE))?;
+        self.shares = Some(shares.into());
+        Ok(())
+    }
+
+    /// One replica, or one tile of it.
+    fn replica(&self, key: Key, r: u32, tile: Option<usize>) -> Result<Replica> {
+        let take = |seed, estimator| Take { spp: key.spp, seed: seed + r, estimator, tile, ..Take::default() };
+        let take = match key.what {
+            What::Picture(Estimator::Oracle) => Take { shares: self.shares.clone(), ..take(seeds::REPLICAS, HALF) },
+            What::Picture(estimator) => take(seeds::REPLICAS, estimator),
+            What::Control => take(seeds::CONTROL, HALF),
+            What::Reference => take(seeds::REFERENCE, self.design.reference()),
+            What::Found(balance) => {
+                let (passes, _) = last_pass(balance, key.spp);
+                let own = take(seeds::REPLICAS, Estimator::Method(balance));
+                let shares = self.take(Take { passes: Some(passes), ..own })?.shares;
+                // Other seeds: shares that follow from the samples that they weigh would be biased.
+                Take { shares: Some(shares.into()), ..take(seeds::FOUND, HALF) }
+            }
+        };
+        self.take(take)
+    }
+
+    fn take(&self, take: Take) -> Result<Replica> {
+        let (balance, guided) = take.estimator.parts();
+        let settings = RenderSettings {
+            spp: Some(take.spp),
+            seed: take.seed,
+            balance,
+            guiding: if guided { Guiding::Auto } else { Guiding::Off },
+            shares: take.shares.map(|shares| self.mosaic.spread(&shares)),
+            passes: take.passes,
+            tiles: match take.tile {
+                None => self.settings.tiles.clone(),
+                Some(tile) => Some(self.mosaic.tiles[tile..=tile].into()),
+            },
+            ..self.settings.clone()
+        };
+        let before = self.rays.load(Ordering::Relaxed);
+        let (wall, cpu) = (Instant::now(), process_seconds());
+        let rendered = render(&self.scene.scene, &settings, self.stop, &|p| {
+            if self.all > 0.0 && take.tile.is_none() {
+                let fraction = ((self.done + p.fraction * f64::from(take.spp)) / self.all).clamp(0.0, 1.0);
+                let seconds = self.start.elapsed().as_secs_f64();
+                (self.progress)(Progress { fraction, seconds, rays: before + p.rays, ..p });
+            }
+        });
+        let times = Times {
+            cpu: process_seconds() - cpu,
+            wall: wall.elapsed().as_secs_f64(),
+            half_cpu: None,
+            pilot: rendered.stats.guiding.as_ref().map(Pilot::of),
+        };
+        self.rays.fetch_add(rendered.stats.rays(), Ordering::Relaxed);
+        if rendered.stop == StopReason::Interrupted {
+            return Err(Error::Interrupted(format!(
+                "interrupted: what was measured is saved in {}; run the same command again to go on",
+                self.design.folder.display()
+            )));
+        }
+        let numbers = take.tile.map_or(0..self.mosaic.tiles.len(), |tile| tile..tile + 1);
+        let values = self.mosaic.gather(numbers.clone(), &rendered.tiles, PixelStats::mean).into_flattened();
+        let shares = self.mosaic.gather(numbers.clone(), &rendered.tiles, |pixel| pixel.balance);
+        let paths = self.mosaic.gather(numbers, &rendered.tiles, |pixel| pixel.samples as f32);
+        Ok(Replica { times, values, shares, paths })
+    }
+}

@@ -1,0 +1,169 @@
+//! Which pixels are measured: whole tiles of a large picture, spread evenly over its view.
+//!
+//! In a small picture of a whole scene nearly every pixel has an edge in it, and where in the pixel a path goes rules its
+//! variance. What is rendered in earnest has small pixels, and neighbours alike. Tiles are rendered as in the whole
+//! picture, to the bit.
+
+use std::sync::Arc;
+
+use bismar::film::PixelStats;
+use bismar::render::RenderSettings;
+use bismar::render::tile::{TILE, Tile};
+use bismar::{Error, Result};
+
+/// Tiles of a picture, side by side.
+#[derive(Debug, Clone)]
+pub struct Mosaic {
+    /// Measured pixels a row, and rows.
+    pub size: [u32; 2],
+    /// Size of the picture that they are of.
+    pub picture: [u32; 2],
+    /// The tiles' places in the picture's grid, row by row of the mosaic.
+    pub tiles: Arc<[[u32; 2]]>,
+}
+
+/// What a pixel of a tile is.
+#[derive(Debug, Clone, Copy)]
+pub struct Place {
+    /// Index in the mosaic, row by row.
+    pub at: usize,
+    /// Index in the tile, row by row.
+    pub in_tile: usize,
+}
+
+impl Mosaic {
+    /// As many tiles of a picture of the size `footprint` as `size` asks for; without one, all of a picture of `size`.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if the picture has fewer tiles than that.
+    pub fn new(size: [u32; 2], footprint: Option<[u32; 2]>) -> Result<Self> {
+        let picture = footprint.unwrap_or(size);
+        let columns = size.map(|n| n.div_ceil(TILE));
+        // Tiles at the picture's far edges may be narrower: they are measured in a whole picture alone.
+        let there = [0, 1].map(|i| if picture == size { columns[i] } else { picture[i] / TILE });
+        if there[0] < columns[0] || there[1] < columns[1] {
+            let [[w, h], [pw, ph]] = [size, picture];
+            return Err(Error::Usage(format!(
+                "a picture of {pw}x{ph} has fewer tiles of {TILE}x{TILE} pixels than --size {w}x{h}: give a larger --footprint, \
+                 or none to measure a picture of {w}x{h}"
+            )));
+        }
+        // The middles of as many equal stretches.
+        let nth = |n: u32, axis: usize| (2 * n + 1) * there[axis] / (2 * columns[axis]);
+        let rows = (0..columns[1]).flat_map(|row| (0..columns[0]).map(move |column| [column, row]));
+        let tiles = rows.map(|[column, row]| [nth(column, 0), nth(row, 1)]).collect();
+        Ok(Self { size, picture, tiles })
+    }
+
+    /// Measured pixels.
+    pub fn pixels(&self) -> usize {
+        (self.size[0] * self.size[1]) as usize
+    }
+
+    /// Is it a picture of its own, not pieces of a larger one?
+    pub fn is_whole(&self) -> bool {
+        self.size == self.picture
+    }
+
+    /// Number of the tile in its middle.
+    pub fn middle(&self) -> usize {
+        let columns = self.columns() as usize;
+        let rows = self.tiles.len() / columns;
+        rows / 2 * columns + columns / 2
+    }
+
+    fn columns(&self) -> u32 {
+        self.size[0].div_ceil(TILE)
+    }
+
+    /// Upper left corner of a tile in the mosaic.
+    fn corner(&self, tile: usize) -> [u32; 2] {
+        let tile = tile as u32;
+        [tile % self.columns() * TILE, tile / self.columns() * TILE]
+    }
+
+    /// The measured pixels of tile `number`.
+    pub fn places(&self, number: usize) -> impl Iterator<Item = Place> {
+        let ([width, height], [x0, y0]) = (self.size, self.corner(number));
+        let side = TILE.min(self.picture[0] - self.tiles[number][0] * TILE);
+        let (x1, y1) = ((x0 + TILE).min(width), (y0 + TILE).min(height));
+        (y0..y1).flat_map(move |y| {
+            let place = move |x| Place { at: (y * width + x) as usize, in_tile: ((y - y0) * side + x - x0) as usize };
+            (x0..x1).map(place)
+        })
+    }
+
+    /// Where a measured pixel is in the picture.
+    pub fn place(&self, pixel: usize) -> [u32; 2] {
+        let [x, y] = [pixel as u32 % self.size[0], pixel as u32 / self.size[0]];
+        let [column, row] = self.tiles[(y / TILE * self.columns() + x / TILE) as usize];
+        [column * TILE + x % TILE, row * TILE + y % TILE]
+    }
+
+    /// Settings to render it.
+    pub fn settings(&self, settings: RenderSettings) -> RenderSettings {
+        let [width, height] = self.picture;
+        RenderSettings { width, height, tiles: Some(self.tiles.clone()), ..settings }
+    }
+
+    /// Shares of the measured pixels as those of the whole picture, where the others have ½.
+    pub fn spread(&self, shares: &[f32]) -> Arc<[f32]> {
+        let [width, height] = self.picture;
+        let mut all = vec![0.5; (width * height) as usize];
+        for (pixel, &share) in shares.iter().enumerate() {
+            let [x, y] = self.place(pixel);
+            all[(y * width + x) as usize] = share;
+        }
+        all.into()
+    }
+
+    /// What `of` makes of each measured pixel of some tiles, given by their numbers in the mosaic, in the same order as
+    /// `tiles`; the default elsewhere.
+    pub fn gather<T: Clone + Default>(
+        &self,
+        numbers: impl Iterator<Item = usize>,
+        tiles: &[Tile],
+        of: impl Fn(&PixelStats) -> T,
+    ) -> Vec<T> {
+        let mut all = vec![T::default(); self.pixels()];
+        for (number, tile) in numbers.zip(tiles) {
+            self.places(number).for_each(|place| all[place.at] = of(&tile.stats[place.in_tile]));
+        }
+        all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tiles_are_whole_and_spread_over_the_view() {
+        let mosaic = Mosaic::new([40, 32], Some([1920, 1080])).unwrap();
+        assert_eq!(*mosaic.tiles, [[20, 16], [60, 16], [100, 16], [20, 50], [60, 50], [100, 50]]);
+        assert!(!mosaic.is_whole() && mosaic.middle() == 4);
+        assert_eq!(mosaic.place(0), [320, 256]);
+        assert_eq!(mosaic.place(17 * 40 + 33), [1600 + 1, 800 + 1]);
+        // The last tile is cut off by the mosaic's edge, not narrower itself.
+        let places = mosaic.places(2).collect::<Vec<_>>();
+        assert_eq!((places.len(), places[8].at, places[8].in_tile), (8 * 16, 40 + 32, 16));
+        let mut seen = vec![0; mosaic.pixels()];
+        (0..6).flat_map(|tile| mosaic.places(tile)).for_each(|place| seen[place.at] += 1);
+        assert!(seen.iter().all(|n| *n == 1));
+    }
+
+    #[test]
+    fn a_picture_of_the_size_itself_is_whole() {
+        for footprint in [None, Some([40, 20])] {
+            let mosaic = Mosaic::new([40, 20], footprint).unwrap();
+            assert_eq!(*mosaic.tiles, [[0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1]]);
+            assert!(mosaic.is_whole());
+            // The last tile is 8 pixels wide and 4 high.
+            let last = mosaic.places(5).last().unwrap();
+            assert_eq!((last.at, last.in_tile), (40 * 20 - 1, 4 * 8 - 1));
+            assert!((0..800).all(|pixel| mosaic.place(pixel) == [pixel as u32 % 40, pixel as u32 / 40]));
+        }
+        let error = Mosaic::new([64, 64], Some([63, 100])).unwrap_err();
+        assert!(error.to_string().contains("--footprint"), "{error}");
+    }
+}
