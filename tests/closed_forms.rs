@@ -4,6 +4,8 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
+use bismar::lanes::V3;
+use bismar::light::{Density, EnvironmentSampler};
 use bismar::rays::Backend;
 use bismar::render::{Balance, Integrator, PixelFilter, RenderSettings};
 use bismar::scene::{Environment, PunctualKind, PunctualLight, Scene};
@@ -97,6 +99,34 @@ fn constant_sky_over_a_diffuse_plane_gives_its_albedo() {
     rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.6));
     look(&mut scene, Vec3::new(0.0, 2.0, 2.0), Vec3::ZERO, 0.2);
     agrees(scene, 1.2, &BOTH);
+}
+
+#[test]
+fn uneven_sky_over_a_diffuse_plane_gives_what_its_quadrature_says() {
+    // A low sun, a bright half and a dim one: some is above the mean, and much below, on this side of the horizon.
+    let (width, height) = (8u32, 4u32);
+    let texel = |i: u32| match (i / width, i % width) {
+        (1, 6) => [30.0; 3],
+        (_, x) if x < 3 => [0.3; 3],
+        _ => [1.5; 3],
+    };
+    let pixels = (0..width * height).map(texel).collect();
+    let sky = Environment { name: "test".into(), width, height, pixels, rotation: 0.3, strength: 1.0 };
+    let sampler = EnvironmentSampler::new(&sky).unwrap();
+    let n = 1024;
+    let mut irradiance = 0.0;
+    for i in 0..n * n {
+        // Uniform in cos² θ and φ: a mean of radiance by cosine.
+        let [u, phi] = [i / n, i % n].map(|i| (f64::from(i) + 0.5) / f64::from(n));
+        let (r, phi) = (u.sqrt(), 2.0 * PI * phi);
+        let d = Vec3::new((r * phi.cos()) as f32, (1.0 - u).sqrt() as f32, (r * phi.sin()) as f32);
+        let (radiance, _) = sampler.radiance_pdf(V3::splat(d), Density::Radiance);
+        irradiance += PI * f64::from(radiance.lane(0).y) / f64::from(n * n);
+    }
+    let mut scene = Scene { environment: Some(sky), ..Default::default() };
+    rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.6));
+    look(&mut scene, Vec3::new(0.0, 2.0, 2.0), Vec3::ZERO, 0.2);
+    agrees(scene, 0.6 / PI * irradiance, &BOTH);
 }
 
 /// Irradiance at `p` with normal +y from a polygon of unit radiance, by Lambert's formula; all above the horizon.

@@ -1,7 +1,7 @@
 //! The lights' promises: samples follow the pdf, radiance along a sample is the light's own.
 
 use bismar::lanes::{F, V3};
-use bismar::light::{AreaLights, EnvironmentSampler, LightSamples};
+use bismar::light::{AreaLights, Density, EnvironmentSampler, LightSamples};
 use bismar::scene::{Environment, Instance, Material, Mesh, Object, Positions, Scene};
 use glam::{Affine3A, Vec3};
 
@@ -20,12 +20,14 @@ fn third(s: LightSamples) -> Option<Sample> {
     (pdf > 0.0).then(|| Sample { wi: s.wi.lane(3), radiance: s.radiance.lane(3), pdf })
 }
 
-fn sample_environment(sampler: &EnvironmentSampler, u: f32, v: f32) -> Option<Sample> {
-    third(sampler.sample(F::splat(u), F::splat(v)))
+const DENSITIES: [Density; 2] = [Density::Radiance, Density::Excess];
+
+fn sample_environment(sampler: &EnvironmentSampler, u: f32, v: f32, density: Density) -> Option<Sample> {
+    third(sampler.sample(F::splat(u), F::splat(v), density))
 }
 
-fn radiance_pdf(sampler: &EnvironmentSampler, wi: Vec3) -> (Vec3, f32) {
-    let (radiance, pdf) = sampler.radiance_pdf(V3::splat(wi));
+fn radiance_pdf(sampler: &EnvironmentSampler, wi: Vec3, density: Density) -> (Vec3, f32) {
+    let (radiance, pdf) = sampler.radiance_pdf(V3::splat(wi), density);
     (radiance.lane(3), pdf.as_array()[3])
 }
 
@@ -53,14 +55,16 @@ fn map(rotation: f32) -> Environment {
 fn environment_samples_follow_the_pdf() {
     for (k, rotation) in [0.0, 1.3, -2.5].into_iter().enumerate() {
         let sampler = EnvironmentSampler::new(&map(rotation)).unwrap();
-        let mut random = Random(20 + k as u64);
-        chi_square_directions(
-            &format!("environment turned by {rotation}"),
-            3,
-            (400_000, 12),
-            || sample_environment(&sampler, random.f32(), random.f32()).map(|s| s.wi),
-            |wi| f64::from(radiance_pdf(&sampler, wi).1),
-        );
+        for density in DENSITIES {
+            let mut random = Random(20 + k as u64);
+            chi_square_directions(
+                &format!("environment turned by {rotation}, {density:?}"),
+                6,
+                (400_000, 12),
+                || sample_environment(&sampler, random.f32(), random.f32(), density).map(|s| s.wi),
+                |wi| f64::from(radiance_pdf(&sampler, wi, density).1),
+            );
+        }
     }
 }
 
@@ -68,9 +72,9 @@ fn environment_samples_follow_the_pdf() {
 fn environment_samples_carry_their_directions_radiance_and_pdf() {
     let sampler = EnvironmentSampler::new(&map(0.7)).unwrap();
     let mut random = Random(3);
-    for _ in 0..10_000 {
-        let s = sample_environment(&sampler, random.f32(), random.f32()).unwrap();
-        let (radiance, pdf) = radiance_pdf(&sampler, s.wi);
+    for (_, density) in (0..10_000).flat_map(|i| DENSITIES.map(|density| (i, density))) {
+        let s = sample_environment(&sampler, random.f32(), random.f32(), density).unwrap();
+        let (radiance, pdf) = radiance_pdf(&sampler, s.wi, density);
         // Directions are rounded, and the map changes by up to 40 units over an eighth of a turn.
         assert!((radiance - s.radiance).abs().max_element() < 2e-3, "{}", s.wi);
         assert!((pdf / s.pdf - 1.0).abs() < 2e-2 || s.pdf < 1e-3, "{} {pdf} {}", s.wi, s.pdf);
@@ -90,7 +94,7 @@ fn environment_direction_reads_the_documented_texel() {
             let phi = 2.0 * std::f32::consts::PI * ((x as f32 + 0.5) / width as f32 - 0.5);
             let theta = std::f32::consts::PI * (y as f32 + 0.5) / height as f32;
             let d = Vec3::new(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin());
-            let read = radiance_pdf(&sampler, d).0.x;
+            let read = radiance_pdf(&sampler, d, Density::Radiance).0.x;
             assert!((read - (y * width + x + 1) as f32).abs() < 1e-3, "{x} {y}: {read}");
         }
     }
@@ -107,7 +111,12 @@ fn rotation_turns_the_map_about_plus_y() {
     for _ in 0..1000 {
         let d = bismar::sampling::warp::sphere(random.f32(), random.f32());
         let carried = Vec3::new(d.z, d.y, -d.x);
-        assert!((radiance_pdf(&still, d).0 - radiance_pdf(&turned, carried).0).abs().max_element() < 1e-2);
+        assert!(
+            (radiance_pdf(&still, d, Density::Radiance).0 - radiance_pdf(&turned, carried, Density::Radiance).0)
+                .abs()
+                .max_element()
+                < 1e-2
+        );
     }
 }
 
@@ -119,9 +128,33 @@ fn constant_environment_has_the_uniform_pdf_on_average() {
     let mut random = Random(5);
     for _ in 0..200_000 {
         let d = bismar::sampling::warp::sphere(random.f32(), random.f32());
-        mean.add(f64::from(radiance_pdf(&sampler, d).1) * 4.0 * std::f64::consts::PI);
+        mean.add(f64::from(radiance_pdf(&sampler, d, Density::Radiance).1) * 4.0 * std::f64::consts::PI);
     }
     assert!(mean.z(1.0).abs() < z_limit(1), "{}", mean.mean);
+}
+
+#[test]
+fn where_compensated_no_sample_goes_to_what_is_below_the_mean() {
+    let sampler = EnvironmentSampler::new(&map(0.4)).unwrap();
+    let mut random = Random(12);
+    let (mut left_out, mut drawn) = (0, 0);
+    for _ in 0..10_000 {
+        let d = bismar::sampling::warp::sphere(random.f32(), random.f32());
+        let (radiance, pdf) = radiance_pdf(&sampler, d, Density::Excess);
+        let luminance = bismar::color::luminance(radiance);
+        left_out += u32::from(pdf == 0.0);
+        drawn += u32::from(pdf > 0.0);
+        assert!(pdf > 0.0 || luminance <= sampler.mean_luminance(), "{d}: {luminance}");
+        assert!(pdf == 0.0 || radiance_pdf(&sampler, d, Density::Radiance).1 > 0.0);
+    }
+    assert!(left_out > 5000 && drawn > 500, "{left_out} left out, {drawn} drawn");
+    // Nothing is above the mean: as without.
+    let sampler = EnvironmentSampler::new(&Environment::constant([1.0; 3])).unwrap();
+    for _ in 0..100 {
+        let d = bismar::sampling::warp::sphere(random.f32(), random.f32());
+        let [plain, excess] = DENSITIES.map(|density| radiance_pdf(&sampler, d, density).1);
+        assert!(plain == excess && plain > 0.0, "{d}: {plain} {excess}");
+    }
 }
 
 /// Three lamps of unlike size and power around the origin, the middle one seen from behind unless two-sided, one placed

@@ -34,6 +34,7 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         (hall(), Backend::Obvhs, Balance::Power, 8, 6000, Guiding::Off),
         (hall(), Backend::Obvhs, Balance::Max, 5, 6000, Guiding::Off),
         (hall(), Backend::Embree, Balance::Half, 8, 6000, Guiding::Off),
+        (hall(), Backend::Obvhs, Balance::Progressive, 8, 6000, Guiding::Off),
         (glass_hall(), Backend::Obvhs, Balance::Half, 12, 4000, Guiding::Off),
         (glass_hall(), Backend::Obvhs, Balance::Power, 3, 4000, Guiding::Off),
         (hall(), Backend::Obvhs, Balance::Half, 8, 6000, Guiding::On),

@@ -40,6 +40,12 @@ pub trait Method: Sync {
         false
     }
 
+    /// May light samples toward the environment be drawn by what of it is above its mean, and the rest be left to BSDF samples, at
+    /// all surfaces?
+    fn compensates(&self) -> bool {
+        false
+    }
+
     /// Must the number of paths be known beforehand, as the passes depend on it?
     fn needs_goal(&self) -> bool {
         false

@@ -26,7 +26,7 @@ pub use wave::{Wave, WaveCounts};
 
 use crate::balance::{Counts, Heuristic};
 use crate::guiding::Field;
-use crate::light::Lights;
+use crate::light::{Density, Lights};
 use crate::rays::RayQueries;
 use crate::sampling::FilterSampler;
 use crate::scene::Scene;
@@ -63,6 +63,8 @@ pub struct Transport<'a> {
     pub hides_sky: bool,
     /// Where light comes from, if paths are guided.
     pub field: Option<&'a Field>,
+    /// How light samples toward the environment are drawn.
+    pub density: Density,
 }
 
 impl Transport<'_> {

@@ -160,7 +160,7 @@ impl Path<'_> {
             if t.lights.environment.is_none() || (depth == 0 && t.hides_sky) {
                 return Vec3::ZERO;
             }
-            let (radiance, pdf) = t.lights.environment(V3::splat(direction));
+            let (radiance, pdf) = t.lights.environment(V3::splat(direction), t.density);
             let pdf = if depth == 0 { 0.0 } else { pdf.as_array()[0] };
             return self.emission(ray, depth, radiance.lane(0), [pdf, 0.0]);
         }
@@ -269,7 +269,7 @@ impl Path<'_> {
         let mask = if environment { F::ZERO.simd_eq(F::ZERO) } else { F::ZERO };
         let from = (V3::splat(vertex.origin), V3::splat(vertex.facing()));
         let at = (t.scene, F::splat(vertex.time));
-        let light = t.lights.sample(at, from, mask, choice, F::splat(u), F::splat(v));
+        let light = t.lights.sample(at, from, (mask, t.density), choice, F::splat(u), F::splat(v));
         let (value, mut bsdf_pdf) = vertex.bsdf.eval_pdf(V3::splat(vertex.ns), V3::splat(vertex.wo), light.wi);
         if let Some(mixture) = self.mixture(vertex) {
             bsdf_pdf = mixture.pdf(light.wi, bsdf_pdf);

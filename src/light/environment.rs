@@ -1,6 +1,7 @@
 //! The environment as a light: bilinear radiance, sampled in proportion to it.
 
 use std::f32::consts::{FRAC_1_PI, PI};
+use std::sync::OnceLock;
 
 use glam::Vec3;
 
@@ -20,14 +21,37 @@ pub struct EnvironmentSampler {
     height: usize,
     /// `width * height` radiance, rotation not applied, strength applied.
     texels: Vec<Vec3>,
-    /// Row of cells: `height + 1` of them, the first and last half as high.
-    rows: Discrete,
-    /// For each row of cells, its columns.
-    columns: Vec<Option<Discrete>>,
+    /// By radiance.
+    whole: Table,
+    /// By what is above the mean, if anything is; made when it is first asked for.
+    excess: OnceLock<Option<Table>>,
     /// Sine and cosine of the rotation about +y.
     rotation: (f32, f32),
     /// Luminance averaged over the sphere.
     mean_luminance: f32,
+}
+
+/// What directions are drawn in proportion to.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Density {
+    /// Radiance.
+    #[default]
+    Radiance,
+    /// What of the radiance's luminance is above its mean: MIS compensation (Karlík, Šik, Vévoda, Skřivan and Křivánek 2019, *MIS
+    /// Compensation: Optimizing Sampling Techniques in Multiple Importance Sampling*). BSDF samples must find the rest. As
+    /// `Radiance` where nothing is above the mean.
+    Excess,
+}
+
+/// Cells, drawn in proportion to the bilinear function's integral.
+#[derive(Debug)]
+struct Table {
+    /// Row of cells: `height + 1` of them, the first and last half as high.
+    rows: Discrete,
+    /// For each row of cells, its columns.
+    columns: Vec<Option<Discrete>>,
+    /// What is taken off the texels' luminance.
+    level: f32,
 }
 
 impl EnvironmentSampler {
@@ -37,28 +61,9 @@ impl EnvironmentSampler {
         let texels: Vec<Vec3> =
             environment.pixels.iter().map(|&p| Vec3::from_array(p) * environment.strength).collect();
         let lum: Vec<f32> = texels.iter().map(|&t| luminance(t)).collect();
-        let mut row_weights = Vec::with_capacity(height + 1);
-        let mut columns = Vec::with_capacity(height + 1);
-        let mut mean = 0.0f64;
-        for row in 0..=height {
-            let (above, below) = row_pair(row, height);
-            let weight = |x: usize| {
-                let next = (x + 1) % width;
-                lum[above * width + x] + lum[above * width + next] + lum[below * width + x] + lum[below * width + next]
-            };
-            let (top, bottom) = row_extent(row, height);
-            let sin = (PI * 0.5 * (top + bottom)).sin();
-            let column = Discrete::new((0..width).map(weight));
-            let total = column.as_ref().map_or(0.0, Discrete::total) * 0.25;
-            // Integral over the cells: mean value × sin θ × height in v × width in u.
-            let integral = total * f64::from(sin) * f64::from(bottom - top) / width as f64;
-            mean += integral * std::f64::consts::FRAC_PI_2;
-            row_weights.push(integral as f32);
-            columns.push(column);
-        }
-        let rows = Discrete::new(row_weights.into_iter())?;
+        let (whole, mean_luminance) = Table::new(&lum, width, 0.0)?;
         let rotation = environment.rotation.sin_cos();
-        Some(Self { width, height, texels, rows, columns, rotation, mean_luminance: mean as f32 })
+        Some(Self { width, height, texels, whole, excess: OnceLock::new(), rotation, mean_luminance })
     }
 
     /// Luminance averaged over the sphere (to the accuracy of one row).
@@ -68,7 +73,7 @@ impl EnvironmentSampler {
 
     /// Radiance from directions `wi`, unit, world space, and the density per solid angle of [`sample`](Self::sample).
     #[inline]
-    pub fn radiance_pdf(&self, wi: V3) -> (V3, F) {
+    pub fn radiance_pdf(&self, wi: V3, density: Density) -> (V3, F) {
         let (s, c) = (F::splat(self.rotation.0), F::splat(self.rotation.1));
         // The inverse rotation.
         let (x, z) = (c * wi.x - s * wi.z, s * wi.x + c * wi.z);
@@ -80,29 +85,51 @@ impl EnvironmentSampler {
         let floor = column.floor();
         let row = v.mul_add(F::splat(self.height as f32), F::HALF).floor();
         let wrapped = floor.simd_lt(F::ZERO).select(floor + F::splat(self.width as f32), floor);
-        let cells = self.cells(row.as_array().map(|r| r as usize), wrapped.as_array().map(|c| c as usize));
+        let table = self.table(density);
+        let cells = self.cells(table, row.as_array().map(|r| r as usize), wrapped.as_array().map(|c| c as usize));
         let fu = column - floor;
         let fv = ((v - cells.top) / cells.height).fast_max(F::ZERO).fast_min(F::ONE);
         let radiance = cells.radiance(fu, fv);
-        (radiance, self.pdf(&cells, radiance.luminance(), sin_theta))
+        (radiance, self.pdf(&cells, cells.weight(table.level, radiance, fu, fv), sin_theta, table.level))
     }
 
-    /// Draws directions in proportion to the radiance's luminance.
+    /// Is anything above the mean?
+    pub fn has_excess(&self) -> bool {
+        self.excess().is_some()
+    }
+
+    fn excess(&self) -> Option<&Table> {
+        let make = || {
+            let luminance: Vec<f32> = self.texels.iter().map(|&t| luminance(t)).collect();
+            Table::new(&luminance, self.width, self.mean_luminance).map(|(table, _)| table)
+        };
+        self.excess.get_or_init(make).as_ref()
+    }
+
+    fn table(&self, density: Density) -> &Table {
+        match density {
+            Density::Radiance => &self.whole,
+            Density::Excess => self.excess().unwrap_or(&self.whole),
+        }
+    }
+
+    /// Draws directions.
     #[inline]
-    pub fn sample(&self, u: F, v: F) -> LightSamples {
+    pub fn sample(&self, u: F, v: F, density: Density) -> LightSamples {
+        let table = self.table(density);
         let (u, v) = (u.as_array(), v.as_array());
         let (mut row, mut column) = ([0; LANES], [0; LANES]);
         let (mut rest_u, mut rest_v) = ([0.0; LANES], [0.0; LANES]);
         for i in 0..LANES {
-            let (r, rest) = self.rows.sample(v[i]);
+            let (r, rest) = table.rows.sample(v[i]);
             (row[i], rest_v[i]) = (r as usize, rest);
-            if let Some(columns) = &self.columns[r as usize] {
+            if let Some(columns) = &table.columns[r as usize] {
                 let (c, rest) = columns.sample(u[i]);
                 (column[i], rest_u[i]) = (c as usize, rest);
             }
         }
-        let cells = self.cells(row, column);
-        let [a, b, c, d] = cells.corners.map(V3::luminance);
+        let cells = self.cells(table, row, column);
+        let [a, b, c, d] = cells.weights(table.level);
         // The bilinear function's marginal in v is linear, then the slice in u is linear.
         let fv = warp::linear(F::from(rest_v), a + b, c + d);
         let (left, right) = ((c - a).mul_add(fv, a), (d - b).mul_add(fv, b));
@@ -117,21 +144,21 @@ impl EnvironmentSampler {
         let (s, co) = (F::splat(self.rotation.0), F::splat(self.rotation.1));
         let wi = V3 { x: co * x + s * z, y: cos_theta, z: co * z - s * x };
         let radiance = cells.radiance(fu, fv);
-        let pdf = self.pdf(&cells, radiance.luminance(), sin_theta);
+        let pdf = self.pdf(&cells, cells.weight(table.level, radiance, fu, fv), sin_theta, table.level);
         LightSamples { wi, distance: F::splat(f32::INFINITY), radiance, pdf }
     }
 
     /// Chance of the cell × bilinear density within it / solid angle of the unit square there.
     #[inline(always)]
-    fn pdf(&self, cells: &Cells, luminance: F, sin_theta: F) -> F {
-        let [a, b, c, d] = cells.corners.map(V3::luminance);
-        let density = cells.chance * F::splat(4.0 * self.width as f32) * luminance / ((a + b + c + d) * cells.height);
+    fn pdf(&self, cells: &Cells, weight: F, sin_theta: F, level: f32) -> F {
+        let [a, b, c, d] = cells.weights(level);
+        let density = cells.chance * F::splat(4.0 * self.width as f32) * weight / ((a + b + c + d) * cells.height);
         let pdf = density / (F::splat(2.0 * PI * PI) * sin_theta);
         pdf & pdf.is_finite()
     }
 
     #[inline(always)]
-    fn cells(&self, row: [usize; LANES], column: [usize; LANES]) -> Cells {
+    fn cells(&self, table: &Table, row: [usize; LANES], column: [usize; LANES]) -> Cells {
         let mut corners = [[[0.0; LANES]; 3]; 4];
         let (mut chance, mut top, mut height) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         for i in 0..LANES {
@@ -143,8 +170,8 @@ impl EnvironmentSampler {
                 let texel = self.texels[y * self.width + x];
                 (corner[0][i], corner[1][i], corner[2][i]) = (texel.x, texel.y, texel.z);
             }
-            if let Some(columns) = &self.columns[row] {
-                chance[i] = self.rows.pmf(row as u32) * columns.pmf(column as u32);
+            if let Some(columns) = &table.columns[row] {
+                chance[i] = table.rows.pmf(row as u32) * columns.pmf(column as u32);
             }
             let (from, to) = row_extent(row, self.height);
             (top[i], height[i]) = (from, to - from);
@@ -155,6 +182,36 @@ impl EnvironmentSampler {
             top: F::from(top),
             height: F::from(height),
         }
+    }
+}
+
+impl Table {
+    /// Of texels `width` a row with these luminances, less `level`, and what is left of them, averaged over the sphere; `None`
+    /// if nothing is.
+    fn new(luminance: &[f32], width: usize, level: f32) -> Option<(Self, f32)> {
+        let height = luminance.len() / width;
+        let of = |x: usize| (luminance[x] - level).max(0.0);
+        let mut row_weights = Vec::with_capacity(height + 1);
+        let mut columns = Vec::with_capacity(height + 1);
+        let mut mean = 0.0f64;
+        for row in 0..=height {
+            let (above, below) = row_pair(row, height);
+            let weight = |x: usize| {
+                let next = (x + 1) % width;
+                of(above * width + x) + of(above * width + next) + of(below * width + x) + of(below * width + next)
+            };
+            let (top, bottom) = row_extent(row, height);
+            let sin = (PI * 0.5 * (top + bottom)).sin();
+            let column = Discrete::new((0..width).map(weight));
+            let total = column.as_ref().map_or(0.0, Discrete::total) * 0.25;
+            // Integral over the cells: mean value × sin θ × height in v × width in u.
+            let integral = total * f64::from(sin) * f64::from(bottom - top) / width as f64;
+            mean += integral * std::f64::consts::FRAC_PI_2;
+            row_weights.push(integral as f32);
+            columns.push(column);
+        }
+        let rows = Discrete::new(row_weights.into_iter())?;
+        Some((Self { rows, columns, level }, mean as f32))
     }
 }
 
@@ -170,6 +227,23 @@ struct Cells {
 }
 
 impl Cells {
+    /// What the corners count in a table of this level.
+    #[inline(always)]
+    fn weights(&self, level: f32) -> [F; 4] {
+        self.corners.map(|corner| (corner.luminance() - F::splat(level)).fast_max(F::ZERO))
+    }
+
+    /// The bilinear interpolant of the weights, where that of the radiance is `radiance`.
+    #[inline(always)]
+    fn weight(&self, level: f32, radiance: V3, fu: F, fv: F) -> F {
+        if level == 0.0 {
+            return radiance.luminance();
+        }
+        let [a, b, c, d] = self.weights(level);
+        let (top, bottom) = ((b - a).mul_add(fu, a), (d - c).mul_add(fu, c));
+        (bottom - top).mul_add(fv, top)
+    }
+
     /// The bilinear interpolant at (`fu`, `fv`) from the upper left corner.
     #[inline(always)]
     fn radiance(&self, fu: F, fv: F) -> V3 {

@@ -19,7 +19,7 @@ use glam::Vec3;
 use crate::lanes::{F, LANES, V3};
 use crate::scene::Scene;
 pub use area::AreaLights;
-pub use environment::EnvironmentSampler;
+pub use environment::{Density, EnvironmentSampler};
 pub use punctual::PunctualSample;
 
 /// Directions toward lights that have extent: what MIS weighs against BSDF sampling.
@@ -103,7 +103,7 @@ impl Lights {
         (toward, left.fast_max(F::ZERO).fast_min(F::splat(crate::sampling::warp::ONE_MINUS)))
     }
 
-    /// Draws directions toward the environment where the mask `toward_environment` is set (all of them, if that is all there is), else
+    /// Draws directions toward the environment, by `density`, where the mask `toward_environment` is set (all of them, if that is all there is), else
     /// toward area lights as seen from `p` with normals `n` as for [`tree::LightTree::sample`]: `choice` picks the light, (`u`, `v`) the point on
     /// it, all in [0, 1); `at` the scene and times in [0, 1] of the shutter.
     #[inline]
@@ -111,19 +111,19 @@ impl Lights {
         &self,
         at: (&Scene, F),
         (p, n): (V3, V3),
-        toward_environment: F,
+        (toward_environment, density): (F, Density),
         choice: F,
         u: F,
         v: F,
     ) -> LightSamples {
         let mask = toward_environment.to_bitmask();
         match (&self.environment, &self.area) {
-            (Some(environment), None) => environment.sample(u, v),
-            (Some(environment), Some(_)) if mask == ALL => environment.sample(u, v),
+            (Some(environment), None) => environment.sample(u, v, density),
+            (Some(environment), Some(_)) if mask == ALL => environment.sample(u, v, density),
             (None, Some(area)) => area.sample(at, (p, n), choice, u, v),
             (Some(_), Some(area)) if mask == 0 => area.sample(at, (p, n), choice, u, v),
             (Some(environment), Some(area)) => {
-                let a = environment.sample(u, v);
+                let a = environment.sample(u, v, density);
                 let b = area.sample(at, (p, n), choice, u, v);
                 LightSamples {
                     wi: V3::select(toward_environment, a.wi, b.wi),
@@ -139,11 +139,11 @@ impl Lights {
     }
 
     /// Radiance of the environment from `wi`, and the density per solid angle with which [`sample`](Self::sample) draws
-    /// those directions from it.
+    /// those directions from it by `density`.
     #[inline]
-    pub fn environment(&self, wi: V3) -> (V3, F) {
+    pub fn environment(&self, wi: V3, density: Density) -> (V3, F) {
         match &self.environment {
-            Some(environment) => environment.radiance_pdf(wi),
+            Some(environment) => environment.radiance_pdf(wi, density),
             None => (V3::splat(Vec3::ZERO), F::ZERO),
         }
     }

@@ -6,6 +6,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 use tracing::debug;
 
+use super::compensation::density;
 use super::lens::lens;
 use super::pilot::learned;
 use super::progress::{Meter, Progress};
@@ -14,6 +15,7 @@ use super::tile::{Tile, TileWork};
 use super::{Integrator, RenderSettings, RenderStats, Rendered, Saved, StopReason, fresh_tiles, noise, paths_range};
 use crate::film::Background;
 use crate::integrator::{CameraRays, PreparedScene, Transport};
+use crate::light::Density;
 use crate::sampling::{FilterSampler, hash};
 use crate::scene::Scene;
 
@@ -97,7 +99,7 @@ pub fn camera(scene: &Scene, settings: &RenderSettings) -> CameraRays {
 
 /// How the paths of a render with these settings go, without guiding.
 pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Transport<'a> {
-    Transport {
+    let transport = Transport {
         scene: &scene.scene,
         rays: scene.rays.as_ref(),
         geometry: &scene.geometry,
@@ -116,7 +118,9 @@ pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Tra
         limits: [settings.clamp_direct, settings.clamp_indirect].map(|most| most.map_or(f32::INFINITY, |x| x as f32)),
         hides_sky: settings.transparent,
         field: None,
-    }
+        density: Density::Radiance,
+    };
+    Transport { density: density(scene, settings, &transport), ..transport }
 }
 
 /// The seed of a pass that begins after `done` paths.

@@ -5,6 +5,7 @@
 
 pub mod adaptive;
 pub mod checkpoint;
+pub mod compensation;
 pub mod driver;
 pub mod fireflies;
 mod format2;

@@ -23,6 +23,10 @@ impl Method for Progressive {
          by the total counts (the default)"
     }
 
+    fn compensates(&self) -> bool {
+        true
+    }
+
     /// Passes of 128, or 32 at first where it is not known how many there will be.
     fn next_pass(&self, done: u32, goal: Option<u32>, _pilot: Option<f64>) -> Option<u32> {
         let size = goal.map_or(done.clamp(PILOT * FIRST_PASS, LONGEST_PASS), |_| LONGEST_PASS);

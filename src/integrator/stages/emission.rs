@@ -59,7 +59,7 @@ pub fn environment(
     }
     for at in (0..escaped.len()).step_by(LANES) {
         let (rows, n) = eight_of(escaped, at);
-        let (radiance, pdf) = transport.lights.environment(rays.rays.directions(&rows));
+        let (radiance, pdf) = transport.lights.environment(rays.rays.directions(&rows), transport.density);
         for lane in 0..n {
             let pdf = if depth == 0 { 0.0 } else { pdf.as_array()[lane] };
             let found = Found { radiance: radiance.lane(lane), pdf: [pdf, 0.0], group: 0 };

@@ -70,7 +70,8 @@ fn with_extent(
     let toward_environment = are(group.toward, Toward::Environment as u32) | (draws & drawn_environment);
     let choice = draws.select(left, choice);
     let from = (vertices.origin.load(rows), vertices.facing(rows, both));
-    let light = transport.lights.sample((transport.scene, id.time), from, toward_environment, choice, u, v);
+    let environment = (toward_environment, transport.density);
+    let light = transport.lights.sample((transport.scene, id.time), from, environment, choice, u, v);
     let (value, mut bsdf_pdf) = bsdf.eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
     if let Some(mixture) = Mixture::at(transport, vertices, rows) {
         bsdf_pdf = mixture.pdf(light.wi, bsdf_pdf);

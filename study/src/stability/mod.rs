@@ -29,7 +29,7 @@ use simulate::{Subject, replica};
 /// A mode and how the estimators came through it.
 #[derive(Debug, Clone, Serialize)]
 pub struct ModeResult {
-    /// F1 … F17.
+    /// F1 … F18.
     pub mode: &'static str,
     /// In a few words.
     pub name: &'static str,

@@ -21,7 +21,7 @@ use crate::statistics::Sums;
 /// Pixels along a side.
 const SIDE: u32 = 4;
 /// How many [`scene_cases`] there are.
-pub const SCENES: usize = 5;
+pub const SCENES: usize = 7;
 /// Paths a pixel.
 pub const PATHS: u32 = 64;
 /// Seeds of the renders that means are compared with begin here.
@@ -29,7 +29,7 @@ pub const OTHER_SEEDS: u32 = 1 << 30;
 
 /// A failure mode on a scene.
 pub struct SceneCase {
-    /// F1 … F17.
+    /// F1 … F18.
     pub mode: &'static str,
     /// In a few words.
     pub name: &'static str,
@@ -49,6 +49,17 @@ fn metal(roughness: f32) -> Material {
 
 fn lamp(radiance: f32) -> Material {
     Material { emissive: Vec3::splat(radiance), ..lambert(0.0) }
+}
+
+/// A sky whose left half is dimmer, with a sun that outshines it, low on the right.
+fn sun_and_sky() -> Environment {
+    let (width, height) = (16, 8);
+    let texel = |i: u32| match (i % width, i / width) {
+        (8, 2) => [60.0; 3],
+        (x, _) => [if x < 8 { 0.2 } else { 0.4 }; 3],
+    };
+    let pixels = (0..width * height).map(texel).collect();
+    Environment { name: "sun and sky".into(), width, height, pixels, rotation: 0.0, strength: 1.0 }
 }
 
 /// Adds a parallelogram, seen from where its edges `u` and `v` turn counter-clockwise.
@@ -142,6 +153,16 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
     floor(&mut shadow, [-3.0, 3.0], metal(0.5));
     ceiling(&mut shadow, [0.0, 1.0, -0.6], 0.3, lamp(6.0));
     ceiling(&mut shadow, [-0.52, 0.2, -0.1], 0.5, lambert(0.0));
+
+    // The sun is in +x: on the first floor it shines on one half, past a wall; from the second a wall hides it all.
+    let under = |wall: [f32; 3]| {
+        let mut scene = Scene { environment: Some(sun_and_sky()), ..Default::default() };
+        floor(&mut scene, [-3.0, 0.0], metal(0.3));
+        floor(&mut scene, [0.0, 3.0], lambert(0.6));
+        plate(&mut scene, [1.0, 0.0, wall[0]], [0.0, 0.0, wall[1]], [0.0, wall[2], 0.0], lambert(0.2));
+        scene
+    };
+    let (sunny, shady) = (under([0.0, -3.0, 2.0]), under([3.0, -6.0, 5.0]));
     let direct = Integrator::Direct;
     Ok([
         build("F6", "deltas", "a mirror, a diffuse floor, a point light, a lamp", direct, delta, 0.3)?,
@@ -156,6 +177,8 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
         build("F11", "low-discrepancy points", "a glossy floor under a lamp and a sky", direct, sobol, 0.5)?,
         build("F14", "material edge, rendered", "a near mirror beside a diffuse floor", direct, edge, 0.3)?,
         build("F15", "shadow edge, rendered", "a hard shadow across a glossy floor", direct, shadow, 0.2)?,
+        build("F18", "compensation, in the sun", "sun and sky, a wall's shadow", Integrator::Path, sunny, 0.3)?,
+        build("F18", "compensation, in the shade", "a sky whose sun a wall hides", Integrator::Path, shady, 0.3)?,
     ])
 }
 
