@@ -190,13 +190,13 @@ pub(super) fn run(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {
 /// A scene's whole pictures, for the terminal.
 fn scores(design: &Design, scene: &whole::SceneResults) -> String {
     let mut text = format!(
-        "{}, {} replicas\n{:<24}{:>7}{:>11}{:>9}{:>16}{:>16}{:>16}",
+        "{}, {} replicas\n{:<30}{:>7}{:>11}{:>9}{:>16}{:>16}{:>16}",
         scene.name, design.replicas, "", "paths", "relMSE", "CPU s", "error", "time", "product"
     );
     for row in &scene.rows {
         let ratio = |x: f64, e: f64| format!("{x:.3} ±{e:.3}");
         text += &format!(
-            "\n{:<24}{:>7.0}{:>11.3e}{:>9.3}{:>16}{:>16}{:>16}",
+            "\n{:<30}{:>7.0}{:>11.3e}{:>9.3}{:>16}{:>16}{:>16}",
             row.estimator,
             row.paths_mean,
             row.rel_mse,

@@ -57,7 +57,10 @@ pub struct Chart {
 const WIDTH: f64 = 560.0;
 const HEIGHT: f64 = 340.0;
 const LEFT: f64 = 58.0;
+/// Room for the names of lines, at least.
 const RIGHT: f64 = 128.0;
+/// A letter's, about.
+const LETTER: f64 = 6.6;
 const TOP: f64 = 50.0;
 const BOTTOM: f64 = 44.0;
 /// Lines nearer than this all along are drawn side by side, so far apart.
@@ -84,6 +87,8 @@ impl Chart {
     /// The picture, to stand in a page that has [`CSS`].
     pub fn svg(&self) -> Markup {
         let (w, h) = (WIDTH - LEFT - RIGHT, HEIGHT - TOP - BOTTOM);
+        let longest = self.series.iter().map(|s| s.name.chars().count()).max().unwrap_or(0);
+        let width = LEFT + w + RIGHT.max(16.0 + LETTER * longest as f64);
         let (px, py) = (|p: f64| LEFT + p * w, |p: f64| TOP + (1.0 - p) * h);
         let placed = |&(x, y): &(f64, f64)| Some((px(self.x.clamped(x)?), py(self.y.clamped(y)?)));
         let lines = self.series.iter().filter_map(|series| {
@@ -133,7 +138,7 @@ impl Chart {
                 text x=(tenth(edge)) y=(tenth(at + 4.0)) style={ "fill:" (ink(series.color)) } { (series.name) }
             }
         };
-        frame((WIDTH, HEIGHT), &self.title, content)
+        frame((width, HEIGHT), &self.title, content)
     }
 
     /// The picture as a file of its own.

@@ -130,8 +130,7 @@ fn overview(design: &Design, scenes: &[SceneResults]) -> DotPlot {
     let values = rows.iter().flat_map(|(_, dots)| dots.iter().map(|d| d.value.clamp(0.05, 8.0))).chain([0.8, 1.1]);
     DotPlot {
         title: "relMSE × CPU seconds over that of half".to_owned(),
-        label: "geometric mean over the numbers of paths; bars: two standard errors either way; left is better"
-            .to_owned(),
+        label: "bars: two standard errors either way; left is better".to_owned(),
         axis: Axis::fit(Scale::Log, values),
         mark: Some((1.0, "as half".to_owned())),
         kinds,
@@ -270,6 +269,9 @@ fn pictures(page: &mut Page, design: &Design, scene: &SceneResults) -> Result<()
             let paths = Picture::mapped(w, h, scale, own.paths.iter().map(|&n| f64::from(n)));
             let caption = format!("Paths of each pixel by `{name}`.");
             pieces.push(map_figure(&paths, scale, [&words[0], &words[1], &words[2]], &caption)?);
+        }
+        if own.errors == half.errors {
+            continue;
         }
         let caption =
             format!("Squared error by `{name}` over that by `half`, blocks of {BLOCK}x{BLOCK} pixels, noise included.");
