@@ -31,13 +31,15 @@ fn any_number_of_threads_gives_the_same_bits() {
     for backend in [Backend::Embree, Backend::Obvhs] {
         let stage = Stage::new(hall(), backend);
         for balance in [Balance::Progressive, Balance::SecondOrder, Balance::Power] {
-            let settings = RenderSettings { balance, noise: Some(0.12), spp: Some(160), ..settings() };
-            let one = film(&stage, &settings, 1);
-            for threads in [2, 7] {
-                let other = film(&stage, &settings, threads);
-                for y in 0..37 {
-                    for x in 0..50 {
-                        assert_eq!(pixel(&one, x, y), pixel(&other, x, y), "{backend:?} {balance:?} {threads}");
+            for (noise, adaptive) in [(Some(0.12), false), (None, true)] {
+                let settings = RenderSettings { balance, noise, adaptive, spp: Some(160), ..settings() };
+                let one = film(&stage, &settings, 1);
+                for threads in [2, 7] {
+                    let other = film(&stage, &settings, threads);
+                    for y in 0..37 {
+                        for x in 0..50 {
+                            assert_eq!(pixel(&one, x, y), pixel(&other, x, y), "{backend:?} {balance:?} {threads}");
+                        }
                     }
                 }
             }
@@ -48,8 +50,8 @@ fn any_number_of_threads_gives_the_same_bits() {
 #[test]
 fn a_crop_has_the_bits_of_the_whole() {
     let stage = Stage::new(hall(), Backend::Embree);
-    for (noise, spp) in [(None, 40), (Some(0.12), 160)] {
-        let settings = RenderSettings { noise, spp: Some(spp), ..settings() };
+    for (noise, adaptive, spp) in [(None, false, 40), (None, true, 40), (Some(0.12), false, 160)] {
+        let settings = RenderSettings { noise, adaptive, spp: Some(spp), ..settings() };
         let whole = film(&stage, &settings, 2);
         for crop in [[0, 0, 1, 1], [13, 9, 34, 33], [49, 36, 50, 37]] {
             let part = film(&stage, &RenderSettings { crop: Some(crop), ..settings.clone() }, 2);

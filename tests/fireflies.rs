@@ -87,17 +87,19 @@ fn the_brightest_firefly_is_the_path_that_replaying_shows() {
 }
 
 #[test]
-fn replaying_takes_the_passes_that_a_noise_goal_asked_for() {
+fn replaying_takes_the_passes_that_tiles_took_for_themselves() {
     let stage = Stage::new(hall(), Backend::Obvhs);
-    let settings =
-        RenderSettings { width: 20, height: 18, noise: Some(0.04), spp: None, balance: Balance::Half, ..settings() };
-    let film = render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).film();
-    for [x, y] in [[0u32, 0], [7, 9], [13, 2], [17, 17]] {
-        let stats = &film.pixels[(y * 20 + x) as usize];
-        let (mut paths, mut sum) = (0, Vec3::ZERO);
-        replay(&stage.scene, &settings, [x, y], None, &mut |path| (paths, sum) = (paths + 1, sum + path.radiance));
-        assert_eq!(paths, stats.samples, "{x} {y}");
-        let found = f64::from(sum.x);
-        assert!((found - stats.sum[0]).abs() <= 1e-3 * stats.sum[0], "{x} {y}: {found} {}", stats.sum[0]);
+    for (noise, spp, adaptive) in [(Some(0.04), None, false), (None, Some(40), true)] {
+        let settings =
+            RenderSettings { width: 20, height: 18, noise, spp, adaptive, balance: Balance::Half, ..settings() };
+        let film = render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).film();
+        for [x, y] in [[0u32, 0], [7, 9], [13, 2], [17, 17]] {
+            let stats = &film.pixels[(y * 20 + x) as usize];
+            let (mut paths, mut sum) = (0, Vec3::ZERO);
+            replay(&stage.scene, &settings, [x, y], None, &mut |path| (paths, sum) = (paths + 1, sum + path.radiance));
+            assert_eq!(paths, stats.samples, "{x} {y}");
+            let found = f64::from(sum.x);
+            assert!((found - stats.sum[0]).abs() <= 1e-3 * stats.sum[0], "{x} {y}: {found} {}", stats.sum[0]);
+        }
     }
 }

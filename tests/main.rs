@@ -8,6 +8,7 @@ mod helpers;
 #[path = "slurm.rs"]
 mod a_slurm_of_two_nodes;
 
+mod adaptive;
 mod aovs;
 mod batch;
 mod bits;

@@ -22,6 +22,7 @@ fn parts_in_any_order_are_the_whole_to_the_bit() {
         ("--size 150x90 --spp 16 --crop 7,9,140,70 --balance second-order", 3),
         ("--size 20x20 --spp 8 --balance power --rays obvhs", 4),
         ("--size 150x90 --noise 0.2 --spp 300", 3),
+        ("--size 150x90 --adaptive --guiding on --spp 48", 3),
     ] {
         let line = format!("render veach.glb {flags} -q");
         expect(folder.path(), &format!("{line} -o whole.exr"), 0);

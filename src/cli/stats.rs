@@ -11,7 +11,7 @@ use crate::film::atomic;
 use crate::film::exr_file::{Header, HeaderValue};
 use crate::rays::BackendInfo;
 use crate::render::checkpoint::{json, text};
-use crate::render::stats::{GuidingStats, Samples};
+use crate::render::stats::{AdaptiveStats, GuidingStats, Samples};
 use crate::render::{Fireflies, RenderSettings, Rendered, StopReason};
 use crate::scene::Scene;
 use crate::{Error, Result};
@@ -44,6 +44,9 @@ pub struct Stats {
     /// Of guiding's pilot, where there was one.
     #[serde(skip_serializing_if = "Option::is_none")]
     guiding: Option<GuidingStats>,
+    /// Of the allocation of paths to tiles, where there was one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    adaptive: Option<AdaptiveStats>,
     fireflies: Fireflies,
     not_finite: NotFinite,
     /// Wall seconds by phase.
@@ -185,6 +188,7 @@ impl Stats {
             noise_worst_tile: rendered.worst_noise(),
             samples: Samples::of(rendered),
             guiding: stats.guiding,
+            adaptive: stats.adaptive,
             fireflies: Fireflies::of(rendered),
             not_finite: NotFinite { count: stats.not_finite, first: stats.first_not_finite },
             seconds,
@@ -245,13 +249,15 @@ impl Stats {
         let s = &self.samples;
         let spp = if s.pixel_min == s.pixel_max { s.pixel_min.to_string() } else { format!("{:.1}", s.pixel_mean) };
         let replay = |x, y, path| {
-            let RenderSettings { spp, noise, min_spp, seed, .. } = self.settings;
+            let RenderSettings { spp, noise, min_spp, seed, adaptive, .. } = self.settings;
+            let adaptive = adaptive && spp.is_some();
             let spp = spp.or(Some(s.pixel_max).filter(|_| noise.is_none()));
             let flag =
                 |name: &str, value: Option<String>| value.map(|value| format!("--{name} {value} ")).unwrap_or_default();
             let stop = flag("spp", spp.map(|n| n.to_string()))
                 + &flag("noise", noise.map(|x| x.to_string()))
-                + &flag("min-spp", min_spp.map(|n| n.to_string()));
+                + &flag("min-spp", min_spp.map(|n| n.to_string()))
+                + if adaptive { "--adaptive " } else { "" };
             format!("{stop}--seed {seed} --replay-pixel {x},{y},{path}")
         };
         let mut told = String::new();

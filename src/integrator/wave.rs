@@ -35,6 +35,11 @@ pub struct WaveCounts {
 }
 
 impl WaveCounts {
+    /// Rays of all kinds.
+    pub fn rays(&self) -> u64 {
+        self.camera_rays + self.first_bounce_rays + self.later_bounce_rays + self.shadow_rays
+    }
+
     /// The sum of two.
     pub fn plus(&self, other: &Self) -> Self {
         Self {

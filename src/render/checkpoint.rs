@@ -37,6 +37,8 @@ impl Saved {
                 let own_way = |n: u32| n > goal.least || scheduler::is_planned(settings, n);
                 self.tiles.iter().all(|tile| own_way(tile.paths()))
             }
+            // Each tile has a goal of its own.
+            None if settings.adaptive => true,
             None => scheduler::is_on_the_way(settings, done, ahead, self.stats.passes),
         }
     }
@@ -126,6 +128,13 @@ impl Record {
         requests.contains(&self.request) && self.identity.settings.part == identity.settings.part
     }
 
+    /// Paths a pixel that it is finished with: the fewest of a tile, or, where tiles have goals of their own, the mean.
+    pub fn spp(&self) -> u32 {
+        let settings = &self.identity.settings;
+        let mean = settings.spp.filter(|_| settings.adaptive && self.stop == StopReason::Samples);
+        mean.unwrap_or(self.paths)
+    }
+
     /// Does it fulfil one of the stop rules of these settings?
     pub fn is_done(&self, settings: &RenderSettings) -> bool {
         if self.stop == StopReason::Interrupted {
@@ -140,7 +149,7 @@ impl Record {
         let same =
             settings.noise.is_some() && (settings.noise_goal(), settings.spp) == (before.noise_goal(), before.spp);
         let worst = self.worst_noise.unwrap_or(f64::INFINITY);
-        settings.spp.is_some_and(|goal| self.paths >= goal)
+        settings.spp.is_some_and(|goal| self.spp() >= goal)
             || settings.time.is_some_and(|limit| seconds >= limit)
             || (same && self.stop != StopReason::Time)
             || settings.noise_goal().is_some_and(|goal| worst <= goal.error && self.paths >= goal.least)

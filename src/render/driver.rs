@@ -6,11 +6,13 @@ use std::time::Instant;
 use rayon::prelude::*;
 use tracing::debug;
 
+use super::allocation::Allocation;
 use super::compensation::density;
 use super::lens::lens;
 use super::pilot::learned;
 use super::progress::{Meter, Progress};
 use super::scheduler::{self, Next, State};
+use super::stats::AdaptiveStats;
 use super::tile::{Tile, TileWork};
 use super::{Integrator, RenderSettings, RenderStats, Rendered, Saved, StopReason, fresh_tiles, noise, paths_range};
 use crate::film::Background;
@@ -135,6 +137,13 @@ pub fn pass_seed(settings: &RenderSettings, done: u32) -> u32 {
         }
 }
 
+/// Mean paths of these tiles' pixels, rounded down.
+fn mean_paths(tiles: &[Tile]) -> u32 {
+    let paths: u64 = tiles.iter().map(|tile| u64::from(tile.paths()) * tile.pixels() as u64).sum();
+    let pixels: u64 = tiles.iter().map(|tile| tile.pixels() as u64).sum();
+    (paths / pixels.max(1)) as u32
+}
+
 /// Renders on the current rayon pool until a stop rule of `settings` holds or the stop flag is raised (then within a
 /// tile's time). Without a time limit the film's bits depend on the scene, the backend's hits and `settings` alone: not
 /// on threads, nor on how often it was interrupted and continued.
@@ -148,7 +157,21 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     let learned = if goes_on { learned(scene, settings, &unguided) } else { None };
     let transport = Transport { field: learned.as_ref().and_then(|learned| learned.field.as_ref()), ..unguided };
     let guiding = learned.as_ref().map(|learned| learned.stats(start.elapsed().as_secs_f64())).or(stats.guiding);
-    let before = RenderStats { noise: f64::INFINITY, guiding, ..stats };
+    let surveyed = Instant::now();
+    let allocation = if goes_on { Allocation::new(&transport, settings) } else { None };
+    let of = |a: &Allocation| AdaptiveStats { worth: a.worth(), seconds: surveyed.elapsed().as_secs_f64() };
+    let adaptive = allocation.as_ref().map(of).or(stats.adaptive);
+    let before = RenderStats { noise: f64::INFINITY, guiding, adaptive, ..stats };
+    let goal = |tile: &Tile| match &allocation {
+        Some(allocation) => settings.spp.map(|mean| allocation.paths(tile, mean)),
+        None => settings.spp,
+    };
+    let is_done = |tile: &Tile| match &allocation {
+        Some(_) => scheduler::planned_to(settings, goal(tile), tile.paths()).is_none(),
+        None => tile.is_clean(settings),
+    };
+    // With goals of their own, tiles go their own ways.
+    let own_ways = settings.noise.is_some() || (allocation.is_some() && settings.spp.is_some());
     let background = match &scene.scene.environment {
         None => Background::Black,
         Some(_) if settings.transparent => Background::Transparent,
@@ -165,16 +188,20 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
         if now.tiles.is_empty() {
             break StopReason::Samples;
         }
-        let clean: Vec<bool> = now.tiles.par_iter().map(|tile| tile.is_clean(settings)).collect();
+        let clean: Vec<bool> = now.tiles.par_iter().map(is_done).collect();
         let open = || now.tiles.iter().zip(&clean).filter(|(_, clean)| !**clean).map(|(tile, _)| tile);
-        let (done, ahead) = paths_range(open());
-        let ahead = if settings.noise.is_some() { done } else { ahead };
+        let (done, ahead) = match allocation.is_some() && settings.spp.is_none() {
+            true => [mean_paths(&now.tiles); 2].into(),
+            false => paths_range(open()),
+        };
+        let ahead = if own_ways { done } else { ahead };
         if ahead == done {
             now.stats.noise = noise(&now.tiles, settings.window());
         }
         let state = State {
             done,
             ahead,
+            goal: open().filter_map(goal).max(),
             passes: now.stats.passes,
             clean: open().next().is_none(),
             seconds: elapsed(),
@@ -182,20 +209,24 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
             stopped: stopped(),
         };
         let pass = match scheduler::next(settings, &state) {
+            Next::Stop(StopReason::Noise) if allocation.is_some() => break StopReason::Samples,
             Next::Pass(paths) => paths,
             Next::Stop(reason) => break reason,
         };
         let target = done + pass;
-        // What a tile takes now: with a noise goal, each goes its own way.
-        let passes = |(tile, clean): (&Tile, &bool)| match settings.noise.is_some() {
+        let most = settings.time.map_or(u32::MAX, |_| pass);
+        let passes = |(tile, clean): (&Tile, &bool)| match &allocation {
             _ if *clean => 0,
-            true => {
-                scheduler::planned(settings, tile.paths()).unwrap_or(0).min(settings.time.map_or(u32::MAX, |_| pass))
-            }
-            false => target.saturating_sub(tile.paths()),
+            _ if own_ways => scheduler::planned_to(settings, goal(tile), tile.paths()).unwrap_or(0).min(most),
+            Some(allocation) => allocation.paths(tile, target).saturating_sub(tile.paths()),
+            None => target.saturating_sub(tile.paths()),
         };
         let passes: Vec<u32> = now.tiles.iter().zip(&clean).map(passes).collect();
         let left = passes.iter().filter(|paths| **paths > 0).count() as u64;
+        if left == 0 {
+            // Not even a block of the sequence fits into what is left.
+            break StopReason::Time;
+        }
         let traced = now.tiles.iter().map(|tile| tile.pixels() as f64).sum::<f64>();
         let meter = Meter {
             settings,

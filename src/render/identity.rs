@@ -84,6 +84,9 @@ impl Identity {
             values.insert("guiding", name(&s.guiding));
             values.insert("guiding-memory", s.guiding_memory.unwrap_or(MEMORY).to_string());
         }
+        if s.adaptive {
+            values.insert("adaptive", "true".into());
+        }
         if s.transparent {
             values.insert("transparent", "true".into());
         }
@@ -166,6 +169,7 @@ mod tests {
         assert!(guided(Guiding::On, None).differences(&ours).contains("guiding"));
         assert_eq!(guided(Guiding::On, None).differences(&guided(Guiding::On, Some(MEMORY))), "");
         assert!(guided(Guiding::On, None).differences(&guided(Guiding::On, Some(1))).contains("guiding-memory"));
+        assert!(of(&RenderSettings { adaptive: true, ..settings.clone() }).differences(&ours).contains("adaptive"));
         assert_eq!(piloted(None).differences(&piloted(Some(0.5))), "");
         assert_eq!(piloted(None).differences(&piloted(Some(0.25))), "pilot (0.25 there, 0.5 here)");
     }

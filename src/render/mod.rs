@@ -4,6 +4,7 @@
 //! parts together. What makes a picture's bits is said in [`identity`].
 
 pub mod adaptive;
+pub mod allocation;
 pub mod checkpoint;
 pub mod compensation;
 pub mod driver;

@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 
+use super::allocation::Allocation;
 use super::driver::{pass_seed, transport};
 use super::pilot::learned;
 use super::tile::Tile;
@@ -35,7 +36,9 @@ pub fn replay(
     let mut transport = Transport { field, ..unguided };
     let window = [x, y, x + 1, y + 1];
     let Some(mut tile) = Tile::cover(settings.width, settings.height, window, settings.columns()).pop() else { return };
-    while let Some(pass) = scheduler::planned(settings, tile.paths()) {
+    let allocation = Allocation::new(&transport, settings);
+    let goal = settings.spp.map(|mean| allocation.map_or(mean, |allocation| allocation.paths(&tile, mean)));
+    while let Some(pass) = scheduler::planned_to(settings, goal, tile.paths()) {
         transport.seed = pass_seed(settings, tile.paths());
         tile.pass_watched(&transport, settings, pass, &mut |task: &PixelTask| {
             if [task.x, task.y] != [x, y] {

@@ -26,6 +26,13 @@ pub struct Buffers {
     pilot: Pilot,
 }
 
+impl Buffers {
+    /// The wave of the current thread.
+    pub fn wave(&mut self) -> &mut Wave {
+        &mut self.wave
+    }
+}
+
 /// Hands out the buffers of the current thread.
 pub fn with_buffers<T>(work: impl FnOnce(&mut Buffers) -> T) -> T {
     BUFFERS.with_borrow_mut(work)

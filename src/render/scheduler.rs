@@ -11,6 +11,8 @@ pub struct State {
     pub done: u32,
     /// Most paths of such a tile: more than `done` after an interruption in the middle of a pass.
     pub ahead: u32,
+    /// Most paths that a tile is to have, if it is known.
+    pub goal: Option<u32>,
     /// Passes completed.
     pub passes: u32,
     /// Is every tile as clean as asked?
@@ -34,10 +36,15 @@ pub enum Next {
 
 /// Paths a pixel of the pass that begins after `done` paths, if nothing cuts it short; `None` when the samples are taken.
 pub fn planned(settings: &RenderSettings, done: u32) -> Option<u32> {
+    planned_to(settings, settings.spp, done)
+}
+
+/// The same for pixels with a goal of their own.
+pub fn planned_to(settings: &RenderSettings, goal: Option<u32>, done: u32) -> Option<u32> {
     let method = settings.balance.method();
-    let mut pass = method.next_pass(done, settings.spp, settings.pilot)?;
-    if settings.noise_goal().is_some_and(|goal| done >= goal.least) {
-        pass = up_to(settings.spp, done, done.saturating_mul(GROWTH))?;
+    let mut pass = method.next_pass(done, goal, settings.pilot)?;
+    if settings.noise_goal().is_some_and(|noise| done >= noise.least) {
+        pass = up_to(goal, done, done.saturating_mul(GROWTH))?;
     }
     Some(if is_early(settings, done) { pass.min(done.max(1)).min(EARLY - done) } else { pass })
 }
@@ -59,7 +66,7 @@ pub fn next(settings: &RenderSettings, state: &State) -> Next {
     let mut pass = ahead - done;
     if pass == 0 {
         let enough = settings.passes.is_some_and(|most| state.passes >= most);
-        match planned(settings, done) {
+        match planned_to(settings, state.goal, done) {
             Some(paths) if !enough => pass = paths,
             _ => return Next::Stop(StopReason::Samples),
         }
@@ -133,7 +140,16 @@ mod tests {
     }
 
     fn after(done: u32) -> State {
-        State { done, ahead: done, passes: 0, clean: false, seconds: 1.0, render_seconds: 1.0, stopped: false }
+        State {
+            done,
+            ahead: done,
+            goal: None,
+            passes: 0,
+            clean: false,
+            seconds: 1.0,
+            render_seconds: 1.0,
+            stopped: false,
+        }
     }
 
     #[test]

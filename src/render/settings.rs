@@ -46,6 +46,10 @@ pub struct RenderSettings {
     /// Paths a pixel before `noise` is asked for; `None`: [`NOISE_PATHS`].
     #[serde(default)]
     pub min_spp: Option<u32>,
+    /// Do tiles have paths by what theirs vary and cost ([`allocation`](super::allocation)), `spp` in the mean? Not with
+    /// `noise`, which goes by the same and by its goal.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub adaptive: bool,
     /// How light and BSDF sampling share the work.
     pub balance: Balance,
     /// `second-order`'s pilot as a share of all paths, in (0, 1); `None`:
@@ -129,6 +133,7 @@ impl Default for RenderSettings {
             time: None,
             noise: None,
             min_spp: None,
+            adaptive: false,
             balance: Balance::Progressive,
             pilot: None,
             guiding: Guiding::Off,

@@ -3,9 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::Rendered;
+use super::allocation;
 use super::pilot::Worth;
 use super::tile::{Tile, TileWork};
-use crate::integrator::WaveCounts;
 
 /// Why a render ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -53,6 +53,9 @@ pub struct RenderStats {
     /// What guiding's pilot found, in the last session.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub guiding: Option<GuidingStats>,
+    /// What the allocation of paths to tiles is worth, in the last session.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub adaptive: Option<AdaptiveStats>,
     /// Estimated relative error of the picture after its last whole pass; not kept, but computed again.
     #[serde(skip_deserializing)]
     pub noise: f64,
@@ -70,6 +73,16 @@ pub struct GuidingStats {
     /// What it is worth.
     #[serde(flatten)]
     pub worth: Worth,
+    /// Wall seconds that it took.
+    pub seconds: f64,
+}
+
+/// What the pilot of adaptive paths found.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub struct AdaptiveStats {
+    /// What its allocation is worth.
+    #[serde(flatten)]
+    pub worth: allocation::Worth,
     /// Wall seconds that it took.
     pub seconds: f64,
 }
@@ -127,6 +140,7 @@ impl RenderStats {
         self.not_finite += other.not_finite;
         self.first_not_finite = self.first_not_finite.or(other.first_not_finite);
         self.guiding = self.guiding.or(other.guiding);
+        self.adaptive = self.adaptive.or(other.adaptive);
     }
 
     pub(super) fn add(&mut self, work: &TileWork) {
@@ -153,7 +167,6 @@ impl TileWork {
 
     /// Rays of all kinds.
     pub(super) fn rays(&self) -> u64 {
-        let WaveCounts { camera_rays, first_bounce_rays, later_bounce_rays, shadow_rays, .. } = self.counts;
-        camera_rays + first_bounce_rays + later_bounce_rays + shadow_rays
+        self.counts.rays()
     }
 }

@@ -109,6 +109,10 @@ pub struct RenderArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..), requires = "noise",
         help_heading = "Sampling")]
     pub min_spp: Option<u32>,
+    /// Give tiles of 16 x 16 pixels more paths where a pilot finds them noisy, and fewer elsewhere; --spp is the mean
+    /// (docs/adaptive.md).
+    #[arg(long, conflicts_with = "noise", help_heading = "Sampling")]
+    pub adaptive: bool,
     /// How light and BSDF sampling share the work.
     #[arg(long, value_parser = balance(), default_value = "progressive", help_heading = "Sampling")]
     pub balance: Balance,
@@ -292,6 +296,7 @@ impl RenderArgs {
             time: self.time,
             noise: self.noise,
             min_spp: self.min_spp,
+            adaptive: self.adaptive,
             balance: self.balance,
             pilot: self.pilot,
             guiding: self.guiding,

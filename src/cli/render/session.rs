@@ -108,10 +108,10 @@ impl Session<'_> {
         }
         let mark = self.mark(record.stats.paths);
         let Some(png) = args.preview.as_ref().filter(|png| preview::mark(png).as_ref() != Some(&mark)) else {
-            return Ok(Done::Before(output, record.paths, None));
+            return Ok(Done::Before(output, record.spp(), None));
         };
         let exposure = self.develop_file(png, record.background, &mark)?;
-        Ok(Done::Before(output, record.paths, Some(exposure)))
+        Ok(Done::Before(output, record.spp(), Some(exposure)))
     }
 
     /// Develops a PNG from the picture's file, without noise if the command wants that; its exposure.

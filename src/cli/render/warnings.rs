@@ -36,7 +36,9 @@ pub fn of_another_making(
     }
     let [goal, theirs] = [settings, &before.identity.settings].map(RenderSettings::noise_goal);
     let looked = |tile: &Tile| goal.or(theirs).is_some_and(|goal| tile.paths() > goal.least);
-    if (goal != theirs && saved.tiles.iter().any(looked)) || !saved.is_on_the_way(settings) {
+    // Tiles with goals of their own have taken passes that these end.
+    let [mean, before] = [settings, &before.identity.settings].map(|s| s.spp.filter(|_| s.adaptive));
+    if (goal != theirs && saved.tiles.iter().any(looked)) || mean != before || !saved.is_on_the_way(settings) {
         warn!(
             "{output} was begun with another goal and took other passes than this command takes from the beginning: the \
              picture is as right as ever, but not bit for bit that of a render in one go"

@@ -1,0 +1,125 @@
+//! Paths where the noise is: as many in all, less error, the same means.
+
+use std::fs;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use bismar::film::compare::relative_to;
+use bismar::rays::Backend;
+use bismar::render::{Balance, RenderSettings, Rendered, StopReason, render};
+use bismar::scene::Scene;
+use glam::Vec3;
+
+use crate::helpers::program::{expect, scene};
+use crate::helpers::stage::{Stage, lambert, lamp, look, metal, rectangle};
+use crate::helpers::statistics::Mean;
+
+/// A matt floor below two lamps beside a polished one that shows them, and a wide black border: noise of three kinds.
+fn floors() -> Arc<Scene> {
+    let mut scene = Scene::default();
+    rectangle(&mut scene, 0.0, [-1.0, 0.0], [-1.0, 1.0], true, lambert(0.7));
+    rectangle(&mut scene, 0.0, [0.0, 1.0], [-1.0, 1.0], true, metal(0.3));
+    rectangle(&mut scene, 1.2, [-0.1, 0.1], [-1.1, -0.9], false, lamp(30.0));
+    rectangle(&mut scene, 0.4, [-0.9, -0.86], [0.2, 0.24], false, lamp(600.0));
+    look(&mut scene, Vec3::new(0.0, 2.2, 2.4), Vec3::new(0.0, 0.0, -0.1), 1.2);
+    Arc::new(scene)
+}
+
+fn settings() -> RenderSettings {
+    RenderSettings {
+        width: 96,
+        height: 64,
+        spp: Some(32),
+        balance: Balance::Half,
+        adaptive: true,
+        ..Default::default()
+    }
+}
+
+fn rendered(stage: &Stage, settings: &RenderSettings) -> Rendered {
+    render(&stage.scene, settings, &AtomicBool::new(false), &|_| ())
+}
+
+/// Paths over those of as many everywhere.
+fn paths(rendered: &Rendered, mean: u32) -> f64 {
+    rendered.stats.paths as f64 / f64::from(mean * 96 * 64)
+}
+
+#[test]
+fn as_many_paths_leave_less_error_and_the_same_means() {
+    let stage = Stage::new(floors(), Backend::Embree);
+    let pixel = |r: &Rendered| r.film().pixels.iter().map(|p| f64::from(p.mean()[1])).collect::<Vec<_>>();
+    let even = RenderSettings { adaptive: false, ..settings() };
+    let reference = pixel(&rendered(&stage, &RenderSettings { spp: Some(4096), seed: 1 << 20, ..even.clone() }));
+    const REPLICAS: u32 = 60;
+    let (mut means, mut errors) = ([Mean::default(), Mean::default()], [Mean::default(), Mean::default()]);
+    for (i, settings) in [even, settings()].into_iter().enumerate() {
+        for seed in 0..REPLICAS {
+            let picture = rendered(&stage, &RenderSettings { seed: seed + 1000 * i as u32, ..settings.clone() });
+            assert!((0.93..=1.0).contains(&paths(&picture, 32)), "{}", picture.stats.paths);
+            let pixels = pixel(&picture);
+            means[i].add(pixels.iter().sum::<f64>() / pixels.len() as f64);
+            let of = |(a, b): (&f64, &f64)| (a - b) * (a - b) / relative_to(*b);
+            errors[i].add(pixels.iter().zip(&reference).map(of).sum::<f64>() / pixels.len() as f64);
+        }
+    }
+    let apart = |[a, b]: &[Mean; 2]| (a.mean - b.mean) / a.standard_error().hypot(b.standard_error());
+    // A false alarm in 10⁵.
+    assert!(apart(&means).abs() < 4.5, "{} {}", means[0].mean, means[1].mean);
+    // Less error, and surely: by chance once in 10⁵.
+    assert!(apart(&errors) > 4.5, "{} {}", errors[0].mean, errors[1].mean);
+}
+
+#[test]
+fn a_pilot_that_finds_all_tiles_alike_gives_all_as_many_and_the_bits_of_none() {
+    let mut scene = Scene::default();
+    rectangle(&mut scene, 0.0, [-50.0, 50.0], [-50.0, 50.0], true, lambert(0.5));
+    rectangle(&mut scene, 9.0, [-50.0, 50.0], [-50.0, 50.0], false, lamp(1.0));
+    look(&mut scene, Vec3::new(0.0, 3.0, 0.01), Vec3::ZERO, 0.8);
+    let stage = Stage::new(Arc::new(scene), Backend::Obvhs);
+    let alike = rendered(&stage, &settings());
+    let even = rendered(&stage, &RenderSettings { adaptive: false, ..settings() });
+    assert_eq!(alike.stats.adaptive.unwrap().worth.range, [1.0; 2]);
+    assert_eq!(format!("{:?}", alike.film()), format!("{:?}", even.film()));
+    assert!(even.stats.adaptive.is_none());
+}
+
+#[test]
+fn few_paths_and_black_pictures_are_as_ever_and_time_stops_it_too() {
+    let stage = Stage::new(floors(), Backend::Obvhs);
+    let few = rendered(&stage, &RenderSettings { spp: Some(15), ..settings() });
+    assert!(few.stats.adaptive.is_none() && few.paths_range() == (15, 15));
+    let mut black = Scene::default();
+    rectangle(&mut black, 0.0, [-1.0, 1.0], [-1.0, 1.0], true, lambert(0.5));
+    look(&mut black, Vec3::new(0.0, 2.0, 1.0), Vec3::ZERO, 0.8);
+    let black = rendered(&Stage::new(Arc::new(black), Backend::Obvhs), &settings());
+    assert_eq!((black.paths_range(), black.stop), ((32, 32), StopReason::Samples));
+    // Against the clock, with a goal that comes first and with none.
+    let goal = rendered(&stage, &RenderSettings { time: Some(1e9), ..settings() });
+    assert!(goal.stop == StopReason::Samples && (0.93..=1.0).contains(&paths(&goal, 32)), "{}", goal.stats.paths);
+    let timed = rendered(&stage, &RenderSettings { time: Some(2.0), spp: None, ..settings() });
+    assert_eq!(timed.stop, StopReason::Time);
+    let (fewest, most) = timed.paths_range();
+    assert!(fewest > 0 && (most < 32 || most > fewest), "{fewest} {most}");
+}
+
+#[test]
+fn the_command_says_what_it_did_and_what_does_not_go_together() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::copy(scene("veach.glb"), folder.path().join("veach.glb")).unwrap();
+    let line = "render veach.glb --size 96x64 --adaptive -q";
+    expect(folder.path(), &format!("{line} --spp 32 --aov samples --stats a.json --checkpoint 9 -o a.exr"), 0);
+    let stats: serde_json::Value = serde_json::from_slice(&fs::read(folder.path().join("a.json")).unwrap()).unwrap();
+    assert!(stats["adaptive"]["left"].as_f64().unwrap() < 0.97, "{stats}");
+    assert_eq!(stats["settings"]["adaptive"], true);
+    let of = |name: &str| stats["samples"][name].as_f64().unwrap();
+    assert!(of("pixel_min") < 20.0 && of("pixel_max") > 40.0 && (of("pixel_mean") - 32.0).abs() < 1.0, "{stats}");
+    // Going on to more paths is right, but not the bits of one go, and says so.
+    let said =
+        expect(folder.path(), "render veach.glb --size 96x64 --adaptive --spp 64 --aov samples --resume -o a.exr", 0);
+    assert!(said.contains("not bit for bit"), "{said}");
+    let said = expect(folder.path(), &format!("{line} --noise 0.1 -o b.exr"), 64);
+    assert!(said.contains("--noise") && said.contains("--adaptive"), "{said}");
+    let said = expect(folder.path(), "render veach.glb --size 96x64 --spp 64 --aov samples --resume -o a.exr", 65);
+    assert!(said.contains("adaptive"), "{said}");
+}
