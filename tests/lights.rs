@@ -217,6 +217,7 @@ fn lamp_samples_follow_the_pdf() {
         let scene = lamps(double_sided);
         let lights = AreaLights::new(&scene).unwrap();
         let mut random = Random(31);
+        assert!((lights.levels() - 3.0f32.log2()).abs() < 1e-6);
         chi_square_directions(
             &format!("lamps, double_sided {double_sided}, normal {n}"),
             4,

@@ -48,6 +48,8 @@ pub struct Lights {
     pub environment: Option<f32>,
     /// May light come by other surfaces?
     pub indirect: bool,
+    /// What it costs to choose a lamp for a light sample, in rays.
+    pub choice: f32,
 }
 
 /// What a tile's pixels have learned, one entry a pixel.

@@ -89,6 +89,11 @@ pub struct AreaLights {
 }
 
 impl AreaLights {
+    /// Levels of the light tree, were it even: log₂ of the lights that it chooses from.
+    pub fn levels(&self) -> f32 {
+        (self.lights.len() as f32).log2()
+    }
+
     /// Gathers them; `None` when nothing shines.
     pub fn new(scene: &Scene) -> Option<Self> {
         let (mut lights, mut emitters) = (Vec::new(), Vec::new());

@@ -13,6 +13,8 @@ use crate::integrator::{PixelBatch, PixelTask, Transport, Wave, WaveCounts, guid
 
 /// Paths that are traced together: their buffers stay in the second-level cache.
 const WAVE_PATHS: u32 = 2048;
+/// What a level of the light tree costs, in rays, as CPU times of scenes with 6 to 16 000 emissive triangles have it.
+const LEVEL: f32 = 0.1;
 
 thread_local! {
     static BUFFERS: RefCell<Buffers> = RefCell::default();
@@ -96,7 +98,8 @@ impl Sampler for TileSampler<'_> {
     fn lights(&self) -> Option<Lights> {
         let lights = self.transport.lights;
         let environment = lights.two_kinds().then_some(lights.environment_probability);
-        lights.has_extent().then_some(Lights { environment, indirect: self.transport.max_depth > 2 })
+        let choice = lights.area.as_ref().map_or(0.0, |area| LEVEL * area.levels());
+        lights.has_extent().then_some(Lights { environment, indirect: self.transport.max_depth > 2, choice })
     }
 
     fn longest(&self) -> u32 {

@@ -4,7 +4,7 @@
 use crate::balance::method::{EARLY, FIRST_PASS, LONGEST_PASS, at_once, up_to};
 use crate::balance::sampler::Lights;
 use crate::balance::spread::{Candidates, Caution, Spreads};
-use crate::balance::{Counts, Learned, Method, Sampler};
+use crate::balance::{Cost, Counts, Learned, Method, Sampler};
 
 /// The pilot is this part of the first pass.
 const PILOT: u32 = 4;
@@ -40,7 +40,7 @@ impl Method for Progressive {
         };
         let candidates = candidates(lights);
         match pilot(paths) {
-            Some(pilot) => with_pilot(learned, sampler, &candidates, candidates.pilot(pilot), paths),
+            Some(pilot) => with_pilot(learned, sampler, &candidates, (candidates.pilot(pilot), paths), lights.choice),
             None => {
                 learned.shares.iter_mut().for_each(|share| share.environment = candidates.prior().environment);
                 at_once(learned, sampler, paths);
@@ -64,10 +64,18 @@ fn candidates(lights: Lights) -> Candidates {
 }
 
 /// A pass of `paths` paths that begins with a pilot of equal counts; all are then weighed by the total counts.
-fn with_pilot(learned: &mut Learned, sampler: &mut dyn Sampler, candidates: &Candidates, pilot: Counts, paths: u32) {
+/// Light samples cost `choice` more than their rays.
+fn with_pilot(
+    learned: &mut Learned,
+    sampler: &mut dyn Sampler,
+    candidates: &Candidates,
+    (pilot, paths): (Counts, u32),
+    choice: f32,
+) {
     let n = sampler.pixels();
     let spreads = Spreads::new(candidates, sampler.pilot(pilot), n, pilot.paths);
-    let (width, cost, guides) = (sampler.width(), sampler.cost(), sampler.guides());
+    let (width, rays, guides) = (sampler.width(), sampler.cost(), sampler.guides());
+    let cost = Cost { light: rays.light + choice, ..rays };
     for (i, share) in learned.shares.iter_mut().enumerate() {
         *share = spreads.choose(i, width, &guides, cost);
     }

@@ -220,7 +220,7 @@ impl Sampler for Exact<'_> {
     }
 
     fn lights(&self) -> Option<Lights> {
-        Some(Lights { environment: None, indirect: false })
+        Some(Lights { environment: None, indirect: false, choice: 0.0 })
     }
 
     fn longest(&self) -> u32 {
