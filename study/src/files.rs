@@ -48,7 +48,7 @@ pub fn write_csv<Row: Serialize + DeserializeOwned>(path: &Path, rows: &[Row]) -
 }
 
 /// First bytes of a record; the digit is raised when a kind of record changes.
-const MAGIC: &[u8] = b"bismar study 2\n";
+const MAGIC: &[u8] = b"bismar study 3\n";
 
 /// Keeps a measurement: a magic line, BLAKE3 of the rest, the value in postcard's encoding.
 ///

@@ -219,12 +219,13 @@ impl<'a> Campaign<'a> {
     }
 
     fn take(&self, take: Take) -> Result<Replica> {
-        let (balance, guided) = take.estimator.parts();
+        let (balance, aids) = take.estimator.parts();
         let settings = RenderSettings {
             spp: Some(take.spp),
             seed: take.seed,
             balance,
-            guiding: if guided { Guiding::Auto } else { Guiding::Off },
+            guiding: if aids.guided { Guiding::Auto } else { Guiding::Off },
+            adaptive: aids.adaptive,
             shares: take.shares.map(|shares| self.mosaic.spread(&shares)),
             passes: take.passes,
             tiles: match take.tile {
@@ -247,6 +248,7 @@ impl<'a> Campaign<'a> {
             wall: wall.elapsed().as_secs_f64(),
             half_cpu: None,
             pilot: rendered.stats.guiding.as_ref().map(Pilot::of),
+            allocation: rendered.stats.adaptive.map(|adaptive| adaptive.worth.left),
         };
         self.rays.fetch_add(rendered.stats.rays(), Ordering::Relaxed);
         if rendered.stop == StopReason::Interrupted {

@@ -19,6 +19,8 @@ pub struct Times {
     pub half_cpu: Option<f64>,
     /// Guiding's, where it was asked.
     pub pilot: Option<Pilot>,
+    /// What `--adaptive` expected to leave of error × time, where it was asked; 1 where it found that it does not pay.
+    pub allocation: Option<f64>,
 }
 
 /// What a pilot of guiding found.
@@ -151,7 +153,8 @@ mod tests {
         for r in 0..3 {
             let x = r as f32;
             let pilot = Some(Pilot { on: r == 1, variance: 0.5, seconds: 0.1 });
-            let times = Times { cpu: 0.1 * f64::from(r), wall: 1.0, half_cpu: (r > 0).then_some(0.3), pilot };
+            let times =
+                Times { cpu: 0.1 * f64::from(r), wall: 1.0, half_cpu: (r > 0).then_some(0.3), pilot, allocation: None };
             let values = vec![x, 1.0, 2.0, 3.0 * x, 4.0, f32::MIN_POSITIVE];
             cell.push(&Replica { times, values, shares: vec![0.25 * x, 0.5], paths: vec![64.0, x] });
         }

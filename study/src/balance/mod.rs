@@ -79,8 +79,8 @@ impl Design {
 
     /// What the reference is rendered by.
     pub fn reference(&self) -> Estimator {
-        let guided = self.whole && self.estimators.iter().any(|e| e.parts().1);
-        if guided { Estimator::Guided(Balance::Half) } else { HALF }
+        let guided = self.whole && self.estimators.iter().any(|e| e.parts().1.guided);
+        if guided { Estimator::Aided(Balance::Half, Aids { guided, adaptive: false }) } else { HALF }
     }
 }
 
@@ -89,16 +89,32 @@ impl Design {
 pub enum Estimator {
     /// One of `--balance`.
     Method(Balance),
-    /// One of `--balance`, with `--guiding auto`.
-    Guided(Balance),
+    /// One of `--balance`, with more than that.
+    Aided(Balance, Aids),
     /// The best fixed share of each pixel, found by brute force beforehand: the limit, not a method.
     Oracle,
 }
 
+/// What helps a balance, at least one of them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Aids {
+    /// `--guiding auto`.
+    pub guided: bool,
+    /// `--adaptive`.
+    pub adaptive: bool,
+}
+
+impl Aids {
+    /// All, with what ends the names of those that have them.
+    const ALL: [(Self, &str); 3] = [
+        (Self { guided: true, adaptive: false }, "+guiding"),
+        (Self { guided: false, adaptive: true }, "+adaptive"),
+        (Self { guided: true, adaptive: true }, "+guiding+adaptive"),
+    ];
+}
+
 /// What all others are compared with.
 pub const HALF: Estimator = Estimator::Method(Balance::Half);
-/// Ends the names of those that are guided.
-const GUIDED: &str = "+guiding";
 
 impl Estimator {
     /// All of them, `half` first.
@@ -112,23 +128,26 @@ impl Estimator {
     pub fn name(self) -> String {
         match self {
             Estimator::Method(balance) => balance.name().to_owned(),
-            Estimator::Guided(balance) => format!("{}{GUIDED}", balance.name()),
+            Estimator::Aided(balance, aids) => {
+                let words = Aids::ALL.iter().find(|(own, _)| *own == aids).map_or("", |(_, words)| words);
+                format!("{}{words}", balance.name())
+            }
             Estimator::Oracle => "oracle".to_owned(),
         }
     }
 
     /// By its name.
     pub fn named(name: &str) -> Option<Self> {
-        let guided = Balance::all().iter().map(|&balance| Self::Guided(balance));
-        Self::all().into_iter().chain(guided).find(|e| e.name() == name)
+        let aided = |&balance| Aids::ALL.map(|(aids, _)| Self::Aided(balance, aids));
+        Self::all().into_iter().chain(Balance::all().iter().flat_map(aided)).find(|e| e.name() == name)
     }
 
-    /// `--balance`, and whether paths may be guided.
-    pub fn parts(self) -> (Balance, bool) {
+    /// `--balance` and what helps it.
+    pub fn parts(self) -> (Balance, Aids) {
         match self {
-            Self::Method(balance) => (balance, false),
-            Self::Guided(balance) => (balance, true),
-            Self::Oracle => (Balance::Half, false),
+            Self::Method(balance) => (balance, Aids::default()),
+            Self::Aided(balance, aids) => (balance, aids),
+            Self::Oracle => (Balance::Half, Aids::default()),
         }
     }
 

@@ -39,6 +39,7 @@ pub struct Row {
     pub guided: Option<f64>,
     pub guiding_variance: Option<f64>,
     pub guiding_seconds: Option<f64>,
+    pub adaptive_left: Option<f64>,
 }
 
 /// What is known of one scene.
@@ -142,6 +143,7 @@ fn row(
     let cpu_seconds = median(&times.iter().map(|t| t.cpu).collect::<Vec<_>>());
     let pilots = times.iter().filter_map(|t| t.pilot).collect::<Vec<_>>();
     let of_pilots = |of: &dyn Fn(usize) -> f64| (!pilots.is_empty()).then(|| mean((0..pilots.len()).map(of)));
+    let left = times.iter().filter_map(|t| t.allocation).collect::<Vec<_>>();
     let product_ratio = rel_mse_ratio * time_ratio;
     Row {
         scene: scene.to_owned(),
@@ -164,6 +166,7 @@ fn row(
         guided: of_pilots(&|i| f64::from(u8::from(pilots[i].on))),
         guiding_variance: of_pilots(&|i| f64::from(pilots[i].variance)),
         guiding_seconds: of_pilots(&|i| pilots[i].seconds),
+        adaptive_left: (!left.is_empty()).then(|| mean(left.iter().copied())),
     }
 }
 

@@ -27,7 +27,7 @@ pub(super) struct BalanceArgs {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// What to compare with half: estimators separated by commas, or all; oracle is the best fixed share of each pixel,
-    /// found by brute force; NAME+guiding is that one with --guiding auto.
+    /// found by brute force; NAME+guiding and NAME+adaptive are those with --guiding auto and --adaptive.
     #[arg(long, value_name = "LIST")]
     balance: Option<Estimators>,
     /// Paths a pixel, separated by commas [default: 16,64,256; with --whole 1024 too].
@@ -46,8 +46,8 @@ pub(super) struct BalanceArgs {
     /// view. none: a picture of --size, all of it, whose large pixels have edges in them that hide the balance.
     #[arg(long, value_name = "WxH|none", default_value = "1920x1080")]
     footprint: Footprint,
-    /// Whole pictures instead: their error against CPU seconds, what is spent on learning included; half and progressive
-    /// unless told, with the path integrator also guided.
+    /// Whole pictures instead: their error against CPU seconds, what is spent on learning included; half and progressive,
+    /// also adaptive and, with the path integrator, guided, unless told.
     #[arg(long, conflicts_with = "footprint")]
     whole: bool,
     /// Paths a pixel of the reference [default: 64 times the most of --spp; with --whole 4 times].
@@ -105,14 +105,15 @@ impl BalanceArgs {
         };
         spp.sort_unstable();
         spp.dedup();
-        let named = |names: &[&str]| names.iter().filter_map(|name| Estimator::named(name)).collect();
         let estimators = match &self.balance {
             Some(list) => list.0.clone(),
-            None if whole && integrator == Integrator::Path => {
-                named(&["half", "progressive", "half+guiding", "progressive+guiding"])
+            None if whole => {
+                let aids = ["", "+guiding", "+adaptive", "+guiding+adaptive"];
+                let here = aids.into_iter().filter(|aid| integrator == Integrator::Path || !aid.contains("guiding"));
+                let both = |aid| ["half", "progressive"].map(|name| format!("{name}{aid}"));
+                here.flat_map(both).filter_map(|name| Estimator::named(&name)).collect()
             }
-            None if whole => named(&["half", "progressive"]),
-            None if quick => named(&["second-order", "progressive"]),
+            None if quick => ["second-order", "progressive"].into_iter().filter_map(Estimator::named).collect(),
             None => Estimator::all(),
         };
         let size = match () {

@@ -220,8 +220,12 @@ fn rows(scene: &SceneResults) -> Table {
         ("time", "CPU time over that of half in the same round, median"),
         ("product", "relMSE × CPU seconds over that of half"),
         ("guided", "Share of replicas whose pilot found that guiding pays"),
-        ("promised", "Variance that the pilot expected guiding to leave, over that without"),
+        ("guiding promised", "Variance that the pilot expected guiding to leave, over that without"),
         ("pilot s", "Seconds that the pilot of guiding took"),
+        (
+            "adaptive promised",
+            "relMSE × CPU seconds that the pilot of adaptive paths expected to leave, over that without",
+        ),
         ("bias z", "Difference of the picture's mean from the reference's in standard errors, worst channel"),
     ]);
     for row in &scene.rows {
@@ -241,6 +245,7 @@ fn rows(scene: &SceneResults) -> Table {
             optional(row.guided),
             optional(row.guiding_variance),
             optional(row.guiding_seconds),
+            optional(row.adaptive_left),
             (format!("{:.1}", row.bias_z), if row.bias_z.abs() > 4.0 { Tone::Bad } else { plain }),
         ]);
     }
