@@ -27,8 +27,8 @@ const PIXELS: usize = 1 << 14;
 const OF_A_TILE: [usize; 2] = [32, 128];
 /// Pixels of a tile by which it says as much of itself as the tiles around.
 const TRUSTED: f64 = 40.0;
-/// How often a tile's paths are doubled from the mean, at least and at most. Paths come in doublings, as the points of a
-/// low-discrepancy sequence are at their best in powers of two: three halves of them leave as much error as one.
+/// How often a tile's paths are doubled from the mean, at least and at most. Doublings keep to powers of two, where points of
+/// a low-discrepancy sequence are at their best, if only by a few per cent.
 const DOUBLINGS: [i32; 2] = [-2, 2];
 /// All tiles have as many paths where more than this is to be left of the error, by the pilot.
 const PAYS: f64 = 0.97;

@@ -155,7 +155,7 @@ mod tests {
     #[test]
     fn passes_follow_the_balance_until_the_samples_are_taken() {
         let settings = half(Some(40));
-        let (mut state, mut passes) = (after(0), Vec::new());
+        let (mut state, mut passes) = (State { goal: settings.spp, ..after(0) }, Vec::new());
         while let Next::Pass(paths) = next(&settings, &state) {
             passes.push(paths);
             (state.done, state.ahead) = (state.done + paths, state.done + paths);
