@@ -23,7 +23,7 @@ const PIXELS_OF: f64 = 16.0;
 /// Rounds, at most: of 1, 2, 4, … paths a pixel, each led by what those before it found.
 const ROUNDS: u32 = 6;
 /// Paths of the pilot for each pixel of the picture, at most.
-const PATHS_A_PIXEL: f64 = 24.0;
+const PATHS_A_PIXEL: f64 = 12.0;
 /// Lessons after which no further round is worth its time, or as many as half the picture's pixels.
 const ENOUGH: usize = 150_000;
 /// The round after which `auto` asks whether it pays, counted from 0.
