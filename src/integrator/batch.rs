@@ -59,7 +59,12 @@ pub struct PixelBatch<'a> {
     pub observer: Option<&'a mut dyn Observer>,
 }
 
-impl PixelBatch<'_> {
+impl<'a> PixelBatch<'a> {
+    /// Of radiance alone, that nobody listens to.
+    pub fn plain(tasks: &'a [PixelTask], stats: &'a mut [PixelStats]) -> Self {
+        Self { tasks, stats, peaks: &mut [], aovs: &mut [], extras: &mut [], observer: None }
+    }
+
     /// Tells the observer of a contribution in pixel `pixel` of the batch.
     pub(super) fn tell(&mut self, pixel: usize, found: Contribution) {
         if let Some(observer) = &mut self.observer {

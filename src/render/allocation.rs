@@ -113,15 +113,7 @@ fn survey(wave: &mut Wave, transport: &Transport, settings: &RenderSettings, [co
     let [a, b] = [0, 1].map(|scramble| {
         let transport = Transport { seed: hash(settings.seed ^ hash(0x616c_6c6f + scramble)), ..transport.clone() };
         let mut stats = vec![PixelStats::default(); asked];
-        let mut batch = PixelBatch {
-            tasks: &tasks,
-            stats: &mut stats,
-            peaks: &mut [],
-            aovs: &mut [],
-            extras: &mut [],
-            observer: None,
-        };
-        wave.run(&transport, &mut batch);
+        wave.run(&transport, &mut PixelBatch::plain(&tasks, &mut stats));
         stats.into_iter().map(|stats| Vec3::from(stats.mean())).collect::<Vec<_>>()
     });
     let mut variance = [0.0; 2];

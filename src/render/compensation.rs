@@ -7,10 +7,11 @@ use tracing::debug;
 
 use super::RenderSettings;
 use super::lens::lens;
+use super::sampler::with_buffers;
 use crate::balance::Counts;
 use crate::film::PixelStats;
 use crate::film::compare::relative_to;
-use crate::integrator::{CameraRays, PixelBatch, PixelTask, PreparedScene, Transport, Wave};
+use crate::integrator::{CameraRays, PixelBatch, PixelTask, PreparedScene, Transport};
 use crate::light::Density;
 use crate::sampling::hash;
 
@@ -52,9 +53,8 @@ fn take(transport: &Transport, [width, height]: [u32; 2]) -> Vec<PixelStats> {
     let tasks: Vec<_> = pixels.map(|pixel| PixelTask::first(pixel, counts, 0)).collect();
     let of_some = |tasks: &[PixelTask]| {
         let mut stats = vec![PixelStats::default(); tasks.len()];
-        let mut batch =
-            PixelBatch { tasks, stats: &mut stats, peaks: &mut [], aovs: &mut [], extras: &mut [], observer: None };
-        Wave::default().run(transport, &mut batch);
+        let mut batch = PixelBatch::plain(tasks, &mut stats);
+        with_buffers(|buffers| buffers.wave().run(transport, &mut batch));
         stats
     };
     tasks.par_chunks(128).flat_map_iter(of_some).collect()

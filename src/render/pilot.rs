@@ -155,8 +155,7 @@ fn take(transport: &Transport, [width, height]: [u32; 2], paths: u32, most: usiz
         let mut wave = Wave::default();
         for tasks in tasks.chunks((2048 / paths).max(1) as usize) {
             let mut stats = vec![PixelStats::default(); tasks.len()];
-            let mut batch =
-                PixelBatch { tasks, stats: &mut stats, peaks: &mut [], aovs: &mut [], extras: &mut [], observer: None };
+            let mut batch = PixelBatch::plain(tasks, &mut stats);
             let divisors = wave.learn(transport, &mut batch, &divisors, &mut lessons);
             // Each path's variance, for as many paths as there are.
             let of = |(stats, divisor): (&PixelStats, &f32)| {
