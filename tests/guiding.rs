@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use bismar::film::PixelStats;
 use bismar::guiding::directions::{BINS, bins, steradians};
-use bismar::guiding::{Field, Lesson, NOWHERE, learn};
+use bismar::guiding::{Field, Lesson, NOWHERE, Paths, Visit, learn};
 use bismar::integrator::{PixelBatch, PixelTask, Transport, Wave};
 use bismar::lanes::{F, LANES, V3};
 use bismar::rays::Backend;
@@ -67,7 +67,8 @@ fn what_the_field_draws_has_the_density_that_it_says() {
     let mut random = SplitMix64(11);
     let mut worst: f64 = 0.0;
     for _ in 0..12 {
-        let cell = field.cell(Vec3::new(5.0 * random.f32() - 2.5, 0.0, 5.0 * random.f32() - 2.5), Vec3::Y);
+        let place = Vec3::new(5.0 * random.f32() - 2.5, 0.0, 5.0 * random.f32() - 2.5);
+        let cell = field.guiding(field.cells_at(V3::splat(place), V3::splat(Vec3::Y)))[0];
         assert_ne!(cell, NOWHERE);
         let cells = [cell; LANES];
         // The density on the square is the same all over a bin.
@@ -134,6 +135,24 @@ fn a_field_of_lies_changes_no_mean() {
         Vec::new(),
     ]
     .map(|lessons| learn(&lessons, usize::MAX, 1.0, 100).0);
+    // And of how often to go on: nothing was found anywhere, by light samples, by others, by one of them only.
+    let visits = |found: [f32; 2]| {
+        (0..2000).map(move |i| Visit { position: Vec3::new(i as f32 / 400.0 - 2.5, 0.0, 0.0), normal: Vec3::Y, found })
+    };
+    let roulettes = [
+        visits([0.0, 0.0]).collect(),
+        visits([1e-3, 1e-6]).collect(),
+        visits([1e-6, 1e-2]).collect(),
+        visits([0.0, 0.0]).take(1999).chain(visits([1e12, 1e12]).skip(1999)).collect(),
+        Vec::new(),
+    ];
+    let paths = Paths { cost: 6.0, variance: 1.0, inverse: 1.0 };
+    let fields: Vec<_> = std::iter::zip(fields, roulettes)
+        .map(|(mut field, visits)| {
+            field.learn_roulette(&visits, paths);
+            field
+        })
+        .collect();
     for (scene, name) in [(hall(), "hall"), (glass_hall(), "glass hall"), (cove(), "cove")] {
         let stage = Stage::new(scene, Backend::Obvhs);
         let settings = RenderSettings { width: 24, height: 16, ..settings(Guiding::Off) };

@@ -7,7 +7,7 @@ use crate::lanes::{F, V3};
 use crate::sampling::warp::ONE_MINUS;
 
 /// Bins along a side of the square.
-pub const SIDE: usize = 16;
+pub const SIDE: usize = 32;
 /// Bins of a histogram.
 pub const BINS: usize = SIDE * SIDE;
 

@@ -1,8 +1,7 @@
 //! The field: cells in space, in each a histogram of directions and the share of samples that follow it.
 
-use glam::Vec3;
-
 use super::directions::{Histogram, bins, from_square, steradians};
+use super::roulette::{Paths, Roulette, Visit};
 use super::tree::Tree;
 use crate::lanes::{F, LANES, V3, eight};
 
@@ -16,13 +15,15 @@ pub struct Field {
     histograms: Vec<Histogram>,
     /// Share c of samples that are drawn from the histogram, in [0, 1).
     shares: Vec<f32>,
+    /// How often light samples are taken and paths go on, once it is learned.
+    roulette: Option<Roulette>,
 }
 
 impl Field {
     /// A histogram and a share for each leaf of a tree.
     pub(super) fn new(tree: Tree, histograms: Vec<Histogram>, shares: Vec<f32>) -> Self {
         debug_assert!(tree.leaves() == histograms.len() && tree.leaves() == shares.len());
-        Self { tree, histograms, shares }
+        Self { tree, histograms, shares, roulette: None }
     }
 
     /// How many cells.
@@ -36,13 +37,35 @@ impl Field {
     }
 
     /// Bytes of a cell.
-    pub const CELL_BYTES: usize = size_of::<Histogram>() + size_of::<f32>();
+    pub const CELL_BYTES: usize = size_of::<Histogram>() + size_of::<f32>() + Roulette::CELL_BYTES;
 
-    /// The cell at a position with a normal; [`NOWHERE`] if its share is 0.
+    /// Learns how often light samples are to be taken and paths to go on, from what a pilot's vertices found.
+    pub fn learn_roulette(&mut self, visits: &[Visit], paths: Paths) {
+        self.roulette = Some(Roulette::learn(&self.tree, visits, paths));
+    }
+
+    /// Does it know how often light samples are to be taken and paths to go on?
+    pub fn has_roulette(&self) -> bool {
+        self.roulette.is_some()
+    }
+
+    /// The cells at eight positions with normals.
     #[inline]
-    pub fn cell(&self, position: Vec3, normal: Vec3) -> u32 {
-        let cell = self.tree.leaf(position, normal);
-        if self.shares[cell as usize] > 0.0 { cell } else { NOWHERE }
+    pub fn cells_at(&self, position: V3, normal: V3) -> [u32; LANES] {
+        self.tree.leaves_of(position, normal)
+    }
+
+    /// Of these cells those that guide, [`NOWHERE`] where the share is 0.
+    #[inline]
+    pub fn guiding(&self, cells: [u32; LANES]) -> [u32; LANES] {
+        cells.map(|cell| if self.shares[cell as usize] > 0.0 { cell } else { NOWHERE })
+    }
+
+    /// Chances in (0, 1] of a light sample and of going on in cells, for luminances of throughputs; `None` until they are
+    /// learned.
+    #[inline(always)]
+    pub fn chances(&self, cells: [u32; LANES], beta: F) -> Option<[F; 2]> {
+        self.roulette.as_ref().map(|roulette| roulette.chances(cells, beta))
     }
 
     /// The shares of cells; 0 of [`NOWHERE`].

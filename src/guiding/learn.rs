@@ -32,11 +32,11 @@ pub struct Lesson {
 /// are seen in other directions from everywhere, and one cell for all leads nobody.
 const LESSONS_A_CELL: [usize; 2] = [24, 256];
 /// Bytes of a cell while it learns: its sums, those of two nodes of the tree, and what comes of it.
-pub const LEARNING_CELL_BYTES: usize = size_of::<Sums>() + 2 * (BINS + 1) * size_of::<f64>() + Field::CELL_BYTES;
+pub const LEARNING_CELL_BYTES: usize = size_of::<Sums>() + 2 * (BINS + 1) * size_of::<f32>() + Field::CELL_BYTES;
 /// Cells, about, before they hold more lessons than the fewest.
 const FIRST_CELLS: usize = 64;
 /// Lessons of a node that count as much as all that its parent knows.
-const OWN: f64 = 16.0;
+const OWN: f64 = 48.0;
 /// Lessons that have a say in the tree, at most.
 const PLACES: usize = 1 << 15;
 /// Shares among which cells choose.
@@ -101,7 +101,7 @@ pub fn learn(lessons: &[Lesson], fresh: usize, scale: f32, most_cells: usize) ->
 struct Sums {
     /// ∫ (f L)² dω over each bin.
     moments: [f32; BINS],
-    n: f64,
+    n: f32,
     shares: ShareSums,
 }
 
@@ -127,10 +127,10 @@ impl Sums {
 /// A histogram of each leaf: of what its own lessons say, and the less these are, of what its parents' do.
 fn histograms(tree: &Tree, cells: &[Sums]) -> Vec<Histogram> {
     let areas = areas();
-    let mut nodes = vec![([0.0; BINS], 0.0); tree.nodes()];
+    let mut nodes = vec![([0.0f32; BINS], 0.0f32); tree.nodes()];
     for node in (0..nodes.len()).rev() {
         nodes[node] = match tree.below(node) {
-            Err(leaf) => (cells[leaf as usize].moments.map(f64::from), cells[leaf as usize].n),
+            Err(leaf) => (cells[leaf as usize].moments, cells[leaf as usize].n),
             Ok([a, b]) => (std::array::from_fn(|bin| nodes[a].0[bin] + nodes[b].0[bin]), nodes[a].1 + nodes[b].1),
         };
     }
@@ -139,9 +139,9 @@ fn histograms(tree: &Tree, cells: &[Sums]) -> Vec<Histogram> {
     let mut found = vec![None; cells.len()];
     while let Some((node, parent)) = open.pop() {
         let (moments, n) = &nodes[node];
-        let own = best(moments, &areas);
+        let own = best(&moments.map(f64::from), &areas);
         let (known, told): (f64, f64) = (own.iter().sum(), parent.iter().sum());
-        let trust = if known > 0.0 { n / (n + OWN) } else { 0.0 };
+        let trust = if known > 0.0 { f64::from(*n) / (f64::from(*n) + OWN) } else { 0.0 };
         let weights = std::array::from_fn(|bin| {
             trust * own[bin] / known.max(f64::MIN_POSITIVE) + (1.0 - trust) * parent[bin] / told
         });

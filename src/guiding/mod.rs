@@ -5,15 +5,17 @@
 //! share c of samples that follow it ([`field`]), both from the pilot's samples ([`mod@learn`]): the histogram goes by the root
 //! of the second moments of f·L (Rath et al. 2020, *Variance-Aware Path Guiding*; cells after Müller et al. 2017,
 //! *Practical Path Guiding*), c by the second moments of the mixture, which is the balance's estimator in space
-//! instead of over pixels.
+//! instead of over pixels. Cells also know how often light samples and going on are worth their time ([`roulette`]).
 
 pub mod directions;
 pub mod field;
 pub mod learn;
+pub mod roulette;
 pub mod tree;
 
 pub use field::{Field, NOWHERE};
 pub use learn::{Gain, Lesson, learn};
+pub use roulette::{Paths, Visit};
 
 use serde::{Deserialize, Serialize};
 

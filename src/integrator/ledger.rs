@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::batch::{PixelBatch, PixelTask};
-use super::queues::ShadowRays;
+use super::queues::{PUNCTUAL, ShadowRays};
 use crate::balance::{Contribution, Technique, deal};
 use crate::color::luminance;
 use crate::lanes::{LANES, U};
@@ -53,8 +53,14 @@ pub struct Step {
     pub normal: Vec3,
     /// Its unit direction.
     pub wi: Vec3,
-    /// Luminance of the throughput that the surface had; 0 where nothing is to be guided.
+    /// Luminance of the throughput that the surface had.
     pub beta: f32,
+    /// Does the surface scatter widely enough to be guided?
+    pub broad: bool,
+    /// Luminance that the light sample of the vertex where it ended brought, of lights with extent.
+    pub light: f32,
+    /// Chances that a light sample where it begins had, and it itself.
+    pub chances: [f32; 2],
     /// Density with which it was drawn, of the BSDF, and of the field.
     pub pdf: [f32; 3],
 }
@@ -182,7 +188,11 @@ impl Ledger {
                 extras.add_light(shadows.group[i] as usize, radiance);
             }
             if depth > 0 {
-                self.branches[shadows.branch[i] as usize].indirect += radiance;
+                let branch = shadows.branch[i] as usize;
+                if let Some(steps) = self.steps.as_mut().filter(|_| shadows.group[i] != PUNCTUAL) {
+                    steps[branch].light += luminance(radiance);
+                }
+                self.branches[branch].indirect += radiance;
                 continue;
             }
             path.direct += radiance;

@@ -27,9 +27,8 @@ pub struct PathRays {
     pub seed: Vec<u32>,
     /// The medium that the ray is in, of [`Materials::media`](super::Materials::media); unused where none absorbs.
     pub medium: Vec<u32>,
-    /// What BSDF sampling alone would have made of `beta`, over it: what roulette goes by, so that it does not end the paths
-    /// that were led to light. Unused where nothing guides.
-    pub unguided: Vec<f32>,
+    /// The chance that a light sample had where the ray begins; unused where no field knows it.
+    pub light_chance: Vec<f32>,
     /// How many rows count.
     pub len: usize,
 }
@@ -105,6 +104,9 @@ impl SortedHits {
         }
     }
 }
+
+/// The group of shadow rays toward lights without extent.
+pub const PUNCTUAL: u32 = 2;
 
 /// Shadow rays, and what they bring if nothing is in their way, a row each.
 #[derive(Debug, Default)]

@@ -10,13 +10,14 @@ pub use super::events::{Event, What};
 use super::ledger::limited;
 use super::stages::camera_rays::TIME_SET;
 use super::stages::lights::SHADOW_END;
-use super::stages::mixture::{Drawn, Mixture, unguided};
+use super::stages::mixture::{Drawn, Mixture};
 use super::stages::requests::{Toward, light_sample};
 use super::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
 use super::stages::{bsdf_set, light_set, media};
 use super::vertices::MIN_COS;
 use crate::balance::deal;
 use crate::bsdf::{Bsdf, Lobe, Parameters};
+use crate::color::luminance;
 use crate::guiding::NOWHERE;
 use crate::lanes::{F, LANES, U, V3};
 use crate::light::punctual;
@@ -38,8 +39,8 @@ struct Ray {
     index: u32,
     /// The medium that it is in.
     medium: u32,
-    /// What BSDF sampling alone would have made of `beta`, over it.
-    unguided: f32,
+    /// The chance that a light sample had where it begins.
+    light_chance: f32,
     /// In [0, 1] of the shutter.
     time: f32,
 }
@@ -60,7 +61,8 @@ struct Vertex {
     media: [u32; 2],
     /// Of the field.
     cell: u32,
-    unguided: f32,
+    /// Chances of a light sample and of going on, where a field knows them.
+    chances: Option<[f32; 2]>,
     /// Of its path.
     time: f32,
 }
@@ -123,7 +125,7 @@ pub fn trace(transport: &Transport, task: &PixelTask, path: u32, tell: &mut dyn 
         weighted_pdf: 0.0,
         index,
         medium: 0,
-        unguided: 1.0,
+        light_chance: 1.0,
         time,
     };
     let before = |n: u32| (0..path).map(|p| u32::from(deal(n, paths, p))).sum::<u32>();
@@ -200,7 +202,9 @@ impl Path<'_> {
         let surface = seen.bsdf();
         let scattering = Bsdf::gather([&surface; LANES]);
         let origin = point.position + ng * point.origin_offset;
-        let field = t.field.filter(|_| surface.is_broad());
+        let cells = t.field.map(|field| (field, field.cells_at(V3::splat(origin), V3::splat(ng))));
+        let luminances = F::splat(luminance(beta));
+        let chances = cells.filter(|_| depth > 0).and_then(|(field, cells)| field.chances(cells, luminances));
         let vertex = Vertex {
             origin,
             position: point.position,
@@ -212,8 +216,8 @@ impl Path<'_> {
             transmits: scattering.transmits().any(),
             origin_offset: point.origin_offset,
             media: t.materials.sides(mesh, behind, medium),
-            cell: field.map_or(NOWHERE, |field| field.cell(origin, ng)),
-            unguided: ray.unguided,
+            cell: cells.filter(|_| surface.is_broad()).map_or(NOWHERE, |(field, cells)| field.guiding(cells)[0]),
+            chances: chances.map(|chances| chances.map(|chance| chance.as_array()[0])),
             time: ray.time,
         };
         for &(index, toward) in light {
@@ -240,7 +244,7 @@ impl Path<'_> {
     /// Light that a ray ran into, weighed against a light sample's densities (as the environment, as an area light).
     fn emission(&mut self, ray: &Ray, depth: u32, radiance: Vec3, pdf: [f32; 2]) -> Vec3 {
         let rates = self.rates(depth.saturating_sub(1));
-        let weighted_light = rates[0] * pdf[0] + rates[1] * pdf[1];
+        let weighted_light = ray.light_chance * (rates[0] * pdf[0] + rates[1] * pdf[1]);
         let weight = match weighted_light > 0.0 {
             true => self.transport.heuristic.weight(ray.weighted_pdf, weighted_light),
             false => 1.0,
@@ -258,8 +262,12 @@ impl Path<'_> {
         if !t.lights.has_extent() {
             return Vec3::ZERO;
         }
+        let chance = vertex.chances.map_or(1.0, |[light, _]| light);
         let [a_env, a_area, a_b] = self.rates(depth);
-        let [choice, u, v, _] = self.sequence.sample(index, light_set(depth));
+        let [choice, u, v, number] = self.sequence.sample(index, light_set(depth));
+        if vertex.chances.is_some() && number >= chance {
+            return Vec3::ZERO;
+        }
         let (drawn, left) = t.lights.draw_kind(F::splat(choice));
         let environment = match toward {
             Toward::Drawn => drawn.to_bitmask() & 1 == 1,
@@ -276,7 +284,7 @@ impl Path<'_> {
         }
         let [pdf, bsdf_pdf, distance] = [light.pdf, bsdf_pdf, light.distance].map(|x| x.as_array()[0]);
         let (wi, value, emitted) = (light.wi.lane(0), value.lane(0), light.radiance.lane(0));
-        let weighted_pdf = if environment { a_env } else { a_area } * pdf;
+        let weighted_pdf = chance * if environment { a_env } else { a_area } * pdf;
         let weight = t.heuristic.weight(weighted_pdf, a_b * bsdf_pdf);
         let radiance = vertex.beta * value * emitted * (weight / weighted_pdf);
         let name = if environment { "environment" } else { "area light" };
@@ -326,12 +334,10 @@ impl Path<'_> {
         let (ns, wo) = (V3::splat(vertex.ns), V3::splat(vertex.wo));
         let numbers = [lobe, u, v].map(F::splat);
         let mixture = self.mixture(vertex);
-        let Drawn { sample, pdfs } = match &mixture {
+        let Drawn { sample, .. } = match &mixture {
             Some(mixture) => mixture.draw(&vertex.bsdf, ns, wo, numbers),
             None => Drawn::of_bsdf(vertex.bsdf.sample(ns, wo, numbers)),
         };
-        let before = vertex.unguided;
-        let unguided = mixture.map_or(before, |_| unguided(F::splat(before), sample.pdf, pdfs[0]).as_array()[0]);
         let (wi, value, pdf) = (sample.wi.lane(0), sample.value.lane(0), sample.pdf.as_array()[0]);
         self.tell(depth, What::BsdfSample { wi, pdf });
         let weighted_pdf = self.rates(depth)[2] * pdf;
@@ -342,8 +348,12 @@ impl Path<'_> {
             self.tell(depth, What::Ends { why: "the direction carries nothing" });
             return Vec3::ZERO;
         }
-        if depth + 1 >= ROULETTE_DEPTH {
-            let keep = (beta.max_element() * unguided * ROULETTE_GAIN).min(1.0);
+        let keep = match vertex.chances {
+            Some([_, on]) => Some(on),
+            None if depth + 1 < ROULETTE_DEPTH => None,
+            None => Some((beta.max_element() * ROULETTE_GAIN).min(1.0)),
+        };
+        if let Some(keep) = keep {
             if keep <= survive {
                 self.tell(depth, What::Ends { why: "Russian roulette" });
                 return Vec3::ZERO;
@@ -359,7 +369,7 @@ impl Path<'_> {
             weighted_pdf,
             index,
             medium,
-            unguided,
+            light_chance: vertex.chances.map_or(1.0, |[light, _]| light),
             time: vertex.time,
         };
         self.follow(&ray, depth + 1, &[(index, Toward::Drawn)], &[index])

@@ -2,8 +2,10 @@
 
 use wide::bytemuck::cast;
 
+use super::Transport;
 use super::queues::Identity;
 use crate::bsdf::{Bsdf, Core, LobeSet, Parameters};
+use crate::guiding::Field;
 use crate::lanes::{F, LANES, Rows, U, V3, V3Column, eight, grow, load, load_bits, store, store_bits};
 
 /// Lowest cosine between eye and shading normal.
@@ -49,8 +51,8 @@ pub struct Guided {
     pub broad: Vec<u32>,
     /// Cell of the field, or [`NOWHERE`](crate::guiding::NOWHERE).
     pub cell: Vec<u32>,
-    /// As in [`PathRays`](super::queues::PathRays).
-    pub unguided: Vec<f32>,
+    /// Chances of a light sample and of going on, of vertices beyond the first; meant where the field knows them.
+    pub chances: [Vec<f32>; 2],
 }
 
 /// Rays that leave vertices.
@@ -92,8 +94,6 @@ pub struct Group<'a> {
     pub bsdfs: Scattering<'a>,
     /// As in [`Vertices`]; read where there are columns for them.
     pub media: [U; 2],
-    /// As in [`Guided`]; read where there is a column for it.
-    pub unguided: F,
     /// Whose they are.
     pub identity: Identity,
 }
@@ -123,10 +123,10 @@ impl Vertices {
         self.media = absorb.then(|| self.media.take().unwrap_or_default());
         self.media.iter_mut().flatten().for_each(|column| grow(column, most));
         self.guided = guided.then(|| self.guided.take().unwrap_or_default());
-        if let Some(Guided { broad, cell, unguided }) = &mut self.guided {
+        if let Some(Guided { broad, cell, chances }) = &mut self.guided {
             grow(broad, most);
             grow(cell, most);
-            grow(unguided, most);
+            chances.iter_mut().for_each(|column| grow(column, most));
         }
         match moves {
             true => grow(&mut self.time, most),
@@ -169,9 +169,8 @@ impl Vertices {
         if let Some(columns) = &mut self.media {
             columns.iter_mut().zip(group.media).for_each(|(column, medium)| store_bits(column, at, medium));
         }
-        if let (Some(Guided { broad, unguided, .. }), Scattering::Any(bsdfs)) = (&mut self.guided, group.bsdfs) {
+        if let (Some(Guided { broad, .. }), Scattering::Any(bsdfs)) = (&mut self.guided, group.bsdfs) {
             store_bits(broad, at, U::from(eight(|lane| u32::from(bsdfs[lane].is_broad()))));
-            store(unguided, at, group.unguided);
         }
         if !self.time.is_empty() {
             store(&mut self.time, at, group.identity.time);
@@ -207,6 +206,13 @@ impl Vertices {
         let [near, far] = self.media.as_ref()?;
         let beyond: U = cast(beyond);
         Some((load_bits(far, rows) & beyond) | (load_bits(near, rows) & !beyond))
+    }
+
+    /// The chances of a light sample and of going on at some rows, beyond first surfaces; `None` where no field knows them.
+    #[inline(always)]
+    pub fn chances(&self, transport: &Transport, rows: &Rows) -> Option<[F; 2]> {
+        let guided = self.guided.as_ref().filter(|_| transport.field.is_some_and(Field::has_roulette))?;
+        Some([load(&guided.chances[0], rows), load(&guided.chances[1], rows)])
     }
 
     /// Are they at times of their own?

@@ -5,14 +5,14 @@ use std::time::Instant;
 
 use super::Transport;
 use super::batch::{PixelBatch, PixelTask};
-use super::ledger::{Ledger, Step};
+use super::ledger::{CAMERA, Ledger, Step};
 use super::queues::{PathRays, ShadowRays, SortedHits};
 use super::stages::requests::Requests;
 use super::stages::{camera_rays, emission, lights, media, mixture, scatter, sort, surfaces};
 use super::vertices::Vertices;
 use crate::color::luminance;
 use crate::film::PixelStats;
-use crate::guiding::Lesson;
+use crate::guiding::{Lesson, Visit};
 use crate::rays::{HitBatch, RayOrder};
 
 /// Rays and time of waves.
@@ -88,10 +88,6 @@ impl Wave {
         }
         camera_rays::begin(transport, batch.tasks, rays);
         let learns = ledger.steps.is_some();
-        if learns || transport.field.is_some() {
-            rays.unguided.clear();
-            rays.unguided.resize(rays.weighted_pdf.len(), 1.0);
-        }
         for depth in 0..transport.max_depth {
             if rays.len == 0 {
                 break;
@@ -114,7 +110,7 @@ impl Wave {
             surfaces::vertices(transport, learns, sorted, rays, hits, vertices);
             mixture::find(transport, vertices);
 
-            requests.light_samples(depth, vertices, ledger, batch.tasks);
+            requests.light_samples(transport, depth, vertices, ledger, batch.tasks);
             lights::sample(transport, depth, vertices, requests, ledger, batch.observer.is_some(), shadows);
             requests.bsdf_samples(depth, transport.max_depth, vertices, ledger);
             scatter::sample(transport, depth, vertices, requests, ledger, next_rays);
@@ -142,22 +138,30 @@ pub type Divisors<'a> = &'a dyn Fn(&[PixelTask], &[PixelStats]) -> Vec<f32>;
 
 impl Wave {
     /// As [`run`](Self::run), for what is to be learned from the paths: adds to `lessons` those that found light, each weighed
-    /// by what `divisors` makes of its pixel; gives these.
+    /// by what `divisors` makes of its pixel, and to `visits` what vertices beyond the first found; gives the divisors.
     pub fn learn(
         &mut self,
         transport: &Transport,
         batch: &mut PixelBatch,
         divisors: Divisors,
-        lessons: &mut Vec<Lesson>,
+        (lessons, visits): (&mut Vec<Lesson>, &mut Vec<Visit>),
     ) -> Vec<f32> {
         self.ledger.steps.get_or_insert_default();
         self.run(transport, batch);
         self.ledger.gather();
         let divisors = divisors(batch.tasks, batch.stats);
         let Ledger { steps, branches, paths, .. } = &mut self.ledger;
-        for (step, branch) in steps.take().iter().flatten().zip(branches.iter()) {
+        let steps = steps.take().unwrap_or_default();
+        for (step, branch) in steps.iter().zip(branches.iter()) {
             let found = luminance(branch.indirect);
-            if found > 0.0 && step.beta > 0.0 && found.is_finite() {
+            if step.parent != CAMERA && step.beta > 0.0 {
+                // As if they had been taken for sure.
+                let [light, on] = step.chances;
+                let found = [light.sqrt() * steps[step.parent as usize].light, on * found];
+                let found = found.map(|found| (found / step.beta).powi(2));
+                visits.push(Visit { position: step.position, normal: step.normal, found });
+            }
+            if found > 0.0 && step.broad && step.beta > 0.0 && found.is_finite() {
                 let Step { position, normal, wi, beta, pdf: [pdf, bsdf_pdf, field_pdf], .. } = *step;
                 lessons.push(Lesson {
                     position,

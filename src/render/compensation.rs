@@ -6,12 +6,12 @@ use rayon::prelude::*;
 use tracing::debug;
 
 use super::RenderSettings;
-use super::lens::lens;
 use super::sampler::with_buffers;
+use super::small::small;
 use crate::balance::Counts;
 use crate::film::PixelStats;
 use crate::film::compare::relative_to;
-use crate::integrator::{CameraRays, PixelBatch, PixelTask, PreparedScene, Transport};
+use crate::integrator::{PixelBatch, PixelTask, PreparedScene, Transport};
 use crate::light::Density;
 use crate::sampling::hash;
 
@@ -33,10 +33,7 @@ pub fn density(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
         return Density::Radiance;
     }
     let pixels = f64::from(settings.width) * f64::from(settings.height);
-    let scale = ((pixels / PIXELS_OF).clamp(FEWEST, MOST) / pixels).sqrt().min(1.0);
-    let [width, height] = [settings.width, settings.height].map(|n| (f64::from(n) * scale).ceil().max(1.0) as u32);
-    let camera = CameraRays::new(&scene.scene.camera(settings.camera, width, height), width, height);
-    let camera = camera.with_lens(lens(scene, settings).unwrap_or_default());
+    let ([width, height], camera) = small(scene, settings, (pixels / PIXELS_OF).clamp(FEWEST, MOST));
     let [plain, excess] = [Density::Radiance, Density::Excess].map(|density| {
         let seed = hash(settings.seed ^ hash(0x736b_7921));
         take(&Transport { camera: camera.clone(), seed, density, ..transport.clone() }, [width, height])

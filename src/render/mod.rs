@@ -22,6 +22,7 @@ pub mod replay;
 pub mod sampler;
 pub mod scheduler;
 pub mod settings;
+mod small;
 pub mod stats;
 pub mod tile;
 

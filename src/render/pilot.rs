@@ -3,8 +3,10 @@
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use tracing::debug;
 
-use super::lens::lens;
+use super::sampler::with_buffers;
+use super::small::small;
 use super::stats::GuidingStats;
 use super::{Guiding, RenderSettings};
 use crate::balance::Counts;
@@ -12,8 +14,8 @@ use crate::color::luminance;
 use crate::film::PixelStats;
 use crate::film::compare::relative_to;
 use crate::guiding::learn::LEARNING_CELL_BYTES;
-use crate::guiding::{Field, Lesson, learn};
-use crate::integrator::{CameraRays, PixelBatch, PixelTask, PreparedScene, Transport, Wave};
+use crate::guiding::{Field, Lesson, Paths, Visit, learn};
+use crate::integrator::{PixelBatch, PixelTask, PreparedScene, Transport, Wave, WaveCounts};
 use crate::sampling::hash;
 
 /// Pixels of the pilot's picture, at least; that of a large picture has a fraction of its pixels.
@@ -28,12 +30,13 @@ const PATHS_A_PIXEL: f64 = 12.0;
 const ENOUGH: usize = 150_000;
 /// The round after which `auto` asks whether it pays, counted from 0.
 const ASKS: u32 = 1;
-/// Then, it goes on where it is to leave no more than this of the variance, or where so few of a pilot's paths have found
+/// Then, it goes on where it is to leave no more than this of variance times rays, or where so few of a pilot's paths have found
 /// anything that nobody can tell.
-const PROMISES: f32 = 0.9;
+const PROMISES: f32 = 0.72;
 const FEW: f64 = 0.04;
-/// At the end, it guides where no more than this is to be left.
-const PAYS: f32 = 0.75;
+/// At the end, it guides where no more than this is to be left: a guided ray takes longer, and smooth light (cornell: 0.55) loses
+/// what stratified points do for it.
+const PAYS: f32 = 0.45;
 /// Side of the pilot's tiles, and of the blocks that are judged by their mean.
 const TILE: u32 = 32;
 const BLOCK: u32 = 8;
@@ -54,6 +57,9 @@ pub struct Learned {
 pub struct Worth {
     /// The variance that it is to leave, over that without it.
     pub variance: f32,
+    /// The rays of a path, over those of one that is not guided.
+    #[serde(default)]
+    pub cost: f32,
     /// Mean share of samples that follow it.
     pub share: f32,
 }
@@ -72,31 +78,34 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
         return None;
     }
     let most = settings.guiding_memory.unwrap_or(MEMORY) as f64;
-    // A quarter for lessons, which are copied once; a quarter for cells, as they are while they learn.
+    // A quarter for lessons and an eighth for visits, which are copied once; a quarter for cells, as they are while they learn.
     let most_lessons = (most / 4.0 / size_of::<Lesson>() as f64) as usize;
+    let most_visits = (most / 8.0 / size_of::<Visit>() as f64) as usize;
     let most_cells = (most / 4.0 / LEARNING_CELL_BYTES as f64).max(1.0) as usize;
     let pixels = f64::from(settings.width) * f64::from(settings.height);
-    let scale = (PIXELS.max(pixels / PIXELS_OF) / pixels).sqrt().min(1.0);
-    let size = [settings.width, settings.height].map(|n| (f64::from(n) * scale).ceil().max(1.0) as u32);
-    let camera = CameraRays::new(&scene.scene.camera(settings.camera, size[0], size[1]), size[0], size[1]);
+    let (size, camera) = small(scene, settings, PIXELS.max(pixels / PIXELS_OF));
     let normals = 0.25 * scene.scene.radius();
-    let lens = lens(scene, settings).unwrap_or_default();
     let mut lessons = Vec::new();
     let mut known = None;
+    // Rays of a path of the first round, which nothing leads.
+    let mut unguided = None;
     let mut worth = Worth::default();
     let pilot_pixels = f64::from(size[0]) * f64::from(size[1]);
     for round in 0..ROUNDS {
         let paths = 1 << round;
         let fresh = lessons.len();
         let transport = Transport {
-            camera: camera.clone().with_lens(lens),
+            camera: camera.clone(),
             seed: hash(settings.seed ^ hash(0x6775_6964 + round)),
             field: known.as_ref(),
             ..transport.clone()
         };
-        let (taken, variance) = take(&transport, size, paths, most_lessons - fresh);
-        let few = (taken.len() as f64) < FEW * pilot_pixels * f64::from(paths);
-        lessons.extend(taken);
+        let mut taken = take(&transport, size, paths, [most_lessons - fresh, most_visits]);
+        let taken_paths = pilot_pixels * f64::from(paths);
+        let cost = taken.rays as f64 / taken_paths;
+        let unguided = *unguided.get_or_insert(cost);
+        let few = (taken.lessons.len() as f64) < FEW * taken_paths;
+        lessons.append(&mut taken.lessons);
         // Those of the next round, and all before.
         let all = pilot_pixels * f64::from(4 * paths - 1);
         let last = round + 1 == ROUNDS
@@ -105,11 +114,18 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
         let asks = last || (round == ASKS && settings.guiding == Guiding::Auto);
         // The first round has led nobody.
         let fresh = if asks && round > 0 { fresh } else { usize::MAX };
-        let (field, gain) = learn(&lessons, fresh, normals, most_cells);
+        let (mut field, gain) = learn(&lessons, fresh, normals, most_cells);
+        // One path of each pixel tells no variance.
+        if last || round > 0 {
+            let all = Paths { cost, variance: taken.variance / taken_paths, inverse: taken.inverse / pilot_pixels };
+            field.learn_roulette(&taken.visits, all);
+        }
         if asks {
-            worth = Worth { variance: gain.variance(variance), share: gain.share };
+            worth =
+                Worth { variance: gain.variance(taken.variance), cost: (cost / unguided) as f32, share: gain.share };
+            debug!("round {round}: {} cells, {worth:?}", field.cells());
             let most = if last { PAYS } else { PROMISES };
-            if settings.guiding == Guiding::Auto && worth.variance > most && (last || !few) {
+            if settings.guiding == Guiding::Auto && worth.variance * worth.cost > most && (last || !few) {
                 return Some(Learned { field: None, worth });
             }
         }
@@ -137,43 +153,72 @@ fn divisors(tasks: &[PixelTask], stats: &[PixelStats]) -> Vec<f32> {
     tasks.chunk_by(alike).flat_map(of_block).collect()
 }
 
-/// What paths of a picture of this size teach, at most so many lessons, and the sum of their variances over what relMSE divides
-/// their pixels by.
-fn take(transport: &Transport, [width, height]: [u32; 2], paths: u32, most: usize) -> (Vec<Lesson>, f64) {
+/// What a round's paths teach.
+#[derive(Default)]
+struct Taken {
+    lessons: Vec<Lesson>,
+    visits: Vec<Visit>,
+    /// Sum of their variances, over what relMSE divides their pixels by.
+    variance: f64,
+    /// Sum over pixels of one over that.
+    inverse: f64,
+    rays: u64,
+}
+
+/// What paths of a picture of this size teach: at most so many lessons and visits.
+fn take(transport: &Transport, [width, height]: [u32; 2], paths: u32, most: [usize; 2]) -> Taken {
     let counts = if transport.lights.has_extent() { Counts::half(paths) } else { Counts::bsdf_only(paths) };
     let tiles: Vec<_> = (0..height)
         .step_by(TILE as usize)
         .flat_map(|y| (0..width).step_by(TILE as usize).map(move |x| [x, y]))
         .collect();
-    let most = most / tiles.len();
-    let of_tile = |&[x0, y0]: &[u32; 2]| {
+    let most = most.map(|most| most / tiles.len());
+    let of_tile = |wave: &mut Wave, [x0, y0]: [u32; 2]| {
         let mut pixels: Vec<_> =
             (y0..height.min(y0 + TILE)).flat_map(|y| (x0..width.min(x0 + TILE)).map(move |x| [x, y])).collect();
         pixels.sort_by_key(block);
         let tasks: Vec<_> = pixels.into_iter().map(|pixel| PixelTask::first(pixel, counts, 0)).collect();
-        let (mut lessons, mut variance) = (Vec::new(), 0.0);
-        let mut wave = Wave::default();
+        let mut taken = Taken::default();
+        wave.counts = WaveCounts::default();
         for tasks in tasks.chunks((2048 / paths).max(1) as usize) {
             let mut stats = vec![PixelStats::default(); tasks.len()];
             let mut batch = PixelBatch::plain(tasks, &mut stats);
-            let divisors = wave.learn(transport, &mut batch, &divisors, &mut lessons);
+            let divisors = wave.learn(transport, &mut batch, &divisors, (&mut taken.lessons, &mut taken.visits));
             // Each path's variance, for as many paths as there are.
             let of = |(stats, divisor): (&PixelStats, &f32)| {
                 let all = stats.variance_of_mean().iter().map(|v| f64::from(*v)).sum::<f64>() / 3.0;
                 all * f64::from(paths * paths) / f64::from(*divisor)
             };
-            variance += stats.iter().zip(&divisors).map(of).filter(|v| v.is_finite()).sum::<f64>();
+            taken.variance += stats.iter().zip(&divisors).map(of).filter(|v| v.is_finite()).sum::<f64>();
+            taken.inverse += divisors.iter().map(|divisor| 1.0 / f64::from(*divisor)).sum::<f64>();
         }
-        // Every other one, until it fits: from all over the tile.
-        while lessons.len() > most {
-            let mut kept = 0..;
-            lessons.retain(|_| kept.next().is_some_and(|i: usize| i % 2 == 1));
-            lessons.iter_mut().for_each(|lesson| lesson.weight *= 2.0);
+        taken.rays = wave.counts.rays();
+        while thin(&mut taken.lessons, most[0]) {
+            taken.lessons.iter_mut().for_each(|lesson| lesson.weight *= 2.0);
         }
-        lessons.shrink_to_fit();
-        (lessons, variance)
+        while thin(&mut taken.visits, most[1]) {}
+        taken.lessons.shrink_to_fit();
+        taken.visits.shrink_to_fit();
+        taken
     };
-    let of_tiles: Vec<_> = tiles.par_iter().map(of_tile).collect();
-    let variance = of_tiles.iter().map(|(_, variance)| variance).sum();
-    (of_tiles.into_iter().flat_map(|(lessons, _)| lessons).collect(), variance)
+    let of_tiles: Vec<_> =
+        tiles.into_par_iter().map(|tile| with_buffers(|buffers| of_tile(buffers.wave(), tile))).collect();
+    of_tiles.into_iter().fold(Taken::default(), |mut all, tile| {
+        all.lessons.extend(tile.lessons);
+        all.visits.extend(tile.visits);
+        all.variance += tile.variance;
+        all.inverse += tile.inverse;
+        all.rays += tile.rays;
+        all
+    })
+}
+
+/// Leaves every other one if there are too many: from all over the tile.
+fn thin<T>(list: &mut Vec<T>, most: usize) -> bool {
+    let too_many = list.len() > most;
+    if too_many {
+        let mut kept = 0..;
+        list.retain(|_| kept.next().is_some_and(|i: usize| i % 2 == 1));
+    }
+    too_many
 }

@@ -8,7 +8,7 @@ use super::{light_set, media, observations};
 use crate::bsdf::{Core, Lobe, Parameters};
 use crate::integrator::Transport;
 use crate::integrator::ledger::{Faults, Ledger};
-use crate::integrator::queues::{Observation, ShadowRays};
+use crate::integrator::queues::{Observation, PUNCTUAL, ShadowRays};
 use crate::integrator::vertices::Vertices;
 use crate::lanes::{F, LANES, Survivors, U, V3, are, load, mask};
 use crate::light::punctual;
@@ -129,6 +129,6 @@ fn without_extent(
     let key = hashes(keys(id.seed, id.index, light_set(depth)));
     let tfar = F::from(lights.map(|l| l.distance * SHADOW_END));
     let nothing = || Observation { index: U::ZERO, area: U::ZERO, w: F::ZERO, r: F::ZERO };
-    let whose = [id.path, id.branch, U::splat(2)];
+    let whose = [id.path, id.branch, U::splat(PUNCTUAL)];
     shadows.push(&Survivors::of(alive), (leaving.origin, wi), tfar, (key, id.time), radiance, whose, nothing);
 }

@@ -4,11 +4,8 @@ use crate::bsdf::{BsdfSample, Lobe};
 use crate::guiding::{Field, NOWHERE};
 use crate::integrator::Transport;
 use crate::integrator::vertices::Vertices;
-use crate::lanes::{F, LANES, Rows, V3, load_bits};
+use crate::lanes::{F, LANES, Rows, U, V3, load_bits, store, store_bits};
 use crate::sampling::warp::ONE_MINUS;
-
-/// Most by which roulette may favour a path that was led.
-const MOST_UNGUIDED: f32 = 1e6;
 
 /// Draws from a BSDF, or with the cells' shares from the field.
 pub struct Mixture<'a> {
@@ -34,16 +31,22 @@ impl Drawn {
     }
 }
 
-/// Finds the cells of the vertices, where there is a field or one is learned.
+/// Finds the cells of the vertices and what these know, where there is a field or one is learned.
 #[inline(never)]
 pub fn find(transport: &Transport, vertices: &mut Vertices) {
     let len = vertices.len();
-    let Vertices { origin, ng, guided: Some(guided), .. } = vertices else { return };
-    for i in 0..len {
-        guided.cell[i] = match transport.field {
-            Some(field) if guided.broad[i] == 1 => field.cell(origin.get(i), ng.get(i)),
-            _ => NOWHERE,
-        };
+    let Vertices { origin, ng, beta, guided: Some(guided), .. } = vertices else { return };
+    let Some(field) = transport.field else { return guided.cell.fill(NOWHERE) };
+    for at in (0..len).step_by(LANES) {
+        let rows = Rows::From(at);
+        let cells = field.cells_at(origin.load(&rows), ng.load(&rows));
+        let broad = load_bits(&guided.broad, &rows).simd_eq(U::ONE);
+        store_bits(&mut guided.cell, at, broad.select(U::from(field.guiding(cells)), U::splat(NOWHERE)));
+        for (column, chance) in
+            guided.chances.iter_mut().zip(field.chances(cells, beta.load(&rows).luminance()).into_iter().flatten())
+        {
+            store(column, at, chance);
+        }
     }
     guided.cell[len..].fill(NOWHERE);
 }
@@ -87,13 +90,4 @@ impl<'a> Mixture<'a> {
         let pdfs = [sample.pdf, self.field.pdf(self.cells, sample.wi)];
         Drawn { sample: BsdfSample { pdf: self.mix(pdfs[0], pdfs[1]), ..sample }, pdfs }
     }
-}
-
-/// What BSDF sampling alone would have made of a throughput, over it: `before` one more surface, whose mixture has density
-/// `pdf` and whose BSDF `bsdf_pdf`.
-#[inline(always)]
-pub fn unguided(before: F, pdf: F, bsdf_pdf: F) -> F {
-    let ratio = before * pdf / bsdf_pdf;
-    let most = F::splat(MOST_UNGUIDED);
-    ratio.is_finite().select(ratio.fast_min(most), most)
 }

@@ -1,11 +1,15 @@
-//! Which samples vertices take: as many as their path was dealt at first surfaces, one of each technique elsewhere.
+//! Which samples vertices take: as many as their path was dealt at first surfaces, one of each technique elsewhere, or no light
+//! sample where a field's roulette says so.
 
 use super::super::batch::PixelTask;
+use super::light_set;
+use crate::guiding::Field;
 use crate::integrator::Transport;
 use crate::integrator::ledger::Ledger;
 use crate::integrator::queues::Identity;
 use crate::integrator::vertices::Vertices;
-use crate::lanes::{F, LANES, NUMBERS, Rows, U, eight, load_bits};
+use crate::lanes::{F, LANES, NUMBERS, Rows, U, eight, load_bits, mask};
+use crate::sampling::samples;
 
 /// What a light sample is toward.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,7 +22,7 @@ pub enum Toward {
     AreaLight,
 }
 
-/// One sample to take at a first surface.
+/// A sample to take.
 #[derive(Debug, Clone, Copy)]
 struct Request {
     vertex: u32,
@@ -30,10 +34,11 @@ struct Request {
 /// The samples that a batch of vertices takes of a technique.
 #[derive(Debug, Default)]
 pub struct Requests {
-    /// At first surfaces.
     list: Vec<Request>,
     /// Is the list meant? Else one sample at each vertex.
     listed: bool,
+    /// Are the vertices first surfaces, whose path knows the rates?
+    first: bool,
     len: usize,
 }
 
@@ -61,9 +66,19 @@ impl Requests {
     }
 
     /// Light samples of the vertices at `depth` (0 for first surfaces).
-    pub fn light_samples(&mut self, depth: u32, vertices: &Vertices, ledger: &Ledger, tasks: &[PixelTask]) {
+    pub fn light_samples(
+        &mut self,
+        transport: &Transport,
+        depth: u32,
+        vertices: &Vertices,
+        ledger: &Ledger,
+        tasks: &[PixelTask],
+    ) {
         self.begin(depth, vertices);
-        for (vertex, path) in (0..).zip(&vertices.path[..if self.listed { vertices.len() } else { 0 }]) {
+        if depth > 0 && transport.field.is_some_and(Field::has_roulette) {
+            self.roll(transport, depth, vertices);
+        }
+        for (vertex, path) in (0..).zip(&vertices.path[..if self.first { vertices.len() } else { 0 }]) {
             let path = &ledger.paths[*path as usize];
             let task = &tasks[path.pixel as usize];
             for number in path.first_light..path.first_light + u32::from(path.light) {
@@ -81,7 +96,7 @@ impl Requests {
             self.len = 0;
             return;
         }
-        for (vertex, path) in (0..).zip(&vertices.path[..if self.listed { vertices.len() } else { 0 }]) {
+        for (vertex, path) in (0..).zip(&vertices.path[..if self.first { vertices.len() } else { 0 }]) {
             let path = &ledger.paths[*path as usize];
             let all = path.first_bsdf..path.first_bsdf + u32::from(path.bsdf);
             self.list.extend(all.map(|index| Request { vertex, index, toward: Toward::Drawn }));
@@ -91,8 +106,28 @@ impl Requests {
 
     fn begin(&mut self, depth: u32, vertices: &Vertices) {
         self.list.clear();
-        self.listed = depth == 0;
+        self.first = depth == 0;
+        self.listed = self.first;
         self.len = vertices.len();
+    }
+
+    /// Lists the vertices that are to take a light sample, by their chances.
+    fn roll(&mut self, transport: &Transport, depth: u32, vertices: &Vertices) {
+        self.listed = true;
+        for at in (0..vertices.len()).step_by(LANES) {
+            let rows = Rows::From(at);
+            let Some([chance, _]) = vertices.chances(transport, &rows) else { continue };
+            let id = vertices.identity(&rows);
+            // Shared with the choice among lights without extent, whose light adds to that of these.
+            let [.., number] = samples(id.seed, id.index, light_set(depth));
+            let taken = (number.simd_lt(chance) & mask(LANES.min(vertices.len() - at))).to_bitmask();
+            let lanes = (0..LANES).filter(|lane| taken >> lane & 1 == 1);
+            self.list.extend(lanes.map(|lane| Request {
+                vertex: (at + lane) as u32,
+                index: id.index.as_array()[lane],
+                toward: Toward::Drawn,
+            }));
+        }
     }
 
     fn end(&mut self) {
@@ -115,6 +150,17 @@ impl Requests {
         let vertex = eight(|lane| request[lane].vertex);
         let consecutive = U::from(vertex).simd_eq(U::splat(vertex[0]) + U::from(NUMBERS)) == U::MAX;
         let rows = if consecutive { Rows::From(vertex[0] as usize) } else { Rows::Each(vertex) };
+        if !self.first {
+            let [a_env, a_area, a_b] = transport.deeper_rates().map(F::splat);
+            let chance = vertices.chances(transport, &rows).map_or(F::ONE, |[light, _]| light);
+            return RequestGroup {
+                identity: vertices.identity(&rows),
+                toward: U::splat(Toward::Drawn as u32),
+                len: list.len(),
+                rates: [chance * a_env, chance * a_area, a_b],
+                rows,
+            };
+        }
         // By vertex: beyond the last request columns hold whatever an earlier wave left there.
         let paths = eight(|lane| &ledger.paths[vertices.path[vertex[lane] as usize] as usize]);
         RequestGroup {

@@ -3,14 +3,14 @@
 use glam::Vec3;
 
 use super::bsdf_set;
-use super::mixture::{Drawn, Mixture, unguided};
+use super::mixture::{Drawn, Mixture};
 use super::requests::{RequestGroup, Requests};
 use crate::bsdf::{Core, Lobe, Parameters};
 use crate::integrator::Transport;
 use crate::integrator::ledger::{Branch, CAMERA, Ledger, Step};
 use crate::integrator::queues::{Identity, PathRays};
 use crate::integrator::vertices::Vertices;
-use crate::lanes::{F, LANES, NUMBERS, Rows, Survivors, U, V3, grow, load, load_bits, mask, store, store_bits};
+use crate::lanes::{F, LANES, NUMBERS, Rows, Survivors, U, V3, grow, load_bits, mask, store, store_bits};
 use crate::sampling::{keys, samples};
 
 /// Segments after which Russian roulette begins.
@@ -33,7 +33,7 @@ pub fn sample(
         grow(&mut next.medium, requests.count());
     }
     if vertices.guided.is_some() {
-        grow(&mut next.unguided, requests.count());
+        grow(&mut next.light_chance, requests.count());
     }
     for at in (0..requests.count()).step_by(LANES) {
         let group = requests.group(transport, vertices, ledger, at);
@@ -73,13 +73,13 @@ fn one_group(
     let finite = beta.is_finite();
     ledger.faults.add_lanes((there & !finite).to_bitmask(), id.path);
     let mut alive = there & beta.max_element().simd_gt(F::ZERO) & finite;
-    let unguided = vertices.guided.as_ref().map(|guided| {
-        let before = load(&guided.unguided, rows);
-        if mixture.is_some() { unguided(before, sample.pdf, pdfs[0]) } else { before }
-    });
-    if depth + 1 >= ROULETTE_DEPTH {
-        let worth = unguided.map_or(beta.max_element(), |unguided| beta.max_element() * unguided);
-        let keep = (worth * F::splat(ROULETTE_GAIN)).fast_min(F::ONE);
+    let chances = vertices.chances(transport, rows).filter(|_| depth > 0);
+    let keep = match chances {
+        Some([_, on]) => Some(on),
+        None if depth + 1 < ROULETTE_DEPTH => None,
+        None => Some((beta.max_element() * F::splat(ROULETTE_GAIN)).fast_min(F::ONE)),
+    };
+    if let Some(keep) = keep {
         alive &= keep.simd_gt(survive);
         beta = beta * keep.simd_ge(F::ONE).select(F::ONE, F::ONE / keep);
     }
@@ -95,10 +95,11 @@ fn one_group(
     };
     if let Some(steps) = &mut ledger.steps {
         let pdfs = [sample.pdf, pdfs[0], pdfs[1]];
-        push_steps(depth, vertices, rows, &survivors, sample.wi, pdfs, id.branch, steps);
+        let chances = [chances.map_or(F::ONE, |[light, _]| light), keep.unwrap_or(F::ONE)];
+        push_steps(depth, vertices, rows, &survivors, sample.wi, (pdfs, chances), id.branch, steps);
     }
-    if let Some(unguided) = unguided {
-        store(&mut next.unguided, next.len, survivors.compress(unguided));
+    if let Some([light, _]) = chances {
+        store(&mut next.light_chance, next.len, survivors.compress(light));
     }
     let (seed, time) = (survivors.compress_bits(id.seed), survivors.compress(id.time));
     let identity = Identity { path, index, branch, seed, time };
@@ -120,7 +121,7 @@ fn push_steps(
     rows: &Rows,
     survivors: &Survivors,
     wi: V3,
-    pdfs: [F; 3],
+    (pdfs, chances): ([F; 3], [F; 2]),
     parent: U,
     steps: &mut Vec<Step>,
 ) {
@@ -130,13 +131,17 @@ fn push_steps(
     let beta = survivors.compress(vertices.beta.load(rows).luminance()).to_array();
     let broad = survivors.compress_bits(load_bits(&guided.broad, rows)).to_array();
     let pdfs = pdfs.map(|pdf| survivors.compress(pdf).to_array());
+    let chances = chances.map(|chance| survivors.compress(chance).to_array());
     let parent = survivors.compress_bits(parent).to_array();
     steps.extend((0..survivors.len).map(|lane| Step {
         parent: if depth == 0 { CAMERA } else { parent[lane] },
         position: position.lane(lane),
         normal: normal.lane(lane),
         wi: wi.lane(lane),
-        beta: if broad[lane] == 1 { beta[lane] } else { 0.0 },
+        beta: beta[lane],
+        broad: broad[lane] == 1,
+        light: 0.0,
+        chances: chances.map(|chance| chance[lane]),
         pdf: pdfs.map(|pdf| pdf[lane]),
     }));
 }

@@ -146,7 +146,6 @@ fn plain(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hits: 
         origin_offset: points.origin_offset,
         bsdfs: Scattering::Any(eight(|lane| transport.materials.plain(mesh[lane], behind(lane)))),
         media: media(transport, rays, &rows, mesh, behind),
-        unguided: unguided(vertices, rays, &rows),
         identity: identity(rays, &rows),
     };
     vertices.push(n, &group);
@@ -169,7 +168,6 @@ fn detailed(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hit
         origin_offset: F::from(points.map(|p| p.origin_offset)),
         bsdfs,
         media: media(transport, rays, &rows, each.map(|ray| hits.mesh[ray as usize]), behind),
-        unguided: unguided(vertices, rays, &rows),
         identity: identity(rays, &rows),
     };
     let beta = rays.beta.load(&rows);
@@ -220,11 +218,6 @@ fn media(
     let medium = load_bits(&rays.medium, rows).to_array();
     let sides = eight(|lane| transport.materials.sides(mesh[lane], behind(lane), medium[lane]));
     [0, 1].map(|side| U::from(eight(|lane| sides[lane][side])))
-}
-
-#[inline(always)]
-fn unguided(vertices: &Vertices, rays: &PathRays, rows: &Rows) -> F {
-    if vertices.guided.is_some() { load(&rays.unguided, rows) } else { F::ONE }
 }
 
 #[inline(always)]

@@ -12,7 +12,7 @@ use super::table::{Level, Outcome, Row, WORST, write_json};
 use super::{Design, Estimator, HALF};
 use crate::files;
 use crate::report::page::chart_figure;
-use crate::report::{Page, Table, Tone, number, with_error};
+use crate::report::{Page, Table, Tone, number, with_error, with_relative_error};
 use charts::{overview, scene_charts};
 use pictures::{by_eye, pictures, worst_pixels};
 
@@ -324,8 +324,4 @@ fn level_table(level: &Level) -> Table {
         ]);
     }
     table
-}
-
-fn with_relative_error(x: f64, error: f64) -> String {
-    format!("{} ± {:.0} %", number(x), 100.0 * error / x)
 }

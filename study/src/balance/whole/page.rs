@@ -13,6 +13,7 @@ use crate::provenance::Provenance;
 use crate::report::page::{chart_figure, map_figure, picture_figure, slider};
 use crate::report::{
     Axis, Chart, ColorScale, Dot, DotPlot, Page, Picture, Scale, Series, Table, Tone, number, with_error,
+    with_relative_error,
 };
 
 /// Side of the blocks whose errors are compared.
@@ -236,7 +237,7 @@ fn rows(scene: &SceneResults) -> Table {
         table.rows.push(vec![
             (row.estimator.clone(), plain),
             (number(row.paths_mean), plain),
-            (format!("{} ± {:.0} %", number(row.rel_mse), 100.0 * row.rel_mse_se / row.rel_mse), plain),
+            (with_relative_error(row.rel_mse, row.rel_mse_se), plain),
             (number(row.cpu_seconds), plain),
             (number(row.inverse_efficiency), plain),
             toned(row.rel_mse_ratio, row.rel_mse_ratio_se),
