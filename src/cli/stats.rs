@@ -12,7 +12,7 @@ use crate::film::exr_file::{Header, HeaderValue};
 use crate::rays::BackendInfo;
 use crate::render::checkpoint::{json, text};
 use crate::render::stats::{AdaptiveStats, GuidingStats, Samples};
-use crate::render::{Fireflies, RenderSettings, Rendered, StopReason};
+use crate::render::{Fireflies, Guiding, RenderSettings, Rendered, StopReason};
 use crate::scene::Scene;
 use crate::{Error, Result};
 
@@ -249,7 +249,7 @@ impl Stats {
         let s = &self.samples;
         let spp = if s.pixel_min == s.pixel_max { s.pixel_min.to_string() } else { format!("{:.1}", s.pixel_mean) };
         let replay = |x, y, path| {
-            let RenderSettings { spp, noise, min_spp, seed, adaptive, .. } = self.settings;
+            let RenderSettings { spp, noise, min_spp, seed, adaptive, guiding, .. } = self.settings;
             let adaptive = adaptive && spp.is_some();
             let spp = spp.or(Some(s.pixel_max).filter(|_| noise.is_none()));
             let flag =
@@ -257,7 +257,12 @@ impl Stats {
             let stop = flag("spp", spp.map(|n| n.to_string()))
                 + &flag("noise", noise.map(|x| x.to_string()))
                 + &flag("min-spp", min_spp.map(|n| n.to_string()))
-                + if adaptive { "--adaptive " } else { "" };
+                + if adaptive { "--adaptive " } else { "" }
+                + match guiding {
+                    Guiding::Off => "",
+                    Guiding::On => "--guiding on ",
+                    Guiding::Auto => "--guiding auto ",
+                };
             format!("{stop}--seed {seed} --replay-pixel {x},{y},{path}")
         };
         let mut told = String::new();

@@ -30,6 +30,8 @@ const TRUSTED: f64 = 40.0;
 /// How often a tile's paths are doubled from the mean, at least and at most. Doublings keep to powers of two, where points of
 /// a low-discrepancy sequence are at their best, if only by a few per cent.
 const DOUBLINGS: [i32; 2] = [-2, 2];
+/// Paths of a tile over the mean, at most.
+pub const MOST: u32 = 1 << DOUBLINGS[1];
 /// All tiles have as many paths where more than this is to be left of the error, by the pilot.
 const PAYS: f64 = 0.97;
 /// Fewer paths are no fewer anywhere.
