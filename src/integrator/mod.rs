@@ -68,6 +68,11 @@ pub struct Transport<'a> {
 }
 
 impl Transport<'_> {
+    /// Does a field say how often vertices beyond the first take a light sample and paths go on?
+    fn rolls(&self) -> bool {
+        self.field.is_some_and(Field::has_roulette)
+    }
+
     /// Samples a path of each technique beyond first surfaces: one light sample, one BSDF sample.
     fn deeper_rates(&self) -> [f32; 3] {
         Counts::half(1).rates(self.lights.environment_probability)

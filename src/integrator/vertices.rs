@@ -5,7 +5,6 @@ use wide::bytemuck::cast;
 use super::Transport;
 use super::queues::Identity;
 use crate::bsdf::{Bsdf, Core, LobeSet, Parameters};
-use crate::guiding::Field;
 use crate::lanes::{F, LANES, Rows, U, V3, V3Column, eight, grow, load, load_bits, store, store_bits};
 
 /// Lowest cosine between eye and shading normal.
@@ -211,7 +210,7 @@ impl Vertices {
     /// The chances of a light sample and of going on at some rows, beyond first surfaces; `None` where no field knows them.
     #[inline(always)]
     pub fn chances(&self, transport: &Transport, rows: &Rows) -> Option<[F; 2]> {
-        let guided = self.guided.as_ref().filter(|_| transport.field.is_some_and(Field::has_roulette))?;
+        let guided = self.guided.as_ref().filter(|_| transport.rolls())?;
         Some([load(&guided.chances[0], rows), load(&guided.chances[1], rows)])
     }
 

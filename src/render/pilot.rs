@@ -115,11 +115,6 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
         // The first round has led nobody.
         let fresh = if asks && round > 0 { fresh } else { usize::MAX };
         let (mut field, gain) = learn(&lessons, fresh, normals, most_cells);
-        // One path of each pixel tells no variance.
-        if last || round > 0 {
-            let all = Paths { cost, variance: taken.variance / taken_paths, inverse: taken.inverse / pilot_pixels };
-            field.learn_roulette(&taken.visits, all);
-        }
         if asks {
             worth =
                 Worth { variance: gain.variance(taken.variance), cost: (cost / unguided) as f32, share: gain.share };
@@ -128,6 +123,11 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
             if settings.guiding == Guiding::Auto && worth.variance * worth.cost > most && (last || !few) {
                 return Some(Learned { field: None, worth });
             }
+        }
+        // One path of each pixel tells no variance.
+        if last || round > 0 {
+            let all = Paths { cost, variance: taken.variance / taken_paths, inverse: taken.inverse / pilot_pixels };
+            field.learn_roulette(&taken.visits, all);
         }
         known = Some(field);
         if last {

@@ -4,7 +4,6 @@ use glam::Vec3;
 
 use super::{eight_of, observation, surfaces};
 use crate::balance::{Contribution, Technique};
-use crate::guiding::Field;
 use crate::integrator::Transport;
 use crate::integrator::batch::PixelBatch;
 use crate::integrator::ledger::{Ledger, limited};
@@ -93,7 +92,7 @@ fn add(
     let weighted_pdf = rays.weighted_pdf[ray];
     let [a_env, a_area, a_b] = if depth == 1 { path.rates } else { transport.deeper_rates() };
     // First surfaces take all their light samples.
-    let rolled = depth > 1 && transport.field.is_some_and(Field::has_roulette);
+    let rolled = depth > 1 && transport.rolls();
     let chance = if rolled { rays.light_chance[ray] } else { 1.0 };
     let weighted_light = chance * (a_env * light.pdf[0] + a_area * light.pdf[1]);
     let weight = if weighted_light > 0.0 { transport.heuristic.weight(weighted_pdf, weighted_light) } else { 1.0 };

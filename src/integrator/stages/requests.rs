@@ -3,12 +3,11 @@
 
 use super::super::batch::PixelTask;
 use super::light_set;
-use crate::guiding::Field;
 use crate::integrator::Transport;
 use crate::integrator::ledger::Ledger;
 use crate::integrator::queues::Identity;
 use crate::integrator::vertices::Vertices;
-use crate::lanes::{F, LANES, NUMBERS, Rows, U, eight, load_bits, mask};
+use crate::lanes::{F, LANES, NUMBERS, Rows, U, eight, mask};
 use crate::sampling::samples;
 
 /// What a light sample is toward.
@@ -75,7 +74,7 @@ impl Requests {
         tasks: &[PixelTask],
     ) {
         self.begin(depth, vertices);
-        if depth > 0 && transport.field.is_some_and(Field::has_roulette) {
+        if depth > 0 && transport.rolls() {
             self.roll(transport, depth, vertices);
         }
         for (vertex, path) in (0..).zip(&vertices.path[..if self.first { vertices.len() } else { 0 }]) {
@@ -150,30 +149,20 @@ impl Requests {
         let vertex = eight(|lane| request[lane].vertex);
         let consecutive = U::from(vertex).simd_eq(U::splat(vertex[0]) + U::from(NUMBERS)) == U::MAX;
         let rows = if consecutive { Rows::From(vertex[0] as usize) } else { Rows::Each(vertex) };
-        if !self.first {
+        let rates = if self.first {
+            // By vertex: beyond the last request columns hold whatever an earlier wave left there.
+            let paths = eight(|lane| &ledger.paths[vertices.path[vertex[lane] as usize] as usize]);
+            [0, 1, 2].map(|t| F::from(eight(|lane| paths[lane].rates[t])))
+        } else {
             let [a_env, a_area, a_b] = transport.deeper_rates().map(F::splat);
             let chance = vertices.chances(transport, &rows).map_or(F::ONE, |[light, _]| light);
-            return RequestGroup {
-                identity: vertices.identity(&rows),
-                toward: U::splat(Toward::Drawn as u32),
-                len: list.len(),
-                rates: [chance * a_env, chance * a_area, a_b],
-                rows,
-            };
-        }
-        // By vertex: beyond the last request columns hold whatever an earlier wave left there.
-        let paths = eight(|lane| &ledger.paths[vertices.path[vertex[lane] as usize] as usize]);
+            [chance * a_env, chance * a_area, a_b]
+        };
         RequestGroup {
-            identity: Identity {
-                path: load_bits(&vertices.path, &rows),
-                index: U::from(eight(|lane| request[lane].index)),
-                branch: U::ZERO,
-                seed: load_bits(&vertices.seed, &rows),
-                time: vertices.times(&rows),
-            },
+            identity: Identity { index: U::from(eight(|lane| request[lane].index)), ..vertices.identity(&rows) },
             toward: U::from(eight(|lane| request[lane].toward as u32)),
             len: list.len(),
-            rates: [0, 1, 2].map(|t| F::from(eight(|lane| paths[lane].rates[t]))),
+            rates,
             rows,
         }
     }

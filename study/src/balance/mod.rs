@@ -106,7 +106,7 @@ pub struct Aids {
 
 impl Aids {
     /// All, with what ends the names of those that have them.
-    const ALL: [(Self, &str); 3] = [
+    pub const ALL: [(Self, &str); 3] = [
         (Self { guided: true, adaptive: false }, "+guiding"),
         (Self { guided: false, adaptive: true }, "+adaptive"),
         (Self { guided: true, adaptive: true }, "+guiding+adaptive"),

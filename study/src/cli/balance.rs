@@ -6,12 +6,12 @@ use std::time::Instant;
 
 use bismar::Result;
 use bismar::console::{Signals, Size, Verbosity, Verdict, print, say};
-use bismar::render::{Integrator, Progress};
+use bismar::render::{Balance, Integrator, Progress};
 use clap::Args;
 
 use super::{PAGE, RunArgs, open};
 use crate::balance::table::{Level, Outcome, levels};
-use crate::balance::{Design, Estimator, SceneResults, StudyScene, measure, portrait, whole, write};
+use crate::balance::{Aids, Design, Estimator, SceneResults, StudyScene, measure, portrait, whole, write};
 
 /// Measure how well each --balance shares the work, against a converged reference.
 ///
@@ -108,10 +108,11 @@ impl BalanceArgs {
         let estimators = match &self.balance {
             Some(list) => list.0.clone(),
             None if whole => {
-                let aids = ["", "+guiding", "+adaptive", "+guiding+adaptive"];
-                let here = aids.into_iter().filter(|aid| integrator == Integrator::Path || !aid.contains("guiding"));
-                let both = |aid| ["half", "progressive"].map(|name| format!("{name}{aid}"));
-                here.flat_map(both).filter_map(|name| Estimator::named(&name)).collect()
+                let here = |aids: &Aids| integrator == Integrator::Path || !aids.guided;
+                let both = [Balance::Half, Balance::Progressive];
+                let aided = Aids::ALL.map(|(aids, _)| aids).into_iter().filter(here);
+                let aided = aided.flat_map(|aids| both.map(|balance| Estimator::Aided(balance, aids)));
+                both.map(Estimator::Method).into_iter().chain(aided).collect()
             }
             None if quick => ["second-order", "progressive"].into_iter().filter_map(Estimator::named).collect(),
             None => Estimator::all(),
