@@ -5,10 +5,10 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use bismar::film::PixelStats;
-use bismar::guiding::directions::{BINS, bins, steradians};
+use bismar::guiding::directions::{BINS, bins};
 use bismar::guiding::{Field, Lesson, NOWHERE, Paths, Visit, learn};
 use bismar::integrator::{PixelBatch, PixelTask, Transport, Wave};
-use bismar::lanes::{F, LANES, V3};
+use bismar::lanes::{F, LANES, V3, mask};
 use bismar::rays::Backend;
 use bismar::render::pilot::learned;
 use bismar::render::{Balance, Guiding, Part, RenderSettings, Rendered, RunOptions, Saved, render, run, transport};
@@ -75,7 +75,7 @@ fn what_the_field_draws_has_the_density_that_it_says() {
         let (n, mut expected, mut counts) = (200_000, [0.0; BINS], [0.0; BINS]);
         for _ in 0..20_000 {
             let w = V3::gather(std::array::from_fn(|_| warp::sphere(random.f32(), random.f32())));
-            let density = (field.pdf(cells, w) * steradians(w)).to_array();
+            let density = field.density(cells, mask(LANES), w).to_array();
             for (bin, density) in bins(w).iter().zip(density) {
                 let share = f64::from(density) / BINS as f64 * f64::from(n);
                 let known = std::mem::replace(&mut expected[*bin as usize], share);
@@ -84,7 +84,7 @@ fn what_the_field_draws_has_the_density_that_it_says() {
         }
         for _ in 0..n / LANES as u32 {
             let numbers = [(); 2].map(|()| F::from(std::array::from_fn(|_| random.f32())));
-            for bin in bins(field.draw(cells, numbers[0], numbers[1])) {
+            for bin in bins(field.draw(cells, mask(LANES), numbers[0], numbers[1]).0) {
                 counts[bin as usize] += 1.0;
             }
         }

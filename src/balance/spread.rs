@@ -243,15 +243,21 @@ impl<'a> Spreads<'a> {
         let chunks = self.candidates.rates.len();
         let alike =
             |other: &usize| *other != pixel && self.prior[*other] > 0.0 && guides[pixel].is_like(&guides[*other]);
-        let neighbours = || around(pixel, width, self.prior.len(), RADIUS).filter(alike);
-        let (mut prior, mut prior2, mut count) = (0.0f32, 0.0f32, 0.0f32);
-        for other in neighbours() {
+        let mut neighbours = [0; (2 * RADIUS + 1).pow(2)];
+        let mut found = 0;
+        for other in around(pixel, width, self.prior.len(), RADIUS).filter(alike) {
+            neighbours[found] = other;
+            found += 1;
+        }
+        let neighbours = &neighbours[..found];
+        if found < 2 {
+            return self.candidates.prior();
+        }
+        let count = found as f32;
+        let (mut prior, mut prior2) = (0.0f32, 0.0f32);
+        for &other in neighbours {
             prior += self.prior[other];
             prior2 += self.prior[other] * self.prior[other];
-            count += 1.0;
-        }
-        if count < 2.0 {
-            return self.candidates.prior();
         }
         let Caution { kappa, doubt, least_gain } = self.candidates.caution;
         let unseen = kappa * prior2 / (prior * count * DEGREES);
@@ -261,7 +267,7 @@ impl<'a> Spreads<'a> {
         for chunk in 0..chunks {
             // Sums over neighbours of the difference to the prior share, and of its square.
             let (mut gain, mut gain2) = (F::ZERO, F::ZERO);
-            for other in neighbours() {
+            for &other in neighbours {
                 let d = self.variance[other * chunks + chunk] - F::splat(self.prior[other]);
                 gain += d;
                 gain2 = d.mul_add(d, gain2);

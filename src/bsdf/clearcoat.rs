@@ -2,7 +2,9 @@
 //! Schlick's of index 1.5 at the coat's normal, as the extension has it, so that it takes from the layers beneath exactly
 //! what it reflects where it is smooth.
 
-use super::{Directions, Draw, Eight, Frames, Lobe, Response, ggx, microfacet::schlick_weight, parameters::lobe};
+use super::{
+    Directions, Draw, Eight, Frames, Lobe, Response, breadth, ggx, microfacet::schlick_weight, parameters::lobe,
+};
 use crate::lanes::{F, V3};
 use crate::sampling::warp;
 
@@ -27,6 +29,11 @@ impl Lobe for Clearcoat<Eight> {
     #[inline(always)]
     fn present(&self) -> F {
         self.coat.simd_gt(F::ZERO)
+    }
+
+    #[inline(always)]
+    fn breadth(&self) -> F {
+        breadth(self.coat * F::splat(0.04), self.alpha)
     }
 
     #[inline(always)]

@@ -3,7 +3,9 @@
 //! nothing of either and are as fast as ever.
 
 use super::refraction::{self, Facet};
-use super::{Directions, Draw, Eight, Frames, Lobe, Response, film, ggx, microfacet::schlick_weight, parameters::lobe};
+use super::{
+    Directions, Draw, Eight, Frames, Lobe, Response, breadth, film, ggx, microfacet::schlick_weight, parameters::lobe,
+};
 use crate::lanes::{F, V3};
 
 lobe! {
@@ -49,6 +51,11 @@ impl Lobe for Finish<Eight> {
     #[inline(always)]
     fn transmits(&self) -> F {
         self.share.simd_gt(F::ZERO)
+    }
+
+    #[inline(always)]
+    fn breadth(&self) -> F {
+        breadth(self.f0.luminance() + self.metal + self.share, self.alpha_t.fast_min(self.alpha_b))
     }
 
     #[inline(always)]

@@ -21,6 +21,11 @@ impl Lobe for Lambert<Eight> {
     }
 
     #[inline(always)]
+    fn breadth(&self) -> F {
+        self.diffuse.luminance() * F::splat(PI)
+    }
+
+    #[inline(always)]
     fn weight(&self, _: V3, _: V3) -> (F, F) {
         (self.diffuse.luminance() * F::splat(PI), F::ZERO)
     }

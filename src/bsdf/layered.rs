@@ -122,6 +122,11 @@ impl<Top: Lobe, Base: Lobe> Lobe for Layered<Option<Top>, Base> {
     }
 
     #[inline(always)]
+    fn breadth(&self) -> F {
+        self.top.as_ref().map_or(F::ZERO, Lobe::breadth) + self.base.breadth()
+    }
+
+    #[inline(always)]
     fn weight(&self, n: V3, wo: V3) -> (F, F) {
         let (base, rest) = self.base.weight(n, wo);
         let Some(top) = self.top() else { return (base, rest) };

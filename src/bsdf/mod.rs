@@ -29,9 +29,6 @@ pub use parameters::{Columns, Eight, One, Parameters, Width};
 pub use sheen::Sheen;
 pub use translucent::Translucent;
 
-use std::f32::consts::PI;
-
-use crate::color::luminance;
 use crate::lanes::{F, LANES, V3};
 use crate::sampling::warp;
 
@@ -61,6 +58,13 @@ pub trait Lobe: Copy {
     /// Lanes in which it answers below the surface too, as a mask.
     #[inline(always)]
     fn transmits(&self) -> F {
+        F::ZERO
+    }
+
+    /// By how much more light, about, it scatters widely than sharply. Where that is negative, light from one side matters or
+    /// none does, and the BSDF alone knows which.
+    #[inline(always)]
+    fn breadth(&self) -> F {
         F::ZERO
     }
 
@@ -182,22 +186,6 @@ impl Bsdf {
         Self::gather([self; LANES]).lobes()
     }
 
-    /// Does it scatter at least as much widely as sharply? Elsewhere light from one side matters or none does, and the BSDF
-    /// alone knows which.
-    pub fn is_broad(&self) -> bool {
-        let Layered { top: coat, base: Layered { base: Layered { top: glass, base: reflection }, .. } } = self;
-        let Layered { top: finish, base: Layered { top: translucent, base: Layered { top: facets, base: lambert } } } =
-            reflection;
-        let parts = [
-            (coat.coat * 0.04, coat.alpha),
-            (glass.share, glass.alpha),
-            (luminance(finish.f0) + finish.metal + finish.share, finish.alpha_t.min(finish.alpha_b)),
-            (luminance(facets.f0), facets.alpha),
-        ];
-        let sharp: f32 = parts.iter().map(|(part, alpha)| if *alpha < BROAD_ALPHA { *part } else { -part }).sum();
-        sharp <= PI * luminance(lambert.diffuse + translucent.diffuse)
-    }
-
     /// A batch's columns of the core model.
     pub fn core_mut(columns: &mut <Self as Parameters>::Columns) -> &mut <Core as Parameters>::Columns {
         &mut columns.base.base.base.base.base
@@ -217,3 +205,9 @@ impl Bsdf {
 
 /// The least microfacet α of what scatters widely.
 const BROAD_ALPHA: f32 = 0.1;
+
+/// A lobe's [`Lobe::breadth`]: the share of light that it scatters, with microfacets of `alpha`.
+#[inline(always)]
+fn breadth(share: F, alpha: F) -> F {
+    alpha.simd_lt(F::splat(BROAD_ALPHA)).select(F::ZERO - share, share)
+}

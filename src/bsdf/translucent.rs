@@ -30,6 +30,11 @@ impl Lobe for Translucent<Eight> {
     }
 
     #[inline(always)]
+    fn breadth(&self) -> F {
+        self.diffuse.luminance() * F::splat(PI)
+    }
+
+    #[inline(always)]
     fn weight(&self, n: V3, wo: V3) -> (F, F) {
         (self.diffuse.luminance() * F::splat(PI) * self.below_layer(n.dot(wo)), F::ONE)
     }

@@ -1,6 +1,6 @@
 //! The field: cells in space, in each a histogram of directions and the share of samples that follow it.
 
-use super::directions::{Histogram, bins, from_square, steradians};
+use super::directions::{Histogram, bins, from_square};
 use super::roulette::{Paths, Roulette, Visit};
 use super::tree::Tree;
 use crate::lanes::{F, LANES, V3, eight};
@@ -74,22 +74,42 @@ impl Field {
         F::from(eight(|lane| self.shares.get(cells[lane] as usize).copied().unwrap_or(0.0)))
     }
 
-    /// Densities per solid angle with which cells draw unit directions; 0 of [`NOWHERE`].
+    /// Densities on the unit square with which cells draw unit directions, in lanes of a mask; 0 in others and of
+    /// [`NOWHERE`].
     #[inline(always)]
-    pub fn pdf(&self, cells: [u32; LANES], w: V3) -> F {
+    pub fn density(&self, cells: [u32; LANES], asked: F, w: V3) -> F {
         let bins = bins(w);
-        let density = |lane: usize| self.histograms.get(cells[lane] as usize).map_or(0.0, |h| h.density(bins[lane]));
-        F::from(eight(density)) / steradians(w)
+        let mut density = [0.0; LANES];
+        for lane in lanes(asked) {
+            if let Some(histogram) = self.histograms.get(cells[lane] as usize) {
+                density[lane] = histogram.density(bins[lane]);
+            }
+        }
+        F::from(density)
     }
 
-    /// Unit directions drawn by cells from two numbers in [0, 1); any direction of [`NOWHERE`].
+    /// Unit directions drawn by cells from two numbers in [0, 1), in lanes of a mask, and with which density on the unit square;
+    /// any direction and 0 in others and of [`NOWHERE`].
     #[inline(always)]
-    pub fn draw(&self, cells: [u32; LANES], u: F, v: F) -> V3 {
-        let (u, v) = (u.to_array(), v.to_array());
-        let drawn = eight(|lane| match self.histograms.get(cells[lane] as usize) {
-            Some(histogram) => histogram.draw(u[lane], v[lane]),
-            None => (0.5, 0.5),
-        });
-        from_square(F::from(eight(|lane| drawn[lane].0)), F::from(eight(|lane| drawn[lane].1)))
+    pub fn draw(&self, cells: [u32; LANES], asked: F, u: F, v: F) -> (V3, F) {
+        let (u, v) = (u.as_array(), v.as_array());
+        let (mut x, mut y, mut density) = ([0.5; LANES], [0.5; LANES], [0.0; LANES]);
+        for lane in lanes(asked) {
+            if let Some(histogram) = self.histograms.get(cells[lane] as usize) {
+                (x[lane], y[lane], density[lane]) = histogram.draw(u[lane], v[lane]);
+            }
+        }
+        (from_square(F::from(x), F::from(y)), F::from(density))
     }
+}
+
+/// The lanes of a mask.
+#[inline(always)]
+fn lanes(mask: F) -> impl Iterator<Item = usize> {
+    let mut bits = mask.to_bitmask();
+    std::iter::from_fn(move || {
+        let lane = bits.trailing_zeros() as usize;
+        bits &= bits.wrapping_sub(1);
+        (lane < LANES).then_some(lane)
+    })
 }

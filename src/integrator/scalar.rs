@@ -10,16 +10,16 @@ pub use super::events::{Event, What};
 use super::ledger::limited;
 use super::stages::camera_rays::TIME_SET;
 use super::stages::lights::SHADOW_END;
-use super::stages::mixture::{Drawn, Mixture};
+use super::stages::mixture::{self, Drawn, Mixture};
 use super::stages::requests::{Toward, light_sample};
 use super::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
-use super::stages::{bsdf_set, light_set, media};
+use super::stages::{bsdf_set, light_set, media, roll_set};
 use super::vertices::MIN_COS;
 use crate::balance::deal;
 use crate::bsdf::{Bsdf, Lobe, Parameters};
 use crate::color::luminance;
 use crate::guiding::NOWHERE;
-use crate::lanes::{F, LANES, U, V3};
+use crate::lanes::{F, LANES, U, V3, unit_interval};
 use crate::light::punctual;
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 use crate::sampling::{PixelSequence, hash, keys, pixel_seed};
@@ -216,7 +216,9 @@ impl Path<'_> {
             transmits: scattering.transmits().any(),
             origin_offset: point.origin_offset,
             media: t.materials.sides(mesh, behind, medium),
-            cell: cells.filter(|_| surface.is_broad()).map_or(NOWHERE, |(field, cells)| field.guiding(cells)[0]),
+            cell: cells
+                .filter(|_| mixture::is_broad(&scattering).any())
+                .map_or(NOWHERE, |(field, cells)| field.guiding(cells)[0]),
             chances: chances.map(|chances| chances.map(|chance| chance.as_array()[0])),
             time: ray.time,
         };
@@ -264,10 +266,11 @@ impl Path<'_> {
         }
         let chance = vertex.chances.map_or(1.0, |[light, _]| light);
         let [a_env, a_area, a_b] = self.rates(depth);
-        let [choice, u, v, number] = self.sequence.sample(index, light_set(depth));
+        let number = unit_interval(U::splat(key(self.seed, index, roll_set(depth)))).as_array()[0];
         if vertex.chances.is_some() && number >= chance {
             return Vec3::ZERO;
         }
+        let [choice, u, v, _] = self.sequence.sample(index, light_set(depth));
         let (drawn, left) = t.lights.draw_kind(F::splat(choice));
         let environment = match toward {
             Toward::Drawn => drawn.to_bitmask() & 1 == 1,

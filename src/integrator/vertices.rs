@@ -5,7 +5,7 @@ use wide::bytemuck::cast;
 use super::Transport;
 use super::queues::Identity;
 use crate::bsdf::{Bsdf, Core, LobeSet, Parameters};
-use crate::lanes::{F, LANES, Rows, U, V3, V3Column, eight, grow, load, load_bits, store, store_bits};
+use crate::lanes::{F, LANES, Rows, U, V3, V3Column, grow, load, load_bits, store, store_bits};
 
 /// Lowest cosine between eye and shading normal.
 pub const MIN_COS: f32 = 1e-3;
@@ -46,7 +46,7 @@ pub struct Vertices {
 /// Of each vertex, what guiding knows.
 #[derive(Debug, Default)]
 pub struct Guided {
-    /// Does its surface scatter widely ([`Bsdf::is_broad`])? 0 or 1.
+    /// Does its surface scatter widely ([`Lobe::breadth`](crate::bsdf::Lobe::breadth))? 0 or 1.
     pub broad: Vec<u32>,
     /// Cell of the field, or [`NOWHERE`](crate::guiding::NOWHERE).
     pub cell: Vec<u32>,
@@ -167,9 +167,6 @@ impl Vertices {
         }
         if let Some(columns) = &mut self.media {
             columns.iter_mut().zip(group.media).for_each(|(column, medium)| store_bits(column, at, medium));
-        }
-        if let (Some(Guided { broad, .. }), Scattering::Any(bsdfs)) = (&mut self.guided, group.bsdfs) {
-            store_bits(broad, at, U::from(eight(|lane| u32::from(bsdfs[lane].is_broad()))));
         }
         if !self.time.is_empty() {
             store(&mut self.time, at, group.identity.time);

@@ -1,5 +1,5 @@
 //! The pilot of guiding: paths of a smaller picture of the same view, of which a field is learned. What it finds depends on
-//! the scene, the view and the seed alone, so that every part, crop and session learns the same.
+//! the scene, the view, the seed and the paths that the picture is to have, so that every part and crop learns the same.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -23,11 +23,13 @@ const PIXELS: f64 = 8192.0;
 /// Pixels of a picture for each of its pilot's.
 const PIXELS_OF: f64 = 16.0;
 /// Rounds, at most: of 1, 2, 4, … paths a pixel, each led by what those before it found.
-const ROUNDS: u32 = 6;
+const ROUNDS: u32 = 9;
+/// Paths a pixel of the picture for which the next two are meant.
+const USUAL: f64 = 64.0;
 /// Paths of the pilot for each pixel of the picture, at most.
 const PATHS_A_PIXEL: f64 = 12.0;
 /// Lessons after which no further round is worth its time, or as many as half the picture's pixels.
-const ENOUGH: usize = 150_000;
+const ENOUGH: f64 = 150_000.0;
 /// The round after which `auto` asks whether it pays, counted from 0.
 const ASKS: u32 = 1;
 /// Then, it goes on where it is to leave no more than this of variance times rays, or where so few of a pilot's paths have found
@@ -41,7 +43,7 @@ const PAYS: f32 = 0.45;
 const TILE: u32 = 32;
 const BLOCK: u32 = 8;
 /// Bytes that a field and its lessons may take.
-pub const MEMORY: u64 = 128 << 20;
+pub const MEMORY: u64 = 256 << 20;
 
 /// What a render's pilot has found.
 #[derive(Debug)]
@@ -90,6 +92,11 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
     // Rays of a path of the first round, which nothing leads.
     let mut unguided = None;
     let mut worth = Worth::default();
+    // By error x seconds of pictures of 64, 256 and 1024 paths a pixel.
+    let worthwhile = (f64::from(settings.expected_spp()) / USUAL).sqrt();
+    let worthwhile = worthwhile * worthwhile.sqrt();
+    // With three quarters of what memory allows, the next round would be mostly left out.
+    let enough = (ENOUGH.max(pixels / 2.0) * worthwhile).min(0.75 * most_lessons as f64);
     let pilot_pixels = f64::from(size[0]) * f64::from(size[1]);
     for round in 0..ROUNDS {
         let paths = 1 << round;
@@ -109,8 +116,8 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
         // Those of the next round, and all before.
         let all = pilot_pixels * f64::from(4 * paths - 1);
         let last = round + 1 == ROUNDS
-            || all > (PATHS_A_PIXEL * pixels).max(15.0 * pilot_pixels)
-            || lessons.len() >= ENOUGH.max(pixels as usize / 2).min(most_lessons);
+            || all > (PATHS_A_PIXEL * worthwhile * pixels).max(15.0 * pilot_pixels)
+            || lessons.len() as f64 >= enough;
         let asks = last || (round == ASKS && settings.guiding == Guiding::Auto);
         // The first round has led nobody.
         let fresh = if asks && round > 0 { fresh } else { usize::MAX };

@@ -99,6 +99,9 @@ pub struct RenderSettings {
     pub tiles: Option<Arc<[[u32; 2]]>>,
 }
 
+/// Paths a pixel that a render is expected to have whose end is not known.
+const UNKNOWN_SPP: u32 = 128;
+
 fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
@@ -112,6 +115,15 @@ impl RenderSettings {
     /// When tiles' pixels end, besides the samples.
     pub fn noise_goal(&self) -> Option<NoiseGoal> {
         self.noise.map(|error| NoiseGoal { error, least: self.min_spp.unwrap_or(NOISE_PATHS).max(2) })
+    }
+
+    /// How many paths a pixel there will be, about, as far as that can be known before the first.
+    pub fn expected_spp(&self) -> u32 {
+        let until = self.noise.is_some() || self.time.is_some();
+        match self.spp {
+            Some(spp) if !until => spp,
+            spp => spp.unwrap_or(UNKNOWN_SPP).min(UNKNOWN_SPP),
+        }
     }
 
     /// The window that is kept: x0, y0, x1, y1, the last two exclusive.

@@ -123,7 +123,7 @@ pub struct RenderArgs {
     /// the pilot finds that it does.
     #[arg(long, value_enum, default_value_t, value_name = "WHEN", help_heading = "Sampling")]
     pub guiding: Guiding,
-    /// Memory that guiding may take [default: 128M].
+    /// Memory that guiding may take [default: 256M].
     #[arg(long, value_name = "SIZE", value_parser = crate::cli::memory::parse_size, help_heading = "Sampling")]
     pub guiding_memory: Option<u64>,
     /// Limit each contribution of light at first surfaces to this in its brightest channel: takes fireflies away, and light

@@ -8,7 +8,7 @@ use crate::film::colors;
 use crate::rays::BackendInfo;
 use crate::render::checkpoint::Host;
 use crate::render::tile::Tile;
-use crate::render::{Maker, Record, RenderSettings, Rendered, Saved};
+use crate::render::{Guiding, Maker, Record, RenderSettings, Rendered, Saved};
 
 /// Why a render that goes on, on `backend` and with `settings`, does not come to the bits of one in one go.
 pub fn of_another_making(
@@ -36,8 +36,11 @@ pub fn of_another_making(
     }
     let [goal, theirs] = [settings, &before.identity.settings].map(RenderSettings::noise_goal);
     let looked = |tile: &Tile| goal.or(theirs).is_some_and(|goal| tile.paths() > goal.least);
-    // Tiles with goals of their own have taken passes that these end.
-    let [mean, before] = [settings, &before.identity.settings].map(|s| s.spp.filter(|_| s.adaptive));
+    // Tiles with goals of their own have taken passes that these end, and guiding has learned for as many paths.
+    let own = |s: &RenderSettings| {
+        (s.spp.filter(|_| s.adaptive), Some(s.expected_spp()).filter(|_| s.guiding != Guiding::Off))
+    };
+    let [mean, before] = [settings, &before.identity.settings].map(own);
     if (goal != theirs && saved.tiles.iter().any(looked)) || mean != before || !saved.is_on_the_way(settings) {
         warn!(
             "{output} was begun with another goal and took other passes than this command takes from the beginning: the \

@@ -1,10 +1,13 @@
 //! Guiding at eight vertices: the BSDF and the field as one technique.
 
-use crate::bsdf::{BsdfSample, Lobe};
+use wide::bytemuck::cast;
+
+use crate::bsdf::{BsdfSample, Core, Lobe, Parameters};
+use crate::guiding::directions::steradians;
 use crate::guiding::{Field, NOWHERE};
 use crate::integrator::Transport;
 use crate::integrator::vertices::Vertices;
-use crate::lanes::{F, LANES, Rows, U, V3, load_bits, store, store_bits};
+use crate::lanes::{F, LANES, Rows, U, V3, load_bits, mask, store, store_bits};
 use crate::sampling::warp::ONE_MINUS;
 
 /// Draws from a BSDF, or with the cells' shares from the field.
@@ -31,16 +34,27 @@ impl Drawn {
     }
 }
 
+/// Where a BSDF scatters at least as much widely as sharply, as a mask: elsewhere nothing guides.
+#[inline(always)]
+pub fn is_broad(bsdf: &impl Lobe) -> F {
+    bsdf.breadth().simd_ge(F::ZERO)
+}
+
 /// Finds the cells of the vertices and what these know, where there is a field or one is learned.
 #[inline(never)]
 pub fn find(transport: &Transport, vertices: &mut Vertices) {
     let len = vertices.len();
-    let Vertices { origin, ng, beta, guided: Some(guided), .. } = vertices else { return };
-    let Some(field) = transport.field else { return guided.cell.fill(NOWHERE) };
     for at in (0..len).step_by(LANES) {
         let rows = Rows::From(at);
+        let broad = match vertices.core() {
+            Some(columns) => is_broad(&Core::load(columns, &rows)),
+            None => is_broad(&vertices.bsdf(&rows)),
+        };
+        let Vertices { origin, ng, beta, guided: Some(guided), .. } = &mut *vertices else { return };
+        let broad: U = cast(broad);
+        store_bits(&mut guided.broad, at, broad & U::ONE);
+        let Some(field) = transport.field else { continue };
         let cells = field.cells_at(origin.load(&rows), ng.load(&rows));
-        let broad = load_bits(&guided.broad, &rows).simd_eq(U::ONE);
         store_bits(&mut guided.cell, at, broad.select(U::from(field.guiding(cells)), U::splat(NOWHERE)));
         for (column, chance) in
             guided.chances.iter_mut().zip(field.chances(cells, beta.load(&rows).luminance()).into_iter().flatten())
@@ -48,7 +62,8 @@ pub fn find(transport: &Transport, vertices: &mut Vertices) {
             store(column, at, chance);
         }
     }
-    guided.cell[len..].fill(NOWHERE);
+    let Some(guided) = &mut vertices.guided else { return };
+    guided.cell[if transport.field.is_some() { len } else { 0 }..].fill(NOWHERE);
 }
 
 impl<'a> Mixture<'a> {
@@ -69,7 +84,7 @@ impl<'a> Mixture<'a> {
     /// The density of directions that the BSDF draws with density `bsdf_pdf`.
     #[inline(always)]
     pub fn pdf(&self, wi: V3, bsdf_pdf: F) -> F {
-        self.mix(bsdf_pdf, self.field.pdf(self.cells, wi))
+        self.mix(bsdf_pdf, self.field.density(self.cells, mask(LANES), wi) / steradians(wi))
     }
 
     #[inline(always)]
@@ -85,9 +100,10 @@ impl<'a> Mixture<'a> {
         // What is left of the number chooses among lobes.
         let rest = (lobe - self.share) / (F::ONE - self.share);
         let rest = rest.fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS));
-        let toward = self.field.draw(self.cells, u, v);
+        let (toward, density) = self.field.draw(self.cells, led, u, v);
         let sample = bsdf.sample_or(n, wo, [rest, u, v], (led, toward));
-        let pdfs = [sample.pdf, self.field.pdf(self.cells, sample.wi)];
+        let density = density + self.field.density(self.cells, !led, sample.wi);
+        let pdfs = [sample.pdf, density / steradians(sample.wi)];
         Drawn { sample: BsdfSample { pdf: self.mix(pdfs[0], pdfs[1]), ..sample }, pdfs }
     }
 }

@@ -38,6 +38,12 @@ pub fn bsdf_set(depth: u32) -> u32 {
     2 + 2 * depth
 }
 
+/// Of the number that says whether there is a light sample at a depth; it needs no stratification.
+#[inline]
+pub fn roll_set(depth: u32) -> u32 {
+    light_set(depth) | 1 << 8
+}
+
 /// A direct contribution `found` = g/(a_l p_l + a_b p_b), as the balance sees it: W = Σ_c Y_c Z_c and r.
 #[inline]
 fn observation(found: Vec3, light_pdf: f32, bsdf_pdf: f32, alpha: f32) -> (f32, f32) {

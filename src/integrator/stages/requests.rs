@@ -2,13 +2,13 @@
 //! sample where a field's roulette says so.
 
 use super::super::batch::PixelTask;
-use super::light_set;
+use super::roll_set;
 use crate::integrator::Transport;
 use crate::integrator::ledger::Ledger;
 use crate::integrator::queues::Identity;
 use crate::integrator::vertices::Vertices;
-use crate::lanes::{F, LANES, NUMBERS, Rows, U, eight, mask};
-use crate::sampling::samples;
+use crate::lanes::{F, LANES, NUMBERS, Rows, U, eight, mask, unit_interval};
+use crate::sampling::keys;
 
 /// What a light sample is toward.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -117,8 +117,7 @@ impl Requests {
             let rows = Rows::From(at);
             let Some([chance, _]) = vertices.chances(transport, &rows) else { continue };
             let id = vertices.identity(&rows);
-            // Shared with the choice among lights without extent, whose light adds to that of these.
-            let [.., number] = samples(id.seed, id.index, light_set(depth));
+            let number = unit_interval(keys(id.seed, id.index, roll_set(depth)));
             let taken = (number.simd_lt(chance) & mask(LANES.min(vertices.len() - at))).to_bitmask();
             let lanes = (0..LANES).filter(|lane| taken >> lane & 1 == 1);
             self.list.extend(lanes.map(|lane| Request {

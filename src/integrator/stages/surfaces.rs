@@ -171,7 +171,7 @@ fn detailed(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hit
         identity: identity(rays, &rows),
     };
     let beta = rays.beta.load(&rows);
-    if vertices.core().is_some() && vertices.guided.is_none() {
+    if vertices.core().is_some() {
         let cores = eight(|lane| points[lane].core(transport.scene));
         let group = place(beta, Scattering::Core(cores.each_ref()), &|_| false);
         return vertices.push(n, &group);
