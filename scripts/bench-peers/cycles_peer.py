@@ -19,6 +19,7 @@ import numpy as np
 
 ARGS = json.loads(sys.argv[1])
 SKIES = ("blob", "field400")
+GUIDED = ("slit", "ajar")
 
 
 def answer(**values):
@@ -94,6 +95,8 @@ def load():
     cycles.caustics_reflective = True
     cycles.pixel_filter_type, cycles.filter_width = "BOX", 1.0
     cycles.use_light_tree = True
+    # Learns as long as it renders.
+    cycles.use_guiding, cycles.guiding_training_samples = name in GUIDED, 0
     scene.view_settings.view_transform = "Raw"
     render.image_settings.file_format, render.image_settings.color_depth = "OPEN_EXR", "32"
     return scene

@@ -243,7 +243,75 @@ def field400():
     return Scene([shrub, Mesh(*ground, Material((0.5, 0.42, 0.35)))], (0, 4, 13), (0, 0, 1), 0.7, sky=True)
 
 
-SCENES = {build.__name__: build for build in (cornell, veach, blob, lamps, field400)}
+def between(low, high, angle=0.0):
+    """A box between two corners."""
+    low, high = np.asarray(low, float), np.asarray(high, float)
+    return box((low + high) / 2, high - low, angle)
+
+
+def room(x, y, z, plaster, floor):
+    """Thick walls about a room from -x to x, 0 to y and -z to z; the right one is left out."""
+    t = 0.2
+    parts = [
+        (between((-x - t, -t, -z - t), (x + t, 0, z + t)), floor),
+        (between((-x - t, y, -z - t), (x + t, y + t, z + t)), plaster),
+        (between((-x - t, 0, -z - t), (-x, y, z + t)), plaster),
+        (between((-x, 0, -z - t), (x + t, y, -z)), plaster),
+        (between((-x, 0, z), (x + t, y, z + t)), plaster),
+    ]
+    return [Mesh(*shape, material) for shape, material in parts]
+
+
+def slit():
+    """A room that a bright panel lights through a slit of 12 cm in a thick wall."""
+    plaster, floor, clay = Material((0.72, 0.7, 0.66)), Material((0.34, 0.22, 0.13)), Material((0.55, 0.27, 0.16))
+    tin = Material((0.78, 0.77, 0.75), True, 0.35)
+    x, y, z = 2.3, 2.7, 2.6
+    meshes = room(x, y, z, plaster, floor)
+    for (low, high), (near, far) in (
+        ((0, y), (-z, -1.05)),
+        ((0, y), (-0.93, z)),
+        ((0, 0.5), (-1.05, -0.93)),
+        ((2.3, y), (-1.05, -0.93)),
+    ):
+        meshes.append(Mesh(*between((x, low, near), (x + 0.2, high, far)), plaster))
+    meshes += [
+        Mesh(*between((-2, 0, -2.4), (0.2, 0.45, -1.7)), floor),
+        Mesh(*sphere(32, 0.32, (-0.4, 0.32, -0.6)), clay),
+        Mesh(*sphere(32, 0.22, (-1.3, 0.67, -2.05)), tin),
+        Mesh(*between((0.85, 0, -2.25), (1.55, 1.1, -1.55)), plaster),
+    ]
+    panel = quad((4, -1, 3), (4, -1, -5), (4, 6, -5), (4, 6, 3))
+    meshes.append(Mesh(panel[0], panel[1][:, ::-1], Material((0, 0, 0), emission=(400, 450, 520))))
+    return Scene(meshes, (-0.2, 1.4, 2.4), (0, 0.95, -1.4), 0.942)
+
+
+def ajar():
+    """A lamp in the next room, whose door stands ajar."""
+    plaster, tiles, oak = Material((0.74, 0.72, 0.69)), Material((0.42, 0.39, 0.35)), Material((0.36, 0.24, 0.14))
+    green, steel = Material((0.2, 0.42, 0.24)), Material((0.62, 0.62, 0.64), True, 0.4)
+    lamp = Material((0, 0, 0), emission=(2700, 2280, 1680))
+    x, y, z = 4.0, 2.7, 2.3
+    near, far, lintel = 0.5, -0.4, 2.05
+    leaf = between((-0.02, 0.01, far - near + 0.02), (0.02, lintel - 0.01, 0))
+    door = turn(leaf[0], 0.42) + (0.97, 0, near)
+    parts = [
+        (between((x, 0, -z), (x + 0.2, y, z)), plaster),
+        (between((0.9, 0, -z), (1.05, y, far)), plaster),
+        (between((0.9, 0, near), (1.05, y, z)), plaster),
+        (between((0.9, lintel, far), (1.05, y, near)), plaster),
+        ((door, leaf[1]), oak),
+        (quad((3.2, y - 0.04, -1), (3.7, y - 0.04, -1), (3.7, y - 0.04, -0.5), (3.2, y - 0.04, -0.5)), lamp),
+        (between((-2.2, 0.66, -1.8), (-0.6, 0.72, -0.9)), oak),
+        (between((-0.15, 0, -2.15), (0.55, 0.6, -1.65)), green),
+        (sphere(28, 0.16, (-1.05, 0.88, -1.3)), green),
+        (sphere(28, 0.16, (-1.7, 0.88, -1.35)), steel),
+    ]
+    meshes = room(x, y, z, plaster, tiles) + [Mesh(*shape, material) for shape, material in parts]
+    return Scene(meshes, (-2.6, 1.5, 2.1), (-0.7, 0.95, -1.2), 1.01)
+
+
+SCENES = {build.__name__: build for build in (cornell, veach, blob, lamps, field400, slit, ajar)}
 
 
 def sky_bytes(width=512, height=256):
