@@ -224,16 +224,17 @@ fn a_guided_picture_has_the_same_bits_on_any_threads_in_any_window_and_part() {
 }
 
 #[test]
-fn a_guided_picture_that_is_gone_on_from_has_the_bits_of_one_in_one_go() {
+fn a_guided_picture_that_is_gone_on_with_has_the_bits_of_one_in_one_go() {
     let stage = Stage::new(cove(), Backend::Embree);
-    let (first, longer) = (settings(Guiding::On), RenderSettings { spp: Some(16), ..settings(Guiding::On) });
-    let Rendered { tiles, stats, .. } = on_threads(&stage, &first, 2);
+    let longer = RenderSettings { spp: Some(32), ..settings(Guiding::On) };
+    let Rendered { tiles, stats, .. } = on_threads(&stage, &RenderSettings { passes: Some(1), ..longer.clone() }, 2);
+    assert!((0..tiles[0].pixels()).all(|i| tiles[0].at(i).0.samples < 32));
     let stop = AtomicBool::new(false);
     let from = Some(Saved { tiles, stats });
     let options = RunOptions { stop: &stop, progress: &|_| (), began: Instant::now(), from, pauses: Vec::new() };
     let (parts, whole) = (run(&stage.scene, &longer, options), on_threads(&stage, &longer, 2));
     for (a, b) in parts.tiles.iter().zip(&whole.tiles) {
-        assert!((0..a.pixels()).all(|i| a.at(i).0.samples == 16 && a.at(i).0.sum == b.at(i).0.sum));
+        assert!((0..a.pixels()).all(|i| a.at(i).0.samples == 32 && a.at(i).0.sum == b.at(i).0.sum));
     }
 }
 

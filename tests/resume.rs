@@ -242,6 +242,9 @@ fn a_goal_that_cuts_the_passes_otherwise_is_told() {
         ("half", "--spp 64", "--spp 256", false),
         ("half", "--spp 100", "--spp 256", true),
         ("half", "--noise 9", "--spp 256", false),
+        // Guiding learns for as many paths as there are to be.
+        ("half --guiding on", "--spp 128", "--spp 256", true),
+        ("half --guiding on", "--noise 9", "--noise 0.5", false),
         // Tiles that ended by themselves are brought to one number of paths.
         ("half", "--noise 0.1 --spp 128", "--spp 256", true),
         ("progressive", "--noise 0.1 --spp 128", "--noise 0.05 --spp 256", true),

@@ -1,6 +1,7 @@
 //! From a pilot's samples to a field.
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::directions::{BINS, Histogram, SIDE, bins, from_square, steradians};
 use super::field::Field;
@@ -74,10 +75,7 @@ pub fn learn(lessons: &[Lesson], fresh: usize, scale: f32, most_cells: usize) ->
     let places = lessons.iter().step_by(step).map(|l| Tree::place(l.position, l.normal, scale)).collect();
     let of_cell = (lessons.len() / FIRST_CELLS).clamp(LESSONS_A_CELL[0], LESSONS_A_CELL[1]);
     let tree = Tree::new(places, scale, of_cell.div_ceil(step), most_cells);
-    let mut cells = vec![Sums::default(); tree.leaves()];
-    for (i, lesson) in lessons.iter().enumerate() {
-        cells[tree.leaf(lesson.position, lesson.normal) as usize].add(lesson, i >= fresh);
-    }
+    let cells = sums(&tree, lessons, fresh);
     let histograms = histograms(&tree, &cells);
     let all = cells.iter().fold(ShareSums::default(), |all, cell| all.plus(&cell.shares));
     let mut gain = Gain::default();
@@ -124,6 +122,24 @@ impl Sums {
     }
 }
 
+/// What the lessons of each leaf sum up to.
+fn sums(tree: &Tree, lessons: &[Lesson], fresh: usize) -> Vec<Sums> {
+    let leaves: Vec<_> = lessons.par_iter().map(|lesson| tree.leaf(lesson.position, lesson.normal)).collect();
+    let mut of_leaf = vec![Vec::new(); tree.leaves()];
+    for (lesson, leaf) in (0u32..).zip(leaves) {
+        of_leaf[leaf as usize].push(lesson);
+    }
+    let sum = |own: Vec<u32>| {
+        let mut sums = Sums::default();
+        own.into_iter().for_each(|i| sums.add(&lessons[i as usize], i as usize >= fresh));
+        sums
+    };
+    of_leaf.into_par_iter().map(sum).collect()
+}
+
+/// Levels of the tree above those whose parts are worked at side by side.
+const LEVELS: u32 = 5;
+
 /// A histogram of each leaf: of what its own lessons say, and the less these are, of what its parents' do.
 fn histograms(tree: &Tree, cells: &[Sums]) -> Vec<Histogram> {
     let areas = areas();
@@ -134,23 +150,39 @@ fn histograms(tree: &Tree, cells: &[Sums]) -> Vec<Histogram> {
             Ok([a, b]) => (std::array::from_fn(|bin| nodes[a].0[bin] + nodes[b].0[bin]), nodes[a].1 + nodes[b].1),
         };
     }
-    // From the top down; what the root's parent would know is nothing: all directions alike.
-    let mut open = vec![(0, areas)];
-    let mut found = vec![None; cells.len()];
-    while let Some((node, parent)) = open.pop() {
+    let weights = |node: usize, parent: &[f64; BINS]| -> [f64; BINS] {
         let (moments, n) = &nodes[node];
         let own = best(&moments.map(f64::from), &areas);
         let (known, told): (f64, f64) = (own.iter().sum(), parent.iter().sum());
         let trust = if known > 0.0 { f64::from(*n) / (f64::from(*n) + OWN) } else { 0.0 };
-        let weights = std::array::from_fn(|bin| {
-            trust * own[bin] / known.max(f64::MIN_POSITIVE) + (1.0 - trust) * parent[bin] / told
-        });
-        match tree.below(node) {
-            Err(leaf) => found[leaf as usize] = Some(Histogram::new(&weights)),
-            Ok(children) => open.extend(children.map(|child| (child, weights))),
-        }
+        std::array::from_fn(|bin| trust * own[bin] / known.max(f64::MIN_POSITIVE) + (1.0 - trust) * parent[bin] / told)
+    };
+    // From the top down; what the root's parent would know is nothing: all directions alike.
+    let mut parts = vec![(0, areas)];
+    for _ in 0..LEVELS {
+        let below = |(node, parent)| match tree.below(node) {
+            Err(_) => vec![(node, parent)],
+            Ok(children) => {
+                let weights = weights(node, &parent);
+                children.map(|child| (child, weights)).to_vec()
+            }
+        };
+        parts = parts.into_iter().flat_map(below).collect();
     }
-    found.into_iter().flatten().collect()
+    let of_part = |part| {
+        let (mut open, mut found) = (vec![part], Vec::new());
+        while let Some((node, parent)) = open.pop() {
+            let weights = weights(node, &parent);
+            match tree.below(node) {
+                Err(leaf) => found.push((leaf, Histogram::new(&weights))),
+                Ok(children) => open.extend(children.map(|child| (child, weights))),
+            }
+        }
+        found
+    };
+    let mut found: Vec<_> = parts.into_par_iter().flat_map_iter(of_part).collect();
+    found.sort_unstable_by_key(|(leaf, _)| *leaf);
+    found.into_iter().map(|(_, histogram)| histogram).collect()
 }
 
 /// Solid angles of the bins.

@@ -92,7 +92,7 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
     // Rays of a path of the first round, which nothing leads.
     let mut unguided = None;
     let mut worth = Worth::default();
-    // By error x seconds of pictures of 64, 256 and 1024 paths a pixel.
+    // By relMSE × CPU seconds of pictures of 64, 256 and 1024 paths a pixel.
     let worthwhile = (f64::from(settings.expected_spp()) / USUAL).sqrt();
     let worthwhile = worthwhile * worthwhile.sqrt();
     // With three quarters of what memory allows, the next round would be mostly left out.

@@ -165,3 +165,17 @@ impl Default for RenderSettings {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn how_many_paths_are_expected_is_what_is_known_before_the_first() {
+        let of = |spp, time, noise| RenderSettings { spp, time, noise, ..Default::default() }.expected_spp();
+        assert_eq!(of(Some(1000), None, None), 1000);
+        assert_eq!(of(None, Some(9.0), None), UNKNOWN_SPP);
+        assert_eq!(of(Some(1000), None, Some(0.1)), UNKNOWN_SPP);
+        assert_eq!(of(Some(20), Some(9.0), Some(0.1)), 20);
+    }
+}

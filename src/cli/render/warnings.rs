@@ -40,11 +40,11 @@ pub fn of_another_making(
     let own = |s: &RenderSettings| {
         (s.spp.filter(|_| s.adaptive), Some(s.expected_spp()).filter(|_| s.guiding != Guiding::Off))
     };
-    let [mean, before] = [settings, &before.identity.settings].map(own);
-    if (goal != theirs && saved.tiles.iter().any(looked)) || mean != before || !saved.is_on_the_way(settings) {
+    let [ours, before] = [settings, &before.identity.settings].map(own);
+    if (goal != theirs && saved.tiles.iter().any(looked)) || ours != before || !saved.is_on_the_way(settings) {
         warn!(
-            "{output} was begun with another goal and took other passes than this command takes from the beginning: the \
-             picture is as right as ever, but not bit for bit that of a render in one go"
+            "{output} was begun with another goal and took other passes, or learned another field, than this command from \
+             the beginning: the picture is as right as ever, but not bit for bit that of a render in one go"
         );
     }
 }

@@ -43,7 +43,7 @@ pub fn is_broad(bsdf: &impl Lobe) -> F {
 /// Finds the cells of the vertices and what these know, where there is a field or one is learned.
 #[inline(never)]
 pub fn find(transport: &Transport, vertices: &mut Vertices) {
-    let len = vertices.len();
+    let len = if vertices.guided.is_some() { vertices.len() } else { 0 };
     for at in (0..len).step_by(LANES) {
         let rows = Rows::From(at);
         let broad = match vertices.core() {
