@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::Path;
 
+use clap::ValueEnum;
 use serde::Serialize;
 use serde_json::Value;
 
@@ -251,6 +252,7 @@ impl Stats {
         let replay = |x, y, path| {
             let RenderSettings { spp, noise, min_spp, seed, adaptive, guiding, .. } = self.settings;
             let adaptive = adaptive && spp.is_some();
+            let guided = guiding.to_possible_value().filter(|_| guiding != Guiding::Off);
             let spp = spp.or(Some(s.pixel_max).filter(|_| noise.is_none()));
             let flag =
                 |name: &str, value: Option<String>| value.map(|value| format!("--{name} {value} ")).unwrap_or_default();
@@ -258,11 +260,7 @@ impl Stats {
                 + &flag("noise", noise.map(|x| x.to_string()))
                 + &flag("min-spp", min_spp.map(|n| n.to_string()))
                 + if adaptive { "--adaptive " } else { "" }
-                + match guiding {
-                    Guiding::Off => "",
-                    Guiding::On => "--guiding on ",
-                    Guiding::Auto => "--guiding auto ",
-                };
+                + &flag("guiding", guided.map(|value| value.get_name().to_owned()));
             format!("{stop}--seed {seed} --replay-pixel {x},{y},{path}")
         };
         let mut told = String::new();
