@@ -49,7 +49,7 @@ def measure(opt, scene):
     """One row a render: every renderer takes its turn in every round."""
     # Cycles' GGX masks otherwise than the others': with metal it is measured against its own converged picture.
     own = {"cycles"} if scene in ("veach", "blob") else set()
-    # Where light comes by few ways, peers take too long to converge; --agreement says that all show the same.
+    # Where light comes by few ways, peers take too long to converge; --agreement tells whether all show the same.
     common = "bismar" if scene in INTERIORS else "mitsuba"
     of = {name: name if name in own else common for name in ["bismar", *opt.peers]}
     converged = {name: renderers.Converged(name, opt, scene) for name in sorted(set(of.values()))}

@@ -243,10 +243,10 @@ def field400():
     return Scene([shrub, Mesh(*ground, Material((0.5, 0.42, 0.35)))], (0, 4, 13), (0, 0, 1), 0.7, sky=True)
 
 
-def between(low, high, angle=0.0):
+def between(low, high):
     """A box between two corners."""
     low, high = np.asarray(low, float), np.asarray(high, float)
-    return box((low + high) / 2, high - low, angle)
+    return box((low + high) / 2, high - low)
 
 
 def room(x, y, z, plaster, floor):
