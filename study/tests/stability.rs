@@ -92,7 +92,7 @@ fn tables_name_every_mode_and_estimator() {
 
 #[test]
 fn guiding_moves_no_mean_and_as_its_pilot_decides_no_pixel_is_worse_for_sure() {
-    let results = guiding::measure(500, &AtomicBool::new(false), &mut || Ok(())).unwrap();
+    let results = guiding::measure(1000, &AtomicBool::new(false), &mut || Ok(())).unwrap();
     assert!(results.controls.iter().all(|c| c.caught), "{:?}", results.controls);
     let wrong: Vec<_> = results.wrong().iter().map(|(e, m)| format!("{e} {}", m.mode)).collect();
     assert!(wrong.is_empty(), "{wrong:?}");

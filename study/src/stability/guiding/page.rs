@@ -78,19 +78,20 @@ fn constructs(results: &Results) -> Table {
     table
 }
 
-const WORST: &str = "`half` with `--guiding on` and with `--guiding auto` through the failure modes of guiding, marked as above: \
-variances over those of `half` without guiding, in the worst pixel. `auto` is what is safe: where its pilot decides against \
-a field, the picture is `half`'s to the bit. A field of lies was taught what is not so: its noise may be what it likes, its \
-mean may not move; `auto` has the pilot's own field in these rows too.";
+const WORST: &str = "`half` with `--guiding on` and with `--guiding auto` through the failure modes of guiding: variances \
+over those of `half` without guiding, in the worst pixel, marked as those of balances are, with a bar of 1.05. `auto` is \
+what is safe: where its pilot decides against a field, the picture is `half`'s to the bit. A field of lies was taught what is \
+not so: its noise may be what it likes, its mean may not move. In these rows too `auto` has the pilot's own field.";
 const CONTROLS: &str = "Wrong on purpose, in the room of F23. Averages by measured variances, as if these were known, are \
-dark: where a half of the paths missed the light, it is trusted. A firefly's field is noisy without being wrong.";
+dark: that half of the paths is believed which missed the light. What follows the firefly is noisy without being wrong.";
 const METHOD: &str = "Renders of 4 x 4 pixels in the middle of 64 x 64, of which the pilots are; 64 paths a pixel, of at most \
-4 segments. A hundred replicas share a pilot; its first one is, to the bit, what a render is with these settings.";
+4 segments. A hundred replicas share a pilot; the first of them is, to the bit, what `render` makes of these settings.";
 
 /// The sections of the page.
 pub(in crate::stability) fn parts(results: &Results) -> Vec<Part> {
     let family = format!(
-        "As above, after {} replicas, against renders by `half` with other seeds. A family of its own: all {} tests together \
+        "Largest |mean − truth| in standard errors over all pixels and the picture's mean, after {} replicas; the truth are renders \
+         by `half` with other seeds. These tests are a family of their own: all {} together \
          raise a false alarm with a chance of {} at most: the limit is {:.2}.",
         results.replicas, results.tests, results.false_alarm, results.z_limit
     );

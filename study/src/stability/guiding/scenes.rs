@@ -113,7 +113,7 @@ fn almost_black() -> Scene {
 fn firefly() -> Field {
     let mut random = SplitMix64(7);
     let lesson = |i: u32| {
-        let normal = if i % 2 == 0 { Vec3::Y } else { Vec3::NEG_Y };
+        let normal = if i.is_multiple_of(2) { Vec3::Y } else { Vec3::NEG_Y };
         let position = Vec3::new(4.0 * random.f32() - 2.0, 0.0, 4.0 * random.f32() - 2.0);
         let (found, field_pdf) = if i == 500 { (1e6, 100.0) } else { (1.0, 0.0) };
         let (wi, weight) = (Vec3::new(0.9, 0.1, 0.2).normalize(), found * found);
