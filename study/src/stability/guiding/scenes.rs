@@ -63,11 +63,13 @@ fn coves(left: f32, right: f32) -> Scene {
     scene
 }
 
-/// A mirror beneath a lamp throws it onto the floor; the picture's window is half in it. The sky is dim.
+/// A mirror throws a lamp onto the floor, which a screen keeps from it otherwise. The picture's window is half in the caustic;
+/// beside it there is a dim sky alone.
 fn caustic() -> Scene {
     let mut scene = Scene { environment: Some(Environment::constant([0.05; 3])), ..Default::default() };
     plate(&mut scene, [-3.0, 0.0, 3.0], [6.0, 0.0, 0.0], [0.0, 0.0, -6.0], lambert(0.6));
-    ceiling(&mut scene, [0.0, 1.0, 0.0], 0.15, lamp(10.0));
+    ceiling(&mut scene, [0.0, 1.0, 0.0], 0.05, lamp(900.0));
+    ceiling(&mut scene, [0.0, 0.6, -0.045], 0.13, both(lambert(0.0)));
     plate(&mut scene, [-0.25, 0.05, -0.5], [0.5, 0.0, 0.0], [0.0, 0.3, 0.0], metal(0.1));
     look(&mut scene, [0.0, 1.2, 3.0], [0.0, 0.0, -0.22], 0.5);
     scene
@@ -142,7 +144,7 @@ pub fn cases() -> Result<[Case; CASES]> {
         case(
             "F19",
             "bright caustic",
-            "the picture of a lamp in a small mirror; half of the pixels are beside it",
+            "a small mirror throws a lamp onto the floor; half of the pixels are beside its picture",
             caustic(),
             None,
         )?,
