@@ -5,10 +5,11 @@ use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
 use bismar::balance::Balance;
+use bismar::render::{Guiding, render};
 use bismar_study::stability::judge::{FALSE_ALARM, Verdict, z_limit};
 use bismar_study::stability::page::write;
 use bismar_study::stability::simulate::Subject;
-use bismar_study::stability::{Results, measure};
+use bismar_study::stability::{Found, Results, guiding, measure};
 use serde_json::Value;
 use statrs::distribution::{ContinuousCDF, Normal};
 
@@ -67,12 +68,14 @@ fn the_stated_false_alarm_rate_is_kept() {
 #[test]
 fn tables_name_every_mode_and_estimator() {
     // Too few renders for their tests; the tables are there all the same.
-    let results = measure(1000, Some(20), &AtomicBool::new(false), &mut || Ok(())).unwrap();
+    let stop = AtomicBool::new(false);
+    let balance = Some(measure(1000, Some(20), &stop, &mut || Ok(())).unwrap());
+    let guiding = Some(guiding::measure(20, &stop, &mut || Ok(())).unwrap());
     let folder = tempfile::tempdir().unwrap();
-    write(folder.path(), &results).unwrap();
+    write(folder.path(), &Found { balance, guiding }).unwrap();
     let read = |name: &str| fs::read_to_string(folder.path().join(name)).unwrap();
     let text = read("stability.md");
-    for mode in (1..=17).map(|i| format!("| F{i} ")) {
+    for mode in (1..=23).map(|i| format!("| F{i} ")) {
         assert!(text.contains(&mode), "{mode} in\n{text}");
     }
     let json: Value = serde_json::from_str(&read("stability.json")).unwrap();
@@ -85,6 +88,38 @@ fn tables_name_every_mode_and_estimator() {
         }
     }
     assert!(read("report.html").contains("Who survives what"));
+}
+
+#[test]
+fn guiding_moves_no_mean_and_as_its_pilot_decides_no_pixel_is_worse_for_sure() {
+    let results = guiding::measure(1000, &AtomicBool::new(false), &mut || Ok(())).unwrap();
+    assert!(results.controls.iter().all(|c| c.caught), "{:?}", results.controls);
+    let wrong: Vec<_> = results.wrong().iter().map(|(e, m)| format!("{e} {}", m.mode)).collect();
+    assert!(wrong.is_empty(), "{wrong:?}");
+    for mode in &results.modes {
+        let [on, auto] = &mode.outcomes;
+        assert!(results.verdict(auto) != Verdict::Fails, "{} {}: {auto:?}", mode.mode, mode.name);
+        // A light that was never seen, and a firefly, are worse than no field at all: what they are there for.
+        assert!(!mode.lies || on.outcome.mean_ratio > 1.5, "{} {}: {on:?}", mode.mode, mode.name);
+    }
+}
+
+#[test]
+fn a_picture_in_the_modes_of_guiding_is_what_a_render_is() {
+    for case in guiding::scenes::cases().unwrap() {
+        for way in [Guiding::Off, Guiding::On, Guiding::Auto] {
+            let settings = guiding::settings(7, way);
+            let field = guiding::field(&case.scene, &settings);
+            assert_eq!(way == Guiding::On, field.is_some() && way != Guiding::Auto, "{}", case.mode);
+            let own = guiding::pixels(&case.scene, field.as_ref(), 7, settings.spp.unwrap());
+            let rendered = render(&case.scene, &settings, &AtomicBool::new(false), &|_| ());
+            let film = rendered.film();
+            assert_eq!(film.pixels.len(), own.len());
+            for (a, b) in film.pixels.iter().zip(&own) {
+                assert_eq!((a.sum, a.samples), (b.sum, b.samples), "{} {way:?}", case.mode);
+            }
+        }
+    }
 }
 
 #[test]

@@ -3,13 +3,15 @@
 //! Exact cases are images of discrete integrands. A replica goes through the estimator's passes sample by sample, with
 //! `balance`'s own functions; its mean is tested against the exact truth. The variance of its estimate follows exactly
 //! from the shares that it chose, so only the shares are left to chance, not the variance. Scenes are small renders; there
-//! variances are measured over replicas with the same seeds.
+//! variances are measured over replicas with the same seeds. [`guiding`] has modes of its own.
 
 pub mod cases;
 pub mod domain;
 pub mod facts;
+pub mod guiding;
 pub mod judge;
 pub mod page;
+pub mod renders;
 pub mod scenes;
 pub mod simulate;
 
@@ -96,6 +98,37 @@ impl Results {
     pub fn wrong(&self) -> Vec<(&str, &ModeResult)> {
         let of = |m| move |o| (self.verdict(m, o) == Verdict::Wrong).then_some((o.estimator.as_str(), m));
         self.modes.iter().flat_map(|m| m.outcomes.iter().filter_map(of(m))).collect()
+    }
+}
+
+/// What a run of the study found: of balances, of guiding, or of both.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Found {
+    /// F1 … F18.
+    #[serde(flatten)]
+    pub balance: Option<Results>,
+    /// F19 … F23.
+    pub guiding: Option<guiding::Results>,
+}
+
+impl Found {
+    /// Replicas of each kind.
+    pub fn replicas(&self) -> u32 {
+        let balance = self.balance.as_ref().and_then(|r| r.modes.first()).map(|m| m.replicas);
+        balance.or(self.guiding.as_ref().map(|r| r.replicas)).unwrap_or(0)
+    }
+
+    /// Of both.
+    pub fn controls(&self) -> impl Iterator<Item = &Control> {
+        let of_balance = self.balance.iter().flat_map(|r| &r.controls);
+        of_balance.chain(self.guiding.iter().flat_map(|r| &r.controls))
+    }
+
+    /// Who has a wrong mean or a value that is not finite, and in which mode.
+    pub fn wrong(&self) -> Vec<(&str, &str, &str)> {
+        let of_balance = self.balance.iter().flat_map(Results::wrong).map(|(who, m)| (who, m.mode, m.name));
+        let of_guiding = self.guiding.iter().flat_map(guiding::Results::wrong).map(|(who, m)| (who, m.mode, m.name));
+        of_balance.chain(of_guiding).collect()
     }
 }
 

@@ -7,7 +7,7 @@ use bismar::Result;
 use super::judge::{Outcome, Verdict};
 use super::scenes::OTHER_SEEDS;
 use super::simulate::Subject;
-use super::{ModeResult, Results};
+use super::{Control, Found, ModeResult, Results, guiding};
 use crate::files;
 use crate::provenance::Provenance;
 use crate::report::{Page, Table, Tone, number};
@@ -16,7 +16,7 @@ use crate::report::{Page, Table, Tone, number};
 const SCHEMA: u32 = 1;
 
 /// A number with its mark and tone.
-fn marked(text: String, verdict: Verdict) -> (String, Tone) {
+pub(super) fn marked(text: String, verdict: Verdict) -> (String, Tone) {
     match verdict {
         Verdict::Survives => (text, Tone::Plain),
         Verdict::Unsure => (format!("{text} ?"), Tone::Faint),
@@ -26,7 +26,7 @@ fn marked(text: String, verdict: Verdict) -> (String, Tone) {
 }
 
 /// A ratio beside its bar. One that two decimals would show on the wrong side of it has three; what is unsure says how much.
-fn judged(outcome: &Outcome, bar: f64, verdict: Verdict) -> (String, Tone) {
+pub(super) fn judged(outcome: &Outcome, bar: f64, verdict: Verdict) -> (String, Tone) {
     let (worst, error) = (outcome.worst_ratio, outcome.worst_se);
     let text = match ratio(worst) {
         rounded if rounded == ratio(bar) && verdict != Verdict::Survives => format!("{worst:.3}"),
@@ -40,7 +40,7 @@ fn judged(outcome: &Outcome, bar: f64, verdict: Verdict) -> (String, Tone) {
 }
 
 /// Two decimals are what there is to compare; more digits of a large failure are noise.
-fn ratio(x: f64) -> String {
+pub(super) fn ratio(x: f64) -> String {
     match x {
         f64::INFINITY => "∞".to_owned(),
         x if x < 100.0 => format!("{x:.2}"),
@@ -144,7 +144,7 @@ fn facts(results: &Results) -> Table {
     table
 }
 
-fn controls(results: &Results) -> Table {
+pub(super) fn controls(controls: &[Control]) -> Table {
     let mut table = Table::new(&[
         ("control", ""),
         ("what is wrong with it", ""),
@@ -154,7 +154,7 @@ fn controls(results: &Results) -> Table {
         ("check", ""),
         ("caught", ""),
     ]);
-    for c in &results.controls {
+    for c in controls {
         let o = &c.outcome;
         // Its passes are correlated: there is no exact variance.
         let worst = if c.check.starts_with('z') { "–".to_owned() } else { ratio(o.worst_ratio) };
@@ -174,7 +174,8 @@ fn controls(results: &Results) -> Table {
 }
 
 const LEAD: &str = "Every `--balance` through the failure modes of adaptive sampling. The numbers are variances over that \
-of `half` with as many paths, in the worst pixel and colour channel: 1 is no harm, below 1 is a gain.";
+of `half` with as many paths, in the worst pixel and colour channel: 1 is no harm, below 1 is a gain. \
+Then guiding, through those of its own (F19 to F23).";
 const WORST: &str = "✗: a pixel is beyond the mode's bar for sure; ?: the worst one (± its standard error) is beyond it, \
 but none by more than chance explains, the worst of all being looked at. 1.00 may mean that a method learned nothing \
 from so few samples, or nothing that it trusted: see its shares below. `power` and `max` do not adapt: what they lose, \
@@ -184,13 +185,20 @@ const SHARES: &str = "Mean share of light samples in the last pass ± its standa
 much it scatters where all pixels are alike.";
 const FACTS: &str = "The share of light samples after samples that break naive rules. What is broken must not count.";
 
-struct Part {
-    title: &'static str,
-    text: String,
-    table: Table,
+/// A section of the page.
+pub(super) struct Part {
+    pub title: &'static str,
+    pub text: String,
+    pub table: Table,
 }
 
-fn parts(results: &Results) -> Vec<Part> {
+fn parts(found: &Found) -> Vec<Part> {
+    let balance = found.balance.as_ref().map_or_else(Vec::new, of_balance);
+    let guiding = found.guiding.as_ref().map_or_else(Vec::new, guiding::page::parts);
+    balance.into_iter().chain(guiding).collect()
+}
+
+fn of_balance(results: &Results) -> Vec<Part> {
     let replicas = results.modes.first().map_or(0, |m| m.replicas);
     let family = format!(
         "Largest |mean − truth| in standard errors over all pixels, channels and the picture's mean, after {replicas} \
@@ -203,7 +211,11 @@ fn parts(results: &Results) -> Vec<Part> {
         part("Who survives what", WORST, survival(results)),
         part("On average", "The same ratios, averaged over pixels and channels.", means(results)),
         part("Means", &family, unbiased(results)),
-        part("Controls", "Wrong on purpose: a check that does not catch them is worth nothing.", controls(results)),
+        part(
+            "Controls",
+            "Wrong on purpose: a check that does not catch them is worth nothing.",
+            controls(&results.controls),
+        ),
         part("Shares", SHARES, shares(results)),
         part("Shares after hard samples", FACTS, facts(results)),
         part("The modes", METHOD, constructs(results)),
@@ -216,16 +228,20 @@ the shares that it chose (passes are uncorrelated). Renders are 4 x 4 pixels; th
 that have the same seeds for all estimators.";
 
 /// What wrote the tables.
-fn command(results: &Results) -> String {
-    let replicas = results.modes.first().map_or(0, |m| m.replicas);
-    format!("bismar study stability --replicas {replicas} --out DIR")
+fn command(found: &Found) -> String {
+    let only = match (&found.balance, &found.guiding) {
+        (Some(_), None) => " --only balance",
+        (None, Some(_)) => " --only guiding",
+        _ => "",
+    };
+    format!("bismar study stability --replicas {}{only} --out DIR", found.replicas())
 }
 
 /// The tables for `docs`.
-pub fn markdown(results: &Results) -> String {
+pub fn markdown(found: &Found) -> String {
     let mut text = "# Where methods fail\n".to_owned();
-    text += &format!("\n    {}\n\nwrote this; `make stability` brings it here.\n\n{LEAD}\n", command(results));
-    for part in parts(results) {
+    text += &format!("\n    {}\n\nwrote this; `make stability` brings it here.\n\n{LEAD}\n", command(found));
+    for part in parts(found) {
         text += &format!("\n## {}\n\n{}\n\n{}", part.title, part.text, part.table.markdown());
     }
     text
@@ -235,9 +251,9 @@ pub fn markdown(results: &Results) -> String {
 ///
 /// # Errors
 /// As [`files::write`].
-pub fn write(folder: &Path, results: &Results) -> Result<()> {
+pub fn write(folder: &Path, found: &Found) -> Result<()> {
     let mut page = Page::new("Where methods fail", LEAD);
-    for part in parts(results) {
+    for part in parts(found) {
         page.section(part.title);
         page.text(&part.text);
         page.table(&part.table);
@@ -248,12 +264,12 @@ pub fn write(folder: &Path, results: &Results) -> Result<()> {
         version: &'a str,
         run: Provenance,
         #[serde(flatten)]
-        results: &'a Results,
+        found: &'a Found,
     }
     let run = Provenance::now(&[("replicas", 0), ("reference", OTHER_SEEDS)]);
-    let document = Document { schema: SCHEMA, version: env!("CARGO_PKG_VERSION"), run, results };
+    let document = Document { schema: SCHEMA, version: env!("CARGO_PKG_VERSION"), run, found };
 
     files::write_json(&folder.join("stability.json"), &document)?;
-    files::write(&folder.join("stability.md"), markdown(results))?;
+    files::write(&folder.join("stability.md"), markdown(found))?;
     files::write(&folder.join("report.html"), page.finish())
 }

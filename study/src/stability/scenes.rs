@@ -14,12 +14,11 @@ use bismar::scene::{
 use glam::{Affine3A, Mat3, Vec3, Vec4};
 use rayon::prelude::*;
 
-use super::cases::BAR;
-use super::judge::{Outcome, Ratios};
-use crate::statistics::Sums;
+use super::judge::Outcome;
+use super::renders::Renders;
 
 /// Pixels along a side.
-const SIDE: u32 = 4;
+pub(super) const SIDE: u32 = 4;
 /// How many [`scene_cases`] there are.
 pub const SCENES: usize = 7;
 /// Paths a pixel.
@@ -39,15 +38,15 @@ pub struct SceneCase {
     integrator: Integrator,
 }
 
-fn lambert(albedo: f32) -> Material {
+pub(super) fn lambert(albedo: f32) -> Material {
     Material { base_color: Vec4::new(albedo, albedo, albedo, 1.0), metallic: 0.0, specular: 0.0, ..Default::default() }
 }
 
-fn metal(roughness: f32) -> Material {
+pub(super) fn metal(roughness: f32) -> Material {
     Material { metallic: 1.0, roughness, ..Default::default() }
 }
 
-fn lamp(radiance: f32) -> Material {
+pub(super) fn lamp(radiance: f32) -> Material {
     Material { emissive: Vec3::splat(radiance), ..lambert(0.0) }
 }
 
@@ -63,7 +62,7 @@ fn sun_and_sky() -> Environment {
 }
 
 /// Adds a parallelogram, seen from where its edges `u` and `v` turn counter-clockwise.
-fn plate(scene: &mut Scene, corner: [f32; 3], u: [f32; 3], v: [f32; 3], material: Material) {
+pub(super) fn plate(scene: &mut Scene, corner: [f32; 3], u: [f32; 3], v: [f32; 3], material: Material) {
     let [corner, u, v] = [corner, u, v].map(Vec3::from_array);
     let points = [corner, corner + u, corner + u + v, corner + v].map(|p| p.to_array());
     let n = scene.meshes.len() as u32;
@@ -86,14 +85,14 @@ fn floor(scene: &mut Scene, [x0, x1]: [f32; 2], material: Material) {
 }
 
 /// A square at height `y` of half width `w` around (`x`, `z`), facing down.
-fn ceiling(scene: &mut Scene, [x, y, z]: [f32; 3], w: f32, material: Material) {
+pub(super) fn ceiling(scene: &mut Scene, [x, y, z]: [f32; 3], w: f32, material: Material) {
     plate(scene, [x - w, y, z - w], [2.0 * w, 0.0, 0.0], [0.0, 0.0, 2.0 * w], material);
 }
 
-/// Looks at the origin from above and in front.
-fn camera(scene: &mut Scene, yfov: f32) {
-    let eye = Vec3::new(0.0, 1.2, 3.0);
-    let z = eye.normalize();
+/// Looks from `eye` at `at`.
+pub(super) fn look(scene: &mut Scene, eye: [f32; 3], at: [f32; 3], yfov: f32) {
+    let [eye, at] = [eye, at].map(Vec3::from_array);
+    let z = (eye - at).normalize();
     let x = Vec3::Y.cross(z).normalize();
     scene.cameras.push(Camera {
         motion: None,
@@ -112,7 +111,7 @@ fn camera(scene: &mut Scene, yfov: f32) {
 pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
     let sky = || Scene { environment: Some(Environment::constant([0.4; 3])), ..Default::default() };
     let build = |mode, name, construct, integrator, mut scene: Scene, yfov| {
-        camera(&mut scene, yfov);
+        look(&mut scene, [0.0, 1.2, 3.0], [0.0; 3], yfov);
         Ok(SceneCase {
             mode,
             name,
@@ -182,12 +181,6 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
     ])
 }
 
-/// Green of one pixel after another, replica by replica, and the shares.
-struct Renders {
-    green: Vec<Vec<f64>>,
-    shares: Vec<Vec<f32>>,
-}
-
 impl SceneCase {
     fn take(&self, balance: Balance, replicas: u32, seed: u32, stop: &AtomicBool) -> Renders {
         let one = |r: u32| {
@@ -224,62 +217,10 @@ impl SceneCase {
         let mut outcomes = Vec::new();
         for &balance in balances {
             let own = if balance == Balance::Half { None } else { Some(self.take(balance, replicas, 0, stop)) };
-            outcomes.push(outcome(balance, own.as_ref().unwrap_or(&half), &half, &truth));
+            let name = balance.name().to_owned();
+            outcomes.push(own.as_ref().unwrap_or(&half).outcome(name, &half, &truth));
             done()?;
         }
         Ok(outcomes)
-    }
-}
-
-fn outcome(balance: Balance, own: &Renders, half: &Renders, truth: &Renders) -> Outcome {
-    let pixels = own.green[0].len();
-    let sums = |values: &mut dyn Iterator<Item = f64>| {
-        let mut sums = Sums::default();
-        values.for_each(|x| sums.add(x));
-        sums
-    };
-    let (mut z, mut ratios, mut shares) = (0.0f64, Ratios::new(BAR), Vec::new());
-    let mut test = |a: Sums, b: Sums| {
-        let off = a.mean() - b.mean();
-        let rounding = 4.0 * f64::from(f32::EPSILON) * b.mean().abs();
-        let own = if off == 0.0 { 0.0 } else { off.abs() / a.error().hypot(b.error()).hypot(rounding) };
-        z = if own.is_nan() { own } else { z.max(own) };
-    };
-    for i in 0..pixels {
-        let of = |r: &Renders| sums(&mut r.green.iter().map(|p| p[i]));
-        let (a, b) = (of(own), of(half));
-        test(a, of(truth));
-        let nothing = 1e-10 * b.mean().powi(2);
-        let (ratio, error) = if b.variance() > nothing {
-            // The ratio's logarithm has this influence of each replica; both have the same seeds.
-            let influence = own.green.iter().zip(&half.green).map(|(x, y)| {
-                (x[i] - a.mean()).powi(2) / a.variance().max(nothing) - (y[i] - b.mean()).powi(2) / b.variance()
-            });
-            let ratio = a.variance() / b.variance();
-            (ratio, ratio * sums(&mut influence.collect::<Vec<_>>().into_iter()).error())
-        } else if a.variance() <= nothing {
-            (1.0, 0.0)
-        } else {
-            (f64::INFINITY, 0.0)
-        };
-        ratios.add(ratio, error);
-        shares.push(sums(&mut own.shares.iter().map(|s| f64::from(s[i]))));
-    }
-    let picture = |r: &Renders| sums(&mut r.green.iter().map(|p| p.iter().sum::<f64>() / pixels as f64));
-    let (a, b) = (picture(own), picture(truth));
-    test(a, b);
-    Outcome {
-        estimator: balance.name().to_owned(),
-        finite: own.green.iter().flatten().all(|x| x.is_finite())
-            && own.shares.iter().flatten().all(|s| (0.0..=1.0).contains(s)),
-        z,
-        tests: pixels + 1,
-        bias: a.mean() / b.mean() - 1.0,
-        mean_ratio: ratios.mean(),
-        worst_ratio: ratios.worst.0,
-        worst_se: ratios.worst.1,
-        excess: ratios.excess,
-        share: shares.iter().map(Sums::mean).sum::<f64>() / pixels as f64,
-        share_sd: (shares.iter().map(Sums::variance).sum::<f64>() / pixels as f64).sqrt(),
     }
 }

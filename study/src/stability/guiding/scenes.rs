@@ -1,0 +1,199 @@
+//! The scenes in which guiding may fail, and the fields that it is led by there.
+
+use std::sync::Arc;
+
+use bismar::Result;
+use bismar::guiding::{Field, Lesson, learn};
+use bismar::integrator::PreparedScene;
+use bismar::rays::Backend;
+use bismar::render::Guiding;
+use bismar::sampling::SplitMix64;
+use bismar::scene::{Environment, Material, Scene};
+use glam::Vec3;
+
+use super::{Case, field, settings};
+use crate::stability::scenes::{ceiling, lambert, lamp, look, metal, plate};
+
+/// How many [`cases`] there are.
+pub const CASES: usize = 5;
+/// Height of the rooms, which reach from −2 to 2 in x and z.
+const HEIGHT: f32 = 2.5;
+/// Height of the shelves.
+const SHELF: f32 = 2.0;
+
+/// Seen from both sides.
+fn both(material: Material) -> Material {
+    Material { double_sided: true, ..material }
+}
+
+/// A floor and four walls.
+fn walls(scene: &mut Scene, material: &Material) {
+    plate(scene, [-2.0, 0.0, 2.0], [4.0, 0.0, 0.0], [0.0, 0.0, -4.0], both(material.clone()));
+    for [from, along] in [
+        [[-2.0, 0.0, -2.0], [4.0, 0.0, 0.0]],
+        [[-2.0, 0.0, 2.0], [4.0, 0.0, 0.0]],
+        [[-2.0, 0.0, -2.0], [0.0, 0.0, 4.0]],
+        [[2.0, 0.0, -2.0], [0.0, 0.0, 4.0]],
+    ] {
+        plate(scene, from, along, [0.0, HEIGHT, 0.0], both(material.clone()));
+    }
+}
+
+/// A closed room.
+fn room() -> Scene {
+    let mut scene = Scene::default();
+    let walls_are = lambert(0.6);
+    walls(&mut scene, &walls_are);
+    ceiling(&mut scene, [0.0, HEIGHT, 0.0], 2.0, walls_are);
+    scene
+}
+
+/// A lamp on a shelf, which lights the ceiling alone.
+fn cove(scene: &mut Scene, x: f32, radiance: f32) {
+    plate(scene, [x - 0.3, SHELF, 0.8], [0.6, 0.0, 0.0], [0.0, 0.0, -1.6], both(lambert(0.6)));
+    plate(scene, [x - 0.1, SHELF + 0.05, 0.3], [0.2, 0.0, 0.0], [0.0, 0.0, -0.6], lamp(radiance));
+}
+
+/// One cove on the left, one on the right.
+fn coves(left: f32, right: f32) -> Scene {
+    let mut scene = room();
+    cove(&mut scene, -1.6, left);
+    cove(&mut scene, 1.6, right);
+    look(&mut scene, [0.0, 1.5, 1.9], [0.0, 0.0, 0.0], 0.8);
+    scene
+}
+
+/// A mirror throws a lamp onto the floor, which a screen keeps from it otherwise. The picture's window is half in the caustic;
+/// beside it there is a dim sky alone.
+fn caustic() -> Scene {
+    let mut scene = Scene { environment: Some(Environment::constant([0.05; 3])), ..Default::default() };
+    plate(&mut scene, [-3.0, 0.0, 3.0], [6.0, 0.0, 0.0], [0.0, 0.0, -6.0], lambert(0.6));
+    ceiling(&mut scene, [0.0, 1.0, 0.0], 0.05, lamp(900.0));
+    ceiling(&mut scene, [0.0, 0.6, -0.045], 0.13, both(lambert(0.0)));
+    plate(&mut scene, [-0.25, 0.05, -0.5], [0.5, 0.0, 0.0], [0.0, 0.3, 0.0], metal(0.1));
+    look(&mut scene, [0.0, 1.2, 3.0], [0.0, 0.0, -0.22], 0.5);
+    scene
+}
+
+/// A thin wall between a bright and a dim half of a room, which are joined behind the camera; its foot is in the middle
+/// of the picture. It stands off the middle, where trees part cells anyway.
+fn divided() -> Scene {
+    let mut scene = coves(60.0, 4.0);
+    plate(&mut scene, [0.3, 0.0, 1.2], [0.0, 0.0, -3.2], [0.0, HEIGHT, 0.0], both(lambert(0.6)));
+    scene.cameras.clear();
+    look(&mut scene, [0.3, 1.5, 1.9], [0.3, 0.0, 0.0], 0.9);
+    scene
+}
+
+/// What light there is comes through a small hole in the ceiling, from a chamber whose lamp shines upward.
+fn almost_black() -> Scene {
+    let (mut scene, dark, hole) = (Scene::default(), lambert(0.3), 0.06);
+    walls(&mut scene, &dark);
+    for x in [-2.0, hole] {
+        plate(&mut scene, [x, HEIGHT, -2.0], [2.0 - hole, 0.0, 0.0], [0.0, 0.0, 4.0], both(dark.clone()));
+    }
+    for z in [-2.0, hole] {
+        plate(&mut scene, [-hole, HEIGHT, z], [2.0 * hole, 0.0, 0.0], [0.0, 0.0, 2.0 - hole], both(dark.clone()));
+    }
+    let (side, high) = (0.5, 0.4);
+    for [from, along] in [
+        [[-side, HEIGHT, -side], [2.0 * side, 0.0, 0.0]],
+        [[-side, HEIGHT, side], [2.0 * side, 0.0, 0.0]],
+        [[-side, HEIGHT, -side], [0.0, 0.0, 2.0 * side]],
+        [[side, HEIGHT, -side], [0.0, 0.0, 2.0 * side]],
+    ] {
+        plate(&mut scene, from, along, [0.0, high, 0.0], both(lambert(0.6)));
+    }
+    ceiling(&mut scene, [0.0, HEIGHT + high, 0.0], side, both(lambert(0.6)));
+    plate(&mut scene, [0.2, HEIGHT + 0.02, 0.2], [0.2, 0.0, 0.0], [0.0, 0.0, -0.4], lamp(1e-3));
+    look(&mut scene, [0.0, 1.5, 1.9], [0.0, 0.0, 0.0], 0.8);
+    scene
+}
+
+/// Of two cells: one for ceilings, that learned nothing, and one for floors, whose samples all follow a single one of the
+/// lessons, a million times as bright as the others.
+fn firefly() -> Field {
+    let mut random = SplitMix64(7);
+    let lesson = |i: u32| {
+        let normal = if i.is_multiple_of(2) { Vec3::Y } else { Vec3::NEG_Y };
+        let position = Vec3::new(4.0 * random.f32() - 2.0, 0.0, 4.0 * random.f32() - 2.0);
+        let (found, field_pdf) = if i == 500 { (1e6, 100.0) } else { (1.0, 0.0) };
+        let (wi, weight) = (Vec3::new(0.9, 0.1, 0.2).normalize(), found * found);
+        Lesson { position, normal, wi, found, weight, pdf: 0.2, bsdf_pdf: 0.2, field_pdf }
+    };
+    // Normals are worth more than places.
+    learn(&(0..2000).map(lesson).collect::<Vec<_>>(), 0, 100.0, 2).0
+}
+
+fn build(scene: Scene) -> Result<PreparedScene<'static>> {
+    PreparedScene::build(Arc::new(scene), Backend::Embree)
+}
+
+/// What a pilot learns of a scene.
+fn taught_by(scene: Scene) -> Result<Option<Field>> {
+    Ok(field(&build(scene)?, &settings(0, Guiding::On)))
+}
+
+/// All of them.
+///
+/// # Errors
+/// As [`PreparedScene::build`].
+pub fn cases() -> Result<[Case; CASES]> {
+    let case = |mode, name, construct, scene, lies| Ok(Case { mode, name, construct, scene: build(scene)?, lies });
+    Ok([
+        case(
+            "F19",
+            "bright caustic",
+            "a small mirror throws a lamp onto the floor; half of the pixels are beside its picture",
+            caustic(),
+            None,
+        )?,
+        case(
+            "F20",
+            "a light that the pilot never saw",
+            "two hidden lamps; the field is of the room with the stronger one switched off",
+            coves(4.0, 40.0),
+            taught_by(coves(4.0, 0.0))?,
+        )?,
+        case(
+            "F21",
+            "cells across a thin wall",
+            "a wall without thickness between a bright and a dim half of a room",
+            divided(),
+            None,
+        )?,
+        case(
+            "F22",
+            "almost black",
+            "light of 1/1000 through a small hole: one path in a thousand finds any",
+            almost_black(),
+            None,
+        )?,
+        case(
+            "F23",
+            "one firefly",
+            "two hidden lamps; one made-up lesson, a million times the others, draws seven of eight samples from the floor to a wall",
+            coves(4.0, 40.0),
+            Some(firefly()),
+        )?,
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use bismar::lanes::V3;
+
+    use super::*;
+
+    #[test]
+    fn cells_of_the_pilot_reach_across_the_wall() {
+        let field = taught_by(divided()).unwrap().unwrap();
+        let cell = |x, z| field.cells_at(V3::splat(Vec3::new(x, 0.0, z)), V3::splat(Vec3::Y))[0];
+        let across = |i: &i32| {
+            let z = *i as f32 / 100.0 - 0.2;
+            cell(0.28, z) == cell(0.32, z)
+        };
+        let across = (0..40).filter(across).count();
+        assert!(across > 0, "of {} cells none", field.cells());
+    }
+}
