@@ -111,12 +111,12 @@ impl Requests {
             let [choice, ..] = samples(seed, index, light_set(depth));
             let (environment, _) = toward_environment(transport, toward, choice);
             let environment = environment.to_bitmask();
-            for lane in 0..len {
+            for (lane, &request) in request[..len].iter().enumerate() {
                 if environment >> lane & 1 == 1 {
-                    self.list[kept] = request[lane];
+                    self.list[kept] = request;
                     kept += 1;
                 } else {
-                    self.later.push(request[lane]);
+                    self.later.push(request);
                 }
             }
         }
