@@ -4,11 +4,13 @@
 //! object becomes one sub-scene, and each of its placements an instance geometry of the top scene. Vertex and index
 //! buffers are shared with the [`Scene`], not copied.
 //!
-//! Rays go to Embree in packets, 16 wide where that is native and 8 wide elsewhere. Camera rays, and all rays in a scene
+//! Rays go to Embree in packets, 16 wide where that is native and 8 wide elsewhere. Camera rays, and bounces in a scene
 //! of few triangles, carry `RTC_RAY_QUERY_FLAG_COHERENT`: then a packet is traversed together, once for each octant that
-//! its rays point to; otherwise Embree traverses ray by ray. Packets of one octant are up to three times as fast as single
-//! rays for camera rays, and one and a half times for sorted bounces in a scene of few triangles; unsorted bounces are
-//! half as fast as single rays. Together, it is the packet's other rays that decide which of two
+//! its rays point to; otherwise Embree leaves a packet for its single rays as soon as they part. Packets of one octant are
+//! up to three times as fast as single rays for camera rays, and one and a half times for sorted bounces in a scene of few
+//! triangles; unsorted bounces are half as fast as single rays. Shadow rays end at the first thing in their way, each
+//! somewhere else: they are never held together, and beyond few triangles go 8 wide (docs/throughput.md has the numbers).
+//! Together, it is the packet's other rays that decide which of two
 //! coincident surfaces is hit (measured: 2 to 10 % of the hits on two equal instances in one place changed with the
 //! packets). The renderer therefore fills its packets tile by tile, always alike.
 
@@ -189,23 +191,31 @@ impl EmbreeRays {
 impl RayQueries for EmbreeRays {
     fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
         hits.resize(rays.len());
+        let bond = match order {
+            RayOrder::Incoherent if self.packets != Packets::Renderer => Bond::Held,
+            RayOrder::Incoherent if self.small && rays.len() >= SORTED_BATCH => Bond::Sorted,
+            RayOrder::Incoherent => Bond::Loose,
+            RayOrder::Coherent => Bond::Held,
+        };
         match self.packets {
             Packets::Single => single::closest_hits(self, rays, hits),
-            Packets::Four => wide4::closest_hits(self, rays, order, hits),
-            Packets::Eight => wide8::closest_hits(self, rays, order, hits),
-            Packets::Renderer if !self.wide16 => wide8::closest_hits(self, rays, order, hits),
-            Packets::Renderer | Packets::Sixteen => wide16::closest_hits(self, rays, order, hits),
+            Packets::Four => wide4::closest_hits(self, rays, bond, hits),
+            Packets::Eight => wide8::closest_hits(self, rays, bond, hits),
+            Packets::Renderer if !self.wide16 => wide8::closest_hits(self, rays, bond, hits),
+            Packets::Renderer | Packets::Sixteen => wide16::closest_hits(self, rays, bond, hits),
         }
     }
 
     fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {
         occluded.resize(rays.len(), false);
+        let loose = self.packets == Packets::Renderer && order == RayOrder::Incoherent;
+        let bond = if loose { Bond::Loose } else { Bond::Held };
         match self.packets {
             Packets::Single => single::occluded(self, rays, occluded),
-            Packets::Four => wide4::occluded(self, rays, order, occluded),
-            Packets::Eight => wide8::occluded(self, rays, order, occluded),
-            Packets::Renderer if !self.wide16 => wide8::occluded(self, rays, order, occluded),
-            Packets::Renderer | Packets::Sixteen => wide16::occluded(self, rays, order, occluded),
+            Packets::Four => wide4::occluded(self, rays, bond, occluded),
+            Packets::Eight => wide8::occluded(self, rays, bond, occluded),
+            Packets::Renderer if !self.wide16 || (loose && !self.small) => wide8::occluded(self, rays, bond, occluded),
+            Packets::Renderer | Packets::Sixteen => wide16::occluded(self, rays, bond, occluded),
         }
     }
 
@@ -214,21 +224,28 @@ impl RayQueries for EmbreeRays {
     }
 }
 
-impl EmbreeRays {
-    /// Is a batch to be sorted into packets of one octant?
-    fn sorts(&self, order: RayOrder) -> bool {
-        self.packets == Packets::Renderer && self.small && order == RayOrder::Incoherent
-    }
+/// What holds the rays of a packet together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Bond {
+    /// Nothing: they part where their ways do.
+    Loose,
+    /// They go through the tree as one, in the batch's order.
+    Held,
+    /// As one, after the batch has been sorted into packets of one octant.
+    Sorted,
+}
 
-    /// Packets stay together through a scene that any ray soon knows by heart, and where they are of one mind.
-    fn flags(&self, order: RayOrder) -> sys::RTCRayQueryFlags {
-        if self.packets != Packets::Renderer || self.small || order == RayOrder::Coherent {
-            sys::RTC_RAY_QUERY_FLAG_COHERENT
-        } else {
-            sys::RTC_RAY_QUERY_FLAG_INCOHERENT
+impl Bond {
+    fn flags(self) -> sys::RTCRayQueryFlags {
+        match self {
+            Self::Loose => sys::RTC_RAY_QUERY_FLAG_INCOHERENT,
+            Self::Held | Self::Sorted => sys::RTC_RAY_QUERY_FLAG_COHERENT,
         }
     }
 }
 
-/// Triangles and instances up to which packets pay for every ray.
+/// Triangles and instances up to which any ray soon knows the scene by heart, so that sorted packets pay for bounces.
 const SMALL_SCENE: usize = 2000;
+
+/// Rays from which on a batch fills packets of each octant.
+const SORTED_BATCH: usize = 256;

@@ -3,14 +3,14 @@
 use wide::bytemuck::cast;
 
 use super::mixture::Mixture;
-use super::requests::{AREA_SEQUENCE, RequestGroup, Requests, Toward, one_each};
+use super::requests::{AREA_SEQUENCE, RequestGroup, Requests, Toward, one_each, toward_environment};
 use super::{light_set, media, observations};
 use crate::bsdf::{Core, Lobe, Parameters};
 use crate::integrator::Transport;
 use crate::integrator::ledger::{Faults, Ledger};
 use crate::integrator::queues::{Observation, PUNCTUAL, ShadowRays};
 use crate::integrator::vertices::Vertices;
-use crate::lanes::{F, LANES, Survivors, U, V3, are, load, mask};
+use crate::lanes::{F, LANES, Survivors, U, V3, load, mask};
 use crate::light::punctual;
 use crate::sampling::{hashes, keys, samples};
 
@@ -65,10 +65,7 @@ fn with_extent(
     let [choice, u, v, _] = samples(id.seed, id.index, light_set(depth));
     let both = bsdf.transmits();
     let [a_env, a_area, a_b] = group.rates;
-    let (drawn_environment, left) = transport.lights.draw_kind(choice);
-    let draws = are(group.toward, Toward::Drawn as u32);
-    let toward_environment = are(group.toward, Toward::Environment as u32) | (draws & drawn_environment);
-    let choice = draws.select(left, choice);
+    let (toward_environment, choice) = toward_environment(transport, group.toward, choice);
     let from = (vertices.origin.load(rows), vertices.facing(rows, both));
     let environment = (toward_environment, transport.density);
     let light = transport.lights.sample((transport.scene, id.time), from, environment, choice, u, v);

@@ -2,13 +2,13 @@
 //! sample where a field's roulette says so.
 
 use super::super::batch::PixelTask;
-use super::roll_set;
+use super::{light_set, roll_set};
 use crate::integrator::Transport;
 use crate::integrator::ledger::Ledger;
 use crate::integrator::queues::Identity;
 use crate::integrator::vertices::Vertices;
-use crate::lanes::{F, LANES, NUMBERS, Rows, U, eight, mask, unit_interval};
-use crate::sampling::keys;
+use crate::lanes::{F, LANES, NUMBERS, Rows, U, are, eight, mask, unit_interval};
+use crate::sampling::{keys, samples};
 
 /// What a light sample is toward.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,6 +34,8 @@ struct Request {
 #[derive(Debug, Default)]
 pub struct Requests {
     list: Vec<Request>,
+    /// While the list is parted: those that come last.
+    later: Vec<Request>,
     /// Is the list meant? Else one sample at each vertex.
     listed: bool,
     /// Are the vertices first surfaces, whose path knows the rates?
@@ -85,7 +87,41 @@ impl Requests {
                 self.list.push(Request { vertex, index, toward });
             }
         }
+        if transport.lights.two_kinds() {
+            self.part(transport, depth, vertices);
+        }
         self.end();
+    }
+
+    /// Puts the light samples toward the environment before those toward area lights: a mixed eight costs as much as one
+    /// of each kind.
+    fn part(&mut self, transport: &Transport, depth: u32, vertices: &Vertices) {
+        if !self.listed {
+            self.listed = true;
+            let each = (0..).zip(&vertices.index[..vertices.len()]);
+            self.list.extend(each.map(|(vertex, &index)| Request { vertex, index, toward: Toward::Drawn }));
+        }
+        self.later.clear();
+        let mut kept = 0;
+        for at in (0..self.list.len()).step_by(LANES) {
+            let (request, len) = self.eight_from(at);
+            let seed = U::from(eight(|lane| vertices.seed[request[lane].vertex as usize]));
+            let index = U::from(eight(|lane| request[lane].index));
+            let toward = U::from(eight(|lane| request[lane].toward as u32));
+            let [choice, ..] = samples(seed, index, light_set(depth));
+            let (environment, _) = toward_environment(transport, toward, choice);
+            let environment = environment.to_bitmask();
+            for (lane, &request) in request[..len].iter().enumerate() {
+                if environment >> lane & 1 == 1 {
+                    self.list[kept] = request;
+                    kept += 1;
+                } else {
+                    self.later.push(request);
+                }
+            }
+        }
+        self.list.truncate(kept);
+        self.list.extend_from_slice(&self.later);
     }
 
     /// BSDF samples of the vertices at `depth`; none where paths end.
@@ -140,11 +176,7 @@ impl Requests {
         if !self.listed {
             return one_each(transport, vertices, at);
         }
-        let list = &self.list[at..self.list.len().min(at + LANES)];
-        let request = match list.first_chunk() {
-            Some(all) => *all,
-            None => eight(|lane| list[lane.min(list.len() - 1)]),
-        };
+        let (request, len) = self.eight_from(at);
         let vertex = eight(|lane| request[lane].vertex);
         let consecutive = U::from(vertex).simd_eq(U::splat(vertex[0]) + U::from(NUMBERS)) == U::MAX;
         let rows = if consecutive { Rows::From(vertex[0] as usize) } else { Rows::Each(vertex) };
@@ -160,11 +192,31 @@ impl Requests {
         RequestGroup {
             identity: Identity { index: U::from(eight(|lane| request[lane].index)), ..vertices.identity(&rows) },
             toward: U::from(eight(|lane| request[lane].toward as u32)),
-            len: list.len(),
+            len,
             rates,
             rows,
         }
     }
+
+    /// Eight of the list from `at` on, the last of them in spare lanes, and how many there are.
+    #[inline(always)]
+    fn eight_from(&self, at: usize) -> ([Request; LANES], usize) {
+        let list = &self.list[at..self.list.len().min(at + LANES)];
+        let group = match list.first_chunk() {
+            Some(all) => *all,
+            None => eight(|lane| list[lane.min(list.len() - 1)]),
+        };
+        (group, list.len())
+    }
+}
+
+/// Which of eight light samples go to the environment, as a mask, and the number that chooses among area lights, where
+/// `choice` is the first of the samples' own.
+#[inline(always)]
+pub fn toward_environment(transport: &Transport, toward: U, choice: F) -> (F, F) {
+    let (drawn, left) = transport.lights.draw_kind(choice);
+    let draws = are(toward, Toward::Drawn as u32);
+    (are(toward, Toward::Environment as u32) | (draws & drawn), draws.select(left, choice))
 }
 
 /// One sample at each of the vertices from `at` on.

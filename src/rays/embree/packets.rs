@@ -6,8 +6,8 @@ use std::mem::offset_of;
 
 use embree4_sys as sys;
 
-use super::EmbreeRays;
-use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
+use super::{Bond, EmbreeRays};
+use crate::rays::{HitBatch, MISS, RayBatch};
 
 /// Embree's context of a batch, followed by what the alpha filter needs.
 #[repr(C)]
@@ -170,10 +170,10 @@ macro_rules! packet_queries {
                 }
             }
 
-            pub fn closest_hits(to: &EmbreeRays, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
+            pub fn closest_hits(to: &EmbreeRays, rays: &RayBatch, bond: Bond, hits: &mut HitBatch) {
                 let mut context = QueryContext::new(to, rays);
                 let mut args = sys::RTCIntersectArguments {
-                    flags: to.flags(order),
+                    flags: bond.flags(),
                     feature_mask: sys::RTC_FEATURE_FLAG_ALL,
                     context: (&raw mut context).cast(),
                     filter: to.filter(),
@@ -181,7 +181,7 @@ macro_rules! packet_queries {
                 };
                 let mut packet = sys::$ray_hit::default();
                 packet.ray.mask = [u32::MAX; $n];
-                for_each_packet(rays, $n, to.sorts(order), |picks, len| {
+                for_each_packet(rays, $n, bond == Bond::Sorted, |picks, len| {
                     load_rays(&mut packet.ray, rays, picks);
                     packet.hit.geomID = [sys::RTC_INVALID_GEOMETRY_ID; $n];
                     packet.hit.instID = [[sys::RTC_INVALID_GEOMETRY_ID; $n]; LEVELS];
@@ -208,17 +208,17 @@ macro_rules! packet_queries {
                 });
             }
 
-            pub fn occluded(by: &EmbreeRays, rays: &RayBatch, order: RayOrder, occluded: &mut [bool]) {
+            pub fn occluded(by: &EmbreeRays, rays: &RayBatch, bond: Bond, occluded: &mut [bool]) {
                 let mut context = QueryContext::new(by, rays);
                 let mut args = sys::RTCOccludedArguments {
-                    flags: by.flags(order),
+                    flags: bond.flags(),
                     feature_mask: sys::RTC_FEATURE_FLAG_ALL,
                     context: (&raw mut context).cast(),
                     filter: by.filter(),
                     occluded: None,
                 };
                 let mut packet = sys::$ray { mask: [u32::MAX; $n], ..Default::default() };
-                for_each_packet(rays, $n, by.sorts(order), |picks, len| {
+                for_each_packet(rays, $n, bond == Bond::Sorted, |picks, len| {
                     load_rays(&mut packet, rays, picks);
                     let valid = Lanes::<$n>::first(len);
                     // SAFETY: the scene is committed, `context` lives, mask and packet are aligned by their types.
