@@ -84,6 +84,11 @@ pub struct Results {
 }
 
 impl Results {
+    /// Replicas of each kind.
+    pub fn replicas(&self) -> u32 {
+        self.modes.first().map_or(0, |m| m.replicas)
+    }
+
     /// How an estimator came through a mode.
     pub fn verdict(&self, mode: &ModeResult, outcome: &Outcome) -> Verdict {
         outcome.verdict(mode.bar, self.z_limit)
@@ -114,8 +119,8 @@ pub struct Found {
 impl Found {
     /// Replicas of each kind.
     pub fn replicas(&self) -> u32 {
-        let balance = self.balance.as_ref().and_then(|r| r.modes.first()).map(|m| m.replicas);
-        balance.or(self.guiding.as_ref().map(|r| r.replicas)).unwrap_or(0)
+        let guiding = || self.guiding.as_ref().map_or(0, |r| r.replicas);
+        self.balance.as_ref().map_or_else(guiding, Results::replicas)
     }
 
     /// Of both.

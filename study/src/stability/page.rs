@@ -16,7 +16,7 @@ use crate::report::{Page, Table, Tone, number};
 const SCHEMA: u32 = 1;
 
 /// A number with its mark and tone.
-pub(super) fn marked(text: String, verdict: Verdict) -> (String, Tone) {
+fn marked(text: String, verdict: Verdict) -> (String, Tone) {
     match verdict {
         Verdict::Survives => (text, Tone::Plain),
         Verdict::Unsure => (format!("{text} ?"), Tone::Faint),
@@ -37,6 +37,12 @@ pub(super) fn judged(outcome: &Outcome, bar: f64, verdict: Verdict) -> (String, 
         Verdict::Unsure => marked(format!("{text} ± {error:.2}"), verdict),
         _ => marked(text, verdict),
     }
+}
+
+/// The largest |z| of an estimator in a mode.
+pub(super) fn largest_z(outcome: &Outcome, verdict: Verdict) -> (String, Tone) {
+    let verdict = if verdict == Verdict::Wrong { Verdict::Fails } else { Verdict::Survives };
+    marked(format!("{:.1}", outcome.z), verdict)
 }
 
 /// Two decimals are what there is to compare; more digits of a large failure are noise.
@@ -82,18 +88,23 @@ pub fn survival(results: &Results) -> Table {
     let cell = |m: &ModeResult, o: &Outcome| judged(o, m.bar, results.verdict(m, o));
     let bar = ("bar", "largest ratio that counts as survived");
     let mut table = by_mode(results, cell, &[bar], |m| vec![ratio(m.bar)]);
-    let mut total = vec![("fails for sure".to_owned(), Tone::Plain)];
-    for subject in Subject::shown() {
-        let outcomes = || results.modes.iter().flat_map(|m| m.outcomes.iter().map(move |o| (m, o)));
-        let own = || outcomes().filter(|(_, o)| o.estimator == subject.name());
-        let sure = |(m, o): &(&ModeResult, &Outcome)| matches!(results.verdict(m, o), Verdict::Fails | Verdict::Wrong);
-        let failed = own().filter(sure).count();
-        let tone = if failed > 0 { Tone::Bad } else { Tone::Good };
-        total.push((format!("{failed} of {}", own().count()), tone));
-    }
-    total.push((String::new(), Tone::Faint));
-    table.rows.push(total);
+    let all = || results.modes.iter().flat_map(|m| m.outcomes.iter().map(move |o| (m, o)));
+    let of = |subject: Subject| {
+        let own = all().filter(|(_, o)| o.estimator == subject.name());
+        own.map(|(m, o)| results.verdict(m, o)).collect::<Vec<_>>()
+    };
+    table.rows.push(failures(Subject::shown().into_iter().map(of)));
     table
+}
+
+/// The last row of who survives what: how many of each estimator's verdicts say that it fails for sure.
+pub(super) fn failures(verdicts: impl Iterator<Item = Vec<Verdict>>) -> Vec<(String, Tone)> {
+    let of = |own: Vec<Verdict>| {
+        let failed = own.iter().filter(|v| matches!(v, Verdict::Fails | Verdict::Wrong)).count();
+        (format!("{failed} of {}", own.len()), if failed > 0 { Tone::Bad } else { Tone::Good })
+    };
+    let name = ("fails for sure".to_owned(), Tone::Plain);
+    std::iter::once(name).chain(verdicts.map(of)).chain([(String::new(), Tone::Faint)]).collect()
 }
 
 /// Mean ratios, and the limit.
@@ -105,10 +116,7 @@ fn means(results: &Results) -> Table {
 
 /// Largest |z| of each.
 fn unbiased(results: &Results) -> Table {
-    let cell = |m: &ModeResult, o: &Outcome| {
-        let wrong = results.verdict(m, o) == Verdict::Wrong;
-        marked(format!("{:.1}", o.z), if wrong { Verdict::Fails } else { Verdict::Survives })
-    };
+    let cell = |m: &ModeResult, o: &Outcome| largest_z(o, results.verdict(m, o));
     by_mode(results, cell, &[("tests", "z-tests an estimator")], |m| {
         vec![m.outcomes.first().map_or(0, |o| o.tests).to_string()]
     })
@@ -199,7 +207,7 @@ fn parts(found: &Found) -> Vec<Part> {
 }
 
 fn of_balance(results: &Results) -> Vec<Part> {
-    let replicas = results.modes.first().map_or(0, |m| m.replicas);
+    let replicas = results.replicas();
     let family = format!(
         "Largest |mean − truth| in standard errors over all pixels, channels and the picture's mean, after {replicas} \
          replicas. All {} tests together raise a false alarm with a chance of {} at most (Bonferroni, normal tail bounded): the limit is {:.2}. Exact cases \

@@ -4,7 +4,7 @@ use super::{Guided, ModeResult, Results};
 use crate::report::{Table, Tone};
 use crate::stability::cases::BAR;
 use crate::stability::judge::Verdict;
-use crate::stability::page::{Part, controls, judged, marked, ratio};
+use crate::stability::page::{Part, controls, failures, judged, largest_z, ratio};
 
 /// Rows of modes, columns of estimators; then one that is the mode's own.
 fn by_mode(
@@ -26,6 +26,11 @@ fn by_mode(
     table
 }
 
+/// Whose field leads `on`.
+fn field_of(mode: &ModeResult) -> &'static str {
+    if mode.lies { "lies" } else { "the pilot's" }
+}
+
 /// What is no mode of the product's: a field of lies has leave to be noisy.
 fn lied_to(mode: &ModeResult, own: &Guided) -> bool {
     mode.lies && own.outcome.estimator == "on"
@@ -39,31 +44,23 @@ pub fn survival(results: &Results) -> Table {
     };
     let led = |m: &ModeResult| format!("{:.0} %", 100.0 * m.outcomes[1].led);
     let mut table = by_mode(results, cell, ("auto guides", "share of pilots that decide for it"), led);
-    let mut total = vec![("fails for sure".to_owned(), Tone::Plain)];
-    for estimator in 0..2 {
-        let own = || results.modes.iter().map(|m| (m, &m.outcomes[estimator])).filter(|(m, o)| !lied_to(m, o));
-        let sure = |o: &Guided| matches!(results.verdict(o), Verdict::Fails | Verdict::Wrong);
-        let failed = own().filter(|(_, o)| sure(o)).count();
-        let tone = if failed > 0 { Tone::Bad } else { Tone::Good };
-        total.push((format!("{failed} of {}", own().count()), tone));
-    }
-    total.push((String::new(), Tone::Faint));
-    table.rows.push(total);
+    let of = |estimator: usize| {
+        let own = results.modes.iter().map(|m| (m, &m.outcomes[estimator])).filter(|(m, o)| !lied_to(m, o));
+        own.map(|(_, o)| results.verdict(o)).collect::<Vec<_>>()
+    };
+    table.rows.push(failures([0, 1].into_iter().map(of)));
     table
 }
 
 /// Mean ratios.
 fn means(results: &Results) -> Table {
     let cell = |_: &ModeResult, o: &Guided| (ratio(o.outcome.mean_ratio), Tone::Plain);
-    by_mode(results, cell, ("field of `on`", ""), |m| if m.lies { "lies" } else { "the pilot's" }.to_owned())
+    by_mode(results, cell, ("field of `on`", ""), |m| field_of(m).to_owned())
 }
 
 /// Largest |z| of each.
 fn unbiased(results: &Results) -> Table {
-    let cell = |_: &ModeResult, o: &Guided| {
-        let wrong = results.verdict(o) == Verdict::Wrong;
-        marked(format!("{:.1}", o.outcome.z), if wrong { Verdict::Fails } else { Verdict::Survives })
-    };
+    let cell = |_: &ModeResult, o: &Guided| largest_z(&o.outcome, results.verdict(o));
     let tests = |m: &ModeResult| m.outcomes[0].outcome.tests.to_string();
     by_mode(results, cell, ("tests", "z-tests an estimator"), tests)
 }
@@ -71,8 +68,7 @@ fn unbiased(results: &Results) -> Table {
 fn constructs(results: &Results) -> Table {
     let mut table = Table::new(&[("mode", ""), ("how it is posed", ""), ("field of `on`", "")]);
     for m in &results.modes {
-        let field = if m.lies { "lies" } else { "the pilot's" };
-        let cells = [format!("{} {}", m.mode, m.name), m.construct.to_owned(), field.to_owned()];
+        let cells = [format!("{} {}", m.mode, m.name), m.construct.to_owned(), field_of(m).to_owned()];
         table.rows.push(cells.map(|c| (c, Tone::Words)).to_vec());
     }
     table
