@@ -10,7 +10,7 @@ use bismar::guiding::{Field, Lesson, NOWHERE, Paths, Visit, learn};
 use bismar::integrator::{PixelBatch, PixelTask, Transport, Wave};
 use bismar::lanes::{F, LANES, V3, mask};
 use bismar::rays::Backend;
-use bismar::render::pilot::learned;
+use bismar::render::pilots::guiding::learned;
 use bismar::render::{Balance, Guiding, Part, RenderSettings, Rendered, RunOptions, Saved, render, run, transport};
 use bismar::sampling::{SplitMix64, warp};
 use bismar::scene::{Material, Scene};

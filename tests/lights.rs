@@ -1,7 +1,7 @@
 //! The lights' promises: samples follow the pdf, radiance along a sample is the light's own.
 
 use bismar::lanes::{F, V3};
-use bismar::light::{AreaLights, Density, EnvironmentSampler, LightSamples};
+use bismar::light::{AreaLights, Attempt, Density, EnvironmentSampler, LearnedLights, LightSamples};
 use bismar::scene::{Environment, Instance, Material, Mesh, Object, Positions, Scene};
 use glam::{Affine3A, Vec3};
 
@@ -31,14 +31,14 @@ fn radiance_pdf(sampler: &EnvironmentSampler, wi: Vec3, density: Density) -> (Ve
     (radiance.lane(3), pdf.as_array()[3])
 }
 
-fn sample_lamps(lights: &AreaLights, scene: &Scene, n: Vec3, [choice, u, v]: [f32; 3]) -> Option<Sample> {
-    third(lights.sample(
-        (scene, F::ZERO),
-        (V3::splat(Vec3::ZERO), V3::splat(n)),
-        F::splat(choice),
-        F::splat(u),
-        F::splat(v),
-    ))
+fn sample_lamps(
+    lights: &AreaLights,
+    scene: &Scene,
+    n: Vec3,
+    learned: Option<&LearnedLights>,
+    numbers: [f32; 3],
+) -> Option<Sample> {
+    third(lights.sample((scene, F::ZERO), (V3::splat(Vec3::ZERO), V3::splat(n)), learned, numbers.map(F::splat)))
 }
 
 /// A small map with a sun, a black band and uneven colours.
@@ -213,19 +213,32 @@ fn look(scene: &Scene, d: Vec3) -> Vec<(u32, f32)> {
 fn lamp_samples_follow_the_pdf() {
     // Receivers that face all lamps, some, and one.
     let normals = [Vec3::new(1.0, 1.0, 1.0), Vec3::Y, Vec3::NEG_Z + 0.6 * Vec3::X].map(Vec3::normalize);
-    for (double_sided, n) in [(false, normals[0]), (true, normals[0]), (true, normals[1]), (true, normals[2])] {
+    for (double_sided, n, learns) in [
+        (false, normals[0], false),
+        (true, normals[0], false),
+        (true, normals[1], false),
+        (true, normals[2], false),
+        (true, normals[0], true),
+        (false, normals[1], true),
+    ] {
         let scene = lamps(double_sided);
         let lights = AreaLights::new(&scene).unwrap();
+        // One finds much, another little, the third nothing.
+        let attempt =
+            |i: u32| Attempt { position: Vec3::ZERO, normal: n, emitter: i % 3, pixel: 0, found: (i % 3) as f32 };
+        let attempts: Vec<_> = (0..300).map(attempt).collect();
+        let learned = LearnedLights::learn(lights.tree(), &attempts, 1.0).filter(|_| learns);
+        let learned = learned.as_ref();
         let mut random = Random(31);
         assert!((lights.levels() - 3.0f32.log2()).abs() < 1e-6);
         chi_square_directions(
-            &format!("lamps, double_sided {double_sided}, normal {n}"),
+            &format!("lamps, double_sided {double_sided}, normal {n}, learned {learns}"),
             4,
             (100_000, 96),
-            || sample_lamps(&lights, &scene, n, [random.f32(), random.f32(), random.f32()]).map(|s| s.wi),
+            || sample_lamps(&lights, &scene, n, learned, [random.f32(), random.f32(), random.f32()]).map(|s| s.wi),
             // Light samples do not know what is in front of what.
             |d| {
-                let pdf = |&(i, t)| f64::from(lights.pdf((&scene, 0.0), (Vec3::ZERO, n), (i, i, 0), d, t));
+                let pdf = |&(i, t)| f64::from(lights.pdf((&scene, 0.0), (Vec3::ZERO, n), (i, i, 0), d, t, learned));
                 look(&scene, d).iter().map(pdf).sum()
             },
         );
@@ -267,14 +280,15 @@ fn two_triangles_of_a_parallelogram_are_one_lamp_that_follows_the_pdf() {
             &format!("parallelogram cut {k}"),
             4,
             (100_000, 96),
-            || sample_lamps(&lights, &scene, n, [random.f32(), random.f32(), random.f32()]).map(|s| s.wi),
+            || sample_lamps(&lights, &scene, n, None, [random.f32(), random.f32(), random.f32()]).map(|s| s.wi),
             |d| {
-                prim_at(d)
-                    .map_or(0.0, |(prim, t)| f64::from(lights.pdf((&scene, 0.0), (Vec3::ZERO, n), (0, 0, prim), d, t)))
+                prim_at(d).map_or(0.0, |(prim, t)| {
+                    f64::from(lights.pdf((&scene, 0.0), (Vec3::ZERO, n), (0, 0, prim), d, t, None))
+                })
             },
         );
         // One lamp: every direction has the same area density, whatever the choice's number.
-        let spread = (0..64).map(|i| sample_lamps(&lights, &scene, n, [i as f32 / 64.0, 0.3, 0.6]).unwrap().wi.x);
+        let spread = (0..64).map(|i| sample_lamps(&lights, &scene, n, None, [i as f32 / 64.0, 0.3, 0.6]).unwrap().wi.x);
         let (low, high) = spread.fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
         assert_eq!(low == high, !bent, "cut {k}");
     }
@@ -296,7 +310,7 @@ fn lamps_shine_from_the_side_that_the_winding_calls_the_front_also_when_mirrored
             // A mirroring instance turns the winding round, and with it the front.
             let turned = if i == 2 { -1.0 } else { 1.0 };
             let n = (t_world(1) - t_world(0)).cross(t_world(2) - t_world(0)) * turned;
-            let pdf = lights.pdf((&scene, 0.0), (Vec3::ZERO, d), (i, i, 0), d, t);
+            let pdf = lights.pdf((&scene, 0.0), (Vec3::ZERO, d), (i, i, 0), d, t, None);
             assert_eq!(pdf > 0.0, n.dot(d) < 0.0, "lamp {i}");
         }
     }

@@ -29,6 +29,7 @@ mod import_notes;
 mod import_packed;
 mod import_reach;
 mod imports_point_one_way;
+mod lamps;
 mod lens;
 mod lights;
 mod merge;

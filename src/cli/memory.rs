@@ -37,8 +37,8 @@ pub struct Need<'a> {
     pub columns: Columns,
     /// Are statistics saved?
     pub saves: bool,
-    /// Bytes for guiding.
-    pub guiding: u64,
+    /// Bytes for what pilots learn.
+    pub pilots: u64,
     /// What traces rays.
     pub rays: Backend,
     /// Threads of the render.
@@ -78,7 +78,7 @@ impl Need<'_> {
         let loading = s.read_bytes;
         let scene = s.read_bytes + s.geometry_bytes + s.image_bytes + self.environment_bytes;
         let pixels = (self.pixels as f64 * (tile + saving) as f64 * A_BYTE) as u64;
-        at_rest(self.threads) + self.guiding + scene + loading.max(s.triangles * a_triangle) + pixels
+        at_rest(self.threads) + self.pilots + scene + loading.max(s.triangles * a_triangle) + pixels
     }
 }
 

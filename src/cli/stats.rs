@@ -12,7 +12,7 @@ use crate::film::atomic;
 use crate::film::exr_file::{Header, HeaderValue};
 use crate::rays::BackendInfo;
 use crate::render::checkpoint::{json, text};
-use crate::render::stats::{AdaptiveStats, GuidingStats, Samples};
+use crate::render::stats::{AdaptiveStats, GuidingStats, LampsStats, Samples};
 use crate::render::{Fireflies, Guiding, RenderSettings, Rendered, StopReason};
 use crate::scene::Scene;
 use crate::{Error, Result};
@@ -42,6 +42,9 @@ pub struct Stats {
     noise: f64,
     noise_worst_tile: f64,
     samples: Samples,
+    /// Of the pilot of lamps, where there was one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    lamps: Option<LampsStats>,
     /// Of guiding's pilot, where there was one.
     #[serde(skip_serializing_if = "Option::is_none")]
     guiding: Option<GuidingStats>,
@@ -188,6 +191,7 @@ impl Stats {
             noise: stats.noise,
             noise_worst_tile: rendered.worst_noise(),
             samples: Samples::of(rendered),
+            lamps: stats.lamps,
             guiding: stats.guiding,
             adaptive: stats.adaptive,
             fireflies: Fireflies::of(rendered),

@@ -2,8 +2,8 @@
 
 use super::directions::{Histogram, bins, from_square};
 use super::roulette::{Paths, Roulette, Visit};
-use super::tree::Tree;
 use crate::lanes::{F, LANES, V3, eight};
+use crate::sampling::cells::Tree;
 
 /// The cell of a vertex where nothing guides.
 pub const NOWHERE: u32 = u32::MAX;

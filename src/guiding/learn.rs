@@ -5,8 +5,8 @@ use rayon::prelude::*;
 
 use super::directions::{BINS, Histogram, SIDE, bins, from_square, steradians};
 use super::field::Field;
-use super::tree::Tree;
 use crate::lanes::{F, V3};
+use crate::sampling::cells::Tree;
 
 /// A direction that the pilot took from a surface, and what it found there.
 #[derive(Debug, Clone, Copy)]

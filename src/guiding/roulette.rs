@@ -8,8 +8,8 @@
 
 use glam::Vec3;
 
-use super::tree::Tree;
 use crate::lanes::{F, LANES, eight};
+use crate::sampling::cells::Tree;
 
 /// What the samples of a vertex beyond the first found.
 #[derive(Debug, Clone, Copy)]

@@ -3,10 +3,11 @@
 use glam::Vec3;
 
 use super::batch::{PixelBatch, PixelTask};
-use super::queues::{PUNCTUAL, ShadowRays};
+use super::queues::{NO_ATTEMPT, PUNCTUAL, ShadowRays};
 use crate::balance::{Contribution, Technique, deal};
 use crate::color::luminance;
-use crate::lanes::{LANES, U};
+use crate::lanes::{LANES, U, V3, eight};
+use crate::light::Attempt;
 
 /// A path of the wave.
 #[derive(Debug, Clone, Copy)]
@@ -126,6 +127,8 @@ pub struct Ledger {
     /// Of each branch, how it was drawn: where paths are learned from, and every ray is then a branch. Its light is that which
     /// it brings itself, until [`gather`](Self::gather).
     pub steps: Option<Vec<Step>>,
+    /// Light samples toward area lights, where these are learned of; their pixels are places in the batch.
+    pub attempts: Option<Vec<Attempt>>,
 }
 
 impl Ledger {
@@ -169,6 +172,20 @@ impl Ledger {
         }
     }
 
+    /// Notes light samples in lanes of a mask, which chose these emitters `from` points and normals, and numbers them.
+    pub fn attempt(&mut self, lanes: u32, (p, n): (V3, V3), emitter: [u32; LANES], path: U) -> U {
+        let Some(attempts) = &mut self.attempts else { return U::splat(NO_ATTEMPT) };
+        U::from(eight(|lane| {
+            if lanes >> lane & 1 == 0 {
+                return NO_ATTEMPT;
+            }
+            let pixel = self.paths[path.as_array()[lane] as usize].pixel;
+            let (position, normal) = (p.lane(lane), n.lane(lane));
+            attempts.push(Attempt { position, normal, emitter: emitter[lane], pixel, found: 0.0 });
+            attempts.len() as u32 - 1
+        }))
+    }
+
     /// Adds what shadow rays from vertices at `depth` bring that are not `occluded`, each at most `limit`.
     #[inline(never)]
     pub fn add_light_samples(
@@ -182,6 +199,10 @@ impl Ledger {
         let owners = shadows.path.iter().zip(&occluded[..shadows.len]).enumerate();
         for (i, (&owner, _)) in owners.filter(|(_, (_, occluded))| !**occluded) {
             let (radiance, share) = limited(shadows.radiance.get(i), limit);
+            let attempt = shadows.attempt.get(i).zip(self.attempts.as_mut());
+            if let Some(attempt) = attempt.and_then(|(&number, all)| all.get_mut(number as usize)) {
+                attempt.found = luminance(radiance);
+            }
             let path = &mut self.paths[owner as usize];
             path.radiance += radiance;
             if let Some(extras) = batch.extras.get_mut(path.pixel as usize) {

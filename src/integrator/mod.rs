@@ -26,7 +26,7 @@ pub use wave::{Wave, WaveCounts};
 
 use crate::balance::{Counts, Heuristic};
 use crate::guiding::Field;
-use crate::light::{Density, Lights};
+use crate::light::{Drawing, Lights};
 use crate::rays::RayQueries;
 use crate::sampling::FilterSampler;
 use crate::scene::Scene;
@@ -63,8 +63,8 @@ pub struct Transport<'a> {
     pub hides_sky: bool,
     /// Where light comes from, if paths are guided.
     pub field: Option<&'a Field>,
-    /// How light samples toward the environment are drawn.
-    pub density: Density,
+    /// What light samples are drawn by.
+    pub drawing: Drawing<'a>,
 }
 
 impl Transport<'_> {

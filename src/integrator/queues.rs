@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use crate::balance::{Contribution, Technique};
-use crate::lanes::{F, Survivors, U, V3, V3Column, grow, store, store_bits};
+use crate::lanes::{F, LANES, Survivors, U, V3, V3Column, grow, store, store_bits};
 use crate::rays::RayBatch;
 
 /// Rays under way, and what belongs to each besides the ray, a row each.
@@ -105,6 +105,9 @@ impl SortedHits {
     }
 }
 
+/// Of a light sample that nobody learns from.
+pub const NO_ATTEMPT: u32 = u32::MAX;
+
 /// The group of shadow rays toward lights without extent.
 pub const PUNCTUAL: u32 = 2;
 
@@ -121,6 +124,8 @@ pub struct ShadowRays {
     pub branch: Vec<u32>,
     /// What the light comes from, as for [`ExtraSums::add_light`](crate::film::ExtraSums::add_light).
     pub group: Vec<u32>,
+    /// Number of the light sample among those that are learned from, [`NO_ATTEMPT`] of others; empty where none are.
+    pub attempt: Vec<u32>,
     /// How many rows count.
     pub len: usize,
     /// Columns for observers; present where somebody is to be told.
@@ -155,13 +160,17 @@ pub struct Observation {
 
 impl ShadowRays {
     /// Forgets all rows and makes room for `most`, at times of their own if something `moves`, with columns for observers if
-    /// `observed`.
-    pub fn open(&mut self, most: usize, moves: bool, observed: bool) {
+    /// `observed`, and for who `learns` of the lights.
+    pub fn open(&mut self, most: usize, moves: bool, observed: bool, learns: bool) {
         self.rays.open(most, moves);
         self.radiance.grow(most);
         grow(&mut self.path, most);
         grow(&mut self.branch, most);
         grow(&mut self.group, most);
+        self.attempt.clear();
+        if learns {
+            self.attempt.resize(most + LANES, NO_ATTEMPT);
+        }
         self.len = 0;
         self.observed = observed.then(|| {
             let mut columns = self.observed.take().unwrap_or_default();
@@ -171,6 +180,11 @@ impl ShadowRays {
             grow(&mut columns.r, most);
             columns
         });
+    }
+
+    /// Says which attempts the survivors of a group are that comes next.
+    pub fn attempted(&mut self, survivors: &Survivors, attempts: U) {
+        store_bits(&mut self.attempt, self.len, survivors.compress_bits(attempts));
     }
 
     /// Appends the survivors of a group: rays of length `tfar`, `radiance`, their path, branch and group. `key` and `time`

@@ -162,7 +162,7 @@ impl Path<'_> {
             if t.lights.environment.is_none() || (depth == 0 && t.hides_sky) {
                 return Vec3::ZERO;
             }
-            let (radiance, pdf) = t.lights.environment(V3::splat(direction), t.density);
+            let (radiance, pdf) = t.lights.environment(V3::splat(direction), t.drawing);
             let pdf = if depth == 0 { 0.0 } else { pdf.as_array()[0] };
             return self.emission(ray, depth, radiance.lane(0), [pdf, 0.0]);
         }
@@ -183,7 +183,7 @@ impl Path<'_> {
             let from = (origin, ray.normal);
             let hit = (instance, mesh, prim);
             let at = (t.scene, ray.time);
-            let pdf = if depth == 0 { 0.0 } else { t.lights.area_pdf(at, from, hit, direction, distance) };
+            let pdf = if depth == 0 { 0.0 } else { t.lights.area_pdf(at, from, hit, direction, distance, t.drawing) };
             found += self.emission(ray, depth, radiance, [0.0, pdf]);
         }
         if depth + 1 >= t.max_depth {
@@ -280,7 +280,7 @@ impl Path<'_> {
         let mask = if environment { F::ZERO.simd_eq(F::ZERO) } else { F::ZERO };
         let from = (V3::splat(vertex.origin), V3::splat(vertex.facing()));
         let at = (t.scene, F::splat(vertex.time));
-        let light = t.lights.sample(at, from, (mask, t.density), choice, F::splat(u), F::splat(v));
+        let light = t.lights.sample(at, from, (mask, t.drawing), [choice, F::splat(u), F::splat(v)]);
         let (value, mut bsdf_pdf) = vertex.bsdf.eval_pdf(V3::splat(vertex.ns), V3::splat(vertex.wo), light.wi);
         if let Some(mixture) = self.mixture(vertex) {
             bsdf_pdf = mixture.pdf(light.wi, bsdf_pdf);

@@ -13,6 +13,7 @@ use super::vertices::Vertices;
 use crate::color::luminance;
 use crate::film::PixelStats;
 use crate::guiding::{Lesson, Visit};
+use crate::light::Attempt;
 use crate::rays::{HitBatch, RayOrder};
 
 /// Rays and time of waves.
@@ -176,6 +177,24 @@ impl Wave {
             }
         }
         divisors
+    }
+}
+
+impl Wave {
+    /// As [`run`](Self::run), for what is to be learned of area lights: the light samples toward them, each weighed by what
+    /// `divisors` makes of its pixel, a place in the batch; and the divisors.
+    pub fn attempts(
+        &mut self,
+        transport: &Transport,
+        batch: &mut PixelBatch,
+        divisors: Divisors,
+    ) -> (Vec<Attempt>, Vec<f32>) {
+        self.ledger.attempts.get_or_insert_default();
+        self.run(transport, batch);
+        let mut attempts = self.ledger.attempts.take().unwrap_or_default();
+        let divisors = divisors(batch.tasks, batch.stats);
+        attempts.iter_mut().for_each(|attempt| attempt.found /= divisors[attempt.pixel as usize].sqrt());
+        (attempts, divisors)
     }
 }
 

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3};
 
 use super::LightSamples;
+use super::learned::LearnedLights;
 use super::tree::{Emitter, LightTree};
 use crate::color::luminance;
 use crate::lanes::{F, LANES, V3, eight};
@@ -163,6 +164,11 @@ impl AreaLights {
         Some(Self { lights, tree, first, light_of, moves })
     }
 
+    /// What chooses among them.
+    pub fn tree(&self) -> &LightTree {
+        &self.tree
+    }
+
     /// Bytes of a light and its place in the tree while both are made.
     pub const BYTES_EACH: u64 = 240;
 
@@ -204,10 +210,17 @@ impl AreaLights {
     }
 
     /// Draws points on area lights, uniform over their area, as seen from `p` with normals `n` as for
-    /// [`LightTree::sample`], at times in [0, 1] of the shutter. `choice`, `u` and `v` in [0, 1).
+    /// [`LightTree::sample`], at times in [0, 1] of the shutter, by three numbers in [0, 1): one chooses the light, by what is
+    /// `learned` of them too, two the point on it.
     #[inline]
-    pub fn sample(&self, (scene, time): (&Scene, F), (p, n): (V3, V3), choice: F, u: F, v: F) -> LightSamples {
-        let (chosen, pmf) = self.tree.sample(p, n, choice);
+    pub fn sample(
+        &self,
+        (scene, time): (&Scene, F),
+        (p, n): (V3, V3),
+        learned: Option<&LearnedLights>,
+        [choice, u, v]: [F; 3],
+    ) -> LightSamples {
+        let (chosen, pmf) = self.tree.sample(p, n, choice, learned);
         let mut lights = eight(|lane| &self.lights[chosen[lane] as usize]);
         let moved;
         if self.moves {
@@ -237,7 +250,7 @@ impl AreaLights {
             }));
         }
         let seen = facing.simd_gt(F::ZERO) & pdf.is_finite();
-        LightSamples { wi, distance, radiance, pdf: pdf & seen }
+        LightSamples { wi, distance, radiance, pdf: pdf & seen, emitter: chosen }
     }
 
     /// Density per solid angle of [`sample`](Self::sample), at `p` with normal `n`, for a hit of triangle `prim` at
@@ -250,6 +263,7 @@ impl AreaLights {
         (instance, mesh, prim): (u32, u32, u32),
         wi: Vec3,
         distance: f32,
+        learned: Option<&LearnedLights>,
     ) -> f32 {
         let Ok(found) = self.first.binary_search_by_key(&(instance, mesh), |&(key, _)| key) else { return 0.0 };
         let light = self.light_of[(self.first[found].1 + prim) as usize];
@@ -268,7 +282,8 @@ impl AreaLights {
         if facing <= 0.0 {
             return 0.0;
         }
-        let pdf = self.tree.pmf(p, n, light) * one_over_area * distance * distance / facing;
+        let [_, pmf] = self.tree.pmfs(p, n, light, learned);
+        let pdf = pmf * one_over_area * distance * distance / facing;
         if pdf.is_finite() { pdf } else { 0.0 }
     }
 }

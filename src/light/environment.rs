@@ -145,7 +145,7 @@ impl EnvironmentSampler {
         let wi = V3 { x: co * x + s * z, y: cos_theta, z: co * z - s * x };
         let radiance = cells.radiance(fu, fv);
         let pdf = self.pdf(&cells, cells.weight(table.level, radiance, fu, fv), sin_theta, table.level);
-        LightSamples { wi, distance: F::splat(f32::INFINITY), radiance, pdf }
+        LightSamples { wi, distance: F::splat(f32::INFINITY), radiance, pdf, emitter: [0; LANES] }
     }
 
     /// Chance of the cell × bilinear density within it / solid angle of the unit square there.

@@ -9,6 +9,7 @@
 
 pub mod area;
 pub mod environment;
+pub mod learned;
 pub mod punctual;
 pub mod tree;
 
@@ -20,6 +21,7 @@ use crate::lanes::{F, LANES, V3};
 use crate::scene::Scene;
 pub use area::AreaLights;
 pub use environment::{Density, EnvironmentSampler};
+pub use learned::{Attempt, LearnedLights};
 pub use punctual::PunctualSample;
 
 /// Directions toward lights that have extent: what MIS weighs against BSDF sampling.
@@ -34,6 +36,17 @@ pub struct LightSamples {
     /// Per solid angle, over all lights of its kind (environment, area lights); 0 where a light's back is seen (such a sample
     /// counts, with value zero).
     pub pdf: F,
+    /// Which one, of area lights.
+    pub emitter: [u32; LANES],
+}
+
+/// What light samples are drawn by.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Drawing<'a> {
+    /// Those toward the environment.
+    pub density: Density,
+    /// What is known of area lights besides their power and place.
+    pub learned: Option<&'a LearnedLights>,
 }
 
 /// All the lights of a scene. The environment is one technique and the area lights, emissive triangles chosen by a light tree,
@@ -103,52 +116,54 @@ impl Lights {
         (toward, left.fast_max(F::ZERO).fast_min(F::splat(crate::sampling::warp::ONE_MINUS)))
     }
 
-    /// Draws directions toward the environment, by `density`, where the mask `toward_environment` is set (all of them, if that is all there is), else
-    /// toward area lights as seen from `p` with normals `n` as for [`tree::LightTree::sample`]: `choice` picks the light, (`u`, `v`) the point on
-    /// it, all in [0, 1); `at` the scene and times in [0, 1] of the shutter.
+    /// Draws directions, by `drawing`, toward the environment where the mask `toward_environment` is set (all of them, if that is all there is), else
+    /// toward area lights as seen from `p` with normals `n` as for [`tree::LightTree::sample`]: of three numbers in [0, 1), one chooses the
+    /// light and two the point on it; `at` the scene and times in [0, 1] of the shutter.
     #[inline]
     pub fn sample(
         &self,
         at: (&Scene, F),
         (p, n): (V3, V3),
-        (toward_environment, density): (F, Density),
-        choice: F,
-        u: F,
-        v: F,
+        (toward_environment, drawing): (F, Drawing),
+        numbers: [F; 3],
     ) -> LightSamples {
         let mask = toward_environment.to_bitmask();
+        let Drawing { density, learned } = drawing;
+        let [_, u, v] = numbers;
         match (&self.environment, &self.area) {
             (Some(environment), None) => environment.sample(u, v, density),
             (Some(environment), Some(_)) if mask == ALL => environment.sample(u, v, density),
-            (None, Some(area)) => area.sample(at, (p, n), choice, u, v),
-            (Some(_), Some(area)) if mask == 0 => area.sample(at, (p, n), choice, u, v),
+            (None, Some(area)) => area.sample(at, (p, n), learned, numbers),
+            (Some(_), Some(area)) if mask == 0 => area.sample(at, (p, n), learned, numbers),
             (Some(environment), Some(area)) => {
                 let a = environment.sample(u, v, density);
-                let b = area.sample(at, (p, n), choice, u, v);
+                let b = area.sample(at, (p, n), learned, numbers);
                 LightSamples {
                     wi: V3::select(toward_environment, a.wi, b.wi),
                     distance: toward_environment.select(a.distance, b.distance),
                     radiance: V3::select(toward_environment, a.radiance, b.radiance),
                     pdf: toward_environment.select(a.pdf, b.pdf),
+                    emitter: b.emitter,
                 }
             }
             (None, None) => {
-                LightSamples { wi: V3::splat(Vec3::Z), distance: F::ONE, radiance: V3::splat(Vec3::ZERO), pdf: F::ZERO }
+                let (wi, radiance) = (V3::splat(Vec3::Z), V3::splat(Vec3::ZERO));
+                LightSamples { wi, distance: F::ONE, radiance, pdf: F::ZERO, emitter: [0; LANES] }
             }
         }
     }
 
     /// Radiance of the environment from `wi`, and the density per solid angle with which [`sample`](Self::sample) draws
-    /// those directions from it by `density`.
+    /// those directions from it by `drawing`.
     #[inline]
-    pub fn environment(&self, wi: V3, density: Density) -> (V3, F) {
+    pub fn environment(&self, wi: V3, drawing: Drawing) -> (V3, F) {
         match &self.environment {
-            Some(environment) => environment.radiance_pdf(wi, density),
+            Some(environment) => environment.radiance_pdf(wi, drawing.density),
             None => (V3::splat(Vec3::ZERO), F::ZERO),
         }
     }
 
-    /// Density per solid angle with which [`sample`](Self::sample), at `from` (point, normal), draws direction `wi`, in
+    /// Density per solid angle with which [`sample`](Self::sample), by `drawing` at `from` (point, normal), draws direction `wi`, in
     /// which triangle `prim` of `mesh` in `instance` is `distance` away; `at` the scene and a time in [0, 1] of the shutter. Zero
     /// when that triangle is not a light.
     #[inline]
@@ -159,7 +174,8 @@ impl Lights {
         hit: (u32, u32, u32),
         wi: Vec3,
         distance: f32,
+        drawing: Drawing,
     ) -> f32 {
-        self.area.as_ref().map_or(0.0, |a| a.pdf(at, from, hit, wi, distance))
+        self.area.as_ref().map_or(0.0, |a| a.pdf(at, from, hit, wi, distance, drawing.learned))
     }
 }

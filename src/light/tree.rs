@@ -2,8 +2,12 @@
 //! descended by importance (Conty Estevez and Kulla 2018, *Importance Sampling of Many Lights with Adaptive Tree
 //! Splitting*), with the exact probability of every choice.
 
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
 use glam::Vec3;
 
+use super::learned::{LearnedLights, Walk, mixed};
 use crate::lanes::{F, LANES, V3, eight};
 
 /// What the tree needs to know of a triangle.
@@ -44,7 +48,7 @@ struct Node {
     parent: u32,
 }
 
-/// The tree.
+/// The tree. Nodes come after their parents, and the more powerful ones first, so that the first of them are the most telling top.
 #[derive(Debug)]
 pub struct LightTree {
     nodes: Vec<Node>,
@@ -137,9 +141,9 @@ impl LightTree {
         let mut tree = Self { nodes: Vec::with_capacity(2 * shining.len()), leaves: vec![u32::MAX; emitters.len()] };
         let empty = Node { bounds: Bounds::default(), children: 0, emitter: 0, parent: 0 };
         tree.nodes.push(empty);
-        // Ranges of `shining` that wait for their node to be filled.
-        let mut open = vec![(0, 0, shining.len())];
-        while let Some((node, from, to)) = open.pop() {
+        // Ranges of `shining` that wait for their node to be filled, by power: of numbers >= 0 the bits are in order, too.
+        let mut open = BinaryHeap::from([(0, Reverse(0), 0, shining.len())]);
+        while let Some((_, Reverse(node), from, to)) = open.pop() {
             let range = &mut shining[from..to];
             let clusters = range.iter().map(|&i| Cluster::of(&emitters[i as usize]));
             let Some(whole) = clusters.reduce(Cluster::union) else { continue };
@@ -153,7 +157,10 @@ impl LightTree {
             let children = tree.nodes.len();
             tree.nodes[node].children = children as u32;
             tree.nodes.extend([Node { parent: node as u32, ..empty }; 2]);
-            open.extend([(children, from, middle), (children + 1, middle, to)]);
+            for (child, from, to) in [(children, from, middle), (children + 1, middle, to)] {
+                let power: f32 = shining[from..to].iter().map(|&i| emitters[i as usize].power).sum();
+                open.push((power.to_bits(), Reverse(child), from, to));
+            }
         }
         Some(tree)
     }
@@ -163,10 +170,36 @@ impl LightTree {
         self.nodes[0].bounds.row[7].abs()
     }
 
+    /// How many of the first nodes, at most `most` and at least one, have either both children among them or none.
+    pub fn top(&self, most: usize) -> usize {
+        (self.nodes.len().min(most.max(1)) - 1) / 2 * 2 + 1
+    }
+
+    /// The node above; the root, 0, is its own.
+    pub fn parent(&self, node: usize) -> usize {
+        self.nodes[node].parent as usize
+    }
+
+    /// The lowest of the first `top` nodes that has `emitter` below it, or is it; `None` of one without power.
+    pub fn above(&self, emitter: u32, top: usize) -> Option<usize> {
+        let up = |&node: &usize| Some(self.parent(node));
+        let leaf = Some(self.leaves[emitter as usize] as usize).filter(|&leaf| leaf < self.nodes.len());
+        std::iter::successors(leaf, up).find(|&node| node < top)
+    }
+
     /// Chooses an emitter for each of eight points `p` with unit geometric normals `n`, zero where light from both sides
     /// counts, by `u` in [0, 1): the emitters and the probabilities of choosing them, 0 where none can shine at the point's side.
+    /// What is `learned` of the lights has its say.
     #[inline]
-    pub fn sample(&self, p: V3, n: V3, mut u: F) -> ([u32; LANES], F) {
+    pub fn sample(&self, p: V3, n: V3, u: F, learned: Option<&LearnedLights>) -> ([u32; LANES], F) {
+        match learned {
+            None => self.descend(p, n, u, None),
+            Some(lights) => self.descend(p, n, u, Some(lights.from(p, n))),
+        }
+    }
+
+    #[inline(always)]
+    fn descend(&self, p: V3, n: V3, mut u: F, mut walk: Option<Walk>) -> ([u32; LANES], F) {
         let mut at = [0u32; LANES];
         let mut pmf = F::ONE;
         loop {
@@ -185,13 +218,20 @@ impl LightTree {
             }
             let a = self.importance(left, p, n);
             let b = self.importance(right, p, n);
-            let share = a / (a + b);
+            let of_tree = a / (a + b);
+            let share = match &walk {
+                Some(walk) if walk.knows(left) => walk.share(left, right, [a, b], of_tree),
+                _ => of_tree,
+            };
             let goes_left = u.simd_lt(share);
             let chance = goes_left.select(share, F::ONE - share);
             let rest = goes_left.select(u, u - share) / chance;
             let below_one = F::splat(crate::sampling::warp::ONE_MINUS);
             u = inner.select(rest.fast_max(F::ZERO).fast_min(below_one), u);
             pmf = inner.select(pmf * chance, pmf);
+            if let Some(walk) = walk.as_mut().filter(|walk| walk.knows(left)) {
+                walk.went(goes_left.select(of_tree, F::ONE - of_tree), chance);
+            }
             let goes_left = goes_left.to_bitmask();
             for lane in 0..LANES {
                 at[lane] = if goes_left >> lane & 1 == 1 { left[lane] } else { right[lane] };
@@ -201,29 +241,36 @@ impl LightTree {
         (eight(|lane| self.nodes[at[lane] as usize].emitter), pmf & pmf.simd_ge(F::ZERO))
     }
 
-    /// The probability with which [`sample`](Self::sample) chooses `emitter` for point `p` with normal `n`, zero as there.
+    /// The probabilities with which [`sample`](Self::sample) chooses `emitter` for point `p` with normal `n`, zero as there: by the
+    /// tree alone, and with what is `learned`.
     #[inline]
-    pub fn pmf(&self, p: Vec3, n: Vec3, emitter: u32) -> f32 {
+    pub fn pmfs(&self, p: Vec3, n: Vec3, emitter: u32, learned: Option<&LearnedLights>) -> [f32; 2] {
         let mut at = self.leaves[emitter as usize];
         if at == u32::MAX {
-            return 0.0;
+            return [0.0; 2];
         }
         let (p, n) = (V3::splat(p), V3::splat(n));
-        let mut pmf = 1.0;
+        let lights = learned.map(|lights| lights.from(p, n));
+        let (mut by_tree, mut led) = (1.0, 1.0);
         while at != 0 {
             let parent = self.nodes[at as usize].parent;
             let first = self.nodes[parent as usize].children;
             let mut both = [first; LANES];
             both[1] = first + 1;
-            let importance = self.importance(both, p, n).to_array();
-            let own = importance[(at - first) as usize];
-            if own <= 0.0 {
-                return 0.0;
+            let importance = self.importance(both, p, n);
+            let share_of = |importance: F| {
+                let [left, right, ..] = importance.to_array();
+                if at == first { left / (left + right) } else { right / (left + right) }
+            };
+            let share = share_of(importance);
+            if share <= 0.0 || share.is_nan() {
+                return [0.0; 2];
             }
-            pmf *= own / (importance[0] + importance[1]);
+            by_tree *= share;
+            led *= lights.as_ref().map_or(share, |lights| share_of(importance * lights.weights(both)));
             at = parent;
         }
-        pmf
+        [by_tree, if learned.is_some() { mixed(by_tree, led) } else { by_tree }]
     }
 
     /// How much of a node's power may arrive at `p` and leave toward the eye, up to a common factor: never zero where

@@ -7,9 +7,8 @@ use rayon::prelude::*;
 use tracing::debug;
 
 use super::allocation::Allocation;
-use super::compensation::density;
 use super::lens::lens;
-use super::pilot::learned;
+use super::pilots::Pilots;
 use super::progress::{Meter, Progress};
 use super::scheduler::{self, Next, State};
 use super::stats::AdaptiveStats;
@@ -17,7 +16,7 @@ use super::tile::{Tile, TileWork};
 use super::{Integrator, RenderSettings, RenderStats, Rendered, Saved, StopReason, fresh_tiles, noise, paths_range};
 use crate::film::Background;
 use crate::integrator::{CameraRays, PreparedScene, Transport};
-use crate::light::Density;
+use crate::light::Drawing;
 use crate::sampling::{FilterSampler, hash};
 use crate::scene::Scene;
 
@@ -99,9 +98,9 @@ pub fn camera(scene: &Scene, settings: &RenderSettings) -> CameraRays {
     CameraRays::new(&scene.camera(camera, width, height), width, height)
 }
 
-/// How the paths of a render with these settings go, without guiding.
+/// How the paths of a render with these settings go that no pilot leads.
 pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Transport<'a> {
-    let transport = Transport {
+    Transport {
         scene: &scene.scene,
         rays: scene.rays.as_ref(),
         geometry: &scene.geometry,
@@ -120,9 +119,8 @@ pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Tra
         limits: [settings.clamp_direct, settings.clamp_indirect].map(|most| most.map_or(f32::INFINITY, |x| x as f32)),
         hides_sky: settings.transparent,
         field: None,
-        density: Density::Radiance,
-    };
-    Transport { density: density(scene, settings, &transport), ..transport }
+        drawing: Drawing::default(),
+    }
 }
 
 /// The seed of a pass that begins after `done` paths.
@@ -152,16 +150,16 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     let start = Instant::now();
     let Saved { tiles, stats } =
         from.unwrap_or_else(|| Saved { tiles: fresh_tiles(settings), stats: RenderStats::default() });
-    let unguided = transport(scene, settings);
     let goes_on = scheduler::planned(settings, paths_range(&tiles).0).is_some();
-    let learned = if goes_on { learned(scene, settings, &unguided) } else { None };
-    let transport = Transport { field: learned.as_ref().and_then(|learned| learned.field.as_ref()), ..unguided };
-    let guiding = learned.as_ref().map(|learned| learned.stats(start.elapsed().as_secs_f64())).or(stats.guiding);
+    let pilots = if goes_on { Pilots::send(scene, settings) } else { Pilots::default() };
+    let transport = pilots.lead(transport(scene, settings));
+    let guiding = pilots.guiding.as_ref().map(|found| found.stats()).or(stats.guiding);
+    let lamps = pilots.lamps.as_ref().map(|found| found.stats()).or(stats.lamps);
     let surveyed = Instant::now();
     let allocation = if goes_on { Allocation::new(&transport, settings) } else { None };
     let of = |a: &Allocation| AdaptiveStats { worth: a.worth(), seconds: surveyed.elapsed().as_secs_f64() };
     let adaptive = allocation.as_ref().map(of).or(stats.adaptive);
-    let before = RenderStats { noise: f64::INFINITY, guiding, adaptive, ..stats };
+    let before = RenderStats { noise: f64::INFINITY, guiding, lamps, adaptive, ..stats };
     let goal = |tile: &Tile| match &allocation {
         Some(allocation) => settings.spp.map(|mean| allocation.paths(tile, mean)),
         None => settings.spp,

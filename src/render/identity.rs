@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
-use super::pilot::MEMORY;
+use super::pilots::guiding::MEMORY;
 use super::{Guiding, RenderSettings};
 use crate::balance::HALF_PILOT;
 use crate::rays::Backend;

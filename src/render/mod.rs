@@ -6,7 +6,6 @@
 pub mod adaptive;
 pub mod allocation;
 pub mod checkpoint;
-pub mod compensation;
 pub mod driver;
 pub mod fireflies;
 mod format2;
@@ -15,14 +14,13 @@ pub mod lens;
 mod maker;
 pub mod merge;
 pub mod part;
-pub mod pilot;
+pub mod pilots;
 mod pixels;
 pub mod progress;
 pub mod replay;
 pub mod sampler;
 pub mod scheduler;
 pub mod settings;
-mod small;
 pub mod stats;
 pub mod tile;
 

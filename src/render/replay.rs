@@ -4,11 +4,11 @@ use glam::Vec3;
 
 use super::allocation::Allocation;
 use super::driver::{pass_seed, transport};
-use super::pilot::learned;
+use super::pilots::Pilots;
 use super::tile::Tile;
 use super::{RenderSettings, scheduler};
 use crate::integrator::scalar::{self, Event};
-use crate::integrator::{PixelTask, PreparedScene, Transport};
+use crate::integrator::{PixelTask, PreparedScene};
 
 /// One path of a pixel.
 #[derive(Debug)]
@@ -30,10 +30,8 @@ pub fn replay(
     only: Option<u32>,
     tell: &mut dyn FnMut(Replayed),
 ) {
-    let unguided = transport(scene, settings);
-    let learned = learned(scene, settings, &unguided);
-    let field = learned.as_ref().and_then(|learned| learned.field.as_ref());
-    let mut transport = Transport { field, ..unguided };
+    let pilots = Pilots::send(scene, settings);
+    let mut transport = pilots.lead(transport(scene, settings));
     let window = [x, y, x + 1, y + 1];
     let Some(mut tile) = Tile::cover(settings.width, settings.height, window, settings.columns()).pop() else { return };
     let allocation = Allocation::new(&transport, settings);

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Rendered;
 use super::allocation;
-use super::pilot::Worth;
+use super::pilots::guiding::Worth;
 use super::tile::{Tile, TileWork};
 
 /// Why a render ended.
@@ -50,6 +50,9 @@ pub struct RenderStats {
     /// Of the first of them: column, row, number of the path in its pixel.
     #[serde(default)]
     pub first_not_finite: Option<[u32; 3]>,
+    /// What the pilot of lamps found, in the last session.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lamps: Option<LampsStats>,
     /// What guiding's pilot found, in the last session.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub guiding: Option<GuidingStats>,
@@ -73,6 +76,21 @@ pub struct GuidingStats {
     /// What it is worth.
     #[serde(flatten)]
     pub worth: Worth,
+    /// Wall seconds that it took.
+    pub seconds: f64,
+}
+
+/// What the pilot of lamps found.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub struct LampsStats {
+    /// Are they chosen by what it found?
+    pub on: bool,
+    /// Cells in space, if so.
+    pub cells: usize,
+    /// Bytes of what is known.
+    pub bytes: usize,
+    /// What it is to leave of the variance.
+    pub left: f64,
     /// Wall seconds that it took.
     pub seconds: f64,
 }
@@ -139,6 +157,7 @@ impl RenderStats {
         self.passes = self.passes.max(other.passes);
         self.not_finite += other.not_finite;
         self.first_not_finite = self.first_not_finite.or(other.first_not_finite);
+        self.lamps = self.lamps.or(other.lamps);
         self.guiding = self.guiding.or(other.guiding);
         self.adaptive = self.adaptive.or(other.adaptive);
     }

@@ -1,7 +1,8 @@
 //! Random numbers and what is made of them: low-discrepancy sequences, warps from the unit square, discrete
-//! distributions, pixel filters. What renders use is a pure function of (pixel, index,
+//! distributions, pixel filters, cells in space. What renders use is a pure function of (pixel, index,
 //! dimension, seed).
 
+pub mod cells;
 pub mod discrete;
 pub mod filter;
 pub mod random;

@@ -19,7 +19,7 @@ pub fn z_limit(tests: usize) -> f64 {
 }
 
 /// Running mean and variance.
-#[derive(Default, Clone, Copy)]
+#[derive(Debug, Default, Clone, Copy)]
 pub struct Mean {
     pub n: f64,
     pub mean: f64,

@@ -22,7 +22,7 @@ use crate::film::exr_file::{HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::film::{Background, Look, Picture, colors, denoised, exr_file, preview};
 use crate::render::checkpoint::{self, Earlier, Host};
 use crate::render::lens::lens;
-use crate::render::pilot::MEMORY;
+use crate::render::pilots::{guiding::MEMORY, lamps};
 use crate::render::{
     Guiding, Identity, Pause, Progress, Record, RenderSettings, Rendered, RunOptions, Saved, StopReason, camera, run,
 };
@@ -157,16 +157,18 @@ impl Session<'_> {
             }
             None => u64::from(width) * u64::from(height),
         };
+        let settings = self.args.settings();
+        let guiding = match settings.guiding {
+            Guiding::Off => 0,
+            _ => settings.guiding_memory.unwrap_or(MEMORY),
+        };
         let need = Need {
             scene: &self.inputs.scene,
             environment_bytes: self.inputs.environment.1,
             pixels,
-            columns: self.args.settings().columns(),
+            columns: settings.columns(),
             saves: self.saves(),
-            guiding: match self.args.guiding {
-                Guiding::Off => 0,
-                _ => self.args.guiding_memory.unwrap_or(MEMORY),
-            },
+            pilots: guiding + lamps::bytes(&settings),
             rays: self.args.rays,
             threads: self.threads,
         };

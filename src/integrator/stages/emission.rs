@@ -37,7 +37,7 @@ pub fn surfaces(
             let at = (transport.scene, rays.rays.time(ray));
             let pdf = match depth {
                 0 => 0.0,
-                _ => transport.lights.area_pdf(at, from, hit, direction, hits.t[ray]),
+                _ => transport.lights.area_pdf(at, from, hit, direction, hits.t[ray], transport.drawing),
             };
             add(transport, depth, ray, Found { radiance, pdf: [0.0, pdf], group: 1 }, rays, ledger, batch);
         }
@@ -59,7 +59,7 @@ pub fn environment(
     }
     for at in (0..escaped.len()).step_by(LANES) {
         let (rows, n) = eight_of(escaped, at);
-        let (radiance, pdf) = transport.lights.environment(rays.rays.directions(&rows), transport.density);
+        let (radiance, pdf) = transport.lights.environment(rays.rays.directions(&rows), transport.drawing);
         for lane in 0..n {
             let pdf = if depth == 0 { 0.0 } else { pdf.as_array()[lane] };
             let found = Found { radiance: radiance.lane(lane), pdf: [pdf, 0.0], group: 0 };

@@ -29,17 +29,17 @@ pub fn sample(
     shadows: &mut ShadowRays,
 ) {
     let punctual = if transport.lights.punctual { vertices.len() } else { 0 };
-    shadows.open(requests.count() + punctual, vertices.moves(), observed && depth == 0);
+    let learns = ledger.attempts.is_some();
+    shadows.open(requests.count() + punctual, vertices.moves(), observed && depth == 0, learns);
     if transport.lights.has_extent() {
         for at in (0..requests.count()).step_by(LANES) {
             let group = requests.group(transport, vertices, ledger, at);
-            let faults = &mut ledger.faults;
             match vertices.core() {
                 Some(columns) => {
-                    with_extent(transport, depth, vertices, &Core::load(columns, &group.rows), &group, faults, shadows);
+                    with_extent(transport, depth, vertices, &Core::load(columns, &group.rows), &group, ledger, shadows);
                 }
                 None => {
-                    with_extent(transport, depth, vertices, &vertices.bsdf(&group.rows), &group, faults, shadows);
+                    with_extent(transport, depth, vertices, &vertices.bsdf(&group.rows), &group, ledger, shadows);
                 }
             }
         }
@@ -58,7 +58,7 @@ fn with_extent(
     vertices: &Vertices,
     bsdf: &impl Lobe,
     group: &RequestGroup,
-    faults: &mut Faults,
+    ledger: &mut Ledger,
     shadows: &mut ShadowRays,
 ) {
     let (rows, id) = (&group.rows, &group.identity);
@@ -67,8 +67,8 @@ fn with_extent(
     let [a_env, a_area, a_b] = group.rates;
     let (toward_environment, choice) = toward_environment(transport, group.toward, choice);
     let from = (vertices.origin.load(rows), vertices.facing(rows, both));
-    let environment = (toward_environment, transport.density);
-    let light = transport.lights.sample((transport.scene, id.time), from, environment, choice, u, v);
+    let drawing = (toward_environment, transport.drawing);
+    let light = transport.lights.sample((transport.scene, id.time), from, drawing, [choice, u, v]);
     let (value, mut bsdf_pdf) = bsdf.eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
     if let Some(mixture) = Mixture::at(transport, vertices, rows) {
         bsdf_pdf = mixture.pdf(light.wi, bsdf_pdf);
@@ -80,7 +80,7 @@ fn with_extent(
     let radiance = media::dimmed(transport, radiance, vertices.media(rows, leaving.beyond), light.distance);
     let there = mask(group.len) & light.pdf.simd_gt(F::ZERO) & leaving.allowed;
     let finite = radiance.is_finite();
-    faults.add_lanes((there & !finite).to_bitmask(), id.path);
+    ledger.faults.add_lanes((there & !finite).to_bitmask(), id.path);
     let alive = there & radiance.max_element().simd_gt(F::ZERO) & finite;
     let observation = || {
         let a_l = a_env + a_area;
@@ -90,9 +90,14 @@ fn with_extent(
     };
     let key = hashes(keys(id.seed, id.index, light_set(depth)));
     let tfar = light.distance * F::splat(SHADOW_END);
-    let group: U = cast(!toward_environment & cast::<U, F>(U::ONE));
-    let (ray, whose) = ((leaving.origin, light.wi), [id.path, id.branch, group]);
-    shadows.push(&Survivors::of(alive), ray, tfar, (key, id.time), radiance, whose, observation);
+    let kind: U = cast(!toward_environment & cast::<U, F>(U::ONE));
+    let (ray, whose) = ((leaving.origin, light.wi), [id.path, id.branch, kind]);
+    let survivors = Survivors::of(alive);
+    if ledger.attempts.is_some() {
+        let toward_area = (mask(group.len) & !toward_environment).to_bitmask();
+        shadows.attempted(&survivors, ledger.attempt(toward_area, from, light.emitter, id.path));
+    }
+    shadows.push(&survivors, ray, tfar, (key, id.time), radiance, whose, observation);
 }
 
 /// One of the lights without size for each of eight vertices: nothing to weigh, nothing to learn.

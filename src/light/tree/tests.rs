@@ -1,4 +1,5 @@
 use super::*;
+use crate::light::Attempt;
 use crate::sampling::{hash, warp};
 use proptest::prelude::*;
 
@@ -34,6 +35,18 @@ fn emitters(n: u32, seed: u32) -> Vec<Emitter> {
         .collect()
 }
 
+/// What was learned from attempts at random places, most of which found next to nothing.
+fn learned(tree: &LightTree, emitters: u32, seed: u32) -> Option<LearnedLights> {
+    let attempt = |i: u32| {
+        let number = |k: u32| number(seed ^ hash(8 * i + k + 7));
+        let position = Vec3::new(number(0), number(1), number(2)) * 10.0;
+        let emitter = (number(3) * emitters as f32) as u32;
+        Attempt { position, normal: normal(seed ^ i), emitter, pixel: 0, found: number(4).powi(12) * 1e6 }
+    };
+    let attempts: Vec<_> = (0..3000).map(attempt).collect();
+    LearnedLights::learn(tree, &attempts, 3.0).filter(|_| !seed.is_multiple_of(3))
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
@@ -43,7 +56,11 @@ proptest! {
         let Some(tree) = LightTree::new(&emitters) else { return Ok(()) };
         let p = Vec3::new(5.0, 10.0 * above, 5.0);
         let normal = normal(seed);
-        let pmf: Vec<f64> = (0..n).map(|e| f64::from(tree.pmf(p, normal, e))).collect();
+        let learned = learned(&tree, n, seed);
+        let pmfs = |emitter| tree.pmfs(p, normal, emitter, learned.as_ref());
+        let pmf: Vec<f64> = (0..n).map(|e| f64::from(pmfs(e)[1])).collect();
+        // Whatever was learned: half as often as without, at least.
+        prop_assert!((0..n).map(pmfs).all(|[by_tree, mixed]| mixed >= 0.4999 * by_tree));
         let sum: f64 = pmf.iter().sum();
         // Less than one where a cluster may shine here but none in it does; 1e-4: rounding of some ten products.
         prop_assert!(sum <= 1.0 + 1e-4, "{sum}");
@@ -52,12 +69,12 @@ proptest! {
         let mut count = vec![0u32; n as usize];
         for k in (0..STEPS).step_by(LANES) {
             let u = std::array::from_fn::<f32, LANES, _>(|lane| ((k + lane) as f32 + 0.5) / STEPS as f32);
-            let (chosen, chance) = tree.sample(V3::splat(p), V3::splat(normal), F::from(u));
+            let (chosen, chance) = tree.sample(V3::splat(p), V3::splat(normal), F::from(u), learned.as_ref());
             for lane in 0..LANES {
                 let chance = chance.as_array()[lane];
                 if chance > 0.0 {
                     count[chosen[lane] as usize] += 1;
-                    let stated = tree.pmf(p, normal, chosen[lane]);
+                    let [_, stated] = pmfs(chosen[lane]);
                     // A level: sum and quotient of a share near one are rounded, and what it leaves to one is off
                     // by as much, before factors of at most one; then the roundings of both products.
                     let rounding = f32::EPSILON * (1.0 + 4.0 * stated) * depth(&tree, chosen[lane]) as f32;
@@ -84,7 +101,7 @@ proptest! {
             let facing = if e.two_sided { facing.abs() } else { facing };
             // Clear of rounding.
             if e.power > 0.0 && facing > 1e-3 && (normal == Vec3::ZERO || normal.dot(wi) > 1e-3) {
-                prop_assert!(tree.pmf(p, normal, i) > 0.0, "{i}");
+                prop_assert!(tree.pmfs(p, normal, i, None)[1] > 0.0, "{i}");
             }
         }
     }

@@ -1,4 +1,4 @@
-//! A tree over places: positions, and normals, so that the two sides of a thin wall are apart.
+//! Cells in space: a tree over places, which are positions, and normals, so that the two sides of a thin wall are apart.
 
 use glam::Vec3;
 

@@ -5,14 +5,14 @@
 use rayon::prelude::*;
 use tracing::debug;
 
-use super::RenderSettings;
-use super::sampler::with_buffers;
+use super::super::RenderSettings;
+use super::super::sampler::with_buffers;
 use super::small::small;
 use crate::balance::Counts;
 use crate::film::PixelStats;
 use crate::film::compare::relative_to;
 use crate::integrator::{PixelBatch, PixelTask, PreparedScene, Transport};
-use crate::light::Density;
+use crate::light::{Density, Drawing};
 use crate::sampling::hash;
 
 /// Pixels of a picture for each of its pilot's, which has neither fewer nor more than this.
@@ -36,7 +36,8 @@ pub fn density(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
     let ([width, height], camera) = small(scene, settings, (pixels / PIXELS_OF).clamp(FEWEST, MOST));
     let [plain, excess] = [Density::Radiance, Density::Excess].map(|density| {
         let seed = hash(settings.seed ^ hash(0x736b_7921));
-        take(&Transport { camera: camera.clone(), seed, density, ..transport.clone() }, [width, height])
+        let drawing = Drawing { density, learned: None };
+        take(&Transport { camera: camera.clone(), seed, drawing, ..transport.clone() }, [width, height])
     });
     let left = left(&plain, &excess);
     debug!("samples of the environment's excess leave {left:.2} of the variance, by {width} x {height} pixels");

@@ -1,18 +1,16 @@
 //! The pilot of guiding: paths of a smaller picture of the same view, of which a field is learned. What it finds depends on
 //! the scene, the view, the seed and the paths that the picture is to have, so that every part and crop learns the same.
 
-use rayon::prelude::*;
+use std::time::Instant;
+
 use serde::{Deserialize, Serialize};
 use tracing::debug;
 
-use super::sampler::with_buffers;
-use super::small::small;
-use super::stats::GuidingStats;
-use super::{Guiding, RenderSettings};
+use super::super::stats::GuidingStats;
+use super::super::{Guiding, RenderSettings};
+use super::small::{divisors, in_tiles, relative_variance, small, thin, tiles};
 use crate::balance::Counts;
-use crate::color::luminance;
 use crate::film::PixelStats;
-use crate::film::compare::relative_to;
 use crate::guiding::learn::LEARNING_CELL_BYTES;
 use crate::guiding::{Field, Lesson, Paths, Visit, learn};
 use crate::integrator::{PixelBatch, PixelTask, PreparedScene, Transport, Wave, WaveCounts};
@@ -39,9 +37,6 @@ const FEW: f64 = 0.04;
 /// At the end, it guides where no more than this is to be left: a guided ray takes longer, and smooth light (cornell: 0.55) loses
 /// what stratified points do for it.
 const PAYS: f32 = 0.45;
-/// Side of the pilot's tiles, and of the blocks that are judged by their mean.
-const TILE: u32 = 32;
-const BLOCK: u32 = 8;
 /// Bytes that a field and its lessons may take.
 pub const MEMORY: u64 = 256 << 20;
 
@@ -52,6 +47,8 @@ pub struct Learned {
     pub field: Option<Field>,
     /// What it is worth.
     pub worth: Worth,
+    /// Wall seconds that it took.
+    pub seconds: f64,
 }
 
 /// What a field is worth.
@@ -68,9 +65,9 @@ pub struct Worth {
 
 impl Learned {
     /// For people.
-    pub fn stats(&self, seconds: f64) -> GuidingStats {
+    pub fn stats(&self) -> GuidingStats {
         let (cells, bytes) = self.field.as_ref().map_or((0, 0), |field| (field.cells(), field.bytes()));
-        GuidingStats { on: self.field.is_some(), cells, bytes, worth: self.worth, seconds }
+        GuidingStats { on: self.field.is_some(), cells, bytes, worth: self.worth, seconds: self.seconds }
     }
 }
 
@@ -79,6 +76,7 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
     if settings.guiding == Guiding::Off || transport.max_depth < 3 {
         return None;
     }
+    let began = Instant::now();
     let most = settings.guiding_memory.unwrap_or(MEMORY) as f64;
     // A quarter for lessons and an eighth for visits, which are copied once; a quarter for cells, as they are while they learn.
     let most_lessons = (most / 4.0 / size_of::<Lesson>() as f64) as usize;
@@ -128,7 +126,7 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
             debug!("round {round}: {} cells, {worth:?}", field.cells());
             let most = if last { PAYS } else { PROMISES };
             if settings.guiding == Guiding::Auto && worth.variance * worth.cost > most && (last || !few) {
-                return Some(Learned { field: None, worth });
+                return Some(Learned { field: None, worth, seconds: began.elapsed().as_secs_f64() });
             }
         }
         // One path of each pixel tells no variance.
@@ -141,23 +139,7 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
             break;
         }
     }
-    Some(Learned { field: known, worth })
-}
-
-/// Which block of pixels a pixel is in.
-fn block(&[x, y]: &[u32; 2]) -> [u32; 2] {
-    [y / BLOCK, x / BLOCK]
-}
-
-/// What relMSE divides pixels by, of their blocks' means: a single pixel's few paths do not know its own.
-fn divisors(tasks: &[PixelTask], stats: &[PixelStats]) -> Vec<f32> {
-    let alike = |a: &PixelTask, b: &PixelTask| block(&[a.x, a.y]) == block(&[b.x, b.y]);
-    let mut stats = stats.iter();
-    let of_block = |tasks: &[PixelTask]| {
-        let sum: f64 = stats.by_ref().take(tasks.len()).map(|s| f64::from(luminance(s.mean().into()))).sum();
-        vec![relative_to(sum / tasks.len() as f64) as f32; tasks.len()]
-    };
-    tasks.chunk_by(alike).flat_map(of_block).collect()
+    Some(Learned { field: known, worth, seconds: began.elapsed().as_secs_f64() })
 }
 
 /// What a round's paths teach.
@@ -173,17 +155,10 @@ struct Taken {
 }
 
 /// What paths of a picture of this size teach: at most so many lessons and visits.
-fn take(transport: &Transport, [width, height]: [u32; 2], paths: u32, most: [usize; 2]) -> Taken {
+fn take(transport: &Transport, size: [u32; 2], paths: u32, most: [usize; 2]) -> Taken {
     let counts = if transport.lights.has_extent() { Counts::half(paths) } else { Counts::bsdf_only(paths) };
-    let tiles: Vec<_> = (0..height)
-        .step_by(TILE as usize)
-        .flat_map(|y| (0..width).step_by(TILE as usize).map(move |x| [x, y]))
-        .collect();
-    let most = most.map(|most| most / tiles.len());
-    let of_tile = |wave: &mut Wave, [x0, y0]: [u32; 2]| {
-        let mut pixels: Vec<_> =
-            (y0..height.min(y0 + TILE)).flat_map(|y| (x0..width.min(x0 + TILE)).map(move |x| [x, y])).collect();
-        pixels.sort_by_key(block);
+    let most = most.map(|most| most / tiles(size).len());
+    let of_tile = |wave: &mut Wave, pixels: Vec<[u32; 2]>| {
         let tasks: Vec<_> = pixels.into_iter().map(|pixel| PixelTask::first(pixel, counts, 0)).collect();
         let mut taken = Taken::default();
         wave.counts = WaveCounts::default();
@@ -191,11 +166,7 @@ fn take(transport: &Transport, [width, height]: [u32; 2], paths: u32, most: [usi
             let mut stats = vec![PixelStats::default(); tasks.len()];
             let mut batch = PixelBatch::plain(tasks, &mut stats);
             let divisors = wave.learn(transport, &mut batch, &divisors, (&mut taken.lessons, &mut taken.visits));
-            // Each path's variance, for as many paths as there are.
-            let of = |(stats, divisor): (&PixelStats, &f32)| {
-                let all = stats.variance_of_mean().iter().map(|v| f64::from(*v)).sum::<f64>() / 3.0;
-                all * f64::from(paths * paths) / f64::from(*divisor)
-            };
+            let of = |(stats, divisor): (&PixelStats, &f32)| relative_variance(stats, *divisor);
             taken.variance += stats.iter().zip(&divisors).map(of).filter(|v| v.is_finite()).sum::<f64>();
             taken.inverse += divisors.iter().map(|divisor| 1.0 / f64::from(*divisor)).sum::<f64>();
         }
@@ -208,8 +179,7 @@ fn take(transport: &Transport, [width, height]: [u32; 2], paths: u32, most: [usi
         taken.visits.shrink_to_fit();
         taken
     };
-    let of_tiles: Vec<_> =
-        tiles.into_par_iter().map(|tile| with_buffers(|buffers| of_tile(buffers.wave(), tile))).collect();
+    let of_tiles = in_tiles(size, of_tile);
     of_tiles.into_iter().fold(Taken::default(), |mut all, tile| {
         all.lessons.extend(tile.lessons);
         all.visits.extend(tile.visits);
@@ -218,14 +188,4 @@ fn take(transport: &Transport, [width, height]: [u32; 2], paths: u32, most: [usi
         all.rays += tile.rays;
         all
     })
-}
-
-/// Leaves every other one if there are too many: from all over the tile.
-fn thin<T>(list: &mut Vec<T>, most: usize) -> bool {
-    let too_many = list.len() > most;
-    if too_many {
-        let mut kept = 0..;
-        list.retain(|_| kept.next().is_some_and(|i: usize| i % 2 == 1));
-    }
-    too_many
 }

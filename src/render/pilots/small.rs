@@ -1,0 +1,76 @@
+//! Pilots' pictures: the same view with fewer pixels.
+
+use rayon::prelude::*;
+
+use super::super::RenderSettings;
+use super::super::lens::lens;
+use super::super::sampler::with_buffers;
+use crate::color::luminance;
+use crate::film::PixelStats;
+use crate::film::compare::relative_to;
+use crate::integrator::{CameraRays, PixelTask, PreparedScene, Wave};
+
+/// Side of tiles, and of the blocks that are judged by their mean.
+const TILE: u32 = 32;
+const BLOCK: u32 = 8;
+
+/// Columns and rows of about `pixels` pixels, no more than the picture has, and the camera that takes them.
+pub fn small(scene: &PreparedScene, settings: &RenderSettings, pixels: f64) -> ([u32; 2], CameraRays) {
+    let all = f64::from(settings.width) * f64::from(settings.height);
+    let scale = (pixels / all).sqrt().min(1.0);
+    let [width, height] = [settings.width, settings.height].map(|n| (f64::from(n) * scale).ceil().max(1.0) as u32);
+    let camera = CameraRays::new(&scene.scene.camera(settings.camera, width, height), width, height);
+    ([width, height], camera.with_lens(lens(scene, settings).unwrap_or_default()))
+}
+
+/// The upper left pixels of a picture's tiles.
+pub fn tiles([width, height]: [u32; 2]) -> Vec<[u32; 2]> {
+    let row = |y| (0..width).step_by(TILE as usize).map(move |x| [x, y]);
+    (0..height).step_by(TILE as usize).flat_map(row).collect()
+}
+
+/// What is made of each tile's pixels, which come block by block, with buffers of the thread's own; in the order of
+/// [`tiles`].
+pub fn in_tiles<T: Send>(size: [u32; 2], of_tile: impl Fn(&mut Wave, Vec<[u32; 2]>) -> T + Sync) -> Vec<T> {
+    let [width, height] = size;
+    let pixels = |[x0, y0]: [u32; 2]| {
+        let row = move |y| (x0..width.min(x0 + TILE)).map(move |x| [x, y]);
+        let mut pixels: Vec<_> = (y0..height.min(y0 + TILE)).flat_map(row).collect();
+        pixels.sort_by_key(block);
+        pixels
+    };
+    let take = |tile| with_buffers(|buffers| of_tile(buffers.wave(), pixels(tile)));
+    tiles(size).into_par_iter().map(take).collect()
+}
+
+/// Which block of pixels a pixel is in.
+fn block(&[x, y]: &[u32; 2]) -> [u32; 2] {
+    [y / BLOCK, x / BLOCK]
+}
+
+/// What relMSE divides pixels by, of their blocks' means, for pixels block by block: a single pixel's few paths do not know its own.
+pub fn divisors(tasks: &[PixelTask], stats: &[PixelStats]) -> Vec<f32> {
+    let alike = |a: &PixelTask, b: &PixelTask| block(&[a.x, a.y]) == block(&[b.x, b.y]);
+    let mut stats = stats.iter();
+    let of_block = |tasks: &[PixelTask]| {
+        let sum: f64 = stats.by_ref().take(tasks.len()).map(|s| f64::from(luminance(s.mean().into()))).sum();
+        vec![relative_to(sum / tasks.len() as f64) as f32; tasks.len()]
+    };
+    tasks.chunk_by(alike).flat_map(of_block).collect()
+}
+
+/// A path's variance by a pixel's statistics, over what relMSE divides the pixel by, for as many paths as there are.
+pub fn relative_variance(stats: &PixelStats, divisor: f32) -> f64 {
+    let all = stats.variance_of_mean().iter().map(|v| f64::from(*v)).sum::<f64>() / 3.0;
+    all * f64::from(stats.samples).powi(2) / f64::from(divisor)
+}
+
+/// Leaves every other one if there are too many: from all over the tile.
+pub fn thin<T>(list: &mut Vec<T>, most: usize) -> bool {
+    let too_many = list.len() > most;
+    if too_many {
+        let mut kept = 0..;
+        list.retain(|_| kept.next().is_some_and(|i: usize| i % 2 == 1));
+    }
+    too_many
+}

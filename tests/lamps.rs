@@ -1,0 +1,142 @@
+//! Lamps that are chosen by what a pilot's light samples found: the same picture, less noise where walls hide most of them.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+use bismar::film::PixelStats;
+use bismar::integrator::{PixelBatch, PixelTask, Transport, Wave};
+use bismar::light::{Attempt, Drawing, LearnedLights};
+use bismar::rays::Backend;
+use bismar::render::pilots::lamps::{bytes, learned};
+use bismar::render::{Balance, Part, RenderSettings, Rendered, RunOptions, Saved, render, run, transport};
+use bismar::sampling::SplitMix64;
+use bismar::scene::Scene;
+use glam::Vec3;
+
+use crate::helpers::stage::{Stage, closed_box, glass_hall, lambert, lamp, look, rectangle};
+use crate::helpers::statistics::{Mean, z_limit};
+
+/// A room with a dim lamp, beside one with a bright one.
+fn house() -> Arc<Scene> {
+    let mut scene = Scene::default();
+    for (x, radiance) in [(0.0, 4.0), (4.2, 400.0)] {
+        let (low, high) = (Vec3::new(x - 2.0, 0.0, -2.0), Vec3::new(x + 2.0, 2.5, 2.0));
+        closed_box(&mut scene, low, high, bismar::scene::Material { double_sided: true, ..lambert(0.6) });
+        rectangle(&mut scene, 2.4, [x - 0.5, x + 0.5], [-0.5, 0.5], false, lamp(radiance));
+    }
+    look(&mut scene, Vec3::new(0.0, 1.4, 1.9), Vec3::new(0.0, 0.8, -1.0), 0.9);
+    Arc::new(scene)
+}
+
+fn settings(balance: Balance) -> RenderSettings {
+    RenderSettings { width: 36, height: 24, spp: Some(16), max_depth: 4, balance, ..Default::default() }
+}
+
+fn on_threads(stage: &Stage, settings: &RenderSettings, threads: usize) -> Rendered {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    pool.install(|| render(&stage.scene, settings, &AtomicBool::new(false), &|_| ()))
+}
+
+/// Pixels' means and variances of the green of pictures that know of lights what is `learned`.
+fn pictures(stage: &Stage, learned: Option<&LearnedLights>, first: u32, replicas: u32) -> [Mean; 2] {
+    let settings = settings(Balance::Half);
+    let mut means = vec![Mean::default(); (settings.width * settings.height) as usize];
+    let mut whole = Mean::default();
+    for seed in first..first + replicas {
+        let settings = RenderSettings { seed, ..settings.clone() };
+        let drawing = Drawing { learned, ..Default::default() };
+        let transport = Transport { drawing, ..transport(&stage.scene, &settings) };
+        let counts = bismar::balance::Counts::half(4);
+        let task = |i: u32| PixelTask::first([i % settings.width, i / settings.width], counts, i);
+        let tasks: Vec<_> = (0..settings.width * settings.height).map(task).collect();
+        let mut stats = vec![PixelStats::default(); tasks.len()];
+        Wave::default().run(&transport, &mut PixelBatch::plain(&tasks, &mut stats));
+        let green: Vec<_> = stats.iter().map(|s| s.sum[1] / f64::from(s.samples)).collect();
+        means.iter_mut().zip(&green).for_each(|(mean, green)| mean.add(*green));
+        whole.add(green.iter().sum::<f64>() / green.len() as f64);
+    }
+    let mut variances = Mean::default();
+    means.iter().for_each(|mean| variances.add(mean.standard_error().powi(2)));
+    [whole, variances]
+}
+
+fn z(a: &Mean, b: &Mean) -> f64 {
+    (a.mean - b.mean) / (a.standard_error().powi(2) + b.standard_error().powi(2)).sqrt()
+}
+
+#[test]
+fn what_a_pilot_learns_of_lamps_changes_no_mean_and_takes_noise_away() {
+    let stage = Stage::new(house(), Backend::Embree);
+    let settings = settings(Balance::Progressive);
+    let found = learned(&stage.scene, &settings, &transport(&stage.scene, &settings)).unwrap();
+    assert!(found.left < 0.7, "{:?}", found.stats());
+    let lights = found.lights.as_ref().unwrap();
+    assert!((lights.bytes() as u64) < bytes(&settings) && bytes(&settings) < 100 << 20);
+    let [without, with] = [(None, 0), (Some(lights), 500)].map(|(lights, seed)| pictures(&stage, lights, seed, 200));
+    assert!(z(&without[0], &with[0]).abs() < z_limit(1), "{without:?} {with:?}");
+    // The tree takes two light samples of three toward the lamp next door, and what was learned but one. Variances of 864 pixels are
+    // known to a few per cent.
+    assert!(with[1].mean < 0.75 * without[1].mean, "{} {}", with[1].mean, without[1].mean);
+    let rendered = on_threads(&stage, &settings, 2);
+    let stats = rendered.stats.lamps.unwrap();
+    assert!(stats.on && stats.cells == lights.cells() && stats.left == found.left, "{stats:?}");
+}
+
+#[test]
+fn lies_about_lamps_change_no_mean() {
+    for (scene, name) in [(house(), "house"), (glass_hall(), "glass hall")] {
+        let stage = Stage::new(scene, Backend::Obvhs);
+        let area = stage.scene.lights.area.as_ref().unwrap();
+        let (tree, lamps) = (area.tree(), area.levels().exp2().round() as u32);
+        let without = pictures(&stage, None, 0, 60)[0];
+        // Only the last lamp shines; only the first, and from everywhere but a corner; next to nothing but for a firefly.
+        let lies: [&dyn Fn(Vec3, u32, f32) -> f32; 3] = [
+            &|_, lamp, _| if lamp + 1 == lamps { 1.0 } else { 0.0 },
+            &|p, lamp, _| if lamp == 0 && p.x > -1.0 { 1.0 } else { 0.0 },
+            &|_, _, chance| if chance < 1e-3 { 1e12 } else { 1e-9 },
+        ];
+        for (i, lie) in lies.iter().enumerate() {
+            let mut random = SplitMix64(5);
+            let attempt = |n: u32| {
+                let position = Vec3::new(5.0 * random.f32() - 2.5, 2.5 * random.f32(), 5.0 * random.f32() - 2.5);
+                let (emitter, chance) = (n % lamps, random.f32());
+                Attempt { position, normal: Vec3::Y, emitter, pixel: 0, found: lie(position, emitter, chance) }
+            };
+            let attempts: Vec<_> = (0..20_000).map(attempt).collect();
+            let lights = LearnedLights::learn(tree, &attempts, 1.0).unwrap();
+            let with = pictures(&stage, Some(&lights), 500 * (i as u32 + 1), 60)[0];
+            assert!(z(&without, &with).abs() < z_limit(6), "{name}, lie {i}: {without:?} {with:?}");
+        }
+    }
+}
+
+#[test]
+fn where_lamps_are_learned_bits_are_the_same_on_any_threads_in_any_window_part_and_session() {
+    let stage = Stage::new(house(), Backend::Embree);
+    let settings = settings(Balance::Progressive);
+    let one = on_threads(&stage, &settings, 1);
+    assert!(one.stats.lamps.unwrap().on);
+    let same = |other: &Rendered| {
+        for tile in &other.tiles {
+            let own = one.tiles.iter().find(|own| own.grid_position() == tile.grid_position()).unwrap();
+            assert!((0..tile.pixels()).all(|i| tile.at(i).0.sum == own.at(i).0.sum), "{:?}", other.settings);
+        }
+    };
+    same(&on_threads(&stage, &settings, 3));
+    same(&on_threads(&stage, &RenderSettings { crop: Some([16, 0, 32, 16]), ..settings.clone() }, 2));
+    let part: Part = "2/3".parse().unwrap();
+    same(&on_threads(&stage, &RenderSettings { part: Some(part), ..settings.clone() }, 2));
+    // Going on to more paths has learned the same as well.
+    let Rendered { tiles, stats, .. } = on_threads(&stage, &RenderSettings { spp: Some(8), ..settings.clone() }, 2);
+    let (stop, from) = (AtomicBool::new(false), Some(Saved { tiles, stats }));
+    let options = RunOptions { stop: &stop, progress: &|_| (), began: Instant::now(), from, pauses: Vec::new() };
+    let longer = run(&stage.scene, &settings, options);
+    let whole = on_threads(&stage, &settings, 2);
+    assert_eq!(longer.stats.lamps.unwrap().cells, whole.stats.lamps.unwrap().cells);
+    // Nothing is left to do: nothing is learned again, and what was found is still said.
+    let (stop, from) = (AtomicBool::new(false), Some(Saved { tiles: whole.tiles, stats: whole.stats }));
+    let options = RunOptions { stop: &stop, progress: &|_| (), began: Instant::now(), from, pauses: Vec::new() };
+    let again = run(&stage.scene, &settings, options);
+    assert_eq!(again.stats.lamps.unwrap().seconds, whole.stats.lamps.unwrap().seconds);
+}
