@@ -35,6 +35,8 @@ const BY_TREE: f32 = 0.5;
 const NODES: usize = 127;
 /// Attempts of a cell, about; one of fewer is not parted.
 const ATTEMPTS_A_CELL: usize = 256;
+/// Attempts that have a say in the cells, at most.
+const PLACES: usize = 1 << 14;
 /// Cells, at most.
 const CELLS: usize = 2048;
 /// Attempts of a cell that count as much as all that is known where it is a part.
@@ -43,6 +45,7 @@ const OWN: f32 = 16.0;
 const LEAST: f32 = 0.02;
 /// Larger squares are no numbers to learn from.
 const LARGEST: f32 = 1e30;
+
 /// Cells, and what each knows of the first nodes of the light tree.
 #[derive(Debug)]
 pub struct LearnedLights {
@@ -77,7 +80,9 @@ impl LearnedLights {
             return None;
         }
         let place = |attempt: &Attempt| Tree::place(attempt.position, attempt.normal, scale);
-        let cells = Tree::new(attempts.iter().map(place).collect(), scale, ATTEMPTS_A_CELL, CELLS);
+        let step = attempts.len().div_ceil(PLACES);
+        let places = attempts.iter().step_by(step).map(place).collect();
+        let cells = Tree::new(places, scale, ATTEMPTS_A_CELL.div_ceil(step), CELLS);
         let known = sums(tree, &cells, nodes, attempts);
         let mut weights = vec![1.0; cells.leaves() * (nodes + 1)];
         // From the whole to its parts; what the whole would be a part of knows nothing but a mean.

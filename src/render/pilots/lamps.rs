@@ -2,6 +2,7 @@
 //! a smaller picture of the same view tells: it depends on the scene, the view and the seed alone, so that every part, crop and
 //! session comes to the same.
 
+use std::f32::consts::SQRT_2;
 use std::time::Instant;
 
 use tracing::debug;
@@ -27,6 +28,7 @@ const WORST: usize = 100;
 const PAYS: f64 = 0.9;
 /// Attempts that are kept, at most.
 const ATTEMPTS: usize = 1 << 18;
+
 /// What a pilot has found.
 #[derive(Debug)]
 pub struct Lamps {
@@ -78,7 +80,7 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
     let (first, second) = (round(0), round(1));
     let left = learn(&first.attempts).map_or(1.0, |lights| left(area, &lights, &second));
     let mut lights = None;
-    if left < std::env::var("PAYS").ok().and_then(|s| s.parse().ok()).unwrap_or(PAYS) {
+    if left < PAYS {
         lights = learn(&[first.attempts, second.attempts, round(2).attempts].concat());
     }
     let found = Lamps { lights, left, seconds: began.elapsed().as_secs_f64() };
@@ -95,7 +97,7 @@ struct Taken {
 }
 
 fn take(transport: &Transport, size: [u32; 2], paths: u32) -> Taken {
-    let most = ATTEMPTS / ROUNDS.len() / tiles(size).len();
+    let most = ATTEMPTS * paths as usize / ROUNDS.iter().sum::<u32>() as usize / tiles(size).len();
     let counts = Counts::half(paths);
     let of_tile = |wave: &mut Wave, pixels: Vec<[u32; 2]>| {
         let tasks: Vec<_> = pixels.into_iter().map(|pixel| PixelTask::first(pixel, counts, 0)).collect();
@@ -107,7 +109,10 @@ fn take(transport: &Transport, size: [u32; 2], paths: u32) -> Taken {
                 stats.iter().zip(divisors).map(|(stats, divisor)| relative_variance(stats, divisor)).collect();
             taken.add(Taken { attempts, variances });
         }
-        while thin(&mut taken.attempts, most) {}
+        while thin(&mut taken.attempts, most) {
+            // They stand for those that are left out.
+            taken.attempts.iter_mut().for_each(|attempt| attempt.found *= SQRT_2);
+        }
         taken
     };
     in_tiles(size, of_tile).into_iter().fold(Taken::default(), |mut all, tile| {

@@ -31,7 +31,7 @@ use simulate::{Subject, replica};
 /// A mode and how the estimators came through it.
 #[derive(Debug, Clone, Serialize)]
 pub struct ModeResult {
-    /// F1 … F18.
+    /// F1 … F18, F24.
     pub mode: &'static str,
     /// In a few words.
     pub name: &'static str,
@@ -109,7 +109,7 @@ impl Results {
 /// What a run of the study found: of balances, of guiding, or of both.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Found {
-    /// F1 … F18.
+    /// F1 … F18, F24.
     #[serde(flatten)]
     pub balance: Option<Results>,
     /// F19 … F23.

@@ -20,7 +20,7 @@ use super::renders::Renders;
 /// Pixels along a side.
 pub(super) const SIDE: u32 = 4;
 /// How many [`scene_cases`] there are.
-pub const SCENES: usize = 7;
+pub const SCENES: usize = 8;
 /// Paths a pixel.
 pub const PATHS: u32 = 64;
 /// Seeds of the renders that means are compared with begin here.
@@ -28,7 +28,7 @@ pub const OTHER_SEEDS: u32 = 1 << 30;
 
 /// A failure mode on a scene.
 pub struct SceneCase {
-    /// F1 … F18.
+    /// F1 … F18, F24.
     pub mode: &'static str,
     /// In a few words.
     pub name: &'static str,
@@ -162,6 +162,20 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
         scene
     };
     let (sunny, shady) = (under([0.0, -3.0, 2.0]), under([3.0, -6.0, 5.0]));
+    // What pilots learn of the lamps is learned of all pixels at once: a wall hides the brighter lamp from all but the last
+    // column.
+    let mut walled = Scene::default();
+    floor(&mut walled, [-3.0, 3.0], lambert(0.6));
+    ceiling(&mut walled, [0.8, 1.0, -0.2], 0.3, lamp(20.0));
+    ceiling(&mut walled, [-0.5, 1.2, 0.0], 0.2, lamp(2.0));
+    plate(
+        &mut walled,
+        [0.36, 0.0, -3.0],
+        [0.0, 0.0, 6.0],
+        [0.0, 0.9, 0.0],
+        Material { double_sided: true, ..lambert(0.0) },
+    );
+
     let direct = Integrator::Direct;
     Ok([
         build("F6", "deltas", "a mirror, a diffuse floor, a point light, a lamp", direct, delta, 0.3)?,
@@ -178,6 +192,14 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
         build("F15", "shadow edge, rendered", "a hard shadow across a glossy floor", direct, shadow, 0.2)?,
         build("F18", "compensation, in the sun", "sun and sky, a wall's shadow", Integrator::Path, sunny, 0.3)?,
         build("F18", "compensation, in the shade", "a sky whose sun a wall hides", Integrator::Path, shady, 0.3)?,
+        build(
+            "F24",
+            "learned lamps",
+            "a bright lamp that one column sees past a wall, a dim one",
+            direct,
+            walled,
+            0.3,
+        )?,
     ])
 }
 
