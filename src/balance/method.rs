@@ -40,9 +40,9 @@ pub trait Method: Sync {
         false
     }
 
-    /// May light samples toward the environment be drawn by what of it is above its mean, and the rest be left to BSDF samples, at
-    /// all surfaces?
-    fn compensates(&self) -> bool {
+    /// May pilots decide what light samples are drawn by, at all surfaces: toward the environment what of it is above its mean, and
+    /// the rest be left to BSDF samples; toward lamps what they are found to bring?
+    fn draws_by_pilots(&self) -> bool {
         false
     }
 

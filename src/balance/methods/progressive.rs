@@ -23,7 +23,7 @@ impl Method for Progressive {
          by the total counts (the default)"
     }
 
-    fn compensates(&self) -> bool {
+    fn draws_by_pilots(&self) -> bool {
         true
     }
 

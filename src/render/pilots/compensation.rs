@@ -29,7 +29,7 @@ const PAYS: f64 = 0.97;
 /// By what the paths of `transport`, a render with these settings, draw directions from the environment.
 pub fn density(scene: &PreparedScene, settings: &RenderSettings, transport: &Transport) -> Density {
     let uneven = scene.lights.environment.as_ref().is_some_and(|environment| environment.has_excess());
-    if !settings.balance.method().compensates() || !uneven {
+    if !settings.balance.method().draws_by_pilots() || !uneven {
         return Density::Radiance;
     }
     let pixels = f64::from(settings.width) * f64::from(settings.height);

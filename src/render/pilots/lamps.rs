@@ -51,7 +51,7 @@ impl Lamps {
 /// Bytes that the pilot of a render with these settings takes, at most.
 pub fn bytes(settings: &RenderSettings) -> u64 {
     let vertices = pixels(settings) * f64::from(ROUNDS.iter().sum::<u32>()) * f64::from(settings.max_depth);
-    match settings.balance.method().compensates() {
+    match settings.balance.method().draws_by_pilots() {
         true => LearnedLights::bytes_to_learn((vertices as u64).min(ATTEMPTS as u64)),
         false => 0,
     }
@@ -66,7 +66,7 @@ fn pixels(settings: &RenderSettings) -> f64 {
 /// nothing to choose.
 pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Transport) -> Option<Lamps> {
     let area = scene.lights.area.as_ref().filter(|area| area.tree().top(3) > 1)?;
-    if !settings.balance.method().compensates() {
+    if !settings.balance.method().draws_by_pilots() {
         return None;
     }
     let began = Instant::now();
