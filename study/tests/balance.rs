@@ -131,6 +131,21 @@ fn a_footprint_measures_tiles_of_the_large_picture() {
     }
 }
 
+/// Where guiding pays, the page shows what leads.
+#[test]
+fn the_field_of_guiding_is_shown_where_it_pays() {
+    let folder = tempfile::tempdir().unwrap();
+    let uplights = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes/study/uplights.glb");
+    fs::copy(uplights, folder.path().join("scene.glb")).unwrap();
+    let line = "--whole --size 96x64 --spp 4,64 --replicas 4 --reference-spp 256 --balance half+guiding";
+    let output = balance(folder.path(), line);
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let page = fs::read_to_string(folder.path().join("out/report.html")).unwrap();
+    for words in ["Share of samples that follow the field of guiding", "Where to, in the mean"] {
+        assert!(page.contains(words), "{words}");
+    }
+}
+
 /// Whole pictures: nothing is taken twice, and the ratios are those of the numbers beside them.
 #[test]
 fn whole_pictures_show_error_against_seconds() {

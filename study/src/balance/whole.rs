@@ -3,6 +3,7 @@
 //! The score is relMSE × CPU seconds over that of `half` at as many paths. A reference of few paths would be in all errors:
 //! its own, which its parts tell, is taken off.
 
+pub mod field;
 pub mod page;
 
 use bismar::film::compare::relative_to;
@@ -12,7 +13,7 @@ use super::cell::Cell;
 use super::key::{Key, What};
 use super::measure::Measured;
 use super::table::bias_z;
-use super::{Design, Estimator, HALF, StudyScene};
+use super::{Aids, Design, Estimator, HALF, StudyScene};
 use crate::statistics::{median, median_error, moments};
 
 /// A line of the table. `_se` is a standard error.
@@ -52,6 +53,8 @@ pub struct SceneResults {
     pub reference: Vec<f64>,
     /// What each technique made of the most paths, in the rows' order.
     pub pictures: Vec<Pictures>,
+    /// What guides the most paths, if a technique may be guided and it pays.
+    pub field: Option<field::FieldPicture>,
 }
 
 /// What one technique made.
@@ -92,7 +95,9 @@ impl SceneResults {
             _ => None,
         };
         let (rows, pictures) = (measured.cells.iter().filter_map(rows), measured.cells.iter().filter_map(pictures));
-        Self { name: scene.name.clone(), rows: rows.collect(), pictures: pictures.collect(), reference }
+        let guided = |e: &Estimator| matches!(e, Estimator::Aided(_, Aids { guided: true, .. }));
+        let field = design.estimators.iter().any(guided).then(|| field::seen(scene, most)).flatten();
+        Self { name: scene.name.clone(), rows: rows.collect(), pictures: pictures.collect(), field, reference }
     }
 
     /// A technique's rows, from the fewest paths up.

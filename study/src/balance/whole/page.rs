@@ -283,6 +283,18 @@ fn pictures(page: &mut Page, design: &Design, scene: &SceneResults) -> Result<()
             format!("Squared error by `{name}` over that by `half`, blocks of {BLOCK}x{BLOCK} pixels, noise included.");
         pieces.push(map_figure(&Picture::mapped(w, h, RATIO, worth(own, half, w)), RATIO, RATIO_WORDS, &caption)?);
     }
+    if let Some(field) = &scene.field {
+        let shares = Picture::mapped(w, h, SHARE, field.shares.iter().copied());
+        let words = ["0: BSDF alone", "½", "1: field alone"];
+        let caption =
+            format!("Share of samples that follow the field of guiding where a pixel looks; {} cells.", field.cells);
+        pieces.push(map_figure(&shares, SHARE, words, &caption)?);
+        let directions = Picture::new(w, h, field.directions.iter().copied());
+        pieces.push(picture_figure(
+            &directions,
+            "Where to, in the mean: red toward +x, green up, blue toward +z, grey in all directions; black where nothing follows.",
+        )?);
+    }
     page.row(pieces);
     let score = |p: &&Pictures| scene.score(p.estimator).0;
     let best = scene.pictures.iter().filter(|p| p.estimator != HALF).min_by(|a, b| score(a).total_cmp(&score(b)));
