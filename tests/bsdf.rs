@@ -64,10 +64,11 @@ fn layers() -> Vec<(String, Surface)> {
 /// Thin walls and bodies from both sides, from nearly smooth to rough, all of the surface or a part of it.
 fn glasses() -> Vec<(String, Surface)> {
     let mut all = Vec::new();
-    for (bounds_body, behind) in [(false, false), (true, false), (true, true)] {
+    for (bounds_medium, behind) in [(false, false), (true, false), (true, true)] {
         for (transmission, roughness) in [(1.0, 0.45), (1.0, 0.8), (0.6, 0.6)] {
-            let name = format!("body {bounds_body} behind {behind} transmission {transmission} roughness {roughness}");
-            all.push((name, Surface { transmission, bounds_body, behind, ..surface(0.0, roughness) }));
+            let name =
+                format!("body {bounds_medium} behind {behind} transmission {transmission} roughness {roughness}");
+            all.push((name, Surface { transmission, bounds_medium, behind, ..surface(0.0, roughness) }));
         }
     }
     let specular_color = Vec3::new(1.0, 0.2, 3.0);
@@ -81,8 +82,12 @@ fn finishes() -> Vec<(String, Surface)> {
     let brushed =
         |s, strength| Surface { anisotropy: Some(Anisotropy { strength, tangent: Vec3::new(0.6, 0.8, 0.0) }), ..s };
     let film = |s, thickness| Surface { iridescence: Some(Iridescence { factor: 0.9, ior: 1.4, thickness }), ..s };
-    let glass =
-        |bounds_body, behind, roughness| Surface { transmission: 1.0, bounds_body, behind, ..surface(0.0, roughness) };
+    let glass = |bounds_medium, behind, roughness| Surface {
+        transmission: 1.0,
+        bounds_medium,
+        behind,
+        ..surface(0.0, roughness)
+    };
     vec![
         ("brushed metal".into(), brushed(surface(1.0, 0.4), 0.5)),
         ("brushed plastic".into(), brushed(surface(0.0, 0.5), 1.0)),
@@ -234,11 +239,11 @@ fn smooth_white_metal_in_a_white_furnace_returns_one() {
 #[test]
 fn smooth_clear_glass_in_a_white_furnace_returns_one() {
     // As for the metal above, at both sides; from within also where nothing is transmitted.
-    for (bounds_body, behind) in [(false, false), (true, false), (true, true)] {
-        let clear = Surface { base_color: Vec3::ONE, transmission: 1.0, bounds_body, behind, ..surface(0.0, 0.0) };
+    for (bounds_medium, behind) in [(false, false), (true, false), (true, true)] {
+        let clear = Surface { base_color: Vec3::ONE, transmission: 1.0, bounds_medium, behind, ..surface(0.0, 0.0) };
         for theta in [0.05, 0.7, 1.2, 1.5] {
             let mean = albedo(&clear.bsdf(), direction(theta, 0.0), 20_000, &mut Random(5));
-            assert!((mean.mean - 1.0).abs() < 3e-4, "{bounds_body} {behind} {theta}: {}", mean.mean);
+            assert!((mean.mean - 1.0).abs() < 3e-4, "{bounds_medium} {behind} {theta}: {}", mean.mean);
         }
     }
 }
@@ -365,7 +370,7 @@ fn films_interfere() {
     let glass = |behind| Surface {
         base_color: Vec3::ONE,
         transmission: 1.0,
-        bounds_body: true,
+        bounds_medium: true,
         behind,
         iridescence: film,
         ..surface(0.0, 0.5)
@@ -400,7 +405,7 @@ fn no_glass_returns_more_than_it_receives() {
 #[test]
 fn glass_of_index_one_neither_reflects_nor_bends() {
     for roughness in [0.0, 0.5, 1.0] {
-        let clear = Surface { ior: 1.0, transmission: 1.0, bounds_body: true, ..surface(0.0, roughness) };
+        let clear = Surface { ior: 1.0, transmission: 1.0, bounds_medium: true, ..surface(0.0, roughness) };
         let mut random = Random(12);
         for theta in ANGLES {
             for behind in [false, true] {

@@ -85,7 +85,7 @@ fn a_slab_reflects_to_and_fro() {
 fn a_thin_wall_reflects_and_tints() {
     let mut scene = under_sky(1.0);
     let base_color = Vec3::splat(0.3).extend(1.0);
-    let wall = Material { bounds_body: false, base_color, ..glass(1.5, 0.0) };
+    let wall = Material { bounds_medium: false, base_color, ..glass(1.5, 0.0) };
     rectangle(&mut scene, 0.0, [-9.0, 9.0], [-9.0, 9.0], true, wall);
     look(&mut scene, Vec3::new(0.0, 3.0, 5.0), Vec3::ZERO, 1e-3);
     let f = fresnel(1.5, (5.0f64 / 3.0).atan());
@@ -114,14 +114,14 @@ fn lamp_beyond(surface: &Surface, absorption: f64, eye: Vec3, [low, high]: [f32;
 #[test]
 fn a_lamp_behind_rough_glass_is_found_by_both_techniques() {
     let eye = Vec3::new(0.0, 3.0, 1.5);
-    for (bounds_body, absorption) in [(false, 0.0), (true, 0.0), (true, 0.8)] {
+    for (bounds_medium, absorption) in [(false, 0.0), (true, 0.0), (true, 0.8)] {
         let mut scene = Scene::default();
         let absorption3 = Vec3::splat(absorption as f32);
-        let material = Material { bounds_body, absorption: absorption3, ..glass(1.5, 0.7) };
+        let material = Material { bounds_medium, absorption: absorption3, ..glass(1.5, 0.7) };
         rectangle(&mut scene, 0.0, [-9.0, 9.0], [-9.0, 9.0], true, material);
         rectangle(&mut scene, -1.2, [-0.7, 0.3], [-0.7, 0.3], true, lamp(10.0));
         look(&mut scene, eye, Vec3::ZERO, 1e-4);
-        let surface = Surface { roughness: 0.7, transmission: 1.0, bounds_body, ..Surface::default() };
+        let surface = Surface { roughness: 0.7, transmission: 1.0, bounds_medium, ..Surface::default() };
         let expected = 10.0 * lamp_beyond(&surface, absorption, eye, [-0.7, 0.3], -1.2);
         assert!(expected > 0.1, "{expected}");
         agrees(scene, expected, &[Integrator::Direct]);

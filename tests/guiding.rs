@@ -6,11 +6,11 @@ use std::time::Instant;
 
 use bismar::film::PixelStats;
 use bismar::guiding::directions::{BINS, bins};
-use bismar::guiding::{Field, Lesson, NOWHERE, Paths, Visit, learn};
+use bismar::guiding::{Field, NOWHERE, Paths, TrainingSample, VertexRecord, learn};
 use bismar::integrator::{PixelBatch, PixelTask, Transport, Wave};
 use bismar::lanes::{F, LANES, V3, mask};
 use bismar::rays::Backend;
-use bismar::render::pilots::guiding::learned;
+use bismar::render::prepass::guiding::learned;
 use bismar::render::{Balance, Guiding, Part, RenderSettings, Rendered, RunOptions, Saved, render, run, transport};
 use bismar::sampling::{SplitMix64, warp};
 use bismar::scene::{Material, Scene};
@@ -39,30 +39,30 @@ fn settings(guiding: Guiding) -> RenderSettings {
     RenderSettings { width: 36, height: 24, spp: Some(8), balance: Balance::Half, guiding, ..Default::default() }
 }
 
-/// A lesson that light comes from `wi` to a point of the hall's floor.
-fn lesson(position: Vec3, wi: Vec3, found: f32) -> Lesson {
+/// A training sample that light comes from `wi` to a point of the hall's floor.
+fn training_sample(position: Vec3, wi: Vec3, found: f32) -> TrainingSample {
     let (pdf, bsdf_pdf) = (0.2, 0.2);
-    Lesson { position, normal: Vec3::Y, wi, found, weight: found * found, pdf, bsdf_pdf, field_pdf: 0.0 }
+    TrainingSample { position, normal: Vec3::Y, wi, found, weight: found * found, pdf, bsdf_pdf, field_pdf: 0.0 }
 }
 
-/// Lessons all over the hall, toward directions that `toward` makes of random numbers.
-fn lessons(n: u32, toward: impl Fn(&mut SplitMix64) -> (Vec3, f32)) -> Vec<Lesson> {
+/// Training samples all over the hall, toward directions that `toward` makes of random numbers.
+fn training_samples(n: u32, toward: impl Fn(&mut SplitMix64) -> (Vec3, f32)) -> Vec<TrainingSample> {
     let mut random = SplitMix64(7);
     let one = |_| {
         let position = Vec3::new(6.0 * random.f32() - 3.0, 0.0, 6.0 * random.f32() - 3.0);
         let (wi, found) = toward(&mut random);
-        lesson(position, wi, found)
+        training_sample(position, wi, found)
     };
     (0..n).map(one).collect()
 }
 
 #[test]
 fn what_the_field_draws_has_the_density_that_it_says() {
-    let lessons = lessons(40_000, |random| {
+    let training_samples = training_samples(40_000, |random| {
         let wi = warp::sphere(random.f32(), random.f32().powi(3));
         (Vec3::new(wi.x, wi.y.abs(), wi.z), random.f32().powi(6))
     });
-    let (field, _) = learn(&lessons, usize::MAX, 1.0, 1000);
+    let (field, _) = learn(&training_samples, usize::MAX, 1.0, 1000);
     assert!(field.cells() > 20, "{}", field.cells());
     let mut random = SplitMix64(11);
     let mut worst: f64 = 0.0;
@@ -126,18 +126,22 @@ fn z([a, b]: &[Mean; 2]) -> f64 {
 #[test]
 fn a_field_of_lies_changes_no_mean() {
     // What fields learn in bad luck: a caustic from one side, light from below alone, one firefly among nothing, a light
-    // that was never seen (the lamp above), no lessons at all.
+    // that was never seen (the lamp above), no training samples at all.
     let fields = [
-        lessons(20_000, |_| (Vec3::new(0.9, 0.1, 0.2).normalize(), 1.0)),
-        lessons(20_000, |random| (warp::sphere(0.5 + 0.5 * random.f32(), random.f32()).normalize(), 1.0)),
-        lessons(20_000, |random| (Vec3::Y, if random.f32() < 1e-4 { 1e12 } else { 1e-6 })),
-        lessons(20_000, |random| (Vec3::new(random.f32() - 0.5, 0.05, random.f32() - 0.5).normalize(), 1.0)),
+        training_samples(20_000, |_| (Vec3::new(0.9, 0.1, 0.2).normalize(), 1.0)),
+        training_samples(20_000, |random| (warp::sphere(0.5 + 0.5 * random.f32(), random.f32()).normalize(), 1.0)),
+        training_samples(20_000, |random| (Vec3::Y, if random.f32() < 1e-4 { 1e12 } else { 1e-6 })),
+        training_samples(20_000, |random| (Vec3::new(random.f32() - 0.5, 0.05, random.f32() - 0.5).normalize(), 1.0)),
         Vec::new(),
     ]
-    .map(|lessons| learn(&lessons, usize::MAX, 1.0, 100).0);
+    .map(|training_samples| learn(&training_samples, usize::MAX, 1.0, 100).0);
     // And of how often to go on: nothing was found anywhere, by light samples, by others, by one of them only.
     let visits = |found: [f32; 2]| {
-        (0..2000).map(move |i| Visit { position: Vec3::new(i as f32 / 400.0 - 2.5, 0.0, 0.0), normal: Vec3::Y, found })
+        (0..2000).map(move |i| VertexRecord {
+            position: Vec3::new(i as f32 / 400.0 - 2.5, 0.0, 0.0),
+            normal: Vec3::Y,
+            found,
+        })
     };
     let roulettes = [
         visits([0.0, 0.0]).collect(),

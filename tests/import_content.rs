@@ -283,7 +283,7 @@ fn transmission_and_volume_arrive() {
         "KHR_materials_volume":{"thicknessFactor":0.1,"attenuationDistance":2,"attenuationColor":[0.25,1,0]}}}"#,
     );
     let m = &scene.materials[0];
-    assert!(m.transmits() && m.bounds_body && m.transmission == 0.5);
+    assert!(m.transmits() && m.bounds_medium && m.transmission == 0.5);
     // After two metres the colour is left.
     assert!(((m.absorption * -2.0).exp() - Vec3::new(0.25, 1.0, 0.0)).abs().max_element() < 1e-6, "{}", m.absorption);
     assert!(notes.is_empty(), "{notes:?}");
@@ -294,7 +294,7 @@ fn transmission_and_volume_arrive() {
         {"transmissionFactor":7},"KHR_materials_volume":{"thicknessFactor":-1,"attenuationDistance":0}}}"#,
     );
     let m = &scene.materials[0];
-    assert!(m.transmission == 1.0 && !m.bounds_body && m.absorption == Vec3::ZERO);
+    assert!(m.transmission == 1.0 && !m.bounds_medium && m.absorption == Vec3::ZERO);
 }
 
 #[test]

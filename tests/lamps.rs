@@ -6,9 +6,9 @@ use std::time::Instant;
 
 use bismar::film::PixelStats;
 use bismar::integrator::{PixelBatch, PixelTask, Transport, Wave};
-use bismar::light::{Attempt, Drawing, LearnedLights};
+use bismar::light::{Drawing, LearnedLights, LightSampleRecord};
 use bismar::rays::Backend;
-use bismar::render::pilots::lamps::{bytes, learned};
+use bismar::render::prepass::learned_lights::{bytes, learned};
 use bismar::render::{Balance, Part, RenderSettings, Rendered, RunOptions, Saved, render, run, transport};
 use bismar::sampling::SplitMix64;
 use bismar::scene::Scene;
@@ -98,13 +98,19 @@ fn lies_about_lamps_change_no_mean() {
         ];
         for (i, lie) in lies.iter().enumerate() {
             let mut random = SplitMix64(5);
-            let attempt = |n: u32| {
+            let light_sample_record = |n: u32| {
                 let position = Vec3::new(5.0 * random.f32() - 2.5, 2.5 * random.f32(), 5.0 * random.f32() - 2.5);
                 let (emitter, chance) = (n % lamps, random.f32());
-                Attempt { position, normal: Vec3::Y, emitter, pixel: 0, found: lie(position, emitter, chance) }
+                LightSampleRecord {
+                    position,
+                    normal: Vec3::Y,
+                    emitter,
+                    pixel: 0,
+                    found: lie(position, emitter, chance),
+                }
             };
-            let attempts: Vec<_> = (0..20_000).map(attempt).collect();
-            let lights = LearnedLights::learn(tree, &attempts, 1.0).unwrap();
+            let light_sample_records: Vec<_> = (0..20_000).map(light_sample_record).collect();
+            let lights = LearnedLights::learn(tree, &light_sample_records, 1.0).unwrap();
             let with = pictures(&stage, Some(&lights), 500 * (i as u32 + 1), 60)[0];
             assert!(z(&without, &with).abs() < z_limit(6), "{name}, lie {i}: {without:?} {with:?}");
         }

@@ -1,7 +1,7 @@
 //! The lights' promises: samples follow the pdf, radiance along a sample is the light's own.
 
 use bismar::lanes::{F, V3};
-use bismar::light::{AreaLights, Attempt, Density, EnvironmentSampler, LearnedLights, LightSamples};
+use bismar::light::{AreaLights, Density, EnvironmentSampler, LearnedLights, LightSampleRecord, LightSamples};
 use bismar::scene::{Environment, Instance, Material, Mesh, Object, Positions, Scene};
 use glam::{Affine3A, Vec3};
 
@@ -20,7 +20,7 @@ fn third(s: LightSamples) -> Option<Sample> {
     (pdf > 0.0).then(|| Sample { wi: s.wi.lane(3), radiance: s.radiance.lane(3), pdf })
 }
 
-const DENSITIES: [Density; 2] = [Density::Radiance, Density::Excess];
+const DENSITIES: [Density; 2] = [Density::Radiance, Density::Compensated];
 
 fn sample_environment(sampler: &EnvironmentSampler, u: f32, v: f32, density: Density) -> Option<Sample> {
     third(sampler.sample(F::splat(u), F::splat(v), density))
@@ -140,7 +140,7 @@ fn where_compensated_no_sample_goes_to_what_is_below_the_mean() {
     let (mut left_out, mut drawn) = (0, 0);
     for _ in 0..10_000 {
         let d = bismar::sampling::warp::sphere(random.f32(), random.f32());
-        let (radiance, pdf) = radiance_pdf(&sampler, d, Density::Excess);
+        let (radiance, pdf) = radiance_pdf(&sampler, d, Density::Compensated);
         let luminance = bismar::color::luminance(radiance);
         left_out += u32::from(pdf == 0.0);
         drawn += u32::from(pdf > 0.0);
@@ -224,10 +224,15 @@ fn lamp_samples_follow_the_pdf() {
         let scene = lamps(double_sided);
         let lights = AreaLights::new(&scene).unwrap();
         // One finds much, another little, the third nothing.
-        let attempt =
-            |i: u32| Attempt { position: Vec3::ZERO, normal: n, emitter: i % 3, pixel: 0, found: (i % 3) as f32 };
-        let attempts: Vec<_> = (0..300).map(attempt).collect();
-        let learned = LearnedLights::learn(lights.tree(), &attempts, 1.0).filter(|_| learns);
+        let light_sample_record = |i: u32| LightSampleRecord {
+            position: Vec3::ZERO,
+            normal: n,
+            emitter: i % 3,
+            pixel: 0,
+            found: (i % 3) as f32,
+        };
+        let light_sample_records: Vec<_> = (0..300).map(light_sample_record).collect();
+        let learned = LearnedLights::learn(lights.tree(), &light_sample_records, 1.0).filter(|_| learns);
         let learned = learned.as_ref();
         let mut random = Random(31);
         assert!((lights.levels() - 3.0f32.log2()).abs() < 1e-6);

@@ -6,9 +6,9 @@ use bismar::balance::{Balance, Contribution, Counts, Heuristic, Observer, Share}
 use bismar::color::luminance;
 use bismar::film::{Peak, PixelStats};
 use bismar::integrator::{PixelBatch, PixelTask, Transport, Wave, scalar};
-use bismar::light::{Attempt, Drawing, LearnedLights};
+use bismar::light::{Drawing, LearnedLights, LightSampleRecord};
 use bismar::rays::Backend;
-use bismar::render::pilots::guiding::learned;
+use bismar::render::prepass::guiding::learned;
 use bismar::render::{Guiding, RenderSettings, transport};
 use glam::Vec3;
 
@@ -55,13 +55,13 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         assert_eq!(field.is_some(), guiding == Guiding::On);
         // Some lamps find nothing, whatever the place.
         let lights = stage.scene.lights.area.as_ref().map(|area| {
-            let attempt = |i: u32| {
+            let light_sample_record = |i: u32| {
                 let position =
                     Vec3::new((i % 61) as f32 / 10.0 - 3.0, (i % 17) as f32 / 17.0, (i % 53) as f32 / 10.0 - 2.6);
-                Attempt { position, normal: Vec3::Y, emitter: i % 40, pixel: 0, found: (i % 3) as f32 }
+                LightSampleRecord { position, normal: Vec3::Y, emitter: i % 40, pixel: 0, found: (i % 3) as f32 }
             };
-            let attempts: Vec<_> = (0..4000).filter(|_| learns).map(attempt).collect();
-            LearnedLights::learn(area.tree(), &attempts, 1.0)
+            let light_sample_records: Vec<_> = (0..4000).filter(|_| learns).map(light_sample_record).collect();
+            LearnedLights::learn(area.tree(), &light_sample_records, 1.0)
         });
         let drawing = Drawing { learned: lights.as_ref().and_then(Option::as_ref), ..unguided.drawing };
         assert_eq!(drawing.learned.is_some(), learns);

@@ -42,7 +42,7 @@ pub trait Method: Sync {
 
     /// May pilots decide what light samples are drawn by, at all surfaces: toward the environment what of it is above its mean, and
     /// the rest be left to BSDF samples; toward lamps what they are found to bring?
-    fn draws_by_pilots(&self) -> bool {
+    fn uses_prepasses(&self) -> bool {
         false
     }
 

@@ -3,7 +3,7 @@
 
 pub mod file;
 pub mod frames;
-pub mod order;
+pub mod message;
 pub mod queue;
 pub mod report;
 mod values;

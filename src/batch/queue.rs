@@ -24,7 +24,7 @@ pub fn each(jobs: usize, workers: usize, work: &(dyn Fn(usize) + Sync)) {
 }
 
 /// Things that several jobs need: made when the first one asks, gone when the last one has had it.
-pub struct Shelf<V> {
+pub struct Cache<V> {
     slots: HashMap<String, Slot<V>>,
 }
 
@@ -34,7 +34,7 @@ struct Slot<V> {
     value: Mutex<Option<Arc<V>>>,
 }
 
-impl<V> Shelf<V> {
+impl<V> Cache<V> {
     /// For jobs that will ask for these keys, each once.
     pub fn new(keys: impl Iterator<Item = String>) -> Self {
         let mut slots: HashMap<String, Slot<V>> = HashMap::new();
@@ -87,19 +87,19 @@ mod tests {
 
     #[test]
     fn a_shared_thing_is_made_once_and_gone_after_its_last_user() {
-        let shelf = Shelf::new(["a", "b", "a", "a"].map(str::to_owned).into_iter());
+        let cache = Cache::new(["a", "b", "a", "a"].map(str::to_owned).into_iter());
         let made = AtomicUsize::new(0);
         let make = || {
             made.fetch_add(1, Ordering::Relaxed);
             Ok::<_, ()>(7)
         };
-        assert_eq!(shelf.get("a", || Err("broken")), Err("broken"));
-        let first = shelf.get("a", make).unwrap();
-        let second = shelf.get("a", make).unwrap();
+        assert_eq!(cache.get("a", || Err("broken")), Err("broken"));
+        let first = cache.get("a", make).unwrap();
+        let second = cache.get("a", make).unwrap();
         assert_eq!((made.load(Ordering::Relaxed), Arc::strong_count(&first)), (1, 3));
         drop(second);
-        assert_eq!((shelf.left("a"), shelf.left("b"), shelf.left("c")), (3, 1, 0));
-        assert_eq!([0, 1, 2].map(|_| shelf.done("a")), [false, false, true]);
+        assert_eq!((cache.left("a"), cache.left("b"), cache.left("c")), (3, 1, 0));
+        assert_eq!([0, 1, 2].map(|_| cache.done("a")), [false, false, true]);
         assert_eq!(Arc::strong_count(&first), 1);
     }
 }

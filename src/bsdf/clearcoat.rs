@@ -3,7 +3,7 @@
 //! what it reflects where it is smooth.
 
 use super::{
-    Directions, Draw, Eight, Frames, Lobe, Response, breadth, ggx, microfacet::schlick_weight, parameters::lobe,
+    Directions, Draw, Eight, Frames, Lobe, Response, diffuseness, ggx, microfacet::schlick_weight, parameters::lobe,
 };
 use crate::lanes::{F, V3};
 use crate::sampling::warp;
@@ -32,8 +32,8 @@ impl Lobe for Clearcoat<Eight> {
     }
 
     #[inline(always)]
-    fn breadth(&self) -> F {
-        breadth(self.coat * F::splat(0.04), self.alpha)
+    fn diffuseness(&self) -> F {
+        diffuseness(self.coat * F::splat(0.04), self.alpha)
     }
 
     #[inline(always)]

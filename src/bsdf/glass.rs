@@ -5,7 +5,7 @@
 //! file says, and all that leaves a body has lost the factor again.
 
 use super::refraction::{self, Facet};
-use super::{Directions, Draw, Eight, Frames, Lobe, Response, breadth, ggx, parameters::lobe};
+use super::{Directions, Draw, Eight, Frames, Lobe, Response, diffuseness, ggx, parameters::lobe};
 use crate::lanes::{F, V3};
 
 /// Indices of refraction nearer to 1 than this are taken as this: where nothing is bent, no half vector says how much.
@@ -43,8 +43,8 @@ impl Lobe for Glass<Eight> {
     }
 
     #[inline(always)]
-    fn breadth(&self) -> F {
-        breadth(self.share, self.alpha)
+    fn diffuseness(&self) -> F {
+        diffuseness(self.share, self.alpha)
     }
 
     #[inline(always)]

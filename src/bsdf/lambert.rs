@@ -21,7 +21,7 @@ impl Lobe for Lambert<Eight> {
     }
 
     #[inline(always)]
-    fn breadth(&self) -> F {
+    fn diffuseness(&self) -> F {
         self.diffuse.luminance() * F::splat(PI)
     }
 

@@ -122,8 +122,8 @@ impl<Top: Lobe, Base: Lobe> Lobe for Layered<Option<Top>, Base> {
     }
 
     #[inline(always)]
-    fn breadth(&self) -> F {
-        self.top.as_ref().map_or(F::ZERO, Lobe::breadth) + self.base.breadth()
+    fn diffuseness(&self) -> F {
+        self.top.as_ref().map_or(F::ZERO, Lobe::diffuseness) + self.base.diffuseness()
     }
 
     #[inline(always)]

@@ -8,7 +8,8 @@ use std::f32::consts::FRAC_1_PI;
 use glam::Vec3;
 
 use super::{
-    Bsdf, Clearcoat, Core, Finish, Glass, Lambert, Layered, Microfacet, Sheen, Translucent, ggx, glass, sheen,
+    Bsdf, Clearcoat, Core, DiffuseTransmission, GeneralMicrofacet, Glass, Lambert, Layered, Microfacet, Sheen, ggx,
+    glass, sheen,
 };
 
 /// The material's parameters at one point, textures applied.
@@ -36,7 +37,7 @@ pub struct Surface {
     /// Its colour.
     pub diffuse_transmission_color: Vec3,
     /// The surface bounds a body (KHR_materials_volume); else it is a thin wall.
-    pub bounds_body: bool,
+    pub bounds_medium: bool,
     /// It is seen from behind: the eye is inside of the body.
     pub behind: bool,
     /// KHR_materials_sheen: colour, in [0, 1].
@@ -90,7 +91,7 @@ impl Default for Surface {
             transmission: 0.0,
             diffuse_transmission: 0.0,
             diffuse_transmission_color: Vec3::ONE,
-            bounds_body: false,
+            bounds_medium: false,
             behind: false,
             sheen_color: Vec3::ZERO,
             sheen_roughness: 0.0,
@@ -127,10 +128,10 @@ impl Surface {
     fn plain(&self) -> (Glass, super::Reflection<super::One>) {
         let share = self.transmission * (1.0 - self.metallic);
         let glass = if share > 0.0 { self.glass(share) } else { NO_GLASS };
-        (glass, Layered { top: NO_FINISH, base: self.reflection(share) })
+        (glass, Layered { top: NO_GENERAL_MICROFACET, base: self.reflection(share) })
     }
 
-    /// What has [`Finish`] in place of glass and microfacets.
+    /// What has [`GeneralMicrofacet`] in place of glass and microfacets.
     fn finished(&self) -> (Glass, super::Reflection<super::One>) {
         let glass = self.glass(self.transmission);
         let no_glass = self.transmission == 0.0;
@@ -138,7 +139,7 @@ impl Surface {
         let Anisotropy { strength, tangent } =
             self.anisotropy.unwrap_or(Anisotropy { strength: 0.0, tangent: Vec3::ZERO });
         let strength = if tangent == Vec3::ZERO { 0.0 } else { strength };
-        let mut finish = Finish {
+        let mut finish = GeneralMicrofacet {
             tangent,
             alpha_t: alpha_b + (1.0 - alpha_b) * strength * strength,
             alpha_b,
@@ -148,9 +149,9 @@ impl Surface {
             metal0: self.base_color,
             share: if self.metallic < 1.0 { self.transmission } else { 0.0 },
             tint: glass.tint,
-            eta: if no_glass { NO_FINISH.eta } else { glass.eta },
+            eta: if no_glass { NO_GENERAL_MICROFACET.eta } else { glass.eta },
             thin: if no_glass { 1.0 } else { glass.thin },
-            ..NO_FINISH
+            ..NO_GENERAL_MICROFACET
         };
         if let Some(Iridescence { factor, ior, thickness }) = self.iridescence {
             // What is thinner than an atom is no film.
@@ -161,7 +162,7 @@ impl Surface {
         let base = (1.0 - self.metallic) * (1.0 - self.transmission) * FRAC_1_PI;
         let share = self.diffuse_transmission;
         let transmitted =
-            Translucent { diffuse: self.diffuse_transmission_color * (base * share), ..Default::default() };
+            DiffuseTransmission { diffuse: self.diffuse_transmission_color * (base * share), ..Default::default() };
         let lambert = Lambert { diffuse: self.base_color * (base * (1.0 - share)) };
         let top = Microfacet { alpha: 1.0, ..Default::default() };
         (NO_GLASS, Layered { top: finish, base: Layered { top: transmitted, base: Layered { top, base: lambert } } })
@@ -173,19 +174,19 @@ impl Surface {
         let alpha = alpha(self.roughness);
         if glass >= 1.0 {
             let top = Microfacet { alpha, ..Default::default() };
-            return Layered { top: Translucent::default(), base: Layered { top, base: Lambert::default() } };
+            return Layered { top: DiffuseTransmission::default(), base: Layered { top, base: Lambert::default() } };
         }
         if let Some(f0) = self.specular_glossiness {
             let layer0 = f0.max_element();
             let diffuse = self.base_color * ((1.0 - layer0) * FRAC_1_PI);
             let top = Microfacet { f0, f90: 1.0, layer0, layer90: 1.0, alpha };
-            return Layered { top: Translucent::default(), base: Layered { top, base: Lambert { diffuse } } };
+            return Layered { top: DiffuseTransmission::default(), base: Layered { top, base: Lambert { diffuse } } };
         }
         let m = if glass > 0.0 { self.metallic / (1.0 - glass) } else { self.metallic };
         let dielectric0 = self.dielectric0();
         let (layer0, layer90) = (dielectric0.max_element(), self.specular);
         let mut diffuse = self.base_color * ((1.0 - m) * FRAC_1_PI);
-        let mut transmitted = Translucent { diffuse: Vec3::ZERO, layer0, layer90 };
+        let mut transmitted = DiffuseTransmission { diffuse: Vec3::ZERO, layer0, layer90 };
         if self.diffuse_transmission > 0.0 {
             let share = self.diffuse_transmission;
             transmitted.diffuse = self.diffuse_transmission_color * ((1.0 - m) * share * FRAC_1_PI);
@@ -211,8 +212,8 @@ impl Surface {
             tint: self.base_color,
             f0: self.dielectric0(),
             f90: self.specular,
-            eta: if self.bounds_body && self.behind { 1.0 / ior } else { ior },
-            thin: f32::from(u8::from(!self.bounds_body)),
+            eta: if self.bounds_medium && self.behind { 1.0 / ior } else { ior },
+            thin: f32::from(u8::from(!self.bounds_medium)),
             alpha: rough,
         }
     }
@@ -223,7 +224,7 @@ const NO_GLASS: Glass =
     Glass { share: 0.0, tint: Vec3::ZERO, f0: Vec3::ZERO, f90: 0.0, eta: 1.5, thin: 0.0, alpha: 1.0 };
 
 /// No finish, for lanes beside others with it.
-const NO_FINISH: Finish = Finish {
+const NO_GENERAL_MICROFACET: GeneralMicrofacet = GeneralMicrofacet {
     tangent: Vec3::ZERO,
     alpha_t: 1.0,
     alpha_b: 1.0,

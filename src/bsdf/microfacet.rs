@@ -1,7 +1,7 @@
 //! The surface of glTF's metals and dielectrics: GGX, separable Smith masking-shadowing, Schlick's Fresnel. Single
 //! scattering: rough white metal loses energy, as the specification says.
 
-use super::{Directions, Draw, Eight, Frames, Lobe, Response, breadth, ggx, parameters::lobe};
+use super::{Directions, Draw, Eight, Frames, Lobe, Response, diffuseness, ggx, parameters::lobe};
 use crate::lanes::{F, V3};
 
 lobe! {
@@ -27,8 +27,8 @@ impl Lobe for Microfacet<Eight> {
     }
 
     #[inline(always)]
-    fn breadth(&self) -> F {
-        breadth(self.f0.luminance(), self.alpha)
+    fn diffuseness(&self) -> F {
+        diffuseness(self.f0.luminance(), self.alpha)
     }
 
     #[inline(always)]

@@ -5,8 +5,9 @@
 //! follow those of eight points and the columns of a batch ([`parameters`]), and answers [`Lobe`].
 
 pub mod clearcoat;
+pub mod diffuse_transmission;
 pub mod film;
-pub mod finish;
+pub mod general_microfacet;
 pub mod ggx;
 pub mod glass;
 pub mod lambert;
@@ -16,10 +17,10 @@ pub mod microfacet;
 pub mod parameters;
 mod refraction;
 pub mod sheen;
-pub mod translucent;
 
 pub use clearcoat::Clearcoat;
-pub use finish::Finish;
+pub use diffuse_transmission::DiffuseTransmission;
+pub use general_microfacet::GeneralMicrofacet;
 pub use glass::Glass;
 pub use lambert::Lambert;
 pub use layered::{Layered, LobeSet};
@@ -27,7 +28,6 @@ pub use metallic_roughness::{Anisotropy, Iridescence, Surface};
 pub use microfacet::Microfacet;
 pub use parameters::{Columns, Eight, One, Parameters, Width};
 pub use sheen::Sheen;
-pub use translucent::Translucent;
 
 use crate::lanes::{F, LANES, V3};
 use crate::sampling::warp;
@@ -37,10 +37,10 @@ use crate::sampling::warp;
 pub type Bsdf<W = One> = Layered<Clearcoat<W>, Layered<Sheen<W>, Layered<Glass<W>, Reflection<W>>>>;
 
 /// What is left of a surface besides its glass.
-type Reflection<W> = Layered<Finish<W>, Unfinished<W>>;
+type Reflection<W> = Layered<GeneralMicrofacet<W>, Unfinished<W>>;
 
 /// And without a finish.
-type Unfinished<W> = Layered<Translucent<W>, Core<W>>;
+type Unfinished<W> = Layered<DiffuseTransmission<W>, Core<W>>;
 
 /// glTF's core model, which most surfaces have and nothing more: what is compiled once more, without the rest.
 pub type Core<W = One> = Layered<Microfacet<W>, Lambert<W>>;
@@ -64,7 +64,7 @@ pub trait Lobe: Copy {
     /// By how much more light, about, it scatters widely than sharply. Where that is negative, light from one side matters or
     /// none does, and the BSDF alone knows which.
     #[inline(always)]
-    fn breadth(&self) -> F {
+    fn diffuseness(&self) -> F {
         F::ZERO
     }
 
@@ -204,10 +204,10 @@ impl Bsdf {
 }
 
 /// The least microfacet α of what scatters widely.
-const BROAD_ALPHA: f32 = 0.1;
+const DIFFUSE_ALPHA: f32 = 0.1;
 
-/// A lobe's [`Lobe::breadth`]: the share of light that it scatters, with microfacets of `alpha`.
+/// A lobe's [`Lobe::diffuseness`]: the share of light that it scatters, with microfacets of `alpha`.
 #[inline(always)]
-fn breadth(share: F, alpha: F) -> F {
-    alpha.simd_lt(F::splat(BROAD_ALPHA)).select(F::ZERO - share, share)
+fn diffuseness(share: F, alpha: F) -> F {
+    alpha.simd_lt(F::splat(DIFFUSE_ALPHA)).select(F::ZERO - share, share)
 }

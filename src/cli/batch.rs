@@ -1,9 +1,9 @@
 //! `bismar batch JOBS.toml`
 
-mod crew;
 mod overview;
 mod sequence;
 mod worker;
+mod worker_pool;
 
 use std::collections::{HashMap, HashSet};
 use std::fs::File;
@@ -21,8 +21,8 @@ use tracing::info;
 use super::render::{Inputs, RenderArgs, Session, declare};
 use crate::batch::file::{self, Flag, Job};
 use crate::batch::frames::split;
-use crate::batch::order::{Ended, Message};
-use crate::batch::queue::Shelf;
+use crate::batch::message::{Ended, Message};
+use crate::batch::queue::Cache;
 use crate::batch::report::{self, Report};
 use crate::console::args::threads;
 use crate::console::progress::Style;
@@ -31,10 +31,10 @@ use crate::farm::slurm::quoted;
 use crate::film::atomic;
 use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
-use crew::Crew;
 use overview::Overview;
 pub use sequence::run as sequence;
 pub use worker::{WorkerArgs, run as work};
+use worker_pool::WorkerPool;
 
 /// Render what a file lists: many scenes, cameras, settings (docs/batch.md).
 ///
@@ -258,8 +258,9 @@ impl Work {
         let threads = each_threads;
         let written = self.report.iter().chain(events_file);
         let written: Vec<_> = written.map(|path| path.clone().into_os_string()).collect();
-        let crew = Crew { jobs: &jobs, written: &written, at_once, threads, signals: &signals, verbosity, told: &told };
-        let worked = if self.isolate { crew.work_apart() } else { crew.work_together() };
+        let worker_pool =
+            WorkerPool { jobs: &jobs, written: &written, at_once, threads, signals: &signals, verbosity, told: &told };
+        let worked = if self.isolate { worker_pool.work_apart() } else { worker_pool.work_together() };
         overview.finish();
         worked?;
 
@@ -309,13 +310,13 @@ pub fn files_key(a: &RenderArgs) -> String {
 
 /// Says what would be done, in the order of the file.
 fn dry_run(jobs: &[Planned], order: &[String]) -> Result<Verdict> {
-    let shelf = Shelf::new(jobs.iter().map(|j| files_key(&j.args)));
+    let cache = Cache::new(jobs.iter().map(|j| files_key(&j.args)));
     let mut rows: HashMap<&str, String> = HashMap::new();
     let mut worst = 0;
     for Planned { job, args } in jobs {
         let key = files_key(args);
         let would = || -> Result<&str> {
-            let inputs = shelf.get(&key, || Inputs::read(args))?;
+            let inputs = cache.get(&key, || Inputs::read(args))?;
             let session = Session { args, inputs: &inputs, threads: 1, began: Instant::now(), replaces: true };
             if session.done_before()?.is_some() {
                 return Ok("done before");
@@ -326,7 +327,7 @@ fn dry_run(jobs: &[Planned], order: &[String]) -> Result<Verdict> {
             worst = worst.max(e.exit_code());
             format!("would fail: {e}")
         });
-        shelf.done(&key);
+        cache.done(&key);
         let mut words: Vec<String> = ["bismar", "render"].map(str::to_owned).into();
         words.extend([job.scene.display().to_string(), "-o".into(), job.output.display().to_string()]);
         words.extend(job.arguments());

@@ -12,7 +12,7 @@ use crate::film::atomic;
 use crate::film::exr_file::{Header, HeaderValue};
 use crate::rays::BackendInfo;
 use crate::render::checkpoint::{json, text};
-use crate::render::stats::{AdaptiveStats, GuidingStats, LampsStats, Samples};
+use crate::render::stats::{AdaptiveStats, GuidingStats, LearnedLightsStats, Samples};
 use crate::render::{Fireflies, Guiding, RenderSettings, Rendered, StopReason};
 use crate::scene::Scene;
 use crate::{Error, Result};
@@ -44,7 +44,7 @@ pub struct Stats {
     samples: Samples,
     /// Of the pilot of lamps, where there was one.
     #[serde(skip_serializing_if = "Option::is_none")]
-    lamps: Option<LampsStats>,
+    lamps: Option<LearnedLightsStats>,
     /// Of guiding's pilot, where there was one.
     #[serde(skip_serializing_if = "Option::is_none")]
     guiding: Option<GuidingStats>,
@@ -63,7 +63,7 @@ pub struct Stats {
     tile_seconds: f64,
     ray_query_share: f64,
     peak_memory_bytes: u64,
-    /// Seal of the picture's file; empty before that is written.
+    /// Checksum of the picture's file; empty before that is written.
     pub picture: String,
 }
 
@@ -75,21 +75,21 @@ pub fn are_in(header: &Header) -> bool {
     text(header, IN_HEADER).is_some()
 }
 
-/// Writes the JSON file of `--stats` from a picture's header, unless it is there and of this file, by its seal. What was
+/// Writes the JSON file of `--stats` from a picture's header, unless it is there and of this file, by its checksum. What was
 /// not known when the picture was written stays as it was then: the seconds of writing, and the total.
 ///
 /// # Errors
 /// [`Error::Data`] for a header that is not so; as [`atomic::write`].
-pub fn write_again(path: &Path, header: &Header, seal: &str) -> Result<()> {
+pub fn write_again(path: &Path, header: &Header, checksum: &str) -> Result<()> {
     let there = fs::metadata(path).is_ok_and(|meta| meta.is_file()).then(|| fs::read(path).unwrap_or_default());
     let there = there.and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok());
-    if there.is_some_and(|stats| stats["picture"] == seal) {
+    if there.is_some_and(|stats| stats["picture"] == checksum) {
         return Ok(());
     }
     let Some(text) = text(header, IN_HEADER) else { return Ok(()) };
     let stats = serde_json::from_str::<Value>(text).ok().filter(Value::is_object);
     let mut stats = stats.ok_or_else(|| Error::Data(format!("{}: {IN_HEADER} is no JSON object", path.display())))?;
-    stats["picture"] = seal.into();
+    stats["picture"] = checksum.into();
     write(path, &stats)
 }
 

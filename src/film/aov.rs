@@ -87,7 +87,7 @@ pub struct Channel {
 /// R, G, B and A: premultiplied, so that *over* puts the picture on another.
 pub fn beauty(background: Background) -> Vec<Channel> {
     let alpha: Component = match background {
-        Background::Sky => |p, _, _| if p.samples > 0 { 1.0 } else { 0.0 },
+        Background::Environment => |p, _, _| if p.samples > 0 { 1.0 } else { 0.0 },
         Background::Black | Background::Transparent => |p, _, _| p.coverage(),
     };
     let mut channels = layer("", "RGB", Value::Color(|p, _, c| p.mean()[c]));

@@ -1,15 +1,15 @@
 //! OpenEXR files: films out ([`write()`]), any RGB picture in ([`read()`]).
 
 mod bounds;
+mod checksum;
 mod head;
 mod read;
-mod seal;
 mod write;
 
 use std::borrow::Cow;
 
+pub use checksum::{CHECKSUM, Checksum, check, checksum};
 pub use read::{bytes_of, layer, picture, read, read_header, read_statistics};
-pub use seal::{SEAL, Seal, check, seal};
 pub use write::{Layers, write, write_rgb};
 
 /// What a header attribute holds.

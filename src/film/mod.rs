@@ -170,7 +170,7 @@ pub enum Background {
     #[default]
     Black,
     /// The environment: A is 1.
-    Sky,
+    Environment,
     /// The environment gives light, but is left out of the picture; A as for `Black`, and PNGs have it too.
     Transparent,
 }

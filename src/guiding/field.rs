@@ -1,7 +1,7 @@
 //! The field: cells in space, in each a histogram of directions and the share of samples that follow it.
 
 use super::directions::{Histogram, bins, from_square};
-use super::roulette::{Paths, Roulette, Visit};
+use super::roulette::{Paths, Roulette, VertexRecord};
 use crate::lanes::{F, LANES, V3, eight};
 use crate::sampling::cells::Tree;
 
@@ -40,8 +40,8 @@ impl Field {
     pub const CELL_BYTES: usize = size_of::<Histogram>() + size_of::<f32>() + Roulette::CELL_BYTES;
 
     /// Learns how often light samples are to be taken and paths to go on, from what a pilot's vertices found.
-    pub fn learn_roulette(&mut self, visits: &[Visit], paths: Paths) {
-        self.roulette = Some(Roulette::learn(&self.tree, visits, paths));
+    pub fn learn_roulette(&mut self, vertex_records: &[VertexRecord], paths: Paths) {
+        self.roulette = Some(Roulette::learn(&self.tree, vertex_records, paths));
     }
 
     /// Does it know how often light samples are to be taken and paths to go on?

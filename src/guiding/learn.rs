@@ -10,7 +10,7 @@ use crate::sampling::cells::Tree;
 
 /// A direction that the pilot took from a surface, and what it found there.
 #[derive(Debug, Clone, Copy)]
-pub struct Lesson {
+pub struct TrainingSample {
     /// Of the surface.
     pub position: Vec3,
     /// Unit geometric normal on the side that was met.
@@ -29,33 +29,33 @@ pub struct Lesson {
     pub field_pdf: f32,
 }
 
-/// Lessons of a cell, about: the more, the more there are. A cell of fewer is not parted; but where little is found, near lights
+/// Training samples of a cell, about: the more, the more there are. A cell of fewer is not parted; but where little is found, near lights
 /// are seen in other directions from everywhere, and one cell for all leads nobody.
-const LESSONS_A_CELL: [usize; 2] = [24, 256];
+const TRAINING_SAMPLES_PER_CELL: [usize; 2] = [24, 256];
 /// Bytes of a cell while it learns: its sums, those of two nodes of the tree, and what comes of it.
 pub const LEARNING_CELL_BYTES: usize = size_of::<Sums>() + 2 * (BINS + 1) * size_of::<f32>() + Field::CELL_BYTES;
-/// Cells, about, before they hold more lessons than the fewest.
+/// Cells, about, before they hold more training samples than the fewest.
 const FIRST_CELLS: usize = 64;
-/// Lessons of a node that count as much as all that its parent knows.
+/// Training samples of a node that count as much as all that its parent knows.
 const OWN: f64 = 48.0;
-/// Lessons that have a say in the tree, at most.
+/// Training samples that have a say in the tree, at most.
 const PLACES: usize = 1 << 15;
 /// Shares among which cells choose.
 pub const SHARES: [f32; 5] = [0.0, 0.25, 0.5, 0.75, 0.875];
 /// The share while a field is learned.
 const LEARNING: f32 = 0.5;
 
-/// What a field is worth, by the last lessons.
+/// What a field is worth, by the last training samples.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Gain {
-    /// Sum over lessons of the second moments of what paths add to their pixels, over what relMSE divides these by: without
+    /// Sum over training samples of the second moments of what paths add to their pixels, over what relMSE divides these by: without
     /// guiding.
     pub without: f64,
     /// With it.
     pub with: f64,
     /// As they were taken.
     pub taken: f64,
-    /// Mean share, by lessons.
+    /// Mean share, by training samples.
     pub share: f32,
 }
 
@@ -67,20 +67,21 @@ impl Gain {
     }
 }
 
-/// A field of all `lessons`, in a scene whose normals are worth `scale` metres, of at most `most_cells` cells; each cell's
-/// share is found from the lessons from `fresh` on, whose [`Lesson::field_pdf`] is of a field that did not know them.
+/// A field of all `training_samples`, in a scene whose normals are worth `scale` metres, of at most `most_cells` cells; each cell's
+/// share is found from the training samples from `fresh` on, whose [`TrainingSample::field_pdf`] is of a field that did not know them.
 /// Without such the share is ½.
-pub fn learn(lessons: &[Lesson], fresh: usize, scale: f32, most_cells: usize) -> (Field, Gain) {
-    let step = lessons.len().div_ceil(PLACES).max(1);
-    let places = lessons.iter().step_by(step).map(|l| Tree::place(l.position, l.normal, scale)).collect();
-    let of_cell = (lessons.len() / FIRST_CELLS).clamp(LESSONS_A_CELL[0], LESSONS_A_CELL[1]);
+pub fn learn(training_samples: &[TrainingSample], fresh: usize, scale: f32, most_cells: usize) -> (Field, Gain) {
+    let step = training_samples.len().div_ceil(PLACES).max(1);
+    let places = training_samples.iter().step_by(step).map(|l| Tree::place(l.position, l.normal, scale)).collect();
+    let of_cell =
+        (training_samples.len() / FIRST_CELLS).clamp(TRAINING_SAMPLES_PER_CELL[0], TRAINING_SAMPLES_PER_CELL[1]);
     let tree = Tree::new(places, scale, of_cell.div_ceil(step), most_cells);
-    let cells = sums(&tree, lessons, fresh);
+    let cells = sums(&tree, training_samples, fresh);
     let histograms = histograms(&tree, &cells);
     let all = cells.iter().fold(ShareSums::default(), |all, cell| all.plus(&cell.shares));
     let mut gain = Gain::default();
     let share = |cell: &Sums| {
-        if fresh >= lessons.len() {
+        if fresh >= training_samples.len() {
             return LEARNING;
         }
         let best = cell.shares.best(&all);
@@ -94,7 +95,7 @@ pub fn learn(lessons: &[Lesson], fresh: usize, scale: f32, most_cells: usize) ->
     (Field::new(tree, histograms, shares), gain)
 }
 
-/// What a cell's lessons sum up to.
+/// What a cell's training samples sum up to.
 #[derive(Debug, Clone)]
 struct Sums {
     /// ∫ (f L)² dω over each bin.
@@ -110,28 +111,31 @@ impl Default for Sums {
 }
 
 impl Sums {
-    fn add(&mut self, lesson: &Lesson, fresh: bool) {
-        let moment = lesson.found * lesson.found * lesson.pdf;
+    fn add(&mut self, training_sample: &TrainingSample, fresh: bool) {
+        let moment = training_sample.found * training_sample.found * training_sample.pdf;
         if moment.is_finite() {
-            self.moments[bins(V3::splat(lesson.wi))[0] as usize] += moment;
+            self.moments[bins(V3::splat(training_sample.wi))[0] as usize] += moment;
             self.n += 1.0;
         }
         if fresh {
-            self.shares.add(lesson);
+            self.shares.add(training_sample);
         }
     }
 }
 
-/// What the lessons of each leaf sum up to.
-fn sums(tree: &Tree, lessons: &[Lesson], fresh: usize) -> Vec<Sums> {
-    let leaves: Vec<_> = lessons.par_iter().map(|lesson| tree.leaf(lesson.position, lesson.normal)).collect();
+/// What the training samples of each leaf sum up to.
+fn sums(tree: &Tree, training_samples: &[TrainingSample], fresh: usize) -> Vec<Sums> {
+    let leaves: Vec<_> = training_samples
+        .par_iter()
+        .map(|training_sample| tree.leaf(training_sample.position, training_sample.normal))
+        .collect();
     let mut of_leaf = vec![Vec::new(); tree.leaves()];
-    for (lesson, leaf) in (0u32..).zip(leaves) {
-        of_leaf[leaf as usize].push(lesson);
+    for (training_sample, leaf) in (0u32..).zip(leaves) {
+        of_leaf[leaf as usize].push(training_sample);
     }
     let sum = |own: Vec<u32>| {
         let mut sums = Sums::default();
-        own.into_iter().for_each(|i| sums.add(&lessons[i as usize], i as usize >= fresh));
+        own.into_iter().for_each(|i| sums.add(&training_samples[i as usize], i as usize >= fresh));
         sums
     };
     of_leaf.into_par_iter().map(sum).collect()
@@ -140,7 +144,7 @@ fn sums(tree: &Tree, lessons: &[Lesson], fresh: usize) -> Vec<Sums> {
 /// Levels of the tree above those whose parts are worked at side by side.
 const LEVELS: u32 = 5;
 
-/// A histogram of each leaf: of what its own lessons say, and the less these are, of what its parents' do.
+/// A histogram of each leaf: of what its own training samples say, and the less these are, of what its parents' do.
 fn histograms(tree: &Tree, cells: &[Sums]) -> Vec<Histogram> {
     let areas = areas();
     let mut nodes = vec![([0.0f32; BINS], 0.0f32); tree.nodes()];
@@ -200,7 +204,7 @@ fn best(moments: &[f64; BINS], areas: &[f64; BINS]) -> [f64; BINS] {
     std::array::from_fn(|bin| (smooth[bin] * areas[bin]).sqrt())
 }
 
-/// Each bin's sum shared a little with those beside it: lessons are few.
+/// Each bin's sum shared a little with those beside it: training samples are few.
 fn smoothed(sums: &[f64; BINS]) -> [f64; BINS] {
     let mut smooth = [0.0; BINS];
     for (bin, sum) in sums.iter().enumerate().filter(|(_, sum)| **sum > 0.0) {
@@ -230,14 +234,16 @@ struct ShareSums {
 const PRIOR: f64 = 4.0;
 
 impl ShareSums {
-    fn add(&mut self, lesson: &Lesson) {
-        let p = f64::from(lesson.pdf);
-        let of = |c: f32| p / f64::from(c.mul_add(lesson.field_pdf - lesson.bsdf_pdf, lesson.bsdf_pdf));
+    fn add(&mut self, training_sample: &TrainingSample) {
+        let p = f64::from(training_sample.pdf);
+        let of = |c: f32| {
+            p / f64::from(c.mul_add(training_sample.field_pdf - training_sample.bsdf_pdf, training_sample.bsdf_pdf))
+        };
         for (sum, c) in self.moments.iter_mut().zip(SHARES) {
-            *sum += f64::from(lesson.weight) * of(c).min(1e6);
+            *sum += f64::from(training_sample.weight) * of(c).min(1e6);
         }
-        self.squares += (f64::from(lesson.weight) * of(0.5)).powi(2);
-        self.taken += f64::from(lesson.weight);
+        self.squares += (f64::from(training_sample.weight) * of(0.5)).powi(2);
+        self.taken += f64::from(training_sample.weight);
         self.n += 1.0;
     }
 

@@ -13,8 +13,8 @@ pub mod learn;
 pub mod roulette;
 
 pub use field::{Field, NOWHERE};
-pub use learn::{Gain, Lesson, learn};
-pub use roulette::{Paths, Visit};
+pub use learn::{Gain, TrainingSample, learn};
+pub use roulette::{Paths, VertexRecord};
 
 use serde::{Deserialize, Serialize};
 

@@ -13,7 +13,7 @@ use crate::sampling::cells::Tree;
 
 /// What the samples of a vertex beyond the first found.
 #[derive(Debug, Clone, Copy)]
-pub struct Visit {
+pub struct VertexRecord {
     /// Of the surface.
     pub position: Vec3,
     /// Unit geometric normal on the side that was met.
@@ -57,12 +57,12 @@ impl Roulette {
     pub const CELL_BYTES: usize = size_of::<[f32; 2]>();
 
     /// From what a pilot's vertices found in the leaves of a tree.
-    pub(super) fn learn(tree: &Tree, visits: &[Visit], paths: Paths) -> Self {
+    pub(super) fn learn(tree: &Tree, vertex_records: &[VertexRecord], paths: Paths) -> Self {
         let mut cells = vec![[0.0; 3]; tree.leaves()];
         let mut all = [0.0; 3];
-        for visit in visits {
-            let of = [1.0, visit.found[0], visit.found[1]].map(f64::from);
-            for sums in [&mut cells[tree.leaf(visit.position, visit.normal) as usize], &mut all] {
+        for vertex_record in vertex_records {
+            let of = [1.0, vertex_record.found[0], vertex_record.found[1]].map(f64::from);
+            for sums in [&mut cells[tree.leaf(vertex_record.position, vertex_record.normal) as usize], &mut all] {
                 (0..3).for_each(|i| sums[i] += of[i]);
             }
         }
@@ -93,8 +93,8 @@ impl Roulette {
 mod tests {
     use super::*;
 
-    fn at(found: [f32; 2], n: usize, x: f32) -> Vec<Visit> {
-        vec![Visit { position: Vec3::new(x, 0.0, 0.0), normal: Vec3::Y, found }; n]
+    fn at(found: [f32; 2], n: usize, x: f32) -> Vec<VertexRecord> {
+        vec![VertexRecord { position: Vec3::new(x, 0.0, 0.0), normal: Vec3::Y, found }; n]
     }
 
     #[test]
@@ -103,9 +103,9 @@ mod tests {
         let tree = Tree::new(places, 1.0, 200, 100);
         let cells = [0.0, 1.0].map(|x| tree.leaf(Vec3::new(x, 0.0, 0.0), Vec3::Y));
         assert_ne!(cells[0], cells[1]);
-        let visits = [at([0.04, 1.0], 4000, 0.0), at([0.0, 0.0], 4000, 1.0)].concat();
+        let vertex_records = [at([0.04, 1.0], 4000, 0.0), at([0.0, 0.0], 4000, 1.0)].concat();
         let paths = Paths { cost: 6.0, variance: 4.0, inverse: 2.0 };
-        let roulette = Roulette::learn(&tree, &visits, paths);
+        let roulette = Roulette::learn(&tree, &vertex_records, paths);
         let chances = |cell, beta: f32| roulette.chances([cell; LANES], F::splat(beta)).map(|c| c.as_array()[0]);
         let [light, on] = chances(cells[0], 0.5);
         // √(0.04 · 2 · 6 / (4 · 1.2)) / 2 and √(2 · 6 / (4 · 3)) / 2, but for the mean of all.
@@ -113,7 +113,7 @@ mod tests {
         assert_eq!(chances(cells[1], 0.5), LEAST);
         assert_eq!(chances(cells[0], 1e30), [1.0, 1.0]);
         for odd in [f64::NAN, 0.0, f64::INFINITY] {
-            let roulette = Roulette::learn(&tree, &visits, Paths { variance: odd, ..paths });
+            let roulette = Roulette::learn(&tree, &vertex_records, Paths { variance: odd, ..paths });
             for beta in [0.0, 1e-30, 1.0, f32::MAX] {
                 let all = roulette.chances(cells.repeat(4).try_into().unwrap(), F::splat(beta));
                 assert!(all.iter().flat_map(|c| c.to_array()).all(|c| c > 0.0 && c <= 1.0), "{odd} {beta}: {all:?}");

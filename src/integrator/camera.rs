@@ -25,7 +25,7 @@ impl Lens {
     pub fn point(&self, u: F, v: F) -> (F, F) {
         let radius = F::splat(self.radius);
         if self.blades == 0 {
-            // Concentric would keep strata together better, and needs branches; areas are equal in both.
+            // Concentric would keep strata together better, and needs sub-paths; areas are equal in both.
             let (s, c) = (F::splat(TAU) * u).sin_cos();
             let r = radius * v.sqrt();
             return (r * c, r * s);
@@ -48,7 +48,7 @@ pub struct CameraRays {
     to_world: Affine3A,
     motion: Option<Arc<Motion>>,
     /// As [`Camera::beside`].
-    pub beside: Option<[Affine3A; 2]>,
+    pub adjacent_frames: Option<[Affine3A; 2]>,
     /// Half-extents of the picture at distance one (perspective) or of the view volume (orthographic).
     half: [f32; 2],
     size: [f32; 2],
@@ -75,7 +75,7 @@ impl CameraRays {
         Self {
             to_world: camera.to_world,
             motion: camera.motion.clone(),
-            beside: camera.beside,
+            adjacent_frames: camera.adjacent_frames,
             half: [half_height * aspect, half_height],
             size: [width as f32, height as f32],
             perspective,
@@ -198,7 +198,8 @@ mod tests {
         let pose = Mat3::from_rotation_y(0.7) * Mat3::from_rotation_x(-0.4) * Mat3::from_rotation_z(0.2);
         let to_world = Affine3A::from_mat3_translation(pose, Vec3::new(1.0, -2.0, 3.0));
         for projection in [Projection::Perspective { yfov: 0.8 }, Projection::Orthographic { xmag: 2.0, ymag: 1.5 }] {
-            let camera = Camera { name: String::new(), projection, aspect: None, to_world, motion: None, beside: None };
+            let camera =
+                Camera { name: String::new(), projection, aspect: None, to_world, motion: None, adjacent_frames: None };
             let rays = CameraRays::new(&camera, 320, 200);
             let [to_camera, to_picture] = rays.matrices().map(|m| Mat4::from_cols_array(&m));
             for (x, y) in [(0.0, 0.0), (320.0, 200.0), (31.0, 170.0), (160.0, 100.0)] {

@@ -52,7 +52,7 @@ impl Materials {
             if absorbs { media.len() as u32 - 1 } else { 0 }
         };
         let bodies: Vec<_> =
-            scene.materials.iter().map(|m| (m.transmits() && m.bounds_body).then(|| bounds(m))).collect();
+            scene.materials.iter().map(|m| (m.transmits() && m.bounds_medium).then(|| bounds(m))).collect();
         let kind = |(mesh, moves): (&Arc<Mesh>, bool)| {
             let kind = kind(scene, mesh, &constant);
             Kind { bounds: bodies[mesh.material as usize], plain: kind.plain && !moves, ..kind }
@@ -135,7 +135,7 @@ pub fn surface(material: &Material, base_color: Vec3, texel: impl Fn(TextureSlot
         transmission: material.transmission,
         diffuse_transmission: material.diffuse_transmission,
         diffuse_transmission_color: material.diffuse_transmission_color,
-        bounds_body: material.bounds_body,
+        bounds_medium: material.bounds_medium,
         sheen_color: material.sheen_color,
         sheen_roughness: material.sheen_roughness,
         clearcoat: material.clearcoat,

@@ -6,8 +6,8 @@ pub mod dispersion;
 pub mod events;
 pub mod geometry;
 pub mod guides;
-pub mod ledger;
 pub mod materials;
+pub mod path_states;
 pub mod prepared;
 pub mod queues;
 pub mod scalar;
@@ -60,7 +60,7 @@ pub struct Transport<'a> {
     /// no limit. What the camera sees directly has none.
     pub limits: [f32; 2],
     /// Is the environment left out where the camera sees it directly?
-    pub hides_sky: bool,
+    pub hides_environment: bool,
     /// Where light comes from, if paths are guided.
     pub field: Option<&'a Field>,
     /// What light samples are drawn by.
@@ -69,7 +69,7 @@ pub struct Transport<'a> {
 
 impl Transport<'_> {
     /// Does a field say how often vertices beyond the first take a light sample and paths go on?
-    fn rolls(&self) -> bool {
+    fn has_roulette(&self) -> bool {
         self.field.is_some_and(Field::has_roulette)
     }
 

@@ -22,7 +22,7 @@ pub struct PathRays {
     /// Index into its pixel's sequence.
     pub index: Vec<u32>,
     /// BSDF sample of a first surface that it descends from; unused for camera rays.
-    pub branch: Vec<u32>,
+    pub sub_path: Vec<u32>,
     /// Seed of its pixel's sequence.
     pub seed: Vec<u32>,
     /// The medium that the ray is in, of [`Materials::media`](super::Materials::media); unused where none absorbs.
@@ -41,7 +41,7 @@ pub struct Identity {
     /// As in [`PathRays`].
     pub index: U,
     /// As in [`PathRays`].
-    pub branch: U,
+    pub sub_path: U,
     /// As in [`PathRays`].
     pub seed: U,
     /// When they are, as in [`RayBatch`]; 0 where nothing moves.
@@ -56,7 +56,7 @@ impl PathRays {
         self.beta.grow(most);
         self.normal.grow(most);
         grow(&mut self.weighted_pdf, most);
-        for column in [&mut self.path, &mut self.index, &mut self.branch, &mut self.seed] {
+        for column in [&mut self.path, &mut self.index, &mut self.sub_path, &mut self.seed] {
             grow(column, most);
         }
         self.len = 0;
@@ -72,7 +72,7 @@ impl PathRays {
         store(&mut self.weighted_pdf, self.len, weighted_pdf);
         store_bits(&mut self.path, self.len, identity.path);
         store_bits(&mut self.index, self.len, identity.index);
-        store_bits(&mut self.branch, self.len, identity.branch);
+        store_bits(&mut self.sub_path, self.len, identity.sub_path);
         store_bits(&mut self.seed, self.len, identity.seed);
         self.len += n;
     }
@@ -106,7 +106,7 @@ impl SortedHits {
 }
 
 /// Of a light sample that nobody learns from.
-pub const NO_ATTEMPT: u32 = u32::MAX;
+pub const NO_RECORD: u32 = u32::MAX;
 
 /// The group of shadow rays toward lights without extent.
 pub const PUNCTUAL: u32 = 2;
@@ -121,11 +121,11 @@ pub struct ShadowRays {
     /// Path of the wave.
     pub path: Vec<u32>,
     /// BSDF sample of a first surface that it descends from; unused at first surfaces.
-    pub branch: Vec<u32>,
+    pub sub_path: Vec<u32>,
     /// What the light comes from, as for [`ExtraSums::add_light`](crate::film::ExtraSums::add_light).
     pub group: Vec<u32>,
-    /// Number of the light sample among those that are learned from, [`NO_ATTEMPT`] of others; empty where none are.
-    pub attempt: Vec<u32>,
+    /// Number of the light sample among those that are learned from, [`NO_RECORD`] of others; empty where none are.
+    pub light_sample_record: Vec<u32>,
     /// How many rows count.
     pub len: usize,
     /// Columns for observers; present where somebody is to be told.
@@ -165,11 +165,11 @@ impl ShadowRays {
         self.rays.open(most, moves);
         self.radiance.grow(most);
         grow(&mut self.path, most);
-        grow(&mut self.branch, most);
+        grow(&mut self.sub_path, most);
         grow(&mut self.group, most);
-        self.attempt.clear();
+        self.light_sample_record.clear();
         if learns {
-            self.attempt.resize(most + LANES, NO_ATTEMPT);
+            self.light_sample_record.resize(most + LANES, NO_RECORD);
         }
         self.len = 0;
         self.observed = observed.then(|| {
@@ -182,12 +182,12 @@ impl ShadowRays {
         });
     }
 
-    /// Says which attempts the survivors of a group are that comes next.
-    pub fn attempted(&mut self, survivors: &Survivors, attempts: U) {
-        store_bits(&mut self.attempt, self.len, survivors.compress_bits(attempts));
+    /// Says which light-sample records the survivors of a group are that comes next.
+    pub fn set_records(&mut self, survivors: &Survivors, light_sample_records: U) {
+        store_bits(&mut self.light_sample_record, self.len, survivors.compress_bits(light_sample_records));
     }
 
-    /// Appends the survivors of a group: rays of length `tfar`, `radiance`, their path, branch and group. `key` and `time`
+    /// Appends the survivors of a group: rays of length `tfar`, `radiance`, their path, sub-path and group. `key` and `time`
     /// are for [`RayBatch::put`].
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "a row's columns")]
@@ -198,7 +198,7 @@ impl ShadowRays {
         tfar: F,
         (key, time): (U, F),
         radiance: V3,
-        [path, branch, group]: [U; 3],
+        [path, sub_path, group]: [U; 3],
         observation: impl FnOnce() -> Observation,
     ) {
         let ray = (survivors.compress_v3(origin), survivors.compress_v3(direction));
@@ -206,7 +206,7 @@ impl ShadowRays {
         self.rays.put(self.len, ray, survivors.compress(tfar), key, time);
         self.radiance.store(self.len, survivors.compress_v3(radiance));
         store_bits(&mut self.path, self.len, survivors.compress_bits(path));
-        store_bits(&mut self.branch, self.len, survivors.compress_bits(branch));
+        store_bits(&mut self.sub_path, self.len, survivors.compress_bits(sub_path));
         store_bits(&mut self.group, self.len, survivors.compress_bits(group));
         if let Some(columns) = &mut self.observed {
             let seen = observation();

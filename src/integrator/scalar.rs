@@ -7,7 +7,7 @@ use super::Transport;
 use super::batch::PixelTask;
 use super::dispersion;
 pub use super::events::{Event, What};
-use super::ledger::limited;
+use super::path_states::limited;
 use super::stages::camera_rays::TIME_SET;
 use super::stages::lights::SHADOW_END;
 use super::stages::mixture::{self, Drawn, Mixture};
@@ -159,7 +159,7 @@ impl Path<'_> {
         let (instance, mesh, prim, distance) = (hits.instance[0], hits.mesh[0], hits.prim[0], hits.t[0]);
         if mesh == MISS {
             self.tell(depth, What::Escape);
-            if t.lights.environment.is_none() || (depth == 0 && t.hides_sky) {
+            if t.lights.environment.is_none() || (depth == 0 && t.hides_environment) {
                 return Vec3::ZERO;
             }
             let (radiance, pdf) = t.lights.environment(V3::splat(direction), t.drawing);
@@ -217,7 +217,7 @@ impl Path<'_> {
             origin_offset: point.origin_offset,
             media: t.materials.sides(mesh, behind, medium),
             cell: cells
-                .filter(|_| mixture::is_broad(&scattering).any())
+                .filter(|_| mixture::is_diffuse(&scattering).any())
                 .map_or(NOWHERE, |(field, cells)| field.guiding(cells)[0]),
             chances: chances.map(|chances| chances.map(|chance| chance.as_array()[0])),
             time: ray.time,

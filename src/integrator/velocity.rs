@@ -10,7 +10,7 @@ pub fn velocity(transport: &Transport, (instance, mesh, prim): (u32, u32, u32), 
     let scene = transport.scene;
     let (mesh, instance) = (&scene.meshes[mesh as usize], &scene.instances[instance as usize]);
     let camera = &transport.camera;
-    if mesh.beside.is_none() && instance.beside.is_none() && camera.beside.is_none() {
+    if mesh.adjacent_frames.is_none() && instance.adjacent_frames.is_none() && camera.adjacent_frames.is_none() {
         return [Vec2::ZERO; 2];
     }
     let vertices = mesh.indices[prim as usize].map(|i| i as usize);
@@ -21,9 +21,11 @@ pub fn velocity(transport: &Transport, (instance, mesh, prim): (u32, u32, u32), 
     };
     let Some(now) = camera.place(None, place(&mesh.positions, instance.transform)) else { return [Vec2::ZERO; 2] };
     let of = |which: usize| {
-        let positions = mesh.beside.as_ref().map_or(&mesh.positions[..], |beside| &beside[which]);
-        let to_world = instance.beside.map(|beside| beside[which]).or(instance.transform);
-        let then = camera.place(camera.beside.map(|beside| beside[which]), place(positions, to_world));
+        let positions =
+            mesh.adjacent_frames.as_ref().map_or(&mesh.positions[..], |adjacent_frames| &adjacent_frames[which]);
+        let to_world = instance.adjacent_frames.map(|adjacent_frames| adjacent_frames[which]).or(instance.transform);
+        let then = camera
+            .place(camera.adjacent_frames.map(|adjacent_frames| adjacent_frames[which]), place(positions, to_world));
         then.map_or(Vec2::ZERO, |then| then - now)
     };
     [-of(0), of(1)]

@@ -31,7 +31,7 @@ pub struct Vertices {
     /// Index into its pixel's sequence.
     pub index: Vec<u32>,
     /// BSDF sample of a first surface that it descends from.
-    pub branch: Vec<u32>,
+    pub sub_path: Vec<u32>,
     /// Seed of its pixel's sequence.
     pub seed: Vec<u32>,
     /// The media on the eye's side and beyond, of [`Materials::media`](super::Materials::media); where some absorb.
@@ -46,7 +46,7 @@ pub struct Vertices {
 /// Of each vertex, what guiding knows.
 #[derive(Debug, Default)]
 pub struct Guided {
-    /// Does its surface scatter widely ([`Lobe::breadth`](crate::bsdf::Lobe::breadth))? 0 or 1.
+    /// Does its surface scatter widely ([`Lobe::diffuseness`](crate::bsdf::Lobe::diffuseness))? 0 or 1.
     pub broad: Vec<u32>,
     /// Cell of the field, or [`NOWHERE`](crate::guiding::NOWHERE).
     pub cell: Vec<u32>,
@@ -116,7 +116,7 @@ impl Vertices {
         }
         Bsdf::grow(&mut self.bsdf, most, lobes);
         grow(&mut self.origin_offset, most);
-        for column in [&mut self.path, &mut self.index, &mut self.branch, &mut self.seed] {
+        for column in [&mut self.path, &mut self.index, &mut self.sub_path, &mut self.seed] {
             grow(column, most);
         }
         self.media = absorb.then(|| self.media.take().unwrap_or_default());
@@ -159,7 +159,7 @@ impl Vertices {
         store(&mut self.origin_offset, at, group.origin_offset);
         store_bits(&mut self.path, at, group.identity.path);
         store_bits(&mut self.index, at, group.identity.index);
-        store_bits(&mut self.branch, at, group.identity.branch);
+        store_bits(&mut self.sub_path, at, group.identity.sub_path);
         store_bits(&mut self.seed, at, group.identity.seed);
         match group.bsdfs {
             Scattering::Any(bsdfs) => Bsdf::store(&mut self.bsdf, at, bsdfs),
@@ -207,7 +207,7 @@ impl Vertices {
     /// The chances of a light sample and of going on at some rows, beyond first surfaces; `None` where no field knows them.
     #[inline(always)]
     pub fn chances(&self, transport: &Transport, rows: &Rows) -> Option<[F; 2]> {
-        let guided = self.guided.as_ref().filter(|_| transport.rolls())?;
+        let guided = self.guided.as_ref().filter(|_| transport.has_roulette())?;
         Some([load(&guided.chances[0], rows), load(&guided.chances[1], rows)])
     }
 
@@ -228,7 +228,7 @@ impl Vertices {
         Identity {
             path: load_bits(&self.path, rows),
             index: load_bits(&self.index, rows),
-            branch: load_bits(&self.branch, rows),
+            sub_path: load_bits(&self.sub_path, rows),
             seed: load_bits(&self.seed, rows),
             time: self.times(rows),
         }

@@ -5,15 +5,15 @@ use std::time::Instant;
 
 use super::Transport;
 use super::batch::{PixelBatch, PixelTask};
-use super::ledger::{CAMERA, Ledger, Step};
+use super::path_states::{CAMERA, PathStates, Step};
 use super::queues::{PathRays, ShadowRays, SortedHits};
 use super::stages::requests::Requests;
 use super::stages::{camera_rays, emission, lights, media, mixture, scatter, sort, surfaces};
 use super::vertices::Vertices;
 use crate::color::luminance;
 use crate::film::PixelStats;
-use crate::guiding::{Lesson, Visit};
-use crate::light::Attempt;
+use crate::guiding::{TrainingSample, VertexRecord};
+use crate::light::LightSampleRecord;
 use crate::rays::{HitBatch, RayOrder};
 
 /// Rays and time of waves.
@@ -74,7 +74,7 @@ pub struct Wave {
     requests: Requests,
     shadows: ShadowRays,
     occluded: Vec<bool>,
-    ledger: Ledger,
+    path_states: PathStates,
     /// Rays and time so far.
     pub counts: WaveCounts,
 }
@@ -82,13 +82,13 @@ pub struct Wave {
 impl Wave {
     /// Traces the paths that the batch's tasks count and adds to its sums, in a fixed order.
     pub fn run(&mut self, transport: &Transport, batch: &mut PixelBatch) {
-        let Self { rays, next_rays, hits, sorted, vertices, requests, shadows, occluded, ledger, counts } = self;
-        ledger.begin(batch.tasks, transport.lights.environment_probability);
+        let Self { rays, next_rays, hits, sorted, vertices, requests, shadows, occluded, path_states, counts } = self;
+        path_states.begin(batch.tasks, transport.lights.environment_probability);
         if !batch.extras.is_empty() {
-            ledger.mirrors.resize(ledger.paths.len(), None);
+            path_states.mirrors.resize(path_states.paths.len(), None);
         }
         camera_rays::begin(transport, batch.tasks, rays);
-        let learns = ledger.steps.is_some();
+        let learns = path_states.steps.is_some();
         for depth in 0..transport.max_depth {
             if rays.len == 0 {
                 break;
@@ -99,34 +99,34 @@ impl Wave {
 
             sort::sort(transport, depth, hits, sorted);
             if depth == 0 {
-                surfaces::observe(transport, rays, hits, ledger, batch);
+                surfaces::observe(transport, rays, hits, path_states, batch);
             } else if !batch.extras.is_empty() {
-                surfaces::follow_mirrors(transport, depth, rays, hits, ledger, batch);
+                surfaces::follow_mirrors(transport, depth, rays, hits, path_states, batch);
             }
             if transport.materials.absorbs() {
                 media::cross(transport, depth, rays, hits);
             }
-            emission::surfaces(transport, depth, &sorted.emissive, rays, hits, ledger, batch);
-            emission::environment(transport, depth, &sorted.escaped, rays, ledger, batch);
+            emission::surfaces(transport, depth, &sorted.emissive, rays, hits, path_states, batch);
+            emission::environment(transport, depth, &sorted.escaped, rays, path_states, batch);
             surfaces::vertices(transport, learns, sorted, rays, hits, vertices);
             mixture::find(transport, vertices);
 
-            requests.light_samples(transport, depth, vertices, ledger, batch.tasks);
-            lights::sample(transport, depth, vertices, requests, ledger, batch.observer.is_some(), shadows);
-            requests.bsdf_samples(depth, transport.max_depth, vertices, ledger);
-            scatter::sample(transport, depth, vertices, requests, ledger, next_rays);
+            requests.light_samples(transport, depth, vertices, path_states, batch.tasks);
+            lights::sample(transport, depth, vertices, requests, path_states, batch.observer.is_some(), shadows);
+            requests.bsdf_samples(depth, transport.max_depth, vertices, path_states);
+            scatter::sample(transport, depth, vertices, requests, path_states, next_rays);
 
             if !shadows.rays.is_empty() {
                 counts.shadow_rays += shadows.len as u64;
                 timed(counts, || transport.rays.occluded(&shadows.rays, RayOrder::Incoherent, occluded));
-                ledger.add_light_samples(shadows, occluded, depth, transport.limits[(depth > 0) as usize], batch);
+                path_states.add_light_samples(shadows, occluded, depth, transport.limits[(depth > 0) as usize], batch);
             }
             std::mem::swap(rays, next_rays);
         }
-        ledger.finish(batch);
-        counts.not_finite += ledger.faults.count;
-        if let (None, Some(path)) = (counts.first_not_finite, ledger.faults.first) {
-            let pixel = ledger.paths[path as usize].pixel;
+        path_states.finish(batch);
+        counts.not_finite += path_states.faults.count;
+        if let (None, Some(path)) = (counts.first_not_finite, path_states.faults.first) {
+            let pixel = path_states.paths[path as usize].pixel;
             let before = batch.tasks[..pixel as usize].iter().map(|task| task.counts.paths).sum::<u32>();
             let task = &batch.tasks[pixel as usize];
             counts.first_not_finite = Some([task.x, task.y, task.first_path + path - before]);
@@ -138,38 +138,38 @@ impl Wave {
 pub type Divisors<'a> = &'a dyn Fn(&[PixelTask], &[PixelStats]) -> Vec<f32>;
 
 impl Wave {
-    /// As [`run`](Self::run), for what is to be learned from the paths: adds to `lessons` those that found light, each weighed
-    /// by what `divisors` makes of its pixel, and to `visits` what vertices beyond the first found; gives the divisors.
+    /// As [`run`](Self::run), for what is to be learned from the paths: adds to `training_samples` those that found light, each weighed
+    /// by what `divisors` makes of its pixel, and to `vertex_records` what vertices beyond the first found; gives the divisors.
     pub fn learn(
         &mut self,
         transport: &Transport,
         batch: &mut PixelBatch,
         divisors: Divisors,
-        (lessons, visits): (&mut Vec<Lesson>, &mut Vec<Visit>),
+        (training_samples, vertex_records): (&mut Vec<TrainingSample>, &mut Vec<VertexRecord>),
     ) -> Vec<f32> {
-        self.ledger.steps.get_or_insert_default();
+        self.path_states.steps.get_or_insert_default();
         self.run(transport, batch);
-        self.ledger.gather();
+        self.path_states.gather();
         let divisors = divisors(batch.tasks, batch.stats);
-        let Ledger { steps, branches, paths, .. } = &mut self.ledger;
+        let PathStates { steps, sub_paths, paths, .. } = &mut self.path_states;
         let steps = steps.take().unwrap_or_default();
-        for (step, branch) in steps.iter().zip(branches.iter()) {
-            let found = luminance(branch.indirect);
+        for (step, sub_path) in steps.iter().zip(sub_paths.iter()) {
+            let found = luminance(sub_path.indirect);
             if step.parent != CAMERA && step.beta > 0.0 {
                 // As if they had been taken for sure.
                 let [light, on] = step.chances;
                 let found = [light.sqrt() * steps[step.parent as usize].light, on * found];
                 let found = found.map(|found| (found / step.beta).powi(2));
-                visits.push(Visit { position: step.position, normal: step.normal, found });
+                vertex_records.push(VertexRecord { position: step.position, normal: step.normal, found });
             }
             if found > 0.0 && step.broad && step.beta > 0.0 && found.is_finite() {
                 let Step { position, normal, wi, beta, pdf: [pdf, bsdf_pdf, field_pdf], .. } = *step;
-                lessons.push(Lesson {
+                training_samples.push(TrainingSample {
                     position,
                     normal,
                     wi,
                     found: found / beta,
-                    weight: found * found / divisors[paths[branch.path as usize].pixel as usize],
+                    weight: found * found / divisors[paths[sub_path.path as usize].pixel as usize],
                     pdf,
                     bsdf_pdf,
                     field_pdf,
@@ -183,18 +183,20 @@ impl Wave {
 impl Wave {
     /// As [`run`](Self::run), for what is to be learned of area lights: the light samples toward them, each weighed by what
     /// `divisors` makes of its pixel, a place in the batch; and the divisors.
-    pub fn attempts(
+    pub fn light_sample_records(
         &mut self,
         transport: &Transport,
         batch: &mut PixelBatch,
         divisors: Divisors,
-    ) -> (Vec<Attempt>, Vec<f32>) {
-        self.ledger.attempts.get_or_insert_default();
+    ) -> (Vec<LightSampleRecord>, Vec<f32>) {
+        self.path_states.light_sample_records.get_or_insert_default();
         self.run(transport, batch);
-        let mut attempts = self.ledger.attempts.take().unwrap_or_default();
+        let mut light_sample_records = self.path_states.light_sample_records.take().unwrap_or_default();
         let divisors = divisors(batch.tasks, batch.stats);
-        attempts.iter_mut().for_each(|attempt| attempt.found /= divisors[attempt.pixel as usize].sqrt());
-        (attempts, divisors)
+        light_sample_records.iter_mut().for_each(|light_sample_record| {
+            light_sample_record.found /= divisors[light_sample_record.pixel as usize].sqrt()
+        });
+        (light_sample_records, divisors)
     }
 }
 

@@ -24,7 +24,7 @@ pub struct EnvironmentSampler {
     /// By radiance.
     whole: Table,
     /// By what is above the mean, if anything is; made when it is first asked for.
-    excess: OnceLock<Option<Table>>,
+    compensated: OnceLock<Option<Table>>,
     /// Sine and cosine of the rotation about +y.
     rotation: (f32, f32),
     /// Luminance averaged over the sphere.
@@ -40,7 +40,7 @@ pub enum Density {
     /// What of the radiance's luminance is above its mean: MIS compensation (Karlík, Šik, Vévoda, Skřivan and Křivánek 2019, *MIS
     /// Compensation: Optimizing Sampling Techniques in Multiple Importance Sampling*). BSDF samples must find the rest. As
     /// `Radiance` where nothing is above the mean.
-    Excess,
+    Compensated,
 }
 
 /// Cells, drawn in proportion to the bilinear function's integral.
@@ -63,7 +63,7 @@ impl EnvironmentSampler {
         let lum: Vec<f32> = texels.iter().map(|&t| luminance(t)).collect();
         let (whole, mean_luminance) = Table::new(&lum, width, 0.0)?;
         let rotation = environment.rotation.sin_cos();
-        Some(Self { width, height, texels, whole, excess: OnceLock::new(), rotation, mean_luminance })
+        Some(Self { width, height, texels, whole, compensated: OnceLock::new(), rotation, mean_luminance })
     }
 
     /// Luminance averaged over the sphere (to the accuracy of one row).
@@ -94,22 +94,22 @@ impl EnvironmentSampler {
     }
 
     /// Is anything above the mean?
-    pub fn has_excess(&self) -> bool {
-        self.excess().is_some()
+    pub fn has_compensated(&self) -> bool {
+        self.compensated().is_some()
     }
 
-    fn excess(&self) -> Option<&Table> {
+    fn compensated(&self) -> Option<&Table> {
         let make = || {
             let luminance: Vec<f32> = self.texels.iter().map(|&t| luminance(t)).collect();
             Table::new(&luminance, self.width, self.mean_luminance).map(|(table, _)| table)
         };
-        self.excess.get_or_init(make).as_ref()
+        self.compensated.get_or_init(make).as_ref()
     }
 
     fn table(&self, density: Density) -> &Table {
         match density {
             Density::Radiance => &self.whole,
-            Density::Excess => self.excess().unwrap_or(&self.whole),
+            Density::Compensated => self.compensated().unwrap_or(&self.whole),
         }
     }
 

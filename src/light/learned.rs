@@ -16,7 +16,7 @@ use crate::sampling::cells::Tree;
 
 /// A light sample that a pilot took.
 #[derive(Debug, Clone, Copy)]
-pub struct Attempt {
+pub struct LightSampleRecord {
     /// As [`LightTree::sample`] was given it.
     pub position: Vec3,
     /// As [`LightTree::sample`] was given it.
@@ -34,7 +34,7 @@ const BY_TREE: f32 = 0.5;
 /// Nodes of the light tree that cells know, at most.
 const NODES: usize = 127;
 /// Attempts of a cell, about; one of fewer is not parted.
-const ATTEMPTS_A_CELL: usize = 256;
+const RECORDS_PER_CELL: usize = 256;
 /// Attempts that have a say in the cells, at most.
 const PLACES: usize = 1 << 14;
 /// Cells, at most.
@@ -59,7 +59,7 @@ pub struct LearnedLights {
 /// What is known of a cluster.
 #[derive(Debug, Clone, Copy, Default)]
 struct Known {
-    /// How many attempts chose it, or which part of them.
+    /// How many light-sample records chose it, or which part of them.
     n: f32,
     /// Sum of the squares of what they found, or their mean.
     square: f32,
@@ -72,18 +72,20 @@ impl Known {
 }
 
 impl LearnedLights {
-    /// Learns from `attempts` with lights of a `tree`, in a scene whose normals are worth `scale` metres. `None` where there is
+    /// Learns from `light_sample_records` with lights of a `tree`, in a scene whose normals are worth `scale` metres. `None` where there is
     /// nothing to choose or nothing was found.
-    pub fn learn(tree: &LightTree, attempts: &[Attempt], scale: f32) -> Option<Self> {
+    pub fn learn(tree: &LightTree, light_sample_records: &[LightSampleRecord], scale: f32) -> Option<Self> {
         let nodes = tree.top(NODES);
-        if nodes < 3 || !attempts.iter().any(|attempt| attempt.found > 0.0) {
+        if nodes < 3 || !light_sample_records.iter().any(|light_sample_record| light_sample_record.found > 0.0) {
             return None;
         }
-        let place = |attempt: &Attempt| Tree::place(attempt.position, attempt.normal, scale);
-        let step = attempts.len().div_ceil(PLACES);
-        let places = attempts.iter().step_by(step).map(place).collect();
-        let cells = Tree::new(places, scale, ATTEMPTS_A_CELL.div_ceil(step), CELLS);
-        let known = sums(tree, &cells, nodes, attempts);
+        let place = |light_sample_record: &LightSampleRecord| {
+            Tree::place(light_sample_record.position, light_sample_record.normal, scale)
+        };
+        let step = light_sample_records.len().div_ceil(PLACES);
+        let places = light_sample_records.iter().step_by(step).map(place).collect();
+        let cells = Tree::new(places, scale, RECORDS_PER_CELL.div_ceil(step), CELLS);
+        let known = sums(tree, &cells, nodes, light_sample_records);
         let mut weights = vec![1.0; cells.leaves() * (nodes + 1)];
         // From the whole to its parts; what the whole would be a part of knows nothing but a mean.
         let all = known[..nodes].iter().copied().fold(Known::default(), Known::plus);
@@ -110,11 +112,11 @@ impl LearnedLights {
         self.cells.leaves()
     }
 
-    /// Bytes of memory while it learns from so many attempts, at most, these included.
-    pub fn bytes_to_learn(attempts: u64) -> u64 {
-        let cells = (2 * attempts).div_ceil(ATTEMPTS_A_CELL as u64).clamp(1, CELLS as u64);
+    /// Bytes of memory while it learns from so many light-sample records, at most, these included.
+    pub fn bytes_to_learn(light_sample_records: u64) -> u64 {
+        let cells = (2 * light_sample_records).div_ceil(RECORDS_PER_CELL as u64).clamp(1, CELLS as u64);
         let a_node = 3 * size_of::<Known>() + size_of::<f32>();
-        attempts * 3 * size_of::<Attempt>() as u64 + cells * (NODES * a_node) as u64
+        light_sample_records * 3 * size_of::<LightSampleRecord>() as u64 + cells * (NODES * a_node) as u64
     }
 
     /// Bytes of memory.
@@ -173,13 +175,16 @@ pub fn mixed(by_tree: f32, led: f32) -> f32 {
     BY_TREE.mul_add(by_tree - led, led)
 }
 
-/// What attempts say of each known node that has no known one below, for every cell and what cells are parts of.
-fn sums(tree: &LightTree, cells: &Tree, nodes: usize, attempts: &[Attempt]) -> Vec<Known> {
-    let of_attempt = |attempt: &Attempt| {
-        let cell = cells.leaf(attempt.position, attempt.normal) as usize;
-        Some((cell * nodes + tree.above(attempt.emitter, nodes)?, attempt.found * attempt.found))
+/// What light-sample records say of each known node that has no known one below, for every cell and what cells are parts of.
+fn sums(tree: &LightTree, cells: &Tree, nodes: usize, light_sample_records: &[LightSampleRecord]) -> Vec<Known> {
+    let of_attempt = |light_sample_record: &LightSampleRecord| {
+        let cell = cells.leaf(light_sample_record.position, light_sample_record.normal) as usize;
+        Some((
+            cell * nodes + tree.above(light_sample_record.emitter, nodes)?,
+            light_sample_record.found * light_sample_record.found,
+        ))
     };
-    let places: Vec<_> = attempts.par_iter().map(of_attempt).collect();
+    let places: Vec<_> = light_sample_records.par_iter().map(of_attempt).collect();
     let mut of_leaf = vec![Known::default(); cells.leaves() * nodes];
     for (place, square) in places.into_iter().flatten().filter(|(_, square)| *square < LARGEST) {
         of_leaf[place] = of_leaf[place].plus(Known { n: 1.0, square });
@@ -238,12 +243,12 @@ mod tests {
     }
 
     /// Attempts all over a floor, one lamp as often as the other, which find what `found` says of a place and a lamp.
-    fn attempts(lamps: u32, found: impl Fn(Vec3, u32) -> f32) -> Vec<Attempt> {
+    fn light_sample_records(lamps: u32, found: impl Fn(Vec3, u32) -> f32) -> Vec<LightSampleRecord> {
         let mut random = SplitMix64(3);
         let one = |i: u32| {
             let position = Vec3::new(random.f32(), 0.0, random.f32());
             let emitter = i % lamps;
-            Attempt { position, normal: Vec3::Y, emitter, pixel: 0, found: found(position, emitter) }
+            LightSampleRecord { position, normal: Vec3::Y, emitter, pixel: 0, found: found(position, emitter) }
         };
         (0..20_000).map(one).collect()
     }
@@ -261,7 +266,7 @@ mod tests {
                 3.0
             }
         };
-        let lights = LearnedLights::learn(&tree, &attempts(2, found), 1.0).unwrap();
+        let lights = LearnedLights::learn(&tree, &light_sample_records(2, found), 1.0).unwrap();
         assert!(lights.cells() > 20 && lights.bytes() > lights.cells() * 3 * size_of::<f32>());
         for (x, ratio) in [(0.2, 0.0), (0.8, 3.0)] {
             let [[by_tree, mixed], [_, other]] =
@@ -278,11 +283,12 @@ mod tests {
         let tree = lamps(300);
         assert_eq!(tree.top(NODES), NODES);
         assert!(LearnedLights::learn(&tree, &[], 1.0).is_none());
-        assert!(LearnedLights::learn(&tree, &attempts(300, |_, _| 0.0), 1.0).is_none());
-        assert!(LearnedLights::learn(&lamps(1), &attempts(1, |_, _| 1.0), 1.0).is_none());
+        assert!(LearnedLights::learn(&tree, &light_sample_records(300, |_, _| 0.0), 1.0).is_none());
+        assert!(LearnedLights::learn(&lamps(1), &light_sample_records(1, |_, _| 1.0), 1.0).is_none());
         let odd = [f32::INFINITY, f32::NAN, 1e30, f32::MAX, 1e-30, f32::from_bits(1)];
         for odd in odd {
-            let Some(lights) = LearnedLights::learn(&tree, &attempts(300, |_, i| if i == 7 { odd } else { 0.0 }), 1.0)
+            let Some(lights) =
+                LearnedLights::learn(&tree, &light_sample_records(300, |_, i| if i == 7 { odd } else { 0.0 }), 1.0)
             else {
                 assert!(odd.is_nan());
                 continue;

@@ -21,7 +21,7 @@ use crate::lanes::{F, LANES, V3};
 use crate::scene::Scene;
 pub use area::AreaLights;
 pub use environment::{Density, EnvironmentSampler};
-pub use learned::{Attempt, LearnedLights};
+pub use learned::{LearnedLights, LightSampleRecord};
 pub use punctual::PunctualSample;
 
 /// Directions toward lights that have extent: what MIS weighs against BSDF sampling.

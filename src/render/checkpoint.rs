@@ -11,9 +11,9 @@ use super::scheduler;
 use super::stats::Samples;
 use super::tile::{Columns, Tile, Tile2, Tile3};
 use super::{
-    Identity, Maker, Part, RenderSettings, RenderStats, Rendered, StopReason, format2, fresh_tiles, paths_range,
+    BuildInfo, Identity, Part, RenderSettings, RenderStats, Rendered, StopReason, format2, fresh_tiles, paths_range,
 };
-use crate::film::exr_file::{self, Header, HeaderValue, Layers, Seal};
+use crate::film::exr_file::{self, Checksum, Header, HeaderValue, Layers};
 use crate::film::{Aov, Background};
 use crate::rays::BackendInfo;
 use crate::{Error, Result};
@@ -79,7 +79,7 @@ pub struct Record {
     pub background: Background,
     /// Which build wrote it; files that say so are sealed ([`exr_file::check`]).
     #[serde(default)]
-    pub maker: Option<Maker>,
+    pub maker: Option<BuildInfo>,
     /// The seeds that it is the mean of, if of several: nothing can go on from that.
     #[serde(skip)]
     pub seeds: Vec<u32>,
@@ -117,7 +117,7 @@ impl Record {
             host,
             half: asked.half,
             background: rendered.background,
-            maker: Some(Maker::here()),
+            maker: Some(BuildInfo::here()),
             seeds: Vec::new(),
         }
     }
@@ -271,10 +271,12 @@ impl Earlier {
             Error::Data(format!("{path}: is damaged: {why}; delete it, or render without --resume"))
         };
         match exr_file::check(&self.path)? {
-            Seal::Whole(_) => Ok(()),
-            Seal::Broken => Err(damaged("its bytes are not those that were written")),
-            Seal::Missing if self.record.maker.is_some() => Err(damaged("its seal is not where it was written")),
-            Seal::Missing => {
+            Checksum::Whole(_) => Ok(()),
+            Checksum::Broken => Err(damaged("its bytes are not those that were written")),
+            Checksum::Missing if self.record.maker.is_some() => {
+                Err(damaged("its checksum is not where it was written"))
+            }
+            Checksum::Missing => {
                 let read = exr_file::read(&self.path).and_then(|_| exr_file::read_statistics(&self.path));
                 read.map_err(|e| damaged(&e.to_string()))?;
                 Ok(())

@@ -8,7 +8,7 @@ use tracing::debug;
 
 use super::allocation::Allocation;
 use super::lens::lens;
-use super::pilots::Pilots;
+use super::prepass::Prepasses;
 use super::progress::{Meter, Progress};
 use super::scheduler::{self, Next, State};
 use super::stats::AdaptiveStats;
@@ -117,7 +117,7 @@ pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Tra
         },
         seed: settings.seed,
         limits: [settings.clamp_direct, settings.clamp_indirect].map(|most| most.map_or(f32::INFINITY, |x| x as f32)),
-        hides_sky: settings.transparent,
+        hides_environment: settings.transparent,
         field: None,
         drawing: Drawing::default(),
     }
@@ -151,7 +151,7 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     let Saved { tiles, stats } =
         from.unwrap_or_else(|| Saved { tiles: fresh_tiles(settings), stats: RenderStats::default() });
     let goes_on = scheduler::planned(settings, paths_range(&tiles).0).is_some();
-    let pilots = if goes_on { Pilots::send(scene, settings) } else { Pilots::default() };
+    let pilots = if goes_on { Prepasses::send(scene, settings) } else { Prepasses::default() };
     let transport = pilots.lead(transport(scene, settings));
     let guiding = pilots.guiding.as_ref().map(|found| found.stats()).or(stats.guiding);
     let lamps = pilots.lamps.as_ref().map(|found| found.stats()).or(stats.lamps);
@@ -169,11 +169,11 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
         None => tile.is_clean(settings),
     };
     // With goals of their own, tiles go their own ways.
-    let own_ways = settings.noise.is_some() || (allocation.is_some() && settings.spp.is_some());
+    let per_tile_counts = settings.noise.is_some() || (allocation.is_some() && settings.spp.is_some());
     let background = match &scene.scene.environment {
         None => Background::Black,
         Some(_) if settings.transparent => Background::Transparent,
-        Some(_) => Background::Sky,
+        Some(_) => Background::Environment,
     };
     let stop_reason = StopReason::Interrupted;
     let mut now = Rendered { settings: settings.clone(), tiles, stats: before, stop: stop_reason, background };
@@ -192,7 +192,7 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
             true => [mean_paths(&now.tiles); 2].into(),
             false => paths_range(open()),
         };
-        let ahead = if own_ways { done } else { ahead };
+        let ahead = if per_tile_counts { done } else { ahead };
         if ahead == done {
             now.stats.noise = noise(&now.tiles, settings.window());
         }
@@ -215,7 +215,7 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
         let most = settings.time.map_or(u32::MAX, |_| pass);
         let passes = |(tile, clean): (&Tile, &bool)| match &allocation {
             _ if *clean => 0,
-            _ if own_ways => scheduler::planned_to(settings, goal(tile), tile.paths()).unwrap_or(0).min(most),
+            _ if per_tile_counts => scheduler::planned_to(settings, goal(tile), tile.paths()).unwrap_or(0).min(most),
             Some(allocation) => allocation.paths(tile, target).saturating_sub(tile.paths()),
             None => target.saturating_sub(tile.paths()),
         };

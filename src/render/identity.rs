@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
-use super::pilots::guiding::MEMORY;
+use super::prepass::guiding::MEMORY;
 use super::{Guiding, RenderSettings};
 use crate::balance::HALF_PILOT;
 use crate::rays::Backend;

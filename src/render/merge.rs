@@ -198,16 +198,16 @@ fn assemble(parts: &[Earlier]) -> Result<Whole> {
         }
         let own = saved.tiles;
         let paths = |tiles: &[Tile]| tiles.first().map_or(0, Tile::paths);
-        let own_ways = |s: &RenderSettings| s.noise.is_some() || s.adaptive;
+        let per_tile_counts = |s: &RenderSettings| s.noise.is_some() || s.adaptive;
         let [goal, ours] =
-            [settings(part), settings(first)].map(|s| (s.noise, s.min_spp, s.spp.filter(|_| own_ways(s))));
+            [settings(part), settings(first)].map(|s| (s.noise, s.min_spp, s.spp.filter(|_| per_tile_counts(s))));
         if goal != ours {
             return Err(Error::Data(format!(
                 "{name} and {} ended at different goals (--noise, --min-spp, --spp): go on with one of them (--resume)",
                 first.path.display()
             )));
         }
-        if !tiles.is_empty() && !own_ways(settings(part)) && paths(&own) != paths(&tiles) {
+        if !tiles.is_empty() && !per_tile_counts(settings(part)) && paths(&own) != paths(&tiles) {
             return Err(Error::Data(format!(
                 "{name} has {} paths a pixel and {} has {}: go on with the one that has less (--resume)",
                 paths(&own),

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::allocation::Allocation;
 use super::driver::{pass_seed, transport};
-use super::pilots::Pilots;
+use super::prepass::Prepasses;
 use super::tile::Tile;
 use super::{RenderSettings, scheduler};
 use crate::integrator::scalar::{self, Event};
@@ -30,7 +30,7 @@ pub fn replay(
     only: Option<u32>,
     tell: &mut dyn FnMut(Replayed),
 ) {
-    let pilots = Pilots::send(scene, settings);
+    let pilots = Prepasses::send(scene, settings);
     let mut transport = pilots.lead(transport(scene, settings));
     let window = [x, y, x + 1, y + 1];
     let Some(mut tile) = Tile::cover(settings.width, settings.height, window, settings.columns()).pop() else { return };

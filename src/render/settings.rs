@@ -59,7 +59,7 @@ pub struct RenderSettings {
     /// Are paths led to where a pilot found light?
     #[serde(default, skip_serializing_if = "is_default")]
     pub guiding: Guiding,
-    /// Bytes that guiding may take; `None`: [`MEMORY`](super::pilots::guiding::MEMORY).
+    /// Bytes that guiding may take; `None`: [`MEMORY`](super::prepass::guiding::MEMORY).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub guiding_memory: Option<u64>,
     /// Seed of every random choice.

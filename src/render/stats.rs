@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Rendered;
 use super::allocation;
-use super::pilots::guiding::Worth;
+use super::prepass::guiding::Worth;
 use super::tile::{Tile, TileWork};
 
 /// Why a render ended.
@@ -52,7 +52,7 @@ pub struct RenderStats {
     pub first_not_finite: Option<[u32; 3]>,
     /// What the pilot of lamps found, in the last session.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub lamps: Option<LampsStats>,
+    pub lamps: Option<LearnedLightsStats>,
     /// What guiding's pilot found, in the last session.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub guiding: Option<GuidingStats>,
@@ -82,7 +82,7 @@ pub struct GuidingStats {
 
 /// What the pilot of lamps found.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-pub struct LampsStats {
+pub struct LearnedLightsStats {
     /// Are they chosen by what it found?
     pub on: bool,
     /// Cells in space, if so.

@@ -37,5 +37,5 @@ pub struct Camera {
     /// What it does while the shutter is open; `None` if it stands still.
     pub motion: Option<Arc<Motion>>,
     /// Camera to world a frame before and after, for velocities; `None` if it is the same, or nobody asks.
-    pub beside: Option<[Affine3A; 2]>,
+    pub adjacent_frames: Option<[Affine3A; 2]>,
 }

@@ -95,7 +95,7 @@ impl Framing {
         let column = |v: DVec3| Vec3A::from(v.as_vec3());
         Camera {
             motion: None,
-            beside: None,
+            adjacent_frames: None,
             name: Self::NAME.into(),
             projection: Projection::Perspective { yfov: YFOV as f32 },
             aspect: None,

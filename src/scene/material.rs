@@ -175,7 +175,7 @@ pub struct Material {
     /// KHR_materials_transmission: share of the dielectric's base that transmits light, in [0, 1].
     pub transmission: f32,
     /// KHR_materials_volume: the surface bounds a body, of which its winding shows the outside. Else it is a thin wall.
-    pub bounds_body: bool,
+    pub bounds_medium: bool,
     /// KHR_materials_volume: absorption in the body, per metre; ≥ 0.
     pub absorption: Vec3,
     /// KHR_materials_diffuse_transmission: share of the diffuse base that transmits, in [0, 1].
@@ -231,7 +231,7 @@ impl Default for Material {
             specular_color: Vec3::ONE,
             ior: 1.5,
             transmission: 0.0,
-            bounds_body: false,
+            bounds_medium: false,
             absorption: Vec3::ZERO,
             diffuse_transmission: 0.0,
             diffuse_transmission_color: Vec3::ONE,
@@ -275,7 +275,7 @@ impl Material {
 
     /// Does light pass through it by its colour?
     pub fn disperses(&self) -> bool {
-        self.dispersion > 0.0 && self.bounds_body && self.transmission > 0.0 && self.has_dielectric()
+        self.dispersion > 0.0 && self.bounds_medium && self.transmission > 0.0 && self.has_dielectric()
     }
 
     /// Does light pass through some of it?

@@ -65,7 +65,7 @@ pub struct Mesh {
     /// What it does while the shutter is open; `None` if it holds its form. Tangents, coordinates and colours stay.
     pub motion: Option<Deformation>,
     /// Positions a frame before and after, for velocities; `None` if they are the same, or nobody asks.
-    pub beside: Option<[Positions; 2]>,
+    pub adjacent_frames: Option<[Positions; 2]>,
 }
 
 /// Meshes that are placed together.
@@ -90,7 +90,7 @@ pub struct Instance {
     /// What it does while the shutter is open; `None` if it stands still.
     pub motion: Option<Arc<Motion>>,
     /// Object to world a frame before and after, for velocities; `None` if it is the same, or nobody asks.
-    pub beside: Option<[Affine3A; 2]>,
+    pub adjacent_frames: Option<[Affine3A; 2]>,
 }
 
 impl Instance {

@@ -97,9 +97,9 @@ impl Scene {
 
     /// Is anything elsewhere, or seen from elsewhere, a frame before or after, as far as that is known?
     pub fn has_velocities(&self) -> bool {
-        self.meshes.iter().any(|mesh| mesh.beside.is_some())
-            || self.instances.iter().any(|instance| instance.beside.is_some())
-            || self.cameras.iter().any(|camera| camera.beside.is_some())
+        self.meshes.iter().any(|mesh| mesh.adjacent_frames.is_some())
+            || self.instances.iter().any(|instance| instance.adjacent_frames.is_some())
+            || self.cameras.iter().any(|camera| camera.adjacent_frames.is_some())
     }
 
     /// Of each mesh, whether it is elsewhere, or has another form, at some time that the shutter is open.

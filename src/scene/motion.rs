@@ -45,9 +45,9 @@ pub struct Key {
 
 impl Motion {
     /// Through transforms at even steps, at least one, each invertible; `None` if all are the same.
-    pub fn new(moments: &[DAffine3]) -> Option<Self> {
-        let first = moments.first()?.as_affine3a();
-        if moments.iter().all(|m| m.as_affine3a() == first) {
+    pub fn new(samples: &[DAffine3]) -> Option<Self> {
+        let first = samples.first()?.as_affine3a();
+        if samples.iter().all(|m| m.as_affine3a() == first) {
             return None;
         }
         let straight = |m: &DAffine3| Key {
@@ -55,15 +55,15 @@ impl Motion {
             linear: m.matrix3.as_mat3(),
             translation: m.translation.as_vec3(),
         };
-        let split: Vec<_> = moments.iter().map(|m| (split(m.matrix3), m.translation)).collect();
+        let split: Vec<_> = samples.iter().map(|m| (split(m.matrix3), m.translation)).collect();
         let turn = |pair: &[((DQuat, DMat3), DVec3)]| pair[0].0.0.angle_between(pair[1].0.0);
         let largest = split.windows(2).map(turn).fold(0.0, f64::max);
         let parts = (largest / LARGEST_TURN).ceil().max(1.0) as usize;
-        if largest < 1e-9 || parts * (moments.len() - 1) > MOST_STEPS {
+        if largest < 1e-9 || parts * (samples.len() - 1) > MOST_STEPS {
             // Faster than that nobody sees that a circle is a polygon.
-            return Some(Self { keys: moments.iter().map(straight).collect(), turns: false });
+            return Some(Self { keys: samples.iter().map(straight).collect(), turns: false });
         }
-        let mut keys: Vec<Key> = Vec::with_capacity(parts * (moments.len() - 1) + 1);
+        let mut keys: Vec<Key> = Vec::with_capacity(parts * (samples.len() - 1) + 1);
         let mut add = |rotation: DQuat, linear: DMat3, translation: DVec3| {
             let rotation = rotation.as_quat();
             // The same rotation, on the near side.
@@ -174,11 +174,11 @@ mod tests {
                 DVec3::new(1.0 + angle, 0.0, 0.0),
             )
         };
-        let moments = [of(0.0), of(0.4), of(0.8)];
-        let motion = Motion::new(&moments).unwrap();
+        let samples = [of(0.0), of(0.4), of(0.8)];
+        let motion = Motion::new(&samples).unwrap();
         assert!(motion.turns() && motion.keys().len() == 15, "{}", motion.keys().len());
         for (k, time) in [(0, 0.0), (1, 0.5), (2, 1.0)] {
-            assert!(motion.at(time).abs_diff_eq(moments[k].as_affine3a(), 2e-6), "{time}");
+            assert!(motion.at(time).abs_diff_eq(samples[k].as_affine3a(), 2e-6), "{time}");
         }
         for i in 0..=100 {
             let time = i as f32 / 100.0;

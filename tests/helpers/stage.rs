@@ -85,7 +85,7 @@ pub fn sphere(n: u32, radius: f32, center: Vec3) -> (Vec<[f32; 3]>, Vec<[u32; 3]
 
 /// Clear glass of an index of refraction: a body's boundary.
 pub fn glass(ior: f32, roughness: f32) -> Material {
-    Material { metallic: 0.0, roughness, ior, transmission: 1.0, bounds_body: true, ..Default::default() }
+    Material { metallic: 0.0, roughness, ior, transmission: 1.0, bounds_medium: true, ..Default::default() }
 }
 
 /// A closed box, wound outward.
@@ -105,7 +105,7 @@ pub fn glass_hall() -> Arc<Scene> {
         let (points, indices) = sphere(6, radius, center + if radius == 0.3 { Vec3::X } else { Vec3::ZERO });
         add(&mut scene, points, indices, material);
     }
-    let wall = |roughness, transmission| Material { bounds_body: false, transmission, ..glass(1.5, roughness) };
+    let wall = |roughness, transmission| Material { bounds_medium: false, transmission, ..glass(1.5, roughness) };
     let points = vec![[0.3, 0.0, 1.8], [1.2, 0.0, 1.6], [1.2, 1.2, 1.6], [0.3, 1.2, 1.8]];
     add(&mut scene, points, vec![[0, 1, 2], [0, 2, 3]], wall(0.5, 1.0));
     let coated = Material { clearcoat: 0.7, sheen_color: Vec3::splat(0.4), sheen_roughness: 0.5, ..wall(0.4, 0.5) };
@@ -127,7 +127,7 @@ pub fn look(scene: &mut Scene, eye: Vec3, at: Vec3, yfov: f32) {
     let x = up.cross(z).normalize();
     scene.cameras.push(Camera {
         motion: None,
-        beside: None,
+        adjacent_frames: None,
         name: "camera".into(),
         projection: Projection::Perspective { yfov },
         aspect: None,

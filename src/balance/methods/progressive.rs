@@ -23,7 +23,7 @@ impl Method for Progressive {
          by the total counts (the default)"
     }
 
-    fn draws_by_pilots(&self) -> bool {
+    fn uses_prepasses(&self) -> bool {
         true
     }
 

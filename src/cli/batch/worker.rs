@@ -13,8 +13,8 @@ use clap::{Args, Command};
 use serde_json::to_value;
 
 use super::{Planned, files_key, scene_key, understand};
-use crate::batch::order::{Ended, Message, Order};
-use crate::batch::queue::{Shelf, each};
+use crate::batch::message::{Ended, JobMessage, Message};
+use crate::batch::queue::{Cache, each};
 use crate::batch::report::{Entry, Status};
 use crate::cli::render::{Done, Inputs, Loaded, RenderArgs, Session, claim_outputs, declare};
 use crate::console::{Paths, Signals, Verdict, host};
@@ -29,7 +29,7 @@ pub fn run() -> Result<Verdict> {
     let mut line = String::new();
     io::stdin().read_line(&mut line).map_err(|e| Error::Io(format!("standard input: cannot read: {e}")))?;
     let bad = |e: &dyn std::fmt::Display| Error::Usage(format!("is no order of `bismar batch`: {e}"));
-    let Order { jobs, written, at_once, threads } = serde_json::from_str(&line).map_err(|e| bad(&e))?;
+    let JobMessage { jobs, written, at_once, threads } = serde_json::from_str(&line).map_err(|e| bad(&e))?;
     let signals = Signals::led()?;
     let command = RenderArgs::augment_args(Command::new("render"));
     let jobs = jobs.into_iter().map(|job| understand(None, &command, job)).collect::<Result<Vec<_>>>()?;
@@ -38,9 +38,9 @@ pub fn run() -> Result<Verdict> {
     jobs.iter().try_for_each(|planned| declare(&planned.args, &format!(" of '{}'", planned.job.name), &mut paths))?;
     let pools = (0..at_once.clamp(1, jobs.len().max(1))).map(|_| host::pool(threads)).collect::<Result<Vec<_>>>()?;
     let worker = Worker {
-        inputs: Shelf::new(jobs.iter().map(|j| files_key(&j.args))),
+        inputs: Cache::new(jobs.iter().map(|j| files_key(&j.args))),
         latest: Mutex::default(),
-        scenes: Shelf::new(jobs.iter().map(|j| scene_key(&j.args))),
+        scenes: Cache::new(jobs.iter().map(|j| scene_key(&j.args))),
         jobs,
         paths: Mutex::new(paths),
         threads,
@@ -77,8 +77,8 @@ const PAUSE: Duration = Duration::from_millis(100);
 
 struct Worker {
     jobs: Vec<Planned>,
-    inputs: Shelf<Inputs>,
-    scenes: Shelf<Loaded>,
+    inputs: Cache<Inputs>,
+    scenes: Cache<Loaded>,
     /// Of files that several scenes are made of, the last one.
     latest: Mutex<HashMap<String, Arc<Loaded>>>,
     /// All that any of the jobs reads or writes.

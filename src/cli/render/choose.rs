@@ -53,7 +53,7 @@ mod tests {
     fn cameras(names: &[&str]) -> Vec<Camera> {
         let camera = |name: &&str| Camera {
             motion: None,
-            beside: None,
+            adjacent_frames: None,
             name: name.to_string(),
             projection: Projection::Perspective { yfov: 1.0 },
             aspect: None,

@@ -22,7 +22,7 @@ use crate::film::exr_file::{HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::film::{Background, Look, Picture, colors, denoised, exr_file, preview};
 use crate::render::checkpoint::{self, Earlier, Host};
 use crate::render::lens::lens;
-use crate::render::pilots::{guiding::MEMORY, lamps};
+use crate::render::prepass::{guiding::MEMORY, learned_lights};
 use crate::render::{
     Guiding, Identity, Pause, Progress, Record, RenderSettings, Rendered, RunOptions, Saved, StopReason, camera, run,
 };
@@ -104,7 +104,7 @@ impl Session<'_> {
     pub fn develop(&self, earlier: &Earlier) -> Result<Done> {
         let (args, output, record) = (self.args, self.args.output(), &earlier.record);
         if let Some(path) = &args.stats {
-            stats::write_again(path, &earlier.header, &exr_file::seal(&output)?)?;
+            stats::write_again(path, &earlier.header, &exr_file::checksum(&output)?)?;
         }
         let mark = self.mark(record.stats.paths);
         let Some(png) = args.preview.as_ref().filter(|png| preview::mark(png).as_ref() != Some(&mark)) else {
@@ -168,7 +168,7 @@ impl Session<'_> {
             pixels,
             columns: settings.columns(),
             saves: self.saves(),
-            pilots: guiding + lamps::bytes(&settings),
+            pilots: guiding + learned_lights::bytes(&settings),
             rays: self.args.rays,
             threads: self.threads,
         };
@@ -300,7 +300,7 @@ impl Session<'_> {
         stats.seconds.write = seconds.get().write + writing.elapsed().as_secs_f64();
         stats.seconds.total = self.began.elapsed().as_secs_f64();
         if let Some(path) = &args.stats {
-            stats.picture = exr_file::seal(&output)?;
+            stats.picture = exr_file::checksum(&output)?;
             stats.write(path)?;
         }
         if interrupted {

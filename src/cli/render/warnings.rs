@@ -8,7 +8,7 @@ use crate::film::colors;
 use crate::rays::BackendInfo;
 use crate::render::checkpoint::Host;
 use crate::render::tile::Tile;
-use crate::render::{Guiding, Maker, Record, RenderSettings, Rendered, Saved};
+use crate::render::{BuildInfo, Guiding, Record, RenderSettings, Rendered, Saved};
 
 /// Why a render that goes on, on `backend` and with `settings`, does not come to the bits of one in one go.
 pub fn of_another_making(
@@ -27,7 +27,7 @@ pub fn of_another_making(
             backend.name, there.version, there.isa, here.version, here.isa
         );
     }
-    let maker = before.maker.as_ref().map(|maker| Maker::here().differences(maker)).unwrap_or_default();
+    let maker = before.maker.as_ref().map(|maker| BuildInfo::here().differences(maker)).unwrap_or_default();
     if !maker.is_empty() {
         warn!(
             "{output} was begun by another build of bismar, {maker}: the picture is as right as ever, but perhaps not to \

@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 
 use exr::prelude::*;
 
-use super::{Header, HeaderValue, SEAL, Seal, bounds, check, head, read, read_header, read_statistics, text, write};
+use super::{
+    CHECKSUM, Checksum, Header, HeaderValue, bounds, check, head, read, read_header, read_statistics, text, write,
+};
 use crate::film::{Aov, Film};
 
 fn written(folder: &Path, name: &str, compression: Compression, side: usize) -> PathBuf {
@@ -161,47 +163,47 @@ fn devices_are_no_pictures() {
     assert_eq!(read_header(Path::new("/dev/zero")).unwrap_err().exit_code(), 65);
 }
 
-/// A file of ours with statistics, sealed.
-fn sealed(folder: &Path) -> PathBuf {
-    let path = folder.join("sealed.exr");
+/// A file of ours with statistics, checksummed.
+fn checksummed(folder: &Path) -> PathBuf {
+    let path = folder.join("checksummed.exr");
     let header: Header = vec![("bismar.scene".into(), HeaderValue::Text("a.glb".into()))];
     write(&path, &Film::new(20, 10, [0, 0, 20, 10], false), &Aov::DEFAULT, &header, Some(&[7; 3000])).unwrap();
     path
 }
 
 #[test]
-fn a_seal_finds_every_changed_byte_and_every_cut() {
+fn a_checksum_finds_every_changed_byte_and_every_cut() {
     let folder = tempfile::tempdir().unwrap();
-    let path = sealed(folder.path());
-    let Seal::Whole(seal) = check(&path).unwrap() else { panic!("not sealed") };
+    let path = checksummed(folder.path());
+    let Checksum::Whole(checksum) = check(&path).unwrap() else { panic!("no checksum") };
     let good = fs::read(&path).unwrap();
-    assert!(seal.starts_with(&format!("{:016}-", good.len())), "{seal}");
+    assert!(checksum.starts_with(&format!("{:016}-", good.len())), "{checksum}");
     // A change before it may hide it: its name, or the length of what it then belongs to.
     let mut at = 0;
-    head::walk(&good[..], &mut |a| at = if a.name == SEAL.as_bytes() { a.at as usize } else { at }).unwrap();
+    head::walk(&good[..], &mut |a| at = if a.name == CHECKSUM.as_bytes() { a.at as usize } else { at }).unwrap();
     let mut missing = 0;
     for i in (0..at).chain((at..good.len()).step_by(17)) {
         let mut bytes = good.clone();
         bytes[i] ^= 1 << (i % 8);
         fs::write(&path, bytes).unwrap();
         let found = check(&path).unwrap();
-        missing += usize::from(found == Seal::Missing);
-        assert!(found == Seal::Broken || i < at && found == Seal::Missing, "byte {i}: {found:?}");
+        missing += usize::from(found == Checksum::Missing);
+        assert!(found == Checksum::Broken || i < at && found == Checksum::Missing, "byte {i}: {found:?}");
     }
-    assert!(at > 0 && missing < 200, "{missing} of {at} changes hide the seal");
+    assert!(at > 0 && missing < 200, "{missing} of {at} changes hide the checksum");
     for length in (0..good.len()).step_by(41).chain([good.len() - 1]) {
         fs::write(&path, &good[..length]).unwrap();
-        assert_eq!(check(&path).unwrap(), Seal::Broken, "cut to {length}");
+        assert_eq!(check(&path).unwrap(), Checksum::Broken, "cut to {length}");
     }
     fs::write(&path, [&good[..], &[0]].concat()).unwrap();
-    assert_eq!(check(&path).unwrap(), Seal::Broken);
+    assert_eq!(check(&path).unwrap(), Checksum::Broken);
     fs::write(&path, &good).unwrap();
-    assert_eq!(check(&path).unwrap(), Seal::Whole(seal));
+    assert_eq!(check(&path).unwrap(), Checksum::Whole(checksum));
 }
 
 #[test]
-fn files_of_others_have_no_seal_and_devices_take_none() {
+fn files_of_others_have_no_checksum_and_devices_take_none() {
     let folder = tempfile::tempdir().unwrap();
-    assert_eq!(check(&written(folder.path(), "a.exr", Compression::PIZ, 8)).unwrap(), Seal::Missing);
+    assert_eq!(check(&written(folder.path(), "a.exr", Compression::PIZ, 8)).unwrap(), Checksum::Missing);
     write(Path::new("/dev/null"), &Film::new(4, 4, [0, 0, 4, 4], false), &Aov::DEFAULT, &Vec::new(), None).unwrap();
 }

@@ -15,7 +15,7 @@ use exr::meta::header::Header as ExrHeader;
 use exr::prelude::*;
 
 use super::{
-    HASH, Header, HeaderValue, LENGTH, SEAL, STATISTICS, WORDS, WORLD_TO_CAMERA, WORLD_TO_NDC, bounds, head, text,
+    CHECKSUM, HASH, Header, HeaderValue, LENGTH, STATISTICS, WORDS, WORLD_TO_CAMERA, WORLD_TO_NDC, bounds, head, text,
 };
 use crate::film::Picture;
 use crate::film::cryptomatte::PREFIX;
@@ -67,7 +67,7 @@ pub fn read_header(path: &Path) -> Outcome<Header> {
         };
         // How many bytes there are, and which, is the file's affair alone.
         let ours = name.starts_with("bismar.") || name.starts_with(PREFIX);
-        let told = ours && ![LENGTH, HASH, SEAL].contains(&name.as_str());
+        let told = ours && ![LENGTH, HASH, CHECKSUM].contains(&name.as_str());
         told.then(|| (name.into(), value))
     });
     let mut header: Header = ours.collect();

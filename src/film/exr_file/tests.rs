@@ -65,7 +65,7 @@ fn aovs_are_layers_with_the_usual_letters_and_integers_stay_integers() {
 #[test]
 fn where_a_sky_is_shown_the_picture_is_opaque_but_for_pixels_without_paths() {
     let mut film = film();
-    film.background = Background::Sky;
+    film.background = Background::Environment;
     film.pixels[7].samples = 0;
     let alpha = |film: &Film| {
         let (_folder, path) = written(film, &[], &Header::new());

@@ -11,7 +11,7 @@ use exr::meta::attribute::{AttributeValue, Chromaticities, IntegerBounds, LevelM
 use exr::meta::header::Header as ExrHeader;
 use exr::prelude::*;
 
-use super::seal::{self, SEAL};
+use super::checksum::{self, CHECKSUM};
 use super::{HASH, Header, HeaderValue, LENGTH, WORLD_TO_CAMERA, WORLD_TO_NDC, text};
 use crate::film::aov::{self, Aov, ExtraComponent, Value};
 use crate::film::{Pixels, atomic};
@@ -101,7 +101,7 @@ where
             file.flush()?;
             // Nothing can be read back from a device.
             if file.get_ref().metadata()?.is_file() {
-                seal::close(file.get_ref())?;
+                checksum::close(file.get_ref())?;
             }
             Ok(Ok(()))
         }
@@ -148,7 +148,7 @@ fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers<'a>, header: &Header) -> 
         software_name: Some(text(concat!("bismar ", env!("CARGO_PKG_VERSION")))),
         ..Default::default()
     };
-    own.other.insert(text(SEAL), AttributeValue::Text(text(seal::OPEN)));
+    own.other.insert(text(CHECKSUM), AttributeValue::Text(text(checksum::OPEN)));
     for (name, value) in header {
         let value = match (name.as_ref(), value) {
             (_, HeaderValue::Text(t)) => AttributeValue::Text(text(t)),

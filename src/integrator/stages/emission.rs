@@ -6,7 +6,7 @@ use super::{eight_of, observation, surfaces};
 use crate::balance::{Contribution, Technique};
 use crate::integrator::Transport;
 use crate::integrator::batch::PixelBatch;
-use crate::integrator::ledger::{Ledger, limited};
+use crate::integrator::path_states::{PathStates, limited};
 use crate::integrator::queues::PathRays;
 use crate::lanes::LANES;
 use crate::rays::HitBatch;
@@ -19,14 +19,14 @@ pub fn surfaces(
     emissive: &[u32],
     rays: &PathRays,
     hits: &HitBatch,
-    ledger: &mut Ledger,
+    path_states: &mut PathStates,
     batch: &mut PixelBatch,
 ) {
     for ray in emissive.iter().map(|&ray| ray as usize) {
         let point = surfaces::point(transport, rays, hits, ray);
         if point.material.unlit {
             let found = Found { radiance: point.base_color(transport.scene), pdf: [0.0; 2], group: 1 };
-            add(transport, depth, ray, found, rays, ledger, batch);
+            add(transport, depth, ray, found, rays, path_states, batch);
             continue;
         }
         let direction = rays.rays.direction(ray);
@@ -39,7 +39,7 @@ pub fn surfaces(
                 0 => 0.0,
                 _ => transport.lights.area_pdf(at, from, hit, direction, hits.t[ray], transport.drawing),
             };
-            add(transport, depth, ray, Found { radiance, pdf: [0.0, pdf], group: 1 }, rays, ledger, batch);
+            add(transport, depth, ray, Found { radiance, pdf: [0.0, pdf], group: 1 }, rays, path_states, batch);
         }
     }
 }
@@ -51,10 +51,10 @@ pub fn environment(
     depth: u32,
     escaped: &[u32],
     rays: &PathRays,
-    ledger: &mut Ledger,
+    path_states: &mut PathStates,
     batch: &mut PixelBatch,
 ) {
-    if transport.lights.environment.is_none() || (depth == 0 && transport.hides_sky) {
+    if transport.lights.environment.is_none() || (depth == 0 && transport.hides_environment) {
         return;
     }
     for at in (0..escaped.len()).step_by(LANES) {
@@ -63,7 +63,7 @@ pub fn environment(
         for lane in 0..n {
             let pdf = if depth == 0 { 0.0 } else { pdf.as_array()[lane] };
             let found = Found { radiance: radiance.lane(lane), pdf: [pdf, 0.0], group: 0 };
-            add(transport, depth, escaped[at + lane] as usize, found, rays, ledger, batch);
+            add(transport, depth, escaped[at + lane] as usize, found, rays, path_states, batch);
         }
     }
 }
@@ -85,20 +85,20 @@ fn add(
     ray: usize,
     light: Found,
     rays: &PathRays,
-    ledger: &mut Ledger,
+    path_states: &mut PathStates,
     batch: &mut PixelBatch,
 ) {
-    let path = &mut ledger.paths[rays.path[ray] as usize];
+    let path = &mut path_states.paths[rays.path[ray] as usize];
     let weighted_pdf = rays.weighted_pdf[ray];
     let [a_env, a_area, a_b] = if depth == 1 { path.rates } else { transport.deeper_rates() };
     // First surfaces take all their light samples.
-    let rolled = depth > 1 && transport.rolls();
+    let rolled = depth > 1 && transport.has_roulette();
     let chance = if rolled { rays.light_chance[ray] } else { 1.0 };
     let weighted_light = chance * (a_env * light.pdf[0] + a_area * light.pdf[1]);
     let weight = if weighted_light > 0.0 { transport.heuristic.weight(weighted_pdf, weighted_light) } else { 1.0 };
     let radiance = rays.beta.get(ray) * light.radiance * weight;
     if !radiance.is_finite() {
-        ledger.faults.add(rays.path[ray]);
+        path_states.faults.add(rays.path[ray]);
         return;
     }
     if radiance == Vec3::ZERO {
@@ -115,8 +115,8 @@ fn add(
     if depth <= 1 {
         path.direct += radiance;
     }
-    if depth > 1 || (depth == 1 && ledger.steps.is_some()) {
-        ledger.branches[rays.branch[ray] as usize].indirect += radiance;
+    if depth > 1 || (depth == 1 && path_states.steps.is_some()) {
+        path_states.sub_paths[rays.sub_path[ray] as usize].indirect += radiance;
     }
     if depth == 1 && batch.observer.is_some() {
         let pixel = path.pixel as usize;

@@ -7,7 +7,7 @@ use super::requests::{AREA_SEQUENCE, RequestGroup, Requests, Toward, one_each, t
 use super::{light_set, media, observations};
 use crate::bsdf::{Core, Lobe, Parameters};
 use crate::integrator::Transport;
-use crate::integrator::ledger::{Faults, Ledger};
+use crate::integrator::path_states::{Faults, PathStates};
 use crate::integrator::queues::{Observation, PUNCTUAL, ShadowRays};
 use crate::integrator::vertices::Vertices;
 use crate::lanes::{F, LANES, Survivors, U, V3, load, mask};
@@ -24,28 +24,43 @@ pub fn sample(
     depth: u32,
     vertices: &Vertices,
     requests: &Requests,
-    ledger: &mut Ledger,
+    path_states: &mut PathStates,
     observed: bool,
     shadows: &mut ShadowRays,
 ) {
     let punctual = if transport.lights.punctual { vertices.len() } else { 0 };
-    let learns = ledger.attempts.is_some();
+    let learns = path_states.light_sample_records.is_some();
     shadows.open(requests.count() + punctual, vertices.moves(), observed && depth == 0, learns);
     if transport.lights.has_extent() {
         for at in (0..requests.count()).step_by(LANES) {
-            let group = requests.group(transport, vertices, ledger, at);
+            let group = requests.group(transport, vertices, path_states, at);
             match vertices.core() {
                 Some(columns) => {
-                    with_extent(transport, depth, vertices, &Core::load(columns, &group.rows), &group, ledger, shadows);
+                    with_extent(
+                        transport,
+                        depth,
+                        vertices,
+                        &Core::load(columns, &group.rows),
+                        &group,
+                        path_states,
+                        shadows,
+                    );
                 }
                 None => {
-                    with_extent(transport, depth, vertices, &vertices.bsdf(&group.rows), &group, ledger, shadows);
+                    with_extent(transport, depth, vertices, &vertices.bsdf(&group.rows), &group, path_states, shadows);
                 }
             }
         }
     }
     for at in (0..punctual).step_by(LANES) {
-        without_extent(transport, depth, vertices, &one_each(transport, vertices, at), &mut ledger.faults, shadows);
+        without_extent(
+            transport,
+            depth,
+            vertices,
+            &one_each(transport, vertices, at),
+            &mut path_states.faults,
+            shadows,
+        );
     }
     shadows.close();
 }
@@ -58,7 +73,7 @@ fn with_extent(
     vertices: &Vertices,
     bsdf: &impl Lobe,
     group: &RequestGroup,
-    ledger: &mut Ledger,
+    path_states: &mut PathStates,
     shadows: &mut ShadowRays,
 ) {
     let (rows, id) = (&group.rows, &group.identity);
@@ -80,7 +95,7 @@ fn with_extent(
     let radiance = media::dimmed(transport, radiance, vertices.media(rows, leaving.beyond), light.distance);
     let there = mask(group.len) & light.pdf.simd_gt(F::ZERO) & leaving.allowed;
     let finite = radiance.is_finite();
-    ledger.faults.add_lanes((there & !finite).to_bitmask(), id.path);
+    path_states.faults.add_lanes((there & !finite).to_bitmask(), id.path);
     let alive = there & radiance.max_element().simd_gt(F::ZERO) & finite;
     let observation = || {
         let a_l = a_env + a_area;
@@ -91,11 +106,11 @@ fn with_extent(
     let key = hashes(keys(id.seed, id.index, light_set(depth)));
     let tfar = light.distance * F::splat(SHADOW_END);
     let kind: U = cast(!toward_environment & cast::<U, F>(U::ONE));
-    let (ray, whose) = ((leaving.origin, light.wi), [id.path, id.branch, kind]);
+    let (ray, whose) = ((leaving.origin, light.wi), [id.path, id.sub_path, kind]);
     let survivors = Survivors::of(alive);
-    if ledger.attempts.is_some() {
+    if path_states.light_sample_records.is_some() {
         let toward_area = (mask(group.len) & !toward_environment).to_bitmask();
-        shadows.attempted(&survivors, ledger.attempt(toward_area, from, light.emitter, id.path));
+        shadows.set_records(&survivors, path_states.light_sample_record(toward_area, from, light.emitter, id.path));
     }
     shadows.push(&survivors, ray, tfar, (key, id.time), radiance, whose, observation);
 }
@@ -131,6 +146,6 @@ fn without_extent(
     let key = hashes(keys(id.seed, id.index, light_set(depth)));
     let tfar = F::from(lights.map(|l| l.distance * SHADOW_END));
     let nothing = || Observation { index: U::ZERO, area: U::ZERO, w: F::ZERO, r: F::ZERO };
-    let whose = [id.path, id.branch, U::splat(PUNCTUAL)];
+    let whose = [id.path, id.sub_path, U::splat(PUNCTUAL)];
     shadows.push(&Survivors::of(alive), (leaving.origin, wi), tfar, (key, id.time), radiance, whose, nothing);
 }

@@ -36,8 +36,8 @@ impl Drawn {
 
 /// Where a BSDF scatters at least as much widely as sharply, as a mask: elsewhere nothing guides.
 #[inline(always)]
-pub fn is_broad(bsdf: &impl Lobe) -> F {
-    bsdf.breadth().simd_ge(F::ZERO)
+pub fn is_diffuse(bsdf: &impl Lobe) -> F {
+    bsdf.diffuseness().simd_ge(F::ZERO)
 }
 
 /// Finds the cells of the vertices and what these know, where there is a field or one is learned.
@@ -47,8 +47,8 @@ pub fn find(transport: &Transport, vertices: &mut Vertices) {
     for at in (0..len).step_by(LANES) {
         let rows = Rows::From(at);
         let broad = match vertices.core() {
-            Some(columns) => is_broad(&Core::load(columns, &rows)),
-            None => is_broad(&vertices.bsdf(&rows)),
+            Some(columns) => is_diffuse(&Core::load(columns, &rows)),
+            None => is_diffuse(&vertices.bsdf(&rows)),
         };
         let Vertices { origin, ng, beta, guided: Some(guided), .. } = &mut *vertices else { return };
         let broad: U = cast(broad);

@@ -4,7 +4,7 @@
 use super::super::batch::PixelTask;
 use super::{light_set, roll_set};
 use crate::integrator::Transport;
-use crate::integrator::ledger::Ledger;
+use crate::integrator::path_states::PathStates;
 use crate::integrator::queues::Identity;
 use crate::integrator::vertices::Vertices;
 use crate::lanes::{F, LANES, NUMBERS, Rows, U, are, eight, mask, unit_interval};
@@ -72,15 +72,15 @@ impl Requests {
         transport: &Transport,
         depth: u32,
         vertices: &Vertices,
-        ledger: &Ledger,
+        path_states: &PathStates,
         tasks: &[PixelTask],
     ) {
         self.begin(depth, vertices);
-        if depth > 0 && transport.rolls() {
+        if depth > 0 && transport.has_roulette() {
             self.roll(transport, depth, vertices);
         }
         for (vertex, path) in (0..).zip(&vertices.path[..if self.first { vertices.len() } else { 0 }]) {
-            let path = &ledger.paths[*path as usize];
+            let path = &path_states.paths[*path as usize];
             let task = &tasks[path.pixel as usize];
             for number in path.first_light..path.first_light + u32::from(path.light) {
                 let (index, toward) = light_sample(task, number);
@@ -125,14 +125,14 @@ impl Requests {
     }
 
     /// BSDF samples of the vertices at `depth`; none where paths end.
-    pub fn bsdf_samples(&mut self, depth: u32, max_depth: u32, vertices: &Vertices, ledger: &Ledger) {
+    pub fn bsdf_samples(&mut self, depth: u32, max_depth: u32, vertices: &Vertices, path_states: &PathStates) {
         self.begin(depth, vertices);
         if depth + 1 >= max_depth {
             self.len = 0;
             return;
         }
         for (vertex, path) in (0..).zip(&vertices.path[..if self.first { vertices.len() } else { 0 }]) {
-            let path = &ledger.paths[*path as usize];
+            let path = &path_states.paths[*path as usize];
             let all = path.first_bsdf..path.first_bsdf + u32::from(path.bsdf);
             self.list.extend(all.map(|index| Request { vertex, index, toward: Toward::Drawn }));
         }
@@ -172,7 +172,13 @@ impl Requests {
 
     /// The samples from `at` on.
     #[inline(always)]
-    pub fn group(&self, transport: &Transport, vertices: &Vertices, ledger: &Ledger, at: usize) -> RequestGroup {
+    pub fn group(
+        &self,
+        transport: &Transport,
+        vertices: &Vertices,
+        path_states: &PathStates,
+        at: usize,
+    ) -> RequestGroup {
         if !self.listed {
             return one_each(transport, vertices, at);
         }
@@ -182,7 +188,7 @@ impl Requests {
         let rows = if consecutive { Rows::From(vertex[0] as usize) } else { Rows::Each(vertex) };
         let rates = if self.first {
             // By vertex: beyond the last request columns hold whatever an earlier wave left there.
-            let paths = eight(|lane| &ledger.paths[vertices.path[vertex[lane] as usize] as usize]);
+            let paths = eight(|lane| &path_states.paths[vertices.path[vertex[lane] as usize] as usize]);
             [0, 1, 2].map(|t| F::from(eight(|lane| paths[lane].rates[t])))
         } else {
             let [a_env, a_area, a_b] = transport.deeper_rates().map(F::splat);

@@ -7,7 +7,7 @@ use super::mixture::{Drawn, Mixture};
 use super::requests::{RequestGroup, Requests};
 use crate::bsdf::{Core, Lobe, Parameters};
 use crate::integrator::Transport;
-use crate::integrator::ledger::{Branch, CAMERA, Ledger, Step};
+use crate::integrator::path_states::{CAMERA, PathStates, Step, SubPath};
 use crate::integrator::queues::{Identity, PathRays};
 use crate::integrator::vertices::Vertices;
 use crate::lanes::{F, LANES, NUMBERS, Rows, Survivors, U, V3, grow, load_bits, mask, store, store_bits};
@@ -19,13 +19,13 @@ pub const ROULETTE_DEPTH: u32 = 3;
 /// third worse than 2, and 3 no better.
 pub const ROULETTE_GAIN: f32 = 2.0;
 
-/// Fills the next rays for the vertices at `depth`; those of first surfaces begin branches.
+/// Fills the next rays for the vertices at `depth`; those of first surfaces begin sub-paths.
 pub fn sample(
     transport: &Transport,
     depth: u32,
     vertices: &Vertices,
     requests: &Requests,
-    ledger: &mut Ledger,
+    path_states: &mut PathStates,
     next: &mut PathRays,
 ) {
     next.open(requests.count(), vertices.moves());
@@ -36,12 +36,12 @@ pub fn sample(
         grow(&mut next.light_chance, requests.count());
     }
     for at in (0..requests.count()).step_by(LANES) {
-        let group = requests.group(transport, vertices, ledger, at);
+        let group = requests.group(transport, vertices, path_states, at);
         match vertices.core() {
             Some(columns) => {
-                one_group(transport, depth, vertices, &Core::load(columns, &group.rows), &group, ledger, next)
+                one_group(transport, depth, vertices, &Core::load(columns, &group.rows), &group, path_states, next)
             }
-            None => one_group(transport, depth, vertices, &vertices.bsdf(&group.rows), &group, ledger, next),
+            None => one_group(transport, depth, vertices, &vertices.bsdf(&group.rows), &group, path_states, next),
         }
     }
     next.close();
@@ -54,7 +54,7 @@ fn one_group(
     vertices: &Vertices,
     bsdf: &impl Lobe,
     group: &RequestGroup,
-    ledger: &mut Ledger,
+    path_states: &mut PathStates,
     next: &mut PathRays,
 ) {
     let (rows, id) = (&group.rows, &group.identity);
@@ -71,7 +71,7 @@ fn one_group(
     let mut beta = vertices.beta.load(rows) * sample.value * (F::ONE / weighted_pdf);
     let there = mask(group.len) & sample.pdf.simd_gt(F::ZERO) & leaving.allowed;
     let finite = beta.is_finite();
-    ledger.faults.add_lanes((there & !finite).to_bitmask(), id.path);
+    path_states.faults.add_lanes((there & !finite).to_bitmask(), id.path);
     let mut alive = there & beta.max_element().simd_gt(F::ZERO) & finite;
     let chances = vertices.chances(transport, rows).filter(|_| depth > 0);
     let keep = match chances {
@@ -85,24 +85,24 @@ fn one_group(
     }
     let survivors = Survivors::of(alive);
     let (path, index) = (survivors.compress_bits(id.path), survivors.compress_bits(id.index));
-    let branch = if depth == 0 || ledger.steps.is_some() {
-        let first = ledger.branches.len() as u32;
+    let sub_path = if depth == 0 || path_states.steps.is_some() {
+        let first = path_states.sub_paths.len() as u32;
         let new = path.as_array()[..survivors.len].iter().zip(index.as_array());
-        ledger.branches.extend(new.map(|(&path, &index)| Branch { path, index, indirect: Vec3::ZERO }));
+        path_states.sub_paths.extend(new.map(|(&path, &index)| SubPath { path, index, indirect: Vec3::ZERO }));
         U::splat(first) + U::from(NUMBERS)
     } else {
-        survivors.compress_bits(id.branch)
+        survivors.compress_bits(id.sub_path)
     };
-    if let Some(steps) = &mut ledger.steps {
+    if let Some(steps) = &mut path_states.steps {
         let pdfs = [sample.pdf, pdfs[0], pdfs[1]];
         let chances = [chances.map_or(F::ONE, |[light, _]| light), keep.unwrap_or(F::ONE)];
-        push_steps(depth, vertices, rows, &survivors, sample.wi, (pdfs, chances), id.branch, steps);
+        push_steps(depth, vertices, rows, &survivors, sample.wi, (pdfs, chances), id.sub_path, steps);
     }
     if let Some([light, _]) = chances {
         store(&mut next.light_chance, next.len, survivors.compress(light));
     }
     let (seed, time) = (survivors.compress_bits(id.seed), survivors.compress(id.time));
-    let identity = Identity { path, index, branch, seed, time };
+    let identity = Identity { path, index, sub_path, seed, time };
     let ray = (survivors.compress_v3(leaving.origin), survivors.compress_v3(sample.wi));
     let key = survivors.compress_bits(keys(id.seed, id.index, bsdf_set(depth)));
     let (beta, normal) = (survivors.compress_v3(beta), survivors.compress_v3(vertices.facing(rows, both)));

@@ -8,7 +8,7 @@ use crate::integrator::Transport;
 use crate::integrator::batch::PixelBatch;
 use crate::integrator::dispersion;
 use crate::integrator::geometry::Point;
-use crate::integrator::ledger::{Ledger, Mirror};
+use crate::integrator::path_states::{Mirror, PathStates};
 use crate::integrator::queues::{Identity, PathRays, SortedHits};
 use crate::integrator::velocity::velocity;
 use crate::integrator::vertices::{Group, Scattering, Vertices};
@@ -25,9 +25,15 @@ pub fn point<'a>(transport: &'a Transport, rays: &PathRays, hits: &HitBatch, ray
 
 /// Notes of camera rays that they hit something, and what, for the AOVs.
 #[inline(never)]
-pub fn observe(transport: &Transport, rays: &PathRays, hits: &HitBatch, ledger: &mut Ledger, batch: &mut PixelBatch) {
+pub fn observe(
+    transport: &Transport,
+    rays: &PathRays,
+    hits: &HitBatch,
+    path_states: &mut PathStates,
+    batch: &mut PixelBatch,
+) {
     for ray in (0..rays.len).filter(|&ray| hits.mesh[ray] != MISS) {
-        let path = &mut ledger.paths[rays.path[ray] as usize];
+        let path = &mut path_states.paths[rays.path[ray] as usize];
         path.covered = true;
         let pixel = path.pixel as usize;
         let (aovs, extras) = (batch.aovs.get_mut(pixel), batch.extras.get_mut(pixel));
@@ -49,7 +55,7 @@ pub fn observe(transport: &Transport, rays: &PathRays, hits: &HitBatch, ledger: 
                 extras.add_velocity(velocity(transport, hit, (hits.u[ray], hits.v[ray])));
             }
             if is_mirror(transport, &point) {
-                ledger.mirrors[rays.path[ray] as usize] = Some(Mirror { tint: albedo, normal, depth: 0 });
+                path_states.mirrors[rays.path[ray] as usize] = Some(Mirror { tint: albedo, normal, depth: 0 });
             } else {
                 extras.add_guide(albedo, normal);
             }
@@ -80,24 +86,24 @@ pub fn follow_mirrors(
     depth: u32,
     rays: &PathRays,
     hits: &HitBatch,
-    ledger: &mut Ledger,
+    path_states: &mut PathStates,
     batch: &mut PixelBatch,
 ) {
     for ray in 0..rays.len {
         let path = rays.path[ray] as usize;
         // One reflection speaks for a path: the first that hits.
-        let waiting = ledger.mirrors.get(path).copied().flatten();
+        let waiting = path_states.mirrors.get(path).copied().flatten();
         let Some(mirror) = waiting.filter(|mirror| mirror.depth + 1 == depth) else { continue };
-        let Some(extras) = batch.extras.get_mut(ledger.paths[path].pixel as usize) else { continue };
+        let Some(extras) = batch.extras.get_mut(path_states.paths[path].pixel as usize) else { continue };
         if hits.mesh[ray] == MISS {
             continue;
         }
         let point = point(transport, rays, hits, ray);
         let tint = mirror.tint * point.base_color(transport.scene);
         if is_mirror(transport, &point) {
-            ledger.mirrors[path] = Some(Mirror { tint, depth, ..mirror });
+            path_states.mirrors[path] = Some(Mirror { tint, depth, ..mirror });
         } else {
-            ledger.mirrors[path] = None;
+            path_states.mirrors[path] = None;
             extras.add_guide(tint, facing(&point, rays, ray));
         }
     }
@@ -225,7 +231,7 @@ fn identity(rays: &PathRays, rows: &Rows) -> Identity {
     Identity {
         path: load_bits(&rays.path, rows),
         index: load_bits(&rays.index, rows),
-        branch: load_bits(&rays.branch, rows),
+        sub_path: load_bits(&rays.sub_path, rows),
         seed: load_bits(&rays.seed, rows),
         time: rays.rays.times(rows),
     }

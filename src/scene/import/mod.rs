@@ -34,7 +34,7 @@ use crate::error::{Error, Result};
 pub struct ImportOptions {
     /// Whatever would be approximated or ignored (also a missing texture) is an error that names it.
     pub strict: bool,
-    /// A moment of its animations; else the pose that its nodes and weights have.
+    /// A time sample of its animations; else the pose that its nodes and weights have.
     pub pose: Option<Pose>,
     /// The document's scene, by name or index; else the one that it shows by default.
     pub scene: Option<String>,
@@ -42,14 +42,14 @@ pub struct ImportOptions {
     pub variant: Option<String>,
 }
 
-/// A moment of a document's animations.
+/// A time sample of a document's animations.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pose {
     /// Since their beginning; before the first key of a channel and after its last one it stands still.
     pub seconds: f64,
     /// By name or index; `None` or `all` for all of them at once, as viewers play them.
     pub animation: Option<String>,
-    /// How long light is let in around it; else it is a moment.
+    /// How long light is let in around it; else it is a time sample.
     pub shutter: Option<Shutter>,
     /// Seconds to the frames before and after, for velocities; `None` if nobody asks for them.
     pub frame: Option<f64>,
@@ -98,7 +98,7 @@ impl SceneFiles {
         self.source.survey()
     }
 
-    /// Makes the scene. Again, at another moment, it takes what has not moved and the decoded pictures from the last time.
+    /// Makes the scene. Again, at another time sample, it takes what has not moved and the decoded pictures from the last time.
     ///
     /// # Errors
     /// [`Error::Data`] (exit code 65) for a file that breaks the specification, requires an unknown extension, names
@@ -118,24 +118,24 @@ impl SceneFiles {
             let mut notes = Notes::default();
             let parse = |json: &Value| document::Document::parse(source, json, options, &mut Notes::default());
             let (json, bytes) = (&source.json, source.file_bytes);
-            let (mut posed, mut moments, mut beside) = (None, Vec::new(), Vec::new());
+            let (mut posed, mut time_samples, mut adjacent_frames) = (None, Vec::new(), Vec::new());
             if let Some(pose) = &options.pose {
                 let at_rest = parse(json)?;
                 // What stands still stands as while the shutter is open.
                 let aside = pose.shutter.map_or(0.0, |shutter| 0.0_f64.clamp(shutter.opens, shutter.closes));
                 let own = Pose { seconds: pose.seconds + aside, ..pose.clone() };
                 posed = Some(build::posed(&at_rest, json, bytes, &own, &mut notes)?);
-                let moment =
-                    |seconds: f64| build::moment(&at_rest, json, bytes, &Pose { seconds, ..pose.clone() }, &parse);
-                moments = build::moments(pose, &moment)?;
+                let time_sample =
+                    |seconds: f64| build::time_sample(&at_rest, json, bytes, &Pose { seconds, ..pose.clone() }, &parse);
+                time_samples = build::time_samples(pose, &time_sample)?;
                 let frames = pose.frame.into_iter().flat_map(|frame| [pose.seconds - frame, pose.seconds + frame]);
-                beside = frames.map(moment).collect::<Result<Vec<_>>>()?;
+                adjacent_frames = frames.map(time_sample).collect::<Result<Vec<_>>>()?;
             }
             let document = document::Document::parse(source, posed.as_ref().unwrap_or(json), options, &mut notes)?;
             report.generator.clone_from(&document.generator);
-            let open = moments.len();
-            moments.extend(beside);
-            let shown = build::Shown { document: &document, posed: posed.is_some(), moments: &moments, open };
+            let open = time_samples.len();
+            time_samples.extend(adjacent_frames);
+            let shown = build::Shown { document: &document, posed: posed.is_some(), time_samples: &time_samples, open };
             let scene = build::build(&shown, bytes, &self.kept, notes, &mut report)?;
             if options.strict {
                 report.refuse_if_inexact()?;

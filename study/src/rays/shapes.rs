@@ -105,7 +105,7 @@ impl Shape {
             materials: vec![material],
             cameras: vec![Camera {
                 motion: None,
-                beside: None,
+                adjacent_frames: None,
                 name: "camera".into(),
                 projection: Projection::Perspective { yfov: 0.7 },
                 aspect: None,

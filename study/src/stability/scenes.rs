@@ -96,7 +96,7 @@ pub(super) fn look(scene: &mut Scene, eye: [f32; 3], at: [f32; 3], yfov: f32) {
     let x = Vec3::Y.cross(z).normalize();
     scene.cameras.push(Camera {
         motion: None,
-        beside: None,
+        adjacent_frames: None,
         name: "camera".into(),
         projection: Projection::Perspective { yfov },
         aspect: None,

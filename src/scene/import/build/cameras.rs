@@ -17,7 +17,7 @@ pub fn place(from: &Camera, name: String, world: &DAffine3) -> Option<scene::Cam
         aspect: from.aspect,
         to_world,
         motion: None,
-        beside: None,
+        adjacent_frames: None,
     })
 }
 

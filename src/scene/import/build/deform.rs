@@ -17,12 +17,12 @@ pub struct Pose<'a> {
     pub joints: Option<&'a [DMat4]>,
 }
 
-/// At the picture's own moment, at those of the shutter, and a frame before and after; none of these where it does not
+/// At the picture's own time sample, at those of the shutter, and a frame before and after; none of these where it does not
 /// matter.
 pub struct Poses<'a> {
     pub own: Pose<'a>,
     pub over: &'a [Pose<'a>],
-    pub beside: &'a [Pose<'a>],
+    pub adjacent_frames: &'a [Pose<'a>],
 }
 
 /// Deforms a primitive.
@@ -39,7 +39,7 @@ pub fn take_pose(reader: &mut Reader, primitive: &Primitive, pose: &Pose, g: &mu
     }
 }
 
-/// Positions and normals of what is not yet deformed at another moment.
+/// Positions and normals of what is not yet deformed at another time sample.
 pub fn step(reader: &mut Reader, primitive: &Primitive, pose: &Pose, g: &Geometry) -> Result<Geometry> {
     reader.budget.take(&primitive.at, g.positions.len() as u64, 24)?;
     // What is read for it is not kept.

@@ -23,10 +23,10 @@ pub struct Geometry {
     pub texcoords: [Option<Vec<[f32; 2]>>; 2],
     pub colors: Option<Vec<[f32; 4]>>,
     pub indices: Vec<[u32; 3]>,
-    /// Vertices of the file, where other moments are asked for.
+    /// Vertices of the file, where other time samples are asked for.
     pub source: Option<Vec<u32>>,
     pub motion: Option<Deformation>,
-    pub beside: Option<[Positions; 2]>,
+    pub adjacent_frames: Option<[Positions; 2]>,
     /// The texture coordinates along which tangents are still to be made.
     pub tangents_for: Option<u8>,
 }
@@ -60,8 +60,8 @@ impl Draft {
             tangents::make(&mut self.geometry, set);
         }
         let mut mesh = self.geometry.into_mesh(self.name, self.material);
-        if let Some((world, beside)) = self.world {
-            bake(&mut mesh, &world, beside);
+        if let Some((world, adjacent_frames)) = self.world {
+            bake(&mut mesh, &world, adjacent_frames);
         }
         mesh
     }
@@ -75,7 +75,7 @@ pub fn read(
     reader: &mut Reader,
     primitive: &Primitive,
     material: &Material,
-    Poses { own: pose, over, beside }: &Poses,
+    Poses { own: pose, over, adjacent_frames }: &Poses,
     notes: &mut Notes,
 ) -> Result<Option<Geometry>> {
     let attributes = &primitive.attributes;
@@ -122,8 +122,8 @@ pub fn read(
     }
     let mut steps =
         |poses: &[Pose]| -> Result<Vec<_>> { poses.iter().map(|p| step(reader, primitive, p, &g)).collect() };
-    let (steps, beside) = (steps(over)?, steps(beside)?);
-    g.source = (!steps.is_empty() || !beside.is_empty()).then(|| (0..g.positions.len() as u32).collect());
+    let (steps, adjacent_frames) = (steps(over)?, steps(adjacent_frames)?);
+    g.source = (!steps.is_empty() || !adjacent_frames.is_empty()).then(|| (0..g.positions.len() as u32).collect());
     take_pose(reader, primitive, pose, &mut g)?;
     drop_degenerate(&mut g, &primitive.at, notes);
     if g.indices.is_empty() {
@@ -136,7 +136,7 @@ pub fn read(
     if g.source.is_some()
         && let Some(set) = g.tangents_for.take()
     {
-        // They part vertices, which the other moments then have as well.
+        // They part vertices, which the other time samples then have as well.
         tangents::make(&mut g, set);
     }
     if let Some(source) = g.source.take() {
@@ -149,7 +149,7 @@ pub fn read(
         if !steps.is_empty() {
             g.motion = Some(Deformation { positions: positions(&steps), normals: normals.collect() });
         }
-        g.beside = positions(&beside).try_into().ok();
+        g.adjacent_frames = positions(&adjacent_frames).try_into().ok();
     }
     Ok(Some(g))
 }
@@ -201,15 +201,17 @@ fn read_triangles(reader: &mut Reader, p: &Primitive, vertices: usize, notes: &m
 }
 
 /// Moves a mesh to world space for good; `beside` is where it stands a frame before and after, if that is elsewhere.
-fn bake(mesh: &mut scene::Mesh, world: &DAffine3, beside: Option<[DAffine3; 2]>) {
+fn bake(mesh: &mut scene::Mesh, world: &DAffine3, adjacent_frames: Option<[DAffine3; 2]>) {
     let place = |positions: &mut Positions, world: &DAffine3| {
         for p in positions.as_mut_slice() {
             *p = world.transform_point3(DVec3::from(p.map(f64::from))).as_vec3().to_array();
         }
     };
-    if mesh.beside.is_some() || beside.is_some() {
-        let both = mesh.beside.get_or_insert_with(|| [mesh.positions.clone(), mesh.positions.clone()]);
-        both.iter_mut().zip(beside.unwrap_or([*world; 2])).for_each(|(positions, world)| place(positions, &world));
+    if mesh.adjacent_frames.is_some() || adjacent_frames.is_some() {
+        let both = mesh.adjacent_frames.get_or_insert_with(|| [mesh.positions.clone(), mesh.positions.clone()]);
+        both.iter_mut()
+            .zip(adjacent_frames.unwrap_or([*world; 2]))
+            .for_each(|(positions, world)| place(positions, &world));
     }
     if *world == DAffine3::IDENTITY {
         return;
@@ -351,7 +353,7 @@ impl Geometry {
             indices: self.indices,
             material,
             motion: self.motion,
-            beside: self.beside,
+            adjacent_frames: self.adjacent_frames,
         }
     }
 }

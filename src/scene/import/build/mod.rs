@@ -1,14 +1,13 @@
 //! Puts the scene together from a checked document.
 
+mod cache;
 mod cameras;
 mod count;
 mod decode;
 mod deform;
 mod geometry;
-mod kept;
 mod lights;
 mod materials;
-mod moments;
 mod nodes;
 mod placing;
 mod pose;
@@ -16,6 +15,7 @@ mod reader;
 mod skins;
 mod tangents;
 mod textures;
+mod time_samples;
 mod unshown;
 
 use std::collections::HashSet;
@@ -33,29 +33,29 @@ use crate::scene::import::document::primitives::Mesh as MeshOfDocument;
 use crate::scene::import::report::{ImportReport, Notes};
 use crate::scene::{self, Instance, Motion, Object, Scene};
 
+pub use cache::Kept;
+use cache::{KeptObject, Key, Objects, needs};
 use count::count;
 pub use count::{image_bytes, mesh_bytes};
 use deform::{Pose, Poses};
 use geometry::Draft;
-pub use kept::Kept;
-use kept::{KeptObject, Key, Objects, needs};
 use materials::MaterialTable;
-pub use moments::{Moment, moment, moments};
 use nodes::{ObjectKey, Placement, Walk, walk};
 use placing::{check_near, corners, framed, is_invertible, is_solid, points, to_single};
 pub use pose::posed;
 use reader::Reader;
 use textures::TextureTable;
+pub use time_samples::{TimeSample, time_sample, time_samples};
 use unshown::{note_document, note_faults, note_unplaced};
 
 /// What is shown.
 pub struct Shown<'a> {
-    /// At the picture's own moment.
+    /// At the picture's own time sample.
     pub document: &'a Document,
     /// Is that one of its animations?
     pub posed: bool,
     /// While the shutter is open, and a frame before and after; either may be none.
-    pub moments: &'a [Moment],
+    pub time_samples: &'a [TimeSample],
     /// How many of them are while the shutter is open.
     pub open: usize,
 }
@@ -63,7 +63,7 @@ pub struct Shown<'a> {
 /// Builds the scene with what `kept` has of its other poses, adds to the document's notes, and fills the report's
 /// extensions, notes and counts.
 pub fn build(
-    &Shown { document, posed, moments, open }: &Shown,
+    &Shown { document, posed, time_samples, open }: &Shown,
     file_bytes: u64,
     kept: &Kept,
     mut notes: Notes,
@@ -74,7 +74,7 @@ pub fn build(
     let textures = TextureTable::new(file_bytes);
     let mut assembly = Assembly {
         document,
-        moments,
+        time_samples,
         open,
         reader,
         textures,
@@ -82,10 +82,10 @@ pub fn build(
         scene: Scene::default(),
         seen: Vec::new(),
         drafts: Vec::new(),
-        // At rest there are no other moments.
+        // At rest there are no other time samples.
         sharing: posed.then(|| Sharing { before: kept.objects(), now: Objects::default() }),
     };
-    let walk = walk(document, (moments, open), &mut assembly.reader, &mut notes)?;
+    let walk = walk(document, (time_samples, open), &mut assembly.reader, &mut notes)?;
     // What is kept need not be unpacked; where it is another pose that is kept, it is unpacked when it is asked for.
     let known = |mesh: usize| assembly.sharing.as_ref().is_some_and(|s| s.before.keys().any(|key| key.is_of(mesh)));
     let meshes = walk.objects.iter().filter(|(key, _)| !known(key.mesh));
@@ -133,7 +133,7 @@ pub fn build(
 
 struct Assembly<'a> {
     document: &'a Document,
-    moments: &'a [Moment],
+    time_samples: &'a [TimeSample],
     /// How many of them are while the shutter is open.
     open: usize,
     reader: Reader<'a>,
@@ -158,10 +158,10 @@ struct Way {
     /// While the shutter is open; `None` if it is still.
     open: Option<Vec<DAffine3>>,
     /// A frame before and after; `None` if that is where it is.
-    beside: Option<[DAffine3; 2]>,
+    adjacent_frames: Option<[DAffine3; 2]>,
 }
 
-/// Objects of another moment, and of this one.
+/// Objects of another time sample, and of this one.
 struct Sharing {
     before: Objects,
     now: Objects,
@@ -187,12 +187,13 @@ impl Assembly<'_> {
         let forms: Vec<Pose> = forms.iter().map(|(w, joints)| Pose { weights: w, joints: joints.as_deref() }).collect();
         let own = Pose { weights: &weights, joints: joints.as_deref() };
         let changing = |forms: &[Pose]| forms.iter().any(|form| *form != own);
-        let [over, beside] = [&forms[..self.open], &forms[self.open..]].map(|f| if changing(f) { f } else { &[] });
-        let poses = Poses { own, over, beside };
+        let [over, adjacent_frames] =
+            [&forms[..self.open], &forms[self.open..]].map(|f| if changing(f) { f } else { &[] });
+        let poses = Poses { own, over, adjacent_frames };
         let ways = placements.iter().map(|placement| self.way(placement, notes)).collect::<Vec<_>>();
         // Into world space for good, if it is there but once, and still.
         let once = if let ([placement], [Way { open: None, .. }]) = (&placements[..], &ways[..]) {
-            Some((*placement, ways[0].beside))
+            Some((*placement, ways[0].adjacent_frames))
         } else {
             None
         };
@@ -229,19 +230,26 @@ impl Assembly<'_> {
                 check_near(&corners, world, &placement.at, &mesh.at)?;
             }
             let motion = way.open.and_then(|way| Motion::new(&way)).map(Arc::new);
-            let (transform, beside) = (Some(to_single(&placement.world)), way.beside.map(|b| b.map(|w| to_single(&w))));
-            self.scene.instances.push(Instance { name: placement.name.clone(), object, transform, motion, beside });
+            let (transform, adjacent_frames) =
+                (Some(to_single(&placement.world)), way.adjacent_frames.map(|b| b.map(|w| to_single(&w))));
+            self.scene.instances.push(Instance {
+                name: placement.name.clone(),
+                object,
+                transform,
+                motion,
+                adjacent_frames,
+            });
         }
         Ok(())
     }
 
-    /// Weights and joints at each moment.
+    /// Weights and joints at each time sample.
     fn forms(&mut self, key: &ObjectKey) -> Result<Vec<Form>> {
         let mut forms = Vec::new();
-        for (i, moment) in self.moments.iter().enumerate() {
+        for (i, time_sample) in self.time_samples.iter().enumerate() {
             let weights = key.moving.get(i).unwrap_or(&key.weights).iter().map(|bits| f32::from_bits(*bits));
             let joints = match key.skin.map(|skin| self.document.skins.get(skin)).transpose()? {
-                Some(skin) => Some(skins::joint_matrices(skin, &mut self.reader, &moment.matrices())?),
+                Some(skin) => Some(skins::joint_matrices(skin, &mut self.reader, &time_sample.matrices())?),
                 None => None,
             };
             forms.push((weights.collect(), joints));
@@ -249,20 +257,23 @@ impl Assembly<'_> {
         Ok(forms)
     }
 
-    /// Where a placement is at other moments.
+    /// Where a placement is at other time samples.
     fn way(&self, placement: &Placement, notes: &mut Notes) -> Way {
-        let way = placement.way(self.moments);
+        let way = placement.way(self.time_samples);
         let still = |way: &[DAffine3]| way.iter().all(|world| to_single(world) == to_single(&placement.world));
-        let (open, beside) = way.split_at(self.open.min(way.len()));
+        let (open, adjacent_frames) = way.split_at(self.open.min(way.len()));
         let solid = open.iter().all(is_invertible);
         if !solid {
             let text =
-                "of zero or infinite scale while the shutter is open: it stands still as at the picture's moment";
+                "of zero or infinite scale while the shutter is open: it stands still as at the picture's time_sample";
             notes.approximated(&placement.at, text);
         }
         Way {
             open: (solid && !still(open)).then(|| open.to_vec()),
-            beside: beside.try_into().ok().filter(|beside: &[DAffine3; 2]| !still(beside)),
+            adjacent_frames: adjacent_frames
+                .try_into()
+                .ok()
+                .filter(|adjacent_frames: &[DAffine3; 2]| !still(adjacent_frames)),
         }
     }
 
@@ -294,7 +305,7 @@ impl Assembly<'_> {
                     1 => mesh.name.clone(),
                     _ => format!("{}[{i}]", mesh.name),
                 };
-                let world = once.map(|(placement, beside)| (placement.world, beside));
+                let world = once.map(|(placement, adjacent_frames)| (placement.world, adjacent_frames));
                 drafts.push((i, Draft { geometry, name, material, world }));
             }
         }
@@ -306,7 +317,7 @@ impl Assembly<'_> {
         Ok(drafts)
     }
 
-    /// As [`Self::read`], into the scene; what another moment of the files has is taken from there.
+    /// As [`Self::read`], into the scene; what another time sample of the files has is taken from there.
     fn share(
         &mut self,
         key: &ObjectKey,
@@ -316,10 +327,11 @@ impl Assembly<'_> {
         notes: &mut Notes,
     ) -> Result<()> {
         let document = self.document;
-        let joints = [&poses.own].into_iter().chain(poses.over).chain(poses.beside).filter_map(|pose| pose.joints);
-        let worlds = once
-            .iter()
-            .flat_map(|(placement, beside)| [placement.world].into_iter().chain(beside.iter().flatten().copied()));
+        let joints =
+            [&poses.own].into_iter().chain(poses.over).chain(poses.adjacent_frames).filter_map(|pose| pose.joints);
+        let worlds = once.iter().flat_map(|(placement, adjacent_frames)| {
+            [placement.world].into_iter().chain(adjacent_frames.iter().flatten().copied())
+        });
         let key = Key::new(key, joints, worlds, self.open);
         // Materials are numbered as if nothing were shared.
         let (mut materials, mut asked) = (Vec::new(), Vec::new());

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use glam::{Affine3A, DAffine3, DMat4, DQuat, DVec3};
 
-use super::moments::Moment;
 use super::reader::Reader;
+use super::time_samples::TimeSample;
 use super::{cameras, lights};
 use crate::error::Result;
 use crate::scene::import::document::Document;
@@ -21,7 +21,7 @@ pub struct ObjectKey {
     pub mesh: usize,
     /// Bits of the morph weights.
     pub weights: Vec<u32>,
-    /// Those of each moment of the shutter; empty where they are the same.
+    /// Those of each time sample of the shutter; empty where they are the same.
     pub moving: Vec<Vec<u32>>,
     pub skin: Option<usize>,
 }
@@ -36,9 +36,9 @@ pub struct Placement {
 }
 
 impl Placement {
-    /// Where it is at each moment of the shutter; empty where joints alone place it.
-    pub fn way(&self, moments: &[Moment]) -> Vec<DAffine3> {
-        self.node.iter().flat_map(|&(node, local)| moments.iter().map(move |m| m.worlds[node] * local)).collect()
+    /// Where it is at each time sample of the shutter; empty where joints alone place it.
+    pub fn way(&self, time_samples: &[TimeSample]) -> Vec<DAffine3> {
+        self.node.iter().flat_map(|&(node, local)| time_samples.iter().map(move |m| m.worlds[node] * local)).collect()
     }
 }
 
@@ -68,13 +68,13 @@ pub fn worlds(document: &Document) -> Vec<DAffine3> {
     worlds
 }
 
-/// Walks the shown scene, with what its moments add, of which the first `open` are while the shutter is.
+/// Walks the shown scene, with what its time samples add, of which the first `open` are while the shutter is.
 ///
 /// # Errors
 /// Instance data that cannot be read.
 pub fn walk(
     document: &Document,
-    (moments, open): (&[Moment], usize),
+    (time_samples, open): (&[TimeSample], usize),
     reader: &mut Reader,
     notes: &mut Notes,
 ) -> Result<Walk> {
@@ -100,12 +100,13 @@ pub fn walk(
             let name = if node.name == node.at { camera.name.clone() } else { None };
             match cameras::place(camera, name.unwrap_or_else(|| node.name.clone()), &world) {
                 Some(placed) => {
-                    let way = moments.iter().map(|m| cameras::place(camera, String::new(), &m.worlds[index]));
+                    let way = time_samples.iter().map(|m| cameras::place(camera, String::new(), &m.worlds[index]));
                     let way: Option<Vec<_>> = way.map(|camera| Some(camera?.to_world)).collect();
                     let (way, after) = way.as_deref().map_or((&[][..], &[][..]), |way| way.split_at(open));
                     let motion = Motion::new(&way.iter().map(in_double).collect::<Vec<_>>()).map(Arc::new);
-                    let beside = after.try_into().ok().filter(|beside| *beside != [placed.to_world; 2]);
-                    out.cameras.push(Camera { motion, beside, ..placed });
+                    let adjacent_frames =
+                        after.try_into().ok().filter(|adjacent_frames| *adjacent_frames != [placed.to_world; 2]);
+                    out.cameras.push(Camera { motion, adjacent_frames, ..placed });
                 }
                 None => notes.ignored(&node.at, "a camera whose node has no direction or place"),
             }
@@ -118,15 +119,15 @@ pub fn walk(
         }
         let light = content.light.map(|light| document.lights.get(light)).transpose()?;
         if let Some(placed) = light.and_then(|light| lights::place(light, &node.name, &world, notes)) {
-            let motion: Option<Vec<_>> = moments[..open].iter().map(|m| m.lights[index]).collect();
+            let motion: Option<Vec<_>> = time_samples[..open].iter().map(|m| m.lights[index]).collect();
             let motion = motion.filter(|keys| keys.iter().any(|key| *key != placed.key()));
             out.lights.push(PunctualLight { motion: motion.unwrap_or_default(), ..placed });
         }
         let Some(mesh) = content.mesh else { continue };
         let weights = content.weights.as_ref().unwrap_or(&document.meshes.get(mesh)?.weights);
         let bits = |weights: &[f32]| weights.iter().map(|w| w.to_bits()).collect::<Vec<_>>();
-        let mut moving: Vec<_> = moments.iter().map(|m| bits(&m.weights[index])).collect();
-        if moving.iter().all(|moment| *moment == bits(weights)) {
+        let mut moving: Vec<_> = time_samples.iter().map(|m| bits(&m.weights[index])).collect();
+        if moving.iter().all(|time_sample| *time_sample == bits(weights)) {
             moving.clear();
         }
         let key = ObjectKey { mesh, weights: bits(weights), moving, skin: content.skin };

@@ -1,4 +1,4 @@
-//! Animations at one moment: the document with the values that its properties have then.
+//! Animations at one time sample: the document with the values that its properties have then.
 
 use glam::{DMat4, DQuat};
 use serde_json::{Value, json};

@@ -13,8 +13,8 @@ use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, Imag
 use rayon::prelude::*;
 use tracing::debug;
 
+use super::cache::Kept;
 use super::decode::basis;
-use super::kept::Kept;
 use super::reader::Budget;
 use crate::error::{Error, Result};
 use crate::scene::import::document::Document;

@@ -20,7 +20,7 @@ pub fn note_document(document: &Document, variant: bool, posed: bool, notes: &mu
         }
     }
     if document.animations.len() > 0 && !posed {
-        let text = "animations are not played: the scene is shown at rest (--pose and --frame show other moments)";
+        let text = "animations are not played: the scene is shown at rest (--pose and --frame show other time_samples)";
         notes.approximated("animations", text);
     }
     if !document.variants.is_empty() && !variant {

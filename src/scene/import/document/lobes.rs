@@ -33,7 +33,7 @@ pub fn parse(
         textures[TextureSlot::Transmission as usize] = texture(&json, "transmissionTexture")?;
     }
     if let (Some(from), Some(json)) = (&extensions.volume, json.extension("KHR_materials_volume")?) {
-        plain.bounds_body = within(&json, "thicknessFactor", [0.0, f32::INFINITY], from.thickness_factor.0) > 0.0;
+        plain.bounds_medium = within(&json, "thicknessFactor", [0.0, f32::INFINITY], from.thickness_factor.0) > 0.0;
         // The way through the body is traced, not read.
         texture(&json, "thicknessTexture")?;
         let distance =

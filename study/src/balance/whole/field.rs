@@ -3,7 +3,7 @@
 use bismar::guiding::Field;
 use bismar::lanes::{F, LANES, V3, mask};
 use bismar::rays::{HitBatch, MISS, RayBatch, RayOrder};
-use bismar::render::pilots::guiding::learned;
+use bismar::render::prepass::guiding::learned;
 use bismar::render::{Guiding, RenderSettings, camera, transport};
 use glam::Vec3;
 

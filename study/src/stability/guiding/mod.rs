@@ -13,7 +13,7 @@ use bismar::balance::{Balance, Counts};
 use bismar::film::PixelStats;
 use bismar::guiding::Field;
 use bismar::integrator::{PixelBatch, PixelTask, PreparedScene, Transport, Wave};
-use bismar::render::pilots::guiding::learned;
+use bismar::render::prepass::guiding::learned;
 use bismar::render::{Guiding, RenderSettings, transport};
 use rayon::prelude::*;
 use serde::Serialize;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use bismar::Result;
-use bismar::guiding::{Field, Lesson, learn};
+use bismar::guiding::{Field, TrainingSample, learn};
 use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
 use bismar::render::Guiding;
@@ -111,18 +111,18 @@ fn almost_black() -> Scene {
 }
 
 /// Of two cells: one for ceilings, that learned nothing, and one for floors, whose samples all follow a single one of the
-/// lessons, a million times as bright as the others.
+/// training samples, a million times as bright as the others.
 fn firefly() -> Field {
     let mut random = SplitMix64(7);
-    let lesson = |i: u32| {
+    let training_sample = |i: u32| {
         let normal = if i.is_multiple_of(2) { Vec3::Y } else { Vec3::NEG_Y };
         let position = Vec3::new(4.0 * random.f32() - 2.0, 0.0, 4.0 * random.f32() - 2.0);
         let (found, field_pdf) = if i == 500 { (1e6, 100.0) } else { (1.0, 0.0) };
         let (wi, weight) = (Vec3::new(0.9, 0.1, 0.2).normalize(), found * found);
-        Lesson { position, normal, wi, found, weight, pdf: 0.2, bsdf_pdf: 0.2, field_pdf }
+        TrainingSample { position, normal, wi, found, weight, pdf: 0.2, bsdf_pdf: 0.2, field_pdf }
     };
     // Normals are worth more than places.
-    learn(&(0..2000).map(lesson).collect::<Vec<_>>(), 0, 100.0, 2).0
+    learn(&(0..2000).map(training_sample).collect::<Vec<_>>(), 0, 100.0, 2).0
 }
 
 fn build(scene: Scene) -> Result<PreparedScene<'static>> {
@@ -172,7 +172,7 @@ pub fn cases() -> Result<[Case; CASES]> {
         case(
             "F23",
             "one firefly",
-            "two hidden lamps; one made-up lesson, a million times the others, draws seven of eight samples from the floor to a wall",
+            "two hidden lamps; one made-up training_sample, a million times the others, draws seven of eight samples from the floor to a wall",
             coves(4.0, 40.0),
             Some(firefly()),
         )?,

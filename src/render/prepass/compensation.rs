@@ -7,7 +7,7 @@ use tracing::debug;
 
 use super::super::RenderSettings;
 use super::super::sampler::with_buffers;
-use super::small::small;
+use super::low_resolution::low_resolution;
 use crate::balance::Counts;
 use crate::film::PixelStats;
 use crate::film::compare::relative_to;
@@ -28,20 +28,20 @@ const PAYS: f64 = 0.97;
 
 /// By what the paths of `transport`, a render with these settings, draw directions from the environment.
 pub fn density(scene: &PreparedScene, settings: &RenderSettings, transport: &Transport) -> Density {
-    let uneven = scene.lights.environment.as_ref().is_some_and(|environment| environment.has_excess());
-    if !settings.balance.method().draws_by_pilots() || !uneven {
+    let uneven = scene.lights.environment.as_ref().is_some_and(|environment| environment.has_compensated());
+    if !settings.balance.method().uses_prepasses() || !uneven {
         return Density::Radiance;
     }
     let pixels = f64::from(settings.width) * f64::from(settings.height);
-    let ([width, height], camera) = small(scene, settings, (pixels / PIXELS_OF).clamp(FEWEST, MOST));
-    let [plain, excess] = [Density::Radiance, Density::Excess].map(|density| {
+    let ([width, height], camera) = low_resolution(scene, settings, (pixels / PIXELS_OF).clamp(FEWEST, MOST));
+    let [plain, compensated] = [Density::Radiance, Density::Compensated].map(|density| {
         let seed = hash(settings.seed ^ hash(0x736b_7921));
         let drawing = Drawing { density, learned: None };
         take(&Transport { camera: camera.clone(), seed, drawing, ..transport.clone() }, [width, height])
     });
-    let left = left(&plain, &excess);
-    debug!("samples of the environment's excess leave {left:.2} of the variance, by {width} x {height} pixels");
-    if left < PAYS { Density::Excess } else { Density::Radiance }
+    let left = left(&plain, &compensated);
+    debug!("samples of the environment's compensated leave {left:.2} of the variance, by {width} x {height} pixels");
+    if left < PAYS { Density::Compensated } else { Density::Radiance }
 }
 
 /// What a picture of this size finds.
@@ -59,7 +59,7 @@ fn take(transport: &Transport, [width, height]: [u32; 2]) -> Vec<PixelStats> {
 }
 
 /// What one way of drawing leaves of the other's relative variance, over the pixels of a picture; infinite if nothing varies.
-fn left(plain: &[PixelStats], excess: &[PixelStats]) -> f64 {
+fn left(plain: &[PixelStats], compensated: &[PixelStats]) -> f64 {
     let of = |(a, b): (&PixelStats, &PixelStats)| {
         let mut sums = [0.0; 2];
         for c in 0..3 {
@@ -71,11 +71,11 @@ fn left(plain: &[PixelStats], excess: &[PixelStats]) -> f64 {
         }
         sums
     };
-    let mut pixels: Vec<_> = plain.iter().zip(excess).map(of).filter(|[a, b]| (a + b).is_finite()).collect();
+    let mut pixels: Vec<_> = plain.iter().zip(compensated).map(of).filter(|[a, b]| (a + b).is_finite()).collect();
     pixels.sort_by(|[a, b], [c, d]| (a + b).total_cmp(&(c + d)));
     pixels.truncate(pixels.len() - pixels.len() / WORST);
-    let [plain, excess] = pixels.iter().fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]);
-    if plain > 0.0 { excess / plain } else { f64::INFINITY }
+    let [plain, compensated] = pixels.iter().fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]);
+    if plain > 0.0 { compensated / plain } else { f64::INFINITY }
 }
 
 #[cfg(test)]

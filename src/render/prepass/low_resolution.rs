@@ -1,4 +1,4 @@
-//! Pilots' pictures: the same view with fewer pixels.
+//! Prepasses' pictures: the same view with fewer pixels.
 
 use rayon::prelude::*;
 
@@ -15,7 +15,7 @@ const TILE: u32 = 32;
 const BLOCK: u32 = 8;
 
 /// Columns and rows of about `pixels` pixels, no more than the picture has, and the camera that takes them.
-pub fn small(scene: &PreparedScene, settings: &RenderSettings, pixels: f64) -> ([u32; 2], CameraRays) {
+pub fn low_resolution(scene: &PreparedScene, settings: &RenderSettings, pixels: f64) -> ([u32; 2], CameraRays) {
     let all = f64::from(settings.width) * f64::from(settings.height);
     let scale = (pixels / all).sqrt().min(1.0);
     let [width, height] = [settings.width, settings.height].map(|n| (f64::from(n) * scale).ceil().max(1.0) as u32);

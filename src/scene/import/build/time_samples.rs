@@ -13,13 +13,13 @@ use crate::scene::motion::MOST_STEPS;
 
 /// Steps that are enough by need: a jump between two frames never is.
 const MOST_BY_NEED: usize = 64;
-/// How far, of its whole way, a thing may be from the line between two moments.
+/// How far, of its whole way, a thing may be from the line between two time samples.
 const BENDS: f64 = 1.0 / 256.0;
 /// Roundings of keys in files.
 const ROUNDING: f64 = 1e-6;
 
-/// A moment; lists by the document's nodes.
-pub struct Moment {
+/// A time sample; lists by the document's nodes.
+pub struct TimeSample {
     /// To world space.
     pub worlds: Vec<DAffine3>,
     /// Of morph targets.
@@ -31,24 +31,24 @@ pub struct Moment {
 ///
 /// # Errors
 /// Those of [`pose::posed`] and of `parse`.
-pub fn moment(
+pub fn time_sample(
     at_rest: &Document,
     json: &Value,
     file_bytes: u64,
     pose: &Pose,
     parse: &dyn Fn(&Value) -> Result<Document>,
-) -> Result<Moment> {
-    Moment::of(&parse(&pose::posed(at_rest, json, file_bytes, pose, &mut Notes::default())?)?)
+) -> Result<TimeSample> {
+    TimeSample::of(&parse(&pose::posed(at_rest, json, file_bytes, pose, &mut Notes::default())?)?)
 }
 
 /// Evenly spaced ones from where the shutter opens to where it closes, as many as asked for or as it takes for all that
-/// moves to be close to the lines between. `moment` is that of a time in seconds.
+/// moves to be close to the lines between. `time_sample` is that of a time in seconds.
 ///
 /// # Errors
-/// Those of `moment`.
-pub fn moments(pose: &Pose, moment: &dyn Fn(f64) -> Result<Moment>) -> Result<Vec<Moment>> {
+/// Those of `time_sample`.
+pub fn time_samples(pose: &Pose, time_sample: &dyn Fn(f64) -> Result<TimeSample>) -> Result<Vec<TimeSample>> {
     let Some(Shutter { opens, closes, steps }) = pose.shutter else { return Ok(Vec::new()) };
-    let at = |share: f64| moment(pose.seconds + opens + (closes - opens) * share);
+    let at = |share: f64| time_sample(pose.seconds + opens + (closes - opens) * share);
     if let Some(steps) = steps.map(|steps| (steps as usize).clamp(1, MOST_STEPS)) {
         return (0..=steps).map(|step| at(step as f64 / steps as f64)).collect();
     }
@@ -62,8 +62,8 @@ pub fn moments(pose: &Pose, moment: &dyn Fn(f64) -> Result<Moment>) -> Result<Ve
             return Ok(known);
         }
         let mut finer = Vec::with_capacity(2 * steps + 1);
-        for (moment, middle) in known.into_iter().zip(middles.into_iter().map(Some).chain([None])) {
-            finer.push(moment);
+        for (time_sample, middle) in known.into_iter().zip(middles.into_iter().map(Some).chain([None])) {
+            finer.push(time_sample);
             finer.extend(middle);
         }
         known = finer;
@@ -73,12 +73,12 @@ pub fn moments(pose: &Pose, moment: &dyn Fn(f64) -> Result<Moment>) -> Result<Ve
     }
 }
 
-impl Moment {
+impl TimeSample {
     fn of(document: &Document) -> Result<Self> {
         let worlds = nodes::worlds(document);
         let (mut weights, mut keys) = (Vec::new(), Vec::new());
         for (node, world) in document.nodes.iter().zip(&worlds) {
-            // What is wrong with nodes that are shown is told of those at the picture's moment.
+            // What is wrong with nodes that are shown is told of those at the picture's time sample.
             let content = node.content().ok();
             let mesh = content.and_then(|c| document.meshes.get(c.mesh?).ok());
             weights
@@ -112,12 +112,12 @@ fn farthest(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// How far each node's numbers go, by group.
-fn way<'a>(mut all: impl Iterator<Item = &'a Moment>) -> Vec<[f64; 4]> {
+fn way<'a>(mut all: impl Iterator<Item = &'a TimeSample>) -> Vec<[f64; 4]> {
     let Some(first) = all.next() else { return Vec::new() };
     let mut way = vec![[0.0_f64; 4]; first.worlds.len()];
-    for moment in all {
+    for time_sample in all {
         for (node, way) in way.iter_mut().enumerate() {
-            let (a, b) = (first.numbers(node), moment.numbers(node));
+            let (a, b) = (first.numbers(node), time_sample.numbers(node));
             for group in 0..4 {
                 way[group] = way[group].max(farthest(&a[group], &b[group]));
             }
@@ -127,9 +127,9 @@ fn way<'a>(mut all: impl Iterator<Item = &'a Moment>) -> Vec<[f64; 4]> {
 }
 
 /// Is something in the middle too far from the line?
-fn bends([a, middle, b]: [&Moment; 3], way: &[[f64; 4]]) -> bool {
+fn bends([a, middle, b]: [&TimeSample; 3], way: &[[f64; 4]]) -> bool {
     (0..way.len()).filter(|&node| way[node].iter().any(|w| *w > 0.0)).any(|node| {
-        let [a, m, b] = [a, middle, b].map(|moment| moment.numbers(node));
+        let [a, m, b] = [a, middle, b].map(|time_sample| time_sample.numbers(node));
         (0..4).any(|group| {
             let line: Vec<f64> = a[group].iter().zip(&b[group]).map(|(a, b)| 0.5 * (a + b)).collect();
             let size = line.iter().fold(0.0, |most: f64, x| most.max(x.abs()));

@@ -8,7 +8,7 @@ use crate::sampling::warp;
 
 lobe! {
     /// Diffuse transmission beneath a dielectric's Fresnel layer, beside the lobes that reflect.
-    Translucent {
+    DiffuseTransmission {
         /// Share of the light that is transmitted, / π.
         diffuse: Vector,
         /// What the layer keeps, at normal incidence.
@@ -18,7 +18,7 @@ lobe! {
     }
 }
 
-impl Lobe for Translucent<Eight> {
+impl Lobe for DiffuseTransmission<Eight> {
     #[inline(always)]
     fn present(&self) -> F {
         self.diffuse.max_element().simd_gt(F::ZERO)
@@ -30,7 +30,7 @@ impl Lobe for Translucent<Eight> {
     }
 
     #[inline(always)]
-    fn breadth(&self) -> F {
+    fn diffuseness(&self) -> F {
         self.diffuse.luminance() * F::splat(PI)
     }
 
@@ -59,7 +59,7 @@ impl Lobe for Translucent<Eight> {
     }
 }
 
-impl Translucent<Eight> {
+impl DiffuseTransmission<Eight> {
     #[inline(always)]
     fn below_layer(&self, cos: F) -> F {
         F::ONE - (self.layer90 - self.layer0).mul_add(schlick_weight(cos), self.layer0)

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 /// What tells builds apart. Another one may round otherwise, so that bits hold within one build.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Maker {
+pub struct BuildInfo {
     /// Of bismar.
     pub version: String,
     /// Of its source, `-dirty` if it was changed; `development` for builds that are not optimised, `unknown` without git.
@@ -15,7 +15,7 @@ pub struct Maker {
     pub isa: String,
 }
 
-impl Maker {
+impl BuildInfo {
     /// This build.
     pub fn here() -> Self {
         Self {

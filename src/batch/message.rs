@@ -11,7 +11,7 @@ use crate::render::Progress;
 
 /// What a process is to do.
 #[derive(Debug, Serialize, Deserialize)]
-pub struct Order {
+pub struct JobMessage {
     /// In this order.
     pub jobs: Vec<Job>,
     /// Files that the batch itself writes.

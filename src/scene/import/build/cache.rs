@@ -1,4 +1,4 @@
-//! What other moments of the same files share: decoded pictures, and meshes that do not move.
+//! What other time samples of the same files share: decoded pictures, and meshes that do not move.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -17,7 +17,7 @@ pub struct Kept {
     objects: Mutex<Objects>,
 }
 
-/// Of the last moment that was imported.
+/// Of the last time sample that was imported.
 pub type Objects = HashMap<Key, Arc<KeptObject>>;
 
 /// What an object's meshes are made from, but for their materials: [`Needs`].
@@ -27,7 +27,7 @@ pub struct Key {
     joints: Vec<u64>,
     /// Of meshes that are in world space.
     world: Vec<u64>,
-    /// How many moments are while the shutter is open; the others are for velocities.
+    /// How many time samples are while the shutter is open; the others are for velocities.
     open: usize,
 }
 
@@ -51,7 +51,7 @@ impl Key {
         self.object.mesh == mesh
     }
 
-    /// Of an object whose joints, at its moments, and placements, if it is in world space, are these.
+    /// Of an object whose joints, at its time samples, and placements, if it is in world space, are these.
     pub fn new<'a>(
         object: &ObjectKey,
         joints: impl Iterator<Item = &'a [DMat4]>,
@@ -75,12 +75,12 @@ impl Kept {
         self.images.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Those of the last moment.
+    /// Those of the last time sample.
     pub fn objects(&self) -> Objects {
         self.objects.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Instead of those of earlier moments.
+    /// Instead of those of earlier time samples.
     pub fn keep(&self, objects: Objects) {
         *self.objects.lock().unwrap_or_else(PoisonError::into_inner) = objects;
     }

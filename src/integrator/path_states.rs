@@ -3,11 +3,11 @@
 use glam::Vec3;
 
 use super::batch::{PixelBatch, PixelTask};
-use super::queues::{NO_ATTEMPT, PUNCTUAL, ShadowRays};
+use super::queues::{NO_RECORD, PUNCTUAL, ShadowRays};
 use crate::balance::{Contribution, Technique, deal};
 use crate::color::luminance;
 use crate::lanes::{LANES, U, V3, eight};
-use crate::light::Attempt;
+use crate::light::LightSampleRecord;
 
 /// A path of the wave.
 #[derive(Debug, Clone, Copy)]
@@ -34,7 +34,7 @@ pub struct PathState {
 
 /// A BSDF sample at a first surface, and what descends from it.
 #[derive(Debug, Clone, Copy)]
-pub struct Branch {
+pub struct SubPath {
     /// Path of the wave.
     pub path: u32,
     /// Index of the BSDF sample in its pixel's sequence.
@@ -43,7 +43,7 @@ pub struct Branch {
     pub indirect: Vec3,
 }
 
-/// A ray that leaves a surface, as it was drawn: of what paths are learned from. Its branch is its number.
+/// A ray that leaves a surface, as it was drawn: of what paths are learned from. Its sub-path is its number.
 #[derive(Debug, Clone, Copy)]
 pub struct Step {
     /// The ray that led there; [`CAMERA`] if the camera's did.
@@ -113,31 +113,31 @@ pub fn limited(radiance: Vec3, most: f32) -> (Vec3, f32) {
     if peak > most { (radiance * (most / peak), most / peak) } else { (radiance, 1.0) }
 }
 
-/// Paths, and branches of paths, with what they have found.
+/// Paths, and sub-paths of paths, with what they have found.
 #[derive(Debug, Default)]
-pub struct Ledger {
+pub struct PathStates {
     /// The wave's paths, pixel by pixel.
     pub paths: Vec<PathState>,
     /// Their BSDF samples at first surfaces that went on.
-    pub branches: Vec<Branch>,
+    pub sub_paths: Vec<SubPath>,
     /// What was left out.
     pub faults: Faults,
     /// Of each path, the mirror in which its guide is still looked for; empty if nobody asks.
     pub mirrors: Vec<Option<Mirror>>,
-    /// Of each branch, how it was drawn: where paths are learned from, and every ray is then a branch. Its light is that which
+    /// Of each sub-path, how it was drawn: where paths are learned from, and every ray is then a sub-path. Its light is that which
     /// it brings itself, until [`gather`](Self::gather).
     pub steps: Option<Vec<Step>>,
     /// Light samples toward area lights, where these are learned of; their pixels are places in the batch.
-    pub attempts: Option<Vec<Attempt>>,
+    pub light_sample_records: Option<Vec<LightSampleRecord>>,
 }
 
-impl Ledger {
-    /// Adds to each branch's light that of those that descend from it.
+impl PathStates {
+    /// Adds to each sub-path's light that of those that descend from it.
     pub fn gather(&mut self) {
         let steps = self.steps.as_deref().unwrap_or_default();
         for (i, step) in steps.iter().enumerate().rev().filter(|(_, step)| step.parent != CAMERA) {
-            let light = self.branches[i].indirect;
-            self.branches[step.parent as usize].indirect += light;
+            let light = self.sub_paths[i].indirect;
+            self.sub_paths[step.parent as usize].indirect += light;
         }
     }
 
@@ -145,7 +145,7 @@ impl Ledger {
     /// [`Counts::rates`](crate::balance::Counts::rates).
     pub fn begin(&mut self, tasks: &[PixelTask], environment_probability: f32) {
         self.paths.clear();
-        self.branches.clear();
+        self.sub_paths.clear();
         self.faults = Faults::default();
         self.mirrors.clear();
         self.steps.iter_mut().for_each(Vec::clear);
@@ -173,16 +173,22 @@ impl Ledger {
     }
 
     /// Notes light samples in lanes of a mask, which chose these emitters `from` points and normals, and numbers them.
-    pub fn attempt(&mut self, lanes: u32, (p, n): (V3, V3), emitter: [u32; LANES], path: U) -> U {
-        let Some(attempts) = &mut self.attempts else { return U::splat(NO_ATTEMPT) };
+    pub fn light_sample_record(&mut self, lanes: u32, (p, n): (V3, V3), emitter: [u32; LANES], path: U) -> U {
+        let Some(light_sample_records) = &mut self.light_sample_records else { return U::splat(NO_RECORD) };
         U::from(eight(|lane| {
             if lanes >> lane & 1 == 0 {
-                return NO_ATTEMPT;
+                return NO_RECORD;
             }
             let pixel = self.paths[path.as_array()[lane] as usize].pixel;
             let (position, normal) = (p.lane(lane), n.lane(lane));
-            attempts.push(Attempt { position, normal, emitter: emitter[lane], pixel, found: 0.0 });
-            attempts.len() as u32 - 1
+            light_sample_records.push(LightSampleRecord {
+                position,
+                normal,
+                emitter: emitter[lane],
+                pixel,
+                found: 0.0,
+            });
+            light_sample_records.len() as u32 - 1
         }))
     }
 
@@ -199,9 +205,11 @@ impl Ledger {
         let owners = shadows.path.iter().zip(&occluded[..shadows.len]).enumerate();
         for (i, (&owner, _)) in owners.filter(|(_, (_, occluded))| !**occluded) {
             let (radiance, share) = limited(shadows.radiance.get(i), limit);
-            let attempt = shadows.attempt.get(i).zip(self.attempts.as_mut());
-            if let Some(attempt) = attempt.and_then(|(&number, all)| all.get_mut(number as usize)) {
-                attempt.found = luminance(radiance);
+            let light_sample_record = shadows.light_sample_record.get(i).zip(self.light_sample_records.as_mut());
+            if let Some(light_sample_record) =
+                light_sample_record.and_then(|(&number, all)| all.get_mut(number as usize))
+            {
+                light_sample_record.found = luminance(radiance);
             }
             let path = &mut self.paths[owner as usize];
             path.radiance += radiance;
@@ -209,11 +217,11 @@ impl Ledger {
                 extras.add_light(shadows.group[i] as usize, radiance);
             }
             if depth > 0 {
-                let branch = shadows.branch[i] as usize;
+                let sub_path = shadows.sub_path[i] as usize;
                 if let Some(steps) = self.steps.as_mut().filter(|_| shadows.group[i] != PUNCTUAL) {
-                    steps[branch].light += luminance(radiance);
+                    steps[sub_path].light += luminance(radiance);
                 }
-                self.branches[branch].indirect += radiance;
+                self.sub_paths[sub_path].indirect += radiance;
                 continue;
             }
             path.direct += radiance;
@@ -233,12 +241,12 @@ impl Ledger {
             }
         }
         if batch.observer.is_some() {
-            for branch in self.branches.iter().filter(|branch| branch.indirect != Vec3::ZERO) {
-                let path = &self.paths[branch.path as usize];
-                let radiance = branch.indirect;
+            for sub_path in self.sub_paths.iter().filter(|sub_path| sub_path.indirect != Vec3::ZERO) {
+                let path = &self.paths[sub_path.path as usize];
+                let radiance = sub_path.indirect;
                 // No light sample finds it: Z = 2X, Y = 2 a_b X, r = −1.
                 let w = 4.0 * path.rates[2] * radiance.length_squared();
-                let (technique, index) = (Technique::Indirect, branch.index);
+                let (technique, index) = (Technique::Indirect, sub_path.index);
                 let found = Contribution { pixel: 0, technique, area: false, index, r: -1.0, w, radiance };
                 batch.tell(path.pixel as usize, found);
             }

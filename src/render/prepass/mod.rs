@@ -4,8 +4,8 @@
 
 pub mod compensation;
 pub mod guiding;
-pub mod lamps;
-mod small;
+pub mod learned_lights;
+mod low_resolution;
 
 use super::RenderSettings;
 use super::driver::transport;
@@ -14,21 +14,21 @@ use crate::light::{Density, Drawing};
 
 /// What the pilots of a render have found.
 #[derive(Debug, Default)]
-pub struct Pilots {
+pub struct Prepasses {
     /// How light samples toward the environment are drawn.
     pub density: Density,
     /// Of lamps.
-    pub lamps: Option<lamps::Lamps>,
+    pub lamps: Option<learned_lights::Lamps>,
     /// Of guiding.
     pub guiding: Option<guiding::Learned>,
 }
 
-impl Pilots {
+impl Prepasses {
     /// Sends those that `settings` ask for, each with what those before it have found.
     pub fn send(scene: &PreparedScene, settings: &RenderSettings) -> Self {
         let mut found = Self::default();
         found.density = compensation::density(scene, settings, &found.lead(transport(scene, settings)));
-        found.lamps = lamps::learned(scene, settings, &found.lead(transport(scene, settings)));
+        found.lamps = learned_lights::learned(scene, settings, &found.lead(transport(scene, settings)));
         found.guiding = guiding::learned(scene, settings, &found.lead(transport(scene, settings)));
         found
     }

@@ -8,12 +8,12 @@ use std::time::Instant;
 use tracing::debug;
 
 use super::super::RenderSettings;
-use super::super::stats::LampsStats;
-use super::small::{divisors, in_tiles, relative_variance, small, thin, tiles};
+use super::super::stats::LearnedLightsStats;
+use super::low_resolution::{divisors, in_tiles, low_resolution, relative_variance, thin, tiles};
 use crate::balance::Counts;
 use crate::film::PixelStats;
 use crate::integrator::{PixelBatch, PixelTask, PreparedScene, Transport, Wave};
-use crate::light::{AreaLights, Attempt, LearnedLights};
+use crate::light::{AreaLights, LearnedLights, LightSampleRecord};
 use crate::sampling::hash;
 
 /// Pixels of a picture for each of its pilot's, which has neither fewer nor more than this.
@@ -42,16 +42,16 @@ pub struct Lamps {
 
 impl Lamps {
     /// For people.
-    pub fn stats(&self) -> LampsStats {
+    pub fn stats(&self) -> LearnedLightsStats {
         let (cells, bytes) = self.lights.as_ref().map_or((0, 0), |lights| (lights.cells(), lights.bytes()));
-        LampsStats { on: self.lights.is_some(), cells, bytes, left: self.left, seconds: self.seconds }
+        LearnedLightsStats { on: self.lights.is_some(), cells, bytes, left: self.left, seconds: self.seconds }
     }
 }
 
 /// Bytes that the pilot of a render with these settings takes, at most.
 pub fn bytes(settings: &RenderSettings) -> u64 {
     let vertices = pixels(settings) * f64::from(ROUNDS.iter().sum::<u32>()) * f64::from(settings.max_depth);
-    match settings.balance.method().draws_by_pilots() {
+    match settings.balance.method().uses_prepasses() {
         true => LearnedLights::bytes_to_learn((vertices as u64).min(ATTEMPTS as u64)),
         false => 0,
     }
@@ -66,22 +66,24 @@ fn pixels(settings: &RenderSettings) -> f64 {
 /// nothing to choose.
 pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Transport) -> Option<Lamps> {
     let area = scene.lights.area.as_ref().filter(|area| area.tree().top(3) > 1)?;
-    if !settings.balance.method().draws_by_pilots() {
+    if !settings.balance.method().uses_prepasses() {
         return None;
     }
     let began = Instant::now();
-    let (size, camera) = small(scene, settings, pixels(settings));
+    let (size, camera) = low_resolution(scene, settings, pixels(settings));
     let normals = 0.25 * scene.scene.radius();
-    let learn = |attempts: &[Attempt]| LearnedLights::learn(area.tree(), attempts, normals);
+    let learn =
+        |light_sample_records: &[LightSampleRecord]| LearnedLights::learn(area.tree(), light_sample_records, normals);
     let round = |number: usize| {
         let seed = hash(settings.seed ^ hash(0x6c61_6d70 + number as u32));
         take(&Transport { camera: camera.clone(), seed, ..transport.clone() }, size, ROUNDS[number])
     };
     let (first, second) = (round(0), round(1));
-    let left = learn(&first.attempts).map_or(1.0, |lights| left(area, &lights, &second));
+    let left = learn(&first.light_sample_records).map_or(1.0, |lights| left(area, &lights, &second));
     let mut lights = None;
     if left < PAYS {
-        lights = learn(&[first.attempts, second.attempts, round(2).attempts].concat());
+        lights =
+            learn(&[first.light_sample_records, second.light_sample_records, round(2).light_sample_records].concat());
     }
     let found = Lamps { lights, left, seconds: began.elapsed().as_secs_f64() };
     debug!("learned lights leave {left:.2} of the variance; {:?}", found.stats());
@@ -91,7 +93,7 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
 /// What a round has found.
 #[derive(Default)]
 struct Taken {
-    attempts: Vec<Attempt>,
+    light_sample_records: Vec<LightSampleRecord>,
     /// Of each pixel, the variance of its paths over what relMSE divides it by.
     variances: Vec<f64>,
 }
@@ -104,14 +106,15 @@ fn take(transport: &Transport, size: [u32; 2], paths: u32) -> Taken {
         let mut taken = Taken::default();
         for tasks in tasks.chunks((2048 / paths) as usize) {
             let mut stats = vec![PixelStats::default(); tasks.len()];
-            let (attempts, divisors) = wave.attempts(transport, &mut PixelBatch::plain(tasks, &mut stats), &divisors);
+            let (light_sample_records, divisors) =
+                wave.light_sample_records(transport, &mut PixelBatch::plain(tasks, &mut stats), &divisors);
             let variances =
                 stats.iter().zip(divisors).map(|(stats, divisor)| relative_variance(stats, divisor)).collect();
-            taken.add(Taken { attempts, variances });
+            taken.add(Taken { light_sample_records, variances });
         }
-        while thin(&mut taken.attempts, most) {
+        while thin(&mut taken.light_sample_records, most) {
             // They stand for those that are left out.
-            taken.attempts.iter_mut().for_each(|attempt| attempt.found *= SQRT_2);
+            taken.light_sample_records.iter_mut().for_each(|light_sample_record| light_sample_record.found *= SQRT_2);
         }
         taken
     };
@@ -125,8 +128,11 @@ impl Taken {
     /// Adds more pixels.
     fn add(&mut self, more: Self) {
         let before = self.variances.len() as u32;
-        let numbered = more.attempts.into_iter().map(|attempt| Attempt { pixel: before + attempt.pixel, ..attempt });
-        self.attempts.extend(numbered);
+        let numbered = more.light_sample_records.into_iter().map(|light_sample_record| LightSampleRecord {
+            pixel: before + light_sample_record.pixel,
+            ..light_sample_record
+        });
+        self.light_sample_records.extend(numbered);
         self.variances.extend(more.variances);
     }
 }
@@ -135,10 +141,17 @@ impl Taken {
 /// others.
 fn left(area: &AreaLights, lights: &LearnedLights, taken: &Taken) -> f64 {
     let mut pixels: Vec<_> = taken.variances.iter().map(|variance| [*variance; 2]).collect();
-    for attempt in taken.attempts.iter().filter(|attempt| attempt.found > 0.0) {
-        let [by_tree, mixed] = area.tree().pmfs(attempt.position, attempt.normal, attempt.emitter, Some(lights));
-        let moment = f64::from(attempt.found).powi(2);
-        pixels[attempt.pixel as usize][1] += moment * f64::from(by_tree / mixed - 1.0);
+    for light_sample_record in
+        taken.light_sample_records.iter().filter(|light_sample_record| light_sample_record.found > 0.0)
+    {
+        let [by_tree, mixed] = area.tree().pmfs(
+            light_sample_record.position,
+            light_sample_record.normal,
+            light_sample_record.emitter,
+            Some(lights),
+        );
+        let moment = f64::from(light_sample_record.found).powi(2);
+        pixels[light_sample_record.pixel as usize][1] += moment * f64::from(by_tree / mixed - 1.0);
     }
     pixels.retain(|[without, with]| (without + with).is_finite());
     pixels.sort_by(|[a, b], [c, d]| (a + b).total_cmp(&(c + d)));

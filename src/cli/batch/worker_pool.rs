@@ -8,7 +8,7 @@ use std::process::{ExitStatus, Stdio};
 use std::sync::{Mutex, PoisonError};
 
 use super::Planned;
-use crate::batch::order::{Ended, Message, Order};
+use crate::batch::message::{Ended, JobMessage, Message};
 use crate::batch::queue::each;
 use crate::batch::report::{Entry, Status};
 use crate::console::child::{lead, this_program};
@@ -16,7 +16,7 @@ use crate::console::{LogFormat, Signals, Verbosity};
 use crate::{Error, Result};
 
 /// What processes need.
-pub struct Crew<'a> {
+pub struct WorkerPool<'a> {
     pub jobs: &'a [Planned],
     /// What the batch itself writes.
     pub written: &'a [OsString],
@@ -39,7 +39,7 @@ struct Left {
     status: ExitStatus,
 }
 
-impl Crew<'_> {
+impl WorkerPool<'_> {
     /// Each job in a process of its own.
     ///
     /// # Errors
@@ -110,7 +110,7 @@ impl Crew<'_> {
 
     fn process(&self, range: Range<usize>, at_once: usize, threads: usize) -> Result<Left> {
         let jobs = self.jobs[range.clone()].iter().map(|planned| planned.job.clone()).collect();
-        let order = serde_json::to_string(&Order { jobs, written: self.written.into(), at_once, threads });
+        let order = serde_json::to_string(&JobMessage { jobs, written: self.written.into(), at_once, threads });
         let order = order.map_err(|e| Error::Bug(format!("JSON: {e}")))? + "\n";
         let mut command = this_program();
         command.arg("batch-worker").stdout(Stdio::piped());

@@ -4,13 +4,14 @@
 
 use super::refraction::{self, Facet};
 use super::{
-    Directions, Draw, Eight, Frames, Lobe, Response, breadth, film, ggx, microfacet::schlick_weight, parameters::lobe,
+    Directions, Draw, Eight, Frames, Lobe, Response, diffuseness, film, ggx, microfacet::schlick_weight,
+    parameters::lobe,
 };
 use crate::lanes::{F, V3};
 
 lobe! {
     /// Specular reflection and transmission over a diffuse base.
-    Finish {
+    GeneralMicrofacet {
         /// Unit direction along the surface in which it is rougher; zero where it is as rough every way.
         tangent: Vector,
         /// Microfacet roughness along the tangent, ≥ [`ggx::MIN_ALPHA`].
@@ -42,7 +43,7 @@ lobe! {
     }
 }
 
-impl Lobe for Finish<Eight> {
+impl Lobe for GeneralMicrofacet<Eight> {
     #[inline(always)]
     fn present(&self) -> F {
         (self.f90 + self.metal + self.film + self.share).simd_gt(F::ZERO) | self.f0.max_element().simd_gt(F::ZERO)
@@ -54,8 +55,8 @@ impl Lobe for Finish<Eight> {
     }
 
     #[inline(always)]
-    fn breadth(&self) -> F {
-        breadth(self.f0.luminance() + self.metal + self.share, self.alpha_t.fast_min(self.alpha_b))
+    fn diffuseness(&self) -> F {
+        diffuseness(self.f0.luminance() + self.metal + self.share, self.alpha_t.fast_min(self.alpha_b))
     }
 
     #[inline(always)]
@@ -113,7 +114,7 @@ struct Fresnel {
     through: F,
 }
 
-impl Finish<Eight> {
+impl GeneralMicrofacet<Eight> {
     #[inline(always)]
     fn alphas(&self) -> [F; 2] {
         [self.alpha_t, self.alpha_b]
