@@ -147,7 +147,7 @@ fn samples_follow_the_pdf() {
 #[test]
 fn samples_of_three_layers_follow_the_pdf() {
     // A coat over dielectric, metal and a mix: only tests compose it.
-    let coat = Microfacet { f0: Vec3::splat(0.3), f90: 1.0, layer0: 0.3, layer90: 1.0, alpha: 0.15 };
+    let coat = Microfacet { f0: Vec3::splat(0.3), f90: 1.0, layer0: 0.3, layer90: 1.0, alpha: 0.15, metal: 0.0, compensated: 0.0 };
     let mut random = Random(9);
     for metallic in [0.0, 0.4, 1.0] {
         let layers = Layered { top: coat, base: surface(metallic, 0.8).bsdf() };
@@ -503,6 +503,27 @@ fn sampling_lobes_and_sampling_the_sphere_find_the_same_albedo() {
             let error = by_lobe.standard_error().hypot(by_sphere.standard_error()).max(1e-6);
             let z = (by_lobe.mean - by_sphere.mean) / error;
             assert!(z.abs() < limit, "{name} {theta}: {} {} z = {z}", by_lobe.mean, by_sphere.mean);
+        }
+    }
+}
+
+#[test]
+fn show() {
+    let mut random = Random(15);
+    for r in [0.0f32, 0.2, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0] {
+        let white = Surface { base_color: Vec3::ONE, ..surface(0.0, r) };
+        let glass = |bounds_medium, behind, ior| Surface { transmission: 1.0, bounds_medium, behind, ior, ..white };
+        let brushed = Surface { metallic: 1.0, anisotropy: Some(Anisotropy { strength: 0.7, tangent: Vec3::X }), ..white };
+        let all = [("metal", Surface { metallic: 1.0, ..white }), ("diel", white), ("half", Surface { metallic: 0.5, ..white }),
+            ("thin", glass(false, false, 1.5)), ("in", glass(true, false, 1.5)), ("out", glass(true, true, 1.5)), ("in2.2", glass(true, false, 2.2)), ("out1.1", glass(true, true, 1.1)),
+            ("brushed", brushed), ("coat", Surface { clearcoat: 1.0, clearcoat_roughness: r, specular: 0.0, ..white }),
+            ("diffT", Surface { diffuse_transmission: 0.5, ..white })];
+        for (name, s) in all {
+            print!("{r} {name}:");
+            for theta in [0.05, 0.5, 0.9, 1.2, 1.4, 1.5, 1.55] {
+                print!(" {:.3}", albedo(&s.bsdf(), direction(theta, 0.3), 20000, &mut random).mean);
+            }
+            println!();
         }
     }
 }

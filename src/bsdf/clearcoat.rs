@@ -3,7 +3,7 @@
 //! what it reflects where it is smooth.
 
 use super::{
-    Directions, Draw, Eight, Frames, Lobe, Response, diffuseness, ggx, microfacet::schlick_weight, parameters::lobe,
+    Directions, Draw, Eight, Frames, Lobe, Response, albedo, diffuseness, ggx, microfacet::schlick_weight, parameters::lobe,
 };
 use crate::lanes::{F, V3};
 use crate::sampling::warp;
@@ -17,6 +17,8 @@ lobe! {
         normal: Vector,
         /// Microfacet roughness, ≥ [`ggx::MIN_ALPHA`].
         alpha: Scalar,
+        /// As in [`Microfacet`](super::Microfacet).
+        compensated: Scalar,
     }
 }
 
@@ -49,9 +51,13 @@ impl Lobe for Clearcoat<Eight> {
         let alpha2 = self.alpha * self.alpha;
         let density = ggx::distribution(n.cross(d.h).length_squared(), cos_h * cos_h, alpha2);
         let seen = d.above & cos_i.simd_gt(F::ZERO);
-        let pdf = (ggx::masking(cos_o, alpha2) * density / (F::splat(4.0) * cos_o)) & seen;
+        let masking = ggx::masking(cos_o, alpha2);
+        let pdf = (masking * density / (F::splat(4.0) * cos_o)) & seen;
         let reflected = self.reflected(cos_o);
-        let value = (pdf * ggx::masking(cos_i, alpha2) * reflected * light) & seen;
+        // The Fresnel term is the same for all microfacets: all that is lost is given back.
+        let gain = albedo::lost(albedo::split_sum(cos_o, self.alpha)).mul_add(self.compensated, F::ONE);
+        let shadowing = ggx::correlated(masking, ggx::masking(cos_i, alpha2));
+        let value = (pdf * shadowing * gain * reflected * light) & seen;
         Response { value: V3 { x: value, y: value, z: value }, pdf, through: light * (F::ONE - reflected) }
     }
 

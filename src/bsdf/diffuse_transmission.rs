@@ -2,7 +2,7 @@
 
 use std::f32::consts::{FRAC_1_PI, PI};
 
-use super::{Directions, Draw, Eight, Frames, Lobe, Response, microfacet::schlick_weight, parameters::lobe};
+use super::{Directions, Draw, Eight, Frames, Lobe, Response, albedo, microfacet::schlick_weight, parameters::lobe};
 use crate::lanes::{F, V3};
 use crate::sampling::warp;
 
@@ -15,6 +15,10 @@ lobe! {
         layer0: Scalar,
         /// The same at grazing.
         layer90: Scalar,
+        /// The layer's microfacet roughness, ≥ [`ggx::MIN_ALPHA`](super::ggx::MIN_ALPHA).
+        alpha: Scalar,
+        /// As in [`Microfacet`](super::Microfacet).
+        compensated: Scalar,
     }
 }
 
@@ -48,7 +52,7 @@ impl Lobe for DiffuseTransmission<Eight> {
         // The layer sees the light as if it came from the eye's side.
         let mirrored = d.wi - d.n * (F::splat(2.0) * d.cos_i);
         let h = (d.wo + mirrored).normalize_or(d.n);
-        let value = self.diffuse * ((d.cos_i.abs() * light * self.below_layer(d.wo.dot(h))) & below);
+        let value = self.diffuse * ((d.cos_i.abs() * light * self.below_layer_of(d, h)) & below);
         Response { value, pdf, through: light }
     }
 
@@ -60,6 +64,14 @@ impl Lobe for DiffuseTransmission<Eight> {
 }
 
 impl DiffuseTransmission<Eight> {
+    /// The share of light that the layer lets through, by its albedo where that is compensated.
+    #[inline(always)]
+    fn below_layer_of(&self, d: &Directions, h: V3) -> F {
+        let split_sum = albedo::split_sum(d.cos_o, self.alpha);
+        let kept = albedo::layer(split_sum, albedo::lost(split_sum), [self.layer0, self.layer90]);
+        self.compensated.simd_gt(F::ZERO).select(F::ONE - kept, self.below_layer(d.wo.dot(h)))
+    }
+
     #[inline(always)]
     fn below_layer(&self, cos: F) -> F {
         F::ONE - (self.layer90 - self.layer0).mul_add(schlick_weight(cos), self.layer0)

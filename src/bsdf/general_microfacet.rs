@@ -4,7 +4,7 @@
 
 use super::refraction::{self, Facet};
 use super::{
-    Directions, Draw, Eight, Frames, Lobe, Response, diffuseness, film, ggx, microfacet::schlick_weight,
+    Directions, Draw, Eight, Frames, Lobe, Response, albedo, diffuseness, film, ggx, microfacet::schlick_weight,
     parameters::lobe,
 };
 use crate::lanes::{F, V3};
@@ -40,6 +40,8 @@ lobe! {
         film_ior: Scalar,
         /// The film's thickness in nanometres.
         thickness: Scalar,
+        /// As in [`Microfacet`](super::Microfacet).
+        compensated: Scalar,
     }
 }
 
@@ -67,18 +69,26 @@ impl Lobe for GeneralMicrofacet<Eight> {
 
     #[inline(never)]
     fn eval(&self, d: &Directions, light: F) -> Response {
-        let Facet { h, wo_h, passes, jacobian } = refraction::facet(d, self.eta, self.thin.simd_gt(F::ZERO));
+        let thin = self.thin.simd_gt(F::ZERO);
+        let Facet { h, wo_h, passes, jacobian } = refraction::facet(d, self.eta, thin);
         let (local, alphas) = (self.local(d.n), self.alphas());
         let density = ggx::distribution_along(local.of(h), alphas);
-        let drawn = ggx::masking_along(local.of(d.wo), alphas) * density * jacobian / d.cos_o;
+        let masking = ggx::masking_along(local.of(d.wo), alphas);
+        let drawn = masking * density * jacobian / d.cos_o;
 
         let fresnel = self.fresnel(wo_h);
         let p = self.chance_of_reflection(&fresnel);
         let seen = d.above | (passes & self.transmits());
         let pdf = (drawn * d.above.select(p, F::ONE - p)) & seen;
         let color = V3::select(d.above, fresnel.reflected, self.tint * fresnel.passed);
-        let value = color * ((drawn * ggx::masking_along(local.of(d.wi), alphas) * light) & seen);
-        Response { value, pdf, through: light * fresnel.through }
+        let shadowing = ggx::correlated(masking, ggx::masking_along(local.of(d.wi), alphas));
+        let value = color * ((drawn * shadowing * light) & seen);
+        if !self.compensated.simd_gt(F::ZERO).any() {
+            return Response { value, pdf, through: light * fresnel.through };
+        }
+        let (gain, beneath) = self.compensation(d.cos_o, thin);
+        let through = light * self.compensated.simd_gt(F::ZERO).select(beneath, fresnel.through);
+        Response { value: value * gain, pdf, through }
     }
 
     #[inline(never)]
@@ -156,6 +166,23 @@ impl GeneralMicrofacet<Eight> {
         let through = F::ONE - dielectric.max_element();
         let rest = F::ONE - self.metal;
         Fresnel { reflected: dielectric * rest + metal * self.metal, passed: through * rest * self.share, through }
+    }
+
+    /// What multiple scattering multiplies the value by, and the share of light that reaches the dielectric's base. The two
+    /// roughnesses count as their root mean square: where they differ most the albedo is wrong by 0.1.
+    fn compensation(&self, cos_o: F, thin: F) -> (V3, F) {
+        let alpha = (F::splat(0.5) * self.alpha_t.mul_add(self.alpha_t, self.alpha_b * self.alpha_b)).sqrt();
+        let split_sum = albedo::split_sum(cos_o, alpha);
+        let lost = albedo::lost(split_sum);
+        let transmits = self.transmits();
+        let glass = if transmits.any() { albedo::lost_by_boundary(cos_o, alpha, self.eta, thin) } else { F::ZERO };
+        let rest = F::ONE - self.metal;
+        let dielectric = albedo::mean_fresnel(self.f0, self.f90) * rest;
+        let metal = albedo::mean_fresnel(self.metal0, F::ONE) * self.metal;
+        let reflected = dielectric + metal;
+        let passed = self.tint * ((rest - dielectric.max_element()) * self.share);
+        let gain = albedo::gain(reflected + passed, transmits.select(glass, lost), self.compensated);
+        (gain, F::ONE - albedo::layer(split_sum, lost, [self.f0.max_element(), self.f90]))
     }
 
     #[inline(always)]

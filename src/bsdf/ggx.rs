@@ -26,6 +26,20 @@ pub fn masking(cos: F, alpha2: F) -> F {
     F::splat(2.0) * cos / (cos + alpha2.mul_add(sin2, cos2).sqrt())
 }
 
+/// The share of microfacets visible from one direction that another sees too, at cosines > 0 to the normal: G₂/G₁ of
+/// Smith's height-correlated masking and shadowing (Heitz 2014, *Understanding the Masking-Shadowing Function*, equation 99),
+/// as glTF's appendix B has it.
+#[inline(always)]
+pub fn shadowing(cos_o: F, cos_i: F, alpha2: F) -> F {
+    correlated(masking(cos_o, alpha2), masking(cos_i, alpha2))
+}
+
+/// [`shadowing`] from the [`masking`] of both directions: with G₁ = 1/(1 + Λ), G₂ = 1/(1 + Λ(wo) + Λ(wi)).
+#[inline(always)]
+pub fn correlated(masking_o: F, masking_i: F) -> F {
+    masking_i / (masking_o + masking_i - masking_o * masking_i)
+}
+
 /// [`distribution`] where the surface is rougher one way: of a microfacet normal in the local frame along whose first two
 /// axes the roughnesses `alphas` are.
 #[inline(always)]

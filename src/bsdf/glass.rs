@@ -5,7 +5,7 @@
 //! file says, and all that leaves a body has lost the factor again.
 
 use super::refraction::{self, Facet};
-use super::{Directions, Draw, Eight, Frames, Lobe, Response, diffuseness, ggx, parameters::lobe};
+use super::{Directions, Draw, Eight, Frames, Lobe, Response, albedo, diffuseness, ggx, parameters::lobe};
 use crate::lanes::{F, V3};
 
 /// Indices of refraction nearer to 1 than this are taken as this: where nothing is bent, no half vector says how much.
@@ -28,6 +28,8 @@ lobe! {
         thin: Scalar,
         /// Microfacet roughness, ≥ [`ggx::MIN_ALPHA`].
         alpha: Scalar,
+        /// As in [`Microfacet`](super::Microfacet).
+        compensated: Scalar,
     }
 }
 
@@ -55,18 +57,25 @@ impl Lobe for Glass<Eight> {
 
     #[inline(always)]
     fn eval(&self, d: &Directions, light: F) -> Response {
-        let Facet { h, wo_h, passes, jacobian } = refraction::facet(d, self.eta, self.thin.simd_gt(F::ZERO));
+        let thin = self.thin.simd_gt(F::ZERO);
+        let Facet { h, wo_h, passes, jacobian } = refraction::facet(d, self.eta, thin);
         let alpha2 = self.alpha * self.alpha;
         let cos_h = d.n.dot(h);
         let density = ggx::distribution(d.n.cross(h).length_squared(), cos_h * cos_h, alpha2);
-        let drawn = ggx::masking(d.cos_o, alpha2) * density * jacobian / d.cos_o;
+        let masking = ggx::masking(d.cos_o, alpha2);
+        let drawn = masking * density * jacobian / d.cos_o;
 
         let fresnel = self.fresnel(wo_h);
         let p = self.chance_of_reflection(&fresnel);
         let seen = d.above | passes;
         let pdf = (drawn * d.above.select(p, F::ONE - p)) & seen;
         let color = V3::select(d.above, fresnel.reflected, self.tint * fresnel.passed);
-        let value = color * ((drawn * ggx::masking(d.cos_i.abs(), alpha2) * self.share * light) & seen);
+        let shadowing = ggx::correlated(masking, ggx::masking(d.cos_i.abs(), alpha2));
+        let mut value = color * ((drawn * shadowing * self.share * light) & seen);
+        if self.compensated.simd_gt(F::ZERO).any() {
+            let lost = albedo::lost_by_boundary(d.cos_o, self.alpha, self.eta, thin);
+            value = value * albedo::gain(albedo::mean_boundary(self.f0, self.f90, self.tint), lost, self.compensated);
+        }
         Response { value, pdf, through: light * (F::ONE - self.share) }
     }
 

@@ -54,6 +54,8 @@ pub struct Surface {
     pub anisotropy: Option<Anisotropy>,
     /// KHR_materials_iridescence, if the material has it.
     pub iridescence: Option<Iridescence>,
+    /// Is light that bounces between microfacets added (`albedo.rs`)? Else it is lost, as in glTF's appendix B.
+    pub energy_compensation: bool,
 }
 
 /// KHR_materials_anisotropy: a surface that is rougher one way than the other.
@@ -100,6 +102,7 @@ impl Default for Surface {
             clearcoat_normal: Vec3::ZERO,
             anisotropy: None,
             iridescence: None,
+            energy_compensation: true,
         }
     }
 }
@@ -109,8 +112,12 @@ impl Surface {
     #[inline]
     pub fn bsdf(&self) -> Bsdf {
         // Lobes that are missing keep parameters with which nothing is undefined: other lanes may have them.
-        let coat =
-            Clearcoat { coat: self.clearcoat, normal: self.clearcoat_normal, alpha: alpha(self.clearcoat_roughness) };
+        let coat = Clearcoat {
+            coat: self.clearcoat,
+            normal: self.clearcoat_normal,
+            alpha: alpha(self.clearcoat_roughness),
+            compensated: self.compensated(),
+        };
         let sheen = Sheen { color: self.sheen_color, roughness: self.sheen_roughness.max(sheen::MIN_ROUGHNESS) };
         let finished = (self.anisotropy.is_some() || self.iridescence.is_some()) && self.specular_glossiness.is_none();
         let (glass, reflection) = if finished { self.finished() } else { self.plain() };
@@ -151,6 +158,7 @@ impl Surface {
             tint: glass.tint,
             eta: if no_glass { NO_GENERAL_MICROFACET.eta } else { glass.eta },
             thin: if no_glass { 1.0 } else { glass.thin },
+            compensated: self.compensated(),
             ..NO_GENERAL_MICROFACET
         };
         if let Some(Iridescence { factor, ior, thickness }) = self.iridescence {
@@ -171,30 +179,34 @@ impl Surface {
     /// What is not glass, of which the surface has this share.
     #[inline(always)]
     fn reflection(&self, glass: f32) -> super::Unfinished<super::One> {
-        let alpha = alpha(self.roughness);
+        let (alpha, compensated) = (alpha(self.roughness), self.compensated());
         if glass >= 1.0 {
-            let top = Microfacet { alpha, ..Default::default() };
+            let top = Microfacet { alpha, compensated, ..Default::default() };
             return Layered { top: DiffuseTransmission::default(), base: Layered { top, base: Lambert::default() } };
         }
         if let Some(f0) = self.specular_glossiness {
             let layer0 = f0.max_element();
             let diffuse = self.base_color * ((1.0 - layer0) * FRAC_1_PI);
-            let top = Microfacet { f0, f90: 1.0, layer0, layer90: 1.0, alpha };
+            let top = Microfacet { f0, f90: 1.0, layer0, layer90: 1.0, alpha, metal: 0.0, compensated };
             return Layered { top: DiffuseTransmission::default(), base: Layered { top, base: Lambert { diffuse } } };
         }
         let m = if glass > 0.0 { self.metallic / (1.0 - glass) } else { self.metallic };
         let dielectric0 = self.dielectric0();
         let (layer0, layer90) = (dielectric0.max_element(), self.specular);
         let mut diffuse = self.base_color * ((1.0 - m) * FRAC_1_PI);
-        let mut transmitted = DiffuseTransmission { diffuse: Vec3::ZERO, layer0, layer90 };
+        let mut transmitted = DiffuseTransmission { diffuse: Vec3::ZERO, layer0, layer90, alpha, compensated };
         if self.diffuse_transmission > 0.0 {
             let share = self.diffuse_transmission;
             transmitted.diffuse = self.diffuse_transmission_color * ((1.0 - m) * share * FRAC_1_PI);
             diffuse *= 1.0 - share;
         }
         let f0 = dielectric0 * (1.0 - m) + self.base_color * m;
-        let top = Microfacet { f0, f90: self.specular * (1.0 - m) + m, layer0, layer90, alpha };
+        let top = Microfacet { f0, f90: self.specular * (1.0 - m) + m, layer0, layer90, alpha, metal: m, compensated };
         Layered { top: transmitted, base: Layered { top, base: Lambert { diffuse } } }
+    }
+
+    fn compensated(&self) -> f32 {
+        f32::from(u8::from(self.energy_compensation))
     }
 
     /// The dielectric's reflectance at normal incidence.
@@ -215,13 +227,14 @@ impl Surface {
             eta: if self.bounds_medium && self.behind { 1.0 / ior } else { ior },
             thin: f32::from(u8::from(!self.bounds_medium)),
             alpha: rough,
+            compensated: self.compensated(),
         }
     }
 }
 
 /// No glass, for lanes beside others with it.
 const NO_GLASS: Glass =
-    Glass { share: 0.0, tint: Vec3::ZERO, f0: Vec3::ZERO, f90: 0.0, eta: 1.5, thin: 0.0, alpha: 1.0 };
+    Glass { share: 0.0, tint: Vec3::ZERO, f0: Vec3::ZERO, f90: 0.0, eta: 1.5, thin: 0.0, alpha: 1.0, compensated: 0.0 };
 
 /// No finish, for lanes beside others with it.
 const NO_GENERAL_MICROFACET: GeneralMicrofacet = GeneralMicrofacet {
@@ -239,6 +252,7 @@ const NO_GENERAL_MICROFACET: GeneralMicrofacet = GeneralMicrofacet {
     film: 0.0,
     film_ior: 1.0,
     thickness: 0.0,
+    compensated: 0.0,
 };
 
 /// The microfacet α of a perceptual roughness.

@@ -1,7 +1,7 @@
-//! The surface of glTF's metals and dielectrics: GGX, separable Smith masking-shadowing, Schlick's Fresnel. Single
-//! scattering: rough white metal loses energy, as the specification says.
+//! The surface of glTF's metals and dielectrics: GGX, height-correlated Smith masking-shadowing, Schlick's
+//! Fresnel, and compensation for light that bounces between microfacets (`albedo.rs`).
 
-use super::{Directions, Draw, Eight, Frames, Lobe, Response, diffuseness, ggx, parameters::lobe};
+use super::{Directions, Draw, Eight, Frames, Lobe, Response, albedo, diffuseness, ggx, parameters::lobe};
 use crate::lanes::{F, V3};
 
 lobe! {
@@ -17,6 +17,11 @@ lobe! {
         layer90: Scalar,
         /// Microfacet roughness, ≥ [`ggx::MIN_ALPHA`].
         alpha: Scalar,
+        /// Share of metal, in [0, 1].
+        metal: Scalar,
+        /// 1: energy that multiple scattering gives back is compensated, and the lobes beneath get what the albedo leaves. 0: the
+        /// letter of glTF's appendix B.
+        compensated: Scalar,
     }
 }
 
@@ -44,10 +49,23 @@ impl Lobe for Microfacet<Eight> {
         let alpha2 = self.alpha * self.alpha;
         let cos_h = d.n.dot(d.h);
         let density = ggx::distribution(d.n.cross(d.h).length_squared(), cos_h * cos_h, alpha2);
-        // D G₁(wo)/(4 cos θ_o): the pdf, and the value but for F and G₁(wi).
-        let pdf = ggx::masking(d.cos_o, alpha2) * density / (F::splat(4.0) * d.cos_o);
-        let value = self.fresnel(schlick) * ((pdf * ggx::masking(d.cos_i, alpha2) * light) & d.above);
-        Response { value, pdf: pdf & d.above, through: light * (F::ONE - self.layer(schlick)) }
+        let masking = ggx::masking(d.cos_o, alpha2);
+        // D G₁(wo)/(4 cos θ_o): the pdf, and the value but for F and G₂/G₁.
+        let pdf = masking * density / (F::splat(4.0) * d.cos_o);
+        let shadowing = ggx::correlated(masking, ggx::masking(d.cos_i, alpha2));
+        let value = self.fresnel(schlick) * ((pdf * shadowing * light) & d.above);
+        let through = F::ONE - self.layer(schlick);
+        if !self.compensated.simd_gt(F::ZERO).any() {
+            return Response { value, pdf: pdf & d.above, through: light * through };
+        }
+        let split_sum = albedo::split_sum(d.cos_o, self.alpha);
+        let lost = albedo::lost(split_sum);
+        let dielectric = (self.layer90 - self.layer0).mul_add(F::splat(1.0 / 21.0), self.layer0);
+        let color = albedo::mixed_color(albedo::mean_fresnel(self.f0, self.f90), self.metal, dielectric);
+        let gain = albedo::gain(color, lost, self.compensated);
+        let beneath = F::ONE - albedo::layer(split_sum, lost, [self.layer0, self.layer90]);
+        let through = light * self.compensated.simd_gt(F::ZERO).select(beneath, through);
+        Response { value: value * gain, pdf: pdf & d.above, through }
     }
 
     #[inline(always)]

@@ -4,6 +4,7 @@
 //! A model is lobes in layers, and [`Bsdf`] lists them. A lobe is a file: it declares its parameters once, from which
 //! follow those of eight points and the columns of a batch ([`parameters`]), and answers [`Lobe`].
 
+mod albedo;
 pub mod clearcoat;
 pub mod diffuse_transmission;
 pub mod film;

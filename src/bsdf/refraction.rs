@@ -67,6 +67,14 @@ pub(super) fn rise(cos: F, eta: F) -> (F, F) {
     (((exact - normal) / (F::ONE - normal)).fast_max(F::ZERO).fast_min(F::ONE), total)
 }
 
+/// The reflectance of a dielectric at cosine `cos` to the microfacet's normal.
+pub(super) fn reflectance(cos: F, eta: F) -> F {
+    let (rise, total) = rise(cos, eta);
+    let normal = (eta - F::ONE) / (eta + F::ONE);
+    let normal = normal * normal;
+    total.select(F::ONE, (F::ONE - normal).mul_add(rise, normal))
+}
+
 /// −1 below zero, else 1.
 #[inline(always)]
 fn sign(x: F) -> F {
