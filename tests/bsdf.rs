@@ -2,7 +2,7 @@
 
 use std::f32::consts::FRAC_1_PI;
 
-use bismar::bsdf::{Anisotropy, Bsdf, Iridescence, Layered, Lobe, Microfacet, Parameters, Surface, film};
+use bismar::bsdf::{Anisotropy, Bsdf, Iridescence, Layered, Lobe, Microfacet, Parameters, Surface, thin_film};
 use bismar::lanes::{F, LANES, V3};
 use glam::Vec3;
 
@@ -64,11 +64,11 @@ fn layers() -> Vec<(String, Surface)> {
 /// Thin walls and bodies from both sides, from nearly smooth to rough, all of the surface or a part of it.
 fn glasses() -> Vec<(String, Surface)> {
     let mut all = Vec::new();
-    for (bounds_medium, behind) in [(false, false), (true, false), (true, true)] {
+    for (bounds_medium, back_facing) in [(false, false), (true, false), (true, true)] {
         for (transmission, roughness) in [(1.0, 0.45), (1.0, 0.8), (0.6, 0.6)] {
             let name =
-                format!("body {bounds_medium} behind {behind} transmission {transmission} roughness {roughness}");
-            all.push((name, Surface { transmission, bounds_medium, behind, ..surface(0.0, roughness) }));
+                format!("body {bounds_medium} behind {back_facing} transmission {transmission} roughness {roughness}");
+            all.push((name, Surface { transmission, bounds_medium, back_facing, ..surface(0.0, roughness) }));
         }
     }
     let specular_color = Vec3::new(1.0, 0.2, 3.0);
@@ -82,10 +82,10 @@ fn finishes() -> Vec<(String, Surface)> {
     let brushed =
         |s, strength| Surface { anisotropy: Some(Anisotropy { strength, tangent: Vec3::new(0.6, 0.8, 0.0) }), ..s };
     let film = |s, thickness| Surface { iridescence: Some(Iridescence { factor: 0.9, ior: 1.4, thickness }), ..s };
-    let glass = |bounds_medium, behind, roughness| Surface {
+    let glass = |bounds_medium, back_facing, roughness| Surface {
         transmission: 1.0,
         bounds_medium,
-        behind,
+        back_facing,
         ..surface(0.0, roughness)
     };
     vec![
@@ -239,11 +239,12 @@ fn smooth_white_metal_in_a_white_furnace_returns_one() {
 #[test]
 fn smooth_clear_glass_in_a_white_furnace_returns_one() {
     // As for the metal above, at both sides; from within also where nothing is transmitted.
-    for (bounds_medium, behind) in [(false, false), (true, false), (true, true)] {
-        let clear = Surface { base_color: Vec3::ONE, transmission: 1.0, bounds_medium, behind, ..surface(0.0, 0.0) };
+    for (bounds_medium, back_facing) in [(false, false), (true, false), (true, true)] {
+        let clear =
+            Surface { base_color: Vec3::ONE, transmission: 1.0, bounds_medium, back_facing, ..surface(0.0, 0.0) };
         for theta in [0.05, 0.7, 1.2, 1.5] {
             let mean = albedo(&clear.bsdf(), direction(theta, 0.0), 20_000, &mut Random(5));
-            assert!((mean.mean - 1.0).abs() < 3e-4, "{bounds_medium} {behind} {theta}: {}", mean.mean);
+            assert!((mean.mean - 1.0).abs() < 3e-4, "{bounds_medium} {back_facing} {theta}: {}", mean.mean);
         }
     }
 }
@@ -339,7 +340,7 @@ fn a_brushed_surface_spreads_light_along_its_tangent() {
 
 /// What a film on a base shows at normal incidence.
 fn film_above(base: f32, ior: f32, thickness: f32) -> Vec3 {
-    film::reflectance(F::ONE, V3::splat(Vec3::splat(base)), F::splat(ior), F::splat(thickness)).lane(0)
+    thin_film::reflectance(F::ONE, V3::splat(Vec3::splat(base)), F::splat(ior), F::splat(thickness)).lane(0)
 }
 
 #[test]
@@ -367,11 +368,11 @@ fn films_interfere() {
     }
     // What is seen from within is what is seen from without, where the light goes.
     let film = Some(Iridescence { factor: 1.0, ior: 1.4, thickness: 500.0 });
-    let glass = |behind| Surface {
+    let glass = |back_facing| Surface {
         base_color: Vec3::ONE,
         transmission: 1.0,
         bounds_medium: true,
-        behind,
+        back_facing,
         iridescence: film,
         ..surface(0.0, 0.5)
     };
@@ -408,10 +409,10 @@ fn glass_of_index_one_neither_reflects_nor_bends() {
         let clear = Surface { ior: 1.0, transmission: 1.0, bounds_medium: true, ..surface(0.0, roughness) };
         let mut random = Random(12);
         for theta in ANGLES {
-            for behind in [false, true] {
+            for back_facing in [false, true] {
                 let wo = direction(theta, 0.6);
                 for _ in 0..200 {
-                    let bsdf = Surface { behind, ..clear }.bsdf();
+                    let bsdf = Surface { back_facing, ..clear }.bsdf();
                     let Some(s) = sample(&bsdf, wo, random.f32(), random.f32(), random.f32()) else { continue };
                     // The index that stands for 1 bends by a ten thousandth, more at grazing, and reflects as much.
                     assert!(s.wi.distance(-wo) < 0.02, "{roughness} {theta}: {} for {}", s.wi, -wo);

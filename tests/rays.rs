@@ -45,7 +45,7 @@ fn other_choices(scene: &Arc<Scene>) -> Vec<Box<dyn RayQueries>> {
         }
     }
     for preset in Preset::ALL {
-        for (tree, test) in [(TreeKind::Two, TriangleTest::Embree), (TreeKind::Eight, TriangleTest::Own)] {
+        for (tree, test) in [(TreeKind::Binary, TriangleTest::Embree), (TreeKind::EightWide, TriangleTest::Obvhs)] {
             let split = Some(preset == Preset::Fast);
             all.push(obvhs(scene, &ObvhsOptions { tree, preset, split, test }));
             all.push(obvhs(scene, &ObvhsOptions { tree, preset, ..Default::default() }));

@@ -2,7 +2,9 @@
 
 use std::f32::consts::{FRAC_1_PI, PI};
 
-use super::{Directions, Draw, Eight, Frames, Lobe, Response, microfacet::schlick_weight, parameters::lobe};
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response};
+use super::microfacet::schlick_weight;
+use super::parameters::{Eight, lobe};
 use crate::lanes::{F, V3};
 use crate::sampling::warp;
 
@@ -36,7 +38,7 @@ impl Lobe for DiffuseTransmission<Eight> {
 
     #[inline(always)]
     fn weight(&self, n: V3, wo: V3) -> (F, F) {
-        (self.diffuse.luminance() * F::splat(PI) * self.below_layer(n.dot(wo)), F::ONE)
+        (self.diffuse.luminance() * F::splat(PI) * self.layer_transmittance(n.dot(wo)), F::ONE)
     }
 
     #[inline(always)]
@@ -48,20 +50,20 @@ impl Lobe for DiffuseTransmission<Eight> {
         // The layer sees the light as if it came from the eye's side.
         let mirrored = d.wi - d.n * (F::splat(2.0) * d.cos_i);
         let h = (d.wo + mirrored).normalize_or(d.n);
-        let value = self.diffuse * ((d.cos_i.abs() * light * self.below_layer(d.wo.dot(h))) & below);
-        Response { value, pdf, through: light }
+        let value = self.diffuse * ((d.cos_i.abs() * light * self.layer_transmittance(d.wo.dot(h))) & below);
+        Response { value, pdf, transmittance: light }
     }
 
     #[inline(always)]
-    fn draw(&self, Frames { t, b, n }: &Frames, _: V3, [_, u, v]: [F; 3]) -> Draw {
+    fn sample_direction(&self, Frames { t, b, n }: &Frames, _: V3, [_, u, v]: [F; 3]) -> DirectionSample {
         let cosine = warp::cosine_hemispheres(u, v);
-        Draw { wi: *t * cosine.x + *b * cosine.y - *n * cosine.z, h: V3::ZERO }
+        DirectionSample { wi: *t * cosine.x + *b * cosine.y - *n * cosine.z, h: V3::ZERO }
     }
 }
 
 impl DiffuseTransmission<Eight> {
     #[inline(always)]
-    fn below_layer(&self, cos: F) -> F {
+    fn layer_transmittance(&self, cos: F) -> F {
         F::ONE - (self.layer90 - self.layer0).mul_add(schlick_weight(cos), self.layer0)
     }
 }

@@ -7,10 +7,17 @@ use std::f32::consts::FRAC_1_PI;
 
 use glam::Vec3;
 
-use super::{
-    Bsdf, Clearcoat, Core, DiffuseTransmission, GeneralMicrofacet, Glass, Lambert, Layered, Microfacet, Sheen, ggx,
-    glass, sheen,
-};
+use super::clearcoat::Clearcoat;
+use super::diffuse_transmission::DiffuseTransmission;
+use super::general_microfacet::GeneralMicrofacet;
+use super::ggx;
+use super::glass::{Glass, MIN_BEND};
+use super::lambert::Lambert;
+use super::layered::Layered;
+use super::microfacet::Microfacet;
+use super::model::{BelowGeneralMicrofacet, BelowGlass, Bsdf, Core};
+use super::parameters::One;
+use super::sheen::{MIN_ROUGHNESS, Sheen};
 
 /// The material's parameters at one point, textures applied.
 #[derive(Debug, Clone, Copy)]
@@ -39,7 +46,7 @@ pub struct Surface {
     /// The surface bounds a body (KHR_materials_volume); else it is a thin wall.
     pub bounds_medium: bool,
     /// It is seen from behind: the eye is inside of the body.
-    pub behind: bool,
+    pub back_facing: bool,
     /// KHR_materials_sheen: colour, in [0, 1].
     pub sheen_color: Vec3,
     /// Perceptual roughness of the sheen in [0, 1].
@@ -92,7 +99,7 @@ impl Default for Surface {
             diffuse_transmission: 0.0,
             diffuse_transmission_color: Vec3::ONE,
             bounds_medium: false,
-            behind: false,
+            back_facing: false,
             sheen_color: Vec3::ZERO,
             sheen_roughness: 0.0,
             clearcoat: 0.0,
@@ -111,43 +118,43 @@ impl Surface {
         // Lobes that are missing keep parameters with which nothing is undefined: other lanes may have them.
         let coat =
             Clearcoat { coat: self.clearcoat, normal: self.clearcoat_normal, alpha: alpha(self.clearcoat_roughness) };
-        let sheen = Sheen { color: self.sheen_color, roughness: self.sheen_roughness.max(sheen::MIN_ROUGHNESS) };
-        let finished = (self.anisotropy.is_some() || self.iridescence.is_some()) && self.specular_glossiness.is_none();
-        let (glass, reflection) = if finished { self.finished() } else { self.plain() };
+        let sheen = Sheen { color: self.sheen_color, roughness: self.sheen_roughness.max(MIN_ROUGHNESS) };
+        let general = (self.anisotropy.is_some() || self.iridescence.is_some()) && self.specular_glossiness.is_none();
+        let (glass, reflection) = if general { self.general() } else { self.isotropic() };
         Layered { top: coat, base: Layered { top: sheen, base: Layered { top: glass, base: reflection } } }
     }
 
     /// The model, where nothing but the core one's parameters is set.
     #[inline(always)]
     pub fn core(&self) -> Core {
-        self.reflection(0.0).base
+        self.below_general_microfacet(0.0).base
     }
 
     /// A surface as rough every way, without a film.
     #[inline]
-    fn plain(&self) -> (Glass, super::Reflection<super::One>) {
-        let share = self.transmission * (1.0 - self.metallic);
-        let glass = if share > 0.0 { self.glass(share) } else { NO_GLASS };
-        (glass, Layered { top: NO_GENERAL_MICROFACET, base: self.reflection(share) })
+    fn isotropic(&self) -> (Glass, BelowGlass<One>) {
+        let fraction = self.transmission * (1.0 - self.metallic);
+        let glass = if fraction > 0.0 { self.glass(fraction) } else { NO_GLASS };
+        (glass, Layered { top: NO_GENERAL_MICROFACET, base: self.below_general_microfacet(fraction) })
     }
 
     /// What has [`GeneralMicrofacet`] in place of glass and microfacets.
-    fn finished(&self) -> (Glass, super::Reflection<super::One>) {
+    fn general(&self) -> (Glass, BelowGlass<One>) {
         let glass = self.glass(self.transmission);
         let no_glass = self.transmission == 0.0;
         let alpha_b = if no_glass { alpha(self.roughness) } else { glass.alpha };
         let Anisotropy { strength, tangent } =
             self.anisotropy.unwrap_or(Anisotropy { strength: 0.0, tangent: Vec3::ZERO });
         let strength = if tangent == Vec3::ZERO { 0.0 } else { strength };
-        let mut finish = GeneralMicrofacet {
+        let mut general_microfacet = GeneralMicrofacet {
             tangent,
             alpha_t: alpha_b + (1.0 - alpha_b) * strength * strength,
             alpha_b,
             f0: glass.f0,
             f90: glass.f90,
-            metal: self.metallic,
-            metal0: self.base_color,
-            share: if self.metallic < 1.0 { self.transmission } else { 0.0 },
+            metallic: self.metallic,
+            metallic_f0: self.base_color,
+            transmission: if self.metallic < 1.0 { self.transmission } else { 0.0 },
             tint: glass.tint,
             eta: if no_glass { NO_GENERAL_MICROFACET.eta } else { glass.eta },
             thin: if no_glass { 1.0 } else { glass.thin },
@@ -155,22 +162,29 @@ impl Surface {
         };
         if let Some(Iridescence { factor, ior, thickness }) = self.iridescence {
             // What is thinner than an atom is no film.
-            let there = (thickness / 0.03).clamp(0.0, 1.0);
-            let there = there * there * (3.0 - 2.0 * there);
-            (finish.film, finish.film_ior, finish.thickness) = (factor * there, ior, thickness);
+            let presence = (thickness / 0.03).clamp(0.0, 1.0);
+            let presence = presence * presence * (3.0 - 2.0 * presence);
+            (general_microfacet.iridescence, general_microfacet.film_ior, general_microfacet.film_thickness) =
+                (factor * presence, ior, thickness);
         }
         let base = (1.0 - self.metallic) * (1.0 - self.transmission) * FRAC_1_PI;
-        let share = self.diffuse_transmission;
-        let transmitted =
-            DiffuseTransmission { diffuse: self.diffuse_transmission_color * (base * share), ..Default::default() };
-        let lambert = Lambert { diffuse: self.base_color * (base * (1.0 - share)) };
+        let fraction = self.diffuse_transmission;
+        let diffuse_transmission =
+            DiffuseTransmission { diffuse: self.diffuse_transmission_color * (base * fraction), ..Default::default() };
+        let lambert = Lambert { diffuse: self.base_color * (base * (1.0 - fraction)) };
         let top = Microfacet { alpha: 1.0, ..Default::default() };
-        (NO_GLASS, Layered { top: finish, base: Layered { top: transmitted, base: Layered { top, base: lambert } } })
+        (
+            NO_GLASS,
+            Layered {
+                top: general_microfacet,
+                base: Layered { top: diffuse_transmission, base: Layered { top, base: lambert } },
+            },
+        )
     }
 
     /// What is not glass, of which the surface has this share.
     #[inline(always)]
-    fn reflection(&self, glass: f32) -> super::Unfinished<super::One> {
+    fn below_general_microfacet(&self, glass: f32) -> BelowGeneralMicrofacet<One> {
         let alpha = alpha(self.roughness);
         if glass >= 1.0 {
             let top = Microfacet { alpha, ..Default::default() };
@@ -186,15 +200,15 @@ impl Surface {
         let dielectric0 = self.dielectric0();
         let (layer0, layer90) = (dielectric0.max_element(), self.specular);
         let mut diffuse = self.base_color * ((1.0 - m) * FRAC_1_PI);
-        let mut transmitted = DiffuseTransmission { diffuse: Vec3::ZERO, layer0, layer90 };
+        let mut diffuse_transmission = DiffuseTransmission { diffuse: Vec3::ZERO, layer0, layer90 };
         if self.diffuse_transmission > 0.0 {
-            let share = self.diffuse_transmission;
-            transmitted.diffuse = self.diffuse_transmission_color * ((1.0 - m) * share * FRAC_1_PI);
-            diffuse *= 1.0 - share;
+            let fraction = self.diffuse_transmission;
+            diffuse_transmission.diffuse = self.diffuse_transmission_color * ((1.0 - m) * fraction * FRAC_1_PI);
+            diffuse *= 1.0 - fraction;
         }
         let f0 = dielectric0 * (1.0 - m) + self.base_color * m;
         let top = Microfacet { f0, f90: self.specular * (1.0 - m) + m, layer0, layer90, alpha };
-        Layered { top: transmitted, base: Layered { top, base: Lambert { diffuse } } }
+        Layered { top: diffuse_transmission, base: Layered { top, base: Lambert { diffuse } } }
     }
 
     /// The dielectric's reflectance at normal incidence.
@@ -203,16 +217,16 @@ impl Surface {
         (reflectance * self.specular_color).min(Vec3::ONE) * self.specular
     }
 
-    fn glass(&self, share: f32) -> Glass {
+    fn glass(&self, fraction: f32) -> Glass {
         // An infinite index passes nothing whatever its value here; index 1 is no surface, and so not a rough one.
-        let ior = if self.ior == 0.0 { f32::from(u8::MAX) } else { self.ior.max(1.0 + glass::MIN_BEND) };
-        let rough = if ior > 1.0 + glass::MIN_BEND { alpha(self.roughness) } else { ggx::MIN_ALPHA };
+        let ior = if self.ior == 0.0 { f32::from(u8::MAX) } else { self.ior.max(1.0 + MIN_BEND) };
+        let rough = if ior > 1.0 + MIN_BEND { alpha(self.roughness) } else { ggx::MIN_ALPHA };
         Glass {
-            share,
+            fraction,
             tint: self.base_color,
             f0: self.dielectric0(),
             f90: self.specular,
-            eta: if self.bounds_medium && self.behind { 1.0 / ior } else { ior },
+            eta: if self.bounds_medium && self.back_facing { 1.0 / ior } else { ior },
             thin: f32::from(u8::from(!self.bounds_medium)),
             alpha: rough,
         }
@@ -221,7 +235,7 @@ impl Surface {
 
 /// No glass, for lanes beside others with it.
 const NO_GLASS: Glass =
-    Glass { share: 0.0, tint: Vec3::ZERO, f0: Vec3::ZERO, f90: 0.0, eta: 1.5, thin: 0.0, alpha: 1.0 };
+    Glass { fraction: 0.0, tint: Vec3::ZERO, f0: Vec3::ZERO, f90: 0.0, eta: 1.5, thin: 0.0, alpha: 1.0 };
 
 /// No finish, for lanes beside others with it.
 const NO_GENERAL_MICROFACET: GeneralMicrofacet = GeneralMicrofacet {
@@ -230,15 +244,15 @@ const NO_GENERAL_MICROFACET: GeneralMicrofacet = GeneralMicrofacet {
     alpha_b: 1.0,
     f0: Vec3::ZERO,
     f90: 0.0,
-    metal: 0.0,
-    metal0: Vec3::ZERO,
-    share: 0.0,
+    metallic: 0.0,
+    metallic_f0: Vec3::ZERO,
+    transmission: 0.0,
     tint: Vec3::ZERO,
     eta: 1.5,
     thin: 1.0,
-    film: 0.0,
+    iridescence: 0.0,
     film_ior: 1.0,
-    thickness: 0.0,
+    film_thickness: 0.0,
 };
 
 /// The microfacet α of a perceptual roughness.

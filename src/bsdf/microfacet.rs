@@ -1,7 +1,9 @@
 //! The surface of glTF's metals and dielectrics: GGX, separable Smith masking-shadowing, Schlick's Fresnel. Single
 //! scattering: rough white metal loses energy, as the specification says.
 
-use super::{Directions, Draw, Eight, Frames, Lobe, Response, diffuseness, ggx, parameters::lobe};
+use super::ggx;
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, diffuseness};
+use super::parameters::{Eight, lobe};
 use crate::lanes::{F, V3};
 
 lobe! {
@@ -47,16 +49,16 @@ impl Lobe for Microfacet<Eight> {
         // D G₁(wo)/(4 cos θ_o): the pdf, and the value but for F and G₁(wi).
         let pdf = ggx::masking(d.cos_o, alpha2) * density / (F::splat(4.0) * d.cos_o);
         let value = self.fresnel(schlick) * ((pdf * ggx::masking(d.cos_i, alpha2) * light) & d.above);
-        Response { value, pdf: pdf & d.above, through: light * (F::ONE - self.layer(schlick)) }
+        Response { value, pdf: pdf & d.above, transmittance: light * (F::ONE - self.layer(schlick)) }
     }
 
     #[inline(always)]
-    fn draw(&self, Frames { t, b, n }: &Frames, wo: V3, [_, u, v]: [F; 3]) -> Draw {
+    fn sample_direction(&self, Frames { t, b, n }: &Frames, wo: V3, [_, u, v]: [F; 3]) -> DirectionSample {
         let local = V3 { x: t.dot(wo), y: b.dot(wo), z: n.dot(wo) };
         let m = ggx::sample_visible_normal(local, [self.alpha; 2], u, v);
         // h as drawn, not as rebuilt from wo + wi: exact also for narrow lobes.
         let h = *t * m.x + *b * m.y + *n * m.z;
-        Draw { wi: h * (F::splat(2.0) * wo.dot(h)) - wo, h }
+        DirectionSample { wi: h * (F::splat(2.0) * wo.dot(h)) - wo, h }
     }
 }
 

@@ -4,7 +4,7 @@ use std::fmt::Debug;
 
 use glam::Vec3;
 
-use super::LobeSet;
+use super::lobe_set::LobeSet;
 use crate::lanes::{F, LANES, Rows, V3, V3Column, eight, grow, load, store};
 
 /// Of how many points a set of parameters is.
@@ -52,8 +52,8 @@ pub trait Parameters: Debug + Copy + Default {
     /// A point a lane.
     fn gather(points: [&Self; LANES]) -> Self::Eight;
 
-    /// Makes room for `most` points at which there are no lobes but those in `lobes`.
-    fn grow(columns: &mut Self::Columns, most: usize, lobes: LobeSet);
+    /// Makes room for `capacity` points at which there are no lobes but those in `lobes`.
+    fn grow(columns: &mut Self::Columns, capacity: usize, lobes: LobeSet);
 
     /// Writes eight points from row `at` on.
     fn store(columns: &mut Self::Columns, at: usize, points: [&Self; LANES]);
@@ -71,8 +71,8 @@ impl Parameters for f32 {
         F::from(eight(|lane| *points[lane]))
     }
 
-    fn grow(columns: &mut Vec<f32>, most: usize, _: LobeSet) {
-        grow(columns, most);
+    fn grow(columns: &mut Vec<f32>, capacity: usize, _: LobeSet) {
+        grow(columns, capacity);
     }
 
     #[inline(always)]
@@ -95,8 +95,8 @@ impl Parameters for Vec3 {
         V3::gather(eight(|lane| *points[lane]))
     }
 
-    fn grow(columns: &mut V3Column, most: usize, _: LobeSet) {
-        columns.grow(most);
+    fn grow(columns: &mut V3Column, capacity: usize, _: LobeSet) {
+        columns.grow(capacity);
     }
 
     #[inline(always)]
@@ -115,12 +115,13 @@ macro_rules! lobe {
     ($(#[$doc:meta])* $name:ident { $($(#[$about:meta])* $field:ident: $kind:ident,)+ }) => {
         $(#[$doc])*
         #[derive(Debug, Clone, Copy, Default)]
-        pub struct $name<W: $crate::bsdf::Width = $crate::bsdf::One> {
+        pub struct $name<W: $crate::bsdf::parameters::Width = $crate::bsdf::parameters::One> {
             $($(#[$about])* pub $field: W::$kind,)+
         }
 
         const _: () = {
-            use $crate::bsdf::{Columns, Eight, LobeSet, One, Parameters, Width};
+            use $crate::bsdf::lobe_set::LobeSet;
+            use $crate::bsdf::parameters::{Columns, Eight, One, Parameters, Width};
             use $crate::lanes::{LANES, Rows, eight};
 
             impl Parameters for $name<One> {
@@ -132,8 +133,8 @@ macro_rules! lobe {
                     $name { $($field: Parameters::gather(eight(|lane| &points[lane].$field)),)+ }
                 }
 
-                fn grow(columns: &mut Self::Columns, most: usize, lobes: LobeSet) {
-                    $(<One as Width>::$kind::grow(&mut columns.$field, most, lobes);)+
+                fn grow(columns: &mut Self::Columns, capacity: usize, lobes: LobeSet) {
+                    $(<One as Width>::$kind::grow(&mut columns.$field, capacity, lobes);)+
                 }
 
                 #[inline(always)]

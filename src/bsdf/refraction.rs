@@ -3,7 +3,7 @@
 //! side; in lanes of the mask `thin` the surface is a thin wall, which light leaves as its reflection would, on the other
 //! side.
 
-use super::{Directions, Draw};
+use super::lobe::{DirectionSample, Directions};
 use crate::lanes::{F, V3};
 
 /// A microfacet that sends light from `wi` to `wo`.
@@ -13,7 +13,7 @@ pub(super) struct Facet {
     /// wo · h.
     pub wo_h: F,
     /// Mask: it transmits.
-    pub passes: F,
+    pub transmits: F,
     /// Solid angle of its normal over that of `wi`, times wo·h.
     pub jacobian: F,
 }
@@ -23,39 +23,40 @@ pub(super) struct Facet {
 #[inline(always)]
 pub(super) fn facet(d: &Directions, eta: F, thin: F) -> Facet {
     let below = d.cos_o.simd_gt(F::ZERO) & d.cos_i.simd_lt(F::ZERO);
-    let toward = d.n.dot(d.h);
+    let n_dot_h = d.n.dot(d.h);
     let mirrored = d.wi - d.n * (F::splat(2.0) * d.cos_i);
     let rebuilt = (d.wo + V3::select(thin, mirrored, d.wi * eta)).normalize_or(V3::ZERO);
     let rebuilt = rebuilt * sign(d.n.dot(rebuilt));
-    let transmits = V3::select(toward.simd_lt(F::ZERO), d.h * F::splat(-1.0), rebuilt);
-    let h = V3::select(d.above, d.h, transmits);
+    let transmitting = V3::select(n_dot_h.simd_lt(F::ZERO), d.h * F::splat(-1.0), rebuilt);
+    let h = V3::select(d.above, d.h, transmitting);
 
     let (wo_h, wi_h) = (d.wo.dot(h), d.wi.dot(h));
-    let passes = below & toward.simd_le(F::ZERO) & wo_h.simd_gt(F::ZERO) & thin.select(F::ONE, -wi_h).simd_gt(F::ZERO);
+    let transmits =
+        below & n_dot_h.simd_le(F::ZERO) & wo_h.simd_gt(F::ZERO) & thin.select(F::ONE, -wi_h).simd_gt(F::ZERO);
     let bend = wi_h.mul_add(eta, wo_h);
     let refraction = wo_h * wi_h.abs() * eta * eta / (bend * bend);
-    Facet { h, wo_h, passes, jacobian: (d.above | thin).select(F::splat(0.25), refraction) }
+    Facet { h, wo_h, transmits, jacobian: (d.above | thin).select(F::splat(0.25), refraction) }
 }
 
 /// What a microfacet of normal `h` makes of light: it is reflected in lanes of `reflects`, transmitted in others.
 #[inline(always)]
-pub(super) fn follow(n: V3, wo: V3, h: V3, eta: F, thin: F, reflects: F) -> Draw {
+pub(super) fn reflect_or_refract(n: V3, wo: V3, h: V3, eta: F, thin: F, reflects: F) -> DirectionSample {
     let cos = wo.dot(h);
     let mirror = h * (F::splat(2.0) * cos) - wo;
-    let behind = mirror - n * (F::splat(2.0) * n.dot(mirror));
+    let through_wall = mirror - n * (F::splat(2.0) * n.dot(mirror));
     let one_over_eta = F::ONE / eta;
     let root = ((cos * cos - F::ONE) * one_over_eta).mul_add(one_over_eta, F::ONE).fast_max(F::ZERO).sqrt();
     let refracted = h * (cos * one_over_eta - root) - wo * one_over_eta;
-    let wi = V3::select(reflects, mirror, V3::select(thin, behind, refracted));
+    let wi = V3::select(reflects, mirror, V3::select(thin, through_wall, refracted));
     // On the other side than it should be, nothing is drawn.
     let good = (n.dot(wi) * reflects.select(F::ONE, -F::ONE)).simd_gt(F::ZERO);
-    Draw { wi: V3::select(good, wi, V3::ZERO), h: h * reflects.select(F::ONE, -F::ONE) }
+    DirectionSample { wi: V3::select(good, wi, V3::ZERO), h: h * reflects.select(F::ONE, -F::ONE) }
 }
 
 /// How far the exact reflectance of a dielectric (equation 22) has risen at cosine `cos` to the microfacet's normal, from 0 at
 /// normal incidence to 1 at grazing; and a mask: all is reflected.
 #[inline(always)]
-pub(super) fn rise(cos: F, eta: F) -> (F, F) {
+pub(super) fn fresnel_rise(cos: F, eta: F) -> (F, F) {
     let g2 = cos.mul_add(cos, eta * eta - F::ONE);
     let total = g2.simd_le(F::ZERO);
     let g = g2.fast_max(F::ZERO).sqrt();

@@ -4,7 +4,8 @@
 use std::f32::consts::{FRAC_1_PI, PI};
 use std::sync::LazyLock;
 
-use super::{Directions, Draw, Eight, Frames, Lobe, Response, parameters::lobe};
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response};
+use super::parameters::{Eight, lobe};
 use crate::lanes::{F, V3, eight};
 use crate::sampling::warp;
 
@@ -29,7 +30,7 @@ impl Lobe for Sheen<Eight> {
 
     #[inline(always)]
     fn weight(&self, n: V3, wo: V3) -> (F, F) {
-        let albedo = albedos(n.dot(wo), self.roughness);
+        let albedo = directional_albedo(n.dot(wo), self.roughness);
         (self.color.luminance() * albedo, F::ONE - self.color.max_element() * albedo)
     }
 
@@ -39,15 +40,16 @@ impl Lobe for Sheen<Eight> {
         let brdf = brdf(d.n.dot(d.h), d.cos_o, d.cos_i, self.roughness);
         let value = self.color * ((brdf * d.cos_i * light) & d.above);
         // The albedo is the same both ways.
-        let albedo = albedos(d.cos_o, self.roughness).fast_max(albedos(d.cos_i.abs(), self.roughness));
-        Response { value, pdf, through: light * (F::ONE - self.color.max_element() * albedo) }
+        let albedo =
+            directional_albedo(d.cos_o, self.roughness).fast_max(directional_albedo(d.cos_i.abs(), self.roughness));
+        Response { value, pdf, transmittance: light * (F::ONE - self.color.max_element() * albedo) }
     }
 
     #[inline(always)]
-    fn draw(&self, Frames { t, b, n }: &Frames, wo: V3, [_, u, v]: [F; 3]) -> Draw {
+    fn sample_direction(&self, Frames { t, b, n }: &Frames, wo: V3, [_, u, v]: [F; 3]) -> DirectionSample {
         let cosine = warp::cosine_hemispheres(u, v);
         let wi = *t * cosine.x + *b * cosine.y + *n * cosine.z;
-        Draw { wi, h: (wo + wi).normalize_or(*n) }
+        DirectionSample { wi, h: (wo + wi).normalize_or(*n) }
     }
 }
 
@@ -91,12 +93,12 @@ static ALBEDO: LazyLock<[[f32; NODES]; NODES]> = LazyLock::new(|| {
     let step = |i: usize| i as f32 / (NODES - 1) as f32;
     std::array::from_fn(|i| {
         let roughness = MIN_ROUGHNESS + (1.0 - MIN_ROUGHNESS) * step(i);
-        std::array::from_fn(|j| white_albedo(step(j).max(1e-3), roughness))
+        std::array::from_fn(|j| integrate_white_albedo(step(j).max(1e-3), roughness))
     })
 });
 
 /// By the midpoint rule in the light's angle and azimuth.
-fn white_albedo(cos_o: f32, roughness: f32) -> f32 {
+fn integrate_white_albedo(cos_o: f32, roughness: f32) -> f32 {
     const STEPS: usize = 32;
     let (sin_o, roughness) = ((1.0 - cos_o * cos_o).sqrt(), F::splat(roughness));
     let mut sum = 0.0;
@@ -121,16 +123,16 @@ fn white_albedo(cos_o: f32, roughness: f32) -> f32 {
 
 /// The table, between its nodes.
 #[inline(always)]
-fn albedos(cos: F, roughness: F) -> F {
+fn directional_albedo(cos: F, roughness: F) -> F {
     let last = (NODES - 1) as f32;
-    let place = |x: f32| {
+    let node = |x: f32| {
         let x = (x * last).clamp(0.0, last - 1e-3);
         (x as usize, x.fract())
     };
     let (cos, roughness) = (cos.to_array(), roughness.to_array());
     F::from(eight(|lane| {
-        let (j, v) = place(cos[lane]);
-        let (i, u) = place((roughness[lane] - MIN_ROUGHNESS) / (1.0 - MIN_ROUGHNESS));
+        let (j, v) = node(cos[lane]);
+        let (i, u) = node((roughness[lane] - MIN_ROUGHNESS) / (1.0 - MIN_ROUGHNESS));
         let row = |i: usize| ALBEDO[i][j] * (1.0 - v) + ALBEDO[i][j + 1] * v;
         row(i) * (1.0 - u) + row(i + 1) * u
     }))

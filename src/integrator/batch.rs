@@ -61,14 +61,14 @@ pub struct PixelBatch<'a> {
 
 impl<'a> PixelBatch<'a> {
     /// Of radiance alone, that nobody listens to.
-    pub fn plain(tasks: &'a [PixelTask], stats: &'a mut [PixelStats]) -> Self {
+    pub fn radiance_only(tasks: &'a [PixelTask], stats: &'a mut [PixelStats]) -> Self {
         Self { tasks, stats, peaks: &mut [], aovs: &mut [], extras: &mut [], observer: None }
     }
 
     /// Tells the observer of a contribution in pixel `pixel` of the batch.
-    pub(super) fn tell(&mut self, pixel: usize, found: Contribution) {
+    pub(super) fn notify(&mut self, pixel: usize, contribution: Contribution) {
         if let Some(observer) = &mut self.observer {
-            observer.contribution(&Contribution { pixel: self.tasks[pixel].number, ..found });
+            observer.contribution(&Contribution { pixel: self.tasks[pixel].number, ..contribution });
         }
     }
 }

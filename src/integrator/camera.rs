@@ -57,7 +57,7 @@ pub struct CameraRays {
 }
 
 /// Where a camera stands, eight times: its axes and its eye.
-struct Stand {
+struct CameraPose {
     right: V3,
     up: V3,
     back: V3,
@@ -110,7 +110,7 @@ impl CameraRays {
 
     /// Where a point is in the picture, in pixels to the right and up from its middle, from where the camera stands at the
     /// picture's own moment or from `to_world`; `None` behind it.
-    pub fn place(&self, to_world: Option<Affine3A>, p: Vec3) -> Option<Vec2> {
+    pub fn project(&self, to_world: Option<Affine3A>, p: Vec3) -> Option<Vec2> {
         let p = to_world.unwrap_or(self.to_world).inverse().transform_point3(p);
         let depth = if self.perspective { -p.z } else { 1.0 };
         let at = Vec2::new(p.x, p.y) * 0.5 * Vec2::from(self.size) / (Vec2::from(self.half) * depth);
@@ -121,31 +121,31 @@ impl CameraRays {
     /// where there is no lens.
     #[inline(always)]
     pub fn rays_through(&self, (x, y): (F, F), (u, v): (F, F), time: F) -> (V3, V3) {
-        let stand = self.stand(time);
-        let (origin, direction) = self.rays_from(&stand, x, y);
+        let pose = self.pose(time);
+        let (origin, direction) = self.rays_from(&pose, x, y);
         match &self.lens {
             None => (origin, direction),
-            Some(lens) => self.refracted(&stand, lens, (origin, direction), lens.point(u, v)),
+            Some(lens) => self.through_lens(&pose, lens, (origin, direction), lens.point(u, v)),
         }
     }
 
     #[inline(always)]
-    fn stand(&self, time: F) -> Stand {
+    fn pose(&self, time: F) -> CameraPose {
         match &self.motion {
             None => {
                 let m = &self.to_world.matrix3;
                 let [right, up, back] = [m.x_axis, m.y_axis, m.z_axis].map(|axis| V3::splat(axis.into()));
-                Stand { right, up, back, eye: V3::splat(self.to_world.translation.into()) }
+                CameraPose { right, up, back, eye: V3::splat(self.to_world.translation.into()) }
             }
-            Some(motion) => Self::moved(motion, time),
+            Some(motion) => Self::moving_pose(motion, time),
         }
     }
 
     #[inline(never)]
-    fn moved(motion: &Motion, time: F) -> Stand {
+    fn moving_pose(motion: &Motion, time: F) -> CameraPose {
         let at = time.to_array().map(|time| motion.at(time));
         let column = |of: fn(&Affine3A) -> Vec3A| V3::gather(eight(|lane| of(&at[lane]).into()));
-        Stand {
+        CameraPose {
             right: column(|m| m.matrix3.x_axis),
             up: column(|m| m.matrix3.y_axis),
             back: column(|m| m.matrix3.z_axis),
@@ -155,15 +155,15 @@ impl CameraRays {
 
     /// A pinhole's ray, bent to meet it in the plane of focus after it came through this point of the lens.
     #[inline(never)]
-    fn refracted(
+    fn through_lens(
         &self,
-        stand: &Stand,
+        pose: &CameraPose,
         lens: &Lens,
         (origin, direction): (V3, V3),
         (across, above): (F, F),
     ) -> (V3, V3) {
-        let distance = F::splat(-lens.focus) / direction.dot(stand.back);
-        let aside = stand.right * across + stand.up * above;
+        let distance = F::splat(-lens.focus) / direction.dot(pose.back);
+        let aside = pose.right * across + pose.up * above;
         let toward = direction * distance - aside;
         (origin + aside, toward.normalize_or(direction))
     }
@@ -172,11 +172,11 @@ impl CameraRays {
     /// [0, 1] of the shutter.
     #[inline(always)]
     pub fn rays(&self, x: F, y: F, time: F) -> (V3, V3) {
-        self.rays_from(&self.stand(time), x, y)
+        self.rays_from(&self.pose(time), x, y)
     }
 
     #[inline(always)]
-    fn rays_from(&self, &Stand { right, up, back, eye }: &Stand, x: F, y: F) -> (V3, V3) {
+    fn rays_from(&self, &CameraPose { right, up, back, eye }: &CameraPose, x: F, y: F) -> (V3, V3) {
         let sx = x.mul_add(F::splat(2.0 / self.size[0]), F::splat(-1.0)) * F::splat(self.half[0]);
         let sy = y.mul_add(F::splat(-2.0 / self.size[1]), F::ONE) * F::splat(self.half[1]);
         let across = right * sx + up * sy;

@@ -13,7 +13,7 @@ pub const SET: u32 = u32::MAX;
 /// A surface as the channel meets it that `number` in [0, 1) draws for a path of throughput `beta`, and the channel's
 /// throughput. Both are unchanged where nothing is bent by its colour.
 #[inline]
-pub fn draw(surface: Surface, material: &Material, beta: Vec3, number: f32) -> (Surface, Vec3) {
+pub fn sample_channel(surface: Surface, material: &Material, beta: Vec3, number: f32) -> (Surface, Vec3) {
     let sum = beta.element_sum();
     if !material.disperses() || surface.transmission * (1.0 - surface.metallic) <= 0.0 || sum <= 0.0 {
         return (surface, beta);

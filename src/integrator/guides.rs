@@ -1,6 +1,6 @@
 //! What pixels' centres show, by which pixels know from which neighbours to learn.
 
-use super::Transport;
+use super::transport::Transport;
 use crate::balance::spread::Guide;
 use crate::lanes::{F, LANES, U};
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};

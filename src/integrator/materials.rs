@@ -9,19 +9,19 @@ use crate::scene::{Material, Mesh, Scene, TextureSlot};
 
 /// How much of shading a mesh needs.
 #[derive(Debug, Clone, Copy)]
-pub struct Kind {
+pub struct MeshMaterial {
     /// Its index into [`Scene::materials`].
     pub material: u32,
     /// No texture or vertex colour varies its scattering or its normal, and it stands still.
-    pub plain: bool,
+    pub constant: bool,
     /// No texture or vertex colour varies that nothing scatters.
     pub black: bool,
     /// It emits, or is unlit.
-    pub shines: bool,
+    pub emits: bool,
     /// It does nothing but emit its colour.
     pub unlit: bool,
     /// It bounds a body of this medium, an index into [`Materials::media`].
-    pub bounds: Option<u32>,
+    pub interior_medium: Option<u32>,
 }
 
 /// The scattering of each material that no texture or vertex colour varies, made once, and each mesh's kind.
@@ -29,7 +29,7 @@ pub struct Kind {
 pub struct Materials {
     /// Seen from the front and, where something transmits, from behind.
     constant: [Vec<Bsdf>; 2],
-    kinds: Vec<Kind>,
+    mesh_materials: Vec<MeshMaterial>,
     /// Lobes that the scene's surfaces may have.
     pub lobes: LobeSet,
     /// Does light pass through a surface of the scene?
@@ -44,42 +44,47 @@ pub struct Materials {
 impl Materials {
     /// Prepares a scene's materials.
     pub fn new(scene: &Scene) -> Self {
-        let constant: Vec<_> = scene.materials.iter().map(|m| plain(m).bsdf()).collect();
+        let constant: Vec<_> = scene.materials.iter().map(|m| untextured(m).bsdf()).collect();
         let mut media = vec![Vec3::ZERO];
-        let mut bounds = |m: &Material| {
+        let mut add_medium = |m: &Material| {
             let absorbs = m.absorption.max_element() > 0.0;
             absorbs.then(|| media.push(m.absorption));
             if absorbs { media.len() as u32 - 1 } else { 0 }
         };
-        let bodies: Vec<_> =
-            scene.materials.iter().map(|m| (m.transmits() && m.bounds_medium).then(|| bounds(m))).collect();
+        let interiors: Vec<_> =
+            scene.materials.iter().map(|m| (m.transmits() && m.bounds_medium).then(|| add_medium(m))).collect();
         let kind = |(mesh, moves): (&Arc<Mesh>, bool)| {
-            let kind = kind(scene, mesh, &constant);
-            Kind { bounds: bodies[mesh.material as usize], plain: kind.plain && !moves, ..kind }
+            let kind = classify(scene, mesh, &constant);
+            MeshMaterial {
+                interior_medium: interiors[mesh.material as usize],
+                constant: kind.constant && !moves,
+                ..kind
+            }
         };
-        let kinds: Vec<_> = scene.meshes.iter().zip(scene.moving_meshes()).map(kind).collect();
-        let lit = || kinds.iter().filter(|kind| !kind.unlit).map(|kind| &scene.materials[kind.material as usize]);
-        let lobes = lit().map(lobes).fold(LobeSet::default(), LobeSet::union);
+        let mesh_materials: Vec<_> = scene.meshes.iter().zip(scene.moving_meshes()).map(kind).collect();
+        let lit =
+            || mesh_materials.iter().filter(|kind| !kind.unlit).map(|kind| &scene.materials[kind.material as usize]);
+        let lobes = lit().map(possible_lobes).fold(LobeSet::default(), LobeSet::union);
         let transmits = lit().any(Material::transmits);
         let disperses = lit().any(Material::disperses);
-        let behind = if transmits {
-            scene.materials.iter().map(|m| Surface { behind: true, ..plain(m) }.bsdf()).collect()
+        let back_facing = if transmits {
+            scene.materials.iter().map(|m| Surface { back_facing: true, ..untextured(m) }.bsdf()).collect()
         } else {
             Vec::new()
         };
-        Self { constant: [constant, behind], kinds, lobes, transmits, disperses, media }
+        Self { constant: [constant, back_facing], mesh_materials, lobes, transmits, disperses, media }
     }
 
     /// The kind of a mesh.
     #[inline]
-    pub fn kind(&self, mesh: u32) -> &Kind {
-        &self.kinds[mesh as usize]
+    pub fn mesh_material(&self, mesh: u32) -> &MeshMaterial {
+        &self.mesh_materials[mesh as usize]
     }
 
-    /// The scattering of a plain mesh. `behind` only where the scene transmits.
+    /// The scattering of a plain mesh. `back_facing` only where the scene transmits.
     #[inline]
-    pub fn plain(&self, mesh: u32, behind: bool) -> &Bsdf {
-        &self.constant[usize::from(behind)][self.kinds[mesh as usize].material as usize]
+    pub fn constant_bsdf(&self, mesh: u32, back_facing: bool) -> &Bsdf {
+        &self.constant[usize::from(back_facing)][self.mesh_materials[mesh as usize].material as usize]
     }
 
     /// Do media absorb?
@@ -90,18 +95,18 @@ impl Materials {
 
     /// The media on the eye's side of a surface and beyond it, where a ray in `medium` meets a mesh.
     #[inline]
-    pub fn sides(&self, mesh: u32, behind: bool, medium: u32) -> [u32; 2] {
-        match self.kind(mesh).bounds {
-            Some(inside) if behind => [inside, 0],
+    pub fn media_at_surface(&self, mesh: u32, back_facing: bool, medium: u32) -> [u32; 2] {
+        match self.mesh_material(mesh).interior_medium {
+            Some(inside) if back_facing => [inside, 0],
             Some(inside) => [medium, inside],
             None => [medium; 2],
         }
     }
 }
 
-fn kind(scene: &Scene, mesh: &Mesh, constant: &[Bsdf]) -> Kind {
+fn classify(scene: &Scene, mesh: &Mesh, constant: &[Bsdf]) -> MeshMaterial {
     let m = &scene.materials[mesh.material as usize];
-    let plain = mesh.colors.is_none()
+    let constant_surface = mesh.colors.is_none()
         && !m.disperses()
         && (m.anisotropy == 0.0 || mesh.tangents.is_none())
         && TextureSlot::ALL.iter().all(|&slot| match slot {
@@ -109,22 +114,29 @@ fn kind(scene: &Scene, mesh: &Mesh, constant: &[Bsdf]) -> Kind {
             TextureSlot::Normal | TextureSlot::ClearcoatNormal => m.textures[slot].is_none() || mesh.tangents.is_none(),
             _ => m.textures[slot].is_none(),
         });
-    let black = plain && constant[mesh.material as usize].lobes().is_empty();
-    Kind { material: mesh.material, plain, black, shines: m.unlit || m.is_emissive(), unlit: m.unlit, bounds: None }
+    let black = constant_surface && constant[mesh.material as usize].lobes().is_empty();
+    MeshMaterial {
+        material: mesh.material,
+        constant: constant_surface,
+        black,
+        emits: m.unlit || m.is_emissive(),
+        unlit: m.unlit,
+        interior_medium: None,
+    }
 }
 
 /// The parameters without textures and vertex colours.
-fn plain(material: &Material) -> Surface {
+fn untextured(material: &Material) -> Surface {
     surface(material, material.base_color.truncate(), |_| None)
 }
 
 /// Lobes that a material may have. Textures and vertex colours multiply: a lobe that is missing without them is missing
 /// with them, but for those of dielectrics, and the innermost, which needs no place in the set.
-fn lobes(material: &Material) -> LobeSet {
-    let plain = plain(material);
+fn possible_lobes(material: &Material) -> LobeSet {
+    let surface = untextured(material);
     match material.textures[TextureSlot::MetallicRoughness] {
-        Some(_) => plain.bsdf().lobes().union(Surface { metallic: 0.0, ..plain }.bsdf().lobes()),
-        None => plain.bsdf().lobes(),
+        Some(_) => surface.bsdf().lobes().union(Surface { metallic: 0.0, ..surface }.bsdf().lobes()),
+        None => surface.bsdf().lobes(),
     }
 }
 

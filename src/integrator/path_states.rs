@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::batch::{PixelBatch, PixelTask};
-use super::queues::{NO_RECORD, PUNCTUAL, ShadowRays};
+use super::queues::{NO_RECORD, PUNCTUAL_GROUP, ShadowRays};
 use crate::balance::{Contribution, Technique, deal};
 use crate::color::luminance;
 use crate::lanes::{LANES, U, V3, eight};
@@ -29,7 +29,7 @@ pub struct PathState {
     /// The number of the first of these BSDF samples in its pixel.
     pub first_bsdf: u32,
     /// Samples a path of its pixel: toward the environment, toward area lights, of the BSDF.
-    pub rates: [f32; 3],
+    pub samples_per_path: [f32; 3],
 }
 
 /// A BSDF sample at a first surface, and what descends from it.
@@ -45,8 +45,8 @@ pub struct SubPath {
 
 /// A ray that leaves a surface, as it was drawn: of what paths are learned from. Its sub-path is its number.
 #[derive(Debug, Clone, Copy)]
-pub struct Step {
-    /// The ray that led there; [`CAMERA`] if the camera's did.
+pub struct ScatterRecord {
+    /// The ray that led there; [`NO_PARENT`] if the camera's did.
     pub parent: u32,
     /// Where it begins.
     pub position: Vec3,
@@ -57,21 +57,21 @@ pub struct Step {
     /// Luminance of the throughput that the surface had.
     pub beta: f32,
     /// Does the surface scatter widely enough to be guided?
-    pub broad: bool,
+    pub diffuse: bool,
     /// Luminance that the light sample of the vertex where it ended brought, of lights with extent.
     pub light: f32,
     /// Chances that a light sample where it begins had, and it itself.
-    pub chances: [f32; 2],
+    pub roulette: [f32; 2],
     /// Density with which it was drawn, of the BSDF, and of the field.
     pub pdf: [f32; 3],
 }
 
 /// The parent of rays from first surfaces.
-pub const CAMERA: u32 = u32::MAX;
+pub const NO_PARENT: u32 = u32::MAX;
 
 /// A mirror at the end of a path's chain of mirrors.
 #[derive(Debug, Clone, Copy)]
-pub struct Mirror {
+pub struct MirrorVertex {
     /// Product of the base colours so far.
     pub tint: Vec3,
     /// The first one's, turned to the eye.
@@ -82,14 +82,14 @@ pub struct Mirror {
 
 /// Samples that were left out because their light was no finite number.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Faults {
+pub struct NonFiniteSamples {
     /// How many.
     pub count: u64,
     /// The path of the first.
     pub first: Option<u32>,
 }
 
-impl Faults {
+impl NonFiniteSamples {
     /// One more, of this path of the wave.
     #[inline]
     pub fn add(&mut self, path: u32) {
@@ -108,7 +108,7 @@ impl Faults {
 
 /// A contribution whose brightest channel is `most` at most, and the share of it that is left.
 #[inline]
-pub fn limited(radiance: Vec3, most: f32) -> (Vec3, f32) {
+pub fn clamp_contribution(radiance: Vec3, most: f32) -> (Vec3, f32) {
     let peak = radiance.max_element();
     if peak > most { (radiance * (most / peak), most / peak) } else { (radiance, 1.0) }
 }
@@ -121,37 +121,37 @@ pub struct PathStates {
     /// Their BSDF samples at first surfaces that went on.
     pub sub_paths: Vec<SubPath>,
     /// What was left out.
-    pub faults: Faults,
+    pub non_finite: NonFiniteSamples,
     /// Of each path, the mirror in which its guide is still looked for; empty if nobody asks.
-    pub mirrors: Vec<Option<Mirror>>,
+    pub mirrors: Vec<Option<MirrorVertex>>,
     /// Of each sub-path, how it was drawn: where paths are learned from, and every ray is then a sub-path. Its light is that which
     /// it brings itself, until [`gather`](Self::gather).
-    pub steps: Option<Vec<Step>>,
+    pub scatter_records: Option<Vec<ScatterRecord>>,
     /// Light samples toward area lights, where these are learned of; their pixels are places in the batch.
     pub light_sample_records: Option<Vec<LightSampleRecord>>,
 }
 
 impl PathStates {
     /// Adds to each sub-path's light that of those that descend from it.
-    pub fn gather(&mut self) {
-        let steps = self.steps.as_deref().unwrap_or_default();
-        for (i, step) in steps.iter().enumerate().rev().filter(|(_, step)| step.parent != CAMERA) {
+    pub fn accumulate_descendants(&mut self) {
+        let scatter_records = self.scatter_records.as_deref().unwrap_or_default();
+        for (i, record) in scatter_records.iter().enumerate().rev().filter(|(_, record)| record.parent != NO_PARENT) {
             let light = self.sub_paths[i].indirect;
-            self.sub_paths[step.parent as usize].indirect += light;
+            self.sub_paths[record.parent as usize].indirect += light;
         }
     }
 
     /// Begins each pixel's paths, each with its part of the pixel's samples. `environment_probability` as for
     /// [`Counts::rates`](crate::balance::Counts::rates).
-    pub fn begin(&mut self, tasks: &[PixelTask], environment_probability: f32) {
+    pub fn start_paths(&mut self, tasks: &[PixelTask], environment_probability: f32) {
         self.paths.clear();
         self.sub_paths.clear();
-        self.faults = Faults::default();
+        self.non_finite = NonFiniteSamples::default();
         self.mirrors.clear();
-        self.steps.iter_mut().for_each(Vec::clear);
+        self.scatter_records.iter_mut().for_each(Vec::clear);
         for (pixel, task) in tasks.iter().enumerate() {
             let (mut first_light, mut first_bsdf) = (task.first_light, task.first_bsdf);
-            let rates = task.weighed.rates(environment_probability);
+            let samples_per_path = task.weighed.rates(environment_probability);
             let paths = task.counts.paths;
             for path in 0..paths {
                 let [light, bsdf] = [task.counts.light, task.counts.bsdf].map(|n| deal(n, paths, path));
@@ -164,7 +164,7 @@ impl PathStates {
                     bsdf,
                     first_light,
                     first_bsdf,
-                    rates,
+                    samples_per_path,
                 });
                 first_light += u32::from(light);
                 first_bsdf += u32::from(bsdf);
@@ -173,7 +173,7 @@ impl PathStates {
     }
 
     /// Notes light samples in lanes of a mask, which chose these emitters `from` points and normals, and numbers them.
-    pub fn light_sample_record(&mut self, lanes: u32, (p, n): (V3, V3), emitter: [u32; LANES], path: U) -> U {
+    pub fn record_light_samples(&mut self, lanes: u32, (p, n): (V3, V3), emitter: [u32; LANES], path: U) -> U {
         let Some(light_sample_records) = &mut self.light_sample_records else { return U::splat(NO_RECORD) };
         U::from(eight(|lane| {
             if lanes >> lane & 1 == 0 {
@@ -204,7 +204,7 @@ impl PathStates {
     ) {
         let owners = shadows.path.iter().zip(&occluded[..shadows.len]).enumerate();
         for (i, (&owner, _)) in owners.filter(|(_, (_, occluded))| !**occluded) {
-            let (radiance, share) = limited(shadows.radiance.get(i), limit);
+            let (radiance, share) = clamp_contribution(shadows.radiance.get(i), limit);
             let light_sample_record = shadows.light_sample_record.get(i).zip(self.light_sample_records.as_mut());
             if let Some(light_sample_record) =
                 light_sample_record.and_then(|(&number, all)| all.get_mut(number as usize))
@@ -214,26 +214,28 @@ impl PathStates {
             let path = &mut self.paths[owner as usize];
             path.radiance += radiance;
             if let Some(extras) = batch.extras.get_mut(path.pixel as usize) {
-                extras.add_light(shadows.group[i] as usize, radiance);
+                extras.add_light(shadows.light_group[i] as usize, radiance);
             }
             if depth > 0 {
                 let sub_path = shadows.sub_path[i] as usize;
-                if let Some(steps) = self.steps.as_mut().filter(|_| shadows.group[i] != PUNCTUAL) {
-                    steps[sub_path].light += luminance(radiance);
+                if let Some(scatter_records) =
+                    self.scatter_records.as_mut().filter(|_| shadows.light_group[i] != PUNCTUAL_GROUP)
+                {
+                    scatter_records[sub_path].light += luminance(radiance);
                 }
                 self.sub_paths[sub_path].indirect += radiance;
                 continue;
             }
             path.direct += radiance;
-            if let Some(found) = shadows.observed(i, radiance) {
-                batch.tell(path.pixel as usize, Contribution { w: found.w * share * share, ..found });
+            if let Some(found) = shadows.contribution(i, radiance) {
+                batch.notify(path.pixel as usize, Contribution { w: found.w * share * share, ..found });
             }
         }
     }
 
     /// Folds the paths into their pixels, in path order.
     #[inline(never)]
-    pub fn finish(&self, batch: &mut PixelBatch) {
+    pub fn add_to_pixels(&self, batch: &mut PixelBatch) {
         // What was seen in no mirror after all: the mirror itself.
         for (path, mirror) in self.paths.iter().zip(&self.mirrors) {
             if let (Some(mirror), Some(extras)) = (mirror, batch.extras.get_mut(path.pixel as usize)) {
@@ -245,10 +247,10 @@ impl PathStates {
                 let path = &self.paths[sub_path.path as usize];
                 let radiance = sub_path.indirect;
                 // No light sample finds it: Z = 2X, Y = 2 a_b X, r = −1.
-                let w = 4.0 * path.rates[2] * radiance.length_squared();
+                let w = 4.0 * path.samples_per_path[2] * radiance.length_squared();
                 let (technique, index) = (Technique::Indirect, sub_path.index);
                 let found = Contribution { pixel: 0, technique, area: false, index, r: -1.0, w, radiance };
-                batch.tell(path.pixel as usize, found);
+                batch.notify(path.pixel as usize, found);
             }
         }
         let mut left = &self.paths[..];

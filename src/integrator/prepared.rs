@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use super::{Geometry, Materials};
+use super::geometry::Geometry;
+use super::materials::Materials;
 use crate::Result;
 use crate::film::cryptomatte;
 use crate::light::Lights;

@@ -28,14 +28,14 @@ pub struct PathRays {
     /// The medium that the ray is in, of [`Materials::media`](super::Materials::media); unused where none absorbs.
     pub medium: Vec<u32>,
     /// The chance that a light sample had where the ray begins; unused where no field knows it.
-    pub light_chance: Vec<f32>,
+    pub light_probability: Vec<f32>,
     /// How many rows count.
     pub len: usize,
 }
 
 /// To which path rows belong, and where in its pixel's sequence they are.
 #[derive(Debug, Clone, Copy)]
-pub struct Identity {
+pub struct PathIds {
     /// As in [`PathRays`].
     pub path: U,
     /// As in [`PathRays`].
@@ -65,15 +65,15 @@ impl PathRays {
     /// Appends a group, of which the first `n` rows count. `key` is for [`RayBatch::put`].
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "a row's columns")]
-    pub fn push(&mut self, n: usize, ray: (V3, V3), key: U, beta: V3, normal: V3, weighted_pdf: F, identity: Identity) {
-        self.rays.put(self.len, ray, F::splat(f32::INFINITY), key, identity.time);
+    pub fn push(&mut self, n: usize, ray: (V3, V3), key: U, beta: V3, normal: V3, weighted_pdf: F, path_ids: PathIds) {
+        self.rays.put(self.len, ray, F::splat(f32::INFINITY), key, path_ids.time);
         self.beta.store(self.len, beta);
         self.normal.store(self.len, normal);
         store(&mut self.weighted_pdf, self.len, weighted_pdf);
-        store_bits(&mut self.path, self.len, identity.path);
-        store_bits(&mut self.index, self.len, identity.index);
-        store_bits(&mut self.sub_path, self.len, identity.sub_path);
-        store_bits(&mut self.seed, self.len, identity.seed);
+        store_bits(&mut self.path, self.len, path_ids.path);
+        store_bits(&mut self.index, self.len, path_ids.index);
+        store_bits(&mut self.sub_path, self.len, path_ids.sub_path);
+        store_bits(&mut self.seed, self.len, path_ids.seed);
         self.len += n;
     }
 
@@ -91,15 +91,15 @@ pub struct SortedHits {
     /// They hit a surface that shines.
     pub emissive: Vec<u32>,
     /// They hit a surface that scatters, whose scattering is the same everywhere.
-    pub plain: Vec<u32>,
+    pub constant: Vec<u32>,
     /// They hit another surface that scatters: it has to be looked up point by point.
-    pub detailed: Vec<u32>,
+    pub varying: Vec<u32>,
 }
 
 impl SortedHits {
     /// Forgets all of them.
     pub fn clear(&mut self) {
-        for list in [&mut self.escaped, &mut self.emissive, &mut self.plain, &mut self.detailed] {
+        for list in [&mut self.escaped, &mut self.emissive, &mut self.constant, &mut self.varying] {
             list.clear();
         }
     }
@@ -109,7 +109,7 @@ impl SortedHits {
 pub const NO_RECORD: u32 = u32::MAX;
 
 /// The group of shadow rays toward lights without extent.
-pub const PUNCTUAL: u32 = 2;
+pub const PUNCTUAL_GROUP: u32 = 2;
 
 /// Shadow rays, and what they bring if nothing is in their way, a row each.
 #[derive(Debug, Default)]
@@ -123,18 +123,18 @@ pub struct ShadowRays {
     /// BSDF sample of a first surface that it descends from; unused at first surfaces.
     pub sub_path: Vec<u32>,
     /// What the light comes from, as for [`ExtraSums::add_light`](crate::film::ExtraSums::add_light).
-    pub group: Vec<u32>,
+    pub light_group: Vec<u32>,
     /// Number of the light sample among those that are learned from, [`NO_RECORD`] of others; empty where none are.
     pub light_sample_record: Vec<u32>,
     /// How many rows count.
     pub len: usize,
     /// Columns for observers; present where somebody is to be told.
-    observed: Option<Observed>,
+    contributions: Option<ContributionColumns>,
 }
 
 /// What the balance wants to know of light samples at first surfaces.
 #[derive(Debug, Default, Clone)]
-struct Observed {
+struct ContributionColumns {
     /// Index of the sample in its technique's sequence.
     index: Vec<u32>,
     /// All bits where the sample is toward an area light by count, else none.
@@ -147,7 +147,7 @@ struct Observed {
 
 /// What the balance wants to know of a group of light samples.
 #[derive(Debug, Clone, Copy)]
-pub struct Observation {
+pub struct ContributionTerms {
     /// Index of the sample in its technique's sequence.
     pub index: U,
     /// Mask: toward an area light by count.
@@ -160,20 +160,20 @@ pub struct Observation {
 
 impl ShadowRays {
     /// Forgets all rows and makes room for `most`, at times of their own if something `moves`, with columns for observers if
-    /// `observed`, and for who `learns` of the lights.
-    pub fn open(&mut self, most: usize, moves: bool, observed: bool, learns: bool) {
+    /// `contributions`, and for who `learns` of the lights.
+    pub fn open(&mut self, most: usize, moves: bool, contributions: bool, learns: bool) {
         self.rays.open(most, moves);
         self.radiance.grow(most);
         grow(&mut self.path, most);
         grow(&mut self.sub_path, most);
-        grow(&mut self.group, most);
+        grow(&mut self.light_group, most);
         self.light_sample_record.clear();
         if learns {
             self.light_sample_record.resize(most + LANES, NO_RECORD);
         }
         self.len = 0;
-        self.observed = observed.then(|| {
-            let mut columns = self.observed.take().unwrap_or_default();
+        self.contributions = contributions.then(|| {
+            let mut columns = self.contributions.take().unwrap_or_default();
             grow(&mut columns.index, most);
             grow(&mut columns.area, most);
             grow(&mut columns.w, most);
@@ -198,8 +198,8 @@ impl ShadowRays {
         tfar: F,
         (key, time): (U, F),
         radiance: V3,
-        [path, sub_path, group]: [U; 3],
-        observation: impl FnOnce() -> Observation,
+        [path, sub_path, light_group]: [U; 3],
+        contribution_terms: impl FnOnce() -> ContributionTerms,
     ) {
         let ray = (survivors.compress_v3(origin), survivors.compress_v3(direction));
         let (key, time) = (survivors.compress_bits(key), survivors.compress(time));
@@ -207,13 +207,13 @@ impl ShadowRays {
         self.radiance.store(self.len, survivors.compress_v3(radiance));
         store_bits(&mut self.path, self.len, survivors.compress_bits(path));
         store_bits(&mut self.sub_path, self.len, survivors.compress_bits(sub_path));
-        store_bits(&mut self.group, self.len, survivors.compress_bits(group));
-        if let Some(columns) = &mut self.observed {
-            let seen = observation();
-            store_bits(&mut columns.index, self.len, survivors.compress_bits(seen.index));
-            store_bits(&mut columns.area, self.len, survivors.compress_bits(seen.area));
-            store(&mut columns.w, self.len, survivors.compress(seen.w));
-            store(&mut columns.r, self.len, survivors.compress(seen.r));
+        store_bits(&mut self.light_group, self.len, survivors.compress_bits(light_group));
+        if let Some(columns) = &mut self.contributions {
+            let terms = contribution_terms();
+            store_bits(&mut columns.index, self.len, survivors.compress_bits(terms.index));
+            store_bits(&mut columns.area, self.len, survivors.compress_bits(terms.area));
+            store(&mut columns.w, self.len, survivors.compress(terms.w));
+            store(&mut columns.r, self.len, survivors.compress(terms.r));
         }
         self.len += survivors.len;
     }
@@ -224,10 +224,10 @@ impl ShadowRays {
     }
 
     /// What an observer is to be told of row `i`, which brings `radiance`; its pixel is left open.
-    pub fn observed(&self, i: usize, radiance: Vec3) -> Option<Contribution> {
-        let seen = self.observed.as_ref().filter(|columns| columns.w[i] > 0.0)?;
-        let (index, area) = (seen.index[i], seen.area[i] != 0);
-        let (technique, r, w) = (Technique::Light, seen.r[i], seen.w[i]);
+    pub fn contribution(&self, i: usize, radiance: Vec3) -> Option<Contribution> {
+        let terms = self.contributions.as_ref().filter(|columns| columns.w[i] > 0.0)?;
+        let (index, area) = (terms.index[i], terms.area[i] != 0);
+        let (technique, r, w) = (Technique::Light, terms.r[i], terms.w[i]);
         Some(Contribution { pixel: 0, technique, area, index, r, w, radiance })
     }
 }

@@ -2,8 +2,8 @@
 
 use wide::bytemuck::cast;
 
-use super::Transport;
-use super::queues::Identity;
+use super::queues::PathIds;
+use super::transport::Transport;
 use crate::bsdf::{Bsdf, Core, LobeSet, Parameters};
 use crate::lanes::{F, LANES, Rows, U, V3, V3Column, grow, load, load_bits, store, store_bits};
 
@@ -37,7 +37,7 @@ pub struct Vertices {
     /// The media on the eye's side and beyond, of [`Materials::media`](super::Materials::media); where some absorb.
     pub media: Option<[Vec<u32>; 2]>,
     /// What guiding knows; where there is a field, or one is learned.
-    pub guided: Option<Guided>,
+    pub guiding: Option<GuidingColumns>,
     /// When they are, as in [`RayBatch`](crate::rays::RayBatch); empty where nothing moves.
     time: Vec<f32>,
     len: usize,
@@ -45,18 +45,18 @@ pub struct Vertices {
 
 /// Of each vertex, what guiding knows.
 #[derive(Debug, Default)]
-pub struct Guided {
+pub struct GuidingColumns {
     /// Does its surface scatter widely ([`Lobe::diffuseness`](crate::bsdf::Lobe::diffuseness))? 0 or 1.
-    pub broad: Vec<u32>,
+    pub diffuse: Vec<u32>,
     /// Cell of the field, or [`NOWHERE`](crate::guiding::NOWHERE).
     pub cell: Vec<u32>,
     /// Chances of a light sample and of going on, of vertices beyond the first; meant where the field knows them.
-    pub chances: [Vec<f32>; 2],
+    pub roulette: [Vec<f32>; 2],
 }
 
 /// Rays that leave vertices.
 #[derive(Debug, Clone, Copy)]
-pub struct Leaving {
+pub struct SpawnedRays {
     /// Where they begin, on the side to which they go.
     pub origin: V3,
     /// Mask: the geometric normal allows it.
@@ -67,7 +67,7 @@ pub struct Leaving {
 
 /// What scatters at eight points.
 #[derive(Debug, Clone, Copy)]
-pub enum Scattering<'a> {
+pub enum BsdfGroup<'a> {
     /// Any lobes.
     Any([&'a Bsdf; LANES]),
     /// Those of the core model; where no vertex has any other.
@@ -76,7 +76,7 @@ pub enum Scattering<'a> {
 
 /// Up to eight points on their way into the columns.
 #[derive(Debug, Clone, Copy)]
-pub struct Group<'a> {
+pub struct VertexGroup<'a> {
     /// World space.
     pub position: V3,
     /// Normals on the winding's front side, of any length.
@@ -90,11 +90,11 @@ pub struct Group<'a> {
     /// As in [`Vertices`].
     pub origin_offset: F,
     /// The scattering at the points.
-    pub bsdfs: Scattering<'a>,
+    pub bsdfs: BsdfGroup<'a>,
     /// As in [`Vertices`]; read where there are columns for them.
     pub media: [U; 2],
     /// Whose they are.
-    pub identity: Identity,
+    pub path_ids: PathIds,
 }
 
 impl Vertices {
@@ -109,8 +109,8 @@ impl Vertices {
     }
 
     /// Forgets all vertices and makes room for `most`, on surfaces with no lobes but those in `lobes`, in media if some
-    /// `absorb`, on paths that are `guided` or learned from, at times of their own if something `moves`.
-    pub fn open(&mut self, most: usize, lobes: LobeSet, absorb: bool, guided: bool, moves: bool) {
+    /// `absorb`, on paths that are `guiding` or learned from, at times of their own if something `moves`.
+    pub fn open(&mut self, most: usize, lobes: LobeSet, absorb: bool, guiding: bool, moves: bool) {
         for column in [&mut self.origin, &mut self.ng, &mut self.ns, &mut self.wo, &mut self.beta] {
             column.grow(most);
         }
@@ -121,11 +121,11 @@ impl Vertices {
         }
         self.media = absorb.then(|| self.media.take().unwrap_or_default());
         self.media.iter_mut().flatten().for_each(|column| grow(column, most));
-        self.guided = guided.then(|| self.guided.take().unwrap_or_default());
-        if let Some(Guided { broad, cell, chances }) = &mut self.guided {
-            grow(broad, most);
+        self.guiding = guiding.then(|| self.guiding.take().unwrap_or_default());
+        if let Some(GuidingColumns { diffuse, cell, roulette }) = &mut self.guiding {
+            grow(diffuse, most);
             grow(cell, most);
-            chances.iter_mut().for_each(|column| grow(column, most));
+            roulette.iter_mut().for_each(|column| grow(column, most));
         }
         match moves {
             true => grow(&mut self.time, most),
@@ -136,7 +136,7 @@ impl Vertices {
 
     /// Appends a group, of which the first `n` count: turns normals to the eye's side and normalises them.
     #[inline(always)]
-    pub fn push(&mut self, n: usize, group: &Group) {
+    pub fn push(&mut self, n: usize, group: &VertexGroup) {
         let at = self.len;
         self.len += n;
         let wo = group.direction * F::splat(-1.0);
@@ -157,43 +157,43 @@ impl Vertices {
         self.wo.store(at, wo);
         self.beta.store(at, group.beta);
         store(&mut self.origin_offset, at, group.origin_offset);
-        store_bits(&mut self.path, at, group.identity.path);
-        store_bits(&mut self.index, at, group.identity.index);
-        store_bits(&mut self.sub_path, at, group.identity.sub_path);
-        store_bits(&mut self.seed, at, group.identity.seed);
+        store_bits(&mut self.path, at, group.path_ids.path);
+        store_bits(&mut self.index, at, group.path_ids.index);
+        store_bits(&mut self.sub_path, at, group.path_ids.sub_path);
+        store_bits(&mut self.seed, at, group.path_ids.seed);
         match group.bsdfs {
-            Scattering::Any(bsdfs) => Bsdf::store(&mut self.bsdf, at, bsdfs),
-            Scattering::Core(cores) => Core::store(Bsdf::core_mut(&mut self.bsdf), at, cores),
+            BsdfGroup::Any(bsdfs) => Bsdf::store(&mut self.bsdf, at, bsdfs),
+            BsdfGroup::Core(cores) => Core::store(Bsdf::core_mut(&mut self.bsdf), at, cores),
         }
         if let Some(columns) = &mut self.media {
             columns.iter_mut().zip(group.media).for_each(|(column, medium)| store_bits(column, at, medium));
         }
         if !self.time.is_empty() {
-            store(&mut self.time, at, group.identity.time);
+            store(&mut self.time, at, group.path_ids.time);
         }
     }
 
-    /// The geometric normals at some rows by which lights are chosen: zero in lanes of `both`, which light reaches from
+    /// The geometric normals at some rows by which lights are chosen: zero in lanes of `transmits`, which light reaches from
     /// both sides.
     #[inline(always)]
-    pub fn facing(&self, rows: &Rows, both: F) -> V3 {
-        V3::select(both, V3::ZERO, self.ng.load(rows))
+    pub fn light_sampling_normals(&self, rows: &Rows, transmits: F) -> V3 {
+        V3::select(transmits, V3::ZERO, self.ng.load(rows))
     }
 
-    /// Rays toward `wi` from some rows, of which lanes of `both` transmit: there, both normals must see `wi` on the same
+    /// Rays toward `wi` from some rows, of which lanes of `transmits` transmit: there, both normals must see `wi` on the same
     /// side.
     #[inline(always)]
-    pub fn leave(&self, rows: &Rows, both: F, wi: V3) -> Leaving {
+    pub fn spawn_rays(&self, rows: &Rows, transmits: F, wi: V3) -> SpawnedRays {
         let (origin, ng) = (self.origin.load(rows), self.ng.load(rows));
         let cos = ng.dot(wi);
         let above = cos.simd_gt(F::ZERO);
-        if !both.any() {
-            return Leaving { origin, allowed: above, beyond: F::ZERO };
+        if !transmits.any() {
+            return SpawnedRays { origin, allowed: above, beyond: F::ZERO };
         }
-        let beyond = both & cos.simd_lt(F::ZERO);
+        let beyond = transmits & cos.simd_lt(F::ZERO);
         let far = origin - ng * (F::splat(2.0) * load(&self.origin_offset, rows));
         let alike = (cos * self.ns.load(rows).dot(wi)).simd_gt(F::ZERO);
-        Leaving { origin: V3::select(beyond, far, origin), allowed: (above | beyond) & alike, beyond }
+        SpawnedRays { origin: V3::select(beyond, far, origin), allowed: (above | beyond) & alike, beyond }
     }
 
     /// The media that rays are in which leave some rows, those of `beyond` on the far side.
@@ -206,9 +206,9 @@ impl Vertices {
 
     /// The chances of a light sample and of going on at some rows, beyond first surfaces; `None` where no field knows them.
     #[inline(always)]
-    pub fn chances(&self, transport: &Transport, rows: &Rows) -> Option<[F; 2]> {
-        let guided = self.guided.as_ref().filter(|_| transport.has_roulette())?;
-        Some([load(&guided.chances[0], rows), load(&guided.chances[1], rows)])
+    pub fn roulette(&self, transport: &Transport, rows: &Rows) -> Option<[F; 2]> {
+        let guiding = self.guiding.as_ref().filter(|_| transport.has_roulette())?;
+        Some([load(&guiding.roulette[0], rows), load(&guiding.roulette[1], rows)])
     }
 
     /// Are they at times of their own?
@@ -224,8 +224,8 @@ impl Vertices {
 
     /// Whose some rows are.
     #[inline(always)]
-    pub fn identity(&self, rows: &Rows) -> Identity {
-        Identity {
+    pub fn path_ids(&self, rows: &Rows) -> PathIds {
+        PathIds {
             path: load_bits(&self.path, rows),
             index: load_bits(&self.index, rows),
             sub_path: load_bits(&self.sub_path, rows),

@@ -3,12 +3,12 @@
 
 use std::time::Instant;
 
-use super::Transport;
 use super::batch::{PixelBatch, PixelTask};
-use super::path_states::{CAMERA, PathStates, Step};
+use super::path_states::{NO_PARENT, PathStates, ScatterRecord};
 use super::queues::{PathRays, ShadowRays, SortedHits};
 use super::stages::requests::Requests;
 use super::stages::{camera_rays, emission, lights, media, mixture, scatter, sort, surfaces};
+use super::transport::Transport;
 use super::vertices::Vertices;
 use crate::color::luminance;
 use crate::film::PixelStats;
@@ -83,12 +83,12 @@ impl Wave {
     /// Traces the paths that the batch's tasks count and adds to its sums, in a fixed order.
     pub fn run(&mut self, transport: &Transport, batch: &mut PixelBatch) {
         let Self { rays, next_rays, hits, sorted, vertices, requests, shadows, occluded, path_states, counts } = self;
-        path_states.begin(batch.tasks, transport.lights.environment_probability);
+        path_states.start_paths(batch.tasks, transport.lights.environment_probability);
         if !batch.extras.is_empty() {
             path_states.mirrors.resize(path_states.paths.len(), None);
         }
         camera_rays::begin(transport, batch.tasks, rays);
-        let learns = path_states.steps.is_some();
+        let learns = path_states.scatter_records.is_some();
         for depth in 0..transport.max_depth {
             if rays.len == 0 {
                 break;
@@ -99,17 +99,17 @@ impl Wave {
 
             sort::sort(transport, depth, hits, sorted);
             if depth == 0 {
-                surfaces::observe(transport, rays, hits, path_states, batch);
+                surfaces::record_first_hits(transport, rays, hits, path_states, batch);
             } else if !batch.extras.is_empty() {
                 surfaces::follow_mirrors(transport, depth, rays, hits, path_states, batch);
             }
             if transport.materials.absorbs() {
-                media::cross(transport, depth, rays, hits);
+                media::attenuate(transport, depth, rays, hits);
             }
             emission::surfaces(transport, depth, &sorted.emissive, rays, hits, path_states, batch);
             emission::environment(transport, depth, &sorted.escaped, rays, path_states, batch);
             surfaces::vertices(transport, learns, sorted, rays, hits, vertices);
-            mixture::find(transport, vertices);
+            mixture::find_cells(transport, vertices);
 
             requests.light_samples(transport, depth, vertices, path_states, batch.tasks);
             lights::sample(transport, depth, vertices, requests, path_states, batch.observer.is_some(), shadows);
@@ -123,9 +123,9 @@ impl Wave {
             }
             std::mem::swap(rays, next_rays);
         }
-        path_states.finish(batch);
-        counts.not_finite += path_states.faults.count;
-        if let (None, Some(path)) = (counts.first_not_finite, path_states.faults.first) {
+        path_states.add_to_pixels(batch);
+        counts.not_finite += path_states.non_finite.count;
+        if let (None, Some(path)) = (counts.first_not_finite, path_states.non_finite.first) {
             let pixel = path_states.paths[path as usize].pixel;
             let before = batch.tasks[..pixel as usize].iter().map(|task| task.counts.paths).sum::<u32>();
             let task = &batch.tasks[pixel as usize];
@@ -140,30 +140,30 @@ pub type Divisors<'a> = &'a dyn Fn(&[PixelTask], &[PixelStats]) -> Vec<f32>;
 impl Wave {
     /// As [`run`](Self::run), for what is to be learned from the paths: adds to `training_samples` those that found light, each weighed
     /// by what `divisors` makes of its pixel, and to `vertex_records` what vertices beyond the first found; gives the divisors.
-    pub fn learn(
+    pub fn collect_training_samples(
         &mut self,
         transport: &Transport,
         batch: &mut PixelBatch,
         divisors: Divisors,
         (training_samples, vertex_records): (&mut Vec<TrainingSample>, &mut Vec<VertexRecord>),
     ) -> Vec<f32> {
-        self.path_states.steps.get_or_insert_default();
+        self.path_states.scatter_records.get_or_insert_default();
         self.run(transport, batch);
-        self.path_states.gather();
+        self.path_states.accumulate_descendants();
         let divisors = divisors(batch.tasks, batch.stats);
-        let PathStates { steps, sub_paths, paths, .. } = &mut self.path_states;
-        let steps = steps.take().unwrap_or_default();
-        for (step, sub_path) in steps.iter().zip(sub_paths.iter()) {
+        let PathStates { scatter_records, sub_paths, paths, .. } = &mut self.path_states;
+        let scatter_records = scatter_records.take().unwrap_or_default();
+        for (record, sub_path) in scatter_records.iter().zip(sub_paths.iter()) {
             let found = luminance(sub_path.indirect);
-            if step.parent != CAMERA && step.beta > 0.0 {
+            if record.parent != NO_PARENT && record.beta > 0.0 {
                 // As if they had been taken for sure.
-                let [light, on] = step.chances;
-                let found = [light.sqrt() * steps[step.parent as usize].light, on * found];
-                let found = found.map(|found| (found / step.beta).powi(2));
-                vertex_records.push(VertexRecord { position: step.position, normal: step.normal, found });
+                let [light, on] = record.roulette;
+                let found = [light.sqrt() * scatter_records[record.parent as usize].light, on * found];
+                let found = found.map(|found| (found / record.beta).powi(2));
+                vertex_records.push(VertexRecord { position: record.position, normal: record.normal, found });
             }
-            if found > 0.0 && step.broad && step.beta > 0.0 && found.is_finite() {
-                let Step { position, normal, wi, beta, pdf: [pdf, bsdf_pdf, field_pdf], .. } = *step;
+            if found > 0.0 && record.diffuse && record.beta > 0.0 && found.is_finite() {
+                let ScatterRecord { position, normal, wi, beta, pdf: [pdf, bsdf_pdf, field_pdf], .. } = *record;
                 training_samples.push(TrainingSample {
                     position,
                     normal,
@@ -183,7 +183,7 @@ impl Wave {
 impl Wave {
     /// As [`run`](Self::run), for what is to be learned of area lights: the light samples toward them, each weighed by what
     /// `divisors` makes of its pixel, a place in the batch; and the divisors.
-    pub fn light_sample_records(
+    pub fn collect_light_samples(
         &mut self,
         transport: &Transport,
         batch: &mut PixelBatch,

@@ -15,6 +15,7 @@
 //! packets). The renderer therefore fills its packets tile by tile, always alike.
 
 mod device;
+mod options;
 mod packets;
 
 use std::sync::Arc;
@@ -23,72 +24,29 @@ use std::time::Instant;
 
 use embree4_sys as sys;
 
-use super::{BackendInfo, HitBatch, RayBatch, RayOrder, RayQueries, Watch};
+use super::batch::{HitBatch, RayBatch, RayOrder};
+use super::build::{Watch, build_units};
+use super::check::check;
+use super::queries::{BackendInfo, RayQueries};
 use crate::Result;
 use crate::scene::Scene;
-use device::{DeviceHandle, Monitor, SceneHandle, Share, best_isa};
+use device::{CommitProgress, DeviceHandle, DeviceMonitor, SceneHandle, best_isa};
+pub use options::{EmbreeOptions, Packets, Quality};
 use packets::{filter_alpha, single, wide4, wide8, wide16};
-
-/// Choices of a build and of its queries. The default is what `--rays embree` renders with.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct EmbreeOptions {
-    /// Threads of the build; 0 for all.
-    pub threads: usize,
-    /// An instruction set below the CPU's best, in Embree's words: `sse2`, `sse4.2`, `avx`, `avx2`.
-    pub isa: Option<&'static str>,
-    /// How long to build.
-    pub quality: Quality,
-    /// `RTC_SCENE_FLAG_COMPACT`: less memory before speed.
-    pub compact: bool,
-    /// `RTC_SCENE_FLAG_ROBUST`: box and triangle tests that lose no hit between two triangles.
-    pub robust: bool,
-    /// How rays are handed over.
-    pub packets: Packets,
-}
-
-/// Embree's build qualities.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum Quality {
-    /// Two levels, a tree for each mesh, built by Morton codes.
-    Low,
-    /// Two levels, each mesh's tree as by `Medium`: Embree's low quality of the scene alone.
-    TwoLevel,
-    /// Binned surface area heuristic.
-    #[default]
-    Medium,
-    /// The same with spatial splits.
-    High,
-}
-
-/// How the rays of a batch are handed to Embree.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum Packets {
-    /// As wide as the CPU has them, kept together where that pays (see the module's text).
-    #[default]
-    Renderer,
-    /// One by one.
-    Single,
-    /// In the batch's order, kept together through the tree.
-    Four,
-    /// As before.
-    Eight,
-    /// As before.
-    Sixteen,
-}
 
 /// A [`Scene`] built into Embree's acceleration structure.
 pub struct EmbreeRays {
     // Dropped in this order: the library's handles before what they point to.
     top: SceneHandle,
     _device: DeviceHandle,
-    _monitor: Arc<Monitor>,
+    _monitor: Arc<DeviceMonitor>,
     scene: Arc<Scene>,
     placements: Vec<Placement>,
     has_alpha: bool,
     packets: Packets,
     /// Are 16-wide packets native? 8-wide ones are wherever AVX is, and narrower CPUs emulate them.
     wide16: bool,
-    /// At most [`SMALL_SCENE`] triangles and instances?
+    /// At most [`SMALL_SCENE_PRIMITIVES`] triangles and instances?
     small: bool,
     info: BackendInfo,
 }
@@ -118,8 +76,8 @@ impl EmbreeRays {
     /// run on or too little memory, [`Error::Interrupted`](crate::Error::Interrupted) when `watch` says so.
     pub fn build(scene: Arc<Scene>, options: &EmbreeOptions, watch: Watch) -> Result<Self> {
         let start = Instant::now();
-        super::check::check(&scene)?;
-        let monitor = Arc::<Monitor>::default();
+        check(&scene)?;
+        let monitor = Arc::<DeviceMonitor>::default();
         let device = DeviceHandle::new(options, &monitor)?;
         let version = device.version()?;
         let mesh_range = |object: u32| scene.objects[object as usize].meshes.clone();
@@ -129,7 +87,7 @@ impl EmbreeRays {
         let attach = |target: &SceneHandle, id: u32, mesh: u32| {
             device.attach_mesh(target, id, &scene.meshes[mesh as usize], scene.has_alpha(mesh), options.quality);
         };
-        let mut share = Share::new(watch, super::units(&scene));
+        let mut progress = CommitProgress::new(watch, build_units(&scene));
         let mut objects: Vec<Option<SceneHandle>> = scene.objects.iter().map(|_| None).collect();
         let mut placements = Vec::new();
         for (index, instance) in scene.instances.iter().enumerate() {
@@ -148,7 +106,7 @@ impl EmbreeRays {
                 for (id, mesh) in meshes.clone().enumerate() {
                     attach(&built, id as u32, mesh);
                 }
-                built.commit(&monitor, share.next(scene.triangles(instance.object)))?;
+                built.commit(&monitor, progress.next(scene.triangles(instance.object)))?;
                 *object = Some(built);
             }
             if let Some(object) = object {
@@ -156,7 +114,7 @@ impl EmbreeRays {
                 placements.push(Placement { instance: index as u32, mesh: meshes.start });
             }
         }
-        top.commit(&monitor, share.rest())?;
+        top.commit(&monitor, progress.rest())?;
         let info = BackendInfo {
             name: "embree",
             version,
@@ -166,7 +124,7 @@ impl EmbreeRays {
             peak_bytes: Some(monitor.peak.load(Ordering::Relaxed).max(0) as u64),
         };
         let placed = scene.instances.iter().map(|instance| 1 + scene.triangles(instance.object));
-        let small = placed.sum::<usize>() <= SMALL_SCENE;
+        let small = placed.sum::<usize>() <= SMALL_SCENE_PRIMITIVES;
         let wide16 = device.property(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
         drop(objects); // the instance geometries keep them
         let packets = options.packets;
@@ -174,7 +132,7 @@ impl EmbreeRays {
     }
 
     /// Instance and mesh of a hit by Embree's ids.
-    fn place(&self, geometry: u32, instance: u32) -> Placement {
+    fn placement_of(&self, geometry: u32, instance: u32) -> Placement {
         if instance == sys::RTC_INVALID_GEOMETRY_ID {
             self.placements[geometry as usize]
         } else {
@@ -191,31 +149,33 @@ impl EmbreeRays {
 impl RayQueries for EmbreeRays {
     fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
         hits.resize(rays.len());
-        let bond = match order {
-            RayOrder::Incoherent if self.packets != Packets::Renderer => Bond::Held,
-            RayOrder::Incoherent if self.small && rays.len() >= SORTED_BATCH => Bond::Sorted,
-            RayOrder::Incoherent => Bond::Loose,
-            RayOrder::Coherent => Bond::Held,
+        let coherence = match order {
+            RayOrder::Incoherent if self.packets != Packets::Renderer => Coherence::Coherent,
+            RayOrder::Incoherent if self.small && rays.len() >= MIN_SORTED_RAYS => Coherence::Sorted,
+            RayOrder::Incoherent => Coherence::Incoherent,
+            RayOrder::Coherent => Coherence::Coherent,
         };
         match self.packets {
             Packets::Single => single::closest_hits(self, rays, hits),
-            Packets::Four => wide4::closest_hits(self, rays, bond, hits),
-            Packets::Eight => wide8::closest_hits(self, rays, bond, hits),
-            Packets::Renderer if !self.wide16 => wide8::closest_hits(self, rays, bond, hits),
-            Packets::Renderer | Packets::Sixteen => wide16::closest_hits(self, rays, bond, hits),
+            Packets::Four => wide4::closest_hits(self, rays, coherence, hits),
+            Packets::Eight => wide8::closest_hits(self, rays, coherence, hits),
+            Packets::Renderer if !self.wide16 => wide8::closest_hits(self, rays, coherence, hits),
+            Packets::Renderer | Packets::Sixteen => wide16::closest_hits(self, rays, coherence, hits),
         }
     }
 
     fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {
         occluded.resize(rays.len(), false);
-        let loose = self.packets == Packets::Renderer && order == RayOrder::Incoherent;
-        let bond = if loose { Bond::Loose } else { Bond::Held };
+        let incoherent = self.packets == Packets::Renderer && order == RayOrder::Incoherent;
+        let coherence = if incoherent { Coherence::Incoherent } else { Coherence::Coherent };
         match self.packets {
             Packets::Single => single::occluded(self, rays, occluded),
-            Packets::Four => wide4::occluded(self, rays, bond, occluded),
-            Packets::Eight => wide8::occluded(self, rays, bond, occluded),
-            Packets::Renderer if !self.wide16 || (loose && !self.small) => wide8::occluded(self, rays, bond, occluded),
-            Packets::Renderer | Packets::Sixteen => wide16::occluded(self, rays, bond, occluded),
+            Packets::Four => wide4::occluded(self, rays, coherence, occluded),
+            Packets::Eight => wide8::occluded(self, rays, coherence, occluded),
+            Packets::Renderer if !self.wide16 || (incoherent && !self.small) => {
+                wide8::occluded(self, rays, coherence, occluded)
+            }
+            Packets::Renderer | Packets::Sixteen => wide16::occluded(self, rays, coherence, occluded),
         }
     }
 
@@ -226,26 +186,26 @@ impl RayQueries for EmbreeRays {
 
 /// What holds the rays of a packet together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Bond {
+enum Coherence {
     /// Nothing: they part where their ways do.
-    Loose,
+    Incoherent,
     /// They go through the tree as one, in the batch's order.
-    Held,
+    Coherent,
     /// As one, after the batch has been sorted into packets of one octant.
     Sorted,
 }
 
-impl Bond {
+impl Coherence {
     fn flags(self) -> sys::RTCRayQueryFlags {
         match self {
-            Self::Loose => sys::RTC_RAY_QUERY_FLAG_INCOHERENT,
-            Self::Held | Self::Sorted => sys::RTC_RAY_QUERY_FLAG_COHERENT,
+            Self::Incoherent => sys::RTC_RAY_QUERY_FLAG_INCOHERENT,
+            Self::Coherent | Self::Sorted => sys::RTC_RAY_QUERY_FLAG_COHERENT,
         }
     }
 }
 
 /// Triangles and instances up to which any ray soon knows the scene by heart, so that sorted packets pay for bounces.
-const SMALL_SCENE: usize = 2000;
+const SMALL_SCENE_PRIMITIVES: usize = 2000;
 
 /// Rays from which on a batch fills packets of each octant.
-const SORTED_BATCH: usize = 256;
+const MIN_SORTED_RAYS: usize = 256;

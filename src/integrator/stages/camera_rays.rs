@@ -2,9 +2,9 @@
 
 use glam::Vec3;
 
-use crate::integrator::Transport;
 use crate::integrator::batch::PixelTask;
-use crate::integrator::queues::{Identity, PathRays};
+use crate::integrator::queues::{PathIds, PathRays};
+use crate::integrator::transport::Transport;
 use crate::lanes::{F, LANES, NUMBERS, U, V3};
 use crate::sampling::{keys, pixel_seed, samples};
 
@@ -27,9 +27,9 @@ pub fn begin(transport: &Transport, tasks: &[PixelTask], rays: &mut PathRays) {
             let y = transport.filter.offsets(py) + F::splat(task.y as f32 + 0.5);
             let path = U::splat(rays.len as u32) + U::from(NUMBERS);
             let time = if moves { samples(seed, index, TIME_SET)[0] } else { F::ZERO };
-            let identity = Identity { path, index, sub_path: U::ZERO, seed, time };
+            let path_ids = PathIds { path, index, sub_path: U::ZERO, seed, time };
             let (ray, key) = (transport.camera.rays_through((x, y), (u, v), time), keys(seed, index, 0));
-            rays.push(n, ray, key, V3::splat(Vec3::ONE), V3::ZERO, F::ZERO, identity);
+            rays.push(n, ray, key, V3::splat(Vec3::ONE), V3::ZERO, F::ZERO, path_ids);
         }
     }
     rays.close();

@@ -40,13 +40,13 @@ pub fn bsdf_set(depth: u32) -> u32 {
 
 /// Of the number that says whether there is a light sample at a depth; it needs no stratification.
 #[inline]
-pub fn roll_set(depth: u32) -> u32 {
+pub fn roulette_set(depth: u32) -> u32 {
     light_set(depth) | 1 << 8
 }
 
 /// A direct contribution `found` = g/(a_l p_l + a_b p_b), as the balance sees it: W = Σ_c Y_c Z_c and r.
 #[inline]
-fn observation(found: Vec3, light_pdf: f32, bsdf_pdf: f32, alpha: f32) -> (f32, f32) {
+fn contribution_terms(found: Vec3, light_pdf: f32, bsdf_pdf: f32, alpha: f32) -> (f32, f32) {
     // With counts that add up to 2N: Z = 2 · found, Y = Z · p_α/p_½; in ratios, so that no pdf overflows.
     let sum = light_pdf + bsdf_pdf;
     let (q_l, q_b) = (light_pdf / sum, bsdf_pdf / sum);
@@ -54,9 +54,9 @@ fn observation(found: Vec3, light_pdf: f32, bsdf_pdf: f32, alpha: f32) -> (f32, 
     (4.0 * found.length_squared() * y_over_z, q_l - q_b)
 }
 
-/// [`observation`], of eight.
+/// [`contribution_terms`], of eight.
 #[inline(always)]
-fn observations(found: V3, light_pdf: F, bsdf_pdf: F, alpha: F) -> (F, F) {
+fn contribution_terms_wide(found: V3, light_pdf: F, bsdf_pdf: F, alpha: F) -> (F, F) {
     let sum = light_pdf + bsdf_pdf;
     let (q_l, q_b) = (light_pdf / sum, bsdf_pdf / sum);
     let y_over_z = F::splat(2.0) * alpha.mul_add(q_l, (F::ONE - alpha) * q_b);

@@ -19,11 +19,11 @@ pub struct ObvhsOptions {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum TreeKind {
     /// Two children a node, boxes in single precision.
-    Two,
+    Binary,
     /// Eight children a node, boxes in eight bits: Ylitie et al. (2017), *Efficient Incoherent Ray Traversal on GPUs
     /// Through Compressed Wide BVHs*.
     #[default]
-    Eight,
+    EightWide,
 }
 
 /// obvhs' build presets. The two slowest split beforehand.
@@ -47,7 +47,7 @@ pub enum TriangleTest {
     #[default]
     Embree,
     /// obvhs' own: divides first, and takes a weight of −0 for a miss.
-    Own,
+    Obvhs,
 }
 
 impl Preset {

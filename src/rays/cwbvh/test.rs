@@ -4,14 +4,14 @@ use obvhs::ray::Ray;
 use obvhs::rt_triangle::RtTriangle;
 
 /// (t, u, v) of a hit, u and v the weights of the second and third vertex.
-pub(super) trait Test {
+pub(super) trait IntersectionTest {
     fn intersect(triangle: &RtTriangle, ray: &Ray) -> Option<(f32, f32, f32)>;
 }
 
 /// Embree's Möller–Trumbore test; t in (`tmin`, `tmax`].
-pub(super) struct Embree;
+pub(super) struct EmbreeTest;
 
-impl Test for Embree {
+impl IntersectionTest for EmbreeTest {
     #[inline(always)]
     fn intersect(triangle: &RtTriangle, ray: &Ray) -> Option<(f32, f32, f32)> {
         // RtTriangle has e1 = v0 − v1, e2 = v2 − v0, ng = e1 × e2.
@@ -34,9 +34,9 @@ impl Test for Embree {
 }
 
 /// obvhs' own; t in [`tmin`, `tmax`].
-pub(super) struct Own;
+pub(super) struct ObvhsTest;
 
-impl Test for Own {
+impl IntersectionTest for ObvhsTest {
     #[inline(always)]
     fn intersect(triangle: &RtTriangle, ray: &Ray) -> Option<(f32, f32, f32)> {
         let t = triangle.intersect(ray);

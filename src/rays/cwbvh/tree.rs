@@ -11,25 +11,25 @@ use obvhs::ray::{Ray, RayHit};
 use obvhs::splits::split_aabbs_preset;
 use obvhs::triangle::Triangle;
 
-use super::{ObvhsOptions, TreeKind};
+use super::options::{ObvhsOptions, TreeKind};
 use crate::{Error, Result};
 
 /// Boxes grow by this share of their tree's largest coordinate, so that rounding in the box tests loses no hit.
-const SLACK: f32 = 1.0 / (1 << 20) as f32;
+const BOX_SLACK: f32 = 1.0 / (1 << 20) as f32;
 
 /// Levels that obvhs' traversal stack of the eight-wide tree holds; it forgets nodes of deeper trees silently.
-const DEEPEST: u32 = 32;
+const MAX_LEVELS: u32 = 32;
 
 pub(super) enum Tree {
-    Two(Bvh2),
-    Eight(CwBvh),
+    Binary(Bvh2),
+    EightWide(CwBvh),
 }
 
 impl Tree {
-    /// A tree over boxes, which grow by [`SLACK`]; `triangles` are what is in them, where they are to be split.
+    /// A tree over boxes, which grow by [`BOX_SLACK`]; `triangles` are what is in them, where they are to be split.
     pub(super) fn build(mut boxes: Vec<Aabb>, triangles: Option<&[Triangle]>, options: &ObvhsOptions) -> Result<Self> {
         if boxes.is_empty() {
-            return Ok(Tree::Eight(CwBvh::default()));
+            return Ok(Tree::EightWide(CwBvh::default()));
         }
         let choices = options.parameters();
         let mut order = (0..boxes.len() as u32).collect::<Vec<_>>();
@@ -39,7 +39,7 @@ impl Tree {
             split_aabbs_preset(&mut boxes, &mut order, triangles, mean, largest);
         }
         let bounds = union(&boxes);
-        let slack = SLACK * bounds.min.abs().max(bounds.max.abs()).max_element();
+        let slack = BOX_SLACK * bounds.min.abs().max(bounds.max.abs()).max_element();
         for one in &mut boxes {
             *one = Aabb::new(one.min - slack, one.max + slack);
         }
@@ -54,32 +54,32 @@ impl Tree {
         binary.uses_spatial_splits = triangles.is_some();
         let mut optimizer = ReinsertionOptimizer::default();
         optimizer.run(&mut binary, choices.reinsertion_batch_ratio, None);
-        if options.tree == TreeKind::Two {
+        if options.tree == TreeKind::Binary {
             collapse(&mut binary, choices.max_prims_per_leaf.clamp(1, 255), choices.collapse_traversal_cost);
             let again = choices.reinsertion_batch_ratio * choices.post_collapse_reinsertion_batch_ratio_multiplier;
             optimizer.run(&mut binary, again, None);
             // Queries need neither; what was needed to optimise is not kept.
             binary.parents = Vec::new();
             binary.primitives_to_nodes = Vec::new();
-            return Ok(Tree::Two(binary));
+            return Ok(Tree::Binary(binary));
         }
         let bvh = bvh2_to_cwbvh(&binary, choices.max_prims_per_leaf.clamp(1, 3), true, false);
         let depth = depth(&bvh);
-        if depth > DEEPEST {
+        if depth > MAX_LEVELS {
             return Err(Error::Data(format!(
-                "the scene's triangles overlap so much that obvhs' tree has {depth} levels, more than the {DEEPEST} that \
+                "the scene's triangles overlap so much that obvhs' tree has {depth} levels, more than the {MAX_LEVELS} that \
                  it can walk; use --rays embree"
             )));
         }
-        Ok(Tree::Eight(bvh))
+        Ok(Tree::EightWide(bvh))
     }
 
     /// Which box each place in a leaf holds.
     #[inline(always)]
     pub(super) fn order(&self) -> &[u32] {
         match self {
-            Tree::Two(bvh) => &bvh.primitive_indices,
-            Tree::Eight(bvh) => &bvh.primitive_indices,
+            Tree::Binary(bvh) => &bvh.primitive_indices,
+            Tree::EightWide(bvh) => &bvh.primitive_indices,
         }
     }
 
@@ -87,8 +87,8 @@ impl Tree {
     #[inline(always)]
     pub(super) fn closest(&self, ray: Ray, hit: &mut RayHit, test: impl FnMut(&Ray, usize) -> f32) {
         match self {
-            Tree::Two(bvh) => bvh.ray_traverse(ray, hit, test),
-            Tree::Eight(bvh) => bvh.ray_traverse(ray, hit, test),
+            Tree::Binary(bvh) => bvh.ray_traverse(ray, hit, test),
+            Tree::EightWide(bvh) => bvh.ray_traverse(ray, hit, test),
         };
     }
 
@@ -96,15 +96,15 @@ impl Tree {
     #[inline(always)]
     pub(super) fn misses(&self, ray: Ray, test: impl FnMut(&Ray, usize) -> f32) -> bool {
         match self {
-            Tree::Two(bvh) => bvh.ray_traverse_miss(ray, test),
-            Tree::Eight(bvh) => bvh.ray_traverse_miss(ray, test),
+            Tree::Binary(bvh) => bvh.ray_traverse_miss(ray, test),
+            Tree::EightWide(bvh) => bvh.ray_traverse_miss(ray, test),
         }
     }
 
     pub(super) fn bytes(&self) -> usize {
         let nodes = match self {
-            Tree::Two(bvh) => bvh.nodes.len() * size_of::<Bvh2Node>(),
-            Tree::Eight(bvh) => bvh.nodes.len() * size_of::<CwBvhNode>(),
+            Tree::Binary(bvh) => bvh.nodes.len() * size_of::<Bvh2Node>(),
+            Tree::EightWide(bvh) => bvh.nodes.len() * size_of::<CwBvhNode>(),
         };
         nodes + size_of_val(self.order())
     }

@@ -8,15 +8,15 @@ use std::sync::{Arc, Mutex};
 
 use embree4_sys as sys;
 
-use super::{EmbreeOptions, Quality};
-use crate::rays::{Watch, go_on, stopped};
+use super::options::{EmbreeOptions, Quality};
+use crate::rays::build::{Watch, check_watch, interrupted};
 use crate::scene::Mesh;
 use crate::scene::motion::{Key, Motion};
 use crate::{Error, Result};
 
 /// What Embree reports while it builds.
 #[derive(Default)]
-pub(super) struct Monitor {
+pub(super) struct DeviceMonitor {
     pub(super) bytes: AtomicI64,
     /// The most that there were at once.
     pub(super) peak: AtomicI64,
@@ -42,16 +42,16 @@ impl Drop for SceneHandle {
 }
 
 unsafe extern "C" fn on_memory(monitor: *mut c_void, bytes: isize, _post: bool) -> bool {
-    // SAFETY: `build` registered a `Monitor` that outlives the device.
-    let monitor = unsafe { &*monitor.cast::<Monitor>() };
+    // SAFETY: `build` registered a `DeviceMonitor` that outlives the device.
+    let monitor = unsafe { &*monitor.cast::<DeviceMonitor>() };
     let before = monitor.bytes.fetch_add(bytes as i64, Ordering::Relaxed);
     monitor.peak.fetch_max(before + bytes as i64, Ordering::Relaxed);
     true
 }
 
 unsafe extern "C" fn on_error(monitor: *mut c_void, code: sys::RTCError, message: *const c_char) {
-    // SAFETY: `build` registered a `Monitor` that outlives the device.
-    let monitor = unsafe { &*monitor.cast::<Monitor>() };
+    // SAFETY: `build` registered a `DeviceMonitor` that outlives the device.
+    let monitor = unsafe { &*monitor.cast::<DeviceMonitor>() };
     let text = if message.is_null() {
         String::new()
     } else {
@@ -65,7 +65,7 @@ unsafe extern "C" fn on_error(monitor: *mut c_void, code: sys::RTCError, message
 
 /// The share of one commit in a whole build, and who follows that.
 #[derive(Clone)]
-pub(super) struct Share<'a> {
+pub(super) struct CommitProgress<'a> {
     watch: Watch<'a>,
     /// Within [0, 1].
     part: Range<f64>,
@@ -73,7 +73,7 @@ pub(super) struct Share<'a> {
     units: f64,
 }
 
-impl<'a> Share<'a> {
+impl<'a> CommitProgress<'a> {
     /// Nothing yet of a build of so many triangles and placements.
     pub(super) fn new(watch: Watch<'a>, units: usize) -> Self {
         Self { watch, part: 0.0..0.0, units: units as f64 }
@@ -91,34 +91,34 @@ impl<'a> Share<'a> {
     }
 }
 
-unsafe extern "C" fn on_progress(share: *mut c_void, fraction: f64) -> bool {
-    // SAFETY: `commit` registered a `Share` that outlives the commit.
-    let Share { watch, part, .. } = unsafe { &*share.cast::<Share>() };
+unsafe extern "C" fn on_progress(progress: *mut c_void, fraction: f64) -> bool {
+    // SAFETY: `commit` registered a `CommitProgress` that outlives the commit.
+    let CommitProgress { watch, part, .. } = unsafe { &*progress.cast::<CommitProgress>() };
     watch(part.start + (part.end - part.start) * fraction.clamp(0.0, 1.0))
 }
 
 /// An Embree error as one of ours.
-fn error_of(code: sys::RTCError, message: &str) -> Error {
+fn convert_error(code: sys::RTCError, message: &str) -> Error {
     match code {
         sys::RTC_ERROR_OUT_OF_MEMORY => Error::Host(format!("Embree: not enough memory for this scene: {message}")),
-        sys::RTC_ERROR_CANCELLED => stopped(),
+        sys::RTC_ERROR_CANCELLED => interrupted(),
         sys::RTC_ERROR_UNSUPPORTED_CPU => Error::Host(format!("Embree: this CPU is not supported: {message}")),
         _ => Error::Bug(format!("Embree error {code}: {message}")),
     }
 }
 
-impl Monitor {
+impl DeviceMonitor {
     /// The first error since the last call.
     fn check(&self) -> Result<()> {
         match self.error.lock().ok().and_then(|mut error| error.take()) {
-            Some((code, message)) => Err(error_of(code, &message)),
+            Some((code, message)) => Err(convert_error(code, &message)),
             None => Ok(()),
         }
     }
 }
 
 impl DeviceHandle {
-    pub(super) fn new(options: &EmbreeOptions, monitor: &Arc<Monitor>) -> Result<Self> {
+    pub(super) fn new(options: &EmbreeOptions, monitor: &Arc<DeviceMonitor>) -> Result<Self> {
         // Else 128 MiB are mapped for subdivision surfaces, which there are none of: nothing for the machine, but much for a
         // limit of memory.
         let mut config = format!("threads={},tessellation_cache_size=1", options.threads);
@@ -130,7 +130,7 @@ impl DeviceHandle {
         let device = unsafe { sys::rtcNewDevice(config.as_ptr()) };
         if device.is_null() {
             // SAFETY: null asks for the error of the failed creation.
-            return Err(error_of(unsafe { sys::rtcGetDeviceError(device) }, "no device"));
+            return Err(convert_error(unsafe { sys::rtcGetDeviceError(device) }, "no device"));
         }
         let device = Self(device);
         let monitor = Arc::as_ptr(monitor).cast_mut().cast();
@@ -297,13 +297,13 @@ fn decomposition(key: &Key) -> sys::RTCQuaternionDecomposition {
 }
 
 impl SceneHandle {
-    /// Builds it; `share` is its share of the whole.
-    pub(super) fn commit(&self, monitor: &Monitor, share: Share) -> Result<()> {
+    /// Builds it; `progress` is its share of the whole.
+    pub(super) fn commit(&self, monitor: &DeviceMonitor, progress: CommitProgress) -> Result<()> {
         // Embree asks only every some thousand triangles, and not at all in a scene of few.
-        go_on(share.watch, share.part.start)?;
-        // SAFETY: the handle is valid; `share` outlives the commit, and Embree is told to forget it afterwards.
+        check_watch(progress.watch, progress.part.start)?;
+        // SAFETY: the handle is valid; `progress` outlives the commit, and Embree is told to forget it afterwards.
         unsafe {
-            sys::rtcSetSceneProgressMonitorFunction(self.0, Some(on_progress), (&raw const share).cast_mut().cast());
+            sys::rtcSetSceneProgressMonitorFunction(self.0, Some(on_progress), (&raw const progress).cast_mut().cast());
             sys::rtcCommitScene(self.0);
             sys::rtcSetSceneProgressMonitorFunction(self.0, None, null_mut());
         }

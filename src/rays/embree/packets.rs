@@ -6,8 +6,8 @@ use std::mem::offset_of;
 
 use embree4_sys as sys;
 
-use super::{Bond, EmbreeRays};
-use crate::rays::{HitBatch, MISS, RayBatch};
+use super::{Coherence, EmbreeRays};
+use crate::rays::batch::{HitBatch, MISS, RayBatch};
 
 /// Embree's context of a batch, followed by what the alpha filter needs.
 #[repr(C)]
@@ -45,10 +45,10 @@ pub(super) unsafe extern "C" fn filter_alpha(args: *const sys::RTCFilterFunction
             }
             let ray = |column: usize| *args.ray.cast::<u32>().add(column * n + lane);
             let hit = |column: usize| *args.hit.cast::<u32>().add(column * n + lane);
-            let place = context.rays.place(hit(GEOMETRY), hit(INSTANCE));
+            let placement_of = context.rays.placement_of(hit(GEOMETRY), hit(INSTANCE));
             let [u, v] = [hit(U), hit(V)].map(f32::from_bits);
             let key = context.keys[ray(ID) as usize];
-            if !context.rays.scene.is_present(key, place.instance, place.mesh, hit(PRIM), u, v) {
+            if !context.rays.scene.is_present(key, placement_of.instance, placement_of.mesh, hit(PRIM), u, v) {
                 *valid = 0;
             }
         }
@@ -57,9 +57,9 @@ pub(super) unsafe extern "C" fn filter_alpha(args: *const sys::RTCFilterFunction
 
 /// Embree wants a packet's lane mask aligned like the packet.
 #[repr(C, align(64))]
-struct Lanes<const N: usize>([c_int; N]);
+struct LaneMask<const N: usize>([c_int; N]);
 
-impl<const N: usize> Lanes<N> {
+impl<const N: usize> LaneMask<N> {
     fn first(count: usize) -> Self {
         Self(std::array::from_fn(|lane| if lane < count { -1 } else { 0 }))
     }
@@ -67,7 +67,7 @@ impl<const N: usize> Lanes<N> {
 
 /// Which rays of a batch the lanes of a packet take.
 #[derive(Clone, Copy)]
-enum Picks<'a> {
+enum PacketRows<'a> {
     /// Those from here on.
     From(usize),
     /// These.
@@ -76,13 +76,13 @@ enum Picks<'a> {
 
 /// Copies a part of a column; spare lanes keep what they have.
 #[inline(always)]
-fn load<const N: usize>(lanes: &mut [f32; N], column: &[f32], picks: Picks) {
-    match picks {
-        Picks::From(start) => match column[start..].first_chunk() {
+fn load<const N: usize>(lanes: &mut [f32; N], column: &[f32], rows: PacketRows) {
+    match rows {
+        PacketRows::From(start) => match column[start..].first_chunk() {
             Some(chunk) => *lanes = *chunk,
             None => lanes[..column.len() - start].copy_from_slice(&column[start..]),
         },
-        Picks::Each(rays) => {
+        PacketRows::Each(rays) => {
             for (lane, &ray) in lanes.iter_mut().zip(rays) {
                 *lane = column[ray as usize];
             }
@@ -92,16 +92,16 @@ fn load<const N: usize>(lanes: &mut [f32; N], column: &[f32], picks: Picks) {
 
 /// The way back; spare lanes are dropped.
 #[inline(always)]
-fn store<T: Copy, const N: usize>(column: &mut [T], picks: Picks, lanes: &[T; N]) {
-    match picks {
-        Picks::From(start) => match column[start..].first_chunk_mut() {
+fn store<T: Copy, const N: usize>(column: &mut [T], rows: PacketRows, lanes: &[T; N]) {
+    match rows {
+        PacketRows::From(start) => match column[start..].first_chunk_mut() {
             Some(chunk) => *chunk = *lanes,
             None => {
                 let len = column.len() - start;
                 column[start..].copy_from_slice(&lanes[..len]);
             }
         },
-        Picks::Each(rays) => {
+        PacketRows::Each(rays) => {
             for (&lane, &ray) in lanes.iter().zip(rays) {
                 column[ray as usize] = lane;
             }
@@ -113,13 +113,13 @@ fn store<T: Copy, const N: usize>(column: &mut [T], picks: Picks, lanes: &[T; N]
 /// Embree takes a packet that stays together through the tree once for each octant that its rays point to: sorted, the
 /// packets of diffuse bounces in a small scene cost a third.
 #[inline(always)]
-fn for_each_packet(rays: &RayBatch, n: usize, sorted: bool, mut packet: impl FnMut(Picks, usize)) {
+fn for_each_packet(rays: &RayBatch, n: usize, sorted: bool, mut packet: impl FnMut(PacketRows, usize)) {
     thread_local! {
         static ORDER: RefCell<Vec<u32>> = const { RefCell::new(Vec::new()) };
     }
     if !sorted {
         for start in (0..rays.len()).step_by(n) {
-            packet(Picks::From(start), n.min(rays.len() - start));
+            packet(PacketRows::From(start), n.min(rays.len() - start));
         }
         return;
     }
@@ -134,12 +134,12 @@ fn for_each_packet(rays: &RayBatch, n: usize, sorted: bool, mut packet: impl FnM
         }
         order.resize(rays.len(), 0);
         for i in 0..rays.len() {
-            let place = &mut ends[octant(i)];
-            order[*place] = i as u32;
-            *place += 1;
+            let placement_of = &mut ends[octant(i)];
+            order[*placement_of] = i as u32;
+            *placement_of += 1;
         }
-        for picks in order.chunks(n) {
-            packet(Picks::Each(picks), picks.len());
+        for rows in order.chunks(n) {
+            packet(PacketRows::Each(rows), rows.len());
         }
     });
 }
@@ -152,28 +152,28 @@ macro_rules! packet_queries {
             use super::*;
 
             #[inline(always)]
-            fn load_rays(lanes: &mut sys::$ray, rays: &RayBatch, picks: Picks) {
-                load(&mut lanes.org_x, &rays.origin[0], picks);
-                load(&mut lanes.org_y, &rays.origin[1], picks);
-                load(&mut lanes.org_z, &rays.origin[2], picks);
-                load(&mut lanes.dir_x, &rays.direction[0], picks);
-                load(&mut lanes.dir_y, &rays.direction[1], picks);
-                load(&mut lanes.dir_z, &rays.direction[2], picks);
-                load(&mut lanes.tnear, &rays.tnear, picks);
-                load(&mut lanes.tfar, &rays.tfar, picks);
+            fn load_rays(lanes: &mut sys::$ray, rays: &RayBatch, rows: PacketRows) {
+                load(&mut lanes.org_x, &rays.origin[0], rows);
+                load(&mut lanes.org_y, &rays.origin[1], rows);
+                load(&mut lanes.org_z, &rays.origin[2], rows);
+                load(&mut lanes.dir_x, &rays.direction[0], rows);
+                load(&mut lanes.dir_y, &rays.direction[1], rows);
+                load(&mut lanes.dir_z, &rays.direction[2], rows);
+                load(&mut lanes.tnear, &rays.tnear, rows);
+                load(&mut lanes.tfar, &rays.tfar, rows);
                 if !rays.time.is_empty() {
-                    load(&mut lanes.time, &rays.time, picks);
+                    load(&mut lanes.time, &rays.time, rows);
                 }
-                match picks {
-                    Picks::From(start) => lanes.id = std::array::from_fn(|lane| (start + lane) as u32),
-                    Picks::Each(rays) => lanes.id[..rays.len()].copy_from_slice(rays),
+                match rows {
+                    PacketRows::From(start) => lanes.id = std::array::from_fn(|lane| (start + lane) as u32),
+                    PacketRows::Each(rays) => lanes.id[..rays.len()].copy_from_slice(rays),
                 }
             }
 
-            pub fn closest_hits(to: &EmbreeRays, rays: &RayBatch, bond: Bond, hits: &mut HitBatch) {
+            pub fn closest_hits(to: &EmbreeRays, rays: &RayBatch, coherence: Coherence, hits: &mut HitBatch) {
                 let mut context = QueryContext::new(to, rays);
                 let mut args = sys::RTCIntersectArguments {
-                    flags: bond.flags(),
+                    flags: coherence.flags(),
                     feature_mask: sys::RTC_FEATURE_FLAG_ALL,
                     context: (&raw mut context).cast(),
                     filter: to.filter(),
@@ -181,11 +181,11 @@ macro_rules! packet_queries {
                 };
                 let mut packet = sys::$ray_hit::default();
                 packet.ray.mask = [u32::MAX; $n];
-                for_each_packet(rays, $n, bond == Bond::Sorted, |picks, len| {
-                    load_rays(&mut packet.ray, rays, picks);
+                for_each_packet(rays, $n, coherence == Coherence::Sorted, |rows, len| {
+                    load_rays(&mut packet.ray, rays, rows);
                     packet.hit.geomID = [sys::RTC_INVALID_GEOMETRY_ID; $n];
                     packet.hit.instID = [[sys::RTC_INVALID_GEOMETRY_ID; $n]; LEVELS];
-                    let valid = Lanes::<$n>::first(len);
+                    let valid = LaneMask::<$n>::first(len);
                     // SAFETY: the scene is committed, `context` lives, mask and packet are aligned by their types.
                     unsafe { sys::$intersect(valid.0.as_ptr(), to.top.0, &mut packet, &mut args) };
                     let hit = &packet.hit;
@@ -195,35 +195,35 @@ macro_rules! packet_queries {
                         if hit.geomID[lane] == sys::RTC_INVALID_GEOMETRY_ID {
                             (t[lane], prim[lane]) = (f32::INFINITY, MISS);
                         } else {
-                            let place = to.place(hit.geomID[lane], hit.instID[0][lane]);
-                            (instance[lane], mesh[lane]) = (place.instance, place.mesh);
+                            let placement_of = to.placement_of(hit.geomID[lane], hit.instID[0][lane]);
+                            (instance[lane], mesh[lane]) = (placement_of.instance, placement_of.mesh);
                         }
                     }
-                    store(&mut hits.t, picks, &t);
-                    store(&mut hits.u, picks, &hit.u);
-                    store(&mut hits.v, picks, &hit.v);
-                    store(&mut hits.instance, picks, &instance);
-                    store(&mut hits.mesh, picks, &mesh);
-                    store(&mut hits.prim, picks, &prim);
+                    store(&mut hits.t, rows, &t);
+                    store(&mut hits.u, rows, &hit.u);
+                    store(&mut hits.v, rows, &hit.v);
+                    store(&mut hits.instance, rows, &instance);
+                    store(&mut hits.mesh, rows, &mesh);
+                    store(&mut hits.prim, rows, &prim);
                 });
             }
 
-            pub fn occluded(by: &EmbreeRays, rays: &RayBatch, bond: Bond, occluded: &mut [bool]) {
+            pub fn occluded(by: &EmbreeRays, rays: &RayBatch, coherence: Coherence, occluded: &mut [bool]) {
                 let mut context = QueryContext::new(by, rays);
                 let mut args = sys::RTCOccludedArguments {
-                    flags: bond.flags(),
+                    flags: coherence.flags(),
                     feature_mask: sys::RTC_FEATURE_FLAG_ALL,
                     context: (&raw mut context).cast(),
                     filter: by.filter(),
                     occluded: None,
                 };
                 let mut packet = sys::$ray { mask: [u32::MAX; $n], ..Default::default() };
-                for_each_packet(rays, $n, bond == Bond::Sorted, |picks, len| {
-                    load_rays(&mut packet, rays, picks);
-                    let valid = Lanes::<$n>::first(len);
+                for_each_packet(rays, $n, coherence == Coherence::Sorted, |rows, len| {
+                    load_rays(&mut packet, rays, rows);
+                    let valid = LaneMask::<$n>::first(len);
                     // SAFETY: the scene is committed, `context` lives, mask and packet are aligned by their types.
                     unsafe { sys::$occluded(valid.0.as_ptr(), by.top.0, &mut packet, &mut args) };
-                    store(occluded, picks, &packet.tfar.map(|tfar| tfar == f32::NEG_INFINITY));
+                    store(occluded, rows, &packet.tfar.map(|tfar| tfar == f32::NEG_INFINITY));
                 });
             }
         }
@@ -275,9 +275,9 @@ pub(super) mod single {
                 hits.t[i] = f32::INFINITY;
                 (hits.instance[i], hits.mesh[i], hits.prim[i]) = (MISS, MISS, MISS);
             } else {
-                let place = to.place(hit.geomID, hit.instID[0]);
+                let placement_of = to.placement_of(hit.geomID, hit.instID[0]);
                 hits.t[i] = one.ray.tfar;
-                (hits.instance[i], hits.mesh[i], hits.prim[i]) = (place.instance, place.mesh, hit.primID);
+                (hits.instance[i], hits.mesh[i], hits.prim[i]) = (placement_of.instance, placement_of.mesh, hit.primID);
             }
             (hits.u[i], hits.v[i]) = (hit.u, hit.v);
         }

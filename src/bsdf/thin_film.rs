@@ -8,7 +8,7 @@ use super::microfacet::schlick_weight;
 use crate::lanes::{F, V3};
 
 /// The base reflects less than all, or it would have no index of refraction.
-const MOST: f32 = 0.9999;
+const MAX_REFLECTANCE: f32 = 0.9999;
 
 /// A colour matching function in terms of the phase: `amplitude` · cos(`position` · phase) · exp(−`variance` · phase²). The
 /// appendix's amplitude val · √(2π · var) / 1.0685e-7 is multiplied out.
@@ -39,17 +39,17 @@ impl Sensitivity {
 #[inline(never)]
 pub fn reflectance(cos: F, base: V3, ior: F, thickness: F) -> V3 {
     let inside = (F::ONE - (F::ONE - cos * cos) / (ior * ior)).fast_max(F::ZERO).sqrt();
-    let r12 = schlick(normal(ior), cos);
+    let r12 = schlick(normal_incidence(ior), cos);
     let t121 = F::ONE - r12;
     // 2π times the difference of the optical paths, in metres.
     let phase = F::splat(4.0 * PI * 1e-9) * ior * thickness * inside;
     let first = sensitivity(phase);
     let second = sensitivity(phase + phase);
     let channel = |base: F, first: F, second: F| {
-        let root = base.fast_min(F::splat(MOST)).sqrt();
+        let root = base.fast_min(F::splat(MAX_REFLECTANCE)).sqrt();
         let base_ior = (F::ONE + root) / (F::ONE - root);
-        let r23 = schlick(normal(base_ior / ior), inside);
-        let r123 = (r12 * r23).fast_min(F::splat(MOST));
+        let r23 = schlick(normal_incidence(base_ior / ior), inside);
+        let r123 = (r12 * r23).fast_min(F::splat(MAX_REFLECTANCE));
         let around = r123.sqrt();
         let rs = t121 * t121 * r23 / (F::ONE - r123);
         let order = (rs - t121) * around;
@@ -69,7 +69,7 @@ pub fn reflectance(cos: F, base: V3, ior: F, thickness: F) -> V3 {
 
 /// Reflectance at normal incidence where the index of refraction grows `ratio` times.
 #[inline(always)]
-fn normal(ratio: F) -> F {
+fn normal_incidence(ratio: F) -> F {
     let root = (ratio - F::ONE) / (ratio + F::ONE);
     root * root
 }
