@@ -1,6 +1,7 @@
-//! KHR_materials_clearcoat: a clear layer over all others, with a normal and a roughness of its own. Its Fresnel term is
-//! Schlick's of index 1.5 at the coat's normal, as the extension has it, so that it takes from the layers beneath exactly
-//! what it reflects where it is smooth.
+//! KHR_materials_clearcoat: a dielectric coat over all other layers, with its own normal and roughness.
+//!
+//! The Fresnel term is Schlick's approximation for index 1.5 at the coat's normal, as the extension specifies; it also
+//! attenuates the layers beneath. A smooth coat therefore conserves energy.
 
 use super::ggx;
 use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, diffuseness};
@@ -10,20 +11,20 @@ use crate::lanes::{F, V3};
 use crate::sampling::warp;
 
 lobe! {
-    /// A coat of varnish.
+    /// GGX reflection of the coat.
     Clearcoat {
-        /// How much of it there is, in [0, 1].
+        /// Strength of the coat, in [0, 1].
         coat: Scalar,
-        /// Its unit normal; zero for the shading normal.
+        /// Unit normal of the coat in world space; zero for the shading normal.
         normal: Vector,
-        /// Microfacet roughness, ≥ [`ggx::MIN_ALPHA`].
+        /// Microfacet α, ≥ [`ggx::MIN_ALPHA`].
         alpha: Scalar,
     }
 }
 
 /// Reflectance of index 1.5 at normal incidence.
 const F0: f32 = 0.04;
-/// Lowest cosine between eye and coat's normal.
+/// Lowest cosine between `wo` and the coat's normal.
 const MIN_COS: f32 = 1e-3;
 
 impl Lobe for Clearcoat<Eight> {
@@ -63,14 +64,14 @@ impl Lobe for Clearcoat<Eight> {
         let m = ggx::sample_visible_normal(V3 { x: t.dot(wo), y: b.dot(wo), z: n.dot(wo) }, [self.alpha; 2], u, v);
         let h = t * m.x + b * m.y + n * m.z;
         let wi = h * (F::splat(2.0) * wo.dot(h)) - wo;
-        // Below the coat or the surface, nothing is drawn.
+        // Sampling fails below the coat's or the surface's horizon.
         let above = frames.n.dot(wi).simd_gt(F::ZERO) & n.dot(wi).simd_gt(F::ZERO);
         DirectionSample { wi: V3::select(above, wi, V3::ZERO), h }
     }
 }
 
 impl Clearcoat<Eight> {
-    /// The coat's normal, the eye just above its horizon at least.
+    /// The coat's normal, tilted toward `wo` until n·wo ≥ [`MIN_COS`].
     #[inline(always)]
     fn coat_normal(&self, n: V3, wo: V3) -> V3 {
         let normal = V3::select(self.normal.length_squared().simd_gt(F::ZERO), self.normal, n);
@@ -79,7 +80,7 @@ impl Clearcoat<Eight> {
         V3::select(cos.simd_lt(min_cos), (normal + wo * (min_cos - cos)).normalize_or(n), normal)
     }
 
-    /// What it reflects at cosine `cos` between its normal and the eye, at most.
+    /// Reflectance at cosine `cos` between the coat's normal and `wo`.
     #[inline(always)]
     fn reflectance(&self, cos: F) -> F {
         self.coat * F::splat(1.0 - F0).mul_add(schlick_weight(cos), F::splat(F0))

@@ -1,4 +1,4 @@
-//! KHR_materials_diffuse_transmission: light that leaves the other side as bright in every direction; leaves, paper.
+//! KHR_materials_diffuse_transmission: Lambertian transmission, as of leaves and paper.
 
 use std::f32::consts::{FRAC_1_PI, PI};
 
@@ -9,13 +9,13 @@ use crate::lanes::{F, V3};
 use crate::sampling::warp;
 
 lobe! {
-    /// Diffuse transmission beneath a dielectric's Fresnel layer, beside the lobes that reflect.
+    /// Diffuse transmission beneath a dielectric Fresnel layer. It attenuates no lobe beneath it.
     DiffuseTransmission {
-        /// Share of the light that is transmitted, / π.
+        /// Transmission albedo / π, linear RGB.
         diffuse: Vector,
-        /// What the layer keeps, at normal incidence.
+        /// Reflectance of the Fresnel layer at normal incidence.
         layer0: Scalar,
-        /// The same at grazing.
+        /// Reflectance of the Fresnel layer at grazing incidence.
         layer90: Scalar,
     }
 }
@@ -43,11 +43,11 @@ impl Lobe for DiffuseTransmission<Eight> {
 
     #[inline(always)]
     fn eval(&self, d: &Directions, light: F) -> Response {
-        // A half vector that points out, with `wi` below, is a reflection's that failed.
+        // n·h > 0 with `wi` below the surface marks a reflection sample that failed.
         let below =
             d.cos_o.simd_gt(F::ZERO) & d.cos_i.simd_lt(F::ZERO) & d.n.dot(d.h).simd_le(F::ZERO) & self.present();
         let pdf = (d.cos_i.abs() * F::splat(FRAC_1_PI)) & below;
-        // The layer sees the light as if it came from the eye's side.
+        // The Fresnel layer is evaluated with wi mirrored to the side of wo.
         let mirrored = d.wi - d.n * (F::splat(2.0) * d.cos_i);
         let h = (d.wo + mirrored).normalize_or(d.n);
         let value = self.diffuse * ((d.cos_i.abs() * light * self.layer_transmittance(d.wo.dot(h))) & below);

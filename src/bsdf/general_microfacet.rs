@@ -1,6 +1,6 @@
-//! KHR_materials_anisotropy and KHR_materials_iridescence: the surface of a material that is rougher one way than the other,
-//! or lies under a thin film. It stands in for both [`Microfacet`](super::Microfacet) and [`Glass`](super::Glass), which know
-//! nothing of either and are as fast as ever.
+//! KHR_materials_anisotropy and KHR_materials_iridescence: microfacet reflection and refraction with anisotropic roughness
+//! or a thin film. It replaces both [`Microfacet`](super::Microfacet) and [`Glass`](super::Glass) on materials that have one
+//! of the extensions, so that the two stay simple and fast.
 
 use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, diffuseness};
 use super::microfacet::schlick_weight;
@@ -10,31 +10,31 @@ use super::{ggx, thin_film};
 use crate::lanes::{F, V3};
 
 lobe! {
-    /// Specular reflection and transmission over a diffuse base.
+    /// Anisotropic GGX reflection and transmission, with or without a thin film, over a diffuse base.
     GeneralMicrofacet {
-        /// Unit direction along the surface in which it is rougher; zero where it is as rough every way.
+        /// Unit direction of the higher roughness in world space; zero where roughness is isotropic.
         tangent: Vector,
-        /// Microfacet roughness along the tangent, ≥ [`ggx::MIN_ALPHA`].
+        /// Microfacet α along the tangent, ≥ [`ggx::MIN_ALPHA`].
         alpha_t: Scalar,
-        /// Across.
+        /// Microfacet α along the bitangent, ≥ [`ggx::MIN_ALPHA`].
         alpha_b: Scalar,
-        /// The dielectric's reflectance at normal incidence.
+        /// Reflectance of the dielectric at normal incidence.
         f0: Vector,
-        /// The same at grazing.
+        /// Reflectance of the dielectric at grazing incidence.
         f90: Scalar,
-        /// Share of metal, in [0, 1].
+        /// Metalness, in [0, 1].
         metallic: Scalar,
-        /// The metal's reflectance at normal incidence; 1 at grazing.
+        /// Reflectance of the metal at normal incidence; at grazing incidence it is 1.
         metallic_f0: Vector,
-        /// Share of the dielectric's base that is glass, in [0, 1].
+        /// Fraction of the dielectric's base that transmits specularly, in [0, 1].
         transmission: Scalar,
-        /// Colour of what is transmitted.
+        /// Linear RGB tint of transmitted light.
         tint: Vector,
-        /// As in [`Glass`](super::Glass).
+        /// Relative index of refraction, see [`Glass::eta`](super::Glass::eta).
         eta: Scalar,
-        /// As in [`Glass`](super::Glass); 1 where there is no glass.
+        /// 1 for a thin wall and where nothing is transmitted, 0 for a medium boundary.
         thin: Scalar,
-        /// How much of the surface lies under the film, in [0, 1].
+        /// Strength of the film, in [0, 1].
         iridescence: Scalar,
         /// The film's index of refraction, ≥ 1.
         film_ior: Scalar,
@@ -92,7 +92,7 @@ impl Lobe for GeneralMicrofacet<Eight> {
     }
 }
 
-/// Tangent, bitangent and normal.
+/// Local frame: tangent, bitangent and normal in world space.
 struct LocalFrame {
     t: V3,
     b: V3,
@@ -106,12 +106,12 @@ impl LocalFrame {
     }
 }
 
-/// What becomes of light at a microfacet.
+/// Where light goes at a microfacet.
 struct Fresnel {
     reflected: V3,
-    /// Through the glass.
+    /// Fraction that is refracted.
     transmitted: F,
-    /// To the dielectric's base.
+    /// Fraction that reaches the dielectric's diffuse base.
     transmittance: F,
 }
 
@@ -127,8 +127,8 @@ impl GeneralMicrofacet<Eight> {
         LocalFrame { t, b: n.cross(t), n }
     }
 
-    /// At cosine `cos` between `wo` and a microfacet's normal: Schlick's term, the exact one where something is transmitted,
-    /// and the film's where there is one.
+    /// The Fresnel terms at cosine `cos` between `wo` and the microfacet normal: exact for dielectrics that transmit, else
+    /// Schlick's approximation; modified by the film where there is one.
     #[inline(always)]
     fn fresnel(&self, cos: F) -> Fresnel {
         let cos = cos.fast_max(F::ZERO).fast_min(F::ONE);
@@ -139,7 +139,7 @@ impl GeneralMicrofacet<Eight> {
         let mut dielectric = self.f0 + (one * self.f90 - self.f0) * fresnel_rise;
         let mut metallic = self.metallic_f0 + (one - self.metallic_f0) * schlick;
         if self.iridescence.simd_gt(F::ZERO).any() {
-            // The film is outside: seen from within a body, where light leaves it.
+            // The film lies on the outside: from within the medium, the cosine is that of the refracted direction.
             let sin2 = (F::ONE - cos * cos) / (self.eta * self.eta);
             let leaving = (F::ONE - sin2).fast_max(F::ZERO).sqrt();
             let outside = self.eta.simd_lt(F::ONE).select(leaving, cos);

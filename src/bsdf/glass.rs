@@ -1,8 +1,8 @@
-//! What lets light through: a dielectric's boundary, of a body or as a thin wall, reflects a part of the light and transmits
-//! the rest (`refraction.rs`).
+//! Rough dielectric boundaries that reflect and refract (KHR_materials_transmission, KHR_materials_volume): of closed media
+//! or thin walls. `refraction.rs` has the geometry.
 //!
-//! Radiance is not scaled by the squared index of refraction inside of bodies: lights in glass are as bright as their
-//! file says, and all that leaves a body has lost the factor again.
+//! Radiance inside media is not scaled by the squared index of refraction: emitters in glass have the radiance that the
+//! file says, and the factor cancels for light that leaves a medium.
 
 use super::ggx;
 use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, diffuseness};
@@ -10,25 +10,25 @@ use super::parameters::{Eight, lobe};
 use super::refraction::{self, Facet};
 use crate::lanes::{F, V3};
 
-/// Indices of refraction nearer to 1 than this are taken as this: where nothing is bent, no half vector says how much.
+/// Smallest difference of an index of refraction from 1: without refraction there is no half vector.
 pub const MIN_BEND: f32 = 1e-4;
 
 lobe! {
-    /// Reflection and transmission of a part of the surface, beside the lobes beneath, which have the rest of it.
+    /// GGX reflection and refraction of a fraction of the surface; the lobes beneath have the rest.
     Glass {
-        /// Which part, in [0, 1].
+        /// The fraction, in [0, 1].
         fraction: Scalar,
-        /// Colour of what is transmitted.
+        /// Linear RGB tint of transmitted light.
         tint: Vector,
         /// Reflectance at normal incidence.
         f0: Vector,
-        /// The same at grazing.
+        /// Reflectance at grazing incidence.
         f90: Scalar,
-        /// Index of refraction beyond the surface over that on the eye's side; of thin walls, of their inside.
+        /// Index of refraction beyond the surface over that on the side of `wo`; for thin walls, that of the wall.
         eta: Scalar,
-        /// 1 for a thin wall, 0 for a body's boundary.
+        /// 1 for a thin wall, 0 for a medium boundary.
         thin: Scalar,
-        /// Microfacet roughness, ≥ [`ggx::MIN_ALPHA`].
+        /// Microfacet α, ≥ [`ggx::MIN_ALPHA`].
         alpha: Scalar,
     }
 }
@@ -85,15 +85,15 @@ impl Lobe for Glass<Eight> {
     }
 }
 
-/// What becomes of light at a microfacet.
+/// Where light goes at a microfacet.
 struct Fresnel {
     reflected: V3,
     transmitted: F,
 }
 
 impl Glass<Eight> {
-    /// At cosine `cos` between `wo` and a microfacet's normal: the exact reflectance of a dielectric, stretched between `f0`
-    /// and `f90` as Schlick's is where nothing is transmitted. Index 1 shows nothing.
+    /// The Fresnel terms at cosine `cos` between `wo` and the microfacet normal: the exact dielectric curve, rescaled to run
+    /// from `f0` to `f90`. An index of 1 reflects nothing.
     #[inline(always)]
     fn fresnel(&self, cos: F) -> Fresnel {
         let (fresnel_rise, total) = refraction::fresnel_rise(cos, self.eta);

@@ -1,4 +1,4 @@
-//! Lambert's lobe: as bright from every side.
+//! Lambertian reflection.
 
 use std::f32::consts::{FRAC_1_PI, PI};
 
@@ -8,9 +8,9 @@ use crate::lanes::{F, V3};
 use crate::sampling::warp;
 
 lobe! {
-    /// Diffuse reflection.
+    /// Lambertian reflection.
     Lambert {
-        /// Albedo / π.
+        /// Albedo / π, linear RGB.
         diffuse: Vector,
     }
 }

@@ -1,4 +1,4 @@
-//! One lobe over another, or over others: how a model is composed.
+//! Layering: one lobe on top of others.
 
 use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response};
 use super::lobe_set::LobeSet;
@@ -6,14 +6,13 @@ use super::parameters::Parameters;
 use crate::lanes::{F, LANES, Rows, V3, eight};
 use crate::sampling::warp::ONE_MINUS;
 
-/// A lobe over those beneath, which get the light that it lets through (all of it, for a lobe beside others). The same
-/// struct at every width: of one point, of eight, of a batch. Where the upper lobe is missing it takes no column, and
-/// no more time than to see that: of eight points it then is `None`.
+/// A top lobe over base lobes, which receive the light that it transmits. The struct has the same form for one point, for
+/// eight points and for a batch. Batches without the top lobe have no columns for it; its eight-point value is `None`.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Layered<Top, Base> {
-    /// The lobe.
+    /// The top lobe.
     pub top: Top,
-    /// What is beneath: a lobe that is always there, or layers again.
+    /// The layers beneath: a lobe that is always present, or another `Layered`.
     pub base: Base,
 }
 
@@ -54,19 +53,19 @@ impl<Top: Parameters, Base: Parameters> Parameters for Layered<Top, Base> {
 }
 
 impl<Top: Lobe, Base: Lobe> Layered<Option<Top>, Base> {
-    /// The upper lobe, if any lane has it.
+    /// The top lobe, if it is present in any lane.
     #[inline(always)]
     fn top(&self) -> Option<&Top> {
         self.top.as_ref().filter(|top| top.present().any())
     }
 
-    /// Chance of drawing from the upper lobe: its share of the reflected light, as [`Lobe::weight`] has it.
+    /// Probability of sampling the top lobe: its fraction of the scattered light, estimated by [`Lobe::weight`].
     #[inline(always)]
     fn top_probability(&self, top: &Top, n: V3, wo: V3) -> F {
         let (weight, transmittance) = top.weight(n, wo);
         let sum = weight + self.base.weight(n, wo).0 * transmittance;
         let some = sum.simd_gt(F::ZERO);
-        // With nothing visible at this angle, the one that there is.
+        // If no lobe scatters toward wo, choose the one that is present.
         let otherwise = top.present() & F::ONE;
         some.select(weight / sum, otherwise)
     }
@@ -113,7 +112,7 @@ impl<Top: Lobe, Base: Lobe> Lobe for Layered<Option<Top>, Base> {
     #[inline(always)]
     fn sample_direction(&self, frames: &Frames, wo: V3, [lobe, u, v]: [F; 3]) -> DirectionSample {
         let Some(upper) = self.top() else { return self.base.sample_direction(frames, wo, [lobe, u, v]) };
-        // What is left of the number that chose the lobe chooses among those in it.
+        // Reuse the number: rescaled to [0, 1), it chooses among the parts of the chosen lobe.
         let within = |from: F, size: F| ((lobe - from) / size).fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS));
         let p = self.top_probability(upper, frames.n, wo);
         let base = self.base.sample_direction(frames, wo, [within(p, F::ONE - p), u, v]);

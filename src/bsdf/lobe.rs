@@ -1,44 +1,44 @@
-//! What every lobe answers: [`Lobe`].
+//! The interface of lobes, [`Lobe`], and the types of its arguments and results.
 
 use super::lobe_set::LobeSet;
 use crate::lanes::{F, V3};
 use crate::sampling::warp;
 
-/// A part of a model at eight points.
+/// A lobe, or a stack of lobes, at eight points.
 pub trait Lobe: Copy {
-    /// Lanes that have it, as a mask.
+    /// Mask of the lanes where the lobe is not zero.
     fn present(&self) -> F;
 
-    /// Which lobes it is made of that any lane has.
+    /// The lobes of the stack that are present in at least one lane.
     fn lobes(&self) -> LobeSet {
         LobeSet::single(self.present().any())
     }
 
-    /// Lanes in which it answers below the surface too, as a mask.
+    /// Mask of the lanes where the lobe also scatters to the other side of the surface.
     #[inline(always)]
     fn transmits(&self) -> F {
         F::ZERO
     }
 
-    /// By how much more light, about, it scatters widely than sharply. Where that is negative, light from one side matters or
-    /// none does, and the BSDF alone knows which.
+    /// Approximate luminance of the diffuse albedo less that of the specular albedo. Path guiding is used where it is not
+    /// negative; elsewhere the BSDF alone says which directions matter.
     #[inline(always)]
     fn diffuseness(&self) -> F {
         F::ZERO
     }
 
-    /// An estimate of the luminance of what it reflects toward `wo` of uniform white light, by which samples choose
-    /// among lobes, and the share of that light that reaches what is beneath. `n` is the shading normal.
+    /// Estimates, for uniform white illumination, of the luminance that the lobe scatters toward `wo`, and of the fraction of
+    /// light that reaches the layers beneath. Sampling chooses among lobes by them. `n` is the shading normal.
     fn weight(&self, n: V3, wo: V3) -> (F, F);
 
-    /// What it makes of the share `light` that reaches it from above.
+    /// Value and density for given directions; `light` is the fraction of light that the layers above transmit.
     fn eval(&self, d: &Directions, light: F) -> Response;
 
-    /// Draws a direction from three numbers in [0, 1), the first of which may choose among parts.
+    /// Samples a direction from three uniform numbers in [0, 1); the first one chooses among the parts of a lobe.
     fn sample_direction(&self, frames: &Frames, wo: V3, numbers: [F; 3]) -> DirectionSample;
 
-    /// f(wo, wi) · |cos θ_i|, and the density per solid angle with which [`sample`](Self::sample) draws `wi`. Zero unless
-    /// both directions are above the surface with shading normal `n`, or `wi` is below it and a lobe transmits.
+    /// f(wo, wi) · |n·wi|, and the density per solid angle with which [`sample`](Self::sample) draws `wi`. Both are zero
+    /// where `wo` is below the surface with shading normal `n`, or where `wi` is and no lobe transmits.
     #[inline(always)]
     fn eval_pdf(&self, n: V3, wo: V3, wi: V3) -> (V3, F) {
         let half = (wo + wi).normalize_or(n);
@@ -47,14 +47,14 @@ pub trait Lobe: Copy {
         (response.value, response.pdf)
     }
 
-    /// Draws `wi` from three numbers in [0, 1).
+    /// Samples `wi` from three uniform numbers in [0, 1).
     #[inline(always)]
     fn sample(&self, n: V3, wo: V3, numbers: [F; 3]) -> BsdfSample {
         self.sample_or(n, wo, numbers, (F::ZERO, V3::ZERO))
     }
 
-    /// As [`sample`](Self::sample), but in lanes of a mask given directions in place of those drawn; of these too with the
-    /// density of drawing them.
+    /// Samples `wi` from three uniform numbers in [0, 1), but takes `other` in lanes of the mask `given`. Value and density
+    /// are those of the BSDF in all lanes.
     #[inline(always)]
     fn sample_or(&self, n: V3, wo: V3, numbers: [F; 3], (given, other): (F, V3)) -> BsdfSample {
         let (t, b) = warp::frames(n);
@@ -69,7 +69,7 @@ pub trait Lobe: Copy {
     }
 }
 
-/// What a model answers for a drawn direction.
+/// Evaluates a lobe for a sampled direction.
 #[inline(always)]
 fn evaluate(lobe: &impl Lobe, n: V3, wo: V3, DirectionSample { wi, h }: DirectionSample) -> Response {
     let (cos_o, cos_i) = (n.dot(wo), n.dot(wi));
@@ -77,73 +77,73 @@ fn evaluate(lobe: &impl Lobe, n: V3, wo: V3, DirectionSample { wi, h }: Directio
     lobe.eval(&Directions { n, wo, wi, h, cos_o, cos_i, above }, F::ONE)
 }
 
-/// For what lobes are evaluated.
+/// The directions for which a lobe is evaluated.
 #[derive(Debug, Clone, Copy)]
 pub struct Directions {
     /// Shading normal.
     pub n: V3,
-    /// Toward the eye.
+    /// Unit, toward the camera.
     pub wo: V3,
-    /// Toward the light.
+    /// Unit, toward the light.
     pub wi: V3,
-    /// Half vector of the two; with `wi` below the surface, [`DirectionSample::h`] or zero.
+    /// Unit half vector; where `wi` is below the surface, [`DirectionSample::h`], or zero if it is not known.
     pub h: V3,
     /// n · wo.
     pub cos_o: F,
     /// n · wi.
     pub cos_i: F,
-    /// Both are above the surface: a mask.
+    /// Mask: `wo` and `wi` are both above the surface.
     pub above: F,
 }
 
-/// Orthonormal frames about shading normals.
+/// Orthonormal frames around shading normals.
 #[derive(Debug, Clone, Copy)]
 pub struct Frames {
-    /// A tangent.
+    /// First tangent.
     pub t: V3,
-    /// The other.
+    /// Second tangent.
     pub b: V3,
-    /// The normal.
+    /// Shading normal.
     pub n: V3,
 }
 
-/// What a lobe answers.
+/// A lobe evaluated for given directions.
 #[derive(Debug, Clone, Copy)]
 pub struct Response {
-    /// f · |cos θ_i|.
+    /// f · |n·wi|.
     pub value: V3,
-    /// Density per solid angle with which it draws `wi`.
+    /// Density per solid angle with which the lobe samples `wi`.
     pub pdf: F,
-    /// Share of the light that reaches what is beneath.
+    /// Fraction of the light that reaches the layers beneath.
     pub transmittance: F,
 }
 
-/// A direction that a lobe drew.
+/// A direction sampled from a lobe.
 #[derive(Debug, Clone, Copy)]
 pub struct DirectionSample {
-    /// Toward the light.
+    /// Unit, toward the light; zero where sampling failed.
     pub wi: V3,
-    /// The normal of the microfacet that made it, toward the surface where light is transmitted; else the half vector of
-    /// `wo` and `wi`.
+    /// The sampled microfacet normal, negated where light is transmitted; for diffuse lobes the half vector of `wo` and
+    /// `wi`, or zero below the surface.
     pub h: V3,
 }
 
-/// Directions drawn from BSDFs.
+/// Directions sampled from BSDFs, with their values.
 #[derive(Debug, Clone, Copy)]
 pub struct BsdfSample {
-    /// Unit, world space.
+    /// Unit, world space, toward the light.
     pub wi: V3,
-    /// f · |cos θ_i|.
+    /// f · |n·wi|.
     pub value: V3,
-    /// Per solid angle; 0 where nothing was drawn (a direction below the surface, nothing to draw from): such a sample
-    /// counts, with value zero.
+    /// Density per solid angle; zero where sampling failed (a direction on the wrong side, no lobe present). A failed sample
+    /// counts as a sample of value zero.
     pub pdf: F,
 }
 
-/// The least microfacet α of what scatters widely.
+/// Microfacet lobes of at least this α count as diffuse.
 const MIN_DIFFUSE_ALPHA: f32 = 0.1;
 
-/// A lobe's [`Lobe::diffuseness`]: the share of light that it scatters, with microfacets of `alpha`.
+/// [`Lobe::diffuseness`] of a microfacet lobe of roughness `alpha` and albedo `weight`.
 #[inline(always)]
 pub(super) fn diffuseness(weight: F, alpha: F) -> F {
     alpha.simd_lt(F::splat(MIN_DIFFUSE_ALPHA)).select(F::ZERO - weight, weight)

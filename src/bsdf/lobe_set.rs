@@ -1,23 +1,23 @@
 //! Sets of lobes.
 
-/// Which of a model's lobes there are: a bit each, the uppermost's the lowest.
+/// A subset of the lobes of a stack: one bit each, the lowest for the top lobe.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct LobeSet(u32);
 
 impl LobeSet {
-    /// The set of one lobe, or of none.
+    /// The set of a single lobe if it is `present`, else the empty set.
     #[inline]
     pub fn single(present: bool) -> Self {
         Self(u32::from(present))
     }
 
-    /// All that are in either.
+    /// The union of two sets.
     #[must_use]
     pub fn union(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 
-    /// Is none there?
+    /// Is the set empty?
     pub fn is_empty(self) -> bool {
         self.0 == 0
     }

@@ -1,7 +1,8 @@
-//! The glTF 2.0 metallic-roughness model (specification, appendix B) with KHR_materials_specular, _ior, _transmission,
-//! _diffuse_transmission, _sheen, _clearcoat, _anisotropy and _iridescence: a linear mix of a dielectric, whose base is seen through its Fresnel layer,
-//! and a metal. The dielectric's base is a mix in its turn: of a diffuse one, which reflects and transmits, and of glass.
-//! KHR_materials_pbrSpecularGlossiness is the same with other names for what the lobes are made of.
+//! The glTF 2.0 metallic-roughness model (appendix B) with KHR_materials_specular, _ior, _transmission, _volume,
+//! _diffuse_transmission, _sheen, _clearcoat, _anisotropy and _iridescence.
+//!
+//! The surface is a linear mix of a metal and a dielectric. The dielectric's base, under its Fresnel layer, is a mix of a
+//! diffuse base, which reflects and transmits, and of glass. KHR_materials_pbrSpecularGlossiness uses the same lobes.
 
 use std::f32::consts::FRAC_1_PI;
 
@@ -19,7 +20,7 @@ use super::model::{BelowGeneralMicrofacet, BelowGlass, Bsdf, Core};
 use super::parameters::One;
 use super::sheen::{MIN_ROUGHNESS, Sheen};
 
-/// The material's parameters at one point, textures applied.
+/// Material parameters at one point, textures applied. Colours are linear RGB.
 #[derive(Debug, Clone, Copy)]
 pub struct Surface {
     /// Linear base colour, in [0, 1].
@@ -34,18 +35,18 @@ pub struct Surface {
     pub specular_color: Vec3,
     /// Index of refraction, ≥ 1, or 0 for infinite.
     pub ior: f32,
-    /// KHR_materials_pbrSpecularGlossiness: reflectance at normal incidence. Base colour and roughness are its diffuse
-    /// colour and one less its glossiness; metalness, specular and index do not count.
+    /// KHR_materials_pbrSpecularGlossiness: reflectance at normal incidence. `base_color` is then the diffuse colour and
+    /// `roughness` is 1 − glossiness; `metallic`, `specular` and `ior` are ignored.
     pub specular_glossiness: Option<Vec3>,
-    /// KHR_materials_transmission: share of the dielectric that is glass, in [0, 1].
+    /// KHR_materials_transmission: fraction of the dielectric that is glass, in [0, 1].
     pub transmission: f32,
-    /// KHR_materials_diffuse_transmission: share of the diffuse base that transmits, in [0, 1].
+    /// KHR_materials_diffuse_transmission: fraction of the diffuse base that transmits, in [0, 1].
     pub diffuse_transmission: f32,
-    /// Its colour.
+    /// KHR_materials_diffuse_transmission colour, in [0, 1].
     pub diffuse_transmission_color: Vec3,
-    /// The surface bounds a body (KHR_materials_volume); else it is a thin wall.
+    /// Does the surface bound a medium (KHR_materials_volume)? Else it is a thin wall.
     pub bounds_medium: bool,
-    /// It is seen from behind: the eye is inside of the body.
+    /// Is the surface seen from its back? Then `wo` is inside the medium.
     pub back_facing: bool,
     /// KHR_materials_sheen: colour, in [0, 1].
     pub sheen_color: Vec3,
@@ -55,36 +56,36 @@ pub struct Surface {
     pub clearcoat: f32,
     /// Perceptual roughness of the coat in [0, 1].
     pub clearcoat_roughness: f32,
-    /// Unit normal of the coat on the eye's side, or zero for the shading normal.
+    /// Unit normal of the coat on the side of `wo`, in world space; zero for the shading normal.
     pub clearcoat_normal: Vec3,
-    /// KHR_materials_anisotropy, if the material has it.
+    /// KHR_materials_anisotropy, if the material uses it.
     pub anisotropy: Option<Anisotropy>,
-    /// KHR_materials_iridescence, if the material has it.
+    /// KHR_materials_iridescence, if the material uses it.
     pub iridescence: Option<Iridescence>,
 }
 
-/// KHR_materials_anisotropy: a surface that is rougher one way than the other.
+/// KHR_materials_anisotropy: roughness that depends on the direction.
 #[derive(Debug, Clone, Copy)]
 pub struct Anisotropy {
-    /// In [0, 1].
+    /// Strength, in [0, 1].
     pub strength: f32,
-    /// Unit direction along the surface in which it is rougher; zero if none is known: then it is as rough every way.
+    /// Unit direction of the higher roughness in world space; zero if there are no tangents: roughness is then isotropic.
     pub tangent: Vec3,
 }
 
 /// KHR_materials_iridescence: a thin film.
 #[derive(Debug, Clone, Copy)]
 pub struct Iridescence {
-    /// In [0, 1].
+    /// Strength, in [0, 1].
     pub factor: f32,
     /// Index of refraction of the film, ≥ 1.
     pub ior: f32,
-    /// In nanometres, ≥ 0.
+    /// Thickness of the film in nanometres, ≥ 0.
     pub thickness: f32,
 }
 
 impl Default for Surface {
-    /// A white diffuse one of glTF's default index of refraction.
+    /// The default material of glTF, but dielectric: white, fully rough, of index 1.5.
     #[inline(always)]
     fn default() -> Self {
         Self {
@@ -112,10 +113,10 @@ impl Default for Surface {
 }
 
 impl Surface {
-    /// The model with these parameters.
+    /// The BSDF with these parameters.
     #[inline]
     pub fn bsdf(&self) -> Bsdf {
-        // Lobes that are missing keep parameters with which nothing is undefined: other lanes may have them.
+        // Absent lobes keep parameters that compute to finite values, because other lanes may have the lobe.
         let coat =
             Clearcoat { coat: self.clearcoat, normal: self.clearcoat_normal, alpha: alpha(self.clearcoat_roughness) };
         let sheen = Sheen { color: self.sheen_color, roughness: self.sheen_roughness.max(MIN_ROUGHNESS) };
@@ -124,13 +125,13 @@ impl Surface {
         Layered { top: coat, base: Layered { top: sheen, base: Layered { top: glass, base: reflection } } }
     }
 
-    /// The model, where nothing but the core one's parameters is set.
+    /// The core model's BSDF with these parameters; the extensions' are ignored.
     #[inline(always)]
     pub fn core(&self) -> Core {
         self.below_general_microfacet(0.0).base
     }
 
-    /// A surface as rough every way, without a film.
+    /// The lobes of a surface with isotropic roughness and without a film.
     #[inline]
     fn isotropic(&self) -> (Glass, BelowGlass<One>) {
         let fraction = self.transmission * (1.0 - self.metallic);
@@ -138,7 +139,7 @@ impl Surface {
         (glass, Layered { top: NO_GENERAL_MICROFACET, base: self.below_general_microfacet(fraction) })
     }
 
-    /// What has [`GeneralMicrofacet`] in place of glass and microfacets.
+    /// The lobes of an anisotropic or iridescent surface: [`GeneralMicrofacet`] replaces glass and microfacets.
     fn general(&self) -> (Glass, BelowGlass<One>) {
         let glass = self.glass(self.transmission);
         let no_glass = self.transmission == 0.0;
@@ -161,7 +162,7 @@ impl Surface {
             ..NO_GENERAL_MICROFACET
         };
         if let Some(Iridescence { factor, ior, thickness }) = self.iridescence {
-            // What is thinner than an atom is no film.
+            // The film fades out below 0.03 nm, less than an atom.
             let presence = (thickness / 0.03).clamp(0.0, 1.0);
             let presence = presence * presence * (3.0 - 2.0 * presence);
             (general_microfacet.iridescence, general_microfacet.film_ior, general_microfacet.film_thickness) =
@@ -182,7 +183,7 @@ impl Surface {
         )
     }
 
-    /// What is not glass, of which the surface has this share.
+    /// The lobes of the part of the surface that is not glass; `glass` is the fraction that is.
     #[inline(always)]
     fn below_general_microfacet(&self, glass: f32) -> BelowGeneralMicrofacet<One> {
         let alpha = alpha(self.roughness);
@@ -218,7 +219,7 @@ impl Surface {
     }
 
     fn glass(&self, fraction: f32) -> Glass {
-        // An infinite index passes nothing whatever its value here; index 1 is no surface, and so not a rough one.
+        // An infinite index transmits nothing, so any large value does. Index 1 is no boundary, hence not a rough one.
         let ior = if self.ior == 0.0 { f32::from(u8::MAX) } else { self.ior.max(1.0 + MIN_BEND) };
         let rough = if ior > 1.0 + MIN_BEND { alpha(self.roughness) } else { ggx::MIN_ALPHA };
         Glass {
@@ -233,11 +234,11 @@ impl Surface {
     }
 }
 
-/// No glass, for lanes beside others with it.
+/// An absent glass lobe, for lanes next to others that have it.
 const NO_GLASS: Glass =
     Glass { fraction: 0.0, tint: Vec3::ZERO, f0: Vec3::ZERO, f90: 0.0, eta: 1.5, thin: 0.0, alpha: 1.0 };
 
-/// No finish, for lanes beside others with it.
+/// An absent general microfacet lobe, for lanes next to others that have it.
 const NO_GENERAL_MICROFACET: GeneralMicrofacet = GeneralMicrofacet {
     tangent: Vec3::ZERO,
     alpha_t: 1.0,

@@ -1,5 +1,5 @@
-//! The surface of glTF's metals and dielectrics: GGX, separable Smith masking-shadowing, Schlick's Fresnel. Single
-//! scattering: rough white metal loses energy, as the specification says.
+//! GGX reflection of metals and dielectrics, with separable Smith masking-shadowing and Schlick's Fresnel term (glTF 2.0,
+//! appendix B). Single scattering: rough white metal loses energy, as in the specification.
 
 use super::ggx;
 use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, diffuseness};
@@ -7,17 +7,17 @@ use super::parameters::{Eight, lobe};
 use crate::lanes::{F, V3};
 
 lobe! {
-    /// Specular reflection. Each Fresnel term is linear in Schlick's weight between its ends.
+    /// GGX reflection. Fresnel terms interpolate between normal and grazing incidence by Schlick's weight (1 − cos)⁵.
     Microfacet {
-        /// Fresnel at normal incidence.
+        /// Reflectance at normal incidence.
         f0: Vector,
-        /// Fresnel at grazing.
+        /// Reflectance at grazing incidence.
         f90: Scalar,
-        /// What the lobes beneath do not get, at normal incidence.
+        /// Fraction of light that the lobes beneath do not receive, at normal incidence.
         layer0: Scalar,
-        /// The same at grazing.
+        /// The same fraction at grazing incidence.
         layer90: Scalar,
-        /// Microfacet roughness, ≥ [`ggx::MIN_ALPHA`].
+        /// Microfacet α, ≥ [`ggx::MIN_ALPHA`].
         alpha: Scalar,
     }
 }
@@ -35,7 +35,7 @@ impl Lobe for Microfacet<Eight> {
 
     #[inline(always)]
     fn weight(&self, n: V3, wo: V3) -> (F, F) {
-        // The Fresnel terms at wo's own angle.
+        // Fresnel terms at the surface normal.
         let schlick = schlick_weight(n.dot(wo));
         (self.fresnel(schlick).luminance(), F::ONE - self.layer(schlick))
     }
@@ -46,7 +46,7 @@ impl Lobe for Microfacet<Eight> {
         let alpha2 = self.alpha * self.alpha;
         let cos_h = d.n.dot(d.h);
         let density = ggx::distribution(d.n.cross(d.h).length_squared(), cos_h * cos_h, alpha2);
-        // D G₁(wo)/(4 cos θ_o): the pdf, and the value but for F and G₁(wi).
+        // pdf = D G₁(wo)/(4 cos θ_o); value = pdf F G₁(wi).
         let pdf = ggx::masking(d.cos_o, alpha2) * density / (F::splat(4.0) * d.cos_o);
         let value = self.fresnel(schlick) * ((pdf * ggx::masking(d.cos_i, alpha2) * light) & d.above);
         Response { value, pdf: pdf & d.above, transmittance: light * (F::ONE - self.layer(schlick)) }
@@ -56,7 +56,7 @@ impl Lobe for Microfacet<Eight> {
     fn sample_direction(&self, Frames { t, b, n }: &Frames, wo: V3, [_, u, v]: [F; 3]) -> DirectionSample {
         let local = V3 { x: t.dot(wo), y: b.dot(wo), z: n.dot(wo) };
         let m = ggx::sample_visible_normal(local, [self.alpha; 2], u, v);
-        // h as drawn, not as rebuilt from wo + wi: exact also for narrow lobes.
+        // h as sampled, not normalize(wo + wi), which is inexact for narrow lobes.
         let h = *t * m.x + *b * m.y + *n * m.z;
         DirectionSample { wi: h * (F::splat(2.0) * wo.dot(h)) - wo, h }
     }
@@ -75,7 +75,7 @@ impl Microfacet<Eight> {
     }
 }
 
-/// (1 − cos)⁵.
+/// Schlick's weight (1 − cos)⁵.
 #[inline(always)]
 pub(super) fn schlick_weight(cos: F) -> F {
     let x = (F::ONE - cos).fast_max(F::ZERO).fast_min(F::ONE);

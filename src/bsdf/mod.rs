@@ -1,8 +1,10 @@
-//! Scattering at a surface point: `sample`, `eval`, `pdf`. Directions point away from the surface, `wo` toward the eye
-//! and `wi` toward the light, both in world space and unit.
+//! BSDFs: evaluation and sampling of scattering at surface points, eight points at a time.
 //!
-//! A model is lobes in layers, and [`Bsdf`] lists them. A lobe is a file: it declares its parameters once, from which
-//! follow those of eight points and the columns of a batch ([`parameters`]), and answers [`Lobe`].
+//! All directions are unit vectors in world space and point away from the surface: `wo` toward the camera, `wi` toward the
+//! light. Values include the cosine |n·wi|; densities are per solid angle.
+//!
+//! A BSDF is a stack of lobes; [`Bsdf`] lists them. Each lobe has a file. It declares its parameters once, from which
+//! [`parameters`] derives the types for one point, for eight points and for a batch, and it implements [`Lobe`].
 
 pub mod clearcoat;
 pub mod diffuse_transmission;

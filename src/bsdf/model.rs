@@ -13,31 +13,32 @@ use super::parameters::{One, Parameters};
 use super::sheen::Sheen;
 use crate::lanes::LANES;
 
-/// The lobes of all materials, from the outermost in: the one list of them. What follows from it takes no columns and
-/// no time for lobes that a scene does not use.
+/// The lobes of all materials, outermost first. Lobes that no material of a scene has take no memory and no time in its
+/// batches.
 pub type Bsdf<W = One> = Layered<Clearcoat<W>, Layered<Sheen<W>, Layered<Glass<W>, BelowGlass<W>>>>;
 
-/// What is left of a surface besides its glass.
+/// The lobes beneath [`Glass`].
 pub type BelowGlass<W> = Layered<GeneralMicrofacet<W>, BelowGeneralMicrofacet<W>>;
 
-/// And without a finish.
+/// The lobes beneath [`GeneralMicrofacet`].
 pub type BelowGeneralMicrofacet<W> = Layered<DiffuseTransmission<W>, Core<W>>;
 
-/// glTF's core model, which most surfaces have and nothing more: what is compiled once more, without the rest.
+/// The core model of glTF 2.0, without extensions. Scenes that need nothing else run a second, smaller instantiation of the
+/// shading code.
 pub type Core<W = One> = Layered<Microfacet<W>, Lambert<W>>;
 
 impl Bsdf {
-    /// Which lobes it has.
+    /// The lobes that are present.
     pub fn lobes(&self) -> LobeSet {
         Self::gather([self; LANES]).lobes()
     }
 
-    /// A batch's columns of the core model.
+    /// The core model's part of a batch's columns.
     pub fn core_mut(columns: &mut <Self as Parameters>::Columns) -> &mut <Core as Parameters>::Columns {
         &mut columns.base.base.base.base.base
     }
 
-    /// A batch's columns of the core model, where it has no others.
+    /// The core model's columns, if the batch has no others.
     pub fn core(columns: &<Self as Parameters>::Columns) -> Option<&<Core as Parameters>::Columns> {
         let Layered { top: None, base: Layered { top: None, base: Layered { top: None, base } } } = columns else {
             return None;

@@ -1,4 +1,4 @@
-//! Lobes' parameters, declared once: of one point, of eight, of a batch.
+//! Lobe parameters, declared once for three layouts: one point, eight points, a batch.
 
 use std::fmt::Debug;
 
@@ -7,23 +7,23 @@ use glam::Vec3;
 use super::lobe_set::LobeSet;
 use crate::lanes::{F, LANES, Rows, V3, V3Column, eight, grow, load, store};
 
-/// Of how many points a set of parameters is.
+/// The layout of a set of parameters: for how many points.
 pub trait Width: Debug + Copy + Default {
-    /// Numbers.
+    /// Type of a number.
     type Scalar: Debug;
-    /// Colours and vectors.
+    /// Type of a colour or vector.
     type Vector: Debug;
 }
 
-/// One point: what materials make.
+/// One point: what material evaluation produces.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct One;
 
-/// Eight points: what is evaluated.
+/// Eight points in SIMD lanes: what lobes compute with.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Eight;
 
-/// A batch's points, as structure of arrays: what is kept.
+/// The points of a batch as structure of arrays: what is stored between stages.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Columns;
 
@@ -42,23 +42,23 @@ impl Width for Columns {
     type Vector = V3Column;
 }
 
-/// The parameters of one point, and how they become those of eight and of a batch.
+/// Parameters of one point, and their conversion to eight points and to a batch.
 pub trait Parameters: Debug + Copy + Default {
-    /// Of eight points.
+    /// Parameters of eight points.
     type Eight: Debug + Copy;
-    /// Of a batch.
+    /// Parameters of a batch.
     type Columns: Debug + Default;
 
-    /// A point a lane.
+    /// Packs eight points into lanes.
     fn gather(points: [&Self; LANES]) -> Self::Eight;
 
-    /// Makes room for `capacity` points at which there are no lobes but those in `lobes`.
+    /// Makes room for `capacity` points that have no other lobes than `lobes`.
     fn grow(columns: &mut Self::Columns, capacity: usize, lobes: LobeSet);
 
-    /// Writes eight points from row `at` on.
+    /// Writes eight points to the rows from `at` on.
     fn store(columns: &mut Self::Columns, at: usize, points: [&Self; LANES]);
 
-    /// Reads.
+    /// Reads eight rows.
     fn load(columns: &Self::Columns, rows: &Rows) -> Self::Eight;
 }
 
@@ -110,7 +110,7 @@ impl Parameters for Vec3 {
     }
 }
 
-/// Declares a lobe by its parameters, each a `Scalar` or a `Vector`: a struct generic in its [`Width`].
+/// Declares a lobe: a struct generic in its [`Width`], whose fields are each a `Scalar` or a `Vector`.
 macro_rules! lobe {
     ($(#[$doc:meta])* $name:ident { $($(#[$about:meta])* $field:ident: $kind:ident,)+ }) => {
         $(#[$doc])*

@@ -1,19 +1,19 @@
-//! What happens on a path, for `--replay-pixel`.
+//! Events along a path, for `--replay-pixel`.
 
 use std::fmt::{self, Display};
 
 use glam::Vec3;
 
-/// Something that happened on a path; `Display` says it in a line.
+/// An event along a path; `Display` prints it as one line.
 #[derive(Debug, Clone, Copy)]
 pub struct Event {
-    /// Segments before.
+    /// Number of path segments before it.
     pub depth: u32,
-    /// What.
+    /// What happened.
     pub kind: EventKind,
 }
 
-/// What can happen. Radiance is what was added to the path's, weights are those of MIS.
+/// The kinds of events. `radiance` is the contribution that was added to the path, `weight` the MIS weight.
 #[derive(Debug, Clone, Copy)]
 #[allow(missing_docs, reason = "the names say it")]
 pub enum EventKind {

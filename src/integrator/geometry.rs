@@ -9,25 +9,25 @@ use crate::light::AreaLights;
 use crate::sampling::warp;
 use crate::scene::{Material, Mesh, Scene, TextureRef, TextureSlot};
 
-/// How far ray origins stand off their surface, as a share of the largest coordinate involved: some sixteen roundings.
+/// Offset of ray origins from their surface relative to the largest coordinate involved: sixteen roundings.
 const ORIGIN_OFFSET: f32 = 16.0 * f32::EPSILON;
 
-/// Instances' normal matrices.
+/// Instance transforms, prepared for shading.
 #[derive(Debug)]
 pub struct Geometry {
     instances: Vec<Option<ShadingTransform>>,
-    /// Does anything in the scene move while the shutter is open? Else rays have no times.
+    /// Does anything move while the shutter is open? Else rays carry no times.
     pub moves: bool,
-    /// Is it known where things are a frame before and after?
+    /// Are positions in the previous and next frame known?
     pub has_velocities: bool,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct ShadingTransform {
-    /// To world space.
+    /// Linear part of object to world.
     linear: Mat3,
     translation: Vec3,
-    /// Inverse transpose, times the sign of the determinant: outward normals stay outward for the winding.
+    /// Normal matrix: the inverse transpose times the sign of the determinant, so that normals keep agreeing with the winding.
     normal: Mat3,
 }
 
@@ -41,33 +41,33 @@ impl ShadingTransform {
     }
 }
 
-/// Eight points on surfaces that need no texture, before it is known from which side they are seen.
+/// Eight surface points without textures, independent of the viewing direction.
 #[derive(Debug, Clone, Copy)]
 pub struct SurfacePoints {
     /// World space.
     pub position: V3,
-    /// As in [`SurfacePoint`].
+    /// Geometric normals on the front side by the winding, world space, any length.
     pub ng: V3,
-    /// Interpolated; otherwise as in [`SurfacePoint`].
+    /// Interpolated shading normals on the same side, any length.
     pub ns: V3,
-    /// As in [`SurfacePoint`].
+    /// Offset of ray origins along the geometric normal, in metres.
     pub origin_offset: F,
 }
 
-/// A point on a surface, before it is known from which side it is seen.
+/// A surface point, independent of the viewing direction.
 #[derive(Debug, Clone, Copy)]
 pub struct SurfacePoint<'a> {
     /// World space.
     pub position: Vec3,
-    /// Geometric normal on the side that the winding calls the front; any length.
+    /// Geometric normal on the front side by the winding, world space, any length.
     pub ng: Vec3,
-    /// Shading normal on the same side, interpolated and mapped; any length.
+    /// Shading normal on the same side, interpolated and normal-mapped, any length.
     pub ns: Vec3,
-    /// Unit normal of the coat on the same side; zero where it is the shading normal, or there is no coat.
+    /// Unit normal of the clear coat on the same side; zero where it is the shading normal or there is no coat.
     coat_normal: Vec3,
-    /// Unit direction along the surface in which it is rougher; zero if it has none.
+    /// Unit direction of the higher roughness; zero if roughness is isotropic.
     anisotropy_tangent: Vec3,
-    /// How far along the geometric normal rays begin.
+    /// Offset of ray origins along the geometric normal, in metres.
     pub origin_offset: f32,
     /// Interpolated texture coordinates of both sets.
     pub texcoords: [Vec2; 2],
@@ -80,13 +80,14 @@ pub struct SurfacePoint<'a> {
 }
 
 impl Geometry {
-    /// Prepares a scene's instances.
+    /// Prepares the instances of a scene.
     pub fn new(scene: &Scene) -> Self {
         let instances = scene.instances.iter().map(|instance| instance.transform.map(ShadingTransform::new)).collect();
         Self { instances, moves: scene.moves(), has_velocities: scene.has_velocities() }
     }
 
-    /// The surfaces at eight hits, none of which moves, without normal maps: `u`, `v` as for [`point`](Self::point).
+    /// The surface points at eight hits on static geometry without normal maps; `u` and `v` are the barycentric weights of the
+    /// second and third vertex.
     #[inline(always)]
     pub fn points(
         &self,
@@ -143,8 +144,8 @@ impl Geometry {
         SurfacePoints { position, ng, ns, origin_offset: extent * F::splat(ORIGIN_OFFSET) }
     }
 
-    /// The surface at a hit: barycentric weights `u`, `v` of the second and third vertex of triangle `prim`, at a time in
-    /// [0, 1] of the shutter.
+    /// The surface point at a hit on triangle `prim`; `u` and `v` are the barycentric weights of its second and third vertex,
+    /// `time` is in [0, 1] of the shutter interval.
     #[inline]
     pub fn point<'a>(
         &self,
@@ -218,13 +219,13 @@ impl Geometry {
     }
 }
 
-/// What is known of a point before its normals are mapped.
+/// A surface point before normal mapping.
 struct Interpolated<'a> {
     scene: &'a Scene,
     mesh: &'a Mesh,
     material: &'a Material,
     transform: Option<&'a ShadingTransform>,
-    /// Of its triangle's vertices.
+    /// Vertex indices of the triangle.
     index: [usize; 3],
     barycentric: (f32, f32),
     texcoords: [Vec2; 2],
@@ -238,7 +239,7 @@ impl Interpolated<'_> {
         self.scene.sample_texture(map, self.texcoords[usize::from(map.set.min(1))]).truncate()
     }
 
-    /// Tangent, bitangent and normal.
+    /// Unit tangent, bitangent and shading normal in world space; `None` for meshes without tangents.
     #[inline(always)]
     fn frame(&self) -> Option<(Vec3, Vec3, Vec3)> {
         let tangents = self.mesh.tangents.as_ref()?;
@@ -255,7 +256,7 @@ impl Interpolated<'_> {
         Some((tangent, ns.cross(tangent) * sign, ns))
     }
 
-    /// The normal of a map.
+    /// The unit normal that a normal map gives, if there is one.
     #[inline(always)]
     fn mapped_normal(&self, slot: TextureSlot, scale: f32) -> Option<Vec3> {
         let map = self.material.textures[slot].as_ref()?;
@@ -264,11 +265,11 @@ impl Interpolated<'_> {
         Some((tangent * (n.x * scale) + bitangent * (n.y * scale) + ns * n.z).normalize_or(ns))
     }
 
-    /// The coat's normal and the direction of roughness, as in [`SurfacePoint`]; apart, as few materials have either.
+    /// The coat normal and anisotropy tangent of [`SurfacePoint`]. Not inlined, because few materials have either.
     #[inline(never)]
     fn coat_normal_and_tangent(&self) -> (Vec3, Vec3) {
         let Self { material, ns, .. } = self;
-        // A coat lies over the bumps of what is beneath.
+        // The coat has its own normal map; the base's does not apply to it.
         let coat_normal = match material.clearcoat > 0.0 && self.mesh.tangents.is_some() {
             true => {
                 let mapped_normal = self.mapped_normal(TextureSlot::ClearcoatNormal, material.clearcoat_normal_scale);
@@ -286,51 +287,51 @@ impl Interpolated<'_> {
     }
 }
 
-/// How an instance that moves stands at a time.
+/// The transform of a moving instance at a time; `None` for a static one.
 #[inline(never)]
 fn moving_transform(scene: &Scene, instance: u32, time: f32) -> Option<ShadingTransform> {
     Some(ShadingTransform::new(scene.instances[instance as usize].motion.as_ref()?.at(time)))
 }
 
 impl SurfacePoint<'_> {
-    /// Does an emissive material shine here against a ray of this direction? One-sided ones do from their front.
+    /// Does the side that a ray of this direction hits emit? Single-sided materials emit from their front.
     #[inline]
     pub fn emits_against(&self, direction: Vec3) -> bool {
         self.material.double_sided || self.ng.dot(direction) < 0.0
     }
 
-    /// What it emits against a ray of this direction, where triangle `prim` was hit at `barycentric`.
+    /// Radiance emitted toward the origin of a ray of this direction, which hit triangle `prim` at `barycentric`.
     #[inline]
     pub fn emitted_radiance(&self, scene: &Scene, prim: u32, barycentric: (f32, f32), direction: Vec3) -> Vec3 {
         AreaLights::radiance(scene, self.mesh, prim, barycentric, self.ng.normalize_or_zero().dot(direction))
     }
 
-    /// Does a ray of this direction see its back?
+    /// Does a ray of this direction hit the back side?
     #[inline]
     pub fn is_back_facing(&self, direction: Vec3) -> bool {
         self.ng.dot(direction) > 0.0
     }
 
-    /// Base colour with texture and vertex colour.
+    /// Linear RGB base colour with texture and vertex colour.
     #[inline]
     pub fn base_color(&self, scene: &Scene) -> Vec3 {
         let color = (self.material.base_color * self.color).truncate();
         self.texel(scene, TextureSlot::BaseColor).map_or(color, |texel| color * texel.truncate())
     }
 
-    /// The material's parameters here.
+    /// Material parameters with textures, seen from the front and without tangent.
     #[inline]
     pub fn parameters(&self, scene: &Scene) -> Surface {
         materials::surface(self.material, self.base_color(scene), |slot| self.texel(scene, slot))
     }
 
-    /// The scattering, where no surface of the scene has more than the core model.
+    /// The BSDF, for scenes whose materials need only the core model.
     #[inline(always)]
     pub fn core(&self, scene: &Scene) -> Core {
         materials::core(self.material, self.base_color(scene), |slot| self.texel(scene, slot)).core()
     }
 
-    /// The parameters as a ray of this direction meets them.
+    /// Material parameters as seen by a ray of this direction.
     #[inline]
     pub fn surface_from(&self, scene: &Scene, direction: Vec3) -> Surface {
         let back_facing = self.is_back_facing(direction);
@@ -341,7 +342,7 @@ impl SurfacePoint<'_> {
         Surface { back_facing, clearcoat_normal, anisotropy, ..surface }
     }
 
-    /// What the material's texture reads here, if there is one.
+    /// The texel of a texture slot, if the material has a texture there.
     #[inline]
     fn texel(&self, scene: &Scene, slot: TextureSlot) -> Option<Vec4> {
         let texture = self.material.textures[slot].as_ref()?;

@@ -1,4 +1,4 @@
-//! Materials, as far as they are the same everywhere.
+//! Per-scene and per-mesh material data that does not depend on the hit point.
 
 use std::sync::Arc;
 
@@ -7,42 +7,42 @@ use glam::{Vec3, Vec4};
 use crate::bsdf::{Anisotropy, Bsdf, Iridescence, LobeSet, Surface};
 use crate::scene::{Material, Mesh, Scene, TextureSlot};
 
-/// How much of shading a mesh needs.
+/// What shading a mesh needs.
 #[derive(Debug, Clone, Copy)]
 pub struct MeshMaterial {
-    /// Its index into [`Scene::materials`].
+    /// Index into [`Scene::materials`].
     pub material: u32,
-    /// No texture or vertex colour varies its scattering or its normal, and it stands still.
+    /// Are BSDF and normal map constant (no textures, no vertex colours), and is the mesh static?
     pub constant: bool,
-    /// No texture or vertex colour varies that nothing scatters.
+    /// Is the BSDF constant and zero?
     pub black: bool,
-    /// It emits, or is unlit.
+    /// Does it emit, or is it unlit?
     pub emits: bool,
-    /// It does nothing but emit its colour.
+    /// KHR_materials_unlit: does it only emit its base colour?
     pub unlit: bool,
-    /// It bounds a body of this medium, an index into [`Materials::media`].
+    /// The medium that it bounds, an index into [`Materials::media`]; `None` for surfaces that bound none.
     pub interior_medium: Option<u32>,
 }
 
-/// The scattering of each material that no texture or vertex colour varies, made once, and each mesh's kind.
+/// The constant BSDF of each material, computed once, and the shading that each mesh needs.
 #[derive(Debug)]
 pub struct Materials {
-    /// Seen from the front and, where something transmits, from behind.
+    /// By material, seen from the front and, if the scene transmits, from the back.
     constant: [Vec<Bsdf>; 2],
     mesh_materials: Vec<MeshMaterial>,
-    /// Lobes that the scene's surfaces may have.
+    /// Union of the lobes that surfaces of the scene may have.
     pub lobes: LobeSet,
-    /// Does light pass through a surface of the scene?
+    /// Does any surface transmit light?
     pub transmits: bool,
-    /// Does it do so by its colour?
+    /// Does any surface disperse?
     pub disperses: bool,
-    /// Absorption per metre in media by their numbers, the first of which absorbs nothing and is everywhere where no
-    /// other is. Without others nobody asks in which a path is.
+    /// Absorption coefficients of the media, linear RGB per metre. Medium 0 is the vacuum outside all others. If it is the
+    /// only one, rays do not track media.
     pub media: Vec<Vec3>,
 }
 
 impl Materials {
-    /// Prepares a scene's materials.
+    /// Prepares the materials of a scene.
     pub fn new(scene: &Scene) -> Self {
         let constant: Vec<_> = scene.materials.iter().map(|m| untextured(m).bsdf()).collect();
         let mut media = vec![Vec3::ZERO];
@@ -75,25 +75,25 @@ impl Materials {
         Self { constant: [constant, back_facing], mesh_materials, lobes, transmits, disperses, media }
     }
 
-    /// The kind of a mesh.
+    /// The shading that a mesh needs.
     #[inline]
     pub fn mesh_material(&self, mesh: u32) -> &MeshMaterial {
         &self.mesh_materials[mesh as usize]
     }
 
-    /// The scattering of a plain mesh. `back_facing` only where the scene transmits.
+    /// The BSDF of a mesh whose material is constant; `back_facing` only in scenes that transmit.
     #[inline]
     pub fn constant_bsdf(&self, mesh: u32, back_facing: bool) -> &Bsdf {
         &self.constant[usize::from(back_facing)][self.mesh_materials[mesh as usize].material as usize]
     }
 
-    /// Do media absorb?
+    /// Is there an absorbing medium?
     #[inline]
     pub fn absorbs(&self) -> bool {
         self.media.len() > 1
     }
 
-    /// The media on the eye's side of a surface and beyond it, where a ray in `medium` meets a mesh.
+    /// The media on the side of `wo` and beyond the surface, where a ray in `medium` hits a mesh.
     #[inline]
     pub fn media_at_surface(&self, mesh: u32, back_facing: bool, medium: u32) -> [u32; 2] {
         match self.mesh_material(mesh).interior_medium {
@@ -125,13 +125,13 @@ fn classify(scene: &Scene, mesh: &Mesh, constant: &[Bsdf]) -> MeshMaterial {
     }
 }
 
-/// The parameters without textures and vertex colours.
+/// Material parameters without textures and vertex colours.
 fn untextured(material: &Material) -> Surface {
     surface(material, material.base_color.truncate(), |_| None)
 }
 
-/// Lobes that a material may have. Textures and vertex colours multiply: a lobe that is missing without them is missing
-/// with them, but for those of dielectrics, and the innermost, which needs no place in the set.
+/// The lobes that a material may have at some point. Textures and vertex colours multiply, so a lobe that is absent without
+/// them is absent with them; only a metalness texture can uncover the lobes of the dielectric.
 fn possible_lobes(material: &Material) -> LobeSet {
     let surface = untextured(material);
     match material.textures[TextureSlot::MetallicRoughness] {
@@ -140,7 +140,7 @@ fn possible_lobes(material: &Material) -> LobeSet {
     }
 }
 
-/// A material's parameters where its base colour is `base_color` and its other textures read `texel`.
+/// Material parameters for the base colour `base_color` and the texels that `texel` returns for the other textures.
 #[inline(always)]
 pub fn surface(material: &Material, base_color: Vec3, texel: impl Fn(TextureSlot) -> Option<Vec4>) -> Surface {
     let mut s = Surface {
@@ -197,7 +197,7 @@ pub fn surface(material: &Material, base_color: Vec3, texel: impl Fn(TextureSlot
     s
 }
 
-/// Of these, the core model's.
+/// Parameters of the core model only, from the same arguments as [`surface`].
 #[inline(always)]
 pub fn core(material: &Material, base_color: Vec3, texel: impl Fn(TextureSlot) -> Option<Vec4>) -> Surface {
     let mut s = Surface {

@@ -1,4 +1,5 @@
-//! Light transport along a batch of paths, in stages: trace, shade, trace shadows, again.
+//! Wavefront path tracing: a batch of paths is advanced by stages between ray queries ([`wave`]). [`scalar`] traces single
+//! paths as a reference.
 
 pub mod batch;
 pub mod camera;

@@ -1,5 +1,5 @@
-//! One path at a time, as plainly as it can be said: the oracle for the wave, and what `--replay-pixel` prints. It shares
-//! scattering, lights and sequences with the wave, but none of its queues, sorting or compaction.
+//! A scalar path tracer, one path at a time: the reference for tests of the wave, and the source of `--replay-pixel`. It
+//! shares BSDFs, lights and sample sequences with the wave, but not its queues, sorting and compaction.
 
 use glam::Vec3;
 
@@ -24,28 +24,28 @@ use crate::light::punctual;
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 use crate::sampling::{PixelSequence, hash, keys, pixel_seed};
 
-/// A ray of a path.
+/// A ray along a path.
 struct Ray {
     origin: Vec3,
     direction: Vec3,
     key: u32,
-    /// Radiance that arrives counts this much.
+    /// Path throughput, linear RGB.
     beta: Vec3,
-    /// Geometric normal where it begins, zero on what transmits.
+    /// Geometric normal at the origin, zero on surfaces that transmit.
     normal: Vec3,
-    /// BSDF pdf times samples a path.
+    /// Density of the ray times BSDF samples per path.
     weighted_pdf: f32,
-    /// Index into its pixel's sequence.
+    /// Sample index in the pixel's sequence.
     index: u32,
-    /// The medium that it is in.
+    /// Medium of the ray.
     medium: u32,
-    /// The chance that a light sample had where it begins.
+    /// Roulette probability of the light sample at the origin.
     light_probability: f32,
-    /// In [0, 1] of the shutter.
+    /// Time in [0, 1] of the shutter interval.
     time: f32,
 }
 
-/// Where a path meets a surface.
+/// A path vertex on a surface. Fields without a comment are those of [`Vertices`](super::vertices::Vertices).
 struct Vertex {
     origin: Vec3,
     position: Vec3,
@@ -54,20 +54,20 @@ struct Vertex {
     wo: Vec3,
     beta: Vec3,
     bsdf: <Bsdf as Parameters>::Eight,
-    /// Light passes through.
+    /// Does the surface transmit?
     transmits: bool,
     origin_offset: f32,
-    /// On the eye's side, and beyond.
+    /// Media on the side of `wo`, and beyond the surface.
     media: [u32; 2],
-    /// Of the field.
+    /// Cell of the guiding field.
     cell: u32,
-    /// Chances of a light sample and of going on, where a field knows them.
+    /// Roulette probabilities of the light sample and of continuing the path, if the field sets them.
     roulette: Option<[f32; 2]>,
-    /// Of its path.
+    /// Time in [0, 1] of the shutter interval.
     time: f32,
 }
 
-/// A way to leave a vertex.
+/// A ray that leaves a vertex.
 struct SpawnedRay {
     origin: Vec3,
     allowed: bool,
@@ -86,7 +86,7 @@ impl Vertex {
         }
     }
 
-    /// The normal by which lights are chosen.
+    /// The normal for light selection: zero on surfaces that transmit.
     fn light_sampling_normal(&self) -> Vec3 {
         if self.transmits { Vec3::ZERO } else { self.ng }
     }
@@ -96,12 +96,12 @@ struct Tracer<'a> {
     transport: &'a Transport<'a>,
     sequence: PixelSequence,
     seed: u32,
-    /// Samples a path at the first surface: toward the environment, toward area lights, of the BSDF.
+    /// Samples per path at the first surface: environment, area lights, BSDF.
     samples_per_path: [f32; 3],
     report: &'a mut dyn FnMut(Event),
 }
 
-/// Radiance of path `path` of those that a wave takes for a pixel; `report` hears what happens.
+/// Radiance of path number `path` of those that a wave takes for a pixel. `report` receives the events.
 pub fn trace(transport: &Transport, task: &PixelTask, path: u32, report: &mut dyn FnMut(Event)) -> Vec3 {
     let paths = task.counts.paths;
     let sequence = PixelSequence::new(task.x, task.y, transport.seed);
@@ -147,7 +147,7 @@ impl Tracer<'_> {
         (self.report)(Event { depth, kind });
     }
 
-    /// Radiance that a ray brings, with these light samples (index, toward what) and BSDF samples where it hits.
+    /// Radiance along a ray; where it hits, takes these light samples (index, target) and BSDF samples (index).
     fn trace_ray(&mut self, ray: &Ray, depth: u32, light: &[(u32, LightTarget)], bsdf: &[u32]) -> Vec3 {
         let t = self.transport;
         let Ray { origin, direction, .. } = *ray;
@@ -190,7 +190,7 @@ impl Tracer<'_> {
             self.report(depth, EventKind::Ends { reason: "--max-depth" });
             return found;
         }
-        // The side of the eye; a shading normal that faces away from it is tilted until the eye is just above its horizon.
+        // Normals are turned to the side of wo; a shading normal that still faces away is tilted until n·wo = MIN_COS.
         let wo = -direction;
         let front = point.ng.normalize_or(wo);
         let side = if front.dot(wo) < 0.0 { -1.0 } else { 1.0 };
@@ -239,12 +239,12 @@ impl Tracer<'_> {
         Mixture::new(self.transport.field?, [vertex.cell; LANES])
     }
 
-    /// Samples a path of each technique at the vertex at `depth`.
+    /// Samples per path of each technique at the vertex at `depth`.
     fn samples_per_path(&self, depth: u32) -> [f32; 3] {
         if depth == 0 { self.samples_per_path } else { self.transport.deeper_samples_per_path() }
     }
 
-    /// Light that a ray ran into, weighed against a light sample's densities (as the environment, as an area light).
+    /// Emission that a ray hits, with the MIS weight for light-sample densities `pdf` (environment, area lights).
     fn emission(&mut self, ray: &Ray, depth: u32, radiance: Vec3, pdf: [f32; 2]) -> Vec3 {
         let samples_per_path = self.samples_per_path(depth.saturating_sub(1));
         let weighted_light = ray.light_probability * (samples_per_path[0] * pdf[0] + samples_per_path[1] * pdf[1]);
@@ -306,7 +306,7 @@ impl Tracer<'_> {
         self.shadow_ray(vertex, depth, index, ("punctual light", light.wi, light.distance), radiance)
     }
 
-    /// `radiance`, if it is light at all and nothing is in its way.
+    /// Traces a shadow ray: the clamped contribution, or zero if it is occluded, not finite or below the horizon.
     fn shadow_ray(
         &mut self,
         vertex: &Vertex,

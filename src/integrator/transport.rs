@@ -1,4 +1,4 @@
-//! The input of light transport.
+//! The read-only input of path tracing.
 
 use super::camera::CameraRays;
 use super::geometry::Geometry;
@@ -11,49 +11,49 @@ use crate::rays::RayQueries;
 use crate::sampling::FilterSampler;
 use crate::scene::Scene;
 
-/// Everything that paths need and no path changes.
+/// Everything that paths read and no path changes.
 #[derive(Clone)]
 pub struct Transport<'a> {
-    /// What is there.
+    /// The scene.
     pub scene: &'a Scene,
-    /// What rays hit.
+    /// The ray query backend.
     pub rays: &'a dyn RayQueries,
-    /// Instances' transforms, prepared for shading.
+    /// Instance transforms, prepared for shading.
     pub geometry: &'a Geometry,
     /// Materials, prepared for shading.
     pub materials: &'a Materials,
-    /// What shines.
+    /// The lights, with their sampling tables.
     pub lights: &'a Lights,
-    /// Hashes of names.
+    /// Cryptomatte hashes of names.
     pub names: &'a Names,
-    /// Where camera rays begin.
+    /// Generates camera rays.
     pub camera: CameraRays,
-    /// Where in the pixel.
+    /// Samples positions in the pixel filter.
     pub filter: FilterSampler,
-    /// How the techniques are weighed.
+    /// MIS heuristic.
     pub heuristic: Heuristic,
-    /// Most segments of a path.
+    /// Largest number of path segments.
     pub max_depth: u32,
-    /// Seed of every random choice.
+    /// Seed of all random sequences.
     pub seed: u32,
-    /// Most that a light's contribution may have in a channel: found from first surfaces, and from later ones. Infinite:
-    /// no limit. What the camera sees directly has none.
+    /// Clamps of single light contributions, the largest value of a colour channel: at first surfaces, and at later ones.
+    /// Infinite for no clamp. Light that the camera sees directly is never clamped.
     pub limits: [f32; 2],
-    /// Is the environment left out where the camera sees it directly?
+    /// Is the environment invisible to camera rays?
     pub hides_environment: bool,
-    /// Where light comes from, if paths are guided.
+    /// The guiding field, if paths are guided.
     pub field: Option<&'a Field>,
-    /// What light samples are drawn by.
+    /// The distributions of light samples.
     pub drawing: Drawing<'a>,
 }
 
 impl Transport<'_> {
-    /// Does a field say how often vertices beyond the first take a light sample and paths go on?
+    /// Does a guiding field set the roulette probabilities of light samples and of path continuation beyond first surfaces?
     pub(super) fn has_roulette(&self) -> bool {
         self.field.is_some_and(Field::has_roulette)
     }
 
-    /// Samples a path of each technique beyond first surfaces: one light sample, one BSDF sample.
+    /// Samples per path beyond first surfaces (environment, area lights, BSDF): one light sample and one BSDF sample.
     pub(super) fn deeper_samples_per_path(&self) -> [f32; 3] {
         Counts::half(1).rates(self.lights.environment_probability)
     }

@@ -1,11 +1,11 @@
-//! How far what is seen has come in the picture since the frame before, and how far it is from there to the next one.
+//! Motion vectors: screen-space displacement between adjacent frames.
 
 use glam::{Affine3A, Vec2, Vec3};
 
 use super::transport::Transport;
 
-/// Pixels to the right and up, from the frame before to the picture's own moment and from there to the next one, of the
-/// point with barycentric weights (`u`, `v`) of triangle `prim`. Zero where it or the camera is behind the other.
+/// Displacement of a surface point in pixels to the right and up: from the previous frame to this one, and from this one to
+/// the next. The point has the barycentric weights (`u`, `v`) on triangle `prim`. Zero where it is behind the camera.
 pub fn velocity(transport: &Transport, (instance, mesh, prim): (u32, u32, u32), (u, v): (f32, f32)) -> [Vec2; 2] {
     let scene = transport.scene;
     let (mesh, instance) = (&scene.meshes[mesh as usize], &scene.instances[instance as usize]);

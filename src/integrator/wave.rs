@@ -1,5 +1,5 @@
-//! A batch of paths from camera to end, stage by stage. Buffers are kept between waves: none is allocated in the
-//! steady state.
+//! The wavefront loop: traces a batch of paths, stage by stage. Buffers are reused between waves, so that the steady state
+//! allocates nothing.
 
 use std::time::Instant;
 
@@ -16,10 +16,10 @@ use crate::guiding::{TrainingSample, VertexRecord};
 use crate::light::LightSampleRecord;
 use crate::rays::{HitBatch, RayOrder};
 
-/// Rays and time of waves.
+/// Ray counts and query time of waves.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct WaveCounts {
-    /// Rays from the camera.
+    /// Camera rays.
     pub camera_rays: u64,
     /// Rays of the first bounce.
     pub first_bounce_rays: u64,
@@ -27,21 +27,21 @@ pub struct WaveCounts {
     pub later_bounce_rays: u64,
     /// Shadow rays.
     pub shadow_rays: u64,
-    /// Seconds inside ray queries.
+    /// Time in ray queries, in seconds.
     pub query_seconds: f64,
-    /// Samples left out as their light was no finite number.
+    /// Samples discarded because their radiance was not finite.
     pub not_finite: u64,
-    /// Of the first of them: column, row, number of the path in its pixel.
+    /// The first of them: column, row, number of the path in its pixel.
     pub first_not_finite: Option<[u32; 3]>,
 }
 
 impl WaveCounts {
-    /// Rays of all kinds.
+    /// Total number of rays.
     pub fn rays(&self) -> u64 {
         self.camera_rays + self.first_bounce_rays + self.later_bounce_rays + self.shadow_rays
     }
 
-    /// The sum of two.
+    /// The sum of two counts.
     pub fn plus(&self, other: &Self) -> Self {
         Self {
             camera_rays: self.camera_rays + other.camera_rays,
@@ -63,7 +63,7 @@ impl WaveCounts {
     }
 }
 
-/// The buffers of one thread.
+/// The wavefront integrator of one thread, with its buffers.
 #[derive(Debug, Default)]
 pub struct Wave {
     rays: PathRays,
@@ -75,12 +75,12 @@ pub struct Wave {
     shadows: ShadowRays,
     occluded: Vec<bool>,
     path_states: PathStates,
-    /// Rays and time so far.
+    /// Totals over all waves so far.
     pub counts: WaveCounts,
 }
 
 impl Wave {
-    /// Traces the paths that the batch's tasks count and adds to its sums, in a fixed order.
+    /// Traces the paths of the batch's tasks and adds them to its sums, in a fixed order.
     pub fn run(&mut self, transport: &Transport, batch: &mut PixelBatch) {
         let Self { rays, next_rays, hits, sorted, vertices, requests, shadows, occluded, path_states, counts } = self;
         path_states.start_paths(batch.tasks, transport.lights.environment_probability);
@@ -134,12 +134,12 @@ impl Wave {
     }
 }
 
-/// What the squares of pixels' contributions are divided by, from what the pixels took and found.
+/// Computes, from the tasks and statistics of pixels, the divisor of each pixel's squared contributions.
 pub type Divisors<'a> = &'a dyn Fn(&[PixelTask], &[PixelStats]) -> Vec<f32>;
 
 impl Wave {
-    /// As [`run`](Self::run), for what is to be learned from the paths: adds to `training_samples` those that found light, each weighed
-    /// by what `divisors` makes of its pixel, and to `vertex_records` what vertices beyond the first found; gives the divisors.
+    /// Runs a wave and collects training data of the guiding field: appends a training sample for each scattered ray that found
+    /// light, weighted by the divisor of its pixel, and a vertex record for each vertex beyond the first. Returns the divisors.
     pub fn collect_training_samples(
         &mut self,
         transport: &Transport,
@@ -156,7 +156,7 @@ impl Wave {
         for (record, sub_path) in scatter_records.iter().zip(sub_paths.iter()) {
             let found = luminance(sub_path.indirect);
             if record.parent != NO_PARENT && record.beta > 0.0 {
-                // As if they had been taken for sure.
+                // Estimates for roulette probabilities of one.
                 let [light, on] = record.roulette;
                 let found = [light.sqrt() * scatter_records[record.parent as usize].light, on * found];
                 let found = found.map(|found| (found / record.beta).powi(2));
@@ -181,8 +181,8 @@ impl Wave {
 }
 
 impl Wave {
-    /// As [`run`](Self::run), for what is to be learned of area lights: the light samples toward them, each weighed by what
-    /// `divisors` makes of its pixel, a place in the batch; and the divisors.
+    /// Runs a wave and returns its light samples of area lights, each divided by the square root of its pixel's divisor, and the
+    /// divisors. [`LightSampleRecord::pixel`] is an index into the batch.
     pub fn collect_light_samples(
         &mut self,
         transport: &Transport,
@@ -200,7 +200,7 @@ impl Wave {
     }
 }
 
-/// Adds a ray query's time.
+/// Runs a ray query and adds its time.
 fn timed(counts: &mut WaveCounts, query: impl FnOnce()) {
     let start = Instant::now();
     query();

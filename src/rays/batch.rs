@@ -4,28 +4,28 @@ use serde::{Deserialize, Serialize};
 
 use crate::lanes::{F, LANES, Rows, U, V3, load, store, store_bits};
 
-/// No hit, in [`HitBatch`]'s index columns.
+/// Marks a miss in the index columns of [`HitBatch`].
 pub const MISS: u32 = u32::MAX;
 
-/// Rays as structure of arrays; all columns are equally long.
+/// Rays as structure of arrays; all columns have the same length.
 #[derive(Debug, Default, Clone, Serialize, Deserialize)]
 pub struct RayBatch {
     /// World-space origins, x, y, z.
     pub origin: [Vec<f32>; 3],
-    /// World-space directions, x, y, z; unit length unless the producer says otherwise (`t` is in their units).
+    /// World-space directions, x, y, z, usually of unit length; `t` is in units of their length.
     pub direction: [Vec<f32>; 3],
-    /// Where the interval starts, ≥ 0.
+    /// Start of the ray interval, ≥ 0.
     pub tnear: Vec<f32>,
-    /// Where the interval ends.
+    /// End of the ray interval.
     pub tfar: Vec<f32>,
-    /// A random number of the ray's own: the seed of the choice at surfaces with alpha blending.
+    /// Random number of the ray: seed of the stochastic test at alpha-blended surfaces.
     pub key: Vec<u32>,
-    /// When it is, from 0, where the shutter opens, to 1, where it closes; empty where nothing moves.
+    /// Time from 0 (shutter opens) to 1 (shutter closes); empty where nothing moves.
     #[serde(default)]
     pub time: Vec<f32>,
 }
 
-/// The closest hits of a [`RayBatch`], in its order.
+/// The closest hits of a [`RayBatch`], in the same order.
 #[derive(Debug, Default, Clone)]
 pub struct HitBatch {
     /// Distance in units of the direction's length; infinite for a miss.
@@ -38,17 +38,16 @@ pub struct HitBatch {
     pub instance: Vec<u32>,
     /// Index into [`Scene::meshes`](crate::scene::Scene::meshes), or [`MISS`].
     pub mesh: Vec<u32>,
-    /// Triangle of that mesh, or [`MISS`].
+    /// Index of the triangle in the mesh, or [`MISS`].
     pub prim: Vec<u32>,
 }
 
-/// How like its neighbours a ray of a batch is. A hint: hits do not depend on it, but for which of coincident surfaces is
-/// hit.
+/// Coherence of neighbouring rays in a batch. A hint: it may only change which one of several coincident surfaces is hit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum RayOrder {
-    /// Camera rays of one tile.
+    /// Neighbours are similar: camera rays of one tile.
     Coherent,
-    /// Anything else.
+    /// Neighbours are unrelated: all other rays.
     Incoherent,
 }
 
@@ -58,12 +57,12 @@ impl RayBatch {
         self.tfar.len()
     }
 
-    /// Has it no rays?
+    /// Is the batch empty?
     pub fn is_empty(&self) -> bool {
         self.tfar.is_empty()
     }
 
-    /// Removes all rays, keeps the memory.
+    /// Removes all rays and keeps the memory.
     pub fn clear(&mut self) {
         for column in self.origin.iter_mut().chain(&mut self.direction) {
             column.clear();
@@ -93,19 +92,19 @@ impl RayBatch {
         V3 { x: load(x, rows), y: load(y, rows), z: load(z, rows) }
     }
 
-    /// When a ray is; 0 where nothing moves.
+    /// The time of a ray; 0 where nothing moves.
     #[inline]
     pub fn time(&self, i: usize) -> f32 {
         self.time.get(i).copied().unwrap_or(0.0)
     }
 
-    /// When eight rays are; 0 where nothing moves.
+    /// The times of eight rays; 0 where nothing moves.
     #[inline(always)]
     pub fn times(&self, rows: &Rows) -> F {
         if self.time.is_empty() { F::ZERO } else { load(&self.time, rows) }
     }
 
-    /// Makes room for `most` rays, with their times if something `moves`, to be filled with [`put`](Self::put) and ended with
+    /// Makes room for `most` rays, with times if something `moves`. Fill it with [`put`](Self::put), then call
     /// [`close`](Self::close).
     pub fn open(&mut self, most: usize, moves: bool) {
         let len = most + LANES;
@@ -116,7 +115,7 @@ impl RayBatch {
         self.time.resize(if moves { len } else { 0 }, 0.0);
     }
 
-    /// Writes rays from `at` on, eight at a time; `tnear` is zero, and `time` counts where something moves.
+    /// Writes eight rays to the rows from `at` on, with `tnear` zero; `time` is ignored where nothing moves.
     #[inline(always)]
     pub fn put(&mut self, at: usize, (origin, direction): (V3, V3), tfar: F, key: U, time: F) {
         let ([ox, oy, oz], [dx, dy, dz]) = (&mut self.origin, &mut self.direction);
@@ -134,7 +133,7 @@ impl RayBatch {
         }
     }
 
-    /// Keeps the first `len` rays.
+    /// Truncates the batch to `len` rays.
     pub fn close(&mut self, len: usize) {
         for column in self.origin.iter_mut().chain(&mut self.direction).chain([&mut self.tnear, &mut self.tfar]) {
             column.truncate(len);
@@ -143,7 +142,7 @@ impl RayBatch {
         self.time.truncate(len);
     }
 
-    /// Adds a ray.
+    /// Appends a ray without a time.
     #[inline]
     pub fn push(&mut self, origin: glam::Vec3, direction: glam::Vec3, tnear: f32, tfar: f32, key: u32) {
         for (axis, column) in self.origin.iter_mut().enumerate() {
@@ -159,17 +158,17 @@ impl RayBatch {
 }
 
 impl HitBatch {
-    /// Number of hits and misses.
+    /// Number of rows, hits and misses.
     pub fn len(&self) -> usize {
         self.t.len()
     }
 
-    /// Has it neither hits nor misses?
+    /// Is the batch empty?
     pub fn is_empty(&self) -> bool {
         self.t.is_empty()
     }
 
-    /// Makes every column `len` long; the old entries stay.
+    /// Resizes all columns to `len`; old entries stay.
     pub(crate) fn resize(&mut self, len: usize) {
         for column in [&mut self.t, &mut self.u, &mut self.v] {
             column.resize(len, 0.0);

@@ -1,13 +1,13 @@
-//! How a build of an acceleration structure is followed and interrupted.
+//! Progress and interruption of acceleration structure builds.
 
 use crate::scene::{Instance, Scene};
 use crate::{Error, Result};
 
-/// Follows a build: is handed the share that is done, in [0, 1], from any thread and not always in order, and answers
-/// whether to go on. Embree asks every some thousand triangles, obvhs before each object.
+/// Progress callback of a build: receives the completed fraction in [0, 1], from any thread and not always in ascending order,
+/// and returns whether to continue. Embree calls it every few thousand triangles, obvhs before each object.
 pub type Watch<'a> = &'a (dyn Fn(f64) -> bool + Sync);
 
-/// Asks `watch` whether to go on.
+/// Fails if `watch` stops the build.
 pub(super) fn check_watch(watch: Watch, done: f64) -> Result<()> {
     if watch(done) { Ok(()) } else { Err(interrupted()) }
 }
@@ -19,7 +19,7 @@ pub(super) fn interrupted() -> Error {
     )
 }
 
-/// What a build is long for: triangles, each once for every time that it is built, and placements.
+/// The work of a build, for its progress: the number of triangles in all structures that are built, plus the instances.
 pub(super) fn build_units(scene: &Scene) -> usize {
     let mut built = vec![false; scene.objects.len()];
     let of_instance = |instance: &Instance| {

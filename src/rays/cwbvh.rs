@@ -1,7 +1,8 @@
-//! obvhs in pure Rust behind [`RayQueries`]: the second opinion on Embree. By default its compressed eight-wide BVH.
+//! The obvhs backend of [`RayQueries`], in pure Rust: an independent check of Embree. It uses the compressed eight-wide BVH by
+//! default.
 //!
-//! All meshes that stand in world space make one group; every other placed object makes one. Each group has a BVH of
-//! its own, over its placements' bounds lies another.
+//! All meshes that are placed without a transform share one bottom-level BVH; every other object has one of its own. The
+//! top-level BVH is built over the bounds of their placements.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -27,44 +28,44 @@ pub use options::{ObvhsOptions, Preset, TreeKind, TriangleTest};
 use test::{EmbreeTest, IntersectionTest, ObvhsTest};
 use tree::{Tree, union};
 
-/// The library's version, as in Cargo.lock.
+/// Version of obvhs in Cargo.lock.
 pub const VERSION: &str = env!("BISMAR_OBVHS_VERSION");
-/// Instruction set that this program, and so the library, is compiled for: `x86-64-v3`, say.
+/// Instruction set that this program is compiled for, for example `x86-64-v3`.
 pub const ISA_BASELINE: &str = env!("BISMAR_ISA_BASELINE");
 
-/// obvhs skips boxes that end before t = 1e-4. Directions are shortened by this power of two, which is exact and makes
-/// that 1.5e-9 of the caller's t.
+/// Directions are scaled by this power of two, which is exact: obvhs skips boxes that end before t = 1e-4, which then is
+/// 1.5e-9 in the caller's units.
 const DIRECTION_SCALE: f32 = 1.0 / 65536.0;
 
-/// Largest reciprocal of a direction's component: finite, so that no box test computes 0 · ∞.
+/// Largest reciprocal of a direction component; finite, so that box tests never compute 0 · ∞.
 const MAX_RECIPROCAL: f32 = 1e18;
 
-/// A [`Scene`] built into obvhs' acceleration structure.
+/// The acceleration structure of a [`Scene`] by obvhs.
 pub struct ObvhsRays {
     scene: Arc<Scene>,
     bottom_levels: Vec<BottomLevel>,
     placements: Vec<Placement>,
-    /// Over the placements' bounds.
+    /// Top-level BVH over the bounds of the placements.
     top: Tree,
     test: TriangleTest,
-    /// [`Scene::has_alpha`] of each mesh.
+    /// [`Scene::has_alpha`] by mesh.
     has_alpha: Vec<bool>,
     info: BackendInfo,
 }
 
-/// Triangles that move together.
+/// A bottom-level BVH with its triangles.
 struct BottomLevel {
     bvh: Tree,
     /// In the order of the BVH's leaves.
     triangles: Vec<RtTriangle>,
-    /// What each of them is.
+    /// Instance, mesh and index of each triangle.
     ids: Vec<TriangleId>,
     bounds: Aabb,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct TriangleId {
-    /// [`MISS`] where the placement says it.
+    /// Index into [`Scene::instances`]; [`MISS`] if the placement determines it.
     instance: u32,
     mesh: u32,
     prim: u32,
@@ -72,9 +73,9 @@ struct TriangleId {
 
 struct Placement {
     bottom_level: u32,
-    /// Index into [`Scene::instances`]; [`MISS`] for the group in world space.
+    /// Index into [`Scene::instances`]; [`MISS`] for the triangles in world space.
     instance: u32,
-    /// World to object; `None` for the group in world space.
+    /// World to object; `None` for the triangles in world space.
     to_object: Option<Affine3A>,
 }
 
@@ -87,18 +88,18 @@ struct Closest {
 }
 
 impl ObvhsRays {
-    /// Builds the acceleration structure; keeps the scene for its alpha. `watch` follows it object by
-    /// object: obvhs itself reports nothing.
+    /// Builds the acceleration structure; keeps the scene for alpha tests. `watch` is called once per object, because obvhs does
+    /// not report progress.
     ///
     /// # Errors
-    /// [`Error::Data`] for a malformed scene or one that makes too deep a tree, [`Error::Usage`] for one that moves,
-    /// [`Error::Interrupted`] when `watch` says so.
+    /// [`Error::Data`] for a malformed scene or one whose tree is too deep, [`Error::Usage`] for a scene with motion,
+    /// [`Error::Interrupted`] if `watch` stops the build.
     pub fn build(scene: Arc<Scene>, options: &ObvhsOptions, watch: Watch) -> Result<Self> {
         let start = Instant::now();
         check(&scene)?;
         if scene.moves() {
             let why =
-                "--rays obvhs traces nothing that moves while the shutter is open: take --rays embree, or no --shutter";
+                "--rays obvhs does not support motion while the shutter is open: use --rays embree, or omit --shutter";
             return Err(Error::Usage(why.into()));
         }
         let units = build_units(&scene) as f64;
@@ -114,7 +115,7 @@ impl ObvhsRays {
             bottom_levels.push(bottom_level);
         }
         let mut built: usize = bottom_levels.iter().map(|bottom_level: &BottomLevel| bottom_level.ids.len()).sum();
-        // By object; the inner `None` is an object without triangles.
+        // By object: its bottom level once built; the inner `None` is an object without triangles.
         let mut of_object: Vec<Option<Option<u32>>> = vec![None; scene.objects.len()];
         for (index, instance) in scene.instances.iter().enumerate() {
             let Some(transform) = instance.transform else { continue };
@@ -148,7 +149,7 @@ impl ObvhsRays {
         Ok(Self { scene, bottom_levels, placements, top, test: options.test, has_alpha, info })
     }
 
-    /// The hit of a ray with one triangle as (t, u, v), when it counts.
+    /// Intersects a ray with one triangle: (t, u, v), or `None` for a miss and for hits that fail the alpha test.
     #[inline(always)]
     fn hit_triangle<T: IntersectionTest>(
         &self,
@@ -250,7 +251,7 @@ impl TriangleId {
 }
 
 impl Placement {
-    /// A world-space ray in the group's space, with the same t.
+    /// Transforms a world-space ray to the space of the bottom level; t stays the same.
     #[inline(always)]
     fn ray(&self, world: &Ray) -> Ray {
         match &self.to_object {
@@ -266,7 +267,7 @@ impl Placement {
 }
 
 impl BottomLevel {
-    /// The triangles of (instance, mesh) pairs; `None` when there are none.
+    /// Builds a BVH over the triangles of (instance, mesh) pairs; `None` if there are none.
     fn build(scene: &Scene, meshes: impl Iterator<Item = (u32, u32)>, options: &ObvhsOptions) -> Result<Option<Self>> {
         let (mut triangles, mut ids, mut boxes) = (Vec::new(), Vec::new(), Vec::new());
         let mut whole = options.splits().then(Vec::new);
@@ -301,7 +302,7 @@ impl BottomLevel {
     }
 }
 
-/// The box around a transformed box.
+/// Bounding box of a transformed box.
 fn transformed(aabb: &Aabb, transform: &Affine3A) -> Aabb {
     let corner = |at: usize| {
         let pick = |bit: usize, axis: usize| if at & bit == 0 { aabb.min[axis] } else { aabb.max[axis] };
@@ -310,7 +311,7 @@ fn transformed(aabb: &Aabb, transform: &Affine3A) -> Aabb {
     Aabb::from_points(&std::array::from_fn::<_, 8, _>(corner))
 }
 
-/// The ray of a batch with its direction times [`DIRECTION_SCALE`].
+/// A ray of a batch with its direction scaled by [`DIRECTION_SCALE`].
 #[inline(always)]
 fn scaled_ray(rays: &RayBatch, at: usize) -> Ray {
     let column = |of: &[Vec<f32>; 3]| Vec3A::new(of[0][at], of[1][at], of[2][at]);
@@ -324,7 +325,7 @@ fn scaled_ray(rays: &RayBatch, at: usize) -> Ray {
 
 #[inline(always)]
 fn ray(origin: Vec3A, direction: Vec3A, tmin: f32, tmax: f32) -> Ray {
-    // obvhs takes −0 for positive, so its reciprocal must be: the sum of −0 and 0 is 0.
+    // obvhs treats −0 as positive, so its reciprocal must be +∞: −0 + 0 = 0.
     let inv_direction =
         (direction + Vec3A::ZERO).recip().clamp(Vec3A::splat(-MAX_RECIPROCAL), Vec3A::splat(MAX_RECIPROCAL));
     Ray { origin, direction, inv_direction, tmin, tmax }

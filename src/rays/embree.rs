@@ -1,18 +1,19 @@
-//! Debian's Embree 4 behind [`RayQueries`].
+//! The Embree 4 backend of [`RayQueries`], with the library that the system provides.
 //!
-//! An object that is placed without a transform becomes triangle geometries of the top scene; every other placed
-//! object becomes one sub-scene, and each of its placements an instance geometry of the top scene. Vertex and index
-//! buffers are shared with the [`Scene`], not copied.
+//! An object that is placed without a transform becomes triangle geometries of the top scene. Every other object becomes one
+//! sub-scene, and each of its placements an instance geometry of the top scene. Vertex and index buffers are shared with the
+//! [`Scene`], not copied.
 //!
-//! Rays go to Embree in packets, 16 wide where that is native and 8 wide elsewhere. Camera rays, and bounces in a scene
-//! of few triangles, carry `RTC_RAY_QUERY_FLAG_COHERENT`: then a packet is traversed together, once for each octant that
-//! its rays point to; otherwise Embree leaves a packet for its single rays as soon as they part. Packets of one octant are
-//! up to three times as fast as single rays for camera rays, and one and a half times for sorted bounces in a scene of few
-//! triangles; unsorted bounces are half as fast as single rays. Shadow rays end at the first thing in their way, each
-//! somewhere else: they are never held together, and beyond few triangles go 8 wide (docs/throughput.md has the numbers).
-//! Together, it is the packet's other rays that decide which of two
-//! coincident surfaces is hit (measured: 2 to 10 % of the hits on two equal instances in one place changed with the
-//! packets). The renderer therefore fills its packets tile by tile, always alike.
+//! Rays are passed in packets, 16 wide where that is native and 8 wide elsewhere. Camera rays, and bounces in small scenes, set
+//! `RTC_RAY_QUERY_FLAG_COHERENT`: a packet is then traversed together, once for each octant of its ray directions. Without the
+//! flag, Embree traces the rays of a packet one by one as soon as they diverge. Compared to single rays, coherent packets of one
+//! octant are up to 3 times as fast for camera rays and 1.5 times for sorted bounces in a small scene; coherent packets of
+//! unsorted bounces are half as fast. Shadow rays stop at their first occluder and never use the flag; except in small scenes
+//! they go 8 wide. docs/throughput.md has the measurements.
+//!
+//! In a coherent packet, the other rays influence which of several coincident surfaces is hit (2 to 10 % of the hits on two
+//! equal instances in one place changed with the packets). The renderer therefore always fills its packets in the same way,
+//! tile by tile.
 
 mod device;
 mod options;
@@ -34,9 +35,9 @@ use device::{CommitProgress, DeviceHandle, DeviceMonitor, SceneHandle, best_isa}
 pub use options::{EmbreeOptions, Packets, Quality};
 use packets::{filter_alpha, single, wide4, wide8, wide16};
 
-/// A [`Scene`] built into Embree's acceleration structure.
+/// The acceleration structure of a [`Scene`] by Embree.
 pub struct EmbreeRays {
-    // Dropped in this order: the library's handles before what they point to.
+    // Drop order: the handles of the library before what they point to.
     top: SceneHandle,
     _device: DeviceHandle,
     _monitor: Arc<DeviceMonitor>,
@@ -44,9 +45,9 @@ pub struct EmbreeRays {
     placements: Vec<Placement>,
     has_alpha: bool,
     packets: Packets,
-    /// Are 16-wide packets native? 8-wide ones are wherever AVX is, and narrower CPUs emulate them.
+    /// Are 16-wide packets native? 8-wide packets are native with AVX and emulated without.
     wide16: bool,
-    /// At most [`SMALL_SCENE_PRIMITIVES`] triangles and instances?
+    /// Does the scene have at most [`SMALL_SCENE_PRIMITIVES`] triangles and instances?
     small: bool,
     info: BackendInfo,
 }
@@ -57,7 +58,7 @@ unsafe impl Send for EmbreeRays {}
 // SAFETY: as above.
 unsafe impl Sync for EmbreeRays {}
 
-/// What a geometry of the top scene is.
+/// The instance and mesh of a geometry of the top scene.
 #[derive(Debug, Clone, Copy, Default)]
 struct Placement {
     /// Index into [`Scene::instances`].
@@ -67,13 +68,12 @@ struct Placement {
 }
 
 impl EmbreeRays {
-    /// Builds the acceleration structure; keeps the scene for its buffers and its alpha. `watch` follows it triangle by
-    /// triangle.
+    /// Builds the acceleration structure; keeps the scene for its buffers and for alpha tests.
     ///
     /// # Errors
-    /// [`Error::Data`](crate::Error::Data) for a malformed scene (an index beyond the vertices, say),
-    /// [`Error::Host`](crate::Error::Host) for a library of another version than the header's, a CPU that it does not
-    /// run on or too little memory, [`Error::Interrupted`](crate::Error::Interrupted) when `watch` says so.
+    /// [`Error::Data`](crate::Error::Data) for a malformed scene, [`Error::Host`](crate::Error::Host) for a library whose
+    /// version is not that of the header, an unsupported CPU or too little memory,
+    /// [`Error::Interrupted`](crate::Error::Interrupted) if `watch` stops the build.
     pub fn build(scene: Arc<Scene>, options: &EmbreeOptions, watch: Watch) -> Result<Self> {
         let start = Instant::now();
         check(&scene)?;
@@ -126,12 +126,12 @@ impl EmbreeRays {
         let placed = scene.instances.iter().map(|instance| 1 + scene.triangles(instance.object));
         let small = placed.sum::<usize>() <= SMALL_SCENE_PRIMITIVES;
         let wide16 = device.property(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
-        drop(objects); // the instance geometries keep them
+        drop(objects); // the instance geometries hold references
         let packets = options.packets;
         Ok(Self { top, _device: device, _monitor: monitor, scene, placements, has_alpha, packets, wide16, small, info })
     }
 
-    /// Instance and mesh of a hit by Embree's ids.
+    /// Instance and mesh of a hit from Embree's geometry and instance ids.
     fn placement_of(&self, geometry: u32, instance: u32) -> Placement {
         if instance == sys::RTC_INVALID_GEOMETRY_ID {
             self.placements[geometry as usize]
@@ -184,14 +184,14 @@ impl RayQueries for EmbreeRays {
     }
 }
 
-/// What holds the rays of a packet together.
+/// How the rays of a packet are traversed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Coherence {
-    /// Nothing: they part where their ways do.
+    /// One by one after they diverge.
     Incoherent,
-    /// They go through the tree as one, in the batch's order.
+    /// Together, in the order of the batch.
     Coherent,
-    /// As one, after the batch has been sorted into packets of one octant.
+    /// Together, after sorting the batch into packets of one octant.
     Sorted,
 }
 
@@ -204,8 +204,8 @@ impl Coherence {
     }
 }
 
-/// Triangles and instances up to which any ray soon knows the scene by heart, so that sorted packets pay for bounces.
+/// Largest number of triangles and instances for which sorted packets are faster for bounces.
 const SMALL_SCENE_PRIMITIVES: usize = 2000;
 
-/// Rays from which on a batch fills packets of each octant.
+/// Smallest batch that is sorted by octant: enough rays to fill packets of each.
 const MIN_SORTED_RAYS: usize = 256;

@@ -1,4 +1,4 @@
-//! Ray queries over batches, behind one small trait with two implementations: Debian's Embree 4 ([`embree`]) and
+//! Ray queries over batches of rays, [`RayQueries`], with two backends: Embree 4 as the system provides it ([`embree`]), and
 //! obvhs ([`cwbvh`]).
 
 use std::sync::Arc;
@@ -30,7 +30,7 @@ pub enum Backend {
     Obvhs,
 }
 
-/// Builds a scene into ray queries, with as many threads as the current rayon pool has.
+/// Builds the acceleration structure of a scene, with as many threads as the current rayon pool has.
 ///
 /// # Errors
 /// See [`embree::EmbreeRays::build`] and [`cwbvh::ObvhsRays::build`].
@@ -38,14 +38,14 @@ pub fn build(backend: Backend, scene: Arc<Scene>) -> Result<Box<dyn RayQueries>>
     build_watched(backend, scene, &|_| true)
 }
 
-/// As [`build`], followed by `watch`.
+/// Builds the acceleration structure of a scene and reports progress to `watch`, which may stop it.
 ///
 /// # Errors
-/// As [`build`], and [`Error::Interrupted`] when `watch` says so.
+/// The errors of [`build`], and [`Error::Interrupted`](crate::Error::Interrupted) if `watch` stops the build.
 pub fn build_watched(backend: Backend, scene: Arc<Scene>, watch: Watch) -> Result<Box<dyn RayQueries>> {
     Ok(match backend {
         Backend::Embree => {
-            // Embree's threads are its own.
+            // Embree has its own thread pool.
             let options = embree::EmbreeOptions { threads: rayon::current_num_threads(), ..Default::default() };
             Box::new(embree::EmbreeRays::build(scene, &options, watch)?)
         }

@@ -1,31 +1,31 @@
-//! The trait of a backend.
+//! The interface of ray query backends.
 
 use super::batch::{HitBatch, RayBatch, RayOrder};
 
-/// What a backend says of itself, for `--stats` and picture headers.
+/// Description of a backend, for `--stats` and image headers.
 #[derive(Debug, Clone)]
 pub struct BackendInfo {
     /// `embree` or `obvhs`.
     pub name: &'static str,
     /// Library version.
     pub version: String,
-    /// Instruction set that traversal uses.
+    /// Instruction set of traversal.
     pub isa: String,
-    /// Seconds that the build took.
+    /// Build time in seconds.
     pub build_seconds: f64,
-    /// Bytes of the acceleration structure.
+    /// Size of the acceleration structure in bytes.
     pub memory_bytes: u64,
-    /// The most that the library held at once while it built, where it says so.
+    /// Peak memory of the library during the build, in bytes, if it reports that.
     pub peak_bytes: Option<u64>,
 }
 
-/// A scene that rays can be shot at. Surfaces with alpha are resolved inside: a hit is a hit that counts.
+/// Ray queries against a scene. Alpha cutouts and alpha blending are resolved by the backend: reported hits are opaque.
 pub trait RayQueries: Send + Sync {
-    /// Closest hits; resizes `hits` to the batch.
+    /// Finds the closest hit of each ray; resizes `hits` to the batch.
     fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch);
-    /// Is anything in each ray's interval? Resizes `occluded` to the batch.
+    /// Tests whether anything lies in each ray's interval; resizes `occluded` to the batch.
     fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>);
-    /// What it is.
+    /// Name, version and costs of the backend.
     fn info(&self) -> &BackendInfo;
 }
 

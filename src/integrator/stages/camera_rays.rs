@@ -1,4 +1,4 @@
-//! Where paths begin.
+//! The first stage: camera rays.
 
 use glam::Vec3;
 
@@ -8,10 +8,10 @@ use crate::integrator::transport::Transport;
 use crate::lanes::{F, LANES, NUMBERS, U, V3};
 use crate::sampling::{keys, pixel_seed, samples};
 
-/// The set of dimensions whose first number says when a path is.
+/// Sequence dimensions of the time of a path.
 pub const TIME_SET: u32 = u32::MAX - 1;
 
-/// Fills `rays` with the camera rays of each pixel's paths, in the path states's order.
+/// Fills `rays` with the camera rays of all pixels, in the order of the path states.
 #[inline(never)]
 pub fn begin(transport: &Transport, tasks: &[PixelTask], rays: &mut PathRays) {
     let moves = transport.geometry.moves;

@@ -1,4 +1,4 @@
-//! Light that rays of the batch run into.
+//! Emission at the end of rays: emissive surfaces and the environment, with MIS weights.
 
 use glam::Vec3;
 
@@ -11,7 +11,7 @@ use crate::integrator::transport::Transport;
 use crate::lanes::LANES;
 use crate::rays::HitBatch;
 
-/// Adds the light of surfaces that the rays `emissive` hit.
+/// Adds the emission of the surfaces that the rays `emissive` hit.
 #[inline(never)]
 pub fn surfaces(
     transport: &Transport,
@@ -52,7 +52,7 @@ pub fn surfaces(
     }
 }
 
-/// Adds the light from infinity along the rays `escaped`, which hit nothing.
+/// Adds the environment radiance along the rays `escaped`, which hit nothing.
 #[inline(never)]
 pub fn environment(
     transport: &Transport,
@@ -76,16 +76,16 @@ pub fn environment(
     }
 }
 
-/// Light that a ray met.
+/// Emission that a ray hits.
 struct Emission {
     radiance: Vec3,
-    /// Density with which light samples would have found it: as the environment, as an area light. One of them is zero.
+    /// Densities per solid angle of light samples in this direction: environment, area lights. One of them is zero.
     pdf: [f32; 2],
-    /// As for [`ExtraSums::add_light`](crate::film::ExtraSums::add_light).
+    /// Light group of [`ExtraSums::add_light`](crate::film::ExtraSums::add_light).
     group: usize,
 }
 
-/// Adds light that a ray found, weighed against having been found by a light sample.
+/// Adds emission to the path, weighted against light samples by MIS.
 #[inline]
 fn add_emission(
     transport: &Transport,
@@ -99,7 +99,7 @@ fn add_emission(
     let path = &mut path_states.paths[rays.path[ray] as usize];
     let weighted_pdf = rays.weighted_pdf[ray];
     let [a_env, a_area, a_b] = if depth == 1 { path.samples_per_path } else { transport.deeper_samples_per_path() };
-    // First surfaces take all their light samples.
+    // At first surfaces, light samples are not subject to roulette.
     let rolled = depth > 1 && transport.has_roulette();
     let probability = if rolled { rays.light_probability[ray] } else { 1.0 };
     let weighted_light = probability * (a_env * light.pdf[0] + a_area * light.pdf[1]);

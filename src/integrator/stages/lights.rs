@@ -1,4 +1,4 @@
-//! Light sampling: shadow rays that carry what they bring if nothing is in their way.
+//! Light sampling: shadow rays with their contributions.
 
 use wide::bytemuck::cast;
 
@@ -14,11 +14,11 @@ use crate::lanes::{F, LANES, Survivors, U, V3, load, mask};
 use crate::light::punctual;
 use crate::sampling::{hashes, keys, samples};
 
-/// Shadow rays toward a point end this share before it.
+/// Length of shadow rays relative to the distance of the light.
 pub const SHADOW_END: f32 = 1.0 - 1e-4;
 
-/// Fills the shadow rays for the vertices at `depth`: the samples of `requests` toward lights with extent, one a vertex
-/// toward the others. `observed`: will somebody be told what those of first surfaces find?
+/// Fills the shadow rays of the vertices at `depth`: the light samples of `requests` (environment and area lights), and one
+/// sample of the punctual lights per vertex. `observed`: are contributions at first surfaces reported to an observer?
 pub fn sample(
     transport: &Transport,
     depth: u32,
@@ -73,7 +73,7 @@ pub fn sample(
     shadows.close();
 }
 
-/// Samples of lights that MIS weighs.
+/// Eight samples of the environment and of area lights, with MIS weights.
 #[inline(never)]
 fn sample_extended(
     transport: &Transport,
@@ -123,7 +123,7 @@ fn sample_extended(
     shadows.push(&survivors, ray, tfar, (key, id.time), radiance, ids, contribution_terms);
 }
 
-/// One of the lights without size for each of eight vertices: nothing to weigh, nothing to learn.
+/// One sample of the punctual lights for each of eight vertices. BSDF samples never hit them, so there is no MIS weight.
 #[inline(never)]
 fn sample_punctual(
     transport: &Transport,

@@ -1,5 +1,5 @@
-//! Absorption by the media that rays cross: exp(−σ t) of Beer and Lambert. Light from infinity loses nothing: a body that it
-//! reaches without another surface is not closed.
+//! Absorption in media by the Beer-Lambert law, exp(−σ t). Light from the environment is not attenuated: a boundary that it
+//! crosses once is not closed.
 
 use glam::Vec3;
 
@@ -9,14 +9,14 @@ use crate::integrator::transport::Transport;
 use crate::lanes::{F, U, V3, eight};
 use crate::rays::{HitBatch, MISS};
 
-/// What is left after `distance` of light in a medium that absorbs `absorption` per metre.
+/// Transmittance, linear RGB, over `distance` metres in a medium of absorption coefficient `absorption` per metre.
 #[inline]
 pub fn transmittance(absorption: Vec3, distance: f32) -> Vec3 {
     if distance.is_finite() { (absorption * -distance).exp() } else { Vec3::ONE }
 }
 
-/// Dims the rays of the batch at `depth` by what they crossed on their way to where they hit. Of camera rays it is not known
-/// where they begin: in the body which they see from behind.
+/// Attenuates the throughput of the rays at `depth` over the distance to their hits. The medium of a camera ray is unknown at
+/// its origin; it is that of the boundary that the ray hits from inside, if it does.
 #[inline(never)]
 pub fn attenuate(transport: &Transport, depth: u32, rays: &mut PathRays, hits: &HitBatch) {
     if depth == 0 {
@@ -37,7 +37,7 @@ pub fn attenuate(transport: &Transport, depth: u32, rays: &mut PathRays, hits: &
     }
 }
 
-/// What is left of `radiance` that comes from `distance` through `media`, if any absorb.
+/// Attenuates `radiance` over `distance` metres in `media`, if there are any that absorb.
 #[inline(always)]
 pub fn attenuated(transport: &Transport, radiance: V3, media: Option<U>, distance: F) -> V3 {
     let Some(media) = media else { return radiance };

@@ -1,5 +1,5 @@
-//! Which samples vertices take: as many as their path was dealt at first surfaces, one of each technique elsewhere, or no light
-//! sample where a field's roulette says so.
+//! Sample requests: which vertices take which samples. First surfaces take the samples that their path was allocated; later
+//! vertices take one sample of each technique, with roulette for the light sample if a guiding field sets its probability.
 
 use super::super::batch::PixelTask;
 use super::{light_set, roulette_set};
@@ -10,63 +10,63 @@ use crate::integrator::vertices::Vertices;
 use crate::lanes::{F, LANES, NUMBERS, Rows, U, are, eight, mask, unit_interval};
 use crate::sampling::{keys, samples};
 
-/// What a light sample is toward.
+/// What a light sample is allocated to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LightTarget {
-    /// Not known before it draws.
+    /// Any light: drawn by the sample.
     Random,
-    /// The environment, by count.
+    /// The environment.
     Environment,
-    /// An area light, by count.
+    /// The area lights.
     AreaLight,
 }
 
-/// A sample to take.
+/// A sample that a vertex takes.
 #[derive(Debug, Clone, Copy)]
 struct SampleRequest {
     vertex: u32,
-    /// Which point of its pixel's sequence it is.
+    /// Sample index in the pixel's sequence.
     index: u32,
     target: LightTarget,
 }
 
-/// The samples that a batch of vertices takes of a technique.
+/// The samples of one technique that a batch of vertices takes.
 #[derive(Debug, Default)]
 pub struct Requests {
     list: Vec<SampleRequest>,
-    /// While the list is parted: those that come last.
+    /// Scratch space of [`Self::partition_by_target`]: samples of area lights.
     later: Vec<SampleRequest>,
-    /// Is the list meant? Else one sample at each vertex.
+    /// Is `list` used? Else each vertex takes one sample.
     uses_list: bool,
-    /// Are the vertices first surfaces, whose path knows the rates?
+    /// Are the vertices first surfaces?
     at_first_surface: bool,
     len: usize,
 }
 
-/// Up to eight samples to take.
+/// Up to eight samples.
 pub struct RequestGroup {
-    /// At which vertices.
+    /// Rows of the vertices.
     pub rows: Rows,
-    /// Of which path, and which point of its pixel's sequence each one is.
+    /// Paths and sample indices.
     pub path_ids: PathIds,
-    /// What light samples are toward: [`LightTarget`] as a number.
+    /// Targets of light samples: [`LightTarget`] as a number.
     pub target: U,
-    /// How many count.
+    /// Number of valid lanes.
     pub len: usize,
-    /// Samples a path: toward the environment, toward area lights, of the BSDF.
+    /// Samples per path: environment, area lights, BSDF.
     pub samples_per_path: [F; 3],
 }
 
-/// Area lights have a sequence of their own where light samples are divided: its points are numbered from here.
+/// Where light samples are allocated to targets, those of area lights have their own sequence, which starts at this index.
 pub const AREA_SEQUENCE: u32 = 1 << 31;
 
 impl Requests {
-    /// How many samples.
+    /// Number of samples.
     pub fn count(&self) -> usize {
         self.len
     }
 
-    /// Light samples of the vertices at `depth` (0 for first surfaces).
+    /// Requests the light samples of the vertices at `depth` (0 for first surfaces).
     pub fn light_samples(
         &mut self,
         transport: &Transport,
@@ -93,8 +93,8 @@ impl Requests {
         self.end();
     }
 
-    /// Puts the light samples toward the environment before those toward area lights: a mixed eight costs as much as one
-    /// of each kind.
+    /// Orders light samples of the environment before those of area lights: a mixed group of eight costs as much as one of
+    /// each kind.
     fn partition_by_target(&mut self, transport: &Transport, depth: u32, vertices: &Vertices) {
         if !self.uses_list {
             self.uses_list = true;
@@ -124,7 +124,7 @@ impl Requests {
         self.list.extend_from_slice(&self.later);
     }
 
-    /// BSDF samples of the vertices at `depth`; none where paths end.
+    /// Requests the BSDF samples of the vertices at `depth`; none at the last depth.
     pub fn bsdf_samples(&mut self, depth: u32, max_depth: u32, vertices: &Vertices, path_states: &PathStates) {
         self.begin(depth, vertices);
         if depth + 1 >= max_depth {
@@ -146,7 +146,7 @@ impl Requests {
         self.len = vertices.len();
     }
 
-    /// Lists the vertices that are to take a light sample, by their chances.
+    /// Lists the vertices whose light sample survives roulette.
     fn play_roulette(&mut self, transport: &Transport, depth: u32, vertices: &Vertices) {
         self.uses_list = true;
         for at in (0..vertices.len()).step_by(LANES) {
@@ -170,7 +170,7 @@ impl Requests {
         }
     }
 
-    /// The samples from `at` on.
+    /// Up to eight samples from number `at` on.
     #[inline(always)]
     pub fn group(
         &self,
@@ -187,7 +187,7 @@ impl Requests {
         let consecutive = U::from(vertex).simd_eq(U::splat(vertex[0]) + U::from(NUMBERS)) == U::MAX;
         let rows = if consecutive { Rows::From(vertex[0] as usize) } else { Rows::Each(vertex) };
         let samples_per_path = if self.at_first_surface {
-            // By vertex: beyond the last request columns hold whatever an earlier wave left there.
+            // Gather by vertex: beyond the last request, columns hold data of earlier waves.
             let paths = eight(|lane| &path_states.paths[vertices.path[vertex[lane] as usize] as usize]);
             [0, 1, 2].map(|t| F::from(eight(|lane| paths[lane].samples_per_path[t])))
         } else {
@@ -204,7 +204,7 @@ impl Requests {
         }
     }
 
-    /// Eight of the list from `at` on, the last of them in spare lanes, and how many there are.
+    /// Eight entries of the list from `at` on, and how many of them are valid. Spare lanes repeat the last entry.
     #[inline(always)]
     fn eight_from(&self, at: usize) -> ([SampleRequest; LANES], usize) {
         let list = &self.list[at..self.list.len().min(at + LANES)];
@@ -216,8 +216,8 @@ impl Requests {
     }
 }
 
-/// Which of eight light samples go to the environment, as a mask, and the number that chooses among area lights, where
-/// `choice` is the first of the samples' own.
+/// Selects the light of eight light samples: the mask of those that sample the environment, and the number that chooses among
+/// area lights. `choice` is the sample's first number.
 #[inline(always)]
 pub fn select_environment(transport: &Transport, target: U, choice: F) -> (F, F) {
     let (drawn, left) = transport.lights.draw_kind(choice);
@@ -225,7 +225,7 @@ pub fn select_environment(transport: &Transport, target: U, choice: F) -> (F, F)
     (are(target, LightTarget::Environment as u32) | (draws & drawn), draws.select(left, choice))
 }
 
-/// One sample at each of the vertices from `at` on.
+/// One sample for each of up to eight vertices from `at` on.
 #[inline(always)]
 pub fn one_per_vertex(transport: &Transport, vertices: &Vertices, at: usize) -> RequestGroup {
     let rows = Rows::From(at);
@@ -238,8 +238,8 @@ pub fn one_per_vertex(transport: &Transport, vertices: &Vertices, at: usize) -> 
     }
 }
 
-/// The point in its technique's sequence of light sample `number` of a pixel, and what it is toward: where they are
-/// divided, the first ones of a wave go to the environment.
+/// Sequence index and target of light sample `number` of a pixel. Where samples are allocated to targets, the first ones of a
+/// wave sample the environment.
 pub fn light_sample_index(task: &PixelTask, number: u32) -> (u32, LightTarget) {
     let Some(environment) = task.counts.environment else { return (number, LightTarget::Random) };
     let area_before = task.first_light - task.first_environment;

@@ -13,13 +13,13 @@ use crate::integrator::vertices::Vertices;
 use crate::lanes::{F, LANES, NUMBERS, Rows, Survivors, U, V3, grow, load_bits, mask, store, store_bits};
 use crate::sampling::{keys, samples};
 
-/// Segments after which Russian roulette begins.
+/// Russian roulette begins after this many path segments.
 pub const ROULETTE_DEPTH: u32 = 3;
-/// A path survives with this times its throughput: by relMSE times seconds on a diffuse room, 1 (the rule of thumb) is a
-/// third worse than 2, and 3 no better.
+/// Survival probability is this times the largest throughput channel, at most 1. In relMSE × seconds on a diffuse room, 1 (the
+/// usual choice) is a third worse than 2, and 3 is no better.
 pub const ROULETTE_GAIN: f32 = 2.0;
 
-/// Fills the next rays for the vertices at `depth`; those of first surfaces begin sub-paths.
+/// Fills the next rays from the vertices at `depth`. Rays from first surfaces begin sub-paths.
 pub fn sample(
     transport: &Transport,
     depth: u32,
@@ -122,7 +122,7 @@ fn one_group(
     next.push(survivors.len, ray, key, beta, normal, survivors.compress(weighted_pdf), path_ids);
 }
 
-/// Keeps how the survivors of a group were drawn.
+/// Appends the scatter records of the survivors of a group.
 #[inline(never)]
 #[allow(clippy::too_many_arguments, reason = "a group's columns")]
 fn push_scatter_records(

@@ -1,10 +1,10 @@
-//! What comes next for each ray.
+//! Sorting of rays by their next stage.
 
 use crate::integrator::queues::SortedHits;
 use crate::integrator::transport::Transport;
 use crate::rays::{HitBatch, MISS};
 
-/// Sorts the rays of the batch at `depth` (0 for camera rays) by what they hit.
+/// Sorts the rays at `depth` (0 for camera rays) by what they hit.
 #[inline(never)]
 pub fn sort(transport: &Transport, depth: u32, hits: &HitBatch, sorted: &mut SortedHits) {
     sorted.clear();

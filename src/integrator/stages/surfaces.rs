@@ -1,4 +1,4 @@
-//! From hits to vertices: points on surfaces that scatter.
+//! Vertices on scattering surfaces from hits, and the AOVs of first hits.
 
 use glam::Vec3;
 
@@ -16,14 +16,14 @@ use crate::lanes::{F, LANES, Rows, U, V3, eight, load, load_bits};
 use crate::rays::{HitBatch, MISS};
 use crate::sampling::samples;
 
-/// Where a ray hit.
+/// The surface point that a ray hit.
 #[inline]
 pub fn point<'a>(transport: &'a Transport, rays: &PathRays, hits: &HitBatch, ray: usize) -> SurfacePoint<'a> {
     let (hit, barycentric) = ((hits.instance[ray], hits.mesh[ray], hits.prim[ray]), (hits.u[ray], hits.v[ray]));
     transport.geometry.point(transport.scene, hit, barycentric, rays.rays.time(ray))
 }
 
-/// Notes of camera rays that they hit something, and what, for the AOVs.
+/// Records coverage and AOVs of the first hits.
 #[inline(never)]
 pub fn record_first_hits(
     transport: &Transport,
@@ -63,15 +63,15 @@ pub fn record_first_hits(
     }
 }
 
-/// The shading normal on the side of the ray.
+/// Unit shading normal on the side of the ray origin.
 fn facing_normal(point: &SurfacePoint, rays: &PathRays, ray: usize) -> Vec3 {
     let toward = point.ng.dot(rays.rays.direction(ray));
     point.ns.normalize_or_zero() * if toward > 0.0 { -1.0 } else { 1.0 }
 }
 
-/// Does it show others rather than itself: a metal so smooth that reflections have edges?
+/// Is the surface a mirror: metal with a roughness so low that reflections have sharp edges?
 fn is_mirror(transport: &Transport, point: &SurfacePoint) -> bool {
-    // Textures only take away.
+    // Textures only lower the metalness.
     let metal = point.material.metallic > 0.9 && !point.material.unlit;
     metal && {
         let surface = point.parameters(transport.scene);
@@ -79,7 +79,7 @@ fn is_mirror(transport: &Transport, point: &SurfacePoint) -> bool {
     }
 }
 
-/// Looks for the guides of paths whose camera ray hit a mirror, where rays of their first reflections hit.
+/// Follows chains of mirrors: records the denoising guides (albedo, normal) of the first other surface.
 #[inline(never)]
 pub fn follow_mirrors(
     transport: &Transport,
@@ -91,9 +91,9 @@ pub fn follow_mirrors(
 ) {
     for ray in 0..rays.len {
         let path = rays.path[ray] as usize;
-        // One reflection speaks for a path: the first that hits.
-        let waiting = path_states.mirrors.get(path).copied().flatten();
-        let Some(mirror) = waiting.filter(|mirror| mirror.depth + 1 == depth) else { continue };
+        // Of several reflected rays, only the first that hits counts.
+        let pending = path_states.mirrors.get(path).copied().flatten();
+        let Some(mirror) = pending.filter(|mirror| mirror.depth + 1 == depth) else { continue };
         let Some(extras) = batch.extras.get_mut(path_states.paths[path].pixel as usize) else { continue };
         if hits.mesh[ray] == MISS {
             continue;
@@ -109,7 +109,7 @@ pub fn follow_mirrors(
     }
 }
 
-/// Fills the vertices with the surfaces that scatter, of paths that are guided if a field does or `learns` from them.
+/// Fills the vertices with hits on scattering surfaces. There are guiding columns if a field is used, or trained (`learns`).
 pub fn vertices(
     transport: &Transport,
     learns: bool,
@@ -129,7 +129,7 @@ pub fn vertices(
     }
 }
 
-/// Vertices on surfaces without texture.
+/// Appends vertices on surfaces with a constant BSDF.
 #[inline(always)]
 fn constant(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hits: &HitBatch, vertices: &mut Vertices) {
     let (rows, n) = eight_of(list, at);
@@ -157,7 +157,7 @@ fn constant(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hit
     vertices.push(n, &group);
 }
 
-/// Vertices on surfaces that have to be looked up one by one.
+/// Appends vertices on surfaces whose BSDF is evaluated point by point.
 fn varying(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hits: &HitBatch, vertices: &mut Vertices) {
     let (rows, n) = eight_of(list, at);
     let each = match rows {
@@ -190,7 +190,7 @@ fn varying(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hits
     vertices.push(n, &group);
 }
 
-/// Surfaces that bend light by its colour, as one channel of their paths meets them.
+/// Applies dispersion: surfaces and throughputs of the colour channel that each path chooses.
 #[inline(never)]
 fn disperse(
     points: &[SurfacePoint; LANES],
@@ -209,7 +209,7 @@ fn disperse(
     (seen, V3::gather(beta))
 }
 
-/// The media on both sides of eight hits' surfaces, if any absorb.
+/// The media on the side of `wo` and beyond the surface at eight hits; zero if none absorb.
 #[inline(always)]
 fn media(
     transport: &Transport,

@@ -1,9 +1,9 @@
-//! Triangle tests without culling.
+//! Ray-triangle tests without back-face culling.
 
 use obvhs::ray::Ray;
 use obvhs::rt_triangle::RtTriangle;
 
-/// (t, u, v) of a hit, u and v the weights of the second and third vertex.
+/// Returns (t, u, v) of a hit; u and v are the barycentric weights of the second and third vertex.
 pub(super) trait IntersectionTest {
     fn intersect(triangle: &RtTriangle, ray: &Ray) -> Option<(f32, f32, f32)>;
 }
@@ -21,7 +21,7 @@ impl IntersectionTest for EmbreeTest {
         let (size, sign) = (determinant.abs(), 1.0_f32.copysign(determinant));
         let u = moment.dot(triangle.e2) * sign;
         let v = moment.dot(triangle.e1) * sign;
-        // Not the negation with `||`: NaN misses.
+        // Written so that NaN is a miss.
         if !(determinant != 0.0 && u >= 0.0 && v >= 0.0 && u + v <= size) {
             return None;
         }
@@ -33,7 +33,7 @@ impl IntersectionTest for EmbreeTest {
     }
 }
 
-/// obvhs' own; t in [`tmin`, `tmax`].
+/// The test of obvhs; t in [`tmin`, `tmax`].
 pub(super) struct ObvhsTest;
 
 impl IntersectionTest for ObvhsTest {

@@ -1,4 +1,4 @@
-//! obvhs' two trees behind one type.
+//! The binary and the eight-wide tree of obvhs behind one type.
 
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::leaf_collapser::collapse;
@@ -14,10 +14,10 @@ use obvhs::triangle::Triangle;
 use super::options::{ObvhsOptions, TreeKind};
 use crate::{Error, Result};
 
-/// Boxes grow by this share of their tree's largest coordinate, so that rounding in the box tests loses no hit.
+/// Boxes are enlarged by this fraction of their tree's largest coordinate, so that rounding in box tests loses no hit.
 const BOX_SLACK: f32 = 1.0 / (1 << 20) as f32;
 
-/// Levels that obvhs' traversal stack of the eight-wide tree holds; it forgets nodes of deeper trees silently.
+/// Levels of the traversal stack of the eight-wide tree; obvhs silently drops nodes of deeper trees.
 const MAX_LEVELS: u32 = 32;
 
 pub(super) enum Tree {
@@ -26,7 +26,7 @@ pub(super) enum Tree {
 }
 
 impl Tree {
-    /// A tree over boxes, which grow by [`BOX_SLACK`]; `triangles` are what is in them, where they are to be split.
+    /// Builds a tree over boxes, enlarged by [`BOX_SLACK`]. If `triangles` are given, large ones are split.
     pub(super) fn build(mut boxes: Vec<Aabb>, triangles: Option<&[Triangle]>, options: &ObvhsOptions) -> Result<Self> {
         if boxes.is_empty() {
             return Ok(Tree::EightWide(CwBvh::default()));
@@ -43,7 +43,8 @@ impl Tree {
         for one in &mut boxes {
             *one = Aabb::new(one.min - slack, one.max + slack);
         }
-        // As `build_cwbvh_from_tris` and `build_bvh2_from_tris`, which validate with absolute tolerances in debug builds.
+        // The steps of `build_cwbvh_from_tris` and `build_bvh2_from_tris`, which in debug builds also validate the tree, with
+        // absolute tolerances.
         let mut binary = PlocBuilder::with_capacity(boxes.len()).build(
             choices.ploc_search_distance,
             &boxes,
@@ -58,7 +59,7 @@ impl Tree {
             collapse(&mut binary, choices.max_prims_per_leaf.clamp(1, 255), choices.collapse_traversal_cost);
             let again = choices.reinsertion_batch_ratio * choices.post_collapse_reinsertion_batch_ratio_multiplier;
             optimizer.run(&mut binary, again, None);
-            // Queries need neither; what was needed to optimise is not kept.
+            // Only the optimizer needs these.
             binary.parents = Vec::new();
             binary.primitives_to_nodes = Vec::new();
             return Ok(Tree::Binary(binary));
@@ -67,14 +68,14 @@ impl Tree {
         let depth = depth(&bvh);
         if depth > MAX_LEVELS {
             return Err(Error::Data(format!(
-                "the scene's triangles overlap so much that obvhs' tree has {depth} levels, more than the {MAX_LEVELS} that \
-                 it can walk; use --rays embree"
+                "the scene's triangles overlap so much that the tree of obvhs has {depth} levels, more than the {MAX_LEVELS} \
+                 that it can traverse; use --rays embree"
             )));
         }
         Ok(Tree::EightWide(bvh))
     }
 
-    /// Which box each place in a leaf holds.
+    /// Indices of the boxes, in the order of the leaves.
     #[inline(always)]
     pub(super) fn order(&self) -> &[u32] {
         match self {
@@ -83,7 +84,7 @@ impl Tree {
         }
     }
 
-    /// Calls `test` with places in leaves until nothing nearer can come.
+    /// Calls `test` with positions in [`Self::order`] until the closest hit is found.
     #[inline(always)]
     pub(super) fn closest(&self, ray: Ray, hit: &mut RayHit, test: impl FnMut(&Ray, usize) -> f32) {
         match self {
@@ -92,7 +93,7 @@ impl Tree {
         };
     }
 
-    /// Calls `test` with places in leaves until there is a hit; is there none?
+    /// Calls `test` with positions in [`Self::order`] until there is a hit. Returns whether there is none.
     #[inline(always)]
     pub(super) fn misses(&self, ray: Ray, test: impl FnMut(&Ray, usize) -> f32) -> bool {
         match self {
@@ -114,7 +115,7 @@ pub(super) fn union(boxes: &[Aabb]) -> Aabb {
     boxes.iter().fold(Aabb::empty(), |all, one| all.union(one))
 }
 
-/// Levels of nodes. Children come after their parent.
+/// Number of levels. Children are stored after their parent.
 fn depth(bvh: &CwBvh) -> u32 {
     let mut levels = vec![1; bvh.nodes.len()];
     for (at, node) in bvh.nodes.iter().enumerate() {

@@ -1,48 +1,48 @@
-//! What the user of Embree may choose.
+//! Options of the Embree backend.
 
-/// Choices of a build and of its queries. The default is what `--rays embree` renders with.
+/// Options of builds and queries. The default is that of `--rays embree`.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct EmbreeOptions {
-    /// Threads of the build; 0 for all.
+    /// Number of build threads; 0 for one per core.
     pub threads: usize,
-    /// An instruction set below the CPU's best, in Embree's words: `sse2`, `sse4.2`, `avx`, `avx2`.
+    /// Instruction set: `sse2`, `sse4.2`, `avx` or `avx2`; `None` for the best of the CPU.
     pub isa: Option<&'static str>,
-    /// How long to build.
+    /// Build quality.
     pub quality: Quality,
-    /// `RTC_SCENE_FLAG_COMPACT`: less memory before speed.
+    /// `RTC_SCENE_FLAG_COMPACT`: less memory at lower speed.
     pub compact: bool,
-    /// `RTC_SCENE_FLAG_ROBUST`: box and triangle tests that lose no hit between two triangles.
+    /// `RTC_SCENE_FLAG_ROBUST`: watertight box and triangle tests.
     pub robust: bool,
-    /// How rays are handed over.
+    /// Packet size.
     pub packets: Packets,
 }
 
 /// Embree's build qualities.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Quality {
-    /// Two levels, a tree for each mesh, built by Morton codes.
+    /// Two levels, with a tree per mesh built from Morton codes.
     Low,
-    /// Two levels, each mesh's tree as by `Medium`: Embree's low quality of the scene alone.
+    /// Two levels, with a tree per mesh as by `Medium`: low quality of the scene only.
     TwoLevel,
     /// Binned surface area heuristic.
     #[default]
     Medium,
-    /// The same with spatial splits.
+    /// Surface area heuristic with spatial splits.
     High,
 }
 
-/// How the rays of a batch are handed to Embree.
+/// How the rays of a batch are passed to Embree.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Packets {
-    /// As wide as the CPU has them, kept together where that pays (see the module's text).
+    /// The native width, coherent where that is faster (see the module's documentation).
     #[default]
     Renderer,
-    /// One by one.
+    /// Single rays.
     Single,
-    /// In the batch's order, kept together through the tree.
+    /// Coherent packets of 4, in the order of the batch.
     Four,
-    /// As before.
+    /// Coherent packets of 8, in the order of the batch.
     Eight,
-    /// As before.
+    /// Coherent packets of 16, in the order of the batch.
     Sixteen,
 }

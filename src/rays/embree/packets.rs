@@ -1,4 +1,4 @@
-//! Batches to Embree's packets and back.
+//! Queries in packets: conversion of batches to Embree's packets and back.
 
 use std::cell::RefCell;
 use std::ffi::c_int;
@@ -9,12 +9,12 @@ use embree4_sys as sys;
 use super::{Coherence, EmbreeRays};
 use crate::rays::batch::{HitBatch, MISS, RayBatch};
 
-/// Embree's context of a batch, followed by what the alpha filter needs.
+/// Embree's query context, extended by the data of the alpha filter.
 #[repr(C)]
 struct QueryContext<'a> {
     embree: sys::RTCRayQueryContext,
     rays: &'a EmbreeRays,
-    /// By ray id.
+    /// [`RayBatch::key`], by ray id.
     keys: &'a [u32],
 }
 
@@ -24,9 +24,9 @@ impl<'a> QueryContext<'a> {
     }
 }
 
-/// Rejects the hits of a packet at which the surface is not there.
+/// Intersection filter: rejects the hits of a packet that fail the alpha test.
 pub(super) unsafe extern "C" fn filter_alpha(args: *const sys::RTCFilterFunctionNArguments) {
-    // A packet of N is a column of N for every field of the single struct.
+    // A packet of N has a column of N values for each field of the single-ray struct.
     const ID: usize = offset_of!(sys::RTCRay, id) / 4;
     const U: usize = offset_of!(sys::RTCHit, u) / 4;
     const V: usize = offset_of!(sys::RTCHit, v) / 4;
@@ -55,7 +55,7 @@ pub(super) unsafe extern "C" fn filter_alpha(args: *const sys::RTCFilterFunction
     }
 }
 
-/// Embree wants a packet's lane mask aligned like the packet.
+/// Lane mask of a packet, with the alignment that Embree requires.
 #[repr(C, align(64))]
 struct LaneMask<const N: usize>([c_int; N]);
 
@@ -65,16 +65,16 @@ impl<const N: usize> LaneMask<N> {
     }
 }
 
-/// Which rays of a batch the lanes of a packet take.
+/// The rays of a batch that are in a packet.
 #[derive(Clone, Copy)]
 enum PacketRows<'a> {
-    /// Those from here on.
+    /// Consecutive rays from this one on.
     From(usize),
-    /// These.
+    /// These rays.
     Each(&'a [u32]),
 }
 
-/// Copies a part of a column; spare lanes keep what they have.
+/// Loads a part of a column; spare lanes keep their values.
 #[inline(always)]
 fn load<const N: usize>(lanes: &mut [f32; N], column: &[f32], rows: PacketRows) {
     match rows {
@@ -90,7 +90,7 @@ fn load<const N: usize>(lanes: &mut [f32; N], column: &[f32], rows: PacketRows) 
     }
 }
 
-/// The way back; spare lanes are dropped.
+/// Stores lanes to a part of a column; spare lanes are dropped.
 #[inline(always)]
 fn store<T: Copy, const N: usize>(column: &mut [T], rows: PacketRows, lanes: &[T; N]) {
     match rows {
@@ -109,9 +109,9 @@ fn store<T: Copy, const N: usize>(column: &mut [T], rows: PacketRows, lanes: &[T
     }
 }
 
-/// Calls `packet` with the rays of each packet of `n`, in the batch's order or sorted by the signs of their directions.
-/// Embree takes a packet that stays together through the tree once for each octant that its rays point to: sorted, the
-/// packets of diffuse bounces in a small scene cost a third.
+/// Calls `packet` with the rays of each packet of `n`, in the order of the batch or `sorted` by the octant of the direction.
+/// Embree traverses a coherent packet once per octant: sorting reduces the cost of diffuse bounces in a small scene to a
+/// third.
 #[inline(always)]
 fn for_each_packet(rays: &RayBatch, n: usize, sorted: bool, mut packet: impl FnMut(PacketRows, usize)) {
     thread_local! {
@@ -234,7 +234,7 @@ packet_queries!(wide16, 16, RTCRay16, RTCHit16, RTCRayHit16, rtcIntersect16, rtc
 packet_queries!(wide8, 8, RTCRay8, RTCHit8, RTCRayHit8, rtcIntersect8, rtcOccluded8);
 packet_queries!(wide4, 4, RTCRay4, RTCHit4, RTCRayHit4, rtcIntersect4, rtcOccluded4);
 
-/// Ray by ray.
+/// Queries of single rays.
 pub(super) mod single {
     use super::*;
 
