@@ -1,4 +1,4 @@
-//! The BSDF's promises: samples follow the pdf, values are reciprocal, white surfaces lose nothing.
+//! Properties of BSDFs: samples follow the pdf, values are reciprocal, white surfaces conserve energy.
 
 use std::f32::consts::FRAC_1_PI;
 
@@ -9,7 +9,7 @@ use glam::Vec3;
 use crate::helpers::random::Random;
 use crate::helpers::statistics::{Mean, chi_square_directions, direction, z_limit};
 
-/// f cos θ_i and pdf in the local frame, where the normal is +z.
+/// f · |cos θ_i| and pdf in the local frame, where the normal is +z.
 fn eval_pdf(bsdf: &Bsdf, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
     let (value, pdf) = Bsdf::gather([bsdf; LANES]).eval_pdf(V3::splat(Vec3::Z), V3::splat(wo), V3::splat(wi));
     (value.lane(0), pdf.as_array()[0])
@@ -33,7 +33,7 @@ fn surface(metallic: f32, roughness: f32) -> Surface {
     Surface { base_color: Vec3::new(0.8, 0.5, 0.3), metallic, roughness, ..Surface::default() }
 }
 
-/// Coats, with and without a normal of their own, sheen, both over glass, what transmits diffusely, and the old model.
+/// Clear coats with and without their own normal, sheen, both over glass, diffuse transmission, specular-glossiness.
 fn layers() -> Vec<(String, Surface)> {
     let base = surface(0.3, 0.5);
     let leaf = Surface { diffuse_transmission: 0.7, diffuse_transmission_color: Vec3::new(0.2, 0.9, 0.1), ..base };
@@ -61,13 +61,14 @@ fn layers() -> Vec<(String, Surface)> {
     ]
 }
 
-/// Thin walls and bodies from both sides, from nearly smooth to rough, all of the surface or a part of it.
+/// Thin walls and medium boundaries from both sides, nearly smooth to rough, transmitting fully or in part.
 fn glasses() -> Vec<(String, Surface)> {
     let mut all = Vec::new();
     for (bounds_medium, back_facing) in [(false, false), (true, false), (true, true)] {
         for (transmission, roughness) in [(1.0, 0.45), (1.0, 0.8), (0.6, 0.6)] {
-            let name =
-                format!("body {bounds_medium} behind {back_facing} transmission {transmission} roughness {roughness}");
+            let name = format!(
+                "medium {bounds_medium} behind {back_facing} transmission {transmission} roughness {roughness}"
+            );
             all.push((name, Surface { transmission, bounds_medium, back_facing, ..surface(0.0, roughness) }));
         }
     }
@@ -77,8 +78,8 @@ fn glasses() -> Vec<(String, Surface)> {
     all
 }
 
-/// Brushed metals and dielectrics, films over either, both, over glass, and under a coat.
-fn finishes() -> Vec<(String, Surface)> {
+/// Anisotropic metals and dielectrics, thin films over either, both, over glass, and under a coat.
+fn general_microfacets() -> Vec<(String, Surface)> {
     let brushed =
         |s, strength| Surface { anisotropy: Some(Anisotropy { strength, tangent: Vec3::new(0.6, 0.8, 0.0) }), ..s };
     let film = |s, thickness| Surface { iridescence: Some(Iridescence { factor: 0.9, ior: 1.4, thickness }), ..s };
@@ -108,7 +109,7 @@ fn finishes() -> Vec<(String, Surface)> {
     ]
 }
 
-/// Pure Lambert, dielectrics, a mix, metals; roughness from narrow to full.
+/// Lambertian, dielectric, mixed and metallic surfaces of several roughnesses.
 fn surfaces() -> Vec<(String, Surface)> {
     let mut all = vec![("lambert".to_string(), Surface { specular: 0.0, ..surface(0.0, 1.0) })];
     for metallic in [0.0, 0.4, 1.0] {
@@ -125,14 +126,14 @@ const ANGLES: [f64; 4] = [0.05, 0.7, 1.2, 1.5];
 
 #[test]
 fn samples_follow_the_pdf() {
-    let surfaces = [surfaces(), glasses(), layers(), finishes()].concat();
+    let surfaces = [surfaces(), glasses(), layers(), general_microfacets()].concat();
     let tests = surfaces.len() * ANGLES.len();
     let mut random = Random(1);
     for (name, s) in &surfaces {
         let bsdf = s.bsdf();
         for theta in ANGLES {
             let wo = direction(theta, 0.6);
-            // Glass has an edge where the microfacets that would refract are seen from behind: a finer quadrature.
+            // The density of glass is discontinuous where microfacets face away: it needs a finer quadrature.
             chi_square_directions(
                 &format!("{name}, θ = {theta}"),
                 tests,
@@ -171,7 +172,7 @@ fn samples_of_three_layers_follow_the_pdf() {
 #[test]
 fn sampled_value_and_pdf_are_those_of_evaluation() {
     let mut random = Random(2);
-    for (name, s) in [surfaces(), glasses(), layers(), finishes()].concat() {
+    for (name, s) in [surfaces(), glasses(), layers(), general_microfacets()].concat() {
         let bsdf = s.bsdf();
         for theta in ANGLES {
             let wo = direction(theta, 0.6);
@@ -193,7 +194,7 @@ fn sampled_value_and_pdf_are_those_of_evaluation() {
 fn values_are_reciprocal() {
     let mut random = Random(3);
     let reflecting = |s: &Surface| s.transmission == 0.0 && s.clearcoat == 0.0;
-    for (name, s) in surfaces().into_iter().chain(finishes().into_iter().filter(|(_, s)| reflecting(s))) {
+    for (name, s) in surfaces().into_iter().chain(general_microfacets().into_iter().filter(|(_, s)| reflecting(s))) {
         let bsdf = s.bsdf();
         for _ in 0..2000 {
             let mut draw = || direction(1.5 * f64::from(random.f32()), 6.0 * f64::from(random.f32()));
@@ -205,7 +206,7 @@ fn values_are_reciprocal() {
     }
 }
 
-/// Reflected share of uniform white light, by BSDF sampling.
+/// Albedo under uniform white illumination, by BSDF sampling.
 fn albedo(bsdf: &Bsdf, wo: Vec3, samples: u32, random: &mut Random) -> Mean {
     let mut mean = Mean::default();
     for _ in 0..samples {
@@ -273,10 +274,10 @@ fn layers_over_white_return_no_more_than_they_receive_and_smooth_ones_all() {
 }
 
 #[test]
-fn no_finish_returns_more_than_it_receives() {
+fn no_general_microfacet_returns_more_than_it_receives() {
     // In any channel; without the dielectrics' diffuse base, of which see below. What is not glass is metal.
     let mut random = Random(15);
-    for (name, s) in finishes() {
+    for (name, s) in general_microfacets() {
         let metallic = if s.transmission > 0.0 { 0.0 } else { 1.0 };
         let s = Surface { metallic, diffuse_transmission: 0.0, transmission: 1.0 - metallic, clearcoat: 0.0, ..s };
         for theta in ANGLES {
@@ -298,7 +299,7 @@ fn no_finish_returns_more_than_it_receives() {
 }
 
 #[test]
-fn a_finish_of_nothing_is_the_plain_surface() {
+fn a_general_microfacet_without_film_or_anisotropy_is_the_plain_surface() {
     let mut random = Random(16);
     let nothing = [
         (Some(Anisotropy { strength: 0.0, tangent: Vec3::Y }), None),
@@ -338,7 +339,7 @@ fn a_brushed_surface_spreads_light_along_its_tangent() {
     }
 }
 
-/// What a film on a base shows at normal incidence.
+/// Reflectance of a film on a base at normal incidence.
 fn film_above(base: f32, ior: f32, thickness: f32) -> Vec3 {
     thin_film::reflectance(F::ONE, V3::splat(Vec3::splat(base)), F::splat(ior), F::splat(thickness)).lane(0)
 }
@@ -489,7 +490,7 @@ fn sampling_the_lobe_and_sampling_the_cosine_find_the_same_albedo() {
 #[test]
 fn sampling_lobes_and_sampling_the_sphere_find_the_same_albedo() {
     let mut random = Random(13);
-    let glasses = [glasses(), layers(), finishes()].concat();
+    let glasses = [glasses(), layers(), general_microfacets()].concat();
     let limit = z_limit(glasses.len() * ANGLES.len());
     for (name, s) in &glasses {
         let bsdf = s.bsdf();

@@ -64,10 +64,10 @@ impl<Top: Lobe, Base: Lobe> Layered<Option<Top>, Base> {
     fn top_probability(&self, top: &Top, n: V3, wo: V3) -> F {
         let (weight, transmittance) = top.weight(n, wo);
         let sum = weight + self.base.weight(n, wo).0 * transmittance;
-        let some = sum.simd_gt(F::ZERO);
+        let scatters = sum.simd_gt(F::ZERO);
         // If no lobe scatters toward wo, choose the one that is present.
         let otherwise = top.present() & F::ONE;
-        some.select(weight / sum, otherwise)
+        scatters.select(weight / sum, otherwise)
     }
 }
 

@@ -51,8 +51,8 @@ pub(super) fn reflect_or_refract(n: V3, wo: V3, h: V3, eta: F, thin: F, reflects
     let refracted = h * (cos * one_over_eta - root) - wo * one_over_eta;
     let wi = V3::select(reflects, mirror, V3::select(thin, through_wall, refracted));
     // Sampling fails where wi is on the wrong side of the surface.
-    let good = (n.dot(wi) * reflects.select(F::ONE, -F::ONE)).simd_gt(F::ZERO);
-    DirectionSample { wi: V3::select(good, wi, V3::ZERO), h: h * reflects.select(F::ONE, -F::ONE) }
+    let valid = (n.dot(wi) * reflects.select(F::ONE, -F::ONE)).simd_gt(F::ZERO);
+    DirectionSample { wi: V3::select(valid, wi, V3::ZERO), h: h * reflects.select(F::ONE, -F::ONE) }
 }
 
 /// The exact Fresnel reflectance of a dielectric (equation 22) at cosine `cos` to the microfacet normal, rescaled to 0 at

@@ -57,8 +57,8 @@ pub fn reflectance(cos: F, base: V3, ior: F, thickness: F) -> V3 {
         // the film; the two cancel.
         let flips = base_ior.simd_lt(ior).select(F::ONE, -F::ONE);
         let two = F::splat(2.0);
-        let all = r12 + rs + order * two * flips * first + order * around * two * second;
-        all.fast_max(F::ZERO).fast_min(F::ONE)
+        let sum = r12 + rs + order * two * flips * first + order * around * two * second;
+        sum.fast_max(F::ZERO).fast_min(F::ONE)
     };
     V3 {
         x: channel(base.x, first.x, second.x),

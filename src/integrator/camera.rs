@@ -164,9 +164,9 @@ impl CameraRays {
         (across, above): (F, F),
     ) -> (V3, V3) {
         let distance = F::splat(-lens.focus) / direction.dot(pose.back);
-        let aside = pose.right * across + pose.up * above;
-        let toward = direction * distance - aside;
-        (origin + aside, toward.normalize_or(direction))
+        let offset = pose.right * across + pose.up * above;
+        let toward = direction * distance - offset;
+        (origin + offset, toward.normalize_or(direction))
     }
 
     /// World-space origins and unit directions of pinhole rays through the picture's points (`x`, `y`), in pixels from its

@@ -191,8 +191,8 @@ impl Geometry {
 
         let mut ns = ng;
         if let Some(normals) = &mesh.normals {
-            let still = || index.map(|i| Vec3::from_array(normals[i]));
-            let [a, b, c] = deformed.and_then(|motion| motion.normals(vertices, time)).unwrap_or_else(still);
+            let static_normals = || index.map(|i| Vec3::from_array(normals[i]));
+            let [a, b, c] = deformed.and_then(|motion| motion.normals(vertices, time)).unwrap_or_else(static_normals);
             let mut n = a + (b - a) * u + (c - a) * v;
             if let Some(transform) = transform {
                 n = transform.normal * n;

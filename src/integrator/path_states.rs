@@ -205,7 +205,7 @@ impl PathStates {
     ) {
         let owners = shadows.path.iter().zip(&occluded[..shadows.len]).enumerate();
         for (i, (&owner, _)) in owners.filter(|(_, (_, occluded))| !**occluded) {
-            let (radiance, share) = clamp_contribution(shadows.radiance.get(i), limit);
+            let (radiance, scale) = clamp_contribution(shadows.radiance.get(i), limit);
             let light_sample_record = shadows.light_sample_record.get(i).zip(self.light_sample_records.as_mut());
             if let Some(light_sample_record) =
                 light_sample_record.and_then(|(&number, all)| all.get_mut(number as usize))
@@ -228,8 +228,8 @@ impl PathStates {
                 continue;
             }
             path.direct += radiance;
-            if let Some(found) = shadows.contribution(i, radiance) {
-                batch.notify(path.pixel as usize, Contribution { w: found.w * share * share, ..found });
+            if let Some(contribution) = shadows.contribution(i, radiance) {
+                batch.notify(path.pixel as usize, Contribution { w: contribution.w * scale * scale, ..contribution });
             }
         }
     }
@@ -250,14 +250,14 @@ impl PathStates {
                 // Light samples cannot find it: Z = 2X, Y = 2 a_b X, r = −1.
                 let w = 4.0 * path.samples_per_path[2] * radiance.length_squared();
                 let (technique, index) = (Technique::Indirect, sub_path.index);
-                let found = Contribution { pixel: 0, technique, area: false, index, r: -1.0, w, radiance };
-                batch.notify(path.pixel as usize, found);
+                let contribution = Contribution { pixel: 0, technique, area: false, index, r: -1.0, w, radiance };
+                batch.notify(path.pixel as usize, contribution);
             }
         }
-        let mut left = &self.paths[..];
+        let mut remaining = &self.paths[..];
         for (pixel, task) in batch.tasks.iter().enumerate() {
-            let (paths, others) = left.split_at(task.counts.paths as usize);
-            left = others;
+            let (paths, rest) = remaining.split_at(task.counts.paths as usize);
+            remaining = rest;
             let stats = &mut batch.stats[pixel];
             paths.iter().for_each(|path| stats.add(path.radiance, path.covered));
             if let Some(peak) = batch.peaks.get_mut(pixel) {

@@ -177,18 +177,18 @@ impl Tracer<'_> {
         if point.material.unlit {
             return self.emission(ray, depth, point.base_color(t.scene), [0.0; 2]);
         }
-        let mut found = Vec3::ZERO;
+        let mut radiance_sum = Vec3::ZERO;
         if t.materials.mesh_material(mesh).emits && point.emits_against(direction) {
             let radiance = point.emitted_radiance(t.scene, prim, barycentric, direction);
             let from = (origin, ray.normal);
             let hit = (instance, mesh, prim);
             let at = (t.scene, ray.time);
             let pdf = if depth == 0 { 0.0 } else { t.lights.area_pdf(at, from, hit, direction, distance, t.drawing) };
-            found += self.emission(ray, depth, radiance, [0.0, pdf]);
+            radiance_sum += self.emission(ray, depth, radiance, [0.0, pdf]);
         }
         if depth + 1 >= t.max_depth {
             self.report(depth, EventKind::Ends { reason: "--max-depth" });
-            return found;
+            return radiance_sum;
         }
         // Normals are turned to the side of wo; a shading normal that still faces away is tilted until n·wo = MIN_COS.
         let wo = -direction;
@@ -224,15 +224,15 @@ impl Tracer<'_> {
             time: ray.time,
         };
         for &(index, toward) in light {
-            found += self.light_sample(&vertex, depth, index, toward);
+            radiance_sum += self.light_sample(&vertex, depth, index, toward);
         }
         if t.lights.punctual {
-            found += self.punctual_sample(&vertex, depth, ray.index);
+            radiance_sum += self.punctual_sample(&vertex, depth, ray.index);
         }
         for &index in bsdf {
-            found += self.bsdf_sample(&vertex, depth, index);
+            radiance_sum += self.bsdf_sample(&vertex, depth, index);
         }
-        found
+        radiance_sum
     }
 
     fn mixture(&self, vertex: &Vertex) -> Option<Mixture<'_>> {
@@ -317,8 +317,8 @@ impl Tracer<'_> {
     ) -> Vec3 {
         let SpawnedRay { origin, allowed, medium } = vertex.spawn_ray(wi);
         let radiance = radiance * media::transmittance(self.transport.materials.media[medium as usize], distance);
-        let some = allowed && radiance.max_element() > 0.0 && radiance.is_finite();
-        if !some {
+        let contributes = allowed && radiance.max_element() > 0.0 && radiance.is_finite();
+        if !contributes {
             self.report(depth, EventKind::LightSample { toward, wi, distance, radiance: Vec3::ZERO, occluded: false });
             return Vec3::ZERO;
         }

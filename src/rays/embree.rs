@@ -15,6 +15,7 @@
 //! equal instances in one place changed with the packets). The renderer therefore always fills its packets in the same way,
 //! tile by tile.
 
+mod committed;
 mod device;
 mod options;
 mod packets;
@@ -31,19 +32,18 @@ use super::check::check;
 use super::queries::{BackendInfo, RayQueries};
 use crate::Result;
 use crate::scene::Scene;
+use committed::{CommittedScene, Placement};
 use device::{CommitProgress, DeviceHandle, DeviceMonitor, SceneHandle, best_isa};
 pub use options::{EmbreeOptions, Packets, Quality};
-use packets::{filter_alpha, single, wide4, wide8, wide16};
+use packets::{Coherence, single, wide4, wide8, wide16};
 
 /// The acceleration structure of a [`Scene`] by Embree.
 pub struct EmbreeRays {
     // Drop order: the handles of the library before what they point to.
-    top: SceneHandle,
+    committed: CommittedScene,
     _device: DeviceHandle,
     _monitor: Arc<DeviceMonitor>,
-    scene: Arc<Scene>,
-    placements: Vec<Placement>,
-    has_alpha: bool,
+    _scene: Arc<Scene>,
     packets: Packets,
     /// Are 16-wide packets native? 8-wide packets are native with AVX and emulated without.
     wide16: bool,
@@ -57,15 +57,6 @@ pub struct EmbreeRays {
 unsafe impl Send for EmbreeRays {}
 // SAFETY: as above.
 unsafe impl Sync for EmbreeRays {}
-
-/// The instance and mesh of a geometry of the top scene.
-#[derive(Debug, Clone, Copy, Default)]
-struct Placement {
-    /// Index into [`Scene::instances`].
-    instance: u32,
-    /// Index into [`Scene::meshes`]; for an instance geometry that of its first mesh.
-    mesh: u32,
-}
 
 impl EmbreeRays {
     /// Builds the acceleration structure; keeps the scene for its buffers and for alpha tests.
@@ -128,21 +119,8 @@ impl EmbreeRays {
         let wide16 = device.property(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
         drop(objects); // the instance geometries hold references
         let packets = options.packets;
-        Ok(Self { top, _device: device, _monitor: monitor, scene, placements, has_alpha, packets, wide16, small, info })
-    }
-
-    /// Instance and mesh of a hit from Embree's geometry and instance ids.
-    fn placement_of(&self, geometry: u32, instance: u32) -> Placement {
-        if instance == sys::RTC_INVALID_GEOMETRY_ID {
-            self.placements[geometry as usize]
-        } else {
-            let placement = self.placements[instance as usize];
-            Placement { mesh: placement.mesh + geometry, ..placement }
-        }
-    }
-
-    fn filter(&self) -> sys::RTCFilterFunctionN {
-        if self.has_alpha { Some(filter_alpha) } else { None }
+        let committed = CommittedScene { top, scene: Arc::clone(&scene), placements, has_alpha };
+        Ok(Self { committed, _device: device, _monitor: monitor, _scene: scene, packets, wide16, small, info })
     }
 }
 
@@ -156,11 +134,11 @@ impl RayQueries for EmbreeRays {
             RayOrder::Coherent => Coherence::Coherent,
         };
         match self.packets {
-            Packets::Single => single::closest_hits(self, rays, hits),
-            Packets::Four => wide4::closest_hits(self, rays, coherence, hits),
-            Packets::Eight => wide8::closest_hits(self, rays, coherence, hits),
-            Packets::Renderer if !self.wide16 => wide8::closest_hits(self, rays, coherence, hits),
-            Packets::Renderer | Packets::Sixteen => wide16::closest_hits(self, rays, coherence, hits),
+            Packets::Single => single::closest_hits(&self.committed, rays, hits),
+            Packets::Four => wide4::closest_hits(&self.committed, rays, coherence, hits),
+            Packets::Eight => wide8::closest_hits(&self.committed, rays, coherence, hits),
+            Packets::Renderer if !self.wide16 => wide8::closest_hits(&self.committed, rays, coherence, hits),
+            Packets::Renderer | Packets::Sixteen => wide16::closest_hits(&self.committed, rays, coherence, hits),
         }
     }
 
@@ -169,38 +147,18 @@ impl RayQueries for EmbreeRays {
         let incoherent = self.packets == Packets::Renderer && order == RayOrder::Incoherent;
         let coherence = if incoherent { Coherence::Incoherent } else { Coherence::Coherent };
         match self.packets {
-            Packets::Single => single::occluded(self, rays, occluded),
-            Packets::Four => wide4::occluded(self, rays, coherence, occluded),
-            Packets::Eight => wide8::occluded(self, rays, coherence, occluded),
+            Packets::Single => single::occluded(&self.committed, rays, occluded),
+            Packets::Four => wide4::occluded(&self.committed, rays, coherence, occluded),
+            Packets::Eight => wide8::occluded(&self.committed, rays, coherence, occluded),
             Packets::Renderer if !self.wide16 || (incoherent && !self.small) => {
-                wide8::occluded(self, rays, coherence, occluded)
+                wide8::occluded(&self.committed, rays, coherence, occluded)
             }
-            Packets::Renderer | Packets::Sixteen => wide16::occluded(self, rays, coherence, occluded),
+            Packets::Renderer | Packets::Sixteen => wide16::occluded(&self.committed, rays, coherence, occluded),
         }
     }
 
     fn info(&self) -> &BackendInfo {
         &self.info
-    }
-}
-
-/// How the rays of a packet are traversed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Coherence {
-    /// One by one after they diverge.
-    Incoherent,
-    /// Together, in the order of the batch.
-    Coherent,
-    /// Together, after sorting the batch into packets of one octant.
-    Sorted,
-}
-
-impl Coherence {
-    fn flags(self) -> sys::RTCRayQueryFlags {
-        match self {
-            Self::Incoherent => sys::RTC_RAY_QUERY_FLAG_INCOHERENT,
-            Self::Coherent | Self::Sorted => sys::RTC_RAY_QUERY_FLAG_COHERENT,
-        }
     }
 }
 

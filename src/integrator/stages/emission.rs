@@ -100,8 +100,8 @@ fn add_emission(
     let weighted_pdf = rays.weighted_pdf[ray];
     let [a_env, a_area, a_b] = if depth == 1 { path.samples_per_path } else { transport.deeper_samples_per_path() };
     // At first surfaces, light samples are not subject to roulette.
-    let rolled = depth > 1 && transport.has_roulette();
-    let probability = if rolled { rays.light_probability[ray] } else { 1.0 };
+    let has_roulette = depth > 1 && transport.has_roulette();
+    let probability = if has_roulette { rays.light_probability[ray] } else { 1.0 };
     let weighted_light = probability * (a_env * light.pdf[0] + a_area * light.pdf[1]);
     let weight = if weighted_light > 0.0 { transport.heuristic.weight(weighted_pdf, weighted_light) } else { 1.0 };
     let radiance = rays.beta.get(ray) * light.radiance * weight;

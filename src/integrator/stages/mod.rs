@@ -43,22 +43,22 @@ pub fn roulette_set(depth: u32) -> u32 {
     light_set(depth) | 1 << 8
 }
 
-/// The terms W = Σ_c Y_c Z_c and r of a direct contribution `found` = g/(a_l p_l + a_b p_b), for the light share `alpha`. See
+/// The terms W = Σ_c Y_c Z_c and r of a direct contribution `radiance` = g/(a_l p_l + a_b p_b). See
 /// [`Contribution`](crate::balance::Contribution).
 #[inline]
-fn contribution_terms(found: Vec3, light_pdf: f32, bsdf_pdf: f32, alpha: f32) -> (f32, f32) {
-    // For counts that sum to 2N: Z = 2 · found, Y = Z · p_α/p_½. Ratios of densities do not overflow.
+fn contribution_terms(radiance: Vec3, light_pdf: f32, bsdf_pdf: f32, light_share: f32) -> (f32, f32) {
+    // For counts that sum to 2N: Z = 2 · radiance, Y = Z · p_α/p_½. Ratios of densities do not overflow.
     let sum = light_pdf + bsdf_pdf;
     let (q_l, q_b) = (light_pdf / sum, bsdf_pdf / sum);
-    let y_over_z = 2.0 * (alpha * q_l + (1.0 - alpha) * q_b);
-    (4.0 * found.length_squared() * y_over_z, q_l - q_b)
+    let y_over_z = 2.0 * (light_share * q_l + (1.0 - light_share) * q_b);
+    (4.0 * radiance.length_squared() * y_over_z, q_l - q_b)
 }
 
 /// Eight [`contribution_terms`].
 #[inline(always)]
-fn contribution_terms_wide(found: V3, light_pdf: F, bsdf_pdf: F, alpha: F) -> (F, F) {
+fn contribution_terms_wide(radiance: V3, light_pdf: F, bsdf_pdf: F, light_share: F) -> (F, F) {
     let sum = light_pdf + bsdf_pdf;
     let (q_l, q_b) = (light_pdf / sum, bsdf_pdf / sum);
-    let y_over_z = F::splat(2.0) * alpha.mul_add(q_l, (F::ONE - alpha) * q_b);
-    (F::splat(4.0) * found.length_squared() * y_over_z, q_l - q_b)
+    let y_over_z = F::splat(2.0) * light_share.mul_add(q_l, (F::ONE - light_share) * q_b);
+    (F::splat(4.0) * radiance.length_squared() * y_over_z, q_l - q_b)
 }

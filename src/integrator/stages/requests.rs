@@ -133,8 +133,8 @@ impl Requests {
         }
         for (vertex, path) in (0..).zip(&vertices.path[..if self.at_first_surface { vertices.len() } else { 0 }]) {
             let path = &path_states.paths[*path as usize];
-            let all = path.first_bsdf..path.first_bsdf + u32::from(path.bsdf);
-            self.list.extend(all.map(|index| SampleRequest { vertex, index, target: LightTarget::Random }));
+            let indices = path.first_bsdf..path.first_bsdf + u32::from(path.bsdf);
+            self.list.extend(indices.map(|index| SampleRequest { vertex, index, target: LightTarget::Random }));
         }
         self.end();
     }

@@ -6,26 +6,50 @@ use std::mem::offset_of;
 
 use embree4_sys as sys;
 
-use super::{Coherence, EmbreeRays};
+use super::committed::CommittedScene;
 use crate::rays::batch::{HitBatch, MISS, RayBatch};
+
+/// How the rays of a packet are traversed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Coherence {
+    /// One by one after they diverge.
+    Incoherent,
+    /// Together, in the order of the batch.
+    Coherent,
+    /// Together, after sorting the batch into packets of one octant.
+    Sorted,
+}
+
+impl Coherence {
+    fn flags(self) -> sys::RTCRayQueryFlags {
+        match self {
+            Self::Incoherent => sys::RTC_RAY_QUERY_FLAG_INCOHERENT,
+            Self::Coherent | Self::Sorted => sys::RTC_RAY_QUERY_FLAG_COHERENT,
+        }
+    }
+}
 
 /// Embree's query context, extended by the data of the alpha filter.
 #[repr(C)]
 struct QueryContext<'a> {
     embree: sys::RTCRayQueryContext,
-    rays: &'a EmbreeRays,
+    committed: &'a CommittedScene,
     /// [`RayBatch::key`], by ray id.
     keys: &'a [u32],
 }
 
 impl<'a> QueryContext<'a> {
-    fn new(embree: &'a EmbreeRays, rays: &'a RayBatch) -> Self {
-        Self { embree: sys::init_ray_query_context(), rays: embree, keys: &rays.key }
+    fn new(committed: &'a CommittedScene, rays: &'a RayBatch) -> Self {
+        Self { embree: sys::init_ray_query_context(), committed, keys: &rays.key }
     }
 }
 
+fn filter(committed: &CommittedScene) -> sys::RTCFilterFunctionN {
+    if committed.has_alpha { Some(filter_alpha) } else { None }
+}
+
 /// Intersection filter: rejects the hits of a packet that fail the alpha test.
-pub(super) unsafe extern "C" fn filter_alpha(args: *const sys::RTCFilterFunctionNArguments) {
+unsafe extern "C" fn filter_alpha(args: *const sys::RTCFilterFunctionNArguments) {
     // A packet of N has a column of N values for each field of the single-ray struct.
     const ID: usize = offset_of!(sys::RTCRay, id) / 4;
     const U: usize = offset_of!(sys::RTCHit, u) / 4;
@@ -45,10 +69,10 @@ pub(super) unsafe extern "C" fn filter_alpha(args: *const sys::RTCFilterFunction
             }
             let ray = |column: usize| *args.ray.cast::<u32>().add(column * n + lane);
             let hit = |column: usize| *args.hit.cast::<u32>().add(column * n + lane);
-            let placement_of = context.rays.placement_of(hit(GEOMETRY), hit(INSTANCE));
+            let placement = context.committed.placement_of(hit(GEOMETRY), hit(INSTANCE));
             let [u, v] = [hit(U), hit(V)].map(f32::from_bits);
             let key = context.keys[ray(ID) as usize];
-            if !context.rays.scene.is_present(key, placement_of.instance, placement_of.mesh, hit(PRIM), u, v) {
+            if !context.committed.scene.is_present(key, placement.instance, placement.mesh, hit(PRIM), u, v) {
                 *valid = 0;
             }
         }
@@ -134,9 +158,9 @@ fn for_each_packet(rays: &RayBatch, n: usize, sorted: bool, mut packet: impl FnM
         }
         order.resize(rays.len(), 0);
         for i in 0..rays.len() {
-            let placement_of = &mut ends[octant(i)];
-            order[*placement_of] = i as u32;
-            *placement_of += 1;
+            let next = &mut ends[octant(i)];
+            order[*next] = i as u32;
+            *next += 1;
         }
         for rows in order.chunks(n) {
             packet(PacketRows::Each(rows), rows.len());
@@ -170,13 +194,13 @@ macro_rules! packet_queries {
                 }
             }
 
-            pub fn closest_hits(to: &EmbreeRays, rays: &RayBatch, coherence: Coherence, hits: &mut HitBatch) {
-                let mut context = QueryContext::new(to, rays);
+            pub fn closest_hits(scene: &CommittedScene, rays: &RayBatch, coherence: Coherence, hits: &mut HitBatch) {
+                let mut context = QueryContext::new(scene, rays);
                 let mut args = sys::RTCIntersectArguments {
                     flags: coherence.flags(),
                     feature_mask: sys::RTC_FEATURE_FLAG_ALL,
                     context: (&raw mut context).cast(),
-                    filter: to.filter(),
+                    filter: filter(scene),
                     intersect: None,
                 };
                 let mut packet = sys::$ray_hit::default();
@@ -187,7 +211,7 @@ macro_rules! packet_queries {
                     packet.hit.instID = [[sys::RTC_INVALID_GEOMETRY_ID; $n]; LEVELS];
                     let valid = LaneMask::<$n>::first(len);
                     // SAFETY: the scene is committed, `context` lives, mask and packet are aligned by their types.
-                    unsafe { sys::$intersect(valid.0.as_ptr(), to.top.0, &mut packet, &mut args) };
+                    unsafe { sys::$intersect(valid.0.as_ptr(), scene.top.0, &mut packet, &mut args) };
                     let hit = &packet.hit;
                     let (mut t, mut prim) = (packet.ray.tfar, hit.primID);
                     let (mut instance, mut mesh) = ([MISS; $n], [MISS; $n]);
@@ -195,8 +219,8 @@ macro_rules! packet_queries {
                         if hit.geomID[lane] == sys::RTC_INVALID_GEOMETRY_ID {
                             (t[lane], prim[lane]) = (f32::INFINITY, MISS);
                         } else {
-                            let placement_of = to.placement_of(hit.geomID[lane], hit.instID[0][lane]);
-                            (instance[lane], mesh[lane]) = (placement_of.instance, placement_of.mesh);
+                            let placement = scene.placement_of(hit.geomID[lane], hit.instID[0][lane]);
+                            (instance[lane], mesh[lane]) = (placement.instance, placement.mesh);
                         }
                     }
                     store(&mut hits.t, rows, &t);
@@ -208,13 +232,13 @@ macro_rules! packet_queries {
                 });
             }
 
-            pub fn occluded(by: &EmbreeRays, rays: &RayBatch, coherence: Coherence, occluded: &mut [bool]) {
-                let mut context = QueryContext::new(by, rays);
+            pub fn occluded(scene: &CommittedScene, rays: &RayBatch, coherence: Coherence, occluded: &mut [bool]) {
+                let mut context = QueryContext::new(scene, rays);
                 let mut args = sys::RTCOccludedArguments {
                     flags: coherence.flags(),
                     feature_mask: sys::RTC_FEATURE_FLAG_ALL,
                     context: (&raw mut context).cast(),
-                    filter: by.filter(),
+                    filter: filter(scene),
                     occluded: None,
                 };
                 let mut packet = sys::$ray { mask: [u32::MAX; $n], ..Default::default() };
@@ -222,7 +246,7 @@ macro_rules! packet_queries {
                     load_rays(&mut packet, rays, rows);
                     let valid = LaneMask::<$n>::first(len);
                     // SAFETY: the scene is committed, `context` lives, mask and packet are aligned by their types.
-                    unsafe { sys::$occluded(valid.0.as_ptr(), by.top.0, &mut packet, &mut args) };
+                    unsafe { sys::$occluded(valid.0.as_ptr(), scene.top.0, &mut packet, &mut args) };
                     store(occluded, rows, &packet.tfar.map(|tfar| tfar == f32::NEG_INFINITY));
                 });
             }
@@ -255,13 +279,13 @@ pub(super) mod single {
         }
     }
 
-    pub fn closest_hits(to: &EmbreeRays, rays: &RayBatch, hits: &mut HitBatch) {
-        let mut context = QueryContext::new(to, rays);
+    pub fn closest_hits(scene: &CommittedScene, rays: &RayBatch, hits: &mut HitBatch) {
+        let mut context = QueryContext::new(scene, rays);
         let mut args = sys::RTCIntersectArguments {
             flags: sys::RTC_RAY_QUERY_FLAG_INCOHERENT,
             feature_mask: sys::RTC_FEATURE_FLAG_ALL,
             context: (&raw mut context).cast(),
-            filter: to.filter(),
+            filter: filter(scene),
             intersect: None,
         };
         for i in 0..rays.len() {
@@ -269,33 +293,33 @@ pub(super) mod single {
             one.hit.geomID = sys::RTC_INVALID_GEOMETRY_ID;
             one.hit.instID = [sys::RTC_INVALID_GEOMETRY_ID; LEVELS];
             // SAFETY: the scene is committed, `context` lives, the ray is aligned by its type.
-            unsafe { sys::rtcIntersect1(to.top.0, &raw mut one, &raw mut args) };
+            unsafe { sys::rtcIntersect1(scene.top.0, &raw mut one, &raw mut args) };
             let hit = one.hit;
             if hit.geomID == sys::RTC_INVALID_GEOMETRY_ID {
                 hits.t[i] = f32::INFINITY;
                 (hits.instance[i], hits.mesh[i], hits.prim[i]) = (MISS, MISS, MISS);
             } else {
-                let placement_of = to.placement_of(hit.geomID, hit.instID[0]);
+                let placement = scene.placement_of(hit.geomID, hit.instID[0]);
                 hits.t[i] = one.ray.tfar;
-                (hits.instance[i], hits.mesh[i], hits.prim[i]) = (placement_of.instance, placement_of.mesh, hit.primID);
+                (hits.instance[i], hits.mesh[i], hits.prim[i]) = (placement.instance, placement.mesh, hit.primID);
             }
             (hits.u[i], hits.v[i]) = (hit.u, hit.v);
         }
     }
 
-    pub fn occluded(by: &EmbreeRays, rays: &RayBatch, occluded: &mut [bool]) {
-        let mut context = QueryContext::new(by, rays);
+    pub fn occluded(scene: &CommittedScene, rays: &RayBatch, occluded: &mut [bool]) {
+        let mut context = QueryContext::new(scene, rays);
         let mut args = sys::RTCOccludedArguments {
             flags: sys::RTC_RAY_QUERY_FLAG_INCOHERENT,
             feature_mask: sys::RTC_FEATURE_FLAG_ALL,
             context: (&raw mut context).cast(),
-            filter: by.filter(),
+            filter: filter(scene),
             occluded: None,
         };
         for (i, occluded) in occluded.iter_mut().enumerate() {
             let mut one = ray(rays, i);
             // SAFETY: the scene is committed, `context` lives, the ray is aligned by its type.
-            unsafe { sys::rtcOccluded1(by.top.0, &raw mut one, &raw mut args) };
+            unsafe { sys::rtcOccluded1(scene.top.0, &raw mut one, &raw mut args) };
             *occluded = one.tfar == f32::NEG_INFINITY;
         }
     }
