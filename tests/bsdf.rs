@@ -1,15 +1,15 @@
-//! The BSDF's promises: samples follow the pdf, values are reciprocal, white surfaces lose nothing.
+//! Properties of BSDFs: samples follow the pdf, values are reciprocal, white surfaces conserve energy.
 
 use std::f32::consts::FRAC_1_PI;
 
-use bismar::bsdf::{Anisotropy, Bsdf, Iridescence, Layered, Lobe, Microfacet, Parameters, Surface, film};
+use bismar::bsdf::{Anisotropy, Bsdf, Iridescence, Layered, Lobe, Microfacet, Parameters, Surface, thin_film};
 use bismar::lanes::{F, LANES, V3};
 use glam::Vec3;
 
 use crate::helpers::random::Random;
 use crate::helpers::statistics::{Mean, chi_square_directions, direction, z_limit};
 
-/// f cos θ_i and pdf in the local frame, where the normal is +z.
+/// f · |cos θ_i| and pdf in the local frame, where the normal is +z.
 fn eval_pdf(bsdf: &Bsdf, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
     let (value, pdf) = Bsdf::gather([bsdf; LANES]).eval_pdf(V3::splat(Vec3::Z), V3::splat(wo), V3::splat(wi));
     (value.lane(0), pdf.as_array()[0])
@@ -33,7 +33,7 @@ fn surface(metallic: f32, roughness: f32) -> Surface {
     Surface { base_color: Vec3::new(0.8, 0.5, 0.3), metallic, roughness, ..Surface::default() }
 }
 
-/// Coats, with and without a normal of their own, sheen, both over glass, what transmits diffusely, and the old model.
+/// Clear coats with and without their own normal, sheen, both over glass, diffuse transmission, specular-glossiness.
 fn layers() -> Vec<(String, Surface)> {
     let base = surface(0.3, 0.5);
     let leaf = Surface { diffuse_transmission: 0.7, diffuse_transmission_color: Vec3::new(0.2, 0.9, 0.1), ..base };
@@ -61,14 +61,15 @@ fn layers() -> Vec<(String, Surface)> {
     ]
 }
 
-/// Thin walls and bodies from both sides, from nearly smooth to rough, all of the surface or a part of it.
+/// Thin walls and medium boundaries from both sides, nearly smooth to rough, transmitting fully or in part.
 fn glasses() -> Vec<(String, Surface)> {
     let mut all = Vec::new();
-    for (bounds_medium, behind) in [(false, false), (true, false), (true, true)] {
+    for (bounds_medium, back_facing) in [(false, false), (true, false), (true, true)] {
         for (transmission, roughness) in [(1.0, 0.45), (1.0, 0.8), (0.6, 0.6)] {
-            let name =
-                format!("body {bounds_medium} behind {behind} transmission {transmission} roughness {roughness}");
-            all.push((name, Surface { transmission, bounds_medium, behind, ..surface(0.0, roughness) }));
+            let name = format!(
+                "medium {bounds_medium} behind {back_facing} transmission {transmission} roughness {roughness}"
+            );
+            all.push((name, Surface { transmission, bounds_medium, back_facing, ..surface(0.0, roughness) }));
         }
     }
     let specular_color = Vec3::new(1.0, 0.2, 3.0);
@@ -77,15 +78,15 @@ fn glasses() -> Vec<(String, Surface)> {
     all
 }
 
-/// Brushed metals and dielectrics, films over either, both, over glass, and under a coat.
-fn finishes() -> Vec<(String, Surface)> {
+/// Anisotropic metals and dielectrics, thin films over either, both, over glass, and under a coat.
+fn general_microfacets() -> Vec<(String, Surface)> {
     let brushed =
         |s, strength| Surface { anisotropy: Some(Anisotropy { strength, tangent: Vec3::new(0.6, 0.8, 0.0) }), ..s };
     let film = |s, thickness| Surface { iridescence: Some(Iridescence { factor: 0.9, ior: 1.4, thickness }), ..s };
-    let glass = |bounds_medium, behind, roughness| Surface {
+    let glass = |bounds_medium, back_facing, roughness| Surface {
         transmission: 1.0,
         bounds_medium,
-        behind,
+        back_facing,
         ..surface(0.0, roughness)
     };
     vec![
@@ -108,7 +109,7 @@ fn finishes() -> Vec<(String, Surface)> {
     ]
 }
 
-/// Pure Lambert, dielectrics, a mix, metals; roughness from narrow to full.
+/// Lambertian, dielectric, mixed and metallic surfaces of several roughnesses.
 fn surfaces() -> Vec<(String, Surface)> {
     let mut all = vec![("lambert".to_string(), Surface { specular: 0.0, ..surface(0.0, 1.0) })];
     for metallic in [0.0, 0.4, 1.0] {
@@ -125,14 +126,14 @@ const ANGLES: [f64; 4] = [0.05, 0.7, 1.2, 1.5];
 
 #[test]
 fn samples_follow_the_pdf() {
-    let surfaces = [surfaces(), glasses(), layers(), finishes()].concat();
+    let surfaces = [surfaces(), glasses(), layers(), general_microfacets()].concat();
     let tests = surfaces.len() * ANGLES.len();
     let mut random = Random(1);
     for (name, s) in &surfaces {
         let bsdf = s.bsdf();
         for theta in ANGLES {
             let wo = direction(theta, 0.6);
-            // Glass has an edge where the microfacets that would refract are seen from behind: a finer quadrature.
+            // The density of glass is discontinuous where microfacets face away: it needs a finer quadrature.
             chi_square_directions(
                 &format!("{name}, θ = {theta}"),
                 tests,
@@ -147,7 +148,7 @@ fn samples_follow_the_pdf() {
 #[test]
 fn samples_of_three_layers_follow_the_pdf() {
     // A coat over dielectric, metal and a mix: only tests compose it.
-    let coat = Microfacet { f0: Vec3::splat(0.3), f90: 1.0, layer0: 0.3, layer90: 1.0, alpha: 0.15, metal: 0.0, compensated: 0.0 };
+    let coat = Microfacet { f0: Vec3::splat(0.3), f90: 1.0, layer0: 0.3, layer90: 1.0, alpha: 0.15, metallic: 0.0, compensation: 0.0 };
     let mut random = Random(9);
     for metallic in [0.0, 0.4, 1.0] {
         let layers = Layered { top: coat, base: surface(metallic, 0.8).bsdf() };
@@ -171,7 +172,7 @@ fn samples_of_three_layers_follow_the_pdf() {
 #[test]
 fn sampled_value_and_pdf_are_those_of_evaluation() {
     let mut random = Random(2);
-    for (name, s) in [surfaces(), glasses(), layers(), finishes()].concat() {
+    for (name, s) in [surfaces(), glasses(), layers(), general_microfacets()].concat() {
         let bsdf = s.bsdf();
         for theta in ANGLES {
             let wo = direction(theta, 0.6);
@@ -193,7 +194,7 @@ fn sampled_value_and_pdf_are_those_of_evaluation() {
 fn values_are_reciprocal() {
     let mut random = Random(3);
     let reflecting = |s: &Surface| s.transmission == 0.0 && s.clearcoat == 0.0;
-    for (name, s) in surfaces().into_iter().chain(finishes().into_iter().filter(|(_, s)| reflecting(s))) {
+    for (name, s) in surfaces().into_iter().chain(general_microfacets().into_iter().filter(|(_, s)| reflecting(s))) {
         let bsdf = s.bsdf();
         for _ in 0..2000 {
             let mut draw = || direction(1.5 * f64::from(random.f32()), 6.0 * f64::from(random.f32()));
@@ -205,7 +206,7 @@ fn values_are_reciprocal() {
     }
 }
 
-/// Reflected share of uniform white light, by BSDF sampling.
+/// Albedo under uniform white illumination, by BSDF sampling.
 fn albedo(bsdf: &Bsdf, wo: Vec3, samples: u32, random: &mut Random) -> Mean {
     let mut mean = Mean::default();
     for _ in 0..samples {
@@ -239,11 +240,12 @@ fn smooth_white_metal_in_a_white_furnace_returns_one() {
 #[test]
 fn smooth_clear_glass_in_a_white_furnace_returns_one() {
     // As for the metal above, at both sides; from within also where nothing is transmitted.
-    for (bounds_medium, behind) in [(false, false), (true, false), (true, true)] {
-        let clear = Surface { base_color: Vec3::ONE, transmission: 1.0, bounds_medium, behind, ..surface(0.0, 0.0) };
+    for (bounds_medium, back_facing) in [(false, false), (true, false), (true, true)] {
+        let clear =
+            Surface { base_color: Vec3::ONE, transmission: 1.0, bounds_medium, back_facing, ..surface(0.0, 0.0) };
         for theta in [0.05, 0.7, 1.2, 1.5] {
             let mean = albedo(&clear.bsdf(), direction(theta, 0.0), 20_000, &mut Random(5));
-            assert!((mean.mean - 1.0).abs() < 3e-4, "{bounds_medium} {behind} {theta}: {}", mean.mean);
+            assert!((mean.mean - 1.0).abs() < 3e-4, "{bounds_medium} {back_facing} {theta}: {}", mean.mean);
         }
     }
 }
@@ -272,10 +274,10 @@ fn layers_over_white_return_no_more_than_they_receive_and_smooth_ones_all() {
 }
 
 #[test]
-fn no_finish_returns_more_than_it_receives() {
+fn no_general_microfacet_returns_more_than_it_receives() {
     // In any channel; without the dielectrics' diffuse base, of which see below. What is not glass is metal.
     let mut random = Random(15);
-    for (name, s) in finishes() {
+    for (name, s) in general_microfacets() {
         let metallic = if s.transmission > 0.0 { 0.0 } else { 1.0 };
         let s = Surface { metallic, diffuse_transmission: 0.0, transmission: 1.0 - metallic, clearcoat: 0.0, ..s };
         for theta in ANGLES {
@@ -297,7 +299,7 @@ fn no_finish_returns_more_than_it_receives() {
 }
 
 #[test]
-fn a_finish_of_nothing_is_the_plain_surface() {
+fn a_general_microfacet_without_film_or_anisotropy_is_the_plain_surface() {
     let mut random = Random(16);
     let nothing = [
         (Some(Anisotropy { strength: 0.0, tangent: Vec3::Y }), None),
@@ -337,9 +339,9 @@ fn a_brushed_surface_spreads_light_along_its_tangent() {
     }
 }
 
-/// What a film on a base shows at normal incidence.
+/// Reflectance of a film on a base at normal incidence.
 fn film_above(base: f32, ior: f32, thickness: f32) -> Vec3 {
-    film::reflectance(F::ONE, V3::splat(Vec3::splat(base)), F::splat(ior), F::splat(thickness)).lane(0)
+    thin_film::reflectance(F::ONE, V3::splat(Vec3::splat(base)), F::splat(ior), F::splat(thickness)).lane(0)
 }
 
 #[test]
@@ -367,11 +369,11 @@ fn films_interfere() {
     }
     // What is seen from within is what is seen from without, where the light goes.
     let film = Some(Iridescence { factor: 1.0, ior: 1.4, thickness: 500.0 });
-    let glass = |behind| Surface {
+    let glass = |back_facing| Surface {
         base_color: Vec3::ONE,
         transmission: 1.0,
         bounds_medium: true,
-        behind,
+        back_facing,
         iridescence: film,
         ..surface(0.0, 0.5)
     };
@@ -408,10 +410,10 @@ fn glass_of_index_one_neither_reflects_nor_bends() {
         let clear = Surface { ior: 1.0, transmission: 1.0, bounds_medium: true, ..surface(0.0, roughness) };
         let mut random = Random(12);
         for theta in ANGLES {
-            for behind in [false, true] {
+            for back_facing in [false, true] {
                 let wo = direction(theta, 0.6);
                 for _ in 0..200 {
-                    let bsdf = Surface { behind, ..clear }.bsdf();
+                    let bsdf = Surface { back_facing, ..clear }.bsdf();
                     let Some(s) = sample(&bsdf, wo, random.f32(), random.f32(), random.f32()) else { continue };
                     // The index that stands for 1 bends by a ten thousandth, more at grazing, and reflects as much.
                     assert!(s.wi.distance(-wo) < 0.02, "{roughness} {theta}: {} for {}", s.wi, -wo);
@@ -488,7 +490,7 @@ fn sampling_the_lobe_and_sampling_the_cosine_find_the_same_albedo() {
 #[test]
 fn sampling_lobes_and_sampling_the_sphere_find_the_same_albedo() {
     let mut random = Random(13);
-    let glasses = [glasses(), layers(), finishes()].concat();
+    let glasses = [glasses(), layers(), general_microfacets()].concat();
     let limit = z_limit(glasses.len() * ANGLES.len());
     for (name, s) in &glasses {
         let bsdf = s.bsdf();
@@ -512,7 +514,7 @@ fn show() {
     let mut random = Random(15);
     for r in [0.0f32, 0.2, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0] {
         let white = Surface { base_color: Vec3::ONE, ..surface(0.0, r) };
-        let glass = |bounds_medium, behind, ior| Surface { transmission: 1.0, bounds_medium, behind, ior, ..white };
+        let glass = |bounds_medium, back_facing, ior| Surface { transmission: 1.0, bounds_medium, back_facing, ior, ..white };
         let brushed = Surface { metallic: 1.0, anisotropy: Some(Anisotropy { strength: 0.7, tangent: Vec3::X }), ..white };
         let all = [("metal", Surface { metallic: 1.0, ..white }), ("diel", white), ("half", Surface { metallic: 0.5, ..white }),
             ("thin", glass(false, false, 1.5)), ("in", glass(true, false, 1.5)), ("out", glass(true, true, 1.5)), ("in2.2", glass(true, false, 2.2)), ("out1.1", glass(true, true, 1.1)),

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use bismar::integrator::scalar::What;
+use bismar::integrator::scalar::EventKind;
 use bismar::rays::Backend;
 use bismar::render::{Balance, Fireflies, RenderSettings, Rendered, render, replay};
 use bismar::scene::{Environment, Scene};
@@ -55,11 +55,11 @@ fn light_beyond_all_numbers_is_left_out_counted_and_found_again() {
     // The path is traced again, and something on it brings nothing.
     let mut replayed = Vec::new();
     replay(&stage.scene, &settings(), [x, y], Some(path), &mut |path| replayed.push(path));
-    let nothing = |what: &What| match what {
-        What::LightSample { radiance, .. } | What::Emission { radiance, .. } => *radiance == Vec3::ZERO,
+    let nothing = |what: &EventKind| match what {
+        EventKind::LightSample { radiance, .. } | EventKind::Emission { radiance, .. } => *radiance == Vec3::ZERO,
         _ => false,
     };
-    assert!(replayed.len() == 1 && replayed[0].events.iter().any(|event| nothing(&event.what)));
+    assert!(replayed.len() == 1 && replayed[0].events.iter().any(|event| nothing(&event.kind)));
 }
 
 #[test]

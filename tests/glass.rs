@@ -1,4 +1,4 @@
-//! Light through surfaces, against closed forms and quadrature: every balance, both backends.
+//! Transmission through surfaces against closed forms and quadrature, for every balance method and both backends.
 
 use std::sync::Arc;
 
@@ -39,7 +39,7 @@ fn a_ball_of_clear_glass_vanishes_in_a_white_furnace() {
 
 #[test]
 fn index_one_is_invisible() {
-    // A floor under sky and lamp, seen through the ball and lit through it: shadow rays find nothing.
+    // A floor under an environment and an area light, seen and lit through a box: shadow rays are all occluded.
     let mut scene = under_sky(2.0);
     rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.5));
     rectangle(&mut scene, 1.5, [-0.2, 1.0], [-0.7, 0.4], false, lamp(10.0));
@@ -56,15 +56,15 @@ fn index_one_is_invisible() {
 
 #[test]
 fn a_slab_follows_beer_and_lambert() {
-    // Across and aslant; of index 1, so that nothing else takes part.
+    // At normal and at oblique incidence; index 1, so that nothing is reflected or refracted.
     for (eye, cos) in [(Vec3::new(0.0, 3.0, 0.0), 1.0f64), (Vec3::new(0.0, 3.0, 3.0), 0.5f64.sqrt())] {
         let mut scene = under_sky(1.0);
-        let body = Material { absorption: Vec3::splat(2.5), ..glass(1.0, 0.0) };
-        closed_box(&mut scene, Vec3::new(-1.0, -0.4, -1.0), Vec3::new(1.0, 0.0, 1.0), body);
+        let medium = Material { absorption: Vec3::splat(2.5), ..glass(1.0, 0.0) };
+        closed_box(&mut scene, Vec3::new(-1.0, -0.4, -1.0), Vec3::new(1.0, 0.0, 1.0), medium);
         look(&mut scene, eye, Vec3::ZERO, 1e-3);
         let expected = (-2.5 * 0.4 / cos).exp();
-        // Nothing is left to chance: rays begin 16 roundings of the box off its sides, and the index that stands for 1
-        // bends by a ten thousandth.
+        // The result is deterministic up to ray offsets (16 roundings of the box) and the smallest refraction, an index of
+        // 1.0001.
         let mean = Stage::new(Arc::new(scene), Backend::Embree).mean_green(&settings(), 2).mean;
         assert!((mean / expected - 1.0).abs() < 3e-4, "{mean} for {expected}");
     }
@@ -73,8 +73,8 @@ fn a_slab_follows_beer_and_lambert() {
 #[test]
 fn a_slab_reflects_to_and_fro() {
     let mut scene = under_sky(1.0);
-    let body = Material { absorption: Vec3::splat(1.5), ..glass(1.6, 0.0) };
-    closed_box(&mut scene, Vec3::new(-9.0, -0.4, -9.0), Vec3::new(9.0, 0.0, 9.0), body);
+    let medium = Material { absorption: Vec3::splat(1.5), ..glass(1.6, 0.0) };
+    closed_box(&mut scene, Vec3::new(-9.0, -0.4, -9.0), Vec3::new(9.0, 0.0, 9.0), medium);
     look(&mut scene, Vec3::new(0.0, 3.0, 1e-3), Vec3::ZERO, 1e-3);
     let (f, t) = (fresnel(1.6, 0.0), (-1.5f64 * 0.4).exp());
     let series = (1.0 - f).powi(2) / (1.0 - f * f * t * t);
@@ -92,9 +92,9 @@ fn a_thin_wall_reflects_and_tints() {
     agrees(scene, f + (1.0 - f) * 0.3, &PATH);
 }
 
-/// What a lamp below y = 0 sends through a surface there, seen aslant from above: quadrature over the lamp's area of what
-/// the BSDF says, less what the way from it absorbs.
-fn lamp_beyond(surface: &Surface, absorption: f64, eye: Vec3, [low, high]: [f32; 2], y: f32) -> f64 {
+/// Radiance through a surface at y = 0 from an area light of radiance 1 below it, seen from `eye`: quadrature of the BSDF over
+/// the light's area, with absorption along the way.
+fn radiance_through(surface: &Surface, absorption: f64, eye: Vec3, [low, high]: [f32; 2], y: f32) -> f64 {
     const N: usize = 400;
     let bsdf = Bsdf::gather([&surface.bsdf(); LANES]);
     let (n, wo) = (V3::splat(Vec3::Y), V3::splat(eye.normalize()));
@@ -112,7 +112,7 @@ fn lamp_beyond(surface: &Surface, absorption: f64, eye: Vec3, [low, high]: [f32;
 }
 
 #[test]
-fn a_lamp_behind_rough_glass_is_found_by_both_techniques() {
+fn both_techniques_find_an_area_light_behind_rough_glass() {
     let eye = Vec3::new(0.0, 3.0, 1.5);
     for (bounds_medium, absorption) in [(false, 0.0), (true, 0.0), (true, 0.8)] {
         let mut scene = Scene::default();
@@ -122,14 +122,14 @@ fn a_lamp_behind_rough_glass_is_found_by_both_techniques() {
         rectangle(&mut scene, -1.2, [-0.7, 0.3], [-0.7, 0.3], true, lamp(10.0));
         look(&mut scene, eye, Vec3::ZERO, 1e-4);
         let surface = Surface { roughness: 0.7, transmission: 1.0, bounds_medium, ..Surface::default() };
-        let expected = 10.0 * lamp_beyond(&surface, absorption, eye, [-0.7, 0.3], -1.2);
+        let expected = 10.0 * radiance_through(&surface, absorption, eye, [-0.7, 0.3], -1.2);
         assert!(expected > 0.1, "{expected}");
         agrees(scene, expected, &[Integrator::Direct]);
     }
 }
 
 #[test]
-fn a_lamp_behind_a_leaf_shines_through() {
+fn an_area_light_shines_through_a_leaf() {
     let eye = Vec3::new(0.0, 3.0, 1.5);
     let mut scene = Scene::default();
     let diffuse_transmission_color = Vec3::splat(0.5);
@@ -147,7 +147,7 @@ fn a_coat_dims_what_shines_beneath_it() {
     rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.5));
     rectangle(&mut scene, 0.8, [-1.5, 2.0], [-1.7, 1.4], false, Material { clearcoat: 0.9, ..lamp(10.0) });
     look(&mut scene, Vec3::new(0.0, 0.5, 3.0), Vec3::ZERO, 1e-3);
-    // Quadrature over the lamp.
+    // Quadrature over the area light.
     const N: usize = 1000;
     let mut sum = 0.0;
     for i in 0..N * N {
@@ -162,8 +162,8 @@ fn a_coat_dims_what_shines_beneath_it() {
 
 #[test]
 fn each_color_is_bent_by_its_own_index() {
-    // A ball before stripes of light, beside the same ball of each channel's index. Rough from without, so that light
-    // samples meet it too, in a body around.
+    // A dispersive ball over a striped area light, against the same ball with each channel's index. It is rough, so that light
+    // samples contribute too.
     let ball = |ior: f32, dispersion: f32| {
         let mut scene = under_sky(0.1);
         let (points, indices) = sphere(8, 1.0, Vec3::ZERO);
@@ -185,7 +185,7 @@ fn each_color_is_bent_by_its_own_index() {
         let (one, all) = (mean(&alone, 0, 60), mean(&together, 5000, 120));
         let z = (one.mean - all.mean) / one.standard_error().hypot(all.standard_error());
         assert!(z.abs() < z_limit(3), "{channel}: {} alone, {} together, z = {z}", one.mean, all.mean);
-        // The test tells indices apart.
+        // The test distinguishes the indices.
         let other = mean(&ball(1.5 + 0.1 * (channel as f32 - 1.0) + 0.1, 0.0), 0, 60);
         assert!((other.mean - one.mean).abs() > 5.0 * one.standard_error().hypot(all.standard_error()), "{channel}");
     }
@@ -207,7 +207,7 @@ fn all_balances_agree_on_a_hall_with_glass() {
 
 #[test]
 fn nothing_is_infinite_or_undefined_however_deep() {
-    // Bodies in bodies, of every index and roughness, one of them around the eye, some of them glowing.
+    // Nested media of many indices and roughnesses, one of them around the camera, some of them emissive.
     let mut scene = under_sky(1.0);
     let (points, indices) = sphere(5, 8.0, Vec3::ZERO);
     add(&mut scene, points, indices, Material { absorption: Vec3::splat(0.01), ..glass(1.33, 0.1) });

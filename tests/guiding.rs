@@ -112,7 +112,7 @@ fn compared(stage: &Stage, settings: &RenderSettings, field: &Field, replicas: u
             let task = |i: u32| PixelTask::first([i % settings.width, i / settings.width], counts, i);
             let tasks: Vec<_> = (0..settings.width * settings.height).map(task).collect();
             let mut stats = vec![PixelStats::default(); tasks.len()];
-            Wave::default().run(&transport, &mut PixelBatch::plain(&tasks, &mut stats));
+            Wave::default().run(&transport, &mut PixelBatch::radiance_only(&tasks, &mut stats));
             mean.add(stats.iter().map(|s| s.sum[1] / f64::from(s.samples)).sum::<f64>() / stats.len() as f64);
         }
     }

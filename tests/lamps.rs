@@ -51,7 +51,7 @@ fn pictures(stage: &Stage, learned: Option<&LearnedLights>, first: u32, replicas
         let task = |i: u32| PixelTask::first([i % settings.width, i / settings.width], counts, i);
         let tasks: Vec<_> = (0..settings.width * settings.height).map(task).collect();
         let mut stats = vec![PixelStats::default(); tasks.len()];
-        Wave::default().run(&transport, &mut PixelBatch::plain(&tasks, &mut stats));
+        Wave::default().run(&transport, &mut PixelBatch::radiance_only(&tasks, &mut stats));
         let green: Vec<_> = stats.iter().map(|s| s.sum[1] / f64::from(s.samples)).collect();
         means.iter_mut().zip(&green).for_each(|(mean, green)| mean.add(*green));
         whole.add(green.iter().sum::<f64>() / green.len() as f64);

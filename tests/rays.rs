@@ -1,4 +1,4 @@
-//! Promises of both ray query backends.
+//! Properties of both ray query backends.
 
 use std::f32::consts::FRAC_PI_3;
 use std::hint::black_box;
@@ -17,7 +17,7 @@ use reference::Reference;
 use crate::helpers::random::Random;
 use crate::helpers::ray_scenes::{bounce, box_room, camera_rays, mesh, pieces, scene};
 
-/// Embree on this CPU, with 8-wide and with emulated packets; obvhs.
+/// obvhs, and Embree with the native, the AVX2 and the SSE2 instruction set (emulated packets).
 fn backends(scene: &Arc<Scene>) -> Vec<Box<dyn RayQueries>> {
     let mut all = vec![obvhs(scene, &ObvhsOptions::default())];
     for isa in [None, Some("avx2"), Some("sse2")] {
@@ -34,7 +34,7 @@ fn obvhs(scene: &Arc<Scene>, options: &ObvhsOptions) -> Box<dyn RayQueries> {
     Box::new(ObvhsRays::build(scene.clone(), options, &|_| true).unwrap())
 }
 
-/// What only the study of rays chooses.
+/// Options that only the ray study uses.
 fn other_choices(scene: &Arc<Scene>) -> Vec<Box<dyn RayQueries>> {
     let mut all = Vec::new();
     for quality in [Quality::Low, Quality::TwoLevel, Quality::Medium, Quality::High] {
@@ -45,7 +45,7 @@ fn other_choices(scene: &Arc<Scene>) -> Vec<Box<dyn RayQueries>> {
         }
     }
     for preset in Preset::ALL {
-        for (tree, test) in [(TreeKind::Two, TriangleTest::Embree), (TreeKind::Eight, TriangleTest::Own)] {
+        for (tree, test) in [(TreeKind::Binary, TriangleTest::Embree), (TreeKind::EightWide, TriangleTest::Obvhs)] {
             let split = Some(preset == Preset::Fast);
             all.push(obvhs(scene, &ObvhsOptions { tree, preset, split, test }));
             all.push(obvhs(scene, &ObvhsOptions { tree, preset, ..Default::default() }));
@@ -55,7 +55,7 @@ fn other_choices(scene: &Arc<Scene>) -> Vec<Box<dyn RayQueries>> {
 }
 
 fn closest(rays: &dyn RayQueries, batch: &RayBatch, order: RayOrder) -> HitBatch {
-    // Not empty: old entries must not shine through.
+    // Start with entries, which must be overwritten.
     let mut hits = HitBatch::default();
     rays.closest_hits(&ray(vec3(0.1, 0.2, 5.0), -Vec3::Z), order, &mut hits);
     rays.closest_hits(batch, order, &mut hits);
@@ -85,14 +85,14 @@ fn soup(count: u32, seed: u64) -> bismar::scene::Mesh {
     mesh(vertices, (0..count).map(|at| [3 * at, 3 * at + 1, 3 * at + 2]).collect())
 }
 
-/// Soups in world space, and others that are turned, stretched, mirrored, and placed several times.
+/// Triangle soups in world space, and others rotated, scaled, mirrored, and instanced several times.
 fn soups() -> Arc<Scene> {
     let turn = Quat::from_axis_angle(vec3(1.0, 2.0, 3.0).normalize(), FRAC_PI_3);
     let stretched = Affine3A::from_scale_rotation_translation(vec3(0.5, 2.0, 1.0), turn, vec3(0.3, -0.2, 0.1));
     let mirrored = Affine3A::from_scale_rotation_translation(vec3(-1.5, 0.7, 1.0), turn, vec3(-2.0, 0.5, -1.0));
     let meshes = vec![soup(60, 1), soup(40, 2), mesh(vec![], vec![]), soup(30, 3), soup(20, 4)];
     let mut scene = scene(meshes, &[(0, None), (1, Some(stretched)), (2, None), (1, Some(mirrored))]);
-    // An object of three meshes, the first without triangles; one object that stands and is placed as well.
+    // An object of three meshes, the first without triangles; one object placed both with and without a transform.
     scene.objects.push(Object { name: "three".into(), meshes: 2..5 });
     for (object, transform) in [(5, Some(mirrored)), (3, None), (3, Some(stretched)), (2, Some(stretched))] {
         scene.instances.push(Instance { name: "node".into(), object, transform, ..Default::default() });
@@ -100,7 +100,7 @@ fn soups() -> Arc<Scene> {
     Arc::new(scene)
 }
 
-/// Rays towards the middle, some with short intervals, some along axes with zeros of both signs.
+/// Rays toward the centre, some with short intervals, some along axes with zeros of both signs.
 fn rays_at_soup(len: usize, seed: u64) -> RayBatch {
     let mut random = Random(seed);
     let mut batch = RayBatch::default();
@@ -120,12 +120,12 @@ fn rays_at_soup(len: usize, seed: u64) -> RayBatch {
     batch
 }
 
-/// Relative error of Embree's reciprocal: an approximation and one Newton step, two units in the last place.
+/// Relative error of Embree's reciprocal (an approximation and one Newton step): two units in the last place.
 const RECIPROCAL: f32 = 2.0 * f32::EPSILON;
 
 const LENGTHS: [usize; 9] = [0, 1, 7, 8, 9, 15, 16, 17, 1000];
 
-/// Distances with the same bits: the surfaces may differ only where they coincide.
+/// Asserts bit-identical distances. The surfaces hit may differ where they coincide.
 fn assert_same_distances(a: &HitBatch, b: &HitBatch, what: &str) {
     let bits = |column: &[f32]| column.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
     assert_eq!(bits(&a.t), bits(&b.t), "{what}");
@@ -139,13 +139,13 @@ fn closest_hits_are_those_of_brute_force_in_double_precision() {
         for len in LENGTHS {
             let rays = rays_at_soup(len, len as u64);
             let hits = closest(&*backend, &rays, RayOrder::Incoherent);
-            let demanded = reference.check(&rays, &hits);
+            let unique = reference.check(&rays, &hits);
             let hit = hits.prim.iter().filter(|&&prim| prim != MISS).count();
             if len == 1000 {
-                println!("{:?}: {hit} hits, {demanded} demanded", backend.info());
-                // The oracle must have had a say: rays meet something, and few of them are within rounding of an edge.
+                println!("{:?}: {hit} hits, {unique} unique", backend.info());
+                // The test is not vacuous: many rays hit, and few are within rounding of an edge.
                 assert!(hit > 300 && hit < 700, "{hit}");
-                assert!(demanded > 990, "{demanded}");
+                assert!(unique > 990, "{unique}");
             }
         }
     }
@@ -168,7 +168,7 @@ fn occluded_says_whether_there_is_a_hit() {
 
 #[test]
 fn hits_are_the_same_in_every_grouping_and_order_but_for_which_of_coincident_surfaces_is_hit() {
-    // Two equal instances in one place: the hardest case, every hit is a tie.
+    // Two equal instances in one place: every hit is a tie.
     let room = box_room().meshes.remove(0);
     let here = Some(Affine3A::IDENTITY);
     let twice = scene(vec![(*room).clone(), (*room).clone()], &[(0, here), (0, here), (1, None), (0, None)]);
@@ -181,21 +181,21 @@ fn hits_are_the_same_in_every_grouping_and_order_but_for_which_of_coincident_sur
                 let whole = closest(&*backend, rays, RayOrder::Incoherent);
                 let shadows = occluded(&*backend, rays, RayOrder::Incoherent);
                 for (len, order) in [(1, RayOrder::Coherent), (7, RayOrder::Incoherent), (1000, RayOrder::Coherent)] {
-                    let mut pieced = HitBatch::default();
-                    let mut pieced_shadows = Vec::new();
+                    let mut concatenated = HitBatch::default();
+                    let mut concatenated_shadows = Vec::new();
                     for piece in pieces(rays, len) {
                         let hits = closest(&*backend, &piece, order);
-                        pieced.t.extend(hits.t);
-                        pieced.u.extend(hits.u);
-                        pieced.v.extend(hits.v);
-                        pieced.instance.extend(hits.instance);
-                        pieced.mesh.extend(hits.mesh);
-                        pieced.prim.extend(hits.prim);
-                        pieced_shadows.extend(occluded(&*backend, &piece, order));
+                        concatenated.t.extend(hits.t);
+                        concatenated.u.extend(hits.u);
+                        concatenated.v.extend(hits.v);
+                        concatenated.instance.extend(hits.instance);
+                        concatenated.mesh.extend(hits.mesh);
+                        concatenated.prim.extend(hits.prim);
+                        concatenated_shadows.extend(occluded(&*backend, &piece, order));
                     }
                     let what = format!("pieces of {len}, {order:?}, {:?}", backend.info());
-                    assert_same_distances(&whole, &pieced, &what);
-                    assert_eq!(shadows, pieced_shadows, "{what}");
+                    assert_same_distances(&whole, &concatenated, &what);
+                    assert_eq!(shadows, concatenated_shadows, "{what}");
                 }
             }
         }
@@ -240,9 +240,9 @@ fn weights_are_of_the_second_and_third_vertex() {
 }
 
 #[test]
-fn malformed_scenes_are_refused_with_the_place() {
+fn malformed_scenes_are_rejected_with_the_element() {
     let good = || scene(vec![soup(3, 1)], &[(0, Some(Affine3A::IDENTITY))]);
-    let refused = |change: fn(&mut Scene), part: &str| {
+    let rejected = |change: fn(&mut Scene), part: &str| {
         let mut scene = good();
         change(&mut scene);
         let scene = Arc::new(scene);
@@ -254,14 +254,17 @@ fn malformed_scenes_are_refused_with_the_place() {
             }
         }
     };
-    refused(|scene| Arc::make_mut(&mut scene.meshes[0]).indices[2][1] = 9, "triangle 2");
-    refused(|scene| Arc::make_mut(&mut scene.meshes[0]).indices[0][0] = u32::MAX, "triangle 0");
-    refused(|scene| Arc::make_mut(&mut scene.meshes[0]).positions.as_mut_slice()[4][1] = f32::NAN, "vertex 4");
-    refused(|scene| Arc::make_mut(&mut scene.meshes[0]).positions.as_mut_slice()[5][0] = f32::NEG_INFINITY, "vertex 5");
-    refused(|scene| Arc::make_mut(&mut scene.meshes[0]).positions.as_mut_slice()[6][2] = 3e18, "vertex 6");
-    refused(|scene| scene.objects[0].meshes = 0..2, "object 0");
-    refused(|scene| scene.instances[0].object = 1, "instance 0");
-    refused(|scene| scene.instances[0].transform = Some(Affine3A::from_scale(vec3(1.0, 0.0, 1.0))), "inverted");
+    rejected(|scene| Arc::make_mut(&mut scene.meshes[0]).indices[2][1] = 9, "triangle 2");
+    rejected(|scene| Arc::make_mut(&mut scene.meshes[0]).indices[0][0] = u32::MAX, "triangle 0");
+    rejected(|scene| Arc::make_mut(&mut scene.meshes[0]).positions.as_mut_slice()[4][1] = f32::NAN, "vertex 4");
+    rejected(
+        |scene| Arc::make_mut(&mut scene.meshes[0]).positions.as_mut_slice()[5][0] = f32::NEG_INFINITY,
+        "vertex 5",
+    );
+    rejected(|scene| Arc::make_mut(&mut scene.meshes[0]).positions.as_mut_slice()[6][2] = 3e18, "vertex 6");
+    rejected(|scene| scene.objects[0].meshes = 0..2, "object 0");
+    rejected(|scene| scene.instances[0].object = 1, "instance 0");
+    rejected(|scene| scene.instances[0].transform = Some(Affine3A::from_scale(vec3(1.0, 0.0, 1.0))), "inverted");
     rays::build(Backend::Embree, Arc::new(good())).unwrap();
 }
 
@@ -282,7 +285,7 @@ fn a_build_is_followed_and_can_be_stopped() {
         build(f64::INFINITY).unwrap();
         let all = std::mem::take(&mut *seen.lock().unwrap());
         assert!(all.iter().all(|done| (0.0..=1.0).contains(done)), "{all:?}");
-        // Whatever the backend's order, something is heard of in each of these stretches.
+        // Both backends report progress in each of these ranges.
         for (low, high) in [(0.0, 0.31), (0.3, 0.81), (0.5, 1.0)] {
             assert!(
                 all.iter().any(|done| (low..=high).contains(done)),
@@ -314,7 +317,7 @@ fn queries_leave_the_threads_floating_point_mode_alone() {
 }
 
 #[test]
-fn backends_say_what_they_are() {
+fn backends_describe_themselves() {
     for backend in backends(&Arc::new(box_room())) {
         let info = backend.info();
         assert!(info.memory_bytes > 36 * 16, "{info:?}");

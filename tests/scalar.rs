@@ -1,4 +1,4 @@
-//! The wave against the scalar path, which shares neither queues nor sorting with it.
+//! The wavefront integrator against the scalar one, which shares neither queues nor sorting with it.
 
 use std::sync::atomic::AtomicU32;
 
@@ -28,7 +28,7 @@ impl Observer for Radiance {
 
 #[test]
 fn each_path_of_a_wave_is_the_scalar_path() {
-    // Sums of the same terms in another order differ by roundings of the largest: a hundred terms at most here.
+    // Sums of the same terms in another order differ by roundings of the largest term; paths have at most 100 terms here.
     const ROUNDINGS: f32 = 100.0 * f32::EPSILON;
     for (scene, backend, balance, max_depth, least_lit, guiding, learns) in [
         (hall(), Backend::Obvhs, Balance::Half, 2, 6000, Guiding::Off, false),
@@ -53,7 +53,7 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         let learned = learned(&stage.scene, &settings, &unguided);
         let field = learned.as_ref().and_then(|learned| learned.field.as_ref());
         assert_eq!(field.is_some(), guiding == Guiding::On);
-        // Some lamps find nothing, whatever the place.
+        // A third of the area lights contribute nothing anywhere.
         let lights = stage.scene.lights.area.as_ref().map(|area| {
             let light_sample_record = |i: u32| {
                 let position =
@@ -67,7 +67,7 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         assert_eq!(drawing.learned.is_some(), learns);
         let transport = Transport { field, drawing, ..unguided };
         let paths = 24;
-        // Uneven numbers of samples, divided between environment and area light, and weighed by others.
+        // Uneven sample counts, allocated to environment and area lights, with MIS weights of other counts.
         let counts = Counts::of(Share { light: 0.7, environment: Some(0.4) }, paths);
         let weighed = Counts::of(Share { light: 0.6, environment: Some(0.5) }, 2 * paths);
         let task = |i: u32| PixelTask {
@@ -113,8 +113,8 @@ fn each_path_of_a_wave_is_the_scalar_path() {
             differing += u32::from((*wave - scalar).abs().max_element() > ROUNDINGS * scalar.max_element().max(1.0));
         }
         assert!(lit > least_lit && events.into_inner() > 20_000, "{lit}");
-        // On the edge of a triangle, Embree's packets may hit where a single ray misses: a few paths in ten thousand.
-        // A rounding may put a place on the edge of a cell into the one beside it: as few.
+        // On triangle edges, Embree's packets may hit where a single ray misses: a few paths in ten thousand.
+        // Rounding may move a point on a cell boundary to the neighbouring cell: as few.
         let allowed = if backend == Backend::Embree || guiding == Guiding::On || learns { 7 } else { 0 };
         assert!(differing <= allowed, "{backend:?} {balance:?} {max_depth}: {differing} of {} paths", seen.0.len());
         assert_eq!(transport.heuristic, balance.method().heuristic());

@@ -1,30 +1,32 @@
-//! KHR_materials_clearcoat: a clear layer over all others, with a normal and a roughness of its own. Its Fresnel term is
-//! Schlick's of index 1.5 at the coat's normal, as the extension has it, so that it takes from the layers beneath exactly
-//! what it reflects where it is smooth.
+//! KHR_materials_clearcoat: a dielectric coat over all other layers, with its own normal and roughness.
+//!
+//! The Fresnel term is Schlick's approximation for index 1.5 at the coat's normal, as the extension specifies; it also
+//! attenuates the layers beneath. A smooth coat therefore conserves energy.
 
-use super::{
-    Directions, Draw, Eight, Frames, Lobe, Response, albedo, diffuseness, ggx, microfacet::schlick_weight, parameters::lobe,
-};
+use super::{albedo, ggx};
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, diffuseness};
+use super::microfacet::schlick_weight;
+use super::parameters::{Eight, lobe};
 use crate::lanes::{F, V3};
 use crate::sampling::warp;
 
 lobe! {
-    /// A coat of varnish.
+    /// GGX reflection of the coat.
     Clearcoat {
-        /// How much of it there is, in [0, 1].
+        /// Strength of the coat, in [0, 1].
         coat: Scalar,
-        /// Its unit normal; zero for the shading normal.
+        /// Unit normal of the coat in world space; zero for the shading normal.
         normal: Vector,
-        /// Microfacet roughness, ≥ [`ggx::MIN_ALPHA`].
+        /// Microfacet α, ≥ [`ggx::MIN_ALPHA`].
         alpha: Scalar,
-        /// As in [`Microfacet`](super::Microfacet).
-        compensated: Scalar,
+        /// 1: multiple scattering is compensated; 0: it is not. See [`Microfacet`](super::Microfacet).
+        compensation: Scalar,
     }
 }
 
 /// Reflectance of index 1.5 at normal incidence.
 const F0: f32 = 0.04;
-/// Lowest cosine between eye and coat's normal.
+/// Lowest cosine between `wo` and the coat's normal.
 const MIN_COS: f32 = 1e-3;
 
 impl Lobe for Clearcoat<Eight> {
@@ -40,53 +42,53 @@ impl Lobe for Clearcoat<Eight> {
 
     #[inline(always)]
     fn weight(&self, n: V3, wo: V3) -> (F, F) {
-        let reflected = self.reflected(self.facing(n, wo).dot(wo));
-        (reflected, F::ONE - reflected)
+        let reflectance = self.reflectance(self.coat_normal(n, wo).dot(wo));
+        (reflectance, F::ONE - reflectance)
     }
 
     #[inline(always)]
     fn eval(&self, d: &Directions, light: F) -> Response {
-        let n = self.facing(d.n, d.wo);
+        let n = self.coat_normal(d.n, d.wo);
         let (cos_o, cos_i, cos_h) = (n.dot(d.wo), n.dot(d.wi), n.dot(d.h));
         let alpha2 = self.alpha * self.alpha;
         let density = ggx::distribution(n.cross(d.h).length_squared(), cos_h * cos_h, alpha2);
-        let seen = d.above & cos_i.simd_gt(F::ZERO);
+        let visible = d.above & cos_i.simd_gt(F::ZERO);
         let masking = ggx::masking(cos_o, alpha2);
-        let pdf = (masking * density / (F::splat(4.0) * cos_o)) & seen;
-        let reflected = self.reflected(cos_o);
-        // The Fresnel term is the same for all microfacets: all that is lost is given back.
-        let gain = albedo::lost(albedo::split_sum(cos_o, self.alpha)).mul_add(self.compensated, F::ONE);
-        let shadowing = ggx::correlated(masking, ggx::masking(cos_i, alpha2));
-        let value = (pdf * shadowing * gain * reflected * light) & seen;
-        Response { value: V3 { x: value, y: value, z: value }, pdf, through: light * (F::ONE - reflected) }
+        let pdf = (masking * density / (F::splat(4.0) * cos_o)) & visible;
+        let reflectance = self.reflectance(cos_o);
+        // The Fresnel term does not depend on the microfacet, so all that is lost is compensated.
+        let gain = albedo::ggx(cos_o, self.alpha).loss().mul_add(self.compensation, F::ONE);
+        let shadowing = ggx::shadowing(masking, ggx::masking(cos_i, alpha2));
+        let value = (pdf * shadowing * gain * reflectance * light) & visible;
+        Response { value: V3 { x: value, y: value, z: value }, pdf, transmittance: light * (F::ONE - reflectance) }
     }
 
     #[inline(always)]
-    fn draw(&self, frames: &Frames, wo: V3, [_, u, v]: [F; 3]) -> Draw {
-        let n = self.facing(frames.n, wo);
+    fn sample_direction(&self, frames: &Frames, wo: V3, [_, u, v]: [F; 3]) -> DirectionSample {
+        let n = self.coat_normal(frames.n, wo);
         let (t, b) = warp::frames(n);
         let m = ggx::sample_visible_normal(V3 { x: t.dot(wo), y: b.dot(wo), z: n.dot(wo) }, [self.alpha; 2], u, v);
         let h = t * m.x + b * m.y + n * m.z;
         let wi = h * (F::splat(2.0) * wo.dot(h)) - wo;
-        // Below the coat or the surface, nothing is drawn.
+        // Sampling fails below the coat's or the surface's horizon.
         let above = frames.n.dot(wi).simd_gt(F::ZERO) & n.dot(wi).simd_gt(F::ZERO);
-        Draw { wi: V3::select(above, wi, V3::ZERO), h }
+        DirectionSample { wi: V3::select(above, wi, V3::ZERO), h }
     }
 }
 
 impl Clearcoat<Eight> {
-    /// The coat's normal, the eye just above its horizon at least.
+    /// The coat's normal, tilted toward `wo` until n·wo ≥ [`MIN_COS`].
     #[inline(always)]
-    fn facing(&self, n: V3, wo: V3) -> V3 {
-        let own = V3::select(self.normal.length_squared().simd_gt(F::ZERO), self.normal, n);
-        let cos = own.dot(wo);
-        let low = F::splat(MIN_COS);
-        V3::select(cos.simd_lt(low), (own + wo * (low - cos)).normalize_or(n), own)
+    fn coat_normal(&self, n: V3, wo: V3) -> V3 {
+        let normal = V3::select(self.normal.length_squared().simd_gt(F::ZERO), self.normal, n);
+        let cos = normal.dot(wo);
+        let min_cos = F::splat(MIN_COS);
+        V3::select(cos.simd_lt(min_cos), (normal + wo * (min_cos - cos)).normalize_or(n), normal)
     }
 
-    /// What it reflects at cosine `cos` between its normal and the eye, at most.
+    /// Reflectance at cosine `cos` between the coat's normal and `wo`.
     #[inline(always)]
-    fn reflected(&self, cos: F) -> F {
+    fn reflectance(&self, cos: F) -> F {
         self.coat * F::splat(1.0 - F0).mul_add(schlick_weight(cos), F::splat(F0))
     }
 }

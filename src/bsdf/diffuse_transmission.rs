@@ -1,24 +1,27 @@
-//! KHR_materials_diffuse_transmission: light that leaves the other side as bright in every direction; leaves, paper.
+//! KHR_materials_diffuse_transmission: Lambertian transmission, as of leaves and paper.
 
 use std::f32::consts::{FRAC_1_PI, PI};
 
-use super::{Directions, Draw, Eight, Frames, Lobe, Response, albedo, microfacet::schlick_weight, parameters::lobe};
+use super::albedo;
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response};
+use super::microfacet::schlick_weight;
+use super::parameters::{Eight, lobe};
 use crate::lanes::{F, V3};
 use crate::sampling::warp;
 
 lobe! {
-    /// Diffuse transmission beneath a dielectric's Fresnel layer, beside the lobes that reflect.
+    /// Diffuse transmission beneath a dielectric Fresnel layer. It attenuates no lobe beneath it.
     DiffuseTransmission {
-        /// Share of the light that is transmitted, / π.
+        /// Transmission albedo / π, linear RGB.
         diffuse: Vector,
-        /// What the layer keeps, at normal incidence.
+        /// Reflectance of the Fresnel layer at normal incidence.
         layer0: Scalar,
-        /// The same at grazing.
+        /// Reflectance of the Fresnel layer at grazing incidence.
         layer90: Scalar,
-        /// The layer's microfacet roughness, ≥ [`ggx::MIN_ALPHA`](super::ggx::MIN_ALPHA).
+        /// Microfacet α of the layer, ≥ [`MIN_ALPHA`](super::ggx::MIN_ALPHA).
         alpha: Scalar,
-        /// As in [`Microfacet`](super::Microfacet).
-        compensated: Scalar,
+        /// 1: multiple scattering is compensated; 0: it is not. See [`Microfacet`](super::Microfacet).
+        compensation: Scalar,
     }
 }
 
@@ -40,40 +43,39 @@ impl Lobe for DiffuseTransmission<Eight> {
 
     #[inline(always)]
     fn weight(&self, n: V3, wo: V3) -> (F, F) {
-        (self.diffuse.luminance() * F::splat(PI) * self.below_layer(n.dot(wo)), F::ONE)
+        (self.diffuse.luminance() * F::splat(PI) * self.layer_transmittance(n.dot(wo)), F::ONE)
     }
 
     #[inline(always)]
     fn eval(&self, d: &Directions, light: F) -> Response {
-        // A half vector that points out, with `wi` below, is a reflection's that failed.
+        // n·h > 0 with `wi` below the surface marks a reflection sample that failed.
         let below =
             d.cos_o.simd_gt(F::ZERO) & d.cos_i.simd_lt(F::ZERO) & d.n.dot(d.h).simd_le(F::ZERO) & self.present();
         let pdf = (d.cos_i.abs() * F::splat(FRAC_1_PI)) & below;
-        // The layer sees the light as if it came from the eye's side.
+        // The Fresnel layer is evaluated with wi mirrored to the side of wo.
         let mirrored = d.wi - d.n * (F::splat(2.0) * d.cos_i);
         let h = (d.wo + mirrored).normalize_or(d.n);
-        let value = self.diffuse * ((d.cos_i.abs() * light * self.below_layer_of(d, h)) & below);
-        Response { value, pdf, through: light }
+        let value = self.diffuse * ((d.cos_i.abs() * light * self.transmittance(d.cos_o, d.wo.dot(h))) & below);
+        Response { value, pdf, transmittance: light }
     }
 
     #[inline(always)]
-    fn draw(&self, Frames { t, b, n }: &Frames, _: V3, [_, u, v]: [F; 3]) -> Draw {
+    fn sample_direction(&self, Frames { t, b, n }: &Frames, _: V3, [_, u, v]: [F; 3]) -> DirectionSample {
         let cosine = warp::cosine_hemispheres(u, v);
-        Draw { wi: *t * cosine.x + *b * cosine.y - *n * cosine.z, h: V3::ZERO }
+        DirectionSample { wi: *t * cosine.x + *b * cosine.y - *n * cosine.z, h: V3::ZERO }
     }
 }
 
 impl DiffuseTransmission<Eight> {
-    /// The share of light that the layer lets through, by its albedo where that is compensated.
+    /// What the layer transmits: what its albedo leaves, or with no compensation what its Fresnel term at the half vector leaves.
     #[inline(always)]
-    fn below_layer_of(&self, d: &Directions, h: V3) -> F {
-        let split_sum = albedo::split_sum(d.cos_o, self.alpha);
-        let kept = albedo::layer(split_sum, albedo::lost(split_sum), [self.layer0, self.layer90]);
-        self.compensated.simd_gt(F::ZERO).select(F::ONE - kept, self.below_layer(d.wo.dot(h)))
+    fn transmittance(&self, cos_o: F, wo_h: F) -> F {
+        let compensated = F::ONE - albedo::ggx(cos_o, self.alpha).layer(self.layer0, self.layer90);
+        self.compensation.simd_gt(F::ZERO).select(compensated, self.layer_transmittance(wo_h))
     }
 
     #[inline(always)]
-    fn below_layer(&self, cos: F) -> F {
+    fn layer_transmittance(&self, cos: F) -> F {
         F::ONE - (self.layer90 - self.layer0).mul_add(schlick_weight(cos), self.layer0)
     }
 }

@@ -1,127 +1,128 @@
-//! KHR_materials_anisotropy and KHR_materials_iridescence: the surface of a material that is rougher one way than the other,
-//! or lies under a thin film. It stands in for both [`Microfacet`](super::Microfacet) and [`Glass`](super::Glass), which know
-//! nothing of either and are as fast as ever.
+//! KHR_materials_anisotropy and KHR_materials_iridescence: microfacet reflection and refraction with anisotropic roughness
+//! or a thin film. It replaces both [`Microfacet`](super::Microfacet) and [`Glass`](super::Glass) on materials that have one
+//! of the extensions, so that the two stay simple and fast.
 
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, diffuseness};
+use super::microfacet::schlick_weight;
+use super::parameters::{Eight, lobe};
 use super::refraction::{self, Facet};
-use super::{
-    Directions, Draw, Eight, Frames, Lobe, Response, albedo, diffuseness, film, ggx, microfacet::schlick_weight,
-    parameters::lobe,
-};
+use super::{albedo, ggx, thin_film};
 use crate::lanes::{F, V3};
 
 lobe! {
-    /// Specular reflection and transmission over a diffuse base.
+    /// Anisotropic GGX reflection and transmission, with or without a thin film, over a diffuse base.
     GeneralMicrofacet {
-        /// Unit direction along the surface in which it is rougher; zero where it is as rough every way.
+        /// Unit direction of the higher roughness in world space; zero where roughness is isotropic.
         tangent: Vector,
-        /// Microfacet roughness along the tangent, ≥ [`ggx::MIN_ALPHA`].
+        /// Microfacet α along the tangent, ≥ [`ggx::MIN_ALPHA`].
         alpha_t: Scalar,
-        /// Across.
+        /// Microfacet α along the bitangent, ≥ [`ggx::MIN_ALPHA`].
         alpha_b: Scalar,
-        /// The dielectric's reflectance at normal incidence.
+        /// Reflectance of the dielectric at normal incidence.
         f0: Vector,
-        /// The same at grazing.
+        /// Reflectance of the dielectric at grazing incidence.
         f90: Scalar,
-        /// Share of metal, in [0, 1].
-        metal: Scalar,
-        /// The metal's reflectance at normal incidence; 1 at grazing.
-        metal0: Vector,
-        /// Share of the dielectric's base that is glass, in [0, 1].
-        share: Scalar,
-        /// Colour of what is transmitted.
+        /// Metalness, in [0, 1].
+        metallic: Scalar,
+        /// Reflectance of the metal at normal incidence; at grazing incidence it is 1.
+        metallic_f0: Vector,
+        /// Fraction of the dielectric's base that transmits specularly, in [0, 1].
+        transmission: Scalar,
+        /// Linear RGB tint of transmitted light.
         tint: Vector,
-        /// As in [`Glass`](super::Glass).
+        /// Relative index of refraction, see [`Glass::eta`](super::Glass::eta).
         eta: Scalar,
-        /// As in [`Glass`](super::Glass); 1 where there is no glass.
+        /// 1 for a thin wall and where nothing is transmitted, 0 for a medium boundary.
         thin: Scalar,
-        /// How much of the surface lies under the film, in [0, 1].
-        film: Scalar,
+        /// Strength of the film, in [0, 1].
+        iridescence: Scalar,
         /// The film's index of refraction, ≥ 1.
         film_ior: Scalar,
         /// The film's thickness in nanometres.
-        thickness: Scalar,
-        /// As in [`Microfacet`](super::Microfacet).
-        compensated: Scalar,
+        film_thickness: Scalar,
+        /// 1: multiple scattering is compensated; 0: it is not. See [`Microfacet`](super::Microfacet).
+        compensation: Scalar,
     }
 }
 
 impl Lobe for GeneralMicrofacet<Eight> {
     #[inline(always)]
     fn present(&self) -> F {
-        (self.f90 + self.metal + self.film + self.share).simd_gt(F::ZERO) | self.f0.max_element().simd_gt(F::ZERO)
+        (self.f90 + self.metallic + self.iridescence + self.transmission).simd_gt(F::ZERO)
+            | self.f0.max_element().simd_gt(F::ZERO)
     }
 
     #[inline(always)]
     fn transmits(&self) -> F {
-        self.share.simd_gt(F::ZERO)
+        self.transmission.simd_gt(F::ZERO)
     }
 
     #[inline(always)]
     fn diffuseness(&self) -> F {
-        diffuseness(self.f0.luminance() + self.metal + self.share, self.alpha_t.fast_min(self.alpha_b))
+        diffuseness(self.f0.luminance() + self.metallic + self.transmission, self.alpha_t.fast_min(self.alpha_b))
     }
 
     #[inline(always)]
     fn weight(&self, n: V3, wo: V3) -> (F, F) {
         let fresnel = self.fresnel(n.dot(wo));
-        (fresnel.reflected.luminance() + fresnel.passed * self.tint.luminance(), fresnel.through)
+        (fresnel.reflected.luminance() + fresnel.transmitted * self.tint.luminance(), fresnel.transmittance)
     }
 
     #[inline(never)]
     fn eval(&self, d: &Directions, light: F) -> Response {
         let thin = self.thin.simd_gt(F::ZERO);
-        let Facet { h, wo_h, passes, jacobian } = refraction::facet(d, self.eta, thin);
-        let (local, alphas) = (self.local(d.n), self.alphas());
-        let density = ggx::distribution_along(local.of(h), alphas);
-        let masking = ggx::masking_along(local.of(d.wo), alphas);
+        let Facet { h, wo_h, transmits, jacobian } = refraction::facet(d, self.eta, thin);
+        let (frame, alphas) = (self.frame(d.n), self.alphas());
+        let density = ggx::distribution_along(frame.to_local(h), alphas);
+        let masking = ggx::masking_along(frame.to_local(d.wo), alphas);
         let drawn = masking * density * jacobian / d.cos_o;
 
         let fresnel = self.fresnel(wo_h);
-        let p = self.chance_of_reflection(&fresnel);
-        let seen = d.above | (passes & self.transmits());
-        let pdf = (drawn * d.above.select(p, F::ONE - p)) & seen;
-        let color = V3::select(d.above, fresnel.reflected, self.tint * fresnel.passed);
-        let shadowing = ggx::correlated(masking, ggx::masking_along(local.of(d.wi), alphas));
-        let value = color * ((drawn * shadowing * light) & seen);
-        if !self.compensated.simd_gt(F::ZERO).any() {
-            return Response { value, pdf, through: light * fresnel.through };
+        let p = self.reflection_probability(&fresnel);
+        let visible = d.above | (transmits & self.transmits());
+        let pdf = (drawn * d.above.select(p, F::ONE - p)) & visible;
+        let color = V3::select(d.above, fresnel.reflected, self.tint * fresnel.transmitted);
+        let shadowing = ggx::shadowing(masking, ggx::masking_along(frame.to_local(d.wi), alphas));
+        let value = color * ((drawn * shadowing * light) & visible);
+        if !self.compensation.simd_gt(F::ZERO).any() {
+            return Response { value, pdf, transmittance: light * fresnel.transmittance };
         }
-        let (gain, beneath) = self.compensation(d.cos_o, thin);
-        let through = light * self.compensated.simd_gt(F::ZERO).select(beneath, fresnel.through);
-        Response { value: value * gain, pdf, through }
+        let (gain, compensated) = self.compensation(d.cos_o, thin);
+        let transmittance = self.compensation.simd_gt(F::ZERO).select(compensated, fresnel.transmittance);
+        Response { value: value * gain, pdf, transmittance: light * transmittance }
     }
 
     #[inline(never)]
-    fn draw(&self, Frames { n, .. }: &Frames, wo: V3, [lobe, u, v]: [F; 3]) -> Draw {
-        let local = self.local(*n);
-        let m = ggx::sample_visible_normal(local.of(wo), self.alphas(), u, v);
-        let h = local.t * m.x + local.b * m.y + *n * m.z;
-        let reflects = lobe.simd_lt(self.chance_of_reflection(&self.fresnel(wo.dot(h))));
-        refraction::follow(*n, wo, h, self.eta, self.thin.simd_gt(F::ZERO), reflects)
+    fn sample_direction(&self, Frames { n, .. }: &Frames, wo: V3, [lobe, u, v]: [F; 3]) -> DirectionSample {
+        let frame = self.frame(*n);
+        let m = ggx::sample_visible_normal(frame.to_local(wo), self.alphas(), u, v);
+        let h = frame.t * m.x + frame.b * m.y + *n * m.z;
+        let reflects = lobe.simd_lt(self.reflection_probability(&self.fresnel(wo.dot(h))));
+        refraction::reflect_or_refract(*n, wo, h, self.eta, self.thin.simd_gt(F::ZERO), reflects)
     }
 }
 
-/// Tangent, bitangent and normal.
-struct Local {
+/// Local frame: tangent, bitangent and normal in world space.
+struct LocalFrame {
     t: V3,
     b: V3,
     n: V3,
 }
 
-impl Local {
+impl LocalFrame {
     #[inline(always)]
-    fn of(&self, v: V3) -> V3 {
+    fn to_local(&self, v: V3) -> V3 {
         V3 { x: self.t.dot(v), y: self.b.dot(v), z: self.n.dot(v) }
     }
 }
 
-/// What becomes of light at a microfacet.
+/// Where light goes at a microfacet.
 struct Fresnel {
     reflected: V3,
-    /// Through the glass.
-    passed: F,
-    /// To the dielectric's base.
-    through: F,
+    /// Fraction that is refracted.
+    transmitted: F,
+    /// Fraction that reaches the dielectric's diffuse base.
+    transmittance: F,
 }
 
 impl GeneralMicrofacet<Eight> {
@@ -131,64 +132,66 @@ impl GeneralMicrofacet<Eight> {
     }
 
     #[inline(always)]
-    fn local(&self, n: V3) -> Local {
+    fn frame(&self, n: V3) -> LocalFrame {
         let t = (self.tangent - n * n.dot(self.tangent)).normalize_or(crate::sampling::warp::frames(n).0);
-        Local { t, b: n.cross(t), n }
+        LocalFrame { t, b: n.cross(t), n }
     }
 
-    /// At cosine `cos` between `wo` and a microfacet's normal: Schlick's term, the exact one where something is transmitted,
-    /// and the film's where there is one.
+    /// The Fresnel terms at cosine `cos` between `wo` and the microfacet normal: exact for dielectrics that transmit, else
+    /// Schlick's approximation; modified by the film where there is one.
     #[inline(always)]
     fn fresnel(&self, cos: F) -> Fresnel {
         let cos = cos.fast_max(F::ZERO).fast_min(F::ONE);
         let (one, transmits) = (V3 { x: F::ONE, y: F::ONE, z: F::ONE }, self.transmits());
-        let (exact, total) = refraction::rise(cos, self.eta);
+        let (exact, total) = refraction::fresnel_rise(cos, self.eta);
         let (schlick, total) = (schlick_weight(cos), total & transmits);
-        let rise = transmits.select(exact, schlick);
-        let mut dielectric = self.f0 + (one * self.f90 - self.f0) * rise;
-        let mut metal = self.metal0 + (one - self.metal0) * schlick;
-        if self.film.simd_gt(F::ZERO).any() {
-            // The film is outside: seen from within a body, where light leaves it.
+        let fresnel_rise = transmits.select(exact, schlick);
+        let mut dielectric = self.f0 + (one * self.f90 - self.f0) * fresnel_rise;
+        let mut metallic = self.metallic_f0 + (one - self.metallic_f0) * schlick;
+        if self.iridescence.simd_gt(F::ZERO).any() {
+            // The film lies on the outside: from within the medium, the cosine is that of the refracted direction.
             let sin2 = (F::ONE - cos * cos) / (self.eta * self.eta);
             let leaving = (F::ONE - sin2).fast_max(F::ZERO).sqrt();
             let outside = self.eta.simd_lt(F::ONE).select(leaving, cos);
-            let under = |base: V3| film::reflectance(outside, base, self.film_ior, self.thickness);
-            let mixed = |plain: V3, film: V3| plain + (film - plain) * self.film;
-            if self.metal.simd_lt(F::ONE).any() {
+            let under = |base: V3| thin_film::reflectance(outside, base, self.film_ior, self.film_thickness);
+            let mixed = |plain: V3, film: V3| plain + (film - plain) * self.iridescence;
+            if self.metallic.simd_lt(F::ONE).any() {
                 let scale = self.f90.simd_gt(F::ZERO).select(F::ONE / self.f90, F::ZERO);
                 dielectric = mixed(dielectric, under(self.f0 * scale) * self.f90);
             }
-            if self.metal.simd_gt(F::ZERO).any() {
-                metal = mixed(metal, under(self.metal0));
+            if self.metallic.simd_gt(F::ZERO).any() {
+                metallic = mixed(metallic, under(self.metallic_f0));
             }
         }
         let dielectric = V3::select(total, one, dielectric);
-        let through = F::ONE - dielectric.max_element();
-        let rest = F::ONE - self.metal;
-        Fresnel { reflected: dielectric * rest + metal * self.metal, passed: through * rest * self.share, through }
+        let transmittance = F::ONE - dielectric.max_element();
+        let rest = F::ONE - self.metallic;
+        Fresnel {
+            reflected: dielectric * rest + metallic * self.metallic,
+            transmitted: transmittance * rest * self.transmission,
+            transmittance,
+        }
     }
 
-    /// What multiple scattering multiplies the value by, and the share of light that reaches the dielectric's base. The two
-    /// roughnesses count as their root mean square: where they differ most the albedo is wrong by 0.1.
+    /// The factor of the value that compensates multiple scattering, and the transmittance to the dielectric's base. The albedo is
+    /// that of the root mean square of the two roughnesses, which is off by 0.06 on average where they differ.
     fn compensation(&self, cos_o: F, thin: F) -> (V3, F) {
         let alpha = (F::splat(0.5) * self.alpha_t.mul_add(self.alpha_t, self.alpha_b * self.alpha_b)).sqrt();
-        let split_sum = albedo::split_sum(cos_o, alpha);
-        let lost = albedo::lost(split_sum);
+        let albedo = albedo::ggx(cos_o, alpha);
         let transmits = self.transmits();
-        let glass = if transmits.any() { albedo::lost_by_boundary(cos_o, alpha, self.eta, thin) } else { F::ZERO };
-        let rest = F::ONE - self.metal;
-        let dielectric = albedo::mean_fresnel(self.f0, self.f90) * rest;
-        let metal = albedo::mean_fresnel(self.metal0, F::ONE) * self.metal;
-        let reflected = dielectric + metal;
-        let passed = self.tint * ((rest - dielectric.max_element()) * self.share);
-        let gain = albedo::gain(reflected + passed, transmits.select(glass, lost), self.compensated);
-        (gain, F::ONE - albedo::layer(split_sum, lost, [self.f0.max_element(), self.f90]))
+        let boundary = if transmits.any() { albedo::boundary_loss(cos_o, alpha, self.eta, thin) } else { F::ZERO };
+        let rest = F::ONE - self.metallic;
+        let dielectric = albedo::mean_fresnel(self.f0, self.f90);
+        let glass = self.tint * ((F::ONE - dielectric.max_element()) * self.transmission);
+        let color = (dielectric + glass) * rest + albedo::mean_fresnel(self.metallic_f0, F::ONE) * self.metallic;
+        let gain = albedo::gain(color, transmits.select(boundary, albedo.loss()), self.compensation);
+        (gain, F::ONE - albedo.layer(self.f0.max_element(), self.f90))
     }
 
     #[inline(always)]
-    fn chance_of_reflection(&self, fresnel: &Fresnel) -> F {
+    fn reflection_probability(&self, fresnel: &Fresnel) -> F {
         let reflected = fresnel.reflected.luminance();
-        let sum = reflected + fresnel.passed * self.tint.luminance();
+        let sum = reflected + fresnel.transmitted * self.tint.luminance();
         sum.simd_gt(F::ZERO).select(reflected / sum, F::ONE)
     }
 }

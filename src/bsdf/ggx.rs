@@ -1,24 +1,23 @@
-//! The GGX (Trowbridge-Reitz) microfacet distribution with Smith masking, as rough every way or not; eight lanes at a time.
+//! The GGX (Trowbridge-Reitz) microfacet distribution with Smith masking, isotropic and anisotropic, in eight lanes.
 
 use std::f32::consts::PI;
 
 use crate::lanes::{F, V3};
 use crate::sampling::warp::sin_cos_turns;
 
-/// Below this the lobe is narrower than f32 directions resolve; a smoother surface is rendered as this one, whose
+/// Smallest α. Narrower lobes are not resolved by f32 directions; smoother surfaces are rendered with this α, whose
 /// highlight is 0.1° wide.
 pub const MIN_ALPHA: f32 = 1e-3;
 
-/// Density of microfacet normals per solid angle and projected area, for the squared roughness `alpha2`, from the
-/// squared sine and cosine between microfacet and surface normal. The sine comes from a cross product, not from
-/// 1 − cos²: no cancellation for narrow lobes.
+/// GGX distribution D(h) for the squared roughness `alpha2`, from the squared sine and cosine between microfacet and surface
+/// normal. Callers compute the sine by a cross product, not as 1 − cos², which would cancel for narrow lobes.
 #[inline(always)]
 pub fn distribution(sin2: F, cos2: F, alpha2: F) -> F {
     let k = sin2 / alpha2 + cos2;
     F::ONE / (F::splat(PI) * alpha2 * k * k)
 }
 
-/// Smith's masking of one direction at cosine `cos` > 0 to the normal, in (0, 1]: the share of visible microfacets.
+/// Smith masking G₁ of a direction at cosine `cos` > 0 to the normal: the fraction of visible microfacets, in (0, 1].
 #[inline(always)]
 pub fn masking(cos: F, alpha2: F) -> F {
     let cos2 = cos * cos;
@@ -26,22 +25,15 @@ pub fn masking(cos: F, alpha2: F) -> F {
     F::splat(2.0) * cos / (cos + alpha2.mul_add(sin2, cos2).sqrt())
 }
 
-/// The share of microfacets visible from one direction that another sees too, at cosines > 0 to the normal: G₂/G₁ of
-/// Smith's height-correlated masking and shadowing (Heitz 2014, *Understanding the Masking-Shadowing Function*, equation 99),
-/// as glTF's appendix B has it.
+/// Height-correlated Smith shadowing given masking, G₂/G₁(wo), from [`masking`] of both directions: with G₁ = 1/(1 + Λ),
+/// G₂ = 1/(1 + Λ(wo) + Λ(wi)) (Heitz 2014, *Understanding the Masking-Shadowing Function*, equation 99; glTF 2.0, appendix B).
 #[inline(always)]
-pub fn shadowing(cos_o: F, cos_i: F, alpha2: F) -> F {
-    correlated(masking(cos_o, alpha2), masking(cos_i, alpha2))
-}
-
-/// [`shadowing`] from the [`masking`] of both directions: with G₁ = 1/(1 + Λ), G₂ = 1/(1 + Λ(wo) + Λ(wi)).
-#[inline(always)]
-pub fn correlated(masking_o: F, masking_i: F) -> F {
+pub fn shadowing(masking_o: F, masking_i: F) -> F {
     masking_i / (masking_o + masking_i - masking_o * masking_i)
 }
 
-/// [`distribution`] where the surface is rougher one way: of a microfacet normal in the local frame along whose first two
-/// axes the roughnesses `alphas` are.
+/// Anisotropic GGX distribution D(h) of a microfacet normal in the local frame, with the roughnesses `alphas` along x and
+/// y.
 #[inline(always)]
 pub fn distribution_along(h: V3, alphas: [F; 2]) -> F {
     let (x, y) = (h.x / alphas[0], h.y / alphas[1]);
@@ -49,18 +41,18 @@ pub fn distribution_along(h: V3, alphas: [F; 2]) -> F {
     F::ONE / (F::splat(PI) * alphas[0] * alphas[1] * k * k)
 }
 
-/// [`masking`] of a direction in that frame, |w.z| > 0.
+/// Anisotropic Smith masking G₁ of a direction in the local frame, |w.z| > 0.
 #[inline(always)]
 pub fn masking_along(w: V3, alphas: [F; 2]) -> F {
     let (x, y, cos) = (w.x * alphas[0], w.y * alphas[1], w.z.abs());
     F::splat(2.0) * cos / (cos + x.mul_add(x, y.mul_add(y, cos * cos)).sqrt())
 }
 
-/// Draws a microfacet normal that is visible from `wo` (local frame, wo.z > 0), with density
-/// G₁(wo) D(h) (wo·h)/wo.z (Dupuy and Benyoub 2023, *Sampling Visible GGX Normals with Spherical Caps*).
+/// Samples a microfacet normal that is visible from `wo` (local frame, wo.z > 0) with density G₁(wo) D(h) (wo·h)/wo.z
+/// (Dupuy and Benyoub 2023, *Sampling Visible GGX Normals with Spherical Caps*).
 #[inline(always)]
 pub fn sample_visible_normal(wo: V3, alphas: [F; 2], u: F, v: F) -> V3 {
-    // Stretch to the unit hemisphere, draw from the cap that mirrors about wo, go back.
+    // Stretch to the unit hemisphere, sample the spherical cap, transform back.
     let up = V3 { x: F::ZERO, y: F::ZERO, z: F::ONE };
     let stretched = V3 { x: wo.x * alphas[0], y: wo.y * alphas[1], z: wo.z }.normalize_or(up);
     let z = (F::ONE - v) * (F::ONE + stretched.z) - stretched.z;

@@ -1,42 +1,44 @@
-//! What lets light through: a dielectric's boundary, of a body or as a thin wall, reflects a part of the light and transmits
-//! the rest (`refraction.rs`).
+//! Rough dielectric boundaries that reflect and refract (KHR_materials_transmission, KHR_materials_volume): of closed media
+//! or thin walls. `refraction.rs` has the geometry.
 //!
-//! Radiance is not scaled by the squared index of refraction inside of bodies: lights in glass are as bright as their
-//! file says, and all that leaves a body has lost the factor again.
+//! Radiance inside media is not scaled by the squared index of refraction: emitters in glass have the radiance that the
+//! file says, and the factor cancels for light that leaves a medium.
 
+use super::{albedo, ggx};
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, diffuseness};
+use super::parameters::{Eight, lobe};
 use super::refraction::{self, Facet};
-use super::{Directions, Draw, Eight, Frames, Lobe, Response, albedo, diffuseness, ggx, parameters::lobe};
 use crate::lanes::{F, V3};
 
-/// Indices of refraction nearer to 1 than this are taken as this: where nothing is bent, no half vector says how much.
+/// Smallest difference of an index of refraction from 1: without refraction there is no half vector.
 pub const MIN_BEND: f32 = 1e-4;
 
 lobe! {
-    /// Reflection and transmission of a part of the surface, beside the lobes beneath, which have the rest of it.
+    /// GGX reflection and refraction of a fraction of the surface; the lobes beneath have the rest.
     Glass {
-        /// Which part, in [0, 1].
-        share: Scalar,
-        /// Colour of what is transmitted.
+        /// The fraction, in [0, 1].
+        fraction: Scalar,
+        /// Linear RGB tint of transmitted light.
         tint: Vector,
         /// Reflectance at normal incidence.
         f0: Vector,
-        /// The same at grazing.
+        /// Reflectance at grazing incidence.
         f90: Scalar,
-        /// Index of refraction beyond the surface over that on the eye's side; of thin walls, of their inside.
+        /// Index of refraction beyond the surface over that on the side of `wo`; for thin walls, that of the wall.
         eta: Scalar,
-        /// 1 for a thin wall, 0 for a body's boundary.
+        /// 1 for a thin wall, 0 for a medium boundary.
         thin: Scalar,
-        /// Microfacet roughness, ≥ [`ggx::MIN_ALPHA`].
+        /// Microfacet α, ≥ [`ggx::MIN_ALPHA`].
         alpha: Scalar,
-        /// As in [`Microfacet`](super::Microfacet).
-        compensated: Scalar,
+        /// 1: multiple scattering is compensated; 0: it is not. See [`Microfacet`](super::Microfacet).
+        compensation: Scalar,
     }
 }
 
 impl Lobe for Glass<Eight> {
     #[inline(always)]
     fn present(&self) -> F {
-        self.share.simd_gt(F::ZERO)
+        self.fraction.simd_gt(F::ZERO)
     }
 
     #[inline(always)]
@@ -46,19 +48,22 @@ impl Lobe for Glass<Eight> {
 
     #[inline(always)]
     fn diffuseness(&self) -> F {
-        diffuseness(self.share, self.alpha)
+        diffuseness(self.fraction, self.alpha)
     }
 
     #[inline(always)]
     fn weight(&self, n: V3, wo: V3) -> (F, F) {
         let fresnel = self.fresnel(n.dot(wo));
-        (self.share * (fresnel.reflected.luminance() + fresnel.passed * self.tint.luminance()), F::ONE - self.share)
+        (
+            self.fraction * (fresnel.reflected.luminance() + fresnel.transmitted * self.tint.luminance()),
+            F::ONE - self.fraction,
+        )
     }
 
     #[inline(always)]
     fn eval(&self, d: &Directions, light: F) -> Response {
         let thin = self.thin.simd_gt(F::ZERO);
-        let Facet { h, wo_h, passes, jacobian } = refraction::facet(d, self.eta, thin);
+        let Facet { h, wo_h, transmits, jacobian } = refraction::facet(d, self.eta, thin);
         let alpha2 = self.alpha * self.alpha;
         let cos_h = d.n.dot(h);
         let density = ggx::distribution(d.n.cross(h).length_squared(), cos_h * cos_h, alpha2);
@@ -66,52 +71,52 @@ impl Lobe for Glass<Eight> {
         let drawn = masking * density * jacobian / d.cos_o;
 
         let fresnel = self.fresnel(wo_h);
-        let p = self.chance_of_reflection(&fresnel);
-        let seen = d.above | passes;
-        let pdf = (drawn * d.above.select(p, F::ONE - p)) & seen;
-        let color = V3::select(d.above, fresnel.reflected, self.tint * fresnel.passed);
-        let shadowing = ggx::correlated(masking, ggx::masking(d.cos_i.abs(), alpha2));
-        let mut value = color * ((drawn * shadowing * self.share * light) & seen);
-        if self.compensated.simd_gt(F::ZERO).any() {
-            let lost = albedo::lost_by_boundary(d.cos_o, self.alpha, self.eta, thin);
-            value = value * albedo::gain(albedo::mean_boundary(self.f0, self.f90, self.tint), lost, self.compensated);
+        let p = self.reflection_probability(&fresnel);
+        let visible = d.above | transmits;
+        let pdf = (drawn * d.above.select(p, F::ONE - p)) & visible;
+        let color = V3::select(d.above, fresnel.reflected, self.tint * fresnel.transmitted);
+        let shadowing = ggx::shadowing(masking, ggx::masking(d.cos_i.abs(), alpha2));
+        let mut value = color * ((drawn * shadowing * self.fraction * light) & visible);
+        if self.compensation.simd_gt(F::ZERO).any() {
+            let loss = albedo::boundary_loss(d.cos_o, self.alpha, self.eta, thin);
+            value = value * albedo::gain(albedo::boundary_color(self.f0, self.f90, self.tint), loss, self.compensation);
         }
-        Response { value, pdf, through: light * (F::ONE - self.share) }
+        Response { value, pdf, transmittance: light * (F::ONE - self.fraction) }
     }
 
     #[inline(always)]
-    fn draw(&self, Frames { t, b, n }: &Frames, wo: V3, [lobe, u, v]: [F; 3]) -> Draw {
+    fn sample_direction(&self, Frames { t, b, n }: &Frames, wo: V3, [lobe, u, v]: [F; 3]) -> DirectionSample {
         let local = V3 { x: t.dot(wo), y: b.dot(wo), z: n.dot(wo) };
         let m = ggx::sample_visible_normal(local, [self.alpha; 2], u, v);
         let h = *t * m.x + *b * m.y + *n * m.z;
-        let reflects = lobe.simd_lt(self.chance_of_reflection(&self.fresnel(wo.dot(h))));
-        refraction::follow(*n, wo, h, self.eta, self.thin.simd_gt(F::ZERO), reflects)
+        let reflects = lobe.simd_lt(self.reflection_probability(&self.fresnel(wo.dot(h))));
+        refraction::reflect_or_refract(*n, wo, h, self.eta, self.thin.simd_gt(F::ZERO), reflects)
     }
 }
 
-/// What becomes of light at a microfacet.
+/// Where light goes at a microfacet.
 struct Fresnel {
     reflected: V3,
-    passed: F,
+    transmitted: F,
 }
 
 impl Glass<Eight> {
-    /// At cosine `cos` between `wo` and a microfacet's normal: the exact reflectance of a dielectric, stretched between `f0`
-    /// and `f90` as Schlick's is where nothing is transmitted. Index 1 shows nothing.
+    /// The Fresnel terms at cosine `cos` between `wo` and the microfacet normal: the exact dielectric curve, rescaled to run
+    /// from `f0` to `f90`. An index of 1 reflects nothing.
     #[inline(always)]
     fn fresnel(&self, cos: F) -> Fresnel {
-        let (rise, total) = refraction::rise(cos, self.eta);
-        let between = |f0: F| (self.f90 - f0).mul_add(rise, f0);
+        let (fresnel_rise, total) = refraction::fresnel_rise(cos, self.eta);
+        let between = |f0: F| (self.f90 - f0).mul_add(fresnel_rise, f0);
         let reflected = V3 { x: between(self.f0.x), y: between(self.f0.y), z: between(self.f0.z) };
         let one = V3 { x: F::ONE, y: F::ONE, z: F::ONE };
-        let passed = F::ONE - between(self.f0.max_element());
-        Fresnel { reflected: V3::select(total, one, reflected), passed: total.select(F::ZERO, passed) }
+        let transmitted = F::ONE - between(self.f0.max_element());
+        Fresnel { reflected: V3::select(total, one, reflected), transmitted: total.select(F::ZERO, transmitted) }
     }
 
     #[inline(always)]
-    fn chance_of_reflection(&self, fresnel: &Fresnel) -> F {
+    fn reflection_probability(&self, fresnel: &Fresnel) -> F {
         let reflected = fresnel.reflected.luminance();
-        let sum = reflected + fresnel.passed * self.tint.luminance();
+        let sum = reflected + fresnel.transmitted * self.tint.luminance();
         sum.simd_gt(F::ZERO).select(reflected / sum, F::ONE)
     }
 }

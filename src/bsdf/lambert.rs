@@ -1,15 +1,16 @@
-//! Lambert's lobe: as bright from every side.
+//! Lambertian reflection.
 
 use std::f32::consts::{FRAC_1_PI, PI};
 
-use super::{Directions, Draw, Eight, Frames, Lobe, Response, parameters::lobe};
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response};
+use super::parameters::{Eight, lobe};
 use crate::lanes::{F, V3};
 use crate::sampling::warp;
 
 lobe! {
-    /// Diffuse reflection.
+    /// Lambertian reflection.
     Lambert {
-        /// Albedo / π.
+        /// Albedo / π, linear RGB.
         diffuse: Vector,
     }
 }
@@ -33,13 +34,13 @@ impl Lobe for Lambert<Eight> {
     #[inline(always)]
     fn eval(&self, d: &Directions, light: F) -> Response {
         let value = self.diffuse * ((light * d.cos_i) & d.above);
-        Response { value, pdf: (d.cos_i * F::splat(FRAC_1_PI)) & d.above, through: F::ZERO }
+        Response { value, pdf: (d.cos_i * F::splat(FRAC_1_PI)) & d.above, transmittance: F::ZERO }
     }
 
     #[inline(always)]
-    fn draw(&self, Frames { t, b, n }: &Frames, wo: V3, [_, u, v]: [F; 3]) -> Draw {
+    fn sample_direction(&self, Frames { t, b, n }: &Frames, wo: V3, [_, u, v]: [F; 3]) -> DirectionSample {
         let cosine = warp::cosine_hemispheres(u, v);
         let wi = *t * cosine.x + *b * cosine.y + *n * cosine.z;
-        Draw { wi, h: (wo + wi).normalize_or(*n) }
+        DirectionSample { wi, h: (wo + wi).normalize_or(*n) }
     }
 }

@@ -1,54 +1,19 @@
-//! One lobe over another, or over others: how a model is composed.
+//! Layering: one lobe on top of others.
 
-use super::{Directions, Draw, Frames, Lobe, Parameters, Response};
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response};
+use super::lobe_set::LobeSet;
+use super::parameters::Parameters;
 use crate::lanes::{F, LANES, Rows, V3, eight};
 use crate::sampling::warp::ONE_MINUS;
 
-/// A lobe over those beneath, which get the light that it lets through (all of it, for a lobe beside others). The same
-/// struct at every width: of one point, of eight, of a batch. Where the upper lobe is missing it takes no column, and
-/// no more time than to see that: of eight points it then is `None`.
+/// A top lobe over base lobes, which receive the light that it transmits. The struct has the same form for one point, for
+/// eight points and for a batch. Batches without the top lobe have no columns for it; its eight-point value is `None`.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Layered<Top, Base> {
-    /// The lobe.
+    /// The top lobe.
     pub top: Top,
-    /// What is beneath: a lobe that is always there, or layers again.
+    /// The layers beneath: a lobe that is always present, or another `Layered`.
     pub base: Base,
-}
-
-/// Which of a model's lobes there are: a bit each, the uppermost's the lowest.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct LobeSet(u32);
-
-impl LobeSet {
-    /// The set of one lobe, or of none.
-    #[inline]
-    pub fn of_one(there: bool) -> Self {
-        Self(u32::from(there))
-    }
-
-    /// All that are in either.
-    #[must_use]
-    pub fn union(self, other: Self) -> Self {
-        Self(self.0 | other.0)
-    }
-
-    /// Is none there?
-    pub fn is_empty(self) -> bool {
-        self.0 == 0
-    }
-
-    #[inline]
-    fn over(self, base: Self) -> Self {
-        Self(self.0 | base.0 << 1)
-    }
-
-    fn top(self) -> bool {
-        self.0 & 1 == 1
-    }
-
-    fn base(self) -> Self {
-        Self(self.0 >> 1)
-    }
 }
 
 impl<Top: Parameters, Base: Parameters> Parameters for Layered<Top, Base> {
@@ -63,13 +28,13 @@ impl<Top: Parameters, Base: Parameters> Parameters for Layered<Top, Base> {
         }
     }
 
-    fn grow(columns: &mut Self::Columns, most: usize, lobes: LobeSet) {
+    fn grow(columns: &mut Self::Columns, capacity: usize, lobes: LobeSet) {
         if lobes.top() {
-            Top::grow(columns.top.get_or_insert_default(), most, lobes);
+            Top::grow(columns.top.get_or_insert_default(), capacity, lobes);
         } else {
             columns.top = None;
         }
-        Base::grow(&mut columns.base, most, lobes.base());
+        Base::grow(&mut columns.base, capacity, lobes.base());
     }
 
     #[inline(always)]
@@ -88,21 +53,21 @@ impl<Top: Parameters, Base: Parameters> Parameters for Layered<Top, Base> {
 }
 
 impl<Top: Lobe, Base: Lobe> Layered<Option<Top>, Base> {
-    /// The upper lobe, if any lane has it.
+    /// The top lobe, if it is present in any lane.
     #[inline(always)]
     fn top(&self) -> Option<&Top> {
         self.top.as_ref().filter(|top| top.present().any())
     }
 
-    /// Chance of drawing from the upper lobe: its share of the reflected light, as [`Lobe::weight`] has it.
+    /// Probability of sampling the top lobe: its fraction of the scattered light, estimated by [`Lobe::weight`].
     #[inline(always)]
     fn top_probability(&self, top: &Top, n: V3, wo: V3) -> F {
-        let (weight, through) = top.weight(n, wo);
-        let sum = weight + self.base.weight(n, wo).0 * through;
-        let some = sum.simd_gt(F::ZERO);
-        // With nothing visible at this angle, the one that there is.
+        let (weight, transmittance) = top.weight(n, wo);
+        let sum = weight + self.base.weight(n, wo).0 * transmittance;
+        let scatters = sum.simd_gt(F::ZERO);
+        // If no lobe scatters toward wo, choose the one that is present.
         let otherwise = top.present() & F::ONE;
-        some.select(weight / sum, otherwise)
+        scatters.select(weight / sum, otherwise)
     }
 }
 
@@ -130,32 +95,32 @@ impl<Top: Lobe, Base: Lobe> Lobe for Layered<Option<Top>, Base> {
     fn weight(&self, n: V3, wo: V3) -> (F, F) {
         let (base, rest) = self.base.weight(n, wo);
         let Some(top) = self.top() else { return (base, rest) };
-        let (top, through) = top.weight(n, wo);
-        (top + base * through, through * rest)
+        let (top, transmittance) = top.weight(n, wo);
+        (top + base * transmittance, transmittance * rest)
     }
 
     #[inline(always)]
     fn eval(&self, d: &Directions, light: F) -> Response {
         let Some(lobe) = self.top() else { return self.base.eval(d, light) };
         let top = lobe.eval(d, light);
-        let base = self.base.eval(d, top.through);
+        let base = self.base.eval(d, top.transmittance);
         let p = self.top_probability(lobe, d.n, d.wo);
         let pdf = p.mul_add(top.pdf, (F::ONE - p) * base.pdf);
-        Response { value: top.value + base.value, pdf, through: base.through }
+        Response { value: top.value + base.value, pdf, transmittance: base.transmittance }
     }
 
     #[inline(always)]
-    fn draw(&self, frames: &Frames, wo: V3, [lobe, u, v]: [F; 3]) -> Draw {
-        let Some(upper) = self.top() else { return self.base.draw(frames, wo, [lobe, u, v]) };
-        // What is left of the number that chose the lobe chooses among those in it.
+    fn sample_direction(&self, frames: &Frames, wo: V3, [lobe, u, v]: [F; 3]) -> DirectionSample {
+        let Some(upper) = self.top() else { return self.base.sample_direction(frames, wo, [lobe, u, v]) };
+        // Reuse the number: rescaled to [0, 1), it chooses among the parts of the chosen lobe.
         let within = |from: F, size: F| ((lobe - from) / size).fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS));
         let p = self.top_probability(upper, frames.n, wo);
-        let base = self.base.draw(frames, wo, [within(p, F::ONE - p), u, v]);
+        let base = self.base.sample_direction(frames, wo, [within(p, F::ONE - p), u, v]);
         let from_top = lobe.simd_lt(p);
         if !from_top.any() {
             return base;
         }
-        let top = upper.draw(frames, wo, [within(F::ZERO, p), u, v]);
-        Draw { wi: V3::select(from_top, top.wi, base.wi), h: V3::select(from_top, top.h, base.h) }
+        let top = upper.sample_direction(frames, wo, [within(F::ZERO, p), u, v]);
+        DirectionSample { wi: V3::select(from_top, top.wi, base.wi), h: V3::select(from_top, top.h, base.h) }
     }
 }

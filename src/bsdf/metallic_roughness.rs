@@ -1,18 +1,26 @@
-//! The glTF 2.0 metallic-roughness model (specification, appendix B) with KHR_materials_specular, _ior, _transmission,
-//! _diffuse_transmission, _sheen, _clearcoat, _anisotropy and _iridescence: a linear mix of a dielectric, whose base is seen through its Fresnel layer,
-//! and a metal. The dielectric's base is a mix in its turn: of a diffuse one, which reflects and transmits, and of glass.
-//! KHR_materials_pbrSpecularGlossiness is the same with other names for what the lobes are made of.
+//! The glTF 2.0 metallic-roughness model (appendix B) with KHR_materials_specular, _ior, _transmission, _volume,
+//! _diffuse_transmission, _sheen, _clearcoat, _anisotropy and _iridescence.
+//!
+//! The surface is a linear mix of a metal and a dielectric. The dielectric's base, under its Fresnel layer, is a mix of a
+//! diffuse base, which reflects and transmits, and of glass. KHR_materials_pbrSpecularGlossiness uses the same lobes.
 
 use std::f32::consts::FRAC_1_PI;
 
 use glam::Vec3;
 
-use super::{
-    Bsdf, Clearcoat, Core, DiffuseTransmission, GeneralMicrofacet, Glass, Lambert, Layered, Microfacet, Sheen, ggx,
-    glass, sheen,
-};
+use super::clearcoat::Clearcoat;
+use super::diffuse_transmission::DiffuseTransmission;
+use super::general_microfacet::GeneralMicrofacet;
+use super::ggx;
+use super::glass::{Glass, MIN_BEND};
+use super::lambert::Lambert;
+use super::layered::Layered;
+use super::microfacet::Microfacet;
+use super::model::{BelowGeneralMicrofacet, BelowGlass, Bsdf, Core};
+use super::parameters::One;
+use super::sheen::{MIN_ROUGHNESS, Sheen};
 
-/// The material's parameters at one point, textures applied.
+/// Material parameters at one point, textures applied. Colours are linear RGB.
 #[derive(Debug, Clone, Copy)]
 pub struct Surface {
     /// Linear base colour, in [0, 1].
@@ -27,19 +35,19 @@ pub struct Surface {
     pub specular_color: Vec3,
     /// Index of refraction, ≥ 1, or 0 for infinite.
     pub ior: f32,
-    /// KHR_materials_pbrSpecularGlossiness: reflectance at normal incidence. Base colour and roughness are its diffuse
-    /// colour and one less its glossiness; metalness, specular and index do not count.
+    /// KHR_materials_pbrSpecularGlossiness: reflectance at normal incidence. `base_color` is then the diffuse colour and
+    /// `roughness` is 1 − glossiness; `metallic`, `specular` and `ior` are ignored.
     pub specular_glossiness: Option<Vec3>,
-    /// KHR_materials_transmission: share of the dielectric that is glass, in [0, 1].
+    /// KHR_materials_transmission: fraction of the dielectric that is glass, in [0, 1].
     pub transmission: f32,
-    /// KHR_materials_diffuse_transmission: share of the diffuse base that transmits, in [0, 1].
+    /// KHR_materials_diffuse_transmission: fraction of the diffuse base that transmits, in [0, 1].
     pub diffuse_transmission: f32,
-    /// Its colour.
+    /// KHR_materials_diffuse_transmission colour, in [0, 1].
     pub diffuse_transmission_color: Vec3,
-    /// The surface bounds a body (KHR_materials_volume); else it is a thin wall.
+    /// Does the surface bound a medium (KHR_materials_volume)? Else it is a thin wall.
     pub bounds_medium: bool,
-    /// It is seen from behind: the eye is inside of the body.
-    pub behind: bool,
+    /// Is the surface seen from its back? Then `wo` is inside the medium.
+    pub back_facing: bool,
     /// KHR_materials_sheen: colour, in [0, 1].
     pub sheen_color: Vec3,
     /// Perceptual roughness of the sheen in [0, 1].
@@ -48,38 +56,38 @@ pub struct Surface {
     pub clearcoat: f32,
     /// Perceptual roughness of the coat in [0, 1].
     pub clearcoat_roughness: f32,
-    /// Unit normal of the coat on the eye's side, or zero for the shading normal.
+    /// Unit normal of the coat on the side of `wo`, in world space; zero for the shading normal.
     pub clearcoat_normal: Vec3,
-    /// KHR_materials_anisotropy, if the material has it.
+    /// KHR_materials_anisotropy, if the material uses it.
     pub anisotropy: Option<Anisotropy>,
-    /// KHR_materials_iridescence, if the material has it.
+    /// KHR_materials_iridescence, if the material uses it.
     pub iridescence: Option<Iridescence>,
-    /// Is light that bounces between microfacets added (`albedo.rs`)? Else it is lost, as in glTF's appendix B.
+    /// Compensate the energy that single scattering loses between microfacets? Else the letter of glTF's appendix B.
     pub energy_compensation: bool,
 }
 
-/// KHR_materials_anisotropy: a surface that is rougher one way than the other.
+/// KHR_materials_anisotropy: roughness that depends on the direction.
 #[derive(Debug, Clone, Copy)]
 pub struct Anisotropy {
-    /// In [0, 1].
+    /// Strength, in [0, 1].
     pub strength: f32,
-    /// Unit direction along the surface in which it is rougher; zero if none is known: then it is as rough every way.
+    /// Unit direction of the higher roughness in world space; zero if there are no tangents: roughness is then isotropic.
     pub tangent: Vec3,
 }
 
 /// KHR_materials_iridescence: a thin film.
 #[derive(Debug, Clone, Copy)]
 pub struct Iridescence {
-    /// In [0, 1].
+    /// Strength, in [0, 1].
     pub factor: f32,
     /// Index of refraction of the film, ≥ 1.
     pub ior: f32,
-    /// In nanometres, ≥ 0.
+    /// Thickness of the film in nanometres, ≥ 0.
     pub thickness: f32,
 }
 
 impl Default for Surface {
-    /// A white diffuse one of glTF's default index of refraction.
+    /// The default material of glTF, but dielectric: white, fully rough, of index 1.5.
     #[inline(always)]
     fn default() -> Self {
         Self {
@@ -94,7 +102,7 @@ impl Default for Surface {
             diffuse_transmission: 0.0,
             diffuse_transmission_color: Vec3::ONE,
             bounds_medium: false,
-            behind: false,
+            back_facing: false,
             sheen_color: Vec3::ZERO,
             sheen_roughness: 0.0,
             clearcoat: 0.0,
@@ -108,104 +116,111 @@ impl Default for Surface {
 }
 
 impl Surface {
-    /// The model with these parameters.
+    /// The BSDF with these parameters.
     #[inline]
     pub fn bsdf(&self) -> Bsdf {
-        // Lobes that are missing keep parameters with which nothing is undefined: other lanes may have them.
+        // Absent lobes keep parameters that compute to finite values, because other lanes may have the lobe.
         let coat = Clearcoat {
             coat: self.clearcoat,
             normal: self.clearcoat_normal,
             alpha: alpha(self.clearcoat_roughness),
-            compensated: self.compensated(),
+            compensation: self.compensation(),
         };
-        let sheen = Sheen { color: self.sheen_color, roughness: self.sheen_roughness.max(sheen::MIN_ROUGHNESS) };
-        let finished = (self.anisotropy.is_some() || self.iridescence.is_some()) && self.specular_glossiness.is_none();
-        let (glass, reflection) = if finished { self.finished() } else { self.plain() };
+        let sheen = Sheen { color: self.sheen_color, roughness: self.sheen_roughness.max(MIN_ROUGHNESS) };
+        let general = (self.anisotropy.is_some() || self.iridescence.is_some()) && self.specular_glossiness.is_none();
+        let (glass, reflection) = if general { self.general() } else { self.isotropic() };
         Layered { top: coat, base: Layered { top: sheen, base: Layered { top: glass, base: reflection } } }
     }
 
-    /// The model, where nothing but the core one's parameters is set.
+    /// The core model's BSDF with these parameters; the extensions' are ignored.
     #[inline(always)]
     pub fn core(&self) -> Core {
-        self.reflection(0.0).base
+        self.below_general_microfacet(0.0).base
     }
 
-    /// A surface as rough every way, without a film.
+    /// The lobes of a surface with isotropic roughness and without a film.
     #[inline]
-    fn plain(&self) -> (Glass, super::Reflection<super::One>) {
-        let share = self.transmission * (1.0 - self.metallic);
-        let glass = if share > 0.0 { self.glass(share) } else { NO_GLASS };
-        (glass, Layered { top: NO_GENERAL_MICROFACET, base: self.reflection(share) })
+    fn isotropic(&self) -> (Glass, BelowGlass<One>) {
+        let fraction = self.transmission * (1.0 - self.metallic);
+        let glass = if fraction > 0.0 { self.glass(fraction) } else { NO_GLASS };
+        (glass, Layered { top: NO_GENERAL_MICROFACET, base: self.below_general_microfacet(fraction) })
     }
 
-    /// What has [`GeneralMicrofacet`] in place of glass and microfacets.
-    fn finished(&self) -> (Glass, super::Reflection<super::One>) {
+    /// The lobes of an anisotropic or iridescent surface: [`GeneralMicrofacet`] replaces glass and microfacets.
+    fn general(&self) -> (Glass, BelowGlass<One>) {
         let glass = self.glass(self.transmission);
         let no_glass = self.transmission == 0.0;
         let alpha_b = if no_glass { alpha(self.roughness) } else { glass.alpha };
         let Anisotropy { strength, tangent } =
             self.anisotropy.unwrap_or(Anisotropy { strength: 0.0, tangent: Vec3::ZERO });
         let strength = if tangent == Vec3::ZERO { 0.0 } else { strength };
-        let mut finish = GeneralMicrofacet {
+        let mut general_microfacet = GeneralMicrofacet {
             tangent,
             alpha_t: alpha_b + (1.0 - alpha_b) * strength * strength,
             alpha_b,
             f0: glass.f0,
             f90: glass.f90,
-            metal: self.metallic,
-            metal0: self.base_color,
-            share: if self.metallic < 1.0 { self.transmission } else { 0.0 },
+            metallic: self.metallic,
+            metallic_f0: self.base_color,
+            transmission: if self.metallic < 1.0 { self.transmission } else { 0.0 },
             tint: glass.tint,
             eta: if no_glass { NO_GENERAL_MICROFACET.eta } else { glass.eta },
             thin: if no_glass { 1.0 } else { glass.thin },
-            compensated: self.compensated(),
+            compensation: self.compensation(),
             ..NO_GENERAL_MICROFACET
         };
         if let Some(Iridescence { factor, ior, thickness }) = self.iridescence {
-            // What is thinner than an atom is no film.
-            let there = (thickness / 0.03).clamp(0.0, 1.0);
-            let there = there * there * (3.0 - 2.0 * there);
-            (finish.film, finish.film_ior, finish.thickness) = (factor * there, ior, thickness);
+            // The film fades out below 0.03 nm, less than an atom.
+            let presence = (thickness / 0.03).clamp(0.0, 1.0);
+            let presence = presence * presence * (3.0 - 2.0 * presence);
+            (general_microfacet.iridescence, general_microfacet.film_ior, general_microfacet.film_thickness) =
+                (factor * presence, ior, thickness);
         }
         let base = (1.0 - self.metallic) * (1.0 - self.transmission) * FRAC_1_PI;
-        let share = self.diffuse_transmission;
-        let transmitted =
-            DiffuseTransmission { diffuse: self.diffuse_transmission_color * (base * share), ..Default::default() };
-        let lambert = Lambert { diffuse: self.base_color * (base * (1.0 - share)) };
+        let fraction = self.diffuse_transmission;
+        let diffuse_transmission =
+            DiffuseTransmission { diffuse: self.diffuse_transmission_color * (base * fraction), ..Default::default() };
+        let lambert = Lambert { diffuse: self.base_color * (base * (1.0 - fraction)) };
         let top = Microfacet { alpha: 1.0, ..Default::default() };
-        (NO_GLASS, Layered { top: finish, base: Layered { top: transmitted, base: Layered { top, base: lambert } } })
+        (
+            NO_GLASS,
+            Layered {
+                top: general_microfacet,
+                base: Layered { top: diffuse_transmission, base: Layered { top, base: lambert } },
+            },
+        )
     }
 
-    /// What is not glass, of which the surface has this share.
+    /// The lobes of the part of the surface that is not glass; `glass` is the fraction that is.
     #[inline(always)]
-    fn reflection(&self, glass: f32) -> super::Unfinished<super::One> {
-        let (alpha, compensated) = (alpha(self.roughness), self.compensated());
+    fn below_general_microfacet(&self, glass: f32) -> BelowGeneralMicrofacet<One> {
+        let (alpha, compensation) = (alpha(self.roughness), self.compensation());
         if glass >= 1.0 {
-            let top = Microfacet { alpha, compensated, ..Default::default() };
+            let top = Microfacet { alpha, compensation, ..Default::default() };
             return Layered { top: DiffuseTransmission::default(), base: Layered { top, base: Lambert::default() } };
         }
         if let Some(f0) = self.specular_glossiness {
             let layer0 = f0.max_element();
             let diffuse = self.base_color * ((1.0 - layer0) * FRAC_1_PI);
-            let top = Microfacet { f0, f90: 1.0, layer0, layer90: 1.0, alpha, metal: 0.0, compensated };
+            let top = Microfacet { f0, f90: 1.0, layer0, layer90: 1.0, alpha, metallic: 0.0, compensation };
             return Layered { top: DiffuseTransmission::default(), base: Layered { top, base: Lambert { diffuse } } };
         }
         let m = if glass > 0.0 { self.metallic / (1.0 - glass) } else { self.metallic };
         let dielectric0 = self.dielectric0();
         let (layer0, layer90) = (dielectric0.max_element(), self.specular);
         let mut diffuse = self.base_color * ((1.0 - m) * FRAC_1_PI);
-        let mut transmitted = DiffuseTransmission { diffuse: Vec3::ZERO, layer0, layer90, alpha, compensated };
+        let mut diffuse_transmission = DiffuseTransmission { diffuse: Vec3::ZERO, layer0, layer90, alpha, compensation };
         if self.diffuse_transmission > 0.0 {
-            let share = self.diffuse_transmission;
-            transmitted.diffuse = self.diffuse_transmission_color * ((1.0 - m) * share * FRAC_1_PI);
-            diffuse *= 1.0 - share;
+            let fraction = self.diffuse_transmission;
+            diffuse_transmission.diffuse = self.diffuse_transmission_color * ((1.0 - m) * fraction * FRAC_1_PI);
+            diffuse *= 1.0 - fraction;
         }
         let f0 = dielectric0 * (1.0 - m) + self.base_color * m;
-        let top = Microfacet { f0, f90: self.specular * (1.0 - m) + m, layer0, layer90, alpha, metal: m, compensated };
-        Layered { top: transmitted, base: Layered { top, base: Lambert { diffuse } } }
+        let top = Microfacet { f0, f90: self.specular * (1.0 - m) + m, layer0, layer90, alpha, metallic: m, compensation };
+        Layered { top: diffuse_transmission, base: Layered { top, base: Lambert { diffuse } } }
     }
 
-    fn compensated(&self) -> f32 {
+    fn compensation(&self) -> f32 {
         f32::from(u8::from(self.energy_compensation))
     }
 
@@ -215,44 +230,44 @@ impl Surface {
         (reflectance * self.specular_color).min(Vec3::ONE) * self.specular
     }
 
-    fn glass(&self, share: f32) -> Glass {
-        // An infinite index passes nothing whatever its value here; index 1 is no surface, and so not a rough one.
-        let ior = if self.ior == 0.0 { f32::from(u8::MAX) } else { self.ior.max(1.0 + glass::MIN_BEND) };
-        let rough = if ior > 1.0 + glass::MIN_BEND { alpha(self.roughness) } else { ggx::MIN_ALPHA };
+    fn glass(&self, fraction: f32) -> Glass {
+        // An infinite index transmits nothing, so any large value does. Index 1 is no boundary, hence not a rough one.
+        let ior = if self.ior == 0.0 { f32::from(u8::MAX) } else { self.ior.max(1.0 + MIN_BEND) };
+        let rough = if ior > 1.0 + MIN_BEND { alpha(self.roughness) } else { ggx::MIN_ALPHA };
         Glass {
-            share,
+            fraction,
             tint: self.base_color,
             f0: self.dielectric0(),
             f90: self.specular,
-            eta: if self.bounds_medium && self.behind { 1.0 / ior } else { ior },
+            eta: if self.bounds_medium && self.back_facing { 1.0 / ior } else { ior },
             thin: f32::from(u8::from(!self.bounds_medium)),
             alpha: rough,
-            compensated: self.compensated(),
+            compensation: self.compensation(),
         }
     }
 }
 
-/// No glass, for lanes beside others with it.
+/// An absent glass lobe, for lanes next to others that have it.
 const NO_GLASS: Glass =
-    Glass { share: 0.0, tint: Vec3::ZERO, f0: Vec3::ZERO, f90: 0.0, eta: 1.5, thin: 0.0, alpha: 1.0, compensated: 0.0 };
+    Glass { fraction: 0.0, tint: Vec3::ZERO, f0: Vec3::ZERO, f90: 0.0, eta: 1.5, thin: 0.0, alpha: 1.0, compensation: 0.0 };
 
-/// No finish, for lanes beside others with it.
+/// An absent general microfacet lobe, for lanes next to others that have it.
 const NO_GENERAL_MICROFACET: GeneralMicrofacet = GeneralMicrofacet {
     tangent: Vec3::ZERO,
     alpha_t: 1.0,
     alpha_b: 1.0,
     f0: Vec3::ZERO,
     f90: 0.0,
-    metal: 0.0,
-    metal0: Vec3::ZERO,
-    share: 0.0,
+    metallic: 0.0,
+    metallic_f0: Vec3::ZERO,
+    transmission: 0.0,
     tint: Vec3::ZERO,
     eta: 1.5,
     thin: 1.0,
-    film: 0.0,
+    iridescence: 0.0,
     film_ior: 1.0,
-    thickness: 0.0,
-    compensated: 0.0,
+    film_thickness: 0.0,
+    compensation: 0.0,
 };
 
 /// The microfacet α of a perceptual roughness.

@@ -1,27 +1,29 @@
-//! The surface of glTF's metals and dielectrics: GGX, height-correlated Smith masking-shadowing, Schlick's
-//! Fresnel, and compensation for light that bounces between microfacets (`albedo.rs`).
+//! GGX reflection of metals and dielectrics, with height-correlated Smith masking-shadowing and Schlick's Fresnel term
+//! (glTF 2.0, appendix B), and compensation of the energy that single scattering loses (`albedo.rs`).
 
-use super::{Directions, Draw, Eight, Frames, Lobe, Response, albedo, diffuseness, ggx, parameters::lobe};
+use super::{albedo, ggx};
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, diffuseness};
+use super::parameters::{Eight, lobe};
 use crate::lanes::{F, V3};
 
 lobe! {
-    /// Specular reflection. Each Fresnel term is linear in Schlick's weight between its ends.
+    /// GGX reflection. Fresnel terms interpolate between normal and grazing incidence by Schlick's weight (1 − cos)⁵.
     Microfacet {
-        /// Fresnel at normal incidence.
+        /// Reflectance at normal incidence.
         f0: Vector,
-        /// Fresnel at grazing.
+        /// Reflectance at grazing incidence.
         f90: Scalar,
-        /// What the lobes beneath do not get, at normal incidence.
+        /// Fraction of light that the lobes beneath do not receive, at normal incidence.
         layer0: Scalar,
-        /// The same at grazing.
+        /// The same fraction at grazing incidence.
         layer90: Scalar,
-        /// Microfacet roughness, ≥ [`ggx::MIN_ALPHA`].
+        /// Microfacet α, ≥ [`ggx::MIN_ALPHA`].
         alpha: Scalar,
-        /// Share of metal, in [0, 1].
-        metal: Scalar,
-        /// 1: energy that multiple scattering gives back is compensated, and the lobes beneath get what the albedo leaves. 0: the
-        /// letter of glTF's appendix B.
-        compensated: Scalar,
+        /// Metalness, in [0, 1].
+        metallic: Scalar,
+        /// 1: the energy that single scattering loses is compensated, and the lobes beneath receive what the albedo of the layer
+        /// leaves. 0: the letter of glTF's appendix B.
+        compensation: Scalar,
     }
 }
 
@@ -38,7 +40,7 @@ impl Lobe for Microfacet<Eight> {
 
     #[inline(always)]
     fn weight(&self, n: V3, wo: V3) -> (F, F) {
-        // The Fresnel terms at wo's own angle.
+        // Fresnel terms at the surface normal.
         let schlick = schlick_weight(n.dot(wo));
         (self.fresnel(schlick).luminance(), F::ONE - self.layer(schlick))
     }
@@ -49,32 +51,31 @@ impl Lobe for Microfacet<Eight> {
         let alpha2 = self.alpha * self.alpha;
         let cos_h = d.n.dot(d.h);
         let density = ggx::distribution(d.n.cross(d.h).length_squared(), cos_h * cos_h, alpha2);
+        // pdf = D G₁(wo)/(4 cos θ_o); value = pdf F G₂/G₁(wo).
         let masking = ggx::masking(d.cos_o, alpha2);
-        // D G₁(wo)/(4 cos θ_o): the pdf, and the value but for F and G₂/G₁.
         let pdf = masking * density / (F::splat(4.0) * d.cos_o);
-        let shadowing = ggx::correlated(masking, ggx::masking(d.cos_i, alpha2));
+        let shadowing = ggx::shadowing(masking, ggx::masking(d.cos_i, alpha2));
         let value = self.fresnel(schlick) * ((pdf * shadowing * light) & d.above);
-        let through = F::ONE - self.layer(schlick);
-        if !self.compensated.simd_gt(F::ZERO).any() {
-            return Response { value, pdf: pdf & d.above, through: light * through };
+        let transmittance = F::ONE - self.layer(schlick);
+        if !self.compensation.simd_gt(F::ZERO).any() {
+            return Response { value, pdf: pdf & d.above, transmittance: light * transmittance };
         }
-        let split_sum = albedo::split_sum(d.cos_o, self.alpha);
-        let lost = albedo::lost(split_sum);
-        let dielectric = (self.layer90 - self.layer0).mul_add(F::splat(1.0 / 21.0), self.layer0);
-        let color = albedo::mixed_color(albedo::mean_fresnel(self.f0, self.f90), self.metal, dielectric);
-        let gain = albedo::gain(color, lost, self.compensated);
-        let beneath = F::ONE - albedo::layer(split_sum, lost, [self.layer0, self.layer90]);
-        let through = light * self.compensated.simd_gt(F::ZERO).select(beneath, through);
-        Response { value: value * gain, pdf: pdf & d.above, through }
+        let albedo = albedo::ggx(d.cos_o, self.alpha);
+        let color = albedo::mean_fresnel(self.f0, self.f90);
+        let color = albedo::mixture_color(color, self.metallic, albedo::mean_schlick(self.layer0, self.layer90));
+        let value = value * albedo::gain(color, albedo.loss(), self.compensation);
+        let compensated = F::ONE - albedo.layer(self.layer0, self.layer90);
+        let transmittance = self.compensation.simd_gt(F::ZERO).select(compensated, transmittance);
+        Response { value, pdf: pdf & d.above, transmittance: light * transmittance }
     }
 
     #[inline(always)]
-    fn draw(&self, Frames { t, b, n }: &Frames, wo: V3, [_, u, v]: [F; 3]) -> Draw {
+    fn sample_direction(&self, Frames { t, b, n }: &Frames, wo: V3, [_, u, v]: [F; 3]) -> DirectionSample {
         let local = V3 { x: t.dot(wo), y: b.dot(wo), z: n.dot(wo) };
         let m = ggx::sample_visible_normal(local, [self.alpha; 2], u, v);
-        // h as drawn, not as rebuilt from wo + wi: exact also for narrow lobes.
+        // h as sampled, not normalize(wo + wi), which is inexact for narrow lobes.
         let h = *t * m.x + *b * m.y + *n * m.z;
-        Draw { wi: h * (F::splat(2.0) * wo.dot(h)) - wo, h }
+        DirectionSample { wi: h * (F::splat(2.0) * wo.dot(h)) - wo, h }
     }
 }
 
@@ -91,7 +92,7 @@ impl Microfacet<Eight> {
     }
 }
 
-/// (1 − cos)⁵.
+/// Schlick's weight (1 − cos)⁵.
 #[inline(always)]
 pub(super) fn schlick_weight(cos: F) -> F {
     let x = (F::ONE - cos).fast_max(F::ZERO).fast_min(F::ONE);

@@ -1,29 +1,29 @@
-//! Lobes' parameters, declared once: of one point, of eight, of a batch.
+//! Lobe parameters, declared once for three layouts: one point, eight points, a batch.
 
 use std::fmt::Debug;
 
 use glam::Vec3;
 
-use super::LobeSet;
+use super::lobe_set::LobeSet;
 use crate::lanes::{F, LANES, Rows, V3, V3Column, eight, grow, load, store};
 
-/// Of how many points a set of parameters is.
+/// The layout of a set of parameters: for how many points.
 pub trait Width: Debug + Copy + Default {
-    /// Numbers.
+    /// Type of a number.
     type Scalar: Debug;
-    /// Colours and vectors.
+    /// Type of a colour or vector.
     type Vector: Debug;
 }
 
-/// One point: what materials make.
+/// One point: what material evaluation produces.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct One;
 
-/// Eight points: what is evaluated.
+/// Eight points in SIMD lanes: what lobes compute with.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Eight;
 
-/// A batch's points, as structure of arrays: what is kept.
+/// The points of a batch as structure of arrays: what is stored between stages.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Columns;
 
@@ -42,23 +42,23 @@ impl Width for Columns {
     type Vector = V3Column;
 }
 
-/// The parameters of one point, and how they become those of eight and of a batch.
+/// Parameters of one point, and their conversion to eight points and to a batch.
 pub trait Parameters: Debug + Copy + Default {
-    /// Of eight points.
+    /// Parameters of eight points.
     type Eight: Debug + Copy;
-    /// Of a batch.
+    /// Parameters of a batch.
     type Columns: Debug + Default;
 
-    /// A point a lane.
+    /// Packs eight points into lanes.
     fn gather(points: [&Self; LANES]) -> Self::Eight;
 
-    /// Makes room for `most` points at which there are no lobes but those in `lobes`.
-    fn grow(columns: &mut Self::Columns, most: usize, lobes: LobeSet);
+    /// Makes room for `capacity` points that have no other lobes than `lobes`.
+    fn grow(columns: &mut Self::Columns, capacity: usize, lobes: LobeSet);
 
-    /// Writes eight points from row `at` on.
+    /// Writes eight points to the rows from `at` on.
     fn store(columns: &mut Self::Columns, at: usize, points: [&Self; LANES]);
 
-    /// Reads.
+    /// Reads eight rows.
     fn load(columns: &Self::Columns, rows: &Rows) -> Self::Eight;
 }
 
@@ -71,8 +71,8 @@ impl Parameters for f32 {
         F::from(eight(|lane| *points[lane]))
     }
 
-    fn grow(columns: &mut Vec<f32>, most: usize, _: LobeSet) {
-        grow(columns, most);
+    fn grow(columns: &mut Vec<f32>, capacity: usize, _: LobeSet) {
+        grow(columns, capacity);
     }
 
     #[inline(always)]
@@ -95,8 +95,8 @@ impl Parameters for Vec3 {
         V3::gather(eight(|lane| *points[lane]))
     }
 
-    fn grow(columns: &mut V3Column, most: usize, _: LobeSet) {
-        columns.grow(most);
+    fn grow(columns: &mut V3Column, capacity: usize, _: LobeSet) {
+        columns.grow(capacity);
     }
 
     #[inline(always)]
@@ -110,17 +110,18 @@ impl Parameters for Vec3 {
     }
 }
 
-/// Declares a lobe by its parameters, each a `Scalar` or a `Vector`: a struct generic in its [`Width`].
+/// Declares a lobe: a struct generic in its [`Width`], whose fields are each a `Scalar` or a `Vector`.
 macro_rules! lobe {
     ($(#[$doc:meta])* $name:ident { $($(#[$about:meta])* $field:ident: $kind:ident,)+ }) => {
         $(#[$doc])*
         #[derive(Debug, Clone, Copy, Default)]
-        pub struct $name<W: $crate::bsdf::Width = $crate::bsdf::One> {
+        pub struct $name<W: $crate::bsdf::parameters::Width = $crate::bsdf::parameters::One> {
             $($(#[$about])* pub $field: W::$kind,)+
         }
 
         const _: () = {
-            use $crate::bsdf::{Columns, Eight, LobeSet, One, Parameters, Width};
+            use $crate::bsdf::lobe_set::LobeSet;
+            use $crate::bsdf::parameters::{Columns, Eight, One, Parameters, Width};
             use $crate::lanes::{LANES, Rows, eight};
 
             impl Parameters for $name<One> {
@@ -132,8 +133,8 @@ macro_rules! lobe {
                     $name { $($field: Parameters::gather(eight(|lane| &points[lane].$field)),)+ }
                 }
 
-                fn grow(columns: &mut Self::Columns, most: usize, lobes: LobeSet) {
-                    $(<One as Width>::$kind::grow(&mut columns.$field, most, lobes);)+
+                fn grow(columns: &mut Self::Columns, capacity: usize, lobes: LobeSet) {
+                    $(<One as Width>::$kind::grow(&mut columns.$field, capacity, lobes);)+
                 }
 
                 #[inline(always)]

@@ -1,24 +1,25 @@
-//! KHR_materials_sheen: the fuzz of cloth, after Estevez and Kulla 2017, *Production Friendly Microfacet Sheen BRDF*, over
-//! the layers beneath, which get what its directional albedo leaves.
+//! KHR_materials_sheen: the microfacet sheen BRDF of Estevez and Kulla 2017 (*Production Friendly Microfacet Sheen BRDF*).
+//! The layers beneath are scaled by one less its directional albedo.
 
 use std::f32::consts::{FRAC_1_PI, PI};
 use std::sync::LazyLock;
 
-use super::{Directions, Draw, Eight, Frames, Lobe, Response, parameters::lobe};
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response};
+use super::parameters::{Eight, lobe};
 use crate::lanes::{F, V3, eight};
 use crate::sampling::warp;
 
 lobe! {
-    /// Reflection by fibres that stand up.
+    /// Reflection by fibres that stand on the surface (cloth).
     Sheen {
-        /// Colour; above 0 where there is any.
+        /// Sheen colour, linear RGB; zero where there is no sheen.
         color: Vector,
         /// Perceptual roughness, ≥ [`MIN_ROUGHNESS`].
         roughness: Scalar,
     }
 }
 
-/// Smoother fibres are as these.
+/// Smallest perceptual roughness; lower values are raised to it.
 pub const MIN_ROUGHNESS: f32 = 0.1;
 
 impl Lobe for Sheen<Eight> {
@@ -29,7 +30,7 @@ impl Lobe for Sheen<Eight> {
 
     #[inline(always)]
     fn weight(&self, n: V3, wo: V3) -> (F, F) {
-        let albedo = albedos(n.dot(wo), self.roughness);
+        let albedo = directional_albedo(n.dot(wo), self.roughness);
         (self.color.luminance() * albedo, F::ONE - self.color.max_element() * albedo)
     }
 
@@ -38,27 +39,28 @@ impl Lobe for Sheen<Eight> {
         let pdf = (d.cos_i * F::splat(FRAC_1_PI)) & d.above;
         let brdf = brdf(d.n.dot(d.h), d.cos_o, d.cos_i, self.roughness);
         let value = self.color * ((brdf * d.cos_i * light) & d.above);
-        // The albedo is the same both ways.
-        let albedo = albedos(d.cos_o, self.roughness).fast_max(albedos(d.cos_i.abs(), self.roughness));
-        Response { value, pdf, through: light * (F::ONE - self.color.max_element() * albedo) }
+        // The larger of both albedos keeps the layering reciprocal.
+        let albedo =
+            directional_albedo(d.cos_o, self.roughness).fast_max(directional_albedo(d.cos_i.abs(), self.roughness));
+        Response { value, pdf, transmittance: light * (F::ONE - self.color.max_element() * albedo) }
     }
 
     #[inline(always)]
-    fn draw(&self, Frames { t, b, n }: &Frames, wo: V3, [_, u, v]: [F; 3]) -> Draw {
+    fn sample_direction(&self, Frames { t, b, n }: &Frames, wo: V3, [_, u, v]: [F; 3]) -> DirectionSample {
         let cosine = warp::cosine_hemispheres(u, v);
         let wi = *t * cosine.x + *b * cosine.y + *n * cosine.z;
-        Draw { wi, h: (wo + wi).normalize_or(*n) }
+        DirectionSample { wi, h: (wo + wi).normalize_or(*n) }
     }
 }
 
-/// x to the power of y, for x in [0, 1] and y > 0.
+/// x^y for x in [0, 1] and y > 0.
 #[inline(always)]
 fn power(x: F, y: F) -> F {
-    // Far below what is to be seen, where the exponential still is a number.
+    // The limits keep the exponential a normal number; e⁻⁸⁰ is invisible.
     (x.fast_max(F::splat(1e-6)).ln() * y).fast_max(F::splat(-80.0)).exp()
 }
 
-/// The BRDF of white fibres.
+/// The BRDF for a white sheen colour, without the cosine.
 #[inline(always)]
 fn brdf(cos_h: F, cos_o: F, cos_i: F, roughness: F) -> F {
     let one_over_alpha = F::ONE / (roughness * roughness);
@@ -68,7 +70,7 @@ fn brdf(cos_h: F, cos_o: F, cos_i: F, roughness: F) -> F {
     density / (shadowing * F::splat(4.0) * cos_o * cos_i)
 }
 
-/// Estevez and Kulla's fit of Λ.
+/// The fit of Λ of Estevez and Kulla.
 #[inline(always)]
 fn lambda(cos: F, roughness: F) -> F {
     let smooth = F::ONE - roughness * roughness;
@@ -83,20 +85,20 @@ fn lambda(cos: F, roughness: F) -> F {
     steep.select(log_here, F::splat(2.0) * log(F::splat(0.5)) - log_here).exp()
 }
 
-/// Nodes of the albedo's table, along the cosine and along the roughness from [`MIN_ROUGHNESS`] to 1.
+/// Nodes of the albedo table along the cosine (0 to 1) and along the roughness ([`MIN_ROUGHNESS`] to 1).
 const NODES: usize = 33;
 
-/// Directional albedo of white fibres by [roughness][cosine], at most 1: some milliseconds, if a scene has sheen.
+/// Directional albedo of white sheen by [roughness][cosine], at most 1. Computed on first use, in some milliseconds.
 static ALBEDO: LazyLock<[[f32; NODES]; NODES]> = LazyLock::new(|| {
     let step = |i: usize| i as f32 / (NODES - 1) as f32;
     std::array::from_fn(|i| {
         let roughness = MIN_ROUGHNESS + (1.0 - MIN_ROUGHNESS) * step(i);
-        std::array::from_fn(|j| white_albedo(step(j).max(1e-3), roughness))
+        std::array::from_fn(|j| integrate_white_albedo(step(j).max(1e-3), roughness))
     })
 });
 
-/// By the midpoint rule in the light's angle and azimuth.
-fn white_albedo(cos_o: f32, roughness: f32) -> f32 {
+/// Directional albedo of white sheen by the midpoint rule over polar angle and azimuth of `wi`.
+fn integrate_white_albedo(cos_o: f32, roughness: f32) -> f32 {
     const STEPS: usize = 32;
     let (sin_o, roughness) = ((1.0 - cos_o * cos_o).sqrt(), F::splat(roughness));
     let mut sum = 0.0;
@@ -119,18 +121,18 @@ fn white_albedo(cos_o: f32, roughness: f32) -> f32 {
     (sum * step).min(1.0)
 }
 
-/// The table, between its nodes.
+/// Directional albedo of white sheen, interpolated bilinearly in the table.
 #[inline(always)]
-fn albedos(cos: F, roughness: F) -> F {
+fn directional_albedo(cos: F, roughness: F) -> F {
     let last = (NODES - 1) as f32;
-    let place = |x: f32| {
+    let node = |x: f32| {
         let x = (x * last).clamp(0.0, last - 1e-3);
         (x as usize, x.fract())
     };
     let (cos, roughness) = (cos.to_array(), roughness.to_array());
     F::from(eight(|lane| {
-        let (j, v) = place(cos[lane]);
-        let (i, u) = place((roughness[lane] - MIN_ROUGHNESS) / (1.0 - MIN_ROUGHNESS));
+        let (j, v) = node(cos[lane]);
+        let (i, u) = node((roughness[lane] - MIN_ROUGHNESS) / (1.0 - MIN_ROUGHNESS));
         let row = |i: usize| ALBEDO[i][j] * (1.0 - v) + ALBEDO[i][j + 1] * v;
         row(i) * (1.0 - u) + row(i + 1) * u
     }))

@@ -1,33 +1,33 @@
-//! What a wave is asked for, and where what it finds goes.
+//! The input and output of a wave: what each pixel samples, and the sums that it adds to.
 
 use crate::balance::{Contribution, Counts, Observer};
 use crate::film::{AovSums, ExtraSums, Peak, PixelStats};
 
-/// One pixel's part in a wave.
+/// The samples that one pixel takes in a wave.
 #[derive(Debug, Clone, Copy)]
 pub struct PixelTask {
-    /// Position in the whole picture.
+    /// Column in the whole picture, from the left.
     pub x: u32,
-    /// Position in the whole picture.
+    /// Row in the whole picture, from the top.
     pub y: u32,
-    /// Paths that the pixel has taken before.
+    /// Number of paths that the pixel has taken before.
     pub first_path: u32,
-    /// Light samples at first surfaces that it has taken before.
+    /// Number of light samples at first surfaces that it has taken before.
     pub first_light: u32,
-    /// How many of these light samples were toward the environment by count, not by drawing.
+    /// Number of these light samples that were allocated to the environment, rather than drawn among all lights.
     pub first_environment: u32,
-    /// BSDF samples at first surfaces that it has taken before.
+    /// Number of BSDF samples at first surfaces that it has taken before.
     pub first_bsdf: u32,
-    /// Light and BSDF samples at first surfaces for the paths of this wave.
+    /// Numbers of paths and of light and BSDF samples at first surfaces in this wave.
     pub counts: Counts,
-    /// The counts of all the paths that are weighed together with this wave's: contributions are weighed by these.
+    /// Numbers of samples for the MIS weights: those of all paths that are weighed together with this wave's.
     pub weighed: Counts,
-    /// Number of the pixel in its tile, for observers.
+    /// Index of the pixel in its tile, for observers.
     pub number: u32,
 }
 
 impl PixelTask {
-    /// The first paths of a pixel, weighed by themselves.
+    /// The first paths of a pixel, with MIS weights by their own counts.
     pub fn first([x, y]: [u32; 2], counts: Counts, number: u32) -> Self {
         Self {
             x,
@@ -43,32 +43,32 @@ impl PixelTask {
     }
 }
 
-/// What a wave works on and adds to, an entry a pixel, and who is told what first surfaces' samples find.
+/// The pixels of a wave, one entry per pixel in each slice, and the observer of contributions at first surfaces.
 pub struct PixelBatch<'a> {
-    /// What each pixel is to take.
+    /// The samples to take.
     pub tasks: &'a [PixelTask],
     /// Radiance statistics.
     pub stats: &'a mut [PixelStats],
-    /// Brightest paths; empty if nobody asks.
+    /// Brightest path of each pixel; empty if not requested.
     pub peaks: &'a mut [Peak],
-    /// AOV sums; empty if none are asked for.
+    /// AOV sums; empty if not requested.
     pub aovs: &'a mut [AovSums],
-    /// More sums for AOVs; empty if none are asked for.
+    /// Sums of further AOVs; empty if not requested.
     pub extras: &'a mut [ExtraSums],
-    /// Hears of contributions, if anybody does.
+    /// Notified of contributions and paths.
     pub observer: Option<&'a mut dyn Observer>,
 }
 
 impl<'a> PixelBatch<'a> {
-    /// Of radiance alone, that nobody listens to.
-    pub fn plain(tasks: &'a [PixelTask], stats: &'a mut [PixelStats]) -> Self {
+    /// A batch that sums radiance only, without an observer.
+    pub fn radiance_only(tasks: &'a [PixelTask], stats: &'a mut [PixelStats]) -> Self {
         Self { tasks, stats, peaks: &mut [], aovs: &mut [], extras: &mut [], observer: None }
     }
 
-    /// Tells the observer of a contribution in pixel `pixel` of the batch.
-    pub(super) fn tell(&mut self, pixel: usize, found: Contribution) {
+    /// Notifies the observer of a contribution in pixel `pixel` of the batch.
+    pub(super) fn notify(&mut self, pixel: usize, contribution: Contribution) {
         if let Some(observer) = &mut self.observer {
-            observer.contribution(&Contribution { pixel: self.tasks[pixel].number, ..found });
+            observer.contribution(&Contribution { pixel: self.tasks[pixel].number, ..contribution });
         }
     }
 }

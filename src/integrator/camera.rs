@@ -8,29 +8,29 @@ use glam::{Affine3A, Mat3, Mat4, Vec2, Vec3, Vec3A, Vec4};
 use crate::lanes::{F, V3, eight};
 use crate::scene::{Camera, Motion, Projection};
 
-/// A thin lens; all that lies in the plane of its focus is sharp.
+/// A thin lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lens {
-    /// Radius of its opening in metres, > 0.
+    /// Radius of the aperture in metres, > 0.
     pub radius: f32,
-    /// Distance of the plane in focus, along the view, in metres, > 0.
+    /// Distance of the focal plane along the view axis, in metres, > 0.
     pub focus: f32,
-    /// Sides of its opening, a regular polygon in the circle of `radius` with a corner to the right; 0 for the circle itself.
+    /// Number of sides of the aperture, a regular polygon in the circle of `radius` with a corner to the right; 0 for a circle.
     pub blades: u32,
 }
 
 impl Lens {
-    /// A point of the opening, uniform for uniform `u` and `v` in [0, 1), in metres to the right and up.
+    /// A point on the aperture, uniform for uniform `u` and `v` in [0, 1), in metres to the right and up.
     #[inline]
     pub fn point(&self, u: F, v: F) -> (F, F) {
         let radius = F::splat(self.radius);
         if self.blades == 0 {
-            // Concentric would keep strata together better, and needs sub-paths; areas are equal in both.
+            // The polar mapping: equal-area as the concentric one, and without branches.
             let (s, c) = (F::splat(TAU) * u).sin_cos();
             let r = radius * v.sqrt();
             return (r * c, r * s);
         }
-        // One of the triangles about the centre, and a point of it.
+        // Choose one of the triangles around the centre, then a point in it.
         let n = self.blades as f32;
         let scaled = u * F::splat(n);
         let blade = scaled.floor();
@@ -42,22 +42,22 @@ impl Lens {
     }
 }
 
-/// A camera for a picture of a given size.
+/// Generates the camera rays of a picture of a given size.
 #[derive(Debug, Clone)]
 pub struct CameraRays {
     to_world: Affine3A,
     motion: Option<Arc<Motion>>,
-    /// As [`Camera::beside`].
+    /// Camera-to-world transforms of the previous and the next frame, see [`Camera::adjacent_frames`].
     pub adjacent_frames: Option<[Affine3A; 2]>,
-    /// Half-extents of the picture at distance one (perspective) or of the view volume (orthographic).
+    /// Half width and height of the picture at distance 1 (perspective) or of the view volume (orthographic), in metres.
     half: [f32; 2],
     size: [f32; 2],
     perspective: bool,
     lens: Option<Lens>,
 }
 
-/// Where a camera stands, eight times: its axes and its eye.
-struct Stand {
+/// Eight camera poses in world space: unit axes and position.
+struct CameraPose {
     right: V3,
     up: V3,
     back: V3,
@@ -65,7 +65,8 @@ struct Stand {
 }
 
 impl CameraRays {
-    /// The vertical field stays whatever the size; the horizontal one follows the picture's aspect.
+    /// A pinhole camera. The vertical field of view is the camera's; the horizontal one follows from the aspect of the
+    /// picture, `width` × `height` pixels.
     pub fn new(camera: &Camera, width: u32, height: u32) -> Self {
         let aspect = width as f32 / height as f32;
         let (half_height, perspective) = match camera.projection {
@@ -83,20 +84,19 @@ impl CameraRays {
         }
     }
 
-    /// With a lens instead of a pinhole.
+    /// Replaces the pinhole by a thin lens.
     pub fn with_lens(self, lens: Option<Lens>) -> Self {
         Self { lens, ..self }
     }
 
-    /// Matrices for row vectors, row by row: from the world to the camera's space (x to the right, y up, z along the
-    /// view), and to the picture's (x and y from 0 in the upper left to 1 in the lower right corner, after division by
-    /// w), as OpenEXR's `worldToCamera` and `worldToNDC` have them.
+    /// The matrices of OpenEXR's `worldToCamera` and `worldToNDC`, row-major for row vectors. Camera space: x right, y up, z
+    /// along the view. NDC, after division by w: x and y from 0 in the upper left to 1 in the lower right corner.
     pub fn matrices(&self) -> [[f32; 16]; 2] {
         let m = &self.to_world.matrix3;
         let [right, up, forward] = [m.x_axis, m.y_axis, -m.z_axis].map(Vec3::from);
         let eye = Vec3::from(self.to_world.translation);
         let to_camera = Mat4::from_mat3(Mat3::from_cols(right, up, forward).transpose()) * Mat4::from_translation(-eye);
-        // Columns are what x, y, z and 1 of camera space give.
+        // The columns are the images of x, y, z and 1 in camera space.
         let [x, y] = self.half.map(|half| 0.5 / half);
         let (centre, one) = (Vec4::new(0.5, 0.5, 0.0, 0.0), Vec4::new(0.0, 0.0, 0.0, 1.0));
         let (along, constant) = match self.perspective {
@@ -104,48 +104,49 @@ impl CameraRays {
             false => (Vec4::Z, centre + one),
         };
         let to_picture = Mat4::from_cols(Vec4::X * x, Vec4::Y * -y, along, constant) * to_camera;
-        // Columns of a matrix for column vectors are the rows of that for row vectors.
+        // A matrix for column vectors, column by column, is the one for row vectors, row by row.
         [to_camera, to_picture].map(|m| m.to_cols_array())
     }
 
-    /// Where a point is in the picture, in pixels to the right and up from its middle, from where the camera stands at the
-    /// picture's own moment or from `to_world`; `None` behind it.
-    pub fn place(&self, to_world: Option<Affine3A>, p: Vec3) -> Option<Vec2> {
+    /// Projects a world-space point into the picture: pixels to the right and up from the centre. The camera-to-world transform
+    /// is `to_world`, or that of the frame itself. `None` for points behind the camera.
+    pub fn project(&self, to_world: Option<Affine3A>, p: Vec3) -> Option<Vec2> {
         let p = to_world.unwrap_or(self.to_world).inverse().transform_point3(p);
         let depth = if self.perspective { -p.z } else { 1.0 };
         let at = Vec2::new(p.x, p.y) * 0.5 * Vec2::from(self.size) / (Vec2::from(self.half) * depth);
         Some(at).filter(|at| at.is_finite() && depth > 0.0)
     }
 
-    /// As [`Self::rays`], through the points of the lens that `u` and `v`, uniform in [0, 1), choose; through the pinhole
-    /// where there is no lens.
+    /// World-space origins and unit directions of rays through the picture's points (`x`, `y`), in pixels from its upper left
+    /// corner, and through the points of the lens that `u` and `v`, uniform in [0, 1), select. Without a lens the rays pass
+    /// through the pinhole. `time` is in [0, 1] of the shutter interval.
     #[inline(always)]
     pub fn rays_through(&self, (x, y): (F, F), (u, v): (F, F), time: F) -> (V3, V3) {
-        let stand = self.stand(time);
-        let (origin, direction) = self.rays_from(&stand, x, y);
+        let pose = self.pose(time);
+        let (origin, direction) = self.rays_from(&pose, x, y);
         match &self.lens {
             None => (origin, direction),
-            Some(lens) => self.refracted(&stand, lens, (origin, direction), lens.point(u, v)),
+            Some(lens) => self.through_lens(&pose, lens, (origin, direction), lens.point(u, v)),
         }
     }
 
     #[inline(always)]
-    fn stand(&self, time: F) -> Stand {
+    fn pose(&self, time: F) -> CameraPose {
         match &self.motion {
             None => {
                 let m = &self.to_world.matrix3;
                 let [right, up, back] = [m.x_axis, m.y_axis, m.z_axis].map(|axis| V3::splat(axis.into()));
-                Stand { right, up, back, eye: V3::splat(self.to_world.translation.into()) }
+                CameraPose { right, up, back, eye: V3::splat(self.to_world.translation.into()) }
             }
-            Some(motion) => Self::moved(motion, time),
+            Some(motion) => Self::moving_pose(motion, time),
         }
     }
 
     #[inline(never)]
-    fn moved(motion: &Motion, time: F) -> Stand {
+    fn moving_pose(motion: &Motion, time: F) -> CameraPose {
         let at = time.to_array().map(|time| motion.at(time));
         let column = |of: fn(&Affine3A) -> Vec3A| V3::gather(eight(|lane| of(&at[lane]).into()));
-        Stand {
+        CameraPose {
             right: column(|m| m.matrix3.x_axis),
             up: column(|m| m.matrix3.y_axis),
             back: column(|m| m.matrix3.z_axis),
@@ -153,30 +154,30 @@ impl CameraRays {
         }
     }
 
-    /// A pinhole's ray, bent to meet it in the plane of focus after it came through this point of the lens.
+    /// The ray from a point of the lens (metres right and up) to the point where the pinhole's ray meets the focal plane.
     #[inline(never)]
-    fn refracted(
+    fn through_lens(
         &self,
-        stand: &Stand,
+        pose: &CameraPose,
         lens: &Lens,
         (origin, direction): (V3, V3),
         (across, above): (F, F),
     ) -> (V3, V3) {
-        let distance = F::splat(-lens.focus) / direction.dot(stand.back);
-        let aside = stand.right * across + stand.up * above;
-        let toward = direction * distance - aside;
-        (origin + aside, toward.normalize_or(direction))
+        let distance = F::splat(-lens.focus) / direction.dot(pose.back);
+        let offset = pose.right * across + pose.up * above;
+        let toward = direction * distance - offset;
+        (origin + offset, toward.normalize_or(direction))
     }
 
-    /// Origins and unit directions through the picture's points (`x`, `y`) in pixels from its upper left corner, at times in
-    /// [0, 1] of the shutter.
+    /// World-space origins and unit directions of pinhole rays through the picture's points (`x`, `y`), in pixels from its
+    /// upper left corner. `time` is in [0, 1] of the shutter interval.
     #[inline(always)]
     pub fn rays(&self, x: F, y: F, time: F) -> (V3, V3) {
-        self.rays_from(&self.stand(time), x, y)
+        self.rays_from(&self.pose(time), x, y)
     }
 
     #[inline(always)]
-    fn rays_from(&self, &Stand { right, up, back, eye }: &Stand, x: F, y: F) -> (V3, V3) {
+    fn rays_from(&self, &CameraPose { right, up, back, eye }: &CameraPose, x: F, y: F) -> (V3, V3) {
         let sx = x.mul_add(F::splat(2.0 / self.size[0]), F::splat(-1.0)) * F::splat(self.half[0]);
         let sy = y.mul_add(F::splat(-2.0 / self.size[1]), F::ONE) * F::splat(self.half[1]);
         let across = right * sx + up * sy;

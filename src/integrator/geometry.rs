@@ -9,30 +9,30 @@ use crate::light::AreaLights;
 use crate::sampling::warp;
 use crate::scene::{Material, Mesh, Scene, TextureRef, TextureSlot};
 
-/// How far ray origins stand off their surface, as a share of the largest coordinate involved: some sixteen roundings.
+/// Offset of ray origins from their surface relative to the largest coordinate involved: sixteen roundings.
 const ORIGIN_OFFSET: f32 = 16.0 * f32::EPSILON;
 
-/// Instances' normal matrices.
+/// Instance transforms, prepared for shading.
 #[derive(Debug)]
 pub struct Geometry {
-    instances: Vec<Option<Placed>>,
-    /// Does anything in the scene move while the shutter is open? Else rays have no times.
+    instances: Vec<Option<ShadingTransform>>,
+    /// Does anything move while the shutter is open? Else rays carry no times.
     pub moves: bool,
-    /// Is it known where things are a frame before and after?
+    /// Are positions in the previous and next frame known?
     pub has_velocities: bool,
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Placed {
-    /// To world space.
+struct ShadingTransform {
+    /// Linear part of object to world.
     linear: Mat3,
     translation: Vec3,
-    /// Inverse transpose, times the sign of the determinant: outward normals stay outward for the winding.
+    /// Normal matrix: the inverse transpose times the sign of the determinant, so that normals keep agreeing with the winding.
     normal: Mat3,
 }
 
-impl Placed {
-    const NOWHERE: Self = Self { linear: Mat3::IDENTITY, translation: Vec3::ZERO, normal: Mat3::IDENTITY };
+impl ShadingTransform {
+    const IDENTITY: Self = Self { linear: Mat3::IDENTITY, translation: Vec3::ZERO, normal: Mat3::IDENTITY };
 
     fn new(transform: Affine3A) -> Self {
         let linear = Mat3::from(transform.matrix3);
@@ -41,33 +41,33 @@ impl Placed {
     }
 }
 
-/// Eight points on surfaces that need no texture, before it is known from which side they are seen.
+/// Eight surface points without textures, independent of the viewing direction.
 #[derive(Debug, Clone, Copy)]
-pub struct Points {
+pub struct SurfacePoints {
     /// World space.
     pub position: V3,
-    /// As in [`Point`].
+    /// Geometric normals on the front side by the winding, world space, any length.
     pub ng: V3,
-    /// Interpolated; otherwise as in [`Point`].
+    /// Interpolated shading normals on the same side, any length.
     pub ns: V3,
-    /// As in [`Point`].
+    /// Offset of ray origins along the geometric normal, in metres.
     pub origin_offset: F,
 }
 
-/// A point on a surface, before it is known from which side it is seen.
+/// A surface point, independent of the viewing direction.
 #[derive(Debug, Clone, Copy)]
-pub struct Point<'a> {
+pub struct SurfacePoint<'a> {
     /// World space.
     pub position: Vec3,
-    /// Geometric normal on the side that the winding calls the front; any length.
+    /// Geometric normal on the front side by the winding, world space, any length.
     pub ng: Vec3,
-    /// Shading normal on the same side, interpolated and mapped; any length.
+    /// Shading normal on the same side, interpolated and normal-mapped, any length.
     pub ns: Vec3,
-    /// Unit normal of the coat on the same side; zero where it is the shading normal, or there is no coat.
-    coat: Vec3,
-    /// Unit direction along the surface in which it is rougher; zero if it has none.
-    rough: Vec3,
-    /// How far along the geometric normal rays begin.
+    /// Unit normal of the clear coat on the same side; zero where it is the shading normal or there is no coat.
+    coat_normal: Vec3,
+    /// Unit direction of the higher roughness; zero if roughness is isotropic.
+    anisotropy_tangent: Vec3,
+    /// Offset of ray origins along the geometric normal, in metres.
     pub origin_offset: f32,
     /// Interpolated texture coordinates of both sets.
     pub texcoords: [Vec2; 2],
@@ -80,13 +80,14 @@ pub struct Point<'a> {
 }
 
 impl Geometry {
-    /// Prepares a scene's instances.
+    /// Prepares the instances of a scene.
     pub fn new(scene: &Scene) -> Self {
-        let instances = scene.instances.iter().map(|instance| instance.transform.map(Placed::new)).collect();
+        let instances = scene.instances.iter().map(|instance| instance.transform.map(ShadingTransform::new)).collect();
         Self { instances, moves: scene.moves(), has_velocities: scene.has_velocities() }
     }
 
-    /// The surfaces at eight hits, none of which moves, without normal maps: `u`, `v` as for [`point`](Self::point).
+    /// The surface points at eight hits on static geometry without normal maps; `u` and `v` are the barycentric weights of the
+    /// second and third vertex.
     #[inline(always)]
     pub fn points(
         &self,
@@ -95,7 +96,7 @@ impl Geometry {
         mesh: [u32; LANES],
         prim: [u32; LANES],
         (u, v): (F, F),
-    ) -> Points {
+    ) -> SurfacePoints {
         let meshes = eight(|lane| &scene.meshes[mesh[lane] as usize]);
         let indices = eight(|lane| meshes[lane].indices[prim[lane] as usize]);
         let corner = |k: usize| {
@@ -126,24 +127,25 @@ impl Geometry {
             let interpolated = a + (normal(1) - a) * u + (normal(2) - a) * v;
             ns = V3::select(interpolated.length_squared().simd_gt(F::ZERO), interpolated, ng);
         }
-        let placed = eight(|lane| self.instances[instance[lane] as usize].as_ref());
-        if placed.iter().any(Option::is_some) {
-            let placed = eight(|lane| placed[lane].unwrap_or(&Placed::NOWHERE));
-            let columns =
-                |m: fn(&Placed) -> &Mat3| [0, 1, 2].map(|axis| V3::gather(eight(|lane| m(placed[lane]).col(axis))));
-            let transform = |[x, y, z]: &[V3; 3], p: V3| *x * p.x + *y * p.y + *z * p.z;
+        let transform = eight(|lane| self.instances[instance[lane] as usize].as_ref());
+        if transform.iter().any(Option::is_some) {
+            let transform = eight(|lane| transform[lane].unwrap_or(&ShadingTransform::IDENTITY));
+            let columns = |m: fn(&ShadingTransform) -> &Mat3| {
+                [0, 1, 2].map(|axis| V3::gather(eight(|lane| m(transform[lane]).col(axis))))
+            };
+            let apply = |[x, y, z]: &[V3; 3], p: V3| *x * p.x + *y * p.y + *z * p.z;
             let (linear, normal) = (columns(|p| &p.linear), columns(|p| &p.normal));
-            position = transform(&linear, position) + V3::gather(eight(|lane| placed[lane].translation));
-            (e1, e2) = (transform(&linear, e1), transform(&linear, e2));
-            (ng, ns) = (transform(&normal, ng), transform(&normal, ns));
+            position = apply(&linear, position) + V3::gather(eight(|lane| transform[lane].translation));
+            (e1, e2) = (apply(&linear, e1), apply(&linear, e2));
+            (ng, ns) = (apply(&normal, ng), apply(&normal, ns));
         }
         let size = |v: V3| v.abs().max_element();
         let extent = size(position).fast_max(size(e1)).fast_max(size(e2));
-        Points { position, ng, ns, origin_offset: extent * F::splat(ORIGIN_OFFSET) }
+        SurfacePoints { position, ng, ns, origin_offset: extent * F::splat(ORIGIN_OFFSET) }
     }
 
-    /// The surface at a hit: barycentric weights `u`, `v` of the second and third vertex of triangle `prim`, at a time in
-    /// [0, 1] of the shutter.
+    /// The surface point at a hit on triangle `prim`; `u` and `v` are the barycentric weights of its second and third vertex,
+    /// `time` is in [0, 1] of the shutter interval.
     #[inline]
     pub fn point<'a>(
         &self,
@@ -151,7 +153,7 @@ impl Geometry {
         (instance, mesh, prim): (u32, u32, u32),
         (u, v): (f32, f32),
         time: f32,
-    ) -> Point<'a> {
+    ) -> SurfacePoint<'a> {
         let mesh = &scene.meshes[mesh as usize];
         let material = &scene.materials[mesh.material as usize];
         let vertices = mesh.indices[prim as usize];
@@ -164,12 +166,12 @@ impl Geometry {
         let (mut e1, mut e2) = (b - a, c - a);
         let mut position = a + e1 * u + e2 * v;
         let mut ng = e1.cross(e2);
-        let moved = if self.moves { moved(scene, instance, time) } else { None };
-        let placed = moved.as_ref().or(self.instances[instance as usize].as_ref());
-        if let Some(placed) = placed {
-            position = placed.linear * position + placed.translation;
-            (e1, e2) = (placed.linear * e1, placed.linear * e2);
-            ng = placed.normal * ng;
+        let moving_transform = if self.moves { moving_transform(scene, instance, time) } else { None };
+        let transform = moving_transform.as_ref().or(self.instances[instance as usize].as_ref());
+        if let Some(transform) = transform {
+            position = transform.linear * position + transform.translation;
+            (e1, e2) = (transform.linear * e1, transform.linear * e2);
+            ng = transform.normal * ng;
         }
         let extent = position.abs().max(e1.abs()).max(e2.abs()).max_element();
         let texcoords = std::array::from_fn(|set| match &mesh.texcoords[set] {
@@ -189,29 +191,41 @@ impl Geometry {
 
         let mut ns = ng;
         if let Some(normals) = &mesh.normals {
-            let still = || index.map(|i| Vec3::from_array(normals[i]));
-            let [a, b, c] = deformed.and_then(|motion| motion.normals(vertices, time)).unwrap_or_else(still);
+            let static_normals = || index.map(|i| Vec3::from_array(normals[i]));
+            let [a, b, c] = deformed.and_then(|motion| motion.normals(vertices, time)).unwrap_or_else(static_normals);
             let mut n = a + (b - a) * u + (c - a) * v;
-            if let Some(placed) = placed {
-                n = placed.normal * n;
+            if let Some(transform) = transform {
+                n = transform.normal * n;
             }
             ns = if n.length_squared() > 0.0 { n } else { ng };
         }
-        let corner = Corner { scene, mesh, material, placed, index, barycentric: (u, v), texcoords, ns };
-        let coated_or_rough = material.clearcoat > 0.0 || material.anisotropy > 0.0;
-        let (coat, rough) = if coated_or_rough { corner.coat_and_rough() } else { (Vec3::ZERO, Vec3::ZERO) };
-        let ns = corner.mapped(TextureSlot::Normal, material.normal_scale).unwrap_or(ns);
-        Point { position, ng, ns, coat, rough, origin_offset: ORIGIN_OFFSET * extent, texcoords, color, material, mesh }
+        let corner = Interpolated { scene, mesh, material, transform, index, barycentric: (u, v), texcoords, ns };
+        let coated_or_anisotropic = material.clearcoat > 0.0 || material.anisotropy > 0.0;
+        let (coat_normal, anisotropy_tangent) =
+            if coated_or_anisotropic { corner.coat_normal_and_tangent() } else { (Vec3::ZERO, Vec3::ZERO) };
+        let ns = corner.mapped_normal(TextureSlot::Normal, material.normal_scale).unwrap_or(ns);
+        SurfacePoint {
+            position,
+            ng,
+            ns,
+            coat_normal,
+            anisotropy_tangent,
+            origin_offset: ORIGIN_OFFSET * extent,
+            texcoords,
+            color,
+            material,
+            mesh,
+        }
     }
 }
 
-/// What is known of a point before its normals are mapped.
-struct Corner<'a> {
+/// A surface point before normal mapping.
+struct Interpolated<'a> {
     scene: &'a Scene,
     mesh: &'a Mesh,
     material: &'a Material,
-    placed: Option<&'a Placed>,
-    /// Of its triangle's vertices.
+    transform: Option<&'a ShadingTransform>,
+    /// Vertex indices of the triangle.
     index: [usize; 3],
     barycentric: (f32, f32),
     texcoords: [Vec2; 2],
@@ -219,13 +233,13 @@ struct Corner<'a> {
     ns: Vec3,
 }
 
-impl Corner<'_> {
+impl Interpolated<'_> {
     #[inline(always)]
     fn texel(&self, map: &TextureRef) -> Vec3 {
         self.scene.sample_texture(map, self.texcoords[usize::from(map.set.min(1))]).truncate()
     }
 
-    /// Tangent, bitangent and normal.
+    /// Unit tangent, bitangent and shading normal in world space; `None` for meshes without tangents.
     #[inline(always)]
     fn frame(&self) -> Option<(Vec3, Vec3, Vec3)> {
         let tangents = self.mesh.tangents.as_ref()?;
@@ -234,100 +248,101 @@ impl Corner<'_> {
         let (u, v) = self.barycentric;
         let mut tangent = (a + (b - a) * u + (c - a) * v).truncate();
         let mut sign = a.w;
-        if let Some(placed) = self.placed {
-            tangent = placed.linear * tangent;
-            sign *= placed.linear.determinant().signum();
+        if let Some(transform) = self.transform {
+            tangent = transform.linear * tangent;
+            sign *= transform.linear.determinant().signum();
         }
         let tangent = (tangent - ns * ns.dot(tangent)).normalize_or(warp::frame(ns).0);
         Some((tangent, ns.cross(tangent) * sign, ns))
     }
 
-    /// The normal of a map.
+    /// The unit normal that a normal map gives, if there is one.
     #[inline(always)]
-    fn mapped(&self, slot: TextureSlot, scale: f32) -> Option<Vec3> {
+    fn mapped_normal(&self, slot: TextureSlot, scale: f32) -> Option<Vec3> {
         let map = self.material.textures[slot].as_ref()?;
         let (tangent, bitangent, ns) = self.frame()?;
         let n = self.texel(map) * 2.0 - Vec3::ONE;
         Some((tangent * (n.x * scale) + bitangent * (n.y * scale) + ns * n.z).normalize_or(ns))
     }
 
-    /// The coat's normal and the direction of roughness, as in [`Point`]; apart, as few materials have either.
+    /// The coat normal and anisotropy tangent of [`SurfacePoint`]. Not inlined, because few materials have either.
     #[inline(never)]
-    fn coat_and_rough(&self) -> (Vec3, Vec3) {
+    fn coat_normal_and_tangent(&self) -> (Vec3, Vec3) {
         let Self { material, ns, .. } = self;
-        // A coat lies over the bumps of what is beneath.
-        let coat = match material.clearcoat > 0.0 && self.mesh.tangents.is_some() {
+        // The coat has its own normal map; the base's does not apply to it.
+        let coat_normal = match material.clearcoat > 0.0 && self.mesh.tangents.is_some() {
             true => {
-                let mapped = self.mapped(TextureSlot::ClearcoatNormal, material.clearcoat_normal_scale);
-                mapped.unwrap_or(ns.normalize_or_zero())
+                let mapped_normal = self.mapped_normal(TextureSlot::ClearcoatNormal, material.clearcoat_normal_scale);
+                mapped_normal.unwrap_or(ns.normalize_or_zero())
             }
             false => Vec3::ZERO,
         };
-        let rough = self.frame().filter(|_| material.anisotropy > 0.0).map(|(tangent, bitangent, _)| {
+        let anisotropy_tangent = self.frame().filter(|_| material.anisotropy > 0.0).map(|(tangent, bitangent, _)| {
             let map = material.textures[TextureSlot::Anisotropy].as_ref();
             let along = map.map_or(Vec2::X, |map| self.texel(map).truncate() * 2.0 - Vec2::ONE);
             let along = Vec2::from_angle(material.anisotropy_rotation).rotate(along.normalize_or(Vec2::X));
             tangent * along.x + bitangent * along.y
         });
-        (coat, rough.unwrap_or_default())
+        (coat_normal, anisotropy_tangent.unwrap_or_default())
     }
 }
 
-/// How an instance that moves stands at a time.
+/// The transform of a moving instance at a time; `None` for a static one.
 #[inline(never)]
-fn moved(scene: &Scene, instance: u32, time: f32) -> Option<Placed> {
-    Some(Placed::new(scene.instances[instance as usize].motion.as_ref()?.at(time)))
+fn moving_transform(scene: &Scene, instance: u32, time: f32) -> Option<ShadingTransform> {
+    Some(ShadingTransform::new(scene.instances[instance as usize].motion.as_ref()?.at(time)))
 }
 
-impl Point<'_> {
-    /// Does an emissive material shine here against a ray of this direction? One-sided ones do from their front.
+impl SurfacePoint<'_> {
+    /// Does the side that a ray of this direction hits emit? Single-sided materials emit from their front.
     #[inline]
-    pub fn shines_against(&self, direction: Vec3) -> bool {
+    pub fn emits_against(&self, direction: Vec3) -> bool {
         self.material.double_sided || self.ng.dot(direction) < 0.0
     }
 
-    /// What it emits against a ray of this direction, where triangle `prim` was hit at `barycentric`.
+    /// Radiance emitted toward the origin of a ray of this direction, which hit triangle `prim` at `barycentric`.
     #[inline]
-    pub fn radiance(&self, scene: &Scene, prim: u32, barycentric: (f32, f32), direction: Vec3) -> Vec3 {
+    pub fn emitted_radiance(&self, scene: &Scene, prim: u32, barycentric: (f32, f32), direction: Vec3) -> Vec3 {
         AreaLights::radiance(scene, self.mesh, prim, barycentric, self.ng.normalize_or_zero().dot(direction))
     }
 
-    /// Does a ray of this direction see its back?
+    /// Does a ray of this direction hit the back side?
     #[inline]
-    pub fn is_behind(&self, direction: Vec3) -> bool {
+    pub fn is_back_facing(&self, direction: Vec3) -> bool {
         self.ng.dot(direction) > 0.0
     }
 
-    /// Base colour with texture and vertex colour.
+    /// Linear RGB base colour with texture and vertex colour.
     #[inline]
     pub fn base_color(&self, scene: &Scene) -> Vec3 {
         let color = (self.material.base_color * self.color).truncate();
         self.texel(scene, TextureSlot::BaseColor).map_or(color, |texel| color * texel.truncate())
     }
 
-    /// The material's parameters here.
+    /// Material parameters with textures, seen from the front and without tangent.
     #[inline]
     pub fn parameters(&self, scene: &Scene) -> Surface {
         materials::surface(self.material, self.base_color(scene), |slot| self.texel(scene, slot))
     }
 
-    /// The scattering, where no surface of the scene has more than the core model.
+    /// The BSDF, for scenes whose materials need only the core model.
     #[inline(always)]
     pub fn core(&self, scene: &Scene) -> Core {
         materials::core(self.material, self.base_color(scene), |slot| self.texel(scene, slot)).core()
     }
 
-    /// The parameters as a ray of this direction meets them.
+    /// Material parameters as seen by a ray of this direction.
     #[inline]
-    pub fn seen(&self, scene: &Scene, direction: Vec3) -> Surface {
-        let behind = self.is_behind(direction);
-        let clearcoat_normal = if behind { -self.coat } else { self.coat };
+    pub fn surface_from(&self, scene: &Scene, direction: Vec3) -> Surface {
+        let back_facing = self.is_back_facing(direction);
+        let clearcoat_normal = if back_facing { -self.coat_normal } else { self.coat_normal };
         let surface = self.parameters(scene);
-        let anisotropy = surface.anisotropy.map(|anisotropy| Anisotropy { tangent: self.rough, ..anisotropy });
-        Surface { behind, clearcoat_normal, anisotropy, ..surface }
+        let anisotropy =
+            surface.anisotropy.map(|anisotropy| Anisotropy { tangent: self.anisotropy_tangent, ..anisotropy });
+        Surface { back_facing, clearcoat_normal, anisotropy, ..surface }
     }
 
-    /// What the material's texture reads here, if there is one.
+    /// The texel of a texture slot, if the material has a texture there.
     #[inline]
     fn texel(&self, scene: &Scene, slot: TextureSlot) -> Option<Vec4> {
         let texture = self.material.textures[slot].as_ref()?;

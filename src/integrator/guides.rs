@@ -1,11 +1,11 @@
-//! What pixels' centres show, by which pixels know from which neighbours to learn.
+//! Auxiliary features of pixels (object, normal, depth), which decide what statistics neighbouring pixels share.
 
-use super::Transport;
+use super::transport::Transport;
 use crate::balance::spread::Guide;
 use crate::lanes::{F, LANES, U};
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 
-/// What the centres of `pixels` show, found by rays of their own: nothing in it depends on a pixel's samples.
+/// Features at the centres of `pixels`, by one extra ray each: they do not depend on the pixels' samples.
 pub fn guides(transport: &Transport, pixels: &[[u32; 2]]) -> Vec<Guide> {
     let (mut rays, mut hits) = (RayBatch::default(), HitBatch::default());
     let time = F::splat(0.5);

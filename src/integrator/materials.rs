@@ -1,4 +1,4 @@
-//! Materials, as far as they are the same everywhere.
+//! Per-scene and per-mesh material data that does not depend on the hit point.
 
 use std::sync::Arc;
 
@@ -7,101 +7,106 @@ use glam::{Vec3, Vec4};
 use crate::bsdf::{Anisotropy, Bsdf, Iridescence, LobeSet, Surface};
 use crate::scene::{Material, Mesh, Scene, TextureSlot};
 
-/// How much of shading a mesh needs.
+/// What shading a mesh needs.
 #[derive(Debug, Clone, Copy)]
-pub struct Kind {
-    /// Its index into [`Scene::materials`].
+pub struct MeshMaterial {
+    /// Index into [`Scene::materials`].
     pub material: u32,
-    /// No texture or vertex colour varies its scattering or its normal, and it stands still.
-    pub plain: bool,
-    /// No texture or vertex colour varies that nothing scatters.
+    /// Are BSDF and normal map constant (no textures, no vertex colours), and is the mesh static?
+    pub constant: bool,
+    /// Is the BSDF constant and zero?
     pub black: bool,
-    /// It emits, or is unlit.
-    pub shines: bool,
-    /// It does nothing but emit its colour.
+    /// Does it emit, or is it unlit?
+    pub emits: bool,
+    /// KHR_materials_unlit: does it only emit its base colour?
     pub unlit: bool,
-    /// It bounds a body of this medium, an index into [`Materials::media`].
-    pub bounds: Option<u32>,
+    /// The medium that it bounds, an index into [`Materials::media`]; `None` for surfaces that bound none.
+    pub interior_medium: Option<u32>,
 }
 
-/// The scattering of each material that no texture or vertex colour varies, made once, and each mesh's kind.
+/// The constant BSDF of each material, computed once, and the shading that each mesh needs.
 #[derive(Debug)]
 pub struct Materials {
-    /// Seen from the front and, where something transmits, from behind.
+    /// By material, seen from the front and, if the scene transmits, from the back.
     constant: [Vec<Bsdf>; 2],
-    kinds: Vec<Kind>,
-    /// Lobes that the scene's surfaces may have.
+    mesh_materials: Vec<MeshMaterial>,
+    /// Union of the lobes that surfaces of the scene may have.
     pub lobes: LobeSet,
-    /// Does light pass through a surface of the scene?
+    /// Does any surface transmit light?
     pub transmits: bool,
-    /// Does it do so by its colour?
+    /// Does any surface disperse?
     pub disperses: bool,
-    /// Absorption per metre in media by their numbers, the first of which absorbs nothing and is everywhere where no
-    /// other is. Without others nobody asks in which a path is.
+    /// Absorption coefficients of the media, linear RGB per metre. Medium 0 is the vacuum outside all others. If it is the
+    /// only one, rays do not track media.
     pub media: Vec<Vec3>,
 }
 
 impl Materials {
-    /// Prepares a scene's materials.
+    /// Prepares the materials of a scene.
     pub fn new(scene: &Scene) -> Self {
-        let constant: Vec<_> = scene.materials.iter().map(|m| plain(m).bsdf()).collect();
+        let constant: Vec<_> = scene.materials.iter().map(|m| untextured(m).bsdf()).collect();
         let mut media = vec![Vec3::ZERO];
-        let mut bounds = |m: &Material| {
+        let mut add_medium = |m: &Material| {
             let absorbs = m.absorption.max_element() > 0.0;
             absorbs.then(|| media.push(m.absorption));
             if absorbs { media.len() as u32 - 1 } else { 0 }
         };
-        let bodies: Vec<_> =
-            scene.materials.iter().map(|m| (m.transmits() && m.bounds_medium).then(|| bounds(m))).collect();
+        let interiors: Vec<_> =
+            scene.materials.iter().map(|m| (m.transmits() && m.bounds_medium).then(|| add_medium(m))).collect();
         let kind = |(mesh, moves): (&Arc<Mesh>, bool)| {
-            let kind = kind(scene, mesh, &constant);
-            Kind { bounds: bodies[mesh.material as usize], plain: kind.plain && !moves, ..kind }
+            let kind = classify(scene, mesh, &constant);
+            MeshMaterial {
+                interior_medium: interiors[mesh.material as usize],
+                constant: kind.constant && !moves,
+                ..kind
+            }
         };
-        let kinds: Vec<_> = scene.meshes.iter().zip(scene.moving_meshes()).map(kind).collect();
-        let lit = || kinds.iter().filter(|kind| !kind.unlit).map(|kind| &scene.materials[kind.material as usize]);
-        let lobes = lit().map(lobes).fold(LobeSet::default(), LobeSet::union);
+        let mesh_materials: Vec<_> = scene.meshes.iter().zip(scene.moving_meshes()).map(kind).collect();
+        let lit =
+            || mesh_materials.iter().filter(|kind| !kind.unlit).map(|kind| &scene.materials[kind.material as usize]);
+        let lobes = lit().map(possible_lobes).fold(LobeSet::default(), LobeSet::union);
         let transmits = lit().any(Material::transmits);
         let disperses = lit().any(Material::disperses);
-        let behind = if transmits {
-            scene.materials.iter().map(|m| Surface { behind: true, ..plain(m) }.bsdf()).collect()
+        let back_facing = if transmits {
+            scene.materials.iter().map(|m| Surface { back_facing: true, ..untextured(m) }.bsdf()).collect()
         } else {
             Vec::new()
         };
-        Self { constant: [constant, behind], kinds, lobes, transmits, disperses, media }
+        Self { constant: [constant, back_facing], mesh_materials, lobes, transmits, disperses, media }
     }
 
-    /// The kind of a mesh.
+    /// The shading that a mesh needs.
     #[inline]
-    pub fn kind(&self, mesh: u32) -> &Kind {
-        &self.kinds[mesh as usize]
+    pub fn mesh_material(&self, mesh: u32) -> &MeshMaterial {
+        &self.mesh_materials[mesh as usize]
     }
 
-    /// The scattering of a plain mesh. `behind` only where the scene transmits.
+    /// The BSDF of a mesh whose material is constant; `back_facing` only in scenes that transmit.
     #[inline]
-    pub fn plain(&self, mesh: u32, behind: bool) -> &Bsdf {
-        &self.constant[usize::from(behind)][self.kinds[mesh as usize].material as usize]
+    pub fn constant_bsdf(&self, mesh: u32, back_facing: bool) -> &Bsdf {
+        &self.constant[usize::from(back_facing)][self.mesh_materials[mesh as usize].material as usize]
     }
 
-    /// Do media absorb?
+    /// Is there an absorbing medium?
     #[inline]
     pub fn absorbs(&self) -> bool {
         self.media.len() > 1
     }
 
-    /// The media on the eye's side of a surface and beyond it, where a ray in `medium` meets a mesh.
+    /// The media on the side of `wo` and beyond the surface, where a ray in `medium` hits a mesh.
     #[inline]
-    pub fn sides(&self, mesh: u32, behind: bool, medium: u32) -> [u32; 2] {
-        match self.kind(mesh).bounds {
-            Some(inside) if behind => [inside, 0],
+    pub fn media_at_surface(&self, mesh: u32, back_facing: bool, medium: u32) -> [u32; 2] {
+        match self.mesh_material(mesh).interior_medium {
+            Some(inside) if back_facing => [inside, 0],
             Some(inside) => [medium, inside],
             None => [medium; 2],
         }
     }
 }
 
-fn kind(scene: &Scene, mesh: &Mesh, constant: &[Bsdf]) -> Kind {
+fn classify(scene: &Scene, mesh: &Mesh, constant: &[Bsdf]) -> MeshMaterial {
     let m = &scene.materials[mesh.material as usize];
-    let plain = mesh.colors.is_none()
+    let constant_surface = mesh.colors.is_none()
         && !m.disperses()
         && (m.anisotropy == 0.0 || mesh.tangents.is_none())
         && TextureSlot::ALL.iter().all(|&slot| match slot {
@@ -109,26 +114,33 @@ fn kind(scene: &Scene, mesh: &Mesh, constant: &[Bsdf]) -> Kind {
             TextureSlot::Normal | TextureSlot::ClearcoatNormal => m.textures[slot].is_none() || mesh.tangents.is_none(),
             _ => m.textures[slot].is_none(),
         });
-    let black = plain && constant[mesh.material as usize].lobes().is_empty();
-    Kind { material: mesh.material, plain, black, shines: m.unlit || m.is_emissive(), unlit: m.unlit, bounds: None }
-}
-
-/// The parameters without textures and vertex colours.
-fn plain(material: &Material) -> Surface {
-    surface(material, material.base_color.truncate(), |_| None)
-}
-
-/// Lobes that a material may have. Textures and vertex colours multiply: a lobe that is missing without them is missing
-/// with them, but for those of dielectrics, and the innermost, which needs no place in the set.
-fn lobes(material: &Material) -> LobeSet {
-    let plain = plain(material);
-    match material.textures[TextureSlot::MetallicRoughness] {
-        Some(_) => plain.bsdf().lobes().union(Surface { metallic: 0.0, ..plain }.bsdf().lobes()),
-        None => plain.bsdf().lobes(),
+    let black = constant_surface && constant[mesh.material as usize].lobes().is_empty();
+    MeshMaterial {
+        material: mesh.material,
+        constant: constant_surface,
+        black,
+        emits: m.unlit || m.is_emissive(),
+        unlit: m.unlit,
+        interior_medium: None,
     }
 }
 
-/// A material's parameters where its base colour is `base_color` and its other textures read `texel`.
+/// Material parameters without textures and vertex colours.
+fn untextured(material: &Material) -> Surface {
+    surface(material, material.base_color.truncate(), |_| None)
+}
+
+/// The lobes that a material may have at some point. Textures and vertex colours multiply, so a lobe that is absent without
+/// them is absent with them; only a metalness texture can uncover the lobes of the dielectric.
+fn possible_lobes(material: &Material) -> LobeSet {
+    let surface = untextured(material);
+    match material.textures[TextureSlot::MetallicRoughness] {
+        Some(_) => surface.bsdf().lobes().union(Surface { metallic: 0.0, ..surface }.bsdf().lobes()),
+        None => surface.bsdf().lobes(),
+    }
+}
+
+/// Material parameters for the base colour `base_color` and the texels that `texel` returns for the other textures.
 #[inline(always)]
 pub fn surface(material: &Material, base_color: Vec3, texel: impl Fn(TextureSlot) -> Option<Vec4>) -> Surface {
     let mut s = Surface {
@@ -185,7 +197,7 @@ pub fn surface(material: &Material, base_color: Vec3, texel: impl Fn(TextureSlot
     s
 }
 
-/// Of these, the core model's.
+/// Parameters of the core model only, from the same arguments as [`surface`].
 #[inline(always)]
 pub fn core(material: &Material, base_color: Vec3, texel: impl Fn(TextureSlot) -> Option<Vec4>) -> Surface {
     let mut s = Surface {

@@ -1,103 +1,103 @@
-//! What the paths of a wave have found so far, and how it comes to their pixels.
+//! Accumulated radiance of the paths of a wave, and its transfer to their pixels.
 
 use glam::Vec3;
 
 use super::batch::{PixelBatch, PixelTask};
-use super::queues::{NO_RECORD, PUNCTUAL, ShadowRays};
+use super::queues::{NO_RECORD, PUNCTUAL_GROUP, ShadowRays};
 use crate::balance::{Contribution, Technique, deal};
 use crate::color::luminance;
 use crate::lanes::{LANES, U, V3, eight};
 use crate::light::LightSampleRecord;
 
-/// A path of the wave.
+/// State of a path of the wave.
 #[derive(Debug, Clone, Copy)]
 pub struct PathState {
-    /// Its pixel's place in the batch.
+    /// Index of its pixel in the batch.
     pub pixel: u32,
-    /// All that it has found.
+    /// Radiance so far, linear RGB.
     pub radiance: Vec3,
-    /// Of this, lights seen directly and by one bounce.
+    /// The part of `radiance` with at most one bounce: emission seen directly, and direct illumination.
     pub direct: Vec3,
     /// Did its camera ray hit a surface?
     pub covered: bool,
-    /// How many light samples it takes at its first surface.
+    /// Number of light samples at the first surface.
     pub light: u8,
-    /// How many BSDF samples it takes there.
+    /// Number of BSDF samples at the first surface.
     pub bsdf: u8,
-    /// The number of the first of these light samples in its pixel.
+    /// Index of the first of these light samples in the pixel's sequence.
     pub first_light: u32,
-    /// The number of the first of these BSDF samples in its pixel.
+    /// Index of the first of these BSDF samples in the pixel's sequence.
     pub first_bsdf: u32,
-    /// Samples a path of its pixel: toward the environment, toward area lights, of the BSDF.
-    pub rates: [f32; 3],
+    /// Samples per path of its pixel: environment, area lights, BSDF.
+    pub samples_per_path: [f32; 3],
 }
 
-/// A BSDF sample at a first surface, and what descends from it.
+/// The sub-path that begins with a BSDF sample at a first surface.
 #[derive(Debug, Clone, Copy)]
 pub struct SubPath {
-    /// Path of the wave.
+    /// Index of its path in the wave.
     pub path: u32,
     /// Index of the BSDF sample in its pixel's sequence.
     pub index: u32,
-    /// Light that came by further surfaces.
+    /// Radiance that it contributes by way of further surfaces.
     pub indirect: Vec3,
 }
 
-/// A ray that leaves a surface, as it was drawn: of what paths are learned from. Its sub-path is its number.
+/// How a ray was sampled at a surface, for training of the guiding field. Record i belongs to sub-path i.
 #[derive(Debug, Clone, Copy)]
-pub struct Step {
-    /// The ray that led there; [`CAMERA`] if the camera's did.
+pub struct ScatterRecord {
+    /// Record of the ray that arrived at the surface; [`NO_PARENT`] for a camera ray.
     pub parent: u32,
-    /// Where it begins.
+    /// Origin of the ray, world space.
     pub position: Vec3,
-    /// Unit geometric normal on the side that was met.
+    /// Unit geometric normal on the side of `wo`.
     pub normal: Vec3,
-    /// Its unit direction.
+    /// Unit direction of the ray.
     pub wi: Vec3,
-    /// Luminance of the throughput that the surface had.
+    /// Luminance of the path throughput at the surface, before scattering.
     pub beta: f32,
-    /// Does the surface scatter widely enough to be guided?
-    pub broad: bool,
-    /// Luminance that the light sample of the vertex where it ended brought, of lights with extent.
+    /// Is the surface diffuse enough to be guided?
+    pub diffuse: bool,
+    /// Luminance contributed by the light sample (environment or area light) at the vertex where the ray ends.
     pub light: f32,
-    /// Chances that a light sample where it begins had, and it itself.
-    pub chances: [f32; 2],
-    /// Density with which it was drawn, of the BSDF, and of the field.
+    /// Roulette probabilities at the surface: of the light sample, and of continuing the path with this ray.
+    pub roulette: [f32; 2],
+    /// Densities per solid angle of the direction: of the mixture that sampled it, of the BSDF, of the field.
     pub pdf: [f32; 3],
 }
 
-/// The parent of rays from first surfaces.
-pub const CAMERA: u32 = u32::MAX;
+/// [`ScatterRecord::parent`] of rays from first surfaces.
+pub const NO_PARENT: u32 = u32::MAX;
 
-/// A mirror at the end of a path's chain of mirrors.
+/// The last vertex of a chain of mirrors at the start of a path.
 #[derive(Debug, Clone, Copy)]
-pub struct Mirror {
-    /// Product of the base colours so far.
+pub struct MirrorVertex {
+    /// Product of the base colours of the chain.
     pub tint: Vec3,
-    /// The first one's, turned to the eye.
+    /// Shading normal of the first mirror, on the camera's side.
     pub normal: Vec3,
-    /// Where on the path it is, 0 for the first hit.
+    /// Index of the vertex on the path, 0 for the first hit.
     pub depth: u32,
 }
 
-/// Samples that were left out because their light was no finite number.
+/// Samples that were discarded because their radiance was not finite.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Faults {
-    /// How many.
+pub struct NonFiniteSamples {
+    /// Number of samples.
     pub count: u64,
-    /// The path of the first.
+    /// Path of the first one.
     pub first: Option<u32>,
 }
 
-impl Faults {
-    /// One more, of this path of the wave.
+impl NonFiniteSamples {
+    /// Counts a sample of a path of the wave.
     #[inline]
     pub fn add(&mut self, path: u32) {
         self.count += 1;
         self.first.get_or_insert(path);
     }
 
-    /// Those of eight paths whose bit is set.
+    /// Counts a sample for each of eight paths whose bit is set.
     #[inline(always)]
     pub fn add_lanes(&mut self, bits: u32, paths: U) {
         if bits != 0 {
@@ -106,52 +106,52 @@ impl Faults {
     }
 }
 
-/// A contribution whose brightest channel is `most` at most, and the share of it that is left.
+/// Scales a contribution so that no channel exceeds `limit`. Returns it with the scale factor.
 #[inline]
-pub fn limited(radiance: Vec3, most: f32) -> (Vec3, f32) {
+pub fn clamp_contribution(radiance: Vec3, limit: f32) -> (Vec3, f32) {
     let peak = radiance.max_element();
-    if peak > most { (radiance * (most / peak), most / peak) } else { (radiance, 1.0) }
+    if peak > limit { (radiance * (limit / peak), limit / peak) } else { (radiance, 1.0) }
 }
 
-/// Paths, and sub-paths of paths, with what they have found.
+/// The paths and sub-paths of a wave, with their accumulated radiance.
 #[derive(Debug, Default)]
 pub struct PathStates {
-    /// The wave's paths, pixel by pixel.
+    /// The paths, pixel by pixel.
     pub paths: Vec<PathState>,
-    /// Their BSDF samples at first surfaces that went on.
+    /// The sub-paths of all paths. While training, every scattered ray is one.
     pub sub_paths: Vec<SubPath>,
-    /// What was left out.
-    pub faults: Faults,
-    /// Of each path, the mirror in which its guide is still looked for; empty if nobody asks.
-    pub mirrors: Vec<Option<Mirror>>,
-    /// Of each sub-path, how it was drawn: where paths are learned from, and every ray is then a sub-path. Its light is that which
-    /// it brings itself, until [`gather`](Self::gather).
-    pub steps: Option<Vec<Step>>,
-    /// Light samples toward area lights, where these are learned of; their pixels are places in the batch.
+    /// Discarded samples.
+    pub non_finite: NonFiniteSamples,
+    /// By path, the mirror chain whose end is still to be found for the denoising guides; empty if they are not requested.
+    pub mirrors: Vec<Option<MirrorVertex>>,
+    /// By sub-path, how its first ray was sampled; present while training. `SubPath::indirect` then holds only the radiance
+    /// found at the end of that ray, until [`accumulate_descendants`](Self::accumulate_descendants).
+    pub scatter_records: Option<Vec<ScatterRecord>>,
+    /// Light samples of area lights; present while light distributions are learned. `pixel` is an index into the batch.
     pub light_sample_records: Option<Vec<LightSampleRecord>>,
 }
 
 impl PathStates {
-    /// Adds to each sub-path's light that of those that descend from it.
-    pub fn gather(&mut self) {
-        let steps = self.steps.as_deref().unwrap_or_default();
-        for (i, step) in steps.iter().enumerate().rev().filter(|(_, step)| step.parent != CAMERA) {
+    /// Adds to the radiance of each sub-path that of its descendants.
+    pub fn accumulate_descendants(&mut self) {
+        let scatter_records = self.scatter_records.as_deref().unwrap_or_default();
+        for (i, record) in scatter_records.iter().enumerate().rev().filter(|(_, record)| record.parent != NO_PARENT) {
             let light = self.sub_paths[i].indirect;
-            self.sub_paths[step.parent as usize].indirect += light;
+            self.sub_paths[record.parent as usize].indirect += light;
         }
     }
 
-    /// Begins each pixel's paths, each with its part of the pixel's samples. `environment_probability` as for
-    /// [`Counts::rates`](crate::balance::Counts::rates).
-    pub fn begin(&mut self, tasks: &[PixelTask], environment_probability: f32) {
+    /// Starts the paths of all pixels and distributes each pixel's samples over its paths. `environment_probability` is that
+    /// of [`Lights`](crate::light::Lights).
+    pub fn start_paths(&mut self, tasks: &[PixelTask], environment_probability: f32) {
         self.paths.clear();
         self.sub_paths.clear();
-        self.faults = Faults::default();
+        self.non_finite = NonFiniteSamples::default();
         self.mirrors.clear();
-        self.steps.iter_mut().for_each(Vec::clear);
+        self.scatter_records.iter_mut().for_each(Vec::clear);
         for (pixel, task) in tasks.iter().enumerate() {
             let (mut first_light, mut first_bsdf) = (task.first_light, task.first_bsdf);
-            let rates = task.weighed.rates(environment_probability);
+            let samples_per_path = task.weighed.rates(environment_probability);
             let paths = task.counts.paths;
             for path in 0..paths {
                 let [light, bsdf] = [task.counts.light, task.counts.bsdf].map(|n| deal(n, paths, path));
@@ -164,7 +164,7 @@ impl PathStates {
                     bsdf,
                     first_light,
                     first_bsdf,
-                    rates,
+                    samples_per_path,
                 });
                 first_light += u32::from(light);
                 first_bsdf += u32::from(bsdf);
@@ -172,8 +172,9 @@ impl PathStates {
         }
     }
 
-    /// Notes light samples in lanes of a mask, which chose these emitters `from` points and normals, and numbers them.
-    pub fn light_sample_record(&mut self, lanes: u32, (p, n): (V3, V3), emitter: [u32; LANES], path: U) -> U {
+    /// Records the light samples in the lanes of a mask: shading point and normal, chosen emitter, path. Returns their indices,
+    /// [`NO_RECORD`] in other lanes.
+    pub fn record_light_samples(&mut self, lanes: u32, (p, n): (V3, V3), emitter: [u32; LANES], path: U) -> U {
         let Some(light_sample_records) = &mut self.light_sample_records else { return U::splat(NO_RECORD) };
         U::from(eight(|lane| {
             if lanes >> lane & 1 == 0 {
@@ -192,7 +193,7 @@ impl PathStates {
         }))
     }
 
-    /// Adds what shadow rays from vertices at `depth` bring that are not `occluded`, each at most `limit`.
+    /// Adds the contributions of shadow rays from vertices at `depth` that are not occluded, clamped to `limit`.
     #[inline(never)]
     pub fn add_light_samples(
         &mut self,
@@ -204,7 +205,7 @@ impl PathStates {
     ) {
         let owners = shadows.path.iter().zip(&occluded[..shadows.len]).enumerate();
         for (i, (&owner, _)) in owners.filter(|(_, (_, occluded))| !**occluded) {
-            let (radiance, share) = limited(shadows.radiance.get(i), limit);
+            let (radiance, scale) = clamp_contribution(shadows.radiance.get(i), limit);
             let light_sample_record = shadows.light_sample_record.get(i).zip(self.light_sample_records.as_mut());
             if let Some(light_sample_record) =
                 light_sample_record.and_then(|(&number, all)| all.get_mut(number as usize))
@@ -214,27 +215,29 @@ impl PathStates {
             let path = &mut self.paths[owner as usize];
             path.radiance += radiance;
             if let Some(extras) = batch.extras.get_mut(path.pixel as usize) {
-                extras.add_light(shadows.group[i] as usize, radiance);
+                extras.add_light(shadows.light_group[i] as usize, radiance);
             }
             if depth > 0 {
                 let sub_path = shadows.sub_path[i] as usize;
-                if let Some(steps) = self.steps.as_mut().filter(|_| shadows.group[i] != PUNCTUAL) {
-                    steps[sub_path].light += luminance(radiance);
+                if let Some(scatter_records) =
+                    self.scatter_records.as_mut().filter(|_| shadows.light_group[i] != PUNCTUAL_GROUP)
+                {
+                    scatter_records[sub_path].light += luminance(radiance);
                 }
                 self.sub_paths[sub_path].indirect += radiance;
                 continue;
             }
             path.direct += radiance;
-            if let Some(found) = shadows.observed(i, radiance) {
-                batch.tell(path.pixel as usize, Contribution { w: found.w * share * share, ..found });
+            if let Some(contribution) = shadows.contribution(i, radiance) {
+                batch.notify(path.pixel as usize, Contribution { w: contribution.w * scale * scale, ..contribution });
             }
         }
     }
 
-    /// Folds the paths into their pixels, in path order.
+    /// Adds the paths to the sums of their pixels, in path order.
     #[inline(never)]
-    pub fn finish(&self, batch: &mut PixelBatch) {
-        // What was seen in no mirror after all: the mirror itself.
+    pub fn add_to_pixels(&self, batch: &mut PixelBatch) {
+        // A mirror chain that reached no other surface: its first mirror is the guide.
         for (path, mirror) in self.paths.iter().zip(&self.mirrors) {
             if let (Some(mirror), Some(extras)) = (mirror, batch.extras.get_mut(path.pixel as usize)) {
                 extras.add_guide(mirror.tint, mirror.normal);
@@ -244,17 +247,17 @@ impl PathStates {
             for sub_path in self.sub_paths.iter().filter(|sub_path| sub_path.indirect != Vec3::ZERO) {
                 let path = &self.paths[sub_path.path as usize];
                 let radiance = sub_path.indirect;
-                // No light sample finds it: Z = 2X, Y = 2 a_b X, r = −1.
-                let w = 4.0 * path.rates[2] * radiance.length_squared();
+                // Light samples cannot find it: Z = 2X, Y = 2 a_b X, r = −1.
+                let w = 4.0 * path.samples_per_path[2] * radiance.length_squared();
                 let (technique, index) = (Technique::Indirect, sub_path.index);
-                let found = Contribution { pixel: 0, technique, area: false, index, r: -1.0, w, radiance };
-                batch.tell(path.pixel as usize, found);
+                let contribution = Contribution { pixel: 0, technique, area: false, index, r: -1.0, w, radiance };
+                batch.notify(path.pixel as usize, contribution);
             }
         }
-        let mut left = &self.paths[..];
+        let mut remaining = &self.paths[..];
         for (pixel, task) in batch.tasks.iter().enumerate() {
-            let (paths, others) = left.split_at(task.counts.paths as usize);
-            left = others;
+            let (paths, rest) = remaining.split_at(task.counts.paths as usize);
+            remaining = rest;
             let stats = &mut batch.stats[pixel];
             paths.iter().for_each(|path| stats.add(path.radiance, path.covered));
             if let Some(peak) = batch.peaks.get_mut(pixel) {

@@ -1,55 +1,57 @@
-//! A scene that is ready to be rendered: built once, shared by passes, jobs and replicas.
+//! A scene prepared for rendering, shared by passes, jobs and replicas.
 
 use std::sync::Arc;
 
-use super::{Geometry, Materials};
+use super::geometry::Geometry;
+use super::materials::Materials;
 use crate::Result;
 use crate::film::cryptomatte;
 use crate::light::Lights;
 use crate::rays::{self, Backend, RayQueries};
 use crate::scene::Scene;
 
-/// What does not depend on a render's settings.
+/// A scene with its acceleration structure and tables; independent of render settings.
 pub struct PreparedScene<'a> {
-    /// What is there.
+    /// The scene.
     pub scene: Arc<Scene>,
-    /// What rays hit.
+    /// The ray query backend.
     pub rays: Arc<dyn RayQueries + 'a>,
-    /// Instances' transforms, prepared for shading.
+    /// Instance transforms, prepared for shading.
     pub geometry: Geometry,
     /// Materials, prepared for shading.
     pub materials: Materials,
-    /// What shines, with the tables to sample it.
+    /// The lights, with their sampling tables.
     pub lights: Lights,
-    /// Hashes of names.
+    /// Cryptomatte hashes of names.
     pub names: Names,
 }
 
-/// Hashes of names, for Cryptomatte.
+/// Cryptomatte hashes of names.
 #[derive(Debug)]
 pub struct Names {
-    /// Of each instance.
+    /// By instance.
     pub objects: Vec<u32>,
-    /// Of each material.
+    /// By material.
     pub materials: Vec<u32>,
 }
 
 impl<'a> PreparedScene<'a> {
-    /// Builds ray queries and tables, with the threads of the current rayon pool.
+    /// Builds the acceleration structure and the tables, with the threads of the current rayon pool.
     ///
     /// # Errors
-    /// As [`rays::build`].
+    /// The errors of [`rays::build`].
     pub fn build(scene: Arc<Scene>, backend: Backend) -> Result<Self> {
         let rays = rays::build(backend, Arc::clone(&scene))?;
         Ok(Self::new(scene, rays))
     }
 
-    /// With ray queries that were built from the same surfaces.
+    /// Builds the tables; `rays` were built from the same surfaces.
     pub fn new(scene: Arc<Scene>, rays: Box<dyn RayQueries + 'a>) -> Self {
         Self::after(scene, rays.into(), None)
     }
 
-    /// As [`Self::new`], with the tables of `previous` where they are of the same environment.
+    /// Builds the tables, and reuses those of `previous` that belong to the same environment. `rays` were built from the same
+    /// surfaces as `scene`.
     pub fn after(scene: Arc<Scene>, rays: Arc<dyn RayQueries + 'a>, previous: Option<&Self>) -> Self {
         let geometry = Geometry::new(&scene);
         let materials = Materials::new(&scene);
@@ -61,7 +63,7 @@ impl<'a> PreparedScene<'a> {
         Self { scene, rays, geometry, materials, lights, names }
     }
 
-    /// Its ray queries, if they would answer for another scene's surfaces alike.
+    /// The ray query backend, if `other` has the same surfaces.
     pub fn rays_of(&self, other: &Scene) -> Option<Arc<dyn RayQueries + 'a>> {
         self.scene.has_surfaces_of(other).then(|| Arc::clone(&self.rays))
     }

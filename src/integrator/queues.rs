@@ -1,4 +1,4 @@
-//! The queues between stages, as structure of arrays: rays under way, hits sorted by what comes next, shadow rays.
+//! The queues between stages, as structure of arrays: path rays, sorted hits, shadow rays.
 
 use glam::Vec3;
 
@@ -6,51 +6,51 @@ use crate::balance::{Contribution, Technique};
 use crate::lanes::{F, LANES, Survivors, U, V3, V3Column, grow, store, store_bits};
 use crate::rays::RayBatch;
 
-/// Rays under way, and what belongs to each besides the ray, a row each.
+/// The rays of the current path segments with their path data, one row per ray.
 #[derive(Debug, Default)]
 pub struct PathRays {
     /// The rays.
     pub rays: RayBatch,
-    /// Radiance that arrives here counts this much.
+    /// Path throughput, linear RGB.
     pub beta: V3Column,
-    /// Geometric normal where the ray begins, zero on what transmits; unused for camera rays.
+    /// Geometric normal at the ray origin, zero on surfaces that transmit; unused for camera rays.
     pub normal: V3Column,
-    /// BSDF pdf of the ray times its technique's samples a path; unused for camera rays.
+    /// Density of the ray times BSDF samples per path; unused for camera rays.
     pub weighted_pdf: Vec<f32>,
-    /// Path of the wave.
+    /// Index of the path in the wave.
     pub path: Vec<u32>,
-    /// Index into its pixel's sequence.
+    /// Sample index in the pixel's sequence.
     pub index: Vec<u32>,
-    /// BSDF sample of a first surface that it descends from; unused for camera rays.
+    /// Index of the sub-path; unused for camera rays.
     pub sub_path: Vec<u32>,
-    /// Seed of its pixel's sequence.
+    /// Seed of the pixel's sequence.
     pub seed: Vec<u32>,
-    /// The medium that the ray is in, of [`Materials::media`](super::Materials::media); unused where none absorbs.
+    /// Medium of the ray, an index into [`Materials::media`](super::Materials::media); unused if none absorbs.
     pub medium: Vec<u32>,
-    /// The chance that a light sample had where the ray begins; unused where no field knows it.
-    pub light_chance: Vec<f32>,
-    /// How many rows count.
+    /// Roulette probability of the light sample at the ray origin; unused without a guiding field.
+    pub light_probability: Vec<f32>,
+    /// Number of valid rows.
     pub len: usize,
 }
 
-/// To which path rows belong, and where in its pixel's sequence they are.
+/// Eight rows' path, sub-path, and position in the pixel's sample sequence.
 #[derive(Debug, Clone, Copy)]
-pub struct Identity {
-    /// As in [`PathRays`].
+pub struct PathIds {
+    /// Index of the path in the wave.
     pub path: U,
-    /// As in [`PathRays`].
+    /// Sample index in the pixel's sequence.
     pub index: U,
-    /// As in [`PathRays`].
+    /// Index of the sub-path.
     pub sub_path: U,
-    /// As in [`PathRays`].
+    /// Seed of the pixel's sequence.
     pub seed: U,
-    /// When they are, as in [`RayBatch`]; 0 where nothing moves.
+    /// Time in [0, 1] of the shutter interval; 0 where nothing moves.
     pub time: F,
 }
 
 impl PathRays {
-    /// Forgets all rows and makes room for `most`, at times of their own if something `moves`, to be filled with
-    /// [`push`](Self::push) and ended with [`close`](Self::close).
+    /// Clears the rows and makes room for `most`, with times if something `moves`. Fill it with [`push`](Self::push), then
+    /// call [`close`](Self::close).
     pub fn open(&mut self, most: usize, moves: bool) {
         self.rays.open(most, moves);
         self.beta.grow(most);
@@ -62,118 +62,118 @@ impl PathRays {
         self.len = 0;
     }
 
-    /// Appends a group, of which the first `n` rows count. `key` is for [`RayBatch::put`].
+    /// Appends a group of eight rows, of which the first `n` are valid. `key` is that of [`RayBatch::key`].
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "a row's columns")]
-    pub fn push(&mut self, n: usize, ray: (V3, V3), key: U, beta: V3, normal: V3, weighted_pdf: F, identity: Identity) {
-        self.rays.put(self.len, ray, F::splat(f32::INFINITY), key, identity.time);
+    pub fn push(&mut self, n: usize, ray: (V3, V3), key: U, beta: V3, normal: V3, weighted_pdf: F, path_ids: PathIds) {
+        self.rays.put(self.len, ray, F::splat(f32::INFINITY), key, path_ids.time);
         self.beta.store(self.len, beta);
         self.normal.store(self.len, normal);
         store(&mut self.weighted_pdf, self.len, weighted_pdf);
-        store_bits(&mut self.path, self.len, identity.path);
-        store_bits(&mut self.index, self.len, identity.index);
-        store_bits(&mut self.sub_path, self.len, identity.sub_path);
-        store_bits(&mut self.seed, self.len, identity.seed);
+        store_bits(&mut self.path, self.len, path_ids.path);
+        store_bits(&mut self.index, self.len, path_ids.index);
+        store_bits(&mut self.sub_path, self.len, path_ids.sub_path);
+        store_bits(&mut self.seed, self.len, path_ids.seed);
         self.len += n;
     }
 
-    /// No more rows come.
+    /// Ends filling: truncates the rays to the valid rows.
     pub fn close(&mut self) {
         self.rays.close(self.len);
     }
 }
 
-/// The rays of a batch by what comes next, as row numbers, in order.
+/// Row numbers of a batch's rays, sorted by the next stage, in ascending order. A ray may be in several lists.
 #[derive(Debug, Default)]
 pub struct SortedHits {
-    /// They hit nothing.
+    /// Rays that hit nothing.
     pub escaped: Vec<u32>,
-    /// They hit a surface that shines.
+    /// Rays that hit a surface that emits.
     pub emissive: Vec<u32>,
-    /// They hit a surface that scatters, whose scattering is the same everywhere.
-    pub plain: Vec<u32>,
-    /// They hit another surface that scatters: it has to be looked up point by point.
-    pub detailed: Vec<u32>,
+    /// Rays that hit a scattering surface with a constant BSDF.
+    pub constant: Vec<u32>,
+    /// Rays that hit a scattering surface whose BSDF depends on the point.
+    pub varying: Vec<u32>,
 }
 
 impl SortedHits {
-    /// Forgets all of them.
+    /// Empties all lists.
     pub fn clear(&mut self) {
-        for list in [&mut self.escaped, &mut self.emissive, &mut self.plain, &mut self.detailed] {
+        for list in [&mut self.escaped, &mut self.emissive, &mut self.constant, &mut self.varying] {
             list.clear();
         }
     }
 }
 
-/// Of a light sample that nobody learns from.
+/// Index of light samples without a [`LightSampleRecord`](crate::light::LightSampleRecord).
 pub const NO_RECORD: u32 = u32::MAX;
 
-/// The group of shadow rays toward lights without extent.
-pub const PUNCTUAL: u32 = 2;
+/// Light group of punctual lights in [`ShadowRays::light_group`].
+pub const PUNCTUAL_GROUP: u32 = 2;
 
-/// Shadow rays, and what they bring if nothing is in their way, a row each.
+/// Shadow rays with their contributions if unoccluded, one row per ray.
 #[derive(Debug, Default)]
 pub struct ShadowRays {
     /// The rays.
     pub rays: RayBatch,
-    /// Radiance, weighed.
+    /// Contribution with throughput and MIS weight, linear RGB.
     pub radiance: V3Column,
-    /// Path of the wave.
+    /// Index of the path in the wave.
     pub path: Vec<u32>,
-    /// BSDF sample of a first surface that it descends from; unused at first surfaces.
+    /// Index of the sub-path; unused at first surfaces.
     pub sub_path: Vec<u32>,
-    /// What the light comes from, as for [`ExtraSums::add_light`](crate::film::ExtraSums::add_light).
-    pub group: Vec<u32>,
-    /// Number of the light sample among those that are learned from, [`NO_RECORD`] of others; empty where none are.
+    /// Light group of [`ExtraSums::add_light`](crate::film::ExtraSums::add_light): 0 environment, 1 area light, 2 punctual.
+    pub light_group: Vec<u32>,
+    /// Index of the light-sample record, or [`NO_RECORD`]; empty if none are recorded.
     pub light_sample_record: Vec<u32>,
-    /// How many rows count.
+    /// Number of valid rows.
     pub len: usize,
-    /// Columns for observers; present where somebody is to be told.
-    observed: Option<Observed>,
+    /// Columns for the observer; present if there is one.
+    contributions: Option<ContributionColumns>,
 }
 
-/// What the balance wants to know of light samples at first surfaces.
+/// The terms of a [`Contribution`] by a light sample at a first surface, as columns.
 #[derive(Debug, Default, Clone)]
-struct Observed {
-    /// Index of the sample in its technique's sequence.
+struct ContributionColumns {
+    /// Sample index in the technique's sequence.
     index: Vec<u32>,
-    /// All bits where the sample is toward an area light by count, else none.
+    /// All bits set if the sample was allocated to area lights, else none.
     area: Vec<u32>,
-    /// As in [`Contribution`]; W = 0 where nothing is to be learned.
+    /// [`Contribution::w`]; 0 for samples that are not reported.
     w: Vec<f32>,
-    /// As in [`Contribution`].
+    /// [`Contribution::r`].
     r: Vec<f32>,
 }
 
-/// What the balance wants to know of a group of light samples.
+/// The terms of the [`Contribution`]s by eight light samples at first surfaces.
 #[derive(Debug, Clone, Copy)]
-pub struct Observation {
-    /// Index of the sample in its technique's sequence.
+pub struct ContributionTerms {
+    /// Sample index in the technique's sequence.
     pub index: U,
-    /// Mask: toward an area light by count.
+    /// Mask: allocated to area lights.
     pub area: U,
-    /// As in [`Contribution`].
+    /// [`Contribution::w`].
     pub w: F,
-    /// As in [`Contribution`].
+    /// [`Contribution::r`].
     pub r: F,
 }
 
 impl ShadowRays {
-    /// Forgets all rows and makes room for `most`, at times of their own if something `moves`, with columns for observers if
-    /// `observed`, and for who `learns` of the lights.
-    pub fn open(&mut self, most: usize, moves: bool, observed: bool, learns: bool) {
+    /// Clears the rows and makes room for `most`: with times if something `moves`, with the terms of `contributions` if there
+    /// is an observer, with indices of light-sample records if light distributions are learned (`learns`).
+    pub fn open(&mut self, most: usize, moves: bool, contributions: bool, learns: bool) {
         self.rays.open(most, moves);
         self.radiance.grow(most);
         grow(&mut self.path, most);
         grow(&mut self.sub_path, most);
-        grow(&mut self.group, most);
+        grow(&mut self.light_group, most);
         self.light_sample_record.clear();
         if learns {
             self.light_sample_record.resize(most + LANES, NO_RECORD);
         }
         self.len = 0;
-        self.observed = observed.then(|| {
-            let mut columns = self.observed.take().unwrap_or_default();
+        self.contributions = contributions.then(|| {
+            let mut columns = self.contributions.take().unwrap_or_default();
             grow(&mut columns.index, most);
             grow(&mut columns.area, most);
             grow(&mut columns.w, most);
@@ -182,13 +182,13 @@ impl ShadowRays {
         });
     }
 
-    /// Says which light-sample records the survivors of a group are that comes next.
+    /// Sets the light-sample records of the survivors of the group that is pushed next.
     pub fn set_records(&mut self, survivors: &Survivors, light_sample_records: U) {
         store_bits(&mut self.light_sample_record, self.len, survivors.compress_bits(light_sample_records));
     }
 
-    /// Appends the survivors of a group: rays of length `tfar`, `radiance`, their path, sub-path and group. `key` and `time`
-    /// are for [`RayBatch::put`].
+    /// Appends the survivors of a group: rays of length `tfar`, contribution, path, sub-path and light group. `key` and `time`
+    /// are those of [`RayBatch`].
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "a row's columns")]
     pub fn push(
@@ -198,8 +198,8 @@ impl ShadowRays {
         tfar: F,
         (key, time): (U, F),
         radiance: V3,
-        [path, sub_path, group]: [U; 3],
-        observation: impl FnOnce() -> Observation,
+        [path, sub_path, light_group]: [U; 3],
+        contribution_terms: impl FnOnce() -> ContributionTerms,
     ) {
         let ray = (survivors.compress_v3(origin), survivors.compress_v3(direction));
         let (key, time) = (survivors.compress_bits(key), survivors.compress(time));
@@ -207,27 +207,27 @@ impl ShadowRays {
         self.radiance.store(self.len, survivors.compress_v3(radiance));
         store_bits(&mut self.path, self.len, survivors.compress_bits(path));
         store_bits(&mut self.sub_path, self.len, survivors.compress_bits(sub_path));
-        store_bits(&mut self.group, self.len, survivors.compress_bits(group));
-        if let Some(columns) = &mut self.observed {
-            let seen = observation();
-            store_bits(&mut columns.index, self.len, survivors.compress_bits(seen.index));
-            store_bits(&mut columns.area, self.len, survivors.compress_bits(seen.area));
-            store(&mut columns.w, self.len, survivors.compress(seen.w));
-            store(&mut columns.r, self.len, survivors.compress(seen.r));
+        store_bits(&mut self.light_group, self.len, survivors.compress_bits(light_group));
+        if let Some(columns) = &mut self.contributions {
+            let terms = contribution_terms();
+            store_bits(&mut columns.index, self.len, survivors.compress_bits(terms.index));
+            store_bits(&mut columns.area, self.len, survivors.compress_bits(terms.area));
+            store(&mut columns.w, self.len, survivors.compress(terms.w));
+            store(&mut columns.r, self.len, survivors.compress(terms.r));
         }
         self.len += survivors.len;
     }
 
-    /// No more rows come.
+    /// Ends filling: truncates the rays to the valid rows.
     pub fn close(&mut self) {
         self.rays.close(self.len);
     }
 
-    /// What an observer is to be told of row `i`, which brings `radiance`; its pixel is left open.
-    pub fn observed(&self, i: usize, radiance: Vec3) -> Option<Contribution> {
-        let seen = self.observed.as_ref().filter(|columns| columns.w[i] > 0.0)?;
-        let (index, area) = (seen.index[i], seen.area[i] != 0);
-        let (technique, r, w) = (Technique::Light, seen.r[i], seen.w[i]);
+    /// The contribution to report for row `i`, which adds `radiance`; the caller sets its pixel.
+    pub fn contribution(&self, i: usize, radiance: Vec3) -> Option<Contribution> {
+        let terms = self.contributions.as_ref().filter(|columns| columns.w[i] > 0.0)?;
+        let (index, area) = (terms.index[i], terms.area[i] != 0);
+        let (technique, r, w) = (Technique::Light, terms.r[i], terms.w[i]);
         Some(Contribution { pixel: 0, technique, area, index, r, w, radiance })
     }
 }

@@ -1,19 +1,19 @@
-//! One path at a time, as plainly as it can be said: the oracle for the wave, and what `--replay-pixel` prints. It shares
-//! scattering, lights and sequences with the wave, but none of its queues, sorting or compaction.
+//! A scalar path tracer, one path at a time: the reference for tests of the wave, and the source of `--replay-pixel`. It
+//! shares BSDFs, lights and sample sequences with the wave, but not its queues, sorting and compaction.
 
 use glam::Vec3;
 
-use super::Transport;
 use super::batch::PixelTask;
 use super::dispersion;
-pub use super::events::{Event, What};
-use super::path_states::limited;
+pub use super::events::{Event, EventKind};
+use super::path_states::clamp_contribution;
 use super::stages::camera_rays::TIME_SET;
 use super::stages::lights::SHADOW_END;
-use super::stages::mixture::{self, Drawn, Mixture};
-use super::stages::requests::{Toward, light_sample};
+use super::stages::mixture::{self, Mixture, MixtureSample};
+use super::stages::requests::{LightTarget, light_sample_index};
 use super::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
-use super::stages::{bsdf_set, light_set, media, roll_set};
+use super::stages::{bsdf_set, light_set, media, roulette_set};
+use super::transport::Transport;
 use super::vertices::MIN_COS;
 use crate::balance::deal;
 use crate::bsdf::{Bsdf, Lobe, Parameters};
@@ -24,28 +24,28 @@ use crate::light::punctual;
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 use crate::sampling::{PixelSequence, hash, keys, pixel_seed};
 
-/// A ray of a path.
+/// A ray along a path.
 struct Ray {
     origin: Vec3,
     direction: Vec3,
     key: u32,
-    /// Radiance that arrives counts this much.
+    /// Path throughput, linear RGB.
     beta: Vec3,
-    /// Geometric normal where it begins, zero on what transmits.
+    /// Geometric normal at the origin, zero on surfaces that transmit.
     normal: Vec3,
-    /// BSDF pdf times samples a path.
+    /// Density of the ray times BSDF samples per path.
     weighted_pdf: f32,
-    /// Index into its pixel's sequence.
+    /// Sample index in the pixel's sequence.
     index: u32,
-    /// The medium that it is in.
+    /// Medium of the ray.
     medium: u32,
-    /// The chance that a light sample had where it begins.
-    light_chance: f32,
-    /// In [0, 1] of the shutter.
+    /// Roulette probability of the light sample at the origin.
+    light_probability: f32,
+    /// Time in [0, 1] of the shutter interval.
     time: f32,
 }
 
-/// Where a path meets a surface.
+/// A path vertex on a surface. Fields without a comment are those of [`Vertices`](super::vertices::Vertices).
 struct Vertex {
     origin: Vec3,
     position: Vec3,
@@ -54,55 +54,55 @@ struct Vertex {
     wo: Vec3,
     beta: Vec3,
     bsdf: <Bsdf as Parameters>::Eight,
-    /// Light passes through.
+    /// Does the surface transmit?
     transmits: bool,
     origin_offset: f32,
-    /// On the eye's side, and beyond.
+    /// Media on the side of `wo`, and beyond the surface.
     media: [u32; 2],
-    /// Of the field.
+    /// Cell of the guiding field.
     cell: u32,
-    /// Chances of a light sample and of going on, where a field knows them.
-    chances: Option<[f32; 2]>,
-    /// Of its path.
+    /// Roulette probabilities of the light sample and of continuing the path, if the field sets them.
+    roulette: Option<[f32; 2]>,
+    /// Time in [0, 1] of the shutter interval.
     time: f32,
 }
 
-/// A way to leave a vertex.
-struct Leaving {
+/// A ray that leaves a vertex.
+struct SpawnedRay {
     origin: Vec3,
     allowed: bool,
     medium: u32,
 }
 
 impl Vertex {
-    fn leave(&self, wi: Vec3) -> Leaving {
+    fn spawn_ray(&self, wi: Vec3) -> SpawnedRay {
         let cos = self.ng.dot(wi);
         let beyond = self.transmits && cos < 0.0;
         let alike = !self.transmits || cos * self.ns.dot(wi) > 0.0;
-        Leaving {
+        SpawnedRay {
             origin: if beyond { self.origin - self.ng * (2.0 * self.origin_offset) } else { self.origin },
             allowed: (cos > 0.0 || beyond) && alike,
             medium: self.media[usize::from(beyond)],
         }
     }
 
-    /// The normal by which lights are chosen.
-    fn facing(&self) -> Vec3 {
+    /// The normal for light selection: zero on surfaces that transmit.
+    fn light_sampling_normal(&self) -> Vec3 {
         if self.transmits { Vec3::ZERO } else { self.ng }
     }
 }
 
-struct Path<'a> {
+struct Tracer<'a> {
     transport: &'a Transport<'a>,
     sequence: PixelSequence,
     seed: u32,
-    /// Samples a path at the first surface: toward the environment, toward area lights, of the BSDF.
-    rates: [f32; 3],
-    tell: &'a mut dyn FnMut(Event),
+    /// Samples per path at the first surface: environment, area lights, BSDF.
+    samples_per_path: [f32; 3],
+    report: &'a mut dyn FnMut(Event),
 }
 
-/// Radiance of path `path` of those that a wave takes for a pixel; `tell` hears what happens.
-pub fn trace(transport: &Transport, task: &PixelTask, path: u32, tell: &mut dyn FnMut(Event)) -> Vec3 {
+/// Radiance of path number `path` of those that a wave takes for a pixel. `report` receives the events.
+pub fn trace(transport: &Transport, task: &PixelTask, path: u32, report: &mut dyn FnMut(Event)) -> Vec3 {
     let paths = task.counts.paths;
     let sequence = PixelSequence::new(task.x, task.y, transport.seed);
     let seed = pixel_seed(task.x, task.y, transport.seed);
@@ -114,8 +114,8 @@ pub fn trace(transport: &Transport, task: &PixelTask, path: u32, tell: &mut dyn 
     let time = if moves { sequence.sample(index, TIME_SET)[0] } else { 0.0 };
     let (xy, uv) = ((F::splat(x), F::splat(y)), (F::splat(u), F::splat(v)));
     let (origin, direction) = transport.camera.rays_through(xy, uv, F::splat(time));
-    let rates = task.weighed.rates(transport.lights.environment_probability);
-    let mut state = Path { transport, sequence, seed, rates, tell };
+    let samples_per_path = task.weighed.rates(transport.lights.environment_probability);
+    let mut state = Tracer { transport, sequence, seed, samples_per_path, report };
     let ray = Ray {
         origin: origin.lane(0),
         direction: direction.lane(0),
@@ -125,7 +125,7 @@ pub fn trace(transport: &Transport, task: &PixelTask, path: u32, tell: &mut dyn 
         weighted_pdf: 0.0,
         index,
         medium: 0,
-        light_chance: 1.0,
+        light_probability: 1.0,
         time,
     };
     let before = |n: u32| (0..path).map(|p| u32::from(deal(n, paths, p))).sum::<u32>();
@@ -133,32 +133,32 @@ pub fn trace(transport: &Transport, task: &PixelTask, path: u32, tell: &mut dyn 
         let start = first + before(n);
         start..start + u32::from(deal(n, paths, path))
     };
-    let light = numbers(task.first_light, task.counts.light).map(|number| light_sample(task, number));
+    let light = numbers(task.first_light, task.counts.light).map(|number| light_sample_index(task, number));
     let bsdf = numbers(task.first_bsdf, task.counts.bsdf);
-    state.follow(&ray, 0, &light.collect::<Vec<_>>(), &bsdf.collect::<Vec<_>>())
+    state.trace_ray(&ray, 0, &light.collect::<Vec<_>>(), &bsdf.collect::<Vec<_>>())
 }
 
 fn key(seed: u32, index: u32, set: u32) -> u32 {
     keys(U::splat(seed), U::splat(index), set).to_array()[0]
 }
 
-impl Path<'_> {
-    fn tell(&mut self, depth: u32, what: What) {
-        (self.tell)(Event { depth, what });
+impl Tracer<'_> {
+    fn report(&mut self, depth: u32, kind: EventKind) {
+        (self.report)(Event { depth, kind });
     }
 
-    /// Radiance that a ray brings, with these light samples (index, toward what) and BSDF samples where it hits.
-    fn follow(&mut self, ray: &Ray, depth: u32, light: &[(u32, Toward)], bsdf: &[u32]) -> Vec3 {
+    /// Radiance along a ray; where it hits, takes these light samples (index, target) and BSDF samples (index).
+    fn trace_ray(&mut self, ray: &Ray, depth: u32, light: &[(u32, LightTarget)], bsdf: &[u32]) -> Vec3 {
         let t = self.transport;
         let Ray { origin, direction, .. } = *ray;
-        self.tell(depth, What::Ray { origin, direction, beta: ray.beta });
+        self.report(depth, EventKind::Ray { origin, direction, beta: ray.beta });
         let (mut rays, mut hits) = (RayBatch::default(), HitBatch::default());
         rays.push(origin, direction, 0.0, f32::INFINITY, ray.key);
         rays.time.extend(t.geometry.moves.then_some(ray.time));
         t.rays.closest_hits(&rays, RayOrder::Incoherent, &mut hits);
         let (instance, mesh, prim, distance) = (hits.instance[0], hits.mesh[0], hits.prim[0], hits.t[0]);
         if mesh == MISS {
-            self.tell(depth, What::Escape);
+            self.report(depth, EventKind::Escape);
             if t.lights.environment.is_none() || (depth == 0 && t.hides_environment) {
                 return Vec3::ZERO;
             }
@@ -169,28 +169,28 @@ impl Path<'_> {
         let barycentric = (hits.u[0], hits.v[0]);
         let point = t.geometry.point(t.scene, (instance, mesh, prim), barycentric, ray.time);
         let material = point.mesh.material;
-        self.tell(depth, What::Hit { instance, mesh, material, t: distance });
-        let behind = point.is_behind(direction);
-        let medium = if depth == 0 { t.materials.sides(mesh, behind, 0)[0] } else { ray.medium };
-        let beta = ray.beta * media::left(t.materials.media[medium as usize], distance);
+        self.report(depth, EventKind::Hit { instance, mesh, material, t: distance });
+        let back_facing = point.is_back_facing(direction);
+        let medium = if depth == 0 { t.materials.media_at_surface(mesh, back_facing, 0)[0] } else { ray.medium };
+        let beta = ray.beta * media::transmittance(t.materials.media[medium as usize], distance);
         let ray = &Ray { beta, ..*ray };
         if point.material.unlit {
             return self.emission(ray, depth, point.base_color(t.scene), [0.0; 2]);
         }
-        let mut found = Vec3::ZERO;
-        if t.materials.kind(mesh).shines && point.shines_against(direction) {
-            let radiance = point.radiance(t.scene, prim, barycentric, direction);
+        let mut radiance_sum = Vec3::ZERO;
+        if t.materials.mesh_material(mesh).emits && point.emits_against(direction) {
+            let radiance = point.emitted_radiance(t.scene, prim, barycentric, direction);
             let from = (origin, ray.normal);
             let hit = (instance, mesh, prim);
             let at = (t.scene, ray.time);
             let pdf = if depth == 0 { 0.0 } else { t.lights.area_pdf(at, from, hit, direction, distance, t.drawing) };
-            found += self.emission(ray, depth, radiance, [0.0, pdf]);
+            radiance_sum += self.emission(ray, depth, radiance, [0.0, pdf]);
         }
         if depth + 1 >= t.max_depth {
-            self.tell(depth, What::Ends { why: "--max-depth" });
-            return found;
+            self.report(depth, EventKind::Ends { reason: "--max-depth" });
+            return radiance_sum;
         }
-        // The side of the eye; a shading normal that faces away from it is tilted until the eye is just above its horizon.
+        // Normals are turned to the side of wo; a shading normal that still faces away is tilted until n·wo = MIN_COS.
         let wo = -direction;
         let front = point.ng.normalize_or(wo);
         let side = if front.dot(wo) < 0.0 { -1.0 } else { 1.0 };
@@ -198,13 +198,14 @@ impl Path<'_> {
         let ns = point.ns.normalize_or(front) * side;
         let tilted = (ns + wo * (MIN_COS - ns.dot(wo))).normalize_or(ng);
         let [color, ..] = self.sequence.sample(ray.index, dispersion::SET);
-        let (seen, beta) = dispersion::draw(point.seen(t.scene, direction), point.material, ray.beta, color);
+        let (seen, beta) =
+            dispersion::sample_channel(point.surface_from(t.scene, direction), point.material, ray.beta, color);
         let surface = seen.bsdf();
         let scattering = Bsdf::gather([&surface; LANES]);
         let origin = point.position + ng * point.origin_offset;
         let cells = t.field.map(|field| (field, field.cells_at(V3::splat(origin), V3::splat(ng))));
         let luminances = F::splat(luminance(beta));
-        let chances = cells.filter(|_| depth > 0).and_then(|(field, cells)| field.chances(cells, luminances));
+        let roulette = cells.filter(|_| depth > 0).and_then(|(field, cells)| field.chances(cells, luminances));
         let vertex = Vertex {
             origin,
             position: point.position,
@@ -215,38 +216,38 @@ impl Path<'_> {
             bsdf: scattering,
             transmits: scattering.transmits().any(),
             origin_offset: point.origin_offset,
-            media: t.materials.sides(mesh, behind, medium),
+            media: t.materials.media_at_surface(mesh, back_facing, medium),
             cell: cells
                 .filter(|_| mixture::is_diffuse(&scattering).any())
                 .map_or(NOWHERE, |(field, cells)| field.guiding(cells)[0]),
-            chances: chances.map(|chances| chances.map(|chance| chance.as_array()[0])),
+            roulette: roulette.map(|roulette| roulette.map(|probability| probability.as_array()[0])),
             time: ray.time,
         };
         for &(index, toward) in light {
-            found += self.light_sample(&vertex, depth, index, toward);
+            radiance_sum += self.light_sample(&vertex, depth, index, toward);
         }
         if t.lights.punctual {
-            found += self.punctual_sample(&vertex, depth, ray.index);
+            radiance_sum += self.punctual_sample(&vertex, depth, ray.index);
         }
         for &index in bsdf {
-            found += self.bsdf_sample(&vertex, depth, index);
+            radiance_sum += self.bsdf_sample(&vertex, depth, index);
         }
-        found
+        radiance_sum
     }
 
     fn mixture(&self, vertex: &Vertex) -> Option<Mixture<'_>> {
         Mixture::new(self.transport.field?, [vertex.cell; LANES])
     }
 
-    /// Samples a path of each technique at the vertex at `depth`.
-    fn rates(&self, depth: u32) -> [f32; 3] {
-        if depth == 0 { self.rates } else { self.transport.deeper_rates() }
+    /// Samples per path of each technique at the vertex at `depth`.
+    fn samples_per_path(&self, depth: u32) -> [f32; 3] {
+        if depth == 0 { self.samples_per_path } else { self.transport.deeper_samples_per_path() }
     }
 
-    /// Light that a ray ran into, weighed against a light sample's densities (as the environment, as an area light).
+    /// Emission that a ray hits, with the MIS weight for light-sample densities `pdf` (environment, area lights).
     fn emission(&mut self, ray: &Ray, depth: u32, radiance: Vec3, pdf: [f32; 2]) -> Vec3 {
-        let rates = self.rates(depth.saturating_sub(1));
-        let weighted_light = ray.light_chance * (rates[0] * pdf[0] + rates[1] * pdf[1]);
+        let samples_per_path = self.samples_per_path(depth.saturating_sub(1));
+        let weighted_light = ray.light_probability * (samples_per_path[0] * pdf[0] + samples_per_path[1] * pdf[1]);
         let weight = match weighted_light > 0.0 {
             true => self.transport.heuristic.weight(ray.weighted_pdf, weighted_light),
             false => 1.0,
@@ -254,31 +255,31 @@ impl Path<'_> {
         let radiance = ray.beta * radiance * weight;
         let radiance = if radiance.is_finite() { radiance } else { Vec3::ZERO };
         let limit = if depth == 0 { f32::INFINITY } else { self.transport.limits[(depth > 1) as usize] };
-        let (radiance, _) = limited(radiance, limit);
-        self.tell(depth, What::Emission { radiance, weight });
+        let (radiance, _) = clamp_contribution(radiance, limit);
+        self.report(depth, EventKind::Emission { radiance, weight });
         radiance
     }
 
-    fn light_sample(&mut self, vertex: &Vertex, depth: u32, index: u32, toward: Toward) -> Vec3 {
+    fn light_sample(&mut self, vertex: &Vertex, depth: u32, index: u32, toward: LightTarget) -> Vec3 {
         let t = self.transport;
         if !t.lights.has_extent() {
             return Vec3::ZERO;
         }
-        let chance = vertex.chances.map_or(1.0, |[light, _]| light);
-        let [a_env, a_area, a_b] = self.rates(depth);
-        let number = unit_interval(U::splat(key(self.seed, index, roll_set(depth)))).as_array()[0];
-        if vertex.chances.is_some() && number >= chance {
+        let probability = vertex.roulette.map_or(1.0, |[light, _]| light);
+        let [a_env, a_area, a_b] = self.samples_per_path(depth);
+        let number = unit_interval(U::splat(key(self.seed, index, roulette_set(depth)))).as_array()[0];
+        if vertex.roulette.is_some() && number >= probability {
             return Vec3::ZERO;
         }
         let [choice, u, v, _] = self.sequence.sample(index, light_set(depth));
         let (drawn, left) = t.lights.draw_kind(F::splat(choice));
         let environment = match toward {
-            Toward::Drawn => drawn.to_bitmask() & 1 == 1,
-            toward => toward == Toward::Environment,
+            LightTarget::Random => drawn.to_bitmask() & 1 == 1,
+            toward => toward == LightTarget::Environment,
         };
-        let choice = if toward == Toward::Drawn { left } else { F::splat(choice) };
+        let choice = if toward == LightTarget::Random { left } else { F::splat(choice) };
         let mask = if environment { F::ZERO.simd_eq(F::ZERO) } else { F::ZERO };
-        let from = (V3::splat(vertex.origin), V3::splat(vertex.facing()));
+        let from = (V3::splat(vertex.origin), V3::splat(vertex.light_sampling_normal()));
         let at = (t.scene, F::splat(vertex.time));
         let light = t.lights.sample(at, from, (mask, t.drawing), [choice, F::splat(u), F::splat(v)]);
         let (value, mut bsdf_pdf) = vertex.bsdf.eval_pdf(V3::splat(vertex.ns), V3::splat(vertex.wo), light.wi);
@@ -287,7 +288,7 @@ impl Path<'_> {
         }
         let [pdf, bsdf_pdf, distance] = [light.pdf, bsdf_pdf, light.distance].map(|x| x.as_array()[0]);
         let (wi, value, emitted) = (light.wi.lane(0), value.lane(0), light.radiance.lane(0));
-        let weighted_pdf = chance * if environment { a_env } else { a_area } * pdf;
+        let weighted_pdf = probability * if environment { a_env } else { a_area } * pdf;
         let weight = t.heuristic.weight(weighted_pdf, a_b * bsdf_pdf);
         let radiance = vertex.beta * value * emitted * (weight / weighted_pdf);
         let name = if environment { "environment" } else { "area light" };
@@ -305,7 +306,7 @@ impl Path<'_> {
         self.shadow_ray(vertex, depth, index, ("punctual light", light.wi, light.distance), radiance)
     }
 
-    /// `radiance`, if it is light at all and nothing is in its way.
+    /// Traces a shadow ray: the clamped contribution, or zero if it is occluded, not finite or below the horizon.
     fn shadow_ray(
         &mut self,
         vertex: &Vertex,
@@ -314,11 +315,11 @@ impl Path<'_> {
         (toward, wi, distance): (&'static str, Vec3, f32),
         radiance: Vec3,
     ) -> Vec3 {
-        let Leaving { origin, allowed, medium } = vertex.leave(wi);
-        let radiance = radiance * media::left(self.transport.materials.media[medium as usize], distance);
-        let some = allowed && radiance.max_element() > 0.0 && radiance.is_finite();
-        if !some {
-            self.tell(depth, What::LightSample { toward, wi, distance, radiance: Vec3::ZERO, occluded: false });
+        let SpawnedRay { origin, allowed, medium } = vertex.spawn_ray(wi);
+        let radiance = radiance * media::transmittance(self.transport.materials.media[medium as usize], distance);
+        let contributes = allowed && radiance.max_element() > 0.0 && radiance.is_finite();
+        if !contributes {
+            self.report(depth, EventKind::LightSample { toward, wi, distance, radiance: Vec3::ZERO, occluded: false });
             return Vec3::ZERO;
         }
         let (mut rays, mut occluded) = (RayBatch::default(), Vec::new());
@@ -326,9 +327,9 @@ impl Path<'_> {
         rays.push(origin, wi, 0.0, distance * SHADOW_END, key);
         rays.time.extend(self.transport.geometry.moves.then_some(vertex.time));
         self.transport.rays.occluded(&rays, RayOrder::Incoherent, &mut occluded);
-        let (radiance, _) = limited(radiance, self.transport.limits[(depth > 0) as usize]);
+        let (radiance, _) = clamp_contribution(radiance, self.transport.limits[(depth > 0) as usize]);
         let (occluded, radiance) = (occluded[0], if occluded[0] { Vec3::ZERO } else { radiance });
-        self.tell(depth, What::LightSample { toward, wi, distance, radiance, occluded });
+        self.report(depth, EventKind::LightSample { toward, wi, distance, radiance, occluded });
         radiance
     }
 
@@ -337,28 +338,28 @@ impl Path<'_> {
         let (ns, wo) = (V3::splat(vertex.ns), V3::splat(vertex.wo));
         let numbers = [lobe, u, v].map(F::splat);
         let mixture = self.mixture(vertex);
-        let Drawn { sample, .. } = match &mixture {
-            Some(mixture) => mixture.draw(&vertex.bsdf, ns, wo, numbers),
-            None => Drawn::of_bsdf(vertex.bsdf.sample(ns, wo, numbers)),
+        let MixtureSample { sample, .. } = match &mixture {
+            Some(mixture) => mixture.sample(&vertex.bsdf, ns, wo, numbers),
+            None => MixtureSample::from_bsdf(vertex.bsdf.sample(ns, wo, numbers)),
         };
         let (wi, value, pdf) = (sample.wi.lane(0), sample.value.lane(0), sample.pdf.as_array()[0]);
-        self.tell(depth, What::BsdfSample { wi, pdf });
-        let weighted_pdf = self.rates(depth)[2] * pdf;
+        self.report(depth, EventKind::BsdfSample { wi, pdf });
+        let weighted_pdf = self.samples_per_path(depth)[2] * pdf;
         let mut beta = vertex.beta * value / weighted_pdf;
-        let Leaving { origin, allowed, medium } = vertex.leave(wi);
+        let SpawnedRay { origin, allowed, medium } = vertex.spawn_ray(wi);
         let alive = pdf > 0.0 && allowed && beta.max_element() > 0.0 && beta.is_finite();
         if !alive {
-            self.tell(depth, What::Ends { why: "the direction carries nothing" });
+            self.report(depth, EventKind::Ends { reason: "the direction carries nothing" });
             return Vec3::ZERO;
         }
-        let keep = match vertex.chances {
+        let keep = match vertex.roulette {
             Some([_, on]) => Some(on),
             None if depth + 1 < ROULETTE_DEPTH => None,
             None => Some((beta.max_element() * ROULETTE_GAIN).min(1.0)),
         };
         if let Some(keep) = keep {
             if keep <= survive {
-                self.tell(depth, What::Ends { why: "Russian roulette" });
+                self.report(depth, EventKind::Ends { reason: "Russian roulette" });
                 return Vec3::ZERO;
             }
             beta /= keep;
@@ -368,13 +369,13 @@ impl Path<'_> {
             direction: wi,
             key: key(self.seed, index, bsdf_set(depth)),
             beta,
-            normal: vertex.facing(),
+            normal: vertex.light_sampling_normal(),
             weighted_pdf,
             index,
             medium,
-            light_chance: vertex.chances.map_or(1.0, |[light, _]| light),
+            light_probability: vertex.roulette.map_or(1.0, |[light, _]| light),
             time: vertex.time,
         };
-        self.follow(&ray, depth + 1, &[(index, Toward::Drawn)], &[index])
+        self.trace_ray(&ray, depth + 1, &[(index, LightTarget::Random)], &[index])
     }
 }

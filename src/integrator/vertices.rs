@@ -1,104 +1,106 @@
-//! The vertices of a batch's paths as structure of arrays: what light and BSDF sampling need.
+//! Path vertices as structure of arrays: the input of light and BSDF sampling.
 
 use wide::bytemuck::cast;
 
-use super::Transport;
-use super::queues::Identity;
+use super::queues::PathIds;
+use super::transport::Transport;
 use crate::bsdf::{Bsdf, Core, LobeSet, Parameters};
 use crate::lanes::{F, LANES, Rows, U, V3, V3Column, grow, load, load_bits, store, store_bits};
 
-/// Lowest cosine between eye and shading normal.
+/// Lowest cosine between `wo` and the shading normal.
 pub const MIN_COS: f32 = 1e-3;
 
-/// One path vertex a row.
+/// Path vertices, one per row. Vectors are in world space.
 #[derive(Debug, Default)]
 pub struct Vertices {
-    /// Where rays leave, on the eye's side.
+    /// Origin of scattered rays, offset from the surface to the side of `wo`.
     pub origin: V3Column,
-    /// Unit geometric normal on the eye's side.
+    /// Unit geometric normal on the side of `wo`.
     pub ng: V3Column,
-    /// Unit shading normal, the eye just above its horizon at least.
+    /// Unit shading normal, with n·wo ≥ [`MIN_COS`].
     pub ns: V3Column,
-    /// Unit, toward the eye.
+    /// Unit direction to the previous vertex.
     pub wo: V3Column,
-    /// Radiance that leaves toward the eye counts this much.
+    /// Path throughput before scattering, linear RGB.
     pub beta: V3Column,
     bsdf: <Bsdf as Parameters>::Columns,
-    /// How far `origin` stands off the surface along `ng`.
+    /// Offset of `origin` from the surface along `ng`, in metres.
     pub origin_offset: Vec<f32>,
-    /// Path of the wave.
+    /// Index of the path in the wave.
     pub path: Vec<u32>,
-    /// Index into its pixel's sequence.
+    /// Sample index in the pixel's sequence.
     pub index: Vec<u32>,
-    /// BSDF sample of a first surface that it descends from.
+    /// Index of the sub-path; unused at first surfaces.
     pub sub_path: Vec<u32>,
-    /// Seed of its pixel's sequence.
+    /// Seed of the pixel's sequence.
     pub seed: Vec<u32>,
-    /// The media on the eye's side and beyond, of [`Materials::media`](super::Materials::media); where some absorb.
+    /// Media on the side of `wo` and beyond the surface, indices into [`Materials::media`](super::Materials::media); present if
+    /// one absorbs.
     pub media: Option<[Vec<u32>; 2]>,
-    /// What guiding knows; where there is a field, or one is learned.
-    pub guided: Option<Guided>,
-    /// When they are, as in [`RayBatch`](crate::rays::RayBatch); empty where nothing moves.
+    /// Columns for path guiding; present if a field is used or trained.
+    pub guiding: Option<GuidingColumns>,
+    /// Times in [0, 1] of the shutter interval; empty where nothing moves.
     time: Vec<f32>,
     len: usize,
 }
 
-/// Of each vertex, what guiding knows.
+/// Columns of [`Vertices`] for path guiding.
 #[derive(Debug, Default)]
-pub struct Guided {
-    /// Does its surface scatter widely ([`Lobe::diffuseness`](crate::bsdf::Lobe::diffuseness))? 0 or 1.
-    pub broad: Vec<u32>,
-    /// Cell of the field, or [`NOWHERE`](crate::guiding::NOWHERE).
+pub struct GuidingColumns {
+    /// Is the BSDF diffuse ([`Lobe::diffuseness`](crate::bsdf::Lobe::diffuseness))? 0 or 1.
+    pub diffuse: Vec<u32>,
+    /// Cell of the guiding field, or [`NOWHERE`](crate::guiding::NOWHERE).
     pub cell: Vec<u32>,
-    /// Chances of a light sample and of going on, of vertices beyond the first; meant where the field knows them.
-    pub chances: [Vec<f32>; 2],
+    /// Roulette probabilities of the light sample and of continuing the path; valid beyond first surfaces, if the field sets
+    /// them.
+    pub roulette: [Vec<f32>; 2],
 }
 
-/// Rays that leave vertices.
+/// Eight rays that leave vertices.
 #[derive(Debug, Clone, Copy)]
-pub struct Leaving {
-    /// Where they begin, on the side to which they go.
+pub struct SpawnedRays {
+    /// Origins, offset to the side of the directions.
     pub origin: V3,
-    /// Mask: the geometric normal allows it.
+    /// Mask: the direction is consistent with the geometric normal.
     pub allowed: F,
-    /// Mask: they go beyond the surface.
+    /// Mask: the ray crosses the surface.
     pub beyond: F,
 }
 
-/// What scatters at eight points.
+/// The BSDFs of eight points.
 #[derive(Debug, Clone, Copy)]
-pub enum Scattering<'a> {
-    /// Any lobes.
+pub enum BsdfGroup<'a> {
+    /// Full BSDFs.
     Any([&'a Bsdf; LANES]),
-    /// Those of the core model; where no vertex has any other.
+    /// BSDFs of the core model, for scenes that need no others.
     Core([&'a Core; LANES]),
 }
 
-/// Up to eight points on their way into the columns.
+/// Up to eight vertices, input of [`Vertices::push`].
 #[derive(Debug, Clone, Copy)]
-pub struct Group<'a> {
+pub struct VertexGroup<'a> {
     /// World space.
     pub position: V3,
-    /// Normals on the winding's front side, of any length.
+    /// Geometric normals on the front side by the winding, any length.
     pub ng: V3,
-    /// Shading normals, as `ng`.
+    /// Shading normals on the front side by the winding, any length.
     pub ns: V3,
-    /// Unit directions of the rays that arrive.
+    /// Unit directions of the arriving rays.
     pub direction: V3,
-    /// As in [`Vertices`].
+    /// Path throughputs before scattering.
     pub beta: V3,
-    /// As in [`Vertices`].
+    /// Offsets of ray origins along the geometric normals, in metres.
     pub origin_offset: F,
-    /// The scattering at the points.
-    pub bsdfs: Scattering<'a>,
-    /// As in [`Vertices`]; read where there are columns for them.
+    /// BSDFs at the points.
+    pub bsdfs: BsdfGroup<'a>,
+    /// Media on the side of `wo` and beyond; read if there are columns for them.
     pub media: [U; 2],
-    /// Whose they are.
-    pub identity: Identity,
+    /// Paths that they belong to.
+    pub path_ids: PathIds,
 }
 
 impl Vertices {
-    /// How many vertices.
+    /// Number of vertices.
     pub fn len(&self) -> usize {
         self.len
     }
@@ -108,9 +110,9 @@ impl Vertices {
         self.len == 0
     }
 
-    /// Forgets all vertices and makes room for `most`, on surfaces with no lobes but those in `lobes`, in media if some
-    /// `absorb`, on paths that are `guided` or learned from, at times of their own if something `moves`.
-    pub fn open(&mut self, most: usize, lobes: LobeSet, absorb: bool, guided: bool, moves: bool) {
+    /// Clears the vertices and makes room for `most`: with columns for the lobes in `lobes`, for media if some `absorb`, for
+    /// path guiding if `guiding`, and for times if something `moves`.
+    pub fn open(&mut self, most: usize, lobes: LobeSet, absorb: bool, guiding: bool, moves: bool) {
         for column in [&mut self.origin, &mut self.ng, &mut self.ns, &mut self.wo, &mut self.beta] {
             column.grow(most);
         }
@@ -121,11 +123,11 @@ impl Vertices {
         }
         self.media = absorb.then(|| self.media.take().unwrap_or_default());
         self.media.iter_mut().flatten().for_each(|column| grow(column, most));
-        self.guided = guided.then(|| self.guided.take().unwrap_or_default());
-        if let Some(Guided { broad, cell, chances }) = &mut self.guided {
-            grow(broad, most);
+        self.guiding = guiding.then(|| self.guiding.take().unwrap_or_default());
+        if let Some(GuidingColumns { diffuse, cell, roulette }) = &mut self.guiding {
+            grow(diffuse, most);
             grow(cell, most);
-            chances.iter_mut().for_each(|column| grow(column, most));
+            roulette.iter_mut().for_each(|column| grow(column, most));
         }
         match moves {
             true => grow(&mut self.time, most),
@@ -134,19 +136,18 @@ impl Vertices {
         self.len = 0;
     }
 
-    /// Appends a group, of which the first `n` count: turns normals to the eye's side and normalises them.
+    /// Appends a group, of which the first `n` are valid. Normalises the normals and turns them to the side of `wo`.
     #[inline(always)]
-    pub fn push(&mut self, n: usize, group: &Group) {
+    pub fn push(&mut self, n: usize, group: &VertexGroup) {
         let at = self.len;
         self.len += n;
         let wo = group.direction * F::splat(-1.0);
         let ng = group.ng.normalize_or(wo);
-        // The side of the eye, as a sign.
+        // ±1: the side of wo relative to the winding.
         let side = (ng.dot(wo) & F::splat(-0.0)) | F::ONE;
         let ng = ng * side;
         let ns = group.ns.normalize_or(ng * side) * side;
-        // Interpolated and mapped normals may face away from the eye where the triangle does not: tilt them back until
-        // the eye is just above the shading horizon.
+        // Interpolated and mapped normals may face away from wo where the triangle does not: tilt them until n·wo = MIN_COS.
         let cos = ns.dot(wo);
         let low = F::splat(MIN_COS);
         let tilted = (ns + wo * (low - cos)).normalize_or(ng);
@@ -157,46 +158,45 @@ impl Vertices {
         self.wo.store(at, wo);
         self.beta.store(at, group.beta);
         store(&mut self.origin_offset, at, group.origin_offset);
-        store_bits(&mut self.path, at, group.identity.path);
-        store_bits(&mut self.index, at, group.identity.index);
-        store_bits(&mut self.sub_path, at, group.identity.sub_path);
-        store_bits(&mut self.seed, at, group.identity.seed);
+        store_bits(&mut self.path, at, group.path_ids.path);
+        store_bits(&mut self.index, at, group.path_ids.index);
+        store_bits(&mut self.sub_path, at, group.path_ids.sub_path);
+        store_bits(&mut self.seed, at, group.path_ids.seed);
         match group.bsdfs {
-            Scattering::Any(bsdfs) => Bsdf::store(&mut self.bsdf, at, bsdfs),
-            Scattering::Core(cores) => Core::store(Bsdf::core_mut(&mut self.bsdf), at, cores),
+            BsdfGroup::Any(bsdfs) => Bsdf::store(&mut self.bsdf, at, bsdfs),
+            BsdfGroup::Core(cores) => Core::store(Bsdf::core_mut(&mut self.bsdf), at, cores),
         }
         if let Some(columns) = &mut self.media {
             columns.iter_mut().zip(group.media).for_each(|(column, medium)| store_bits(column, at, medium));
         }
         if !self.time.is_empty() {
-            store(&mut self.time, at, group.identity.time);
+            store(&mut self.time, at, group.path_ids.time);
         }
     }
 
-    /// The geometric normals at some rows by which lights are chosen: zero in lanes of `both`, which light reaches from
-    /// both sides.
+    /// The geometric normals for light selection; zero in lanes of the mask `transmits`, which light reaches from both sides.
     #[inline(always)]
-    pub fn facing(&self, rows: &Rows, both: F) -> V3 {
-        V3::select(both, V3::ZERO, self.ng.load(rows))
+    pub fn light_sampling_normals(&self, rows: &Rows, transmits: F) -> V3 {
+        V3::select(transmits, V3::ZERO, self.ng.load(rows))
     }
 
-    /// Rays toward `wi` from some rows, of which lanes of `both` transmit: there, both normals must see `wi` on the same
-    /// side.
+    /// Rays from eight vertices in the directions `wi`. In lanes of the mask `transmits` the surface transmits; there `wi` must
+    /// be on the same side of both normals.
     #[inline(always)]
-    pub fn leave(&self, rows: &Rows, both: F, wi: V3) -> Leaving {
+    pub fn spawn_rays(&self, rows: &Rows, transmits: F, wi: V3) -> SpawnedRays {
         let (origin, ng) = (self.origin.load(rows), self.ng.load(rows));
         let cos = ng.dot(wi);
         let above = cos.simd_gt(F::ZERO);
-        if !both.any() {
-            return Leaving { origin, allowed: above, beyond: F::ZERO };
+        if !transmits.any() {
+            return SpawnedRays { origin, allowed: above, beyond: F::ZERO };
         }
-        let beyond = both & cos.simd_lt(F::ZERO);
+        let beyond = transmits & cos.simd_lt(F::ZERO);
         let far = origin - ng * (F::splat(2.0) * load(&self.origin_offset, rows));
         let alike = (cos * self.ns.load(rows).dot(wi)).simd_gt(F::ZERO);
-        Leaving { origin: V3::select(beyond, far, origin), allowed: (above | beyond) & alike, beyond }
+        SpawnedRays { origin: V3::select(beyond, far, origin), allowed: (above | beyond) & alike, beyond }
     }
 
-    /// The media that rays are in which leave some rows, those of `beyond` on the far side.
+    /// The media of rays that leave eight vertices; those in the mask `beyond` cross the surface. `None` if no medium absorbs.
     #[inline(always)]
     pub fn media(&self, rows: &Rows, beyond: F) -> Option<U> {
         let [near, far] = self.media.as_ref()?;
@@ -204,28 +204,29 @@ impl Vertices {
         Some((load_bits(far, rows) & beyond) | (load_bits(near, rows) & !beyond))
     }
 
-    /// The chances of a light sample and of going on at some rows, beyond first surfaces; `None` where no field knows them.
+    /// Roulette probabilities of the light sample and of continuing the path, beyond first surfaces; `None` unless a field sets
+    /// them.
     #[inline(always)]
-    pub fn chances(&self, transport: &Transport, rows: &Rows) -> Option<[F; 2]> {
-        let guided = self.guided.as_ref().filter(|_| transport.has_roulette())?;
-        Some([load(&guided.chances[0], rows), load(&guided.chances[1], rows)])
+    pub fn roulette(&self, transport: &Transport, rows: &Rows) -> Option<[F; 2]> {
+        let guiding = self.guiding.as_ref().filter(|_| transport.has_roulette())?;
+        Some([load(&guiding.roulette[0], rows), load(&guiding.roulette[1], rows)])
     }
 
-    /// Are they at times of their own?
+    /// Do the vertices have times?
     pub fn moves(&self) -> bool {
         !self.time.is_empty()
     }
 
-    /// When some rows are; 0 where nothing moves.
+    /// Times of eight vertices; 0 where nothing moves.
     #[inline(always)]
     pub fn times(&self, rows: &Rows) -> F {
         if self.time.is_empty() { F::ZERO } else { load(&self.time, rows) }
     }
 
-    /// Whose some rows are.
+    /// Paths of eight vertices.
     #[inline(always)]
-    pub fn identity(&self, rows: &Rows) -> Identity {
-        Identity {
+    pub fn path_ids(&self, rows: &Rows) -> PathIds {
+        PathIds {
             path: load_bits(&self.path, rows),
             index: load_bits(&self.index, rows),
             sub_path: load_bits(&self.sub_path, rows),
@@ -234,12 +235,13 @@ impl Vertices {
         }
     }
 
-    /// The scattering at some rows.
+    /// BSDFs of eight vertices.
     #[inline(always)]
     pub fn bsdf(&self, rows: &Rows) -> <Bsdf as Parameters>::Eight {
         Bsdf::load(&self.bsdf, rows)
     }
-    /// Those of the core model, where no vertex has any other lobe.
+
+    /// The core model's columns, if no vertex has other lobes.
     #[inline(always)]
     pub fn core(&self) -> Option<&<Core as Parameters>::Columns> {
         Bsdf::core(&self.bsdf)

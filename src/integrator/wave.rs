@@ -1,14 +1,14 @@
-//! A batch of paths from camera to end, stage by stage. Buffers are kept between waves: none is allocated in the
-//! steady state.
+//! The wavefront loop: traces a batch of paths, stage by stage. Buffers are reused between waves, so that the steady state
+//! allocates nothing.
 
 use std::time::Instant;
 
-use super::Transport;
 use super::batch::{PixelBatch, PixelTask};
-use super::path_states::{CAMERA, PathStates, Step};
+use super::path_states::{NO_PARENT, PathStates, ScatterRecord};
 use super::queues::{PathRays, ShadowRays, SortedHits};
 use super::stages::requests::Requests;
 use super::stages::{camera_rays, emission, lights, media, mixture, scatter, sort, surfaces};
+use super::transport::Transport;
 use super::vertices::Vertices;
 use crate::color::luminance;
 use crate::film::PixelStats;
@@ -16,10 +16,10 @@ use crate::guiding::{TrainingSample, VertexRecord};
 use crate::light::LightSampleRecord;
 use crate::rays::{HitBatch, RayOrder};
 
-/// Rays and time of waves.
+/// Ray counts and query time of waves.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct WaveCounts {
-    /// Rays from the camera.
+    /// Camera rays.
     pub camera_rays: u64,
     /// Rays of the first bounce.
     pub first_bounce_rays: u64,
@@ -27,21 +27,21 @@ pub struct WaveCounts {
     pub later_bounce_rays: u64,
     /// Shadow rays.
     pub shadow_rays: u64,
-    /// Seconds inside ray queries.
+    /// Time in ray queries, in seconds.
     pub query_seconds: f64,
-    /// Samples left out as their light was no finite number.
+    /// Samples discarded because their radiance was not finite.
     pub not_finite: u64,
-    /// Of the first of them: column, row, number of the path in its pixel.
+    /// The first of them: column, row, number of the path in its pixel.
     pub first_not_finite: Option<[u32; 3]>,
 }
 
 impl WaveCounts {
-    /// Rays of all kinds.
+    /// Total number of rays.
     pub fn rays(&self) -> u64 {
         self.camera_rays + self.first_bounce_rays + self.later_bounce_rays + self.shadow_rays
     }
 
-    /// The sum of two.
+    /// The sum of two counts.
     pub fn plus(&self, other: &Self) -> Self {
         Self {
             camera_rays: self.camera_rays + other.camera_rays,
@@ -63,7 +63,7 @@ impl WaveCounts {
     }
 }
 
-/// The buffers of one thread.
+/// The wavefront integrator of one thread, with its buffers.
 #[derive(Debug, Default)]
 pub struct Wave {
     rays: PathRays,
@@ -75,20 +75,20 @@ pub struct Wave {
     shadows: ShadowRays,
     occluded: Vec<bool>,
     path_states: PathStates,
-    /// Rays and time so far.
+    /// Totals over all waves so far.
     pub counts: WaveCounts,
 }
 
 impl Wave {
-    /// Traces the paths that the batch's tasks count and adds to its sums, in a fixed order.
+    /// Traces the paths of the batch's tasks and adds them to its sums, in a fixed order.
     pub fn run(&mut self, transport: &Transport, batch: &mut PixelBatch) {
         let Self { rays, next_rays, hits, sorted, vertices, requests, shadows, occluded, path_states, counts } = self;
-        path_states.begin(batch.tasks, transport.lights.environment_probability);
+        path_states.start_paths(batch.tasks, transport.lights.environment_probability);
         if !batch.extras.is_empty() {
             path_states.mirrors.resize(path_states.paths.len(), None);
         }
         camera_rays::begin(transport, batch.tasks, rays);
-        let learns = path_states.steps.is_some();
+        let learns = path_states.scatter_records.is_some();
         for depth in 0..transport.max_depth {
             if rays.len == 0 {
                 break;
@@ -99,17 +99,17 @@ impl Wave {
 
             sort::sort(transport, depth, hits, sorted);
             if depth == 0 {
-                surfaces::observe(transport, rays, hits, path_states, batch);
+                surfaces::record_first_hits(transport, rays, hits, path_states, batch);
             } else if !batch.extras.is_empty() {
                 surfaces::follow_mirrors(transport, depth, rays, hits, path_states, batch);
             }
             if transport.materials.absorbs() {
-                media::cross(transport, depth, rays, hits);
+                media::attenuate(transport, depth, rays, hits);
             }
             emission::surfaces(transport, depth, &sorted.emissive, rays, hits, path_states, batch);
             emission::environment(transport, depth, &sorted.escaped, rays, path_states, batch);
             surfaces::vertices(transport, learns, sorted, rays, hits, vertices);
-            mixture::find(transport, vertices);
+            mixture::find_cells(transport, vertices);
 
             requests.light_samples(transport, depth, vertices, path_states, batch.tasks);
             lights::sample(transport, depth, vertices, requests, path_states, batch.observer.is_some(), shadows);
@@ -123,9 +123,9 @@ impl Wave {
             }
             std::mem::swap(rays, next_rays);
         }
-        path_states.finish(batch);
-        counts.not_finite += path_states.faults.count;
-        if let (None, Some(path)) = (counts.first_not_finite, path_states.faults.first) {
+        path_states.add_to_pixels(batch);
+        counts.not_finite += path_states.non_finite.count;
+        if let (None, Some(path)) = (counts.first_not_finite, path_states.non_finite.first) {
             let pixel = path_states.paths[path as usize].pixel;
             let before = batch.tasks[..pixel as usize].iter().map(|task| task.counts.paths).sum::<u32>();
             let task = &batch.tasks[pixel as usize];
@@ -134,36 +134,36 @@ impl Wave {
     }
 }
 
-/// What the squares of pixels' contributions are divided by, from what the pixels took and found.
+/// Computes, from the tasks and statistics of pixels, the divisor of each pixel's squared contributions.
 pub type Divisors<'a> = &'a dyn Fn(&[PixelTask], &[PixelStats]) -> Vec<f32>;
 
 impl Wave {
-    /// As [`run`](Self::run), for what is to be learned from the paths: adds to `training_samples` those that found light, each weighed
-    /// by what `divisors` makes of its pixel, and to `vertex_records` what vertices beyond the first found; gives the divisors.
-    pub fn learn(
+    /// Runs a wave and collects training data of the guiding field: appends a training sample for each scattered ray that found
+    /// light, weighted by the divisor of its pixel, and a vertex record for each vertex beyond the first. Returns the divisors.
+    pub fn collect_training_samples(
         &mut self,
         transport: &Transport,
         batch: &mut PixelBatch,
         divisors: Divisors,
         (training_samples, vertex_records): (&mut Vec<TrainingSample>, &mut Vec<VertexRecord>),
     ) -> Vec<f32> {
-        self.path_states.steps.get_or_insert_default();
+        self.path_states.scatter_records.get_or_insert_default();
         self.run(transport, batch);
-        self.path_states.gather();
+        self.path_states.accumulate_descendants();
         let divisors = divisors(batch.tasks, batch.stats);
-        let PathStates { steps, sub_paths, paths, .. } = &mut self.path_states;
-        let steps = steps.take().unwrap_or_default();
-        for (step, sub_path) in steps.iter().zip(sub_paths.iter()) {
+        let PathStates { scatter_records, sub_paths, paths, .. } = &mut self.path_states;
+        let scatter_records = scatter_records.take().unwrap_or_default();
+        for (record, sub_path) in scatter_records.iter().zip(sub_paths.iter()) {
             let found = luminance(sub_path.indirect);
-            if step.parent != CAMERA && step.beta > 0.0 {
-                // As if they had been taken for sure.
-                let [light, on] = step.chances;
-                let found = [light.sqrt() * steps[step.parent as usize].light, on * found];
-                let found = found.map(|found| (found / step.beta).powi(2));
-                vertex_records.push(VertexRecord { position: step.position, normal: step.normal, found });
+            if record.parent != NO_PARENT && record.beta > 0.0 {
+                // Estimates for roulette probabilities of one.
+                let [light, on] = record.roulette;
+                let found = [light.sqrt() * scatter_records[record.parent as usize].light, on * found];
+                let found = found.map(|found| (found / record.beta).powi(2));
+                vertex_records.push(VertexRecord { position: record.position, normal: record.normal, found });
             }
-            if found > 0.0 && step.broad && step.beta > 0.0 && found.is_finite() {
-                let Step { position, normal, wi, beta, pdf: [pdf, bsdf_pdf, field_pdf], .. } = *step;
+            if found > 0.0 && record.diffuse && record.beta > 0.0 && found.is_finite() {
+                let ScatterRecord { position, normal, wi, beta, pdf: [pdf, bsdf_pdf, field_pdf], .. } = *record;
                 training_samples.push(TrainingSample {
                     position,
                     normal,
@@ -181,9 +181,9 @@ impl Wave {
 }
 
 impl Wave {
-    /// As [`run`](Self::run), for what is to be learned of area lights: the light samples toward them, each weighed by what
-    /// `divisors` makes of its pixel, a place in the batch; and the divisors.
-    pub fn light_sample_records(
+    /// Runs a wave and returns its light samples of area lights, each divided by the square root of its pixel's divisor, and the
+    /// divisors. [`LightSampleRecord::pixel`] is an index into the batch.
+    pub fn collect_light_samples(
         &mut self,
         transport: &Transport,
         batch: &mut PixelBatch,
@@ -200,7 +200,7 @@ impl Wave {
     }
 }
 
-/// Adds a ray query's time.
+/// Runs a ray query and adds its time.
 fn timed(counts: &mut WaveCounts, query: impl FnOnce()) {
     let start = Instant::now();
     query();

@@ -1,34 +1,37 @@
-//! What a ray query backend takes for granted of a scene, checked once before the build.
+//! Validation of a scene before a build.
 
 use crate::scene::motion::{Key, MOST_STEPS};
 use crate::scene::{FARTHEST, Scene};
 use crate::{Error, Result};
 
-/// Refuses what would make a backend read out of bounds or lose triangles: indices beyond the vertices, coordinates
-/// that are not numbers or beyond [`FARTHEST`], transforms that cannot be inverted, ranges beyond their table.
+/// Rejects scenes for which a backend would read out of bounds or lose triangles.
+///
+/// # Errors
+/// [`Error::Data`] for vertex indices out of range, coordinates that are NaN or beyond [`FARTHEST`], singular transforms, and
+/// mesh or object indices out of range.
 pub(super) fn check(scene: &Scene) -> Result<()> {
     for (index, mesh) in scene.meshes.iter().enumerate() {
         let count = mesh.positions.len();
-        let beyond = |triangle: &[u32; 3]| triangle.iter().any(|&vertex| vertex as usize >= count);
-        if let Some(at) = mesh.indices.iter().position(beyond) {
+        let out_of_range = |triangle: &[u32; 3]| triangle.iter().any(|&vertex| vertex as usize >= count);
+        if let Some(at) = mesh.indices.iter().position(out_of_range) {
             return Err(Error::Data(format!(
                 "mesh {index} \"{}\": triangle {at} has the vertices {:?}, but there are only {count}",
                 mesh.name, mesh.indices[at]
             )));
         }
-        let astray = |position: &[f32; 3]| position.iter().any(|x| x.is_nan() || x.abs() > FARTHEST);
+        let invalid = |position: &[f32; 3]| position.iter().any(|x| x.is_nan() || x.abs() > FARTHEST);
         let steps = mesh.motion.iter().flat_map(|motion| &motion.positions);
         for positions in steps.clone().chain([&mesh.positions]) {
-            if let Some(at) = positions.iter().position(astray) {
+            if let Some(at) = positions.iter().position(invalid) {
                 return Err(Error::Data(format!(
-                    "mesh {index} \"{}\": vertex {at} is at {:?}, which is not a place within {FARTHEST:e} m",
+                    "mesh {index} \"{}\": vertex {at} is at {:?}, which is not a position within {FARTHEST:e} m",
                     mesh.name, positions[at]
                 )));
             }
         }
         let number = steps.clone().count();
-        let many = mesh.motion.is_some() && !(2..=MOST_STEPS + 1).contains(&number);
-        if many || steps.into_iter().any(|positions| positions.len() != count) {
+        let wrong_count = mesh.motion.is_some() && !(2..=MOST_STEPS + 1).contains(&number);
+        if wrong_count || steps.into_iter().any(|positions| positions.len() != count) {
             let name = &mesh.name;
             return Err(Error::Data(format!(
                 "mesh {index} \"{name}\": {number} steps that are not all {count} vertices"

@@ -1,7 +1,8 @@
-//! obvhs in pure Rust behind [`RayQueries`]: the second opinion on Embree. By default its compressed eight-wide BVH.
+//! The obvhs backend of [`RayQueries`], in pure Rust: an independent check of Embree. It uses the compressed eight-wide BVH by
+//! default.
 //!
-//! All meshes that stand in world space make one group; every other placed object makes one. Each group has a BVH of
-//! its own, over its placements' bounds lies another.
+//! All meshes that are placed without a transform share one bottom-level BVH; every other object has one of its own. The
+//! top-level BVH is built over the bounds of their placements.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -12,7 +13,10 @@ use obvhs::ray::{Ray, RayHit};
 use obvhs::rt_triangle::RtTriangle;
 use obvhs::triangle::Triangle;
 
-use super::{BackendInfo, HitBatch, MISS, RayBatch, RayOrder, RayQueries, Watch, go_on};
+use super::batch::{HitBatch, MISS, RayBatch, RayOrder};
+use super::build::{Watch, build_units, check_watch};
+use super::check::check;
+use super::queries::{BackendInfo, RayQueries};
 use crate::scene::Scene;
 use crate::{Error, Result};
 
@@ -21,57 +25,57 @@ mod test;
 mod tree;
 
 pub use options::{ObvhsOptions, Preset, TreeKind, TriangleTest};
-use test::{Embree, Own, Test};
+use test::{EmbreeTest, IntersectionTest, ObvhsTest};
 use tree::{Tree, union};
 
-/// The library's version, as in Cargo.lock.
+/// Version of obvhs in Cargo.lock.
 pub const VERSION: &str = env!("BISMAR_OBVHS_VERSION");
-/// Instruction set that this program, and so the library, is compiled for: `x86-64-v3`, say.
+/// Instruction set that this program is compiled for, for example `x86-64-v3`.
 pub const ISA_BASELINE: &str = env!("BISMAR_ISA_BASELINE");
 
-/// obvhs skips boxes that end before t = 1e-4. Directions are shortened by this power of two, which is exact and makes
-/// that 1.5e-9 of the caller's t.
-const SHORTER: f32 = 1.0 / 65536.0;
+/// Directions are scaled by this power of two, which is exact: obvhs skips boxes that end before t = 1e-4, which then is
+/// 1.5e-9 in the caller's units.
+const DIRECTION_SCALE: f32 = 1.0 / 65536.0;
 
-/// Largest reciprocal of a direction's component: finite, so that no box test computes 0 · ∞.
-const STEEPEST: f32 = 1e18;
+/// Largest reciprocal of a direction component; finite, so that box tests never compute 0 · ∞.
+const MAX_RECIPROCAL: f32 = 1e18;
 
-/// A [`Scene`] built into obvhs' acceleration structure.
+/// The acceleration structure of a [`Scene`] by obvhs.
 pub struct ObvhsRays {
     scene: Arc<Scene>,
-    groups: Vec<Group>,
+    bottom_levels: Vec<BottomLevel>,
     placements: Vec<Placement>,
-    /// Over the placements' bounds.
+    /// Top-level BVH over the bounds of the placements.
     top: Tree,
     test: TriangleTest,
-    /// [`Scene::has_alpha`] of each mesh.
+    /// [`Scene::has_alpha`] by mesh.
     has_alpha: Vec<bool>,
     info: BackendInfo,
 }
 
-/// Triangles that move together.
-struct Group {
+/// A bottom-level BVH with its triangles.
+struct BottomLevel {
     bvh: Tree,
     /// In the order of the BVH's leaves.
     triangles: Vec<RtTriangle>,
-    /// What each of them is.
+    /// Instance, mesh and index of each triangle.
     ids: Vec<TriangleId>,
     bounds: Aabb,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct TriangleId {
-    /// [`MISS`] where the placement says it.
+    /// Index into [`Scene::instances`]; [`MISS`] if the placement determines it.
     instance: u32,
     mesh: u32,
     prim: u32,
 }
 
 struct Placement {
-    group: u32,
-    /// Index into [`Scene::instances`]; [`MISS`] for the group in world space.
+    bottom_level: u32,
+    /// Index into [`Scene::instances`]; [`MISS`] for the triangles in world space.
     instance: u32,
-    /// World to object; `None` for the group in world space.
+    /// World to object; `None` for the triangles in world space.
     to_object: Option<Affine3A>,
 }
 
@@ -84,54 +88,56 @@ struct Closest {
 }
 
 impl ObvhsRays {
-    /// Builds the acceleration structure; keeps the scene for its alpha. `watch` follows it object by
-    /// object: obvhs itself reports nothing.
+    /// Builds the acceleration structure; keeps the scene for alpha tests. `watch` is called once per object, because obvhs does
+    /// not report progress.
     ///
     /// # Errors
-    /// [`Error::Data`] for a malformed scene or one that makes too deep a tree, [`Error::Usage`] for one that moves,
-    /// [`Error::Interrupted`] when `watch` says so.
+    /// [`Error::Data`] for a malformed scene or one whose tree is too deep, [`Error::Usage`] for a scene with motion,
+    /// [`Error::Interrupted`] if `watch` stops the build.
     pub fn build(scene: Arc<Scene>, options: &ObvhsOptions, watch: Watch) -> Result<Self> {
         let start = Instant::now();
-        super::check::check(&scene)?;
+        check(&scene)?;
         if scene.moves() {
             let why =
-                "--rays obvhs traces nothing that moves while the shutter is open: take --rays embree, or no --shutter";
+                "--rays obvhs does not support motion while the shutter is open: use --rays embree, or omit --shutter";
             return Err(Error::Usage(why.into()));
         }
-        let units = super::units(&scene) as f64;
-        go_on(watch, 0.0)?;
-        let (mut groups, mut placements, mut bounds) = (Vec::new(), Vec::new(), Vec::new());
+        let units = build_units(&scene) as f64;
+        check_watch(watch, 0.0)?;
+        let (mut bottom_levels, mut placements, mut bounds) = (Vec::new(), Vec::new(), Vec::new());
         let meshes_of = |object: u32| scene.objects[object as usize].meshes.clone();
-        let standing = scene.instances.iter().enumerate().filter(|(_, instance)| instance.transform.is_none());
-        let standing = standing.flat_map(|(index, i)| meshes_of(i.object).map(move |mesh| (index as u32, mesh)));
-        if let Some(group) = Group::build(&scene, standing, options)? {
-            bounds.push(group.bounds);
-            placements.push(Placement { group: 0, instance: MISS, to_object: None });
-            groups.push(group);
+        let untransformed = scene.instances.iter().enumerate().filter(|(_, instance)| instance.transform.is_none());
+        let untransformed =
+            untransformed.flat_map(|(index, i)| meshes_of(i.object).map(move |mesh| (index as u32, mesh)));
+        if let Some(bottom_level) = BottomLevel::build(&scene, untransformed, options)? {
+            bounds.push(bottom_level.bounds);
+            placements.push(Placement { bottom_level: 0, instance: MISS, to_object: None });
+            bottom_levels.push(bottom_level);
         }
-        let mut built: usize = groups.iter().map(|group: &Group| group.ids.len()).sum();
-        // By object; the inner `None` is an object without triangles.
+        let mut built: usize = bottom_levels.iter().map(|bottom_level: &BottomLevel| bottom_level.ids.len()).sum();
+        // By object: its bottom level once built; the inner `None` is an object without triangles.
         let mut of_object: Vec<Option<Option<u32>>> = vec![None; scene.objects.len()];
         for (index, instance) in scene.instances.iter().enumerate() {
             let Some(transform) = instance.transform else { continue };
             let of_object = &mut of_object[instance.object as usize];
             if of_object.is_none() {
-                go_on(watch, built as f64 / units)?;
+                check_watch(watch, built as f64 / units)?;
                 built += scene.triangles(instance.object);
-                let group = Group::build(&scene, meshes_of(instance.object).map(|mesh| (MISS, mesh)), options)?;
-                *of_object = Some(group.map(|group| {
-                    groups.push(group);
-                    groups.len() as u32 - 1
+                let bottom_level =
+                    BottomLevel::build(&scene, meshes_of(instance.object).map(|mesh| (MISS, mesh)), options)?;
+                *of_object = Some(bottom_level.map(|bottom_level| {
+                    bottom_levels.push(bottom_level);
+                    bottom_levels.len() as u32 - 1
                 }));
             }
-            let Some(Some(group)) = *of_object else { continue };
-            bounds.push(transformed(&groups[group as usize].bounds, &transform));
+            let Some(Some(bottom_level)) = *of_object else { continue };
+            bounds.push(transformed(&bottom_levels[bottom_level as usize].bounds, &transform));
             let to_object = Some(transform.inverse());
-            placements.push(Placement { group, instance: index as u32, to_object });
+            placements.push(Placement { bottom_level, instance: index as u32, to_object });
         }
         let top = Tree::build(bounds, None, options)?;
         let has_alpha = (0..scene.meshes.len() as u32).map(|mesh| scene.has_alpha(mesh)).collect();
-        let memory_bytes = groups.iter().map(Group::bytes).sum::<usize>() + top.bytes();
+        let memory_bytes = bottom_levels.iter().map(BottomLevel::bytes).sum::<usize>() + top.bytes();
         let info = BackendInfo {
             name: "obvhs",
             version: VERSION.to_owned(),
@@ -140,21 +146,21 @@ impl ObvhsRays {
             memory_bytes: memory_bytes as u64,
             peak_bytes: None,
         };
-        Ok(Self { scene, groups, placements, top, test: options.test, has_alpha, info })
+        Ok(Self { scene, bottom_levels, placements, top, test: options.test, has_alpha, info })
     }
 
-    /// The hit of a ray with one triangle as (t, u, v), when it counts.
+    /// Intersects a ray with one triangle: (t, u, v), or `None` for a miss and for hits that fail the alpha test.
     #[inline(always)]
-    fn hit_triangle<T: Test>(
+    fn hit_triangle<T: IntersectionTest>(
         &self,
-        group: &Group,
+        bottom_level: &BottomLevel,
         instance: u32,
         at: usize,
         ray: &Ray,
         key: u32,
     ) -> Option<(f32, f32, f32)> {
-        let (t, u, v) = T::intersect(&group.triangles[at], ray)?;
-        let id = group.ids[at];
+        let (t, u, v) = T::intersect(&bottom_level.triangles[at], ray)?;
+        let id = bottom_level.ids[at];
         if self.has_alpha[id.mesh as usize] {
             let instance = if id.instance == MISS { instance } else { id.instance };
             if !self.scene.is_present(key, instance, id.mesh, id.prim, u, v) {
@@ -164,17 +170,17 @@ impl ObvhsRays {
         Some((t, u, v))
     }
 
-    fn closest<T: Test>(&self, ray: &Ray, key: u32) -> Option<Closest> {
+    fn closest<T: IntersectionTest>(&self, ray: &Ray, key: u32) -> Option<Closest> {
         let mut closest = None;
         let mut nearest = RayHit::none();
         self.top.closest(*ray, &mut nearest, |world, at| {
             let placement = &self.placements[self.top.order()[at] as usize];
-            let group = &self.groups[placement.group as usize];
+            let bottom_level = &self.bottom_levels[placement.bottom_level as usize];
             let mut hit = RayHit::none();
-            group.bvh.closest(placement.ray(world), &mut hit, |ray, at| {
-                match self.hit_triangle::<T>(group, placement.instance, at, ray, key) {
+            bottom_level.bvh.closest(placement.ray(world), &mut hit, |ray, at| {
+                match self.hit_triangle::<T>(bottom_level, placement.instance, at, ray, key) {
                     Some((t, u, v)) if t < ray.tmax => {
-                        closest = Some(Closest { t, u, v, id: group.ids[at].placed(placement.instance) });
+                        closest = Some(Closest { t, u, v, id: bottom_level.ids[at].placed(placement.instance) });
                         t
                     }
                     _ => f32::INFINITY,
@@ -185,12 +191,13 @@ impl ObvhsRays {
         closest
     }
 
-    fn is_occluded<T: Test>(&self, ray: &Ray, key: u32) -> bool {
+    fn is_occluded<T: IntersectionTest>(&self, ray: &Ray, key: u32) -> bool {
         !self.top.misses(*ray, |world, at| {
             let placement = &self.placements[self.top.order()[at] as usize];
-            let group = &self.groups[placement.group as usize];
-            let missed = group.bvh.misses(placement.ray(world), |ray, at| {
-                self.hit_triangle::<T>(group, placement.instance, at, ray, key).map_or(f32::INFINITY, |(t, _, _)| t)
+            let bottom_level = &self.bottom_levels[placement.bottom_level as usize];
+            let missed = bottom_level.bvh.misses(placement.ray(world), |ray, at| {
+                self.hit_triangle::<T>(bottom_level, placement.instance, at, ray, key)
+                    .map_or(f32::INFINITY, |(t, _, _)| t)
             });
             if missed { f32::INFINITY } else { f32::NEG_INFINITY }
         })
@@ -198,21 +205,21 @@ impl ObvhsRays {
 }
 
 impl ObvhsRays {
-    fn closest_hits_by<T: Test>(&self, rays: &RayBatch, hits: &mut HitBatch) {
+    fn closest_hits_by<T: IntersectionTest>(&self, rays: &RayBatch, hits: &mut HitBatch) {
         for at in 0..rays.len() {
-            let hit = self.closest::<T>(&shorter_ray(rays, at), rays.key[at]);
+            let hit = self.closest::<T>(&scaled_ray(rays, at), rays.key[at]);
             let miss =
                 Closest { t: f32::INFINITY, u: 0.0, v: 0.0, id: TriangleId { instance: MISS, mesh: MISS, prim: MISS } };
             let hit = hit.unwrap_or(miss);
-            hits.t[at] = hit.t * SHORTER;
+            hits.t[at] = hit.t * DIRECTION_SCALE;
             (hits.u[at], hits.v[at]) = (hit.u, hit.v);
             (hits.instance[at], hits.mesh[at], hits.prim[at]) = (hit.id.instance, hit.id.mesh, hit.id.prim);
         }
     }
 
-    fn occluded_by<T: Test>(&self, rays: &RayBatch, occluded: &mut Vec<bool>) {
+    fn occluded_by<T: IntersectionTest>(&self, rays: &RayBatch, occluded: &mut Vec<bool>) {
         occluded.clear();
-        occluded.extend((0..rays.len()).map(|at| self.is_occluded::<T>(&shorter_ray(rays, at), rays.key[at])));
+        occluded.extend((0..rays.len()).map(|at| self.is_occluded::<T>(&scaled_ray(rays, at), rays.key[at])));
     }
 }
 
@@ -220,15 +227,15 @@ impl RayQueries for ObvhsRays {
     fn closest_hits(&self, rays: &RayBatch, _order: RayOrder, hits: &mut HitBatch) {
         hits.resize(rays.len());
         match self.test {
-            TriangleTest::Embree => self.closest_hits_by::<Embree>(rays, hits),
-            TriangleTest::Own => self.closest_hits_by::<Own>(rays, hits),
+            TriangleTest::Embree => self.closest_hits_by::<EmbreeTest>(rays, hits),
+            TriangleTest::Obvhs => self.closest_hits_by::<ObvhsTest>(rays, hits),
         }
     }
 
     fn occluded(&self, rays: &RayBatch, _order: RayOrder, occluded: &mut Vec<bool>) {
         match self.test {
-            TriangleTest::Embree => self.occluded_by::<Embree>(rays, occluded),
-            TriangleTest::Own => self.occluded_by::<Own>(rays, occluded),
+            TriangleTest::Embree => self.occluded_by::<EmbreeTest>(rays, occluded),
+            TriangleTest::Obvhs => self.occluded_by::<ObvhsTest>(rays, occluded),
         }
     }
 
@@ -244,7 +251,7 @@ impl TriangleId {
 }
 
 impl Placement {
-    /// A world-space ray in the group's space, with the same t.
+    /// Transforms a world-space ray to the space of the bottom level; t stays the same.
     #[inline(always)]
     fn ray(&self, world: &Ray) -> Ray {
         match &self.to_object {
@@ -259,8 +266,8 @@ impl Placement {
     }
 }
 
-impl Group {
-    /// The triangles of (instance, mesh) pairs; `None` when there are none.
+impl BottomLevel {
+    /// Builds a BVH over the triangles of (instance, mesh) pairs; `None` if there are none.
     fn build(scene: &Scene, meshes: impl Iterator<Item = (u32, u32)>, options: &ObvhsOptions) -> Result<Option<Self>> {
         let (mut triangles, mut ids, mut boxes) = (Vec::new(), Vec::new(), Vec::new());
         let mut whole = options.splits().then(Vec::new);
@@ -295,7 +302,7 @@ impl Group {
     }
 }
 
-/// The box around a transformed box.
+/// Bounding box of a transformed box.
 fn transformed(aabb: &Aabb, transform: &Affine3A) -> Aabb {
     let corner = |at: usize| {
         let pick = |bit: usize, axis: usize| if at & bit == 0 { aabb.min[axis] } else { aabb.max[axis] };
@@ -304,16 +311,22 @@ fn transformed(aabb: &Aabb, transform: &Affine3A) -> Aabb {
     Aabb::from_points(&std::array::from_fn::<_, 8, _>(corner))
 }
 
-/// The ray of a batch with its direction times [`SHORTER`].
+/// A ray of a batch with its direction scaled by [`DIRECTION_SCALE`].
 #[inline(always)]
-fn shorter_ray(rays: &RayBatch, at: usize) -> Ray {
+fn scaled_ray(rays: &RayBatch, at: usize) -> Ray {
     let column = |of: &[Vec<f32>; 3]| Vec3A::new(of[0][at], of[1][at], of[2][at]);
-    ray(column(&rays.origin), column(&rays.direction) * SHORTER, rays.tnear[at] / SHORTER, rays.tfar[at] / SHORTER)
+    ray(
+        column(&rays.origin),
+        column(&rays.direction) * DIRECTION_SCALE,
+        rays.tnear[at] / DIRECTION_SCALE,
+        rays.tfar[at] / DIRECTION_SCALE,
+    )
 }
 
 #[inline(always)]
 fn ray(origin: Vec3A, direction: Vec3A, tmin: f32, tmax: f32) -> Ray {
-    // obvhs takes −0 for positive, so its reciprocal must be: the sum of −0 and 0 is 0.
-    let inv_direction = (direction + Vec3A::ZERO).recip().clamp(Vec3A::splat(-STEEPEST), Vec3A::splat(STEEPEST));
+    // obvhs treats −0 as positive, so its reciprocal must be +∞: −0 + 0 = 0.
+    let inv_direction =
+        (direction + Vec3A::ZERO).recip().clamp(Vec3A::splat(-MAX_RECIPROCAL), Vec3A::splat(MAX_RECIPROCAL));
     Ray { origin, direction, inv_direction, tmin, tmax }
 }

@@ -1,20 +1,23 @@
-//! Debian's Embree 4 behind [`RayQueries`].
+//! The Embree 4 backend of [`RayQueries`], with the library that the system provides.
 //!
-//! An object that is placed without a transform becomes triangle geometries of the top scene; every other placed
-//! object becomes one sub-scene, and each of its placements an instance geometry of the top scene. Vertex and index
-//! buffers are shared with the [`Scene`], not copied.
+//! An object that is placed without a transform becomes triangle geometries of the top scene. Every other object becomes one
+//! sub-scene, and each of its placements an instance geometry of the top scene. Vertex and index buffers are shared with the
+//! [`Scene`], not copied.
 //!
-//! Rays go to Embree in packets, 16 wide where that is native and 8 wide elsewhere. Camera rays, and bounces in a scene
-//! of few triangles, carry `RTC_RAY_QUERY_FLAG_COHERENT`: then a packet is traversed together, once for each octant that
-//! its rays point to; otherwise Embree leaves a packet for its single rays as soon as they part. Packets of one octant are
-//! up to three times as fast as single rays for camera rays, and one and a half times for sorted bounces in a scene of few
-//! triangles; unsorted bounces are half as fast as single rays. Shadow rays end at the first thing in their way, each
-//! somewhere else: they are never held together, and beyond few triangles go 8 wide (docs/throughput.md has the numbers).
-//! Together, it is the packet's other rays that decide which of two
-//! coincident surfaces is hit (measured: 2 to 10 % of the hits on two equal instances in one place changed with the
-//! packets). The renderer therefore fills its packets tile by tile, always alike.
+//! Rays are passed in packets, 16 wide where that is native and 8 wide elsewhere. Camera rays, and bounces in small scenes, set
+//! `RTC_RAY_QUERY_FLAG_COHERENT`: a packet is then traversed together, once for each octant of its ray directions. Without the
+//! flag, Embree traces the rays of a packet one by one as soon as they diverge. Compared to single rays, coherent packets of one
+//! octant are up to 3 times as fast for camera rays and 1.5 times for sorted bounces in a small scene; coherent packets of
+//! unsorted bounces are half as fast. Shadow rays stop at their first occluder and never use the flag; except in small scenes
+//! they go 8 wide. docs/throughput.md has the measurements.
+//!
+//! In a coherent packet, the other rays influence which of several coincident surfaces is hit (2 to 10 % of the hits on two
+//! equal instances in one place changed with the packets). The renderer therefore always fills its packets in the same way,
+//! tile by tile.
 
+mod committed;
 mod device;
+mod options;
 mod packets;
 
 use std::sync::Arc;
@@ -23,72 +26,28 @@ use std::time::Instant;
 
 use embree4_sys as sys;
 
-use super::{BackendInfo, HitBatch, RayBatch, RayOrder, RayQueries, Watch};
+use super::batch::{HitBatch, RayBatch, RayOrder};
+use super::build::{Watch, build_units};
+use super::check::check;
+use super::queries::{BackendInfo, RayQueries};
 use crate::Result;
 use crate::scene::Scene;
-use device::{DeviceHandle, Monitor, SceneHandle, Share, best_isa};
-use packets::{filter_alpha, single, wide4, wide8, wide16};
+use committed::{CommittedScene, Placement};
+use device::{CommitProgress, DeviceHandle, DeviceMonitor, SceneHandle, best_isa};
+pub use options::{EmbreeOptions, Packets, Quality};
+use packets::{Coherence, single, wide4, wide8, wide16};
 
-/// Choices of a build and of its queries. The default is what `--rays embree` renders with.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct EmbreeOptions {
-    /// Threads of the build; 0 for all.
-    pub threads: usize,
-    /// An instruction set below the CPU's best, in Embree's words: `sse2`, `sse4.2`, `avx`, `avx2`.
-    pub isa: Option<&'static str>,
-    /// How long to build.
-    pub quality: Quality,
-    /// `RTC_SCENE_FLAG_COMPACT`: less memory before speed.
-    pub compact: bool,
-    /// `RTC_SCENE_FLAG_ROBUST`: box and triangle tests that lose no hit between two triangles.
-    pub robust: bool,
-    /// How rays are handed over.
-    pub packets: Packets,
-}
-
-/// Embree's build qualities.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum Quality {
-    /// Two levels, a tree for each mesh, built by Morton codes.
-    Low,
-    /// Two levels, each mesh's tree as by `Medium`: Embree's low quality of the scene alone.
-    TwoLevel,
-    /// Binned surface area heuristic.
-    #[default]
-    Medium,
-    /// The same with spatial splits.
-    High,
-}
-
-/// How the rays of a batch are handed to Embree.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum Packets {
-    /// As wide as the CPU has them, kept together where that pays (see the module's text).
-    #[default]
-    Renderer,
-    /// One by one.
-    Single,
-    /// In the batch's order, kept together through the tree.
-    Four,
-    /// As before.
-    Eight,
-    /// As before.
-    Sixteen,
-}
-
-/// A [`Scene`] built into Embree's acceleration structure.
+/// The acceleration structure of a [`Scene`] by Embree.
 pub struct EmbreeRays {
-    // Dropped in this order: the library's handles before what they point to.
-    top: SceneHandle,
+    // Drop order: the handles of the library before what they point to.
+    committed: CommittedScene,
     _device: DeviceHandle,
-    _monitor: Arc<Monitor>,
-    scene: Arc<Scene>,
-    placements: Vec<Placement>,
-    has_alpha: bool,
+    _monitor: Arc<DeviceMonitor>,
+    _scene: Arc<Scene>,
     packets: Packets,
-    /// Are 16-wide packets native? 8-wide ones are wherever AVX is, and narrower CPUs emulate them.
+    /// Are 16-wide packets native? 8-wide packets are native with AVX and emulated without.
     wide16: bool,
-    /// At most [`SMALL_SCENE`] triangles and instances?
+    /// Does the scene have at most [`SMALL_SCENE_PRIMITIVES`] triangles and instances?
     small: bool,
     info: BackendInfo,
 }
@@ -99,27 +58,17 @@ unsafe impl Send for EmbreeRays {}
 // SAFETY: as above.
 unsafe impl Sync for EmbreeRays {}
 
-/// What a geometry of the top scene is.
-#[derive(Debug, Clone, Copy, Default)]
-struct Placement {
-    /// Index into [`Scene::instances`].
-    instance: u32,
-    /// Index into [`Scene::meshes`]; for an instance geometry that of its first mesh.
-    mesh: u32,
-}
-
 impl EmbreeRays {
-    /// Builds the acceleration structure; keeps the scene for its buffers and its alpha. `watch` follows it triangle by
-    /// triangle.
+    /// Builds the acceleration structure; keeps the scene for its buffers and for alpha tests.
     ///
     /// # Errors
-    /// [`Error::Data`](crate::Error::Data) for a malformed scene (an index beyond the vertices, say),
-    /// [`Error::Host`](crate::Error::Host) for a library of another version than the header's, a CPU that it does not
-    /// run on or too little memory, [`Error::Interrupted`](crate::Error::Interrupted) when `watch` says so.
+    /// [`Error::Data`](crate::Error::Data) for a malformed scene, [`Error::Host`](crate::Error::Host) for a library whose
+    /// version is not that of the header, an unsupported CPU or too little memory,
+    /// [`Error::Interrupted`](crate::Error::Interrupted) if `watch` stops the build.
     pub fn build(scene: Arc<Scene>, options: &EmbreeOptions, watch: Watch) -> Result<Self> {
         let start = Instant::now();
-        super::check::check(&scene)?;
-        let monitor = Arc::<Monitor>::default();
+        check(&scene)?;
+        let monitor = Arc::<DeviceMonitor>::default();
         let device = DeviceHandle::new(options, &monitor)?;
         let version = device.version()?;
         let mesh_range = |object: u32| scene.objects[object as usize].meshes.clone();
@@ -129,7 +78,7 @@ impl EmbreeRays {
         let attach = |target: &SceneHandle, id: u32, mesh: u32| {
             device.attach_mesh(target, id, &scene.meshes[mesh as usize], scene.has_alpha(mesh), options.quality);
         };
-        let mut share = Share::new(watch, super::units(&scene));
+        let mut progress = CommitProgress::new(watch, build_units(&scene));
         let mut objects: Vec<Option<SceneHandle>> = scene.objects.iter().map(|_| None).collect();
         let mut placements = Vec::new();
         for (index, instance) in scene.instances.iter().enumerate() {
@@ -148,7 +97,7 @@ impl EmbreeRays {
                 for (id, mesh) in meshes.clone().enumerate() {
                     attach(&built, id as u32, mesh);
                 }
-                built.commit(&monitor, share.next(scene.triangles(instance.object)))?;
+                built.commit(&monitor, progress.next(scene.triangles(instance.object)))?;
                 *object = Some(built);
             }
             if let Some(object) = object {
@@ -156,7 +105,7 @@ impl EmbreeRays {
                 placements.push(Placement { instance: index as u32, mesh: meshes.start });
             }
         }
-        top.commit(&monitor, share.rest())?;
+        top.commit(&monitor, progress.rest())?;
         let info = BackendInfo {
             name: "embree",
             version,
@@ -166,56 +115,45 @@ impl EmbreeRays {
             peak_bytes: Some(monitor.peak.load(Ordering::Relaxed).max(0) as u64),
         };
         let placed = scene.instances.iter().map(|instance| 1 + scene.triangles(instance.object));
-        let small = placed.sum::<usize>() <= SMALL_SCENE;
+        let small = placed.sum::<usize>() <= SMALL_SCENE_PRIMITIVES;
         let wide16 = device.property(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
-        drop(objects); // the instance geometries keep them
+        drop(objects); // the instance geometries hold references
         let packets = options.packets;
-        Ok(Self { top, _device: device, _monitor: monitor, scene, placements, has_alpha, packets, wide16, small, info })
-    }
-
-    /// Instance and mesh of a hit by Embree's ids.
-    fn place(&self, geometry: u32, instance: u32) -> Placement {
-        if instance == sys::RTC_INVALID_GEOMETRY_ID {
-            self.placements[geometry as usize]
-        } else {
-            let placement = self.placements[instance as usize];
-            Placement { mesh: placement.mesh + geometry, ..placement }
-        }
-    }
-
-    fn filter(&self) -> sys::RTCFilterFunctionN {
-        if self.has_alpha { Some(filter_alpha) } else { None }
+        let committed = CommittedScene { top, scene: Arc::clone(&scene), placements, has_alpha };
+        Ok(Self { committed, _device: device, _monitor: monitor, _scene: scene, packets, wide16, small, info })
     }
 }
 
 impl RayQueries for EmbreeRays {
     fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
         hits.resize(rays.len());
-        let bond = match order {
-            RayOrder::Incoherent if self.packets != Packets::Renderer => Bond::Held,
-            RayOrder::Incoherent if self.small && rays.len() >= SORTED_BATCH => Bond::Sorted,
-            RayOrder::Incoherent => Bond::Loose,
-            RayOrder::Coherent => Bond::Held,
+        let coherence = match order {
+            RayOrder::Incoherent if self.packets != Packets::Renderer => Coherence::Coherent,
+            RayOrder::Incoherent if self.small && rays.len() >= MIN_SORTED_RAYS => Coherence::Sorted,
+            RayOrder::Incoherent => Coherence::Incoherent,
+            RayOrder::Coherent => Coherence::Coherent,
         };
         match self.packets {
-            Packets::Single => single::closest_hits(self, rays, hits),
-            Packets::Four => wide4::closest_hits(self, rays, bond, hits),
-            Packets::Eight => wide8::closest_hits(self, rays, bond, hits),
-            Packets::Renderer if !self.wide16 => wide8::closest_hits(self, rays, bond, hits),
-            Packets::Renderer | Packets::Sixteen => wide16::closest_hits(self, rays, bond, hits),
+            Packets::Single => single::closest_hits(&self.committed, rays, hits),
+            Packets::Four => wide4::closest_hits(&self.committed, rays, coherence, hits),
+            Packets::Eight => wide8::closest_hits(&self.committed, rays, coherence, hits),
+            Packets::Renderer if !self.wide16 => wide8::closest_hits(&self.committed, rays, coherence, hits),
+            Packets::Renderer | Packets::Sixteen => wide16::closest_hits(&self.committed, rays, coherence, hits),
         }
     }
 
     fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {
         occluded.resize(rays.len(), false);
-        let loose = self.packets == Packets::Renderer && order == RayOrder::Incoherent;
-        let bond = if loose { Bond::Loose } else { Bond::Held };
+        let incoherent = self.packets == Packets::Renderer && order == RayOrder::Incoherent;
+        let coherence = if incoherent { Coherence::Incoherent } else { Coherence::Coherent };
         match self.packets {
-            Packets::Single => single::occluded(self, rays, occluded),
-            Packets::Four => wide4::occluded(self, rays, bond, occluded),
-            Packets::Eight => wide8::occluded(self, rays, bond, occluded),
-            Packets::Renderer if !self.wide16 || (loose && !self.small) => wide8::occluded(self, rays, bond, occluded),
-            Packets::Renderer | Packets::Sixteen => wide16::occluded(self, rays, bond, occluded),
+            Packets::Single => single::occluded(&self.committed, rays, occluded),
+            Packets::Four => wide4::occluded(&self.committed, rays, coherence, occluded),
+            Packets::Eight => wide8::occluded(&self.committed, rays, coherence, occluded),
+            Packets::Renderer if !self.wide16 || (incoherent && !self.small) => {
+                wide8::occluded(&self.committed, rays, coherence, occluded)
+            }
+            Packets::Renderer | Packets::Sixteen => wide16::occluded(&self.committed, rays, coherence, occluded),
         }
     }
 
@@ -224,28 +162,8 @@ impl RayQueries for EmbreeRays {
     }
 }
 
-/// What holds the rays of a packet together.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Bond {
-    /// Nothing: they part where their ways do.
-    Loose,
-    /// They go through the tree as one, in the batch's order.
-    Held,
-    /// As one, after the batch has been sorted into packets of one octant.
-    Sorted,
-}
+/// Largest number of triangles and instances for which sorted packets are faster for bounces.
+const SMALL_SCENE_PRIMITIVES: usize = 2000;
 
-impl Bond {
-    fn flags(self) -> sys::RTCRayQueryFlags {
-        match self {
-            Self::Loose => sys::RTC_RAY_QUERY_FLAG_INCOHERENT,
-            Self::Held | Self::Sorted => sys::RTC_RAY_QUERY_FLAG_COHERENT,
-        }
-    }
-}
-
-/// Triangles and instances up to which any ray soon knows the scene by heart, so that sorted packets pay for bounces.
-const SMALL_SCENE: usize = 2000;
-
-/// Rays from which on a batch fills packets of each octant.
-const SORTED_BATCH: usize = 256;
+/// Smallest batch that is sorted by octant: enough rays to fill packets of each.
+const MIN_SORTED_RAYS: usize = 256;

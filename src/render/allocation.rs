@@ -115,7 +115,7 @@ fn survey(wave: &mut Wave, transport: &Transport, settings: &RenderSettings, [co
     let [a, b] = [0, 1].map(|scramble| {
         let transport = Transport { seed: hash(settings.seed ^ hash(0x616c_6c6f + scramble)), ..transport.clone() };
         let mut stats = vec![PixelStats::default(); asked];
-        wave.run(&transport, &mut PixelBatch::plain(&tasks, &mut stats));
+        wave.run(&transport, &mut PixelBatch::radiance_only(&tasks, &mut stats));
         stats.into_iter().map(|stats| Vec3::from(stats.mean())).collect::<Vec<_>>()
     });
     let mut variance = [0.0; 2];

@@ -1,4 +1,4 @@
-//! Brute force in double precision, with bounds on what single precision may get wrong.
+//! Brute-force ray tracing in double precision, with error bounds for single precision.
 
 use bismar::rays::{HitBatch, MISS, RayBatch};
 use bismar::scene::Scene;
@@ -7,9 +7,9 @@ use glam::{DAffine3, DVec3};
 /// Rounding of one single-precision operation.
 const ULP: f64 = f32::EPSILON as f64 / 2.0;
 
-/// Operations that a bound allows for, one after the other: the subtraction, the cross product (3), the dot product
-/// (5) and the division of Möller–Trumbore make 10, and transforming a ray to object space by an inverse that was
-/// computed in single precision 10 more; twice that for their second-order terms and Embree's approximate reciprocal.
+/// Number of sequential operations in a bound. Möller–Trumbore has 10: the subtraction, the cross product (3), the dot product
+/// (5) and the division. Transforming a ray to object space by an inverse of single precision has 10 more. The sum is doubled
+/// for second-order terms and Embree's approximate reciprocal.
 const OPERATIONS: f64 = 40.0;
 
 struct Triangle {
@@ -23,7 +23,7 @@ struct Triangle {
     corners: [DVec3; 3],
 }
 
-/// A hit with the plane of a triangle.
+/// Intersection with a triangle's plane, with error bounds.
 struct PlaneHit {
     t: f64,
     /// Weights of the three corners.
@@ -32,7 +32,7 @@ struct PlaneHit {
     weight_error: f64,
 }
 
-/// All triangles of a scene, to be tested one after the other.
+/// All triangles of a scene.
 pub struct Reference {
     triangles: Vec<Triangle>,
 }
@@ -63,11 +63,11 @@ impl Reference {
         Self { triangles }
     }
 
-    /// Panics when a hit cannot be the closest one, whatever the rounding. Returns for how many rays rounding left no
-    /// choice: the very triangle, or the miss, was demanded.
+    /// Panics if a hit cannot be the closest one within rounding. Returns the number of rays with a unique answer within
+    /// rounding: that triangle, or a miss.
     pub fn check(&self, rays: &RayBatch, hits: &HitBatch) -> usize {
         assert_eq!(hits.len(), rays.len());
-        let mut demanded = 0;
+        let mut unique = 0;
         for at in 0..rays.len() {
             let vector = |of: &[Vec<f32>; 3]| DVec3::new(of[0][at].into(), of[1][at].into(), of[2][at].into());
             let (origin, direction) = (vector(&rays.origin), vector(&rays.direction));
@@ -94,7 +94,7 @@ impl Reference {
             if hits.prim[at] == MISS {
                 assert_eq!(sure, f64::INFINITY, "{what} misses what it hits at {sure}");
                 assert!(hits.t[at] == f32::INFINITY && hits.instance[at] == MISS && hits.mesh[at] == MISS);
-                demanded += usize::from(possible.is_empty());
+                unique += usize::from(possible.is_empty());
                 continue;
             }
             let (plane, least) = of_hit.expect("a triangle of the scene");
@@ -106,9 +106,9 @@ impl Reference {
             assert!((v - plane.weights[2]).abs() <= e, "{what}: v {v} is not {} ± {e}", plane.weights[2]);
             assert!(plane.t - te <= sure, "{what} is said to hit at {t} but hits at {sure} before");
             assert!(t >= tnear && t <= tfar, "{what}: t {t}");
-            demanded += usize::from(possible.iter().filter(|&&t| t <= sure).count() == 1);
+            unique += usize::from(possible.iter().filter(|&&t| t <= sure).count() == 1);
         }
-        demanded
+        unique
     }
 }
 
@@ -128,11 +128,11 @@ impl Triangle {
         let u = s.dot(d.cross(e2)) / det;
         let v = e1.dot(d.cross(s)) / det;
         let t = normal.dot(s) / det;
-        // Lengths that the single-precision arithmetic runs over.
+        // Lengths that occur in the single-precision computation.
         let far = o.length() + a.length() + self.to_object.translation.length();
         let edge = e1.length().max(e2.length());
         let steps = OPERATIONS * ULP * self.condition;
-        // The determinant's own relative error belongs to it, too.
+        // Relative error of the determinant.
         let det_error = steps * edge * edge * d.length() / det.abs();
         let weight_error = steps * far * d.length() * edge / det.abs() + det_error * (1.0 + u.abs() + v.abs());
         let t_error = steps * far * edge * edge / det.abs() + det_error * t.abs();

@@ -1,17 +1,17 @@
-//! Where paths begin.
+//! The first stage: camera rays.
 
 use glam::Vec3;
 
-use crate::integrator::Transport;
 use crate::integrator::batch::PixelTask;
-use crate::integrator::queues::{Identity, PathRays};
+use crate::integrator::queues::{PathIds, PathRays};
+use crate::integrator::transport::Transport;
 use crate::lanes::{F, LANES, NUMBERS, U, V3};
 use crate::sampling::{keys, pixel_seed, samples};
 
-/// The set of dimensions whose first number says when a path is.
+/// Sequence dimensions of the time of a path.
 pub const TIME_SET: u32 = u32::MAX - 1;
 
-/// Fills `rays` with the camera rays of each pixel's paths, in the path states's order.
+/// Fills `rays` with the camera rays of all pixels, in the order of the path states.
 #[inline(never)]
 pub fn begin(transport: &Transport, tasks: &[PixelTask], rays: &mut PathRays) {
     let moves = transport.geometry.moves;
@@ -27,9 +27,9 @@ pub fn begin(transport: &Transport, tasks: &[PixelTask], rays: &mut PathRays) {
             let y = transport.filter.offsets(py) + F::splat(task.y as f32 + 0.5);
             let path = U::splat(rays.len as u32) + U::from(NUMBERS);
             let time = if moves { samples(seed, index, TIME_SET)[0] } else { F::ZERO };
-            let identity = Identity { path, index, sub_path: U::ZERO, seed, time };
+            let path_ids = PathIds { path, index, sub_path: U::ZERO, seed, time };
             let (ray, key) = (transport.camera.rays_through((x, y), (u, v), time), keys(seed, index, 0));
-            rays.push(n, ray, key, V3::splat(Vec3::ONE), V3::ZERO, F::ZERO, identity);
+            rays.push(n, ray, key, V3::splat(Vec3::ONE), V3::ZERO, F::ZERO, path_ids);
         }
     }
     rays.close();

@@ -1,46 +1,48 @@
-//! Absorption by the media that rays cross: exp(−σ t) of Beer and Lambert. Light from infinity loses nothing: a body that it
-//! reaches without another surface is not closed.
+//! Absorption in media by the Beer-Lambert law, exp(−σ t). Light from the environment is not attenuated: a boundary that it
+//! crosses once is not closed.
 
 use glam::Vec3;
 
 use super::surfaces;
-use crate::integrator::Transport;
 use crate::integrator::queues::PathRays;
+use crate::integrator::transport::Transport;
 use crate::lanes::{F, U, V3, eight};
 use crate::rays::{HitBatch, MISS};
 
-/// What is left after `distance` of light in a medium that absorbs `absorption` per metre.
+/// Transmittance, linear RGB, over `distance` metres in a medium of absorption coefficient `absorption` per metre.
 #[inline]
-pub fn left(absorption: Vec3, distance: f32) -> Vec3 {
+pub fn transmittance(absorption: Vec3, distance: f32) -> Vec3 {
     if distance.is_finite() { (absorption * -distance).exp() } else { Vec3::ONE }
 }
 
-/// Dims the rays of the batch at `depth` by what they crossed on their way to where they hit. Of camera rays it is not known
-/// where they begin: in the body which they see from behind.
+/// Attenuates the throughput of the rays at `depth` over the distance to their hits. The medium of a camera ray is unknown at
+/// its origin; it is that of the boundary that the ray hits from inside, if it does.
 #[inline(never)]
-pub fn cross(transport: &Transport, depth: u32, rays: &mut PathRays, hits: &HitBatch) {
+pub fn attenuate(transport: &Transport, depth: u32, rays: &mut PathRays, hits: &HitBatch) {
     if depth == 0 {
         rays.medium.clear();
         rays.medium.resize(rays.weighted_pdf.len(), 0);
     }
     for ray in (0..rays.len).filter(|&ray| hits.mesh[ray] != MISS) {
-        if depth == 0 && transport.materials.kind(hits.mesh[ray]).bounds.is_some_and(|medium| medium > 0) {
-            let behind = surfaces::point(transport, rays, hits, ray).is_behind(rays.rays.direction(ray));
-            [rays.medium[ray], _] = transport.materials.sides(hits.mesh[ray], behind, 0);
+        if depth == 0
+            && transport.materials.mesh_material(hits.mesh[ray]).interior_medium.is_some_and(|medium| medium > 0)
+        {
+            let back_facing = surfaces::point(transport, rays, hits, ray).is_back_facing(rays.rays.direction(ray));
+            [rays.medium[ray], _] = transport.materials.media_at_surface(hits.mesh[ray], back_facing, 0);
         }
         if rays.medium[ray] > 0 {
             let absorption = transport.materials.media[rays.medium[ray] as usize];
-            rays.beta.set(ray, rays.beta.get(ray) * left(absorption, hits.t[ray]));
+            rays.beta.set(ray, rays.beta.get(ray) * transmittance(absorption, hits.t[ray]));
         }
     }
 }
 
-/// What is left of `radiance` that comes from `distance` through `media`, if any absorb.
+/// Attenuates `radiance` over `distance` metres in `media`, if there are any that absorb.
 #[inline(always)]
-pub fn dimmed(transport: &Transport, radiance: V3, media: Option<U>, distance: F) -> V3 {
+pub fn attenuated(transport: &Transport, radiance: V3, media: Option<U>, distance: F) -> V3 {
     let Some(media) = media else { return radiance };
     let (media, distance) = (media.to_array(), distance.to_array());
-    let left = eight(|lane| left(transport.materials.media[media[lane] as usize], distance[lane]));
-    let V3 { x, y, z } = V3::gather(left);
+    let transmittance = eight(|lane| transmittance(transport.materials.media[media[lane] as usize], distance[lane]));
+    let V3 { x, y, z } = V3::gather(transmittance);
     V3 { x: radiance.x * x, y: radiance.y * y, z: radiance.z * z }
 }

@@ -3,23 +3,23 @@
 use glam::Vec3;
 
 use super::bsdf_set;
-use super::mixture::{Drawn, Mixture};
+use super::mixture::{Mixture, MixtureSample};
 use super::requests::{RequestGroup, Requests};
 use crate::bsdf::{Core, Lobe, Parameters};
-use crate::integrator::Transport;
-use crate::integrator::path_states::{CAMERA, PathStates, Step, SubPath};
-use crate::integrator::queues::{Identity, PathRays};
+use crate::integrator::path_states::{NO_PARENT, PathStates, ScatterRecord, SubPath};
+use crate::integrator::queues::{PathIds, PathRays};
+use crate::integrator::transport::Transport;
 use crate::integrator::vertices::Vertices;
 use crate::lanes::{F, LANES, NUMBERS, Rows, Survivors, U, V3, grow, load_bits, mask, store, store_bits};
 use crate::sampling::{keys, samples};
 
-/// Segments after which Russian roulette begins.
+/// Russian roulette begins after this many path segments.
 pub const ROULETTE_DEPTH: u32 = 3;
-/// A path survives with this times its throughput: by relMSE times seconds on a diffuse room, 1 (the rule of thumb) is a
-/// third worse than 2, and 3 no better.
+/// Survival probability is this times the largest throughput channel, at most 1. In relMSE × seconds on a diffuse room, 1 (the
+/// usual choice) is a third worse than 2, and 3 is no better.
 pub const ROULETTE_GAIN: f32 = 2.0;
 
-/// Fills the next rays for the vertices at `depth`; those of first surfaces begin sub-paths.
+/// Fills the next rays from the vertices at `depth`. Rays from first surfaces begin sub-paths.
 pub fn sample(
     transport: &Transport,
     depth: u32,
@@ -32,8 +32,8 @@ pub fn sample(
     if vertices.media.is_some() {
         grow(&mut next.medium, requests.count());
     }
-    if vertices.guided.is_some() {
-        grow(&mut next.light_chance, requests.count());
+    if vertices.guiding.is_some() {
+        grow(&mut next.light_probability, requests.count());
     }
     for at in (0..requests.count()).step_by(LANES) {
         let group = requests.group(transport, vertices, path_states, at);
@@ -57,24 +57,24 @@ fn one_group(
     path_states: &mut PathStates,
     next: &mut PathRays,
 ) {
-    let (rows, id) = (&group.rows, &group.identity);
+    let (rows, id) = (&group.rows, &group.path_ids);
     let [lobe, u, v, survive] = samples(id.seed, id.index, bsdf_set(depth));
-    let both = bsdf.transmits();
+    let transmits = bsdf.transmits();
     let (ns, wo) = (vertices.ns.load(rows), vertices.wo.load(rows));
     let mixture = Mixture::at(transport, vertices, rows);
-    let Drawn { sample, pdfs } = match &mixture {
-        Some(mixture) => mixture.draw(bsdf, ns, wo, [lobe, u, v]),
-        None => Drawn::of_bsdf(bsdf.sample(ns, wo, [lobe, u, v])),
+    let MixtureSample { sample, pdfs } = match &mixture {
+        Some(mixture) => mixture.sample(bsdf, ns, wo, [lobe, u, v]),
+        None => MixtureSample::from_bsdf(bsdf.sample(ns, wo, [lobe, u, v])),
     };
-    let weighted_pdf = group.rates[2] * sample.pdf;
-    let leaving = vertices.leave(rows, both, sample.wi);
+    let weighted_pdf = group.samples_per_path[2] * sample.pdf;
+    let spawned = vertices.spawn_rays(rows, transmits, sample.wi);
     let mut beta = vertices.beta.load(rows) * sample.value * (F::ONE / weighted_pdf);
-    let there = mask(group.len) & sample.pdf.simd_gt(F::ZERO) & leaving.allowed;
+    let valid = mask(group.len) & sample.pdf.simd_gt(F::ZERO) & spawned.allowed;
     let finite = beta.is_finite();
-    path_states.faults.add_lanes((there & !finite).to_bitmask(), id.path);
-    let mut alive = there & beta.max_element().simd_gt(F::ZERO) & finite;
-    let chances = vertices.chances(transport, rows).filter(|_| depth > 0);
-    let keep = match chances {
+    path_states.non_finite.add_lanes((valid & !finite).to_bitmask(), id.path);
+    let mut alive = valid & beta.max_element().simd_gt(F::ZERO) & finite;
+    let roulette = vertices.roulette(transport, rows).filter(|_| depth > 0);
+    let keep = match roulette {
         Some([_, on]) => Some(on),
         None if depth + 1 < ROULETTE_DEPTH => None,
         None => Some((beta.max_element() * F::splat(ROULETTE_GAIN)).fast_min(F::ONE)),
@@ -85,7 +85,7 @@ fn one_group(
     }
     let survivors = Survivors::of(alive);
     let (path, index) = (survivors.compress_bits(id.path), survivors.compress_bits(id.index));
-    let sub_path = if depth == 0 || path_states.steps.is_some() {
+    let sub_path = if depth == 0 || path_states.scatter_records.is_some() {
         let first = path_states.sub_paths.len() as u32;
         let new = path.as_array()[..survivors.len].iter().zip(index.as_array());
         path_states.sub_paths.extend(new.map(|(&path, &index)| SubPath { path, index, indirect: Vec3::ZERO }));
@@ -93,55 +93,65 @@ fn one_group(
     } else {
         survivors.compress_bits(id.sub_path)
     };
-    if let Some(steps) = &mut path_states.steps {
+    if let Some(scatter_records) = &mut path_states.scatter_records {
         let pdfs = [sample.pdf, pdfs[0], pdfs[1]];
-        let chances = [chances.map_or(F::ONE, |[light, _]| light), keep.unwrap_or(F::ONE)];
-        push_steps(depth, vertices, rows, &survivors, sample.wi, (pdfs, chances), id.sub_path, steps);
+        let roulette = [roulette.map_or(F::ONE, |[light, _]| light), keep.unwrap_or(F::ONE)];
+        push_scatter_records(
+            depth,
+            vertices,
+            rows,
+            &survivors,
+            sample.wi,
+            (pdfs, roulette),
+            id.sub_path,
+            scatter_records,
+        );
     }
-    if let Some([light, _]) = chances {
-        store(&mut next.light_chance, next.len, survivors.compress(light));
+    if let Some([light, _]) = roulette {
+        store(&mut next.light_probability, next.len, survivors.compress(light));
     }
     let (seed, time) = (survivors.compress_bits(id.seed), survivors.compress(id.time));
-    let identity = Identity { path, index, sub_path, seed, time };
-    let ray = (survivors.compress_v3(leaving.origin), survivors.compress_v3(sample.wi));
+    let path_ids = PathIds { path, index, sub_path, seed, time };
+    let ray = (survivors.compress_v3(spawned.origin), survivors.compress_v3(sample.wi));
     let key = survivors.compress_bits(keys(id.seed, id.index, bsdf_set(depth)));
-    let (beta, normal) = (survivors.compress_v3(beta), survivors.compress_v3(vertices.facing(rows, both)));
-    if let Some(medium) = vertices.media(rows, leaving.beyond) {
+    let (beta, normal) =
+        (survivors.compress_v3(beta), survivors.compress_v3(vertices.light_sampling_normals(rows, transmits)));
+    if let Some(medium) = vertices.media(rows, spawned.beyond) {
         store_bits(&mut next.medium, next.len, survivors.compress_bits(medium));
     }
-    next.push(survivors.len, ray, key, beta, normal, survivors.compress(weighted_pdf), identity);
+    next.push(survivors.len, ray, key, beta, normal, survivors.compress(weighted_pdf), path_ids);
 }
 
-/// Keeps how the survivors of a group were drawn.
+/// Appends the scatter records of the survivors of a group.
 #[inline(never)]
 #[allow(clippy::too_many_arguments, reason = "a group's columns")]
-fn push_steps(
+fn push_scatter_records(
     depth: u32,
     vertices: &Vertices,
     rows: &Rows,
     survivors: &Survivors,
     wi: V3,
-    (pdfs, chances): ([F; 3], [F; 2]),
+    (pdfs, roulette): ([F; 3], [F; 2]),
     parent: U,
-    steps: &mut Vec<Step>,
+    scatter_records: &mut Vec<ScatterRecord>,
 ) {
-    let Some(guided) = &vertices.guided else { return };
+    let Some(guiding) = &vertices.guiding else { return };
     let [position, normal, wi] =
         [vertices.origin.load(rows), vertices.ng.load(rows), wi].map(|column| survivors.compress_v3(column));
     let beta = survivors.compress(vertices.beta.load(rows).luminance()).to_array();
-    let broad = survivors.compress_bits(load_bits(&guided.broad, rows)).to_array();
+    let diffuse = survivors.compress_bits(load_bits(&guiding.diffuse, rows)).to_array();
     let pdfs = pdfs.map(|pdf| survivors.compress(pdf).to_array());
-    let chances = chances.map(|chance| survivors.compress(chance).to_array());
+    let roulette = roulette.map(|probability| survivors.compress(probability).to_array());
     let parent = survivors.compress_bits(parent).to_array();
-    steps.extend((0..survivors.len).map(|lane| Step {
-        parent: if depth == 0 { CAMERA } else { parent[lane] },
+    scatter_records.extend((0..survivors.len).map(|lane| ScatterRecord {
+        parent: if depth == 0 { NO_PARENT } else { parent[lane] },
         position: position.lane(lane),
         normal: normal.lane(lane),
         wi: wi.lane(lane),
         beta: beta[lane],
-        broad: broad[lane] == 1,
+        diffuse: diffuse[lane] == 1,
         light: 0.0,
-        chances: chances.map(|chance| chance[lane]),
+        roulette: roulette.map(|probability| probability[lane]),
         pdf: pdfs.map(|pdf| pdf[lane]),
     }));
 }

@@ -1,10 +1,10 @@
-//! What comes next for each ray.
+//! Sorting of rays by their next stage.
 
-use crate::integrator::Transport;
 use crate::integrator::queues::SortedHits;
+use crate::integrator::transport::Transport;
 use crate::rays::{HitBatch, MISS};
 
-/// Sorts the rays of the batch at `depth` (0 for camera rays) by what they hit.
+/// Sorts the rays at `depth` (0 for camera rays) by what they hit.
 #[inline(never)]
 pub fn sort(transport: &Transport, depth: u32, hits: &HitBatch, sorted: &mut SortedHits) {
     sorted.clear();
@@ -14,12 +14,12 @@ pub fn sort(transport: &Transport, depth: u32, hits: &HitBatch, sorted: &mut Sor
             sorted.escaped.push(ray);
             continue;
         }
-        let kind = transport.materials.kind(mesh);
-        if kind.shines {
+        let kind = transport.materials.mesh_material(mesh);
+        if kind.emits {
             sorted.emissive.push(ray);
         }
         if scatters && !kind.black && !kind.unlit {
-            let queue = if kind.plain { &mut sorted.plain } else { &mut sorted.detailed };
+            let queue = if kind.constant { &mut sorted.constant } else { &mut sorted.varying };
             queue.push(ray);
         }
     }

@@ -1,32 +1,32 @@
-//! What obvhs lets its user choose.
+//! Options of the obvhs backend.
 
 use obvhs::BvhBuildParams;
 
-/// Choices of a build and of its queries. The default is what `--rays obvhs` renders with.
+/// Options of builds and queries. The default is that of `--rays obvhs`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct ObvhsOptions {
-    /// Which tree.
+    /// Kind of tree.
     pub tree: TreeKind,
-    /// How long to build.
+    /// Build effort.
     pub preset: Preset,
-    /// Split the boxes of large triangles beforehand? `None` does as the preset says.
+    /// Split the boxes of large triangles before the build? `None` for the default of the preset.
     pub split: Option<bool>,
-    /// Which triangle test.
+    /// Triangle test.
     pub test: TriangleTest,
 }
 
-/// obvhs' trees.
+/// Kinds of trees in obvhs.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum TreeKind {
-    /// Two children a node, boxes in single precision.
-    Two,
-    /// Eight children a node, boxes in eight bits: Ylitie et al. (2017), *Efficient Incoherent Ray Traversal on GPUs
-    /// Through Compressed Wide BVHs*.
+    /// Binary, boxes in single precision.
+    Binary,
+    /// Eight-wide, boxes quantized to eight bits (Ylitie et al. 2017, *Efficient Incoherent Ray Traversal on GPUs Through
+    /// Compressed Wide BVHs*).
     #[default]
-    Eight,
+    EightWide,
 }
 
-/// obvhs' build presets. The two slowest split beforehand.
+/// Build presets of obvhs. The two slowest split large triangles.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[allow(missing_docs, reason = "their names say it")]
 pub enum Preset {
@@ -39,19 +39,19 @@ pub enum Preset {
     VerySlow,
 }
 
-/// The test of a ray with a triangle, both Möller and Trumbore's. (`intersect_embree` of obvhs 0.4 is none: the distance
-/// that it returns is not divided by the determinant.)
+/// Ray-triangle tests, both by Möller and Trumbore. (`intersect_embree` of obvhs 0.4 is not usable: the distance that it
+/// returns is not divided by the determinant.)
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum TriangleTest {
-    /// Embree's default: divides once it knows that it hits.
+    /// Embree's default test: divides after the hit is certain.
     #[default]
     Embree,
-    /// obvhs' own: divides first, and takes a weight of −0 for a miss.
-    Own,
+    /// obvhs' own test: divides first, and treats a barycentric weight of −0 as a miss.
+    Obvhs,
 }
 
 impl Preset {
-    /// From the fastest to the slowest.
+    /// All presets, from the fastest to the slowest build.
     pub const ALL: [Self; 6] = [Self::Fastest, Self::VeryFast, Self::Fast, Self::Medium, Self::Slow, Self::VerySlow];
 }
 

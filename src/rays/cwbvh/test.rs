@@ -1,17 +1,17 @@
-//! Triangle tests without culling.
+//! Ray-triangle tests without back-face culling.
 
 use obvhs::ray::Ray;
 use obvhs::rt_triangle::RtTriangle;
 
-/// (t, u, v) of a hit, u and v the weights of the second and third vertex.
-pub(super) trait Test {
+/// Returns (t, u, v) of a hit; u and v are the barycentric weights of the second and third vertex.
+pub(super) trait IntersectionTest {
     fn intersect(triangle: &RtTriangle, ray: &Ray) -> Option<(f32, f32, f32)>;
 }
 
 /// Embree's Möller–Trumbore test; t in (`tmin`, `tmax`].
-pub(super) struct Embree;
+pub(super) struct EmbreeTest;
 
-impl Test for Embree {
+impl IntersectionTest for EmbreeTest {
     #[inline(always)]
     fn intersect(triangle: &RtTriangle, ray: &Ray) -> Option<(f32, f32, f32)> {
         // RtTriangle has e1 = v0 − v1, e2 = v2 − v0, ng = e1 × e2.
@@ -21,7 +21,7 @@ impl Test for Embree {
         let (size, sign) = (determinant.abs(), 1.0_f32.copysign(determinant));
         let u = moment.dot(triangle.e2) * sign;
         let v = moment.dot(triangle.e1) * sign;
-        // Not the negation with `||`: NaN misses.
+        // Written so that NaN is a miss.
         if !(determinant != 0.0 && u >= 0.0 && v >= 0.0 && u + v <= size) {
             return None;
         }
@@ -33,10 +33,10 @@ impl Test for Embree {
     }
 }
 
-/// obvhs' own; t in [`tmin`, `tmax`].
-pub(super) struct Own;
+/// The test of obvhs; t in [`tmin`, `tmax`].
+pub(super) struct ObvhsTest;
 
-impl Test for Own {
+impl IntersectionTest for ObvhsTest {
     #[inline(always)]
     fn intersect(triangle: &RtTriangle, ray: &Ray) -> Option<(f32, f32, f32)> {
         let t = triangle.intersect(ray);

@@ -1,4 +1,4 @@
-//! Embree's device and scenes as handles that release themselves, and what Embree reports while it builds.
+//! Embree device and scene handles, and the callbacks of a build.
 
 use std::ffi::{CStr, CString, c_char, c_void};
 use std::ops::Range;
@@ -8,17 +8,17 @@ use std::sync::{Arc, Mutex};
 
 use embree4_sys as sys;
 
-use super::{EmbreeOptions, Quality};
-use crate::rays::{Watch, go_on, stopped};
+use super::options::{EmbreeOptions, Quality};
+use crate::rays::build::{Watch, check_watch, interrupted};
 use crate::scene::Mesh;
 use crate::scene::motion::{Key, Motion};
 use crate::{Error, Result};
 
-/// What Embree reports while it builds.
+/// Memory use and errors that Embree reports.
 #[derive(Default)]
-pub(super) struct Monitor {
+pub(super) struct DeviceMonitor {
     pub(super) bytes: AtomicI64,
-    /// The most that there were at once.
+    /// Peak of `bytes`.
     pub(super) peak: AtomicI64,
     error: Mutex<Option<(sys::RTCError, String)>>,
 }
@@ -42,16 +42,16 @@ impl Drop for SceneHandle {
 }
 
 unsafe extern "C" fn on_memory(monitor: *mut c_void, bytes: isize, _post: bool) -> bool {
-    // SAFETY: `build` registered a `Monitor` that outlives the device.
-    let monitor = unsafe { &*monitor.cast::<Monitor>() };
+    // SAFETY: `build` registered a `DeviceMonitor` that outlives the device.
+    let monitor = unsafe { &*monitor.cast::<DeviceMonitor>() };
     let before = monitor.bytes.fetch_add(bytes as i64, Ordering::Relaxed);
     monitor.peak.fetch_max(before + bytes as i64, Ordering::Relaxed);
     true
 }
 
 unsafe extern "C" fn on_error(monitor: *mut c_void, code: sys::RTCError, message: *const c_char) {
-    // SAFETY: `build` registered a `Monitor` that outlives the device.
-    let monitor = unsafe { &*monitor.cast::<Monitor>() };
+    // SAFETY: `build` registered a `DeviceMonitor` that outlives the device.
+    let monitor = unsafe { &*monitor.cast::<DeviceMonitor>() };
     let text = if message.is_null() {
         String::new()
     } else {
@@ -63,64 +63,63 @@ unsafe extern "C" fn on_error(monitor: *mut c_void, code: sys::RTCError, message
     }
 }
 
-/// The share of one commit in a whole build, and who follows that.
+/// The part of one commit in the progress of a build.
 #[derive(Clone)]
-pub(super) struct Share<'a> {
+pub(super) struct CommitProgress<'a> {
     watch: Watch<'a>,
-    /// Within [0, 1].
+    /// Range of progress, within [0, 1].
     part: Range<f64>,
-    /// Triangles and placements of the whole.
+    /// Number of triangles and placements of the build.
     units: f64,
 }
 
-impl<'a> Share<'a> {
-    /// Nothing yet of a build of so many triangles and placements.
+impl<'a> CommitProgress<'a> {
+    /// Progress of a build of `units` triangles and placements, at its start.
     pub(super) fn new(watch: Watch<'a>, units: usize) -> Self {
         Self { watch, part: 0.0..0.0, units: units as f64 }
     }
 
-    /// Goes on by so many triangles.
+    /// The part of the next commit, of so many triangles.
     pub(super) fn next(&mut self, triangles: usize) -> Self {
         self.part = self.part.end..(self.part.end + triangles as f64 / self.units).min(1.0);
         self.clone()
     }
 
-    /// What is left.
+    /// The remaining part.
     pub(super) fn rest(self) -> Self {
         Self { part: self.part.end..1.0, ..self }
     }
 }
 
-unsafe extern "C" fn on_progress(share: *mut c_void, fraction: f64) -> bool {
-    // SAFETY: `commit` registered a `Share` that outlives the commit.
-    let Share { watch, part, .. } = unsafe { &*share.cast::<Share>() };
+unsafe extern "C" fn on_progress(progress: *mut c_void, fraction: f64) -> bool {
+    // SAFETY: `commit` registered a `CommitProgress` that outlives the commit.
+    let CommitProgress { watch, part, .. } = unsafe { &*progress.cast::<CommitProgress>() };
     watch(part.start + (part.end - part.start) * fraction.clamp(0.0, 1.0))
 }
 
-/// An Embree error as one of ours.
-fn error_of(code: sys::RTCError, message: &str) -> Error {
+/// Converts an Embree error.
+fn convert_error(code: sys::RTCError, message: &str) -> Error {
     match code {
         sys::RTC_ERROR_OUT_OF_MEMORY => Error::Host(format!("Embree: not enough memory for this scene: {message}")),
-        sys::RTC_ERROR_CANCELLED => stopped(),
+        sys::RTC_ERROR_CANCELLED => interrupted(),
         sys::RTC_ERROR_UNSUPPORTED_CPU => Error::Host(format!("Embree: this CPU is not supported: {message}")),
         _ => Error::Bug(format!("Embree error {code}: {message}")),
     }
 }
 
-impl Monitor {
-    /// The first error since the last call.
+impl DeviceMonitor {
+    /// Returns the first error since the last call.
     fn check(&self) -> Result<()> {
         match self.error.lock().ok().and_then(|mut error| error.take()) {
-            Some((code, message)) => Err(error_of(code, &message)),
+            Some((code, message)) => Err(convert_error(code, &message)),
             None => Ok(()),
         }
     }
 }
 
 impl DeviceHandle {
-    pub(super) fn new(options: &EmbreeOptions, monitor: &Arc<Monitor>) -> Result<Self> {
-        // Else 128 MiB are mapped for subdivision surfaces, which there are none of: nothing for the machine, but much for a
-        // limit of memory.
+    pub(super) fn new(options: &EmbreeOptions, monitor: &Arc<DeviceMonitor>) -> Result<Self> {
+        // By default Embree maps 128 MiB for subdivision surfaces. They are never used, but count for memory limits.
         let mut config = format!("threads={},tessellation_cache_size=1", options.threads);
         if let Some(isa) = &options.isa {
             config += &format!(",isa={isa}");
@@ -130,7 +129,7 @@ impl DeviceHandle {
         let device = unsafe { sys::rtcNewDevice(config.as_ptr()) };
         if device.is_null() {
             // SAFETY: null asks for the error of the failed creation.
-            return Err(error_of(unsafe { sys::rtcGetDeviceError(device) }, "no device"));
+            return Err(convert_error(unsafe { sys::rtcGetDeviceError(device) }, "no device"));
         }
         let device = Self(device);
         let monitor = Arc::as_ptr(monitor).cast_mut().cast();
@@ -147,7 +146,7 @@ impl DeviceHandle {
         unsafe { sys::rtcGetDeviceProperty(self.0, property) }
     }
 
-    /// The library's version, when its structs are those of the header: same major and minor version.
+    /// Version of the library. Its major and minor version must be those of the header, so that structs agree.
     pub(super) fn version(&self) -> Result<String> {
         let [major, minor, patch] = [
             sys::RTC_DEVICE_PROPERTY_VERSION_MAJOR,
@@ -229,7 +228,7 @@ impl DeviceHandle {
                 sys::rtcSetGeometryEnableFilterFunctionFromArguments(geometry, true);
             }
             if quality == Quality::Low {
-                // Of the scene's quality, low means two levels only; the trees in them are as each geometry says.
+                // Low quality of the scene only selects two levels; the quality of their trees is set by geometry.
                 sys::rtcSetGeometryBuildQuality(geometry, sys::RTC_BUILD_QUALITY_LOW);
             }
             sys::rtcCommitGeometry(geometry);
@@ -275,7 +274,7 @@ impl DeviceHandle {
     }
 }
 
-/// A key as Embree joins them.
+/// A motion key as Embree's quaternion decomposition.
 fn decomposition(key: &Key) -> sys::RTCQuaternionDecomposition {
     let (q, m, t) = (key.rotation, &key.linear, key.translation);
     sys::RTCQuaternionDecomposition {
@@ -297,13 +296,13 @@ fn decomposition(key: &Key) -> sys::RTCQuaternionDecomposition {
 }
 
 impl SceneHandle {
-    /// Builds it; `share` is its share of the whole.
-    pub(super) fn commit(&self, monitor: &Monitor, share: Share) -> Result<()> {
-        // Embree asks only every some thousand triangles, and not at all in a scene of few.
-        go_on(share.watch, share.part.start)?;
-        // SAFETY: the handle is valid; `share` outlives the commit, and Embree is told to forget it afterwards.
+    /// Builds the scene; `progress` is its part in the progress of the whole build.
+    pub(super) fn commit(&self, monitor: &DeviceMonitor, progress: CommitProgress) -> Result<()> {
+        // Embree calls the monitor only every few thousand triangles.
+        check_watch(progress.watch, progress.part.start)?;
+        // SAFETY: the handle is valid; `progress` outlives the commit, and Embree is told to forget it afterwards.
         unsafe {
-            sys::rtcSetSceneProgressMonitorFunction(self.0, Some(on_progress), (&raw const share).cast_mut().cast());
+            sys::rtcSetSceneProgressMonitorFunction(self.0, Some(on_progress), (&raw const progress).cast_mut().cast());
             sys::rtcCommitScene(self.0);
             sys::rtcSetSceneProgressMonitorFunction(self.0, None, null_mut());
         }
@@ -311,7 +310,7 @@ impl SceneHandle {
     }
 }
 
-/// The instruction set that Embree picks on this CPU: the highest that it was built for and that the CPU has whole.
+/// The instruction set that Embree selects on this CPU: the highest one that the CPU supports completely.
 pub(super) fn best_isa() -> &'static str {
     macro_rules! has { ($($feature:tt),+) => { $(std::arch::is_x86_feature_detected!($feature))&&+ } }
     if has!("avx512f", "avx512dq", "avx512cd", "avx512bw", "avx512vl") {

@@ -1,4 +1,4 @@
-//! Batches to Embree's packets and back.
+//! Queries in packets: conversion of batches to Embree's packets and back.
 
 use std::cell::RefCell;
 use std::ffi::c_int;
@@ -6,27 +6,51 @@ use std::mem::offset_of;
 
 use embree4_sys as sys;
 
-use super::{Bond, EmbreeRays};
-use crate::rays::{HitBatch, MISS, RayBatch};
+use super::committed::CommittedScene;
+use crate::rays::batch::{HitBatch, MISS, RayBatch};
 
-/// Embree's context of a batch, followed by what the alpha filter needs.
+/// How the rays of a packet are traversed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Coherence {
+    /// One by one after they diverge.
+    Incoherent,
+    /// Together, in the order of the batch.
+    Coherent,
+    /// Together, after sorting the batch into packets of one octant.
+    Sorted,
+}
+
+impl Coherence {
+    fn flags(self) -> sys::RTCRayQueryFlags {
+        match self {
+            Self::Incoherent => sys::RTC_RAY_QUERY_FLAG_INCOHERENT,
+            Self::Coherent | Self::Sorted => sys::RTC_RAY_QUERY_FLAG_COHERENT,
+        }
+    }
+}
+
+/// Embree's query context, extended by the data of the alpha filter.
 #[repr(C)]
 struct QueryContext<'a> {
     embree: sys::RTCRayQueryContext,
-    rays: &'a EmbreeRays,
-    /// By ray id.
+    committed: &'a CommittedScene,
+    /// [`RayBatch::key`], by ray id.
     keys: &'a [u32],
 }
 
 impl<'a> QueryContext<'a> {
-    fn new(embree: &'a EmbreeRays, rays: &'a RayBatch) -> Self {
-        Self { embree: sys::init_ray_query_context(), rays: embree, keys: &rays.key }
+    fn new(committed: &'a CommittedScene, rays: &'a RayBatch) -> Self {
+        Self { embree: sys::init_ray_query_context(), committed, keys: &rays.key }
     }
 }
 
-/// Rejects the hits of a packet at which the surface is not there.
-pub(super) unsafe extern "C" fn filter_alpha(args: *const sys::RTCFilterFunctionNArguments) {
-    // A packet of N is a column of N for every field of the single struct.
+fn filter(committed: &CommittedScene) -> sys::RTCFilterFunctionN {
+    if committed.has_alpha { Some(filter_alpha) } else { None }
+}
+
+/// Intersection filter: rejects the hits of a packet that fail the alpha test.
+unsafe extern "C" fn filter_alpha(args: *const sys::RTCFilterFunctionNArguments) {
+    // A packet of N has a column of N values for each field of the single-ray struct.
     const ID: usize = offset_of!(sys::RTCRay, id) / 4;
     const U: usize = offset_of!(sys::RTCHit, u) / 4;
     const V: usize = offset_of!(sys::RTCHit, v) / 4;
@@ -45,44 +69,44 @@ pub(super) unsafe extern "C" fn filter_alpha(args: *const sys::RTCFilterFunction
             }
             let ray = |column: usize| *args.ray.cast::<u32>().add(column * n + lane);
             let hit = |column: usize| *args.hit.cast::<u32>().add(column * n + lane);
-            let place = context.rays.place(hit(GEOMETRY), hit(INSTANCE));
+            let placement = context.committed.placement_of(hit(GEOMETRY), hit(INSTANCE));
             let [u, v] = [hit(U), hit(V)].map(f32::from_bits);
             let key = context.keys[ray(ID) as usize];
-            if !context.rays.scene.is_present(key, place.instance, place.mesh, hit(PRIM), u, v) {
+            if !context.committed.scene.is_present(key, placement.instance, placement.mesh, hit(PRIM), u, v) {
                 *valid = 0;
             }
         }
     }
 }
 
-/// Embree wants a packet's lane mask aligned like the packet.
+/// Lane mask of a packet, with the alignment that Embree requires.
 #[repr(C, align(64))]
-struct Lanes<const N: usize>([c_int; N]);
+struct LaneMask<const N: usize>([c_int; N]);
 
-impl<const N: usize> Lanes<N> {
+impl<const N: usize> LaneMask<N> {
     fn first(count: usize) -> Self {
         Self(std::array::from_fn(|lane| if lane < count { -1 } else { 0 }))
     }
 }
 
-/// Which rays of a batch the lanes of a packet take.
+/// The rays of a batch that are in a packet.
 #[derive(Clone, Copy)]
-enum Picks<'a> {
-    /// Those from here on.
+enum PacketRows<'a> {
+    /// Consecutive rays from this one on.
     From(usize),
-    /// These.
+    /// These rays.
     Each(&'a [u32]),
 }
 
-/// Copies a part of a column; spare lanes keep what they have.
+/// Loads a part of a column; spare lanes keep their values.
 #[inline(always)]
-fn load<const N: usize>(lanes: &mut [f32; N], column: &[f32], picks: Picks) {
-    match picks {
-        Picks::From(start) => match column[start..].first_chunk() {
+fn load<const N: usize>(lanes: &mut [f32; N], column: &[f32], rows: PacketRows) {
+    match rows {
+        PacketRows::From(start) => match column[start..].first_chunk() {
             Some(chunk) => *lanes = *chunk,
             None => lanes[..column.len() - start].copy_from_slice(&column[start..]),
         },
-        Picks::Each(rays) => {
+        PacketRows::Each(rays) => {
             for (lane, &ray) in lanes.iter_mut().zip(rays) {
                 *lane = column[ray as usize];
             }
@@ -90,18 +114,18 @@ fn load<const N: usize>(lanes: &mut [f32; N], column: &[f32], picks: Picks) {
     }
 }
 
-/// The way back; spare lanes are dropped.
+/// Stores lanes to a part of a column; spare lanes are dropped.
 #[inline(always)]
-fn store<T: Copy, const N: usize>(column: &mut [T], picks: Picks, lanes: &[T; N]) {
-    match picks {
-        Picks::From(start) => match column[start..].first_chunk_mut() {
+fn store<T: Copy, const N: usize>(column: &mut [T], rows: PacketRows, lanes: &[T; N]) {
+    match rows {
+        PacketRows::From(start) => match column[start..].first_chunk_mut() {
             Some(chunk) => *chunk = *lanes,
             None => {
                 let len = column.len() - start;
                 column[start..].copy_from_slice(&lanes[..len]);
             }
         },
-        Picks::Each(rays) => {
+        PacketRows::Each(rays) => {
             for (&lane, &ray) in lanes.iter().zip(rays) {
                 column[ray as usize] = lane;
             }
@@ -109,17 +133,17 @@ fn store<T: Copy, const N: usize>(column: &mut [T], picks: Picks, lanes: &[T; N]
     }
 }
 
-/// Calls `packet` with the rays of each packet of `n`, in the batch's order or sorted by the signs of their directions.
-/// Embree takes a packet that stays together through the tree once for each octant that its rays point to: sorted, the
-/// packets of diffuse bounces in a small scene cost a third.
+/// Calls `packet` with the rays of each packet of `n`, in the order of the batch or `sorted` by the octant of the direction.
+/// Embree traverses a coherent packet once per octant: sorting reduces the cost of diffuse bounces in a small scene to a
+/// third.
 #[inline(always)]
-fn for_each_packet(rays: &RayBatch, n: usize, sorted: bool, mut packet: impl FnMut(Picks, usize)) {
+fn for_each_packet(rays: &RayBatch, n: usize, sorted: bool, mut packet: impl FnMut(PacketRows, usize)) {
     thread_local! {
         static ORDER: RefCell<Vec<u32>> = const { RefCell::new(Vec::new()) };
     }
     if !sorted {
         for start in (0..rays.len()).step_by(n) {
-            packet(Picks::From(start), n.min(rays.len() - start));
+            packet(PacketRows::From(start), n.min(rays.len() - start));
         }
         return;
     }
@@ -134,12 +158,12 @@ fn for_each_packet(rays: &RayBatch, n: usize, sorted: bool, mut packet: impl FnM
         }
         order.resize(rays.len(), 0);
         for i in 0..rays.len() {
-            let place = &mut ends[octant(i)];
-            order[*place] = i as u32;
-            *place += 1;
+            let next = &mut ends[octant(i)];
+            order[*next] = i as u32;
+            *next += 1;
         }
-        for picks in order.chunks(n) {
-            packet(Picks::Each(picks), picks.len());
+        for rows in order.chunks(n) {
+            packet(PacketRows::Each(rows), rows.len());
         }
     });
 }
@@ -152,42 +176,42 @@ macro_rules! packet_queries {
             use super::*;
 
             #[inline(always)]
-            fn load_rays(lanes: &mut sys::$ray, rays: &RayBatch, picks: Picks) {
-                load(&mut lanes.org_x, &rays.origin[0], picks);
-                load(&mut lanes.org_y, &rays.origin[1], picks);
-                load(&mut lanes.org_z, &rays.origin[2], picks);
-                load(&mut lanes.dir_x, &rays.direction[0], picks);
-                load(&mut lanes.dir_y, &rays.direction[1], picks);
-                load(&mut lanes.dir_z, &rays.direction[2], picks);
-                load(&mut lanes.tnear, &rays.tnear, picks);
-                load(&mut lanes.tfar, &rays.tfar, picks);
+            fn load_rays(lanes: &mut sys::$ray, rays: &RayBatch, rows: PacketRows) {
+                load(&mut lanes.org_x, &rays.origin[0], rows);
+                load(&mut lanes.org_y, &rays.origin[1], rows);
+                load(&mut lanes.org_z, &rays.origin[2], rows);
+                load(&mut lanes.dir_x, &rays.direction[0], rows);
+                load(&mut lanes.dir_y, &rays.direction[1], rows);
+                load(&mut lanes.dir_z, &rays.direction[2], rows);
+                load(&mut lanes.tnear, &rays.tnear, rows);
+                load(&mut lanes.tfar, &rays.tfar, rows);
                 if !rays.time.is_empty() {
-                    load(&mut lanes.time, &rays.time, picks);
+                    load(&mut lanes.time, &rays.time, rows);
                 }
-                match picks {
-                    Picks::From(start) => lanes.id = std::array::from_fn(|lane| (start + lane) as u32),
-                    Picks::Each(rays) => lanes.id[..rays.len()].copy_from_slice(rays),
+                match rows {
+                    PacketRows::From(start) => lanes.id = std::array::from_fn(|lane| (start + lane) as u32),
+                    PacketRows::Each(rays) => lanes.id[..rays.len()].copy_from_slice(rays),
                 }
             }
 
-            pub fn closest_hits(to: &EmbreeRays, rays: &RayBatch, bond: Bond, hits: &mut HitBatch) {
-                let mut context = QueryContext::new(to, rays);
+            pub fn closest_hits(scene: &CommittedScene, rays: &RayBatch, coherence: Coherence, hits: &mut HitBatch) {
+                let mut context = QueryContext::new(scene, rays);
                 let mut args = sys::RTCIntersectArguments {
-                    flags: bond.flags(),
+                    flags: coherence.flags(),
                     feature_mask: sys::RTC_FEATURE_FLAG_ALL,
                     context: (&raw mut context).cast(),
-                    filter: to.filter(),
+                    filter: filter(scene),
                     intersect: None,
                 };
                 let mut packet = sys::$ray_hit::default();
                 packet.ray.mask = [u32::MAX; $n];
-                for_each_packet(rays, $n, bond == Bond::Sorted, |picks, len| {
-                    load_rays(&mut packet.ray, rays, picks);
+                for_each_packet(rays, $n, coherence == Coherence::Sorted, |rows, len| {
+                    load_rays(&mut packet.ray, rays, rows);
                     packet.hit.geomID = [sys::RTC_INVALID_GEOMETRY_ID; $n];
                     packet.hit.instID = [[sys::RTC_INVALID_GEOMETRY_ID; $n]; LEVELS];
-                    let valid = Lanes::<$n>::first(len);
+                    let valid = LaneMask::<$n>::first(len);
                     // SAFETY: the scene is committed, `context` lives, mask and packet are aligned by their types.
-                    unsafe { sys::$intersect(valid.0.as_ptr(), to.top.0, &mut packet, &mut args) };
+                    unsafe { sys::$intersect(valid.0.as_ptr(), scene.top.0, &mut packet, &mut args) };
                     let hit = &packet.hit;
                     let (mut t, mut prim) = (packet.ray.tfar, hit.primID);
                     let (mut instance, mut mesh) = ([MISS; $n], [MISS; $n]);
@@ -195,35 +219,35 @@ macro_rules! packet_queries {
                         if hit.geomID[lane] == sys::RTC_INVALID_GEOMETRY_ID {
                             (t[lane], prim[lane]) = (f32::INFINITY, MISS);
                         } else {
-                            let place = to.place(hit.geomID[lane], hit.instID[0][lane]);
-                            (instance[lane], mesh[lane]) = (place.instance, place.mesh);
+                            let placement = scene.placement_of(hit.geomID[lane], hit.instID[0][lane]);
+                            (instance[lane], mesh[lane]) = (placement.instance, placement.mesh);
                         }
                     }
-                    store(&mut hits.t, picks, &t);
-                    store(&mut hits.u, picks, &hit.u);
-                    store(&mut hits.v, picks, &hit.v);
-                    store(&mut hits.instance, picks, &instance);
-                    store(&mut hits.mesh, picks, &mesh);
-                    store(&mut hits.prim, picks, &prim);
+                    store(&mut hits.t, rows, &t);
+                    store(&mut hits.u, rows, &hit.u);
+                    store(&mut hits.v, rows, &hit.v);
+                    store(&mut hits.instance, rows, &instance);
+                    store(&mut hits.mesh, rows, &mesh);
+                    store(&mut hits.prim, rows, &prim);
                 });
             }
 
-            pub fn occluded(by: &EmbreeRays, rays: &RayBatch, bond: Bond, occluded: &mut [bool]) {
-                let mut context = QueryContext::new(by, rays);
+            pub fn occluded(scene: &CommittedScene, rays: &RayBatch, coherence: Coherence, occluded: &mut [bool]) {
+                let mut context = QueryContext::new(scene, rays);
                 let mut args = sys::RTCOccludedArguments {
-                    flags: bond.flags(),
+                    flags: coherence.flags(),
                     feature_mask: sys::RTC_FEATURE_FLAG_ALL,
                     context: (&raw mut context).cast(),
-                    filter: by.filter(),
+                    filter: filter(scene),
                     occluded: None,
                 };
                 let mut packet = sys::$ray { mask: [u32::MAX; $n], ..Default::default() };
-                for_each_packet(rays, $n, bond == Bond::Sorted, |picks, len| {
-                    load_rays(&mut packet, rays, picks);
-                    let valid = Lanes::<$n>::first(len);
+                for_each_packet(rays, $n, coherence == Coherence::Sorted, |rows, len| {
+                    load_rays(&mut packet, rays, rows);
+                    let valid = LaneMask::<$n>::first(len);
                     // SAFETY: the scene is committed, `context` lives, mask and packet are aligned by their types.
-                    unsafe { sys::$occluded(valid.0.as_ptr(), by.top.0, &mut packet, &mut args) };
-                    store(occluded, picks, &packet.tfar.map(|tfar| tfar == f32::NEG_INFINITY));
+                    unsafe { sys::$occluded(valid.0.as_ptr(), scene.top.0, &mut packet, &mut args) };
+                    store(occluded, rows, &packet.tfar.map(|tfar| tfar == f32::NEG_INFINITY));
                 });
             }
         }
@@ -234,7 +258,7 @@ packet_queries!(wide16, 16, RTCRay16, RTCHit16, RTCRayHit16, rtcIntersect16, rtc
 packet_queries!(wide8, 8, RTCRay8, RTCHit8, RTCRayHit8, rtcIntersect8, rtcOccluded8);
 packet_queries!(wide4, 4, RTCRay4, RTCHit4, RTCRayHit4, rtcIntersect4, rtcOccluded4);
 
-/// Ray by ray.
+/// Queries of single rays.
 pub(super) mod single {
     use super::*;
 
@@ -255,13 +279,13 @@ pub(super) mod single {
         }
     }
 
-    pub fn closest_hits(to: &EmbreeRays, rays: &RayBatch, hits: &mut HitBatch) {
-        let mut context = QueryContext::new(to, rays);
+    pub fn closest_hits(scene: &CommittedScene, rays: &RayBatch, hits: &mut HitBatch) {
+        let mut context = QueryContext::new(scene, rays);
         let mut args = sys::RTCIntersectArguments {
             flags: sys::RTC_RAY_QUERY_FLAG_INCOHERENT,
             feature_mask: sys::RTC_FEATURE_FLAG_ALL,
             context: (&raw mut context).cast(),
-            filter: to.filter(),
+            filter: filter(scene),
             intersect: None,
         };
         for i in 0..rays.len() {
@@ -269,33 +293,33 @@ pub(super) mod single {
             one.hit.geomID = sys::RTC_INVALID_GEOMETRY_ID;
             one.hit.instID = [sys::RTC_INVALID_GEOMETRY_ID; LEVELS];
             // SAFETY: the scene is committed, `context` lives, the ray is aligned by its type.
-            unsafe { sys::rtcIntersect1(to.top.0, &raw mut one, &raw mut args) };
+            unsafe { sys::rtcIntersect1(scene.top.0, &raw mut one, &raw mut args) };
             let hit = one.hit;
             if hit.geomID == sys::RTC_INVALID_GEOMETRY_ID {
                 hits.t[i] = f32::INFINITY;
                 (hits.instance[i], hits.mesh[i], hits.prim[i]) = (MISS, MISS, MISS);
             } else {
-                let place = to.place(hit.geomID, hit.instID[0]);
+                let placement = scene.placement_of(hit.geomID, hit.instID[0]);
                 hits.t[i] = one.ray.tfar;
-                (hits.instance[i], hits.mesh[i], hits.prim[i]) = (place.instance, place.mesh, hit.primID);
+                (hits.instance[i], hits.mesh[i], hits.prim[i]) = (placement.instance, placement.mesh, hit.primID);
             }
             (hits.u[i], hits.v[i]) = (hit.u, hit.v);
         }
     }
 
-    pub fn occluded(by: &EmbreeRays, rays: &RayBatch, occluded: &mut [bool]) {
-        let mut context = QueryContext::new(by, rays);
+    pub fn occluded(scene: &CommittedScene, rays: &RayBatch, occluded: &mut [bool]) {
+        let mut context = QueryContext::new(scene, rays);
         let mut args = sys::RTCOccludedArguments {
             flags: sys::RTC_RAY_QUERY_FLAG_INCOHERENT,
             feature_mask: sys::RTC_FEATURE_FLAG_ALL,
             context: (&raw mut context).cast(),
-            filter: by.filter(),
+            filter: filter(scene),
             occluded: None,
         };
         for (i, occluded) in occluded.iter_mut().enumerate() {
             let mut one = ray(rays, i);
             // SAFETY: the scene is committed, `context` lives, the ray is aligned by its type.
-            unsafe { sys::rtcOccluded1(by.top.0, &raw mut one, &raw mut args) };
+            unsafe { sys::rtcOccluded1(scene.top.0, &raw mut one, &raw mut args) };
             *occluded = one.tfar == f32::NEG_INFINITY;
         }
     }

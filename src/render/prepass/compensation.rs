@@ -51,7 +51,7 @@ fn take(transport: &Transport, [width, height]: [u32; 2]) -> Vec<PixelStats> {
     let tasks: Vec<_> = pixels.map(|pixel| PixelTask::first(pixel, counts, 0)).collect();
     let of_some = |tasks: &[PixelTask]| {
         let mut stats = vec![PixelStats::default(); tasks.len()];
-        let mut batch = PixelBatch::plain(tasks, &mut stats);
+        let mut batch = PixelBatch::radiance_only(tasks, &mut stats);
         with_buffers(|buffers| buffers.wave().run(transport, &mut batch));
         stats
     };

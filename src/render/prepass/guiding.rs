@@ -164,9 +164,13 @@ fn take(transport: &Transport, size: [u32; 2], paths: u32, most: [usize; 2]) -> 
         wave.counts = WaveCounts::default();
         for tasks in tasks.chunks((2048 / paths).max(1) as usize) {
             let mut stats = vec![PixelStats::default(); tasks.len()];
-            let mut batch = PixelBatch::plain(tasks, &mut stats);
-            let divisors =
-                wave.learn(transport, &mut batch, &divisors, (&mut taken.training_samples, &mut taken.vertex_records));
+            let mut batch = PixelBatch::radiance_only(tasks, &mut stats);
+            let divisors = wave.collect_training_samples(
+                transport,
+                &mut batch,
+                &divisors,
+                (&mut taken.training_samples, &mut taken.vertex_records),
+            );
             let of = |(stats, divisor): (&PixelStats, &f32)| relative_variance(stats, *divisor);
             taken.variance += stats.iter().zip(&divisors).map(of).filter(|v| v.is_finite()).sum::<f64>();
             taken.inverse += divisors.iter().map(|divisor| 1.0 / f64::from(*divisor)).sum::<f64>();

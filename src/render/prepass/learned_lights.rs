@@ -107,7 +107,7 @@ fn take(transport: &Transport, size: [u32; 2], paths: u32) -> Taken {
         for tasks in tasks.chunks((2048 / paths) as usize) {
             let mut stats = vec![PixelStats::default(); tasks.len()];
             let (light_sample_records, divisors) =
-                wave.light_sample_records(transport, &mut PixelBatch::plain(tasks, &mut stats), &divisors);
+                wave.collect_light_samples(transport, &mut PixelBatch::radiance_only(tasks, &mut stats), &divisors);
             let variances =
                 stats.iter().zip(divisors).map(|(stats, divisor)| relative_variance(stats, divisor)).collect();
             taken.add(Taken { light_sample_records, variances });

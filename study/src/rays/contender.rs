@@ -40,8 +40,8 @@ const PRESETS: [(&str, Preset); 6] = [
     ("slow", Preset::Slow),
     ("very-slow", Preset::VerySlow),
 ];
-const TREES: [(&str, TreeKind); 2] = [("cwbvh", TreeKind::Eight), ("bvh2", TreeKind::Two)];
-const TESTS: [(&str, TriangleTest); 2] = [("embree-test", TriangleTest::Embree), ("own-test", TriangleTest::Own)];
+const TREES: [(&str, TreeKind); 2] = [("cwbvh", TreeKind::EightWide), ("bvh2", TreeKind::Binary)];
+const TESTS: [(&str, TriangleTest); 2] = [("embree-test", TriangleTest::Embree), ("own-test", TriangleTest::Obvhs)];
 
 fn named<T: Copy>(list: &[(&str, T)], word: &str) -> Option<T> {
     list.iter().find(|(name, _)| *name == word).map(|(_, value)| *value)

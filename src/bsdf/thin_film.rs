@@ -1,17 +1,17 @@
-//! KHR_materials_iridescence: the Fresnel term of a thin film on a base, after Belcour and Barla 2017, *A Practical Extension
-//! to Microfacet Theory for the Modeling of Varying Iridescence*, simplified as the extension has it: Schlick's Fresnel at both
-//! interfaces, no polarization, two orders of interference.
+//! KHR_materials_iridescence: the Fresnel term of a thin film on a base (Belcour and Barla 2017, *A Practical Extension to
+//! Microfacet Theory for the Modeling of Varying Iridescence*), with the simplifications of the extension: Schlick's
+//! approximation at both interfaces, no polarization, two orders of interference.
 
 use std::f32::consts::PI;
 
 use super::microfacet::schlick_weight;
 use crate::lanes::{F, V3};
 
-/// The base reflects less than all, or it would have no index of refraction.
-const MOST: f32 = 0.9999;
+/// Upper limit of the base's reflectance: at 1 its index of refraction would be infinite.
+const MAX_REFLECTANCE: f32 = 0.9999;
 
-/// A colour matching function in terms of the phase: `amplitude` · cos(`position` · phase) · exp(−`variance` · phase²). The
-/// appendix's amplitude val · √(2π · var) / 1.0685e-7 is multiplied out.
+/// A term of a CIE colour matching function in Fourier space: `amplitude` · cos(`position` · phase) · exp(−`variance` ·
+/// phase²). `amplitude` is the appendix's val · √(2π · var) / 1.0685e-7.
 struct Sensitivity {
     amplitude: f32,
     position: f32,
@@ -28,37 +28,37 @@ const Z: Sensitivity = Sensitivity { amplitude: 1.001_122, position: 2.2084e6, v
 impl Sensitivity {
     #[inline(always)]
     fn at(&self, phase: F) -> F {
-        // Far below what is to be seen, where the exponential still is a number.
+        // The limit keeps the exponential a normal number; e⁻⁸⁰ is invisible.
         let fading = (phase * phase * F::splat(-self.variance)).fast_max(F::splat(-80.0)).exp();
         F::splat(self.amplitude) * (F::splat(self.position) * phase).cos() * fading
     }
 }
 
-/// Reflectance in [0, 1] at cosine `cos` of the direction outside to the normal: of a film of index `ior` ≥ 1 and `thickness`
-/// in nanometres on a base that by itself reflects `base` at normal incidence.
+/// Linear RGB reflectance, in [0, 1], of a film of index `ior` ≥ 1 and `thickness` in nanometres on a base whose reflectance
+/// at normal incidence, without the film, is `base`. `cos` is the cosine between the normal and the direction outside.
 #[inline(never)]
 pub fn reflectance(cos: F, base: V3, ior: F, thickness: F) -> V3 {
     let inside = (F::ONE - (F::ONE - cos * cos) / (ior * ior)).fast_max(F::ZERO).sqrt();
-    let r12 = schlick(normal(ior), cos);
+    let r12 = schlick(normal_incidence(ior), cos);
     let t121 = F::ONE - r12;
-    // 2π times the difference of the optical paths, in metres.
+    // 2π times the optical path difference in metres.
     let phase = F::splat(4.0 * PI * 1e-9) * ior * thickness * inside;
     let first = sensitivity(phase);
     let second = sensitivity(phase + phase);
     let channel = |base: F, first: F, second: F| {
-        let root = base.fast_min(F::splat(MOST)).sqrt();
+        let root = base.fast_min(F::splat(MAX_REFLECTANCE)).sqrt();
         let base_ior = (F::ONE + root) / (F::ONE - root);
-        let r23 = schlick(normal(base_ior / ior), inside);
-        let r123 = (r12 * r23).fast_min(F::splat(MOST));
+        let r23 = schlick(normal_incidence(base_ior / ior), inside);
+        let r123 = (r12 * r23).fast_min(F::splat(MAX_REFLECTANCE));
         let around = r123.sqrt();
         let rs = t121 * t121 * r23 / (F::ONE - r123);
         let order = (rs - t121) * around;
-        // Light that goes through the film changes its sign at the outer surface, once an order, and at a base that is
-        // thinner than the film: not at all where both do.
+        // Each order shifts the phase by π at the outer interface, and by another π where the base has a lower index than
+        // the film; the two cancel.
         let flips = base_ior.simd_lt(ior).select(F::ONE, -F::ONE);
         let two = F::splat(2.0);
-        let all = r12 + rs + order * two * flips * first + order * around * two * second;
-        all.fast_max(F::ZERO).fast_min(F::ONE)
+        let sum = r12 + rs + order * two * flips * first + order * around * two * second;
+        sum.fast_max(F::ZERO).fast_min(F::ONE)
     };
     V3 {
         x: channel(base.x, first.x, second.x),
@@ -67,9 +67,9 @@ pub fn reflectance(cos: F, base: V3, ior: F, thickness: F) -> V3 {
     }
 }
 
-/// Reflectance at normal incidence where the index of refraction grows `ratio` times.
+/// Reflectance at normal incidence of an interface with the relative index of refraction `ratio`.
 #[inline(always)]
-fn normal(ratio: F) -> F {
+fn normal_incidence(ratio: F) -> F {
     let root = (ratio - F::ONE) / (ratio + F::ONE);
     root * root
 }
@@ -79,7 +79,7 @@ fn schlick(f0: F, cos: F) -> F {
     (F::ONE - f0).mul_add(schlick_weight(cos), f0)
 }
 
-/// Of linear Rec. 709 RGB.
+/// Response of linear Rec. 709 RGB to a phase: XYZ by the colour matching functions, converted.
 #[inline(always)]
 fn sensitivity(phase: F) -> V3 {
     let (x, y, z) = (X[0].at(phase) + X[1].at(phase), Y.at(phase), Z.at(phase));

@@ -1,0 +1,150 @@
+//! The interface of lobes, [`Lobe`], and the types of its arguments and results.
+
+use super::lobe_set::LobeSet;
+use crate::lanes::{F, V3};
+use crate::sampling::warp;
+
+/// A lobe, or a stack of lobes, at eight points.
+pub trait Lobe: Copy {
+    /// Mask of the lanes where the lobe is not zero.
+    fn present(&self) -> F;
+
+    /// The lobes of the stack that are present in at least one lane.
+    fn lobes(&self) -> LobeSet {
+        LobeSet::single(self.present().any())
+    }
+
+    /// Mask of the lanes where the lobe also scatters to the other side of the surface.
+    #[inline(always)]
+    fn transmits(&self) -> F {
+        F::ZERO
+    }
+
+    /// Approximate luminance of the diffuse albedo less that of the specular albedo. Path guiding is used where it is not
+    /// negative; elsewhere the BSDF alone says which directions matter.
+    #[inline(always)]
+    fn diffuseness(&self) -> F {
+        F::ZERO
+    }
+
+    /// Estimates, for uniform white illumination, of the luminance that the lobe scatters toward `wo`, and of the fraction of
+    /// light that reaches the layers beneath. Sampling chooses among lobes by them. `n` is the shading normal.
+    fn weight(&self, n: V3, wo: V3) -> (F, F);
+
+    /// Value and density for given directions; `light` is the fraction of light that the layers above transmit.
+    fn eval(&self, d: &Directions, light: F) -> Response;
+
+    /// Samples a direction from three uniform numbers in [0, 1); the first one chooses among the parts of a lobe.
+    fn sample_direction(&self, frames: &Frames, wo: V3, numbers: [F; 3]) -> DirectionSample;
+
+    /// f(wo, wi) · |n·wi|, and the density per solid angle with which [`sample`](Self::sample) draws `wi`. Both are zero
+    /// where `wo` is below the surface with shading normal `n`, or where `wi` is and no lobe transmits.
+    #[inline(always)]
+    fn eval_pdf(&self, n: V3, wo: V3, wi: V3) -> (V3, F) {
+        let half = (wo + wi).normalize_or(n);
+        let response =
+            evaluate(self, n, wo, DirectionSample { wi, h: V3::select(n.dot(wi).simd_gt(F::ZERO), half, V3::ZERO) });
+        (response.value, response.pdf)
+    }
+
+    /// Samples `wi` from three uniform numbers in [0, 1).
+    #[inline(always)]
+    fn sample(&self, n: V3, wo: V3, numbers: [F; 3]) -> BsdfSample {
+        self.sample_or(n, wo, numbers, (F::ZERO, V3::ZERO))
+    }
+
+    /// Samples `wi` from three uniform numbers in [0, 1), but takes `other` in lanes of the mask `given`. Value and density
+    /// are those of the BSDF in all lanes.
+    #[inline(always)]
+    fn sample_or(&self, n: V3, wo: V3, numbers: [F; 3], (given, other): (F, V3)) -> BsdfSample {
+        let (t, b) = warp::frames(n);
+        let mut drawn = self.sample_direction(&Frames { t, b, n }, wo, numbers);
+        if given.any() {
+            let half = (wo + other).normalize_or(n);
+            let h = V3::select(n.dot(other).simd_gt(F::ZERO), half, V3::ZERO);
+            drawn = DirectionSample { wi: V3::select(given, other, drawn.wi), h: V3::select(given, h, drawn.h) };
+        }
+        let Response { value, pdf, .. } = evaluate(self, n, wo, drawn);
+        BsdfSample { wi: drawn.wi, value, pdf }
+    }
+}
+
+/// Evaluates a lobe for a sampled direction.
+#[inline(always)]
+fn evaluate(lobe: &impl Lobe, n: V3, wo: V3, DirectionSample { wi, h }: DirectionSample) -> Response {
+    let (cos_o, cos_i) = (n.dot(wo), n.dot(wi));
+    let above = cos_o.simd_gt(F::ZERO) & cos_i.simd_gt(F::ZERO);
+    lobe.eval(&Directions { n, wo, wi, h, cos_o, cos_i, above }, F::ONE)
+}
+
+/// The directions for which a lobe is evaluated.
+#[derive(Debug, Clone, Copy)]
+pub struct Directions {
+    /// Shading normal.
+    pub n: V3,
+    /// Unit, toward the camera.
+    pub wo: V3,
+    /// Unit, toward the light.
+    pub wi: V3,
+    /// Unit half vector; where `wi` is below the surface, [`DirectionSample::h`], or zero if it is not known.
+    pub h: V3,
+    /// n · wo.
+    pub cos_o: F,
+    /// n · wi.
+    pub cos_i: F,
+    /// Mask: `wo` and `wi` are both above the surface.
+    pub above: F,
+}
+
+/// Orthonormal frames around shading normals.
+#[derive(Debug, Clone, Copy)]
+pub struct Frames {
+    /// First tangent.
+    pub t: V3,
+    /// Second tangent.
+    pub b: V3,
+    /// Shading normal.
+    pub n: V3,
+}
+
+/// A lobe evaluated for given directions.
+#[derive(Debug, Clone, Copy)]
+pub struct Response {
+    /// f · |n·wi|.
+    pub value: V3,
+    /// Density per solid angle with which the lobe samples `wi`.
+    pub pdf: F,
+    /// Fraction of the light that reaches the layers beneath.
+    pub transmittance: F,
+}
+
+/// A direction sampled from a lobe.
+#[derive(Debug, Clone, Copy)]
+pub struct DirectionSample {
+    /// Unit, toward the light; zero where sampling failed.
+    pub wi: V3,
+    /// The sampled microfacet normal, negated where light is transmitted; for diffuse lobes the half vector of `wo` and
+    /// `wi`, or zero below the surface.
+    pub h: V3,
+}
+
+/// Directions sampled from BSDFs, with their values.
+#[derive(Debug, Clone, Copy)]
+pub struct BsdfSample {
+    /// Unit, world space, toward the light.
+    pub wi: V3,
+    /// f · |n·wi|.
+    pub value: V3,
+    /// Density per solid angle; zero where sampling failed (a direction on the wrong side, no lobe present). A failed sample
+    /// counts as a sample of value zero.
+    pub pdf: F,
+}
+
+/// Microfacet lobes of at least this α count as diffuse.
+const MIN_DIFFUSE_ALPHA: f32 = 0.1;
+
+/// [`Lobe::diffuseness`] of a microfacet lobe of roughness `alpha` and albedo `weight`.
+#[inline(always)]
+pub(super) fn diffuseness(weight: F, alpha: F) -> F {
+    alpha.simd_lt(F::splat(MIN_DIFFUSE_ALPHA)).select(F::ZERO - weight, weight)
+}

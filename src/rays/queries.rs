@@ -1,0 +1,44 @@
+//! The interface of ray query backends.
+
+use super::batch::{HitBatch, RayBatch, RayOrder};
+
+/// Description of a backend, for `--stats` and image headers.
+#[derive(Debug, Clone)]
+pub struct BackendInfo {
+    /// `embree` or `obvhs`.
+    pub name: &'static str,
+    /// Library version.
+    pub version: String,
+    /// Instruction set of traversal.
+    pub isa: String,
+    /// Build time in seconds.
+    pub build_seconds: f64,
+    /// Size of the acceleration structure in bytes.
+    pub memory_bytes: u64,
+    /// Peak memory of the library during the build, in bytes, if it reports that.
+    pub peak_bytes: Option<u64>,
+}
+
+/// Ray queries against a scene. Alpha cutouts and alpha blending are resolved by the backend: reported hits are opaque.
+pub trait RayQueries: Send + Sync {
+    /// Finds the closest hit of each ray; resizes `hits` to the batch.
+    fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch);
+    /// Tests whether anything lies in each ray's interval; resizes `occluded` to the batch.
+    fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>);
+    /// Name, version and costs of the backend.
+    fn info(&self) -> &BackendInfo;
+}
+
+impl<T: RayQueries + ?Sized> RayQueries for &T {
+    fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
+        (**self).closest_hits(rays, order, hits);
+    }
+
+    fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {
+        (**self).occluded(rays, order, occluded);
+    }
+
+    fn info(&self) -> &BackendInfo {
+        (**self).info()
+    }
+}
