@@ -113,9 +113,8 @@ fn look_up(table: &[Cell], cos: F, alpha: F) -> [F; 2] {
     let index = row.mul_add(F::splat(CELLS as f32), column).to_array();
     let corners = F::transpose(eight(|lane| F::from(table[index[lane] as usize].0)));
     let between = |a: F, b: F, t: F| t.mul_add(b - a, a);
-    let function = |i: usize| {
-        between(between(corners[i], corners[i + 1], v), between(corners[i + 2], corners[i + 3], v), u)
-    };
+    let function =
+        |i: usize| between(between(corners[i], corners[i + 1], v), between(corners[i + 2], corners[i + 3], v), u);
     [function(0), function(4)]
 }
 

@@ -3,10 +3,10 @@
 //! The Fresnel term is Schlick's approximation for index 1.5 at the coat's normal, as the extension specifies; it also
 //! attenuates the layers beneath. A smooth coat therefore conserves energy.
 
-use super::{albedo, ggx};
 use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, diffuseness};
 use super::microfacet::schlick_weight;
 use super::parameters::{Eight, lobe};
+use super::{albedo, ggx};
 use crate::lanes::{F, V3};
 use crate::sampling::warp;
 

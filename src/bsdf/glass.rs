@@ -4,10 +4,10 @@
 //! Radiance inside media is not scaled by the squared index of refraction: emitters in glass have the radiance that the
 //! file says, and the factor cancels for light that leaves a medium.
 
-use super::{albedo, ggx};
 use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, diffuseness};
 use super::parameters::{Eight, lobe};
 use super::refraction::{self, Facet};
+use super::{albedo, ggx};
 use crate::lanes::{F, V3};
 
 /// Smallest difference of an index of refraction from 1: without refraction there is no half vector.

@@ -209,14 +209,16 @@ impl Surface {
         let dielectric0 = self.dielectric0();
         let (layer0, layer90) = (dielectric0.max_element(), self.specular);
         let mut diffuse = self.base_color * ((1.0 - m) * FRAC_1_PI);
-        let mut diffuse_transmission = DiffuseTransmission { diffuse: Vec3::ZERO, layer0, layer90, alpha, compensation };
+        let mut diffuse_transmission =
+            DiffuseTransmission { diffuse: Vec3::ZERO, layer0, layer90, alpha, compensation };
         if self.diffuse_transmission > 0.0 {
             let fraction = self.diffuse_transmission;
             diffuse_transmission.diffuse = self.diffuse_transmission_color * ((1.0 - m) * fraction * FRAC_1_PI);
             diffuse *= 1.0 - fraction;
         }
         let f0 = dielectric0 * (1.0 - m) + self.base_color * m;
-        let top = Microfacet { f0, f90: self.specular * (1.0 - m) + m, layer0, layer90, alpha, metallic: m, compensation };
+        let top =
+            Microfacet { f0, f90: self.specular * (1.0 - m) + m, layer0, layer90, alpha, metallic: m, compensation };
         Layered { top: diffuse_transmission, base: Layered { top, base: Lambert { diffuse } } }
     }
 
@@ -248,8 +250,16 @@ impl Surface {
 }
 
 /// An absent glass lobe, for lanes next to others that have it.
-const NO_GLASS: Glass =
-    Glass { fraction: 0.0, tint: Vec3::ZERO, f0: Vec3::ZERO, f90: 0.0, eta: 1.5, thin: 0.0, alpha: 1.0, compensation: 0.0 };
+const NO_GLASS: Glass = Glass {
+    fraction: 0.0,
+    tint: Vec3::ZERO,
+    f0: Vec3::ZERO,
+    f90: 0.0,
+    eta: 1.5,
+    thin: 0.0,
+    alpha: 1.0,
+    compensation: 0.0,
+};
 
 /// An absent general microfacet lobe, for lanes next to others that have it.
 const NO_GENERAL_MICROFACET: GeneralMicrofacet = GeneralMicrofacet {

@@ -1,9 +1,9 @@
 //! GGX reflection of metals and dielectrics, with height-correlated Smith masking-shadowing and Schlick's Fresnel term
 //! (glTF 2.0, appendix B), and compensation of the energy that single scattering loses (`albedo.rs`).
 
-use super::{albedo, ggx};
 use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, diffuseness};
 use super::parameters::{Eight, lobe};
+use super::{albedo, ggx};
 use crate::lanes::{F, V3};
 
 lobe! {

@@ -12,6 +12,7 @@ pub mod path_states;
 pub mod prepared;
 pub mod queues;
 pub mod scalar;
+mod shading_normal;
 pub mod stages;
 pub mod transport;
 pub mod velocity;

@@ -7,6 +7,7 @@ use super::batch::PixelTask;
 use super::dispersion;
 pub use super::events::{Event, EventKind};
 use super::path_states::clamp_contribution;
+use super::shading_normal;
 use super::stages::camera_rays::TIME_SET;
 use super::stages::lights::SHADOW_END;
 use super::stages::mixture::{self, Mixture, MixtureSample};
@@ -14,7 +15,6 @@ use super::stages::requests::{LightTarget, light_sample_index};
 use super::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
 use super::stages::{bsdf_set, light_set, media, roulette_set};
 use super::transport::Transport;
-use super::vertices::MIN_COS;
 use crate::balance::deal;
 use crate::bsdf::{Bsdf, Lobe, Parameters};
 use crate::color::luminance;
@@ -190,13 +190,13 @@ impl Tracer<'_> {
             self.report(depth, EventKind::Ends { reason: "--max-depth" });
             return radiance_sum;
         }
-        // Normals are turned to the side of wo; a shading normal that still faces away is tilted until n·wo = MIN_COS.
+        // Normals are turned to the side of wo.
         let wo = -direction;
         let front = point.ng.normalize_or(wo);
         let side = if front.dot(wo) < 0.0 { -1.0 } else { 1.0 };
         let ng = front * side;
         let ns = point.ns.normalize_or(front) * side;
-        let tilted = (ns + wo * (MIN_COS - ns.dot(wo))).normalize_or(ng);
+        let ns = shading_normal::consistent(V3::splat(ng), V3::splat(ns), V3::splat(wo)).lane(0);
         let [color, ..] = self.sequence.sample(ray.index, dispersion::SET);
         let (seen, beta) =
             dispersion::sample_channel(point.surface_from(t.scene, direction), point.material, ray.beta, color);
@@ -210,7 +210,7 @@ impl Tracer<'_> {
             origin,
             position: point.position,
             ng,
-            ns: if ns.dot(wo) < MIN_COS { tilted } else { ns },
+            ns,
             wo,
             beta,
             bsdf: scattering,

@@ -3,12 +3,10 @@
 use wide::bytemuck::cast;
 
 use super::queues::PathIds;
+use super::shading_normal;
 use super::transport::Transport;
 use crate::bsdf::{Bsdf, Core, LobeSet, Parameters};
 use crate::lanes::{F, LANES, Rows, U, V3, V3Column, grow, load, load_bits, store, store_bits};
-
-/// Lowest cosine between `wo` and the shading normal.
-pub const MIN_COS: f32 = 1e-3;
 
 /// Path vertices, one per row. Vectors are in world space.
 #[derive(Debug, Default)]
@@ -17,7 +15,7 @@ pub struct Vertices {
     pub origin: V3Column,
     /// Unit geometric normal on the side of `wo`.
     pub ng: V3Column,
-    /// Unit shading normal, with n·wo ≥ [`MIN_COS`].
+    /// Unit shading normal, with n·wo ≥ [`MIN_COS`](shading_normal::MIN_COS).
     pub ns: V3Column,
     /// Unit direction to the previous vertex.
     pub wo: V3Column,
@@ -147,11 +145,7 @@ impl Vertices {
         let side = (ng.dot(wo) & F::splat(-0.0)) | F::ONE;
         let ng = ng * side;
         let ns = group.ns.normalize_or(ng * side) * side;
-        // Interpolated and mapped normals may face away from wo where the triangle does not: tilt them until n·wo = MIN_COS.
-        let cos = ns.dot(wo);
-        let low = F::splat(MIN_COS);
-        let tilted = (ns + wo * (low - cos)).normalize_or(ng);
-        let ns = V3::select(cos.simd_lt(low), tilted, ns);
+        let ns = shading_normal::consistent(ng, ns, wo);
         self.origin.store(at, group.position + ng * group.origin_offset);
         self.ng.store(at, ng);
         self.ns.store(at, ns);
