@@ -190,8 +190,8 @@ pub fn surface(material: &Material, base_color: Vec3, texel: impl Fn(TextureSlot
             iridescence.factor *= texel.x;
         }
         if let Some(texel) = texel(TextureSlot::IridescenceThickness) {
-            let [least, most] = material.iridescence_thickness;
-            iridescence.thickness = least + (most - least) * texel.y;
+            let [min, max] = material.iridescence_thickness;
+            iridescence.thickness = min + (max - min) * texel.y;
         }
     }
     s

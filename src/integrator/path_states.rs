@@ -175,21 +175,15 @@ impl PathStates {
     /// Records the light samples in the lanes of a mask: shading point and normal, chosen emitter, path. Returns their indices,
     /// [`NO_RECORD`] in other lanes.
     pub fn record_light_samples(&mut self, lanes: u32, (p, n): (V3, V3), emitter: [u32; LANES], path: U) -> U {
-        let Some(light_sample_records) = &mut self.light_sample_records else { return U::splat(NO_RECORD) };
+        let Some(records) = &mut self.light_sample_records else { return U::splat(NO_RECORD) };
         U::from(eight(|lane| {
             if lanes >> lane & 1 == 0 {
                 return NO_RECORD;
             }
             let pixel = self.paths[path.as_array()[lane] as usize].pixel;
             let (position, normal) = (p.lane(lane), n.lane(lane));
-            light_sample_records.push(LightSampleRecord {
-                position,
-                normal,
-                emitter: emitter[lane],
-                pixel,
-                found: 0.0,
-            });
-            light_sample_records.len() as u32 - 1
+            records.push(LightSampleRecord { position, normal, emitter: emitter[lane], pixel, found: 0.0 });
+            records.len() as u32 - 1
         }))
     }
 
@@ -206,11 +200,9 @@ impl PathStates {
         let owners = shadows.path.iter().zip(&occluded[..shadows.len]).enumerate();
         for (i, (&owner, _)) in owners.filter(|(_, (_, occluded))| !**occluded) {
             let (radiance, scale) = clamp_contribution(shadows.radiance.get(i), limit);
-            let light_sample_record = shadows.light_sample_record.get(i).zip(self.light_sample_records.as_mut());
-            if let Some(light_sample_record) =
-                light_sample_record.and_then(|(&number, all)| all.get_mut(number as usize))
-            {
-                light_sample_record.found = luminance(radiance);
+            let record = shadows.light_sample_record.get(i).zip(self.light_sample_records.as_mut());
+            if let Some(record) = record.and_then(|(&number, records)| records.get_mut(number as usize)) {
+                record.found = luminance(radiance);
             }
             let path = &mut self.paths[owner as usize];
             path.radiance += radiance;

@@ -49,15 +49,15 @@ pub struct PathIds {
 }
 
 impl PathRays {
-    /// Clears the rows and makes room for `most`, with times if something `moves`. Fill it with [`push`](Self::push), then
+    /// Clears the rows and makes room for `capacity`, with times if something `moves`. Fill it with [`push`](Self::push), then
     /// call [`close`](Self::close).
-    pub fn open(&mut self, most: usize, moves: bool) {
-        self.rays.open(most, moves);
-        self.beta.grow(most);
-        self.normal.grow(most);
-        grow(&mut self.weighted_pdf, most);
+    pub fn open(&mut self, capacity: usize, moves: bool) {
+        self.rays.open(capacity, moves);
+        self.beta.grow(capacity);
+        self.normal.grow(capacity);
+        grow(&mut self.weighted_pdf, capacity);
         for column in [&mut self.path, &mut self.index, &mut self.sub_path, &mut self.seed] {
-            grow(column, most);
+            grow(column, capacity);
         }
         self.len = 0;
     }
@@ -159,25 +159,25 @@ pub struct ContributionTerms {
 }
 
 impl ShadowRays {
-    /// Clears the rows and makes room for `most`: with times if something `moves`, with the terms of `contributions` if there
+    /// Clears the rows and makes room for `capacity`: with times if something `moves`, with the terms of `contributions` if there
     /// is an observer, with indices of light-sample records if light distributions are learned (`learns`).
-    pub fn open(&mut self, most: usize, moves: bool, contributions: bool, learns: bool) {
-        self.rays.open(most, moves);
-        self.radiance.grow(most);
-        grow(&mut self.path, most);
-        grow(&mut self.sub_path, most);
-        grow(&mut self.light_group, most);
+    pub fn open(&mut self, capacity: usize, moves: bool, contributions: bool, learns: bool) {
+        self.rays.open(capacity, moves);
+        self.radiance.grow(capacity);
+        grow(&mut self.path, capacity);
+        grow(&mut self.sub_path, capacity);
+        grow(&mut self.light_group, capacity);
         self.light_sample_record.clear();
         if learns {
-            self.light_sample_record.resize(most + LANES, NO_RECORD);
+            self.light_sample_record.resize(capacity + LANES, NO_RECORD);
         }
         self.len = 0;
         self.contributions = contributions.then(|| {
             let mut columns = self.contributions.take().unwrap_or_default();
-            grow(&mut columns.index, most);
-            grow(&mut columns.area, most);
-            grow(&mut columns.w, most);
-            grow(&mut columns.r, most);
+            grow(&mut columns.index, capacity);
+            grow(&mut columns.area, capacity);
+            grow(&mut columns.w, capacity);
+            grow(&mut columns.r, capacity);
             columns
         });
     }

@@ -23,13 +23,10 @@ pub fn velocity(transport: &Transport, (instance, mesh, prim): (u32, u32, u32), 
         return [Vec2::ZERO; 2];
     };
     let displacement = |which: usize| {
-        let positions =
-            mesh.adjacent_frames.as_ref().map_or(&mesh.positions[..], |adjacent_frames| &adjacent_frames[which]);
-        let to_world = instance.adjacent_frames.map(|adjacent_frames| adjacent_frames[which]).or(instance.transform);
-        let then = camera.project(
-            camera.adjacent_frames.map(|adjacent_frames| adjacent_frames[which]),
-            world_position(positions, to_world),
-        );
+        let positions = mesh.adjacent_frames.as_ref().map_or(&mesh.positions[..], |frames| &frames[which]);
+        let to_world = instance.adjacent_frames.map(|frames| frames[which]).or(instance.transform);
+        let then =
+            camera.project(camera.adjacent_frames.map(|frames| frames[which]), world_position(positions, to_world));
         then.map_or(Vec2::ZERO, |then| then - now)
     };
     [-displacement(0), displacement(1)]

@@ -110,27 +110,27 @@ impl Vertices {
         self.len == 0
     }
 
-    /// Clears the vertices and makes room for `most`: with columns for the lobes in `lobes`, for media if some `absorb`, for
+    /// Clears the vertices and makes room for `capacity`: with columns for the lobes in `lobes`, for media if some `absorb`, for
     /// path guiding if `guiding`, and for times if something `moves`.
-    pub fn open(&mut self, most: usize, lobes: LobeSet, absorb: bool, guiding: bool, moves: bool) {
+    pub fn open(&mut self, capacity: usize, lobes: LobeSet, absorb: bool, guiding: bool, moves: bool) {
         for column in [&mut self.origin, &mut self.ng, &mut self.ns, &mut self.wo, &mut self.beta] {
-            column.grow(most);
+            column.grow(capacity);
         }
-        Bsdf::grow(&mut self.bsdf, most, lobes);
-        grow(&mut self.origin_offset, most);
+        Bsdf::grow(&mut self.bsdf, capacity, lobes);
+        grow(&mut self.origin_offset, capacity);
         for column in [&mut self.path, &mut self.index, &mut self.sub_path, &mut self.seed] {
-            grow(column, most);
+            grow(column, capacity);
         }
         self.media = absorb.then(|| self.media.take().unwrap_or_default());
-        self.media.iter_mut().flatten().for_each(|column| grow(column, most));
+        self.media.iter_mut().flatten().for_each(|column| grow(column, capacity));
         self.guiding = guiding.then(|| self.guiding.take().unwrap_or_default());
         if let Some(GuidingColumns { diffuse, cell, roulette }) = &mut self.guiding {
-            grow(diffuse, most);
-            grow(cell, most);
-            roulette.iter_mut().for_each(|column| grow(column, most));
+            grow(diffuse, capacity);
+            grow(cell, capacity);
+            roulette.iter_mut().for_each(|column| grow(column, capacity));
         }
         match moves {
-            true => grow(&mut self.time, most),
+            true => grow(&mut self.time, capacity),
             false => self.time.clear(),
         }
         self.len = 0;

@@ -191,12 +191,10 @@ impl Wave {
     ) -> (Vec<LightSampleRecord>, Vec<f32>) {
         self.path_states.light_sample_records.get_or_insert_default();
         self.run(transport, batch);
-        let mut light_sample_records = self.path_states.light_sample_records.take().unwrap_or_default();
+        let mut records = self.path_states.light_sample_records.take().unwrap_or_default();
         let divisors = divisors(batch.tasks, batch.stats);
-        light_sample_records.iter_mut().for_each(|light_sample_record| {
-            light_sample_record.found /= divisors[light_sample_record.pixel as usize].sqrt()
-        });
-        (light_sample_records, divisors)
+        records.iter_mut().for_each(|record| record.found /= divisors[record.pixel as usize].sqrt());
+        (records, divisors)
     }
 }
 

@@ -104,10 +104,10 @@ impl RayBatch {
         if self.time.is_empty() { F::ZERO } else { load(&self.time, rows) }
     }
 
-    /// Makes room for `most` rays, with times if something `moves`. Fill it with [`put`](Self::put), then call
+    /// Makes room for `capacity` rays, with times if something `moves`. Fill it with [`put`](Self::put), then call
     /// [`close`](Self::close).
-    pub fn open(&mut self, most: usize, moves: bool) {
-        let len = most + LANES;
+    pub fn open(&mut self, capacity: usize, moves: bool) {
+        let len = capacity + LANES;
         for column in self.origin.iter_mut().chain(&mut self.direction).chain([&mut self.tnear, &mut self.tfar]) {
             column.resize(len, 0.0);
         }

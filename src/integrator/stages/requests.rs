@@ -35,7 +35,7 @@ struct SampleRequest {
 pub struct Requests {
     list: Vec<SampleRequest>,
     /// Scratch space of [`Self::partition_by_target`]: samples of area lights.
-    later: Vec<SampleRequest>,
+    area_light_samples: Vec<SampleRequest>,
     /// Is `list` used? Else each vertex takes one sample.
     uses_list: bool,
     /// Are the vertices first surfaces?
@@ -101,7 +101,7 @@ impl Requests {
             let each = (0..).zip(&vertices.index[..vertices.len()]);
             self.list.extend(each.map(|(vertex, &index)| SampleRequest { vertex, index, target: LightTarget::Random }));
         }
-        self.later.clear();
+        self.area_light_samples.clear();
         let mut kept = 0;
         for at in (0..self.list.len()).step_by(LANES) {
             let (request, len) = self.eight_from(at);
@@ -116,12 +116,12 @@ impl Requests {
                     self.list[kept] = request;
                     kept += 1;
                 } else {
-                    self.later.push(request);
+                    self.area_light_samples.push(request);
                 }
             }
         }
         self.list.truncate(kept);
-        self.list.extend_from_slice(&self.later);
+        self.list.extend_from_slice(&self.area_light_samples);
     }
 
     /// Requests the BSDF samples of the vertices at `depth`; none at the last depth.
