@@ -78,10 +78,10 @@ impl Vertex {
     fn spawn_ray(&self, wi: Vec3) -> SpawnedRay {
         let cos = self.ng.dot(wi);
         let beyond = self.transmits && cos < 0.0;
-        let alike = !self.transmits || cos * self.ns.dot(wi) > 0.0;
+        let consistent = !self.transmits || cos * self.ns.dot(wi) > 0.0;
         SpawnedRay {
             origin: if beyond { self.origin - self.ng * (2.0 * self.origin_offset) } else { self.origin },
-            allowed: (cos > 0.0 || beyond) && alike,
+            allowed: (cos > 0.0 || beyond) && consistent,
             medium: self.media[usize::from(beyond)],
         }
     }
@@ -197,7 +197,7 @@ impl Tracer<'_> {
         let ng = front * side;
         let ns = point.ns.normalize_or(front) * side;
         let tilted = (ns + wo * (MIN_COS - ns.dot(wo))).normalize_or(ng);
-        let [color, ..] = self.sequence.sample(ray.index, dispersion::SET);
+        let [color, ..] = self.sequence.sample(ray.index, dispersion::CHANNEL_SET);
         let (seen, beta) =
             dispersion::sample_channel(point.surface_from(t.scene, direction), point.material, ray.beta, color);
         let surface = seen.bsdf();

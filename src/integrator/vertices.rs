@@ -192,8 +192,8 @@ impl Vertices {
         }
         let beyond = transmits & cos.simd_lt(F::ZERO);
         let far = origin - ng * (F::splat(2.0) * load(&self.origin_offset, rows));
-        let alike = (cos * self.ns.load(rows).dot(wi)).simd_gt(F::ZERO);
-        SpawnedRays { origin: V3::select(beyond, far, origin), allowed: (above | beyond) & alike, beyond }
+        let consistent = (cos * self.ns.load(rows).dot(wi)).simd_gt(F::ZERO);
+        SpawnedRays { origin: V3::select(beyond, far, origin), allowed: (above | beyond) & consistent, beyond }
     }
 
     /// The media of rays that leave eight vertices; those in the mask `beyond` cross the surface. `None` if no medium absorbs.

@@ -65,8 +65,8 @@ pub fn record_first_hits(
 
 /// Unit shading normal on the side of the ray origin.
 fn facing_normal(point: &SurfacePoint, rays: &PathRays, ray: usize) -> Vec3 {
-    let toward = point.ng.dot(rays.rays.direction(ray));
-    point.ns.normalize_or_zero() * if toward > 0.0 { -1.0 } else { 1.0 }
+    let cos = point.ng.dot(rays.rays.direction(ray));
+    point.ns.normalize_or_zero() * if cos > 0.0 { -1.0 } else { 1.0 }
 }
 
 /// Is the surface a mirror: metal with a roughness so low that reflections have sharp edges?
@@ -199,7 +199,7 @@ fn disperse(
     rays: &PathRays,
     rows: &Rows,
 ) -> ([Surface; LANES], V3) {
-    let [number, ..] = samples(load_bits(&rays.seed, rows), load_bits(&rays.index, rows), dispersion::SET);
+    let [number, ..] = samples(load_bits(&rays.seed, rows), load_bits(&rays.index, rows), dispersion::CHANNEL_SET);
     let beta = eight(|lane| {
         let (surface, beta) =
             dispersion::sample_channel(seen[lane], points[lane].material, beta.lane(lane), number.as_array()[lane]);
