@@ -2,7 +2,7 @@
 
 use super::{Directions, Draw, Frames, Lobe, Parameters, Response};
 use crate::lanes::{F, LANES, Rows, V3, eight};
-use crate::sampling::warp::ONE_MINUS;
+use crate::sampling::warp::ONE_MINUS_EPSILON;
 
 /// A lobe over those beneath, which get the light that it lets through (all of it, for a lobe beside others). The same
 /// struct at every width: of one point, of eight, of a batch. Where the upper lobe is missing it takes no column, and
@@ -148,7 +148,7 @@ impl<Top: Lobe, Base: Lobe> Lobe for Layered<Option<Top>, Base> {
     fn draw(&self, frames: &Frames, wo: V3, [lobe, u, v]: [F; 3]) -> Draw {
         let Some(upper) = self.top() else { return self.base.draw(frames, wo, [lobe, u, v]) };
         // What is left of the number that chose the lobe chooses among those in it.
-        let within = |from: F, size: F| ((lobe - from) / size).fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS));
+        let within = |from: F, size: F| ((lobe - from) / size).fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS_EPSILON));
         let p = self.top_probability(upper, frames.n, wo);
         let base = self.base.draw(frames, wo, [within(p, F::ONE - p), u, v]);
         let from_top = lobe.simd_lt(p);

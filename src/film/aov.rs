@@ -1,7 +1,8 @@
 //! Arbitrary output variables: what a picture file may hold beside the beauty.
 
 use super::cryptomatte::RANKS;
-use super::{AovSums, Background, ExtraSums, PixelStats};
+use super::pixels::Background;
+use super::stats::{AovSums, ExtraSums, PixelStats};
 
 /// An output beside R, G, B and A. Channels are named `layer.channel`, in the letters that Blender, Nuke and tev
 /// know: R, G, B for colours, X, Y, Z for vectors, Z for depth, V for a single value.
@@ -11,7 +12,7 @@ pub enum Aov {
     Albedo,
     /// World-space shading normal at the first hit, mean over all paths (a miss counts as zero).
     Normal,
-    /// Distance to the first hit in metres, mean over the paths that hit; [`NOWHERE`] where none did.
+    /// Distance to the first hit in metres, mean over the paths that hit; [`MISS_DEPTH`] where none did.
     Depth,
     /// Radiance of lights seen directly and after one bounce.
     Direct,
@@ -72,7 +73,7 @@ pub type Component = fn(&PixelStats, &AovSums, usize) -> f32;
 pub type ExtraComponent = fn(&PixelStats, &ExtraSums, usize) -> f32;
 
 /// The depth of what is not there, as Cycles has it: finite, so that compositors can reckon with it.
-pub const NOWHERE: f32 = 1e10;
+pub const MISS_DEPTH: f32 = 1e10;
 
 /// One channel of a picture file.
 pub struct Channel {
@@ -136,7 +137,7 @@ impl Aov {
             Aov::Indirect => ("indirect.", "RGB", Value::Color(|p, a, c| mean(p, a.indirect[c]))),
             Aov::Variance => ("variance.", "RGB", Value::Float(|p, _, c| p.variance_of_mean()[c])),
             Aov::Samples => ("samples.", "V", Value::Uint(|p, _| p.samples)),
-            Aov::Balance => ("balance.", "V", Value::Float(|p, _, _| p.balance)),
+            Aov::Balance => ("balance.", "V", Value::Float(|p, _, _| p.light_share)),
             Aov::Object => ("object.", "V", Value::Uint(|_, a| a.object)),
             Aov::Material => ("material.", "V", Value::Uint(|_, a| a.material)),
             Aov::Position => ("position.", "XYZ", Value::Extra(|p, e, c| of_hits(p, e.position[c]))),
@@ -201,7 +202,7 @@ fn mean(pixel: &PixelStats, sum: f32) -> f32 {
 
 fn depth(pixel: &PixelStats, sums: &AovSums, _: usize) -> f32 {
     match pixel.covered {
-        0 => NOWHERE,
+        0 => MISS_DEPTH,
         n => sums.depth / n as f32,
     }
 }

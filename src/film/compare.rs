@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
-use super::Picture;
 use super::flip::flip;
+use super::picture::Picture;
 
 /// Added to the reference's square in [`Comparison::rel_mse`], so that black pixels do not rule.
 pub const REL_MSE_EPSILON: f64 = 0.01;

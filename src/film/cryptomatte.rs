@@ -4,7 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::exr_file::{Header, HeaderValue};
+use super::header::{Header, HeaderValue};
 
 /// How many names a pixel remembers: three layers of two.
 pub const RANKS: usize = 6;

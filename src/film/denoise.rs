@@ -5,6 +5,7 @@ use std::ptr;
 
 use libloading::Library;
 
+use super::pixels::Pixels;
 use crate::{Error, Result};
 
 /// The environment variable that names the library's file.
@@ -137,4 +138,21 @@ impl Denoiser {
         };
         told.map_or(Ok(output), |why| Err(Error::Host(format!("--denoise oidn: {why}"))))
     }
+}
+
+/// The denoised beauty, linear RGB row by row, guided by albedo and normals. `pixels` must have extra sums.
+///
+/// # Errors
+/// Those of [`Denoiser::denoise`].
+pub fn denoised(denoiser: &Denoiser, pixels: &dyn Pixels) -> Result<Vec<[f32; 3]>> {
+    let [x0, y0, x1, y1] = pixels.window();
+    let (mut color, mut albedo, mut normal) = (Vec::new(), Vec::new(), Vec::new());
+    for (x, y) in (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y))) {
+        let (stats, extras) = (pixels.at(x, y).0, pixels.extras(x, y).unwrap_or_default());
+        let n = stats.samples.max(1) as f32;
+        color.push(stats.mean());
+        albedo.push(extras.guide_albedo.map(|sum| (sum / n).clamp(0.0, 1.0)));
+        normal.push(extras.guide_normal.map(|sum| sum / n));
+    }
+    denoiser.denoise(Noisy { width: (x1 - x0) as usize, color: &color, albedo: &albedo, normal: &normal })
 }

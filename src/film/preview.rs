@@ -6,7 +6,10 @@ use std::path::Path;
 
 use png::{BitDepth, ColorType, Compression, Decoder, Encoder, EncodingError};
 
-use super::{Background, Picture, Pixels, View, atomic};
+use super::atomic;
+use super::picture::Picture;
+use super::pixels::{Background, Pixels};
+use super::view::View;
 use crate::Result;
 
 /// How a picture is developed.

@@ -1,12 +1,12 @@
 //! What pixels' centres show, by which pixels know from which neighbours to learn.
 
 use super::Transport;
-use crate::balance::spread::Guide;
+use crate::balance::PixelFeatures;
 use crate::lanes::{F, LANES, U};
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 
 /// What the centres of `pixels` show, found by rays of their own: nothing in it depends on a pixel's samples.
-pub fn guides(transport: &Transport, pixels: &[[u32; 2]]) -> Vec<Guide> {
+pub fn guides(transport: &Transport, pixels: &[[u32; 2]]) -> Vec<PixelFeatures> {
     let (mut rays, mut hits) = (RayBatch::default(), HitBatch::default());
     let time = F::splat(0.5);
     rays.open(pixels.len(), transport.geometry.moves);
@@ -21,11 +21,11 @@ pub fn guides(transport: &Transport, pixels: &[[u32; 2]]) -> Vec<Guide> {
     let guide = |ray: usize| {
         let (instance, mesh, prim) = (hits.instance[ray], hits.mesh[ray], hits.prim[ray]);
         if instance == MISS {
-            return Guide::default();
+            return PixelFeatures::default();
         }
         let hit = (instance, mesh, prim);
         let point = transport.geometry.point(transport.scene, hit, (hits.u[ray], hits.v[ray]), rays.time(ray));
-        Guide {
+        PixelFeatures {
             object: instance + 1,
             material: point.mesh.material + 1,
             normal: point.ns.normalize_or_zero(),

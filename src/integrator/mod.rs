@@ -75,6 +75,6 @@ impl Transport<'_> {
 
     /// Samples a path of each technique beyond first surfaces: one light sample, one BSDF sample.
     fn deeper_rates(&self) -> [f32; 3] {
-        Counts::half(1).rates(self.lights.environment_probability)
+        Counts::half(1).samples_per_path(self.lights.environment_probability)
     }
 }

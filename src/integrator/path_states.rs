@@ -151,7 +151,7 @@ impl PathStates {
         self.steps.iter_mut().for_each(Vec::clear);
         for (pixel, task) in tasks.iter().enumerate() {
             let (mut first_light, mut first_bsdf) = (task.first_light, task.first_bsdf);
-            let rates = task.weighed.rates(environment_probability);
+            let rates = task.weighed.samples_per_path(environment_probability);
             let paths = task.counts.paths;
             for path in 0..paths {
                 let [light, bsdf] = [task.counts.light, task.counts.bsdf].map(|n| deal(n, paths, path));
@@ -186,7 +186,7 @@ impl PathStates {
                 normal,
                 emitter: emitter[lane],
                 pixel,
-                found: 0.0,
+                contribution: 0.0,
             });
             light_sample_records.len() as u32 - 1
         }))
@@ -209,7 +209,7 @@ impl PathStates {
             if let Some(light_sample_record) =
                 light_sample_record.and_then(|(&number, all)| all.get_mut(number as usize))
             {
-                light_sample_record.found = luminance(radiance);
+                light_sample_record.contribution = luminance(radiance);
             }
             let path = &mut self.paths[owner as usize];
             path.radiance += radiance;

@@ -48,7 +48,7 @@ pub struct Vertices {
 pub struct Guided {
     /// Does its surface scatter widely ([`Lobe::diffuseness`](crate::bsdf::Lobe::diffuseness))? 0 or 1.
     pub broad: Vec<u32>,
-    /// Cell of the field, or [`NOWHERE`](crate::guiding::NOWHERE).
+    /// Cell of the field, or [`NO_CELL`](crate::guiding::NO_CELL).
     pub cell: Vec<u32>,
     /// Chances of a light sample and of going on, of vertices beyond the first; meant where the field knows them.
     pub chances: [Vec<f32>; 2],

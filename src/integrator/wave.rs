@@ -160,7 +160,7 @@ impl Wave {
                 let [light, on] = step.chances;
                 let found = [light.sqrt() * steps[step.parent as usize].light, on * found];
                 let found = found.map(|found| (found / step.beta).powi(2));
-                vertex_records.push(VertexRecord { position: step.position, normal: step.normal, found });
+                vertex_records.push(VertexRecord { position: step.position, normal: step.normal, squared_contributions: found });
             }
             if found > 0.0 && step.broad && step.beta > 0.0 && found.is_finite() {
                 let Step { position, normal, wi, beta, pdf: [pdf, bsdf_pdf, field_pdf], .. } = *step;
@@ -168,7 +168,7 @@ impl Wave {
                     position,
                     normal,
                     wi,
-                    found: found / beta,
+                    contribution: found / beta,
                     weight: found * found / divisors[paths[sub_path.path as usize].pixel as usize],
                     pdf,
                     bsdf_pdf,
@@ -194,7 +194,7 @@ impl Wave {
         let mut light_sample_records = self.path_states.light_sample_records.take().unwrap_or_default();
         let divisors = divisors(batch.tasks, batch.stats);
         light_sample_records.iter_mut().for_each(|light_sample_record| {
-            light_sample_record.found /= divisors[light_sample_record.pixel as usize].sqrt()
+            light_sample_record.contribution /= divisors[light_sample_record.pixel as usize].sqrt()
         });
         (light_sample_records, divisors)
     }

@@ -6,9 +6,8 @@ use std::path::{Path, PathBuf};
 
 use exr::prelude::*;
 
-use super::{
-    CHECKSUM, Checksum, Header, HeaderValue, bounds, check, head, read, read_header, read_statistics, text, write,
-};
+use super::attributes::text;
+use super::{CHECKSUM, Checksum, Header, HeaderValue, bounds, check, head, read, read_header, read_statistics, write};
 use crate::film::{Aov, Film};
 
 fn written(folder: &Path, name: &str, compression: Compression, side: usize) -> PathBuf {

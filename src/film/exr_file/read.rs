@@ -14,11 +14,12 @@ use exr::meta::attribute::{AttributeValue, SampleType};
 use exr::meta::header::Header as ExrHeader;
 use exr::prelude::*;
 
-use super::{
-    CHECKSUM, HASH, Header, HeaderValue, LENGTH, STATISTICS, WORDS, WORLD_TO_CAMERA, WORLD_TO_NDC, bounds, head, text,
-};
-use crate::film::Picture;
+use super::attributes::{HASH, LENGTH, STATISTICS, WORDS, text};
+use super::checksum::CHECKSUM;
+use super::{bounds, head};
 use crate::film::cryptomatte::PREFIX;
+use crate::film::header::{Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
+use crate::film::picture::Picture;
 use crate::{Error, Result as Outcome, guard};
 
 /// Reads the colour of any flat OpenEXR file: channels R, G, B (or a layer's that ends in `Combined`, as Blender

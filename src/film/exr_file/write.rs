@@ -11,10 +11,12 @@ use exr::meta::attribute::{AttributeValue, Chromaticities, IntegerBounds, LevelM
 use exr::meta::header::Header as ExrHeader;
 use exr::prelude::*;
 
+use super::attributes::{HASH, LENGTH, text};
 use super::checksum::{self, CHECKSUM};
-use super::{HASH, Header, HeaderValue, LENGTH, WORLD_TO_CAMERA, WORLD_TO_NDC, text};
 use crate::film::aov::{self, Aov, ExtraComponent, Value};
-use crate::film::{Pixels, atomic};
+use crate::film::atomic;
+use crate::film::header::{Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
+use crate::film::pixels::Pixels;
 use crate::{Error, Result as Outcome};
 
 /// What a file holds of pixels besides R, G, B and A, and how exactly.

@@ -4,11 +4,11 @@ use wide::bytemuck::cast;
 
 use crate::bsdf::{BsdfSample, Core, Lobe, Parameters};
 use crate::guiding::directions::steradians;
-use crate::guiding::{Field, NOWHERE};
+use crate::guiding::{Field, NO_CELL};
 use crate::integrator::Transport;
 use crate::integrator::vertices::Vertices;
 use crate::lanes::{F, LANES, Rows, U, V3, load_bits, mask, store, store_bits};
-use crate::sampling::warp::ONE_MINUS;
+use crate::sampling::warp::ONE_MINUS_EPSILON;
 
 /// Draws from a BSDF, or with the cells' shares from the field.
 pub struct Mixture<'a> {
@@ -55,22 +55,22 @@ pub fn find(transport: &Transport, vertices: &mut Vertices) {
         store_bits(&mut guided.broad, at, broad & U::ONE);
         let Some(field) = transport.field else { continue };
         let cells = field.cells_at(origin.load(&rows), ng.load(&rows));
-        store_bits(&mut guided.cell, at, broad.select(U::from(field.guiding(cells)), U::splat(NOWHERE)));
+        store_bits(&mut guided.cell, at, broad.select(U::from(field.guiding_cells(cells)), U::splat(NO_CELL)));
         for (column, chance) in
-            guided.chances.iter_mut().zip(field.chances(cells, beta.load(&rows).luminance()).into_iter().flatten())
+            guided.chances.iter_mut().zip(field.roulette_probabilities(cells, beta.load(&rows).luminance()).into_iter().flatten())
         {
             store(column, at, chance);
         }
     }
     let Some(guided) = &mut vertices.guided else { return };
-    guided.cell[if transport.field.is_some() { len } else { 0 }..].fill(NOWHERE);
+    guided.cell[if transport.field.is_some() { len } else { 0 }..].fill(NO_CELL);
 }
 
 impl<'a> Mixture<'a> {
     /// In these cells; `None` if nothing guides in any.
     #[inline(always)]
     pub fn new(field: &'a Field, cells: [u32; LANES]) -> Option<Self> {
-        let share = field.shares(cells);
+        let share = field.guiding_probabilities(cells);
         share.simd_gt(F::ZERO).any().then_some(Self { field, cells, share })
     }
 
@@ -99,7 +99,7 @@ impl<'a> Mixture<'a> {
         let led = lobe.simd_lt(self.share);
         // What is left of the number chooses among lobes.
         let rest = (lobe - self.share) / (F::ONE - self.share);
-        let rest = rest.fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS));
+        let rest = rest.fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS_EPSILON));
         let (toward, density) = self.field.draw(self.cells, led, u, v);
         let sample = bsdf.sample_or(n, wo, [rest, u, v], (led, toward));
         let density = density + self.field.density(self.cells, !led, sample.wi);

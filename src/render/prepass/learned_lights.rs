@@ -114,7 +114,7 @@ fn take(transport: &Transport, size: [u32; 2], paths: u32) -> Taken {
         }
         while thin(&mut taken.light_sample_records, most) {
             // They stand for those that are left out.
-            taken.light_sample_records.iter_mut().for_each(|light_sample_record| light_sample_record.found *= SQRT_2);
+            taken.light_sample_records.iter_mut().for_each(|light_sample_record| light_sample_record.contribution *= SQRT_2);
         }
         taken
     };
@@ -142,7 +142,7 @@ impl Taken {
 fn left(area: &AreaLights, lights: &LearnedLights, taken: &Taken) -> f64 {
     let mut pixels: Vec<_> = taken.variances.iter().map(|variance| [*variance; 2]).collect();
     for light_sample_record in
-        taken.light_sample_records.iter().filter(|light_sample_record| light_sample_record.found > 0.0)
+        taken.light_sample_records.iter().filter(|light_sample_record| light_sample_record.contribution > 0.0)
     {
         let [by_tree, mixed] = area.tree().pmfs(
             light_sample_record.position,
@@ -150,7 +150,7 @@ fn left(area: &AreaLights, lights: &LearnedLights, taken: &Taken) -> f64 {
             light_sample_record.emitter,
             Some(lights),
         );
-        let moment = f64::from(light_sample_record.found).powi(2);
+        let moment = f64::from(light_sample_record.contribution).powi(2);
         pixels[light_sample_record.pixel as usize][1] += moment * f64::from(by_tree / mixed - 1.0);
     }
     pixels.retain(|[without, with]| (without + with).is_finite());

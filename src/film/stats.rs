@@ -1,0 +1,231 @@
+//! Statistics of a pixel: sums over its paths.
+
+use glam::{Vec2, Vec3};
+use serde::{Deserialize, Serialize};
+
+use super::cryptomatte::Matte;
+
+/// What one pixel has collected. Every sample belongs to one pixel.
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+pub struct PixelStats {
+    /// Paths so far.
+    pub samples: u32,
+    /// Sum over paths of radiance, linear RGB.
+    pub sum: [f64; 3],
+    /// Sum over paths of radiance squared, a channel.
+    pub sum_squared: [f64; 3],
+    /// Paths whose camera ray hit a surface.
+    pub covered: u32,
+    /// The share of light samples α that the next pass would use, in [0, 1].
+    #[serde(rename = "balance")]
+    pub light_share: f32,
+}
+
+/// The brightest path of a pixel.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Peak {
+    /// Of its radiance.
+    pub luminance: f32,
+    /// Its number in the pixel.
+    pub path: u32,
+}
+
+impl Peak {
+    /// Takes another path in; the first of equals stays.
+    #[inline]
+    pub fn add(&mut self, luminance: f32, path: u32) {
+        if luminance > self.luminance {
+            *self = Self { luminance, path };
+        }
+    }
+}
+
+/// Optional sums over paths, kept only when an AOV asks for them.
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+pub struct AovSums {
+    /// Base colour at the first hit.
+    pub albedo: [f32; 3],
+    /// Unit world-space shading normal at the first hit.
+    pub normal: [f32; 3],
+    /// Distance to the first hit in metres, summed over `covered` paths.
+    pub depth: f32,
+    /// Radiance from lights seen directly and one bounce of them.
+    pub direct: [f32; 3],
+    /// The rest of the radiance.
+    pub indirect: [f32; 3],
+    /// Instance index + 1 of the last path that hit one, 0 for none.
+    pub object: u32,
+    /// Material index + 1 of the last path that hit one, 0 for none.
+    pub material: u32,
+}
+
+/// More optional sums over paths, kept only when an AOV asks for one of them.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct ExtraSums {
+    /// World space position of the first hit in metres, over `covered` paths.
+    pub position: [f32; 3],
+    /// The first hit's TEXCOORD_0, over `covered` paths.
+    pub uv: [f32; 2],
+    /// Radiance that the surface of the first hit emits.
+    pub emission: [f32; 3],
+    /// Base colour of the first hit, seen in mirrors where it is one.
+    pub guide_albedo: [f32; 3],
+    /// Unit normal of the same surface.
+    pub guide_normal: [f32; 3],
+    /// Radiance by what it came from: environment, surfaces that shine, lights without size.
+    pub lights: [[f32; 3]; 3],
+    /// Names of objects that paths hit first.
+    pub objects: Matte,
+    /// Names of materials that paths hit first.
+    pub materials: Matte,
+    /// Pixels from the frame before to the first hit, and from there to the next frame, to the right and up, over `covered`
+    /// paths. Saved apart: files without them are as they were.
+    #[serde(skip)]
+    pub velocity: [f32; 4],
+}
+
+/// Adds a colour to a sum.
+fn accumulate(sum: &mut [f32; 3], more: [f32; 3]) {
+    sum.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
+}
+
+impl ExtraSums {
+    /// Adds light of a group: 0 from the environment, 1 from surfaces, 2 from lights without size.
+    #[inline]
+    pub fn add_light(&mut self, group: usize, radiance: Vec3) {
+        accumulate(&mut self.lights[group], radiance.to_array());
+    }
+
+    /// Adds radiance that the surface of a first hit emits.
+    pub fn add_emission(&mut self, radiance: Vec3) {
+        accumulate(&mut self.emission, radiance.to_array());
+    }
+
+    /// Adds what a path's camera ray hit: position, texture coordinates, hashes of the names of object and material.
+    pub fn add_surface(&mut self, position: Vec3, uv: Vec2, [object, material]: [u32; 2]) {
+        accumulate(&mut self.position, position.to_array());
+        self.uv = [self.uv[0] + uv.x, self.uv[1] + uv.y];
+        self.objects.add(object, 1);
+        self.materials.add(material, 1);
+    }
+
+    /// Adds how the surface of a first hit moves in the picture.
+    pub fn add_velocity(&mut self, [before, after]: [Vec2; 2]) {
+        let more = [before.x, before.y, after.x, after.y];
+        self.velocity.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
+    }
+
+    /// Adds light of unknown origin to all groups, in proportion to what they have.
+    pub fn share_light(&mut self, more: Vec3) {
+        for c in 0..3 {
+            let all: f32 = self.lights.iter().map(|light| light[c]).sum();
+            if all > 0.0 {
+                self.lights.iter_mut().for_each(|light| light[c] *= (all + more[c]) / all);
+            }
+        }
+    }
+
+    /// Adds the surface that a denoiser is to be guided by.
+    pub fn add_guide(&mut self, albedo: Vec3, normal: Vec3) {
+        accumulate(&mut self.guide_albedo, albedo.to_array());
+        accumulate(&mut self.guide_normal, normal.to_array());
+    }
+
+    /// Adds independent paths of the same pixel.
+    pub fn join(&mut self, other: &Self) {
+        accumulate(&mut self.position, other.position);
+        accumulate(&mut self.emission, other.emission);
+        accumulate(&mut self.guide_albedo, other.guide_albedo);
+        accumulate(&mut self.guide_normal, other.guide_normal);
+        self.uv.iter_mut().zip(other.uv).for_each(|(sum, more)| *sum += more);
+        self.lights.iter_mut().zip(other.lights).for_each(|(sum, more)| accumulate(sum, more));
+        self.velocity.iter_mut().zip(other.velocity).for_each(|(sum, more)| *sum += more);
+        self.objects.join(&other.objects);
+        self.materials.join(&other.materials);
+    }
+}
+
+impl PixelStats {
+    /// Of a pixel without paths.
+    pub const EMPTY: Self = Self { samples: 0, sum: [0.0; 3], sum_squared: [0.0; 3], covered: 0, light_share: 0.5 };
+
+    /// Adds a path's radiance; `covered` if its camera ray hit a surface.
+    #[inline]
+    pub fn add(&mut self, radiance: Vec3, covered: bool) {
+        self.samples += 1;
+        self.covered += u32::from(covered);
+        for c in 0..3 {
+            let x = f64::from(radiance[c]);
+            self.sum[c] += x;
+            self.sum_squared[c] += x * x;
+        }
+    }
+
+    /// Adds independent paths of the same pixel.
+    pub fn join(&mut self, other: &Self) {
+        let share = f64::from(other.samples) / f64::from((self.samples + other.samples).max(1));
+        self.light_share += ((other.light_share - self.light_share) as f64 * share) as f32;
+        self.samples += other.samples;
+        self.covered += other.covered;
+        for c in 0..3 {
+            self.sum[c] += other.sum[c];
+            self.sum_squared[c] += other.sum_squared[c];
+        }
+    }
+
+    /// Mean radiance; black without samples.
+    pub fn mean(&self) -> [f32; 3] {
+        let n = f64::from(self.samples.max(1));
+        self.sum.map(|s| (s / n) as f32)
+    }
+
+    /// Share of paths that hit something, in [0, 1].
+    pub fn coverage(&self) -> f32 {
+        self.covered as f32 / self.samples.max(1) as f32
+    }
+
+    /// Estimated variance of [`mean`](Self::mean), a channel: the paths' sample variance over their number. Paths of
+    /// a low-discrepancy sequence do better than that, so it errs on the high side. Infinite below two samples.
+    pub fn variance_of_mean(&self) -> [f32; 3] {
+        if self.samples < 2 {
+            return [f32::INFINITY; 3];
+        }
+        let n = f64::from(self.samples);
+        std::array::from_fn(|c| {
+            let mean = self.sum[c] / n;
+            ((self.sum_squared[c] / n - mean * mean).max(0.0) / (n - 1.0)) as f32
+        })
+    }
+}
+
+impl AovSums {
+    /// Adds what a path's camera ray hit: base colour, unit normal, distance.
+    pub fn add_surface(&mut self, albedo: Vec3, normal: Vec3, depth: f32) {
+        for c in 0..3 {
+            self.albedo[c] += albedo[c];
+            self.normal[c] += normal[c];
+        }
+        self.depth += depth;
+    }
+
+    /// Adds a path's light.
+    pub fn add_light(&mut self, direct: Vec3, indirect: Vec3) {
+        for c in 0..3 {
+            self.direct[c] += direct[c];
+            self.indirect[c] += indirect[c];
+        }
+    }
+
+    /// Adds independent paths of the same pixel.
+    pub fn join(&mut self, other: &Self) {
+        for c in 0..3 {
+            self.albedo[c] += other.albedo[c];
+            self.normal[c] += other.normal[c];
+            self.direct[c] += other.direct[c];
+            self.indirect[c] += other.indirect[c];
+        }
+        self.depth += other.depth;
+        self.object = if self.object == 0 { other.object } else { self.object };
+        self.material = if self.material == 0 { other.material } else { self.material };
+    }
+}
