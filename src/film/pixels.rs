@@ -4,43 +4,44 @@ use serde::{Deserialize, Serialize};
 
 use super::stats::{AovSums, ExtraSums, PixelStats};
 
-/// What is shown where camera rays hit nothing.
+/// The background, where camera rays hit nothing.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Background {
-    /// There is no environment: black, and A is the share of paths that hit something.
+    /// Black, without an environment. A is the fraction of paths that hit a surface.
     #[default]
     Black,
     /// The environment: A is 1.
     Environment,
-    /// The environment gives light, but is left out of the picture; A as for `Black`, and PNGs have it too.
+    /// The environment illuminates the scene but is not shown. A is the fraction of paths that hit a surface, and PNGs have an
+    /// alpha channel too.
     Transparent,
 }
 
-/// What the pixels of a picture's window have collected, wherever it is kept: what files are written from.
+/// The statistics of the pixels of a picture's window, from which files are written.
 pub trait Pixels: Sync {
-    /// Whole picture's pixels a row, and rows.
+    /// Width and height of the whole picture in pixels.
     fn size(&self) -> [u32; 2];
 
-    /// The window that is kept: x0, y0, x1, y1 with x1 and y1 exclusive.
+    /// The window in pixels: x0, y0, x1, y1 with x1 and y1 exclusive.
     fn window(&self) -> [u32; 4];
 
-    /// Are there sums for AOVs?
+    /// Whether there are [`AovSums`].
     fn has_aovs(&self) -> bool;
 
-    /// More sums of that pixel; `None` if there are none.
+    /// The extra sums of pixel (x, y) of the whole picture; `None` if there are none.
     fn extras(&self, _x: u32, _y: u32) -> Option<ExtraSums> {
         None
     }
 
-    /// What is behind everything.
+    /// The background.
     fn background(&self) -> Background;
 
-    /// Of the pixel in column x and row y of the whole picture, inside the window. Without sums for AOVs, zeros.
+    /// The statistics of pixel (x, y) of the whole picture, inside the window. The AOV sums are zeros if there are none.
     fn at(&self, x: u32, y: u32) -> (PixelStats, AovSums);
 }
 
-/// Mean radiance of the pixels, row by row.
+/// Mean radiance (linear RGB) of the pixels, row by row.
 pub fn colors(pixels: &dyn Pixels) -> impl Iterator<Item = [f32; 3]> {
     let [x0, y0, x1, y1] = pixels.window();
     (y0..y1).flat_map(move |y| (x0..x1).map(move |x| pixels.at(x, y).0.mean()))
@@ -49,34 +50,34 @@ pub fn colors(pixels: &dyn Pixels) -> impl Iterator<Item = [f32; 3]> {
 /// The statistics of a picture's window, row by row.
 #[derive(Debug, Clone, Default)]
 pub struct Film {
-    /// Whole picture's pixels a row.
+    /// Width of the whole picture in pixels.
     pub width: u32,
-    /// Whole picture's rows.
+    /// Height of the whole picture in pixels.
     pub height: u32,
-    /// The window that is kept: x0, y0, x1, y1 with x1 and y1 exclusive.
+    /// The window in pixels: x0, y0, x1, y1 with x1 and y1 exclusive.
     pub window: [u32; 4],
-    /// Row-major over the window.
+    /// Pixel statistics, row-major over the window.
     pub pixels: Vec<PixelStats>,
-    /// As `pixels`, or empty when no AOV needs it.
+    /// AOV sums, row-major over the window; empty if no AOV needs them.
     pub aovs: Vec<AovSums>,
-    /// What is behind everything.
+    /// The background.
     pub background: Background,
 }
 
 impl Film {
-    /// A copy of pixels.
+    /// Copies pixels.
     pub fn of(pixels: &dyn Pixels) -> Self {
         let window @ [x0, y0, x1, y1] = pixels.window();
         let [width, height] = pixels.size();
-        let places = (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y)));
-        let (stats, mut aovs): (Vec<_>, Vec<_>) = places.map(|(x, y)| pixels.at(x, y)).unzip();
+        let positions = (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y)));
+        let (stats, mut aovs): (Vec<_>, Vec<_>) = positions.map(|(x, y)| pixels.at(x, y)).unzip();
         if !pixels.has_aovs() {
             aovs = Vec::new();
         }
         Self { width, height, window, pixels: stats, aovs, background: pixels.background() }
     }
 
-    /// An empty film.
+    /// A film without samples.
     pub fn new(width: u32, height: u32, window: [u32; 4], with_aovs: bool) -> Self {
         let n = (window[2] - window[0]) as usize * (window[3] - window[1]) as usize;
         Self {

@@ -5,18 +5,18 @@ use serde::{Deserialize, Serialize};
 
 use super::cryptomatte::Matte;
 
-/// What one pixel has collected. Every sample belongs to one pixel.
+/// Statistics of one pixel. Every sample belongs to exactly one pixel.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct PixelStats {
-    /// Paths so far.
+    /// Number of paths.
     pub samples: u32,
     /// Sum over paths of radiance, linear RGB.
     pub sum: [f64; 3],
-    /// Sum over paths of radiance squared, a channel.
+    /// Sum over paths of squared radiance, per channel.
     pub sum_squared: [f64; 3],
-    /// Paths whose camera ray hit a surface.
+    /// Number of paths whose camera ray hit a surface.
     pub covered: u32,
-    /// The share of light samples α that the next pass would use, in [0, 1].
+    /// The light share α of the next pass, in [0, 1].
     #[serde(rename = "balance")]
     pub light_share: f32,
 }
@@ -24,14 +24,14 @@ pub struct PixelStats {
 /// The brightest path of a pixel.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Peak {
-    /// Of its radiance.
+    /// Luminance of its radiance.
     pub luminance: f32,
-    /// Its number in the pixel.
+    /// Its index in the pixel.
     pub path: u32,
 }
 
 impl Peak {
-    /// Takes another path in; the first of equals stays.
+    /// Considers another path; among equals the first stays.
     #[inline]
     pub fn add(&mut self, luminance: f32, path: u32) {
         if luminance > self.luminance {
@@ -40,7 +40,7 @@ impl Peak {
     }
 }
 
-/// Optional sums over paths, kept only when an AOV asks for them.
+/// Optional sums over paths, kept only if an AOV needs them.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct AovSums {
     /// Base colour at the first hit.
@@ -49,7 +49,7 @@ pub struct AovSums {
     pub normal: [f32; 3],
     /// Distance to the first hit in metres, summed over `covered` paths.
     pub depth: f32,
-    /// Radiance from lights seen directly and one bounce of them.
+    /// Radiance of lights that are seen directly or after one bounce.
     pub direct: [f32; 3],
     /// The rest of the radiance.
     pub indirect: [f32; 3],
@@ -59,27 +59,27 @@ pub struct AovSums {
     pub material: u32,
 }
 
-/// More optional sums over paths, kept only when an AOV asks for one of them.
+/// More optional sums over paths, kept only if an AOV needs one of them.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct ExtraSums {
-    /// World space position of the first hit in metres, over `covered` paths.
+    /// World-space position of the first hit in metres, summed over `covered` paths.
     pub position: [f32; 3],
-    /// The first hit's TEXCOORD_0, over `covered` paths.
+    /// TEXCOORD_0 of the first hit, summed over `covered` paths.
     pub uv: [f32; 2],
     /// Radiance that the surface of the first hit emits.
     pub emission: [f32; 3],
-    /// Base colour of the first hit, seen in mirrors where it is one.
+    /// Base colour of the first hit or, if that is a mirror, of the surface that is seen in it.
     pub guide_albedo: [f32; 3],
     /// Unit normal of the same surface.
     pub guide_normal: [f32; 3],
-    /// Radiance by what it came from: environment, surfaces that shine, lights without size.
+    /// Radiance by its source: environment, emissive surfaces, punctual lights.
     pub lights: [[f32; 3]; 3],
-    /// Names of objects that paths hit first.
+    /// Cryptomatte of the objects at first hits.
     pub objects: Matte,
-    /// Names of materials that paths hit first.
+    /// Cryptomatte of the materials at first hits.
     pub materials: Matte,
-    /// Pixels from the frame before to the first hit, and from there to the next frame, to the right and up, over `covered`
-    /// paths. Saved apart: files without them are as they were.
+    /// Motion of the first hit in pixels (right, up): from the previous frame, and to the next frame; summed over `covered`
+    /// paths. Files store it separately, so that files without motion do not change.
     #[serde(skip)]
     pub velocity: [f32; 4],
 }
@@ -90,18 +90,18 @@ fn accumulate(sum: &mut [f32; 3], more: [f32; 3]) {
 }
 
 impl ExtraSums {
-    /// Adds light of a group: 0 from the environment, 1 from surfaces, 2 from lights without size.
+    /// Adds radiance of a source: 0 the environment, 1 emissive surfaces, 2 punctual lights.
     #[inline]
     pub fn add_light(&mut self, group: usize, radiance: Vec3) {
         accumulate(&mut self.lights[group], radiance.to_array());
     }
 
-    /// Adds radiance that the surface of a first hit emits.
+    /// Adds the radiance that the surface of a first hit emits.
     pub fn add_emission(&mut self, radiance: Vec3) {
         accumulate(&mut self.emission, radiance.to_array());
     }
 
-    /// Adds what a path's camera ray hit: position, texture coordinates, hashes of the names of object and material.
+    /// Adds a first hit: position, texture coordinates, Cryptomatte hashes of object and material.
     pub fn add_surface(&mut self, position: Vec3, uv: Vec2, [object, material]: [u32; 2]) {
         accumulate(&mut self.position, position.to_array());
         self.uv = [self.uv[0] + uv.x, self.uv[1] + uv.y];
@@ -109,13 +109,13 @@ impl ExtraSums {
         self.materials.add(material, 1);
     }
 
-    /// Adds how the surface of a first hit moves in the picture.
+    /// Adds the motion of a first hit in pixels, from the previous frame and to the next one.
     pub fn add_velocity(&mut self, [before, after]: [Vec2; 2]) {
         let more = [before.x, before.y, after.x, after.y];
         self.velocity.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
     }
 
-    /// Adds light of unknown origin to all groups, in proportion to what they have.
+    /// Adds radiance of unknown source to all sources, in proportion to their sums.
     pub fn share_light(&mut self, more: Vec3) {
         for c in 0..3 {
             let all: f32 = self.lights.iter().map(|light| light[c]).sum();
@@ -125,7 +125,7 @@ impl ExtraSums {
         }
     }
 
-    /// Adds the surface that a denoiser is to be guided by.
+    /// Adds base colour and normal for the denoiser.
     pub fn add_guide(&mut self, albedo: Vec3, normal: Vec3) {
         accumulate(&mut self.guide_albedo, albedo.to_array());
         accumulate(&mut self.guide_normal, normal.to_array());
@@ -146,7 +146,7 @@ impl ExtraSums {
 }
 
 impl PixelStats {
-    /// Of a pixel without paths.
+    /// A pixel without paths.
     pub const EMPTY: Self = Self { samples: 0, sum: [0.0; 3], sum_squared: [0.0; 3], covered: 0, light_share: 0.5 };
 
     /// Adds a path's radiance; `covered` if its camera ray hit a surface.
@@ -179,13 +179,13 @@ impl PixelStats {
         self.sum.map(|s| (s / n) as f32)
     }
 
-    /// Share of paths that hit something, in [0, 1].
+    /// Fraction of paths that hit a surface, in [0, 1].
     pub fn coverage(&self) -> f32 {
         self.covered as f32 / self.samples.max(1) as f32
     }
 
-    /// Estimated variance of [`mean`](Self::mean), a channel: the paths' sample variance over their number. Paths of
-    /// a low-discrepancy sequence do better than that, so it errs on the high side. Infinite below two samples.
+    /// Estimated variance of [`mean`](Self::mean), per channel: the sample variance of the paths over their number. Paths of a
+    /// low-discrepancy sequence have less variance, so it overestimates. Infinite below two samples.
     pub fn variance_of_mean(&self) -> [f32; 3] {
         if self.samples < 2 {
             return [f32::INFINITY; 3];
@@ -199,7 +199,7 @@ impl PixelStats {
 }
 
 impl AovSums {
-    /// Adds what a path's camera ray hit: base colour, unit normal, distance.
+    /// Adds a first hit: base colour, unit normal, distance in metres.
     pub fn add_surface(&mut self, albedo: Vec3, normal: Vec3, depth: f32) {
         for c in 0..3 {
             self.albedo[c] += albedo[c];
@@ -208,7 +208,7 @@ impl AovSums {
         self.depth += depth;
     }
 
-    /// Adds a path's light.
+    /// Adds the radiance of a path.
     pub fn add_light(&mut self, direct: Vec3, indirect: Vec3) {
         for c in 0..3 {
             self.direct[c] += direct[c];

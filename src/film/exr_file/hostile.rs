@@ -1,4 +1,4 @@
-//! Files that lie: what they ask for is refused before memory is taken for it; and files that were changed are known.
+//! Tests with hostile files: false sizes are refused before memory is allocated, and changed files are detected.
 
 use std::fs::{self, File};
 use std::io::Write;
