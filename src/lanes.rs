@@ -136,12 +136,6 @@ impl Survivors {
     pub fn compress_v3(&self, v: V3) -> V3 {
         V3 { x: self.compress(v.x), y: self.compress(v.y), z: self.compress(v.z) }
     }
-
-    /// [`compress`](Self::compress) of an array.
-    #[inline(always)]
-    pub fn compress_array(&self, values: [u32; LANES]) -> U {
-        self.compress_bits(U::from(values))
-    }
 }
 
 /// Numbers in [0, 1), multiples of 2⁻²³, from the upper bits of integers.

@@ -14,15 +14,15 @@ pub enum Aov {
     Normal,
     /// Distance to the first hit in metres, mean over the paths that hit; [`MISS_DEPTH`] where none did.
     Depth,
-    /// Radiance of lights seen directly and after one bounce.
+    /// Radiance of lights that are seen directly or after one bounce.
     Direct,
     /// The rest of the radiance.
     Indirect,
     /// Estimated variance of the beauty (of the mean, not of one path); infinite below two paths.
     Variance,
-    /// Paths, as integers.
+    /// Number of paths, as integers.
     Samples,
-    /// The share of light samples that the next pass would use, in [0, 1].
+    /// The light share of the next pass, in [0, 1].
     Balance,
     /// Instance index + 1, 0 for none, as integers.
     Object,
@@ -33,17 +33,17 @@ pub enum Aov {
     /// Texture coordinates (TEXCOORD_0) of the first hit, mean over the paths that hit; 0 where none did, and on meshes whose
     /// material has no texture.
     Uv,
-    /// Radiance that the surface of the first hit emits, mean over all paths.
+    /// Radiance that the surface at the first hit emits, mean over all paths.
     Emission,
-    /// For denoisers: as `albedo`, of what is seen in mirrors where the first hit is one.
+    /// For denoisers: base colour at the first hit or, if that is a mirror, of the surface that is seen in it.
     GuideAlbedo,
     /// For denoisers: the normal of that surface.
     GuideNormal,
-    /// The beauty by what the light came from: environment, surfaces that shine, lights without size. They add up to it.
+    /// The beauty by light source: environment, emissive surfaces, punctual lights. They add up to it.
     Lights,
-    /// How what is seen moves in the picture, in pixels a frame, mean over the paths that hit; 0 where none did. For Nuke
-    /// `forward` (u to the right, v up, to the next frame) and `backward` (to the frame before), for Blender `Vector` (X, Y to
-    /// the frame before; Z, W from the next one), as Cycles writes it.
+    /// Motion in the picture in pixels per frame, mean over the paths that hit; 0 where none did. For Nuke `forward` (u to the
+    /// right, v up, to the next frame) and `backward` (to the previous frame), for Blender `Vector` (X, Y to the previous frame;
+    /// Z, W from the next one), as Cycles writes it.
     Velocity,
     /// Cryptomatte of objects, by the names of their nodes.
     CryptoObject,

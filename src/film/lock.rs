@@ -137,7 +137,7 @@ mod tests {
             written(&path);
             atomic::sweep(&path);
             refused();
-            // What is beside it goes as soon as the file itself is there.
+            // The lock file is removed as soon as the output exists.
             assert_eq!(names(folder.path()), ["a.exr"]);
         }
         drop(first);

@@ -14,7 +14,7 @@ use exr::meta::attribute::{AttributeValue, SampleType};
 use exr::meta::header::Header as ExrHeader;
 use exr::prelude::*;
 
-use super::attributes::{HASH, LENGTH, STATISTICS, WORDS, text};
+use super::attributes::{HASH, LENGTH, text};
 use super::checksum::CHECKSUM;
 use super::{bounds, head};
 use crate::film::cryptomatte::PREFIX;
@@ -28,7 +28,7 @@ use crate::{Error, Result as Outcome, guard};
 /// # Errors
 /// [`Error::reading`] for a file that cannot be read; [`Error::Data`] for one that is no such picture.
 pub fn read(path: &Path) -> Outcome<Picture> {
-    decoded(path, |bytes| decode(bytes, None, &|_, _| Ok(())))
+    picture(&bytes_of(path)?, &|_, _| Ok(())).map_err(|why| cannot_use(path, &why))
 }
 
 /// Reads the beauty from the bytes of a file. `fits` can refuse a width and height before memory is allocated.
@@ -108,10 +108,6 @@ pub fn read_statistics(path: &Path) -> Outcome<Option<Vec<u8>>> {
     let mut file = open(path)?;
     let failed = |e| Error::reading(path, &e);
     let meta = read_meta(path, file.try_clone().map_err(failed)?)?;
-    if meta.headers.len() > 1 {
-        // Before format 4 they were a part of their own.
-        return decoded(path, decode_statistics);
-    }
     let refused = |why: &str| cannot_use(path, why);
     let Some((length, hash)) =
         meta.headers.first().map(statistics_hash).transpose().map_err(|e| refused(&e.to_string()))?.flatten()
@@ -123,12 +119,10 @@ pub fn read_statistics(path: &Path) -> Outcome<Option<Vec<u8>>> {
     let mut bytes = Vec::new();
     file.seek(SeekFrom::Start(start)).and_then(|_| file.read_to_end(&mut bytes)).map_err(failed)?;
     if *blake3::hash(&bytes).to_hex() != *hash {
-        return Err(refused(DAMAGED));
+        return Err(refused("its statistics are not those that were written: the file is damaged"));
     }
     Ok(Some(bytes))
 }
-
-const DAMAGED: &str = "its statistics are not those that were written: the file is damaged";
 
 /// Length and hash of the statistics of a part, if there are any.
 fn statistics_hash(header: &ExrHeader) -> Result<Option<(u64, String)>> {
@@ -139,11 +133,6 @@ fn statistics_hash(header: &ExrHeader) -> Result<Option<(u64, String)>> {
         }
         _ => Err(invalid("its statistics have no length or hash")),
     }
-}
-
-fn decoded<T>(path: &Path, decode: impl FnOnce(&[u8]) -> Result<T>) -> Outcome<T> {
-    let bytes = bytes_of(path)?;
-    guarded(|| decode(&bytes)).map_err(|why| cannot_use(path, &why))
 }
 
 /// Reads all bytes of a picture of any format, so that later errors of decoders concern the content and not the disk.
@@ -290,38 +279,8 @@ fn read_line(line: &LineRef, kind: SampleType, put: impl FnMut(usize, f32)) -> R
     }
 }
 
-fn is_statistics(header: &ExrHeader) -> bool {
-    header.own_attributes.layer_name.as_ref().is_some_and(|name| name.eq(STATISTICS))
-}
-
 fn attribute<'a>(header: &'a ExrHeader, name: &str) -> Option<&'a AttributeValue> {
     header.own_attributes.other.get(&text(name))
-}
-
-fn decode_statistics(bytes: &[u8]) -> Result<Option<Vec<u8>>> {
-    let chunks = checked(bytes)?;
-    let Some(part) = chunks.headers().iter().position(is_statistics) else { return Ok(None) };
-    let header = &chunks.headers()[part];
-    let rows = header.layer_size.1;
-    let (length, hash) = statistics_hash(header)?.ok_or_else(|| invalid("its statistics have no length or hash"))?;
-    let (length, row) = (usize::try_from(length).unwrap_or(usize::MAX), 4 * WORDS);
-    if header.layer_size.0 != WORDS || header.channels.bytes_per_pixel != 4 || length > rows * row {
-        return Err(invalid("its statistics have another shape"));
-    }
-    let mut all = vec![0; rows * row];
-    each_block(chunks, part, |block| {
-        let at = block.index.pixel_position.1 * row;
-        let place = all.get_mut(at..at + block.data.len()).ok_or_else(|| invalid("a block out of bounds"))?;
-        for (to, from) in place.chunks_exact_mut(4).zip(block.data.chunks_exact(4)) {
-            to.copy_from_slice(&u32::from_ne_bytes([from[0], from[1], from[2], from[3]]).to_le_bytes());
-        }
-        Ok(())
-    })?;
-    all.truncate(length);
-    if *blake3::hash(&all).to_hex() != *hash {
-        return Err(invalid(DAMAGED));
-    }
-    Ok(Some(all))
 }
 
 fn invalid(why: impl Into<Cow<'static, str>>) -> ExrError {
