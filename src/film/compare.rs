@@ -45,7 +45,7 @@ pub struct Comparison {
     pub rmse: f64,
     /// mean(|a − b|).
     pub mae: f64,
-    /// Mean of [`flip`](super::flip::flip): its LDR variant if both pictures are display-referred, otherwise HDR-FLIP.
+    /// Mean of [`flip`]: its LDR variant if both pictures are display-referred, otherwise HDR-FLIP.
     pub flip: f64,
     /// mean(a − b) of R, G, B.
     pub bias: [f64; 3],

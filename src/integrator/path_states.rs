@@ -142,7 +142,7 @@ impl PathStates {
     }
 
     /// Begins each pixel's paths, each with its part of the pixel's samples. `environment_probability` as for
-    /// [`Counts::rates`](crate::balance::Counts::rates).
+    /// [`Counts::samples_per_path`](crate::balance::Counts::rates).
     pub fn begin(&mut self, tasks: &[PixelTask], environment_probability: f32) {
         self.paths.clear();
         self.sub_paths.clear();
