@@ -215,15 +215,15 @@ mod tests {
         let (mut chi2, mut freedom, mut astray) = (0.0, -1.0, 0);
         for (bin, count) in counts.iter().enumerate() {
             let expected = weights[bin] / total * f64::from(n);
-            let said = f64::from(histogram.density(bin as u32)) / BINS as f64 * f64::from(n);
+            let stated = f64::from(histogram.density(bin as u32)) / BINS as f64 * f64::from(n);
             // Sixteen bits one way, eight the other; the last begins a part before the end at least.
             let row: f64 = weights[bin / SIDE * SIDE..][..SIDE].iter().sum();
             let steps = 1e-3 * expected + (4e-5 + 1.5 * row / total / 256.0) * f64::from(n);
-            assert!((expected - said).abs() < steps, "{bin}");
-            if said >= 5.0 {
-                chi2 += (f64::from(*count) - said).powi(2) / said;
+            assert!((expected - stated).abs() < steps, "{bin}");
+            if stated >= 5.0 {
+                chi2 += (f64::from(*count) - stated).powi(2) / stated;
                 freedom += 1.0;
-            } else if said == 0.0 {
+            } else if stated == 0.0 {
                 astray += count;
             }
         }

@@ -240,13 +240,13 @@ const PRIOR_HEAVY_SAMPLES: f64 = 4.0;
 impl ProbabilitySums {
     fn add(&mut self, training_sample: &TrainingSample) {
         let p = f64::from(training_sample.pdf);
-        let of = |c: f32| {
+        let ratio = |c: f32| {
             p / f64::from(c.mul_add(training_sample.field_pdf - training_sample.bsdf_pdf, training_sample.bsdf_pdf))
         };
         for (sum, c) in self.moments.iter_mut().zip(GUIDING_PROBABILITIES) {
-            *sum += f64::from(training_sample.weight) * of(c).min(1e6);
+            *sum += f64::from(training_sample.weight) * ratio(c).min(1e6);
         }
-        self.squares += (f64::from(training_sample.weight) * of(0.5)).powi(2);
+        self.squares += (f64::from(training_sample.weight) * ratio(0.5)).powi(2);
         self.taken += f64::from(training_sample.weight);
         self.n += 1.0;
     }
@@ -264,7 +264,7 @@ impl ProbabilitySums {
     fn best(&self, all: &Self) -> usize {
         let heavy = if self.moments[2] > 0.0 { self.squares / self.moments[2] } else { 1.0 };
         let scale = if all.moments[2] > 0.0 { PRIOR_HEAVY_SAMPLES * heavy / all.moments[2] } else { 0.0 };
-        let of = |i: usize| self.moments[i] + scale * all.moments[i];
-        (0..GUIDING_PROBABILITIES.len()).min_by(|a, b| of(*a).total_cmp(&of(*b))).unwrap_or(0)
+        let moment = |i: usize| self.moments[i] + scale * all.moments[i];
+        (0..GUIDING_PROBABILITIES.len()).min_by(|a, b| moment(*a).total_cmp(&moment(*b))).unwrap_or(0)
     }
 }

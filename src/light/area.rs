@@ -113,28 +113,18 @@ impl AreaLights {
                 let varies = material.textures[TextureSlot::Emissive].is_some() || material.clearcoat > 0.0;
                 let mut prim = 0;
                 while prim < mesh.indices.len() {
-                    let mut own = corners(prim);
-                    let mut far = own[0];
+                    let mut triangle = corners(prim);
+                    let mut far = triangle[0];
                     let pair = (!varies && !moves && prim + 1 < mesh.indices.len())
-                        .then(|| parallelogram(own, corners(prim + 1)))
+                        .then(|| parallelogram(triangle, corners(prim + 1)))
                         .flatten();
                     if let Some([a, b, c, d]) = pair {
-                        (own, far) = ([a, b, c], d);
+                        (triangle, far) = ([a, b, c], d);
                     }
-                    let ([v, e, f], cross) = edges(own, instance);
+                    let ([v, e, f], cross) = edges(triangle, instance);
                     let area = if pair.is_some() { 1.0 } else { 0.5 } * cross.length();
                     let radiance = luminance(mean_emission(scene, material, mesh, mesh.indices[prim]));
-                    let sides = if material.double_sided { 2.0 } else { 1.0 };
-                    let power = PI * area * radiance * sides;
-                    let n = cross.normalize_or_zero();
-                    let mut emitter = Emitter {
-                        low: v.min(v + e).min(v + f).min(far),
-                        high: v.max(v + e).max(v + f).max(far),
-                        normal: n,
-                        spread: 0.0,
-                        power: if power.is_finite() && n != Vec3::ZERO { power } else { 0.0 },
-                        two_sided: material.double_sided,
-                    };
+                    let mut emitter = emitter(material, ([v, e, f], cross), far, (area, radiance));
                     if moves {
                         sweep(&mut emitter, instance, mesh, prim);
                     }
@@ -265,8 +255,8 @@ impl AreaLights {
         distance: f32,
         learned: Option<&LearnedLights>,
     ) -> f32 {
-        let Ok(found) = self.first.binary_search_by_key(&(instance, mesh), |&(key, _)| key) else { return 0.0 };
-        let light = self.light_of[(self.first[found].1 + prim) as usize];
+        let Ok(index) = self.first.binary_search_by_key(&(instance, mesh), |&(key, _)| key) else { return 0.0 };
+        let light = self.light_of[(self.first[index].1 + prim) as usize];
         let chosen = &self.lights[light as usize];
         let moved;
         let chosen = match chosen.moves {
@@ -288,17 +278,38 @@ impl AreaLights {
     }
 }
 
+/// The emitter of a light with corner `v`, edges `e` and `f` from it and the `far` corner, by its area and the luminance of its
+/// radiance. Emitters without area or with infinite power have no power.
+fn emitter(
+    material: &Material,
+    ([v, e, f], cross): ([Vec3; 3], Vec3),
+    far: Vec3,
+    (area, radiance): (f32, f32),
+) -> Emitter {
+    let sides = if material.double_sided { 2.0 } else { 1.0 };
+    let power = PI * area * radiance * sides;
+    let n = cross.normalize_or_zero();
+    Emitter {
+        low: v.min(v + e).min(v + f).min(far),
+        high: v.max(v + e).max(v + f).max(far),
+        normal: n,
+        spread: 0.0,
+        power: if power.is_finite() && n != Vec3::ZERO { power } else { 0.0 },
+        two_sided: material.double_sided,
+    }
+}
+
 /// Extends the bounds of an emitter to its motion while the shutter is open.
 fn sweep(emitter: &mut Emitter, instance: &Instance, mesh: &Mesh, prim: usize) {
     let keys = mesh.motion.as_ref().map_or(1, |motion| motion.positions.len());
     // Twice as many steps as keys, because the keys of mesh and instance may differ.
     let steps = 2 * keys.max(instance.motion.as_ref().map_or(1, |motion| motion.keys().len()));
     for step in 0..=steps {
-        let own = corners(instance, mesh, prim, Some(step as f32 / steps as f32));
-        for p in own {
+        let triangle = corners(instance, mesh, prim, Some(step as f32 / steps as f32));
+        for p in triangle {
             (emitter.low, emitter.high) = (emitter.low.min(p), emitter.high.max(p));
         }
-        let normal = edges(own, instance).1.normalize_or(emitter.normal);
+        let normal = edges(triangle, instance).1.normalize_or(emitter.normal);
         emitter.spread = emitter.spread.max(normal.angle_between(emitter.normal));
     }
     // A margin for the motion between the steps.
