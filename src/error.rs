@@ -1,42 +1,42 @@
-//! The one error type; each kind has the exit code that scripts rely on.
+//! The error type. Each kind has an exit code, after sysexits.h, on which scripts rely.
 
-/// What went wrong, for a person: what, where (file, JSON path, byte) and what to do.
+/// An error with a message for the user: what is wrong, where (file, JSON path, byte), and what to do.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum Error {
     /// Wrong flags or values on the command line. Exit code 64.
     #[error("{0}")]
     Usage(String),
-    /// A scene, picture or part that cannot be used. Exit code 65.
+    /// A scene, a picture or a part that cannot be used. Exit code 65.
     #[error("{0}")]
     Data(String),
-    /// A named input that is not there. Exit code 66.
+    /// An input that does not exist. Exit code 66.
     #[error("{0}")]
     Missing(String),
-    /// A bug of ours. Exit code 70.
+    /// A bug in this program. Exit code 70.
     #[error("internal error: {0}; please report it")]
     Bug(String),
     /// An output that cannot be created. Exit code 73.
     #[error("{0}")]
     CannotCreate(String),
-    /// A read or write that failed half-way. Exit code 74.
+    /// A failed read or write. Exit code 74.
     #[error("{0}")]
     Io(String),
-    /// Stopped by a signal with what there was saved. Exit code 75.
+    /// Stopped by a signal; the work so far was saved. Exit code 75.
     #[error("{0}")]
     Interrupted(String),
-    /// This host cannot do it: ISA, memory, Embree version. Exit code 76.
+    /// Not possible on this host: instruction set, memory, Embree version. Exit code 76.
     #[error("{0}")]
     Host(String),
     /// Permission denied. Exit code 77.
     #[error("{0}")]
     Permission(String),
-    /// A bad configuration file. Exit code 78.
+    /// An invalid configuration file. Exit code 78.
     #[error("{0}")]
     Config(String),
 }
 
 impl Error {
-    /// The process exit code of this error, after sysexits.h.
+    /// The exit code of the process for this error.
     pub fn exit_code(&self) -> u8 {
         match self {
             Error::Usage(_) => 64,
@@ -52,7 +52,8 @@ impl Error {
         }
     }
 
-    /// An input that could not be read, by the reason that the system gives: missing, forbidden or failed.
+    /// The error of an input that could not be read: [`Missing`](Self::Missing), [`Permission`](Self::Permission) or
+    /// [`Io`](Self::Io), by the kind of the system's error.
     pub fn reading(path: &std::path::Path, error: &std::io::Error) -> Self {
         let text = format!("{}: cannot read: {error}", path.display());
         match error.kind() {
@@ -63,5 +64,5 @@ impl Error {
     }
 }
 
-/// Shorthand for results with [`enum@Error`].
+/// A result with [`enum@Error`].
 pub type Result<T> = std::result::Result<T, Error>;

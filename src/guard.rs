@@ -1,13 +1,13 @@
-//! Decoders of others have assertions that broken files reach: a panic of theirs is the file's fault, not a bug of ours.
+//! Panics of third-party decoders. Broken files can trip their assertions, which is an error of the file, not a bug.
 
 use std::cell::Cell;
 use std::fmt::Display;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// What a decoder makes, or why it makes nothing: in its words, or in these for a panic.
+/// Runs a decoder and catches its panics.
 ///
 /// # Errors
-/// Those of the decoder, as text; `panicked`.
+/// The error of the decoder as text, or `panicked` if it panics.
 pub fn guarded<T, E: Display>(panicked: &str, decode: impl FnOnce() -> Result<T, E>) -> Result<T, String> {
     DECODING.set(true);
     let result = catch_unwind(AssertUnwindSafe(decode));
@@ -22,7 +22,7 @@ thread_local! {
     static DECODING: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Is this thread inside a decoder of others? A panic hook has then nothing to say.
+/// Whether this thread runs a third-party decoder. A panic hook should then print nothing.
 pub fn is_decoding() -> bool {
     DECODING.get()
 }

@@ -1,48 +1,48 @@
-//! Eight numbers at a time: what the shading stages compute with.
+//! SIMD vectors of eight lanes, with which the shading stages compute.
 
 use glam::Vec3;
 use wide::bytemuck::cast;
 pub use wide::{f32x8 as F, u32x8 as U};
 
-/// Lanes of an [`F`].
+/// Number of lanes of an [`F`].
 pub const LANES: usize = 8;
 
-/// The lanes' numbers.
+/// The indices of the lanes.
 pub const NUMBERS: [u32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7];
 
-/// Eight three-vectors.
+/// Eight three-dimensional vectors.
 #[derive(Debug, Clone, Copy)]
 pub struct V3 {
-    /// First components.
+    /// x components.
     pub x: F,
-    /// Second components.
+    /// y components.
     pub y: F,
-    /// Third components.
+    /// z components.
     pub z: F,
 }
 
-/// Three columns of numbers, x, y and z of vectors, padded so that whole groups of lanes can be read and written.
+/// A column of vectors as three columns of components, padded so that whole groups of lanes can be read and written.
 #[derive(Debug, Default, Clone)]
 pub struct V3Column {
     columns: [Vec<f32>; 3],
 }
 
-/// Which elements of columns the lanes stand for.
+/// The elements of a column that the lanes hold.
 #[derive(Debug, Clone, Copy)]
 pub enum Rows {
-    /// [`LANES`] elements from here on.
+    /// [`LANES`] consecutive elements from this index on.
     From(usize),
-    /// These elements.
+    /// The elements with these indices.
     Each([u32; LANES]),
 }
 
-/// One value a lane. Unlike `array::from_fn` and `map`, whose loops the compiler leaves as calls, it is always inlined.
+/// One value per lane. It is always inlined, unlike `array::from_fn` and `map`, whose loops the compiler leaves as calls.
 #[inline(always)]
 pub fn eight<T>(mut of: impl FnMut(usize) -> T) -> [T; LANES] {
     [of(0), of(1), of(2), of(3), of(4), of(5), of(6), of(7)]
 }
 
-/// Reads a column.
+/// Reads elements of a column.
 #[inline(always)]
 pub fn load(column: &[f32], rows: &Rows) -> F {
     match rows {
@@ -60,7 +60,7 @@ pub fn store(column: &mut [f32], at: usize, value: F) {
     column[at..at + LANES].copy_from_slice(value.as_array());
 }
 
-/// Reads a column of integers.
+/// Reads elements of a column of integers.
 #[inline(always)]
 pub fn load_bits(column: &[u32], rows: &Rows) -> U {
     match rows {
@@ -78,22 +78,22 @@ pub fn store_bits(column: &mut [u32], at: usize, value: U) {
     column[at..at + LANES].copy_from_slice(value.as_array());
 }
 
-/// Makes room for at least `len` elements, and for a group of lanes that begins at the last.
+/// Grows a column to at least `len` elements and [`LANES`] more.
 pub fn grow<T: Copy + Default>(column: &mut Vec<T>, len: usize) {
     if column.len() < len + LANES {
         column.resize(len + LANES, T::default());
     }
 }
 
-/// The lanes that survive, moved to the front.
+/// A permutation that moves the surviving lanes to the front.
 #[derive(Debug, Clone, Copy)]
 pub struct Survivors {
     order: U,
-    /// How many.
+    /// Number of survivors.
     pub len: usize,
 }
 
-/// For each bitmask of eight lanes, the lanes that are set.
+/// For each bitmask of eight lanes, the indices of the set lanes.
 static ORDERS: [[u32; LANES]; 256] = {
     let mut orders = [[0; LANES]; 256];
     let mut mask = 0;
@@ -112,52 +112,46 @@ static ORDERS: [[u32; LANES]; 256] = {
 };
 
 impl Survivors {
-    /// Those of a mask.
+    /// The lanes that are set in a mask.
     #[inline(always)]
     pub fn of(mask: F) -> Self {
         let bits = mask.to_bitmask() & 0xff;
         Self { order: U::from(ORDERS[bits as usize]), len: bits.count_ones() as usize }
     }
 
-    /// The survivors' numbers, first; what follows means nothing.
+    /// The survivors' values in the first lanes; the other lanes have no meaning.
     #[inline(always)]
     pub fn compress(&self, value: F) -> F {
         cast(cast::<F, U>(value).shuffle(self.order))
     }
 
-    /// [`compress`](Self::compress), of integers.
+    /// [`compress`](Self::compress) of integers.
     #[inline(always)]
     pub fn compress_bits(&self, value: U) -> U {
         value.shuffle(self.order)
     }
 
-    /// [`compress`](Self::compress), of vectors.
+    /// [`compress`](Self::compress) of vectors.
     #[inline(always)]
     pub fn compress_v3(&self, v: V3) -> V3 {
         V3 { x: self.compress(v.x), y: self.compress(v.y), z: self.compress(v.z) }
     }
-
-    /// [`compress`](Self::compress), of an array.
-    #[inline(always)]
-    pub fn compress_array(&self, values: [u32; LANES]) -> U {
-        self.compress_bits(U::from(values))
-    }
 }
 
-/// Numbers in [0, 1) of 23 bits from integers' upper ones.
+/// Numbers in [0, 1), multiples of 2⁻²³, from the upper bits of integers.
 #[inline(always)]
 pub fn unit_interval(bits: U) -> F {
     let one_to_two: F = cast((bits >> 9) | U::splat(0x3f80_0000));
     one_to_two - F::ONE
 }
 
-/// Lanes whose bits are `value`, as a mask.
+/// A mask of the lanes that are equal to `value`.
 #[inline(always)]
 pub fn are(bits: U, value: u32) -> F {
     cast(bits.simd_eq(U::splat(value)))
 }
 
-/// Lanes below `n`, as a mask.
+/// A mask of the first `n` lanes.
 #[inline(always)]
 pub fn mask(n: usize) -> F {
     F::splat(n as f32).simd_gt(F::from([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]))
@@ -179,7 +173,7 @@ impl V3 {
         Self { x: F::from(x), y: F::from(y), z: F::from(z) }
     }
 
-    /// From one vector a lane.
+    /// From one vector per lane.
     #[inline(always)]
     pub fn gather(v: [Vec3; LANES]) -> Self {
         Self {
@@ -189,7 +183,7 @@ impl V3 {
         }
     }
 
-    /// One lane.
+    /// The vector in lane `i`.
     #[inline(always)]
     pub fn lane(&self, i: usize) -> Vec3 {
         Vec3::new(self.x.as_array()[i], self.y.as_array()[i], self.z.as_array()[i])
@@ -237,13 +231,13 @@ impl V3 {
         Self { x: self.x.abs(), y: self.y.abs(), z: self.z.abs() }
     }
 
-    /// Largest component of each.
+    /// The largest component of each vector.
     #[inline(always)]
     pub fn max_element(self) -> F {
         self.x.fast_max(self.y).fast_max(self.z)
     }
 
-    /// Are all components finite? A mask.
+    /// A mask of the vectors whose components are all finite.
     #[inline(always)]
     pub fn is_finite(self) -> F {
         (self.x + self.y + self.z).is_finite()
@@ -293,12 +287,12 @@ impl std::ops::Mul<F> for V3 {
 }
 
 impl V3Column {
-    /// Makes room for at least `len` vectors, padded.
+    /// Grows to at least `len` vectors and [`LANES`] more.
     pub fn grow(&mut self, len: usize) {
         self.columns.iter_mut().for_each(|column| grow(column, len));
     }
 
-    /// Reads.
+    /// Reads eight vectors.
     #[inline(always)]
     pub fn load(&self, rows: &Rows) -> V3 {
         let [x, y, z] = &self.columns;
@@ -314,14 +308,14 @@ impl V3Column {
         store(z, at, v.z);
     }
 
-    /// Replaces one vector.
+    /// Replaces vector `i`.
     #[inline(always)]
     pub fn set(&mut self, i: usize, v: Vec3) {
         let [x, y, z] = &mut self.columns;
         (x[i], y[i], z[i]) = (v.x, v.y, v.z);
     }
 
-    /// One vector.
+    /// Vector `i`.
     #[inline(always)]
     pub fn get(&self, i: usize) -> Vec3 {
         let [x, y, z] = &self.columns;

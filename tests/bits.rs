@@ -111,7 +111,7 @@ fn small_first_passes_leave_the_picture_unbiased_and_the_balance_learnt() {
             assert!(z.abs() < 5.0, "channel {c}: z {z}");
         }
         // Pixels learn their shares as ever, from other samples.
-        let learnt = |film: &Film| film.pixels.iter().filter(|p| p.balance != 0.5).count() as f64;
+        let learnt = |film: &Film| film.pixels.iter().filter(|p| p.light_share != 0.5).count() as f64;
         let (plain, early) = (learnt(&plain), learnt(&early));
         assert!(plain > 0.0 && (early / plain - 1.0).abs() < 0.2, "{early} pixels, {plain} without");
     }

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use bismar::film::PixelStats;
 use bismar::guiding::directions::{BINS, bins};
-use bismar::guiding::{Field, NOWHERE, Paths, TrainingSample, VertexRecord, learn};
+use bismar::guiding::{Field, NO_CELL, PathStatistics, TrainingSample, VertexRecord, learn};
 use bismar::integrator::{PixelBatch, PixelTask, Transport, Wave};
 use bismar::lanes::{F, LANES, V3, mask};
 use bismar::rays::Backend;
@@ -42,7 +42,7 @@ fn settings(guiding: Guiding) -> RenderSettings {
 /// A training sample that light comes from `wi` to a point of the hall's floor.
 fn training_sample(position: Vec3, wi: Vec3, found: f32) -> TrainingSample {
     let (pdf, bsdf_pdf) = (0.2, 0.2);
-    TrainingSample { position, normal: Vec3::Y, wi, found, weight: found * found, pdf, bsdf_pdf, field_pdf: 0.0 }
+    TrainingSample { position, normal: Vec3::Y, wi, contribution: found, weight: found * found, pdf, bsdf_pdf, field_pdf: 0.0 }
 }
 
 /// Training samples all over the hall, toward directions that `toward` makes of random numbers.
@@ -68,8 +68,8 @@ fn what_the_field_draws_has_the_density_that_it_says() {
     let mut worst: f64 = 0.0;
     for _ in 0..12 {
         let place = Vec3::new(5.0 * random.f32() - 2.5, 0.0, 5.0 * random.f32() - 2.5);
-        let cell = field.guiding(field.cells_at(V3::splat(place), V3::splat(Vec3::Y)))[0];
-        assert_ne!(cell, NOWHERE);
+        let cell = field.guiding_cells(field.cells_at(V3::splat(place), V3::splat(Vec3::Y)))[0];
+        assert_ne!(cell, NO_CELL);
         let cells = [cell; LANES];
         // The density on the square is the same all over a bin.
         let (n, mut expected, mut counts) = (200_000, [0.0; BINS], [0.0; BINS]);
@@ -140,7 +140,7 @@ fn a_field_of_lies_changes_no_mean() {
         (0..2000).map(move |i| VertexRecord {
             position: Vec3::new(i as f32 / 400.0 - 2.5, 0.0, 0.0),
             normal: Vec3::Y,
-            found,
+            squared_contributions: found,
         })
     };
     let roulettes = [
@@ -150,7 +150,7 @@ fn a_field_of_lies_changes_no_mean() {
         visits([0.0, 0.0]).take(1999).chain(visits([1e12, 1e12]).skip(1999)).collect(),
         Vec::new(),
     ];
-    let paths = Paths { cost: 6.0, variance: 1.0, inverse: 1.0 };
+    let paths = PathStatistics { cost: 6.0, variance: 1.0, inverse: 1.0 };
     let fields: Vec<_> = std::iter::zip(fields, roulettes)
         .map(|(mut field, visits)| {
             field.learn_roulette(&visits, paths);

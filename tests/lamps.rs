@@ -106,7 +106,7 @@ fn lies_about_lamps_change_no_mean() {
                     normal: Vec3::Y,
                     emitter,
                     pixel: 0,
-                    found: lie(position, emitter, chance),
+                    contribution: lie(position, emitter, chance),
                 }
             };
             let light_sample_records: Vec<_> = (0..20_000).map(light_sample_record).collect();

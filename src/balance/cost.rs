@@ -1,19 +1,19 @@
-//! What samples cost.
+//! Cost of samples.
 
-/// What a path costs, in rays.
+/// Cost of a path, in rays.
 #[derive(Debug, Clone, Copy)]
 pub struct Cost {
-    /// Whatever the share is.
+    /// The part that does not depend on the light share.
     pub fixed: f32,
-    /// A light sample at the first surface.
+    /// One light sample at the first surface.
     pub light: f32,
-    /// A BSDF sample there, and all that follows from it.
+    /// One BSDF sample at the first surface, with the rest of the path.
     pub bsdf: f32,
 }
 
 impl Cost {
-    /// Of a path with two samples at its first surface, a share `alpha` of them light samples.
-    pub fn at(&self, alpha: f32) -> f32 {
-        self.fixed + 2.0 * (alpha * self.light + (1.0 - alpha) * self.bsdf)
+    /// Cost of a path with two samples at its first surface, of which a fraction `light_share` are light samples.
+    pub fn at(&self, light_share: f32) -> f32 {
+        self.fixed + 2.0 * (light_share * self.light + (1.0 - light_share) * self.bsdf)
     }
 }

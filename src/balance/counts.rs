@@ -1,23 +1,23 @@
-//! Fixed sample counts and how they are dealt to a pass's paths.
+//! Sample counts of a pass, and their distribution over its paths.
 
-/// How a pixel's samples divide among the techniques.
+/// How the samples of a pixel divide among the techniques.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Share {
-    /// Of all samples, light samples: α in [0, 1].
-    pub light: f32,
-    /// Of the light samples, those toward the environment, in (0, 1), where environment and area lights are techniques of
-    /// their own; `None` where each light sample draws which light it is toward, or there is one kind alone.
-    pub environment: Option<f32>,
+pub struct Shares {
+    /// Fraction of all samples that are light samples: α in [0, 1].
+    pub light_share: f32,
+    /// Fraction of the light samples that go to the environment, in (0, 1), where environment and area lights are techniques
+    /// of their own. `None` where each light sample chooses its kind of light at random, or there is only one kind.
+    pub environment_share: Option<f32>,
 }
 
-/// Light and BSDF samples of one pixel in one pass of N ≥ 1 paths; where there are two techniques, together 2N and
-/// each ≥ 1.
+/// Light and BSDF samples of one pixel in one pass of N ≥ 1 paths. Where both techniques exist, each count is ≥ 1 and they
+/// add up to 2N.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Counts {
     /// Light samples n_l.
     pub light: u32,
-    /// How many of the light samples, the first ones, are toward the environment, all others toward area lights; `None` where
-    /// each draws.
+    /// Number of light samples, the first ones, that go to the environment; the others go to area lights. `None` where each
+    /// light sample chooses its kind at random.
     pub environment: Option<u32>,
     /// BSDF samples n_b.
     pub bsdf: u32,
@@ -26,32 +26,32 @@ pub struct Counts {
 }
 
 impl Counts {
-    /// The counts nearest to a share `alpha` of light samples among the 2N of `paths` = N ≥ 1 paths.
-    pub fn new(alpha: f32, paths: u32) -> Self {
+    /// The counts nearest to `light_share` among the 2N samples of `paths` = N ≥ 1 paths.
+    pub fn new(light_share: f32, paths: u32) -> Self {
         let total = 2 * paths;
-        let light = ((alpha * total as f32).round() as u32).clamp(1, total - 1);
+        let light = ((light_share * total as f32).round() as u32).clamp(1, total - 1);
         Self { light, environment: None, bsdf: total - light, paths }
     }
 
-    /// The counts nearest to `share` among the 2N samples of `paths` = N ≥ 1 paths.
-    pub fn of(share: Share, paths: u32) -> Self {
-        let all = Self::new(share.light, paths);
-        // A single light sample cannot be divided: it draws.
+    /// The counts nearest to `shares` among the 2N samples of `paths` = N ≥ 1 paths.
+    pub fn from_shares(shares: Shares, paths: u32) -> Self {
+        let all = Self::new(shares.light_share, paths);
+        // A single light sample cannot be divided: it chooses its kind at random.
         let split = |environment: f32| ((environment * all.light as f32).round() as u32).clamp(1, all.light - 1);
-        Self { environment: share.environment.filter(|_| all.light > 1).map(split), ..all }
+        Self { environment: shares.environment_share.filter(|_| all.light > 1).map(split), ..all }
     }
 
-    /// One sample of each technique a path.
+    /// One sample of each technique per path.
     pub fn half(paths: u32) -> Self {
         Self { light: paths, environment: None, bsdf: paths, paths }
     }
 
-    /// One BSDF sample a path: where no light can be sampled.
+    /// One BSDF sample per path, for scenes without lights that can be sampled.
     pub fn bsdf_only(paths: u32) -> Self {
         Self { light: 0, environment: None, bsdf: paths, paths }
     }
 
-    /// What is left of these counts after those of a pilot.
+    /// The counts that remain of these after a pilot.
     pub fn after(self, pilot: Self) -> Self {
         Self {
             light: self.light.saturating_sub(pilot.light),
@@ -61,46 +61,48 @@ impl Counts {
         }
     }
 
-    /// a_l = n_l/N.
+    /// Light samples per path: a_l = n_l/N.
     #[inline]
-    pub fn light_a_path(self) -> f32 {
+    pub fn light_per_path(self) -> f32 {
         self.light as f32 / self.paths as f32
     }
 
-    /// a_b = n_b/N.
+    /// BSDF samples per path: a_b = n_b/N.
     #[inline]
-    pub fn bsdf_a_path(self) -> f32 {
+    pub fn bsdf_per_path(self) -> f32 {
         self.bsdf as f32 / self.paths as f32
     }
 
-    /// Samples a path: toward the environment, toward area lights, of the BSDF. Where light samples draw, they go to the
-    /// environment with probability `environment_probability`.
-    pub fn rates(self, environment_probability: f32) -> [f32; 3] {
-        let light = self.light_a_path();
+    /// Samples per path toward the environment, toward area lights and of the BSDF. Where each light sample chooses its kind
+    /// at random, it goes to the environment with probability `environment_probability`.
+    pub fn samples_per_path(self, environment_probability: f32) -> [f32; 3] {
+        let light = self.light_per_path();
         let environment = self
             .environment
             .map_or(light * environment_probability, |environment| environment as f32 / self.paths as f32);
-        [environment, light - environment, self.bsdf_a_path()]
+        [environment, light - environment, self.bsdf_per_path()]
     }
 
-    /// Samples a path over those of a pilot at [`Candidates::pilot`](super::spread::Candidates::pilot)'s counts; the same
-    /// for environment and area lights where light samples draw.
-    pub fn over(self, pilot: Self) -> [f32; 3] {
-        // Any chance does: it cancels.
-        let (own, pilot) = (self.rates(0.5), pilot.rates(0.5));
+    /// Ratios of the samples per path to those of a pilot with the counts of [`Candidates::pilot`]: environment, area
+    /// lights, BSDF. The first two are equal where each light sample chooses its kind at random.
+    ///
+    /// [`Candidates::pilot`]: super::variance::Candidates::pilot
+    pub fn relative_to(self, pilot: Self) -> [f32; 3] {
+        // The probability of the environment cancels.
+        let (own, pilot) = (self.samples_per_path(0.5), pilot.samples_per_path(0.5));
         [0, 1, 2].map(|t| own[t] / pilot[t])
     }
 
-    /// The share of light samples that the counts stand for: what weights must use.
-    pub fn alpha(self) -> f32 {
+    /// The light share that these counts have: MIS weights must use it.
+    pub fn light_share(self) -> f32 {
         self.light as f32 / (self.light + self.bsdf) as f32
     }
 }
 
-/// How many of a pass's `n` samples path `path` of `paths` ≥ 1 takes: ⌊n/N⌋, the first paths one more. A path's count
-/// depends on its place alone and the place says nothing about where the path goes (points of a scrambled sequence are
-/// each uniform), so the sum over a pass is unbiased; and the paths that take more are a run of the sequence, which is
-/// better spread over the pixel than a random choice of them.
+/// The number of a pass's `n` samples that path `path` of `paths` ≥ 1 takes: ⌊n/N⌋, and one more for the first paths. The
+/// number depends only on the path's index, and each point of a scrambled sequence is uniform, so the sum over a pass is
+/// unbiased. The paths with one more sample are consecutive points of the sequence, which are better stratified over the
+/// pixel than a random choice.
 #[inline]
 pub fn deal(n: u32, paths: u32, path: u32) -> u8 {
     (n / paths + u32::from(path < n % paths)) as u8
@@ -113,12 +115,12 @@ mod tests {
 
     proptest! {
         #[test]
-        fn counts_are_near_the_share_and_never_leave_a_technique_out(alpha in 0.0f32..=1.0, paths in 1u32..300) {
-            let c = Counts::new(alpha, paths);
+        fn counts_are_near_the_share_and_never_leave_a_technique_out(light_share in 0.0f32..=1.0, paths in 1u32..300) {
+            let c = Counts::new(light_share, paths);
             prop_assert_eq!(c.light + c.bsdf, 2 * paths);
             prop_assert!(c.light >= 1 && c.bsdf >= 1);
             // Half a sample of rounding, one of the floor.
-            prop_assert!((c.alpha() - alpha).abs() <= 1.0 / (2 * paths) as f32 + 1e-6);
+            prop_assert!((c.light_share() - light_share).abs() <= 1.0 / (2 * paths) as f32 + 1e-6);
         }
 
         #[test]

@@ -1,24 +1,25 @@
-//! MIS weights for two techniques with sample counts.
+//! MIS weights of two techniques with sample counts.
 
 use crate::lanes::F;
 
-/// How two techniques share a contribution that both could have found (Veach and Guibas 1995).
+/// The heuristic that weights the samples of two techniques (Veach and Guibas 1995, *Optimally Combining Sampling
+/// Techniques for Monte Carlo Rendering*).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Heuristic {
     /// w_i ∝ n_i p_i.
     Balance,
     /// w_i ∝ (n_i p_i)².
     Power,
-    /// All weight to the larger n_i p_i; ties are shared equally.
+    /// w_i = 1 for the largest n_i p_i, ½ for each where both are equal.
     Max,
 }
 
 impl Heuristic {
-    /// Weight of the technique with `own` = n_i p_i against the other's `other` = n_j p_j, both ≥ 0 and `own` > 0.
-    /// The two weights add up to one. In [0, 1].
+    /// The weight, in [0, 1], of the technique with `own` = n_i p_i > 0 against the other with `other` = n_j p_j ≥ 0. The
+    /// weights of the two techniques add up to one.
     #[inline]
     pub fn weight(self, own: f32, other: f32) -> f32 {
-        // In terms of the ratio: no overflow for any pdf, and own = ∞ gives 1.
+        // The ratio does not overflow for any pdf, and own = ∞ gives 1.
         let ratio = other / own;
         match self {
             Heuristic::Balance => 1.0 / (1.0 + ratio),
@@ -30,10 +31,8 @@ impl Heuristic {
             },
         }
     }
-}
 
-impl Heuristic {
-    /// [`weight`](Self::weight), of eight.
+    /// [`weight`](Self::weight) of eight lanes.
     #[inline(always)]
     pub fn weights(self, own: F, other: F) -> F {
         let ratio = other / own;

@@ -1,62 +1,61 @@
-//! What a method of the balance asks of whoever takes its samples.
+//! The interface between a method of the balance and the code that takes its samples.
 
-use super::spread::Guide;
-use super::{Contribution, Cost, Counts, Moments, Observer, Share};
+use super::{Contribution, Cost, Counts, Moments, Observer, PixelFeatures, Shares};
 
-/// Takes samples for the pixels of a tile: paths of a scene, or places of an exactly known integrand. What it finds goes
-/// into the picture by itself.
+/// Takes samples for the pixels of a tile: paths of a scene, or points of an integrand that is known exactly. It adds their
+/// contributions to the picture.
 pub trait Sampler {
-    /// How many pixels, row by row.
+    /// Number of pixels, which are in row-major order.
     fn pixels(&self) -> usize;
 
-    /// Pixels a row.
+    /// Pixels per row.
     fn width(&self) -> usize;
 
-    /// What can be sampled besides BSDFs; `None` if there is no light with extent.
-    fn lights(&self) -> Option<Lights>;
+    /// The lights that light samples can reach; `None` if no light has an extent.
+    fn lights(&self) -> Option<LightInfo>;
 
-    /// Most paths a pixel that it takes at once.
-    fn longest(&self) -> u32;
+    /// Largest number of paths per pixel of one call of [`take`](Self::take).
+    fn max_paths(&self) -> u32;
 
-    /// How many paths each pixel takes of a pass of `paths`: some may need fewer.
+    /// The number of paths that each pixel takes in a pass of `paths` paths: pixels that have reached a noise goal take fewer.
     fn paths(&mut self, paths: u32) -> Vec<u32> {
         vec![paths; self.pixels()]
     }
 
-    /// Takes `counts[i]` samples in pixel i and weighs them by `weighed[i]`; tells `observer` what they find.
+    /// Takes `counts[i]` samples in pixel i and weights them by `weighed[i]`. `observer` receives their contributions.
     fn take(&mut self, counts: &[Counts], weighed: &[Counts], observer: Option<&mut dyn Observer>);
 
-    /// Takes the same `counts`, one light and one BSDF sample a path, in each pixel, and keeps what they find until
+    /// Takes the same `counts`, one light and one BSDF sample per path, in each pixel, and keeps the contributions until
     /// [`reweight`](Self::reweight).
     fn pilot(&mut self, counts: Counts) -> &[Contribution];
 
-    /// Weighs the pilot's samples by each pixel's `total` counts.
+    /// Weights the samples of the pilot by the `total` counts of each pixel and adds them to the picture.
     fn reweight(&mut self, total: &[Counts]);
 
-    /// What the pixels' centres show, one a pixel.
-    fn guides(&mut self) -> Vec<Guide>;
+    /// The features of each pixel.
+    fn features(&mut self) -> Vec<PixelFeatures>;
 
-    /// What paths cost that were taken with one sample of each technique, so far in this pass.
+    /// The cost of paths that took one sample of each technique in this pass so far.
     fn cost(&self) -> Cost;
 }
 
-/// The lights with extent.
+/// Properties of the lights that have an extent.
 #[derive(Debug, Clone, Copy)]
-pub struct Lights {
-    /// The chance that a light sample which draws goes to the environment, where there are both an environment and area
-    /// lights: techniques of their own then, for methods that divide light samples too.
-    pub environment: Option<f32>,
-    /// May light come by other surfaces?
+pub struct LightInfo {
+    /// The probability that a light sample that chooses its kind at random goes to the environment, where there are both an
+    /// environment and area lights. They are then techniques of their own for methods that divide light samples too.
+    pub environment_probability: Option<f32>,
+    /// Whether light can arrive by other surfaces.
     pub indirect: bool,
-    /// What it costs to choose a lamp for a light sample, in rays.
-    pub choice: f32,
+    /// Cost of the choice of an area light for a light sample, in rays.
+    pub selection_cost: f32,
 }
 
-/// What a tile's pixels have learned, one entry a pixel.
+/// What the pixels of a tile have learned, one entry per pixel.
 #[derive(Debug)]
-pub struct Learned<'a> {
-    /// The shares that their next samples are taken by.
-    pub shares: &'a mut [Share],
-    /// Sums over their samples; empty for methods that keep none.
+pub struct LearnedPixels<'a> {
+    /// The shares of the next samples.
+    pub shares: &'a mut [Shares],
+    /// Moments of the samples so far; empty for methods that keep none.
     pub moments: &'a mut [Moments],
 }

@@ -4,7 +4,7 @@ use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response};
 use super::lobe_set::LobeSet;
 use super::parameters::Parameters;
 use crate::lanes::{F, LANES, Rows, V3, eight};
-use crate::sampling::warp::ONE_MINUS;
+use crate::sampling::warp::ONE_MINUS_EPSILON;
 
 /// A top lobe over base lobes, which receive the light that it transmits. The struct has the same form for one point, for
 /// eight points and for a batch. Batches without the top lobe have no columns for it; its eight-point value is `None`.
@@ -113,7 +113,7 @@ impl<Top: Lobe, Base: Lobe> Lobe for Layered<Option<Top>, Base> {
     fn sample_direction(&self, frames: &Frames, wo: V3, [lobe, u, v]: [F; 3]) -> DirectionSample {
         let Some(upper) = self.top() else { return self.base.sample_direction(frames, wo, [lobe, u, v]) };
         // Reuse the number: rescaled to [0, 1), it chooses among the parts of the chosen lobe.
-        let within = |from: F, size: F| ((lobe - from) / size).fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS));
+        let within = |from: F, size: F| ((lobe - from) / size).fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS_EPSILON));
         let p = self.top_probability(upper, frames.n, wo);
         let base = self.base.sample_direction(frames, wo, [within(p, F::ONE - p), u, v]);
         let from_top = lobe.simd_lt(p);

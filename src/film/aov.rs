@@ -1,27 +1,28 @@
-//! Arbitrary output variables: what a picture file may hold beside the beauty.
+//! Arbitrary output variables (AOVs): the channels of a picture file besides the beauty.
 
 use super::cryptomatte::RANKS;
-use super::{AovSums, Background, ExtraSums, PixelStats};
+use super::pixels::Background;
+use super::stats::{AovSums, ExtraSums, PixelStats};
 
-/// An output beside R, G, B and A. Channels are named `layer.channel`, in the letters that Blender, Nuke and tev
-/// know: R, G, B for colours, X, Y, Z for vectors, Z for depth, V for a single value.
+/// An output besides R, G, B and A. Channels are named `layer.channel` with the letters of Blender, Nuke and tev: R, G, B for
+/// colours, X, Y, Z for vectors, Z for depth, V for a single value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
 pub enum Aov {
     /// Base colour at the first hit, mean over all paths (a miss counts as black).
     Albedo,
     /// World-space shading normal at the first hit, mean over all paths (a miss counts as zero).
     Normal,
-    /// Distance to the first hit in metres, mean over the paths that hit; [`NOWHERE`] where none did.
+    /// Distance to the first hit in metres, mean over the paths that hit; [`MISS_DEPTH`] where none did.
     Depth,
-    /// Radiance of lights seen directly and after one bounce.
+    /// Radiance of lights that are seen directly or after one bounce.
     Direct,
     /// The rest of the radiance.
     Indirect,
     /// Estimated variance of the beauty (of the mean, not of one path); infinite below two paths.
     Variance,
-    /// Paths, as integers.
+    /// Number of paths, as integers.
     Samples,
-    /// The share of light samples that the next pass would use, in [0, 1].
+    /// The light share of the next pass, in [0, 1].
     Balance,
     /// Instance index + 1, 0 for none, as integers.
     Object,
@@ -32,17 +33,17 @@ pub enum Aov {
     /// Texture coordinates (TEXCOORD_0) of the first hit, mean over the paths that hit; 0 where none did, and on meshes whose
     /// material has no texture.
     Uv,
-    /// Radiance that the surface of the first hit emits, mean over all paths.
+    /// Radiance that the surface at the first hit emits, mean over all paths.
     Emission,
-    /// For denoisers: as `albedo`, of what is seen in mirrors where the first hit is one.
+    /// For denoisers: base colour at the first hit or, if that is a mirror, of the surface that is seen in it.
     GuideAlbedo,
     /// For denoisers: the normal of that surface.
     GuideNormal,
-    /// The beauty by what the light came from: environment, surfaces that shine, lights without size. They add up to it.
+    /// The beauty by light source: environment, emissive surfaces, punctual lights. They add up to it.
     Lights,
-    /// How what is seen moves in the picture, in pixels a frame, mean over the paths that hit; 0 where none did. For Nuke
-    /// `forward` (u to the right, v up, to the next frame) and `backward` (to the frame before), for Blender `Vector` (X, Y to
-    /// the frame before; Z, W from the next one), as Cycles writes it.
+    /// Motion in the picture in pixels per frame, mean over the paths that hit; 0 where none did. For Nuke `forward` (u to the
+    /// right, v up, to the next frame) and `backward` (to the previous frame), for Blender `Vector` (X, Y to the previous frame;
+    /// Z, W from the next one), as Cycles writes it.
     Velocity,
     /// Cryptomatte of objects, by the names of their nodes.
     CryptoObject,
@@ -50,41 +51,41 @@ pub enum Aov {
     CryptoMaterial,
 }
 
-/// How a channel's value follows from what a pixel has collected.
+/// How the value of a channel follows from the statistics of a pixel.
 #[derive(Clone, Copy)]
 pub enum Value {
     /// A 32-bit float; the last argument is the component.
     Float(Component),
-    /// As `Float`, and good enough in 16 bits.
+    /// A float of which 16 bits are enough.
     Color(Component),
-    /// As `Float`, of the extra sums.
+    /// A 32-bit float from the extra sums.
     Extra(ExtraComponent),
-    /// As `Extra`, and good enough in 16 bits.
+    /// A float from the extra sums of which 16 bits are enough.
     ExtraColor(ExtraComponent),
     /// A 32-bit unsigned integer.
     Uint(fn(&PixelStats, &AovSums) -> u32),
 }
 
-/// A component of what a pixel shows.
+/// A component of an AOV from the statistics of a pixel; the last argument is its index.
 pub type Component = fn(&PixelStats, &AovSums, usize) -> f32;
 
-/// As [`Component`], of the extra sums.
+/// A component of an AOV from the extra sums of a pixel; the last argument is its index.
 pub type ExtraComponent = fn(&PixelStats, &ExtraSums, usize) -> f32;
 
-/// The depth of what is not there, as Cycles has it: finite, so that compositors can reckon with it.
-pub const NOWHERE: f32 = 1e10;
+/// The depth of pixels without a hit, the value of Cycles: finite, so that compositors can compute with it.
+pub const MISS_DEPTH: f32 = 1e10;
 
 /// One channel of a picture file.
 pub struct Channel {
-    /// As the file names it.
+    /// Its full name in the file.
     pub name: String,
-    /// Which of its layer's letters it is, from 0.
+    /// Its index in its layer, from 0.
     pub component: usize,
-    /// What it shows.
+    /// Its value.
     pub value: Value,
 }
 
-/// R, G, B and A: premultiplied, so that *over* puts the picture on another.
+/// The channels R, G, B and A of the beauty, premultiplied for the *over* operator.
 pub fn beauty(background: Background) -> Vec<Channel> {
     let alpha: Component = match background {
         Background::Environment => |p, _, _| if p.samples > 0 { 1.0 } else { 0.0 },
@@ -101,20 +102,20 @@ fn layer(prefix: &str, letters: &str, value: Value) -> Vec<Channel> {
 }
 
 impl Aov {
-    /// What is written unless `--aov` says otherwise: what a comparison needs, and costs nothing to keep.
+    /// The default of `--aov`: the AOVs that a comparison needs, which need no further memory.
     pub const DEFAULT: [Aov; 3] = [Aov::Variance, Aov::Samples, Aov::Balance];
 
-    /// Those of a list of names with commas between; unknown names are left out.
+    /// The AOVs of a comma-separated list of names; unknown names are ignored.
     pub fn named(list: &str) -> Vec<Aov> {
         list.split(',').filter_map(|name| <Aov as clap::ValueEnum>::from_str(name, false).ok()).collect()
     }
 
-    /// Does it need [`AovSums`]?
+    /// Whether it needs [`AovSums`].
     pub fn needs_sums(self) -> bool {
         !matches!(self, Aov::Variance | Aov::Samples | Aov::Balance) && !self.needs_extras()
     }
 
-    /// Does it need [`ExtraSums`]?
+    /// Whether it needs [`ExtraSums`].
     pub fn needs_extras(self) -> bool {
         use Aov::{CryptoMaterial, CryptoObject, Emission, GuideAlbedo, GuideNormal, Lights, Position, Uv, Velocity};
         matches!(
@@ -123,7 +124,7 @@ impl Aov {
         )
     }
 
-    /// Its channels with their full names. Empty if it needs sums that are not there.
+    /// Its channels; empty if it needs sums that do not exist.
     pub fn channels(self, with_sums: bool, with_extras: bool) -> Vec<Channel> {
         if (self.needs_sums() && !with_sums) || (self.needs_extras() && !with_extras) {
             return Vec::new();
@@ -136,29 +137,30 @@ impl Aov {
             Aov::Indirect => ("indirect.", "RGB", Value::Color(|p, a, c| mean(p, a.indirect[c]))),
             Aov::Variance => ("variance.", "RGB", Value::Float(|p, _, c| p.variance_of_mean()[c])),
             Aov::Samples => ("samples.", "V", Value::Uint(|p, _| p.samples)),
-            Aov::Balance => ("balance.", "V", Value::Float(|p, _, _| p.balance)),
+            Aov::Balance => ("balance.", "V", Value::Float(|p, _, _| p.light_share)),
             Aov::Object => ("object.", "V", Value::Uint(|_, a| a.object)),
             Aov::Material => ("material.", "V", Value::Uint(|_, a| a.material)),
-            Aov::Position => ("position.", "XYZ", Value::Extra(|p, e, c| of_hits(p, e.position[c]))),
-            Aov::Uv => ("uv.", "UV", Value::Extra(|p, e, c| of_hits(p, e.uv[c]))),
+            Aov::Position => ("position.", "XYZ", Value::Extra(|p, e, c| mean_over_hits(p, e.position[c]))),
+            Aov::Uv => ("uv.", "UV", Value::Extra(|p, e, c| mean_over_hits(p, e.uv[c]))),
             Aov::Emission => ("emission.", "RGB", Value::ExtraColor(|p, e, c| mean(p, e.emission[c]))),
             Aov::GuideAlbedo => ("guide_albedo.", "RGB", Value::ExtraColor(|p, e, c| mean(p, e.guide_albedo[c]))),
             Aov::GuideNormal => ("guide_normal.", "XYZ", Value::ExtraColor(|p, e, c| mean(p, e.guide_normal[c]))),
             Aov::Lights => {
-                let [sky, surfaces, punctual]: [ExtraComponent; 3] = [
+                let [environment, surfaces, punctual]: [ExtraComponent; 3] = [
                     |p, e, c| mean(p, e.lights[0][c]),
                     |p, e, c| mean(p, e.lights[1][c]),
                     |p, e, c| mean(p, e.lights[2][c]),
                 ];
-                let all = [("light_environment.", sky), ("light_surfaces.", surfaces), ("light_punctual.", punctual)];
-                return all.into_iter().flat_map(|(name, of)| layer(name, "RGB", Value::ExtraColor(of))).collect();
+                let all =
+                    [("light_environment.", environment), ("light_surfaces.", surfaces), ("light_punctual.", punctual)];
+                return all.into_iter().flat_map(|(name, f)| layer(name, "RGB", Value::ExtraColor(f))).collect();
             }
             Aov::Velocity => {
-                let [to_next, to_last]: [ExtraComponent; 2] =
-                    [|p, e, c| of_hits(p, e.velocity[2 + c]), |p, e, c| -of_hits(p, e.velocity[c])];
+                let [to_next, to_previous]: [ExtraComponent; 2] =
+                    [|p, e, c| mean_over_hits(p, e.velocity[2 + c]), |p, e, c| -mean_over_hits(p, e.velocity[c])];
                 let mut all = layer("forward.", "uv", Value::Extra(to_next));
-                all.extend(layer("backward.", "uv", Value::Extra(to_last)));
-                all.extend(layer("Vector.", "XYZW", Value::Extra(|p, e, c| -of_hits(p, e.velocity[c]))));
+                all.extend(layer("backward.", "uv", Value::Extra(to_previous)));
+                all.extend(layer("Vector.", "XYZW", Value::Extra(|p, e, c| -mean_over_hits(p, e.velocity[c]))));
                 return all;
             }
             Aov::CryptoObject => return matte(OBJECTS, |p, e, c| ranked(p, e.objects.rank(c / 2), c)),
@@ -168,12 +170,12 @@ impl Aov {
     }
 }
 
-/// Cryptomatte's layer of objects.
+/// The Cryptomatte layer of objects.
 pub const OBJECTS: &str = "CryptoObject";
-/// Cryptomatte's layer of materials.
+/// The Cryptomatte layer of materials.
 pub const MATERIALS: &str = "CryptoMaterial";
 
-/// Layers of two ranks each: hash and coverage, hash and coverage.
+/// The channels of a Cryptomatte layer. Each numbered part holds two ranks: hash, coverage, hash, coverage.
 fn matte(name: &str, value: ExtraComponent) -> Vec<Channel> {
     let channel = |component: usize| Channel {
         name: format!("{name}{:02}.{}", component / 4, ["R", "G", "B", "A"][component % 4]),
@@ -183,7 +185,7 @@ fn matte(name: &str, value: ExtraComponent) -> Vec<Channel> {
     (0..2 * RANKS).map(channel).collect()
 }
 
-/// A rank's hash, as the bits of a float, for even components, its coverage for odd ones.
+/// The hash of a rank, as the bits of a float, for even components; its coverage for odd ones.
 fn ranked(pixel: &PixelStats, (id, paths): (u32, u32), component: usize) -> f32 {
     match component.is_multiple_of(2) {
         true => f32::from_bits(id),
@@ -191,7 +193,7 @@ fn ranked(pixel: &PixelStats, (id, paths): (u32, u32), component: usize) -> f32 
     }
 }
 
-fn of_hits(pixel: &PixelStats, sum: f32) -> f32 {
+fn mean_over_hits(pixel: &PixelStats, sum: f32) -> f32 {
     sum / pixel.covered.max(1) as f32
 }
 
@@ -201,7 +203,7 @@ fn mean(pixel: &PixelStats, sum: f32) -> f32 {
 
 fn depth(pixel: &PixelStats, sums: &AovSums, _: usize) -> f32 {
     match pixel.covered {
-        0 => NOWHERE,
+        0 => MISS_DEPTH,
         n => sums.depth / n as f32,
     }
 }

@@ -1,73 +1,74 @@
-//! Outputs appear whole or not at all: written beside their place, flushed to the disk, renamed.
+//! Atomic outputs: written to a temporary file in the same folder, flushed to the disk, renamed.
 
-use std::ffi::{OsStr, OsString};
+use std::ffi::OsStr;
 use std::fs::{self, File};
-use std::io::{self, BufWriter, ErrorKind};
+use std::io::{self, BufWriter};
 use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::PermissionsExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use tempfile::NamedTempFile;
 
+use super::destination::{Destination, SUFFIX, cannot_create, temporary_prefix};
 use super::lock;
 use crate::{Error, Result};
 
-/// Why the content did not get written: our own error, or the system's.
+/// The result of writing content: the outer error is the system's, the inner one our own.
 type Writing = io::Result<Result<()>>;
 
-/// Fails now if [`write()`] to `path` would fail for its folder or its name: before an hour of work, not after it.
+/// Checks before a long render whether [`write()`] can create `path`.
 ///
 /// # Errors
 /// [`Error::CannotCreate`] or [`Error::Permission`], with the path.
 pub fn check(path: &Path) -> Result<()> {
-    match Place::of(path)? {
-        Place::File { target, folder } => beside(&target, &folder).map(drop),
-        Place::Device => Ok(()),
+    match Destination::resolve(path)? {
+        Destination::File { target, folder } => temporary_file(&target, &folder).map(drop),
+        Destination::Device => Ok(()),
     }
 }
 
-/// Removes what processes that were killed while they wrote `path` have left beside it. Files that are being written
-/// are locked, and stay.
+/// Removes the temporary files of `path` that killed processes have left in its folder. Files that are being written are
+/// locked and stay.
 pub fn sweep(path: &Path) {
-    let Ok(Place::File { target, folder }) = Place::of(path) else { return };
-    let prefix = prefix_of(&target);
+    let Ok(Destination::File { target, folder }) = Destination::resolve(path) else { return };
+    let prefix = temporary_prefix(&target);
     let left =
         |name: &OsStr| name.as_bytes().starts_with(prefix.as_bytes()) && name.as_bytes().ends_with(SUFFIX.as_bytes());
     let files = fs::read_dir(folder).into_iter().flatten().flatten().filter(|f| left(&f.file_name()));
     for file in files {
         if File::open(file.path()).is_ok_and(|f| f.try_lock().is_ok()) {
-            // Somebody else may have been faster.
+            // Another process may have removed it.
             let _ = fs::remove_file(file.path());
         }
     }
 }
 
-/// Writes a file through `content`. The old file stays as it was unless everything succeeded; a device such as
-/// `/dev/null` is written in place.
+/// Writes a file by `content`. An existing file is replaced only if everything succeeds. A device such as `/dev/null` is written
+/// in place.
 ///
 /// # Errors
-/// [`Error::CannotCreate`], [`Error::Permission`]; [`Error::Io`] when the disk is full or a write fails; what
-/// `content` returns.
+/// [`Error::CannotCreate`], [`Error::Permission`]; [`Error::Io`] if the disk is full or a write fails; the error that `content`
+/// returns.
 pub fn write(path: &Path, content: impl FnOnce(&mut BufWriter<&File>) -> Writing) -> Result<()> {
     let failed = |e: io::Error| Error::Io(format!("{}: cannot write: {e}", path.display()));
-    match Place::of(path)? {
-        Place::Device => {
-            let file = File::options().write(true).open(path).map_err(|e| creating(path, &e))?;
+    match Destination::resolve(path)? {
+        Destination::Device => {
+            let file = File::options().write(true).open(path).map_err(|e| cannot_create(path, &e))?;
             fill(&file, content).map_err(failed)?
         }
-        Place::File { target, folder } => {
-            let temporary = beside(&target, &folder)?;
-            // For `sweep`. Where the file system knows no locks, nothing is swept either.
+        Destination::File { target, folder } => {
+            let temporary = temporary_file(&target, &folder)?;
+            // The lock keeps `sweep` away. A file system without locks is not swept either.
             let _ = temporary.as_file().try_lock();
             fill(temporary.as_file(), content).map_err(failed)??;
             if let Ok(old) = fs::metadata(&target) {
-                // Where the system does not let it, the file is the umask's.
+                // If that fails, the file keeps the permissions of the umask.
                 let _ = temporary.as_file().set_permissions(old.permissions());
             }
             temporary.as_file().sync_all().map_err(failed)?;
             let file = temporary.persist(&target).map_err(|e| failed(e.error))?;
             lock::replaced(&target, file);
-            // The rename itself survives a power cut only once the folder is flushed; not every file system can.
+            // The rename survives a power failure only after a flush of the folder, which not every file system supports.
             let _ = File::open(&folder).and_then(|f| f.sync_all());
             Ok(())
         }
@@ -81,92 +82,19 @@ fn fill(file: &File, content: impl FnOnce(&mut BufWriter<&File>) -> Writing) -> 
     Ok(result)
 }
 
-pub(super) enum Place {
-    /// A regular file, there already or not, and its folder. Links are followed, so that a link stays one.
-    File { target: PathBuf, folder: PathBuf },
-    /// Something that must not be replaced by a file.
-    Device,
-}
-
-impl Place {
-    pub(super) fn of(path: &Path) -> Result<Self> {
-        let target = match fs::metadata(path) {
-            Ok(meta) if meta.is_dir() => {
-                return Err(Error::CannotCreate(format!("{}: cannot write: it is a folder", path.display())));
-            }
-            Ok(meta) if !meta.is_file() => return Ok(Place::Device),
-            Ok(_) => path.canonicalize().map_err(|e| creating(path, &e))?,
-            Err(_) => followed(path)?,
-        };
-        if target.file_name().is_none() {
-            return Err(Error::CannotCreate(format!("'{}': cannot write: not a file name", path.display())));
-        }
-        let folder = match target.parent() {
-            Some(p) if !p.as_os_str().is_empty() => p.to_owned(),
-            _ => PathBuf::from("."),
-        };
-        Ok(Place::File { target, folder })
-    }
-}
-
-/// Where a link to nothing yet leads.
-fn followed(path: &Path) -> Result<PathBuf> {
-    // As many as systems follow.
-    const MOST: u32 = 40;
-    let mut target = path.to_owned();
-    for _ in 0..MOST {
-        let Ok(next) = fs::read_link(&target) else { return Ok(target) };
-        target = target.parent().unwrap_or(Path::new("")).join(next);
-    }
-    Err(Error::CannotCreate(format!("{}: cannot write: links lead in a circle", path.display())))
-}
-
-const SUFFIX: &str = ".tmp";
-
-/// The name of the file that is locked while `target` is not there yet: [`sweep`] removes it when its process is gone.
-pub(super) fn lock_name(target: &Path) -> OsString {
-    let mut name = prefix_of(target);
-    name.push("lock");
-    name.push(SUFFIX);
-    name
-}
-
-fn prefix_of(target: &Path) -> OsString {
-    let mut prefix = OsString::from(".");
-    prefix.push(target.file_name().unwrap_or_default());
-    prefix.push(".");
-    prefix
-}
-
-fn beside(target: &Path, folder: &Path) -> Result<NamedTempFile> {
-    let prefix = prefix_of(target);
+/// A temporary file in the folder of `target`.
+fn temporary_file(target: &Path, folder: &Path) -> Result<NamedTempFile> {
+    let prefix = temporary_prefix(target);
     let mut builder = tempfile::Builder::new();
     builder.prefix(&prefix).suffix(SUFFIX);
-    // What a plain create gives: the umask still applies.
+    // The permissions of a plain create, to which the umask applies.
     builder.permissions(fs::Permissions::from_mode(0o666));
-    builder.tempfile_in(folder).map_err(|e| creating(target, &e))
-}
-
-fn creating(path: &Path, error: &io::Error) -> Error {
-    // tempfile's errors name its own random path: keep the system's words alone.
-    let reason = match error.kind() {
-        ErrorKind::NotFound => "the folder does not exist".to_owned(),
-        ErrorKind::NotADirectory => "a part of the path is not a folder".to_owned(),
-        ErrorKind::PermissionDenied => "permission denied".to_owned(),
-        ErrorKind::ReadOnlyFilesystem => "the file system is read-only".to_owned(),
-        ErrorKind::StorageFull => "the disk is full".to_owned(),
-        _ => error.to_string(),
-    };
-    let text = format!("{}: cannot create: {reason}", path.display());
-    match error.kind() {
-        ErrorKind::PermissionDenied => Error::Permission(text),
-        _ => Error::CannotCreate(text),
-    }
+    builder.tempfile_in(folder).map_err(|e| cannot_create(target, &e))
 }
 
 #[cfg(test)]
 mod tests {
-    use std::io::Write;
+    use std::io::{ErrorKind, Write};
 
     use super::*;
 

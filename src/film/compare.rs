@@ -1,86 +1,99 @@
-//! How far a picture is from a reference.
+//! Comparison of a picture with a reference.
 
 use serde::Serialize;
 
-use super::Picture;
 use super::flip::flip;
+use super::picture::Picture;
 
-/// Added to the reference's square in [`Comparison::rel_mse`], so that black pixels do not rule.
+/// Added to the squared reference in [`Comparison::rel_mse`], so that black pixels do not dominate.
 pub const REL_MSE_EPSILON: f64 = 0.01;
 
-/// What relMSE divides a squared difference by, for a reference's value.
+/// The divisor of a squared difference in relMSE: the squared reference value plus [`REL_MSE_EPSILON`].
 pub fn relative_to(reference: f64) -> f64 {
     reference * reference + REL_MSE_EPSILON
 }
 
-/// The share of a standard normal distribution with |z| > 3.
+/// One pixel in so many, the one with the largest variance, is left out where a pre-pass compares variances: with few paths
+/// its variance is mostly chance.
+const PIXELS_PER_OUTLIER: usize = 100;
+
+/// Sums over pixels of the variances by two methods. Pixels that are not finite are left out, and so is the hundredth of the
+/// others whose sum of both is largest.
+pub fn sums_without_outliers(mut pixels: Vec<[f64; 2]>) -> [f64; 2] {
+    pixels.retain(|[a, b]| (a + b).is_finite());
+    pixels.sort_by(|[a, b], [c, d]| (a + b).total_cmp(&(c + d)));
+    pixels.truncate(pixels.len() - pixels.len() / PIXELS_PER_OUTLIER);
+    pixels.iter().fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d])
+}
+
+/// The fraction of a standard normal distribution with |z| > 3.
 pub const NORMAL_BEYOND_3: f64 = 0.002_699_796;
 
-/// Numbers of a picture A against a reference B. Means run over pixels and, unless they are an array, over channels.
-/// Pixels in which either has a value that is not finite are counted and left out.
+/// Errors of a picture A against a reference B. Means are over pixels and, unless they are arrays, over channels. Pixels where
+/// A or B is not finite are counted and left out.
 #[derive(Debug, Clone, Serialize)]
 pub struct Comparison {
-    /// Pixels a row of the window.
+    /// Width of the window in pixels.
     pub width: u64,
-    /// Rows of the window.
+    /// Height of the window in pixels.
     pub height: u64,
-    /// Pixels with a value that is not finite, in A and in B.
+    /// Number of pixels that are not finite, in A and in B.
     pub not_finite: [u64; 2],
-    /// mean((a − b)² / (b² + 0.01)); NaN (null in JSON) if there is no pixel to compare.
+    /// mean((a − b)² / (b² + 0.01)); NaN (null in JSON) without a pixel to compare.
     pub rel_mse: f64,
     /// √mean((a − b)²).
     pub rmse: f64,
     /// mean(|a − b|).
     pub mae: f64,
-    /// Mean of [`flip`](super::flip): of two pictures for screens their own, else that of high dynamic range.
+    /// Mean of [`flip`]: its LDR variant if both pictures are display-referred, otherwise HDR-FLIP.
     pub flip: f64,
     /// mean(a − b) of R, G, B.
     pub bias: [f64; 3],
     /// Mean of B's R, G, B, to judge the bias by.
     pub reference_mean: [f64; 3],
-    /// Present when both carry variance.
+    /// Present if both pictures have variances.
     pub statistics: Option<Statistics>,
 }
 
-/// What the variances of both say about the difference: noise or not? z is a difference over its standard deviation,
-/// √(variance of A + variance of B), and holds for renders with independent samples.
+/// Whether the difference is noise, by the variances of both pictures. z is a difference over its standard deviation
+/// √(variance of A + variance of B), for renders with independent samples.
 #[derive(Debug, Clone, Serialize)]
 pub struct Statistics {
-    /// z of the mean difference of R, G, B over all pixels; beyond ±4 is not noise. Infinite (null in JSON) for a
-    /// difference without any variance.
+    /// z of the mean difference of R, G, B over all pixels; beyond ±4 is not noise. Infinite (null in JSON) for a difference
+    /// without variance.
     pub bias_z: [f64; 3],
-    /// Standard deviation of the pixels' z about zero: 1 for noise as estimated, less for well-spread sample sequences.
+    /// Standard deviation of the pixels' z about zero: 1 for noise as estimated, less for stratified sample sequences.
     pub z_deviation: f64,
-    /// Share of pixel values with |z| > 3.
+    /// Fraction of pixel values with |z| > 3.
     pub beyond_3: f64,
-    /// What that share is for a normal distribution.
+    /// The same fraction for a normal distribution.
     pub beyond_3_expected: f64,
-    /// Largest |z| and its pixel (x, y in the picture); absent without any difference.
+    /// Largest |z| and its pixel (x, y in the picture); absent without a difference.
     pub largest: Option<(f64, [i64; 2])>,
-    /// Pixel values that entered z: those with variance, or with a difference.
+    /// Number of pixel values with a z: those with variance or with a difference.
     pub values: u64,
 }
 
-/// FLIP error of each pixel of A against B, of equal windows.
+/// FLIP error in [0, 1] of each pixel of A against B, which have equal windows.
 pub fn flip_map(a: &Picture, b: &Picture) -> Vec<f32> {
     flip(&b.rgb, &a.rgb, a.size()[0], a.displayed && b.displayed)
 }
 
-/// The parts of two pictures that can be compared: where one is a crop of the other, what both show.
+/// The common window of two pictures of which one is a crop of the other.
 ///
 /// # Errors
-/// A sentence if they are not of one picture, or neither window lies in the other.
+/// A sentence if their display windows differ or neither window lies in the other.
 pub fn in_common(a: &Picture, b: &Picture) -> Result<(Picture, Picture), String> {
     let inside = |[x0, y0, x1, y1]: [i64; 4], w: [i64; 4]| x0 >= w[0] && y0 >= w[1] && x1 <= w[2] && y1 <= w[3];
     let window = if inside(a.window, b.window) { a.window } else { b.window };
     if a.display != b.display || !(inside(window, a.window) && inside(window, b.window)) {
-        // Says which windows differ.
+        // For the error that says which windows differ.
         compare(a, b)?;
     }
     Ok((a.within(window), b.within(window)))
 }
 
-/// Compares A with the reference B.
+/// Compares a picture A with a reference B.
 ///
 /// # Errors
 /// A sentence if their windows differ.
@@ -145,7 +158,7 @@ fn statistics(a: &Picture, b: &Picture) -> Option<Statistics> {
             difference[c] += d;
             variance[c] += v;
             let z = z_score(d, v);
-            // Equal without variance, as a background often is: says nothing about noise.
+            // Equal values without variance, such as a background, say nothing about noise.
             if v == 0.0 && d == 0.0 {
                 continue;
             }
@@ -158,18 +171,18 @@ fn statistics(a: &Picture, b: &Picture) -> Option<Statistics> {
         }
     }
     let at = |i: usize| [a.window[0] + (i % width) as i64, a.window[1] + (i / width) as i64];
-    let share = |x: f64| if values == 0 { 0.0 } else { x / values as f64 };
+    let fraction = |x: f64| if values == 0 { 0.0 } else { x / values as f64 };
     Some(Statistics {
         bias_z: std::array::from_fn(|c| z_score(difference[c], variance[c])),
-        z_deviation: share(sum_squared).sqrt(),
-        beyond_3: share(beyond as f64),
+        z_deviation: fraction(sum_squared).sqrt(),
+        beyond_3: fraction(beyond as f64),
         beyond_3_expected: NORMAL_BEYOND_3,
         largest: largest.map(|(z, i)| (z, at(i))),
         values,
     })
 }
 
-/// Zero for no difference, whatever the variance.
+/// The difference over its standard deviation; zero without difference, whatever the variance.
 fn z_score(difference: f64, variance: f64) -> f64 {
     if difference == 0.0 { 0.0 } else { difference / variance.sqrt() }
 }

@@ -1,45 +1,44 @@
-//! Cryptomatte: which objects and materials a pixel shows, and how much of each, for compositors to pick from. After
-//! Friedman and Jones, "Fully Automatic ID Mattes with Support for Motion Blur and Transparency" (SIGGRAPH 2015 posters), in
-//! the file format of their specification 1.2.0.
+//! Cryptomatte: the coverage of pixels by objects and materials, for compositors. After Friedman and Jones, "Fully Automatic ID
+//! Mattes with Support for Motion Blur and Transparency" (SIGGRAPH 2015 posters), specification 1.2.0.
 
 use serde::{Deserialize, Serialize};
 
-use super::exr_file::{Header, HeaderValue};
+use super::header::{Header, HeaderValue};
 
-/// How many names a pixel remembers: three layers of two.
+/// Number of names per pixel: three layers of two.
 pub const RANKS: usize = 6;
 
-/// What shares of a pixel's paths hit what.
+/// The names that the paths of a pixel hit, with their numbers of paths.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Matte {
-    /// Hash of a name and paths that hit it, in the order of their coming; no paths: free.
-    seen: [(u32, u32); RANKS],
+    /// Hash of a name and number of paths that hit it, in the order of first hits; 0 paths for a free entry.
+    entries: [(u32, u32); RANKS],
 }
 
 impl Matte {
-    /// A path has hit something of this name. A seventh name is left out.
+    /// Adds `paths` paths that hit the name with hash `id`. Names beyond [`RANKS`] are left out.
     #[inline]
     pub fn add(&mut self, id: u32, paths: u32) {
-        if let Some(place) = self.seen.iter_mut().find(|(own, n)| *own == id || *n == 0) {
-            *place = (id, place.1 + paths);
+        if let Some(entry) = self.entries.iter_mut().find(|(own, n)| *own == id || *n == 0) {
+            *entry = (id, entry.1 + paths);
         }
     }
 
-    /// Adds another's paths.
+    /// Adds the paths of another matte.
     pub fn join(&mut self, other: &Self) {
-        other.seen.iter().filter(|(_, n)| *n > 0).for_each(|(id, n)| self.add(*id, *n));
+        other.entries.iter().filter(|(_, n)| *n > 0).for_each(|(id, n)| self.add(*id, *n));
     }
 
-    /// Hash and paths of the name of this rank, most paths first; zeros where there is none.
+    /// Hash and number of paths of the name with this rank, by descending number of paths; zeros if there is none.
     pub fn rank(&self, rank: usize) -> (u32, u32) {
-        let mut sorted = self.seen;
+        let mut sorted = self.entries;
         sorted.sort_unstable_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(&b.0)));
         sorted[rank]
     }
 }
 
-/// The hash of a name as the specification has it: MurmurHash3_32, changed so that its bits are a float that is neither
-/// denormal, infinite nor NaN.
+/// The hash of a name by the specification: MurmurHash3_32, changed so that its bits form a float that is neither denormal,
+/// infinite nor NaN.
 pub fn id(name: &str) -> u32 {
     let hash = hash(name);
     match hash >> 23 & 0xff {
@@ -52,7 +51,8 @@ fn hash(name: &str) -> u32 {
     murmur3::murmur3_32(&mut name.as_bytes(), 0).unwrap_or_default()
 }
 
-/// What a file says of a matte's layer (`CryptoObject`), so that its names are found: attributes of the specification.
+/// The header attributes of a Cryptomatte layer (for example `CryptoObject`) with its manifest of names, by the
+/// specification.
 pub fn header<'a>(layer: &str, names: impl Iterator<Item = &'a str>) -> Header {
     let manifest: serde_json::Map<_, _> =
         names.map(|name| (name.to_owned(), format!("{:08x}", id(name)).into())).collect();
@@ -66,7 +66,7 @@ pub fn header<'a>(layer: &str, names: impl Iterator<Item = &'a str>) -> Header {
     ]
 }
 
-/// How its attributes begin.
+/// Prefix of Cryptomatte's header attributes.
 pub const PREFIX: &str = "cryptomatte/";
 
 #[cfg(test)]

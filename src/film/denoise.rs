@@ -1,31 +1,32 @@
-//! Intel's Open Image Denoise, loaded at run time where it is: nothing of it is needed to build or to render.
+//! Intel's Open Image Denoise, loaded at run time: it is needed neither to build nor to render.
 
 use std::ffi::{CStr, c_char, c_int, c_void};
 use std::ptr;
 
 use libloading::Library;
 
+use super::pixels::Pixels;
 use crate::{Error, Result};
 
-/// The environment variable that names the library's file.
+/// The environment variable with the path of the library.
 const VARIABLE: &str = "BISMAR_OIDN";
-/// Names under which systems have it, newest first.
+/// File names of the library on common systems, newest first.
 const NAMES: [&str; 3] = ["libOpenImageDenoise.so.2", "libOpenImageDenoise.so.1", "libOpenImageDenoise.so"];
 
-/// Pictures for the denoiser, linear RGB row by row: the beauty, and what guides it.
+/// Pictures for the denoiser, row by row: the beauty and its guides.
 #[derive(Debug, Clone, Copy)]
 pub struct Noisy<'a> {
-    /// Pixels a row.
+    /// Width in pixels.
     pub width: usize,
-    /// Radiance.
+    /// Radiance, linear RGB.
     pub color: &'a [[f32; 3]],
-    /// Base colour in [0, 1], seen in mirrors.
+    /// Base colour in [0, 1], also of surfaces that are seen in mirrors.
     pub albedo: &'a [[f32; 3]],
-    /// World-space normals, seen in mirrors.
+    /// World-space normals, also of surfaces that are seen in mirrors.
     pub normal: &'a [[f32; 3]],
 }
 
-/// The library, found and opened.
+/// The loaded library.
 #[derive(Debug)]
 pub struct Denoiser {
     library: Library,
@@ -36,16 +37,16 @@ type Handle = *mut c_void;
 type SetImage = unsafe extern "C" fn(Handle, *const c_char, *mut c_void, c_int, usize, usize, usize, usize, usize);
 type SetBool = unsafe extern "C" fn(Handle, *const c_char, bool);
 type GetError = unsafe extern "C" fn(Handle, *mut *const c_char) -> c_int;
-type Act = unsafe extern "C" fn(Handle);
+type Action = unsafe extern "C" fn(Handle);
 
 impl Denoiser {
-    /// Opens the library.
+    /// Loads the library.
     ///
     /// # Errors
-    /// [`Error::Host`] with how to get it.
+    /// [`Error::Host`] with how to install it.
     pub fn load() -> Result<Self> {
-        let own = std::env::var_os(VARIABLE);
-        let names = own.map_or_else(|| NAMES.iter().map(Into::into).collect(), |name| vec![name]);
+        let path = std::env::var_os(VARIABLE);
+        let names = path.map_or_else(|| NAMES.iter().map(Into::into).collect(), |name| vec![name]);
         let mut why = String::new();
         for name in &names {
             // SAFETY: loading runs the library's initialisers: Open Image Denoise's set up its own state alone. The file is
@@ -57,7 +58,7 @@ impl Denoiser {
             }
         }
         Err(Error::Host(format!(
-            "--denoise oidn: Open Image Denoise is not here ({why}): install your system's package of it, \
+            "--denoise oidn: Open Image Denoise is not installed ({why}): install your system's package of it, \
              or unpack a release from https://github.com/RenderKit/oidn/releases and set {VARIABLE} to \
              its lib/libOpenImageDenoise.so.2"
         )))
@@ -70,10 +71,10 @@ impl Denoiser {
         found.map(|f| *f).map_err(|e| Error::Host(format!("--denoise oidn: this Open Image Denoise is too old: {e}")))
     }
 
-    /// The picture without its noise.
+    /// Denoises a picture; the result is linear RGB, row by row.
     ///
     /// # Errors
-    /// [`Error::Host`] with what the library says.
+    /// [`Error::Host`] with the message of the library.
     pub fn denoise(&self, noisy: Noisy) -> Result<Vec<[f32; 3]>> {
         const CPU: c_int = 1;
         const FLOAT3: c_int = 3;
@@ -85,7 +86,7 @@ impl Denoiser {
         let set_image: SetImage = self.function(c"oidnSetSharedFilterImage")?;
         let set_bool: SetBool = self.function(c"oidnSetFilterBool").or_else(|_| self.function(c"oidnSetFilter1b"))?;
         let get_error: GetError = self.function(c"oidnGetDeviceError")?;
-        let [commit_device, commit, execute, release_filter, release_device]: [Act; 5] = [
+        let [commit_device, commit, execute, release_filter, release_device]: [Action; 5] = [
             self.function(c"oidnCommitDevice")?,
             self.function(c"oidnCommitFilter")?,
             self.function(c"oidnExecuteFilter")?,
@@ -100,7 +101,7 @@ impl Denoiser {
         // SAFETY: the functions have oidn.h's types (see `function`). The four images have width * height pixels of three
         // floats, as they are declared, and outlive the filter, which is executed on this thread and released before they are.
         // Handles are used only where they are not null; the error's text is copied before its device goes.
-        let told = unsafe {
+        let error = unsafe {
             let device = new_device(CPU);
             if device.is_null() {
                 return Err(Error::Host("--denoise oidn: no device".into()));
@@ -115,8 +116,8 @@ impl Denoiser {
                     (c"output", &mut output),
                 ];
                 for (name, pixels) in images {
-                    let (place, width) = (pixels.as_mut_ptr().cast(), noisy.width);
-                    set_image(filter, name.as_ptr(), place, FLOAT3, width, height, 0, 0, 0);
+                    let (data, width) = (pixels.as_mut_ptr().cast(), noisy.width);
+                    set_image(filter, name.as_ptr(), data, FLOAT3, width, height, 0, 0, 0);
                 }
                 set_bool(filter, c"hdr".as_ptr(), true);
                 commit(filter);
@@ -124,7 +125,7 @@ impl Denoiser {
             }
             let mut text = ptr::null();
             let code = get_error(device, &mut text);
-            let told = match (code, text.is_null()) {
+            let error = match (code, text.is_null()) {
                 (0, _) => None,
                 (_, true) => Some(format!("error {code}")),
                 (_, false) => Some(CStr::from_ptr(text).to_string_lossy().into_owned()),
@@ -133,8 +134,25 @@ impl Denoiser {
                 release_filter(filter);
             }
             release_device(device);
-            told
+            error
         };
-        told.map_or(Ok(output), |why| Err(Error::Host(format!("--denoise oidn: {why}"))))
+        error.map_or(Ok(output), |why| Err(Error::Host(format!("--denoise oidn: {why}"))))
     }
+}
+
+/// The denoised beauty, linear RGB row by row, guided by albedo and normals. `pixels` must have extra sums.
+///
+/// # Errors
+/// Those of [`Denoiser::denoise`].
+pub fn denoised(denoiser: &Denoiser, pixels: &dyn Pixels) -> Result<Vec<[f32; 3]>> {
+    let [x0, y0, x1, y1] = pixels.window();
+    let (mut color, mut albedo, mut normal) = (Vec::new(), Vec::new(), Vec::new());
+    for (x, y) in (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y))) {
+        let (stats, extras) = (pixels.at(x, y).0, pixels.extras(x, y).unwrap_or_default());
+        let n = stats.samples.max(1) as f32;
+        color.push(stats.mean());
+        albedo.push(extras.guide_albedo.map(|sum| (sum / n).clamp(0.0, 1.0)));
+        normal.push(extras.guide_normal.map(|sum| sum / n));
+    }
+    denoiser.denoise(Noisy { width: (x1 - x0) as usize, color: &color, albedo: &albedo, normal: &normal })
 }

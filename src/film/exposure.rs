@@ -1,4 +1,4 @@
-//! How bright a picture is shown.
+//! Exposure of displayed pictures.
 
 use std::fmt::{self, Display};
 use std::str::FromStr;
@@ -7,17 +7,17 @@ use glam::Vec3;
 
 use crate::color::luminance;
 
-/// What `--exposure` asks for.
+/// The value of `--exposure`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Exposure {
-    /// By [`automatic`], to a hundredth of a stop: what is printed gives the same picture again.
+    /// [`automatic`], rounded to a hundredth of a stop, so that the printed value reproduces the picture.
     Auto,
-    /// In stops: 0 shows radiance as it is, 1 doubles it.
+    /// Stops: 0 keeps the radiance, 1 doubles it.
     Stops(f32),
 }
 
 impl Exposure {
-    /// Stops for a picture of these colours, linear RGB.
+    /// The exposure in stops for a picture with these colours (linear RGB).
     pub fn of(self, colors: impl Iterator<Item = [f32; 3]>) -> f32 {
         match self {
             // Adding 0 makes -0 a 0.
@@ -45,18 +45,18 @@ impl Display for Exposure {
     }
 }
 
-/// Stops by which a picture is brightened: the log-mean luminance of what is not dark becomes middle grey (0.18). Dark is
-/// what has less than a twentieth of the mean; the brightest hundredth, as a sun's disc, counts there no more than what
-/// it exceeds. 0 for a black picture.
+/// The exposure in stops that maps the log-mean luminance of the pixels that are not dark to middle grey (0.18); 0 for a black
+/// picture. Dark pixels have less than a twentieth of the mean luminance. For this mean, luminances are clamped to the 99th
+/// percentile, so that a small sun has no influence.
 pub fn automatic(colors: impl Iterator<Item = [f32; 3]>) -> f32 {
-    let of = |color| luminance(Vec3::from_array(color));
-    let mut all: Vec<f32> = colors.map(of).filter(|l| l.is_finite() && *l >= 0.0).collect();
+    let pixel_luminance = |color| luminance(Vec3::from_array(color));
+    let mut all: Vec<f32> = colors.map(pixel_luminance).filter(|l| l.is_finite() && *l >= 0.0).collect();
     if all.is_empty() {
         return 0.0;
     }
     let ninety_nine = (all.len() - 1) * 99 / 100;
-    let most = *all.select_nth_unstable_by(ninety_nine, f32::total_cmp).1;
-    let mean = all.iter().map(|l| f64::from(l.min(most))).sum::<f64>() / all.len() as f64;
+    let percentile = *all.select_nth_unstable_by(ninety_nine, f32::total_cmp).1;
+    let mean = all.iter().map(|l| f64::from(l.min(percentile))).sum::<f64>() / all.len() as f64;
     let shown = all.iter().filter(|l| f64::from(**l) > 0.05 * mean);
     let (sum, n) = shown.fold((0.0, 0.0), |(sum, n), l| (sum + f64::from(l.ln()), n + 1.0));
     if n > 0.0 { ((0.18_f64.ln() - sum / n) / std::f64::consts::LN_2) as f32 } else { 0.0 }

@@ -1,8 +1,8 @@
-//! FLIP: what people see of the difference between two pictures when they flip between them. After Andersson, Nilsson,
+//! FLIP: the perceived difference of two pictures when they are alternated. After Andersson, Nilsson,
 //! Akenine-Möller, Oskarsson, Åström and Fairchild, "FLIP: A Difference Evaluator for Alternating Images", HPG 2020, and
 //! for high dynamic range Andersson, Nilsson, Shirley and Akenine-Möller, "Visualizing Errors in Rendered High Dynamic
-//! Range Images", Eurographics 2021. Constants are those of the authors' implementation (flip-evaluator 1.7), whose numbers
-//! `tests/flip.rs` holds this to.
+//! Range Images", Eurographics 2021. Constants are those of the authors' implementation (flip-evaluator 1.7), to which
+//! `tests/flip.rs` compares this one.
 
 use std::f32::consts::PI;
 
@@ -11,18 +11,18 @@ use rayon::prelude::*;
 
 use crate::color::luminance;
 
-/// Pixels a degree of the visual field: 0.7 m before a screen 0.7 m wide of 3840 pixels.
+/// Pixels per degree of visual angle: 0.7 m from a screen that is 0.7 m and 3840 pixels wide.
 pub const PIXELS_PER_DEGREE: f32 = 67.020_64;
 
-/// A picture's planes: width, and one vector a pixel.
+/// A picture: its width, and one vector per pixel.
 struct Plane {
     width: usize,
     pixels: Vec<Vec3>,
 }
 
-/// FLIP error of each pixel in [0, 1], row by row, of linear RGB `test` against `reference`, `width` pixels a row. With
-/// `displayed` values are a screen's, within [0, 1]; else both are shown at many exposures, of which the worst counts.
-/// Values that are not finite count as black.
+/// FLIP error of each pixel in [0, 1], row by row, of linear RGB `test` against `reference` with `width` pixels per row. If
+/// `displayed`, the values are display-referred in [0, 1] (LDR-FLIP). Otherwise the error is the largest over a range of
+/// exposures (HDR-FLIP). Values that are not finite count as black.
 pub fn flip(reference: &[[f32; 3]], test: &[[f32; 3]], width: usize, displayed: bool) -> Vec<f32> {
     let clean = |p: &[f32; 3]| Vec3::from(p.map(|x| if x.is_finite() { x } else { 0.0 }));
     let [reference, test] = [reference, test].map(|all| all.iter().map(clean).collect::<Vec<_>>());
@@ -46,7 +46,7 @@ pub fn flip(reference: &[[f32; 3]], test: &[[f32; 3]], width: usize, displayed: 
     worst
 }
 
-/// Coefficients of the ACES fit of K. Narkowicz, exposed by 0.6.
+/// Coefficients of K. Narkowicz's fit of ACES, with a factor 0.6 on the input.
 const ACES: [f32; 6] = [0.6 * 0.6 * 2.51, 0.6 * 0.03, 0.0, 0.6 * 0.6 * 2.43, 0.6 * 0.59, 0.14];
 
 fn tone_mapped(x: Vec3) -> Vec3 {
@@ -54,7 +54,7 @@ fn tone_mapped(x: Vec3) -> Vec3 {
     (x * x * a + x * b + c) / (x * x * d + x * e + f)
 }
 
-/// In stops, from where the brightest pixel to where the median one comes out at 0.85.
+/// Exposures in stops, from that which maps the brightest pixel to 0.85 to that which maps the median one to 0.85.
 fn exposures(reference: &[Vec3]) -> Vec<f32> {
     const SHOWN: f32 = 0.85;
     let [a, b, c] = std::array::from_fn(|i| SHOWN * ACES[i + 3] - ACES[i]);
@@ -64,7 +64,7 @@ fn exposures(reference: &[Vec3]) -> Vec<f32> {
     all.sort_unstable_by(f32::total_cmp);
     let (middle, most) = (all.len() / 2, all[all.len() - 1]);
     let median = if all.len().is_multiple_of(2) { 0.5 * (all[middle - 1] + all[middle]) } else { all[middle] };
-    // Neither of a black picture has an exposure.
+    // The bound is for black pictures.
     let [start, stop] = [most, median].map(|l| (bright / l.max(1e-6)).log2());
     let n = ((stop - start).ceil() as usize).clamp(2, 64);
     (0..n).map(|i| start + (stop - start) * i as f32 / (n - 1) as f32).collect()
@@ -90,22 +90,22 @@ fn difference(reference: &Plane, test: &Plane) -> Vec<f32> {
 
 const COLOR_EXPONENT: f32 = 0.7;
 const FEATURE_EXPONENT: f32 = 0.5;
-/// Width of features in degrees.
+/// Width of features in degrees of visual angle.
 const FEATURE_WIDTH: f32 = 0.082;
 
-/// Differences up to 0.4 of the largest take 0.95 of the scale.
+/// Maps differences up to 0.4 of the largest to the lower 0.95 of the scale.
 fn redistributed(difference: f32, most: f32) -> f32 {
-    const SHARE: f32 = 0.4;
+    const KNEE: f32 = 0.4;
     const TARGET: f32 = 0.95;
-    let knee = SHARE * most;
+    let knee = KNEE * most;
     match difference < knee {
         true => difference * TARGET / knee,
         false => TARGET + (difference - knee) / (most - knee) * (1.0 - TARGET),
     }
 }
 
-/// What the eye makes of the colours at that distance: contrast sensitivity as sums of Gaussians (Johnson and Fairchild), in
-/// an opponent space; then CIELAB with Hunt's effect.
+/// Filters the colours by contrast sensitivity functions, which are sums of Gaussians in an opponent space (Johnson and
+/// Fairchild), and converts them to CIELAB with the Hunt effect.
 fn perceived(picture: &Plane) -> Vec<Vec3> {
     const RADIUS_WIDTH: f32 = 0.04;
     let radius = (3.0 * (RADIUS_WIDTH / (2.0 * PI * PI)).sqrt() * PIXELS_PER_DEGREE).ceil() as i32;
@@ -137,7 +137,7 @@ fn perceived(picture: &Plane) -> Vec<Vec3> {
         .collect()
 }
 
-/// Strength of edges and of points at each pixel.
+/// Strengths of edges and of points at each pixel.
 fn features(picture: &Plane) -> Vec<(f32, f32)> {
     let deviation = 0.5 * FEATURE_WIDTH * PIXELS_PER_DEGREE;
     let radius = (3.0 * deviation).ceil() as i32;
@@ -145,7 +145,7 @@ fn features(picture: &Plane) -> Vec<(f32, f32)> {
         let values =
             (-radius..=radius).map(|i| i as f32).map(|x| f(x) * (-x * x / (2.0 * deviation * deviation)).exp());
         let values: Vec<f32> = values.collect();
-        // What lightens and what darkens each add up to one.
+        // Positive and negative weights each add up to one.
         let sum = |sign: f32| values.iter().map(|v| (v * sign).max(0.0)).sum::<f32>().max(f32::MIN_POSITIVE);
         let (plus, minus) = (sum(1.0), sum(-1.0));
         values.iter().map(|v| if *v > 0.0 { v / plus } else { v / minus }).collect()
@@ -160,7 +160,7 @@ fn features(picture: &Plane) -> Vec<(f32, f32)> {
     (0..grey.len()).map(|i| (ex[i].hypot(ey[i]), px[i].hypot(py[i]))).collect()
 }
 
-/// Convolution with a kernel along x and one along y; what lies outside is as the nearest pixel.
+/// Convolution with a kernel along x and one along y; pixels outside have the value of the nearest one inside.
 fn convolve(plane: &[f32], width: usize, x_kernel: &[f32], y_kernel: &[f32]) -> Vec<f32> {
     let height = plane.len() / width;
     let radius = x_kernel.len() / 2;
@@ -183,16 +183,16 @@ fn convolve(plane: &[f32], width: usize, x_kernel: &[f32], y_kernel: &[f32]) -> 
     all
 }
 
-/// Linear sRGB to XYZ, exactly as its primaries have it.
+/// Linear sRGB to XYZ, from the exact primaries.
 const TO_XYZ: Mat3 = Mat3::from_cols(
     Vec3::new(10_135_552.0 / 24_577_794.0, 2_613_072.0 / 12_288_897.0, 1_425_312.0 / 73_733_382.0),
     Vec3::new(8_788_810.0 / 24_577_794.0, 8_788_810.0 / 12_288_897.0, 8_788_810.0 / 73_733_382.0),
     Vec3::new(4_435_075.0 / 24_577_794.0, 887_015.0 / 12_288_897.0, 70_074_185.0 / 73_733_382.0),
 );
-/// XYZ of D65's white.
+/// XYZ of the white point D65.
 const WHITE: Vec3 = Vec3::new(0.950_428_55, 1.0, 1.088_900_4);
 
-/// Linear RGB to Y, Cx, Cz: CIELAB without its root.
+/// Linear RGB to the opponent space Y, Cx, Cz: CIELAB without the cube root.
 fn opponent(rgb: Vec3) -> Vec3 {
     let n = TO_XYZ * rgb / WHITE;
     Vec3::new(116.0 * n.y - 16.0, 500.0 * (n.x - n.y), 200.0 * (n.y - n.z))
@@ -204,7 +204,7 @@ fn from_opponent(color: Vec3) -> Vec3 {
     TO_XYZ.inverse() * (n * WHITE)
 }
 
-/// CIELAB of linear RGB, chroma less where it is dark.
+/// CIELAB of linear RGB with the Hunt effect: less chroma at low lightness.
 fn hunt(rgb: Vec3) -> Vec3 {
     const DELTA: f32 = 6.0 / 29.0;
     let n = TO_XYZ * rgb / WHITE;
@@ -214,7 +214,7 @@ fn hunt(rgb: Vec3) -> Vec3 {
     Vec3::new(lightness, 0.01 * lightness * 500.0 * (x - y), 0.01 * lightness * 200.0 * (y - z))
 }
 
-/// City-block distance of lightness, Euclidean of chroma.
+/// The HyAB distance: city-block in lightness, Euclidean in chroma.
 fn hyab(a: Vec3, b: Vec3) -> f32 {
     let d = a - b;
     d.x.abs() + d.y.hypot(d.z)

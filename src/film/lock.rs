@@ -1,4 +1,4 @@
-//! One writer for each output: the second is told, before any work.
+//! One writer for each output: a second process fails before it begins to work.
 
 use std::collections::HashMap;
 use std::fs::{self, File, TryLockError};
@@ -6,28 +6,28 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use super::atomic::{self, Place};
+use super::destination::{self, Destination};
 use crate::{Error, Result};
 
-/// Locks that this process holds, by the file that they are for.
+/// The locks of this process, by output file.
 static HELD: Mutex<Option<HashMap<PathBuf, Held>>> = Mutex::new(None);
 
 #[derive(Debug)]
 struct Held {
-    /// Locked: the output itself or, until it is there, a file beside it.
+    /// The locked file: the output itself or, until it exists, a lock file next to it.
     _file: File,
-    /// The file beside it.
-    beside: Option<PathBuf>,
+    /// The path of the lock file.
+    lock_file: Option<PathBuf>,
 }
 
 impl Drop for Held {
     fn drop(&mut self) {
-        // Still locked, so that it is nobody else's.
-        self.beside.iter().for_each(|path| drop(fs::remove_file(path)));
+        // It is still locked, so no other process uses it.
+        self.lock_file.iter().for_each(|path| drop(fs::remove_file(path)));
     }
 }
 
-/// Keeps other processes from writing a file, until it is dropped.
+/// Keeps other processes from writing an output until it is dropped.
 #[derive(Debug)]
 #[must_use]
 pub struct Claim(Option<PathBuf>);
@@ -44,31 +44,32 @@ fn held<T>(with: impl FnOnce(&mut HashMap<PathBuf, Held>) -> T) -> T {
     with(HELD.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_default())
 }
 
-/// One name for an output, whether it is there or not.
+/// A unique name of an output, which may not exist yet.
 fn key(target: &Path) -> PathBuf {
     let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let folder = folder.canonicalize().unwrap_or_else(|_| folder.into());
     folder.join(target.file_name().unwrap_or_default())
 }
 
-/// Claims an output. Devices are anybody's; where the file system knows no locks, so are files.
+/// Claims an output for this process. Devices cannot be claimed, nor files on a file system without locks: the claim is then
+/// empty.
 ///
 /// # Errors
-/// [`Error::CannotCreate`] if another process has claimed it; as [`atomic::check`].
+/// [`Error::CannotCreate`] if another process has claimed it; the errors of [`atomic::check`](super::atomic::check).
 pub fn claim(path: &Path) -> Result<Claim> {
-    let Place::File { target, folder } = Place::of(path)? else { return Ok(Claim(None)) };
-    let beside = folder.join(atomic::lock_name(&target));
-    // The file may be replaced, or appear, between looking and locking.
+    let Destination::File { target, folder } = Destination::resolve(path)? else { return Ok(Claim(None)) };
+    let lock_file = folder.join(destination::lock_name(&target));
+    // The file may be replaced or created between open and lock.
     for _ in 0..100 {
-        let (file, place) = match File::options().read(true).write(true).open(&target).or_else(|_| File::open(&target))
-        {
-            Ok(file) => (file, None),
-            Err(_) => match File::options().create(true).truncate(false).write(true).open(&beside) {
-                Ok(file) => (file, Some(beside.clone())),
-                // `atomic::check` says why.
-                Err(_) => return Ok(Claim(None)),
-            },
-        };
+        let (file, lock_path) =
+            match File::options().read(true).write(true).open(&target).or_else(|_| File::open(&target)) {
+                Ok(file) => (file, None),
+                Err(_) => match File::options().create(true).truncate(false).write(true).open(&lock_file) {
+                    Ok(file) => (file, Some(lock_file.clone())),
+                    // `atomic::check` reports the reason.
+                    Err(_) => return Ok(Claim(None)),
+                },
+            };
         match file.try_lock() {
             Err(TryLockError::WouldBlock) => {
                 return Err(Error::CannotCreate(format!(
@@ -80,27 +81,27 @@ pub fn claim(path: &Path) -> Result<Claim> {
             Ok(()) => {}
         }
         let same = |a: fs::Metadata, b: fs::Metadata| (a.dev(), a.ino()) == (b.dev(), b.ino());
-        let locked = place.as_ref().unwrap_or(&target);
-        let there = file.metadata().and_then(|a| Ok(same(a, fs::metadata(locked)?))).unwrap_or(false);
-        if there && (place.is_none() || !target.exists()) {
+        let locked = lock_path.as_ref().unwrap_or(&target);
+        let current = file.metadata().and_then(|a| Ok(same(a, fs::metadata(locked)?))).unwrap_or(false);
+        if current && (lock_path.is_none() || !target.exists()) {
             let key = key(&target);
-            held(|held| held.insert(key.clone(), Held { _file: file, beside: place }));
+            held(|held| held.insert(key.clone(), Held { _file: file, lock_file: lock_path }));
             return Ok(Claim(Some(key)));
         }
     }
     Ok(Claim(None))
 }
 
-/// Lets go of everything that this process has claimed, for one that ends on the spot.
+/// Releases all claims of this process before an immediate exit.
 pub fn release_all() {
     held(HashMap::clear);
 }
 
-/// A file that is claimed has been replaced by this one, which is locked.
+/// Moves the claim of `target` to the locked file that has replaced it.
 pub(super) fn replaced(target: &Path, by: File) {
     held(|held| {
-        if let Some(place) = held.get_mut(&key(target)) {
-            *place = Held { _file: by, beside: None };
+        if let Some(claimed) = held.get_mut(&key(target)) {
+            *claimed = Held { _file: by, lock_file: None };
         }
     });
 }
@@ -110,6 +111,7 @@ mod tests {
     use std::io::Write;
 
     use super::*;
+    use crate::film::atomic;
 
     fn written(path: &Path) {
         atomic::write(path, |w| Ok(Ok(w.write_all(b"x")?))).unwrap();
@@ -135,7 +137,7 @@ mod tests {
             written(&path);
             atomic::sweep(&path);
             refused();
-            // What is beside it goes as soon as the file itself is there.
+            // The lock file is removed as soon as the output exists.
             assert_eq!(names(folder.path()), ["a.exr"]);
         }
         drop(first);

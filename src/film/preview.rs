@@ -1,4 +1,4 @@
-//! PNG pictures for people, 8 bits a channel.
+//! PNG pictures with 8 bits per channel.
 
 use std::fs::File;
 use std::io::{self, BufReader};
@@ -6,21 +6,24 @@ use std::path::Path;
 
 use png::{BitDepth, ColorType, Compression, Decoder, Encoder, EncodingError};
 
-use super::{Background, Picture, Pixels, View, atomic};
+use super::atomic;
+use super::picture::Picture;
+use super::pixels::{Background, Pixels};
+use super::view::View;
 use crate::Result;
 
-/// How a picture is developed.
+/// How a picture is converted for display.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Look {
     /// The view transform.
     pub view: View,
-    /// In stops.
+    /// Exposure in stops.
     pub exposure: f32,
 }
 
-/// What is developed.
-struct Negative<I> {
-    /// The upper left corner's place in the whole picture.
+/// The pixels of a window, before the view transform.
+struct Raster<I> {
+    /// The window's upper left corner in the whole picture, in pixels.
     corner: [i64; 2],
     size: [u32; 2],
     /// Linear RGB, premultiplied, and alpha, row by row.
@@ -28,49 +31,50 @@ struct Negative<I> {
     transparent: bool,
 }
 
-/// The keyword of the text in a PNG that says what it was made of.
-const MARK: &str = "bismar";
+/// Keyword of the text chunk in a PNG that identifies its source.
+const KEYWORD: &str = "bismar";
 
-/// Writes the beauty through a view transform, over the window that is kept; with alpha, not premultiplied as PNG has it,
-/// where the background is transparent. `mark` is what [`mark`] gives back.
+/// Writes the beauty of a window through a view transform. If the background is transparent the PNG has an alpha channel and
+/// colours that are not premultiplied. [`mark`] reads `mark` back.
 ///
 /// # Errors
-/// As [`atomic::write`].
+/// The errors of [`atomic::write`].
 pub fn write(path: &Path, pixels: &dyn Pixels, look: Look, mark: &str) -> Result<()> {
     let [x0, y0, x1, y1] = pixels.window();
-    let places = (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y)));
-    let negative = Negative {
+    let positions = (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y)));
+    let raster = Raster {
         corner: [x0.into(), y0.into()],
         size: [x1 - x0, y1 - y0],
-        pixels: places.map(|(x, y)| pixels.at(x, y).0).map(|p| (p.mean(), p.coverage())),
+        pixels: positions.map(|(x, y)| pixels.at(x, y).0).map(|p| (p.mean(), p.coverage())),
         transparent: pixels.background() == Background::Transparent,
     };
-    let (size, (bytes, kind)) = (negative.size, negative.develop(look));
+    let (size, (bytes, kind)) = (raster.size, raster.develop(look));
     write_bytes(path, size, &bytes, kind, mark)
 }
 
-/// As [`write()`], of a picture from a file; with alpha where it has some and `opaque` does not say otherwise.
+/// Writes a picture that was read from a file through a view transform; with an alpha channel if it has one and `opaque` is not
+/// set. [`mark`] reads `mark` back.
 ///
 /// # Errors
-/// As [`atomic::write`].
+/// The errors of [`atomic::write`].
 pub fn write_picture(path: &Path, picture: &Picture, opaque: bool, look: Look, mark: &str) -> Result<()> {
     let (bytes, kind) = developed(picture, opaque, look);
     write_bytes(path, picture.size().map(|n| n as u32), &bytes, kind, mark)
 }
 
-/// A picture as the bytes of an opaque PNG.
+/// Encodes a picture as an opaque PNG.
 ///
 /// # Errors
-/// [`Error::Bug`](crate::Error::Bug) if it cannot be said as one.
+/// [`Error::Bug`](crate::Error::Bug) if the encoder fails.
 pub fn encoded_picture(picture: &Picture, look: Look) -> Result<Vec<u8>> {
     let [width, height] = picture.size().map(|n| n as u32);
     encoded(width, height, &developed(picture, true, look).0)
 }
 
-/// 8-bit RGB as the bytes of a PNG.
+/// Encodes 8-bit RGB, row-major from the top, as a PNG.
 ///
 /// # Errors
-/// As [`encoded_picture`].
+/// [`Error::Bug`](crate::Error::Bug) if the encoder fails.
 pub fn encoded(width: u32, height: u32, bytes: &[u8]) -> Result<Vec<u8>> {
     let mut file = Vec::new();
     match encode(&mut file, [width, height], bytes, ColorType::Rgb, "") {
@@ -81,18 +85,18 @@ pub fn encoded(width: u32, height: u32, bytes: &[u8]) -> Result<Vec<u8>> {
 
 fn developed(picture: &Picture, opaque: bool, look: Look) -> (Vec<u8>, ColorType) {
     let alpha = picture.alpha.as_deref().filter(|alpha| !opaque && alpha.iter().any(|a| *a < 1.0));
-    let of = |i: usize| alpha.map_or(1.0, |alpha| alpha[i]);
-    let negative = Negative {
+    let alpha_of = |i: usize| alpha.map_or(1.0, |alpha| alpha[i]);
+    let raster = Raster {
         corner: [picture.window[0], picture.window[1]],
         size: picture.size().map(|n| n as u32),
-        pixels: picture.rgb.iter().enumerate().map(|(i, color)| (*color, of(i))),
+        pixels: picture.rgb.iter().enumerate().map(|(i, color)| (*color, alpha_of(i))),
         transparent: alpha.is_some(),
     };
-    negative.develop(look)
+    raster.develop(look)
 }
 
-impl<I: Iterator<Item = ([f32; 3], f32)>> Negative<I> {
-    /// Bytes of pixels, row by row, and what they are.
+impl<I: Iterator<Item = ([f32; 3], f32)>> Raster<I> {
+    /// The display-encoded bytes of the pixels, row by row, and their colour type.
     fn develop(self, look: Look) -> (Vec<u8>, ColorType) {
         let [width, height] = self.size;
         let mut bytes = Vec::with_capacity(width as usize * height as usize * if self.transparent { 4 } else { 3 });
@@ -113,7 +117,7 @@ impl<I: Iterator<Item = ([f32; 3], f32)>> Negative<I> {
 /// Writes 8-bit RGB, row-major from the top.
 ///
 /// # Errors
-/// As [`atomic::write`].
+/// The errors of [`atomic::write`].
 pub fn write_rgb8(path: &Path, width: u32, height: u32, bytes: &[u8]) -> Result<()> {
     write_bytes(path, [width, height], bytes, ColorType::Rgb, "")
 }
@@ -140,28 +144,28 @@ fn encode(
     encoder.set_depth(BitDepth::Eight);
     encoder.set_compression(Compression::Balanced);
     if !mark.is_empty() {
-        encoder.add_text_chunk(MARK.into(), mark.into())?;
+        encoder.add_text_chunk(KEYWORD.into(), mark.into())?;
     }
     let mut writer = encoder.write_header()?;
     writer.write_image_data(bytes)?;
     writer.finish()
 }
 
-/// The mark that a PNG was written with; `None` if it has none or is not there.
+/// The mark with which a PNG was written; `None` if it has none or cannot be read.
 pub fn mark(path: &Path) -> Option<String> {
     let reader = Decoder::new(BufReader::new(File::open(path).ok()?)).read_info().ok()?;
     let text = &reader.info().uncompressed_latin1_text;
-    text.iter().find(|chunk| chunk.keyword == MARK).map(|chunk| chunk.text.clone())
+    text.iter().find(|chunk| chunk.keyword == KEYWORD).map(|chunk| chunk.text.clone())
 }
 
-/// The byte nearest to a value of [0, 1].
+/// The byte nearest to a value in [0, 1].
 pub fn to_byte(x: f32) -> u8 {
     (x * 255.0 + 0.5) as u8
 }
 
-/// One of the two bytes next to a value of [0, 1], so that their mean around the pixel `at` is the value: slow gradients
-/// show no bands. Values that are bytes stay so. Interleaved gradient noise (Jimenez, "Next Generation Post Processing in
-/// Call of Duty", SIGGRAPH 2014), by place in the whole picture: a crop has the whole's bytes.
+/// Dithers a value in [0, 1] to one of the two nearest bytes, so that smooth gradients show no bands. Exact bytes do not change.
+/// The noise is interleaved gradient noise (Jimenez, "Next Generation Post Processing in Call of Duty", SIGGRAPH 2014) by the
+/// position in the whole picture, so that a crop has the same bytes.
 fn dithered(x: f32, at: [i64; 2]) -> u8 {
     let along = 0.067_110_56 * at[0] as f64 + 0.005_837_15 * at[1] as f64;
     let noise = (52.982_918_9 * along.rem_euclid(1.0)).rem_euclid(1.0) as f32;

@@ -1,8 +1,8 @@
-//! View transforms: from linear radiance to what a screen shows.
+//! View transforms from linear radiance to display-encoded colour.
 
 use serde::{Deserialize, Serialize};
 
-/// How linear RGB (Rec. 709 primaries) becomes a display-encoded colour.
+/// A view transform from linear RGB (Rec. 709 primaries) to display-encoded colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum View {
@@ -15,7 +15,7 @@ pub enum View {
 }
 
 impl View {
-    /// As the command line has it.
+    /// The name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             View::Agx => "agx",
@@ -24,8 +24,8 @@ impl View {
         }
     }
 
-    /// Display-encoded RGB in [0, 1] of linear radiance at an exposure in stops. Never NaN: NaN and negative
-    /// radiance count as black, infinite radiance as very bright.
+    /// Display-encoded RGB in [0, 1] of linear radiance at an exposure in stops. It is never NaN: NaN and negative radiance count
+    /// as black, infinite radiance as very bright.
     pub fn apply(self, radiance: [f32; 3], exposure_ev: f32) -> [f32; 3] {
         let gain = exposure_ev.exp2();
         // The bound keeps the sums below finite.

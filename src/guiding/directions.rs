@@ -1,28 +1,28 @@
-//! Directions on a square, and histograms over it that can be drawn from.
+//! Directions as points of the unit square, and histograms over it that can be sampled.
 //!
 //! The sphere is unfolded as an octahedron (Engelhardt and Dachsbacher 2008, *Octahedron Environment Maps*). With
 //! |ω|₁ = |x| + |y| + |z|, a density p on the unit square is p/(4 |ω|₁³) per solid angle.
 
 use crate::lanes::{F, V3};
-use crate::sampling::warp::ONE_MINUS;
+use crate::sampling::warp::ONE_MINUS_EPSILON;
 
 /// Bins along a side of the square.
 pub const SIDE: usize = 32;
 /// Bins of a histogram.
 pub const BINS: usize = SIDE * SIDE;
 
-/// Where unit directions lie on the unit square.
+/// Points of the unit square for unit directions.
 #[inline(always)]
 pub fn to_square(w: V3) -> (F, F) {
     let scale = F::ONE / norm(w);
     let (x, y) = (w.x * scale, w.y * scale);
     let below = w.z.simd_lt(F::ZERO);
     let folded = |a: F, b: F| below.select((F::ONE - b.abs()) * sign(a), a);
-    let half = |a: F| a.mul_add(F::HALF, F::HALF).fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS));
+    let half = |a: F| a.mul_add(F::HALF, F::HALF).fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS_EPSILON));
     (half(folded(x, y)), half(folded(y, x)))
 }
 
-/// Unit directions of points of the unit square.
+/// Unit directions for points of the unit square.
 #[inline(always)]
 pub fn from_square(u: F, v: F) -> V3 {
     let (x, y) = (u.mul_sub(F::splat(2.0), F::ONE), v.mul_sub(F::splat(2.0), F::ONE));
@@ -45,7 +45,7 @@ fn sign(a: F) -> F {
     (a & F::splat(-0.0)) | F::ONE
 }
 
-/// 4 |ω|₁³: steradians of unit area of the square.
+/// 4 |ω|₁³: solid angle in steradians per unit area of the square.
 #[inline(always)]
 pub fn steradians(w: V3) -> F {
     let n = norm(w);
@@ -61,19 +61,19 @@ pub fn bins(w: V3) -> [u32; 8] {
     bin.to_array().map(|bin| bin as u32)
 }
 
-/// A histogram that can be drawn from: in few bits, so that many stay in the cache. What they cannot tell apart is drawn, and
-/// has a density, as they say.
+/// A histogram that can be sampled. It is stored in few bits, so that many histograms stay in the cache. Samples and densities
+/// both follow the rounded values.
 #[derive(Debug, Clone)]
 #[repr(C, align(32))]
 pub struct Histogram {
-    /// Where rows begin, in parts of 2¹⁶.
+    /// Cumulative probabilities at the start of each row, in units of 2⁻¹⁶.
     rows: [u16; SIDE],
-    /// In each row, where columns begin, in parts of 2⁸.
+    /// Cumulative probabilities at the start of each column of a row, in units of 2⁻⁸.
     columns: [[u8; SIDE]; SIDE],
 }
 
 impl Histogram {
-    /// In proportion to `weights`, each finite and ≥ 0; uniform on the square if all are zero.
+    /// A histogram in proportion to `weights`, each finite and ≥ 0; uniform on the square if all are zero.
     pub fn new(weights: &[f64; BINS]) -> Self {
         let total: f64 = weights.iter().sum();
         let weights = if total > 0.0 && total.is_finite() { *weights } else { [1.0; BINS] };
@@ -85,14 +85,14 @@ impl Histogram {
         Self { rows: starts_of(&of_rows), columns }
     }
 
-    /// Density on the unit square in a bin.
+    /// Density on the unit square in bin `bin`.
     #[inline(always)]
     pub fn density(&self, bin: u32) -> f32 {
         let (row, column) = (bin as usize / SIDE % SIDE, bin as usize % SIDE);
-        chance(&self.rows, row) * chance(&self.columns[row], column) * OF_BINS
+        probability(&self.rows, row) * probability(&self.columns[row], column) * OF_BINS
     }
 
-    /// Draws a point of the unit square from two numbers in [0, 1), and with which density.
+    /// Samples a point of the unit square by two random numbers in [0, 1); the third value is its density.
     #[inline(always)]
     pub fn draw(&self, u: f32, v: f32) -> (f32, f32, f32) {
         let (row, y, of_row) = invert(&self.rows, u);
@@ -101,62 +101,62 @@ impl Histogram {
     }
 }
 
-/// The density of a bin's chance, in parts of what its rows and columns count.
-const OF_BINS: f32 = BINS as f32 / (<u16 as Part>::ONE * <u8 as Part>::ONE);
+/// Density of a bin per unit of its row's and its column's probability.
+const OF_BINS: f32 = BINS as f32 / (<u16 as Fraction>::ONE * <u8 as Fraction>::ONE);
 
-/// Parts of one.
-trait Part: Copy + Default + Ord + Into<f32> {
-    /// One.
+/// An integer type that holds fractions of one.
+trait Fraction: Copy + Default + Ord + Into<f32> {
+    /// The value of one.
     const ONE: f32;
 
-    /// Rounded down, and below one.
-    fn of(whole: f32) -> Self;
+    /// Rounds down; saturates below one.
+    fn from_f32(value: f32) -> Self;
 }
 
-impl Part for u16 {
+impl Fraction for u16 {
     const ONE: f32 = 65536.0;
 
     #[inline(always)]
-    fn of(whole: f32) -> Self {
-        whole as Self
+    fn from_f32(value: f32) -> Self {
+        value as Self
     }
 }
 
-impl Part for u8 {
+impl Fraction for u8 {
     const ONE: f32 = 256.0;
 
     #[inline(always)]
-    fn of(whole: f32) -> Self {
-        whole as Self
+    fn from_f32(value: f32) -> Self {
+        value as Self
     }
 }
 
-/// Where each begins in a row of weights.
-fn starts_of<P: Part>(weights: &[f64; SIDE]) -> [P; SIDE] {
+/// Cumulative probabilities at the start of each of a row of weights.
+fn starts_of<P: Fraction>(weights: &[f64; SIDE]) -> [P; SIDE] {
     let total: f64 = weights.iter().sum();
     let mut sum = 0.0;
     std::array::from_fn(|i| {
         let start = if total > 0.0 { sum / total } else { i as f64 / SIDE as f64 };
         sum += weights[i];
-        P::of((start * f64::from(P::ONE)).round() as f32)
+        P::from_f32((start * f64::from(P::ONE)).round() as f32)
     })
 }
 
-/// How long an interval is.
+/// Probability of interval `i`.
 #[inline(always)]
-fn chance<P: Part>(starts: &[P; SIDE], i: usize) -> f32 {
+fn probability<P: Fraction>(starts: &[P; SIDE], i: usize) -> f32 {
     let end = if i + 1 < SIDE { starts[i + 1].into() } else { P::ONE };
     end - starts[i].into()
 }
 
-/// The interval that a number in [0, 1) falls into, where in it, in [0, 1), and how long it is.
+/// The interval that contains `u` in [0, 1), the position of `u` in it in [0, 1), and its probability.
 #[inline(always)]
-fn invert<P: Part>(starts: &[P; SIDE], u: f32) -> (usize, f32, f32) {
+fn invert<P: Fraction>(starts: &[P; SIDE], u: f32) -> (usize, f32, f32) {
     let at = u * P::ONE;
-    let whole = P::of(at);
+    let whole = P::from_f32(at);
     let i = starts.iter().map(|start| u8::from(*start <= whole)).sum::<u8>().max(1) as usize - 1;
-    let size = chance(starts, i);
-    (i, ((at - starts[i].into()) / size).clamp(0.0, ONE_MINUS), size)
+    let size = probability(starts, i);
+    (i, ((at - starts[i].into()) / size).clamp(0.0, ONE_MINUS_EPSILON), size)
 }
 
 #[cfg(test)]
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_drawn_has_the_density_that_is_said() {
+    fn samples_have_the_stated_density() {
         let mut random = SplitMix64(3);
         let mut weights = [0.0; BINS];
         weights.iter_mut().for_each(|w| *w = if random.f64() < 0.5 { 0.0 } else { random.f64().powi(4) });
@@ -215,15 +215,15 @@ mod tests {
         let (mut chi2, mut freedom, mut astray) = (0.0, -1.0, 0);
         for (bin, count) in counts.iter().enumerate() {
             let expected = weights[bin] / total * f64::from(n);
-            let said = f64::from(histogram.density(bin as u32)) / BINS as f64 * f64::from(n);
+            let stated = f64::from(histogram.density(bin as u32)) / BINS as f64 * f64::from(n);
             // Sixteen bits one way, eight the other; the last begins a part before the end at least.
             let row: f64 = weights[bin / SIDE * SIDE..][..SIDE].iter().sum();
             let steps = 1e-3 * expected + (4e-5 + 1.5 * row / total / 256.0) * f64::from(n);
-            assert!((expected - said).abs() < steps, "{bin}");
-            if said >= 5.0 {
-                chi2 += (f64::from(*count) - said).powi(2) / said;
+            assert!((expected - stated).abs() < steps, "{bin}");
+            if stated >= 5.0 {
+                chi2 += (f64::from(*count) - stated).powi(2) / stated;
                 freedom += 1.0;
-            } else if said == 0.0 {
+            } else if stated == 0.0 {
                 astray += count;
             }
         }
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_known_is_drawn_from_everywhere() {
+    fn a_histogram_without_weights_is_uniform() {
         let histogram = Histogram::new(&[0.0; BINS]);
         assert!((0..BINS as u32).all(|bin| (histogram.density(bin) - 1.0).abs() < 1e-5));
         assert_eq!(histogram.draw(0.0, 0.0), (0.0, 0.0, 1.0));

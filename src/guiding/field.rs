@@ -1,86 +1,86 @@
-//! The field: cells in space, in each a histogram of directions and the share of samples that follow it.
+//! The guiding field: cells in space, each with a histogram of directions and the probability of sampling from it.
 
 use super::directions::{Histogram, bins, from_square};
-use super::roulette::{Paths, Roulette, VertexRecord};
+use super::roulette::{PathStatistics, Roulette, VertexRecord};
 use crate::lanes::{F, LANES, V3, eight};
-use crate::sampling::cells::Tree;
+use crate::sampling::cells::CellTree;
 
-/// The cell of a vertex where nothing guides.
-pub const NOWHERE: u32 = u32::MAX;
+/// The cell index of a vertex that is not guided.
+pub const NO_CELL: u32 = u32::MAX;
 
-/// Where light comes from.
+/// The distribution of incident light in space and direction.
 #[derive(Debug, Clone)]
 pub struct Field {
-    tree: Tree,
+    tree: CellTree,
     histograms: Vec<Histogram>,
-    /// Share c of samples that are drawn from the histogram, in [0, 1).
-    shares: Vec<f32>,
-    /// How often light samples are taken and paths go on, once it is learned.
+    /// The probability c of sampling a direction from the histogram, for each cell, in [0, 1).
+    guiding_probabilities: Vec<f32>,
+    /// Probabilities of light samples and of path continuation, once they are learned.
     roulette: Option<Roulette>,
 }
 
 impl Field {
-    /// A histogram and a share for each leaf of a tree.
-    pub(super) fn new(tree: Tree, histograms: Vec<Histogram>, shares: Vec<f32>) -> Self {
-        debug_assert!(tree.leaves() == histograms.len() && tree.leaves() == shares.len());
-        Self { tree, histograms, shares, roulette: None }
+    /// A field with a histogram and a guiding probability for each leaf of a tree.
+    pub(super) fn new(tree: CellTree, histograms: Vec<Histogram>, guiding_probabilities: Vec<f32>) -> Self {
+        debug_assert!(tree.leaves() == histograms.len() && tree.leaves() == guiding_probabilities.len());
+        Self { tree, histograms, guiding_probabilities, roulette: None }
     }
 
-    /// How many cells.
+    /// Number of cells.
     pub fn cells(&self) -> usize {
         self.histograms.len()
     }
 
-    /// Bytes of memory.
+    /// Memory in bytes.
     pub fn bytes(&self) -> usize {
         self.tree.bytes() + self.cells() * Self::CELL_BYTES
     }
 
-    /// Bytes of a cell.
+    /// Memory of a cell in bytes.
     pub const CELL_BYTES: usize = size_of::<Histogram>() + size_of::<f32>() + Roulette::CELL_BYTES;
 
-    /// Learns how often light samples are to be taken and paths to go on, from what a pilot's vertices found.
-    pub fn learn_roulette(&mut self, vertex_records: &[VertexRecord], paths: Paths) {
+    /// Learns the probabilities of light samples and of path continuation from the vertex records of a pre-pass.
+    pub fn learn_roulette(&mut self, vertex_records: &[VertexRecord], paths: PathStatistics) {
         self.roulette = Some(Roulette::learn(&self.tree, vertex_records, paths));
     }
 
-    /// Does it know how often light samples are to be taken and paths to go on?
+    /// Whether it has learned probabilities of light samples and of path continuation.
     pub fn has_roulette(&self) -> bool {
         self.roulette.is_some()
     }
 
-    /// The cells at eight positions with normals.
+    /// The cells of eight positions with normals.
     #[inline]
     pub fn cells_at(&self, position: V3, normal: V3) -> [u32; LANES] {
         self.tree.leaves_of(position, normal)
     }
 
-    /// Of these cells those that guide, [`NOWHERE`] where the share is 0.
+    /// The cells that guide; [`NO_CELL`] in place of those with guiding probability 0.
     #[inline]
-    pub fn guiding(&self, cells: [u32; LANES]) -> [u32; LANES] {
-        cells.map(|cell| if self.shares[cell as usize] > 0.0 { cell } else { NOWHERE })
+    pub fn guiding_cells(&self, cells: [u32; LANES]) -> [u32; LANES] {
+        cells.map(|cell| if self.guiding_probabilities[cell as usize] > 0.0 { cell } else { NO_CELL })
     }
 
-    /// Chances in (0, 1] of a light sample and of going on in cells, for luminances of throughputs; `None` until they are
-    /// learned.
+    /// Probabilities in (0, 1] of a light sample and of path continuation in eight cells, for the luminances `beta` of the
+    /// throughputs; `None` until they are learned.
     #[inline(always)]
-    pub fn chances(&self, cells: [u32; LANES], beta: F) -> Option<[F; 2]> {
-        self.roulette.as_ref().map(|roulette| roulette.chances(cells, beta))
+    pub fn roulette_probabilities(&self, cells: [u32; LANES], beta: F) -> Option<[F; 2]> {
+        self.roulette.as_ref().map(|roulette| roulette.probabilities(cells, beta))
     }
 
-    /// The shares of cells; 0 of [`NOWHERE`].
+    /// The guiding probabilities of cells; 0 for [`NO_CELL`].
     #[inline(always)]
-    pub fn shares(&self, cells: [u32; LANES]) -> F {
-        F::from(eight(|lane| self.shares.get(cells[lane] as usize).copied().unwrap_or(0.0)))
+    pub fn guiding_probabilities(&self, cells: [u32; LANES]) -> F {
+        F::from(eight(|lane| self.guiding_probabilities.get(cells[lane] as usize).copied().unwrap_or(0.0)))
     }
 
-    /// Densities on the unit square with which cells draw unit directions, in lanes of a mask; 0 in others and of
-    /// [`NOWHERE`].
+    /// Densities, on the unit square, with which cells sample unit directions `w`; 0 outside the lanes of `mask` and for
+    /// [`NO_CELL`].
     #[inline(always)]
-    pub fn density(&self, cells: [u32; LANES], asked: F, w: V3) -> F {
+    pub fn density(&self, cells: [u32; LANES], mask: F, w: V3) -> F {
         let bins = bins(w);
         let mut density = [0.0; LANES];
-        for lane in lanes(asked) {
+        for lane in lanes(mask) {
             if let Some(histogram) = self.histograms.get(cells[lane] as usize) {
                 density[lane] = histogram.density(bins[lane]);
             }
@@ -88,13 +88,13 @@ impl Field {
         F::from(density)
     }
 
-    /// Unit directions drawn by cells from two numbers in [0, 1), in lanes of a mask, and with which density on the unit square;
-    /// any direction and 0 in others and of [`NOWHERE`].
+    /// Unit directions that cells sample by two random numbers in [0, 1), and their densities on the unit square. Outside the
+    /// lanes of `mask` and for [`NO_CELL`] the density is 0 and the direction has no meaning.
     #[inline(always)]
-    pub fn draw(&self, cells: [u32; LANES], asked: F, u: F, v: F) -> (V3, F) {
+    pub fn draw(&self, cells: [u32; LANES], mask: F, u: F, v: F) -> (V3, F) {
         let (u, v) = (u.as_array(), v.as_array());
         let (mut x, mut y, mut density) = ([0.5; LANES], [0.5; LANES], [0.0; LANES]);
-        for lane in lanes(asked) {
+        for lane in lanes(mask) {
             if let Some(histogram) = self.histograms.get(cells[lane] as usize) {
                 (x[lane], y[lane], density[lane]) = histogram.draw(u[lane], v[lane]);
             }
@@ -103,7 +103,7 @@ impl Field {
     }
 }
 
-/// The lanes of a mask.
+/// The lanes that are set in a mask.
 #[inline(always)]
 fn lanes(mask: F) -> impl Iterator<Item = usize> {
     let mut bits = mask.to_bitmask();

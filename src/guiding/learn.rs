@@ -1,4 +1,4 @@
-//! From a pilot's samples to a field.
+//! Learns a field from the training samples of a pre-pass.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -6,125 +6,125 @@ use rayon::prelude::*;
 use super::directions::{BINS, Histogram, SIDE, bins, from_square, steradians};
 use super::field::Field;
 use crate::lanes::{F, V3};
-use crate::sampling::cells::Tree;
+use crate::sampling::cells::CellTree;
 
-/// A direction that the pilot took from a surface, and what it found there.
+/// A direction that a pre-pass sampled at a surface, and the radiance that it found.
 #[derive(Debug, Clone, Copy)]
 pub struct TrainingSample {
-    /// Of the surface.
+    /// Position of the surface in world space.
     pub position: Vec3,
-    /// Unit geometric normal on the side that was met.
+    /// Unit geometric normal on the side of the incident ray.
     pub normal: Vec3,
-    /// Unit.
+    /// Unit direction in world space.
     pub wi: Vec3,
-    /// f·L/p in luminance, > 0: L without the part that MIS leaves to light samples.
-    pub found: f32,
-    /// Square of what it added to its pixel, over what relMSE divides the pixel by.
+    /// Luminance of f·L/p, > 0, where L excludes the part that MIS leaves to light samples.
+    pub contribution: f32,
+    /// Square of the sample's contribution to its pixel, divided by the pixel's divisor of relMSE.
     pub weight: f32,
-    /// p: the density with which it was drawn.
+    /// Density p with which the direction was sampled.
     pub pdf: f32,
-    /// The BSDF's.
+    /// Density of the BSDF.
     pub bsdf_pdf: f32,
-    /// The earlier field's; 0 without one.
+    /// Density of the earlier field; 0 without one.
     pub field_pdf: f32,
 }
 
-/// Training samples of a cell, about: the more, the more there are. A cell of fewer is not parted; but where little is found, near lights
-/// are seen in other directions from everywhere, and one cell for all leads nobody.
+/// Approximate number of training samples per cell: it grows with the total between these limits. A cell with fewer is not
+/// split. The lower limit is small because near lights are seen in other directions from every position, so that one large
+/// cell guides badly.
 const TRAINING_SAMPLES_PER_CELL: [usize; 2] = [24, 256];
-/// Bytes of a cell while it learns: its sums, those of two nodes of the tree, and what comes of it.
+/// Memory of a cell in bytes while it learns: its sums, those of two nodes of the tree, and its part of the field.
 pub const LEARNING_CELL_BYTES: usize = size_of::<Sums>() + 2 * (BINS + 1) * size_of::<f32>() + Field::CELL_BYTES;
-/// Cells, about, before they hold more training samples than the fewest.
+/// Approximate number of cells up to which cells hold the lower limit of training samples.
 const FIRST_CELLS: usize = 64;
-/// Training samples of a node that count as much as all that its parent knows.
-const OWN: f64 = 48.0;
-/// Training samples that have a say in the tree, at most.
-const PLACES: usize = 1 << 15;
-/// Shares among which cells choose.
-pub const SHARES: [f32; 5] = [0.0, 0.25, 0.5, 0.75, 0.875];
-/// The share while a field is learned.
-const LEARNING: f32 = 0.5;
+/// Number of training samples by which a node's parent is weighted in the node's histogram.
+const PRIOR_SAMPLES: f64 = 48.0;
+/// Largest number of training samples from which the tree is built.
+const MAX_TREE_SAMPLES: usize = 1 << 15;
+/// The guiding probabilities among which cells choose.
+pub const GUIDING_PROBABILITIES: [f32; 5] = [0.0, 0.25, 0.5, 0.75, 0.875];
+/// The guiding probability while a field is learned.
+const LEARNING_PROBABILITY: f32 = 0.5;
 
-/// What a field is worth, by the last training samples.
+/// Estimated gain by a field, from the last training samples.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Gain {
-    /// Sum over training samples of the second moments of what paths add to their pixels, over what relMSE divides these by: without
-    /// guiding.
+    /// Sum of the second moments of contributions to pixels, divided by the pixels' divisors of relMSE, without guiding.
     pub without: f64,
-    /// With it.
+    /// The same with guiding.
     pub with: f64,
-    /// As they were taken.
+    /// The same with the densities by which the samples were taken.
     pub taken: f64,
-    /// Mean share, by training samples.
-    pub share: f32,
+    /// Mean guiding probability over training samples.
+    pub guiding_probability: f32,
 }
 
 impl Gain {
-    /// The variance with guiding over that without it, of paths whose variance was `taken` in the same units.
+    /// The variance with guiding relative to that without, for paths with the variance `taken` in the same units.
     pub fn variance(&self, taken: f64) -> f32 {
         let [with, without] = [self.with, self.without].map(|moment| (taken + moment - self.taken).max(0.0));
         if without > 0.0 { (with / without) as f32 } else { 1.0 }
     }
 }
 
-/// A field of all `training_samples`, in a scene whose normals are worth `scale` metres, of at most `most_cells` cells; each cell's
-/// share is found from the training samples from `fresh` on, whose [`TrainingSample::field_pdf`] is of a field that did not know them.
-/// Without such the share is ½.
-pub fn learn(training_samples: &[TrainingSample], fresh: usize, scale: f32, most_cells: usize) -> (Field, Gain) {
-    let step = training_samples.len().div_ceil(PLACES).max(1);
-    let places = training_samples.iter().step_by(step).map(|l| Tree::place(l.position, l.normal, scale)).collect();
-    let of_cell =
+/// Learns a field of at most `max_cells` cells from all `training_samples`. `scale` (metres) weights differences of normals
+/// against distances. The guiding probability of each cell follows from the training samples from index `fresh` on, whose
+/// [`TrainingSample::field_pdf`] is the density of a field that was learned without them. Without such samples it is ½.
+pub fn learn(training_samples: &[TrainingSample], fresh: usize, scale: f32, max_cells: usize) -> (Field, Gain) {
+    let step = training_samples.len().div_ceil(MAX_TREE_SAMPLES).max(1);
+    let keys = training_samples.iter().step_by(step).map(|s| CellTree::key(s.position, s.normal, scale)).collect();
+    let per_cell =
         (training_samples.len() / FIRST_CELLS).clamp(TRAINING_SAMPLES_PER_CELL[0], TRAINING_SAMPLES_PER_CELL[1]);
-    let tree = Tree::new(places, scale, of_cell.div_ceil(step), most_cells);
+    let tree = CellTree::new(keys, scale, per_cell.div_ceil(step), max_cells);
     let cells = sums(&tree, training_samples, fresh);
     let histograms = histograms(&tree, &cells);
-    let all = cells.iter().fold(ShareSums::default(), |all, cell| all.plus(&cell.shares));
+    let all = cells.iter().fold(ProbabilitySums::default(), |all, cell| all.plus(&cell.probabilities));
     let mut gain = Gain::default();
-    let share = |cell: &Sums| {
+    let probability = |cell: &Sums| {
         if fresh >= training_samples.len() {
-            return LEARNING;
+            return LEARNING_PROBABILITY;
         }
-        let best = cell.shares.best(&all);
-        gain.without += cell.shares.moments[0];
-        gain.with += cell.shares.moments[best];
-        gain.taken += cell.shares.taken;
-        gain.share += SHARES[best] * cell.shares.n / all.n.max(1.0);
-        SHARES[best]
+        let best = cell.probabilities.best(&all);
+        gain.without += cell.probabilities.moments[0];
+        gain.with += cell.probabilities.moments[best];
+        gain.taken += cell.probabilities.taken;
+        gain.guiding_probability += GUIDING_PROBABILITIES[best] * cell.probabilities.n / all.n.max(1.0);
+        GUIDING_PROBABILITIES[best]
     };
-    let shares = cells.iter().map(share).collect();
-    (Field::new(tree, histograms, shares), gain)
+    let probabilities = cells.iter().map(probability).collect();
+    (Field::new(tree, histograms, probabilities), gain)
 }
 
-/// What a cell's training samples sum up to.
+/// Sums over the training samples of a cell.
 #[derive(Debug, Clone)]
 struct Sums {
     /// ∫ (f L)² dω over each bin.
     moments: [f32; BINS],
     n: f32,
-    shares: ShareSums,
+    probabilities: ProbabilitySums,
 }
 
 impl Default for Sums {
     fn default() -> Self {
-        Self { moments: [0.0; BINS], n: 0.0, shares: ShareSums::default() }
+        Self { moments: [0.0; BINS], n: 0.0, probabilities: ProbabilitySums::default() }
     }
 }
 
 impl Sums {
     fn add(&mut self, training_sample: &TrainingSample, fresh: bool) {
-        let moment = training_sample.found * training_sample.found * training_sample.pdf;
+        let moment = training_sample.contribution * training_sample.contribution * training_sample.pdf;
         if moment.is_finite() {
             self.moments[bins(V3::splat(training_sample.wi))[0] as usize] += moment;
             self.n += 1.0;
         }
         if fresh {
-            self.shares.add(training_sample);
+            self.probabilities.add(training_sample);
         }
     }
 }
 
-/// What the training samples of each leaf sum up to.
-fn sums(tree: &Tree, training_samples: &[TrainingSample], fresh: usize) -> Vec<Sums> {
+/// Sums over the training samples of each leaf.
+fn sums(tree: &CellTree, training_samples: &[TrainingSample], fresh: usize) -> Vec<Sums> {
     let leaves: Vec<_> = training_samples
         .par_iter()
         .map(|training_sample| tree.leaf(training_sample.position, training_sample.normal))
@@ -133,23 +133,23 @@ fn sums(tree: &Tree, training_samples: &[TrainingSample], fresh: usize) -> Vec<S
     for (training_sample, leaf) in (0u32..).zip(leaves) {
         of_leaf[leaf as usize].push(training_sample);
     }
-    let sum = |own: Vec<u32>| {
+    let sum = |indices: Vec<u32>| {
         let mut sums = Sums::default();
-        own.into_iter().for_each(|i| sums.add(&training_samples[i as usize], i as usize >= fresh));
+        indices.into_iter().for_each(|i| sums.add(&training_samples[i as usize], i as usize >= fresh));
         sums
     };
     of_leaf.into_par_iter().map(sum).collect()
 }
 
-/// Levels of the tree above those whose parts are worked at side by side.
-const LEVELS: u32 = 5;
+/// Levels at the top of the tree that one thread works at; the subtrees below are worked at in parallel.
+const SEQUENTIAL_LEVELS: u32 = 5;
 
-/// A histogram of each leaf: of what its own training samples say, and the less these are, of what its parents' do.
-fn histograms(tree: &Tree, cells: &[Sums]) -> Vec<Histogram> {
+/// The histogram of each leaf, by its own training samples and, the fewer these are, by those of its parents.
+fn histograms(tree: &CellTree, cells: &[Sums]) -> Vec<Histogram> {
     let areas = areas();
     let mut nodes = vec![([0.0f32; BINS], 0.0f32); tree.nodes()];
     for node in (0..nodes.len()).rev() {
-        nodes[node] = match tree.below(node) {
+        nodes[node] = match tree.children(node) {
             Err(leaf) => (cells[leaf as usize].moments, cells[leaf as usize].n),
             Ok([a, b]) => (std::array::from_fn(|bin| nodes[a].0[bin] + nodes[b].0[bin]), nodes[a].1 + nodes[b].1),
         };
@@ -157,14 +157,16 @@ fn histograms(tree: &Tree, cells: &[Sums]) -> Vec<Histogram> {
     let weights = |node: usize, parent: &[f64; BINS]| -> [f64; BINS] {
         let (moments, n) = &nodes[node];
         let own = best(&moments.map(f64::from), &areas);
-        let (known, told): (f64, f64) = (own.iter().sum(), parent.iter().sum());
-        let trust = if known > 0.0 { f64::from(*n) / (f64::from(*n) + OWN) } else { 0.0 };
-        std::array::from_fn(|bin| trust * own[bin] / known.max(f64::MIN_POSITIVE) + (1.0 - trust) * parent[bin] / told)
+        let (own_sum, parent_sum): (f64, f64) = (own.iter().sum(), parent.iter().sum());
+        let trust = if own_sum > 0.0 { f64::from(*n) / (f64::from(*n) + PRIOR_SAMPLES) } else { 0.0 };
+        std::array::from_fn(|bin| {
+            trust * own[bin] / own_sum.max(f64::MIN_POSITIVE) + (1.0 - trust) * parent[bin] / parent_sum
+        })
     };
-    // From the top down; what the root's parent would know is nothing: all directions alike.
+    // From the top down. The root's prior is uniform over directions.
     let mut parts = vec![(0, areas)];
-    for _ in 0..LEVELS {
-        let below = |(node, parent)| match tree.below(node) {
+    for _ in 0..SEQUENTIAL_LEVELS {
+        let below = |(node, parent)| match tree.children(node) {
             Err(_) => vec![(node, parent)],
             Ok(children) => {
                 let weights = weights(node, &parent);
@@ -174,22 +176,22 @@ fn histograms(tree: &Tree, cells: &[Sums]) -> Vec<Histogram> {
         parts = parts.into_iter().flat_map(below).collect();
     }
     let of_part = |part| {
-        let (mut open, mut found) = (vec![part], Vec::new());
+        let (mut open, mut leaves) = (vec![part], Vec::new());
         while let Some((node, parent)) = open.pop() {
             let weights = weights(node, &parent);
-            match tree.below(node) {
-                Err(leaf) => found.push((leaf, Histogram::new(&weights))),
+            match tree.children(node) {
+                Err(leaf) => leaves.push((leaf, Histogram::new(&weights))),
                 Ok(children) => open.extend(children.map(|child| (child, weights))),
             }
         }
-        found
+        leaves
     };
-    let mut found: Vec<_> = parts.into_par_iter().flat_map_iter(of_part).collect();
-    found.sort_unstable_by_key(|(leaf, _)| *leaf);
-    found.into_iter().map(|(_, histogram)| histogram).collect()
+    let mut leaves: Vec<_> = parts.into_par_iter().flat_map_iter(of_part).collect();
+    leaves.sort_unstable_by_key(|(leaf, _)| *leaf);
+    leaves.into_iter().map(|(_, histogram)| histogram).collect()
 }
 
-/// Solid angles of the bins.
+/// Solid angles of the bins in steradians.
 fn areas() -> [f64; BINS] {
     std::array::from_fn(|bin| {
         let middle = |i: usize| F::splat((i as f32 + 0.5) / SIDE as f32);
@@ -198,13 +200,14 @@ fn areas() -> [f64; BINS] {
     })
 }
 
-/// In proportion to the root of the second moment's density, by which the variance is least (Rath et al. 2020, equation 9).
+/// Bin weights in proportion to the root of the density of the second moment, which minimise the variance (Rath et al. 2020,
+/// equation 9).
 fn best(moments: &[f64; BINS], areas: &[f64; BINS]) -> [f64; BINS] {
     let smooth = smoothed(moments);
     std::array::from_fn(|bin| (smooth[bin] * areas[bin]).sqrt())
 }
 
-/// Each bin's sum shared a little with those beside it: training samples are few.
+/// Smooths the sums over neighbouring bins, because training samples are few.
 fn smoothed(sums: &[f64; BINS]) -> [f64; BINS] {
     let mut smooth = [0.0; BINS];
     for (bin, sum) in sums.iter().enumerate().filter(|(_, sum)| **sum > 0.0) {
@@ -218,31 +221,32 @@ fn smoothed(sums: &[f64; BINS]) -> [f64; BINS] {
     smooth
 }
 
-/// Sums of which a cell's share is found.
+/// Sums from which the guiding probability of a cell follows.
 #[derive(Debug, Clone, Copy, Default)]
-struct ShareSums {
-    /// Second moment at each of [`SHARES`].
-    moments: [f64; SHARES.len()],
-    /// Sum of squares at a share of ½, over its moment: what a heavy sample weighs.
+struct ProbabilitySums {
+    /// Second moment at each of [`GUIDING_PROBABILITIES`].
+    moments: [f64; GUIDING_PROBABILITIES.len()],
+    /// Sum of squared second moments at a guiding probability of ½. Divided by `moments[2]` it is the typical second moment of
+    /// a sample with a large contribution.
     squares: f64,
-    /// Second moment as the samples were taken.
+    /// Second moment with the densities by which the samples were taken.
     taken: f64,
     n: f32,
 }
 
-/// Heavy samples of all cells' kind that a cell is taken to have seen besides its own.
-const PRIOR: f64 = 4.0;
+/// Number of samples with large contributions by which the mean over all cells is weighted in each cell.
+const PRIOR_HEAVY_SAMPLES: f64 = 4.0;
 
-impl ShareSums {
+impl ProbabilitySums {
     fn add(&mut self, training_sample: &TrainingSample) {
         let p = f64::from(training_sample.pdf);
-        let of = |c: f32| {
+        let ratio = |c: f32| {
             p / f64::from(c.mul_add(training_sample.field_pdf - training_sample.bsdf_pdf, training_sample.bsdf_pdf))
         };
-        for (sum, c) in self.moments.iter_mut().zip(SHARES) {
-            *sum += f64::from(training_sample.weight) * of(c).min(1e6);
+        for (sum, c) in self.moments.iter_mut().zip(GUIDING_PROBABILITIES) {
+            *sum += f64::from(training_sample.weight) * ratio(c).min(1e6);
         }
-        self.squares += (f64::from(training_sample.weight) * of(0.5)).powi(2);
+        self.squares += (f64::from(training_sample.weight) * ratio(0.5)).powi(2);
         self.taken += f64::from(training_sample.weight);
         self.n += 1.0;
     }
@@ -256,11 +260,11 @@ impl ShareSums {
         }
     }
 
-    /// The place of the share with the least second moment, of this cell and a few samples of all.
+    /// Index of the guiding probability with the least second moment, over this cell and a few samples of all cells.
     fn best(&self, all: &Self) -> usize {
         let heavy = if self.moments[2] > 0.0 { self.squares / self.moments[2] } else { 1.0 };
-        let scale = if all.moments[2] > 0.0 { PRIOR * heavy / all.moments[2] } else { 0.0 };
-        let of = |i: usize| self.moments[i] + scale * all.moments[i];
-        (0..SHARES.len()).min_by(|a, b| of(*a).total_cmp(&of(*b))).unwrap_or(0)
+        let scale = if all.moments[2] > 0.0 { PRIOR_HEAVY_SAMPLES * heavy / all.moments[2] } else { 0.0 };
+        let moment = |i: usize| self.moments[i] + scale * all.moments[i];
+        (0..GUIDING_PROBABILITIES.len()).min_by(|a, b| moment(*a).total_cmp(&moment(*b))).unwrap_or(0)
     }
 }

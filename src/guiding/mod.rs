@@ -1,32 +1,33 @@
-//! Path guiding: a field of where light comes from, learned from a pilot's paths, and drawn from at every surface that is
-//! broad enough beside its BSDF: one density, a mixture, which MIS weighs as it weighed the BSDF's.
+//! Path guiding: a field of incident light, learned from the paths of a pre-pass. At every surface that is diffuse enough,
+//! directions are sampled from a mixture of the field and the BSDF, which MIS weights as one technique.
 //!
-//! A tree over positions and normals has cells ([`cells`](crate::sampling::cells)); each has a histogram of directions ([`directions`]) and the
-//! share c of samples that follow it ([`field`]), both from the pilot's samples ([`mod@learn`]): the histogram goes by the root
-//! of the second moments of f·L (Rath et al. 2020, *Variance-Aware Path Guiding*; cells after Müller et al. 2017,
-//! *Practical Path Guiding*), c by the second moments of the mixture, which is the balance's estimator in space
-//! instead of over pixels. Cells also know how often light samples and going on are worth their time ([`roulette`]).
+//! A tree over positions and normals has cells ([`cells`](crate::sampling::cells)). Each cell has a histogram of directions
+//! ([`directions`]) and the probability c of sampling from it ([`field`]), both from training samples ([`mod@learn`]). The
+//! histogram follows the root of the second moments of f·L (Rath et al. 2020, *Variance-Aware Path Guiding*; cells after
+//! Müller et al. 2017, *Practical Path Guiding*). c follows from the second moments of the mixture, by the estimator of the
+//! balance over space instead of pixels. Cells also have probabilities of light samples and of path continuation
+//! ([`roulette`]).
 
 pub mod directions;
 pub mod field;
 pub mod learn;
 pub mod roulette;
 
-pub use field::{Field, NOWHERE};
+pub use field::{Field, NO_CELL};
 pub use learn::{Gain, TrainingSample, learn};
-pub use roulette::{Paths, VertexRecord};
+pub use roulette::{PathStatistics, VertexRecord};
 
 use serde::{Deserialize, Serialize};
 
-/// Is there a field?
+/// Whether paths are guided.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Guiding {
-    /// No pilot, no field.
+    /// Never.
     #[default]
     Off,
     /// Always.
     On,
-    /// Where the pilot finds that it pays.
+    /// Where the pre-pass estimates a gain in efficiency.
     Auto,
 }

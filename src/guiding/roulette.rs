@@ -1,90 +1,92 @@
-//! How often vertices take a light sample and paths go on: by what it is worth (Rath et al. 2022, *EARS: Efficiency-Aware
-//! Russian Roulette and Splitting*; without splitting).
+//! Probabilities of light samples and of path continuation at vertices, by estimated efficiency (Rath et al. 2022, *EARS:
+//! Efficiency-Aware Russian Roulette and Splitting*; without splitting).
 //!
-//! A sample that is taken with chance q has 1/q of its second moment, and q of its cost. Relative variance times cost of the
-//! whole path is least where q² = β² m/d · C/(V c): β the throughput, m the second moment of what the sample finds for
-//! a throughput of one, c its cost, d what relMSE divides by, V and C the path's relative variance and cost. Cells
-//! know m; a floor keeps what a pilot did not find.
+//! A sample that is taken with probability q has 1/q of its second moment and q of its cost. The relative variance times cost
+//! of the path is least for q² = β² m/d · C/(V c): β is the throughput, m the second moment of the sample's contribution for
+//! a throughput of one, c its cost, d the divisor of relMSE, V and C the relative variance and the cost of the path. Cells
+//! know m; minimum probabilities account for contributions that a pre-pass did not find.
 
 use glam::Vec3;
 
 use crate::lanes::{F, LANES, eight};
-use crate::sampling::cells::Tree;
+use crate::sampling::cells::CellTree;
 
-/// What the samples of a vertex beyond the first found.
+/// The contributions of the samples at a vertex beyond the first.
 #[derive(Debug, Clone, Copy)]
 pub struct VertexRecord {
-    /// Of the surface.
+    /// Position of the surface in world space.
     pub position: Vec3,
-    /// Unit geometric normal on the side that was met.
+    /// Unit geometric normal on the side of the incident ray.
     pub normal: Vec3,
-    /// Squares of the luminance that the light sample and all that came of the BSDF sample found, over the throughput's, had
-    /// they been taken for sure.
-    pub found: [f32; 2],
+    /// Squared luminances that the light sample and the continued path contribute, divided by the luminance of the
+    /// throughput, as if both were taken with probability one.
+    pub squared_contributions: [f32; 2],
 }
 
-/// Means over a pilot's paths.
+/// Means over the paths of a pre-pass.
 #[derive(Debug, Clone, Copy)]
-pub struct Paths {
-    /// Rays of a path.
+pub struct PathStatistics {
+    /// Rays per path.
     pub cost: f64,
-    /// A path's variance, over what relMSE divides its pixel by.
+    /// Variance of a path, divided by its pixel's divisor of relMSE.
     pub variance: f64,
-    /// One over what relMSE divides pixels by.
+    /// Mean of 1/d over pixels, where d is a pixel's divisor of relMSE.
     pub inverse: f64,
 }
 
-/// Least chances of a light sample, and of going on.
-const LEAST: [f32; 2] = [0.125, 0.4];
-/// What a light sample costs, in rays.
-const LIGHT_COST: f64 = 1.2;
-/// What going on costs, of all a path's rays.
-const REST: f64 = 0.5;
-/// Visits of a cell that count as much as the mean of all cells.
-const COMMON: f64 = 8.0;
-/// Largest root of q²/β²: far above all that β can do about it.
-const MOST: f64 = 1e18;
+/// Minimum probabilities of a light sample and of path continuation.
+const MIN_PROBABILITIES: [f32; 2] = [0.125, 0.4];
+/// Cost of a light sample in rays.
+const LIGHT_SAMPLE_RAYS: f64 = 1.2;
+/// Cost of path continuation as a fraction of all rays of a path.
+const CONTINUATION_FRACTION: f64 = 0.5;
+/// Number of vertex records by which the mean over all cells is weighted in each cell.
+const PRIOR_RECORDS: f64 = 8.0;
+/// Largest q/β, far above any 1/β.
+const MAX_RATIO: f64 = 1e18;
 
-/// The chances at the cells of a field.
+/// The probabilities in the cells of a field.
 #[derive(Debug, Clone)]
 pub struct Roulette {
-    /// Over the throughput's luminance.
-    chances: Vec<[f32; 2]>,
+    /// q/β of light samples and of path continuation, where β is the luminance of the throughput.
+    ratios: Vec<[f32; 2]>,
 }
 
 impl Roulette {
-    /// Bytes of a cell.
+    /// Memory of a cell in bytes.
     pub const CELL_BYTES: usize = size_of::<[f32; 2]>();
 
-    /// From what a pilot's vertices found in the leaves of a tree.
-    pub(super) fn learn(tree: &Tree, vertex_records: &[VertexRecord], paths: Paths) -> Self {
+    /// Learns from the vertex records of a pre-pass in the leaves of a tree.
+    pub(super) fn learn(tree: &CellTree, vertex_records: &[VertexRecord], paths: PathStatistics) -> Self {
         let mut cells = vec![[0.0; 3]; tree.leaves()];
         let mut all = [0.0; 3];
-        for vertex_record in vertex_records {
-            let of = [1.0, vertex_record.found[0], vertex_record.found[1]].map(f64::from);
-            for sums in [&mut cells[tree.leaf(vertex_record.position, vertex_record.normal) as usize], &mut all] {
-                (0..3).for_each(|i| sums[i] += of[i]);
+        for record in vertex_records {
+            let [light, rest] = record.squared_contributions;
+            let terms = [1.0, light, rest].map(f64::from);
+            for sums in [&mut cells[tree.leaf(record.position, record.normal) as usize], &mut all] {
+                (0..3).for_each(|i| sums[i] += terms[i]);
             }
         }
-        let costs = [LIGHT_COST, REST * paths.cost];
-        let chances = |[n, light, on]: [f64; 3]| {
+        let costs = [LIGHT_SAMPLE_RAYS, CONTINUATION_FRACTION * paths.cost];
+        let ratios = |[n, light, rest]: [f64; 3]| {
             std::array::from_fn(|i| {
                 let mean = all[i + 1] / all[0].max(1.0);
-                let moment = ([light, on][i] + COMMON * mean) / (n + COMMON);
-                let root = (moment * paths.inverse * paths.cost / (paths.variance * costs[i])).sqrt();
-                // Where nothing varies nothing is left out.
-                if root < MOST { root as f32 } else { MOST as f32 }
+                let moment = ([light, rest][i] + PRIOR_RECORDS * mean) / (n + PRIOR_RECORDS);
+                let ratio = (moment * paths.inverse * paths.cost / (paths.variance * costs[i])).sqrt();
+                // NaN, too, becomes the largest: without variance every sample is taken.
+                if ratio < MAX_RATIO { ratio as f32 } else { MAX_RATIO as f32 }
             })
         };
-        Self { chances: cells.into_iter().map(chances).collect() }
+        Self { ratios: cells.into_iter().map(ratios).collect() }
     }
 
-    /// Chances in (0, 1] of a light sample and of going on, in cells, for luminances of throughputs.
+    /// Probabilities in (0, 1] of a light sample and of path continuation in eight cells, for the luminances `beta` of the
+    /// throughputs.
     #[inline(always)]
-    pub fn chances(&self, cells: [u32; LANES], beta: F) -> [F; 2] {
+    pub fn probabilities(&self, cells: [u32; LANES], beta: F) -> [F; 2] {
         [0, 1].map(|i| {
-            let chance = F::from(eight(|lane| self.chances[cells[lane] as usize][i]));
-            (chance * beta).fast_max(F::splat(LEAST[i])).fast_min(F::ONE)
+            let ratio = F::from(eight(|lane| self.ratios[cells[lane] as usize][i]));
+            (ratio * beta).fast_max(F::splat(MIN_PROBABILITIES[i])).fast_min(F::ONE)
         })
     }
 }
@@ -93,29 +95,30 @@ impl Roulette {
 mod tests {
     use super::*;
 
-    fn at(found: [f32; 2], n: usize, x: f32) -> Vec<VertexRecord> {
-        vec![VertexRecord { position: Vec3::new(x, 0.0, 0.0), normal: Vec3::Y, found }; n]
+    fn at(squared_contributions: [f32; 2], n: usize, x: f32) -> Vec<VertexRecord> {
+        vec![VertexRecord { position: Vec3::new(x, 0.0, 0.0), normal: Vec3::Y, squared_contributions }; n]
     }
 
     #[test]
-    fn chances_follow_what_was_found_and_never_end() {
-        let places = (0..400).map(|i| Tree::place(Vec3::new((i % 2) as f32, 0.0, 0.0), Vec3::Y, 1.0)).collect();
-        let tree = Tree::new(places, 1.0, 200, 100);
+    fn probabilities_follow_contributions_and_are_never_zero() {
+        let keys = (0..400).map(|i| CellTree::key(Vec3::new((i % 2) as f32, 0.0, 0.0), Vec3::Y, 1.0)).collect();
+        let tree = CellTree::new(keys, 1.0, 200, 100);
         let cells = [0.0, 1.0].map(|x| tree.leaf(Vec3::new(x, 0.0, 0.0), Vec3::Y));
         assert_ne!(cells[0], cells[1]);
         let vertex_records = [at([0.04, 1.0], 4000, 0.0), at([0.0, 0.0], 4000, 1.0)].concat();
-        let paths = Paths { cost: 6.0, variance: 4.0, inverse: 2.0 };
+        let paths = PathStatistics { cost: 6.0, variance: 4.0, inverse: 2.0 };
         let roulette = Roulette::learn(&tree, &vertex_records, paths);
-        let chances = |cell, beta: f32| roulette.chances([cell; LANES], F::splat(beta)).map(|c| c.as_array()[0]);
-        let [light, on] = chances(cells[0], 0.5);
+        let probabilities =
+            |cell, beta: f32| roulette.probabilities([cell; LANES], F::splat(beta)).map(|c| c.as_array()[0]);
+        let [light, rest] = probabilities(cells[0], 0.5);
         // √(0.04 · 2 · 6 / (4 · 1.2)) / 2 and √(2 · 6 / (4 · 3)) / 2, but for the mean of all.
-        assert!((light - 0.158).abs() < 2e-3 && (on - 0.5).abs() < 2e-3, "{light} {on}");
-        assert_eq!(chances(cells[1], 0.5), LEAST);
-        assert_eq!(chances(cells[0], 1e30), [1.0, 1.0]);
+        assert!((light - 0.158).abs() < 2e-3 && (rest - 0.5).abs() < 2e-3, "{light} {rest}");
+        assert_eq!(probabilities(cells[1], 0.5), MIN_PROBABILITIES);
+        assert_eq!(probabilities(cells[0], 1e30), [1.0, 1.0]);
         for odd in [f64::NAN, 0.0, f64::INFINITY] {
-            let roulette = Roulette::learn(&tree, &vertex_records, Paths { variance: odd, ..paths });
+            let roulette = Roulette::learn(&tree, &vertex_records, PathStatistics { variance: odd, ..paths });
             for beta in [0.0, 1e-30, 1.0, f32::MAX] {
-                let all = roulette.chances(cells.repeat(4).try_into().unwrap(), F::splat(beta));
+                let all = roulette.probabilities(cells.repeat(4).try_into().unwrap(), F::splat(beta));
                 assert!(all.iter().flat_map(|c| c.to_array()).all(|c| c > 0.0 && c <= 1.0), "{odd} {beta}: {all:?}");
             }
         }

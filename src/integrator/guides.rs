@@ -1,12 +1,12 @@
 //! Auxiliary features of pixels (object, normal, depth), which decide what statistics neighbouring pixels share.
 
 use super::transport::Transport;
-use crate::balance::spread::Guide;
+use crate::balance::PixelFeatures;
 use crate::lanes::{F, LANES, U};
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 
 /// Features at the centres of `pixels`, by one extra ray each: they do not depend on the pixels' samples.
-pub fn guides(transport: &Transport, pixels: &[[u32; 2]]) -> Vec<Guide> {
+pub fn guides(transport: &Transport, pixels: &[[u32; 2]]) -> Vec<PixelFeatures> {
     let (mut rays, mut hits) = (RayBatch::default(), HitBatch::default());
     let time = F::splat(0.5);
     rays.open(pixels.len(), transport.geometry.moves);
@@ -21,11 +21,11 @@ pub fn guides(transport: &Transport, pixels: &[[u32; 2]]) -> Vec<Guide> {
     let guide = |ray: usize| {
         let (instance, mesh, prim) = (hits.instance[ray], hits.mesh[ray], hits.prim[ray]);
         if instance == MISS {
-            return Guide::default();
+            return PixelFeatures::default();
         }
         let hit = (instance, mesh, prim);
         let point = transport.geometry.point(transport.scene, hit, (hits.u[ray], hits.v[ray]), rays.time(ray));
-        Guide {
+        PixelFeatures {
             object: instance + 1,
             material: point.mesh.material + 1,
             normal: point.ns.normalize_or_zero(),

@@ -151,7 +151,7 @@ impl PathStates {
         self.scatter_records.iter_mut().for_each(Vec::clear);
         for (pixel, task) in tasks.iter().enumerate() {
             let (mut first_light, mut first_bsdf) = (task.first_light, task.first_bsdf);
-            let samples_per_path = task.weighed.rates(environment_probability);
+            let samples_per_path = task.weighed.samples_per_path(environment_probability);
             let paths = task.counts.paths;
             for path in 0..paths {
                 let [light, bsdf] = [task.counts.light, task.counts.bsdf].map(|n| deal(n, paths, path));
@@ -182,7 +182,7 @@ impl PathStates {
             }
             let pixel = self.paths[path.as_array()[lane] as usize].pixel;
             let (position, normal) = (p.lane(lane), n.lane(lane));
-            records.push(LightSampleRecord { position, normal, emitter: emitter[lane], pixel, found: 0.0 });
+            records.push(LightSampleRecord { position, normal, emitter: emitter[lane], pixel, contribution: 0.0 });
             records.len() as u32 - 1
         }))
     }
@@ -202,7 +202,7 @@ impl PathStates {
             let (radiance, scale) = clamp_contribution(shadows.radiance.get(i), limit);
             let record = shadows.light_sample_record.get(i).zip(self.light_sample_records.as_mut());
             if let Some(record) = record.and_then(|(&number, records)| records.get_mut(number as usize)) {
-                record.found = luminance(radiance);
+                record.contribution = luminance(radiance);
             }
             let path = &mut self.paths[owner as usize];
             path.radiance += radiance;

@@ -18,7 +18,7 @@ use super::vertices::MIN_COS;
 use crate::balance::deal;
 use crate::bsdf::{Bsdf, Lobe, Parameters};
 use crate::color::luminance;
-use crate::guiding::NOWHERE;
+use crate::guiding::NO_CELL;
 use crate::lanes::{F, LANES, U, V3, unit_interval};
 use crate::light::punctual;
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
@@ -114,7 +114,7 @@ pub fn trace(transport: &Transport, task: &PixelTask, path: u32, report: &mut dy
     let time = if moves { sequence.sample(index, TIME_SET)[0] } else { 0.0 };
     let (xy, uv) = ((F::splat(x), F::splat(y)), (F::splat(u), F::splat(v)));
     let (origin, direction) = transport.camera.rays_through(xy, uv, F::splat(time));
-    let samples_per_path = task.weighed.rates(transport.lights.environment_probability);
+    let samples_per_path = task.weighed.samples_per_path(transport.lights.environment_probability);
     let mut state = Tracer { transport, sequence, seed, samples_per_path, report };
     let ray = Ray {
         origin: origin.lane(0),
@@ -205,7 +205,7 @@ impl Tracer<'_> {
         let origin = point.position + ng * point.origin_offset;
         let cells = t.field.map(|field| (field, field.cells_at(V3::splat(origin), V3::splat(ng))));
         let luminances = F::splat(luminance(beta));
-        let roulette = cells.filter(|_| depth > 0).and_then(|(field, cells)| field.chances(cells, luminances));
+        let roulette = cells.filter(|_| depth > 0).and_then(|(field, cells)| field.roulette_probabilities(cells, luminances));
         let vertex = Vertex {
             origin,
             position: point.position,
@@ -219,7 +219,7 @@ impl Tracer<'_> {
             media: t.materials.media_at_surface(mesh, back_facing, medium),
             cell: cells
                 .filter(|_| mixture::is_diffuse(&scattering).any())
-                .map_or(NOWHERE, |(field, cells)| field.guiding(cells)[0]),
+                .map_or(NO_CELL, |(field, cells)| field.guiding_cells(cells)[0]),
             roulette: roulette.map(|roulette| roulette.map(|probability| probability.as_array()[0])),
             time: ray.time,
         };

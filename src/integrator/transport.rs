@@ -55,6 +55,6 @@ impl Transport<'_> {
 
     /// Samples per path beyond first surfaces (environment, area lights, BSDF): one light sample and one BSDF sample.
     pub(super) fn deeper_samples_per_path(&self) -> [f32; 3] {
-        Counts::half(1).rates(self.lights.environment_probability)
+        Counts::half(1).samples_per_path(self.lights.environment_probability)
     }
 }

@@ -49,7 +49,7 @@ pub struct Vertices {
 pub struct GuidingColumns {
     /// Is the BSDF diffuse ([`Lobe::diffuseness`](crate::bsdf::Lobe::diffuseness))? 0 or 1.
     pub diffuse: Vec<u32>,
-    /// Cell of the guiding field, or [`NOWHERE`](crate::guiding::NOWHERE).
+    /// Cell of the guiding field, or [`NO_CELL`](crate::guiding::NO_CELL).
     pub cell: Vec<u32>,
     /// Roulette probabilities of the light sample and of continuing the path; valid beyond first surfaces, if the field sets
     /// them.

@@ -160,7 +160,7 @@ impl Wave {
                 let [light, on] = record.roulette;
                 let found = [light.sqrt() * scatter_records[record.parent as usize].light, on * found];
                 let found = found.map(|found| (found / record.beta).powi(2));
-                vertex_records.push(VertexRecord { position: record.position, normal: record.normal, found });
+                vertex_records.push(VertexRecord { position: record.position, normal: record.normal, squared_contributions: found });
             }
             if found > 0.0 && record.diffuse && record.beta > 0.0 && found.is_finite() {
                 let ScatterRecord { position, normal, wi, beta, pdf: [pdf, bsdf_pdf, field_pdf], .. } = *record;
@@ -168,7 +168,7 @@ impl Wave {
                     position,
                     normal,
                     wi,
-                    found: found / beta,
+                    contribution: found / beta,
                     weight: found * found / divisors[paths[sub_path.path as usize].pixel as usize],
                     pdf,
                     bsdf_pdf,
@@ -193,7 +193,7 @@ impl Wave {
         self.run(transport, batch);
         let mut records = self.path_states.light_sample_records.take().unwrap_or_default();
         let divisors = divisors(batch.tasks, batch.stats);
-        records.iter_mut().for_each(|record| record.found /= divisors[record.pixel as usize].sqrt());
+        records.iter_mut().for_each(|record| record.contribution /= divisors[record.pixel as usize].sqrt());
         (records, divisors)
     }
 }

@@ -1,48 +1,48 @@
-//! Emissive triangles as lights; two that make a parallelogram are sampled as one.
+//! Area lights: emissive triangles. Two triangles that form a parallelogram are one light.
 
 use std::f32::consts::PI;
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 
-use super::LightSamples;
 use super::learned::LearnedLights;
+use super::samples::LightSamples;
 use super::tree::{Emitter, LightTree};
 use crate::color::luminance;
 use crate::lanes::{F, LANES, V3, eight};
 use crate::sampling::warp;
 use crate::scene::{Instance, Material, Mesh, Scene, TextureSlot};
 
-/// One emissive triangle, or two that make a parallelogram, in world space, as numbers that can be loaded into lanes.
+/// An emissive triangle, or two that form a parallelogram, in world space, laid out to be loaded into lanes.
 #[derive(Debug, Clone, Copy)]
 struct AreaLight {
-    /// A corner (3), an edge from it (3), x and y of the other edge.
-    place: [f32; LANES],
-    /// z of that edge, unit normal on the side that the winding calls the front (3), emitted radiance before a texture
-    /// (3), one over the area.
-    light: [f32; LANES],
+    /// A corner (3), an edge from it (3), x and y of the other edge from it.
+    geometry: [f32; LANES],
+    /// z of the other edge, unit normal of the front side by winding (3), emitted radiance before a texture (3), one over the
+    /// area.
+    emission: [f32; LANES],
     instance: u32,
     mesh: u32,
     prim: u32,
     two_sided: bool,
-    /// Its radiance follows from the place and the direction.
+    /// Whether its radiance depends on the point or the direction.
     varies: bool,
     parallelogram: bool,
-    /// It is elsewhere at other times: `place` and `light` are of the picture's own moment.
+    /// Whether it moves: `geometry` and `emission` hold the picture's reference time.
     moves: bool,
 }
 
 impl AreaLight {
-    /// A corner, the edges from it, the cross product that points to the front.
-    fn stand(&mut self, [v, e, f]: [Vec3; 3], cross: Vec3) {
+    /// Sets a corner, the edges from it, and the normal from their cross product, which points to the front.
+    fn set_geometry(&mut self, [v, e, f]: [Vec3; 3], cross: Vec3) {
         let area = if self.parallelogram { 1.0 } else { 0.5 } * cross.length();
         let n = cross.normalize_or_zero();
-        let [.., lx, ly, lz, _] = self.light;
-        self.place = [v.x, v.y, v.z, e.x, e.y, e.z, f.x, f.y];
-        self.light = [f.z, n.x, n.y, n.z, lx, ly, lz, 1.0 / area];
+        let [.., lx, ly, lz, _] = self.emission;
+        self.geometry = [v.x, v.y, v.z, e.x, e.y, e.z, f.x, f.y];
+        self.emission = [f.z, n.x, n.y, n.z, lx, ly, lz, 1.0 / area];
     }
 
-    /// As it is at a time in [0, 1] of the shutter.
+    /// The light at a time in [0, 1] of the shutter.
     #[inline(never)]
     fn at(&self, scene: &Scene, time: f32) -> Self {
         let mut light = *self;
@@ -50,52 +50,52 @@ impl AreaLight {
             let instance = &scene.instances[self.instance as usize];
             let mesh = &scene.meshes[self.mesh as usize];
             let (edges, cross) = edges(corners(instance, mesh, self.prim as usize, Some(time)), instance);
-            light.stand(edges, cross);
+            light.set_geometry(edges, cross);
         }
         light
     }
 }
 
-/// Corners of a triangle in world space: at a time of the shutter, or at the picture's own moment.
+/// Corners of a triangle in world space, at a time in [0, 1] of the shutter or, for `None`, at the picture's reference time.
 fn corners(instance: &Instance, mesh: &Mesh, prim: usize, time: Option<f32>) -> [Vec3; 3] {
     let vertices = mesh.indices[prim];
-    let own = match (&mesh.motion, time) {
+    let corners = match (&mesh.motion, time) {
         (Some(motion), Some(time)) => motion.corners(vertices, time),
         _ => vertices.map(|i| Vec3::from_array(mesh.positions[i as usize])),
     };
     match time.map_or(instance.transform, |time| instance.at(time)) {
-        None => own,
-        Some(to_world) => own.map(|p| to_world.transform_point3(p)),
+        None => corners,
+        Some(to_world) => corners.map(|p| to_world.transform_point3(p)),
     }
 }
 
-/// A corner and the edges from it, and their cross product, turned to the front.
+/// A corner and the edges from it, and their cross product toward the front.
 fn edges([v, s, t]: [Vec3; 3], instance: &Instance) -> ([Vec3; 3], Vec3) {
     let (e, f) = (s - v, t - v);
     let mirrored = instance.transform.is_some_and(|t| t.matrix3.determinant() < 0.0);
     ([v, e, f], e.cross(f) * if mirrored { -1.0 } else { 1.0 })
 }
 
-/// All that emits in a scene, chosen by a light tree.
+/// All area lights of a scene, chosen by a light tree.
 #[derive(Debug)]
 pub struct AreaLights {
     lights: Vec<AreaLight>,
     tree: LightTree,
-    /// Place in `light_of` of the first triangle of each (instance, mesh) that emits, sorted.
+    /// Index in `light_of` of the first triangle of each emissive (instance, mesh), sorted.
     first: Vec<((u32, u32), u32)>,
     /// The area light of each emissive triangle.
     light_of: Vec<u32>,
-    /// Do some of them move?
+    /// Whether any light moves.
     moves: bool,
 }
 
 impl AreaLights {
-    /// Levels of the light tree, were it even: log₂ of the lights that it chooses from.
+    /// Number of levels of a balanced light tree: log₂ of the number of lights.
     pub fn levels(&self) -> f32 {
         (self.lights.len() as f32).log2()
     }
 
-    /// Gathers them; `None` when nothing shines.
+    /// The area lights of a scene; `None` if nothing emits.
     pub fn new(scene: &Scene) -> Option<Self> {
         let (mut lights, mut emitters) = (Vec::new(), Vec::new());
         let (mut first, mut light_of) = (Vec::new(), Vec::new());
@@ -113,28 +113,18 @@ impl AreaLights {
                 let varies = material.textures[TextureSlot::Emissive].is_some() || material.clearcoat > 0.0;
                 let mut prim = 0;
                 while prim < mesh.indices.len() {
-                    let mut own = corners(prim);
-                    let mut far = own[0];
+                    let mut triangle = corners(prim);
+                    let mut far = triangle[0];
                     let pair = (!varies && !moves && prim + 1 < mesh.indices.len())
-                        .then(|| parallelogram(own, corners(prim + 1)))
+                        .then(|| parallelogram(triangle, corners(prim + 1)))
                         .flatten();
                     if let Some([a, b, c, d]) = pair {
-                        (own, far) = ([a, b, c], d);
+                        (triangle, far) = ([a, b, c], d);
                     }
-                    let ([v, e, f], cross) = edges(own, instance);
+                    let ([v, e, f], cross) = edges(triangle, instance);
                     let area = if pair.is_some() { 1.0 } else { 0.5 } * cross.length();
                     let radiance = luminance(mean_emission(scene, material, mesh, mesh.indices[prim]));
-                    let sides = if material.double_sided { 2.0 } else { 1.0 };
-                    let power = PI * area * radiance * sides;
-                    let n = cross.normalize_or_zero();
-                    let mut emitter = Emitter {
-                        low: v.min(v + e).min(v + f).min(far),
-                        high: v.max(v + e).max(v + f).max(far),
-                        normal: n,
-                        spread: 0.0,
-                        power: if power.is_finite() && n != Vec3::ZERO { power } else { 0.0 },
-                        two_sided: material.double_sided,
-                    };
+                    let mut emitter = emitter(material, ([v, e, f], cross), far, (area, radiance));
                     if moves {
                         sweep(&mut emitter, instance, mesh, prim);
                     }
@@ -143,8 +133,8 @@ impl AreaLights {
                     let triangles = if pair.is_some() { 2 } else { 1 };
                     light_of.extend(std::iter::repeat_n(lights.len() as u32, triangles));
                     let mut light = AreaLight {
-                        place: [0.0; LANES],
-                        light: [0.0, 0.0, 0.0, 0.0, l.x, l.y, l.z, 0.0],
+                        geometry: [0.0; LANES],
+                        emission: [0.0, 0.0, 0.0, 0.0, l.x, l.y, l.z, 0.0],
                         instance: instance_index as u32,
                         mesh: mesh_index,
                         prim: prim as u32,
@@ -153,7 +143,7 @@ impl AreaLights {
                         parallelogram: pair.is_some(),
                         moves,
                     };
-                    light.stand([v, e, f], cross);
+                    light.set_geometry([v, e, f], cross);
                     lights.push(light);
                     prim += triangles;
                 }
@@ -164,33 +154,33 @@ impl AreaLights {
         Some(Self { lights, tree, first, light_of, moves })
     }
 
-    /// What chooses among them.
+    /// The light tree.
     pub fn tree(&self) -> &LightTree {
         &self.tree
     }
 
-    /// Bytes of a light and its place in the tree while both are made.
+    /// Memory in bytes of a light and its part of the tree while both are built.
     pub const BYTES_EACH: u64 = 240;
 
-    /// How many a scene has at most: emissive triangles, as they are placed.
+    /// Upper bound of the number of a scene's area lights: the emissive triangles of all instances.
     pub fn count(scene: &Scene) -> u64 {
-        let shines = |mesh: &&Arc<Mesh>| scene.materials[mesh.material as usize].is_emissive();
+        let emits = |mesh: &&Arc<Mesh>| scene.materials[mesh.material as usize].is_emissive();
         let triangles: Vec<u64> = scene
             .objects
             .iter()
             .map(|object| &scene.meshes[object.meshes.start as usize..object.meshes.end as usize])
-            .map(|meshes| meshes.iter().filter(shines).map(|mesh| mesh.indices.len() as u64).sum())
+            .map(|meshes| meshes.iter().filter(emits).map(|mesh| mesh.indices.len() as u64).sum())
             .collect();
         scene.instances.iter().map(|instance| triangles[instance.object as usize]).sum()
     }
 
-    /// Emitted power (luminance), in W.
+    /// Luminance of the emitted power, in W.
     pub fn power(&self) -> f32 {
         self.tree.power()
     }
 
-    /// Emitted radiance of triangle `prim` of `mesh` at barycentric weights (`u`, `v`) of its second and third vertex,
-    /// from a side that shines, seen at cosine `cos` to the triangle's normal, of either sign.
+    /// Emitted radiance (linear RGB) of triangle `prim` of `mesh` at barycentric weights (`u`, `v`) of its second and third
+    /// vertex, on an emitting side. `cos` is the cosine, of either sign, between the direction and the triangle's normal.
     #[inline]
     pub fn radiance(scene: &Scene, mesh: &Mesh, prim: u32, (u, v): (f32, f32), cos: f32) -> Vec3 {
         let material = &scene.materials[mesh.material as usize];
@@ -204,14 +194,14 @@ impl AreaLights {
         if material.clearcoat == 0.0 {
             return emitted;
         }
-        // A coat lies over what shines, and lets through what it does not reflect: Schlick's term for index 1.5.
+        // The clear coat transmits what it does not reflect: Schlick's approximation for an index of refraction of 1.5.
         let coat = texel(TextureSlot::Clearcoat).map_or(material.clearcoat, |texel| material.clearcoat * texel.x);
         emitted * (1.0 - coat * (0.04 + 0.96 * (1.0 - cos.abs()).clamp(0.0, 1.0).powi(5)))
     }
 
-    /// Draws points on area lights, uniform over their area, as seen from `p` with normals `n` as for
-    /// [`LightTree::sample`], at times in [0, 1] of the shutter, by three numbers in [0, 1): one chooses the light, by what is
-    /// `learned` of them too, two the point on it.
+    /// Samples points on area lights, uniform over the area of a light, for points `p` with normals `n` as for
+    /// [`LightTree::sample`], at times in [0, 1] of the shutter. The first of three random numbers in [0, 1) chooses the light,
+    /// with `learned` weights if there are any; the others choose the point on it.
     #[inline]
     pub fn sample(
         &self,
@@ -227,8 +217,8 @@ impl AreaLights {
             moved = eight(|lane| lights[lane].at(scene, time.as_array()[lane]));
             lights = moved.each_ref();
         }
-        let [vx, vy, vz, ex, ey, ez, fx, fy] = F::transpose(eight(|lane| F::from(lights[lane].place)));
-        let [fz, nx, ny, nz, lx, ly, lz, one_over_area] = F::transpose(eight(|lane| F::from(lights[lane].light)));
+        let [vx, vy, vz, ex, ey, ez, fx, fy] = F::transpose(eight(|lane| F::from(lights[lane].geometry)));
+        let [fz, nx, ny, nz, lx, ly, lz, one_over_area] = F::transpose(eight(|lane| F::from(lights[lane].emission)));
         let whole = F::from(eight(|lane| f32::from(u8::from(lights[lane].parallelogram)))).simd_gt(F::ZERO);
         let (b1, b2) = warp::triangles(u, v);
         let (b1, b2) = (whole.select(u, b1), whole.select(v, b2));
@@ -253,8 +243,8 @@ impl AreaLights {
         LightSamples { wi, distance, radiance, pdf: pdf & seen, emitter: chosen }
     }
 
-    /// Density per solid angle of [`sample`](Self::sample), at `p` with normal `n`, for a hit of triangle `prim` at
-    /// `distance` along `wi`, at a time in [0, 1] of the shutter.
+    /// Density per solid angle of [`sample`](Self::sample) at `p` with normal `n`, for a hit of triangle `prim` at `distance`
+    /// metres along `wi`, at a time in [0, 1] of the shutter. Zero if the triangle is not a light.
     #[inline]
     pub fn pdf(
         &self,
@@ -265,8 +255,8 @@ impl AreaLights {
         distance: f32,
         learned: Option<&LearnedLights>,
     ) -> f32 {
-        let Ok(found) = self.first.binary_search_by_key(&(instance, mesh), |&(key, _)| key) else { return 0.0 };
-        let light = self.light_of[(self.first[found].1 + prim) as usize];
+        let Ok(index) = self.first.binary_search_by_key(&(instance, mesh), |&(key, _)| key) else { return 0.0 };
+        let light = self.light_of[(self.first[index].1 + prim) as usize];
         let chosen = &self.lights[light as usize];
         let moved;
         let chosen = match chosen.moves {
@@ -276,7 +266,7 @@ impl AreaLights {
                 &moved
             }
         };
-        let AreaLight { light: [_, nx, ny, nz, .., one_over_area], two_sided, .. } = *chosen;
+        let AreaLight { emission: [_, nx, ny, nz, .., one_over_area], two_sided, .. } = *chosen;
         let cos = -Vec3::new(nx, ny, nz).dot(wi);
         let facing = if two_sided { cos.abs() } else { cos };
         if facing <= 0.0 {
@@ -288,33 +278,54 @@ impl AreaLights {
     }
 }
 
-/// Widens an emitter to all that it is while the shutter is open.
+/// The emitter of a light with corner `v`, edges `e` and `f` from it and the `far` corner, by its area and the luminance of its
+/// radiance. Emitters without area or with infinite power have no power.
+fn emitter(
+    material: &Material,
+    ([v, e, f], cross): ([Vec3; 3], Vec3),
+    far: Vec3,
+    (area, radiance): (f32, f32),
+) -> Emitter {
+    let sides = if material.double_sided { 2.0 } else { 1.0 };
+    let power = PI * area * radiance * sides;
+    let n = cross.normalize_or_zero();
+    Emitter {
+        low: v.min(v + e).min(v + f).min(far),
+        high: v.max(v + e).max(v + f).max(far),
+        normal: n,
+        spread: 0.0,
+        power: if power.is_finite() && n != Vec3::ZERO { power } else { 0.0 },
+        two_sided: material.double_sided,
+    }
+}
+
+/// Extends the bounds of an emitter to its motion while the shutter is open.
 fn sweep(emitter: &mut Emitter, instance: &Instance, mesh: &Mesh, prim: usize) {
     let keys = mesh.motion.as_ref().map_or(1, |motion| motion.positions.len());
-    // Where both move, between the keys of either, too.
+    // Twice as many steps as keys, because the keys of mesh and instance may differ.
     let steps = 2 * keys.max(instance.motion.as_ref().map_or(1, |motion| motion.keys().len()));
     for step in 0..=steps {
-        let own = corners(instance, mesh, prim, Some(step as f32 / steps as f32));
-        for p in own {
+        let triangle = corners(instance, mesh, prim, Some(step as f32 / steps as f32));
+        for p in triangle {
             (emitter.low, emitter.high) = (emitter.low.min(p), emitter.high.max(p));
         }
-        let normal = edges(own, instance).1.normalize_or(emitter.normal);
+        let normal = edges(triangle, instance).1.normalize_or(emitter.normal);
         emitter.spread = emitter.spread.max(normal.angle_between(emitter.normal));
     }
-    // For what lies between the steps.
+    // A margin for the motion between the steps.
     emitter.spread = (1.2 * emitter.spread + 0.01).min(PI);
     let margin = 0.01 * (emitter.high - emitter.low).length();
     (emitter.low, emitter.high) = (emitter.low - margin, emitter.high + margin);
 }
 
-/// The parallelogram that two triangles make which share an edge: a corner, its two neighbours in the first triangle's
-/// winding, the corner across.
+/// The parallelogram of two triangles that share an edge: a corner, its two neighbours in the first triangle's winding, and
+/// the opposite corner. `None` if they form none.
 fn parallelogram(a: [Vec3; 3], b: [Vec3; 3]) -> Option<[Vec3; 4]> {
     for i in 0..3 {
         for j in 0..3 {
             let (s, t) = (a[(i + 1) % 3], a[(i + 2) % 3]);
             if (s, t) == (b[(j + 2) % 3], b[(j + 1) % 3]) {
-                // As good as equal: some roundings of the largest coordinate.
+                // Equal up to rounding, relative to the largest coordinate.
                 let (error, size) = (a[i] + b[j] - s - t, s.abs().max(t.abs()).max(a[i].abs()).max_element());
                 return (error.abs().max_element() <= 8.0 * f32::EPSILON * size).then_some([a[i], s, t, b[j]]);
             }
@@ -323,7 +334,7 @@ fn parallelogram(a: [Vec3; 3], b: [Vec3; 3]) -> Option<[Vec3; 4]> {
     None
 }
 
-/// Emission averaged over a triangle, by the texture at 16 points of it: good enough to choose by.
+/// Emitted radiance averaged over 16 texture samples of a triangle, which is accurate enough for the light tree.
 fn mean_emission(scene: &Scene, material: &Material, mesh: &Mesh, index: [u32; 3]) -> Vec3 {
     let Some(texture) = &material.textures[TextureSlot::Emissive] else { return material.emissive };
     let Some(texcoords) = &mesh.texcoords[usize::from(texture.set.min(1))] else { return material.emissive };
@@ -334,6 +345,6 @@ fn mean_emission(scene: &Scene, material: &Material, mesh: &Mesh, index: [u32; 3
         let (u, v) = (u.as_array()[0], v.as_array()[0]);
         sum += scene.sample_texture(texture, a + (b - a) * u + (c - a) * v).truncate();
     }
-    // A little for what 16 points may have missed.
+    // A small addition for emission between the 16 points.
     material.emissive * (sum / 16.0 + 1e-3)
 }

@@ -1,29 +1,29 @@
-//! The environment as a light: bilinear radiance, sampled in proportion to it.
+//! The environment light: bilinearly interpolated radiance, sampled in proportion to its luminance.
 
 use std::f32::consts::{FRAC_1_PI, PI};
 use std::sync::OnceLock;
 
 use glam::Vec3;
 
-use super::LightSamples;
+use super::samples::LightSamples;
 use crate::color::luminance;
 use crate::lanes::{F, LANES, V3};
 use crate::sampling::{Discrete, warp};
 use crate::scene::Environment;
 
-/// Radiance is interpolated between texel centres (wrapping in u, clamped at the poles). Samples are drawn from that
-/// very interpolant times sin θ at the middle of each row: cells between four texel centres by their integral, then
-/// the bilinear function within the cell.
+/// Radiance is interpolated between texel centres (wrapping in u, clamped at the poles). Samples follow the luminance of this
+/// interpolant times sin θ at the middle of each row: first a cell between four texel centres by its integral, then the
+/// bilinear function within the cell.
 #[derive(Debug)]
 pub struct EnvironmentSampler {
     width: usize,
-    /// Texel rows.
+    /// Number of texel rows.
     height: usize,
-    /// `width * height` radiance, rotation not applied, strength applied.
+    /// Radiance of `width * height` texels, linear RGB, with strength and without rotation.
     texels: Vec<Vec3>,
-    /// By radiance.
-    whole: Table,
-    /// By what is above the mean, if anything is; made when it is first asked for.
+    /// By luminance.
+    plain: Table,
+    /// By the luminance above the mean, if any is; made on first use.
     compensated: OnceLock<Option<Table>>,
     /// Sine and cosine of the rotation about +y.
     rotation: (f32, f32),
@@ -31,39 +31,39 @@ pub struct EnvironmentSampler {
     mean_luminance: f32,
 }
 
-/// What directions are drawn in proportion to.
+/// The density of directions toward the environment.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Density {
-    /// Radiance.
+    /// In proportion to the luminance.
     #[default]
     Radiance,
-    /// What of the radiance's luminance is above its mean: MIS compensation (Karlík, Šik, Vévoda, Skřivan and Křivánek 2019, *MIS
-    /// Compensation: Optimizing Sampling Techniques in Multiple Importance Sampling*). BSDF samples must find the rest. As
-    /// `Radiance` where nothing is above the mean.
+    /// In proportion to the luminance above its mean, or like `Radiance` if none is: MIS compensation (Karlík, Šik, Vévoda,
+    /// Skřivan and Křivánek 2019, *MIS Compensation: Optimizing Sampling Techniques in Multiple Importance Sampling*). BSDF
+    /// samples must find the rest.
     Compensated,
 }
 
-/// Cells, drawn in proportion to the bilinear function's integral.
+/// Probabilities of cells, in proportion to the integrals of their bilinear functions.
 #[derive(Debug)]
 struct Table {
-    /// Row of cells: `height + 1` of them, the first and last half as high.
+    /// Rows of cells: `height + 1`, the first and the last half as high.
     rows: Discrete,
-    /// For each row of cells, its columns.
+    /// The columns of each row of cells.
     columns: Vec<Option<Discrete>>,
-    /// What is taken off the texels' luminance.
+    /// The value that is subtracted from the texels' luminance.
     level: f32,
 }
 
 impl EnvironmentSampler {
-    /// `None` when it is black.
+    /// A sampler of an environment; `None` if it is black.
     pub fn new(environment: &Environment) -> Option<Self> {
         let (width, height) = (environment.width as usize, environment.height as usize);
         let texels: Vec<Vec3> =
             environment.pixels.iter().map(|&p| Vec3::from_array(p) * environment.strength).collect();
         let lum: Vec<f32> = texels.iter().map(|&t| luminance(t)).collect();
-        let (whole, mean_luminance) = Table::new(&lum, width, 0.0)?;
+        let (plain, mean_luminance) = Table::new(&lum, width, 0.0)?;
         let rotation = environment.rotation.sin_cos();
-        Some(Self { width, height, texels, whole, compensated: OnceLock::new(), rotation, mean_luminance })
+        Some(Self { width, height, texels, plain, compensated: OnceLock::new(), rotation, mean_luminance })
     }
 
     /// Luminance averaged over the sphere (to the accuracy of one row).
@@ -71,13 +71,13 @@ impl EnvironmentSampler {
         self.mean_luminance
     }
 
-    /// Radiance from directions `wi`, unit, world space, and the density per solid angle of [`sample`](Self::sample).
+    /// Radiance (linear RGB) from unit directions `wi` in world space, and the density per solid angle of [`sample`](Self::sample).
     #[inline]
     pub fn radiance_pdf(&self, wi: V3, density: Density) -> (V3, F) {
         let (s, c) = (F::splat(self.rotation.0), F::splat(self.rotation.1));
         // The inverse rotation.
         let (x, z) = (c * wi.x - s * wi.z, s * wi.x + c * wi.z);
-        // From x and z, so that it is exact near the poles.
+        // By x and z, which is accurate near the poles.
         let sin_theta = x.mul_add(x, z * z).sqrt();
         let u = z.atan2(x).mul_add(F::splat(0.5 * FRAC_1_PI), F::HALF);
         let v = sin_theta.atan2(wi.y) * F::splat(FRAC_1_PI);
@@ -93,7 +93,7 @@ impl EnvironmentSampler {
         (radiance, self.pdf(&cells, cells.weight(table.level, radiance, fu, fv), sin_theta, table.level))
     }
 
-    /// Is anything above the mean?
+    /// Whether any luminance is above the mean.
     pub fn has_compensated(&self) -> bool {
         self.compensated().is_some()
     }
@@ -108,12 +108,12 @@ impl EnvironmentSampler {
 
     fn table(&self, density: Density) -> &Table {
         match density {
-            Density::Radiance => &self.whole,
-            Density::Compensated => self.compensated().unwrap_or(&self.whole),
+            Density::Radiance => &self.plain,
+            Density::Compensated => self.compensated().unwrap_or(&self.plain),
         }
     }
 
-    /// Draws directions.
+    /// Samples directions by two random numbers in [0, 1).
     #[inline]
     pub fn sample(&self, u: F, v: F, density: Density) -> LightSamples {
         let table = self.table(density);
@@ -139,7 +139,7 @@ impl EnvironmentSampler {
         let (sin_theta, cos_theta) = warp::sin_cos_turns(map_v * F::HALF);
         let past = map_u.simd_gt(F::ONE);
         let (sin_phi, cos_phi) = warp::sin_cos_turns(past.select(map_u - F::ONE, map_u));
-        // u = ½ is the direction +x: half a turn on.
+        // u = ½ is the direction +x, so the angle is turned by half a turn.
         let (x, z) = (-(sin_theta * cos_phi), -(sin_theta * sin_phi));
         let (s, co) = (F::splat(self.rotation.0), F::splat(self.rotation.1));
         let wi = V3 { x: co * x + s * z, y: cos_theta, z: co * z - s * x };
@@ -148,11 +148,11 @@ impl EnvironmentSampler {
         LightSamples { wi, distance: F::splat(f32::INFINITY), radiance, pdf, emitter: [0; LANES] }
     }
 
-    /// Chance of the cell × bilinear density within it / solid angle of the unit square there.
+    /// Density per solid angle: probability of the cell × bilinear density within it / solid angle per unit of the square.
     #[inline(always)]
     fn pdf(&self, cells: &Cells, weight: F, sin_theta: F, level: f32) -> F {
         let [a, b, c, d] = cells.weights(level);
-        let density = cells.chance * F::splat(4.0 * self.width as f32) * weight / ((a + b + c + d) * cells.height);
+        let density = cells.probability * F::splat(4.0 * self.width as f32) * weight / ((a + b + c + d) * cells.height);
         let pdf = density / (F::splat(2.0 * PI * PI) * sin_theta);
         pdf & pdf.is_finite()
     }
@@ -160,7 +160,7 @@ impl EnvironmentSampler {
     #[inline(always)]
     fn cells(&self, table: &Table, row: [usize; LANES], column: [usize; LANES]) -> Cells {
         let mut corners = [[[0.0; LANES]; 3]; 4];
-        let (mut chance, mut top, mut height) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+        let (mut probability, mut top, mut height) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         for i in 0..LANES {
             let (row, column) = (row[i].min(self.height), column[i].min(self.width - 1));
             let (above, below) = row_pair(row, self.height);
@@ -171,14 +171,14 @@ impl EnvironmentSampler {
                 (corner[0][i], corner[1][i], corner[2][i]) = (texel.x, texel.y, texel.z);
             }
             if let Some(columns) = &table.columns[row] {
-                chance[i] = table.rows.pmf(row as u32) * columns.pmf(column as u32);
+                probability[i] = table.rows.pmf(row as u32) * columns.pmf(column as u32);
             }
             let (from, to) = row_extent(row, self.height);
             (top[i], height[i]) = (from, to - from);
         }
         Cells {
             corners: corners.map(V3::from_arrays),
-            chance: F::from(chance),
+            probability: F::from(probability),
             top: F::from(top),
             height: F::from(height),
         }
@@ -186,11 +186,11 @@ impl EnvironmentSampler {
 }
 
 impl Table {
-    /// Of texels `width` a row with these luminances, less `level`, and what is left of them, averaged over the sphere; `None`
-    /// if nothing is.
+    /// A table of the luminances, `width` per row, minus `level`, and the mean of these differences over the sphere. `None` if no
+    /// difference is positive.
     fn new(luminance: &[f32], width: usize, level: f32) -> Option<(Self, f32)> {
         let height = luminance.len() / width;
-        let of = |x: usize| (luminance[x] - level).max(0.0);
+        let excess = |x: usize| (luminance[x] - level).max(0.0);
         let mut row_weights = Vec::with_capacity(height + 1);
         let mut columns = Vec::with_capacity(height + 1);
         let mut mean = 0.0f64;
@@ -198,7 +198,10 @@ impl Table {
             let (above, below) = row_pair(row, height);
             let weight = |x: usize| {
                 let next = (x + 1) % width;
-                of(above * width + x) + of(above * width + next) + of(below * width + x) + of(below * width + next)
+                excess(above * width + x)
+                    + excess(above * width + next)
+                    + excess(below * width + x)
+                    + excess(below * width + next)
             };
             let (top, bottom) = row_extent(row, height);
             let sin = (PI * 0.5 * (top + bottom)).sin();
@@ -219,21 +222,22 @@ impl Table {
 struct Cells {
     /// Radiance above left, above right, below left, below right.
     corners: [V3; 4],
-    /// Chance of drawing the cell.
-    chance: F,
-    /// Where it begins in v, and how far it goes.
+    /// Probability of the cell.
+    probability: F,
+    /// Start in v.
     top: F,
+    /// Extent in v.
     height: F,
 }
 
 impl Cells {
-    /// What the corners count in a table of this level.
+    /// Weights of the corners in a table with this level.
     #[inline(always)]
     fn weights(&self, level: f32) -> [F; 4] {
         self.corners.map(|corner| (corner.luminance() - F::splat(level)).fast_max(F::ZERO))
     }
 
-    /// The bilinear interpolant of the weights, where that of the radiance is `radiance`.
+    /// The bilinear interpolant of the weights; `radiance` is that of the radiance.
     #[inline(always)]
     fn weight(&self, level: f32, radiance: V3, fu: F, fv: F) -> F {
         if level == 0.0 {
@@ -259,7 +263,7 @@ fn row_pair(row: usize, height: usize) -> (usize, usize) {
     (row.saturating_sub(1), row.min(height - 1))
 }
 
-/// Where a row of cells begins and ends in v.
+/// Start and end of a row of cells in v.
 #[inline]
 fn row_extent(row: usize, height: usize) -> (f32, f32) {
     let h = height as f32;

@@ -1,16 +1,18 @@
-//! Where light comes from: the environment, emissive triangles, punctual lights; and which one to sample. Each kind is
-//! a file and answers the same three questions:
+//! Lights: the environment, area lights (emissive triangles) and punctual lights, and the choice among them. Each kind is a
+//! file with the same three functions:
 //!
 //! | kind | emitted radiance | sample | pdf |
 //! | --- | --- | --- | --- |
-//! | [`environment`] | [`radiance_pdf`](EnvironmentSampler::radiance_pdf) | [`sample`](EnvironmentSampler::sample) | with the radiance: one look-up |
+//! | [`environment`] | [`radiance_pdf`](EnvironmentSampler::radiance_pdf) | [`sample`](EnvironmentSampler::sample) | with the radiance, by one look-up |
 //! | [`area`] | [`radiance`](AreaLights::radiance) | [`sample`](AreaLights::sample) | [`pdf`](AreaLights::pdf) |
-//! | [`punctual`] | none: no ray meets them | [`sample`](punctual::sample) | 0 |
+//! | [`punctual`] | none: rays cannot hit them | [`sample`](punctual::sample) | 0 |
 
 pub mod area;
 pub mod environment;
+pub mod learn;
 pub mod learned;
 pub mod punctual;
+pub mod samples;
 pub mod tree;
 
 use std::sync::Arc;
@@ -21,71 +23,58 @@ use crate::lanes::{F, LANES, V3};
 use crate::scene::Scene;
 pub use area::AreaLights;
 pub use environment::{Density, EnvironmentSampler};
-pub use learned::{LearnedLights, LightSampleRecord};
+pub use learn::LightSampleRecord;
+pub use learned::LearnedLights;
 pub use punctual::PunctualSample;
+pub use samples::LightSamples;
 
-/// Directions toward lights that have extent: what MIS weighs against BSDF sampling.
-#[derive(Debug, Clone, Copy)]
-pub struct LightSamples {
-    /// Unit, toward the light.
-    pub wi: V3,
-    /// To the light; infinite for the environment.
-    pub distance: F,
-    /// Radiance along `wi` if nothing is in the way.
-    pub radiance: V3,
-    /// Per solid angle, over all lights of its kind (environment, area lights); 0 where a light's back is seen (such a sample
-    /// counts, with value zero).
-    pub pdf: F,
-    /// Which one, of area lights.
-    pub emitter: [u32; LANES],
-}
-
-/// What light samples are drawn by.
+/// The density of light samples.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Drawing<'a> {
-    /// Those toward the environment.
+    /// Toward the environment.
     pub density: Density,
-    /// What is known of area lights besides their power and place.
+    /// Learned selection of area lights.
     pub learned: Option<&'a LearnedLights>,
 }
 
-/// All the lights of a scene. The environment is one technique and the area lights, emissive triangles chosen by a light tree,
-/// are another; or both are one, whose samples draw the kind. Punctual lights are apart: BSDF sampling never finds them.
+/// All lights of a scene. Environment and area lights are either two techniques, or one technique whose samples choose the
+/// kind at random. Punctual lights are separate: BSDF sampling never finds them.
 #[derive(Debug)]
 pub struct Lights {
-    /// The environment, if it shines.
+    /// The environment, if it is not black.
     pub environment: Option<Arc<EnvironmentSampler>>,
     /// Emissive triangles, if any.
     pub area: Option<AreaLights>,
-    /// Are there lights without size?
+    /// Whether there are punctual lights.
     pub punctual: bool,
-    /// The part of light samples that goes to the environment where each draws: between 0.1 and 0.9 by power if there
-    /// are area lights too, else 1 or 0.
+    /// The probability of the environment where each light sample chooses its kind at random: between 0.1 and 0.9 by power if
+    /// there are area lights too, otherwise 1 or 0.
     pub environment_probability: f32,
 }
 
-/// The bits of a mask that is set in all lanes.
-const ALL: u32 = (1 << LANES) - 1;
+/// The bitmask of a mask that is set in all lanes.
+const ALL_LANES: u32 = (1 << LANES) - 1;
 
 impl Lights {
-    /// Gathers a scene's lights. `radius` is the scene's bounding radius in metres: it turns the environment's
-    /// radiance into a power that can be compared with the area lights'.
+    /// The lights of a scene. `radius` is the scene's bounding radius in metres, which turns the environment's radiance into a
+    /// power to compare with that of the area lights.
     pub fn new(scene: &Scene, radius: f32) -> Self {
         Self::after(scene, radius, None)
     }
 
-    /// As [`Self::new`], with the tables of an earlier scene's environment where it is the same.
+    /// The lights of a scene, with the environment's tables of an earlier scene if the environment is the same. `radius` is the
+    /// scene's bounding radius in metres.
     pub fn after(scene: &Scene, radius: f32, previous: Option<(&Scene, &Self)>) -> Self {
-        let known = previous.and_then(|(earlier, lights)| {
+        let reused = previous.and_then(|(earlier, lights)| {
             let same = earlier.environment.as_ref()?.is(scene.environment.as_ref()?);
             lights.environment.clone().filter(|_| same)
         });
         let make = || scene.environment.as_ref().and_then(EnvironmentSampler::new).map(Arc::new);
-        let environment = known.or_else(make);
+        let environment = reused.or_else(make);
         let area = AreaLights::new(scene);
         let environment_probability = match (&environment, &area) {
             (Some(environment), Some(area)) => {
-                // Power through the scene's bounding disk against emitted power; neither is ever left out.
+                // Power through the scene's bounding disk against emitted power; both kinds are always sampled.
                 let env = environment.mean_luminance() * std::f32::consts::PI * radius * radius;
                 let emitters = area.power();
                 (env / (env + emitters)).clamp(0.1, 0.9)
@@ -96,29 +85,30 @@ impl Lights {
         Self { environment, area, punctual: !scene.lights.is_empty(), environment_probability }
     }
 
-    /// Is there a light with extent?
+    /// Whether any light has an extent.
     pub fn has_extent(&self) -> bool {
         self.environment.is_some() || self.area.is_some()
     }
 
-    /// Are there both an environment and area lights?
+    /// Whether there are both an environment and area lights.
     pub fn two_kinds(&self) -> bool {
         self.environment.is_some() && self.area.is_some()
     }
 
-    /// Draws for each of eight samples whether it goes to the environment (the mask), by `choice` in [0, 1), and what is
-    /// left of `choice` for the area lights.
+    /// Chooses the kind of light for eight samples by `choice` in [0, 1): the mask of those that go to the environment, and the
+    /// remapped `choice` in [0, 1) for the area lights.
     #[inline]
     pub fn draw_kind(&self, choice: F) -> (F, F) {
         let q = self.environment_probability;
         let toward = choice.simd_lt(F::splat(q));
-        let left = (choice - F::splat(q)) * F::splat(1.0 / (1.0 - q));
-        (toward, left.fast_max(F::ZERO).fast_min(F::splat(crate::sampling::warp::ONE_MINUS)))
+        let remapped = (choice - F::splat(q)) * F::splat(1.0 / (1.0 - q));
+        (toward, remapped.fast_max(F::ZERO).fast_min(F::splat(crate::sampling::warp::ONE_MINUS_EPSILON)))
     }
 
-    /// Draws directions, by `drawing`, toward the environment where the mask `toward_environment` is set (all of them, if that is all there is), else
-    /// toward area lights as seen from `p` with normals `n` as for [`tree::LightTree::sample`]: of three numbers in [0, 1), one chooses the
-    /// light and two the point on it; `at` the scene and times in [0, 1] of the shutter.
+    /// Samples directions by `drawing`: toward the environment where the mask `toward_environment` is set, otherwise toward area
+    /// lights from `p` with normals `n` as for [`tree::LightTree::sample`]. If only one kind exists, the mask has no effect. The
+    /// first of three random `numbers` in [0, 1) chooses the light, the others the point on it. `at` is the scene, and times in
+    /// [0, 1] of the shutter.
     #[inline]
     pub fn sample(
         &self,
@@ -132,7 +122,7 @@ impl Lights {
         let [_, u, v] = numbers;
         match (&self.environment, &self.area) {
             (Some(environment), None) => environment.sample(u, v, density),
-            (Some(environment), Some(_)) if mask == ALL => environment.sample(u, v, density),
+            (Some(environment), Some(_)) if mask == ALL_LANES => environment.sample(u, v, density),
             (None, Some(area)) => area.sample(at, (p, n), learned, numbers),
             (Some(_), Some(area)) if mask == 0 => area.sample(at, (p, n), learned, numbers),
             (Some(environment), Some(area)) => {
@@ -153,8 +143,8 @@ impl Lights {
         }
     }
 
-    /// Radiance of the environment from `wi`, and the density per solid angle with which [`sample`](Self::sample) draws
-    /// those directions from it by `drawing`.
+    /// Radiance (linear RGB) of the environment from `wi`, and the density per solid angle with which [`sample`](Self::sample)
+    /// samples these directions by `drawing`.
     #[inline]
     pub fn environment(&self, wi: V3, drawing: Drawing) -> (V3, F) {
         match &self.environment {
@@ -163,9 +153,9 @@ impl Lights {
         }
     }
 
-    /// Density per solid angle with which [`sample`](Self::sample), by `drawing` at `from` (point, normal), draws direction `wi`, in
-    /// which triangle `prim` of `mesh` in `instance` is `distance` away; `at` the scene and a time in [0, 1] of the shutter. Zero
-    /// when that triangle is not a light.
+    /// Density per solid angle with which [`sample`](Self::sample) samples direction `wi` by `drawing` at `from` (point, normal).
+    /// `hit` is the instance, mesh and triangle at `distance` metres along `wi`; `at` is the scene and a time in [0, 1] of the
+    /// shutter. Zero if the triangle is not a light.
     #[inline]
     pub fn area_pdf(
         &self,

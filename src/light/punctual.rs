@@ -1,26 +1,26 @@
-//! Lights without size: only light sampling finds them, so nothing is to be weighed.
+//! Punctual lights: only light sampling finds them, so they need no MIS weight.
 
 use glam::Vec3;
 
 use crate::color::luminance;
 use crate::scene::{LightKey, PunctualKind, PunctualLight};
 
-/// One punctual light as seen from a point.
+/// A sample of a punctual light at a point.
 #[derive(Debug, Clone, Copy)]
 pub struct PunctualSample {
-    /// Unit, toward the light.
+    /// Unit direction toward the light, world space.
     pub wi: Vec3,
-    /// To the light; infinite for a directional one.
+    /// Distance to the light in metres; infinite for a directional one.
     pub distance: f32,
-    /// Irradiance at normal incidence over the chance of choosing this light.
+    /// Irradiance at normal incidence, linear RGB, divided by the probability of the choice of this light.
     pub irradiance: Vec3,
 }
 
-/// No light.
+/// The sample where no light reaches the point.
 pub const DARK: PunctualSample = PunctualSample { wi: Vec3::Y, distance: 0.0, irradiance: Vec3::ZERO };
 
-/// Chooses one of `lights` by its unoccluded irradiance at `p`, with `choice` in [0, 1), at a time in [0, 1] of the shutter.
-/// `None` when none reaches `p`.
+/// Chooses one of `lights` in proportion to its unoccluded irradiance at `p`, by `choice` in [0, 1), at a time in [0, 1] of the
+/// shutter. `None` if none reaches `p`.
 #[inline]
 pub fn sample(lights: &[PunctualLight], p: Vec3, choice: f32, time: f32) -> Option<PunctualSample> {
     let total: f32 = lights.iter().map(|l| luminance(irradiance(l, p, time).2)).sum();
@@ -43,9 +43,9 @@ pub fn sample(lights: &[PunctualLight], p: Vec3, choice: f32, time: f32) -> Opti
     chosen
 }
 
-/// Direction to the light, distance, irradiance at normal incidence. KHR_lights_punctual: candela over distance
-/// squared, times 1 − (distance/range)⁴ down to 0 at the range; a spot's edge fades with the square of a linear ramp in
-/// the cosine.
+/// Direction to the light, distance in metres, and irradiance at normal incidence, after KHR_lights_punctual: candela over
+/// squared distance, times 1 − (distance/range)⁴, which is 0 at the range. The edge of a spot fades by the square of a linear
+/// ramp in the cosine.
 #[inline]
 fn irradiance(light: &PunctualLight, p: Vec3, time: f32) -> (Vec3, f32, Vec3) {
     let LightKey { intensity, position, direction } = light.at(time);

@@ -1,54 +1,54 @@
-//! Which of many emissive triangles to sample, as seen from a point: a binary tree of bounds in space and direction,
-//! descended by importance (Conty Estevez and Kulla 2018, *Importance Sampling of Many Lights with Adaptive Tree
-//! Splitting*), with the exact probability of every choice.
+//! The light tree: a binary tree of bounds in space and direction over emissive triangles. A light is chosen for a point by
+//! descent by importance (Conty Estevez and Kulla 2018, *Importance Sampling of Many Lights with Adaptive Tree Splitting*),
+//! with the exact probability of every choice.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use glam::Vec3;
 
-use super::learned::{LearnedLights, Walk, mixed};
+use super::learned::{Descent, LearnedLights, mixture};
 use crate::lanes::{F, LANES, V3, eight};
 
-/// What the tree needs to know of a triangle.
+/// The properties of an emissive triangle or parallelogram by which the tree chooses.
 #[derive(Debug, Clone, Copy)]
 pub struct Emitter {
-    /// Bounding box.
+    /// Lower corner of the bounding box, world space.
     pub low: Vec3,
-    /// Bounding box.
+    /// Upper corner of the bounding box.
     pub high: Vec3,
-    /// Unit normal of the side that shines; either where both do.
+    /// Unit normal of the emitting side; of either where both emit.
     pub normal: Vec3,
-    /// How far from it, in radians, the normal may be: 0 where nothing moves.
+    /// Largest angle in radians between `normal` and the true normal while the shutter is open; 0 for static lights.
     pub spread: f32,
-    /// Luminous power, > 0.
+    /// Luminance of the emitted power; 0 for emitters that are never chosen.
     pub power: f32,
-    /// Shines from both sides.
+    /// Whether both sides emit.
     pub two_sided: bool,
 }
 
-/// A cluster of emitters, as numbers that can be loaded into lanes.
+/// The bounds of a cluster of emitters, laid out to be loaded into lanes.
 #[derive(Debug, Clone, Copy, Default)]
 struct Bounds {
-    /// Centre of the box (3), its radius, axis of the cone of normals (3), power, negative where both sides shine.
+    /// Centre of the box (3), its radius, axis of the cone of normals (3), power, which is negative where both sides emit.
     row: [f32; LANES],
-    /// Cosine and sine of the cone's half angle, one over the radius squared.
-    more: [f32; 3],
+    /// Cosine and sine of the cone's half angle, one over the squared radius.
+    cone: [f32; 3],
 }
 
-/// An inner node's or leaf's place in the tree.
+/// A node of the tree.
 #[derive(Debug, Clone, Copy)]
 struct Node {
     bounds: Bounds,
-    /// The first of two adjacent children; 0 for a leaf.
+    /// Index of the first of two adjacent children; 0 for a leaf.
     children: u32,
-    /// The emitter, of a leaf.
+    /// The emitter of a leaf.
     emitter: u32,
-    /// The node above; the root is its own.
+    /// Index of the parent; the root is its own.
     parent: u32,
 }
 
-/// The tree. Nodes come after their parents, and the more powerful ones first, so that the first of them are the most telling top.
+/// A light tree. Nodes come after their parents, in the order of power, so that the first nodes form the most important cut.
 #[derive(Debug)]
 pub struct LightTree {
     nodes: Vec<Node>,
@@ -68,11 +68,11 @@ struct Cluster {
     power: f32,
 }
 
-/// Places to split at along each axis.
+/// Number of bins along each axis when a cluster is split.
 const BINS: usize = 12;
 
 impl Cluster {
-    fn of(e: &Emitter) -> Self {
+    fn new(e: &Emitter) -> Self {
         Self { low: e.low, high: e.high, axis: e.normal, angle: e.spread, two_sided: e.two_sided, power: e.power }
     }
 
@@ -88,7 +88,7 @@ impl Cluster {
         }
     }
 
-    /// Surface area orientation heuristic: power times the measures of box and cone.
+    /// Surface area orientation heuristic: power times the measures of the box and the cone.
     fn cost(&self) -> f32 {
         use std::f32::consts::PI;
         let d = self.high - self.low;
@@ -107,12 +107,12 @@ impl Cluster {
         let (sin, cos) = self.angle.sin_cos();
         Bounds {
             row: [c.x, c.y, c.z, half.length(), a.x, a.y, a.z, if self.two_sided { -self.power } else { self.power }],
-            more: [cos, sin, 1.0 / half.length_squared().max(f32::MIN_POSITIVE)],
+            cone: [cos, sin, 1.0 / half.length_squared().max(f32::MIN_POSITIVE)],
         }
     }
 }
 
-/// The smallest cone around two.
+/// The smallest cone that contains two cones, given by axis and half angle.
 fn cone_union((a, angle_a): (Vec3, f32), (b, angle_b): (Vec3, f32)) -> (Vec3, f32) {
     let between = a.dot(b).clamp(-1.0, 1.0).acos();
     if (between + angle_b).min(std::f32::consts::PI) <= angle_a {
@@ -132,7 +132,7 @@ fn cone_union((a, angle_a): (Vec3, f32), (b, angle_b): (Vec3, f32)) -> (Vec3, f3
 }
 
 impl LightTree {
-    /// Builds the tree; emitters without power are never chosen. `None` when none has any.
+    /// Builds the tree. Emitters without power are never chosen. `None` if no emitter has power.
     pub fn new(emitters: &[Emitter]) -> Option<Self> {
         let mut shining: Vec<u32> = (0..emitters.len() as u32).filter(|&i| emitters[i as usize].power > 0.0).collect();
         if shining.is_empty() {
@@ -141,11 +141,11 @@ impl LightTree {
         let mut tree = Self { nodes: Vec::with_capacity(2 * shining.len()), leaves: vec![u32::MAX; emitters.len()] };
         let empty = Node { bounds: Bounds::default(), children: 0, emitter: 0, parent: 0 };
         tree.nodes.push(empty);
-        // Ranges of `shining` that wait for their node to be filled, by power: of numbers >= 0 the bits are in order, too.
+        // Ranges of `shining` whose nodes are to be filled, by power: the bits of numbers >= 0 have the order of the numbers.
         let mut open = BinaryHeap::from([(0, Reverse(0), 0, shining.len())]);
         while let Some((_, Reverse(node), from, to)) = open.pop() {
             let range = &mut shining[from..to];
-            let clusters = range.iter().map(|&i| Cluster::of(&emitters[i as usize]));
+            let clusters = range.iter().map(|&i| Cluster::new(&emitters[i as usize]));
             let Some(whole) = clusters.reduce(Cluster::union) else { continue };
             tree.nodes[node].bounds = whole.bounds();
             if let [only] = *range {
@@ -165,31 +165,31 @@ impl LightTree {
         Some(tree)
     }
 
-    /// Total power.
+    /// Luminance of the total emitted power.
     pub fn power(&self) -> f32 {
         self.nodes[0].bounds.row[7].abs()
     }
 
-    /// How many of the first nodes, at most `most` and at least one, have either both children among them or none.
-    pub fn top(&self, most: usize) -> usize {
-        (self.nodes.len().min(most.max(1)) - 1) / 2 * 2 + 1
+    /// The number of first nodes, at most `max` and at least one, that form a cut: each has both children among them or none.
+    pub fn top(&self, max: usize) -> usize {
+        (self.nodes.len().min(max.max(1)) - 1) / 2 * 2 + 1
     }
 
-    /// The node above; the root, 0, is its own.
+    /// Index of the parent; the root, 0, is its own.
     pub fn parent(&self, node: usize) -> usize {
         self.nodes[node].parent as usize
     }
 
-    /// The lowest of the first `top` nodes that has `emitter` below it, or is it; `None` of one without power.
+    /// The lowest of the first `top` nodes that contains `emitter`; `None` for an emitter without power.
     pub fn above(&self, emitter: u32, top: usize) -> Option<usize> {
         let up = |&node: &usize| Some(self.parent(node));
         let leaf = Some(self.leaves[emitter as usize] as usize).filter(|&leaf| leaf < self.nodes.len());
         std::iter::successors(leaf, up).find(|&node| node < top)
     }
 
-    /// Chooses an emitter for each of eight points `p` with unit geometric normals `n`, zero where light from both sides
-    /// counts, by `u` in [0, 1): the emitters and the probabilities of choosing them, 0 where none can shine at the point's side.
-    /// What is `learned` of the lights has its say.
+    /// Chooses an emitter for each of eight points `p` by `u` in [0, 1): the emitters, and the probabilities of their choice, 0
+    /// where none can illuminate the point's side. The unit geometric normal `n` is zero where light from both sides counts.
+    /// `learned` weights modify the choice.
     #[inline]
     pub fn sample(&self, p: V3, n: V3, u: F, learned: Option<&LearnedLights>) -> ([u32; LANES], F) {
         match learned {
@@ -199,7 +199,7 @@ impl LightTree {
     }
 
     #[inline(always)]
-    fn descend(&self, p: V3, n: V3, mut u: F, mut walk: Option<Walk>) -> ([u32; LANES], F) {
+    fn descend(&self, p: V3, n: V3, mut u: F, mut learned: Option<Descent>) -> ([u32; LANES], F) {
         let mut at = [0u32; LANES];
         let mut pmf = F::ONE;
         loop {
@@ -207,7 +207,7 @@ impl LightTree {
             if first.iter().all(|&f| f == 0) {
                 break;
             }
-            // Lanes that have arrived stay with what they have: both "children" of a leaf are the leaf.
+            // Lanes at a leaf stay there: both "children" of a leaf are the leaf.
             let inner = F::from(eight(|lane| first[lane] as f32)).simd_gt(F::ZERO);
             let mut left = [0; LANES];
             let mut right = [0; LANES];
@@ -218,31 +218,31 @@ impl LightTree {
             }
             let a = self.importance(left, p, n);
             let b = self.importance(right, p, n);
-            let of_tree = a / (a + b);
-            let share = match &walk {
-                Some(walk) if walk.knows(left) => walk.share(left, right, [a, b], of_tree),
-                _ => of_tree,
+            let by_tree = a / (a + b);
+            let p_left = match &learned {
+                Some(learned) if learned.has_weights(left) => learned.left_probability(left, right, [a, b], by_tree),
+                _ => by_tree,
             };
-            let goes_left = u.simd_lt(share);
-            let chance = goes_left.select(share, F::ONE - share);
-            let rest = goes_left.select(u, u - share) / chance;
-            let below_one = F::splat(crate::sampling::warp::ONE_MINUS);
+            let goes_left = u.simd_lt(p_left);
+            let probability = goes_left.select(p_left, F::ONE - p_left);
+            let rest = goes_left.select(u, u - p_left) / probability;
+            let below_one = F::splat(crate::sampling::warp::ONE_MINUS_EPSILON);
             u = inner.select(rest.fast_max(F::ZERO).fast_min(below_one), u);
-            pmf = inner.select(pmf * chance, pmf);
-            if let Some(walk) = walk.as_mut().filter(|walk| walk.knows(left)) {
-                walk.went(goes_left.select(of_tree, F::ONE - of_tree), chance);
+            pmf = inner.select(pmf * probability, pmf);
+            if let Some(learned) = learned.as_mut().filter(|learned| learned.has_weights(left)) {
+                learned.descend(goes_left.select(by_tree, F::ONE - by_tree), probability);
             }
             let goes_left = goes_left.to_bitmask();
             for lane in 0..LANES {
                 at[lane] = if goes_left >> lane & 1 == 1 { left[lane] } else { right[lane] };
             }
         }
-        // 0/0 on the way: nothing shines here.
+        // A NaN comes from 0/0 during the descent: no light reaches this point.
         (eight(|lane| self.nodes[at[lane] as usize].emitter), pmf & pmf.simd_ge(F::ZERO))
     }
 
-    /// The probabilities with which [`sample`](Self::sample) chooses `emitter` for point `p` with normal `n`, zero as there: by the
-    /// tree alone, and with what is `learned`.
+    /// The probabilities with which [`sample`](Self::sample) chooses `emitter` for point `p` with normal `n`: by the tree alone,
+    /// and with the `learned` weights.
     #[inline]
     pub fn pmfs(&self, p: Vec3, n: Vec3, emitter: u32, learned: Option<&LearnedLights>) -> [f32; 2] {
         let mut at = self.leaves[emitter as usize];
@@ -251,51 +251,50 @@ impl LightTree {
         }
         let (p, n) = (V3::splat(p), V3::splat(n));
         let lights = learned.map(|lights| lights.from(p, n));
-        let (mut by_tree, mut led) = (1.0, 1.0);
+        let (mut by_tree, mut by_weights) = (1.0, 1.0);
         while at != 0 {
             let parent = self.nodes[at as usize].parent;
             let first = self.nodes[parent as usize].children;
             let mut both = [first; LANES];
             both[1] = first + 1;
             let importance = self.importance(both, p, n);
-            let share_of = |importance: F| {
+            let probability = |importance: F| {
                 let [left, right, ..] = importance.to_array();
                 if at == first { left / (left + right) } else { right / (left + right) }
             };
-            let share = share_of(importance);
-            if share <= 0.0 || share.is_nan() {
+            let own = probability(importance);
+            if own <= 0.0 || own.is_nan() {
                 return [0.0; 2];
             }
-            by_tree *= share;
-            led *= lights.as_ref().map_or(share, |lights| share_of(importance * lights.weights(both)));
+            by_tree *= own;
+            by_weights *= lights.as_ref().map_or(own, |lights| probability(importance * lights.weights(both)));
             at = parent;
         }
-        [by_tree, if learned.is_some() { mixed(by_tree, led) } else { by_tree }]
+        [by_tree, if learned.is_some() { mixture(by_tree, by_weights) } else { by_tree }]
     }
 
-    /// How much of a node's power may arrive at `p` and leave toward the eye, up to a common factor: never zero where
-    /// some does.
+    /// An upper bound of the radiance that a node's lights cause at `p`, up to a common factor; zero only if they cause none.
     #[inline(always)]
     fn importance(&self, node: [u32; LANES], p: V3, n: V3) -> F {
         let bounds = eight(|lane| &self.nodes[node[lane] as usize].bounds);
         let [cx, cy, cz, radius, ax, ay, az, power] = F::transpose(eight(|lane| F::from(bounds[lane].row)));
-        let more = |k: usize| F::from(eight(|lane| bounds[lane].more[k]));
-        let (cos_o, sin_o, one_over_radius2) = (more(0), more(1), more(2));
+        let cone = |k: usize| F::from(eight(|lane| bounds[lane].cone[k]));
+        let (cos_o, sin_o, one_over_radius2) = (cone(0), cone(1), cone(2));
         let to = V3 { x: cx, y: cy, z: cz } - p;
         let distance2 = to.length_squared();
         let one_over_distance = F::ONE / distance2.sqrt();
         let wi = to * one_over_distance;
-        // Half angle under which the bounding sphere is seen.
+        // Half angle that the bounding sphere subtends.
         let sin_b = radius * one_over_distance;
         let inside = !sin_b.simd_lt(F::ONE);
         let cos_b = (F::ONE - sin_b * sin_b).fast_max(F::ZERO).sqrt();
         let (sin_b, cos_b) = (inside.select(F::ZERO, sin_b), inside.select(-F::ONE, cos_b));
-        // Angle between the light's normals and the way to the point, at least.
+        // Smallest angle between the lights' normals and the direction to the point.
         let cos = -(V3 { x: ax, y: ay, z: az }).dot(wi);
         let cos = power.simd_lt(F::ZERO).select(cos.abs(), cos);
         let (cos, sin) = cos_minus(cos, sin_of(cos), cos_o, sin_o);
         let (cos, _) = cos_minus(cos, sin, cos_b, sin_b);
-        // Angle at the receiver, at least; any where light passes through it.
+        // Smallest angle at the receiver; 0 where light from both sides counts.
         let cos_i = n.dot(wi);
         let (cos_i, _) = cos_minus(cos_i, sin_of(cos_i), cos_b, sin_b);
         let cos_i = n.length_squared().simd_gt(F::ZERO).select(cos_i, F::ONE);
@@ -309,7 +308,7 @@ fn sin_of(cos: F) -> F {
     (F::ONE - cos * cos).fast_max(F::ZERO).sqrt()
 }
 
-/// Cosine and sine of angle a less angle b, or of 0 where b is larger.
+/// Cosine and sine of angle a minus angle b, or of 0 where b is larger.
 #[inline(always)]
 fn cos_minus(cos_a: F, sin_a: F, cos_b: F, sin_b: F) -> (F, F) {
     let covered = cos_a.simd_gt(cos_b);
@@ -318,7 +317,7 @@ fn cos_minus(cos_a: F, sin_a: F, cos_b: F, sin_b: F) -> (F, F) {
     (covered.select(F::ONE, cos), covered.select(F::ZERO, sin))
 }
 
-/// Sorts emitters into two halves, neither empty, and returns where the second begins.
+/// Partitions emitters into two parts, neither empty, and returns the index of the second one's start.
 fn split(emitters: &[Emitter], range: &mut [u32]) -> usize {
     let center = |i: u32| 0.5 * (emitters[i as usize].low + emitters[i as usize].high);
     let low = range.iter().map(|&i| center(i)).reduce(Vec3::min).unwrap_or_default();
@@ -331,7 +330,7 @@ fn split(emitters: &[Emitter], range: &mut [u32]) -> usize {
     for axis in (0..3).filter(|&axis| high[axis] > low[axis]) {
         let mut bins = [None; BINS];
         for &i in range.iter() {
-            let own = Cluster::of(&emitters[i as usize]);
+            let own = Cluster::new(&emitters[i as usize]);
             let bin = &mut bins[bin_of(i, axis)];
             *bin = Some(bin.map_or(own, |b| Cluster::union(b, own)));
         }
@@ -350,7 +349,7 @@ fn split(emitters: &[Emitter], range: &mut [u32]) -> usize {
             range.sort_by_key(|&i| bin_of(i, axis) >= at);
             range.partition_point(|&i| bin_of(i, axis) < at)
         }
-        // All in one place.
+        // All have the same centre.
         None => range.len() / 2,
     }
 }

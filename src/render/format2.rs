@@ -8,7 +8,7 @@ use serde_json::Value;
 use super::Identity;
 use super::checkpoint::{Host, Record, number, text};
 use super::identity::{Asked, name};
-use crate::balance::HALF_PILOT;
+use crate::balance::DEFAULT_PILOT_FRACTION;
 use crate::film::Background;
 use crate::film::exr_file::Header;
 use crate::rays::Backend;
@@ -65,7 +65,7 @@ pub fn request(identity: &Identity, asked: &Asked) -> String {
         s.seed,
         asked.aovs,
         if s.balance.method().needs_goal() { s.spp } else { None },
-        s.pilot.unwrap_or(HALF_PILOT),
+        s.pilot.unwrap_or(DEFAULT_PILOT_FRACTION),
     );
     let all = [&identity.version, &identity.scene, &identity.environment, &flags].map(String::as_str).join("\n");
     blake3::hash(all.as_bytes()).to_hex().to_string()

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::prepass::guiding::MEMORY;
 use super::{Guiding, RenderSettings};
-use crate::balance::HALF_PILOT;
+use crate::balance::DEFAULT_PILOT_FRACTION;
 use crate::rays::Backend;
 
 /// What a picture was made of. Kept in its header.
@@ -91,7 +91,7 @@ impl Identity {
             values.insert("transparent", "true".into());
         }
         if s.balance.method().needs_goal() {
-            values.insert("pilot", s.pilot.unwrap_or(HALF_PILOT).to_string());
+            values.insert("pilot", s.pilot.unwrap_or(DEFAULT_PILOT_FRACTION).to_string());
             let spp = s.spp.map_or("none".into(), |n| n.to_string());
             values.insert("spp (second-order's pilot is a share of it)", spp);
         }

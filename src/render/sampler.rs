@@ -6,8 +6,8 @@ use glam::Vec3;
 
 use super::adaptive::NoiseGoal;
 use super::tile::{Tile, TilePixel};
-use crate::balance::sampler::Lights;
-use crate::balance::spread::Guide;
+use crate::balance::PixelFeatures;
+use crate::balance::sampler::LightInfo;
 use crate::balance::{Contribution, Cost, Counts, Observer, Sampler, Technique};
 use crate::integrator::{PixelBatch, PixelTask, Transport, Wave, WaveCounts, guides};
 
@@ -95,14 +95,18 @@ impl Sampler for TileSampler<'_> {
         self.tile.width()
     }
 
-    fn lights(&self) -> Option<Lights> {
+    fn lights(&self) -> Option<LightInfo> {
         let lights = self.transport.lights;
-        let environment = lights.two_kinds().then_some(lights.environment_probability);
-        let choice = lights.area.as_ref().map_or(0.0, |area| LEVEL * area.levels());
-        lights.has_extent().then_some(Lights { environment, indirect: self.transport.max_depth > 2, choice })
+        let environment_probability = lights.two_kinds().then_some(lights.environment_probability);
+        let selection_cost = lights.area.as_ref().map_or(0.0, |area| LEVEL * area.levels());
+        lights.has_extent().then_some(LightInfo {
+            environment_probability,
+            indirect: self.transport.max_depth > 2,
+            selection_cost,
+        })
     }
 
-    fn longest(&self) -> u32 {
+    fn max_paths(&self) -> u32 {
         WAVE_PATHS
     }
 
@@ -141,7 +145,7 @@ impl Sampler for TileSampler<'_> {
         reweight(self.tile, &self.buffers.pilot, total);
     }
 
-    fn guides(&mut self) -> Vec<Guide> {
+    fn features(&mut self) -> Vec<PixelFeatures> {
         let places: Vec<_> = self.tile.pixels.iter().map(|p| [p.x, p.y]).collect();
         guides(self.transport, &places)
     }
@@ -210,12 +214,12 @@ fn trace(
 fn reweight(tile: &mut Tile, pilot: &Pilot, total: &[Counts]) {
     let Some(counts) = pilot.counts else { return };
     // Samples a path, over the pilot's.
-    let rates: Vec<_> = total.iter().map(|total| total.over(counts)).collect();
+    let rates: Vec<_> = total.iter().map(|total| total.relative_to(counts)).collect();
     let n = counts.paths as usize;
     let mut changes = vec![Vec3::ZERO; pilot.paths.len()];
     for found in &pilot.found {
         let pixel = found.pixel as usize;
-        let change = found.at(rates[pixel]) - found.radiance;
+        let change = found.reweighted(rates[pixel]) - found.radiance;
         changes[pixel * n + found.path(counts.paths) as usize] += change;
         if let Some(aovs) = tile.aovs.get_mut(pixel) {
             match found.technique {

@@ -2,7 +2,7 @@
 
 use super::adaptive::GROWTH;
 use super::{RenderSettings, StopReason};
-use crate::balance::method::{EARLY, up_to};
+use crate::balance::method::{EARLY_PATHS, pass_within_goal};
 
 /// How far a render is.
 #[derive(Debug, Clone, Copy)]
@@ -44,16 +44,16 @@ pub fn planned_to(settings: &RenderSettings, goal: Option<u32>, done: u32) -> Op
     let method = settings.balance.method();
     let mut pass = method.next_pass(done, goal, settings.pilot)?;
     if settings.noise_goal().is_some_and(|noise| done >= noise.least) {
-        pass = up_to(goal, done, done.saturating_mul(GROWTH))?;
+        pass = pass_within_goal(goal, done, done.saturating_mul(GROWTH))?;
     }
-    Some(if is_early(settings, done) { pass.min(done.max(1)).min(EARLY - done) } else { pass })
+    Some(if is_early(settings, done) { pass.min(done.max(1)).min(EARLY_PATHS - done) } else { pass })
 }
 
 /// Is the pass that begins after `done` paths one of the small ones that come first against the clock? Not for methods
 /// whose shares follow from their passes: a few paths would teach them nonsense.
 pub fn is_early(settings: &RenderSettings, done: u32) -> bool {
     let method = settings.balance.method();
-    settings.time.is_some() && done < EARLY && !method.needs_goal() && !method.sums_moments()
+    settings.time.is_some() && done < EARLY_PATHS && !method.needs_goal() && !method.sums_moments()
 }
 
 /// The next pass, or why there is none.

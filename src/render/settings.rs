@@ -53,7 +53,7 @@ pub struct RenderSettings {
     /// How light and BSDF sampling share the work.
     pub balance: Balance,
     /// `second-order`'s pilot as a share of all paths, in (0, 1); `None`:
-    /// [`HALF_PILOT`](crate::balance::HALF_PILOT).
+    /// [`DEFAULT_PILOT_FRACTION`](crate::balance::DEFAULT_PILOT_FRACTION).
     #[serde(default)]
     pub pilot: Option<f64>,
     /// Are paths led to where a pilot found light?

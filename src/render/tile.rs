@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::RenderSettings;
 use super::adaptive::Seen;
 use super::sampler::{self, TileSampler};
-use crate::balance::{Learned, Moments, Share};
+use crate::balance::{LearnedPixels, Moments, Shares};
 use crate::film::{AovSums, ExtraSums, Peak, PixelStats};
 use crate::integrator::{PixelTask, Transport, WaveCounts};
 
@@ -86,7 +86,7 @@ impl Tile {
                 let n = pixels.len();
                 tiles.push(Tile {
                     pixels,
-                    stats: vec![PixelStats { balance: 0.5, ..Default::default() }; n],
+                    stats: vec![PixelStats { light_share: 0.5, ..Default::default() }; n],
                     moments: vec![Moments::default(); if columns.moments { n } else { 0 }],
                     aovs: vec![AovSums::default(); if columns.aovs { n } else { 0 }],
                     extras: vec![ExtraSums::default(); if columns.extras { n } else { 0 }],
@@ -100,7 +100,7 @@ impl Tile {
     /// Sets the pixels' shares for the first pass, from those of the whole picture of `width` pixels a row.
     pub fn begin_with(&mut self, shares: &[f32], width: u32) {
         for (pixel, stats) in self.pixels.iter().zip(&mut self.stats) {
-            stats.balance = shares[(pixel.y * width + pixel.x) as usize];
+            stats.light_share = shares[(pixel.y * width + pixel.x) as usize];
         }
     }
 
@@ -120,18 +120,19 @@ impl Tile {
         let start = Instant::now();
         let (done, before) = (self.paths(), self.all_paths());
         let both = self.pixels.iter().zip(&self.stats);
-        let mut shares: Vec<_> =
-            both.map(|(pixel, s)| Share { light: s.balance, environment: pixel.environment_share }).collect();
+        let mut shares: Vec<_> = both
+            .map(|(pixel, s)| Shares { light_share: s.light_share, environment_share: pixel.environment_share })
+            .collect();
         let mut moments = std::mem::take(&mut self.moments);
         let counts = sampler::with_buffers(|buffers| {
             let mut sampler = TileSampler::new(self, transport, buffers, settings.noise_goal(), watch);
-            let mut learned = Learned { shares: &mut shares, moments: &mut moments };
+            let mut learned = LearnedPixels { shares: &mut shares, moments: &mut moments };
             settings.balance.method().pass(&mut learned, &mut sampler, done, paths);
             sampler.counts()
         });
         self.moments = moments;
         for ((pixel, stats), share) in self.pixels.iter_mut().zip(&mut self.stats).zip(shares) {
-            (stats.balance, pixel.environment_share) = (share.light, share.environment);
+            (stats.light_share, pixel.environment_share) = (share.light_share, share.environment_share);
         }
         TileWork { counts, seconds: start.elapsed().as_secs_f64(), paths: self.all_paths() - before }
     }

@@ -1,45 +1,45 @@
-//! Cells in space: a tree over places, which are positions, and normals, so that the two sides of a thin wall are apart.
+//! Cells in space: a k-d tree over positions and normals. The normals keep the two sides of a thin wall apart.
 
 use glam::Vec3;
 
 use crate::lanes::{F, LANES, V3};
 
-/// A place: position, and the normal times [`Tree`]'s scale.
-pub type Place = [f32; 6];
+/// A point of the tree's domain: position in metres, and the normal times the tree's scale.
+pub type CellKey = [f32; 6];
 
-/// Of a node's third word: no axis, a leaf.
+/// The value of a node's axis that marks a leaf.
 const LEAF: u32 = 7;
-/// Bits of a node's axis.
+/// Number of bits of a node's axis.
 const AXIS_BITS: u32 = 3;
 
 #[derive(Debug, Clone, Copy)]
 struct Node {
-    /// Places below go to the first child.
+    /// Keys below this value go to the first child.
     split: f32,
-    /// Axis, and above it the first child's number (the second follows it), or the leaf's.
+    /// The axis in the low bits; above them the index of the first child (the second follows it), or of the leaf.
     next: u32,
 }
 
-/// A k-d tree.
+/// A k-d tree over keys, whose leaves are the cells.
 #[derive(Debug, Clone)]
-pub struct Tree {
+pub struct CellTree {
     nodes: Vec<Node>,
-    /// What normals are worth in metres.
+    /// Weight of differences of normals against distances, in metres.
     scale: f32,
     leaves: u32,
 }
 
-impl Tree {
-    /// A tree whose leaves hold at most `most` of `places` ([`place`](Self::place)s of the same `scale`), as far as
-    /// places differ, and with at most `most_leaves` leaves.
-    pub fn new(mut places: Vec<Place>, scale: f32, most: usize, most_leaves: usize) -> Self {
-        let most = most.max(2 * places.len() / most_leaves.max(1)).max(1);
+impl CellTree {
+    /// Builds a tree of at most `max_leaves` leaves, each with at most `max_keys` of `keys` if these differ. The keys are made
+    /// by [`key`](Self::key) with the same `scale`.
+    pub fn new(mut keys: Vec<CellKey>, scale: f32, max_keys: usize, max_leaves: usize) -> Self {
+        let max_keys = max_keys.max(2 * keys.len() / max_leaves.max(1)).max(1);
         let mut tree = Self { nodes: vec![Node { split: 0.0, next: LEAF }], scale, leaves: 0 };
-        let mut open = vec![(0, 0..places.len())];
+        let mut open = vec![(0, 0..keys.len())];
         while let Some((node, range)) = open.pop() {
-            let here = &mut places[range.clone()];
-            let room = tree.leaves as usize + open.len() + 2 <= most_leaves;
-            let split = if here.len() > most && room { split(here) } else { None };
+            let here = &mut keys[range.clone()];
+            let room = tree.leaves as usize + open.len() + 2 <= max_leaves;
+            let split = if here.len() > max_keys && room { split(here) } else { None };
             let Some((axis, at, middle)) = split else {
                 tree.nodes[node].next = LEAF | tree.leaves << AXIS_BITS;
                 tree.leaves += 1;
@@ -54,35 +54,35 @@ impl Tree {
         tree
     }
 
-    /// How many leaves.
+    /// Number of leaves.
     pub fn leaves(&self) -> usize {
         self.leaves as usize
     }
 
-    /// How many nodes: the root is the first, children come after their parents.
+    /// Number of nodes. Node 0 is the root; children come after their parents.
     pub fn nodes(&self) -> usize {
         self.nodes.len()
     }
 
-    /// A node's children, or its leaf.
-    pub fn below(&self, node: usize) -> Result<[usize; 2], u32> {
+    /// The children of a node, or the index of its leaf as the error.
+    pub fn children(&self, node: usize) -> Result<[usize; 2], u32> {
         let next = self.nodes[node].next;
         let number = next >> AXIS_BITS;
         if next & LEAF == LEAF { Err(number) } else { Ok([number as usize, number as usize + 1]) }
     }
 
-    /// Bytes of memory.
+    /// Memory in bytes.
     pub fn bytes(&self) -> usize {
         self.nodes.len() * size_of::<Node>()
     }
 
-    /// The place of a position and a unit normal, in a tree of such a scale.
-    pub fn place(position: Vec3, normal: Vec3, scale: f32) -> Place {
+    /// The key of a position and a unit normal in a tree with this scale.
+    pub fn key(position: Vec3, normal: Vec3, scale: f32) -> CellKey {
         let n = normal * scale;
         [position.x, position.y, position.z, n.x, n.y, n.z]
     }
 
-    /// The leaves that hold eight places: eight descents side by side, which wait less for memory than one after the other.
+    /// The leaves of eight positions and normals. The eight descents are interleaved to hide memory latency.
     #[inline]
     pub fn leaves_of(&self, position: V3, normal: V3) -> [u32; LANES] {
         let n = normal * F::splat(self.scale);
@@ -103,64 +103,64 @@ impl Tree {
         }
     }
 
-    /// The leaf that holds a place.
+    /// The leaf of a position and a normal.
     #[inline]
     pub fn leaf(&self, position: Vec3, normal: Vec3) -> u32 {
-        let [a, b, c, d, e, f] = Self::place(position, normal, self.scale);
-        let place = [a, b, c, d, e, f, 0.0, 0.0];
+        let [a, b, c, d, e, f] = Self::key(position, normal, self.scale);
+        let key = [a, b, c, d, e, f, 0.0, 0.0];
         let mut node = self.nodes[0];
         loop {
             let (axis, next) = (node.next & LEAF, node.next >> AXIS_BITS);
             if axis == LEAF {
                 return next;
             }
-            node = self.nodes[next as usize + usize::from(place[axis as usize] >= node.split)];
+            node = self.nodes[next as usize + usize::from(key[axis as usize] >= node.split)];
         }
     }
 }
 
-/// Parts places at the middle of the axis along which they vary most: axis, where, and how many come first. `None` where all
-/// are the same.
-fn split(places: &mut [Place]) -> Option<(usize, f32, usize)> {
-    // A few hundred of them know it well enough.
-    let step = places.len().div_ceil(512);
+/// Splits keys near the median of the axis of largest variance: the axis, the split value, and the number of keys below it,
+/// which come first. `None` if all keys are equal.
+fn split(keys: &mut [CellKey]) -> Option<(usize, f32, usize)> {
+    // Some hundred keys estimate the variances well enough.
+    let step = keys.len().div_ceil(512);
     let (mut n, mut sums, mut squares) = (0.0, [0.0; 6], [0.0; 6]);
-    for place in places.iter().step_by(step) {
+    for key in keys.iter().step_by(step) {
         n += 1.0;
         for axis in 0..6 {
-            let x = f64::from(place[axis] - places[0][axis]);
+            let x = f64::from(key[axis] - keys[0][axis]);
             sums[axis] += x;
             squares[axis] += x * x;
         }
     }
     let variances: [f64; 6] = std::array::from_fn(|axis| squares[axis] - sums[axis] * sums[axis] / n);
     let axis = (0..6).max_by(|a, b| variances[*a].total_cmp(&variances[*b]))?;
-    let middle = places.len() / 2;
-    let (_, median, _) = places.select_nth_unstable_by(middle, |a, b| a[axis].total_cmp(&b[axis]));
+    let middle = keys.len() / 2;
+    let (_, median, _) = keys.select_nth_unstable_by(middle, |a, b| a[axis].total_cmp(&b[axis]));
     let median = median[axis];
-    // Many have the same number but for roundings, which must not part them: on a flat floor, or a facet's normal.
-    let values = || places.iter().map(|p| p[axis]);
-    let alike = SAME * values().map(f32::abs).fold(0.0, f32::max);
-    let most = |part: &dyn Fn(f32) -> bool| values().filter(|x| part(*x)).max_by(f32::total_cmp);
-    let least = |part: &dyn Fn(f32) -> bool| values().filter(|x| part(*x)).min_by(f32::total_cmp);
-    let (low, high) = match most(&|x| x < median - alike) {
-        Some(low) => (low, least(&|x| x >= median - alike)?),
-        None => (most(&|x| x <= median + alike)?, least(&|x| x > median + alike)?),
+    // Rounding must not split keys that are equal without it: on a flat floor, or by a facet's normal.
+    let values = || keys.iter().map(|p| p[axis]);
+    let tolerance = MIN_RELATIVE_DIFFERENCE * values().map(f32::abs).fold(0.0, f32::max);
+    let largest = |part: &dyn Fn(f32) -> bool| values().filter(|x| part(*x)).max_by(f32::total_cmp);
+    let smallest = |part: &dyn Fn(f32) -> bool| values().filter(|x| part(*x)).min_by(f32::total_cmp);
+    let (low, high) = match largest(&|x| x < median - tolerance) {
+        Some(low) => (low, smallest(&|x| x >= median - tolerance)?),
+        None => (largest(&|x| x <= median + tolerance)?, smallest(&|x| x > median + tolerance)?),
     };
     let between = low + (high - low) / 2.0;
     let at = if between > low { between } else { high };
     let mut first = 0;
-    for i in 0..places.len() {
-        if places[i][axis] < at {
-            places.swap(first, i);
+    for i in 0..keys.len() {
+        if keys[i][axis] < at {
+            keys.swap(first, i);
             first += 1;
         }
     }
     Some((axis, at, first))
 }
 
-/// Numbers that differ by less, over the largest, are the same.
-const SAME: f32 = 1e-5;
+/// Coordinates whose difference relative to the largest is smaller count as equal.
+const MIN_RELATIVE_DIFFERENCE: f32 = 1e-5;
 
 #[cfg(test)]
 mod tests {
@@ -168,21 +168,21 @@ mod tests {
     use crate::sampling::SplitMix64;
 
     #[test]
-    fn leaves_hold_as_many_as_they_may_and_places_are_found_where_they_are() {
+    fn leaves_hold_as_many_as_they_may_and_keys_are_found_where_they_are() {
         let mut random = SplitMix64(5);
-        let places: Vec<_> = (0..5000)
+        let keys: Vec<_> = (0..5000)
             .map(|_| {
                 let position = Vec3::new(random.f32(), 0.2 * random.f32(), 3.0);
-                Tree::place(position, if random.f32() < 0.3 { Vec3::Y } else { -Vec3::Y }, 1.0)
+                CellTree::key(position, if random.f32() < 0.3 { Vec3::Y } else { -Vec3::Y }, 1.0)
             })
             .collect();
-        let tree = Tree::new(places.clone(), 1.0, 100, 1000);
+        let tree = CellTree::new(keys.clone(), 1.0, 100, 1000);
         let mut counts = vec![0; tree.leaves()];
         let mut sides = vec![[false; 2]; tree.leaves()];
-        for p in &places {
+        for p in &keys {
             let (position, normal) = (Vec3::new(p[0], p[1], p[2]), Vec3::new(p[3], p[4], p[5]));
             let leaf = tree.leaf(position, normal) as usize;
-            let mut eight = [places[0]; LANES];
+            let mut eight = [keys[0]; LANES];
             eight[5] = *p;
             let of = |axis: usize| F::from(eight.map(|p| p[axis]));
             let eight = tree.leaves_of(V3 { x: of(0), y: of(1), z: of(2) }, V3 { x: of(3), y: of(4), z: of(5) });
@@ -192,16 +192,16 @@ mod tests {
         }
         assert!(counts.iter().all(|n| (1..=100).contains(n)), "{counts:?}");
         assert!(sides.iter().all(|[a, b]| a != b), "the two sides of a wall are in one cell");
-        assert!(Tree::new(places, 1.0, 1, 64).leaves() <= 64);
+        assert!(CellTree::new(keys, 1.0, 1, 64).leaves() <= 64);
     }
 
     #[test]
-    fn roundings_do_not_part_what_is_flat() {
+    fn rounding_does_not_split_what_is_flat() {
         let mut random = SplitMix64(6);
         let normals: Vec<_> = (0..20).map(|_| crate::sampling::warp::sphere(random.f32(), random.f32())).collect();
         let mut rounded = |normal: Vec3| normal * (1.0 + 4.0 * f32::EPSILON * (random.f32() - 0.5));
-        let places: Vec<_> = (0..2000).map(|i| Tree::place(Vec3::ZERO, rounded(normals[i % 20]), 1.0)).collect();
-        let tree = Tree::new(places, 1.0, 150, 1000);
+        let keys: Vec<_> = (0..2000).map(|i| CellTree::key(Vec3::ZERO, rounded(normals[i % 20]), 1.0)).collect();
+        let tree = CellTree::new(keys, 1.0, 150, 1000);
         assert_eq!(tree.leaves(), 20);
         for normal in normals {
             let near = (normal * (1.0 + 2.0 * f32::EPSILON), normal * (1.0 - 2.0 * f32::EPSILON));
@@ -210,12 +210,12 @@ mod tests {
     }
 
     #[test]
-    fn places_that_cannot_be_told_apart_are_one_leaf() {
-        let place = Tree::place(Vec3::ONE, Vec3::X, 2.0);
-        assert_eq!(Tree::new(vec![place; 1000], 2.0, 10, 100).leaves(), 1);
-        assert_eq!(Tree::new(Vec::new(), 2.0, 10, 100).leaves(), 1);
-        let mut two = vec![place; 900];
-        two.extend(vec![Tree::place(Vec3::X, Vec3::X, 2.0); 100]);
-        assert_eq!(Tree::new(two, 2.0, 10, 1000).leaves(), 2);
+    fn equal_keys_are_one_leaf() {
+        let key = CellTree::key(Vec3::ONE, Vec3::X, 2.0);
+        assert_eq!(CellTree::new(vec![key; 1000], 2.0, 10, 100).leaves(), 1);
+        assert_eq!(CellTree::new(Vec::new(), 2.0, 10, 100).leaves(), 1);
+        let mut two = vec![key; 900];
+        two.extend(vec![CellTree::key(Vec3::X, Vec3::X, 2.0); 100]);
+        assert_eq!(CellTree::new(two, 2.0, 10, 1000).leaves(), 2);
     }
 }

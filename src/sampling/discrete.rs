@@ -1,12 +1,12 @@
-//! Discrete choice that keeps the stratification of its random number.
+//! Sampling of discrete distributions that preserves the stratification of the random number.
 
-/// Random numbers have this many bits: the distribution function is rounded to them, so that the probabilities that
-/// [`Discrete::pmf`] reports are those of [`Discrete::sample`] to the last bit.
+/// Random numbers are multiples of 2⁻²³. The cumulative distribution function is rounded to them, so that [`Discrete::pmf`]
+/// is exactly the probability of [`Discrete::sample`].
 const GRID: f64 = (1u32 << 23) as f64;
 
-/// A distribution over 0..len by inversion: monotone in the random number, so stratified numbers choose stratified
-/// outcomes (an alias table would shuffle them). A guide table makes the search constant time on average (Chen and
-/// Asau 1974).
+/// A distribution over 0..len, sampled by inversion. Inversion is monotone in the random number, so stratified numbers choose
+/// stratified outcomes; an alias table would not preserve this. A guide table makes the search constant time on average
+/// (Chen and Asau 1974, *On Generating Random Variates from an Empirical Distribution*).
 #[derive(Debug, Clone)]
 pub struct Discrete {
     /// `len + 1` values from 0 to 1.
@@ -17,7 +17,7 @@ pub struct Discrete {
 }
 
 impl Discrete {
-    /// From weights ≥ 0, finite; `None` when there is no positive weight or more than 2³² of them.
+    /// A distribution in proportion to `weights`, each finite and ≥ 0. `None` if none is positive or there are more than 2³².
     pub fn new(weights: impl ExactSizeIterator<Item = f32>) -> Option<Self> {
         let n = weights.len();
         u32::try_from(n).ok()?;
@@ -46,17 +46,17 @@ impl Discrete {
         Some(Self { cdf, guide, total })
     }
 
-    /// The outcome for `u` in [0, 1), and where `u` lies between the outcome's ends: a fresh number in [0, 1).
+    /// The outcome for `u` in [0, 1), and the position of `u` within the outcome's interval: a new uniform number in [0, 1).
     #[inline]
     pub fn sample(&self, u: f32) -> (u32, f32) {
-        // A power of two: the product is exact, and so the step.
+        // The length is a power of two, so the product is exact.
         let mut i = self.guide[(u * self.guide.len() as f32) as usize] as usize;
         while i + 2 < self.cdf.len() && self.cdf[i + 1] <= u {
             i += 1;
         }
         let width = self.cdf[i + 1] - self.cdf[i];
         let fresh = if width > 0.0 { (u - self.cdf[i]) / width } else { 0.0 };
-        (i as u32, fresh.clamp(0.0, super::warp::ONE_MINUS))
+        (i as u32, fresh.clamp(0.0, super::warp::ONE_MINUS_EPSILON))
     }
 
     /// Probability of outcome `i`.
@@ -65,7 +65,7 @@ impl Discrete {
         self.cdf[i as usize + 1] - self.cdf[i as usize]
     }
 
-    /// Sum of the weights that it was made from.
+    /// Sum of the weights.
     pub fn total(&self) -> f64 {
         self.total
     }

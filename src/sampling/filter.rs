@@ -1,5 +1,5 @@
-//! Pixel filters by importance sampling: every sample belongs to one pixel and has weight one (Ernst, Stamminger and
-//! Greiner 2006, *Filter Importance Sampling*). All filters are separable and ≥ 0.
+//! Filter importance sampling: every sample belongs to one pixel and has weight one (Ernst, Stamminger and Greiner 2006,
+//! *Filter Importance Sampling*). All filters are separable and ≥ 0.
 
 use std::sync::Arc;
 
@@ -22,7 +22,7 @@ pub enum PixelFilter {
 /// Steps of the tabulated inverse distribution.
 const STEPS: usize = 512;
 
-/// Draws offsets from the pixel's centre.
+/// Samples offsets from the pixel's centre.
 #[derive(Debug, Clone)]
 pub struct FilterSampler {
     /// The distance from the centre beyond which one side's tail has the mass ½(k/[`STEPS`])²: squares, so that the

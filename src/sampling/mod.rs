@@ -1,6 +1,5 @@
-//! Random numbers and what is made of them: low-discrepancy sequences, warps from the unit square, discrete
-//! distributions, pixel filters, cells in space. What renders use is a pure function of (pixel, index,
-//! dimension, seed).
+//! Low-discrepancy sequences, warps from the unit square, discrete distributions, pixel filters, and cells in space. All
+//! random numbers of a render are pure functions of (pixel, index, dimension, seed).
 
 pub mod cells;
 pub mod discrete;

@@ -1,11 +1,12 @@
 //! Owen-scrambled Sobol points, four dimensions at a time, in eight lanes.
 //!
 //! Each set of four dimensions is a scrambled and shuffled sequence of its own ("padding", Burley 2020, *Practical
-//! Hash-based Owen Scrambling*), so any number of dimensions is to be had and no poor high Sobol dimension is used.
+//! Hash-based Owen Scrambling*). So any number of dimensions exists, and no high Sobol dimension with its poor projections
+//! is used.
 
 use crate::lanes::{F, LANES, U, unit_interval};
 
-/// Sample indices in one scramble; beyond it another scramble follows: the direction numbers below have 16 bits.
+/// One scramble has 2^SEQUENCE_BITS points, as many as the direction numbers below have bits; then another one follows.
 const SEQUENCE_BITS: u32 = 16;
 
 /// Direction numbers of Sobol's second to fourth dimension (Joe and Kuo 2008, as in `sobol_burley`), bit-reversed, for
@@ -50,7 +51,7 @@ pub fn hash(mut n: u32) -> u32 {
     n ^ (n >> 16)
 }
 
-/// [`hash`], of eight.
+/// [`hash`] of eight lanes.
 #[inline(always)]
 pub fn hashes(mut n: U) -> U {
     n ^= n >> 16;
@@ -66,13 +67,13 @@ pub fn pixel_seed(x: u32, y: u32, seed: u32) -> u32 {
     hash(x ^ hash(y ^ hash(seed ^ 0x5bd1_e995)))
 }
 
-/// The seed of a frame of a sequence under the seed of all: noise differs from frame to frame.
+/// The seed of a frame of an animation with seed `seed`, so that noise differs between frames.
 pub fn frame_seed(seed: u32, frame: f64) -> u32 {
     let bits = frame.to_bits();
     hash(seed ^ hash(bits as u32 ^ hash((bits >> 32) as u32 ^ 0x68e3_1da4)))
 }
 
-/// Four numbers in [0, 1) a lane: set `set` of dimensions of point `index` of the sequence of a pixel's `seed`.
+/// Four numbers in [0, 1) per lane: set `set` of four dimensions of point `index`, in the sequence of a pixel's `seed`.
 #[inline(always)]
 pub fn samples(seed: U, index: U, set: u32) -> [F; 4] {
     let scramble = hashes(seed ^ hashes(U::splat(set.wrapping_mul(0x9e37_79b9)) ^ (index >> SEQUENCE_BITS)));
@@ -87,19 +88,19 @@ pub fn samples(seed: U, index: U, set: u32) -> [F; 4] {
         }
     }
     let number = |d: usize| {
-        let own = hashes(scramble ^ U::splat(0x912f_69bau32.wrapping_mul(2 * d as u32 + 3)));
-        unit_interval(reverse_bits(owen_scramble(point[d], own)))
+        let seed = hashes(scramble ^ U::splat(0x912f_69bau32.wrapping_mul(2 * d as u32 + 3)));
+        unit_interval(reverse_bits(owen_scramble(point[d], seed)))
     };
     [number(0), number(1), number(2), number(3)]
 }
 
-/// A random number of a pixel's point `index` for choices that need no stratification.
+/// 32 random bits of point `index` in the sequence of a pixel's `seed`, without stratification.
 #[inline(always)]
 pub fn keys(seed: U, index: U, set: u32) -> U {
     hashes(seed ^ hashes(index ^ U::splat(set.rotate_left(24))))
 }
 
-/// An Owen scramble of bit-reversed integers, up to hashing (Laine and Karras 2011 with the constants of Vegdahl 2021).
+/// A hash-based Owen scramble of bit-reversed integers (Laine and Karras 2011 with the constants of Vegdahl 2021).
 #[inline(always)]
 fn owen_scramble(mut n: U, scramble: U) -> U {
     n ^= n * U::splat(0x3d20_adea);
@@ -118,19 +119,19 @@ fn reverse_bits(mut n: U) -> U {
     (n >> 16) | (n << 16)
 }
 
-/// The sequence of one pixel, a point at a time.
+/// The sequence of one pixel, one point at a time.
 #[derive(Debug, Clone, Copy)]
 pub struct PixelSequence {
     seed: u32,
 }
 
 impl PixelSequence {
-    /// See [`pixel_seed`].
+    /// The sequence of pixel (`x`, `y`) under the render's `seed`.
     pub fn new(x: u32, y: u32, seed: u32) -> Self {
         Self { seed: pixel_seed(x, y, seed) }
     }
 
-    /// See [`samples`].
+    /// Set `set` of four dimensions of point `index`, each in [0, 1).
     pub fn sample(self, index: u32, set: u32) -> [f32; 4] {
         samples(U::splat(self.seed), U::from([index; LANES]), set).map(|n| n.as_array()[0])
     }

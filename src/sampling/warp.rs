@@ -1,4 +1,4 @@
-//! Warps from the unit square to the domains that a renderer needs, measure-preserving up to the stated density.
+//! Warps from the unit square to the domains of a renderer, with their densities.
 
 use std::f32::consts::PI;
 
@@ -9,7 +9,7 @@ use crate::lanes::{F, V3};
 /// Sine and cosine of 2π·`turns`, for `turns` in [0, 1], to about 1e-7.
 #[inline(always)]
 pub fn sin_cos_turns(turns: F) -> (F, F) {
-    // Reduce to an eighth turn on both sides of a multiple of a quarter, where short Taylor series do.
+    // Reduce to an eighth turn on either side of a multiple of a quarter turn, where short Taylor series are accurate.
     let quarter = (turns * F::splat(4.0)).round();
     let x = (turns - quarter * F::splat(0.25)) * F::splat(2.0 * PI);
     let x2 = x * x;
@@ -23,7 +23,7 @@ pub fn sin_cos_turns(turns: F) -> (F, F) {
         .mul_add(x2, F::splat(4.166_666_7e-2))
         .mul_add(x2, F::splat(-0.5))
         .mul_add(x2, F::ONE);
-    // Quarters 1 and 3 swap the two, 2 and 3 turn the sine's sign, 1 and 2 the cosine's.
+    // Quarters 1 and 3 swap sine and cosine, 2 and 3 negate the sine, 1 and 2 the cosine.
     let odd = quarter.simd_eq(F::ONE) | quarter.simd_eq(F::splat(3.0));
     let sin_sign = quarter.simd_eq(F::splat(2.0)) | quarter.simd_eq(F::splat(3.0));
     let cos_sign = quarter.simd_eq(F::ONE) | quarter.simd_eq(F::splat(2.0));
@@ -31,8 +31,8 @@ pub fn sin_cos_turns(turns: F) -> (F, F) {
     (odd.select(cos, sin) ^ (sin_sign & minus), odd.select(sin, cos) ^ (cos_sign & minus))
 }
 
-/// On the upper hemispheres (z ≥ 0), density cos θ/π in solid angle: the concentric map from the square to the disk
-/// (Shirley and Chiu 1997), lifted.
+/// Directions on the upper hemisphere (z ≥ 0) with density cos θ/π per solid angle: the concentric map from the square to
+/// the disk (Shirley and Chiu 1997, *A Low Distortion Map Between Disk and Square*), projected up to the hemisphere.
 #[inline(always)]
 pub fn cosine_hemispheres(u: F, v: F) -> V3 {
     let x = u.mul_sub(F::splat(2.0), F::ONE);
@@ -43,7 +43,7 @@ pub fn cosine_hemispheres(u: F, v: F) -> V3 {
     // An eighth of a turn times the ratio, from the x axis or back from the y axis.
     let eighth = ratio * F::splat(0.125);
     let turns = wide.select(eighth, F::splat(0.25) - eighth);
-    // r may be negative: the map turns by half with it. Only [0, 1] turns are to be asked for.
+    // A negative r rotates the map by half a turn. `sin_cos_turns` takes turns in [0, 1].
     let (s, c) = sin_cos_turns(turns.simd_lt(F::ZERO).select(turns + F::ONE, turns));
     let center = r.simd_eq(F::ZERO);
     let (dx, dy) = (center.select(F::ZERO, r * c), center.select(F::ZERO, r * s));
@@ -51,7 +51,7 @@ pub fn cosine_hemispheres(u: F, v: F) -> V3 {
     V3 { x: dx, y: dy, z }
 }
 
-/// Uniform on the unit sphere, density 1/4π.
+/// Uniform directions on the unit sphere, density 1/(4π) per solid angle.
 #[inline]
 pub fn sphere(u: f32, v: f32) -> Vec3 {
     let z = 1.0 - 2.0 * u;
@@ -69,19 +69,19 @@ pub fn triangles(u: F, v: F) -> (F, F) {
     (upper.select(half, u - half), upper.select(v - half, half))
 }
 
-/// Numbers in [0, 1) with density proportional to the linear function from `a` at 0 to `b` at 1, both ≥ 0; uniform
-/// where both are 0.
+/// Numbers in [0, 1) with density proportional to the linear function from `a` ≥ 0 at 0 to `b` ≥ 0 at 1; uniform where both
+/// are 0.
 #[inline(always)]
 pub fn linear(u: F, a: F, b: F) -> F {
     let root = u.mul_add(b.mul_sub(b, a * a), a * a).fast_max(F::ZERO).sqrt();
     let x = u * (a + b) / (a + root);
-    x.is_finite().select(x.fast_min(F::splat(ONE_MINUS)), u)
+    x.is_finite().select(x.fast_min(F::splat(ONE_MINUS_EPSILON)), u)
 }
 
 /// The largest number below 1.
-pub const ONE_MINUS: f32 = 1.0 - f32::EPSILON / 2.0;
+pub const ONE_MINUS_EPSILON: f32 = 1.0 - f32::EPSILON / 2.0;
 
-/// An orthonormal frame around the unit vector `n` (Duff et al. 2017, *Building an Orthonormal Basis, Revisited*).
+/// Two unit vectors that form an orthonormal basis with the unit vector `n` (Duff et al. 2017, *Building an Orthonormal Basis, Revisited*).
 #[inline]
 pub fn frame(n: Vec3) -> (Vec3, Vec3) {
     let sign = 1.0f32.copysign(n.z);
@@ -90,7 +90,7 @@ pub fn frame(n: Vec3) -> (Vec3, Vec3) {
     (Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), Vec3::new(b, sign + n.y * n.y * a, -n.y))
 }
 
-/// [`frame`], of eight.
+/// [`frame`] of eight lanes.
 #[inline(always)]
 pub fn frames(n: V3) -> (V3, V3) {
     let sign = (n.z & F::splat(-0.0)) | F::ONE;

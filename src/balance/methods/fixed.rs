@@ -1,15 +1,15 @@
-//! `half`, `power`, `max`: one sample of each technique, nothing learned (Veach and Guibas 1995).
+//! `half`, `power` and `max`: one sample of each technique per path, nothing is learned (Veach and Guibas 1995).
 
 use crate::balance::{Heuristic, Method};
 
-/// One light and one BSDF sample a path.
+/// One light and one BSDF sample per path.
 #[derive(Debug)]
 pub struct OneOfEach {
-    /// How they are weighed.
+    /// The MIS heuristic.
     pub heuristic: Heuristic,
-    /// As [`Method::name`].
+    /// [`Method::name`].
     pub name: &'static str,
-    /// As [`Method::about`].
+    /// [`Method::about`].
     pub about: &'static str,
 }
 

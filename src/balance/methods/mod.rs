@@ -1,4 +1,4 @@
-//! The methods of `--balance`. A new one is a file here and a line in the table.
+//! The methods of `--balance`. A new method is a file here and a line in the table.
 
 pub mod efficiency_aware;
 pub mod fixed;
@@ -12,7 +12,8 @@ use super::{Heuristic, Method};
 
 macro_rules! table {
     ($($variant:ident: $method:expr,)*) => {
-        /// How light and BSDF sampling share the work at a camera path's first surface: a name for each [`Method`].
+        /// A method that divides the samples at a camera path's first surface between light and BSDF sampling: a name for
+        /// each [`Method`].
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
         #[serde(rename_all = "kebab-case")]
         #[allow(missing_docs, reason = "each method's file says what it is")]
@@ -21,12 +22,12 @@ macro_rules! table {
         }
 
         impl Balance {
-            /// All of them, in the order of the help.
+            /// All methods, in the order of the help.
             pub fn all() -> &'static [Self] {
                 &[$(Self::$variant,)*]
             }
 
-            /// What it does.
+            /// The method.
             pub fn method(self) -> &'static dyn Method {
                 match self {
                     $(Self::$variant => &$method,)*
@@ -51,18 +52,18 @@ table! {
 }
 
 impl Balance {
-    /// As on the command line.
+    /// The name on the command line.
     pub fn name(self) -> &'static str {
         self.method().name()
     }
 
-    /// The one of this name.
+    /// The method of this name, if any.
     pub fn named(name: &str) -> Option<Self> {
         Self::all().iter().copied().find(|balance| balance.name() == name)
     }
 }
 
-/// A method's passes up to a goal.
+/// The passes of a method up to a goal.
 #[cfg(test)]
 fn passes(balance: Balance, goal: u32, pilot: Option<f64>) -> Vec<u32> {
     let mut done = 0;

@@ -1,15 +1,15 @@
-//! `progressive`, the default: a pilot of equal counts, each pixel's share from its neighbours' pilots by measured
-//! variance ([`spread`](crate::balance::spread)), all samples weighed together by the total counts.
+//! `progressive`, the default: a pilot of equal counts; the shares of each pixel from its neighbours' pilots by measured
+//! variance ([`variance`](crate::balance::variance)); all samples weighted together by the total counts.
 
-use crate::balance::method::{EARLY, FIRST_PASS, LONGEST_PASS, at_once, up_to};
-use crate::balance::sampler::Lights;
-use crate::balance::spread::{Candidates, Caution, Spreads};
-use crate::balance::{Cost, Counts, Learned, Method, Sampler};
+use crate::balance::method::{EARLY_PATHS, FIRST_PASS_PATHS, MAX_PASS_PATHS, pass_within_goal, take_pass};
+use crate::balance::sampler::LightInfo;
+use crate::balance::variance::{BlockVariances, Candidates, Caution};
+use crate::balance::{Cost, Counts, LearnedPixels, Method, Sampler};
 
-/// The pilot is this part of the first pass.
-const PILOT: u32 = 4;
+/// The first pass is so many times as long as its pilot.
+const PASS_PER_PILOT: u32 = 4;
 
-/// See the file's head.
+/// The method of this file.
 #[derive(Debug)]
 pub struct Progressive;
 
@@ -27,59 +27,63 @@ impl Method for Progressive {
         true
     }
 
-    /// Passes of 128, or 32 at first where it is not known how many there will be.
+    /// Passes of 128 paths; without a goal 32 at first.
     fn next_pass(&self, done: u32, goal: Option<u32>, _pilot: Option<f64>) -> Option<u32> {
-        let size = goal.map_or(done.clamp(PILOT * FIRST_PASS, LONGEST_PASS), |_| LONGEST_PASS);
-        up_to(goal, done, size)
+        let size = goal.map_or(done.clamp(PASS_PER_PILOT * FIRST_PASS_PATHS, MAX_PASS_PATHS), |_| MAX_PASS_PATHS);
+        pass_within_goal(goal, done, size)
     }
 
-    /// Shares are chosen once, in the first pass that is not an early one, and hold for all passes.
-    fn pass(&self, learned: &mut Learned, sampler: &mut dyn Sampler, done: u32, paths: u32) {
-        let Some(lights) = sampler.lights().filter(|_| done <= EARLY) else {
-            return at_once(learned, sampler, paths);
+    /// Shares are chosen once, in the first pass after the early ones, and hold for all later passes.
+    fn pass(&self, learned: &mut LearnedPixels, sampler: &mut dyn Sampler, done: u32, paths: u32) {
+        let Some(lights) = sampler.lights().filter(|_| done <= EARLY_PATHS) else {
+            return take_pass(learned, sampler, paths);
         };
         let candidates = candidates(lights);
-        match pilot(paths) {
-            Some(pilot) => with_pilot(learned, sampler, &candidates, (candidates.pilot(pilot), paths), lights.choice),
+        match pilot_paths(paths) {
+            Some(pilot) => {
+                let pilot = candidates.pilot(pilot);
+                take_pass_with_pilot(learned, sampler, &candidates, (pilot, paths), lights.selection_cost);
+            }
             None => {
-                learned.shares.iter_mut().for_each(|share| share.environment = candidates.prior().environment);
-                at_once(learned, sampler, paths);
+                let environment_share = candidates.prior().environment_share;
+                learned.shares.iter_mut().for_each(|shares| shares.environment_share = environment_share);
+                take_pass(learned, sampler, paths);
             }
         }
     }
 }
 
-/// How many paths of a first pass of `paths` are a pilot: whole blocks of four.
-fn pilot(paths: u32) -> Option<u32> {
-    (paths >= PILOT * FIRST_PASS).then_some(paths / PILOT / 4 * 4)
+/// The paths of a first pass of `paths` paths that form its pilot, a multiple of four; `None` if the pass is too short.
+fn pilot_paths(paths: u32) -> Option<u32> {
+    (paths >= PASS_PER_PILOT * FIRST_PASS_PATHS).then_some(paths / PASS_PER_PILOT / 4 * 4)
 }
 
-/// The shares that a pixel may have by what shines and how far light may go.
-fn candidates(lights: Lights) -> Candidates {
+/// The shares that a pixel may have, by the lights of the scene.
+fn candidates(lights: LightInfo) -> Candidates {
     let caution = if lights.indirect { Caution::INDIRECT } else { Caution::DIRECT };
-    match lights.environment {
-        Some(probability) => Candidates::three(probability, caution),
-        None => Candidates::two(caution),
+    match lights.environment_probability {
+        Some(probability) => Candidates::environment_area_and_bsdf(probability, caution),
+        None => Candidates::light_and_bsdf(caution),
     }
 }
 
-/// A pass of `paths` paths that begins with a pilot of equal counts; all are then weighed by the total counts.
-/// Light samples cost `choice` more than their rays.
-fn with_pilot(
-    learned: &mut Learned,
+/// Takes a pass of `paths` paths that begins with a pilot of equal counts. All samples are weighted by the total counts. A
+/// light sample costs `selection_cost` rays more than its shadow ray.
+fn take_pass_with_pilot(
+    learned: &mut LearnedPixels,
     sampler: &mut dyn Sampler,
     candidates: &Candidates,
     (pilot, paths): (Counts, u32),
-    choice: f32,
+    selection_cost: f32,
 ) {
     let n = sampler.pixels();
-    let spreads = Spreads::new(candidates, sampler.pilot(pilot), n, pilot.paths);
-    let (width, rays, guides) = (sampler.width(), sampler.cost(), sampler.guides());
-    let cost = Cost { light: rays.light + choice, ..rays };
-    for (i, share) in learned.shares.iter_mut().enumerate() {
-        *share = spreads.choose(i, width, &guides, cost);
+    let variances = BlockVariances::new(candidates, sampler.pilot(pilot), n, pilot.paths);
+    let (width, rays, features) = (sampler.width(), sampler.cost(), sampler.features());
+    let cost = Cost { light: rays.light + selection_cost, ..rays };
+    for (i, shares) in learned.shares.iter_mut().enumerate() {
+        *shares = variances.choose(i, width, &features, cost);
     }
-    let total: Vec<_> = learned.shares.iter().map(|share| Counts::of(*share, paths)).collect();
+    let total: Vec<_> = learned.shares.iter().map(|shares| Counts::from_shares(*shares, paths)).collect();
     sampler.reweight(&total);
     let rest: Vec<_> = total.iter().map(|total| total.after(pilot)).collect();
     sampler.take(&rest, &total, None);
@@ -94,6 +98,6 @@ mod tests {
     fn passes_are_long_where_the_goal_is_known() {
         assert_eq!(passes(Balance::Progressive, 300, None), [128, 128, 44]);
         assert_eq!(passes(Balance::Progressive, 300, Some(0.25)), [128, 128, 44]);
-        assert_eq!([5, 31, 32, 44, 128].map(super::pilot), [None, None, Some(8), Some(8), Some(32)]);
+        assert_eq!([5, 31, 32, 44, 128].map(super::pilot_paths), [None, None, Some(8), Some(8), Some(32)]);
     }
 }

@@ -1,12 +1,12 @@
-//! `second-order`: Lu, Pacanowski and Granier 2013 to the letter, a pilot and then one share for each pixel.
+//! `second-order`: the method of Lu, Pacanowski and Granier 2013, a pilot and then one light share for each pixel.
 
-use crate::balance::method::{by_moments, doubling, up_to};
-use crate::balance::{Learned, Method, Moments, Sampler};
+use crate::balance::method::{doubling_pass, pass_within_goal, take_pass_and_update};
+use crate::balance::{LearnedPixels, Method, Moments, Sampler};
 
-/// The pilot, as a share of all paths, where nothing else is said: the paper's N_m = N/2.
-pub const HALF_PILOT: f64 = 0.5;
+/// The default fraction of all paths that form the pilot: the paper's N_m = N/2.
+pub const DEFAULT_PILOT_FRACTION: f64 = 0.5;
 
-/// See [`Moments::second_order`].
+/// The method of [`Moments::second_order`].
 #[derive(Debug)]
 pub struct SecondOrder;
 
@@ -27,21 +27,21 @@ impl Method for SecondOrder {
         true
     }
 
-    /// With a goal: the share `pilot` of it, or [`HALF_PILOT`], rounded, at least a path and at least a path short of
-    /// it; then the rest.
+    /// With a goal, first the fraction `pilot` of it, or [`DEFAULT_PILOT_FRACTION`], rounded, at least one path and at most all
+    /// but one; then the rest.
     fn next_pass(&self, done: u32, goal: Option<u32>, pilot: Option<f64>) -> Option<u32> {
         match goal {
             Some(goal) if done == 0 => {
-                let paths = (pilot.unwrap_or(HALF_PILOT) * f64::from(goal)).round() as u32;
-                up_to(Some(goal), 0, paths.clamp(1, goal.saturating_sub(1).max(1)))
+                let paths = (pilot.unwrap_or(DEFAULT_PILOT_FRACTION) * f64::from(goal)).round() as u32;
+                pass_within_goal(Some(goal), 0, paths.clamp(1, goal.saturating_sub(1).max(1)))
             }
-            Some(_) => up_to(goal, done, u32::MAX),
-            None => doubling(done, None),
+            Some(_) => pass_within_goal(goal, done, u32::MAX),
+            None => doubling_pass(done, None),
         }
     }
 
-    fn pass(&self, learned: &mut Learned, sampler: &mut dyn Sampler, _done: u32, paths: u32) {
-        by_moments(learned, sampler, paths, Moments::second_order);
+    fn pass(&self, learned: &mut LearnedPixels, sampler: &mut dyn Sampler, _done: u32, paths: u32) {
+        take_pass_and_update(learned, sampler, paths, Moments::second_order);
     }
 }
 

@@ -1,32 +1,32 @@
-//! The attributes at the head of an OpenEXR file, walked by ourselves: no count in them is trusted.
+//! A parser of the attributes at the head of an OpenEXR file, which trusts no count in them.
 
 use std::io::{self, ErrorKind, Read};
 
-/// Most bytes of all attributes together. Pictures of ours have some thousand, others a preview or a manifest of names.
-pub const LARGEST: u64 = 16 << 20;
-/// Most attributes of all parts together.
-const MOST: u32 = 1 << 16;
-/// What OpenEXR files begin with.
+/// Largest total size of all attributes in bytes. Our pictures have some thousand; others have a preview or a manifest of names.
+pub const MAX_HEAD_BYTES: u64 = 16 << 20;
+/// Largest number of attributes of all parts together.
+const MAX_ATTRIBUTES: u32 = 1 << 16;
+/// The magic number of OpenEXR files.
 pub const MAGIC: [u8; 4] = [0x76, 0x2F, 0x31, 0x01];
-/// Of the word after the magic number: more than one part.
+/// The flag of files with several parts, in the word after the magic number.
 const MULTIPART: u32 = 1 << 12;
 
-/// An attribute in its place.
+/// An attribute and its position.
 #[derive(Debug)]
 pub struct Attribute<'a> {
-    /// Which header, from 0.
+    /// Index of the part.
     pub part: u32,
     pub name: &'a [u8],
-    /// The byte of the file at which its value begins.
+    /// Position of the value in the file, in bytes.
     pub at: u64,
     pub value: &'a [u8],
 }
 
-/// Shows `visit` the attributes of all parts, up to the first error.
+/// Calls `visit` with the attributes of all parts, up to the first error.
 ///
 /// # Errors
-/// [`ErrorKind::InvalidData`] for what is no such head or larger than [`LARGEST`], [`ErrorKind::UnexpectedEof`] for one
-/// that is cut off, others as they are met.
+/// [`ErrorKind::InvalidData`] for an invalid head or one larger than [`MAX_HEAD_BYTES`], [`ErrorKind::UnexpectedEof`] for a
+/// truncated one, and errors of the reader.
 pub fn walk(from: impl Read, visit: &mut dyn FnMut(Attribute)) -> io::Result<()> {
     let mut walk = Walk { from, at: 0 };
     if walk.take(4)? != MAGIC {
@@ -34,7 +34,7 @@ pub fn walk(from: impl Read, visit: &mut dyn FnMut(Attribute)) -> io::Result<()>
     }
     let version = u32::from_le_bytes(walk.take(4)?.try_into().unwrap_or_default());
     let mut part = 0;
-    for _ in 0..MOST {
+    for _ in 0..MAX_ATTRIBUTES {
         let mut name = walk.text()?;
         if name.is_empty() && version & MULTIPART != 0 {
             part += 1;
@@ -46,7 +46,7 @@ pub fn walk(from: impl Read, visit: &mut dyn FnMut(Attribute)) -> io::Result<()>
         }
         walk.attribute(part, &name, visit)?;
     }
-    Err(invalid(format!("it has more than {MOST} attributes")))
+    Err(invalid(format!("it has more than {MAX_ATTRIBUTES} attributes")))
 }
 
 struct Walk<R> {
@@ -57,8 +57,8 @@ struct Walk<R> {
 impl<R: Read> Walk<R> {
     fn take(&mut self, length: u64) -> io::Result<Vec<u8>> {
         self.at += length;
-        if self.at > LARGEST {
-            return Err(invalid(format!("its attributes are more than {} MiB", LARGEST >> 20)));
+        if self.at > MAX_HEAD_BYTES {
+            return Err(invalid(format!("its attributes are more than {} MiB", MAX_HEAD_BYTES >> 20)));
         }
         let mut bytes = Vec::new();
         (&mut self.from).take(length).read_to_end(&mut bytes)?;
@@ -68,7 +68,7 @@ impl<R: Read> Walk<R> {
         Ok(bytes)
     }
 
-    /// Up to a zero, which is left out.
+    /// Bytes up to a zero, which is not included.
     fn text(&mut self) -> io::Result<Vec<u8>> {
         let mut text = Vec::new();
         loop {
@@ -81,7 +81,7 @@ impl<R: Read> Walk<R> {
     }
 
     fn attribute(&mut self, part: u32, name: &[u8], visit: &mut dyn FnMut(Attribute)) -> io::Result<()> {
-        // The name of its type.
+        // The name of the type.
         self.text()?;
         let length = i32::from_le_bytes(self.take(4)?.try_into().unwrap_or_default());
         let length = u64::try_from(length).map_err(|_| invalid("an attribute in it has a negative length"))?;

@@ -1,4 +1,4 @@
-//! Files that lie: what they ask for is refused before memory is taken for it; and files that were changed are known.
+//! Tests with hostile files: false sizes are refused before memory is allocated, and changed files are detected.
 
 use std::fs::{self, File};
 use std::io::Write;
@@ -6,9 +6,8 @@ use std::path::{Path, PathBuf};
 
 use exr::prelude::*;
 
-use super::{
-    CHECKSUM, Checksum, Header, HeaderValue, bounds, check, head, read, read_header, read_statistics, text, write,
-};
+use super::attributes::text;
+use super::{CHECKSUM, Checksum, Header, HeaderValue, bounds, check, head, read, read_header, read_statistics, write};
 use crate::film::{Aov, Film};
 
 fn written(folder: &Path, name: &str, compression: Compression, side: usize) -> PathBuf {

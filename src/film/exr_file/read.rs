@@ -1,4 +1,4 @@
-//! The one reader of OpenEXR files: pictures, environments, and what our own files carry besides.
+//! Reads OpenEXR files: pictures, environments, and the attributes and statistics of our own files.
 
 use std::borrow::Cow;
 use std::fs::{self, File};
@@ -14,47 +14,47 @@ use exr::meta::attribute::{AttributeValue, SampleType};
 use exr::meta::header::Header as ExrHeader;
 use exr::prelude::*;
 
-use super::{
-    CHECKSUM, HASH, Header, HeaderValue, LENGTH, STATISTICS, WORDS, WORLD_TO_CAMERA, WORLD_TO_NDC, bounds, head, text,
-};
-use crate::film::Picture;
+use super::attributes::{HASH, LENGTH, text};
+use super::checksum::CHECKSUM;
+use super::{bounds, head};
 use crate::film::cryptomatte::PREFIX;
+use crate::film::header::{Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
+use crate::film::picture::Picture;
 use crate::{Error, Result as Outcome, guard};
 
-/// Reads the colour of any flat OpenEXR file: channels R, G, B (or a layer's that ends in `Combined`, as Blender
-/// writes) in half, float or integer, and `variance.R`, `.G`, `.B` when they are there. Nothing in the file is trusted.
+/// Reads the beauty of any flat OpenEXR file: the channels R, G, B (or those of a layer that ends in `Combined`, as Blender
+/// writes) in half, float or integer, and `variance.R`, `.G`, `.B` if they exist. The content of the file is not trusted.
 ///
 /// # Errors
-/// Missing, forbidden or failing files as [`Error::reading`]; [`Error::Data`] for anything that is not such a
-/// picture, however broken.
+/// [`Error::reading`] for a file that cannot be read; [`Error::Data`] for one that is no such picture.
 pub fn read(path: &Path) -> Outcome<Picture> {
-    decoded(path, |bytes| decode(bytes, None, &|_, _| Ok(())))
+    picture(&bytes_of(path)?, &|_, _| Ok(())).map_err(|why| cannot_use(path, &why))
 }
 
-/// As [`read()`], from a file's bytes; `fits` refuses widths and heights before memory is taken for them.
+/// Reads the beauty from the bytes of a file. `fits` can refuse a width and height before memory is allocated.
 ///
 /// # Errors
-/// What is wrong with it, as a part of a sentence.
+/// The defect, as a part of a sentence.
 pub fn picture(bytes: &[u8], fits: &Fits) -> std::result::Result<Picture, String> {
     guarded(|| decode(bytes, None, fits))
 }
 
-/// As [`picture`] of any size, of a layer by name: its R, G and B, X, Y and Z, or its only channel three times; or a channel
-/// by its full name. `None` is the beauty.
+/// Reads a layer from the bytes of a file: its R, G and B, its X, Y and Z, or its only channel three times; or a channel by its
+/// full name. `None` is the beauty.
 ///
 /// # Errors
-/// As [`picture`].
+/// The defect, as a part of a sentence.
 pub fn layer(bytes: &[u8], layer: Option<&str>) -> std::result::Result<Picture, String> {
     guarded(|| decode(bytes, layer, &|_, _| Ok(())))
 }
 
-/// Says why a picture of this width and height is too large.
+/// Returns an error if a picture of this width and height is too large.
 type Fits<'a> = dyn Fn(u64, u64) -> std::result::Result<(), String> + 'a;
 
-/// Reads the header attributes that bismar has written, without the picture. Empty for pictures of others.
+/// Reads the header attributes that this program has written, without the pixels. Empty for pictures of other programs.
 ///
 /// # Errors
-/// As [`read()`].
+/// The errors of [`read()`].
 pub fn read_header(path: &Path) -> Outcome<Header> {
     let meta = read_meta(path, open(path)?)?;
     let Some(first) = meta.headers.first() else { return Ok(Header::new()) };
@@ -65,14 +65,14 @@ pub fn read_header(path: &Path) -> Outcome<Header> {
             AttributeValue::F64(x) => HeaderValue::Number(*x),
             _ => return None,
         };
-        // How many bytes there are, and which, is the file's affair alone.
+        // Length and hash of the statistics and the checksum are internal.
         let ours = name.starts_with("bismar.") || name.starts_with(PREFIX);
-        let told = ours && ![LENGTH, HASH, CHECKSUM].contains(&name.as_str());
-        told.then(|| (name.into(), value))
+        let public = ours && ![LENGTH, HASH, CHECKSUM].contains(&name.as_str());
+        public.then(|| (name.into(), value))
     });
     let mut header: Header = ours.collect();
-    let of = &first.own_attributes;
-    for (name, matrix) in [(WORLD_TO_CAMERA, of.world_to_camera), (WORLD_TO_NDC, of.world_to_normalized_device)] {
+    let own = &first.own_attributes;
+    for (name, matrix) in [(WORLD_TO_CAMERA, own.world_to_camera), (WORLD_TO_NDC, own.world_to_normalized_device)] {
         header.extend(matrix.map(|m| (name.into(), HeaderValue::Matrix(m))));
     }
     Ok(header)
@@ -100,21 +100,17 @@ fn read_meta(path: &Path, file: File) -> Outcome<MetaData> {
     meta.map_err(|why| cannot_use(path, &why))
 }
 
-/// The statistics that [`write()`](super::write()) was given, or `None` for a picture without.
+/// Reads the statistics that were given to [`write()`](super::write()); `None` for a picture without statistics.
 ///
 /// # Errors
-/// As [`read()`]; [`Error::Data`] also if the bytes are not those that were written.
+/// The errors of [`read()`]; [`Error::Data`] also if the statistics do not have their hash.
 pub fn read_statistics(path: &Path) -> Outcome<Option<Vec<u8>>> {
     let mut file = open(path)?;
     let failed = |e| Error::reading(path, &e);
     let meta = read_meta(path, file.try_clone().map_err(failed)?)?;
-    if meta.headers.len() > 1 {
-        // Before format 4 they were a part of their own.
-        return decoded(path, decode_statistics);
-    }
     let refused = |why: &str| cannot_use(path, why);
     let Some((length, hash)) =
-        meta.headers.first().map(sealed).transpose().map_err(|e| refused(&e.to_string()))?.flatten()
+        meta.headers.first().map(statistics_hash).transpose().map_err(|e| refused(&e.to_string()))?.flatten()
     else {
         return Ok(None);
     };
@@ -123,15 +119,13 @@ pub fn read_statistics(path: &Path) -> Outcome<Option<Vec<u8>>> {
     let mut bytes = Vec::new();
     file.seek(SeekFrom::Start(start)).and_then(|_| file.read_to_end(&mut bytes)).map_err(failed)?;
     if *blake3::hash(&bytes).to_hex() != *hash {
-        return Err(refused(DAMAGED));
+        return Err(refused("its statistics are not those that were written: the file is damaged"));
     }
     Ok(Some(bytes))
 }
 
-const DAMAGED: &str = "its statistics are not those that were written: the file is damaged";
-
-/// Length and hash of the statistics that belong to a part, if there are any.
-fn sealed(header: &ExrHeader) -> Result<Option<(u64, String)>> {
+/// Length and hash of the statistics of a part, if there are any.
+fn statistics_hash(header: &ExrHeader) -> Result<Option<(u64, String)>> {
     match (attribute(header, LENGTH), attribute(header, HASH)) {
         (None, None) => Ok(None),
         (Some(AttributeValue::F64(length)), Some(AttributeValue::Text(hash))) => {
@@ -141,16 +135,10 @@ fn sealed(header: &ExrHeader) -> Result<Option<(u64, String)>> {
     }
 }
 
-fn decoded<T>(path: &Path, decode: impl FnOnce(&[u8]) -> Result<T>) -> Outcome<T> {
-    let bytes = bytes_of(path)?;
-    guarded(|| decode(&bytes)).map_err(|why| cannot_use(path, &why))
-}
-
-/// The bytes of a picture of any format: all of it at once, so that what decoders say afterwards is about the content,
-/// never about the disk.
+/// Reads all bytes of a picture of any format, so that later errors of decoders concern the content and not the disk.
 ///
 /// # Errors
-/// As [`Error::reading`]; [`Error::Data`] for devices and for OpenEXR whose attributes are out of proportion.
+/// [`Error::reading`]; [`Error::Data`] for devices and for OpenEXR files with too large attributes.
 pub fn bytes_of(path: &Path) -> Outcome<Vec<u8>> {
     let failed = |e| Error::reading(path, &e);
     let kind = fs::metadata(path).map_err(failed)?.file_type();
@@ -168,7 +156,7 @@ pub fn bytes_of(path: &Path) -> Outcome<Vec<u8>> {
     fs::read(path).map_err(failed)
 }
 
-/// Before a file is read whole.
+/// Checks the head of a file before the whole file is read.
 fn check_head(path: &Path, file: &File) -> Outcome<()> {
     head::walk(BufReader::new(file), &mut |_| ()).map_err(|e| match e.kind() {
         ErrorKind::InvalidData | ErrorKind::UnexpectedEof => cannot_use(path, &e.to_string()),
@@ -180,7 +168,7 @@ fn cannot_use(path: &Path, why: &str) -> Error {
     Error::Data(format!("{}: cannot use this OpenEXR file: {why}", path.display()))
 }
 
-/// A panic of the decoder is an answer too.
+/// Runs the decoder and turns its panics into errors.
 fn guarded<T>(decode: impl FnOnce() -> Result<T>) -> std::result::Result<T, String> {
     guard::guarded("it is corrupt", decode)
 }
@@ -188,12 +176,12 @@ fn guarded<T>(decode: impl FnOnce() -> Result<T>) -> std::result::Result<T, Stri
 fn decode(bytes: &[u8], layer: Option<&str>, fits: &Fits) -> Result<Picture> {
     let chunks = checked(bytes)?;
     let headers = chunks.headers();
-    let of = |header: &ExrHeader| match layer {
+    let wanted = |header: &ExrHeader| match layer {
         _ if header.deep => None,
         None => ["R", "G", "B"].map(|c| color_prefix(&names(header)).map(|prefix| prefix + c)).into_iter().collect(),
         Some(layer) => layer_channels(&names(header), layer),
     };
-    let found = headers.iter().enumerate().find_map(|(i, h)| Some((i, of(h)?)));
+    let found = headers.iter().enumerate().find_map(|(i, h)| Some((i, wanted(h)?)));
     let Some((part, colors)) = found.filter(|(_, colors): &(_, Vec<String>)| colors.len() == 3) else {
         let names = headers.iter().flat_map(names).collect::<Vec<_>>();
         let wanted = layer.map_or("channels R, G and B".into(), |layer| format!("layer '{layer}'"));
@@ -224,10 +212,10 @@ fn decode(bytes: &[u8], layer: Option<&str>, fits: &Fits) -> Result<Picture> {
         for line in block.lines(&header.channels) {
             let channel = line.location.channel;
             let (Vec2(x, y), kind) = (line.location.position, header.channels.list[channel].sample_type);
-            let place = y * width + x..y * width + x + line.location.sample_count;
+            let range = y * width + x..y * width + x + line.location.sample_count;
             let beyond = || invalid("a block out of bounds");
             let put = |channels: [usize; 3], pixels: &mut [[f32; 3]]| -> Result<()> {
-                let row = pixels.get_mut(place.clone()).ok_or_else(beyond)?;
+                let row = pixels.get_mut(range.clone()).ok_or_else(beyond)?;
                 for (c, _) in channels.iter().enumerate().filter(|(_, own)| **own == channel) {
                     read_line(&line, kind, |i, value| row[i][c] = value)?;
                 }
@@ -235,7 +223,7 @@ fn decode(bytes: &[u8], layer: Option<&str>, fits: &Fits) -> Result<Picture> {
             };
             put(color, &mut picture.rgb)?;
             if let (Some(_), Some(pixels)) = (alpha.filter(|own| *own == channel), &mut picture.alpha) {
-                let row = pixels.get_mut(place.clone()).ok_or_else(beyond)?;
+                let row = pixels.get_mut(range.clone()).ok_or_else(beyond)?;
                 read_line(&line, kind, |i, value| row[i] = value)?;
             }
             if let (Some(channels), Some(pixels)) = (variance, &mut picture.variance) {
@@ -247,7 +235,7 @@ fn decode(bytes: &[u8], layer: Option<&str>, fits: &Fits) -> Result<Picture> {
     Ok(picture)
 }
 
-/// A file whose attributes, sizes and counts have been checked.
+/// Opens a file and checks its attributes, sizes and counts.
 fn checked(bytes: &[u8]) -> Result<Reader<Cursor<&[u8]>>> {
     head::walk(bytes, &mut |_| ()).map_err(|e| invalid(e.to_string()))?;
     let chunks = exr::block::read(Cursor::new(bytes), false)?;
@@ -255,7 +243,7 @@ fn checked(bytes: &[u8]) -> Result<Reader<Cursor<&[u8]>>> {
     Ok(chunks)
 }
 
-/// The blocks of a part's largest resolution level, one after the other: on this thread alone, where panics are expected.
+/// Decodes the blocks of a part's highest resolution level in order, on this thread, where panics are caught.
 fn each_block(
     chunks: Reader<Cursor<&[u8]>>,
     part: usize,
@@ -268,7 +256,7 @@ fn each_block(
         let header = meta.headers.get(chunk.layer_index).ok_or_else(|| invalid("a block of no part"))?;
         bounds::check_block(&chunk, header).map_err(invalid)?;
         let block = UncompressedBlock::decompress_chunk(chunk, &meta, false)?;
-        // What the table of blocks says and what is there may differ.
+        // The table of blocks and the blocks may differ.
         if block.index.layer != part || block.index.level != Vec2(0, 0) {
             return Err(invalid("a block in the place of another"));
         }
@@ -278,51 +266,21 @@ fn each_block(
 }
 
 fn read_line(line: &LineRef, kind: SampleType, put: impl FnMut(usize, f32)) -> Result<()> {
-    fn all<T: exr::io::Data>(line: &LineRef, f: impl Fn(T) -> f32, mut put: impl FnMut(usize, f32)) -> Result<()> {
+    fn read<T: exr::io::Data>(line: &LineRef, f: impl Fn(T) -> f32, mut put: impl FnMut(usize, f32)) -> Result<()> {
         for (i, sample) in line.read_samples::<T>().enumerate() {
             put(i, f(sample?));
         }
         Ok(())
     }
     match kind {
-        SampleType::F16 => all(line, f16::to_f32, put),
-        SampleType::F32 => all(line, |x| x, put),
-        SampleType::U32 => all(line, |x: u32| x as f32, put),
+        SampleType::F16 => read(line, f16::to_f32, put),
+        SampleType::F32 => read(line, |x| x, put),
+        SampleType::U32 => read(line, |x: u32| x as f32, put),
     }
-}
-
-fn is_statistics(header: &ExrHeader) -> bool {
-    header.own_attributes.layer_name.as_ref().is_some_and(|name| name.eq(STATISTICS))
 }
 
 fn attribute<'a>(header: &'a ExrHeader, name: &str) -> Option<&'a AttributeValue> {
     header.own_attributes.other.get(&text(name))
-}
-
-fn decode_statistics(bytes: &[u8]) -> Result<Option<Vec<u8>>> {
-    let chunks = checked(bytes)?;
-    let Some(part) = chunks.headers().iter().position(is_statistics) else { return Ok(None) };
-    let header = &chunks.headers()[part];
-    let rows = header.layer_size.1;
-    let (length, hash) = sealed(header)?.ok_or_else(|| invalid("its statistics have no length or hash"))?;
-    let (length, row) = (usize::try_from(length).unwrap_or(usize::MAX), 4 * WORDS);
-    if header.layer_size.0 != WORDS || header.channels.bytes_per_pixel != 4 || length > rows * row {
-        return Err(invalid("its statistics have another shape"));
-    }
-    let mut all = vec![0; rows * row];
-    each_block(chunks, part, |block| {
-        let at = block.index.pixel_position.1 * row;
-        let place = all.get_mut(at..at + block.data.len()).ok_or_else(|| invalid("a block out of bounds"))?;
-        for (to, from) in place.chunks_exact_mut(4).zip(block.data.chunks_exact(4)) {
-            to.copy_from_slice(&u32::from_ne_bytes([from[0], from[1], from[2], from[3]]).to_le_bytes());
-        }
-        Ok(())
-    })?;
-    all.truncate(length);
-    if *blake3::hash(&all).to_hex() != *hash {
-        return Err(invalid(DAMAGED));
-    }
-    Ok(Some(all))
 }
 
 fn invalid(why: impl Into<Cow<'static, str>>) -> ExrError {
@@ -333,7 +291,7 @@ fn names(header: &ExrHeader) -> Vec<String> {
     header.channels.list.iter().map(|c| c.name.to_string()).collect()
 }
 
-/// What stands before R, G and B in the names of the beauty's channels.
+/// The prefix of R, G and B in the names of the beauty's channels.
 fn color_prefix(names: &[String]) -> Option<String> {
     let complete = |prefix: &&str| ["R", "G", "B"].iter().all(|c| names.contains(&format!("{prefix}{c}")));
     let reds = names.iter().filter_map(|n| n.strip_suffix('R'));
@@ -341,19 +299,19 @@ fn color_prefix(names: &[String]) -> Option<String> {
     candidates.find(complete).map(str::to_owned)
 }
 
-/// The names of a layer's three channels, or of its only one three times.
+/// The names of a layer's three channels, or three times the name of its only one.
 fn layer_channels(names: &[String], layer: &str) -> Option<Vec<String>> {
     let all = |letters: &str| letters.chars().map(|c| format!("{layer}.{c}")).collect::<Vec<_>>();
-    let there = |wanted: &Vec<String>| wanted.iter().all(|name| names.contains(name));
+    let exist = |wanted: &Vec<String>| wanted.iter().all(|name| names.contains(name));
     let alone = names.iter().filter(|name| name.strip_prefix(layer).is_some_and(|rest| rest.starts_with('.')));
     let alone = match alone.collect::<Vec<_>>()[..] {
         [one] => Some(one.clone()),
         _ => names.iter().find(|name| *name == layer).cloned(),
     };
-    ["RGB", "XYZ"].into_iter().map(all).find(there).or_else(|| alone.map(|one| vec![one; 3]))
+    ["RGB", "XYZ"].into_iter().map(all).find(exist).or_else(|| alone.map(|one| vec![one; 3]))
 }
 
-/// Which channel of full resolution has this name.
+/// Index of the channel with this name, if it has full resolution.
 fn full_channel(header: &ExrHeader, name: &str) -> Option<usize> {
     header.channels.list.iter().position(|x| x.name.eq(name) && x.sampling == Vec2(1, 1))
 }

@@ -2,10 +2,9 @@ use exr::image::FlatSamples;
 use exr::meta::attribute::AttributeValue;
 use exr::prelude::*;
 
-use super::{
-    Header, HeaderValue, Layers, WORLD_TO_CAMERA, WORLD_TO_NDC, read, read_header, read_statistics, text, write,
-};
-use crate::film::aov::NOWHERE;
+use super::attributes::text;
+use super::{Header, HeaderValue, Layers, WORLD_TO_CAMERA, WORLD_TO_NDC, read, read_header, read_statistics, write};
+use crate::film::aov::MISS_DEPTH;
 use crate::film::{Aov, AovSums, Background, Film, PixelStats};
 
 fn film() -> Film {
@@ -17,7 +16,7 @@ fn film() -> Film {
             sum: [x, 2.0 * x, 3.0],
             sum_squared: [x * x, x * x * 4.0, 9.0],
             covered: (i % 5) as u32,
-            balance: 0.25,
+            light_share: 0.25,
         };
         *aov = AovSums { depth: i as f32, object: i as u32, ..Default::default() };
     }
@@ -57,7 +56,7 @@ fn aovs_are_layers_with_the_usual_letters_and_integers_stay_integers() {
     assert_eq!(*channel("samples.V"), FlatSamples::U32(vec![4; 440]));
     assert_eq!(*channel("object.V"), FlatSamples::U32((0..440).collect()));
     let FlatSamples::F32(depth) = channel("depth.Z") else { panic!("depth is not float") };
-    assert_eq!(depth[..4], [NOWHERE, 1.0, 1.0, 1.0]);
+    assert_eq!(depth[..4], [MISS_DEPTH, 1.0, 1.0, 1.0]);
     let FlatSamples::F32(alpha) = channel("A") else { panic!("alpha is not float") };
     assert_eq!(alpha[..5], [0.0, 0.25, 0.5, 0.75, 1.0]);
 }

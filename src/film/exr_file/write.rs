@@ -1,4 +1,4 @@
-//! Films and statistics into files, a block of rows at a time.
+//! Writes pixels and statistics to OpenEXR files, one block of rows at a time.
 
 use std::io::{Seek, SeekFrom, Write};
 use std::path::Path;
@@ -11,18 +11,20 @@ use exr::meta::attribute::{AttributeValue, Chromaticities, IntegerBounds, LevelM
 use exr::meta::header::Header as ExrHeader;
 use exr::prelude::*;
 
+use super::attributes::{HASH, LENGTH, text};
 use super::checksum::{self, CHECKSUM};
-use super::{HASH, Header, HeaderValue, LENGTH, WORLD_TO_CAMERA, WORLD_TO_NDC, text};
 use crate::film::aov::{self, Aov, ExtraComponent, Value};
-use crate::film::{Pixels, atomic};
+use crate::film::atomic;
+use crate::film::header::{Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
+use crate::film::pixels::Pixels;
 use crate::{Error, Result as Outcome};
 
-/// What a file holds of pixels besides R, G, B and A, and how exactly.
+/// The layers of a file besides R, G, B and A, and their precision.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Layers<'a> {
-    /// Which AOVs.
+    /// The AOVs.
     pub aovs: &'a [Aov],
-    /// Colours and directions in 16-bit floats; distances, statistics and identities stay as they are.
+    /// Whether colours and directions are 16-bit floats. Distances, statistics and identifiers always have 32 bits.
     pub half: bool,
     /// The layer `denoised`: linear RGB, row by row over the window.
     pub denoised: Option<&'a [[f32; 3]]>,
@@ -41,16 +43,15 @@ impl<'a> From<&'a [Aov]> for Layers<'a> {
 }
 
 /// Writes pixels as one part: R, G, B, A (premultiplied; A by [`Background`](crate::film::Background)) and the AOVs as
-/// `layer.channel`. ZIP compression; the data window is the pixels' window, the display window the whole picture. The
-/// file appears whole or not at all. Beside the pixels it takes next to no memory: channels are computed as they are
-/// written.
+/// `layer.channel`, with ZIP compression. The data window is the pixels' window, the display window the whole picture. The file
+/// is written atomically. Channels are computed block by block, so that hardly any memory is needed besides the pixels.
 ///
-/// `statistics` are bytes that [`read_statistics`](super::read_statistics) gives back. They follow the picture at the
-/// end of the file, where its table of offsets leads nobody: a part of their own would need a data window of its own,
-/// which crashes Blender 5.0 where it is not inside the picture's.
+/// `statistics` are bytes that [`read_statistics`](super::read_statistics) returns. They follow the picture at the end of the
+/// file, outside its table of offsets. A part of their own would need its own data window, which crashes Blender 5.0 if it is
+/// not inside the picture's.
 ///
 /// # Errors
-/// As [`atomic::write`].
+/// The errors of [`atomic::write`].
 pub fn write<'a>(
     path: &Path,
     pixels: &dyn Pixels,
@@ -68,10 +69,10 @@ pub fn write<'a>(
     save(path, &Image::new(shared, beauty), statistics.unwrap_or_default())
 }
 
-/// Writes linear RGB floats, row-major over `window` within `display` (x0, y0, x1, y1).
+/// Writes linear RGB floats, row-major over `window` within `display` (x0, y0, x1, y1 in pixels).
 ///
 /// # Errors
-/// As [`atomic::write`].
+/// The errors of [`atomic::write`].
 pub fn write_rgb(path: &Path, window: [i64; 4], display: [i64; 4], rgb: &[[f32; 3]]) -> Outcome<()> {
     let bounds = |w: [i64; 4]| {
         IntegerBounds::new(Vec2(w[0] as i32, w[1] as i32), Vec2((w[2] - w[0]) as usize, (w[3] - w[1]) as usize))
@@ -84,24 +85,24 @@ pub fn write_rgb(path: &Path, window: [i64; 4], display: [i64; 4], rgb: &[[f32; 
     save(path, &Image::new(ImageAttributes::new(bounds(display)), layer), &[])
 }
 
-/// Blocks of 16 rows: the unit of packing in parallel.
+/// Blocks of 16 rows, which are compressed in parallel.
 const ENCODING: Encoding =
     Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
 
-type PartOf<'a> = Layer<AnyChannels<Samples<'a>>>;
+type Part<'a> = Layer<AnyChannels<Samples<'a>>>;
 
-fn save<'a, L>(path: &Path, image: &'a Image<L>, behind: &[u8]) -> Outcome<()>
+fn save<'a, L>(path: &Path, image: &'a Image<L>, trailer: &[u8]) -> Outcome<()>
 where
     L: exr::image::write::layers::WritableLayers<'a>,
 {
     atomic::write(path, |file| match image.write().to_buffered(&mut *file) {
         Ok(()) => {
             file.seek(SeekFrom::End(0))?;
-            file.write_all(behind)?;
+            file.write_all(trailer)?;
             file.flush()?;
-            // Nothing can be read back from a device.
+            // A device cannot be read back.
             if file.get_ref().metadata()?.is_file() {
-                checksum::close(file.get_ref())?;
+                checksum::finish(file.get_ref())?;
             }
             Ok(Ok(()))
         }
@@ -110,7 +111,7 @@ where
     })
 }
 
-fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers<'a>, header: &Header) -> (ImageAttributes, PartOf<'a>) {
+fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers<'a>, header: &Header) -> (ImageAttributes, Part<'a>) {
     let [x0, y0, x1, y1] = pixels.window();
     let mut aovs = layers.aovs.to_vec();
     aovs.sort();
@@ -148,7 +149,7 @@ fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers<'a>, header: &Header) -> 
         software_name: Some(text(concat!("bismar ", env!("CARGO_PKG_VERSION")))),
         ..Default::default()
     };
-    own.other.insert(text(CHECKSUM), AttributeValue::Text(text(checksum::OPEN)));
+    own.other.insert(text(CHECKSUM), AttributeValue::Text(text(checksum::PLACEHOLDER)));
     for (name, value) in header {
         let value = match (name.as_ref(), value) {
             (_, HeaderValue::Text(t)) => AttributeValue::Text(text(t)),
@@ -179,7 +180,7 @@ fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers<'a>, header: &Header) -> 
     let layer = Layer::new(size, own, ENCODING, AnyChannels::sort(channels.chain(denoised).collect()));
     let [width, height] = pixels.size();
     let mut shared = ImageAttributes::new(IntegerBounds::from_dimensions(Vec2(width as usize, height as usize)));
-    // Rec. 709, said aloud.
+    // Rec. 709 is the default; readers differ if it is not stated.
     shared.chromaticities = Some(Chromaticities {
         red: Vec2(0.64, 0.33),
         green: Vec2(0.3, 0.6),
@@ -189,12 +190,12 @@ fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers<'a>, header: &Header) -> 
     (shared, layer)
 }
 
-/// The nearest 16-bit float; what is too bright for it becomes its largest number, not infinity.
+/// The nearest 16-bit float; larger finite values become the largest finite one.
 fn half(x: f32) -> f16 {
     if x.is_finite() { f16::from_f32(x.clamp(f16::MIN.to_f32(), f16::MAX.to_f32())) } else { f16::from_f32(x) }
 }
 
-/// A channel's values by column and row of its part, asked for when their block is written.
+/// The values of a channel by column and row of its part, computed when their block is written.
 enum Samples<'a> {
     Half(Box<dyn Fn(usize, usize) -> f16 + Sync + 'a>),
     Float(Box<dyn Fn(usize, usize) -> f32 + Sync + 'a>),

@@ -4,11 +4,11 @@ use wide::bytemuck::cast;
 
 use crate::bsdf::{BsdfSample, Core, Lobe, Parameters};
 use crate::guiding::directions::steradians;
-use crate::guiding::{Field, NOWHERE};
+use crate::guiding::{Field, NO_CELL};
 use crate::integrator::transport::Transport;
 use crate::integrator::vertices::Vertices;
 use crate::lanes::{F, LANES, Rows, U, V3, load_bits, mask, store, store_bits};
-use crate::sampling::warp::ONE_MINUS;
+use crate::sampling::warp::ONE_MINUS_EPSILON;
 
 /// Samples the BSDF or, with a probability by cell, the guiding field.
 pub struct Mixture<'a> {
@@ -55,22 +55,22 @@ pub fn find_cells(transport: &Transport, vertices: &mut Vertices) {
         store_bits(&mut guiding.diffuse, at, diffuse & U::ONE);
         let Some(field) = transport.field else { continue };
         let cells = field.cells_at(origin.load(&rows), ng.load(&rows));
-        store_bits(&mut guiding.cell, at, diffuse.select(U::from(field.guiding(cells)), U::splat(NOWHERE)));
+        store_bits(&mut guiding.cell, at, diffuse.select(U::from(field.guiding_cells(cells)), U::splat(NO_CELL)));
         for (column, probability) in
-            guiding.roulette.iter_mut().zip(field.chances(cells, beta.load(&rows).luminance()).into_iter().flatten())
+            guiding.roulette.iter_mut().zip(field.roulette_probabilities(cells, beta.load(&rows).luminance()).into_iter().flatten())
         {
             store(column, at, probability);
         }
     }
     let Some(guiding) = &mut vertices.guiding else { return };
-    guiding.cell[if transport.field.is_some() { len } else { 0 }..].fill(NOWHERE);
+    guiding.cell[if transport.field.is_some() { len } else { 0 }..].fill(NO_CELL);
 }
 
 impl<'a> Mixture<'a> {
     /// The mixture in these cells; `None` if the field is sampled in none of them.
     #[inline(always)]
     pub fn new(field: &'a Field, cells: [u32; LANES]) -> Option<Self> {
-        let field_fraction = field.shares(cells);
+        let field_fraction = field.guiding_probabilities(cells);
         field_fraction.simd_gt(F::ZERO).any().then_some(Self { field, cells, field_fraction })
     }
 
@@ -99,7 +99,7 @@ impl<'a> Mixture<'a> {
         let from_field = lobe.simd_lt(self.field_fraction);
         // Reuse the number: rescaled to [0, 1), it chooses among lobes.
         let rest = (lobe - self.field_fraction) / (F::ONE - self.field_fraction);
-        let rest = rest.fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS));
+        let rest = rest.fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS_EPSILON));
         let (direction, density) = self.field.draw(self.cells, from_field, u, v);
         let sample = bsdf.sample_or(n, wo, [rest, u, v], (from_field, direction));
         let density = density + self.field.density(self.cells, !from_field, sample.wi);

@@ -35,13 +35,19 @@ fn emitters(n: u32, seed: u32) -> Vec<Emitter> {
         .collect()
 }
 
-/// What was learned from light-sample records at random places, most of which found next to nothing.
+/// Learned from light-sample records at random positions, most of which have nearly no contribution.
 fn learned(tree: &LightTree, emitters: u32, seed: u32) -> Option<LearnedLights> {
     let light_sample_record = |i: u32| {
         let number = |k: u32| number(seed ^ hash(8 * i + k + 7));
         let position = Vec3::new(number(0), number(1), number(2)) * 10.0;
         let emitter = (number(3) * emitters as f32) as u32;
-        LightSampleRecord { position, normal: normal(seed ^ i), emitter, pixel: 0, found: number(4).powi(12) * 1e6 }
+        LightSampleRecord {
+            position,
+            normal: normal(seed ^ i),
+            emitter,
+            pixel: 0,
+            contribution: number(4).powi(12) * 1e6,
+        }
     };
     let light_sample_records: Vec<_> = (0..3000).map(light_sample_record).collect();
     LearnedLights::learn(tree, &light_sample_records, 3.0).filter(|_| !seed.is_multiple_of(3))

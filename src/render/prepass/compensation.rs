@@ -10,7 +10,7 @@ use super::super::sampler::with_buffers;
 use super::low_resolution::low_resolution;
 use crate::balance::Counts;
 use crate::film::PixelStats;
-use crate::film::compare::relative_to;
+use crate::film::compare::{relative_to, sums_without_outliers};
 use crate::integrator::{PixelBatch, PixelTask, PreparedScene, Transport};
 use crate::light::{Density, Drawing};
 use crate::sampling::hash;
@@ -21,8 +21,6 @@ const FEWEST: f64 = 64.0;
 const MOST: f64 = 1024.0;
 /// Paths of each of the pilot's pixels, drawn in either way.
 const PATHS: u32 = 16;
-/// One pixel in so many is left out, those that vary most: in a pilot, chance decides them.
-const WORST: usize = 100;
 /// What may be left of the variance where it pays.
 const PAYS: f64 = 0.97;
 
@@ -71,10 +69,7 @@ fn left(plain: &[PixelStats], compensated: &[PixelStats]) -> f64 {
         }
         sums
     };
-    let mut pixels: Vec<_> = plain.iter().zip(compensated).map(of).filter(|[a, b]| (a + b).is_finite()).collect();
-    pixels.sort_by(|[a, b], [c, d]| (a + b).total_cmp(&(c + d)));
-    pixels.truncate(pixels.len() - pixels.len() / WORST);
-    let [plain, compensated] = pixels.iter().fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]);
+    let [plain, compensated] = sums_without_outliers(plain.iter().zip(compensated).map(of).collect());
     if plain > 0.0 { compensated / plain } else { f64::INFINITY }
 }
 

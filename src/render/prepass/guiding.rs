@@ -12,7 +12,7 @@ use super::low_resolution::{divisors, in_tiles, low_resolution, relative_varianc
 use crate::balance::Counts;
 use crate::film::PixelStats;
 use crate::guiding::learn::LEARNING_CELL_BYTES;
-use crate::guiding::{Field, Paths, TrainingSample, VertexRecord, learn};
+use crate::guiding::{Field, PathStatistics, TrainingSample, VertexRecord, learn};
 use crate::integrator::{PixelBatch, PixelTask, PreparedScene, Transport, Wave, WaveCounts};
 use crate::sampling::hash;
 
@@ -121,8 +121,11 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
         let fresh = if asks && round > 0 { fresh } else { usize::MAX };
         let (mut field, gain) = learn(&training_samples, fresh, normals, most_cells);
         if asks {
-            worth =
-                Worth { variance: gain.variance(taken.variance), cost: (cost / unguided) as f32, share: gain.share };
+            worth = Worth {
+                variance: gain.variance(taken.variance),
+                cost: (cost / unguided) as f32,
+                share: gain.guiding_probability,
+            };
             debug!("round {round}: {} cells, {worth:?}", field.cells());
             let most = if last { PAYS } else { PROMISES };
             if settings.guiding == Guiding::Auto && worth.variance * worth.cost > most && (last || !few) {
@@ -131,7 +134,8 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
         }
         // One path of each pixel tells no variance.
         if last || round > 0 {
-            let all = Paths { cost, variance: taken.variance / taken_paths, inverse: taken.inverse / pilot_pixels };
+            let all =
+                PathStatistics { cost, variance: taken.variance / taken_paths, inverse: taken.inverse / pilot_pixels };
             field.learn_roulette(&taken.vertex_records, all);
         }
         known = Some(field);

@@ -12,6 +12,7 @@ use super::super::stats::LearnedLightsStats;
 use super::low_resolution::{divisors, in_tiles, low_resolution, relative_variance, thin, tiles};
 use crate::balance::Counts;
 use crate::film::PixelStats;
+use crate::film::compare::sums_without_outliers;
 use crate::integrator::{PixelBatch, PixelTask, PreparedScene, Transport, Wave};
 use crate::light::{AreaLights, LearnedLights, LightSampleRecord};
 use crate::sampling::hash;
@@ -22,8 +23,6 @@ const FEWEST: f64 = 64.0;
 const MOST: f64 = 8192.0;
 /// Paths of each of the pilot's pixels, round by round. The second round judges what the first has taught.
 const ROUNDS: [u32; 3] = [2, 2, 12];
-/// One pixel in so many has no say in that, those that vary most: in a pilot, chance decides them.
-const WORST: usize = 100;
 /// What may then be left of the variance, for the last round and a longer way down the light tree to pay.
 const PAYS: f64 = 0.9;
 /// Attempts that are kept, at most.
@@ -114,7 +113,10 @@ fn take(transport: &Transport, size: [u32; 2], paths: u32) -> Taken {
         }
         while thin(&mut taken.light_sample_records, most) {
             // They stand for those that are left out.
-            taken.light_sample_records.iter_mut().for_each(|light_sample_record| light_sample_record.found *= SQRT_2);
+            taken
+                .light_sample_records
+                .iter_mut()
+                .for_each(|light_sample_record| light_sample_record.contribution *= SQRT_2);
         }
         taken
     };
@@ -142,7 +144,7 @@ impl Taken {
 fn left(area: &AreaLights, lights: &LearnedLights, taken: &Taken) -> f64 {
     let mut pixels: Vec<_> = taken.variances.iter().map(|variance| [*variance; 2]).collect();
     for light_sample_record in
-        taken.light_sample_records.iter().filter(|light_sample_record| light_sample_record.found > 0.0)
+        taken.light_sample_records.iter().filter(|light_sample_record| light_sample_record.contribution > 0.0)
     {
         let [by_tree, mixed] = area.tree().pmfs(
             light_sample_record.position,
@@ -150,12 +152,9 @@ fn left(area: &AreaLights, lights: &LearnedLights, taken: &Taken) -> f64 {
             light_sample_record.emitter,
             Some(lights),
         );
-        let moment = f64::from(light_sample_record.found).powi(2);
+        let moment = f64::from(light_sample_record.contribution).powi(2);
         pixels[light_sample_record.pixel as usize][1] += moment * f64::from(by_tree / mixed - 1.0);
     }
-    pixels.retain(|[without, with]| (without + with).is_finite());
-    pixels.sort_by(|[a, b], [c, d]| (a + b).total_cmp(&(c + d)));
-    pixels.truncate(pixels.len() - pixels.len() / WORST);
-    let [without, with] = pixels.iter().fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]);
+    let [without, with] = sums_without_outliers(pixels);
     if without > 0.0 { (with / without).max(0.0) } else { 1.0 }
 }

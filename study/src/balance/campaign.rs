@@ -259,7 +259,7 @@ impl<'a> Campaign<'a> {
         }
         let numbers = take.tile.map_or(0..self.mosaic.tiles.len(), |tile| tile..tile + 1);
         let values = self.mosaic.gather(numbers.clone(), &rendered.tiles, PixelStats::mean).into_flattened();
-        let shares = self.mosaic.gather(numbers.clone(), &rendered.tiles, |pixel| pixel.balance);
+        let shares = self.mosaic.gather(numbers.clone(), &rendered.tiles, |pixel| pixel.light_share);
         let paths = self.mosaic.gather(numbers, &rendered.tiles, |pixel| pixel.samples as f32);
         Ok(Replica { times, values, shares, paths })
     }

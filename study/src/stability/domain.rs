@@ -1,6 +1,6 @@
 //! Discrete integrands, on which means and variances are known exactly, and small images of them.
 
-use bismar::balance::spread::Guide;
+use bismar::balance::PixelFeatures;
 use bismar::balance::{Counts, Heuristic};
 use glam::Vec3;
 
@@ -28,7 +28,7 @@ impl Atom {
 
     /// What a light or a BSDF sample that came here adds to the sum over paths when weighed by `counts`.
     pub fn found(&self, heuristic: Heuristic, counts: Counts, by_light: bool) -> [f64; 3] {
-        let (l, b) = (f64::from(counts.light_a_path()) * self.light, f64::from(counts.bsdf_a_path()) * self.bsdf);
+        let (l, b) = (f64::from(counts.light_per_path()) * self.light, f64::from(counts.bsdf_per_path()) * self.bsdf);
         let (own, other) = if by_light { (l, b) } else { (b, l) };
         let weight = f64::from(heuristic.weight(own as f32, other as f32));
         self.counted().map(|f| f * weight / own)
@@ -123,7 +123,7 @@ pub struct Image {
     /// One a pixel.
     pub pixels: Vec<Domain>,
     /// What pixels can know of each other, one a pixel.
-    pub guides: Vec<Guide>,
+    pub guides: Vec<PixelFeatures>,
 }
 
 /// Pixels along a side of the images.
@@ -133,7 +133,7 @@ impl Image {
     /// From the domain and the material's number of each place (x, y).
     pub fn new(of: impl Fn(usize, usize) -> (Domain, u32)) -> Self {
         let places = (0..SIDE * SIDE).map(|i| of(i % SIDE, i / SIDE));
-        let guide = |material| Guide { object: 1, material, normal: Vec3::Y, depth: 1.0, roughness: 0.5 };
+        let guide = |material| PixelFeatures { object: 1, material, normal: Vec3::Y, depth: 1.0, roughness: 0.5 };
         let (pixels, guides) = places.map(|(domain, material)| (domain, guide(material))).unzip();
         Self { width: SIDE, pixels, guides }
     }

@@ -1,7 +1,7 @@
 //! What a share is after samples that break naive rules: answers that need no chance.
 
 use bismar::balance::methods::efficiency_aware;
-use bismar::balance::spread::{Candidates, Caution, Spreads};
+use bismar::balance::variance::{BlockVariances, Candidates, Caution};
 use bismar::balance::{Balance, Contribution, Moments, Technique};
 use glam::Vec3;
 use serde::Serialize;
@@ -52,11 +52,11 @@ fn share(subject: Subject, samples: &[(f32, f32)], others: &[(f32, f32)]) -> f32
     }
     let pixel = image.width + 1;
     if subject == Subject::Method(Balance::EfficiencyAware) {
-        return efficiency_aware::shares(&contributions, image.pixels.len(), image.width, EQUAL_COST)[pixel];
+        return efficiency_aware::light_shares(&contributions, image.pixels.len(), image.width, EQUAL_COST)[pixel];
     }
-    let candidates = Candidates::two(Caution::DIRECT);
-    let spreads = Spreads::new(&candidates, &contributions, image.pixels.len(), PILOT);
-    spreads.choose(pixel, image.width, &image.guides, EQUAL_COST).light
+    let candidates = Candidates::light_and_bsdf(Caution::DIRECT);
+    let variances = BlockVariances::new(&candidates, &contributions, image.pixels.len(), PILOT);
+    variances.choose(pixel, image.width, &image.guides, EQUAL_COST).light_share
 }
 
 /// All of them.

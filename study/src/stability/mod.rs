@@ -11,6 +11,7 @@ pub mod facts;
 pub mod guiding;
 pub mod judge;
 pub mod page;
+pub mod regularised;
 pub mod renders;
 pub mod scenes;
 pub mod simulate;

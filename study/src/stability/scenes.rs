@@ -218,7 +218,7 @@ impl SceneCase {
             };
             let film = render(&self.scene, &settings, stop, &|_| ()).film();
             let green = film.pixels.iter().map(|p| p.sum[1] / f64::from(p.samples)).collect();
-            (green, film.pixels.iter().map(|p| p.balance).collect())
+            (green, film.pixels.iter().map(|p| p.light_share).collect())
         };
         let (green, shares) = (0..replicas).into_par_iter().map(one).unzip();
         Renders { green, shares }

@@ -1,7 +1,7 @@
 use super::*;
 use crate::sampling::PixelSequence;
 
-const WALL: Guide = Guide { object: 1, material: 1, normal: Vec3::Z, depth: 2.0, roughness: 0.5 };
+const WALL: PixelFeatures = PixelFeatures { object: 1, material: 1, normal: Vec3::Z, depth: 2.0, roughness: 0.5 };
 
 const EQUAL: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
 
@@ -9,15 +9,15 @@ fn contribution(pixel: u32, technique: Technique, index: u32, r: f32, y: f32) ->
     Contribution { pixel, technique, area: false, index, r, w: 0.0, radiance: Vec3::splat(y) }
 }
 
-/// The share of light samples for a pixel of a row of `width` ones and rows like it, after a pilot of 32 paths.
-fn choose(pixel: usize, width: usize, contributions: &[Contribution], guides: &[Guide]) -> f32 {
-    Spreads::new(&Candidates::two(Caution::DIRECT), contributions, guides.len(), 32)
-        .choose(pixel, width, guides, EQUAL)
-        .light
+/// The light share of a pixel of a tile with `width` pixels per row, after a pilot of 32 paths.
+fn choose(pixel: usize, width: usize, contributions: &[Contribution], features: &[PixelFeatures]) -> f32 {
+    BlockVariances::new(&Candidates::light_and_bsdf(Caution::DIRECT), contributions, features.len(), 32)
+        .choose(pixel, width, features, EQUAL)
+        .light_share
 }
 
-/// A row of pixels whose light samples agree and whose BSDF samples, all but pixel `but`'s, find little often and much
-/// rarely: light sampling is better.
+/// A row of pixels whose light samples agree and whose BSDF samples, except those of pixel `but`, find a rare large
+/// contribution: light sampling is better.
 fn noisy_bsdf(pixels: u32, but: u32) -> Vec<Contribution> {
     let mut contributions = Vec::new();
     for pixel in 0..pixels {
@@ -47,20 +47,20 @@ fn a_pixels_own_pilot_has_no_part_in_its_share() {
 #[test]
 fn unlike_neighbours_teach_nothing() {
     let others = [
-        Guide { object: 2, ..WALL },
-        Guide { material: 2, ..WALL },
-        Guide { normal: Vec3::X, ..WALL },
-        Guide { depth: 3.0, ..WALL },
-        Guide { roughness: 0.1, ..WALL },
-        Guide::default(),
+        PixelFeatures { object: 2, ..WALL },
+        PixelFeatures { material: 2, ..WALL },
+        PixelFeatures { normal: Vec3::X, ..WALL },
+        PixelFeatures { depth: 3.0, ..WALL },
+        PixelFeatures { roughness: 0.1, ..WALL },
+        PixelFeatures::default(),
     ];
     for other in others {
-        let mut guides = [other; 5];
-        guides[2] = WALL;
-        assert_eq!(choose(2, 5, &noisy_bsdf(5, 9), &guides), 0.5, "{other:?}");
+        let mut features = [other; 5];
+        features[2] = WALL;
+        assert_eq!(choose(2, 5, &noisy_bsdf(5, 9), &features), 0.5, "{other:?}");
     }
     // What shows nothing is like nothing.
-    assert_eq!(choose(2, 5, &noisy_bsdf(5, 9), &[Guide::default(); 5]), 0.5);
+    assert_eq!(choose(2, 5, &noisy_bsdf(5, 9), &[PixelFeatures::default(); 5]), 0.5);
 }
 
 #[test]
@@ -94,12 +94,12 @@ fn one_firefly_among_the_neighbours_is_not_believed() {
 fn weighing_by_the_share_is_the_balance_heuristic() {
     // p_l = 3, p_b = 1: r = ½.
     let f = contribution(0, Technique::Light, 0, 0.5, 1.0 / 4.0);
-    assert_eq!(f.at([1.0; 3]).x, 0.25);
-    assert!((f.at([1.5, 1.0, 0.5]).x - 1.0 / (2.0 * (0.75 * 3.0 + 0.25))).abs() < 1e-7);
+    assert_eq!(f.reweighted([1.0; 3]).x, 0.25);
+    assert!((f.reweighted([1.5, 1.0, 0.5]).x - 1.0 / (2.0 * (0.75 * 3.0 + 0.25))).abs() < 1e-7);
 }
 
-/// Mean of `replicas` estimates of ∫x⁴ dx = 1/5 by nine alike pixels' middle one, its share chosen with `own` among
-/// the neighbours or without, and the standard error of that mean. p_l = 2x, p_b = 2(1 − x).
+/// Mean and its standard error of `replicas` estimates of ∫x⁴ dx = 1/5 by the middle of nine similar pixels. Its share
+/// follows from its neighbours or, with `own`, from its own pilot. p_l = 2x, p_b = 2(1 − x).
 fn estimate(replicas: u32, own: bool) -> (f64, f64) {
     const PILOT: u32 = 4;
     const PATHS: u32 = 16;
@@ -128,11 +128,16 @@ fn estimate(replicas: u32, own: bool) -> (f64, f64) {
             of_pixel.map(move |f| Contribution { pixel: p, ..*f })
         });
         let learned: Vec<_> = learned.collect();
-        let candidates = Candidates::two(Caution::DIRECT);
-        let total = Counts::of(Spreads::new(&candidates, &learned, 9, PILOT).choose(4, 3, &[WALL; 9], EQUAL), PATHS);
+        let candidates = Candidates::light_and_bsdf(Caution::DIRECT);
+        let total = Counts::from_shares(
+            BlockVariances::new(&candidates, &learned, 9, PILOT).choose(4, 3, &[WALL; 9], EQUAL),
+            PATHS,
+        );
         let mut l = 0.0;
         for (technique, n) in [(0, total.light), (1, total.bsdf)] {
-            l += (0..n).map(|i| f64::from(of(4, technique, i).at(total.over(Counts::half(PILOT))).x)).sum::<f64>();
+            l += (0..n)
+                .map(|i| f64::from(of(4, technique, i).reweighted(total.relative_to(Counts::half(PILOT))).x))
+                .sum::<f64>();
         }
         let l = l / f64::from(PATHS);
         sum += l;
@@ -171,28 +176,31 @@ fn the_kind_of_light_that_varies_gets_the_samples() {
                 }
             }
         }
-        Spreads::new(&Candidates::three(0.5, Caution::DIRECT), &contributions, 9, 32).choose(4, 3, &[WALL; 9], EQUAL)
+        BlockVariances::new(&Candidates::environment_area_and_bsdf(0.5, Caution::DIRECT), &contributions, 9, 32)
+            .choose(4, 3, &[WALL; 9], EQUAL)
     };
-    assert!(share(true).environment < Some(0.5) && share(true).light > 0.5, "{:?}", share(true));
-    assert!(share(false).environment > Some(0.5) && share(false).light > 0.5, "{:?}", share(false));
+    assert!(share(true).environment_share < Some(0.5) && share(true).light_share > 0.5, "{:?}", share(true));
+    assert!(share(false).environment_share > Some(0.5) && share(false).light_share > 0.5, "{:?}", share(false));
 }
 
 #[test]
-fn without_evidence_the_usual_share_of_the_environment_stands() {
+fn without_evidence_the_prior_share_of_the_environment_stands() {
     for (chance, eighths) in [(0.1, 1.0), (0.5, 4.0), (0.7, 6.0), (0.9, 7.0)] {
-        let candidates = Candidates::three(chance, Caution::DIRECT);
-        let share = Spreads::new(&candidates, &[], 9, 32).choose(4, 3, &[WALL; 9], EQUAL);
-        assert_eq!(share, Share { light: 0.5, environment: Some(eighths / 8.0) });
+        let candidates = Candidates::environment_area_and_bsdf(chance, Caution::DIRECT);
+        let share = BlockVariances::new(&candidates, &[], 9, 32).choose(4, 3, &[WALL; 9], EQUAL);
+        assert_eq!(share, Shares { light_share: 0.5, environment_share: Some(eighths / 8.0) });
     }
 }
 
 #[test]
 fn every_candidate_has_at_least_the_pilots_samples() {
-    for candidates in [Candidates::two(Caution::DIRECT), Candidates::three(0.3, Caution::DIRECT)] {
+    for candidates in
+        [Candidates::light_and_bsdf(Caution::DIRECT), Candidates::environment_area_and_bsdf(0.3, Caution::DIRECT)]
+    {
         for (pilot, paths) in [(8, 32), (16, 64), (32, 128)] {
             let pilot = candidates.pilot(pilot);
             for &share in &candidates.shares {
-                let total = Counts::of(share, paths);
+                let total = Counts::from_shares(share, paths);
                 let rest = total.after(pilot);
                 assert_eq!(rest.light + pilot.light, total.light, "{share:?} {paths}");
                 assert_eq!(rest.bsdf + pilot.bsdf, total.bsdf, "{share:?} {paths}");
@@ -209,14 +217,14 @@ fn every_candidate_has_at_least_the_pilots_samples() {
 }
 
 #[test]
-fn rates_are_the_counts_over_the_pilots() {
-    let candidates = Candidates::three(0.3, Caution::DIRECT);
+fn ratios_are_the_counts_over_the_pilots() {
+    let candidates = Candidates::environment_area_and_bsdf(0.3, Caution::DIRECT);
     let pilot = candidates.pilot(32);
     for (i, &share) in candidates.shares.iter().enumerate() {
-        let rates = Counts::of(share, 128).over(pilot);
-        for (t, rate) in rates.into_iter().enumerate() {
-            let stated = candidates.rates[i / LANES][t].as_array()[i % LANES];
-            assert!((stated - rate).abs() <= 4.0 * f32::EPSILON * rate, "{share:?} {t}: {stated} {rate}");
+        let ratios = Counts::from_shares(share, 128).relative_to(pilot);
+        for (t, ratio) in ratios.into_iter().enumerate() {
+            let stated = candidates.ratios[i / LANES][t].as_array()[i % LANES];
+            assert!((stated - ratio).abs() <= 4.0 * f32::EPSILON * ratio, "{share:?} {t}: {stated} {ratio}");
         }
     }
 }
@@ -232,9 +240,9 @@ fn of_shares_that_are_surely_better_the_cheapest_work_wins() {
             contributions.push(contribution(pixel, Technique::Bsdf, i, -1.0, 1.0 + number(1)));
         }
     }
-    let candidates = Candidates::two(Caution::DIRECT);
-    let spreads = Spreads::new(&candidates, &contributions, 25, 32);
-    let share = |cost| spreads.choose(12, 5, &[WALL; 25], cost).light;
+    let candidates = Candidates::light_and_bsdf(Caution::DIRECT);
+    let variances = BlockVariances::new(&candidates, &contributions, 25, 32);
+    let share = |cost| variances.choose(12, 5, &[WALL; 25], cost).light_share;
     // V ∝ 16/α + 1/(1 − α) is least at ¾ of the candidates; V α falls with α, but nothing below ½ is better than ½.
     let dear_light = share(Cost { fixed: 0.0, light: 1.0, bsdf: 0.0 });
     assert!(dear_light > 0.5 && dear_light < share(EQUAL), "{dear_light} {}", share(EQUAL));
