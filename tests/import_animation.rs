@@ -364,7 +364,7 @@ fn motion_that_makes_no_sense_is_told_or_stands_still() {
     moving.animate("", node("rotation"), "LINEAR", &times, &wild, "VEC4");
     let spun = is_told_or_finite("a thousand turns", moving.blurred(0.5, None)).unwrap();
     let motion = spun.scene.instances[0].motion.as_ref().unwrap();
-    assert!(!motion.turns() && motion.keys().len() == 65);
+    assert!(!motion.has_rotation() && motion.keys().len() == 65);
 }
 
 #[test]

@@ -222,7 +222,7 @@ struct Corner<'a> {
 impl Corner<'_> {
     #[inline(always)]
     fn texel(&self, map: &TextureRef) -> Vec3 {
-        self.scene.sample_texture(map, self.texcoords[usize::from(map.set.min(1))]).truncate()
+        self.scene.sample_texture(map, *map.select(&self.texcoords)).truncate()
     }
 
     /// Tangent, bitangent and normal.
@@ -331,6 +331,6 @@ impl Point<'_> {
     #[inline]
     fn texel(&self, scene: &Scene, slot: TextureSlot) -> Option<Vec4> {
         let texture = self.material.textures[slot].as_ref()?;
-        Some(scene.sample_texture(texture, self.texcoords[usize::from(texture.set.min(1))]))
+        Some(scene.sample_texture(texture, *texture.select(&self.texcoords)))
     }
 }

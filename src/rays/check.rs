@@ -1,11 +1,11 @@
 //! What a ray query backend takes for granted of a scene, checked once before the build.
 
-use crate::scene::motion::{Key, MOST_STEPS};
-use crate::scene::{FARTHEST, Scene};
+use crate::scene::motion::{Key, MAX_STEPS};
+use crate::scene::{MAX_COORDINATE, Scene};
 use crate::{Error, Result};
 
 /// Refuses what would make a backend read out of bounds or lose triangles: indices beyond the vertices, coordinates
-/// that are not numbers or beyond [`FARTHEST`], transforms that cannot be inverted, ranges beyond their table.
+/// that are not numbers or beyond [`MAX_COORDINATE`], transforms that cannot be inverted, ranges beyond their table.
 pub(super) fn check(scene: &Scene) -> Result<()> {
     for (index, mesh) in scene.meshes.iter().enumerate() {
         let count = mesh.positions.len();
@@ -16,18 +16,18 @@ pub(super) fn check(scene: &Scene) -> Result<()> {
                 mesh.name, mesh.indices[at]
             )));
         }
-        let astray = |position: &[f32; 3]| position.iter().any(|x| x.is_nan() || x.abs() > FARTHEST);
+        let astray = |position: &[f32; 3]| position.iter().any(|x| x.is_nan() || x.abs() > MAX_COORDINATE);
         let steps = mesh.motion.iter().flat_map(|motion| &motion.positions);
         for positions in steps.clone().chain([&mesh.positions]) {
             if let Some(at) = positions.iter().position(astray) {
                 return Err(Error::Data(format!(
-                    "mesh {index} \"{}\": vertex {at} is at {:?}, which is not a place within {FARTHEST:e} m",
+                    "mesh {index} \"{}\": vertex {at} is at {:?}, which is not a place within {MAX_COORDINATE:e} m",
                     mesh.name, positions[at]
                 )));
             }
         }
         let number = steps.clone().count();
-        let many = mesh.motion.is_some() && !(2..=MOST_STEPS + 1).contains(&number);
+        let many = mesh.motion.is_some() && !(2..=MAX_STEPS + 1).contains(&number);
         if many || steps.into_iter().any(|positions| positions.len() != count) {
             let name = &mesh.name;
             return Err(Error::Data(format!(

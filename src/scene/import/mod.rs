@@ -10,6 +10,7 @@ mod build;
 mod complaint;
 mod document;
 mod environment;
+mod options;
 mod report;
 mod source;
 mod summary;
@@ -20,6 +21,7 @@ use std::time::Instant;
 use serde_json::Value;
 
 pub use environment::{EnvironmentFile, environment};
+pub use options::{ImportOptions, Pose, Shutter};
 pub use report::{ImportReport, Note, NoteKind, SceneCounts};
 pub use source::Survey;
 pub use summary::{Summary, summary};
@@ -28,43 +30,6 @@ use report::Notes;
 
 use super::Scene;
 use crate::error::{Error, Result};
-
-/// What to import, and how strictly.
-#[derive(Debug, Clone, Default)]
-pub struct ImportOptions {
-    /// Whatever would be approximated or ignored (also a missing texture) is an error that names it.
-    pub strict: bool,
-    /// A time sample of its animations; else the pose that its nodes and weights have.
-    pub pose: Option<Pose>,
-    /// The document's scene, by name or index; else the one that it shows by default.
-    pub scene: Option<String>,
-    /// The material variant (KHR_materials_variants), by name; else the default materials.
-    pub variant: Option<String>,
-}
-
-/// A time sample of a document's animations.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Pose {
-    /// Since their beginning; before the first key of a channel and after its last one it stands still.
-    pub seconds: f64,
-    /// By name or index; `None` or `all` for all of them at once, as viewers play them.
-    pub animation: Option<String>,
-    /// How long light is let in around it; else it is a time sample.
-    pub shutter: Option<Shutter>,
-    /// Seconds to the frames before and after, for velocities; `None` if nobody asks for them.
-    pub frame: Option<f64>,
-}
-
-/// For how long a camera's shutter is open.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Shutter {
-    /// Seconds from the pose's to its opening, of either sign.
-    pub opens: f64,
-    /// To its closing, > `opens`.
-    pub closes: f64,
-    /// Into how many steps motion is cut, at most [`MOST_STEPS`](super::motion::MOST_STEPS); `None`: as many as it bends.
-    pub steps: Option<u32>,
-}
 
 /// A scene, and what was done to get it.
 #[derive(Debug)]

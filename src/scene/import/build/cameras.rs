@@ -18,6 +18,7 @@ pub fn place(from: &Camera, name: String, world: &DAffine3) -> Option<scene::Cam
         to_world,
         motion: None,
         adjacent_frames: None,
+        framing: None,
     })
 }
 

@@ -6,7 +6,8 @@ use super::geometry::Geometry;
 use super::reader::Reader;
 use crate::error::Result;
 use crate::scene::import::complaint::bad;
-use crate::scene::import::document::primitives::{Attributes, Primitive, Semantic};
+use crate::scene::import::document::attributes::{Attributes, Semantic};
+use crate::scene::import::document::primitives::Primitive;
 
 /// How a mesh is deformed.
 #[derive(PartialEq)]

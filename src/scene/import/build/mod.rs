@@ -11,6 +11,7 @@ mod materials;
 mod nodes;
 mod placing;
 mod pose;
+mod primitive;
 mod reader;
 mod skins;
 mod tangents;
@@ -31,18 +32,18 @@ use crate::scene::import::document::Document;
 use crate::scene::import::document::extensions::{Support, support};
 use crate::scene::import::document::primitives::Mesh as MeshOfDocument;
 use crate::scene::import::report::{ImportReport, Notes};
-use crate::scene::{self, Instance, Motion, Object, Scene};
+use crate::scene::{self, Camera, Instance, Motion, Object, Scene};
 
 pub use cache::Kept;
 use cache::{KeptObject, Key, Objects, needs};
 use count::count;
 pub use count::{image_bytes, mesh_bytes};
 use deform::{Pose, Poses};
-use geometry::Draft;
 use materials::MaterialTable;
 use nodes::{ObjectKey, Placement, Walk, walk};
 use placing::{check_near, corners, framed, is_invertible, is_solid, points, to_single};
 pub use pose::posed;
+use primitive::Draft;
 use reader::Reader;
 use textures::TextureTable;
 pub use time_samples::{TimeSample, time_sample, time_samples};
@@ -104,7 +105,7 @@ pub fn build(
     let finished: Vec<_> = drafts.into_par_iter().map(|(i, draft)| (i, Arc::new(draft.finish()))).collect();
     finished.into_iter().for_each(|(i, mesh)| scene.meshes[i] = mesh);
     debug!("tangents made: {:.3} s", start.elapsed().as_secs_f64());
-    let framing = walk.cameras.is_empty().then(|| Box::new(framed(&scene, &seen)));
+    let framing = walk.cameras.is_empty().then(|| framed(&scene, &seen));
     if let Some(sharing) = sharing {
         kept.keep(sharing.now);
     }
@@ -115,9 +116,7 @@ pub fn build(
     textures.decode(document, file_bytes, kept, &mut scene, &mut notes)?;
     scene.lights = walk.lights;
     scene.cameras = walk.cameras;
-    // Until a picture's size is known, for a square one.
-    scene.cameras.extend(framing.as_ref().map(|framing| framing.camera(1.0)));
-    scene.framing = framing;
+    scene.cameras.extend(framing.map(Camera::framed));
     report.counts = count(&scene);
     for name in document.extensions.keys().cloned() {
         match support(&name) {
@@ -295,12 +294,12 @@ impl Assembly<'_> {
             }
             // Points and lines use no material of ours.
             if primitive.mode < 4 {
-                geometry::read(&mut self.reader, primitive, &scene::Material::default(), poses, notes)?;
+                primitive::read(&mut self.reader, primitive, &scene::Material::default(), poses, notes)?;
                 continue;
             }
             let material = self.materials.get(document, primitive.material, &mut self.textures, notes)?;
             let shading = &self.materials.materials[material as usize];
-            if let Some(geometry) = geometry::read(&mut self.reader, primitive, shading, poses, notes)? {
+            if let Some(geometry) = primitive::read(&mut self.reader, primitive, shading, poses, notes)? {
                 let name = match mesh.primitives.len() {
                     1 => mesh.name.clone(),
                     _ => format!("{}[{i}]", mesh.name),

@@ -11,7 +11,7 @@ use super::{cameras, lights};
 use crate::error::Result;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::extensions::{Support, support};
-use crate::scene::import::document::nodes::Instancing;
+use crate::scene::import::document::nodes::{Instancing, world_transforms};
 use crate::scene::import::report::Notes;
 use crate::scene::{Camera, Motion, PunctualLight};
 
@@ -53,21 +53,6 @@ pub struct Walk {
     pub worlds: Vec<DMat4>,
 }
 
-/// Every node's transform to world space.
-pub fn worlds(document: &Document) -> Vec<DAffine3> {
-    let nodes = &document.nodes;
-    let mut worlds = vec![DAffine3::IDENTITY; nodes.len()];
-    let mut is_child = vec![false; nodes.len()];
-    nodes.iter().flat_map(|n| &n.children).for_each(|&c| is_child[c] = true);
-    let mut stack: Vec<(usize, DAffine3)> =
-        (0..nodes.len()).filter(|&i| !is_child[i]).map(|i| (i, DAffine3::IDENTITY)).collect();
-    while let Some((index, parent)) = stack.pop() {
-        worlds[index] = parent * nodes[index].transform;
-        stack.extend(nodes[index].children.iter().map(|&child| (child, worlds[index])));
-    }
-    worlds
-}
-
 /// Walks the shown scene, with what its time samples add, of which the first `open` are while the shutter is.
 ///
 /// # Errors
@@ -78,7 +63,7 @@ pub fn walk(
     reader: &mut Reader,
     notes: &mut Notes,
 ) -> Result<Walk> {
-    let (nodes, worlds) = (&document.nodes, worlds(document));
+    let (nodes, worlds) = (&document.nodes, world_transforms(&document.nodes));
     let mut out = Walk { worlds: worlds.iter().map(|&w| w.into()).collect(), ..Default::default() };
     let mut by_key: HashMap<ObjectKey, usize> = HashMap::new();
     let mut shown = vec![false; nodes.len()];

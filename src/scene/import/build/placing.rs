@@ -7,7 +7,7 @@ use glam::{Affine3A, DAffine3, DVec3};
 use super::nodes::Placement;
 use crate::error::{Error, Result};
 use crate::scene::import::report::Notes;
-use crate::scene::{FARTHEST, Framing, Mesh, Scene};
+use crate::scene::{Framing, MAX_COORDINATE, Mesh, Scene};
 
 /// Are a box's corners near enough, where they are and where a placement takes them?
 ///
@@ -15,9 +15,9 @@ use crate::scene::{FARTHEST, Framing, Mesh, Scene};
 /// If not.
 pub fn check_near(corners: &[DVec3], world: &DAffine3, at: &str, mesh: &str) -> Result<()> {
     let moved = corners.iter().map(|&c| world.transform_point3(c));
-    match corners.iter().copied().chain(moved).any(|p| p.abs().max_element() > f64::from(FARTHEST)) {
+    match corners.iter().copied().chain(moved).any(|p| p.abs().max_element() > f64::from(MAX_COORDINATE)) {
         true => Err(Error::Data(format!(
-            "{at}: places {mesh} beyond {FARTHEST:e} m, where rays cannot be traced; scale the scene down"
+            "{at}: places {mesh} beyond {MAX_COORDINATE:e} m, where rays cannot be traced; scale the scene down"
         ))),
         false => Ok(()),
     }

@@ -6,11 +6,11 @@ use serde_json::{Value, json};
 use super::reader::Reader;
 use crate::error::{Error, Result};
 use crate::scene::choose;
-use crate::scene::import::Pose;
 use crate::scene::import::complaint::bad;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::accessors::{Component, Shape};
 use crate::scene::import::document::animations::{Channel, Interpolation};
+use crate::scene::import::options::Pose;
 use crate::scene::import::report::Notes;
 
 /// Last names of properties that may move. What else a pointer names is not played: it could be an index.

@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 use crate::scene::import::complaint::bad;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::accessors::{Accessor, Component, Shape, Sparse};
-use crate::scene::import::document::compression::Draco;
+use crate::scene::import::document::draco::Draco;
 use crate::scene::import::document::primitives::Primitive;
 
 /// Memory that a file may still ask for: hostile files ask for far more than they hold.

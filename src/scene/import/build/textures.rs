@@ -19,7 +19,7 @@ use super::reader::Budget;
 use crate::error::{Error, Result};
 use crate::scene::import::document::Document;
 use crate::scene::import::document::images::{Image, ImageData, Sampler, Texture};
-use crate::scene::import::document::materials::TextureInfo;
+use crate::scene::import::document::texture_info::TextureInfo;
 use crate::scene::import::report::Notes;
 use crate::scene::{self, Filter, Scene, Texels, TextureRef, TextureSlot, Wrap};
 

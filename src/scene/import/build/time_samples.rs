@@ -3,13 +3,14 @@
 use glam::{DAffine3, DMat4};
 use serde_json::Value;
 
-use super::{lights, nodes, pose};
+use super::{lights, pose};
 use crate::error::Result;
 use crate::scene::LightKey;
 use crate::scene::import::document::Document;
+use crate::scene::import::document::nodes::world_transforms;
+use crate::scene::import::options::{Pose, Shutter};
 use crate::scene::import::report::Notes;
-use crate::scene::import::{Pose, Shutter};
-use crate::scene::motion::MOST_STEPS;
+use crate::scene::motion::MAX_STEPS;
 
 /// Steps that are enough by need: a jump between two frames never is.
 const MOST_BY_NEED: usize = 64;
@@ -49,7 +50,7 @@ pub fn time_sample(
 pub fn time_samples(pose: &Pose, time_sample: &dyn Fn(f64) -> Result<TimeSample>) -> Result<Vec<TimeSample>> {
     let Some(Shutter { opens, closes, steps }) = pose.shutter else { return Ok(Vec::new()) };
     let at = |share: f64| time_sample(pose.seconds + opens + (closes - opens) * share);
-    if let Some(steps) = steps.map(|steps| (steps as usize).clamp(1, MOST_STEPS)) {
+    if let Some(steps) = steps.map(|steps| (steps as usize).clamp(1, MAX_STEPS)) {
         return (0..=steps).map(|step| at(step as f64 / steps as f64)).collect();
     }
     let mut known = vec![at(0.0)?, at(1.0)?];
@@ -75,7 +76,7 @@ pub fn time_samples(pose: &Pose, time_sample: &dyn Fn(f64) -> Result<TimeSample>
 
 impl TimeSample {
     fn of(document: &Document) -> Result<Self> {
-        let worlds = nodes::worlds(document);
+        let worlds = world_transforms(&document.nodes);
         let (mut weights, mut keys) = (Vec::new(), Vec::new());
         for (node, world) in document.nodes.iter().zip(&worlds) {
             // What is wrong with nodes that are shown is told of those at the picture's time sample.

@@ -1,8 +1,8 @@
 //! Buffer views and accessors: where elements lie, and that they lie inside.
 
 use super::buffers::Buffer;
-use super::compression::Meshopt;
 use super::json::Json;
+use super::meshopt::Meshopt;
 use super::table::Table;
 use crate::error::Result;
 use crate::scene::import::complaint::bad;

@@ -1,7 +1,7 @@
 //! Animations, as the document has them: properties, each named by a JSON pointer, and where their keys are.
 
-use super::Lengths;
 use super::json::Json;
+use super::lengths::Lengths;
 use crate::error::Result;
 
 /// What is between keys.

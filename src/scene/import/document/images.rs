@@ -2,9 +2,9 @@
 
 use bytes::Bytes;
 
-use super::Lengths;
 use super::accessors::View;
 use super::json::Json;
+use super::lengths::Lengths;
 use super::table::Table;
 use crate::error::{Error, Result};
 use crate::scene::import::report::Notes;

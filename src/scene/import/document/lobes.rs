@@ -3,9 +3,9 @@
 use glam::Vec3;
 use gltf::json::extensions::material::Material as Extensions;
 
-use super::Lengths;
 use super::json::Json;
-use super::materials::{TextureInfo, TextureInfos};
+use super::lengths::Lengths;
+use super::texture_info::{TextureInfo, TextureInfos};
 use crate::error::Result;
 use crate::scene::{Material, TextureSlot};
 

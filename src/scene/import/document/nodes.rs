@@ -2,9 +2,9 @@
 
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 
-use super::Lengths;
 use super::accessors::{Accessor, Component, Shape};
 use super::json::Json;
+use super::lengths::Lengths;
 use super::primitives::{Mesh, read_weights};
 use super::table::Table;
 use crate::error::Result;
@@ -172,4 +172,18 @@ pub fn check_forest(nodes: &[Node]) -> Result<()> {
         None => Ok(()),
         Some(index) => Err(bad(&nodes[index].at, "a tree of nodes", "a node that is its own ancestor")),
     }
+}
+
+/// Every node's transform to world space, also of nodes that no scene shows. The nodes must be a forest.
+pub fn world_transforms(nodes: &[Node]) -> Vec<DAffine3> {
+    let mut worlds = vec![DAffine3::IDENTITY; nodes.len()];
+    let mut is_child = vec![false; nodes.len()];
+    nodes.iter().flat_map(|n| &n.children).for_each(|&c| is_child[c] = true);
+    let mut stack: Vec<(usize, DAffine3)> =
+        (0..nodes.len()).filter(|&i| !is_child[i]).map(|i| (i, DAffine3::IDENTITY)).collect();
+    while let Some((index, parent)) = stack.pop() {
+        worlds[index] = parent * nodes[index].transform;
+        stack.extend(nodes[index].children.iter().map(|&child| (child, worlds[index])));
+    }
+    worlds
 }

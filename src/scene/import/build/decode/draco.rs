@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::scene::import::complaint::bad;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::accessors::{Accessor, Component};
-use crate::scene::import::document::compression::Draco;
+use crate::scene::import::document::draco::Draco;
 use crate::scene::import::document::primitives::Primitive;
 
 /// Bytes of a vertex that a stream may hold at most: sixteen attributes of four doubles.

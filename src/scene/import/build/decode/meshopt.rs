@@ -7,7 +7,7 @@ use meshoptimizer_rs::{Error, Limits, Workspace};
 
 use super::{damaged, guarded};
 use crate::error::Result;
-use crate::scene::import::document::compression::{Filter, Meshopt};
+use crate::scene::import::document::meshopt::{Filter, Meshopt};
 
 /// What a decoder may take beside its result.
 const SCRATCH: usize = 1 << 20;
