@@ -77,7 +77,7 @@ impl Lights {
     /// As [`Self::new`], with the tables of an earlier scene's environment where it is the same.
     pub fn after(scene: &Scene, radius: f32, previous: Option<(&Scene, &Self)>) -> Self {
         let known = previous.and_then(|(earlier, lights)| {
-            let same = earlier.environment.as_ref()?.is(scene.environment.as_ref()?);
+            let same = earlier.environment.as_ref()?.is_same(scene.environment.as_ref()?);
             lights.environment.clone().filter(|_| same)
         });
         let make = || scene.environment.as_ref().and_then(EnvironmentSampler::new).map(Arc::new);

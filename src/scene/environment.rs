@@ -24,7 +24,7 @@ pub struct Environment {
 }
 
 /// A soft lamp of [`Environment::studio`]: where it is, its radiance, and how narrow it is (a power of the cosine).
-const LAMPS: [(Vec3, f32, f32); 2] = [
+const STUDIO_LIGHTS: [(Vec3, f32, f32); 2] = [
     // From above, in front and left of the view that scenes without a camera get; and an edge from behind.
     (Vec3::new(-0.34, 0.92, 0.63), 9.0, 24.0),
     (Vec3::new(0.75, 0.4, -0.65), 4.0, 60.0),
@@ -39,9 +39,10 @@ impl Environment {
             let theta = PI * (row as f32 + 0.5) / HEIGHT as f32;
             let phi = PI * ((column as f32 + 0.5) / HEIGHT as f32 - 1.0);
             let d = Vec3::new(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin());
-            let lamps =
-                LAMPS.iter().map(|(at, radiance, power)| radiance * d.dot(at.normalize()).max(0.0).powf(*power));
-            [0.22 + 0.14 * d.y + lamps.sum::<f32>(); 3]
+            let lights = STUDIO_LIGHTS
+                .iter()
+                .map(|(at, radiance, power)| radiance * d.dot(at.normalize()).max(0.0).powf(*power));
+            [0.22 + 0.14 * d.y + lights.sum::<f32>(); 3]
         };
         let pixels = (0..HEIGHT).flat_map(|row| (0..2 * HEIGHT).map(move |column| pixel(row, column))).collect();
         let (width, height) = (2 * HEIGHT as u32, HEIGHT as u32);
@@ -49,7 +50,7 @@ impl Environment {
     }
 
     /// Is it this very one, from the same decoding?
-    pub fn is(&self, other: &Self) -> bool {
+    pub fn is_same(&self, other: &Self) -> bool {
         let turned = |e: &Self| (e.rotation.to_bits(), e.strength.to_bits());
         Arc::ptr_eq(&self.pixels, &other.pixels) && turned(self) == turned(other)
     }

@@ -13,12 +13,12 @@ use crate::film::exr_file;
 use crate::scene::Environment;
 
 /// 16384x8192.
-const LARGEST_PIXELS: u64 = 1 << 27;
+const MAX_PIXELS: u64 = 1 << 27;
 /// Bytes of a file.
-const LARGEST_FILE: u64 = 4 << 30;
+const MAX_FILE_BYTES: u64 = 4 << 30;
 
 /// Three floats, and the tables that it is sampled with.
-const BYTES_A_PIXEL: u64 = 12 + 24;
+const BYTES_PER_PIXEL: u64 = 12 + 24;
 
 /// An environment's file, opened once: what is hashed is what is rendered.
 #[derive(Debug)]
@@ -37,7 +37,7 @@ impl EnvironmentFile {
     /// # Errors
     /// The file missing, forbidden or not regular.
     pub fn open(path: &Path) -> Result<Self> {
-        Ok(Self { path: path.into(), bytes: read_regular(path, LARGEST_FILE)?, decoded: Mutex::default() })
+        Ok(Self { path: path.into(), bytes: read_regular(path, MAX_FILE_BYTES)?, decoded: Mutex::default() })
     }
 
     /// BLAKE3 of the file, hexadecimal.
@@ -53,7 +53,7 @@ impl EnvironmentFile {
             Ok(Ok((width, height))) => u64::from(width) * u64::from(height),
             _ => self.bytes.len() as u64 / 4,
         };
-        pixels * BYTES_A_PIXEL
+        pixels * BYTES_PER_PIXEL
     }
 
     /// Decodes an equirectangular picture, once however often it is asked for; `rotation_degrees` turns it about +y, `strength` multiplies it.
@@ -128,8 +128,8 @@ fn check_size(width: u64, height: u64, file_bytes: usize) -> std::result::Result
     // The same proportion as for textures: flat colours compress a thousandfold, small pictures always pass.
     let pixels = width.saturating_mul(height);
     let fits = pixels.saturating_mul(12) <= (1 << 30) + 256 * file_bytes as u64;
-    if width == 0 || height == 0 || pixels > LARGEST_PIXELS || !fits {
-        return Err(format!("{width}x{height} pixels in {file_bytes} bytes; at most {LARGEST_PIXELS} can be used"));
+    if width == 0 || height == 0 || pixels > MAX_PIXELS || !fits {
+        return Err(format!("{width}x{height} pixels in {file_bytes} bytes; at most {MAX_PIXELS} can be used"));
     }
     Ok(())
 }
@@ -156,7 +156,7 @@ fn clean(pixels: &mut [[f32; 3]]) -> usize {
     for pixel in pixels {
         let before = *pixel;
         for x in pixel.iter_mut() {
-            *x = if x.is_nan() { 0.0 } else { x.clamp(0.0, LARGEST_RADIANCE) };
+            *x = if x.is_nan() { 0.0 } else { x.clamp(0.0, MAX_RADIANCE) };
         }
         changed += usize::from(before.iter().zip(*pixel).any(|(a, b)| *a != b));
     }
@@ -164,7 +164,7 @@ fn clean(pixels: &mut [[f32; 3]]) -> usize {
 }
 
 /// What a half float can hold: sums over a map of such pixels stay finite.
-const LARGEST_RADIANCE: f32 = 65504.0;
+const MAX_RADIANCE: f32 = 65504.0;
 
 #[cfg(test)]
 mod tests {

@@ -45,7 +45,7 @@ pub struct Imported {
 pub struct SceneFiles {
     source: source::Source,
     /// What imports of them share.
-    kept: build::Kept,
+    cache: build::ImportCache,
 }
 
 impl SceneFiles {
@@ -55,7 +55,7 @@ impl SceneFiles {
     /// [`Error::Data`] (exit code 65) for a file that is no glTF; [`Error::Missing`] (66), [`Error::Permission`] and
     /// [`Error::Io`] as the system says.
     pub fn open(path: &Path) -> Result<Self> {
-        Ok(Self { source: source::Source::open(path)?, kept: build::Kept::default() })
+        Ok(Self { source: source::Source::open(path)?, cache: build::ImportCache::default() })
     }
 
     /// Hashes and measures the files without decoding them.
@@ -98,10 +98,15 @@ impl SceneFiles {
             }
             let document = document::Document::parse(source, posed.as_ref().unwrap_or(json), options, &mut notes)?;
             report.generator.clone_from(&document.generator);
-            let open = time_samples.len();
+            let shutter_samples = time_samples.len();
             time_samples.extend(adjacent_frames);
-            let shown = build::Shown { document: &document, posed: posed.is_some(), time_samples: &time_samples, open };
-            let scene = build::build(&shown, bytes, &self.kept, notes, &mut report)?;
+            let shown = build::ShownDocument {
+                document: &document,
+                posed: posed.is_some(),
+                time_samples: &time_samples,
+                shutter_samples,
+            };
+            let scene = build::build(&shown, bytes, &self.cache, notes, &mut report)?;
             if options.strict {
                 report.refuse_if_inexact()?;
             }

@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 use crate::scene::import::report::Notes;
 use crate::scene::{self, Deformation, Positions};
 
-/// Vertex data in the making; all arrays as long as `positions`.
+/// Vertex data of a mesh; all arrays are as long as `positions`.
 #[derive(Debug, Default)]
 pub struct Geometry {
     pub positions: Vec<[f32; 3]>,
@@ -16,11 +16,11 @@ pub struct Geometry {
     pub texcoords: [Option<Vec<[f32; 2]>>; 2],
     pub colors: Option<Vec<[f32; 4]>>,
     pub indices: Vec<[u32; 3]>,
-    /// Vertices of the file, where other time samples are asked for.
+    /// Index of each vertex in the file; present if other time samples are needed.
     pub source: Option<Vec<u32>>,
     pub motion: Option<Deformation>,
     pub adjacent_frames: Option<[Positions; 2]>,
-    /// The texture coordinates along which tangents are still to be made.
+    /// Texture coordinate set for which tangents must still be generated.
     pub tangents_for: Option<u8>,
 }
 
@@ -28,7 +28,7 @@ fn point(g: &Geometry, i: u32) -> DVec3 {
     DVec3::from(g.positions[i as usize].map(f64::from))
 }
 
-/// The triangle's area vector, twice.
+/// Twice the triangle's area vector.
 pub fn cross(g: &Geometry, [a, b, c]: [u32; 3]) -> DVec3 {
     (point(g, b) - point(g, a)).cross(point(g, c) - point(g, a))
 }
@@ -45,7 +45,7 @@ impl Geometry {
         }
     }
 
-    /// Keeps the vertices that triangles use: primitives often share one large array.
+    /// Removes vertices that no triangle uses: primitives often share one large array.
     pub fn compact(&mut self) {
         const UNUSED: u32 = u32::MAX;
         let mut new_index = vec![UNUSED; self.positions.len()];
@@ -69,7 +69,7 @@ impl Geometry {
         self.colors.iter_mut().for_each(|v| filter(v, &keep));
     }
 
-    /// Makes normals unit vectors; those without a direction become their triangles' mean.
+    /// Normalizes normals; those of length zero become the area-weighted mean of their triangles' normals.
     pub fn repair_normals(&mut self, at: &str, notes: &mut Notes) {
         let Some(mut normals) = self.normals.take() else { return };
         let mut missing = false;
@@ -108,7 +108,7 @@ impl Geometry {
         }
     }
 
-    /// Joins the corners of a split mesh whose old vertex (`origin`) and tangent are equal.
+    /// Merges the corners of an unwelded mesh whose original vertex (`origin`) and tangent are equal.
     pub fn weld(&mut self, origin: &[u32]) {
         let mut by_key: HashMap<(u32, [u32; 4]), u32> = HashMap::new();
         let mut kept: Vec<usize> = Vec::new();

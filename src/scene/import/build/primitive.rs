@@ -1,8 +1,8 @@
-//! From a primitive's accessors to a triangle mesh with only the attributes that its material uses.
+//! Reads a primitive's accessors into a triangle mesh with only the attributes that its material uses.
 
 use glam::{DAffine3, DVec3, Vec3};
 
-use super::deform::{Pose, Poses, step, take_pose, transform_frame};
+use super::deform::{MeshPose, MeshPoses, apply_pose, geometry_at, transform_frame};
 use super::geometry::Geometry;
 use super::reader::Reader;
 use super::tangents;
@@ -14,24 +14,24 @@ use crate::scene::import::document::primitives::Primitive;
 use crate::scene::import::report::Notes;
 use crate::scene::{self, Deformation, Material, Positions};
 
-/// A mesh that only wants what can fail no more.
+/// A mesh whose remaining steps cannot fail.
 #[derive(Debug)]
 pub struct Draft {
     pub geometry: Geometry,
     pub name: String,
-    /// Of the scene.
+    /// Index into the scene's materials.
     pub material: u32,
-    /// Where it is put for good, and where that is a frame before and after if it is elsewhere.
+    /// Transform to bake into the vertices, and those one frame before and after if they differ.
     pub world: Option<(DAffine3, Option<[DAffine3; 2]>)>,
 }
 
 impl Draft {
-    /// Does what it wants take long?
-    pub fn takes_long(&self) -> bool {
+    /// Must tangents be generated?
+    pub fn needs_tangents(&self) -> bool {
         self.geometry.tangents_for.is_some() && self.geometry.tangents.is_none()
     }
 
-    /// A mesh with the positions alone.
+    /// A stand-in mesh with positions only.
     pub fn outline(&self) -> scene::Mesh {
         let geometry = Geometry { positions: self.geometry.positions.clone(), ..Default::default() };
         Self { geometry, name: String::new(), material: self.material, world: self.world }.finish()
@@ -50,7 +50,7 @@ impl Draft {
     }
 }
 
-/// Reads and checks one primitive. `None` when it has no triangles; a note says why.
+/// Reads and checks one primitive. `None` if it has no triangles; a note says why.
 ///
 /// # Errors
 /// Data that breaks the specification.
@@ -58,7 +58,7 @@ pub fn read(
     reader: &mut Reader,
     primitive: &Primitive,
     material: &Material,
-    Poses { own: pose, over, adjacent_frames }: &Poses,
+    MeshPoses { picture: pose, shutter, adjacent_frames }: &MeshPoses,
     notes: &mut Notes,
 ) -> Result<Option<Geometry>> {
     let attributes = &primitive.attributes;
@@ -76,13 +76,13 @@ pub fn read(
     let optional = |semantic| attributes.get(&semantic).copied();
     let (normal, tangent) = (optional(Semantic::Normal), optional(Semantic::Tangent));
     g.normals = normal.map(|i| reader.floats::<3>(i)).transpose()?;
-    // Without normals, the file's tangents do not count either.
+    // The specification ignores tangents without normals.
     let tangent = tangent.filter(|_| material.tangent_set().is_some() && g.normals.is_some());
     g.tangents = tangent.map(|i| reader.floats::<4>(i)).transpose()?;
     if let Some(index) = optional(Semantic::Color(0)) {
         let colors = read_colors(reader, index, notes)?;
-        let moves = primitive.targets.iter().any(|target| target.contains_key(&Semantic::Color(0)));
-        g.colors = Some(colors).filter(|c| moves || c.iter().any(|c| *c != [1.0; 4]));
+        let is_morphed = primitive.targets.iter().any(|target| target.contains_key(&Semantic::Color(0)));
+        g.colors = Some(colors).filter(|c| is_morphed || c.iter().any(|c| *c != [1.0; 4]));
     }
     for (set, slot) in [0_u8, 1].into_iter().zip(&mut g.texcoords) {
         let for_tangents = g.tangents.is_none() && material.tangent_set() == Some(set);
@@ -103,11 +103,12 @@ pub fn read(
     if attributes.contains_key(&Semantic::Color(1)) {
         notes.not_loaded(&primitive.at, "COLOR_1 and higher, which no material of the specification uses");
     }
-    let mut steps =
-        |poses: &[Pose]| -> Result<Vec<_>> { poses.iter().map(|p| step(reader, primitive, p, &g)).collect() };
-    let (steps, adjacent_frames) = (steps(over)?, steps(adjacent_frames)?);
+    let mut steps = |poses: &[MeshPose]| -> Result<Vec<_>> {
+        poses.iter().map(|p| geometry_at(reader, primitive, p, &g)).collect()
+    };
+    let (steps, adjacent_frames) = (steps(shutter)?, steps(adjacent_frames)?);
     g.source = (!steps.is_empty() || !adjacent_frames.is_empty()).then(|| (0..g.positions.len() as u32).collect());
-    take_pose(reader, primitive, pose, &mut g)?;
+    apply_pose(reader, primitive, pose, &mut g)?;
     g.drop_degenerate(&primitive.at, notes);
     if g.indices.is_empty() {
         notes.not_loaded(&primitive.at, "a primitive without a triangle of any area");
@@ -119,7 +120,7 @@ pub fn read(
     if g.source.is_some()
         && let Some(set) = g.tangents_for.take()
     {
-        // They part vertices, which the other time samples then have as well.
+        // Tangent generation splits vertices; it must precede the other time samples, which use the same vertices.
         tangents::make(&mut g, set);
     }
     if let Some(source) = g.source.take() {
@@ -137,13 +138,14 @@ pub fn read(
     Ok(Some(g))
 }
 
+/// Vertex colours as linear RGBA in [0, 1].
 fn read_colors(reader: &mut Reader, index: usize, notes: &mut Notes) -> Result<Vec<[f32; 4]>> {
     let accessor = reader.document.accessors.get(index)?;
     let mut colors: Vec<[f32; 4]> = match accessor.shape {
         Shape::Vec3 => reader.floats::<3>(index)?.into_iter().map(|[r, g, b]| [r, g, b, 1.0]).collect(),
         _ => reader.floats::<4>(index)?,
     };
-    // As the specification asks.
+    // The specification requires clamping.
     if !colors.iter().flatten().all(|x| (0.0..=1.0).contains(x)) {
         notes.repaired(&accessor.at, "vertex colours outside of 0 to 1 are clamped");
         colors.iter_mut().flatten().for_each(|x| *x = x.clamp(0.0, 1.0));
@@ -151,7 +153,7 @@ fn read_colors(reader: &mut Reader, index: usize, notes: &mut Notes) -> Result<V
     Ok(colors)
 }
 
-/// Indices as triangles: modes 4 to 6, every index below `vertices`.
+/// Triangles of modes 4 to 6 (list, strip, fan), with every index below `vertices`.
 fn read_triangles(reader: &mut Reader, p: &Primitive, vertices: usize, notes: &mut Notes) -> Result<Vec<[u32; 3]>> {
     let list: Vec<u32> = match p.indices {
         None => {
@@ -183,7 +185,7 @@ fn read_triangles(reader: &mut Reader, p: &Primitive, vertices: usize, notes: &m
     })
 }
 
-/// Moves a mesh to world space for good; `beside` is where it stands a frame before and after, if that is elsewhere.
+/// Bakes a transform into a mesh; `adjacent_frames` are the transforms one frame before and after, if they differ.
 fn bake(mesh: &mut scene::Mesh, world: &DAffine3, adjacent_frames: Option<[DAffine3; 2]>) {
     let place = |positions: &mut Positions, world: &DAffine3| {
         for p in positions.as_mut_slice() {

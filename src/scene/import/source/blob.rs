@@ -11,7 +11,7 @@ use bytes::Bytes;
 use crate::error::{Error, Result};
 
 /// Bytes that nothing shown needs are not worth a second thought below this; nor are gaps.
-const SMALL: u64 = 1 << 20;
+const MIN_SKIPPED_BYTES: u64 = 1 << 20;
 
 /// Bytes of a file or a URI, whole or in parts.
 #[derive(Debug, Clone, Default)]
@@ -39,12 +39,14 @@ impl Blob {
         for range in wanted.iter().flatten() {
             let range = range.start.min(length)..range.end.min(length);
             match merged.last_mut() {
-                Some(last) if range.start <= last.end.saturating_add(SMALL) => last.end = last.end.max(range.end),
+                Some(last) if range.start <= last.end.saturating_add(MIN_SKIPPED_BYTES) => {
+                    last.end = last.end.max(range.end)
+                }
                 _ => merged.push(range),
             }
         }
         let left_out = length - merged.iter().map(|range| range.end - range.start).sum::<u64>();
-        if wanted.is_none() || left_out <= SMALL {
+        if wanted.is_none() || left_out <= MIN_SKIPPED_BYTES {
             merged.clear();
             merged.push(0..length);
         }

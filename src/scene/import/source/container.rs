@@ -15,7 +15,7 @@ const MAGIC: [u8; 4] = *b"glTF";
 const HEADER: u64 = 12;
 const CHUNK_HEADER: u64 = 8;
 /// Each takes a read of its own.
-const MOST_CHUNKS: u32 = 1 << 16;
+const MAX_CHUNKS: u32 = 1 << 16;
 const JSON_CHUNK: u32 = 0x4E4F_534A;
 const BIN_CHUNK: u32 = 0x004E_4942;
 
@@ -33,8 +33,8 @@ pub struct Container {
 
 /// Reads the document of a `.gltf` or `.glb`, told apart by their first bytes.
 pub fn read(path: &Path) -> Result<Container> {
-    const LARGEST: u64 = 64 << 30;
-    let (file, file_bytes) = open_regular(path, LARGEST)?;
+    const MAX_FILE_BYTES: u64 = 64 << 30;
+    let (file, file_bytes) = open_regular(path, MAX_FILE_BYTES)?;
     let in_file = |text: String| Error::Data(format!("{}: {text}", path.display()));
     let words = Words { path, file: &file, length: file_bytes };
     let is_glb = words.at(0)? == Some(MAGIC);
@@ -111,7 +111,7 @@ fn split(words: &Words) -> Result<(Range<u64>, Option<Range<u64>>)> {
             (1, BIN_CHUNK) => bin = Some(start..end),
             (_, JSON_CHUNK) => return Err(bad(format!("byte {at}: a second JSON chunk"))),
             (_, BIN_CHUNK) => return Err(bad(format!("byte {at}: a BIN chunk that is not the second chunk"))),
-            (MOST_CHUNKS, _) => return Err(bad(format!("byte {at}: more than {MOST_CHUNKS} chunks"))),
+            (MAX_CHUNKS, _) => return Err(bad(format!("byte {at}: more than {MAX_CHUNKS} chunks"))),
             // Later chunks of other kinds are for extensions and are skipped, as the specification asks.
             _ => {}
         }
