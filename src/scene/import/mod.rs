@@ -3,8 +3,8 @@
 //! Three rooms, one way: `source` (files, opened once) → `document` (parsed and checked) → `build` (accessors to
 //! meshes, textures, nodes, lights, cameras). The file is not trusted: everything that an index, offset or count could
 //! break is checked before it is used (`document`), file names stay under the scene's folder (`source`), and memory
-//! stays in proportion to the file (`build`). What the shown scene does not need is checked, but not kept; the report
-//! says so.
+//! stays in proportion to the file (`build`). Elements that the shown scene does not need are checked but not kept; the
+//! report lists them.
 
 mod build;
 mod complaint;
@@ -31,28 +31,28 @@ use report::Notes;
 use super::Scene;
 use crate::error::{Error, Result};
 
-/// A scene, and what was done to get it.
+/// An imported scene with its report.
 #[derive(Debug)]
 pub struct Imported {
-    /// Ready to be rendered; has at least one camera. Without an environment.
+    /// The scene, ready to be rendered: with at least one camera, without an environment.
     pub scene: Scene,
-    /// What was used, approximated, ignored and not loaded.
+    /// Report of what was used, approximated, ignored and not loaded.
     pub report: ImportReport,
 }
 
-/// A `.gltf` or `.glb` file and the files that it names, opened once and in memory.
+/// A `.gltf` or `.glb` file and the files that it refers to, opened once and held in memory.
 #[derive(Debug)]
 pub struct SceneFiles {
     source: source::Source,
-    /// What imports of them share.
+    /// Results that later imports reuse.
     cache: build::ImportCache,
 }
 
 impl SceneFiles {
-    /// Reads the files; what is wrong with those that the document names is left for [`Self::import`] to say.
+    /// Reads the files. Faults of files that the document refers to are reported by [`Self::import`].
     ///
     /// # Errors
-    /// [`Error::Data`] (exit code 65) for a file that is no glTF; [`Error::Missing`] (66), [`Error::Permission`] and
+    /// [`Error::Data`] (exit code 65) for a file that is not glTF; [`Error::Missing`] (66), [`Error::Permission`] and
     /// [`Error::Io`] as the system says.
     pub fn open(path: &Path) -> Result<Self> {
         Ok(Self { source: source::Source::open(path)?, cache: build::ImportCache::default() })
@@ -63,7 +63,7 @@ impl SceneFiles {
         self.source.survey()
     }
 
-    /// Makes the scene. Again, at another time sample, it takes what has not moved and the decoded pictures from the last time.
+    /// Builds the scene. A later import at another time reuses decoded pictures and meshes that have not changed.
     ///
     /// # Errors
     /// [`Error::Data`] (exit code 65) for a file that breaks the specification, requires an unknown extension, names
@@ -86,9 +86,9 @@ impl SceneFiles {
             let (mut posed, mut time_samples, mut adjacent_frames) = (None, Vec::new(), Vec::new());
             if let Some(pose) = &options.pose {
                 let at_rest = parse(json)?;
-                // What stands still stands as while the shutter is open.
-                let aside = pose.shutter.map_or(0.0, |shutter| 0.0_f64.clamp(shutter.opens, shutter.closes));
-                let own = Pose { seconds: pose.seconds + aside, ..pose.clone() };
+                // The picture's own time lies within the shutter, so that the rest of the scene agrees with it.
+                let offset = pose.shutter.map_or(0.0, |shutter| 0.0_f64.clamp(shutter.opens, shutter.closes));
+                let own = Pose { seconds: pose.seconds + offset, ..pose.clone() };
                 posed = Some(build::posed(&at_rest, json, bytes, &own, &mut notes)?);
                 let time_sample =
                     |seconds: f64| build::time_sample(&at_rest, json, bytes, &Pose { seconds, ..pose.clone() }, &parse);
@@ -121,7 +121,7 @@ impl SceneFiles {
 /// Opens and imports a file.
 ///
 /// # Errors
-/// As [`SceneFiles::open`] and [`SceneFiles::import`].
+/// See [`SceneFiles::open`] and [`SceneFiles::import`].
 pub fn import(path: &Path, options: &ImportOptions) -> Result<Imported> {
     let start = Instant::now();
     let mut imported = SceneFiles::open(path)?.import(options)?;
@@ -129,7 +129,7 @@ pub fn import(path: &Path, options: &ImportOptions) -> Result<Imported> {
     Ok(imported)
 }
 
-/// Puts the scene file's name before a complaint.
+/// Prefixes an error with the scene file's path.
 fn in_file(path: &Path, error: Error) -> Error {
     let name = |text: String| format!("{}: {text}", path.display());
     match error {

@@ -1,38 +1,39 @@
-//! What to import: scene, variant, pose, shutter.
+//! Import options: scene, variant, pose and shutter.
 
-/// What to import, and how strictly.
+/// Options of an import.
 #[derive(Debug, Clone, Default)]
 pub struct ImportOptions {
-    /// Whatever would be approximated or ignored (also a missing texture) is an error that names it.
+    /// Make everything that would be approximated or ignored (including a missing texture) an error that lists it.
     pub strict: bool,
-    /// A time sample of its animations; else the pose that its nodes and weights have.
+    /// Time of the animations; `None` for the rest pose.
     pub pose: Option<Pose>,
-    /// The document's scene, by name or index; else the one that it shows by default.
+    /// Scene of the document, by name or index; `None` for its default.
     pub scene: Option<String>,
-    /// The material variant (KHR_materials_variants), by name; else the default materials.
+    /// Material variant (KHR_materials_variants), by name or index; `None` for the default materials.
     pub variant: Option<String>,
 }
 
-/// A time sample of a document's animations.
+/// A time in a document's animations.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pose {
-    /// Since their beginning; before the first key of a channel and after its last one it stands still.
+    /// Seconds since the animations' start. Channels are constant before their first key and after their last one.
     pub seconds: f64,
-    /// By name or index; `None` or `all` for all of them at once, as viewers play them.
+    /// Animation by name or index; `None` or `all` plays all at once.
     pub animation: Option<String>,
-    /// How long light is let in around it; else it is a time sample.
+    /// Shutter interval around the time; `None` for an instantaneous exposure.
     pub shutter: Option<Shutter>,
-    /// Seconds to the frames before and after, for velocities; `None` if nobody asks for them.
+    /// Frame duration in seconds, for velocities; `None` if velocities are not requested.
     pub frame: Option<f64>,
 }
 
-/// For how long a camera's shutter is open.
+/// Interval during which the shutter is open.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shutter {
-    /// Seconds from the pose's to its opening, of either sign.
+    /// Opening time in seconds relative to the pose's time; may be negative.
     pub opens: f64,
-    /// To its closing, > `opens`.
+    /// Closing time in seconds relative to the pose's time, > `opens`.
     pub closes: f64,
-    /// Into how many steps motion is cut, at most [`MAX_STEPS`](crate::scene::motion::MAX_STEPS); `None`: as many as it bends.
+    /// Number of motion steps, at most [`MAX_STEPS`](crate::scene::motion::MAX_STEPS); `None` to choose it by the curvature of the
+    /// motion.
     pub steps: Option<u32>,
 }

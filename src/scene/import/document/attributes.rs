@@ -8,7 +8,7 @@ use super::table::Table;
 use crate::error::Result;
 use crate::scene::import::report::Notes;
 
-/// What an attribute means. Sets other than 0 and 1 are checked, but not read.
+/// Meaning of an attribute. Sets above 1 are checked but not read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Semantic {
     Position,
@@ -43,7 +43,7 @@ impl Semantic {
         }
     }
 
-    /// Is this format allowed? `morph` for displacements, `quantized` with KHR_mesh_quantization.
+    /// Is the accessor's format allowed? `morph` for displacements, `quantized` with KHR_mesh_quantization.
     fn allows(self, a: &Accessor, morph: bool, quantized: bool) -> bool {
         use Component::*;
         let unorm = a.normalized && matches!(a.component, U8 | U16);
@@ -78,7 +78,7 @@ impl Semantic {
     }
 }
 
-/// Accessor by semantic.
+/// Accessor index by semantic.
 pub type Attributes = BTreeMap<Semantic, usize>;
 
 /// Reads the attributes of a primitive, or those of a morph target (`morph`); `quantized` with KHR_mesh_quantization.
@@ -96,7 +96,7 @@ pub fn parse_attributes(
         let index = json.need(name, json.index(name, accessors.len(), "accessors")?)?;
         all_accessors.push(index);
         if name.starts_with('_') {
-            continue; // An application's own.
+            continue; // Application-specific.
         }
         let Some(semantic) = Semantic::parse(name) else {
             notes.repaired(&json.path(name), format!("an attribute {name}, which the specification does not know"));

@@ -6,7 +6,7 @@ use super::attributes::{Attributes, Semantic};
 use super::json::Json;
 use crate::error::Result;
 
-/// KHR_draco_mesh_compression: a view with a Draco stream, and the stream's id of each attribute.
+/// Parameters of a compressed primitive: the view with the Draco stream, and the stream's id of each attribute.
 #[derive(Debug)]
 pub struct Draco {
     pub view: usize,
@@ -15,7 +15,7 @@ pub struct Draco {
 }
 
 impl Draco {
-    /// `None` if the primitive has no such extension.
+    /// Parses the extension of a primitive; `None` if it has none.
     pub fn parse(primitive: &Json, attributes: &Attributes, views: usize) -> Result<Option<Self>> {
         let Some(json) = primitive.extension("KHR_draco_mesh_compression")? else { return Ok(None) };
         let view = json.need("bufferView", json.index("bufferView", views, "bufferViews")?)?;

@@ -1,4 +1,4 @@
-//! Materials, as the document has them.
+//! Materials of the document.
 
 use glam::Vec3;
 use gltf::json::material::AlphaMode as Alpha;
@@ -16,15 +16,15 @@ use crate::scene::{self, AlphaMode, TextureSlot};
 /// A checked material.
 #[derive(Debug)]
 pub struct Material {
-    /// The scene's, without textures.
+    /// The scene's material, without textures.
     pub plain: scene::Material,
     pub textures: TextureInfos,
     pub has_occlusion: bool,
     /// Paths of factors outside of 0 to 1.
     pub clamped: Vec<String>,
-    /// Extensions that are left out: name and reason.
+    /// Ignored extensions: name and reason.
     pub left_out: Vec<(String, &'static str)>,
-    /// What makes tangents in the file necessary.
+    /// JSON path of the texture that requires tangents in the file.
     pub needs_tangents: Option<String>,
     pub at: String,
 }
@@ -91,7 +91,7 @@ impl Material {
             }
         };
         clamped.dedup();
-        // Only a normal map of the base layer tells how to make tangents.
+        // Tangents are generated for a normal map of the base layer only.
         let needs_tangents =
             match (&textures[TextureSlot::Normal as usize], &textures[TextureSlot::ClearcoatNormal as usize]) {
                 (None, Some(map)) => Some(map.at.clone()),
@@ -102,7 +102,7 @@ impl Material {
     }
 }
 
-/// Checks the texture indices of extensions that are not shaded: their names, with reasons.
+/// Checks the texture indices of ignored extensions; returns the extensions' names with reasons.
 fn check_other_extensions(json: &Json, lengths: &Lengths) -> Result<Vec<(String, &'static str)>> {
     let mut left_out = Vec::new();
     for name in json.extension_names()? {

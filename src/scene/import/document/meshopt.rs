@@ -7,18 +7,18 @@ use super::json::Json;
 use super::table::Table;
 use crate::error::Result;
 
-/// What is undone after a meshopt stream of attributes was decoded.
+/// Filter to invert after a meshopt stream of attributes is decoded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Filter {
     None,
     Octahedral,
     Quaternion,
     Exponential,
-    /// KHR_meshopt_compression alone.
+    /// Only in KHR_meshopt_compression.
     Color,
 }
 
-/// EXT_meshopt_compression and KHR_meshopt_compression: where a view's bytes are compressed, and how.
+/// Parameters of a compressed buffer view.
 #[derive(Debug)]
 pub struct Meshopt {
     pub buffer: usize,
@@ -32,7 +32,7 @@ pub struct Meshopt {
 }
 
 impl Meshopt {
-    /// `view` is the buffer view. `None` if it is not compressed.
+    /// Parses the extension of a buffer view; `None` if the view is not compressed.
     pub fn parse(view: &Json, buffers: &Table<Buffer>) -> Result<Option<Self>> {
         let khr = view.extension("KHR_meshopt_compression")?;
         let color = khr.is_some();

@@ -63,17 +63,17 @@ pub struct Document {
     pub nodes: Vec<Node>,
     /// Root nodes of the scene that is shown.
     pub roots: Vec<usize>,
-    /// JSON path of that scene.
+    /// JSON path of the shown scene.
     pub scene_at: String,
     pub animations: Table<Animation>,
     pub scenes: Table<Vec<usize>>,
-    /// Their names; empty where there is none.
+    /// Names of the scenes; empty for those without.
     pub scene_names: Vec<String>,
     /// Names of the material variants.
     pub variants: Vec<String>,
-    /// Which of them is shown.
+    /// Index of the shown variant.
     pub variant: Option<usize>,
-    /// Extensions that stand in the document or are declared, and where first.
+    /// Extensions that are declared or occur in the document, with the JSON path of the first occurrence.
     pub extensions: BTreeMap<String, String>,
 }
 
@@ -149,7 +149,7 @@ impl Document {
         })
     }
 
-    /// What is wrong with the document's elements: paths and reasons, a reason again with all who need that element.
+    /// Faulty elements: JSON paths and faults. A fault is repeated for every element that depends on the faulty one.
     pub fn faults(&self) -> Vec<(String, Error)> {
         let unreadable = |(_, image): (usize, &Image)| match &image.data {
             ImageData::Unreadable(error) => Some((image.at.clone(), error.clone())),
@@ -228,7 +228,7 @@ fn strings(json: &Json, key: &str) -> Result<Vec<String>> {
     json.items(key)?.iter().map(|item| item.as_string().map(Into::into)).collect()
 }
 
-/// Major version 2; `minVersion` at most 2.0, which is what we read.
+/// Checks that the major version is 2 and `minVersion` at most 2.0.
 fn check_version(asset: &Json) -> Result<()> {
     let number = |key: &str, text: &str| -> Result<(u32, u32)> {
         let parts = text.split_once('.').and_then(|(a, b)| Some((a.parse().ok()?, b.parse().ok()?)));
@@ -242,7 +242,7 @@ fn check_version(asset: &Json) -> Result<()> {
         && number("minVersion", text)? > (2, 0)
     {
         return Err(Error::Data(format!(
-            "asset.minVersion: the file asks for a reader of glTF {text}, this one reads 2.0; export it as glTF 2.0"
+            "asset.minVersion: the file requires glTF {text}, but only 2.0 is supported; export it as glTF 2.0"
         )));
     }
     Ok(())
@@ -258,7 +258,7 @@ fn top_nodes(nodes: &[Node]) -> Vec<usize> {
     parents(nodes).iter().enumerate().filter(|(_, has)| !**has).map(|(i, _)| i).collect()
 }
 
-/// Scenes name top nodes, each once: so no node is shown twice.
+/// Checks that a scene lists root nodes, each once, so that no node is shown twice.
 fn check_roots(roots: &[usize], nodes: &[Node], at: &str) -> Result<()> {
     let mut taken = parents(nodes);
     for (i, &root) in roots.iter().enumerate() {

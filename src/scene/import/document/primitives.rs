@@ -18,9 +18,9 @@ pub struct Primitive {
     pub indices: Option<usize>,
     pub mode: u64,
     pub material: Option<usize>,
-    /// Displacements by morph target.
+    /// Displacements of each morph target.
     pub targets: Vec<Attributes>,
-    /// Where its accessors' elements are, if those have no view.
+    /// Compressed source of the elements, if the accessors have no view.
     pub draco: Option<Draco>,
     pub extensions: Vec<String>,
     pub at: String,
@@ -31,7 +31,7 @@ pub struct Primitive {
 pub struct Mesh {
     pub name: String,
     pub primitives: Vec<Primitive>,
-    /// Default weights, one a morph target.
+    /// Default weights, one per morph target.
     pub weights: Vec<f32>,
     pub at: String,
 }
@@ -64,7 +64,7 @@ impl Mesh {
     }
 }
 
-/// `weights` of a mesh or node, one a morph target.
+/// `weights` of a mesh or node, one per morph target.
 pub fn read_weights(json: &Json, targets: usize) -> Result<Option<Vec<f32>>> {
     let Some(weights) = json.numbers("weights")? else { return Ok(None) };
     if weights.len() != targets {
@@ -94,7 +94,7 @@ impl Primitive {
         for target in json.items("targets")? {
             targets.push(parse_attributes(&target, accessors, true, quantized, &mut all_accessors, notes)?);
         }
-        // Every attribute, also those that are not read, has one element a vertex.
+        // Every attribute, including unknown ones, has one element per vertex.
         if let Some(&first) = attributes.values().next().or(all_accessors.first()) {
             let count = accessors.get(first)?.count;
             for &other in &all_accessors {
@@ -140,13 +140,13 @@ impl Primitive {
                 }
             }
         }
-        // From normals, tangents could be made; without both there is no tangent space at all.
+        // Tangents can be generated from normals; without both there is no tangent space.
         let no_tangents = !attributes.contains_key(&Semantic::Tangent) && !attributes.contains_key(&Semantic::Normal);
         let shading = material.map(|index| materials.get(index)).transpose()?;
         if let Some(at) = shading.and_then(|m| m.needs_tangents.as_ref()).filter(|_| no_tangents) {
             return Err(json.bad("attributes", format!("NORMAL or TANGENT, which {at} needs"), "none"));
         }
-        // With an uncompressed fallback there is nothing to decode.
+        // An uncompressed fallback is used instead of the stream.
         let draco = Draco::parse(json, &attributes, views.len())?.filter(|draco| {
             let mut coded = draco.attributes.keys().map(|semantic| attributes[semantic]).chain(indices);
             coded.any(|index| accessors.get(index).is_ok_and(|accessor| accessor.view.is_none()))

@@ -1,4 +1,4 @@
-//! Skins, as the document has them.
+//! Skins of the document.
 
 use super::accessors::{Accessor, Component, Shape, View};
 use super::json::Json;
