@@ -190,8 +190,7 @@ impl Assembly<'_> {
         if placements.is_empty() {
             return Ok(());
         }
-        let floats = |bits: &[u32]| bits.iter().map(|bits| f32::from_bits(*bits)).collect::<Vec<_>>();
-        let weights = floats(&key.weights);
+        let weights: Vec<f32> = key.weights.iter().map(|bits| f32::from_bits(*bits)).collect();
         let forms = self.forms(key)?;
         let forms: Vec<MeshPose> =
             forms.iter().map(|(w, joints)| MeshPose { weights: w, joints: joints.as_deref() }).collect();
@@ -225,8 +224,7 @@ impl Assembly<'_> {
             return Ok(());
         }
         let object = self.scene.objects.len() as u32;
-        self.scene.objects.push(Object { name: mesh.name.clone(), meshes: meshes.clone() });
-        let own = self.scene.meshes[meshes.start as usize..].iter().map(Arc::as_ref);
+        self.scene.objects.push(Object { name: mesh.name.clone(), meshes });
         if flattened.cameras.is_empty() {
             self.framed_objects.push((
                 object,
@@ -238,20 +236,30 @@ impl Assembly<'_> {
             self.scene.instances.push(Instance { name: placement.name.clone(), object, ..Default::default() });
             return Ok(());
         }
-        let corners = corners(points(own));
+        self.add_instances(object, mesh, &placements, times)
+    }
+
+    /// Adds the placements of an object whose meshes are in object space.
+    fn add_instances(
+        &mut self,
+        object: u32,
+        mesh: &MeshOfDocument,
+        placements: &[&Placement],
+        times: Vec<PlacementTimes>,
+    ) -> Result<()> {
+        let Object { meshes, .. } = &self.scene.objects[object as usize];
+        let meshes = &self.scene.meshes[meshes.start as usize..meshes.end as usize];
+        let corners = corners(points(meshes.iter().map(Arc::as_ref)));
         for (placement, times) in placements.iter().zip(times) {
             for world in [&placement.world].into_iter().chain(times.shutter.iter().flatten()) {
                 check_extent(&corners, world, &placement.at, &mesh.at)?;
             }
-            let motion = times.shutter.and_then(|transforms| Motion::new(&transforms)).map(Arc::new);
-            let (transform, adjacent_frames) =
-                (Some(to_f32(&placement.world)), times.adjacent_frames.map(|both| both.map(|w| to_f32(&w))));
             self.scene.instances.push(Instance {
                 name: placement.name.clone(),
                 object,
-                transform,
-                motion,
-                adjacent_frames,
+                transform: Some(to_f32(&placement.world)),
+                motion: times.shutter.and_then(|transforms| Motion::new(&transforms)).map(Arc::new),
+                adjacent_frames: times.adjacent_frames.map(|both| both.map(|world| to_f32(&world))),
             });
         }
         Ok(())
