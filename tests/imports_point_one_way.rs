@@ -42,7 +42,7 @@ const ALL: &[&str] = &[
 ];
 const TOOLS: [&str; 4] = ["error", "guard", "lanes", "color"];
 
-/// What only some folders or files of `src/` may name.
+/// Names that only some folders or files of `src/` may use.
 const KEPT_IN: [(&str, &[&str]); 7] = [
     ("unsafe ", &["rays/embree", "film/denoise.rs", "console/memory"]),
     ("libloading::", &["film/denoise.rs"]),
@@ -155,7 +155,7 @@ fn rooms_import_only_what_comes_before_them() {
 
 #[test]
 fn the_importer_goes_from_source_to_document_to_build() {
-    // What each of its rooms must not name.
+    // Names that each of its rooms must not use.
     let later = [("source", ["document", "build"]), ("document", ["build", "summary"])];
     let mut seen = 0;
     for (file, text) in sources() {

@@ -12,7 +12,7 @@ use bismar::rays::{Backend, HitBatch, MISS, RayBatch, RayOrder, build};
 use bismar::render::{Balance, PixelFilter, RenderSettings};
 use bismar::scene::import::{ImportOptions, Pose, SceneFiles, Shutter};
 use bismar::scene::{
-    Deformation, Environment, LightKey, Motion, Positions, Projection, PunctualKind, PunctualLight, Scene,
+    Camera, Deformation, Environment, LightKey, Motion, Positions, Projection, PunctualKind, PunctualLight, Scene,
 };
 use glam::{DAffine3, DQuat, DVec3, Vec3, vec3};
 
@@ -119,7 +119,7 @@ fn a_rotating_bar_is_its_closed_form() {
     let at = |angle: f64| DAffine3::from_quat(DQuat::from_rotation_z(angle));
     scene.instances[0].transform = Some(at(begin).as_affine3a());
     scene.instances[0].motion = motion(&[at(begin), at(begin + turn)]);
-    assert!(scene.instances[0].motion.as_ref().unwrap().turns());
+    assert!(scene.instances[0].motion.as_ref().unwrap().has_rotation());
     // The share of the time at which a place at (x, y) is in the bar, by midpoints in time.
     let share = |x: f64, y: f64| {
         const TIMES: u32 = 400;
@@ -268,9 +268,9 @@ fn is_mean_of_stills(file: &Path, seconds: f64, [opens, closes]: [f64; 2]) {
     for seed in 0..STILLS {
         let time = seconds + opens + (closes - opens) * f64::from(random.f32());
         let mut still = posed(&files, time, None);
-        if still.framing.is_some() {
+        if still.cameras[0].framing.is_some() {
             // The view that fits each pose is not the blurred picture's.
-            (still.framing, still.cameras) = (None, vec![view.clone()]);
+            still.cameras = vec![Camera { framing: None, ..view.clone() }];
         }
         let still = Stage::new(Arc::new(still), Backend::Embree);
         for (which, stage) in [&blurred, &still].into_iter().enumerate() {

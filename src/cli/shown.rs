@@ -5,7 +5,7 @@ use clap::Args;
 use crate::console::args::{not_negative, positive};
 use crate::rays::Backend;
 use crate::scene::import::{ImportOptions, Pose, Shutter};
-use crate::scene::motion::MOST_STEPS;
+use crate::scene::motion::MAX_STEPS;
 use crate::{Error, Result};
 
 /// What of a file is shown.
@@ -36,7 +36,7 @@ pub struct Shown {
     shutter: Option<[f64; 2]>,
     /// Cut motion into so many straight steps, 1 to 128, while the shutter is open [default: as many as it bends].
     #[arg(long, value_name = "N", requires = "shutter",
-        value_parser = clap::value_parser!(u32).range(1..=MOST_STEPS as i64))]
+        value_parser = clap::value_parser!(u32).range(1..=MAX_STEPS as i64))]
     motion_steps: Option<u32>,
 }
 

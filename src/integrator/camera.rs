@@ -199,8 +199,15 @@ mod tests {
         let pose = Mat3::from_rotation_y(0.7) * Mat3::from_rotation_x(-0.4) * Mat3::from_rotation_z(0.2);
         let to_world = Affine3A::from_mat3_translation(pose, Vec3::new(1.0, -2.0, 3.0));
         for projection in [Projection::Perspective { yfov: 0.8 }, Projection::Orthographic { xmag: 2.0, ymag: 1.5 }] {
-            let camera =
-                Camera { name: String::new(), projection, aspect: None, to_world, motion: None, adjacent_frames: None };
+            let camera = Camera {
+                name: String::new(),
+                projection,
+                aspect: None,
+                to_world,
+                motion: None,
+                adjacent_frames: None,
+                framing: None,
+            };
             let rays = CameraRays::new(&camera, 320, 200);
             let [to_camera, to_picture] = rays.matrices().map(|m| Mat4::from_cols_array(&m));
             for (x, y) in [(0.0, 0.0), (320.0, 200.0), (31.0, 170.0), (160.0, 100.0)] {

@@ -236,7 +236,7 @@ struct Interpolated<'a> {
 impl Interpolated<'_> {
     #[inline(always)]
     fn texel(&self, map: &TextureRef) -> Vec3 {
-        self.scene.sample_texture(map, self.texcoords[usize::from(map.set.min(1))]).truncate()
+        self.scene.sample_texture(map, *map.select(&self.texcoords)).truncate()
     }
 
     /// Unit tangent, bitangent and shading normal in world space; `None` for meshes without tangents.
@@ -346,6 +346,6 @@ impl SurfacePoint<'_> {
     #[inline]
     fn texel(&self, scene: &Scene, slot: TextureSlot) -> Option<Vec4> {
         let texture = self.material.textures[slot].as_ref()?;
-        Some(scene.sample_texture(texture, self.texcoords[usize::from(texture.set.min(1))]))
+        Some(scene.sample_texture(texture, *texture.select(&self.texcoords)))
     }
 }

@@ -3,7 +3,7 @@
 use std::f32::consts::PI;
 use std::sync::Arc;
 
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 
 use super::learned::LearnedLights;
 use super::samples::LightSamples;
@@ -186,9 +186,7 @@ impl AreaLights {
         let material = &scene.materials[mesh.material as usize];
         let texel = |slot: TextureSlot| {
             let texture = material.textures[slot].as_ref()?;
-            let texcoords = mesh.texcoords[usize::from(texture.set.min(1))].as_ref()?;
-            let [a, b, c] = mesh.indices[prim as usize].map(|i| Vec2::from_array(texcoords[i as usize]));
-            Some(scene.sample_texture(texture, a + (b - a) * u + (c - a) * v).truncate())
+            Some(scene.sample_texture(texture, mesh.texcoord(texture, prim, (u, v))).truncate())
         };
         let emitted = texel(TextureSlot::Emissive).map_or(material.emissive, |texel| material.emissive * texel);
         if material.clearcoat == 0.0 {
@@ -337,8 +335,7 @@ fn parallelogram(a: [Vec3; 3], b: [Vec3; 3]) -> Option<[Vec3; 4]> {
 /// Emitted radiance averaged over 16 texture samples of a triangle, which is accurate enough for the light tree.
 fn mean_emission(scene: &Scene, material: &Material, mesh: &Mesh, index: [u32; 3]) -> Vec3 {
     let Some(texture) = &material.textures[TextureSlot::Emissive] else { return material.emissive };
-    let Some(texcoords) = &mesh.texcoords[usize::from(texture.set.min(1))] else { return material.emissive };
-    let [a, b, c] = index.map(|i| Vec2::from_array(texcoords[i as usize]));
+    let [a, b, c] = mesh.corner_texcoords(texture, index);
     let mut sum = Vec3::ZERO;
     for k in 0..16 {
         let (u, v) = warp::triangles(F::splat((k % 4) as f32 / 4.0 + 0.125), F::splat((k / 4) as f32 / 4.0 + 0.125));

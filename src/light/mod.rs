@@ -66,7 +66,7 @@ impl Lights {
     /// scene's bounding radius in metres.
     pub fn after(scene: &Scene, radius: f32, previous: Option<(&Scene, &Self)>) -> Self {
         let reused = previous.and_then(|(earlier, lights)| {
-            let same = earlier.environment.as_ref()?.is(scene.environment.as_ref()?);
+            let same = earlier.environment.as_ref()?.is_same(scene.environment.as_ref()?);
             lights.environment.clone().filter(|_| same)
         });
         let make = || scene.environment.as_ref().and_then(EnvironmentSampler::new).map(Arc::new);

@@ -1,13 +1,13 @@
 //! Validation of a scene before a build.
 
-use crate::scene::motion::{Key, MOST_STEPS};
-use crate::scene::{FARTHEST, Scene};
+use crate::scene::motion::{Key, MAX_STEPS};
+use crate::scene::{MAX_COORDINATE, Scene};
 use crate::{Error, Result};
 
 /// Rejects scenes for which a backend would read out of bounds or lose triangles.
 ///
 /// # Errors
-/// [`Error::Data`] for vertex indices out of range, coordinates that are NaN or beyond [`FARTHEST`], singular transforms, and
+/// [`Error::Data`] for vertex indices out of range, coordinates that are NaN or beyond [`MAX_COORDINATE`], singular transforms, and
 /// mesh or object indices out of range.
 pub(super) fn check(scene: &Scene) -> Result<()> {
     for (index, mesh) in scene.meshes.iter().enumerate() {
@@ -19,18 +19,18 @@ pub(super) fn check(scene: &Scene) -> Result<()> {
                 mesh.name, mesh.indices[at]
             )));
         }
-        let invalid = |position: &[f32; 3]| position.iter().any(|x| x.is_nan() || x.abs() > FARTHEST);
+        let invalid = |position: &[f32; 3]| position.iter().any(|x| x.is_nan() || x.abs() > MAX_COORDINATE);
         let steps = mesh.motion.iter().flat_map(|motion| &motion.positions);
         for positions in steps.clone().chain([&mesh.positions]) {
             if let Some(at) = positions.iter().position(invalid) {
                 return Err(Error::Data(format!(
-                    "mesh {index} \"{}\": vertex {at} is at {:?}, which is not a position within {FARTHEST:e} m",
+                    "mesh {index} \"{}\": vertex {at} is at {:?}, which is not a position within {MAX_COORDINATE:e} m",
                     mesh.name, positions[at]
                 )));
             }
         }
         let number = steps.clone().count();
-        let wrong_count = mesh.motion.is_some() && !(2..=MOST_STEPS + 1).contains(&number);
+        let wrong_count = mesh.motion.is_some() && !(2..=MAX_STEPS + 1).contains(&number);
         if wrong_count || steps.into_iter().any(|positions| positions.len() != count) {
             let name = &mesh.name;
             return Err(Error::Data(format!(

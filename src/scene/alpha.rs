@@ -1,12 +1,10 @@
-//! Surfaces with alpha: which hits count.
-
-use glam::Vec2;
+//! Alpha-tested and alpha-blended surfaces: which hits count.
 
 use super::{AlphaMode, Mesh, Scene, TextureSlot};
 
 impl Scene {
-    /// Can a ray pass through this mesh at all (alpha mask or blend that is not opaque everywhere)? Where not, no
-    /// filter is switched on. Looks at every texel and vertex: ask once a mesh.
+    /// Can a ray pass through this mesh (alpha mask or blend that is not opaque everywhere)? If not, the ray backends
+    /// need no intersection filter. Examines every texel and vertex: call once per mesh.
     pub fn has_alpha(&self, mesh: u32) -> bool {
         let mesh = &self.meshes[mesh as usize];
         let material = &self.materials[mesh.material as usize];
@@ -18,8 +16,8 @@ impl Scene {
         if material.base_color.w < needed {
             return true;
         }
-        // The product of three alphas, each at most 1: where texture and vertex meet is not known here, so each alone
-        // may take it below when the others are at their lowest.
+        // Alpha is a product of three factors of at most 1. Which texel meets which vertex is not known here, so the test is
+        // conservative: the lowest texel with the lowest vertex alpha.
         let vertex = mesh.colors.iter().flatten().map(|c| c[3]).fold(1.0, f32::min);
         let without_texture = material.base_color.w * vertex;
         if without_texture < needed {
@@ -31,39 +29,36 @@ impl Scene {
         })
     }
 
-    /// Does this hit count? Mask compares alpha with the cutoff; blend decides by a hash of (`key`, `instance`, `mesh`,
-    /// `prim`), so that it is present with probability alpha and the same for every backend and thread.
+    /// Does this hit count? Mask compares alpha with the cutoff. Blend compares it with a hash of (`key`, `instance`, `mesh`,
+    /// `prim`): the surface is present with probability alpha, equally for every backend and thread. (`u`, `v`) are the
+    /// barycentric weights of the second and third vertex of triangle `prim`.
     pub fn is_present(&self, key: u32, instance: u32, mesh: u32, prim: u32, u: f32, v: f32) -> bool {
         let surface = &self.meshes[mesh as usize];
         let mode = self.materials[surface.material as usize].alpha_mode;
         match mode {
             AlphaMode::Opaque => true,
-            AlphaMode::Mask(cutoff) => self.alpha(surface, prim, u, v) >= cutoff,
-            AlphaMode::Blend => uniform(key, instance, mesh, prim) < self.alpha(surface, prim, u, v),
+            AlphaMode::Mask(cutoff) => self.base_color_alpha(surface, prim, u, v) >= cutoff,
+            AlphaMode::Blend => hash_to_unit(key, instance, mesh, prim) < self.base_color_alpha(surface, prim, u, v),
         }
     }
 
-    /// Base colour alpha at barycentrics (`u`, `v`) of triangle `prim`.
-    fn alpha(&self, mesh: &Mesh, prim: u32, u: f32, v: f32) -> f32 {
+    /// Base colour alpha at barycentric weights (`u`, `v`) on triangle `prim`.
+    fn base_color_alpha(&self, mesh: &Mesh, prim: u32, u: f32, v: f32) -> f32 {
         let material = &self.materials[mesh.material as usize];
-        let [a, b, c] = mesh.indices[prim as usize].map(|i| i as usize);
         let mut alpha = material.base_color.w;
-        if let Some(texture) = &material.textures[TextureSlot::BaseColor]
-            && let Some(texcoords) = &mesh.texcoords[usize::from(texture.set)]
-        {
-            let [a, b, c] = [a, b, c].map(|i| Vec2::from(texcoords[i]));
-            alpha *= self.sample_alpha(texture, a + u * (b - a) + v * (c - a));
+        if let Some(texture) = &material.textures[TextureSlot::BaseColor] {
+            alpha *= self.sample_alpha(texture, mesh.texcoord(texture, prim, (u, v)));
         }
         if let Some(colors) = &mesh.colors {
-            let [a, b, c] = [a, b, c].map(|i| colors[i][3]);
+            let [a, b, c] = mesh.indices[prim as usize].map(|i| colors[i as usize][3]);
             alpha *= a + u * (b - a) + v * (c - a);
         }
         alpha
     }
 }
 
-/// A number in [0, 1) from four others: each word passes a bijective mixer (Wellons' lowbias32).
-fn uniform(key: u32, instance: u32, mesh: u32, prim: u32) -> f32 {
+/// A hash in [0, 1) of four words; each passes a bijective mixer (Wellons' lowbias32).
+fn hash_to_unit(key: u32, instance: u32, mesh: u32, prim: u32) -> f32 {
     let mix = |mut x: u32| {
         x ^= x >> 16;
         x = x.wrapping_mul(0x7feb_352d);
@@ -150,7 +145,9 @@ mod tests {
         // Of two layers at 0.5 seen with the same key, a quarter of rays must pass both.
         let n = 100_000;
         let both = |a: [u32; 3], b: [u32; 3]| {
-            (0..n).filter(|&k| uniform(k, a[0], a[1], a[2]) < 0.5 && uniform(k, b[0], b[1], b[2]) < 0.5).count() as f64
+            (0..n)
+                .filter(|&k| hash_to_unit(k, a[0], a[1], a[2]) < 0.5 && hash_to_unit(k, b[0], b[1], b[2]) < 0.5)
+                .count() as f64
         };
         let sigma = (f64::from(n) * 0.25 * 0.75).sqrt();
         for (a, b) in [([0, 0, 0], [0, 0, 1]), ([0, 0, 0], [1, 0, 0]), ([1, 0, 0], [0, 1, 0]), ([0, 5, 7], [0, 7, 5])] {

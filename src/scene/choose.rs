@@ -1,11 +1,11 @@
-//! Cameras, scenes, variants and animations, as people name them.
+//! Selection of cameras, scenes, variants and animations by name or index.
 
 use crate::{Error, Result};
 
-/// The element that a flag means: the only one of this name, else by index.
+/// Index of the element that `--what wanted` selects: the only one of this name, else the one of this index.
 ///
 /// # Errors
-/// [`Error::Usage`] with those that there are.
+/// [`Error::Usage`] with a list of the elements.
 pub fn choose(what: &str, wanted: &str, names: &[String]) -> Result<usize> {
     let named: Vec<usize> = (0..names.len()).filter(|&i| names[i] == wanted).collect();
     let index = || wanted.parse().ok().filter(|&index: &usize| index < names.len());

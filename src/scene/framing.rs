@@ -1,40 +1,36 @@
-//! The view that fits all of a scene: the default of those that have no camera.
+//! The view that shows all of a scene: the default for scenes without a camera.
 
 use std::f64::consts::FRAC_PI_2;
 
 use glam::{Affine3A, DVec3, Mat3A, Vec3A};
 
-use super::{Camera, Projection};
-
-/// Where the eye is, seen from the scene's middle: in front, right and a little above.
-const FROM: DVec3 = DVec3::new(0.55, 0.35, 1.0);
-/// Vertical field in radians.
-const YFOV: f64 = 0.7;
-/// How much wider than the scene the view is.
+/// Direction from the scene to the eye: from the front, the right and slightly above.
+const EYE_DIRECTION: DVec3 = DVec3::new(0.55, 0.35, 1.0);
+/// Width of the view relative to the scene.
 const MARGIN: f64 = 1.05;
-/// Slopes of the view's sides that extremes are kept for, on either side.
+/// Slopes of the view frustum's sides for which the outermost point is kept, per side.
 const SLOPES: usize = 16;
-/// Left, right, top and bottom by slope, and what is nearest.
+/// Left, right, top and bottom for each slope, and the direction to the eye.
 const DIRECTIONS: usize = 4 * SLOPES + 1;
 
-/// The outermost points of a scene as the default view sees them: enough to fit that view to any picture's aspect.
+/// The outermost points of a scene as the default view sees them: enough to fit that view to any aspect of a picture.
 #[derive(Debug, Clone)]
 pub struct Framing {
     directions: [DVec3; DIRECTIONS],
-    /// How far along each direction the scene reaches, and where.
+    /// Largest distance along each direction, and the point at that distance.
     extremes: [(f64, DVec3); DIRECTIONS],
 }
 
-/// To the right, up, and toward the eye.
-fn axes() -> [DVec3; 3] {
-    let z = FROM.normalize();
+/// The view's axes in world space: right, up, toward the eye.
+fn view_axes() -> [DVec3; 3] {
+    let z = EYE_DIRECTION.normalize();
     let x = DVec3::Y.cross(z).normalize();
     [x, z.cross(x), z]
 }
 
 impl Default for Framing {
     fn default() -> Self {
-        let [x, y, z] = axes();
+        let [x, y, z] = view_axes();
         let side = |k: usize| {
             let slope = ((k / 4) as f64 + 0.5) * FRAC_PI_2 / SLOPES as f64;
             [x, -x, y, -y][k % 4] * slope.cos() + z * slope.sin()
@@ -45,10 +41,12 @@ impl Default for Framing {
 }
 
 impl Framing {
-    /// What the view is called.
+    /// Name of the view.
     pub const NAME: &str = "framed";
+    /// Vertical field of view in radians.
+    pub const YFOV: f64 = 0.7;
 
-    /// Takes a point in.
+    /// Adds a point (world space) that the view must show.
     pub fn include(&mut self, p: DVec3) {
         for (direction, extreme) in self.directions.iter().zip(&mut self.extremes) {
             let along = direction.dot(p);
@@ -58,17 +56,17 @@ impl Framing {
         }
     }
 
-    /// The camera from whose picture of this aspect (width over height) nothing is cut off, as near as can be: what is
-    /// projected lies in the middle of it.
-    pub fn camera(&self, aspect: f64) -> Camera {
-        let axes @ [x, y, z] = axes();
+    /// Camera to world of the nearest view whose picture of this aspect (width over height) shows every point; the
+    /// projected points are centred.
+    pub fn to_world(&self, aspect: f64) -> Affine3A {
+        let axes @ [x, y, z] = view_axes();
         let seen = self.extremes.iter().filter(|(along, _)| along.is_finite());
         let mut points: Vec<_> = seen.map(|(_, p)| DVec3::from(axes.map(|axis| axis.dot(*p)))).collect();
         if points.is_empty() {
             points.extend([DVec3::ONE, DVec3::NEG_ONE]);
         }
-        let high = (0.5 * YFOV).tan() / MARGIN;
-        // A point at p is inside the upper plane of an eye at e if p.y - e.y <= slope * (e.z - p.z), and so for the others.
+        let high = (0.5 * Self::YFOV).tan() / MARGIN;
+        // A point p lies below the upper plane of an eye e if p.y - e.y <= slope * (e.z - p.z); the other planes alike.
         let reach = |slope: f64, along: &dyn Fn(DVec3) -> f64| {
             points.iter().map(|p| along(*p) + slope * p.z).fold(f64::NEG_INFINITY, f64::max)
         };
@@ -78,9 +76,9 @@ impl Framing {
         let (far, tall) = (far_enough(high * aspect, &|p| p.x), far_enough(high, &|p| p.y));
         let near = reach(0.0, &|p| p.z);
         let size = points.iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
-        // A point has no extent: a metre from it is as good as any place.
+        // A single point has no extent: the eye is placed one metre away.
         let distance = if far.max(tall) > near + 1e-6 * size { far.max(tall) } else { near + 1.0 };
-        // What is projected reaches as far to either side: the eye's place falls by halves.
+        // Bisection for the eye position from which the projected points extend equally to both sides.
         let centred = |along: &dyn Fn(DVec3) -> f64| {
             let (mut low, mut high) = (-reach(0.0, &|p| -along(p)), reach(0.0, along));
             for _ in 0..60 {
@@ -93,14 +91,7 @@ impl Framing {
         };
         let eye = x * centred(&|p| p.x) + y * centred(&|p| p.y) + z * distance;
         let column = |v: DVec3| Vec3A::from(v.as_vec3());
-        Camera {
-            motion: None,
-            adjacent_frames: None,
-            name: Self::NAME.into(),
-            projection: Projection::Perspective { yfov: YFOV as f32 },
-            aspect: None,
-            to_world: Affine3A { matrix3: Mat3A::from_cols(column(x), column(y), column(z)), translation: column(eye) },
-        }
+        Affine3A { matrix3: Mat3A::from_cols(column(x), column(y), column(z)), translation: column(eye) }
     }
 }
 
@@ -123,10 +114,8 @@ mod tests {
         let mut framing = Framing::default();
         points.iter().for_each(|p| framing.include(*p));
         for aspect in [0.1, 0.5, 1.0, 16.0 / 9.0, 4.0] {
-            let camera = framing.camera(aspect);
-            let Projection::Perspective { yfov } = camera.projection else { panic!("perspective wanted") };
-            let to_camera = camera.to_world.inverse();
-            let half = (0.5 * yfov).tan();
+            let to_camera = framing.to_world(aspect).inverse();
+            let half = (0.5 * Framing::YFOV as f32).tan();
             let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
             for p in &points {
                 let p = to_camera.transform_point3(p.as_vec3());
@@ -142,10 +131,10 @@ mod tests {
 
     #[test]
     fn nothing_and_a_point_have_a_view_too() {
-        assert!(Framing::default().camera(1.0).to_world.is_finite());
+        assert!(Framing::default().to_world(1.0).is_finite());
         let mut point = Framing::default();
         point.include(DVec3::new(5.0, 6.0, 7.0));
-        let seen = point.camera(2.0).to_world.inverse().transform_point3(Vec3::new(5.0, 6.0, 7.0));
+        let seen = point.to_world(2.0).inverse().transform_point3(Vec3::new(5.0, 6.0, 7.0));
         assert!((seen - Vec3::NEG_Z).length() < 1e-4, "{seen}");
     }
 }

@@ -1,10 +1,10 @@
-//! The glTF metallic-roughness material, as data.
+//! glTF materials as plain data.
 
 use std::ops::{Index, IndexMut};
 
 use glam::{Affine2, Vec3, Vec4};
 
-/// How a texture's bytes become numbers.
+/// Encoding of a texture's stored values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Encoding {
     /// RGB is sRGB-encoded, alpha is linear.
@@ -22,11 +22,20 @@ pub struct TextureRef {
     pub set: u8,
     /// KHR_texture_transform, applied to the coordinates.
     pub transform: Option<Affine2>,
-    /// How to decode it.
+    /// How stored values are decoded.
     pub encoding: Encoding,
 }
 
-/// What a material's texture is for. Each multiplies the factor of the same name.
+impl TextureRef {
+    /// The element of `sets` (by texture coordinate set) that this texture reads. The single place that decides which
+    /// coordinates a texture uses.
+    #[inline(always)]
+    pub fn select<'a, T>(&self, sets: &'a [T; 2]) -> &'a T {
+        &sets[usize::from(self.set.min(1))]
+    }
+}
+
+/// Parameter that a texture of a material drives. Each texture multiplies the factor of the same name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TextureSlot {
     /// Base colour and alpha.
@@ -41,7 +50,7 @@ pub enum TextureSlot {
     Specular,
     /// KHR_materials_specular: colour.
     SpecularColor,
-    /// KHR_materials_transmission: share in red.
+    /// KHR_materials_transmission: transmitted fraction in red.
     Transmission,
     /// KHR_materials_clearcoat: strength in red.
     Clearcoat,
@@ -55,7 +64,7 @@ pub enum TextureSlot {
     SheenRoughness,
     /// KHR_materials_pbrSpecularGlossiness: specular colour, and glossiness in alpha.
     SpecularGlossiness,
-    /// KHR_materials_diffuse_transmission: share in alpha.
+    /// KHR_materials_diffuse_transmission: transmitted fraction in alpha.
     DiffuseTransmission,
     /// KHR_materials_diffuse_transmission: colour.
     DiffuseTransmissionColor,
@@ -63,12 +72,12 @@ pub enum TextureSlot {
     Anisotropy,
     /// KHR_materials_iridescence: strength in red.
     Iridescence,
-    /// KHR_materials_iridescence: where between its ends the thickness is, in green.
+    /// KHR_materials_iridescence: position of the film's thickness between its minimum and maximum, in green.
     IridescenceThickness,
 }
 
 impl TextureSlot {
-    /// All of them, in the order of their numbers.
+    /// All slots, in the order of their numbers.
     pub const ALL: [Self; 18] = [
         Self::BaseColor,
         Self::MetallicRoughness,
@@ -90,7 +99,7 @@ impl TextureSlot {
         Self::IridescenceThickness,
     ];
 
-    /// How its bytes become numbers.
+    /// Encoding of the slot's textures.
     pub fn encoding(self) -> Encoding {
         match self {
             Self::BaseColor
@@ -115,12 +124,12 @@ impl TextureSlot {
     }
 }
 
-/// A material's textures by slot: the only place that holds them, so whoever asks for all of them misses none.
+/// A material's textures by slot.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Textures([Option<TextureRef>; TextureSlot::ALL.len()]);
 
 impl Textures {
-    /// Those that there are.
+    /// The textures that are present.
     pub fn iter(&self) -> impl Iterator<Item = &TextureRef> {
         self.0.iter().flatten()
     }
@@ -140,7 +149,7 @@ impl IndexMut<TextureSlot> for Textures {
     }
 }
 
-/// What alpha means.
+/// Meaning of alpha.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum AlphaMode {
     /// Alpha is ignored.
@@ -172,17 +181,17 @@ pub struct Material {
     pub specular_color: Vec3,
     /// KHR_materials_ior: index of refraction, ≥ 1 (0 means infinite).
     pub ior: f32,
-    /// KHR_materials_transmission: share of the dielectric's base that transmits light, in [0, 1].
+    /// KHR_materials_transmission: fraction of the dielectric's base that transmits light, in [0, 1].
     pub transmission: f32,
-    /// KHR_materials_volume: the surface bounds a body, of which its winding shows the outside. Else it is a thin wall.
+    /// KHR_materials_volume: the surface bounds a medium, with front faces outside. If false, it is a thin wall.
     pub bounds_medium: bool,
-    /// KHR_materials_volume: absorption in the body, per metre; ≥ 0.
+    /// KHR_materials_volume: absorption coefficient of the medium, linear RGB per metre, ≥ 0.
     pub absorption: Vec3,
-    /// KHR_materials_diffuse_transmission: share of the diffuse base that transmits, in [0, 1].
+    /// KHR_materials_diffuse_transmission: fraction of the diffuse base that transmits, in [0, 1].
     pub diffuse_transmission: f32,
-    /// Its colour, in [0, 1].
+    /// KHR_materials_diffuse_transmission: linear RGB colour, in [0, 1].
     pub diffuse_transmission_color: Vec3,
-    /// KHR_materials_sheen: colour, in [0, 1].
+    /// KHR_materials_sheen: linear RGB colour, in [0, 1].
     pub sheen_color: Vec3,
     /// KHR_materials_sheen: perceptual roughness, in [0, 1].
     pub sheen_roughness: f32,
@@ -190,30 +199,30 @@ pub struct Material {
     pub clearcoat: f32,
     /// KHR_materials_clearcoat: perceptual roughness, in [0, 1].
     pub clearcoat_roughness: f32,
-    /// Scales the coat's normal map's x and y.
+    /// Scales x and y of the clear coat's normal map.
     pub clearcoat_normal_scale: f32,
     /// KHR_materials_anisotropy: strength, in [0, 1].
     pub anisotropy: f32,
-    /// Counter-clockwise from the tangent, in radians.
+    /// KHR_materials_anisotropy: rotation from the tangent, counter-clockwise, in radians.
     pub anisotropy_rotation: f32,
     /// KHR_materials_iridescence: strength, in [0, 1].
     pub iridescence: f32,
-    /// Index of refraction of the film, ≥ 1.
+    /// KHR_materials_iridescence: index of refraction of the thin film, ≥ 1.
     pub iridescence_ior: f32,
-    /// Its thickness in nanometres where the texture is 0 and where it is 1, or there is none.
+    /// KHR_materials_iridescence: thickness of the film in nanometres where its texture is 0 and where it is 1 or absent.
     pub iridescence_thickness: [f32; 2],
     /// KHR_materials_dispersion: 20 over the Abbe number, ≥ 0.
     pub dispersion: f32,
-    /// KHR_materials_pbrSpecularGlossiness: specular colour, in [0, 1]. Base colour and roughness are the diffuse colour and
-    /// one less the glossiness.
+    /// KHR_materials_pbrSpecularGlossiness: specular colour, in [0, 1]. `base_color` is then the diffuse colour and
+    /// `roughness` is 1 − glossiness.
     pub specular_glossiness: Option<Vec3>,
-    /// What alpha means.
+    /// Meaning of alpha.
     pub alpha_mode: AlphaMode,
-    /// Emission on both sides; single-sided surfaces shade from both sides but shine from the front.
+    /// Emit on both sides. Single-sided surfaces are shaded on both sides and emit on the front only.
     pub double_sided: bool,
-    /// KHR_materials_unlit: shows its base colour, scatters nothing.
+    /// KHR_materials_unlit: shows its base colour without lighting and does not scatter.
     pub unlit: bool,
-    /// What it samples.
+    /// Textures by slot.
     pub textures: Textures,
 }
 
@@ -256,29 +265,29 @@ impl Default for Material {
 }
 
 impl Material {
-    /// Can it emit at all (before its texture is looked at)?
+    /// Can the material emit? Textures are not considered.
     pub fn is_emissive(&self) -> bool {
         self.emissive.max_element() > 0.0 && !self.unlit
     }
 
-    /// Can a part of it be dielectric (before its texture is looked at)?
+    /// Can a part of the surface be dielectric? Values of textures are not considered.
     pub fn has_dielectric(&self) -> bool {
         !self.unlit && (self.metallic < 1.0 || self.textures[TextureSlot::MetallicRoughness].is_some())
     }
 
-    /// The texture coordinates along which its meshes' tangents lie, if it needs any: a normal map's, else the anisotropy's.
+    /// The texture coordinate set that tangents follow, if the material needs tangents: a normal map's, else the anisotropy's.
     pub fn tangent_set(&self) -> Option<u8> {
         let set = |slot: TextureSlot| self.textures[slot].as_ref().map(|texture| texture.set);
         let normals = set(TextureSlot::Normal).or(set(TextureSlot::ClearcoatNormal));
         normals.or((self.anisotropy > 0.0).then(|| set(TextureSlot::Anisotropy).unwrap_or(0)))
     }
 
-    /// Does light pass through it by its colour?
+    /// Does refraction depend on wavelength?
     pub fn disperses(&self) -> bool {
         self.dispersion > 0.0 && self.bounds_medium && self.transmission > 0.0 && self.has_dielectric()
     }
 
-    /// Does light pass through some of it?
+    /// Can light pass through the surface?
     pub fn transmits(&self) -> bool {
         self.has_dielectric() && (self.transmission > 0.0 || self.diffuse_transmission > 0.0)
     }

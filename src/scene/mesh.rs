@@ -1,11 +1,12 @@
-//! Triangles and where they stand.
+//! Triangle meshes, objects and their instances.
 
 use std::ops::{Deref, Range};
 use std::sync::Arc;
 
-use glam::Affine3A;
+use glam::{Affine3A, Vec2, Vec3};
 
-use super::motion::{Deformation, Motion};
+use super::material::TextureRef;
+use super::motion::{Motion, key_before, mix};
 
 /// Vertex positions that can be handed to Embree without a copy: Embree reads 16 bytes from the start of the last
 /// vertex, so one unused vertex follows it.
@@ -42,30 +43,92 @@ impl Deref for Positions {
     }
 }
 
-/// One indexed triangle mesh with one material. All attribute arrays are as long as `positions`; every index is
-/// below that length (checked by the importer: Embree does not check).
+/// Vertices of a mesh that deforms: at least two keys, evenly spaced in time.
+#[derive(Debug, Clone, Default)]
+pub struct Deformation {
+    /// Positions of each key; see [`Mesh::positions`].
+    pub positions: Vec<Positions>,
+    /// Normals of each key; see [`Mesh::normals`]. Empty if the mesh has none.
+    pub normals: Vec<Vec<[f32; 3]>>,
+}
+
+impl Deformation {
+    /// Size in memory, in bytes.
+    pub fn bytes(&self) -> usize {
+        let positions: usize = self.positions.iter().map(|p| size_of_val(p.padded())).sum();
+        positions + self.normals.iter().map(|n| size_of_val(&n[..])).sum::<usize>()
+    }
+
+    /// Positions of three vertices at a time in [0, 1] of the shutter.
+    #[inline]
+    pub fn corners(&self, vertices: [u32; 3], time: f32) -> [Vec3; 3] {
+        let (before, weight) = key_before(self.positions.len(), time);
+        let (a, b) = (&self.positions[before], &self.positions[before + 1]);
+        vertices.map(|i| mix(a[i as usize].into(), b[i as usize].into(), weight))
+    }
+
+    /// Normals of three vertices at a time in [0, 1] of the shutter, not normalized; `None` if the mesh has none.
+    #[inline]
+    pub fn normals(&self, vertices: [u32; 3], time: f32) -> Option<[Vec3; 3]> {
+        if self.normals.is_empty() {
+            return None;
+        }
+        let (before, weight) = key_before(self.normals.len(), time);
+        let (a, b) = (&self.normals[before], &self.normals[before + 1]);
+        Some(vertices.map(|i| mix(a[i as usize].into(), b[i as usize].into(), weight)))
+    }
+}
+
+/// An indexed triangle mesh with one material. All attribute arrays are as long as `positions`; every index is below
+/// that length (the importer checks this, Embree does not).
 #[derive(Debug, Clone, Default)]
 pub struct Mesh {
     /// Name for messages.
     pub name: String,
-    /// Object-space positions (world space once baked), finite.
+    /// Object-space positions in metres, finite; world-space if the instance has no transform.
     pub positions: Positions,
-    /// Unit normals; absent means flat shading.
+    /// Unit normals; `None` means flat shading.
     pub normals: Option<Vec<[f32; 3]>>,
-    /// Unit tangents, `w` = ±1 the bitangent's sign; present only when the material has a normal map.
+    /// Unit tangents, with the bitangent's sign (±1) in `w`; present only if the material needs tangents.
     pub tangents: Option<Vec<[f32; 4]>>,
-    /// TEXCOORD_0 and TEXCOORD_1; present only when the material samples them.
+    /// TEXCOORD_0 and TEXCOORD_1; present only if the material samples them.
     pub texcoords: [Option<Vec<[f32; 2]>>; 2],
-    /// COLOR_0, linear RGBA, multiplies the base colour.
+    /// COLOR_0: linear RGBA that multiplies the base colour.
     pub colors: Option<Vec<[f32; 4]>>,
-    /// Triangles, counter-clockwise from the front.
+    /// Triangles, counter-clockwise seen from the front.
     pub indices: Vec<[u32; 3]>,
     /// Index into [`super::Scene::materials`].
     pub material: u32,
-    /// What it does while the shutter is open; `None` if it holds its form. Tangents, coordinates and colours stay.
+    /// Deformation while the shutter is open, `None` if rigid. Tangents, texture coordinates and colours do not change.
     pub motion: Option<Deformation>,
-    /// Positions a frame before and after, for velocities; `None` if they are the same, or nobody asks.
+    /// Positions one frame before and one after, for velocities; `None` if equal to `positions` or not requested.
     pub adjacent_frames: Option<[Positions; 2]>,
+}
+
+impl Mesh {
+    /// A flat-shaded mesh without texture coordinates, with the scene's first material; [`super::Scene::add`] places it
+    /// with a material of its own. `positions` in metres; `indices` counter-clockwise seen from the front, each below the
+    /// number of positions.
+    pub fn new(positions: Vec<[f32; 3]>, indices: Vec<[u32; 3]>) -> Self {
+        Self { name: "mesh".into(), positions: Positions::new(positions), indices, ..Self::default() }
+    }
+
+    /// Coordinates at which `texture` is sampled at three vertices; (0, 0) if the mesh does not have the set.
+    #[inline]
+    pub fn corner_texcoords(&self, texture: &TextureRef, vertices: [u32; 3]) -> [Vec2; 3] {
+        match texture.select(&self.texcoords) {
+            Some(texcoords) => vertices.map(|i| Vec2::from_array(texcoords[i as usize])),
+            None => [Vec2::ZERO; 3],
+        }
+    }
+
+    /// Coordinates at which `texture` is sampled on triangle `prim`, at barycentric weights (`u`, `v`) of its second and
+    /// third vertex; (0, 0) if the mesh does not have the set.
+    #[inline]
+    pub fn texcoord(&self, texture: &TextureRef, prim: u32, (u, v): (f32, f32)) -> Vec2 {
+        let [a, b, c] = self.corner_texcoords(texture, self.indices[prim as usize]);
+        a + (b - a) * u + (c - a) * v
+    }
 }
 
 /// Meshes that are placed together.
@@ -77,30 +140,30 @@ pub struct Object {
     pub meshes: Range<u32>,
 }
 
-/// One placement of an object.
+/// A placement of an object.
 #[derive(Debug, Clone, Default)]
 pub struct Instance {
     /// Name of the node, for messages.
     pub name: String,
     /// Index into [`super::Scene::objects`].
     pub object: u32,
-    /// Object to world, at the picture's own moment; `None` when the meshes are already in world space. Invertible and
+    /// Object to world at the picture's own time; `None` if the meshes are already in world space. Invertible and
     /// finite.
     pub transform: Option<Affine3A>,
-    /// What it does while the shutter is open; `None` if it stands still.
+    /// Motion while the shutter is open; `None` if the instance does not move.
     pub motion: Option<Arc<Motion>>,
-    /// Object to world a frame before and after, for velocities; `None` if it is the same, or nobody asks.
+    /// Object to world one frame before and one after, for velocities; `None` if equal to `transform` or not requested.
     pub adjacent_frames: Option<[Affine3A; 2]>,
 }
 
 impl Instance {
-    /// Object to world at a time in [0, 1] of the shutter; `None` when the meshes are already in world space.
+    /// Object to world at a time in [0, 1] of the shutter; `None` if the meshes are already in world space.
     #[inline]
     pub fn at(&self, time: f32) -> Option<Affine3A> {
         self.motion.as_ref().map(|motion| motion.at(time)).or(self.transform)
     }
 }
 
-/// Largest coordinate, in metres, of what is placed: squares of distances must fit a 32-bit float, and Embree leaves
-/// triangles beyond 1.8e18 out silently.
-pub const FARTHEST: f32 = 1e18;
+/// Largest coordinate of placed geometry in metres. Squares of distances must fit a 32-bit float, and Embree silently
+/// omits triangles beyond 1.8e18.
+pub const MAX_COORDINATE: f32 = 1e18;

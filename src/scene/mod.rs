@@ -1,5 +1,5 @@
-//! Plain scene data: what an importer fills and everything downstream reads. It knows nothing of rays or files
-//! (only [`import`] does).
+//! Plain scene data: filled by an importer or by [`Scene::add`] and [`Camera::look_at`], read by everything downstream.
+//! Only [`import`] knows of files; nothing here knows of rays.
 
 use std::sync::Arc;
 
@@ -23,56 +23,68 @@ pub use environment::Environment;
 pub use framing::Framing;
 pub use lights::{LightKey, PunctualKind, PunctualLight};
 pub use material::{AlphaMode, Encoding, Material, TextureRef, TextureSlot, Textures};
-pub use mesh::{FARTHEST, Instance, Mesh, Object, Positions};
-pub use motion::{Deformation, Motion};
+pub use mesh::{Deformation, Instance, MAX_COORDINATE, Mesh, Object, Positions};
+pub use motion::Motion;
 pub use texture::{Filter, Image, Texels, Texture, Wrap};
 
-/// A scene, ready to be built into ray queries. Lengths in metres, glTF axes (+y up, right-handed).
+/// A scene, ready to be built into ray queries. Lengths in metres; glTF's axes (+y up, right-handed).
 #[derive(Debug, Clone, Default)]
 pub struct Scene {
-    /// Triangle meshes, one a glTF primitive.
+    /// Triangle meshes, one per glTF primitive.
     pub meshes: Vec<Arc<Mesh>>,
-    /// Groups of meshes that are placed together, one a glTF mesh.
+    /// Groups of meshes that are placed together, one per glTF mesh.
     pub objects: Vec<Object>,
-    /// Placements of objects. An object that is placed once has its transform baked into its meshes.
+    /// Placements of objects. The importer bakes the transform of an object that is placed once into its meshes.
     pub instances: Vec<Instance>,
-    /// Materials; every mesh names one.
+    /// Materials; every mesh refers to one.
     pub materials: Vec<Material>,
-    /// Decoded pictures, only those that a reachable material samples.
+    /// Decoded pictures; the importer keeps only those that a reachable material samples.
     pub images: Vec<Arc<Image>>,
-    /// Pictures with their sampler.
+    /// Pictures with their samplers.
     pub textures: Vec<Texture>,
     /// Point, spot and directional lights, in world space.
     pub lights: Vec<PunctualLight>,
-    /// Cameras, in world space; at least one (a framed view when the file has none). What renders asks
-    /// [`Scene::camera`].
+    /// Cameras, in world space. An imported scene has at least one: a view that frames the scene if the file has no
+    /// camera. The renderer reads them through [`Scene::camera`].
     pub cameras: Vec<Camera>,
-    /// What the framed view, the last of the cameras, is fitted to; of a file without a camera, or where it was asked for.
-    pub framing: Option<Box<Framing>>,
-    /// Light from infinity.
+    /// Light from infinity; `None` for black.
     pub environment: Option<Environment>,
 }
 
 impl Scene {
+    /// Adds a mesh with a material of its own, as an object that is placed once at its own coordinates (world space).
+    /// Returns the index of the new instance, through which it can be moved.
+    pub fn add(&mut self, mut mesh: Mesh, material: Material) -> usize {
+        let (index, object) = (self.meshes.len() as u32, self.objects.len() as u32);
+        mesh.material = self.materials.len() as u32;
+        self.materials.push(material);
+        self.objects.push(Object { name: mesh.name.clone(), meshes: index..index + 1 });
+        self.instances.push(Instance { name: mesh.name.clone(), object, ..Default::default() });
+        self.meshes.push(mesh.into());
+        self.instances.len() - 1
+    }
+
     /// Number of triangles of an object.
     pub fn triangles(&self, object: u32) -> usize {
         self.objects[object as usize].meshes.clone().map(|mesh| self.meshes[mesh as usize].indices.len()).sum()
     }
 
-    /// Camera `index` for a picture of `width` by `height`: the framed view fits it.
+    /// Camera `index` for a picture of `width` by `height` pixels. A camera with a [`Camera::framing`] is fitted to the
+    /// picture's aspect; every other one is returned unchanged.
     pub fn camera(&self, index: usize, width: u32, height: u32) -> Camera {
-        match &self.framing {
-            Some(framing) if index + 1 == self.cameras.len() => framing.camera(f64::from(width) / f64::from(height)),
-            _ => self.cameras[index].clone(),
+        let mut camera = self.cameras[index].clone();
+        if let Some(framing) = &camera.framing {
+            camera.to_world = framing.to_world(f64::from(width) / f64::from(height));
         }
+        camera
     }
 
-    /// Adds the framed view to a file's cameras, unless it or another of its name is there.
+    /// Adds a view that shows all of the scene ([`Camera::framed`]), unless there is a camera of its name.
     pub fn frame(&mut self) {
         if self.cameras.iter().any(|camera| camera.name == Framing::NAME) {
             return;
         }
-        let mut framing = Box::<Framing>::default();
+        let mut framing = Framing::default();
         for instance in &self.instances {
             let transform = instance.transform;
             let placed = |p: &[f32; 3]| {
@@ -83,8 +95,7 @@ impl Scene {
             let points = meshes.flat_map(|mesh| self.meshes[mesh as usize].positions.iter());
             points.for_each(|p| framing.include(placed(p)));
         }
-        self.cameras.push(framing.camera(1.0));
-        self.framing = Some(framing);
+        self.cameras.push(Camera::framed(framing));
     }
 
     /// Does anything move while the shutter is open?
@@ -95,14 +106,14 @@ impl Scene {
             || self.lights.iter().any(|light| !light.motion.is_empty())
     }
 
-    /// Is anything elsewhere, or seen from elsewhere, a frame before or after, as far as that is known?
+    /// Does a mesh, an instance or a camera have other transforms or positions one frame before or after?
     pub fn has_velocities(&self) -> bool {
         self.meshes.iter().any(|mesh| mesh.adjacent_frames.is_some())
             || self.instances.iter().any(|instance| instance.adjacent_frames.is_some())
             || self.cameras.iter().any(|camera| camera.adjacent_frames.is_some())
     }
 
-    /// Of each mesh, whether it is elsewhere, or has another form, at some time that the shutter is open.
+    /// For each mesh: does it move or deform while the shutter is open?
     pub fn moving_meshes(&self) -> Vec<bool> {
         let mut moving: Vec<bool> = self.meshes.iter().map(|mesh| mesh.motion.is_some()).collect();
         for instance in self.instances.iter().filter(|instance| instance.motion.is_some()) {
@@ -112,32 +123,35 @@ impl Scene {
         moving
     }
 
-    /// Would rays meet the same surfaces in the other scene? Says so only where both share their meshes.
+    /// Do rays hit the same surfaces in the other scene? True only if the scenes share their meshes in memory.
     pub fn has_surfaces_of(&self, other: &Self) -> bool {
         let meshes = |scene: &Self| scene.meshes.iter().map(Arc::as_ptr).collect::<Vec<_>>();
         let images = |scene: &Self| scene.images.iter().map(Arc::as_ptr).collect::<Vec<_>>();
-        let placed = |scene: &Self| {
-            let place = |i: &Instance| (scene.objects[i.object as usize].meshes.clone(), i.transform, i.motion.clone());
-            scene.instances.iter().map(place).collect::<Vec<_>>()
+        let placements = |scene: &Self| {
+            let placement =
+                |i: &Instance| (scene.objects[i.object as usize].meshes.clone(), i.transform, i.motion.clone());
+            scene.instances.iter().map(placement).collect::<Vec<_>>()
         };
-        // Whether a ray goes through them.
+        // Alpha decides which hits count, unless all materials are opaque.
         let opaque = |scene: &Self| scene.materials.iter().all(|material| material.alpha_mode == AlphaMode::Opaque);
-        let alike = || {
+        let same_alpha = || {
             (&self.materials, &self.textures) == (&other.materials, &other.textures) && images(self) == images(other)
         };
-        meshes(self) == meshes(other) && placed(self) == placed(other) && (opaque(self) && opaque(other) || alike())
+        meshes(self) == meshes(other)
+            && placements(self) == placements(other)
+            && (opaque(self) && opaque(other) || same_alpha())
     }
 
-    /// Does anything in it shine, or is all of it shown without light?
+    /// Is there a light source, or are all materials unlit?
     pub fn is_lit(&self) -> bool {
-        let unlit = !self.materials.is_empty() && self.materials.iter().all(|m| m.unlit);
-        unlit
+        let all_unlit = !self.materials.is_empty() && self.materials.iter().all(|m| m.unlit);
+        all_unlit
             || self.materials.iter().any(Material::is_emissive)
             || self.environment.is_some()
             || !self.lights.is_empty()
     }
 
-    /// Lights a scene in which nothing shines by [`Environment::studio`]; says whether it did.
+    /// Adds [`Environment::studio`] to a scene without light; returns whether it did.
     pub fn light_if_dark(&mut self) -> bool {
         let dark = !self.is_lit();
         if dark {
@@ -146,7 +160,7 @@ impl Scene {
         dark
     }
 
-    /// Radius in metres of a sphere around everything, 0 for an empty scene.
+    /// Radius in metres of a sphere that contains every placed mesh; 0 for an empty scene.
     pub fn radius(&self) -> f32 {
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for mesh_box in self.boxes() {
@@ -156,9 +170,9 @@ impl Scene {
         if low.x > high.x { 0.0 } else { 0.5 * (high - low).length() }
     }
 
-    /// World-space corners (lowest, highest) of a box around each placed mesh.
+    /// World-space lower and upper corner of a box around each placed mesh.
     fn boxes(&self) -> impl Iterator<Item = (Vec3, Vec3)> {
-        let own: Vec<(Vec3, Vec3)> = self
+        let mesh_boxes: Vec<(Vec3, Vec3)> = self
             .meshes
             .iter()
             .map(|mesh| {
@@ -167,8 +181,9 @@ impl Scene {
             })
             .collect();
         self.instances.iter().flat_map(move |instance| {
-            let own: Vec<_> = self.objects[instance.object as usize].meshes.clone().map(|m| own[m as usize]).collect();
-            own.into_iter().filter(|(l, h)| l.x <= h.x).map(|(l, h)| match instance.transform {
+            let meshes = self.objects[instance.object as usize].meshes.clone();
+            let boxes: Vec<_> = meshes.map(|mesh| mesh_boxes[mesh as usize]).collect();
+            boxes.into_iter().filter(|(l, h)| l.x <= h.x).map(|(l, h)| match instance.transform {
                 None => (l, h),
                 Some(t) => (0..8).fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), corner| {
                     let pick = |axis: usize| if corner >> axis & 1 == 0 { l[axis] } else { h[axis] };
@@ -177,5 +192,42 @@ impl Scene {
                 }),
             })
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::vec3;
+
+    use super::*;
+
+    #[test]
+    fn a_camera_that_is_added_to_a_framed_scene_is_the_one_that_is_rendered() {
+        let mut scene = Scene::default();
+        scene.add(Mesh::new(vec![[0.0; 3], [2.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]), Material::default());
+        scene.frame();
+        let pushed = Camera::look_at(vec3(1.0, 2.0, 3.0), Vec3::ZERO, 0.5);
+        scene.cameras.push(pushed.clone());
+        assert_eq!(scene.camera(1, 40, 10).to_world, pushed.to_world);
+        // The framed view stays where it was, and still fits the picture.
+        let [square, wide] = [10, 40].map(|width| scene.camera(0, width, 10));
+        assert!(square.name == Framing::NAME && square.to_world != wide.to_world);
+        assert_eq!(square.to_world, scene.cameras[0].to_world);
+        scene.cameras.swap(0, 1);
+        assert_eq!(scene.camera(0, 40, 10).to_world, pushed.to_world);
+        scene.frame();
+        assert_eq!(scene.cameras.len(), 2);
+    }
+
+    #[test]
+    fn a_camera_looks_at_its_target_with_up_up() {
+        for (eye, target) in [(vec3(1.0, 2.0, 3.0), vec3(0.0, 0.5, -1.0)), (Vec3::Y, Vec3::ZERO)] {
+            let to_camera = Camera::look_at(eye, target, 0.5).to_world.inverse();
+            let seen = to_camera.transform_point3(target);
+            assert!((seen + Vec3::Z * eye.distance(target)).length() < 1e-5, "{seen}");
+            let up = if eye == Vec3::Y { Vec3::Z } else { Vec3::Y };
+            let up = to_camera.transform_vector3(up);
+            assert!(up.x.abs() < 1e-6 && up.y > 0.0, "{up}");
+        }
     }
 }

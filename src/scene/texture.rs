@@ -1,4 +1,4 @@
-//! Pictures, samplers and texture look-up.
+//! Pictures, samplers and texture lookup.
 
 use std::ops::{Add, Mul, Sub};
 use std::sync::LazyLock;
@@ -7,27 +7,27 @@ use glam::{Vec2, Vec3, Vec4};
 
 use super::{Encoding, Scene, TextureRef};
 
-/// What happens outside [0, 1].
+/// Treatment of coordinates outside [0, 1].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Wrap {
-    /// The edge texel goes on.
+    /// Clamp to the edge.
     ClampToEdge,
-    /// Every second copy is mirrored.
+    /// Repeat, with every second copy mirrored.
     MirroredRepeat,
-    /// Copies.
+    /// Repeat.
     Repeat,
 }
 
 /// Magnification filter; minification is by supersampling.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Filter {
-    /// The texel that the point lies in.
+    /// The texel that contains the point.
     Nearest,
     /// Bilinear.
     Linear,
 }
 
-/// Texels as they were stored, row-major from the top.
+/// Stored texels, row-major from the top.
 #[derive(Debug, Clone)]
 pub enum Texels {
     /// 8-bit RGB.
@@ -43,22 +43,22 @@ pub enum Texels {
 pub struct Image {
     /// Name or URI, for messages.
     pub name: String,
-    /// Pixels a row, ≥ 1.
+    /// Width in texels, ≥ 1.
     pub width: u32,
-    /// Rows, ≥ 1.
+    /// Height in texels, ≥ 1.
     pub height: u32,
     /// `width * height` texels.
     pub texels: Texels,
 }
 
-/// A picture with its sampler.
+/// A picture with a sampler.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Texture {
     /// Index into [`Scene::images`].
     pub image: u32,
-    /// Along u.
+    /// Wrap mode along u.
     pub wrap_s: Wrap,
-    /// Along v.
+    /// Wrap mode along v.
     pub wrap_t: Wrap,
     /// Magnification filter.
     pub filter: Filter,
@@ -129,7 +129,7 @@ impl Wrap {
         let centred = x * size as f32 - 0.5;
         let floor = centred.floor();
         let low = floor as i32;
-        // Half a texel beyond an edge: the other edge's texel, or (clamped and mirrored alike) the edge's own.
+        // Within half a texel of an edge: the texel at the opposite edge if repeated, else the edge's own.
         let (before, after) = if self == Wrap::Repeat { (last, 0) } else { (0, last) };
         let first = if low < 0 { before } else { (low as u32).min(last) };
         let second = if low + 1 > last as i32 { after } else { (low + 1) as u32 };
@@ -143,13 +143,13 @@ fn nearest(x: f32, size: u32) -> u32 {
 }
 
 impl Scene {
-    /// Linear RGBA in [0, 1] of a texture at coordinates `uv` (already of the set that `texture` names). The
-    /// coordinates' transform is applied here. Non-finite coordinates read texel (0, 0).
+    /// Linear RGBA in [0, 1] of a texture at coordinates `uv` of the set that it reads ([`TextureRef::select`]). The
+    /// texture's transform is applied here. Non-finite coordinates read texel (0, 0).
     pub fn sample_texture(&self, texture: &TextureRef, uv: Vec2) -> Vec4 {
         self.filter(texture, uv, |texels, index| texels.rgba(index, texture.encoding))
     }
 
-    /// Alpha of [`Self::sample_texture`], for less.
+    /// Alpha of [`Self::sample_texture`], at lower cost.
     pub(super) fn sample_alpha(&self, texture: &TextureRef, uv: Vec2) -> f32 {
         self.filter(texture, uv, Texels::alpha)
     }
@@ -171,7 +171,7 @@ impl Scene {
         }
         let (x0, x1, fx) = wrap_s.neighbours(u, width);
         let (y0, y1, fy) = wrap_t.neighbours(v, height);
-        // This form is exact between equal texels: what is opaque stays opaque.
+        // This form is exact between equal texels, so that opaque texels stay opaque.
         let mix = |a: T, b: T, f: f32| a + (b - a) * f;
         mix(mix(at(x0, y0), at(x1, y0), fx), mix(at(x0, y1), at(x1, y1), fx), fy)
     }

@@ -6,10 +6,9 @@ use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
 use bismar::render::{RenderSettings, render};
 use bismar::scene::{
-    Camera, Deformation, Environment, Instance, LightKey, Material, Mesh, Motion, Object, Positions, Projection,
-    PunctualKind, PunctualLight, Scene,
+    Camera, Deformation, Environment, LightKey, Material, Mesh, Motion, PunctualKind, PunctualLight, Scene,
 };
-use glam::{Affine3A, DAffine3, DQuat, DVec3, Mat3, Vec3};
+use glam::{Affine3A, DAffine3, DQuat, DVec3, Vec3};
 
 use super::statistics::Mean;
 
@@ -35,18 +34,7 @@ pub fn lamp(radiance: f32) -> Material {
 
 /// Adds a mesh with its own object and instance.
 pub fn add(scene: &mut Scene, points: Vec<[f32; 3]>, indices: Vec<[u32; 3]>, material: Material) {
-    let n = scene.meshes.len() as u32;
-    scene.materials.push(material);
-    let mesh = Mesh {
-        name: format!("mesh {n}"),
-        positions: Positions::new(points),
-        indices,
-        material: n,
-        ..Default::default()
-    };
-    scene.meshes.push(mesh.into());
-    scene.objects.push(Object { name: String::new(), meshes: n..n + 1 });
-    scene.instances.push(Instance { name: String::new(), object: n, ..Default::default() });
+    scene.add(Mesh::new(points, indices), material);
 }
 
 /// A rectangle at height `y`, facing up or down.
@@ -122,17 +110,7 @@ pub fn glass_hall() -> Arc<Scene> {
 
 /// Looks from `eye` at `at`.
 pub fn look(scene: &mut Scene, eye: Vec3, at: Vec3, yfov: f32) {
-    let up = if (at - eye).normalize().y.abs() > 0.99 { Vec3::Z } else { Vec3::Y };
-    let z = (eye - at).normalize();
-    let x = up.cross(z).normalize();
-    scene.cameras.push(Camera {
-        motion: None,
-        adjacent_frames: None,
-        name: "camera".into(),
-        projection: Projection::Perspective { yfov },
-        aspect: None,
-        to_world: Affine3A::from_mat3_translation(Mat3::from_cols(x, z.cross(x), z), eye),
-    });
+    scene.cameras.push(Camera::look_at(eye, at, yfov));
 }
 
 /// A metal ball on a diffuse floor under a lamp and a grey sky: every kind of light sample and bounce.

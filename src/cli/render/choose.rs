@@ -51,14 +51,8 @@ mod tests {
     use super::*;
 
     fn cameras(names: &[&str]) -> Vec<Camera> {
-        let camera = |name: &&str| Camera {
-            motion: None,
-            adjacent_frames: None,
-            name: name.to_string(),
-            projection: Projection::Perspective { yfov: 1.0 },
-            aspect: None,
-            to_world: glam::Affine3A::IDENTITY,
-        };
+        let camera =
+            |name: &&str| Camera { name: name.to_string(), ..Camera::look_at(glam::Vec3::Z, glam::Vec3::ZERO, 1.0) };
         names.iter().map(camera).collect()
     }
 

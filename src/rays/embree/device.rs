@@ -262,7 +262,7 @@ impl DeviceHandle {
                 sys::rtcSetGeometryTimeStepCount(geometry, keys.len() as u32);
             }
             for (step, key) in (0..).zip(keys) {
-                match motion.is_some_and(Motion::turns) {
+                match motion.is_some_and(Motion::has_rotation) {
                     true => sys::rtcSetGeometryTransformQuaternion(geometry, step, &decomposition(key)),
                     false => set(step, &key.transform()),
                 }

@@ -13,14 +13,14 @@ use crate::film::exr_file;
 use crate::scene::Environment;
 
 /// 16384x8192.
-const LARGEST_PIXELS: u64 = 1 << 27;
+const MAX_PIXELS: u64 = 1 << 27;
 /// Bytes of a file.
-const LARGEST_FILE: u64 = 4 << 30;
+const MAX_FILE_BYTES: u64 = 4 << 30;
 
-/// Three floats, and the tables that it is sampled with.
-const BYTES_A_PIXEL: u64 = 12 + 24;
+/// Memory per pixel: three floats, and the tables for importance sampling.
+const BYTES_PER_PIXEL: u64 = 12 + 24;
 
-/// An environment's file, opened once: what is hashed is what is rendered.
+/// An environment's file, opened once, so that the data that is hashed is the data that is rendered.
 #[derive(Debug)]
 pub struct EnvironmentFile {
     path: PathBuf,
@@ -28,16 +28,16 @@ pub struct EnvironmentFile {
     decoded: Mutex<Option<Decoded>>,
 }
 
-/// Width, height, pixels.
+/// Width and height in pixels, and linear RGB pixels.
 type Decoded = (u32, u32, Arc<[[f32; 3]]>);
 
 impl EnvironmentFile {
     /// Reads the file.
     ///
     /// # Errors
-    /// The file missing, forbidden or not regular.
+    /// The file is missing, not permitted or not regular.
     pub fn open(path: &Path) -> Result<Self> {
-        Ok(Self { path: path.into(), bytes: read_regular(path, LARGEST_FILE)?, decoded: Mutex::default() })
+        Ok(Self { path: path.into(), bytes: read_regular(path, MAX_FILE_BYTES)?, decoded: Mutex::default() })
     }
 
     /// BLAKE3 of the file, hexadecimal.
@@ -45,29 +45,30 @@ impl EnvironmentFile {
         blake3::hash(&self.bytes).to_hex().to_string()
     }
 
-    /// Bytes that it takes in memory once it is decoded and prepared, by what the file says of itself.
+    /// Estimated memory in bytes of the decoded and prepared environment, by the file's header.
     pub fn memory_bytes(&self) -> u64 {
         let reader = ImageReader::new(Cursor::new(&self.bytes)).with_guessed_format();
-        // Radiance or OpenEXR: half a byte a channel at the least, were it well packed; decoding says what is wrong.
+        // Without a readable header: well-packed pictures have about four bytes per pixel. Decoding reports the fault.
         let pixels = match reader.map(ImageReader::into_dimensions) {
             Ok(Ok((width, height))) => u64::from(width) * u64::from(height),
             _ => self.bytes.len() as u64 / 4,
         };
-        pixels * BYTES_A_PIXEL
+        pixels * BYTES_PER_PIXEL
     }
 
-    /// Decodes an equirectangular picture, once however often it is asked for; `rotation_degrees` turns it about +y, `strength` multiplies it.
+    /// Decodes the equirectangular picture; later calls reuse the pixels. `rotation_degrees` rotates it about +y, `strength`
+    /// multiplies the radiance.
     ///
-    /// NaN, infinite and negative pixels become the nearest value that light can have (black, or the largest finite one
-    /// of the format), with a warning in the log.
+    /// NaN and negative values become 0, large and infinite values 65504 (the largest half float), with a warning.
     ///
     /// # Errors
-    /// As [`environment`], but for opening.
+    /// [`Error::Usage`] for a rotation or strength that is not finite or a negative strength; [`Error::Data`] for a picture
+    /// that cannot be decoded or has more than 2^27 pixels.
     pub fn decode(&self, rotation_degrees: f32, strength: f32) -> Result<Environment> {
         check_flags(rotation_degrees, strength)?;
         let mut decoded = self.decoded.lock().unwrap_or_else(PoisonError::into_inner);
         let (width, height, pixels) = match &*decoded {
-            Some(there) => there.clone(),
+            Some(decoded) => decoded.clone(),
             None => decoded.insert(self.decode_pixels()?).clone(),
         };
         Ok(Environment {
@@ -105,8 +106,8 @@ impl EnvironmentFile {
 /// Opens and decodes an equirectangular picture ([`EnvironmentFile::decode`]).
 ///
 /// # Errors
-/// [`Error::Usage`] for a rotation or strength that is not finite or negative, [`Error::Missing`] when the file is
-/// not there, [`Error::Data`] when it is not such a picture or larger than 2^27 pixels.
+/// [`Error::Usage`] for a rotation or strength that is not finite or a negative strength, [`Error::Missing`] for a missing
+/// file, [`Error::Data`] for a picture that cannot be decoded or has more than 2^27 pixels.
 pub fn environment(path: &Path, rotation_degrees: f32, strength: f32) -> Result<Environment> {
     check_flags(rotation_degrees, strength)?;
     EnvironmentFile::open(path)?.decode(rotation_degrees, strength)
@@ -125,11 +126,11 @@ fn check_flags(rotation_degrees: f32, strength: f32) -> Result<()> {
 type Picture = std::result::Result<(u32, u32, Vec<[f32; 3]>), String>;
 
 fn check_size(width: u64, height: u64, file_bytes: usize) -> std::result::Result<(), String> {
-    // The same proportion as for textures: flat colours compress a thousandfold, small pictures always pass.
+    // The proportion is that of textures: flat colours compress a thousandfold, small pictures always pass.
     let pixels = width.saturating_mul(height);
     let fits = pixels.saturating_mul(12) <= (1 << 30) + 256 * file_bytes as u64;
-    if width == 0 || height == 0 || pixels > LARGEST_PIXELS || !fits {
-        return Err(format!("{width}x{height} pixels in {file_bytes} bytes; at most {LARGEST_PIXELS} can be used"));
+    if width == 0 || height == 0 || pixels > MAX_PIXELS || !fits {
+        return Err(format!("{width}x{height} pixels in {file_bytes} bytes; at most {MAX_PIXELS} can be used"));
     }
     Ok(())
 }
@@ -150,21 +151,21 @@ fn read_exr(bytes: &[u8]) -> Picture {
     Ok(((x1 - x0) as u32, (y1 - y0) as u32, picture.rgb))
 }
 
-/// Makes every value finite and ≥ 0; says how many pixels changed.
+/// Makes every value finite and ≥ 0; returns the number of changed pixels.
 fn clean(pixels: &mut [[f32; 3]]) -> usize {
     let mut changed = 0;
     for pixel in pixels {
         let before = *pixel;
         for x in pixel.iter_mut() {
-            *x = if x.is_nan() { 0.0 } else { x.clamp(0.0, LARGEST_RADIANCE) };
+            *x = if x.is_nan() { 0.0 } else { x.clamp(0.0, MAX_RADIANCE) };
         }
         changed += usize::from(before.iter().zip(*pixel).any(|(a, b)| *a != b));
     }
     changed
 }
 
-/// What a half float can hold: sums over a map of such pixels stay finite.
-const LARGEST_RADIANCE: f32 = 65504.0;
+/// Largest half float: sums over a map of such pixels stay finite.
+const MAX_RADIANCE: f32 = 65504.0;
 
 #[cfg(test)]
 mod tests {

@@ -3,13 +3,14 @@
 //! Three rooms, one way: `source` (files, opened once) → `document` (parsed and checked) → `build` (accessors to
 //! meshes, textures, nodes, lights, cameras). The file is not trusted: everything that an index, offset or count could
 //! break is checked before it is used (`document`), file names stay under the scene's folder (`source`), and memory
-//! stays in proportion to the file (`build`). What the shown scene does not need is checked, but not kept; the report
-//! says so.
+//! stays in proportion to the file (`build`). Elements that the shown scene does not need are checked but not kept; the
+//! report lists them.
 
 mod build;
 mod complaint;
 mod document;
 mod environment;
+mod options;
 mod report;
 mod source;
 mod summary;
@@ -20,6 +21,7 @@ use std::time::Instant;
 use serde_json::Value;
 
 pub use environment::{EnvironmentFile, environment};
+pub use options::{ImportOptions, Pose, Shutter};
 pub use report::{ImportReport, Note, NoteKind, SceneCounts};
 pub use source::Survey;
 pub use summary::{Summary, summary};
@@ -29,68 +31,31 @@ use report::Notes;
 use super::Scene;
 use crate::error::{Error, Result};
 
-/// What to import, and how strictly.
-#[derive(Debug, Clone, Default)]
-pub struct ImportOptions {
-    /// Whatever would be approximated or ignored (also a missing texture) is an error that names it.
-    pub strict: bool,
-    /// A time sample of its animations; else the pose that its nodes and weights have.
-    pub pose: Option<Pose>,
-    /// The document's scene, by name or index; else the one that it shows by default.
-    pub scene: Option<String>,
-    /// The material variant (KHR_materials_variants), by name; else the default materials.
-    pub variant: Option<String>,
-}
-
-/// A time sample of a document's animations.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Pose {
-    /// Since their beginning; before the first key of a channel and after its last one it stands still.
-    pub seconds: f64,
-    /// By name or index; `None` or `all` for all of them at once, as viewers play them.
-    pub animation: Option<String>,
-    /// How long light is let in around it; else it is a time sample.
-    pub shutter: Option<Shutter>,
-    /// Seconds to the frames before and after, for velocities; `None` if nobody asks for them.
-    pub frame: Option<f64>,
-}
-
-/// For how long a camera's shutter is open.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Shutter {
-    /// Seconds from the pose's to its opening, of either sign.
-    pub opens: f64,
-    /// To its closing, > `opens`.
-    pub closes: f64,
-    /// Into how many steps motion is cut, at most [`MOST_STEPS`](super::motion::MOST_STEPS); `None`: as many as it bends.
-    pub steps: Option<u32>,
-}
-
-/// A scene, and what was done to get it.
+/// An imported scene with its report.
 #[derive(Debug)]
 pub struct Imported {
-    /// Ready to be rendered; has at least one camera. Without an environment.
+    /// The scene, ready to be rendered: with at least one camera, without an environment.
     pub scene: Scene,
-    /// What was used, approximated, ignored and not loaded.
+    /// Report of what was used, approximated, ignored and not loaded.
     pub report: ImportReport,
 }
 
-/// A `.gltf` or `.glb` file and the files that it names, opened once and in memory.
+/// A `.gltf` or `.glb` file and the files that it refers to, opened once and held in memory.
 #[derive(Debug)]
 pub struct SceneFiles {
     source: source::Source,
-    /// What imports of them share.
-    kept: build::Kept,
+    /// Results that later imports reuse.
+    cache: build::ImportCache,
 }
 
 impl SceneFiles {
-    /// Reads the files; what is wrong with those that the document names is left for [`Self::import`] to say.
+    /// Reads the files. Faults of files that the document refers to are reported by [`Self::import`].
     ///
     /// # Errors
-    /// [`Error::Data`] (exit code 65) for a file that is no glTF; [`Error::Missing`] (66), [`Error::Permission`] and
+    /// [`Error::Data`] (exit code 65) for a file that is not glTF; [`Error::Missing`] (66), [`Error::Permission`] and
     /// [`Error::Io`] as the system says.
     pub fn open(path: &Path) -> Result<Self> {
-        Ok(Self { source: source::Source::open(path)?, kept: build::Kept::default() })
+        Ok(Self { source: source::Source::open(path)?, cache: build::ImportCache::default() })
     }
 
     /// Hashes and measures the files without decoding them.
@@ -98,7 +63,7 @@ impl SceneFiles {
         self.source.survey()
     }
 
-    /// Makes the scene. Again, at another time sample, it takes what has not moved and the decoded pictures from the last time.
+    /// Builds the scene. A later import at another time reuses decoded pictures and meshes that have not changed.
     ///
     /// # Errors
     /// [`Error::Data`] (exit code 65) for a file that breaks the specification, requires an unknown extension, names
@@ -121,9 +86,9 @@ impl SceneFiles {
             let (mut posed, mut time_samples, mut adjacent_frames) = (None, Vec::new(), Vec::new());
             if let Some(pose) = &options.pose {
                 let at_rest = parse(json)?;
-                // What stands still stands as while the shutter is open.
-                let aside = pose.shutter.map_or(0.0, |shutter| 0.0_f64.clamp(shutter.opens, shutter.closes));
-                let own = Pose { seconds: pose.seconds + aside, ..pose.clone() };
+                // The picture's own time lies within the shutter, so that the rest of the scene agrees with it.
+                let offset = pose.shutter.map_or(0.0, |shutter| 0.0_f64.clamp(shutter.opens, shutter.closes));
+                let own = Pose { seconds: pose.seconds + offset, ..pose.clone() };
                 posed = Some(build::posed(&at_rest, json, bytes, &own, &mut notes)?);
                 let time_sample =
                     |seconds: f64| build::time_sample(&at_rest, json, bytes, &Pose { seconds, ..pose.clone() }, &parse);
@@ -133,10 +98,15 @@ impl SceneFiles {
             }
             let document = document::Document::parse(source, posed.as_ref().unwrap_or(json), options, &mut notes)?;
             report.generator.clone_from(&document.generator);
-            let open = time_samples.len();
+            let shutter_samples = time_samples.len();
             time_samples.extend(adjacent_frames);
-            let shown = build::Shown { document: &document, posed: posed.is_some(), time_samples: &time_samples, open };
-            let scene = build::build(&shown, bytes, &self.kept, notes, &mut report)?;
+            let shown = build::ShownDocument {
+                document: &document,
+                posed: posed.is_some(),
+                time_samples: &time_samples,
+                shutter_samples,
+            };
+            let scene = build::build(&shown, bytes, &self.cache, notes, &mut report)?;
             if options.strict {
                 report.refuse_if_inexact()?;
             }
@@ -151,7 +121,7 @@ impl SceneFiles {
 /// Opens and imports a file.
 ///
 /// # Errors
-/// As [`SceneFiles::open`] and [`SceneFiles::import`].
+/// See [`SceneFiles::open`] and [`SceneFiles::import`].
 pub fn import(path: &Path, options: &ImportOptions) -> Result<Imported> {
     let start = Instant::now();
     let mut imported = SceneFiles::open(path)?.import(options)?;
@@ -159,7 +129,7 @@ pub fn import(path: &Path, options: &ImportOptions) -> Result<Imported> {
     Ok(imported)
 }
 
-/// Puts the scene file's name before a complaint.
+/// Prefixes an error with the scene file's path.
 fn in_file(path: &Path, error: Error) -> Error {
     let name = |text: String| format!("{}: {text}", path.display());
     match error {

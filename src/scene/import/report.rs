@@ -1,4 +1,4 @@
-//! What the importer did with a file: used, approximated, left out, and why.
+//! Report of an import: what was used, approximated and omitted, and why.
 
 use std::collections::HashMap;
 
@@ -6,32 +6,32 @@ use serde::Serialize;
 
 use crate::error::{Error, Result};
 
-/// What a [`Note`] says about the picture.
+/// Effect of a [`Note`] on the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum NoteKind {
-    /// Shown, but not exactly as the file asks. An error with `--strict`.
+    /// Rendered, but not exactly as specified. An error with `--strict`.
     Approximated,
-    /// Has an effect on the picture and is left out. An error with `--strict`.
+    /// Omitted although it affects the picture. An error with `--strict`.
     Ignored,
-    /// Left out because the picture does not need it.
+    /// Omitted because the picture does not need it.
     NotLoaded,
-    /// A small fault of the file that has one sensible reading.
+    /// A small fault of the file that has one sensible interpretation.
     Repaired,
-    /// How something is understood where renderers differ.
+    /// An interpretation on which renderers differ.
     Convention,
 }
 
-/// One remark. Remarks of equal kind and text are counted, not repeated.
+/// A note. Notes of equal kind and text are counted, not repeated.
 #[derive(Debug, Clone, Serialize)]
 pub struct Note {
-    /// What it means for the picture.
+    /// Effect on the picture.
     pub kind: NoteKind,
-    /// JSON path of the first place.
+    /// JSON path of the first occurrence.
     pub at: String,
-    /// How many places.
+    /// Number of occurrences.
     pub count: u32,
-    /// What and why, in one line.
+    /// One line that says what and why.
     pub text: String,
 }
 
@@ -40,11 +40,11 @@ pub struct Note {
 pub struct SceneCounts {
     /// Triangles in memory.
     pub triangles: u64,
-    /// Triangles in the picture's world, each instance counted.
+    /// Triangles in world space: each instance counts.
     pub instanced_triangles: u64,
-    /// Meshes (one a glTF primitive that is placed).
+    /// Meshes: one per placed glTF primitive.
     pub meshes: u64,
-    /// Objects (one a glTF mesh that is placed).
+    /// Objects: one per placed glTF mesh.
     pub objects: u64,
     /// Placements of objects.
     pub instances: u64,
@@ -62,28 +62,28 @@ pub struct SceneCounts {
     pub image_bytes: u64,
 }
 
-/// What the importer did with a file.
+/// Report of an import.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct ImportReport {
-    /// The file, as it was named.
+    /// Path of the file as given.
     pub file: String,
-    /// What wrote it (`asset.generator`), if it says so.
+    /// Software that wrote the file (`asset.generator`), if stated.
     pub generator: Option<String>,
-    /// Names of the document's scenes, of which one is shown; empty for those without.
+    /// Names of the document's scenes; empty for those without.
     pub scenes: Vec<String>,
     /// Names of its material variants.
     pub variants: Vec<String>,
-    /// Extensions in the file that are shown as they ask.
+    /// Extensions in the file that are supported.
     pub extensions_used: Vec<String>,
-    /// Extensions in the file that are left out.
+    /// Extensions in the file that are ignored.
     pub extensions_ignored: Vec<String>,
-    /// Remarks, in the order of the file.
+    /// Notes, in the order of the file.
     pub notes: Vec<Note>,
     /// Sizes.
     pub counts: SceneCounts,
-    /// Bytes of the file and of the buffers and pictures that it names.
+    /// Size in bytes of the file and of the buffers and pictures that it refers to.
     pub file_bytes: u64,
-    /// Wall time of the import.
+    /// Wall-clock seconds of the import.
     pub read_seconds: f64,
 }
 
@@ -93,17 +93,17 @@ impl ImportReport {
         self.notes.iter().filter(move |note| note.kind == kind)
     }
 
-    /// With `--strict`, what is approximated or ignored is an error that names it.
+    /// For `--strict`: an error that lists everything approximated or ignored.
     pub(super) fn refuse_if_inexact(&self) -> Result<()> {
         let inexact: Vec<_> =
             self.notes.iter().filter(|n| matches!(n.kind, NoteKind::Approximated | NoteKind::Ignored)).collect();
         if inexact.is_empty() {
             return Ok(());
         }
-        const SHOWN: usize = 20;
-        let mut lines: Vec<_> = inexact.iter().take(SHOWN).map(|n| format!("\n  {}: {}", n.at, n.text)).collect();
-        if inexact.len() > SHOWN {
-            lines.push(format!("\n  and {} more", inexact.len() - SHOWN));
+        const MAX_LISTED: usize = 20;
+        let mut lines: Vec<_> = inexact.iter().take(MAX_LISTED).map(|n| format!("\n  {}: {}", n.at, n.text)).collect();
+        if inexact.len() > MAX_LISTED {
+            lines.push(format!("\n  and {} more", inexact.len() - MAX_LISTED));
         }
         Err(Error::Data(format!(
             "--strict: this scene cannot be shown exactly:{}\nwithout --strict it is rendered with these differences",

@@ -1,4 +1,4 @@
-//! What `bismar inspect` shows.
+//! Summary of an imported scene, printed by `bismar inspect`.
 
 use serde::Serialize;
 
@@ -7,7 +7,7 @@ use super::report::{Note, NoteKind, SceneCounts};
 use super::{ImportReport, Imported};
 use crate::scene::{AlphaMode, Material, Projection, PunctualKind, TextureSlot};
 
-/// A camera, for people.
+/// Summary of a camera.
 #[derive(Debug, Clone, Serialize)]
 pub struct CameraSummary {
     /// Index for `--camera`.
@@ -16,15 +16,15 @@ pub struct CameraSummary {
     pub name: String,
     /// `perspective` or `orthographic`.
     pub projection: &'static str,
-    /// Vertical field of view in degrees, or half the height in metres.
+    /// Vertical field of view in degrees (perspective), or half height in metres (orthographic).
     pub vertical: f32,
-    /// Width over height, when the file says one.
+    /// Width over height, if the file states it.
     pub aspect: Option<f32>,
-    /// Metres.
+    /// Position in world space, metres.
     pub position: [f32; 3],
 }
 
-/// A punctual light, for people.
+/// Summary of a punctual light.
 #[derive(Debug, Clone, Serialize)]
 pub struct LightSummary {
     /// Name.
@@ -33,23 +33,23 @@ pub struct LightSummary {
     pub kind: &'static str,
     /// Linear RGB; lux for directional lights, candela for others.
     pub intensity: [f32; 3],
-    /// Metres to where it ends, if it does.
+    /// Range in metres, if limited.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub range: Option<f32>,
 }
 
-/// A material, for people.
+/// Summary of a material.
 #[derive(Debug, Clone, Serialize)]
 pub struct MaterialSummary {
     /// Name.
     pub name: String,
-    /// What of the model it switches on.
+    /// Features of the material model that it uses.
     pub features: Vec<&'static str>,
-    /// Triangles that have it, each instance counted once.
+    /// Triangles with this material, not counting instances.
     pub triangles: u64,
 }
 
-/// A mesh, for people.
+/// Summary of a mesh.
 #[derive(Debug, Clone, Serialize)]
 pub struct MeshSummary {
     /// Name.
@@ -64,29 +64,29 @@ pub struct MeshSummary {
     pub bytes: u64,
 }
 
-/// A decoded picture, for people.
+/// Summary of a decoded picture.
 #[derive(Debug, Clone, Serialize)]
 pub struct ImageSummary {
     /// Name or URI.
     pub name: String,
-    /// Texels a row.
+    /// Width in texels.
     pub width: u32,
-    /// Rows.
+    /// Height in texels.
     pub height: u32,
     /// Bytes in memory.
     pub bytes: u64,
 }
 
-/// What was modelled, approximated and left out.
+/// Contents of a scene, and what was approximated and omitted.
 #[derive(Debug, Clone, Serialize)]
 pub struct Summary {
-    /// The file, as it was named.
+    /// Path of the file as given.
     pub file: String,
-    /// What wrote it, if it says so.
+    /// Software that wrote the file, if stated.
     pub generator: Option<String>,
-    /// Bytes of the file and of the files that it names.
+    /// Size in bytes of the file and of the files that it refers to.
     pub file_bytes: u64,
-    /// Wall time of the import.
+    /// Wall-clock seconds of the import.
     pub read_seconds: f64,
     /// Sizes.
     pub counts: SceneCounts,
@@ -106,23 +106,23 @@ pub struct Summary {
     pub scenes: Vec<String>,
     /// Names of its material variants.
     pub variants: Vec<String>,
-    /// Extensions shown as they ask.
+    /// Supported extensions.
     pub extensions_used: Vec<String>,
-    /// Extensions shown, but not exactly: none at present.
+    /// Extensions rendered approximately; none at present.
     pub extensions_approximated: Vec<String>,
-    /// Extensions left out.
+    /// Ignored extensions.
     pub extensions_ignored: Vec<String>,
-    /// Shown, but not exactly.
+    /// Notes of what is approximated.
     pub approximated: Vec<Note>,
-    /// Left out though it has an effect on the picture.
+    /// Notes of what is omitted although it affects the picture.
     pub ignored: Vec<Note>,
-    /// Left out because the picture does not need it.
+    /// Notes of what is omitted because the picture does not need it.
     pub not_loaded: Vec<Note>,
-    /// Repairs and conventions.
+    /// Notes of repairs and conventions.
     pub remarks: Vec<Note>,
 }
 
-/// Sums up an imported scene.
+/// Summarizes an imported scene.
 pub fn summary(imported: &Imported) -> Summary {
     let Imported { scene, report } = imported;
     let mut placements = vec![0_u64; scene.objects.len()];

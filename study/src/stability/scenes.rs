@@ -8,10 +8,8 @@ use bismar::balance::Balance;
 use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
 use bismar::render::{Integrator, RenderSettings, render};
-use bismar::scene::{
-    Camera, Environment, Instance, Material, Mesh, Object, Positions, Projection, PunctualKind, PunctualLight, Scene,
-};
-use glam::{Affine3A, Mat3, Vec3, Vec4};
+use bismar::scene::{Camera, Environment, Material, Mesh, PunctualKind, PunctualLight, Scene};
+use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::judge::Outcome;
@@ -65,18 +63,7 @@ fn sun_and_sky() -> Environment {
 pub(super) fn plate(scene: &mut Scene, corner: [f32; 3], u: [f32; 3], v: [f32; 3], material: Material) {
     let [corner, u, v] = [corner, u, v].map(Vec3::from_array);
     let points = [corner, corner + u, corner + u + v, corner + v].map(|p| p.to_array());
-    let n = scene.meshes.len() as u32;
-    scene.materials.push(material);
-    let mesh = Mesh {
-        name: format!("plate {n}"),
-        positions: Positions::new(points.to_vec()),
-        indices: vec![[0, 1, 2], [0, 2, 3]],
-        material: n,
-        ..Default::default()
-    };
-    scene.meshes.push(mesh.into());
-    scene.objects.push(Object { name: String::new(), meshes: n..n + 1 });
-    scene.instances.push(Instance { name: String::new(), object: n, ..Default::default() });
+    scene.add(Mesh::new(points.to_vec(), vec![[0, 1, 2], [0, 2, 3]]), material);
 }
 
 /// A floor over x in `[x0, x1]`, facing up.
@@ -91,17 +78,7 @@ pub(super) fn ceiling(scene: &mut Scene, [x, y, z]: [f32; 3], w: f32, material: 
 
 /// Looks from `eye` at `at`.
 pub(super) fn look(scene: &mut Scene, eye: [f32; 3], at: [f32; 3], yfov: f32) {
-    let [eye, at] = [eye, at].map(Vec3::from_array);
-    let z = (eye - at).normalize();
-    let x = Vec3::Y.cross(z).normalize();
-    scene.cameras.push(Camera {
-        motion: None,
-        adjacent_frames: None,
-        name: "camera".into(),
-        projection: Projection::Perspective { yfov },
-        aspect: None,
-        to_world: Affine3A::from_mat3_translation(Mat3::from_cols(x, z.cross(x), z), eye),
-    });
+    scene.cameras.push(Camera::look_at(eye.into(), at.into(), yfov));
 }
 
 /// All of them.

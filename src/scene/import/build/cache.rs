@@ -1,4 +1,4 @@
-//! What other time samples of the same files share: decoded pictures, and meshes that do not move.
+//! Cache shared by imports of the same files at different times: decoded pictures, and meshes that do not change.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -9,79 +9,83 @@ use super::nodes::ObjectKey;
 use crate::scene::import::report::Note;
 use crate::scene::{Image, Material, Mesh};
 
-/// Kept from import to import of the same files.
+/// Results that later imports of the same files reuse.
 #[derive(Debug, Default)]
-pub struct Kept {
-    /// By the document's index.
+pub struct ImportCache {
+    /// Decoded pictures by the document's index.
     images: Mutex<HashMap<usize, Arc<Image>>>,
+    /// Objects of the last import.
     objects: Mutex<Objects>,
 }
 
-/// Of the last time sample that was imported.
-pub type Objects = HashMap<Key, Arc<KeptObject>>;
+/// Objects of one import.
+pub type Objects = HashMap<CacheKey, Arc<CachedObject>>;
 
-/// What an object's meshes are made from, but for their materials: [`Needs`].
+/// Everything that determines an object's meshes, except what depends on materials ([`AttributeNeeds`]).
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub struct Key {
+pub struct CacheKey {
     object: ObjectKey,
+    /// Bits of the joint matrices.
     joints: Vec<u64>,
-    /// Of meshes that are in world space.
+    /// Bits of the transforms to world space, for meshes that are stored in world space.
     world: Vec<u64>,
-    /// How many time samples are while the shutter is open; the others are for velocities.
-    open: usize,
+    /// Number of time samples while the shutter is open; the remaining ones are for velocities.
+    shutter_samples: usize,
 }
 
-/// Which attributes a material asks for: the set of coordinates that tangents lie along, and all sets.
-pub type Needs = (Option<u8>, [bool; 2]);
+/// Attributes that a material needs: the texture coordinate set that tangents follow, and whether each set is sampled.
+pub type AttributeNeeds = (Option<u8>, [bool; 2]);
 
-/// An object's meshes, in world space if it is placed once.
+/// An object's meshes; in world space if it is placed once.
 #[derive(Debug)]
-pub struct KeptObject {
-    /// Of each triangle primitive, in order.
-    pub needs: Vec<Needs>,
-    /// With the number of their primitive.
+pub struct CachedObject {
+    /// Needs of the material of each triangle primitive, in order.
+    pub needs: Vec<AttributeNeeds>,
+    /// Each mesh with the index of its primitive.
     pub meshes: Vec<(usize, Arc<Mesh>)>,
-    /// What was noted when they were read.
+    /// Notes of the meshes' reading.
     pub notes: Vec<Note>,
 }
 
-impl Key {
-    /// Is it one of this mesh of the document?
+impl CacheKey {
+    /// Does the key belong to this mesh of the document?
     pub fn is_of(&self, mesh: usize) -> bool {
         self.object.mesh == mesh
     }
 
-    /// Of an object whose joints, at its time samples, and placements, if it is in world space, are these.
+    /// The key of an object with these joint matrices at its time samples; `worlds` are the transforms that are baked into its
+    /// meshes.
     pub fn new<'a>(
         object: &ObjectKey,
         joints: impl Iterator<Item = &'a [DMat4]>,
         worlds: impl Iterator<Item = DAffine3>,
-        open: usize,
+        shutter_samples: usize,
     ) -> Self {
         let bits = |numbers: &[f64]| numbers.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
         let joints = joints.flatten().flat_map(|m| bits(&m.to_cols_array())).collect();
         let world = worlds.flat_map(|world| bits(&world.to_cols_array())).collect();
-        Self { object: object.clone(), joints, world, open }
+        Self { object: object.clone(), joints, world, shutter_samples }
     }
 }
 
-/// What a material asks of its meshes.
-pub fn needs(material: &Material) -> Needs {
+/// Attributes that a material needs.
+pub fn attribute_needs(material: &Material) -> AttributeNeeds {
     (material.tangent_set(), [0, 1].map(|set| material.textures.iter().any(|t| t.set == set)))
 }
 
-impl Kept {
+impl ImportCache {
+    /// Decoded pictures, by the document's index.
     pub fn images(&self) -> MutexGuard<'_, HashMap<usize, Arc<Image>>> {
         self.images.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Those of the last time sample.
+    /// Objects of the last import.
     pub fn objects(&self) -> Objects {
         self.objects.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Instead of those of earlier time samples.
-    pub fn keep(&self, objects: Objects) {
+    /// Replaces the objects of the last import.
+    pub fn set_objects(&self, objects: Objects) {
         *self.objects.lock().unwrap_or_else(PoisonError::into_inner) = objects;
     }
 }

@@ -1,11 +1,11 @@
-//! Cameras in their places.
+//! Cameras with their world transforms.
 
 use glam::{Affine3A, DAffine3, DVec3, Mat3A, Vec3A};
 
 use crate::scene;
 use crate::scene::import::document::cameras::Camera;
 
-/// The camera as its node places it; `None` when the node's transform leaves no direction to look along.
+/// The camera at its node's world transform; `None` if the transform leaves no viewing direction.
 pub fn place(from: &Camera, name: String, world: &DAffine3) -> Option<scene::Camera> {
     let z = world.matrix3.z_axis.try_normalize()?;
     let y = world.matrix3.y_axis;
@@ -18,6 +18,7 @@ pub fn place(from: &Camera, name: String, world: &DAffine3) -> Option<scene::Cam
         to_world,
         motion: None,
         adjacent_frames: None,
+        framing: None,
     })
 }
 

@@ -1,4 +1,4 @@
-//! Morph targets and skins.
+//! Morph targets and skinning.
 
 use glam::{DMat3, DMat4, DVec3};
 
@@ -6,27 +6,33 @@ use super::geometry::Geometry;
 use super::reader::Reader;
 use crate::error::Result;
 use crate::scene::import::complaint::bad;
-use crate::scene::import::document::primitives::{Attributes, Primitive, Semantic};
+use crate::scene::import::document::attributes::{Attributes, Semantic};
+use crate::scene::import::document::primitives::Primitive;
 
-/// How a mesh is deformed.
+/// Deformation state of a mesh.
 #[derive(PartialEq)]
-pub struct Pose<'a> {
-    /// One weight a morph target.
+pub struct MeshPose<'a> {
+    /// One weight per morph target.
     pub weights: &'a [f32],
-    /// Mesh to world by joint.
+    /// Mesh-to-world matrix of each joint; `None` for a mesh without a skin.
     pub joints: Option<&'a [DMat4]>,
 }
 
-/// At the picture's own time sample, at those of the shutter, and a frame before and after; none of these where it does not
-/// matter.
-pub struct Poses<'a> {
-    pub own: Pose<'a>,
-    pub over: &'a [Pose<'a>],
-    pub adjacent_frames: &'a [Pose<'a>],
+/// Deformation states of a mesh over time.
+pub struct MeshPoses<'a> {
+    /// At the picture's own time.
+    pub picture: MeshPose<'a>,
+    /// At the time samples of the shutter; empty if all are equal to `picture`.
+    pub shutter: &'a [MeshPose<'a>],
+    /// One frame before and after; empty if equal to `picture` or not requested.
+    pub adjacent_frames: &'a [MeshPose<'a>],
 }
 
-/// Deforms a primitive.
-pub fn take_pose(reader: &mut Reader, primitive: &Primitive, pose: &Pose, g: &mut Geometry) -> Result<()> {
+/// Applies morph targets and skin to a primitive's vertices.
+///
+/// # Errors
+/// Deltas, joints or weights that cannot be read; positions that are not finite afterwards.
+pub fn apply_pose(reader: &mut Reader, primitive: &Primitive, pose: &MeshPose, g: &mut Geometry) -> Result<()> {
     morph(reader, primitive, pose.weights, g)?;
     if let Some(joints) = pose.joints {
         skin(reader, primitive, joints, g)?;
@@ -39,18 +45,18 @@ pub fn take_pose(reader: &mut Reader, primitive: &Primitive, pose: &Pose, g: &mu
     }
 }
 
-/// Positions and normals of what is not yet deformed at another time sample.
-pub fn step(reader: &mut Reader, primitive: &Primitive, pose: &Pose, g: &Geometry) -> Result<Geometry> {
+/// Positions and normals of the undeformed vertices `g` at another time.
+pub fn geometry_at(reader: &mut Reader, primitive: &Primitive, pose: &MeshPose, g: &Geometry) -> Result<Geometry> {
     reader.budget.take(&primitive.at, g.positions.len() as u64, 24)?;
-    // What is read for it is not kept.
+    // The deltas and weights are not kept in memory: their budget is given back.
     let budget = reader.budget.clone();
-    let mut at = Geometry { positions: g.positions.clone(), normals: g.normals.clone(), ..Default::default() };
-    take_pose(reader, primitive, pose, &mut at)?;
+    let mut posed = Geometry { positions: g.positions.clone(), normals: g.normals.clone(), ..Default::default() };
+    apply_pose(reader, primitive, pose, &mut posed)?;
     reader.budget = budget;
-    Ok(at)
+    Ok(posed)
 }
 
-/// Adds the morph targets with their weights.
+/// Adds the weighted displacements of the morph targets.
 fn morph(reader: &mut Reader, primitive: &Primitive, weights: &[f32], g: &mut Geometry) -> Result<()> {
     let vertices = g.positions.len();
     for (target, &weight) in primitive.targets.iter().zip(weights).filter(|(_, w)| **w != 0.0) {
@@ -86,7 +92,7 @@ fn morph(reader: &mut Reader, primitive: &Primitive, weights: &[f32], g: &mut Ge
     Ok(())
 }
 
-/// Moves every vertex by the weighted mean of its joints' matrices.
+/// Linear blend skinning: transforms every vertex by the weighted mean of its joints' matrices.
 fn skin(reader: &mut Reader, primitive: &Primitive, joints: &[DMat4], g: &mut Geometry) -> Result<()> {
     reader.budget.take(&primitive.at, g.positions.len() as u64, size_of::<DMat4>() as u64)?;
     let mut blended = vec![(DMat4::ZERO, 0.0_f64); g.positions.len()];
@@ -119,7 +125,7 @@ fn skin(reader: &mut Reader, primitive: &Primitive, joints: &[DMat4], g: &mut Ge
         }
     }
     for (vertex, (matrix, sum)) in blended.into_iter().enumerate() {
-        // A vertex that no joint holds stays with the first one.
+        // A vertex without weights follows the first joint.
         let matrix = if sum > 0.0 { matrix * (1.0 / sum) } else { joints.first().copied().unwrap_or(DMat4::IDENTITY) };
         let linear = DMat3::from_mat4(matrix);
         let p = &mut g.positions[vertex];
@@ -133,12 +139,12 @@ fn skin(reader: &mut Reader, primitive: &Primitive, joints: &[DMat4], g: &mut Ge
     Ok(())
 }
 
-/// Normal by the inverse transpose, tangent by the matrix, the bitangent's sign by the determinant's. What has no
-/// direction left becomes zeros.
+/// Transforms a normal by the inverse transpose and a tangent by the matrix; multiplies the bitangent's sign by that of
+/// the determinant. Vectors that become zero remain zero.
 pub fn transform_frame(linear: &DMat3, normal: Option<&mut [f32; 3]>, tangent: Option<&mut [f32; 4]>) {
     let sign = if linear.determinant() < 0.0 { -1.0 } else { 1.0 };
     if let Some(n) = normal {
-        // The cofactors are the inverse transpose times the determinant, and exist always.
+        // The cofactor matrix is the inverse transpose times the determinant; it also exists for singular matrices.
         let (x, y, z) = (linear.x_axis, linear.y_axis, linear.z_axis);
         let v = DVec3::from(n.map(f64::from));
         let out = (y.cross(z) * v.x + z.cross(x) * v.y + x.cross(y) * v.z) * sign;

@@ -1,4 +1,4 @@
-//! KHR_lights_punctual, in their places.
+//! Punctual lights with their world transforms.
 
 use glam::{DAffine3, DVec3, Vec3};
 
@@ -6,7 +6,7 @@ use crate::scene::import::document::lights::Light;
 use crate::scene::import::report::Notes;
 use crate::scene::{PunctualKind, PunctualLight};
 
-/// The light as its node places it. Scale does not change it.
+/// The light at its node's world transform, of which scale is ignored; `None` with a note if it gives no light.
 pub fn place(from: &Light, node: &str, world: &DAffine3, notes: &mut Notes) -> Option<PunctualLight> {
     let Some(kind) = from.kind else {
         notes.ignored(&from.at, "a light of a type that KHR_lights_punctual does not know");

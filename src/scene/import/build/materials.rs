@@ -1,4 +1,4 @@
-//! Materials for the scene, with only the textures that are sampled.
+//! Materials of the scene, with only the textures that are sampled.
 
 use std::collections::HashMap;
 
@@ -9,7 +9,7 @@ use crate::scene::import::document::materials::Material;
 use crate::scene::import::report::Notes;
 use crate::scene::{self, TextureSlot};
 
-/// The scene's material; registers the textures that it samples.
+/// Converts a material and registers the textures that it samples.
 fn resolve(
     from: &Material,
     document: &Document,
@@ -71,7 +71,7 @@ fn resolve(
     Ok(material)
 }
 
-/// The scene's materials, made when a mesh first uses them.
+/// The scene's materials, created when a mesh first uses them.
 #[derive(Default)]
 pub struct MaterialTable {
     pub materials: Vec<scene::Material>,
@@ -79,7 +79,7 @@ pub struct MaterialTable {
 }
 
 impl MaterialTable {
-    /// The scene's index of a document's material; `None` is the default material.
+    /// The scene's index of a material of the document; `None` is the default material.
     ///
     /// # Errors
     /// A faulty material, or texture that it samples.

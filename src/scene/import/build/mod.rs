@@ -1,4 +1,4 @@
-//! Puts the scene together from a checked document.
+//! Builds the scene from a checked document.
 
 mod cache;
 mod cameras;
@@ -9,8 +9,9 @@ mod geometry;
 mod lights;
 mod materials;
 mod nodes;
-mod placing;
+mod placements;
 mod pose;
+mod primitive;
 mod reader;
 mod skins;
 mod tangents;
@@ -31,41 +32,44 @@ use crate::scene::import::document::Document;
 use crate::scene::import::document::extensions::{Support, support};
 use crate::scene::import::document::primitives::Mesh as MeshOfDocument;
 use crate::scene::import::report::{ImportReport, Notes};
-use crate::scene::{self, Instance, Motion, Object, Scene};
+use crate::scene::{self, Camera, Instance, Motion, Object, Scene};
 
-pub use cache::Kept;
-use cache::{KeptObject, Key, Objects, needs};
+pub use cache::ImportCache;
+use cache::{CacheKey, CachedObject, Objects, attribute_needs};
 use count::count;
 pub use count::{image_bytes, mesh_bytes};
-use deform::{Pose, Poses};
-use geometry::Draft;
+use deform::{MeshPose, MeshPoses};
 use materials::MaterialTable;
-use nodes::{ObjectKey, Placement, Walk, walk};
-use placing::{check_near, corners, framed, is_invertible, is_solid, points, to_single};
+use nodes::{FlattenedScene, ObjectKey, Placement, flatten};
+use placements::{check_extent, corners, frame_objects, is_invertible, keep_invertible, points, to_f32};
 pub use pose::posed;
+use primitive::Draft;
 use reader::Reader;
 use textures::TextureTable;
 pub use time_samples::{TimeSample, time_sample, time_samples};
 use unshown::{note_document, note_faults, note_unplaced};
 
-/// What is shown.
-pub struct Shown<'a> {
-    /// At the picture's own time sample.
+/// The document to build, with the state of its animations.
+pub struct ShownDocument<'a> {
+    /// The document at the picture's own time.
     pub document: &'a Document,
-    /// Is that one of its animations?
+    /// Are animations played? Otherwise the document is in its rest pose.
     pub posed: bool,
-    /// While the shutter is open, and a frame before and after; either may be none.
+    /// Samples while the shutter is open, then one frame before and one after; either part may be empty.
     pub time_samples: &'a [TimeSample],
-    /// How many of them are while the shutter is open.
-    pub open: usize,
+    /// Number of time samples while the shutter is open.
+    pub shutter_samples: usize,
 }
 
-/// Builds the scene with what `kept` has of its other poses, adds to the document's notes, and fills the report's
+/// Builds the scene. Reuses what `cache` holds of earlier imports, adds to the document's notes, and fills the report's
 /// extensions, notes and counts.
+///
+/// # Errors
+/// Faulty elements that the shown scene needs, data that breaks the specification, memory out of proportion to the file.
 pub fn build(
-    &Shown { document, posed, time_samples, open }: &Shown,
+    &ShownDocument { document, posed, time_samples, shutter_samples }: &ShownDocument,
     file_bytes: u64,
-    kept: &Kept,
+    cache: &ImportCache,
     mut notes: Notes,
     report: &mut ImportReport,
 ) -> Result<Scene> {
@@ -75,49 +79,47 @@ pub fn build(
     let mut assembly = Assembly {
         document,
         time_samples,
-        open,
+        shutter_samples,
         reader,
         textures,
         materials: MaterialTable::default(),
         scene: Scene::default(),
-        seen: Vec::new(),
+        framed_objects: Vec::new(),
         drafts: Vec::new(),
-        // At rest there are no other time samples.
-        sharing: posed.then(|| Sharing { before: kept.objects(), now: Objects::default() }),
+        // A document in its rest pose is imported once: there is nothing to reuse.
+        reuse: posed.then(|| ObjectReuse { previous: cache.objects(), current: Objects::default() }),
     };
-    let walk = walk(document, (time_samples, open), &mut assembly.reader, &mut notes)?;
-    // What is kept need not be unpacked; where it is another pose that is kept, it is unpacked when it is asked for.
-    let known = |mesh: usize| assembly.sharing.as_ref().is_some_and(|s| s.before.keys().any(|key| key.is_of(mesh)));
-    let meshes = walk.objects.iter().filter(|(key, _)| !known(key.mesh));
+    let flattened = flatten(document, (time_samples, shutter_samples), &mut assembly.reader, &mut notes)?;
+    // Cached meshes need no decoding. If only another pose is cached, `read_cached` decodes the mesh.
+    let is_cached = |mesh: usize| assembly.reuse.as_ref().is_some_and(|s| s.previous.keys().any(|key| key.is_of(mesh)));
+    let meshes = flattened.objects.iter().filter(|(key, _)| !is_cached(key.mesh));
     let meshes = meshes.filter_map(|(key, _)| document.meshes.get(key.mesh).ok());
     let start = Instant::now();
     assembly.reader.unpack(meshes.flat_map(|mesh| &mesh.primitives))?;
     debug!("geometry unpacked: {:.3} s", start.elapsed().as_secs_f64());
-    for (key, placements) in &walk.objects {
-        assembly.place(key, placements, &walk, &mut notes)?;
+    for (key, placements) in &flattened.objects {
+        assembly.place(key, placements, &flattened, &mut notes)?;
     }
-    let placed: HashSet<usize> = walk.objects.iter().map(|(key, _)| key.mesh).collect();
+    let placed: HashSet<usize> = flattened.objects.iter().map(|(key, _)| key.mesh).collect();
     note_unplaced(document, &placed, &mut notes);
 
-    let Assembly { textures, materials, mut scene, seen, drafts, sharing, .. } = assembly;
+    let Assembly { textures, materials, mut scene, framed_objects, drafts, reuse, .. } = assembly;
     let start = Instant::now();
     let finished: Vec<_> = drafts.into_par_iter().map(|(i, draft)| (i, Arc::new(draft.finish()))).collect();
     finished.into_iter().for_each(|(i, mesh)| scene.meshes[i] = mesh);
     debug!("tangents made: {:.3} s", start.elapsed().as_secs_f64());
-    let framing = walk.cameras.is_empty().then(|| Box::new(framed(&scene, &seen)));
-    if let Some(sharing) = sharing {
-        kept.keep(sharing.now);
+    let framing = flattened.cameras.is_empty().then(|| frame_objects(&scene, &framed_objects));
+    if let Some(reuse) = reuse {
+        cache.set_objects(reuse.current);
     }
     note_faults(document, scene.instances.is_empty(), &mut notes)?;
     materials.note_unused(document, &mut notes);
     textures.note_unused(document, &mut notes);
     scene.materials = materials.materials;
-    textures.decode(document, file_bytes, kept, &mut scene, &mut notes)?;
-    scene.lights = walk.lights;
-    scene.cameras = walk.cameras;
-    // Until a picture's size is known, for a square one.
-    scene.cameras.extend(framing.as_ref().map(|framing| framing.camera(1.0)));
-    scene.framing = framing;
+    textures.decode(document, file_bytes, cache, &mut scene, &mut notes)?;
+    scene.lights = flattened.lights;
+    scene.cameras = flattened.cameras;
+    scene.cameras.extend(framing.map(Camera::framed));
     report.counts = count(&scene);
     for name in document.extensions.keys().cloned() {
         match support(&name) {
@@ -134,74 +136,81 @@ pub fn build(
 struct Assembly<'a> {
     document: &'a Document,
     time_samples: &'a [TimeSample],
-    /// How many of them are while the shutter is open.
-    open: usize,
+    /// Number of time samples while the shutter is open.
+    shutter_samples: usize,
     reader: Reader<'a>,
     textures: TextureTable,
     materials: MaterialTable,
     scene: Scene,
-    /// Of a scene without a camera: objects, in world space for good or not, and where they are.
-    seen: Vec<(u32, bool, Vec<DAffine3>)>,
-    /// What takes long to finish, with the number of the mesh that stands for it in the scene.
+    /// For a scene without a camera: objects, whether their meshes are in world space, and their transforms.
+    framed_objects: Vec<(u32, bool, Vec<DAffine3>)>,
+    /// Meshes that need tangents, with the index of their stand-in in the scene; they are finished in parallel.
     drafts: Vec<(usize, Draft)>,
-    sharing: Option<Sharing>,
+    /// `None` without animation.
+    reuse: Option<ObjectReuse>,
 }
 
-/// Weights of morph targets, and joints.
+/// Weights of morph targets, and joint matrices of a skin.
 type Form = (Vec<f32>, Option<Vec<DMat4>>);
 
-/// What is placed once and still, and where it is a frame before and after if that is elsewhere.
-type Once<'a> = (&'a Placement, Option<[DAffine3; 2]>);
+/// The only placement of an object that does not move, with its transforms one frame before and after if they differ.
+type SinglePlacement<'a> = (&'a Placement, Option<[DAffine3; 2]>);
 
-/// Where a placement is.
-struct Way {
-    /// While the shutter is open; `None` if it is still.
-    open: Option<Vec<DAffine3>>,
-    /// A frame before and after; `None` if that is where it is.
+/// Transforms of a placement over time.
+struct PlacementTimes {
+    /// At the time samples of the shutter; `None` if they do not change.
+    shutter: Option<Vec<DAffine3>>,
+    /// One frame before and after; `None` if equal to the picture's.
     adjacent_frames: Option<[DAffine3; 2]>,
 }
 
-/// Objects of another time sample, and of this one.
-struct Sharing {
-    before: Objects,
-    now: Objects,
+/// Objects of the previous import of the same files, and of this one.
+struct ObjectReuse {
+    previous: Objects,
+    current: Objects,
 }
 
 impl Assembly<'_> {
     /// Reads an object's meshes and places them.
-    fn place(&mut self, key: &ObjectKey, placements: &[Placement], walk: &Walk, notes: &mut Notes) -> Result<()> {
+    fn place(
+        &mut self,
+        key: &ObjectKey,
+        placements: &[Placement],
+        flattened: &FlattenedScene,
+        notes: &mut Notes,
+    ) -> Result<()> {
         let document = self.document;
-        let placements: Vec<&Placement> = placements.iter().filter(|p| is_solid(p, notes)).collect();
+        let placements: Vec<&Placement> = placements.iter().filter(|p| keep_invertible(p, notes)).collect();
         let mesh = document.meshes.get(key.mesh)?;
         let joints = match key.skin {
-            Some(skin) => Some(skins::joint_matrices(document.skins.get(skin)?, &mut self.reader, &walk.worlds)?),
+            Some(skin) => Some(skins::joint_matrices(document.skins.get(skin)?, &mut self.reader, &flattened.worlds)?),
             None => None,
         };
         let start = self.scene.meshes.len() as u32;
         if placements.is_empty() {
             return Ok(());
         }
-        let floats = |bits: &[u32]| bits.iter().map(|bits| f32::from_bits(*bits)).collect::<Vec<_>>();
-        let weights = floats(&key.weights);
+        let weights: Vec<f32> = key.weights.iter().map(|bits| f32::from_bits(*bits)).collect();
         let forms = self.forms(key)?;
-        let forms: Vec<Pose> = forms.iter().map(|(w, joints)| Pose { weights: w, joints: joints.as_deref() }).collect();
-        let own = Pose { weights: &weights, joints: joints.as_deref() };
-        let changing = |forms: &[Pose]| forms.iter().any(|form| *form != own);
-        let [over, adjacent_frames] =
-            [&forms[..self.open], &forms[self.open..]].map(|f| if changing(f) { f } else { &[] });
-        let poses = Poses { own, over, adjacent_frames };
-        let ways = placements.iter().map(|placement| self.way(placement, notes)).collect::<Vec<_>>();
-        // Into world space for good, if it is there but once, and still.
-        let once = if let ([placement], [Way { open: None, .. }]) = (&placements[..], &ways[..]) {
-            Some((*placement, ways[0].adjacent_frames))
+        let forms: Vec<MeshPose> =
+            forms.iter().map(|(w, joints)| MeshPose { weights: w, joints: joints.as_deref() }).collect();
+        let picture = MeshPose { weights: &weights, joints: joints.as_deref() };
+        let changing = |forms: &[MeshPose]| forms.iter().any(|form| *form != picture);
+        let [shutter, adjacent_frames] =
+            [&forms[..self.shutter_samples], &forms[self.shutter_samples..]].map(|f| if changing(f) { f } else { &[] });
+        let poses = MeshPoses { picture, shutter, adjacent_frames };
+        let times = placements.iter().map(|placement| self.placement_times(placement, notes)).collect::<Vec<_>>();
+        // The transform is baked into the meshes if the object is placed once and does not move.
+        let single = if let ([placement], [PlacementTimes { shutter: None, .. }]) = (&placements[..], &times[..]) {
+            Some((*placement, times[0].adjacent_frames))
         } else {
             None
         };
-        if self.sharing.is_some() {
-            self.share(key, mesh, &poses, once, notes)?;
+        if self.reuse.is_some() {
+            self.read_cached(key, mesh, &poses, single, notes)?;
         } else {
-            for (_, draft) in self.read(mesh, &poses, once, notes)? {
-                if draft.takes_long() {
+            for (_, draft) in self.read(mesh, &poses, single, notes)? {
+                if draft.needs_tangents() {
                     let outline = Arc::new(draft.outline());
                     self.drafts.push((self.scene.meshes.len(), draft));
                     self.scene.meshes.push(outline);
@@ -215,39 +224,52 @@ impl Assembly<'_> {
             return Ok(());
         }
         let object = self.scene.objects.len() as u32;
-        self.scene.objects.push(Object { name: mesh.name.clone(), meshes: meshes.clone() });
-        let own = self.scene.meshes[meshes.start as usize..].iter().map(Arc::as_ref);
-        if walk.cameras.is_empty() {
-            self.seen.push((object, once.is_some(), placements.iter().map(|placement| placement.world).collect()));
+        self.scene.objects.push(Object { name: mesh.name.clone(), meshes });
+        if flattened.cameras.is_empty() {
+            self.framed_objects.push((
+                object,
+                single.is_some(),
+                placements.iter().map(|placement| placement.world).collect(),
+            ));
         }
-        if let Some((placement, _)) = once {
+        if let Some((placement, _)) = single {
             self.scene.instances.push(Instance { name: placement.name.clone(), object, ..Default::default() });
             return Ok(());
         }
-        let corners = corners(points(own));
-        for (placement, way) in placements.iter().zip(ways) {
-            for world in [&placement.world].into_iter().chain(way.open.iter().flatten()) {
-                check_near(&corners, world, &placement.at, &mesh.at)?;
+        self.add_instances(object, mesh, &placements, times)
+    }
+
+    /// Adds the placements of an object whose meshes are in object space.
+    fn add_instances(
+        &mut self,
+        object: u32,
+        mesh: &MeshOfDocument,
+        placements: &[&Placement],
+        times: Vec<PlacementTimes>,
+    ) -> Result<()> {
+        let Object { meshes, .. } = &self.scene.objects[object as usize];
+        let meshes = &self.scene.meshes[meshes.start as usize..meshes.end as usize];
+        let corners = corners(points(meshes.iter().map(Arc::as_ref)));
+        for (placement, times) in placements.iter().zip(times) {
+            for world in [&placement.world].into_iter().chain(times.shutter.iter().flatten()) {
+                check_extent(&corners, world, &placement.at, &mesh.at)?;
             }
-            let motion = way.open.and_then(|way| Motion::new(&way)).map(Arc::new);
-            let (transform, adjacent_frames) =
-                (Some(to_single(&placement.world)), way.adjacent_frames.map(|b| b.map(|w| to_single(&w))));
             self.scene.instances.push(Instance {
                 name: placement.name.clone(),
                 object,
-                transform,
-                motion,
-                adjacent_frames,
+                transform: Some(to_f32(&placement.world)),
+                motion: times.shutter.and_then(|transforms| Motion::new(&transforms)).map(Arc::new),
+                adjacent_frames: times.adjacent_frames.map(|both| both.map(|world| to_f32(&world))),
             });
         }
         Ok(())
     }
 
-    /// Weights and joints at each time sample.
+    /// Morph weights and joint matrices at each time sample.
     fn forms(&mut self, key: &ObjectKey) -> Result<Vec<Form>> {
         let mut forms = Vec::new();
         for (i, time_sample) in self.time_samples.iter().enumerate() {
-            let weights = key.moving.get(i).unwrap_or(&key.weights).iter().map(|bits| f32::from_bits(*bits));
+            let weights = key.weights_over_time.get(i).unwrap_or(&key.weights).iter().map(|bits| f32::from_bits(*bits));
             let joints = match key.skin.map(|skin| self.document.skins.get(skin)).transpose()? {
                 Some(skin) => Some(skins::joint_matrices(skin, &mut self.reader, &time_sample.matrices())?),
                 None => None,
@@ -257,19 +279,18 @@ impl Assembly<'_> {
         Ok(forms)
     }
 
-    /// Where a placement is at other time samples.
-    fn way(&self, placement: &Placement, notes: &mut Notes) -> Way {
-        let way = placement.way(self.time_samples);
-        let still = |way: &[DAffine3]| way.iter().all(|world| to_single(world) == to_single(&placement.world));
-        let (open, adjacent_frames) = way.split_at(self.open.min(way.len()));
-        let solid = open.iter().all(is_invertible);
+    /// Transforms of a placement at the time samples.
+    fn placement_times(&self, placement: &Placement, notes: &mut Notes) -> PlacementTimes {
+        let transforms = placement.transforms_at(self.time_samples);
+        let still = |transforms: &[DAffine3]| transforms.iter().all(|world| to_f32(world) == to_f32(&placement.world));
+        let (shutter, adjacent_frames) = transforms.split_at(self.shutter_samples.min(transforms.len()));
+        let solid = shutter.iter().all(is_invertible);
         if !solid {
-            let text =
-                "of zero or infinite scale while the shutter is open: it stands still as at the picture's time_sample";
+            let text = "zero or infinite scale while the shutter is open: rendered without motion, as at the picture's own time";
             notes.approximated(&placement.at, text);
         }
-        Way {
-            open: (solid && !still(open)).then(|| open.to_vec()),
+        PlacementTimes {
+            shutter: (solid && !still(shutter)).then(|| shutter.to_vec()),
             adjacent_frames: adjacent_frames
                 .try_into()
                 .ok()
@@ -277,12 +298,12 @@ impl Assembly<'_> {
         }
     }
 
-    /// Reads an object's meshes, each with the number of its primitive; those of one that is placed once, for world space.
+    /// Reads an object's meshes, each with the index of its primitive; in world space if there is a `single` placement.
     fn read(
         &mut self,
         mesh: &MeshOfDocument,
-        poses: &Poses,
-        once: Option<Once>,
+        poses: &MeshPoses,
+        single: Option<SinglePlacement>,
         notes: &mut Notes,
     ) -> Result<Vec<(usize, Draft)>> {
         let document = self.document;
@@ -293,66 +314,69 @@ impl Assembly<'_> {
                     notes.ignored(&format!("{}.extensions.{name}", primitive.at), format!("{name}: {why}"));
                 }
             }
-            // Points and lines use no material of ours.
+            // Points and lines are not rendered; reading them notes it.
             if primitive.mode < 4 {
-                geometry::read(&mut self.reader, primitive, &scene::Material::default(), poses, notes)?;
+                primitive::read(&mut self.reader, primitive, &scene::Material::default(), poses, notes)?;
                 continue;
             }
             let material = self.materials.get(document, primitive.material, &mut self.textures, notes)?;
             let shading = &self.materials.materials[material as usize];
-            if let Some(geometry) = geometry::read(&mut self.reader, primitive, shading, poses, notes)? {
+            if let Some(geometry) = primitive::read(&mut self.reader, primitive, shading, poses, notes)? {
                 let name = match mesh.primitives.len() {
                     1 => mesh.name.clone(),
                     _ => format!("{}[{i}]", mesh.name),
                 };
-                let world = once.map(|(placement, adjacent_frames)| (placement.world, adjacent_frames));
+                let world = single.map(|(placement, adjacent_frames)| (placement.world, adjacent_frames));
                 drafts.push((i, Draft { geometry, name, material, world }));
             }
         }
-        if let Some((placement, _)) = once {
+        if let Some((placement, _)) = single {
             let positions = drafts.iter().flat_map(|(_, draft)| &draft.geometry.positions);
             let corners = corners(positions.map(|p| DVec3::from(p.map(f64::from))));
-            check_near(&corners, &placement.world, &placement.at, &mesh.at)?;
+            check_extent(&corners, &placement.world, &placement.at, &mesh.at)?;
         }
         Ok(drafts)
     }
 
-    /// As [`Self::read`], into the scene; what another time sample of the files has is taken from there.
-    fn share(
+    /// Adds an object's meshes to the scene: from the previous import if it had the same, else read by [`Self::read`].
+    fn read_cached(
         &mut self,
         key: &ObjectKey,
         mesh: &MeshOfDocument,
-        poses: &Poses,
-        once: Option<Once>,
+        poses: &MeshPoses,
+        single: Option<SinglePlacement>,
         notes: &mut Notes,
     ) -> Result<()> {
         let document = self.document;
-        let joints =
-            [&poses.own].into_iter().chain(poses.over).chain(poses.adjacent_frames).filter_map(|pose| pose.joints);
-        let worlds = once.iter().flat_map(|(placement, adjacent_frames)| {
+        let joints = [&poses.picture]
+            .into_iter()
+            .chain(poses.shutter)
+            .chain(poses.adjacent_frames)
+            .filter_map(|pose| pose.joints);
+        let worlds = single.iter().flat_map(|(placement, adjacent_frames)| {
             [placement.world].into_iter().chain(adjacent_frames.iter().flatten().copied())
         });
-        let key = Key::new(key, joints, worlds, self.open);
-        // Materials are numbered as if nothing were shared.
-        let (mut materials, mut asked) = (Vec::new(), Vec::new());
+        let key = CacheKey::new(key, joints, worlds, self.shutter_samples);
+        // Materials are numbered independently of the cache.
+        let (mut materials, mut needs) = (Vec::new(), Vec::new());
         for primitive in &mesh.primitives {
             if primitive.mode < 4 {
                 materials.push(0);
                 continue;
             }
             let material = self.materials.get(document, primitive.material, &mut self.textures, notes)?;
-            asked.push(needs(&self.materials.materials[material as usize]));
+            needs.push(attribute_needs(&self.materials.materials[material as usize]));
             materials.push(material);
         }
-        let before = self.sharing.as_ref().and_then(|sharing| sharing.before.get(&key));
-        let object = match before.filter(|object| object.needs == asked) {
+        let previous = self.reuse.as_ref().and_then(|reuse| reuse.previous.get(&key));
+        let object = match previous.filter(|object| object.needs == needs) {
             Some(object) => Arc::clone(object),
             None => {
                 self.reader.unpack(mesh.primitives.iter())?;
                 let mut own = Notes::default();
-                let read = self.read(mesh, poses, once, &mut own)?;
+                let read = self.read(mesh, poses, single, &mut own)?;
                 let meshes = read.into_par_iter().map(|(i, draft)| (i, Arc::new(draft.finish()))).collect();
-                Arc::new(KeptObject { needs: asked, meshes, notes: own.into_list() })
+                Arc::new(CachedObject { needs, meshes, notes: own.into_list() })
             }
         };
         object.notes.iter().for_each(|note| notes.add(note.kind, &note.at, note.text.clone()));
@@ -363,8 +387,8 @@ impl Assembly<'_> {
             }
             self.scene.meshes.push(kept);
         }
-        if let Some(sharing) = &mut self.sharing {
-            sharing.now.insert(key, object);
+        if let Some(reuse) = &mut self.reuse {
+            reuse.current.insert(key, object);
         }
         Ok(())
     }

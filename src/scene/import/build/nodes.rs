@@ -1,4 +1,4 @@
-//! The node tree, walked without recursion.
+//! Flattens the node tree into placed objects, cameras and lights, without recursion.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -11,41 +11,41 @@ use super::{cameras, lights};
 use crate::error::Result;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::extensions::{Support, support};
-use crate::scene::import::document::nodes::Instancing;
+use crate::scene::import::document::nodes::{Instancing, world_transforms};
 use crate::scene::import::report::Notes;
 use crate::scene::{Camera, Motion, PunctualLight};
 
-/// What an object is made from: equal keys share their meshes.
+/// Identity of an object: nodes with equal keys share their meshes.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub struct ObjectKey {
     pub mesh: usize,
     /// Bits of the morph weights.
     pub weights: Vec<u32>,
-    /// Those of each time sample of the shutter; empty where they are the same.
-    pub moving: Vec<Vec<u32>>,
+    /// Bits of the morph weights at each time sample; empty if they do not change.
+    pub weights_over_time: Vec<Vec<u32>>,
     pub skin: Option<usize>,
 }
 
-/// Where an object stands.
+/// A placement of an object.
 pub struct Placement {
     pub name: String,
     pub world: DAffine3,
     pub at: String,
-    /// The node, and where it is in it; `None` for what joints alone place.
+    /// Index of the node, and the transform from object to node space; `None` for skinned meshes, which joints place.
     pub node: Option<(usize, DAffine3)>,
 }
 
 impl Placement {
-    /// Where it is at each time sample of the shutter; empty where joints alone place it.
-    pub fn way(&self, time_samples: &[TimeSample]) -> Vec<DAffine3> {
+    /// Object to world at each time sample; empty for skinned meshes.
+    pub fn transforms_at(&self, time_samples: &[TimeSample]) -> Vec<DAffine3> {
         self.node.iter().flat_map(|&(node, local)| time_samples.iter().map(move |m| m.worlds[node] * local)).collect()
     }
 }
 
-/// What the shown scene holds.
+/// Contents of the shown scene, in world space.
 #[derive(Default)]
-pub struct Walk {
-    /// Objects in the order of their first placement.
+pub struct FlattenedScene {
+    /// Objects with their placements, in the order of their first placement.
     pub objects: Vec<(ObjectKey, Vec<Placement>)>,
     pub cameras: Vec<Camera>,
     pub lights: Vec<PunctualLight>,
@@ -53,33 +53,18 @@ pub struct Walk {
     pub worlds: Vec<DMat4>,
 }
 
-/// Every node's transform to world space.
-pub fn worlds(document: &Document) -> Vec<DAffine3> {
-    let nodes = &document.nodes;
-    let mut worlds = vec![DAffine3::IDENTITY; nodes.len()];
-    let mut is_child = vec![false; nodes.len()];
-    nodes.iter().flat_map(|n| &n.children).for_each(|&c| is_child[c] = true);
-    let mut stack: Vec<(usize, DAffine3)> =
-        (0..nodes.len()).filter(|&i| !is_child[i]).map(|i| (i, DAffine3::IDENTITY)).collect();
-    while let Some((index, parent)) = stack.pop() {
-        worlds[index] = parent * nodes[index].transform;
-        stack.extend(nodes[index].children.iter().map(|&child| (child, worlds[index])));
-    }
-    worlds
-}
-
-/// Walks the shown scene, with what its time samples add, of which the first `open` are while the shutter is.
+/// Flattens the shown scene; the first `shutter_samples` of the time samples are while the shutter is open.
 ///
 /// # Errors
 /// Instance data that cannot be read.
-pub fn walk(
+pub fn flatten(
     document: &Document,
-    (time_samples, open): (&[TimeSample], usize),
+    (time_samples, shutter_samples): (&[TimeSample], usize),
     reader: &mut Reader,
     notes: &mut Notes,
-) -> Result<Walk> {
-    let (nodes, worlds) = (&document.nodes, worlds(document));
-    let mut out = Walk { worlds: worlds.iter().map(|&w| w.into()).collect(), ..Default::default() };
+) -> Result<FlattenedScene> {
+    let (nodes, worlds) = (&document.nodes, world_transforms(&document.nodes));
+    let mut out = FlattenedScene { worlds: worlds.iter().map(|&w| w.into()).collect(), ..Default::default() };
     let mut by_key: HashMap<ObjectKey, usize> = HashMap::new();
     let mut shown = vec![false; nodes.len()];
     // In the document's order, depth first.
@@ -100,10 +85,13 @@ pub fn walk(
             let name = if node.name == node.at { camera.name.clone() } else { None };
             match cameras::place(camera, name.unwrap_or_else(|| node.name.clone()), &world) {
                 Some(placed) => {
-                    let way = time_samples.iter().map(|m| cameras::place(camera, String::new(), &m.worlds[index]));
-                    let way: Option<Vec<_>> = way.map(|camera| Some(camera?.to_world)).collect();
-                    let (way, after) = way.as_deref().map_or((&[][..], &[][..]), |way| way.split_at(open));
-                    let motion = Motion::new(&way.iter().map(in_double).collect::<Vec<_>>()).map(Arc::new);
+                    let transforms =
+                        time_samples.iter().map(|m| cameras::place(camera, String::new(), &m.worlds[index]));
+                    let transforms: Option<Vec<_>> = transforms.map(|camera| Some(camera?.to_world)).collect();
+                    let (transforms, after) = transforms
+                        .as_deref()
+                        .map_or((&[][..], &[][..]), |transforms| transforms.split_at(shutter_samples));
+                    let motion = Motion::new(&transforms.iter().map(to_f64).collect::<Vec<_>>()).map(Arc::new);
                     let adjacent_frames =
                         after.try_into().ok().filter(|adjacent_frames| *adjacent_frames != [placed.to_world; 2]);
                     out.cameras.push(Camera { motion, adjacent_frames, ..placed });
@@ -119,18 +107,18 @@ pub fn walk(
         }
         let light = content.light.map(|light| document.lights.get(light)).transpose()?;
         if let Some(placed) = light.and_then(|light| lights::place(light, &node.name, &world, notes)) {
-            let motion: Option<Vec<_>> = time_samples[..open].iter().map(|m| m.lights[index]).collect();
+            let motion: Option<Vec<_>> = time_samples[..shutter_samples].iter().map(|m| m.lights[index]).collect();
             let motion = motion.filter(|keys| keys.iter().any(|key| *key != placed.key()));
             out.lights.push(PunctualLight { motion: motion.unwrap_or_default(), ..placed });
         }
         let Some(mesh) = content.mesh else { continue };
         let weights = content.weights.as_ref().unwrap_or(&document.meshes.get(mesh)?.weights);
         let bits = |weights: &[f32]| weights.iter().map(|w| w.to_bits()).collect::<Vec<_>>();
-        let mut moving: Vec<_> = time_samples.iter().map(|m| bits(&m.weights[index])).collect();
-        if moving.iter().all(|time_sample| *time_sample == bits(weights)) {
-            moving.clear();
+        let mut weights_over_time: Vec<_> = time_samples.iter().map(|m| bits(&m.weights[index])).collect();
+        if weights_over_time.iter().all(|time_sample| *time_sample == bits(weights)) {
+            weights_over_time.clear();
         }
-        let key = ObjectKey { mesh, weights: bits(weights), moving, skin: content.skin };
+        let key = ObjectKey { mesh, weights: bits(weights), weights_over_time, skin: content.skin };
         let placements = match by_key.get(&key) {
             Some(&i) => &mut out.objects[i].1,
             None => {
@@ -149,7 +137,7 @@ pub fn walk(
             node: inside,
         };
         match &content.instancing {
-            // Joints alone place a skinned mesh.
+            // The specification ignores the node transform of a skinned mesh.
             _ if content.skin.is_some() => placements.push(place(DAffine3::IDENTITY, None)),
             Some(instancing) => {
                 let all = instances(instancing, reader)?;
@@ -166,18 +154,18 @@ pub fn walk(
     Ok(out)
 }
 
-fn in_double(transform: &Affine3A) -> DAffine3 {
+fn to_f64(transform: &Affine3A) -> DAffine3 {
     DAffine3::from_cols_array(&transform.to_cols_array().map(f64::from))
 }
 
-/// Instance to node space.
+/// Transforms from instance to node space (EXT_mesh_gpu_instancing).
 fn instances(from: &Instancing, reader: &mut Reader) -> Result<Vec<DAffine3>> {
     let Some(&any) = from.all.first() else { return Ok(Vec::new()) };
     let accessor = reader.document.accessors.get(any)?;
     let (at, count) = (accessor.at.clone(), accessor.count);
-    // Each becomes a placement, which is larger than what it is read from.
-    const PLACEMENT: u64 = 256;
-    reader.budget.take(&at, count, PLACEMENT)?;
+    // Size of a placement, which exceeds that of the attributes that it is read from.
+    const BYTES_PER_PLACEMENT: u64 = 256;
+    reader.budget.take(&at, count, BYTES_PER_PLACEMENT)?;
     let translation = from.translation.map(|i| reader.floats::<3>(i)).transpose()?;
     let rotation = from.rotation.map(|i| reader.floats::<4>(i)).transpose()?;
     let scale = from.scale.map(|i| reader.floats::<3>(i)).transpose()?;

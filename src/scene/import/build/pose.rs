@@ -1,4 +1,4 @@
-//! Animations at one time sample: the document with the values that its properties have then.
+//! Plays animations: a copy of the document with the values of animated properties at one time.
 
 use glam::{DMat4, DQuat};
 use serde_json::{Value, json};
@@ -6,15 +6,15 @@ use serde_json::{Value, json};
 use super::reader::Reader;
 use crate::error::{Error, Result};
 use crate::scene::choose;
-use crate::scene::import::Pose;
 use crate::scene::import::complaint::bad;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::accessors::{Component, Shape};
 use crate::scene::import::document::animations::{Channel, Interpolation};
+use crate::scene::import::options::Pose;
 use crate::scene::import::report::Notes;
 
-/// Last names of properties that may move. What else a pointer names is not played: it could be an index.
-const MOVABLE: &[&str] = &[
+/// Last path segments of properties that may be animated. Other targets, such as indices, are not played.
+const ANIMATABLE: &[&str] = &[
     "translation",
     "rotation",
     "scale",
@@ -46,8 +46,8 @@ const MOVABLE: &[&str] = &[
     "dispersion",
 ];
 
-/// The document with every animated property as it is at the pose's time, clamped to each channel's keys. Of two channels
-/// with one property the later one counts.
+/// The document with every animated property at the pose's time, clamped to each channel's keys. If two channels animate one
+/// property, the later one wins.
 ///
 /// # Errors
 /// [`Error::Usage`] for an animation that is not there; [`Error::Data`] for keys that break the specification.
@@ -69,9 +69,9 @@ pub fn posed(document: &Document, json: &Value, file_bytes: u64, pose: &Pose, no
         played.push(if animation.name.is_empty() { format!("animations[{index}]") } else { animation.name.clone() });
         for channel in &animation.channels {
             let name = channel.pointer.rsplit('/').find(|name| !name.bytes().all(|b| b.is_ascii_digit()));
-            if name.is_some_and(|name| MOVABLE.contains(&name) || name.ends_with("Factor")) {
+            if name.is_some_and(|name| ANIMATABLE.contains(&name) || name.ends_with("Factor")) {
                 let values = sample(&mut reader, channel, pose.seconds)?;
-                if set(&mut out, &channel.pointer, &values)? {
+                if set_property(&mut out, &channel.pointer, &values)? {
                     continue;
                 }
             }
@@ -83,7 +83,7 @@ pub fn posed(document: &Document, json: &Value, file_bytes: u64, pose: &Pose, no
     Ok(out)
 }
 
-/// The channel's value at `seconds`.
+/// The channel's value at a time in seconds.
 fn sample(reader: &mut Reader, channel: &Channel, seconds: f64) -> Result<Vec<f64>> {
     let input = reader.document.accessors.get(channel.input)?;
     if input.shape != Shape::Scalar || input.component != Component::F32 {
@@ -96,21 +96,21 @@ fn sample(reader: &mut Reader, channel: &Channel, seconds: f64) -> Result<Vec<f6
     }
     let values = reader.flat(channel.output)?;
     let spline = channel.interpolation == Interpolation::CubicSpline;
-    let a_key = if spline { 3 } else { 1 };
-    let width = values.len() / (times.len() * a_key);
+    let values_per_key = if spline { 3 } else { 1 };
+    let width = values.len() / (times.len() * values_per_key);
     let rotation = channel.pointer.starts_with("/nodes/") && channel.pointer.ends_with("/rotation");
     let fits = match channel.pointer.rsplit('/').next() {
         Some("rotation") if rotation => width == 4,
         Some("translation" | "scale") if channel.pointer.starts_with("/nodes/") => width == 3,
         _ => width > 0,
     };
-    if !fits || width * times.len() * a_key != values.len() {
+    if !fits || width * times.len() * values_per_key != values.len() {
         let at = &reader.document.accessors.get(channel.output)?.at;
         let wanted = format!("values for {} keys of {}", times.len(), channel.pointer);
         return Err(bad(at, wanted, format!("{} numbers", values.len())));
     }
-    // Of a spline's key: tangent in, value, tangent out.
-    let part = |key: usize, part: usize| &values[(key * a_key + part) * width..][..width];
+    // A spline stores three values per key: in-tangent, value, out-tangent.
+    let part = |key: usize, part: usize| &values[(key * values_per_key + part) * width..][..width];
     let value = |key: usize| part(key, usize::from(spline));
     let after = times.partition_point(|t| *t <= seconds);
     let (Some(from), true) = (after.checked_sub(1), after < times.len()) else {
@@ -127,7 +127,7 @@ fn sample(reader: &mut Reader, channel: &Channel, seconds: f64) -> Result<Vec<f6
             a.slerp(b, u).to_array().to_vec()
         }
         Interpolation::Linear => a.iter().zip(b).map(|(a, b)| a + (b - a) * u).collect(),
-        // Appendix C of the specification.
+        // Appendix C of the glTF 2.0 specification.
         Interpolation::CubicSpline => {
             let (u2, u3) = (u * u, u * u * u);
             let (out, into) = (part(from, 2), part(after, 0));
@@ -143,24 +143,26 @@ fn sample(reader: &mut Reader, channel: &Channel, seconds: f64) -> Result<Vec<f6
     })
 }
 
-/// Writes a value where a pointer points; members that have their default, and so may not be there, are made. `false` if
-/// there is no such place.
-fn set(json: &mut Value, pointer: &str, values: &[f64]) -> Result<bool> {
+/// Writes a value at a JSON pointer and creates members that may be absent because they have a default. `false` if the
+/// pointer does not resolve.
+fn set_property(json: &mut Value, pointer: &str, values: &[f64]) -> Result<bool> {
     if values.iter().any(|x| !x.is_finite()) {
-        return Err(Error::Data(format!("{pointer}: its animation leads to {values:?}; is the file damaged?")));
+        return Err(Error::Data(format!(
+            "{pointer}: the animation gives the value {values:?}, which is not finite; export the file again"
+        )));
     }
-    // Properties belong to an element of one of the document's lists.
+    // Animatable properties belong to an element of one of the document's arrays.
     let Some((parent, name)) = pointer.rsplit_once('/').filter(|(parent, _)| parent.matches('/').count() > 1) else {
         return Ok(false);
     };
-    let Some(place) = place(json, parent) else { return Ok(false) };
+    let Some(target) = resolve(json, parent) else { return Ok(false) };
     let value = match (name, values) {
         ("visible", [x]) => json!(*x != 0.0),
         ("weights", _) => json!(values),
         (_, [x]) => json!(x),
         _ => json!(values),
     };
-    match place {
+    match target {
         Value::Object(members) => {
             if matches!(name, "translation" | "rotation" | "scale") {
                 split_matrix(members);
@@ -176,8 +178,8 @@ fn set(json: &mut Value, pointer: &str, values: &[f64]) -> Result<bool> {
     Ok(true)
 }
 
-/// Where a pointer points. Objects whose members all have defaults are made if they are not there.
-fn place<'a>(json: &'a mut Value, pointer: &str) -> Option<&'a mut Value> {
+/// Resolves a JSON pointer. Creates absent objects whose members all have defaults.
+fn resolve<'a>(json: &'a mut Value, pointer: &str) -> Option<&'a mut Value> {
     let mut at = json;
     for (depth, name) in pointer.split('/').skip(1).enumerate() {
         let name = name.replace("~1", "/").replace("~0", "~");
@@ -196,7 +198,7 @@ fn place<'a>(json: &'a mut Value, pointer: &str) -> Option<&'a mut Value> {
     Some(at)
 }
 
-/// A node's matrix as what animations move.
+/// Replaces a node's matrix by translation, rotation and scale, which animations change.
 fn split_matrix(node: &mut serde_json::Map<String, Value>) {
     let Some(matrix) = node.remove("matrix") else { return };
     let numbers: Option<Vec<f64>> = matrix.as_array().map(|m| m.iter().filter_map(Value::as_f64).collect());

@@ -1,4 +1,4 @@
-//! The one reader of accessors' elements, within a budget of memory.
+//! Reads the elements of accessors, within a memory budget.
 
 use std::collections::HashMap;
 
@@ -10,10 +10,10 @@ use crate::error::{Error, Result};
 use crate::scene::import::complaint::bad;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::accessors::{Accessor, Component, Shape, Sparse};
-use crate::scene::import::document::compression::Draco;
+use crate::scene::import::document::draco::Draco;
 use crate::scene::import::document::primitives::Primitive;
 
-/// Memory that a file may still ask for: hostile files ask for far more than they hold.
+/// Memory that a file may still use. Hostile files declare far more data than they contain.
 #[derive(Debug, Clone)]
 pub struct Budget {
     left: u64,
@@ -22,13 +22,13 @@ pub struct Budget {
 }
 
 impl Budget {
-    /// `base` bytes and `factor` times the file's size.
+    /// A budget of `base` bytes plus `factor` times the file's size.
     pub fn new(base: u64, factor: u64, file_bytes: u64) -> Self {
         let whole = base.saturating_add(file_bytes.saturating_mul(factor));
         Self { left: whole, whole, file_bytes }
     }
 
-    /// For what a file of this size holds: quantized, indexed and shared data unfolds, but not without end.
+    /// The budget for geometry: 256 MiB plus 64 times the file's size, as quantized, indexed and shared data expands.
     pub fn for_data(file_bytes: u64) -> Self {
         Self::new(256 << 20, 64, file_bytes)
     }
@@ -36,7 +36,7 @@ impl Budget {
     /// Takes `count` times `size` bytes.
     ///
     /// # Errors
-    /// When they are not left.
+    /// When fewer are left.
     pub fn take(&mut self, at: &str, count: u64, size: u64) -> Result<()> {
         let left = count.checked_mul(size).and_then(|bytes| self.left.checked_sub(bytes));
         self.left = left.ok_or_else(|| {
@@ -55,11 +55,11 @@ impl Budget {
 pub struct Reader<'a> {
     pub document: &'a Document,
     pub budget: Budget,
-    /// Decoded views, by index.
+    /// Decoded meshopt views, by index.
     views: HashMap<usize, Result<Bytes>>,
-    /// Draco streams that are decoded, by view; what is wrong with them.
+    /// Draco streams that were decoded, by view, or their errors.
     streams: HashMap<usize, Result<()>>,
-    /// Elements of accessors from Draco streams, tightly packed, with the stream's view.
+    /// Tightly packed elements of accessors from Draco streams, with the view of the stream.
     unpacked: HashMap<usize, (usize, Bytes)>,
 }
 
@@ -69,7 +69,7 @@ impl<'a> Reader<'a> {
         Self { document, budget, views: HashMap::new(), streams: HashMap::new(), unpacked: HashMap::new() }
     }
 
-    /// Decodes what these primitives need, on all cores. What is wrong is told where it is read.
+    /// Decodes the compressed data of these primitives on all cores. Damaged data is an error where it is read.
     ///
     /// # Errors
     /// Too much memory.
@@ -131,7 +131,10 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// Is the primitive's Draco stream, if there is one, sound? It must have been [unpacked](Self::unpack).
+    /// Checks the primitive's Draco stream, if there is one. It must have been [unpacked](Self::unpack).
+    ///
+    /// # Errors
+    /// A damaged stream; an accessor that belongs to another stream.
     pub fn check_stream(&self, primitive: &Primitive) -> Result<()> {
         let Some(draco) = &primitive.draco else { return Ok(()) };
         self.streams.get(&draco.view).cloned().unwrap_or(Ok(()))?;
@@ -145,7 +148,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// All elements as floats; integers are divided by their largest value when they are normalized. Finite.
+    /// All elements as finite floats; normalized integers are divided by their largest value.
     ///
     /// # Errors
     /// Bytes that are not there, NaN or infinite values, wrong sparse indices, too much memory.
@@ -168,10 +171,10 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// All components of all elements, one after the other, as [`Self::floats`] has them.
+    /// All components of all elements in one list, converted by [`Self::floats`].
     ///
     /// # Errors
-    /// As [`Self::floats`]; matrices.
+    /// See [`Self::floats`]; also for matrices.
     pub fn flat(&mut self, index: usize) -> Result<Vec<f64>> {
         fn flat<const N: usize>(elements: Vec<[f32; N]>) -> Vec<f64> {
             elements.into_iter().flatten().map(f64::from).collect()
@@ -189,7 +192,7 @@ impl<'a> Reader<'a> {
     /// All elements as unsigned integers.
     ///
     /// # Errors
-    /// As [`Self::floats`].
+    /// See [`Self::floats`].
     pub fn integers<const N: usize>(&mut self, index: usize) -> Result<Vec<[u32; N]>> {
         match self.document.accessors.get(index)?.component {
             Component::U8 | Component::I8 => self.elements(index, |b: [u8; 1]| b[0].into()),
@@ -259,7 +262,7 @@ impl<'a> Reader<'a> {
         Ok(out)
     }
 
-    /// A view's bytes from an offset on.
+    /// A view's bytes from `offset` to its end.
     fn view_bytes(&mut self, index: usize, offset: u64) -> Result<Bytes> {
         let view = self.document.views.get(index)?;
         if view.compressed.is_some() {

@@ -1,4 +1,4 @@
-//! Skins in their rest pose.
+//! Joint matrices of skins.
 
 use glam::DMat4;
 
@@ -6,7 +6,7 @@ use super::reader::Reader;
 use crate::error::Result;
 use crate::scene::import::document::skins::Skin;
 
-/// Mesh space to world space by joint, given every node's matrix to world space.
+/// Mesh-to-world matrix of each joint, given every node's world matrix.
 pub fn joint_matrices(from: &Skin, reader: &mut Reader, worlds: &[DMat4]) -> Result<Vec<DMat4>> {
     reader.budget.take("skins", from.joints.len() as u64, size_of::<DMat4>() as u64)?;
     let inverse_bind = from.inverse_bind.map(|index| reader.floats::<16>(index)).transpose()?;

@@ -1,5 +1,4 @@
-//! Pictures and textures for the scene. Only those that a material samples are looked at; one that cannot be used is left
-//! out with a note.
+//! Pictures and textures of the scene. Only those that a material samples are read; unusable ones are omitted with a note.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -13,21 +12,21 @@ use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, Imag
 use rayon::prelude::*;
 use tracing::debug;
 
-use super::cache::Kept;
+use super::cache::ImportCache;
 use super::decode::basis;
 use super::reader::Budget;
 use crate::error::{Error, Result};
 use crate::scene::import::document::Document;
 use crate::scene::import::document::images::{Image, ImageData, Sampler, Texture};
-use crate::scene::import::document::materials::TextureInfo;
+use crate::scene::import::document::texture_info::TextureInfo;
 use crate::scene::import::report::Notes;
 use crate::scene::{self, Filter, Scene, Texels, TextureRef, TextureSlot, Wrap};
 
-/// Texels a side and in all. Larger pictures are refused before anything is decoded.
-const LARGEST_SIDE: u32 = 1 << 15;
-const LARGEST_TEXELS: u64 = 1 << 28;
+/// Limits of a picture's size in texels. Larger pictures are refused before decoding.
+const MAX_TEXELS_PER_SIDE: u32 = 1 << 15;
+const MAX_TEXELS: u64 = 1 << 28;
 
-/// A picture as it is stored; nothing if it has no data.
+/// Encoded bytes of a picture; empty if it has no data.
 ///
 /// # Errors
 /// A file that cannot be read, bytes that are not in the buffer.
@@ -43,7 +42,7 @@ fn stored(image: &Image, document: &Document) -> Result<Bytes> {
     }
 }
 
-/// The picture, or what is wrong with it.
+/// Decodes a picture; the inner error says why it cannot be decoded.
 fn decode(image: &Image, document: &Document, format: Format) -> Result<std::result::Result<scene::Image, String>> {
     let bytes = stored(image, document)?;
     let Format::Image(format) = format else {
@@ -53,9 +52,9 @@ fn decode(image: &Image, document: &Document, format: Format) -> Result<std::res
     };
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     let mut limits = Limits::default();
-    limits.max_image_width = Some(LARGEST_SIDE);
-    limits.max_image_height = Some(LARGEST_SIDE);
-    limits.max_alloc = Some(LARGEST_TEXELS * 16);
+    limits.max_image_width = Some(MAX_TEXELS_PER_SIDE);
+    limits.max_image_height = Some(MAX_TEXELS_PER_SIDE);
+    limits.max_alloc = Some(MAX_TEXELS * 16);
     reader.limits(limits);
     Ok(reader.decode().map_err(|e| damaged(&e)).map(|picture| {
         let (width, height) = (picture.width(), picture.height());
@@ -63,19 +62,19 @@ fn decode(image: &Image, document: &Document, format: Format) -> Result<std::res
     }))
 }
 
-/// Who decodes a picture.
+/// Decoder of a picture.
 #[derive(Debug, Clone, Copy)]
 pub enum Format {
     Image(ImageFormat),
     Basis,
 }
 
-/// What a picture's header says.
+/// Result of reading a picture's header.
 #[derive(Debug)]
 pub enum Probe {
-    /// Can be decoded; width, height and bytes a texel once decoded.
+    /// Can be decoded: width, height in texels, and bytes per decoded texel.
     Readable(Format, u32, u32, u64),
-    /// Cannot be decoded; why.
+    /// Cannot be decoded, with the reason.
     Unreadable(String),
 }
 
@@ -91,7 +90,7 @@ fn damaged(error: &ImageError) -> String {
     format!("the picture is damaged: {}; export or save it again", error.trim_end())
 }
 
-/// Reads the header. A picture that is not there, damaged or of another format is no error here.
+/// Reads the header. A missing, damaged or unsupported picture is not an error here.
 ///
 /// # Errors
 /// Bytes that are not in the buffer, sizes beyond the decoders' limits.
@@ -144,7 +143,7 @@ fn texels(picture: DynamicImage) -> Texels {
     }
 }
 
-/// Opaque pictures need no alpha, and then no filter at their surfaces either.
+/// Drops the alpha of opaque pictures, so that their surfaces need no intersection filter.
 fn eight_bits(raw: Vec<u8>) -> Texels {
     let texels = raw.as_chunks::<4>().0;
     match texels.iter().all(|t| t[3] == 255) {
@@ -153,7 +152,7 @@ fn eight_bits(raw: Vec<u8>) -> Texels {
     }
 }
 
-/// Without a second copy in memory, unless there is room for half a texel at the end.
+/// Groups channels into texels, without a copy unless the allocation's capacity is not a multiple of a texel.
 fn grouped<T: Pod, const N: usize>(raw: Vec<T>) -> Vec<[T; N]>
 where
     [T; N]: Pod,
@@ -164,10 +163,10 @@ where
 /// The scene's textures and pictures, registered as materials ask for them.
 pub struct TextureTable {
     textures: Vec<scene::Texture>,
-    /// By the document's image, of those that were asked for.
+    /// Headers by the document's image index.
     probes: HashMap<usize, Probe>,
     budget: Budget,
-    /// Document's image of each of the scene's.
+    /// Index of the document's image for each of the scene's images.
     images: Vec<usize>,
     by_image: HashMap<usize, u32>,
     by_use: HashMap<(usize, Wrap, Wrap, Filter), u32>,
@@ -190,14 +189,14 @@ impl TextureTable {
             Entry::Occupied(known) => Ok(known.into_mut()),
             Entry::Vacant(unknown) => {
                 let image = document.images.get(index)?;
-                // Some decoders read all for the header, and many images may share one picture.
+                // Some decoders read the whole file for its header, and many images may share one file.
                 self.budget.take(&image.at, image.length, 1)?;
                 Ok(unknown.insert(probe(image, document)?))
             }
         }
     }
 
-    /// The first of a texture's pictures that can be decoded; `None` with a note when there is none.
+    /// The first decodable picture of a texture; `None` with a note if there is none.
     fn readable(
         &mut self,
         document: &Document,
@@ -224,7 +223,7 @@ impl TextureTable {
         Ok(None)
     }
 
-    /// The scene's reference for a document's; `None` with a note when there is nothing to sample.
+    /// Registers a texture; `None` with a note if it cannot be sampled.
     pub fn register(
         &mut self,
         document: &Document,
@@ -260,20 +259,20 @@ impl TextureTable {
         Ok(Some(TextureRef { texture: index, set, transform: info.transform, encoding: slot.encoding() }))
     }
 
-    /// Decodes the pictures that are sampled and not kept, in parallel, into `scene`, with their textures. Materials lose the textures
-    /// whose picture is damaged.
+    /// Decodes the sampled pictures that are not in `cache`, in parallel, and adds pictures and textures to `scene`. Textures
+    /// with a damaged picture are removed from their materials.
     ///
     /// # Errors
-    /// The first picture that is too large, by the document's order.
+    /// The first picture, in the document's order, that is too large.
     pub fn decode(
         self,
         document: &Document,
         file_bytes: u64,
-        kept: &Kept,
+        cache: &ImportCache,
         scene: &mut Scene,
         notes: &mut Notes,
     ) -> Result<()> {
-        // Flat colours compress a thousandfold; a floor lets ordinary ones pass.
+        // Flat colours compress a thousandfold; the base admits ordinary pictures.
         const BASE: u64 = 1 << 30;
         const FACTOR: u64 = 256;
         let mut budget = Budget::new(BASE, FACTOR, file_bytes);
@@ -282,31 +281,31 @@ impl TextureTable {
             let image = document.images.get(index)?;
             let Some(&Probe::Readable(format, width, height, bytes)) = self.probes.get(&index) else { continue };
             let count = u64::from(width) * u64::from(height);
-            if width.max(height) > LARGEST_SIDE || count > LARGEST_TEXELS {
+            if width.max(height) > MAX_TEXELS_PER_SIDE || count > MAX_TEXELS {
                 return Err(Error::Data(format!(
-                    "{}: the picture has {width}x{height} texels; at most {LARGEST_SIDE} a side and {LARGEST_TEXELS} in \
+                    "{}: the picture has {width}x{height} texels; at most {MAX_TEXELS_PER_SIDE} a side and {MAX_TEXELS} in \
                      all can be used: scale it down",
                     image.at
                 )));
             }
             budget.take(&image.at, count, bytes)?;
-            let there = kept.images().get(&index).cloned();
-            jobs.push((index, image, format, there));
+            let cached = cache.images().get(&index).cloned();
+            jobs.push((index, image, format, cached));
         }
-        let one = |(_, image, format, there): &(usize, &Image, Format, Option<Arc<scene::Image>>)| match there {
-            Some(there) => Ok(Ok(Arc::clone(there))),
+        let one = |(_, image, format, cached): &(usize, &Image, Format, Option<Arc<scene::Image>>)| match cached {
+            Some(cached) => Ok(Ok(Arc::clone(cached))),
             None => decode(image, document, *format).map(|decoded| decoded.map(Arc::new)),
         };
         let start = Instant::now();
         let decoded: Vec<_> = jobs.par_iter().map(one).collect();
-        let new = jobs.iter().filter(|(.., there)| there.is_none()).count();
+        let new = jobs.iter().filter(|(.., cached)| cached.is_none()).count();
         debug!("{new} pictures decoded: {:.3} s", start.elapsed().as_secs_f64());
-        // The scene's index of each picture and texture that is left.
-        let (mut image_left, mut texture_left) = (Vec::new(), Vec::new());
+        // The scene's index of each usable picture and texture.
+        let (mut image_index, mut texture_index) = (Vec::new(), Vec::new());
         for ((index, image, ..), decoded) in jobs.iter().zip(decoded) {
-            image_left.push(match decoded? {
+            image_index.push(match decoded? {
                 Ok(picture) => {
-                    kept.images().insert(*index, Arc::clone(&picture));
+                    cache.images().insert(*index, Arc::clone(&picture));
                     Some(push(&mut scene.images, picture))
                 }
                 Err(why) => {
@@ -316,11 +315,11 @@ impl TextureTable {
             });
         }
         for texture in self.textures {
-            let left = image_left[texture.image as usize];
-            texture_left.push(left.map(|image| push(&mut scene.textures, scene::Texture { image, ..texture })));
+            let left = image_index[texture.image as usize];
+            texture_index.push(left.map(|image| push(&mut scene.textures, scene::Texture { image, ..texture })));
         }
-        if image_left.contains(&None) {
-            drop_textures(scene, &texture_left);
+        if image_index.contains(&None) {
+            drop_textures(scene, &texture_index);
         }
         Ok(())
     }
@@ -335,13 +334,13 @@ impl TextureTable {
     }
 }
 
-/// Appends, and gives the index.
+/// Appends an item and returns its index.
 fn push<T>(list: &mut Vec<T>, item: T) -> u32 {
     list.push(item);
     (list.len() - 1) as u32
 }
 
-/// Renumbers the materials' textures; those without a new number are taken away, and tangents that stood for them.
+/// Renumbers the materials' textures; removes those without a new index, and tangents that are no longer needed.
 fn drop_textures(scene: &mut Scene, left: &[Option<u32>]) {
     for material in &mut scene.materials {
         for slot in TextureSlot::ALL {

@@ -1,36 +1,38 @@
-//! Moments while the shutter is open: where nodes stand then, and what their lights and weights are.
+//! Time samples while the shutter is open: world transforms, lights and morph weights of all nodes.
 
 use glam::{DAffine3, DMat4};
 use serde_json::Value;
 
-use super::{lights, nodes, pose};
+use super::{lights, pose};
 use crate::error::Result;
 use crate::scene::LightKey;
 use crate::scene::import::document::Document;
+use crate::scene::import::document::nodes::world_transforms;
+use crate::scene::import::options::{Pose, Shutter};
 use crate::scene::import::report::Notes;
-use crate::scene::import::{Pose, Shutter};
-use crate::scene::motion::MOST_STEPS;
+use crate::scene::motion::MAX_STEPS;
 
-/// Steps that are enough by need: a jump between two frames never is.
-const MOST_BY_NEED: usize = 64;
-/// How far, of its whole way, a thing may be from the line between two time samples.
-const BENDS: f64 = 1.0 / 256.0;
-/// Roundings of keys in files.
-const ROUNDING: f64 = 1e-6;
+/// Largest number of keys that adaptive sampling makes: a discontinuity would be subdivided without end.
+const MAX_ADAPTIVE_KEYS: usize = 64;
+/// Largest deviation from linear interpolation between two time samples, as a fraction of the value's range.
+const MAX_DEVIATION: f64 = 1.0 / 256.0;
+/// Relative rounding error of keys in files.
+const KEY_ROUNDING_ERROR: f64 = 1e-6;
 
-/// A time sample; lists by the document's nodes.
+/// State of all nodes at one time; lists are indexed by the document's nodes.
 pub struct TimeSample {
-    /// To world space.
+    /// Transforms to world space.
     pub worlds: Vec<DAffine3>,
-    /// Of morph targets.
+    /// Weights of morph targets.
     pub weights: Vec<Vec<f32>>,
+    /// Punctual lights.
     pub lights: Vec<Option<LightKey>>,
 }
 
-/// That of a pose. `parse` makes a document of one with its values then.
+/// The time sample of a pose. `parse` checks the document with the values at that time.
 ///
 /// # Errors
-/// Those of [`pose::posed`] and of `parse`.
+/// Errors of [`pose::posed`] and of `parse`.
 pub fn time_sample(
     at_rest: &Document,
     json: &Value,
@@ -38,47 +40,47 @@ pub fn time_sample(
     pose: &Pose,
     parse: &dyn Fn(&Value) -> Result<Document>,
 ) -> Result<TimeSample> {
-    TimeSample::of(&parse(&pose::posed(at_rest, json, file_bytes, pose, &mut Notes::default())?)?)
+    TimeSample::from_document(&parse(&pose::posed(at_rest, json, file_bytes, pose, &mut Notes::default())?)?)
 }
 
-/// Evenly spaced ones from where the shutter opens to where it closes, as many as asked for or as it takes for all that
-/// moves to be close to the lines between. `time_sample` is that of a time in seconds.
+/// Time samples evenly spaced from the shutter's opening to its closing: as many as requested, else as many as are needed
+/// for linear interpolation to be accurate. `time_sample` evaluates a time in seconds.
 ///
 /// # Errors
-/// Those of `time_sample`.
+/// Errors of `time_sample`.
 pub fn time_samples(pose: &Pose, time_sample: &dyn Fn(f64) -> Result<TimeSample>) -> Result<Vec<TimeSample>> {
     let Some(Shutter { opens, closes, steps }) = pose.shutter else { return Ok(Vec::new()) };
-    let at = |share: f64| time_sample(pose.seconds + opens + (closes - opens) * share);
-    if let Some(steps) = steps.map(|steps| (steps as usize).clamp(1, MOST_STEPS)) {
+    let at = |fraction: f64| time_sample(pose.seconds + opens + (closes - opens) * fraction);
+    if let Some(steps) = steps.map(|steps| (steps as usize).clamp(1, MAX_STEPS)) {
         return (0..=steps).map(|step| at(step as f64 / steps as f64)).collect();
     }
-    let mut known = vec![at(0.0)?, at(1.0)?];
+    let mut keys = vec![at(0.0)?, at(1.0)?];
     loop {
-        let steps = known.len() - 1;
+        let steps = keys.len() - 1;
         let middles = (0..steps).map(|i| at((i as f64 + 0.5) / steps as f64)).collect::<Result<Vec<_>>>()?;
-        let way = way(known.iter().chain(&middles));
-        let bends = (0..steps).any(|i| bends([&known[i], &middles[i], &known[i + 1]], &way));
-        if !bends {
-            return Ok(known);
+        let ranges = node_ranges(keys.iter().chain(&middles));
+        let curved = (0..steps).any(|i| is_curved([&keys[i], &middles[i], &keys[i + 1]], &ranges));
+        if !curved {
+            return Ok(keys);
         }
         let mut finer = Vec::with_capacity(2 * steps + 1);
-        for (time_sample, middle) in known.into_iter().zip(middles.into_iter().map(Some).chain([None])) {
+        for (time_sample, middle) in keys.into_iter().zip(middles.into_iter().map(Some).chain([None])) {
             finer.push(time_sample);
             finer.extend(middle);
         }
-        known = finer;
-        if known.len() > MOST_BY_NEED {
-            return Ok(known);
+        keys = finer;
+        if keys.len() > MAX_ADAPTIVE_KEYS {
+            return Ok(keys);
         }
     }
 }
 
 impl TimeSample {
-    fn of(document: &Document) -> Result<Self> {
-        let worlds = nodes::worlds(document);
+    fn from_document(document: &Document) -> Result<Self> {
+        let worlds = world_transforms(&document.nodes);
         let (mut weights, mut keys) = (Vec::new(), Vec::new());
         for (node, world) in document.nodes.iter().zip(&worlds) {
-            // What is wrong with nodes that are shown is told of those at the picture's time sample.
+            // Faults of shown nodes are reported for the document at the picture's own time.
             let content = node.content().ok();
             let mesh = content.and_then(|c| document.meshes.get(c.mesh?).ok());
             weights
@@ -90,12 +92,12 @@ impl TimeSample {
         Ok(Self { worlds, weights, lights: keys })
     }
 
-    /// As [`Self::worlds`].
+    /// [`Self::worlds`] as matrices.
     pub fn matrices(&self) -> Vec<DMat4> {
         self.worlds.iter().map(|&world| world.into()).collect()
     }
 
-    /// Numbers of a node that may move, in groups of one scale.
+    /// Values of a node that may change, in groups of one scale: matrix, translation, weights, light intensity.
     fn numbers(&self, node: usize) -> [Vec<f64>; 4] {
         let world = &self.worlds[node];
         [
@@ -107,33 +109,33 @@ impl TimeSample {
     }
 }
 
-fn farthest(a: &[f64], b: &[f64]) -> f64 {
+fn max_difference(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
-/// How far each node's numbers go, by group.
-fn way<'a>(mut all: impl Iterator<Item = &'a TimeSample>) -> Vec<[f64; 4]> {
-    let Some(first) = all.next() else { return Vec::new() };
-    let mut way = vec![[0.0_f64; 4]; first.worlds.len()];
-    for time_sample in all {
-        for (node, way) in way.iter_mut().enumerate() {
+/// Range of each node's values, by group.
+fn node_ranges<'a>(mut time_samples: impl Iterator<Item = &'a TimeSample>) -> Vec<[f64; 4]> {
+    let Some(first) = time_samples.next() else { return Vec::new() };
+    let mut ranges = vec![[0.0_f64; 4]; first.worlds.len()];
+    for time_sample in time_samples {
+        for (node, ranges) in ranges.iter_mut().enumerate() {
             let (a, b) = (first.numbers(node), time_sample.numbers(node));
             for group in 0..4 {
-                way[group] = way[group].max(farthest(&a[group], &b[group]));
+                ranges[group] = ranges[group].max(max_difference(&a[group], &b[group]));
             }
         }
     }
-    way
+    ranges
 }
 
-/// Is something in the middle too far from the line?
-fn bends([a, middle, b]: [&TimeSample; 3], way: &[[f64; 4]]) -> bool {
-    (0..way.len()).filter(|&node| way[node].iter().any(|w| *w > 0.0)).any(|node| {
+/// Does a value in the middle deviate too far from linear interpolation?
+fn is_curved([a, middle, b]: [&TimeSample; 3], ranges: &[[f64; 4]]) -> bool {
+    (0..ranges.len()).filter(|&node| ranges[node].iter().any(|w| *w > 0.0)).any(|node| {
         let [a, m, b] = [a, middle, b].map(|time_sample| time_sample.numbers(node));
         (0..4).any(|group| {
             let line: Vec<f64> = a[group].iter().zip(&b[group]).map(|(a, b)| 0.5 * (a + b)).collect();
             let size = line.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
-            farthest(&line, &m[group]) > BENDS * way[node][group] + ROUNDING * size
+            max_difference(&line, &m[group]) > MAX_DEVIATION * ranges[node][group] + KEY_ROUNDING_ERROR * size
         })
     })
 }

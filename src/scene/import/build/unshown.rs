@@ -1,4 +1,4 @@
-//! Notes of what a document has that is not shown.
+//! Notes about contents of the document that are not shown.
 
 use std::collections::HashSet;
 
@@ -7,10 +7,10 @@ use crate::scene::import::document::Document;
 use crate::scene::import::document::extensions::{Support, support};
 use crate::scene::import::report::Notes;
 
-/// What concerns the file as a whole.
+/// Notes that concern the file as a whole.
 pub fn note_document(document: &Document, variant: bool, posed: bool, notes: &mut Notes) {
     for (name, at) in &document.extensions {
-        // Extensions of objects are noted where those are used.
+        // Extensions on elements are noted where the elements are used.
         let whole = !at.contains('.') || at.starts_with("scenes");
         if let Support::Ignored(why) = support(name)
             && whole
@@ -20,7 +20,7 @@ pub fn note_document(document: &Document, variant: bool, posed: bool, notes: &mu
         }
     }
     if document.animations.len() > 0 && !posed {
-        let text = "animations are not played: the scene is shown at rest (--pose and --frame show other time_samples)";
+        let text = "animations are not played: the scene is shown at rest (--pose and --frame show other times)";
         notes.approximated("animations", text);
     }
     if !document.variants.is_empty() && !variant {
@@ -34,20 +34,20 @@ pub fn note_document(document: &Document, variant: bool, posed: bool, notes: &mu
     }
 }
 
+/// Notes meshes that no shown node refers to.
 pub fn note_unplaced(document: &Document, placed: &HashSet<usize>, notes: &mut Notes) {
     for (_, mesh) in document.meshes.sound().filter(|(index, _)| !placed.contains(index)) {
         notes.not_loaded(&mesh.at, "a mesh that no shown node places");
     }
 }
 
-/// What is still faulty here is what nothing shown needed. Where nothing is shown at all, that may be why: then the first
-/// fault is an error.
+/// Notes faulty elements that nothing shown needs. If nothing is shown at all, the first fault may be the cause and is
+/// returned as an error.
 pub fn note_faults(document: &Document, nothing_shown: bool, notes: &mut Notes) -> Result<()> {
     for (at, error) in document.faults() {
         if nothing_shown {
             return Err(error);
         }
-        // Pictures that a shown material asks for have their note already.
         notes.not_loaded(&at, format!("faulty, but nothing shown needs it: {error}"));
     }
     Ok(())

@@ -1,8 +1,8 @@
-//! Buffer views and accessors: where elements lie, and that they lie inside.
+//! Buffer views and accessors, with checks that all elements lie inside their buffers.
 
 use super::buffers::Buffer;
-use super::compression::Meshopt;
 use super::json::Json;
+use super::meshopt::Meshopt;
 use super::table::Table;
 use crate::error::Result;
 use crate::scene::import::complaint::bad;
@@ -14,7 +14,7 @@ pub struct View {
     pub offset: u64,
     pub length: u64,
     pub stride: Option<u64>,
-    /// Where its bytes are instead, if its buffer has none.
+    /// Compressed source of the bytes, if the buffer has no data.
     pub compressed: Option<Meshopt>,
     pub at: String,
 }
@@ -47,7 +47,7 @@ impl View {
     }
 }
 
-/// Number format of one component.
+/// Number format of a component.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Component {
     I8,
@@ -91,7 +91,7 @@ impl Component {
     }
 }
 
-/// Shape of one element.
+/// Shape of an element.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
     Scalar,
@@ -117,7 +117,7 @@ impl Shape {
         })
     }
 
-    /// Rows and columns; columns of matrices start at multiples of 4 bytes.
+    /// Number of rows and columns. Columns of matrices start at multiples of 4 bytes.
     fn dimensions(self) -> (u64, u64) {
         match self {
             Self::Scalar => (1, 1),
@@ -137,7 +137,7 @@ impl Shape {
     }
 }
 
-/// Elements that differ from the rest.
+/// Sparse storage: elements that replace those of the view.
 #[derive(Debug)]
 pub struct Sparse {
     pub count: u64,
@@ -148,7 +148,7 @@ pub struct Sparse {
     pub value_offset: u64,
 }
 
-/// A checked accessor: its elements lie inside of their views.
+/// A checked accessor: its elements lie inside their views.
 #[derive(Debug)]
 pub struct Accessor {
     pub view: Option<usize>,
@@ -210,7 +210,7 @@ impl Accessor {
     }
 }
 
-/// Does `count` elements of `size` bytes, `stride` apart from `offset`, lie in the view, aligned?
+/// Checks that `count` elements of `size` bytes, `stride` bytes apart from `offset`, are aligned and lie inside the view.
 #[allow(clippy::too_many_arguments)]
 fn check_range(
     json: &Json,

@@ -1,28 +1,28 @@
-//! Animations, as the document has them: properties, each named by a JSON pointer, and where their keys are.
+//! Animations: channels that drive properties, each identified by a JSON pointer, and the accessors of their keys.
 
-use super::Lengths;
 use super::json::Json;
+use super::lengths::Lengths;
 use crate::error::Result;
 
-/// What is between keys.
+/// Interpolation between keys.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Interpolation {
-    /// The key before.
+    /// The value of the previous key.
     Step,
-    /// A straight line; of rotations the shortest way on the sphere.
+    /// Linear interpolation; slerp for rotations.
     Linear,
-    /// Cubic Hermite splines with tangents beside the keys.
+    /// Cubic Hermite splines, with tangents stored at the keys.
     CubicSpline,
 }
 
-/// One property that moves.
+/// An animated property.
 #[derive(Debug)]
 pub struct Channel {
     /// JSON pointer (RFC 6901).
     pub pointer: String,
-    /// Accessor of the keys' times.
+    /// Accessor of the keys' times in seconds.
     pub input: usize,
-    /// Accessor of its values.
+    /// Accessor of the keys' values.
     pub output: usize,
     pub interpolation: Interpolation,
     pub at: String,
@@ -31,13 +31,13 @@ pub struct Channel {
 /// An animation.
 #[derive(Debug)]
 pub struct Animation {
-    /// Empty without one.
+    /// Name; may be empty.
     pub name: String,
     pub channels: Vec<Channel>,
 }
 
 impl Animation {
-    /// Channels without a target, or with one that the specification does not know, are left out, as it says.
+    /// Parses an animation. Channels without a known target are ignored, as the specification requires.
     pub fn parse(json: &Json, lengths: &Lengths) -> Result<Self> {
         let samplers = json.items("samplers")?;
         let mut read = Vec::with_capacity(samplers.len());

@@ -1,4 +1,4 @@
-//! Buffers: the bytes that accessors and pictures stand on.
+//! Buffers: the data of accessors and pictures.
 
 use bytes::Bytes;
 
@@ -9,15 +9,15 @@ use crate::scene::import::source::{Blob, Source};
 
 /// One glTF buffer.
 pub struct Buffer {
-    /// Without `uri` and GLB chunk there is nothing to read, which is legal.
+    /// `None` without `uri` and GLB chunk, which the specification allows.
     data: Option<Blob>,
-    /// Bytes that the document may use; the data has at least as many.
+    /// Declared length in bytes; the data is at least as long.
     pub length: u64,
     at: String,
 }
 
 impl Buffer {
-    /// Finds a buffer's data.
+    /// Parses a buffer and finds its data.
     pub fn parse(json: &Json, index: usize, source: &Source) -> Result<Self> {
         let length = json.need("byteLength", json.integer("byteLength")?)?;
         if length == 0 {
@@ -33,24 +33,24 @@ impl Buffer {
         Ok(Self { data, length, at: json.at.clone() })
     }
 
-    /// Is there anything to read?
+    /// Does the buffer have data?
     pub fn has_data(&self) -> bool {
         self.data.is_some()
     }
 
-    /// `length` bytes from `offset`.
+    /// The `length` bytes from `offset` on.
     ///
     /// # Errors
     /// When the range is not in the buffer, or the buffer has no data.
     pub fn bytes(&self, offset: u64, length: u64) -> Result<Bytes> {
-        let Some(all) = &self.data else {
+        let Some(data) = &self.data else {
             return Err(Error::Data(format!(
                 "{}: has no `uri`, so there is no data to read; the file is incomplete: export it again",
                 self.at
             )));
         };
         let range = offset.checked_add(length).filter(|&end| end <= self.length).map(|end| offset..end);
-        range.and_then(|range| all.get(range)).ok_or_else(|| {
+        range.and_then(|range| data.get(range)).ok_or_else(|| {
             bad(&self.at, format!("{length} bytes from byte {offset}"), format!("{} bytes in all", self.length))
         })
     }

@@ -1,4 +1,4 @@
-//! Cameras, as the document has them.
+//! Cameras of the document.
 
 use std::f32::consts::PI;
 
@@ -19,6 +19,7 @@ pub struct Camera {
     pub aspect: Option<f32>,
 }
 
+/// Parses and checks a camera.
 pub fn parse(json: &Json) -> Result<Camera> {
     let from: gltf::json::Camera = read(json)?;
     let kind = json.need("type", json.string("type")?)?;

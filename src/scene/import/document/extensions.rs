@@ -1,19 +1,19 @@
-//! Which extensions are understood, and what leaving one out means.
+//! Supported extensions, and the effect of ignoring the others.
 
 use crate::error::{Error, Result};
 
 /// How an extension is treated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Support {
-    /// Shown as it asks.
+    /// Fully supported.
     Full,
-    /// Does not change a still picture, or has an exact fallback in the core file.
+    /// Has no effect on the picture, or has an exact fallback in core glTF.
     NoEffect,
-    /// Left out; says why.
+    /// Ignored, with the reason.
     Ignored(&'static str),
 }
 
-/// What is done about an extension.
+/// Support of an extension.
 pub fn support(name: &str) -> Support {
     use Support::*;
     match name {
@@ -54,8 +54,10 @@ pub fn support(name: &str) -> Support {
     }
 }
 
+/// Checks the required extensions.
+///
 /// # Errors
-/// Names every required extension that is not understood.
+/// Names every required extension that is not supported.
 pub fn check_required(required: &[String]) -> Result<()> {
     let refused: Vec<_> = required
         .iter()

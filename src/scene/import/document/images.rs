@@ -1,26 +1,26 @@
-//! Pictures, samplers and textures, as the document has them.
+//! Images, samplers and textures of the document.
 
 use bytes::Bytes;
 
-use super::Lengths;
 use super::accessors::View;
 use super::json::Json;
+use super::lengths::Lengths;
 use super::table::Table;
 use crate::error::{Error, Result};
 use crate::scene::import::report::Notes;
 use crate::scene::import::source::{Data, Source};
 use crate::scene::{Filter, Wrap};
 
-/// Where a picture's bytes are.
+/// Location of a picture's encoded bytes.
 #[derive(Debug)]
 pub enum ImageData {
-    /// Of its own.
+    /// A file or data URI.
     Bytes(Bytes),
     /// A buffer view.
     View(usize),
     /// Neither `uri` nor `bufferView`.
     Nothing,
-    /// A `uri` that cannot be read; why.
+    /// A `uri` that cannot be read, with the reason.
     Unreadable(Error),
 }
 
@@ -29,7 +29,7 @@ pub enum ImageData {
 pub struct Image {
     pub data: ImageData,
     pub name: String,
-    /// Encoded bytes.
+    /// Length of the encoded picture in bytes.
     pub length: u64,
     pub at: String,
 }
@@ -102,10 +102,10 @@ const BASIS: &str = "KHR_texture_basisu";
 /// A document's texture.
 #[derive(Debug)]
 pub struct Texture {
-    /// Pictures, any of which can be shown, the first one best: of EXT_texture_webp, its own, of KHR_texture_basisu.
+    /// Images in order of preference: of EXT_texture_webp, of the core texture, of KHR_texture_basisu.
     pub sources: Vec<usize>,
     pub sampler: Option<usize>,
-    /// Other formats of extensions.
+    /// Extensions that offer other picture formats.
     pub alternatives: Vec<String>,
     pub at: String,
 }
@@ -114,17 +114,17 @@ impl Texture {
     pub fn parse(json: &Json, lengths: &Lengths) -> Result<Self> {
         json.name()?;
         let sampler = json.index("sampler", lengths.samplers, "samplers")?;
-        let own = json.index("source", lengths.images, "images")?;
-        let of = |name: &str| match json.extension(name)? {
+        let core = json.index("source", lengths.images, "images")?;
+        let extension_source = |name: &str| match json.extension(name)? {
             Some(extension) => extension.index("source", lengths.images, "images"),
             None => Ok(None),
         };
-        let sources = [of(WEBP)?, own, of(BASIS)?].into_iter().flatten().collect();
+        let sources = [extension_source(WEBP)?, core, extension_source(BASIS)?].into_iter().flatten().collect();
         let mut alternatives = Vec::new();
         for name in json.extension_names()?.into_iter().filter(|name| ![WEBP, BASIS].contains(name)) {
             if let Some(extension) = json.extension(name)?
                 && extension.object()?.contains_key("source")
-                && (own.is_some() || extension.index("source", lengths.images, "images")?.is_some())
+                && (core.is_some() || extension.index("source", lengths.images, "images")?.is_some())
             {
                 alternatives.push(name.into());
             }

@@ -1,4 +1,4 @@
-//! JSON values that know their path, so that every complaint can say where.
+//! JSON values with their path, so that every error says where it is.
 
 use std::fmt::Display;
 
@@ -23,7 +23,7 @@ impl<'a> Json<'a> {
         self.value
     }
 
-    /// Path of a member.
+    /// JSON path of a member.
     pub fn path(&self, key: &str) -> String {
         if self.at.is_empty() { key.into() } else { format!("{}.{key}", self.at) }
     }
@@ -40,7 +40,7 @@ impl<'a> Json<'a> {
         Ok(self.object()?.get(key))
     }
 
-    /// A typed member, absent or of the right type.
+    /// A member converted by `read`; `None` if absent, an error if of another type.
     fn typed<T>(&self, key: &str, wanted: &str, read: impl Fn(&'a Value) -> Option<T>) -> Result<Option<T>> {
         match self.field(key)? {
             None => Ok(None),
@@ -48,7 +48,7 @@ impl<'a> Json<'a> {
         }
     }
 
-    /// Turns an absent member into a complaint.
+    /// Makes an absent member an error.
     pub fn need<T>(&self, key: &str, member: Option<T>) -> Result<T> {
         member.ok_or_else(|| self.bad(key, "a value", "nothing"))
     }
@@ -59,7 +59,7 @@ impl<'a> Json<'a> {
             .map(|value| Json { value, at: self.path(key) }))
     }
 
-    /// The elements of an array member; none when it is absent.
+    /// The elements of an array member; empty if absent.
     pub fn items(&self, key: &str) -> Result<Vec<Json<'a>>> {
         let Some(array) = self.typed(key, "an array", Value::as_array)? else { return Ok(Vec::new()) };
         let path = self.path(key);
@@ -70,12 +70,12 @@ impl<'a> Json<'a> {
         self.typed(key, "a string", Value::as_str)
     }
 
-    /// The value itself as a string.
+    /// This value as a string.
     pub fn as_string(&self) -> Result<&'a str> {
         self.value.as_str().ok_or_else(|| bad(&self.at, "a string", kind(self.value)))
     }
 
-    /// A name for people: its own, else its path.
+    /// The element's name, else its JSON path.
     pub fn name(&self) -> Result<String> {
         Ok(match self.string("name")? {
             Some(name) if !name.is_empty() => name.into(),
@@ -87,12 +87,12 @@ impl<'a> Json<'a> {
         Ok(self.typed(key, "true or false", Value::as_bool)?.unwrap_or(default))
     }
 
-    /// An integer ≥ 0. `3.0` is one: JSON has a single kind of number.
+    /// An integer ≥ 0; `3.0` counts as one.
     pub fn integer(&self, key: &str) -> Result<Option<u64>> {
         self.typed(key, "an integer of at least 0", whole)
     }
 
-    /// An integer that is one of the elements of `what`.
+    /// An index below `len` into the array `what`.
     pub fn index(&self, key: &str, len: usize, what: &str) -> Result<Option<usize>> {
         match self.typed(key, &format!("an index into {what}"), whole)? {
             None => Ok(None),
@@ -101,7 +101,7 @@ impl<'a> Json<'a> {
         }
     }
 
-    /// An array of indices; none when it is absent.
+    /// An array of indices; empty if absent.
     pub fn indices(&self, key: &str, len: usize, what: &str) -> Result<Vec<usize>> {
         let Some(array) = self.typed(key, "an array", Value::as_array)? else { return Ok(Vec::new()) };
         let element = |(i, value): (usize, &Value)| match whole(value) {
@@ -115,7 +115,7 @@ impl<'a> Json<'a> {
         array.iter().enumerate().map(element).collect()
     }
 
-    /// A number that a 32-bit float can hold.
+    /// A number that is finite as a 32-bit float.
     pub fn number(&self, key: &str) -> Result<Option<f64>> {
         self.typed(key, "a number", finite)
     }
@@ -145,7 +145,7 @@ impl<'a> Json<'a> {
         }
     }
 
-    /// Names of all extensions on this object.
+    /// Names of this object's extensions.
     pub fn extension_names(&self) -> Result<Vec<&'a str>> {
         match self.get("extensions")? {
             Some(extensions) => Ok(extensions.object()?.keys().map(String::as_str).collect()),
@@ -186,7 +186,7 @@ pub enum Step<'a> {
     Index(usize),
 }
 
-/// The path of steps as text.
+/// The steps as a JSON path.
 pub fn join(steps: &[Step]) -> String {
     let mut out = String::new();
     for step in steps {
@@ -199,8 +199,11 @@ pub fn join(steps: &[Step]) -> String {
     out
 }
 
-/// Visits every `extensions` object of the document outside of `extras`, and complains about one that is none.
-/// Depth is bounded by the JSON parser's own limit.
+/// Visits every extension in the document, except in `extras`, with the path of its `extensions` object. Recursion depth is
+/// bounded by the JSON parser's limit.
+///
+/// # Errors
+/// An `extensions` member, or an extension, that is not an object.
 pub fn each_extension<'a>(
     value: &'a Value,
     at: &mut Vec<Step<'a>>,

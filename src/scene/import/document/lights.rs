@@ -1,4 +1,4 @@
-//! KHR_lights_punctual.
+//! Punctual lights of the document (KHR_lights_punctual).
 
 use std::f32::consts::FRAC_PI_2;
 
@@ -16,14 +16,15 @@ use crate::scene::import::report::Notes;
 #[derive(Debug)]
 pub struct Light {
     pub name: Option<String>,
-    /// `None` for a type that the extension does not know.
+    /// `None` for an unknown type.
     pub kind: Option<PunctualKind>,
     pub intensity: Vec3,
-    /// Metres from which on there is no light; infinite without an end.
+    /// Distance in metres beyond which there is no light; infinite if unlimited.
     pub range: f32,
     pub at: String,
 }
 
+/// Parses and checks a light.
 pub fn parse(json: &Json, notes: &mut Notes) -> Result<Light> {
     let from: khr_lights_punctual::Light = read(json)?;
     if from.color.iter().any(|x| *x < 0.0) {
@@ -46,7 +47,7 @@ pub fn parse(json: &Json, notes: &mut Notes) -> Result<Light> {
         Checked::Valid(Type::Spot) => {
             let spot = json.need("spot", from.spot)?;
             let (inner, outer) = (spot.inner_cone_angle, spot.outer_cone_angle);
-            // Equal angles are what Blender writes for a hard edge, and the extension's formula gives one for them.
+            // Blender writes equal angles for a hard edge, and the extension's formula supports them.
             if !(0.0..=outer).contains(&inner) || !(0.0..=FRAC_PI_2).contains(&outer) || outer == 0.0 {
                 let wanted = "0 ≤ innerConeAngle ≤ outerConeAngle ≤ π/2, and not both 0";
                 return Err(json.bad("spot", wanted, format!("{inner}, {outer}")));

@@ -1,18 +1,18 @@
-//! Extensions that give a material further lobes.
+//! Material extensions that add BSDF lobes.
 
 use glam::Vec3;
 use gltf::json::extensions::material::Material as Extensions;
 
-use super::Lengths;
 use super::json::Json;
-use super::materials::{TextureInfo, TextureInfos};
+use super::lengths::Lengths;
+use super::texture_info::{TextureInfo, TextureInfos};
 use crate::error::Result;
 use crate::scene::{Material, TextureSlot};
 
-/// Fills `plain` and `textures` with what the material's extensions say; `clamped` with the paths of what is out of range.
+/// Reads the material's extensions into `plain` and `textures`; adds the paths of factors out of range to `clamped`.
 ///
 /// # Errors
-/// Wrong types, textures that are not there.
+/// Members of the wrong type, texture indices out of range.
 pub fn parse(
     json: &Json,
     extensions: &Extensions,
@@ -34,12 +34,12 @@ pub fn parse(
     }
     if let (Some(from), Some(json)) = (&extensions.volume, json.extension("KHR_materials_volume")?) {
         plain.bounds_medium = within(&json, "thicknessFactor", [0.0, f32::INFINITY], from.thickness_factor.0) > 0.0;
-        // The way through the body is traced, not read.
+        // The thickness texture is only checked: path lengths inside the medium are traced.
         texture(&json, "thicknessTexture")?;
         let distance =
             within(&json, "attenuationDistance", [f32::MIN_POSITIVE, f32::INFINITY], from.attenuation_distance.0);
         let color = from.attenuation_color.0.map(|x| within(&json, "attenuationColor", [0.0, 1.0], x));
-        // What a colour of 0 leaves nothing of is as good as absorbed.
+        // A colour of 0 would need infinite absorption; 1e-20 is black in practice.
         plain.absorption = Vec3::from(color.map(|x| -x.max(1e-20).ln() / distance)).min(Vec3::splat(f32::MAX));
     }
     let unit = [0.0, 1.0];
@@ -103,7 +103,7 @@ pub fn parse(
         plain.base_color = from.diffuse_factor.0.map(|x| within(&json, "diffuseFactor", unit, x)).into();
         plain.roughness = 1.0 - within(&json, "glossinessFactor", unit, from.glossiness_factor.0);
         plain.metallic = 0.0;
-        // The two models do not mix.
+        // Specular-glossiness excludes these metallic-roughness extensions.
         (plain.transmission, plain.diffuse_transmission) = (0.0, 0.0);
         (plain.anisotropy, plain.iridescence) = (0.0, 0.0);
         textures[TextureSlot::BaseColor as usize] = texture(&json, "diffuseTexture")?;

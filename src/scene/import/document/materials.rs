@@ -1,57 +1,30 @@
-//! Materials, as the document has them.
+//! Materials of the document.
 
-use glam::{Affine2, Vec3};
+use glam::Vec3;
 use gltf::json::material::AlphaMode as Alpha;
-use gltf::json::texture;
 use gltf::json::validation::Checked;
 
-use super::Lengths;
 use super::extensions::{Support, support};
 use super::json::Json;
+use super::lengths::Lengths;
+use super::lobes;
+use super::texture_info::{TextureInfo, TextureInfos};
 use super::typed::read;
 use crate::error::Result;
 use crate::scene::{self, AlphaMode, TextureSlot};
 
-/// A use of a texture, as the document has it.
-#[derive(Debug, Clone)]
-pub struct TextureInfo {
-    pub texture: usize,
-    pub set: u32,
-    pub transform: Option<Affine2>,
-    pub at: String,
-}
-
-impl TextureInfo {
-    pub fn parse(json: &Json, key: &str, lengths: &Lengths) -> Result<Option<Self>> {
-        let Some(json) = json.get(key)? else { return Ok(None) };
-        // The crate knows no transform of normal and occlusion textures; as plain textures they have one.
-        let info: texture::Info = read(&json)?;
-        let texture = json.need("index", json.index("index", lengths.textures, "textures")?)?;
-        let own = info.extensions.and_then(|extensions| extensions.texture_transform);
-        let set = own.as_ref().and_then(|t| t.tex_coord).unwrap_or(info.tex_coord);
-        let affine = own.map(|t| {
-            // The rotation is counter-clockwise as seen, and v runs down; Khronos' TextureTransformTest agrees.
-            Affine2::from_scale_angle_translation(t.scale.0.into(), -t.rotation.0, t.offset.0.into())
-        });
-        Ok(Some(Self { texture, set, transform: affine.filter(|t| *t != Affine2::IDENTITY), at: json.at }))
-    }
-}
-
-/// By [`TextureSlot`].
-pub type TextureInfos = [Option<TextureInfo>; TextureSlot::ALL.len()];
-
 /// A checked material.
 #[derive(Debug)]
 pub struct Material {
-    /// The scene's, without textures.
+    /// The scene's material, without textures.
     pub plain: scene::Material,
     pub textures: TextureInfos,
     pub has_occlusion: bool,
     /// Paths of factors outside of 0 to 1.
     pub clamped: Vec<String>,
-    /// Extensions that are left out: name and reason.
+    /// Ignored extensions: name and reason.
     pub left_out: Vec<(String, &'static str)>,
-    /// What makes tangents in the file necessary.
+    /// JSON path of the texture that requires tangents in the file.
     pub needs_tangents: Option<String>,
     pub at: String,
 }
@@ -103,7 +76,7 @@ impl Material {
             textures[TextureSlot::Specular as usize] = texture(&json, "specularTexture")?;
             textures[TextureSlot::SpecularColor as usize] = texture(&json, "specularColorTexture")?;
         }
-        super::lobes::parse(json, &extensions, &mut plain, &mut textures, lengths, &mut clamped)?;
+        lobes::parse(json, &extensions, &mut plain, &mut textures, lengths, &mut clamped)?;
         plain.unlit = extensions.unlit.is_some();
         plain.double_sided = from.double_sided;
         let cutoff = from.alpha_cutoff.map_or(0.5, |cutoff| cutoff.0);
@@ -118,7 +91,7 @@ impl Material {
             }
         };
         clamped.dedup();
-        // Only a normal map of the base layer tells how to make tangents.
+        // Tangents are generated for a normal map of the base layer only.
         let needs_tangents =
             match (&textures[TextureSlot::Normal as usize], &textures[TextureSlot::ClearcoatNormal as usize]) {
                 (None, Some(map)) => Some(map.at.clone()),
@@ -129,7 +102,7 @@ impl Material {
     }
 }
 
-/// Checks the texture indices of extensions that are not shaded: their names, with reasons.
+/// Checks the texture indices of ignored extensions; returns the extensions' names with reasons.
 fn check_other_extensions(json: &Json, lengths: &Lengths) -> Result<Vec<(String, &'static str)>> {
     let mut left_out = Vec::new();
     for name in json.extension_names()? {

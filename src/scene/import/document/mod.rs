@@ -1,21 +1,25 @@
-//! The glTF document, checked: after [`Document::parse`] every sound element's indices are in range, every sound
-//! accessor lies in its view, and the nodes are a forest. A faulty element stops only those who need it.
+//! The checked glTF document: after [`Document::parse`] the indices of every valid element are in range, every valid
+//! accessor lies within its view, and the nodes are a forest. A faulty element is an error only where it is needed.
 
 pub mod accessors;
 pub mod animations;
+pub mod attributes;
 mod buffers;
 pub mod cameras;
-pub mod compression;
+pub mod draco;
 pub mod extensions;
 pub mod images;
 mod json;
+mod lengths;
 pub mod lights;
 mod lobes;
 pub mod materials;
+pub mod meshopt;
 pub mod nodes;
 pub mod primitives;
 pub mod skins;
 mod table;
+pub mod texture_info;
 mod typed;
 
 use std::collections::BTreeMap;
@@ -24,8 +28,8 @@ use serde_json::Value;
 
 use crate::error::{Error, Result};
 use crate::scene::choose;
-use crate::scene::import::ImportOptions;
 use crate::scene::import::complaint::bad;
+use crate::scene::import::options::ImportOptions;
 use crate::scene::import::report::Notes;
 use crate::scene::import::source::Source;
 use accessors::{Accessor, View};
@@ -34,31 +38,13 @@ use buffers::Buffer;
 use cameras::Camera;
 use images::{Image, ImageData, Sampler, Texture};
 use json::{Json, each_extension, join};
+use lengths::{Items, Lengths};
 use lights::Light;
 use materials::Material;
 use nodes::{Node, check_forest};
 use primitives::Mesh;
 use skins::Skin;
 use table::Table;
-
-/// Lengths of the document's arrays, to check indices against.
-#[derive(Default)]
-pub struct Lengths {
-    pub accessors: usize,
-    pub cameras: usize,
-    pub images: usize,
-    pub lights: usize,
-    pub materials: usize,
-    pub meshes: usize,
-    pub nodes: usize,
-    pub samplers: usize,
-    pub scenes: usize,
-    pub skins: usize,
-    pub textures: usize,
-    pub variants: usize,
-    /// The chosen material variant.
-    pub variant: Option<usize>,
-}
 
 /// A checked glTF document. Arrays and indices are those of the file.
 pub struct Document {
@@ -77,26 +63,27 @@ pub struct Document {
     pub nodes: Vec<Node>,
     /// Root nodes of the scene that is shown.
     pub roots: Vec<usize>,
-    /// JSON path of that scene.
+    /// JSON path of the shown scene.
     pub scene_at: String,
     pub animations: Table<Animation>,
     pub scenes: Table<Vec<usize>>,
-    /// Their names; empty where there is none.
+    /// Names of the scenes; empty for those without.
     pub scene_names: Vec<String>,
     /// Names of the material variants.
     pub variants: Vec<String>,
-    /// Which of them is shown.
+    /// Index of the shown variant.
     pub variant: Option<usize>,
-    /// Extensions that stand in the document or are declared, and where first.
+    /// Extensions that are declared or occur in the document, with the JSON path of the first occurrence.
     pub extensions: BTreeMap<String, String>,
 }
 
 impl Document {
-    /// `json` is the source's document, or one made of it. Parses and checks everything but the data of accessors and pictures.
+    /// Parses and checks everything but the data of accessors and pictures. `json` is the source's document, or a copy of it
+    /// with the values of animated properties at one time.
     ///
     /// # Errors
-    /// [`Error::Data`] for whatever breaks the specification in a way that could be seen, [`Error::Missing`] for
-    /// a buffer or picture that is not there.
+    /// [`Error::Data`] for what breaks the specification in a way that concerns the document as a whole, [`Error::Usage`]
+    /// for a scene or variant that does not exist. Faulty elements are kept as errors in their tables.
     pub fn parse(source: &Source, json: &Value, options: &ImportOptions, notes: &mut Notes) -> Result<Self> {
         if source.byte_order_mark {
             notes.repaired("the document", "a byte-order mark before the JSON is skipped");
@@ -106,96 +93,37 @@ impl Document {
         check_version(&asset)?;
         let required = strings(&root, "extensionsRequired")?;
         extensions::check_required(&required)?;
-        let mut extensions: BTreeMap<String, String> =
-            strings(&root, "extensionsUsed")?.into_iter().map(|name| (name, "extensionsUsed".into())).collect();
-        each_extension(json, &mut Vec::new(), &mut |name, at| {
-            extensions.entry(name.into()).or_insert_with(|| join(at));
-        })?;
+        let extensions = extension_places(&root, json)?;
         let quantized = required.iter().any(|name| name == "KHR_mesh_quantization");
+        let items = Items::of(&root)?;
+        let (variants, scene_names) = (names(&items.variants)?, names(&items.scenes)?);
+        note_backslashes(&items, notes);
+        let variant = options.variant.as_deref().map(|name| choose("variant", name, &variants)).transpose()?;
+        let lengths = items.lengths(variant);
 
-        let items = |key: &str| root.items(key);
-        let (buffer_items, view_items, accessor_items) =
-            (items("buffers")?, items("bufferViews")?, items("accessors")?);
-        let (image_items, sampler_items, texture_items) = (items("images")?, items("samplers")?, items("textures")?);
-        let (material_items, mesh_items, skin_items) = (items("materials")?, items("meshes")?, items("skins")?);
-        let (camera_items, node_items, scene_items) = (items("cameras")?, items("nodes")?, items("scenes")?);
-        let light_items = match root.extension("KHR_lights_punctual")? {
-            Some(json) => {
-                if json.object()?.get("lights").is_none() {
-                    return Err(json.bad("lights", "an array", "nothing"));
-                }
-                json.items("lights")?
-            }
-            None => Vec::new(),
-        };
-        let names = |items: &[Json]| -> Result<Vec<String>> {
-            items.iter().map(|json| Ok(json.string("name")?.unwrap_or_default().into())).collect()
-        };
-        let variants = match root.extension("KHR_materials_variants")? {
-            Some(json) => names(&json.items("variants")?)?,
-            None => Vec::new(),
-        };
-        let scene_names = names(&scene_items)?;
-        for json in buffer_items.iter().chain(&image_items) {
-            if json
-                .string("uri")
-                .is_ok_and(|uri| uri.is_some_and(|uri| !uri.starts_with("data:") && uri.contains('\\')))
-            {
-                notes.repaired(&json.path("uri"), "`\\` in a path is read as `/`, unless a file has it in its name");
-            }
-        }
-        let lengths = Lengths {
-            accessors: accessor_items.len(),
-            cameras: camera_items.len(),
-            images: image_items.len(),
-            lights: light_items.len(),
-            materials: material_items.len(),
-            meshes: mesh_items.len(),
-            nodes: node_items.len(),
-            samplers: sampler_items.len(),
-            scenes: scene_items.len(),
-            skins: skin_items.len(),
-            textures: texture_items.len(),
-            variants: variants.len(),
-            variant: options.variant.as_deref().map(|name| choose("variant", name, &variants)).transpose()?,
-        };
-
-        let buffers = Table::parse("buffers", &buffer_items, |i, json| Buffer::parse(json, i, source));
-        let views = Table::parse("bufferViews", &view_items, |_, json| View::parse(json, &buffers));
-        let accessors = Table::parse("accessors", &accessor_items, |_, json| Accessor::parse(json, &views));
-        let images = Table::parse("images", &image_items, |i, json| Image::parse(json, i, source, &views));
-        let samplers = Table::parse("samplers", &sampler_items, |_, json| Sampler::parse(json, notes));
-        let textures = Table::parse("textures", &texture_items, |_, json| Texture::parse(json, &lengths));
-        let materials = Table::parse("materials", &material_items, |_, json| Material::parse(json, &lengths));
-        let meshes = Table::parse("meshes", &mesh_items, |_, json| {
+        let buffers = Table::parse("buffers", &items.buffers, |i, json| Buffer::parse(json, i, source));
+        let views = Table::parse("bufferViews", &items.views, |_, json| View::parse(json, &buffers));
+        let accessors = Table::parse("accessors", &items.accessors, |_, json| Accessor::parse(json, &views));
+        let images = Table::parse("images", &items.images, |i, json| Image::parse(json, i, source, &views));
+        let samplers = Table::parse("samplers", &items.samplers, |_, json| Sampler::parse(json, notes));
+        let textures = Table::parse("textures", &items.textures, |_, json| Texture::parse(json, &lengths));
+        let materials = Table::parse("materials", &items.materials, |_, json| Material::parse(json, &lengths));
+        let meshes = Table::parse("meshes", &items.meshes, |_, json| {
             Mesh::parse(json, &lengths, &accessors, &views, &materials, quantized, notes)
         });
-        let skins = Table::parse("skins", &skin_items, |_, json| Skin::parse(json, &lengths, &accessors, &views));
-        let cameras = Table::parse("cameras", &camera_items, |_, json| cameras::parse(json));
+        let skins = Table::parse("skins", &items.skins, |_, json| Skin::parse(json, &lengths, &accessors, &views));
+        let cameras = Table::parse("cameras", &items.cameras, |_, json| cameras::parse(json));
         let lights =
-            Table::parse("extensions.KHR_lights_punctual.lights", &light_items, |_, json| lights::parse(json, notes));
-        let nodes = node_items
-            .iter()
-            .map(|json| Node::parse(json, &lengths, &meshes, &accessors))
-            .collect::<Result<Vec<_>>>()?;
+            Table::parse("extensions.KHR_lights_punctual.lights", &items.lights, |_, json| lights::parse(json, notes));
+        let node = |json| Node::parse(json, &lengths, &meshes, &accessors);
+        let nodes = items.nodes.iter().map(node).collect::<Result<Vec<_>>>()?;
         check_forest(&nodes)?;
-        let animations =
-            Table::parse("animations", &root.items("animations")?, |_, json| Animation::parse(json, &lengths));
-
-        let scenes = Table::parse("scenes", &scene_items, |_, json| {
+        let animations = Table::parse("animations", &items.animations, |_, json| Animation::parse(json, &lengths));
+        let scenes = Table::parse("scenes", &items.scenes, |_, json| {
             json.name()?;
             json.indices("nodes", lengths.nodes, "nodes")
         });
-        let chosen = match &options.scene {
-            Some(wanted) => choose("scene", wanted, &scene_names)?,
-            None => root.index("scene", lengths.scenes, "scenes")?.unwrap_or(0),
-        };
-        let (roots, scene_at) = match scenes.len() {
-            // Without scenes the file is a library: show all of it.
-            0 => (top_nodes(&nodes), "nodes".into()),
-            _ => (scenes.get(chosen)?.clone(), format!("scenes[{chosen}]")),
-        };
-        check_roots(&roots, &nodes, &scene_at)?;
+        let (roots, scene_at) = choose_scene(&root, options, &scene_names, &lengths, &scenes, &nodes)?;
         Ok(Self {
             generator: asset.string("generator")?.map(Into::into),
             buffers,
@@ -216,14 +144,12 @@ impl Document {
             scenes,
             scene_names,
             variants,
-            variant: lengths.variant,
+            variant,
             extensions,
         })
     }
-}
 
-impl Document {
-    /// What is wrong with the document's elements: paths and reasons, a reason again with all who need that element.
+    /// Faulty elements: JSON paths and faults. A fault is repeated for every element that depends on the faulty one.
     pub fn faults(&self) -> Vec<(String, Error)> {
         let unreadable = |(_, image): (usize, &Image)| match &image.data {
             ImageData::Unreadable(error) => Some((image.at.clone(), error.clone())),
@@ -250,11 +176,59 @@ impl Document {
     }
 }
 
+/// Extensions that are declared or occur in the document, each with the JSON path of its first occurrence.
+fn extension_places(root: &Json, json: &Value) -> Result<BTreeMap<String, String>> {
+    let declared = strings(root, "extensionsUsed")?;
+    let mut places: BTreeMap<String, String> =
+        declared.into_iter().map(|name| (name, "extensionsUsed".into())).collect();
+    each_extension(json, &mut Vec::new(), &mut |name, at| {
+        places.entry(name.into()).or_insert_with(|| join(at));
+    })?;
+    Ok(places)
+}
+
+/// Names of elements; empty for those without.
+fn names(items: &[Json]) -> Result<Vec<String>> {
+    items.iter().map(|json| Ok(json.string("name")?.unwrap_or_default().into())).collect()
+}
+
+/// Notes paths of buffers and pictures that use `\` as a separator.
+fn note_backslashes(items: &Items, notes: &mut Notes) {
+    for json in items.buffers.iter().chain(&items.images) {
+        let uri = json.string("uri").ok().flatten();
+        if uri.is_some_and(|uri| !uri.starts_with("data:") && uri.contains('\\')) {
+            notes.repaired(&json.path("uri"), "`\\` in a path is read as `/`, unless a file has it in its name");
+        }
+    }
+}
+
+/// Root nodes and JSON path of the chosen scene, else of the document's default; of all nodes if there are no scenes.
+fn choose_scene(
+    root: &Json,
+    options: &ImportOptions,
+    names: &[String],
+    lengths: &Lengths,
+    scenes: &Table<Vec<usize>>,
+    nodes: &[Node],
+) -> Result<(Vec<usize>, String)> {
+    let chosen = match &options.scene {
+        Some(wanted) => choose("scene", wanted, names)?,
+        None => root.index("scene", lengths.scenes, "scenes")?.unwrap_or(0),
+    };
+    let (roots, at) = match scenes.len() {
+        // A file without scenes is a library of nodes: all of it is shown.
+        0 => (top_nodes(nodes), "nodes".into()),
+        _ => (scenes.get(chosen)?.clone(), format!("scenes[{chosen}]")),
+    };
+    check_roots(&roots, nodes, &at)?;
+    Ok((roots, at))
+}
+
 fn strings(json: &Json, key: &str) -> Result<Vec<String>> {
     json.items(key)?.iter().map(|item| item.as_string().map(Into::into)).collect()
 }
 
-/// Major version 2; `minVersion` at most 2.0, which is what we read.
+/// Checks that the major version is 2 and `minVersion` at most 2.0.
 fn check_version(asset: &Json) -> Result<()> {
     let number = |key: &str, text: &str| -> Result<(u32, u32)> {
         let parts = text.split_once('.').and_then(|(a, b)| Some((a.parse().ok()?, b.parse().ok()?)));
@@ -268,7 +242,7 @@ fn check_version(asset: &Json) -> Result<()> {
         && number("minVersion", text)? > (2, 0)
     {
         return Err(Error::Data(format!(
-            "asset.minVersion: the file asks for a reader of glTF {text}, this one reads 2.0; export it as glTF 2.0"
+            "asset.minVersion: the file requires glTF {text}, but only 2.0 is supported; export it as glTF 2.0"
         )));
     }
     Ok(())
@@ -284,7 +258,7 @@ fn top_nodes(nodes: &[Node]) -> Vec<usize> {
     parents(nodes).iter().enumerate().filter(|(_, has)| !**has).map(|(i, _)| i).collect()
 }
 
-/// Scenes name top nodes, each once: so no node is shown twice.
+/// Checks that a scene lists root nodes, each once, so that no node is shown twice.
 fn check_roots(roots: &[usize], nodes: &[Node], at: &str) -> Result<()> {
     let mut taken = parents(nodes);
     for (i, &root) in roots.iter().enumerate() {

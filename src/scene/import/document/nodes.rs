@@ -1,10 +1,10 @@
-//! Nodes, as the document has them: a forest.
+//! Nodes of the document, which form a forest.
 
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 
-use super::Lengths;
 use super::accessors::{Accessor, Component, Shape};
 use super::json::Json;
+use super::lengths::Lengths;
 use super::primitives::{Mesh, read_weights};
 use super::table::Table;
 use crate::error::Result;
@@ -21,7 +21,7 @@ pub struct Node {
     content: Result<Content>,
 }
 
-/// What hangs on a node.
+/// What a node refers to.
 #[derive(Debug)]
 pub struct Content {
     pub mesh: Option<usize>,
@@ -40,11 +40,12 @@ pub struct Instancing {
     pub translation: Option<usize>,
     pub rotation: Option<usize>,
     pub scale: Option<usize>,
+    /// Accessors of all attributes, including unknown ones.
     pub all: Vec<usize>,
 }
 
 impl Node {
-    /// The forest is checked whole, what hangs on a node where it is shown.
+    /// Parses a node. Faults of its transform and children are errors; faults of its content are errors where it is shown.
     pub fn parse(json: &Json, lengths: &Lengths, meshes: &Table<Mesh>, accessors: &Table<Accessor>) -> Result<Self> {
         Ok(Self {
             name: json.name()?,
@@ -55,10 +56,10 @@ impl Node {
         })
     }
 
-    /// What hangs on it.
+    /// What the node refers to.
     ///
     /// # Errors
-    /// What is wrong with that.
+    /// Its fault, if it is invalid.
     pub fn content(&self) -> Result<&Content> {
         self.content.as_ref().map_err(Clone::clone)
     }
@@ -147,7 +148,7 @@ impl Instancing {
     }
 }
 
-/// Every node has at most one parent and nothing is its own ancestor.
+/// Checks that every node has at most one parent and is not its own ancestor.
 pub fn check_forest(nodes: &[Node]) -> Result<()> {
     let mut parent: Vec<Option<usize>> = vec![None; nodes.len()];
     for (index, node) in nodes.iter().enumerate() {
@@ -161,7 +162,7 @@ pub fn check_forest(nodes: &[Node]) -> Result<()> {
             }
         }
     }
-    // What cannot be reached from a node without a parent is a cycle.
+    // Nodes that cannot be reached from a node without a parent form a cycle.
     let mut reached = vec![false; nodes.len()];
     let mut stack: Vec<usize> = (0..nodes.len()).filter(|&i| parent[i].is_none()).collect();
     while let Some(index) = stack.pop() {
@@ -172,4 +173,18 @@ pub fn check_forest(nodes: &[Node]) -> Result<()> {
         None => Ok(()),
         Some(index) => Err(bad(&nodes[index].at, "a tree of nodes", "a node that is its own ancestor")),
     }
+}
+
+/// Every node's transform to world space, also of nodes that no scene shows. The nodes must be a forest.
+pub fn world_transforms(nodes: &[Node]) -> Vec<DAffine3> {
+    let mut worlds = vec![DAffine3::IDENTITY; nodes.len()];
+    let mut is_child = vec![false; nodes.len()];
+    nodes.iter().flat_map(|n| &n.children).for_each(|&c| is_child[c] = true);
+    let mut stack: Vec<(usize, DAffine3)> =
+        (0..nodes.len()).filter(|&i| !is_child[i]).map(|i| (i, DAffine3::IDENTITY)).collect();
+    while let Some((index, parent)) = stack.pop() {
+        worlds[index] = parent * nodes[index].transform;
+        stack.extend(nodes[index].children.iter().map(|&child| (child, worlds[index])));
+    }
+    worlds
 }

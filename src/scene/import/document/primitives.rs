@@ -1,89 +1,15 @@
-//! Meshes of the document: attributes, their formats, and what belongs together.
+//! Meshes and their primitives.
 
-use std::collections::BTreeMap;
-
-use super::Lengths;
 use super::accessors::{Accessor, Component, Shape, View};
-use super::compression::Draco;
+use super::attributes::{Attributes, Semantic, parse_attributes};
+use super::draco::Draco;
 use super::json::Json;
+use super::lengths::Lengths;
 use super::materials::Material;
 use super::table::Table;
 use crate::error::Result;
 use crate::scene::import::complaint::bad;
 use crate::scene::import::report::Notes;
-
-/// What an attribute means. Sets other than 0 and 1 are checked, but not read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Semantic {
-    Position,
-    Normal,
-    Tangent,
-    TexCoord(u32),
-    Color(u32),
-    Joints(u32),
-    Weights(u32),
-}
-
-impl Semantic {
-    pub fn parse(name: &str) -> Option<Self> {
-        let (stem, set) = match name.split_once('_') {
-            Some((stem, set)) => (stem, Some(set)),
-            None => (name, None),
-        };
-        let set = match set {
-            None => None,
-            Some(digits) if digits.bytes().all(|b| b.is_ascii_digit()) => Some(digits.parse().ok()?),
-            Some(_) => return None,
-        };
-        match (stem, set) {
-            ("POSITION", None) => Some(Self::Position),
-            ("NORMAL", None) => Some(Self::Normal),
-            ("TANGENT", None) => Some(Self::Tangent),
-            ("TEXCOORD", Some(set)) => Some(Self::TexCoord(set)),
-            ("COLOR", Some(set)) => Some(Self::Color(set)),
-            ("JOINTS", Some(set)) => Some(Self::Joints(set)),
-            ("WEIGHTS", Some(set)) => Some(Self::Weights(set)),
-            _ => None,
-        }
-    }
-
-    /// Is this format allowed? `morph` for displacements, `quantized` with KHR_mesh_quantization.
-    fn allows(self, a: &Accessor, morph: bool, quantized: bool) -> bool {
-        use Component::*;
-        let unorm = a.normalized && matches!(a.component, U8 | U16);
-        let snorm = a.normalized && matches!(a.component, I8 | I16);
-        let small = matches!(a.component, I8 | U8 | I16 | U16);
-        let float = a.component == F32;
-        match self {
-            Self::Position => {
-                let integer = if morph { matches!(a.component, I8 | I16) } else { small };
-                a.shape == Shape::Vec3 && (float || quantized && integer)
-            }
-            Self::Normal => a.shape == Shape::Vec3 && (float || quantized && snorm),
-            Self::Tangent => a.shape == if morph { Shape::Vec3 } else { Shape::Vec4 } && (float || quantized && snorm),
-            Self::TexCoord(_) => a.shape == Shape::Vec2 && (float || unorm || quantized && small || morph && snorm),
-            Self::Color(_) => matches!(a.shape, Shape::Vec3 | Shape::Vec4) && (float || unorm || morph && snorm),
-            Self::Joints(_) => a.shape == Shape::Vec4 && !a.normalized && matches!(a.component, U8 | U16),
-            Self::Weights(_) => a.shape == Shape::Vec4 && (float || unorm),
-        }
-    }
-
-    fn formats(self) -> &'static str {
-        match self {
-            Self::Position | Self::Normal => {
-                "VEC3 of FLOAT (integers need KHR_mesh_quantization in extensionsRequired)"
-            }
-            Self::Tangent => "VEC4 of FLOAT (VEC3 in morph targets; integers need KHR_mesh_quantization)",
-            Self::TexCoord(_) => "VEC2 of FLOAT or normalized UNSIGNED_BYTE or UNSIGNED_SHORT",
-            Self::Color(_) => "VEC3 or VEC4 of FLOAT or normalized UNSIGNED_BYTE or UNSIGNED_SHORT",
-            Self::Joints(_) => "VEC4 of UNSIGNED_BYTE or UNSIGNED_SHORT",
-            Self::Weights(_) => "VEC4 of FLOAT or normalized UNSIGNED_BYTE or UNSIGNED_SHORT",
-        }
-    }
-}
-
-/// Accessor by semantic.
-pub type Attributes = BTreeMap<Semantic, usize>;
 
 /// One part of a mesh with one material.
 #[derive(Debug)]
@@ -92,9 +18,9 @@ pub struct Primitive {
     pub indices: Option<usize>,
     pub mode: u64,
     pub material: Option<usize>,
-    /// Displacements by morph target.
+    /// Displacements of each morph target.
     pub targets: Vec<Attributes>,
-    /// Where its accessors' elements are, if those have no view.
+    /// Compressed source of the elements, if the accessors have no view.
     pub draco: Option<Draco>,
     pub extensions: Vec<String>,
     pub at: String,
@@ -105,7 +31,7 @@ pub struct Primitive {
 pub struct Mesh {
     pub name: String,
     pub primitives: Vec<Primitive>,
-    /// Default weights, one a morph target.
+    /// Default weights, one per morph target.
     pub weights: Vec<f32>,
     pub at: String,
 }
@@ -138,7 +64,7 @@ impl Mesh {
     }
 }
 
-/// `weights` of a mesh or node, one a morph target.
+/// `weights` of a mesh or node, one per morph target.
 pub fn read_weights(json: &Json, targets: usize) -> Result<Option<Vec<f32>>> {
     let Some(weights) = json.numbers("weights")? else { return Ok(None) };
     if weights.len() != targets {
@@ -168,7 +94,7 @@ impl Primitive {
         for target in json.items("targets")? {
             targets.push(parse_attributes(&target, accessors, true, quantized, &mut all_accessors, notes)?);
         }
-        // Every attribute, also those that are not read, has one element a vertex.
+        // Every attribute, including unknown ones, has one element per vertex.
         if let Some(&first) = attributes.values().next().or(all_accessors.first()) {
             let count = accessors.get(first)?.count;
             for &other in &all_accessors {
@@ -214,13 +140,13 @@ impl Primitive {
                 }
             }
         }
-        // From normals, tangents could be made; without both there is no tangent space at all.
+        // Tangents can be generated from normals; without both there is no tangent space.
         let no_tangents = !attributes.contains_key(&Semantic::Tangent) && !attributes.contains_key(&Semantic::Normal);
         let shading = material.map(|index| materials.get(index)).transpose()?;
         if let Some(at) = shading.and_then(|m| m.needs_tangents.as_ref()).filter(|_| no_tangents) {
             return Err(json.bad("attributes", format!("NORMAL or TANGENT, which {at} needs"), "none"));
         }
-        // With an uncompressed fallback there is nothing to decode.
+        // An uncompressed fallback is used instead of the stream.
         let draco = Draco::parse(json, &attributes, views.len())?.filter(|draco| {
             let mut coded = draco.attributes.keys().map(|semantic| attributes[semantic]).chain(indices);
             coded.any(|index| accessors.get(index).is_ok_and(|accessor| accessor.view.is_none()))
@@ -241,32 +167,4 @@ impl Primitive {
     pub fn skin_sets(&self) -> u32 {
         (0..).take_while(|&i| self.attributes.contains_key(&Semantic::Joints(i))).count() as u32
     }
-}
-
-fn parse_attributes(
-    json: &Json,
-    accessors: &Table<Accessor>,
-    morph: bool,
-    quantized: bool,
-    all: &mut Vec<usize>,
-    notes: &mut Notes,
-) -> Result<Attributes> {
-    let mut attributes = Attributes::new();
-    for name in json.object()?.keys() {
-        let index = json.need(name, json.index(name, accessors.len(), "accessors")?)?;
-        all.push(index);
-        if name.starts_with('_') {
-            continue; // An application's own.
-        }
-        let Some(semantic) = Semantic::parse(name) else {
-            notes.repaired(&json.path(name), format!("an attribute {name}, which the specification does not know"));
-            continue;
-        };
-        let accessor = accessors.get(index)?;
-        if !semantic.allows(accessor, morph, quantized) {
-            return Err(json.bad(name, semantic.formats(), accessor.format()));
-        }
-        attributes.insert(semantic, index);
-    }
-    Ok(attributes)
 }

@@ -1,8 +1,8 @@
-//! Skins, as the document has them.
+//! Skins of the document.
 
-use super::Lengths;
 use super::accessors::{Accessor, Component, Shape, View};
 use super::json::Json;
+use super::lengths::Lengths;
 use super::table::Table;
 use crate::error::Result;
 

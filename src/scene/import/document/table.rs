@@ -1,25 +1,25 @@
-//! The document's arrays. A faulty element is an error where something shown needs it, and a remark elsewhere.
+//! The document's arrays. A faulty element is an error if something shown needs it; otherwise it is noted.
 
 use super::json::Json;
 use crate::error::{Error, Result};
 
-/// One of the document's arrays; indices are those of the file.
+/// An array of the document; indices are those of the file.
 pub struct Table<T> {
     elements: Vec<Result<T>>,
     name: &'static str,
 }
 
 impl<T> Table<T> {
-    /// Reads every element; what is wrong with one is kept with it.
+    /// Reads every element; errors are kept in the element's place.
     pub fn parse(name: &'static str, items: &[Json], mut read: impl FnMut(usize, &Json) -> Result<T>) -> Self {
         let elements = items.iter().enumerate().map(|(index, json)| read(index, json)).collect();
         Self { elements, name }
     }
 
-    /// An element that is needed; the index has been checked.
+    /// The element at a checked index.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// The element's fault.
     pub fn get(&self, index: usize) -> Result<&T> {
         self.elements[index].as_ref().map_err(Clone::clone)
     }
@@ -28,12 +28,12 @@ impl<T> Table<T> {
         self.elements.len()
     }
 
-    /// The sound elements, with their indices.
+    /// The valid elements, with their indices.
     pub fn sound(&self) -> impl Iterator<Item = (usize, &T)> {
         self.elements.iter().enumerate().filter_map(|(index, element)| Some((index, element.as_ref().ok()?)))
     }
 
-    /// The faulty elements' paths, and what is wrong.
+    /// JSON paths of the faulty elements, with their faults.
     pub fn faults(&self) -> impl Iterator<Item = (String, &Error)> {
         let faulty =
             self.elements.iter().enumerate().filter_map(|(index, element)| Some((index, element.as_ref().err()?)));

@@ -7,15 +7,15 @@ use super::json::{Json, shown};
 use crate::error::{Error, Result};
 use crate::scene::import::complaint::bad;
 
-/// Reads an object. The crate's types want integers without a decimal point, cut indices to 32 bits, take infinity for
-/// what a float cannot hold and `null` for nothing: what they see was put right before.
+/// Reads an object into a type of the crate `gltf`. The crate rejects integers with a decimal point, truncates indices to 32
+/// bits, reads numbers beyond a float's range as infinity and `null` as absent: the JSON is normalized first.
 ///
 /// # Errors
 /// [`Error::Data`] with the path of what has the wrong type.
 pub fn read<T: DeserializeOwned>(json: &Json) -> Result<T> {
     json.object()?;
-    let upright = put_right(json.value(), &json.at)?;
-    serde_path_to_error::deserialize(upright).map_err(|error| {
+    let normalized = normalize(json.value(), &json.at)?;
+    serde_path_to_error::deserialize(normalized).map_err(|error| {
         let inside = error.path().to_string();
         let at = if inside == "." { json.at.clone() } else { json.path(&inside) };
         complaint(&at, &error.into_inner().to_string())
@@ -23,7 +23,7 @@ pub fn read<T: DeserializeOwned>(json: &Json) -> Result<T> {
 }
 
 /// Whole numbers below 2^32 as integers, all others as floats that are finite in 32 bits; `extras` left out.
-fn put_right(value: &Value, at: &str) -> Result<Value> {
+fn normalize(value: &Value, at: &str) -> Result<Value> {
     Ok(match value {
         Value::Null => return Err(bad(at, "a value, or no such member", "null")),
         Value::Number(number) => {
@@ -33,19 +33,19 @@ fn put_right(value: &Value, at: &str) -> Result<Value> {
             Value::Number(if whole { (x as u32).into() } else { Number::from_f64(x).unwrap_or_else(|| 0.into()) })
         }
         Value::Array(items) => {
-            let item = |(i, item)| put_right(item, &format!("{at}[{i}]"));
+            let item = |(i, item)| normalize(item, &format!("{at}[{i}]"));
             Value::Array(items.iter().enumerate().map(item).collect::<Result<_>>()?)
         }
         Value::Object(members) => {
             let members = members.iter().filter(|(key, _)| *key != "extras");
-            let member = |(key, member): (&String, _)| Ok((key.clone(), put_right(member, &format!("{at}.{key}"))?));
+            let member = |(key, member): (&String, _)| Ok((key.clone(), normalize(member, &format!("{at}.{key}"))?));
             Value::Object(members.map(member).collect::<Result<Map<_, _>>>()?)
         }
         other => other.clone(),
     })
 }
 
-/// What serde says, in our words: "invalid type: string \"x\", expected f32", "missing field `index`".
+/// Translates an error of serde: "invalid type: string \"x\", expected f32", "missing field `index`".
 fn complaint(at: &str, text: &str) -> Error {
     if let Some(field) = text.strip_prefix("missing field `").and_then(|rest| rest.split('`').next()) {
         return bad(&format!("{at}.{field}"), "a value", "nothing");

@@ -1,4 +1,4 @@
-//! A file's bytes, as far as they are needed.
+//! Bytes of a file, of which only the needed ranges are read.
 
 use std::fs::File;
 use std::ops::Range;
@@ -10,25 +10,25 @@ use bytes::Bytes;
 
 use crate::error::{Error, Result};
 
-/// Bytes that nothing shown needs are not worth a second thought below this; nor are gaps.
-const SMALL: u64 = 1 << 20;
+/// Smallest number of unneeded bytes that are worth skipping.
+const MIN_SKIPPED_BYTES: u64 = 1 << 20;
 
-/// Bytes of a file or a URI, whole or in parts.
+/// Bytes of a file or a data URI, whole or in parts.
 #[derive(Debug, Clone, Default)]
 pub struct Blob {
-    /// Bytes in all.
+    /// Total length in bytes.
     pub length: u64,
-    /// Where each part starts, in order.
+    /// Parts that were read, each with its offset, in order.
     parts: Arc<[(u64, Bytes)]>,
 }
 
 impl Blob {
-    /// All of it.
+    /// A blob of which all bytes are present.
     pub fn whole(bytes: Bytes) -> Self {
         Self { length: bytes.len() as u64, parts: Arc::new([(0, bytes)]) }
     }
 
-    /// Reads the wanted ranges of `within`, which are relative to its start; all of it where little can be left out.
+    /// Reads the `wanted` ranges, relative to the start of `within`; all of `within` if little can be skipped.
     ///
     /// # Errors
     /// A failed read, no memory.
@@ -39,12 +39,14 @@ impl Blob {
         for range in wanted.iter().flatten() {
             let range = range.start.min(length)..range.end.min(length);
             match merged.last_mut() {
-                Some(last) if range.start <= last.end.saturating_add(SMALL) => last.end = last.end.max(range.end),
+                Some(last) if range.start <= last.end.saturating_add(MIN_SKIPPED_BYTES) => {
+                    last.end = last.end.max(range.end)
+                }
                 _ => merged.push(range),
             }
         }
         let left_out = length - merged.iter().map(|range| range.end - range.start).sum::<u64>();
-        if wanted.is_none() || left_out <= SMALL {
+        if wanted.is_none() || left_out <= MIN_SKIPPED_BYTES {
             merged.clear();
             merged.push(0..length);
         }
@@ -61,12 +63,12 @@ impl Blob {
         Ok(Self { length, parts: merged.into_iter().map(part).collect::<Result<_>>()? })
     }
 
-    /// Of a whole blob.
+    /// The bytes of a blob that was read completely.
     pub fn all(&self) -> Bytes {
         self.parts.first().map(|(_, bytes)| bytes.clone()).unwrap_or_default()
     }
 
-    /// Some of it; `None` for what was not read or is beyond its end.
+    /// The bytes of a range; `None` if some were not read or lie beyond the end.
     pub fn get(&self, range: Range<u64>) -> Option<Bytes> {
         let (start, part) =
             &self.parts[self.parts.partition_point(|(start, _)| *start <= range.start).checked_sub(1)?];
@@ -74,12 +76,12 @@ impl Blob {
         (within.start <= within.end && within.end <= part.len()).then(|| part.slice(within))
     }
 
-    /// Bytes in memory.
+    /// Number of bytes in memory.
     pub fn read_bytes(&self) -> u64 {
         self.parts.iter().map(|(_, part)| part.len() as u64).sum()
     }
 
-    /// Feeds what was read, and where it is unless it is all there is.
+    /// Hashes the parts that were read, with their offsets unless at the start.
     pub fn hash(&self, hasher: &mut blake3::Hasher) {
         for (start, part) in &*self.parts {
             if *start > 0 {

@@ -1,4 +1,4 @@
-//! The file around the scene: GLB container or plain JSON.
+//! The container of the scene: GLB, or plain JSON.
 
 use std::fs::File;
 use std::ops::Range;
@@ -14,8 +14,8 @@ use crate::error::{Error, Result};
 const MAGIC: [u8; 4] = *b"glTF";
 const HEADER: u64 = 12;
 const CHUNK_HEADER: u64 = 8;
-/// Each takes a read of its own.
-const MOST_CHUNKS: u32 = 1 << 16;
+/// Limit of chunks, as each needs a read.
+const MAX_CHUNKS: u32 = 1 << 16;
 const JSON_CHUNK: u32 = 0x4E4F_534A;
 const BIN_CHUNK: u32 = 0x004E_4942;
 
@@ -25,21 +25,21 @@ pub struct Container {
     /// Does the JSON start with a byte-order mark?
     pub byte_order_mark: bool,
     pub file: File,
-    /// Bytes of the file.
+    /// Size of the file in bytes.
     pub file_bytes: u64,
-    /// Where the GLB's binary chunk is in the file.
+    /// Byte range of the GLB's binary chunk.
     pub bin: Option<Range<u64>>,
 }
 
-/// Reads the document of a `.gltf` or `.glb`, told apart by their first bytes.
+/// Reads the document of a `.gltf` or `.glb`, distinguished by their first bytes.
 pub fn read(path: &Path) -> Result<Container> {
-    const LARGEST: u64 = 64 << 30;
-    let (file, file_bytes) = open_regular(path, LARGEST)?;
+    const MAX_FILE_BYTES: u64 = 64 << 30;
+    let (file, file_bytes) = open_regular(path, MAX_FILE_BYTES)?;
     let in_file = |text: String| Error::Data(format!("{}: {text}", path.display()));
     let words = Words { path, file: &file, length: file_bytes };
     let is_glb = words.at(0)? == Some(MAGIC);
     if !is_glb && path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb")) {
-        return Err(in_file("byte 0: wanted the GLB magic `glTF`, found something else; is this a GLB file?".into()));
+        return Err(in_file("byte 0: expected the GLB magic `glTF`, found something else; is this a GLB file?".into()));
     }
     let (json, bin) = match is_glb {
         true => split(&words)?,
@@ -56,7 +56,7 @@ pub fn read(path: &Path) -> Result<Container> {
     Ok(Container { json, byte_order_mark, file, file_bytes, bin })
 }
 
-/// A file's numbers.
+/// Reads 32-bit words of a file.
 struct Words<'a> {
     path: &'a Path,
     file: &'a File,
@@ -64,7 +64,7 @@ struct Words<'a> {
 }
 
 impl Words<'_> {
-    /// Four bytes; `None` where they are not all there.
+    /// Four bytes at an offset; `None` beyond the end.
     fn at(&self, at: u64) -> Result<Option<[u8; 4]>> {
         let mut word = [0; 4];
         if at + 4 > self.length {
@@ -79,14 +79,14 @@ impl Words<'_> {
     }
 }
 
-/// Where a GLB's JSON and BIN chunks are.
+/// Byte ranges of a GLB's JSON and BIN chunks.
 fn split(words: &Words) -> Result<(Range<u64>, Option<Range<u64>>)> {
     let bad = |text: String| Error::Data(format!("{}: GLB container: {text}", words.path.display()));
     let truncated = || bad(format!("byte {}: the file ends inside the {HEADER}-byte header", words.length));
     let version = words.number(4, truncated)?;
     let length = u64::from(words.number(8, truncated)?);
     if version != 2 {
-        return Err(bad(format!("byte 4: wanted version 2, found {version}; convert the file to glTF 2.0")));
+        return Err(bad(format!("byte 4: expected version 2, found {version}; convert the file to glTF 2.0")));
     }
     if length > words.length || length < HEADER {
         let text = format!("byte 8: the header says {length} bytes, the file has {}; is it truncated?", words.length);
@@ -107,11 +107,11 @@ fn split(words: &Words) -> Result<(Range<u64>, Option<Range<u64>>)> {
         match (index, kind) {
             (0, JSON_CHUNK) if size > 0 => json = Some(start..end),
             (0, JSON_CHUNK) => return Err(bad(format!("byte {at}: the JSON chunk is empty"))),
-            (0, _) => return Err(bad(format!("byte {at}: wanted the JSON chunk first, found type {kind:#010x}"))),
+            (0, _) => return Err(bad(format!("byte {at}: expected the JSON chunk first, found type {kind:#010x}"))),
             (1, BIN_CHUNK) => bin = Some(start..end),
             (_, JSON_CHUNK) => return Err(bad(format!("byte {at}: a second JSON chunk"))),
             (_, BIN_CHUNK) => return Err(bad(format!("byte {at}: a BIN chunk that is not the second chunk"))),
-            (MOST_CHUNKS, _) => return Err(bad(format!("byte {at}: more than {MOST_CHUNKS} chunks"))),
+            (MAX_CHUNKS, _) => return Err(bad(format!("byte {at}: more than {MAX_CHUNKS} chunks"))),
             // Later chunks of other kinds are for extensions and are skipped, as the specification asks.
             _ => {}
         }

@@ -1,5 +1,4 @@
-//! A scene's files, each opened once: what is hashed and measured is what is rendered, whatever happens to the files
-//! meanwhile.
+//! A scene's files. Each is opened once, so that the data that is hashed is the data that is rendered.
 
 mod blob;
 mod container;
@@ -32,7 +31,7 @@ pub struct Data {
     pub mime: Option<String>,
 }
 
-/// A scene file and the files that it names, in memory, but for what no scene of it can show.
+/// A scene file and the files that it refers to, in memory, except for data that none of its scenes can show.
 #[derive(Debug)]
 pub struct Source {
     /// The scene file's path.
@@ -43,9 +42,9 @@ pub struct Source {
     pub byte_order_mark: bool,
     /// The GLB's binary chunk.
     pub bin: Option<Blob>,
-    /// Bytes of all files, each counted once.
+    /// Size of all files in bytes, each counted once.
     pub file_bytes: u64,
-    /// Of these, those in memory.
+    /// Number of these bytes that were read.
     read_bytes: u64,
     /// All files, the scene file first.
     pub files: Vec<PathBuf>,
@@ -55,7 +54,7 @@ pub struct Source {
 }
 
 impl Source {
-    /// Reads them. What is wrong with a named file is kept until the document is checked.
+    /// Reads the files. Errors of files that the document refers to are kept until the document is checked.
     ///
     /// # Errors
     /// The scene file missing, forbidden, not regular or neither GLB nor JSON.
@@ -78,7 +77,7 @@ impl Source {
         for (i, buffer) in buffers.iter().enumerate() {
             want(&mut files, buffer.as_ref(), Some(reach.ranges(&json, i)));
         }
-        // A picture is read whole or not at all.
+        // A picture is read completely or not at all.
         for (image, reached) in images.iter().zip(&reach.images) {
             want(&mut files, image.as_ref(), (!reached).then(Vec::new));
         }
@@ -115,24 +114,24 @@ impl Source {
         })
     }
 
-    /// What `buffers[index].uri` names; `None` without a URI.
+    /// Data of `buffers[index].uri`; `None` without a URI.
     ///
     /// # Errors
-    /// A URI that is refused, a file that is not there or cannot be read; with the place in the document.
+    /// A URI that is refused, a file that is missing or cannot be read; with the JSON path.
     pub fn buffer(&self, index: usize) -> Result<Option<Data>> {
         self.buffers.get(index).cloned().flatten().transpose()
     }
 
-    /// As [`Self::buffer`], of `images[index].uri`.
+    /// Data of `images[index].uri`; `None` without a URI or if no scene can show it.
     ///
     /// # Errors
-    /// Likewise.
+    /// A URI that is refused, a file that is missing or cannot be read; with the JSON path.
     pub fn image(&self, index: usize) -> Result<Option<Data>> {
         self.images.get(index).cloned().flatten().transpose()
     }
 }
 
-/// What is wanted of each file, however often it is named; `None` for all of it.
+/// Byte ranges to read of each file; `None` for the whole file.
 type Wanted = HashMap<PathBuf, Option<Vec<Range<u64>>>>;
 
 fn want(files: &mut Wanted, resource: Option<&Result<Resource>>, ranges: Option<Vec<Range<u64>>>) {

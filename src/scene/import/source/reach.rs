@@ -1,15 +1,15 @@
-//! What of a document can be shown, by any of its scenes at any time: the rest need not be read.
+//! Elements of a document that some scene can show at some time. The others need not be read.
 
 use std::ops::Range;
 
 use serde_json::Value;
 
-/// Indices that something reached names.
+/// Reachable elements, by array.
 #[derive(Debug)]
 pub struct Reach {
-    /// Of `meshes`.
+    /// By index into `meshes`.
     pub meshes: Vec<bool>,
-    /// Of `images`.
+    /// By index into `images`.
     pub images: Vec<bool>,
     materials: Vec<bool>,
     textures: Vec<bool>,
@@ -18,7 +18,7 @@ pub struct Reach {
 }
 
 impl Reach {
-    /// Follows a document that nobody has checked yet: what it names wrongly is skipped.
+    /// Follows the references of a document that is not checked yet; invalid references are skipped.
     pub fn of(json: &Value) -> Self {
         let none = |list: &str| vec![false; items(&json[list]).count()];
         let mut reach = Self {
@@ -87,7 +87,7 @@ impl Reach {
         }
     }
 
-    /// Its textures, whatever extension they belong to.
+    /// Marks a material's textures, including those of any extension.
     fn material(&mut self, part: &Value) {
         for (key, value) in part.as_object().into_iter().flatten() {
             if key.ends_with("Texture") {
@@ -97,7 +97,7 @@ impl Reach {
         }
     }
 
-    /// Bytes of a buffer.
+    /// Reachable byte ranges of a buffer.
     pub fn ranges(&self, json: &Value, buffer: usize) -> Vec<Range<u64>> {
         let range = |part: &Value| {
             let start = part["byteOffset"].as_u64().unwrap_or(0);
@@ -114,8 +114,8 @@ fn index(value: &Value) -> Option<usize> {
 }
 
 fn mark(list: &mut [bool], value: &Value) {
-    if let Some(place) = index(value).and_then(|index| list.get_mut(index)) {
-        *place = true;
+    if let Some(reached) = index(value).and_then(|index| list.get_mut(index)) {
+        *reached = true;
     }
 }
 
@@ -124,7 +124,7 @@ fn mark_all(list: &mut [bool], value: &Value) {
     items(value).chain(value.as_object().into_iter().flat_map(|map| map.values())).for_each(|item| mark(list, item));
 }
 
-/// Marks the nodes below marked ones.
+/// Marks the descendants of marked nodes.
 fn descend(json: &Value, nodes: &mut [bool]) {
     let mut stack = indices(nodes);
     while let Some(next) = stack.pop() {
@@ -141,7 +141,7 @@ fn indices(list: &[bool]) -> Vec<usize> {
     (0..list.len()).filter(|&i| list[i]).collect()
 }
 
-/// The elements of an array; none of anything else.
+/// The elements of an array; none for other values.
 pub fn items(json: &Value) -> impl Iterator<Item = &Value> {
     json.as_array().into_iter().flatten()
 }

@@ -1,4 +1,4 @@
-//! Reading a file whole.
+//! Opening and reading regular files.
 
 use std::fs::File;
 use std::io::Read;
@@ -6,10 +6,10 @@ use std::path::Path;
 
 use crate::error::{Error, Result};
 
-/// Opens a regular file; with its size in bytes. Pipes and devices are refused before they are opened.
+/// Opens a regular file and returns its size in bytes. Pipes and devices are refused before they are opened.
 ///
 /// # Errors
-/// Missing, forbidden, not a regular file, or larger than `limit`.
+/// The file is missing, not permitted, not regular, or larger than `limit` bytes.
 pub fn open_regular(path: &Path, limit: u64) -> Result<(File, u64)> {
     let reading = |e| Error::reading(path, &e);
     let refused = |text: String| Err(Error::Data(format!("{}: {text}", path.display())));
@@ -23,10 +23,10 @@ pub fn open_regular(path: &Path, limit: u64) -> Result<(File, u64)> {
     }
 }
 
-/// Reads a regular file whole.
+/// Reads a regular file completely.
 ///
 /// # Errors
-/// As [`open_regular`]; a failed read, no memory.
+/// See [`open_regular`]; also a failed read, or insufficient memory.
 pub fn read_regular(path: &Path, limit: u64) -> Result<Vec<u8>> {
     let (file, size) = open_regular(path, limit)?;
     let reading = |e| Error::reading(path, &e);

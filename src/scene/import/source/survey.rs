@@ -1,4 +1,4 @@
-//! What a scene's files hash to, and what memory loading them will take.
+//! Hash of a scene's files, and an estimate of the memory that loading them takes.
 
 use std::io::Cursor;
 use std::path::PathBuf;
@@ -10,27 +10,27 @@ use serde_json::Value;
 use super::Source;
 use super::reach::items;
 
-/// What a scene's files say of themselves.
+/// Hash and sizes of a scene's files, without decoding them.
 #[derive(Debug, Clone, Default)]
 pub struct Survey {
-    /// BLAKE3 of the scene file and the files that it names, as far as they were read; hexadecimal.
+    /// BLAKE3 of the bytes that were read of the scene file and the files that it refers to; hexadecimal.
     pub hash: String,
-    /// The files, the scene file first.
+    /// Paths of the files, the scene file first.
     pub files: Vec<PathBuf>,
-    /// Bytes of these files.
+    /// Size of these files in bytes.
     pub file_bytes: u64,
-    /// Of these, what was read: all but what no scene of the document can show.
+    /// Bytes that were read: all but those that no scene of the document can show.
     pub read_bytes: u64,
-    /// Triangles in memory, at most.
+    /// Upper bound of the number of triangles in memory.
     pub triangles: u64,
-    /// Bytes of vertices and indices in memory, at most.
+    /// Upper bound of the bytes of vertices and indices in memory.
     pub geometry_bytes: u64,
-    /// Bytes of decoded pictures, at most.
+    /// Upper bound of the bytes of decoded pictures.
     pub image_bytes: u64,
 }
 
 impl Source {
-    /// Hashes and measures the files, and decodes none. What is wrong with them is left for the import to say.
+    /// Hashes and measures the files without decoding them. Faults are left for the import to report.
     pub fn survey(&self) -> Survey {
         let Self { file_bytes, read_bytes, .. } = *self;
         let (hash, files) = (self.hash(), self.files.clone());
@@ -43,7 +43,7 @@ impl Source {
 
     fn hash(&self) -> String {
         let mut hasher = blake3::Hasher::new();
-        // Numbers and strings of the document as they are written, whatever the white space.
+        // The document without insignificant white space.
         hasher.update(self.json.to_string().as_bytes());
         for data in self.buffers.iter().chain(&self.images).flatten().flatten() {
             hasher.update(&data.bytes.length.to_le_bytes());
@@ -55,7 +55,7 @@ impl Source {
         hasher.finalize().to_hex().to_string()
     }
 
-    /// A picture as it is stored; nothing if there is none.
+    /// Encoded bytes of a picture; empty if there are none.
     fn image_bytes(&self, index: usize) -> Bytes {
         if let Some(Some(Ok(data))) = self.images.get(index) {
             return data.bytes.all();
@@ -91,15 +91,15 @@ impl Source {
                 _ => continue,
             };
             let sizes = [("POSITION", 12), ("NORMAL", 12), ("TEXCOORD_0", 8), ("TEXCOORD_1", 8), ("COLOR_0", 16)];
-            let a_vertex: u64 =
+            let bytes_per_vertex: u64 =
                 sizes.iter().filter(|(name, _)| attributes[*name].is_u64()).map(|(_, bytes)| bytes).sum();
             survey.triangles += triangles;
-            survey.geometry_bytes += vertices * a_vertex + 12 * triangles;
+            survey.geometry_bytes += vertices * bytes_per_vertex + 12 * triangles;
         }
     }
 }
 
-/// Four bytes a texel, eight of those with 16 bits a channel; nothing for what is no picture.
+/// Decoded size of a picture: four bytes per texel, eight with 16 bits per channel; 0 for other data.
 fn decoded_bytes(bytes: &[u8]) -> u64 {
     if let [0xAB, b'K', b'T', b'X', b' ', b'2', b'0', ..] = bytes {
         let side = |at: usize| bytes.get(at..at + 4)?.try_into().ok().map(u32::from_le_bytes);
@@ -113,7 +113,7 @@ fn decoded_bytes(bytes: &[u8]) -> u64 {
     4 * channel * u64::from(width) * u64::from(height)
 }
 
-/// An index or size; 0, their default, when it is not there.
+/// An index or size; 0 (the default) if absent.
 fn number(json: &Value) -> usize {
     json.as_u64().map_or(0, |n| n as usize)
 }

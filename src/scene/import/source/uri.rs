@@ -1,4 +1,4 @@
-//! What a scene file may name: files beside or below it, and data inside of the URI.
+//! URIs that a scene file may contain: files beside or below it, and data URIs.
 
 use std::path::{Component, Path, PathBuf};
 
@@ -9,7 +9,7 @@ use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use crate::error::{Error, Result};
 use crate::scene::import::complaint::bad;
 
-/// Exporters disagree about padding; everything else of base64 is checked.
+/// Exporters disagree about padding; everything else is checked.
 const BASE64: GeneralPurpose = GeneralPurpose::new(
     &STANDARD,
     GeneralPurposeConfig::new()
@@ -22,7 +22,7 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
 pub enum Resource {
     /// A regular file under the scene's folder.
     File(PathBuf),
-    /// Data from the URI itself.
+    /// Data contained in the URI.
     Data {
         /// Media type, may be empty.
         mime: String,
@@ -31,7 +31,7 @@ pub enum Resource {
     },
 }
 
-/// The folder that every named file must lie under, with links resolved.
+/// The scene's folder, with links resolved; every referenced file must lie under it.
 ///
 /// # Errors
 /// When the system cannot resolve it.
@@ -43,11 +43,11 @@ pub fn folder_of(scene: &Path) -> Result<PathBuf> {
     parent.canonicalize().map_err(|e| Error::reading(parent, &e))
 }
 
-/// Resolves the URI that stands at JSON path `at`.
+/// Resolves the URI at JSON path `at`.
 ///
 /// # Errors
 /// A scheme other than `data:`, an absolute path, a path or link that leaves `folder`, anything but a regular
-/// file, malformed data: [`Error::Data`]. A file that is not there: [`Error::Missing`].
+/// file, malformed data: [`Error::Data`]. A file that does not exist: [`Error::Missing`].
 pub fn resolve(uri: &str, folder: &Path, at: &str) -> Result<Resource> {
     if let Some(data) = uri.strip_prefix("data:") {
         return decode(data, at);

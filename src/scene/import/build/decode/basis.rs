@@ -4,11 +4,11 @@ use basisu::{DecodeFlags, TargetFormat, Transcoder};
 
 use super::guarded;
 
-/// Texels that a byte may stand for, beyond a few that are free: flat ones are packed tighter than this by no encoder.
-const TEXELS_A_BYTE: u64 = 4096;
-const FREE_TEXELS: u64 = 1 << 20;
+/// Largest number of texels per encoded byte, checked for pictures above [`UNCHECKED_TEXELS`]; no encoder exceeds it.
+const MAX_TEXELS_PER_BYTE: u64 = 4096;
+const UNCHECKED_TEXELS: u64 = 1 << 20;
 
-/// Width and height, or why it cannot be shown.
+/// Width and height in texels, or why the picture cannot be decoded.
 pub fn probe(bytes: &[u8]) -> std::result::Result<(u32, u32), String> {
     let header = |at: usize| bytes.get(at..at + 4)?.try_into().ok().map(u32::from_le_bytes);
     // KTX2, 3.1: vkFormat, which is 0 for Basis Universal; pixelWidth, pixelHeight, pixelDepth, layerCount, faceCount.
@@ -22,14 +22,13 @@ pub fn probe(bytes: &[u8]) -> std::result::Result<(u32, u32), String> {
     if depth > 1 || layers > 1 || faces != 1 {
         return Err("a KTX2 picture with layers, faces or depth".into());
     }
-    if u64::from(width) * u64::from(height) > FREE_TEXELS + TEXELS_A_BYTE * bytes.len() as u64 {
+    if u64::from(width) * u64::from(height) > UNCHECKED_TEXELS + MAX_TEXELS_PER_BYTE * bytes.len() as u64 {
         return Err(format!("a KTX2 picture of {width}x{height} texels in {} bytes", bytes.len()));
     }
     Ok((width, height))
 }
 
-/// Texels, row by row from the top, RGBA; or what is wrong with a file, which may be that its payload is not Basis
-/// Universal of low dynamic range.
+/// RGBA texels, row by row from the top; or the reason why the file cannot be decoded, such as a high dynamic range.
 pub fn decode(bytes: &[u8]) -> std::result::Result<Vec<u8>, String> {
     guarded(|| {
         let picture = Transcoder::new(bytes).map_err(|e| format!("{e:?}"))?;

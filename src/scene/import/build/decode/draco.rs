@@ -7,16 +7,16 @@ use crate::error::Result;
 use crate::scene::import::complaint::bad;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::accessors::{Accessor, Component};
-use crate::scene::import::document::compression::Draco;
+use crate::scene::import::document::draco::Draco;
 use crate::scene::import::document::primitives::Primitive;
 
-/// Bytes of a vertex that a stream may hold at most: sixteen attributes of four doubles.
-const LARGEST_VERTEX: u64 = 512;
+/// Largest decoded size of a vertex: sixteen attributes of four doubles.
+const MAX_BYTES_PER_VERTEX: u64 = 512;
 
-/// Bytes of the primitive's accessors, tightly packed, by accessor.
+/// Tightly packed elements of the primitive's accessors, by accessor index.
 ///
 /// # Errors
-/// A damaged stream, or one that does not hold what the accessors say.
+/// A damaged stream, or one that does not match the accessors.
 pub fn decode(
     document: &Document,
     primitive: &Primitive,
@@ -31,7 +31,7 @@ pub fn decode(
         let limits = DecodeLimits::default()
             .with_max_points(vertices)
             .with_max_faces(corners.unwrap_or(vertices) / 3)
-            .with_max_decoded_bytes(vertices * LARGEST_VERTEX);
+            .with_max_decoded_bytes(vertices * MAX_BYTES_PER_VERTEX);
         let mut mesh = Mesh::new();
         MeshDecoder::new().decode(&mut DecoderBuffer::new(stream).with_limits(limits), &mut mesh)?;
         Ok::<_, draco_core::DracoError>(mesh)
@@ -59,7 +59,7 @@ pub fn decode(
     Ok(out)
 }
 
-/// An attribute's values by vertex, as the accessor has them.
+/// An attribute's values per vertex, in the accessor's format.
 fn packed(from: &PointAttribute, to: &Accessor, points: usize, at: &str) -> Result<Vec<u8>> {
     let component = match from.data_type() {
         DataType::Int8 => Some(Component::I8),

@@ -7,19 +7,20 @@ use meshoptimizer_rs::{Error, Limits, Workspace};
 
 use super::{damaged, guarded};
 use crate::error::Result;
-use crate::scene::import::document::compression::{Filter, Meshopt};
+use crate::scene::import::document::meshopt::{Filter, Meshopt};
 
-/// What a decoder may take beside its result.
-const SCRATCH: usize = 1 << 20;
+/// Memory that a decoder may use in addition to its result.
+const MAX_SCRATCH_BYTES: usize = 1 << 20;
 
-/// The view's bytes: `count` elements of `stride` bytes.
+/// The view's decoded bytes: `count` elements of `stride` bytes.
 ///
 /// # Errors
 /// A damaged stream.
 pub fn decode(view: &Meshopt, stream: &[u8]) -> Result<Vec<u8>> {
     let (count, stride) = (view.count as usize, view.stride as usize);
     guarded(|| {
-        let limits = Limits { max_bytes: count.saturating_mul(stride).saturating_add(SCRATCH), ..Limits::default() };
+        let limits =
+            Limits { max_bytes: count.saturating_mul(stride).saturating_add(MAX_SCRATCH_BYTES), ..Limits::default() };
         let mut workspace = Workspace::new(limits);
         if view.mode != Mode::Attributes && view.filter != Filter::None {
             return Err(Error::InvalidParameter);

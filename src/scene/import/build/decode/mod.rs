@@ -1,5 +1,5 @@
-//! Decoders of compressed geometry and pictures. They are other people's and young: each has a limit of memory from what
-//! the document says of its result, and a panic of theirs is an error of the file.
+//! Decoders of compressed geometry and pictures. The third-party decoders are given a memory limit derived from the
+//! document, and a panic in one is reported as an error of the file.
 
 pub mod basis;
 pub mod draco;
@@ -10,7 +10,7 @@ use std::fmt::Display;
 use crate::error::Error;
 use crate::guard;
 
-/// What a decoder makes, or why it makes nothing.
+/// Runs a decoder; errors and panics become text.
 fn guarded<T, E: Display>(decode: impl FnOnce() -> Result<T, E>) -> Result<T, String> {
     guard::guarded("its decoder gave up", decode)
 }

@@ -1,4 +1,4 @@
-//! Where placements take what they place.
+//! Checks of placements, and the view that frames all of them.
 
 use std::sync::Arc;
 
@@ -7,28 +7,28 @@ use glam::{Affine3A, DAffine3, DVec3};
 use super::nodes::Placement;
 use crate::error::{Error, Result};
 use crate::scene::import::report::Notes;
-use crate::scene::{FARTHEST, Framing, Mesh, Scene};
+use crate::scene::{Framing, MAX_COORDINATE, Mesh, Scene};
 
-/// Are a box's corners near enough, where they are and where a placement takes them?
+/// Checks the corners of a mesh's box, untransformed and placed, against [`MAX_COORDINATE`].
 ///
 /// # Errors
-/// If not.
-pub fn check_near(corners: &[DVec3], world: &DAffine3, at: &str, mesh: &str) -> Result<()> {
+/// A coordinate beyond it, with the node (`at`) and the mesh.
+pub fn check_extent(corners: &[DVec3], world: &DAffine3, at: &str, mesh: &str) -> Result<()> {
     let moved = corners.iter().map(|&c| world.transform_point3(c));
-    match corners.iter().copied().chain(moved).any(|p| p.abs().max_element() > f64::from(FARTHEST)) {
+    match corners.iter().copied().chain(moved).any(|p| p.abs().max_element() > f64::from(MAX_COORDINATE)) {
         true => Err(Error::Data(format!(
-            "{at}: places {mesh} beyond {FARTHEST:e} m, where rays cannot be traced; scale the scene down"
+            "{at}: places {mesh} beyond {MAX_COORDINATE:e} m, where rays cannot be traced; scale the scene down"
         ))),
         false => Ok(()),
     }
 }
 
-pub fn to_single(world: &DAffine3) -> Affine3A {
+pub fn to_f32(world: &DAffine3) -> Affine3A {
     world.as_affine3a()
 }
 
-/// Drops what a transform makes flat or infinite.
-pub fn is_solid(placement: &Placement, notes: &mut Notes) -> bool {
+/// Is the placement's transform invertible? Notes it if not.
+pub fn keep_invertible(placement: &Placement, notes: &mut Notes) -> bool {
     let solid = is_invertible(&placement.world);
     if !solid {
         notes.not_loaded(&placement.at, "a placement with zero or infinite scale: nothing to see");
@@ -37,7 +37,7 @@ pub fn is_solid(placement: &Placement, notes: &mut Notes) -> bool {
 }
 
 pub fn is_invertible(world: &DAffine3) -> bool {
-    let single = to_single(world);
+    let single = to_f32(world);
     world.matrix3.determinant() != 0.0 && single.is_finite() && single.inverse().is_finite()
 }
 
@@ -45,7 +45,7 @@ pub fn points<'a>(meshes: impl Iterator<Item = &'a Mesh>) -> impl Iterator<Item 
     meshes.flat_map(|m| m.positions.iter()).map(|p| DVec3::from(p.map(f64::from)))
 }
 
-/// Corners of the points' box.
+/// The eight corners of the points' bounding box; none without points.
 pub fn corners(points: impl Iterator<Item = DVec3>) -> Vec<DVec3> {
     let bounds = |b: Option<(DVec3, DVec3)>, p: DVec3| Some(b.map_or((p, p), |(low, high)| (low.min(p), high.max(p))));
     let Some((low, high)) = points.fold(None, bounds) else { return Vec::new() };
@@ -53,8 +53,9 @@ pub fn corners(points: impl Iterator<Item = DVec3>) -> Vec<DVec3> {
     (0..8).map(|i| DVec3::new(pick(i, 0), pick(i, 1), pick(i, 2))).collect()
 }
 
-/// A view of everything: of objects by their number, which are in world space for good or not, and their places.
-pub fn framed(scene: &Scene, seen: &[(u32, bool, Vec<DAffine3>)]) -> Framing {
+/// The view of all placed objects, each with its index, whether its meshes are in world space, and its transforms. Objects
+/// with several placements enter by their bounding box.
+pub fn frame_objects(scene: &Scene, seen: &[(u32, bool, Vec<DAffine3>)]) -> Framing {
     let mut framing = Framing::default();
     for (object, baked, worlds) in seen {
         let range = &scene.objects[*object as usize].meshes;

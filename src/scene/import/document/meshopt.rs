@@ -1,27 +1,24 @@
-//! Compressed geometry, as the document has it: what a decoder needs to know.
-
-use std::collections::BTreeMap;
+//! Buffer views under EXT_meshopt_compression and KHR_meshopt_compression: the parameters of the decoder.
 
 use meshoptimizer_rs::codec::Mode;
 
 use super::buffers::Buffer;
 use super::json::Json;
-use super::primitives::{Attributes, Semantic};
 use super::table::Table;
 use crate::error::Result;
 
-/// What is undone after a meshopt stream of attributes was decoded.
+/// Filter to invert after a meshopt stream of attributes is decoded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Filter {
     None,
     Octahedral,
     Quaternion,
     Exponential,
-    /// KHR_meshopt_compression alone.
+    /// Only in KHR_meshopt_compression.
     Color,
 }
 
-/// EXT_meshopt_compression and KHR_meshopt_compression: where a view's bytes are compressed, and how.
+/// Parameters of a compressed buffer view.
 #[derive(Debug)]
 pub struct Meshopt {
     pub buffer: usize,
@@ -35,7 +32,7 @@ pub struct Meshopt {
 }
 
 impl Meshopt {
-    /// `view` is the buffer view. `None` if it is not compressed.
+    /// Parses the extension of a buffer view; `None` if the view is not compressed.
     pub fn parse(view: &Json, buffers: &Table<Buffer>) -> Result<Option<Self>> {
         let khr = view.extension("KHR_meshopt_compression")?;
         let color = khr.is_some();
@@ -65,34 +62,5 @@ impl Meshopt {
             return Err(json.bad("count", wanted, format!("{count} of {stride} bytes")));
         }
         Ok(Some(Self { buffer, offset, length, stride, count, mode, filter, at: json.at }))
-    }
-}
-
-/// KHR_draco_mesh_compression: a view with a Draco stream, and the stream's id of each attribute.
-#[derive(Debug)]
-pub struct Draco {
-    pub view: usize,
-    pub attributes: BTreeMap<Semantic, u32>,
-    pub at: String,
-}
-
-impl Draco {
-    /// `None` if the primitive has no such extension.
-    pub fn parse(primitive: &Json, attributes: &Attributes, views: usize) -> Result<Option<Self>> {
-        let Some(json) = primitive.extension("KHR_draco_mesh_compression")? else { return Ok(None) };
-        let view = json.need("bufferView", json.index("bufferView", views, "bufferViews")?)?;
-        let members = json.need("attributes", json.get("attributes")?)?;
-        let mut ids = BTreeMap::new();
-        for name in members.object()?.keys() {
-            let id = members.need(name, members.index(name, u32::MAX as usize, "the stream's attributes")?)?;
-            match Semantic::parse(name) {
-                Some(semantic) if attributes.contains_key(&semantic) => {
-                    ids.insert(semantic, id as u32);
-                }
-                Some(_) => return Err(members.bad(name, "an attribute that the primitive has too", "none")),
-                None => {}
-            }
-        }
-        Ok(Some(Self { view, attributes: ids, at: json.at }))
     }
 }
