@@ -2,6 +2,8 @@
 
 use std::str::FromStr;
 
+use crate::render::settings::MAX_SIDE;
+
 /// A number of threads, for `value_parser`.
 ///
 /// # Errors
@@ -57,10 +59,9 @@ impl FromStr for Size {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        const MOST: u32 = 1 << 16;
-        let side = |s: &str| s.parse().ok().filter(|n| (1..=MOST).contains(n));
+        let side = |s: &str| s.parse().ok().filter(|n| (1..=MAX_SIDE).contains(n));
         let sides = text.split_once('x').and_then(|(w, h)| Some(Size(side(w)?, side(h)?)));
-        sides.ok_or(format!("not WIDTHxHEIGHT in pixels, each from 1 to {MOST}, as in 960x540"))
+        sides.ok_or(format!("not WIDTHxHEIGHT in pixels, each from 1 to {MAX_SIDE}, as in 960x540"))
     }
 }
 

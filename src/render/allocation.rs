@@ -33,7 +33,7 @@ const DOUBLINGS: [i32; 2] = [-2, 2];
 /// Paths of a tile over the mean, at most.
 pub const MOST: u32 = 1 << DOUBLINGS[1];
 /// All tiles have as many paths where more than this is to be left of the error, by the pilot.
-const PAYS: f64 = 0.97;
+const MAX_REMAINING_ERROR: f64 = 0.97;
 /// Fewer paths are no fewer anywhere.
 const LEAST: u32 = 16;
 
@@ -43,14 +43,15 @@ pub struct Allocation {
     /// How often the mean is doubled, row by row.
     doublings: Vec<i32>,
     columns: u32,
-    worth: Worth,
+    efficiency: EstimatedEfficiency,
 }
 
 /// What an allocation is worth.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct Worth {
+pub struct EstimatedEfficiency {
     /// Error times cost that it is to leave, over that of as many paths everywhere.
-    pub left: f64,
+    #[serde(rename = "left")]
+    pub remaining: f64,
     /// Paths of a tile over the mean of all, at least and at most; both 1 where it does not pay.
     pub range: [f64; 2],
 }
@@ -80,8 +81,8 @@ impl Allocation {
             with_buffers(|buffers| survey(buffers.wave(), transport, settings, [tile % columns, tile / columns]))
         };
         let surveys: Vec<_> = (0..columns * rows).into_par_iter().map(of_tile).collect();
-        let (doublings, worth) = allocated(&surveys, columns as usize);
-        Some(Self { doublings, columns, worth })
+        let (doublings, efficiency) = allocated(&surveys, columns as usize);
+        Some(Self { doublings, columns, efficiency })
     }
 
     /// Paths a pixel of a tile where all have `mean` in the mean.
@@ -92,8 +93,8 @@ impl Allocation {
     }
 
     /// What it is worth.
-    pub fn worth(&self) -> Worth {
-        self.worth
+    pub fn efficiency(&self) -> EstimatedEfficiency {
+        self.efficiency
     }
 }
 
@@ -137,12 +138,12 @@ fn survey(wave: &mut Wave, transport: &Transport, settings: &RenderSettings, [co
 }
 
 /// Doublings of tiles, row by row, and what they are worth: by what each half of the pilot leaves of the other's error.
-fn allocated(surveys: &[Survey], columns: usize) -> (Vec<i32>, Worth) {
+fn allocated(surveys: &[Survey], columns: usize) -> (Vec<i32>, EstimatedEfficiency) {
     let variances = |of: &dyn Fn(&Survey) -> f64| surveys.iter().map(of).collect::<Vec<_>>();
     let halves = [variances(&|s| s.variance[0]), variances(&|s| s.variance[1])];
     let both = variances(&|s| 0.5 * (s.variance[0] + s.variance[1]));
     let factor = |doubled: &i32| f64::exp2(f64::from(*doubled));
-    let left = [(0, 1), (1, 0)].map(|(ours, theirs)| {
+    let remaining = [(0, 1), (1, 0)].map(|(ours, theirs)| {
         let found = doublings(surveys, &smoothed(surveys, &halves[ours], columns));
         let (mut error, mut cost) = ([0.0; 2], [0.0; 2]);
         for ((s, variance), factor) in surveys.iter().zip(&halves[theirs]).zip(found.iter().map(factor)) {
@@ -152,13 +153,13 @@ fn allocated(surveys: &[Survey], columns: usize) -> (Vec<i32>, Worth) {
         }
         if error[1] > 0.0 { error[0] / error[1] * cost[0] / cost[1] } else { 1.0 }
     });
-    let left = (left[0] * left[1]).sqrt();
-    let found = match left < PAYS {
+    let remaining = (remaining[0] * remaining[1]).sqrt();
+    let found = match remaining < MAX_REMAINING_ERROR {
         true => doublings(surveys, &smoothed(surveys, &both, columns)),
         false => vec![0; surveys.len()],
     };
     let range = found.iter().map(factor).fold([1.0; 2], |[low, high]: [f64; 2], f| [low.min(f), high.max(f)]);
-    (found, Worth { left, range })
+    (found, EstimatedEfficiency { remaining, range })
 }
 
 /// Each tile's variance, and the less it was asked, the more of that around.
@@ -184,7 +185,7 @@ fn doublings(surveys: &[Survey], variance: &[f64]) -> Vec<i32> {
         (least..most).map(move |doubled| (tile, doubled, (v / s.cost).sqrt() / f64::exp2(f64::from(doubled))))
     });
     let mut steps: Vec<_> = steps.collect();
-    steps.sort_by(|(a, i, worth), (b, j, other)| other.total_cmp(worth).then((i, a).cmp(&(j, b))));
+    steps.sort_by(|(a, i, gain), (b, j, other)| other.total_cmp(gain).then((i, a).cmp(&(j, b))));
     let mut found = vec![least; surveys.len()];
     let mut left: f64 = surveys.iter().map(|s| s.pixels * (1.0 - f64::exp2(f64::from(least)))).sum();
     for (tile, doubled, _) in steps {
@@ -218,12 +219,15 @@ mod tests {
     #[test]
     fn tiles_are_alike_where_the_halves_do_not_agree_that_they_differ() {
         let even = [[1.0, 100.0], [100.0, 1.0], [1.0, 100.0], [100.0, 1.0]].map(|variance| tile(variance, 1.0));
-        let (found, worth) = allocated(&even, 1);
-        assert!(found == [0; 4] && worth.left > 1.0 && worth.range == [1.0; 2], "{found:?} {worth:?}");
+        let (found, efficiency) = allocated(&even, 1);
+        assert!(
+            found == [0; 4] && efficiency.remaining > 1.0 && efficiency.range == [1.0; 2],
+            "{found:?} {efficiency:?}"
+        );
         let differ = [tile([1.0, 1.1], 1.0), tile([1.0, 0.9], 1.0), tile([36.0, 33.0], 1.0), tile([36.0, 40.0], 1.0)];
-        let (found, worth) = allocated(&differ, 1);
-        assert!(found == [-1, -1, 0, 1] && worth.left < 0.8, "{found:?} {worth:?}");
-        let (black, worth) = allocated(&[tile([0.0; 2], 1.0); 4], 2);
-        assert!(black == [0; 4] && worth.left == 1.0);
+        let (found, efficiency) = allocated(&differ, 1);
+        assert!(found == [-1, -1, 0, 1] && efficiency.remaining < 0.8, "{found:?} {efficiency:?}");
+        let (black, efficiency) = allocated(&[tile([0.0; 2], 1.0); 4], 2);
+        assert!(black == [0; 4] && efficiency.remaining == 1.0);
     }
 }

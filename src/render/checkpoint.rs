@@ -3,16 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::identity::Asked;
+use super::identity::{RequestedOutputs, variant_name};
 use super::scheduler;
 use super::stats::Samples;
-use super::tile::{Columns, Tile, Tile2, Tile3};
-use super::{
-    BuildInfo, Identity, Part, RenderSettings, RenderStats, Rendered, StopReason, format2, fresh_tiles, paths_range,
-};
+use super::tile::Tile;
+use super::{BuildInfo, Identity, Part, RenderSettings, RenderStats, Rendered, StopReason, fresh_tiles, paths_range};
 use crate::film::exr_file::{self, Checksum, Header, HeaderValue, Layers};
 use crate::film::{Aov, Background};
 use crate::rays::BackendInfo;
@@ -64,22 +61,20 @@ pub struct Record {
     pub noise: Option<f64>,
     /// Fewest paths of a tile.
     pub paths: u32,
-    /// Noise of its noisiest tile. Older files do not say.
-    #[serde(default)]
+    /// Noise of its noisiest tile.
     pub worst_noise: Option<f64>,
-    /// Shall it be gone on from even when it is done?
-    pub keeps: bool,
+    /// Does the file keep the statistics that a resumed render needs, even when the render is finished?
+    #[serde(rename = "keeps")]
+    pub resumable: bool,
     /// Who traced its rays last.
     pub host: Host,
     /// Are its colours 16-bit floats?
-    #[serde(default)]
     pub half: bool,
-    /// What is behind everything. Before format 4, A was 0 where a sky was shown; so it stays in such files.
-    #[serde(default)]
+    /// What is behind everything.
     pub background: Background,
-    /// Which build wrote it; files that say so are sealed ([`exr_file::check`]).
-    #[serde(default)]
-    pub maker: Option<BuildInfo>,
+    /// The build that wrote it.
+    #[serde(rename = "maker")]
+    pub build: BuildInfo,
     /// The seeds that it is the mean of, if of several: nothing can go on from that.
     #[serde(skip)]
     pub seeds: Vec<u32>,
@@ -102,30 +97,35 @@ impl Host {
 }
 
 impl Record {
-    /// Of a render; `keeps` as the field.
-    pub fn new(identity: &Identity, asked: &Asked, rendered: &Rendered, host: Host, keeps: bool) -> Self {
+    /// The record of a render.
+    pub fn new(
+        identity: &Identity,
+        requested: &RequestedOutputs,
+        rendered: &Rendered,
+        host: Host,
+        resumable: bool,
+    ) -> Self {
         Self {
             identity: identity.clone(),
-            request: identity.request(asked),
-            aovs: asked.aovs.clone(),
+            request: identity.request(requested),
+            aovs: requested.aovs.clone(),
             stats: rendered.stats,
             stop: rendered.stop,
             noise: Some(rendered.stats.noise).filter(|noise| noise.is_finite()),
             paths: rendered.paths_range().0,
             worst_noise: Some(rendered.worst_noise()).filter(|noise| noise.is_finite()),
-            keeps,
+            resumable,
             host,
-            half: asked.half,
+            half: requested.half,
             background: rendered.background,
-            maker: Some(BuildInfo::here()),
+            build: BuildInfo::here(),
             seeds: Vec::new(),
         }
     }
 
     /// Was it made by a command with this identity and these wishes, for this part?
-    pub fn answers(&self, identity: &Identity, asked: &Asked) -> bool {
-        let requests = [identity.request(asked), format2::request(identity, asked)];
-        requests.contains(&self.request) && self.identity.settings.part == identity.settings.part
+    pub fn answers(&self, identity: &Identity, requested: &RequestedOutputs) -> bool {
+        self.request == identity.request(requested) && self.identity.settings.part == identity.settings.part
     }
 
     /// Paths a pixel that it is finished with: the fewest of a tile, or, where tiles have goals of their own, the mean.
@@ -161,14 +161,14 @@ impl Record {
         let mut header: Header = vec![
             ("bismar.request".into(), HeaderValue::Text(self.request.clone())),
             ("bismar.sessions".into(), json(&self.stats)?),
-            ("bismar.keeps".into(), HeaderValue::Number(if self.keeps { 1.0 } else { 0.0 })),
+            ("bismar.keeps".into(), HeaderValue::Number(if self.resumable { 1.0 } else { 0.0 })),
             ("bismar.aov".into(), HeaderValue::Text(self.aovs.clone())),
             ("bismar.settings".into(), json(settings)?),
             ("bismar.seed".into(), HeaderValue::Number(settings.seed.into())),
             ("bismar.samples".into(), json(&Samples::of(rendered))?),
-            ("bismar.stop".into(), HeaderValue::Text(super::identity::name(&self.stop))),
+            ("bismar.stop".into(), HeaderValue::Text(variant_name(&self.stop))),
             ("bismar.noise".into(), HeaderValue::Number(rendered.stats.noise)),
-            ("bismar.background".into(), HeaderValue::Text(super::identity::name(&self.background))),
+            ("bismar.background".into(), HeaderValue::Text(variant_name(&self.background))),
         ];
         if self.seeds.is_empty() {
             header.push(("bismar.format".into(), HeaderValue::Number(FORMAT.into())));
@@ -249,19 +249,18 @@ impl Earlier {
         let refused = |why: String| Error::Data(format!("{}: {why}", path.display()));
         let record = match number(&header, "bismar.format") {
             None => return Err(refused("is no picture that bismar can go on from".into())),
-            Some(format) if format > f64::from(FORMAT) => {
-                let why =
-                    format!("is from a newer bismar (format {format}, this one knows {FORMAT}): use that version");
+            Some(format) if format != f64::from(FORMAT) => {
+                let age = if format > f64::from(FORMAT) { "a newer" } else { "an older" };
+                let why = format!("is from {age} bismar (format {format}, this one reads {FORMAT}): use that version");
                 return Err(refused(why));
             }
-            Some(format) if format < 3.0 => format2::record(&header),
             Some(_) => text(&header, "bismar.record").and_then(|record| serde_json::from_str(record).ok()),
         };
         let record = record.ok_or_else(|| refused("does not say what it was made of".into()))?;
         Ok(Some(Self { path: path.into(), record, header }))
     }
 
-    /// Is the file what was written, to the last byte? Files from before there were seals are decoded whole.
+    /// Checks that the file is what was written, to the last byte.
     ///
     /// # Errors
     /// [`Error::Data`] for a file that is damaged; others as [`exr_file::check`].
@@ -273,14 +272,7 @@ impl Earlier {
         match exr_file::check(&self.path)? {
             Checksum::Whole(_) => Ok(()),
             Checksum::Broken => Err(damaged("its bytes are not those that were written")),
-            Checksum::Missing if self.record.maker.is_some() => {
-                Err(damaged("its checksum is not where it was written"))
-            }
-            Checksum::Missing => {
-                let read = exr_file::read(&self.path).and_then(|_| exr_file::read_statistics(&self.path));
-                read.map_err(|e| damaged(&e.to_string()))?;
-                Ok(())
-            }
+            Checksum::Missing => Err(damaged("its checksum is not where it was written")),
         }
     }
 
@@ -290,12 +282,7 @@ impl Earlier {
     /// As [`exr_file::read_statistics`]; [`Error::Data`] if they are not those of a render of `settings`.
     pub fn tiles(&self, settings: &RenderSettings) -> Result<Option<Vec<Tile>>> {
         let Some(bytes) = exr_file::read_statistics(&self.path)? else { return Ok(None) };
-        let tiles = match number(&self.header, "bismar.format") {
-            Some(format) if format < 3.0 => unpack_2(&bytes, settings.columns()),
-            Some(format) if format < 4.0 => unpack_3(&bytes),
-            _ => unpack(&bytes),
-        };
-        let tiles = tiles.filter(|tiles| fits(tiles, settings));
+        let tiles = unpack(&bytes).filter(|tiles| fits(tiles, settings));
         let refused = || Error::Data(format!("{}: its statistics are not those of such a render", self.path.display()));
         tiles.map(Some).ok_or_else(refused)
     }
@@ -326,8 +313,8 @@ impl Earlier {
     }
 }
 
-/// Bytes of a tile, unpacked, at most.
-const LARGEST: usize = 1 << 24;
+/// Maximum bytes of an unpacked tile.
+const MAX_TILE_BYTES: usize = 1 << 24;
 
 /// Tiles as bytes: for each its length (32 bits, little-endian) and itself (postcard in LZ4, which is faster than a disk
 /// and leaves out what is zero), velocities behind it if there are any.
@@ -356,27 +343,6 @@ pub fn pack(tiles: &[Tile]) -> Result<Vec<u8>> {
 
 /// Reads what [`pack`] made; nothing in it is trusted. `None` if it is not that.
 pub fn unpack(bytes: &[u8]) -> Option<Vec<Tile>> {
-    records(bytes, |tile: Tile, rest| match rest {
-        [] => Some(tile),
-        _ => postcard::take_from_bytes(rest)
-            .ok()
-            .filter(|(_, rest)| rest.is_empty())
-            .and_then(|(v, _)| tile.with_velocities(v)),
-    })
-}
-
-/// Reads what `pack` of format 3 made.
-pub fn unpack_3(bytes: &[u8]) -> Option<Vec<Tile>> {
-    records(bytes, |tile: Tile3, rest| rest.is_empty().then(|| tile.into_tile()))
-}
-
-/// Reads what `pack` of format 2 made, and keeps the columns that such a render has.
-pub fn unpack_2(bytes: &[u8], columns: Columns) -> Option<Vec<Tile>> {
-    records(bytes, |tile: Tile2, rest| rest.is_empty().then(|| tile.into_tile(columns)))
-}
-
-/// Reads each record, and has a tile made of it and of what is left behind it.
-fn records<T: DeserializeOwned>(bytes: &[u8], tile: impl Fn(T, &[u8]) -> Option<Tile> + Sync) -> Option<Vec<Tile>> {
     let mut records = Vec::new();
     let mut rest = bytes;
     while let Some((length, after)) = rest.split_first_chunk::<4>() {
@@ -387,12 +353,18 @@ fn records<T: DeserializeOwned>(bytes: &[u8], tile: impl Fn(T, &[u8]) -> Option<
     if !rest.is_empty() {
         return None;
     }
-    let read = |record: &&[u8]| {
-        let (size, packed) = lz4_flex::block::uncompressed_size(record).ok().filter(|(size, _)| *size <= LARGEST)?;
-        let record = lz4_flex::decompress(packed, size).ok()?;
-        postcard::take_from_bytes::<T>(&record).ok().and_then(|(own, rest)| tile(own, rest))
-    };
-    records.par_iter().map(read).collect()
+    records.par_iter().map(|record| unpack_tile(record)).collect()
+}
+
+fn unpack_tile(record: &[u8]) -> Option<Tile> {
+    let (size, packed) = lz4_flex::block::uncompressed_size(record).ok().filter(|(size, _)| *size <= MAX_TILE_BYTES)?;
+    let bytes = lz4_flex::decompress(packed, size).ok()?;
+    let (tile, rest): (Tile, _) = postcard::take_from_bytes(&bytes).ok()?;
+    if rest.is_empty() {
+        return Some(tile);
+    }
+    let (velocities, rest) = postcard::take_from_bytes(rest).ok()?;
+    if rest.is_empty() { tile.with_velocities(velocities) } else { None }
 }
 
 /// Are these the tiles of a render of these settings, each whole?

@@ -5,6 +5,7 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
+use super::validate::is_optical;
 use super::{RenderSettings, camera};
 use crate::integrator::PreparedScene;
 use crate::integrator::camera::Lens;
@@ -49,8 +50,7 @@ pub enum Focus {
 const FILM_HEIGHT: f64 = 0.024;
 
 fn positive(text: &str) -> Option<f64> {
-    // As 32-bit floats they are still above 0 and finite.
-    text.trim().parse().ok().filter(|x: &f64| (1e-9..1e9).contains(x))
+    text.trim().parse().ok().filter(|x: &f64| is_optical(*x))
 }
 
 impl FromStr for Aperture {

@@ -62,7 +62,7 @@ pub fn merge(paths: &[PathBuf]) -> Result<Merged> {
         noise: Some(stats.noise).filter(|noise| noise.is_finite()),
         paths: rendered.paths_range().0,
         worst_noise: Some(rendered.worst_noise()).filter(|noise| noise.is_finite()),
-        keeps: !several && first.record.keeps,
+        resumable: !several && first.record.resumable,
         seeds: if several { names } else { Vec::new() },
         ..first.record
     };
@@ -84,7 +84,7 @@ impl Merged {
     /// # Errors
     /// As [`checkpoint::write`].
     pub fn write(&self, path: &Path) -> Result<()> {
-        checkpoint::write(path, &self.rendered, &self.record, self.more.clone(), None, self.record.keeps)
+        checkpoint::write(path, &self.rendered, &self.record, self.more.clone(), None, self.record.resumable)
     }
 }
 
@@ -134,11 +134,9 @@ fn check_kinship(first: &Earlier, inputs: &[Earlier]) -> Result<()> {
             );
         }
     }
-    let makers = |other: &&Earlier| {
-        let [ours, theirs] = [first, other].map(|i| i.record.maker.as_ref());
-        ours.zip(theirs).map(|(ours, theirs)| ours.differences(theirs)).filter(|text| !text.is_empty())
-    };
-    if let Some((other, differences)) = inputs.iter().find_map(|other| Some((other, makers(&other)?))) {
+    let builds =
+        |other: &&Earlier| Some(first.record.build.differences(&other.record.build)).filter(|text| !text.is_empty());
+    if let Some((other, differences)) = inputs.iter().find_map(|other| Some((other, builds(&other)?))) {
         warn!(
             "{} and {first_name} were written by different builds of bismar, {differences}: the picture is as right as \
              ever, but perhaps not to the last bit that of one build",

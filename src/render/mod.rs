@@ -9,7 +9,6 @@ mod build_info;
 pub mod checkpoint;
 pub mod driver;
 pub mod fireflies;
-mod format2;
 pub mod identity;
 pub mod lens;
 pub mod merge;
@@ -23,6 +22,7 @@ pub mod scheduler;
 pub mod settings;
 pub mod stats;
 pub mod tile;
+mod validate;
 
 use crate::film::compare::relative_to;
 use crate::film::{Background, Film};
@@ -36,7 +36,7 @@ pub use part::Part;
 pub use pixels::TilePixels;
 pub use progress::Progress;
 pub use replay::replay;
-pub use settings::{Balance, Integrator, PixelFilter, RenderSettings};
+pub use settings::{Balance, Integrator, PixelFilter, RenderSettings, StudyOptions};
 pub use stats::{RenderStats, StopReason};
 use tile::{TILE, Tile};
 
@@ -87,18 +87,23 @@ impl Rendered {
 
 /// The tiles that a render of these settings begins with, row by row.
 pub fn fresh_tiles(settings: &RenderSettings) -> Vec<Tile> {
+    study_tiles(settings, &StudyOptions::default())
+}
+
+/// The tiles that a render with these study options begins with.
+fn study_tiles(settings: &RenderSettings, study: &StudyOptions) -> Vec<Tile> {
     let cover = |window| Tile::cover(settings.width, settings.height, window, settings.columns());
     let corner = |tile: &[u32; 2]| tile.map(|n| n * TILE);
-    let mut all = match &settings.tiles {
+    let mut tiles = match &study.tiles {
         None => cover(settings.window()),
         Some(some) => some.iter().map(corner).flat_map(|[x, y]| cover([x, y, x + 1, y + 1])).collect(),
     };
-    if let Some(shares) = &settings.shares {
-        all.iter_mut().for_each(|tile| tile.begin_with(shares, settings.width));
+    if let Some(shares) = &study.light_shares {
+        tiles.iter_mut().for_each(|tile| tile.set_light_shares(shares, settings.width));
     }
     match settings.part {
-        Some(part) => part.of(all),
-        None => all,
+        Some(part) => part.select(tiles),
+        None => tiles,
     }
 }
 

@@ -37,7 +37,7 @@ impl FromStr for Part {
 impl Part {
     /// The tiles of a picture's window that are this part's. Parts are of equal size, give or take a tile, and
     /// interleaved along a Z-order curve: neighbours, which cost alike, go to different parts.
-    pub fn of(self, mut all: Vec<Tile>) -> Vec<Tile> {
+    pub fn select(self, mut all: Vec<Tile>) -> Vec<Tile> {
         all.sort_by_cached_key(|tile| z_order(tile.grid_position()));
         let mine = |(i, _): &(usize, Tile)| *i as u32 % self.of == self.number - 1;
         let mut tiles: Vec<_> = all.into_iter().enumerate().filter(mine).map(|(_, tile)| tile).collect();
@@ -75,7 +75,7 @@ mod tests {
             let window = [corner.0.min(width - 1), corner.1.min(height - 1), width, height];
             let all: Vec<_> = Tile::cover(width, height, window, NONE).iter().map(Tile::grid_position).collect();
             let parts: Vec<_> =
-                (1..=of).map(|number| Part { number, of }.of(Tile::cover(width, height, window, NONE))).collect();
+                (1..=of).map(|number| Part { number, of }.select(Tile::cover(width, height, window, NONE))).collect();
             let sizes = parts.iter().map(Vec::len);
             prop_assert!(sizes.clone().max().unwrap() - sizes.min().unwrap() <= 1);
             let mut joined: Vec<_> = parts.into_iter().flatten().collect();

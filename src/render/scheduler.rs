@@ -15,6 +15,8 @@ pub struct State {
     pub goal: Option<u32>,
     /// Passes completed.
     pub passes: u32,
+    /// Passes after which a study stops ([`StudyOptions`](super::StudyOptions)).
+    pub max_passes: Option<u32>,
     /// Is every tile as clean as asked?
     pub clean: bool,
     /// Seconds so far that `--time` counts, over all sessions.
@@ -65,7 +67,7 @@ pub fn next(settings: &RenderSettings, state: &State) -> Next {
     // A pass that an interruption has left half-way is finished first: then no bit can tell.
     let mut pass = ahead - done;
     if pass == 0 {
-        let enough = settings.passes.is_some_and(|most| state.passes >= most);
+        let enough = state.max_passes.is_some_and(|max| state.passes >= max);
         match planned_to(settings, state.goal, done) {
             Some(paths) if !enough => pass = paths,
             _ => return Next::Stop(StopReason::Samples),
@@ -145,6 +147,7 @@ mod tests {
             ahead: done,
             goal: None,
             passes: 0,
+            max_passes: None,
             clean: false,
             seconds: 1.0,
             render_seconds: 1.0,
@@ -162,9 +165,9 @@ mod tests {
         }
         assert_eq!(passes, [8, 8, 16, 8]);
         assert_eq!(next(&settings, &state), Next::Stop(StopReason::Samples));
-        let two = RenderSettings { passes: Some(2), ..settings };
-        assert_eq!(next(&two, &State { passes: 1, ..after(8) }), Next::Pass(8));
-        assert_eq!(next(&two, &State { passes: 2, ..after(16) }), Next::Stop(StopReason::Samples));
+        let of_two = |passes, done| State { passes, max_passes: Some(2), ..after(done) };
+        assert_eq!(next(&settings, &of_two(1, 8)), Next::Pass(8));
+        assert_eq!(next(&settings, &of_two(2, 16)), Next::Stop(StopReason::Samples));
     }
 
     #[test]

@@ -44,7 +44,6 @@ pub struct RenderSettings {
     /// Estimated relative error at which pixels of a tile take no more paths ([`adaptive`](super::adaptive)), > 0.
     pub noise: Option<f64>,
     /// Paths a pixel before `noise` is asked for; `None`: [`NOISE_PATHS`].
-    #[serde(default)]
     pub min_spp: Option<u32>,
     /// Do tiles have paths by what theirs vary and cost ([`allocation`](super::allocation)), `spp` in the mean? Not with
     /// `noise`, which goes by the same and by its goal.
@@ -54,13 +53,12 @@ pub struct RenderSettings {
     pub balance: Balance,
     /// `second-order`'s pilot as a share of all paths, in (0, 1); `None`:
     /// [`HALF_PILOT`](crate::balance::HALF_PILOT).
-    #[serde(default)]
     pub pilot: Option<f64>,
     /// Are paths led to where a pilot found light?
     #[serde(default, skip_serializing_if = "is_default")]
     pub guiding: Guiding,
     /// Bytes that guiding may take; `None`: [`MEMORY`](super::prepass::guiding::MEMORY).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub guiding_memory: Option<u64>,
     /// Seed of every random choice.
     pub seed: u32,
@@ -69,36 +67,35 @@ pub struct RenderSettings {
     /// Keep the sums that AOVs need?
     pub aovs: bool,
     /// Keep the extra sums that some AOVs need?
-    #[serde(default)]
     pub extras: bool,
     /// Most of a channel in a light's contribution, found from first surfaces, > 0; `None`: no limit. A limit takes fireflies
     /// away, and light with them.
-    #[serde(default)]
     pub clamp_direct: Option<f64>,
     /// As `clamp_direct`, found from later surfaces.
-    #[serde(default)]
     pub clamp_indirect: Option<f64>,
     /// Leave the environment out of the picture, where the camera sees it directly; it gives light all the same.
-    #[serde(default)]
     pub transparent: bool,
     /// The camera's lens; `None`: a pinhole, all is sharp.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub lens: Option<LensSettings>,
     /// Render this part of the tiles only.
     pub part: Option<Part>,
-    /// For studies: the share of light samples that each pixel of the whole picture (row by row) begins with instead of
-    /// ½; with a balance that does not learn, the share of all its passes.
-    #[serde(skip)]
-    pub shares: Option<Arc<[f32]>>,
-    /// For studies: stop after this many passes.
-    #[serde(skip)]
-    pub passes: Option<u32>,
-    /// For studies: render these tiles of the whole picture's grid alone ([`Tile::grid_position`](super::tile::Tile)), in
-    /// this order.
-    #[serde(skip)]
+}
+
+/// Options of a render that only studies use. They are not stored in files.
+#[derive(Debug, Clone, Default)]
+pub struct StudyOptions {
+    /// The share of light samples, in [0, 1], that each pixel of the whole picture (row by row) has in the first pass,
+    /// instead of ½. A balance method that does not learn keeps it for all passes.
+    pub light_shares: Option<Arc<[f32]>>,
+    /// Stop after this many passes.
+    pub max_passes: Option<u32>,
+    /// Render only these tiles of the whole picture's grid ([`Tile::grid_position`](super::tile::Tile)), in this order.
     pub tiles: Option<Arc<[[u32; 2]]>>,
 }
 
+/// Maximum width and height of a picture in pixels.
+pub const MAX_SIDE: u32 = 1 << 16;
 /// Paths a pixel that a render is expected to have whose end is not known.
 const UNKNOWN_SPP: u32 = 128;
 
@@ -159,9 +156,6 @@ impl Default for RenderSettings {
             transparent: false,
             lens: None,
             part: None,
-            shares: None,
-            passes: None,
-            tiles: None,
         }
     }
 }

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Rendered;
 use super::allocation;
-use super::prepass::guiding::Worth;
+use super::prepass::guiding::EstimatedEfficiency;
 use super::tile::{Tile, TileWork};
 
 /// Why a render ended.
@@ -45,19 +45,17 @@ pub struct RenderStats {
     /// Passes completed.
     pub passes: u32,
     /// Samples left out as their light was no finite number.
-    #[serde(default)]
     pub not_finite: u64,
     /// Of the first of them: column, row, number of the path in its pixel.
-    #[serde(default)]
     pub first_not_finite: Option<[u32; 3]>,
     /// What the pilot of lamps found, in the last session.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub lamps: Option<LearnedLightsStats>,
+    #[serde(rename = "lamps", skip_serializing_if = "Option::is_none")]
+    pub learned_lights: Option<LearnedLightsStats>,
     /// What guiding's pilot found, in the last session.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub guiding: Option<GuidingStats>,
     /// What the allocation of paths to tiles is worth, in the last session.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub adaptive: Option<AdaptiveStats>,
     /// Estimated relative error of the picture after its last whole pass; not kept, but computed again.
     #[serde(skip_deserializing)]
@@ -75,7 +73,7 @@ pub struct GuidingStats {
     pub bytes: usize,
     /// What it is worth.
     #[serde(flatten)]
-    pub worth: Worth,
+    pub efficiency: EstimatedEfficiency,
     /// Wall seconds that it took.
     pub seconds: f64,
 }
@@ -100,7 +98,7 @@ pub struct LearnedLightsStats {
 pub struct AdaptiveStats {
     /// What its allocation is worth.
     #[serde(flatten)]
-    pub worth: allocation::Worth,
+    pub efficiency: allocation::EstimatedEfficiency,
     /// Wall seconds that it took.
     pub seconds: f64,
 }
@@ -157,7 +155,7 @@ impl RenderStats {
         self.passes = self.passes.max(other.passes);
         self.not_finite += other.not_finite;
         self.first_not_finite = self.first_not_finite.or(other.first_not_finite);
-        self.lamps = self.lamps.or(other.lamps);
+        self.learned_lights = self.learned_lights.or(other.learned_lights);
         self.guiding = self.guiding.or(other.guiding);
         self.adaptive = self.adaptive.or(other.adaptive);
     }

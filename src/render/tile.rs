@@ -30,7 +30,7 @@ pub struct Tile {
     pub aovs: Vec<AovSums>,
     /// More sums, one a pixel, or none when no AOV needs them.
     pub extras: Vec<ExtraSums>,
-    /// Brightest paths, one a pixel. Files before format 4 have none.
+    /// Brightest paths, one a pixel.
     pub peaks: Vec<Peak>,
 }
 
@@ -97,8 +97,8 @@ impl Tile {
         tiles
     }
 
-    /// Sets the pixels' shares for the first pass, from those of the whole picture of `width` pixels a row.
-    pub fn begin_with(&mut self, shares: &[f32], width: u32) {
+    /// Sets the pixels' shares of light samples for the first pass, from those of the whole picture, `width` pixels a row.
+    pub fn set_light_shares(&mut self, shares: &[f32], width: u32) {
         for (pixel, stats) in self.pixels.iter().zip(&mut self.stats) {
             stats.balance = shares[(pixel.y * width + pixel.x) as usize];
         }
@@ -225,45 +225,5 @@ impl Tile {
     /// How many pixels it has.
     pub fn pixels(&self) -> usize {
         self.pixels.len()
-    }
-}
-
-/// A tile as format 3 saved it: without the brightest paths.
-#[derive(Deserialize)]
-pub(super) struct Tile3 {
-    pixels: Vec<TilePixel>,
-    stats: Vec<PixelStats>,
-    moments: Vec<Moments>,
-    aovs: Vec<AovSums>,
-}
-
-impl Tile3 {
-    /// The same without knowledge of brightest paths.
-    pub fn into_tile(self) -> Tile {
-        let Self { pixels, stats, moments, aovs } = self;
-        let peaks = vec![Peak::default(); stats.len()];
-        Tile { pixels, stats, moments, aovs, extras: Vec::new(), peaks }
-    }
-}
-
-/// A tile as format 2 saved it: all columns, pixel by pixel.
-#[derive(Deserialize)]
-pub(super) struct Tile2 {
-    pixels: Vec<TilePixel>,
-    sums: Vec<(PixelStats, Moments, AovSums)>,
-}
-
-impl Tile2 {
-    /// The same with these columns.
-    pub fn into_tile(self, columns: Columns) -> Tile {
-        let sums = &self.sums;
-        Tile {
-            stats: sums.iter().map(|s| s.0).collect(),
-            moments: sums.iter().filter(|_| columns.moments).map(|s| s.1).collect(),
-            aovs: sums.iter().filter(|_| columns.aovs).map(|s| s.2).collect(),
-            extras: Vec::new(),
-            peaks: vec![Peak::default(); sums.len()],
-            pixels: self.pixels,
-        }
     }
 }

@@ -61,7 +61,7 @@ pub fn run(args: &RenderArgs, place: PixelPath) -> Result<Verdict> {
             text += &format!("\n  {event}");
         }
         printed = print(text);
-    });
+    })?;
     printed.map(|()| Verdict::Done)
 }
 

@@ -27,10 +27,10 @@ pub fn of_another_making(
             backend.name, there.version, there.isa, here.version, here.isa
         );
     }
-    let maker = before.maker.as_ref().map(|maker| BuildInfo::here().differences(maker)).unwrap_or_default();
-    if !maker.is_empty() {
+    let build = BuildInfo::here().differences(&before.build);
+    if !build.is_empty() {
         warn!(
-            "{output} was begun by another build of bismar, {maker}: the picture is as right as ever, but perhaps not to \
+            "{output} was begun by another build of bismar, {build}: the picture is as right as ever, but perhaps not to \
              the last bit the one of a single build"
         );
     }

@@ -46,18 +46,17 @@ pub struct Learned {
     /// Where light comes from, if it pays to know.
     pub field: Option<Field>,
     /// What it is worth.
-    pub worth: Worth,
+    pub efficiency: EstimatedEfficiency,
     /// Wall seconds that it took.
     pub seconds: f64,
 }
 
 /// What a field is worth.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct Worth {
+pub struct EstimatedEfficiency {
     /// The variance that it is to leave, over that without it.
     pub variance: f32,
     /// The rays of a path, over those of one that is not guided.
-    #[serde(default)]
     pub cost: f32,
     /// Mean share of samples that follow it.
     pub share: f32,
@@ -67,7 +66,7 @@ impl Learned {
     /// For people.
     pub fn stats(&self) -> GuidingStats {
         let (cells, bytes) = self.field.as_ref().map_or((0, 0), |field| (field.cells(), field.bytes()));
-        GuidingStats { on: self.field.is_some(), cells, bytes, worth: self.worth, seconds: self.seconds }
+        GuidingStats { on: self.field.is_some(), cells, bytes, efficiency: self.efficiency, seconds: self.seconds }
     }
 }
 
@@ -89,7 +88,7 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
     let mut known = None;
     // Rays of a path of the first round, which nothing leads.
     let mut unguided = None;
-    let mut worth = Worth::default();
+    let mut efficiency = EstimatedEfficiency::default();
     // By relMSE × CPU seconds of pictures of 64, 256 and 1024 paths a pixel.
     let worthwhile = (f64::from(settings.expected_spp()) / USUAL).sqrt();
     let worthwhile = worthwhile * worthwhile.sqrt();
@@ -121,12 +120,15 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
         let fresh = if asks && round > 0 { fresh } else { usize::MAX };
         let (mut field, gain) = learn(&training_samples, fresh, normals, most_cells);
         if asks {
-            worth =
-                Worth { variance: gain.variance(taken.variance), cost: (cost / unguided) as f32, share: gain.share };
-            debug!("round {round}: {} cells, {worth:?}", field.cells());
+            efficiency = EstimatedEfficiency {
+                variance: gain.variance(taken.variance),
+                cost: (cost / unguided) as f32,
+                share: gain.share,
+            };
+            debug!("round {round}: {} cells, {efficiency:?}", field.cells());
             let most = if last { PAYS } else { PROMISES };
-            if settings.guiding == Guiding::Auto && worth.variance * worth.cost > most && (last || !few) {
-                return Some(Learned { field: None, worth, seconds: began.elapsed().as_secs_f64() });
+            if settings.guiding == Guiding::Auto && efficiency.variance * efficiency.cost > most && (last || !few) {
+                return Some(Learned { field: None, efficiency, seconds: began.elapsed().as_secs_f64() });
             }
         }
         // One path of each pixel tells no variance.
@@ -139,7 +141,7 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
             break;
         }
     }
-    Some(Learned { field: known, worth, seconds: began.elapsed().as_secs_f64() })
+    Some(Learned { field: known, efficiency, seconds: began.elapsed().as_secs_f64() })
 }
 
 /// What a round's paths teach.

@@ -31,7 +31,7 @@ const ATTEMPTS: usize = 1 << 18;
 
 /// What a pilot has found.
 #[derive(Debug)]
-pub struct Lamps {
+pub struct LearnedLightsResult {
     /// Which lights matter from where, if it pays to know.
     pub lights: Option<LearnedLights>,
     /// What is to be left of the variance, over that without, by the pilot's first rounds.
@@ -40,7 +40,7 @@ pub struct Lamps {
     pub seconds: f64,
 }
 
-impl Lamps {
+impl LearnedLightsResult {
     /// For people.
     pub fn stats(&self) -> LearnedLightsStats {
         let (cells, bytes) = self.lights.as_ref().map_or((0, 0), |lights| (lights.cells(), lights.bytes()));
@@ -64,7 +64,7 @@ fn pixels(settings: &RenderSettings) -> f64 {
 
 /// Learns which lights matter along the paths of `transport`, a render with these settings; `None` where nobody asks or there is
 /// nothing to choose.
-pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Transport) -> Option<Lamps> {
+pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Transport) -> Option<LearnedLightsResult> {
     let area = scene.lights.area.as_ref().filter(|area| area.tree().top(3) > 1)?;
     if !settings.balance.method().uses_prepasses() {
         return None;
@@ -85,7 +85,7 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
         lights =
             learn(&[first.light_sample_records, second.light_sample_records, round(2).light_sample_records].concat());
     }
-    let found = Lamps { lights, left, seconds: began.elapsed().as_secs_f64() };
+    let found = LearnedLightsResult { lights, left, seconds: began.elapsed().as_secs_f64() };
     debug!("learned lights leave {left:.2} of the variance; {:?}", found.stats());
     Some(found)
 }

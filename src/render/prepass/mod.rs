@@ -18,24 +18,24 @@ pub struct Prepasses {
     /// How light samples toward the environment are drawn.
     pub density: Density,
     /// Of lamps.
-    pub lamps: Option<learned_lights::Lamps>,
+    pub learned_lights: Option<learned_lights::LearnedLightsResult>,
     /// Of guiding.
     pub guiding: Option<guiding::Learned>,
 }
 
 impl Prepasses {
     /// Sends those that `settings` ask for, each with what those before it have found.
-    pub fn send(scene: &PreparedScene, settings: &RenderSettings) -> Self {
+    pub fn run(scene: &PreparedScene, settings: &RenderSettings) -> Self {
         let mut found = Self::default();
-        found.density = compensation::density(scene, settings, &found.lead(transport(scene, settings)));
-        found.lamps = learned_lights::learned(scene, settings, &found.lead(transport(scene, settings)));
-        found.guiding = guiding::learned(scene, settings, &found.lead(transport(scene, settings)));
+        found.density = compensation::density(scene, settings, &found.apply(transport(scene, settings)));
+        found.learned_lights = learned_lights::learned(scene, settings, &found.apply(transport(scene, settings)));
+        found.guiding = guiding::learned(scene, settings, &found.apply(transport(scene, settings)));
         found
     }
 
     /// Paths that go by what was found.
-    pub fn lead<'a>(&'a self, transport: Transport<'a>) -> Transport<'a> {
-        let learned = self.lamps.as_ref().and_then(|lamps| lamps.lights.as_ref());
+    pub fn apply<'a>(&'a self, transport: Transport<'a>) -> Transport<'a> {
+        let learned = self.learned_lights.as_ref().and_then(|result| result.lights.as_ref());
         let field = self.guiding.as_ref().and_then(|guiding| guiding.field.as_ref());
         Transport { drawing: Drawing { density: self.density, learned }, field, ..transport }
     }
