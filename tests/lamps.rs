@@ -69,7 +69,7 @@ fn what_a_pilot_learns_of_lamps_changes_no_mean_and_takes_noise_away() {
     let stage = Stage::new(house(), Backend::Embree);
     let settings = settings(Balance::Progressive);
     let found = learned(&stage.scene, &settings, &transport(&stage.scene, &settings)).unwrap();
-    assert!(found.left < 0.7, "{:?}", found.stats());
+    assert!(found.remaining_variance < 0.7, "{:?}", found.stats());
     let lights = found.lights.as_ref().unwrap();
     assert!((lights.bytes() as u64) < bytes(&settings) && bytes(&settings) < 100 << 20);
     let [without, with] = [(None, 0), (Some(lights), 500)].map(|(lights, seed)| pictures(&stage, lights, seed, 200));
@@ -79,7 +79,7 @@ fn what_a_pilot_learns_of_lamps_changes_no_mean_and_takes_noise_away() {
     assert!(with[1].mean < 0.75 * without[1].mean, "{} {}", with[1].mean, without[1].mean);
     let rendered = on_threads(&stage, &settings, 2);
     let stats = rendered.stats.learned_lights.unwrap();
-    assert!(stats.on && stats.cells == lights.cells() && stats.left == found.left, "{stats:?}");
+    assert!(stats.on && stats.cells == lights.cells() && stats.remaining_variance == found.remaining_variance, "{stats:?}");
 }
 
 #[test]

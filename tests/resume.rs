@@ -43,7 +43,7 @@ fn in_pieces(stage: &Stage, settings: &RenderSettings, tiles_a_session: u32) -> 
         let tiles = unpack(&all_bits(&rendered)).unwrap();
         assert!(fits(&tiles, settings));
         let saved = Saved { tiles, stats: RenderStats { noise: 0.0, ..rendered.stats } };
-        assert!(saved.is_on_the_way(settings), "{:?}", saved.stats);
+        assert!(saved.has_passes_of(settings), "{:?}", saved.stats);
         from = Some(saved);
     }
     unreachable!()

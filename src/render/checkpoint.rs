@@ -1,4 +1,4 @@
-//! What a render needs to go on, in a picture's file: its record in the header, its tiles in a part of their own.
+//! Checkpoints in a picture's file: the record of a render in the header, its tiles behind the picture.
 
 use std::path::{Path, PathBuf};
 
@@ -15,36 +15,37 @@ use crate::film::{Aov, Background};
 use crate::rays::BackendInfo;
 use crate::{Error, Result};
 
-/// A render that can go on.
+/// A render that can be resumed.
 #[derive(Debug)]
 pub struct Saved {
-    /// Row by row.
+    /// Its tiles, row by row.
     pub tiles: Vec<Tile>,
-    /// Over all sessions so far.
+    /// Counts and times of all sessions so far.
     pub stats: RenderStats,
 }
 
 impl Saved {
-    /// As [`scheduler::is_on_the_way`].
-    pub fn is_on_the_way(&self, settings: &RenderSettings) -> bool {
+    /// Are its passes those that a render of these settings begins with? Then the resumed render has the bits of an
+    /// uninterrupted one ([`scheduler::begins_as`]).
+    pub fn has_passes_of(&self, settings: &RenderSettings) -> bool {
         let (done, ahead) = paths_range(&self.tiles);
         match settings.noise_goal() {
-            // Each tile goes its own way, and from the first look at the noise on any.
+            // Tiles have their own counts, and any count once the noise has been estimated.
             Some(goal) => {
-                let own_way = |n: u32| n > goal.least || scheduler::is_planned(settings, n);
-                self.tiles.iter().all(|tile| own_way(tile.paths()))
+                let is_reached = |n: u32| n > goal.min_paths || scheduler::is_planned(settings, n);
+                self.tiles.iter().all(|tile| is_reached(tile.paths()))
             }
-            // Each tile has a goal of its own.
+            // Tiles have their own goals.
             None if settings.adaptive => true,
-            None => scheduler::is_on_the_way(settings, done, ahead, self.stats.passes),
+            None => scheduler::begins_as(settings, done, ahead, self.stats.passes),
         }
     }
 }
 
-/// Raised whenever an older version could no longer read what is written.
+/// Version of the record and of the packed tiles. Files of other versions are not read.
 pub const FORMAT: u32 = 4;
 
-/// What a picture says of its making: all that going on and merging ask for, but the tiles.
+/// The record of a render in its picture's header: all that resuming and merging need besides the tiles.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Record {
     /// What it was made of.
@@ -57,40 +58,40 @@ pub struct Record {
     pub stats: RenderStats,
     /// Why it ended.
     pub stop: StopReason,
-    /// Estimated relative error, once a pass is complete.
+    /// Estimated relative error; `None` before a pass is complete.
     pub noise: Option<f64>,
-    /// Fewest paths of a tile.
+    /// Minimum paths per pixel of a tile.
     pub paths: u32,
-    /// Noise of its noisiest tile.
+    /// Noise of the noisiest tile.
     pub worst_noise: Option<f64>,
     /// Does the file keep the statistics that a resumed render needs, even when the render is finished?
     #[serde(rename = "keeps")]
     pub resumable: bool,
-    /// Who traced its rays last.
+    /// The host that traced its rays last.
     pub host: Host,
-    /// Are its colours 16-bit floats?
+    /// Are its colours stored as 16-bit floats?
     pub half: bool,
-    /// What is behind everything.
+    /// What the picture shows behind all surfaces.
     pub background: Background,
     /// The build that wrote it.
     #[serde(rename = "maker")]
     pub build: BuildInfo,
-    /// The seeds that it is the mean of, if of several: nothing can go on from that.
+    /// The seeds that the picture is the mean of, if several; such a picture cannot be resumed.
     #[serde(skip)]
     pub seeds: Vec<u32>,
 }
 
-/// What bits depend on beside the command: the same on hosts of one kind.
+/// Properties of a host that bits depend on.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Host {
-    /// Of the library that traces rays.
+    /// Version of the ray library.
     pub version: String,
-    /// Its instruction set.
+    /// Instruction set of the ray library.
     pub isa: String,
 }
 
 impl Host {
-    /// Of a backend that is here.
+    /// This host, with a ray library.
     pub fn of(backend: &BackendInfo) -> Self {
         Self { version: backend.version.clone(), isa: backend.isa.clone() }
     }
@@ -123,25 +124,25 @@ impl Record {
         }
     }
 
-    /// Was it made by a command with this identity and these wishes, for this part?
-    pub fn answers(&self, identity: &Identity, requested: &RequestedOutputs) -> bool {
+    /// Was it made by a command with this identity and these outputs, for this part?
+    pub fn matches(&self, identity: &Identity, requested: &RequestedOutputs) -> bool {
         self.request == identity.request(requested) && self.identity.settings.part == identity.settings.part
     }
 
-    /// Paths a pixel that it is finished with: the fewest of a tile, or, where tiles have goals of their own, the mean.
+    /// Paths per pixel of a finished render: the minimum of a tile, or the mean where tiles have their own goals.
     pub fn spp(&self) -> u32 {
         let settings = &self.identity.settings;
         let mean = settings.spp.filter(|_| settings.adaptive && self.stop == StopReason::Samples);
         mean.unwrap_or(self.paths)
     }
 
-    /// Does it fulfil one of the stop rules of these settings?
+    /// Is one of the stop rules of these settings fulfilled?
     pub fn is_done(&self, settings: &RenderSettings) -> bool {
         if self.stop == StopReason::Interrupted {
             return false;
         }
         let seconds = match self.stop {
-            // It may end before its time, when no path fits any more.
+            // A render may end before the limit when no more paths fit.
             StopReason::Time => self.identity.settings.time.unwrap_or(0.0),
             _ => self.stats.seconds,
         };
@@ -152,10 +153,10 @@ impl Record {
         settings.spp.is_some_and(|goal| self.spp() >= goal)
             || settings.time.is_some_and(|limit| seconds >= limit)
             || (same && self.stop != StopReason::Time)
-            || settings.noise_goal().is_some_and(|goal| worst <= goal.error && self.paths >= goal.least)
+            || settings.noise_goal().is_some_and(|goal| worst <= goal.error && self.paths >= goal.min_paths)
     }
 
-    /// As header attributes, with those that `docs/stats.md` promises to scripts.
+    /// The header attributes, including those that `docs/stats.md` lists for scripts.
     fn header(&self, rendered: &Rendered) -> Result<Header> {
         let settings = &rendered.settings;
         let mut header: Header = vec![
@@ -182,15 +183,15 @@ impl Record {
     }
 }
 
-/// JSON as a header's text.
+/// A value as JSON in a text attribute.
 ///
 /// # Errors
-/// [`Error::Bug`] if JSON cannot say it.
+/// [`Error::Bug`] if it cannot be serialised.
 pub fn json(value: &impl Serialize) -> Result<HeaderValue> {
     serde_json::to_string(value).map(HeaderValue::Text).map_err(|e| Error::Bug(format!("JSON: {e}")))
 }
 
-/// A number of a header.
+/// The number attribute with this name.
 pub fn number(header: &Header, name: &str) -> Option<f64> {
     header.iter().find(|(n, _)| n == name).and_then(|(_, value)| match value {
         HeaderValue::Number(x) => Some(*x),
@@ -198,7 +199,7 @@ pub fn number(header: &Header, name: &str) -> Option<f64> {
     })
 }
 
-/// A text of a header.
+/// The text attribute with this name.
 pub fn text<'a>(header: &'a Header, name: &str) -> Option<&'a str> {
     header.iter().find(|(n, _)| n == name).and_then(|(_, value)| match value {
         HeaderValue::Text(text) => Some(text.as_str()),
@@ -206,10 +207,10 @@ pub fn text<'a>(header: &'a Header, name: &str) -> Option<&'a str> {
     })
 }
 
-/// Writes a render's picture with its record, `more` attributes and a layer `denoised`; with its tiles, if `with_tiles`.
+/// Writes a render's picture with its record, `more` attributes, a `denoised` layer and, if `with_tiles`, its tiles.
 ///
 /// # Errors
-/// As [`exr_file::write`].
+/// Those of [`exr_file::write`]; [`Error::Bug`] if a value cannot be serialised.
 pub fn write(
     path: &Path,
     rendered: &Rendered,
@@ -225,14 +226,14 @@ pub fn write(
     exr_file::write(path, &rendered.pixels(), layers, &header, tiles.as_deref())
 }
 
-/// A picture of ours that is there already.
+/// An existing picture that bismar wrote.
 #[derive(Debug, Clone)]
 pub struct Earlier {
-    /// Where it is.
+    /// Its path.
     pub path: PathBuf,
-    /// What it says of its making.
+    /// Its record.
     pub record: Record,
-    /// All that it says.
+    /// All header attributes.
     pub header: Header,
 }
 
@@ -240,7 +241,7 @@ impl Earlier {
     /// Reads the header of a picture; `None` if there is no file.
     ///
     /// # Errors
-    /// As [`exr_file::read_header`]; [`Error::Data`] for pictures of others and of newer versions.
+    /// Those of [`exr_file::read_header`]; [`Error::Data`] for pictures of other programs and other formats.
     pub fn read(path: &Path) -> Result<Option<Self>> {
         let header = match exr_file::read_header(path) {
             Err(Error::Missing(_)) => return Ok(None),
@@ -260,10 +261,10 @@ impl Earlier {
         Ok(Some(Self { path: path.into(), record, header }))
     }
 
-    /// Checks that the file is what was written, to the last byte.
+    /// Checks that the file has the bytes that were written.
     ///
     /// # Errors
-    /// [`Error::Data`] for a file that is damaged; others as [`exr_file::check`].
+    /// [`Error::Data`] for a damaged file; those of [`exr_file::check`].
     pub fn verify(&self) -> Result<()> {
         let damaged = |why: &str| {
             let path = self.path.display();
@@ -279,7 +280,7 @@ impl Earlier {
     /// Its tiles; `None` if it carries none.
     ///
     /// # Errors
-    /// As [`exr_file::read_statistics`]; [`Error::Data`] if they are not those of a render of `settings`.
+    /// Those of [`exr_file::read_statistics`]; [`Error::Data`] if they are not tiles of a render with `settings`.
     pub fn tiles(&self, settings: &RenderSettings) -> Result<Option<Vec<Tile>>> {
         let Some(bytes) = exr_file::read_statistics(&self.path)? else { return Ok(None) };
         let tiles = unpack(&bytes).filter(|tiles| fits(tiles, settings));
@@ -287,10 +288,10 @@ impl Earlier {
         tiles.map(Some).ok_or_else(refused)
     }
 
-    /// What a render of this identity goes on from.
+    /// The saved state from which a render of this identity is resumed.
     ///
     /// # Errors
-    /// [`Error::Data`], with what differs, when it is another render, is damaged, or carries no statistics.
+    /// [`Error::Data`], with the differences, for another render; for a damaged file and for one without statistics.
     pub fn saved(&self, ours: &Identity) -> Result<Saved> {
         let refused = |why: String| {
             Error::Data(format!("--resume: {}: {why}; without --resume it is rendered anew", self.path.display()))
@@ -316,11 +317,11 @@ impl Earlier {
 /// Maximum bytes of an unpacked tile.
 const MAX_TILE_BYTES: usize = 1 << 24;
 
-/// Tiles as bytes: for each its length (32 bits, little-endian) and itself (postcard in LZ4, which is faster than a disk
-/// and leaves out what is zero), velocities behind it if there are any.
+/// Serialises tiles. Each has its length in bytes (32 bits, little-endian) and its data: postcard, followed by velocities if
+/// there are any, compressed with LZ4, which is faster than a disk.
 ///
 /// # Errors
-/// [`Error::Bug`] if a tile cannot be said.
+/// [`Error::Bug`] if a tile cannot be serialised.
 pub fn pack(tiles: &[Tile]) -> Result<Vec<u8>> {
     let record = |tile: &Tile| {
         let mut bytes = postcard::to_stdvec(tile)?;
@@ -330,7 +331,7 @@ pub fn pack(tiles: &[Tile]) -> Result<Vec<u8>> {
         Ok(lz4_flex::compress_prepend_size(&bytes))
     };
     let mut bytes = Vec::new();
-    // Some at a time, so that they are not all in memory twice.
+    // In chunks, to limit memory.
     for some in tiles.chunks(1024) {
         let records: std::result::Result<Vec<_>, postcard::Error> = some.par_iter().map(record).collect();
         for record in records.map_err(|e| Error::Bug(format!("a tile cannot be saved: {e}")))? {
@@ -341,7 +342,7 @@ pub fn pack(tiles: &[Tile]) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Reads what [`pack`] made; nothing in it is trusted. `None` if it is not that.
+/// Deserialises tiles that [`pack`] wrote. The bytes are not trusted: `None` if they are invalid.
 pub fn unpack(bytes: &[u8]) -> Option<Vec<Tile>> {
     let mut records = Vec::new();
     let mut rest = bytes;
@@ -367,7 +368,7 @@ fn unpack_tile(record: &[u8]) -> Option<Tile> {
     if rest.is_empty() { tile.with_velocities(velocities) } else { None }
 }
 
-/// Are these the tiles of a render of these settings, each whole?
+/// Are these the complete tiles of a render with these settings?
 pub fn fits(saved: &[Tile], settings: &RenderSettings) -> bool {
     let fresh = fresh_tiles(settings);
     saved.len() == fresh.len() && saved.iter().zip(&fresh).all(|(a, b)| a.covers(b))

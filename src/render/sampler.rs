@@ -107,8 +107,8 @@ impl Sampler for TileSampler<'_> {
     }
 
     fn paths(&mut self, paths: u32) -> Vec<u32> {
-        let seen = self.tile.seen();
-        seen.deal(seen.paths_for(paths, self.goal.as_ref()))
+        let stats = self.tile.tile_stats();
+        stats.deal(stats.paths_for(paths, self.goal.as_ref()))
     }
 
     fn take(&mut self, counts: &[Counts], weighed: &[Counts], observer: Option<&mut dyn Observer>) {

@@ -83,7 +83,7 @@ impl Session<'_> {
         }
         let Some(earlier) = Earlier::read(&output)? else { return Ok(None) };
         let settings = self.args.settings();
-        let answers = earlier.record.answers(&self.inputs.identity(self.args, &settings), &self.args.asked());
+        let answers = earlier.record.matches(&self.inputs.identity(self.args, &settings), &self.args.asked());
         if !answers || !self.is_done(&earlier, &settings) {
             return Ok(None);
         }
