@@ -1,4 +1,4 @@
-//! What is asked of a camera's lens, and what it comes to for a scene.
+//! Lens settings, and the thin lens that follows from them for a scene.
 
 use std::fmt;
 use std::str::FromStr;
@@ -14,23 +14,23 @@ use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 use crate::scene::Projection;
 use crate::{Error, Result};
 
-/// A lens with an opening: what is nearer or farther than its focus is blurred.
+/// A thin lens: surfaces out of focus are blurred.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct LensSettings {
-    /// How wide it is open.
+    /// Size of the opening.
     pub aperture: Aperture,
-    /// What is sharp.
+    /// What is in focus.
     pub focus: Focus,
-    /// Sides of the opening: 0 for a round one, else 3 or more.
+    /// Sides of the opening: 0 for a circle, or 3 to 32.
     pub blades: u32,
 }
 
-/// How wide a lens is open.
+/// The size of a lens's opening.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Aperture {
-    /// The focal length over the opening's diameter, > 0. The focal length follows from the camera's field of view, for a
-    /// picture 24 mm high.
+    /// f-number: the focal length over the diameter of the opening, > 0. The focal length follows from the camera's field of
+    /// view and a film height of 24 mm.
     Stop(f64),
     /// The opening's radius in metres, > 0.
     Radius(f64),
@@ -40,13 +40,13 @@ pub enum Aperture {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Focus {
-    /// On what the middle of the picture shows.
+    /// On the surface in the middle of the picture.
     Auto,
-    /// On a plane so many metres before the camera, > 0.
+    /// On a plane at this distance from the camera in metres, > 0.
     Distance(f64),
 }
 
-/// Metres of film, from top to bottom: that of 35 mm stills.
+/// Height of the film in metres: that of 35 mm stills.
 const FILM_HEIGHT: f64 = 0.024;
 
 fn positive(text: &str) -> Option<f64> {
@@ -90,15 +90,15 @@ impl fmt::Display for LensSettings {
     }
 }
 
-/// The lens of a render with these settings; `None` for a pinhole, through which all is sharp.
+/// The lens of a render with these settings; `None` for a pinhole.
 ///
 /// # Errors
 /// [`Error::Usage`] for an f-stop of an orthographic camera, which has no focal length, and for automatic focus where the
 /// middle of the picture shows nothing.
 pub fn lens(scene: &PreparedScene, settings: &RenderSettings) -> Result<Option<Lens>> {
-    let Some(asked) = settings.lens else { return Ok(None) };
+    let Some(requested) = settings.lens else { return Ok(None) };
     let RenderSettings { camera: index, width, height, .. } = *settings;
-    let radius = match (asked.aperture, scene.scene.camera(index, width, height).projection) {
+    let radius = match (requested.aperture, scene.scene.camera(index, width, height).projection) {
         (Aperture::Radius(radius), _) => radius,
         (Aperture::Stop(stop), Projection::Perspective { yfov }) => {
             0.5 * FILM_HEIGHT / (0.5 * f64::from(yfov)).tan() / (2.0 * stop)
@@ -109,7 +109,7 @@ pub fn lens(scene: &PreparedScene, settings: &RenderSettings) -> Result<Option<L
             return Err(Error::Usage(why.into()));
         }
     };
-    let focus = match asked.focus {
+    let focus = match requested.focus {
         Focus::Distance(distance) => distance as f32,
         Focus::Auto => {
             let [x, y] = [width, height].map(|size| F::splat(0.5 * size as f32));
@@ -128,7 +128,7 @@ pub fn lens(scene: &PreparedScene, settings: &RenderSettings) -> Result<Option<L
             hits.t[0]
         }
     };
-    Ok(Some(Lens { radius: radius as f32, focus, blades: asked.blades }))
+    Ok(Some(Lens { radius: radius as f32, focus, blades: requested.blades }))
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use tracing::warn;
 
 use super::checkpoint::{self, Earlier, Record, Saved, fits};
-use super::part::in_rows;
+use super::part::sort_in_rows;
 use super::tile::Tile;
 use super::{Part, RenderSettings, RenderStats, Rendered, StopReason, noise};
 use crate::film::cryptomatte::PREFIX;
@@ -216,7 +216,7 @@ fn assemble(parts: &[Earlier]) -> Result<Whole> {
         stats.join(&part.record.stats);
         tiles.extend(own);
     }
-    in_rows(&mut tiles);
+    sort_in_rows(&mut tiles);
     if !fits(&tiles, &RenderSettings { part: None, ..settings(first).clone() }) {
         return Err(Error::Data(format!("the parts of seed {seed} do not cover the picture")));
     }

@@ -1,4 +1,4 @@
-//! A tile's pixels as a [`Sampler`]: the paths that a method of the balance asks for, traced in waves.
+//! The [`Sampler`] of a tile: traces the paths that a balance method requests, in waves.
 
 use std::cell::RefCell;
 
@@ -11,16 +11,16 @@ use crate::balance::spread::Guide;
 use crate::balance::{Contribution, Cost, Counts, Observer, Sampler, Technique};
 use crate::integrator::{PixelBatch, PixelTask, Transport, Wave, WaveCounts, guides};
 
-/// Paths that are traced together: their buffers stay in the second-level cache.
-const WAVE_PATHS: u32 = 2048;
-/// What a level of the light tree costs, in rays, as CPU times of scenes with 6 to 16 000 emissive triangles have it.
-const LEVEL: f32 = 0.1;
+/// Maximum paths of a wave. Their buffers fit into the second-level cache.
+const PATHS_PER_WAVE: u32 = 2048;
+/// Cost of a level of the light tree in rays, fitted to CPU times of scenes with 6 to 16 000 emissive triangles.
+const RAYS_PER_TREE_LEVEL: f32 = 0.1;
 
 thread_local! {
     static BUFFERS: RefCell<Buffers> = RefCell::default();
 }
 
-/// A thread's buffers, kept over tiles and passes.
+/// The buffers of a thread, reused for all tiles and passes.
 #[derive(Debug, Default)]
 pub struct Buffers {
     wave: Wave,
@@ -35,22 +35,22 @@ impl Buffers {
     }
 }
 
-/// Hands out the buffers of the current thread.
+/// Calls `work` with the buffers of the current thread.
 pub fn with_buffers<T>(work: impl FnOnce(&mut Buffers) -> T) -> T {
     BUFFERS.with_borrow_mut(work)
 }
 
-/// What a pilot's samples found, and its paths' radiance, pixel by pixel.
+/// The contributions of a second-order pilot's samples and the radiance of its paths, pixel by pixel.
 #[derive(Debug, Default)]
 struct Pilot {
     counts: Option<Counts>,
-    found: Vec<Contribution>,
+    contributions: Vec<Contribution>,
     paths: Vec<Vec3>,
 }
 
 impl Observer for Pilot {
-    fn contribution(&mut self, found: &Contribution) {
-        self.found.push(*found);
+    fn contribution(&mut self, contribution: &Contribution) {
+        self.contributions.push(*contribution);
     }
 
     fn path(&mut self, _pixel: u32, radiance: Vec3) {
@@ -58,7 +58,7 @@ impl Observer for Pilot {
     }
 }
 
-/// A tile under way in a pass.
+/// The sampler of a tile during a pass.
 pub struct TileSampler<'a> {
     tile: &'a mut Tile,
     transport: &'a Transport<'a>,
@@ -68,7 +68,7 @@ pub struct TileSampler<'a> {
 }
 
 impl<'a> TileSampler<'a> {
-    /// Begins a pass; `watch` is told what each pixel takes, wave by wave.
+    /// Begins a pass. `watch` is called with the task of each pixel, wave by wave.
     pub fn new(
         tile: &'a mut Tile,
         transport: &'a Transport<'a>,
@@ -98,12 +98,12 @@ impl Sampler for TileSampler<'_> {
     fn lights(&self) -> Option<Lights> {
         let lights = self.transport.lights;
         let environment = lights.two_kinds().then_some(lights.environment_probability);
-        let choice = lights.area.as_ref().map_or(0.0, |area| LEVEL * area.levels());
+        let choice = lights.area.as_ref().map_or(0.0, |area| RAYS_PER_TREE_LEVEL * area.levels());
         lights.has_extent().then_some(Lights { environment, indirect: self.transport.max_depth > 2, choice })
     }
 
     fn longest(&self) -> u32 {
-        WAVE_PATHS
+        PATHS_PER_WAVE
     }
 
     fn paths(&mut self, paths: u32) -> Vec<u32> {
@@ -119,7 +119,7 @@ impl Sampler for TileSampler<'_> {
     fn pilot(&mut self, counts: Counts) -> &[Contribution] {
         let Buffers { wave, tasks, pilot } = self.buffers;
         pilot.counts = Some(counts);
-        pilot.found.clear();
+        pilot.contributions.clear();
         pilot.paths.clear();
         let all = vec![counts; self.tile.pixels()];
         // Light samples toward the environment, toward area lights where these are divided, and BSDF samples so far.
@@ -129,12 +129,12 @@ impl Sampler for TileSampler<'_> {
         };
         let first: Vec<_> = self.tile.pixels.iter().map(first).collect();
         trace(self.tile, self.transport, wave, tasks, (&all, &all), Some(pilot), self.watch);
-        // Who learns from it counts the pilot's samples from 0.
-        for found in &mut pilot.found {
+        // Sample indices of a pilot count from 0.
+        for found in &mut pilot.contributions {
             let technique = if found.technique == Technique::Light { usize::from(found.area) } else { 2 };
             found.index -= first[found.pixel as usize][technique];
         }
-        &pilot.found
+        &pilot.contributions
     }
 
     fn reweight(&mut self, total: &[Counts]) {
@@ -151,7 +151,7 @@ impl Sampler for TileSampler<'_> {
     }
 }
 
-/// Traces paths, dealt by `counts` and weighed by `weighed`.
+/// Traces paths with sample counts `counts` and the MIS weights of sample counts `weighed`.
 fn trace(
     tile: &mut Tile,
     transport: &Transport,
@@ -167,7 +167,7 @@ fn trace(
         let mut paths = 0;
         let fits = |c: &&Counts| {
             paths += c.paths;
-            paths <= WAVE_PATHS
+            paths <= PATHS_PER_WAVE
         };
         let end = start + counts[start..].iter().take_while(fits).count().max(1);
         tasks.clear();
@@ -206,14 +206,14 @@ fn trace(
     }
 }
 
-/// Weighs a pilot with one light and one BSDF sample a path by each pixel's `total` counts.
+/// Reweights a pilot, which has one light sample and one BSDF sample per path, to each pixel's `total` counts.
 fn reweight(tile: &mut Tile, pilot: &Pilot, total: &[Counts]) {
     let Some(counts) = pilot.counts else { return };
-    // Samples a path, over the pilot's.
+    // Samples per path, over those of the pilot.
     let rates: Vec<_> = total.iter().map(|total| total.over(counts)).collect();
     let n = counts.paths as usize;
     let mut changes = vec![Vec3::ZERO; pilot.paths.len()];
-    for found in &pilot.found {
+    for found in &pilot.contributions {
         let pixel = found.pixel as usize;
         let change = found.at(rates[pixel]) - found.radiance;
         changes[pixel * n + found.path(counts.paths) as usize] += change;
@@ -224,7 +224,7 @@ fn reweight(tile: &mut Tile, pilot: &Pilot, total: &[Counts]) {
             }
         }
     }
-    // Where the pilot's light came from is forgotten: groups share what changes as they share the pixel.
+    // The lights of the pilot's samples are not stored: a change is divided among light groups as the pixel is.
     for (extras, changes) in tile.extras.iter_mut().zip(changes.chunks(n)) {
         extras.share_light(changes.iter().sum());
     }
@@ -240,9 +240,9 @@ fn reweight(tile: &mut Tile, pilot: &Pilot, total: &[Counts]) {
     }
 }
 
-/// What paths with one sample of each technique at the first surface cost, by the rays that they took.
+/// Cost of paths with one sample of each technique at the first surface, in rays.
 fn cost(rays: &WaveCounts) -> Cost {
-    // A first surface's light sample is a shadow ray at most; all others follow from BSDF samples.
+    // A light sample at the first surface is at most one shadow ray; all other rays follow from BSDF samples.
     let light = rays.shadow_rays.min(rays.camera_rays);
     let bsdf = rays.first_bounce_rays + rays.later_bounce_rays + rays.shadow_rays - light;
     let all = rays.camera_rays.max(1) as f32;
@@ -267,7 +267,7 @@ mod tests {
             w: 0.0,
             radiance: Vec3::splat(y),
         };
-        pilot.found = vec![
+        pilot.contributions = vec![
             contribution(0, Technique::Light, 0, 0.5, 1.0),
             contribution(0, Technique::Bsdf, 0, -0.5, 2.0),
             contribution(1, Technique::Indirect, 1, -1.0, 3.0),
