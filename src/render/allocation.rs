@@ -6,10 +6,10 @@
 
 use glam::Vec3;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
 use super::RenderSettings;
 use super::sampler::with_buffers;
+use super::stats::AllocationEfficiency;
 use super::tile::{TILE, Tile};
 use crate::balance::Counts;
 use crate::film::PixelStats;
@@ -42,17 +42,7 @@ pub struct Allocation {
     /// Doublings of the mean, row by row.
     doublings: Vec<i32>,
     columns: u32,
-    efficiency: EstimatedEfficiency,
-}
-
-/// The estimated efficiency of an allocation.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct EstimatedEfficiency {
-    /// Variance times cost, over that of a uniform allocation.
-    #[serde(rename = "left")]
-    pub remaining: f64,
-    /// Minimum and maximum paths of a tile, over the mean; both 1 where the allocation is uniform.
-    pub range: [f64; 2],
+    efficiency: AllocationEfficiency,
 }
 
 /// What the pre-pass measures in a tile.
@@ -92,7 +82,7 @@ impl Allocation {
     }
 
     /// Its estimated efficiency.
-    pub fn efficiency(&self) -> EstimatedEfficiency {
+    pub fn efficiency(&self) -> AllocationEfficiency {
         self.efficiency
     }
 }
@@ -142,7 +132,7 @@ fn survey(wave: &mut Wave, transport: &Transport, settings: &RenderSettings, [co
 
 /// Doublings of tiles, row by row, and their estimated efficiency: an allocation by one half of the pixels is judged by
 /// the variance of the other half.
-fn allocated(surveys: &[Survey], columns: usize) -> (Vec<i32>, EstimatedEfficiency) {
+fn allocated(surveys: &[Survey], columns: usize) -> (Vec<i32>, AllocationEfficiency) {
     let variances = |of: &dyn Fn(&Survey) -> f64| surveys.iter().map(of).collect::<Vec<_>>();
     let halves = [variances(&|s| s.variance[0]), variances(&|s| s.variance[1])];
     let both = variances(&|s| 0.5 * (s.variance[0] + s.variance[1]));
@@ -163,7 +153,7 @@ fn allocated(surveys: &[Survey], columns: usize) -> (Vec<i32>, EstimatedEfficien
         false => vec![0; surveys.len()],
     };
     let range = found.iter().map(factor).fold([1.0; 2], |[low, high]: [f64; 2], f| [low.min(f), high.max(f)]);
-    (found, EstimatedEfficiency { remaining, range })
+    (found, AllocationEfficiency { remaining, range })
 }
 
 /// Each tile's variance, mixed with the mean of the tiles around it: the fewer its sampled pixels, the more.

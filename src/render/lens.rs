@@ -1,18 +1,9 @@
-//! Lens settings, and the thin lens that follows from them for a scene.
+//! Lens settings.
 
 use std::fmt;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
-
-use super::validate::is_optical;
-use super::{RenderSettings, camera};
-use crate::integrator::PreparedScene;
-use crate::integrator::camera::Lens;
-use crate::lanes::{F, U};
-use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
-use crate::scene::Projection;
-use crate::{Error, Result};
 
 /// A thin lens: surfaces out of focus are blurred.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -46,8 +37,10 @@ pub enum Focus {
     Distance(f64),
 }
 
-/// Height of the film in metres: that of 35 mm stills.
-const FILM_HEIGHT: f64 = 0.024;
+/// Is this a size in metres or an f-number that is positive and finite as a 32-bit float too?
+pub(super) fn is_optical(x: f64) -> bool {
+    (1e-9..1e9).contains(&x)
+}
 
 fn positive(text: &str) -> Option<f64> {
     text.trim().parse().ok().filter(|x: &f64| is_optical(*x))
@@ -88,47 +81,6 @@ impl fmt::Display for LensSettings {
         }
         write!(f, ", {} blades", self.blades)
     }
-}
-
-/// The lens of a render with these settings; `None` for a pinhole.
-///
-/// # Errors
-/// [`Error::Usage`] for an f-stop of an orthographic camera, which has no focal length, and for automatic focus where the
-/// middle of the picture shows nothing.
-pub fn lens(scene: &PreparedScene, settings: &RenderSettings) -> Result<Option<Lens>> {
-    let Some(requested) = settings.lens else { return Ok(None) };
-    let RenderSettings { camera: index, width, height, .. } = *settings;
-    let radius = match (requested.aperture, scene.scene.camera(index, width, height).projection) {
-        (Aperture::Radius(radius), _) => radius,
-        (Aperture::Stop(stop), Projection::Perspective { yfov }) => {
-            0.5 * FILM_HEIGHT / (0.5 * f64::from(yfov)).tan() / (2.0 * stop)
-        }
-        (Aperture::Stop(_), Projection::Orthographic { .. }) => {
-            let why =
-                "--aperture: an orthographic camera has no focal length, and so no f-stop: give a radius in metres";
-            return Err(Error::Usage(why.into()));
-        }
-    };
-    let focus = match requested.focus {
-        Focus::Distance(distance) => distance as f32,
-        Focus::Auto => {
-            let [x, y] = [width, height].map(|size| F::splat(0.5 * size as f32));
-            let middle = F::splat(0.5);
-            let ray = camera(&scene.scene, settings).rays(x, y, middle);
-            let (mut rays, mut hits) = (RayBatch::default(), HitBatch::default());
-            rays.open(1, scene.geometry.moves);
-            rays.put(0, ray, F::splat(f32::INFINITY), U::ZERO, middle);
-            rays.close(1);
-            scene.rays.closest_hits(&rays, RayOrder::Coherent, &mut hits);
-            if hits.instance[0] == MISS {
-                let why =
-                    "--focus auto: the middle of the picture shows nothing to focus on: give a distance in metres";
-                return Err(Error::Usage(why.into()));
-            }
-            hits.t[0]
-        }
-    };
-    Ok(Some(Lens { radius: radius as f32, focus, blades: requested.blades }))
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@
 pub mod adaptive;
 pub mod allocation;
 mod build_info;
+pub mod camera;
 pub mod checkpoint;
 pub mod driver;
 pub mod fireflies;
@@ -22,14 +23,16 @@ pub mod scheduler;
 pub mod settings;
 pub mod stats;
 pub mod tile;
+pub mod transport;
 mod validate;
 
 use crate::film::compare::relative_to;
 use crate::film::{Background, Film};
 pub use crate::guiding::Guiding;
 pub use build_info::BuildInfo;
+pub use camera::camera;
 pub use checkpoint::{Record, Saved};
-pub use driver::{Pause, RunOptions, camera, render, run, transport};
+pub use driver::{Pause, RunOptions, render, run};
 pub use fireflies::Fireflies;
 pub use identity::Identity;
 pub use part::Part;
@@ -39,6 +42,7 @@ pub use replay::replay;
 pub use settings::{Balance, Integrator, PixelFilter, RenderSettings, StudyOptions};
 pub use stats::{RenderStats, StopReason};
 use tile::{TILE, Tile};
+pub use transport::transport;
 
 /// A finished or stopped render.
 #[derive(Debug)]

@@ -3,10 +3,10 @@
 use glam::Vec3;
 
 use super::allocation::Allocation;
-use super::driver::{pass_seed, transport};
-use super::lens::lens;
+use super::camera::lens;
 use super::prepass::Prepasses;
 use super::tile::Tile;
+use super::transport::{pass_seed, transport};
 use super::{RenderSettings, scheduler};
 use crate::integrator::scalar::{self, Event};
 use crate::integrator::{PixelTask, PreparedScene};

@@ -1,14 +1,16 @@
 //! The [`Sampler`] of a tile: traces the paths that a balance method requests, in waves.
 
 use std::cell::RefCell;
+use std::time::Instant;
 
 use glam::Vec3;
 
+use super::RenderSettings;
 use super::adaptive::NoiseGoal;
-use super::tile::{Tile, TilePixel};
+use super::tile::{Tile, TilePixel, TileWork};
 use crate::balance::sampler::Lights;
 use crate::balance::spread::Guide;
-use crate::balance::{Contribution, Cost, Counts, Observer, Sampler, Technique};
+use crate::balance::{Contribution, Cost, Counts, Learned, Observer, Sampler, Share, Technique};
 use crate::integrator::{PixelBatch, PixelTask, Transport, Wave, WaveCounts, guides};
 
 /// Maximum paths of a wave. Their buffers fit into the second-level cache.
@@ -55,6 +57,40 @@ impl Observer for Pilot {
 
     fn path(&mut self, _pixel: u32, radiance: Vec3) {
         self.paths.push(radiance);
+    }
+}
+
+impl Tile {
+    /// Traces a pass of `paths` paths per pixel, or fewer where a noise goal requires fewer, by the balance method.
+    pub fn pass(&mut self, transport: &Transport, settings: &RenderSettings, paths: u32) -> TileWork {
+        self.pass_watched(transport, settings, paths, &mut |_| ())
+    }
+
+    /// Traces a pass like [`pass`](Self::pass) and calls `watch` with the task of each pixel, wave by wave.
+    pub fn pass_watched(
+        &mut self,
+        transport: &Transport,
+        settings: &RenderSettings,
+        paths: u32,
+        watch: &mut dyn FnMut(&PixelTask),
+    ) -> TileWork {
+        let start = Instant::now();
+        let (done, before) = (self.paths(), self.all_paths());
+        let both = self.pixels.iter().zip(&self.stats);
+        let mut shares: Vec<_> =
+            both.map(|(pixel, s)| Share { light: s.balance, environment: pixel.environment_share }).collect();
+        let mut moments = std::mem::take(&mut self.moments);
+        let counts = with_buffers(|buffers| {
+            let mut sampler = TileSampler::new(self, transport, buffers, settings.noise_goal(), watch);
+            let mut learned = Learned { shares: &mut shares, moments: &mut moments };
+            settings.balance.method().pass(&mut learned, &mut sampler, done, paths);
+            sampler.counts()
+        });
+        self.moments = moments;
+        for ((pixel, stats), share) in self.pixels.iter_mut().zip(&mut self.stats).zip(shares) {
+            (stats.balance, pixel.environment_share) = (share.light, share.environment);
+        }
+        TileWork { counts, seconds: start.elapsed().as_secs_f64(), paths: self.all_paths() - before }
     }
 }
 

@@ -3,8 +3,6 @@
 use serde::{Deserialize, Serialize};
 
 use super::Rendered;
-use super::allocation;
-use super::prepass::guiding::EstimatedEfficiency;
 use super::tile::{Tile, TileWork};
 
 /// Why a render ended.
@@ -62,6 +60,17 @@ pub struct RenderStats {
     pub noise: f64,
 }
 
+/// The estimated efficiency of a field.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct GuidingEfficiency {
+    /// Variance of guided paths over that of unguided ones.
+    pub variance: f32,
+    /// Rays of a guided path over those of an unguided one.
+    pub cost: f32,
+    /// Mean fraction of directions that are sampled from the field.
+    pub share: f32,
+}
+
 /// The result of the guiding pre-pass.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub struct GuidingStats {
@@ -73,7 +82,7 @@ pub struct GuidingStats {
     pub bytes: usize,
     /// Its estimated efficiency.
     #[serde(flatten)]
-    pub efficiency: EstimatedEfficiency,
+    pub efficiency: GuidingEfficiency,
     /// Wall seconds.
     pub seconds: f64,
 }
@@ -94,12 +103,22 @@ pub struct LearnedLightsStats {
     pub seconds: f64,
 }
 
+/// The estimated efficiency of an allocation.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct AllocationEfficiency {
+    /// Variance times cost, over that of a uniform allocation.
+    #[serde(rename = "left")]
+    pub remaining: f64,
+    /// Minimum and maximum paths of a tile, over the mean; both 1 where the allocation is uniform.
+    pub range: [f64; 2],
+}
+
 /// The result of the allocation pre-pass.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub struct AdaptiveStats {
     /// The estimated efficiency of the allocation.
     #[serde(flatten)]
-    pub efficiency: allocation::EstimatedEfficiency,
+    pub efficiency: AllocationEfficiency,
     /// Wall seconds.
     pub seconds: f64,
 }

@@ -1,15 +1,12 @@
-//! A tile of pixels: its statistics, and the tracing of a pass.
-
-use std::time::Instant;
+//! A tile of pixels and its statistics. [`sampler`](super::sampler) traces its passes.
 
 use serde::{Deserialize, Serialize};
 
 use super::RenderSettings;
 use super::adaptive::TileStats;
-use super::sampler::{self, TileSampler};
-use crate::balance::{Learned, Moments, Share};
+use crate::balance::Moments;
 use crate::film::{AovSums, ExtraSums, Peak, PixelStats};
-use crate::integrator::{PixelTask, Transport, WaveCounts};
+use crate::integrator::WaveCounts;
 
 /// Side of a tile in pixels. Tiles lie on the whole picture's grid.
 pub const TILE: u32 = 16;
@@ -103,38 +100,6 @@ impl Tile {
         }
     }
 
-    /// Traces a pass of `paths` paths per pixel, or fewer where a noise goal requires fewer, by the balance method.
-    pub fn pass(&mut self, transport: &Transport, settings: &RenderSettings, paths: u32) -> TileWork {
-        self.pass_watched(transport, settings, paths, &mut |_| ())
-    }
-
-    /// Traces a pass like [`pass`](Self::pass) and calls `watch` with the task of each pixel, wave by wave.
-    pub fn pass_watched(
-        &mut self,
-        transport: &Transport,
-        settings: &RenderSettings,
-        paths: u32,
-        watch: &mut dyn FnMut(&PixelTask),
-    ) -> TileWork {
-        let start = Instant::now();
-        let (done, before) = (self.paths(), self.all_paths());
-        let both = self.pixels.iter().zip(&self.stats);
-        let mut shares: Vec<_> =
-            both.map(|(pixel, s)| Share { light: s.balance, environment: pixel.environment_share }).collect();
-        let mut moments = std::mem::take(&mut self.moments);
-        let counts = sampler::with_buffers(|buffers| {
-            let mut sampler = TileSampler::new(self, transport, buffers, settings.noise_goal(), watch);
-            let mut learned = Learned { shares: &mut shares, moments: &mut moments };
-            settings.balance.method().pass(&mut learned, &mut sampler, done, paths);
-            sampler.counts()
-        });
-        self.moments = moments;
-        for ((pixel, stats), share) in self.pixels.iter_mut().zip(&mut self.stats).zip(shares) {
-            (stats.balance, pixel.environment_share) = (share.light, share.environment);
-        }
-        TileWork { counts, seconds: start.elapsed().as_secs_f64(), paths: self.all_paths() - before }
-    }
-
     /// Pixels a row.
     pub(super) fn width(&self) -> usize {
         self.pixels.iter().take_while(|p| p.y == self.pixels[0].y).count()
@@ -186,7 +151,7 @@ impl Tile {
     }
 
     /// Paths of all its pixels.
-    fn all_paths(&self) -> u64 {
+    pub(super) fn all_paths(&self) -> u64 {
         self.stats.iter().map(|s| u64::from(s.samples)).sum()
     }
 

@@ -1,16 +1,11 @@
 //! Checks of settings before a render begins.
 
-use super::lens::{Aperture, Focus, LensSettings};
+use super::lens::{Aperture, Focus, LensSettings, is_optical};
 use super::settings::MAX_SIDE;
 use super::tile::TILE;
 use super::{RenderSettings, StudyOptions};
 use crate::scene::Scene;
 use crate::{Error, Result};
-
-/// Sizes in metres and f-stops that are still positive and finite as 32-bit floats.
-pub(super) fn is_optical(x: f64) -> bool {
-    (1e-9..1e9).contains(&x)
-}
 
 fn check(holds: bool, why: impl FnOnce() -> String) -> Result<()> {
     if holds { Ok(()) } else { Err(Error::Usage(why())) }

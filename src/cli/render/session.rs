@@ -21,7 +21,7 @@ use crate::film::denoise::Denoiser;
 use crate::film::exr_file::{HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::film::{Background, Look, Picture, colors, denoised, exr_file, preview};
 use crate::render::checkpoint::{self, Earlier, Host};
-use crate::render::lens::lens;
+use crate::render::camera::lens;
 use crate::render::prepass::{guiding::MEMORY, learned_lights};
 use crate::render::{
     Guiding, Identity, Pause, Progress, Record, RenderSettings, Rendered, RunOptions, Saved, StopReason, camera, run,

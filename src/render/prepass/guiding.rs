@@ -4,10 +4,9 @@
 
 use std::time::Instant;
 
-use serde::{Deserialize, Serialize};
 use tracing::debug;
 
-use super::super::stats::GuidingStats;
+use super::super::stats::{GuidingEfficiency, GuidingStats};
 use super::super::{Guiding, RenderSettings};
 use super::low_resolution::{divisors, in_tiles, low_resolution, relative_variance, thin, tiles};
 use crate::balance::Counts;
@@ -47,20 +46,9 @@ pub struct Learned {
     /// The field of incident light; `None` where guiding would not reduce the variance enough.
     pub field: Option<Field>,
     /// Its estimated efficiency.
-    pub efficiency: EstimatedEfficiency,
+    pub efficiency: GuidingEfficiency,
     /// Wall seconds.
     pub seconds: f64,
-}
-
-/// The estimated efficiency of a field.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct EstimatedEfficiency {
-    /// Variance of guided paths over that of unguided ones.
-    pub variance: f32,
-    /// Rays of a guided path over those of an unguided one.
-    pub cost: f32,
-    /// Mean fraction of directions that are sampled from the field.
-    pub share: f32,
 }
 
 impl Learned {
@@ -90,7 +78,7 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
     let mut known = None;
     // Rays per path of the first round, which is unguided.
     let mut unguided = None;
-    let mut efficiency = EstimatedEfficiency::default();
+    let mut efficiency = GuidingEfficiency::default();
     // Fitted to relMSE × CPU seconds of pictures of 64, 256 and 1024 paths per pixel.
     let worthwhile = (f64::from(settings.expected_spp()) / REFERENCE_SPP).sqrt();
     let worthwhile = worthwhile * worthwhile.sqrt();
@@ -122,7 +110,7 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
         let fresh = if decides && round > 0 { fresh } else { usize::MAX };
         let (mut field, gain) = learn(&training_samples, fresh, normals, most_cells);
         if decides {
-            efficiency = EstimatedEfficiency {
+            efficiency = GuidingEfficiency {
                 variance: gain.variance(recorded.variance),
                 cost: (cost / unguided) as f32,
                 share: gain.share,

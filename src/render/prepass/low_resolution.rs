@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::super::RenderSettings;
-use super::super::lens::lens;
+use super::super::camera::lens;
 use super::super::sampler::with_buffers;
 use crate::color::luminance;
 use crate::film::PixelStats;

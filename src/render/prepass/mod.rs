@@ -9,7 +9,7 @@ pub mod learned_lights;
 mod low_resolution;
 
 use super::RenderSettings;
-use super::driver::transport;
+use super::transport::transport;
 use crate::integrator::{PreparedScene, Transport};
 use crate::light::{Density, Drawing};
 
