@@ -22,7 +22,7 @@
 //! let scene = import::import(Path::new("scenes/cornell.glb"), &Default::default())?.scene;
 //! let scene = PreparedScene::build(Arc::new(scene), Backend::Embree)?;
 //! let settings = RenderSettings { width: 48, height: 32, spp: Some(16), ..Default::default() };
-//! let rendered = render(&scene, &settings, &AtomicBool::new(false), &|_| ());
+//! let rendered = render(&scene, &settings, &AtomicBool::new(false), &|_| ())?;
 //! # let folder = tempfile::tempdir().unwrap();
 //! # std::env::set_current_dir(&folder).unwrap();
 //! exr_file::write(Path::new("cornell.exr"), &rendered.pixels(), &Aov::DEFAULT, &Vec::new(), None)?;

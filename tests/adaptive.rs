@@ -37,7 +37,7 @@ fn settings() -> RenderSettings {
 }
 
 fn rendered(stage: &Stage, settings: &RenderSettings) -> Rendered {
-    render(&stage.scene, settings, &AtomicBool::new(false), &|_| ())
+    render(&stage.scene, settings, &AtomicBool::new(false), &|_| ()).unwrap()
 }
 
 /// Paths over those of as many everywhere.
@@ -79,7 +79,7 @@ fn a_pilot_that_finds_all_tiles_alike_gives_all_as_many_and_the_bits_of_none() {
     let stage = Stage::new(Arc::new(scene), Backend::Obvhs);
     let alike = rendered(&stage, &settings());
     let even = rendered(&stage, &RenderSettings { adaptive: false, ..settings() });
-    assert_eq!(alike.stats.adaptive.unwrap().worth.range, [1.0; 2]);
+    assert_eq!(alike.stats.adaptive.unwrap().efficiency.range, [1.0; 2]);
     assert_eq!(format!("{:?}", alike.film()), format!("{:?}", even.film()));
     assert!(even.stats.adaptive.is_none());
 }

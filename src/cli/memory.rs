@@ -72,7 +72,7 @@ impl Need<'_> {
                 Backend::Embree => EMBREE_TRIANGLE,
                 Backend::Obvhs => OBVHS_TRIANGLE,
             };
-        let tile = Tile::bytes_a_pixel(self.columns);
+        let tile = Tile::bytes_per_pixel(self.columns);
         // Pictures are written from tiles; statistics are packed first, and seldom to more than half.
         let saving = if self.saves { tile / 2 } else { 0 };
         let loading = s.read_bytes;

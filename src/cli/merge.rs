@@ -96,7 +96,7 @@ fn one(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
     }
     wait_for(&args.parts, args.wait)?;
     let mut merged = merge(&args.parts)?;
-    merged.record.keeps &= !args.no_statistics;
+    merged.record.resumable &= !args.no_statistics;
     let exposure = args.exposure.of(colors(&merged.rendered.pixels()));
     merged.more.push(("bismar.exposure".into(), HeaderValue::Number(exposure.into())));
     merged.write(&args.output)?;

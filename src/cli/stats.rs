@@ -191,7 +191,7 @@ impl Stats {
             noise: stats.noise,
             noise_worst_tile: rendered.worst_noise(),
             samples: Samples::of(rendered),
-            lamps: stats.lamps,
+            lamps: stats.learned_lights,
             guiding: stats.guiding,
             adaptive: stats.adaptive,
             fireflies: Fireflies::of(rendered),

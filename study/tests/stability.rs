@@ -112,7 +112,7 @@ fn a_picture_in_the_modes_of_guiding_is_what_a_render_is() {
             let field = guiding::field(&case.scene, &settings);
             assert_eq!(way == Guiding::On, field.is_some() && way != Guiding::Auto, "{}", case.mode);
             let own = guiding::pixels(&case.scene, field.as_ref(), 7, settings.spp.unwrap());
-            let rendered = render(&case.scene, &settings, &AtomicBool::new(false), &|_| ());
+            let rendered = render(&case.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap();
             let film = rendered.film();
             assert_eq!(film.pixels.len(), own.len());
             for (a, b) in film.pixels.iter().zip(&own) {

@@ -177,7 +177,7 @@ impl Stage {
 
     fn channel(&self, settings: &RenderSettings, channel: usize) -> Vec<f64> {
         let stop = AtomicBool::new(false);
-        let rendered = render(&self.scene, settings, &stop, &|_| ());
+        let rendered = render(&self.scene, settings, &stop, &|_| ()).unwrap();
         rendered.film().pixels.iter().map(|p| p.sum[channel] / f64::from(p.samples)).collect()
     }
 

@@ -236,7 +236,7 @@ impl Look<'_> {
             Err(e) if record.is_done(&settings) => return (Holds::All, Some(e.to_string())),
             Err(e) => return (some, Some(e.to_string())),
         };
-        if !record.answers(&inputs.identity(asked, &settings), &asked.asked()) {
+        if !record.matches(&inputs.identity(asked, &settings), &asked.asked()) {
             return (Holds::Other(format!("{}: holds another render than the plan asks for", output.display())), None);
         }
         let session = Session { args: asked, inputs, threads: 1, began: Instant::now(), replaces: false };

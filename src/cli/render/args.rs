@@ -15,7 +15,7 @@ use crate::console::tev;
 use crate::farm::PathMapping;
 use crate::film::{Aov, Denoise, Exposure, View};
 use crate::rays::Backend;
-use crate::render::identity::Asked;
+use crate::render::identity::RequestedOutputs;
 use crate::render::lens::{Aperture, Focus, LensSettings};
 use crate::render::{Balance, Guiding, Integrator, Part, PixelFilter, RenderSettings};
 use crate::sampling::frame_seed;
@@ -281,9 +281,9 @@ impl RenderArgs {
     }
 
     /// What tells its file from others' before a scene is loaded.
-    pub fn asked(&self) -> Asked {
+    pub fn asked(&self) -> RequestedOutputs {
         let (camera, size) = (self.camera.clone(), self.size.map(|s| [s.0, s.1]));
-        Asked { camera, size, aovs: self.aov_names(), half: self.half, denoised: self.denoise.is_some() }
+        RequestedOutputs { camera, size, aovs: self.aov_names(), half: self.half, denoised: self.denoise.is_some() }
     }
 
     /// What it asks for, but for camera, width and height: they are the scene's to say.

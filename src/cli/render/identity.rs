@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use crate::console::Paths;
+use crate::render::identity::{EnvironmentSource, scene_text};
 use crate::render::{Identity, RenderSettings};
 use crate::scene::import::{EnvironmentFile, SceneFiles, Survey};
 use crate::{Error, Result};
@@ -38,15 +39,14 @@ impl Inputs {
     pub fn read(args: &RenderArgs) -> Result<Self> {
         let start = Instant::now();
         let environment_file = args.env.as_deref().map(EnvironmentFile::open).transpose()?;
-        let environment = match &environment_file {
-            Some(file) => {
-                let name = format!("{} turned {} times {}", file.hash(), args.env_rotate, args.env_strength);
-                (name, file.memory_bytes())
-            }
-            None if args.no_env => ("none".into(), 0),
-            None if args.sky => (format!("white times {}", args.env_strength), 0),
-            None => ("the scene's own".into(), 0),
+        let (degrees, strength) = (args.env_rotate, args.env_strength);
+        let source = match &environment_file {
+            Some(file) => EnvironmentSource::File { hash: file.hash(), degrees, strength },
+            None if args.no_env => EnvironmentSource::Off,
+            None if args.sky => EnvironmentSource::White { strength },
+            None => EnvironmentSource::Scene,
         };
+        let environment = (source.text(), environment_file.as_ref().map_or(0, |file| file.memory_bytes()));
         let scene_files = SceneFiles::open(&args.scene)?;
         let scene = scene_files.survey();
         let (scene_files, environment_file) = (Arc::new(scene_files), environment_file.map(Arc::new));
@@ -94,6 +94,6 @@ impl Inputs {
 
     /// What a render of these settings is made of.
     pub fn identity(&self, args: &RenderArgs, settings: &RenderSettings) -> Identity {
-        Identity::new(&format!("{}{}", self.scene.hash, args.choices()), &self.environment.0, args.rays, settings)
+        Identity::new(&scene_text(&self.scene.hash, &args.choices()), &self.environment.0, args.rays, settings)
     }
 }

@@ -5,7 +5,7 @@ use std::str::FromStr;
 use super::choose::settings;
 use super::{Inputs, Loaded, RenderArgs};
 use crate::console::{Verdict, print};
-use crate::render::allocation::MOST;
+use crate::render::allocation::MAX_PATHS_OVER_MEAN;
 use crate::render::{RenderSettings, replay};
 use crate::{Error, Result};
 
@@ -44,7 +44,7 @@ pub fn run(args: &RenderArgs, place: PixelPath) -> Result<Verdict> {
     let Some(spp) = settings.spp else {
         return Err(Error::Usage("--replay-pixel needs --spp: which paths there are follows from it".into()));
     };
-    let paths = if settings.adaptive { spp.saturating_mul(MOST) } else { spp };
+    let paths = if settings.adaptive { spp.saturating_mul(MAX_PATHS_OVER_MEAN) } else { spp };
     if let Some(n) = path.filter(|n| *n >= paths) {
         return Err(Error::Usage(format!(
             "--replay-pixel {x},{y},{n}: with --spp {spp} the last path is {}",
@@ -61,7 +61,7 @@ pub fn run(args: &RenderArgs, place: PixelPath) -> Result<Verdict> {
             text += &format!("\n  {event}");
         }
         printed = print(text);
-    });
+    })?;
     printed.map(|()| Verdict::Done)
 }
 

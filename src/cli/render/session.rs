@@ -21,7 +21,7 @@ use crate::film::denoise::Denoiser;
 use crate::film::exr_file::{HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::film::{Background, Look, Picture, colors, denoised, exr_file, preview};
 use crate::render::checkpoint::{self, Earlier, Host};
-use crate::render::lens::lens;
+use crate::render::camera::lens;
 use crate::render::prepass::{guiding::MEMORY, learned_lights};
 use crate::render::{
     Guiding, Identity, Pause, Progress, Record, RenderSettings, Rendered, RunOptions, Saved, StopReason, camera, run,
@@ -83,7 +83,7 @@ impl Session<'_> {
         }
         let Some(earlier) = Earlier::read(&output)? else { return Ok(None) };
         let settings = self.args.settings();
-        let answers = earlier.record.answers(&self.inputs.identity(self.args, &settings), &self.args.asked());
+        let answers = earlier.record.matches(&self.inputs.identity(self.args, &settings), &self.args.asked());
         if !answers || !self.is_done(&earlier, &settings) {
             return Ok(None);
         }
@@ -140,7 +140,7 @@ impl Session<'_> {
         // A PNG is developed from the picture, and so are statistics, which older files do not carry.
         let others = a.stats.as_ref().is_none_or(|path| stats::are_in(&earlier.header) || path.exists());
         // A picture that is to be gone on from later must be able to.
-        let carries = a.checkpoint.is_none() || record.keeps;
+        let carries = a.checkpoint.is_none() || record.resumable;
         others && carries && record.is_done(settings)
     }
 
@@ -269,7 +269,11 @@ impl Session<'_> {
         if args.tev.is_some() {
             pauses.push(Pause { seconds: SECONDS_BETWEEN_SHOWS, at: &mut show });
         }
-        let rendered = run(&loaded.prepared, &settings, RunOptions { stop, progress, began: self.began, from, pauses });
+        let rendered = run(
+            &loaded.prepared,
+            &settings,
+            RunOptions { began: self.began, from, pauses, ..RunOptions::new(stop, progress) },
+        )?;
         show(&rendered);
         let interrupted = rendered.stop == StopReason::Interrupted;
         rendering_ends(!interrupted);
@@ -336,6 +340,6 @@ impl Session<'_> {
         };
         warnings::of_another_making(&output, &earlier.record, &saved, loaded.prepared.rays.info(), &ours.settings);
         info!("goes on from {} with {} paths", output.display(), saved.stats.paths);
-        Ok(Some((saved, earlier.record.keeps)))
+        Ok(Some((saved, earlier.record.resumable)))
     }
 }

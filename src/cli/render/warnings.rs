@@ -27,21 +27,21 @@ pub fn of_another_making(
             backend.name, there.version, there.isa, here.version, here.isa
         );
     }
-    let maker = before.maker.as_ref().map(|maker| BuildInfo::here().differences(maker)).unwrap_or_default();
-    if !maker.is_empty() {
+    let build = BuildInfo::here().differences(&before.build);
+    if !build.is_empty() {
         warn!(
-            "{output} was begun by another build of bismar, {maker}: the picture is as right as ever, but perhaps not to \
+            "{output} was begun by another build of bismar, {build}: the picture is as right as ever, but perhaps not to \
              the last bit the one of a single build"
         );
     }
     let [goal, theirs] = [settings, &before.identity.settings].map(RenderSettings::noise_goal);
-    let looked = |tile: &Tile| goal.or(theirs).is_some_and(|goal| tile.paths() > goal.least);
+    let looked = |tile: &Tile| goal.or(theirs).is_some_and(|goal| tile.paths() > goal.min_paths);
     // Tiles with goals of their own have taken passes that these end, and guiding has learned for as many paths.
     let own = |s: &RenderSettings| {
         (s.spp.filter(|_| s.adaptive), Some(s.expected_spp()).filter(|_| s.guiding != Guiding::Off))
     };
     let [ours, before] = [settings, &before.identity.settings].map(own);
-    if (goal != theirs && saved.tiles.iter().any(looked)) || ours != before || !saved.is_on_the_way(settings) {
+    if (goal != theirs && saved.tiles.iter().any(looked)) || ours != before || !saved.has_passes_of(settings) {
         warn!(
             "{output} was begun with another goal and took other passes, or learned another field, than this command from \
              the beginning: the picture is as right as ever, but not bit for bit that of a render in one go"

@@ -181,8 +181,8 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
 }
 
 impl SceneCase {
-    fn take(&self, balance: Balance, replicas: u32, seed: u32, stop: &AtomicBool) -> Renders {
-        let one = |r: u32| {
+    fn take(&self, balance: Balance, replicas: u32, seed: u32, stop: &AtomicBool) -> Result<Renders> {
+        let one = |r: u32| -> Result<_> {
             let settings = RenderSettings {
                 width: SIDE,
                 height: SIDE,
@@ -193,12 +193,13 @@ impl SceneCase {
                 seed: seed + r,
                 ..Default::default()
             };
-            let film = render(&self.scene, &settings, stop, &|_| ()).film();
+            let film = render(&self.scene, &settings, stop, &|_| ())?.film();
             let green = film.pixels.iter().map(|p| p.sum[1] / f64::from(p.samples)).collect();
-            (green, film.pixels.iter().map(|p| p.light_share).collect())
+            Ok((green, film.pixels.iter().map(|p| p.light_share).collect()))
         };
-        let (green, shares) = (0..replicas).into_par_iter().map(one).unzip();
-        Renders { green, shares }
+        let renders = (0..replicas).into_par_iter().map(one).collect::<Result<Vec<_>>>()?;
+        let (green, shares) = renders.into_iter().unzip();
+        Ok(Renders { green, shares })
     }
 
     /// Every estimator against `half` with the same seeds, whose means are compared with those of `half` with others.
@@ -210,12 +211,12 @@ impl SceneCase {
         stop: &AtomicBool,
         done: &mut dyn FnMut() -> Result<()>,
     ) -> Result<Vec<Outcome>> {
-        let truth = self.take(Balance::Half, replicas, OTHER_SEEDS, stop);
-        let half = self.take(Balance::Half, replicas, 0, stop);
+        let truth = self.take(Balance::Half, replicas, OTHER_SEEDS, stop)?;
+        let half = self.take(Balance::Half, replicas, 0, stop)?;
         done()?;
         let mut outcomes = Vec::new();
         for &balance in balances {
-            let own = if balance == Balance::Half { None } else { Some(self.take(balance, replicas, 0, stop)) };
+            let own = if balance == Balance::Half { None } else { Some(self.take(balance, replicas, 0, stop)?) };
             let name = balance.name().to_owned();
             outcomes.push(own.as_ref().unwrap_or(&half).outcome(name, &half, &truth));
             done()?;
