@@ -176,10 +176,22 @@ pub enum Background {
 }
 
 /// How noise is taken out of a finished picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Denoise {
     /// Intel's Open Image Denoise, where it is installed.
     Oidn,
+}
+
+impl Denoise {
+    /// All of them, in the order of the command line's help.
+    pub const ALL: [Self; 1] = [Self::Oidn];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Oidn => "oidn",
+        }
+    }
 }
 
 /// What the pixels of a picture's window have collected, wherever it is kept: what files are written from.

@@ -19,7 +19,7 @@ pub use roulette::{Paths, VertexRecord};
 use serde::{Deserialize, Serialize};
 
 /// Is there a field?
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Guiding {
     /// No pilot, no field.
@@ -29,4 +29,18 @@ pub enum Guiding {
     On,
     /// Where the pilot finds that it pays.
     Auto,
+}
+
+impl Guiding {
+    /// All of them, in the order of the command line's help.
+    pub const ALL: [Self; 3] = [Self::Off, Self::On, Self::Auto];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::On => "on",
+            Self::Auto => "auto",
+        }
+    }
 }

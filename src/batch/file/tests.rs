@@ -19,7 +19,7 @@ fn flags() -> HashMap<String, Flag> {
     .into()
 }
 
-fn jobs(text: &str) -> At<Vec<Job>> {
+fn jobs(text: &str) -> FileResult<Vec<Job>> {
     parse(text, Path::new("shots"), &flags())
 }
 
