@@ -1,11 +1,11 @@
-//! Bismar: an offline renderer that finds, for each pixel and while it renders, the balance between light and
-//! BSDF sampling.
+//! Bismar: an offline path tracer that estimates, for each pixel and while it renders, the best share of light and BSDF
+//! samples (the balance).
 //!
 //! Data flows one way: [`scene`] → [`rays`] → [`integrator`] (with [`bsdf`], [`light`], [`sampling`],
-//! [`balance`]) → [`render`] → [`film`]. Only [`cli`] sees everything. Studies of the program are a crate of their own,
+//! [`balance`]) → [`render`] → [`film`]. Only [`cli`] depends on everything. Studies of the renderer are in the crate
 //! `bismar-study`.
 //!
-//! Load, render, save (`examples/` has more: progress and AOVs, going on from a file, balances compared):
+//! Load, render, save (`examples/` has more: progress and AOVs, resuming from a file, balances compared):
 //!
 //! ```
 //! use std::path::Path;

@@ -48,7 +48,7 @@ const KEPT_IN: [(&str, &[&str]); 7] = [
     ("libloading::", &["film/denoise.rs"]),
     ("embree4_sys", &["rays/embree"]),
     ("obvhs::", &["rays/cwbvh"]),
-    ("clap::", &["cli", "console", "balance", "sampling", "rays", "render", "film", "guiding"]),
+    ("clap::", &["cli", "console"]),
     ("std::fs", &["scene/import/source", "film", "console", "cli", "batch", "farm"]),
     ("std::process", &["cli", "console", "batch", "farm", "main.rs"]),
 ];

@@ -330,7 +330,7 @@ fn what_is_asked_of_the_shutter_and_cannot_be_is_refused() {
     let path = folder.path();
     fs::write(path.join("moving.glb"), glb::moving()).unwrap();
     for (flags, words) in [
-        ("--shutter -0.25,0.25", "needs a moment"),
+        ("--shutter -0.25,0.25", "needs a time"),
         ("--frame 2 --shutter 0.25,-0.25", "as in -0.25,0.25"),
         ("--frame 2 --shutter 0.25", "as in -0.25,0.25"),
         ("--frame 2 --shutter 0,1,2", "as in -0.25,0.25"),
@@ -339,7 +339,7 @@ fn what_is_asked_of_the_shutter_and_cannot_be_is_refused() {
         ("--frame 2 --motion-steps 4", "--shutter"),
         ("--frame 2 --shutter 0,1 --motion-steps 0", "1..=128"),
         ("--frame 2 --shutter 0,1 --motion-steps 129", "1..=128"),
-        ("--frame 2 --shutter 0,1 --rays obvhs", "obvhs traces no motion blur"),
+        ("--frame 2 --shutter 0,1 --rays obvhs", "obvhs does not support motion blur"),
     ] {
         let said = expect(path, &format!("render moving.glb {flags} -o a.exr"), 64);
         assert!(said.contains(words), "{flags}: {said}");
@@ -449,7 +449,7 @@ fn velocities_are_pixels_a_frame_as_nuke_and_blender_read_them() {
     expect(path, &format!("{line} --camera b --frame 5 --aov velocity --shutter -0.1,0.1 -o open.exr"), 0);
     assert!((value(&bits(&path.join("open.exr")), "forward.u", [40, 27]) - u).abs() < 1e-3);
     let said = expect(path, &format!("{line} --aov velocity -o no.exr"), 64);
-    assert!(said.contains("--aov velocity needs a moment"), "{said}");
+    assert!(said.contains("--aov velocity needs a time"), "{said}");
     expect(path, &format!("{line} --aov all -o still.exr"), 0);
     assert!(!bits(&path.join("still.exr")).iter().any(|(name, _)| name.starts_with("forward")));
     // A frame goes on to what it would have been at once.

@@ -314,7 +314,7 @@ fn a_checkpoint_that_fails_does_not_end_the_render_and_a_full_disk_leaves_the_ol
     let output = output.unwrap();
     let said = program::stderr(&output);
     assert_eq!(output.status.code(), Some(74), "{said}");
-    assert!(said.contains("not saved; rendering goes on"), "{said}");
+    assert!(said.contains("checkpoint not saved, rendering continues"), "{said}");
     assert_eq!(bits(&folder.path().join("out.exr")), before);
     expect(folder.path(), "render cornell.glb --size 64x48 --spp 512 -o out.exr --resume -q", 0);
     expect(folder.path(), "render cornell.glb --size 64x48 --spp 512 -o whole.exr -q", 0);

@@ -6,7 +6,7 @@ use super::stats::{AovSums, ExtraSums, PixelStats};
 
 /// An output besides R, G, B and A. Channels are named `layer.channel` with the letters of Blender, Nuke and tev: R, G, B for
 /// colours, X, Y, Z for vectors, Z for depth, V for a single value.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Aov {
     /// Base colour at the first hit, mean over all paths (a miss counts as black).
     Albedo,
@@ -102,12 +102,60 @@ fn layer(prefix: &str, letters: &str, value: Value) -> Vec<Channel> {
 }
 
 impl Aov {
+    /// All of them, in the order of the command line's help.
+    pub const ALL: [Self; 19] = [
+        Self::Albedo,
+        Self::Normal,
+        Self::Depth,
+        Self::Direct,
+        Self::Indirect,
+        Self::Variance,
+        Self::Samples,
+        Self::Balance,
+        Self::Object,
+        Self::Material,
+        Self::Position,
+        Self::Uv,
+        Self::Emission,
+        Self::GuideAlbedo,
+        Self::GuideNormal,
+        Self::Lights,
+        Self::Velocity,
+        Self::CryptoObject,
+        Self::CryptoMaterial,
+    ];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Albedo => "albedo",
+            Self::Normal => "normal",
+            Self::Depth => "depth",
+            Self::Direct => "direct",
+            Self::Indirect => "indirect",
+            Self::Variance => "variance",
+            Self::Samples => "samples",
+            Self::Balance => "balance",
+            Self::Object => "object",
+            Self::Material => "material",
+            Self::Position => "position",
+            Self::Uv => "uv",
+            Self::Emission => "emission",
+            Self::GuideAlbedo => "guide-albedo",
+            Self::GuideNormal => "guide-normal",
+            Self::Lights => "lights",
+            Self::Velocity => "velocity",
+            Self::CryptoObject => "crypto-object",
+            Self::CryptoMaterial => "crypto-material",
+        }
+    }
+
     /// The default of `--aov`: the AOVs that a comparison needs, which need no further memory.
     pub const DEFAULT: [Aov; 3] = [Aov::Variance, Aov::Samples, Aov::Balance];
 
     /// The AOVs of a comma-separated list of names; unknown names are ignored.
     pub fn named(list: &str) -> Vec<Aov> {
-        list.split(',').filter_map(|name| <Aov as clap::ValueEnum>::from_str(name, false).ok()).collect()
+        list.split(',').filter_map(|name| Self::ALL.into_iter().find(|aov| aov.name() == name)).collect()
     }
 
     /// Whether it needs [`AovSums`].

@@ -28,8 +28,21 @@ pub use stats::{AovSums, ExtraSums, Peak, PixelStats};
 pub use view::View;
 
 /// The denoiser of a finished picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Denoise {
     /// Intel's Open Image Denoise, if it is installed.
     Oidn,
 }
+
+impl Denoise {
+    /// All of them, in the order of the command line's help.
+    pub const ALL: [Self; 1] = [Self::Oidn];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Oidn => "oidn",
+        }
+    }
+}
+

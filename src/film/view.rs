@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// A view transform from linear RGB (Rec. 709 primaries) to display-encoded colour.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum View {
     /// AgX, base look: soft highlights that lose colour as film does.
@@ -15,6 +15,9 @@ pub enum View {
 }
 
 impl View {
+    /// All of them, in the order of the command line's help.
+    pub const ALL: [Self; 3] = [Self::Agx, Self::Neutral, Self::Srgb];
+
     /// The name on the command line.
     pub fn name(self) -> &'static str {
         match self {

@@ -20,7 +20,7 @@ pub use roulette::{PathStatistics, VertexRecord};
 use serde::{Deserialize, Serialize};
 
 /// Whether paths are guided.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Guiding {
     /// Never.
@@ -30,4 +30,18 @@ pub enum Guiding {
     On,
     /// Where the pre-pass estimates a gain in efficiency.
     Auto,
+}
+
+impl Guiding {
+    /// All of them, in the order of the command line's help.
+    pub const ALL: [Self; 3] = [Self::Off, Self::On, Self::Auto];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::On => "on",
+            Self::Auto => "auto",
+        }
+    }
 }

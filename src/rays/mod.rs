@@ -20,7 +20,7 @@ pub use build::Watch;
 pub use queries::{BackendInfo, RayQueries};
 
 /// Which library answers ray queries.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Backend {
     /// Embree 4, as the system has it.
@@ -28,6 +28,19 @@ pub enum Backend {
     Embree,
     /// obvhs, in pure Rust.
     Obvhs,
+}
+
+impl Backend {
+    /// All of them, in the order of the command line's help.
+    pub const ALL: [Self; 2] = [Self::Embree, Self::Obvhs];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Embree => "embree",
+            Self::Obvhs => "obvhs",
+        }
+    }
 }
 
 /// Builds the acceleration structure of a scene, with as many threads as the current rayon pool has.

@@ -13,13 +13,26 @@ use crate::guiding::Guiding;
 pub use crate::sampling::PixelFilter;
 
 /// The light transport.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Integrator {
     /// Path tracing: emission, direct and indirect light.
     Path,
     /// Emission and direct light.
     Direct,
+}
+
+impl Integrator {
+    /// All of them, in the order of the command line's help.
+    pub const ALL: [Self; 2] = [Self::Path, Self::Direct];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Path => "path",
+            Self::Direct => "direct",
+        }
+    }
 }
 
 /// All that the picture's bits depend on besides the scene and the ray library, and when to stop.

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::lanes::{F, eight};
 
 /// Pixel reconstruction filter, by importance sampling.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PixelFilter {
     /// Gaussian of standard deviation 0.5 pixels, cut at 1.5.
@@ -17,6 +17,20 @@ pub enum PixelFilter {
     Box,
     /// Blackman-Harris of radius 1.5 pixels.
     BlackmanHarris,
+}
+
+impl PixelFilter {
+    /// All of them, in the order of the command line's help.
+    pub const ALL: [Self; 3] = [Self::Gaussian, Self::Box, Self::BlackmanHarris];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Gaussian => "gaussian",
+            Self::Box => "box",
+            Self::BlackmanHarris => "blackman-harris",
+        }
+    }
 }
 
 /// Steps of the tabulated inverse distribution.

@@ -42,9 +42,8 @@ fn what_is_written_is_read_again_with_its_windows_and_variance() {
 
 #[test]
 fn aovs_are_layers_with_the_usual_letters_and_integers_stay_integers() {
-    use clap::ValueEnum;
     let film = film();
-    let (_folder, path) = written(&film, Aov::value_variants(), &Header::new());
+    let (_folder, path) = written(&film, &Aov::ALL, &Header::new());
     let image = read_first_flat_layer_from_file(&path).unwrap();
     let names = image.layer_data.channel_data.list.iter().map(|c| c.name.to_string()).collect::<Vec<_>>();
     assert_eq!(
@@ -83,12 +82,11 @@ fn where_a_sky_is_shown_the_picture_is_opaque_but_for_pixels_without_paths() {
 
 #[test]
 fn colours_are_halved_on_demand_and_nothing_else_is() {
-    use clap::ValueEnum;
     let mut film = film();
     film.pixels[3].sum = [4e9; 3];
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.exr");
-    let layers = Layers { aovs: Aov::value_variants(), half: true, denoised: None };
+    let layers = Layers { aovs: &Aov::ALL, half: true, denoised: None };
     write(&path, &film, layers, &Header::new(), None).unwrap();
     let image = read_first_flat_layer_from_file(&path).unwrap();
     let halved = image.layer_data.channel_data.list.iter().filter(|c| matches!(c.sample_data, FlatSamples::F16(_)));

@@ -1,4 +1,4 @@
-//! Which of the things that a glTF file holds are shown: flags that `render` and `inspect` share.
+//! Flags that select what of a glTF file is rendered; `render` and `inspect` share them.
 
 use clap::Args;
 
@@ -8,83 +8,85 @@ use crate::scene::import::{ImportOptions, Pose, Shutter};
 use crate::scene::motion::MAX_STEPS;
 use crate::{Error, Result};
 
-/// What of a file is shown.
+/// Scene, variant, time and shutter.
 #[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "View")]
-pub struct Shown {
-    /// The document's scene to show, by name or index [default: the file's own].
+pub struct SceneSelection {
+    /// The file's scene, by name or index [default: the file's default scene].
     #[arg(long = "scene-name", visible_alias = "scene", value_name = "NAME|INDEX")]
     scene_name: Option<String>,
-    /// The material variant to show (KHR_materials_variants), by name or index [default: the default materials].
+    /// Material variant (KHR_materials_variants), by name or index [default: the default materials].
     #[arg(long, value_name = "NAME|INDEX")]
     variant: Option<String>,
-    /// Show the animations' pose at this time [default: the pose that the file rests in].
+    /// Time of the animations, in seconds [default: the rest pose, without animations].
     #[arg(long, value_name = "SECONDS", value_parser = not_negative, conflicts_with = "frame")]
     pose: Option<f64>,
-    /// As --pose, in frames of --fps; the first one is 0.
+    /// Time of the animations, in frames of --fps from 0.
     #[arg(long, value_name = "N", value_parser = not_negative)]
     frame: Option<f64>,
-    /// Frames a second, for --frame.
+    /// Frames per second, for --frame, --frames and --shutter.
     #[arg(long, value_name = "F", value_parser = positive, default_value_t = 24.0)]
     fps: f64,
-    /// The animation to play, by name or index, or all of them at once [default: all].
+    /// Animation to play, by name or index, or all: every animation at once [default: all].
     #[arg(long, value_name = "NAME|INDEX|all")]
     animation: Option<String>,
-    /// Leave the shutter open from here to there, in frames of --fps from the shown moment on, as in -0.25,0.25: what moves is
-    /// blurred [default: a moment].
+    /// Motion blur: shutter opening and closing time in frames of --fps, relative to the time shown, as in -0.25,0.25
+    /// [default: no motion blur].
     #[arg(long, value_name = "OPEN,CLOSE", value_parser = shutter, allow_hyphen_values = true)]
     shutter: Option<[f64; 2]>,
-    /// Cut motion into so many straight steps, 1 to 128, while the shutter is open [default: as many as it bends].
+    /// Number of linear motion segments while the shutter is open, 1 to 128 [default: chosen by the motion's curvature].
     #[arg(long, value_name = "N", requires = "shutter",
         value_parser = clap::value_parser!(u32).range(1..=MAX_STEPS as i64))]
     motion_steps: Option<u32>,
 }
 
-/// Two times in frames, the second one later.
+/// Opening and closing time in frames.
 fn shutter(text: &str) -> std::result::Result<[f64; 2], String> {
     let times: Vec<f64> = text.split(',').filter_map(|part| part.trim().parse().ok()).collect();
     match times[..] {
         [open, close] if open < close && text.matches(',').count() == 1 && open.abs().max(close.abs()) <= 1e6 => {
             Ok([open, close])
         }
-        _ => Err("not when it opens and, later, closes, in frames, as in -0.25,0.25".into()),
+        _ => Err("not OPEN,CLOSE in frames with OPEN before CLOSE, as in -0.25,0.25".into()),
     }
 }
 
-impl Shown {
-    /// What clap cannot check of motion blur, of pictures with a `velocity` or without one.
+impl SceneSelection {
+    /// Checks what clap cannot: motion blur and the `velocity` AOV need a time, and motion blur needs Embree.
     ///
     /// # Errors
     /// [`Error::Usage`].
     pub fn check(&self, is_posed: bool, velocity: bool, rays: Backend) -> Result<()> {
         let blurs = self.shutter.is_some();
-        for (flag, asked) in [("--shutter", blurs), ("--aov velocity", velocity)] {
-            if asked && !is_posed {
-                return Err(Error::Usage(format!("{flag} needs a moment: --pose, --frame or --frames")));
+        for (flag, is_given) in [("--shutter", blurs), ("--aov velocity", velocity)] {
+            if is_given && !is_posed {
+                return Err(Error::Usage(format!("{flag} needs a time: --pose, --frame or --frames")));
             }
         }
         if blurs && rays == Backend::Obvhs {
-            return Err(Error::Usage("--rays obvhs traces no motion blur: take --rays embree, or no --shutter".into()));
+            return Err(Error::Usage(
+                "--rays obvhs does not support motion blur: use --rays embree, or no --shutter".into(),
+            ));
         }
         Ok(())
     }
 
-    /// Is a moment of the animations shown?
+    /// Whether a time of the animations is given.
     pub fn is_posed(&self) -> bool {
         self.pose.is_some() || self.frame.is_some()
     }
 
-    /// What `--frame` says.
+    /// Value of `--frame`.
     pub fn frame(&self) -> Option<f64> {
         self.frame
     }
 
-    /// As if `--frame` said so.
+    /// Sets `--frame`.
     pub fn set_frame(&mut self, frame: u32) {
         self.frame = Some(frame.into());
     }
 
-    /// For the import; with `velocities`, of where things are a frame before and after, too.
+    /// Options of the import; with `velocities` it also reads the transforms of the previous and next frame.
     pub fn options(&self, strict: bool, velocities: bool) -> ImportOptions {
         let seconds = self.pose.or(self.frame.map(|frame| frame / self.fps));
         let shutter = self.shutter.map(|[open, close]| Shutter {
@@ -101,7 +103,7 @@ impl Shown {
         }
     }
 
-    /// Tells apart scenes that are made of the same file; empty for what it shows by itself.
+    /// Text that distinguishes scenes imported from the same file; empty for the default. Stored in pictures.
     pub fn name(&self) -> String {
         let ImportOptions { pose, scene, variant, .. } = self.options(false, false);
         let mut name = String::new();

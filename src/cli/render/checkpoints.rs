@@ -1,4 +1,4 @@
-//! What follows a checkpoint: numbered copies that stay, and a program of the user's.
+//! After a checkpoint: numbered copies (`--keep`) and the user's program (`--on-checkpoint`).
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -6,35 +6,35 @@ use std::process::{Child, Command, Stdio};
 
 use tracing::warn;
 
-/// Keeps checkpoints and hands them on. What fails here is a warning.
-pub struct Keeper<'a> {
+/// Copies checkpoints and starts the user's program. Failures are warnings.
+pub struct Checkpoints<'a> {
     output: &'a Path,
-    /// Copies that stay.
+    /// Number of copies to keep.
     keep: Option<u32>,
     program: Option<&'a Path>,
     running: Option<Child>,
 }
 
-impl<'a> Keeper<'a> {
+impl<'a> Checkpoints<'a> {
     pub fn new(output: &'a Path, keep: Option<u32>, program: Option<&'a Path>) -> Self {
         Self { output, keep, program, running: None }
     }
 
-    /// A checkpoint has been saved.
+    /// Call after a checkpoint has been saved.
     pub fn saved(&mut self) {
         let copy = self.keep.and_then(|keep| match copy(self.output, keep) {
             Ok(copy) => Some(copy),
             Err(e) => {
-                warn!("{}: this checkpoint is not kept: {e}", self.output.display());
+                warn!("{}: cannot keep a copy of this checkpoint: {e}", self.output.display());
                 None
             }
         });
         let Some(program) = self.program else { return };
-        // It is told of the next one when it has done with this one.
+        // While the program still runs, this checkpoint is skipped.
         if self.running.as_mut().is_some_and(|child| child.try_wait().is_ok_and(|ended| ended.is_none())) {
             return;
         }
-        // Standard output is the render's own.
+        // Standard output belongs to the render.
         let started = Command::new(program)
             .arg(copy.as_deref().unwrap_or(self.output))
             .stdin(Stdio::null())
@@ -44,7 +44,7 @@ impl<'a> Keeper<'a> {
     }
 }
 
-impl Drop for Keeper<'_> {
+impl Drop for Checkpoints<'_> {
     fn drop(&mut self) {
         if let Some(mut child) = self.running.take() {
             let _ = child.wait();
@@ -52,7 +52,7 @@ impl Drop for Keeper<'_> {
     }
 }
 
-/// Copies the file under the next number, without its bytes where the file system can, and removes the oldest copies.
+/// Copies the file to the next number, by a hard link where possible, and removes the oldest copies.
 fn copy(output: &Path, keep: u32) -> std::io::Result<PathBuf> {
     let stem = output.file_stem().unwrap_or_default().to_string_lossy().into_owned() + ".checkpoint-";
     let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -63,7 +63,7 @@ fn copy(output: &Path, keep: u32) -> std::io::Result<PathBuf> {
     copies.sort();
     let next = copies.last().map_or(0, |last| last.0) + 1;
     let copy = folder.join(format!("{stem}{next:04}.exr"));
-    // The output is replaced by the next checkpoint, never written to: a second name keeps this one.
+    // The next checkpoint replaces the output and never writes into it, so a hard link keeps this one.
     fs::hard_link(output, &copy).or_else(|_| fs::copy(output, &copy).map(drop))?;
     let too_many = (copies.len() + 1).saturating_sub(keep as usize);
     for (_, old) in &copies[..too_many.min(copies.len())] {
