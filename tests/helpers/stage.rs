@@ -5,49 +5,11 @@ use std::sync::atomic::AtomicBool;
 use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
 use bismar::render::{RenderSettings, render};
-use bismar::scene::{
-    Camera, Deformation, Environment, Instance, LightKey, Material, Mesh, Motion, Object, Positions, Projection,
-    PunctualKind, PunctualLight, Scene,
-};
-use glam::{Affine3A, DAffine3, DQuat, DVec3, Mat3, Vec3};
+pub use bismar::scene::build::{add, area_light as lamp, glass, lambert, look, metal};
+use bismar::scene::{Deformation, Environment, LightKey, Material, Motion, PunctualKind, PunctualLight, Scene, build};
+use glam::{Affine3A, DAffine3, DQuat, DVec3, Vec3};
 
 use super::statistics::Mean;
-
-/// Lambert of one albedo: the specular layer off.
-pub fn lambert(albedo: f32) -> Material {
-    Material {
-        base_color: glam::Vec4::new(albedo, albedo, albedo, 1.0),
-        metallic: 0.0,
-        specular: 0.0,
-        ..Default::default()
-    }
-}
-
-/// White metal of a perceptual roughness.
-pub fn metal(roughness: f32) -> Material {
-    Material { metallic: 1.0, roughness, ..Default::default() }
-}
-
-/// A one-sided black lamp.
-pub fn lamp(radiance: f32) -> Material {
-    Material { emissive: Vec3::splat(radiance), ..lambert(0.0) }
-}
-
-/// Adds a mesh with its own object and instance.
-pub fn add(scene: &mut Scene, points: Vec<[f32; 3]>, indices: Vec<[u32; 3]>, material: Material) {
-    let n = scene.meshes.len() as u32;
-    scene.materials.push(material);
-    let mesh = Mesh {
-        name: format!("mesh {n}"),
-        positions: Positions::new(points),
-        indices,
-        material: n,
-        ..Default::default()
-    };
-    scene.meshes.push(mesh.into());
-    scene.objects.push(Object { name: String::new(), meshes: n..n + 1 });
-    scene.instances.push(Instance { name: String::new(), object: n, ..Default::default() });
-}
 
 /// A rectangle at height `y`, facing up or down.
 pub fn rectangle(scene: &mut Scene, y: f32, [x0, x1]: [f32; 2], [z0, z1]: [f32; 2], up: bool, material: Material) {
@@ -56,44 +18,15 @@ pub fn rectangle(scene: &mut Scene, y: f32, [x0, x1]: [f32; 2], [z0, z1]: [f32; 
     add(scene, points, indices, material);
 }
 
-/// Corners and outward triangles of a sphere of `n` rows and `2n` columns.
+/// Vertices and triangles of a flat-shaded sphere of `n` rows and `2n` columns.
 pub fn sphere(n: u32, radius: f32, center: Vec3) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
-    let mut points = Vec::new();
-    for i in 0..=n {
-        let theta = std::f32::consts::PI * i as f32 / n as f32;
-        for j in 0..2 * n {
-            let phi = std::f32::consts::PI * j as f32 / n as f32;
-            let d = Vec3::new(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin());
-            points.push((center + d * radius).to_array());
-        }
-    }
-    let mut indices = Vec::new();
-    for i in 0..n {
-        for j in 0..2 * n {
-            let (a, b) = (i * 2 * n + j, i * 2 * n + (j + 1) % (2 * n));
-            let (c, d) = (a + 2 * n, b + 2 * n);
-            if i > 0 {
-                indices.push([a, b, c]);
-            }
-            if i + 1 < n {
-                indices.push([b, d, c]);
-            }
-        }
-    }
-    (points, indices)
+    let shape = build::sphere(radius.into(), n).translated(center.as_dvec3());
+    (shape.positions.iter().map(|p| p.as_vec3().to_array()).collect(), shape.triangles)
 }
 
-/// Clear glass of an index of refraction: a body's boundary.
-pub fn glass(ior: f32, roughness: f32) -> Material {
-    Material { metallic: 0.0, roughness, ior, transmission: 1.0, bounds_medium: true, ..Default::default() }
-}
-
-/// A closed box, wound outward.
+/// Adds a closed box between two corners.
 pub fn closed_box(scene: &mut Scene, low: Vec3, high: Vec3, material: Material) {
-    let corner = |i: usize| [0, 1, 2].map(|axis| if i >> axis & 1 == 0 { low[axis] } else { high[axis] });
-    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let indices = quads.iter().flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]).collect();
-    add(scene, (0..8).map(corner).collect(), indices, material);
+    build::add_shape(scene, &build::cuboid(low.as_dvec3(), high.as_dvec3()), material);
 }
 
 /// The hall with glass in it: a ball that absorbs with a lamp inside, a rough and a half transparent thin wall.
@@ -118,21 +51,6 @@ pub fn glass_hall() -> Arc<Scene> {
     let bubble = Material { iridescence: 1.0, ..wall(0.4, 0.9) };
     rectangle(&mut scene, 0.6, [1.0, 1.7], [-0.9, 0.3], true, bubble);
     Arc::new(scene)
-}
-
-/// Looks from `eye` at `at`.
-pub fn look(scene: &mut Scene, eye: Vec3, at: Vec3, yfov: f32) {
-    let up = if (at - eye).normalize().y.abs() > 0.99 { Vec3::Z } else { Vec3::Y };
-    let z = (eye - at).normalize();
-    let x = up.cross(z).normalize();
-    scene.cameras.push(Camera {
-        motion: None,
-        adjacent_frames: None,
-        name: "camera".into(),
-        projection: Projection::Perspective { yfov },
-        aspect: None,
-        to_world: Affine3A::from_mat3_translation(Mat3::from_cols(x, z.cross(x), z), eye),
-    });
 }
 
 /// A metal ball on a diffuse floor under a lamp and a grey sky: every kind of light sample and bounce.

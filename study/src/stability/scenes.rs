@@ -8,10 +8,9 @@ use bismar::balance::Balance;
 use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
 use bismar::render::{Integrator, RenderSettings, render};
-use bismar::scene::{
-    Camera, Environment, Instance, Material, Mesh, Object, Positions, Projection, PunctualKind, PunctualLight, Scene,
-};
-use glam::{Affine3A, Mat3, Vec3, Vec4};
+use bismar::scene::build::{self, area_light, lambert, look, metal};
+use bismar::scene::{Environment, Material, PunctualKind, PunctualLight, Scene};
+use glam::Vec3;
 use rayon::prelude::*;
 
 use super::judge::Outcome;
@@ -38,18 +37,6 @@ pub struct SceneCase {
     integrator: Integrator,
 }
 
-pub(super) fn lambert(albedo: f32) -> Material {
-    Material { base_color: Vec4::new(albedo, albedo, albedo, 1.0), metallic: 0.0, specular: 0.0, ..Default::default() }
-}
-
-pub(super) fn metal(roughness: f32) -> Material {
-    Material { metallic: 1.0, roughness, ..Default::default() }
-}
-
-pub(super) fn lamp(radiance: f32) -> Material {
-    Material { emissive: Vec3::splat(radiance), ..lambert(0.0) }
-}
-
 /// A sky whose left half is dimmer, with a sun that outshines it, low on the right.
 fn sun_and_sky() -> Environment {
     let (width, height) = (16, 8);
@@ -64,19 +51,8 @@ fn sun_and_sky() -> Environment {
 /// Adds a parallelogram, seen from where its edges `u` and `v` turn counter-clockwise.
 pub(super) fn plate(scene: &mut Scene, corner: [f32; 3], u: [f32; 3], v: [f32; 3], material: Material) {
     let [corner, u, v] = [corner, u, v].map(Vec3::from_array);
-    let points = [corner, corner + u, corner + u + v, corner + v].map(|p| p.to_array());
-    let n = scene.meshes.len() as u32;
-    scene.materials.push(material);
-    let mesh = Mesh {
-        name: format!("plate {n}"),
-        positions: Positions::new(points.to_vec()),
-        indices: vec![[0, 1, 2], [0, 2, 3]],
-        material: n,
-        ..Default::default()
-    };
-    scene.meshes.push(mesh.into());
-    scene.objects.push(Object { name: String::new(), meshes: n..n + 1 });
-    scene.instances.push(Instance { name: String::new(), object: n, ..Default::default() });
+    let corners = [corner, corner + u, corner + u + v, corner + v];
+    build::add_shape(scene, &build::quad(corners.map(Vec3::as_dvec3)), material);
 }
 
 /// A floor over x in `[x0, x1]`, facing up.
@@ -87,21 +63,6 @@ fn floor(scene: &mut Scene, [x0, x1]: [f32; 2], material: Material) {
 /// A square at height `y` of half width `w` around (`x`, `z`), facing down.
 pub(super) fn ceiling(scene: &mut Scene, [x, y, z]: [f32; 3], w: f32, material: Material) {
     plate(scene, [x - w, y, z - w], [2.0 * w, 0.0, 0.0], [0.0, 0.0, 2.0 * w], material);
-}
-
-/// Looks from `eye` at `at`.
-pub(super) fn look(scene: &mut Scene, eye: [f32; 3], at: [f32; 3], yfov: f32) {
-    let [eye, at] = [eye, at].map(Vec3::from_array);
-    let z = (eye - at).normalize();
-    let x = Vec3::Y.cross(z).normalize();
-    scene.cameras.push(Camera {
-        motion: None,
-        adjacent_frames: None,
-        name: "camera".into(),
-        projection: Projection::Perspective { yfov },
-        aspect: None,
-        to_world: Affine3A::from_mat3_translation(Mat3::from_cols(x, z.cross(x), z), eye),
-    });
 }
 
 /// All of them.
@@ -122,13 +83,13 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
     };
     let mut caustic = Scene::default();
     floor(&mut caustic, [-3.0, 3.0], lambert(0.6));
-    ceiling(&mut caustic, [0.0, 1.0, 0.0], 0.15, lamp(10.0));
+    ceiling(&mut caustic, [0.0, 1.0, 0.0], 0.15, area_light(10.0));
     plate(&mut caustic, [-0.25, 0.05, -0.5], [0.5, 0.0, 0.0], [0.0, 0.3, 0.0], metal(0.1));
 
     let mut delta = Scene::default();
     floor(&mut delta, [-3.0, 0.0], metal(0.0));
     floor(&mut delta, [0.0, 3.0], lambert(0.6));
-    ceiling(&mut delta, [0.0, 1.0, -0.6], 0.3, lamp(6.0));
+    ceiling(&mut delta, [0.0, 1.0, -0.6], 0.3, area_light(6.0));
     delta.lights.push(PunctualLight {
         motion: Vec::new(),
         name: "point".into(),
@@ -141,16 +102,16 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
 
     let mut sobol = sky();
     floor(&mut sobol, [-3.0, 3.0], metal(0.4));
-    ceiling(&mut sobol, [0.0, 1.0, -0.6], 0.4, lamp(6.0));
+    ceiling(&mut sobol, [0.0, 1.0, -0.6], 0.4, area_light(6.0));
 
     let mut edge = sky();
     floor(&mut edge, [-3.0, 0.0], metal(0.2));
     floor(&mut edge, [0.0, 3.0], lambert(0.6));
-    ceiling(&mut edge, [0.0, 1.0, -0.6], 0.4, lamp(6.0));
+    ceiling(&mut edge, [0.0, 1.0, -0.6], 0.4, area_light(6.0));
 
     let mut shadow = sky();
     floor(&mut shadow, [-3.0, 3.0], metal(0.5));
-    ceiling(&mut shadow, [0.0, 1.0, -0.6], 0.3, lamp(6.0));
+    ceiling(&mut shadow, [0.0, 1.0, -0.6], 0.3, area_light(6.0));
     ceiling(&mut shadow, [-0.52, 0.2, -0.1], 0.5, lambert(0.0));
 
     // The sun is in +x: on the first floor it shines on one half, past a wall; from the second a wall hides it all.
@@ -166,8 +127,8 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
     // column.
     let mut walled = Scene::default();
     floor(&mut walled, [-3.0, 3.0], lambert(0.6));
-    ceiling(&mut walled, [0.8, 1.0, -0.2], 0.3, lamp(20.0));
-    ceiling(&mut walled, [-0.5, 1.2, 0.0], 0.2, lamp(2.0));
+    ceiling(&mut walled, [0.8, 1.0, -0.2], 0.3, area_light(20.0));
+    ceiling(&mut walled, [-0.5, 1.2, 0.0], 0.2, area_light(2.0));
     plate(
         &mut walled,
         [0.36, 0.0, -3.0],

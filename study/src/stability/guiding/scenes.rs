@@ -8,11 +8,12 @@ use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
 use bismar::render::Guiding;
 use bismar::sampling::SplitMix64;
+use bismar::scene::build::{area_light, lambert, look, metal};
 use bismar::scene::{Environment, Material, Scene};
 use glam::Vec3;
 
 use super::{Case, field, settings};
-use crate::stability::scenes::{ceiling, lambert, lamp, look, metal, plate};
+use crate::stability::scenes::{ceiling, plate};
 
 /// How many [`cases`] there are.
 pub const CASES: usize = 5;
@@ -51,7 +52,7 @@ fn room() -> Scene {
 /// A lamp on a shelf, which lights the ceiling alone.
 fn cove(scene: &mut Scene, x: f32, radiance: f32) {
     plate(scene, [x - 0.3, SHELF, 0.8], [0.6, 0.0, 0.0], [0.0, 0.0, -1.6], both(lambert(0.6)));
-    plate(scene, [x - 0.1, SHELF + 0.05, 0.3], [0.2, 0.0, 0.0], [0.0, 0.0, -0.6], lamp(radiance));
+    plate(scene, [x - 0.1, SHELF + 0.05, 0.3], [0.2, 0.0, 0.0], [0.0, 0.0, -0.6], area_light(radiance));
 }
 
 /// One cove on the left, one on the right.
@@ -68,7 +69,7 @@ fn coves(left: f32, right: f32) -> Scene {
 fn caustic() -> Scene {
     let mut scene = Scene { environment: Some(Environment::constant([0.05; 3])), ..Default::default() };
     plate(&mut scene, [-3.0, 0.0, 3.0], [6.0, 0.0, 0.0], [0.0, 0.0, -6.0], lambert(0.6));
-    ceiling(&mut scene, [0.0, 1.0, 0.0], 0.05, lamp(900.0));
+    ceiling(&mut scene, [0.0, 1.0, 0.0], 0.05, area_light(900.0));
     ceiling(&mut scene, [0.0, 0.6, -0.045], 0.13, both(lambert(0.0)));
     plate(&mut scene, [-0.25, 0.05, -0.5], [0.5, 0.0, 0.0], [0.0, 0.3, 0.0], metal(0.1));
     look(&mut scene, [0.0, 1.2, 3.0], [0.0, 0.0, -0.22], 0.5);
@@ -105,7 +106,7 @@ fn almost_black() -> Scene {
         plate(&mut scene, from, along, [0.0, high, 0.0], both(lambert(0.6)));
     }
     ceiling(&mut scene, [0.0, HEIGHT + high, 0.0], side, both(lambert(0.6)));
-    plate(&mut scene, [0.2, HEIGHT + 0.02, 0.2], [0.2, 0.0, 0.0], [0.0, 0.0, -0.4], lamp(1e-3));
+    plate(&mut scene, [0.2, HEIGHT + 0.02, 0.2], [0.2, 0.0, 0.0], [0.0, 0.0, -0.4], area_light(1e-3));
     look(&mut scene, [0.0, 1.5, 1.9], [0.0, 0.0, 0.0], 0.8);
     scene
 }
