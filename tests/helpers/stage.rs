@@ -1,4 +1,4 @@
-//! Small scenes in code, and many renders of them.
+//! Small scenes for tests, and statistics of many renders of them.
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -29,12 +29,12 @@ pub fn closed_box(scene: &mut Scene, low: Vec3, high: Vec3, material: Material) 
     build::add_shape(scene, &build::cuboid(low.as_dvec3(), high.as_dvec3()), material);
 }
 
-/// The hall with glass in it: a ball that absorbs with a lamp inside, a rough and a half transparent thin wall.
+/// [`hall`] with an absorbing glass sphere around an area light, thin walls, and one surface for each further material lobe.
 pub fn glass_hall() -> Arc<Scene> {
     let mut scene = Arc::unwrap_or_clone(hall());
-    let body = Material { absorption: Vec3::new(1.0, 0.3, 2.0), dispersion: 3.0, ..glass(1.5, 0.5) };
+    let absorbing = Material { absorption: Vec3::new(1.0, 0.3, 2.0), dispersion: 3.0, ..glass(1.5, 0.5) };
     let center = Vec3::new(-0.9, 0.7, 1.2);
-    for (radius, material) in [(0.5, body), (0.25, lamp(2.0)), (0.3, lambert(0.5))] {
+    for (radius, material) in [(0.5, absorbing), (0.25, lamp(2.0)), (0.3, lambert(0.5))] {
         let (points, indices) = sphere(6, radius, center + if radius == 0.3 { Vec3::X } else { Vec3::ZERO });
         add(&mut scene, points, indices, material);
     }
@@ -53,7 +53,7 @@ pub fn glass_hall() -> Arc<Scene> {
     Arc::new(scene)
 }
 
-/// A metal ball on a diffuse floor under a lamp and a grey sky: every kind of light sample and bounce.
+/// A metal sphere on a diffuse floor under an area light and a grey environment.
 pub fn hall() -> Arc<Scene> {
     let mut scene = Scene { environment: Some(Environment::constant([0.3; 3])), ..Default::default() };
     rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
@@ -64,19 +64,19 @@ pub fn hall() -> Arc<Scene> {
     Arc::new(scene)
 }
 
-/// A transform that turns about +y and goes on, from identity.
+/// A motion from identity that rotates about +y and translates.
 pub fn turning(angle: f64, by: Vec3) -> Option<Arc<Motion>> {
     let end = DAffine3::from_rotation_translation(DQuat::from_rotation_y(angle), by.as_dvec3());
     Motion::new(&[DAffine3::IDENTITY, end]).map(Arc::new)
 }
 
-/// Places the last instance that was added, and has it move.
+/// Gives the last instance a transform and a motion.
 pub fn set_in_motion(scene: &mut Scene, motion: Option<Arc<Motion>>) {
     let instance = scene.instances.last_mut().unwrap();
     (instance.transform, instance.motion) = (Some(Affine3A::IDENTITY), motion);
 }
 
-/// As [`hall`], and all of it moves: the ball turns, lamps and camera travel, the floor bulges.
+/// [`hall`] with motion of everything: the sphere rotates, lights and camera move, the floor deforms.
 pub fn moving_hall() -> Arc<Scene> {
     let mut scene = Scene { environment: Some(Environment::constant([0.3; 3])), ..Default::default() };
     rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
@@ -100,7 +100,7 @@ pub fn moving_hall() -> Arc<Scene> {
     Arc::new(scene)
 }
 
-/// A scene with its rays.
+/// A scene that is prepared for rendering.
 pub struct Stage {
     pub scene: PreparedScene<'static>,
 }
@@ -121,12 +121,12 @@ impl Stage {
         rendered.film().pixels.iter().map(|p| p.sum[channel] / f64::from(p.samples)).collect()
     }
 
-    /// Mean over `replicas` renders, seeds from `settings.seed` on, of the picture's mean green.
+    /// Mean over `replicas` renders of the picture's mean green, with seeds from `settings.seed` on.
     pub fn mean_green(&self, settings: &RenderSettings, replicas: u32) -> Mean {
         self.mean_channel(settings, replicas, 1)
     }
 
-    /// The same of any channel.
+    /// Mean over `replicas` renders of the mean of a channel (0 to 2).
     pub fn mean_channel(&self, settings: &RenderSettings, replicas: u32, channel: usize) -> Mean {
         let mut mean = Mean::default();
         for r in 0..replicas {
