@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 pub mod alpha;
+pub mod build;
 pub mod camera;
 mod choose;
 pub mod environment;

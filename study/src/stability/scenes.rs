@@ -1,4 +1,4 @@
-//! The failure modes that need the renderer itself: small scenes, rendered many times.
+//! Failure modes that need the renderer: small scenes, rendered many times.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -8,8 +8,9 @@ use bismar::balance::Balance;
 use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
 use bismar::render::{Integrator, RenderSettings, render};
-use bismar::scene::{Camera, Environment, Material, Mesh, PunctualKind, PunctualLight, Scene};
-use glam::{Vec3, Vec4};
+use bismar::scene::build::{self, area_light, lambert, look, metal};
+use bismar::scene::{Environment, Material, PunctualKind, PunctualLight, Scene};
+use glam::Vec3;
 use rayon::prelude::*;
 
 use super::judge::Outcome;
@@ -17,38 +18,26 @@ use super::renders::Renders;
 
 /// Pixels along a side.
 pub(super) const SIDE: u32 = 4;
-/// How many [`scene_cases`] there are.
+/// Number of [`scene_cases`].
 pub const SCENES: usize = 8;
-/// Paths a pixel.
+/// Paths per pixel.
 pub const PATHS: u32 = 64;
-/// Seeds of the renders that means are compared with begin here.
+/// First seed of the renders that estimate the true means.
 pub const OTHER_SEEDS: u32 = 1 << 30;
 
 /// A failure mode on a scene.
 pub struct SceneCase {
     /// F1 … F18, F24.
     pub mode: &'static str,
-    /// In a few words.
+    /// Short name.
     pub name: &'static str,
-    /// What is there.
+    /// Description of the scene.
     pub construct: &'static str,
     scene: PreparedScene<'static>,
     integrator: Integrator,
 }
 
-pub(super) fn lambert(albedo: f32) -> Material {
-    Material { base_color: Vec4::new(albedo, albedo, albedo, 1.0), metallic: 0.0, specular: 0.0, ..Default::default() }
-}
-
-pub(super) fn metal(roughness: f32) -> Material {
-    Material { metallic: 1.0, roughness, ..Default::default() }
-}
-
-pub(super) fn lamp(radiance: f32) -> Material {
-    Material { emissive: Vec3::splat(radiance), ..lambert(0.0) }
-}
-
-/// A sky whose left half is dimmer, with a sun that outshines it, low on the right.
+/// An environment with a dimmer left half and a bright sun low on the right.
 fn sun_and_sky() -> Environment {
     let (width, height) = (16, 8);
     let texel = |i: u32| match (i % width, i / width) {
@@ -59,11 +48,11 @@ fn sun_and_sky() -> Environment {
     Environment { name: "sun and sky".into(), width, height, pixels, rotation: 0.0, strength: 1.0 }
 }
 
-/// Adds a parallelogram, seen from where its edges `u` and `v` turn counter-clockwise.
+/// Adds a parallelogram with the edges `u` and `v`; it faces `u` × `v`.
 pub(super) fn plate(scene: &mut Scene, corner: [f32; 3], u: [f32; 3], v: [f32; 3], material: Material) {
     let [corner, u, v] = [corner, u, v].map(Vec3::from_array);
-    let points = [corner, corner + u, corner + u + v, corner + v].map(|p| p.to_array());
-    scene.add(Mesh::new(points.to_vec(), vec![[0, 1, 2], [0, 2, 3]]), material);
+    let corners = [corner, corner + u, corner + u + v, corner + v];
+    build::add_shape(scene, &build::quad(corners.map(Vec3::as_dvec3)), material);
 }
 
 /// A floor over x in `[x0, x1]`, facing up.
@@ -76,12 +65,7 @@ pub(super) fn ceiling(scene: &mut Scene, [x, y, z]: [f32; 3], w: f32, material: 
     plate(scene, [x - w, y, z - w], [2.0 * w, 0.0, 0.0], [0.0, 0.0, 2.0 * w], material);
 }
 
-/// Looks from `eye` at `at`.
-pub(super) fn look(scene: &mut Scene, eye: [f32; 3], at: [f32; 3], yfov: f32) {
-    scene.cameras.push(Camera::look_at(eye.into(), at.into(), yfov));
-}
-
-/// All of them.
+/// Builds all cases.
 ///
 /// # Errors
 /// As [`PreparedScene::build`].
@@ -99,13 +83,13 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
     };
     let mut caustic = Scene::default();
     floor(&mut caustic, [-3.0, 3.0], lambert(0.6));
-    ceiling(&mut caustic, [0.0, 1.0, 0.0], 0.15, lamp(10.0));
+    ceiling(&mut caustic, [0.0, 1.0, 0.0], 0.15, area_light(10.0));
     plate(&mut caustic, [-0.25, 0.05, -0.5], [0.5, 0.0, 0.0], [0.0, 0.3, 0.0], metal(0.1));
 
     let mut delta = Scene::default();
     floor(&mut delta, [-3.0, 0.0], metal(0.0));
     floor(&mut delta, [0.0, 3.0], lambert(0.6));
-    ceiling(&mut delta, [0.0, 1.0, -0.6], 0.3, lamp(6.0));
+    ceiling(&mut delta, [0.0, 1.0, -0.6], 0.3, area_light(6.0));
     delta.lights.push(PunctualLight {
         motion: Vec::new(),
         name: "point".into(),
@@ -118,19 +102,19 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
 
     let mut sobol = sky();
     floor(&mut sobol, [-3.0, 3.0], metal(0.4));
-    ceiling(&mut sobol, [0.0, 1.0, -0.6], 0.4, lamp(6.0));
+    ceiling(&mut sobol, [0.0, 1.0, -0.6], 0.4, area_light(6.0));
 
     let mut edge = sky();
     floor(&mut edge, [-3.0, 0.0], metal(0.2));
     floor(&mut edge, [0.0, 3.0], lambert(0.6));
-    ceiling(&mut edge, [0.0, 1.0, -0.6], 0.4, lamp(6.0));
+    ceiling(&mut edge, [0.0, 1.0, -0.6], 0.4, area_light(6.0));
 
     let mut shadow = sky();
     floor(&mut shadow, [-3.0, 3.0], metal(0.5));
-    ceiling(&mut shadow, [0.0, 1.0, -0.6], 0.3, lamp(6.0));
+    ceiling(&mut shadow, [0.0, 1.0, -0.6], 0.3, area_light(6.0));
     ceiling(&mut shadow, [-0.52, 0.2, -0.1], 0.5, lambert(0.0));
 
-    // The sun is in +x: on the first floor it shines on one half, past a wall; from the second a wall hides it all.
+    // The sun is in +x. In the first scene a wall shades half of the floor; in the second a wall shades all of it.
     let under = |wall: [f32; 3]| {
         let mut scene = Scene { environment: Some(sun_and_sky()), ..Default::default() };
         floor(&mut scene, [-3.0, 0.0], metal(0.3));
@@ -139,12 +123,11 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
         scene
     };
     let (sunny, shady) = (under([0.0, -3.0, 2.0]), under([3.0, -6.0, 5.0]));
-    // What pilots learn of the lamps is learned of all pixels at once: a wall hides the brighter lamp from all but the last
-    // column.
+    // Light selection is learned over all pixels at once: a wall hides the brighter light from all but the last column.
     let mut walled = Scene::default();
     floor(&mut walled, [-3.0, 3.0], lambert(0.6));
-    ceiling(&mut walled, [0.8, 1.0, -0.2], 0.3, lamp(20.0));
-    ceiling(&mut walled, [-0.5, 1.2, 0.0], 0.2, lamp(2.0));
+    ceiling(&mut walled, [0.8, 1.0, -0.2], 0.3, area_light(20.0));
+    ceiling(&mut walled, [-0.5, 1.2, 0.0], 0.2, area_light(2.0));
     plate(
         &mut walled,
         [0.36, 0.0, -3.0],
@@ -181,7 +164,7 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
 }
 
 impl SceneCase {
-    fn take(&self, balance: Balance, replicas: u32, seed: u32, stop: &AtomicBool) -> Result<Renders> {
+    fn renders(&self, balance: Balance, replicas: u32, seed: u32, stop: &AtomicBool) -> Result<Renders> {
         let one = |r: u32| -> Result<_> {
             let settings = RenderSettings {
                 width: SIDE,
@@ -202,8 +185,8 @@ impl SceneCase {
         Ok(Renders { green, shares })
     }
 
-    /// Every estimator against `half` with the same seeds, whose means are compared with those of `half` with others.
-    /// `done` is called after each of them; when `stop` is raised it must return an error.
+    /// Compares the variance of every estimator with that of `half` with the same seeds, and its mean with that of `half` with
+    /// other seeds. Calls `done` after each; it must return an error once `stop` is raised.
     pub fn outcomes(
         &self,
         balances: &[Balance],
@@ -211,12 +194,12 @@ impl SceneCase {
         stop: &AtomicBool,
         done: &mut dyn FnMut() -> Result<()>,
     ) -> Result<Vec<Outcome>> {
-        let truth = self.take(Balance::Half, replicas, OTHER_SEEDS, stop)?;
-        let half = self.take(Balance::Half, replicas, 0, stop)?;
+        let truth = self.renders(Balance::Half, replicas, OTHER_SEEDS, stop)?;
+        let half = self.renders(Balance::Half, replicas, 0, stop)?;
         done()?;
         let mut outcomes = Vec::new();
         for &balance in balances {
-            let own = if balance == Balance::Half { None } else { Some(self.take(balance, replicas, 0, stop)?) };
+            let own = if balance == Balance::Half { None } else { Some(self.renders(balance, replicas, 0, stop)?) };
             let name = balance.name().to_owned();
             outcomes.push(own.as_ref().unwrap_or(&half).outcome(name, &half, &truth));
             done()?;

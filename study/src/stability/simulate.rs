@@ -233,7 +233,7 @@ impl Sampler for Exact<'_> {
         for pixel in 0..self.sums.len() {
             let heuristic = self.heuristic;
             self.trace(pixel, counts[pixel], weighed[pixel], |sums, atom, by_light, contribution| {
-                let found = atom.found(heuristic, weighed[pixel], by_light);
+                let found = atom.contribution(heuristic, weighed[pixel], by_light);
                 sums.sum.iter_mut().zip(found).for_each(|(s, x)| *s += x);
                 if let Some(observer) = &mut observer {
                     observer.contribution(&contribution);
