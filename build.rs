@@ -11,7 +11,7 @@ const EMBREE_MAJOR: &str = "4";
 const PACKAGED: &str = ".cargo_vcs_info.json";
 
 /// What goes into the program: changes of other files do not make it another one.
-const STAMPED: &[&str] = &["src", "embree4-sys", "build.rs", "Cargo.toml", "Cargo.lock", ".cargo"];
+const STAMPED: &[&str] = &["src", "crates", "embree4-sys", "build.rs", "Cargo.toml", "Cargo.lock", ".cargo"];
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");

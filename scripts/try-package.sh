@@ -23,6 +23,8 @@ cat >>"$out/embedded/Cargo.toml" <<EOF
 
 [patch.crates-io]
 bismar = { path = "../packages/bismar-$version" }
+bismar-scene = { path = "../packages/bismar-scene-$version" }
+bismar-transport = { path = "../packages/bismar-transport-$version" }
 bismar-embree4-sys = { path = "../packages/bismar-embree4-sys-$version" }
 EOF
 # The versions that are tested here; what the crate does not need of them falls away.

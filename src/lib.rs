@@ -30,36 +30,11 @@
 //! # }
 //! ```
 
-// rustdoc does not read the flags that rustc is given.
-#[cfg(all(
-    target_arch = "x86_64",
-    not(all(target_feature = "avx2", target_feature = "fma")),
-    not(any(doc, doctest, docsrs))
-))]
-compile_error!(
-    "bismar is written for AVX2 and FMA: without them it is a third slower and its pictures have other bits. Cargo does not \
-     take flags over from a dependency: write into the .cargo/config.toml of your own workspace\n\n    \
-     [target.x86_64-unknown-linux-gnu]\n    rustflags = [\"-C\", \"target-cpu=x86-64-v3\"]\n\nand unset RUSTFLAGS, \
-     which replaces them, or name the CPU in it"
-);
-
-pub mod balance;
 pub mod batch;
-pub mod bsdf;
 pub mod cli;
-pub mod color;
 pub mod console;
-pub mod error;
 pub mod farm;
-pub mod film;
-pub mod guard;
-pub mod guiding;
-pub mod integrator;
-pub mod lanes;
-pub mod light;
-pub mod rays;
 pub mod render;
-pub mod sampling;
-pub mod scene;
 
-pub use error::{Error, Result};
+pub use bismar_scene::{Error, Result, color, error, film, guard, scene};
+pub use bismar_transport::{balance, bsdf, guiding, integrator, lanes, light, rays, sampling};

@@ -114,11 +114,13 @@ impl ExtraSums {
     }
 
     /// Adds radiance that the surface of a first hit emits.
+    #[inline]
     pub fn add_emission(&mut self, radiance: Vec3) {
         accumulate(&mut self.emission, radiance.to_array());
     }
 
     /// Adds what a path's camera ray hit: position, texture coordinates, hashes of the names of object and material.
+    #[inline]
     pub fn add_surface(&mut self, position: Vec3, uv: Vec2, [object, material]: [u32; 2]) {
         accumulate(&mut self.position, position.to_array());
         self.uv = [self.uv[0] + uv.x, self.uv[1] + uv.y];
@@ -127,12 +129,14 @@ impl ExtraSums {
     }
 
     /// Adds how the surface of a first hit moves in the picture.
+    #[inline]
     pub fn add_velocity(&mut self, [before, after]: [Vec2; 2]) {
         let more = [before.x, before.y, after.x, after.y];
         self.velocity.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
     }
 
     /// Adds light of unknown origin to all groups, in proportion to what they have.
+    #[inline]
     pub fn share_light(&mut self, more: Vec3) {
         for c in 0..3 {
             let all: f32 = self.lights.iter().map(|light| light[c]).sum();
@@ -143,6 +147,7 @@ impl ExtraSums {
     }
 
     /// Adds the surface that a denoiser is to be guided by.
+    #[inline]
     pub fn add_guide(&mut self, albedo: Vec3, normal: Vec3) {
         accumulate(&mut self.guide_albedo, albedo.to_array());
         accumulate(&mut self.guide_normal, normal.to_array());
@@ -300,6 +305,7 @@ impl PixelStats {
 
 impl AovSums {
     /// Adds what a path's camera ray hit: base colour, unit normal, distance.
+    #[inline]
     pub fn add_surface(&mut self, albedo: Vec3, normal: Vec3, depth: f32) {
         for c in 0..3 {
             self.albedo[c] += albedo[c];
@@ -309,6 +315,7 @@ impl AovSums {
     }
 
     /// Adds a path's light.
+    #[inline]
     pub fn add_light(&mut self, direct: Vec3, indirect: Vec3) {
         for c in 0..3 {
             self.direct[c] += direct[c];

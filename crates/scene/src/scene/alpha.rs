@@ -7,6 +7,7 @@ use super::{AlphaMode, Mesh, Scene, TextureSlot};
 impl Scene {
     /// Can a ray pass through this mesh at all (alpha mask or blend that is not opaque everywhere)? Where not, no
     /// filter is switched on. Looks at every texel and vertex: ask once a mesh.
+    #[inline]
     pub fn has_alpha(&self, mesh: u32) -> bool {
         let mesh = &self.meshes[mesh as usize];
         let material = &self.materials[mesh.material as usize];
@@ -33,6 +34,7 @@ impl Scene {
 
     /// Does this hit count? Mask compares alpha with the cutoff; blend decides by a hash of (`key`, `instance`, `mesh`,
     /// `prim`), so that it is present with probability alpha and the same for every backend and thread.
+    #[inline]
     pub fn is_present(&self, key: u32, instance: u32, mesh: u32, prim: u32, u: f32, v: f32) -> bool {
         let surface = &self.meshes[mesh as usize];
         let mode = self.materials[surface.material as usize].alpha_mode;

@@ -257,11 +257,13 @@ impl Default for Material {
 
 impl Material {
     /// Can it emit at all (before its texture is looked at)?
+    #[inline]
     pub fn is_emissive(&self) -> bool {
         self.emissive.max_element() > 0.0 && !self.unlit
     }
 
     /// Can a part of it be dielectric (before its texture is looked at)?
+    #[inline]
     pub fn has_dielectric(&self) -> bool {
         !self.unlit && (self.metallic < 1.0 || self.textures[TextureSlot::MetallicRoughness].is_some())
     }
@@ -274,11 +276,13 @@ impl Material {
     }
 
     /// Does light pass through it by its colour?
+    #[inline]
     pub fn disperses(&self) -> bool {
         self.dispersion > 0.0 && self.bounds_medium && self.transmission > 0.0 && self.has_dielectric()
     }
 
     /// Does light pass through some of it?
+    #[inline]
     pub fn transmits(&self) -> bool {
         self.has_dielectric() && (self.transmission > 0.0 || self.diffuse_transmission > 0.0)
     }
