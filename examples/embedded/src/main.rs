@@ -47,7 +47,7 @@ fn scene() -> Scene {
             name: "camera".into(),
             projection: Projection::Perspective { yfov: 0.8 },
             aspect: None,
-            to_world: Affine3A::look_to_rh(Vec3::new(0.0, 1.0, 4.0), Vec3::NEG_Z, Vec3::Y).inverse(),
+            to_world: Affine3A::from_translation(Vec3::new(0.0, 1.0, 4.0)),
             motion: None,
             adjacent_frames: None,
         }],
