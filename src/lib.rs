@@ -30,23 +30,11 @@
 //! # }
 //! ```
 
-pub mod balance;
 pub mod batch;
-pub mod bsdf;
 pub mod cli;
-pub mod color;
 pub mod console;
-pub mod error;
 pub mod farm;
-pub mod film;
-pub mod guard;
-pub mod guiding;
-pub mod integrator;
-pub mod lanes;
-pub mod light;
-pub mod rays;
 pub mod render;
-pub mod sampling;
-pub mod scene;
 
-pub use error::{Error, Result};
+pub use bismar_scene::{Error, Result, color, error, film, guard, scene};
+pub use bismar_transport::{balance, bsdf, guiding, integrator, lanes, light, rays, sampling};

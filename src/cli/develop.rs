@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use crate::cli::flag_values::value_of;
 use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::film::{Exposure, Look, Picture, View, atomic, exr_file, preview};
 use crate::render::checkpoint::text;
@@ -18,7 +19,7 @@ pub struct DevelopArgs {
     #[arg(short, long, value_name = "FILE.png")]
     output: Option<PathBuf>,
     /// View transform.
-    #[arg(long, value_enum, default_value_t = View::Agx)]
+    #[arg(long, value_parser = value_of::<View>(), default_value = View::Agx.name())]
     view: View,
     /// Exposure in stops, or auto: the log-mean of all pixels that are not dark becomes middle grey. The value is printed.
     #[arg(long, value_name = "EV", default_value_t = Exposure::Auto, allow_negative_numbers = true)]

@@ -1,25 +1,44 @@
 //! Values of flags that are library types, with the help text of each.
 
-use clap::ValueEnum;
-use clap::builder::PossibleValue;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use crate::film::{Denoise, View};
 use crate::rays::Backend;
 use crate::render::{Guiding, Integrator, PixelFilter};
 
-/// Implements clap's [`ValueEnum`] for library types with a list `ALL` and a `name`.
+/// A library type whose values are the values of a flag.
+pub trait FlagValue: Copy + Send + Sync + 'static {
+    /// All values, in the order of the help text.
+    fn all() -> &'static [Self];
+    /// The value's name on the command line.
+    fn flag_name(self) -> &'static str;
+    /// One line for the help text.
+    fn help(self) -> &'static str;
+}
+
+/// The parser of a flag with such values.
+pub fn value_of<T: FlagValue>() -> impl TypedValueParser<Value = T> {
+    let values = T::all().iter().map(|value| PossibleValue::new(value.flag_name()).help(value.help()));
+    let parse = |name: String| T::all().iter().find(|value| value.flag_name() == name).copied().ok_or("unknown value");
+    PossibleValuesParser::new(values).try_map(parse)
+}
+
+/// Implements [`FlagValue`] for types with a list `ALL` and a `name`.
 macro_rules! flag_values {
     ($($kind:ident { $($variant:ident: $help:literal,)+ })+) => {$(
-        impl ValueEnum for $kind {
-            fn value_variants<'a>() -> &'a [Self] {
+        impl FlagValue for $kind {
+            fn all() -> &'static [Self] {
                 &Self::ALL
             }
 
-            fn to_possible_value(&self) -> Option<PossibleValue> {
-                let help = match self {
+            fn flag_name(self) -> &'static str {
+                self.name()
+            }
+
+            fn help(self) -> &'static str {
+                match self {
                     $(Self::$variant => $help,)+
-                };
-                Some(PossibleValue::new(self.name()).help(help))
+                }
             }
         }
     )+};

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 
 use super::render::claim_output;
+use crate::cli::flag_values::value_of;
 use crate::batch::frames::{Frames, numbered};
 use crate::console::args::wait;
 use crate::console::{Paths, Verbosity, Verdict, say};
@@ -35,7 +36,7 @@ pub struct MergeArgs {
     #[arg(long, value_name = "FILE.png")]
     preview: Option<PathBuf>,
     /// View transform of the PNG.
-    #[arg(long, value_enum, default_value_t = View::Agx)]
+    #[arg(long, value_parser = value_of::<View>(), default_value = View::Agx.name())]
     view: View,
     /// Exposure of the PNG in stops, or auto: the log-mean of all pixels that are not dark becomes middle grey.
     #[arg(long, value_name = "EV", default_value_t = Exposure::Auto, allow_negative_numbers = true)]

@@ -5,7 +5,7 @@ mod batch;
 mod compare;
 mod develop;
 mod farm;
-mod flag_values;
+pub mod flag_values;
 mod inspect;
 mod memory;
 mod merge;

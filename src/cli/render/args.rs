@@ -6,6 +6,7 @@ use clap::Args;
 
 use super::replay::PixelPath;
 use super::values::{AovList, Crop, LightUnit, balance, blades, finite, not_negative, share};
+use crate::cli::flag_values::value_of;
 use crate::batch::frames::{Frames, numbered};
 use crate::cli::scene_selection::SceneSelection;
 use crate::console::Size;
@@ -90,7 +91,7 @@ pub struct RenderArgs {
     pub no_env: bool,
 
     /// Light transport to simulate.
-    #[arg(long, value_enum, default_value_t = Integrator::Path, help_heading = "Sampling")]
+    #[arg(long, value_parser = value_of::<Integrator>(), default_value = Integrator::Path.name(), help_heading = "Sampling")]
     pub integrator: Integrator,
     /// Largest number of segments of a path: 1 is emission only, 2 adds direct light.
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..),
@@ -123,7 +124,7 @@ pub struct RenderArgs {
     pub pilot: Option<f64>,
     /// Path guiding: sample directions from the light field that a pre-pass has learned (docs/guiding.md). It helps where
     /// light reaches the visible surfaces through few paths.
-    #[arg(long, value_enum, default_value_t, value_name = "WHEN", help_heading = "Sampling")]
+    #[arg(long, value_parser = value_of::<Guiding>(), default_value = Guiding::default().name(), value_name = "WHEN", help_heading = "Sampling")]
     pub guiding: Guiding,
     /// Memory limit of the guiding field, such as 256M or 1G [default: 256M].
     #[arg(long, value_name = "SIZE", value_parser = crate::cli::memory::parse_size, help_heading = "Sampling")]
@@ -137,7 +138,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "X", value_parser = positive, help_heading = "Sampling")]
     pub clamp_indirect: Option<f64>,
     /// Pixel reconstruction filter, applied by importance sampling.
-    #[arg(long, value_enum, default_value_t = PixelFilter::Gaussian, help_heading = "Sampling")]
+    #[arg(long, value_parser = value_of::<PixelFilter>(), default_value = PixelFilter::Gaussian.name(), help_heading = "Sampling")]
     pub filter: PixelFilter,
     /// Seed of the random number generator.
     #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Sampling")]
@@ -168,7 +169,7 @@ pub struct RenderArgs {
     pub part: Option<Part>,
 
     /// Ray tracing library.
-    #[arg(long, value_enum, default_value_t = Backend::Embree, help_heading = "Machine")]
+    #[arg(long, value_parser = value_of::<Backend>(), default_value = Backend::Embree.name(), help_heading = "Machine")]
     pub rays: Backend,
     /// Number of threads [default: BISMAR_THREADS, else SLURM_CPUS_PER_TASK, else all cores].
     #[arg(long, value_name = "N", value_parser = threads, help_heading = "Machine")]
@@ -191,7 +192,7 @@ pub struct RenderArgs {
     #[arg(long, help_heading = "Output")]
     pub transparent: bool,
     /// Add a denoised layer `denoised`, and show it in the PNG. The beauty stays unchanged.
-    #[arg(long, value_enum, conflicts_with = "part", help_heading = "Output")]
+    #[arg(long, value_parser = value_of::<Denoise>(), conflicts_with = "part", help_heading = "Output")]
     pub denoise: Option<Denoise>,
     /// Also write a PNG.
     #[arg(long, value_name = "FILE.png", help_heading = "Output")]
@@ -200,7 +201,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = tev::DEFAULT, help_heading = "Output")]
     pub tev: Option<tev::Address>,
     /// View transform of the PNG.
-    #[arg(long, value_enum, default_value_t = View::Agx, help_heading = "Output")]
+    #[arg(long, value_parser = value_of::<View>(), default_value = View::Agx.name(), help_heading = "Output")]
     pub view: View,
     /// Exposure of the PNG in stops, or auto: the log-mean of all pixels that are not dark becomes middle grey. The value is
     /// printed and stored in the EXR header (bismar.exposure), so that other pictures of a sequence can use it.

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Instant;
 
+use bismar::cli::flag_values::value_of;
 use bismar::Result;
 use bismar::console::{Signals, Size, Verbosity, Verdict, print, say};
 use bismar::render::{Balance, Integrator, Progress};
@@ -37,7 +38,7 @@ pub(super) struct BalanceArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(4..=1 << 16))]
     replicas: Option<u32>,
     /// Light transport to simulate [default: direct; with --whole path].
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = value_of::<Integrator>())]
     integrator: Option<Integrator>,
     /// Number of measured pixels [default: 64x64; with --whole 192x128].
     #[arg(long, value_name = "WxH")]

@@ -97,11 +97,13 @@ impl ExtraSums {
     }
 
     /// Adds the radiance that the surface of a first hit emits.
+    #[inline]
     pub fn add_emission(&mut self, radiance: Vec3) {
         accumulate(&mut self.emission, radiance.to_array());
     }
 
     /// Adds a first hit: position, texture coordinates, Cryptomatte hashes of object and material.
+    #[inline]
     pub fn add_surface(&mut self, position: Vec3, uv: Vec2, [object, material]: [u32; 2]) {
         accumulate(&mut self.position, position.to_array());
         self.uv = [self.uv[0] + uv.x, self.uv[1] + uv.y];
@@ -110,12 +112,14 @@ impl ExtraSums {
     }
 
     /// Adds the motion of a first hit in pixels, from the previous frame and to the next one.
+    #[inline]
     pub fn add_velocity(&mut self, [before, after]: [Vec2; 2]) {
         let more = [before.x, before.y, after.x, after.y];
         self.velocity.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
     }
 
     /// Adds radiance of unknown source to all sources, in proportion to their sums.
+    #[inline]
     pub fn share_light(&mut self, more: Vec3) {
         for c in 0..3 {
             let all: f32 = self.lights.iter().map(|light| light[c]).sum();
@@ -126,6 +130,7 @@ impl ExtraSums {
     }
 
     /// Adds base colour and normal for the denoiser.
+    #[inline]
     pub fn add_guide(&mut self, albedo: Vec3, normal: Vec3) {
         accumulate(&mut self.guide_albedo, albedo.to_array());
         accumulate(&mut self.guide_normal, normal.to_array());
@@ -200,6 +205,7 @@ impl PixelStats {
 
 impl AovSums {
     /// Adds a first hit: base colour, unit normal, distance in metres.
+    #[inline]
     pub fn add_surface(&mut self, albedo: Vec3, normal: Vec3, depth: f32) {
         for c in 0..3 {
             self.albedo[c] += albedo[c];
@@ -209,6 +215,7 @@ impl AovSums {
     }
 
     /// Adds the radiance of a path.
+    #[inline]
     pub fn add_light(&mut self, direct: Vec3, indirect: Vec3) {
         for c in 0..3 {
             self.direct[c] += direct[c];

@@ -145,6 +145,7 @@ fn nearest(x: f32, size: u32) -> u32 {
 impl Scene {
     /// Linear RGBA in [0, 1] of a texture at coordinates `uv` of the set that it reads ([`TextureRef::select`]). The
     /// texture's transform is applied here. Non-finite coordinates read texel (0, 0).
+    #[inline]
     pub fn sample_texture(&self, texture: &TextureRef, uv: Vec2) -> Vec4 {
         self.filter(texture, uv, |texels, index| texels.rgba(index, texture.encoding))
     }

@@ -19,7 +19,8 @@ pub mod motion;
 pub mod texture;
 
 pub use camera::{Camera, Projection};
-pub(crate) use choose::choose;
+#[doc(hidden)]
+pub use choose::choose;
 pub use environment::Environment;
 pub use framing::Framing;
 pub use lights::{LightKey, PunctualKind, PunctualLight};

@@ -5,6 +5,7 @@ use super::{AlphaMode, Mesh, Scene, TextureSlot};
 impl Scene {
     /// Can a ray pass through this mesh (alpha mask or blend that is not opaque everywhere)? If not, the ray backends
     /// need no intersection filter. Examines every texel and vertex: call once per mesh.
+    #[inline]
     pub fn has_alpha(&self, mesh: u32) -> bool {
         let mesh = &self.meshes[mesh as usize];
         let material = &self.materials[mesh.material as usize];
@@ -32,6 +33,7 @@ impl Scene {
     /// Does this hit count? Mask compares alpha with the cutoff. Blend compares it with a hash of (`key`, `instance`, `mesh`,
     /// `prim`): the surface is present with probability alpha, equally for every backend and thread. (`u`, `v`) are the
     /// barycentric weights of the second and third vertex of triangle `prim`.
+    #[inline]
     pub fn is_present(&self, key: u32, instance: u32, mesh: u32, prim: u32, u: f32, v: f32) -> bool {
         let surface = &self.meshes[mesh as usize];
         let mode = self.materials[surface.material as usize].alpha_mode;

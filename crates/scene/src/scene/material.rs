@@ -266,11 +266,13 @@ impl Default for Material {
 
 impl Material {
     /// Can the material emit? Textures are not considered.
+    #[inline]
     pub fn is_emissive(&self) -> bool {
         self.emissive.max_element() > 0.0 && !self.unlit
     }
 
     /// Can a part of the surface be dielectric? Values of textures are not considered.
+    #[inline]
     pub fn has_dielectric(&self) -> bool {
         !self.unlit && (self.metallic < 1.0 || self.textures[TextureSlot::MetallicRoughness].is_some())
     }
@@ -283,11 +285,13 @@ impl Material {
     }
 
     /// Does refraction depend on wavelength?
+    #[inline]
     pub fn disperses(&self) -> bool {
         self.dispersion > 0.0 && self.bounds_medium && self.transmission > 0.0 && self.has_dielectric()
     }
 
     /// Can light pass through the surface?
+    #[inline]
     pub fn transmits(&self) -> bool {
         self.has_dielectric() && (self.transmission > 0.0 || self.diffuse_transmission > 0.0)
     }
