@@ -15,11 +15,11 @@ use std::time::Instant;
 use bismar::rays::cwbvh::{ObvhsOptions, ObvhsRays};
 use bismar::rays::embree::{EmbreeOptions, EmbreeRays};
 use bismar::rays::{HitBatch, RayBatch, RayOrder, RayQueries};
-use bismar::scene::Scene;
+use bismar::scene::{Mesh, Scene};
 use glam::{Vec3, vec3};
 
 use random::Random;
-use scenes::{mesh, quad, scene};
+use scenes::{quad, scene};
 
 /// Rays a batch, as in a tile of 64 x 64.
 const BATCH: usize = 4096;
@@ -60,7 +60,7 @@ fn blob() -> Scene {
     }
     let ground = [(-3.0, -3.0), (-3.0, 3.0), (3.0, 3.0), (3.0, -3.0)].map(|(x, z)| vec3(x, -0.8, z));
     quad(&mut vertices, &mut indices, ground);
-    scene(vec![mesh(vertices, indices)], &[(0, None)])
+    scene(vec![Mesh::new(vertices, indices)], &[(0, None)])
 }
 
 /// Rays from the origins of `rays` to the lamp.

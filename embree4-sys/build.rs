@@ -1,5 +1,5 @@
 //! Finds the installed Embree 4, generates the bindings from its header and hands the header's version on as
-//! `DEP_EMBREE4_VERSION`.
+//! `DEP_EMBREE4_VERSION`. docs.rs has no Embree 4: there, `docs-rs/bindings.rs` is taken as it is.
 
 use std::env;
 use std::path::{Path, PathBuf};
@@ -7,10 +7,22 @@ use std::{fs, process};
 
 use bindgen::Builder;
 
+/// Bindings that documentation is made from where no Embree is installed, and the version of the header that they are of.
+const DOCS_RS: (&str, &str) = ("docs-rs/bindings.rs", "4.3.3");
+
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
     println!("cargo::rerun-if-env-changed=EMBREE_DIR");
+    println!("cargo::rerun-if-env-changed=DOCS_RS");
     println!("cargo::rustc-check-cfg=cfg(embree_instance_array, embree_instance_stack)");
+    let out = PathBuf::from(env::var_os("OUT_DIR").unwrap_or_default()).join("bindings.rs");
+    if env::var_os("DOCS_RS").is_some() {
+        let (bindings, version) = DOCS_RS;
+        fs::copy(bindings, &out).unwrap_or_else(|error| fail(&format!("{bindings}: {error}")));
+        println!("cargo::metadata=version={version}");
+        println!("cargo::rustc-cfg=embree_instance_array");
+        return;
+    }
     let include = find_header().unwrap_or_else(|message| fail(&message));
     let headers = include.join("embree4");
     println!("cargo::rerun-if-changed={}", headers.display());
@@ -38,7 +50,6 @@ fn main() {
         .derive_default(true)
         .generate()
         .unwrap_or_else(|error| fail(&format!("{}: {error}", headers.display())));
-    let out = PathBuf::from(env::var_os("OUT_DIR").unwrap_or_default()).join("bindings.rs");
     bindings.write_to_file(&out).unwrap_or_else(|error| fail(&format!("{}: {error}", out.display())));
 }
 

@@ -18,14 +18,14 @@ fn main() -> Result<()> {
     scene.light_if_dark();
     let scene = PreparedScene::build(Arc::new(scene), Backend::Embree)?;
 
-    let picture = |balance, spp, seed| -> Vec<[f32; 3]> {
+    let picture = |balance, spp, seed| -> Result<Vec<[f32; 3]>> {
         let settings = RenderSettings { width: 160, height: 90, spp: Some(spp), balance, seed, ..Default::default() };
-        let film = render(&scene, &settings, &AtomicBool::new(false), &|_| ()).film();
-        film.pixels.iter().map(|pixel| pixel.mean()).collect()
+        let film = render(&scene, &settings, &AtomicBool::new(false), &|_| ())?.film();
+        Ok(film.pixels.iter().map(|pixel| pixel.mean()).collect())
     };
-    let reference = picture(Balance::Half, 4096, 1);
+    let reference = picture(Balance::Half, 4096, 1)?;
     for &balance in Balance::all() {
-        let taken = picture(balance, 128, 0);
+        let taken = picture(balance, 128, 0)?;
         let values = taken.iter().flatten().zip(reference.iter().flatten());
         let error = |(&x, &y): (&f32, &f32)| (f64::from(x) - f64::from(y)).powi(2) / relative_to(f64::from(y));
         let mean = values.map(error).sum::<f64>() / (3 * taken.len()) as f64;

@@ -22,7 +22,7 @@ fn main() -> Result<()> {
 
     let settings = RenderSettings { spp: Some(128), aovs: true, ..Default::default() };
     let progress = |p: bismar::render::Progress| eprint!("\r{:3.0} %", 100.0 * p.fraction);
-    let rendered = render(&scene, &settings, &AtomicBool::new(false), &progress);
+    let rendered = render(&scene, &settings, &AtomicBool::new(false), &progress)?;
     eprintln!("\n{} paths a pixel, noise {:.4}", rendered.paths_range().0, rendered.stats.noise);
 
     // What a denoiser wants beside the picture.

@@ -64,7 +64,7 @@ pub fn render(folder: &Path, bytes: &[u8]) -> bool {
     let rays = if bytes.len().is_multiple_of(2) { Backend::Embree } else { Backend::Obvhs };
     let Ok(scene) = PreparedScene::build(Arc::new(scene), rays) else { return false };
     let settings = RenderSettings { width: 8, height: 8, spp: Some(2), aovs: true, ..Default::default() };
-    let rendered = render::render(&scene, &settings, &AtomicBool::new(false), &|_| ());
+    let rendered = render::render(&scene, &settings, &AtomicBool::new(false), &|_| ()).expect("valid settings");
     for pixel in &rendered.film().pixels {
         assert!(pixel.mean().iter().all(|x| x.is_finite()), "a pixel is no number");
     }

@@ -27,7 +27,7 @@ def on_all_cores(work, items):
 
 
 def flips(bismar, folder):
-    """Finished pictures with one bit turned over, or cut short; then the same command with `--resume`."""
+    """Finished pictures with one bit flipped, or truncated; then the same command with `--resume`."""
     shutil.copy(ROOT / "scenes/cornell.glb", folder / "cornell.glb")
     line = "render {}/cornell.glb --size 40x24 --spp 8 -q --resume -o out.exr"
     whole = {}
@@ -55,10 +55,10 @@ def flips(bismar, folder):
 
     found = on_all_cores(attempt, range(10_000))
     rows = []
-    for name, cut in [("one bit turned over", False), ("cut short", True)]:
+    for name, cut in [("one bit flipped", False), ("truncated", True)]:
         codes = [code for c, _, code in found if c == cut]
         shown = ", ".join(f"{codes.count(code)} exit with {code}" for code in sorted(set(codes)))
-        rows.append((f"{name}: called done", len(codes), sum(done for c, done, _ in found if c == cut), shown))
+        rows.append((f"{name}: treated as finished", len(codes), sum(done for c, done, _ in found if c == cut), shown))
     rows.append(("any other exit code than 0, 65 and 66", len(found), sum(code not in (0, 65, 66) for *_, code in found), ""))
     return rows
 
@@ -93,7 +93,8 @@ def spellings(folder, file):
 
 
 def names(bismar, folder):
-    """Every pair of a command's path flags, of which one is written, given the same file under each of its names."""
+    """Every pair of path flags of a command, of which at least one is an output, given the same file under each of its names
+    (links, other spellings)."""
     shutil.copy(ROOT / "scenes/cornell.glb", folder)
     (folder / "sub").mkdir()
     (folder / "here").symlink_to(".")
@@ -138,9 +139,8 @@ def names(bismar, folder):
 
 
 def memory(bismar, folder):
-    """Renders that are allowed less memory than they need, a little more, or much more: by a memory cgroup (version 1, where
-    this machine lets us make one), by `ulimit -v` and `ulimit -d`, by `--memory-limit`. They end with 76, before rendering or
-    while they do, or fit."""
+    """Renders with less memory than they need, a little more, or much more: limited by a memory cgroup (version 1, where the
+    machine permits), by `ulimit -v` and `ulimit -d`, by `--memory-limit`. They must end with 76, before or while rendering, or fit."""
     shutil.copy(ROOT / "scenes/cornell.glb", folder)
     shutil.copy(ROOT / "scenes/field.glb", folder)
     group = Path(f"/sys/fs/cgroup/memory/bismar-{os.getpid()}")
@@ -187,9 +187,9 @@ def memory(bismar, folder):
 
 
 def mutations(_, folder):
-    """Mutated glTF, GLB, PNG, JPEG, HDR, EXR, checkpoints, batch files and plans, through the doors of `fuzz/doors.rs`, by
-    `tests/mutations.rs`: one after the other in processes that may have 256 MiB and four times the largest sound file. A
-    process that dies or stands still for a minute is one failure, and another begins behind the file in hand."""
+    """Mutated glTF, GLB, PNG, JPEG, HDR, EXR, checkpoints, batch files and plans, through the entry points of
+    `fuzz/doors.rs`, by `tests/mutations.rs`, in processes limited to 256 MiB plus four times the largest valid file. A process
+    that dies or hangs for a minute is one failure, and another continues after that file."""
     test = "mutations::no_mutated_file_panics_aborts_or_hangs"
     built = subprocess.run(["cargo", "test", "--test", "all", "--no-run"], cwd=ROOT, capture_output=True, text=True)
     binaries = [ROOT / name for name in re.findall(r"\((target/\S*/all-\w+)\)", built.stderr)]
@@ -242,7 +242,7 @@ def mutations(_, folder):
         panics = [n for end in ends for n in end["panics"] if doors[n % len(doors)] == door]
         deaths = [text for _, deaths, _ in slices for text in deaths if doors[int(text.split()[0]) % len(doors)] == door]
         rows.append((f"{door}: panics, aborts, hangs", tried + len(deaths), len(panics) + len(deaths),
-                     f"{taken} taken, the others refused" + "".join(f"; {n}" for n in [*panics, *deaths][:5])))
+                     f"{taken} accepted, the others refused" + "".join(f"; {n}" for n in [*panics, *deaths][:5])))
     rows.append(("processes beyond their memory", len(ends), sum(beyond for *_, beyond in slices),
                  f"at most {max(end['peak'] for end in ends) >> 20} MiB; the slowest file took "
                  f"{max(end['slowest'] for end in ends):.2f} s"))

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Do two builds of bismar make the same pictures, statistics and studies, to the bit?
+"""Checks that two builds of bismar make the same pictures, statistics and studies, to the bit.
 
-    same-bits.py record BINARY FOLDER    renders all cases and keeps what came of them in FOLDER
+    same-bits.py record BINARY FOLDER    renders all cases and keeps the results in FOLDER
     same-bits.py check BINARY FOLDER     renders them again and lists what differs; exit code 1 if anything does
 
-Of pictures, every channel's values count; of JSON and CSV, all but times, memory, threads and versions; fields that the
-record does not have are new and may come. Attributes in headers, logs and pages are not compared. Needs nothing but
-Python 3.9: the reader of OpenEXR below is independent of the program's.
+The script compares all values of every channel of a picture, and all values of JSON and CSV files except times, memory,
+threads and versions. JSON fields that the record lacks are allowed; channels are not. Header attributes, logs and pages
+are not compared. It needs only Python 3.9: its OpenEXR reader is independent of the program's.
 """
 
 import argparse
@@ -27,37 +27,21 @@ import zlib
 from array import array
 from pathlib import Path
 
-excused = []  # Channels of files that differ by intent.
-
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ROOT.parent / "shared/gltf"
 SKY = SHARED / "env/studio_small_03_1k"
 
-# What depends on the machine, the moment or the build.
+# Fields that depend on the machine, the time or the build.
 UNSTEADY = re.compile(
     r"version|.*seconds.*|.*memory.*|threads|.*_per_second|isa|file|ray_query_share|(equal_)?time_ratio.*|"
     r"inverse_efficiency")
-
-# Channels that differ from older records by intent, and how a value may: (old, new) -> is that it?
-EXCUSED = {
-    "A": ("1 where a sky is shown", lambda old, new: 0 <= old < 1 and new == 1),
-    "bytes": ("dithered PNG", lambda old, new: abs(old - new) <= 1),
-    "depth.Z": ("1e10 instead of infinity where nothing is hit", lambda old, new: old == float("inf") and new == 1e10),
-}
-
-# Cases whose whole picture is another by intent: records from before "Views that fit, light where there is none" know neither.
-RENEWED = {
-    "(materials|kaykit|lights/Cubes_point|geometry/(bio|Vertex|Negative|Simple)|scenes/Mixed).*":
-        "the file has no camera: the view fits the picture's shape",
-    "own environment": "the file has no light: a studio's is added",
-}
 
 BALANCES = ["progressive", "second-order", "kl", "efficiency-aware", "half", "power", "max"]
 OWN = ["cornell", "field", "glossy-sun", "many-lights", "showpiece", "veach"] + [
     f"study/{name}" for name in
     ["brushed", "foliage", "mirrors", "night", "screen", "slats", "uplights", "window"]]
 # Textures and normal maps, masks and blending, punctual lights, instances, vertex colours, several UV sets, sparse
-# accessors, an orthographic camera, what is shown approximately.
+# accessors, an orthographic camera, extensions with approximate support.
 STRANGERS = [
     "materials/NormalTangentTest", "materials/AlphaBlendModeTest", "materials/bio_01_alpha_mask",
     "materials/TextureTransformTest", "materials/bio_01_unlit", "materials/SpecularTest",
@@ -77,9 +61,10 @@ def strangers():
 
 
 def cases():
-    """(name, is it in the quick fifth, command lines); a command line is a list of words, `>FILE` its stdout.
+    """Yields (name, whether it is in the quick fifth, command lines). A command line is a list of words; `>FILE` names the
+    file for its stdout.
 
-    Each case runs in a folder of its own, and everything that it leaves there is compared.
+    Each case runs in its own folder, and all files that it leaves there are compared.
     """
     number = itertools.count()
 
@@ -94,7 +79,7 @@ def cases():
         scenes[name] = f"{path}" + (f" --env {sky}" if sky.exists() else "")
     for i, (name, path) in enumerate(strangers()):
         sky = sorted([*SKY.glob("*.hdr"), *SKY.glob("*.exr")])
-        # Every third has no sky of ours but the program's own.
+        # Every third has no environment map here: the program adds its own.
         scenes[name] = f"{path}" + (f" --env {sky[0]} --env-rotate {30 * i}" if i % 3 and sky else "")
 
     for i, (name, scene) in enumerate(scenes.items()):
@@ -135,7 +120,7 @@ def cases():
         yield case(f"seeds {balance}",
                    *(line.replace("out.exr", f"seed{k}.exr") + f"--seed {k} --checkpoint 99" for k in [1, 2]),
                    "merge seed1.exr seed2.exr -q -o out.exr")
-        if balance == "progressive":  # The paper's pilot is a share of all paths: a longer one is another render.
+        if balance == "progressive":  # The paper's pilot is a fraction of all paths: a longer render has another pilot.
             yield case("longer", line.replace("--spp 160", "--spp 128") + "--checkpoint 99",
                        line.replace("--spp 160", "--spp 384") + "--resume")
         long = line.replace("--spp 160", "--spp 768")
@@ -151,7 +136,7 @@ def cases():
             f"[[matrix]]\nscene = ['{ROOT}/scenes/cornell.glb', '{ROOT}/scenes/veach.glb']\nseed = [1, 2]\n")
     yield case("batch", ["WRITE", "jobs.toml", jobs], "batch jobs.toml -q --threads 2 --report report.log", quick=True)
 
-    # inspect loads as render does, and says more about it.
+    # inspect loads scenes as render does, and reports more about them.
     for name, scene in scenes.items():
         yield case(f"{name} inspect", f"inspect {scene.split()[0]} --json >inspect.json", quick=True)
     study = "study balance {} --out . --quick --size 32x24 --spp 16,160 --replicas 8 --reference-spp 512 --balance all" \
@@ -188,8 +173,8 @@ def run(binary, folder, lines):
                     child.send_signal(signal.SIGTERM)
                 code = child.wait()
             if code != (75 if interruptions else 0):
-                told = (folder / "stderr.log").read_text()[-2000:]
-                raise RuntimeError(f"exit code {code}: bismar {' '.join(command[1:])}\n{told}")
+                log = (folder / "stderr.log").read_text()[-2000:]
+                raise RuntimeError(f"exit code {code}: bismar {' '.join(command[1:])}\n{log}")
 
 
 def modified(path):
@@ -197,7 +182,7 @@ def modified(path):
 
 
 def results(folder):
-    """Everything in a folder that is to stay the same, by file name: channels as arrays, text as values."""
+    """The comparable contents of a folder by file name: channels as arrays, text as values."""
     found = {}
     for path in sorted(folder.iterdir()):
         if path.suffix == ".exr":
@@ -210,7 +195,7 @@ def results(folder):
             with open(path, newline="") as file:
                 found[path.name] = steady(list(csv.DictReader(file)))
     if not found:
-        raise RuntimeError("it has left nothing to compare")
+        raise RuntimeError("no file to compare")
     return found
 
 
@@ -221,11 +206,11 @@ def steady(value):
 
 
 def read_exr(path):
-    """The first part's window and channels, as arrays of bits. Scan lines or tiles, uncompressed or by ZIP."""
+    """The first part's data window, and its channels as arrays of bits. Reads scan lines and tiles, uncompressed or ZIP."""
     data = path.read_bytes()
     magic, version = struct.unpack_from("<II", data)
     if magic != 20000630 or version & 0x800:
-        raise RuntimeError(f"{path.name}: no OpenEXR file, or one of deep data")
+        raise RuntimeError(f"{path.name}: not an OpenEXR file without deep data")
     several, at, headers = bool(version & 0x1000), 8, []
     while True:
         header = {}
@@ -256,7 +241,7 @@ def read_exr(path):
     whole_lines = struct.pack("<IIB", width, lines or 1, 0)
     tile_width, tile_height, levels = struct.unpack("<IIB", header.get("tiles", whole_lines))
     if lines is None or levels:
-        raise RuntimeError(f"{path.name}: compression {compression} or levels that are not known here")
+        raise RuntimeError(f"{path.name}: compression {compression} or mip levels are not supported")
     values = {name: array("I", bytes(4 * width * height)) for name, _ in channels}
     count = -(-height // tile_height) * -(-width // tile_width)
     for offset in struct.unpack_from(f"<{count}Q", data, at):
@@ -270,7 +255,7 @@ def read_exr(path):
         rows, columns = min(tile_height, height - top), min(tile_width, width - left)
         full = 4 * len(channels) * columns * rows
         if size < full:
-            # Bytes are stored as differences, those of even places first.
+            # Bytes are stored as differences, those at even positions first.
             chunk = bytes(itertools.accumulate(zlib.decompress(chunk), lambda a, b: (a + b - 128) & 255))
             half, straight = (full + 1) // 2, bytearray(full)
             straight[0::2], straight[1::2] = chunk[:half], chunk[half:]
@@ -284,7 +269,7 @@ def read_exr(path):
 
 
 def read_png(path):
-    """What its pixels mean, and their bytes, row by row. 8 bits, not interlaced."""
+    """The header (size and colour type) and the pixels' bytes, row by row. Reads 8 bits, not interlaced."""
     data, at, image, head = path.read_bytes(), 8, b"", b""
     while at < len(data):
         size, kind = struct.unpack_from(">I4s", data, at)
@@ -312,42 +297,31 @@ def value(bits, kind="I"):
 
 
 def differences(old, new, where=""):
-    """What differs, in words."""
+    """Yields a line of text for each difference."""
     if isinstance(old, dict) and isinstance(new, dict):
         for key in old:
             if key not in new:
-                yield f"{where} {key}: gone"
+                yield f"{where} {key}: missing"
             else:
                 yield from differences(old[key], new[key], f"{where} {key}")
     elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
         for i, (a, b) in enumerate(zip(old, new)):
             yield from differences(a, b, f"{where}[{i}]")
     elif isinstance(old, array) and isinstance(new, array) and len(old) == len(new):
-        pairs = [(a, b) for a, b in zip(old, new) if a != b]
-        channel = where.split()[-1]
-        if pairs and channel in EXCUSED and all(
-                EXCUSED[channel][1](value(a, old.typecode), value(b, old.typecode)) for a, b in pairs):
-            excused.append(channel)
-            pairs = []
+        pairs = [(value(a, old.typecode), value(b, old.typecode)) for a, b in zip(old, new) if a != b]
         if pairs:
-            pairs = [(value(a, old.typecode), value(b, old.typecode)) for a, b in pairs]
             worst = max(pairs, key=lambda pair: abs(pair[0] - pair[1]))
-            yield f"{where}: {len(pairs)} of {len(old)} values, as {worst[0]:.9g} -> {worst[1]:.9g}"
+            yield f"{where}: {len(pairs)} of {len(old)} values, largest {worst[0]:.9g} -> {worst[1]:.9g}"
     elif old != new:
         short = lambda x: text if len(text := str(x)) < 60 else text[:50] + "..."
         yield f"{where}: {short(old)} -> {short(new)}"
 
 
-# Channels that pictures have since: --aov all means more of them.
-NEW = re.compile(r"(position|uv|emission|guide_albedo|guide_normal|light_\w+|Crypto\w+)\..*")
-
-
 def extra_channels(old, new):
-    """Channels that the record does not have: unlike JSON, a picture asked for in the same words has the same ones."""
+    """Yields a line for each channel that the record does not have: the same options must write the same channels."""
     for file in old.keys() & new.keys():
         if file.endswith(".exr"):
-            yield from (f" {file} {name}: new" for name in new[file].keys() - old[file].keys()
-                        if not NEW.fullmatch(name))
+            yield from (f" {file} {name}: new" for name in new[file].keys() - old[file].keys())
 
 
 def main():
@@ -374,7 +348,7 @@ def main():
                 new = results(folder)
                 if not recording:
                     if not kept.is_dir():
-                        return name, [" it is not in the record"]
+                        return name, [" not in the record"]
                     old = results(kept)
                     return name, [*differences(old, new), *extra_channels(old, new)]
             except (RuntimeError, OSError, ValueError) as error:
@@ -386,25 +360,14 @@ def main():
             return name, []
 
     failed = 0
-    renewed = []
-    # The long ones are the last: first with them.
+    # The last cases are the longest: they start first.
     with concurrent.futures.ThreadPoolExecutor(arguments.jobs) as pool:
-        for name, told in pool.map(one, reversed(wanted)):
-            why = next((why for names, why in RENEWED.items() if re.fullmatch(names, name)), None)
-            if told and why:
-                renewed.append(why)
-                continue
-            failed += bool(told)
-            for line in told[:12]:
+        for name, problems in pool.map(one, reversed(wanted)):
+            failed += bool(problems)
+            for line in problems[:12]:
                 print(f"{name}:{line}")
-            if len(told) > 12:
-                print(f"{name}: and {len(told) - 12} more")
-    for why in RENEWED.values():
-        if why in renewed:
-            print(f"excused: {renewed.count(why)} cases ({why})")
-    for channel, (why, _) in EXCUSED.items():
-        if channel in excused:
-            print(f"excused: {channel} of {excused.count(channel)} pictures ({why})")
+            if len(problems) > 12:
+                print(f"{name}: and {len(problems) - 12} more")
     print(f"{len(wanted)} cases, {failed} {'failed' if recording else 'differ'}, {time.monotonic() - start:.0f} s")
     sys.exit(1 if failed or not wanted else 0)
 

@@ -1,11 +1,11 @@
-//! Bismar: an offline renderer that finds, for each pixel and while it renders, the balance between light and
-//! BSDF sampling.
+//! Bismar: an offline path tracer that estimates, for each pixel and while it renders, the best share of light and BSDF
+//! samples (the balance).
 //!
 //! Data flows one way: [`scene`] → [`rays`] → [`integrator`] (with [`bsdf`], [`light`], [`sampling`],
-//! [`balance`]) → [`render`] → [`film`]. Only [`cli`] sees everything. Studies of the program are a crate of their own,
+//! [`balance`]) → [`render`] → [`film`]. Only [`cli`] depends on everything. Studies of the renderer are in the crate
 //! `bismar-study`.
 //!
-//! Load, render, save (`examples/` has more: progress and AOVs, going on from a file, balances compared):
+//! Load, render, save (`examples/` has more: progress and AOVs, resuming from a file, balances compared):
 //!
 //! ```
 //! use std::path::Path;
@@ -22,7 +22,7 @@
 //! let scene = import::import(Path::new("scenes/cornell.glb"), &Default::default())?.scene;
 //! let scene = PreparedScene::build(Arc::new(scene), Backend::Embree)?;
 //! let settings = RenderSettings { width: 48, height: 32, spp: Some(16), ..Default::default() };
-//! let rendered = render(&scene, &settings, &AtomicBool::new(false), &|_| ());
+//! let rendered = render(&scene, &settings, &AtomicBool::new(false), &|_| ())?;
 //! # let folder = tempfile::tempdir().unwrap();
 //! # std::env::set_current_dir(&folder).unwrap();
 //! exr_file::write(Path::new("cornell.exr"), &rendered.pixels(), &Aov::DEFAULT, &Vec::new(), None)?;
@@ -30,23 +30,11 @@
 //! # }
 //! ```
 
-pub mod balance;
 pub mod batch;
-pub mod bsdf;
 pub mod cli;
-pub mod color;
 pub mod console;
-pub mod error;
 pub mod farm;
-pub mod film;
-pub mod guard;
-pub mod guiding;
-pub mod integrator;
-pub mod lanes;
-pub mod light;
-pub mod rays;
 pub mod render;
-pub mod sampling;
-pub mod scene;
 
-pub use error::{Error, Result};
+pub use bismar_scene::{Error, Result, color, error, film, guard, scene};
+pub use bismar_transport::{balance, bsdf, guiding, integrator, lanes, light, rays, sampling};

@@ -1,4 +1,4 @@
-//! Command line in, exit code out.
+//! The program `bismar`.
 
 use std::process::ExitCode;
 

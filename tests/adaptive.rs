@@ -37,7 +37,7 @@ fn settings() -> RenderSettings {
 }
 
 fn rendered(stage: &Stage, settings: &RenderSettings) -> Rendered {
-    render(&stage.scene, settings, &AtomicBool::new(false), &|_| ())
+    render(&stage.scene, settings, &AtomicBool::new(false), &|_| ()).unwrap()
 }
 
 /// Paths over those of as many everywhere.
@@ -79,7 +79,7 @@ fn a_pilot_that_finds_all_tiles_alike_gives_all_as_many_and_the_bits_of_none() {
     let stage = Stage::new(Arc::new(scene), Backend::Obvhs);
     let alike = rendered(&stage, &settings());
     let even = rendered(&stage, &RenderSettings { adaptive: false, ..settings() });
-    assert_eq!(alike.stats.adaptive.unwrap().worth.range, [1.0; 2]);
+    assert_eq!(alike.stats.adaptive.unwrap().efficiency.range, [1.0; 2]);
     assert_eq!(format!("{:?}", alike.film()), format!("{:?}", even.film()));
     assert!(even.stats.adaptive.is_none());
 }
@@ -117,7 +117,7 @@ fn the_command_says_what_it_did_and_what_does_not_go_together() {
     // Going on to more paths is right, but not the bits of one go, and says so.
     let said =
         expect(folder.path(), "render veach.glb --size 96x64 --adaptive --spp 64 --aov samples --resume -o a.exr", 0);
-    assert!(said.contains("not bit for bit"), "{said}");
+    assert!(said.contains("not bit-identical"), "{said}");
     let said = expect(folder.path(), &format!("{line} --noise 0.1 -o b.exr"), 64);
     assert!(said.contains("--noise") && said.contains("--adaptive"), "{said}");
     let said = expect(folder.path(), "render veach.glb --size 96x64 --spp 64 --aov samples --resume -o a.exr", 65);

@@ -24,7 +24,7 @@ fn rendered(scene: Scene, balance: Balance) -> Rendered {
         balance,
         ..Default::default()
     };
-    render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ())
+    render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap()
 }
 
 fn each(rendered: &Rendered, mut check: impl FnMut(PixelStats, AovSums, ExtraSums)) {

@@ -16,7 +16,7 @@ fn settings() -> RenderSettings {
 
 fn film(stage: &Stage, settings: &RenderSettings, threads: usize) -> Film {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(|| render(&stage.scene, settings, &AtomicBool::new(false), &|_| ())).film()
+    pool.install(|| render(&stage.scene, settings, &AtomicBool::new(false), &|_| ()).unwrap()).film()
 }
 
 /// Everything about a pixel, as text that differs when a bit differs.
@@ -87,7 +87,8 @@ fn a_raised_stop_flag_ends_the_render_with_what_there_is() {
         if tiles.fetch_add(1, Ordering::Relaxed) == 100 {
             stop.store(true, Ordering::Relaxed);
         }
-    });
+    })
+    .unwrap();
     assert_eq!(rendered.stop, StopReason::Interrupted);
     assert!(rendered.film().pixels.iter().all(|p| p.samples > 0 && p.samples < 1 << 20));
 }
@@ -111,7 +112,7 @@ fn small_first_passes_leave_the_picture_unbiased_and_the_balance_learnt() {
             assert!(z.abs() < 5.0, "channel {c}: z {z}");
         }
         // Pixels learn their shares as ever, from other samples.
-        let learnt = |film: &Film| film.pixels.iter().filter(|p| p.balance != 0.5).count() as f64;
+        let learnt = |film: &Film| film.pixels.iter().filter(|p| p.light_share != 0.5).count() as f64;
         let (plain, early) = (learnt(&plain), learnt(&early));
         assert!(plain > 0.0 && (early / plain - 1.0).abs() < 0.2, "{early} pixels, {plain} without");
     }
@@ -120,7 +121,7 @@ fn small_first_passes_leave_the_picture_unbiased_and_the_balance_learnt() {
 #[test]
 fn time_and_noise_goals_stop_a_render() {
     let stage = Stage::new(hall(), Backend::Embree);
-    let run = |settings: RenderSettings| render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ());
+    let run = |settings: RenderSettings| render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap();
     let by_time = run(RenderSettings { spp: None, time: Some(0.2), ..settings() });
     assert_eq!(by_time.stop, StopReason::Time);
     assert!(by_time.film().pixels.iter().all(|p| p.samples > 0));

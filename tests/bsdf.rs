@@ -148,7 +148,15 @@ fn samples_follow_the_pdf() {
 #[test]
 fn samples_of_three_layers_follow_the_pdf() {
     // A coat over dielectric, metal and a mix: only tests compose it.
-    let coat = Microfacet { f0: Vec3::splat(0.3), f90: 1.0, layer0: 0.3, layer90: 1.0, alpha: 0.15, metallic: 0.0, compensation: 0.0 };
+    let coat = Microfacet {
+        f0: Vec3::splat(0.3),
+        f90: 1.0,
+        layer0: 0.3,
+        layer90: 1.0,
+        alpha: 0.15,
+        metallic: 0.0,
+        compensation: 0.0,
+    };
     let mut random = Random(9);
     for metallic in [0.0, 0.4, 1.0] {
         let layers = Layered { top: coat, base: surface(metallic, 0.8).bsdf() };
@@ -195,7 +203,8 @@ fn values_are_reciprocal() {
     let mut random = Random(3);
     let reflecting = |s: &Surface| s.transmission == 0.0 && s.clearcoat == 0.0;
     for (name, s) in surfaces().into_iter().chain(general_microfacets().into_iter().filter(|(_, s)| reflecting(s))) {
-        let bsdf = s.bsdf();
+        // Compensation depends on wo alone.
+        let bsdf = Surface { energy_compensation: false, ..s }.bsdf();
         for _ in 0..2000 {
             let mut draw = || direction(1.5 * f64::from(random.f32()), 6.0 * f64::from(random.f32()));
             let (a, b) = (draw(), draw());
@@ -281,8 +290,11 @@ fn no_general_microfacet_returns_more_than_it_receives() {
         let metallic = if s.transmission > 0.0 { 0.0 } else { 1.0 };
         let s = Surface { metallic, diffuse_transmission: 0.0, transmission: 1.0 - metallic, clearcoat: 0.0, ..s };
         for theta in ANGLES {
-            for base_color in [Vec3::ONE, Vec3::new(0.9, 0.0, 0.5)] {
-                let bsdf = Surface { base_color, ..s }.bsdf();
+            // Compensation takes the albedo of the mean roughness, 0.07 too low at most.
+            for (base_color, energy_compensation, allowed) in
+                [(Vec3::ONE, false, 1.0), (Vec3::new(0.9, 0.0, 0.5), false, 1.0), (Vec3::ONE, true, 1.07)]
+            {
+                let bsdf = Surface { base_color, energy_compensation, ..s }.bsdf();
                 let mut means = [Mean::default(), Mean::default(), Mean::default()];
                 for _ in 0..20_000 {
                     let sample = sample(&bsdf, direction(theta, 0.3), random.f32(), random.f32(), random.f32());
@@ -290,8 +302,8 @@ fn no_general_microfacet_returns_more_than_it_receives() {
                     (0..3).for_each(|channel| means[channel].add(f64::from(found[channel])));
                 }
                 for mean in means {
-                    let excess = (mean.mean - 1.0) / mean.standard_error().max(1e-6);
-                    assert!(excess < z_limit(7 * 4 * 6), "{name} {theta} {base_color}: {}", mean.mean);
+                    let excess = (mean.mean - allowed) / mean.standard_error().max(1e-6);
+                    assert!(excess < z_limit(7 * 4 * 9), "{name} {theta} {base_color}: {}", mean.mean);
                 }
             }
         }
@@ -310,6 +322,8 @@ fn a_general_microfacet_without_film_or_anisotropy_is_the_plain_surface() {
     let whole = |s: &Surface| s.transmission == 0.0 || s.transmission == 1.0;
     for (name, s) in [surfaces(), glasses()].concat().into_iter().filter(|(_, s)| whole(s)) {
         for (anisotropy, iridescence) in nothing {
+            // The compensation of mixtures and tinted dielectrics is not the same to the last digits.
+            let s = Surface { energy_compensation: false, ..s };
             let (plain, finished) = (s.bsdf(), Surface { anisotropy, iridescence, ..s }.bsdf());
             for _ in 0..500 {
                 let wo = direction(1.5 * f64::from(random.f32()), 6.0 * f64::from(random.f32()));
@@ -375,6 +389,8 @@ fn films_interfere() {
         bounds_medium: true,
         back_facing,
         iridescence: film,
+        // Compensation depends on wo alone, so that the two directions are not symmetric.
+        energy_compensation: false,
         ..surface(0.0, 0.5)
     };
     let mut random = Random(17);
@@ -392,14 +408,30 @@ fn films_interfere() {
     }
 }
 
+/// Error of tabulated albedos (`bsdf/albedo.rs`).
+const ALBEDO_ERROR: f64 = 0.01;
+
 #[test]
-fn no_glass_returns_more_than_it_receives() {
+fn white_metal_and_glass_return_one_in_a_white_furnace_at_any_roughness() {
     let mut random = Random(11);
-    for (name, s) in glasses().into_iter().filter(|(_, s)| s.transmission == 1.0) {
-        for theta in ANGLES {
-            let bsdf = Surface { base_color: Vec3::ONE, ..s }.bsdf();
-            let mean = albedo(&bsdf, direction(theta, 0.0), 20_000, &mut random);
-            assert!((mean.mean - 1.0) / mean.standard_error().max(1e-6) < z_limit(36), "{name} {theta}: {}", mean.mean);
+    for roughness in [0.0, 0.2, 0.4, 0.6, 0.8, 1.0] {
+        let white = Surface { base_color: Vec3::ONE, ..surface(1.0, roughness) };
+        let glass = |bounds_medium, back_facing, ior| {
+            (
+                format!("glass {bounds_medium} {back_facing} {ior}"),
+                Surface { metallic: 0.0, transmission: 1.0, bounds_medium, back_facing, ior, ..white },
+            )
+        };
+        let half = ("half metal".to_string(), Surface { metallic: 0.5, ..white });
+        let glasses =
+            [glass(false, false, 1.5), glass(true, false, 1.5), glass(true, true, 1.5), glass(true, false, 2.0)];
+        for (name, s) in [("metal".into(), white), half].into_iter().chain(glasses) {
+            for theta in ANGLES {
+                let mean = albedo(&s.bsdf(), direction(theta, 0.0), 50_000, &mut random);
+                let error = (mean.mean - 1.0).abs();
+                let limit = ALBEDO_ERROR + z_limit(6 * 6 * 4) * mean.standard_error();
+                assert!(error < limit, "{name} {roughness} {theta}: {}", mean.mean);
+            }
         }
     }
 }
@@ -425,34 +457,37 @@ fn glass_of_index_one_neither_reflects_nor_bends() {
 }
 
 #[test]
-fn no_metal_reflects_more_than_it_receives() {
-    // White dielectrics do: see below.
+fn white_dielectrics_and_layers_return_no_more_than_they_receive() {
     let mut random = Random(6);
-    for roughness in [0.0, 0.3, 0.7, 1.0] {
-        let bsdf = Surface { base_color: Vec3::ONE, ..surface(1.0, roughness) }.bsdf();
-        for theta in ANGLES {
-            let mean = albedo(&bsdf, direction(theta, 0.0), 20_000, &mut random);
-            let excess = (mean.mean - 1.0) / mean.standard_error().max(1e-6);
-            assert!(excess < z_limit(16), "{roughness} {theta}: {}", mean.mean);
+    for roughness in [0.0, 0.2, 0.4, 0.7, 1.0] {
+        let white = Surface { base_color: Vec3::ONE, ..surface(0.0, roughness) };
+        let leaf = Surface { diffuse_transmission: 0.5, ..white };
+        let coated = Surface { clearcoat: 1.0, clearcoat_roughness: roughness, ..white };
+        for (name, s) in [("dielectric", white), ("leaf", leaf), ("coated", coated)] {
+            for theta in ANGLES {
+                let mean = albedo(&s.bsdf(), direction(theta, 0.0), 50_000, &mut random);
+                let limit = 1.0 + ALBEDO_ERROR + z_limit(5 * 3 * 4) * mean.standard_error();
+                assert!(mean.mean < limit, "{name} {roughness} {theta}: {}", mean.mean);
+            }
         }
     }
 }
 
 #[test]
 fn white_dielectrics_reflect_as_much_as_the_specified_model() {
-    // More than they receive at grazing angles: the diffuse term is dimmed by the Fresnel term at the half vector, not by
-    // what the layer reflects in all. Albedos by the midpoint rule in the light's cosine and azimuth, 500 x 500 points in
+    // Without compensation, more than they receive at grazing angles: the diffuse term is dimmed by the Fresnel term at the half vector, not by
+    // what the layer reflects in all. Albedos by the midpoint rule in the light's cosine and azimuth, 2500 x 2500 points in
     // double precision, from the formulas of the specification's appendix B; refined, they change by less than 1e-3.
     let limit = z_limit(6);
     for (roughness, cos, expected) in [
         (0.2, 0.4, 1.067),
         (0.2, 0.2, 1.269),
-        (0.2, 0.1, 1.425),
+        (0.2, 0.1, 1.428),
         (0.4, 0.4, 1.044),
-        (0.4, 0.2, 1.123),
-        (0.4, 0.1, 1.169),
+        (0.4, 0.2, 1.125),
+        (0.4, 0.1, 1.180),
     ] {
-        let bsdf = Surface { base_color: Vec3::ONE, ..surface(0.0, roughness) }.bsdf();
+        let bsdf = Surface { base_color: Vec3::ONE, energy_compensation: false, ..surface(0.0, roughness) }.bsdf();
         let mean = albedo(&bsdf, direction(f64::acos(cos), 0.0), 200_000, &mut Random(8));
         let error = (mean.mean - expected).abs();
         assert!(error < limit * mean.standard_error() + 1e-3, "{roughness} {cos}: {} not {expected}", mean.mean);
@@ -505,27 +540,6 @@ fn sampling_lobes_and_sampling_the_sphere_find_the_same_albedo() {
             let error = by_lobe.standard_error().hypot(by_sphere.standard_error()).max(1e-6);
             let z = (by_lobe.mean - by_sphere.mean) / error;
             assert!(z.abs() < limit, "{name} {theta}: {} {} z = {z}", by_lobe.mean, by_sphere.mean);
-        }
-    }
-}
-
-#[test]
-fn show() {
-    let mut random = Random(15);
-    for r in [0.0f32, 0.2, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0] {
-        let white = Surface { base_color: Vec3::ONE, ..surface(0.0, r) };
-        let glass = |bounds_medium, back_facing, ior| Surface { transmission: 1.0, bounds_medium, back_facing, ior, ..white };
-        let brushed = Surface { metallic: 1.0, anisotropy: Some(Anisotropy { strength: 0.7, tangent: Vec3::X }), ..white };
-        let all = [("metal", Surface { metallic: 1.0, ..white }), ("diel", white), ("half", Surface { metallic: 0.5, ..white }),
-            ("thin", glass(false, false, 1.5)), ("in", glass(true, false, 1.5)), ("out", glass(true, true, 1.5)), ("in2.2", glass(true, false, 2.2)), ("out1.1", glass(true, true, 1.1)),
-            ("brushed", brushed), ("coat", Surface { clearcoat: 1.0, clearcoat_roughness: r, specular: 0.0, ..white }),
-            ("diffT", Surface { diffuse_transmission: 0.5, ..white })];
-        for (name, s) in all {
-            print!("{r} {name}:");
-            for theta in [0.05, 0.5, 0.9, 1.2, 1.4, 1.5, 1.55] {
-                print!(" {:.3}", albedo(&s.bsdf(), direction(theta, 0.3), 20000, &mut random).mean);
-            }
-            println!();
         }
     }
 }

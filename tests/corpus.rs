@@ -15,7 +15,7 @@ use crate::helpers::shared;
 /// Scenes that are sound but cannot be shown without an extension that the renderer does not have.
 const REFUSED: [(&str, &str); 0] = [];
 
-/// What a file may take: 60 s of processor time, and writable memory (`RLIMIT_DATA`, which counts stacks whole) of
+/// Limits per file: 60 s of processor time, and writable memory (`RLIMIT_DATA`, which counts stacks whole) of
 /// 192 MiB for the program and Embree, 16 MiB more for each processor's threads, and 48 times the bytes of the scene
 /// with its buffers and pictures: PNG and JPEG decode to about ten times their size, a triangle of 36 bytes gets normals,
 /// tangents and a share of the BVH. Five minutes without any processor time are a hang.

@@ -13,7 +13,7 @@ use crate::helpers::program::{bismar, expect, scene, stderr};
 use crate::helpers::stage::{Stage, hall, lambert, lamp, look, rectangle};
 
 fn rendered(stage: &Stage, settings: &RenderSettings) -> Rendered {
-    render(&stage.scene, settings, &AtomicBool::new(false), &|_| ())
+    render(&stage.scene, settings, &AtomicBool::new(false), &|_| ()).unwrap()
 }
 
 fn mean(rendered: &Rendered) -> f64 {
@@ -54,7 +54,7 @@ fn light_beyond_all_numbers_is_left_out_counted_and_found_again() {
     assert!(found.stats.not_finite > 0 && x < SMALL.0 && y < SMALL.1 && path < 32);
     // The path is traced again, and something on it brings nothing.
     let mut replayed = Vec::new();
-    replay(&stage.scene, &settings(), [x, y], Some(path), &mut |path| replayed.push(path));
+    replay(&stage.scene, &settings(), [x, y], Some(path), &mut |path| replayed.push(path)).unwrap();
     let nothing = |what: &EventKind| match what {
         EventKind::LightSample { radiance, .. } | EventKind::Emission { radiance, .. } => *radiance == Vec3::ZERO,
         _ => false,
@@ -92,11 +92,12 @@ fn replaying_takes_the_passes_that_tiles_took_for_themselves() {
     for (noise, spp, adaptive) in [(Some(0.04), None, false), (None, Some(40), true)] {
         let settings =
             RenderSettings { width: 20, height: 18, noise, spp, adaptive, balance: Balance::Half, ..settings() };
-        let film = render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).film();
+        let film = render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap().film();
         for [x, y] in [[0u32, 0], [7, 9], [13, 2], [17, 17]] {
             let stats = &film.pixels[(y * 20 + x) as usize];
             let (mut paths, mut sum) = (0, Vec3::ZERO);
-            replay(&stage.scene, &settings, [x, y], None, &mut |path| (paths, sum) = (paths + 1, sum + path.radiance));
+            replay(&stage.scene, &settings, [x, y], None, &mut |path| (paths, sum) = (paths + 1, sum + path.radiance))
+                .unwrap();
             assert_eq!(paths, stats.samples, "{x} {y}");
             let found = f64::from(sum.x);
             assert!((found - stats.sum[0]).abs() <= 1e-3 * stats.sum[0], "{x} {y}: {found} {}", stats.sum[0]);

@@ -2,16 +2,17 @@
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::time::Instant;
 
 use bismar::film::PixelStats;
 use bismar::guiding::directions::{BINS, bins};
-use bismar::guiding::{Field, NOWHERE, Paths, TrainingSample, VertexRecord, learn};
+use bismar::guiding::{Field, NO_CELL, PathStatistics, TrainingSample, VertexRecord, learn};
 use bismar::integrator::{PixelBatch, PixelTask, Transport, Wave};
 use bismar::lanes::{F, LANES, V3, mask};
 use bismar::rays::Backend;
 use bismar::render::prepass::guiding::learned;
-use bismar::render::{Balance, Guiding, Part, RenderSettings, Rendered, RunOptions, Saved, render, run, transport};
+use bismar::render::{
+    Balance, Guiding, Part, RenderSettings, Rendered, RunOptions, Saved, StudyOptions, render, run, transport,
+};
 use bismar::sampling::{SplitMix64, warp};
 use bismar::scene::{Material, Scene};
 use glam::Vec3;
@@ -42,7 +43,7 @@ fn settings(guiding: Guiding) -> RenderSettings {
 /// A training sample that light comes from `wi` to a point of the hall's floor.
 fn training_sample(position: Vec3, wi: Vec3, found: f32) -> TrainingSample {
     let (pdf, bsdf_pdf) = (0.2, 0.2);
-    TrainingSample { position, normal: Vec3::Y, wi, found, weight: found * found, pdf, bsdf_pdf, field_pdf: 0.0 }
+    TrainingSample { position, normal: Vec3::Y, wi, contribution: found, weight: found * found, pdf, bsdf_pdf, field_pdf: 0.0 }
 }
 
 /// Training samples all over the hall, toward directions that `toward` makes of random numbers.
@@ -68,8 +69,8 @@ fn what_the_field_draws_has_the_density_that_it_says() {
     let mut worst: f64 = 0.0;
     for _ in 0..12 {
         let place = Vec3::new(5.0 * random.f32() - 2.5, 0.0, 5.0 * random.f32() - 2.5);
-        let cell = field.guiding(field.cells_at(V3::splat(place), V3::splat(Vec3::Y)))[0];
-        assert_ne!(cell, NOWHERE);
+        let cell = field.guiding_cells(field.cells_at(V3::splat(place), V3::splat(Vec3::Y)))[0];
+        assert_ne!(cell, NO_CELL);
         let cells = [cell; LANES];
         // The density on the square is the same all over a bin.
         let (n, mut expected, mut counts) = (200_000, [0.0; BINS], [0.0; BINS]);
@@ -140,7 +141,7 @@ fn a_field_of_lies_changes_no_mean() {
         (0..2000).map(move |i| VertexRecord {
             position: Vec3::new(i as f32 / 400.0 - 2.5, 0.0, 0.0),
             normal: Vec3::Y,
-            found,
+            squared_contributions: found,
         })
     };
     let roulettes = [
@@ -150,7 +151,7 @@ fn a_field_of_lies_changes_no_mean() {
         visits([0.0, 0.0]).take(1999).chain(visits([1e12, 1e12]).skip(1999)).collect(),
         Vec::new(),
     ];
-    let paths = Paths { cost: 6.0, variance: 1.0, inverse: 1.0 };
+    let paths = PathStatistics { cost: 6.0, variance: 1.0, inverse: 1.0 };
     let fields: Vec<_> = std::iter::zip(fields, roulettes)
         .map(|(mut field, visits)| {
             field.learn_roulette(&visits, paths);
@@ -179,7 +180,7 @@ fn a_field_that_was_learned_changes_no_mean_and_takes_noise_away() {
     // Of 60 replicas each, a ratio of variances below 0.75 by chance alone is 1 in 7; that the field takes half is seen.
     let [without, with] = means.map(|mean| mean.standard_error().powi(2));
     assert!(with < 0.75 * without, "{with} {without}");
-    assert!(learned.worth.variance < 0.8, "{:?}", learned.worth);
+    assert!(learned.efficiency.variance < 0.8, "{:?}", learned.efficiency);
 }
 
 #[test]
@@ -190,13 +191,13 @@ fn nothing_is_learned_where_nothing_shines() {
     look(&mut scene, Vec3::new(0.0, 1.0, 3.0), Vec3::ZERO, 0.8);
     let stage = Stage::new(Arc::new(scene), Backend::Obvhs);
     assert!(stage.green(&settings(Guiding::On)).iter().all(|g| g.is_finite() && *g < 1e-20));
-    let rendered = render(&stage.scene, &settings(Guiding::Auto), &AtomicBool::new(false), &|_| ());
+    let rendered = render(&stage.scene, &settings(Guiding::Auto), &AtomicBool::new(false), &|_| ()).unwrap();
     assert!(!rendered.stats.guiding.unwrap().on);
 }
 
 fn on_threads(stage: &Stage, settings: &RenderSettings, threads: usize) -> Rendered {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(|| render(&stage.scene, settings, &AtomicBool::new(false), &|_| ()))
+    pool.install(|| render(&stage.scene, settings, &AtomicBool::new(false), &|_| ()).unwrap())
 }
 
 #[test]
@@ -231,12 +232,14 @@ fn a_guided_picture_has_the_same_bits_on_any_threads_in_any_window_and_part() {
 fn a_guided_picture_that_is_gone_on_with_has_the_bits_of_one_in_one_go() {
     let stage = Stage::new(cove(), Backend::Embree);
     let longer = RenderSettings { spp: Some(32), ..settings(Guiding::On) };
-    let Rendered { tiles, stats, .. } = on_threads(&stage, &RenderSettings { passes: Some(1), ..longer.clone() }, 2);
-    assert!((0..tiles[0].pixels()).all(|i| tiles[0].at(i).0.samples < 32));
     let stop = AtomicBool::new(false);
+    let study = StudyOptions { max_passes: Some(1), ..Default::default() };
+    let options = RunOptions { study, ..RunOptions::new(&stop, &|_| ()) };
+    let Rendered { tiles, stats, .. } = run(&stage.scene, &longer, options).unwrap();
+    assert!((0..tiles[0].pixels()).all(|i| tiles[0].at(i).0.samples < 32));
     let from = Some(Saved { tiles, stats });
-    let options = RunOptions { stop: &stop, progress: &|_| (), began: Instant::now(), from, pauses: Vec::new() };
-    let (parts, whole) = (run(&stage.scene, &longer, options), on_threads(&stage, &longer, 2));
+    let options = RunOptions { from, ..RunOptions::new(&stop, &|_| ()) };
+    let (parts, whole) = (run(&stage.scene, &longer, options).unwrap(), on_threads(&stage, &longer, 2));
     for (a, b) in parts.tiles.iter().zip(&whole.tiles) {
         assert!((0..a.pixels()).all(|i| a.at(i).0.samples == 32 && a.at(i).0.sum == b.at(i).0.sum));
     }

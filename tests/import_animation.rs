@@ -1,4 +1,4 @@
-//! Animations at one moment, against what their formulas say; and keys that make no sense.
+//! Animations at one time, compared with their formulas; and invalid keys.
 
 use bismar::scene::import::{ImportOptions, Imported, NoteKind, Pose, Shutter, import};
 use bismar::scene::{Projection, TextureSlot};
@@ -90,7 +90,7 @@ impl Moving {
     }
 }
 
-/// What is placed once is kept in world space.
+/// Meshes that are placed once are stored in world space.
 fn axes(imported: &Imported) -> [Vec3; 3] {
     let [a, b, c] = [0, 1, 2].map(|i| Vec3::from(imported.scene.meshes[0].positions[i]));
     [a, b - a, c - a]
@@ -364,11 +364,11 @@ fn motion_that_makes_no_sense_is_told_or_stands_still() {
     moving.animate("", node("rotation"), "LINEAR", &times, &wild, "VEC4");
     let spun = is_told_or_finite("a thousand turns", moving.blurred(0.5, None)).unwrap();
     let motion = spun.scene.instances[0].motion.as_ref().unwrap();
-    assert!(!motion.turns() && motion.keys().len() == 65);
+    assert!(!motion.has_rotation() && motion.keys().len() == 65);
 }
 
 #[test]
-fn skins_that_make_no_sense_are_told_at_any_moment() {
+fn invalid_skins_are_reported_at_any_time_sample() {
     let skinned = |joint: f32, change: &dyn Fn(&mut Value)| {
         let mut moving = Moving::new();
         let weights = moving.floats(&[1.0, 0.0, 0.0, 0.0].repeat(3), "VEC4");

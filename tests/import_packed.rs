@@ -248,7 +248,7 @@ fn a_stream_that_is_not_what_the_document_says_is_refused() {
     refused(&packed, r#""mode":"TRIANGLES""#, r#""mode":"QUADS""#, "TRIANGLES or INDICES");
     refused(&packed, r#""mode":"TRIANGLES""#, r#""mode":"INDICES""#, "the meshopt stream is damaged");
     refused(&packed, r#""filter":"OCTAHEDRAL""#, r#""filter":"COLOR""#, "filter");
-    refused(&packed, r#""count":289,"filter""#, r#""count":288,"filter""#, "wanted elements that fill the view's");
+    refused(&packed, r#""count":289,"filter""#, r#""count":288,"filter""#, "expected elements that fill the view's");
     let packed = draco(0);
     refused(
         &packed,

@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::time::Instant;
 
 use bismar::film::PixelStats;
 use bismar::integrator::{PixelBatch, PixelTask, Transport, Wave};
@@ -35,7 +34,7 @@ fn settings(balance: Balance) -> RenderSettings {
 
 fn on_threads(stage: &Stage, settings: &RenderSettings, threads: usize) -> Rendered {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(|| render(&stage.scene, settings, &AtomicBool::new(false), &|_| ()))
+    pool.install(|| render(&stage.scene, settings, &AtomicBool::new(false), &|_| ()).unwrap())
 }
 
 /// Pixels' means and variances of the green of pictures that know of lights what is `learned`.
@@ -70,7 +69,7 @@ fn what_a_pilot_learns_of_lamps_changes_no_mean_and_takes_noise_away() {
     let stage = Stage::new(house(), Backend::Embree);
     let settings = settings(Balance::Progressive);
     let found = learned(&stage.scene, &settings, &transport(&stage.scene, &settings)).unwrap();
-    assert!(found.left < 0.7, "{:?}", found.stats());
+    assert!(found.remaining_variance < 0.7, "{:?}", found.stats());
     let lights = found.lights.as_ref().unwrap();
     assert!((lights.bytes() as u64) < bytes(&settings) && bytes(&settings) < 100 << 20);
     let [without, with] = [(None, 0), (Some(lights), 500)].map(|(lights, seed)| pictures(&stage, lights, seed, 200));
@@ -79,8 +78,8 @@ fn what_a_pilot_learns_of_lamps_changes_no_mean_and_takes_noise_away() {
     // known to a few per cent.
     assert!(with[1].mean < 0.75 * without[1].mean, "{} {}", with[1].mean, without[1].mean);
     let rendered = on_threads(&stage, &settings, 2);
-    let stats = rendered.stats.lamps.unwrap();
-    assert!(stats.on && stats.cells == lights.cells() && stats.left == found.left, "{stats:?}");
+    let stats = rendered.stats.learned_lights.unwrap();
+    assert!(stats.on && stats.cells == lights.cells() && stats.remaining_variance == found.remaining_variance, "{stats:?}");
 }
 
 #[test]
@@ -106,7 +105,7 @@ fn lies_about_lamps_change_no_mean() {
                     normal: Vec3::Y,
                     emitter,
                     pixel: 0,
-                    found: lie(position, emitter, chance),
+                    contribution: lie(position, emitter, chance),
                 }
             };
             let light_sample_records: Vec<_> = (0..20_000).map(light_sample_record).collect();
@@ -122,7 +121,7 @@ fn where_lamps_are_learned_bits_are_the_same_on_any_threads_in_any_window_part_a
     let stage = Stage::new(house(), Backend::Embree);
     let settings = settings(Balance::Progressive);
     let one = on_threads(&stage, &settings, 1);
-    assert!(one.stats.lamps.unwrap().on);
+    assert!(one.stats.learned_lights.unwrap().on);
     let same = |other: &Rendered| {
         for tile in &other.tiles {
             let own = one.tiles.iter().find(|own| own.grid_position() == tile.grid_position()).unwrap();
@@ -136,13 +135,13 @@ fn where_lamps_are_learned_bits_are_the_same_on_any_threads_in_any_window_part_a
     // Going on to more paths has learned the same as well.
     let Rendered { tiles, stats, .. } = on_threads(&stage, &RenderSettings { spp: Some(8), ..settings.clone() }, 2);
     let (stop, from) = (AtomicBool::new(false), Some(Saved { tiles, stats }));
-    let options = RunOptions { stop: &stop, progress: &|_| (), began: Instant::now(), from, pauses: Vec::new() };
-    let longer = run(&stage.scene, &settings, options);
+    let options = RunOptions { from, ..RunOptions::new(&stop, &|_| ()) };
+    let longer = run(&stage.scene, &settings, options).unwrap();
     let whole = on_threads(&stage, &settings, 2);
-    assert_eq!(longer.stats.lamps.unwrap().cells, whole.stats.lamps.unwrap().cells);
+    assert_eq!(longer.stats.learned_lights.unwrap().cells, whole.stats.learned_lights.unwrap().cells);
     // Nothing is left to do: nothing is learned again, and what was found is still said.
     let (stop, from) = (AtomicBool::new(false), Some(Saved { tiles: whole.tiles, stats: whole.stats }));
-    let options = RunOptions { stop: &stop, progress: &|_| (), began: Instant::now(), from, pauses: Vec::new() };
-    let again = run(&stage.scene, &settings, options);
-    assert_eq!(again.stats.lamps.unwrap().seconds, whole.stats.lamps.unwrap().seconds);
+    let options = RunOptions { from, ..RunOptions::new(&stop, &|_| ()) };
+    let again = run(&stage.scene, &settings, options).unwrap();
+    assert_eq!(again.stats.learned_lights.unwrap().seconds, whole.stats.learned_lights.unwrap().seconds);
 }

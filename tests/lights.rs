@@ -229,7 +229,7 @@ fn lamp_samples_follow_the_pdf() {
             normal: n,
             emitter: i % 3,
             pixel: 0,
-            found: (i % 3) as f32,
+            contribution: (i % 3) as f32,
         };
         let light_sample_records: Vec<_> = (0..300).map(light_sample_record).collect();
         let learned = LearnedLights::learn(lights.tree(), &light_sample_records, 1.0).filter(|_| learns);

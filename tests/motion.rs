@@ -12,7 +12,7 @@ use bismar::rays::{Backend, HitBatch, MISS, RayBatch, RayOrder, build};
 use bismar::render::{Balance, PixelFilter, RenderSettings};
 use bismar::scene::import::{ImportOptions, Pose, SceneFiles, Shutter};
 use bismar::scene::{
-    Deformation, Environment, LightKey, Motion, Positions, Projection, PunctualKind, PunctualLight, Scene,
+    Camera, Deformation, Environment, LightKey, Motion, Positions, Projection, PunctualKind, PunctualLight, Scene,
 };
 use glam::{DAffine3, DQuat, DVec3, Vec3, vec3};
 
@@ -119,7 +119,7 @@ fn a_rotating_bar_is_its_closed_form() {
     let at = |angle: f64| DAffine3::from_quat(DQuat::from_rotation_z(angle));
     scene.instances[0].transform = Some(at(begin).as_affine3a());
     scene.instances[0].motion = motion(&[at(begin), at(begin + turn)]);
-    assert!(scene.instances[0].motion.as_ref().unwrap().turns());
+    assert!(scene.instances[0].motion.as_ref().unwrap().has_rotation());
     // The share of the time at which a place at (x, y) is in the bar, by midpoints in time.
     let share = |x: f64, y: f64| {
         const TIMES: u32 = 400;
@@ -268,9 +268,9 @@ fn is_mean_of_stills(file: &Path, seconds: f64, [opens, closes]: [f64; 2]) {
     for seed in 0..STILLS {
         let time = seconds + opens + (closes - opens) * f64::from(random.f32());
         let mut still = posed(&files, time, None);
-        if still.framing.is_some() {
+        if still.cameras[0].framing.is_some() {
             // The view that fits each pose is not the blurred picture's.
-            (still.framing, still.cameras) = (None, vec![view.clone()]);
+            still.cameras = vec![Camera { framing: None, ..view.clone() }];
         }
         let still = Stage::new(Arc::new(still), Backend::Embree);
         for (which, stage) in [&blurred, &still].into_iter().enumerate() {
@@ -330,7 +330,7 @@ fn what_is_asked_of_the_shutter_and_cannot_be_is_refused() {
     let path = folder.path();
     fs::write(path.join("moving.glb"), glb::moving()).unwrap();
     for (flags, words) in [
-        ("--shutter -0.25,0.25", "needs a moment"),
+        ("--shutter -0.25,0.25", "needs a time"),
         ("--frame 2 --shutter 0.25,-0.25", "as in -0.25,0.25"),
         ("--frame 2 --shutter 0.25", "as in -0.25,0.25"),
         ("--frame 2 --shutter 0,1,2", "as in -0.25,0.25"),
@@ -339,7 +339,7 @@ fn what_is_asked_of_the_shutter_and_cannot_be_is_refused() {
         ("--frame 2 --motion-steps 4", "--shutter"),
         ("--frame 2 --shutter 0,1 --motion-steps 0", "1..=128"),
         ("--frame 2 --shutter 0,1 --motion-steps 129", "1..=128"),
-        ("--frame 2 --shutter 0,1 --rays obvhs", "obvhs traces no motion blur"),
+        ("--frame 2 --shutter 0,1 --rays obvhs", "obvhs does not support motion blur"),
     ] {
         let said = expect(path, &format!("render moving.glb {flags} -o a.exr"), 64);
         assert!(said.contains(words), "{flags}: {said}");
@@ -449,7 +449,7 @@ fn velocities_are_pixels_a_frame_as_nuke_and_blender_read_them() {
     expect(path, &format!("{line} --camera b --frame 5 --aov velocity --shutter -0.1,0.1 -o open.exr"), 0);
     assert!((value(&bits(&path.join("open.exr")), "forward.u", [40, 27]) - u).abs() < 1e-3);
     let said = expect(path, &format!("{line} --aov velocity -o no.exr"), 64);
-    assert!(said.contains("--aov velocity needs a moment"), "{said}");
+    assert!(said.contains("--aov velocity needs a time"), "{said}");
     expect(path, &format!("{line} --aov all -o still.exr"), 0);
     assert!(!bits(&path.join("still.exr")).iter().any(|(name, _)| name.starts_with("forward")));
     // A frame goes on to what it would have been at once.

@@ -30,7 +30,7 @@ mod doors;
 use doors::DOORS;
 
 /// A file as somebody meant it, and the doors that it comes in by.
-struct Sound {
+struct ValidFile {
     doors: &'static [&'static str],
     bytes: Vec<u8>,
 }
@@ -53,21 +53,21 @@ fn embedded(path: &Path) -> Vec<u8> {
 }
 
 /// The shared files that are small, sound and malformed ones.
-fn shared_scenes() -> Vec<Sound> {
+fn shared_scenes() -> Vec<ValidFile> {
     let Some(folder) = shared::folder() else { return Vec::new() };
     let mut rows = shared::scenes(&folder);
     rows.retain(|row| row["bytes_total"].parse::<u64>().is_ok_and(|bytes| bytes < 40_000));
     let malformed = |path: &str| path.starts_with("malformed");
     let (malformed, others): (Vec<_>, Vec<_>) = rows.iter().partition(|row| malformed(&row["path"]));
     let some = malformed.into_iter().step_by(4).chain(others);
-    some.map(|row| Sound { doors: SCENE, bytes: embedded(&folder.join(&row["path"])) }).collect()
+    some.map(|row| ValidFile { doors: SCENE, bytes: embedded(&folder.join(&row["path"])) }).collect()
 }
 
-/// Of ours, each of which its doors take.
-fn sound() -> Vec<Sound> {
+/// Valid files of this program, each with the doors (entry points for foreign bytes) that accept it.
+fn valid_files() -> Vec<ValidFile> {
     let folder = tempfile::tempdir().unwrap();
     let mut all = Vec::new();
-    let mut add = |doors: &'static [&'static str], bytes: Vec<u8>| all.push(Sound { doors, bytes });
+    let mut add = |doors: &'static [&'static str], bytes: Vec<u8>| all.push(ValidFile { doors, bytes });
 
     add(SCENE, glb::triangle());
     add(SCENE, Parts::default().json().into_bytes());
@@ -141,16 +141,16 @@ fn sound() -> Vec<Sound> {
     all
 }
 
-/// At which sizes and counts go wrong.
+/// Values at which sizes and counts overflow or underflow.
 const NUMBERS: [u64; 12] =
     [0, 1, 2, 0x7F, 0x80, 0xFF, 0xFFFF, 0x7FFF_FFFF, 0x8000_0000, 0xFFFF_FFFF, 1 << 49, u64::MAX];
 
-/// What an accident or somebody with a mind makes of a file.
+/// The file with a few random or malicious changes.
 fn mutated(bytes: &[u8], other: &[u8], random: &mut Random) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     for _ in 0..1 + random.below(4) {
         let at = random.below(bytes.len());
-        // Headers are small, and most of what is said is said there.
+        // Headers are small and hold most of the structure.
         let at = if random.below(2) == 0 { at % 1024.min(bytes.len()).max(1) } else { at };
         let end = (at + 1 + random.below(64)).min(bytes.len());
         let number = NUMBERS[random.below(NUMBERS.len())];
@@ -250,7 +250,7 @@ fn mutated_document(bytes: &[u8], random: &mut Random) -> Option<Vec<u8>> {
     Some(glb::file(&json, &binary))
 }
 
-/// What came of a mutated file.
+/// Result of reading a mutated file.
 #[derive(PartialEq)]
 enum End {
     Taken,
@@ -258,17 +258,17 @@ enum End {
     Panic,
 }
 
-/// Mutates by number, and goes through a door; how long that took.
-fn attempt(sound: &[Sound], number: u64, folder: &Path) -> (End, Duration) {
+/// Mutates a file by number and reads it; returns the result and the time taken.
+fn attempt(valid: &[ValidFile], number: u64, folder: &Path) -> (End, Duration) {
     let mut random = Random(number);
-    // Each door as often as any other.
+    // Every door is equally frequent.
     let (name, door) = DOORS[number as usize % DOORS.len()];
-    let fit: Vec<_> = sound.iter().filter(|s| s.doors.contains(&name)).collect();
+    let fit: Vec<_> = valid.iter().filter(|s| s.doors.contains(&name)).collect();
     let [file, other] = [0; 2].map(|_| fit[random.below(fit.len())]);
     let document = if random.below(4) > 0 { mutated_document(&file.bytes, &mut random) } else { None };
     let mut bytes = document.unwrap_or_else(|| mutated(&file.bytes, &other.bytes, &mut random));
     if name == "checkpoint" && random.below(2) == 0 {
-        // As a forger would: what is behind the seal is reached.
+        // With the checksum renewed, as a forger would, the fields behind it are reached.
         let _ = catch_unwind(AssertUnwindSafe(|| seal(&mut bytes)));
     }
     let start = Instant::now();
@@ -280,14 +280,14 @@ fn attempt(sound: &[Sound], number: u64, folder: &Path) -> (End, Duration) {
     (end, start.elapsed())
 }
 
-/// What goes through no door says nothing when it is mutated.
+/// Mutations of files that no door accepts would test nothing.
 #[test]
-fn sound_files_pass_their_doors() {
+fn valid_files_pass_their_doors() {
     let folder = tempfile::tempdir().unwrap();
-    let ours = sound();
+    let ours = valid_files();
     for (i, file) in ours.iter().enumerate() {
         for (name, door) in DOORS.iter().filter(|(name, _)| file.doors.contains(name)) {
-            assert!(door(folder.path(), &file.bytes), "sound file {i} at {name}");
+            assert!(door(folder.path(), &file.bytes), "valid file {i} at {name}");
         }
     }
     let shared = shared_scenes();
@@ -321,8 +321,8 @@ fn no_mutated_file_panics_aborts_or_hangs() {
             hook(info);
         }
     }));
-    let mut sound = sound();
-    sound.extend(shared_scenes());
+    let mut valid = valid_files();
+    valid.extend(shared_scenes());
     let folder = tempfile::tempdir().unwrap();
     let (mut failures, mut slowest) = (Vec::new(), (Duration::ZERO, 0));
     let mut counts = [[0_u64; 2]; DOORS.len()];
@@ -330,7 +330,7 @@ fn no_mutated_file_panics_aborts_or_hangs() {
         if let Some(at) = &at {
             at.write_all_at(&number.to_le_bytes(), 0).unwrap();
         }
-        let (end, took) = attempt(&sound, number, folder.path());
+        let (end, took) = attempt(&valid, number, folder.path());
         slowest = slowest.max((took, number));
         let [tried, taken] = &mut counts[number as usize % DOORS.len()];
         *tried += 1;
@@ -339,7 +339,7 @@ fn no_mutated_file_panics_aborts_or_hangs() {
             failures.push(number);
         }
     }
-    let largest = sound.iter().map(|s| s.bytes.len() as u64).max().unwrap();
+    let largest = valid.iter().map(|s| s.bytes.len() as u64).max().unwrap();
     let peak = peak_memory_bytes();
     // A line for the script.
     let doors: serde_json::Map<_, _> =

@@ -8,14 +8,14 @@ use bismar::Error;
 use bismar::rays::cwbvh::{ObvhsOptions, ObvhsRays, Preset, TreeKind, TriangleTest};
 use bismar::rays::embree::{EmbreeOptions, EmbreeRays, Packets, Quality};
 use bismar::rays::{self, Backend, HitBatch, MISS, RayBatch, RayOrder, RayQueries};
-use bismar::scene::{Instance, Object, Scene};
+use bismar::scene::{Instance, Mesh, Object, Scene};
 use glam::{Affine3A, Quat, Vec3, vec3};
 
 mod reference;
 use reference::Reference;
 
 use crate::helpers::random::Random;
-use crate::helpers::ray_scenes::{bounce, box_room, camera_rays, mesh, pieces, scene};
+use crate::helpers::ray_scenes::{bounce, box_room, camera_rays, pieces, scene};
 
 /// obvhs, and Embree with the native, the AVX2 and the SSE2 instruction set (emulated packets).
 fn backends(scene: &Arc<Scene>) -> Vec<Box<dyn RayQueries>> {
@@ -82,7 +82,7 @@ fn soup(count: u32, seed: u64) -> bismar::scene::Mesh {
         let (centre, size) = (random.point(), random.f32() * 0.5);
         vertices.extend([(); 3].map(|()| (centre + random.point() * size).to_array()));
     }
-    mesh(vertices, (0..count).map(|at| [3 * at, 3 * at + 1, 3 * at + 2]).collect())
+    Mesh::new(vertices, (0..count).map(|at| [3 * at, 3 * at + 1, 3 * at + 2]).collect())
 }
 
 /// Triangle soups in world space, and others rotated, scaled, mirrored, and instanced several times.
@@ -90,7 +90,7 @@ fn soups() -> Arc<Scene> {
     let turn = Quat::from_axis_angle(vec3(1.0, 2.0, 3.0).normalize(), FRAC_PI_3);
     let stretched = Affine3A::from_scale_rotation_translation(vec3(0.5, 2.0, 1.0), turn, vec3(0.3, -0.2, 0.1));
     let mirrored = Affine3A::from_scale_rotation_translation(vec3(-1.5, 0.7, 1.0), turn, vec3(-2.0, 0.5, -1.0));
-    let meshes = vec![soup(60, 1), soup(40, 2), mesh(vec![], vec![]), soup(30, 3), soup(20, 4)];
+    let meshes = vec![soup(60, 1), soup(40, 2), Mesh::new(vec![], vec![]), soup(30, 3), soup(20, 4)];
     let mut scene = scene(meshes, &[(0, None), (1, Some(stretched)), (2, None), (1, Some(mirrored))]);
     // An object of three meshes, the first without triangles; one object placed both with and without a transform.
     scene.objects.push(Object { name: "three".into(), meshes: 2..5 });
@@ -204,7 +204,7 @@ fn hits_are_the_same_in_every_grouping_and_order_but_for_which_of_coincident_sur
 
 #[test]
 fn scenes_without_triangles_are_missed() {
-    let empty = mesh(vec![], vec![]);
+    let empty = Mesh::new(vec![], vec![]);
     let placed = [(0, None), (0, Some(Affine3A::IDENTITY))];
     let unplaced = scene(vec![soup(10, 1)], &[]);
     for scene in [Scene::default(), scene(vec![empty], &placed), unplaced] {
@@ -218,7 +218,7 @@ fn scenes_without_triangles_are_missed() {
 
 #[test]
 fn hits_very_close_to_the_origin_count() {
-    let triangle = mesh(vec![[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]);
+    let triangle = Mesh::new(vec![[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]);
     for backend in backends(&Arc::new(scene(vec![triangle], &[(0, None)]))) {
         for height in [1e-3, 1e-5, 1e-7] {
             let hits = closest(&*backend, &ray(vec3(0.0, 0.0, height), -Vec3::Z), RayOrder::Coherent);
@@ -230,7 +230,7 @@ fn hits_very_close_to_the_origin_count() {
 
 #[test]
 fn weights_are_of_the_second_and_third_vertex() {
-    let triangle = mesh(vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]);
+    let triangle = Mesh::new(vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]);
     for backend in backends(&Arc::new(scene(vec![triangle], &[(0, None)]))) {
         let hits = closest(&*backend, &ray(vec3(0.5, 0.25, 1.0), -Vec3::Z), RayOrder::Coherent);
         for (value, exact) in [(hits.u[0], 0.5), (hits.v[0], 0.25), (hits.t[0], 1.0)] {

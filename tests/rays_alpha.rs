@@ -3,11 +3,10 @@
 use std::sync::Arc;
 
 use bismar::rays::{self, Backend, HitBatch, MISS, RayBatch, RayOrder};
-use bismar::scene::{AlphaMode, Instance, Material, Object, Scene};
+use bismar::scene::{AlphaMode, Instance, Material, Mesh, Object, Scene};
 use glam::{Affine3A, Vec4, vec3};
 
 use crate::helpers::random::Random;
-use crate::helpers::ray_scenes::mesh;
 
 const RAYS: usize = 100_000;
 
@@ -16,7 +15,7 @@ const RAYS: usize = 100_000;
 fn squares(alpha: f32, alpha_mode: AlphaMode) -> Arc<Scene> {
     let square = |z: f32, material: u32| {
         let corners = [[-1.0, -1.0, z], [1.0, -1.0, z], [1.0, 1.0, z], [-1.0, 1.0, z]];
-        let mut mesh = mesh(corners.to_vec(), vec![[0, 1, 2], [0, 2, 3]]);
+        let mut mesh = Mesh::new(corners.to_vec(), vec![[0, 1, 2], [0, 2, 3]]);
         mesh.material = material;
         mesh
     };

@@ -5,8 +5,15 @@ use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::sync::atomic::AtomicBool;
+
+use bismar::Error;
+use bismar::rays::Backend;
+use bismar::render::lens::{Aperture, Focus, LensSettings};
+use bismar::render::{Balance, Part, RenderSettings, RunOptions, StopReason, StudyOptions, render, replay, run};
 
 use crate::helpers::program::{self, assert_same_bits, attribute, bismar, expect, names, scene, stderr};
+use crate::helpers::stage::{Stage, hall};
 
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
@@ -197,4 +204,60 @@ fn what_a_render_says_it_needs_is_enough() {
         let need = words[words.iter().position(|word| *word == "MiB").unwrap() - 1];
         expect(folder.path(), &format!("{line} --memory-limit {need}M"), 0);
     }
+}
+
+#[test]
+fn settings_that_cannot_be_rendered_are_refused_with_their_name() {
+    let stage = Stage::new(hall(), Backend::Embree);
+    let settings =
+        || RenderSettings { width: 20, height: 10, spp: Some(1), balance: Balance::Half, ..Default::default() };
+    let lens =
+        |aperture, focus, blades| RenderSettings { lens: Some(LensSettings { aperture, focus, blades }), ..settings() };
+    let second_order = || RenderSettings { balance: Balance::SecondOrder, ..settings() };
+    let (radius, distance) = (Aperture::Radius(0.01), Focus::Distance(1.0));
+    let mut refused = vec![
+        (RenderSettings { camera: 7, ..settings() }, "camera 7"),
+        (RenderSettings { width: 0, ..settings() }, "size"),
+        (RenderSettings { height: 0, ..settings() }, "size"),
+        (RenderSettings { width: u32::MAX, ..settings() }, "size"),
+        (RenderSettings { crop: Some([5, 5, 5, 9]), ..settings() }, "crop"),
+        (RenderSettings { crop: Some([5, 5, 9, 4]), ..settings() }, "crop"),
+        (RenderSettings { crop: Some([0, 0, 21, 10]), ..settings() }, "crop"),
+        (RenderSettings { crop: Some([0, 0, 20, u32::MAX]), ..settings() }, "crop"),
+        (RenderSettings { max_depth: 0, ..settings() }, "max_depth"),
+        (RenderSettings { spp: Some(0), ..settings() }, "spp"),
+        (RenderSettings { noise: Some(0.1), min_spp: Some(0), ..settings() }, "min_spp"),
+        (RenderSettings { spp: None, ..second_order() }, "second-order needs spp"),
+        (RenderSettings { part: Some(Part { number: 0, of: 2 }), ..settings() }, "part 0/2"),
+        (RenderSettings { part: Some(Part { number: 1, of: 0 }), ..settings() }, "part 1/0"),
+        (lens(radius, Focus::Distance(f64::NAN), 0), "focus"),
+        (lens(radius, distance, 2), "2 blades"),
+        (lens(radius, distance, 1_000_000), "blades"),
+    ];
+    for value in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        refused.extend([
+            (RenderSettings { time: Some(value), ..settings() }, "time"),
+            (RenderSettings { noise: Some(value), ..settings() }, "noise"),
+            (RenderSettings { clamp_direct: Some(value), ..settings() }, "clamp_direct"),
+            (RenderSettings { clamp_indirect: Some(value), ..settings() }, "clamp_indirect"),
+            (RenderSettings { pilot: Some(value), ..second_order() }, "pilot"),
+            (lens(Aperture::Stop(value), distance, 0), "aperture"),
+            (lens(Aperture::Radius(value), distance, 0), "aperture"),
+        ]);
+    }
+    let stop = AtomicBool::new(false);
+    for (settings, word) in refused {
+        let error = render(&stage.scene, &settings, &stop, &|_| ()).unwrap_err();
+        assert!(matches!(error, Error::Usage(_)) && error.to_string().contains(word), "{word}: {error}");
+        assert!(replay(&stage.scene, &settings, [0, 0], None, &mut |_| ()).is_err(), "{word}");
+    }
+    assert!(replay(&stage.scene, &settings(), [20, 0], None, &mut |_| ()).is_err());
+    let too_few = StudyOptions { light_shares: Some(vec![0.5; 7].into()), ..Default::default() };
+    let no_number = StudyOptions { light_shares: Some(vec![f32::NAN; 200].into()), ..Default::default() };
+    let outside = StudyOptions { tiles: Some(vec![[2, 0]].into()), ..Default::default() };
+    for study in [too_few, no_number, outside] {
+        let options = RunOptions { study, ..RunOptions::new(&stop, &|_| ()) };
+        assert!(run(&stage.scene, &settings(), options).is_err());
+    }
+    assert_eq!(render(&stage.scene, &settings(), &stop, &|_| ()).unwrap().stop, StopReason::Samples);
 }

@@ -34,8 +34,8 @@ fn in_pieces(stage: &Stage, settings: &RenderSettings, tiles_a_session: u32) -> 
         };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1 + session as usize % 3).build().unwrap();
         let rendered = pool.install(|| {
-            let job = RunOptions { stop: &stop, progress: &progress, began: Instant::now(), from, pauses: Vec::new() };
-            run(&stage.scene, settings, job)
+            let job = RunOptions { from, ..RunOptions::new(&stop, &progress) };
+            run(&stage.scene, settings, job).unwrap()
         });
         if rendered.stop != StopReason::Interrupted {
             return (rendered, session);
@@ -43,7 +43,7 @@ fn in_pieces(stage: &Stage, settings: &RenderSettings, tiles_a_session: u32) -> 
         let tiles = unpack(&all_bits(&rendered)).unwrap();
         assert!(fits(&tiles, settings));
         let saved = Saved { tiles, stats: RenderStats { noise: 0.0, ..rendered.stats } };
-        assert!(saved.is_on_the_way(settings), "{:?}", saved.stats);
+        assert!(saved.has_passes_of(settings), "{:?}", saved.stats);
         from = Some(saved);
     }
     unreachable!()
@@ -74,7 +74,7 @@ fn interruptions_anywhere_leave_no_trace() {
             part,
             ..Default::default()
         };
-        let whole = render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ());
+        let whole = render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap();
         let (pieces, sessions) = in_pieces(&stage, &settings, 2);
         assert!(sessions > 1, "{sessions}");
         assert_eq!(all_bits(&whole), all_bits(&pieces), "{balance:?} {crop:?} {part:?}");
@@ -93,20 +93,20 @@ fn checkpoints_leave_no_trace_and_each_can_go_on() {
     // A pause that took long is followed by a long wait: on a busy machine it takes more paths to see a second one.
     let at = |spp| {
         let settings = RenderSettings { width: 50, height: 37, spp: Some(spp), ..Default::default() };
-        let whole = all_bits(&render(&stage.scene, &settings, &stop, &|_| ()));
+        let whole = all_bits(&render(&stage.scene, &settings, &stop, &|_| ()).unwrap());
         let mut saved = Vec::new();
         let mut save = |r: &Rendered| saved.push((all_bits(r), r.stats));
         let pauses = vec![Pause { seconds: 1e-3, at: &mut save }];
-        let job = RunOptions { stop: &stop, progress: &|_| (), began: Instant::now(), from: None, pauses };
-        assert_eq!(all_bits(&run(&stage.scene, &settings, job)), whole);
+        let job = RunOptions { pauses, ..RunOptions::new(&stop, &|_| ()) };
+        assert_eq!(all_bits(&run(&stage.scene, &settings, job).unwrap()), whole);
         (settings, whole, saved)
     };
     let tried = [100, 400, 1600, 6400].into_iter().map(at).find(|(.., saved)| saved.len() > 1);
     let (settings, whole, saved) = tried.expect("pauses");
     for (bytes, stats) in saved.into_iter().step_by(2) {
         let from = Some(Saved { tiles: unpack(&bytes).unwrap(), stats });
-        let job = RunOptions { stop: &stop, progress: &|_| (), began: Instant::now(), from, pauses: Vec::new() };
-        assert_eq!(all_bits(&run(&stage.scene, &settings, job)), whole);
+        let job = RunOptions { from, ..RunOptions::new(&stop, &|_| ()) };
+        assert_eq!(all_bits(&run(&stage.scene, &settings, job).unwrap()), whole);
     }
 }
 
@@ -288,9 +288,13 @@ fn another_render_is_refused_by_name_and_left_alone() {
     assert!(said.contains("pilot (0.25 there, 0.5 here)"), "{said}");
     let said = expect(folder.path(), &format!("{paper} --pilot 0.25 --resume"), 0);
     assert!(said.contains("nothing to do"), "{said}");
-    let picture = exr_file::Header::from([("bismar.format".into(), exr_file::HeaderValue::Number(99.0))]);
+    let of_format = |format| exr_file::Header::from([("bismar.format".into(), exr_file::HeaderValue::Number(format))]);
     let film = bismar::film::Film::new(4, 4, [0, 0, 4, 4], false);
-    for (header, words) in [(picture, "from a newer bismar"), (Vec::new(), "no picture that bismar can go on from")] {
+    for (header, words) in [
+        (of_format(99.0), "from a newer bismar"),
+        (of_format(3.0), "from an older bismar"),
+        (Vec::new(), "no picture that bismar can go on from"),
+    ] {
         exr_file::write(&folder.path().join("other.exr"), &film, exr_file::Layers::default(), &header, None).unwrap();
         let said = expect(folder.path(), "render cornell.glb -o other.exr --resume", 65);
         assert!(said.contains(words), "{said}");
@@ -310,7 +314,7 @@ fn a_checkpoint_that_fails_does_not_end_the_render_and_a_full_disk_leaves_the_ol
     let output = output.unwrap();
     let said = program::stderr(&output);
     assert_eq!(output.status.code(), Some(74), "{said}");
-    assert!(said.contains("not saved; rendering goes on"), "{said}");
+    assert!(said.contains("checkpoint not saved, rendering continues"), "{said}");
     assert_eq!(bits(&folder.path().join("out.exr")), before);
     expect(folder.path(), "render cornell.glb --size 64x48 --spp 512 -o out.exr --resume -q", 0);
     expect(folder.path(), "render cornell.glb --size 64x48 --spp 512 -o whole.exr -q", 0);
@@ -351,46 +355,6 @@ fn memory_that_would_not_suffice_is_told_before_loading() {
     assert!(program::stderr(&output).contains("SLURM_MEM_PER_NODE allows 600"), "{}", program::stderr(&output));
     expect(folder.path(), "render cornell.glb --size 40x30 --spp 1 --memory-limit 500M -q", 0);
     assert_eq!(names(folder.path()), ["cornell.exr", "cornell.glb"]);
-}
-
-/// A file that bismar wrote when its format was 2 (`tests/data/format2`, packed with LZ4), of `showpiece.glb`.
-fn of_format_2(folder: &Path, name: &str) {
-    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/format2").join(format!("{name}.lz4"));
-    let bytes = lz4_flex::decompress_size_prepended(&fs::read(data).unwrap()).unwrap();
-    fs::write(folder.join(name), bytes).unwrap();
-}
-
-#[test]
-fn files_of_format_2_are_known_go_on_and_merge_to_the_same_bits() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = |name: &str| folder.path().join(name);
-    fs::copy(scene("showpiece.glb"), file("showpiece.glb")).unwrap();
-    ["kl-1.exr", "kl-2.exr", "progressive.exr"].iter().for_each(|name| of_format_2(folder.path(), name));
-
-    let kl = "render showpiece.glb --rays obvhs --size 17x3 --balance kl --aov depth,direct";
-    for part in [1, 2] {
-        let line = format!("{kl} --spp 64 --part {part}/2 --resume -o kl-{part}.exr");
-        let said = expect(folder.path(), &line, 0);
-        assert!(said.contains("finished before, with 64 spp"), "{said}");
-        let said = expect(folder.path(), &format!("{line} --seed 3"), 65);
-        assert!(said.contains("different seed (0 there, 3 here)"), "{said}");
-    }
-    for spp in [64, 128] {
-        for part in [1, 2] {
-            let line = format!("{kl} --spp {spp} --part {part}/2 --resume -o kl-{part}.exr -q");
-            expect(folder.path(), &line, 0);
-        }
-        expect(folder.path(), "merge kl-1.exr kl-2.exr -o merged.exr -q", 0);
-        expect(folder.path(), &format!("{kl} --spp {spp} -o whole.exr -q"), 0);
-        assert_same_bits(&file("merged.exr"), &file("whole.exr"));
-    }
-
-    let progressive = "render showpiece.glb --rays obvhs --size 6x6";
-    let said = expect(folder.path(), &format!("{progressive} --spp 128 --resume -o progressive.exr"), 0);
-    assert!(said.contains("finished before, with 128 spp"), "{said}");
-    expect(folder.path(), &format!("{progressive} --spp 256 --resume -o progressive.exr -q"), 0);
-    expect(folder.path(), &format!("{progressive} --spp 256 -o whole.exr -q"), 0);
-    assert_same_bits(&file("progressive.exr"), &file("whole.exr"));
 }
 
 /// Hours of work.

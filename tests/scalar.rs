@@ -2,7 +2,7 @@
 
 use std::sync::atomic::AtomicU32;
 
-use bismar::balance::{Balance, Contribution, Counts, Heuristic, Observer, Share};
+use bismar::balance::{Balance, Contribution, Counts, Heuristic, Observer, Shares};
 use bismar::color::luminance;
 use bismar::film::{Peak, PixelStats};
 use bismar::integrator::{PixelBatch, PixelTask, Transport, Wave, scalar};
@@ -58,7 +58,7 @@ fn each_path_of_a_wave_is_the_scalar_path() {
             let light_sample_record = |i: u32| {
                 let position =
                     Vec3::new((i % 61) as f32 / 10.0 - 3.0, (i % 17) as f32 / 17.0, (i % 53) as f32 / 10.0 - 2.6);
-                LightSampleRecord { position, normal: Vec3::Y, emitter: i % 40, pixel: 0, found: (i % 3) as f32 }
+                LightSampleRecord { position, normal: Vec3::Y, emitter: i % 40, pixel: 0, contribution: (i % 3) as f32 }
             };
             let light_sample_records: Vec<_> = (0..4000).filter(|_| learns).map(light_sample_record).collect();
             LearnedLights::learn(area.tree(), &light_sample_records, 1.0)
@@ -68,8 +68,8 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         let transport = Transport { field, drawing, ..unguided };
         let paths = 24;
         // Uneven sample counts, allocated to environment and area lights, with MIS weights of other counts.
-        let counts = Counts::of(Share { light: 0.7, environment: Some(0.4) }, paths);
-        let weighed = Counts::of(Share { light: 0.6, environment: Some(0.5) }, 2 * paths);
+        let counts = Counts::from_shares(Shares { light_share: 0.7, environment_share: Some(0.4) }, paths);
+        let weighed = Counts::from_shares(Shares { light_share: 0.6, environment_share: Some(0.5) }, 2 * paths);
         let task = |i: u32| PixelTask {
             x: i % 20,
             y: i / 20,

@@ -71,7 +71,7 @@ fn what_has_not_moved_is_shared_and_changes_no_bit() {
     // After a second all stands still.
     let flags = format!("{FLAGS} --env sky.hdr --aov all --camera a");
     let said = expect(path, &format!("render moving.glb --frames 9-13x2,12 {flags} -o a.##.exr -vv"), 0);
-    assert_eq!(said.matches("no surface has moved").count(), 2, "{said}");
+    assert_eq!(said.matches("no geometry has moved").count(), 2, "{said}");
     for frame in [9, 11, 12, 13] {
         expect(path, &format!("render moving.glb --frame {frame} --seed-per-frame {flags} -o single.exr -q"), 0);
         assert_same_bits(&path.join("single.exr"), &path.join(format!("a.{frame:02}.exr")));
@@ -315,7 +315,7 @@ fn a_movie_is_ffmpegs_and_a_contact_sheet_our_own() {
     let before = names(path);
     for (script, line, expected, words) in [
         (None, "movie f.##.png -o n.mp4", 76, "f.08.png f.09.png … | ffmpeg -y"),
-        (Some("#!/bin/bash\nexit 3\n"), "movie f.##.png -o n.mp4", 74, "ffmpeg could not"),
+        (Some("#!/bin/bash\nexit 3\n"), "movie f.##.png -o n.mp4", 74, "ffmpeg failed"),
         (Some(keeps), "movie f.##.png --frames 8-12 -o n.mp4", 66, "f.11.png"),
         (Some(keeps), "movie g.##.png -o n.mp4", 66, "no such pictures"),
         (Some(keeps), "movie f.08.png -o n.mp4", 64, "####"),

@@ -388,7 +388,7 @@ fn requeue_and_cancel(flags: &str) -> bool {
     // Nobody begins it again but who submitted it.
     slurm.wait("it has ended", || {
         let log = fs::read_to_string(folder.path().join("veach.farm/logs/task-1.log")).unwrap();
-        log.matches("goes on from there").count() == 2
+        log.matches("continues from there").count() == 2
     });
     let unfinished = status(folder.path(), "veach.farm");
     assert_eq!((&unfinished["complete"], &unfinished["tasks"][0]["state"]), (&false.into(), &"begun".into()));
@@ -495,7 +495,7 @@ fn a_task_out_of_memory_gets_more_or_is_held_and_its_merge_waits(_: &Work) {
     let jobs = slurm.submit(folder, &line(need * 3 / 4));
     slurm.wait_for(&jobs[1], &["COMPLETED"]);
     let raised = need * 3 / 4 + (need * 3 / 4).div_ceil(2);
-    assert!(log().contains(&format!("Slurm begins it again with {raised} MiB")), "{}", log());
+    assert!(log().contains(&format!("Slurm requeues it with {raised} MiB")), "{}", log());
     assert_eq!(slurm.values(&format!("{}_1", jobs[0]), "MinMemoryNode"), [format!("{raised}M")]);
     let whole = single_machine(folder, flags);
     assert_same_bits(&whole, &folder.join(format!("{}.exr", need * 3 / 4)));
@@ -505,7 +505,7 @@ fn a_task_out_of_memory_gets_more_or_is_held_and_its_merge_waits(_: &Work) {
     let jobs = slurm.submit(folder, &line(need / 2));
     let [array, merge] = &jobs[..] else { panic!("{jobs:?}") };
     slurm.wait("it is held", || states(&slurm) == ["held", "waiting"]);
-    assert!(log().contains("Slurm begins it again with") && log().contains("Slurm holds it"), "{}", log());
+    assert!(log().contains("Slurm requeues it with") && log().contains("Slurm holds it"), "{}", log());
     for task in [1, 2].map(|number| format!("{array}_{number}")) {
         slurm.wait("it is held", || {
             let reason = slurm.values(&task, "Reason").remove(0).to_lowercase();
@@ -537,7 +537,7 @@ fn starve(flags: &str) -> bool {
     let Some(render) = writer(&part) else { return false };
     kill(render);
     let log = || fs::read_to_string(folder.join("veach.farm/logs/task-1.log")).unwrap_or_default();
-    slurm.wait("it is told", || log().contains("Slurm begins it again with 600 MiB") || over());
+    slurm.wait("it is told", || log().contains("Slurm requeues it with 600 MiB") || over());
     if !log().contains("600 MiB") {
         return false;
     }

@@ -37,7 +37,7 @@ pub fn scene() -> Glb {
             dvec3(r * (2.0 * t).cos(), r * (2.0 * t).sin(), (3.0 * t).sin()) * 0.4
         })
         .collect();
-    let knot = tube(&path, 28, true, |_| 0.215).turned(DQuat::from_rotation_y(0.35));
+    let knot = tube(&path, 28, true, |_| 0.215).rotated(DQuat::from_rotation_y(0.35));
     let lowest = knot.positions.iter().map(|p| p.y).fold(f64::INFINITY, f64::min);
     glb.object("knot", &knot.translated(dvec3(0.0, -lowest, 0.0)), copper);
     let ball = glb.geometry(&sphere(1.0, 40));

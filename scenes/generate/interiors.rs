@@ -88,7 +88,7 @@ pub fn ajar() -> Glb {
     }
     let turn = glam::DQuat::from_rotation_y(0.42);
     let leaf = cuboid(dvec3(0.04, lintel - 0.02, near - far - 0.02)).translated(dvec3(0.0, 0.0, (far - near) / 2.0));
-    glb.object("door", &leaf.turned(turn).translated(dvec3(0.97, lintel / 2.0, near)), oak);
+    glb.object("door", &leaf.rotated(turn).translated(dvec3(0.97, lintel / 2.0, near)), oak);
     glb.object("lamp", &between(dvec3(3.2, h - 0.06, -1.0), dvec3(3.7, h - 0.02, -0.5)), lamp);
     glb.object("table", &between(dvec3(-2.2, 0.66, -1.8), dvec3(-0.6, 0.72, -0.9)), oak);
     for (x, z) in [(-2.15, -1.75), (-0.7, -1.75), (-0.7, -1.0), (-2.15, -1.0)] {

@@ -81,11 +81,11 @@ pub fn scene() -> Glb {
     let ball = glb.geometry(&sphere(1.0, 36));
     glb.shared("brass ball", &ball, brass, &Place::scaled(dvec3(-1.35, 0.34, 0.9), 0.34));
     glb.shared("steel ball", &ball, steel, &Place::scaled(dvec3(1.15, 0.26, 1.25), 0.26));
-    let ring = torus(0.34, 0.11, 64, 20).turned(DQuat::from_rotation_x(1.15)).translated(dvec3(1.75, 0.42, -0.25));
+    let ring = torus(0.34, 0.11, 64, 20).rotated(DQuat::from_rotation_x(1.15)).translated(dvec3(1.75, 0.42, -0.25));
     glb.object("ring", &ring, brass);
     for (i, size) in [0.62, 0.46, 0.32].into_iter().enumerate() {
         let y = [0.31, 0.85, 1.24][i];
-        let block = cuboid(DVec3::splat(size)).turned(DQuat::from_rotation_y(0.5 + 0.7 * i as f64));
+        let block = cuboid(DVec3::splat(size)).rotated(DQuat::from_rotation_y(0.5 + 0.7 * i as f64));
         glb.object("block", &block.translated(dvec3(-1.7, y, -0.75)), stone);
     }
     glb.camera("camera", dvec3(1.1, 1.75, 7.6), dvec3(0.0, 1.28, 0.0), 33.0, 16.0 / 9.0);

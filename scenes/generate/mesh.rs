@@ -1,75 +1,28 @@
-//! Triangle meshes and the shapes that the scenes are built from. Counter-clockwise triangles face outwards.
+//! The shapes that the scenes are built from, in addition to those of [`bismar::scene::build`].
 
 use std::f64::consts::{PI, TAU};
 
-use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3, dvec2, dvec3};
+use bismar::scene::build;
+pub use bismar::scene::build::{Shape as Mesh, *};
+use glam::{DMat3, DQuat, DVec2, DVec3, dvec2, dvec3};
 
 use crate::random::Random;
 
-/// Vertices and triangles. Normals and texture coordinates are one a vertex, or none at all: without normals the
-/// triangles are flat.
-#[derive(Clone, Default)]
-pub struct Mesh {
-    pub positions: Vec<DVec3>,
-    pub normals: Vec<DVec3>,
-    pub uvs: Vec<DVec2>,
-    /// Direction of growing u; for normal maps.
-    pub tangents: Vec<DVec3>,
-    pub triangles: Vec<[u32; 3]>,
+/// Recomputes smooth normals: the area-weighted mean of the triangles around each vertex.
+pub fn smoothed(mut mesh: Mesh) -> Mesh {
+    let mut sums = vec![DVec3::ZERO; mesh.positions.len()];
+    for t in &mesh.triangles {
+        let [a, b, c] = t.map(|i| mesh.positions[i as usize]);
+        t.iter().for_each(|&i| sums[i as usize] += (b - a).cross(c - a));
+    }
+    mesh.normals = sums.into_iter().map(DVec3::normalize).collect();
+    mesh
 }
 
-impl Mesh {
-    fn push(&mut self, position: DVec3, normal: DVec3) -> u32 {
-        self.positions.push(position);
-        self.normals.push(normal);
-        self.positions.len() as u32 - 1
-    }
-
-    /// Moved by a transform that keeps handedness. Not for meshes with tangents.
-    pub fn moved(mut self, by: DAffine3) -> Self {
-        let normals = by.matrix3.inverse().transpose();
-        self.positions.iter_mut().for_each(|p| *p = by.transform_point3(*p));
-        self.normals.iter_mut().for_each(|n| *n = (normals * *n).normalize());
-        self
-    }
-
-    pub fn scaled(self, by: f64) -> Self {
-        self.moved(DAffine3::from_scale(DVec3::splat(by)))
-    }
-
-    pub fn translated(self, by: DVec3) -> Self {
-        self.moved(DAffine3::from_translation(by))
-    }
-
-    pub fn turned(self, by: DQuat) -> Self {
-        self.moved(DAffine3::from_quat(by))
-    }
-
-    /// Both meshes in one. They carry the same kinds of data.
-    pub fn and(mut self, other: &Mesh) -> Self {
-        let first = self.positions.len() as u32;
-        self.positions.extend(&other.positions);
-        self.normals.extend(&other.normals);
-        self.uvs.extend(&other.uvs);
-        self.triangles.extend(other.triangles.iter().map(|t| t.map(|i| i + first)));
-        self
-    }
-
-    /// Smooth normals by the area-weighted mean of the triangles around each vertex.
-    pub fn smoothed(mut self) -> Self {
-        let mut sums = vec![DVec3::ZERO; self.positions.len()];
-        for t in &self.triangles {
-            let [a, b, c] = t.map(|i| self.positions[i as usize]);
-            t.iter().for_each(|&i| sums[i as usize] += (b - a).cross(c - a));
-        }
-        self.normals = sums.into_iter().map(DVec3::normalize).collect();
-        self
-    }
-}
-
-/// A flat quadrilateral, corners counter-clockwise, flat.
-pub fn quad(corners: [DVec3; 4]) -> Mesh {
-    Mesh { positions: corners.into(), triangles: vec![[0, 1, 2], [0, 2, 3]], ..Mesh::default() }
+fn push(mesh: &mut Mesh, position: DVec3, normal: DVec3) -> u32 {
+    mesh.positions.push(position);
+    mesh.normals.push(normal);
+    mesh.positions.len() as u32 - 1
 }
 
 /// A rectangle that carries a picture: `x` points to its right, `y` to its top, and it repeats by `repeat` over their
@@ -95,9 +48,7 @@ pub fn panel(centre: DVec3, target: DVec3, width: f64, height: f64) -> Mesh {
 
 /// A box around the origin, flat.
 pub fn cuboid(size: DVec3) -> Mesh {
-    let corner = |i: u32| (dvec3((i & 1).into(), (i >> 1 & 1).into(), (i >> 2).into()) - 0.5) * size;
-    let faces = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
-    faces.iter().fold(Mesh::default(), |all, face| all.and(&quad(face.map(corner))))
+    build::cuboid(size * -0.5, size * 0.5)
 }
 
 /// A box around the origin with rounded edges, smooth.
@@ -123,7 +74,7 @@ pub fn rounded_box(size: DVec3, radius: f64, steps: u32) -> Mesh {
             for &(side_x, x) in &line {
                 let normal = (turn * dvec3(x, y, 1.0)).normalize();
                 let anchor = (turn * dvec3(side_x, side_y, 1.0)).round() * inner;
-                mesh.push(anchor + normal * radius, normal);
+                push(&mut mesh, anchor + normal * radius, normal);
             }
         }
         for row in 0..n - 1 {
@@ -147,7 +98,7 @@ pub fn lathe(profile: &[(f64, f64)], segments: u32, crease: f64) -> Mesh {
         let first = mesh.positions.len() as u32;
         for j in 0..segments {
             let (sin, cos) = (TAU * f64::from(j) / f64::from(segments)).sin_cos();
-            mesh.push(dvec3(p.x * cos, p.y, p.x * sin), dvec3(n.x * cos, n.y, n.x * sin));
+            push(mesh, dvec3(p.x * cos, p.y, p.x * sin), dvec3(n.x * cos, n.y, n.x * sin));
         }
         first
     };
@@ -221,7 +172,7 @@ pub fn tube(path: &[DVec3], segments: u32, closed: bool, radius: impl Fn(f64) ->
         for j in 0..segments {
             let (sin, cos) = (TAU * f64::from(j) / f64::from(segments)).sin_cos();
             let normal = (u * cos + v * sin).normalize();
-            mesh.push(path[i] + normal * r, normal);
+            push(&mut mesh, path[i] + normal * r, normal);
         }
     }
     for i in 0..if closed { n } else { n - 1 } as u32 {
@@ -235,7 +186,8 @@ pub fn tube(path: &[DVec3], segments: u32, closed: bool, radius: impl Fn(f64) ->
         for (ring, out) in [(0, -tangent(0)), ((n as u32 - 1) * segments, tangent(n - 1))] {
             let first = mesh.positions.len() as u32;
             for j in 0..segments {
-                mesh.push(mesh.positions[(ring + j) as usize], out);
+                let corner = mesh.positions[(ring + j) as usize];
+                push(&mut mesh, corner, out);
             }
             for j in 1..segments - 1 {
                 let (a, b) = if ring == 0 { (j + 1, j) } else { (j, j + 1) };
@@ -253,23 +205,6 @@ pub fn torus(ring_radius: f64, tube_radius: f64, steps: u32, segments: u32) -> M
         .map(|(sin, cos)| dvec3(ring_radius * cos, 0.0, ring_radius * sin))
         .collect();
     tube(&path, segments, true, |_| tube_radius)
-}
-
-/// A smooth sphere around the origin with `rings` bands of latitude.
-pub fn sphere(radius: f64, rings: u32) -> Mesh {
-    let profile: Vec<_> = (0..=rings)
-        .map(|i| match i {
-            0 => (0.0, -radius),
-            i if i == rings => (0.0, radius),
-            i => {
-                let (sin, cos) = (PI * f64::from(i) / f64::from(rings)).sin_cos();
-                (radius * sin, -radius * cos)
-            }
-        })
-        .collect();
-    let mut mesh = lathe(&profile, rings * 2, 180.0);
-    mesh.normals = mesh.positions.iter().map(|p| p.normalize()).collect();
-    mesh
 }
 
 /// An icosahedron, each triangle split in four `splits` times, on the unit sphere; normals are the positions.
@@ -340,5 +275,5 @@ pub fn stone(splits: u32, random: &mut Random) -> Mesh {
         let push: f64 = bumps.iter().map(|(d, size)| size * d.dot(*p).max(0.0).powi(3)).sum();
         *p *= (1.0 + push) * dvec3(1.0, 0.62, 0.85);
     }
-    mesh.smoothed()
+    smoothed(mesh)
 }

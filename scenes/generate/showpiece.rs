@@ -10,7 +10,8 @@ use image::ImageError;
 
 use crate::glb::{Glb, Material, Place};
 use crate::mesh::{
-    Mesh, cuboid, lathe, panel, profile_spline, quad, rounded_box, sphere, spline, textured_rectangle, torus, tube,
+    Mesh, cuboid, lathe, panel, profile_spline, quad, rounded_box, smoothed, sphere, spline, textured_rectangle, torus,
+    tube,
 };
 use crate::pictures::{jpeg, plaster, png, wood};
 
@@ -88,7 +89,7 @@ fn room(glb: &mut Glb) -> Result<(), ImageError> {
 
 /// From the beam's own axis (+y, fulcrum at 0) to where it hangs.
 fn along_beam(mesh: Mesh) -> Mesh {
-    mesh.turned(DQuat::from_rotation_z(TILT - PI / 2.0)).translated(FULCRUM)
+    mesh.rotated(DQuat::from_rotation_z(TILT - PI / 2.0)).translated(FULCRUM)
 }
 
 fn on_beam(distance: f64) -> DVec3 {
@@ -123,16 +124,16 @@ fn bismar(glb: &mut Glb, brass: usize, iron: usize) {
 
     // The loop that slides along the beam, and the shackle above it.
     let turn = DQuat::from_rotation_z(PI / 2.0);
-    let ring = torus(0.0185, 0.0026, 40, 12).turned(turn).translated(FULCRUM + DVec3::Y * 0.0075);
+    let ring = torus(0.0185, 0.0026, 40, 12).rotated(turn).translated(FULCRUM + DVec3::Y * 0.0075);
     glb.object("fulcrum loop", &ring, iron);
-    let link = torus(0.0145, 0.0022, 36, 12).turned(DQuat::from_rotation_x(PI / 2.0));
+    let link = torus(0.0145, 0.0022, 36, 12).rotated(DQuat::from_rotation_x(PI / 2.0));
     glb.object("shackle", &link.translated(FULCRUM + DVec3::Y * 0.0365), iron);
 }
 
 /// Hook, cords, pan and candle.
 fn load(glb: &mut Glb, brass: usize, iron: usize) {
     let neck = on_beam(LOAD_ARM);
-    let ring = torus(0.0125, 0.0018, 32, 10).turned(DQuat::from_rotation_z(PI / 2.0 + 0.12));
+    let ring = torus(0.0125, 0.0018, 32, 10).rotated(DQuat::from_rotation_z(PI / 2.0 + 0.12));
     glb.object("load ring", &ring.translated(neck - DVec3::Y * 0.007), iron);
     let top = neck - DVec3::Y * 0.0195;
     let hook = [
@@ -242,7 +243,7 @@ fn stand(glb: &mut Glb, iron: usize) {
 }
 
 fn weights_on_a_book(glb: &mut Glb, brass: usize) {
-    let place = |mesh: Mesh| mesh.turned(DQuat::from_rotation_y(0.24)).translated(dvec3(-0.285, 0.0, 0.0));
+    let place = |mesh: Mesh| mesh.rotated(DQuat::from_rotation_y(0.24)).translated(dvec3(-0.285, 0.0, 0.0));
     let leather = glb.material(&Material::dielectric("oxblood leather", [0.135, 0.020, 0.016], 0.38));
     let paper = glb.material(&Material::dielectric("paper", [0.66, 0.57, 0.42], 0.9));
     let (wide, thick, deep) = (0.205, 0.036, 0.145);
@@ -347,7 +348,7 @@ fn lemons_and_coins(glb: &mut Glb) {
         let lump = 1.0 + 0.018 * (3.0 * around + 90.0 * p.y).sin() + 0.010 * (5.0 * around - 150.0 * p.y).sin();
         *p *= dvec3(lump, 1.0, lump);
     }
-    let lemon = glb.geometry(&lemon.smoothed());
+    let lemon = glb.geometry(&smoothed(lemon));
     let lemon = glb.mesh("lemon", &[(&lemon, peel)]);
     for (x, z, y, turn, size) in [(0.325, 0.055, 0.0288, 0.5, 1.0), (0.405, 0.005, 0.0268, -0.75, 0.93)] {
         let rotation = DQuat::from_rotation_y(turn) * DQuat::from_rotation_z(PI / 2.0 + 0.06);

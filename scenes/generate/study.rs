@@ -29,7 +29,7 @@ fn room(width: f64, height: f64, depth: f64) -> [Mesh; 5] {
 }
 
 fn block(size: DVec3, base: DVec3, turn: f64) -> Mesh {
-    cuboid(size).turned(DQuat::from_rotation_y(turn)).translated(base + DVec3::Y * size.y / 2.0)
+    cuboid(size).rotated(DQuat::from_rotation_y(turn)).translated(base + DVec3::Y * size.y / 2.0)
 }
 
 /// A room with sun and sky through one window and a lamp at the far wall: three techniques.

@@ -1,4 +1,4 @@
-//! Frames of a sequence: which ones, and where their numbers stand in names.
+//! Frames of a sequence, and frame numbers in file names.
 
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -11,33 +11,33 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-use super::file::Job;
+use super::job::Job;
 use crate::Error;
 
-/// Numbers of frames, each once, in the order in which they are rendered; at least one.
+/// Frame numbers in the order in which they are rendered; at least one, none twice. Text form: `1-240x2,250`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
 pub struct Frames(Vec<u32>);
 
-/// More frames in one sequence are taken for a mistake.
-const MOST: usize = 100_000;
-/// Likewise, higher numbers.
-const HIGHEST: u32 = 9_999_999;
-/// Files of a job whose names hold the frame's number, besides its picture.
-const WRITTEN: [&str; 2] = ["preview", "stats"];
+/// Most frames of a sequence; more are assumed to be a mistake.
+const MAX_FRAMES: usize = 100_000;
+/// Largest frame number; larger ones are assumed to be a mistake.
+const MAX_FRAME_NUMBER: u32 = 9_999_999;
+/// Output flags, besides the picture, whose file names hold the frame number.
+const OTHER_OUTPUTS: [&str; 2] = ["preview", "stats"];
 
 impl Frames {
-    /// Their numbers.
+    /// Frame numbers.
     pub fn numbers(&self) -> &[u32] {
         &self.0
     }
 
-    /// So many at a time.
+    /// Splits the frames into sequences of at most `each`.
     pub fn chunks(&self, each: usize) -> impl Iterator<Item = Self> {
         self.0.chunks(each.max(1)).map(|numbers| Self(numbers.to_vec()))
     }
 
-    /// Numbers as ranges, with `by` before a step that is not 1.
+    /// Text of frame numbers as ranges, with `by` before a step other than 1.
     pub fn text_of(numbers: &[u32], by: char) -> String {
         let range = |[first, last, step]: [u32; 3]| match (first == last, step) {
             (true, _) => first.to_string(),
@@ -47,7 +47,7 @@ impl Frames {
         Self::ranges_of(numbers).into_iter().map(range).collect::<Vec<_>>().join(",")
     }
 
-    /// First, last and step of each row of equal steps.
+    /// First, last and step of each arithmetic progression.
     fn ranges_of(numbers: &[u32]) -> Vec<[u32; 3]> {
         let mut ranges: Vec<[u32; 3]> = Vec::new();
         for &n in numbers {
@@ -58,7 +58,7 @@ impl Frames {
                 _ => ranges.push([n, n, 1]),
             }
         }
-        // Two make no row, unless they are neighbours.
+        // Two numbers are a range only if they are consecutive.
         let pair = |[first, last, step]: &[u32; 3]| step > &1 && last - first == *step;
         ranges
             .into_iter()
@@ -73,9 +73,9 @@ impl FromStr for Frames {
     fn from_str(text: &str) -> Result<Self, String> {
         let number = |text: &str, what: &str| {
             let digits = !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
-            let number = if digits { text.parse().ok().filter(|n| *n <= HIGHEST) } else { None };
+            let number = if digits { text.parse().ok().filter(|n| *n <= MAX_FRAME_NUMBER) } else { None };
             number.ok_or(format!(
-                "'{text}' is no {what}: whole numbers from 0 to {HIGHEST}, as in 1-240, 1-240x2 or 7,12,40-44"
+                "'{text}' is not a {what}: whole numbers from 0 to {MAX_FRAME_NUMBER}, as in 1-240, 1-240x2 or 7,12,40-44"
             ))
         };
         let (mut frames, mut seen) = (Vec::new(), BTreeSet::new());
@@ -95,8 +95,8 @@ impl FromStr for Frames {
             if last < first {
                 return Err(format!("'{item}' ends before it begins; write {last}-{first}"));
             }
-            if frames.len() + ((last - first) / step) as usize >= MOST {
-                return Err(format!("'{text}' is more than {MOST} frames"));
+            if frames.len() + ((last - first) / step) as usize >= MAX_FRAMES {
+                return Err(format!("'{text}' is more than {MAX_FRAMES} frames"));
             }
             for frame in (first..=last).step_by(step as usize) {
                 if !seen.insert(frame) {
@@ -129,9 +129,9 @@ impl TryFrom<String> for Frames {
     }
 }
 
-/// Where a frame's number first stands in a name, and how many digits it has at least: the first `{frame}` or `{frame:04}`,
-/// else the last row of `#`.
-fn place(name: &[u8]) -> Option<(Range<usize>, usize)> {
+/// Byte range of the first placeholder for the frame number in a name, and its minimum number of digits: the first `{frame}`
+/// or `{frame:04}`, else the last run of `#`.
+fn placeholder(name: &[u8]) -> Option<(Range<usize>, usize)> {
     const OPEN: &[u8] = b"{frame";
     for start in 0..name.len() {
         let Some(rest) = name[start..].strip_prefix(OPEN) else { continue };
@@ -150,7 +150,7 @@ fn place(name: &[u8]) -> Option<(Range<usize>, usize)> {
 
 fn numbered_bytes(name: &[u8], frame: u32) -> Option<Vec<u8>> {
     let (mut name, mut found) = (name.to_vec(), false);
-    while let Some((range, digits)) = place(&name) {
+    while let Some((range, digits)) = placeholder(&name) {
         let last = name[range.start] == b'#';
         name.splice(range, format!("{frame:0digits$}").into_bytes());
         found = true;
@@ -161,31 +161,31 @@ fn numbered_bytes(name: &[u8], frame: u32) -> Option<Vec<u8>> {
     found.then_some(name)
 }
 
-/// A name with a frame's number wherever it has a place for it (every `{frame:04}`, the last row of `#`); `None` if it has
-/// none.
+/// The name with the frame number in place of every `{frame:04}` and of the last run of `#`; `None` if it has no
+/// placeholder.
 pub fn numbered_name(name: &str, frame: u32) -> Option<String> {
     numbered_bytes(name.as_bytes(), frame).and_then(|bytes| String::from_utf8(bytes).ok())
 }
 
-/// As [`numbered_name`], of a path, whose folders hold no frame's number.
+/// The path with the frame number in its file name (see [`numbered_name`]); folders have no placeholders.
 pub fn numbered(path: &Path, frame: u32) -> Option<PathBuf> {
     let name = numbered_bytes(path.file_name()?.as_bytes(), frame)?;
     Some(path.with_file_name(OsString::from_vec(name)))
 }
 
-/// The frame whose number stands in this name, where the pattern has its place.
+/// The frame number that `name` has where `pattern` has its placeholder.
 pub fn number_of(pattern: &Path, name: &Path) -> Option<u32> {
-    let (start, bytes) = (place(pattern.file_name()?.as_bytes())?.0.start, name.file_name()?.as_bytes());
+    let (start, bytes) = (placeholder(pattern.file_name()?.as_bytes())?.0.start, name.file_name()?.as_bytes());
     let digits = bytes.get(start..)?.iter().take_while(|b| b.is_ascii_digit()).count();
-    // Digits may go on behind the place: the longest number that gives this very name is meant.
+    // Digits may follow the placeholder: the longest number that gives this name is the frame.
     let number = |end: usize| std::str::from_utf8(&bytes[start..end]).ok()?.parse().ok();
     (start + 1..=start + digits).rev().filter_map(number).find(|&n| numbered(pattern, n).as_deref() == Some(name))
 }
 
-/// Numbers of the frames whose files are there under such a name, in order.
+/// Numbers of the frames whose files exist, ascending.
 ///
 /// # Errors
-/// As the folder's system says.
+/// [`Error::reading`] of the folder.
 pub fn present(pattern: &Path) -> Result<Vec<u32>, Error> {
     let folder = pattern.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let entries = fs::read_dir(folder).map_err(|e| Error::reading(folder, &e))?;
@@ -195,37 +195,37 @@ pub fn present(pattern: &Path) -> Result<Vec<u32>, Error> {
     Ok(numbers)
 }
 
-/// A name with a place for a frame's number, at its end if it has none.
-pub fn with_place(name: String) -> String {
-    if place(name.as_bytes()).is_some() { name } else { name + ".####" }
+/// The name with a placeholder for the frame number, appended if it has none.
+pub fn with_placeholder(name: String) -> String {
+    if placeholder(name.as_bytes()).is_some() { name } else { name + ".####" }
 }
 
-/// A job for each frame of one with `frames`; a job without them, as it is.
+/// Splits a job with `frames` into one job per frame; returns other jobs unchanged.
 ///
 /// # Errors
-/// The flag, and what is wrong with it.
+/// A flag and what is wrong with it.
 pub fn split(job: Job) -> Result<Vec<Job>, (String, String)> {
     let Some(at) = job.flags.iter().position(|(name, _)| name == "frames") else { return Ok(vec![job]) };
     let mut job = job;
     let (flag, text) = job.flags.remove(at);
     let frames: Frames = text.unwrap_or_default().parse().map_err(|why| (flag.clone(), format!("`frames`: {why}")))?;
-    let own_seeds = job.flags.iter().any(|(name, _)| name == "seed-per-frame");
-    let no_place = |name: &str, file: &Path| {
+    let has_seed_flag = job.flags.iter().any(|(name, _)| name == "seed-per-frame");
+    let no_placeholder = |name: &str, file: &Path| {
         let why =
             format!("{} names one file for all frames; write their number as #### or {{frame:04}}", file.display());
         (name.to_owned(), format!("`{name}`: {why}"))
     };
     let one = |&frame: &u32| -> Result<Job, (String, String)> {
         let mut one = job.clone();
-        one.name = numbered_name(&with_place(job.name.clone()), frame).unwrap_or_default();
-        one.output = numbered(&job.output, frame).ok_or_else(|| no_place("output", &job.output))?;
-        for (name, value) in one.flags.iter_mut().filter(|(name, _)| WRITTEN.contains(&name.as_str())) {
+        one.name = numbered_name(&with_placeholder(job.name.clone()), frame).unwrap_or_default();
+        one.output = numbered(&job.output, frame).ok_or_else(|| no_placeholder("output", &job.output))?;
+        for (name, value) in one.flags.iter_mut().filter(|(name, _)| OTHER_OUTPUTS.contains(&name.as_str())) {
             let Some(file) = value else { continue };
-            let path = numbered(Path::new(&file), frame).ok_or_else(|| no_place(name, Path::new(&file)))?;
+            let path = numbered(Path::new(&file), frame).ok_or_else(|| no_placeholder(name, Path::new(&file)))?;
             *file = path.to_string_lossy().into_owned();
         }
         one.flags.push(("frame".into(), Some(frame.to_string())));
-        if !own_seeds {
+        if !has_seed_flag {
             one.flags.push(("seed-per-frame".into(), Some("true".into())));
         }
         Ok(one)
@@ -260,21 +260,21 @@ mod tests {
     #[test]
     fn what_is_no_frames_says_why() {
         for (text, why) in [
-            ("", "is no frame"),
-            ("1-1e9", "is no frame"),
-            ("1-1000000000", "is no frame"),
+            ("", "is not a frame"),
+            ("1-1e9", "is not a frame"),
+            ("1-1000000000", "is not a frame"),
             ("0-9999999", "more than"),
             ("5-1", "write 1-5"),
             ("1-5x0", "1 or more"),
             ("5x2", "belongs to a range"),
-            ("-3", "is no frame"),
-            ("1--3", "is no frame"),
-            ("+1", "is no frame"),
-            ("1.5", "is no frame"),
-            ("1,,2", "is no frame"),
+            ("-3", "is not a frame"),
+            ("1--3", "is not a frame"),
+            ("+1", "is not a frame"),
+            ("1.5", "is not a frame"),
+            ("1,,2", "is not a frame"),
             ("1-5,3", "frame 3 twice"),
-            ("١", "is no frame"),
-            ("1-5x2x2", "is no step"),
+            ("١", "is not a frame"),
+            ("1-5x2x2", "is not a step"),
         ] {
             let refused = text.parse::<Frames>().unwrap_err();
             assert!(refused.contains(why), "{text}: {refused}");
@@ -303,6 +303,6 @@ mod tests {
         for (pattern, name) in [("a.##.png", "a.7.png"), ("a.#.png", "a.07.png"), ("a.#.png", "b.7.png"), ("a", "a")] {
             assert_eq!(of(pattern, name), None, "{pattern} {name}");
         }
-        assert_eq!((with_place("hall".into()), with_place("h#".into())), ("hall.####".into(), "h#".into()));
+        assert_eq!((with_placeholder("hall".into()), with_placeholder("h#".into())), ("hall.####".into(), "h#".into()));
     }
 }

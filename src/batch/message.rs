@@ -1,55 +1,56 @@
-//! What a batch and the processes that work for it say to each other: an order on their standard input, messages on their
-//! standard output, one JSON object a line.
+//! Messages between a batch and its worker processes: a [`JobMessage`] on a worker's standard input, [`Message`]s on its
+//! standard output, one JSON object per line.
 
 use std::ffi::OsString;
 
 use serde::{Deserialize, Serialize};
 
-use super::file::Job;
+use super::job::Job;
 use super::report::Entry;
 use crate::render::Progress;
 
-/// What a process is to do.
+/// The jobs that a worker process renders.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct JobMessage {
-    /// In this order.
+    /// Jobs, in the order in which they begin.
     pub jobs: Vec<Job>,
     /// Files that the batch itself writes.
     pub written: Vec<OsString>,
-    /// Jobs at a time.
+    /// Number of jobs at the same time.
     pub at_once: usize,
-    /// Threads of each.
+    /// Threads per job.
     pub threads: usize,
 }
 
-/// What happens there; jobs are counted from 0 in the order.
+/// Progress of a worker process. Jobs are indices into [`JobMessage::jobs`].
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Message {
     /// A job begins.
     Begins(usize),
-    /// A job goes on.
-    Goes(usize, Progress),
+    /// A job has made progress.
+    #[serde(rename = "goes")]
+    Progress(usize, Progress),
     /// A job has ended.
     Ends(usize, Box<Ended>),
 }
 
 impl Message {
-    /// Of whom.
+    /// Index of the job.
     pub fn job(&self) -> usize {
         match self {
-            Message::Begins(job) | Message::Goes(job, _) | Message::Ends(job, _) => *job,
+            Message::Begins(job) | Message::Progress(job, _) | Message::Ends(job, _) => *job,
         }
     }
 }
 
-/// What has come of a job.
+/// Result of a job.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Ended {
-    /// For the report.
+    /// Entry of the report.
     pub entry: Entry,
-    /// For people, if there is anything to say.
+    /// Line of text for the terminal, if any.
     pub line: Option<String>,
-    /// Paths a pixel of a picture that was there before.
+    /// Paths per pixel of a picture that was finished before.
     pub before: Option<u32>,
 }

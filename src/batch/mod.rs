@@ -1,8 +1,9 @@
-//! Many renders from one file: what the file says ([`mod@file`]), a sequence's [`frames`], who works on what ([`order`],
-//! [`queue`]), what came of it ([`report`]).
+//! Many renders from one file: the [`mod@file`], its [`job`]s, the [`frames`] of a sequence, the messages between processes
+//! ([`message`]), the work [`queue`] and the [`report`].
 
 pub mod file;
 pub mod frames;
+pub mod job;
 pub mod message;
 pub mod queue;
 pub mod report;

@@ -1,11 +1,11 @@
-//! Workers over a list of jobs, and what jobs share.
+//! Work queue over a list of jobs, and a cache of what jobs share.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
-/// Calls `work` with 0, 1, … `jobs` − 1, each once and in this order, on so many threads.
+/// Calls `work` once with each of 0, 1, … `jobs` − 1, begun in this order, on `workers` threads.
 pub fn each(jobs: usize, workers: usize, work: &(dyn Fn(usize) + Sync)) {
     let next = AtomicUsize::new(0);
     thread::scope(|scope| {
@@ -23,19 +23,19 @@ pub fn each(jobs: usize, workers: usize, work: &(dyn Fn(usize) + Sync)) {
     });
 }
 
-/// Things that several jobs need: made when the first one asks, gone when the last one has had it.
+/// Values that several jobs share: made for the first job that needs them, dropped after the last.
 pub struct Cache<V> {
     slots: HashMap<String, Slot<V>>,
 }
 
 struct Slot<V> {
-    /// Jobs that have not had it yet.
+    /// Jobs that are not done with the value.
     left: AtomicUsize,
     value: Mutex<Option<Arc<V>>>,
 }
 
 impl<V> Cache<V> {
-    /// For jobs that will ask for these keys, each once.
+    /// A cache for jobs with these keys, one key per job.
     pub fn new(keys: impl Iterator<Item = String>) -> Self {
         let mut slots: HashMap<String, Slot<V>> = HashMap::new();
         for key in keys {
@@ -45,23 +45,27 @@ impl<V> Cache<V> {
         Self { slots }
     }
 
-    /// The thing, made by `make` if nobody has before; others who want it wait. A failure is each one's own.
+    /// The value of a key, made by `make` if necessary; other jobs that need it wait. After a failure the next job tries
+    /// again.
+    ///
+    /// # Errors
+    /// Those of `make`.
     pub fn get<E>(&self, key: &str, make: impl FnOnce() -> Result<V, E>) -> Result<Arc<V>, E> {
         let Some(slot) = self.slots.get(key) else { return make().map(Arc::new) };
-        // A panic of another's `make` leaves the slot empty, which is a state like any other.
+        // A panic in `make` leaves the slot empty, which is a valid state.
         let mut value = slot.value.lock().unwrap_or_else(PoisonError::into_inner);
         match &*value {
-            Some(there) => Ok(Arc::clone(there)),
+            Some(value) => Ok(Arc::clone(value)),
             None => Ok(Arc::clone(value.insert(Arc::new(make()?)))),
         }
     }
 
-    /// Jobs that have not done with it.
+    /// Number of jobs that are not done with the value.
     pub fn left(&self, key: &str) -> usize {
         self.slots.get(key).map_or(0, |slot| slot.left.load(Ordering::Acquire))
     }
 
-    /// One of the jobs has had it, or will never ask. Was it the last one?
+    /// Marks one job as done with the value; returns whether it was the last one.
     pub fn done(&self, key: &str) -> bool {
         let Some(slot) = self.slots.get(key) else { return false };
         let last = slot.left.fetch_sub(1, Ordering::AcqRel) == 1;

@@ -1,4 +1,4 @@
-//! What came of a batch: JSON report and table.
+//! The JSON report of a batch.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -6,19 +6,19 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::file::Job;
+use super::job::Job;
 
-/// What became of a job.
+/// Result of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Status {
     /// Rendered.
     Done,
-    /// There already.
+    /// Finished before this command.
     Before,
-    /// Something is wrong with it.
+    /// Ended with an error.
     Failed,
-    /// Stopped by a signal; what there is is saved.
+    /// Stopped by a signal; the picture so far is saved.
     Interrupted,
     /// Not begun.
     Pending,
@@ -27,26 +27,26 @@ pub enum Status {
 /// One job of the report.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Entry {
-    /// The job.
+    /// Name of the job.
     pub job: String,
-    /// As the file names it, relative to where the program ran.
+    /// Path of the scene, relative to the working directory of the command.
     pub scene: String,
-    /// As `scene`.
+    /// Path of the picture, relative to the working directory of the command.
     pub output: String,
-    /// What became of it.
+    /// Result.
     pub status: Status,
-    /// As `bismar render` would have exited.
+    /// Exit code that `bismar render` would have had.
     pub exit_code: u8,
-    /// What was wrong.
+    /// Error message.
     pub error: Option<String>,
     /// Wall seconds of the render, loading included.
     pub seconds: f64,
-    /// Of a render that ran to its end, as `render --stats` writes it (docs/stats.md).
+    /// Statistics of a finished render, as written by `render --stats` (docs/stats.md).
     pub stats: Option<Value>,
 }
 
 impl Entry {
-    /// Of a job that has not begun.
+    /// Entry of a job that has not begun.
     pub fn pending(job: &Job) -> Self {
         Self {
             job: job.name.clone(),
@@ -60,8 +60,8 @@ impl Entry {
         }
     }
 
-    /// Takes over what an earlier report says of the render, if the picture is still that one.
-    pub fn remember(&mut self, earlier: &Entry, paths: u32) {
+    /// Copies seconds and statistics from an earlier report, if that is about the same picture.
+    pub fn copy_earlier(&mut self, earlier: &Entry, paths: u32) {
         let same = earlier.output == self.output
             && earlier.stats.as_ref().is_some_and(|stats| stats["samples"]["pixel_min"] == paths);
         if same {
@@ -70,7 +70,7 @@ impl Entry {
     }
 }
 
-/// What a report that is there says of each job; nothing where there is none that can be read.
+/// Entries of an existing report by job name; empty if there is none that can be read.
 pub fn earlier(path: &Path) -> HashMap<String, Entry> {
     #[derive(Deserialize)]
     struct Earlier {
@@ -93,12 +93,12 @@ pub struct Report {
     failed: usize,
     interrupted: usize,
     pending: usize,
-    /// In the order of the file.
+    /// Entries in the order of the batch file.
     pub jobs: Vec<Entry>,
 }
 
 impl Report {
-    /// Counts; `exit_code` is [`worst`] of the jobs that the command was asked for.
+    /// A report; `exit_code` is [`worst`] of the jobs that this command included.
     pub fn new(file: String, seconds: f64, exit_code: u8, jobs: Vec<Entry>) -> Self {
         let count = |status| jobs.iter().filter(|j| j.status == status).count();
         Self {
@@ -117,7 +117,7 @@ impl Report {
     }
 }
 
-/// One line: how many of which.
+/// One line of text: number of jobs by status.
 pub fn summary(jobs: &[Entry], seconds: f64) -> String {
     let count = |status| jobs.iter().filter(|j| j.status == status).count();
     let counts = [
@@ -131,7 +131,8 @@ pub fn summary(jobs: &[Entry], seconds: f64) -> String {
     format!("{} jobs: {} in {seconds:.1} s", jobs.len(), some.collect::<Vec<_>>().join(", "))
 }
 
-/// 75 when anything was interrupted, for then the same command again goes on; else the highest code of a job.
+/// Exit code of a batch: 75 if anything is unfinished, because the same command then continues; else the highest of its
+/// jobs.
 pub fn worst(jobs: &[Entry]) -> u8 {
     let unfinished = |j: &Entry| matches!(j.status, Status::Interrupted | Status::Pending);
     if jobs.iter().any(unfinished) { 75 } else { jobs.iter().map(|j| j.exit_code).max().unwrap_or(0) }

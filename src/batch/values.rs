@@ -1,22 +1,56 @@
-//! The values of a batch file's tables, as the command line has them.
+//! Values of a batch file's tables, converted to values of command line flags.
 
 use std::borrow::Cow;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::file::{At, Flag, Reader, position};
+/// Kind of a flag in a batch file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Flag {
+    /// A value.
+    Value,
+    /// Several values with this separator; a list in the file.
+    List(char),
+    /// The path of a file.
+    File,
+    /// The path of a file that is read; in a matrix it may have wildcards.
+    Input,
+    /// A switch: given or not.
+    Switch,
+    /// A boolean value.
+    Choice,
+}
 
-/// A key's values, and where it stands.
+/// Result with an error of the file: byte of the text, and message.
+pub type FileResult<T> = std::result::Result<T, (usize, String)>;
+
+/// Line and column, from 1, of a byte of the text.
+pub fn position(text: &str, byte: usize) -> (usize, usize) {
+    let before = text.get(..byte).unwrap_or(text);
+    let line = before.rfind('\n').map_or(before, |at| &before[at + 1..]);
+    (before.matches('\n').count() + 1, line.chars().count() + 1)
+}
+
+/// A batch file that is being read.
+pub struct Reader<'a> {
+    pub text: &'a str,
+    pub folder: &'a Path,
+    pub flags: &'a HashMap<String, Flag>,
+}
+
+/// A key of a table, with its values.
 #[derive(Debug, Clone)]
 pub struct Setting {
     pub key: String,
-    /// More than one in a matrix. For switches `None` means on and `Some("")` off.
+    /// Several in a matrix. For switches, `None` is on and `Some("")` off.
     pub values: Vec<Option<String>>,
+    /// Whether the values are a list (or wildcards) of a matrix.
     pub listed: bool,
-    /// Line and column.
-    pub place: (usize, usize),
+    /// Line and column in the file, from 1.
+    pub location: (usize, usize),
 }
 
 /// A table's entries in the order of the file.
@@ -26,15 +60,15 @@ pub fn sorted<'a, 'b>(table: &'a DeTable<'b>) -> Vec<(&'a Spanned<Cow<'b, str>>,
     entries
 }
 
-/// A table's values; with `several`, as in a matrix, a list of them is a choice.
+/// The keys of a table. With `several`, as in a matrix, a list holds alternatives.
 ///
 /// # Errors
-/// The byte, and what is wrong there.
-pub fn settings(reader: &Reader, table: &DeTable, several: bool) -> At<Vec<Setting>> {
+/// A value that the flag does not take.
+pub fn settings(reader: &Reader, table: &DeTable, several: bool) -> FileResult<Vec<Setting>> {
     sorted(table).into_iter().map(|(key, value)| setting(reader, key, value, several)).collect()
 }
 
-fn setting(reader: &Reader, key: &Spanned<Cow<str>>, value: &Spanned<DeValue>, several: bool) -> At<Setting> {
+fn setting(reader: &Reader, key: &Spanned<Cow<str>>, value: &Spanned<DeValue>, several: bool) -> FileResult<Setting> {
     let name = key.get_ref().to_string();
     let wrong = |why: String| Err((value.span().start, why));
     let kind = match (name.as_str(), reader.flags.get(&name)) {
@@ -50,15 +84,17 @@ fn setting(reader: &Reader, key: &Spanned<Cow<str>>, value: &Spanned<DeValue>, s
     };
     let one = |item| one(reader, &name, kind, item);
     let (values, listed) = match value.get_ref() {
-        DeValue::Array(items) if items.is_empty() => return wrong(format!("`{name}` lists nothing")),
+        DeValue::Array(items) if items.is_empty() => return wrong(format!("`{name}` is an empty list")),
         DeValue::Array(items) if several => {
             if let Flag::List(_) = kind
                 && matches!(items[0].get_ref(), DeValue::Integer(_))
             {
                 let written = reader.text.get(value.span()).unwrap_or_default();
-                return wrong(format!("a list in a [[matrix]] is a choice: write `{name}` = [{written}]"));
+                return wrong(format!(
+                    "a list in a [[matrix]] is a list of alternatives: write `{name}` = [{written}]"
+                ));
             }
-            (items.iter().map(one).collect::<At<Vec<_>>>()?.concat(), true)
+            (items.iter().map(one).collect::<FileResult<Vec<_>>>()?.concat(), true)
         }
         DeValue::Array(_) if !matches!(kind, Flag::List(_)) => {
             return wrong(format!("`{name}` is a list; only a [[matrix]] has lists"));
@@ -67,32 +103,32 @@ fn setting(reader: &Reader, key: &Spanned<Cow<str>>, value: &Spanned<DeValue>, s
             let values = one(value)?;
             let many = kind == Flag::Input && values.iter().flatten().any(|file| Some(file.as_str()) != text(value));
             if many && !several {
-                return wrong(format!("`{name}` has wildcards; only a [[matrix]] has several"));
+                return wrong(format!("`{name}` has wildcards, which only a [[matrix]] may have"));
             }
             (values, many)
         }
     };
-    Ok(Setting { key: name, values, listed, place: position(reader.text, key.span().start) })
+    Ok(Setting { key: name, values, listed, location: position(reader.text, key.span().start) })
 }
 
 fn text<'a>(value: &'a Spanned<DeValue>) -> Option<&'a str> {
     if let DeValue::String(text) = value.get_ref() { Some(text) } else { None }
 }
 
-/// A value as the command line has it; of wildcards, all files.
-fn one(reader: &Reader, name: &str, kind: Flag, value: &Spanned<DeValue>) -> At<Vec<Option<String>>> {
+/// A value of a flag; several for wildcards.
+fn one(reader: &Reader, name: &str, kind: Flag, value: &Spanned<DeValue>) -> FileResult<Vec<Option<String>>> {
     let control = |text: &str| (value.span().start, format!("`{name}` holds a control character: {text:?}"));
     match (kind, value.get_ref()) {
         (_, DeValue::String(text)) if text.contains(char::is_control) => Err(control(text)),
         (Flag::List(between), DeValue::Array(items)) if !items.is_empty() => {
-            let items: At<Vec<_>> = items.iter().map(|item| scalar(reader, name, Flag::Value, item)).collect();
+            let items: FileResult<Vec<_>> = items.iter().map(|item| scalar(reader, name, Flag::Value, item)).collect();
             let items: Vec<_> = items?.into_iter().flatten().collect();
             Ok(vec![Some(items.join(&between.to_string()))])
         }
         (Flag::Input, DeValue::String(pattern)) => {
             let files =
                 files(reader.folder, pattern).map_err(|why| (value.span().start, format!("`{name}`: {why}")))?;
-            // Also what wildcards find is a name.
+            // Files that wildcards find may have control characters in their names.
             let fine =
                 |file: String| if file.contains(char::is_control) { Err(control(&file)) } else { Ok(Some(file)) };
             files.into_iter().map(fine).collect()
@@ -101,8 +137,8 @@ fn one(reader: &Reader, name: &str, kind: Flag, value: &Spanned<DeValue>) -> At<
     }
 }
 
-fn scalar(reader: &Reader, name: &str, kind: Flag, value: &Spanned<DeValue>) -> At<Option<String>> {
-    let wanted = |what: &str| Err((value.span().start, format!("`{name}` wants {what}")));
+fn scalar(reader: &Reader, name: &str, kind: Flag, value: &Spanned<DeValue>) -> FileResult<Option<String>> {
+    let wanted = |what: &str| Err((value.span().start, format!("`{name}` takes {what}")));
     match (kind, value.get_ref()) {
         (Flag::Switch, DeValue::Boolean(true)) => Ok(None),
         (Flag::Switch, DeValue::Boolean(false)) => Ok(Some(String::new())),
@@ -113,23 +149,23 @@ fn scalar(reader: &Reader, name: &str, kind: Flag, value: &Spanned<DeValue>) -> 
         }
         (_, DeValue::String(text)) => Ok(Some(text.to_string())),
         (Flag::Value | Flag::List(_), DeValue::Integer(_) | DeValue::Float(_)) => {
-            // As it is written: 1e-3 stays that.
+            // The text as written, so that 1e-3 stays 1e-3.
             Ok(reader.text.get(value.span()).map(|t| t.replace('_', "")))
         }
-        (Flag::File | Flag::Input, _) => wanted("the name of a file, in quotes"),
+        (Flag::File | Flag::Input, _) => wanted("a file name in quotes"),
         _ => wanted("a number or text in quotes"),
     }
 }
 
-/// What a file's name with `*`, `?` or `[…]` stands for, in alphabetical order, relative to `folder` as it is; a name
-/// without them, and one that a file really has, for itself.
+/// Expands the wildcards `*`, `?` and `[…]` of a file name, in alphabetical order, relative to `folder`. A name without
+/// wildcards, or of an existing file, stays as it is.
 fn files(folder: &Path, pattern: &str) -> Result<Vec<String>, String> {
     if !pattern.contains(['*', '?', '[']) || folder.join(pattern).exists() {
         return Ok(vec![pattern.to_owned()]);
     }
     let here = glob::Pattern::escape(&folder.to_string_lossy());
     let all = Path::new(&here).join(pattern);
-    let found = glob::glob(&all.to_string_lossy()).map_err(|e| format!("its wildcards cannot be used: {}", e.msg))?;
+    let found = glob::glob(&all.to_string_lossy()).map_err(|e| format!("invalid wildcards: {}", e.msg))?;
     let relative = |file: PathBuf| file.strip_prefix(folder).unwrap_or(&file).to_string_lossy().into_owned();
     let files: Vec<_> = found.filter_map(Result::ok).map(relative).collect();
     if files.is_empty() { Err(format!("no file is called '{pattern}'")) } else { Ok(files) }

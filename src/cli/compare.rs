@@ -1,79 +1,60 @@
 //! `bismar compare A B`
 
+mod difference;
 mod page;
+mod report;
 mod sequence;
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use serde::Serialize;
 
 use crate::console::args::not_negative;
 use crate::console::{Paths, Verdict, print, print_json, say};
-use crate::film::compare::{Comparison, REL_MSE_EPSILON, compare, in_common};
-use crate::film::{Picture, atomic, exr_file, preview};
+use crate::film::compare::{Comparison, compare, in_common};
+use crate::film::{Picture, atomic};
 use crate::{Error, Result};
+use difference::write_difference;
+use report::{Pair, Report, and_more, overview, short, table, write_csv};
 
-/// Compare a picture with a reference: relMSE, RMSE, MAE, FLIP, bias, and z where both carry variance.
+/// Compare a picture with a reference: relMSE, RMSE, MAE, FLIP, bias, and its z if both have variance.
 ///
-/// Pictures are OpenEXR, Radiance HDR, PNG or JPEG; a crop is compared with its part of the whole. Of two folders, pictures
-/// of the same name are compared; of two sequences, as in a.####.exr, frames of the same number.
+/// Pictures are OpenEXR, Radiance HDR, PNG or JPEG; a crop is compared with the same window of the other picture. For two
+/// folders, pictures of the same name are compared; for two sequences such as a.####.exr, frames of the same number.
 #[derive(Debug, Args)]
 pub struct CompareArgs {
-    /// The picture, or a folder of them, or a sequence: a name with the frame's number as #### or {frame:04}.
+    /// The picture, a folder of pictures, or a sequence: a name with the frame number as #### or {frame:04}.
     a: PathBuf,
-    /// The reference: what relMSE divides by, and what a bias is measured from.
+    /// The reference, against which relMSE and bias are measured.
     b: PathBuf,
-    /// Compare this layer of OpenEXR files, or one channel, as in albedo or depth.Z.
+    /// Layer or channel of OpenEXR files to compare, such as albedo or depth.Z.
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,
-    /// Print JSON; of folders, an array; of sequences, their frames and which is the worst.
+    /// Print JSON: for folders an array, for sequences the frames and the worst one.
     #[arg(long)]
     json: bool,
-    /// Write a row of numbers for each pair.
+    /// Write a table as CSV, with one row per pair.
     #[arg(long, value_name = "FILE.csv")]
     csv: Option<PathBuf>,
-    /// Exit with 1 if relMSE is beyond this, or A has a value that is not finite.
+    /// Exit with 1 if relMSE is larger than this, or A has values that are not finite.
     #[arg(long, value_name = "X", value_parser = not_negative)]
     max_relmse: Option<f64>,
-    /// Exit with 1 if mean FLIP is beyond this.
+    /// Exit with 1 if the mean FLIP error is larger than this.
     #[arg(long, value_name = "X", value_parser = not_negative)]
     max_flip: Option<f64>,
-    /// Exit with 1 if a channel's bias has |z| beyond this; both pictures must carry variance.
+    /// Exit with 1 if the bias of a channel has a larger |z| than this; both pictures need the variance AOV.
     #[arg(long, value_name = "X", value_parser = not_negative)]
     max_z: Option<f64>,
-    /// Write a picture of the difference: .png of |A - B| / sqrt(B^2 + 0.01) in false colours (black 0 to pale
-    /// yellow 1, green not finite), or .exr of A - B.
+    /// Write a picture of the difference: as .png, |A - B| / sqrt(B^2 + 0.01) in false colours (black 0 to pale yellow 1,
+    /// green not finite); as .exr, A - B.
     #[arg(long, value_name = "FILE")]
     diff: Option<PathBuf>,
-    /// Write a page with both pictures under a slider, and what people see of their difference (FLIP); of sequences, the
-    /// worst frame's, and the curve of their errors.
+    /// Write an HTML page with both pictures under a slider and their FLIP error map; for sequences, of the worst frame, with
+    /// a chart of the error over all frames.
     #[arg(long, value_name = "FILE.html")]
     page: Option<PathBuf>,
-}
-
-#[derive(Serialize)]
-struct Report<'a> {
-    a: &'a Path,
-    b: &'a Path,
-    reference: &'static str,
-    #[serde(flatten)]
-    comparison: &'a Comparison,
-    max_relmse: Option<f64>,
-    max_flip: Option<f64>,
-    max_z: Option<f64>,
-    within: bool,
-}
-
-/// Two pictures that were compared.
-struct Pair {
-    a: PathBuf,
-    b: PathBuf,
-    comparison: Comparison,
-    failures: Vec<String>,
 }
 
 pub fn run(args: &CompareArgs) -> Result<Verdict> {
@@ -159,7 +140,7 @@ fn one(args: &CompareArgs, a: PathBuf, b: PathBuf) -> Result<Pair> {
     Ok(Pair { a, b, comparison, failures })
 }
 
-/// Two pictures, as far as they show the same place, and how they compare.
+/// Opens two pictures, crops them to their common window, and compares them.
 fn both(args: &CompareArgs, a: &Path, b: &Path) -> Result<(Comparison, Picture, Picture)> {
     let unlike = |why: String| Error::Data(format!("{} and {}: {why}", a.display(), b.display()));
     let layer = args.layer.as_deref();
@@ -168,7 +149,7 @@ fn both(args: &CompareArgs, a: &Path, b: &Path) -> Result<(Comparison, Picture, 
     Ok((compare(&first, &second).map_err(unlike)?, first, second))
 }
 
-/// Pictures of the first folder that have a namesake in the second, by name.
+/// Pictures that exist under the same name in both folders, by name.
 fn same_names(a: &Path, b: &Path) -> Result<Vec<(PathBuf, PathBuf)>> {
     let names = |folder: &Path| -> Result<BTreeSet<_>> {
         let entries = fs::read_dir(folder).map_err(|e| Error::reading(folder, &e))?;
@@ -193,46 +174,10 @@ fn same_names(a: &Path, b: &Path) -> Result<Vec<(PathBuf, PathBuf)>> {
     Ok(both)
 }
 
-fn and_more(n: usize) -> String {
-    if n == 0 { String::new() } else { format!(" and {n} more") }
-}
-
-fn write_csv(path: &Path, reports: &[Report]) -> Result<()> {
-    let quoted = |path: &Path| format!("\"{}\"", path.display().to_string().replace('"', "\"\""));
-    atomic::write(path, |file| {
-        writeln!(file, "a,b,width,height,rel_mse,rmse,mae,flip,bias_r,bias_g,bias_b,z_r,z_g,z_b,within")?;
-        for report in reports {
-            let c = report.comparison;
-            let [r, g, b] = c.bias;
-            // Without variance there is no z.
-            let z = c
-                .statistics
-                .as_ref()
-                .map_or([String::new(), String::new(), String::new()], |s| s.bias_z.map(|z| z.to_string()));
-            writeln!(
-                file,
-                "{},{},{},{},{},{},{},{},{r},{g},{b},{},{}",
-                quoted(report.a),
-                quoted(report.b),
-                c.width,
-                c.height,
-                c.rel_mse,
-                c.rmse,
-                c.mae,
-                c.flip,
-                z.join(","),
-                report.within
-            )?;
-        }
-        Ok(Ok(()))
-    })
-}
-
 fn failures(args: &CompareArgs, comparison: &Comparison) -> Result<Vec<String>> {
     let mut failures = Vec::new();
     let beyond = |value: f64, most: f64| value.is_nan() || value > most;
     if let Some(most) = args.max_relmse {
-        // NaN is beyond everything.
         if beyond(comparison.rel_mse, most) {
             failures.push(format!("relMSE {} is beyond {most}", short(comparison.rel_mse)));
         }
@@ -246,8 +191,7 @@ fn failures(args: &CompareArgs, comparison: &Comparison) -> Result<Vec<String>> 
     if let Some(most) = args.max_z {
         let Some(statistics) = &comparison.statistics else {
             return Err(Error::Data(
-                "--max-z: both pictures must carry variance (channels variance.R, .G, .B): render with --aov variance"
-                    .into(),
+                "--max-z: both pictures need variance (channels variance.R, .G, .B): render with --aov variance".into(),
             ));
         };
         for (z, channel) in statistics.bias_z.iter().zip(["R", "G", "B"]) {
@@ -259,84 +203,6 @@ fn failures(args: &CompareArgs, comparison: &Comparison) -> Result<Vec<String>> 
     Ok(failures)
 }
 
-fn short(x: f64) -> String {
-    if x == 0.0 || (1e-3..1e4).contains(&x.abs()) { format!("{x:.4}") } else { format!("{x:.3e}") }
-}
-
-/// A line for each pair.
-fn overview(pairs: &[Pair]) -> String {
-    let mut text = format!("{:>12}{:>12}{:>12}{:>12}  picture\n", "relMSE", "RMSE", "MAE", "FLIP");
-    for Pair { a, comparison: c, .. } in pairs {
-        let [rel_mse, rmse, mae, flip] = [c.rel_mse, c.rmse, c.mae, c.flip].map(short);
-        let name = a.file_name().unwrap_or_default().display();
-        text += &format!("{rel_mse:>12}{rmse:>12}{mae:>12}{flip:>12}  {name}\n");
-    }
-    text.trim_end().to_owned()
-}
-
-fn table(Pair { a, b, comparison: c, .. }: &Pair) -> String {
-    let row = |name: &str, values: &[f64; 3]| {
-        format!("{name:<10}{:>12}{:>12}{:>12}\n", short(values[0]), short(values[1]), short(values[2]))
-    };
-    let mut text = format!("A  {}\nB  {}  (the reference)\n", a.display(), b.display());
-    text += &format!("{} x {} pixels\n\n", c.width, c.height);
-    if c.not_finite != [0, 0] {
-        text += &format!("not finite, left out: {} pixels of A, {} of B\n\n", c.not_finite[0], c.not_finite[1]);
-    }
-    for (name, value) in [("relMSE", c.rel_mse), ("RMSE", c.rmse), ("MAE", c.mae), ("FLIP", c.flip)] {
-        text += &format!("{name:<10}{:>12}\n", short(value));
-    }
-    text += &format!("\n{:<10}{:>12}{:>12}{:>12}\n", "", "R", "G", "B");
-    text += &row("mean of B", &c.reference_mean);
-    text += &row("bias A-B", &c.bias);
-    match &c.statistics {
-        None => text += "\nno z: not both pictures carry variance",
-        Some(s) => {
-            text += &row("z of bias", &s.bias_z);
-            let percent = |x: f64| format!("{:.3} %", x * 100.0);
-            text += &format!(
-                "\npixels' z  deviation {} (noise as estimated: 1), |z| > 3 in {} (normal: {})",
-                short(s.z_deviation),
-                percent(s.beyond_3),
-                percent(s.beyond_3_expected)
-            );
-            if let Some((z, [x, y])) = s.largest {
-                text += &format!(", largest {} at ({x}, {y})", short(z));
-            }
-        }
-    }
-    text
-}
-
 fn has_extension(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
-}
-
-fn write_difference(path: &Path, a: &Picture, b: &Picture) -> Result<()> {
-    let pairs = a.rgb.iter().zip(&b.rgb);
-    if has_extension(path, "exr") {
-        let signed = pairs.map(|(x, y)| std::array::from_fn(|c| x[c] - y[c])).collect::<Vec<_>>();
-        return exr_file::write_rgb(path, a.window, a.display, &signed);
-    }
-    let bytes = pairs.flat_map(|(x, y)| false_color(relative_difference(x, y)).map(preview::to_byte));
-    let [width, height] = a.size();
-    preview::write_rgb8(path, width as u32, height as u32, &bytes.collect::<Vec<_>>())
-}
-
-/// Root mean square over the channels of (a - b) / sqrt(b^2 + 0.01): a pixel's share of relMSE, rooted.
-fn relative_difference(a: &[f32; 3], b: &[f32; 3]) -> f32 {
-    let squares = a.iter().zip(b).map(|(a, b)| (a - b).powi(2) / (b * b + REL_MSE_EPSILON as f32));
-    (squares.sum::<f32>() / 3.0).sqrt()
-}
-
-/// Black over purple and orange to pale yellow; green for what is not finite.
-fn false_color(x: f32) -> [f32; 3] {
-    const STOPS: [[f32; 3]; 5] =
-        [[0.0, 0.0, 0.0], [0.34, 0.06, 0.43], [0.73, 0.21, 0.33], [0.98, 0.55, 0.04], [0.99, 1.0, 0.64]];
-    if !x.is_finite() {
-        return [0.0, 1.0, 0.0];
-    }
-    let t = x.clamp(0.0, 1.0) * 4.0;
-    let i = (t as usize).min(3);
-    std::array::from_fn(|c| STOPS[i][c] + (STOPS[i + 1][c] - STOPS[i][c]) * (t - i as f32))
 }

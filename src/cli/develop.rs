@@ -4,26 +4,27 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use crate::cli::flag_values::value_of;
 use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::film::{Exposure, Look, Picture, View, atomic, exr_file, preview};
 use crate::render::checkpoint::text;
 use crate::{Error, Result};
 
-/// Make a PNG of any OpenEXR or HDR picture, without rendering it again.
+/// Convert an OpenEXR or HDR picture to PNG with a view transform and an exposure.
 #[derive(Debug, Args)]
 pub struct DevelopArgs {
     /// The picture: .exr of any program, or .hdr.
     input: PathBuf,
-    /// Where the PNG goes [default: beside the picture, with .png].
+    /// Output PNG [default: the picture's name with .png, in the same folder].
     #[arg(short, long, value_name = "FILE.png")]
     output: Option<PathBuf>,
-    /// The view transform.
-    #[arg(long, value_enum, default_value_t = View::Agx)]
+    /// View transform.
+    #[arg(long, value_parser = value_of::<View>(), default_value = View::Agx.name())]
     view: View,
-    /// The exposure in stops, or auto: the log-mean of what is not dark becomes middle grey. It is printed.
+    /// Exposure in stops, or auto: the log-mean of all pixels that are not dark becomes middle grey. The value is printed.
     #[arg(long, value_name = "EV", default_value_t = Exposure::Auto, allow_negative_numbers = true)]
     exposure: Exposure,
-    /// Another layer than the beauty, or one channel, as in albedo or depth.Z.
+    /// Layer or channel to show instead of the beauty, such as albedo or depth.Z.
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,
 }
@@ -38,7 +39,7 @@ pub fn run(args: &DevelopArgs, verbosity: Verbosity) -> Result<Verdict> {
     paths.writes("-o", &output)?;
     atomic::check(&output)?;
     let picture = Picture::open(&args.input, args.layer.as_deref())?;
-    // Where bismar has written it, A says what is there; only a picture without its sky is meant to be laid over others.
+    // bismar always writes A; only pictures of --transparent are meant to be composited.
     let header = exr_file::read_header(&args.input).unwrap_or_default();
     let opaque = !header.is_empty() && text(&header, "bismar.background") != Some("transparent");
     let exposure = args.exposure.of(picture.rgb.iter().copied());

@@ -12,15 +12,15 @@ use std::path::{Path, PathBuf, absolute};
 use clap::{Args, Command, FromArgMatches, Subcommand, ValueEnum, ValueHint};
 
 use super::render::{RenderArgs, given};
-use crate::batch::file::Job;
-use crate::batch::frames::{split, with_place};
+use crate::batch::frames::{split, with_placeholder};
+use crate::batch::job::Job;
 use crate::cli::batch;
 use crate::console::{Verdict, print, print_json, say};
-use crate::farm::slurm::{self, Ask, Submitted, SubmittedArray, quoted};
+use crate::farm::slurm::{self, Submitted, SubmittedArray, TaskOptions, quoted};
 use crate::farm::{PLAN, Plan, Render, openjd, utf8};
 use crate::film::atomic;
 use crate::{Error, Result};
-use site::{Site, USUAL_ARRAY, sbatch};
+use site::{DEFAULT_ARRAY_SIZE, Site, sbatch};
 use status::StatusArgs;
 use task::TaskArgs;
 
@@ -38,58 +38,59 @@ enum FarmCommand {
     Task(TaskArgs),
 }
 
-/// What the plan is written for.
+/// Scheduler that the plan is written for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Format {
-    /// An array of tasks and merges that wait for them, submitted by sbatch.
+    /// Slurm: a job array of tasks and merges that depend on it, submitted with sbatch
     Slurm,
-    /// A job template of Open Job Description, to be given to something that runs these.
+    /// Open Job Description: a job template, to be submitted to a farm manager that runs these
     Openjd,
 }
 
-/// Submit a batch file or a scene, each picture in parts.
+/// Submit a batch file or a scene to a farm, with each picture in --parts parts.
 ///
-/// A sequence's frames (`frames` in the file, --frames for a scene) are tasks too, --chunk of them one after the other in
-/// each. Writes scripts, and later logs and parts, into a folder. The same command again submits again: tasks that are done
-/// say so and end, others go on from their last checkpoint.
+/// Frames of a sequence (`frames` in the file, --frames for a scene) are tasks as well, --chunk frames per task. Scripts,
+/// logs and parts are written to a folder. Running the same command again submits all tasks again: finished tasks end at
+/// once, the others resume from their last checkpoint.
 #[derive(Debug, Args)]
 struct SubmitArgs {
     /// A batch file (.toml) or a scene (.gltf, .glb).
     input: PathBuf,
-    /// Parts of each picture, one task each.
+    /// Number of parts of each picture, one task per part.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     parts: u32,
-    /// Frames of a sequence in one task, one after the other.
+    /// Number of frames per task, rendered one after the other.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     chunk: u32,
-    /// For whom.
+    /// Scheduler to submit to.
     #[arg(long, value_enum, default_value_t = Format::Slurm)]
     format: Format,
-    /// Where scripts, logs and parts go; all machines must see it [default: the input's name with .farm, beside it].
+    /// Folder of scripts, logs and parts, which all machines must be able to access [default: the input's name with .farm, in
+    /// the same folder].
     #[arg(long, value_name = "DIR")]
     folder: Option<PathBuf>,
-    /// Show what would be written and submitted, and do nothing.
+    /// Print what would be written and submitted, without doing it.
     #[arg(long)]
     dry_run: bool,
-    /// CPUs of a task.
+    /// CPUs per task (sbatch --cpus-per-task).
     #[arg(long, value_name = "N", help_heading = "Slurm")]
     cpus: Option<u32>,
-    /// Memory of a task, as in 4G.
+    /// Memory per task, such as 4G (sbatch --mem).
     #[arg(long, value_name = "SIZE", help_heading = "Slurm")]
     memory: Option<String>,
-    /// Minutes that a task may run before it is saved, requeued and goes on.
+    /// Time limit of a task in minutes, after which it is saved, requeued and resumed (sbatch --time).
     #[arg(long, value_name = "N", help_heading = "Slurm")]
     minutes: Option<u32>,
-    /// Begin a task that ran out of memory again, once, with half as much again.
+    /// Run a task that ran out of memory again, once, with 1.5 times as much.
     #[arg(long, help_heading = "Slurm")]
     retry_memory: bool,
-    /// Tasks at a time, at most.
+    /// Largest number of tasks at the same time.
     #[arg(long, value_name = "N", help_heading = "Slurm")]
     throttle: Option<u32>,
-    /// A further option of sbatch, as in --sbatch=--partition=night; may be repeated.
+    /// Additional option of sbatch, as in --sbatch=--partition=night; may be repeated.
     #[arg(long, value_name = "OPTION", allow_hyphen_values = true, help_heading = "Slurm")]
     sbatch: Vec<String>,
-    /// Flags of `bismar render` for a scene, after --.
+    /// Flags of `bismar render`, for a scene.
     #[arg(last = true, value_name = "RENDER FLAGS")]
     flags: Vec<OsString>,
 }
@@ -105,11 +106,11 @@ pub fn run(args: &FarmArgs) -> Result<Verdict> {
 fn submit(args: &SubmitArgs) -> Result<Verdict> {
     let is_batch = args.input.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
     let renders = match (is_batch, args.flags.is_empty()) {
-        (true, true) => of_batch(&args.input)?,
-        (true, false) => return Err(Error::Usage("a batch file says its flags itself: none may follow --".into())),
-        (false, _) => vec![of_scene(args)?],
+        (true, true) => renders_of_batch(&args.input)?,
+        (true, false) => return Err(Error::Usage("a batch file contains its flags: none may follow --".into())),
+        (false, _) => vec![render_of_scene(args)?],
     };
-    let folder = absolute_of(&args.folder.clone().unwrap_or_else(|| args.input.with_extension("farm")))?;
+    let folder = absolute_path(&args.folder.clone().unwrap_or_else(|| args.input.with_extension("farm")))?;
     let progress = if args.format == Format::Openjd { "openjd" } else { "plain" };
     let name = args.input.file_stem().unwrap_or_default().to_string_lossy();
     let mut plan = Plan::new(&name, &folder, &this_program()?, progress, &renders, (args.parts, args.chunk))?;
@@ -120,23 +121,23 @@ fn submit(args: &SubmitArgs) -> Result<Verdict> {
     }
 }
 
-fn of_batch(path: &Path) -> Result<Vec<Render>> {
+fn renders_of_batch(path: &Path) -> Result<Vec<Render>> {
     let command = RenderArgs::augment_args(Command::new("render"));
     let one = |job: Job| {
         let flags = absolute_flags(&command, job.flags)?;
-        Ok(Render { name: job.name, scene: absolute_of(&job.scene)?, output: absolute_of(&job.output)?, flags })
+        Ok(Render { name: job.name, scene: absolute_path(&job.scene)?, output: absolute_path(&job.output)?, flags })
     };
     let jobs = batch::read(path)?;
-    // Checked frame by frame, and given to tasks by sequences.
+    // Flags are checked per frame; tasks take whole sequences.
     batch::plan(Some(path), jobs.clone())?;
     jobs.into_iter().map(one).collect()
 }
 
-/// With paths as they are from anywhere.
+/// The flags with absolute paths.
 fn absolute_flags(command: &Command, flags: Vec<(String, Option<String>)>) -> Result<Vec<(String, Option<String>)>> {
     let one = |(name, value): (String, Option<String>)| {
         let value = match value {
-            Some(value) if is_path(command, &name) => Some(utf8(&absolute_of(Path::new(&value))?)?.to_owned()),
+            Some(value) if is_path(command, &name) => Some(utf8(&absolute_path(Path::new(&value))?)?.to_owned()),
             value => value,
         };
         Ok((name, value))
@@ -144,7 +145,7 @@ fn absolute_flags(command: &Command, flags: Vec<(String, Option<String>)>) -> Re
     flags.into_iter().map(one).collect()
 }
 
-fn of_scene(args: &SubmitArgs) -> Result<Render> {
+fn render_of_scene(args: &SubmitArgs) -> Result<Render> {
     let command = RenderArgs::augment_args(Command::new("render"));
     let line = [OsString::from("render"), args.input.clone().into()].into_iter().chain(args.flags.iter().cloned());
     let wrong = |e: clap::Error| {
@@ -158,15 +159,15 @@ fn of_scene(args: &SubmitArgs) -> Result<Render> {
     let mut flags = given(&command, &matches)?;
     for name in ["part", "resume", "progress", "path-mapping", "on-checkpoint", "led"] {
         if flags.iter().any(|(flag, _)| flag == name) {
-            return Err(Error::Usage(format!("after --: --{name} is the farm's own affair")));
+            return Err(Error::Usage(format!("after --: --{name} is set by the farm")));
         }
     }
     flags.retain(|(name, _)| name != "output");
     let flags = absolute_flags(&command, flags)?;
     let name = args.input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let name = if render.frames.is_some() { with_place(name) } else { name };
-    let (scene, output) = (absolute_of(&args.input)?, absolute_of(&render.output())?);
-    let job = Job { name, scene, flags, output, at: Default::default() };
+    let name = if render.frames.is_some() { with_placeholder(name) } else { name };
+    let (scene, output) = (absolute_path(&args.input)?, absolute_path(&render.output())?);
+    let job = Job { name, scene, flags, output, location: Default::default() };
     split(job.clone()).map_err(|(_, why)| Error::Usage(format!("after --: {why}")))?;
     Ok(Render { name: job.name, scene: job.scene, output: job.output, flags: job.flags })
 }
@@ -175,7 +176,7 @@ fn is_path(command: &Command, flag: &str) -> bool {
     command.get_arguments().any(|arg| arg.get_long() == Some(flag) && arg.get_value_hint() == ValueHint::AnyPath)
 }
 
-fn absolute_of(path: &Path) -> Result<PathBuf> {
+fn absolute_path(path: &Path) -> Result<PathBuf> {
     absolute(path).map_err(|e| Error::Usage(format!("{}: {e}", path.display())))
 }
 
@@ -184,14 +185,14 @@ fn this_program() -> Result<PathBuf> {
 }
 
 fn submit_to_slurm(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {
-    let ask = Ask {
+    let options = TaskOptions {
         cpus: args.cpus,
         memory: args.memory.clone(),
         minutes: args.minutes,
         throttle: args.throttle,
         others: args.sbatch.clone(),
     };
-    let files = slurm::files(plan, &ask)?;
+    let files = slurm::files(plan, &options)?;
     if args.dry_run {
         let folder = plan.folder.display();
         let shown = files.iter().map(|(name, content)| format!("# {folder}/{name}\n{content}"));
@@ -203,7 +204,7 @@ fn submit_to_slurm(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {
             text += &format!("\n# {what}, in {folder}/{PLAN}\n");
             commands.iter().for_each(|command| text += &format!("{}\n", quoted(command)));
         }
-        let arrays: Vec<_> = slurm::arrays(plan, &ask, USUAL_ARRAY)?
+        let arrays: Vec<_> = slurm::arrays(plan, &options, DEFAULT_ARRAY_SIZE)?
             .into_iter()
             .enumerate()
             .map(|(i, array)| (array, format!("$ARRAY{}", i + 1)))
@@ -214,23 +215,23 @@ fn submit_to_slurm(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {
         }
         for number in 0..plan.merges.len() {
             let arguments = slurm::merge(plan, number, &arrays)?;
-            // The first names the arrays' variables.
+            // The first argument refers to shell variables and must not be quoted.
             text += &format!("sbatch --parsable {} {}\n", arguments[0], quoted(&arguments[1..]));
         }
         print(text.trim_end())?;
         return Ok(Verdict::Done);
     }
-    let site = Site::ask()?;
+    let site = Site::query()?;
     write_folder(plan, &files)?;
     if !site.requeues {
         say(
-            "warning: this site does not requeue tasks that exit with 75 (RequeueExit in slurm.conf): a task that its time \
-             limit interrupts stays saved until this command is given again",
+            "warning: this site does not requeue tasks that exit with 75 (RequeueExit in slurm.conf): a task interrupted by \
+             its time limit is saved, and resumes when this command is run again",
         );
     }
     let mut submitted = Submitted::default();
     let mut arrays = Vec::new();
-    for array in slurm::arrays(plan, &ask, site.largest_array)? {
+    for array in slurm::arrays(plan, &options, site.max_array_size)? {
         let id = sbatch(&array.arguments)?;
         say(format_args!("tasks {} to {}: job {id}", array.first + 1, array.first + array.count));
         submitted.arrays.push(SubmittedArray { first: array.first, count: array.count, job: id.clone() });
@@ -243,7 +244,7 @@ fn submit_to_slurm(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {
         submitted.merges.push(id);
         submitted.write(&plan.folder)?;
     }
-    say(format_args!("`bismar farm status {}` shows how far it is", plan.folder.display()));
+    say(format_args!("`bismar farm status {}` shows the progress", plan.folder.display()));
     Ok(Verdict::Done)
 }
 
@@ -253,7 +254,7 @@ fn write_folder(plan: &Plan, files: &[(String, String)]) -> Result<()> {
     };
     create(&plan.folder.join("logs"))?;
     create(&plan.folder.join("parts"))?;
-    // A frame's number is in no folder's name.
+    // Folder names hold no frame numbers, so there is one folder for all frames.
     let outputs = plan.tasks.iter().map(|t| &t.output).chain(plan.merges.iter().map(|m| &m.output));
     for folder in outputs.filter_map(|path| path.parent()) {
         create(folder)?;

@@ -6,24 +6,24 @@ use std::path::PathBuf;
 use clap::Args;
 
 use crate::Result;
-use crate::cli::shown::Shown;
+use crate::cli::scene_selection::SceneSelection;
 use crate::console::{Verdict, print, print_json};
 use crate::scene::import::{self, Note, Summary};
 
-/// Say what a scene holds, and what of it is used, approximated and left out.
+/// Print the contents of a scene, and which features are supported, approximated or ignored.
 #[derive(Debug, Args)]
 pub struct InspectArgs {
-    /// The scene, .gltf or .glb.
+    /// The scene file, .gltf or .glb.
     scene: PathBuf,
     #[command(flatten)]
-    shown: Shown,
-    /// Print JSON, with everything that the text shortens.
+    selection: SceneSelection,
+    /// Print JSON with the complete lists.
     #[arg(long)]
     json: bool,
 }
 
 pub fn run(args: &InspectArgs) -> Result<Verdict> {
-    let summary = import::summary(&import::import(&args.scene, &args.shown.options(false, false))?);
+    let summary = import::summary(&import::import(&args.scene, &args.selection.options(false, false))?);
     if args.json {
         print_json(&summary)?
     } else {
@@ -32,8 +32,8 @@ pub fn run(args: &InspectArgs) -> Result<Verdict> {
     Ok(Verdict::Done)
 }
 
-/// Rows shown of a list; the heaviest first where the order says nothing.
-const SHOWN: usize = 12;
+/// Rows shown of each list.
+const MAX_ROWS: usize = 12;
 
 fn text(s: &Summary) -> String {
     let mut out = s.file.clone();
@@ -83,7 +83,7 @@ fn text(s: &Summary) -> String {
     let emissive = s.materials.iter().filter(|m| m.features.contains(&"emissive"));
     lights.extend(emissive.map(|m| vec![m.name.clone(), "emissive".into(), format!("{} triangles", m.triangles)]));
     if lights.is_empty() {
-        lights.push(vec!["none: without --env a studio's soft light is added".into()]);
+        lights.push(vec!["none: without --env soft studio light is added".into()]);
     }
     section(&mut out, "lights", lights);
 
@@ -98,7 +98,6 @@ fn text(s: &Summary) -> String {
     let images = images.iter().map(|i| vec![i.name.clone(), format!("{} x {}", i.width, i.height), bytes(i.bytes)]);
     section(&mut out, "images", images.collect());
 
-    // One scene and no variant leave nothing to choose.
     for (title, names) in [("scenes", &s.scenes), ("material variants", &s.variants)] {
         if names.len() > usize::from(title == "scenes") {
             let rows = names.iter().enumerate().map(|(index, name)| vec![index.to_string(), name.clone()]);
@@ -107,15 +106,15 @@ fn text(s: &Summary) -> String {
     }
 
     let extensions = [
-        ("as they ask", &s.extensions_used),
+        ("supported", &s.extensions_used),
         ("approximated", &s.extensions_approximated),
-        ("left out", &s.extensions_ignored),
+        ("ignored", &s.extensions_ignored),
     ];
     let rows = extensions.into_iter().filter(|(_, names)| !names.is_empty());
     section(&mut out, "extensions", rows.map(|(how, names)| vec![how.to_owned(), names.join(", ")]).collect());
     section(&mut out, "approximated", notes(&s.approximated));
-    section(&mut out, "left out, though the picture would differ", notes(&s.ignored));
-    section(&mut out, "not loaded, as the picture does not need it", notes(&s.not_loaded));
+    section(&mut out, "ignored, although they change the picture", notes(&s.ignored));
+    section(&mut out, "not loaded, because the picture does not need them", notes(&s.not_loaded));
     section(&mut out, "remarks", notes(&s.remarks));
     out
 }
@@ -133,16 +132,15 @@ fn section(out: &mut String, title: &str, mut rows: Vec<Vec<String>>) {
         return;
     }
     let _ = writeln!(out, "\n{title}");
-    let more = rows.len().saturating_sub(SHOWN);
-    rows.truncate(SHOWN);
+    let more = rows.len().saturating_sub(MAX_ROWS);
+    rows.truncate(MAX_ROWS);
     *out += &table(rows, "  ");
     if more > 0 {
         let _ = writeln!(out, "  and {more} more: --json lists all");
     }
 }
 
-/// Columns as wide as their widest cell, counted in characters. Names come from files: what would move a terminal's
-/// cursor is shown as `?`.
+/// Columns as wide as their widest cell, in characters. Control characters, which may be in names, are shown as `?`.
 fn table(mut rows: Vec<Vec<String>>, indent: &str) -> String {
     for cell in rows.iter_mut().flatten() {
         *cell = cell.replace(char::is_control, "?");
@@ -161,7 +159,7 @@ fn vector(v: &[f32; 3]) -> String {
     format!("({})", v.map(number).join(", "))
 }
 
-/// Four digits, without the zeros at their end.
+/// Up to three decimals, without trailing zeros; very small and very large numbers in scientific notation.
 fn number(x: f32) -> String {
     let text = if x != 0.0 && !(1e-3..1e6).contains(&x.abs()) { return format!("{x:.2e}") } else { format!("{x:.3}") };
     text.trim_end_matches('0').trim_end_matches('.').to_owned()

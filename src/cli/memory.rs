@@ -1,4 +1,4 @@
-//! What a render will need of memory, and what there is.
+//! Memory that a render is estimated to need, and the limit.
 
 use std::env;
 
@@ -9,9 +9,12 @@ use crate::render::tile::{Columns, Tile};
 use crate::scene::import::Survey;
 use crate::{Error, Result};
 
-/// Bytes of a `SIZE` such as 900M, 6G or 1.5T; without a unit, bytes. Units are those of Slurm: K is 1024.
+/// Parses a size such as 900M, 6G or 1.5T into bytes; a plain number is bytes, and K is 1024 as in Slurm.
+///
+/// # Errors
+/// A message for clap.
 pub fn parse_size(text: &str) -> std::result::Result<u64, String> {
-    let bad = || "not a size as in 900M or 6G".to_owned();
+    let bad = || "not a size such as 900M or 6G".to_owned();
     let (number, shift) = match text.char_indices().last() {
         Some((at, unit)) if unit.is_ascii_alphabetic() => {
             let shift = "KMGT".find(unit.to_ascii_uppercase()).ok_or_else(bad)?;
@@ -24,87 +27,87 @@ pub fn parse_size(text: &str) -> std::result::Result<u64, String> {
     if (1.0..1e18).contains(&bytes) { Ok(bytes as u64) } else { Err(bad()) }
 }
 
-/// What a render is made of, as far as memory goes.
+/// What the memory of a render depends on.
 #[derive(Debug, Clone, Copy)]
 pub struct Need<'a> {
     /// The scene's files.
     pub scene: &'a Survey,
     /// Bytes of the environment, decoded and prepared.
     pub environment_bytes: u64,
-    /// Of the window.
+    /// Pixels of the crop window.
     pub pixels: u64,
-    /// What each of them keeps.
+    /// What is stored per pixel.
     pub columns: Columns,
-    /// Are statistics saved?
-    pub saves: bool,
-    /// Bytes for what pilots learn.
-    pub pilots: u64,
-    /// What traces rays.
+    /// Whether the picture holds the statistics to continue from.
+    pub saves_statistics: bool,
+    /// Bytes of what pre-passes learn.
+    pub prepass_bytes: u64,
+    /// Ray tracing library.
     pub rays: Backend,
-    /// Threads of the render.
+    /// Number of render threads.
     pub threads: usize,
 }
 
-/// The program and its libraries, at rest.
-const PROGRAM: u64 = 48 << 20;
-/// Buffers of one thread.
-const A_THREAD: u64 = 12 << 20;
-/// What a byte of tiles takes: measured between pictures of 0.5, 2 and 8 million pixels, 1.104 and 1.073.
-const A_BYTE: f64 = 1.085;
-/// Of the triangles' share while an acceleration structure is built.
-const EMBREE_TRIANGLE: u64 = 190;
-const OBVHS_TRIANGLE: u64 = 260;
-/// What shading keeps of a triangle and its vertices beside the mesh.
-const SHADING_TRIANGLE: u64 = 16;
+/// Bytes of the program and its libraries.
+const PROGRAM_BYTES: u64 = 48 << 20;
+/// Bytes of the buffers of one thread.
+const BYTES_PER_THREAD: u64 = 12 << 20;
+/// Memory per byte of tile data: 1.104 and 1.073 as measured between pictures of 0.5, 2 and 8 million pixels.
+const TILE_OVERHEAD: f64 = 1.085;
+/// Peak bytes per triangle while the acceleration structure is built.
+const EMBREE_BYTES_PER_TRIANGLE: u64 = 190;
+const OBVHS_BYTES_PER_TRIANGLE: u64 = 260;
+/// Bytes per triangle of the shading data outside of the mesh.
+const SHADING_BYTES_PER_TRIANGLE: u64 = 16;
 
-/// Bytes of the program before it has a scene.
+/// Bytes of the program without a scene.
 pub fn at_rest(threads: usize) -> u64 {
-    PROGRAM + threads as u64 * A_THREAD
+    PROGRAM_BYTES + threads as u64 * BYTES_PER_THREAD
 }
 
 impl Need<'_> {
-    /// Bytes at the worst moment, by what the files say of themselves: an estimate from above, within about a factor
-    /// of two for scenes that are mostly shown.
+    /// Estimated peak memory in bytes, from the files' headers: an upper bound, within a factor of about two for scenes
+    /// most of which is rendered.
     pub fn bytes(&self) -> u64 {
         let s = self.scene;
-        let a_triangle = SHADING_TRIANGLE
+        let per_triangle = SHADING_BYTES_PER_TRIANGLE
             + match self.rays {
-                Backend::Embree => EMBREE_TRIANGLE,
-                Backend::Obvhs => OBVHS_TRIANGLE,
+                Backend::Embree => EMBREE_BYTES_PER_TRIANGLE,
+                Backend::Obvhs => OBVHS_BYTES_PER_TRIANGLE,
             };
-        let tile = Tile::bytes_a_pixel(self.columns);
-        // Pictures are written from tiles; statistics are packed first, and seldom to more than half.
-        let saving = if self.saves { tile / 2 } else { 0 };
+        let tile = Tile::bytes_per_pixel(self.columns);
+        // Statistics are compressed before writing, usually to less than half.
+        let saving = if self.saves_statistics { tile / 2 } else { 0 };
         let loading = s.read_bytes;
         let scene = s.read_bytes + s.geometry_bytes + s.image_bytes + self.environment_bytes;
-        let pixels = (self.pixels as f64 * (tile + saving) as f64 * A_BYTE) as u64;
-        at_rest(self.threads) + self.pilots + scene + loading.max(s.triangles * a_triangle) + pixels
+        let pixels = (self.pixels as f64 * (tile + saving) as f64 * TILE_OVERHEAD) as u64;
+        at_rest(self.threads) + self.prepass_bytes + scene + loading.max(s.triangles * per_triangle) + pixels
     }
 }
 
-/// A limit in bytes, and who sets it.
+/// A limit in bytes, and its source.
 pub type Limit = (u64, &'static str);
 
 const MACHINE: &str = "this machine";
 
-/// Most memory that may be used, and who says so: the flag, else Slurm, else what the machine has; but never more than
-/// cgroups and resource limits allow.
+/// Memory limit: the flag, else Slurm's, else the machine's memory; never more than cgroups and resource limits allow.
 ///
 /// # Errors
-/// [`Error::Usage`] for a variable of Slurm's that is no number.
+/// [`Error::Usage`] for a Slurm variable that is not a number.
 pub fn limit(flag: Option<u64>) -> Result<Limit> {
-    let asked = match flag {
+    let requested = match flag {
         Some(bytes) => Some((bytes, "--memory-limit")),
         None => slurm()?,
     };
-    let asked = asked.unwrap_or((host::total_memory_bytes().unwrap_or(u64::MAX), MACHINE));
-    Ok(allowed().filter(|allowed| allowed.0 < asked.0).unwrap_or(asked))
+    let requested = requested.unwrap_or((host::total_memory_bytes().unwrap_or(u64::MAX), MACHINE));
+    Ok(allowed().filter(|allowed| allowed.0 < requested.0).unwrap_or(requested))
 }
 
-/// Makes what is beyond a limit end with exit code 76 at once, before the system kills; not where the machine is the limit.
+/// Makes the process end with exit code 76 when it exceeds the limit, before the system kills it. Does nothing where the
+/// machine's memory is the limit.
 pub fn hold((limit, source): Limit) {
     if source != MACHINE {
-        // Page tables and files that are being written count into a cgroup too.
+        // A cgroup also counts page tables and dirty file pages: 4 % are left for them.
         hold_to(limit - limit / 25);
     }
 }
@@ -131,18 +134,18 @@ fn slurm() -> Result<Option<Limit>> {
     Ok(None)
 }
 
-/// Fails if `bytes` are more than the limit.
+/// Fails if `bytes` exceed the limit.
 ///
 /// # Errors
-/// [`Error::Host`] with both numbers and what to do.
+/// [`Error::Host`] with both numbers.
 pub fn check(what: &str, bytes: u64, (limit, source): Limit) -> Result<()> {
     if bytes <= limit {
         return Ok(());
     }
-    // Rounded up, so that asking for what is shown is enough.
+    // Rounded up, so that the number shown is enough.
     let mebibytes = bytes.div_ceil(1 << 20);
     Err(Error::Host(format!(
-        "{what} needs about {mebibytes} MiB of memory; {source} allows {}: give it {mebibytes}M, or render smaller or in \
+        "{what} needs about {mebibytes} MiB of memory; {source} allows {}: raise the limit to {mebibytes}M, or use a smaller picture or \
          fewer threads",
         limit >> 20
     )))

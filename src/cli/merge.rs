@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 
 use super::render::claim_output;
+use crate::cli::flag_values::value_of;
 use crate::batch::frames::{Frames, numbered};
 use crate::console::args::wait;
 use crate::console::{Paths, Verbosity, Verdict, say};
@@ -16,37 +17,37 @@ use crate::film::{Exposure, Look, View, colors, preview};
 use crate::render::merge::merge;
 use crate::{Error, Result};
 
-/// Put the parts of a picture together, and average pictures of different seeds.
+/// Merge the parts of a picture, or average pictures of different seeds.
 ///
-/// Parts (`render --part K/N`) give the bits of the whole render, in whatever order they are named. Pictures that differ
-/// in nothing but their seed are averaged, each path counting the same; they must have been rendered with --checkpoint.
+/// Merged parts (`render --part K/N`) are bit-identical to a whole render, in any order. Pictures that differ only in their
+/// seed are averaged with the same weight for every path; they must have been rendered with --checkpoint.
 #[derive(Debug, Clone, Args)]
 pub struct MergeArgs {
-    /// Put each of these frames together; the names of parts and outputs hold their number as #### or {frame:04}.
+    /// Frames to merge, each to its own file; names of parts and outputs hold the frame number as #### or {frame:04}.
     #[arg(long, value_name = "FRAMES")]
     frames: Option<Frames>,
-    /// Parts, or pictures of different seeds, or parts of these.
+    /// Parts, pictures of different seeds, or parts of such pictures.
     #[arg(required = true, value_name = "PART.exr")]
     parts: Vec<PathBuf>,
-    /// Where the picture goes.
+    /// Output picture.
     #[arg(short, long, value_name = "FILE.exr")]
     output: PathBuf,
-    /// Write a PNG too.
+    /// Also write a PNG.
     #[arg(long, value_name = "FILE.png")]
     preview: Option<PathBuf>,
-    /// The PNG's view transform.
-    #[arg(long, value_enum, default_value_t = View::Agx)]
+    /// View transform of the PNG.
+    #[arg(long, value_parser = value_of::<View>(), default_value = View::Agx.name())]
     view: View,
-    /// The PNG's exposure in stops, or auto as for render.
+    /// Exposure of the PNG in stops, or auto: the log-mean of all pixels that are not dark becomes middle grey.
     #[arg(long, value_name = "EV", default_value_t = Exposure::Auto, allow_negative_numbers = true)]
     exposure: Exposure,
-    /// Leave out the statistics that a render could go on from.
+    /// Omit the statistics from which a render could be resumed.
     #[arg(long)]
     no_statistics: bool,
-    /// Wait up to so many seconds for files that are not there: shared file systems show them late.
+    /// Wait up to this many seconds for missing files, which shared file systems may show late.
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0, value_parser = wait)]
     wait: f64,
-    /// Where these paths lie on this machine: rules of Open Job Description (pathmapping-1.0).
+    /// Path mapping rules of Open Job Description (pathmapping-1.0), applied to all paths of this command.
     #[arg(long, value_name = "FILE.json")]
     path_mapping: Option<PathBuf>,
 }
@@ -61,7 +62,7 @@ pub fn run(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
     let Some(frames) = args.frames.take() else { return one(&args, verbosity) };
     let mut worst = 0;
     for &frame in frames.numbers() {
-        // One that fails stops no other.
+        // A failed frame does not stop the others.
         if let Err(error) = args.of_frame(frame).and_then(|args| one(&args, verbosity)) {
             say(format_args!("error: frame {frame}: {error}"));
             worst = worst.max(error.exit_code());
@@ -71,7 +72,7 @@ pub fn run(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
 }
 
 impl MergeArgs {
-    /// With a frame's number in all names.
+    /// The command of one frame.
     fn of_frame(&self, frame: u32) -> Result<Self> {
         let mut args = self.clone();
         for path in args.parts.iter_mut().chain(&mut args.preview).chain([&mut args.output]) {
@@ -96,7 +97,7 @@ fn one(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
     }
     wait_for(&args.parts, args.wait)?;
     let mut merged = merge(&args.parts)?;
-    merged.record.keeps &= !args.no_statistics;
+    merged.record.resumable &= !args.no_statistics;
     let exposure = args.exposure.of(colors(&merged.rendered.pixels()));
     merged.more.push(("bismar.exposure".into(), HeaderValue::Number(exposure.into())));
     merged.write(&args.output)?;
@@ -124,7 +125,7 @@ fn wait_for(paths: &[PathBuf], seconds: f64) -> Result<()> {
         }
         if start.elapsed().as_secs_f64() >= seconds {
             return Err(Error::Missing(format!(
-                "{} of {} parts are not there: {}",
+                "{} of {} parts are missing: {}",
                 missing.len(),
                 paths.len(),
                 missing.join(", ")

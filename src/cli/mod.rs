@@ -1,16 +1,17 @@
-//! The command line of `bismar`: one file a command. Exit codes are those of [`Error::exit_code`](crate::Error::exit_code),
-//! 0, and 1 for a comparison beyond its threshold.
+//! The command line of `bismar`, one file per command. Exit codes are 0, those of
+//! [`Error::exit_code`](crate::Error::exit_code), and 1 for a comparison beyond its threshold.
 
 mod batch;
 mod compare;
 mod develop;
 mod farm;
+pub mod flag_values;
 mod inspect;
 mod memory;
 mod merge;
 mod movie;
 mod render;
-mod shown;
+mod scene_selection;
 mod stats;
 mod study;
 
@@ -22,7 +23,7 @@ use crate::Error;
 use crate::console::help::{CompletionsArgs, ManArgs};
 use crate::console::{self, Verbosity};
 
-/// Offline glTF renderer that finds, for each pixel, the balance between light and BSDF sampling.
+/// Offline glTF path tracer that finds the balance between light and BSDF sampling for each pixel.
 #[derive(Debug, Parser)]
 #[command(name = "bismar", version, long_version = console::VERSION, arg_required_else_help = true, max_term_width = 100)]
 struct Cli {
@@ -58,10 +59,11 @@ pub fn run() -> ExitCode {
         |cli: &Cli| cli.verbosity,
         |cli| match &cli.command {
             Command::Render(args) if args.frames.is_some() => {
-                // What was parsed once is parsed again: which flags were given is what the frames' processes are told.
+                // Parsed again for the matches, which tell the flags that were given explicitly.
                 let matches = Cli::command().get_matches();
-                let own = matches.subcommand_matches("render").ok_or_else(|| Error::Bug("no render".into()))?;
-                batch::sequence(args, own, cli.verbosity)
+                let render_matches =
+                    matches.subcommand_matches("render").ok_or_else(|| Error::Bug("no render".into()))?;
+                batch::sequence(args, render_matches, cli.verbosity)
             }
             Command::Render(args) => render::run(args, cli.verbosity),
             Command::Inspect(args) => inspect::run(args),

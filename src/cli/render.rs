@@ -1,13 +1,15 @@
 //! `bismar render SCENE`
 
 mod args;
+mod checkpoints;
 mod choose;
 mod flags;
 mod identity;
-mod keep;
 mod loaded;
 mod names;
+mod output;
 mod replay;
+mod scene;
 mod session;
 mod values;
 mod warnings;
@@ -15,11 +17,10 @@ mod warnings;
 use std::path::Path;
 use std::time::Instant;
 
-use tracing::{debug, info, warn};
+use tracing::info;
 
 pub use args::RenderArgs;
 pub use flags::given;
-use identity::Files;
 pub use identity::Inputs;
 pub use loaded::Loaded;
 pub use session::{Done, Session};
@@ -30,13 +31,11 @@ use crate::console::progress::Style;
 use crate::console::{Paths, Reporter, Signals, Verbosity, Verdict, host, print, say};
 use crate::film::atomic;
 use crate::film::lock::{Claim, claim};
-use crate::scene::import::NoteKind;
-use crate::scene::{Environment, Scene};
 
 pub fn run(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     let result = render(args, verbosity);
     if let (Err(error), Style::Openjd) = (&result, args.progress) {
-        // What Open Job Description shows of a task that failed.
+        // Open Job Description shows this text for a failed task.
         print(format_args!("openjd_fail: {}", error.to_string().replace('\n', " ")))?;
     }
     result
@@ -47,13 +46,13 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     args.check()?;
     let args = &args.on_this_machine()?;
     let (threads, source) = host::threads(args.threads)?;
-    if let Some(place) = args.replay_pixel {
-        return host::pool(threads)?.install(|| replay::run(args, place));
+    if let Some(pixel_path) = args.replay_pixel {
+        return host::pool(threads)?.install(|| replay::run(args, pixel_path));
     }
     let mut paths = Paths::default();
     declare(args, "", &mut paths)?;
-    // Before anything is touched.
-    let signals = if args.led { Signals::led() } else { Signals::listen() }?;
+    // Before any file is touched.
+    let signals = if args.signals_from_parent { Signals::led() } else { Signals::listen() }?;
     let _claims = claim_outputs(args)?;
     info!("{threads} threads ({source})");
     host::pool(threads)?.install(|| {
@@ -62,11 +61,11 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
             let inputs = Inputs::read(args)?;
             inputs.declare(&mut paths)?;
             let session = Session { args, inputs: &inputs, threads, began, replaces: false };
-            if let Some(earlier) = session.done_before()? {
+            if let Some(earlier) = session.finished_before()? {
                 return Ok(Err(session.develop(&earlier)?));
             }
             memory::hold(session.check_memory()?);
-            // Whoever waits for signals here ends the program itself.
+            // A signal ends the process here, so the build need not stop by itself.
             let loaded = Loaded::load(args, &inputs, &|done, seconds| {
                 reporter.building(done, seconds);
                 true
@@ -92,71 +91,40 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     })
 }
 
-/// Adds what a command reads and writes to a run's files; `of` is added to what they are for.
+/// Declares the files that a command reads and writes; `suffix` is appended to their description in errors.
 ///
 /// # Errors
-/// As [`Paths::writes`].
-pub fn declare(args: &RenderArgs, of: &str, paths: &mut Paths) -> Result<()> {
-    paths.reads(&format!("the scene{of}"), &args.scene)?;
+/// Those of [`Paths::writes`].
+pub fn declare(args: &RenderArgs, suffix: &str, paths: &mut Paths) -> Result<()> {
+    paths.reads(&format!("the scene{suffix}"), &args.scene)?;
     for (flag, path) in [("--env", &args.env), ("--path-mapping", &args.path_mapping)] {
-        path.iter().try_for_each(|path| paths.reads(&format!("{flag}{of}"), path))?;
+        path.iter().try_for_each(|path| paths.reads(&format!("{flag}{suffix}"), path))?;
     }
-    paths.writes(&format!("-o{of}"), &args.output())?;
+    paths.writes(&format!("-o{suffix}"), &args.output())?;
     for (flag, path) in [("--preview", &args.preview), ("--stats", &args.stats)] {
-        path.iter().try_for_each(|path| paths.writes(&format!("{flag}{of}"), path))?;
+        path.iter().try_for_each(|path| paths.writes(&format!("{flag}{suffix}"), path))?;
     }
     Ok(())
 }
 
-/// Finds out before the work whether its results can be kept and nobody else is writing them, and removes what a killed
-/// process left beside them.
+/// Locks a command's outputs, so that an output that cannot be written or that another process writes is an error before
+/// the render. Removes temporary files of killed processes.
+///
+/// # Errors
+/// Those of [`claim_output`].
 pub fn claim_outputs(args: &RenderArgs) -> Result<Vec<Claim>> {
     let output = args.output();
     let outputs = [Some(&output), args.preview.as_ref(), args.stats.as_ref()].into_iter().flatten();
     outputs.map(|path| claim_output(path)).collect()
 }
 
-/// As [`claim_outputs`], of one.
+/// Locks one output.
+///
+/// # Errors
+/// Those of [`atomic::check`] and [`claim`].
 pub fn claim_output(path: &Path) -> Result<Claim> {
     atomic::check(path)?;
     let claim = claim(path)?;
     atomic::sweep(path);
     Ok(claim)
-}
-
-fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {
-    let imported = files.scene.import(&args.shown.options(args.strict, args.has_velocities()))?;
-    drop(files.scene);
-    let inexact = imported.report.notes.iter().filter(|n| matches!(n.kind, NoteKind::Approximated | NoteKind::Ignored));
-    let inexact = inexact.map(|n| n.text.as_str()).collect::<Vec<_>>();
-    inexact.iter().for_each(|note| debug!("{note}"));
-    if let [first, rest @ ..] = &inexact[..] {
-        let more = if rest.is_empty() { String::new() } else { format!(" and {} more", rest.len()) };
-        warn!("not exactly as {} asks: {first}{more} (`bismar inspect` lists it)", args.scene.display());
-    }
-    let mut scene = imported.scene;
-    let unit = args.light_unit.radiant();
-    for light in &mut scene.lights {
-        light.intensity *= unit;
-        light.motion.iter_mut().for_each(|key| key.intensity *= unit);
-    }
-    if args.no_env {
-        scene.environment = None;
-    } else if args.sky {
-        scene.environment = Some(Environment { strength: args.env_strength, ..Environment::constant([1.0; 3]) });
-    } else if let Some(file) = &files.environment {
-        scene.environment = Some(file.decode(args.env_rotate, args.env_strength)?);
-    }
-    let name = args.scene.display();
-    if args.no_env {
-        if !scene.is_lit() {
-            warn!("{name} has no light and --no-env takes the sky away: the picture will be black");
-        }
-    } else if scene.light_if_dark() {
-        warn!("{name} has no light: a studio's soft light is added (--env FILE or --sky choose another)");
-    }
-    if args.is_framed() {
-        scene.frame();
-    }
-    Ok(scene)
 }

@@ -1,9 +1,8 @@
-//! What a render took: `--stats` (schema in `docs/stats.md`) and the picture's header.
+//! Statistics of a render, for `--stats` (schema in `docs/stats.md`) and the picture's header.
 
 use std::fs;
 use std::path::Path;
 
-use clap::ValueEnum;
 use serde::Serialize;
 use serde_json::Value;
 
@@ -17,38 +16,39 @@ use crate::render::{Fireflies, Guiding, RenderSettings, Rendered, StopReason};
 use crate::scene::Scene;
 use crate::{Error, Result};
 
-/// Raised when a field changes its meaning or goes away.
+/// Schema version; raised when a field changes its meaning or is removed.
 const SCHEMA: u32 = 1;
 
-/// Everything that is known of a render; what is written so far for headers, all of it for `--stats`.
+/// Statistics of a render. The copy in the picture's header lacks what is known only after writing it.
 #[derive(Debug, Clone, Serialize)]
 pub struct Stats {
     schema: u32,
     version: &'static str,
-    /// File name only: a picture tells nobody where its maker keeps files.
+    /// File name without its folder: pictures are shared, and folders are private.
     scene: String,
     camera: String,
-    environment: Option<Sky>,
+    environment: Option<EnvironmentInfo>,
     settings: RenderSettings,
     backend: Backend,
     threads: usize,
     stop: StopReason,
-    /// Of the PNG, in stops.
+    /// Exposure of the PNG, in stops.
     pub exposure: f32,
-    /// Is there a PNG?
+    /// Whether a PNG was written.
     #[serde(skip)]
-    pub shown: bool,
-    /// Null before the first pass is complete.
+    pub has_preview: bool,
+    /// Estimated relative error; null (infinite) before the first pass is complete.
     noise: f64,
     noise_worst_tile: f64,
     samples: Samples,
-    /// Of the pilot of lamps, where there was one.
+    /// Pre-pass that learned the light sources, if there was one.
     #[serde(skip_serializing_if = "Option::is_none")]
-    lamps: Option<LearnedLightsStats>,
-    /// Of guiding's pilot, where there was one.
+    #[serde(rename = "lamps")]
+    learned_lights: Option<LearnedLightsStats>,
+    /// Pre-pass of path guiding, if there was one.
     #[serde(skip_serializing_if = "Option::is_none")]
     guiding: Option<GuidingStats>,
-    /// Of the allocation of paths to tiles, where there was one.
+    /// Adaptive sample counts, if there were any.
     #[serde(skip_serializing_if = "Option::is_none")]
     adaptive: Option<AdaptiveStats>,
     fireflies: Fireflies,
@@ -58,37 +58,40 @@ pub struct Stats {
     rays: Rays,
     mpaths_per_second: f64,
     mrays_per_second: f64,
-    /// Thread seconds inside ray queries and inside tiles, over all threads, and the first's share of the second.
+    /// Thread seconds inside ray queries, summed over all threads.
     ray_query_seconds: f64,
+    /// Thread seconds inside tiles, summed over all threads.
     tile_seconds: f64,
+    /// `ray_query_seconds` / `tile_seconds`.
     ray_query_share: f64,
     peak_memory_bytes: u64,
-    /// Checksum of the picture's file; empty before that is written.
+    /// Checksum of the picture's file; empty in the picture itself.
     pub picture: String,
 }
 
-/// The attribute that holds all of it.
-const IN_HEADER: &str = "bismar.stats";
+/// Header attribute with the statistics as JSON.
+const HEADER_ATTRIBUTE: &str = "bismar.stats";
 
-/// Can [`write_again`] do its work?
+/// Whether the header holds statistics.
 pub fn are_in(header: &Header) -> bool {
-    text(header, IN_HEADER).is_some()
+    text(header, HEADER_ATTRIBUTE).is_some()
 }
 
-/// Writes the JSON file of `--stats` from a picture's header, unless it is there and of this file, by its checksum. What was
-/// not known when the picture was written stays as it was then: the seconds of writing, and the total.
+/// Writes the JSON file of `--stats` from a picture's header, unless the file exists and names this picture's `checksum`.
+/// The write and total seconds stay as they were when the picture was written.
 ///
 /// # Errors
-/// [`Error::Data`] for a header that is not so; as [`atomic::write`].
+/// [`Error::Data`] for a damaged header; those of [`atomic::write`].
 pub fn write_again(path: &Path, header: &Header, checksum: &str) -> Result<()> {
-    let there = fs::metadata(path).is_ok_and(|meta| meta.is_file()).then(|| fs::read(path).unwrap_or_default());
-    let there = there.and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok());
-    if there.is_some_and(|stats| stats["picture"] == checksum) {
+    let existing = fs::metadata(path).is_ok_and(|meta| meta.is_file()).then(|| fs::read(path).unwrap_or_default());
+    let existing = existing.and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok());
+    if existing.is_some_and(|stats| stats["picture"] == checksum) {
         return Ok(());
     }
-    let Some(text) = text(header, IN_HEADER) else { return Ok(()) };
+    let Some(text) = text(header, HEADER_ATTRIBUTE) else { return Ok(()) };
     let stats = serde_json::from_str::<Value>(text).ok().filter(Value::is_object);
-    let mut stats = stats.ok_or_else(|| Error::Data(format!("{}: {IN_HEADER} is no JSON object", path.display())))?;
+    let mut stats =
+        stats.ok_or_else(|| Error::Data(format!("{}: {HEADER_ATTRIBUTE} is no JSON object", path.display())))?;
     stats["picture"] = checksum.into();
     write(path, &stats)
 }
@@ -104,28 +107,28 @@ fn write(path: &Path, stats: &impl Serialize) -> Result<()> {
 /// Wall seconds by phase.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct Seconds {
-    /// Scene, textures, environment.
+    /// Reading scene, textures and environment.
     pub read: f64,
-    /// Acceleration structure.
+    /// Building the acceleration structure.
     pub build: f64,
-    /// Passes.
+    /// Render passes.
     pub render: f64,
-    /// Pictures.
+    /// Writing pictures.
     pub write: f64,
-    /// Start of the command to the writing of the statistics.
+    /// From the start of the command to the writing of the statistics.
     pub total: f64,
 }
 
-/// Samples that were left out.
+/// Samples that were discarded because they were not finite.
 #[derive(Debug, Clone, Copy, Serialize)]
 struct NotFinite {
     count: u64,
-    /// Column, row, path.
+    /// Column, row and path of the first one.
     first: Option<[u32; 3]>,
 }
 
 #[derive(Debug, Clone, Serialize)]
-struct Sky {
+struct EnvironmentInfo {
     name: String,
     rotate_degrees: f32,
     strength: f32,
@@ -149,13 +152,13 @@ struct Rays {
     total: u64,
 }
 
-/// The file's name without its folders.
+/// File name without its folder.
 pub fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 impl Stats {
-    /// Gathers what a finished render says; `seconds` may still lack its last phases.
+    /// Statistics of a finished render; `seconds` may still lack its last phases.
     pub fn new(
         scene_path: &Path,
         scene: &Scene,
@@ -171,7 +174,7 @@ impl Stats {
             version: env!("CARGO_PKG_VERSION"),
             scene: file_name(scene_path),
             camera: scene.cameras.get(settings.camera).map(|c| c.name.clone()).unwrap_or_default(),
-            environment: scene.environment.as_ref().map(|e| Sky {
+            environment: scene.environment.as_ref().map(|e| EnvironmentInfo {
                 name: file_name(Path::new(&e.name)),
                 rotate_degrees: e.rotation.to_degrees(),
                 strength: e.strength,
@@ -187,11 +190,11 @@ impl Stats {
             threads,
             stop: rendered.stop,
             exposure: 0.0,
-            shown: false,
+            has_preview: false,
             noise: stats.noise,
             noise_worst_tile: rendered.worst_noise(),
             samples: Samples::of(rendered),
-            lamps: stats.lamps,
+            learned_lights: stats.learned_lights,
             guiding: stats.guiding,
             adaptive: stats.adaptive,
             fireflies: Fireflies::of(rendered),
@@ -214,13 +217,12 @@ impl Stats {
         }
     }
 
-    /// Header attributes of the picture, beside those of its record.
+    /// Header attributes of the picture, in addition to those of its record.
     ///
     /// # Errors
-    /// [`Error::Bug`] if JSON cannot say it.
+    /// [`Error::Bug`] if they cannot be written as JSON.
     pub fn header(&self) -> Result<Header> {
         let text = |s: &str| HeaderValue::Text(s.to_owned());
-        // Writing has not happened yet.
         let Seconds { read, build, render, .. } = self.seconds;
         let phases = serde_json::json!({ "read": read, "build": build, "render": render });
         let mut header = vec![
@@ -232,10 +234,10 @@ impl Stats {
             ("bismar.seconds".into(), json(&phases)?),
             ("bismar.fireflies".into(), json(&self.fireflies)?),
             ("bismar.not_finite".into(), json(&self.not_finite)?),
-            (IN_HEADER.into(), json(self)?),
+            (HEADER_ATTRIBUTE.into(), json(self)?),
         ];
-        if let Some(sky) = &self.environment {
-            header.push(("bismar.environment".into(), json(sky)?));
+        if let Some(environment) = &self.environment {
+            header.push(("bismar.environment".into(), json(environment)?));
         }
         Ok(header)
     }
@@ -243,20 +245,20 @@ impl Stats {
     /// Writes the JSON file of `--stats`.
     ///
     /// # Errors
-    /// As [`atomic::write`].
+    /// Those of [`atomic::write`].
     pub fn write(&mut self, path: &Path) -> Result<()> {
         self.peak_memory_bytes = host::peak_memory_bytes();
         write(path, self)
     }
 
-    /// One line for people.
+    /// One line of text: paths per pixel, seconds, noise, speed, and how to replay the brightest firefly.
     pub fn summary(&self) -> String {
         let s = &self.samples;
         let spp = if s.pixel_min == s.pixel_max { s.pixel_min.to_string() } else { format!("{:.1}", s.pixel_mean) };
         let replay = |x, y, path| {
             let RenderSettings { spp, noise, min_spp, seed, adaptive, guiding, .. } = self.settings;
             let adaptive = adaptive && spp.is_some();
-            let guided = guiding.to_possible_value().filter(|_| guiding != Guiding::Off);
+            let guided = Some(guiding.name()).filter(|_| guiding != Guiding::Off);
             let spp = spp.or(Some(s.pixel_max).filter(|_| noise.is_none()));
             let flag =
                 |name: &str, value: Option<String>| value.map(|value| format!("--{name} {value} ")).unwrap_or_default();
@@ -264,27 +266,27 @@ impl Stats {
                 + &flag("noise", noise.map(|x| x.to_string()))
                 + &flag("min-spp", min_spp.map(|n| n.to_string()))
                 + if adaptive { "--adaptive " } else { "" }
-                + &flag("guiding", guided.map(|value| value.get_name().to_owned()));
+                + &flag("guiding", guided.map(str::to_owned));
             format!("{stop}--seed {seed} --replay-pixel {x},{y},{path}")
         };
-        let mut told = String::new();
+        let mut remarks = String::new();
         if let Some(spot) = self.fireflies.brightest.first() {
             let Fireflies { count, per_megapixel, .. } = self.fireflies;
             let by = replay(spot.x, spot.y, spot.path);
-            told += &format!("; {count} fireflies ({per_megapixel:.0} a megapixel), the brightest by {by}");
+            remarks += &format!("; {count} fireflies ({per_megapixel:.0} per megapixel), the brightest by {by}");
         }
         if let Some([x, y, path]) = self.not_finite.first {
-            told +=
+            remarks +=
                 &format!("; {} samples were not finite, the first by {}", self.not_finite.count, replay(x, y, path));
         }
-        let exposure = if self.shown { format!(", exposure {} EV", self.exposure) } else { String::new() };
+        let exposure = if self.has_preview { format!(", exposure {} EV", self.exposure) } else { String::new() };
         let noise = match (self.noise.is_finite(), self.settings.noise) {
             (false, _) => "unknown".into(),
             (true, None) => format!("{:.4}", self.noise),
             (true, Some(_)) => format!("{:.4} (noisiest tile {:.4})", self.noise, self.noise_worst_tile),
         };
         format!(
-            "{spp} spp in {:.2} s, noise {noise}, {:.2} Mpaths/s, {:.2} Mrays/s{exposure}{told}",
+            "{spp} spp in {:.2} s, noise {noise}, {:.2} Mpaths/s, {:.2} Mrays/s{exposure}{remarks}",
             self.seconds.render, self.mpaths_per_second, self.mrays_per_second
         )
     }

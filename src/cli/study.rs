@@ -1,4 +1,4 @@
-//! `bismar study`: becomes `bismar-study`, the program of the crate `study/`, which lies beside this one.
+//! `bismar study`: replaces this process by `bismar-study`, the program of the crate `study/`, in the same folder.
 
 use std::ffi::OsString;
 use std::io::ErrorKind;
@@ -10,23 +10,26 @@ use clap::Args;
 use crate::console::{LogFormat, Verbosity, Verdict};
 use crate::{Error, Result};
 
-/// Measure what the program's choices are worth: balance, stability, rays
+/// Measure the renderer's methods: balance, stability, rays
 #[derive(Debug, Args)]
 #[command(disable_help_flag = true)]
 pub struct StudyArgs {
-    /// A study and its flags.
+    /// Name of a study, and its flags.
     #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
     line: Vec<OsString>,
 }
 
-/// Becomes the other program, so that signals and the exit code are its own.
+/// Replaces this process, so that signals and the exit code are those of the study.
+///
+/// # Errors
+/// [`Error::Host`] if the program cannot be started.
 pub fn run(args: &StudyArgs, verbosity: Verbosity) -> Result<Verdict> {
-    let loudness = if verbosity.quiet { vec!["-q"] } else { vec!["-v"; verbosity.verbose.into()] };
+    let verbosity_flags = if verbosity.quiet { vec!["-q"] } else { vec!["-v"; verbosity.verbose.into()] };
     let format = if verbosity.log == LogFormat::Json { vec!["--log=json"] } else { Vec::new() };
-    Err(become_study(loudness.into_iter().chain(format).map(OsString::from).chain(args.line.iter().cloned())))
+    Err(become_study(verbosity_flags.into_iter().chain(format).map(OsString::from).chain(args.line.iter().cloned())))
 }
 
-/// `bismar help study …` is for the other program to answer; returns if that was not asked.
+/// Passes `bismar help study …` to the other program; returns for any other command line.
 ///
 /// # Errors
 /// [`Error::Host`] if it cannot be started.
@@ -37,15 +40,15 @@ pub fn help(mut line: impl Iterator<Item = OsString>) -> Result<()> {
     Ok(())
 }
 
-/// Returns only if it cannot.
+/// Replaces this process; returns only on failure.
 fn become_study(line: impl Iterator<Item = OsString>) -> Error {
     let program = match std::env::current_exe() {
         Ok(here) => here.with_file_name("bismar-study"),
-        Err(e) => return Error::Host(format!("cannot tell where this program is: {e}")),
+        Err(e) => return Error::Host(format!("cannot find this program's file: {e}")),
     };
     let error = Command::new(&program).args(line).exec();
     let advice = match error.kind() {
-        ErrorKind::NotFound => "; studies are a program of their own: put it beside bismar, or `make build` it",
+        ErrorKind::NotFound => "; studies are a separate program: put it next to bismar, or build it with `make build`",
         _ => "",
     };
     Error::Host(format!("{}: cannot start: {error}{advice}", program.display()))

@@ -1,11 +1,13 @@
-//! Values of flags that several commands take.
+//! Parsers for flag values that several commands share.
 
 use std::str::FromStr;
+
+use crate::render::settings::MAX_SIDE;
 
 /// A number of threads, for `value_parser`.
 ///
 /// # Errors
-/// What is wrong with it, for clap.
+/// Why it is invalid, for clap.
 pub fn threads(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|n| (1..=4096).contains(n)).ok_or("not a number from 1 to 4096".into())
 }
@@ -13,7 +15,7 @@ pub fn threads(text: &str) -> Result<usize, String> {
 /// A time above 0 in seconds, for `value_parser`: `90`, or with a unit, `90s`, `10m`, `1.5h`, `2d`.
 ///
 /// # Errors
-/// What is wrong with it, for clap.
+/// Why it is invalid, for clap.
 pub fn seconds(text: &str) -> Result<f64, String> {
     let (number, unit) = match text.find(|c: char| c.is_ascii_alphabetic() && c != 'e' && c != 'E') {
         Some(at) => text.split_at(at),
@@ -25,10 +27,10 @@ pub fn seconds(text: &str) -> Result<f64, String> {
     seconds.ok_or("not a time above 0 in seconds, or with a unit: 90, 90s, 10m, 1.5h".into())
 }
 
-/// As [`seconds`], or 0: some wait.
+/// A time of 0 or more in seconds, for `value_parser`, with the units of [`seconds`].
 ///
 /// # Errors
-/// As [`seconds`].
+/// Why it is invalid, for clap.
 pub fn wait(text: &str) -> Result<f64, String> {
     if text.trim().parse() == Ok(0.0) { Ok(0.0) } else { seconds(text) }
 }
@@ -36,7 +38,7 @@ pub fn wait(text: &str) -> Result<f64, String> {
 /// A finite number above 0.
 ///
 /// # Errors
-/// What it is not.
+/// Why it is invalid, for clap.
 pub fn positive(text: &str) -> Result<f64, String> {
     not_negative(text).ok().filter(|x| *x > 0.0).ok_or("not a number above 0".into())
 }
@@ -44,7 +46,7 @@ pub fn positive(text: &str) -> Result<f64, String> {
 /// A finite number of 0 or more.
 ///
 /// # Errors
-/// What it is not.
+/// Why it is invalid, for clap.
 pub fn not_negative(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|x: &f64| *x >= 0.0 && x.is_finite()).ok_or("not a number of 0 or more".into())
 }
@@ -57,10 +59,9 @@ impl FromStr for Size {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        const MOST: u32 = 1 << 16;
-        let side = |s: &str| s.parse().ok().filter(|n| (1..=MOST).contains(n));
+        let side = |s: &str| s.parse().ok().filter(|n| (1..=MAX_SIDE).contains(n));
         let sides = text.split_once('x').and_then(|(w, h)| Some(Size(side(w)?, side(h)?)));
-        sides.ok_or(format!("not WIDTHxHEIGHT in pixels, each from 1 to {MOST}, as in 960x540"))
+        sides.ok_or(format!("not WIDTHxHEIGHT in pixels, each from 1 to {MAX_SIDE}, as in 960x540"))
     }
 }
 

@@ -1,7 +1,7 @@
-//! A child process that hears from its parent when to stop, and dies with it.
+//! A child process that its parent stops, and that ends with its parent.
 //!
-//! Signals of a terminal or a scheduler may reach parent and child alike, or the parent alone. So the child leaves them
-//! to its parent ([`Signals::led`]) and listens to its standard input: a byte is a signal, the end is the parent's end.
+//! Signals of a terminal or a scheduler may reach both processes or only the parent. The child therefore ignores them
+//! ([`Signals::led`]) and listens to its standard input: a byte stands for a signal, the end of input for the parent's end.
 
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::process::CommandExt;
@@ -12,19 +12,18 @@ use std::time::Duration;
 use super::Signals;
 use crate::{Error, Result};
 
-/// This program, also where its file has been replaced since it began.
+/// A command that runs this program, even if its file has been replaced since it started.
 pub fn this_program() -> Command {
     let mut command = Command::new("/proc/self/exe");
     command.arg0("bismar");
     command
 }
 
-/// Runs a command that listens as [`Signals::led`] does, to its end; tells it of the first signal. `first` is what its
-/// standard input begins with. `line` gets each line of its standard output, if that is piped; `often` is called now and
-/// then.
+/// Runs a command that listens with [`Signals::led`] until it ends, and forwards the first signal. `first` is written to its
+/// standard input. `line` is called with each line of its standard output if that is piped, `often` at least every 30 ms.
 ///
 /// # Errors
-/// [`Error::Host`] if it cannot be started.
+/// [`Error::Host`] if it cannot be started or waited for.
 pub fn lead(
     command: &mut Command,
     first: &[u8],
@@ -49,19 +48,19 @@ pub fn lead(
 
 fn wait(child: &mut Child, first: &[u8], signals: &Signals, often: &mut dyn FnMut()) -> std::io::Result<ExitStatus> {
     let mut input = child.stdin.take();
-    // Whoever has ended already hears nothing; that is seen below.
-    let mut tell = |bytes: &[u8]| input.as_mut().map(|input| input.write_all(bytes).and_then(|()| input.flush()));
-    tell(first);
-    let mut told = false;
+    // Errors are those of a child that has ended, which is handled below.
+    let mut send = |bytes: &[u8]| input.as_mut().map(|input| input.write_all(bytes).and_then(|()| input.flush()));
+    send(first);
+    let mut notified = false;
     let mut pause = Duration::from_millis(1);
     loop {
-        // Not by `wait`, which would close the input.
+        // `wait` would close the input.
         if let Some(status) = child.try_wait()? {
             return Ok(status);
         }
-        if signals.stopped() && !told {
-            tell(b".");
-            told = true;
+        if signals.stopped() && !notified {
+            send(b".");
+            notified = true;
         }
         often();
         thread::sleep(pause);

@@ -1,4 +1,4 @@
-//! `completions SHELL`, `man FOLDER`: what shells and manuals know of a program, from its flags themselves.
+//! `completions SHELL` and `man FOLDER`: shell completions and manual pages, made from the flags.
 
 use std::path::{Path, PathBuf};
 
@@ -15,16 +15,16 @@ use crate::{Error, Result};
 /// bash: bismar completions bash > ~/.local/share/bash-completion/completions/bismar
 #[derive(Debug, Args)]
 pub struct CompletionsArgs {
-    /// For which shell.
+    /// The shell.
     shell: Shell,
 }
 
-/// Write the manual's pages, one a command.
+/// Write manual pages, one per command.
 ///
 /// Where man looks for them: bismar man ~/.local/share/man/man1
 #[derive(Debug, Args)]
 pub struct ManArgs {
-    /// Where they go; made if it is not there.
+    /// Output folder; created if it does not exist.
     folder: PathBuf,
 }
 
@@ -32,7 +32,7 @@ impl CompletionsArgs {
     /// Prints the completions of a program.
     ///
     /// # Errors
-    /// As [`print()`].
+    /// Those of [`print()`].
     pub fn run(&self, mut program: Command) -> Result<Verdict> {
         let (name, mut script) = (program.get_name().to_owned(), Vec::new());
         clap_complete::generate(self.shell, &mut program, name, &mut script);
@@ -45,7 +45,7 @@ impl ManArgs {
     /// Writes the pages of a program and of all its commands.
     ///
     /// # Errors
-    /// [`Error::CannotCreate`] for the folder; as [`atomic::write`].
+    /// [`Error::CannotCreate`] for the folder; those of [`atomic::write`].
     pub fn run(&self, program: Command) -> Result<Verdict> {
         let folder = &self.folder;
         std::fs::create_dir_all(folder)
@@ -58,7 +58,7 @@ impl ManArgs {
     }
 }
 
-/// How many pages there were.
+/// Writes the pages of a command and returns their number.
 fn write_pages(command: &Command, folder: &Path) -> Result<usize> {
     let man = Man::new(command.clone());
     atomic::write(&folder.join(man.get_filename()), |mut file| man.render(&mut file).map(Ok))?;

@@ -1,4 +1,4 @@
-//! What the machine has: instruction sets, threads, memory.
+//! Queries of the host: instruction sets, threads, memory.
 
 use std::env;
 use std::fs;
@@ -6,19 +6,19 @@ use std::thread;
 
 use crate::{Error, Result};
 
-/// Fails on a CPU below the baseline that this program is compiled for.
+/// Checks that the CPU has the instruction sets that this program is compiled for.
 ///
-/// `is_x86_feature_detected!` cannot tell: it answers yes without looking for what the compiler was told to assume.
+/// `is_x86_feature_detected!` is no help: it is constant for features that the compiler assumes.
 ///
 /// # Errors
-/// [`Error::Host`] with what is missing.
+/// [`Error::Host`] with the missing features.
 #[cfg(target_arch = "x86_64")]
 pub fn check_isa() -> Result<()> {
     use std::arch::x86_64::{__cpuid, __cpuid_count};
     let extended = if __cpuid(0x8000_0000).eax >= 0x8000_0001 { __cpuid(0x8000_0001).ecx } else { 0 };
     let basic = __cpuid(1).ecx;
     let structured = if __cpuid(0).eax >= 7 { __cpuid_count(7, 0).ebx } else { 0 };
-    // OSXSAVE stands for an operating system that keeps the wide registers.
+    // OSXSAVE: the operating system saves the wide registers.
     let needed = [
         ("FMA", basic, 12),
         ("MOVBE", basic, 22),
@@ -41,13 +41,13 @@ pub fn check_isa() -> Result<()> {
     )))
 }
 
-/// Nothing to check where the compiler's own default is the baseline.
+/// There is nothing to check where the baseline is the compiler's default.
 #[cfg(not(target_arch = "x86_64"))]
 pub fn check_isa() -> Result<()> {
     Ok(())
 }
 
-/// How many threads to use, and where the number is from: the flag, `BISMAR_THREADS`, `SLURM_CPUS_PER_TASK`, all.
+/// Number of threads, and the source of the number: the flag, `BISMAR_THREADS`, `SLURM_CPUS_PER_TASK`, all.
 ///
 /// # Errors
 /// [`Error::Usage`] for a variable that is not a positive number.
@@ -67,36 +67,36 @@ pub fn threads(flag: Option<usize>) -> Result<(usize, &'static str)> {
     Ok((thread::available_parallelism().map_or(1, usize::from), "all that there are"))
 }
 
-/// A rayon pool to work on.
+/// A rayon pool with this number of threads.
 ///
 /// # Errors
-/// [`Error::Host`] if the system does not give the threads.
+/// [`Error::Host`] if the threads cannot be started.
 pub fn pool(threads: usize) -> Result<rayon::ThreadPool> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     pool.map_err(|e| Error::Host(format!("cannot start {threads} threads: {e}")))
 }
 
-/// Most memory that this process had at once, in bytes; 0 where the system does not say.
+/// Peak resident memory of this process in bytes; 0 if unknown.
 pub fn peak_memory_bytes() -> u64 {
     kilobytes("/proc/self/status", "VmHWM:").unwrap_or(0)
 }
 
-/// Memory that this process has now, in bytes; 0 where the system does not say.
+/// Resident memory of this process in bytes; 0 if unknown.
 pub fn resident_memory_bytes() -> u64 {
     kilobytes("/proc/self/status", "VmRSS:").unwrap_or(0)
 }
 
-/// Memory that is mapped for this process, whether it is there or not, in bytes; 0 where the system does not say.
+/// Virtual memory of this process in bytes; 0 if unknown.
 pub fn virtual_memory_bytes() -> u64 {
     kilobytes("/proc/self/status", "VmSize:").unwrap_or(0)
 }
 
-/// Lets [`peak_memory_bytes`] begin again at what the process has now, where the system can.
+/// Resets [`peak_memory_bytes`] to the current memory, where the system supports it.
 pub fn reset_peak_memory() {
     let _ = fs::write("/proc/self/clear_refs", "5");
 }
 
-/// The machine's memory in bytes, where the system says it.
+/// Memory of the machine in bytes, if known.
 pub fn total_memory_bytes() -> Option<u64> {
     kilobytes("/proc/meminfo", "MemTotal:")
 }

@@ -1,4 +1,4 @@
-//! What is said on stderr, and how: lines for people, or JSON for machines.
+//! Messages and logs on stderr, as text or as JSON.
 
 use std::fmt::Display;
 use std::io::{self, IsTerminal};
@@ -12,9 +12,9 @@ use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::time::{FormatTime, SystemTime};
 use tracing_subscriber::prelude::*;
 
-use super::{Verbosity, screen, shown};
+use super::{Verbosity, escaped, screen};
 
-/// How lines on stderr look.
+/// Format of lines on stderr.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum Format {
     /// For people.
@@ -26,7 +26,7 @@ pub enum Format {
 
 static FORMAT: OnceLock<Format> = OnceLock::new();
 
-/// Starts logging, as loud as asked for. `RUST_LOG` (as in `warn,bismar::render=debug`) has the last word.
+/// Starts logging. The variable `RUST_LOG` (for example `warn,bismar::render=debug`) overrides `verbosity`.
 pub fn start(verbosity: Verbosity) {
     let level = match verbosity {
         Verbosity { quiet: true, .. } => Level::ERROR,
@@ -35,39 +35,40 @@ pub fn start(verbosity: Verbosity) {
         Verbosity { verbose: 2, .. } => Level::DEBUG,
         _ => Level::TRACE,
     };
-    let wish = std::env::var("RUST_LOG").ok().filter(|text| !text.trim().is_empty());
-    let chosen = wish.as_ref().map(|text| Targets::from_str(text));
+    let rust_log = std::env::var("RUST_LOG").ok().filter(|text| !text.trim().is_empty());
+    let chosen = rust_log.as_ref().map(|text| Targets::from_str(text));
     let targets = match &chosen {
         Some(Ok(targets)) => targets.clone(),
         _ => Targets::new().with_default(level),
     };
-    // Those who want to know much want to know when and from where.
-    let (when, whence) = (verbosity.verbose > 0 || wish.is_some(), verbosity.verbose > 1 || wish.is_some());
+    // Times and module names are printed at higher verbosity.
+    let (with_time, with_module) =
+        (verbosity.verbose > 0 || rust_log.is_some(), verbosity.verbose > 1 || rust_log.is_some());
     let lines = tracing_subscriber::fmt::layer()
         .with_writer(|| screen::Above)
         .with_ansi(io::stderr().is_terminal() && verbosity.log == Format::Text)
-        .with_target(whence)
+        .with_target(with_module)
         .log_internal_errors(false);
-    let lines = match (verbosity.log, when) {
+    let lines = match (verbosity.log, with_time) {
         (Format::Json, _) => lines.json().flatten_event(true).with_current_span(false).with_span_list(false).boxed(),
         (Format::Text, true) => lines.boxed(),
         (Format::Text, false) => lines.without_time().boxed(),
     };
     let _ = FORMAT.set(verbosity.log);
-    // Only a second call in one process fails; the first one's level stays then.
+    // This fails only for a second call in one process, which keeps the first level.
     let _ = tracing_subscriber::registry().with(lines.with_filter(targets)).try_init();
-    if let (Some(text), Some(Err(why))) = (wish, chosen) {
+    if let (Some(text), Some(Err(why))) = (rust_log, chosen) {
         tracing::warn!("RUST_LOG is '{text}', which cannot be used ({why}); as in: warn,bismar::render=debug");
     }
 }
 
-/// A line on stderr, above any bar, printed as soon as it is read. Names in it come from files: control characters are
-/// shown, not sent.
+/// Prints a line on stderr, above any bar, without waiting for the reader. Control characters, which may come from files,
+/// are escaped.
 pub fn say(text: impl Display) {
     line(Level::INFO, &text.to_string());
 }
 
-/// An error on stderr.
+/// Prints an error on stderr.
 pub fn say_error(text: impl Display) {
     match FORMAT.get() {
         Some(Format::Json) => line(Level::ERROR, &text.to_string()),
@@ -82,7 +83,7 @@ fn line(level: Level, text: &str) {
             let _ = SystemTime.format_time(&mut Writer::new(&mut now));
             json!({ "timestamp": now, "level": level.as_str(), "message": text }).to_string()
         }
-        _ => shown(text),
+        _ => escaped(text),
     };
     screen::write(format!("{text}\n").as_bytes());
 }

@@ -1,4 +1,4 @@
-//! Memory: what this process may have, and how running out of it ends.
+//! Memory limits of the process, and the exit code when memory is exhausted.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::fs;
@@ -12,14 +12,14 @@ use signal_hook::consts::SIGABRT;
 use super::host;
 use crate::{Error, Result};
 
-/// The system's allocator, which takes note when there is nothing left.
+/// The system's allocator. It records when an allocation fails.
 #[derive(Debug)]
 pub struct Allocator;
 
 /// Raised when an allocation has failed.
 static EXHAUSTED: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
-fn noted(memory: *mut u8) -> *mut u8 {
+fn recorded(memory: *mut u8) -> *mut u8 {
     if memory.is_null()
         && let Some(exhausted) = EXHAUSTED.get()
     {
@@ -28,34 +28,34 @@ fn noted(memory: *mut u8) -> *mut u8 {
     memory
 }
 
-// SAFETY: all memory is the system allocator's, and what callers promise is handed on to it as it is.
+// SAFETY: all calls are forwarded to the system allocator, with the same contract.
 unsafe impl GlobalAlloc for Allocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        // SAFETY: as promised to us.
-        noted(unsafe { System.alloc(layout) })
+        // SAFETY: the caller's contract.
+        recorded(unsafe { System.alloc(layout) })
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        // SAFETY: as promised to us.
-        noted(unsafe { System.alloc_zeroed(layout) })
+        // SAFETY: the caller's contract.
+        recorded(unsafe { System.alloc_zeroed(layout) })
     }
 
     unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        // SAFETY: as promised to us; `memory` is of `System`, as all that we gave.
-        noted(unsafe { System.realloc(memory, layout, size) })
+        // SAFETY: the caller's contract; `memory` was allocated by `System`.
+        recorded(unsafe { System.realloc(memory, layout, size) })
     }
 
     unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
-        // SAFETY: as promised to us; `memory` is of `System`, as all that we gave.
+        // SAFETY: the caller's contract; `memory` was allocated by `System`.
         unsafe { System.dealloc(memory, layout) }
     }
 }
 
-/// From now on a failed allocation ends the program with exit code 76, where [`Allocator`] is the program's: Rust says how
-/// many bytes it wanted and aborts, which is then no crash.
+/// Makes a failed allocation end the program with exit code 76, if [`Allocator`] is the global allocator. Rust prints the
+/// requested bytes and aborts, which is then handled.
 ///
 /// # Errors
-/// [`Error::Host`] if the system does not let it.
+/// [`Error::Host`] if the system refuses.
 pub fn exit_when_exhausted() -> Result<()> {
     let exhausted = Arc::clone(EXHAUSTED.get_or_init(Arc::default));
     let code = Error::Host(String::new()).exit_code();
@@ -64,12 +64,12 @@ pub fn exit_when_exhausted() -> Result<()> {
         .map_err(|e| Error::Host(format!("cannot listen to signal {SIGABRT}: {e}")))
 }
 
-/// The least that is allowed to this process from outside, and by what: its cgroups, of either version, or a resource
-/// limit (`ulimit`). `None` where nothing is set.
+/// The lowest memory limit of this process in bytes, and its source: cgroups (version 1 or 2) or a resource limit (`ulimit`).
+/// `None` if there is no limit.
 pub fn allowed() -> Option<(u64, &'static str)> {
     let read = |path: &str| fs::read_to_string(path).unwrap_or_default();
     let cgroup = cgroup_limit(&read("/proc/self/cgroup"), &read("/proc/self/mountinfo"), Path::new("/"));
-    // What is mapped and not there, as libraries and stacks, counts too.
+    // Mapped memory that is not resident, such as libraries and stacks, counts too.
     let elsewhere = host::virtual_memory_bytes().saturating_sub(host::resident_memory_bytes());
     let space = getrlimit(Resource::As).current.map(|bytes| bytes.saturating_sub(elsewhere));
     let data = getrlimit(Resource::Data).current;
@@ -77,16 +77,17 @@ pub fn allowed() -> Option<(u64, &'static str)> {
     all.into_iter().filter_map(|(bytes, what)| Some((bytes?, what))).min()
 }
 
-/// Makes allocations beyond so many bytes fail, which is told ([`exit_when_exhausted`]), where the system would kill.
+/// Makes allocations beyond this number of bytes fail, so that the program ends with a message ([`exit_when_exhausted`])
+/// before the system kills it.
 pub fn hold_to(bytes: u64) {
     let Rlimit { current, maximum } = getrlimit(Resource::Data);
     let least = [Some(bytes), current, maximum].into_iter().flatten().min();
-    // Where it cannot be set, all is as it was.
+    // Without effect if the limit cannot be set.
     let _ = setrlimit(Resource::Data, Rlimit { current: least, maximum });
 }
 
-/// The least limit of the memory cgroups that a process is in, below a file system's `root`. By cgroups(7): `membership`
-/// is `/proc/self/cgroup`, `mounts` is `/proc/self/mountinfo`.
+/// The lowest limit in bytes of the memory cgroups of a process, below a file system's `root` (cgroups(7)). `membership` is
+/// the text of `/proc/self/cgroup`, `mounts` that of `/proc/self/mountinfo`.
 fn cgroup_limit(membership: &str, mounts: &str, root: &Path) -> Option<u64> {
     let mounted = mounts.lines().filter_map(|line| {
         let (place, kind) = line.split_once(" - ")?;
@@ -117,7 +118,7 @@ fn cgroup_limit(membership: &str, mounts: &str, root: &Path) -> Option<u64> {
         let all = own.ancestors().take_while(|folder| folder.starts_with(&mount));
         all.filter_map(|folder| fs::read_to_string(folder.join(file)).ok()?.trim().parse::<u64>().ok()).min()
     });
-    // Version 1 says almost 2^63 for none.
+    // Version 1 has almost 2^63 for no limit.
     limits.min().filter(|bytes| *bytes < 1 << 62)
 }
 

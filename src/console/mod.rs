@@ -1,5 +1,4 @@
-//! What every program of the project needs between its flags and its exit code: one way to start, speak, show progress,
-//! listen to signals and look at the machine.
+//! Shared parts of the command-line programs: start-up, output, logging, progress, signals, and queries of the host.
 
 pub mod args;
 pub mod child;
@@ -29,10 +28,10 @@ pub use paths::Paths;
 pub use progress::Reporter;
 pub use signals::Signals;
 
-/// The commit that a release was built from; other builds say that they are none.
+/// The commit that a release was built from; `development` or `unknown` for other builds.
 pub const COMMIT: &str = env!("BISMAR_COMMIT");
 
-/// What `--version` says: the program's version and what it was built from.
+/// The text of `--version`: the version, and what the program was built from.
 pub const VERSION: &str = concat!(
     env!("CARGO_PKG_VERSION"),
     "\ncommit ",
@@ -45,32 +44,32 @@ pub const VERSION: &str = concat!(
     env!("BISMAR_ISA_BASELINE"),
 );
 
-/// How much is said on stderr.
+/// Verbosity of the log on stderr.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Verbosity {
-    /// Say nothing but errors.
+    /// Print errors only.
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     pub quiet: bool,
-    /// Say what is done, and when; twice for more, thrice for all. The variable RUST_LOG chooses finer.
+    /// Print what is done, with times; twice for more, three times for all. The variable RUST_LOG selects modules.
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     pub verbose: u8,
-    /// How lines on stderr look.
+    /// Format of lines on stderr.
     #[arg(long, global = true, value_enum, default_value_t, value_name = "FORMAT")]
     pub log: LogFormat,
 }
 
-/// What a command that did its work ends with.
+/// The exit code of a command that did its work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// Exit code 0.
     Done,
-    /// Exit code 1: what was compared differs beyond what is allowed.
+    /// Exit code 1: a comparison exceeds its limits.
     Beyond,
-    /// The worst exit code of several jobs, which have been reported.
+    /// The highest exit code of several jobs, which have been reported.
     Worst(u8),
 }
 
-/// Runs a program with the process's arguments: parses them, starts logging as loud as `verbosity` says, does `work`.
+/// Runs a program: parses the process's arguments, starts logging with the given verbosity, does `work`.
 /// Exit codes are those of [`Verdict`] and [`Error::exit_code`], 70 for a panic.
 pub fn run<Cli: Parser>(verbosity: impl Fn(&Cli) -> Verbosity, work: impl FnOnce(&Cli) -> Result<Verdict>) -> ExitCode {
     panics::install_hook();
@@ -80,42 +79,41 @@ pub fn run<Cli: Parser>(verbosity: impl Fn(&Cli) -> Verbosity, work: impl FnOnce
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(e) => {
-            // Nowhere to print to is no reason to fail differently.
+            // The exit code is the same if nothing can be printed.
             let _ = e.print();
             return if e.use_stderr() { ExitCode::from(64) } else { ExitCode::SUCCESS };
         }
     };
     logging::start(verbosity(&cli));
-    // A panic on a rayon thread arrives here too, once the pool has unwound. Nothing is used after it but the exit code.
+    // Panics of rayon threads arrive here too, after the pool has unwound. Only the exit code is used after a panic.
     let code = match catch_unwind(AssertUnwindSafe(|| work(&cli))) {
         Ok(Ok(Verdict::Done)) => ExitCode::SUCCESS,
         Ok(Ok(Verdict::Beyond)) => ExitCode::from(1),
         Ok(Ok(Verdict::Worst(code))) => ExitCode::from(code),
         Ok(Err(error)) => fail(&error),
-        // The hook has said what there is to say.
+        // The panic hook has printed the message.
         Err(_) => ExitCode::from(70),
     };
     stderr::flush();
     code
 }
 
-/// Says an error; its exit code.
+/// Prints an error and returns its exit code.
 pub fn fail(error: &Error) -> ExitCode {
     logging::say_error(error);
     stderr::flush();
     ExitCode::from(error.exit_code())
 }
 
-/// A command's result on stdout, as [`say`] shows it. A reader that has gone away (`| head`) has had enough: that is no
-/// error.
+/// Prints a command's result on stdout, with control characters as escapes. A closed pipe (`| head`) is no error.
 ///
 /// # Errors
-/// [`Error::Io`] when it cannot be written for another reason.
+/// [`Error::Io`] if stdout cannot be written for another reason.
 pub fn print(text: impl Display) -> Result<()> {
-    print_as_it_is(&shown(&text.to_string()))
+    print_unescaped(&escaped(&text.to_string()))
 }
 
-fn print_as_it_is(text: &str) -> Result<()> {
+fn print_unescaped(text: &str) -> Result<()> {
     let mut out = io::stdout().lock();
     match writeln!(out, "{text}").and_then(|()| out.flush()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(Error::Io(format!("standard output: cannot write: {e}"))),
@@ -123,8 +121,8 @@ fn print_as_it_is(text: &str) -> Result<()> {
     }
 }
 
-/// With control characters as escapes, but for the ends of lines and tabs.
-fn shown(text: &str) -> String {
+/// Escapes control characters except newlines and tabs.
+fn escaped(text: &str) -> String {
     let control = |c: char| c.is_control() && c != '\n' && c != '\t';
     if !text.contains(control) {
         return text.into();
@@ -132,13 +130,13 @@ fn shown(text: &str) -> String {
     text.chars().map(|c| if control(c) { c.escape_default().to_string() } else { c.into() }).collect()
 }
 
-/// Pretty JSON on stdout.
+/// Prints indented JSON on stdout.
 ///
 /// # Errors
-/// As [`print()`].
+/// Those of [`print()`]; [`Error::Bug`] if the value cannot be serialised.
 pub fn print_json(value: &impl serde::Serialize) -> Result<()> {
-    // JSON has escapes of its own.
-    print_as_it_is(&serde_json::to_string_pretty(value).map_err(|e| Error::Bug(format!("JSON: {e}")))?)
+    // JSON has its own escapes.
+    print_unescaped(&serde_json::to_string_pretty(value).map_err(|e| Error::Bug(format!("JSON: {e}")))?)
 }
 
 #[cfg(test)]
@@ -147,7 +145,7 @@ mod tests {
 
     #[test]
     fn control_characters_are_shown() {
-        assert_eq!(shown("a\nb\tc"), "a\nb\tc");
-        assert_eq!(shown("\u{1b}[2J\r\u{85}é"), "\\u{1b}[2J\\r\\u{85}é");
+        assert_eq!(escaped("a\nb\tc"), "a\nb\tc");
+        assert_eq!(escaped("\u{1b}[2J\r\u{85}é"), "\\u{1b}[2J\\r\\u{85}é");
     }
 }

@@ -1,4 +1,4 @@
-//! Bugs of ours, said as such.
+//! The panic hook.
 
 use std::backtrace::{Backtrace, BacktraceStatus};
 use std::panic;
@@ -6,10 +6,10 @@ use std::panic;
 use super::say;
 use crate::guard;
 
-/// From now on a panic prints one sentence that asks for a report; with `RUST_BACKTRACE=1` the way there too.
+/// Installs a hook that prints one sentence for a panic and asks for a report; with `RUST_BACKTRACE=1` also the backtrace.
 pub fn install_hook() {
     panic::set_hook(Box::new(|info| {
-        // Inside a decoder of others a panic means a corrupt file, and is reported as that.
+        // A panic inside a third-party decoder means a corrupt file and is reported as such.
         if guard::is_decoding() {
             return;
         }

@@ -1,4 +1,4 @@
-//! A run's files: what is read, what is written, and that no output is an input or another output.
+//! The files of a run. Checks that no output is an input or another output.
 
 use std::collections::HashMap;
 use std::fs;
@@ -7,23 +7,24 @@ use std::path::{Path, PathBuf};
 
 use crate::{Error, Result};
 
-/// All files that a command names. Compared as files, not as text: other spellings, links and hard links are found.
+/// All files that a command names. Files are compared, not paths: other spellings, symbolic links and hard links are
+/// detected.
 #[derive(Debug, Default)]
 pub struct Paths {
-    known: HashMap<Identity, Known>,
+    known: HashMap<FileKey, NamedFile>,
 }
 
-/// What a file is known by; names of one file share one of them.
+/// A key of a file. All names of a file share a key.
 #[derive(Debug, PartialEq, Eq, Hash)]
-enum Identity {
-    /// Device and inode of a file that is there.
-    File(u64, u64),
-    /// Where it is, or would be made.
-    Place(PathBuf),
+enum FileKey {
+    /// Device and inode of an existing file.
+    Inode(u64, u64),
+    /// Path of an existing file or of one that can be created.
+    Path(PathBuf),
 }
 
 #[derive(Debug, Clone)]
-struct Known {
+struct NamedFile {
     /// `what` and the path, for people.
     name: String,
     written: bool,
@@ -35,7 +36,7 @@ impl Paths {
     /// # Errors
     /// [`Error::Usage`] if it is an output too.
     pub fn reads(&mut self, what: &str, path: &Path) -> Result<()> {
-        self.add(Known { name: format!("{what} {}", path.display()), written: false }, path)
+        self.add(NamedFile { name: format!("{what} {}", path.display()), written: false }, path)
     }
 
     /// Adds a file that is written; `what` as in [`Self::reads`]. Devices may be written twice.
@@ -43,23 +44,23 @@ impl Paths {
     /// # Errors
     /// [`Error::Usage`] if it is an input or another output.
     pub fn writes(&mut self, what: &str, path: &Path) -> Result<()> {
-        self.add(Known { name: format!("{what} {}", path.display()), written: true }, path)
+        self.add(NamedFile { name: format!("{what} {}", path.display()), written: true }, path)
     }
 
-    fn add(&mut self, new: Known, path: &Path) -> Result<()> {
-        let identities = identities(path);
-        let known = identities.iter().find_map(|identity| self.known.get(identity));
+    fn add(&mut self, new: NamedFile, path: &Path) -> Result<()> {
+        let keys = file_keys(path);
+        let known = keys.iter().find_map(|key| self.known.get(key));
         match known {
-            Some(Known { name, written }) if *written && new.written => Err(Error::Usage(format!(
+            Some(NamedFile { name, written }) if *written && new.written => Err(Error::Usage(format!(
                 "{}: named for two outputs, {name} and {}: give each a file of its own",
                 path.display(),
                 new.name
             ))),
-            Some(Known { name, written: true }) => Err(overwritten(name, &new.name)),
-            Some(Known { name, .. }) if new.written => Err(overwritten(&new.name, name)),
+            Some(NamedFile { name, written: true }) => Err(overwritten(name, &new.name)),
+            Some(NamedFile { name, .. }) if new.written => Err(overwritten(&new.name, name)),
             _ => {
-                for identity in identities {
-                    self.known.entry(identity).or_insert_with(|| new.clone());
+                for key in keys {
+                    self.known.entry(key).or_insert_with(|| new.clone());
                 }
                 Ok(())
             }
@@ -71,31 +72,31 @@ fn overwritten(output: &str, input: &str) -> Error {
     Error::Usage(format!("{output} would overwrite {input}: choose another name"))
 }
 
-/// None for what is no file: a device or a folder.
-fn identities(path: &Path) -> Vec<Identity> {
-    let place = || Identity::Place(path.canonicalize().unwrap_or_else(|_| place(path, 0)));
+/// The keys of a file; none for devices and folders.
+fn file_keys(path: &Path) -> Vec<FileKey> {
+    let key = || FileKey::Path(path.canonicalize().unwrap_or_else(|_| resolved(path, 0)));
     match fs::metadata(path) {
-        Ok(meta) if meta.is_file() => vec![Identity::File(meta.dev(), meta.ino()), place()],
+        Ok(meta) if meta.is_file() => vec![FileKey::Inode(meta.dev(), meta.ino()), key()],
         Ok(_) => Vec::new(),
-        Err(_) => vec![place()],
+        Err(_) => vec![key()],
     }
 }
 
-/// The path of a file that is not there yet, without links, as far as its folders are there.
-fn place(path: &Path, links: u32) -> PathBuf {
-    /// As many as Linux follows.
-    const MOST_LINKS: u32 = 40;
+/// The path of a file that does not exist yet, without links, as far as its folders exist.
+fn resolved(path: &Path, links: u32) -> PathBuf {
+    /// Maximum symbolic links, that of Linux.
+    const MAX_LINKS: u32 = 40;
     let folder = match path.parent() {
         Some(folder) if folder.as_os_str().is_empty() => Path::new("."),
         Some(folder) => folder,
         None => return path.to_owned(),
     };
-    if links < MOST_LINKS
+    if links < MAX_LINKS
         && let Ok(to) = fs::read_link(path)
     {
-        return place(&folder.join(to), links + 1);
+        return resolved(&folder.join(to), links + 1);
     }
-    let mut place = folder.canonicalize().unwrap_or_else(|_| place(folder, links));
+    let mut place = folder.canonicalize().unwrap_or_else(|_| resolved(folder, links));
     match path.file_name() {
         Some(name) => place.push(name),
         // It ends in `..`.

@@ -1,4 +1,4 @@
-//! How far a render is, for people on a terminal and for the programs that start renders.
+//! Progress reports, for people on a terminal and for programs that start renders.
 
 use std::io::{self, IsTerminal, Write};
 use std::sync::{Arc, Condvar, Mutex};
@@ -12,7 +12,7 @@ use super::say;
 use super::screen::{self, clock};
 use crate::render::Progress;
 
-/// Where progress goes and how it looks.
+/// The format of progress reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Style {
     /// A bar if stderr is a terminal, else plain.
@@ -29,37 +29,40 @@ pub enum Style {
     None,
 }
 
-/// Takes progress from any thread, and keeps none of them waiting: a thread of its own shows it.
+/// Accepts progress from any thread without blocking it. A thread of its own prints it.
 pub struct Reporter {
-    news: Arc<(Mutex<News>, Condvar)>,
+    pending: Arc<(Mutex<Pending>, Condvar)>,
 }
 
-/// What has not been shown yet.
+/// Progress that has not been printed yet.
 #[derive(Default)]
-struct News {
+struct Pending {
     render: Option<Progress>,
     build: Option<(f64, f64)>,
-    /// It has ended; complete?
+    /// The render has ended; is it complete?
     end: Option<bool>,
-    /// All has been shown.
-    over: bool,
+    /// All has been printed.
+    printed: bool,
 }
 
 impl Reporter {
     /// A reporter; `auto` is silent when `quiet`.
     pub fn new(style: Style, quiet: bool) -> Self {
-        let news = Arc::new((Mutex::new(News::default()), Condvar::new()));
+        let pending = Arc::new((Mutex::new(Pending::default()), Condvar::new()));
         let printer = Printer::new(style, quiet);
         if printer.style == Style::None {
             return Self::silent();
         }
-        let theirs = Arc::clone(&news);
+        let theirs = Arc::clone(&pending);
         let show = move || {
-            let (news, changed) = &*theirs;
-            let is_old = |news: &mut News| news.render.is_none() && news.build.is_none() && news.end.is_none();
+            let (pending, changed) = &*theirs;
+            let is_old =
+                |pending: &mut Pending| pending.render.is_none() && pending.build.is_none() && pending.end.is_none();
             loop {
-                let Ok(mut now) = news.lock().and_then(|news| changed.wait_while(news, is_old)) else { return };
-                let News { render, build, end, .. } = std::mem::take(&mut *now);
+                let Ok(mut now) = pending.lock().and_then(|pending| changed.wait_while(pending, is_old)) else {
+                    return;
+                };
+                let Pending { render, build, end, .. } = std::mem::take(&mut *now);
                 drop(now);
                 if let Some((done, seconds)) = build {
                     printer.building(done, seconds);
@@ -69,52 +72,52 @@ impl Reporter {
                 }
                 if let Some(complete) = end {
                     printer.finish(complete);
-                    if let Ok(mut news) = news.lock() {
-                        news.over = true;
+                    if let Ok(mut pending) = pending.lock() {
+                        pending.printed = true;
                     }
                     changed.notify_all();
                     return;
                 }
             }
         };
-        // Without a thread nothing is shown, and all is rendered.
+        // Without a thread nothing is printed, but the render runs.
         let thread = thread::Builder::new().name("progress".into()).spawn(show);
-        thread.map_or_else(|_| Self::silent(), |_| Self { news })
+        thread.map_or_else(|_| Self::silent(), |_| Self { pending })
     }
 
     fn silent() -> Self {
-        let over = News { over: true, ..News::default() };
-        Self { news: Arc::new((Mutex::new(over), Condvar::new())) }
+        let printed = Pending { printed: true, ..Pending::default() };
+        Self { pending: Arc::new((Mutex::new(printed), Condvar::new())) }
     }
 
-    fn tell(&self, what: impl FnOnce(&mut News)) {
-        if let Ok(mut news) = self.news.0.lock() {
-            what(&mut news);
+    fn notify(&self, change: impl FnOnce(&mut Pending)) {
+        if let Ok(mut pending) = self.pending.0.lock() {
+            change(&mut pending);
         }
-        self.news.1.notify_all();
+        self.pending.1.notify_all();
     }
 
-    /// To be called often; cheap.
+    /// Reports progress of the render. Cheap enough to be called for every tile.
     pub fn update(&self, progress: Progress) {
-        self.tell(|news| news.render = Some(progress));
+        self.notify(|pending| pending.render = Some(progress));
     }
 
-    /// The build before the render: the share in [0, 1] that is done, and its seconds so far. As [`Reporter::update`].
+    /// Reports progress of the build before the render: its finished fraction in [0, 1] and its seconds so far.
     pub fn building(&self, done: f64, seconds: f64) {
-        self.tell(|news| news.build = Some((done, seconds)));
+        self.notify(|pending| pending.build = Some((done, seconds)));
     }
 
-    /// Ends it; a complete render's last line is always the one of 100 %. Does not wait long for it to be read.
+    /// Ends the report. The last line of a complete render is that of 100 %. Waits at most a second for the reader.
     pub fn finish(&self, complete: bool) {
-        const PATIENCE: Duration = Duration::from_secs(1);
-        self.tell(|news| news.end = Some(complete));
-        if let Ok(news) = self.news.0.lock() {
-            let _ = self.news.1.wait_timeout_while(news, PATIENCE, |news| !news.over);
+        const MAX_WAIT: Duration = Duration::from_secs(1);
+        self.notify(|pending| pending.end = Some(complete));
+        if let Ok(pending) = self.pending.0.lock() {
+            let _ = self.pending.1.wait_timeout_while(pending, MAX_WAIT, |pending| !pending.printed);
         }
     }
 }
 
-/// Shows progress.
+/// Prints progress.
 struct Printer {
     style: Style,
     bar: ProgressBar,
@@ -126,14 +129,14 @@ struct Last {
     progress: Option<Progress>,
     /// Seconds since rendering began when a line was last printed.
     printed: Option<f64>,
-    /// Seconds since the build began when a line of it was last printed; the first is due after a second, so that
-    /// short builds say nothing.
+    /// Seconds since the build began when its last line was printed. The first is due after a second, so that short
+    /// builds print nothing.
     printed_build: f64,
-    /// Never falls, whatever the estimates do.
+    /// Never decreases, even when the estimates do.
     permille: u32,
 }
 
-/// A bar's steps are tenths of a percent.
+/// Steps of a bar: tenths of a percent.
 const STEPS: u32 = 1000;
 
 impl Printer {
@@ -153,7 +156,7 @@ impl Printer {
 
     fn update(&self, progress: Progress) {
         let Ok(mut last) = self.last.try_lock() else { return };
-        let (permille, due) = last.take(progress);
+        let (permille, due) = last.advance(progress);
         match self.style {
             Style::None | Style::Auto => {}
             Style::Bar => {
@@ -176,7 +179,7 @@ impl Printer {
             _ if seconds - last.printed_build < 1.0 => {}
             Style::Plain => say(format_args!("BUILD: {percent}%")),
             Style::Json => out(&json!({ "phase": "build", "fraction": done, "seconds": seconds }).to_string()),
-            // Its percents are the whole job's: they must not fall when rendering begins.
+            // Percentages are those of the whole job, which must not decrease when rendering begins.
             Style::Openjd => out(&format!("openjd_status: building the acceleration structure, {percent}%")),
             Style::Auto | Style::None => {}
         }
@@ -204,8 +207,8 @@ impl Printer {
 }
 
 impl Last {
-    /// Tenths of a percent to show, below 100 % before the end, and whether a line is due.
-    fn take(&mut self, progress: Progress) -> (u32, bool) {
+    /// Tenths of a percent to print, below 100 % before the end, and whether a line is due.
+    fn advance(&mut self, progress: Progress) -> (u32, bool) {
         self.progress = Some(progress);
         self.permille = self.permille.max((progress.fraction * f64::from(STEPS)) as u32).min(STEPS - 1);
         let due = self.printed.is_none_or(|t| progress.seconds - t >= 1.0);
@@ -217,7 +220,7 @@ impl Last {
 }
 
 fn out(line: &str) {
-    // Nobody there to read progress is no reason to stop rendering.
+    // Rendering continues even if progress cannot be written.
     let mut stdout = io::stdout().lock();
     let _ = writeln!(stdout, "{line}").and_then(|()| stdout.flush());
 }
@@ -231,7 +234,7 @@ fn mrays_per_second(progress: &Progress) -> f64 {
     progress.rays as f64 / progress.seconds.max(1e-9) / 1e6
 }
 
-/// What stands beside the bar: 60 columns or fewer in ordinary cases, so that a terminal of 80 has room for both.
+/// The text next to the bar: usually at most 60 columns, so that both fit into 80.
 fn message(progress: &Progress, permille: u32) -> String {
     let percent = f64::from(permille) / 10.0;
     let left = eta_seconds(progress).map_or("?".into(), clock);
@@ -242,7 +245,7 @@ fn message(progress: &Progress, permille: u32) -> String {
     format!("{times}  {}  {:.1} Mrays/s", samples(progress), mrays_per_second(progress))
 }
 
-/// Mean paths a pixel, and noise once it is known.
+/// Mean paths per pixel, and the noise once it is known.
 pub fn samples(progress: &Progress) -> String {
     let spp = progress.mean_spp;
     let spp = if spp < 100.0 { format!("{spp:.1} spp") } else { format!("{spp:.0} spp") };
@@ -274,7 +277,7 @@ mod tests {
     #[test]
     fn lines_come_once_a_second_and_percent_never_falls_nor_ends_early() {
         let mut last = Last::default();
-        let lines = [at(0.1, 0.2), at(0.5, 0.3), at(1.1, 0.1), at(1.2, 1.0), at(2.2, 1.0)].map(|p| last.take(p));
+        let lines = [at(0.1, 0.2), at(0.5, 0.3), at(1.1, 0.1), at(1.2, 1.0), at(2.2, 1.0)].map(|p| last.advance(p));
         assert_eq!(lines, [(200, true), (300, false), (300, true), (999, false), (999, true)]);
     }
 

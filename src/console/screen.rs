@@ -1,4 +1,4 @@
-//! The terminal's last lines, where bars are: what is said goes above them, and a Ctrl-C leaves nothing behind.
+//! Progress bars in the last lines of a terminal. Messages go above them, and Ctrl-C leaves no bar behind.
 
 use std::io::{self, IsTerminal, Write};
 use std::sync::LazyLock;
@@ -9,7 +9,7 @@ use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle, T
 
 use super::stderr;
 
-/// All bars of the process; none is drawn where stderr is no terminal.
+/// All bars of the process. None is drawn if stderr is not a terminal.
 static BARS: LazyLock<MultiProgress> = LazyLock::new(|| {
     let term = Term::stderr();
     MultiProgress::with_draw_target(match term.is_term() {
@@ -18,7 +18,7 @@ static BARS: LazyLock<MultiProgress> = LazyLock::new(|| {
     })
 });
 
-/// Adds a bar of so many steps below those that are there. `template` is indicatif's, as in `{wide_bar} {msg}`.
+/// Adds a bar with this number of steps below the others. `template` is indicatif's, for example `{wide_bar} {msg}`.
 pub fn bar(steps: u64, template: &str) -> ProgressBar {
     let bar = BARS.add(ProgressBar::new(steps));
     if let Ok(style) = ProgressStyle::with_template(template) {
@@ -27,13 +27,13 @@ pub fn bar(steps: u64, template: &str) -> ProgressBar {
     bar
 }
 
-/// Takes a bar away.
+/// Removes a bar.
 pub fn remove(bar: &ProgressBar) {
     bar.finish_and_clear();
     BARS.remove(bar);
 }
 
-/// Takes all bars away, for good.
+/// Removes all bars for the rest of the process.
 pub fn clear() {
     if !io::stderr().is_terminal() {
         return;
@@ -42,12 +42,12 @@ pub fn clear() {
     BARS.set_draw_target(ProgressDrawTarget::hidden());
 }
 
-/// Writes to stderr above the bars, sooner or later.
+/// Queues bytes for stderr, above the bars.
 pub fn write(bytes: &[u8]) {
     stderr::write(bytes.to_vec());
 }
 
-/// Writes to stderr above the bars, if there are any, as soon as somebody reads. Nobody there is no error.
+/// Writes to stderr above the bars and waits for the reader. Errors are ignored.
 pub(super) fn write_now(bytes: &[u8]) {
     let write = || drop(io::stderr().lock().write_all(bytes));
     match io::stderr().is_terminal() {
@@ -56,7 +56,7 @@ pub(super) fn write_now(bytes: &[u8]) {
     }
 }
 
-/// For those who want a writer: all of a call's bytes go above the bars.
+/// A writer whose bytes go above the bars.
 pub struct Above;
 
 impl Write for Above {
@@ -70,7 +70,7 @@ impl Write for Above {
     }
 }
 
-/// Minutes and seconds, as in `4:02` or `1:23:45`; `?` for what nobody knows.
+/// A duration as `4:02` or `1:23:45`; `?` if it is not finite.
 pub fn clock(seconds: f64) -> String {
     let Ok(whole) = Duration::try_from_secs_f64(seconds.round()) else { return "?".into() };
     let (hours, minutes, seconds) = (whole.as_secs() / 3600, whole.as_secs() / 60 % 60, whole.as_secs() % 60);
@@ -81,16 +81,17 @@ pub fn clock(seconds: f64) -> String {
     }
 }
 
-/// A terminal with its last columns left empty. The cursor waits there: the `^C` that a terminal prints when somebody
-/// types it stays in the bar's line and goes away with it. Bars are no reason to fail: errors of the terminal are dropped.
+/// A terminal whose last columns stay empty. The cursor rests there, so that the `^C` that a terminal echoes stays in the
+/// bar's line and is removed with it. Errors of the terminal are ignored.
 #[derive(Debug)]
 struct Narrow(Term);
 
-const SPARE: u16 = 4;
+/// Columns that stay empty.
+const EMPTY_COLUMNS: u16 = 4;
 
 impl TermLike for Narrow {
     fn width(&self) -> u16 {
-        self.0.size().1.saturating_sub(SPARE).max(20)
+        self.0.size().1.saturating_sub(EMPTY_COLUMNS).max(20)
     }
 
     fn height(&self) -> u16 {

@@ -1,4 +1,4 @@
-//! SIGINT, SIGTERM, SIGHUP and SIGUSR1: the first saves and ends, the second ends at once.
+//! SIGINT, SIGTERM, SIGHUP and SIGUSR1: the first signal saves and ends the program, the second ends it at once.
 
 use std::fs;
 use std::io::{self, ErrorKind, Read};
@@ -14,10 +14,10 @@ use super::{fail, screen};
 use crate::film::lock;
 use crate::{Error, Result};
 
-/// Raised by the first signal.
+/// The signals of the process.
 #[derive(Clone)]
 pub struct Signals {
-    /// Raised by the first signal; the second one ends the program as if nobody had listened.
+    /// Raised by the first signal. The second has the default action of the system.
     pub stop: Arc<AtomicBool>,
     phase: Arc<AtomicU8>,
 }
@@ -26,17 +26,17 @@ const LOADING: u8 = 0;
 const WORKING: u8 = 1;
 const ENDING: u8 = 2;
 
-/// What a child ends with when its parent is gone: as after a signal.
-const ORPHANED: i32 = 75;
+/// Exit code of a child whose parent has ended, the same as after a signal.
+const ORPHANED_EXIT_CODE: i32 = 75;
 
 impl Signals {
-    /// Listens from now on.
+    /// Registers handlers of the signals.
     ///
     /// # Errors
-    /// [`Error::Host`] if the system does not let it.
+    /// [`Error::Host`] if the system refuses.
     pub fn listen() -> Result<Self> {
         let signals = Self::silent();
-        for signal in heard() {
+        for signal in handled() {
             // In this order: the first signal finds the flag still down and raises it.
             flag::register_conditional_default(signal, Arc::clone(&signals.stop))
                 .and_then(|_| flag::register(signal, Arc::clone(&signals.stop)))
@@ -45,15 +45,14 @@ impl Signals {
         Ok(signals)
     }
 
-    /// Listens to the parent instead, as [`lead`](super::child::lead) speaks to it: signals that reach this process are
-    /// the parent's affair. A byte on standard input stands for the first one; at its end the parent is gone, and this
-    /// process ends on the spot.
+    /// Listens to the parent process instead ([`lead`](super::child::lead)) and ignores signals. A byte on standard input
+    /// stands for the first signal. At the end of the input, the parent has ended, and this process exits at once.
     ///
     /// # Errors
-    /// As [`Signals::listen`].
+    /// [`Error::Host`] if the system refuses.
     pub fn led() -> Result<Self> {
         let signals = Self::silent();
-        for signal in heard() {
+        for signal in handled() {
             flag::register(signal, Arc::default())
                 .map_err(|e| Error::Host(format!("cannot listen to signal {signal}: {e}")))?;
         }
@@ -64,7 +63,7 @@ impl Signals {
                 match io::stdin().read(&mut byte) {
                     Ok(1..) => stop.store(true, Ordering::SeqCst),
                     Err(e) if e.kind() == ErrorKind::Interrupted => {}
-                    _ => low_level::exit(ORPHANED),
+                    _ => low_level::exit(ORPHANED_EXIT_CODE),
                 }
             }
         });
@@ -80,8 +79,8 @@ impl Signals {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Does `work` that cannot be interrupted in the middle and has nothing to save, as reading a scene and building an
-    /// acceleration structure: a signal ends the program on the spot, with exit code 75.
+    /// Does `work` that cannot be interrupted and has nothing to save, such as reading a scene or building an acceleration
+    /// structure. A signal ends the program at once with exit code 75.
     pub fn nothing_to_save<T>(&self, work: impl FnOnce() -> T) -> T {
         self.phase.store(LOADING, Ordering::SeqCst);
         let watched = self.clone();
@@ -111,8 +110,8 @@ impl Signals {
     }
 }
 
-/// Signals that are listened to: not SIGHUP where `nohup` has it ignored.
-fn heard() -> impl Iterator<Item = i32> {
+/// The handled signals: without SIGHUP if `nohup` ignores it.
+fn handled() -> impl Iterator<Item = i32> {
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
     let ignored = ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0);

@@ -1,4 +1,4 @@
-//! The picture in tev (github.com/Tom94/tev), over its protocol, while it is rendered.
+//! Shows a render in progress in the viewer tev (github.com/Tom94/tev), by its network protocol.
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpStream, ToSocketAddrs};
 use std::str::FromStr;
@@ -9,19 +9,19 @@ use tev_client::{PacketCreateImage, PacketUpdateImage, TevClient};
 use crate::film::Pixels;
 use crate::{Error, Result};
 
-/// Where a tev listens: `HOST:PORT`, `HOST`, or `:PORT` on this machine.
+/// Network address of tev: `HOST:PORT`, `HOST`, or `:PORT` on this machine.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Address {
     host: String,
     port: u16,
 }
 
-/// What tev listens on unless it is told otherwise.
+/// tev's default address.
 pub const DEFAULT: &str = "127.0.0.1:14158";
 const PORT: u16 = 14158;
 
-/// A viewer that does not answer in this time is none.
-const PATIENCE: Duration = Duration::from_secs(3);
+/// Time limit of connecting and writing.
+const TIMEOUT: Duration = Duration::from_secs(3);
 
 impl FromStr for Address {
     type Err = String;
@@ -42,7 +42,7 @@ impl FromStr for Address {
     }
 }
 
-/// A connection, and the name that the picture has there.
+/// A connection to tev, and the picture's name there.
 #[derive(Debug)]
 pub struct Tev {
     client: TevClient,
@@ -52,20 +52,20 @@ pub struct Tev {
 const CHANNELS: [&str; 3] = ["R", "G", "B"];
 
 impl Tev {
-    /// Connects, and opens a picture of a window's size, black so far.
+    /// Connects and creates a black picture of the window's size.
     ///
     /// # Errors
-    /// [`Error::Host`] with the address.
+    /// [`Error::Host`] with the address if tev cannot be reached.
     pub fn open(address: &Address, name: &str, [x0, y0, x1, y1]: [u32; 4]) -> Result<Self> {
         let Address { host, port } = address;
         let failed = |why: String| Error::Host(format!("tev at {host}:{port}: {why}"));
-        let places: Vec<SocketAddr> = match host.parse::<IpAddr>() {
+        let addresses: Vec<SocketAddr> = match host.parse::<IpAddr>() {
             Ok(ip) => vec![(ip, *port).into()],
             Err(_) => (host.as_str(), *port).to_socket_addrs().map_err(|e| failed(e.to_string()))?.collect(),
         };
-        let socket = places.iter().find_map(|place| TcpStream::connect_timeout(place, PATIENCE).ok());
+        let socket = addresses.iter().find_map(|address| TcpStream::connect_timeout(address, TIMEOUT).ok());
         let socket = socket.ok_or_else(|| failed("nobody answers".into()))?;
-        socket.set_write_timeout(Some(PATIENCE)).map_err(|e| failed(e.to_string()))?;
+        socket.set_write_timeout(Some(TIMEOUT)).map_err(|e| failed(e.to_string()))?;
         let mut client = TevClient::wrap(socket);
         let name = name.replace('\0', "");
         let create = PacketCreateImage {
@@ -82,7 +82,7 @@ impl Tev {
     /// Sends the window's linear radiance.
     ///
     /// # Errors
-    /// [`Error::Io`].
+    /// [`Error::Io`] if it cannot be sent.
     pub fn show(&mut self, pixels: &dyn Pixels) -> Result<()> {
         let [x0, y0, x1, y1] = pixels.window();
         let places = (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y)));

@@ -1,25 +1,25 @@
 //! A plan as a job template of the Open Job Description specification (version 2023-09).
 //!
-//! Two braces begin and end a reference there, and nothing escapes them: names that hold them refer to parameters whose
-//! values are braces.
+//! `{{` and `}}` delimit references in a template and cannot be escaped: names that contain them refer to parameters whose
+//! values are the braces.
 
 use serde_json::{Value, json};
 
-use super::Plan;
+use super::plan::Plan;
 use crate::batch::frames::Frames;
 use crate::{Error, Result};
 
-/// The template, as JSON. Each render is a step whose tasks are its frames and their parts, each merge (of a sequence, all
-/// of its merges) a step that depends on it.
+/// The template as JSON. Each render is a step whose tasks are its frames and parts; the merges of a render are a step that
+/// depends on it.
 ///
 /// # Errors
-/// [`Error::Usage`] for names and numbers that the format has no place for.
+/// [`Error::Usage`] for names and numbers beyond the limits of the format.
 pub fn template(plan: &Plan) -> Result<Value> {
     let mut steps = Vec::new();
     let mut first = 0;
     while let Some(task) = plan.tasks.get(first) {
-        let own = plan.tasks[first..].iter().take_while(|t| t.render == task.render).count();
-        let chunks: Vec<_> = plan.tasks[first..first + own].iter().filter(|t| t.part == 1).collect();
+        let count = plan.tasks[first..].iter().take_while(|t| t.render == task.render).count();
+        let chunks: Vec<_> = plan.tasks[first..first + count].iter().filter(|t| t.part == 1).collect();
         let chunks: Vec<_> = chunks.iter().filter_map(|t| t.frames.as_ref()).collect();
         let parts = plan.parts as usize;
         let mut parameters: Vec<Value> = frames_parameter(&task.render, &chunks)?.into_iter().collect();
@@ -28,18 +28,18 @@ pub fn template(plan: &Plan) -> Result<Value> {
         }
         let command = parametrised(&task.command, task.part, parts, &chunks);
         steps.push(step(&task.render, &command, parameters)?);
-        first += own;
+        first += count;
     }
     let mut first = 0;
     while let Some(merge) = plan.merges.get(first) {
-        let own = plan.merges[first..].iter().take_while(|m| m.render == merge.render).count();
-        let chunks: Vec<_> = plan.merges[first..first + own].iter().filter_map(|m| m.frames.as_ref()).collect();
+        let count = plan.merges[first..].iter().take_while(|m| m.render == merge.render).count();
+        let chunks: Vec<_> = plan.merges[first..first + count].iter().filter_map(|m| m.frames.as_ref()).collect();
         let parameters = frames_parameter(&merge.render, &chunks)?.into_iter().collect();
         let command = parametrised(&merge.command, 0, 1, &chunks);
         let mut step = step(&format!("merge {}", merge.render), &command, parameters)?;
         step["dependencies"] = json!([{ "dependsOn": step_name(&merge.render)? }]);
         steps.push(step);
-        first += own;
+        first += count;
     }
     let name = literal(&plan.name);
     let mut template = json!({ "specificationVersion": "jobtemplate-2023-09", "name": name, "steps": steps });
@@ -59,18 +59,18 @@ fn step(name: &str, command: &[String], parameters: Vec<Value>) -> Result<Value>
     Ok(step)
 }
 
-/// Values of the frames' parameter: whole numbers where each task has one frame, else texts.
+/// Task parameter of the frames: integers if each task has one frame, else strings.
 fn frames_parameter(render: &str, chunks: &[&Frames]) -> Result<Option<Value>> {
-    /// Of a parameter that is a list.
-    const MOST_VALUES: usize = 1024;
+    /// Largest length of a parameter that is a list.
+    const MAX_VALUES: usize = 1024;
     let numbers: Option<Vec<u32>> =
         chunks.iter().map(|c| <[u32; 1]>::try_from(c.numbers()).ok().map(|[n]| n)).collect();
     Ok(match numbers {
         _ if chunks.is_empty() => None,
         Some(numbers) => Some(json!({ "name": "Frame", "type": "INT", "range": Frames::text_of(&numbers, ':') })),
-        None if chunks.len() > MOST_VALUES => {
+        None if chunks.len() > MAX_VALUES => {
             return Err(Error::Usage(format!(
-                "'{render}' is {} chunks of frames, and the format has room for {MOST_VALUES}: give a larger --chunk, or 1",
+                "'{render}' is {} chunks of frames, and the format allows {MAX_VALUES}: use a larger --chunk, or 1",
                 chunks.len()
             )));
         }
@@ -91,7 +91,7 @@ fn script(command: &[String]) -> Value {
     } } })
 }
 
-/// The first part's command, of the first frames, as that of all.
+/// The command of the first part and the first frames, with their numbers replaced by parameters.
 fn parametrised(command: &[String], part: u32, of: usize, chunks: &[&Frames]) -> Vec<String> {
     let (number, file) = (format!("--part={part}/"), format!(".{part}-of-{of}.exr"));
     let frames = chunks.first().map(|frames| format!("--frames={frames}"));
@@ -110,30 +110,30 @@ fn parametrised(command: &[String], part: u32, of: usize, chunks: &[&Frames]) ->
     command.iter().map(word).collect()
 }
 
-/// Braces, what refers to them, and the parameter's name.
+/// Braces, the reference that yields them, and its parameter.
 const BRACES: [(&str, &str, &str); 2] = [("{{", "{{Param.Open}}", "Open"), ("}}", "{{Param.Close}}", "Close")];
 
-/// What stands for a name where references are allowed.
+/// A name with its braces replaced by references.
 fn literal(name: &str) -> String {
     let [(open, opened, _), (close, closed, _)] = BRACES;
-    // The references end with braces of their own.
+    // References contain braces: the opening ones are split off before the closing ones are replaced.
     name.split(open).map(|part| part.replace(close, closed)).collect::<Vec<_>>().join(opened)
 }
 
 fn step_name(name: &str) -> Result<String> {
-    const LONGEST: usize = 64;
-    match name.chars().count() <= LONGEST {
+    const MAX_CHARACTERS: usize = 64;
+    match name.chars().count() <= MAX_CHARACTERS {
         true => Ok(name.into()),
-        false => {
-            Err(Error::Usage(format!("'{name}' is longer than the {LONGEST} letters that a step's name may have")))
-        }
+        false => Err(Error::Usage(format!(
+            "'{name}' is longer than {MAX_CHARACTERS} characters, the limit of a step's name"
+        ))),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::farm::tests::{plan, sequence};
+    use crate::farm::plan::tests::{plan, sequence};
 
     #[test]
     fn frames_are_a_parameter_space() {

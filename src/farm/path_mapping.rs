@@ -1,4 +1,4 @@
-//! Path mapping rules of Open Job Description (`pathmapping-1.0`): where a job's paths lie on this machine.
+//! Path mapping rules of Open Job Description (`pathmapping-1.0`), from paths of a job to paths on this machine.
 
 use std::path::{Path, PathBuf};
 
@@ -6,7 +6,7 @@ use serde::Deserialize;
 
 use crate::{Error, Result};
 
-/// Rules, the longest source first.
+/// Path mapping rules, longest source first.
 #[derive(Debug, Clone, Default)]
 pub struct PathMapping {
     rules: Vec<Rule>,
@@ -41,17 +41,17 @@ impl PathMapping {
     /// [`Error::reading`]; [`Error::Config`] for anything that is not `pathmapping-1.0`.
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = std::fs::read(path).map_err(|e| Error::reading(path, &e))?;
-        let bad = |why: &str| Error::Config(format!("{}: is no file of path mapping rules: {why}", path.display()));
+        let bad = |why: &str| Error::Config(format!("{}: not a file of path mapping rules: {why}", path.display()));
         let file: File = serde_json::from_slice(&bytes).map_err(|e| bad(&e.to_string()))?;
         if file.version.as_deref().is_some_and(|version| version != "pathmapping-1.0") {
-            return Err(bad("its version is not pathmapping-1.0"));
+            return Err(bad("the version is not pathmapping-1.0"));
         }
         let mut rules = file.path_mapping_rules;
         rules.sort_by_key(|rule| std::cmp::Reverse(rule.source_path.len()));
         Ok(Self { rules })
     }
 
-    /// The path on this machine: by the first rule whose source holds it, else as it is.
+    /// Replaces the path by that on this machine: by the first rule whose source contains it.
     pub fn apply(&self, path: &mut PathBuf) {
         let found = self.rules.iter().find_map(|rule| rule.apply(path));
         if let Some(mapped) = found {

@@ -1,4 +1,4 @@
-//! What a task has come to: a record beside its log, written by `farm task` and read by `farm status`.
+//! The record of a task's sessions next to its log, written by `farm task` and read by `farm status`.
 
 use std::fs::{self, File};
 use std::io::Write;
@@ -10,95 +10,95 @@ use serde::{Deserialize, Serialize};
 use crate::film::atomic;
 use crate::{Error, Result};
 
-/// Sessions of a task that was begun again and again.
+/// Sessions of a task, which may be interrupted and requeued several times.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Sessions {
     schema: u32,
-    /// The scheduler's number of the submission; another one begins to count anew.
+    /// The scheduler's ID of the submission; another one resets the counts.
     pub job: String,
-    /// Where the last session runs or ran.
+    /// Host of the last session.
     pub host: String,
-    /// Sessions begun.
+    /// Number of sessions begun.
     pub begun: u32,
-    /// Paths that the task's file held when the last one began.
+    /// Paths in the task's output when the last session began.
     pub paths: u64,
-    /// Sessions in a row, before the last one, that added none.
+    /// Consecutive sessions before the last one that added no paths.
     pub fruitless: u32,
-    /// Byte of the log where the last one begins.
+    /// Byte of the log at which the last session begins.
     pub log: u64,
-    /// Was it given more memory?
+    /// Whether the memory limit was raised.
     pub memory_raised: bool,
-    /// How much, in MiB: what has less was begun again before the scheduler had heard of it.
+    /// Raised memory limit in MiB; a session with less was started before the scheduler applied it.
     #[serde(default)]
     pub memory_raised_to: u64,
-    /// Was the last one ended for want of memory?
+    /// Whether the last session ran out of memory.
     pub out_of_memory: bool,
-    /// What the last one ended with; nothing while it runs, and when nobody could say any more.
+    /// Exit code of the last session; `None` while it runs, or if it died without recording one.
     pub code: Option<u8>,
 }
 
-/// So many sessions without a new path, and a task is not worth another.
-const FRUITLESS: u32 = 3;
-/// Seconds between signs of life.
-pub const BEAT: Duration = Duration::from_secs(20);
-/// Without a sign for so long, a session has died: several beats, as clocks differ and file systems are late.
-const DEAD: Duration = Duration::from_secs(120);
+/// Consecutive sessions without a new path after which a task is given up.
+const MAX_FRUITLESS_SESSIONS: u32 = 3;
+/// Interval of heartbeats.
+pub const HEARTBEAT: Duration = Duration::from_secs(20);
+/// A session without a heartbeat for this long has died: several intervals, as clocks differ and file systems are slow.
+const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(120);
 
 impl Sessions {
-    /// Reads a record; one that is not there or cannot be read is that of a task never begun.
+    /// Reads a record; one that is missing or unreadable counts as never begun.
     pub fn read(path: &Path) -> Self {
         fs::read(path).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok()).unwrap_or_default()
     }
 
-    /// The record as another session begins, for this submission, with so many paths in the task's file.
+    /// The record at the beginning of a session: of submission `job`, with `paths` in the task's output.
     pub fn begin(self, job: &str, host: &str, paths: u64, log: u64) -> Self {
-        let known = if self.job == job { self } else { Self::default() };
-        let fruitless = if known.begun > 0 && paths <= known.paths { known.fruitless + 1 } else { 0 };
+        let previous = if self.job == job { self } else { Self::default() };
+        let fruitless = if previous.begun > 0 && paths <= previous.paths { previous.fruitless + 1 } else { 0 };
         Self {
             schema: 1,
             job: job.into(),
             host: host.into(),
-            begun: known.begun + 1,
+            begun: previous.begun + 1,
             paths,
             fruitless,
             log,
-            memory_raised: known.memory_raised,
-            memory_raised_to: known.memory_raised_to,
+            memory_raised: previous.memory_raised,
+            memory_raised_to: previous.memory_raised_to,
             out_of_memory: false,
             code: None,
         }
     }
 
-    /// Have the last sessions got nowhere so often that this one need not try?
+    /// Gives the task up after too many sessions without progress.
     ///
     /// # Errors
-    /// [`Error::Host`] then.
-    pub fn worth_another(&mut self) -> Result<()> {
-        match self.fruitless < FRUITLESS {
+    /// [`Error::Host`].
+    pub fn check_progress(&mut self) -> Result<()> {
+        match self.fruitless < MAX_FRUITLESS_SESSIONS {
             true => Ok(()),
-            false => Err(self.nowhere()),
+            false => Err(self.no_progress()),
         }
     }
 
-    /// As a session ends with this code, and with so many paths in the task's file.
+    /// Records the end of a session with an exit code and `paths` in the task's output.
     ///
     /// # Errors
-    /// [`Error::Host`] instead of "interrupted" where it was one fruitless session too many.
+    /// [`Error::Host`] if it was interrupted and too many sessions in a row added no paths.
     pub fn end(&mut self, code: u8, paths: u64) -> Result<()> {
         self.code = Some(code);
-        // Nothing of a session that is over is the next one's to count.
+        // Not stored: the next session counts this one again when it begins.
         let fruitless = if paths <= self.paths { self.fruitless + 1 } else { 0 };
-        match code == INTERRUPTED && fruitless >= FRUITLESS {
-            true => Err(self.nowhere()),
+        match code == INTERRUPTED && fruitless >= MAX_FRUITLESS_SESSIONS {
+            true => Err(self.no_progress()),
             false => Ok(()),
         }
     }
 
-    fn nowhere(&mut self) -> Error {
-        // Whoever releases a held task has changed something: it counts anew.
+    fn no_progress(&mut self) -> Error {
+        // Somebody who releases the held task has changed something, so the counts are reset.
         self.begun = 0;
         Error::Host(format!(
-            "begun {FRUITLESS} times in a row, and interrupted each time before anything was saved: give it more time or \
+            "begun {MAX_FRUITLESS_SESSIONS} times in a row, and interrupted each time before anything was saved: give it more time or \
              a faster host"
         ))
     }
@@ -106,31 +106,31 @@ impl Sessions {
     /// Writes the record.
     ///
     /// # Errors
-    /// As [`atomic::write`].
+    /// Those of [`atomic::write`].
     pub fn write(&self, path: &Path) -> Result<()> {
         let json = serde_json::to_vec_pretty(self).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
         atomic::write(path, |file| Ok(Ok(file.write_all(&json)?)))
     }
 
-    /// Gives a sign of life. Where that fails nothing is lost but the sign.
-    pub fn beat(path: &Path) {
+    /// Gives a sign of life: sets the record's modification time. Failures are ignored.
+    pub fn heartbeat(path: &Path) {
         let _ = File::options().append(true).open(path).and_then(|file| file.set_modified(SystemTime::now()));
     }
 
-    /// Does its last session run, by its signs of life?
-    pub fn runs(&self, path: &Path) -> bool {
+    /// Whether the last session runs, according to its heartbeats.
+    pub fn is_running(&self, path: &Path) -> bool {
         let age = fs::metadata(path).and_then(|meta| meta.modified()).map(|time| time.elapsed().unwrap_or_default());
-        self.begun > 0 && self.code.is_none() && age.is_ok_and(|age| age < DEAD)
+        self.begun > 0 && self.code.is_none() && age.is_ok_and(|age| age < HEARTBEAT_TIMEOUT)
     }
 }
 
-/// Exit code of what was interrupted, and goes on when it is begun again.
+/// Exit code of an interrupted render, which resumes when it is started again.
 pub const INTERRUPTED: u8 = 75;
-/// Exit code of what this host cannot do: a site's `RequeueExitHold`.
+/// Exit code of a render that this host cannot do, for a site's `RequeueExitHold`.
 pub const HELD: u8 = 76;
 
-/// The record's place, beside the log.
-pub fn beside(log: &Path) -> PathBuf {
+/// Path of the record that belongs to a log.
+pub fn record_path(log: &Path) -> PathBuf {
     log.with_extension("json")
 }
 
@@ -144,7 +144,7 @@ mod tests {
         let mut sessions = Sessions::default();
         for paths in 0..20 {
             sessions = sessions.begin("7", "n1", paths, 0);
-            sessions.worth_another().unwrap();
+            sessions.check_progress().unwrap();
             sessions.end(75, paths + 1).unwrap();
         }
         // Two that bring nothing, one of them killed, and one that does.
@@ -156,13 +156,13 @@ mod tests {
         // Three that bring nothing: the third says so.
         for fruitless in 0..3 {
             sessions = sessions.begin("7", "n1", 21, 0);
-            sessions.worth_another().unwrap();
+            sessions.check_progress().unwrap();
             assert_eq!(sessions.end(75, 21).is_err(), fruitless == 2, "{fruitless}");
         }
         // Three that were killed before they could say anything: the fourth says so.
         for killed in 0..4 {
             sessions = sessions.begin("7", "n1", 21, 0);
-            assert_eq!(sessions.worth_another().is_err(), killed == 3, "{killed}");
+            assert_eq!(sessions.check_progress().is_err(), killed == 3, "{killed}");
         }
         // What is submitted again begins anew; what ends otherwise than interrupted is not counted here.
         sessions = sessions.begin("8", "n1", 21, 0);
@@ -176,16 +176,16 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("task-1.json");
         let mut sessions = Sessions::read(&path).begin("7", "n1", 0, 0);
-        assert!(!sessions.runs(&path));
+        assert!(!sessions.is_running(&path));
         sessions.write(&path).unwrap();
-        assert!(sessions.runs(&path) && Sessions::read(&path) == sessions);
-        let long_ago = SystemTime::now() - 2 * DEAD;
+        assert!(sessions.is_running(&path) && Sessions::read(&path) == sessions);
+        let long_ago = SystemTime::now() - 2 * HEARTBEAT_TIMEOUT;
         File::options().append(true).open(&path).unwrap().set_modified(long_ago).unwrap();
-        assert!(!sessions.runs(&path));
-        Sessions::beat(&path);
-        assert!(sessions.runs(&path));
+        assert!(!sessions.is_running(&path));
+        Sessions::heartbeat(&path);
+        assert!(sessions.is_running(&path));
         sessions.end(0, 1).unwrap();
-        assert!(!sessions.runs(&path));
+        assert!(!sessions.is_running(&path));
         fs::write(&path, "not JSON").unwrap();
         assert_eq!(Sessions::read(&path), Sessions::default());
     }

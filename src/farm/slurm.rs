@@ -1,4 +1,4 @@
-//! A plan as a Slurm array and the merges that wait for it.
+//! A plan as Slurm job arrays, and merges that depend on them.
 
 use std::fs;
 use std::io::Write;
@@ -6,44 +6,44 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::{PLAN, Plan, printable, utf8};
+use super::names::{printable, utf8};
+use super::plan::{PLAN, Plan};
 use crate::film::atomic;
 use crate::{Error, Result};
 
-/// What is asked of Slurm for each task.
+/// Resources and options of each task.
 #[derive(Debug, Clone, Default)]
-pub struct Ask {
+pub struct TaskOptions {
     /// `--cpus-per-task`.
     pub cpus: Option<u32>,
     /// `--mem`, as Slurm writes it.
     pub memory: Option<String>,
-    /// `--time`, in minutes: a task that needs longer is saved, requeued and goes on.
+    /// `--time`, in minutes: a task that needs longer is saved, requeued and resumed.
     pub minutes: Option<u32>,
-    /// Tasks at a time, at most.
+    /// Most tasks at the same time.
     pub throttle: Option<u32>,
-    /// Further options of sbatch, as they are.
+    /// Further options of sbatch, passed on unchanged.
     pub others: Vec<String>,
 }
 
-/// Files of a plan's folder: name and content.
+/// Scripts of a plan's folder: name and content.
 ///
 /// # Errors
-/// [`Error::Usage`] for control characters in what is asked: each option is one line.
-pub fn files(plan: &Plan, ask: &Ask) -> Result<Vec<(String, String)>> {
-    ask.others.iter().chain(&ask.memory).try_for_each(|option| printable(option))?;
-    let mut files = vec![("tasks.sbatch".into(), script(plan, ask))];
+/// [`Error::Usage`] for control characters in options, each of which is a line of the script.
+pub fn files(plan: &Plan, options: &TaskOptions) -> Result<Vec<(String, String)>> {
+    options.others.iter().chain(&options.memory).try_for_each(|option| printable(option))?;
+    let mut files = vec![("tasks.sbatch".into(), script(plan, options))];
     if !plan.merges.is_empty() {
-        let alone = Ask { minutes: None, throttle: None, ..ask.clone() };
+        let alone = TaskOptions { minutes: None, throttle: None, ..options.clone() };
         files.push(("merge.sbatch".into(), script(plan, &alone)));
     }
     Ok(files)
 }
 
-/// A batch script. Its arguments are a command and, before it, a number that is added to the array's index to give the
-/// command's last word. So the shell reads no name as a part of its program. The command replaces the shell, so that
-/// signals reach it.
-fn script(plan: &Plan, ask: &Ask) -> String {
-    // Slurm's own words. In the folder's name, too, it reads `%` and `\` as more than letters, and tasks would fail.
+/// A batch script. Its arguments are an offset and a command; the command's last word is the offset plus the array index.
+/// No name is part of the script's text, so the shell interprets none. `exec` makes signals reach the command.
+fn script(plan: &Plan, task: &TaskOptions) -> String {
+    // The log of Slurm itself. Slurm interprets `%` and `\` even in the folder's name, and tasks would fail.
     let plain = !plan.folder.to_string_lossy().contains(['%', '\\']);
     let log = if plain { "logs/slurm-%A_%a.log" } else { "/dev/null" };
     let mut options = vec![
@@ -51,17 +51,17 @@ fn script(plan: &Plan, ask: &Ask) -> String {
         format!("--output={log}"),
         "--open-mode=append".into(),
         "--requeue".into(),
-        format!("--signal=B:TERM@{}", lead(ask.minutes)),
+        format!("--signal=B:TERM@{}", term_lead_seconds(task.minutes)),
     ];
-    options.extend(ask.cpus.map(|n| format!("--cpus-per-task={n}")));
-    options.extend(ask.memory.as_ref().map(|m| format!("--mem={m}")));
-    options.extend(ask.minutes.map(|m| format!("--time={m}")));
-    options.extend(ask.others.iter().cloned());
+    options.extend(task.cpus.map(|n| format!("--cpus-per-task={n}")));
+    options.extend(task.memory.as_ref().map(|m| format!("--mem={m}")));
+    options.extend(task.minutes.map(|m| format!("--time={m}")));
+    options.extend(task.others.iter().cloned());
     let options: String = options.iter().map(|o| format!("#SBATCH {o}\n")).collect();
     format!("#!/bin/bash\n{options}exec \"${{@:2}}\" $(( ${{SLURM_ARRAY_TASK_ID:-0}} + $1 ))\n")
 }
 
-/// Arguments of sbatch: the folder to be in, a script of it, and the script's arguments.
+/// Arguments of sbatch: working folder, script, and the script's arguments.
 fn run(plan: &Plan, command: &[String], script: &str, number: usize, more: &[&str]) -> Result<Vec<String>> {
     let folder = utf8(&plan.folder)?;
     let mut words = vec![format!("--chdir={folder}"), format!("{folder}/{script}"), number.to_string()];
@@ -71,17 +71,17 @@ fn run(plan: &Plan, command: &[String], script: &str, number: usize, more: &[&st
     Ok(words)
 }
 
-/// Seconds before the time limit at which a task is told to save: two minutes, or a quarter of a short limit.
-fn lead(minutes: Option<u32>) -> u32 {
+/// Seconds before the time limit at which a task gets SIGTERM and saves: two minutes, or a quarter of a shorter limit.
+fn term_lead_seconds(minutes: Option<u32>) -> u32 {
     minutes.map_or(120, |m| (m.saturating_mul(15)).clamp(15, 120))
 }
 
-/// Arrays for all tasks, as arguments of sbatch: options and script's argument. A site limits an array's size.
+/// Job arrays of at most `largest` tasks, with their arguments of sbatch.
 ///
 /// # Errors
-/// As [`utf8`].
-pub fn arrays(plan: &Plan, ask: &Ask, largest: usize) -> Result<Vec<Array>> {
-    let throttle = ask.throttle.map_or(String::new(), |n| format!("%{n}"));
+/// Those of [`utf8`].
+pub fn arrays(plan: &Plan, options: &TaskOptions, largest: usize) -> Result<Vec<Array>> {
+    let throttle = options.throttle.map_or(String::new(), |n| format!("%{n}"));
     (0..plan.tasks.len())
         .step_by(largest.max(1))
         .map(|first| {
@@ -93,21 +93,21 @@ pub fn arrays(plan: &Plan, ask: &Ask, largest: usize) -> Result<Vec<Array>> {
         .collect()
 }
 
-/// One array of tasks.
+/// A job array.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Array {
-    /// First task, counted from 0.
+    /// Index of the first task.
     pub first: usize,
-    /// Tasks.
+    /// Number of tasks.
     pub count: usize,
-    /// Of sbatch.
+    /// Arguments of sbatch.
     pub arguments: Vec<String>,
 }
 
-/// Arguments of sbatch for the merge of this number, counted from 0, after arrays with these job numbers.
+/// Arguments of sbatch for the merge with this index, which depends on tasks of `arrays` with their job IDs.
 ///
 /// # Errors
-/// As [`utf8`].
+/// Those of [`utf8`].
 pub fn merge(plan: &Plan, number: usize, arrays: &[(Array, String)]) -> Result<Vec<String>> {
     let (first, last) = plan.merges[number].tasks;
     let mut needed = Vec::new();
@@ -126,56 +126,56 @@ pub fn merge(plan: &Plan, number: usize, arrays: &[(Array, String)]) -> Result<V
     Ok(arguments)
 }
 
-/// Numbers that Slurm gave to a plan's arrays and merges, in its order; kept in the plan's folder.
+/// Slurm's job IDs of a plan's arrays and merges, stored in the plan's folder.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Submitted {
-    /// Of the tasks.
+    /// Arrays of tasks.
     pub arrays: Vec<SubmittedArray>,
-    /// Of the merges.
+    /// Job IDs of the merges, in the order of the plan.
     pub merges: Vec<String>,
 }
 
-/// An array that Slurm has.
+/// A submitted job array.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SubmittedArray {
-    /// First task, counted from 0.
+    /// Index of the first task.
     pub first: usize,
-    /// Tasks.
+    /// Number of tasks.
     pub count: usize,
-    /// Slurm's number.
+    /// Slurm's job ID.
     pub job: String,
 }
 
-/// Of [`Submitted`] within the folder.
+/// File name of [`Submitted`] in the plan's folder.
 const SUBMITTED: &str = "slurm.json";
 
 impl Submitted {
-    /// Reads it; `None` if Slurm was never asked.
+    /// Reads the job IDs; `None` if the plan was never submitted to Slurm.
     pub fn read(folder: &Path) -> Option<Self> {
         fs::read(folder.join(SUBMITTED)).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok())
     }
 
-    /// Writes it.
+    /// Writes the job IDs.
     ///
     /// # Errors
-    /// As [`atomic::write`].
+    /// Those of [`atomic::write`].
     pub fn write(&self, folder: &Path) -> Result<()> {
         let json = serde_json::to_vec_pretty(self).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
         atomic::write(&folder.join(SUBMITTED), |file| Ok(Ok(file.write_all(&json)?)))
     }
 
-    /// Is it one of these jobs?
-    pub fn knows(&self, job: &str) -> bool {
+    /// Whether a job ID is one of these.
+    pub fn contains(&self, job: &str) -> bool {
         self.arrays.iter().map(|array| &array.job).chain(&self.merges).any(|known| known == job)
     }
 }
 
-/// A job's name without what would need quotes.
+/// A job name without characters that need quoting.
 fn name(text: &str) -> String {
     text.chars().map(|c| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' }).collect()
 }
 
-/// Words as a shell would want them, for people.
+/// Words quoted for a shell, to be shown.
 pub fn quoted(words: &[String]) -> String {
     words.iter().map(|word| quote(word)).collect::<Vec<_>>().join(" ")
 }
@@ -188,12 +188,12 @@ fn quote(word: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::farm::tests::plan;
+    use crate::farm::plan::tests::plan;
 
     #[test]
     fn merges_wait_for_their_own_parts_also_across_arrays() {
         let plan = plan(3);
-        let arrays = arrays(&plan, &Ask { throttle: Some(2), ..Default::default() }, 4).unwrap();
+        let arrays = arrays(&plan, &TaskOptions { throttle: Some(2), ..Default::default() }, 4).unwrap();
         assert_eq!(arrays.iter().map(|a| (a.first, a.count)).collect::<Vec<_>>(), [(0, 4), (4, 2)]);
         let run = ["--chdir=/f", "/f/tasks.sbatch", "4", "bismar", "farm", "task", "--plan=/f/farm.json"];
         assert_eq!(arrays[1].arguments, [&["--array=1-2%2"], &run[..]].concat());
@@ -210,7 +210,7 @@ mod tests {
             .output()
             .unwrap();
         assert_eq!(String::from_utf8(output.stdout).unwrap(), "it's\na b\n\n--x=1,2\n$HOME\n");
-        for (name, content) in files(&plan(3), &Ask::default()).unwrap() {
+        for (name, content) in files(&plan(3), &TaskOptions::default()).unwrap() {
             assert!(!content.contains("hall") && !content.contains("/f"), "{name}: {content}");
         }
     }

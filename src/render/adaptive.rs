@@ -1,43 +1,44 @@
-//! Where a noise goal lets a tile's pixels end, each group of them by what another group has found.
+//! The stop rule for noise goals: when the pixels of a tile take no more paths.
 //!
-//! A stop rule that looks at the samples that it stops prefers pictures that have missed rare bright paths so far, and
-//! makes them dark. So a tile's pixels are eight groups, the places of 2 x 4 pixels, and a group takes as many paths as the
-//! next group's error asks for. A pixel's own samples can come back to it by way of all eight, after as many looks; looks
-//! are few, as a group takes at once what it will need, from half of what it has to three times that.
+//! A stop rule that looks at the samples that it stops is biased: pictures that have missed rare bright paths look clean,
+//! end early and are too dark. The pixels of a tile are therefore divided into eight groups, the positions in blocks of 2 x
+//! 4 pixels, and the number of paths of a group follows from the error of the next group. A pixel's own samples can affect
+//! it only through all eight groups, after as many decisions. Decisions are few: a group takes at once what it is expected
+//! to need, from half of its paths to three times as many.
 
 use crate::film::PixelStats;
 use crate::film::compare::relative_to;
 
-/// Paths a pixel before anybody looks at the noise, unless told: fewer say little of it.
+/// Default paths per pixel before the noise is estimated. Fewer paths give a poor estimate.
 pub const NOISE_PATHS: u32 = 32;
 /// Groups of pixels.
 const GROUPS: usize = 8;
-/// Paths that a pass can bring, over those that there are.
+/// Maximum paths of a pass, over those already taken.
 pub const GROWTH: u32 = 3;
-/// A group that needs more takes this part of what it has, at least.
-const LEAST: f64 = 0.5;
-/// Paths come in blocks of the sequence.
-const BLOCK: f64 = 4.0;
+/// Minimum paths that an unfinished group takes in a pass, over those already taken.
+const MIN_GROWTH: f64 = 0.5;
+/// Paths are taken in blocks of the low-discrepancy sequence.
+const PATHS_PER_BLOCK: f64 = 4.0;
 
-/// When a tile's pixels end.
+/// When the pixels of a tile are finished.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NoiseGoal {
     /// Relative error, > 0.
     pub error: f64,
-    /// Paths a pixel that come before anybody looks, ≥ 2.
-    pub least: u32,
+    /// Paths per pixel before the noise is estimated, ≥ 2.
+    pub min_paths: u32,
 }
 
-/// What a tile's pixels have collected, row by row.
+/// The statistics of a tile's pixels, row by row.
 #[derive(Clone, Copy)]
-pub struct Seen<'a> {
+pub struct TileStats<'a> {
     /// One a pixel.
     pub stats: &'a [PixelStats],
     /// Pixels a row.
     pub width: usize,
 }
 
-impl<'a> Seen<'a> {
+impl<'a> TileStats<'a> {
     /// Indices of a group's pixels.
     fn group(self, group: usize) -> impl Iterator<Item = usize> + Clone + 'a {
         (0..self.stats.len()).filter(move |i| self.group_of(*i) == group)
@@ -62,8 +63,8 @@ impl<'a> Seen<'a> {
         (0..self.stats.len()).all(|i| self.stats[i].samples == self.paths_of(self.group_of(i)))
     }
 
-    /// Paths that each pixel of a group should have, as the next group tells that has pixels.
-    fn asked(self, group: usize, goal: &NoiseGoal) -> f64 {
+    /// Paths that each pixel of a group should have, by the error of the next group that has pixels.
+    fn required_paths(self, group: usize, goal: &NoiseGoal) -> f64 {
         let others = (1..=GROUPS).map(|step| (group + step) % GROUPS);
         let Some(other) = others.into_iter().find(|g| self.group(*g).next().is_some()) else { return 0.0 };
         let (sum, n) = self.group(other).fold((0.0, 0.0), |(sum, n), i| (sum + self.error(i), n + 1.0));
@@ -76,18 +77,22 @@ impl<'a> Seen<'a> {
         (0..3).map(|c| f64::from(variance[c]) / relative_to(f64::from(mean[c]))).sum::<f64>() / 3.0
     }
 
-    /// How many of a pass's `paths` paths the pixels of each group take; without a goal, what brings all to one number.
+    /// How many of a pass's `paths` paths the pixels of each group take. Without a goal, all groups reach the same number.
     pub fn paths_for(self, paths: u32, goal: Option<&NoiseGoal>) -> [u32; GROUPS] {
         let most = self.paths();
         std::array::from_fn(|group| {
             let own = self.paths_of(group);
             let Some(goal) = goal else { return paths + most - own };
-            if own < goal.least {
+            if own < goal.min_paths {
                 return paths;
             }
-            let (own, asked) = (f64::from(own), self.asked(group, goal));
-            let more = (asked - own).max(LEAST * own);
-            if asked > own { ((more / BLOCK).ceil() * BLOCK).min(f64::from(paths)) as u32 } else { 0 }
+            let (own, required) = (f64::from(own), self.required_paths(group, goal));
+            let more = (required - own).max(MIN_GROWTH * own);
+            if required > own {
+                ((more / PATHS_PER_BLOCK).ceil() * PATHS_PER_BLOCK).min(f64::from(paths)) as u32
+            } else {
+                0
+            }
         })
     }
 
@@ -96,11 +101,11 @@ impl<'a> Seen<'a> {
         (0..self.stats.len()).map(|i| groups[self.group_of(i)]).collect()
     }
 
-    /// Is it all as clean as asked?
+    /// Has every group reached the goal?
     pub fn is_clean(self, goal: &NoiseGoal) -> bool {
-        let there = (0..GROUPS).filter(|&group| self.group(group).next().is_some());
+        let present = (0..GROUPS).filter(|&group| self.group(group).next().is_some());
         let more = self.paths_for(1, Some(goal));
-        there.map(|group| more[group]).sum::<u32>() == 0
+        present.map(|group| more[group]).sum::<u32>() == 0
     }
 }
 
@@ -115,14 +120,14 @@ mod tests {
         PixelStats { samples: n, sum: [m; 3], sum_squared: [m + variance * (m - 1.0); 3], ..PixelStats::EMPTY }
     }
 
-    const GOAL: NoiseGoal = NoiseGoal { error: 0.1, least: 32 };
+    const GOAL: NoiseGoal = NoiseGoal { error: 0.1, min_paths: 32 };
 
     #[test]
     fn a_group_takes_what_the_next_one_asks_for_whatever_its_own_pixels_show() {
         // Relative variance 1.01 v over paths must come to 0.01: 100 v paths.
         let variances = [1e9, 0.3, 1.0, 4.0, 0.1, 0.1, 0.1, 0.1];
         let stats: Vec<_> = (0..256).map(|i| pixel(1.01 * variances[2 * (i / 16 % 4) + i % 2], 64)).collect();
-        let tile = Seen { stats: &stats, width: 16 };
+        let tile = TileStats { stats: &stats, width: 16 };
         assert!(tile.is_whole() && tile.paths() == 64);
         // Enough, 36 more, as much as the pass has.
         assert_eq!(tile.paths_for(192, Some(&GOAL)), [0, 36, 192, 0, 0, 0, 0, 192]);
@@ -132,7 +137,7 @@ mod tests {
         // A little more is half of what there is; nobody looks too early.
         let goal = NoiseGoal { error: 0.1 * f64::sqrt(99.0 / 64.0), ..GOAL };
         assert_eq!(tile.paths_for(192, Some(&goal))[1], 32);
-        assert_eq!(tile.paths_for(5, Some(&NoiseGoal { least: 65, ..GOAL })), [5; 8]);
+        assert_eq!(tile.paths_for(5, Some(&NoiseGoal { min_paths: 65, ..GOAL })), [5; 8]);
         assert!(tile.is_clean(&NoiseGoal { error: 1e6, ..GOAL }));
     }
 
@@ -141,14 +146,14 @@ mod tests {
         for (pixels, width) in [(1, 1), (2, 1), (2, 2), (3, 1)] {
             for (variance, clean) in [(1e-3, true), (1e3, false)] {
                 let stats = vec![pixel(variance, 64); pixels];
-                assert_eq!(Seen { stats: &stats, width }.is_clean(&GOAL), clean, "{pixels} {width} {variance}");
+                assert_eq!(TileStats { stats: &stats, width }.is_clean(&GOAL), clean, "{pixels} {width} {variance}");
             }
         }
     }
 
     /// z of the mean of 10 000 tiles of 8 x 8 pixels against what it should be, whose paths are 1 and, with a chance of
     /// 1/4000, a hundred more; `next` deals passes after the first of 32 paths.
-    fn z(next: impl Fn(Seen, u32) -> Vec<u32>) -> f64 {
+    fn z(next: impl Fn(TileStats, u32) -> Vec<u32>) -> f64 {
         const TILES: u32 = 10_000;
         let (mut sum, mut sum2) = (0.0, 0.0);
         let mut random = SplitMix64(7);
@@ -162,7 +167,7 @@ mod tests {
                         pixel.add(glam::Vec3::splat(if bright { 101.0 } else { 1.0 }), true);
                     }
                 }
-                let seen = Seen { stats: &stats, width: 8 };
+                let seen = TileStats { stats: &stats, width: 8 };
                 let left = 512 - seen.paths();
                 dealt = next(seen, left.min(GROWTH * seen.paths()));
             }
@@ -177,8 +182,8 @@ mod tests {
     /// |z| > 4 by chance: one in 16 000.
     #[test]
     fn rare_bright_paths_make_no_tile_darker() {
-        let goal = NoiseGoal { error: 0.05, least: 32 };
-        let own = |seen: Seen, paths| {
+        let goal = NoiseGoal { error: 0.05, min_paths: 32 };
+        let own = |seen: TileStats, paths| {
             let error = (0..64).map(|i| seen.error(i)).sum::<f64>() / 64.0;
             vec![if error > 0.05 * 0.05 { paths } else { 0 }; 64]
         };

@@ -1,16 +1,15 @@
-//! How a picture's paths are allocated to its tiles, with `--adaptive`: in proportion to the root of a path's relative
-//! variance there, over the root of what it costs, by which the mean of variance / paths is least for what all paths cost.
+//! The allocation of a picture's paths to its tiles (`--adaptive`). Paths are proportional to the square root of a path's
+//! relative variance in the tile over its cost, which minimises the mean of variance / paths at a given total cost.
 //!
-//! A pilot says what a tile's paths vary by and cost: a few pixels of each tile, with points of other scrambles than the
-//! picture's. So no sample has a say in how many there are of its kind, the picture stays unbiased, and every part, crop
-//! and session comes to the same numbers.
+//! A pre-pass estimates variance and cost from a few pixels of each tile, with other scrambles of the sequence than the
+//! picture's. The picture therefore stays unbiased, and every part, crop and session computes the same allocation.
 
 use glam::Vec3;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
 use super::RenderSettings;
 use super::sampler::with_buffers;
+use super::stats::AllocationEfficiency;
 use super::tile::{TILE, Tile};
 use crate::balance::Counts;
 use crate::film::PixelStats;
@@ -18,60 +17,51 @@ use crate::film::compare::relative_to;
 use crate::integrator::{PixelBatch, PixelTask, Transport, Wave, WaveCounts};
 use crate::sampling::hash;
 
-/// Paths of a pixel of the pilot in each of its two scrambles, whose difference is what fixed counts and stratified points
-/// leave over.
-const PATHS: u32 = 4;
-/// A picture's pixels that are asked, at most; but of a tile these at least and at most, and no more than make the pilot a
+/// Paths per pixel of the pre-pass in each of its two scrambles. Their difference is the error that remains with fixed
+/// sample counts and stratified points.
+const PATHS_PER_SCRAMBLE: u32 = 4;
+/// Maximum pixels of a picture in the pre-pass, and the minimum and maximum of a tile. The pre-pass takes at most a
 /// thirty-second of the picture's paths.
-const PIXELS: usize = 1 << 14;
-const OF_A_TILE: [usize; 2] = [32, 128];
-/// Pixels of a tile by which it says as much of itself as the tiles around.
-const TRUSTED: f64 = 40.0;
-/// How often a tile's paths are doubled from the mean, at least and at most. Doublings keep to powers of two, where points of
-/// a low-discrepancy sequence are at their best, if only by a few per cent.
+const MAX_PIXELS: usize = 1 << 14;
+const PIXELS_PER_TILE: [usize; 2] = [32, 128];
+/// Sampled pixels at which a tile's own estimate has the same weight as that of the tiles around it.
+const SMOOTHING_PIXELS: f64 = 40.0;
+/// Minimum and maximum doublings of the mean number of paths. Powers of two suit low-discrepancy points, by a few per
+/// cent.
 const DOUBLINGS: [i32; 2] = [-2, 2];
-/// Paths of a tile over the mean, at most.
-pub const MOST: u32 = 1 << DOUBLINGS[1];
-/// All tiles have as many paths where more than this is to be left of the error, by the pilot.
-const PAYS: f64 = 0.97;
-/// Fewer paths are no fewer anywhere.
-const LEAST: u32 = 16;
+/// Maximum paths of a tile, over the mean.
+pub const MAX_PATHS_OVER_MEAN: u32 = 1 << DOUBLINGS[1];
+/// All tiles get the same number of paths where the pre-pass estimates that more than this of the error would remain.
+const MAX_REMAINING_ERROR: f64 = 0.97;
+/// Below this mean number of paths, all tiles get the same number.
+const MIN_MEAN_PATHS: u32 = 16;
 
-/// Each tile's paths, over the mean of all.
+/// The paths of each tile, relative to the mean.
 #[derive(Debug)]
 pub struct Allocation {
-    /// How often the mean is doubled, row by row.
+    /// Doublings of the mean, row by row.
     doublings: Vec<i32>,
     columns: u32,
-    worth: Worth,
+    efficiency: AllocationEfficiency,
 }
 
-/// What an allocation is worth.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct Worth {
-    /// Error times cost that it is to leave, over that of as many paths everywhere.
-    pub left: f64,
-    /// Paths of a tile over the mean of all, at least and at most; both 1 where it does not pay.
-    pub range: [f64; 2],
-}
-
-/// What the pilot knows of a tile.
+/// What the pre-pass measures in a tile.
 #[derive(Debug, Clone, Copy, Default)]
 struct Survey {
     /// Pixels.
     pixels: f64,
-    /// Relative variance of a path, by each half of the pixels that were asked.
+    /// Relative variance of a path, by each half of the sampled pixels.
     variance: [f64; 2],
-    /// How many were asked.
-    asked: usize,
+    /// Sampled pixels.
+    sampled: usize,
     /// Rays of a path.
     cost: f64,
 }
 
 impl Allocation {
-    /// Of the whole picture, whatever part of it is rendered; `None` where `settings` ask for none.
+    /// Allocates the paths of the whole picture, whatever part of it is rendered. `None` where `settings` are not adaptive.
     pub fn new(transport: &Transport, settings: &RenderSettings) -> Option<Self> {
-        let few = settings.spp.is_some_and(|spp| spp < LEAST);
+        let few = settings.spp.is_some_and(|spp| spp < MIN_MEAN_PATHS);
         if !settings.adaptive || settings.noise.is_some() || few {
             return None;
         }
@@ -80,41 +70,45 @@ impl Allocation {
             with_buffers(|buffers| survey(buffers.wave(), transport, settings, [tile % columns, tile / columns]))
         };
         let surveys: Vec<_> = (0..columns * rows).into_par_iter().map(of_tile).collect();
-        let (doublings, worth) = allocated(&surveys, columns as usize);
-        Some(Self { doublings, columns, worth })
+        let (doublings, efficiency) = allocated(&surveys, columns as usize);
+        Some(Self { doublings, columns, efficiency })
     }
 
-    /// Paths a pixel of a tile where all have `mean` in the mean.
+    /// Paths per pixel of a tile, where the mean over all tiles is `mean`.
     pub fn paths(&self, tile: &Tile, mean: u32) -> u32 {
         let [column, row] = tile.grid_position();
         let own = f64::from(mean) * f64::exp2(f64::from(self.doublings[(row * self.columns + column) as usize]));
-        if mean < LEAST { mean } else { own.round() as u32 }
+        if mean < MIN_MEAN_PATHS { mean } else { own.round() as u32 }
     }
 
-    /// What it is worth.
-    pub fn worth(&self) -> Worth {
-        self.worth
+    /// Its estimated efficiency.
+    pub fn efficiency(&self) -> AllocationEfficiency {
+        self.efficiency
     }
 }
 
-/// Takes the pilot's paths of a tile.
+/// Traces the pre-pass of a tile.
 fn survey(wave: &mut Wave, transport: &Transport, settings: &RenderSettings, [column, row]: [u32; 2]) -> Survey {
     let (x0, y0) = (column * TILE, row * TILE);
     let (width, height) = (TILE.min(settings.width - x0), TILE.min(settings.height - y0));
     let pixels = (width * height) as usize;
     let tiles = settings.width.div_ceil(TILE) as usize * settings.height.div_ceil(TILE) as usize;
-    let few = settings.spp.map_or(OF_A_TILE[1], |spp| spp as usize).max(OF_A_TILE[0]);
-    let asked = (PIXELS / tiles).clamp(OF_A_TILE[0], OF_A_TILE[1]).min(few).min(pixels.div_ceil(2));
-    let counts = if transport.lights.has_extent() { Counts::half(PATHS) } else { Counts::bsdf_only(PATHS) };
+    let few = settings.spp.map_or(PIXELS_PER_TILE[1], |spp| spp as usize).max(PIXELS_PER_TILE[0]);
+    let sampled = (MAX_PIXELS / tiles).clamp(PIXELS_PER_TILE[0], PIXELS_PER_TILE[1]).min(few).min(pixels.div_ceil(2));
+    let counts = if transport.lights.has_extent() {
+        Counts::half(PATHS_PER_SCRAMBLE)
+    } else {
+        Counts::bsdf_only(PATHS_PER_SCRAMBLE)
+    };
     // 97 is prime, and no tile has a side of that: no pixel comes twice.
-    let mut places: Vec<_> = (0..asked as u32).map(|i| i * 97 % pixels as u32).collect();
+    let mut places: Vec<_> = (0..sampled as u32).map(|i| i * 97 % pixels as u32).collect();
     places.sort_unstable();
     let place = |i: u32| [x0 + i % width, y0 + i / width];
     let tasks: Vec<_> = places.into_iter().map(|i| PixelTask::first(place(i), counts, 0)).collect();
     wave.counts = WaveCounts::default();
     let [a, b] = [0, 1].map(|scramble| {
         let transport = Transport { seed: hash(settings.seed ^ hash(0x616c_6c6f + scramble)), ..transport.clone() };
-        let mut stats = vec![PixelStats::default(); asked];
+        let mut stats = vec![PixelStats::default(); sampled];
         wave.run(&transport, &mut PixelBatch::radiance_only(&tasks, &mut stats));
         stats.into_iter().map(|stats| Vec3::from(stats.mean())).collect::<Vec<_>>()
     });
@@ -124,25 +118,26 @@ fn survey(wave: &mut Wave, transport: &Transport, settings: &RenderSettings, [co
             let (a, b) = (f64::from(a[c]), f64::from(b[c]));
             (a - b) * (a - b) / (2.0 * relative_to(0.5 * (a + b)))
         };
-        let own = f64::from(PATHS) * (of(0) + of(1) + of(2)) / 3.0;
+        let own = f64::from(PATHS_PER_SCRAMBLE) * (of(0) + of(1) + of(2)) / 3.0;
         variance[i % 2] += if own.is_finite() { own } else { 0.0 };
     }
-    let halves = [asked.div_ceil(2), (asked / 2).max(1)];
+    let halves = [sampled.div_ceil(2), (sampled / 2).max(1)];
     Survey {
         pixels: pixels as f64,
         variance: [0, 1].map(|half| variance[half] / halves[half] as f64),
-        asked,
-        cost: (wave.counts.rays() as f64 / (2 * PATHS as usize * asked) as f64).max(1.0),
+        sampled,
+        cost: (wave.counts.rays() as f64 / (2 * PATHS_PER_SCRAMBLE as usize * sampled) as f64).max(1.0),
     }
 }
 
-/// Doublings of tiles, row by row, and what they are worth: by what each half of the pilot leaves of the other's error.
-fn allocated(surveys: &[Survey], columns: usize) -> (Vec<i32>, Worth) {
+/// Doublings of tiles, row by row, and their estimated efficiency: an allocation by one half of the pixels is judged by
+/// the variance of the other half.
+fn allocated(surveys: &[Survey], columns: usize) -> (Vec<i32>, AllocationEfficiency) {
     let variances = |of: &dyn Fn(&Survey) -> f64| surveys.iter().map(of).collect::<Vec<_>>();
     let halves = [variances(&|s| s.variance[0]), variances(&|s| s.variance[1])];
     let both = variances(&|s| 0.5 * (s.variance[0] + s.variance[1]));
     let factor = |doubled: &i32| f64::exp2(f64::from(*doubled));
-    let left = [(0, 1), (1, 0)].map(|(ours, theirs)| {
+    let remaining = [(0, 1), (1, 0)].map(|(ours, theirs)| {
         let found = doublings(surveys, &smoothed(surveys, &halves[ours], columns));
         let (mut error, mut cost) = ([0.0; 2], [0.0; 2]);
         for ((s, variance), factor) in surveys.iter().zip(&halves[theirs]).zip(found.iter().map(factor)) {
@@ -152,16 +147,16 @@ fn allocated(surveys: &[Survey], columns: usize) -> (Vec<i32>, Worth) {
         }
         if error[1] > 0.0 { error[0] / error[1] * cost[0] / cost[1] } else { 1.0 }
     });
-    let left = (left[0] * left[1]).sqrt();
-    let found = match left < PAYS {
+    let remaining = (remaining[0] * remaining[1]).sqrt();
+    let found = match remaining < MAX_REMAINING_ERROR {
         true => doublings(surveys, &smoothed(surveys, &both, columns)),
         false => vec![0; surveys.len()],
     };
     let range = found.iter().map(factor).fold([1.0; 2], |[low, high]: [f64; 2], f| [low.min(f), high.max(f)]);
-    (found, Worth { left, range })
+    (found, AllocationEfficiency { remaining, range })
 }
 
-/// Each tile's variance, and the less it was asked, the more of that around.
+/// Each tile's variance, mixed with the mean of the tiles around it: the fewer its sampled pixels, the more.
 fn smoothed(surveys: &[Survey], variance: &[f64], columns: usize) -> Vec<f64> {
     let rows = surveys.len() / columns;
     let near = |i: usize, most: usize| i.saturating_sub(1)..(i + 2).min(most);
@@ -169,14 +164,14 @@ fn smoothed(surveys: &[Survey], variance: &[f64], columns: usize) -> Vec<f64> {
         let (column, row) = (i % columns, i / columns);
         let around = || near(row, rows).flat_map(|r| near(column, columns).map(move |c| r * columns + c));
         let mean = around().map(|j| variance[j]).sum::<f64>() / around().count() as f64;
-        let trust = surveys[i].asked as f64 / (surveys[i].asked as f64 + TRUSTED);
+        let trust = surveys[i].sampled as f64 / (surveys[i].sampled as f64 + SMOOTHING_PIXELS);
         trust * variance[i] + (1.0 - trust) * mean
     };
     (0..surveys.len()).map(of).collect()
 }
 
-/// How often each tile's paths are doubled from the mean, within [`DOUBLINGS`]: always where it takes most error away for what
-/// it costs, until all have as many as the mean asks for.
+/// Doublings of the mean for each tile, within [`DOUBLINGS`]. Paths are doubled where that reduces the error most for its
+/// cost, until the mean is reached.
 fn doublings(surveys: &[Survey], variance: &[f64]) -> Vec<i32> {
     let [least, most] = DOUBLINGS;
     // A tile's error falls by variance / 2n, its cost rises by n: the root of their ratio.
@@ -184,7 +179,7 @@ fn doublings(surveys: &[Survey], variance: &[f64]) -> Vec<i32> {
         (least..most).map(move |doubled| (tile, doubled, (v / s.cost).sqrt() / f64::exp2(f64::from(doubled))))
     });
     let mut steps: Vec<_> = steps.collect();
-    steps.sort_by(|(a, i, worth), (b, j, other)| other.total_cmp(worth).then((i, a).cmp(&(j, b))));
+    steps.sort_by(|(a, i, gain), (b, j, other)| other.total_cmp(gain).then((i, a).cmp(&(j, b))));
     let mut found = vec![least; surveys.len()];
     let mut left: f64 = surveys.iter().map(|s| s.pixels * (1.0 - f64::exp2(f64::from(least)))).sum();
     for (tile, doubled, _) in steps {
@@ -202,7 +197,7 @@ mod tests {
     use super::*;
 
     fn tile(variance: [f64; 2], cost: f64) -> Survey {
-        Survey { pixels: 256.0, variance, asked: 128, cost }
+        Survey { pixels: 256.0, variance, sampled: 128, cost }
     }
 
     #[test]
@@ -218,12 +213,15 @@ mod tests {
     #[test]
     fn tiles_are_alike_where_the_halves_do_not_agree_that_they_differ() {
         let even = [[1.0, 100.0], [100.0, 1.0], [1.0, 100.0], [100.0, 1.0]].map(|variance| tile(variance, 1.0));
-        let (found, worth) = allocated(&even, 1);
-        assert!(found == [0; 4] && worth.left > 1.0 && worth.range == [1.0; 2], "{found:?} {worth:?}");
+        let (found, efficiency) = allocated(&even, 1);
+        assert!(
+            found == [0; 4] && efficiency.remaining > 1.0 && efficiency.range == [1.0; 2],
+            "{found:?} {efficiency:?}"
+        );
         let differ = [tile([1.0, 1.1], 1.0), tile([1.0, 0.9], 1.0), tile([36.0, 33.0], 1.0), tile([36.0, 40.0], 1.0)];
-        let (found, worth) = allocated(&differ, 1);
-        assert!(found == [-1, -1, 0, 1] && worth.left < 0.8, "{found:?} {worth:?}");
-        let (black, worth) = allocated(&[tile([0.0; 2], 1.0); 4], 2);
-        assert!(black == [0; 4] && worth.left == 1.0);
+        let (found, efficiency) = allocated(&differ, 1);
+        assert!(found == [-1, -1, 0, 1] && efficiency.remaining < 0.8, "{found:?} {efficiency:?}");
+        let (black, efficiency) = allocated(&[tile([0.0; 2], 1.0); 4], 2);
+        assert!(black == [0; 4] && efficiency.remaining == 1.0);
     }
 }

@@ -1,17 +1,17 @@
-//! Which build wrote a file.
+//! The build that wrote a file.
 
 use serde::{Deserialize, Serialize};
 
-/// What tells builds apart. Another one may round otherwise, so that bits hold within one build.
+/// Identifies a build. Another build may round differently, so that bits are reproducible within one build only.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BuildInfo {
-    /// Of bismar.
+    /// Version of bismar.
     pub version: String,
-    /// Of its source, `-dirty` if it was changed; `development` for builds that are not optimised, `unknown` without git.
+    /// Commit of the source, with `-dirty` if it was changed; `development` for unoptimised builds, `unknown` without git.
     pub commit: String,
-    /// As `rustc --version` says.
+    /// Output of `rustc --version`.
     pub compiler: String,
-    /// Architecture and instruction sets that the compiler was told to use.
+    /// Architecture and instruction sets that the compiler used.
     pub isa: String,
 }
 
@@ -26,7 +26,7 @@ impl BuildInfo {
         }
     }
 
-    /// In what another build differs, for people; empty when in nothing.
+    /// The differences from another build, for people; empty if there are none.
     pub fn differences(&self, theirs: &Self) -> String {
         let pairs = [
             ("version", &theirs.version, &self.version),

@@ -1,53 +1,51 @@
-//! What a render needs to go on, in a picture's file: its record in the header, its tiles in a part of their own.
+//! Checkpoints in a picture's file: the record of a render in the header, its tiles behind the picture.
 
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::identity::Asked;
+use super::identity::{RequestedOutputs, variant_name};
 use super::scheduler;
 use super::stats::Samples;
-use super::tile::{Columns, Tile, Tile2, Tile3};
-use super::{
-    BuildInfo, Identity, Part, RenderSettings, RenderStats, Rendered, StopReason, format2, fresh_tiles, paths_range,
-};
+use super::tile::Tile;
+use super::{BuildInfo, Identity, Part, RenderSettings, RenderStats, Rendered, StopReason, fresh_tiles, paths_range};
 use crate::film::exr_file::{self, Checksum, Header, HeaderValue, Layers};
 use crate::film::{Aov, Background};
 use crate::rays::BackendInfo;
 use crate::{Error, Result};
 
-/// A render that can go on.
+/// A render that can be resumed.
 #[derive(Debug)]
 pub struct Saved {
-    /// Row by row.
+    /// Its tiles, row by row.
     pub tiles: Vec<Tile>,
-    /// Over all sessions so far.
+    /// Counts and times of all sessions so far.
     pub stats: RenderStats,
 }
 
 impl Saved {
-    /// As [`scheduler::is_on_the_way`].
-    pub fn is_on_the_way(&self, settings: &RenderSettings) -> bool {
+    /// Are its passes those that a render of these settings begins with? Then the resumed render has the bits of an
+    /// uninterrupted one ([`scheduler::begins_as`]).
+    pub fn has_passes_of(&self, settings: &RenderSettings) -> bool {
         let (done, ahead) = paths_range(&self.tiles);
         match settings.noise_goal() {
-            // Each tile goes its own way, and from the first look at the noise on any.
+            // Tiles have their own counts, and any count once the noise has been estimated.
             Some(goal) => {
-                let own_way = |n: u32| n > goal.least || scheduler::is_planned(settings, n);
-                self.tiles.iter().all(|tile| own_way(tile.paths()))
+                let is_reached = |n: u32| n > goal.min_paths || scheduler::is_planned(settings, n);
+                self.tiles.iter().all(|tile| is_reached(tile.paths()))
             }
-            // Each tile has a goal of its own.
+            // Tiles have their own goals.
             None if settings.adaptive => true,
-            None => scheduler::is_on_the_way(settings, done, ahead, self.stats.passes),
+            None => scheduler::begins_as(settings, done, ahead, self.stats.passes),
         }
     }
 }
 
-/// Raised whenever an older version could no longer read what is written.
+/// Version of the record and of the packed tiles. Files of other versions are not read.
 pub const FORMAT: u32 = 4;
 
-/// What a picture says of its making: all that going on and merging ask for, but the tiles.
+/// The record of a render in its picture's header: all that resuming and merging need besides the tiles.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Record {
     /// What it was made of.
@@ -60,88 +58,91 @@ pub struct Record {
     pub stats: RenderStats,
     /// Why it ended.
     pub stop: StopReason,
-    /// Estimated relative error, once a pass is complete.
+    /// Estimated relative error; `None` before a pass is complete.
     pub noise: Option<f64>,
-    /// Fewest paths of a tile.
+    /// Minimum paths per pixel of a tile.
     pub paths: u32,
-    /// Noise of its noisiest tile. Older files do not say.
-    #[serde(default)]
+    /// Noise of the noisiest tile.
     pub worst_noise: Option<f64>,
-    /// Shall it be gone on from even when it is done?
-    pub keeps: bool,
-    /// Who traced its rays last.
+    /// Does the file keep the statistics that a resumed render needs, even when the render is finished?
+    #[serde(rename = "keeps")]
+    pub resumable: bool,
+    /// The host that traced its rays last.
     pub host: Host,
-    /// Are its colours 16-bit floats?
-    #[serde(default)]
+    /// Are its colours stored as 16-bit floats?
     pub half: bool,
-    /// What is behind everything. Before format 4, A was 0 where a sky was shown; so it stays in such files.
-    #[serde(default)]
+    /// What the picture shows behind all surfaces.
     pub background: Background,
-    /// Which build wrote it; files that say so are sealed ([`exr_file::check`]).
-    #[serde(default)]
-    pub maker: Option<BuildInfo>,
-    /// The seeds that it is the mean of, if of several: nothing can go on from that.
+    /// The build that wrote it.
+    #[serde(rename = "maker")]
+    pub build: BuildInfo,
+    /// The seeds that the picture is the mean of, if several; such a picture cannot be resumed.
     #[serde(skip)]
     pub seeds: Vec<u32>,
 }
 
-/// What bits depend on beside the command: the same on hosts of one kind.
+/// Properties of a host that bits depend on.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Host {
-    /// Of the library that traces rays.
+    /// Version of the ray library.
     pub version: String,
-    /// Its instruction set.
+    /// Instruction set of the ray library.
     pub isa: String,
 }
 
 impl Host {
-    /// Of a backend that is here.
+    /// This host, with a ray library.
     pub fn of(backend: &BackendInfo) -> Self {
         Self { version: backend.version.clone(), isa: backend.isa.clone() }
     }
 }
 
 impl Record {
-    /// Of a render; `keeps` as the field.
-    pub fn new(identity: &Identity, asked: &Asked, rendered: &Rendered, host: Host, keeps: bool) -> Self {
+    /// The record of a render.
+    pub fn new(
+        identity: &Identity,
+        requested: &RequestedOutputs,
+        rendered: &Rendered,
+        host: Host,
+        resumable: bool,
+    ) -> Self {
         Self {
             identity: identity.clone(),
-            request: identity.request(asked),
-            aovs: asked.aovs.clone(),
+            request: identity.request(requested),
+            aovs: requested.aovs.clone(),
             stats: rendered.stats,
             stop: rendered.stop,
             noise: Some(rendered.stats.noise).filter(|noise| noise.is_finite()),
             paths: rendered.paths_range().0,
             worst_noise: Some(rendered.worst_noise()).filter(|noise| noise.is_finite()),
-            keeps,
+            resumable,
             host,
-            half: asked.half,
+            half: requested.half,
             background: rendered.background,
-            maker: Some(BuildInfo::here()),
+            build: BuildInfo::here(),
             seeds: Vec::new(),
         }
     }
 
-    /// Was it made by a command with this identity and these wishes, for this part?
-    pub fn answers(&self, identity: &Identity, asked: &Asked) -> bool {
-        let requests = [identity.request(asked), format2::request(identity, asked)];
-        requests.contains(&self.request) && self.identity.settings.part == identity.settings.part
+    /// Was it made by a command with this identity and these outputs, for this part?
+    pub fn matches(&self, identity: &Identity, requested: &RequestedOutputs) -> bool {
+        self.request == identity.request(requested) && self.identity.settings.part == identity.settings.part
     }
 
-    /// Paths a pixel that it is finished with: the fewest of a tile, or, where tiles have goals of their own, the mean.
+    /// Paths per pixel of a finished render: the minimum of a tile, or the mean where tiles have their own goals.
     pub fn spp(&self) -> u32 {
         let settings = &self.identity.settings;
         let mean = settings.spp.filter(|_| settings.adaptive && self.stop == StopReason::Samples);
         mean.unwrap_or(self.paths)
     }
 
-    /// Does it fulfil one of the stop rules of these settings?
+    /// Is one of the stop rules of these settings fulfilled?
     pub fn is_done(&self, settings: &RenderSettings) -> bool {
         if self.stop == StopReason::Interrupted {
             return false;
         }
         let seconds = match self.stop {
-            // It may end before its time, when no path fits any more.
+            // A render may end before the limit when no more paths fit.
             StopReason::Time => self.identity.settings.time.unwrap_or(0.0),
             _ => self.stats.seconds,
         };
@@ -152,23 +153,23 @@ impl Record {
         settings.spp.is_some_and(|goal| self.spp() >= goal)
             || settings.time.is_some_and(|limit| seconds >= limit)
             || (same && self.stop != StopReason::Time)
-            || settings.noise_goal().is_some_and(|goal| worst <= goal.error && self.paths >= goal.least)
+            || settings.noise_goal().is_some_and(|goal| worst <= goal.error && self.paths >= goal.min_paths)
     }
 
-    /// As header attributes, with those that `docs/stats.md` promises to scripts.
+    /// The header attributes, including those that `docs/stats.md` lists for scripts.
     fn header(&self, rendered: &Rendered) -> Result<Header> {
         let settings = &rendered.settings;
         let mut header: Header = vec![
             ("bismar.request".into(), HeaderValue::Text(self.request.clone())),
             ("bismar.sessions".into(), json(&self.stats)?),
-            ("bismar.keeps".into(), HeaderValue::Number(if self.keeps { 1.0 } else { 0.0 })),
+            ("bismar.keeps".into(), HeaderValue::Number(if self.resumable { 1.0 } else { 0.0 })),
             ("bismar.aov".into(), HeaderValue::Text(self.aovs.clone())),
             ("bismar.settings".into(), json(settings)?),
             ("bismar.seed".into(), HeaderValue::Number(settings.seed.into())),
             ("bismar.samples".into(), json(&Samples::of(rendered))?),
-            ("bismar.stop".into(), HeaderValue::Text(super::identity::name(&self.stop))),
+            ("bismar.stop".into(), HeaderValue::Text(variant_name(&self.stop))),
             ("bismar.noise".into(), HeaderValue::Number(rendered.stats.noise)),
-            ("bismar.background".into(), HeaderValue::Text(super::identity::name(&self.background))),
+            ("bismar.background".into(), HeaderValue::Text(variant_name(&self.background))),
         ];
         if self.seeds.is_empty() {
             header.push(("bismar.format".into(), HeaderValue::Number(FORMAT.into())));
@@ -182,15 +183,15 @@ impl Record {
     }
 }
 
-/// JSON as a header's text.
+/// A value as JSON in a text attribute.
 ///
 /// # Errors
-/// [`Error::Bug`] if JSON cannot say it.
+/// [`Error::Bug`] if it cannot be serialised.
 pub fn json(value: &impl Serialize) -> Result<HeaderValue> {
     serde_json::to_string(value).map(HeaderValue::Text).map_err(|e| Error::Bug(format!("JSON: {e}")))
 }
 
-/// A number of a header.
+/// The number attribute with this name.
 pub fn number(header: &Header, name: &str) -> Option<f64> {
     header.iter().find(|(n, _)| n == name).and_then(|(_, value)| match value {
         HeaderValue::Number(x) => Some(*x),
@@ -198,7 +199,7 @@ pub fn number(header: &Header, name: &str) -> Option<f64> {
     })
 }
 
-/// A text of a header.
+/// The text attribute with this name.
 pub fn text<'a>(header: &'a Header, name: &str) -> Option<&'a str> {
     header.iter().find(|(n, _)| n == name).and_then(|(_, value)| match value {
         HeaderValue::Text(text) => Some(text.as_str()),
@@ -206,10 +207,10 @@ pub fn text<'a>(header: &'a Header, name: &str) -> Option<&'a str> {
     })
 }
 
-/// Writes a render's picture with its record, `more` attributes and a layer `denoised`; with its tiles, if `with_tiles`.
+/// Writes a render's picture with its record, `more` attributes, a `denoised` layer and, if `with_tiles`, its tiles.
 ///
 /// # Errors
-/// As [`exr_file::write`].
+/// Those of [`exr_file::write`]; [`Error::Bug`] if a value cannot be serialised.
 pub fn write(
     path: &Path,
     rendered: &Rendered,
@@ -225,14 +226,14 @@ pub fn write(
     exr_file::write(path, &rendered.pixels(), layers, &header, tiles.as_deref())
 }
 
-/// A picture of ours that is there already.
+/// An existing picture that bismar wrote.
 #[derive(Debug, Clone)]
 pub struct Earlier {
-    /// Where it is.
+    /// Its path.
     pub path: PathBuf,
-    /// What it says of its making.
+    /// Its record.
     pub record: Record,
-    /// All that it says.
+    /// All header attributes.
     pub header: Header,
 }
 
@@ -240,7 +241,7 @@ impl Earlier {
     /// Reads the header of a picture; `None` if there is no file.
     ///
     /// # Errors
-    /// As [`exr_file::read_header`]; [`Error::Data`] for pictures of others and of newer versions.
+    /// Those of [`exr_file::read_header`]; [`Error::Data`] for pictures of other programs and other formats.
     pub fn read(path: &Path) -> Result<Option<Self>> {
         let header = match exr_file::read_header(path) {
             Err(Error::Missing(_)) => return Ok(None),
@@ -249,22 +250,21 @@ impl Earlier {
         let refused = |why: String| Error::Data(format!("{}: {why}", path.display()));
         let record = match number(&header, "bismar.format") {
             None => return Err(refused("is no picture that bismar can go on from".into())),
-            Some(format) if format > f64::from(FORMAT) => {
-                let why =
-                    format!("is from a newer bismar (format {format}, this one knows {FORMAT}): use that version");
+            Some(format) if format != f64::from(FORMAT) => {
+                let age = if format > f64::from(FORMAT) { "a newer" } else { "an older" };
+                let why = format!("is from {age} bismar (format {format}, this one reads {FORMAT}): use that version");
                 return Err(refused(why));
             }
-            Some(format) if format < 3.0 => format2::record(&header),
             Some(_) => text(&header, "bismar.record").and_then(|record| serde_json::from_str(record).ok()),
         };
         let record = record.ok_or_else(|| refused("does not say what it was made of".into()))?;
         Ok(Some(Self { path: path.into(), record, header }))
     }
 
-    /// Is the file what was written, to the last byte? Files from before there were seals are decoded whole.
+    /// Checks that the file has the bytes that were written.
     ///
     /// # Errors
-    /// [`Error::Data`] for a file that is damaged; others as [`exr_file::check`].
+    /// [`Error::Data`] for a damaged file; those of [`exr_file::check`].
     pub fn verify(&self) -> Result<()> {
         let damaged = |why: &str| {
             let path = self.path.display();
@@ -273,37 +273,25 @@ impl Earlier {
         match exr_file::check(&self.path)? {
             Checksum::Whole(_) => Ok(()),
             Checksum::Broken => Err(damaged("its bytes are not those that were written")),
-            Checksum::Missing if self.record.maker.is_some() => {
-                Err(damaged("its checksum is not where it was written"))
-            }
-            Checksum::Missing => {
-                let read = exr_file::read(&self.path).and_then(|_| exr_file::read_statistics(&self.path));
-                read.map_err(|e| damaged(&e.to_string()))?;
-                Ok(())
-            }
+            Checksum::Missing => Err(damaged("its checksum is not where it was written")),
         }
     }
 
     /// Its tiles; `None` if it carries none.
     ///
     /// # Errors
-    /// As [`exr_file::read_statistics`]; [`Error::Data`] if they are not those of a render of `settings`.
+    /// Those of [`exr_file::read_statistics`]; [`Error::Data`] if they are not tiles of a render with `settings`.
     pub fn tiles(&self, settings: &RenderSettings) -> Result<Option<Vec<Tile>>> {
         let Some(bytes) = exr_file::read_statistics(&self.path)? else { return Ok(None) };
-        let tiles = match number(&self.header, "bismar.format") {
-            Some(format) if format < 3.0 => unpack_2(&bytes, settings.columns()),
-            Some(format) if format < 4.0 => unpack_3(&bytes),
-            _ => unpack(&bytes),
-        };
-        let tiles = tiles.filter(|tiles| fits(tiles, settings));
+        let tiles = unpack(&bytes).filter(|tiles| fits(tiles, settings));
         let refused = || Error::Data(format!("{}: its statistics are not those of such a render", self.path.display()));
         tiles.map(Some).ok_or_else(refused)
     }
 
-    /// What a render of this identity goes on from.
+    /// The saved state from which a render of this identity is resumed.
     ///
     /// # Errors
-    /// [`Error::Data`], with what differs, when it is another render, is damaged, or carries no statistics.
+    /// [`Error::Data`], with the differences, for another render; for a damaged file and for one without statistics.
     pub fn saved(&self, ours: &Identity) -> Result<Saved> {
         let refused = |why: String| {
             Error::Data(format!("--resume: {}: {why}; without --resume it is rendered anew", self.path.display()))
@@ -326,14 +314,14 @@ impl Earlier {
     }
 }
 
-/// Bytes of a tile, unpacked, at most.
-const LARGEST: usize = 1 << 24;
+/// Maximum bytes of an unpacked tile.
+const MAX_TILE_BYTES: usize = 1 << 24;
 
-/// Tiles as bytes: for each its length (32 bits, little-endian) and itself (postcard in LZ4, which is faster than a disk
-/// and leaves out what is zero), velocities behind it if there are any.
+/// Serialises tiles. Each has its length in bytes (32 bits, little-endian) and its data: postcard, followed by velocities if
+/// there are any, compressed with LZ4, which is faster than a disk.
 ///
 /// # Errors
-/// [`Error::Bug`] if a tile cannot be said.
+/// [`Error::Bug`] if a tile cannot be serialised.
 pub fn pack(tiles: &[Tile]) -> Result<Vec<u8>> {
     let record = |tile: &Tile| {
         let mut bytes = postcard::to_stdvec(tile)?;
@@ -343,7 +331,7 @@ pub fn pack(tiles: &[Tile]) -> Result<Vec<u8>> {
         Ok(lz4_flex::compress_prepend_size(&bytes))
     };
     let mut bytes = Vec::new();
-    // Some at a time, so that they are not all in memory twice.
+    // In chunks, to limit memory.
     for some in tiles.chunks(1024) {
         let records: std::result::Result<Vec<_>, postcard::Error> = some.par_iter().map(record).collect();
         for record in records.map_err(|e| Error::Bug(format!("a tile cannot be saved: {e}")))? {
@@ -354,29 +342,8 @@ pub fn pack(tiles: &[Tile]) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Reads what [`pack`] made; nothing in it is trusted. `None` if it is not that.
+/// Deserialises tiles that [`pack`] wrote. The bytes are not trusted: `None` if they are invalid.
 pub fn unpack(bytes: &[u8]) -> Option<Vec<Tile>> {
-    records(bytes, |tile: Tile, rest| match rest {
-        [] => Some(tile),
-        _ => postcard::take_from_bytes(rest)
-            .ok()
-            .filter(|(_, rest)| rest.is_empty())
-            .and_then(|(v, _)| tile.with_velocities(v)),
-    })
-}
-
-/// Reads what `pack` of format 3 made.
-pub fn unpack_3(bytes: &[u8]) -> Option<Vec<Tile>> {
-    records(bytes, |tile: Tile3, rest| rest.is_empty().then(|| tile.into_tile()))
-}
-
-/// Reads what `pack` of format 2 made, and keeps the columns that such a render has.
-pub fn unpack_2(bytes: &[u8], columns: Columns) -> Option<Vec<Tile>> {
-    records(bytes, |tile: Tile2, rest| rest.is_empty().then(|| tile.into_tile(columns)))
-}
-
-/// Reads each record, and has a tile made of it and of what is left behind it.
-fn records<T: DeserializeOwned>(bytes: &[u8], tile: impl Fn(T, &[u8]) -> Option<Tile> + Sync) -> Option<Vec<Tile>> {
     let mut records = Vec::new();
     let mut rest = bytes;
     while let Some((length, after)) = rest.split_first_chunk::<4>() {
@@ -387,15 +354,21 @@ fn records<T: DeserializeOwned>(bytes: &[u8], tile: impl Fn(T, &[u8]) -> Option<
     if !rest.is_empty() {
         return None;
     }
-    let read = |record: &&[u8]| {
-        let (size, packed) = lz4_flex::block::uncompressed_size(record).ok().filter(|(size, _)| *size <= LARGEST)?;
-        let record = lz4_flex::decompress(packed, size).ok()?;
-        postcard::take_from_bytes::<T>(&record).ok().and_then(|(own, rest)| tile(own, rest))
-    };
-    records.par_iter().map(read).collect()
+    records.par_iter().map(|record| unpack_tile(record)).collect()
 }
 
-/// Are these the tiles of a render of these settings, each whole?
+fn unpack_tile(record: &[u8]) -> Option<Tile> {
+    let (size, packed) = lz4_flex::block::uncompressed_size(record).ok().filter(|(size, _)| *size <= MAX_TILE_BYTES)?;
+    let bytes = lz4_flex::decompress(packed, size).ok()?;
+    let (tile, rest): (Tile, _) = postcard::take_from_bytes(&bytes).ok()?;
+    if rest.is_empty() {
+        return Some(tile);
+    }
+    let (velocities, rest) = postcard::take_from_bytes(rest).ok()?;
+    if rest.is_empty() { tile.with_velocities(velocities) } else { None }
+}
+
+/// Are these the complete tiles of a render with these settings?
 pub fn fits(saved: &[Tile], settings: &RenderSettings) -> bool {
     let fresh = fresh_tiles(settings);
     saved.len() == fresh.len() && saved.iter().zip(&fresh).all(|(a, b)| a.covers(b))

@@ -7,22 +7,22 @@ use rayon::prelude::*;
 use tracing::debug;
 
 use super::allocation::Allocation;
-use super::lens::lens;
+use super::camera::lens;
 use super::prepass::Prepasses;
-use super::progress::{Meter, Progress};
+use super::progress::{PassProgress, Progress};
 use super::scheduler::{self, Next, State};
 use super::stats::AdaptiveStats;
 use super::tile::{Tile, TileWork};
-use super::{Integrator, RenderSettings, RenderStats, Rendered, Saved, StopReason, fresh_tiles, noise, paths_range};
+use super::transport::{pass_seed, transport};
+use super::{RenderSettings, RenderStats, Rendered, Saved, StopReason, StudyOptions, noise, paths_range, study_tiles};
+use crate::Result;
 use crate::film::Background;
-use crate::integrator::{CameraRays, PreparedScene, Transport};
-use crate::light::Drawing;
-use crate::sampling::{FilterSampler, hash};
+use crate::integrator::{PreparedScene, Transport};
 use crate::scene::Scene;
 
 /// How to run a render, besides its settings.
 pub struct RunOptions<'a> {
-    /// Raised to stop it, then within a tile's time.
+    /// Raised to stop the render: it then ends within a tile's time.
     pub stop: &'a AtomicBool,
     /// Called after every tile, from any thread.
     pub progress: &'a (dyn Fn(Progress) + Sync),
@@ -31,111 +31,79 @@ pub struct RunOptions<'a> {
     /// What an earlier session left. Its tiles must be those of the settings
     /// ([`checkpoint::fits`](super::checkpoint::fits)).
     pub from: Option<Saved>,
-    /// Called now and then, with what there is.
+    /// Called now and then with what has been rendered so far.
     pub pauses: Vec<Pause<'a>>,
+    /// What only studies use.
+    pub study: StudyOptions,
 }
 
-/// A pause of a render, in which it is saved or shown, and after which it goes on.
+impl<'a> RunOptions<'a> {
+    /// A render from the beginning, without pauses, whose clock begins now.
+    pub fn new(stop: &'a AtomicBool, progress: &'a (dyn Fn(Progress) + Sync)) -> Self {
+        Self { stop, progress, began: Instant::now(), from: None, pauses: Vec::new(), study: StudyOptions::default() }
+    }
+}
+
+/// A pause of a render, in which it is saved or shown, and after which it continues.
 pub struct Pause<'a> {
-    /// Seconds from one to the next, at least; more where one takes long, so that it takes a twentieth of the time at
-    /// most.
+    /// Minimum seconds between pauses. They are farther apart where a pause takes long, so that pauses take at most a
+    /// twentieth of the time.
     pub seconds: f64,
-    /// Is handed a render that can go on. What fails here is its own affair: rendering goes on.
+    /// Receives a render that can be resumed. It handles its own errors: rendering continues in any case.
     pub at: &'a mut dyn FnMut(&Rendered),
 }
 
-/// Seconds after which the first pause is due, at most: what has begun to cost something is kept.
-const FIRST: f64 = 4.0;
-/// Seconds between pauses, over the seconds that one takes, at least.
+/// Maximum seconds before the first pause: a render that has begun to cost something is soon saved.
+const MAX_SECONDS_TO_FIRST_PAUSE: f64 = 4.0;
+/// Minimum seconds between pauses, over the seconds that a pause takes.
 const SECONDS_PER_PAUSE_SECOND: f64 = 19.0;
 
-/// When the next pause is due.
-struct Watch<'a> {
-    own: Pause<'a>,
+/// Decides when the next pause is due.
+struct PauseTimer<'a> {
+    pause: Pause<'a>,
     last: Instant,
-    /// Seconds from the last one to the next.
+    /// Seconds from the last pause to the next.
     wait: f64,
 }
 
-impl<'a> Watch<'a> {
-    fn new(own: Pause<'a>) -> Self {
-        Self { last: Instant::now(), wait: own.seconds.min(FIRST), own }
+impl<'a> PauseTimer<'a> {
+    fn new(pause: Pause<'a>) -> Self {
+        Self { last: Instant::now(), wait: pause.seconds.min(MAX_SECONDS_TO_FIRST_PAUSE), pause }
     }
 
-    /// Seconds after `start` at which the next one is due.
+    /// Seconds after `start` at which the next pause is due.
     fn due(&self, start: Instant) -> f64 {
         (self.last - start).as_secs_f64() + self.wait
     }
 
-    /// Pauses if it is time for that.
-    fn pause(&mut self, now: &mut Rendered, seconds: f64) {
+    /// Pauses if a pause is due. `seconds` is the render's time so far.
+    fn pause_if_due(&mut self, rendered: &mut Rendered, seconds: f64) {
         if self.last.elapsed().as_secs_f64() < self.wait {
             return;
         }
         let began = Instant::now();
-        now.stats.seconds = seconds;
-        now.stop = StopReason::Interrupted;
-        (self.own.at)(now);
+        rendered.stats.seconds = seconds;
+        rendered.stop = StopReason::Interrupted;
+        (self.pause.at)(rendered);
         self.last = Instant::now();
-        self.wait = self.own.seconds.max(SECONDS_PER_PAUSE_SECOND * began.elapsed().as_secs_f64());
+        self.wait = self.pause.seconds.max(SECONDS_PER_PAUSE_SECOND * began.elapsed().as_secs_f64());
     }
 }
 
-/// [`run`] from the beginning to the end, without pauses, the clock beginning now.
+/// Renders from the beginning to the end, without pauses. The clock begins now.
+///
+/// # Errors
+/// Those of [`run`].
 pub fn render(
     scene: &PreparedScene,
     settings: &RenderSettings,
     stop: &AtomicBool,
     progress: &(dyn Fn(Progress) + Sync),
-) -> Rendered {
-    let began = Instant::now();
-    run(scene, settings, RunOptions { stop, progress, began, from: None, pauses: Vec::new() })
+) -> Result<Rendered> {
+    run(scene, settings, RunOptions::new(stop, progress))
 }
 
-/// The camera of a render with these settings.
-pub fn camera(scene: &Scene, settings: &RenderSettings) -> CameraRays {
-    let RenderSettings { camera, width, height, .. } = *settings;
-    CameraRays::new(&scene.camera(camera, width, height), width, height)
-}
-
-/// How the paths of a render with these settings go that no pilot leads.
-pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Transport<'a> {
-    Transport {
-        scene: &scene.scene,
-        rays: scene.rays.as_ref(),
-        geometry: &scene.geometry,
-        materials: &scene.materials,
-        lights: &scene.lights,
-        names: &scene.names,
-        // Who asks for what cannot be was told before.
-        camera: camera(&scene.scene, settings).with_lens(lens(scene, settings).unwrap_or_default()),
-        filter: FilterSampler::new(settings.filter),
-        heuristic: settings.balance.method().heuristic(),
-        max_depth: match settings.integrator {
-            Integrator::Path => settings.max_depth,
-            Integrator::Direct => settings.max_depth.min(2),
-        },
-        seed: settings.seed,
-        limits: [settings.clamp_direct, settings.clamp_indirect].map(|most| most.map_or(f32::INFINITY, |x| x as f32)),
-        hides_environment: settings.transparent,
-        field: None,
-        drawing: Drawing::default(),
-    }
-}
-
-/// The seed of a pass that begins after `done` paths.
-pub fn pass_seed(settings: &RenderSettings, done: u32) -> u32 {
-    let scrambles = settings.balance.method().scrambles_passes();
-    settings.seed
-        ^ match () {
-            // Points that nobody learns from, and none of those that the pilot has.
-            () if scheduler::is_early(settings, done) => hash(u32::MAX),
-            () if scrambles => hash(done),
-            () => 0,
-        }
-}
-
-/// Mean paths of these tiles' pixels, rounded down.
+/// Mean paths per pixel of these tiles, rounded down.
 fn mean_paths(tiles: &[Tile]) -> u32 {
     let paths: u64 = tiles.iter().map(|tile| u64::from(tile.paths()) * tile.pixels() as u64).sum();
     let pixels: u64 = tiles.iter().map(|tile| tile.pixels() as u64).sum();
@@ -143,127 +111,236 @@ fn mean_paths(tiles: &[Tile]) -> u32 {
 }
 
 /// Renders on the current rayon pool until a stop rule of `settings` holds or the stop flag is raised (then within a
-/// tile's time). Without a time limit the film's bits depend on the scene, the backend's hits and `settings` alone: not
-/// on threads, nor on how often it was interrupted and continued.
-pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions) -> Rendered {
-    let RunOptions { stop, progress, began, from, pauses } = options;
+/// tile's time). Without a time limit the film's bits depend only on the scene, the backend's hits and `settings`: not on
+/// threads, nor on how often the render was interrupted and resumed. Settings without `spp`, `time` and `noise` end by the
+/// stop flag alone.
+///
+/// # Errors
+/// [`Error::Usage`](crate::Error::Usage) for settings that [`RenderSettings::validate`] refuses, for a lens that cannot be
+/// made ([`lens`]) and for study options that do not fit the picture.
+pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions) -> Result<Rendered> {
+    let RunOptions { stop, progress, began, from, pauses, study } = options;
+    settings.validate(&scene.scene)?;
+    study.validate(settings)?;
+    lens(scene, settings)?;
     let start = Instant::now();
     let Saved { tiles, stats } =
-        from.unwrap_or_else(|| Saved { tiles: fresh_tiles(settings), stats: RenderStats::default() });
-    let goes_on = scheduler::planned(settings, paths_range(&tiles).0).is_some();
-    let pilots = if goes_on { Prepasses::send(scene, settings) } else { Prepasses::default() };
-    let transport = pilots.lead(transport(scene, settings));
-    let guiding = pilots.guiding.as_ref().map(|found| found.stats()).or(stats.guiding);
-    let lamps = pilots.lamps.as_ref().map(|found| found.stats()).or(stats.lamps);
-    let surveyed = Instant::now();
-    let allocation = if goes_on { Allocation::new(&transport, settings) } else { None };
-    let of = |a: &Allocation| AdaptiveStats { worth: a.worth(), seconds: surveyed.elapsed().as_secs_f64() };
-    let adaptive = allocation.as_ref().map(of).or(stats.adaptive);
-    let before = RenderStats { noise: f64::INFINITY, guiding, lamps, adaptive, ..stats };
-    let goal = |tile: &Tile| match &allocation {
-        Some(allocation) => settings.spp.map(|mean| allocation.paths(tile, mean)),
-        None => settings.spp,
+        from.unwrap_or_else(|| Saved { tiles: study_tiles(settings, &study), stats: RenderStats::default() });
+    let unfinished = scheduler::planned(settings, paths_range(&tiles).0).is_some();
+    let prepasses = if unfinished { Prepasses::run(scene, settings) } else { Prepasses::default() };
+    let transport = prepasses.apply(transport(scene, settings));
+    let allocation_start = Instant::now();
+    let allocation = if unfinished { Allocation::new(&transport, settings) } else { None };
+    let allocation_seconds = allocation_start.elapsed().as_secs_f64();
+    let adaptive =
+        allocation.as_ref().map(|a| AdaptiveStats { efficiency: a.efficiency(), seconds: allocation_seconds });
+    let stats = RenderStats {
+        noise: f64::INFINITY,
+        guiding: prepasses.guiding.as_ref().map(|guiding| guiding.stats()).or(stats.guiding),
+        learned_lights: prepasses.learned_lights.as_ref().map(|lights| lights.stats()).or(stats.learned_lights),
+        adaptive: adaptive.or(stats.adaptive),
+        ..stats
     };
-    let is_done = |tile: &Tile| match &allocation {
-        Some(_) => scheduler::planned_to(settings, goal(tile), tile.paths()).is_none(),
-        None => tile.is_clean(settings),
+    let (stop_reason, background) = (StopReason::Interrupted, background(&scene.scene, settings));
+    let mut rendered = Rendered { settings: settings.clone(), tiles, stats, stop: stop_reason, background };
+    let clock = Clock { began, start, seconds: stats.seconds, render_seconds: stats.render_seconds };
+    let driver = Driver { settings, transport, allocation, max_passes: study.max_passes, stop, progress, clock };
+    let mut timers: Vec<_> = pauses.into_iter().map(PauseTimer::new).collect();
+    rendered.stop = loop {
+        let pass = match driver.next_pass(&mut rendered) {
+            Ok(pass) => pass,
+            Err(reason) => break reason,
+        };
+        let pause = timers.iter().map(|timer| timer.due(start)).fold(f64::INFINITY, f64::min);
+        if let Err(reason) = driver.trace(&mut rendered, &pass, pause) {
+            break reason;
+        }
+        timers.iter_mut().for_each(|timer| timer.pause_if_due(&mut rendered, driver.clock.seconds()));
     };
-    // With goals of their own, tiles go their own ways.
-    let per_tile_counts = settings.noise.is_some() || (allocation.is_some() && settings.spp.is_some());
-    let background = match &scene.scene.environment {
+    rendered.stats.render_seconds = driver.clock.render_seconds();
+    rendered.stats.seconds = driver.clock.seconds();
+    Ok(rendered)
+}
+
+/// What the picture shows behind all surfaces.
+fn background(scene: &Scene, settings: &RenderSettings) -> Background {
+    match &scene.environment {
         None => Background::Black,
         Some(_) if settings.transparent => Background::Transparent,
         Some(_) => Background::Environment,
-    };
-    let stop_reason = StopReason::Interrupted;
-    let mut now = Rendered { settings: settings.clone(), tiles, stats: before, stop: stop_reason, background };
-    // Seconds so far, of this session and those before it: since the clock began, and inside of this function.
-    let elapsed = || before.seconds + began.elapsed().as_secs_f64();
-    let rendering = || before.render_seconds + start.elapsed().as_secs_f64();
-    let stopped = || stop.load(Ordering::Relaxed);
-    let mut watches: Vec<_> = pauses.into_iter().map(Watch::new).collect();
-    now.stop = loop {
-        if now.tiles.is_empty() {
-            break StopReason::Samples;
+    }
+}
+
+/// Wall time of a render over all sessions.
+struct Clock {
+    /// When this session's time limit began to count.
+    began: Instant,
+    /// When this session began to render.
+    start: Instant,
+    /// [`RenderStats::seconds`] of earlier sessions.
+    seconds: f64,
+    /// [`RenderStats::render_seconds`] of earlier sessions.
+    render_seconds: f64,
+}
+
+impl Clock {
+    /// Seconds that the time limit counts.
+    fn seconds(&self) -> f64 {
+        self.seconds + self.began.elapsed().as_secs_f64()
+    }
+
+    /// Seconds of passes.
+    fn render_seconds(&self) -> f64 {
+        self.render_seconds + self.start.elapsed().as_secs_f64()
+    }
+}
+
+/// One round over the tiles.
+struct Pass {
+    /// Paths per pixel before the pass: the fewest of a tile that takes part.
+    done: u32,
+    /// Paths per pixel that the scheduler has planned.
+    size: u32,
+    /// Paths per pixel that each tile takes; 0 for tiles that are finished.
+    paths: Vec<u32>,
+    /// The share of tiles that are finished.
+    finished: f64,
+}
+
+/// A render in progress.
+struct Driver<'a> {
+    settings: &'a RenderSettings,
+    transport: Transport<'a>,
+    allocation: Option<Allocation>,
+    max_passes: Option<u32>,
+    stop: &'a AtomicBool,
+    progress: &'a (dyn Fn(Progress) + Sync),
+    clock: Clock,
+}
+
+impl Driver<'_> {
+    /// Paths per pixel at which a tile is to end.
+    fn goal(&self, tile: &Tile) -> Option<u32> {
+        match &self.allocation {
+            Some(allocation) => self.settings.spp.map(|mean| allocation.paths(tile, mean)),
+            None => self.settings.spp,
         }
-        let clean: Vec<bool> = now.tiles.par_iter().map(is_done).collect();
-        let open = || now.tiles.iter().zip(&clean).filter(|(_, clean)| !**clean).map(|(tile, _)| tile);
+    }
+
+    /// Does the tile take no more passes?
+    fn is_finished(&self, tile: &Tile) -> bool {
+        match &self.allocation {
+            Some(_) => scheduler::planned_to(self.settings, self.goal(tile), tile.paths()).is_none(),
+            None => tile.is_clean(self.settings),
+        }
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// The next pass, or why there is none. Estimates the noise where no pass is half done.
+    fn next_pass(&self, rendered: &mut Rendered) -> std::result::Result<Pass, StopReason> {
+        let Self { settings, allocation, .. } = self;
+        let Rendered { tiles, stats, .. } = rendered;
+        if tiles.is_empty() {
+            return Err(StopReason::Samples);
+        }
+        let finished: Vec<bool> = tiles.par_iter().map(|tile| self.is_finished(tile)).collect();
+        let open = || tiles.iter().zip(&finished).filter(|(_, finished)| !**finished).map(|(tile, _)| tile);
+        // Tiles with their own goals take their own passes.
+        let per_tile_counts = settings.noise.is_some() || (allocation.is_some() && settings.spp.is_some());
         let (done, ahead) = match allocation.is_some() && settings.spp.is_none() {
-            true => [mean_paths(&now.tiles); 2].into(),
+            true => [mean_paths(tiles); 2].into(),
             false => paths_range(open()),
         };
         let ahead = if per_tile_counts { done } else { ahead };
         if ahead == done {
-            now.stats.noise = noise(&now.tiles, settings.window());
+            stats.noise = noise(tiles, settings.window());
         }
         let state = State {
             done,
             ahead,
-            goal: open().filter_map(goal).max(),
-            passes: now.stats.passes,
+            goal: open().filter_map(|tile| self.goal(tile)).max(),
+            passes: stats.passes,
+            max_passes: self.max_passes,
             clean: open().next().is_none(),
-            seconds: elapsed(),
-            render_seconds: rendering(),
-            stopped: stopped(),
+            seconds: self.clock.seconds(),
+            render_seconds: self.clock.render_seconds(),
+            stopped: self.is_stopped(),
         };
-        let pass = match scheduler::next(settings, &state) {
-            Next::Stop(StopReason::Noise) if allocation.is_some() => break StopReason::Samples,
-            Next::Pass(paths) => paths,
-            Next::Stop(reason) => break reason,
+        let size = match scheduler::next(settings, &state) {
+            Next::Stop(StopReason::Noise) if allocation.is_some() => return Err(StopReason::Samples),
+            Next::Pass(size) => size,
+            Next::Stop(reason) => return Err(reason),
         };
-        let target = done + pass;
-        let most = settings.time.map_or(u32::MAX, |_| pass);
-        let passes = |(tile, clean): (&Tile, &bool)| match &allocation {
-            _ if *clean => 0,
-            _ if per_tile_counts => scheduler::planned_to(settings, goal(tile), tile.paths()).unwrap_or(0).min(most),
+        let target = done + size;
+        let max_paths = settings.time.map_or(u32::MAX, |_| size);
+        let paths_of = |(tile, finished): (&Tile, &bool)| match allocation {
+            _ if *finished => 0,
+            _ if per_tile_counts => {
+                scheduler::planned_to(settings, self.goal(tile), tile.paths()).unwrap_or(0).min(max_paths)
+            }
             Some(allocation) => allocation.paths(tile, target).saturating_sub(tile.paths()),
             None => target.saturating_sub(tile.paths()),
         };
-        let passes: Vec<u32> = now.tiles.iter().zip(&clean).map(passes).collect();
-        let left = passes.iter().filter(|paths| **paths > 0).count() as u64;
-        if left == 0 {
-            // Not even a block of the sequence fits into what is left.
-            break StopReason::Time;
+        let paths: Vec<u32> = tiles.iter().zip(&finished).map(paths_of).collect();
+        if paths.iter().all(|paths| *paths == 0) {
+            // Not even one block of the sequence fits into the remaining time.
+            return Err(StopReason::Time);
         }
-        let traced = now.tiles.iter().map(|tile| tile.pixels() as f64).sum::<f64>();
-        let meter = Meter {
+        let finished = finished.iter().filter(|finished| **finished).count() as f64 / finished.len() as f64;
+        Ok(Pass { done, size, paths, finished })
+    }
+
+    /// Traces a pass until it is complete, a pause is due (`pause` seconds after the session's start) or the render must
+    /// end, which is the error.
+    fn trace(&self, rendered: &mut Rendered, pass: &Pass, pause: f64) -> std::result::Result<(), StopReason> {
+        let Self { settings, transport, clock, .. } = self;
+        let Rendered { tiles, stats, .. } = rendered;
+        let since_start = clock.start.elapsed().as_secs_f64();
+        let seconds = clock.seconds();
+        let meter = PassProgress {
             settings,
-            start,
-            before: elapsed() - start.elapsed().as_secs_f64(),
-            deadline: settings.time.map(|limit| limit - elapsed() + start.elapsed().as_secs_f64()),
-            pause: watches.iter().map(|w| w.due(start)).fold(f64::INFINITY, f64::min),
-            stop,
-            rays: AtomicU64::new(now.stats.rays()),
+            start: clock.start,
+            before: seconds - since_start,
+            deadline: settings.time.map(|limit| limit - seconds + since_start),
+            pause,
+            stop: self.stop,
+            rays: AtomicU64::new(stats.rays()),
             tiles: AtomicU64::new(0),
-            clean: clean.iter().filter(|clean| **clean).count() as f64 / clean.len() as f64,
-            done,
-            paths: AtomicU64::new(now.stats.paths),
-            traced,
-            noise: now.stats.noise,
+            finished: pass.finished,
+            done: pass.done,
+            paths: AtomicU64::new(stats.paths),
+            pixels: tiles.iter().map(|tile| tile.pixels() as f64).sum::<f64>(),
+            noise: stats.noise,
         };
-        let take = |(tile, paths): (&mut Tile, &u32)| {
+        let trace_tile = |(tile, paths): (&mut Tile, &u32)| {
             if meter.should_stop() {
                 return TileWork::default();
             }
             let transport = Transport { seed: pass_seed(settings, tile.paths()), ..transport.clone() };
             let work = tile.pass(&transport, settings, *paths);
-            progress(meter.after(&work));
+            (self.progress)(meter.add(&work));
             work
         };
-        let tiles = now.tiles.par_iter_mut().with_max_len(1).zip(&passes).filter(|(_, paths)| **paths > 0);
-        let work = tiles.map(take).reduce(TileWork::default, TileWork::plus);
-        let taken = meter.tiles.into_inner();
-        now.stats.add(&work);
-        now.stats.render_seconds = rendering();
-        debug!("{pass} paths a pixel after {done}: {taken} of {left} tiles took them, {:.2} s so far", elapsed());
-        if taken == left {
-            now.stats.passes += 1;
-        } else if let Some(reason) = scheduler::cut(settings, elapsed(), stopped()) {
-            break reason;
+        let open = tiles.par_iter_mut().with_max_len(1).zip(&pass.paths).filter(|(_, paths)| **paths > 0);
+        let work = open.map(trace_tile).reduce(TileWork::default, TileWork::plus);
+        let traced = meter.tiles.into_inner();
+        let all = pass.paths.iter().filter(|paths| **paths > 0).count() as u64;
+        stats.add(&work);
+        stats.render_seconds = clock.render_seconds();
+        debug!(
+            "pass of {} paths per pixel after {}: {traced} of {all} tiles traced, {:.2} s so far",
+            pass.size,
+            pass.done,
+            clock.seconds()
+        );
+        if traced == all {
+            stats.passes += 1;
+        } else if let Some(reason) = scheduler::cut(settings, clock.seconds(), self.is_stopped()) {
+            return Err(reason);
         }
-        watches.iter_mut().for_each(|watch| watch.pause(&mut now, elapsed()));
-    };
-    now.stats.render_seconds = rendering();
-    now.stats.seconds = elapsed();
-    now
+        Ok(())
+    }
 }

@@ -1,4 +1,4 @@
-//! Fireflies: pixels that one path alone has made brighter than all around them.
+//! Detection of fireflies: pixels that a single path has made much brighter than their neighbours.
 
 use glam::Vec3;
 use serde::Serialize;
@@ -6,26 +6,26 @@ use serde::Serialize;
 use super::Rendered;
 use crate::color::luminance;
 
-/// How many of the brightest are told.
-const TOLD: usize = 8;
-/// Below this many paths every pixel is made by few.
-const FEWEST_PATHS: u32 = 8;
-/// A firefly has more than this share of its light from one path,
-const SHARE: f64 = 0.5;
-/// and is more than so many times as bright as all but two of its eight neighbours: a neighbour may be another one, while
-/// edges and corners of what is bright have more.
-const BRIGHTER: f32 = 3.0;
+/// Maximum number of fireflies that are listed.
+const MAX_REPORTED: usize = 8;
+/// Pixels with fewer paths are not examined.
+const MIN_PATHS: u32 = 8;
+/// A firefly has more than this fraction of its luminance from one path.
+const MIN_PATH_FRACTION: f64 = 0.5;
+/// A firefly is more than this many times as bright as all but two of its eight neighbours. Two, as a neighbour may be a
+/// firefly too; at edges and corners of bright objects more neighbours are bright.
+const MIN_CONTRAST: f32 = 3.0;
 
-/// A pixel and the path that made it.
+/// A pixel and the path that made it bright.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Spot {
-    /// In the whole picture.
+    /// Column in the whole picture.
     pub x: u32,
-    /// In the whole picture.
+    /// Row in the whole picture.
     pub y: u32,
     /// The path's number, as `--replay-pixel` takes it.
     pub path: u32,
-    /// The path's.
+    /// Luminance of the path.
     pub luminance: f32,
 }
 
@@ -34,14 +34,14 @@ pub struct Spot {
 pub struct Fireflies {
     /// How many there are.
     pub count: u64,
-    /// In a million pixels.
+    /// Fireflies per million pixels.
     pub per_megapixel: f64,
-    /// The brightest, at most eight, brightest first.
+    /// The brightest ones, at most eight, in descending order.
     pub brightest: Vec<Spot>,
 }
 
 impl Fireflies {
-    /// Of a picture's window.
+    /// Finds the fireflies in a picture's window.
     pub fn of(rendered: &Rendered) -> Self {
         let window @ [x0, y0, x1, y1] = rendered.settings.window();
         let (width, height) = ((x1 - x0) as usize, (y1 - y0) as usize);
@@ -55,7 +55,7 @@ impl Fireflies {
                 shown[place(x, y)] = if light.is_finite() { light } else { 0.0 };
                 let peak = tile.peaks[i];
                 let total = f64::from(light) * f64::from(stats.samples);
-                if stats.samples >= FEWEST_PATHS && f64::from(peak.luminance) > SHARE * total {
+                if stats.samples >= MIN_PATHS && f64::from(peak.luminance) > MIN_PATH_FRACTION * total {
                     suspects.push(Spot { x, y, path: peak.path, luminance: peak.luminance });
                 }
             }
@@ -66,12 +66,12 @@ impl Fireflies {
             let around = rows.flat_map(|v| (x.saturating_sub(1)..(x + 2).min(width)).map(move |u| (u, v)));
             let mut around: Vec<f32> = around.filter(|at| *at != (x, y)).map(|(u, v)| shown[v * width + u]).collect();
             around.sort_unstable_by(|a, b| b.total_cmp(a));
-            shown[y * width + x] > BRIGHTER * around.get(2).copied().unwrap_or(f32::INFINITY)
+            shown[y * width + x] > MIN_CONTRAST * around.get(2).copied().unwrap_or(f32::INFINITY)
         };
         suspects.retain(is_alone);
         suspects.sort_by(|a, b| b.luminance.total_cmp(&a.luminance).then((a.y, a.x).cmp(&(b.y, b.x))));
         let count = suspects.len() as u64;
-        suspects.truncate(TOLD);
+        suspects.truncate(MAX_REPORTED);
         Self { count, per_megapixel: count as f64 * 1e6 / (width * height) as f64, brightest: suspects }
     }
 }

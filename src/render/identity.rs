@@ -1,4 +1,4 @@
-//! What a picture was made of: what its bits depend on, and what tells commands apart.
+//! The identity of a render: the inputs and settings that its bits depend on, and the key of the command that asks for it.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -6,44 +6,85 @@ use serde::{Deserialize, Serialize};
 
 use super::prepass::guiding::MEMORY;
 use super::{Guiding, RenderSettings};
-use crate::balance::HALF_PILOT;
+use crate::balance::DEFAULT_PILOT_FRACTION;
 use crate::rays::Backend;
 
-/// What a picture was made of. Kept in its header.
+/// What a picture was made of. Stored in its header.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Identity {
-    /// Of bismar.
+    /// Version of bismar.
     pub version: String,
-    /// Any text that tells the scene's content from others.
+    /// Text that tells the scene's content from others ([`scene_text`]).
     pub scene: String,
-    /// As `scene`, of the environment.
+    /// Text that tells the environment's content from others ([`EnvironmentSource`]).
     pub environment: String,
-    /// What traces rays.
+    /// The ray library.
     pub rays: Backend,
-    /// What was asked for, with its stop rules.
+    /// The requested settings, with their stop rules.
     pub settings: RenderSettings,
 }
 
-/// What a command says of its view and outputs, which only a loaded scene turns into settings.
+/// The text that identifies a scene: the hash of its files, and `choices` that were made when it was imported, empty for
+/// the default ones.
+pub fn scene_text(hash: &str, choices: &str) -> String {
+    format!("{hash}{choices}")
+}
+
+/// Where the environment comes from.
+#[derive(Debug, Clone)]
+pub enum EnvironmentSource {
+    /// A file with this hash, rotated about the vertical axis.
+    File {
+        /// Hash of its bytes.
+        hash: String,
+        /// Rotation in degrees.
+        degrees: f32,
+        /// Factor of its radiance.
+        strength: f32,
+    },
+    /// White from everywhere, with this radiance.
+    White {
+        /// Factor of its radiance.
+        strength: f32,
+    },
+    /// What the scene's file contains.
+    Scene,
+    /// None, whatever the scene's file contains.
+    Off,
+}
+
+impl EnvironmentSource {
+    /// The text that identifies the environment.
+    pub fn text(&self) -> String {
+        match self {
+            Self::File { hash, degrees, strength } => format!("{hash} turned {degrees} times {strength}"),
+            Self::White { strength } => format!("white times {strength}"),
+            Self::Scene => "the scene's own".into(),
+            Self::Off => "none".into(),
+        }
+    }
+}
+
+/// The outputs that a command requests and its view, which become settings once the scene is loaded.
 #[derive(Debug, Clone, Default)]
-pub struct Asked {
+pub struct RequestedOutputs {
     /// Camera by name or index.
     pub camera: Option<String>,
-    /// Width and height.
+    /// Width and height in pixels.
     pub size: Option<[u32; 2]>,
-    /// Names of AOVs, with commas between.
+    /// Names of AOVs, separated by commas.
     pub aovs: String,
-    /// Colours in 16 bits?
+    /// Are colours stored as 16-bit floats?
     pub half: bool,
-    /// With a layer without noise?
+    /// Is there a denoised layer?
     pub denoised: bool,
 }
 
 /// Named values, for comparison.
-type Values = BTreeMap<&'static str, String>;
+type Values = BTreeMap<String, String>;
 
 impl Identity {
-    /// Of a scene's and an environment's content, to be made by this version.
+    /// The identity of a render by this version, with the texts of a scene and an environment.
     pub fn new(scene: &str, environment: &str, rays: Backend, settings: &RenderSettings) -> Self {
         Self {
             version: env!("CARGO_PKG_VERSION").into(),
@@ -54,73 +95,105 @@ impl Identity {
         }
     }
 
-    /// Named values; equal in all means equal bits (on one instruction set). Stop rules do not count, as a render may go
-    /// on to a higher goal, except where the passes depend on it; nor do parts.
+    /// Named values. Renders whose values are equal have equal bits on one instruction set. Settings with the value that
+    /// existed before they could be set are left out.
     pub fn bits(&self) -> Values {
-        let s = &self.settings;
-        let mut values = Values::from([
-            ("version", self.version.clone()),
-            ("scene", self.scene.clone()),
-            ("environment", self.environment.clone()),
-            ("rays", name(&self.rays)),
-            ("camera", s.camera.to_string()),
-            ("size", format!("{}x{}", s.width, s.height)),
-            ("crop", s.crop.map_or("none".into(), |c| c.map(|x| x.to_string()).join(","))),
-            ("integrator", name(&s.integrator)),
-            ("max-depth", s.max_depth.to_string()),
-            ("balance", name(&s.balance)),
-            ("filter", name(&s.filter)),
-            ("seed", s.seed.to_string()),
-            ("sums for AOVs", s.aovs.to_string()),
-        ]);
-        for (name, most) in [("clamp-direct", s.clamp_direct), ("clamp-indirect", s.clamp_indirect)] {
-            values.extend(most.map(|most| (name, most.to_string())));
+        // Exhaustive: a new setting must say here whether bits depend on it.
+        let Self { version, scene, environment, rays, settings } = self;
+        let RenderSettings {
+            camera,
+            width,
+            height,
+            crop,
+            integrator,
+            max_depth,
+            spp,
+            // Stop rules: a render can be resumed with others.
+            time: _,
+            noise: _,
+            min_spp: _,
+            adaptive,
+            balance,
+            pilot,
+            guiding,
+            guiding_memory,
+            seed,
+            filter,
+            aovs,
+            extras,
+            clamp_direct,
+            clamp_indirect,
+            transparent,
+            lens,
+            // Parts have the bits of the whole.
+            part: _,
+        } = settings;
+        let mut values = Values::new();
+        let mut insert = |name: &str, value: String| values.insert(name.into(), value);
+        insert("version", version.clone());
+        insert("scene", scene.clone());
+        insert("environment", environment.clone());
+        insert("rays", variant_name(rays));
+        insert("camera", camera.to_string());
+        insert("size", format!("{width}x{height}"));
+        insert("crop", crop.map_or("none".into(), |c| c.map(|x| x.to_string()).join(",")));
+        insert("integrator", variant_name(integrator));
+        insert("max-depth", max_depth.to_string());
+        insert("balance", variant_name(balance));
+        insert("filter", variant_name(filter));
+        insert("seed", seed.to_string());
+        insert("sums for AOVs", aovs.to_string());
+        for (name, limit) in [("clamp-direct", clamp_direct), ("clamp-indirect", clamp_indirect)] {
+            if let Some(limit) = limit {
+                insert(name, limit.to_string());
+            }
         }
-        if s.extras {
-            values.insert("more sums for AOVs", "true".into());
+        for (name, is_on) in [("more sums for AOVs", extras), ("adaptive", adaptive), ("transparent", transparent)] {
+            if *is_on {
+                insert(name, "true".into());
+            }
         }
-        values.extend(s.lens.map(|lens| ("lens", lens.to_string())));
-        if s.guiding != Guiding::Off {
-            values.insert("guiding", name(&s.guiding));
-            values.insert("guiding-memory", s.guiding_memory.unwrap_or(MEMORY).to_string());
+        if let Some(lens) = lens {
+            insert("lens", lens.to_string());
         }
-        if s.adaptive {
-            values.insert("adaptive", "true".into());
+        if *guiding != Guiding::Off {
+            insert("guiding", variant_name(guiding));
+            insert("guiding-memory", guiding_memory.unwrap_or(MEMORY).to_string());
         }
-        if s.transparent {
-            values.insert("transparent", "true".into());
-        }
-        if s.balance.method().needs_goal() {
-            values.insert("pilot", s.pilot.unwrap_or(HALF_PILOT).to_string());
-            let spp = s.spp.map_or("none".into(), |n| n.to_string());
-            values.insert("spp (second-order's pilot is a share of it)", spp);
+        // The passes of such a balance depend on the number of samples.
+        if balance.method().needs_goal() {
+            insert("pilot", pilot.unwrap_or(DEFAULT_PILOT_FRACTION).to_string());
+            let spp = spp.map_or("none".into(), |n| n.to_string());
+            insert(&format!("spp ({}'s pilot is a share of it)", balance.name()), spp);
         }
         values
     }
 
-    /// Tells apart commands that make different files, before a scene is loaded: a hash of contents and flags. Camera,
-    /// width and height of the settings do not count, only what was asked. Parts of a picture are alike.
-    pub fn request(&self, asked: &Asked) -> String {
+    /// A key that differs between commands that make different files: a hash of contents and flags, known before a scene
+    /// is loaded. It has the requested view instead of the camera, width and height of the settings. Parts of a picture
+    /// have the same key.
+    pub fn request(&self, requested: &RequestedOutputs) -> String {
+        let RequestedOutputs { camera, size, aovs, half, denoised } = requested;
         let mut values = self.bits();
-        values.insert("camera", asked.camera.clone().unwrap_or("the first".into()));
-        values.insert("size", asked.size.map_or("the camera's".into(), |[w, h]| format!("{w}x{h}")));
-        values.insert("aovs", asked.aovs.clone());
-        // What is not said leaves requests as they were before it could be.
-        if asked.half {
-            values.insert("half", "true".into());
-        }
-        if asked.denoised {
-            values.insert("denoised", "true".into());
+        let mut insert = |name: &str, value: String| values.insert(name.into(), value);
+        insert("camera", camera.clone().unwrap_or("the first".into()));
+        insert("size", size.map_or("the camera's".into(), |[w, h]| format!("{w}x{h}")));
+        insert("aovs", aovs.clone());
+        // Left out when false, so that keys stay what they were before these could be requested.
+        for (name, is_on) in [("half", half), ("denoised", denoised)] {
+            if *is_on {
+                insert(name, "true".into());
+            }
         }
         blake3::hash(serde_json::json!(values).to_string().as_bytes()).to_hex().to_string()
     }
 
-    /// In what the other's bits differ, for people; empty when in nothing.
+    /// The names of the values that differ, with both values, for people; empty if none does.
     pub fn differences(&self, theirs: &Self) -> String {
         differences(&self.bits(), &theirs.bits())
     }
 
-    /// As [`differences`](Self::differences), of pictures that may differ in their seeds.
+    /// The same for pictures that may differ in their seeds.
     pub fn differences_but_for_seeds(&self, theirs: &Self) -> String {
         let [mut ours, mut theirs] = [self.bits(), theirs.bits()];
         ours.remove("seed");
@@ -132,16 +205,16 @@ impl Identity {
 fn differences(ours: &Values, theirs: &Values) -> String {
     let names: BTreeSet<_> = ours.keys().chain(theirs.keys()).collect();
     let differing = names.into_iter().filter(|name| ours.get(*name) != theirs.get(*name));
-    let shown = |name: &&str| match (theirs.get(name), ours.get(name)) {
-        // Hashes tell people nothing.
+    let shown = |name: &String| match (theirs.get(name), ours.get(name)) {
+        // Hashes are not for people.
         (Some(a), Some(b)) if a.len() < 60 && b.len() < 60 => format!("{name} ({a} there, {b} here)"),
-        _ => (*name).to_owned(),
+        _ => name.clone(),
     };
     differing.map(shown).collect::<Vec<_>>().join(", ")
 }
 
-/// A variant's own name: that of files and of the command line.
-pub(super) fn name(variant: &impl Serialize) -> String {
+/// The serialised name of a variant: that of files and of the command line.
+pub(super) fn variant_name(variant: &impl Serialize) -> String {
     let name = serde_json::to_value(variant).ok();
     name.and_then(|n| n.as_str().map(str::to_owned)).unwrap_or_default()
 }
@@ -162,7 +235,7 @@ mod tests {
         assert_eq!(ours.differences(&other), "seed (7 there, 0 here), size (10x540 there, 960x540 here)");
         assert_eq!(ours.differences_but_for_seeds(&other), "size (10x540 there, 960x540 here)");
         let paper = |spp| of(&RenderSettings { spp: Some(spp), balance: Balance::SecondOrder, ..settings.clone() });
-        assert!(paper(64).differences(&paper(128)).contains("pilot"));
+        assert!(paper(64).differences(&paper(128)).contains("spp (second-order's pilot is a share of it)"));
         let piloted = |pilot| of(&RenderSettings { pilot, balance: Balance::SecondOrder, ..settings.clone() });
         let guided = |guiding, guiding_memory| of(&RenderSettings { guiding, guiding_memory, ..settings.clone() });
         assert_eq!(guided(Guiding::Off, Some(1 << 20)).differences(&ours), "");
@@ -179,16 +252,19 @@ mod tests {
         let settings = RenderSettings { part: "1/2".parse().ok(), ..Default::default() };
         let whole = RenderSettings { camera: 3, width: 7, part: None, time: Some(1.0), ..settings.clone() };
         let of = |settings: &RenderSettings| Identity::new("a", "none", Backend::Embree, settings);
-        let asked = Asked { camera: Some("top".into()), aovs: "depth".into(), ..Default::default() };
-        assert_eq!(of(&settings).request(&asked), of(&whole).request(&asked));
+        let requested = RequestedOutputs { camera: Some("top".into()), aovs: "depth".into(), ..Default::default() };
+        assert_eq!(of(&settings).request(&requested), of(&whole).request(&requested));
         for other in [
-            Asked { camera: None, ..asked.clone() },
-            Asked { size: Some([9, 9]), ..asked.clone() },
-            Asked { aovs: String::new(), ..asked.clone() },
-            Asked { half: true, ..asked.clone() },
+            RequestedOutputs { camera: None, ..requested.clone() },
+            RequestedOutputs { size: Some([9, 9]), ..requested.clone() },
+            RequestedOutputs { aovs: String::new(), ..requested.clone() },
+            RequestedOutputs { half: true, ..requested.clone() },
         ] {
-            assert_ne!(of(&settings).request(&asked), of(&settings).request(&other));
+            assert_ne!(of(&settings).request(&requested), of(&settings).request(&other));
         }
-        assert_ne!(of(&settings).request(&asked), of(&RenderSettings { seed: 1, ..settings.clone() }).request(&asked));
+        assert_ne!(
+            of(&settings).request(&requested),
+            of(&RenderSettings { seed: 1, ..settings.clone() }).request(&requested)
+        );
     }
 }

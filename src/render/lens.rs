@@ -1,35 +1,27 @@
-//! What is asked of a camera's lens, and what it comes to for a scene.
+//! Lens settings.
 
 use std::fmt;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-use super::{RenderSettings, camera};
-use crate::integrator::PreparedScene;
-use crate::integrator::camera::Lens;
-use crate::lanes::{F, U};
-use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
-use crate::scene::Projection;
-use crate::{Error, Result};
-
-/// A lens with an opening: what is nearer or farther than its focus is blurred.
+/// A thin lens: surfaces out of focus are blurred.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct LensSettings {
-    /// How wide it is open.
+    /// Size of the opening.
     pub aperture: Aperture,
-    /// What is sharp.
+    /// What is in focus.
     pub focus: Focus,
-    /// Sides of the opening: 0 for a round one, else 3 or more.
+    /// Sides of the opening: 0 for a circle, or 3 to 32.
     pub blades: u32,
 }
 
-/// How wide a lens is open.
+/// The size of a lens's opening.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Aperture {
-    /// The focal length over the opening's diameter, > 0. The focal length follows from the camera's field of view, for a
-    /// picture 24 mm high.
+    /// f-number: the focal length over the diameter of the opening, > 0. The focal length follows from the camera's field of
+    /// view and a film height of 24 mm.
     Stop(f64),
     /// The opening's radius in metres, > 0.
     Radius(f64),
@@ -39,18 +31,19 @@ pub enum Aperture {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Focus {
-    /// On what the middle of the picture shows.
+    /// On the surface in the middle of the picture.
     Auto,
-    /// On a plane so many metres before the camera, > 0.
+    /// On a plane at this distance from the camera in metres, > 0.
     Distance(f64),
 }
 
-/// Metres of film, from top to bottom: that of 35 mm stills.
-const FILM_HEIGHT: f64 = 0.024;
+/// Is this a size in metres or an f-number that is positive and finite as a 32-bit float too?
+pub(super) fn is_optical(x: f64) -> bool {
+    (1e-9..1e9).contains(&x)
+}
 
 fn positive(text: &str) -> Option<f64> {
-    // As 32-bit floats they are still above 0 and finite.
-    text.trim().parse().ok().filter(|x: &f64| (1e-9..1e9).contains(x))
+    text.trim().parse().ok().filter(|x: &f64| is_optical(*x))
 }
 
 impl FromStr for Aperture {
@@ -88,47 +81,6 @@ impl fmt::Display for LensSettings {
         }
         write!(f, ", {} blades", self.blades)
     }
-}
-
-/// The lens of a render with these settings; `None` for a pinhole, through which all is sharp.
-///
-/// # Errors
-/// [`Error::Usage`] for an f-stop of an orthographic camera, which has no focal length, and for automatic focus where the
-/// middle of the picture shows nothing.
-pub fn lens(scene: &PreparedScene, settings: &RenderSettings) -> Result<Option<Lens>> {
-    let Some(asked) = settings.lens else { return Ok(None) };
-    let RenderSettings { camera: index, width, height, .. } = *settings;
-    let radius = match (asked.aperture, scene.scene.camera(index, width, height).projection) {
-        (Aperture::Radius(radius), _) => radius,
-        (Aperture::Stop(stop), Projection::Perspective { yfov }) => {
-            0.5 * FILM_HEIGHT / (0.5 * f64::from(yfov)).tan() / (2.0 * stop)
-        }
-        (Aperture::Stop(_), Projection::Orthographic { .. }) => {
-            let why =
-                "--aperture: an orthographic camera has no focal length, and so no f-stop: give a radius in metres";
-            return Err(Error::Usage(why.into()));
-        }
-    };
-    let focus = match asked.focus {
-        Focus::Distance(distance) => distance as f32,
-        Focus::Auto => {
-            let [x, y] = [width, height].map(|size| F::splat(0.5 * size as f32));
-            let middle = F::splat(0.5);
-            let ray = camera(&scene.scene, settings).rays(x, y, middle);
-            let (mut rays, mut hits) = (RayBatch::default(), HitBatch::default());
-            rays.open(1, scene.geometry.moves);
-            rays.put(0, ray, F::splat(f32::INFINITY), U::ZERO, middle);
-            rays.close(1);
-            scene.rays.closest_hits(&rays, RayOrder::Coherent, &mut hits);
-            if hits.instance[0] == MISS {
-                let why =
-                    "--focus auto: the middle of the picture shows nothing to focus on: give a distance in metres";
-                return Err(Error::Usage(why.into()));
-            }
-            hits.t[0]
-        }
-    };
-    Ok(Some(Lens { radius: radius as f32, focus, blades: asked.blades }))
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Parts of a picture put together, and pictures of different seeds averaged.
+//! Merging: parts of a picture are combined, pictures with different seeds are averaged.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -6,35 +6,35 @@ use std::path::{Path, PathBuf};
 use tracing::warn;
 
 use super::checkpoint::{self, Earlier, Record, Saved, fits};
-use super::part::in_rows;
+use super::part::sort_in_rows;
 use super::tile::Tile;
 use super::{Part, RenderSettings, RenderStats, Rendered, StopReason, noise};
 use crate::film::cryptomatte::PREFIX;
 use crate::film::exr_file::{Header, HeaderValue};
 use crate::{Error, Result};
 
-/// What parts or seeds have come to.
+/// The result of merging parts or seeds.
 pub struct Merged {
     /// The whole picture.
     pub rendered: Rendered,
-    /// The first input's, but for what is counted.
+    /// The record of the first input, with the counts of all.
     pub record: Record,
-    /// Header attributes besides those of the record.
+    /// Header attributes besides the record's.
     pub more: Header,
 }
 
-/// Merges pictures, in any order: all parts of each seed. Parts give the bits of the whole render; seeds are averaged,
-/// each path counting the same.
+/// Merges pictures, given in any order, with all parts of each seed. Merged parts have the bits of the whole render. Seeds
+/// are averaged with the same weight for every path.
 ///
 /// # Errors
-/// [`Error::Data`] for what is no picture of ours, unfinished, another render, twice there, missing or without
-/// statistics, by name; [`Error::Missing`] and others as [`Earlier::read`].
+/// [`Error::Data`], with the file, for a picture of another program or another render, for one that is unfinished, given
+/// twice or without statistics, and for missing parts; [`Error::Missing`] and those of [`Earlier::read`].
 pub fn merge(paths: &[PathBuf]) -> Result<Merged> {
     let mut inputs = paths.iter().map(|path| read(path)).collect::<Result<Vec<_>>>()?;
     inputs.sort_by_key(|i| (settings(i).seed, settings(i).part.map(|p| p.number), i.path.clone()));
     let Some(first) = inputs.first().cloned() else { return Err(Error::Usage("nothing to merge".into())) };
-    check_kinship(&first, &inputs)?;
-    // Of a whole whose tiles end by noise or samples, each by itself, it is what the last of them ended by.
+    check_same_render(&first, &inputs)?;
+    // Where tiles end by noise or by samples, the whole ends by samples if any tile does.
     let by_samples = inputs.iter().any(|input| input.record.stop == StopReason::Samples);
     let mut seeds: BTreeMap<u32, Vec<Earlier>> = BTreeMap::new();
     for input in inputs {
@@ -62,7 +62,7 @@ pub fn merge(paths: &[PathBuf]) -> Result<Merged> {
         noise: Some(stats.noise).filter(|noise| noise.is_finite()),
         paths: rendered.paths_range().0,
         worst_noise: Some(rendered.worst_noise()).filter(|noise| noise.is_finite()),
-        keeps: !several && first.record.keeps,
+        resumable: !several && first.record.resumable,
         seeds: if several { names } else { Vec::new() },
         ..first.record
     };
@@ -79,12 +79,12 @@ pub fn merge(paths: &[PathBuf]) -> Result<Merged> {
 }
 
 impl Merged {
-    /// Writes it, with its statistics if its inputs were to keep theirs.
+    /// Writes the picture, with its statistics if the inputs are resumable.
     ///
     /// # Errors
-    /// As [`checkpoint::write`].
+    /// Those of [`checkpoint::write`].
     pub fn write(&self, path: &Path) -> Result<()> {
-        checkpoint::write(path, &self.rendered, &self.record, self.more.clone(), None, self.record.keeps)
+        checkpoint::write(path, &self.rendered, &self.record, self.more.clone(), None, self.record.resumable)
     }
 }
 
@@ -102,8 +102,8 @@ fn read(path: &Path) -> Result<Earlier> {
     Ok(input)
 }
 
-/// Are these parts and seeds of one render, each once?
-fn check_kinship(first: &Earlier, inputs: &[Earlier]) -> Result<()> {
+/// Checks that these are parts and seeds of one render, each given once.
+fn check_same_render(first: &Earlier, inputs: &[Earlier]) -> Result<()> {
     let first_name = first.path.display();
     for other in inputs {
         let name = other.path.display();
@@ -128,17 +128,15 @@ fn check_kinship(first: &Earlier, inputs: &[Earlier]) -> Result<()> {
         let [ours, theirs] = [first, other].map(|i| &i.record.host);
         if ours != theirs {
             warn!(
-                "{name} was rendered by {} ({}) and {first_name} by {} ({}): the picture is as right as ever, but not to \
-                 the last bit the one of a single host",
+                "{name} was rendered by {} ({}) and {first_name} by {} ({}): the picture is correct, but \
+                 its bits are not those of a single host",
                 theirs.version, theirs.isa, ours.version, ours.isa
             );
         }
     }
-    let makers = |other: &&Earlier| {
-        let [ours, theirs] = [first, other].map(|i| i.record.maker.as_ref());
-        ours.zip(theirs).map(|(ours, theirs)| ours.differences(theirs)).filter(|text| !text.is_empty())
-    };
-    if let Some((other, differences)) = inputs.iter().find_map(|other| Some((other, makers(&other)?))) {
+    let builds =
+        |other: &&Earlier| Some(first.record.build.differences(&other.record.build)).filter(|text| !text.is_empty());
+    if let Some((other, differences)) = inputs.iter().find_map(|other| Some((other, builds(&other)?))) {
         warn!(
             "{} and {first_name} were written by different builds of bismar, {differences}: the picture is as right as \
              ever, but perhaps not to the last bit that of one build",
@@ -165,7 +163,7 @@ struct Whole {
     stats: RenderStats,
 }
 
-/// Puts the parts of one seed together.
+/// Combines the parts of one seed.
 fn assemble(parts: &[Earlier]) -> Result<Whole> {
     let Some(first) = parts.first() else { return Err(Error::Bug("no parts".into())) };
     let seed = settings(first).seed;
@@ -189,8 +187,8 @@ fn assemble(parts: &[Earlier]) -> Result<Whole> {
             Error::Data(format!("{name}: carries no statistics to merge: render it with --checkpoint"))
         })?;
         let saved = Saved { tiles: own, stats: part.record.stats };
-        // Parts are promised the whole's bits; pictures of several seeds are not.
-        if settings(part).part.is_some() && !saved.is_on_the_way(settings(part)) {
+        // Merged parts should have the bits of the whole.
+        if settings(part).part.is_some() && !saved.has_passes_of(settings(part)) {
             warn!(
                 "{name} was begun with another goal and took other passes than a render in one go: the picture is as right \
                  as ever, but not bit for bit that of the whole"
@@ -218,7 +216,7 @@ fn assemble(parts: &[Earlier]) -> Result<Whole> {
         stats.join(&part.record.stats);
         tiles.extend(own);
     }
-    in_rows(&mut tiles);
+    sort_in_rows(&mut tiles);
     if !fits(&tiles, &RenderSettings { part: None, ..settings(first).clone() }) {
         return Err(Error::Data(format!("the parts of seed {seed} do not cover the picture")));
     }
@@ -226,7 +224,7 @@ fn assemble(parts: &[Earlier]) -> Result<Whole> {
 }
 
 impl Whole {
-    /// Sums add up: every path of either counts the same, and so does the variance of their mean.
+    /// Adds the sums of another seed.
     fn add(&mut self, other: &Whole) {
         for (tile, more) in self.tiles.iter_mut().zip(&other.tiles) {
             tile.join(more);

@@ -1,15 +1,15 @@
-//! Tiles, passes, stopping, saving: from a scene and settings to pixels and files.
+//! Rendering: from a scene and settings to pixels and files.
 //!
-//! [`scheduler`] says what is next, [`driver`] does it tile by tile, [`checkpoint`] keeps it in files, [`merge`] puts
-//! parts together. What makes a picture's bits is said in [`identity`].
+//! [`driver`] renders tiles pass by pass, in the order that [`scheduler`] decides. [`checkpoint`] stores a render in its
+//! picture's file, [`merge`] combines parts and seeds, and [`identity`] lists what a picture's bits depend on.
 
 pub mod adaptive;
 pub mod allocation;
 mod build_info;
+pub mod camera;
 pub mod checkpoint;
 pub mod driver;
 pub mod fireflies;
-mod format2;
 pub mod identity;
 pub mod lens;
 pub mod merge;
@@ -23,62 +23,66 @@ pub mod scheduler;
 pub mod settings;
 pub mod stats;
 pub mod tile;
+pub mod transport;
+mod validate;
 
 use crate::film::compare::relative_to;
 use crate::film::{Background, Film};
 pub use crate::guiding::Guiding;
 pub use build_info::BuildInfo;
+pub use camera::camera;
 pub use checkpoint::{Record, Saved};
-pub use driver::{Pause, RunOptions, camera, render, run, transport};
+pub use driver::{Pause, RunOptions, render, run};
 pub use fireflies::Fireflies;
 pub use identity::Identity;
 pub use part::Part;
 pub use pixels::TilePixels;
 pub use progress::Progress;
 pub use replay::replay;
-pub use settings::{Balance, Integrator, PixelFilter, RenderSettings};
+pub use settings::{Balance, Integrator, PixelFilter, RenderSettings, StudyOptions};
 pub use stats::{RenderStats, StopReason};
 use tile::{TILE, Tile};
+pub use transport::transport;
 
 /// A finished or stopped render.
 #[derive(Debug)]
 pub struct Rendered {
-    /// What was asked for.
+    /// The requested settings.
     pub settings: RenderSettings,
-    /// What was collected, tile by tile, row by row, with all that is needed to go on.
+    /// The tiles, row by row, with all that a resumed render needs.
     pub tiles: Vec<Tile>,
-    /// What it took.
+    /// Counts and times.
     pub stats: RenderStats,
     /// Why it ended.
     pub stop: StopReason,
-    /// What is behind everything.
+    /// What the picture shows behind all surfaces.
     pub background: Background,
 }
 
 impl Rendered {
-    /// The window's pixels as they are: what files are written from.
+    /// A view of the window's pixels, without a copy. Files are written from it.
     pub fn pixels(&self) -> TilePixels<'_> {
         TilePixels::new(&self.tiles, &self.settings, self.background)
     }
 
-    /// The window's pixels, copied row by row: for those who compute with them.
+    /// A copy of the window's pixels, row by row.
     pub fn film(&self) -> Film {
         Film::of(&self.pixels())
     }
 
-    /// How many of the window's pixels have no path, and how many pixels it has.
+    /// The window's pixels without paths, and all its pixels.
     pub fn pixels_without_paths(&self) -> (usize, usize) {
         let count = |tile: &Tile| tile.inside(self.settings.window()).count();
         let empty = self.tiles.iter().filter(|tile| tile.paths() == 0).map(count).sum();
         (empty, self.tiles.iter().map(count).sum())
     }
 
-    /// Fewest and most paths of its tiles ([`Tile::paths`]).
+    /// Minimum and maximum paths of its tiles ([`Tile::paths`]).
     pub fn paths_range(&self) -> (u32, u32) {
         paths_range(&self.tiles)
     }
 
-    /// Noise of its noisiest tile; 0 without tiles.
+    /// Noise of the noisiest tile; 0 without tiles.
     pub fn worst_noise(&self) -> f64 {
         let (window, tiles) = (self.settings.window(), self.tiles.iter());
         tiles.map(|tile| noise(std::slice::from_ref(tile), window)).fold(0.0, f64::max)
@@ -87,29 +91,34 @@ impl Rendered {
 
 /// The tiles that a render of these settings begins with, row by row.
 pub fn fresh_tiles(settings: &RenderSettings) -> Vec<Tile> {
+    study_tiles(settings, &StudyOptions::default())
+}
+
+/// The tiles that a render with these study options begins with.
+fn study_tiles(settings: &RenderSettings, study: &StudyOptions) -> Vec<Tile> {
     let cover = |window| Tile::cover(settings.width, settings.height, window, settings.columns());
     let corner = |tile: &[u32; 2]| tile.map(|n| n * TILE);
-    let mut all = match &settings.tiles {
+    let mut tiles = match &study.tiles {
         None => cover(settings.window()),
         Some(some) => some.iter().map(corner).flat_map(|[x, y]| cover([x, y, x + 1, y + 1])).collect(),
     };
-    if let Some(shares) = &settings.shares {
-        all.iter_mut().for_each(|tile| tile.begin_with(shares, settings.width));
+    if let Some(shares) = &study.light_shares {
+        tiles.iter_mut().for_each(|tile| tile.set_light_shares(shares, settings.width));
     }
     match settings.part {
-        Some(part) => part.of(all),
-        None => all,
+        Some(part) => part.select(tiles),
+        None => tiles,
     }
 }
 
-/// Fewest and most paths of these tiles.
+/// Minimum and maximum paths of these tiles.
 fn paths_range<'a>(tiles: impl IntoIterator<Item = &'a Tile>) -> (u32, u32) {
     let range = |(low, high): (u32, u32), n: u32| (low.min(n), high.max(n));
     tiles.into_iter().map(Tile::paths).map(|n| (n, n)).reduce(|all, (n, _)| range(all, n)).unwrap_or_default()
 }
 
-/// Root of the mean over pixels and channels of variance over [`relative_to`] the mean: the relative error that relMSE
-/// will find, as estimated from the samples themselves. Infinite while a pixel has less than two paths.
+/// The relative error (square root of relMSE), estimated from the samples: the root of the mean over pixels and channels of
+/// variance over [`relative_to`] of the mean. Infinite while a pixel has fewer than two paths.
 pub fn noise(tiles: &[Tile], window: [u32; 4]) -> f64 {
     let (mut sum, mut n) = (0.0, 0u64);
     for stats in tiles.iter().flat_map(|tile| tile.inside(window).map(|(.., i)| &tile.stats[i])) {

@@ -1,4 +1,4 @@
-//! A picture in parts: which tiles belong to which.
+//! Parts of a picture: which tiles belong to which part.
 
 use std::fmt::{self, Display};
 use std::str::FromStr;
@@ -7,12 +7,12 @@ use serde::{Deserialize, Serialize};
 
 use super::tile::Tile;
 
-/// Part `number` of `of`, counted from 1.
+/// Part `number` of `of`, where numbers begin at 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Part {
     /// 1 to `of`.
     pub number: u32,
-    /// How many parts there are, ≥ 1.
+    /// Number of parts, ≥ 1.
     pub of: u32,
 }
 
@@ -35,26 +35,26 @@ impl FromStr for Part {
 }
 
 impl Part {
-    /// The tiles of a picture's window that are this part's. Parts are of equal size, give or take a tile, and
-    /// interleaved along a Z-order curve: neighbours, which cost alike, go to different parts.
-    pub fn of(self, mut all: Vec<Tile>) -> Vec<Tile> {
+    /// Selects the tiles of this part from those of a picture's window. Parts differ by at most one tile in size and are
+    /// interleaved along a Z-order curve: neighbours, which have similar costs, are in different parts.
+    pub fn select(self, mut all: Vec<Tile>) -> Vec<Tile> {
         all.sort_by_cached_key(|tile| z_order(tile.grid_position()));
         let mine = |(i, _): &(usize, Tile)| *i as u32 % self.of == self.number - 1;
         let mut tiles: Vec<_> = all.into_iter().enumerate().filter(mine).map(|(_, tile)| tile).collect();
-        in_rows(&mut tiles);
+        sort_in_rows(&mut tiles);
         tiles
     }
 }
 
-/// Sorts tiles as [`Tile::cover`] lists them: row by row.
-pub fn in_rows(tiles: &mut [Tile]) {
+/// Sorts tiles row by row, the order of [`Tile::cover`].
+pub fn sort_in_rows(tiles: &mut [Tile]) {
     tiles.sort_by_key(|tile| {
         let [x, y] = tile.grid_position();
         (y, x)
     });
 }
 
-/// The bits of both, interleaved (Morton 1966).
+/// The interleaved bits of both coordinates (Morton 1966).
 fn z_order([x, y]: [u32; 2]) -> u64 {
     (0..32).fold(0, |code, bit| code | u64::from(x >> bit & 1) << (2 * bit) | u64::from(y >> bit & 1) << (2 * bit + 1))
 }
@@ -75,11 +75,11 @@ mod tests {
             let window = [corner.0.min(width - 1), corner.1.min(height - 1), width, height];
             let all: Vec<_> = Tile::cover(width, height, window, NONE).iter().map(Tile::grid_position).collect();
             let parts: Vec<_> =
-                (1..=of).map(|number| Part { number, of }.of(Tile::cover(width, height, window, NONE))).collect();
+                (1..=of).map(|number| Part { number, of }.select(Tile::cover(width, height, window, NONE))).collect();
             let sizes = parts.iter().map(Vec::len);
             prop_assert!(sizes.clone().max().unwrap() - sizes.min().unwrap() <= 1);
             let mut joined: Vec<_> = parts.into_iter().flatten().collect();
-            in_rows(&mut joined);
+            sort_in_rows(&mut joined);
             prop_assert_eq!(joined.iter().map(Tile::grid_position).collect::<Vec<_>>(), all);
         }
     }

@@ -1,24 +1,24 @@
-//! A window's pixels where they were collected: in tiles.
+//! The pixels of a window, read from tiles.
 
 use super::RenderSettings;
 use super::tile::{TILE, Tile};
 use crate::film::{AovSums, Background, ExtraSums, PixelStats, Pixels};
 
-/// The window's pixels, read from tiles. Where no tile is, nothing was sampled.
+/// The window's pixels, read from tiles. Pixels without a tile have no samples.
 pub struct TilePixels<'a> {
     size: [u32; 2],
     window: [u32; 4],
     aovs: bool,
     extras: bool,
     background: Background,
-    /// Tiles a row of `tiles`.
+    /// Tiles per row of `tiles`.
     columns: u32,
-    /// Row by row, all that the window touches.
+    /// The tiles that the window touches, row by row.
     tiles: Vec<Option<&'a Tile>>,
 }
 
 impl<'a> TilePixels<'a> {
-    /// Of tiles of a picture of these settings, in any order, with this behind everything.
+    /// The pixels of tiles of a render with these settings, in any order.
     pub fn new(tiles: &'a [Tile], settings: &RenderSettings, background: Background) -> Self {
         let window @ [x0, y0, x1, y1] = settings.window();
         let (columns, rows) = (x1.div_ceil(TILE) - x0 / TILE, y1.div_ceil(TILE) - y0 / TILE);
@@ -33,8 +33,8 @@ impl<'a> TilePixels<'a> {
 }
 
 impl TilePixels<'_> {
-    /// The tile of a pixel, and the pixel's place in it.
-    fn place(&self, x: u32, y: u32) -> Option<(&Tile, usize)> {
+    /// The tile of a pixel, and the pixel's index in it.
+    fn locate(&self, x: u32, y: u32) -> Option<(&Tile, usize)> {
         let [x0, y0, ..] = self.window;
         let (column, row) = (x / TILE, y / TILE);
         let tile = self.tiles[((row - y0 / TILE) * self.columns + (column - x0 / TILE)) as usize]?;
@@ -58,7 +58,7 @@ impl Pixels for TilePixels<'_> {
 
     fn extras(&self, x: u32, y: u32) -> Option<ExtraSums> {
         let no_tile = self.extras.then(ExtraSums::default);
-        self.place(x, y).map_or(no_tile, |(tile, i)| tile.extras.get(i).copied())
+        self.locate(x, y).map_or(no_tile, |(tile, i)| tile.extras.get(i).copied())
     }
 
     fn background(&self) -> Background {
@@ -66,6 +66,6 @@ impl Pixels for TilePixels<'_> {
     }
 
     fn at(&self, x: u32, y: u32) -> (PixelStats, AovSums) {
-        self.place(x, y).map_or((PixelStats::EMPTY, AovSums::default()), |(tile, i)| tile.at(i))
+        self.locate(x, y).map_or((PixelStats::EMPTY, AovSums::default()), |(tile, i)| tile.at(i))
     }
 }

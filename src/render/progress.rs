@@ -1,4 +1,4 @@
-//! How far a render is, counted by its threads.
+//! Progress of a render, counted by its threads.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
@@ -8,10 +8,10 @@ use serde::{Deserialize, Deserializer, Serialize};
 use super::tile::TileWork;
 use super::{RenderSettings, scheduler};
 
-/// How far a render is; handed to the progress callback after every tile, from any thread.
+/// Progress of a render; passed to the progress callback after every tile, from any thread.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub struct Progress {
-    /// In [0, 1], of the stop rule that is nearest.
+    /// Finished fraction in [0, 1], by the stop rule that is nearest.
     pub fraction: f64,
     /// Seconds since rendering began.
     pub seconds: f64,
@@ -20,22 +20,22 @@ pub struct Progress {
     /// Estimated relative error after the last finished pass; infinite before.
     #[serde(deserialize_with = "or_infinite")]
     pub noise: f64,
-    /// Paths a pixel after the last finished pass.
+    /// Paths per pixel after the last finished pass.
     pub spp: u32,
-    /// Mean paths a pixel, those of the pass under way included.
+    /// Mean paths per pixel, including the current pass.
     pub mean_spp: f64,
 }
 
-/// JSON says null for infinity.
+/// JSON has null for infinity.
 fn or_infinite<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
     Ok(Option::deserialize(from)?.unwrap_or(f64::INFINITY))
 }
 
-/// What the tiles of a pass share. Seconds count from `start`, unless it is said otherwise.
-pub(super) struct Meter<'a> {
+/// What the tiles of a pass share. Seconds count from `start`.
+pub(super) struct PassProgress<'a> {
     pub settings: &'a RenderSettings,
     pub start: Instant,
-    /// Seconds that the time limit counts besides those since `start`.
+    /// Seconds that the time limit counts in addition to those since `start`.
     pub before: f64,
     pub deadline: Option<f64>,
     /// When a pause is due.
@@ -44,33 +44,34 @@ pub(super) struct Meter<'a> {
     pub rays: AtomicU64,
     /// Tiles that have taken the pass in this session.
     pub tiles: AtomicU64,
-    /// The share of all tiles that are as clean as asked.
-    pub clean: f64,
-    /// Paths a pixel before the pass.
+    /// The share of all tiles that are finished.
+    pub finished: f64,
+    /// Paths per pixel before the pass.
     pub done: u32,
-    /// Paths so far, and pixels that they are of.
+    /// Paths so far, of all pixels.
     pub paths: AtomicU64,
-    pub traced: f64,
+    /// Pixels of all tiles.
+    pub pixels: f64,
     pub noise: f64,
 }
 
-impl Meter<'_> {
-    /// Is it time to end, or to pause?
+impl PassProgress<'_> {
+    /// Is it time to end or to pause?
     pub fn should_stop(&self) -> bool {
         let seconds = self.start.elapsed().as_secs_f64();
-        // No pause before a tile is done, or nothing would ever be.
+        // At least one tile between pauses, so that the render advances.
         let pause = seconds > self.pause && self.tiles.load(Ordering::Relaxed) > 0;
         pause || self.stop.load(Ordering::Relaxed) || self.deadline.is_some_and(|d| seconds > d)
     }
 
-    /// Counts what a tile took.
-    pub fn after(&self, work: &TileWork) -> Progress {
+    /// Adds a tile's work.
+    pub fn add(&self, work: &TileWork) -> Progress {
         self.tiles.fetch_add(1, Ordering::Relaxed);
         let add = |to: &AtomicU64, n: u64| to.fetch_add(n, Ordering::Relaxed) + n;
         let (rays, paths) = (add(&self.rays, work.rays()), add(&self.paths, work.paths));
         let seconds = self.start.elapsed().as_secs_f64();
-        let mean_spp = paths as f64 / self.traced;
-        let fraction = scheduler::fraction(self.settings, mean_spp, self.before + seconds, self.clean);
+        let mean_spp = paths as f64 / self.pixels;
+        let fraction = scheduler::fraction(self.settings, mean_spp, self.before + seconds, self.finished);
         Progress { fraction, seconds, rays, noise: self.noise, spp: self.done, mean_spp }
     }
 }

@@ -1,39 +1,54 @@
-//! One pixel's paths again, one by one: for finding out where a value comes from.
+//! Traces the paths of one pixel again, one by one, to find out where a value comes from.
 
 use glam::Vec3;
 
 use super::allocation::Allocation;
-use super::driver::{pass_seed, transport};
+use super::camera::lens;
 use super::prepass::Prepasses;
 use super::tile::Tile;
+use super::transport::{pass_seed, transport};
 use super::{RenderSettings, scheduler};
 use crate::integrator::scalar::{self, Event};
 use crate::integrator::{PixelTask, PreparedScene};
+use crate::{Error, Result};
 
 /// One path of a pixel.
 #[derive(Debug)]
 pub struct Replayed {
     /// Its number in the pixel.
     pub path: u32,
-    /// What it found, weighed by the counts known when it was taken: a pilot's paths are reweighted later.
+    /// Linear RGB radiance, weighted by the sample counts known when the path was traced: paths of a second-order pilot are
+    /// reweighted later.
     pub radiance: Vec3,
     /// What happened.
     pub events: Vec<Event>,
 }
 
-/// Takes the passes of the tile around pixel (`x`, `y`), which must be inside the picture, until all samples of `settings`
-/// are taken, and hands each path of that pixel, or number `only`, to `tell`, as the scalar path finds it.
+/// Traces the passes of the tile around pixel (`x`, `y`) until all samples of `settings` are taken, and passes each path of
+/// that pixel, or path number `only`, to `report`, as the scalar integrator traces it.
+///
+/// # Errors
+/// [`Error::Usage`] for settings that [`RenderSettings::validate`] or [`lens`] refuses, and for a pixel outside of the
+/// picture.
 pub fn replay(
     scene: &PreparedScene,
     settings: &RenderSettings,
     [x, y]: [u32; 2],
     only: Option<u32>,
-    tell: &mut dyn FnMut(Replayed),
-) {
-    let pilots = Prepasses::send(scene, settings);
-    let mut transport = pilots.lead(transport(scene, settings));
+    report: &mut dyn FnMut(Replayed),
+) -> Result<()> {
+    settings.validate(&scene.scene)?;
+    lens(scene, settings)?;
+    if x >= settings.width || y >= settings.height {
+        let (width, height) = (settings.width, settings.height);
+        return Err(Error::Usage(format!("pixel {x},{y} is not inside the picture of {width}x{height} pixels")));
+    }
+    let prepasses = Prepasses::run(scene, settings);
+    let mut transport = prepasses.apply(transport(scene, settings));
     let window = [x, y, x + 1, y + 1];
-    let Some(mut tile) = Tile::cover(settings.width, settings.height, window, settings.columns()).pop() else { return };
+    let Some(mut tile) = Tile::cover(settings.width, settings.height, window, settings.columns()).pop() else {
+        return Ok(());
+    };
     let allocation = Allocation::new(&transport, settings);
     let goal = settings.spp.map(|mean| allocation.map_or(mean, |allocation| allocation.paths(&tile, mean)));
     while let Some(pass) = scheduler::planned_to(settings, goal, tile.paths()) {
@@ -45,11 +60,12 @@ pub fn replay(
             for path in (0..task.counts.paths).filter(|path| only.is_none_or(|only| only == task.first_path + path)) {
                 let mut events = Vec::new();
                 let radiance = scalar::trace(&transport, task, path, &mut |event| events.push(event));
-                tell(Replayed { path: task.first_path + path, radiance, events });
+                report(Replayed { path: task.first_path + path, radiance, events });
             }
         });
         if tile.is_clean(settings) || only.is_some_and(|only| only < tile.fewest_paths()) {
             break;
         }
     }
+    Ok(())
 }

@@ -1,26 +1,27 @@
-//! A tile's pixels as a [`Sampler`]: the paths that a method of the balance asks for, traced in waves.
+//! The [`Sampler`] of a tile: traces the paths that a balance method requests, in waves.
 
 use std::cell::RefCell;
+use std::time::Instant;
 
 use glam::Vec3;
 
+use super::RenderSettings;
 use super::adaptive::NoiseGoal;
-use super::tile::{Tile, TilePixel};
-use crate::balance::sampler::Lights;
-use crate::balance::spread::Guide;
-use crate::balance::{Contribution, Cost, Counts, Observer, Sampler, Technique};
+use super::tile::{Tile, TilePixel, TileWork};
+use crate::balance::sampler::LightInfo;
+use crate::balance::{Contribution, Cost, Counts, LearnedPixels, Observer, PixelFeatures, Sampler, Shares, Technique};
 use crate::integrator::{PixelBatch, PixelTask, Transport, Wave, WaveCounts, guides};
 
-/// Paths that are traced together: their buffers stay in the second-level cache.
-const WAVE_PATHS: u32 = 2048;
-/// What a level of the light tree costs, in rays, as CPU times of scenes with 6 to 16 000 emissive triangles have it.
-const LEVEL: f32 = 0.1;
+/// Maximum paths of a wave. Their buffers fit into the second-level cache.
+const PATHS_PER_WAVE: u32 = 2048;
+/// Cost of a level of the light tree in rays, fitted to CPU times of scenes with 6 to 16 000 emissive triangles.
+const RAYS_PER_TREE_LEVEL: f32 = 0.1;
 
 thread_local! {
     static BUFFERS: RefCell<Buffers> = RefCell::default();
 }
 
-/// A thread's buffers, kept over tiles and passes.
+/// The buffers of a thread, reused for all tiles and passes.
 #[derive(Debug, Default)]
 pub struct Buffers {
     wave: Wave,
@@ -35,22 +36,22 @@ impl Buffers {
     }
 }
 
-/// Hands out the buffers of the current thread.
+/// Calls `work` with the buffers of the current thread.
 pub fn with_buffers<T>(work: impl FnOnce(&mut Buffers) -> T) -> T {
     BUFFERS.with_borrow_mut(work)
 }
 
-/// What a pilot's samples found, and its paths' radiance, pixel by pixel.
+/// The contributions of a second-order pilot's samples and the radiance of its paths, pixel by pixel.
 #[derive(Debug, Default)]
 struct Pilot {
     counts: Option<Counts>,
-    found: Vec<Contribution>,
+    contributions: Vec<Contribution>,
     paths: Vec<Vec3>,
 }
 
 impl Observer for Pilot {
-    fn contribution(&mut self, found: &Contribution) {
-        self.found.push(*found);
+    fn contribution(&mut self, contribution: &Contribution) {
+        self.contributions.push(*contribution);
     }
 
     fn path(&mut self, _pixel: u32, radiance: Vec3) {
@@ -58,7 +59,42 @@ impl Observer for Pilot {
     }
 }
 
-/// A tile under way in a pass.
+impl Tile {
+    /// Traces a pass of `paths` paths per pixel, or fewer where a noise goal requires fewer, by the balance method.
+    pub fn pass(&mut self, transport: &Transport, settings: &RenderSettings, paths: u32) -> TileWork {
+        self.pass_watched(transport, settings, paths, &mut |_| ())
+    }
+
+    /// Traces a pass like [`pass`](Self::pass) and calls `watch` with the task of each pixel, wave by wave.
+    pub fn pass_watched(
+        &mut self,
+        transport: &Transport,
+        settings: &RenderSettings,
+        paths: u32,
+        watch: &mut dyn FnMut(&PixelTask),
+    ) -> TileWork {
+        let start = Instant::now();
+        let (done, before) = (self.paths(), self.all_paths());
+        let both = self.pixels.iter().zip(&self.stats);
+        let mut shares: Vec<_> = both
+            .map(|(pixel, s)| Shares { light_share: s.light_share, environment_share: pixel.environment_share })
+            .collect();
+        let mut moments = std::mem::take(&mut self.moments);
+        let counts = with_buffers(|buffers| {
+            let mut sampler = TileSampler::new(self, transport, buffers, settings.noise_goal(), watch);
+            let mut learned = LearnedPixels { shares: &mut shares, moments: &mut moments };
+            settings.balance.method().pass(&mut learned, &mut sampler, done, paths);
+            sampler.counts()
+        });
+        self.moments = moments;
+        for ((pixel, stats), share) in self.pixels.iter_mut().zip(&mut self.stats).zip(shares) {
+            (stats.light_share, pixel.environment_share) = (share.light_share, share.environment_share);
+        }
+        TileWork { counts, seconds: start.elapsed().as_secs_f64(), paths: self.all_paths() - before }
+    }
+}
+
+/// The sampler of a tile during a pass.
 pub struct TileSampler<'a> {
     tile: &'a mut Tile,
     transport: &'a Transport<'a>,
@@ -68,7 +104,7 @@ pub struct TileSampler<'a> {
 }
 
 impl<'a> TileSampler<'a> {
-    /// Begins a pass; `watch` is told what each pixel takes, wave by wave.
+    /// Begins a pass. `watch` is called with the task of each pixel, wave by wave.
     pub fn new(
         tile: &'a mut Tile,
         transport: &'a Transport<'a>,
@@ -95,20 +131,24 @@ impl Sampler for TileSampler<'_> {
         self.tile.width()
     }
 
-    fn lights(&self) -> Option<Lights> {
+    fn lights(&self) -> Option<LightInfo> {
         let lights = self.transport.lights;
-        let environment = lights.two_kinds().then_some(lights.environment_probability);
-        let choice = lights.area.as_ref().map_or(0.0, |area| LEVEL * area.levels());
-        lights.has_extent().then_some(Lights { environment, indirect: self.transport.max_depth > 2, choice })
+        let environment_probability = lights.two_kinds().then_some(lights.environment_probability);
+        let selection_cost = lights.area.as_ref().map_or(0.0, |area| RAYS_PER_TREE_LEVEL * area.levels());
+        lights.has_extent().then_some(LightInfo {
+            environment_probability,
+            indirect: self.transport.max_depth > 2,
+            selection_cost,
+        })
     }
 
-    fn longest(&self) -> u32 {
-        WAVE_PATHS
+    fn max_paths(&self) -> u32 {
+        PATHS_PER_WAVE
     }
 
     fn paths(&mut self, paths: u32) -> Vec<u32> {
-        let seen = self.tile.seen();
-        seen.deal(seen.paths_for(paths, self.goal.as_ref()))
+        let stats = self.tile.tile_stats();
+        stats.deal(stats.paths_for(paths, self.goal.as_ref()))
     }
 
     fn take(&mut self, counts: &[Counts], weighed: &[Counts], observer: Option<&mut dyn Observer>) {
@@ -119,7 +159,7 @@ impl Sampler for TileSampler<'_> {
     fn pilot(&mut self, counts: Counts) -> &[Contribution] {
         let Buffers { wave, tasks, pilot } = self.buffers;
         pilot.counts = Some(counts);
-        pilot.found.clear();
+        pilot.contributions.clear();
         pilot.paths.clear();
         let all = vec![counts; self.tile.pixels()];
         // Light samples toward the environment, toward area lights where these are divided, and BSDF samples so far.
@@ -129,19 +169,19 @@ impl Sampler for TileSampler<'_> {
         };
         let first: Vec<_> = self.tile.pixels.iter().map(first).collect();
         trace(self.tile, self.transport, wave, tasks, (&all, &all), Some(pilot), self.watch);
-        // Who learns from it counts the pilot's samples from 0.
-        for found in &mut pilot.found {
+        // Sample indices of a pilot count from 0.
+        for found in &mut pilot.contributions {
             let technique = if found.technique == Technique::Light { usize::from(found.area) } else { 2 };
             found.index -= first[found.pixel as usize][technique];
         }
-        &pilot.found
+        &pilot.contributions
     }
 
     fn reweight(&mut self, total: &[Counts]) {
         reweight(self.tile, &self.buffers.pilot, total);
     }
 
-    fn guides(&mut self) -> Vec<Guide> {
+    fn features(&mut self) -> Vec<PixelFeatures> {
         let places: Vec<_> = self.tile.pixels.iter().map(|p| [p.x, p.y]).collect();
         guides(self.transport, &places)
     }
@@ -151,7 +191,7 @@ impl Sampler for TileSampler<'_> {
     }
 }
 
-/// Traces paths, dealt by `counts` and weighed by `weighed`.
+/// Traces paths with sample counts `counts` and the MIS weights of sample counts `weighed`.
 fn trace(
     tile: &mut Tile,
     transport: &Transport,
@@ -167,7 +207,7 @@ fn trace(
         let mut paths = 0;
         let fits = |c: &&Counts| {
             paths += c.paths;
-            paths <= WAVE_PATHS
+            paths <= PATHS_PER_WAVE
         };
         let end = start + counts[start..].iter().take_while(fits).count().max(1);
         tasks.clear();
@@ -206,16 +246,16 @@ fn trace(
     }
 }
 
-/// Weighs a pilot with one light and one BSDF sample a path by each pixel's `total` counts.
+/// Reweights a pilot, which has one light sample and one BSDF sample per path, to each pixel's `total` counts.
 fn reweight(tile: &mut Tile, pilot: &Pilot, total: &[Counts]) {
     let Some(counts) = pilot.counts else { return };
-    // Samples a path, over the pilot's.
-    let rates: Vec<_> = total.iter().map(|total| total.over(counts)).collect();
+    // Samples per path, over those of the pilot.
+    let rates: Vec<_> = total.iter().map(|total| total.relative_to(counts)).collect();
     let n = counts.paths as usize;
     let mut changes = vec![Vec3::ZERO; pilot.paths.len()];
-    for found in &pilot.found {
+    for found in &pilot.contributions {
         let pixel = found.pixel as usize;
-        let change = found.at(rates[pixel]) - found.radiance;
+        let change = found.reweighted(rates[pixel]) - found.radiance;
         changes[pixel * n + found.path(counts.paths) as usize] += change;
         if let Some(aovs) = tile.aovs.get_mut(pixel) {
             match found.technique {
@@ -224,7 +264,7 @@ fn reweight(tile: &mut Tile, pilot: &Pilot, total: &[Counts]) {
             }
         }
     }
-    // Where the pilot's light came from is forgotten: groups share what changes as they share the pixel.
+    // The lights of the pilot's samples are not stored: a change is divided among light groups as the pixel is.
     for (extras, changes) in tile.extras.iter_mut().zip(changes.chunks(n)) {
         extras.share_light(changes.iter().sum());
     }
@@ -240,9 +280,9 @@ fn reweight(tile: &mut Tile, pilot: &Pilot, total: &[Counts]) {
     }
 }
 
-/// What paths with one sample of each technique at the first surface cost, by the rays that they took.
+/// Cost of paths with one sample of each technique at the first surface, in rays.
 fn cost(rays: &WaveCounts) -> Cost {
-    // A first surface's light sample is a shadow ray at most; all others follow from BSDF samples.
+    // A light sample at the first surface is at most one shadow ray; all other rays follow from BSDF samples.
     let light = rays.shadow_rays.min(rays.camera_rays);
     let bsdf = rays.first_bounce_rays + rays.later_bounce_rays + rays.shadow_rays - light;
     let all = rays.camera_rays.max(1) as f32;
@@ -267,7 +307,7 @@ mod tests {
             w: 0.0,
             radiance: Vec3::splat(y),
         };
-        pilot.found = vec![
+        pilot.contributions = vec![
             contribution(0, Technique::Light, 0, 0.5, 1.0),
             contribution(0, Technique::Bsdf, 0, -0.5, 2.0),
             contribution(1, Technique::Indirect, 1, -1.0, 3.0),

@@ -1,21 +1,23 @@
-//! Which pass is next and when to stop: functions of settings and of what has been done, nothing else.
+//! Decides which pass is next and when to stop. Pure functions of settings and progress.
 
 use super::adaptive::GROWTH;
 use super::{RenderSettings, StopReason};
-use crate::balance::method::{EARLY, up_to};
+use crate::balance::method::{EARLY_PATHS, pass_within_goal};
 
-/// How far a render is.
+/// Progress of a render.
 #[derive(Debug, Clone, Copy)]
 pub struct State {
-    /// Fewest paths of a tile that is not clean.
+    /// Minimum paths per pixel of the unfinished tiles.
     pub done: u32,
-    /// Most paths of such a tile: more than `done` after an interruption in the middle of a pass.
+    /// Maximum paths per pixel of the unfinished tiles: more than `done` after an interruption within a pass.
     pub ahead: u32,
-    /// Most paths that a tile is to have, if it is known.
+    /// Maximum goal of an unfinished tile, if it is known.
     pub goal: Option<u32>,
     /// Passes completed.
     pub passes: u32,
-    /// Is every tile as clean as asked?
+    /// Passes after which a study stops ([`StudyOptions`](super::StudyOptions)).
+    pub max_passes: Option<u32>,
+    /// Is every tile finished?
     pub clean: bool,
     /// Seconds so far that `--time` counts, over all sessions.
     pub seconds: f64,
@@ -28,13 +30,13 @@ pub struct State {
 /// What to do next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Next {
-    /// Take every pixel to `done` and so many paths.
+    /// Trace this number of paths per pixel.
     Pass(u32),
     /// End.
     Stop(StopReason),
 }
 
-/// Paths a pixel of the pass that begins after `done` paths, if nothing cuts it short; `None` when the samples are taken.
+/// Paths per pixel of the pass that begins after `done` paths, unless it is interrupted. `None` if all samples are taken.
 pub fn planned(settings: &RenderSettings, done: u32) -> Option<u32> {
     planned_to(settings, settings.spp, done)
 }
@@ -43,17 +45,17 @@ pub fn planned(settings: &RenderSettings, done: u32) -> Option<u32> {
 pub fn planned_to(settings: &RenderSettings, goal: Option<u32>, done: u32) -> Option<u32> {
     let method = settings.balance.method();
     let mut pass = method.next_pass(done, goal, settings.pilot)?;
-    if settings.noise_goal().is_some_and(|noise| done >= noise.least) {
-        pass = up_to(goal, done, done.saturating_mul(GROWTH))?;
+    if settings.noise_goal().is_some_and(|noise| done >= noise.min_paths) {
+        pass = pass_within_goal(goal, done, done.saturating_mul(GROWTH))?;
     }
-    Some(if is_early(settings, done) { pass.min(done.max(1)).min(EARLY - done) } else { pass })
+    Some(if is_early(settings, done) { pass.min(done.max(1)).min(EARLY_PATHS - done) } else { pass })
 }
 
-/// Is the pass that begins after `done` paths one of the small ones that come first against the clock? Not for methods
-/// whose shares follow from their passes: a few paths would teach them nonsense.
+/// Is the pass that begins after `done` paths one of the short first passes of a render with a time limit? Methods that
+/// learn shares from their passes have none: a few paths would give poor estimates.
 pub fn is_early(settings: &RenderSettings, done: u32) -> bool {
     let method = settings.balance.method();
-    settings.time.is_some() && done < EARLY && !method.needs_goal() && !method.sums_moments()
+    settings.time.is_some() && done < EARLY_PATHS && !method.needs_goal() && !method.sums_moments()
 }
 
 /// The next pass, or why there is none.
@@ -62,10 +64,10 @@ pub fn next(settings: &RenderSettings, state: &State) -> Next {
     if state.clean {
         return Next::Stop(StopReason::Noise);
     }
-    // A pass that an interruption has left half-way is finished first: then no bit can tell.
+    // A pass that was interrupted is completed first, so that the bits are those of an uninterrupted render.
     let mut pass = ahead - done;
     if pass == 0 {
-        let enough = settings.passes.is_some_and(|most| state.passes >= most);
+        let enough = state.max_passes.is_some_and(|max| state.passes >= max);
         match planned_to(settings, state.goal, done) {
             Some(paths) if !enough => pass = paths,
             _ => return Next::Stop(StopReason::Samples),
@@ -77,7 +79,7 @@ pub fn next(settings: &RenderSettings, state: &State) -> Next {
     if let Some(limit) = settings.time
         && done > 0
     {
-        // What fits into the time that is left, by what a path has cost so far.
+        // The paths that fit into the remaining time, by the mean cost of a path so far.
         let fits = ((limit - state.seconds) * f64::from(done) / state.render_seconds) as u32;
         if fits == 0 {
             return Next::Stop(StopReason::Time);
@@ -89,7 +91,7 @@ pub fn next(settings: &RenderSettings, state: &State) -> Next {
     Next::Pass(pass)
 }
 
-/// Why a render must end at once, even in the middle of a pass.
+/// Why a render must end at once, even within a pass.
 pub fn cut(settings: &RenderSettings, seconds: f64, stopped: bool) -> Option<StopReason> {
     if stopped {
         return Some(StopReason::Interrupted);
@@ -97,15 +99,15 @@ pub fn cut(settings: &RenderSettings, seconds: f64, stopped: bool) -> Option<Sto
     settings.time.filter(|limit| seconds >= *limit).map(|_| StopReason::Time)
 }
 
-/// The share in [0, 1] that is done of the stop rule that is nearest, after `paths` paths a pixel, where a share of
-/// `clean` of all tiles is as clean as asked.
+/// Finished fraction in [0, 1] by the stop rule that is nearest, after `paths` paths per pixel, where a fraction `clean` of
+/// all tiles is finished.
 pub fn fraction(settings: &RenderSettings, paths: f64, seconds: f64, clean: f64) -> f64 {
     let by_samples = settings.spp.map_or(0.0, |goal| paths / f64::from(goal));
     let by_time = settings.time.map_or(0.0, |limit| seconds / limit);
     by_samples.max(by_time).max(clean).clamp(0.0, 1.0)
 }
 
-/// Do passes of these settings come to so many paths?
+/// Does a pass of these settings end at this number of paths?
 pub fn is_planned(settings: &RenderSettings, paths: u32) -> bool {
     let mut done = 0;
     while done < paths {
@@ -115,14 +117,14 @@ pub fn is_planned(settings: &RenderSettings, paths: u32) -> bool {
     done == paths
 }
 
-/// Are these the passes that a render of these settings begins with? Then it ends with the same bits. Else its passes
-/// were cut by another goal or by time: the picture is as right, but another one.
-pub fn is_on_the_way(settings: &RenderSettings, done: u32, ahead: u32, passes_done: u32) -> bool {
+/// Are these the passes that a render of these settings begins with? Then it ends with the same bits. Otherwise passes were
+/// cut by another goal or by time: the picture is as correct, but has other bits.
+pub fn begins_as(settings: &RenderSettings, done: u32, ahead: u32, passes_done: u32) -> bool {
     let (mut paths, mut passes) = (0, 0);
     while paths < ahead {
         let Some(pass) = planned(settings, paths) else { return false };
         if paths == done && passes == passes_done {
-            // The pass that is half-way.
+            // The interrupted pass.
             return done + pass == ahead;
         }
         (paths, passes) = (paths + pass, passes + 1);
@@ -145,6 +147,7 @@ mod tests {
             ahead: done,
             goal: None,
             passes: 0,
+            max_passes: None,
             clean: false,
             seconds: 1.0,
             render_seconds: 1.0,
@@ -162,9 +165,9 @@ mod tests {
         }
         assert_eq!(passes, [8, 8, 16, 8]);
         assert_eq!(next(&settings, &state), Next::Stop(StopReason::Samples));
-        let two = RenderSettings { passes: Some(2), ..settings };
-        assert_eq!(next(&two, &State { passes: 1, ..after(8) }), Next::Pass(8));
-        assert_eq!(next(&two, &State { passes: 2, ..after(16) }), Next::Stop(StopReason::Samples));
+        let of_two = |passes, done| State { passes, max_passes: Some(2), ..after(done) };
+        assert_eq!(next(&settings, &of_two(1, 8)), Next::Pass(8));
+        assert_eq!(next(&settings, &of_two(2, 16)), Next::Stop(StopReason::Samples));
     }
 
     #[test]
@@ -227,10 +230,10 @@ mod tests {
     #[test]
     fn passes_cut_by_another_goal_are_not_on_the_way() {
         let settings = half(Some(100));
-        assert!(is_on_the_way(&settings, 16, 16, 2));
-        assert!(is_on_the_way(&settings, 16, 32, 2));
-        assert!(!is_on_the_way(&settings, 16, 24, 2));
-        assert!(!is_on_the_way(&settings, 12, 12, 2));
-        assert!(is_on_the_way(&settings, 0, 0, 0));
+        assert!(begins_as(&settings, 16, 16, 2));
+        assert!(begins_as(&settings, 16, 32, 2));
+        assert!(!begins_as(&settings, 16, 24, 2));
+        assert!(!begins_as(&settings, 12, 12, 2));
+        assert!(begins_as(&settings, 0, 0, 0));
     }
 }

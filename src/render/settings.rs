@@ -1,4 +1,4 @@
-//! What to render, checked.
+//! The settings of a render.
 
 use std::sync::Arc;
 
@@ -12,94 +12,105 @@ pub use crate::balance::Balance;
 use crate::guiding::Guiding;
 pub use crate::sampling::PixelFilter;
 
-/// Which light transport.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+/// The light transport.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Integrator {
-    /// Emission, direct and indirect light.
+    /// Path tracing: emission, direct and indirect light.
     Path,
     /// Emission and direct light.
     Direct,
 }
 
-/// Everything that the picture's bits depend on besides the scene and the backend, and when to stop.
+impl Integrator {
+    /// All of them, in the order of the command line's help.
+    pub const ALL: [Self; 2] = [Self::Path, Self::Direct];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Path => "path",
+            Self::Direct => "direct",
+        }
+    }
+}
+
+/// All that the picture's bits depend on besides the scene and the ray library, and when to stop.
+/// [`validate`](Self::validate) checks the ranges.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct RenderSettings {
     /// Index into [`Scene::cameras`](crate::scene::Scene::cameras).
     pub camera: usize,
-    /// Whole picture's pixels a row, ≥ 1.
+    /// Width of the whole picture in pixels, 1 to [`MAX_SIDE`].
     pub width: u32,
-    /// Whole picture's rows, ≥ 1.
+    /// Height of the whole picture in pixels, 1 to [`MAX_SIDE`].
     pub height: u32,
-    /// Window that is kept: x0, y0, x1, y1, the last two exclusive, inside the picture, not empty.
+    /// Crop window in pixels: x0, y0, x1, y1, the last two exclusive; inside the picture and not empty.
     pub crop: Option<[u32; 4]>,
-    /// Which light transport.
+    /// The light transport.
     pub integrator: Integrator,
-    /// Most segments of a path, ≥ 1: 1 is emission alone, 2 is direct light.
+    /// Maximum segments of a path, ≥ 1: 1 is emission alone, 2 adds direct light.
     pub max_depth: u32,
-    /// Paths a pixel at which to stop, ≥ 1.
+    /// Stop at this number of paths per pixel, ≥ 1.
     pub spp: Option<u32>,
-    /// Wall seconds of all sessions at which to stop, loading included, > 0.
+    /// Stop after these wall seconds of all sessions, including loading, > 0.
     pub time: Option<f64>,
-    /// Estimated relative error at which pixels of a tile take no more paths ([`adaptive`](super::adaptive)), > 0.
+    /// Stop at this estimated relative error, tile by tile ([`adaptive`](super::adaptive)), > 0.
     pub noise: Option<f64>,
-    /// Paths a pixel before `noise` is asked for; `None`: [`NOISE_PATHS`].
-    #[serde(default)]
+    /// Minimum paths per pixel before `noise` is estimated, ≥ 2; `None`: [`NOISE_PATHS`].
     pub min_spp: Option<u32>,
-    /// Do tiles have paths by what theirs vary and cost ([`allocation`](super::allocation)), `spp` in the mean? Not with
-    /// `noise`, which goes by the same and by its goal.
+    /// Allocate paths to tiles by variance and cost ([`allocation`](super::allocation)), with `spp` as the mean. Without
+    /// effect where `noise` is set.
     #[serde(default, skip_serializing_if = "is_default")]
     pub adaptive: bool,
-    /// How light and BSDF sampling share the work.
+    /// The method that divides samples between light sampling and BSDF sampling.
     pub balance: Balance,
-    /// `second-order`'s pilot as a share of all paths, in (0, 1); `None`:
-    /// [`HALF_PILOT`](crate::balance::HALF_PILOT).
-    #[serde(default)]
+    /// Fraction of all paths in the pilot of `second-order`, in (0, 1); `None`:
+    /// [`DEFAULT_PILOT_FRACTION`](crate::balance::DEFAULT_PILOT_FRACTION).
     pub pilot: Option<f64>,
-    /// Are paths led to where a pilot found light?
+    /// Path guiding.
     #[serde(default, skip_serializing_if = "is_default")]
     pub guiding: Guiding,
-    /// Bytes that guiding may take; `None`: [`MEMORY`](super::prepass::guiding::MEMORY).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// Maximum bytes of guiding; `None`: [`MEMORY`](super::prepass::guiding::MEMORY).
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub guiding_memory: Option<u64>,
     /// Seed of every random choice.
     pub seed: u32,
     /// Pixel filter.
     pub filter: PixelFilter,
-    /// Keep the sums that AOVs need?
+    /// Accumulate the sums that AOVs need?
     pub aovs: bool,
-    /// Keep the extra sums that some AOVs need?
-    #[serde(default)]
+    /// Accumulate the extra sums that some AOVs need?
     pub extras: bool,
-    /// Most of a channel in a light's contribution, found from first surfaces, > 0; `None`: no limit. A limit takes fireflies
-    /// away, and light with them.
-    #[serde(default)]
+    /// Maximum of a channel in the contribution of light at first surfaces, > 0; `None`: no limit. A limit removes fireflies
+    /// but loses energy.
     pub clamp_direct: Option<f64>,
-    /// As `clamp_direct`, found from later surfaces.
-    #[serde(default)]
+    /// Maximum of a channel in the contribution of light at later surfaces, > 0; `None`: no limit.
     pub clamp_indirect: Option<f64>,
-    /// Leave the environment out of the picture, where the camera sees it directly; it gives light all the same.
-    #[serde(default)]
+    /// Hide the environment where the camera sees it directly. It still lights the scene.
     pub transparent: bool,
-    /// The camera's lens; `None`: a pinhole, all is sharp.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// The camera's lens; `None`: a pinhole.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub lens: Option<LensSettings>,
-    /// Render this part of the tiles only.
+    /// Render only this part of the tiles.
     pub part: Option<Part>,
-    /// For studies: the share of light samples that each pixel of the whole picture (row by row) begins with instead of
-    /// ½; with a balance that does not learn, the share of all its passes.
-    #[serde(skip)]
-    pub shares: Option<Arc<[f32]>>,
-    /// For studies: stop after this many passes.
-    #[serde(skip)]
-    pub passes: Option<u32>,
-    /// For studies: render these tiles of the whole picture's grid alone ([`Tile::grid_position`](super::tile::Tile)), in
-    /// this order.
-    #[serde(skip)]
+}
+
+/// Options of a render that only studies use. They are not stored in files.
+#[derive(Debug, Clone, Default)]
+pub struct StudyOptions {
+    /// The share of light samples, in [0, 1], that each pixel of the whole picture (row by row) has in the first pass,
+    /// instead of ½. A balance method that does not learn keeps it for all passes.
+    pub light_shares: Option<Arc<[f32]>>,
+    /// Stop after this many passes.
+    pub max_passes: Option<u32>,
+    /// Render only these tiles of the whole picture's grid ([`Tile::grid_position`](super::tile::Tile)), in this order.
     pub tiles: Option<Arc<[[u32; 2]]>>,
 }
 
-/// Paths a pixel that a render is expected to have whose end is not known.
+/// Maximum width and height of a picture in pixels.
+pub const MAX_SIDE: u32 = 1 << 16;
+/// Expected paths per pixel of a render whose end is not known.
 const UNKNOWN_SPP: u32 = 128;
 
 fn is_default<T: Default + PartialEq>(value: &T) -> bool {
@@ -107,17 +118,17 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 }
 
 impl RenderSettings {
-    /// What tiles keep besides the statistics.
+    /// The columns of tiles besides the statistics.
     pub fn columns(&self) -> Columns {
         Columns { moments: self.balance.method().sums_moments(), aovs: self.aovs, extras: self.extras }
     }
 
-    /// When tiles' pixels end, besides the samples.
+    /// The noise goal, if there is one.
     pub fn noise_goal(&self) -> Option<NoiseGoal> {
-        self.noise.map(|error| NoiseGoal { error, least: self.min_spp.unwrap_or(NOISE_PATHS).max(2) })
+        self.noise.map(|error| NoiseGoal { error, min_paths: self.min_spp.unwrap_or(NOISE_PATHS).max(2) })
     }
 
-    /// How many paths a pixel there will be, about, as far as that can be known before the first.
+    /// Expected paths per pixel, as far as they are known before the first.
     pub fn expected_spp(&self) -> u32 {
         let until = self.noise.is_some() || self.time.is_some();
         match self.spp {
@@ -126,7 +137,7 @@ impl RenderSettings {
         }
     }
 
-    /// The window that is kept: x0, y0, x1, y1, the last two exclusive.
+    /// The crop window or the whole picture, in pixels: x0, y0, x1, y1, the last two exclusive.
     pub fn window(&self) -> [u32; 4] {
         self.crop.unwrap_or([0, 0, self.width, self.height])
     }
@@ -159,9 +170,6 @@ impl Default for RenderSettings {
             transparent: false,
             lens: None,
             part: None,
-            shares: None,
-            passes: None,
-            tiles: None,
         }
     }
 }

@@ -1,10 +1,8 @@
-//! What a render took, and why it ended.
+//! Counts and times of a render, and why it ended.
 
 use serde::{Deserialize, Serialize};
 
 use super::Rendered;
-use super::allocation;
-use super::prepass::guiding::Worth;
 use super::tile::{Tile, TileWork};
 
 /// Why a render ended.
@@ -44,93 +42,113 @@ pub struct RenderStats {
     pub tile_seconds: f64,
     /// Passes completed.
     pub passes: u32,
-    /// Samples left out as their light was no finite number.
-    #[serde(default)]
+    /// Samples left out because their radiance was not finite.
     pub not_finite: u64,
-    /// Of the first of them: column, row, number of the path in its pixel.
-    #[serde(default)]
+    /// Column, row and path number of the first of them.
     pub first_not_finite: Option<[u32; 3]>,
-    /// What the pilot of lamps found, in the last session.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub lamps: Option<LearnedLightsStats>,
-    /// What guiding's pilot found, in the last session.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// Learned emissive triangles, in the last session.
+    #[serde(rename = "lamps", skip_serializing_if = "Option::is_none")]
+    pub learned_lights: Option<LearnedLightsStats>,
+    /// Path guiding, in the last session.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub guiding: Option<GuidingStats>,
-    /// What the allocation of paths to tiles is worth, in the last session.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// Allocation of paths to tiles, in the last session.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub adaptive: Option<AdaptiveStats>,
-    /// Estimated relative error of the picture after its last whole pass; not kept, but computed again.
+    /// Estimated relative error of the picture after its last complete pass. Not read from files: it is computed again.
     #[serde(skip_deserializing)]
     pub noise: f64,
 }
 
-/// What guiding's pilot found.
+/// The estimated efficiency of a field.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct GuidingEfficiency {
+    /// Variance of guided paths over that of unguided ones.
+    pub variance: f32,
+    /// Rays of a guided path over those of an unguided one.
+    pub cost: f32,
+    /// Mean fraction of directions that are sampled from the field.
+    pub share: f32,
+}
+
+/// The result of the guiding pre-pass.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub struct GuidingStats {
     /// Are paths guided?
     pub on: bool,
-    /// Cells of the field, if so.
+    /// Cells of the field.
     pub cells: usize,
     /// Its bytes.
     pub bytes: usize,
-    /// What it is worth.
+    /// Its estimated efficiency.
     #[serde(flatten)]
-    pub worth: Worth,
-    /// Wall seconds that it took.
+    pub efficiency: GuidingEfficiency,
+    /// Wall seconds.
     pub seconds: f64,
 }
 
-/// What the pilot of lamps found.
+/// The result of the pre-pass of emissive triangles.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub struct LearnedLightsStats {
-    /// Are they chosen by what it found?
+    /// Are light samples chosen by it?
     pub on: bool,
-    /// Cells in space, if so.
+    /// Cells in space.
     pub cells: usize,
-    /// Bytes of what is known.
+    /// Bytes of the cells.
     pub bytes: usize,
-    /// What it is to leave of the variance.
-    pub left: f64,
-    /// Wall seconds that it took.
+    /// Estimated variance over that without it.
+    #[serde(rename = "left")]
+    pub remaining_variance: f64,
+    /// Wall seconds.
     pub seconds: f64,
 }
 
-/// What the pilot of adaptive paths found.
+/// The estimated efficiency of an allocation.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct AllocationEfficiency {
+    /// Variance times cost, over that of a uniform allocation.
+    #[serde(rename = "left")]
+    pub remaining: f64,
+    /// Minimum and maximum paths of a tile, over the mean; both 1 where the allocation is uniform.
+    pub range: [f64; 2],
+}
+
+/// The result of the allocation pre-pass.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub struct AdaptiveStats {
-    /// What its allocation is worth.
+    /// The estimated efficiency of the allocation.
     #[serde(flatten)]
-    pub worth: allocation::Worth,
-    /// Wall seconds that it took.
+    pub efficiency: AllocationEfficiency,
+    /// Wall seconds.
     pub seconds: f64,
 }
 
-/// How many samples a picture has.
+/// Sample counts of a picture.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct Samples {
-    /// Paths in all.
+    /// Total paths.
     pub paths: u64,
     /// Passes completed.
     pub passes: u32,
     /// Pixels of the window.
     pub pixels: u64,
-    /// Fewest paths of a pixel.
+    /// Minimum paths of a pixel.
     pub pixel_min: u32,
     /// Mean paths of a pixel.
     pub pixel_mean: f64,
-    /// Most paths of a pixel.
+    /// Maximum paths of a pixel.
     pub pixel_max: u32,
 }
 
 impl Samples {
-    /// Of a render.
+    /// Counts the samples of a render.
     pub fn of(rendered: &Rendered) -> Self {
         let Rendered { tiles, stats, settings, .. } = rendered;
         let inside =
             || tiles.iter().flat_map(|tile| tile.inside(settings.window()).map(|(.., i)| tile.stats[i].samples));
         let (pixel_min, pixel_max) = (inside().min().unwrap_or(0), inside().max().unwrap_or(0));
         let pixels = tiles.iter().map(|t| t.inside(settings.window()).count() as u64).sum();
-        // A window's outermost tiles are traced whole.
+        // Tiles at the border of the window are traced whole.
         let traced: usize = tiles.iter().map(Tile::pixels).sum();
         let pixel_mean = stats.paths as f64 / traced.max(1) as f64;
         Self { paths: stats.paths, passes: stats.passes, pixels, pixel_min, pixel_mean, pixel_max }
@@ -143,7 +161,7 @@ impl RenderStats {
         self.camera_rays + self.first_bounce_rays + self.later_bounce_rays + self.shadow_rays
     }
 
-    /// Adds another render's: of another part or seed of the same picture.
+    /// Adds those of another part or seed of the same picture.
     pub fn join(&mut self, other: &Self) {
         self.paths += other.paths;
         self.camera_rays += other.camera_rays;
@@ -157,7 +175,7 @@ impl RenderStats {
         self.passes = self.passes.max(other.passes);
         self.not_finite += other.not_finite;
         self.first_not_finite = self.first_not_finite.or(other.first_not_finite);
-        self.lamps = self.lamps.or(other.lamps);
+        self.learned_lights = self.learned_lights.or(other.learned_lights);
         self.guiding = self.guiding.or(other.guiding);
         self.adaptive = self.adaptive.or(other.adaptive);
     }

@@ -4,9 +4,10 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use bismar::rays::Backend;
-use bismar::render::{Balance, Integrator, RenderSettings};
+use bismar::render::{Balance, Integrator, RenderSettings, RunOptions, StudyOptions, run};
 use bismar::scene::{Environment, Scene};
 use bismar_study::balance::cell::Cell;
 use bismar_study::files;
@@ -15,7 +16,7 @@ use serde_json::Value;
 
 use crate::helpers::glb;
 use crate::helpers::stage::{Stage, lamp, look, metal, rectangle};
-use crate::helpers::statistics::z_limit;
+use crate::helpers::statistics::{Mean, z_limit};
 
 fn study(folder: &Path, more: &str) -> Output {
     let line = "--size 24x16 --spp 4,16 --replicas 8 --reference-spp 256 --balance second-order,oracle";
@@ -228,20 +229,31 @@ fn settings() -> RenderSettings {
     RenderSettings { width: 20, height: 18, spp: Some(16), balance: Balance::Half, integrator, ..Default::default() }
 }
 
-fn all_at(share: f32) -> Option<Arc<[f32]>> {
-    Some(vec![share; 20 * 18].into())
+/// Green of each pixel.
+fn green(stage: &Stage, settings: &RenderSettings, study: StudyOptions) -> Vec<f64> {
+    let stop = AtomicBool::new(false);
+    let options = RunOptions { study, ..RunOptions::new(&stop, &|_| ()) };
+    let film = run(&stage.scene, settings, options).unwrap().film();
+    film.pixels.iter().map(|p| p.sum[1] / f64::from(p.samples)).collect()
+}
+
+fn all_at(share: f32) -> StudyOptions {
+    StudyOptions { light_shares: Some(vec![share; 20 * 18].into()), ..Default::default() }
 }
 
 #[test]
 fn fixed_shares_of_a_half_are_half_to_the_bit_and_others_have_the_same_mean() {
     let stage = stage();
-    assert_eq!(stage.green(&settings()), stage.green(&RenderSettings { shares: all_at(0.5), ..settings() }));
+    assert_eq!(stage.green(&settings()), green(&stage, &settings(), all_at(0.5)));
     let half = stage.mean_green(&settings(), 600);
     let limit = z_limit(3);
     for share in [0.05, 0.3, 0.9] {
-        let fixed = RenderSettings { shares: all_at(share), seed: 5000, ..settings() };
-        assert_ne!(stage.green(&settings()), stage.green(&RenderSettings { seed: 0, ..fixed.clone() }));
-        let mean = stage.mean_green(&fixed, 600);
+        assert_ne!(stage.green(&settings()), green(&stage, &settings(), all_at(share)));
+        let mut mean = Mean::default();
+        for seed in 5000..5600 {
+            let pixels = green(&stage, &RenderSettings { seed, ..settings() }, all_at(share));
+            mean.add(pixels.iter().sum::<f64>() / pixels.len() as f64);
+        }
         let z = (mean.mean - half.mean) / mean.standard_error().hypot(half.standard_error());
         assert!(z.abs() < limit, "share {share}: {} for {}, z = {z}", mean.mean, half.mean);
     }
@@ -251,7 +263,8 @@ fn fixed_shares_of_a_half_are_half_to_the_bit_and_others_have_the_same_mean() {
 fn a_render_can_stop_before_its_last_pass() {
     let stage = stage();
     let balance = Balance::SecondOrder;
-    let pilot = RenderSettings { balance, passes: Some(1), ..settings() };
+    let pilot = RenderSettings { balance, ..settings() };
+    let one_pass = StudyOptions { max_passes: Some(1), ..Default::default() };
     // The pilot of 16 paths is 8 at a half: as 8 paths by half.
-    assert_eq!(stage.green(&pilot), stage.green(&RenderSettings { spp: Some(8), ..settings() }));
+    assert_eq!(green(&stage, &pilot, one_pass), stage.green(&RenderSettings { spp: Some(8), ..settings() }));
 }

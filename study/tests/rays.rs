@@ -6,7 +6,7 @@ use std::process::{Command, Output};
 use std::sync::Arc;
 
 use bismar::rays::{HitBatch, MISS, RayBatch, RayOrder, RayQueries};
-use bismar::scene::Scene;
+use bismar::scene::{Mesh, Scene};
 use bismar_study::rays::Contender;
 use bismar_study::rays::agree::{Answers, Class, Judge};
 use bismar_study::rays::exact::Hit;
@@ -15,7 +15,7 @@ use glam::{Affine3A, Quat, Vec3, vec3};
 use serde_json::Value;
 
 use crate::helpers::random::Random;
-use crate::helpers::ray_scenes::{box_room, mesh, scene};
+use crate::helpers::ray_scenes::{box_room, scene};
 
 fn study(folder: &Path, line: &str) -> Output {
     let mut command = Command::new(assert_cmd::cargo::cargo_bin!("bismar-study"));
@@ -166,7 +166,7 @@ fn adversary() -> Arc<Scene> {
     });
     let needle_indices = (0..50).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
     let turn = Affine3A::from_rotation_translation(Quat::from_rotation_x(0.7), vec3(0.1, -2.0, 0.2));
-    let meshes = vec![mesh(vertices, grid), mesh(needles.collect(), needle_indices)];
+    let meshes = vec![Mesh::new(vertices, grid), Mesh::new(needles.collect(), needle_indices)];
     Arc::new(scene(meshes, &[(0, None), (0, None), (1, None), (0, Some(turn))]))
 }
 

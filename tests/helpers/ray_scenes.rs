@@ -1,14 +1,10 @@
 //! Scenes and ray streams that the ray tests share.
 
 use bismar::rays::{HitBatch, RayBatch};
-use bismar::scene::{Instance, Material, Mesh, Object, Positions, Scene};
+use bismar::scene::{Instance, Material, Mesh, Object, Scene};
 use glam::{Affine3A, Vec3, vec3};
 
 use super::random::Random;
-
-pub fn mesh(vertices: Vec<[f32; 3]>, indices: Vec<[u32; 3]>) -> Mesh {
-    Mesh { name: "mesh".into(), positions: Positions::new(vertices), indices, ..Mesh::default() }
-}
 
 /// Every mesh is an object of its own; `placements` name object and transform.
 pub fn scene(meshes: Vec<Mesh>, placements: &[(u32, Option<Affine3A>)]) -> Scene {
@@ -62,7 +58,7 @@ pub fn box_room() -> Scene {
     cuboid(&mut vertices, &mut indices, vec3(0.35, -0.7, 0.3), vec3(0.3, 0.3, 0.3), -0.3, true);
     let lamp = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, z)| vec3(x * 0.25, 0.99, z * 0.25));
     quad(&mut vertices, &mut indices, lamp);
-    scene(vec![mesh(vertices, indices)], &[(0, None)])
+    scene(vec![Mesh::new(vertices, indices)], &[(0, None)])
 }
 
 /// Camera rays from +z in 8x8 blocks, `size`² of them.

@@ -1,52 +1,21 @@
-//! Small scenes in code, and many renders of them.
+//! Small scenes for tests, and statistics of many renders of them.
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
 use bismar::render::{RenderSettings, render};
+pub use bismar::scene::build::{area_light as lamp, glass, lambert, look, metal};
 use bismar::scene::{
-    Camera, Deformation, Environment, Instance, LightKey, Material, Mesh, Motion, Object, Positions, Projection,
-    PunctualKind, PunctualLight, Scene,
+    Deformation, Environment, LightKey, Material, Mesh, Motion, PunctualKind, PunctualLight, Scene, build,
 };
-use glam::{Affine3A, DAffine3, DQuat, DVec3, Mat3, Vec3};
+use glam::{Affine3A, DAffine3, DQuat, DVec3, Vec3};
 
 use super::statistics::Mean;
 
-/// Lambert of one albedo: the specular layer off.
-pub fn lambert(albedo: f32) -> Material {
-    Material {
-        base_color: glam::Vec4::new(albedo, albedo, albedo, 1.0),
-        metallic: 0.0,
-        specular: 0.0,
-        ..Default::default()
-    }
-}
-
-/// White metal of a perceptual roughness.
-pub fn metal(roughness: f32) -> Material {
-    Material { metallic: 1.0, roughness, ..Default::default() }
-}
-
-/// A one-sided black lamp.
-pub fn lamp(radiance: f32) -> Material {
-    Material { emissive: Vec3::splat(radiance), ..lambert(0.0) }
-}
-
 /// Adds a mesh with its own object and instance.
 pub fn add(scene: &mut Scene, points: Vec<[f32; 3]>, indices: Vec<[u32; 3]>, material: Material) {
-    let n = scene.meshes.len() as u32;
-    scene.materials.push(material);
-    let mesh = Mesh {
-        name: format!("mesh {n}"),
-        positions: Positions::new(points),
-        indices,
-        material: n,
-        ..Default::default()
-    };
-    scene.meshes.push(mesh.into());
-    scene.objects.push(Object { name: String::new(), meshes: n..n + 1 });
-    scene.instances.push(Instance { name: String::new(), object: n, ..Default::default() });
+    scene.add(Mesh::new(points, indices), material);
 }
 
 /// A rectangle at height `y`, facing up or down.
@@ -56,52 +25,23 @@ pub fn rectangle(scene: &mut Scene, y: f32, [x0, x1]: [f32; 2], [z0, z1]: [f32; 
     add(scene, points, indices, material);
 }
 
-/// Corners and outward triangles of a sphere of `n` rows and `2n` columns.
+/// Vertices and triangles of a flat-shaded sphere of `n` rows and `2n` columns.
 pub fn sphere(n: u32, radius: f32, center: Vec3) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
-    let mut points = Vec::new();
-    for i in 0..=n {
-        let theta = std::f32::consts::PI * i as f32 / n as f32;
-        for j in 0..2 * n {
-            let phi = std::f32::consts::PI * j as f32 / n as f32;
-            let d = Vec3::new(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin());
-            points.push((center + d * radius).to_array());
-        }
-    }
-    let mut indices = Vec::new();
-    for i in 0..n {
-        for j in 0..2 * n {
-            let (a, b) = (i * 2 * n + j, i * 2 * n + (j + 1) % (2 * n));
-            let (c, d) = (a + 2 * n, b + 2 * n);
-            if i > 0 {
-                indices.push([a, b, c]);
-            }
-            if i + 1 < n {
-                indices.push([b, d, c]);
-            }
-        }
-    }
-    (points, indices)
+    let shape = build::sphere(radius.into(), n).translated(center.as_dvec3());
+    (shape.positions.iter().map(|p| p.as_vec3().to_array()).collect(), shape.triangles)
 }
 
-/// Clear glass of an index of refraction: a body's boundary.
-pub fn glass(ior: f32, roughness: f32) -> Material {
-    Material { metallic: 0.0, roughness, ior, transmission: 1.0, bounds_medium: true, ..Default::default() }
-}
-
-/// A closed box, wound outward.
+/// Adds a closed box between two corners.
 pub fn closed_box(scene: &mut Scene, low: Vec3, high: Vec3, material: Material) {
-    let corner = |i: usize| [0, 1, 2].map(|axis| if i >> axis & 1 == 0 { low[axis] } else { high[axis] });
-    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let indices = quads.iter().flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]).collect();
-    add(scene, (0..8).map(corner).collect(), indices, material);
+    build::add_shape(scene, &build::cuboid(low.as_dvec3(), high.as_dvec3()), material);
 }
 
-/// The hall with glass in it: a ball that absorbs with a lamp inside, a rough and a half transparent thin wall.
+/// [`hall`] with an absorbing glass sphere around an area light, thin walls, and one surface for each further material lobe.
 pub fn glass_hall() -> Arc<Scene> {
     let mut scene = Arc::unwrap_or_clone(hall());
-    let body = Material { absorption: Vec3::new(1.0, 0.3, 2.0), dispersion: 3.0, ..glass(1.5, 0.5) };
+    let absorbing = Material { absorption: Vec3::new(1.0, 0.3, 2.0), dispersion: 3.0, ..glass(1.5, 0.5) };
     let center = Vec3::new(-0.9, 0.7, 1.2);
-    for (radius, material) in [(0.5, body), (0.25, lamp(2.0)), (0.3, lambert(0.5))] {
+    for (radius, material) in [(0.5, absorbing), (0.25, lamp(2.0)), (0.3, lambert(0.5))] {
         let (points, indices) = sphere(6, radius, center + if radius == 0.3 { Vec3::X } else { Vec3::ZERO });
         add(&mut scene, points, indices, material);
     }
@@ -120,22 +60,7 @@ pub fn glass_hall() -> Arc<Scene> {
     Arc::new(scene)
 }
 
-/// Looks from `eye` at `at`.
-pub fn look(scene: &mut Scene, eye: Vec3, at: Vec3, yfov: f32) {
-    let up = if (at - eye).normalize().y.abs() > 0.99 { Vec3::Z } else { Vec3::Y };
-    let z = (eye - at).normalize();
-    let x = up.cross(z).normalize();
-    scene.cameras.push(Camera {
-        motion: None,
-        adjacent_frames: None,
-        name: "camera".into(),
-        projection: Projection::Perspective { yfov },
-        aspect: None,
-        to_world: Affine3A::from_mat3_translation(Mat3::from_cols(x, z.cross(x), z), eye),
-    });
-}
-
-/// A metal ball on a diffuse floor under a lamp and a grey sky: every kind of light sample and bounce.
+/// A metal sphere on a diffuse floor under an area light and a grey environment.
 pub fn hall() -> Arc<Scene> {
     let mut scene = Scene { environment: Some(Environment::constant([0.3; 3])), ..Default::default() };
     rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
@@ -146,19 +71,19 @@ pub fn hall() -> Arc<Scene> {
     Arc::new(scene)
 }
 
-/// A transform that turns about +y and goes on, from identity.
+/// A motion from identity that rotates about +y and translates.
 pub fn turning(angle: f64, by: Vec3) -> Option<Arc<Motion>> {
     let end = DAffine3::from_rotation_translation(DQuat::from_rotation_y(angle), by.as_dvec3());
     Motion::new(&[DAffine3::IDENTITY, end]).map(Arc::new)
 }
 
-/// Places the last instance that was added, and has it move.
+/// Gives the last instance a transform and a motion.
 pub fn set_in_motion(scene: &mut Scene, motion: Option<Arc<Motion>>) {
     let instance = scene.instances.last_mut().unwrap();
     (instance.transform, instance.motion) = (Some(Affine3A::IDENTITY), motion);
 }
 
-/// As [`hall`], and all of it moves: the ball turns, lamps and camera travel, the floor bulges.
+/// [`hall`] with motion of everything: the sphere rotates, lights and camera move, the floor deforms.
 pub fn moving_hall() -> Arc<Scene> {
     let mut scene = Scene { environment: Some(Environment::constant([0.3; 3])), ..Default::default() };
     rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
@@ -182,7 +107,7 @@ pub fn moving_hall() -> Arc<Scene> {
     Arc::new(scene)
 }
 
-/// A scene with its rays.
+/// A scene that is prepared for rendering.
 pub struct Stage {
     pub scene: PreparedScene<'static>,
 }
@@ -199,16 +124,16 @@ impl Stage {
 
     fn channel(&self, settings: &RenderSettings, channel: usize) -> Vec<f64> {
         let stop = AtomicBool::new(false);
-        let rendered = render(&self.scene, settings, &stop, &|_| ());
+        let rendered = render(&self.scene, settings, &stop, &|_| ()).unwrap();
         rendered.film().pixels.iter().map(|p| p.sum[channel] / f64::from(p.samples)).collect()
     }
 
-    /// Mean over `replicas` renders, seeds from `settings.seed` on, of the picture's mean green.
+    /// Mean over `replicas` renders of the picture's mean green, with seeds from `settings.seed` on.
     pub fn mean_green(&self, settings: &RenderSettings, replicas: u32) -> Mean {
         self.mean_channel(settings, replicas, 1)
     }
 
-    /// The same of any channel.
+    /// Mean over `replicas` renders of the mean of a channel (0 to 2).
     pub fn mean_channel(&self, settings: &RenderSettings, replicas: u32, channel: usize) -> Mean {
         let mut mean = Mean::default();
         for r in 0..replicas {

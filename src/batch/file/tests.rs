@@ -19,7 +19,7 @@ fn flags() -> HashMap<String, Flag> {
     .into()
 }
 
-fn jobs(text: &str) -> At<Vec<Job>> {
+fn jobs(text: &str) -> FileResult<Vec<Job>> {
     parse(text, Path::new("shots"), &flags())
 }
 
@@ -111,7 +111,7 @@ fn wildcards_are_the_files_that_there_are() {
 }
 
 #[test]
-fn mistakes_are_told_with_their_place() {
+fn mistakes_are_reported_with_their_location() {
     for (text, place, words) in [
         ("[[job]]\nscene = 'a'\nspq = 3", (3, 1), "no key `spq`"),
         ("[[job]]\nscene = 'a'\nspp = [1, 2]", (3, 7), "only a [[matrix]]"),

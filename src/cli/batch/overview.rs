@@ -1,4 +1,4 @@
-//! How far a batch is: bars on a terminal, lines elsewhere.
+//! Progress of a batch: bars on a terminal, lines elsewhere.
 
 use std::io::{self, IsTerminal};
 use std::sync::{Mutex, PoisonError};
@@ -13,7 +13,7 @@ use crate::console::screen::{self, clock};
 use crate::console::{print, say};
 use crate::render::Progress;
 
-/// Takes progress from any thread.
+/// Shows progress, which any thread may report.
 pub struct Overview {
     quiet: bool,
     style: Style,
@@ -31,17 +31,18 @@ struct State {
     percent: u32,
 }
 
-/// A job's share that is done, and its bar while it runs.
+/// Progress of one job.
 #[derive(Clone, Default)]
 struct Fraction {
+    /// Fraction done, in [0, 1].
     done: f64,
-    /// Was it done before this command?
+    /// Whether it took no time: finished before this command, or not begun.
     before: bool,
     bar: Option<ProgressBar>,
 }
 
 impl Overview {
-    /// Of so many jobs. As [`Reporter`](crate::console::Reporter), `Auto` is silent when `quiet`.
+    /// Progress of `jobs` jobs; `Style::Auto` is silent when `quiet`.
     pub fn new(jobs: usize, style: Style, quiet: bool) -> Self {
         let terminal = match style {
             Style::Auto => io::stderr().is_terminal() && !quiet,
@@ -55,7 +56,7 @@ impl Overview {
         Self { quiet, style, terminal, all, state: Mutex::new(state), began: Instant::now() }
     }
 
-    /// A job begins.
+    /// Call when a job begins.
     pub fn begins(&self, index: usize, name: &str) {
         if !self.terminal {
             return;
@@ -65,7 +66,7 @@ impl Overview {
         self.lock().jobs[index].bar = Some(bar);
     }
 
-    /// A job goes on.
+    /// Call when a job has made progress.
     pub fn progress(&self, index: usize, progress: &Progress) {
         let Ok(mut state) = self.state.try_lock() else { return };
         let job = &mut state.jobs[index];
@@ -79,7 +80,7 @@ impl Overview {
         self.show(&mut state);
     }
 
-    /// A job has ended; `line` says what came of it.
+    /// Call when a job has ended; `line` is its result as text.
     pub fn ended(&self, index: usize, entry: &Entry, line: Option<String>) {
         let mut state = self.lock();
         state.ended += 1;
@@ -91,14 +92,14 @@ impl Overview {
             screen::remove(&bar);
         }
         self.all.set_position(state.ended as u64);
-        // Errors are said even to those who want quiet.
+        // Errors are printed even with --quiet.
         if let Some(line) = line.filter(|_| !self.quiet || entry.error.is_some()) {
             say(line);
         }
         self.show(&mut state);
     }
 
-    /// The end of all.
+    /// Call when all jobs have ended.
     pub fn finish(&self) {
         screen::remove(&self.all);
         let state = self.lock();
@@ -111,9 +112,9 @@ impl Overview {
         self.style == Style::None || self.style == Style::Auto && self.quiet
     }
 
-    /// For programs and logs.
+    /// Prints a line for programs and logs.
     fn line(&self, percent: u32, state: &State) {
-        // Nobody there to read progress is no reason to stop rendering.
+        // A reader that has gone away must not stop the render.
         let _ = match self.style {
             Style::Openjd => print(format_args!("openjd_progress: {percent}")),
             Style::Json => print(json!({ "phase": "jobs", "fraction": f64::from(percent) / 100.0,
@@ -133,7 +134,7 @@ impl Overview {
         if self.silent() {
             return;
         }
-        // What was there before took no time and says nothing of what is left.
+        // Jobs that took no time say nothing about the time left.
         let new = state.jobs.iter().filter(|j| !j.before);
         let (sum, count) = new.fold((0.0, 0), |(sum, n), j| (sum + j.done, n + 1));
         let fraction = if count == 0 { 1.0 } else { sum / f64::from(count) };
@@ -151,7 +152,7 @@ impl Overview {
     }
 }
 
-/// A job's name in no more than 24 columns: its beginning and its end, which differ most.
+/// A job's name in at most 24 characters: its beginning and its end.
 fn short(name: &str) -> String {
     let all: Vec<char> = name.chars().collect();
     match all.len() {
@@ -160,7 +161,7 @@ fn short(name: &str) -> String {
     }
 }
 
-/// Paths a pixel, noise, Mrays/s and MiB of a job's statistics; empty where they do not say.
+/// Paths per pixel, noise, Mrays/s and MiB of a job's statistics; empty where unknown.
 fn columns(stats: &Value) -> [String; 4] {
     let number = |value: &Value, digits: usize| value.as_f64().map_or(String::new(), |x| format!("{x:.digits$}"));
     let memory = stats["peak_memory_bytes"].as_u64().map_or(String::new(), |bytes| (bytes >> 20).to_string());
@@ -168,7 +169,7 @@ fn columns(stats: &Value) -> [String; 4] {
     [spp, number(&stats["noise"], 4), speed, memory]
 }
 
-/// What came of each job, in columns.
+/// Table of the results of all jobs.
 pub fn table(entries: &[Entry]) -> String {
     let mut rows = vec![["job", "status", "seconds", "spp", "noise", "Mrays/s", "MiB"].map(str::to_owned)];
     for entry in entries {

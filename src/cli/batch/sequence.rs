@@ -1,19 +1,20 @@
-//! `bismar render --frames`: a batch of one scene's frames.
+//! `bismar render --frames`: the frames of one scene as a batch.
 
 use clap::{ArgMatches, Args, Command};
 
-use super::{Work, plan};
-use crate::batch::file::Job;
+use super::plan::plan;
+use super::work::Work;
+use crate::batch::job::Job;
 use crate::cli::render::{RenderArgs, given};
 use crate::console::progress::Style;
 use crate::console::{Verbosity, Verdict, print};
 use crate::farm::utf8;
 use crate::{Error, Result};
 
-/// Flags that are the sequence's own affair: it goes on always, by itself, and shows its own progress.
-const OWN: [&str; 6] = ["resume", "progress", "threads", "path-mapping", "led", "output"];
+/// Flags that the sequence handles itself and does not pass to its jobs.
+const NOT_FOR_JOBS: [&str; 6] = ["resume", "progress", "threads", "path-mapping", "led", "output"];
 
-/// Renders the frames; `matches` are what the command line said.
+/// Renders the frames; `matches` are the parsed command line, which tells the flags that were given.
 pub fn run(args: &RenderArgs, matches: &ArgMatches, verbosity: Verbosity) -> Result<Verdict> {
     let result = render(args, matches, verbosity);
     if let (Err(error), Style::Openjd) = (&result, args.progress) {
@@ -27,8 +28,8 @@ fn render(args: &RenderArgs, matches: &ArgMatches, verbosity: Verbosity) -> Resu
     let args = &args.on_this_machine()?;
     let command = RenderArgs::augment_args(Command::new("render"));
     let mut flags = given(&command, matches)?;
-    flags.retain(|(name, _)| !OWN.contains(&name.as_str()));
-    // Paths as they are on this machine.
+    flags.retain(|(name, _)| !NOT_FOR_JOBS.contains(&name.as_str()));
+    // Paths after --path-mapping.
     for (name, path) in [("env", &args.env), ("preview", &args.preview), ("stats", &args.stats)] {
         for (_, value) in flags.iter_mut().filter(|(flag, _)| flag == name) {
             *value = path.as_deref().map(|path| utf8(path).map(str::to_owned)).transpose()?;
@@ -36,8 +37,8 @@ fn render(args: &RenderArgs, matches: &ArgMatches, verbosity: Verbosity) -> Resu
     }
     let output = args.output();
     let name = output.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let job = Job { name, scene: args.scene.clone(), flags, output, at: Default::default() };
-    // Nothing here is of a batch file.
+    let job = Job { name, scene: args.scene.clone(), flags, output, location: Default::default() };
+    // There is no batch file that could be wrong.
     let (jobs, paths) = plan(None, vec![job]).map_err(|e| match e {
         Error::Config(why) => Error::Usage(why),
         other => other,
@@ -52,7 +53,7 @@ fn render(args: &RenderArgs, matches: &ArgMatches, verbosity: Verbosity) -> Resu
         dry_run: false,
         threads: args.threads,
         style: args.progress,
-        led: args.led,
+        signals_from_parent: args.signals_from_parent,
     };
-    work.carry_out(jobs, paths, verbosity)
+    work.run(jobs, paths, verbosity)
 }

@@ -1,4 +1,4 @@
-//! The process that renders a batch's jobs: an order in, messages out ([`order`](crate::batch::order)).
+//! The worker process of a batch: a job message in, messages out ([`message`](crate::batch::message)).
 
 use std::collections::HashMap;
 use std::fs;
@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use clap::{Args, Command};
 use serde_json::to_value;
 
-use super::{Planned, files_key, scene_key, understand};
+use super::plan::{Planned, files_key, parse_flags, scene_key};
 use crate::batch::message::{Ended, JobMessage, Message};
 use crate::batch::queue::{Cache, each};
 use crate::batch::report::{Entry, Status};
@@ -21,18 +21,18 @@ use crate::console::{Paths, Signals, Verdict, host};
 use crate::render::Progress;
 use crate::{Error, Result};
 
-/// Render what standard input orders: `bismar batch` calls this.
+/// Render the jobs of a message on standard input; started by `bismar batch`.
 #[derive(Debug, Args)]
 pub struct WorkerArgs {}
 
 pub fn run() -> Result<Verdict> {
     let mut line = String::new();
     io::stdin().read_line(&mut line).map_err(|e| Error::Io(format!("standard input: cannot read: {e}")))?;
-    let bad = |e: &dyn std::fmt::Display| Error::Usage(format!("is no order of `bismar batch`: {e}"));
+    let bad = |e: &dyn std::fmt::Display| Error::Usage(format!("not a job message of `bismar batch`: {e}"));
     let JobMessage { jobs, written, at_once, threads } = serde_json::from_str(&line).map_err(|e| bad(&e))?;
     let signals = Signals::led()?;
     let command = RenderArgs::augment_args(Command::new("render"));
-    let jobs = jobs.into_iter().map(|job| understand(None, &command, job)).collect::<Result<Vec<_>>>()?;
+    let jobs = jobs.into_iter().map(|job| parse_flags(None, &command, job)).collect::<Result<Vec<_>>>()?;
     let mut paths = Paths::default();
     written.iter().try_for_each(|path| paths.writes("the batch's own", path.as_ref()))?;
     jobs.iter().try_for_each(|planned| declare(&planned.args, &format!(" of '{}'", planned.job.name), &mut paths))?;
@@ -44,76 +44,76 @@ pub fn run() -> Result<Verdict> {
         jobs,
         paths: Mutex::new(paths),
         threads,
-        alone: pools.len() == 1,
+        sequential: pools.len() == 1,
         signals,
     };
-    // Nobody who renders waits for whoever reads this.
-    let (say, said) = channel();
+    // A thread prints, so that rendering does not wait for the reader.
+    let (messages, printed) = channel();
     let printer = thread::spawn(move || {
-        for message in said {
+        for message in printed {
             let Ok(text) = serde_json::to_string(&message) else { continue };
             let mut out = io::stdout().lock();
-            // Where nobody reads, standard input ends as well.
+            // If the parent has died, standard input ends as well and stops the jobs.
             let _ = writeln!(out, "{text}").and_then(|()| out.flush());
         }
     });
     let free = Mutex::new(pools);
     let workers = free.lock().map_or(1, |free| free.len());
     each(worker.jobs.len(), workers, &|index| {
-        let say = say.clone();
+        let messages = messages.clone();
         let pool = free.lock().unwrap_or_else(PoisonError::into_inner).pop();
         let Some(pool) = pool else { return };
-        let ended = pool.install(|| worker.work(index, &say));
-        let _ = say.send(Message::Ends(index, Box::new(ended)));
+        let ended = pool.install(|| worker.work(index, &messages));
+        let _ = messages.send(Message::Ends(index, Box::new(ended)));
         free.lock().unwrap_or_else(PoisonError::into_inner).push(pool);
     });
-    drop(say);
+    drop(messages);
     let _ = printer.join();
     Ok(Verdict::Done)
 }
 
-/// Between messages of a job that goes on.
-const PAUSE: Duration = Duration::from_millis(100);
+/// Shortest time between progress messages of a job.
+const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
 
 struct Worker {
     jobs: Vec<Planned>,
     inputs: Cache<Inputs>,
     scenes: Cache<Loaded>,
-    /// Of files that several scenes are made of, the last one.
+    /// By files, the latest scene made of them, if others will follow.
     latest: Mutex<HashMap<String, Arc<Loaded>>>,
-    /// All that any of the jobs reads or writes.
+    /// Files that the jobs read or write.
     paths: Mutex<Paths>,
-    /// Of each job.
+    /// Threads per job.
     threads: usize,
-    /// One job at a time?
-    alone: bool,
+    /// Whether jobs run one after the other.
+    sequential: bool,
     signals: Signals,
 }
 
 impl Worker {
-    /// One job from beginning to end; whatever goes wrong is in the entry.
-    fn work(&self, index: usize, say: &Sender<Message>) -> Ended {
+    /// Renders one job; errors and panics are in its entry.
+    fn work(&self, index: usize, messages: &Sender<Message>) -> Ended {
         let Planned { job, args } = &self.jobs[index];
         let began = Instant::now();
         let mut entry = Entry::pending(job);
         if self.signals.stopped() {
             return Ended { entry, line: None, before: None };
         }
-        let _ = say.send(Message::Begins(index));
-        if self.alone {
+        let _ = messages.send(Message::Begins(index));
+        if self.sequential {
             host::reset_peak_memory();
         }
-        let said = Mutex::new(None);
-        let goes = |progress: Progress| {
-            let Ok(mut said) = said.try_lock() else { return };
-            if said.is_none_or(|at: Instant| at.elapsed() >= PAUSE) {
-                *said = Some(Instant::now());
-                let _ = say.send(Message::Goes(index, progress));
+        let last_message = Mutex::new(None);
+        let on_progress = |progress: Progress| {
+            let Ok(mut last) = last_message.try_lock() else { return };
+            if last.is_none_or(|at: Instant| at.elapsed() >= PROGRESS_INTERVAL) {
+                *last = Some(Instant::now());
+                let _ = messages.send(Message::Progress(index, progress));
             }
         };
         let key = scene_key(args);
-        let result = catch_unwind(AssertUnwindSafe(|| self.render(args, &key, began, &goes)))
-            .unwrap_or_else(|_| Err(Error::Bug("the job panicked; what it said is above".into())));
+        let result = catch_unwind(AssertUnwindSafe(|| self.render(args, &key, began, &on_progress)))
+            .unwrap_or_else(|_| Err(Error::Bug("the job panicked; its message is above".into())));
         if self.inputs.done(&files_key(args)) {
             self.latest().remove(&files_key(args));
         }
@@ -145,7 +145,13 @@ impl Worker {
         self.latest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn render(&self, args: &RenderArgs, key: &str, began: Instant, goes: &(dyn Fn(Progress) + Sync)) -> Result<Done> {
+    fn render(
+        &self,
+        args: &RenderArgs,
+        key: &str,
+        began: Instant,
+        on_progress: &(dyn Fn(Progress) + Sync),
+    ) -> Result<Done> {
         if let Some(folder) = args.output().parent() {
             fs::create_dir_all(folder)
                 .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", folder.display())))?;
@@ -155,12 +161,12 @@ impl Worker {
         let inputs = self.inputs.get(&files, || Inputs::read(args))?;
         inputs.declare(&mut self.paths.lock().unwrap_or_else(PoisonError::into_inner))?;
         let session = Session { args, inputs: &inputs, threads: self.threads, began, replaces: true };
-        if let Some(earlier) = session.done_before()? {
+        if let Some(earlier) = session.finished_before()? {
             return session.develop(&earlier);
         }
         session.check_memory()?;
         let building = |_, _| !self.signals.stopped();
-        // Will other scenes be made of these files?
+        // Whether other scenes will be made of these files.
         let more = self.inputs.left(&files) > self.scenes.left(key);
         let loaded = self.scenes.get(key, || {
             let previous = self.latest().remove(&files);
@@ -169,6 +175,6 @@ impl Worker {
         if more {
             self.latest().insert(files, Arc::clone(&loaded));
         }
-        session.render(&loaded, &self.signals.stop, goes, &|_| ())
+        session.render(&loaded, &self.signals.stop, on_progress, &|_| ())
     }
 }

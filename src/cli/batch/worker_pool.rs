@@ -1,4 +1,4 @@
-//! Processes that render a batch's jobs. Whatever ends one of them, every job is accounted for.
+//! Worker processes that render a batch's jobs. Every job gets a result, even if its process dies.
 
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -7,7 +7,7 @@ use std::os::unix::process::ExitStatusExt;
 use std::process::{ExitStatus, Stdio};
 use std::sync::{Mutex, PoisonError};
 
-use super::Planned;
+use super::plan::Planned;
 use crate::batch::message::{Ended, JobMessage, Message};
 use crate::batch::queue::each;
 use crate::batch::report::{Entry, Status};
@@ -15,63 +15,63 @@ use crate::console::child::{lead, this_program};
 use crate::console::{LogFormat, Signals, Verbosity};
 use crate::{Error, Result};
 
-/// What processes need.
+/// Worker processes of a batch.
 pub struct WorkerPool<'a> {
     pub jobs: &'a [Planned],
-    /// What the batch itself writes.
+    /// Files that the batch itself writes.
     pub written: &'a [OsString],
-    /// Jobs at a time.
+    /// Number of jobs at the same time.
     pub at_once: usize,
-    /// Threads of each.
+    /// Threads per job.
     pub threads: usize,
     pub signals: &'a Signals,
     pub verbosity: Verbosity,
-    /// Is told what happens, from any thread; each job ends once.
-    pub told: &'a (dyn Fn(Message) + Sync),
+    /// Receives all messages, from any thread; each job ends exactly once.
+    pub on_message: &'a (dyn Fn(Message) + Sync),
 }
 
-/// What a process left when it had ended.
-struct Left {
-    /// Jobs that it began and did not end.
+/// State of the jobs when a process has ended.
+struct Exited {
+    /// Jobs that it began but did not end.
     unfinished: Vec<usize>,
-    /// The first that it did not begin.
+    /// First job that it did not begin.
     next: usize,
     status: ExitStatus,
 }
 
 impl WorkerPool<'_> {
-    /// Each job in a process of its own.
+    /// Renders each job in its own process.
     ///
     /// # Errors
     /// [`Error::Host`] if processes cannot be started.
-    pub fn work_apart(&self) -> Result<()> {
+    pub fn run_isolated(&self) -> Result<()> {
         let failed = Mutex::new(None);
         each(self.jobs.len(), self.at_once, &|job| {
-            if let Err(e) = self.alone(job, self.threads) {
+            if let Err(e) = self.run_alone(job, self.threads) {
                 failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(e);
             }
         });
         failed.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(()), Err)
     }
 
-    /// All jobs in one process, which has scenes in memory once. If it dies, those that it worked on are tried again,
-    /// each in a process of its own, so that one of them takes no other along; the rest follow in a new one.
+    /// Renders all jobs in one process, which shares scenes in memory. If it dies, the unfinished jobs are rendered again,
+    /// each in its own process, and the remaining ones in a new shared process.
     ///
     /// # Errors
     /// [`Error::Host`] if processes cannot be started.
-    pub fn work_together(&self) -> Result<()> {
+    pub fn run_shared(&self) -> Result<()> {
         let mut next = 0;
         while next < self.jobs.len() {
-            let mut left = self.process(next..self.jobs.len(), self.at_once, self.threads)?;
-            if left.unfinished.is_empty() && left.next == next {
-                // It died before it began: whatever it was, it is the next job's.
-                left.unfinished.push(next);
-                left.next += 1;
+            let mut exited = self.process(next..self.jobs.len(), self.at_once, self.threads)?;
+            if exited.unfinished.is_empty() && exited.next == next {
+                // It died before it began a job: the next job is taken as the cause.
+                exited.unfinished.push(next);
+                exited.next += 1;
             }
-            for job in left.unfinished {
-                self.alone(job, self.threads * self.at_once)?;
+            for job in exited.unfinished {
+                self.run_alone(job, self.threads * self.at_once)?;
             }
-            next = left.next;
+            next = exited.next;
             if self.signals.stopped() {
                 (next..self.jobs.len()).for_each(|job| self.pending(job));
                 break;
@@ -80,38 +80,40 @@ impl WorkerPool<'_> {
         Ok(())
     }
 
-    /// One job in a process of its own.
-    fn alone(&self, job: usize, threads: usize) -> Result<()> {
+    /// Renders one job in its own process.
+    fn run_alone(&self, job: usize, threads: usize) -> Result<()> {
         if self.signals.stopped() {
             self.pending(job);
             return Ok(());
         }
-        let left = self.process(job..job + 1, 1, threads)?;
-        if left.unfinished.is_empty() && left.next > job {
+        let exited = self.process(job..job + 1, 1, threads)?;
+        if exited.unfinished.is_empty() && exited.next > job {
             return Ok(());
         }
-        let error = match left.status.signal() {
-            Some(9) => Error::Host("its process was killed, as the system does when memory runs out".into()),
+        let error = match exited.status.signal() {
+            Some(9) => Error::Host("its process was killed, probably because the system ran out of memory".into()),
             Some(signal) => Error::Bug(format!("its process was ended by signal {signal}")),
-            None => Error::Bug(format!("its process ended early, with {}", left.status)),
+            None => Error::Bug(format!("its process ended early, with {}", exited.status)),
         };
         let (status, error, exit_code) = (Status::Failed, Some(error.to_string()), error.exit_code());
-        let own = &self.jobs[job].job;
-        let line = error.as_ref().map(|error| format!("{}: {error}", own.name));
-        let entry = Entry { status, error, exit_code, ..Entry::pending(own) };
-        (self.told)(Message::Ends(job, Box::new(Ended { entry, line, before: None })));
+        let job_of_entry = &self.jobs[job].job;
+        let line = error.as_ref().map(|error| format!("{}: {error}", job_of_entry.name));
+        let entry = Entry { status, error, exit_code, ..Entry::pending(job_of_entry) };
+        (self.on_message)(Message::Ends(job, Box::new(Ended { entry, line, before: None })));
         Ok(())
     }
 
+    /// Reports a job that was not begun.
     fn pending(&self, job: usize) {
         let entry = Entry::pending(&self.jobs[job].job);
-        (self.told)(Message::Ends(job, Box::new(Ended { entry, line: None, before: None })));
+        (self.on_message)(Message::Ends(job, Box::new(Ended { entry, line: None, before: None })));
     }
 
-    fn process(&self, range: Range<usize>, at_once: usize, threads: usize) -> Result<Left> {
+    /// Runs one worker process over a range of the jobs.
+    fn process(&self, range: Range<usize>, at_once: usize, threads: usize) -> Result<Exited> {
         let jobs = self.jobs[range.clone()].iter().map(|planned| planned.job.clone()).collect();
-        let order = serde_json::to_string(&JobMessage { jobs, written: self.written.into(), at_once, threads });
-        let order = order.map_err(|e| Error::Bug(format!("JSON: {e}")))? + "\n";
+        let message = serde_json::to_string(&JobMessage { jobs, written: self.written.into(), at_once, threads });
+        let message = message.map_err(|e| Error::Bug(format!("JSON: {e}")))? + "\n";
         let mut command = this_program();
         command.arg("batch-worker").stdout(Stdio::piped());
         command.args(self.verbosity.quiet.then_some("-q"));
@@ -122,29 +124,29 @@ impl WorkerPool<'_> {
         let seen = Mutex::new((BTreeSet::new(), range.start));
         let status = lead(
             &mut command,
-            order.as_bytes(),
+            message.as_bytes(),
             self.signals,
             &|line| {
-                // Half a line is all that a dying process may leave.
+                // A dying process may leave an incomplete line.
                 let Ok(message) = serde_json::from_str(line) else { return };
                 let mut seen = seen.lock().unwrap_or_else(PoisonError::into_inner);
                 let (ended, next) = &mut *seen;
                 let message = match message {
                     Message::Begins(job) => Message::Begins(range.start + job),
-                    Message::Goes(job, progress) => Message::Goes(range.start + job, progress),
+                    Message::Progress(job, progress) => Message::Progress(range.start + job, progress),
                     Message::Ends(job, entry) => Message::Ends(range.start + job, entry),
                 };
-                // Jobs begin in their order, whoever is the first to say so.
+                // Jobs begin in order, but messages of different threads may not arrive in order.
                 *next = (*next).max(message.job() + 1);
                 if let Message::Ends(job, _) = message {
                     ended.insert(job);
                 }
                 drop(seen);
-                (self.told)(message);
+                (self.on_message)(message);
             },
             &mut || (),
         )?;
         let (ended, next) = seen.into_inner().unwrap_or_else(PoisonError::into_inner);
-        Ok(Left { unfinished: (range.start..next).filter(|job| !ended.contains(job)).collect(), next, status })
+        Ok(Exited { unfinished: (range.start..next).filter(|job| !ended.contains(job)).collect(), next, status })
     }
 }

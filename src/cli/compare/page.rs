@@ -1,4 +1,4 @@
-//! A page with two pictures under a slider, their FLIP errors, and their numbers. One file, nothing loaded.
+//! A self-contained HTML page with two pictures under a slider, their FLIP error map and their errors.
 
 use std::io::Write;
 use std::path::Path;
@@ -6,7 +6,8 @@ use std::path::Path;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
-use super::{false_color, short};
+use super::difference::false_color;
+use super::report::short;
 use crate::Result;
 use crate::film::compare::{Comparison, flip_map};
 use crate::film::preview::{encoded, encoded_picture, to_byte};
@@ -14,11 +15,11 @@ use crate::film::{Exposure, Look, Picture, View, atomic};
 
 const TEMPLATE: &str = include_str!("page.html");
 
-/// Writes the page, with a sequence's `curve` if they are of one; both pictures are shown with the view and exposure that
-/// suit B.
+/// Writes the page; `curve` is the chart of a sequence, or empty. Both pictures have the view transform and the automatic
+/// exposure of B.
 ///
 /// # Errors
-/// As [`atomic::write`].
+/// Those of [`atomic::write`].
 pub fn write(path: &Path, names: [&Path; 2], [a, b]: [&Picture; 2], c: &Comparison, curve: &str) -> Result<()> {
     let view = if a.displayed && b.displayed { View::Srgb } else { View::Agx };
     let exposure = if view == View::Srgb { 0.0 } else { Exposure::Auto.of(b.rgb.iter().copied()) };

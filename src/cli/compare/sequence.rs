@@ -1,29 +1,29 @@
-//! Two sequences: how their difference goes over the frames, and where it is worst.
+//! Comparison of two sequences: errors over the frames, and the worst frame.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::{Pair, Report, short};
+use super::report::{Pair, Report, and_more, short};
 use crate::batch::frames::{numbered, present};
 use crate::console::say;
 use crate::{Error, Result};
 
-/// Do both names have a place for frames' numbers, and are no files?
+/// Whether both names have a placeholder for the frame number, and are not files.
 pub fn are_sequences(a: &Path, b: &Path) -> bool {
     [a, b].iter().all(|name| numbered(name, 0).is_some() && !name.exists())
 }
 
-/// Numbers of the frames that both have, in order, and their pictures; those that one has alone are told.
+/// Frames that exist in both sequences: number and paths, in order. Prints which are missing in one.
 ///
 /// # Errors
-/// [`Error::Missing`] if there are none; as [`present`].
+/// [`Error::Missing`] if there are none; those of [`present`].
 pub fn in_both(a: &Path, b: &Path) -> Result<Vec<(u32, PathBuf, PathBuf)>> {
     let [ours, theirs] = [present(a)?, present(b)?].map(BTreeSet::from_iter);
     for (name, alone) in [(a, &ours - &theirs), (b, &theirs - &ours)] {
         if let Some(first) = alone.first() {
-            let more = super::and_more(alone.len() - 1);
+            let more = and_more(alone.len() - 1);
             say(format_args!("only of {}, not compared: frame {first}{more}", name.display()));
         }
     }
@@ -35,15 +35,15 @@ pub fn in_both(a: &Path, b: &Path) -> Result<Vec<(u32, PathBuf, PathBuf)>> {
     Ok(both)
 }
 
-/// The pair that differs most: by relMSE, not a number first.
+/// Index of the pair with the largest relMSE; NaN counts as infinite.
 pub fn worst(pairs: &[Pair]) -> usize {
     let error = |i: &usize| pairs[*i].comparison.rel_mse;
     let order = |i: &usize| if error(i).is_nan() { f64::INFINITY } else { error(i) };
-    // The first of equals.
+    // Reversed, so that the first of equal maxima is taken.
     (0..pairs.len()).rev().max_by(|i, j| order(i).total_cmp(&order(j))).unwrap_or(0)
 }
 
-/// What `--json` prints.
+/// What `--json` prints of two sequences.
 #[derive(Serialize)]
 pub struct Sequence<'a> {
     pub a: &'a Path,
@@ -55,7 +55,7 @@ pub struct Sequence<'a> {
     pub frames: Vec<Frame<'a>>,
 }
 
-/// One of its frames.
+/// A frame of [`Sequence`].
 #[derive(Serialize)]
 pub struct Frame<'a> {
     frame: u32,
@@ -64,7 +64,7 @@ pub struct Frame<'a> {
 }
 
 impl<'a> Sequence<'a> {
-    /// Of reports on these frames.
+    /// The report of two sequences, from those of their frames.
     pub fn new([a, b]: [&'a Path; 2], numbers: &[u32], worst: usize, reports: &'a [Report<'a>]) -> Self {
         let sum: f64 = reports.iter().map(|report| report.comparison.rel_mse).sum();
         Self {
@@ -79,7 +79,7 @@ impl<'a> Sequence<'a> {
     }
 }
 
-/// Said below the table.
+/// Line below the table.
 pub fn summary(numbers: &[u32], worst: usize, pairs: &[Pair]) -> String {
     let c = &pairs[worst].comparison;
     let mean = pairs.iter().map(|pair| pair.comparison.rel_mse).sum::<f64>() / pairs.len() as f64;
@@ -93,7 +93,7 @@ pub fn summary(numbers: &[u32], worst: usize, pairs: &[Pair]) -> String {
     )
 }
 
-/// For the page: relMSE (on the left, log scale) and FLIP (0 to 1) over the frames, and a mark at the worst.
+/// SVG chart for the page: relMSE (logarithmic) and FLIP (0 to 1) over the frames, with a mark at the worst frame.
 pub fn curve(numbers: &[u32], worst: usize, pairs: &[Pair]) -> String {
     const WIDTH: f64 = 960.0;
     const HEIGHT: f64 = 240.0;

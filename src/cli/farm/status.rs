@@ -1,4 +1,4 @@
-//! `bismar farm status`: what has become of a plan, by its files, and by Slurm where that answers.
+//! `bismar farm status`: the state of a plan, from its files and from Slurm's queue.
 
 use std::collections::HashMap;
 use std::fs;
@@ -8,36 +8,36 @@ use std::time::Instant;
 use clap::{Args, Command, FromArgMatches};
 use serde_json::{Value, json};
 
-use super::site::{Fate, Queue};
+use super::site::{Queue, QueueState};
 use crate::batch::frames::numbered_name;
 use crate::cli::batch::files_key;
 use crate::cli::render::{Inputs, RenderArgs, Session};
 use crate::console::{Verdict, print, print_json};
-use crate::farm::sessions::{HELD, INTERRUPTED, Sessions, beside};
+use crate::farm::sessions::{HELD, INTERRUPTED, Sessions, record_path};
 use crate::farm::slurm::Submitted;
 use crate::farm::{PLAN, Plan};
 use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
 
-/// Show how far a submitted job is.
+/// Show the progress of a submitted plan.
 ///
-/// Files are held against what the plan asks for. Where Slurm answers, it says what waits, runs or is held.
+/// Output files are compared with the plan. Slurm's queue, if available, tells which tasks are waiting, running or held.
 #[derive(Debug, Args)]
 pub struct StatusArgs {
-    /// The folder of `farm submit`.
+    /// Folder written by `farm submit`.
     folder: PathBuf,
     /// Print JSON.
     #[arg(long)]
     json: bool,
 }
 
-/// How far a task's or a merge's file is.
+/// State of an output file.
 struct State {
     /// `waiting`, `running`, `begun`, `held`, `failed`, `dead`, `stale` or `done` (docs/farm.md).
     name: &'static str,
-    /// Of its paths, in [0, 1].
+    /// Fraction of its paths, in [0, 1].
     fraction: f64,
-    /// Of its last session, or what its file holds instead.
+    /// Error of the last session, or what is wrong with the file.
     error: Option<String>,
     output: PathBuf,
     frame: Option<u32>,
@@ -46,20 +46,20 @@ struct State {
 pub fn run(args: &StatusArgs) -> Result<Verdict> {
     let plan = Plan::read(&args.folder.join(PLAN))?;
     let submitted = Submitted::read(&plan.folder);
-    let queue = submitted.as_ref().and_then(Queue::ask);
-    let mut look = Look { submitted: submitted.as_ref(), scenes: HashMap::new() };
+    let queue = submitted.as_ref().and_then(Queue::query);
+    let mut inspector = Inspector { submitted: submitted.as_ref(), inputs: HashMap::new() };
     let (mut tasks, mut merges) = (Vec::new(), Vec::new());
     for (i, task) in plan.tasks.iter().enumerate() {
-        let fate = queue.as_ref().and_then(|queue| queue.task(i));
-        let states = look.states(understand(&task.command)?, &plan.log(i + 1, false), fate)?;
+        let queue_state = queue.as_ref().and_then(|queue| queue.task(i));
+        let states = inspector.states(parse_command(&task.command)?, &plan.log(i + 1, false), queue_state)?;
         tasks.extend(states.into_iter().map(|state| Row { render: &task.render, part: task.part, task: i + 1, state }));
     }
     for (i, merge) in plan.merges.iter().enumerate() {
-        let fate = queue.as_ref().and_then(|queue| queue.merge(i));
-        let mut whole = understand(&plan.tasks[merge.tasks.0].command)?;
-        // What parts carry because a farm interrupts, the whole need not.
+        let queue_state = queue.as_ref().and_then(|queue| queue.merge(i));
+        let mut whole = parse_command(&plan.tasks[merge.tasks.0].command)?;
+        // The merged picture is whole, and need not be resumable as its parts are.
         (whole.part, whole.checkpoint, whole.output) = (None, None, Some(merge.output.clone()));
-        let states = look.states(whole, &plan.log(i + 1, true), fate)?;
+        let states = inspector.states(whole, &plan.log(i + 1, true), queue_state)?;
         merges.extend(states.into_iter().map(|state| Row { render: &merge.render, part: 0, task: i + 1, state }));
     }
     let is_done = |row: &Row| row.state.name == "done";
@@ -92,7 +92,7 @@ pub fn run(args: &StatusArgs) -> Result<Verdict> {
     Ok(Verdict::Done)
 }
 
-/// A file that a task or a merge makes: of a sequence's, one for each frame.
+/// An output file of a task or a merge; one per frame of a sequence.
 struct Row<'a> {
     render: &'a str,
     part: u32,
@@ -127,38 +127,38 @@ impl Row<'_> {
     }
 }
 
-/// A task's command as `bismar render` would understand it.
-fn understand(command: &[String]) -> Result<RenderArgs> {
+/// Parses a task's command.
+fn parse_command(command: &[String]) -> Result<RenderArgs> {
     let bad = |e: clap::Error| Error::Data(format!("{PLAN}: {}", e.to_string().trim_end()));
     let matches = RenderArgs::augment_args(Command::new("render")).try_get_matches_from(&command[1..]).map_err(bad)?;
     RenderArgs::from_arg_matches(&matches).map_err(bad)
 }
 
-struct Look<'a> {
+struct Inspector<'a> {
     submitted: Option<&'a Submitted>,
-    /// Hashes of what the commands name, or why there are none.
-    scenes: HashMap<String, Result<Inputs>>,
+    /// Input files of the commands by [`files_key`], or why they cannot be read.
+    inputs: HashMap<String, Result<Inputs>>,
 }
 
-/// What the file of a task is.
-enum Holds {
+/// Contents of an output file.
+enum Contents {
     Nothing,
-    /// So much of its paths.
+    /// A fraction of its paths.
     Some(f64),
     All,
-    /// Something else, as told.
+    /// Another render or a damaged file, with the reason.
     Other(String),
 }
 
-impl Look<'_> {
-    /// Of each of a command's files, in its order.
-    fn states(&mut self, asked: RenderArgs, log: &Path, fate: Option<Fate>) -> Result<Vec<State>> {
-        let Some(frames) = &asked.frames else { return Ok(vec![self.state(&asked, log, fate, None)]) };
+impl Inspector<'_> {
+    /// States of all output files of a command: one, or one per frame.
+    fn states(&mut self, args: RenderArgs, log: &Path, queue_state: Option<QueueState>) -> Result<Vec<State>> {
+        let Some(frames) = &args.frames else { return Ok(vec![self.state(&args, log, queue_state, None)]) };
         let mut states = Vec::new();
         // A task renders one frame after the other.
         let mut first = true;
         for &frame in frames.numbers() {
-            let mut state = self.state(&asked.of_frame(frame)?, log, fate, Some(frame));
+            let mut state = self.state(&args.of_frame(frame)?, log, queue_state, Some(frame));
             if state.name == "running" && !std::mem::take(&mut first) {
                 (state.name, state.fraction) = (if state.fraction > 0.0 { "begun" } else { "waiting" }, 0.0);
             }
@@ -167,83 +167,87 @@ impl Look<'_> {
         Ok(states)
     }
 
-    fn state(&mut self, asked: &RenderArgs, log: &Path, fate: Option<Fate>, frame: Option<u32>) -> State {
-        let record = beside(log);
+    /// State of one output file, from the file, the log, the record of sessions and Slurm's queue.
+    fn state(&mut self, args: &RenderArgs, log: &Path, queue_state: Option<QueueState>, frame: Option<u32>) -> State {
+        let record = record_path(log);
         let sessions = Some(Sessions::read(&record))
-            // An earlier submission's tells nothing of this one.
-            .filter(|s| self.submitted.is_none_or(|submitted| s.job.is_empty() || submitted.knows(&s.job)))
+            // The record of an earlier submission is ignored.
+            .filter(|s| self.submitted.is_none_or(|submitted| s.job.is_empty() || submitted.contains(&s.job)))
             .unwrap_or_default();
         let log = fs::read(log).unwrap_or_default();
         let log = String::from_utf8_lossy(log.get(sessions.log as usize..).unwrap_or_default()).into_owned();
-        let (holds, why) = self.holds(asked);
-        let begun = sessions.begun > 0 || matches!(holds, Holds::Some(_));
-        let name = match (&holds, fate, sessions.code) {
-            (Holds::All, ..) => "done",
-            (_, Some(Fate::Runs), _) => "running",
-            (_, Some(Fate::Held), _) => "held",
-            (_, None, None) if sessions.runs(&record) => "running",
+        let (contents, why) = self.contents(args);
+        let begun = sessions.begun > 0 || matches!(contents, Contents::Some(_));
+        let name = match (&contents, queue_state, sessions.code) {
+            (Contents::All, ..) => "done",
+            (_, Some(QueueState::Running), _) => "running",
+            (_, Some(QueueState::Held), _) => "held",
+            (_, None, None) if sessions.is_running(&record) => "running",
             (_, None, None) if sessions.begun > 0 => "dead",
             (_, None, Some(HELD)) => "held",
             (_, None, Some(code)) if code != 0 && code != INTERRUPTED => "failed",
-            (Holds::Other(_), ..) => "stale",
-            (_, Some(Fate::Waits), _) => "waiting",
+            (Contents::Other(_), ..) => "stale",
+            (_, Some(QueueState::Waiting), _) => "waiting",
             _ if begun => "begun",
             _ => "waiting",
         };
         let percent = |line: &str| line.strip_prefix("PROGRESS: ")?.strip_suffix('%')?.parse::<f64>().ok();
-        let said = log.lines().rev().find_map(percent).map_or(0.0, |p| p / 100.0);
-        let (output, mut lines) = (asked.output(), log.lines().rev());
-        let (said, told) = match frame {
-            None => (said, lines.find_map(|line| line.strip_prefix("error: "))),
-            // Its log is that of all its task's frames.
+        let logged = log.lines().rev().find_map(percent).map_or(0.0, |p| p / 100.0);
+        let (output, mut lines) = (args.output(), log.lines().rev());
+        let (logged, log_error) = match frame {
+            None => (logged, lines.find_map(|line| line.strip_prefix("error: "))),
+            // The log is shared by all frames of the task.
             Some(frame) => {
                 let stem = output.file_stem().unwrap_or_default().to_string_lossy();
-                let own = [format!("{stem}: "), format!("error: frame {frame}: ")];
+                let prefixes = [format!("{stem}: "), format!("error: frame {frame}: ")];
                 let of_all = |line: &str| line.starts_with("error: ") && !line.starts_with("error: frame ");
-                let told = lines.find(|line| own.iter().any(|own| line.starts_with(own)) || of_all(line));
-                (0.0, told.map(|line| line.trim_start_matches("error: ")))
+                let line = lines.find(|line| prefixes.iter().any(|prefix| line.starts_with(prefix)) || of_all(line));
+                (0.0, line.map(|line| line.trim_start_matches("error: ")))
             }
         };
-        let (fraction, other) = match holds {
-            Holds::All => (1.0, None),
-            Holds::Some(saved) if name == "running" => (saved.max(said), None),
-            Holds::Some(saved) => (saved, None),
-            Holds::Nothing => (if name == "running" { said } else { 0.0 }, None),
-            Holds::Other(other) => (0.0, Some(other)),
+        let (fraction, other) = match contents {
+            Contents::All => (1.0, None),
+            Contents::Some(saved) if name == "running" => (saved.max(logged), None),
+            Contents::Some(saved) => (saved, None),
+            Contents::Nothing => (if name == "running" { logged } else { 0.0 }, None),
+            Contents::Other(other) => (0.0, Some(other)),
         };
-        let error = if name == "done" { None } else { told.map(str::to_owned).or(other).or(why) };
+        let error = if name == "done" { None } else { log_error.map(str::to_owned).or(other).or(why) };
         State { name, fraction: fraction.clamp(0.0, 1.0), error, output, frame }
     }
 
-    /// What is in a command's output, and why that cannot be said for certain.
-    fn holds(&mut self, asked: &RenderArgs) -> (Holds, Option<String>) {
-        let output = asked.output();
+    /// Contents of a command's output, and why they are uncertain.
+    fn contents(&mut self, args: &RenderArgs) -> (Contents, Option<String>) {
+        let output = args.output();
         let record = match Earlier::read(&output) {
-            Ok(None) => return (Holds::Nothing, None),
+            Ok(None) => return (Contents::Nothing, None),
             Ok(Some(earlier)) => earlier.record,
-            Err(e) => return (Holds::Other(e.to_string()), None),
+            Err(e) => return (Contents::Other(e.to_string()), None),
         };
-        let settings = asked.settings();
-        let some = Holds::Some(settings.spp.map_or(0.0, |goal| f64::from(record.paths) / f64::from(goal)));
-        let inputs = self.scenes.entry(files_key(asked)).or_insert_with(|| {
-            let inputs = Inputs::read(asked)?;
-            // The hashes are enough.
-            inputs.take(asked)?;
+        let settings = args.settings();
+        let some = Contents::Some(settings.spp.map_or(0.0, |goal| f64::from(record.paths) / f64::from(goal)));
+        let inputs = self.inputs.entry(files_key(args)).or_insert_with(|| {
+            let inputs = Inputs::read(args)?;
+            // Only the hashes are needed: the files are closed.
+            inputs.take(args)?;
             Ok(inputs)
         });
         let inputs = match inputs {
             Ok(inputs) => inputs,
-            Err(e) if record.is_done(&settings) => return (Holds::All, Some(e.to_string())),
+            Err(e) if record.is_done(&settings) => return (Contents::All, Some(e.to_string())),
             Err(e) => return (some, Some(e.to_string())),
         };
-        if !record.answers(&inputs.identity(asked, &settings), &asked.asked()) {
-            return (Holds::Other(format!("{}: holds another render than the plan asks for", output.display())), None);
+        if !record.matches(&inputs.identity(args, &settings), &args.requested()) {
+            return (
+                Contents::Other(format!("{}: holds another render than the plan asks for", output.display())),
+                None,
+            );
         }
-        let session = Session { args: asked, inputs, threads: 1, began: Instant::now(), replaces: false };
-        match session.done_before() {
-            Ok(Some(_)) => (Holds::All, None),
+        let session = Session { args, inputs, threads: 1, began: Instant::now(), replaces: false };
+        match session.finished_before() {
+            Ok(Some(_)) => (Contents::All, None),
             Ok(None) => (some, None),
-            Err(e) => (Holds::Other(e.to_string()), None),
+            Err(e) => (Contents::Other(e.to_string()), None),
         }
     }
 }

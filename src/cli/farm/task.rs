@@ -1,4 +1,4 @@
-//! `bismar farm task`: one session of a task, on whatever machine the scheduler has chosen.
+//! `bismar farm task`: one session of a task, on the machine that the scheduler has chosen.
 
 use std::env;
 use std::fs::{self, File};
@@ -15,22 +15,22 @@ use super::site::capture;
 use crate::console::child::{lead, this_program};
 use crate::console::{Signals, Verdict};
 use crate::farm::Plan;
-use crate::farm::sessions::{BEAT, HELD, INTERRUPTED, Sessions, beside};
+use crate::farm::sessions::{HEARTBEAT, HELD, INTERRUPTED, Sessions, record_path};
 use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
 
-/// Do one task of a plan, as the scripts of `farm submit` ask for it.
+/// Run one task of a plan; called by the scripts of `farm submit`.
 ///
-/// What it says is appended to its log, and a record of it is kept beside that. The exit code is that of its render or
-/// merge, but 76 where it got nowhere three times in a row, or was killed for want of memory.
+/// Output is appended to the task's log, and a record of its sessions is kept next to it. The exit code is that of the
+/// render or merge, or 76 if three sessions in a row made no progress or the task was killed for lack of memory.
 #[derive(Debug, Args)]
 pub struct TaskArgs {
-    /// Which, counted from 1.
+    /// Number of the task, from 1.
     number: usize,
-    /// The plan: farm.json in the folder of `farm submit`.
+    /// The plan: farm.json in the folder written by `farm submit`.
     #[arg(long, value_name = "FILE.json")]
     plan: PathBuf,
-    /// Of the plan's merges, not of its renders.
+    /// Run a merge instead of a render.
     #[arg(long)]
     merge: bool,
 }
@@ -42,18 +42,17 @@ pub fn run(args: &TaskArgs) -> Result<Verdict> {
     let path = plan.log(args.number, args.merge);
     let cannot = |e| Error::CannotCreate(format!("{}: cannot write: {e}", path.display()));
     let log = File::options().create(true).read(true).append(true).open(&path).map_err(cannot)?;
-    let said = log.metadata().map_or(0, |meta| meta.len());
-    // The plan's word for the program is not asked: a plan can make this program render and merge, and no other do
-    // anything.
+    let log_start = log.metadata().map_or(0, |meta| meta.len());
+    // Always this program, whatever the plan names: a plan must not start other programs.
     let mut process = this_program();
     process.args(&command[1..]);
     process.stdout(log.try_clone().map_err(cannot)?).stderr(log.try_clone().map_err(cannot)?);
     if !args.merge {
         process.arg("--led");
     }
-    let record = beside(&path);
+    let record = record_path(&path);
     let job = [variable("SLURM_ARRAY_JOB_ID"), variable("SLURM_JOB_ID")].into_iter().flatten().next();
-    let sessions = Sessions::read(&record).begin(&job.unwrap_or_default(), &host(), paths(&outputs), said);
+    let sessions = Sessions::read(&record).begin(&job.unwrap_or_default(), &host(), paths(&outputs), log_start);
     let mut session = Session { sessions, record, log, outputs, retries_memory: plan.retries_memory };
     let code = session.run(&mut process, &signals).unwrap_or_else(|error| {
         let _ = writeln!(session.log, "error: {error}");
@@ -73,37 +72,37 @@ struct Session {
 }
 
 impl Session {
-    /// The exit code.
+    /// Runs the render or merge; returns its exit code.
     fn run(&mut self, process: &mut Command, signals: &Signals) -> Result<u8> {
-        self.sessions.worth_another()?;
+        self.sessions.check_progress()?;
         self.sessions.write(&self.record)?;
-        let mut beaten = Instant::now();
+        let mut last_beat = Instant::now();
         let status = lead(process, &[], signals, &|_| (), &mut || {
-            if beaten.elapsed() > BEAT {
-                beaten = Instant::now();
-                Sessions::beat(&self.record);
+            if last_beat.elapsed() > HEARTBEAT {
+                last_beat = Instant::now();
+                Sessions::heartbeat(&self.record);
             }
         })?;
-        // Whoever else kills, as Slurm does, kills this process as well.
+        // Slurm's SIGKILL also kills this process; only the out-of-memory killer kills the child alone.
         let killed = status.signal() == Some(SIGKILL);
-        if killed || status.code() == Some(HELD.into()) && self.wanted_memory() {
+        if killed || status.code() == Some(HELD.into()) && self.lacked_memory() {
             return Err(self.out_of_memory(killed));
         }
-        let code = code(status)?;
+        let code = exit_code(status)?;
         self.sessions.end(code, paths(&self.outputs))?;
         Ok(code)
     }
 
-    /// Did the render say that it had too little memory, before it began or when there was no more?
-    fn wanted_memory(&mut self) -> bool {
+    /// Whether the log tells that the render lacked memory, before it began or while it ran.
+    fn lacked_memory(&mut self) -> bool {
         let mut said = String::new();
         let read = self.log.seek(SeekFrom::Start(self.sessions.log)).and_then(|_| self.log.read_to_string(&mut said));
         let of_memory = |line: &str| line.starts_with("error: ") && line.contains("memory");
         read.is_ok() && said.lines().any(|line| of_memory(line) || line.starts_with("memory allocation of"))
     }
 
-    /// Lets Slurm begin the task again with half as much memory again, once and if that is asked for, else hold it. Both
-    /// now, while it runs: what Slurm sees run out of memory fails, whatever it exits with, and takes its merge along.
+    /// Makes Slurm requeue the task with 1.5 times the memory (once, with --retry-memory), else hold it. Both must happen while
+    /// the task runs: Slurm fails a task that ran out of memory whatever its exit code, and its merge with it.
     fn out_of_memory(&mut self, killed: bool) -> Error {
         let memory = [("SLURM_MEM_PER_NODE", "MinMemoryNode"), ("SLURM_MEM_PER_CPU", "MinMemoryCPU")];
         let memory = memory.into_iter().find_map(|(name, key)| Some((key, variable(name)?.parse::<u64>().ok()?)));
@@ -115,60 +114,60 @@ impl Session {
         if let Some((_, raised)) = more {
             (self.sessions.memory_raised, self.sessions.memory_raised_to) = (true, raised);
         }
-        let had = memory.map_or(String::new(), |(_, mebibytes)| format!(" (it was given {mebibytes} MiB)"));
+        let had = memory.map_or(String::new(), |(_, mebibytes)| format!(" (limit {mebibytes} MiB)"));
         let how = if killed { ": the system has killed the process" } else { "" };
         let why = format!("out of memory{had}{how}");
-        let Some(job) = job() else { return Error::Host(format!("{why}; give it more")) };
-        let (orders, told): (Vec<Vec<String>>, _) = match more {
+        let Some(job) = slurm_job_id() else { return Error::Host(format!("{why}; give it more")) };
+        let (commands, error): (Vec<Vec<String>>, _) = match more {
             Some((key, raised)) => {
                 let update = ["update".into(), format!("JobId={job}"), format!("{key}={raised}")];
-                let told = Error::Interrupted(format!("{why}; Slurm begins it again with {raised} MiB"));
-                (vec![vec!["requeue".into(), job], update.into()], told)
+                let error = Error::Interrupted(format!("{why}; Slurm requeues it with {raised} MiB"));
+                (vec![vec!["requeue".into(), job], update.into()], error)
             }
             None => {
                 let key = memory.map_or("MinMemoryNode", |(key, _)| key);
-                let told = Error::Host(format!(
+                let error = Error::Host(format!(
                     "{why}; Slurm holds it, and its merge waits: scontrol update JobId={job} {key}=MIB, then scontrol \
                      release {job}"
                 ));
-                (vec![vec!["requeuehold".into(), job]], told)
+                (vec![vec!["requeuehold".into(), job]], error)
             }
         };
-        // Slurm's signals follow the first order: what is to be known is written before it.
-        match self.sessions.write(&self.record).and_then(|()| orders.iter().try_for_each(|words| order(words))) {
-            Ok(()) => told,
+        // The first command makes Slurm signal this task: the record is written before it.
+        match self.sessions.write(&self.record).and_then(|()| commands.iter().try_for_each(|words| scontrol(words))) {
+            Ok(()) => error,
             Err(e) => Error::Host(format!("{why}; {e}")),
         }
     }
 }
 
-/// Slurm's name for this task alone: the number of an array's last task is the array's, too.
-fn job() -> Option<String> {
+/// Slurm's ID of this task, as ARRAY_INDEX in an array: the last task's SLURM_JOB_ID is also the ID of the whole array.
+fn slurm_job_id() -> Option<String> {
     let array = variable("SLURM_ARRAY_JOB_ID").zip(variable("SLURM_ARRAY_TASK_ID"));
     array.map(|(array, task)| format!("{array}_{task}")).or_else(|| variable("SLURM_JOB_ID"))
 }
 
-/// Has `scontrol` do something. What it orders may end this task, whose processes Slurm then sends SIGTERM: it is not to
-/// hear of that.
-fn order(words: &[String]) -> Result<()> {
-    let deaf = ["-c", "trap '' TERM; exec scontrol \"$@\"", "scontrol"].map(str::to_owned);
-    capture("sh", &[&deaf[..], words].concat()).map(drop)
+/// Runs scontrol. Its command may end this task, and Slurm then sends SIGTERM to all its processes, which scontrol must
+/// survive.
+fn scontrol(words: &[String]) -> Result<()> {
+    let ignoring_sigterm = ["-c", "trap '' TERM; exec scontrol \"$@\"", "scontrol"].map(str::to_owned);
+    capture("sh", &[&ignoring_sigterm[..], words].concat()).map(drop)
 }
 
-/// What a render or a merge ended with.
+/// Exit code of a render or a merge.
 ///
 /// # Errors
-/// [`Error::Bug`] where it was by a signal that nobody sends.
-fn code(status: ExitStatus) -> Result<u8> {
+/// [`Error::Bug`] if an unexpected signal ended it.
+fn exit_code(status: ExitStatus) -> Result<u8> {
     match (status.code(), status.signal()) {
         (Some(code), _) => Ok(code as u8),
-        // Before it listened.
+        // The signal came before the process had its handlers.
         (None, Some(SIGINT | SIGTERM | SIGHUP | SIGUSR1)) => Ok(INTERRUPTED),
         (None, signal) => Err(Error::Bug(format!("ended by signal {}", signal.unwrap_or_default()))),
     }
 }
 
-/// Paths that pictures hold.
+/// Number of paths in all pictures.
 fn paths(pictures: &[PathBuf]) -> u64 {
     let of = |picture: &PathBuf| Earlier::read(picture).ok().flatten().map_or(0, |earlier| earlier.record.stats.paths);
     pictures.iter().map(of).sum()

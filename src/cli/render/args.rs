@@ -1,13 +1,14 @@
 //! The flags of `bismar render`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 
 use super::replay::PixelPath;
-use super::values::{AovList, Crop, LightUnit, balance, blades, finite, not_negative, share};
+use super::values::{AovList, Crop, LightUnit, OnByDefault, balance, blades, finite, not_negative, share};
 use crate::batch::frames::{Frames, numbered};
-use crate::cli::shown::Shown;
+use crate::cli::flag_values::value_of;
+use crate::cli::scene_selection::SceneSelection;
 use crate::console::Size;
 use crate::console::args::{positive, seconds, threads};
 use crate::console::progress::Style;
@@ -15,7 +16,7 @@ use crate::console::tev;
 use crate::farm::PathMapping;
 use crate::film::{Aov, Denoise, Exposure, View};
 use crate::rays::Backend;
-use crate::render::identity::Asked;
+use crate::render::identity::RequestedOutputs;
 use crate::render::lens::{Aperture, Focus, LensSettings};
 use crate::render::{Balance, Guiding, Integrator, Part, PixelFilter, RenderSettings};
 use crate::sampling::frame_seed;
@@ -24,230 +25,240 @@ use crate::{Error, Result};
 
 /// Render a glTF scene to OpenEXR.
 ///
-/// Stops at whichever of --spp, --time and --noise comes first; without any of them at 64 paths a pixel. SIGINT,
-/// SIGTERM, SIGHUP and SIGUSR1 end it early and save what there is (exit code 75; --resume goes on from it); a second
-/// one ends it at once.
+/// The render stops when the first of --spp, --time and --noise is reached; without any of them it takes 64 paths per
+/// pixel. SIGINT, SIGTERM, SIGHUP and SIGUSR1 stop it early and save the picture so far (exit code 75; --resume continues
+/// from it); a second signal ends the process at once.
 #[derive(Debug, Clone, Args)]
 #[command(allow_negative_numbers = true)]
 pub struct RenderArgs {
-    /// The scene, .gltf or .glb.
+    /// The scene file, .gltf or .glb.
     pub scene: PathBuf,
     #[command(flatten)]
-    pub shown: Shown,
-    /// Render these frames, each to a file of its own: 1-240, 1-240x2 (every second one), 7,12,40-44. The names of files hold
-    /// their number as #### or {frame:04}. The same command again does what is missing (docs/animation.md).
+    pub selection: SceneSelection,
+    /// Frames of an animation to render, each to its own file: 1-240, 1-240x2 (every second frame), 7,12,40-44. File names
+    /// hold the frame number as #### or {frame:04}. Running the same command again renders the missing frames
+    /// (docs/animation.md).
     #[arg(long, value_name = "FRAMES", conflicts_with_all = ["pose", "frame", "replay_pixel"], help_heading = "View")]
     pub frames: Option<Frames>,
-    /// Where the picture goes [default: the scene's name with .exr, in the current folder].
+    /// Output picture [default: the scene's name with .exr, in the current folder].
     #[arg(short, long, value_name = "FILE.exr")]
     pub output: Option<PathBuf>,
 
-    /// Camera by name or, counted from 0, by index, or framed: a view that fits all of the scene [default: the first, or
-    /// framed if there is none].
+    /// Camera by name or by index from 0, or framed: a view that fits the whole scene [default: the first camera, or framed
+    /// if the scene has none].
     #[arg(long, value_name = "NAME|INDEX", help_heading = "View")]
     pub camera: Option<String>,
-    /// Picture size in pixels [default: 960 wide, as high as the camera's aspect asks].
+    /// Resolution in pixels [default: 960 wide, with the height from the camera's aspect ratio].
     #[arg(long, value_name = "WxH", help_heading = "View")]
     pub size: Option<Size>,
-    /// Render this window only: pixels from the top left, the last two exclusive. It has the bits of the whole.
+    /// Crop window in pixels from the top left; x1 and y1 are exclusive. Its pixels are bit-identical to those of the full
+    /// render.
     #[arg(long, value_name = "x0,y0,x1,y1", help_heading = "View")]
     pub crop: Option<Crop>,
 
-    /// Give the camera a lens with this opening: an f-stop, as in f/2.8 (of a picture 24 mm high), or a radius in metres. glTF
-    /// has none [default: a pinhole: all is sharp].
+    /// Thin-lens aperture: an f-stop such as f/2.8 (for a sensor 24 mm high) or a radius in metres. glTF cameras have no
+    /// aperture [default: pinhole].
     #[arg(long, value_name = "F-STOP|RADIUS", help_heading = "View")]
     pub aperture: Option<Aperture>,
-    /// What is sharp: a plane so many metres before the camera, or what the middle of the picture shows.
+    /// Focus distance in metres along the camera's axis, or auto: the distance of what the centre of the picture shows.
     #[arg(long, value_name = "DISTANCE|auto", default_value = "auto", requires = "aperture", help_heading = "View")]
     pub focus: Focus,
-    /// Sides of the lens' opening, 3 to 32, or 0 for a round one.
+    /// Number of aperture blades, 3 to 32, or 0 for a circular aperture.
     #[arg(long, value_name = "N", default_value_t = 0, requires = "aperture", value_parser = blades,
         help_heading = "View")]
     pub lens_blades: u32,
 
-    /// Light from infinity: an equirectangular .hdr or .exr.
+    /// Environment map: an equirectangular .hdr or .exr.
     #[arg(long, value_name = "FILE", group = "infinite", help_heading = "Light")]
     pub env: Option<PathBuf>,
-    /// Turn it about +y, in degrees.
+    /// Rotation of the environment map about +y, in degrees.
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true, requires = "env",
         value_parser = finite, help_heading = "Light")]
     pub env_rotate: f32,
-    /// Multiply its radiance, or that of --sky.
+    /// Factor on the radiance of --env or --sky.
     #[arg(long, value_name = "X", default_value_t = 1.0, requires = "infinite", value_parser = not_negative,
         help_heading = "Light")]
     pub env_strength: f32,
-    /// Light from infinity: white from all around.
+    /// Uniform white environment.
     #[arg(long, group = "infinite", conflicts_with = "env", help_heading = "Light")]
     pub sky: bool,
-    /// What the file's point, spot and directional lights are counted in: as lumens they are taken as they are, as watts
-    /// divided by 683 lm/W, as Blender multiplies.
+    /// Unit of the file's point, spot and directional lights: lumen uses their intensities unchanged, watt divides them by
+    /// 683 lm/W, the factor that Blender's exporter multiplies by.
     #[arg(long, value_enum, default_value_t, value_name = "UNIT", help_heading = "Light")]
     pub light_unit: LightUnit,
-    /// No light from infinity at all.
+    /// Render without any environment light.
     #[arg(long, conflicts_with = "infinite", help_heading = "Light")]
     pub no_env: bool,
 
-    /// Light transport.
-    #[arg(long, value_enum, default_value_t = Integrator::Path, help_heading = "Sampling")]
+    /// Compensate the energy that microfacet models with a single scattering lose on rough surfaces, up to 69 % for rough
+    /// metals. Off: the letter of glTF 2.0, appendix B, as Mitsuba's principled BSDF.
+    #[arg(long, value_enum, default_value_t, value_name = "WHEN", help_heading = "Sampling")]
+    pub energy_compensation: OnByDefault,
+    /// Light transport to simulate.
+    #[arg(long, value_parser = value_of::<Integrator>(), default_value = Integrator::Path.name(), help_heading = "Sampling")]
     pub integrator: Integrator,
-    /// Most segments of a path: 1 is emission alone, 2 is direct light.
+    /// Largest number of segments of a path: 1 is emission only, 2 adds direct light.
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..),
         help_heading = "Sampling")]
     pub max_depth: u32,
-    /// Stop at this many paths a pixel.
+    /// Stop at this many paths per pixel.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Sampling")]
     pub spp: Option<u32>,
-    /// Stop this long after the start, loading included, in seconds or as in 90s, 10m, 1.5h; of a resumed render, over
-    /// all its sessions. The first passes are small, so that all of the picture is there early.
+    /// Stop after this wall time, loading included: in seconds, or with a unit as in 90s, 10m, 1.5h. A resumed render counts
+    /// the time of all its sessions. The first passes are small, so that every pixel has paths early.
     #[arg(long, value_name = "SECONDS", value_parser = seconds, help_heading = "Sampling")]
     pub time: Option<f64>,
-    /// Stop where the estimated relative error is at most this, each tile of 16 x 16 pixels by itself: the root of
-    /// mean(variance / (mean^2 + 0.01)).
+    /// Stop sampling each tile of 16 x 16 pixels when its estimated relative error, sqrt(mean(variance / (mean^2 + 0.01))),
+    /// is at most this.
     #[arg(long, value_name = "X", value_parser = positive, help_heading = "Sampling")]
     pub noise: Option<f64>,
-    /// Of --noise: fewest paths a pixel before anything stops [default: 32].
+    /// Paths per pixel before --noise may stop a tile [default: 32].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..), requires = "noise",
         help_heading = "Sampling")]
     pub min_spp: Option<u32>,
-    /// Give tiles of 16 x 16 pixels more paths where a pilot finds them noisy, and fewer elsewhere; --spp is the mean
-    /// (docs/adaptive.md).
+    /// Adaptive sampling: a pre-pass estimates the noise of each tile of 16 x 16 pixels, and noisy tiles get more paths;
+    /// --spp is the mean (docs/adaptive.md).
     #[arg(long, conflicts_with = "noise", help_heading = "Sampling")]
     pub adaptive: bool,
-    /// How light and BSDF sampling share the work.
+    /// Method that sets the share of light samples and BSDF samples in multiple importance sampling (docs/balance.md).
     #[arg(long, value_parser = balance(), default_value = "progressive", help_heading = "Sampling")]
     pub balance: Balance,
-    /// Of --balance second-order: the share of its paths that are its pilot, above 0 and below 1 [default: 0.5].
+    /// For --balance second-order: the pilot's share of all paths, between 0 and 1 [default: 0.5].
     #[arg(long, value_name = "SHARE", value_parser = share, help_heading = "Sampling")]
     pub pilot: Option<f64>,
-    /// Lead paths to where a pilot found light (docs/guiding.md): pays where light comes by few ways to what is seen. auto: if
-    /// the pilot finds that it does.
-    #[arg(long, value_enum, default_value_t, value_name = "WHEN", help_heading = "Sampling")]
+    /// Path guiding: sample directions from the light field that a pre-pass has learned (docs/guiding.md). It helps where
+    /// light reaches the visible surfaces through few paths.
+    #[arg(long, value_parser = value_of::<Guiding>(), default_value = Guiding::default().name(), value_name = "WHEN", help_heading = "Sampling")]
     pub guiding: Guiding,
-    /// Memory that guiding may take [default: 256M].
+    /// Memory limit of the guiding field, such as 256M or 1G [default: 256M].
     #[arg(long, value_name = "SIZE", value_parser = crate::cli::memory::parse_size, help_heading = "Sampling")]
     pub guiding_memory: Option<u64>,
-    /// Limit each contribution of light at first surfaces to this in its brightest channel: takes fireflies away, and light
-    /// with them.
+    /// Clamp direct light: largest radiance, in the brightest channel, of one contribution at the first surface. Removes
+    /// fireflies, but the picture becomes darker than the truth [default: no limit].
     #[arg(long, value_name = "X", value_parser = positive, help_heading = "Sampling")]
     pub clamp_direct: Option<f64>,
-    /// As --clamp-direct, at later surfaces.
+    /// Clamp indirect light: largest radiance, in the brightest channel, of one contribution found after the first surface
+    /// [default: no limit].
     #[arg(long, value_name = "X", value_parser = positive, help_heading = "Sampling")]
     pub clamp_indirect: Option<f64>,
-    /// Pixel filter.
-    #[arg(long, value_enum, default_value_t = PixelFilter::Gaussian, help_heading = "Sampling")]
+    /// Pixel reconstruction filter, applied by importance sampling.
+    #[arg(long, value_parser = value_of::<PixelFilter>(), default_value = PixelFilter::Gaussian.name(), help_heading = "Sampling")]
     pub filter: PixelFilter,
-    /// Seed of every random choice.
+    /// Seed of the random number generator.
     #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Sampling")]
     pub seed: u32,
-    /// Mix the frame's number into the seed, so that noise does not stick to the screen [default: true with --frames, else
-    /// false].
+    /// Vary the seed with the frame number, so that the noise pattern changes from frame to frame [default: true with
+    /// --frames, else false].
     #[arg(long, value_name = "true|false", num_args = 0..=1, default_missing_value = "true", help_heading = "Sampling")]
     pub seed_per_frame: Option<bool>,
 
-    /// Save the picture, with all that is needed to go on, every so many seconds (or as in 10m) and at the end; the
-    /// --preview with it.
+    /// Save a resumable picture at this interval and at the end, together with the --preview: in seconds, or with a unit as
+    /// in 10m.
     #[arg(long, value_name = "SECONDS", value_parser = seconds, help_heading = "Interruption and parts")]
     pub checkpoint: Option<f64>,
-    /// Keep the last N checkpoints beside the picture too, as out.checkpoint-0007.exr.
+    /// Keep copies of the last N checkpoints next to the picture, named as in out.checkpoint-0007.exr.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), requires = "checkpoint",
         help_heading = "Interruption and parts")]
     pub keep: Option<u32>,
-    /// Run this program, with the name of the file, whenever a checkpoint is saved. Rendering goes on meanwhile.
+    /// Program to run after each checkpoint, with the checkpoint's file as its argument. Rendering continues meanwhile.
     #[arg(long, value_name = "PROGRAM", requires = "checkpoint", help_heading = "Interruption and parts")]
     pub on_checkpoint: Option<PathBuf>,
-    /// Go on from what the output file holds. Without such a file begin; with a finished one do nothing. A higher --spp
-    /// goes on from any number of paths; from a multiple of 128 to the bits that it would have had at once.
+    /// Continue from the output file; start from the beginning if it does not exist, do nothing if it is finished. With a
+    /// higher --spp a finished render continues; the result is bit-identical to a single render if it had a multiple of 128
+    /// paths per pixel.
     #[arg(long, help_heading = "Interruption and parts")]
     pub resume: bool,
-    /// Render only part K (1 to N) of the picture's tiles; `bismar merge` puts parts together.
+    /// Render only part K (1 to N) of the picture's tiles; `bismar merge` combines the parts.
     #[arg(long, value_name = "K/N", conflicts_with = "time", help_heading = "Interruption and parts")]
     pub part: Option<Part>,
 
-    /// What traces rays.
-    #[arg(long, value_enum, default_value_t = Backend::Embree, help_heading = "Machine")]
+    /// Ray tracing library.
+    #[arg(long, value_parser = value_of::<Backend>(), default_value = Backend::Embree.name(), help_heading = "Machine")]
     pub rays: Backend,
-    /// Threads [default: BISMAR_THREADS, else SLURM_CPUS_PER_TASK, else all].
+    /// Number of threads [default: BISMAR_THREADS, else SLURM_CPUS_PER_TASK, else all cores].
     #[arg(long, value_name = "N", value_parser = threads, help_heading = "Machine")]
     pub threads: Option<usize>,
-    /// Refuse what needs more memory, as in 900M or 6G [default: what Slurm allows, else what there is].
+    /// Memory limit, such as 900M or 6G: a render that needs more is refused [default: Slurm's limit, else the machine's
+    /// memory].
     #[arg(long, value_name = "SIZE", value_parser = crate::cli::memory::parse_size, help_heading = "Machine")]
     pub memory_limit: Option<u64>,
 
-    /// Outputs beside the beauty: any of albedo, normal, depth, direct, indirect, variance, samples, balance, object,
-    /// material, position, uv, emission, guide-albedo, guide-normal (as albedo and normal, but seen in mirrors: for
-    /// denoisers), lights (the beauty by what gave the light), velocity (pixels a frame), crypto-object, crypto-material, separated by commas; or
-    /// all, or none.
+    /// AOVs to write in addition to the beauty, separated by commas, or all, or none: albedo, normal, depth, direct,
+    /// indirect, variance, samples, balance, object, material, position, uv, emission, guide-albedo and guide-normal
+    /// (followed through mirrors, for denoisers), lights (the beauty by type of light source), velocity (pixels per frame),
+    /// crypto-object, crypto-material.
     #[arg(long, value_name = "LIST", default_value = "variance,samples,balance", help_heading = "Output")]
     aov: AovList,
-    /// Colours and normals in 16-bit floats: a file of half the size, and what compositors work with.
+    /// Write colours and normals as 16-bit floats, which halves the file size.
     #[arg(long, help_heading = "Output")]
     pub half: bool,
-    /// Leave the sky out of picture and PNG where the camera sees it: alpha says what is there. It gives light all the
-    /// same.
+    /// Hide the environment from the camera and write alpha. The environment still lights the scene.
     #[arg(long, help_heading = "Output")]
     pub transparent: bool,
-    /// Add a layer `denoised` to the picture, and show that in the PNG. The beauty stays as it is.
-    #[arg(long, value_enum, conflicts_with = "part", help_heading = "Output")]
+    /// Add a denoised layer `denoised`, and show it in the PNG. The beauty stays unchanged.
+    #[arg(long, value_parser = value_of::<Denoise>(), conflicts_with = "part", help_heading = "Output")]
     pub denoise: Option<Denoise>,
-    /// Write a PNG too.
+    /// Also write a PNG.
     #[arg(long, value_name = "FILE.png", help_heading = "Output")]
     pub preview: Option<PathBuf>,
-    /// Show the picture in tev while it is rendered; alone it means 127.0.0.1:14158.
+    /// Show the picture in the viewer tev while it renders; without an address at 127.0.0.1:14158.
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = tev::DEFAULT, help_heading = "Output")]
     pub tev: Option<tev::Address>,
-    /// The PNG's view transform.
-    #[arg(long, value_enum, default_value_t = View::Agx, help_heading = "Output")]
+    /// View transform of the PNG.
+    #[arg(long, value_parser = value_of::<View>(), default_value = View::Agx.name(), help_heading = "Output")]
     pub view: View,
-    /// The PNG's exposure in stops, or auto: the log-mean of what is not dark becomes middle grey. It is printed, and
-    /// stands in the header (bismar.exposure): give it to the other pictures of a sequence.
+    /// Exposure of the PNG in stops, or auto: the log-mean of all pixels that are not dark becomes middle grey. The value is
+    /// printed and stored in the EXR header (bismar.exposure), so that other pictures of a sequence can use it.
     #[arg(long, value_name = "EV", default_value_t = Exposure::Auto, allow_negative_numbers = true,
         help_heading = "Output")]
     pub exposure: Exposure,
-    /// Write times and counts as JSON (docs/stats.md).
+    /// Write timings and counters as JSON (docs/stats.md).
     #[arg(long, value_name = "FILE.json", help_heading = "Output")]
     pub stats: Option<PathBuf>,
-    /// Where this command's paths lie on this machine: rules of Open Job Description (pathmapping-1.0).
+    /// Path mapping rules of Open Job Description (pathmapping-1.0), applied to all paths of this command.
     #[arg(long, value_name = "FILE.json", help_heading = "Interruption and parts")]
     pub path_mapping: Option<PathBuf>,
-    /// Write no picture: print what happens on the paths of one pixel (from the top left), or on its path N alone.
+    /// Print every event on the paths of one pixel (counted from the top left), or on its path N only; no picture is
+    /// written.
     #[arg(long, value_name = "X,Y[,N]", conflicts_with_all = ["resume", "checkpoint", "part"],
         help_heading = "Output")]
     pub replay_pixel: Option<PixelPath>,
-    /// How progress is shown.
+    /// Progress display.
     #[arg(long, value_enum, default_value_t = Style::Auto, help_heading = "Output")]
     pub progress: Style,
-    /// Refuse a scene that cannot be shown exactly as its file asks.
+    /// Refuse a scene with features that can only be approximated or ignored.
     #[arg(long, help_heading = "Output")]
     pub strict: bool,
-    /// Leave signals to the parent process, which tells of them by standard input.
-    #[arg(long, hide = true)]
-    pub led: bool,
+    /// Ignore signals; the parent process announces them on standard input.
+    #[arg(long = "led", hide = true)]
+    pub signals_from_parent: bool,
 }
 
 impl RenderArgs {
-    /// Is a moment of the animations shown?
+    /// Whether the scene is shown at a time of its animations.
     fn is_posed(&self) -> bool {
-        self.frames.is_some() || self.shown.is_posed()
+        self.frames.is_some() || self.selection.is_posed()
     }
 
-    /// Does it ask for the view that fits all of the scene?
+    /// Whether the camera is the view that fits the whole scene.
     pub fn is_framed(&self) -> bool {
         self.camera.as_deref() == Some(Framing::NAME)
     }
 
-    /// What tells a scene apart that is made of the same files otherwise than by default; empty for the default.
-    pub fn choices(&self) -> String {
+    /// Text that distinguishes scenes imported differently from the same files; empty for the default import.
+    pub fn import_choices(&self) -> String {
         let unit = if self.light_unit == LightUnit::Watt { ", lights in watts" } else { "" };
+        let energy = if self.energy_compensation == OnByDefault::Off { ", no energy compensation" } else { "" };
         let velocities = if self.has_velocities() { ", velocities" } else { "" };
-        format!("{}{unit}{velocities}", self.shown.name())
+        format!("{}{unit}{energy}{velocities}", self.selection.name())
     }
 
-    /// Does it ask how things move in the picture?
+    /// Whether the velocity AOV is written.
     pub fn has_velocities(&self) -> bool {
         self.aovs().contains(&Aov::Velocity)
     }
 
-    /// Where the picture goes.
+    /// Path of the picture.
     pub fn output(&self) -> PathBuf {
         self.output.clone().unwrap_or_else(|| {
             let mut name = self.scene.file_stem().unwrap_or("bismar".as_ref()).to_owned();
@@ -256,8 +267,8 @@ impl RenderArgs {
         })
     }
 
-    /// What is written beside the beauty, in its order. A pilot's light is weighed again when its sources are forgotten: all
-    /// is then all but `lights`. Without a moment nothing has a velocity.
+    /// AOVs to write, in the order of [`Aov`]. A method that needs a goal reweights its pilot's light after the light
+    /// sources are forgotten, so `lights` is left out; `velocity` needs a time.
     pub fn aovs(&self) -> Vec<Aov> {
         let mut aovs = self.aov.0.clone();
         aovs.sort();
@@ -267,26 +278,24 @@ impl RenderArgs {
         aovs
     }
 
-    /// Names of what is written beside the beauty, in their order.
+    /// Names of [`Self::aovs`], separated by commas.
     pub fn aov_names(&self) -> String {
-        let aovs = self.aovs();
-        let names = aovs.iter().filter_map(|a| a.to_possible_value());
-        names.map(|v| v.get_name().to_owned()).collect::<Vec<_>>().join(",")
+        self.aovs().into_iter().map(Aov::name).collect::<Vec<_>>().join(",")
     }
 
-    /// The stop rule by samples: 64 when there is no other rule.
+    /// Paths per pixel at which to stop: 64 if there is no other stop rule.
     pub fn spp(&self) -> Option<u32> {
         let unlimited = self.spp.is_none() && self.time.is_none() && self.noise.is_none();
         if unlimited { RenderSettings::default().spp } else { self.spp }
     }
 
-    /// What tells its file from others' before a scene is loaded.
-    pub fn asked(&self) -> Asked {
+    /// The part of the output's identity that is known before the scene is loaded.
+    pub fn requested(&self) -> RequestedOutputs {
         let (camera, size) = (self.camera.clone(), self.size.map(|s| [s.0, s.1]));
-        Asked { camera, size, aovs: self.aov_names(), half: self.half, denoised: self.denoise.is_some() }
+        RequestedOutputs { camera, size, aovs: self.aov_names(), half: self.half, denoised: self.denoise.is_some() }
     }
 
-    /// What it asks for, but for camera, width and height: they are the scene's to say.
+    /// Render settings, except camera, width and height, which depend on the scene.
     pub fn settings(&self) -> RenderSettings {
         RenderSettings {
             crop: self.crop.map(|c| c.0),
@@ -301,7 +310,7 @@ impl RenderArgs {
             pilot: self.pilot,
             guiding: self.guiding,
             guiding_memory: self.guiding_memory,
-            seed: match (self.seed_per_frame, self.shown.frame()) {
+            seed: match (self.seed_per_frame, self.selection.frame()) {
                 (Some(true), Some(frame)) => frame_seed(self.seed, frame),
                 _ => self.seed,
             },
@@ -317,10 +326,10 @@ impl RenderArgs {
         }
     }
 
-    /// With its paths as they are on this machine.
+    /// The same command with `--path-mapping` applied to its paths.
     ///
     /// # Errors
-    /// As [`PathMapping::read`].
+    /// Those of [`PathMapping::read`].
     pub fn on_this_machine(&self) -> Result<Self> {
         let mut args = self.clone();
         if let Some(file) = &self.path_mapping {
@@ -332,71 +341,87 @@ impl RenderArgs {
         Ok(args)
     }
 
-    /// Of a sequence: as one frame is rendered.
+    /// The command of one frame of a sequence.
     ///
     /// # Errors
-    /// [`Error::Usage`] for an output without a place for its number.
+    /// [`Error::Usage`] if the output's name has no placeholder for the frame number.
     pub fn of_frame(&self, frame: u32) -> Result<Self> {
         let mut args = Self { frames: None, seed_per_frame: Some(self.seed_per_frame.unwrap_or(true)), ..self.clone() };
-        args.shown.set_frame(frame);
+        args.selection.set_frame(frame);
         let output = self.output();
-        args.output = Some(
-            numbered(&output, frame)
-                .ok_or_else(|| Error::Usage(format!("{}: has no place for a frame's number", output.display())))?,
-        );
+        args.output = Some(numbered(&output, frame).ok_or_else(|| {
+            Error::Usage(format!(
+                "{}: no placeholder for the frame number; write #### or {{frame:04}}",
+                output.display()
+            ))
+        })?);
         for path in [&mut args.preview, &mut args.stats].into_iter().flatten() {
             *path = numbered(path, frame).unwrap_or_else(|| path.clone());
         }
         Ok(args)
     }
 
-    /// What clap cannot check.
+    /// Checks the rules that clap cannot express.
     ///
     /// # Errors
     /// [`Error::Usage`].
     pub fn check(&self) -> Result<()> {
-        if self.balance.method().needs_goal() && self.spp.is_none() {
-            return Err(Error::Usage(
-                "--balance second-order needs --spp: the paper's pilot is a share of all samples, so their number must \
-                 be known beforehand"
-                    .into(),
-            ));
-        }
-        if self.pilot.is_some() && !self.balance.method().needs_goal() {
-            return Err(Error::Usage(format!(
-                "--pilot belongs to --balance second-order; {} has a pilot of its own or none",
-                self.balance.name()
-            )));
-        }
-        if self.seed_per_frame == Some(true) && self.frames.is_none() && self.shown.frame().is_none() {
+        self.check_balance()?;
+        if self.seed_per_frame == Some(true) && self.frames.is_none() && self.selection.frame().is_none() {
             return Err(Error::Usage("--seed-per-frame needs a frame: --frames or --frame".into()));
         }
-        let all = self.aov.0.len() == Aov::value_variants().len();
-        let velocity = !all && self.aov.0.contains(&Aov::Velocity);
-        self.shown.check(self.is_posed(), velocity, self.rays)?;
-        if !all && self.balance.method().needs_goal() && self.aov.0.contains(&Aov::Lights) {
+        let velocity = !self.has_all_aovs() && self.aov.0.contains(&Aov::Velocity);
+        self.selection.check(self.is_posed(), velocity, self.rays)?;
+        check_extension("-o", self.output.as_deref(), "exr")?;
+        check_extension("--preview", self.preview.as_deref(), "png")
+    }
+
+    /// Whether `--aov all` was given, which leaves out what cannot be written.
+    fn has_all_aovs(&self) -> bool {
+        self.aov.0.len() == Aov::ALL.len()
+    }
+
+    fn check_balance(&self) -> Result<()> {
+        let name = self.balance.name();
+        if !self.balance.method().needs_goal() {
+            if self.pilot.is_none() {
+                return Ok(());
+            }
+            let with_pilot: Vec<_> =
+                Balance::all().iter().filter(|b| b.method().needs_goal()).map(|b| b.name()).collect();
             return Err(Error::Usage(format!(
-                "--aov lights: --balance {} weighs a pilot's light again when where it came from is forgotten; take another \
-                 balance",
-                self.balance.name()
+                "--pilot needs --balance {}; {name} has no pilot whose size can be set",
+                with_pilot.join(" or ")
             )));
         }
-        for (flag, path, extension) in [("-o", &self.output, "exr"), ("--preview", &self.preview, "png")] {
-            let Some(path) = path else { continue };
-            let named = path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
-            // A device has no extension, and is welcome for measuring.
-            if !named && !path.starts_with("/dev") {
-                let instead = match (flag, path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"))) {
-                    ("-o", true) => {
-                        let exr = path.with_extension("exr");
-                        format!(": -o {} --preview {} writes both", exr.display(), path.display())
-                    }
-                    _ => String::new(),
-                };
-                let why = format!("{flag} {}: the name must end in .{extension}{instead}", path.display());
-                return Err(Error::Usage(why));
-            }
+        if self.spp.is_none() {
+            return Err(Error::Usage(format!(
+                "--balance {name} needs --spp: its pilot is a share of all samples, so their number must be known in advance"
+            )));
+        }
+        if !self.has_all_aovs() && self.aov.0.contains(&Aov::Lights) {
+            return Err(Error::Usage(format!(
+                "--aov lights: --balance {name} reweights its pilot's light after the light sources are forgotten; choose \
+                 another --balance"
+            )));
         }
         Ok(())
     }
+}
+
+/// Fails for a path without this extension. Devices have none and are allowed, for benchmarks.
+fn check_extension(flag: &str, path: Option<&Path>, extension: &str) -> Result<()> {
+    let Some(path) = path else { return Ok(()) };
+    let has = |extension: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
+    if has(extension) || path.starts_with("/dev") {
+        return Ok(());
+    }
+    let hint = match (flag, has("png")) {
+        ("-o", true) => {
+            let exr = path.with_extension("exr");
+            format!(": -o {} --preview {} writes both", exr.display(), path.display())
+        }
+        _ => String::new(),
+    };
+    Err(Error::Usage(format!("{flag} {}: the name must end in .{extension}{hint}", path.display())))
 }

@@ -1,14 +1,14 @@
-//! Which camera, how large a picture, which part of it.
+//! Camera, resolution and crop window of a command, which depend on the scene.
 
-use super::RenderArgs;
+use super::args::RenderArgs;
 use crate::render::{RenderSettings, fresh_tiles};
 use crate::scene::{Camera, Framing, Projection, Scene, choose};
 use crate::{Error, Result};
 
-/// What a command asks for, with what the scene has to say.
+/// Render settings of a command, completed by the scene.
 ///
 /// # Errors
-/// [`Error::Usage`] for a camera that is not there, a window outside of the picture, more parts than tiles.
+/// [`Error::Usage`] for an unknown camera, a crop window outside of the picture, more parts than tiles.
 pub fn settings(args: &RenderArgs, scene: &Scene) -> Result<RenderSettings> {
     let camera = camera(&scene.cameras, args.camera.as_deref())?;
     let (width, height) = args.size.map_or_else(|| size(&scene.cameras[camera]), |s| (s.0, s.1));
@@ -22,20 +22,20 @@ pub fn settings(args: &RenderArgs, scene: &Scene) -> Result<RenderSettings> {
     Ok(settings)
 }
 
-/// Index of the camera that `--camera` means: by name, else by index, else the first.
+/// Index of the camera that `--camera` selects: by name, else by index; without `--camera` the first.
 ///
 /// # Errors
-/// [`Error::Usage`] with the cameras that there are.
+/// [`Error::Usage`], which lists the cameras.
 pub fn camera(cameras: &[Camera], wanted: Option<&str>) -> Result<usize> {
     match wanted {
         Some(wanted) => choose("camera", wanted, &cameras.iter().map(|c| c.name.clone()).collect::<Vec<_>>())
-            .map_err(|error| Error::Usage(format!("{error}\n  or {}, which shows all of the scene", Framing::NAME))),
+            .map_err(|error| Error::Usage(format!("{error}\n  or {}, which shows the whole scene", Framing::NAME))),
         None if cameras.is_empty() => Err(Error::Bug("a scene without a camera".into())),
         None => Ok(0),
     }
 }
 
-/// The default size: 960 wide, by the camera's aspect, or 16:9.
+/// Default resolution in pixels: 960 wide, with the camera's aspect ratio or 16:9.
 pub fn size(camera: &Camera) -> (u32, u32) {
     const WIDTH: u32 = 960;
     let aspect = camera.aspect.or(match camera.projection {
@@ -51,14 +51,8 @@ mod tests {
     use super::*;
 
     fn cameras(names: &[&str]) -> Vec<Camera> {
-        let camera = |name: &&str| Camera {
-            motion: None,
-            adjacent_frames: None,
-            name: name.to_string(),
-            projection: Projection::Perspective { yfov: 1.0 },
-            aspect: None,
-            to_world: glam::Affine3A::IDENTITY,
-        };
+        let camera =
+            |name: &&str| Camera { name: name.to_string(), ..Camera::look_at(glam::Vec3::Z, glam::Vec3::ZERO, 1.0) };
         names.iter().map(camera).collect()
     }
 

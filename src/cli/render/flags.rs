@@ -1,4 +1,4 @@
-//! What a command line says, as flags that other processes are told.
+//! The flags given on a command line, to pass on to other processes.
 
 use clap::parser::ValueSource;
 use clap::{ArgAction, ArgMatches, Command};
@@ -6,7 +6,7 @@ use clap::{ArgAction, ArgMatches, Command};
 use crate::Result;
 use crate::farm::utf8;
 
-/// Flags of `command` that stand on the command line, without dashes; `None` for switches.
+/// Flags of `command` that were given explicitly, without dashes, with their values; `None` for switches.
 ///
 /// # Errors
 /// [`Error::Usage`](crate::Error::Usage) for values that are not UTF-8.

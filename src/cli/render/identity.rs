@@ -1,25 +1,25 @@
-//! The contents that a command names, hashed without loading the scene.
+//! The input files of a command, opened and hashed without loading the scene.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
+use super::args::RenderArgs;
 use crate::console::Paths;
+use crate::render::identity::{EnvironmentSource, scene_text};
 use crate::render::{Identity, RenderSettings};
 use crate::scene::import::{EnvironmentFile, SceneFiles, Survey};
 use crate::{Error, Result};
 
-use super::RenderArgs;
-
-/// The contents that a command names, opened once.
+/// The input files of a command, opened once.
 #[derive(Debug)]
 pub struct Inputs {
     /// The scene's files.
     pub scene: Survey,
-    /// Of the environment: what tells it from others, and its bytes in memory.
+    /// Text that identifies the environment, and its decoded size in bytes.
     pub environment: (String, u64),
-    /// What opening, hashing and measuring took.
+    /// Wall seconds of opening and hashing.
     pub read_seconds: f64,
-    /// The files themselves, until the last scene is made of them.
+    /// The open files, until the last scene has been made of them.
     files: Mutex<Option<Files>>,
 }
 
@@ -31,22 +31,21 @@ pub struct Files {
 }
 
 impl Inputs {
-    /// Reads and hashes them.
+    /// Opens and hashes the files.
     ///
     /// # Errors
-    /// As [`SceneFiles::open`] and [`EnvironmentFile::open`].
+    /// Those of [`SceneFiles::open`] and [`EnvironmentFile::open`].
     pub fn read(args: &RenderArgs) -> Result<Self> {
         let start = Instant::now();
         let environment_file = args.env.as_deref().map(EnvironmentFile::open).transpose()?;
-        let environment = match &environment_file {
-            Some(file) => {
-                let name = format!("{} turned {} times {}", file.hash(), args.env_rotate, args.env_strength);
-                (name, file.memory_bytes())
-            }
-            None if args.no_env => ("none".into(), 0),
-            None if args.sky => (format!("white times {}", args.env_strength), 0),
-            None => ("the scene's own".into(), 0),
+        let (degrees, strength) = (args.env_rotate, args.env_strength);
+        let source = match &environment_file {
+            Some(file) => EnvironmentSource::File { hash: file.hash(), degrees, strength },
+            None if args.no_env => EnvironmentSource::Off,
+            None if args.sky => EnvironmentSource::White { strength },
+            None => EnvironmentSource::Scene,
         };
+        let environment = (source.text(), environment_file.as_ref().map_or(0, |file| file.memory_bytes()));
         let scene_files = SceneFiles::open(&args.scene)?;
         let scene = scene_files.survey();
         let (scene_files, environment_file) = (Arc::new(scene_files), environment_file.map(Arc::new));
@@ -54,28 +53,28 @@ impl Inputs {
         Ok(Self { scene, environment, read_seconds: start.elapsed().as_secs_f64(), files })
     }
 
-    /// Adds the files that the scene names to a run's.
+    /// Declares the files that the scene names, such as buffers and images.
     ///
     /// # Errors
-    /// As [`Paths::reads`].
+    /// Those of [`Paths::reads`].
     pub fn declare(&self, paths: &mut Paths) -> Result<()> {
         self.scene.files.iter().try_for_each(|file| paths.reads("the scene's", file))
     }
 
-    /// The files, for one of several scenes that are made of them.
+    /// The files, for a scene that is not the last one made of them.
     ///
     /// # Errors
-    /// As [`Inputs::take`].
+    /// Those of [`Inputs::take`].
     pub fn lend(&self, args: &RenderArgs) -> Result<Files> {
         let files = self.take(args)?;
         *self.files.lock().unwrap_or_else(PoisonError::into_inner) = Some(files.clone());
         Ok(files)
     }
 
-    /// Hands the files over. Opens them again when an earlier job of a batch had them and failed.
+    /// The files, for the last scene made of them. Opens them again if an earlier job of a batch took them and failed.
     ///
     /// # Errors
-    /// As [`Inputs::read`]; [`Error::Data`] if they are others by now.
+    /// Those of [`Inputs::read`]; [`Error::Data`] if the files have changed.
     pub fn take(&self, args: &RenderArgs) -> Result<Files> {
         let take = |inputs: &Self| inputs.files.lock().unwrap_or_else(PoisonError::into_inner).take();
         if let Some(files) = take(self) {
@@ -85,15 +84,13 @@ impl Inputs {
         take(&again)
             .filter(|_| (&again.scene.hash, &again.environment.0) == (&self.scene.hash, &self.environment.0))
             .ok_or_else(|| {
-                Error::Data(format!(
-                    "{}: has changed while it was waited for; run the command again",
-                    args.scene.display()
-                ))
+                Error::Data(format!("{}: has changed since the command began; run it again", args.scene.display()))
             })
     }
 
-    /// What a render of these settings is made of.
+    /// Identity of a render with these settings: what its pixels depend on.
     pub fn identity(&self, args: &RenderArgs, settings: &RenderSettings) -> Identity {
-        Identity::new(&format!("{}{}", self.scene.hash, args.choices()), &self.environment.0, args.rays, settings)
+        let scene = scene_text(&self.scene.hash, &args.import_choices());
+        Identity::new(&scene, &self.environment.0, args.rays, settings)
     }
 }

@@ -1,43 +1,43 @@
-//! What a command renders, in memory: its scene, and what rays are traced by.
+//! The scene of a command in memory, with its acceleration structure.
 
 use std::sync::Arc;
 use std::time::Instant;
 
 use tracing::{debug, info};
 
+use super::args::RenderArgs;
 use super::identity::{Files, Inputs};
-use super::{RenderArgs, make_scene};
+use super::scene::make_scene;
 use crate::cli::memory;
 use crate::integrator::PreparedScene;
 use crate::light::AreaLights;
 use crate::scene::{Deformation, Scene};
 use crate::{Result, rays};
 
-/// A scene that is ready to be rendered.
+/// A scene that is ready to render.
 pub struct Loaded {
     pub prepared: PreparedScene<'static>,
     pub read_seconds: f64,
     pub build_seconds: f64,
 }
 
-/// Is handed the share of a build that is done and its seconds so far; says whether to go on.
+/// Progress of a build: receives the fraction done, in [0, 1], and the wall seconds so far; false stops the build.
 pub type Building<'a> = &'a (dyn Fn(f64, f64) -> bool + Sync);
 
 impl Loaded {
-    /// Makes a command's scene and environment of the opened files, lets go of those, and builds the acceleration
-    /// structure.
+    /// Imports scene and environment, closes their files, and builds the acceleration structure.
     ///
     /// # Errors
-    /// As the import and the ray queries have them; [`Error::Interrupted`] if `building` says so.
+    /// Those of the import and of the build; [`Error::Interrupted`](crate::Error::Interrupted) if `building` returns false.
     pub fn load(args: &RenderArgs, inputs: &Inputs, building: Building) -> Result<Self> {
         Self::load_files(args, inputs, inputs.take(args)?, None, building)
     }
 
-    /// As [`Self::load`], of files of which `more` will be made; `previous` is what was made of them before, of which it takes
-    /// what has not changed.
+    /// Loads one of several scenes made of the same files. `more`: others will follow. `previous`: the one before, whose
+    /// unchanged parts are reused.
     ///
     /// # Errors
-    /// As [`Self::load`].
+    /// Those of [`Self::load`].
     pub fn load_next(
         args: &RenderArgs,
         inputs: &Inputs,
@@ -60,9 +60,9 @@ impl Loaded {
         let scene = Arc::new(make_scene(args, files)?);
         let read_seconds = inputs.read_seconds + start.elapsed().as_secs_f64();
         info!("read {} in {read_seconds:.2} s", args.scene.display());
-        check_placed(args, inputs, &scene)?;
+        check_instances_memory(args, inputs, &scene)?;
         debug!(
-            "{} objects in {} places, {} triangles kept, {} materials, {} textures, {} punctual lights, {} cameras",
+            "{} objects, {} instances, {} triangles in memory, {} materials, {} textures, {} punctual lights, {} cameras",
             scene.objects.len(),
             scene.instances.len(),
             scene.meshes.iter().map(|mesh| mesh.indices.len()).sum::<usize>(),
@@ -75,7 +75,7 @@ impl Loaded {
         if let Some(previous) = &previous
             && let Some(rays) = previous.prepared.rays_of(&scene)
         {
-            debug!("no surface has moved: rays are traced as before");
+            debug!("no geometry has moved: the acceleration structure is reused");
             let prepared = PreparedScene::after(scene, rays, Some(&previous.prepared));
             return Ok(Self { prepared, read_seconds, build_seconds: built.elapsed().as_secs_f64() });
         }
@@ -90,14 +90,15 @@ impl Loaded {
     }
 }
 
-/// Bytes of an instance: in the scene, as rays and shading keep it, and while it is placed.
-const INSTANCE: u64 = 1024;
+/// Bytes per instance: in the scene, in the ray queries and in shading.
+const INSTANCE_BYTES: u64 = 1024;
 
-/// Fails if there is not enough memory for what the scene places, which its files do not say beforehand.
-fn check_placed(args: &RenderArgs, inputs: &Inputs, scene: &Scene) -> Result<()> {
+/// Fails if instances, area lights and motion need more memory than allowed. The files' headers do not tell these sizes
+/// before the import.
+fn check_instances_memory(args: &RenderArgs, inputs: &Inputs, scene: &Scene) -> Result<()> {
     let (lights, instances) = (AreaLights::count(scene), scene.instances.len() as u64);
     let moving: usize = scene.meshes.iter().filter_map(|mesh| mesh.motion.as_ref()).map(Deformation::bytes).sum();
-    let placed = lights * AreaLights::BYTES_EACH + instances * INSTANCE + moving as u64;
+    let placed = lights * AreaLights::BYTES_EACH + instances * INSTANCE_BYTES + moving as u64;
     let what = format!("{} with {instances} instances and {lights} emissive triangles in them", args.scene.display());
     let files = inputs.scene.geometry_bytes + inputs.scene.image_bytes;
     let bytes = memory::at_rest(rayon::current_num_threads()) + files + placed;

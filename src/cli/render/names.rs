@@ -1,4 +1,4 @@
-//! What the numbers and hashes of objects and materials in a picture stand for.
+//! Names behind the IDs and Cryptomatte hashes of objects and materials.
 
 use crate::Result;
 use crate::film::aov::{MATERIALS, OBJECTS};
@@ -7,10 +7,10 @@ use crate::film::{Aov, cryptomatte};
 use crate::render::checkpoint;
 use crate::scene::Scene;
 
-/// Header attributes that say so, for these AOVs.
+/// Header attributes with the names that these AOVs refer to.
 ///
 /// # Errors
-/// [`Error::Bug`](crate::Error::Bug) if JSON cannot say it.
+/// [`Error::Bug`](crate::Error::Bug) if the names cannot be written as JSON.
 pub fn names(scene: &Scene, aovs: &[Aov]) -> Result<Header> {
     let objects = || scene.instances.iter().map(|instance| instance.name.as_str());
     let materials = || scene.materials.iter().map(|material| material.name.as_str());

@@ -2,14 +2,16 @@
 
 use std::str::FromStr;
 
+use super::args::RenderArgs;
 use super::choose::settings;
-use super::{Inputs, Loaded, RenderArgs};
+use super::identity::Inputs;
+use super::loaded::Loaded;
 use crate::console::{Verdict, print};
-use crate::render::allocation::MOST;
+use crate::render::allocation::MAX_PATHS_OVER_MEAN;
 use crate::render::{RenderSettings, replay};
 use crate::{Error, Result};
 
-/// `X,Y[,N]`: a pixel of the whole picture, and one of its paths.
+/// `X,Y[,N]`: a pixel of the full picture from the top left, and the index of one of its paths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PixelPath {
     pixel: [u32; 2],
@@ -24,17 +26,20 @@ impl FromStr for PixelPath {
         match numbers.as_deref() {
             Some(&[x, y]) => Ok(PixelPath { pixel: [x, y], path: None }),
             Some(&[x, y, n]) => Ok(PixelPath { pixel: [x, y], path: Some(n) }),
-            _ => Err("not X,Y or X,Y,N: a pixel from the top left, and the number of a path, as in 17,4,3".into()),
+            _ => Err("not X,Y or X,Y,N: a pixel from the top left and the index of a path, as in 17,4,3".into()),
         }
     }
 }
 
-/// Prints the paths; writes no picture.
-pub fn run(args: &RenderArgs, place: PixelPath) -> Result<Verdict> {
+/// Prints the paths of a pixel.
+///
+/// # Errors
+/// [`Error::Usage`] for a pixel or path outside of the picture; those of loading the scene.
+pub fn run(args: &RenderArgs, pixel_path: PixelPath) -> Result<Verdict> {
     let inputs = Inputs::read(args)?;
     let loaded = Loaded::load(args, &inputs, &|_, _| true)?;
     let settings: RenderSettings = settings(args, &loaded.prepared.scene)?;
-    let PixelPath { pixel: [x, y], path } = place;
+    let PixelPath { pixel: [x, y], path } = pixel_path;
     if x >= settings.width || y >= settings.height {
         return Err(Error::Usage(format!(
             "--replay-pixel {x},{y} is not inside the picture of {}x{} pixels",
@@ -42,9 +47,9 @@ pub fn run(args: &RenderArgs, place: PixelPath) -> Result<Verdict> {
         )));
     }
     let Some(spp) = settings.spp else {
-        return Err(Error::Usage("--replay-pixel needs --spp: which paths there are follows from it".into()));
+        return Err(Error::Usage("--replay-pixel needs --spp, which sets the number of paths".into()));
     };
-    let paths = if settings.adaptive { spp.saturating_mul(MOST) } else { spp };
+    let paths = if settings.adaptive { spp.saturating_mul(MAX_PATHS_OVER_MEAN) } else { spp };
     if let Some(n) = path.filter(|n| *n >= paths) {
         return Err(Error::Usage(format!(
             "--replay-pixel {x},{y},{n}: with --spp {spp} the last path is {}",
@@ -61,7 +66,7 @@ pub fn run(args: &RenderArgs, place: PixelPath) -> Result<Verdict> {
             text += &format!("\n  {event}");
         }
         printed = print(text);
-    });
+    })?;
     printed.map(|()| Verdict::Done)
 }
 

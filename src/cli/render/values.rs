@@ -1,4 +1,4 @@
-//! What the flags of `bismar render` take, read from text.
+//! Value parsers of the flags of `bismar render`.
 
 use std::str::FromStr;
 
@@ -19,7 +19,7 @@ pub fn not_negative(text: &str) -> Parsed<f32> {
     finite(text).ok().filter(|x| *x >= 0.0).ok_or("not a number of 0 or more".into())
 }
 
-/// A method of the balance by its name.
+/// Parser of `--balance`, with all methods as possible values.
 pub fn balance() -> impl TypedValueParser<Value = Balance> {
     let names = Balance::all().iter().map(|b| PossibleValue::new(b.name()).help(b.method().about()));
     PossibleValuesParser::new(names).map(|name| Balance::named(&name).expect("one of them"))
@@ -33,19 +33,27 @@ pub fn share(text: &str) -> Parsed<f64> {
     text.parse().ok().filter(|x: &f64| *x > 0.0 && *x < 1.0).ok_or("not a number above 0 and below 1".into())
 }
 
-/// What punctual lights are counted in.
+/// A switch that is on by default.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum OnByDefault {
+    #[default]
+    On,
+    Off,
+}
+
+/// Unit of the file's punctual lights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum LightUnit {
-    /// Candela and lux, as KHR_lights_punctual says.
+    /// Candela and lux, as KHR_lights_punctual defines
     #[default]
     Lumen,
-    /// Watts a steradian or square metre, times 683 lm/W.
+    /// W/sr and W/m^2, multiplied by 683 lm/W as Blender's exporter does
     Watt,
 }
 
 impl LightUnit {
-    /// What intensities are multiplied by.
-    pub fn radiant(self) -> f32 {
+    /// Factor on intensities.
+    pub fn factor(self) -> f32 {
         match self {
             Self::Lumen => 1.0,
             Self::Watt => 1.0 / 683.0,
@@ -53,7 +61,7 @@ impl LightUnit {
     }
 }
 
-/// `x0,y0,x1,y1`.
+/// `x0,y0,x1,y1`: a window in pixels from the top left; x1 and y1 are exclusive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Crop(pub [u32; 4]);
 
@@ -72,10 +80,10 @@ impl FromStr for Crop {
 }
 
 impl Crop {
-    /// The window, if it lies inside a picture of this size.
+    /// The window as an array.
     ///
     /// # Errors
-    /// [`Error::Usage`].
+    /// [`Error::Usage`] if it is not inside a picture of this size.
     pub fn inside(self, width: u32, height: u32) -> Result<[u32; 4]> {
         let [x0, y0, x1, y1] = self.0;
         if x1 > width || y1 > height {
@@ -87,6 +95,7 @@ impl Crop {
     }
 }
 
+/// AOVs separated by commas, or `all`, or `none`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AovList(pub Vec<Aov>);
 
@@ -96,13 +105,13 @@ impl FromStr for AovList {
     fn from_str(text: &str) -> Parsed<Self> {
         match text {
             "none" => Ok(AovList(Vec::new())),
-            "all" => Ok(AovList(Aov::value_variants().to_vec())),
+            "all" => Ok(AovList(Aov::ALL.to_vec())),
             list => {
                 let one = |name: &str| {
-                    Aov::from_str(name.trim(), false).map_err(|_| {
-                        let names = Aov::value_variants().iter().filter_map(Aov::to_possible_value);
-                        let names = names.map(|v| v.get_name().to_owned()).collect::<Vec<_>>().join(", ");
-                        format!("there is no output '{}'; there are {names}, all and none", name.trim())
+                    let name = name.trim();
+                    Aov::ALL.into_iter().find(|aov| aov.name() == name).ok_or_else(|| {
+                        let names = Aov::ALL.map(Aov::name).join(", ");
+                        format!("there is no AOV '{name}'; there are {names}, all and none")
                     })
                 };
                 list.split(',').map(one).collect::<Parsed<_>>().map(AovList)

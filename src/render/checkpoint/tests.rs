@@ -1,5 +1,6 @@
 use super::*;
 use crate::render::Balance;
+use crate::render::tile::Columns;
 
 const BOTH: Columns = Columns { moments: true, aovs: true, extras: true };
 

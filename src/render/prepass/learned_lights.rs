@@ -1,6 +1,6 @@
-//! Whether emissive triangles are to be chosen by what light samples find in each part of the scene, and what they find. A pilot of
-//! a smaller picture of the same view tells: it depends on the scene, the view and the seed alone, so that every part, crop and
-//! session comes to the same.
+//! Learns which emissive triangles light each part of the scene, and decides whether light samples are chosen by that. The
+//! pre-pass renders the same view at low resolution. Its result depends only on the scene, the view and the seed, so that
+//! every part, crop and session learns the same.
 
 use std::f32::consts::SQRT_2;
 use std::time::Instant;
@@ -12,59 +12,66 @@ use super::super::stats::LearnedLightsStats;
 use super::low_resolution::{divisors, in_tiles, low_resolution, relative_variance, thin, tiles};
 use crate::balance::Counts;
 use crate::film::PixelStats;
+use crate::film::compare::sums_without_outliers;
 use crate::integrator::{PixelBatch, PixelTask, PreparedScene, Transport, Wave};
 use crate::light::{AreaLights, LearnedLights, LightSampleRecord};
 use crate::sampling::hash;
 
-/// Pixels of a picture for each of its pilot's, which has neither fewer nor more than this.
-const PIXELS_OF: f64 = 8.0;
-const FEWEST: f64 = 64.0;
-const MOST: f64 = 8192.0;
-/// Paths of each of the pilot's pixels, round by round. The second round judges what the first has taught.
-const ROUNDS: [u32; 3] = [2, 2, 12];
-/// One pixel in so many has no say in that, those that vary most: in a pilot, chance decides them.
-const WORST: usize = 100;
-/// What may then be left of the variance, for the last round and a longer way down the light tree to pay.
-const PAYS: f64 = 0.9;
-/// Attempts that are kept, at most.
-const ATTEMPTS: usize = 1 << 18;
+/// Pixels of the picture per pixel of the pre-pass, and the minimum and maximum pixels of the pre-pass.
+const PIXELS_PER_PREPASS_PIXEL: f64 = 8.0;
+const MIN_PIXELS: f64 = 64.0;
+const MAX_PIXELS: f64 = 8192.0;
+/// Paths per pixel of the pre-pass, round by round. The second round measures the efficiency of what the first has
+/// taught.
+const PATHS_PER_ROUND: [u32; 3] = [2, 2, 12];
+/// Learned lights are used where at most this fraction of the variance remains: the last round and the longer traversal of
+/// the light tree take time.
+const MAX_REMAINING_VARIANCE: f64 = 0.9;
+/// Maximum light-sample records that are kept.
+const MAX_RECORDS: usize = 1 << 18;
 
-/// What a pilot has found.
+/// The result of the pre-pass.
 #[derive(Debug)]
-pub struct Lamps {
-    /// Which lights matter from where, if it pays to know.
+pub struct LearnedLightsResult {
+    /// Which lights matter in which part of the scene; `None` where that would not reduce the variance enough.
     pub lights: Option<LearnedLights>,
-    /// What is to be left of the variance, over that without, by the pilot's first rounds.
-    pub left: f64,
-    /// Wall seconds that it took.
+    /// Variance with learned lights over that without them, as the first rounds estimate it.
+    pub remaining_variance: f64,
+    /// Wall seconds.
     pub seconds: f64,
 }
 
-impl Lamps {
-    /// For people.
+impl LearnedLightsResult {
+    /// Its statistics, for reports.
     pub fn stats(&self) -> LearnedLightsStats {
         let (cells, bytes) = self.lights.as_ref().map_or((0, 0), |lights| (lights.cells(), lights.bytes()));
-        LearnedLightsStats { on: self.lights.is_some(), cells, bytes, left: self.left, seconds: self.seconds }
+        LearnedLightsStats {
+            on: self.lights.is_some(),
+            cells,
+            bytes,
+            remaining_variance: self.remaining_variance,
+            seconds: self.seconds,
+        }
     }
 }
 
-/// Bytes that the pilot of a render with these settings takes, at most.
+/// Maximum bytes that the pre-pass of a render with these settings takes.
 pub fn bytes(settings: &RenderSettings) -> u64 {
-    let vertices = pixels(settings) * f64::from(ROUNDS.iter().sum::<u32>()) * f64::from(settings.max_depth);
+    let vertices = pixels(settings) * f64::from(PATHS_PER_ROUND.iter().sum::<u32>()) * f64::from(settings.max_depth);
     match settings.balance.method().uses_prepasses() {
-        true => LearnedLights::bytes_to_learn((vertices as u64).min(ATTEMPTS as u64)),
+        true => LearnedLights::bytes_to_learn((vertices as u64).min(MAX_RECORDS as u64)),
         false => 0,
     }
 }
 
-/// Pixels of the pilot's picture.
+/// Pixels of the pre-pass.
 fn pixels(settings: &RenderSettings) -> f64 {
-    (f64::from(settings.width) * f64::from(settings.height) / PIXELS_OF).clamp(FEWEST, MOST)
+    (f64::from(settings.width) * f64::from(settings.height) / PIXELS_PER_PREPASS_PIXEL).clamp(MIN_PIXELS, MAX_PIXELS)
 }
 
-/// Learns which lights matter along the paths of `transport`, a render with these settings; `None` where nobody asks or there is
-/// nothing to choose.
-pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Transport) -> Option<Lamps> {
+/// Learns which lights matter along the paths of `transport`, a render with these settings. `None` where the balance method
+/// uses no pre-passes or there is nothing to choose.
+pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Transport) -> Option<LearnedLightsResult> {
     let area = scene.lights.area.as_ref().filter(|area| area.tree().top(3) > 1)?;
     if !settings.balance.method().uses_prepasses() {
         return None;
@@ -76,55 +83,57 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
         |light_sample_records: &[LightSampleRecord]| LearnedLights::learn(area.tree(), light_sample_records, normals);
     let round = |number: usize| {
         let seed = hash(settings.seed ^ hash(0x6c61_6d70 + number as u32));
-        take(&Transport { camera: camera.clone(), seed, ..transport.clone() }, size, ROUNDS[number])
+        trace(&Transport { camera: camera.clone(), seed, ..transport.clone() }, size, PATHS_PER_ROUND[number])
     };
     let (first, second) = (round(0), round(1));
-    let left = learn(&first.light_sample_records).map_or(1.0, |lights| left(area, &lights, &second));
+    let remaining_variance =
+        learn(&first.light_sample_records).map_or(1.0, |lights| relative_variance_with(area, &lights, &second));
     let mut lights = None;
-    if left < PAYS {
+    if remaining_variance < MAX_REMAINING_VARIANCE {
         lights =
             learn(&[first.light_sample_records, second.light_sample_records, round(2).light_sample_records].concat());
     }
-    let found = Lamps { lights, left, seconds: began.elapsed().as_secs_f64() };
-    debug!("learned lights leave {left:.2} of the variance; {:?}", found.stats());
-    Some(found)
+    let result = LearnedLightsResult { lights, remaining_variance, seconds: began.elapsed().as_secs_f64() };
+    debug!("learned lights leave {remaining_variance:.2} of the variance; {:?}", result.stats());
+    Some(result)
 }
 
-/// What a round has found.
+/// What a round has recorded.
 #[derive(Default)]
-struct Taken {
+struct Round {
     light_sample_records: Vec<LightSampleRecord>,
-    /// Of each pixel, the variance of its paths over what relMSE divides it by.
+    /// For each pixel, the variance of a path over the divisor of relMSE.
     variances: Vec<f64>,
 }
 
-fn take(transport: &Transport, size: [u32; 2], paths: u32) -> Taken {
-    let most = ATTEMPTS * paths as usize / ROUNDS.iter().sum::<u32>() as usize / tiles(size).len();
+/// Traces a round.
+fn trace(transport: &Transport, size: [u32; 2], paths: u32) -> Round {
+    let most = MAX_RECORDS * paths as usize / PATHS_PER_ROUND.iter().sum::<u32>() as usize / tiles(size).len();
     let counts = Counts::half(paths);
     let of_tile = |wave: &mut Wave, pixels: Vec<[u32; 2]>| {
         let tasks: Vec<_> = pixels.into_iter().map(|pixel| PixelTask::first(pixel, counts, 0)).collect();
-        let mut taken = Taken::default();
+        let mut round = Round::default();
         for tasks in tasks.chunks((2048 / paths) as usize) {
             let mut stats = vec![PixelStats::default(); tasks.len()];
             let (light_sample_records, divisors) =
                 wave.collect_light_samples(transport, &mut PixelBatch::radiance_only(tasks, &mut stats), &divisors);
             let variances =
                 stats.iter().zip(divisors).map(|(stats, divisor)| relative_variance(stats, divisor)).collect();
-            taken.add(Taken { light_sample_records, variances });
+            round.add(Round { light_sample_records, variances });
         }
-        while thin(&mut taken.light_sample_records, most) {
-            // They stand for those that are left out.
-            taken.light_sample_records.iter_mut().for_each(|light_sample_record| light_sample_record.found *= SQRT_2);
+        while thin(&mut round.light_sample_records, most) {
+            // The records that remain stand for those that are left out.
+            round.light_sample_records.iter_mut().for_each(|light_sample_record| light_sample_record.contribution *= SQRT_2);
         }
-        taken
+        round
     };
-    in_tiles(size, of_tile).into_iter().fold(Taken::default(), |mut all, tile| {
+    in_tiles(size, of_tile).into_iter().fold(Round::default(), |mut all, tile| {
         all.add(tile);
         all
     })
 }
 
-impl Taken {
+impl Round {
     /// Adds more pixels.
     fn add(&mut self, more: Self) {
         let before = self.variances.len() as u32;
@@ -137,12 +146,12 @@ impl Taken {
     }
 }
 
-/// What `lights` leave of the variance that paths had which did not know them: their light samples' second moments would be
-/// others.
-fn left(area: &AreaLights, lights: &LearnedLights, taken: &Taken) -> f64 {
-    let mut pixels: Vec<_> = taken.variances.iter().map(|variance| [*variance; 2]).collect();
+/// Variance with `lights` over that of paths without them: the second moments of light samples are reweighted to the
+/// learned choice.
+fn relative_variance_with(area: &AreaLights, lights: &LearnedLights, round: &Round) -> f64 {
+    let mut pixels: Vec<_> = round.variances.iter().map(|variance| [*variance; 2]).collect();
     for light_sample_record in
-        taken.light_sample_records.iter().filter(|light_sample_record| light_sample_record.found > 0.0)
+        round.light_sample_records.iter().filter(|light_sample_record| light_sample_record.contribution > 0.0)
     {
         let [by_tree, mixed] = area.tree().pmfs(
             light_sample_record.position,
@@ -150,12 +159,9 @@ fn left(area: &AreaLights, lights: &LearnedLights, taken: &Taken) -> f64 {
             light_sample_record.emitter,
             Some(lights),
         );
-        let moment = f64::from(light_sample_record.found).powi(2);
+        let moment = f64::from(light_sample_record.contribution).powi(2);
         pixels[light_sample_record.pixel as usize][1] += moment * f64::from(by_tree / mixed - 1.0);
     }
-    pixels.retain(|[without, with]| (without + with).is_finite());
-    pixels.sort_by(|[a, b], [c, d]| (a + b).total_cmp(&(c + d)));
-    pixels.truncate(pixels.len() - pixels.len() / WORST);
-    let [without, with] = pixels.iter().fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]);
+    let [without, with] = sums_without_outliers(pixels);
     if without > 0.0 { (with / without).max(0.0) } else { 1.0 }
 }

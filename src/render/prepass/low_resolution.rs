@@ -1,20 +1,21 @@
-//! Prepasses' pictures: the same view with fewer pixels.
+//! The view of pre-passes: that of the picture, with fewer pixels.
 
 use rayon::prelude::*;
 
 use super::super::RenderSettings;
-use super::super::lens::lens;
+use super::super::camera::lens;
 use super::super::sampler::with_buffers;
 use crate::color::luminance;
 use crate::film::PixelStats;
 use crate::film::compare::relative_to;
 use crate::integrator::{CameraRays, PixelTask, PreparedScene, Wave};
 
-/// Side of tiles, and of the blocks that are judged by their mean.
+/// Side of a tile in pixels.
 const TILE: u32 = 32;
+/// Side of a block in pixels. The divisor of relMSE is the same for a whole block.
 const BLOCK: u32 = 8;
 
-/// Columns and rows of about `pixels` pixels, no more than the picture has, and the camera that takes them.
+/// Width and height of a view of about `pixels` pixels, not larger than the picture, and its camera.
 pub fn low_resolution(scene: &PreparedScene, settings: &RenderSettings, pixels: f64) -> ([u32; 2], CameraRays) {
     let all = f64::from(settings.width) * f64::from(settings.height);
     let scale = (pixels / all).sqrt().min(1.0);
@@ -29,7 +30,7 @@ pub fn tiles([width, height]: [u32; 2]) -> Vec<[u32; 2]> {
     (0..height).step_by(TILE as usize).flat_map(row).collect()
 }
 
-/// What is made of each tile's pixels, which come block by block, with buffers of the thread's own; in the order of
+/// Calls `of_tile` with the pixels of each tile, block by block, and a wave of the thread. The results are in the order of
 /// [`tiles`].
 pub fn in_tiles<T: Send>(size: [u32; 2], of_tile: impl Fn(&mut Wave, Vec<[u32; 2]>) -> T + Sync) -> Vec<T> {
     let [width, height] = size;
@@ -48,7 +49,8 @@ fn block(&[x, y]: &[u32; 2]) -> [u32; 2] {
     [y / BLOCK, x / BLOCK]
 }
 
-/// What relMSE divides pixels by, of their blocks' means, for pixels block by block: a single pixel's few paths do not know its own.
+/// The divisor of relMSE for each pixel, from the mean of its block: the few paths of one pixel do not estimate its own.
+/// Tasks must be ordered by block.
 pub fn divisors(tasks: &[PixelTask], stats: &[PixelStats]) -> Vec<f32> {
     let alike = |a: &PixelTask, b: &PixelTask| block(&[a.x, a.y]) == block(&[b.x, b.y]);
     let mut stats = stats.iter();
@@ -59,13 +61,13 @@ pub fn divisors(tasks: &[PixelTask], stats: &[PixelStats]) -> Vec<f32> {
     tasks.chunk_by(alike).flat_map(of_block).collect()
 }
 
-/// A path's variance by a pixel's statistics, over what relMSE divides the pixel by, for as many paths as there are.
+/// The variance of a pixel's paths over the divisor of relMSE, times the number of paths.
 pub fn relative_variance(stats: &PixelStats, divisor: f32) -> f64 {
     let all = stats.variance_of_mean().iter().map(|v| f64::from(*v)).sum::<f64>() / 3.0;
     all * f64::from(stats.samples).powi(2) / f64::from(divisor)
 }
 
-/// Leaves every other one if there are too many: from all over the tile.
+/// Keeps every other element if there are more than `most`; says whether there were.
 pub fn thin<T>(list: &mut Vec<T>, most: usize) -> bool {
     let too_many = list.len() > most;
     if too_many {

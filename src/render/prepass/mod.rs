@@ -1,6 +1,7 @@
-//! What short renders of a smaller picture of the same view decide before the first pass: how the environment is drawn
-//! ([`compensation`]), how lamps are ([`lamps`]), whether paths are guided ([`guiding`]). What they find depends on the scene, the
-//! view, the seed and settings alone, so that every part, crop and session decides alike.
+//! Pre-passes: short renders of the same view at low resolution before the first pass. They decide how the environment is
+//! sampled ([`compensation`]), how emissive triangles are ([`learned_lights`]) and whether paths are guided ([`guiding`]).
+//! Their results depend only on the scene, the view, the seed and settings, so that every part, crop and session decides
+//! alike.
 
 pub mod compensation;
 pub mod guiding;
@@ -8,34 +9,34 @@ pub mod learned_lights;
 mod low_resolution;
 
 use super::RenderSettings;
-use super::driver::transport;
+use super::transport::transport;
 use crate::integrator::{PreparedScene, Transport};
 use crate::light::{Density, Drawing};
 
-/// What the pilots of a render have found.
+/// The results of a render's pre-passes.
 #[derive(Debug, Default)]
 pub struct Prepasses {
-    /// How light samples toward the environment are drawn.
+    /// The density by which the environment is sampled.
     pub density: Density,
-    /// Of lamps.
-    pub lamps: Option<learned_lights::Lamps>,
-    /// Of guiding.
+    /// Learned emissive triangles.
+    pub learned_lights: Option<learned_lights::LearnedLightsResult>,
+    /// The field of guiding.
     pub guiding: Option<guiding::Learned>,
 }
 
 impl Prepasses {
-    /// Sends those that `settings` ask for, each with what those before it have found.
-    pub fn send(scene: &PreparedScene, settings: &RenderSettings) -> Self {
+    /// Runs the pre-passes that `settings` ask for. Each uses the results of those before it.
+    pub fn run(scene: &PreparedScene, settings: &RenderSettings) -> Self {
         let mut found = Self::default();
-        found.density = compensation::density(scene, settings, &found.lead(transport(scene, settings)));
-        found.lamps = learned_lights::learned(scene, settings, &found.lead(transport(scene, settings)));
-        found.guiding = guiding::learned(scene, settings, &found.lead(transport(scene, settings)));
+        found.density = compensation::density(scene, settings, &found.apply(transport(scene, settings)));
+        found.learned_lights = learned_lights::learned(scene, settings, &found.apply(transport(scene, settings)));
+        found.guiding = guiding::learned(scene, settings, &found.apply(transport(scene, settings)));
         found
     }
 
-    /// Paths that go by what was found.
-    pub fn lead<'a>(&'a self, transport: Transport<'a>) -> Transport<'a> {
-        let learned = self.lamps.as_ref().and_then(|lamps| lamps.lights.as_ref());
+    /// The transport with these results.
+    pub fn apply<'a>(&'a self, transport: Transport<'a>) -> Transport<'a> {
+        let learned = self.learned_lights.as_ref().and_then(|result| result.lights.as_ref());
         let field = self.guiding.as_ref().and_then(|guiding| guiding.field.as_ref());
         Transport { drawing: Drawing { density: self.density, learned }, field, ..transport }
     }

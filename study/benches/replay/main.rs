@@ -107,7 +107,7 @@ fn pool(threads: usize) -> Outcome<ThreadPool> {
 }
 
 fn rendered(pool: &ThreadPool, scene: &PreparedScene, settings: &RenderSettings) -> Rendered {
-    pool.install(|| render(scene, settings, &AtomicBool::new(false), &|_| {}))
+    pool.install(|| render(scene, settings, &AtomicBool::new(false), &|_| {}).expect("valid settings"))
 }
 
 /// Middle, least and most.
@@ -134,7 +134,7 @@ fn replay(scene: &Arc<Scene>, rays: &dyn RayQueries, rounds: usize, spp: u32) ->
         let prepared = PreparedScene::new(Arc::clone(scene), Box::new(&watch));
         let seconds = one.install(|| {
             let start = thread_seconds();
-            render(&prepared, &settings, &AtomicBool::new(false), &|_| {});
+            render(&prepared, &settings, &AtomicBool::new(false), &|_| {}).expect("valid settings");
             thread_seconds() - start
         });
         whole.push(seconds);
@@ -229,7 +229,8 @@ fn allocations(scene: &PreparedScene) -> Outcome<()> {
     };
     let all = std::thread::available_parallelism()?.get();
     let spp = 64;
-    let rendered = pool(all)?.install(|| render(scene, &settings(spp), &AtomicBool::new(false), &note));
+    let rendered =
+        pool(all)?.install(|| render(scene, &settings(spp), &AtomicBool::new(false), &note).expect("valid settings"));
     let seen = seen.into_inner().expect("no thread panicked");
     let last = seen.iter().map(|s| s.0).max().unwrap_or(0);
     let pass: Vec<u64> = seen.iter().filter(|s| s.0 == last).map(|s| s.1).collect();

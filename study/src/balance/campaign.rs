@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
 use bismar::film::PixelStats;
-use bismar::render::{Guiding, Progress, RenderSettings, StopReason, render};
+use bismar::render::{Guiding, Progress, RenderSettings, RunOptions, StopReason, StudyOptions, run};
 use bismar::{Error, Result};
 use tracing::info;
 
@@ -226,29 +226,33 @@ impl<'a> Campaign<'a> {
             balance,
             guiding: if aids.guided { Guiding::Auto } else { Guiding::Off },
             adaptive: aids.adaptive,
-            shares: take.shares.map(|shares| self.mosaic.spread(&shares)),
-            passes: take.passes,
-            tiles: match take.tile {
-                None => self.settings.tiles.clone(),
-                Some(tile) => Some(self.mosaic.tiles[tile..=tile].into()),
-            },
             ..self.settings.clone()
+        };
+        let study = StudyOptions {
+            light_shares: take.shares.map(|shares| self.mosaic.spread(&shares)),
+            max_passes: take.passes,
+            tiles: Some(match take.tile {
+                None => self.mosaic.tiles.clone(),
+                Some(tile) => self.mosaic.tiles[tile..=tile].into(),
+            }),
         };
         let before = self.rays.load(Ordering::Relaxed);
         let (wall, cpu) = (Instant::now(), process_seconds());
-        let rendered = render(&self.scene.scene, &settings, self.stop, &|p| {
+        let progress = |p: Progress| {
             if self.all > 0.0 && take.tile.is_none() {
                 let fraction = ((self.done + p.fraction * f64::from(take.spp)) / self.all).clamp(0.0, 1.0);
                 let seconds = self.start.elapsed().as_secs_f64();
                 (self.progress)(Progress { fraction, seconds, rays: before + p.rays, ..p });
             }
-        });
+        };
+        let options = RunOptions { study, ..RunOptions::new(self.stop, &progress) };
+        let rendered = run(&self.scene.scene, &settings, options)?;
         let times = Times {
             cpu: process_seconds() - cpu,
             wall: wall.elapsed().as_secs_f64(),
             half_cpu: None,
             pilot: rendered.stats.guiding.as_ref().map(Pilot::of),
-            allocation: rendered.stats.adaptive.map(|adaptive| adaptive.worth.left),
+            allocation: rendered.stats.adaptive.map(|adaptive| adaptive.efficiency.remaining),
         };
         self.rays.fetch_add(rendered.stats.rays(), Ordering::Relaxed);
         if rendered.stop == StopReason::Interrupted {
@@ -259,7 +263,7 @@ impl<'a> Campaign<'a> {
         }
         let numbers = take.tile.map_or(0..self.mosaic.tiles.len(), |tile| tile..tile + 1);
         let values = self.mosaic.gather(numbers.clone(), &rendered.tiles, PixelStats::mean).into_flattened();
-        let shares = self.mosaic.gather(numbers.clone(), &rendered.tiles, |pixel| pixel.balance);
+        let shares = self.mosaic.gather(numbers.clone(), &rendered.tiles, |pixel| pixel.light_share);
         let paths = self.mosaic.gather(numbers, &rendered.tiles, |pixel| pixel.samples as f32);
         Ok(Replica { times, values, shares, paths })
     }

@@ -37,7 +37,7 @@ pub struct Pilot {
 impl Pilot {
     /// Of a render.
     pub fn of(stats: &GuidingStats) -> Self {
-        Self { on: stats.on, variance: stats.worth.variance, seconds: stats.seconds }
+        Self { on: stats.on, variance: stats.efficiency.variance, seconds: stats.seconds }
     }
 }
 

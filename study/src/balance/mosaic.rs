@@ -103,7 +103,7 @@ impl Mosaic {
     /// Settings to render it.
     pub fn settings(&self, settings: RenderSettings) -> RenderSettings {
         let [width, height] = self.picture;
-        RenderSettings { width, height, tiles: Some(self.tiles.clone()), ..settings }
+        RenderSettings { width, height, ..settings }
     }
 
     /// Shares of the measured pixels as those of the whole picture, where the others have ½.

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Instant;
 
+use bismar::cli::flag_values::value_of;
 use bismar::Result;
 use bismar::console::{Signals, Size, Verbosity, Verdict, print, say};
 use bismar::render::{Balance, Integrator, Progress};
@@ -13,48 +14,48 @@ use super::{PAGE, RunArgs, open};
 use crate::balance::table::{Level, Outcome, levels};
 use crate::balance::{Aids, Design, Estimator, SceneResults, StudyScene, measure, portrait, whole, write};
 
-/// Measure how well each --balance shares the work, against a converged reference.
+/// Measure the error of each --balance against a converged reference.
 ///
-/// Writes report.html, results.csv, results.json and charts. Measurements are kept in DIR/cells: the same command goes on
-/// where it was interrupted, and takes only what is missing. A file of the scene's name with .hdr or .exr beside it
-/// lights it from infinity.
+/// Writes report.html, results.csv, results.json and charts. Measurements are kept in DIR/cells, so that the same command
+/// resumes after an interruption and measures only what is missing. A .hdr or .exr file with the scene's name in the scene's
+/// folder is used as environment map.
 #[derive(Debug, Args)]
 pub(super) struct BalanceArgs {
-    /// Scenes, .gltf or .glb.
+    /// Scene files, .gltf or .glb.
     #[arg(required = true, value_name = "SCENE")]
     scenes: Vec<PathBuf>,
     /// Folder of the results.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// What to compare with half: estimators separated by commas, or all; oracle is the best fixed share of each pixel,
-    /// found by brute force; NAME+guiding and NAME+adaptive are those with --guiding auto and --adaptive.
+    /// Estimators to compare with half, separated by commas, or all. oracle is the best fixed share of light samples per
+    /// pixel, found by brute force; NAME+guiding and NAME+adaptive add --guiding auto and --adaptive.
     #[arg(long, value_name = "LIST")]
     balance: Option<Estimators>,
-    /// Paths a pixel, separated by commas [default: 16,64,256; with --whole 1024 too].
+    /// Paths per pixel, separated by commas [default: 16,64,256; with --whole also 1024].
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
     spp: Vec<u32>,
-    /// Renders of each kind that variances are taken from [default: 32; with --whole 4].
+    /// Number of independent renders from which variances are estimated [default: 32; with --whole 4].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(4..=1 << 16))]
     replicas: Option<u32>,
-    /// Light transport [default: direct; with --whole path].
-    #[arg(long, value_enum)]
+    /// Light transport to simulate [default: direct; with --whole path].
+    #[arg(long, value_parser = value_of::<Integrator>())]
     integrator: Option<Integrator>,
-    /// How many pixels to measure [default: 64x64; with --whole 192x128].
+    /// Number of measured pixels [default: 64x64; with --whole 192x128].
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
-    /// Size of the picture that they are of: pixels as small as its own, in whole tiles of 16x16, spread evenly over the
-    /// view. none: a picture of --size, all of it, whose large pixels have edges in them that hide the balance.
+    /// Resolution of the picture from which the measured pixels are taken, as whole tiles of 16x16 spread evenly over the
+    /// view; none: a whole picture of --size, whose large pixels contain edges that hide the effect of the balance.
     #[arg(long, value_name = "WxH|none", default_value = "1920x1080")]
     footprint: Footprint,
-    /// Whole pictures instead: their error against CPU seconds, what is spent on learning included; half and progressive,
-    /// also adaptive and, with the path integrator, guided, unless told.
+    /// Measure whole pictures: error against CPU seconds, including the cost of learning. By default half and progressive,
+    /// also with adaptive sampling and, with the path integrator, path guiding.
     #[arg(long, conflicts_with = "footprint")]
     whole: bool,
-    /// Paths a pixel of the reference [default: 64 times the most of --spp; with --whole 4 times].
+    /// Paths per pixel of the reference [default: 64 times the largest --spp; with --whole 4 times].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(16..=1 << 28))]
     reference_spp: Option<u32>,
-    /// A look within a minute or so a scene: fewer and smaller pictures, half, second-order, progressive. Other flags
-    /// hold all the same.
+    /// Quick preset, about a minute per scene: fewer and smaller pictures of half, second-order and progressive. Other flags
+    /// override it.
     #[arg(long)]
     quick: bool,
     #[command(flatten)]
@@ -151,7 +152,7 @@ pub(super) fn run(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {
     let stop = Signals::listen()?.stop;
     let reporter = args.run.reporter(verbosity);
     let start = Instant::now();
-    // The share of all progress that is a scene's, from one share of its own to another.
+    // Maps progress of one phase of scene i, from fraction `from` to `to`, to progress of all scenes.
     let at = |i: usize, from: f64, to: f64| {
         let (reporter, start, all) = (&reporter, &start, args.scenes.len() as f64);
         move |p: Progress| {
@@ -171,7 +172,6 @@ pub(super) fn run(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {
             whole::page::write(&design, &pictures)?;
             continue;
         }
-        // The portrait takes little.
         let measured = measure(&scene, &design, &stop, &at(i, 0.0, 0.97)).inspect_err(ended)?;
         let portrait = portrait(&scene, &design, shown, &stop, &at(i, 0.97, 1.0)).inspect_err(ended)?;
         let levels = levels(&scene, &design, &measured);
@@ -179,7 +179,7 @@ pub(super) fn run(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {
             print(summary(level))?;
         }
         results.push(SceneResults::new(&scene.name, levels, &measured, portrait));
-        // What is known so far can be read while the rest is under way.
+        // The report can be read while the other scenes are measured.
         write(&design, &results)?;
     }
     reporter.finish(true);
@@ -189,7 +189,7 @@ pub(super) fn run(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {
     Ok(Verdict::Done)
 }
 
-/// A scene's whole pictures, for the terminal.
+/// Table of a scene's whole pictures, for the terminal.
 fn scores(design: &Design, scene: &whole::SceneResults) -> String {
     let mut text = format!(
         "{}, {} replicas\n{:<30}{:>7}{:>11}{:>9}{:>16}{:>16}{:>16}",
@@ -211,7 +211,7 @@ fn scores(design: &Design, scene: &whole::SceneResults) -> String {
     text + "\n"
 }
 
-/// The highest level's table, for the terminal.
+/// Table of the largest number of paths, for the terminal.
 fn summary(level: &Level) -> String {
     let mut text = String::new();
     if let Some(first) = level.results.first() {

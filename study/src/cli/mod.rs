@@ -1,4 +1,4 @@
-//! The command line of `bismar-study`: one file a study. Exit codes are `bismar`'s.
+//! The command line of `bismar-study`, one file per study. Exit codes are those of `bismar`.
 
 mod balance;
 mod rays;
@@ -18,7 +18,7 @@ use tracing::info;
 
 use crate::files;
 
-/// Measure what the program's choices are worth.
+/// Measure the renderer's methods.
 #[derive(Debug, Parser)]
 #[command(name = "bismar-study", bin_name = "bismar study", version, long_version = console::VERSION, max_term_width = 100)]
 struct Cli {
@@ -37,28 +37,31 @@ enum Study {
     Man(ManArgs),
 }
 
-/// The page of every study, in its folder.
+/// File name of a study's report in its folder.
 const PAGE: &str = "report.html";
 
-/// What every study takes.
+/// Flags of every study.
 #[derive(Debug, Args)]
 struct RunArgs {
-    /// Threads [default: BISMAR_THREADS, else SLURM_CPUS_PER_TASK, else all].
+    /// Number of threads [default: BISMAR_THREADS, else SLURM_CPUS_PER_TASK, else all cores].
     #[arg(long, value_name = "N", value_parser = threads)]
     threads: Option<usize>,
-    /// How progress is shown.
+    /// Progress display.
     #[arg(long, value_enum, default_value_t = Style::Auto)]
     progress: Style,
 }
 
 impl RunArgs {
-    /// Who tells of progress.
+    /// The reporter of progress.
     fn reporter(&self, verbosity: Verbosity) -> Reporter {
         Reporter::new(self.progress, verbosity.quiet)
     }
 }
 
-/// Makes a study's folder, and finds out now if its `page` could not be written after hours: the page's path.
+/// Creates a study's folder and checks that its `page` can be written, before hours of work; returns the page's path.
+///
+/// # Errors
+/// Those of creating the folder and of [`atomic::check`].
 fn open(folder: &Path, page: &str) -> Result<PathBuf> {
     files::folder(folder)?;
     let page = folder.join(page);
@@ -80,9 +83,9 @@ pub fn run() -> ExitCode {
     )
 }
 
-/// Does work on as many threads as asked for.
-fn on_threads(asked: Option<usize>, work: impl FnOnce() -> Result<Verdict> + Send) -> Result<Verdict> {
-    let (threads, source) = host::threads(asked)?;
+/// Runs `work` in a pool of this many threads.
+fn on_threads(threads: Option<usize>, work: impl FnOnce() -> Result<Verdict> + Send) -> Result<Verdict> {
+    let (threads, source) = host::threads(threads)?;
     info!("{threads} threads ({source})");
     host::pool(threads)?.install(work)
 }

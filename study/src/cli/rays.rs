@@ -15,13 +15,13 @@ use crate::rays::contender::ISAS;
 use crate::rays::measure::CONTROL;
 use crate::rays::{Bench, Contender, Design, Results, Shape, Subject, measure, write};
 
-/// Measure Embree against obvhs: speed on recorded rays, builds, memory, agreement.
+/// Compare Embree and obvhs: speed on recorded rays, build time, memory, agreement of hits.
 ///
-/// Writes report.html, results.json, a CSV file a table and charts. Each contender takes turns with embree as the renderer
-/// uses it. Differences in hits that rounding does not explain, or pictures that differ, end with exit code 1.
+/// Writes report.html, results.json, one CSV file per table, and charts. Each configuration is measured in alternation with
+/// embree as the renderer uses it. The exit code is 1 if hits differ by more than rounding explains, or pictures differ.
 #[derive(Debug, Args)]
 pub(super) struct RaysArgs {
-    /// Scenes, .gltf or .glb.
+    /// Scene files, .gltf or .glb.
     #[arg(value_name = "SCENE", required_unless_present = "generate")]
     scenes: Vec<PathBuf>,
     /// Folder of the results.
@@ -30,36 +30,36 @@ pub(super) struct RaysArgs {
     /// Generated scenes, separated by commas: sphere:N, slivers:N, foliage:N with N triangles.
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     generate: Vec<Shape>,
-    /// What to compare with embree: names such as embree+high+robust or obvhs+bvh2+slow separated by commas, or usual,
-    /// quick, large, all [default: usual]. Lists become large where more than four million triangles are built.
+    /// Configurations to compare with embree, separated by commas, such as embree+high+robust or obvhs+bvh2+slow, or a list:
+    /// usual, quick, large, all [default: usual]. Scenes of more than four million triangles use the list large instead.
     #[arg(long, value_name = "LIST")]
     backends: Option<Contenders>,
-    /// Hold Embree to an instruction set, for comparisons of like with like.
+    /// Limit Embree to an instruction set.
     #[arg(long, value_name = "ISA", value_parser = PossibleValuesParser::new(ISAS))]
     isa: Option<String>,
-    /// About how many rays a stream has [default: 65536].
+    /// Approximate number of rays per stream [default: 65536].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1024..=1 << 26))]
     rays: Option<u32>,
-    /// Rounds in which a contender and embree take turns [default: 9].
+    /// Number of rounds of alternating measurements [default: 9].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(3..=1000))]
     rounds: Option<u32>,
-    /// Paths a pixel of the compared pictures, 0 for none [default: 4].
+    /// Paths per pixel of the compared pictures; 0 renders none [default: 4].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=1 << 16))]
     spp: Option<u32>,
     /// Keep the recorded rays in DIR/streams.
     #[arg(long)]
     save_streams: bool,
-    /// Replay rays that were kept instead of recording them.
+    /// Use rays saved by --save-streams instead of recording them.
     #[arg(long, value_name = "DIR", conflicts_with = "save_streams")]
     streams: Option<PathBuf>,
-    /// Add the rows of other studies' results.json, of another machine for example. A scene that one of them measured on
-    /// this machine, with all that is asked for, is not measured again: so a study goes on that was interrupted.
+    /// Add the rows of other results.json files, for example of another machine. Scenes that these files contain for this
+    /// machine, with all requested configurations, are not measured again: this resumes an interrupted study.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     merge_report: Vec<PathBuf>,
-    /// How to call this machine [default: its processor].
+    /// Name of this machine in the report [default: its processor].
     #[arg(long, value_name = "NAME")]
     machine: Option<String>,
-    /// A look within a minute or so a scene: fewer rays, rounds and contenders. Other flags hold all the same.
+    /// Quick preset, about a minute per scene: fewer rays, rounds and configurations. Other flags override it.
     #[arg(long)]
     quick: bool,
     #[command(flatten)]
@@ -144,9 +144,9 @@ pub(super) fn run(args: &RaysArgs, verbosity: Verbosity) -> Result<Verdict> {
             });
         };
         let subject = subject()?;
-        let mut asked = design.contenders(&subject).iter().map(Contender::name).collect::<Vec<_>>();
-        asked.push(CONTROL.to_owned());
-        if results.has(&machine, &subject.name, &asked) {
+        let mut requested = design.contenders(&subject).iter().map(Contender::name).collect::<Vec<_>>();
+        requested.push(CONTROL.to_owned());
+        if results.has(&machine, &subject.name, &requested) {
             if !verbosity.quiet {
                 say(format_args!("{}: measured before, taken from the merged report", subject.name));
             }
@@ -156,7 +156,7 @@ pub(super) fn run(args: &RaysArgs, verbosity: Verbosity) -> Result<Verdict> {
         results.forget(&machine, &subject.name);
         if let Err(error) = measure(&bench, &subject, &design, &mut results, &stop, &progress) {
             reporter.finish(false);
-            // What is known of the scenes before stays readable; half a scene would not be.
+            // Keeps the scenes measured before and drops the incomplete one.
             before.forget_idle_host();
             write(&design.folder, &before)?;
             return Err(error);
@@ -181,7 +181,7 @@ pub(super) fn run(args: &RaysArgs, verbosity: Verbosity) -> Result<Verdict> {
     Ok(Verdict::Done)
 }
 
-/// What to call each file: its name without extension, with its folder's before it where several have the same.
+/// Name of each scene: the file's stem, with the folder's name in front if several files have the same stem.
 fn names(paths: &[PathBuf], shapes: &[Shape]) -> Result<Vec<String>> {
     let stem = |path: &PathBuf| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let stems = paths.iter().map(stem).collect::<Vec<_>>();
@@ -200,7 +200,7 @@ fn names(paths: &[PathBuf], shapes: &[Shape]) -> Result<Vec<String>> {
     }
 }
 
-/// A scene's speeds for the terminal.
+/// Table of a scene's speeds, for the terminal.
 fn summary(results: &Results, scene: &str) -> String {
     let traces = results.traces.iter().filter(|t| t.scene == scene);
     let mut text = format!(
@@ -209,16 +209,16 @@ fn summary(results: &Results, scene: &str) -> String {
     );
     let traces = traces.collect::<Vec<_>>();
     for build in results.builds.iter().filter(|b| b.scene == scene) {
-        let of = |stream: &str| traces.iter().find(|t| t.backend == build.backend && t.stream == stream);
+        let trace = |stream: &str| traces.iter().find(|t| t.backend == build.backend && t.stream == stream);
         let ratio = |stream: &str| {
-            of(stream).map_or("-".to_owned(), |t| format!("{:.3} ±{:.3}", t.speed_ratio, t.speed_ratio_se))
+            trace(stream).map_or("-".to_owned(), |t| format!("{:.3} ±{:.3}", t.speed_ratio, t.speed_ratio_se))
         };
         text += &format!(
             "\n{:<28}{:>10.4}{:>8.1}{:>10.2}{:>16}{:>16}{:>16}",
             build.backend,
             build.cpu_seconds,
             build.bytes_per_triangle,
-            of("diffuse").map_or(f64::NAN, |t| t.mrays_per_second),
+            trace("diffuse").map_or(f64::NAN, |t| t.mrays_per_second),
             ratio("camera"),
             ratio("diffuse"),
             ratio("shadow"),

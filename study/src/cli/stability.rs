@@ -11,35 +11,36 @@ use clap::{Args, ValueEnum};
 use super::{PAGE, RunArgs, open};
 use crate::stability::{self, Found, guiding, page};
 
-/// Take every --balance, and guiding, through the modes in which such methods fail.
+/// Test every --balance and path guiding in the known failure modes of such methods.
 ///
-/// Writes report.html, stability.md (the table of who survives what) and stability.json. Tests means against the truth,
-/// variances pixel by pixel against half, and both checks against controls that are wrong on purpose: exit code 1 when a
-/// control is not caught or a mean is wrong. Needs no scene.
+/// Writes report.html, stability.md (a table of methods and failure modes) and stability.json. Means are tested against the
+/// exact values, and variances per pixel against half; estimators that are wrong on purpose verify both tests. The exit code
+/// is 1 if a wrong estimator is not detected or a mean is wrong. Needs no scene.
 #[derive(Debug, Args)]
 pub(super) struct StabilityArgs {
     /// Folder of the results.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Pictures of each kind. Means of fewer than 1000 are too far from normal for the tests.
+    /// Number of pictures per method and failure mode. Means of fewer than 1000 are too far from a normal distribution for
+    /// the tests.
     #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = clap::value_parser!(u32).range(1000..=1 << 24))]
     replicas: u32,
-    /// A look within half a minute or so: 1000 pictures of each kind.
+    /// Quick preset, about half a minute: 1000 pictures per method and failure mode.
     #[arg(long, conflicts_with = "replicas")]
     quick: bool,
-    /// Of these alone.
+    /// Test only these methods.
     #[arg(long, value_name = "METHODS")]
     only: Option<Methods>,
     #[command(flatten)]
     pub(super) run: RunArgs,
 }
 
-/// What is taken through modes of its own.
+/// Methods with their own failure modes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Methods {
-    /// Every --balance: F1 to F18.
+    /// Every --balance: F1 to F18
     Balance,
-    /// --guiding: F19 to F23.
+    /// --guiding: F19 to F23
     Guiding,
 }
 
@@ -47,10 +48,10 @@ pub(super) fn run(args: &StabilityArgs, verbosity: Verbosity) -> Result<Verdict>
     let page = open(&args.out, PAGE)?;
     let signals = Signals::listen()?;
     let reporter = args.run.reporter(verbosity);
-    let asked = |methods| args.only.is_none_or(|only| only == methods);
-    let of_balance = if asked(Methods::Balance) { stability::steps(true) } else { 0 };
-    let of_guiding = if asked(Methods::Guiding) { guiding::steps() } else { 0 };
-    let (start, all) = (Instant::now(), (of_balance + of_guiding) as f64);
+    let included = |methods| args.only.is_none_or(|only| only == methods);
+    let balance_steps = if included(Methods::Balance) { stability::steps(true) } else { 0 };
+    let guiding_steps = if included(Methods::Guiding) { guiding::steps() } else { 0 };
+    let (start, all) = (Instant::now(), (balance_steps + guiding_steps) as f64);
     let mut steps = 0.0;
     let mut done = || {
         steps += 1.0;
@@ -62,10 +63,10 @@ pub(super) fn run(args: &StabilityArgs, verbosity: Verbosity) -> Result<Verdict>
     let replicas = if args.quick { 1000 } else { args.replicas };
     let mut measure = || -> Result<Found> {
         let mut found = Found::default();
-        if asked(Methods::Balance) {
+        if included(Methods::Balance) {
             found.balance = Some(stability::measure(replicas, Some(replicas), &signals.stop, &mut done)?);
         }
-        if asked(Methods::Guiding) {
+        if included(Methods::Guiding) {
             found.guiding = Some(guiding::measure(replicas, &signals.stop, &mut done)?);
         }
         Ok(found)
@@ -83,14 +84,14 @@ pub(super) fn run(args: &StabilityArgs, verbosity: Verbosity) -> Result<Verdict>
     Ok(verdict(&found))
 }
 
-/// Done, or what is wrong with the checks or the means.
+/// Prints undetected controls and wrong means; [`Verdict::Beyond`] if there are any.
 fn verdict(found: &Found) -> Verdict {
-    let (blind, wrong) = (found.controls().filter(|c| !c.caught).collect::<Vec<_>>(), found.wrong());
-    for control in &blind {
+    let (undetected, wrong) = (found.controls().filter(|c| !c.caught).collect::<Vec<_>>(), found.wrong());
+    for control in &undetected {
         say(format_args!("error: the {} was not caught: its check is blind", control.outcome.estimator));
     }
     for (estimator, mode, name) in &wrong {
         say(format_args!("error: {estimator} has a wrong mean in {mode} ({name})"));
     }
-    if blind.is_empty() && wrong.is_empty() { Verdict::Done } else { Verdict::Beyond }
+    if undetected.is_empty() && wrong.is_empty() { Verdict::Done } else { Verdict::Beyond }
 }

@@ -215,7 +215,7 @@ impl Campaign<'_> {
             return stream::load(&folder.join(file), subject.fingerprint(design));
         }
         let record = || stream::record(&subject.scene, base, &subject.settings, design.rays);
-        let streams = self.bench.one.install(record);
+        let streams = self.bench.one.install(record)?;
         if !design.save_streams {
             return Ok(streams);
         }
@@ -331,13 +331,14 @@ impl Campaign<'_> {
                     ..self.subject.settings.clone()
                 };
                 let backend = [base, side][which].backend;
-                self.bench.one.install(|| {
+                self.bench.one.install(|| -> Result<()> {
                     let start = thread_seconds();
                     let scene = PreparedScene::new(Arc::clone(&self.subject.scene), Box::new(backend));
-                    let rendered = render(&scene, &settings, &AtomicBool::new(false), &|_| {});
+                    let rendered = render(&scene, &settings, &AtomicBool::new(false), &|_| {})?;
                     seconds[which] = thread_seconds() - start;
                     join(&mut sums[which], &rendered.film().pixels);
-                });
+                    Ok(())
+                })?;
             }
             taken.push(seconds);
         }

@@ -5,8 +5,8 @@ use std::f32::consts::{PI, TAU};
 use std::str::FromStr;
 
 use bismar::sampling::SplitMix64;
-use bismar::scene::{Camera, Environment, Instance, Material, Mesh, Object, Positions, Projection, Scene};
-use glam::{Affine3A, Mat3, Vec3, Vec4, vec3};
+use bismar::scene::{Camera, Environment, Material, Mesh, Scene};
+use glam::{Vec3, Vec4, vec3};
 
 /// A generated scene: `sphere:1000000`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,27 +93,11 @@ impl Shape {
             double_sided: true,
             ..Material::default()
         };
-        let mesh = Mesh { name: self.name(), positions: Positions::new(vertices), indices, ..Mesh::default() };
-        let eye = vec3(1.6, 1.1, 3.2);
-        let back = (eye - vec3(0.0, -0.1, 0.0)).normalize();
-        let right = Vec3::Y.cross(back).normalize();
-        let look = Affine3A::from_mat3_translation(Mat3::from_cols(right, back.cross(right), back), eye);
-        Scene {
-            meshes: vec![mesh.into()],
-            objects: vec![Object { name: self.name(), meshes: 0..1 }],
-            instances: vec![Instance { name: self.name(), object: 0, ..Default::default() }],
-            materials: vec![material],
-            cameras: vec![Camera {
-                motion: None,
-                adjacent_frames: None,
-                name: "camera".into(),
-                projection: Projection::Perspective { yfov: 0.7 },
-                aspect: None,
-                to_world: look,
-            }],
-            environment: Some(Environment::constant([1.0; 3])),
-            ..Scene::default()
-        }
+        let environment = Some(Environment::constant([1.0; 3]));
+        let mut scene = Scene { environment, ..Scene::default() };
+        scene.add(Mesh { name: self.name(), ..Mesh::new(vertices, indices) }, material);
+        scene.cameras.push(Camera::look_at(vec3(1.6, 1.1, 3.2), vec3(0.0, -0.1, 0.0), 0.7));
+        scene
     }
 }
 

@@ -101,8 +101,8 @@ const GLOSSY: f32 = 0.25;
 /// picture as it is; `diffuse` and `glossy` are first bounces with every surface made diffuse, or a metal of roughness
 /// ¼ (what alpha cuts out stays cut out); two more have the diffuse ones shuffled, and sorted by octant and origin.
 /// What a scene has hardly any of is left out. To be called on a pool of one thread.
-pub fn record(scene: &Scene, backend: &dyn RayQueries, settings: &RenderSettings, rays: usize) -> Vec<Stream> {
-    let of = |scene: &Scene, max_depth: u32| {
+pub fn record(scene: &Scene, backend: &dyn RayQueries, settings: &RenderSettings, rays: usize) -> Result<Vec<Stream>> {
+    let of = |scene: &Scene, max_depth: u32| -> Result<Tape> {
         let side = (rays as f64).sqrt().ceil() as u32;
         let settings = RenderSettings {
             width: side,
@@ -115,9 +115,9 @@ pub fn record(scene: &Scene, backend: &dyn RayQueries, settings: &RenderSettings
         };
         let recorder = Recorder::new(backend);
         let scene = PreparedScene::new(Arc::new(scene.clone()), Box::new(&recorder));
-        render(&scene, &settings, &AtomicBool::new(false), &|_| {});
+        render(&scene, &settings, &AtomicBool::new(false), &|_| {})?;
         drop(scene);
-        Tape::new(recorder.into_tape())
+        Ok(Tape::new(recorder.into_tape()))
     };
     let surfaces = |diffuse: bool| {
         let mut scene = scene.clone();
@@ -130,9 +130,9 @@ pub fn record(scene: &Scene, backend: &dyn RayQueries, settings: &RenderSettings
         }
         scene
     };
-    let real = of(scene, settings.max_depth);
-    let diffuse = of(&surfaces(true), 2).first;
-    let glossy = of(&surfaces(false), 2).first;
+    let real = of(scene, settings.max_depth)?;
+    let diffuse = of(&surfaces(true), 2)?.first;
+    let glossy = of(&surfaces(false), 2)?.first;
     let apart = [("diffuse-shuffled", shuffled(&diffuse)), ("diffuse-sorted", sorted(&diffuse))];
     let whole = [
         ("camera", real.camera),
@@ -145,7 +145,7 @@ pub fn record(scene: &Scene, backend: &dyn RayQueries, settings: &RenderSettings
         let queries = thinned(queries, rays);
         Stream { name: name.to_owned(), queries }
     });
-    all.filter(|stream| stream.rays() >= FEWEST).collect()
+    Ok(all.filter(|stream| stream.rays() >= FEWEST).collect())
 }
 
 /// A tape by kinds.

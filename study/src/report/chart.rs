@@ -1,4 +1,8 @@
 //! Line charts as SVG, with each line's name at its end.
+//!
+//! Charts are drawn here because plotters 0.3, which was tried, would replace only axes and ticks. It has few dependencies,
+//! but it writes fixed colours (no dark scheme by CSS variables) and whole pixels, and it has neither names at the ends of
+//! lines nor an offset between lines that coincide. charming 0.6 needs scripts.
 
 use maud::{Markup, html};
 

@@ -1,17 +1,17 @@
-//! Discrete integrands, on which means and variances are known exactly, and small images of them.
+//! Discrete integrands with exactly known means and variances, and small images of them.
 
-use bismar::balance::spread::Guide;
+use bismar::balance::PixelFeatures;
 use bismar::balance::{Counts, Heuristic};
 use glam::Vec3;
 
-/// One place of a domain.
+/// One atom of a discrete domain.
 #[derive(Debug, Clone, Copy)]
 pub struct Atom {
-    /// The integrand's mass here, by colour channel.
+    /// Mass of the integrand, by colour channel.
     pub f: [f64; 3],
-    /// Probability of light sampling to come here.
+    /// Probability of this atom under light sampling.
     pub light: f64,
-    /// Probability of BSDF sampling to come here.
+    /// Probability of this atom under BSDF sampling.
     pub bsdf: f64,
 }
 
@@ -21,14 +21,14 @@ impl Atom {
         (self.light - self.bsdf) / (self.light + self.bsdf)
     }
 
-    /// What a picture takes of a contribution: as the integrator, nothing that is not finite or has no positive channel.
+    /// The mass that a picture counts. Like the integrator, it drops values that are not finite or have no positive channel.
     fn counted(&self) -> [f64; 3] {
         if self.f.iter().all(|x| x.is_finite()) && self.f.iter().any(|&x| x > 0.0) { self.f } else { [0.0; 3] }
     }
 
-    /// What a light or a BSDF sample that came here adds to the sum over paths when weighed by `counts`.
-    pub fn found(&self, heuristic: Heuristic, counts: Counts, by_light: bool) -> [f64; 3] {
-        let (l, b) = (f64::from(counts.light_a_path()) * self.light, f64::from(counts.bsdf_a_path()) * self.bsdf);
+    /// MIS-weighted contribution of a light or BSDF sample of this atom to the sum over paths, with the counts of `counts`.
+    pub fn contribution(&self, heuristic: Heuristic, counts: Counts, by_light: bool) -> [f64; 3] {
+        let (l, b) = (f64::from(counts.light_per_path()) * self.light, f64::from(counts.bsdf_per_path()) * self.bsdf);
         let (own, other) = if by_light { (l, b) } else { (b, l) };
         let weight = f64::from(heuristic.weight(own as f32, other as f32));
         self.counted().map(|f| f * weight / own)
@@ -38,12 +38,12 @@ impl Atom {
 /// One pixel's integrand.
 #[derive(Debug, Clone)]
 pub struct Domain {
-    /// Its places; each technique's probabilities add up to one.
+    /// Atoms. Each technique's probabilities add up to one.
     pub atoms: Vec<Atom>,
 }
 
 impl Domain {
-    /// From places (f, p_l, p_b); what is missing to probabilities of one is a dark place.
+    /// From atoms (f, p_l, p_b). A dark atom completes the probabilities to one.
     pub fn new(places: impl IntoIterator<Item = ([f64; 3], f64, f64)>) -> Self {
         let mut atoms: Vec<_> = places.into_iter().map(|(f, light, bsdf)| Atom { f, light, bsdf }).collect();
         let rest = |of: fn(&Atom) -> f64| (1.0 - atoms.iter().map(of).sum::<f64>()).max(0.0);
@@ -54,23 +54,23 @@ impl Domain {
         Self { atoms }
     }
 
-    /// The same, f alike in all channels.
+    /// From atoms whose f is equal in all channels.
     pub fn grey<const K: usize>(places: [(f64, f64, f64); K]) -> Self {
         Self::new(places.map(|(f, l, b)| ([f; 3], l, b)))
     }
 
-    /// Brighter by a factor.
+    /// Scales the integrand by a factor.
     pub fn times(mut self, factor: f64) -> Self {
         self.atoms.iter_mut().for_each(|a| a.f = a.f.map(|f| f * factor));
         self
     }
 
-    /// What pictures converge to.
+    /// The integral, by channel.
     pub fn total(&self) -> [f64; 3] {
         std::array::from_fn(|c| self.atoms.iter().map(|a| a.counted()[c]).sum())
     }
 
-    /// Where a technique's sample goes for `u` in [0, 1).
+    /// Samples an atom by a technique, from `u` in [0, 1).
     pub fn sample(&self, by_light: bool, mut u: f64) -> &Atom {
         let p = |a: &Atom| if by_light { a.light } else { a.bsdf };
         for atom in &self.atoms {
@@ -79,11 +79,11 @@ impl Domain {
             }
             u -= p(atom);
         }
-        // Rounding: the last place that this technique reaches.
+        // Rounding: the last atom that this technique reaches.
         self.atoms.iter().rev().find(|a| p(a) > 0.0).unwrap_or(&self.atoms[0])
     }
 
-    /// Exact variance of a pass's mean over paths with these counts: `Σ_i n_i Var_i[found] / N²`.
+    /// Exact variance of a pass's mean over paths with these counts: `Σ_i n_i Var_i[contribution] / N²`.
     pub fn variance(&self, heuristic: Heuristic, counts: Counts) -> [f64; 3] {
         let mut variance = [0.0; 3];
         for (by_light, n) in [(true, counts.light), (false, counts.bsdf)] {
@@ -91,10 +91,10 @@ impl Domain {
             for atom in &self.atoms {
                 let p = if by_light { atom.light } else { atom.bsdf };
                 if p > 0.0 {
-                    let found = atom.found(heuristic, counts, by_light);
+                    let contribution = atom.contribution(heuristic, counts, by_light);
                     for c in 0..3 {
-                        mean[c] += p * found[c];
-                        squares[c] += p * found[c] * found[c];
+                        mean[c] += p * contribution[c];
+                        squares[c] += p * contribution[c] * contribution[c];
                     }
                 }
             }
@@ -115,30 +115,30 @@ impl Domain {
     }
 }
 
-/// A picture of domains.
+/// An image of domains.
 #[derive(Debug, Clone)]
 pub struct Image {
-    /// Pixels a row.
+    /// Pixels per row.
     pub width: usize,
-    /// One a pixel.
+    /// One per pixel.
     pub pixels: Vec<Domain>,
-    /// What pixels can know of each other, one a pixel.
-    pub guides: Vec<Guide>,
+    /// Guides of the spread over neighbouring pixels, one per pixel.
+    pub guides: Vec<PixelFeatures>,
 }
 
 /// Pixels along a side of the images.
 pub const SIDE: usize = 4;
 
 impl Image {
-    /// From the domain and the material's number of each place (x, y).
+    /// From the domain and the material index of each pixel (x, y).
     pub fn new(of: impl Fn(usize, usize) -> (Domain, u32)) -> Self {
         let places = (0..SIDE * SIDE).map(|i| of(i % SIDE, i / SIDE));
-        let guide = |material| Guide { object: 1, material, normal: Vec3::Y, depth: 1.0, roughness: 0.5 };
+        let guide = |material| PixelFeatures { object: 1, material, normal: Vec3::Y, depth: 1.0, roughness: 0.5 };
         let (pixels, guides) = places.map(|(domain, material)| (domain, guide(material))).unzip();
         Self { width: SIDE, pixels, guides }
     }
 
-    /// The same everywhere.
+    /// An image whose pixels are all equal.
     pub fn flat(domain: &Domain) -> Self {
         Self::new(|_, _| (domain.clone(), 1))
     }

@@ -1,7 +1,7 @@
-//! What a share is after samples that break naive rules: answers that need no chance.
+//! Deterministic checks of the share after samples that break naive rules.
 
 use bismar::balance::methods::efficiency_aware;
-use bismar::balance::spread::{Candidates, Caution, Spreads};
+use bismar::balance::variance::{BlockVariances, Candidates, Caution};
 use bismar::balance::{Balance, Contribution, Moments, Technique};
 use glam::Vec3;
 use serde::Serialize;
@@ -9,24 +9,24 @@ use serde::Serialize;
 use super::domain::Image;
 use super::simulate::{EQUAL_COST, Subject};
 
-/// A question about shares and the answers of those who learn.
+/// A check of the share, and its result for every estimator that adapts.
 #[derive(Debug, Clone, Serialize)]
 pub struct Fact {
     /// F1 … F17, or none.
     pub mode: &'static str,
-    /// What was shown to them.
+    /// Description of the samples.
     pub shown: &'static str,
-    /// What is right.
+    /// Description of the correct share.
     pub right: &'static str,
-    /// Name, share, and is it right?
+    /// Name of the estimator, its share, and whether it is correct.
     pub answers: Vec<(String, f32, bool)>,
 }
 
-/// Light and BSDF samples of the pilots.
+/// Number of light samples, and of BSDF samples, of the pilot.
 const PILOT: u32 = 16;
 
-/// The share after samples (Y, r) that came alternately from light and BSDF samples. Who learns from neighbours has seen
-/// them in one neighbour, and `others` in the rest.
+/// The share after samples (Y, r), alternately light and BSDF samples. For estimators that use neighbours, one neighbouring
+/// pixel has these samples and all others have `others`.
 fn share(subject: Subject, samples: &[(f32, f32)], others: &[(f32, f32)]) -> f32 {
     let mut moments = Moments::default();
     samples.iter().for_each(|&(y, r)| moments.add(y * y, r, y));
@@ -52,22 +52,22 @@ fn share(subject: Subject, samples: &[(f32, f32)], others: &[(f32, f32)]) -> f32
     }
     let pixel = image.width + 1;
     if subject == Subject::Method(Balance::EfficiencyAware) {
-        return efficiency_aware::shares(&contributions, image.pixels.len(), image.width, EQUAL_COST)[pixel];
+        return efficiency_aware::light_shares(&contributions, image.pixels.len(), image.width, EQUAL_COST)[pixel];
     }
-    let candidates = Candidates::two(Caution::DIRECT);
-    let spreads = Spreads::new(&candidates, &contributions, image.pixels.len(), PILOT);
-    spreads.choose(pixel, image.width, &image.guides, EQUAL_COST).light
+    let candidates = Candidates::light_and_bsdf(Caution::DIRECT);
+    let variances = BlockVariances::new(&candidates, &contributions, image.pixels.len(), PILOT);
+    variances.choose(pixel, image.width, &image.guides, EQUAL_COST).light_share
 }
 
-/// All of them.
+/// Runs all checks.
 pub fn facts() -> Vec<Fact> {
-    // Sixteen of each: light samples of r = 0.9 that vary, BSDF samples that do not.
+    // Sixteen of each: light samples with r = 0.9 and a variance, BSDF samples without variance.
     let plain: Vec<_> =
         (0..2 * PILOT).map(|i| if i % 2 == 0 { (1.0 + (i * i % 13) as f32, 0.9) } else { (1.0, -0.9) }).collect();
     let scaled = |by: f32| plain.iter().map(|&(y, r)| (y * by, r)).collect::<Vec<_>>();
     let mut firefly = plain.iter().map(|&(_, r)| (1.0, r)).collect::<Vec<_>>();
     firefly[6] = (1e3, 0.5);
-    // In the places of good samples, which then found nothing.
+    // Replaces three good samples.
     let replaced = |by: [(f32, f32); 3]| {
         let mut samples = plain.clone();
         [4, 7, 18].into_iter().zip(by).for_each(|(i, sample)| samples[i] = sample);

@@ -1,11 +1,11 @@
-//! When a difference is one: bounds on chance.
+//! Significance tests: verdicts with a bounded rate of false alarms.
 
 use serde::Serialize;
 
 use super::simulate::Shot;
 use crate::statistics::Sums;
 
-/// Chance that the whole family of tests raises an alarm though all is well.
+/// Upper bound of the probability that any test of the family raises a false alarm.
 pub const FALSE_ALARM: f64 = 1e-4;
 
 /// The largest |z| that one of `tests` two-sided tests may show (Bonferroni): the normal tail is bounded by
@@ -21,61 +21,61 @@ pub fn z_limit(tests: usize) -> f64 {
     high
 }
 
-/// How an estimator came through a mode.
+/// Verdict on an estimator in a mode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// Its worst pixel is within the bar.
+    /// The worst pixel is within the bar.
     Survives,
-    /// Its worst pixel is beyond the bar, but none by more than chance explains.
+    /// The worst pixel exceeds the bar, but no pixel significantly.
     Unsure,
-    /// A pixel is beyond the bar for sure.
+    /// A pixel exceeds the bar significantly.
     Fails,
-    /// Its mean is wrong for sure, or something is not finite.
+    /// The mean is significantly wrong, or a value is not finite.
     Wrong,
 }
 
-/// What an estimator did in one mode.
+/// Measurements of an estimator in one mode.
 #[derive(Debug, Clone, Serialize)]
 pub struct Outcome {
-    /// Who.
+    /// Name of the estimator.
     pub estimator: String,
-    /// Is everything finite, and every share in [0, 1]?
+    /// Whether all values are finite and all shares in [0, 1].
     pub finite: bool,
     /// Largest |mean − truth| in standard errors, over pixels, channels and the picture's mean.
     pub z: f64,
-    /// How many z-tests that is the largest of.
+    /// Number of z-tests.
     pub tests: usize,
-    /// The picture's mean over the truth, less one.
+    /// Relative bias of the picture's mean.
     pub bias: f64,
     /// Mean over pixels and channels of the variance over that of `half`.
     pub mean_ratio: f64,
-    /// The largest of them.
+    /// Largest ratio.
     pub worst_ratio: f64,
     /// Its standard error.
     pub worst_se: f64,
-    /// The surest pixel and channel's excess over the mode's bar, in its standard errors.
+    /// Largest excess of a pixel and channel over the mode's bar, in standard errors.
     pub excess: f64,
     /// Mean share of light samples in the last pass.
     pub share: f64,
-    /// Its standard deviation over replicas, rooted mean of pixels.
+    /// Standard deviation of the share over replicas, root mean square over pixels.
     pub share_sd: f64,
 }
 
 impl Outcome {
-    /// By the bar of the mode and the limit of all tests.
+    /// Judges by the mode's bar and the limit of |z| of all tests.
     pub fn verdict(&self, bar: f64, limit: f64) -> Verdict {
         match () {
             () if !self.finite || self.z.is_nan() || self.z > limit => Verdict::Wrong,
-            () if self.worst_ratio <= rounded_up(bar) => Verdict::Survives,
+            () if self.worst_ratio <= with_tolerance(bar) => Verdict::Survives,
             () if self.excess <= limit => Verdict::Unsure,
             () => Verdict::Fails,
         }
     }
 }
 
-/// Rounding, where nothing varies.
-fn rounded_up(bar: f64) -> f64 {
+/// The bar with a tolerance for rounding errors.
+fn with_tolerance(bar: f64) -> f64 {
     bar * (1.0 + 1e-6)
 }
 
@@ -91,18 +91,18 @@ pub struct Ratios {
 }
 
 impl Ratios {
-    /// None yet, for a mode's bar.
+    /// No ratios, with a mode's bar.
     pub fn new(bar: f64) -> Self {
         Self { bar, all: Sums::default(), worst: (0.0, 0.0), excess: 0.0 }
     }
 
-    /// Adds one and its standard error.
+    /// Adds a ratio and its standard error.
     pub fn add(&mut self, ratio: f64, error: f64) {
         self.all.add(ratio);
         if ratio > self.worst.0 {
             self.worst = (ratio, error);
         }
-        let beyond = ratio - rounded_up(self.bar);
+        let beyond = ratio - with_tolerance(self.bar);
         if beyond > 0.0 {
             self.excess = self.excess.max(beyond / error);
         }
@@ -114,7 +114,7 @@ impl Ratios {
     }
 }
 
-/// Means of many replicas of an image of known truth.
+/// Sums over many replicas of an image with a known true value.
 #[derive(Debug, Clone)]
 pub struct Tally {
     truth: Vec<[f64; 3]>,
@@ -127,7 +127,7 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Nothing yet.
+    /// No replicas.
     pub fn new(truth: &[[f64; 3]]) -> Self {
         let none = vec![[Sums::default(); 3]; truth.len()];
         Self {
@@ -168,13 +168,13 @@ impl Tally {
         self
     }
 
-    /// With the exact variances of `half`, by pixel and channel, and the mode's bar.
+    /// Compares with the exact variances of `half` (by pixel and channel) and the mode's bar.
     pub fn outcome(&self, estimator: String, half: &[[f64; 3]], bar: f64) -> Outcome {
         let n = self.truth.len();
         let (mut z, mut tests, mut ratios) = (0.0f64, 0, Ratios::new(bar));
         let truth: [f64; 3] = std::array::from_fn(|c| self.truth.iter().map(|t| t[c]).sum::<f64>() / n as f64);
         let mut test = |sums: &Sums, truth: f64| {
-            // Weights have the precision of f32.
+            // Weights are f32.
             let error = sums.error().hypot(4.0 * f64::from(f32::EPSILON) * truth.abs());
             let own = if sums.mean() == 0.0 { 0.0 } else { sums.mean().abs() / error };
             (z, tests) = (if own.is_nan() { own } else { z.max(own) }, tests + 1);

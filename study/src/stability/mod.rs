@@ -1,9 +1,9 @@
-//! Where methods fail: every estimator through the failure modes of adaptive balances, with positive controls.
+//! Failure modes of adaptive balances: every estimator in every mode, with positive controls.
 //!
-//! Exact cases are images of discrete integrands. A replica goes through the estimator's passes sample by sample, with
-//! `balance`'s own functions; its mean is tested against the exact truth. The variance of its estimate follows exactly
-//! from the shares that it chose, so only the shares are left to chance, not the variance. Scenes are small renders; there
-//! variances are measured over replicas with the same seeds. [`guiding`] has modes of its own.
+//! Exact cases are images of discrete integrands. A replica simulates the estimator's passes sample by sample, with the
+//! functions of [`bismar::balance`]; its mean is tested against the exact value. The variance of its estimate follows
+//! exactly from the shares that it chose, so only the shares are random. Scenes are small renders whose variances are
+//! measured over replicas with the same seeds. [`guiding`] has its own modes.
 
 pub mod cases;
 pub mod domain;
@@ -11,6 +11,7 @@ pub mod facts;
 pub mod guiding;
 pub mod judge;
 pub mod page;
+pub mod regularised;
 pub mod renders;
 pub mod scenes;
 pub mod simulate;
@@ -28,85 +29,85 @@ use facts::Fact;
 use judge::{Outcome, Tally, Verdict, z_limit};
 use simulate::{Subject, replica};
 
-/// A mode and how the estimators came through it.
+/// A failure mode and the results of the estimators in it.
 #[derive(Debug, Clone, Serialize)]
 pub struct ModeResult {
     /// F1 … F18, F24.
     pub mode: &'static str,
-    /// In a few words.
+    /// Short name.
     pub name: &'static str,
-    /// How it is posed.
+    /// Description of the case.
     pub construct: &'static str,
-    /// Rendered, or exact?
+    /// Whether variances come from renders; otherwise they are exact.
     pub rendered: bool,
-    /// Paths a pixel.
+    /// Paths per pixel.
     pub paths: u32,
-    /// Replicas.
+    /// Number of replicas.
     pub replicas: u32,
-    /// Largest variance ratio that counts as survived.
+    /// Largest variance ratio to `half` with which an estimator survives.
     pub bar: f64,
-    /// Mean over pixels of the least variance of any fixed share, over that of `half`; where that is known exactly.
+    /// Mean over pixels of the least variance of any fixed share over that of `half`; `None` in renders.
     pub best: Option<f64>,
-    /// One an estimator; those that cannot render are missing in renders.
+    /// One per estimator. Renders lack the estimators that exist only in simulation.
     pub outcomes: Vec<Outcome>,
 }
 
 /// A positive control.
 #[derive(Debug, Clone, Serialize)]
 pub struct Control {
-    /// The mode, and what it did.
+    /// Number of the mode.
     pub mode: &'static str,
-    /// What is wrong with it.
+    /// The deliberate error.
     pub name: &'static str,
-    /// The check that has to catch it.
+    /// The check that must catch it.
     pub check: &'static str,
-    /// What it did.
+    /// Its result.
     pub outcome: Outcome,
-    /// Was it caught?
+    /// Whether the check caught it.
     pub caught: bool,
 }
 
-/// All that was found.
+/// Results of the exact cases and scenes.
 #[derive(Debug, Clone, Serialize)]
 pub struct Results {
     /// Largest |z| allowed of one test.
     pub z_limit: f64,
-    /// How many z-tests there were.
+    /// Number of z-tests.
     pub tests: usize,
-    /// Chance of a false alarm among all of them.
+    /// Upper bound of the probability of a false alarm in any test.
     pub false_alarm: f64,
-    /// In the order of their numbers.
+    /// Ordered by number.
     pub modes: Vec<ModeResult>,
-    /// Answers that need no chance.
+    /// Deterministic checks.
     pub facts: Vec<Fact>,
-    /// What had to be caught.
+    /// Positive controls.
     pub controls: Vec<Control>,
 }
 
 impl Results {
-    /// Replicas of each kind.
+    /// Number of replicas per estimator and mode.
     pub fn replicas(&self) -> u32 {
         self.modes.first().map_or(0, |m| m.replicas)
     }
 
-    /// How an estimator came through a mode.
+    /// Judges an estimator in a mode.
     pub fn verdict(&self, mode: &ModeResult, outcome: &Outcome) -> Verdict {
         outcome.verdict(mode.bar, self.z_limit)
     }
 
-    /// Is every control caught?
+    /// Whether every control is caught.
     pub fn controls_caught(&self) -> bool {
         self.controls.iter().all(|c| c.caught)
     }
 
     /// Estimators with a wrong mean or a value that is not finite, each with the mode.
     pub fn wrong(&self) -> Vec<(&str, &ModeResult)> {
-        let of = |m| move |o| (self.verdict(m, o) == Verdict::Wrong).then_some((o.estimator.as_str(), m));
-        self.modes.iter().flat_map(|m| m.outcomes.iter().filter_map(of(m))).collect()
+        let wrong = |m| move |o| (self.verdict(m, o) == Verdict::Wrong).then_some((o.estimator.as_str(), m));
+        self.modes.iter().flat_map(|m| m.outcomes.iter().filter_map(wrong(m))).collect()
     }
 }
 
-/// What a run of the study found: of balances, of guiding, or of both.
+/// Results of a run of the study: of balances, of guiding, or of both.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Found {
     /// F1 … F18, F24.
@@ -117,37 +118,38 @@ pub struct Found {
 }
 
 impl Found {
-    /// Replicas of each kind.
+    /// Number of replicas per estimator and mode.
     pub fn replicas(&self) -> u32 {
         let guiding = || self.guiding.as_ref().map_or(0, |r| r.replicas);
         self.balance.as_ref().map_or_else(guiding, Results::replicas)
     }
 
-    /// Of both.
+    /// Controls of both.
     pub fn controls(&self) -> impl Iterator<Item = &Control> {
         let of_balance = self.balance.iter().flat_map(|r| &r.controls);
         of_balance.chain(self.guiding.iter().flat_map(|r| &r.controls))
     }
 
-    /// Who has a wrong mean or a value that is not finite, and in which mode.
+    /// Estimator, mode and name of the mode for each wrong mean or value that is not finite.
     pub fn wrong(&self) -> Vec<(&str, &str, &str)> {
-        let of_balance = self.balance.iter().flat_map(Results::wrong).map(|(who, m)| (who, m.mode, m.name));
-        let of_guiding = self.guiding.iter().flat_map(guiding::Results::wrong).map(|(who, m)| (who, m.mode, m.name));
+        let of_balance = self.balance.iter().flat_map(Results::wrong).map(|(estimator, m)| (estimator, m.mode, m.name));
+        let of_guiding =
+            self.guiding.iter().flat_map(guiding::Results::wrong).map(|(estimator, m)| (estimator, m.mode, m.name));
         of_balance.chain(of_guiding).collect()
     }
 }
 
-/// How many pieces of work a measurement has.
+/// Number of steps of [`measure`].
 pub fn steps(scenes: bool) -> usize {
     let exact = cases::cases().len() * Subject::shown().len() + 2;
     exact + if scenes { scenes::SCENES * (Balance::all().len() + 1) } else { 0 }
 }
 
-/// Takes everything. Exact cases and scenes have their own numbers of replicas, ≥ 2; none of scenes leaves them out.
-/// `done` is called after each of [`steps`] and may stop with an error; it must, once `stop` is raised.
+/// Measures all exact cases with `replicas` ≥ 2, and all scenes with `scene_replicas` ≥ 2 unless that is `None`. Calls `done`
+/// after each of [`steps`]; `done` may stop the measurement with an error, and must once `stop` is raised.
 ///
 /// # Errors
-/// Those of `done`, and of building the scenes.
+/// Errors of `done` and of building the scenes.
 pub fn measure(
     replicas: u32,
     scene_replicas: Option<u32>,
@@ -193,12 +195,12 @@ pub fn measure(
         }
     }
     modes.sort_by_key(|m| m.mode[1..].parse::<u32>().unwrap_or(u32::MAX));
-    let (biased, careless) = (cases::biased_control(), cases::unsafe_control());
-    let of_biased = exact(&biased, Subject::Biased, replicas);
+    let (biased, unsafe_case) = (cases::biased_control(), cases::unsafe_control());
+    let biased_outcome = exact(&biased, Subject::Biased, replicas);
     done()?;
-    let of_careless = exact(&careless, Subject::Unsafe, replicas);
+    let unsafe_outcome = exact(&unsafe_case, Subject::Unsafe, replicas);
     done()?;
-    let all = modes.iter().flat_map(|m| &m.outcomes).chain([&of_biased, &of_careless]);
+    let all = modes.iter().flat_map(|m| &m.outcomes).chain([&biased_outcome, &unsafe_outcome]);
     let tests = all.map(|o| o.tests).sum();
     let z_limit = z_limit(tests);
     let controls = vec![
@@ -206,35 +208,35 @@ pub fn measure(
             mode: biased.mode,
             name: biased.name,
             check: "z-test of the mean",
-            caught: of_biased.z > z_limit,
-            outcome: of_biased,
+            caught: biased_outcome.z > z_limit,
+            outcome: biased_outcome,
         },
         Control {
-            mode: careless.mode,
-            name: careless.name,
+            mode: unsafe_case.mode,
+            name: unsafe_case.name,
             check: "worst pixel's variance",
-            caught: of_careless.verdict(careless.bar, z_limit) == Verdict::Fails,
-            outcome: of_careless,
+            caught: unsafe_outcome.verdict(unsafe_case.bar, z_limit) == Verdict::Fails,
+            outcome: unsafe_outcome,
         },
     ];
     Ok(Results { z_limit, tests, false_alarm: judge::FALSE_ALARM, modes, facts: facts::facts(), controls })
 }
 
-/// Replicas that are added up one after another; sums of these are added in order, so that threads do not matter.
-const TOGETHER: u32 = 250;
+/// Replicas that one task adds up. Tasks' sums are added in order, so that the result does not depend on threads.
+const REPLICAS_PER_TASK: u32 = 250;
 
-/// One estimator on one exact case.
+/// Simulates one estimator on one exact case.
 fn exact(case: &Case, subject: Subject, replicas: u32) -> Outcome {
     let truth: Vec<_> = case.image.pixels.iter().map(|d| d.total()).collect();
     let half: Vec<_> =
         case.image.pixels.iter().map(|d| d.variance(Heuristic::Balance, Counts::half(case.paths))).collect();
-    let starts: Vec<u32> = (0..replicas).step_by(TOGETHER as usize).collect();
+    let starts: Vec<u32> = (0..replicas).step_by(REPLICAS_PER_TASK as usize).collect();
     let tallies: Vec<_> = starts
         .into_par_iter()
         .map(|start| {
             let mut tally = Tally::new(&truth);
-            for r in start..(start + TOGETHER).min(replicas) {
-                // Neighbouring states make overlapping streams.
+            for r in start..(start + REPLICAS_PER_TASK).min(replicas) {
+                // Mixed seeds: consecutive states would make overlapping streams.
                 let mut random = SplitMix64(SplitMix64(u64::from(r)).bits());
                 tally.add(&replica(&case.image, subject, case.paths, &mut random));
             }

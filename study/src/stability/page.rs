@@ -1,4 +1,4 @@
-//! The tables of the stability study: for `docs` as Markdown, for people as a page, for programs as JSON.
+//! Tables of the stability study as Markdown (for `docs`), an HTML page, and JSON.
 
 use std::path::Path;
 
@@ -12,10 +12,10 @@ use crate::files;
 use crate::provenance::Provenance;
 use crate::report::{Page, Table, Tone, number};
 
-/// Raised when a field changes its meaning or goes away.
+/// Version of the JSON. It rises when a field changes its meaning or is removed.
 const SCHEMA: u32 = 1;
 
-/// A number with its mark and tone.
+/// A number with the mark and tone of its verdict.
 fn marked(text: String, verdict: Verdict) -> (String, Tone) {
     match verdict {
         Verdict::Survives => (text, Tone::Plain),
@@ -25,7 +25,8 @@ fn marked(text: String, verdict: Verdict) -> (String, Tone) {
     }
 }
 
-/// A ratio beside its bar. One that two decimals would show on the wrong side of it has three; what is unsure says how much.
+/// A variance ratio with its verdict. It has three decimals if two would round it to the bar; an unsure one has its
+/// standard error.
 pub(super) fn judged(outcome: &Outcome, bar: f64, verdict: Verdict) -> (String, Tone) {
     let (worst, error) = (outcome.worst_ratio, outcome.worst_se);
     let text = match ratio(worst) {
@@ -39,13 +40,13 @@ pub(super) fn judged(outcome: &Outcome, bar: f64, verdict: Verdict) -> (String, 
     }
 }
 
-/// The largest |z| of an estimator in a mode.
+/// The largest |z| of an estimator in a mode, with its verdict.
 pub(super) fn largest_z(outcome: &Outcome, verdict: Verdict) -> (String, Tone) {
     let verdict = if verdict == Verdict::Wrong { Verdict::Fails } else { Verdict::Survives };
     marked(format!("{:.1}", outcome.z), verdict)
 }
 
-/// Two decimals are what there is to compare; more digits of a large failure are noise.
+/// A variance ratio with two decimals, or three significant digits from 100 on.
 pub(super) fn ratio(x: f64) -> String {
     match x {
         f64::INFINITY => "∞".to_owned(),
@@ -62,7 +63,7 @@ fn none() -> (String, Tone) {
     ("–".to_owned(), Tone::Faint)
 }
 
-/// A table with a row a mode and a column an estimator, then other columns.
+/// A table with a row per mode, a column per estimator, and further columns.
 fn by_mode(
     results: &Results,
     cell: impl Fn(&ModeResult, &Outcome) -> (String, Tone),
@@ -83,10 +84,10 @@ fn by_mode(
     table
 }
 
-/// The worst pixel and channel of each, and how often each one failed.
+/// The worst pixel and channel of each mode and estimator, and the number of failures of each estimator.
 pub fn survival(results: &Results) -> Table {
     let cell = |m: &ModeResult, o: &Outcome| judged(o, m.bar, results.verdict(m, o));
-    let bar = ("bar", "largest ratio that counts as survived");
+    let bar = ("bar", "largest variance ratio that survives");
     let mut table = by_mode(results, cell, &[bar], |m| vec![ratio(m.bar)]);
     let all = || results.modes.iter().flat_map(|m| m.outcomes.iter().map(move |o| (m, o)));
     let of = |subject: Subject| {
@@ -97,7 +98,7 @@ pub fn survival(results: &Results) -> Table {
     table
 }
 
-/// The last row of who survives what: how many of each estimator's verdicts say that it fails for sure.
+/// The last row of the survival table: the number of certain failures of each estimator.
 pub(super) fn failures(verdicts: impl Iterator<Item = Vec<Verdict>>) -> Vec<(String, Tone)> {
     let of = |own: Vec<Verdict>| {
         let failed = own.iter().filter(|v| matches!(v, Verdict::Fails | Verdict::Wrong)).count();
@@ -107,31 +108,31 @@ pub(super) fn failures(verdicts: impl Iterator<Item = Vec<Verdict>>) -> Vec<(Str
     std::iter::once(name).chain(verdicts.map(of)).chain([(String::new(), Tone::Faint)]).collect()
 }
 
-/// Mean ratios, and the limit.
+/// Mean variance ratios, and the least that a fixed share reaches.
 fn means(results: &Results) -> Table {
-    let best = ("best fixed share", "least variance of any counts that are fixed beforehand");
+    let best = ("best fixed share", "least variance of any fixed sample counts");
     let cell = |_: &ModeResult, o: &Outcome| (ratio(o.mean_ratio), Tone::Plain);
     by_mode(results, cell, &[best], |m| vec![m.best.map_or("–".to_owned(), ratio)])
 }
 
-/// Largest |z| of each.
+/// Largest |z| of each mode and estimator.
 fn unbiased(results: &Results) -> Table {
     let cell = |m: &ModeResult, o: &Outcome| largest_z(o, results.verdict(m, o));
-    by_mode(results, cell, &[("tests", "z-tests an estimator")], |m| {
+    by_mode(results, cell, &[("tests", "z-tests per estimator")], |m| {
         vec![m.outcomes.first().map_or(0, |o| o.tests).to_string()]
     })
 }
 
-/// Mean share and its scatter.
+/// Mean share of light samples and its standard deviation.
 fn shares(results: &Results) -> Table {
     let cell = |_: &ModeResult, o: &Outcome| (format!("{:.2} ± {:.2}", o.share, o.share_sd), Tone::Plain);
     by_mode(results, cell, &[], |_| vec![])
 }
 
 fn constructs(results: &Results) -> Table {
-    let mut table = Table::new(&[("mode", ""), ("how it is posed", ""), ("paths a pixel", ""), ("by", "")]);
+    let mut table = Table::new(&[("mode", ""), ("construction", ""), ("paths per pixel", ""), ("variances from", "")]);
     for m in &results.modes {
-        let by = if m.rendered { "renders" } else { "exact variances" };
+        let by = if m.rendered { "renders" } else { "exact sums" };
         let cells = [name_of(m), m.construct.to_owned(), m.paths.to_string(), by.to_owned()];
         table.rows.push(cells.map(|c| (c, Tone::Words)).to_vec());
     }
@@ -139,7 +140,7 @@ fn constructs(results: &Results) -> Table {
 }
 
 fn facts(results: &Results) -> Table {
-    let mut table = Table::new(&[("mode", ""), ("samples", ""), ("right", "")]);
+    let mut table = Table::new(&[("mode", ""), ("samples", ""), ("correct", "")]);
     let names = results.facts.first().map_or(&[][..], |f| &f.answers).iter();
     table.columns.extend(names.map(|(name, ..)| (name.clone(), String::new())));
     for fact in &results.facts {
@@ -155,7 +156,7 @@ fn facts(results: &Results) -> Table {
 pub(super) fn controls(controls: &[Control]) -> Table {
     let mut table = Table::new(&[
         ("control", ""),
-        ("what is wrong with it", ""),
+        ("deliberate error", ""),
         ("bias", ""),
         ("largest z", ""),
         ("worst ratio", ""),
@@ -164,7 +165,7 @@ pub(super) fn controls(controls: &[Control]) -> Table {
     ]);
     for c in controls {
         let o = &c.outcome;
-        // Its passes are correlated: there is no exact variance.
+        // Passes of the biased control are correlated: its exact variance is unknown.
         let worst = if c.check.starts_with('z') { "–".to_owned() } else { ratio(o.worst_ratio) };
         let cells = [
             (o.estimator.clone(), Tone::Words),
@@ -181,17 +182,17 @@ pub(super) fn controls(controls: &[Control]) -> Table {
     table
 }
 
-const LEAD: &str = "Every `--balance` through the failure modes of adaptive sampling. The numbers are variances over that \
-of `half` with as many paths, in the worst pixel and colour channel: 1 is no harm, below 1 is a gain. \
-Then guiding, through those of its own (F19 to F23).";
-const WORST: &str = "✗: a pixel is beyond the mode's bar for sure; ?: the worst one (± its standard error) is beyond it, \
-but none by more than chance explains, the worst of all being looked at. 1.00 may mean that a method learned nothing \
-from so few samples, or nothing that it trusted: see its shares below. `power` and `max` do not adapt: what they lose, \
-they lose by their weights. `ridge` and `minimax` are no `--balance` and in exact cases alone: the paper's passes, and its formula \
-with one pseudo-observation, or the share that is best against the worst integrand of such moments, with two.";
-const SHARES: &str = "Mean share of light samples in the last pass ± its standard deviation between replicas: F10 asks how \
-much it scatters where all pixels are alike.";
-const FACTS: &str = "The share of light samples after samples that break naive rules. What is broken must not count.";
+const LEAD: &str = "Which `--balance` is safe in the failure modes of adaptive sampling. The numbers are variances over those \
+of `half` with equal paths, in the worst pixel and colour channel: 1 is no harm, below 1 is a gain. F19 to F23 test path \
+guiding.";
+const WORST: &str = "✗: a pixel exceeds the mode's bar by more than chance explains. ?: the worst pixel (± its standard error) \
+exceeds it, but chance may explain that. 1.00 may mean that a method learned nothing from so few samples, or nothing that it \
+trusted: see its shares below. `power` and `max` do not adapt; their losses come from their weights. `ridge` and `minimax` \
+are not values of `--balance` and appear in exact cases only. Both use the paper's passes: `ridge` its formula with one \
+pseudo-observation, `minimax` the best share against the worst integrand with the same moments, with two.";
+const SHARES: &str = "Mean share of light samples in the last pass ± its standard deviation over replicas. F10 tests how much \
+the share varies where all pixels are equal.";
+const FACTS: &str = "The share of light samples after samples that break naive rules. Invalid samples must not count.";
 
 /// A section of the page.
 pub(super) struct Part {
@@ -210,8 +211,9 @@ fn of_balance(results: &Results) -> Vec<Part> {
     let replicas = results.replicas();
     let family = format!(
         "Largest |mean − truth| in standard errors over all pixels, channels and the picture's mean, after {replicas} \
-         replicas. All {} tests together raise a false alarm with a chance of {} at most (Bonferroni, normal tail bounded): the limit is {:.2}. Exact cases \
-         are tested against the exact truth, renders against renders by `half` with other seeds.",
+         replicas. The probability that any of the {} tests raises a false alarm is at most {} (Bonferroni, bound of the normal \
+         tail): the limit is {:.2}. Exact cases are tested against the exact value, renders against renders by `half` with other \
+         seeds.",
         results.tests, results.false_alarm, results.z_limit
     );
     let part = |title, text: &str, table| Part { title, text: text.to_owned(), table };
@@ -219,23 +221,19 @@ fn of_balance(results: &Results) -> Vec<Part> {
         part("Who survives what", WORST, survival(results)),
         part("On average", "The same ratios, averaged over pixels and channels.", means(results)),
         part("Means", &family, unbiased(results)),
-        part(
-            "Controls",
-            "Wrong on purpose: a check that does not catch them is worth nothing.",
-            controls(&results.controls),
-        ),
+        part("Controls", "Deliberate errors that the checks must catch.", controls(&results.controls)),
         part("Shares", SHARES, shares(results)),
         part("Shares after hard samples", FACTS, facts(results)),
         part("The modes", METHOD, constructs(results)),
     ]
 }
 
-const METHOD: &str = "Exact cases are pictures of 4 x 4 pixels whose integrands have a few places each. A replica takes an \
-estimator's passes sample by sample, with the same functions as a render; the variance of its result follows exactly from \
-the shares that it chose (passes are uncorrelated). Renders are 4 x 4 pixels; their variances are measured over replicas \
-that have the same seeds for all estimators.";
+const METHOD: &str = "Exact cases are pictures of 4 x 4 pixels with a few atoms per integrand. A replica simulates an \
+estimator's passes sample by sample, with the same functions as a render. The variance of its result follows exactly from \
+the shares that it chose, as passes are uncorrelated. Renders have 4 x 4 pixels; their variances are measured over replicas \
+with the same seeds for all estimators.";
 
-/// What wrote the tables.
+/// The command that writes the tables.
 fn command(found: &Found) -> String {
     let only = match (&found.balance, &found.guiding) {
         (Some(_), None) => " --only balance",
@@ -248,7 +246,7 @@ fn command(found: &Found) -> String {
 /// The tables for `docs`.
 pub fn markdown(found: &Found) -> String {
     let mut text = "# Where methods fail\n".to_owned();
-    text += &format!("\n    {}\n\nwrote this; `make stability` brings it here.\n\n{LEAD}\n", command(found));
+    text += &format!("\n    {}\n\nwrote this; `make stability` copies it here.\n\n{LEAD}\n", command(found));
     for part in parts(found) {
         text += &format!("\n## {}\n\n{}\n\n{}", part.title, part.text, part.table.markdown());
     }

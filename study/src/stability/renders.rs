@@ -1,20 +1,20 @@
-//! Many renders of a picture, and what they say of who made them.
+//! Statistics of many renders of one picture by one estimator.
 
 use super::cases::BAR;
 use super::judge::{Outcome, Ratios};
 use crate::statistics::Sums;
 
-/// Green of one pixel after another, replica by replica, and the shares.
+/// Green channel and shares of light samples of all replicas.
 #[derive(Debug, Clone)]
 pub struct Renders {
-    /// By replica and pixel.
+    /// Green channel, by replica and pixel.
     pub green: Vec<Vec<f64>>,
-    /// Of light samples, alike.
+    /// Share of light samples, by replica and pixel.
     pub shares: Vec<Vec<f32>>,
 }
 
 impl Renders {
-    /// Against `half` with the same seeds; means against those of `half` with others.
+    /// Compares variances with those of `half` with the same seeds, and means with those of `half` with other seeds (`truth`).
     pub fn outcome(&self, estimator: String, half: &Self, truth: &Self) -> Outcome {
         let own = self;
         let pixels = own.green[0].len();
@@ -31,12 +31,12 @@ impl Renders {
             z = if own.is_nan() { own } else { z.max(own) };
         };
         for i in 0..pixels {
-            let of = |r: &Renders| sums(&mut r.green.iter().map(|p| p[i]));
-            let (a, b) = (of(own), of(half));
-            test(a, of(truth));
+            let pixel = |r: &Renders| sums(&mut r.green.iter().map(|p| p[i]));
+            let (a, b) = (pixel(own), pixel(half));
+            test(a, pixel(truth));
             let nothing = 1e-10 * b.mean().powi(2);
             let (ratio, error) = if b.variance() > nothing {
-                // The ratio's logarithm has this influence of each replica; both have the same seeds.
+                // Influence of each replica on the logarithm of the ratio; both estimators have the same seeds.
                 let influence = own.green.iter().zip(&half.green).map(|(x, y)| {
                     (x[i] - a.mean()).powi(2) / a.variance().max(nothing) - (y[i] - b.mean()).powi(2) / b.variance()
                 });

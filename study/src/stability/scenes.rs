@@ -1,4 +1,4 @@
-//! The failure modes that need the renderer itself: small scenes, rendered many times.
+//! Failure modes that need the renderer: small scenes, rendered many times.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -8,10 +8,9 @@ use bismar::balance::Balance;
 use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
 use bismar::render::{Integrator, RenderSettings, render};
-use bismar::scene::{
-    Camera, Environment, Instance, Material, Mesh, Object, Positions, Projection, PunctualKind, PunctualLight, Scene,
-};
-use glam::{Affine3A, Mat3, Vec3, Vec4};
+use bismar::scene::build::{self, area_light, lambert, look, metal};
+use bismar::scene::{Environment, Material, PunctualKind, PunctualLight, Scene};
+use glam::Vec3;
 use rayon::prelude::*;
 
 use super::judge::Outcome;
@@ -19,38 +18,26 @@ use super::renders::Renders;
 
 /// Pixels along a side.
 pub(super) const SIDE: u32 = 4;
-/// How many [`scene_cases`] there are.
+/// Number of [`scene_cases`].
 pub const SCENES: usize = 8;
-/// Paths a pixel.
+/// Paths per pixel.
 pub const PATHS: u32 = 64;
-/// Seeds of the renders that means are compared with begin here.
+/// First seed of the renders that estimate the true means.
 pub const OTHER_SEEDS: u32 = 1 << 30;
 
 /// A failure mode on a scene.
 pub struct SceneCase {
     /// F1 … F18, F24.
     pub mode: &'static str,
-    /// In a few words.
+    /// Short name.
     pub name: &'static str,
-    /// What is there.
+    /// Description of the scene.
     pub construct: &'static str,
     scene: PreparedScene<'static>,
     integrator: Integrator,
 }
 
-pub(super) fn lambert(albedo: f32) -> Material {
-    Material { base_color: Vec4::new(albedo, albedo, albedo, 1.0), metallic: 0.0, specular: 0.0, ..Default::default() }
-}
-
-pub(super) fn metal(roughness: f32) -> Material {
-    Material { metallic: 1.0, roughness, ..Default::default() }
-}
-
-pub(super) fn lamp(radiance: f32) -> Material {
-    Material { emissive: Vec3::splat(radiance), ..lambert(0.0) }
-}
-
-/// A sky whose left half is dimmer, with a sun that outshines it, low on the right.
+/// An environment with a dimmer left half and a bright sun low on the right.
 fn sun_and_sky() -> Environment {
     let (width, height) = (16, 8);
     let texel = |i: u32| match (i % width, i / width) {
@@ -61,22 +48,11 @@ fn sun_and_sky() -> Environment {
     Environment { name: "sun and sky".into(), width, height, pixels, rotation: 0.0, strength: 1.0 }
 }
 
-/// Adds a parallelogram, seen from where its edges `u` and `v` turn counter-clockwise.
+/// Adds a parallelogram with the edges `u` and `v`; it faces `u` × `v`.
 pub(super) fn plate(scene: &mut Scene, corner: [f32; 3], u: [f32; 3], v: [f32; 3], material: Material) {
     let [corner, u, v] = [corner, u, v].map(Vec3::from_array);
-    let points = [corner, corner + u, corner + u + v, corner + v].map(|p| p.to_array());
-    let n = scene.meshes.len() as u32;
-    scene.materials.push(material);
-    let mesh = Mesh {
-        name: format!("plate {n}"),
-        positions: Positions::new(points.to_vec()),
-        indices: vec![[0, 1, 2], [0, 2, 3]],
-        material: n,
-        ..Default::default()
-    };
-    scene.meshes.push(mesh.into());
-    scene.objects.push(Object { name: String::new(), meshes: n..n + 1 });
-    scene.instances.push(Instance { name: String::new(), object: n, ..Default::default() });
+    let corners = [corner, corner + u, corner + u + v, corner + v];
+    build::add_shape(scene, &build::quad(corners.map(Vec3::as_dvec3)), material);
 }
 
 /// A floor over x in `[x0, x1]`, facing up.
@@ -89,22 +65,7 @@ pub(super) fn ceiling(scene: &mut Scene, [x, y, z]: [f32; 3], w: f32, material: 
     plate(scene, [x - w, y, z - w], [2.0 * w, 0.0, 0.0], [0.0, 0.0, 2.0 * w], material);
 }
 
-/// Looks from `eye` at `at`.
-pub(super) fn look(scene: &mut Scene, eye: [f32; 3], at: [f32; 3], yfov: f32) {
-    let [eye, at] = [eye, at].map(Vec3::from_array);
-    let z = (eye - at).normalize();
-    let x = Vec3::Y.cross(z).normalize();
-    scene.cameras.push(Camera {
-        motion: None,
-        adjacent_frames: None,
-        name: "camera".into(),
-        projection: Projection::Perspective { yfov },
-        aspect: None,
-        to_world: Affine3A::from_mat3_translation(Mat3::from_cols(x, z.cross(x), z), eye),
-    });
-}
-
-/// All of them.
+/// Builds all cases.
 ///
 /// # Errors
 /// As [`PreparedScene::build`].
@@ -122,13 +83,13 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
     };
     let mut caustic = Scene::default();
     floor(&mut caustic, [-3.0, 3.0], lambert(0.6));
-    ceiling(&mut caustic, [0.0, 1.0, 0.0], 0.15, lamp(10.0));
+    ceiling(&mut caustic, [0.0, 1.0, 0.0], 0.15, area_light(10.0));
     plate(&mut caustic, [-0.25, 0.05, -0.5], [0.5, 0.0, 0.0], [0.0, 0.3, 0.0], metal(0.1));
 
     let mut delta = Scene::default();
     floor(&mut delta, [-3.0, 0.0], metal(0.0));
     floor(&mut delta, [0.0, 3.0], lambert(0.6));
-    ceiling(&mut delta, [0.0, 1.0, -0.6], 0.3, lamp(6.0));
+    ceiling(&mut delta, [0.0, 1.0, -0.6], 0.3, area_light(6.0));
     delta.lights.push(PunctualLight {
         motion: Vec::new(),
         name: "point".into(),
@@ -141,19 +102,19 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
 
     let mut sobol = sky();
     floor(&mut sobol, [-3.0, 3.0], metal(0.4));
-    ceiling(&mut sobol, [0.0, 1.0, -0.6], 0.4, lamp(6.0));
+    ceiling(&mut sobol, [0.0, 1.0, -0.6], 0.4, area_light(6.0));
 
     let mut edge = sky();
     floor(&mut edge, [-3.0, 0.0], metal(0.2));
     floor(&mut edge, [0.0, 3.0], lambert(0.6));
-    ceiling(&mut edge, [0.0, 1.0, -0.6], 0.4, lamp(6.0));
+    ceiling(&mut edge, [0.0, 1.0, -0.6], 0.4, area_light(6.0));
 
     let mut shadow = sky();
     floor(&mut shadow, [-3.0, 3.0], metal(0.5));
-    ceiling(&mut shadow, [0.0, 1.0, -0.6], 0.3, lamp(6.0));
+    ceiling(&mut shadow, [0.0, 1.0, -0.6], 0.3, area_light(6.0));
     ceiling(&mut shadow, [-0.52, 0.2, -0.1], 0.5, lambert(0.0));
 
-    // The sun is in +x: on the first floor it shines on one half, past a wall; from the second a wall hides it all.
+    // The sun is in +x. In the first scene a wall shades half of the floor; in the second a wall shades all of it.
     let under = |wall: [f32; 3]| {
         let mut scene = Scene { environment: Some(sun_and_sky()), ..Default::default() };
         floor(&mut scene, [-3.0, 0.0], metal(0.3));
@@ -162,12 +123,11 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
         scene
     };
     let (sunny, shady) = (under([0.0, -3.0, 2.0]), under([3.0, -6.0, 5.0]));
-    // What pilots learn of the lamps is learned of all pixels at once: a wall hides the brighter lamp from all but the last
-    // column.
+    // Light selection is learned over all pixels at once: a wall hides the brighter light from all but the last column.
     let mut walled = Scene::default();
     floor(&mut walled, [-3.0, 3.0], lambert(0.6));
-    ceiling(&mut walled, [0.8, 1.0, -0.2], 0.3, lamp(20.0));
-    ceiling(&mut walled, [-0.5, 1.2, 0.0], 0.2, lamp(2.0));
+    ceiling(&mut walled, [0.8, 1.0, -0.2], 0.3, area_light(20.0));
+    ceiling(&mut walled, [-0.5, 1.2, 0.0], 0.2, area_light(2.0));
     plate(
         &mut walled,
         [0.36, 0.0, -3.0],
@@ -204,8 +164,8 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
 }
 
 impl SceneCase {
-    fn take(&self, balance: Balance, replicas: u32, seed: u32, stop: &AtomicBool) -> Renders {
-        let one = |r: u32| {
+    fn renders(&self, balance: Balance, replicas: u32, seed: u32, stop: &AtomicBool) -> Result<Renders> {
+        let one = |r: u32| -> Result<_> {
             let settings = RenderSettings {
                 width: SIDE,
                 height: SIDE,
@@ -216,16 +176,17 @@ impl SceneCase {
                 seed: seed + r,
                 ..Default::default()
             };
-            let film = render(&self.scene, &settings, stop, &|_| ()).film();
+            let film = render(&self.scene, &settings, stop, &|_| ())?.film();
             let green = film.pixels.iter().map(|p| p.sum[1] / f64::from(p.samples)).collect();
-            (green, film.pixels.iter().map(|p| p.balance).collect())
+            Ok((green, film.pixels.iter().map(|p| p.light_share).collect()))
         };
-        let (green, shares) = (0..replicas).into_par_iter().map(one).unzip();
-        Renders { green, shares }
+        let renders = (0..replicas).into_par_iter().map(one).collect::<Result<Vec<_>>>()?;
+        let (green, shares) = renders.into_iter().unzip();
+        Ok(Renders { green, shares })
     }
 
-    /// Every estimator against `half` with the same seeds, whose means are compared with those of `half` with others.
-    /// `done` is called after each of them; when `stop` is raised it must return an error.
+    /// Compares the variance of every estimator with that of `half` with the same seeds, and its mean with that of `half` with
+    /// other seeds. Calls `done` after each; it must return an error once `stop` is raised.
     pub fn outcomes(
         &self,
         balances: &[Balance],
@@ -233,12 +194,12 @@ impl SceneCase {
         stop: &AtomicBool,
         done: &mut dyn FnMut() -> Result<()>,
     ) -> Result<Vec<Outcome>> {
-        let truth = self.take(Balance::Half, replicas, OTHER_SEEDS, stop);
-        let half = self.take(Balance::Half, replicas, 0, stop);
+        let truth = self.renders(Balance::Half, replicas, OTHER_SEEDS, stop)?;
+        let half = self.renders(Balance::Half, replicas, 0, stop)?;
         done()?;
         let mut outcomes = Vec::new();
         for &balance in balances {
-            let own = if balance == Balance::Half { None } else { Some(self.take(balance, replicas, 0, stop)) };
+            let own = if balance == Balance::Half { None } else { Some(self.renders(balance, replicas, 0, stop)?) };
             let name = balance.name().to_owned();
             outcomes.push(own.as_ref().unwrap_or(&half).outcome(name, &half, &truth));
             done()?;

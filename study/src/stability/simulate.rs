@@ -1,16 +1,18 @@
 //! Estimators on discrete images: the methods of the balance as they are, on a [`Sampler`] whose means and variances are
 //! known exactly.
 
-use bismar::balance::method::{at_once, by_moments, up_to};
-use bismar::balance::sampler::Lights;
-use bismar::balance::spread::Guide;
+use bismar::balance::PixelFeatures;
+use bismar::balance::method::{pass_within_goal, take_pass, take_pass_and_update};
+use bismar::balance::sampler::LightInfo;
 use bismar::balance::{
-    Balance, Contribution, Cost, Counts, Heuristic, Learned, Method, Moments, Observer, Sampler, Share, Technique,
+    Balance, Contribution, Cost, Counts, Heuristic, LearnedPixels, Method, Moments, Observer, Sampler, Shares,
+    Technique,
 };
 use bismar::sampling::SplitMix64;
 use glam::Vec3;
 
 use super::domain::{Atom, Image};
+use super::regularised::{minimax_ridge, second_order_ridge};
 
 /// Who is tested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,8 +46,8 @@ impl Subject {
         match self {
             Subject::Method(Balance::SecondOrder) => Some(seen.second_order()),
             Subject::Method(Balance::Kl) => Some(seen.kl_linear()),
-            Subject::Ridge => Some(seen.second_order_ridge(1.0)),
-            Subject::Minimax => Some(seen.minimax_ridge(2.0)),
+            Subject::Ridge => Some(second_order_ridge(seen, 1.0)),
+            Subject::Minimax => Some(minimax_ridge(seen, 2.0)),
             _ => None,
         }
     }
@@ -58,8 +60,8 @@ impl Subject {
     fn method(self) -> &'static dyn Method {
         match self {
             Subject::Method(balance) => balance.method(),
-            Subject::Ridge => &FromMoments { name: "ridge", share: |seen| seen.second_order_ridge(1.0) },
-            Subject::Minimax => &FromMoments { name: "minimax", share: |seen| seen.minimax_ridge(2.0) },
+            Subject::Ridge => &FromMoments { name: "ridge", share: |seen| second_order_ridge(seen, 1.0) },
+            Subject::Minimax => &FromMoments { name: "minimax", share: |seen| minimax_ridge(seen, 2.0) },
             Subject::Biased => &Biased,
             Subject::Unsafe => &Unsafe,
         }
@@ -89,8 +91,8 @@ impl Method for FromMoments {
         Balance::SecondOrder.method().next_pass(done, goal, pilot)
     }
 
-    fn pass(&self, learned: &mut Learned, sampler: &mut dyn Sampler, _done: u32, paths: u32) {
-        by_moments(learned, sampler, paths, self.share);
+    fn pass(&self, learned: &mut LearnedPixels, sampler: &mut dyn Sampler, _done: u32, paths: u32) {
+        take_pass_and_update(learned, sampler, paths, self.share);
     }
 }
 
@@ -106,10 +108,10 @@ impl Method for Biased {
     }
 
     fn next_pass(&self, done: u32, goal: Option<u32>, _pilot: Option<f64>) -> Option<u32> {
-        up_to(goal, done, u32::MAX)
+        pass_within_goal(goal, done, u32::MAX)
     }
 
-    fn pass(&self, learned: &mut Learned, sampler: &mut dyn Sampler, _done: u32, paths: u32) {
+    fn pass(&self, learned: &mut LearnedPixels, sampler: &mut dyn Sampler, _done: u32, paths: u32) {
         let pilot = Counts::half(paths / 4);
         let mut moments = vec![Moments::default(); sampler.pixels()];
         for found in sampler.pilot(pilot) {
@@ -120,7 +122,7 @@ impl Method for Biased {
         sampler.reweight(&total);
         let rest: Vec<_> = total.iter().map(|total| total.after(pilot)).collect();
         sampler.take(&rest, &total, None);
-        learned.shares.iter_mut().zip(&total).for_each(|(share, total)| share.light = total.alpha());
+        learned.shares.iter_mut().zip(&total).for_each(|(share, total)| share.light_share = total.light_share());
     }
 }
 
@@ -136,12 +138,12 @@ impl Method for Unsafe {
     }
 
     fn next_pass(&self, done: u32, goal: Option<u32>, _pilot: Option<f64>) -> Option<u32> {
-        up_to(goal, done, if done == 0 { goal.unwrap_or(32) / 4 } else { u32::MAX })
+        pass_within_goal(goal, done, if done == 0 { goal.unwrap_or(32) / 4 } else { u32::MAX })
     }
 
-    fn pass(&self, learned: &mut Learned, sampler: &mut dyn Sampler, done: u32, paths: u32) {
+    fn pass(&self, learned: &mut LearnedPixels, sampler: &mut dyn Sampler, done: u32, paths: u32) {
         if done > 0 {
-            return at_once(learned, sampler, paths);
+            return take_pass(learned, sampler, paths);
         }
         let (half, mut found) = (vec![Counts::half(paths); sampler.pixels()], Vec::new());
         sampler.take(&half, &half, Some(&mut found));
@@ -151,7 +153,7 @@ impl Method for Unsafe {
             let moment = |alpha: f32| own().map(|f| one(alpha, f)).sum::<f32>();
             let shares = (0..=64).map(|i| (i as f32 / 64.0).clamp(1e-3, 1.0 - 1e-3));
             let best = shares.min_by(|&a, &b| moment(a).total_cmp(&moment(b))).unwrap_or(0.5);
-            share.light = if own().next().is_none() { 0.5 } else { best };
+            share.light_share = if own().next().is_none() { 0.5 } else { best };
         }
     }
 }
@@ -174,18 +176,18 @@ pub fn replica(image: &Image, subject: Subject, paths: u32, random: &mut SplitMi
     let method = subject.method();
     let mut exact =
         Exact { image, heuristic: method.heuristic(), random, sums: vec![Default::default(); n], pilot: vec![] };
-    let mut shares = vec![Share { light: 0.5, environment: None }; n];
+    let mut shares = vec![Shares { light_share: 0.5, environment_share: None }; n];
     let mut moments = vec![Moments::default(); if method.sums_moments() { n } else { 0 }];
     let mut done = 0;
     while let Some(pass) = method.next_pass(done, Some(paths), None) {
-        method.pass(&mut Learned { shares: &mut shares, moments: &mut moments }, &mut exact, done, pass);
+        method.pass(&mut LearnedPixels { shares: &mut shares, moments: &mut moments }, &mut exact, done, pass);
         done += pass;
     }
     let n = f64::from(paths);
-    let shot = |(s, share): (&Sums, &Share)| Shot {
+    let shot = |(s, share): (&Sums, &Shares)| Shot {
         estimate: s.sum.map(|x| x / n),
         variance: s.variance.map(|v| v / (n * n)),
-        share: share.light,
+        share: share.light_share,
     };
     exact.sums.iter().zip(&shares).map(shot).collect()
 }
@@ -219,11 +221,11 @@ impl Sampler for Exact<'_> {
         self.image.width
     }
 
-    fn lights(&self) -> Option<Lights> {
-        Some(Lights { environment: None, indirect: false, choice: 0.0 })
+    fn lights(&self) -> Option<LightInfo> {
+        Some(LightInfo { environment_probability: None, indirect: false, selection_cost: 0.0 })
     }
 
-    fn longest(&self) -> u32 {
+    fn max_paths(&self) -> u32 {
         u32::MAX
     }
 
@@ -231,7 +233,7 @@ impl Sampler for Exact<'_> {
         for pixel in 0..self.sums.len() {
             let heuristic = self.heuristic;
             self.trace(pixel, counts[pixel], weighed[pixel], |sums, atom, by_light, contribution| {
-                let found = atom.found(heuristic, weighed[pixel], by_light);
+                let found = atom.contribution(heuristic, weighed[pixel], by_light);
                 sums.sum.iter_mut().zip(found).for_each(|(s, x)| *s += x);
                 if let Some(observer) = &mut observer {
                     observer.contribution(&contribution);
@@ -257,12 +259,12 @@ impl Sampler for Exact<'_> {
         let half = Counts::half(1);
         for found in self.pilot.iter().filter(|f| f.radiance.is_finite() && f.radiance.max_element() > 0.0) {
             let pixel = found.pixel as usize;
-            let added = found.at(total[pixel].over(half));
+            let added = found.reweighted(total[pixel].relative_to(half));
             self.sums[pixel].sum.iter_mut().zip(added.to_array()).for_each(|(s, x)| *s += f64::from(x));
         }
     }
 
-    fn guides(&mut self) -> Vec<Guide> {
+    fn features(&mut self) -> Vec<PixelFeatures> {
         self.image.guides.clone()
     }
 
@@ -287,7 +289,7 @@ impl Exact<'_> {
                     continue;
                 }
                 // What is broken is learned from too: the balance has to stand it.
-                let (a_l, a_b) = (f64::from(weighed.light_a_path()), f64::from(weighed.bsdf_a_path()));
+                let (a_l, a_b) = (f64::from(weighed.light_per_path()), f64::from(weighed.bsdf_per_path()));
                 let z = atom.f.map(|f| 2.0 * f / (a_l * atom.light + a_b * atom.bsdf));
                 let y = atom.f.map(|f| 2.0 * f / (atom.light + atom.bsdf));
                 let w = (0..3).map(|c| y[c] * z[c]).sum::<f64>() as f32;

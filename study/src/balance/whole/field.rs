@@ -46,7 +46,7 @@ pub fn seen(scene: &StudyScene, spp: u32) -> Option<FieldPicture> {
         let normal = if normal.dot(rays.direction(i)) > 0.0 { -normal } else { normal };
         let origin = point.position + normal * point.origin_offset;
         let cells = field.cells_at(V3::splat(origin), V3::splat(normal));
-        let share = field.shares(field.guiding(cells)).as_array()[0];
+        let share = field.guiding_probabilities(field.guiding_cells(cells)).as_array()[0];
         let color = if share > 0.0 { (0.5 * (Vec3::ONE + mean(&field, cells))).to_array() } else { [0.0; 3] };
         (f64::from(share), color)
     };

@@ -1,7 +1,7 @@
-//! Where guiding fails: renders that are led by fields which pilots learned in hard places, or were lied to.
+//! Failure modes of path guiding: renders guided by fields that a pre-pass learned in hard scenes, or by adversarial fields.
 //!
-//! Pictures are the 4 x 4 pixels in the middle of 64 x 64, of which the pilot is. A pilot takes far longer than so few pixels,
-//! so a hundred replicas share one; a field of lies is the same for all.
+//! The pre-pass covers 64 x 64 pixels; renders cover the 4 x 4 pixels in the middle. The pre-pass takes far longer than these
+//! pixels, so a hundred replicas share one. All replicas share an adversarial field.
 
 pub mod page;
 pub mod scenes;
@@ -28,42 +28,44 @@ use super::scenes::{OTHER_SEEDS, PATHS};
 pub struct Case {
     /// F19 … F23.
     pub mode: &'static str,
-    /// In a few words.
+    /// Short name.
     pub name: &'static str,
-    /// How it is posed.
+    /// Description of the scene.
     pub construct: &'static str,
-    /// What is rendered.
+    /// The scene.
     pub scene: PreparedScene<'static>,
-    /// A field that was taught what is not so; `None`: the pilot's own.
-    pub lies: Option<Field>,
+    /// A field that was learned from wrong samples; `None`: the field of the case's own pre-pass.
+    pub adversarial: Option<Field>,
 }
 
-/// How an estimator came through a mode.
+/// Result of an estimator in a mode.
 #[derive(Debug, Clone, Serialize)]
 pub struct Guided {
-    /// Against `half` without guiding.
+    /// Comparison with `half` without guiding.
     #[serde(flatten)]
     pub outcome: Outcome,
-    /// Share of renders that had a field.
-    pub led: f64,
+    /// Fraction of renders that were guided by a field.
+    #[serde(rename = "led")]
+    pub guided_fraction: f64,
 }
 
-/// A mode and how the estimators came through it.
+/// A failure mode and the results of the estimators in it.
 #[derive(Debug, Clone, Serialize)]
 pub struct ModeResult {
     /// F19 … F23.
     pub mode: &'static str,
-    /// In a few words.
+    /// Short name.
     pub name: &'static str,
-    /// How it is posed.
+    /// Description of the scene.
     pub construct: &'static str,
-    /// Was the field of `on` lied to?
-    pub lies: bool,
+    /// Whether `on` uses an adversarial field.
+    #[serde(rename = "lies")]
+    pub adversarial: bool,
     /// `on` and `auto`.
     pub outcomes: [Guided; 2],
 }
 
-/// All that was found.
+/// Results of the measurement.
 #[derive(Debug, Clone, Serialize)]
 pub struct Results {
     /// Replicas.
@@ -76,12 +78,12 @@ pub struct Results {
     pub false_alarm: f64,
     /// In the order of their numbers.
     pub modes: Vec<ModeResult>,
-    /// What had to be caught.
+    /// Positive controls.
     pub controls: Vec<Control>,
 }
 
 impl Results {
-    /// How an estimator came through a mode.
+    /// Judges an estimator in a mode.
     pub fn verdict(&self, outcome: &Guided) -> Verdict {
         outcome.outcome.verdict(BAR, self.z_limit)
     }
@@ -98,19 +100,19 @@ impl Results {
 const WHOLE: u32 = 64;
 /// The pixels that are rendered.
 const WINDOW: [u32; 4] = [30, 30, 34, 34];
-/// Most segments of a path: some beyond the second surface, where roulette begins.
-const DEPTH: u32 = 4;
-/// Replicas that share a pilot.
-const TOGETHER: u32 = 100;
+/// Maximum number of path segments. Russian roulette begins after the second surface.
+const MAX_DEPTH: u32 = 4;
+/// Number of replicas that share a pre-pass.
+const REPLICAS_PER_PREPASS: u32 = 100;
 
-/// Of every render here.
+/// Settings of every render here.
 pub fn settings(seed: u32, guiding: Guiding) -> RenderSettings {
     RenderSettings {
         width: WHOLE,
         height: WHOLE,
         crop: Some(WINDOW),
         spp: Some(PATHS),
-        max_depth: DEPTH,
+        max_depth: MAX_DEPTH,
         balance: Balance::Half,
         guiding,
         seed,
@@ -123,12 +125,12 @@ fn green(pixel: &PixelStats) -> f64 {
     pixel.sum[1] / f64::from(pixel.samples)
 }
 
-/// What a render with these settings is led by.
+/// The field that guides a render with these settings, if any.
 pub fn field(scene: &PreparedScene, settings: &RenderSettings) -> Option<Field> {
     learned(scene, settings, &transport(scene, settings)).and_then(|learned| learned.field)
 }
 
-/// The window's pixels as [`settings`] and a seed have them after so many paths, led by a field.
+/// Renders the window's pixels with [`settings`] and a number of paths per pixel, guided by `field`.
 pub fn pixels(scene: &PreparedScene, field: Option<&Field>, seed: u32, paths: u32) -> Vec<PixelStats> {
     let transport = Transport { field, ..transport(scene, &settings(seed, Guiding::Off)) };
     let [x0, y0, x1, y1] = WINDOW;
@@ -139,30 +141,30 @@ pub fn pixels(scene: &PreparedScene, field: Option<&Field>, seed: u32, paths: u3
     stats
 }
 
-/// One picture after another, by its seed; nothing more once `stop` is raised.
-fn renders(seeds: std::ops::Range<u32>, stop: &AtomicBool, of: impl Fn(u32) -> Vec<f64> + Sync + Send) -> Renders {
+/// Renders one picture per seed with `render`. Once `stop` is raised, pictures are black.
+fn renders(seeds: std::ops::Range<u32>, stop: &AtomicBool, render: impl Fn(u32) -> Vec<f64> + Sync + Send) -> Renders {
     let stopped = || stop.load(Ordering::Relaxed);
-    let green: Vec<_> = seeds.into_par_iter().map(|seed| if stopped() { vec![0.0] } else { of(seed) }).collect();
+    let green: Vec<_> = seeds.into_par_iter().map(|seed| if stopped() { vec![0.0] } else { render(seed) }).collect();
     let shares = green.iter().map(|g| vec![0.5; g.len()]).collect();
     Renders { green, shares }
 }
 
 impl Case {
-    /// Pictures that this field leads.
-    fn take(&self, field: Option<&Field>, seeds: std::ops::Range<u32>, stop: &AtomicBool) -> Renders {
+    /// Renders guided by one field.
+    fn renders(&self, field: Option<&Field>, seeds: std::ops::Range<u32>, stop: &AtomicBool) -> Renders {
         renders(seeds, stop, |seed| pixels(&self.scene, field, seed, PATHS).iter().map(green).collect())
     }
 
-    /// Pictures that fields of pilots lead, and of which of them `auto` would do so.
-    fn piloted(&self, replicas: u32, stop: &AtomicBool) -> (Renders, Vec<bool>) {
+    /// Renders guided by fields of pre-passes, and whether `auto` would guide each of them.
+    fn with_prepass(&self, replicas: u32, stop: &AtomicBool) -> (Renders, Vec<bool>) {
         let (mut all, mut auto) = (Renders { green: Vec::new(), shares: Vec::new() }, Vec::new());
-        for first in (0..replicas).step_by(TOGETHER as usize) {
+        for first in (0..replicas).step_by(REPLICAS_PER_PREPASS as usize) {
             if stop.load(Ordering::Relaxed) {
                 break;
             }
-            let seeds = first..(first + TOGETHER).min(replicas);
+            let seeds = first..(first + REPLICAS_PER_PREPASS).min(replicas);
             let of = |guiding| field(&self.scene, &settings(first, guiding));
-            let own = self.take(of(Guiding::On).as_ref(), seeds.clone(), stop);
+            let own = self.renders(of(Guiding::On).as_ref(), seeds.clone(), stop);
             all.green.extend(own.green);
             all.shares.extend(own.shares);
             let chosen = of(Guiding::Auto).is_some();
@@ -171,8 +173,8 @@ impl Case {
         (all, auto)
     }
 
-    /// Positive control of unbiasedness: half of the paths with the field and half without, averaged pixel by pixel by what
-    /// each half's own samples say of its variance.
+    /// Positive control of unbiasedness: half of the paths with the field and half without, averaged per pixel with
+    /// weights from the measured variance of each half.
     fn averaged(&self, field: &Field, replicas: u32, stop: &AtomicBool) -> Renders {
         let one = |(a, b): (&PixelStats, &PixelStats)| {
             let [v, w] = [a, b].map(|s| f64::from(s.variance_of_mean()[1]).max(f64::MIN_POSITIVE));
@@ -185,47 +187,50 @@ impl Case {
     }
 }
 
-/// How many pieces of work a measurement has.
+/// Number of steps of [`measure`].
 pub fn steps() -> usize {
     2 * scenes::CASES + 1
 }
 
-/// Takes everything, with so many replicas, ≥ 2. `done` is called after each of [`steps`] and may stop with an error; it
-/// must, once `stop` is raised.
+/// Measures all cases with `replicas` ≥ 2. Calls `done` after each of [`steps`]; `done` may stop the measurement with an
+/// error, and must once `stop` is raised.
 ///
 /// # Errors
-/// Those of `done`, and of building the scenes.
+/// Errors of `done` and of building the scenes.
 pub fn measure(replicas: u32, stop: &AtomicBool, done: &mut dyn FnMut() -> Result<()>) -> Result<Results> {
     let (mut modes, mut controls) = (Vec::new(), Vec::new());
     for case in scenes::cases()? {
-        let truth = case.take(None, OTHER_SEEDS..OTHER_SEEDS + replicas, stop);
-        let half = case.take(None, 0..replicas, stop);
+        let truth = case.renders(None, OTHER_SEEDS..OTHER_SEEDS + replicas, stop);
+        let half = case.renders(None, 0..replicas, stop);
         done()?;
-        let (piloted, auto) = case.piloted(replicas, stop);
-        let lied_to = case.lies.as_ref().map(|lies| case.take(Some(lies), 0..replicas, stop));
+        let (guided_renders, auto) = case.with_prepass(replicas, stop);
+        let adversarial = case.adversarial.as_ref().map(|field| case.renders(Some(field), 0..replicas, stop));
         done()?;
-        let chosen = |i: usize| if auto[i] { piloted.green[i].clone() } else { half.green[i].clone() };
+        let chosen = |i: usize| if auto[i] { guided_renders.green[i].clone() } else { half.green[i].clone() };
         let by_choice = Renders { green: (0..auto.len()).map(chosen).collect(), shares: half.shares.clone() };
-        let on = lied_to.as_ref().unwrap_or(&piloted);
-        let led = auto.iter().filter(|led| **led).count() as f64 / f64::from(replicas);
-        let guided = |name: &str, own: &Renders, led| Guided { outcome: own.outcome(name.into(), &half, &truth), led };
-        let outcomes = [guided("on", on, 1.0), guided("auto", &by_choice, led)];
+        let on = adversarial.as_ref().unwrap_or(&guided_renders);
+        let guided_fraction = auto.iter().filter(|guided| **guided).count() as f64 / f64::from(replicas);
+        let guided = |name: &str, renders: &Renders, guided_fraction| {
+            let outcome = renders.outcome(name.into(), &half, &truth);
+            Guided { outcome, guided_fraction }
+        };
+        let outcomes = [guided("on", on, 1.0), guided("auto", &by_choice, guided_fraction)];
         let Case { mode, name, construct, .. } = case;
-        if let (Some(lies), CONTROLS) = (&case.lies, mode) {
-            let averaged = case.averaged(lies, replicas, stop);
+        if let (Some(field), CONTROL_MODE) = (&case.adversarial, mode) {
+            let averaged = case.averaged(field, replicas, stop);
             done()?;
             let averaged = averaged.outcome("averaged control".into(), &half, &truth);
-            let noisy = Outcome { estimator: "lied-to control".into(), ..outcomes[0].outcome.clone() };
+            let noisy = Outcome { estimator: "adversarial control".into(), ..outcomes[0].outcome.clone() };
             let control = |name, check, outcome| Control { mode, name, check, outcome, caught: false };
             controls = vec![
-                control("led and not led, averaged by measured variances", "z-test of the mean", averaged),
-                control("led by what a firefly has taught", "worst pixel's variance", noisy),
+                control("guided and unguided, averaged by measured variances", "z-test of the mean", averaged),
+                control("guided by a field learned from a firefly", "worst pixel's variance", noisy),
             ];
         }
-        modes.push(ModeResult { mode, name, construct, lies: case.lies.is_some(), outcomes });
+        modes.push(ModeResult { mode, name, construct, adversarial: case.adversarial.is_some(), outcomes });
     }
     let tests = modes.iter().flat_map(|m| &m.outcomes).map(|o| o.outcome.tests).sum::<usize>();
-    // The second control's are among them.
+    // The tests of the second control are among those of the modes.
     let tests = tests + controls.first().map_or(0, |c| c.outcome.tests);
     let z_limit = z_limit(tests);
     for control in &mut controls {
@@ -235,5 +240,5 @@ pub fn measure(replicas: u32, stop: &AtomicBool, done: &mut dyn FnMut() -> Resul
     Ok(Results { replicas, z_limit, tests, false_alarm: FALSE_ALARM, modes, controls })
 }
 
-/// The mode whose field of lies the controls have.
-const CONTROLS: &str = "F23";
+/// The mode whose adversarial field the controls use.
+const CONTROL_MODE: &str = "F23";

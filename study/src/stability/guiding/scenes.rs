@@ -1,4 +1,4 @@
-//! The scenes in which guiding may fail, and the fields that it is led by there.
+//! Scenes in which guiding may fail, and the adversarial fields that guide it there.
 
 use std::sync::Arc;
 
@@ -8,20 +8,21 @@ use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
 use bismar::render::Guiding;
 use bismar::sampling::SplitMix64;
+use bismar::scene::build::{area_light, lambert, look, metal};
 use bismar::scene::{Environment, Material, Scene};
 use glam::Vec3;
 
 use super::{Case, field, settings};
-use crate::stability::scenes::{ceiling, lambert, lamp, look, metal, plate};
+use crate::stability::scenes::{ceiling, plate};
 
-/// How many [`cases`] there are.
+/// Number of [`cases`].
 pub const CASES: usize = 5;
-/// Height of the rooms, which reach from −2 to 2 in x and z.
+/// Height of the rooms in metres; they reach from −2 to 2 in x and z.
 const HEIGHT: f32 = 2.5;
-/// Height of the shelves.
+/// Height of the shelves in metres.
 const SHELF: f32 = 2.0;
 
-/// Seen from both sides.
+/// The material, double-sided.
 fn both(material: Material) -> Material {
     Material { double_sided: true, ..material }
 }
@@ -42,16 +43,16 @@ fn walls(scene: &mut Scene, material: &Material) {
 /// A closed room.
 fn room() -> Scene {
     let mut scene = Scene::default();
-    let walls_are = lambert(0.6);
-    walls(&mut scene, &walls_are);
-    ceiling(&mut scene, [0.0, HEIGHT, 0.0], 2.0, walls_are);
+    let white = lambert(0.6);
+    walls(&mut scene, &white);
+    ceiling(&mut scene, [0.0, HEIGHT, 0.0], 2.0, white);
     scene
 }
 
-/// A lamp on a shelf, which lights the ceiling alone.
+/// An area light on a shelf that lights only the ceiling.
 fn cove(scene: &mut Scene, x: f32, radiance: f32) {
     plate(scene, [x - 0.3, SHELF, 0.8], [0.6, 0.0, 0.0], [0.0, 0.0, -1.6], both(lambert(0.6)));
-    plate(scene, [x - 0.1, SHELF + 0.05, 0.3], [0.2, 0.0, 0.0], [0.0, 0.0, -0.6], lamp(radiance));
+    plate(scene, [x - 0.1, SHELF + 0.05, 0.3], [0.2, 0.0, 0.0], [0.0, 0.0, -0.6], area_light(radiance));
 }
 
 /// One cove on the left, one on the right.
@@ -63,20 +64,20 @@ fn coves(left: f32, right: f32) -> Scene {
     scene
 }
 
-/// A mirror throws a lamp onto the floor, which a screen keeps from it otherwise. The picture's window is half in the caustic;
-/// beside it there is a dim sky alone.
+/// A mirror reflects an area light onto the floor; a screen blocks all direct light. Half of the window's pixels show the
+/// caustic; the others are lit by a dim environment only.
 fn caustic() -> Scene {
     let mut scene = Scene { environment: Some(Environment::constant([0.05; 3])), ..Default::default() };
     plate(&mut scene, [-3.0, 0.0, 3.0], [6.0, 0.0, 0.0], [0.0, 0.0, -6.0], lambert(0.6));
-    ceiling(&mut scene, [0.0, 1.0, 0.0], 0.05, lamp(900.0));
+    ceiling(&mut scene, [0.0, 1.0, 0.0], 0.05, area_light(900.0));
     ceiling(&mut scene, [0.0, 0.6, -0.045], 0.13, both(lambert(0.0)));
     plate(&mut scene, [-0.25, 0.05, -0.5], [0.5, 0.0, 0.0], [0.0, 0.3, 0.0], metal(0.1));
     look(&mut scene, [0.0, 1.2, 3.0], [0.0, 0.0, -0.22], 0.5);
     scene
 }
 
-/// A thin wall between a bright and a dim half of a room, which are joined behind the camera; its foot is in the middle
-/// of the picture. It stands off the middle, where trees part cells anyway.
+/// A thin wall between a bright and a dim half of a room, which are joined behind the camera. The wall's foot is in the middle
+/// of the picture. The wall is not in the middle of the room, where the tree splits cells anyway.
 fn divided() -> Scene {
     let mut scene = coves(60.0, 4.0);
     plate(&mut scene, [0.3, 0.0, 1.2], [0.0, 0.0, -3.2], [0.0, HEIGHT, 0.0], both(lambert(0.6)));
@@ -85,7 +86,7 @@ fn divided() -> Scene {
     scene
 }
 
-/// What light there is comes through a small hole in the ceiling, from a chamber whose lamp shines upward.
+/// All light comes through a small hole in the ceiling, from a chamber whose area light faces up.
 fn almost_black() -> Scene {
     let (mut scene, dark, hole) = (Scene::default(), lambert(0.3), 0.06);
     walls(&mut scene, &dark);
@@ -105,13 +106,13 @@ fn almost_black() -> Scene {
         plate(&mut scene, from, along, [0.0, high, 0.0], both(lambert(0.6)));
     }
     ceiling(&mut scene, [0.0, HEIGHT + high, 0.0], side, both(lambert(0.6)));
-    plate(&mut scene, [0.2, HEIGHT + 0.02, 0.2], [0.2, 0.0, 0.0], [0.0, 0.0, -0.4], lamp(1e-3));
+    plate(&mut scene, [0.2, HEIGHT + 0.02, 0.2], [0.2, 0.0, 0.0], [0.0, 0.0, -0.4], area_light(1e-3));
     look(&mut scene, [0.0, 1.5, 1.9], [0.0, 0.0, 0.0], 0.8);
     scene
 }
 
-/// Of two cells: one for ceilings, that learned nothing, and one for floors, whose samples all follow a single one of the
-/// training samples, a million times as bright as the others.
+/// A field of two cells: the cell of ceilings learned nothing; the cell of floors learned from one training sample that is a
+/// million times as bright as the others.
 fn firefly() -> Field {
     let mut random = SplitMix64(7);
     let training_sample = |i: u32| {
@@ -119,7 +120,7 @@ fn firefly() -> Field {
         let position = Vec3::new(4.0 * random.f32() - 2.0, 0.0, 4.0 * random.f32() - 2.0);
         let (found, field_pdf) = if i == 500 { (1e6, 100.0) } else { (1.0, 0.0) };
         let (wi, weight) = (Vec3::new(0.9, 0.1, 0.2).normalize(), found * found);
-        TrainingSample { position, normal, wi, found, weight, pdf: 0.2, bsdf_pdf: 0.2, field_pdf }
+        TrainingSample { position, normal, wi, contribution: found, weight, pdf: 0.2, bsdf_pdf: 0.2, field_pdf }
     };
     // Normals are worth more than places.
     learn(&(0..2000).map(training_sample).collect::<Vec<_>>(), 0, 100.0, 2).0
@@ -129,31 +130,33 @@ fn build(scene: Scene) -> Result<PreparedScene<'static>> {
     PreparedScene::build(Arc::new(scene), Backend::Embree)
 }
 
-/// What a pilot learns of a scene.
-fn taught_by(scene: Scene) -> Result<Option<Field>> {
+/// The field that a pre-pass learns in a scene.
+fn learned_in(scene: Scene) -> Result<Option<Field>> {
     Ok(field(&build(scene)?, &settings(0, Guiding::On)))
 }
 
-/// All of them.
+/// Builds all cases.
 ///
 /// # Errors
 /// As [`PreparedScene::build`].
 pub fn cases() -> Result<[Case; CASES]> {
-    let case = |mode, name, construct, scene, lies| Ok(Case { mode, name, construct, scene: build(scene)?, lies });
+    let case = |mode, name, construct, scene, adversarial| {
+        Ok(Case { mode, name, construct, scene: build(scene)?, adversarial })
+    };
     Ok([
         case(
             "F19",
             "bright caustic",
-            "a small mirror throws a lamp onto the floor; half of the pixels are beside its picture",
+            "a small mirror reflects an area light onto the floor; half of the pixels are outside of the caustic",
             caustic(),
             None,
         )?,
         case(
             "F20",
-            "a light that the pilot never saw",
-            "two hidden lamps; the field is of the room with the stronger one switched off",
+            "a light that the pre-pass never saw",
+            "two hidden area lights; the field was learned with the stronger one switched off",
             coves(4.0, 40.0),
-            taught_by(coves(4.0, 0.0))?,
+            learned_in(coves(4.0, 0.0))?,
         )?,
         case(
             "F21",
@@ -165,14 +168,14 @@ pub fn cases() -> Result<[Case; CASES]> {
         case(
             "F22",
             "almost black",
-            "light of 1/1000 through a small hole: one path in a thousand finds any",
+            "light of radiance 1/1000 through a small hole: one path in a thousand finds it",
             almost_black(),
             None,
         )?,
         case(
             "F23",
             "one firefly",
-            "two hidden lamps; one made-up training_sample, a million times the others, draws seven of eight samples from the floor to a wall",
+            "two hidden area lights; one made-up training sample, a million times as bright as the others, draws seven of eight samples on the floor to a wall",
             coves(4.0, 40.0),
             Some(firefly()),
         )?,
@@ -186,8 +189,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cells_of_the_pilot_reach_across_the_wall() {
-        let field = taught_by(divided()).unwrap().unwrap();
+    fn cells_of_the_prepass_reach_across_the_wall() {
+        let field = learned_in(divided()).unwrap().unwrap();
         let cell = |x, z| field.cells_at(V3::splat(Vec3::new(x, 0.0, z)), V3::splat(Vec3::Y))[0];
         let across = |i: &i32| {
             let z = *i as f32 / 100.0 - 0.2;

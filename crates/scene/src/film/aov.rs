@@ -1,0 +1,257 @@
+//! Arbitrary output variables (AOVs): the channels of a picture file besides the beauty.
+
+use super::cryptomatte::RANKS;
+use super::pixels::Background;
+use super::stats::{AovSums, ExtraSums, PixelStats};
+
+/// An output besides R, G, B and A. Channels are named `layer.channel` with the letters of Blender, Nuke and tev: R, G, B for
+/// colours, X, Y, Z for vectors, Z for depth, V for a single value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Aov {
+    /// Base colour at the first hit, mean over all paths (a miss counts as black).
+    Albedo,
+    /// World-space shading normal at the first hit, mean over all paths (a miss counts as zero).
+    Normal,
+    /// Distance to the first hit in metres, mean over the paths that hit; [`MISS_DEPTH`] where none did.
+    Depth,
+    /// Radiance of lights that are seen directly or after one bounce.
+    Direct,
+    /// The rest of the radiance.
+    Indirect,
+    /// Estimated variance of the beauty (of the mean, not of one path); infinite below two paths.
+    Variance,
+    /// Number of paths, as integers.
+    Samples,
+    /// The light share of the next pass, in [0, 1].
+    Balance,
+    /// Instance index + 1, 0 for none, as integers.
+    Object,
+    /// Material index + 1, 0 for none, as integers.
+    Material,
+    /// World-space position of the first hit in metres, mean over the paths that hit; 0 where none did.
+    Position,
+    /// Texture coordinates (TEXCOORD_0) of the first hit, mean over the paths that hit; 0 where none did, and on meshes whose
+    /// material has no texture.
+    Uv,
+    /// Radiance that the surface at the first hit emits, mean over all paths.
+    Emission,
+    /// For denoisers: base colour at the first hit or, if that is a mirror, of the surface that is seen in it.
+    GuideAlbedo,
+    /// For denoisers: the normal of that surface.
+    GuideNormal,
+    /// The beauty by light source: environment, emissive surfaces, punctual lights. They add up to it.
+    Lights,
+    /// Motion in the picture in pixels per frame, mean over the paths that hit; 0 where none did. For Nuke `forward` (u to the
+    /// right, v up, to the next frame) and `backward` (to the previous frame), for Blender `Vector` (X, Y to the previous frame;
+    /// Z, W from the next one), as Cycles writes it.
+    Velocity,
+    /// Cryptomatte of objects, by the names of their nodes.
+    CryptoObject,
+    /// Cryptomatte of materials.
+    CryptoMaterial,
+}
+
+/// How the value of a channel follows from the statistics of a pixel.
+#[derive(Clone, Copy)]
+pub enum Value {
+    /// A 32-bit float; the last argument is the component.
+    Float(Component),
+    /// A float of which 16 bits are enough.
+    Color(Component),
+    /// A 32-bit float from the extra sums.
+    Extra(ExtraComponent),
+    /// A float from the extra sums of which 16 bits are enough.
+    ExtraColor(ExtraComponent),
+    /// A 32-bit unsigned integer.
+    Uint(fn(&PixelStats, &AovSums) -> u32),
+}
+
+/// A component of an AOV from the statistics of a pixel; the last argument is its index.
+pub type Component = fn(&PixelStats, &AovSums, usize) -> f32;
+
+/// A component of an AOV from the extra sums of a pixel; the last argument is its index.
+pub type ExtraComponent = fn(&PixelStats, &ExtraSums, usize) -> f32;
+
+/// The depth of pixels without a hit, the value of Cycles: finite, so that compositors can compute with it.
+pub const MISS_DEPTH: f32 = 1e10;
+
+/// One channel of a picture file.
+pub struct Channel {
+    /// Its full name in the file.
+    pub name: String,
+    /// Its index in its layer, from 0.
+    pub component: usize,
+    /// Its value.
+    pub value: Value,
+}
+
+/// The channels R, G, B and A of the beauty, premultiplied for the *over* operator.
+pub fn beauty(background: Background) -> Vec<Channel> {
+    let alpha: Component = match background {
+        Background::Environment => |p, _, _| if p.samples > 0 { 1.0 } else { 0.0 },
+        Background::Black | Background::Transparent => |p, _, _| p.coverage(),
+    };
+    let mut channels = layer("", "RGB", Value::Color(|p, _, c| p.mean()[c]));
+    channels.extend(layer("", "A", Value::Color(alpha)));
+    channels
+}
+
+fn layer(prefix: &str, letters: &str, value: Value) -> Vec<Channel> {
+    let channel = |(component, letter)| Channel { name: format!("{prefix}{letter}"), component, value };
+    letters.chars().enumerate().map(channel).collect()
+}
+
+impl Aov {
+    /// All of them, in the order of the command line's help.
+    pub const ALL: [Self; 19] = [
+        Self::Albedo,
+        Self::Normal,
+        Self::Depth,
+        Self::Direct,
+        Self::Indirect,
+        Self::Variance,
+        Self::Samples,
+        Self::Balance,
+        Self::Object,
+        Self::Material,
+        Self::Position,
+        Self::Uv,
+        Self::Emission,
+        Self::GuideAlbedo,
+        Self::GuideNormal,
+        Self::Lights,
+        Self::Velocity,
+        Self::CryptoObject,
+        Self::CryptoMaterial,
+    ];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Albedo => "albedo",
+            Self::Normal => "normal",
+            Self::Depth => "depth",
+            Self::Direct => "direct",
+            Self::Indirect => "indirect",
+            Self::Variance => "variance",
+            Self::Samples => "samples",
+            Self::Balance => "balance",
+            Self::Object => "object",
+            Self::Material => "material",
+            Self::Position => "position",
+            Self::Uv => "uv",
+            Self::Emission => "emission",
+            Self::GuideAlbedo => "guide-albedo",
+            Self::GuideNormal => "guide-normal",
+            Self::Lights => "lights",
+            Self::Velocity => "velocity",
+            Self::CryptoObject => "crypto-object",
+            Self::CryptoMaterial => "crypto-material",
+        }
+    }
+
+    /// The default of `--aov`: the AOVs that a comparison needs, which need no further memory.
+    pub const DEFAULT: [Aov; 3] = [Aov::Variance, Aov::Samples, Aov::Balance];
+
+    /// The AOVs of a comma-separated list of names; unknown names are ignored.
+    pub fn named(list: &str) -> Vec<Aov> {
+        list.split(',').filter_map(|name| Self::ALL.into_iter().find(|aov| aov.name() == name)).collect()
+    }
+
+    /// Whether it needs [`AovSums`].
+    pub fn needs_sums(self) -> bool {
+        !matches!(self, Aov::Variance | Aov::Samples | Aov::Balance) && !self.needs_extras()
+    }
+
+    /// Whether it needs [`ExtraSums`].
+    pub fn needs_extras(self) -> bool {
+        use Aov::{CryptoMaterial, CryptoObject, Emission, GuideAlbedo, GuideNormal, Lights, Position, Uv, Velocity};
+        matches!(
+            self,
+            Position | Uv | Emission | GuideAlbedo | GuideNormal | Lights | Velocity | CryptoObject | CryptoMaterial
+        )
+    }
+
+    /// Its channels; empty if it needs sums that do not exist.
+    pub fn channels(self, with_sums: bool, with_extras: bool) -> Vec<Channel> {
+        if (self.needs_sums() && !with_sums) || (self.needs_extras() && !with_extras) {
+            return Vec::new();
+        }
+        let (name, letters, value) = match self {
+            Aov::Albedo => ("albedo.", "RGB", Value::Color(|p, a, c| mean(p, a.albedo[c]))),
+            Aov::Normal => ("normal.", "XYZ", Value::Color(|p, a, c| mean(p, a.normal[c]))),
+            Aov::Depth => ("depth.", "Z", Value::Float(depth)),
+            Aov::Direct => ("direct.", "RGB", Value::Color(|p, a, c| mean(p, a.direct[c]))),
+            Aov::Indirect => ("indirect.", "RGB", Value::Color(|p, a, c| mean(p, a.indirect[c]))),
+            Aov::Variance => ("variance.", "RGB", Value::Float(|p, _, c| p.variance_of_mean()[c])),
+            Aov::Samples => ("samples.", "V", Value::Uint(|p, _| p.samples)),
+            Aov::Balance => ("balance.", "V", Value::Float(|p, _, _| p.light_share)),
+            Aov::Object => ("object.", "V", Value::Uint(|_, a| a.object)),
+            Aov::Material => ("material.", "V", Value::Uint(|_, a| a.material)),
+            Aov::Position => ("position.", "XYZ", Value::Extra(|p, e, c| mean_over_hits(p, e.position[c]))),
+            Aov::Uv => ("uv.", "UV", Value::Extra(|p, e, c| mean_over_hits(p, e.uv[c]))),
+            Aov::Emission => ("emission.", "RGB", Value::ExtraColor(|p, e, c| mean(p, e.emission[c]))),
+            Aov::GuideAlbedo => ("guide_albedo.", "RGB", Value::ExtraColor(|p, e, c| mean(p, e.guide_albedo[c]))),
+            Aov::GuideNormal => ("guide_normal.", "XYZ", Value::ExtraColor(|p, e, c| mean(p, e.guide_normal[c]))),
+            Aov::Lights => {
+                let [environment, surfaces, punctual]: [ExtraComponent; 3] = [
+                    |p, e, c| mean(p, e.lights[0][c]),
+                    |p, e, c| mean(p, e.lights[1][c]),
+                    |p, e, c| mean(p, e.lights[2][c]),
+                ];
+                let all =
+                    [("light_environment.", environment), ("light_surfaces.", surfaces), ("light_punctual.", punctual)];
+                return all.into_iter().flat_map(|(name, f)| layer(name, "RGB", Value::ExtraColor(f))).collect();
+            }
+            Aov::Velocity => {
+                let [to_next, to_previous]: [ExtraComponent; 2] =
+                    [|p, e, c| mean_over_hits(p, e.velocity[2 + c]), |p, e, c| -mean_over_hits(p, e.velocity[c])];
+                let mut all = layer("forward.", "uv", Value::Extra(to_next));
+                all.extend(layer("backward.", "uv", Value::Extra(to_previous)));
+                all.extend(layer("Vector.", "XYZW", Value::Extra(|p, e, c| -mean_over_hits(p, e.velocity[c]))));
+                return all;
+            }
+            Aov::CryptoObject => return matte(OBJECTS, |p, e, c| ranked(p, e.objects.rank(c / 2), c)),
+            Aov::CryptoMaterial => return matte(MATERIALS, |p, e, c| ranked(p, e.materials.rank(c / 2), c)),
+        };
+        layer(name, letters, value)
+    }
+}
+
+/// The Cryptomatte layer of objects.
+pub const OBJECTS: &str = "CryptoObject";
+/// The Cryptomatte layer of materials.
+pub const MATERIALS: &str = "CryptoMaterial";
+
+/// The channels of a Cryptomatte layer. Each numbered part holds two ranks: hash, coverage, hash, coverage.
+fn matte(name: &str, value: ExtraComponent) -> Vec<Channel> {
+    let channel = |component: usize| Channel {
+        name: format!("{name}{:02}.{}", component / 4, ["R", "G", "B", "A"][component % 4]),
+        component,
+        value: Value::Extra(value),
+    };
+    (0..2 * RANKS).map(channel).collect()
+}
+
+/// The hash of a rank, as the bits of a float, for even components; its coverage for odd ones.
+fn ranked(pixel: &PixelStats, (id, paths): (u32, u32), component: usize) -> f32 {
+    match component.is_multiple_of(2) {
+        true => f32::from_bits(id),
+        false => paths as f32 / pixel.samples.max(1) as f32,
+    }
+}
+
+fn mean_over_hits(pixel: &PixelStats, sum: f32) -> f32 {
+    sum / pixel.covered.max(1) as f32
+}
+
+fn mean(pixel: &PixelStats, sum: f32) -> f32 {
+    sum / pixel.samples.max(1) as f32
+}
+
+fn depth(pixel: &PixelStats, sums: &AovSums, _: usize) -> f32 {
+    match pixel.covered {
+        0 => MISS_DEPTH,
+        n => sums.depth / n as f32,
+    }
+}

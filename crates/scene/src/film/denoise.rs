@@ -1,0 +1,158 @@
+//! Intel's Open Image Denoise, loaded at run time: it is needed neither to build nor to render.
+
+use std::ffi::{CStr, c_char, c_int, c_void};
+use std::ptr;
+
+use libloading::Library;
+
+use super::pixels::Pixels;
+use crate::{Error, Result};
+
+/// The environment variable with the path of the library.
+const VARIABLE: &str = "BISMAR_OIDN";
+/// File names of the library on common systems, newest first.
+const NAMES: [&str; 3] = ["libOpenImageDenoise.so.2", "libOpenImageDenoise.so.1", "libOpenImageDenoise.so"];
+
+/// Pictures for the denoiser, row by row: the beauty and its guides.
+#[derive(Debug, Clone, Copy)]
+pub struct Noisy<'a> {
+    /// Width in pixels.
+    pub width: usize,
+    /// Radiance, linear RGB.
+    pub color: &'a [[f32; 3]],
+    /// Base colour in [0, 1], also of surfaces that are seen in mirrors.
+    pub albedo: &'a [[f32; 3]],
+    /// World-space normals, also of surfaces that are seen in mirrors.
+    pub normal: &'a [[f32; 3]],
+}
+
+/// The loaded library.
+#[derive(Debug)]
+pub struct Denoiser {
+    library: Library,
+}
+
+/// A device or filter of the library.
+type Handle = *mut c_void;
+type SetImage = unsafe extern "C" fn(Handle, *const c_char, *mut c_void, c_int, usize, usize, usize, usize, usize);
+type SetBool = unsafe extern "C" fn(Handle, *const c_char, bool);
+type GetError = unsafe extern "C" fn(Handle, *mut *const c_char) -> c_int;
+type Action = unsafe extern "C" fn(Handle);
+
+impl Denoiser {
+    /// Loads the library.
+    ///
+    /// # Errors
+    /// [`Error::Host`] with how to install it.
+    pub fn load() -> Result<Self> {
+        let path = std::env::var_os(VARIABLE);
+        let names = path.map_or_else(|| NAMES.iter().map(Into::into).collect(), |name| vec![name]);
+        let mut why = String::new();
+        for name in &names {
+            // SAFETY: loading runs the library's initialisers: Open Image Denoise's set up its own state alone. The file is
+            // found as any shared library of the system is, or by name from the user's own environment.
+            match unsafe { Library::new(name) } {
+                Ok(library) => return Ok(Self { library }),
+                Err(e) if why.is_empty() => why = e.to_string(),
+                Err(_) => {}
+            }
+        }
+        Err(Error::Host(format!(
+            "--denoise oidn: Open Image Denoise is not installed ({why}): install your system's package of it, \
+             or unpack a release from https://github.com/RenderKit/oidn/releases and set {VARIABLE} to \
+             its lib/libOpenImageDenoise.so.2"
+        )))
+    }
+
+    fn function<T: Copy>(&self, name: &CStr) -> Result<T> {
+        // SAFETY: callers ask for functions of oidn.h with the types that it declares, unchanged since version 1.0 (image
+        // and device functions) and 2.0 (`oidnSetFilterBool`, of the same type as its forerunner).
+        let found = unsafe { self.library.get::<T>(name.to_bytes_with_nul()) };
+        found.map(|f| *f).map_err(|e| Error::Host(format!("--denoise oidn: this Open Image Denoise is too old: {e}")))
+    }
+
+    /// Denoises a picture; the result is linear RGB, row by row.
+    ///
+    /// # Errors
+    /// [`Error::Host`] with the message of the library.
+    pub fn denoise(&self, noisy: Noisy) -> Result<Vec<[f32; 3]>> {
+        const CPU: c_int = 1;
+        const FLOAT3: c_int = 3;
+        let n = noisy.color.len();
+        let height = n / noisy.width.max(1);
+        assert!(noisy.albedo.len() == n && noisy.normal.len() == n && noisy.width * height == n);
+        let new_device: unsafe extern "C" fn(c_int) -> Handle = self.function(c"oidnNewDevice")?;
+        let new_filter: unsafe extern "C" fn(Handle, *const c_char) -> Handle = self.function(c"oidnNewFilter")?;
+        let set_image: SetImage = self.function(c"oidnSetSharedFilterImage")?;
+        let set_bool: SetBool = self.function(c"oidnSetFilterBool").or_else(|_| self.function(c"oidnSetFilter1b"))?;
+        let get_error: GetError = self.function(c"oidnGetDeviceError")?;
+        let [commit_device, commit, execute, release_filter, release_device]: [Action; 5] = [
+            self.function(c"oidnCommitDevice")?,
+            self.function(c"oidnCommitFilter")?,
+            self.function(c"oidnExecuteFilter")?,
+            self.function(c"oidnReleaseFilter")?,
+            self.function(c"oidnReleaseDevice")?,
+        ];
+        let clean = |all: &[[f32; 3]]| -> Vec<[f32; 3]> {
+            all.iter().map(|p| p.map(|x| if x.is_finite() { x } else { 0.0 })).collect()
+        };
+        let [mut color, mut albedo, mut normal] = [noisy.color, noisy.albedo, noisy.normal].map(clean);
+        let mut output = vec![[0.0_f32; 3]; n];
+        // SAFETY: the functions have oidn.h's types (see `function`). The four images have width * height pixels of three
+        // floats, as they are declared, and outlive the filter, which is executed on this thread and released before they are.
+        // Handles are used only where they are not null; the error's text is copied before its device goes.
+        let error = unsafe {
+            let device = new_device(CPU);
+            if device.is_null() {
+                return Err(Error::Host("--denoise oidn: no device".into()));
+            }
+            commit_device(device);
+            let filter = new_filter(device, c"RT".as_ptr());
+            if !filter.is_null() {
+                let images: [(&CStr, &mut Vec<[f32; 3]>); 4] = [
+                    (c"color", &mut color),
+                    (c"albedo", &mut albedo),
+                    (c"normal", &mut normal),
+                    (c"output", &mut output),
+                ];
+                for (name, pixels) in images {
+                    let (data, width) = (pixels.as_mut_ptr().cast(), noisy.width);
+                    set_image(filter, name.as_ptr(), data, FLOAT3, width, height, 0, 0, 0);
+                }
+                set_bool(filter, c"hdr".as_ptr(), true);
+                commit(filter);
+                execute(filter);
+            }
+            let mut text = ptr::null();
+            let code = get_error(device, &mut text);
+            let error = match (code, text.is_null()) {
+                (0, _) => None,
+                (_, true) => Some(format!("error {code}")),
+                (_, false) => Some(CStr::from_ptr(text).to_string_lossy().into_owned()),
+            };
+            if !filter.is_null() {
+                release_filter(filter);
+            }
+            release_device(device);
+            error
+        };
+        error.map_or(Ok(output), |why| Err(Error::Host(format!("--denoise oidn: {why}"))))
+    }
+}
+
+/// The denoised beauty, linear RGB row by row, guided by albedo and normals. `pixels` must have extra sums.
+///
+/// # Errors
+/// Those of [`Denoiser::denoise`].
+pub fn denoised(denoiser: &Denoiser, pixels: &dyn Pixels) -> Result<Vec<[f32; 3]>> {
+    let [x0, y0, x1, y1] = pixels.window();
+    let (mut color, mut albedo, mut normal) = (Vec::new(), Vec::new(), Vec::new());
+    for (x, y) in (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y))) {
+        let (stats, extras) = (pixels.at(x, y).0, pixels.extras(x, y).unwrap_or_default());
+        let n = stats.samples.max(1) as f32;
+        color.push(stats.mean());
+        albedo.push(extras.guide_albedo.map(|sum| (sum / n).clamp(0.0, 1.0)));
+        normal.push(extras.guide_normal.map(|sum| sum / n));
+    }
+    denoiser.denoise(Noisy { width: (x1 - x0) as usize, color: &color, albedo: &albedo, normal: &normal })
+}

@@ -1,0 +1,18 @@
+//! OpenEXR files: films are written ([`write()`]), and any RGB picture is read ([`read()`]).
+
+mod attributes;
+mod bounds;
+mod checksum;
+mod head;
+mod read;
+mod write;
+
+pub use super::header::{Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
+pub use checksum::{CHECKSUM, Checksum, check, checksum};
+pub use read::{bytes_of, layer, picture, read, read_header, read_statistics};
+pub use write::{Layers, write, write_rgb};
+
+#[cfg(test)]
+mod hostile;
+#[cfg(test)]
+mod tests;

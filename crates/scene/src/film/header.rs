@@ -1,0 +1,23 @@
+//! Attributes of OpenEXR headers.
+
+use std::borrow::Cow;
+
+/// The value of a header attribute.
+#[derive(Debug, Clone, PartialEq)]
+pub enum HeaderValue {
+    /// UTF-8.
+    Text(String),
+    /// An OpenEXR `double`.
+    Number(f64),
+    /// A row-major matrix for row vectors: the value of [`WORLD_TO_CAMERA`] and [`WORLD_TO_NDC`].
+    Matrix([f32; 16]),
+}
+
+/// The attribute with the matrix from world space to camera space: x to the right, y up, z along the view.
+pub const WORLD_TO_CAMERA: &str = "worldToCamera";
+/// The attribute with the matrix from world space to the display window: after division by w, (0, 0) is its upper left corner
+/// and (1, 1) its lower right one; z has no meaning.
+pub const WORLD_TO_NDC: &str = "worldToNDC";
+
+/// Named header attributes. Names are ASCII with at most 31 characters.
+pub type Header = Vec<(Cow<'static, str>, HeaderValue)>;

@@ -1,0 +1,176 @@
+//! One writer for each output: a second process fails before it begins to work.
+
+use std::collections::HashMap;
+use std::fs::{self, File, TryLockError};
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use super::destination::{self, Destination};
+use crate::{Error, Result};
+
+/// The locks of this process, by output file.
+static HELD: Mutex<Option<HashMap<PathBuf, Held>>> = Mutex::new(None);
+
+#[derive(Debug)]
+struct Held {
+    /// The locked file: the output itself or, until it exists, a lock file next to it.
+    _file: File,
+    /// The path of the lock file.
+    lock_file: Option<PathBuf>,
+}
+
+impl Drop for Held {
+    fn drop(&mut self) {
+        // It is still locked, so no other process uses it.
+        self.lock_file.iter().for_each(|path| drop(fs::remove_file(path)));
+    }
+}
+
+/// Keeps other processes from writing an output until it is dropped.
+#[derive(Debug)]
+#[must_use]
+pub struct Claim(Option<PathBuf>);
+
+impl Drop for Claim {
+    fn drop(&mut self) {
+        if let Some(target) = &self.0 {
+            held(|held| held.remove(target));
+        }
+    }
+}
+
+fn held<T>(with: impl FnOnce(&mut HashMap<PathBuf, Held>) -> T) -> T {
+    with(HELD.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_default())
+}
+
+/// A unique name of an output, which may not exist yet.
+fn key(target: &Path) -> PathBuf {
+    let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = folder.canonicalize().unwrap_or_else(|_| folder.into());
+    folder.join(target.file_name().unwrap_or_default())
+}
+
+/// Claims an output for this process. Devices cannot be claimed, nor files on a file system without locks: the claim is then
+/// empty.
+///
+/// # Errors
+/// [`Error::CannotCreate`] if another process has claimed it; the errors of [`atomic::check`](super::atomic::check).
+pub fn claim(path: &Path) -> Result<Claim> {
+    let Destination::File { target, folder } = Destination::resolve(path)? else { return Ok(Claim(None)) };
+    let lock_file = folder.join(destination::lock_name(&target));
+    // The file may be replaced or created between open and lock.
+    for _ in 0..100 {
+        let (file, lock_path) =
+            match File::options().read(true).write(true).open(&target).or_else(|_| File::open(&target)) {
+                Ok(file) => (file, None),
+                Err(_) => match File::options().create(true).truncate(false).write(true).open(&lock_file) {
+                    Ok(file) => (file, Some(lock_file.clone())),
+                    // `atomic::check` reports the reason.
+                    Err(_) => return Ok(Claim(None)),
+                },
+            };
+        match file.try_lock() {
+            Err(TryLockError::WouldBlock) => {
+                return Err(Error::CannotCreate(format!(
+                    "{}: another bismar is writing it: wait for that one, or choose another name",
+                    path.display()
+                )));
+            }
+            Err(TryLockError::Error(_)) => return Ok(Claim(None)),
+            Ok(()) => {}
+        }
+        let same = |a: fs::Metadata, b: fs::Metadata| (a.dev(), a.ino()) == (b.dev(), b.ino());
+        let locked = lock_path.as_ref().unwrap_or(&target);
+        let current = file.metadata().and_then(|a| Ok(same(a, fs::metadata(locked)?))).unwrap_or(false);
+        if current && (lock_path.is_none() || !target.exists()) {
+            let key = key(&target);
+            held(|held| held.insert(key.clone(), Held { _file: file, lock_file: lock_path }));
+            return Ok(Claim(Some(key)));
+        }
+    }
+    Ok(Claim(None))
+}
+
+/// Releases all claims of this process before an immediate exit.
+pub fn release_all() {
+    held(HashMap::clear);
+}
+
+/// Moves the claim of `target` to the locked file that has replaced it.
+pub(super) fn replaced(target: &Path, by: File) {
+    held(|held| {
+        if let Some(claimed) = held.get_mut(&key(target)) {
+            *claimed = Held { _file: by, lock_file: None };
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+
+    use super::*;
+    use crate::film::atomic;
+
+    fn written(path: &Path) {
+        atomic::write(path, |w| Ok(Ok(w.write_all(b"x")?))).unwrap();
+    }
+
+    fn names(folder: &Path) -> Vec<String> {
+        fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect()
+    }
+
+    #[test]
+    fn a_claimed_output_is_nobody_elses_before_and_after_it_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        let refused = || {
+            let error = claim(&path).unwrap_err();
+            assert_eq!(error.exit_code(), 73);
+            assert!(error.to_string().contains("another bismar"), "{error}");
+        };
+        let first = claim(&path).unwrap();
+        atomic::sweep(&path);
+        refused();
+        for _ in 0..3 {
+            written(&path);
+            atomic::sweep(&path);
+            refused();
+            // The lock file is removed as soon as the output exists.
+            assert_eq!(names(folder.path()), ["a.exr"]);
+        }
+        drop(first);
+        let second = claim(&path).unwrap();
+        refused();
+        drop(second);
+        assert_eq!(names(folder.path()), ["a.exr"]);
+    }
+
+    #[test]
+    fn a_relative_name_is_the_same_output() {
+        let folder = tempfile::tempdir_in(".").unwrap();
+        let name = folder.path().file_name().unwrap();
+        let path = Path::new(name).join("a.exr");
+        let _first = claim(&path).unwrap();
+        for _ in 0..3 {
+            written(&path);
+            assert!(claim(&path).is_err() && claim(&path.canonicalize().unwrap()).is_err());
+        }
+        assert_eq!(names(folder.path()), ["a.exr"]);
+    }
+
+    #[test]
+    fn a_claim_that_came_to_nothing_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        drop(claim(&path).unwrap());
+        assert!(names(folder.path()).is_empty());
+        // What a killed process left is taken over, and swept.
+        fs::write(folder.path().join(".a.exr.lock.tmp"), "").unwrap();
+        drop(claim(&path).unwrap());
+        assert!(names(folder.path()).is_empty());
+        drop(claim(Path::new("/dev/null")).unwrap());
+        drop(claim(Path::new("/dev/null")).unwrap());
+    }
+}

@@ -1,0 +1,65 @@
+//! Reads pictures of any supported format.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use image::{ColorType, DynamicImage, ImageFormat, ImageReader};
+
+use super::exr_file;
+use super::picture::Picture;
+use crate::{Error, Result};
+
+impl Picture {
+    /// Reads an OpenEXR, Radiance HDR, PNG or JPEG file; the format follows from its content. `layer` chooses a layer or a
+    /// single channel of an OpenEXR file instead of the beauty, for example `albedo` or `depth.Z`.
+    ///
+    /// # Errors
+    /// [`Error::reading`] for a file that cannot be read; [`Error::Data`] for one that is no such picture or lacks the layer.
+    pub fn open(path: &Path, layer: Option<&str>) -> Result<Self> {
+        let bytes = exr_file::bytes_of(path)?;
+        let refused = |why: String| Error::Data(format!("{}: {why}", path.display()));
+        let format = match bytes.get(..4) {
+            Some([0x76, 0x2F, 0x31, 0x01]) => {
+                return exr_file::layer(&bytes, layer)
+                    .map_err(|why| refused(format!("cannot use this OpenEXR file: {why}")));
+            }
+            Some([b'#', b'?', ..]) => ImageFormat::Hdr,
+            Some([0x89, b'P', b'N', b'G']) => ImageFormat::Png,
+            Some([0xFF, 0xD8, 0xFF, _]) => ImageFormat::Jpeg,
+            _ => return Err(refused("cannot use this OpenEXR file: it is none, nor Radiance HDR, PNG or JPEG".into())),
+        };
+        if let Some(layer) = layer {
+            return Err(refused(format!("has no layers, so no '{layer}': only OpenEXR files have")));
+        }
+        let decoded = ImageReader::with_format(Cursor::new(&bytes), format).decode();
+        let image = decoded.map_err(|e| refused(format!("cannot use this picture: {e}")))?;
+        Ok(Self::of_image(image))
+    }
+
+    fn of_image(image: DynamicImage) -> Self {
+        let displayed = !matches!(image.color(), ColorType::Rgb32F | ColorType::Rgba32F);
+        let has_alpha = image.color().has_alpha();
+        let (width, height) = (i64::from(image.width()), i64::from(image.height()));
+        let pixels = image.into_rgba32f();
+        let pixels = pixels.as_raw().as_chunks::<4>().0;
+        let linear = |x: f32| if displayed { srgb_decode(x) } else { x };
+        let rgb = pixels.iter().map(|&[r, g, b, a]| {
+            // The colours of PNG are not premultiplied.
+            [r, g, b].map(|x| if has_alpha { linear(x) * a } else { linear(x) })
+        });
+        let window = [0, 0, width, height];
+        Self {
+            window,
+            display: window,
+            rgb: rgb.collect(),
+            variance: None,
+            alpha: has_alpha.then(|| pixels.iter().map(|p| p[3]).collect()),
+            displayed,
+        }
+    }
+}
+
+/// The inverse of [`srgb_encode`](super::view::srgb_encode), on [0, 1].
+fn srgb_decode(x: f32) -> f32 {
+    if x <= 0.040_45 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
+}

@@ -1,0 +1,45 @@
+//! Pictures that were read from files.
+
+/// A picture that was read.
+#[derive(Debug, Clone)]
+pub struct Picture {
+    /// The data window in pixels: x0, y0, x1, y1 with x1 and y1 exclusive.
+    pub window: [i64; 4],
+    /// The display window in pixels, in the same form: the whole picture, of which `window` has pixels.
+    pub display: [i64; 4],
+    /// Linear RGB, row-major over `window`.
+    pub rgb: Vec<[f32; 3]>,
+    /// Variance of each value of `rgb` from the layer `variance`, if the file has one.
+    pub variance: Option<Vec<[f32; 3]>>,
+    /// Coverage of each pixel from the channel A, if the file has one. `rgb` is premultiplied by it.
+    pub alpha: Option<Vec<f32>>,
+    /// Whether the values are display-referred, at most 1, as in a PNG.
+    pub displayed: bool,
+}
+
+impl Picture {
+    /// The part of the picture in a window that lies in its own.
+    pub fn within(&self, window: [i64; 4]) -> Self {
+        let [x0, y0, x1, y1] = window;
+        let [width, _] = self.size();
+        let indices: Vec<usize> = (y0..y1)
+            .flat_map(|y| (x0..x1).map(move |x| (x, y)))
+            .map(|(x, y)| (y - self.window[1]) as usize * width + (x - self.window[0]) as usize)
+            .collect();
+        let colors = |all: &[[f32; 3]]| indices.iter().map(|i| all[*i]).collect();
+        Self {
+            window,
+            display: self.display,
+            rgb: colors(&self.rgb),
+            variance: self.variance.as_deref().map(colors),
+            alpha: self.alpha.as_ref().map(|all| indices.iter().map(|i| all[*i]).collect()),
+            displayed: self.displayed,
+        }
+    }
+
+    /// Width and height in pixels.
+    pub fn size(&self) -> [usize; 2] {
+        let [x0, y0, x1, y1] = self.window;
+        [(x1 - x0) as usize, (y1 - y0) as usize]
+    }
+}

@@ -1,0 +1,221 @@
+//! PNG pictures with 8 bits per channel.
+
+use std::fs::File;
+use std::io::{self, BufReader};
+use std::path::Path;
+
+use png::{BitDepth, ColorType, Compression, Decoder, Encoder, EncodingError};
+
+use super::atomic;
+use super::picture::Picture;
+use super::pixels::{Background, Pixels};
+use super::view::View;
+use crate::Result;
+
+/// How a picture is converted for display.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Look {
+    /// The view transform.
+    pub view: View,
+    /// Exposure in stops.
+    pub exposure: f32,
+}
+
+/// The pixels of a window, before the view transform.
+struct Raster<I> {
+    /// The window's upper left corner in the whole picture, in pixels.
+    corner: [i64; 2],
+    size: [u32; 2],
+    /// Linear RGB, premultiplied, and alpha, row by row.
+    pixels: I,
+    transparent: bool,
+}
+
+/// Keyword of the text chunk in a PNG that identifies its source.
+const KEYWORD: &str = "bismar";
+
+/// Writes the beauty of a window through a view transform. If the background is transparent the PNG has an alpha channel and
+/// colours that are not premultiplied. [`mark`] reads `mark` back.
+///
+/// # Errors
+/// The errors of [`atomic::write`].
+pub fn write(path: &Path, pixels: &dyn Pixels, look: Look, mark: &str) -> Result<()> {
+    let [x0, y0, x1, y1] = pixels.window();
+    let positions = (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y)));
+    let raster = Raster {
+        corner: [x0.into(), y0.into()],
+        size: [x1 - x0, y1 - y0],
+        pixels: positions.map(|(x, y)| pixels.at(x, y).0).map(|p| (p.mean(), p.coverage())),
+        transparent: pixels.background() == Background::Transparent,
+    };
+    let (size, (bytes, kind)) = (raster.size, raster.develop(look));
+    write_bytes(path, size, &bytes, kind, mark)
+}
+
+/// Writes a picture that was read from a file through a view transform; with an alpha channel if it has one and `opaque` is not
+/// set. [`mark`] reads `mark` back.
+///
+/// # Errors
+/// The errors of [`atomic::write`].
+pub fn write_picture(path: &Path, picture: &Picture, opaque: bool, look: Look, mark: &str) -> Result<()> {
+    let (bytes, kind) = developed(picture, opaque, look);
+    write_bytes(path, picture.size().map(|n| n as u32), &bytes, kind, mark)
+}
+
+/// Encodes a picture as an opaque PNG.
+///
+/// # Errors
+/// [`Error::Bug`](crate::Error::Bug) if the encoder fails.
+pub fn encoded_picture(picture: &Picture, look: Look) -> Result<Vec<u8>> {
+    let [width, height] = picture.size().map(|n| n as u32);
+    encoded(width, height, &developed(picture, true, look).0)
+}
+
+/// Encodes 8-bit RGB, row-major from the top, as a PNG.
+///
+/// # Errors
+/// [`Error::Bug`](crate::Error::Bug) if the encoder fails.
+pub fn encoded(width: u32, height: u32, bytes: &[u8]) -> Result<Vec<u8>> {
+    let mut file = Vec::new();
+    match encode(&mut file, [width, height], bytes, ColorType::Rgb, "") {
+        Ok(()) => Ok(file),
+        Err(e) => Err(crate::Error::Bug(format!("a PNG: {e}"))),
+    }
+}
+
+fn developed(picture: &Picture, opaque: bool, look: Look) -> (Vec<u8>, ColorType) {
+    let alpha = picture.alpha.as_deref().filter(|alpha| !opaque && alpha.iter().any(|a| *a < 1.0));
+    let alpha_of = |i: usize| alpha.map_or(1.0, |alpha| alpha[i]);
+    let raster = Raster {
+        corner: [picture.window[0], picture.window[1]],
+        size: picture.size().map(|n| n as u32),
+        pixels: picture.rgb.iter().enumerate().map(|(i, color)| (*color, alpha_of(i))),
+        transparent: alpha.is_some(),
+    };
+    raster.develop(look)
+}
+
+impl<I: Iterator<Item = ([f32; 3], f32)>> Raster<I> {
+    /// The display-encoded bytes of the pixels, row by row, and their colour type.
+    fn develop(self, look: Look) -> (Vec<u8>, ColorType) {
+        let [width, height] = self.size;
+        let mut bytes = Vec::with_capacity(width as usize * height as usize * if self.transparent { 4 } else { 3 });
+        for (i, (color, alpha)) in (0_i64..).zip(self.pixels) {
+            let at = [self.corner[0] + i % i64::from(width), self.corner[1] + i / i64::from(width)];
+            let shown = |color| look.view.apply(color, look.exposure).map(|x| dithered(x, at));
+            if self.transparent {
+                bytes.extend(shown(color.map(|c| c / alpha.max(f32::MIN_POSITIVE))));
+                bytes.push(to_byte(alpha));
+            } else {
+                bytes.extend(shown(color));
+            }
+        }
+        (bytes, if self.transparent { ColorType::Rgba } else { ColorType::Rgb })
+    }
+}
+
+/// Writes 8-bit RGB, row-major from the top.
+///
+/// # Errors
+/// The errors of [`atomic::write`].
+pub fn write_rgb8(path: &Path, width: u32, height: u32, bytes: &[u8]) -> Result<()> {
+    write_bytes(path, [width, height], bytes, ColorType::Rgb, "")
+}
+
+fn write_bytes(path: &Path, size: [u32; 2], bytes: &[u8], kind: ColorType, mark: &str) -> Result<()> {
+    atomic::write(path, |file| {
+        encode(file, size, bytes, kind, mark).map_err(|e| match e {
+            EncodingError::IoError(e) => e,
+            other => io::Error::other(other),
+        })?;
+        Ok(Ok(()))
+    })
+}
+
+fn encode(
+    file: impl io::Write,
+    [width, height]: [u32; 2],
+    bytes: &[u8],
+    kind: ColorType,
+    mark: &str,
+) -> std::result::Result<(), EncodingError> {
+    let mut encoder = Encoder::new(file, width, height);
+    encoder.set_color(kind);
+    encoder.set_depth(BitDepth::Eight);
+    encoder.set_compression(Compression::Balanced);
+    if !mark.is_empty() {
+        encoder.add_text_chunk(KEYWORD.into(), mark.into())?;
+    }
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(bytes)?;
+    writer.finish()
+}
+
+/// The mark with which a PNG was written; `None` if it has none or cannot be read.
+pub fn mark(path: &Path) -> Option<String> {
+    let reader = Decoder::new(BufReader::new(File::open(path).ok()?)).read_info().ok()?;
+    let text = &reader.info().uncompressed_latin1_text;
+    text.iter().find(|chunk| chunk.keyword == KEYWORD).map(|chunk| chunk.text.clone())
+}
+
+/// The byte nearest to a value in [0, 1].
+pub fn to_byte(x: f32) -> u8 {
+    (x * 255.0 + 0.5) as u8
+}
+
+/// Dithers a value in [0, 1] to one of the two nearest bytes, so that smooth gradients show no bands. Exact bytes do not change.
+/// The noise is interleaved gradient noise (Jimenez, "Next Generation Post Processing in Call of Duty", SIGGRAPH 2014) by the
+/// position in the whole picture, so that a crop has the same bytes.
+fn dithered(x: f32, at: [i64; 2]) -> u8 {
+    let along = 0.067_110_56 * at[0] as f64 + 0.005_837_15 * at[1] as f64;
+    let noise = (52.982_918_9 * along.rem_euclid(1.0)).rem_euclid(1.0) as f32;
+    (x * 255.0 + noise.clamp(0.001, 0.999)) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::film::{Film, PixelStats};
+
+    const LOOK: Look = Look { view: View::Srgb, exposure: 0.0 };
+
+    #[test]
+    fn a_preview_has_the_windows_size_and_the_views_colours() {
+        let mut film = Film::new(300, 300, [2, 3, 102, 102], false);
+        for pixel in &mut film.pixels {
+            pixel.samples = 2;
+            pixel.sum = [2.0, 0.36, f64::NAN];
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("p.png");
+        write(&path, &film, LOOK, "of a film").unwrap();
+        assert_eq!(mark(&path).as_deref(), Some("of a film"));
+        let picture = image::open(&path).unwrap().into_rgb8();
+        assert_eq!(picture.dimensions(), (100, 99));
+        // 0.18 is 117.65 of 255: that in the mean, and nothing but its neighbours.
+        assert!(picture.pixels().all(|p| [p.0[0], p.0[2]] == [255, 0] && [117, 118].contains(&p.0[1])));
+        let mean = picture.pixels().map(|p| f64::from(p.0[1])).sum::<f64>() / 9900.0;
+        assert!((mean - 117.646).abs() < 0.01, "{mean}");
+        // A crop has the whole's bytes.
+        film.window = [2, 3, 101, 103];
+        film.pixels.truncate(9900);
+        write(&path, &film, LOOK, "").unwrap();
+        let crop = image::open(&path).unwrap().into_rgb8();
+        assert!((0..99).all(|y| (0..99).all(|x| picture[(x, y)] == crop[(x, y)])));
+        assert_eq!(mark(&path), None);
+    }
+
+    #[test]
+    fn a_transparent_preview_has_the_surfaces_own_colour_and_their_share() {
+        let mut film = Film::new(2, 1, [0, 0, 2, 1], false);
+        film.background = Background::Transparent;
+        film.pixels[0] = PixelStats { samples: 4, covered: 1, sum: [1.0, 0.0, 0.0], ..PixelStats::EMPTY };
+        film.pixels[1] = PixelStats { samples: 4, ..PixelStats::EMPTY };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("p.png");
+        write(&path, &film, LOOK, "").unwrap();
+        let picture = image::open(&path).unwrap();
+        assert_eq!(picture.color(), image::ColorType::Rgba8);
+        assert_eq!(picture.into_rgba8().into_raw(), [255, 0, 0, 64, 0, 0, 0, 0]);
+    }
+}

@@ -1,0 +1,238 @@
+//! Statistics of a pixel: sums over its paths.
+
+use glam::{Vec2, Vec3};
+use serde::{Deserialize, Serialize};
+
+use super::cryptomatte::Matte;
+
+/// Statistics of one pixel. Every sample belongs to exactly one pixel.
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+pub struct PixelStats {
+    /// Number of paths.
+    pub samples: u32,
+    /// Sum over paths of radiance, linear RGB.
+    pub sum: [f64; 3],
+    /// Sum over paths of squared radiance, per channel.
+    pub sum_squared: [f64; 3],
+    /// Number of paths whose camera ray hit a surface.
+    pub covered: u32,
+    /// The light share α of the next pass, in [0, 1].
+    #[serde(rename = "balance")]
+    pub light_share: f32,
+}
+
+/// The brightest path of a pixel.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Peak {
+    /// Luminance of its radiance.
+    pub luminance: f32,
+    /// Its index in the pixel.
+    pub path: u32,
+}
+
+impl Peak {
+    /// Considers another path; among equals the first stays.
+    #[inline]
+    pub fn add(&mut self, luminance: f32, path: u32) {
+        if luminance > self.luminance {
+            *self = Self { luminance, path };
+        }
+    }
+}
+
+/// Optional sums over paths, kept only if an AOV needs them.
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+pub struct AovSums {
+    /// Base colour at the first hit.
+    pub albedo: [f32; 3],
+    /// Unit world-space shading normal at the first hit.
+    pub normal: [f32; 3],
+    /// Distance to the first hit in metres, summed over `covered` paths.
+    pub depth: f32,
+    /// Radiance of lights that are seen directly or after one bounce.
+    pub direct: [f32; 3],
+    /// The rest of the radiance.
+    pub indirect: [f32; 3],
+    /// Instance index + 1 of the last path that hit one, 0 for none.
+    pub object: u32,
+    /// Material index + 1 of the last path that hit one, 0 for none.
+    pub material: u32,
+}
+
+/// More optional sums over paths, kept only if an AOV needs one of them.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct ExtraSums {
+    /// World-space position of the first hit in metres, summed over `covered` paths.
+    pub position: [f32; 3],
+    /// TEXCOORD_0 of the first hit, summed over `covered` paths.
+    pub uv: [f32; 2],
+    /// Radiance that the surface of the first hit emits.
+    pub emission: [f32; 3],
+    /// Base colour of the first hit or, if that is a mirror, of the surface that is seen in it.
+    pub guide_albedo: [f32; 3],
+    /// Unit normal of the same surface.
+    pub guide_normal: [f32; 3],
+    /// Radiance by its source: environment, emissive surfaces, punctual lights.
+    pub lights: [[f32; 3]; 3],
+    /// Cryptomatte of the objects at first hits.
+    pub objects: Matte,
+    /// Cryptomatte of the materials at first hits.
+    pub materials: Matte,
+    /// Motion of the first hit in pixels (right, up): from the previous frame, and to the next frame; summed over `covered`
+    /// paths. Files store it separately, so that files without motion do not change.
+    #[serde(skip)]
+    pub velocity: [f32; 4],
+}
+
+/// Adds a colour to a sum.
+fn accumulate(sum: &mut [f32; 3], more: [f32; 3]) {
+    sum.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
+}
+
+impl ExtraSums {
+    /// Adds radiance of a source: 0 the environment, 1 emissive surfaces, 2 punctual lights.
+    #[inline]
+    pub fn add_light(&mut self, group: usize, radiance: Vec3) {
+        accumulate(&mut self.lights[group], radiance.to_array());
+    }
+
+    /// Adds the radiance that the surface of a first hit emits.
+    #[inline]
+    pub fn add_emission(&mut self, radiance: Vec3) {
+        accumulate(&mut self.emission, radiance.to_array());
+    }
+
+    /// Adds a first hit: position, texture coordinates, Cryptomatte hashes of object and material.
+    #[inline]
+    pub fn add_surface(&mut self, position: Vec3, uv: Vec2, [object, material]: [u32; 2]) {
+        accumulate(&mut self.position, position.to_array());
+        self.uv = [self.uv[0] + uv.x, self.uv[1] + uv.y];
+        self.objects.add(object, 1);
+        self.materials.add(material, 1);
+    }
+
+    /// Adds the motion of a first hit in pixels, from the previous frame and to the next one.
+    #[inline]
+    pub fn add_velocity(&mut self, [before, after]: [Vec2; 2]) {
+        let more = [before.x, before.y, after.x, after.y];
+        self.velocity.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
+    }
+
+    /// Adds radiance of unknown source to all sources, in proportion to their sums.
+    #[inline]
+    pub fn share_light(&mut self, more: Vec3) {
+        for c in 0..3 {
+            let all: f32 = self.lights.iter().map(|light| light[c]).sum();
+            if all > 0.0 {
+                self.lights.iter_mut().for_each(|light| light[c] *= (all + more[c]) / all);
+            }
+        }
+    }
+
+    /// Adds base colour and normal for the denoiser.
+    #[inline]
+    pub fn add_guide(&mut self, albedo: Vec3, normal: Vec3) {
+        accumulate(&mut self.guide_albedo, albedo.to_array());
+        accumulate(&mut self.guide_normal, normal.to_array());
+    }
+
+    /// Adds independent paths of the same pixel.
+    pub fn join(&mut self, other: &Self) {
+        accumulate(&mut self.position, other.position);
+        accumulate(&mut self.emission, other.emission);
+        accumulate(&mut self.guide_albedo, other.guide_albedo);
+        accumulate(&mut self.guide_normal, other.guide_normal);
+        self.uv.iter_mut().zip(other.uv).for_each(|(sum, more)| *sum += more);
+        self.lights.iter_mut().zip(other.lights).for_each(|(sum, more)| accumulate(sum, more));
+        self.velocity.iter_mut().zip(other.velocity).for_each(|(sum, more)| *sum += more);
+        self.objects.join(&other.objects);
+        self.materials.join(&other.materials);
+    }
+}
+
+impl PixelStats {
+    /// A pixel without paths.
+    pub const EMPTY: Self = Self { samples: 0, sum: [0.0; 3], sum_squared: [0.0; 3], covered: 0, light_share: 0.5 };
+
+    /// Adds a path's radiance; `covered` if its camera ray hit a surface.
+    #[inline]
+    pub fn add(&mut self, radiance: Vec3, covered: bool) {
+        self.samples += 1;
+        self.covered += u32::from(covered);
+        for c in 0..3 {
+            let x = f64::from(radiance[c]);
+            self.sum[c] += x;
+            self.sum_squared[c] += x * x;
+        }
+    }
+
+    /// Adds independent paths of the same pixel.
+    pub fn join(&mut self, other: &Self) {
+        let share = f64::from(other.samples) / f64::from((self.samples + other.samples).max(1));
+        self.light_share += ((other.light_share - self.light_share) as f64 * share) as f32;
+        self.samples += other.samples;
+        self.covered += other.covered;
+        for c in 0..3 {
+            self.sum[c] += other.sum[c];
+            self.sum_squared[c] += other.sum_squared[c];
+        }
+    }
+
+    /// Mean radiance; black without samples.
+    pub fn mean(&self) -> [f32; 3] {
+        let n = f64::from(self.samples.max(1));
+        self.sum.map(|s| (s / n) as f32)
+    }
+
+    /// Fraction of paths that hit a surface, in [0, 1].
+    pub fn coverage(&self) -> f32 {
+        self.covered as f32 / self.samples.max(1) as f32
+    }
+
+    /// Estimated variance of [`mean`](Self::mean), per channel: the sample variance of the paths over their number. Paths of a
+    /// low-discrepancy sequence have less variance, so it overestimates. Infinite below two samples.
+    pub fn variance_of_mean(&self) -> [f32; 3] {
+        if self.samples < 2 {
+            return [f32::INFINITY; 3];
+        }
+        let n = f64::from(self.samples);
+        std::array::from_fn(|c| {
+            let mean = self.sum[c] / n;
+            ((self.sum_squared[c] / n - mean * mean).max(0.0) / (n - 1.0)) as f32
+        })
+    }
+}
+
+impl AovSums {
+    /// Adds a first hit: base colour, unit normal, distance in metres.
+    #[inline]
+    pub fn add_surface(&mut self, albedo: Vec3, normal: Vec3, depth: f32) {
+        for c in 0..3 {
+            self.albedo[c] += albedo[c];
+            self.normal[c] += normal[c];
+        }
+        self.depth += depth;
+    }
+
+    /// Adds the radiance of a path.
+    #[inline]
+    pub fn add_light(&mut self, direct: Vec3, indirect: Vec3) {
+        for c in 0..3 {
+            self.direct[c] += direct[c];
+            self.indirect[c] += indirect[c];
+        }
+    }
+
+    /// Adds independent paths of the same pixel.
+    pub fn join(&mut self, other: &Self) {
+        for c in 0..3 {
+            self.albedo[c] += other.albedo[c];
+            self.normal[c] += other.normal[c];
+            self.direct[c] += other.direct[c];
+            self.indirect[c] += other.indirect[c];
+        }
+        self.depth += other.depth;
+        self.object = if self.object == 0 { other.object } else { self.object };
+        self.material = if self.material == 0 { other.material } else { self.material };
+    }
+}

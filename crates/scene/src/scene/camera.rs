@@ -1,0 +1,77 @@
+//! Cameras.
+
+use std::sync::Arc;
+
+use glam::{Affine3A, Mat3, Vec3};
+
+use super::{Framing, Motion};
+
+/// Projection of a camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Projection {
+    /// Vertical field of view, independent of the picture's aspect.
+    Perspective {
+        /// Radians, in (0, π).
+        yfov: f32,
+    },
+    /// Half extents in metres. The picture's aspect changes the horizontal one only.
+    Orthographic {
+        /// Half width.
+        xmag: f32,
+        /// Half height.
+        ymag: f32,
+    },
+}
+
+/// A camera that looks along its local −z axis, with +y up.
+#[derive(Debug, Clone)]
+pub struct Camera {
+    /// Name, for `--camera`.
+    pub name: String,
+    /// Projection.
+    pub projection: Projection,
+    /// Width over height if the file states it; sets the default picture size.
+    pub aspect: Option<f32>,
+    /// Camera to world at the picture's own time: rotation and translation without scale.
+    pub to_world: Affine3A,
+    /// Motion while the shutter is open; `None` if the camera does not move.
+    pub motion: Option<Arc<Motion>>,
+    /// Camera to world one frame before and one after, for velocities; `None` if equal to `to_world` or not requested.
+    pub adjacent_frames: Option<[Affine3A; 2]>,
+    /// Points that the view is fitted to. If present, [`super::Scene::camera`] replaces `to_world` by the transform that
+    /// fits the picture's aspect; set it to `None` to place this camera by hand.
+    pub framing: Option<Arc<Framing>>,
+}
+
+impl Camera {
+    /// A camera named `camera` at `eye` that looks at `target` (world space, metres), with a vertical field of view in
+    /// radians. The world's +y is up in the picture; +z if the camera looks within about 8° of straight up or down.
+    pub fn look_at(eye: Vec3, target: Vec3, yfov: f32) -> Self {
+        let up = if (target - eye).normalize().y.abs() > 0.99 { Vec3::Z } else { Vec3::Y };
+        let z = (eye - target).normalize();
+        let x = up.cross(z).normalize();
+        Self {
+            name: "camera".into(),
+            projection: Projection::Perspective { yfov },
+            aspect: None,
+            to_world: Affine3A::from_mat3_translation(Mat3::from_cols(x, z.cross(x), z), eye),
+            motion: None,
+            adjacent_frames: None,
+            framing: None,
+        }
+    }
+
+    /// The view that shows all points of `framing`, named [`Framing::NAME`]; fitted to a square picture until
+    /// [`super::Scene::camera`] is asked for another aspect.
+    pub fn framed(framing: Framing) -> Self {
+        Self {
+            name: Framing::NAME.into(),
+            projection: Projection::Perspective { yfov: Framing::YFOV as f32 },
+            aspect: None,
+            to_world: framing.to_world(1.0),
+            motion: None,
+            adjacent_frames: None,
+            framing: Some(Arc::new(framing)),
+        }
+    }
+}

@@ -1,0 +1,62 @@
+//! Environment light: an equirectangular picture at infinity.
+
+use std::f32::consts::PI;
+use std::sync::Arc;
+
+use glam::Vec3;
+
+/// An environment light. A direction (x, y, z) in world space reads u = 0.5 + atan2(z, x)/2π, v = acos(y)/π from the top;
+/// `rotation` rotates the map about +y.
+#[derive(Debug, Clone)]
+pub struct Environment {
+    /// Name or path, for messages.
+    pub name: String,
+    /// Width in pixels, ≥ 1.
+    pub width: u32,
+    /// Height in pixels, ≥ 1.
+    pub height: u32,
+    /// Linear RGB radiance, row-major from the top, finite and ≥ 0.
+    pub pixels: Arc<[[f32; 3]]>,
+    /// Rotation about +y in radians.
+    pub rotation: f32,
+    /// Factor of the radiance, ≥ 0.
+    pub strength: f32,
+}
+
+/// Soft lights of [`Environment::studio`]: direction, radiance, and exponent of the cosine lobe.
+const STUDIO_LIGHTS: [(Vec3, f32, f32); 2] = [
+    // A key light from above, front left of the framed view; a rim light from behind.
+    (Vec3::new(-0.34, 0.92, 0.63), 9.0, 24.0),
+    (Vec3::new(0.75, 0.4, -0.65), 4.0, 60.0),
+];
+
+impl Environment {
+    /// Default light for scenes without light: a grey gradient, brighter above, with a large soft key light and a smaller rim
+    /// light. A white surface that faces the key light reflects a radiance of about 1.
+    pub fn studio() -> Self {
+        const HEIGHT: usize = 64;
+        let pixel = |row: usize, column: usize| {
+            let theta = PI * (row as f32 + 0.5) / HEIGHT as f32;
+            let phi = PI * ((column as f32 + 0.5) / HEIGHT as f32 - 1.0);
+            let d = Vec3::new(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin());
+            let lights = STUDIO_LIGHTS
+                .iter()
+                .map(|(at, radiance, power)| radiance * d.dot(at.normalize()).max(0.0).powf(*power));
+            [0.22 + 0.14 * d.y + lights.sum::<f32>(); 3]
+        };
+        let pixels = (0..HEIGHT).flat_map(|row| (0..2 * HEIGHT).map(move |column| pixel(row, column))).collect();
+        let (width, height) = (2 * HEIGHT as u32, HEIGHT as u32);
+        Self { name: "studio".into(), width, height, pixels, rotation: 0.0, strength: 1.0 }
+    }
+
+    /// Do both share the same decoded pixels, with equal rotation and strength?
+    pub fn is_same(&self, other: &Self) -> bool {
+        let parameters = |e: &Self| (e.rotation.to_bits(), e.strength.to_bits());
+        Arc::ptr_eq(&self.pixels, &other.pixels) && parameters(self) == parameters(other)
+    }
+
+    /// Constant linear RGB radiance from all directions.
+    pub fn constant(radiance: [f32; 3]) -> Self {
+        Self { name: "constant".into(), width: 1, height: 1, pixels: [radiance].into(), rotation: 0.0, strength: 1.0 }
+    }
+}

@@ -1,0 +1,53 @@
+//! Sizes of a scene.
+
+use std::sync::Arc;
+
+use crate::scene::import::report::SceneCounts;
+use crate::scene::{self, Deformation, Instance, Mesh, Scene, Texels};
+
+/// Size of a mesh's arrays in bytes.
+pub fn mesh_bytes(mesh: &Mesh) -> u64 {
+    fn array_bytes<T>(values: Option<&Vec<T>>) -> usize {
+        values.map_or(0, |v| size_of_val(v.as_slice()))
+    }
+    let bytes = size_of_val(&mesh.positions[..])
+        + array_bytes(Some(&mesh.indices))
+        + array_bytes(mesh.normals.as_ref())
+        + array_bytes(mesh.tangents.as_ref())
+        + mesh.texcoords.iter().map(|t| array_bytes(t.as_ref())).sum::<usize>()
+        + array_bytes(mesh.colors.as_ref())
+        + mesh.motion.as_ref().map_or(0, Deformation::bytes);
+    bytes as u64
+}
+
+/// Size of a picture's texels in bytes.
+pub fn image_bytes(image: &scene::Image) -> u64 {
+    let bytes = match &image.texels {
+        Texels::Rgb8(t) => size_of_val(t.as_slice()),
+        Texels::Rgba8(t) => size_of_val(t.as_slice()),
+        Texels::Rgba16(t) => size_of_val(t.as_slice()),
+    };
+    bytes as u64
+}
+
+/// Counts a scene's elements and bytes.
+pub fn count(scene: &Scene) -> SceneCounts {
+    let triangles = |meshes: &[Arc<Mesh>]| meshes.iter().map(|m| m.indices.len() as u64).sum::<u64>();
+    let instance_triangles = |i: &Instance| {
+        let range = &scene.objects[i.object as usize].meshes;
+        triangles(&scene.meshes[range.start as usize..range.end as usize])
+    };
+    SceneCounts {
+        triangles: triangles(&scene.meshes),
+        instanced_triangles: scene.instances.iter().map(instance_triangles).sum(),
+        meshes: scene.meshes.len() as u64,
+        objects: scene.objects.len() as u64,
+        instances: scene.instances.len() as u64,
+        materials: scene.materials.len() as u64,
+        images: scene.images.len() as u64,
+        lights: scene.lights.len() as u64,
+        cameras: scene.cameras.len() as u64,
+        geometry_bytes: scene.meshes.iter().map(|mesh| mesh_bytes(mesh)).sum(),
+        image_bytes: scene.images.iter().map(|image| image_bytes(image)).sum(),
+    }
+}

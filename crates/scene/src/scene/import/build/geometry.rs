@@ -1,0 +1,151 @@
+//! Vertex data of a mesh while it is built.
+
+use std::collections::HashMap;
+
+use glam::{DVec3, Vec3};
+
+use crate::scene::import::report::Notes;
+use crate::scene::{self, Deformation, Positions};
+
+/// Vertex data of a mesh; all arrays are as long as `positions`.
+#[derive(Debug, Default)]
+pub struct Geometry {
+    pub positions: Vec<[f32; 3]>,
+    pub normals: Option<Vec<[f32; 3]>>,
+    pub tangents: Option<Vec<[f32; 4]>>,
+    pub texcoords: [Option<Vec<[f32; 2]>>; 2],
+    pub colors: Option<Vec<[f32; 4]>>,
+    pub indices: Vec<[u32; 3]>,
+    /// Index of each vertex in the file; present if other time samples are needed.
+    pub source: Option<Vec<u32>>,
+    pub motion: Option<Deformation>,
+    pub adjacent_frames: Option<[Positions; 2]>,
+    /// Texture coordinate set for which tangents must still be generated.
+    pub tangents_for: Option<u8>,
+}
+
+fn point(g: &Geometry, i: u32) -> DVec3 {
+    DVec3::from(g.positions[i as usize].map(f64::from))
+}
+
+/// Twice the triangle's area vector.
+pub fn cross(g: &Geometry, [a, b, c]: [u32; 3]) -> DVec3 {
+    (point(g, b) - point(g, a)).cross(point(g, c) - point(g, a))
+}
+
+impl Geometry {
+    /// Removes triangles without area, with a note.
+    pub fn drop_degenerate(&mut self, at: &str, notes: &mut Notes) {
+        let before = self.indices.len();
+        let mut indices = std::mem::take(&mut self.indices);
+        indices.retain(|&t| cross(self, t) != DVec3::ZERO);
+        self.indices = indices;
+        if self.indices.len() < before {
+            notes.not_loaded(at, "triangles without area");
+        }
+    }
+
+    /// Removes vertices that no triangle uses: primitives often share one large array.
+    pub fn compact(&mut self) {
+        const UNUSED: u32 = u32::MAX;
+        let mut new_index = vec![UNUSED; self.positions.len()];
+        self.indices.iter().flatten().for_each(|&i| new_index[i as usize] = 0);
+        if !new_index.contains(&UNUSED) {
+            return;
+        }
+        let keep: Vec<bool> = new_index.iter().map(|&i| i != UNUSED).collect();
+        for (next, slot) in (0..).zip(new_index.iter_mut().filter(|slot| **slot != UNUSED)) {
+            *slot = next;
+        }
+        self.indices.iter_mut().flatten().for_each(|i| *i = new_index[*i as usize]);
+        fn filter<T: Copy>(values: &mut Vec<T>, keep: &[bool]) {
+            *values = values.iter().zip(keep).filter(|(_, keep)| **keep).map(|(v, _)| *v).collect();
+        }
+        filter(&mut self.positions, &keep);
+        self.source.iter_mut().for_each(|v| filter(v, &keep));
+        self.normals.iter_mut().for_each(|v| filter(v, &keep));
+        self.tangents.iter_mut().for_each(|v| filter(v, &keep));
+        self.texcoords.iter_mut().flatten().for_each(|v| filter(v, &keep));
+        self.colors.iter_mut().for_each(|v| filter(v, &keep));
+    }
+
+    /// Normalizes normals; those of length zero become the area-weighted mean of their triangles' normals.
+    pub fn repair_normals(&mut self, at: &str, notes: &mut Notes) {
+        let Some(mut normals) = self.normals.take() else { return };
+        let mut missing = false;
+        for n in &mut normals {
+            let unit = Vec3::from(*n).as_dvec3().try_normalize();
+            missing |= unit.is_none();
+            *n = unit.unwrap_or(DVec3::ZERO).as_vec3().to_array();
+        }
+        if missing {
+            notes.repaired(at, "normals of length 0: the triangles' own are used");
+            let mut sums = vec![DVec3::ZERO; normals.len()];
+            for &t in &self.indices {
+                let area = cross(self, t);
+                t.iter().for_each(|&i| sums[i as usize] += area);
+            }
+            for (n, sum) in normals.iter_mut().zip(sums).filter(|(n, _)| **n == [0.0; 3]) {
+                *n = sum.try_normalize().unwrap_or(DVec3::Y).as_vec3().to_array();
+            }
+        }
+        self.normals = Some(normals);
+    }
+
+    /// Splits vertices so that no two triangles share one.
+    pub fn unweld(&mut self) {
+        fn spread<T: Copy>(values: &mut Vec<T>, indices: &[[u32; 3]]) {
+            *values = indices.iter().flatten().map(|&i| values[i as usize]).collect();
+        }
+        spread(&mut self.positions, &self.indices);
+        self.source.iter_mut().for_each(|v| spread(v, &self.indices));
+        self.normals.iter_mut().for_each(|v| spread(v, &self.indices));
+        self.tangents.iter_mut().for_each(|v| spread(v, &self.indices));
+        self.texcoords.iter_mut().flatten().for_each(|v| spread(v, &self.indices));
+        self.colors.iter_mut().for_each(|v| spread(v, &self.indices));
+        for (i, triangle) in self.indices.iter_mut().enumerate() {
+            *triangle = [0, 1, 2].map(|corner| 3 * i as u32 + corner);
+        }
+    }
+
+    /// Merges the corners of an unwelded mesh whose original vertex (`origin`) and tangent are equal.
+    pub fn weld(&mut self, origin: &[u32]) {
+        let mut by_key: HashMap<(u32, [u32; 4]), u32> = HashMap::new();
+        let mut kept: Vec<usize> = Vec::new();
+        let tangents = self.tangents.as_ref();
+        let mut target = Vec::with_capacity(origin.len());
+        for (corner, &vertex) in origin.iter().enumerate() {
+            let tangent = tangents.map_or([0; 4], |t| t[corner].map(f32::to_bits));
+            target.push(*by_key.entry((vertex, tangent)).or_insert_with(|| {
+                kept.push(corner);
+                (kept.len() - 1) as u32
+            }));
+        }
+        fn pick<T: Copy>(values: &mut Vec<T>, kept: &[usize]) {
+            *values = kept.iter().map(|&i| values[i]).collect();
+        }
+        pick(&mut self.positions, &kept);
+        self.source.iter_mut().for_each(|v| pick(v, &kept));
+        self.normals.iter_mut().for_each(|v| pick(v, &kept));
+        self.tangents.iter_mut().for_each(|v| pick(v, &kept));
+        self.texcoords.iter_mut().flatten().for_each(|v| pick(v, &kept));
+        self.colors.iter_mut().for_each(|v| pick(v, &kept));
+        self.indices.iter_mut().flatten().for_each(|i| *i = target[*i as usize]);
+    }
+
+    /// The scene's mesh.
+    pub fn into_mesh(self, name: String, material: u32) -> scene::Mesh {
+        scene::Mesh {
+            name,
+            positions: Positions::new(self.positions),
+            normals: self.normals,
+            tangents: self.tangents,
+            texcoords: self.texcoords,
+            colors: self.colors,
+            indices: self.indices,
+            material,
+            motion: self.motion,
+            adjacent_frames: self.adjacent_frames,
+        }
+    }
+}

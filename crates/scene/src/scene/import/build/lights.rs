@@ -1,0 +1,36 @@
+//! Punctual lights with their world transforms.
+
+use glam::{DAffine3, DVec3, Vec3};
+
+use crate::scene::import::document::lights::Light;
+use crate::scene::import::report::Notes;
+use crate::scene::{PunctualKind, PunctualLight};
+
+/// The light at its node's world transform, of which scale is ignored; `None` with a note if it gives no light.
+pub fn place(from: &Light, node: &str, world: &DAffine3, notes: &mut Notes) -> Option<PunctualLight> {
+    let Some(kind) = from.kind else {
+        notes.ignored(&from.at, "a light of a type that KHR_lights_punctual does not know");
+        return None;
+    };
+    if from.intensity.max_element() <= 0.0 {
+        notes.not_loaded(&from.at, "a light of no intensity");
+        return None;
+    }
+    let position = world.translation.as_vec3();
+    let direction = world.transform_vector3(DVec3::NEG_Z).try_normalize().map(|d| d.as_vec3());
+    let aimed = kind != PunctualKind::Point;
+    let (true, Some(direction)) = (position.is_finite(), direction.or((!aimed).then_some(Vec3::NEG_Z))) else {
+        notes.ignored(&from.at, "a light whose node has no direction or place (zero or infinite scale)");
+        return None;
+    };
+    let name = from.name.clone().unwrap_or_else(|| node.into());
+    Some(PunctualLight {
+        name,
+        kind,
+        intensity: from.intensity,
+        position,
+        direction,
+        range: from.range,
+        motion: Vec::new(),
+    })
+}

@@ -1,0 +1,395 @@
+//! Builds the scene from a checked document.
+
+mod cache;
+mod cameras;
+mod count;
+mod decode;
+mod deform;
+mod geometry;
+mod lights;
+mod materials;
+mod nodes;
+mod placements;
+mod pose;
+mod primitive;
+mod reader;
+mod skins;
+mod tangents;
+mod textures;
+mod time_samples;
+mod unshown;
+
+use std::collections::HashSet;
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::{DAffine3, DMat4, DVec3};
+use rayon::prelude::*;
+use tracing::debug;
+
+use crate::error::Result;
+use crate::scene::import::document::Document;
+use crate::scene::import::document::extensions::{Support, support};
+use crate::scene::import::document::primitives::Mesh as MeshOfDocument;
+use crate::scene::import::report::{ImportReport, Notes};
+use crate::scene::{self, Camera, Instance, Motion, Object, Scene};
+
+pub use cache::ImportCache;
+use cache::{CacheKey, CachedObject, Objects, attribute_needs};
+use count::count;
+pub use count::{image_bytes, mesh_bytes};
+use deform::{MeshPose, MeshPoses};
+use materials::MaterialTable;
+use nodes::{FlattenedScene, ObjectKey, Placement, flatten};
+use placements::{check_extent, corners, frame_objects, is_invertible, keep_invertible, points, to_f32};
+pub use pose::posed;
+use primitive::Draft;
+use reader::Reader;
+use textures::TextureTable;
+pub use time_samples::{TimeSample, time_sample, time_samples};
+use unshown::{note_document, note_faults, note_unplaced};
+
+/// The document to build, with the state of its animations.
+pub struct ShownDocument<'a> {
+    /// The document at the picture's own time.
+    pub document: &'a Document,
+    /// Are animations played? Otherwise the document is in its rest pose.
+    pub posed: bool,
+    /// Samples while the shutter is open, then one frame before and one after; either part may be empty.
+    pub time_samples: &'a [TimeSample],
+    /// Number of time samples while the shutter is open.
+    pub shutter_samples: usize,
+}
+
+/// Builds the scene. Reuses what `cache` holds of earlier imports, adds to the document's notes, and fills the report's
+/// extensions, notes and counts.
+///
+/// # Errors
+/// Faulty elements that the shown scene needs, data that breaks the specification, memory out of proportion to the file.
+pub fn build(
+    &ShownDocument { document, posed, time_samples, shutter_samples }: &ShownDocument,
+    file_bytes: u64,
+    cache: &ImportCache,
+    mut notes: Notes,
+    report: &mut ImportReport,
+) -> Result<Scene> {
+    note_document(document, document.variant.is_some(), posed, &mut notes);
+    let reader = Reader::new(document, file_bytes);
+    let textures = TextureTable::new(file_bytes);
+    let mut assembly = Assembly {
+        document,
+        time_samples,
+        shutter_samples,
+        reader,
+        textures,
+        materials: MaterialTable::default(),
+        scene: Scene::default(),
+        framed_objects: Vec::new(),
+        drafts: Vec::new(),
+        // A document in its rest pose is imported once: there is nothing to reuse.
+        reuse: posed.then(|| ObjectReuse { previous: cache.objects(), current: Objects::default() }),
+    };
+    let flattened = flatten(document, (time_samples, shutter_samples), &mut assembly.reader, &mut notes)?;
+    // Cached meshes need no decoding. If only another pose is cached, `read_cached` decodes the mesh.
+    let is_cached = |mesh: usize| assembly.reuse.as_ref().is_some_and(|s| s.previous.keys().any(|key| key.is_of(mesh)));
+    let meshes = flattened.objects.iter().filter(|(key, _)| !is_cached(key.mesh));
+    let meshes = meshes.filter_map(|(key, _)| document.meshes.get(key.mesh).ok());
+    let start = Instant::now();
+    assembly.reader.unpack(meshes.flat_map(|mesh| &mesh.primitives))?;
+    debug!("geometry unpacked: {:.3} s", start.elapsed().as_secs_f64());
+    for (key, placements) in &flattened.objects {
+        assembly.place(key, placements, &flattened, &mut notes)?;
+    }
+    let placed: HashSet<usize> = flattened.objects.iter().map(|(key, _)| key.mesh).collect();
+    note_unplaced(document, &placed, &mut notes);
+
+    let Assembly { textures, materials, mut scene, framed_objects, drafts, reuse, .. } = assembly;
+    let start = Instant::now();
+    let finished: Vec<_> = drafts.into_par_iter().map(|(i, draft)| (i, Arc::new(draft.finish()))).collect();
+    finished.into_iter().for_each(|(i, mesh)| scene.meshes[i] = mesh);
+    debug!("tangents made: {:.3} s", start.elapsed().as_secs_f64());
+    let framing = flattened.cameras.is_empty().then(|| frame_objects(&scene, &framed_objects));
+    if let Some(reuse) = reuse {
+        cache.set_objects(reuse.current);
+    }
+    note_faults(document, scene.instances.is_empty(), &mut notes)?;
+    materials.note_unused(document, &mut notes);
+    textures.note_unused(document, &mut notes);
+    scene.materials = materials.materials;
+    textures.decode(document, file_bytes, cache, &mut scene, &mut notes)?;
+    scene.lights = flattened.lights;
+    scene.cameras = flattened.cameras;
+    scene.cameras.extend(framing.map(Camera::framed));
+    report.counts = count(&scene);
+    for name in document.extensions.keys().cloned() {
+        match support(&name) {
+            Support::Full | Support::NoEffect => report.extensions_used.push(name),
+            Support::Ignored(_) => report.extensions_ignored.push(name),
+        }
+    }
+    report.scenes.clone_from(&document.scene_names);
+    report.variants.clone_from(&document.variants);
+    report.notes = notes.into_list();
+    Ok(scene)
+}
+
+struct Assembly<'a> {
+    document: &'a Document,
+    time_samples: &'a [TimeSample],
+    /// Number of time samples while the shutter is open.
+    shutter_samples: usize,
+    reader: Reader<'a>,
+    textures: TextureTable,
+    materials: MaterialTable,
+    scene: Scene,
+    /// For a scene without a camera: objects, whether their meshes are in world space, and their transforms.
+    framed_objects: Vec<(u32, bool, Vec<DAffine3>)>,
+    /// Meshes that need tangents, with the index of their stand-in in the scene; they are finished in parallel.
+    drafts: Vec<(usize, Draft)>,
+    /// `None` without animation.
+    reuse: Option<ObjectReuse>,
+}
+
+/// Weights of morph targets, and joint matrices of a skin.
+type Form = (Vec<f32>, Option<Vec<DMat4>>);
+
+/// The only placement of an object that does not move, with its transforms one frame before and after if they differ.
+type SinglePlacement<'a> = (&'a Placement, Option<[DAffine3; 2]>);
+
+/// Transforms of a placement over time.
+struct PlacementTimes {
+    /// At the time samples of the shutter; `None` if they do not change.
+    shutter: Option<Vec<DAffine3>>,
+    /// One frame before and after; `None` if equal to the picture's.
+    adjacent_frames: Option<[DAffine3; 2]>,
+}
+
+/// Objects of the previous import of the same files, and of this one.
+struct ObjectReuse {
+    previous: Objects,
+    current: Objects,
+}
+
+impl Assembly<'_> {
+    /// Reads an object's meshes and places them.
+    fn place(
+        &mut self,
+        key: &ObjectKey,
+        placements: &[Placement],
+        flattened: &FlattenedScene,
+        notes: &mut Notes,
+    ) -> Result<()> {
+        let document = self.document;
+        let placements: Vec<&Placement> = placements.iter().filter(|p| keep_invertible(p, notes)).collect();
+        let mesh = document.meshes.get(key.mesh)?;
+        let joints = match key.skin {
+            Some(skin) => Some(skins::joint_matrices(document.skins.get(skin)?, &mut self.reader, &flattened.worlds)?),
+            None => None,
+        };
+        let start = self.scene.meshes.len() as u32;
+        if placements.is_empty() {
+            return Ok(());
+        }
+        let weights: Vec<f32> = key.weights.iter().map(|bits| f32::from_bits(*bits)).collect();
+        let forms = self.forms(key)?;
+        let forms: Vec<MeshPose> =
+            forms.iter().map(|(w, joints)| MeshPose { weights: w, joints: joints.as_deref() }).collect();
+        let picture = MeshPose { weights: &weights, joints: joints.as_deref() };
+        let changing = |forms: &[MeshPose]| forms.iter().any(|form| *form != picture);
+        let [shutter, adjacent_frames] =
+            [&forms[..self.shutter_samples], &forms[self.shutter_samples..]].map(|f| if changing(f) { f } else { &[] });
+        let poses = MeshPoses { picture, shutter, adjacent_frames };
+        let times = placements.iter().map(|placement| self.placement_times(placement, notes)).collect::<Vec<_>>();
+        // The transform is baked into the meshes if the object is placed once and does not move.
+        let single = if let ([placement], [PlacementTimes { shutter: None, .. }]) = (&placements[..], &times[..]) {
+            Some((*placement, times[0].adjacent_frames))
+        } else {
+            None
+        };
+        if self.reuse.is_some() {
+            self.read_cached(key, mesh, &poses, single, notes)?;
+        } else {
+            for (_, draft) in self.read(mesh, &poses, single, notes)? {
+                if draft.needs_tangents() {
+                    let outline = Arc::new(draft.outline());
+                    self.drafts.push((self.scene.meshes.len(), draft));
+                    self.scene.meshes.push(outline);
+                } else {
+                    self.scene.meshes.push(Arc::new(draft.finish()));
+                }
+            }
+        }
+        let meshes = start..self.scene.meshes.len() as u32;
+        if meshes.is_empty() {
+            return Ok(());
+        }
+        let object = self.scene.objects.len() as u32;
+        self.scene.objects.push(Object { name: mesh.name.clone(), meshes });
+        if flattened.cameras.is_empty() {
+            self.framed_objects.push((
+                object,
+                single.is_some(),
+                placements.iter().map(|placement| placement.world).collect(),
+            ));
+        }
+        if let Some((placement, _)) = single {
+            self.scene.instances.push(Instance { name: placement.name.clone(), object, ..Default::default() });
+            return Ok(());
+        }
+        self.add_instances(object, mesh, &placements, times)
+    }
+
+    /// Adds the placements of an object whose meshes are in object space.
+    fn add_instances(
+        &mut self,
+        object: u32,
+        mesh: &MeshOfDocument,
+        placements: &[&Placement],
+        times: Vec<PlacementTimes>,
+    ) -> Result<()> {
+        let Object { meshes, .. } = &self.scene.objects[object as usize];
+        let meshes = &self.scene.meshes[meshes.start as usize..meshes.end as usize];
+        let corners = corners(points(meshes.iter().map(Arc::as_ref)));
+        for (placement, times) in placements.iter().zip(times) {
+            for world in [&placement.world].into_iter().chain(times.shutter.iter().flatten()) {
+                check_extent(&corners, world, &placement.at, &mesh.at)?;
+            }
+            self.scene.instances.push(Instance {
+                name: placement.name.clone(),
+                object,
+                transform: Some(to_f32(&placement.world)),
+                motion: times.shutter.and_then(|transforms| Motion::new(&transforms)).map(Arc::new),
+                adjacent_frames: times.adjacent_frames.map(|both| both.map(|world| to_f32(&world))),
+            });
+        }
+        Ok(())
+    }
+
+    /// Morph weights and joint matrices at each time sample.
+    fn forms(&mut self, key: &ObjectKey) -> Result<Vec<Form>> {
+        let mut forms = Vec::new();
+        for (i, time_sample) in self.time_samples.iter().enumerate() {
+            let weights = key.weights_over_time.get(i).unwrap_or(&key.weights).iter().map(|bits| f32::from_bits(*bits));
+            let joints = match key.skin.map(|skin| self.document.skins.get(skin)).transpose()? {
+                Some(skin) => Some(skins::joint_matrices(skin, &mut self.reader, &time_sample.matrices())?),
+                None => None,
+            };
+            forms.push((weights.collect(), joints));
+        }
+        Ok(forms)
+    }
+
+    /// Transforms of a placement at the time samples.
+    fn placement_times(&self, placement: &Placement, notes: &mut Notes) -> PlacementTimes {
+        let transforms = placement.transforms_at(self.time_samples);
+        let still = |transforms: &[DAffine3]| transforms.iter().all(|world| to_f32(world) == to_f32(&placement.world));
+        let (shutter, adjacent_frames) = transforms.split_at(self.shutter_samples.min(transforms.len()));
+        let solid = shutter.iter().all(is_invertible);
+        if !solid {
+            let text = "zero or infinite scale while the shutter is open: rendered without motion, as at the picture's own time";
+            notes.approximated(&placement.at, text);
+        }
+        PlacementTimes {
+            shutter: (solid && !still(shutter)).then(|| shutter.to_vec()),
+            adjacent_frames: adjacent_frames
+                .try_into()
+                .ok()
+                .filter(|adjacent_frames: &[DAffine3; 2]| !still(adjacent_frames)),
+        }
+    }
+
+    /// Reads an object's meshes, each with the index of its primitive; in world space if there is a `single` placement.
+    fn read(
+        &mut self,
+        mesh: &MeshOfDocument,
+        poses: &MeshPoses,
+        single: Option<SinglePlacement>,
+        notes: &mut Notes,
+    ) -> Result<Vec<(usize, Draft)>> {
+        let document = self.document;
+        let mut drafts: Vec<(usize, Draft)> = Vec::new();
+        for (i, primitive) in mesh.primitives.iter().enumerate() {
+            for name in &primitive.extensions {
+                if let Support::Ignored(why) = support(name) {
+                    notes.ignored(&format!("{}.extensions.{name}", primitive.at), format!("{name}: {why}"));
+                }
+            }
+            // Points and lines are not rendered; reading them notes it.
+            if primitive.mode < 4 {
+                primitive::read(&mut self.reader, primitive, &scene::Material::default(), poses, notes)?;
+                continue;
+            }
+            let material = self.materials.get(document, primitive.material, &mut self.textures, notes)?;
+            let shading = &self.materials.materials[material as usize];
+            if let Some(geometry) = primitive::read(&mut self.reader, primitive, shading, poses, notes)? {
+                let name = match mesh.primitives.len() {
+                    1 => mesh.name.clone(),
+                    _ => format!("{}[{i}]", mesh.name),
+                };
+                let world = single.map(|(placement, adjacent_frames)| (placement.world, adjacent_frames));
+                drafts.push((i, Draft { geometry, name, material, world }));
+            }
+        }
+        if let Some((placement, _)) = single {
+            let positions = drafts.iter().flat_map(|(_, draft)| &draft.geometry.positions);
+            let corners = corners(positions.map(|p| DVec3::from(p.map(f64::from))));
+            check_extent(&corners, &placement.world, &placement.at, &mesh.at)?;
+        }
+        Ok(drafts)
+    }
+
+    /// Adds an object's meshes to the scene: from the previous import if it had the same, else read by [`Self::read`].
+    fn read_cached(
+        &mut self,
+        key: &ObjectKey,
+        mesh: &MeshOfDocument,
+        poses: &MeshPoses,
+        single: Option<SinglePlacement>,
+        notes: &mut Notes,
+    ) -> Result<()> {
+        let document = self.document;
+        let joints = [&poses.picture]
+            .into_iter()
+            .chain(poses.shutter)
+            .chain(poses.adjacent_frames)
+            .filter_map(|pose| pose.joints);
+        let worlds = single.iter().flat_map(|(placement, adjacent_frames)| {
+            [placement.world].into_iter().chain(adjacent_frames.iter().flatten().copied())
+        });
+        let key = CacheKey::new(key, joints, worlds, self.shutter_samples);
+        // Materials are numbered independently of the cache.
+        let (mut materials, mut needs) = (Vec::new(), Vec::new());
+        for primitive in &mesh.primitives {
+            if primitive.mode < 4 {
+                materials.push(0);
+                continue;
+            }
+            let material = self.materials.get(document, primitive.material, &mut self.textures, notes)?;
+            needs.push(attribute_needs(&self.materials.materials[material as usize]));
+            materials.push(material);
+        }
+        let previous = self.reuse.as_ref().and_then(|reuse| reuse.previous.get(&key));
+        let object = match previous.filter(|object| object.needs == needs) {
+            Some(object) => Arc::clone(object),
+            None => {
+                self.reader.unpack(mesh.primitives.iter())?;
+                let mut own = Notes::default();
+                let read = self.read(mesh, poses, single, &mut own)?;
+                let meshes = read.into_par_iter().map(|(i, draft)| (i, Arc::new(draft.finish()))).collect();
+                Arc::new(CachedObject { needs, meshes, notes: own.into_list() })
+            }
+        };
+        object.notes.iter().for_each(|note| notes.add(note.kind, &note.at, note.text.clone()));
+        for (primitive, kept) in &object.meshes {
+            let mut kept = Arc::clone(kept);
+            if kept.material != materials[*primitive] {
+                Arc::make_mut(&mut kept).material = materials[*primitive];
+            }
+            self.scene.meshes.push(kept);
+        }
+        if let Some(reuse) = &mut self.reuse {
+            reuse.current.insert(key, object);
+        }
+        Ok(())
+    }
+}

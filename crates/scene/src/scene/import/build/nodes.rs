@@ -1,0 +1,180 @@
+//! Flattens the node tree into placed objects, cameras and lights, without recursion.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use glam::{Affine3A, DAffine3, DMat4, DQuat, DVec3};
+
+use super::reader::Reader;
+use super::time_samples::TimeSample;
+use super::{cameras, lights};
+use crate::error::Result;
+use crate::scene::import::document::Document;
+use crate::scene::import::document::extensions::{Support, support};
+use crate::scene::import::document::nodes::{Instancing, world_transforms};
+use crate::scene::import::report::Notes;
+use crate::scene::{Camera, Motion, PunctualLight};
+
+/// Identity of an object: nodes with equal keys share their meshes.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub struct ObjectKey {
+    pub mesh: usize,
+    /// Bits of the morph weights.
+    pub weights: Vec<u32>,
+    /// Bits of the morph weights at each time sample; empty if they do not change.
+    pub weights_over_time: Vec<Vec<u32>>,
+    pub skin: Option<usize>,
+}
+
+/// A placement of an object.
+pub struct Placement {
+    pub name: String,
+    pub world: DAffine3,
+    pub at: String,
+    /// Index of the node, and the transform from object to node space; `None` for skinned meshes, which joints place.
+    pub node: Option<(usize, DAffine3)>,
+}
+
+impl Placement {
+    /// Object to world at each time sample; empty for skinned meshes.
+    pub fn transforms_at(&self, time_samples: &[TimeSample]) -> Vec<DAffine3> {
+        self.node.iter().flat_map(|&(node, local)| time_samples.iter().map(move |m| m.worlds[node] * local)).collect()
+    }
+}
+
+/// Contents of the shown scene, in world space.
+#[derive(Default)]
+pub struct FlattenedScene {
+    /// Objects with their placements, in the order of their first placement.
+    pub objects: Vec<(ObjectKey, Vec<Placement>)>,
+    pub cameras: Vec<Camera>,
+    pub lights: Vec<PunctualLight>,
+    /// Every node's transform to world space, also those of other scenes (joints may be anywhere).
+    pub worlds: Vec<DMat4>,
+}
+
+/// Flattens the shown scene; the first `shutter_samples` of the time samples are while the shutter is open.
+///
+/// # Errors
+/// Instance data that cannot be read.
+pub fn flatten(
+    document: &Document,
+    (time_samples, shutter_samples): (&[TimeSample], usize),
+    reader: &mut Reader,
+    notes: &mut Notes,
+) -> Result<FlattenedScene> {
+    let (nodes, worlds) = (&document.nodes, world_transforms(&document.nodes));
+    let mut out = FlattenedScene { worlds: worlds.iter().map(|&w| w.into()).collect(), ..Default::default() };
+    let mut by_key: HashMap<ObjectKey, usize> = HashMap::new();
+    let mut shown = vec![false; nodes.len()];
+    // In the document's order, depth first.
+    let mut stack: Vec<(usize, bool)> = document.roots.iter().rev().map(|&root| (root, true)).collect();
+    while let Some((index, parent_visible)) = stack.pop() {
+        let node = &nodes[index];
+        let content = node.content()?;
+        let visible = parent_visible && content.visible;
+        shown[index] = true;
+        stack.extend(node.children.iter().rev().map(|&child| (child, visible)));
+        for name in &content.extensions {
+            if let Support::Ignored(why) = support(name) {
+                notes.ignored(&format!("{}.extensions.{name}", node.at), format!("{name}: {why}"));
+            }
+        }
+        let world = worlds[index];
+        if let Some(camera) = content.camera.map(|c| document.cameras.get(c)).transpose()? {
+            let name = if node.name == node.at { camera.name.clone() } else { None };
+            match cameras::place(camera, name.unwrap_or_else(|| node.name.clone()), &world) {
+                Some(placed) => {
+                    let transforms =
+                        time_samples.iter().map(|m| cameras::place(camera, String::new(), &m.worlds[index]));
+                    let transforms: Option<Vec<_>> = transforms.map(|camera| Some(camera?.to_world)).collect();
+                    let (transforms, after) = transforms
+                        .as_deref()
+                        .map_or((&[][..], &[][..]), |transforms| transforms.split_at(shutter_samples));
+                    let motion = Motion::new(&transforms.iter().map(to_f64).collect::<Vec<_>>()).map(Arc::new);
+                    let adjacent_frames =
+                        after.try_into().ok().filter(|adjacent_frames| *adjacent_frames != [placed.to_world; 2]);
+                    out.cameras.push(Camera { motion, adjacent_frames, ..placed });
+                }
+                None => notes.ignored(&node.at, "a camera whose node has no direction or place"),
+            }
+        }
+        if !visible {
+            if content.mesh.is_some() || content.light.is_some() {
+                notes.not_loaded(&node.at, "a node that KHR_node_visibility hides");
+            }
+            continue;
+        }
+        let light = content.light.map(|light| document.lights.get(light)).transpose()?;
+        if let Some(placed) = light.and_then(|light| lights::place(light, &node.name, &world, notes)) {
+            let motion: Option<Vec<_>> = time_samples[..shutter_samples].iter().map(|m| m.lights[index]).collect();
+            let motion = motion.filter(|keys| keys.iter().any(|key| *key != placed.key()));
+            out.lights.push(PunctualLight { motion: motion.unwrap_or_default(), ..placed });
+        }
+        let Some(mesh) = content.mesh else { continue };
+        let weights = content.weights.as_ref().unwrap_or(&document.meshes.get(mesh)?.weights);
+        let bits = |weights: &[f32]| weights.iter().map(|w| w.to_bits()).collect::<Vec<_>>();
+        let mut weights_over_time: Vec<_> = time_samples.iter().map(|m| bits(&m.weights[index])).collect();
+        if weights_over_time.iter().all(|time_sample| *time_sample == bits(weights)) {
+            weights_over_time.clear();
+        }
+        let key = ObjectKey { mesh, weights: bits(weights), weights_over_time, skin: content.skin };
+        let placements = match by_key.get(&key) {
+            Some(&i) => &mut out.objects[i].1,
+            None => {
+                by_key.insert(key.clone(), out.objects.len());
+                out.objects.push((key, Vec::new()));
+                match out.objects.last_mut() {
+                    Some((_, placements)) => placements,
+                    None => continue,
+                }
+            }
+        };
+        let place = |world: DAffine3, inside: Option<(usize, DAffine3)>| Placement {
+            name: node.name.clone(),
+            world,
+            at: node.at.clone(),
+            node: inside,
+        };
+        match &content.instancing {
+            // The specification ignores the node transform of a skinned mesh.
+            _ if content.skin.is_some() => placements.push(place(DAffine3::IDENTITY, None)),
+            Some(instancing) => {
+                let all = instances(instancing, reader)?;
+                placements.extend(all.into_iter().map(|t| place(world * t, Some((index, t)))));
+            }
+            None => placements.push(place(world, Some((index, DAffine3::IDENTITY)))),
+        }
+    }
+    for (node, _) in nodes.iter().zip(shown).filter(|(_, shown)| !shown) {
+        if node.content().is_ok_and(|c| c.mesh.is_some() || c.camera.is_some() || c.light.is_some()) {
+            notes.not_loaded(&node.at, "a node that is not in the shown scene");
+        }
+    }
+    Ok(out)
+}
+
+fn to_f64(transform: &Affine3A) -> DAffine3 {
+    DAffine3::from_cols_array(&transform.to_cols_array().map(f64::from))
+}
+
+/// Transforms from instance to node space (EXT_mesh_gpu_instancing).
+fn instances(from: &Instancing, reader: &mut Reader) -> Result<Vec<DAffine3>> {
+    let Some(&any) = from.all.first() else { return Ok(Vec::new()) };
+    let accessor = reader.document.accessors.get(any)?;
+    let (at, count) = (accessor.at.clone(), accessor.count);
+    // Size of a placement, which exceeds that of the attributes that it is read from.
+    const BYTES_PER_PLACEMENT: u64 = 256;
+    reader.budget.take(&at, count, BYTES_PER_PLACEMENT)?;
+    let translation = from.translation.map(|i| reader.floats::<3>(i)).transpose()?;
+    let rotation = from.rotation.map(|i| reader.floats::<4>(i)).transpose()?;
+    let scale = from.scale.map(|i| reader.floats::<3>(i)).transpose()?;
+    let place = |i: usize| {
+        let t = translation.as_ref().map_or(DVec3::ZERO, |v| DVec3::from(v[i].map(f64::from)));
+        let s = scale.as_ref().map_or(DVec3::ONE, |v| DVec3::from(v[i].map(f64::from)));
+        let r = rotation.as_ref().map_or(DQuat::IDENTITY, |v| DQuat::from_array(v[i].map(f64::from)));
+        let r = if r.length_squared() > 0.0 { r.normalize() } else { DQuat::IDENTITY };
+        DAffine3::from_scale_rotation_translation(s, r, t)
+    };
+    Ok((0..count as usize).map(place).collect())
+}

@@ -1,0 +1,74 @@
+//! Checks of placements, and the view that frames all of them.
+
+use std::sync::Arc;
+
+use glam::{Affine3A, DAffine3, DVec3};
+
+use super::nodes::Placement;
+use crate::error::{Error, Result};
+use crate::scene::import::report::Notes;
+use crate::scene::{Framing, MAX_COORDINATE, Mesh, Scene};
+
+/// Checks the corners of a mesh's box, untransformed and placed, against [`MAX_COORDINATE`].
+///
+/// # Errors
+/// A coordinate beyond it, with the node (`at`) and the mesh.
+pub fn check_extent(corners: &[DVec3], world: &DAffine3, at: &str, mesh: &str) -> Result<()> {
+    let moved = corners.iter().map(|&c| world.transform_point3(c));
+    match corners.iter().copied().chain(moved).any(|p| p.abs().max_element() > f64::from(MAX_COORDINATE)) {
+        true => Err(Error::Data(format!(
+            "{at}: places {mesh} beyond {MAX_COORDINATE:e} m, where rays cannot be traced; scale the scene down"
+        ))),
+        false => Ok(()),
+    }
+}
+
+pub fn to_f32(world: &DAffine3) -> Affine3A {
+    world.as_affine3a()
+}
+
+/// Is the placement's transform invertible? Notes it if not.
+pub fn keep_invertible(placement: &Placement, notes: &mut Notes) -> bool {
+    let solid = is_invertible(&placement.world);
+    if !solid {
+        notes.not_loaded(&placement.at, "a placement with zero or infinite scale: nothing to see");
+    }
+    solid
+}
+
+pub fn is_invertible(world: &DAffine3) -> bool {
+    let single = to_f32(world);
+    world.matrix3.determinant() != 0.0 && single.is_finite() && single.inverse().is_finite()
+}
+
+pub fn points<'a>(meshes: impl Iterator<Item = &'a Mesh>) -> impl Iterator<Item = DVec3> {
+    meshes.flat_map(|m| m.positions.iter()).map(|p| DVec3::from(p.map(f64::from)))
+}
+
+/// The eight corners of the points' bounding box; none without points.
+pub fn corners(points: impl Iterator<Item = DVec3>) -> Vec<DVec3> {
+    let bounds = |b: Option<(DVec3, DVec3)>, p: DVec3| Some(b.map_or((p, p), |(low, high)| (low.min(p), high.max(p))));
+    let Some((low, high)) = points.fold(None, bounds) else { return Vec::new() };
+    let pick = |i: u32, axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
+    (0..8).map(|i| DVec3::new(pick(i, 0), pick(i, 1), pick(i, 2))).collect()
+}
+
+/// The view of all placed objects, each with its index, whether its meshes are in world space, and its transforms. Objects
+/// with several placements enter by their bounding box.
+pub fn frame_objects(scene: &Scene, seen: &[(u32, bool, Vec<DAffine3>)]) -> Framing {
+    let mut framing = Framing::default();
+    for (object, baked, worlds) in seen {
+        let range = &scene.objects[*object as usize].meshes;
+        let points = points(scene.meshes[range.start as usize..range.end as usize].iter().map(Arc::as_ref));
+        match (baked, &worlds[..]) {
+            (true, _) => points.for_each(|p| framing.include(p)),
+            (false, [only]) => points.for_each(|p| framing.include(only.transform_point3(p))),
+            _ => {
+                let corners = corners(points);
+                let all = worlds.iter().flat_map(|world| corners.iter().map(|&c| world.transform_point3(c)));
+                all.for_each(|p| framing.include(p));
+            }
+        }
+    }
+    framing
+}

@@ -1,0 +1,213 @@
+//! Plays animations: a copy of the document with the values of animated properties at one time.
+
+use glam::{DMat4, DQuat};
+use serde_json::{Value, json};
+
+use super::reader::Reader;
+use crate::error::{Error, Result};
+use crate::scene::choose;
+use crate::scene::import::complaint::bad;
+use crate::scene::import::document::Document;
+use crate::scene::import::document::accessors::{Component, Shape};
+use crate::scene::import::document::animations::{Channel, Interpolation};
+use crate::scene::import::options::Pose;
+use crate::scene::import::report::Notes;
+
+/// Last path segments of properties that may be animated. Other targets, such as indices, are not played.
+const ANIMATABLE: &[&str] = &[
+    "translation",
+    "rotation",
+    "scale",
+    "weights",
+    "visible",
+    "offset",
+    "strength",
+    "color",
+    "intensity",
+    "range",
+    "innerConeAngle",
+    "outerConeAngle",
+    "yfov",
+    "xmag",
+    "ymag",
+    "aspectRatio",
+    "znear",
+    "zfar",
+    "alphaCutoff",
+    "ior",
+    "emissiveStrength",
+    "attenuationDistance",
+    "attenuationColor",
+    "anisotropyStrength",
+    "anisotropyRotation",
+    "iridescenceIor",
+    "iridescenceThicknessMinimum",
+    "iridescenceThicknessMaximum",
+    "dispersion",
+];
+
+/// The document with every animated property at the pose's time, clamped to each channel's keys. If two channels animate one
+/// property, the later one wins.
+///
+/// # Errors
+/// [`Error::Usage`] for an animation that is not there; [`Error::Data`] for keys that break the specification.
+pub fn posed(document: &Document, json: &Value, file_bytes: u64, pose: &Pose, notes: &mut Notes) -> Result<Value> {
+    let animations = &document.animations;
+    let chosen = match pose.animation.as_deref() {
+        None | Some("all") => 0..animations.len(),
+        Some(wanted) => {
+            let name = |i| animations.get(i).map(|a| a.name.clone()).unwrap_or_default();
+            let index = choose("animation", wanted, &(0..animations.len()).map(name).collect::<Vec<_>>())?;
+            index..index + 1
+        }
+    };
+    let mut out = json.clone();
+    let mut reader = Reader::new(document, file_bytes);
+    let mut played = Vec::new();
+    for index in chosen {
+        let animation = animations.get(index)?;
+        played.push(if animation.name.is_empty() { format!("animations[{index}]") } else { animation.name.clone() });
+        for channel in &animation.channels {
+            let name = channel.pointer.rsplit('/').find(|name| !name.bytes().all(|b| b.is_ascii_digit()));
+            if name.is_some_and(|name| ANIMATABLE.contains(&name) || name.ends_with("Factor")) {
+                let values = sample(&mut reader, channel, pose.seconds)?;
+                if set_property(&mut out, &channel.pointer, &values)? {
+                    continue;
+                }
+            }
+            notes.approximated(&channel.at, format!("{} is not played", channel.pointer));
+        }
+    }
+    let what = if played.is_empty() { "nothing: the file has no animation".into() } else { played.join(", ") };
+    notes.convention("animations", format!("at {} s, played: {what}", pose.seconds));
+    Ok(out)
+}
+
+/// The channel's value at a time in seconds.
+fn sample(reader: &mut Reader, channel: &Channel, seconds: f64) -> Result<Vec<f64>> {
+    let input = reader.document.accessors.get(channel.input)?;
+    if input.shape != Shape::Scalar || input.component != Component::F32 {
+        return Err(bad(&input.at, "SCALAR of FLOAT, times of keys", input.format()));
+    }
+    let times: Vec<f64> = reader.floats::<1>(channel.input)?.into_iter().map(|[t]| t.into()).collect();
+    if let Some(i) = times.windows(2).position(|t| t[0] >= t[1]) {
+        let found = format!("{} after {} as number {}", times[i + 1], times[i], i + 1);
+        return Err(bad(&input.at, "times that increase from key to key", found));
+    }
+    let values = reader.flat(channel.output)?;
+    let spline = channel.interpolation == Interpolation::CubicSpline;
+    let values_per_key = if spline { 3 } else { 1 };
+    let width = values.len() / (times.len() * values_per_key);
+    let rotation = channel.pointer.starts_with("/nodes/") && channel.pointer.ends_with("/rotation");
+    let fits = match channel.pointer.rsplit('/').next() {
+        Some("rotation") if rotation => width == 4,
+        Some("translation" | "scale") if channel.pointer.starts_with("/nodes/") => width == 3,
+        _ => width > 0,
+    };
+    if !fits || width * times.len() * values_per_key != values.len() {
+        let at = &reader.document.accessors.get(channel.output)?.at;
+        let wanted = format!("values for {} keys of {}", times.len(), channel.pointer);
+        return Err(bad(at, wanted, format!("{} numbers", values.len())));
+    }
+    // A spline stores three values per key: in-tangent, value, out-tangent.
+    let part = |key: usize, part: usize| &values[(key * values_per_key + part) * width..][..width];
+    let value = |key: usize| part(key, usize::from(spline));
+    let after = times.partition_point(|t| *t <= seconds);
+    let (Some(from), true) = (after.checked_sub(1), after < times.len()) else {
+        return Ok(value(after.min(times.len() - 1)).to_vec());
+    };
+    let step = times[after] - times[from];
+    let u = (seconds - times[from]) / step;
+    let (a, b) = (value(from), value(after));
+    let quaternion = |q: &[f64]| DQuat::from_xyzw(q[0], q[1], q[2], q[3]);
+    Ok(match channel.interpolation {
+        Interpolation::Step => a.to_vec(),
+        Interpolation::Linear if rotation => {
+            let [a, b] = [a, b].map(|q| quaternion(q).normalize());
+            a.slerp(b, u).to_array().to_vec()
+        }
+        Interpolation::Linear => a.iter().zip(b).map(|(a, b)| a + (b - a) * u).collect(),
+        // Appendix C of the glTF 2.0 specification.
+        Interpolation::CubicSpline => {
+            let (u2, u3) = (u * u, u * u * u);
+            let (out, into) = (part(from, 2), part(after, 0));
+            let spline = |i: usize| {
+                (2.0 * u3 - 3.0 * u2 + 1.0) * a[i]
+                    + step * (u3 - 2.0 * u2 + u) * out[i]
+                    + (3.0 * u2 - 2.0 * u3) * b[i]
+                    + step * (u3 - u2) * into[i]
+            };
+            let values: Vec<f64> = (0..width).map(spline).collect();
+            if rotation { quaternion(&values).normalize().to_array().to_vec() } else { values }
+        }
+    })
+}
+
+/// Writes a value at a JSON pointer and creates members that may be absent because they have a default. `false` if the
+/// pointer does not resolve.
+fn set_property(json: &mut Value, pointer: &str, values: &[f64]) -> Result<bool> {
+    if values.iter().any(|x| !x.is_finite()) {
+        return Err(Error::Data(format!(
+            "{pointer}: the animation gives the value {values:?}, which is not finite; export the file again"
+        )));
+    }
+    // Animatable properties belong to an element of one of the document's arrays.
+    let Some((parent, name)) = pointer.rsplit_once('/').filter(|(parent, _)| parent.matches('/').count() > 1) else {
+        return Ok(false);
+    };
+    let Some(target) = resolve(json, parent) else { return Ok(false) };
+    let value = match (name, values) {
+        ("visible", [x]) => json!(*x != 0.0),
+        ("weights", _) => json!(values),
+        (_, [x]) => json!(x),
+        _ => json!(values),
+    };
+    match target {
+        Value::Object(members) => {
+            if matches!(name, "translation" | "rotation" | "scale") {
+                split_matrix(members);
+            }
+            members.insert(name.into(), value);
+        }
+        Value::Array(items) => match name.parse::<usize>().ok().and_then(|index| items.get_mut(index)) {
+            Some(item) => *item = value,
+            None => return Ok(false),
+        },
+        _ => return Ok(false),
+    }
+    Ok(true)
+}
+
+/// Resolves a JSON pointer. Creates absent objects whose members all have defaults.
+fn resolve<'a>(json: &'a mut Value, pointer: &str) -> Option<&'a mut Value> {
+    let mut at = json;
+    for (depth, name) in pointer.split('/').skip(1).enumerate() {
+        let name = name.replace("~1", "/").replace("~0", "~");
+        at = match at {
+            Value::Object(members) => {
+                let defaults = ["extensions", "pbrMetallicRoughness"].contains(&&name[..]) || name.starts_with("KHR_");
+                if depth >= 2 && defaults {
+                    members.entry(&name).or_insert_with(|| json!({}));
+                }
+                members.get_mut(&name)?
+            }
+            Value::Array(items) => items.get_mut(name.parse::<usize>().ok()?)?,
+            _ => return None,
+        };
+    }
+    Some(at)
+}
+
+/// Replaces a node's matrix by translation, rotation and scale, which animations change.
+fn split_matrix(node: &mut serde_json::Map<String, Value>) {
+    let Some(matrix) = node.remove("matrix") else { return };
+    let numbers: Option<Vec<f64>> = matrix.as_array().map(|m| m.iter().filter_map(Value::as_f64).collect());
+    let Some(Ok(matrix)) = numbers.map(<[f64; 16]>::try_from) else {
+        node.insert("matrix".into(), matrix);
+        return;
+    };
+    let (scale, rotation, translation) = DMat4::from_cols_array(&matrix).to_scale_rotation_translation();
+    node.insert("scale".into(), json!(scale.to_array()));
+    node.insert("rotation".into(), json!(rotation.to_array()));
+    node.insert("translation".into(), json!(translation.to_array()));
+}

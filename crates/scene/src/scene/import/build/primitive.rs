@@ -1,0 +1,219 @@
+//! Reads a primitive's accessors into a triangle mesh with only the attributes that its material uses.
+
+use glam::{DAffine3, DVec3, Vec3};
+
+use super::deform::{MeshPose, MeshPoses, apply_pose, geometry_at, transform_frame};
+use super::geometry::Geometry;
+use super::reader::Reader;
+use super::tangents;
+use crate::error::Result;
+use crate::scene::import::complaint::bad;
+use crate::scene::import::document::accessors::Shape;
+use crate::scene::import::document::attributes::Semantic;
+use crate::scene::import::document::primitives::Primitive;
+use crate::scene::import::report::Notes;
+use crate::scene::{self, Deformation, Material, Positions};
+
+/// A mesh whose remaining steps cannot fail.
+#[derive(Debug)]
+pub struct Draft {
+    pub geometry: Geometry,
+    pub name: String,
+    /// Index into the scene's materials.
+    pub material: u32,
+    /// Transform to bake into the vertices, and those one frame before and after if they differ.
+    pub world: Option<(DAffine3, Option<[DAffine3; 2]>)>,
+}
+
+impl Draft {
+    /// Must tangents be generated?
+    pub fn needs_tangents(&self) -> bool {
+        self.geometry.tangents_for.is_some() && self.geometry.tangents.is_none()
+    }
+
+    /// A stand-in mesh with positions only.
+    pub fn outline(&self) -> scene::Mesh {
+        let geometry = Geometry { positions: self.geometry.positions.clone(), ..Default::default() };
+        Self { geometry, name: String::new(), material: self.material, world: self.world }.finish()
+    }
+
+    /// The scene's mesh.
+    pub fn finish(mut self) -> scene::Mesh {
+        if let Some(set) = self.geometry.tangents_for {
+            tangents::make(&mut self.geometry, set);
+        }
+        let mut mesh = self.geometry.into_mesh(self.name, self.material);
+        if let Some((world, adjacent_frames)) = self.world {
+            bake(&mut mesh, &world, adjacent_frames);
+        }
+        mesh
+    }
+}
+
+/// Reads and checks one primitive. `None` if it has no triangles; a note says why.
+///
+/// # Errors
+/// Data that breaks the specification.
+pub fn read(
+    reader: &mut Reader,
+    primitive: &Primitive,
+    material: &Material,
+    MeshPoses { picture: pose, shutter, adjacent_frames }: &MeshPoses,
+    notes: &mut Notes,
+) -> Result<Option<Geometry>> {
+    let attributes = &primitive.attributes;
+    let Some(&position) = attributes.get(&Semantic::Position) else {
+        notes.ignored(&primitive.at, "a primitive without POSITION: nothing to show");
+        return Ok(None);
+    };
+    if primitive.mode < 4 {
+        notes.ignored(&primitive.at, "points and lines are not shown, only triangles");
+        return Ok(None);
+    }
+    reader.check_stream(primitive)?;
+    let mut g = Geometry { positions: reader.floats::<3>(position)?, ..Default::default() };
+    g.indices = read_triangles(reader, primitive, g.positions.len(), notes)?;
+    let optional = |semantic| attributes.get(&semantic).copied();
+    let (normal, tangent) = (optional(Semantic::Normal), optional(Semantic::Tangent));
+    g.normals = normal.map(|i| reader.floats::<3>(i)).transpose()?;
+    // The specification ignores tangents without normals.
+    let tangent = tangent.filter(|_| material.tangent_set().is_some() && g.normals.is_some());
+    g.tangents = tangent.map(|i| reader.floats::<4>(i)).transpose()?;
+    if let Some(index) = optional(Semantic::Color(0)) {
+        let colors = read_colors(reader, index, notes)?;
+        let is_morphed = primitive.targets.iter().any(|target| target.contains_key(&Semantic::Color(0)));
+        g.colors = Some(colors).filter(|c| is_morphed || c.iter().any(|c| *c != [1.0; 4]));
+    }
+    for (set, slot) in [0_u8, 1].into_iter().zip(&mut g.texcoords) {
+        let for_tangents = g.tangents.is_none() && material.tangent_set() == Some(set);
+        if !material.textures.iter().any(|t| t.set == set) {
+            let index = optional(Semantic::TexCoord(set.into())).filter(|_| for_tangents);
+            *slot = index.map(|i| reader.floats::<2>(i)).transpose()?;
+            continue;
+        }
+        *slot = Some(match optional(Semantic::TexCoord(set.into())) {
+            Some(index) => reader.floats::<2>(index)?,
+            None => {
+                let text = format!("no TEXCOORD_{set}, which the material's textures need: zeros are used");
+                notes.approximated(&primitive.at, text);
+                vec![[0.0; 2]; g.positions.len()]
+            }
+        });
+    }
+    if attributes.contains_key(&Semantic::Color(1)) {
+        notes.not_loaded(&primitive.at, "COLOR_1 and higher, which no material of the specification uses");
+    }
+    let mut steps = |poses: &[MeshPose]| -> Result<Vec<_>> {
+        poses.iter().map(|p| geometry_at(reader, primitive, p, &g)).collect()
+    };
+    let (steps, adjacent_frames) = (steps(shutter)?, steps(adjacent_frames)?);
+    g.source = (!steps.is_empty() || !adjacent_frames.is_empty()).then(|| (0..g.positions.len() as u32).collect());
+    apply_pose(reader, primitive, pose, &mut g)?;
+    g.drop_degenerate(&primitive.at, notes);
+    if g.indices.is_empty() {
+        notes.not_loaded(&primitive.at, "a primitive without a triangle of any area");
+        return Ok(None);
+    }
+    g.compact();
+    g.repair_normals(&primitive.at, notes);
+    g.tangents_for = material.tangent_set().filter(|&set| tangents::prepare(&mut g, set, &primitive.at, notes));
+    if g.source.is_some()
+        && let Some(set) = g.tangents_for.take()
+    {
+        // Tangent generation splits vertices; it must precede the other time samples, which use the same vertices.
+        tangents::make(&mut g, set);
+    }
+    if let Some(source) = g.source.take() {
+        let pick = |values: &Vec<[f32; 3]>| source.iter().map(|&i| values[i as usize]).collect::<Vec<_>>();
+        let unit = |n: [f32; 3]| Vec3::from(n).normalize_or_zero().to_array();
+        let normals =
+            steps.iter().filter_map(|step| Some(pick(step.normals.as_ref()?).into_iter().map(unit).collect()));
+        let positions =
+            |steps: &[Geometry]| steps.iter().map(|s| Positions::new(pick(&s.positions))).collect::<Vec<_>>();
+        if !steps.is_empty() {
+            g.motion = Some(Deformation { positions: positions(&steps), normals: normals.collect() });
+        }
+        g.adjacent_frames = positions(&adjacent_frames).try_into().ok();
+    }
+    Ok(Some(g))
+}
+
+/// Vertex colours as linear RGBA in [0, 1].
+fn read_colors(reader: &mut Reader, index: usize, notes: &mut Notes) -> Result<Vec<[f32; 4]>> {
+    let accessor = reader.document.accessors.get(index)?;
+    let mut colors: Vec<[f32; 4]> = match accessor.shape {
+        Shape::Vec3 => reader.floats::<3>(index)?.into_iter().map(|[r, g, b]| [r, g, b, 1.0]).collect(),
+        _ => reader.floats::<4>(index)?,
+    };
+    // The specification requires clamping.
+    if !colors.iter().flatten().all(|x| (0.0..=1.0).contains(x)) {
+        notes.repaired(&accessor.at, "vertex colours outside of 0 to 1 are clamped");
+        colors.iter_mut().flatten().for_each(|x| *x = x.clamp(0.0, 1.0));
+    }
+    Ok(colors)
+}
+
+/// Triangles of modes 4 to 6 (list, strip, fan), with every index below `vertices`.
+fn read_triangles(reader: &mut Reader, p: &Primitive, vertices: usize, notes: &mut Notes) -> Result<Vec<[u32; 3]>> {
+    let list: Vec<u32> = match p.indices {
+        None => {
+            reader.budget.take(&p.at, vertices as u64, 4)?;
+            (0..vertices as u32).collect()
+        }
+        Some(index) => {
+            let accessor = reader.document.accessors.get(index)?;
+            let restart = u32::MAX >> (32 - 8 * accessor.component.size());
+            let list: Vec<u32> = reader.integers::<1>(index)?.into_iter().map(|[i]| i).collect();
+            if let Some(i) = list.iter().position(|&v| v as usize >= vertices || v == restart) {
+                let found = format!("{} as number {i}", list[i]);
+                return Err(bad(&accessor.at, format!("vertex indices below {} (and not {restart})", vertices), found));
+            }
+            list
+        }
+    };
+    let n = list.len();
+    let corner = |i: usize| list[i];
+    reader.budget.take(&p.at, n as u64, 12)?;
+    if p.mode == 4 && !n.is_multiple_of(3) {
+        notes.repaired(&p.at, "a number of indices that is no multiple of 3: the last ones are dropped");
+    }
+    Ok(match p.mode {
+        4 => list.as_chunks::<3>().0.to_vec(),
+        // The specification's formulas for strips and fans.
+        5 => (0..n.saturating_sub(2)).map(|i| [corner(i), corner(i + 1 + i % 2), corner(i + 2 - i % 2)]).collect(),
+        _ => (0..n.saturating_sub(2)).map(|i| [corner(i + 1), corner(i + 2), corner(0)]).collect(),
+    })
+}
+
+/// Bakes a transform into a mesh; `adjacent_frames` are the transforms one frame before and after, if they differ.
+fn bake(mesh: &mut scene::Mesh, world: &DAffine3, adjacent_frames: Option<[DAffine3; 2]>) {
+    let place = |positions: &mut Positions, world: &DAffine3| {
+        for p in positions.as_mut_slice() {
+            *p = world.transform_point3(DVec3::from(p.map(f64::from))).as_vec3().to_array();
+        }
+    };
+    if mesh.adjacent_frames.is_some() || adjacent_frames.is_some() {
+        let both = mesh.adjacent_frames.get_or_insert_with(|| [mesh.positions.clone(), mesh.positions.clone()]);
+        both.iter_mut()
+            .zip(adjacent_frames.unwrap_or([*world; 2]))
+            .for_each(|(positions, world)| place(positions, &world));
+    }
+    if *world == DAffine3::IDENTITY {
+        return;
+    }
+    let (mut steps, mut normals) = (Vec::new(), Vec::new());
+    if let Some(motion) = &mut mesh.motion {
+        steps.extend(&mut motion.positions);
+        normals.extend(motion.normals.iter_mut().flatten());
+    }
+    steps.into_iter().chain([&mut mesh.positions]).for_each(|positions| place(positions, world));
+    for n in normals.into_iter().chain(mesh.normals.iter_mut().flatten()) {
+        transform_frame(&world.matrix3, Some(n), None);
+    }
+    for t in mesh.tangents.iter_mut().flatten() {
+        transform_frame(&world.matrix3, None, Some(t));
+    }
+    if world.matrix3.determinant() < 0.0 {
+        mesh.indices.iter_mut().for_each(|t| t.swap(1, 2));
+    }
+}

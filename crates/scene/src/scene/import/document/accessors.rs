@@ -1,0 +1,281 @@
+//! Buffer views and accessors, with checks that all elements lie inside their buffers.
+
+use super::buffers::Buffer;
+use super::json::Json;
+use super::meshopt::Meshopt;
+use super::table::Table;
+use crate::error::Result;
+use crate::scene::import::complaint::bad;
+
+/// A range of a buffer.
+#[derive(Debug)]
+pub struct View {
+    pub buffer: usize,
+    pub offset: u64,
+    pub length: u64,
+    pub stride: Option<u64>,
+    /// Compressed source of the bytes, if the buffer has no data.
+    pub compressed: Option<Meshopt>,
+    pub at: String,
+}
+
+impl View {
+    pub fn parse(json: &Json, buffers: &Table<Buffer>) -> Result<Self> {
+        let buffer = json.need("buffer", json.index("buffer", buffers.len(), "buffers")?)?;
+        let offset = json.integer("byteOffset")?.unwrap_or(0);
+        let length = json.need("byteLength", json.integer("byteLength")?)?;
+        if length == 0 {
+            return Err(json.bad("byteLength", "at least 1", 0));
+        }
+        let stride = json.integer("byteStride")?;
+        if let Some(stride) = stride.filter(|s| !(4..=252).contains(s) || s % 4 != 0) {
+            return Err(json.bad("byteStride", "a multiple of 4 from 4 to 252", stride));
+        }
+        let compressed = match buffers.get(buffer) {
+            Ok(buffer) if buffer.has_data() => None,
+            _ => Meshopt::parse(json, buffers)?,
+        };
+        if compressed.is_some() {
+            return Ok(Self { buffer, offset, length, stride, compressed, at: json.at.clone() });
+        }
+        let whole = buffers.get(buffer)?.length;
+        if offset.checked_add(length).is_none_or(|end| end > whole) {
+            let wanted = format!("a range within the {whole} bytes of buffers[{buffer}]");
+            return Err(bad(&json.at, wanted, format!("{length} bytes from byte {offset}")));
+        }
+        Ok(Self { buffer, offset, length, stride, compressed, at: json.at.clone() })
+    }
+}
+
+/// Number format of a component.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Component {
+    I8,
+    U8,
+    I16,
+    U16,
+    U32,
+    F32,
+}
+
+impl Component {
+    fn parse(json: &Json) -> Result<Self> {
+        Ok(match json.need("componentType", json.integer("componentType")?)? {
+            5120 => Self::I8,
+            5121 => Self::U8,
+            5122 => Self::I16,
+            5123 => Self::U16,
+            5125 => Self::U32,
+            5126 => Self::F32,
+            other => return Err(json.bad("componentType", "5120, 5121, 5122, 5123, 5125 or 5126", other)),
+        })
+    }
+
+    pub fn size(self) -> u64 {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::U32 | Self::F32 => 4,
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::I8 => "BYTE",
+            Self::U8 => "UNSIGNED_BYTE",
+            Self::I16 => "SHORT",
+            Self::U16 => "UNSIGNED_SHORT",
+            Self::U32 => "UNSIGNED_INT",
+            Self::F32 => "FLOAT",
+        }
+    }
+}
+
+/// Shape of an element.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Shape {
+    Scalar,
+    Vec2,
+    Vec3,
+    Vec4,
+    Mat2,
+    Mat3,
+    Mat4,
+}
+
+impl Shape {
+    fn parse(json: &Json) -> Result<Self> {
+        Ok(match json.need("type", json.string("type")?)? {
+            "SCALAR" => Self::Scalar,
+            "VEC2" => Self::Vec2,
+            "VEC3" => Self::Vec3,
+            "VEC4" => Self::Vec4,
+            "MAT2" => Self::Mat2,
+            "MAT3" => Self::Mat3,
+            "MAT4" => Self::Mat4,
+            other => return Err(json.bad("type", "SCALAR, VEC2, VEC3, VEC4, MAT2, MAT3 or MAT4", other)),
+        })
+    }
+
+    /// Number of rows and columns. Columns of matrices start at multiples of 4 bytes.
+    fn dimensions(self) -> (u64, u64) {
+        match self {
+            Self::Scalar => (1, 1),
+            Self::Vec2 => (2, 1),
+            Self::Vec3 => (3, 1),
+            Self::Vec4 => (4, 1),
+            Self::Mat2 => (2, 2),
+            Self::Mat3 => (3, 3),
+            Self::Mat4 => (4, 4),
+        }
+    }
+
+    fn bytes(self, component: Component) -> u64 {
+        let (rows, columns) = self.dimensions();
+        let column = rows * component.size();
+        if columns == 1 { column } else { (columns - 1) * column.next_multiple_of(4) + column }
+    }
+}
+
+/// Sparse storage: elements that replace those of the view.
+#[derive(Debug)]
+pub struct Sparse {
+    pub count: u64,
+    pub index_view: usize,
+    pub index_offset: u64,
+    pub index_component: Component,
+    pub value_view: usize,
+    pub value_offset: u64,
+}
+
+/// A checked accessor: its elements lie inside their views.
+#[derive(Debug)]
+pub struct Accessor {
+    pub view: Option<usize>,
+    pub offset: u64,
+    pub component: Component,
+    pub shape: Shape,
+    pub normalized: bool,
+    pub count: u64,
+    pub sparse: Option<Sparse>,
+    pub at: String,
+}
+
+impl Accessor {
+    pub fn parse(json: &Json, views: &Table<View>) -> Result<Self> {
+        let component = Component::parse(json)?;
+        let shape = Shape::parse(json)?;
+        let count = json.need("count", json.integer("count")?)?;
+        if count == 0 {
+            return Err(json.bad("count", "at least 1", 0));
+        }
+        let normalized = json.boolean("normalized", false)?;
+        if normalized && matches!(component, Component::U32 | Component::F32) {
+            return Err(json.bad("normalized", "false for FLOAT and UNSIGNED_INT", true));
+        }
+        let view = json.index("bufferView", views.len(), "bufferViews")?;
+        let offset = json.integer("byteOffset")?.unwrap_or(0);
+        let accessor = Self { view, offset, component, shape, normalized, count, sparse: None, at: json.at.clone() };
+        if let Some(view) = view {
+            let view = views.get(view)?;
+            let matrix = matches!(shape, Shape::Mat2 | Shape::Mat3 | Shape::Mat4);
+            let alignment = if matrix { 4 } else { component.size() };
+            check_range(
+                json,
+                "byteOffset",
+                view,
+                offset,
+                count,
+                accessor.stride(view),
+                accessor.element_bytes(),
+                alignment,
+            )?;
+        }
+        let sparse = json.get("sparse")?.map(|sparse| parse_sparse(&sparse, &accessor, views)).transpose()?;
+        Ok(Self { sparse, ..accessor })
+    }
+
+    pub fn element_bytes(&self) -> u64 {
+        self.shape.bytes(self.component)
+    }
+
+    pub fn stride(&self, view: &View) -> u64 {
+        view.stride.unwrap_or_else(|| self.element_bytes())
+    }
+
+    /// `VEC3 of FLOAT`, for messages.
+    pub fn format(&self) -> String {
+        let normalized = if self.normalized { "normalized " } else { "" };
+        format!("{} of {normalized}{}", format!("{:?}", self.shape).to_uppercase(), self.component.name())
+    }
+}
+
+/// Checks that `count` elements of `size` bytes, `stride` bytes apart from `offset`, are aligned and lie inside the view.
+#[allow(clippy::too_many_arguments)]
+fn check_range(
+    json: &Json,
+    key: &str,
+    view: &View,
+    offset: u64,
+    count: u64,
+    stride: u64,
+    size: u64,
+    alignment: u64,
+) -> Result<()> {
+    if stride < size {
+        return Err(json.bad(key, format!("a stride of at least {size} bytes in {}", view.at), stride));
+    }
+    let start = offset.checked_add(view.offset);
+    if !offset.is_multiple_of(alignment) || !start.is_some_and(|s| s.is_multiple_of(alignment)) {
+        return Err(json.bad(
+            key,
+            format!("a position in the buffer that is a multiple of {alignment}"),
+            format!("{offset} in {}, which starts at byte {}", view.at, view.offset),
+        ));
+    }
+    let end = (count - 1).checked_mul(stride).and_then(|n| n.checked_add(size)).and_then(|n| n.checked_add(offset));
+    if end.is_none_or(|end| end > view.length) {
+        return Err(json.bad(
+            key,
+            format!("{count} elements of {size} bytes within the {} bytes of {}", view.length, view.at),
+            format!("elements up to byte {}", end.map_or("2^64".into(), |end| end.to_string())),
+        ));
+    }
+    Ok(())
+}
+
+fn parse_sparse(json: &Json, accessor: &Accessor, views: &Table<View>) -> Result<Sparse> {
+    let count = json.need("count", json.integer("count")?)?;
+    if count == 0 || count > accessor.count {
+        return Err(json.bad("count", format!("1 to {}", accessor.count), count));
+    }
+    let part = |key: &str| -> Result<(Json, usize, u64)> {
+        let part = json.need(key, json.get(key)?)?;
+        let view = part.need("bufferView", part.index("bufferView", views.len(), "bufferViews")?)?;
+        if views.get(view)?.stride.is_some() {
+            return Err(part.bad("bufferView", "a view without byteStride", &views.get(view)?.at));
+        }
+        let offset = part.integer("byteOffset")?.unwrap_or(0);
+        Ok((part, view, offset))
+    };
+    let (indices, index_view, index_offset) = part("indices")?;
+    let index_component = Component::parse(&indices)?;
+    if !matches!(index_component, Component::U8 | Component::U16 | Component::U32) {
+        return Err(indices.bad("componentType", "5121, 5123 or 5125", index_component.name()));
+    }
+    let size = index_component.size();
+    check_range(&indices, "byteOffset", views.get(index_view)?, index_offset, count, size, size, size)?;
+    let (values, value_view, value_offset) = part("values")?;
+    let size = accessor.element_bytes();
+    check_range(
+        &values,
+        "byteOffset",
+        views.get(value_view)?,
+        value_offset,
+        count,
+        size,
+        size,
+        accessor.component.size(),
+    )?;
+    Ok(Sparse { count, index_view, index_offset, index_component, value_view, value_offset })
+}

@@ -1,0 +1,244 @@
+//! JSON values with their path, so that every error says where it is.
+
+use std::fmt::Display;
+
+use serde_json::{Map, Value};
+
+use crate::error::{Error, Result};
+use crate::scene::import::complaint::bad;
+
+/// A JSON value and its path (`meshes[3].primitives[0]`).
+#[derive(Clone)]
+pub struct Json<'a> {
+    value: &'a Value,
+    pub at: String,
+}
+
+impl<'a> Json<'a> {
+    pub fn root(value: &'a Value) -> Self {
+        Self { value, at: String::new() }
+    }
+
+    pub fn value(&self) -> &'a Value {
+        self.value
+    }
+
+    /// JSON path of a member.
+    pub fn path(&self, key: &str) -> String {
+        if self.at.is_empty() { key.into() } else { format!("{}.{key}", self.at) }
+    }
+
+    pub fn bad(&self, key: &str, wanted: impl Display, found: impl Display) -> Error {
+        bad(&self.path(key), wanted, found)
+    }
+
+    pub fn object(&self) -> Result<&'a Map<String, Value>> {
+        self.value.as_object().ok_or_else(|| bad(&self.at, "an object", kind(self.value)))
+    }
+
+    fn field(&self, key: &str) -> Result<Option<&'a Value>> {
+        Ok(self.object()?.get(key))
+    }
+
+    /// A member converted by `read`; `None` if absent, an error if of another type.
+    fn typed<T>(&self, key: &str, wanted: &str, read: impl Fn(&'a Value) -> Option<T>) -> Result<Option<T>> {
+        match self.field(key)? {
+            None => Ok(None),
+            Some(value) => read(value).map(Some).ok_or_else(|| self.bad(key, wanted, kind(value))),
+        }
+    }
+
+    /// Makes an absent member an error.
+    pub fn need<T>(&self, key: &str, member: Option<T>) -> Result<T> {
+        member.ok_or_else(|| self.bad(key, "a value", "nothing"))
+    }
+
+    pub fn get(&self, key: &str) -> Result<Option<Json<'a>>> {
+        Ok(self
+            .typed(key, "an object", |v| v.is_object().then_some(v))?
+            .map(|value| Json { value, at: self.path(key) }))
+    }
+
+    /// The elements of an array member; empty if absent.
+    pub fn items(&self, key: &str) -> Result<Vec<Json<'a>>> {
+        let Some(array) = self.typed(key, "an array", Value::as_array)? else { return Ok(Vec::new()) };
+        let path = self.path(key);
+        Ok(array.iter().enumerate().map(|(i, value)| Json { value, at: format!("{path}[{i}]") }).collect())
+    }
+
+    pub fn string(&self, key: &str) -> Result<Option<&'a str>> {
+        self.typed(key, "a string", Value::as_str)
+    }
+
+    /// This value as a string.
+    pub fn as_string(&self) -> Result<&'a str> {
+        self.value.as_str().ok_or_else(|| bad(&self.at, "a string", kind(self.value)))
+    }
+
+    /// The element's name, else its JSON path.
+    pub fn name(&self) -> Result<String> {
+        Ok(match self.string("name")? {
+            Some(name) if !name.is_empty() => name.into(),
+            _ => self.at.clone(),
+        })
+    }
+
+    pub fn boolean(&self, key: &str, default: bool) -> Result<bool> {
+        Ok(self.typed(key, "true or false", Value::as_bool)?.unwrap_or(default))
+    }
+
+    /// An integer ≥ 0; `3.0` counts as one.
+    pub fn integer(&self, key: &str) -> Result<Option<u64>> {
+        self.typed(key, "an integer of at least 0", whole)
+    }
+
+    /// An index below `len` into the array `what`.
+    pub fn index(&self, key: &str, len: usize, what: &str) -> Result<Option<usize>> {
+        match self.typed(key, &format!("an index into {what}"), whole)? {
+            None => Ok(None),
+            Some(index) if index < len as u64 => Ok(Some(index as usize)),
+            Some(index) => Err(self.bad(key, format!("an index into {what}, of which there are {len}"), index)),
+        }
+    }
+
+    /// An array of indices; empty if absent.
+    pub fn indices(&self, key: &str, len: usize, what: &str) -> Result<Vec<usize>> {
+        let Some(array) = self.typed(key, "an array", Value::as_array)? else { return Ok(Vec::new()) };
+        let element = |(i, value): (usize, &Value)| match whole(value) {
+            Some(index) if index < len as u64 => Ok(index as usize),
+            _ => Err(bad(
+                &format!("{}[{i}]", self.path(key)),
+                format!("an index into {what}, of which there are {len}"),
+                shown(value),
+            )),
+        };
+        array.iter().enumerate().map(element).collect()
+    }
+
+    /// A number that is finite as a 32-bit float.
+    pub fn number(&self, key: &str) -> Result<Option<f64>> {
+        self.typed(key, "a number", finite)
+    }
+
+    /// An array of numbers of any length.
+    pub fn numbers(&self, key: &str) -> Result<Option<Vec<f64>>> {
+        let Some(array) = self.typed(key, "an array of numbers", Value::as_array)? else { return Ok(None) };
+        let element = |(i, value): (usize, &Value)| {
+            finite(value).ok_or_else(|| bad(&format!("{}[{i}]", self.path(key)), "a number", shown(value)))
+        };
+        array.iter().enumerate().map(element).collect::<Result<_>>().map(Some)
+    }
+
+    /// An array of exactly `N` numbers.
+    pub fn vector<const N: usize>(&self, key: &str) -> Result<Option<[f64; N]>> {
+        let Some(numbers) = self.numbers(key)? else { return Ok(None) };
+        let len = numbers.len();
+        let wanted = || self.bad(key, format!("{N} numbers"), format!("{len}"));
+        <[f64; N]>::try_from(numbers).map(Some).map_err(|_| wanted())
+    }
+
+    /// An extension's object.
+    pub fn extension(&self, name: &str) -> Result<Option<Json<'a>>> {
+        match self.get("extensions")? {
+            Some(extensions) => extensions.get(name),
+            None => Ok(None),
+        }
+    }
+
+    /// Names of this object's extensions.
+    pub fn extension_names(&self) -> Result<Vec<&'a str>> {
+        match self.get("extensions")? {
+            Some(extensions) => Ok(extensions.object()?.keys().map(String::as_str).collect()),
+            None => Ok(Vec::new()),
+        }
+    }
+}
+
+fn finite(value: &Value) -> Option<f64> {
+    value.as_f64().filter(|x| (*x as f32).is_finite())
+}
+
+fn whole(value: &Value) -> Option<u64> {
+    const EXACT: f64 = 9_007_199_254_740_992.0; // 2^53
+    value.as_u64().or_else(|| value.as_f64().filter(|x| x.fract() == 0.0 && (0.0..EXACT).contains(x)).map(|x| x as u64))
+}
+
+fn kind(value: &Value) -> String {
+    match value {
+        Value::Array(_) => "an array".into(),
+        Value::Object(_) => "an object".into(),
+        other => shown(other),
+    }
+}
+
+pub fn shown(value: &Value) -> String {
+    const LONGEST: usize = 40;
+    let text = match value {
+        Value::Array(_) | Value::Object(_) => return kind(value),
+        other => other.to_string(),
+    };
+    if text.chars().count() <= LONGEST { text } else { text.chars().take(LONGEST).chain(['…']).collect() }
+}
+
+/// One step of a path.
+pub enum Step<'a> {
+    Key(&'a str),
+    Index(usize),
+}
+
+/// The steps as a JSON path.
+pub fn join(steps: &[Step]) -> String {
+    let mut out = String::new();
+    for step in steps {
+        match step {
+            Step::Index(i) => out.push_str(&format!("[{i}]")),
+            Step::Key(key) if out.is_empty() => out.push_str(key),
+            Step::Key(key) => out.push_str(&format!(".{key}")),
+        }
+    }
+    out
+}
+
+/// Visits every extension in the document, except in `extras`, with the path of its `extensions` object. Recursion depth is
+/// bounded by the JSON parser's limit.
+///
+/// # Errors
+/// An `extensions` member, or an extension, that is not an object.
+pub fn each_extension<'a>(
+    value: &'a Value,
+    at: &mut Vec<Step<'a>>,
+    seen: &mut impl FnMut(&'a str, &[Step]),
+) -> Result<()> {
+    match value {
+        Value::Array(items) => {
+            for (i, item) in items.iter().enumerate() {
+                at.push(Step::Index(i));
+                each_extension(item, at, seen)?;
+                at.pop();
+            }
+        }
+        Value::Object(members) => {
+            for (key, member) in members {
+                if key == "extras" {
+                    continue;
+                }
+                at.push(Step::Key(key));
+                if key == "extensions" {
+                    let Some(extensions) = member.as_object() else {
+                        return Err(bad(&join(at), "an object", kind(member)));
+                    };
+                    for (name, extension) in extensions {
+                        if !extension.is_object() {
+                            return Err(bad(&format!("{}.{name}", join(at)), "an object", kind(extension)));
+                        }
+                        seen(name, at);
+                    }
+                }
+                each_extension(member, at, seen)?;
+                at.pop();
+            }
+        }
+        _ => {}
+    }
+    Ok(())
+}

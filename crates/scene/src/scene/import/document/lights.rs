@@ -1,0 +1,63 @@
+//! Punctual lights of the document (KHR_lights_punctual).
+
+use std::f32::consts::FRAC_PI_2;
+
+use glam::Vec3;
+use gltf::json::extensions::scene::khr_lights_punctual::{self, Type};
+use gltf::json::validation::Checked;
+
+use super::json::Json;
+use super::typed::read;
+use crate::error::Result;
+use crate::scene::PunctualKind;
+use crate::scene::import::report::Notes;
+
+/// A checked light.
+#[derive(Debug)]
+pub struct Light {
+    pub name: Option<String>,
+    /// `None` for an unknown type.
+    pub kind: Option<PunctualKind>,
+    pub intensity: Vec3,
+    /// Distance in metres beyond which there is no light; infinite if unlimited.
+    pub range: f32,
+    pub at: String,
+}
+
+/// Parses and checks a light.
+pub fn parse(json: &Json, notes: &mut Notes) -> Result<Light> {
+    let from: khr_lights_punctual::Light = read(json)?;
+    if from.color.iter().any(|x| *x < 0.0) {
+        return Err(json.bad("color", "numbers of at least 0", format!("{:?}", from.color)));
+    }
+    if from.intensity < 0.0 {
+        return Err(json.bad("intensity", "at least 0", from.intensity));
+    }
+    let intensity = Vec3::from(from.color) * from.intensity;
+    if !intensity.is_finite() {
+        return Err(json.bad("intensity", "a product with color that a 32-bit float can hold", from.intensity));
+    }
+    let range = from.range.unwrap_or(f32::INFINITY);
+    if range <= 0.0 {
+        return Err(json.bad("range", "above 0", range));
+    }
+    let kind = match from.type_ {
+        Checked::Valid(Type::Directional) => Some(PunctualKind::Directional),
+        Checked::Valid(Type::Point) => Some(PunctualKind::Point),
+        Checked::Valid(Type::Spot) => {
+            let spot = json.need("spot", from.spot)?;
+            let (inner, outer) = (spot.inner_cone_angle, spot.outer_cone_angle);
+            // Blender writes equal angles for a hard edge, and the extension's formula supports them.
+            if !(0.0..=outer).contains(&inner) || !(0.0..=FRAC_PI_2).contains(&outer) || outer == 0.0 {
+                let wanted = "0 ≤ innerConeAngle ≤ outerConeAngle ≤ π/2, and not both 0";
+                return Err(json.bad("spot", wanted, format!("{inner}, {outer}")));
+            }
+            if inner == outer {
+                notes.repaired(&json.path("spot"), "equal cone angles: the spot's edge is hard");
+            }
+            Some(PunctualKind::Spot { inner, outer })
+        }
+        Checked::Invalid => None,
+    };
+    Ok(Light { name: from.name.filter(|n| !n.is_empty()), kind, intensity, range, at: json.at.clone() })
+}

@@ -1,0 +1,274 @@
+//! The checked glTF document: after [`Document::parse`] the indices of every valid element are in range, every valid
+//! accessor lies within its view, and the nodes are a forest. A faulty element is an error only where it is needed.
+
+pub mod accessors;
+pub mod animations;
+pub mod attributes;
+mod buffers;
+pub mod cameras;
+pub mod draco;
+pub mod extensions;
+pub mod images;
+mod json;
+mod lengths;
+pub mod lights;
+mod lobes;
+pub mod materials;
+pub mod meshopt;
+pub mod nodes;
+pub mod primitives;
+pub mod skins;
+mod table;
+pub mod texture_info;
+mod typed;
+
+use std::collections::BTreeMap;
+
+use serde_json::Value;
+
+use crate::error::{Error, Result};
+use crate::scene::choose;
+use crate::scene::import::complaint::bad;
+use crate::scene::import::options::ImportOptions;
+use crate::scene::import::report::Notes;
+use crate::scene::import::source::Source;
+use accessors::{Accessor, View};
+use animations::Animation;
+use buffers::Buffer;
+use cameras::Camera;
+use images::{Image, ImageData, Sampler, Texture};
+use json::{Json, each_extension, join};
+use lengths::{Items, Lengths};
+use lights::Light;
+use materials::Material;
+use nodes::{Node, check_forest};
+use primitives::Mesh;
+use skins::Skin;
+use table::Table;
+
+/// A checked glTF document. Arrays and indices are those of the file.
+pub struct Document {
+    pub generator: Option<String>,
+    pub buffers: Table<Buffer>,
+    pub views: Table<View>,
+    pub accessors: Table<Accessor>,
+    pub images: Table<Image>,
+    pub samplers: Table<Sampler>,
+    pub textures: Table<Texture>,
+    pub materials: Table<Material>,
+    pub meshes: Table<Mesh>,
+    pub skins: Table<Skin>,
+    pub cameras: Table<Camera>,
+    pub lights: Table<Light>,
+    pub nodes: Vec<Node>,
+    /// Root nodes of the scene that is shown.
+    pub roots: Vec<usize>,
+    /// JSON path of the shown scene.
+    pub scene_at: String,
+    pub animations: Table<Animation>,
+    pub scenes: Table<Vec<usize>>,
+    /// Names of the scenes; empty for those without.
+    pub scene_names: Vec<String>,
+    /// Names of the material variants.
+    pub variants: Vec<String>,
+    /// Index of the shown variant.
+    pub variant: Option<usize>,
+    /// Extensions that are declared or occur in the document, with the JSON path of the first occurrence.
+    pub extensions: BTreeMap<String, String>,
+}
+
+impl Document {
+    /// Parses and checks everything but the data of accessors and pictures. `json` is the source's document, or a copy of it
+    /// with the values of animated properties at one time.
+    ///
+    /// # Errors
+    /// [`Error::Data`] for what breaks the specification in a way that concerns the document as a whole, [`Error::Usage`]
+    /// for a scene or variant that does not exist. Faulty elements are kept as errors in their tables.
+    pub fn parse(source: &Source, json: &Value, options: &ImportOptions, notes: &mut Notes) -> Result<Self> {
+        if source.byte_order_mark {
+            notes.repaired("the document", "a byte-order mark before the JSON is skipped");
+        }
+        let root = Json::root(json);
+        let asset = root.need("asset", root.get("asset")?)?;
+        check_version(&asset)?;
+        let required = strings(&root, "extensionsRequired")?;
+        extensions::check_required(&required)?;
+        let extensions = extension_places(&root, json)?;
+        let quantized = required.iter().any(|name| name == "KHR_mesh_quantization");
+        let items = Items::of(&root)?;
+        let (variants, scene_names) = (names(&items.variants)?, names(&items.scenes)?);
+        note_backslashes(&items, notes);
+        let variant = options.variant.as_deref().map(|name| choose("variant", name, &variants)).transpose()?;
+        let lengths = items.lengths(variant);
+
+        let buffers = Table::parse("buffers", &items.buffers, |i, json| Buffer::parse(json, i, source));
+        let views = Table::parse("bufferViews", &items.views, |_, json| View::parse(json, &buffers));
+        let accessors = Table::parse("accessors", &items.accessors, |_, json| Accessor::parse(json, &views));
+        let images = Table::parse("images", &items.images, |i, json| Image::parse(json, i, source, &views));
+        let samplers = Table::parse("samplers", &items.samplers, |_, json| Sampler::parse(json, notes));
+        let textures = Table::parse("textures", &items.textures, |_, json| Texture::parse(json, &lengths));
+        let materials = Table::parse("materials", &items.materials, |_, json| Material::parse(json, &lengths));
+        let meshes = Table::parse("meshes", &items.meshes, |_, json| {
+            Mesh::parse(json, &lengths, &accessors, &views, &materials, quantized, notes)
+        });
+        let skins = Table::parse("skins", &items.skins, |_, json| Skin::parse(json, &lengths, &accessors, &views));
+        let cameras = Table::parse("cameras", &items.cameras, |_, json| cameras::parse(json));
+        let lights =
+            Table::parse("extensions.KHR_lights_punctual.lights", &items.lights, |_, json| lights::parse(json, notes));
+        let node = |json| Node::parse(json, &lengths, &meshes, &accessors);
+        let nodes = items.nodes.iter().map(node).collect::<Result<Vec<_>>>()?;
+        check_forest(&nodes)?;
+        let animations = Table::parse("animations", &items.animations, |_, json| Animation::parse(json, &lengths));
+        let scenes = Table::parse("scenes", &items.scenes, |_, json| {
+            json.name()?;
+            json.indices("nodes", lengths.nodes, "nodes")
+        });
+        let (roots, scene_at) = choose_scene(&root, options, &scene_names, &lengths, &scenes, &nodes)?;
+        Ok(Self {
+            generator: asset.string("generator")?.map(Into::into),
+            buffers,
+            views,
+            accessors,
+            images,
+            samplers,
+            textures,
+            materials,
+            meshes,
+            skins,
+            cameras,
+            lights,
+            nodes,
+            roots,
+            scene_at,
+            animations,
+            scenes,
+            scene_names,
+            variants,
+            variant,
+            extensions,
+        })
+    }
+
+    /// Faulty elements: JSON paths and faults. A fault is repeated for every element that depends on the faulty one.
+    pub fn faults(&self) -> Vec<(String, Error)> {
+        let unreadable = |(_, image): (usize, &Image)| match &image.data {
+            ImageData::Unreadable(error) => Some((image.at.clone(), error.clone())),
+            _ => None,
+        };
+        let nodes = self.nodes.iter().filter_map(|node| Some((node.at.clone(), node.content().err()?)));
+        let tables = self
+            .buffers
+            .faults()
+            .chain(self.views.faults())
+            .chain(self.accessors.faults())
+            .chain(self.images.faults())
+            .chain(self.samplers.faults())
+            .chain(self.textures.faults())
+            .chain(self.materials.faults())
+            .chain(self.meshes.faults())
+            .chain(self.skins.faults())
+            .chain(self.cameras.faults())
+            .chain(self.lights.faults())
+            .chain(self.animations.faults())
+            .chain(self.scenes.faults())
+            .map(|(at, error)| (at, error.clone()));
+        tables.chain(nodes).chain(self.images.sound().filter_map(unreadable)).collect()
+    }
+}
+
+/// Extensions that are declared or occur in the document, each with the JSON path of its first occurrence.
+fn extension_places(root: &Json, json: &Value) -> Result<BTreeMap<String, String>> {
+    let declared = strings(root, "extensionsUsed")?;
+    let mut places: BTreeMap<String, String> =
+        declared.into_iter().map(|name| (name, "extensionsUsed".into())).collect();
+    each_extension(json, &mut Vec::new(), &mut |name, at| {
+        places.entry(name.into()).or_insert_with(|| join(at));
+    })?;
+    Ok(places)
+}
+
+/// Names of elements; empty for those without.
+fn names(items: &[Json]) -> Result<Vec<String>> {
+    items.iter().map(|json| Ok(json.string("name")?.unwrap_or_default().into())).collect()
+}
+
+/// Notes paths of buffers and pictures that use `\` as a separator.
+fn note_backslashes(items: &Items, notes: &mut Notes) {
+    for json in items.buffers.iter().chain(&items.images) {
+        let uri = json.string("uri").ok().flatten();
+        if uri.is_some_and(|uri| !uri.starts_with("data:") && uri.contains('\\')) {
+            notes.repaired(&json.path("uri"), "`\\` in a path is read as `/`, unless a file has it in its name");
+        }
+    }
+}
+
+/// Root nodes and JSON path of the chosen scene, else of the document's default; of all nodes if there are no scenes.
+fn choose_scene(
+    root: &Json,
+    options: &ImportOptions,
+    names: &[String],
+    lengths: &Lengths,
+    scenes: &Table<Vec<usize>>,
+    nodes: &[Node],
+) -> Result<(Vec<usize>, String)> {
+    let chosen = match &options.scene {
+        Some(wanted) => choose("scene", wanted, names)?,
+        None => root.index("scene", lengths.scenes, "scenes")?.unwrap_or(0),
+    };
+    let (roots, at) = match scenes.len() {
+        // A file without scenes is a library of nodes: all of it is shown.
+        0 => (top_nodes(nodes), "nodes".into()),
+        _ => (scenes.get(chosen)?.clone(), format!("scenes[{chosen}]")),
+    };
+    check_roots(&roots, nodes, &at)?;
+    Ok((roots, at))
+}
+
+fn strings(json: &Json, key: &str) -> Result<Vec<String>> {
+    json.items(key)?.iter().map(|item| item.as_string().map(Into::into)).collect()
+}
+
+/// Checks that the major version is 2 and `minVersion` at most 2.0.
+fn check_version(asset: &Json) -> Result<()> {
+    let number = |key: &str, text: &str| -> Result<(u32, u32)> {
+        let parts = text.split_once('.').and_then(|(a, b)| Some((a.parse().ok()?, b.parse().ok()?)));
+        parts.ok_or_else(|| asset.bad(key, "a version like \"2.0\"", format!("\"{text}\"")))
+    };
+    let text = asset.need("version", asset.string("version")?)?;
+    if number("version", text)?.0 != 2 {
+        return Err(Error::Data(format!("asset.version: glTF {text} cannot be read; convert the file to glTF 2.0")));
+    }
+    if let Some(text) = asset.string("minVersion")?
+        && number("minVersion", text)? > (2, 0)
+    {
+        return Err(Error::Data(format!(
+            "asset.minVersion: the file requires glTF {text}, but only 2.0 is supported; export it as glTF 2.0"
+        )));
+    }
+    Ok(())
+}
+
+fn parents(nodes: &[Node]) -> Vec<bool> {
+    let mut has_parent = vec![false; nodes.len()];
+    nodes.iter().flat_map(|n| &n.children).for_each(|&child| has_parent[child] = true);
+    has_parent
+}
+
+fn top_nodes(nodes: &[Node]) -> Vec<usize> {
+    parents(nodes).iter().enumerate().filter(|(_, has)| !**has).map(|(i, _)| i).collect()
+}
+
+/// Checks that a scene lists root nodes, each once, so that no node is shown twice.
+fn check_roots(roots: &[usize], nodes: &[Node], at: &str) -> Result<()> {
+    let mut taken = parents(nodes);
+    for (i, &root) in roots.iter().enumerate() {
+        if std::mem::replace(&mut taken[root], true) {
+            return Err(bad(
+                &format!("{at}.nodes[{i}]"),
+                "a node without a parent, listed once",
+                format!("node {root}, which has a parent or is listed twice"),
+            ));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,190 @@
+//! Nodes of the document, which form a forest.
+
+use glam::{DAffine3, DMat4, DQuat, DVec3};
+
+use super::accessors::{Accessor, Component, Shape};
+use super::json::Json;
+use super::lengths::Lengths;
+use super::primitives::{Mesh, read_weights};
+use super::table::Table;
+use crate::error::Result;
+use crate::scene::import::complaint::bad;
+
+/// A checked node.
+#[derive(Debug)]
+pub struct Node {
+    pub name: String,
+    pub children: Vec<usize>,
+    /// To the parent's space.
+    pub transform: DAffine3,
+    pub at: String,
+    content: Result<Content>,
+}
+
+/// What a node refers to.
+#[derive(Debug)]
+pub struct Content {
+    pub mesh: Option<usize>,
+    pub skin: Option<usize>,
+    pub camera: Option<usize>,
+    pub light: Option<usize>,
+    pub weights: Option<Vec<f32>>,
+    pub instancing: Option<Instancing>,
+    pub visible: bool,
+    pub extensions: Vec<String>,
+}
+
+/// EXT_mesh_gpu_instancing: accessors of translation, rotation, scale.
+#[derive(Debug)]
+pub struct Instancing {
+    pub translation: Option<usize>,
+    pub rotation: Option<usize>,
+    pub scale: Option<usize>,
+    /// Accessors of all attributes, including unknown ones.
+    pub all: Vec<usize>,
+}
+
+impl Node {
+    /// Parses a node. Faults of its transform and children are errors; faults of its content are errors where it is shown.
+    pub fn parse(json: &Json, lengths: &Lengths, meshes: &Table<Mesh>, accessors: &Table<Accessor>) -> Result<Self> {
+        Ok(Self {
+            name: json.name()?,
+            children: json.indices("children", lengths.nodes, "nodes")?,
+            transform: transform(json)?,
+            at: json.at.clone(),
+            content: Content::parse(json, lengths, meshes, accessors),
+        })
+    }
+
+    /// What the node refers to.
+    ///
+    /// # Errors
+    /// Its fault, if it is invalid.
+    pub fn content(&self) -> Result<&Content> {
+        self.content.as_ref().map_err(Clone::clone)
+    }
+}
+
+impl Content {
+    fn parse(json: &Json, lengths: &Lengths, meshes: &Table<Mesh>, accessors: &Table<Accessor>) -> Result<Self> {
+        let mesh = json.index("mesh", lengths.meshes, "meshes")?;
+        let skin = json.index("skin", lengths.skins, "skins")?;
+        let shape = mesh.map(|index| meshes.get(index)).transpose()?;
+        if let (Some(shape), Some(_)) = (shape, skin)
+            && let Some(primitive) = shape.primitives.iter().find(|p| p.skin_sets() == 0)
+        {
+            return Err(json.bad("skin", format!("JOINTS_0 and WEIGHTS_0 in {}", primitive.at), "none"));
+        }
+        let weights = read_weights(json, shape.map_or(0, |shape| shape.weights.len()))?;
+        let light = match json.extension("KHR_lights_punctual")? {
+            Some(json) => {
+                Some(json.need("light", json.index("light", lengths.lights, "extensions.KHR_lights_punctual.lights")?)?)
+            }
+            None => None,
+        };
+        let instancing = match json.extension("EXT_mesh_gpu_instancing")? {
+            Some(json) => Some(Instancing::parse(&json, accessors)?),
+            None => None,
+        };
+        let visible = match json.extension("KHR_node_visibility")? {
+            Some(json) => json.boolean("visible", true)?,
+            None => true,
+        };
+        let camera = json.index("camera", lengths.cameras, "cameras")?;
+        let extensions = json.extension_names()?.into_iter().map(Into::into).collect();
+        Ok(Self { mesh, skin, camera, light, weights, instancing, visible, extensions })
+    }
+}
+
+fn transform(json: &Json) -> Result<DAffine3> {
+    let translation = json.vector::<3>("translation")?.map_or(DVec3::ZERO, DVec3::from);
+    let scale = json.vector::<3>("scale")?.map_or(DVec3::ONE, DVec3::from);
+    let rotation = json.vector::<4>("rotation")?.map_or(DQuat::IDENTITY, DQuat::from_array);
+    if rotation.length_squared() == 0.0 {
+        return Err(json.bad("rotation", "a quaternion of length 1", "zeros"));
+    }
+    match json.vector::<16>("matrix")? {
+        None => Ok(DAffine3::from_scale_rotation_translation(scale, rotation.normalize(), translation)),
+        Some(m) => {
+            if [m[3], m[7], m[11], m[15]] != [0.0, 0.0, 0.0, 1.0] {
+                let row = format!("{}, {}, {}, {}", m[3], m[7], m[11], m[15]);
+                return Err(json.bad("matrix", "a fourth row of 0, 0, 0, 1", row));
+            }
+            Ok(DAffine3::from_mat4(DMat4::from_cols_array(&m)))
+        }
+    }
+}
+
+impl Instancing {
+    fn parse(json: &Json, accessors: &Table<Accessor>) -> Result<Self> {
+        let attributes = json.need("attributes", json.get("attributes")?)?;
+        let mut out = Self { translation: None, rotation: None, scale: None, all: Vec::new() };
+        for name in attributes.object()?.keys() {
+            let index = attributes.need(name, attributes.index(name, accessors.len(), "accessors")?)?;
+            let a = accessors.get(index)?;
+            let float = a.component == Component::F32;
+            let (fits, slot) = match name.as_str() {
+                "TRANSLATION" => (a.shape == Shape::Vec3 && float, Some(&mut out.translation)),
+                "SCALE" => (a.shape == Shape::Vec3 && float, Some(&mut out.scale)),
+                "ROTATION" => {
+                    let snorm = a.normalized && matches!(a.component, Component::I8 | Component::I16);
+                    (a.shape == Shape::Vec4 && (float || snorm), Some(&mut out.rotation))
+                }
+                _ => (true, None),
+            };
+            if !fits {
+                return Err(attributes.bad(name, "VEC3 of FLOAT (ROTATION: VEC4, or normalized integers)", a.format()));
+            }
+            if let Some(slot) = slot {
+                *slot = Some(index);
+            }
+            out.all.push(index);
+        }
+        let counts = out.all.iter().map(|&index| Ok(accessors.get(index)?.count)).collect::<Result<Vec<_>>>()?;
+        if let Some(other) = counts.iter().find(|&&count| count != counts[0]) {
+            return Err(json.bad("attributes", format!("{} elements in every attribute", counts[0]), other));
+        }
+        Ok(out)
+    }
+}
+
+/// Checks that every node has at most one parent and is not its own ancestor.
+pub fn check_forest(nodes: &[Node]) -> Result<()> {
+    let mut parent: Vec<Option<usize>> = vec![None; nodes.len()];
+    for (index, node) in nodes.iter().enumerate() {
+        for (i, &child) in node.children.iter().enumerate() {
+            if let Some(other) = parent[child].replace(index) {
+                return Err(bad(
+                    &format!("{}.children[{i}]", node.at),
+                    "nodes with at most one parent, and no cycles",
+                    format!("nodes[{child}], which is also a child of nodes[{other}]"),
+                ));
+            }
+        }
+    }
+    // Nodes that cannot be reached from a node without a parent form a cycle.
+    let mut reached = vec![false; nodes.len()];
+    let mut stack: Vec<usize> = (0..nodes.len()).filter(|&i| parent[i].is_none()).collect();
+    while let Some(index) = stack.pop() {
+        reached[index] = true;
+        stack.extend(&nodes[index].children);
+    }
+    match reached.iter().position(|r| !r) {
+        None => Ok(()),
+        Some(index) => Err(bad(&nodes[index].at, "a tree of nodes", "a node that is its own ancestor")),
+    }
+}
+
+/// Every node's transform to world space, also of nodes that no scene shows. The nodes must be a forest.
+pub fn world_transforms(nodes: &[Node]) -> Vec<DAffine3> {
+    let mut worlds = vec![DAffine3::IDENTITY; nodes.len()];
+    let mut is_child = vec![false; nodes.len()];
+    nodes.iter().flat_map(|n| &n.children).for_each(|&c| is_child[c] = true);
+    let mut stack: Vec<(usize, DAffine3)> =
+        (0..nodes.len()).filter(|&i| !is_child[i]).map(|i| (i, DAffine3::IDENTITY)).collect();
+    while let Some((index, parent)) = stack.pop() {
+        worlds[index] = parent * nodes[index].transform;
+        stack.extend(nodes[index].children.iter().map(|&child| (child, worlds[index])));
+    }
+    worlds
+}

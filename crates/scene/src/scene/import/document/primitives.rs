@@ -1,0 +1,170 @@
+//! Meshes and their primitives.
+
+use super::accessors::{Accessor, Component, Shape, View};
+use super::attributes::{Attributes, Semantic, parse_attributes};
+use super::draco::Draco;
+use super::json::Json;
+use super::lengths::Lengths;
+use super::materials::Material;
+use super::table::Table;
+use crate::error::Result;
+use crate::scene::import::complaint::bad;
+use crate::scene::import::report::Notes;
+
+/// One part of a mesh with one material.
+#[derive(Debug)]
+pub struct Primitive {
+    pub attributes: Attributes,
+    pub indices: Option<usize>,
+    pub mode: u64,
+    pub material: Option<usize>,
+    /// Displacements of each morph target.
+    pub targets: Vec<Attributes>,
+    /// Compressed source of the elements, if the accessors have no view.
+    pub draco: Option<Draco>,
+    pub extensions: Vec<String>,
+    pub at: String,
+}
+
+/// A glTF mesh.
+#[derive(Debug)]
+pub struct Mesh {
+    pub name: String,
+    pub primitives: Vec<Primitive>,
+    /// Default weights, one per morph target.
+    pub weights: Vec<f32>,
+    pub at: String,
+}
+
+impl Mesh {
+    pub fn parse(
+        json: &Json,
+        lengths: &Lengths,
+        accessors: &Table<Accessor>,
+        views: &Table<View>,
+        materials: &Table<Material>,
+        quantized: bool,
+        notes: &mut Notes,
+    ) -> Result<Self> {
+        let items = json.items("primitives")?;
+        if items.is_empty() {
+            return Err(json.bad("primitives", "at least one primitive", "none"));
+        }
+        let primitives = items
+            .iter()
+            .map(|item| Primitive::parse(item, lengths, accessors, views, materials, quantized, notes))
+            .collect::<Result<Vec<_>>>()?;
+        let targets = primitives[0].targets.len();
+        if let Some(other) = primitives.iter().find(|p| p.targets.len() != targets) {
+            let wanted = format!("{targets} targets as in the first primitive");
+            return Err(bad(&format!("{}.targets", other.at), wanted, other.targets.len()));
+        }
+        let weights = read_weights(json, targets)?.unwrap_or_else(|| vec![0.0; targets]);
+        Ok(Self { name: json.name()?, primitives, weights, at: json.at.clone() })
+    }
+}
+
+/// `weights` of a mesh or node, one per morph target.
+pub fn read_weights(json: &Json, targets: usize) -> Result<Option<Vec<f32>>> {
+    let Some(weights) = json.numbers("weights")? else { return Ok(None) };
+    if weights.len() != targets {
+        return Err(json.bad("weights", format!("{targets} numbers, one a morph target"), weights.len()));
+    }
+    Ok(Some(weights.into_iter().map(|w| w as f32).collect()))
+}
+
+impl Primitive {
+    fn parse(
+        json: &Json,
+        lengths: &Lengths,
+        accessors: &Table<Accessor>,
+        views: &Table<View>,
+        materials: &Table<Material>,
+        quantized: bool,
+        notes: &mut Notes,
+    ) -> Result<Self> {
+        let mode = json.integer("mode")?.unwrap_or(4);
+        if mode > 6 {
+            return Err(json.bad("mode", "0 to 6", mode));
+        }
+        let mut all_accessors = Vec::new();
+        let members = json.need("attributes", json.get("attributes")?)?;
+        let attributes = parse_attributes(&members, accessors, false, quantized, &mut all_accessors, notes)?;
+        let mut targets = Vec::new();
+        for target in json.items("targets")? {
+            targets.push(parse_attributes(&target, accessors, true, quantized, &mut all_accessors, notes)?);
+        }
+        // Every attribute, including unknown ones, has one element per vertex.
+        if let Some(&first) = attributes.values().next().or(all_accessors.first()) {
+            let count = accessors.get(first)?.count;
+            for &other in &all_accessors {
+                let found = accessors.get(other)?.count;
+                if found != count {
+                    let wanted =
+                        format!("as many elements in every attribute and target ({count}, as in accessors[{first}])");
+                    return Err(json.bad("attributes", wanted, format!("{found} in accessors[{other}]")));
+                }
+            }
+        }
+        let sets = |f: fn(u32) -> Semantic| (0..).take_while(|&i| attributes.contains_key(&f(i))).count();
+        let all = |f: fn(&Semantic) -> bool| attributes.keys().filter(|s| f(s)).count();
+        let joints = (sets(Semantic::Joints), all(|s| matches!(s, Semantic::Joints(_))));
+        let weights = (sets(Semantic::Weights), all(|s| matches!(s, Semantic::Weights(_))));
+        if joints != weights || joints.0 != joints.1 {
+            return Err(json.bad(
+                "attributes",
+                "JOINTS_n and WEIGHTS_n in pairs, from 0 on",
+                format!("{} and {}", joints.1, weights.1),
+            ));
+        }
+        let indices = json.index("indices", lengths.accessors, "accessors")?;
+        if let Some(index) = indices {
+            let a = accessors.get(index)?;
+            let unsigned = matches!(a.component, Component::U8 | Component::U16 | Component::U32);
+            if a.shape != Shape::Scalar || !unsigned || a.normalized {
+                return Err(json.bad("indices", "SCALAR of UNSIGNED_BYTE, UNSIGNED_SHORT or UNSIGNED_INT", a.format()));
+            }
+            if let Some(view) = a.view.map(|view| views.get(view)).transpose()?.filter(|view| view.stride.is_some()) {
+                return Err(json.bad("indices", "a bufferView without byteStride", &view.at));
+            }
+            all_accessors.push(index);
+        }
+        let mut material = json.index("material", lengths.materials, "materials")?;
+        if let Some(variants) = json.extension("KHR_materials_variants")? {
+            for mapping in variants.items("mappings")? {
+                let to = mapping.index("material", lengths.materials, "materials")?;
+                let of = "extensions.KHR_materials_variants.variants";
+                let whose = mapping.indices("variants", lengths.variants, of)?;
+                if lengths.variant.is_some_and(|chosen| whose.contains(&chosen)) {
+                    material = to;
+                }
+            }
+        }
+        // Tangents can be generated from normals; without both there is no tangent space.
+        let no_tangents = !attributes.contains_key(&Semantic::Tangent) && !attributes.contains_key(&Semantic::Normal);
+        let shading = material.map(|index| materials.get(index)).transpose()?;
+        if let Some(at) = shading.and_then(|m| m.needs_tangents.as_ref()).filter(|_| no_tangents) {
+            return Err(json.bad("attributes", format!("NORMAL or TANGENT, which {at} needs"), "none"));
+        }
+        // An uncompressed fallback is used instead of the stream.
+        let draco = Draco::parse(json, &attributes, views.len())?.filter(|draco| {
+            let mut coded = draco.attributes.keys().map(|semantic| attributes[semantic]).chain(indices);
+            coded.any(|index| accessors.get(index).is_ok_and(|accessor| accessor.view.is_none()))
+        });
+        if draco.is_some() && (mode != 4 || indices.is_none()) {
+            let wanted = "triangles with indices, as KHR_draco_mesh_compression packs them";
+            return Err(json.bad(
+                "mode",
+                wanted,
+                if indices.is_none() { "no indices".into() } else { mode.to_string() },
+            ));
+        }
+        let extensions = json.extension_names()?.into_iter().map(Into::into).collect();
+        Ok(Self { attributes, indices, mode, material, targets, draco, extensions, at: json.at.clone() })
+    }
+
+    /// Number of JOINTS/WEIGHTS pairs.
+    pub fn skin_sets(&self) -> u32 {
+        (0..).take_while(|&i| self.attributes.contains_key(&Semantic::Joints(i))).count() as u32
+    }
+}

@@ -1,0 +1,42 @@
+//! The document's arrays. A faulty element is an error if something shown needs it; otherwise it is noted.
+
+use super::json::Json;
+use crate::error::{Error, Result};
+
+/// An array of the document; indices are those of the file.
+pub struct Table<T> {
+    elements: Vec<Result<T>>,
+    name: &'static str,
+}
+
+impl<T> Table<T> {
+    /// Reads every element; errors are kept in the element's place.
+    pub fn parse(name: &'static str, items: &[Json], mut read: impl FnMut(usize, &Json) -> Result<T>) -> Self {
+        let elements = items.iter().enumerate().map(|(index, json)| read(index, json)).collect();
+        Self { elements, name }
+    }
+
+    /// The element at a checked index.
+    ///
+    /// # Errors
+    /// The element's fault.
+    pub fn get(&self, index: usize) -> Result<&T> {
+        self.elements[index].as_ref().map_err(Clone::clone)
+    }
+
+    pub fn len(&self) -> usize {
+        self.elements.len()
+    }
+
+    /// The valid elements, with their indices.
+    pub fn sound(&self) -> impl Iterator<Item = (usize, &T)> {
+        self.elements.iter().enumerate().filter_map(|(index, element)| Some((index, element.as_ref().ok()?)))
+    }
+
+    /// JSON paths of the faulty elements, with their faults.
+    pub fn faults(&self) -> impl Iterator<Item = (String, &Error)> {
+        let faulty =
+            self.elements.iter().enumerate().filter_map(|(index, element)| Some((index, element.as_ref().err()?)));
+        faulty.map(|(index, error)| (format!("{}[{index}]", self.name), error))
+    }
+}

@@ -1,0 +1,180 @@
+//! Equirectangular environment pictures: Radiance `.hdr` and OpenEXR.
+
+use std::io::Cursor;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use image::codecs::hdr::HdrDecoder;
+use image::{DynamicImage, ImageDecoder, ImageReader};
+
+use super::source::read_regular;
+use crate::error::{Error, Result};
+use crate::film::exr_file;
+use crate::scene::Environment;
+
+/// 16384x8192.
+const MAX_PIXELS: u64 = 1 << 27;
+/// Bytes of a file.
+const MAX_FILE_BYTES: u64 = 4 << 30;
+
+/// Memory per pixel: three floats, and the tables for importance sampling.
+const BYTES_PER_PIXEL: u64 = 12 + 24;
+
+/// An environment's file, opened once, so that the data that is hashed is the data that is rendered.
+#[derive(Debug)]
+pub struct EnvironmentFile {
+    path: PathBuf,
+    bytes: Vec<u8>,
+    decoded: Mutex<Option<Decoded>>,
+}
+
+/// Width and height in pixels, and linear RGB pixels.
+type Decoded = (u32, u32, Arc<[[f32; 3]]>);
+
+impl EnvironmentFile {
+    /// Reads the file.
+    ///
+    /// # Errors
+    /// The file is missing, not permitted or not regular.
+    pub fn open(path: &Path) -> Result<Self> {
+        Ok(Self { path: path.into(), bytes: read_regular(path, MAX_FILE_BYTES)?, decoded: Mutex::default() })
+    }
+
+    /// BLAKE3 of the file, hexadecimal.
+    pub fn hash(&self) -> String {
+        blake3::hash(&self.bytes).to_hex().to_string()
+    }
+
+    /// Estimated memory in bytes of the decoded and prepared environment, by the file's header.
+    pub fn memory_bytes(&self) -> u64 {
+        let reader = ImageReader::new(Cursor::new(&self.bytes)).with_guessed_format();
+        // Without a readable header: well-packed pictures have about four bytes per pixel. Decoding reports the fault.
+        let pixels = match reader.map(ImageReader::into_dimensions) {
+            Ok(Ok((width, height))) => u64::from(width) * u64::from(height),
+            _ => self.bytes.len() as u64 / 4,
+        };
+        pixels * BYTES_PER_PIXEL
+    }
+
+    /// Decodes the equirectangular picture; later calls reuse the pixels. `rotation_degrees` rotates it about +y, `strength`
+    /// multiplies the radiance.
+    ///
+    /// NaN and negative values become 0, large and infinite values 65504 (the largest half float), with a warning.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for a rotation or strength that is not finite or a negative strength; [`Error::Data`] for a picture
+    /// that cannot be decoded or has more than 2^27 pixels.
+    pub fn decode(&self, rotation_degrees: f32, strength: f32) -> Result<Environment> {
+        check_flags(rotation_degrees, strength)?;
+        let mut decoded = self.decoded.lock().unwrap_or_else(PoisonError::into_inner);
+        let (width, height, pixels) = match &*decoded {
+            Some(decoded) => decoded.clone(),
+            None => decoded.insert(self.decode_pixels()?).clone(),
+        };
+        Ok(Environment {
+            name: self.path.display().to_string(),
+            width,
+            height,
+            pixels,
+            rotation: rotation_degrees.to_radians(),
+            strength,
+        })
+    }
+
+    fn decode_pixels(&self) -> Result<Decoded> {
+        let (path, bytes) = (&self.path, &self.bytes);
+        let picture = match bytes.as_slice() {
+            [b'#', b'?', ..] => read_hdr(bytes),
+            [0x76, 0x2F, 0x31, 0x01, ..] => read_exr(bytes),
+            _ => Err("neither a Radiance .hdr nor an OpenEXR picture".into()),
+        };
+        let (width, height, mut pixels) = picture.map_err(|text| {
+            let help = "an environment is an equirectangular .hdr or .exr picture with R, G and B";
+            Error::Data(format!("{}: {text}; {help}", path.display()))
+        })?;
+        let cleaned = clean(&mut pixels);
+        if cleaned > 0 {
+            tracing::warn!("{}: {cleaned} pixels were NaN, infinite or negative and are changed", path.display());
+        }
+        if u64::from(width) != 2 * u64::from(height) {
+            tracing::warn!("{}: {width}x{height} is not twice as wide as high; it is stretched", path.display());
+        }
+        Ok((width, height, pixels.into()))
+    }
+}
+
+/// Opens and decodes an equirectangular picture ([`EnvironmentFile::decode`]).
+///
+/// # Errors
+/// [`Error::Usage`] for a rotation or strength that is not finite or a negative strength, [`Error::Missing`] for a missing
+/// file, [`Error::Data`] for a picture that cannot be decoded or has more than 2^27 pixels.
+pub fn environment(path: &Path, rotation_degrees: f32, strength: f32) -> Result<Environment> {
+    check_flags(rotation_degrees, strength)?;
+    EnvironmentFile::open(path)?.decode(rotation_degrees, strength)
+}
+
+fn check_flags(rotation_degrees: f32, strength: f32) -> Result<()> {
+    if !rotation_degrees.is_finite() {
+        return Err(Error::Usage(format!("--env-rotate {rotation_degrees}: wanted degrees as a finite number")));
+    }
+    if !strength.is_finite() || strength < 0.0 {
+        return Err(Error::Usage(format!("--env-strength {strength}: wanted a finite number of at least 0")));
+    }
+    Ok(())
+}
+
+type Picture = std::result::Result<(u32, u32, Vec<[f32; 3]>), String>;
+
+fn check_size(width: u64, height: u64, file_bytes: usize) -> std::result::Result<(), String> {
+    // The proportion is that of textures: flat colours compress a thousandfold, small pictures always pass.
+    let pixels = width.saturating_mul(height);
+    let fits = pixels.saturating_mul(12) <= (1 << 30) + 256 * file_bytes as u64;
+    if width == 0 || height == 0 || pixels > MAX_PIXELS || !fits {
+        return Err(format!("{width}x{height} pixels in {file_bytes} bytes; at most {MAX_PIXELS} can be used"));
+    }
+    Ok(())
+}
+
+fn read_hdr(bytes: &[u8]) -> Picture {
+    let damaged = |e: image::ImageError| format!("a damaged Radiance picture: {e}");
+    let decoder = HdrDecoder::new(Cursor::new(bytes)).map_err(damaged)?;
+    let (width, height) = decoder.dimensions();
+    check_size(width.into(), height.into(), bytes.len())?;
+    let raw = DynamicImage::from_decoder(decoder).map_err(damaged)?.into_rgb32f().into_raw();
+    Ok((width, height, raw.as_chunks::<3>().0.to_vec()))
+}
+
+fn read_exr(bytes: &[u8]) -> Picture {
+    let picture = exr_file::picture(bytes, &|width, height| check_size(width, height, bytes.len()));
+    let picture = picture.map_err(|e| format!("an OpenEXR picture that cannot be read: {e}"))?;
+    let [x0, y0, x1, y1] = picture.window;
+    Ok(((x1 - x0) as u32, (y1 - y0) as u32, picture.rgb))
+}
+
+/// Makes every value finite and ≥ 0; returns the number of changed pixels.
+fn clean(pixels: &mut [[f32; 3]]) -> usize {
+    let mut changed = 0;
+    for pixel in pixels {
+        let before = *pixel;
+        for x in pixel.iter_mut() {
+            *x = if x.is_nan() { 0.0 } else { x.clamp(0.0, MAX_RADIANCE) };
+        }
+        changed += usize::from(before.iter().zip(*pixel).any(|(a, b)| *a != b));
+    }
+    changed
+}
+
+/// Largest half float: sums over a map of such pixels stay finite.
+const MAX_RADIANCE: f32 = 65504.0;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cleaning_leaves_light_alone_and_counts_the_rest() {
+        let mut pixels = [[1.0, 0.0, 2.5], [f32::NAN, 1.0, 1.0], [-1.0, 0.0, 0.0], [f32::INFINITY, 0.0, 0.0]];
+        assert_eq!(clean(&mut pixels), 3);
+        assert_eq!(pixels, [[1.0, 0.0, 2.5], [0.0, 1.0, 1.0], [0.0; 3], [65504.0, 0.0, 0.0]]);
+    }
+}

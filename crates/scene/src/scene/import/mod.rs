@@ -1,0 +1,142 @@
+//! glTF 2.0 and environment pictures into [`Scene`].
+//!
+//! Three rooms, one way: `source` (files, opened once) → `document` (parsed and checked) → `build` (accessors to
+//! meshes, textures, nodes, lights, cameras). The file is not trusted: everything that an index, offset or count could
+//! break is checked before it is used (`document`), file names stay under the scene's folder (`source`), and memory
+//! stays in proportion to the file (`build`). Elements that the shown scene does not need are checked but not kept; the
+//! report lists them.
+
+mod build;
+mod complaint;
+mod document;
+mod environment;
+mod options;
+mod report;
+mod source;
+mod summary;
+
+use std::path::Path;
+use std::time::Instant;
+
+use serde_json::Value;
+
+pub use environment::{EnvironmentFile, environment};
+pub use options::{ImportOptions, Pose, Shutter};
+pub use report::{ImportReport, Note, NoteKind, SceneCounts};
+pub use source::Survey;
+pub use summary::{Summary, summary};
+
+use report::Notes;
+
+use super::Scene;
+use crate::error::{Error, Result};
+
+/// An imported scene with its report.
+#[derive(Debug)]
+pub struct Imported {
+    /// The scene, ready to be rendered: with at least one camera, without an environment.
+    pub scene: Scene,
+    /// Report of what was used, approximated, ignored and not loaded.
+    pub report: ImportReport,
+}
+
+/// A `.gltf` or `.glb` file and the files that it refers to, opened once and held in memory.
+#[derive(Debug)]
+pub struct SceneFiles {
+    source: source::Source,
+    /// Results that later imports reuse.
+    cache: build::ImportCache,
+}
+
+impl SceneFiles {
+    /// Reads the files. Faults of files that the document refers to are reported by [`Self::import`].
+    ///
+    /// # Errors
+    /// [`Error::Data`] (exit code 65) for a file that is not glTF; [`Error::Missing`] (66), [`Error::Permission`] and
+    /// [`Error::Io`] as the system says.
+    pub fn open(path: &Path) -> Result<Self> {
+        Ok(Self { source: source::Source::open(path)?, cache: build::ImportCache::default() })
+    }
+
+    /// Hashes and measures the files without decoding them.
+    pub fn survey(&self) -> Survey {
+        self.source.survey()
+    }
+
+    /// Builds the scene. A later import at another time reuses decoded pictures and meshes that have not changed.
+    ///
+    /// # Errors
+    /// [`Error::Data`] (exit code 65) for a file that breaks the specification, requires an unknown extension, names
+    /// files outside of its folder, or asks for memory out of proportion; [`Error::Missing`] (66) when a buffer is not
+    /// there (a picture that is not is left out, with a note); [`Error::Permission`] and [`Error::Io`] as the system says.
+    /// Texts name the file and the JSON path. [`Error::Usage`] (64) for a scene or variant that is not there, with those
+    /// that are.
+    pub fn import(&self, options: &ImportOptions) -> Result<Imported> {
+        let start = Instant::now();
+        let source = &self.source;
+        let mut report = ImportReport {
+            file: source.path.display().to_string(),
+            file_bytes: source.file_bytes,
+            ..Default::default()
+        };
+        let mut build = || -> Result<Scene> {
+            let mut notes = Notes::default();
+            let parse = |json: &Value| document::Document::parse(source, json, options, &mut Notes::default());
+            let (json, bytes) = (&source.json, source.file_bytes);
+            let (mut posed, mut time_samples, mut adjacent_frames) = (None, Vec::new(), Vec::new());
+            if let Some(pose) = &options.pose {
+                let at_rest = parse(json)?;
+                // The picture's own time lies within the shutter, so that the rest of the scene agrees with it.
+                let offset = pose.shutter.map_or(0.0, |shutter| 0.0_f64.clamp(shutter.opens, shutter.closes));
+                let own = Pose { seconds: pose.seconds + offset, ..pose.clone() };
+                posed = Some(build::posed(&at_rest, json, bytes, &own, &mut notes)?);
+                let time_sample =
+                    |seconds: f64| build::time_sample(&at_rest, json, bytes, &Pose { seconds, ..pose.clone() }, &parse);
+                time_samples = build::time_samples(pose, &time_sample)?;
+                let frames = pose.frame.into_iter().flat_map(|frame| [pose.seconds - frame, pose.seconds + frame]);
+                adjacent_frames = frames.map(time_sample).collect::<Result<Vec<_>>>()?;
+            }
+            let document = document::Document::parse(source, posed.as_ref().unwrap_or(json), options, &mut notes)?;
+            report.generator.clone_from(&document.generator);
+            let shutter_samples = time_samples.len();
+            time_samples.extend(adjacent_frames);
+            let shown = build::ShownDocument {
+                document: &document,
+                posed: posed.is_some(),
+                time_samples: &time_samples,
+                shutter_samples,
+            };
+            let scene = build::build(&shown, bytes, &self.cache, notes, &mut report)?;
+            if options.strict {
+                report.refuse_if_inexact()?;
+            }
+            Ok(scene)
+        };
+        let scene = build().map_err(|error| in_file(&source.path, error))?;
+        report.read_seconds = start.elapsed().as_secs_f64();
+        Ok(Imported { scene, report })
+    }
+}
+
+/// Opens and imports a file.
+///
+/// # Errors
+/// See [`SceneFiles::open`] and [`SceneFiles::import`].
+pub fn import(path: &Path, options: &ImportOptions) -> Result<Imported> {
+    let start = Instant::now();
+    let mut imported = SceneFiles::open(path)?.import(options)?;
+    imported.report.read_seconds = start.elapsed().as_secs_f64();
+    Ok(imported)
+}
+
+/// Prefixes an error with the scene file's path.
+fn in_file(path: &Path, error: Error) -> Error {
+    let name = |text: String| format!("{}: {text}", path.display());
+    match error {
+        Error::Data(text) => Error::Data(name(text)),
+        Error::Missing(text) => Error::Missing(name(text)),
+        Error::Permission(text) => Error::Permission(name(text)),
+        Error::Io(text) => Error::Io(name(text)),
+        other => other,
+    }
+}

@@ -1,0 +1,156 @@
+//! Report of an import: what was used, approximated and omitted, and why.
+
+use std::collections::HashMap;
+
+use serde::Serialize;
+
+use crate::error::{Error, Result};
+
+/// Effect of a [`Note`] on the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NoteKind {
+    /// Rendered, but not exactly as specified. An error with `--strict`.
+    Approximated,
+    /// Omitted although it affects the picture. An error with `--strict`.
+    Ignored,
+    /// Omitted because the picture does not need it.
+    NotLoaded,
+    /// A small fault of the file that has one sensible interpretation.
+    Repaired,
+    /// An interpretation on which renderers differ.
+    Convention,
+}
+
+/// A note. Notes of equal kind and text are counted, not repeated.
+#[derive(Debug, Clone, Serialize)]
+pub struct Note {
+    /// Effect on the picture.
+    pub kind: NoteKind,
+    /// JSON path of the first occurrence.
+    pub at: String,
+    /// Number of occurrences.
+    pub count: u32,
+    /// One line that says what and why.
+    pub text: String,
+}
+
+/// Sizes of an imported scene.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct SceneCounts {
+    /// Triangles in memory.
+    pub triangles: u64,
+    /// Triangles in world space: each instance counts.
+    pub instanced_triangles: u64,
+    /// Meshes: one per placed glTF primitive.
+    pub meshes: u64,
+    /// Objects: one per placed glTF mesh.
+    pub objects: u64,
+    /// Placements of objects.
+    pub instances: u64,
+    /// Materials that a mesh uses.
+    pub materials: u64,
+    /// Decoded pictures.
+    pub images: u64,
+    /// Punctual lights.
+    pub lights: u64,
+    /// Cameras.
+    pub cameras: u64,
+    /// Bytes of vertices and indices.
+    pub geometry_bytes: u64,
+    /// Bytes of decoded pictures.
+    pub image_bytes: u64,
+}
+
+/// Report of an import.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct ImportReport {
+    /// Path of the file as given.
+    pub file: String,
+    /// Software that wrote the file (`asset.generator`), if stated.
+    pub generator: Option<String>,
+    /// Names of the document's scenes; empty for those without.
+    pub scenes: Vec<String>,
+    /// Names of its material variants.
+    pub variants: Vec<String>,
+    /// Extensions in the file that are supported.
+    pub extensions_used: Vec<String>,
+    /// Extensions in the file that are ignored.
+    pub extensions_ignored: Vec<String>,
+    /// Notes, in the order of the file.
+    pub notes: Vec<Note>,
+    /// Sizes.
+    pub counts: SceneCounts,
+    /// Size in bytes of the file and of the buffers and pictures that it refers to.
+    pub file_bytes: u64,
+    /// Wall-clock seconds of the import.
+    pub read_seconds: f64,
+}
+
+impl ImportReport {
+    /// Notes of one kind.
+    pub fn of_kind(&self, kind: NoteKind) -> impl Iterator<Item = &Note> {
+        self.notes.iter().filter(move |note| note.kind == kind)
+    }
+
+    /// For `--strict`: an error that lists everything approximated or ignored.
+    pub(super) fn refuse_if_inexact(&self) -> Result<()> {
+        let inexact: Vec<_> =
+            self.notes.iter().filter(|n| matches!(n.kind, NoteKind::Approximated | NoteKind::Ignored)).collect();
+        if inexact.is_empty() {
+            return Ok(());
+        }
+        const MAX_LISTED: usize = 20;
+        let mut lines: Vec<_> = inexact.iter().take(MAX_LISTED).map(|n| format!("\n  {}: {}", n.at, n.text)).collect();
+        if inexact.len() > MAX_LISTED {
+            lines.push(format!("\n  and {} more", inexact.len() - MAX_LISTED));
+        }
+        Err(Error::Data(format!(
+            "--strict: this scene cannot be shown exactly:{}\nwithout --strict it is rendered with these differences",
+            lines.concat()
+        )))
+    }
+}
+
+/// Collects notes, equal ones once.
+#[derive(Debug, Default)]
+pub(super) struct Notes {
+    list: Vec<Note>,
+    seen: HashMap<(NoteKind, String), usize>,
+}
+
+impl Notes {
+    pub fn add(&mut self, kind: NoteKind, at: &str, text: impl Into<String>) {
+        let text = text.into();
+        if let Some(&index) = self.seen.get(&(kind, text.clone())) {
+            self.list[index].count = self.list[index].count.saturating_add(1);
+            return;
+        }
+        self.seen.insert((kind, text.clone()), self.list.len());
+        self.list.push(Note { kind, at: at.into(), count: 1, text });
+    }
+
+    pub fn approximated(&mut self, at: &str, text: impl Into<String>) {
+        self.add(NoteKind::Approximated, at, text);
+    }
+
+    pub fn ignored(&mut self, at: &str, text: impl Into<String>) {
+        self.add(NoteKind::Ignored, at, text);
+    }
+
+    pub fn not_loaded(&mut self, at: &str, text: impl Into<String>) {
+        self.add(NoteKind::NotLoaded, at, text);
+    }
+
+    pub fn repaired(&mut self, at: &str, text: impl Into<String>) {
+        self.add(NoteKind::Repaired, at, text);
+    }
+
+    pub fn convention(&mut self, at: &str, text: impl Into<String>) {
+        self.add(NoteKind::Convention, at, text);
+    }
+
+    pub fn into_list(self) -> Vec<Note> {
+        self.list
+    }
+}

@@ -1,0 +1,123 @@
+//! The container of the scene: GLB, or plain JSON.
+
+use std::fs::File;
+use std::ops::Range;
+use std::os::unix::fs::FileExt;
+use std::path::Path;
+
+use serde_json::Value;
+
+use super::blob::Blob;
+use super::read::open_regular;
+use crate::error::{Error, Result};
+
+const MAGIC: [u8; 4] = *b"glTF";
+const HEADER: u64 = 12;
+const CHUNK_HEADER: u64 = 8;
+/// Limit of chunks, as each needs a read.
+const MAX_CHUNKS: u32 = 1 << 16;
+const JSON_CHUNK: u32 = 0x4E4F_534A;
+const BIN_CHUNK: u32 = 0x004E_4942;
+
+/// A scene file's parts.
+pub struct Container {
+    pub json: Value,
+    /// Does the JSON start with a byte-order mark?
+    pub byte_order_mark: bool,
+    pub file: File,
+    /// Size of the file in bytes.
+    pub file_bytes: u64,
+    /// Byte range of the GLB's binary chunk.
+    pub bin: Option<Range<u64>>,
+}
+
+/// Reads the document of a `.gltf` or `.glb`, distinguished by their first bytes.
+pub fn read(path: &Path) -> Result<Container> {
+    const MAX_FILE_BYTES: u64 = 64 << 30;
+    let (file, file_bytes) = open_regular(path, MAX_FILE_BYTES)?;
+    let in_file = |text: String| Error::Data(format!("{}: {text}", path.display()));
+    let words = Words { path, file: &file, length: file_bytes };
+    let is_glb = words.at(0)? == Some(MAGIC);
+    if !is_glb && path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb")) {
+        return Err(in_file("byte 0: expected the GLB magic `glTF`, found something else; is this a GLB file?".into()));
+    }
+    let (json, bin) = match is_glb {
+        true => split(&words)?,
+        false => (0..file_bytes, None),
+    };
+    let json = Blob::read(path, &file, json, None)?.all();
+    // RFC 8259, 8.1: writers must not add one, readers may skip it.
+    let (json, byte_order_mark) = match json.strip_prefix(b"\xEF\xBB\xBF") {
+        Some(rest) => (rest, true),
+        None => (&json[..], false),
+    };
+    // The parser's own recursion limit keeps deep nesting from overflowing the stack.
+    let json = serde_json::from_slice(json).map_err(|error| in_file(format!("not valid JSON: {error}")))?;
+    Ok(Container { json, byte_order_mark, file, file_bytes, bin })
+}
+
+/// Reads 32-bit words of a file.
+struct Words<'a> {
+    path: &'a Path,
+    file: &'a File,
+    length: u64,
+}
+
+impl Words<'_> {
+    /// Four bytes at an offset; `None` beyond the end.
+    fn at(&self, at: u64) -> Result<Option<[u8; 4]>> {
+        let mut word = [0; 4];
+        if at + 4 > self.length {
+            return Ok(None);
+        }
+        self.file.read_exact_at(&mut word, at).map_err(|e| Error::reading(self.path, &e))?;
+        Ok(Some(word))
+    }
+
+    fn number(&self, at: u64, cut: impl Fn() -> Error) -> Result<u32> {
+        self.at(at)?.map(u32::from_le_bytes).ok_or_else(cut)
+    }
+}
+
+/// Byte ranges of a GLB's JSON and BIN chunks.
+fn split(words: &Words) -> Result<(Range<u64>, Option<Range<u64>>)> {
+    let bad = |text: String| Error::Data(format!("{}: GLB container: {text}", words.path.display()));
+    let truncated = || bad(format!("byte {}: the file ends inside the {HEADER}-byte header", words.length));
+    let version = words.number(4, truncated)?;
+    let length = u64::from(words.number(8, truncated)?);
+    if version != 2 {
+        return Err(bad(format!("byte 4: expected version 2, found {version}; convert the file to glTF 2.0")));
+    }
+    if length > words.length || length < HEADER {
+        let text = format!("byte 8: the header says {length} bytes, the file has {}; is it truncated?", words.length);
+        return Err(bad(text));
+    }
+    let words = Words { length, ..*words };
+    let (mut json, mut bin) = (None, None);
+    let (mut at, mut index) = (HEADER, 0);
+    while at < length {
+        let cut = || bad(format!("byte {at}: the file ends inside a chunk header"));
+        let size = u64::from(words.number(at, cut)?);
+        let kind = words.number(at + 4, cut)?;
+        let start = at + CHUNK_HEADER;
+        let end = start + size;
+        if end > length {
+            return Err(bad(format!("byte {at}: a chunk of {size} bytes, but only {} are left", length - start)));
+        }
+        match (index, kind) {
+            (0, JSON_CHUNK) if size > 0 => json = Some(start..end),
+            (0, JSON_CHUNK) => return Err(bad(format!("byte {at}: the JSON chunk is empty"))),
+            (0, _) => return Err(bad(format!("byte {at}: expected the JSON chunk first, found type {kind:#010x}"))),
+            (1, BIN_CHUNK) => bin = Some(start..end),
+            (_, JSON_CHUNK) => return Err(bad(format!("byte {at}: a second JSON chunk"))),
+            (_, BIN_CHUNK) => return Err(bad(format!("byte {at}: a BIN chunk that is not the second chunk"))),
+            (MAX_CHUNKS, _) => return Err(bad(format!("byte {at}: more than {MAX_CHUNKS} chunks"))),
+            // Later chunks of other kinds are for extensions and are skipped, as the specification asks.
+            _ => {}
+        }
+        at = end;
+        index += 1;
+    }
+    let json = json.ok_or_else(|| bad(format!("byte {HEADER}: no JSON chunk")))?;
+    Ok((json, bin))
+}

@@ -1,0 +1,38 @@
+//! Opening and reading regular files.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use crate::error::{Error, Result};
+
+/// Opens a regular file and returns its size in bytes. Pipes and devices are refused before they are opened.
+///
+/// # Errors
+/// The file is missing, not permitted, not regular, or larger than `limit` bytes.
+pub fn open_regular(path: &Path, limit: u64) -> Result<(File, u64)> {
+    let reading = |e| Error::reading(path, &e);
+    let refused = |text: String| Err(Error::Data(format!("{}: {text}", path.display())));
+    if !std::fs::metadata(path).map_err(reading)?.is_file() {
+        return refused("not a regular file".into());
+    }
+    let file = File::open(path).map_err(reading)?;
+    match file.metadata().map_err(reading)?.len() {
+        size if size > limit => refused(format!("{size} bytes are more than the {limit} that such a file may have")),
+        size => Ok((file, size)),
+    }
+}
+
+/// Reads a regular file completely.
+///
+/// # Errors
+/// See [`open_regular`]; also a failed read, or insufficient memory.
+pub fn read_regular(path: &Path, limit: u64) -> Result<Vec<u8>> {
+    let (file, size) = open_regular(path, limit)?;
+    let reading = |e| Error::reading(path, &e);
+    let mut bytes = Vec::new();
+    bytes.try_reserve_exact(usize::try_from(size).unwrap_or(usize::MAX)).map_err(|e| reading(e.into()))?;
+    file.take(limit).read_to_end(&mut bytes).map_err(reading)?;
+    tracing::debug!("{}: {} bytes", path.display(), bytes.len());
+    Ok(bytes)
+}

@@ -1,0 +1,119 @@
+//! Hash of a scene's files, and an estimate of the memory that loading them takes.
+
+use std::io::Cursor;
+use std::path::PathBuf;
+
+use bytes::Bytes;
+use image::{ImageDecoder, ImageReader};
+use serde_json::Value;
+
+use super::Source;
+use super::reach::items;
+
+/// Hash and sizes of a scene's files, without decoding them.
+#[derive(Debug, Clone, Default)]
+pub struct Survey {
+    /// BLAKE3 of the bytes that were read of the scene file and the files that it refers to; hexadecimal.
+    pub hash: String,
+    /// Paths of the files, the scene file first.
+    pub files: Vec<PathBuf>,
+    /// Size of these files in bytes.
+    pub file_bytes: u64,
+    /// Bytes that were read: all but those that no scene of the document can show.
+    pub read_bytes: u64,
+    /// Upper bound of the number of triangles in memory.
+    pub triangles: u64,
+    /// Upper bound of the bytes of vertices and indices in memory.
+    pub geometry_bytes: u64,
+    /// Upper bound of the bytes of decoded pictures.
+    pub image_bytes: u64,
+}
+
+impl Source {
+    /// Hashes and measures the files without decoding them. Faults are left for the import to report.
+    pub fn survey(&self) -> Survey {
+        let Self { file_bytes, read_bytes, .. } = *self;
+        let (hash, files) = (self.hash(), self.files.clone());
+        let mut survey = Survey { hash, files, file_bytes, read_bytes, ..Default::default() };
+        let shown = (0..self.reach.images.len()).filter(|&i| self.reach.images[i]);
+        survey.image_bytes = shown.map(|i| decoded_bytes(&self.image_bytes(i))).sum();
+        self.measure_meshes(&mut survey);
+        survey
+    }
+
+    fn hash(&self) -> String {
+        let mut hasher = blake3::Hasher::new();
+        // The document without insignificant white space.
+        hasher.update(self.json.to_string().as_bytes());
+        for data in self.buffers.iter().chain(&self.images).flatten().flatten() {
+            hasher.update(&data.bytes.length.to_le_bytes());
+            data.bytes.hash(&mut hasher);
+        }
+        if let Some(bin) = &self.bin {
+            bin.hash(&mut hasher);
+        }
+        hasher.finalize().to_hex().to_string()
+    }
+
+    /// Encoded bytes of a picture; empty if there are none.
+    fn image_bytes(&self, index: usize) -> Bytes {
+        if let Some(Some(Ok(data))) = self.images.get(index) {
+            return data.bytes.all();
+        }
+        let view = &self.json["images"][index]["bufferView"];
+        if !view.is_u64() {
+            return Bytes::new();
+        }
+        let view = &self.json["bufferViews"][number(view)];
+        let buffer = number(&view["buffer"]);
+        let named = self.buffers.get(buffer).and_then(|named| named.as_ref()?.as_ref().ok());
+        let Some(bytes) = named.map(|data| &data.bytes).or(self.bin.as_ref().filter(|_| buffer == 0)) else {
+            return Bytes::new();
+        };
+        let start = number(&view["byteOffset"]) as u64;
+        bytes.get(start..start.saturating_add(number(&view["byteLength"]) as u64)).unwrap_or_default()
+    }
+
+    fn measure_meshes(&self, survey: &mut Survey) {
+        let json = &self.json;
+        let accessor = |index: &Value| {
+            let count = index.as_u64().map(|i| json["accessors"][i as usize]["count"].as_u64().unwrap_or(0));
+            count.filter(|&n| n < 1 << 40)
+        };
+        let shown = items(&json["meshes"]).zip(&self.reach.meshes).filter(|(_, reached)| **reached);
+        for primitive in shown.flat_map(|(mesh, _)| items(&mesh["primitives"])) {
+            let attributes = &primitive["attributes"];
+            let vertices = accessor(&attributes["POSITION"]).unwrap_or(0);
+            let corners = accessor(&primitive["indices"]).unwrap_or(vertices);
+            let triangles = match primitive["mode"].as_u64() {
+                None | Some(4) => corners / 3,
+                Some(5 | 6) => corners.saturating_sub(2),
+                _ => continue,
+            };
+            let sizes = [("POSITION", 12), ("NORMAL", 12), ("TEXCOORD_0", 8), ("TEXCOORD_1", 8), ("COLOR_0", 16)];
+            let bytes_per_vertex: u64 =
+                sizes.iter().filter(|(name, _)| attributes[*name].is_u64()).map(|(_, bytes)| bytes).sum();
+            survey.triangles += triangles;
+            survey.geometry_bytes += vertices * bytes_per_vertex + 12 * triangles;
+        }
+    }
+}
+
+/// Decoded size of a picture: four bytes per texel, eight with 16 bits per channel; 0 for other data.
+fn decoded_bytes(bytes: &[u8]) -> u64 {
+    if let [0xAB, b'K', b'T', b'X', b' ', b'2', b'0', ..] = bytes {
+        let side = |at: usize| bytes.get(at..at + 4)?.try_into().ok().map(u32::from_le_bytes);
+        return 4 * u64::from(side(20).unwrap_or(0)) * u64::from(side(24).unwrap_or(0));
+    }
+    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().ok();
+    let Some(decoder) = reader.and_then(|reader| reader.into_decoder().ok()) else { return 0 };
+    let (width, height) = decoder.dimensions();
+    let color = decoder.color_type();
+    let channel = if color.bytes_per_pixel() > color.channel_count() { 2 } else { 1 };
+    4 * channel * u64::from(width) * u64::from(height)
+}
+
+/// An index or size; 0 (the default) if absent.
+fn number(json: &Value) -> usize {
+    json.as_u64().map_or(0, |n| n as usize)
+}

@@ -1,0 +1,74 @@
+//! Point, spot and directional lights (KHR_lights_punctual).
+
+use glam::Vec3;
+
+use super::motion::{key_before, mix};
+
+/// Type of a punctual light.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum PunctualKind {
+    /// Parallel light along `direction`; `intensity` is irradiance in W/m² (lux in glTF).
+    Directional,
+    /// Light from a point; `intensity` in W/sr (candela in glTF).
+    Point,
+    /// Light from a point within a cone; angles from its axis in radians; `intensity` in W/sr (candela in glTF).
+    Spot {
+        /// Angle below which the intensity is full.
+        inner: f32,
+        /// Angle beyond which there is no light.
+        outer: f32,
+    },
+}
+
+/// A light without extent, in world space.
+#[derive(Debug, Clone)]
+pub struct PunctualLight {
+    /// Name for messages.
+    pub name: String,
+    /// Type, with the parameters of a spot.
+    pub kind: PunctualKind,
+    /// Linear RGB times intensity, ≥ 0.
+    pub intensity: Vec3,
+    /// Position in metres (point, spot).
+    pub position: Vec3,
+    /// Unit vector in the direction of the light's travel (directional, spot).
+    pub direction: Vec3,
+    /// Distance in metres beyond which the light is zero (point, spot), > 0; infinite if unlimited.
+    pub range: f32,
+    /// Keys while the shutter is open, evenly spaced in time: at least two, or none if the light does not change.
+    pub motion: Vec<LightKey>,
+}
+
+/// State of a punctual light at one time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LightKey {
+    /// Linear RGB; see [`PunctualLight::intensity`].
+    pub intensity: Vec3,
+    /// World space, metres.
+    pub position: Vec3,
+    /// Unit vector in world space.
+    pub direction: Vec3,
+}
+
+impl PunctualLight {
+    /// The state at the picture's own time.
+    #[inline]
+    pub fn key(&self) -> LightKey {
+        LightKey { intensity: self.intensity, position: self.position, direction: self.direction }
+    }
+
+    /// The state at a time in [0, 1] of the shutter.
+    #[inline]
+    pub fn at(&self, time: f32) -> LightKey {
+        if self.motion.is_empty() {
+            return self.key();
+        }
+        let (before, weight) = key_before(self.motion.len(), time);
+        let (a, b) = (&self.motion[before], &self.motion[before + 1]);
+        LightKey {
+            intensity: mix(a.intensity, b.intensity, weight),
+            position: mix(a.position, b.position, weight),
+            direction: mix(a.direction, b.direction, weight).normalize_or(a.direction),
+        }
+    }
+}

@@ -1,0 +1,126 @@
+//! Layering: one lobe on top of others.
+
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response};
+use super::lobe_set::LobeSet;
+use super::parameters::Parameters;
+use crate::lanes::{F, LANES, Rows, V3, eight};
+use crate::sampling::warp::ONE_MINUS_EPSILON;
+
+/// A top lobe over base lobes, which receive the light that it transmits. The struct has the same form for one point, for
+/// eight points and for a batch. Batches without the top lobe have no columns for it; its eight-point value is `None`.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Layered<Top, Base> {
+    /// The top lobe.
+    pub top: Top,
+    /// The layers beneath: a lobe that is always present, or another `Layered`.
+    pub base: Base,
+}
+
+impl<Top: Parameters, Base: Parameters> Parameters for Layered<Top, Base> {
+    type Eight = Layered<Option<Top::Eight>, Base::Eight>;
+    type Columns = Layered<Option<Top::Columns>, Base::Columns>;
+
+    #[inline(always)]
+    fn gather(points: [&Self; LANES]) -> Self::Eight {
+        Layered {
+            top: Some(Top::gather(eight(|lane| &points[lane].top))),
+            base: Base::gather(eight(|lane| &points[lane].base)),
+        }
+    }
+
+    fn grow(columns: &mut Self::Columns, capacity: usize, lobes: LobeSet) {
+        if lobes.top() {
+            Top::grow(columns.top.get_or_insert_default(), capacity, lobes);
+        } else {
+            columns.top = None;
+        }
+        Base::grow(&mut columns.base, capacity, lobes.base());
+    }
+
+    #[inline(always)]
+    fn store(columns: &mut Self::Columns, at: usize, points: [&Self; LANES]) {
+        if let Some(top) = &mut columns.top {
+            Top::store(top, at, eight(|lane| &points[lane].top));
+        }
+        Base::store(&mut columns.base, at, eight(|lane| &points[lane].base));
+    }
+
+    #[inline(always)]
+    fn load(columns: &Self::Columns, rows: &Rows) -> Self::Eight {
+        let top = columns.top.as_ref().map(|top| Top::load(top, rows));
+        Layered { top, base: Base::load(&columns.base, rows) }
+    }
+}
+
+impl<Top: Lobe, Base: Lobe> Layered<Option<Top>, Base> {
+    /// The top lobe, if it is present in any lane.
+    #[inline(always)]
+    fn top(&self) -> Option<&Top> {
+        self.top.as_ref().filter(|top| top.present().any())
+    }
+
+    /// Probability of sampling the top lobe: its fraction of the scattered light, estimated by [`Lobe::weight`].
+    #[inline(always)]
+    fn top_probability(&self, top: &Top, n: V3, wo: V3) -> F {
+        let (weight, transmittance) = top.weight(n, wo);
+        let sum = weight + self.base.weight(n, wo).0 * transmittance;
+        let scatters = sum.simd_gt(F::ZERO);
+        // If no lobe scatters toward wo, choose the one that is present.
+        let otherwise = top.present() & F::ONE;
+        scatters.select(weight / sum, otherwise)
+    }
+}
+
+impl<Top: Lobe, Base: Lobe> Lobe for Layered<Option<Top>, Base> {
+    #[inline(always)]
+    fn present(&self) -> F {
+        self.top.as_ref().map_or(F::ZERO, Lobe::present) | self.base.present()
+    }
+
+    fn lobes(&self) -> LobeSet {
+        self.top.as_ref().map_or(LobeSet::default(), Lobe::lobes).over(self.base.lobes())
+    }
+
+    #[inline(always)]
+    fn transmits(&self) -> F {
+        self.top.as_ref().map_or(F::ZERO, Lobe::transmits) | self.base.transmits()
+    }
+
+    #[inline(always)]
+    fn diffuseness(&self) -> F {
+        self.top.as_ref().map_or(F::ZERO, Lobe::diffuseness) + self.base.diffuseness()
+    }
+
+    #[inline(always)]
+    fn weight(&self, n: V3, wo: V3) -> (F, F) {
+        let (base, rest) = self.base.weight(n, wo);
+        let Some(top) = self.top() else { return (base, rest) };
+        let (top, transmittance) = top.weight(n, wo);
+        (top + base * transmittance, transmittance * rest)
+    }
+
+    #[inline(always)]
+    fn eval(&self, d: &Directions, light: F) -> Response {
+        let Some(lobe) = self.top() else { return self.base.eval(d, light) };
+        let top = lobe.eval(d, light);
+        let base = self.base.eval(d, top.transmittance);
+        let p = self.top_probability(lobe, d.n, d.wo);
+        let pdf = p.mul_add(top.pdf, (F::ONE - p) * base.pdf);
+        Response { value: top.value + base.value, pdf, transmittance: base.transmittance }
+    }
+
+    #[inline(always)]
+    fn sample_direction(&self, frames: &Frames, wo: V3, [lobe, u, v]: [F; 3]) -> DirectionSample {
+        let Some(upper) = self.top() else { return self.base.sample_direction(frames, wo, [lobe, u, v]) };
+        // Reuse the number: rescaled to [0, 1), it chooses among the parts of the chosen lobe.
+        let within = |from: F, size: F| ((lobe - from) / size).fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS_EPSILON));
+        let p = self.top_probability(upper, frames.n, wo);
+        let base = self.base.sample_direction(frames, wo, [within(p, F::ONE - p), u, v]);
+        let from_top = lobe.simd_lt(p);
+        if !from_top.any() {
+            return base;
+        }
+        let top = upper.sample_direction(frames, wo, [within(F::ZERO, p), u, v]);
+        DirectionSample { wi: V3::select(from_top, top.wi, base.wi), h: V3::select(from_top, top.h, base.h) }
+    }
+}

@@ -1,0 +1,47 @@
+//! Path guiding: a field of incident light, learned from the paths of a pre-pass. At every surface that is diffuse enough,
+//! directions are sampled from a mixture of the field and the BSDF, which MIS weights as one technique.
+//!
+//! A tree over positions and normals has cells ([`cells`](crate::sampling::cells)). Each cell has a histogram of directions
+//! ([`directions`]) and the probability c of sampling from it ([`field`]), both from training samples ([`mod@learn`]). The
+//! histogram follows the root of the second moments of f·L (Rath et al. 2020, *Variance-Aware Path Guiding*; cells after
+//! Müller et al. 2017, *Practical Path Guiding*). c follows from the second moments of the mixture, by the estimator of the
+//! balance over space instead of pixels. Cells also have probabilities of light samples and of path continuation
+//! ([`roulette`]).
+
+pub mod directions;
+pub mod field;
+pub mod learn;
+pub mod roulette;
+
+pub use field::{Field, NO_CELL};
+pub use learn::{Gain, TrainingSample, learn};
+pub use roulette::{PathStatistics, VertexRecord};
+
+use serde::{Deserialize, Serialize};
+
+/// Whether paths are guided.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Guiding {
+    /// Never.
+    #[default]
+    Off,
+    /// Always.
+    On,
+    /// Where the pre-pass estimates a gain in efficiency.
+    Auto,
+}
+
+impl Guiding {
+    /// All of them, in the order of the command line's help.
+    pub const ALL: [Self; 3] = [Self::Off, Self::On, Self::Auto];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::On => "on",
+            Self::Auto => "auto",
+        }
+    }
+}

@@ -1,0 +1,37 @@
+//! Auxiliary features of pixels (object, normal, depth), which decide what statistics neighbouring pixels share.
+
+use super::transport::Transport;
+use crate::balance::PixelFeatures;
+use crate::lanes::{F, LANES, U};
+use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
+
+/// Features at the centres of `pixels`, by one extra ray each: they do not depend on the pixels' samples.
+pub fn guides(transport: &Transport, pixels: &[[u32; 2]]) -> Vec<PixelFeatures> {
+    let (mut rays, mut hits) = (RayBatch::default(), HitBatch::default());
+    let time = F::splat(0.5);
+    rays.open(pixels.len(), transport.geometry.moves);
+    for (group, at) in pixels.chunks(LANES).zip((0..).step_by(LANES)) {
+        let middle =
+            |axis: usize| F::from(std::array::from_fn(|lane| group[lane.min(group.len() - 1)][axis] as f32 + 0.5));
+        let ray = transport.camera.rays(middle(0), middle(1), time);
+        rays.put(at, ray, F::splat(f32::INFINITY), U::ZERO, time);
+    }
+    rays.close(pixels.len());
+    transport.rays.closest_hits(&rays, RayOrder::Coherent, &mut hits);
+    let guide = |ray: usize| {
+        let (instance, mesh, prim) = (hits.instance[ray], hits.mesh[ray], hits.prim[ray]);
+        if instance == MISS {
+            return PixelFeatures::default();
+        }
+        let hit = (instance, mesh, prim);
+        let point = transport.geometry.point(transport.scene, hit, (hits.u[ray], hits.v[ray]), rays.time(ray));
+        PixelFeatures {
+            object: instance + 1,
+            material: point.mesh.material + 1,
+            normal: point.ns.normalize_or_zero(),
+            depth: hits.t[ray],
+            roughness: point.parameters(transport.scene).roughness,
+        }
+    };
+    (0..pixels.len()).map(guide).collect()
+}

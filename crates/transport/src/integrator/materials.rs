@@ -1,0 +1,229 @@
+//! Per-scene and per-mesh material data that does not depend on the hit point.
+
+use std::sync::Arc;
+
+use glam::{Vec3, Vec4};
+
+use crate::bsdf::{Anisotropy, Bsdf, Iridescence, LobeSet, Surface};
+use crate::scene::{Material, Mesh, Scene, TextureSlot};
+
+/// What shading a mesh needs.
+#[derive(Debug, Clone, Copy)]
+pub struct MeshMaterial {
+    /// Index into [`Scene::materials`].
+    pub material: u32,
+    /// Are BSDF and normal map constant (no textures, no vertex colours), and is the mesh static?
+    pub constant: bool,
+    /// Is the BSDF constant and zero?
+    pub black: bool,
+    /// Does it emit, or is it unlit?
+    pub emits: bool,
+    /// KHR_materials_unlit: does it only emit its base colour?
+    pub unlit: bool,
+    /// The medium that it bounds, an index into [`Materials::media`]; `None` for surfaces that bound none.
+    pub interior_medium: Option<u32>,
+}
+
+/// The constant BSDF of each material, computed once, and the shading that each mesh needs.
+#[derive(Debug)]
+pub struct Materials {
+    /// By material, seen from the front and, if the scene transmits, from the back.
+    constant: [Vec<Bsdf>; 2],
+    mesh_materials: Vec<MeshMaterial>,
+    /// Union of the lobes that surfaces of the scene may have.
+    pub lobes: LobeSet,
+    /// Does any surface transmit light?
+    pub transmits: bool,
+    /// Does any surface disperse?
+    pub disperses: bool,
+    /// Absorption coefficients of the media, linear RGB per metre. Medium 0 is the vacuum outside all others. If it is the
+    /// only one, rays do not track media.
+    pub media: Vec<Vec3>,
+}
+
+impl Materials {
+    /// Prepares the materials of a scene.
+    pub fn new(scene: &Scene) -> Self {
+        let constant: Vec<_> = scene.materials.iter().map(|m| untextured(m).bsdf()).collect();
+        let mut media = vec![Vec3::ZERO];
+        let mut add_medium = |m: &Material| {
+            let absorbs = m.absorption.max_element() > 0.0;
+            absorbs.then(|| media.push(m.absorption));
+            if absorbs { media.len() as u32 - 1 } else { 0 }
+        };
+        let interiors: Vec<_> =
+            scene.materials.iter().map(|m| (m.transmits() && m.bounds_medium).then(|| add_medium(m))).collect();
+        let kind = |(mesh, moves): (&Arc<Mesh>, bool)| {
+            let kind = classify(scene, mesh, &constant);
+            MeshMaterial {
+                interior_medium: interiors[mesh.material as usize],
+                constant: kind.constant && !moves,
+                ..kind
+            }
+        };
+        let mesh_materials: Vec<_> = scene.meshes.iter().zip(scene.moving_meshes()).map(kind).collect();
+        let lit =
+            || mesh_materials.iter().filter(|kind| !kind.unlit).map(|kind| &scene.materials[kind.material as usize]);
+        let lobes = lit().map(possible_lobes).fold(LobeSet::default(), LobeSet::union);
+        let transmits = lit().any(Material::transmits);
+        let disperses = lit().any(Material::disperses);
+        let back_facing = if transmits {
+            scene.materials.iter().map(|m| Surface { back_facing: true, ..untextured(m) }.bsdf()).collect()
+        } else {
+            Vec::new()
+        };
+        Self { constant: [constant, back_facing], mesh_materials, lobes, transmits, disperses, media }
+    }
+
+    /// The shading that a mesh needs.
+    #[inline]
+    pub fn mesh_material(&self, mesh: u32) -> &MeshMaterial {
+        &self.mesh_materials[mesh as usize]
+    }
+
+    /// The BSDF of a mesh whose material is constant; `back_facing` only in scenes that transmit.
+    #[inline]
+    pub fn constant_bsdf(&self, mesh: u32, back_facing: bool) -> &Bsdf {
+        &self.constant[usize::from(back_facing)][self.mesh_materials[mesh as usize].material as usize]
+    }
+
+    /// Is there an absorbing medium?
+    #[inline]
+    pub fn absorbs(&self) -> bool {
+        self.media.len() > 1
+    }
+
+    /// The media on the side of `wo` and beyond the surface, where a ray in `medium` hits a mesh.
+    #[inline]
+    pub fn media_at_surface(&self, mesh: u32, back_facing: bool, medium: u32) -> [u32; 2] {
+        match self.mesh_material(mesh).interior_medium {
+            Some(inside) if back_facing => [inside, 0],
+            Some(inside) => [medium, inside],
+            None => [medium; 2],
+        }
+    }
+}
+
+fn classify(scene: &Scene, mesh: &Mesh, constant: &[Bsdf]) -> MeshMaterial {
+    let m = &scene.materials[mesh.material as usize];
+    let constant_surface = mesh.colors.is_none()
+        && !m.disperses()
+        && (m.anisotropy == 0.0 || mesh.tangents.is_none())
+        && TextureSlot::ALL.iter().all(|&slot| match slot {
+            TextureSlot::Emissive => true,
+            TextureSlot::Normal | TextureSlot::ClearcoatNormal => m.textures[slot].is_none() || mesh.tangents.is_none(),
+            _ => m.textures[slot].is_none(),
+        });
+    let black = constant_surface && constant[mesh.material as usize].lobes().is_empty();
+    MeshMaterial {
+        material: mesh.material,
+        constant: constant_surface,
+        black,
+        emits: m.unlit || m.is_emissive(),
+        unlit: m.unlit,
+        interior_medium: None,
+    }
+}
+
+/// Material parameters without textures and vertex colours.
+fn untextured(material: &Material) -> Surface {
+    surface(material, material.base_color.truncate(), |_| None)
+}
+
+/// The lobes that a material may have at some point. Textures and vertex colours multiply, so a lobe that is absent without
+/// them is absent with them; only a metalness texture can uncover the lobes of the dielectric.
+fn possible_lobes(material: &Material) -> LobeSet {
+    let surface = untextured(material);
+    match material.textures[TextureSlot::MetallicRoughness] {
+        Some(_) => surface.bsdf().lobes().union(Surface { metallic: 0.0, ..surface }.bsdf().lobes()),
+        None => surface.bsdf().lobes(),
+    }
+}
+
+/// Material parameters for the base colour `base_color` and the texels that `texel` returns for the other textures.
+#[inline(always)]
+pub fn surface(material: &Material, base_color: Vec3, texel: impl Fn(TextureSlot) -> Option<Vec4>) -> Surface {
+    let mut s = Surface {
+        transmission: material.transmission,
+        diffuse_transmission: material.diffuse_transmission,
+        diffuse_transmission_color: material.diffuse_transmission_color,
+        bounds_medium: material.bounds_medium,
+        sheen_color: material.sheen_color,
+        sheen_roughness: material.sheen_roughness,
+        clearcoat: material.clearcoat,
+        clearcoat_roughness: material.clearcoat_roughness,
+        anisotropy: (material.anisotropy > 0.0)
+            .then_some(Anisotropy { strength: material.anisotropy, tangent: Vec3::ZERO }),
+        iridescence: (material.iridescence > 0.0).then_some(Iridescence {
+            factor: material.iridescence,
+            ior: material.iridescence_ior,
+            thickness: material.iridescence_thickness[1],
+        }),
+        ..core(material, base_color, &texel)
+    };
+    if let Some(texel) = texel(TextureSlot::Transmission) {
+        s.transmission *= texel.x;
+    }
+    if let Some(texel) = texel(TextureSlot::DiffuseTransmission) {
+        s.diffuse_transmission *= texel.w;
+    }
+    if let Some(texel) = texel(TextureSlot::DiffuseTransmissionColor) {
+        s.diffuse_transmission_color *= texel.truncate();
+    }
+    if let Some(texel) = texel(TextureSlot::SheenColor) {
+        s.sheen_color *= texel.truncate();
+    }
+    if let Some(texel) = texel(TextureSlot::SheenRoughness) {
+        s.sheen_roughness *= texel.w;
+    }
+    if let Some(texel) = texel(TextureSlot::Clearcoat) {
+        s.clearcoat *= texel.x;
+    }
+    if let Some(texel) = texel(TextureSlot::ClearcoatRoughness) {
+        s.clearcoat_roughness *= texel.y;
+    }
+    if let (Some(anisotropy), Some(texel)) = (&mut s.anisotropy, texel(TextureSlot::Anisotropy)) {
+        anisotropy.strength *= texel.z;
+    }
+    if let Some(iridescence) = &mut s.iridescence {
+        if let Some(texel) = texel(TextureSlot::Iridescence) {
+            iridescence.factor *= texel.x;
+        }
+        if let Some(texel) = texel(TextureSlot::IridescenceThickness) {
+            let [min, max] = material.iridescence_thickness;
+            iridescence.thickness = min + (max - min) * texel.y;
+        }
+    }
+    s
+}
+
+/// Parameters of the core model only, from the same arguments as [`surface`].
+#[inline(always)]
+pub fn core(material: &Material, base_color: Vec3, texel: impl Fn(TextureSlot) -> Option<Vec4>) -> Surface {
+    let mut s = Surface {
+        base_color,
+        metallic: material.metallic,
+        roughness: material.roughness,
+        specular: material.specular,
+        specular_color: material.specular_color,
+        ior: material.ior,
+        energy_compensation: material.energy_compensation,
+        specular_glossiness: material.specular_glossiness,
+        ..Surface::default()
+    };
+    if let Some(texel) = texel(TextureSlot::MetallicRoughness) {
+        s.roughness *= texel.y;
+        s.metallic *= texel.z;
+    }
+    if let Some(texel) = texel(TextureSlot::Specular) {
+        s.specular *= texel.w;
+    }
+    if let Some(texel) = texel(TextureSlot::SpecularColor) {
+        s.specular_color *= texel.truncate();
+    }
+    if let (Some(specular), Some(texel)) = (&mut s.specular_glossiness, texel(TextureSlot::SpecularGlossiness)) {
+        *specular *= texel.truncate();
+        s.roughness = 1.0 - (1.0 - s.roughness) * texel.w;
+    }
+    s
+}

@@ -1,0 +1,381 @@
+//! A scalar path tracer, one path at a time: the reference for tests of the wave, and the source of `--replay-pixel`. It
+//! shares BSDFs, lights and sample sequences with the wave, but not its queues, sorting and compaction.
+
+use glam::Vec3;
+
+use super::batch::PixelTask;
+use super::dispersion;
+pub use super::events::{Event, EventKind};
+use super::path_states::clamp_contribution;
+use super::shading_normal;
+use super::stages::camera_rays::TIME_SET;
+use super::stages::lights::SHADOW_END;
+use super::stages::mixture::{self, Mixture, MixtureSample};
+use super::stages::requests::{LightTarget, light_sample_index};
+use super::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
+use super::stages::{bsdf_set, light_set, media, roulette_set};
+use super::transport::Transport;
+use crate::balance::deal;
+use crate::bsdf::{Bsdf, Lobe, Parameters};
+use crate::color::luminance;
+use crate::guiding::NO_CELL;
+use crate::lanes::{F, LANES, U, V3, unit_interval};
+use crate::light::punctual;
+use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
+use crate::sampling::{PixelSequence, hash, keys, pixel_seed};
+
+/// A ray along a path.
+struct Ray {
+    origin: Vec3,
+    direction: Vec3,
+    key: u32,
+    /// Path throughput, linear RGB.
+    beta: Vec3,
+    /// Geometric normal at the origin, zero on surfaces that transmit.
+    normal: Vec3,
+    /// Density of the ray times BSDF samples per path.
+    weighted_pdf: f32,
+    /// Sample index in the pixel's sequence.
+    index: u32,
+    /// Medium of the ray.
+    medium: u32,
+    /// Roulette probability of the light sample at the origin.
+    light_probability: f32,
+    /// Time in [0, 1] of the shutter interval.
+    time: f32,
+}
+
+/// A path vertex on a surface. Fields without a comment are those of [`Vertices`](super::vertices::Vertices).
+struct Vertex {
+    origin: Vec3,
+    position: Vec3,
+    ng: Vec3,
+    ns: Vec3,
+    wo: Vec3,
+    beta: Vec3,
+    bsdf: <Bsdf as Parameters>::Eight,
+    /// Does the surface transmit?
+    transmits: bool,
+    origin_offset: f32,
+    /// Media on the side of `wo`, and beyond the surface.
+    media: [u32; 2],
+    /// Cell of the guiding field.
+    cell: u32,
+    /// Roulette probabilities of the light sample and of continuing the path, if the field sets them.
+    roulette: Option<[f32; 2]>,
+    /// Time in [0, 1] of the shutter interval.
+    time: f32,
+}
+
+/// A ray that leaves a vertex.
+struct SpawnedRay {
+    origin: Vec3,
+    allowed: bool,
+    medium: u32,
+}
+
+impl Vertex {
+    fn spawn_ray(&self, wi: Vec3) -> SpawnedRay {
+        let cos = self.ng.dot(wi);
+        let beyond = self.transmits && cos < 0.0;
+        let consistent = !self.transmits || cos * self.ns.dot(wi) > 0.0;
+        SpawnedRay {
+            origin: if beyond { self.origin - self.ng * (2.0 * self.origin_offset) } else { self.origin },
+            allowed: (cos > 0.0 || beyond) && consistent,
+            medium: self.media[usize::from(beyond)],
+        }
+    }
+
+    /// The normal for light selection: zero on surfaces that transmit.
+    fn light_sampling_normal(&self) -> Vec3 {
+        if self.transmits { Vec3::ZERO } else { self.ng }
+    }
+}
+
+struct Tracer<'a> {
+    transport: &'a Transport<'a>,
+    sequence: PixelSequence,
+    seed: u32,
+    /// Samples per path at the first surface: environment, area lights, BSDF.
+    samples_per_path: [f32; 3],
+    report: &'a mut dyn FnMut(Event),
+}
+
+/// Radiance of path number `path` of those that a wave takes for a pixel. `report` receives the events.
+pub fn trace(transport: &Transport, task: &PixelTask, path: u32, report: &mut dyn FnMut(Event)) -> Vec3 {
+    let paths = task.counts.paths;
+    let sequence = PixelSequence::new(task.x, task.y, transport.seed);
+    let seed = pixel_seed(task.x, task.y, transport.seed);
+    let index = task.first_path + path;
+    let [px, py, u, v] = sequence.sample(index, 0);
+    let offset = |u: f32| transport.filter.offsets(F::splat(u)).as_array()[0];
+    let (x, y) = (offset(px) + (task.x as f32 + 0.5), offset(py) + (task.y as f32 + 0.5));
+    let moves = transport.geometry.moves;
+    let time = if moves { sequence.sample(index, TIME_SET)[0] } else { 0.0 };
+    let (xy, uv) = ((F::splat(x), F::splat(y)), (F::splat(u), F::splat(v)));
+    let (origin, direction) = transport.camera.rays_through(xy, uv, F::splat(time));
+    let samples_per_path = task.weighed.samples_per_path(transport.lights.environment_probability);
+    let mut state = Tracer { transport, sequence, seed, samples_per_path, report };
+    let ray = Ray {
+        origin: origin.lane(0),
+        direction: direction.lane(0),
+        key: key(seed, index, 0),
+        beta: Vec3::ONE,
+        normal: Vec3::ZERO,
+        weighted_pdf: 0.0,
+        index,
+        medium: 0,
+        light_probability: 1.0,
+        time,
+    };
+    let before = |n: u32| (0..path).map(|p| u32::from(deal(n, paths, p))).sum::<u32>();
+    let numbers = |first: u32, n: u32| {
+        let start = first + before(n);
+        start..start + u32::from(deal(n, paths, path))
+    };
+    let light = numbers(task.first_light, task.counts.light).map(|number| light_sample_index(task, number));
+    let bsdf = numbers(task.first_bsdf, task.counts.bsdf);
+    state.trace_ray(&ray, 0, &light.collect::<Vec<_>>(), &bsdf.collect::<Vec<_>>())
+}
+
+fn key(seed: u32, index: u32, set: u32) -> u32 {
+    keys(U::splat(seed), U::splat(index), set).to_array()[0]
+}
+
+impl Tracer<'_> {
+    fn report(&mut self, depth: u32, kind: EventKind) {
+        (self.report)(Event { depth, kind });
+    }
+
+    /// Radiance along a ray; where it hits, takes these light samples (index, target) and BSDF samples (index).
+    fn trace_ray(&mut self, ray: &Ray, depth: u32, light: &[(u32, LightTarget)], bsdf: &[u32]) -> Vec3 {
+        let t = self.transport;
+        let Ray { origin, direction, .. } = *ray;
+        self.report(depth, EventKind::Ray { origin, direction, beta: ray.beta });
+        let (mut rays, mut hits) = (RayBatch::default(), HitBatch::default());
+        rays.push(origin, direction, 0.0, f32::INFINITY, ray.key);
+        rays.time.extend(t.geometry.moves.then_some(ray.time));
+        t.rays.closest_hits(&rays, RayOrder::Incoherent, &mut hits);
+        let (instance, mesh, prim, distance) = (hits.instance[0], hits.mesh[0], hits.prim[0], hits.t[0]);
+        if mesh == MISS {
+            self.report(depth, EventKind::Escape);
+            if t.lights.environment.is_none() || (depth == 0 && t.hides_environment) {
+                return Vec3::ZERO;
+            }
+            let (radiance, pdf) = t.lights.environment(V3::splat(direction), t.drawing);
+            let pdf = if depth == 0 { 0.0 } else { pdf.as_array()[0] };
+            return self.emission(ray, depth, radiance.lane(0), [pdf, 0.0]);
+        }
+        let barycentric = (hits.u[0], hits.v[0]);
+        let point = t.geometry.point(t.scene, (instance, mesh, prim), barycentric, ray.time);
+        let material = point.mesh.material;
+        self.report(depth, EventKind::Hit { instance, mesh, material, t: distance });
+        let back_facing = point.is_back_facing(direction);
+        let medium = if depth == 0 { t.materials.media_at_surface(mesh, back_facing, 0)[0] } else { ray.medium };
+        let beta = ray.beta * media::transmittance(t.materials.media[medium as usize], distance);
+        let ray = &Ray { beta, ..*ray };
+        if point.material.unlit {
+            return self.emission(ray, depth, point.base_color(t.scene), [0.0; 2]);
+        }
+        let mut radiance_sum = Vec3::ZERO;
+        if t.materials.mesh_material(mesh).emits && point.emits_against(direction) {
+            let radiance = point.emitted_radiance(t.scene, prim, barycentric, direction);
+            let from = (origin, ray.normal);
+            let hit = (instance, mesh, prim);
+            let at = (t.scene, ray.time);
+            let pdf = if depth == 0 { 0.0 } else { t.lights.area_pdf(at, from, hit, direction, distance, t.drawing) };
+            radiance_sum += self.emission(ray, depth, radiance, [0.0, pdf]);
+        }
+        if depth + 1 >= t.max_depth {
+            self.report(depth, EventKind::Ends { reason: "--max-depth" });
+            return radiance_sum;
+        }
+        // Normals are turned to the side of wo.
+        let wo = -direction;
+        let front = point.ng.normalize_or(wo);
+        let side = if front.dot(wo) < 0.0 { -1.0 } else { 1.0 };
+        let ng = front * side;
+        let ns = point.ns.normalize_or(front) * side;
+        let ns = shading_normal::consistent(V3::splat(ng), V3::splat(ns), V3::splat(wo)).lane(0);
+        let [color, ..] = self.sequence.sample(ray.index, dispersion::CHANNEL_SET);
+        let (seen, beta) =
+            dispersion::sample_channel(point.surface_from(t.scene, direction), point.material, ray.beta, color);
+        let surface = seen.bsdf();
+        let scattering = Bsdf::gather([&surface; LANES]);
+        let origin = point.position + ng * point.origin_offset;
+        let cells = t.field.map(|field| (field, field.cells_at(V3::splat(origin), V3::splat(ng))));
+        let luminances = F::splat(luminance(beta));
+        let roulette = cells.filter(|_| depth > 0).and_then(|(field, cells)| field.roulette_probabilities(cells, luminances));
+        let vertex = Vertex {
+            origin,
+            position: point.position,
+            ng,
+            ns,
+            wo,
+            beta,
+            bsdf: scattering,
+            transmits: scattering.transmits().any(),
+            origin_offset: point.origin_offset,
+            media: t.materials.media_at_surface(mesh, back_facing, medium),
+            cell: cells
+                .filter(|_| mixture::is_diffuse(&scattering).any())
+                .map_or(NO_CELL, |(field, cells)| field.guiding_cells(cells)[0]),
+            roulette: roulette.map(|roulette| roulette.map(|probability| probability.as_array()[0])),
+            time: ray.time,
+        };
+        for &(index, toward) in light {
+            radiance_sum += self.light_sample(&vertex, depth, index, toward);
+        }
+        if t.lights.punctual {
+            radiance_sum += self.punctual_sample(&vertex, depth, ray.index);
+        }
+        for &index in bsdf {
+            radiance_sum += self.bsdf_sample(&vertex, depth, index);
+        }
+        radiance_sum
+    }
+
+    fn mixture(&self, vertex: &Vertex) -> Option<Mixture<'_>> {
+        Mixture::new(self.transport.field?, [vertex.cell; LANES])
+    }
+
+    /// Samples per path of each technique at the vertex at `depth`.
+    fn samples_per_path(&self, depth: u32) -> [f32; 3] {
+        if depth == 0 { self.samples_per_path } else { self.transport.deeper_samples_per_path() }
+    }
+
+    /// Emission that a ray hits, with the MIS weight for light-sample densities `pdf` (environment, area lights).
+    fn emission(&mut self, ray: &Ray, depth: u32, radiance: Vec3, pdf: [f32; 2]) -> Vec3 {
+        let samples_per_path = self.samples_per_path(depth.saturating_sub(1));
+        let weighted_light = ray.light_probability * (samples_per_path[0] * pdf[0] + samples_per_path[1] * pdf[1]);
+        let weight = match weighted_light > 0.0 {
+            true => self.transport.heuristic.weight(ray.weighted_pdf, weighted_light),
+            false => 1.0,
+        };
+        let radiance = ray.beta * radiance * weight;
+        let radiance = if radiance.is_finite() { radiance } else { Vec3::ZERO };
+        let limit = if depth == 0 { f32::INFINITY } else { self.transport.limits[(depth > 1) as usize] };
+        let (radiance, _) = clamp_contribution(radiance, limit);
+        self.report(depth, EventKind::Emission { radiance, weight });
+        radiance
+    }
+
+    fn light_sample(&mut self, vertex: &Vertex, depth: u32, index: u32, toward: LightTarget) -> Vec3 {
+        let t = self.transport;
+        if !t.lights.has_extent() {
+            return Vec3::ZERO;
+        }
+        let probability = vertex.roulette.map_or(1.0, |[light, _]| light);
+        let [a_env, a_area, a_b] = self.samples_per_path(depth);
+        let number = unit_interval(U::splat(key(self.seed, index, roulette_set(depth)))).as_array()[0];
+        if vertex.roulette.is_some() && number >= probability {
+            return Vec3::ZERO;
+        }
+        let [choice, u, v, _] = self.sequence.sample(index, light_set(depth));
+        let (drawn, left) = t.lights.draw_kind(F::splat(choice));
+        let environment = match toward {
+            LightTarget::Random => drawn.to_bitmask() & 1 == 1,
+            toward => toward == LightTarget::Environment,
+        };
+        let choice = if toward == LightTarget::Random { left } else { F::splat(choice) };
+        let mask = if environment { F::ZERO.simd_eq(F::ZERO) } else { F::ZERO };
+        let from = (V3::splat(vertex.origin), V3::splat(vertex.light_sampling_normal()));
+        let at = (t.scene, F::splat(vertex.time));
+        let light = t.lights.sample(at, from, (mask, t.drawing), [choice, F::splat(u), F::splat(v)]);
+        let (value, mut bsdf_pdf) = vertex.bsdf.eval_pdf(V3::splat(vertex.ns), V3::splat(vertex.wo), light.wi);
+        if let Some(mixture) = self.mixture(vertex) {
+            bsdf_pdf = mixture.pdf(light.wi, bsdf_pdf);
+        }
+        let [pdf, bsdf_pdf, distance] = [light.pdf, bsdf_pdf, light.distance].map(|x| x.as_array()[0]);
+        let (wi, value, emitted) = (light.wi.lane(0), value.lane(0), light.radiance.lane(0));
+        let weighted_pdf = probability * if environment { a_env } else { a_area } * pdf;
+        let weight = t.heuristic.weight(weighted_pdf, a_b * bsdf_pdf);
+        let radiance = vertex.beta * value * emitted * (weight / weighted_pdf);
+        let name = if environment { "environment" } else { "area light" };
+        let sound = pdf > 0.0;
+        self.shadow_ray(vertex, depth, index, (name, wi, distance), if sound { radiance } else { Vec3::ZERO })
+    }
+
+    fn punctual_sample(&mut self, vertex: &Vertex, depth: u32, index: u32) -> Vec3 {
+        let [.., choice] = self.sequence.sample(index, light_set(depth));
+        let sample = punctual::sample(&self.transport.scene.lights, vertex.position, choice, vertex.time);
+        let Some(light) = sample else { return Vec3::ZERO };
+        let (ns, wo) = (V3::splat(vertex.ns), V3::splat(vertex.wo));
+        let (value, _) = vertex.bsdf.eval_pdf(ns, wo, V3::splat(light.wi));
+        let radiance = vertex.beta * value.lane(0) * light.irradiance;
+        self.shadow_ray(vertex, depth, index, ("punctual light", light.wi, light.distance), radiance)
+    }
+
+    /// Traces a shadow ray: the clamped contribution, or zero if it is occluded, not finite or below the horizon.
+    fn shadow_ray(
+        &mut self,
+        vertex: &Vertex,
+        depth: u32,
+        index: u32,
+        (toward, wi, distance): (&'static str, Vec3, f32),
+        radiance: Vec3,
+    ) -> Vec3 {
+        let SpawnedRay { origin, allowed, medium } = vertex.spawn_ray(wi);
+        let radiance = radiance * media::transmittance(self.transport.materials.media[medium as usize], distance);
+        let contributes = allowed && radiance.max_element() > 0.0 && radiance.is_finite();
+        if !contributes {
+            self.report(depth, EventKind::LightSample { toward, wi, distance, radiance: Vec3::ZERO, occluded: false });
+            return Vec3::ZERO;
+        }
+        let (mut rays, mut occluded) = (RayBatch::default(), Vec::new());
+        let key = hash(key(self.seed, index, light_set(depth)));
+        rays.push(origin, wi, 0.0, distance * SHADOW_END, key);
+        rays.time.extend(self.transport.geometry.moves.then_some(vertex.time));
+        self.transport.rays.occluded(&rays, RayOrder::Incoherent, &mut occluded);
+        let (radiance, _) = clamp_contribution(radiance, self.transport.limits[(depth > 0) as usize]);
+        let (occluded, radiance) = (occluded[0], if occluded[0] { Vec3::ZERO } else { radiance });
+        self.report(depth, EventKind::LightSample { toward, wi, distance, radiance, occluded });
+        radiance
+    }
+
+    fn bsdf_sample(&mut self, vertex: &Vertex, depth: u32, index: u32) -> Vec3 {
+        let [lobe, u, v, survive] = self.sequence.sample(index, bsdf_set(depth));
+        let (ns, wo) = (V3::splat(vertex.ns), V3::splat(vertex.wo));
+        let numbers = [lobe, u, v].map(F::splat);
+        let mixture = self.mixture(vertex);
+        let MixtureSample { sample, .. } = match &mixture {
+            Some(mixture) => mixture.sample(&vertex.bsdf, ns, wo, numbers),
+            None => MixtureSample::from_bsdf(vertex.bsdf.sample(ns, wo, numbers)),
+        };
+        let (wi, value, pdf) = (sample.wi.lane(0), sample.value.lane(0), sample.pdf.as_array()[0]);
+        self.report(depth, EventKind::BsdfSample { wi, pdf });
+        let weighted_pdf = self.samples_per_path(depth)[2] * pdf;
+        let mut beta = vertex.beta * value / weighted_pdf;
+        let SpawnedRay { origin, allowed, medium } = vertex.spawn_ray(wi);
+        let alive = pdf > 0.0 && allowed && beta.max_element() > 0.0 && beta.is_finite();
+        if !alive {
+            self.report(depth, EventKind::Ends { reason: "the direction carries nothing" });
+            return Vec3::ZERO;
+        }
+        let keep = match vertex.roulette {
+            Some([_, on]) => Some(on),
+            None if depth + 1 < ROULETTE_DEPTH => None,
+            None => Some((beta.max_element() * ROULETTE_GAIN).min(1.0)),
+        };
+        if let Some(keep) = keep {
+            if keep <= survive {
+                self.report(depth, EventKind::Ends { reason: "Russian roulette" });
+                return Vec3::ZERO;
+            }
+            beta /= keep;
+        }
+        let ray = Ray {
+            origin,
+            direction: wi,
+            key: key(self.seed, index, bsdf_set(depth)),
+            beta,
+            normal: vertex.light_sampling_normal(),
+            weighted_pdf,
+            index,
+            medium,
+            light_probability: vertex.roulette.map_or(1.0, |[light, _]| light),
+            time: vertex.time,
+        };
+        self.trace_ray(&ray, depth + 1, &[(index, LightTarget::Random)], &[index])
+    }
+}

@@ -1,0 +1,109 @@
+//! Path guiding at eight vertices: one-sample mixture of the BSDF and the guiding field.
+
+use wide::bytemuck::cast;
+
+use crate::bsdf::{BsdfSample, Core, Lobe, Parameters};
+use crate::guiding::directions::steradians;
+use crate::guiding::{Field, NO_CELL};
+use crate::integrator::transport::Transport;
+use crate::integrator::vertices::Vertices;
+use crate::lanes::{F, LANES, Rows, U, V3, load_bits, mask, store, store_bits};
+use crate::sampling::warp::ONE_MINUS_EPSILON;
+
+/// Samples the BSDF or, with a probability by cell, the guiding field.
+pub struct Mixture<'a> {
+    field: &'a Field,
+    cells: [u32; LANES],
+    /// Probability of sampling the field.
+    field_fraction: F,
+}
+
+/// Eight directions sampled from a mixture, or from the BSDF alone.
+pub struct MixtureSample {
+    /// The directions; `pdf` is the density of the mixture.
+    pub sample: BsdfSample,
+    /// Densities per solid angle of the BSDF and of the field.
+    pub pdfs: [F; 2],
+}
+
+impl MixtureSample {
+    /// Samples of the BSDF alone.
+    #[inline(always)]
+    pub fn from_bsdf(sample: BsdfSample) -> Self {
+        Self { pdfs: [sample.pdf, F::ZERO], sample }
+    }
+}
+
+/// Mask of the lanes whose BSDF is diffuse enough to be guided.
+#[inline(always)]
+pub fn is_diffuse(bsdf: &impl Lobe) -> F {
+    bsdf.diffuseness().simd_ge(F::ZERO)
+}
+
+/// Fills the guiding columns of the vertices: diffuseness, cells of the field, roulette probabilities.
+#[inline(never)]
+pub fn find_cells(transport: &Transport, vertices: &mut Vertices) {
+    let len = if vertices.guiding.is_some() { vertices.len() } else { 0 };
+    for at in (0..len).step_by(LANES) {
+        let rows = Rows::From(at);
+        let diffuse = match vertices.core() {
+            Some(columns) => is_diffuse(&Core::load(columns, &rows)),
+            None => is_diffuse(&vertices.bsdf(&rows)),
+        };
+        let Vertices { origin, ng, beta, guiding: Some(guiding), .. } = &mut *vertices else { return };
+        let diffuse: U = cast(diffuse);
+        store_bits(&mut guiding.diffuse, at, diffuse & U::ONE);
+        let Some(field) = transport.field else { continue };
+        let cells = field.cells_at(origin.load(&rows), ng.load(&rows));
+        store_bits(&mut guiding.cell, at, diffuse.select(U::from(field.guiding_cells(cells)), U::splat(NO_CELL)));
+        for (column, probability) in
+            guiding.roulette.iter_mut().zip(field.roulette_probabilities(cells, beta.load(&rows).luminance()).into_iter().flatten())
+        {
+            store(column, at, probability);
+        }
+    }
+    let Some(guiding) = &mut vertices.guiding else { return };
+    guiding.cell[if transport.field.is_some() { len } else { 0 }..].fill(NO_CELL);
+}
+
+impl<'a> Mixture<'a> {
+    /// The mixture in these cells; `None` if the field is sampled in none of them.
+    #[inline(always)]
+    pub fn new(field: &'a Field, cells: [u32; LANES]) -> Option<Self> {
+        let field_fraction = field.guiding_probabilities(cells);
+        field_fraction.simd_gt(F::ZERO).any().then_some(Self { field, cells, field_fraction })
+    }
+
+    /// The mixture at eight vertices; `None` if the field is sampled at none of them.
+    #[inline(always)]
+    pub fn at(transport: &Transport<'a>, vertices: &Vertices, rows: &Rows) -> Option<Self> {
+        let (field, guiding) = transport.field.zip(vertices.guiding.as_ref())?;
+        Self::new(field, load_bits(&guiding.cell, rows).to_array())
+    }
+
+    /// Density per solid angle of directions whose BSDF density is `bsdf_pdf`.
+    #[inline(always)]
+    pub fn pdf(&self, wi: V3, bsdf_pdf: F) -> F {
+        self.mix(bsdf_pdf, self.field.density(self.cells, mask(LANES), wi) / steradians(wi))
+    }
+
+    #[inline(always)]
+    fn mix(&self, bsdf_pdf: F, field_pdf: F) -> F {
+        // Exactly `bsdf_pdf` where the probability of the field is zero.
+        self.field_fraction.mul_add(field_pdf - bsdf_pdf, bsdf_pdf)
+    }
+
+    /// Samples directions from three uniform numbers in [0, 1).
+    #[inline(always)]
+    pub fn sample(&self, bsdf: &impl Lobe, n: V3, wo: V3, [lobe, u, v]: [F; 3]) -> MixtureSample {
+        let from_field = lobe.simd_lt(self.field_fraction);
+        // Reuse the number: rescaled to [0, 1), it chooses among lobes.
+        let rest = (lobe - self.field_fraction) / (F::ONE - self.field_fraction);
+        let rest = rest.fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS_EPSILON));
+        let (direction, density) = self.field.draw(self.cells, from_field, u, v);
+        let sample = bsdf.sample_or(n, wo, [rest, u, v], (from_field, direction));
+        let density = density + self.field.density(self.cells, !from_field, sample.wi);
+        let pdfs = [sample.pdf, density / steradians(sample.wi)];
+        MixtureSample { sample: BsdfSample { pdf: self.mix(pdfs[0], pdfs[1]), ..sample }, pdfs }
+    }
+}

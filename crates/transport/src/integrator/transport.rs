@@ -1,0 +1,60 @@
+//! The read-only input of path tracing.
+
+use super::camera::CameraRays;
+use super::geometry::Geometry;
+use super::materials::Materials;
+use super::prepared::Names;
+use crate::balance::{Counts, Heuristic};
+use crate::guiding::Field;
+use crate::light::{Drawing, Lights};
+use crate::rays::RayQueries;
+use crate::sampling::FilterSampler;
+use crate::scene::Scene;
+
+/// Everything that paths read and no path changes.
+#[derive(Clone)]
+pub struct Transport<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// The ray query backend.
+    pub rays: &'a dyn RayQueries,
+    /// Instance transforms, prepared for shading.
+    pub geometry: &'a Geometry,
+    /// Materials, prepared for shading.
+    pub materials: &'a Materials,
+    /// The lights, with their sampling tables.
+    pub lights: &'a Lights,
+    /// Cryptomatte hashes of names.
+    pub names: &'a Names,
+    /// Generates camera rays.
+    pub camera: CameraRays,
+    /// Samples positions in the pixel filter.
+    pub filter: FilterSampler,
+    /// MIS heuristic.
+    pub heuristic: Heuristic,
+    /// Largest number of path segments.
+    pub max_depth: u32,
+    /// Seed of all random sequences.
+    pub seed: u32,
+    /// Clamps of single light contributions, the largest value of a colour channel: at first surfaces, and at later ones.
+    /// Infinite for no clamp. Light that the camera sees directly is never clamped.
+    pub limits: [f32; 2],
+    /// Is the environment invisible to camera rays?
+    pub hides_environment: bool,
+    /// The guiding field, if paths are guided.
+    pub field: Option<&'a Field>,
+    /// The distributions of light samples.
+    pub drawing: Drawing<'a>,
+}
+
+impl Transport<'_> {
+    /// Does a guiding field set the roulette probabilities of light samples and of path continuation beyond first surfaces?
+    pub(super) fn has_roulette(&self) -> bool {
+        self.field.is_some_and(Field::has_roulette)
+    }
+
+    /// Samples per path beyond first surfaces (environment, area lights, BSDF): one light sample and one BSDF sample.
+    pub(super) fn deeper_samples_per_path(&self) -> [f32; 3] {
+        Counts::half(1).samples_per_path(self.lights.environment_probability)
+    }
+}

@@ -1,0 +1,243 @@
+//! Path vertices as structure of arrays: the input of light and BSDF sampling.
+
+use wide::bytemuck::cast;
+
+use super::queues::PathIds;
+use super::shading_normal;
+use super::transport::Transport;
+use crate::bsdf::{Bsdf, Core, LobeSet, Parameters};
+use crate::lanes::{F, LANES, Rows, U, V3, V3Column, grow, load, load_bits, store, store_bits};
+
+/// Path vertices, one per row. Vectors are in world space.
+#[derive(Debug, Default)]
+pub struct Vertices {
+    /// Origin of scattered rays, offset from the surface to the side of `wo`.
+    pub origin: V3Column,
+    /// Unit geometric normal on the side of `wo`.
+    pub ng: V3Column,
+    /// Unit shading normal, with n·wo ≥ [`MIN_COS`](shading_normal::MIN_COS).
+    pub ns: V3Column,
+    /// Unit direction to the previous vertex.
+    pub wo: V3Column,
+    /// Path throughput before scattering, linear RGB.
+    pub beta: V3Column,
+    bsdf: <Bsdf as Parameters>::Columns,
+    /// Offset of `origin` from the surface along `ng`, in metres.
+    pub origin_offset: Vec<f32>,
+    /// Index of the path in the wave.
+    pub path: Vec<u32>,
+    /// Sample index in the pixel's sequence.
+    pub index: Vec<u32>,
+    /// Index of the sub-path; unused at first surfaces.
+    pub sub_path: Vec<u32>,
+    /// Seed of the pixel's sequence.
+    pub seed: Vec<u32>,
+    /// Media on the side of `wo` and beyond the surface, indices into [`Materials::media`](super::Materials::media); present if
+    /// one absorbs.
+    pub media: Option<[Vec<u32>; 2]>,
+    /// Columns for path guiding; present if a field is used or trained.
+    pub guiding: Option<GuidingColumns>,
+    /// Times in [0, 1] of the shutter interval; empty where nothing moves.
+    time: Vec<f32>,
+    len: usize,
+}
+
+/// Columns of [`Vertices`] for path guiding.
+#[derive(Debug, Default)]
+pub struct GuidingColumns {
+    /// Is the BSDF diffuse ([`Lobe::diffuseness`](crate::bsdf::Lobe::diffuseness))? 0 or 1.
+    pub diffuse: Vec<u32>,
+    /// Cell of the guiding field, or [`NO_CELL`](crate::guiding::NO_CELL).
+    pub cell: Vec<u32>,
+    /// Roulette probabilities of the light sample and of continuing the path; valid beyond first surfaces, if the field sets
+    /// them.
+    pub roulette: [Vec<f32>; 2],
+}
+
+/// Eight rays that leave vertices.
+#[derive(Debug, Clone, Copy)]
+pub struct SpawnedRays {
+    /// Origins, offset to the side of the directions.
+    pub origin: V3,
+    /// Mask: the direction is consistent with the geometric normal.
+    pub allowed: F,
+    /// Mask: the ray crosses the surface.
+    pub beyond: F,
+}
+
+/// The BSDFs of eight points.
+#[derive(Debug, Clone, Copy)]
+pub enum BsdfGroup<'a> {
+    /// Full BSDFs.
+    Any([&'a Bsdf; LANES]),
+    /// BSDFs of the core model, for scenes that need no others.
+    Core([&'a Core; LANES]),
+}
+
+/// Up to eight vertices, input of [`Vertices::push`].
+#[derive(Debug, Clone, Copy)]
+pub struct VertexGroup<'a> {
+    /// World space.
+    pub position: V3,
+    /// Geometric normals on the front side by the winding, any length.
+    pub ng: V3,
+    /// Shading normals on the front side by the winding, any length.
+    pub ns: V3,
+    /// Unit directions of the arriving rays.
+    pub direction: V3,
+    /// Path throughputs before scattering.
+    pub beta: V3,
+    /// Offsets of ray origins along the geometric normals, in metres.
+    pub origin_offset: F,
+    /// BSDFs at the points.
+    pub bsdfs: BsdfGroup<'a>,
+    /// Media on the side of `wo` and beyond; read if there are columns for them.
+    pub media: [U; 2],
+    /// Paths that they belong to.
+    pub path_ids: PathIds,
+}
+
+impl Vertices {
+    /// Number of vertices.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Are there none?
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Clears the vertices and makes room for `capacity`: with columns for the lobes in `lobes`, for media if some `absorb`, for
+    /// path guiding if `guiding`, and for times if something `moves`.
+    pub fn open(&mut self, capacity: usize, lobes: LobeSet, absorb: bool, guiding: bool, moves: bool) {
+        for column in [&mut self.origin, &mut self.ng, &mut self.ns, &mut self.wo, &mut self.beta] {
+            column.grow(capacity);
+        }
+        Bsdf::grow(&mut self.bsdf, capacity, lobes);
+        grow(&mut self.origin_offset, capacity);
+        for column in [&mut self.path, &mut self.index, &mut self.sub_path, &mut self.seed] {
+            grow(column, capacity);
+        }
+        self.media = absorb.then(|| self.media.take().unwrap_or_default());
+        self.media.iter_mut().flatten().for_each(|column| grow(column, capacity));
+        self.guiding = guiding.then(|| self.guiding.take().unwrap_or_default());
+        if let Some(GuidingColumns { diffuse, cell, roulette }) = &mut self.guiding {
+            grow(diffuse, capacity);
+            grow(cell, capacity);
+            roulette.iter_mut().for_each(|column| grow(column, capacity));
+        }
+        match moves {
+            true => grow(&mut self.time, capacity),
+            false => self.time.clear(),
+        }
+        self.len = 0;
+    }
+
+    /// Appends a group, of which the first `n` are valid. Normalises the normals and turns them to the side of `wo`.
+    #[inline(always)]
+    pub fn push(&mut self, n: usize, group: &VertexGroup) {
+        let at = self.len;
+        self.len += n;
+        let wo = group.direction * F::splat(-1.0);
+        let ng = group.ng.normalize_or(wo);
+        // ±1: the side of wo relative to the winding.
+        let side = (ng.dot(wo) & F::splat(-0.0)) | F::ONE;
+        let ng = ng * side;
+        let ns = group.ns.normalize_or(ng * side) * side;
+        let ns = shading_normal::consistent(ng, ns, wo);
+        self.origin.store(at, group.position + ng * group.origin_offset);
+        self.ng.store(at, ng);
+        self.ns.store(at, ns);
+        self.wo.store(at, wo);
+        self.beta.store(at, group.beta);
+        store(&mut self.origin_offset, at, group.origin_offset);
+        store_bits(&mut self.path, at, group.path_ids.path);
+        store_bits(&mut self.index, at, group.path_ids.index);
+        store_bits(&mut self.sub_path, at, group.path_ids.sub_path);
+        store_bits(&mut self.seed, at, group.path_ids.seed);
+        match group.bsdfs {
+            BsdfGroup::Any(bsdfs) => Bsdf::store(&mut self.bsdf, at, bsdfs),
+            BsdfGroup::Core(cores) => Core::store(Bsdf::core_mut(&mut self.bsdf), at, cores),
+        }
+        if let Some(columns) = &mut self.media {
+            columns.iter_mut().zip(group.media).for_each(|(column, medium)| store_bits(column, at, medium));
+        }
+        if !self.time.is_empty() {
+            store(&mut self.time, at, group.path_ids.time);
+        }
+    }
+
+    /// The geometric normals for light selection; zero in lanes of the mask `transmits`, which light reaches from both sides.
+    #[inline(always)]
+    pub fn light_sampling_normals(&self, rows: &Rows, transmits: F) -> V3 {
+        V3::select(transmits, V3::ZERO, self.ng.load(rows))
+    }
+
+    /// Rays from eight vertices in the directions `wi`. In lanes of the mask `transmits` the surface transmits; there `wi` must
+    /// be on the same side of both normals.
+    #[inline(always)]
+    pub fn spawn_rays(&self, rows: &Rows, transmits: F, wi: V3) -> SpawnedRays {
+        let (origin, ng) = (self.origin.load(rows), self.ng.load(rows));
+        let cos = ng.dot(wi);
+        let above = cos.simd_gt(F::ZERO);
+        if !transmits.any() {
+            return SpawnedRays { origin, allowed: above, beyond: F::ZERO };
+        }
+        let beyond = transmits & cos.simd_lt(F::ZERO);
+        let far = origin - ng * (F::splat(2.0) * load(&self.origin_offset, rows));
+        let consistent = (cos * self.ns.load(rows).dot(wi)).simd_gt(F::ZERO);
+        SpawnedRays { origin: V3::select(beyond, far, origin), allowed: (above | beyond) & consistent, beyond }
+    }
+
+    /// The media of rays that leave eight vertices; those in the mask `beyond` cross the surface. `None` if no medium absorbs.
+    #[inline(always)]
+    pub fn media(&self, rows: &Rows, beyond: F) -> Option<U> {
+        let [near, far] = self.media.as_ref()?;
+        let beyond: U = cast(beyond);
+        Some((load_bits(far, rows) & beyond) | (load_bits(near, rows) & !beyond))
+    }
+
+    /// Roulette probabilities of the light sample and of continuing the path, beyond first surfaces; `None` unless a field sets
+    /// them.
+    #[inline(always)]
+    pub fn roulette(&self, transport: &Transport, rows: &Rows) -> Option<[F; 2]> {
+        let guiding = self.guiding.as_ref().filter(|_| transport.has_roulette())?;
+        Some([load(&guiding.roulette[0], rows), load(&guiding.roulette[1], rows)])
+    }
+
+    /// Do the vertices have times?
+    pub fn moves(&self) -> bool {
+        !self.time.is_empty()
+    }
+
+    /// Times of eight vertices; 0 where nothing moves.
+    #[inline(always)]
+    pub fn times(&self, rows: &Rows) -> F {
+        if self.time.is_empty() { F::ZERO } else { load(&self.time, rows) }
+    }
+
+    /// Paths of eight vertices.
+    #[inline(always)]
+    pub fn path_ids(&self, rows: &Rows) -> PathIds {
+        PathIds {
+            path: load_bits(&self.path, rows),
+            index: load_bits(&self.index, rows),
+            sub_path: load_bits(&self.sub_path, rows),
+            seed: load_bits(&self.seed, rows),
+            time: self.times(rows),
+        }
+    }
+
+    /// BSDFs of eight vertices.
+    #[inline(always)]
+    pub fn bsdf(&self, rows: &Rows) -> <Bsdf as Parameters>::Eight {
+        Bsdf::load(&self.bsdf, rows)
+    }
+
+    /// The core model's columns, if no vertex has other lobes.
+    #[inline(always)]
+    pub fn core(&self) -> Option<&<Core as Parameters>::Columns> {
+        Bsdf::core(&self.bsdf)
+    }
+}

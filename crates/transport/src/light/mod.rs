@@ -1,0 +1,171 @@
+//! Lights: the environment, area lights (emissive triangles) and punctual lights, and the choice among them. Each kind is a
+//! file with the same three functions:
+//!
+//! | kind | emitted radiance | sample | pdf |
+//! | --- | --- | --- | --- |
+//! | [`environment`] | [`radiance_pdf`](EnvironmentSampler::radiance_pdf) | [`sample`](EnvironmentSampler::sample) | with the radiance, by one look-up |
+//! | [`area`] | [`radiance`](AreaLights::radiance) | [`sample`](AreaLights::sample) | [`pdf`](AreaLights::pdf) |
+//! | [`punctual`] | none: rays cannot hit them | [`sample`](punctual::sample) | 0 |
+
+pub mod area;
+pub mod environment;
+pub mod learn;
+pub mod learned;
+pub mod punctual;
+pub mod samples;
+pub mod tree;
+
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use crate::lanes::{F, LANES, V3};
+use crate::scene::Scene;
+pub use area::AreaLights;
+pub use environment::{Density, EnvironmentSampler};
+pub use learn::LightSampleRecord;
+pub use learned::LearnedLights;
+pub use punctual::PunctualSample;
+pub use samples::LightSamples;
+
+/// The density of light samples.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Drawing<'a> {
+    /// Toward the environment.
+    pub density: Density,
+    /// Learned selection of area lights.
+    pub learned: Option<&'a LearnedLights>,
+}
+
+/// All lights of a scene. Environment and area lights are either two techniques, or one technique whose samples choose the
+/// kind at random. Punctual lights are separate: BSDF sampling never finds them.
+#[derive(Debug)]
+pub struct Lights {
+    /// The environment, if it is not black.
+    pub environment: Option<Arc<EnvironmentSampler>>,
+    /// Emissive triangles, if any.
+    pub area: Option<AreaLights>,
+    /// Whether there are punctual lights.
+    pub punctual: bool,
+    /// The probability of the environment where each light sample chooses its kind at random: between 0.1 and 0.9 by power if
+    /// there are area lights too, otherwise 1 or 0.
+    pub environment_probability: f32,
+}
+
+/// The bitmask of a mask that is set in all lanes.
+const ALL_LANES: u32 = (1 << LANES) - 1;
+
+impl Lights {
+    /// The lights of a scene. `radius` is the scene's bounding radius in metres, which turns the environment's radiance into a
+    /// power to compare with that of the area lights.
+    pub fn new(scene: &Scene, radius: f32) -> Self {
+        Self::after(scene, radius, None)
+    }
+
+    /// The lights of a scene, with the environment's tables of an earlier scene if the environment is the same. `radius` is the
+    /// scene's bounding radius in metres.
+    pub fn after(scene: &Scene, radius: f32, previous: Option<(&Scene, &Self)>) -> Self {
+        let reused = previous.and_then(|(earlier, lights)| {
+            let same = earlier.environment.as_ref()?.is_same(scene.environment.as_ref()?);
+            lights.environment.clone().filter(|_| same)
+        });
+        let make = || scene.environment.as_ref().and_then(EnvironmentSampler::new).map(Arc::new);
+        let environment = reused.or_else(make);
+        let area = AreaLights::new(scene);
+        let environment_probability = match (&environment, &area) {
+            (Some(environment), Some(area)) => {
+                // Power through the scene's bounding disk against emitted power; both kinds are always sampled.
+                let env = environment.mean_luminance() * std::f32::consts::PI * radius * radius;
+                let emitters = area.power();
+                (env / (env + emitters)).clamp(0.1, 0.9)
+            }
+            (Some(_), None) => 1.0,
+            _ => 0.0,
+        };
+        Self { environment, area, punctual: !scene.lights.is_empty(), environment_probability }
+    }
+
+    /// Whether any light has an extent.
+    pub fn has_extent(&self) -> bool {
+        self.environment.is_some() || self.area.is_some()
+    }
+
+    /// Whether there are both an environment and area lights.
+    pub fn two_kinds(&self) -> bool {
+        self.environment.is_some() && self.area.is_some()
+    }
+
+    /// Chooses the kind of light for eight samples by `choice` in [0, 1): the mask of those that go to the environment, and the
+    /// remapped `choice` in [0, 1) for the area lights.
+    #[inline]
+    pub fn draw_kind(&self, choice: F) -> (F, F) {
+        let q = self.environment_probability;
+        let toward = choice.simd_lt(F::splat(q));
+        let remapped = (choice - F::splat(q)) * F::splat(1.0 / (1.0 - q));
+        (toward, remapped.fast_max(F::ZERO).fast_min(F::splat(crate::sampling::warp::ONE_MINUS_EPSILON)))
+    }
+
+    /// Samples directions by `drawing`: toward the environment where the mask `toward_environment` is set, otherwise toward area
+    /// lights from `p` with normals `n` as for [`tree::LightTree::sample`]. If only one kind exists, the mask has no effect. The
+    /// first of three random `numbers` in [0, 1) chooses the light, the others the point on it. `at` is the scene, and times in
+    /// [0, 1] of the shutter.
+    #[inline]
+    pub fn sample(
+        &self,
+        at: (&Scene, F),
+        (p, n): (V3, V3),
+        (toward_environment, drawing): (F, Drawing),
+        numbers: [F; 3],
+    ) -> LightSamples {
+        let mask = toward_environment.to_bitmask();
+        let Drawing { density, learned } = drawing;
+        let [_, u, v] = numbers;
+        match (&self.environment, &self.area) {
+            (Some(environment), None) => environment.sample(u, v, density),
+            (Some(environment), Some(_)) if mask == ALL_LANES => environment.sample(u, v, density),
+            (None, Some(area)) => area.sample(at, (p, n), learned, numbers),
+            (Some(_), Some(area)) if mask == 0 => area.sample(at, (p, n), learned, numbers),
+            (Some(environment), Some(area)) => {
+                let a = environment.sample(u, v, density);
+                let b = area.sample(at, (p, n), learned, numbers);
+                LightSamples {
+                    wi: V3::select(toward_environment, a.wi, b.wi),
+                    distance: toward_environment.select(a.distance, b.distance),
+                    radiance: V3::select(toward_environment, a.radiance, b.radiance),
+                    pdf: toward_environment.select(a.pdf, b.pdf),
+                    emitter: b.emitter,
+                }
+            }
+            (None, None) => {
+                let (wi, radiance) = (V3::splat(Vec3::Z), V3::splat(Vec3::ZERO));
+                LightSamples { wi, distance: F::ONE, radiance, pdf: F::ZERO, emitter: [0; LANES] }
+            }
+        }
+    }
+
+    /// Radiance (linear RGB) of the environment from `wi`, and the density per solid angle with which [`sample`](Self::sample)
+    /// samples these directions by `drawing`.
+    #[inline]
+    pub fn environment(&self, wi: V3, drawing: Drawing) -> (V3, F) {
+        match &self.environment {
+            Some(environment) => environment.radiance_pdf(wi, drawing.density),
+            None => (V3::splat(Vec3::ZERO), F::ZERO),
+        }
+    }
+
+    /// Density per solid angle with which [`sample`](Self::sample) samples direction `wi` by `drawing` at `from` (point, normal).
+    /// `hit` is the instance, mesh and triangle at `distance` metres along `wi`; `at` is the scene and a time in [0, 1] of the
+    /// shutter. Zero if the triangle is not a light.
+    #[inline]
+    pub fn area_pdf(
+        &self,
+        at: (&Scene, f32),
+        from: (Vec3, Vec3),
+        hit: (u32, u32, u32),
+        wi: Vec3,
+        distance: f32,
+        drawing: Drawing,
+    ) -> f32 {
+        self.area.as_ref().map_or(0.0, |a| a.pdf(at, from, hit, wi, distance, drawing.learned))
+    }
+}

@@ -1,0 +1,73 @@
+//! Punctual lights: only light sampling finds them, so they need no MIS weight.
+
+use glam::Vec3;
+
+use crate::color::luminance;
+use crate::scene::{LightKey, PunctualKind, PunctualLight};
+
+/// A sample of a punctual light at a point.
+#[derive(Debug, Clone, Copy)]
+pub struct PunctualSample {
+    /// Unit direction toward the light, world space.
+    pub wi: Vec3,
+    /// Distance to the light in metres; infinite for a directional one.
+    pub distance: f32,
+    /// Irradiance at normal incidence, linear RGB, divided by the probability of the choice of this light.
+    pub irradiance: Vec3,
+}
+
+/// The sample where no light reaches the point.
+pub const DARK: PunctualSample = PunctualSample { wi: Vec3::Y, distance: 0.0, irradiance: Vec3::ZERO };
+
+/// Chooses one of `lights` in proportion to its unoccluded irradiance at `p`, by `choice` in [0, 1), at a time in [0, 1] of the
+/// shutter. `None` if none reaches `p`.
+#[inline]
+pub fn sample(lights: &[PunctualLight], p: Vec3, choice: f32, time: f32) -> Option<PunctualSample> {
+    let total: f32 = lights.iter().map(|l| luminance(irradiance(l, p, time).2)).sum();
+    if total <= 0.0 || !total.is_finite() {
+        return None;
+    }
+    let mut rest = choice * total;
+    let mut chosen = None;
+    for light in lights {
+        let (wi, distance, e) = irradiance(light, p, time);
+        let weight = luminance(e);
+        if weight > 0.0 {
+            chosen = Some(PunctualSample { wi, distance, irradiance: e * (total / weight) });
+            if rest < weight {
+                break;
+            }
+        }
+        rest -= weight;
+    }
+    chosen
+}
+
+/// Direction to the light, distance in metres, and irradiance at normal incidence, after KHR_lights_punctual: candela over
+/// squared distance, times 1 − (distance/range)⁴, which is 0 at the range. The edge of a spot fades by the square of a linear
+/// ramp in the cosine.
+#[inline]
+fn irradiance(light: &PunctualLight, p: Vec3, time: f32) -> (Vec3, f32, Vec3) {
+    let LightKey { intensity, position, direction } = light.at(time);
+    if light.kind == PunctualKind::Directional {
+        return (-direction, f32::INFINITY, intensity);
+    }
+    let to = position - p;
+    let distance2 = to.length_squared();
+    if distance2 == 0.0 {
+        return (Vec3::Y, 0.0, Vec3::ZERO);
+    }
+    let distance = distance2.sqrt();
+    let wi = to / distance;
+    let fade = match light.kind {
+        PunctualKind::Spot { inner, outer } => {
+            let (cos_inner, cos_outer) = (inner.cos(), outer.cos());
+            let cos = -direction.dot(wi);
+            let ramp = ((cos - cos_outer) / (cos_inner - cos_outer).max(1e-3)).clamp(0.0, 1.0);
+            ramp * ramp
+        }
+        _ => 1.0,
+    };
+    let in_range = (1.0 - (distance / light.range).powi(4)).max(0.0);
+    (wi, distance, intensity * (fade * in_range / distance2))
+}

@@ -1,0 +1,180 @@
+//! Batches of rays and hits, as structure of arrays.
+
+use serde::{Deserialize, Serialize};
+
+use crate::lanes::{F, LANES, Rows, U, V3, load, store, store_bits};
+
+/// Marks a miss in the index columns of [`HitBatch`].
+pub const MISS: u32 = u32::MAX;
+
+/// Rays as structure of arrays; all columns have the same length.
+#[derive(Debug, Default, Clone, Serialize, Deserialize)]
+pub struct RayBatch {
+    /// World-space origins, x, y, z.
+    pub origin: [Vec<f32>; 3],
+    /// World-space directions, x, y, z, usually of unit length; `t` is in units of their length.
+    pub direction: [Vec<f32>; 3],
+    /// Start of the ray interval, ≥ 0.
+    pub tnear: Vec<f32>,
+    /// End of the ray interval.
+    pub tfar: Vec<f32>,
+    /// Random number of the ray: seed of the stochastic test at alpha-blended surfaces.
+    pub key: Vec<u32>,
+    /// Time from 0 (shutter opens) to 1 (shutter closes); empty where nothing moves.
+    #[serde(default)]
+    pub time: Vec<f32>,
+}
+
+/// The closest hits of a [`RayBatch`], in the same order.
+#[derive(Debug, Default, Clone)]
+pub struct HitBatch {
+    /// Distance in units of the direction's length; infinite for a miss.
+    pub t: Vec<f32>,
+    /// Barycentric weight of the triangle's second vertex.
+    pub u: Vec<f32>,
+    /// Barycentric weight of the triangle's third vertex.
+    pub v: Vec<f32>,
+    /// Index into [`Scene::instances`](crate::scene::Scene::instances), or [`MISS`].
+    pub instance: Vec<u32>,
+    /// Index into [`Scene::meshes`](crate::scene::Scene::meshes), or [`MISS`].
+    pub mesh: Vec<u32>,
+    /// Index of the triangle in the mesh, or [`MISS`].
+    pub prim: Vec<u32>,
+}
+
+/// Coherence of neighbouring rays in a batch. A hint: it may only change which one of several coincident surfaces is hit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum RayOrder {
+    /// Neighbours are similar: camera rays of one tile.
+    Coherent,
+    /// Neighbours are unrelated: all other rays.
+    Incoherent,
+}
+
+impl RayBatch {
+    /// Number of rays.
+    pub fn len(&self) -> usize {
+        self.tfar.len()
+    }
+
+    /// Is the batch empty?
+    pub fn is_empty(&self) -> bool {
+        self.tfar.is_empty()
+    }
+
+    /// Removes all rays and keeps the memory.
+    pub fn clear(&mut self) {
+        for column in self.origin.iter_mut().chain(&mut self.direction) {
+            column.clear();
+        }
+        self.tnear.clear();
+        self.tfar.clear();
+        self.key.clear();
+        self.time.clear();
+    }
+
+    /// The direction of a ray.
+    #[inline]
+    pub fn direction(&self, i: usize) -> glam::Vec3 {
+        glam::Vec3::new(self.direction[0][i], self.direction[1][i], self.direction[2][i])
+    }
+
+    /// The origin of a ray.
+    #[inline]
+    pub fn origin(&self, i: usize) -> glam::Vec3 {
+        glam::Vec3::new(self.origin[0][i], self.origin[1][i], self.origin[2][i])
+    }
+
+    /// The directions of eight rays.
+    #[inline(always)]
+    pub fn directions(&self, rows: &Rows) -> V3 {
+        let [x, y, z] = &self.direction;
+        V3 { x: load(x, rows), y: load(y, rows), z: load(z, rows) }
+    }
+
+    /// The time of a ray; 0 where nothing moves.
+    #[inline]
+    pub fn time(&self, i: usize) -> f32 {
+        self.time.get(i).copied().unwrap_or(0.0)
+    }
+
+    /// The times of eight rays; 0 where nothing moves.
+    #[inline(always)]
+    pub fn times(&self, rows: &Rows) -> F {
+        if self.time.is_empty() { F::ZERO } else { load(&self.time, rows) }
+    }
+
+    /// Makes room for `capacity` rays, with times if something `moves`. Fill it with [`put`](Self::put), then call
+    /// [`close`](Self::close).
+    pub fn open(&mut self, capacity: usize, moves: bool) {
+        let len = capacity + LANES;
+        for column in self.origin.iter_mut().chain(&mut self.direction).chain([&mut self.tnear, &mut self.tfar]) {
+            column.resize(len, 0.0);
+        }
+        self.key.resize(len, 0);
+        self.time.resize(if moves { len } else { 0 }, 0.0);
+    }
+
+    /// Writes eight rays to the rows from `at` on, with `tnear` zero; `time` is ignored where nothing moves.
+    #[inline(always)]
+    pub fn put(&mut self, at: usize, (origin, direction): (V3, V3), tfar: F, key: U, time: F) {
+        let ([ox, oy, oz], [dx, dy, dz]) = (&mut self.origin, &mut self.direction);
+        store(ox, at, origin.x);
+        store(oy, at, origin.y);
+        store(oz, at, origin.z);
+        store(dx, at, direction.x);
+        store(dy, at, direction.y);
+        store(dz, at, direction.z);
+        store(&mut self.tnear, at, F::ZERO);
+        store(&mut self.tfar, at, tfar);
+        store_bits(&mut self.key, at, key);
+        if !self.time.is_empty() {
+            store(&mut self.time, at, time);
+        }
+    }
+
+    /// Truncates the batch to `len` rays.
+    pub fn close(&mut self, len: usize) {
+        for column in self.origin.iter_mut().chain(&mut self.direction).chain([&mut self.tnear, &mut self.tfar]) {
+            column.truncate(len);
+        }
+        self.key.truncate(len);
+        self.time.truncate(len);
+    }
+
+    /// Appends a ray without a time.
+    #[inline]
+    pub fn push(&mut self, origin: glam::Vec3, direction: glam::Vec3, tnear: f32, tfar: f32, key: u32) {
+        for (axis, column) in self.origin.iter_mut().enumerate() {
+            column.push(origin[axis]);
+        }
+        for (axis, column) in self.direction.iter_mut().enumerate() {
+            column.push(direction[axis]);
+        }
+        self.tnear.push(tnear);
+        self.tfar.push(tfar);
+        self.key.push(key);
+    }
+}
+
+impl HitBatch {
+    /// Number of rows, hits and misses.
+    pub fn len(&self) -> usize {
+        self.t.len()
+    }
+
+    /// Is the batch empty?
+    pub fn is_empty(&self) -> bool {
+        self.t.is_empty()
+    }
+
+    /// Resizes all columns to `len`; old entries stay.
+    pub(crate) fn resize(&mut self, len: usize) {
+        for column in [&mut self.t, &mut self.u, &mut self.v] {
+            column.resize(len, 0.0);
+        }
+        for column in [&mut self.instance, &mut self.mesh, &mut self.prim] {
+            column.resize(len, MISS);
+        }
+    }
+}

@@ -1,0 +1,67 @@
+//! Ray queries over batches of rays, [`RayQueries`], with two backends: Embree 4 as the system provides it ([`embree`]), and
+//! obvhs ([`cwbvh`]).
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use crate::Result;
+use crate::scene::Scene;
+
+mod batch;
+mod build;
+mod check;
+pub mod cwbvh;
+pub mod embree;
+mod queries;
+
+pub use batch::{HitBatch, MISS, RayBatch, RayOrder};
+pub use build::Watch;
+pub use queries::{BackendInfo, RayQueries};
+
+/// Which library answers ray queries.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Backend {
+    /// Embree 4, as the system has it.
+    #[default]
+    Embree,
+    /// obvhs, in pure Rust.
+    Obvhs,
+}
+
+impl Backend {
+    /// All of them, in the order of the command line's help.
+    pub const ALL: [Self; 2] = [Self::Embree, Self::Obvhs];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Embree => "embree",
+            Self::Obvhs => "obvhs",
+        }
+    }
+}
+
+/// Builds the acceleration structure of a scene, with as many threads as the current rayon pool has.
+///
+/// # Errors
+/// See [`embree::EmbreeRays::build`] and [`cwbvh::ObvhsRays::build`].
+pub fn build(backend: Backend, scene: Arc<Scene>) -> Result<Box<dyn RayQueries>> {
+    build_watched(backend, scene, &|_| true)
+}
+
+/// Builds the acceleration structure of a scene and reports progress to `watch`, which may stop it.
+///
+/// # Errors
+/// The errors of [`build`], and [`Error::Interrupted`](crate::Error::Interrupted) if `watch` stops the build.
+pub fn build_watched(backend: Backend, scene: Arc<Scene>, watch: Watch) -> Result<Box<dyn RayQueries>> {
+    Ok(match backend {
+        Backend::Embree => {
+            // Embree has its own thread pool.
+            let options = embree::EmbreeOptions { threads: rayon::current_num_threads(), ..Default::default() };
+            Box::new(embree::EmbreeRays::build(scene, &options, watch)?)
+        }
+        Backend::Obvhs => Box::new(cwbvh::ObvhsRays::build(scene, &cwbvh::ObvhsOptions::default(), watch)?),
+    })
+}

@@ -1,0 +1,75 @@
+//! A job of a batch.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+/// One render, or a sequence of one render per frame (flag `frames`).
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Job {
+    /// Name, unique in its file.
+    pub name: String,
+    /// Path of the scene, resolved against the file's folder.
+    #[serde(with = "any_path")]
+    pub scene: PathBuf,
+    /// Flags of `bismar render`, without dashes, with their values; `None` for switches. Paths are resolved.
+    pub flags: Vec<(String, Option<String>)>,
+    /// Path of the picture.
+    #[serde(with = "any_path")]
+    pub output: PathBuf,
+    /// Location in the batch file.
+    #[serde(skip)]
+    pub location: SourceLocation,
+}
+
+/// Serialization of paths that need not be UTF-8.
+mod any_path {
+    use std::ffi::OsString;
+    use std::path::{Path, PathBuf};
+
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub fn serialize<S: Serializer>(path: &Path, to: S) -> Result<S::Ok, S::Error> {
+        path.as_os_str().serialize(to)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<PathBuf, D::Error> {
+        Ok(OsString::deserialize(from)?.into())
+    }
+}
+
+/// Location of a job in its batch file: line and column from 1, and those of its keys.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct SourceLocation {
+    /// Line from 1.
+    pub line: usize,
+    /// Column from 1, in characters.
+    pub column: usize,
+    /// Line and column by key.
+    pub keys: HashMap<String, (usize, usize)>,
+}
+
+impl Job {
+    /// The flags as arguments of `bismar render`: `--name=value`, `--name`.
+    pub fn arguments(&self) -> Vec<String> {
+        let flag = |(name, value): &(String, Option<String>)| match value {
+            Some(value) => format!("--{name}={value}"),
+            None => format!("--{name}"),
+        };
+        self.flags.iter().map(flag).collect()
+    }
+}
+
+impl SourceLocation {
+    /// Line and column of a key, or of the job if it has no such key.
+    pub fn of_key(&self, key: Option<&str>) -> (usize, usize) {
+        key.and_then(|key| self.keys.get(key)).copied().unwrap_or((self.line, self.column))
+    }
+
+    /// `file:line:column` of a key, or of the job if it has no such key.
+    pub fn text(&self, file: &Path, key: Option<&str>) -> String {
+        let (line, column) = self.of_key(key);
+        format!("{}:{line}:{column}", file.display())
+    }
+}

@@ -1,0 +1,119 @@
+//! The jobs of a batch: read from its file, one per frame, with their flags parsed and their files checked.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use clap::error::{ContextKind, ContextValue};
+use clap::{ArgAction, Args, Command, FromArgMatches, ValueHint};
+
+use crate::batch::file::{self, Flag};
+use crate::batch::frames::split;
+use crate::batch::job::Job;
+use crate::cli::render::{RenderArgs, declare};
+use crate::console::Paths;
+use crate::{Error, Result};
+
+/// Flags of `render` that a batch file must not hold.
+const NOT_IN_FILES: [&str; 8] =
+    ["resume", "progress", "threads", "part", "memory-limit", "path-mapping", "on-checkpoint", "led"];
+
+/// A job with its flags parsed.
+pub struct Planned {
+    /// The job.
+    pub job: Job,
+    /// The command line of `bismar render`.
+    pub args: RenderArgs,
+}
+
+/// Reads a batch file; a sequence of frames is one job.
+///
+/// # Errors
+/// [`Error::Config`] with line and column.
+pub fn read(path: &Path) -> Result<Vec<Job>> {
+    let command = RenderArgs::augment_args(Command::new("render"));
+    let flags: HashMap<String, Flag> = command
+        .get_arguments()
+        .filter_map(|arg| Some((arg.get_long()?.to_owned(), arg)))
+        .filter(|(name, _)| !NOT_IN_FILES.contains(&name.as_str()) && name != "help")
+        .map(|(name, arg)| {
+            let flag = match arg.get_action() {
+                ArgAction::SetTrue => Flag::Switch,
+                _ if name == "size" => Flag::List('x'),
+                _ if ["aov", "crop", "frames"].contains(&name.as_str()) => Flag::List(','),
+                _ if name == "seed-per-frame" => Flag::Choice,
+                _ if name == "env" => Flag::Input,
+                _ if arg.get_value_hint() == ValueHint::AnyPath => Flag::File,
+                _ => Flag::Value,
+            };
+            (name, flag)
+        })
+        .collect();
+    file::read(path, &flags)
+}
+
+/// Splits sequences into one job per frame and parses every job's flags. `file` is the batch file, if there is one. Also
+/// returns all files of the jobs: no job may write a file that it or another job reads or writes.
+///
+/// # Errors
+/// [`Error::Config`], with line and column in `file`.
+pub fn plan(file: Option<&Path>, jobs: Vec<Job>) -> Result<(Vec<Planned>, Paths)> {
+    let command = RenderArgs::augment_args(Command::new("render"));
+    let mut planned = Vec::new();
+    for job in jobs {
+        let whole = job.clone();
+        let frames = split(job).map_err(|(key, why)| job_error(file, &whole, Some(&key), &why))?;
+        for frame in frames {
+            planned.push(parse_flags(file, &command, frame)?);
+        }
+    }
+    let mut paths = Paths::default();
+    file.iter().try_for_each(|file| paths.reads("the batch file", file))?;
+    for Planned { job, args } in &planned {
+        declare(args, &format!(" of '{}'", job.name), &mut paths)
+            .map_err(|e| job_error(file, job, None, &e.to_string()))?;
+    }
+    Ok((planned, paths))
+}
+
+/// Error about a job, with its line and column in the file.
+fn job_error(file: Option<&Path>, job: &Job, key: Option<&str>, why: &str) -> Error {
+    let why = why.strip_prefix("error: ").unwrap_or(why);
+    let why = why.split("\n\n").next().unwrap_or(why);
+    Error::Config(match file {
+        Some(file) => format!("{}: job '{}': {why}", job.location.text(file, key), job.name),
+        None => why.into(),
+    })
+}
+
+/// Parses a job's flags as `bismar render` would.
+///
+/// # Errors
+/// [`Error::Config`], with line and column in `file`.
+pub fn parse_flags(file: Option<&Path>, command: &Command, job: Job) -> Result<Planned> {
+    let mut line = vec!["render".into(), job.scene.clone().into_os_string()];
+    line.extend(job.arguments().into_iter().map(Into::into));
+    let matches = command.clone().try_get_matches_from(line).map_err(|e| {
+        let named = match e.get(ContextKind::InvalidArg) {
+            Some(ContextValue::String(arg)) => Some(arg.as_str()),
+            Some(ContextValue::Strings(args)) => args.first().map(String::as_str),
+            _ => None,
+        };
+        let key = named.map(|arg| arg.trim_start_matches('-').split([' ', '=']).next().unwrap_or(arg).to_owned());
+        job_error(file, &job, key.as_deref(), &e.to_string())
+    })?;
+    let mut args = RenderArgs::from_arg_matches(&matches).map_err(|e| job_error(file, &job, None, &e.to_string()))?;
+    args.output = Some(job.output.clone());
+    args.resume = true;
+    args.check().map_err(|e| job_error(file, &job, None, &e.to_string()))?;
+    Ok(Planned { job, args })
+}
+
+/// Key that is equal for jobs that can share a scene in memory.
+pub fn scene_key(a: &RenderArgs) -> String {
+    format!("{} {:?} {} {:?} {}", files_key(a), a.import_choices(), a.is_framed(), a.rays, a.strict)
+}
+
+/// Key that is equal for jobs whose scenes are imported from the same files.
+pub fn files_key(a: &RenderArgs) -> String {
+    format!("{:?} {:?} {} {} {} {}", a.scene, a.env, a.env_rotate, a.env_strength, a.no_env, a.sky)
+}

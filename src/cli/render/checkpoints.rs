@@ -1,0 +1,73 @@
+//! After a checkpoint: numbered copies (`--keep`) and the user's program (`--on-checkpoint`).
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+use tracing::warn;
+
+/// Copies checkpoints and starts the user's program. Failures are warnings.
+pub struct Checkpoints<'a> {
+    output: &'a Path,
+    /// Number of copies to keep.
+    keep: Option<u32>,
+    program: Option<&'a Path>,
+    running: Option<Child>,
+}
+
+impl<'a> Checkpoints<'a> {
+    pub fn new(output: &'a Path, keep: Option<u32>, program: Option<&'a Path>) -> Self {
+        Self { output, keep, program, running: None }
+    }
+
+    /// Call after a checkpoint has been saved.
+    pub fn saved(&mut self) {
+        let copy = self.keep.and_then(|keep| match copy(self.output, keep) {
+            Ok(copy) => Some(copy),
+            Err(e) => {
+                warn!("{}: cannot keep a copy of this checkpoint: {e}", self.output.display());
+                None
+            }
+        });
+        let Some(program) = self.program else { return };
+        // While the program still runs, this checkpoint is skipped.
+        if self.running.as_mut().is_some_and(|child| child.try_wait().is_ok_and(|ended| ended.is_none())) {
+            return;
+        }
+        // Standard output belongs to the render.
+        let started = Command::new(program)
+            .arg(copy.as_deref().unwrap_or(self.output))
+            .stdin(Stdio::null())
+            .stdout(std::io::stderr())
+            .spawn();
+        self.running = started.inspect_err(|e| warn!("--on-checkpoint {}: {e}", program.display())).ok();
+    }
+}
+
+impl Drop for Checkpoints<'_> {
+    fn drop(&mut self) {
+        if let Some(mut child) = self.running.take() {
+            let _ = child.wait();
+        }
+    }
+}
+
+/// Copies the file to the next number, by a hard link where possible, and removes the oldest copies.
+fn copy(output: &Path, keep: u32) -> std::io::Result<PathBuf> {
+    let stem = output.file_stem().unwrap_or_default().to_string_lossy().into_owned() + ".checkpoint-";
+    let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let number = |name: &str| name.strip_prefix(&stem)?.strip_suffix(".exr")?.parse::<u64>().ok();
+    let names = fs::read_dir(folder)?.flatten().map(|entry| entry.file_name());
+    let mut copies: Vec<(u64, PathBuf)> =
+        names.filter_map(|name| Some((number(name.to_str()?)?, folder.join(name)))).collect();
+    copies.sort();
+    let next = copies.last().map_or(0, |last| last.0) + 1;
+    let copy = folder.join(format!("{stem}{next:04}.exr"));
+    // The next checkpoint replaces the output and never writes into it, so a hard link keeps this one.
+    fs::hard_link(output, &copy).or_else(|_| fs::copy(output, &copy).map(drop))?;
+    let too_many = (copies.len() + 1).saturating_sub(keep as usize);
+    for (_, old) in &copies[..too_many.min(copies.len())] {
+        fs::remove_file(old)?;
+    }
+    Ok(copy)
+}

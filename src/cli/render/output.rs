@@ -1,0 +1,163 @@
+//! Writing the outputs of a render: the EXR with its record, the PNG, the statistics.
+
+use std::cell::{Cell, RefCell};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use super::args::RenderArgs;
+use super::identity::Inputs;
+use super::loaded::Loaded;
+use super::names::names;
+use crate::Result;
+use crate::cli::stats::{Seconds, Stats};
+use crate::film::denoise::Denoiser;
+use crate::film::exr_file::{Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
+use crate::film::{Background, Look, Picture, colors, denoised, exr_file, preview};
+use crate::render::checkpoint::{self, Host};
+use crate::render::{Identity, Record, RenderSettings, Rendered, camera};
+
+/// Layer of the denoised beauty.
+const DENOISED_LAYER: &str = "denoised";
+
+/// Writes the outputs of one render, at each checkpoint and at its end.
+pub struct OutputWriter<'a> {
+    args: &'a RenderArgs,
+    inputs: &'a Inputs,
+    threads: usize,
+    loaded: &'a Loaded,
+    settings: &'a RenderSettings,
+    identity: &'a Identity,
+    output: PathBuf,
+    /// Whether the finished picture holds the state to continue from.
+    resumable: bool,
+    denoiser: Option<Denoiser>,
+    /// The denoised beauty of the finished picture, row by row.
+    denoised: RefCell<Option<Vec<[f32; 3]>>>,
+    seconds: Cell<Seconds>,
+}
+
+impl<'a> OutputWriter<'a> {
+    /// Loads the denoiser, so that a missing one is an error before the render.
+    ///
+    /// # Errors
+    /// Those of [`Denoiser::load`].
+    pub fn new(
+        args: &'a RenderArgs,
+        inputs: &'a Inputs,
+        loaded: &'a Loaded,
+        threads: usize,
+        settings: &'a RenderSettings,
+        identity: &'a Identity,
+        resumable: bool,
+    ) -> Result<Self> {
+        let denoiser = args.denoise.map(|_| Denoiser::load()).transpose()?;
+        let seconds = Seconds { read: loaded.read_seconds, build: loaded.build_seconds, ..Default::default() };
+        Ok(Self {
+            args,
+            inputs,
+            threads,
+            loaded,
+            settings,
+            identity,
+            output: args.output(),
+            resumable,
+            denoiser,
+            denoised: RefCell::new(None),
+            seconds: Cell::new(seconds),
+        })
+    }
+
+    /// Writes EXR and PNG of a render that continues.
+    ///
+    /// # Errors
+    /// Those of the files.
+    pub fn checkpoint(&self, rendered: &Rendered) -> Result<()> {
+        let stats = self.write_picture(rendered, true)?;
+        self.write_preview(rendered, &stats)
+    }
+
+    /// Writes all outputs of a render that has ended, denoised if requested; `began` is the start of the command.
+    ///
+    /// # Errors
+    /// Those of the denoiser and of the files.
+    pub fn write_final(&self, rendered: &Rendered, with_statistics: bool, began: Instant) -> Result<Stats> {
+        if let Some(denoiser) = &self.denoiser {
+            let start = Instant::now();
+            *self.denoised.borrow_mut() = Some(denoised(denoiser, &rendered.pixels())?);
+            self.add_write_seconds(start);
+        }
+        let mut stats = self.write_picture(rendered, with_statistics)?;
+        let start = Instant::now();
+        self.write_preview(rendered, &stats)?;
+        self.add_write_seconds(start);
+        stats.seconds.write = self.seconds.get().write;
+        stats.seconds.total = began.elapsed().as_secs_f64();
+        if let Some(path) = &self.args.stats {
+            stats.picture = exr_file::checksum(&self.output)?;
+            stats.write(path)?;
+        }
+        Ok(stats)
+    }
+
+    fn write_picture(&self, rendered: &Rendered, with_statistics: bool) -> Result<Stats> {
+        let start = Instant::now();
+        let (scene, backend) = (&self.loaded.prepared.scene, self.loaded.prepared.rays.info());
+        let seconds = Seconds { render: rendered.stats.render_seconds, ..self.seconds.get() };
+        let mut stats = Stats::new(&self.args.scene, scene, backend, self.threads, rendered, seconds);
+        stats.exposure = self.args.exposure.of(colors(&rendered.pixels()));
+        let requested = self.args.requested();
+        let record = Record::new(self.identity, &requested, rendered, Host::of(backend), self.resumable);
+        let header = self.header(&stats)?;
+        let denoised = self.denoised.borrow();
+        checkpoint::write(&self.output, rendered, &record, header, denoised.as_deref(), with_statistics)?;
+        self.add_write_seconds(start);
+        Ok(stats)
+    }
+
+    /// Header attributes: statistics, camera matrices, names of objects and materials.
+    fn header(&self, stats: &Stats) -> Result<Header> {
+        let scene = &self.loaded.prepared.scene;
+        let mut header = stats.header()?;
+        let matrices = camera(scene, self.settings).matrices();
+        let matrices = [WORLD_TO_CAMERA, WORLD_TO_NDC].into_iter().zip(matrices);
+        header.extend(matrices.map(|(name, matrix)| (name.into(), HeaderValue::Matrix(matrix))));
+        header.extend(names(scene, &self.args.aovs())?);
+        Ok(header)
+    }
+
+    fn write_preview(&self, rendered: &Rendered, stats: &Stats) -> Result<()> {
+        let Some(path) = &self.args.preview else { return Ok(()) };
+        let mark = preview_mark(self.args, self.inputs, rendered.stats.paths);
+        if self.denoised.borrow().is_some() {
+            return develop_file(self.args, path, rendered.background, &mark).map(drop);
+        }
+        preview::write(path, &rendered.pixels(), Look { view: self.args.view, exposure: stats.exposure }, &mark)
+    }
+
+    fn add_write_seconds(&self, start: Instant) {
+        let seconds = self.seconds.get();
+        self.seconds.set(Seconds { write: seconds.write + start.elapsed().as_secs_f64(), ..seconds });
+    }
+}
+
+/// Writes a PNG from the command's EXR, denoised if requested; returns its exposure in stops.
+///
+/// # Errors
+/// Those of [`Picture::open`] and [`preview::write_picture`].
+pub fn develop_file(args: &RenderArgs, png: &Path, background: Background, mark: &str) -> Result<f32> {
+    let output = args.output();
+    let mut picture = Picture::open(&output, None)?;
+    let exposure = args.exposure.of(picture.rgb.iter().copied());
+    if args.denoise.is_some() {
+        picture.rgb = Picture::open(&output, Some(DENOISED_LAYER))?.rgb;
+    }
+    let opaque = background != Background::Transparent;
+    preview::write_picture(png, &picture, opaque, Look { view: args.view, exposure }, mark)?;
+    Ok(exposure)
+}
+
+/// Text stored in a PNG, which differs for PNGs of other renders, views, exposures and numbers of paths.
+pub fn preview_mark(args: &RenderArgs, inputs: &Inputs, paths: u64) -> String {
+    let request = inputs.identity(args, &args.settings()).request(&args.requested());
+    format!("view {}, exposure {}, {paths} paths of {request}", args.view.name(), args.exposure)
+}

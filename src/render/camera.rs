@@ -1,0 +1,60 @@
+//! The camera of a render and its lens.
+
+use super::RenderSettings;
+use super::lens::{Aperture, Focus};
+use crate::integrator::camera::Lens;
+use crate::integrator::{CameraRays, PreparedScene};
+use crate::lanes::{F, U};
+use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
+use crate::scene::{Projection, Scene};
+use crate::{Error, Result};
+
+/// Height of the film in metres: that of 35 mm stills.
+const FILM_HEIGHT: f64 = 0.024;
+
+/// The camera of a render with these settings.
+pub fn camera(scene: &Scene, settings: &RenderSettings) -> CameraRays {
+    let RenderSettings { camera, width, height, .. } = *settings;
+    CameraRays::new(&scene.camera(camera, width, height), width, height)
+}
+
+/// The lens of a render with these settings; `None` for a pinhole.
+///
+/// # Errors
+/// [`Error::Usage`] for an f-stop of an orthographic camera, which has no focal length, and for automatic focus where the
+/// middle of the picture shows nothing.
+pub fn lens(scene: &PreparedScene, settings: &RenderSettings) -> Result<Option<Lens>> {
+    let Some(requested) = settings.lens else { return Ok(None) };
+    let RenderSettings { camera: index, width, height, .. } = *settings;
+    let radius = match (requested.aperture, scene.scene.camera(index, width, height).projection) {
+        (Aperture::Radius(radius), _) => radius,
+        (Aperture::Stop(stop), Projection::Perspective { yfov }) => {
+            0.5 * FILM_HEIGHT / (0.5 * f64::from(yfov)).tan() / (2.0 * stop)
+        }
+        (Aperture::Stop(_), Projection::Orthographic { .. }) => {
+            let why =
+                "--aperture: an orthographic camera has no focal length, and so no f-stop: give a radius in metres";
+            return Err(Error::Usage(why.into()));
+        }
+    };
+    let focus = match requested.focus {
+        Focus::Distance(distance) => distance as f32,
+        Focus::Auto => {
+            let [x, y] = [width, height].map(|size| F::splat(0.5 * size as f32));
+            let middle = F::splat(0.5);
+            let ray = camera(&scene.scene, settings).rays(x, y, middle);
+            let (mut rays, mut hits) = (RayBatch::default(), HitBatch::default());
+            rays.open(1, scene.geometry.moves);
+            rays.put(0, ray, F::splat(f32::INFINITY), U::ZERO, middle);
+            rays.close(1);
+            scene.rays.closest_hits(&rays, RayOrder::Coherent, &mut hits);
+            if hits.instance[0] == MISS {
+                let why =
+                    "--focus auto: the middle of the picture shows nothing to focus on: give a distance in metres";
+                return Err(Error::Usage(why.into()));
+            }
+            hits.t[0]
+        }
+    };
+    Ok(Some(Lens { radius: radius as f32, focus, blades: requested.blades }))
+}

@@ -1,0 +1,44 @@
+//! The transport of a render: what its paths do, and the seeds of its passes.
+
+use super::camera::{camera, lens};
+use super::{Integrator, RenderSettings, scheduler};
+use crate::integrator::{PreparedScene, Transport};
+use crate::light::Drawing;
+use crate::sampling::{FilterSampler, hash};
+
+/// The transport of a render with these settings, without what pre-passes learn. A lens that cannot be made ([`lens`]) is
+/// a pinhole here.
+pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Transport<'a> {
+    Transport {
+        scene: &scene.scene,
+        rays: scene.rays.as_ref(),
+        geometry: &scene.geometry,
+        materials: &scene.materials,
+        lights: &scene.lights,
+        names: &scene.names,
+        camera: camera(&scene.scene, settings).with_lens(lens(scene, settings).unwrap_or_default()),
+        filter: FilterSampler::new(settings.filter),
+        heuristic: settings.balance.method().heuristic(),
+        max_depth: match settings.integrator {
+            Integrator::Path => settings.max_depth,
+            Integrator::Direct => settings.max_depth.min(2),
+        },
+        seed: settings.seed,
+        limits: [settings.clamp_direct, settings.clamp_indirect].map(|limit| limit.map_or(f32::INFINITY, |x| x as f32)),
+        hides_environment: settings.transparent,
+        field: None,
+        drawing: Drawing::default(),
+    }
+}
+
+/// The seed of a pass that begins after `done` paths.
+pub fn pass_seed(settings: &RenderSettings, done: u32) -> u32 {
+    let scrambles = settings.balance.method().scrambles_passes();
+    settings.seed
+        ^ match () {
+            // Nothing is learned from these points, and the second-order pilot has none of them.
+            () if scheduler::is_early(settings, done) => hash(u32::MAX),
+            () if scrambles => hash(done),
+            () => 0,
+        }
+}
