@@ -166,7 +166,7 @@ fn only_some_jobs_are_done_and_the_report_keeps_the_others() {
     fs::write(path.join("jobs.toml"), "[[matrix]]\nscene = '*.glb'\nspp = 1\nsize = [[8, 8]]\ncamera = ['a', 'b']\n")
         .unwrap();
     let said = expect(path, "batch jobs.toml --only three-*", 64);
-    assert!(said.contains("no job's name matches; there are one-8x8-a, one-8x8-b"), "{said}");
+    assert!(said.contains("no job's name matches; the jobs are one-8x8-a, one-8x8-b"), "{said}");
     let counts = |report: &Value| [&report["done"], &report["before"]].map(|n| n.as_u64().unwrap());
     expect(path, "batch jobs.toml -q --only *-b", 0);
     assert_eq!(counts(&report(path)), [2, 0]);

@@ -65,7 +65,7 @@ fn wrong_usage_exits_with_64_and_says_what_is_wrong() {
         ("render scene.glb --env a.hdr --no-env", "--no-env"),
         ("render scene.glb --sky --no-env", "--no-env"),
         ("render scene.glb --env a.hdr --sky", "--sky"),
-        ("render scene.glb --camera top", "or framed, which shows all of the scene"),
+        ("render scene.glb --camera top", "or framed, which shows the whole scene"),
         ("render scene.glb --aov fog", "there is no output 'fog'; there are albedo, normal, depth"),
         ("render scene.glb --balance second-order", "pilot is a share of all samples"),
         ("render scene.glb --balance second-order --spp 8 --pilot 1", "above 0 and below 1"),
@@ -188,7 +188,7 @@ fn a_viewer_is_shown_the_picture_and_one_that_is_not_there_is_no_failure() {
     let sum: f32 = pixels.sum();
     assert!(sum > 100.0, "{sum}");
     let text = expect(folder.path(), &format!("render scene.glb --size 8x8 --spp 1 --tev :{port}"), 0);
-    assert!(text.contains("nobody answers; rendering goes on without"), "{text}");
+    assert!(text.contains("nobody answers; rendering continues without"), "{text}");
 }
 
 #[test]

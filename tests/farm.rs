@@ -348,7 +348,7 @@ fn a_task_out_of_memory_is_begun_again_once_with_more_and_then_held() {
         assert_eq!(starve(900), Some(75));
         let orders = "scontrol requeue 7_1\nscontrol update JobId=7_1 MinMemoryNode=1350\n";
         assert!(calls().ends_with(orders), "{}", calls());
-        site.assert_state("begun", "out of memory (it was given 900 MiB)");
+        site.assert_state("begun", "out of memory (limit 900 MiB)");
     }
     assert_eq!(starve(1350), Some(76));
     assert!(calls().ends_with("scontrol requeuehold 7_1\n"), "{}", calls());

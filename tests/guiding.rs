@@ -43,7 +43,16 @@ fn settings(guiding: Guiding) -> RenderSettings {
 /// A training sample that light comes from `wi` to a point of the hall's floor.
 fn training_sample(position: Vec3, wi: Vec3, found: f32) -> TrainingSample {
     let (pdf, bsdf_pdf) = (0.2, 0.2);
-    TrainingSample { position, normal: Vec3::Y, wi, contribution: found, weight: found * found, pdf, bsdf_pdf, field_pdf: 0.0 }
+    TrainingSample {
+        position,
+        normal: Vec3::Y,
+        wi,
+        contribution: found,
+        weight: found * found,
+        pdf,
+        bsdf_pdf,
+        field_pdf: 0.0,
+    }
 }
 
 /// Training samples all over the hall, toward directions that `toward` makes of random numbers.

@@ -79,7 +79,10 @@ fn what_a_pilot_learns_of_lamps_changes_no_mean_and_takes_noise_away() {
     assert!(with[1].mean < 0.75 * without[1].mean, "{} {}", with[1].mean, without[1].mean);
     let rendered = on_threads(&stage, &settings, 2);
     let stats = rendered.stats.learned_lights.unwrap();
-    assert!(stats.on && stats.cells == lights.cells() && stats.remaining_variance == found.remaining_variance, "{stats:?}");
+    assert!(
+        stats.on && stats.cells == lights.cells() && stats.remaining_variance == found.remaining_variance,
+        "{stats:?}"
+    );
 }
 
 #[test]

@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 use clap::Args;
 
 use super::render::claim_output;
-use crate::cli::flag_values::value_of;
 use crate::batch::frames::{Frames, numbered};
+use crate::cli::flag_values::value_of;
 use crate::console::args::wait;
 use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::farm::PathMapping;

@@ -123,8 +123,11 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
         }
         // One path per pixel has no variance.
         if last || round > 0 {
-            let all =
-                PathStatistics { cost, variance: recorded.variance / round_paths, inverse: recorded.inverse / pilot_pixels };
+            let all = PathStatistics {
+                cost,
+                variance: recorded.variance / round_paths,
+                inverse: recorded.inverse / pilot_pixels,
+            };
             field.learn_roulette(&recorded.vertex_records, all);
         }
         known = Some(field);

@@ -123,7 +123,10 @@ fn trace(transport: &Transport, size: [u32; 2], paths: u32) -> Round {
         }
         while thin(&mut round.light_sample_records, most) {
             // The records that remain stand for those that are left out.
-            round.light_sample_records.iter_mut().for_each(|light_sample_record| light_sample_record.contribution *= SQRT_2);
+            round
+                .light_sample_records
+                .iter_mut()
+                .for_each(|light_sample_record| light_sample_record.contribution *= SQRT_2);
         }
         round
     };
