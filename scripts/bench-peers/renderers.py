@@ -22,7 +22,7 @@ class Bismar:
     """One process a render. Seconds are those of its passes; CPU seconds leave out what a render of one sample takes."""
 
     def __init__(self, options, scene):
-        self.command = [options.bismar, "render", str(options.work / "scenes" / f"{scene}.glb"), "-q"]
+        self.command = [options.bismar, "render", str(options.work / "scenes" / f"{scene}.glb"), "-q", "--energy-compensation", "off"]
         self.command += ["--size", f"{options.size}x{options.size}", "--max-depth", str(options.depth)]
         self.command += ["--filter", "box", "-o", f"{PICTURE}.exr", "--stats", f"{PICTURE}.json"]
         if scene in SKIES:
