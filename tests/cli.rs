@@ -66,7 +66,7 @@ fn wrong_usage_exits_with_64_and_says_what_is_wrong() {
         ("render scene.glb --sky --no-env", "--no-env"),
         ("render scene.glb --env a.hdr --sky", "--sky"),
         ("render scene.glb --camera top", "or framed, which shows the whole scene"),
-        ("render scene.glb --aov fog", "there is no output 'fog'; there are albedo, normal, depth"),
+        ("render scene.glb --aov fog", "there is no AOV 'fog'; there are albedo, normal, depth"),
         ("render scene.glb --balance second-order", "pilot is a share of all samples"),
         ("render scene.glb --balance second-order --spp 8 --pilot 1", "above 0 and below 1"),
         ("render scene.glb --balance second-order --spp 8 --pilot nan", "above 0 and below 1"),
