@@ -28,7 +28,6 @@ struct Take {
     spp: u32,
     seed: u32,
     estimator: Estimator,
-    /// Of the measured pixels.
     shares: Option<Arc<[f32]>>,
     passes: Option<u32>,
     /// Number of the only one of the mosaic.
@@ -62,7 +61,6 @@ pub(super) struct Campaign<'a> {
 }
 
 impl<'a> Campaign<'a> {
-    /// Of these pixels.
     pub fn new(
         scene: &'a StudyScene,
         design: &'a Design,
@@ -91,7 +89,6 @@ impl<'a> Campaign<'a> {
         })
     }
 
-    /// Of one replica.
     pub fn pixels(&self) -> usize {
         self.mosaic.pixels()
     }
@@ -199,7 +196,6 @@ impl<'a> Campaign<'a> {
         Ok(())
     }
 
-    /// One replica, or one tile of it.
     fn replica(&self, key: Key, r: u32, tile: Option<usize>) -> Result<Replica> {
         let take = |seed, estimator| Take { spp: key.spp, seed: seed + r, estimator, tile, ..Take::default() };
         let take = match key.what {

@@ -7,8 +7,8 @@ use bismar::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 use crate::files;
+use crate::statistics::{median, median_error};
 
-/// What one replica took.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Times {
     /// CPU seconds of all threads.
@@ -23,10 +23,19 @@ pub struct Times {
     pub allocation: Option<f64>,
 }
 
-/// What a pilot of guiding found.
+pub struct Timing {
+    /// CPU seconds of all threads.
+    pub cpu_seconds: f64,
+    /// Wall seconds.
+    pub wall_seconds: f64,
+    /// CPU time over that of `half` in the same round.
+    pub time_ratio: f64,
+    pub time_ratio_se: f64,
+}
+
+/// Result of a pre-pass of guiding.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Pilot {
-    /// Were paths guided?
     pub on: bool,
     /// The variance that it expected to be left, over that without guiding.
     pub variance: f32,
@@ -35,16 +44,13 @@ pub struct Pilot {
 }
 
 impl Pilot {
-    /// Of a render.
     pub fn of(stats: &GuidingStats) -> Self {
         Self { on: stats.on, variance: stats.efficiency.variance, seconds: stats.seconds }
     }
 }
 
-/// One replica.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Replica {
-    /// What it took.
     pub times: Times,
     /// As [`Cell::picture`].
     pub values: Vec<f32>,
@@ -59,7 +65,6 @@ pub struct Replica {
 pub struct Cell {
     /// Pixels of a picture.
     pub pixels: usize,
-    /// One a replica.
     pub times: Vec<Times>,
     /// Radiance, replica by replica, row by row, linear RGB.
     pub values: Vec<f32>,
@@ -75,7 +80,6 @@ impl Cell {
         Self { pixels, ..Self::default() }
     }
 
-    /// How many replicas there are.
     pub fn replicas(&self) -> usize {
         self.times.len()
     }
@@ -113,7 +117,19 @@ impl Cell {
         mean
     }
 
-    /// Adds a replica.
+    /// Times of the first `replicas` replicas.
+    pub fn timing(&self, replicas: usize) -> Timing {
+        let times = &self.times[..replicas];
+        let median_of = |of: fn(&Times) -> f64| median(&times.iter().map(of).collect::<Vec<_>>());
+        let to_half = times.iter().filter_map(|t| Some(t.cpu / t.half_cpu?)).collect::<Vec<_>>();
+        Timing {
+            cpu_seconds: median_of(|t| t.cpu),
+            wall_seconds: median_of(|t| t.wall),
+            time_ratio: median(&to_half),
+            time_ratio_se: median_error(&to_half),
+        }
+    }
+
     pub fn push(&mut self, replica: &Replica) {
         debug_assert!(replica.values.len() == self.pixels * 3 && replica.shares.len() == self.pixels);
         self.times.push(replica.times);
@@ -123,9 +139,6 @@ impl Cell {
     }
 
     /// Reads a cell of pictures of so many pixels; `None` when there is none, or one of other pictures or damaged.
-    ///
-    /// # Errors
-    /// As the system says.
     pub fn read(path: &Path, pixels: usize) -> Result<Option<Self>> {
         match files::kept::<Self>(path) {
             Err(Error::Missing(_)) => Ok(None),
@@ -134,9 +147,6 @@ impl Cell {
     }
 
     /// Writes it whole or not at all.
-    ///
-    /// # Errors
-    /// As [`files::keep`].
     pub fn write(&self, path: &Path) -> Result<()> {
         files::keep(path, self)
     }

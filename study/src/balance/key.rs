@@ -4,7 +4,6 @@ use bismar::balance::Balance;
 
 use super::{CONTROL, Design, Estimator, HALF};
 
-/// What a cell holds replicas of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum What {
     /// An estimator's picture: all its passes, combined.
@@ -17,17 +16,13 @@ pub enum What {
     Reference,
 }
 
-/// Which cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Key {
-    /// Of what.
     pub what: What,
-    /// Paths a pixel.
     pub spp: u32,
 }
 
 impl Key {
-    /// The cell's file.
     pub fn file_name(self) -> String {
         let spp = self.spp;
         match self.what {

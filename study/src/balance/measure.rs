@@ -19,7 +19,6 @@ pub(super) mod seeds {
     pub const ORACLE: u32 = 3 << 20;
     pub const REFERENCE: u32 = 4 << 20;
 
-    /// For results.
     pub const ALL: [(&str, u32); 5] =
         [("replicas", REPLICAS), ("control", CONTROL), ("found", FOUND), ("oracle", ORACLE), ("reference", REFERENCE)];
 }
@@ -27,11 +26,9 @@ pub(super) mod seeds {
 /// Independent renders that make up the reference.
 pub const REFERENCE_PARTS: u32 = 16;
 
-/// All measurements of a scene.
 pub struct Measured {
     /// Parts of the reference.
     pub reference: Cell,
-    /// Everything else.
     pub cells: Vec<(Key, Cell)>,
 }
 
@@ -46,10 +43,6 @@ impl Measured {
 ///
 /// A cell on disk is kept only if a tile of its first replica, rendered again, has the same bits: what a change of the
 /// program left alone is not measured twice, and what it changed is never mixed.
-///
-/// # Errors
-/// [`Error::Interrupted`](bismar::Error::Interrupted) when `stop` is raised, with everything saved that was finished; what reading and writing cells
-/// returns.
 pub fn measure(
     scene: &StudyScene,
     design: &Design,

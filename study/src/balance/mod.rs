@@ -32,7 +32,6 @@ pub use portrait::{Portrait, portrait};
 pub use scene::StudyScene;
 pub use table::Row;
 
-/// What to measure, on each scene.
 #[derive(Debug, Clone)]
 pub struct Design {
     /// Where everything goes; measurements in its folder `cells`.
@@ -45,11 +44,9 @@ pub struct Design {
     pub replicas: u32,
     /// Paths a pixel of the reference.
     pub reference_spp: u32,
-    /// Light transport.
     pub integrator: Integrator,
     /// Measured pixels a row.
     pub width: u32,
-    /// Rows.
     pub height: u32,
     /// Size of the picture whose tiles are measured; `None`: that of the measured pixels, which are all of it.
     pub footprint: Option<[u32; 2]>,
@@ -58,10 +55,6 @@ pub struct Design {
 }
 
 impl Design {
-    /// Which pixels are measured.
-    ///
-    /// # Errors
-    /// As [`Mosaic::new`].
     pub fn mosaic(&self) -> Result<Mosaic> {
         Mosaic::new([self.width, self.height], self.footprint)
     }
@@ -77,14 +70,20 @@ impl Design {
         }
     }
 
-    /// What the reference is rendered by.
+    /// The integrator in words.
+    pub fn light(&self) -> &'static str {
+        match self.integrator {
+            Integrator::Direct => "direct light",
+            Integrator::Path => "path-traced light",
+        }
+    }
+
     pub fn reference(&self) -> Estimator {
         let guided = self.whole && self.estimators.iter().any(|e| e.parts().1.guided);
         if guided { Estimator::Aided(Balance::Half, Aids { guided, adaptive: false }) } else { HALF }
     }
 }
 
-/// What is compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Estimator {
     /// One of `--balance`.
@@ -113,7 +112,6 @@ impl Aids {
     ];
 }
 
-/// What all others are compared with.
 pub const HALF: Estimator = Estimator::Method(Balance::Half);
 
 impl Estimator {
@@ -124,7 +122,6 @@ impl Estimator {
         methods.chain([Estimator::Oracle]).collect()
     }
 
-    /// As on the command line.
     pub fn name(self) -> String {
         match self {
             Estimator::Method(balance) => balance.name().to_owned(),
@@ -136,7 +133,6 @@ impl Estimator {
         }
     }
 
-    /// By its name.
     pub fn named(name: &str) -> Option<Self> {
         let aided = |&balance| Aids::ALL.map(|(aids, _)| Self::Aided(balance, aids));
         Self::all().into_iter().chain(Balance::all().iter().flat_map(aided)).find(|e| e.name() == name)

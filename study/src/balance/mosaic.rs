@@ -33,9 +33,6 @@ pub struct Place {
 
 impl Mosaic {
     /// As many tiles of a picture of the size `footprint` as `size` asks for; without one, all of a picture of `size`.
-    ///
-    /// # Errors
-    /// [`Error::Usage`] if the picture has fewer tiles than that.
     pub fn new(size: [u32; 2], footprint: Option<[u32; 2]>) -> Result<Self> {
         let picture = footprint.unwrap_or(size);
         let columns = size.map(|n| n.div_ceil(TILE));
@@ -55,7 +52,6 @@ impl Mosaic {
         Ok(Self { size, picture, tiles })
     }
 
-    /// Measured pixels.
     pub fn pixels(&self) -> usize {
         (self.size[0] * self.size[1]) as usize
     }
@@ -100,7 +96,6 @@ impl Mosaic {
         [column * TILE + x % TILE, row * TILE + y % TILE]
     }
 
-    /// Settings to render it.
     pub fn settings(&self, settings: RenderSettings) -> RenderSettings {
         let [width, height] = self.picture;
         RenderSettings { width, height, ..settings }

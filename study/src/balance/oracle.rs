@@ -17,12 +17,10 @@ pub const FILE: &str = "oracle.cell";
 /// did not see.
 const PSEUDO_REPLICAS: f64 = 1.0;
 
-/// What the search takes.
 #[derive(Debug, Clone, Copy)]
 pub struct Training {
     /// Paths a pixel of each render.
     pub spp: u32,
-    /// Renders a share.
     pub replicas: u32,
 }
 

@@ -14,9 +14,7 @@ use super::{Design, Estimator, HALF, Mosaic, StudyScene};
 
 /// A scene to be looked at, not measured.
 pub struct Portrait {
-    /// Pixels a row.
     pub width: u32,
-    /// Rows.
     pub height: u32,
     /// A balance that `half` is compared with by eye.
     pub shown: Balance,
@@ -34,9 +32,6 @@ const SIDE: u32 = 256;
 pub const PORTRAIT_SPP: u32 = 64;
 
 /// Takes the portrait of a scene, several times as large as the measured pictures, as far as it is not on disk.
-///
-/// # Errors
-/// As [`measure`](super::measure()).
 pub fn portrait(
     scene: &StudyScene,
     design: &Design,

@@ -35,17 +35,14 @@ impl Deviations {
         Self { replicas, values: values.collect() }
     }
 
-    /// How many replicas.
     pub fn replicas(&self) -> usize {
         self.replicas
     }
 
-    /// How many pixels.
     pub fn pixels(&self) -> usize {
         self.values.len() / self.replicas
     }
 
-    /// One pixel's deviations.
     pub fn pixel(&self, pixel: usize) -> &[[f64; 4]] {
         &self.values[pixel * self.replicas..][..self.replicas]
     }
@@ -71,7 +68,6 @@ impl Deviations {
 /// A pixel's variance ratio.
 #[derive(Debug, Clone, Copy)]
 pub struct Ratio {
-    /// Which pixel.
     pub pixel: usize,
     /// Variance over the other's.
     pub ratio: f64,
@@ -97,7 +93,6 @@ impl Ratio {
 pub struct Judgeable {
     /// The pixels whose variance is known well enough to be divided by.
     pub pixels: Vec<usize>,
-    /// How many do not vary.
     pub constant: usize,
     /// How many have a variance that a few replicas make: events too rare for so few replicas. They count in relMSE and
     /// in the ratio of means.

@@ -6,7 +6,6 @@ use rayon::prelude::*;
 use super::ratio::{Deviations, Ratio, worse};
 use crate::statistics::{moments, quantiles};
 
-/// Resamples.
 pub const RESAMPLES: u32 = 200;
 /// Shares of pixels whose ratio is at most the percentile.
 pub const PERCENTILES: [f64; 4] = [0.5, 0.95, 0.99, 1.0];
@@ -14,7 +13,6 @@ pub const PERCENTILES: [f64; 4] = [0.5, 0.95, 0.99, 1.0];
 /// What is said of a picture's ratios.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Summary {
-    /// Mean over pixels.
     pub mean: f64,
     /// Mean variance over the other's mean variance.
     pub ratio_of_means: f64,

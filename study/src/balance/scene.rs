@@ -16,7 +16,6 @@ use super::{Design, Mosaic};
 pub struct StudyScene {
     /// The file's name without folders and extension.
     pub name: String,
-    /// What is there.
     pub scene: PreparedScene<'static>,
     /// Of the files' bytes and the settings.
     pub fingerprint: String,
@@ -26,9 +25,6 @@ pub struct StudyScene {
 
 impl StudyScene {
     /// Reads and builds a scene.
-    ///
-    /// # Errors
-    /// As [`Files::open`], [`Files::import`] and [`PreparedScene::build`].
     pub fn load(path: &Path, design: &Design) -> Result<Self> {
         let files = Files::open(path)?;
         let settings = RenderSettings {
@@ -48,7 +44,6 @@ impl StudyScene {
         })
     }
 
-    /// Where its measurements are kept.
     pub fn folder(&self, design: &Design) -> PathBuf {
         design.folder.join("cells").join(format!("{}-{}", self.name, self.fingerprint))
     }
@@ -62,18 +57,12 @@ pub struct Files {
 
 impl Files {
     /// Opens them; a file of the scene's name that ends in `.hdr` or `.exr` lights it from infinity.
-    ///
-    /// # Errors
-    /// As [`SceneFiles::open`] and [`EnvironmentFile::open`].
     pub fn open(path: &Path) -> Result<Self> {
         let sky = ["hdr", "exr"].map(|e| path.with_extension(e)).into_iter().find(|p| p.is_file());
         Ok(Self { scene: SceneFiles::open(path)?, sky: sky.map(|p| EnvironmentFile::open(&p)).transpose()? })
     }
 
     /// The scene, lit: one without any light gets a studio's.
-    ///
-    /// # Errors
-    /// As [`SceneFiles::import`] and [`EnvironmentFile::decode`].
     pub fn import(&self) -> Result<Scene> {
         let mut scene = self.scene.import(&ImportOptions::default())?.scene;
         scene.environment = self.sky.as_ref().map(|sky| sky.decode(0.0, 1.0)).transpose()?;

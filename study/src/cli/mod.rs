@@ -59,9 +59,6 @@ impl RunArgs {
 }
 
 /// Creates a study's folder and checks that its `page` can be written, before hours of work; returns the page's path.
-///
-/// # Errors
-/// Those of creating the folder and of [`atomic::check`].
 fn open(folder: &Path, page: &str) -> Result<PathBuf> {
     files::folder(folder)?;
     let page = folder.join(page);

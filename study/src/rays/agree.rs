@@ -48,7 +48,6 @@ impl Class {
 pub struct Tally(pub [u64; Class::ALL.len()]);
 
 impl Tally {
-    /// Of a class.
     pub fn of(&self, class: Class) -> u64 {
         self.0[class as usize]
     }
@@ -65,7 +64,6 @@ pub struct Answers {
 }
 
 impl Answers {
-    /// Asks.
     pub fn of(backend: &dyn RayQueries, stream: &Stream) -> Self {
         let mut all = Self::default();
         for Query { kind, order, rays } in &stream.queries {
@@ -105,7 +103,6 @@ pub struct Judge<'a> {
 }
 
 impl<'a> Judge<'a> {
-    /// For answers on this scene.
     pub fn new(scene: &'a Scene) -> Self {
         Self { scene, has_alpha: (0..scene.meshes.len() as u32).map(|mesh| scene.has_alpha(mesh)).collect() }
     }

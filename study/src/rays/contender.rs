@@ -72,9 +72,6 @@ impl Contender {
     }
 
     /// The lists `usual`, `quick`, `large` and `all`, or names separated by commas.
-    ///
-    /// # Errors
-    /// A sentence that says which word there is not, and which ones there are.
     pub fn list(text: &str) -> std::result::Result<Vec<Self>, String> {
         let text = match text {
             "all" => return Ok(Self::all()),
@@ -189,9 +186,6 @@ impl Contender {
     }
 
     /// Builds the scene, on the current rayon pool or as many threads of Embree's.
-    ///
-    /// # Errors
-    /// As [`EmbreeRays::build`] and [`ObvhsRays::build`].
     pub fn build(&self, scene: Arc<Scene>, watch: Watch) -> Result<Box<dyn RayQueries>> {
         Ok(match &self.what {
             What::Embree(options) => {

@@ -17,9 +17,7 @@ const OPERATIONS: f64 = 40.0;
 pub struct ExactRay {
     origin: DVec3,
     direction: DVec3,
-    /// Where its interval starts.
     pub tnear: f64,
-    /// Where it ends.
     pub tfar: f64,
 }
 
@@ -38,7 +36,6 @@ impl ExactRay {
 /// What a backend says of a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
-    /// Instance, mesh, triangle.
     pub id: [u32; 3],
     /// Distance and the weights of the second and third vertex.
     pub at: [f32; 3],
@@ -55,7 +52,6 @@ impl Hit {
 /// Where a ray meets the plane of a triangle.
 #[derive(Debug, Clone, Copy)]
 pub struct Plane {
-    /// Distance.
     pub t: f64,
     /// Weights of the three corners.
     pub weights: [f64; 3],

@@ -80,9 +80,6 @@ pub struct Bench {
 
 impl Bench {
     /// With so many threads where all are used.
-    ///
-    /// # Errors
-    /// [`Error::Host`] if they cannot be started.
     pub fn new(threads: usize) -> Result<Self> {
         let pool = |threads: usize| {
             ThreadPoolBuilder::new()

@@ -39,9 +39,6 @@ const SCALED: &str = "diffuse";
 const SCALED_SECONDS: f64 = 0.1;
 
 /// Measures everything of `design` on one scene and adds it to `results`. `progress` is handed the share that is done.
-///
-/// # Errors
-/// [`Error::Interrupted`] when `stop` is raised; what builds, and reading and writing streams, return.
 pub fn measure(
     bench: &Bench,
     subject: &Subject,
@@ -127,7 +124,6 @@ pub fn measure(
     Ok(())
 }
 
-/// A built backend.
 struct Side<'a> {
     backend: &'a dyn RayQueries,
     build_seconds: f64,

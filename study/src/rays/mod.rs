@@ -37,12 +37,9 @@ pub use table::Results;
 /// Built triangles above which a study takes fewer contenders, unless they were chosen.
 pub const LARGE: u64 = 4_000_000;
 
-/// What to measure, on each scene.
 #[derive(Debug, Clone)]
 pub struct Design {
-    /// Where everything goes.
     pub folder: PathBuf,
-    /// What is compared with the baseline.
     pub contenders: Vec<Contender>,
     /// What is where more than [`LARGE`] triangles are built.
     pub contenders_large: Vec<Contender>,
@@ -56,7 +53,6 @@ pub struct Design {
     pub picture: u32,
     /// Paths a pixel of the pictures, ≥ 2; 0 for no pictures.
     pub spp: u32,
-    /// Save the streams?
     pub save_streams: bool,
     /// Take the streams from this folder instead of recording them.
     pub streams: Option<PathBuf>,
@@ -77,7 +73,6 @@ pub struct Subject {
     pub name: String,
     /// The kind of a generated scene.
     pub shape: Option<&'static str>,
-    /// What is there.
     pub scene: Arc<Scene>,
     /// Triangles, each as often as it is placed.
     pub triangles: u64,
@@ -89,9 +84,6 @@ pub struct Subject {
 
 impl Subject {
     /// Reads a file ([`Files`]) as `name`.
-    ///
-    /// # Errors
-    /// As [`Files::open`] and [`Files::import`]; [`Error::Data`] for a scene without triangles.
     pub fn load(path: &Path, name: &str) -> Result<Self> {
         let subject = Self::new(name.to_owned(), None, Files::open(path)?.import()?);
         if subject.triangles == 0 {
@@ -100,12 +92,10 @@ impl Subject {
         Ok(subject)
     }
 
-    /// Generates a scene.
     pub fn generate(shape: &Shape) -> Self {
         Self::new(shape.name(), Some(shape.kind.name()), shape.scene())
     }
 
-    /// A scene with a name.
     pub fn new(name: String, shape: Option<&'static str>, scene: Scene) -> Self {
         let triangles = scene.instances.iter().map(|i| scene.triangles(i.object) as u64).sum();
         let mut seen = vec![false; scene.objects.len()];

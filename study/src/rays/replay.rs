@@ -9,7 +9,6 @@ use crate::clock::thread_seconds;
 /// A stream is replayed as often as makes this many seconds, for each time that is taken.
 const LEAST_SECONDS: f64 = 0.02;
 
-/// Where answers are written.
 pub(super) type Sink = (HitBatch, Vec<bool>);
 
 /// Asks a query, and throws the answer away.

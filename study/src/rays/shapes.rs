@@ -11,7 +11,6 @@ use glam::{Vec3, Vec4, vec3};
 /// A generated scene: `sphere:1000000`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shape {
-    /// What its triangles are like.
     pub kind: ShapeKind,
     /// How many there are, the ground's one or two among them; in [8, 100 million].
     pub triangles: u32,
@@ -33,7 +32,6 @@ const KINDS: [(&str, ShapeKind); 3] =
     [("sphere", ShapeKind::Sphere), ("slivers", ShapeKind::Slivers), ("foliage", ShapeKind::Foliage)];
 
 impl ShapeKind {
-    /// As on the command line.
     pub fn name(self) -> &'static str {
         KINDS.iter().find(|(_, kind)| *kind == self).map_or("", |(name, _)| name)
     }
@@ -148,7 +146,6 @@ fn sphere(n: u32) -> Triangles {
     (vertices, indices)
 }
 
-/// Every three vertices.
 fn apart(vertices: Vec<[f32; 3]>) -> Triangles {
     let n = vertices.len() as u32 / 3;
     (vertices, (0..n).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect())

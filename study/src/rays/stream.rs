@@ -15,10 +15,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::files;
 
-/// What a query asks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Kind {
-    /// The closest hit.
     Closest,
     /// Is there any hit?
     Occluded,
@@ -27,11 +25,9 @@ pub enum Kind {
 /// One batch, as the renderer handed it over.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Query {
-    /// What it asks.
     pub kind: Kind,
     /// How the renderer called its order.
     pub order: RayOrder,
-    /// The rays.
     pub rays: RayBatch,
 }
 
@@ -42,12 +38,10 @@ pub struct Recorder<'a> {
 }
 
 impl<'a> Recorder<'a> {
-    /// Nothing yet.
     pub fn new(inner: &'a dyn RayQueries) -> Self {
         Self { inner, tape: Mutex::default() }
     }
 
-    /// What was asked.
     pub fn into_tape(self) -> Vec<Query> {
         self.tape.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner())
     }
@@ -77,14 +71,12 @@ impl RayQueries for Recorder<'_> {
 /// Batches of one kind.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Stream {
-    /// What they are.
     pub name: String,
     /// The batches, all of one kind and order.
     pub queries: Vec<Query>,
 }
 
 impl Stream {
-    /// Number of rays.
     pub fn rays(&self) -> usize {
         self.queries.iter().map(|q| q.rays.len()).sum()
     }
@@ -242,9 +234,6 @@ struct Recording {
 }
 
 /// Keeps streams, with the fingerprint of what they were recorded on.
-///
-/// # Errors
-/// As [`files::keep`].
 pub fn save(path: &Path, fingerprint: u64, streams: Vec<Stream>) -> Result<Vec<Stream>> {
     let recording = Recording { fingerprint, streams };
     files::keep(path, &recording)?;
@@ -252,9 +241,6 @@ pub fn save(path: &Path, fingerprint: u64, streams: Vec<Stream>) -> Result<Vec<S
 }
 
 /// Reads what [`save`] wrote.
-///
-/// # Errors
-/// [`Error::Data`] for another format, a file that is damaged, or streams of another scene or view; what reading returns.
 pub fn load(path: &Path, fingerprint: u64) -> Result<Vec<Stream>> {
     let wrong = |what: &str| Error::Data(format!("{}: {what}: record them again with --save-streams", path.display()));
     let recording: Recording = files::kept(path)?

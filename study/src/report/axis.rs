@@ -3,7 +3,6 @@
 /// How values become positions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scale {
-    /// In proportion.
     Linear,
     /// Decades are equally long; values ≤ 0 are left out.
     Log,
@@ -82,7 +81,6 @@ impl Axis {
     }
 }
 
-/// A tick's text.
 pub fn tick_text(value: f64) -> String {
     let text = match value.abs() {
         0.0 => "0".to_owned(),

@@ -19,12 +19,10 @@ pub const CSS: &str = "
 .chart .grid{stroke:var(--grid);stroke-width:1}.chart .mark{stroke:var(--soft);stroke-width:1;stroke-dasharray:3 3}
 .chart .line{fill:none;stroke-width:2;stroke-linejoin:round}";
 
-/// How many colours there are.
 pub const COLORS: usize = 8;
 /// Dashes tell apart what colours alone might not.
 const DASHES: [&str; COLORS] = ["5 3", "", "", "8 3", "2 3", "8 3 2 3", "4 2", "1 2"];
 
-/// One line.
 #[derive(Debug, Clone)]
 pub struct Series {
     /// Written at its end.
@@ -40,17 +38,12 @@ pub struct Series {
 /// A chart of lines over two axes.
 #[derive(Debug, Clone)]
 pub struct Chart {
-    /// Above it.
     pub title: String,
-    /// Below it.
     pub x_label: String,
     /// Above the vertical axis.
     pub y_label: String,
-    /// The horizontal axis.
     pub x: Axis,
-    /// The vertical axis.
     pub y: Axis,
-    /// Its lines.
     pub series: Vec<Series>,
     /// A dot at every point?
     pub dots: bool,

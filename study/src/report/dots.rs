@@ -2,13 +2,12 @@
 
 use maud::{Markup, html};
 
-use super::axis::{Axis, tick_text};
+use super::axis::{Axis, Scale, tick_text};
 use super::chart::{dot, frame, ink, labelled, line, standalone, text};
 
 /// One measured value in a row.
 #[derive(Debug, Clone, Copy)]
 pub struct Dot {
-    /// The value.
     pub value: f64,
     /// Its standard error; two of them are drawn either way.
     pub error: f64,
@@ -19,17 +18,13 @@ pub struct Dot {
 /// Rows of dots over one axis.
 #[derive(Debug, Clone)]
 pub struct DotPlot {
-    /// Above it.
     pub title: String,
-    /// Below it.
     pub label: String,
-    /// The axis.
     pub axis: Axis,
     /// A value that matters, with a word.
     pub mark: Option<(f64, String)>,
     /// Names and colours of the kinds.
     pub kinds: Vec<(String, usize)>,
-    /// Names and dots.
     pub rows: Vec<(String, Vec<Dot>)>,
 }
 
@@ -40,6 +35,19 @@ const TOP: f64 = 54.0;
 const LANE: f64 = 9.0;
 
 impl DotPlot {
+    /// Ratios on a logarithmic axis around 1, where a line says `same`.
+    pub fn ratios(
+        title: &str,
+        label: &str,
+        same: &str,
+        kinds: Vec<(String, usize)>,
+        rows: Vec<(String, Vec<Dot>)>,
+    ) -> Self {
+        let shown = rows.iter().flat_map(|(_, dots)| dots.iter().map(|d| d.value.clamp(0.05, 8.0)));
+        let axis = Axis::fit(Scale::Log, shown.chain([0.8, 1.2]));
+        Self { title: title.to_owned(), label: label.to_owned(), axis, mark: Some((1.0, same.to_owned())), kinds, rows }
+    }
+
     /// The picture, to stand in a page that has [`super::chart::CSS`].
     pub fn svg(&self) -> Markup {
         let row_height = LANE * self.kinds.len() as f64 + 12.0;
@@ -103,7 +111,6 @@ impl DotPlot {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::Scale;
 
     #[test]
     fn every_dot_is_drawn_beyond_the_axis_at_its_end() {

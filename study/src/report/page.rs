@@ -71,7 +71,6 @@ impl Page {
         Self { title: title.to_owned(), lead: lead.to_owned(), links: Vec::new(), body: String::new() }
     }
 
-    /// Adds a piece.
     pub fn add(&mut self, piece: Markup) {
         self.body += &piece.0;
     }
@@ -93,7 +92,6 @@ impl Page {
         self.add(html! { p { (marked(text)) } });
     }
 
-    /// A table.
     pub fn table(&mut self, table: &Table) {
         self.add(table.html());
     }
@@ -116,7 +114,6 @@ impl Page {
         self.add(html! { details { summary { (marked(summary)) } (inside) } });
     }
 
-    /// The file.
     pub fn finish(self) -> String {
         let page = html! {
             (DOCTYPE)
@@ -140,7 +137,6 @@ impl Page {
     }
 }
 
-/// What stands between backticks is code.
 fn marked(text: &str) -> Markup {
     html! {
         @for (i, piece) in text.split('`').enumerate() {
@@ -167,25 +163,16 @@ pub fn chart_figure(svg: Markup, caption: &str) -> Markup {
 }
 
 /// A picture with a caption, for a row.
-///
-/// # Errors
-/// As [`Picture::data_uri`].
 pub fn picture_figure(picture: &Picture, caption: &str) -> Result<Markup> {
     Ok(figure("pic", image(picture, caption)?, caption))
 }
 
 /// A small picture with a caption, for a row.
-///
-/// # Errors
-/// As [`Picture::data_uri`].
 pub fn crop_figure(picture: &Picture, caption: &str) -> Result<Markup> {
     Ok(figure("crop", image(picture, caption)?, caption))
 }
 
 /// A picture in false colours with what they mean: words at the low end, in the middle and at the high end.
-///
-/// # Errors
-/// As [`Picture::data_uri`].
 pub fn map_figure(picture: &Picture, scale: ColorScale, words: [&str; 3], caption: &str) -> Result<Markup> {
     let content = html! {
         (image(picture, caption)?)
@@ -201,9 +188,6 @@ fn image(picture: &Picture, alt: &str) -> Result<Markup> {
 }
 
 /// Two pictures of the same view, the right one over the left one up to where the reader pulls it.
-///
-/// # Errors
-/// As [`Picture::data_uri`].
 pub fn slider(left: (&Picture, &str), right: (&Picture, &str), caption: &str) -> Result<Markup> {
     let content = html! {
         div.slider {

@@ -2,7 +2,6 @@
 
 use super::domain::{Domain, Image, SIDE};
 
-/// A failure mode.
 pub struct Case {
     /// As in the literature list of the docs: F1 … F17.
     pub mode: &'static str,
@@ -10,11 +9,9 @@ pub struct Case {
     pub name: &'static str,
     /// How it is posed.
     pub construct: &'static str,
-    /// Paths a pixel.
     pub paths: u32,
     /// Largest variance ratio to `half` in any pixel and channel that counts as survived.
     pub bar: f64,
-    /// What is rendered.
     pub image: Image,
 }
 
@@ -41,7 +38,6 @@ fn rare() -> Domain {
     Domain::grey([(0.6, 0.6, 0.2), (0.3, 0.0, 0.02)])
 }
 
-/// All of them.
 pub fn cases() -> Vec<Case> {
     let case = |mode, name, construct, image| Case { mode, name, construct, paths: PATHS, bar: BAR, image };
     let few = |paths, bar, case: Case| Case { paths, bar, ..case };

@@ -50,9 +50,7 @@ pub struct Outcome {
     pub bias: f64,
     /// Mean over pixels and channels of the variance over that of `half`.
     pub mean_ratio: f64,
-    /// Largest ratio.
     pub worst_ratio: f64,
-    /// Its standard error.
     pub worst_se: f64,
     /// Largest excess of a pixel and channel over the mode's bar, in standard errors.
     pub excess: f64,
@@ -108,7 +106,6 @@ impl Ratios {
         }
     }
 
-    /// Mean.
     pub fn mean(&self) -> f64 {
         self.all.mean()
     }
@@ -127,7 +124,6 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// No replicas.
     pub fn new(truth: &[[f64; 3]]) -> Self {
         let none = vec![[Sums::default(); 3]; truth.len()];
         Self {

@@ -34,15 +34,12 @@ use simulate::{Subject, replica};
 pub struct ModeResult {
     /// F1 … F18, F24.
     pub mode: &'static str,
-    /// Short name.
     pub name: &'static str,
     /// Description of the case.
     pub construct: &'static str,
     /// Whether variances come from renders; otherwise they are exact.
     pub rendered: bool,
-    /// Paths per pixel.
     pub paths: u32,
-    /// Number of replicas.
     pub replicas: u32,
     /// Largest variance ratio to `half` with which an estimator survives.
     pub bar: f64,
@@ -52,16 +49,13 @@ pub struct ModeResult {
     pub outcomes: Vec<Outcome>,
 }
 
-/// A positive control.
 #[derive(Debug, Clone, Serialize)]
 pub struct Control {
     /// Number of the mode.
     pub mode: &'static str,
-    /// The deliberate error.
     pub name: &'static str,
     /// The check that must catch it.
     pub check: &'static str,
-    /// Its result.
     pub outcome: Outcome,
     /// Whether the check caught it.
     pub caught: bool,
@@ -76,11 +70,8 @@ pub struct Results {
     pub tests: usize,
     /// Upper bound of the probability of a false alarm in any test.
     pub false_alarm: f64,
-    /// Ordered by number.
     pub modes: Vec<ModeResult>,
-    /// Deterministic checks.
     pub facts: Vec<Fact>,
-    /// Positive controls.
     pub controls: Vec<Control>,
 }
 
@@ -124,7 +115,6 @@ impl Found {
         self.balance.as_ref().map_or_else(guiding, Results::replicas)
     }
 
-    /// Controls of both.
     pub fn controls(&self) -> impl Iterator<Item = &Control> {
         let of_balance = self.balance.iter().flat_map(|r| &r.controls);
         of_balance.chain(self.guiding.iter().flat_map(|r| &r.controls))
@@ -147,9 +137,6 @@ pub fn steps(scenes: bool) -> usize {
 
 /// Measures all exact cases with `replicas` ≥ 2, and all scenes with `scene_replicas` ≥ 2 unless that is `None`. Calls `done`
 /// after each of [`steps`]; `done` may stop the measurement with an error, and must once `stop` is raised.
-///
-/// # Errors
-/// Errors of `done` and of building the scenes.
 pub fn measure(
     replicas: u32,
     scene_replicas: Option<u32>,

@@ -20,7 +20,6 @@ use super::renders::Renders;
 pub(super) const SIDE: u32 = 4;
 /// Number of [`scene_cases`].
 pub const SCENES: usize = 8;
-/// Paths per pixel.
 pub const PATHS: u32 = 64;
 /// First seed of the renders that estimate the true means.
 pub const OTHER_SEEDS: u32 = 1 << 30;
@@ -29,7 +28,6 @@ pub const OTHER_SEEDS: u32 = 1 << 30;
 pub struct SceneCase {
     /// F1 … F18, F24.
     pub mode: &'static str,
-    /// Short name.
     pub name: &'static str,
     /// Description of the scene.
     pub construct: &'static str,
@@ -65,10 +63,6 @@ pub(super) fn ceiling(scene: &mut Scene, [x, y, z]: [f32; 3], w: f32, material: 
     plate(scene, [x - w, y, z - w], [2.0 * w, 0.0, 0.0], [0.0, 0.0, 2.0 * w], material);
 }
 
-/// Builds all cases.
-///
-/// # Errors
-/// As [`PreparedScene::build`].
 pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
     let sky = || Scene { environment: Some(Environment::constant([0.4; 3])), ..Default::default() };
     let build = |mode, name, construct, integrator, mut scene: Scene, yfov| {

@@ -14,7 +14,6 @@ use glam::Vec3;
 use super::domain::{Atom, Image};
 use super::regularised::{minimax_ridge, second_order_ridge};
 
-/// Who is tested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Subject {
     /// A method of `--balance`.
@@ -31,7 +30,6 @@ pub enum Subject {
 }
 
 impl Subject {
-    /// Whom the tables show.
     pub fn shown() -> Vec<Self> {
         Balance::all().iter().map(|&b| Self::Method(b)).chain([Self::Ridge, Self::Minimax]).collect()
     }
@@ -52,7 +50,6 @@ impl Subject {
         }
     }
 
-    /// For tables.
     pub fn name(self) -> String {
         self.method().name().to_owned()
     }
@@ -158,10 +155,8 @@ impl Method for Unsafe {
     }
 }
 
-/// What one replica gave one pixel.
 #[derive(Debug, Clone, Copy)]
 pub struct Shot {
-    /// The picture's value.
     pub estimate: [f64; 3],
     /// Its exact variance at the shares that were chosen: Σ_k (n_k/N)² V(α_k), as passes are uncorrelated. Without meaning
     /// for the biased control.
@@ -198,9 +193,7 @@ pub const EQUAL_COST: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
 /// One pixel under way.
 #[derive(Debug, Clone, Default)]
 struct Sums {
-    /// Over paths.
     sum: [f64; 3],
-    /// Σ n_k² V_k.
     variance: [f64; 3],
 }
 

@@ -40,7 +40,6 @@ fn walls(scene: &mut Scene, material: &Material) {
     }
 }
 
-/// A closed room.
 fn room() -> Scene {
     let mut scene = Scene::default();
     let white = lambert(0.6);
@@ -55,7 +54,6 @@ fn cove(scene: &mut Scene, x: f32, radiance: f32) {
     plate(scene, [x - 0.1, SHELF + 0.05, 0.3], [0.2, 0.0, 0.0], [0.0, 0.0, -0.6], area_light(radiance));
 }
 
-/// One cove on the left, one on the right.
 fn coves(left: f32, right: f32) -> Scene {
     let mut scene = room();
     cove(&mut scene, -1.6, left);
@@ -135,10 +133,6 @@ fn learned_in(scene: Scene) -> Result<Option<Field>> {
     Ok(field(&build(scene)?, &settings(0, Guiding::On)))
 }
 
-/// Builds all cases.
-///
-/// # Errors
-/// As [`PreparedScene::build`].
 pub fn cases() -> Result<[Case; CASES]> {
     let case = |mode, name, construct, scene, adversarial| {
         Ok(Case { mode, name, construct, scene: build(scene)?, adversarial })
