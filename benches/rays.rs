@@ -63,15 +63,15 @@ fn blob() -> Scene {
     scene(vec![Mesh::new(vertices, indices)], &[(0, None)])
 }
 
-/// Rays from the origins of `rays` to the lamp.
+/// Rays from the origins of `rays` to the area light.
 fn shadow_rays(rays: &RayBatch) -> RayBatch {
     let mut random = Random(3);
     let mut shadows = RayBatch::default();
     for at in 0..rays.len() {
         let origin: Vec3 = std::array::from_fn(|axis| rays.origin[axis][at]).into();
-        let lamp = vec3(random.f32() * 0.5 - 0.25, 0.98, random.f32() * 0.5 - 0.25);
-        let distance = (lamp - origin).length();
-        shadows.push(origin, (lamp - origin) / distance, 0.0, distance * 0.999, random.bits());
+        let emitter = vec3(random.f32() * 0.5 - 0.25, 0.98, random.f32() * 0.5 - 0.25);
+        let distance = (emitter - origin).length();
+        shadows.push(origin, (emitter - origin) / distance, 0.0, distance * 0.999, random.bits());
     }
     shadows
 }

@@ -60,7 +60,7 @@ impl Material {
         Self { lambert: true, ..Self::plain(name, color, 0.0, 1.0) }
     }
 
-    pub fn lamp(name: &'static str, emission: [f64; 3]) -> Self {
+    pub fn emitter(name: &'static str, emission: [f64; 3]) -> Self {
         Self { emission, lambert: true, ..Self::plain(name, [0.0; 3], 0.0, 1.0) }
     }
 }

@@ -1,5 +1,5 @@
 //! Six poles around a mast, garlands of small bulbs between them, and things below to be lit by all of them: hundreds
-//! of emitters of equal strength, so that the choice of a lamp is the hard part.
+//! of emitters of equal strength, so that the choice of an area light is the hard part.
 
 use std::f64::consts::TAU;
 
@@ -33,8 +33,8 @@ pub fn scene() -> Glb {
     let bulbs: Vec<usize> = tints
         .into_iter()
         .map(|(name, tint)| {
-            let lamp = glb.material(&Material::lamp(name, tint.map(|c| c * 45.0)));
-            glb.mesh(name, &[(&bulb, lamp)])
+            let emitter = glb.material(&Material::emitter(name, tint.map(|c| c * 45.0)));
+            glb.mesh(name, &[(&bulb, emitter)])
         })
         .collect();
     let iron = glb.material(&Material::metal("iron", [0.30, 0.29, 0.28], 0.45));

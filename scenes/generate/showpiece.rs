@@ -76,13 +76,13 @@ fn room(glb: &mut Glb) -> Result<(), ImageError> {
         glb.object("room", &quad(face.map(p)), plain);
     }
 
-    let daylight = glb.material(&Material::lamp("daylight", [15.0, 17.0, 20.0]));
+    let daylight = glb.material(&Material::emitter("daylight", [15.0, 17.0, 20.0]));
     let (wide, tall, bar) = (0.30, 0.36, 0.045);
     for i in 0..6 {
         let centre = dvec3(x0 + 0.01, 0.42 + (tall + bar) * f64::from(i / 2), -0.02 + (wide + bar) * f64::from(i % 2));
         glb.object("window pane", &panel(centre, centre + DVec3::X, wide, tall), daylight);
     }
-    let ember = glb.material(&Material::lamp("hearth", [5.0, 2.6, 1.1]));
+    let ember = glb.material(&Material::emitter("hearth", [5.0, 2.6, 1.1]));
     glb.object("hearth", &panel(dvec3(1.45, 0.55, 1.3), dvec3(0.1, 0.15, 0.0), 0.5, 0.5), ember);
     Ok(())
 }
@@ -193,7 +193,7 @@ fn load(glb: &mut Glb, brass: usize, iron: usize) {
     let soot = glb.material(&Material::dielectric("wick", [0.02, 0.017, 0.015], 0.9));
     let wick = [centre + DVec3::Y * 0.039, centre + dvec3(0.0003, 0.047, 0.0), centre + dvec3(0.002, 0.053, 0.0)];
     glb.object("wick", &tube(&wick, 6, false, |_| 0.0007), soot);
-    let flame = glb.material(&Material::lamp("flame", [215.0, 104.0, 30.0]));
+    let flame = glb.material(&Material::emitter("flame", [215.0, 104.0, 30.0]));
     let shape = profile_spline(
         &[
             (0.0, 0.0),

@@ -39,15 +39,17 @@ const MAGIC: &[u8] = b"bismar study 3\n";
 
 /// Keeps a measurement: a magic line, BLAKE3 of the rest, the value in postcard's encoding.
 pub fn keep(path: &Path, value: &impl Serialize) -> Result<()> {
-    let body = postcard::to_stdvec(value).map_err(|e| Error::Bug(format!("a measurement cannot be kept: {e}")))?;
-    write(path, [MAGIC, blake3::hash(&body).as_bytes(), &body].concat())
+    let payload = postcard::to_stdvec(value).map_err(|e| Error::Bug(format!("a measurement cannot be kept: {e}")))?;
+    write(path, [MAGIC, blake3::hash(&payload).as_bytes(), &payload].concat())
 }
 
 /// Reads what [`keep`] wrote; `None` for anything else, and for what is cut off or damaged.
 pub fn kept<T: DeserializeOwned>(path: &Path) -> Result<Option<T>> {
     let bytes = fs::read(path).map_err(|e| Error::reading(path, &e))?;
-    let body = bytes.strip_prefix(MAGIC).and_then(|rest| rest.split_first_chunk());
-    Ok(body.filter(|(hash, body)| blake3::hash(body) == **hash).and_then(|(_, body)| postcard::from_bytes(body).ok()))
+    let payload = bytes.strip_prefix(MAGIC).and_then(|rest| rest.split_first_chunk());
+    Ok(payload
+        .filter(|(hash, payload)| blake3::hash(payload) == **hash)
+        .and_then(|(_, payload)| postcard::from_bytes(payload).ok()))
 }
 
 #[cfg(test)]

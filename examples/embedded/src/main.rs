@@ -37,11 +37,11 @@ fn rel_mse(a: &[Vec3], b: &[Vec3]) -> f64 {
     sum / (3 * a.len()) as f64
 }
 
-/// A glossy floor and a white wall under a small lamp.
+/// A glossy floor and a white wall under a small area light.
 fn scene() -> Scene {
     let matte = Material { base_color: Vec4::new(0.7, 0.7, 0.7, 1.0), metallic: 0.0, ..Default::default() };
     let glossy = Material { metallic: 1.0, roughness: 0.25, ..matte.clone() };
-    let lamp = Material { emissive: Vec3::splat(20.0), ..matte.clone() };
+    let emitter = Material { emissive: Vec3::splat(20.0), ..matte.clone() };
     let mut scene = Scene {
         cameras: vec![Camera {
             name: "camera".into(),
@@ -56,7 +56,7 @@ fn scene() -> Scene {
     // A corner and two edges from it; faces look along first × second.
     add(&mut scene, [-2.0, 0.0, 2.0], [4.0, 0.0, 0.0], [0.0, 0.0, -4.0], glossy);
     add(&mut scene, [-2.0, 0.0, -2.0], [4.0, 0.0, 0.0], [0.0, 3.0, 0.0], matte);
-    add(&mut scene, [-0.3, 2.2, -0.8], [0.6, 0.0, 0.0], [0.0, 0.0, 0.6], lamp);
+    add(&mut scene, [-0.3, 2.2, -0.8], [0.6, 0.0, 0.0], [0.0, 0.0, 0.6], emitter);
     scene
 }
 

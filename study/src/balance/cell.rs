@@ -17,9 +17,9 @@ pub struct Times {
     pub wall: f64,
     /// CPU seconds of `half` in the same round, where it was rendered then.
     pub half_cpu: Option<f64>,
-    /// Guiding's, where it was asked.
+    /// Of the pre-pass of `--guiding`, if requested.
     pub pilot: Option<Pilot>,
-    /// What `--adaptive` expected to leave of error × time, where it was asked; 1 where it found that it does not pay.
+    /// Error × time that `--adaptive` expected, over that without it, if requested; 1 where it decided against itself.
     pub allocation: Option<f64>,
 }
 

@@ -147,7 +147,7 @@ impl Estimator {
         }
     }
 
-    /// The one to show beside `half`: the default, if it is studied.
+    /// The balance shown next to `half`: the default, if it is studied.
     pub fn shown(estimators: &[Self]) -> Balance {
         let methods = estimators.iter().filter_map(|e| if let Self::Method(b) = e { Some(*b) } else { None });
         let default = bismar::render::RenderSettings::default().balance;

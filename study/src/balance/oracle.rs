@@ -13,8 +13,7 @@ pub const SHARES: [f32; 9] = [1.0 / 32.0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 
 /// The file of the result.
 pub const FILE: &str = "oracle.cell";
 
-/// Replicas' worth of variance that is assumed at either end of r besides what was seen: against events that the search
-/// did not see.
+/// Pseudo-observation of variance at either end of r, in replicas: against events that the search did not see.
 const PSEUDO_REPLICAS: f64 = 1.0;
 
 #[derive(Debug, Clone, Copy)]

@@ -84,8 +84,8 @@ impl FromStr for Contenders {
 impl RaysArgs {
     fn design(&self) -> Result<Design> {
         let quick = self.quick;
-        let usual = || if quick { "quick" } else { "usual" }.parse::<Contenders>().map_err(Error::Bug);
-        let contenders = self.backends.as_ref().map_or_else(usual, |list| Ok(list.clone()))?;
+        let default_list = || if quick { "quick" } else { "usual" }.parse::<Contenders>().map_err(Error::Bug);
+        let contenders = self.backends.as_ref().map_or_else(default_list, |list| Ok(list.clone()))?;
         Ok(Design {
             folder: self.out.clone(),
             contenders: contenders.all,

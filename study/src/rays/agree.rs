@@ -134,9 +134,9 @@ impl<'a> Judge<'a> {
                     }
                 }
                 Kind::Occluded => {
-                    let Some((said_a, said_b)) = occluded.next() else { continue };
+                    let Some((a_occluded, b_occluded)) = occluded.next() else { continue };
                     for i in 0..rays.len() {
-                        if said_a[i] == said_b[i] {
+                        if a_occluded[i] == b_occluded[i] {
                             count(Class::Same, i, None, None);
                             continue;
                         }
@@ -189,7 +189,7 @@ impl<'a> Judge<'a> {
         if class != Class::Same {
             return class;
         }
-        // Both would hit the same: then the difference is one of finding any hit, and that very hit must be in doubt.
+        // Both would hit the same: then the difference is one of the any-hit query, and that very hit must be in doubt.
         let (Some(hit), ray) = (a, ExactRay::new(rays, i)) else { return Class::Unexplained };
         match meet(self.scene, &ray, hit.id) {
             Some(plane) => self.lost(&plane, &ray, rays.key[i], &hit, Class::Miss),
@@ -230,15 +230,15 @@ fn grazing_or_wrong(plane: Option<&Plane>) -> Class {
 
 /// By so much a ray's interval is lengthened, and its origin shifted in proportion to where it is, to find what it
 /// passes within rounding.
-const BESIDE: f32 = 1e-5;
+const NEARBY: f32 = 1e-5;
 
 /// What ray `i` hits closest by two backends of which only one found any hit. Where neither has a closest one, that of a
 /// ray nearby: a triangle to be judged against the ray itself.
 fn candidates(a: &dyn RayQueries, b: &dyn RayQueries, rays: &RayBatch, i: usize) -> [Option<Hit>; 2] {
-    let shift = BESIDE * (1.0 + rays.origin(i).abs().max_element());
+    let shift = NEARBY * (1.0 + rays.origin(i).abs().max_element());
     let sides = (0..27).map(|k| Vec3::new((k % 3) as f32, (k / 3 % 3) as f32, (k / 9) as f32) - 1.0);
-    let beside = sides.map(|side| (side * shift, 1.0 + BESIDE));
-    let mut tried = [(Vec3::ZERO, 1.0), (Vec3::ZERO, 1.0 + BESIDE)].into_iter().chain(beside);
+    let nearby = sides.map(|side| (side * shift, 1.0 + NEARBY));
+    let mut tried = [(Vec3::ZERO, 1.0), (Vec3::ZERO, 1.0 + NEARBY)].into_iter().chain(nearby);
     let found = |(shift, longer): (Vec3, f32)| {
         let both = [a, b].map(|backend| alone(backend, rays, i, shift, longer));
         both.iter().any(Option::is_some).then_some((both, shift == Vec3::ZERO))

@@ -52,13 +52,13 @@ fn word<T: Copy + PartialEq>(list: &[(&'static str, T)], value: T) -> Option<&'s
 }
 
 /// What a default study compares with `embree`: each choice of each library on its own.
-const USUAL: &str = "embree+low,embree+two-level,embree+high,embree+compact,embree+robust,embree+high+robust,\
+const DEFAULT_LIST: &str = "embree+low,embree+two-level,embree+high,embree+compact,embree+robust,embree+high+robust,\
                      embree+single,embree+x4,embree+x8,embree+x16,embree+avx2,embree+sse2,obvhs+fastest,\
                      obvhs+very-fast,obvhs+fast,obvhs,obvhs+slow,obvhs+very-slow,obvhs+split,obvhs+slow+whole,\
                      obvhs+own-test,obvhs+bvh2+fastest,obvhs+bvh2,obvhs+bvh2+very-slow";
 /// What it compares where there are millions of triangles: builds of minutes are left out.
-const LARGE: &str = "embree+low,embree+high,embree+single,obvhs+fastest,obvhs,obvhs+bvh2";
-const QUICK: &str = "embree+low,embree+high,embree+single,obvhs+fastest,obvhs,obvhs+very-slow,obvhs+bvh2";
+const LARGE_LIST: &str = "embree+low,embree+high,embree+single,obvhs+fastest,obvhs,obvhs+bvh2";
+const QUICK_LIST: &str = "embree+low,embree+high,embree+single,obvhs+fastest,obvhs,obvhs+very-slow,obvhs+bvh2";
 
 impl Contender {
     /// What everything is compared with: as `--rays embree` renders.
@@ -75,9 +75,9 @@ impl Contender {
     pub fn list(text: &str) -> std::result::Result<Vec<Self>, String> {
         let text = match text {
             "all" => return Ok(Self::all()),
-            "usual" => USUAL,
-            "quick" => QUICK,
-            "large" => LARGE,
+            "usual" => DEFAULT_LIST,
+            "quick" => QUICK_LIST,
+            "large" => LARGE_LIST,
             names => names,
         };
         text.split(',').map(|name| Self::named(name.trim())).collect()

@@ -195,8 +195,8 @@ fn counted(event: impl perf_event::events::Event, work: impl FnOnce()) -> Option
     counter.disable().ok()?;
     let count = counter.read_full().ok()?;
     // Zero if others had the counter all the time; scaled up if they had it for some of it.
-    let (asked, had) = (count.time_enabled()?.as_secs_f64(), count.time_running()?.as_secs_f64());
-    (had > 0.0).then(|| (count.count() as f64 * (asked / had)) as u64)
+    let (enabled, running) = (count.time_enabled()?.as_secs_f64(), count.time_running()?.as_secs_f64());
+    (running > 0.0).then(|| (count.count() as f64 * (enabled / running)) as u64)
 }
 
 fn read(file: &str) -> String {

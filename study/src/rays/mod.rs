@@ -1,6 +1,6 @@
 //! Embree against obvhs: how fast, how large, how soon, and do they agree?
 //!
-//! Every contender is measured beside the baseline, `embree` as the renderer uses it: the two take turns on the same
+//! Every contender is measured in turn with the baseline, `embree` as the renderer uses it: the two take turns on the same
 //! recorded rays, round by round, so that whatever else the machine does meets both, and their ratio is what is
 //! reported. Only two acceleration structures are ever in memory. Seconds are processor seconds of one thread unless stated
 //! otherwise: another program on the same cores does not count (but its use of caches and memory does: see the gauges of

@@ -1,5 +1,5 @@
 //! Generated scenes of any size, where files would be too large or too few: smooth, long and thin, or scattered
-//! triangles under a plain white sky.
+//! triangles under a white environment.
 
 use std::f32::consts::{PI, TAU};
 use std::str::FromStr;
@@ -183,7 +183,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shapes_have_exactly_the_triangles_that_were_asked_for_and_sound_vertices() {
+    fn shapes_have_exactly_the_triangles_that_were_requested_and_sound_vertices() {
         for (name, kind) in KINDS {
             for n in (8..100).chain([1000, 4999, 50_000]) {
                 let shape = format!("{name}:{n}").parse::<Shape>().unwrap();

@@ -179,7 +179,7 @@ pub(super) fn ink(color: usize) -> String {
     format!("var(--s{})", color % COLORS)
 }
 
-/// With its scale, where that is not the usual one.
+/// The label, with its scale if that is logarithmic.
 pub(super) fn labelled(label: &str, axis: &Axis) -> String {
     if axis.is_log() && !label.is_empty() { format!("{label} (log scale)") } else { label.to_owned() }
 }

@@ -51,7 +51,7 @@ impl DotPlot {
     /// The picture, to stand in a page that has [`super::chart::CSS`].
     pub fn svg(&self) -> Markup {
         let row_height = LANE * self.kinds.len() as f64 + 12.0;
-        let body = row_height * self.rows.len() as f64;
+        let plot_height = row_height * self.rows.len() as f64;
         // The legend, in as many lines as it takes.
         let (mut legend, mut at) = (Vec::new(), (LEFT, 34.0));
         for (name, color) in &self.kinds {
@@ -72,12 +72,12 @@ impl DotPlot {
                 (text((x + 8.0, y + 4.0), "", "start", name))
             }
             @for (tick, x) in self.axis.ticks().into_iter().filter_map(|t| Some((t, px(self.axis.position(t)?)))) {
-                (line("grid", (x, head), (x, head + body)))
-                (text((x, head + body + 16.0), "soft", "middle", &tick_text(tick)))
+                (line("grid", (x, head), (x, head + plot_height)))
+                (text((x, head + plot_height + 16.0), "soft", "middle", &tick_text(tick)))
             }
-            (text((LEFT + w / 2.0, head + body + 36.0), "soft", "middle", &labelled(&self.label, &self.axis)))
+            (text((LEFT + w / 2.0, head + plot_height + 36.0), "soft", "middle", &labelled(&self.label, &self.axis)))
             @if let Some((x, word)) = mark {
-                (line("mark", (x, head - 4.0), (x, head + body)))
+                (line("mark", (x, head - 4.0), (x, head + plot_height)))
                 (text((x + 4.0, head + 6.0), "soft", "start", word))
             }
             @for (i, (name, dots)) in self.rows.iter().enumerate() {
@@ -87,7 +87,7 @@ impl DotPlot {
                 @for dot in dots { (self.dot(dot, top + 6.0, px)) }
             }
         };
-        frame((WIDTH, head + body + 44.0), &self.title, content)
+        frame((WIDTH, head + plot_height + 44.0), &self.title, content)
     }
 
     /// A dot with its uncertainty, in its kind's lane of a row that begins at `top`; nothing if it has no place.

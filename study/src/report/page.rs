@@ -62,17 +62,17 @@ pub struct Page {
     title: String,
     lead: String,
     links: Vec<(String, String)>,
-    body: String,
+    content: String,
 }
 
 impl Page {
     /// A page with a title and a sentence or two that say what it is.
     pub fn new(title: &str, lead: &str) -> Self {
-        Self { title: title.to_owned(), lead: lead.to_owned(), links: Vec::new(), body: String::new() }
+        Self { title: title.to_owned(), lead: lead.to_owned(), links: Vec::new(), content: String::new() }
     }
 
     pub fn add(&mut self, piece: Markup) {
-        self.body += &piece.0;
+        self.content += &piece.0;
     }
 
     /// Begins a part that the list at the top leads to.
@@ -108,9 +108,9 @@ impl Page {
 
     /// Parts that only some readers want.
     pub fn details(&mut self, summary: &str, fill: impl FnOnce(&mut Page)) {
-        let before = std::mem::take(&mut self.body);
+        let before = std::mem::take(&mut self.content);
         fill(self);
-        let inside = PreEscaped(std::mem::replace(&mut self.body, before));
+        let inside = PreEscaped(std::mem::replace(&mut self.content, before));
         self.add(html! { details { summary { (marked(summary)) } (inside) } });
     }
 
@@ -128,7 +128,7 @@ impl Page {
                     h1 { (self.title) }
                     p.lead { (marked(&self.lead)) }
                     nav { @for (id, title) in &self.links { a href={ "#" (id) } { (title) } } }
-                    (PreEscaped(self.body))
+                    (PreEscaped(self.content))
                     script { (PreEscaped(SCRIPT)) }
                 }
             }

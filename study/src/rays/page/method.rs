@@ -8,7 +8,7 @@ use crate::report::{Chart, Page, Scale, Series};
 pub(super) fn method(page: &mut Page, results: &Results) {
     page.details("How this was measured, and how sure it is", |page| {
         page.text(
-            "The rays are those that renders of the scene asked for, recorded batch by batch with `embree` and replayed to every \
+            "The rays are those that renders of the scene traced, recorded batch by batch with `embree` and replayed to every \
              contender alike. Camera, shadow and later bounces are from a path-traced picture of the scene as it is; diffuse and \
              glossy are first bounces with all surfaces made diffuse, or metals of roughness ¼; shuffled and sorted (by octant, \
              then along a Morton curve through the origins) are the diffuse ones in another order. Shadow rays ask for any hit, \
