@@ -1,4 +1,4 @@
-//! What studies leave on disk: tables, pages, and measurements that are taken up again.
+//! Output files: tables, pages, and measurements for resuming.
 
 use std::fs;
 use std::io::Write;

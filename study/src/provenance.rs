@@ -1,4 +1,4 @@
-//! Who measured, with what, on what: for results that are read elsewhere and later.
+//! Program, command and machine of a measurement.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -7,16 +7,16 @@ use bismar::console;
 use bismar::console::host::total_memory_bytes;
 use serde::{Deserialize, Serialize};
 
-/// What stands in the JSON of every study as `run`.
+/// The object `run` in the JSON of every study.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Provenance {
     pub version: String,
-    /// That the program was built from, if it is a release.
+    /// Commit of the program, if it is a release.
     pub commit: String,
     /// The words of the command line.
     pub command: Vec<String>,
     pub machine: Machine,
-    /// Where the seeds of each use begin; replica r has the seed r above that.
+    /// First seed of each use; replica r adds r.
     pub seeds: BTreeMap<String, u32>,
 }
 

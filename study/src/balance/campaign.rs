@@ -17,12 +17,12 @@ use super::{Design, Estimator, HALF, Mosaic, StudyScene, oracle};
 use crate::clock::process_seconds;
 use crate::files;
 
-/// Of these rounds, one renders `half` again for the time alone, where its replicas are on disk already.
+/// Every so many rounds, `half` is rendered again for its time only, if its replicas are on disk already.
 const TIMING_ROUNDS: usize = 4;
 /// Seconds between two writes of unfinished cells.
 const SAVE_SECONDS: f64 = 60.0;
 
-/// What a render is to be, besides the scene's settings.
+/// Parameters of a render in addition to the scene's settings.
 #[derive(Clone)]
 struct Take {
     spp: u32,
@@ -40,7 +40,7 @@ impl Default for Take {
     }
 }
 
-/// The measurements of one scene under way.
+/// Measurement of one scene.
 pub(super) struct Campaign<'a> {
     scene: &'a StudyScene,
     design: &'a Design,
@@ -49,10 +49,10 @@ pub(super) struct Campaign<'a> {
     stop: &'a AtomicBool,
     progress: &'a (dyn Fn(Progress) + Sync),
     folder: PathBuf,
-    /// Begins the names of its files.
+    /// Prefix of its file names.
     prefix: &'static str,
     start: Instant,
-    /// Paths a pixel taken, and to take in all.
+    /// Paths per pixel rendered so far, and in all.
     done: f64,
     pub all: f64,
     rays: AtomicU64,
@@ -97,7 +97,7 @@ impl<'a> Campaign<'a> {
         self.folder.join(format!("{}{}", self.prefix, key.file_name()))
     }
 
-    /// What there is of a cell that this program would take alike.
+    /// A stored cell, if this program renders a tile of it to the same bits; else an empty one.
     pub fn stored(&mut self, key: Key) -> Result<Cell> {
         let none = Cell::new(self.pixels());
         let Some(cell) = Cell::read(&self.path(key), self.pixels())? else { return Ok(none) };
@@ -126,7 +126,7 @@ impl<'a> Campaign<'a> {
         Ok(cell.filter(|c| c.replicas() == 1).map(|c| c.shares_of(0).into()))
     }
 
-    /// Takes replicas until each cell has `replicas`, one of each cell in turn: what the machine does otherwise meets all
+    /// Renders replicas until each cell has `replicas`, one of each cell in turn: other load on the machine affects all
     /// alike.
     pub fn rounds(&mut self, cells: &mut [(Key, Cell)], replicas: usize) -> Result<()> {
         let half = What::Picture(HALF);

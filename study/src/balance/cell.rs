@@ -52,11 +52,8 @@ impl Pilot {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Replica {
     pub times: Times,
-    /// As [`Cell::picture`].
     pub values: Vec<f32>,
-    /// As [`Cell::shares_of`].
     pub shares: Vec<f32>,
-    /// As [`Cell::paths_of`].
     pub paths: Vec<f32>,
 }
 

@@ -1,4 +1,4 @@
-//! What is measured: a cell for each estimator and sample count.
+//! Keys of measurements: a cell for each estimator and sample count.
 
 use bismar::balance::Balance;
 
@@ -65,7 +65,7 @@ pub fn keys(design: &Design) -> Vec<Key> {
     keys
 }
 
-/// How many passes come before the last one, and their paths.
+/// Number of passes before the last one, and their paths.
 pub fn last_pass(balance: Balance, spp: u32) -> (u32, u32) {
     let (mut passes, mut done) = (0, 0);
     while let Some(n) = balance.method().next_pass(done, Some(spp), None).filter(|&n| n > 0) {

@@ -1,4 +1,4 @@
-//! Takes the measurements that are not on disk yet.
+//! Renders the measurements that are not on disk yet.
 
 use std::sync::atomic::AtomicBool;
 
@@ -11,7 +11,7 @@ use super::cell::Cell;
 use super::key::{Key, What, keys};
 use super::{Design, Estimator, StudyScene, oracle};
 
-/// Where the seeds of each use begin: no two uses share one.
+/// First seed of each use; ranges do not overlap.
 pub(super) mod seeds {
     pub const REPLICAS: u32 = 0;
     pub const CONTROL: u32 = 1 << 20;

@@ -1,4 +1,4 @@
-//! How well the balances share the work: replicas of every estimator on every scene, against a converged reference.
+//! Variance and error of every balance: replicas of each estimator on each scene, against a converged reference.
 //!
 //! Variance is measured, not estimated: R renders that differ in their seed alone give each pixel R values, whose sample
 //! variance is the pixel's. Replica r of every estimator has the same seed, so that what two estimators do alike cancels
@@ -34,7 +34,7 @@ pub use table::Row;
 
 #[derive(Debug, Clone)]
 pub struct Design {
-    /// Where everything goes; measurements in its folder `cells`.
+    /// Output folder; measurements are in its folder `cells`.
     pub folder: PathBuf,
     /// Besides `half`, which is always measured.
     pub estimators: Vec<Estimator>,
@@ -50,7 +50,7 @@ pub struct Design {
     pub height: u32,
     /// Size of the picture whose tiles are measured; `None`: that of the measured pixels, which are all of it.
     pub footprint: Option<[u32; 2]>,
-    /// Is it about the error of whole pictures against seconds, not about pixels' variances?
+    /// Whether to measure the error of whole pictures against seconds instead of pixels' variances.
     pub whole: bool,
 }
 
@@ -88,13 +88,13 @@ impl Design {
 pub enum Estimator {
     /// One of `--balance`.
     Method(Balance),
-    /// One of `--balance`, with more than that.
+    /// One of `--balance` with further options.
     Aided(Balance, Aids),
     /// The best fixed share of each pixel, found by brute force beforehand: the limit, not a method.
     Oracle,
 }
 
-/// What helps a balance, at least one of them.
+/// Options that are combined with a balance, at least one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Aids {
     /// `--guiding auto`.
@@ -104,7 +104,7 @@ pub struct Aids {
 }
 
 impl Aids {
-    /// All, with what ends the names of those that have them.
+    /// All combinations, with the suffixes of their names.
     pub const ALL: [(Self, &str); 3] = [
         (Self { guided: true, adaptive: false }, "+guiding"),
         (Self { guided: false, adaptive: true }, "+adaptive"),
@@ -138,7 +138,7 @@ impl Estimator {
         Self::all().into_iter().chain(Balance::all().iter().flat_map(aided)).find(|e| e.name() == name)
     }
 
-    /// `--balance` and what helps it.
+    /// Balance and further options.
     pub fn parts(self) -> (Balance, Aids) {
         match self {
             Self::Method(balance) => (balance, Aids::default()),

@@ -22,7 +22,7 @@ pub struct Mosaic {
     pub tiles: Arc<[[u32; 2]]>,
 }
 
-/// What a pixel of a tile is.
+/// Indices of a measured pixel.
 #[derive(Debug, Clone, Copy)]
 pub struct Place {
     /// Index in the mosaic, row by row.
@@ -32,7 +32,7 @@ pub struct Place {
 }
 
 impl Mosaic {
-    /// As many tiles of a picture of the size `footprint` as `size` asks for; without one, all of a picture of `size`.
+    /// Selects tiles of a picture of size `footprint` that cover `size` pixels; without `footprint`, a picture of `size`.
     pub fn new(size: [u32; 2], footprint: Option<[u32; 2]>) -> Result<Self> {
         let picture = footprint.unwrap_or(size);
         let columns = size.map(|n| n.div_ceil(TILE));
@@ -56,7 +56,7 @@ impl Mosaic {
         (self.size[0] * self.size[1]) as usize
     }
 
-    /// Is it a picture of its own, not pieces of a larger one?
+    /// Whether it covers a whole picture.
     pub fn is_whole(&self) -> bool {
         self.size == self.picture
     }
@@ -89,7 +89,7 @@ impl Mosaic {
         })
     }
 
-    /// Where a measured pixel is in the picture.
+    /// Coordinates of a measured pixel in the picture.
     pub fn place(&self, pixel: usize) -> [u32; 2] {
         let [x, y] = [pixel as u32 % self.size[0], pixel as u32 / self.size[0]];
         let [column, row] = self.tiles[(y / TILE * self.columns() + x / TILE) as usize];
@@ -101,7 +101,7 @@ impl Mosaic {
         RenderSettings { width, height, ..settings }
     }
 
-    /// Shares of the measured pixels as those of the whole picture, where the others have ½.
+    /// Expands shares of measured pixels to the whole picture; all other pixels get ½.
     pub fn spread(&self, shares: &[f32]) -> Arc<[f32]> {
         let [width, height] = self.picture;
         let mut all = vec![0.5; (width * height) as usize];
@@ -112,7 +112,7 @@ impl Mosaic {
         all.into()
     }
 
-    /// What `of` makes of each measured pixel of some tiles, given by their numbers in the mosaic, in the same order as
+    /// Applies `of` to each measured pixel of some tiles, given by their numbers in the mosaic, in the order of
     /// `tiles`; the default elsewhere.
     pub fn gather<T: Clone + Default>(
         &self,

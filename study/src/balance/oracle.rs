@@ -23,13 +23,13 @@ pub struct Training {
     pub replicas: u32,
 }
 
-/// As many replicas as the study's, at a quarter of the most samples.
+/// The study's number of replicas, at a quarter of the most samples.
 pub fn training(design: &Design) -> Training {
     let most = design.spp.last().copied().unwrap_or(1);
     Training { spp: (most / 4).clamp(most.min(16), most), replicas: design.replicas }
 }
 
-/// Gathers renders with fixed shares.
+/// Accumulates renders with fixed shares.
 pub struct Learner {
     /// 1/(reference² + 0.01) a pixel's channel.
     weights: Vec<f64>,

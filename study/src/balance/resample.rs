@@ -1,4 +1,4 @@
-//! How sure summaries over pixels are: the bootstrap over replicas.
+//! Standard errors of summaries over pixels, by the bootstrap over replicas.
 
 use bismar::sampling::hash;
 use rayon::prelude::*;
@@ -10,7 +10,7 @@ pub const RESAMPLES: u32 = 200;
 /// Shares of pixels whose ratio is at most the percentile.
 pub const PERCENTILES: [f64; 4] = [0.5, 0.95, 0.99, 1.0];
 
-/// What is said of a picture's ratios.
+/// Summary of a picture's ratios.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Summary {
     pub mean: f64,

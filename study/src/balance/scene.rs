@@ -17,7 +17,7 @@ pub struct StudyScene {
     /// The file's name without folders and extension.
     pub name: String,
     pub scene: PreparedScene<'static>,
-    /// Of the files' bytes and the settings.
+    /// Hash of files and settings.
     pub fingerprint: String,
     /// The first camera's view, without balance, samples and seed.
     pub settings: RenderSettings,
@@ -73,7 +73,7 @@ impl Files {
         Ok(scene)
     }
 
-    /// Of what the pictures depend on outside of this program. (What they depend on inside is found out by rendering a
+    /// Hash of everything outside of this program that pictures depend on. (Changes of the program are detected by rendering a
     /// piece of each stored measurement again: see [`measure`](super::measure()).)
     fn fingerprint(&self, settings: &RenderSettings, mosaic: &Mosaic) -> Result<String> {
         let environment = self.environment.as_ref().map_or(String::new(), EnvironmentFile::hash);

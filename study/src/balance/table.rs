@@ -73,11 +73,11 @@ pub struct Row {
 /// Everything about one sample count on one scene.
 pub struct Level {
     pub spp: u32,
-    /// What each estimator showed, the control second.
+    /// Outcome of each estimator, the control second.
     pub results: Vec<Outcome>,
 }
 
-/// What one estimator showed at one sample count.
+/// Results of one estimator at one sample count.
 pub struct Outcome {
     pub row: Row,
     /// `None` for the control.

@@ -48,9 +48,9 @@ pub struct SceneResults {
     pub rows: Vec<Row>,
     /// The reference, three numbers a pixel.
     pub reference: Vec<f64>,
-    /// What each technique made of the most paths, in the rows' order.
+    /// Pictures of each technique with the most paths, in the rows' order.
     pub pictures: Vec<Pictures>,
-    /// What guides the most paths, if a technique may be guided and it pays.
+    /// Guiding field for the most paths, if a technique uses guiding and its pre-pass decides for it.
     pub field: Option<field::FieldPicture>,
 }
 

@@ -1,4 +1,4 @@
-//! Do two backends hit the same? Every difference is judged in double precision: rounding explains it, or it counts as
+//! Agreement of two backends. Every difference is judged in double precision: rounding explains it, or it counts as
 //! unexplained.
 
 use bismar::rays::{HitBatch, RayBatch, RayOrder, RayQueries};
@@ -11,7 +11,7 @@ use super::stream::{Kind, Query, Stream};
 /// Why two answers differ.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Class {
-    /// They do not, up to rounding.
+    /// Equal up to rounding.
     Same,
     /// Different triangles, within rounding of an edge.
     Edge,
@@ -23,7 +23,7 @@ pub enum Class {
     SelfHit,
     /// The texel at which alpha was looked up differs.
     Alpha,
-    /// One slipped through within rounding of an edge and hit nothing.
+    /// One ray passed within rounding of an edge and hit nothing.
     Miss,
     /// Rounding does not explain it.
     Unexplained,
@@ -43,7 +43,7 @@ impl Class {
     ];
 }
 
-/// Of how many rays the answers differ why.
+/// Number of rays per class.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Tally(pub [u64; Class::ALL.len()]);
 
@@ -149,7 +149,7 @@ impl<'a> Judge<'a> {
         counts
     }
 
-    /// Why the closest hits of ray `i` differ.
+    /// Class of a difference between closest hits of ray `i`.
     pub fn class(&self, rays: &RayBatch, i: usize, a: Option<Hit>, b: Option<Hit>) -> Class {
         if a == b {
             return Class::Same;
@@ -183,7 +183,7 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Why only one says that ray `i` is blocked, by their closest hits.
+    /// Class of a difference in occlusion of ray `i`, from both backends' closest hits.
     fn class_occluded(&self, rays: &RayBatch, i: usize, a: Option<Hit>, b: Option<Hit>) -> Class {
         let class = self.class(rays, i, a, b);
         if class != Class::Same {
@@ -197,12 +197,12 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Is a hit what the triangle and the ray allow?
+    /// Whether a hit is consistent with ray and triangle.
     fn sound(&self, plane: &Plane, ray: &ExactRay, hit: &Hit) -> bool {
         plane.possible(ray) && plane.agrees(hit)
     }
 
-    /// Why the other backend may have gone past this hit.
+    /// Class of a hit that the other backend missed.
     fn lost(&self, plane: &Plane, ray: &ExactRay, key: u32, hit: &Hit, at_edge: Class) -> Class {
         if plane.weight_error > GRAZING {
             return Class::Grazing;
@@ -228,11 +228,11 @@ fn grazing_or_wrong(plane: Option<&Plane>) -> Class {
     if plane.is_none_or(|plane| plane.weight_error > 1.0) { Class::Grazing } else { Class::Unexplained }
 }
 
-/// By so much a ray's interval is lengthened, and its origin shifted in proportion to where it is, to find what it
+/// Relative extension of a ray's interval, and shift of its origin relative to its coordinates, to find what it
 /// passes within rounding.
 const NEARBY: f32 = 1e-5;
 
-/// What ray `i` hits closest by two backends of which only one found any hit. Where neither has a closest one, that of a
+/// Closest hits of ray `i` by two backends of which only one reports occlusion. If neither has a closest hit, that of a
 /// ray nearby: a triangle to be judged against the ray itself.
 fn candidates(a: &dyn RayQueries, b: &dyn RayQueries, rays: &RayBatch, i: usize) -> [Option<Hit>; 2] {
     let shift = NEARBY * (1.0 + rays.origin(i).abs().max_element());
@@ -246,7 +246,7 @@ fn candidates(a: &dyn RayQueries, b: &dyn RayQueries, rays: &RayBatch, i: usize)
     match tried.find_map(found) {
         None => [None, None],
         Some((both, true)) => both,
-        // Of a ray nearby, which of two triangles is hit means nothing.
+        // For a nearby ray it does not matter which of two triangles is hit.
         Some(([a, b], false)) => [a.or(b), a.or(b)],
     }
 }

@@ -1,27 +1,27 @@
-//! How far two studies of the same scenes agree: two runs on one machine, under two names, or two machines.
+//! Agreement of two studies of the same scenes: two machines, or two runs under different names.
 
 use super::page::{BASELINE, distinct};
 use super::table::{Results, Trace};
 use crate::report::{Page, Table, number, with_error};
 
-/// Ratios are to be stable within this share.
+/// Largest relative difference of stable ratios.
 const WITHIN: f64 = 0.05;
 
-/// A speed over that of the baseline, as measured twice.
+/// A speed ratio that was measured twice.
 struct Pair<'a> {
     a: &'a Trace,
     b: &'a Trace,
 }
 
 impl Pair<'_> {
-    /// By what share the larger ratio exceeds the other.
+    /// The larger ratio over the smaller, minus 1.
     fn apart(&self) -> f64 {
         let quotient = self.a.speed_ratio / self.b.speed_ratio;
         quotient.max(1.0 / quotient) - 1.0
     }
 }
 
-/// What both measured, most different first. The baseline itself, whose ratio is 1, is no evidence.
+/// Ratios that both measured, the most different first, without the baseline.
 fn pairs<'a>(results: &'a Results, a: &str, b: &str) -> Vec<Pair<'a>> {
     let of = |machine: &str| {
         let own = move |t: &&Trace| t.machine == machine && t.backend != BASELINE;
@@ -35,7 +35,7 @@ fn pairs<'a>(results: &'a Results, a: &str, b: &str) -> Vec<Pair<'a>> {
     all
 }
 
-/// A section for all machines that measured what the first one measured, too; nothing if there are none.
+/// A section for all pairs of machines with common measurements, if there are any.
 pub(super) fn section(page: &mut Page, results: &Results) {
     let names = distinct(results.traces.iter().map(|t| &*t.machine));
     let mut all = Vec::new();

@@ -1,4 +1,4 @@
-//! What is compared: a backend with its choices, by a name such as `embree+high+robust`.
+//! Ray backends with options, by names such as `embree+high+robust`.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use bismar::rays::embree::{EmbreeOptions, EmbreeRays, Packets, Quality};
 use bismar::rays::{RayQueries, Watch};
 use bismar::scene::Scene;
 
-/// A backend with its choices.
+/// A backend with its options.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contender {
     what: What,
@@ -20,7 +20,7 @@ enum What {
     Obvhs(ObvhsOptions),
 }
 
-/// Words that choose, and what they choose; a field's first word is its default and is not written.
+/// Names of options and their values. A list's first name is the default, which names of contenders omit.
 const QUALITIES: [(&str, Quality); 4] =
     [("medium", Quality::Medium), ("low", Quality::Low), ("two-level", Quality::TwoLevel), ("high", Quality::High)];
 const PACKETS: [(&str, Packets); 5] = [
@@ -51,22 +51,22 @@ fn word<T: Copy + PartialEq>(list: &[(&'static str, T)], value: T) -> Option<&'s
     list.iter().skip(1).find(|(_, v)| *v == value).map(|(name, _)| *name)
 }
 
-/// What a default study compares with `embree`: each choice of each library on its own.
+/// Contenders of a default study: each option of each library alone.
 const DEFAULT_LIST: &str = "embree+low,embree+two-level,embree+high,embree+compact,embree+robust,embree+high+robust,\
                      embree+single,embree+x4,embree+x8,embree+x16,embree+avx2,embree+sse2,obvhs+fastest,\
                      obvhs+very-fast,obvhs+fast,obvhs,obvhs+slow,obvhs+very-slow,obvhs+split,obvhs+slow+whole,\
                      obvhs+own-test,obvhs+bvh2+fastest,obvhs+bvh2,obvhs+bvh2+very-slow";
-/// What it compares where there are millions of triangles: builds of minutes are left out.
+/// Contenders for millions of triangles, without builds that take minutes.
 const LARGE_LIST: &str = "embree+low,embree+high,embree+single,obvhs+fastest,obvhs,obvhs+bvh2";
 const QUICK_LIST: &str = "embree+low,embree+high,embree+single,obvhs+fastest,obvhs,obvhs+very-slow,obvhs+bvh2";
 
 impl Contender {
-    /// What everything is compared with: as `--rays embree` renders.
+    /// The baseline: the options of `--rays embree`.
     pub fn baseline() -> Self {
         Self { what: What::Embree(EmbreeOptions::default()) }
     }
 
-    /// As `--rays obvhs` renders.
+    /// The options of `--rays obvhs`.
     pub fn other() -> Self {
         Self { what: What::Obvhs(ObvhsOptions::default()) }
     }
@@ -156,7 +156,7 @@ impl Contender {
         }
     }
 
-    /// Its name; what is left at its default is not named.
+    /// Its name, without options that have their defaults.
     pub fn name(&self) -> String {
         let (library, words) = match &self.what {
             What::Embree(o) => (
@@ -177,7 +177,7 @@ impl Contender {
         words.into_iter().flatten().fold(library.to_owned(), |name, word| name + "+" + word)
     }
 
-    /// Held to an instruction set, if it is Embree's and not held to another one.
+    /// Limits Embree to an instruction set, unless it is limited to another one.
     pub fn held_to(mut self, isa: Option<&'static str>) -> Self {
         if let What::Embree(options) = &mut self.what {
             options.isa = options.isa.or(isa);
@@ -185,7 +185,7 @@ impl Contender {
         self
     }
 
-    /// Builds the scene, on the current rayon pool or as many threads of Embree's.
+    /// Builds the scene on the current rayon pool, or on as many threads of Embree's.
     pub fn build(&self, scene: Arc<Scene>, watch: Watch) -> Result<Box<dyn RayQueries>> {
         Ok(match &self.what {
             What::Embree(options) => {

@@ -71,7 +71,7 @@ pub fn measure(
     let mut contenders = contenders.map(|c| (c.name(), c.clone())).collect::<Vec<_>>();
     contenders.insert(0, (CONTROL.to_owned(), baseline.clone()));
     let all = contenders.len() as f64;
-    // Of each stream, all rounds of the baseline, and its instructions.
+    // Per stream, all rounds of the baseline and its instructions.
     let mut own = vec![(Vec::new(), None); streams.len()];
     for (i, (name, contender)) in contenders.into_iter().enumerate() {
         progress(i as f64 / all);

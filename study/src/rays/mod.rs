@@ -41,7 +41,7 @@ pub const LARGE: u64 = 4_000_000;
 pub struct Design {
     pub folder: PathBuf,
     pub contenders: Vec<Contender>,
-    /// What is where more than [`LARGE`] triangles are built.
+    /// Contenders for scenes with more than [`LARGE`] built triangles.
     pub contenders_large: Vec<Contender>,
     /// Instruction set that Embree is held to.
     pub isa: Option<&'static str>,
@@ -56,12 +56,12 @@ pub struct Design {
     pub save_streams: bool,
     /// Take the streams from this folder instead of recording them.
     pub streams: Option<PathBuf>,
-    /// How to call this machine.
+    /// Name of this machine.
     pub machine: Option<String>,
 }
 
 impl Design {
-    /// What is compared with the baseline on this scene.
+    /// Contenders on this scene.
     pub fn contenders(&self, subject: &Subject) -> &[Contender] {
         if subject.built > LARGE { &self.contenders_large } else { &self.contenders }
     }
@@ -69,7 +69,7 @@ impl Design {
 
 /// A scene to be measured on.
 pub struct Subject {
-    /// What tells it from others: the file's name without folders and extension, say, or that of the shape.
+    /// Unique name: the file's stem, or the name of the shape.
     pub name: String,
     /// The kind of a generated scene.
     pub shape: Option<&'static str>,
@@ -107,7 +107,7 @@ impl Subject {
         Self { name, shape, scene: Arc::new(scene), triangles, built, settings: RenderSettings::default() }
     }
 
-    /// Of the triangles, their places and the view: what recorded rays depend on.
+    /// Hash of triangles, transforms and view: everything that recorded rays depend on.
     fn fingerprint(&self, design: &Design) -> u64 {
         let mut hasher = blake3::Hasher::new();
         fn hash(hasher: &mut blake3::Hasher, number: u32) {

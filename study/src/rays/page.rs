@@ -66,7 +66,7 @@ impl<'a> SceneRows<'a> {
         self.builds().next()
     }
 
-    /// With its machine, where there are several.
+    /// Name of the scene, with the machine if there are several.
     fn title(&self) -> String {
         let several = self.results.builds.iter().any(|b| b.machine != self.machine);
         if several { format!("{}, {}", self.name, self.machine) } else { self.name.to_owned() }

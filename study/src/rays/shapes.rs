@@ -12,11 +12,11 @@ use glam::{Vec3, Vec4, vec3};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shape {
     pub kind: ShapeKind,
-    /// How many there are, the ground's one or two among them; in [8, 100 million].
+    /// Number of triangles in [8, 100 million], including one or two of the ground.
     pub triangles: u32,
 }
 
-/// What the triangles of a generated scene are like.
+/// Kinds of triangles in generated scenes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ShapeKind {
     /// A bumpy ball on a ground: small, well-shaped triangles that touch.
@@ -27,7 +27,6 @@ pub enum ShapeKind {
     Foliage,
 }
 
-/// How they are called.
 const KINDS: [(&str, ShapeKind); 3] =
     [("sphere", ShapeKind::Sphere), ("slivers", ShapeKind::Slivers), ("foliage", ShapeKind::Foliage)];
 

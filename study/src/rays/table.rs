@@ -29,11 +29,11 @@ pub struct Results {
     pub pictures: Vec<Picture>,
     pub scalings: Vec<Scaling>,
     pub agreements: Vec<Agreement>,
-    /// What could not be measured, and unexplained differences, as sentences.
+    /// Failed measurements and unexplained differences, as sentences.
     pub notes: Vec<String>,
 }
 
-/// How fast a backend answers a stream.
+/// Speed of a backend on a stream.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[allow(missing_docs, reason = "docs/study-rays.md")]
 pub struct Trace {
@@ -145,7 +145,7 @@ impl Agreement {
     }
 }
 
-/// |z| of a picture's mean above which pictures differ: among a thousand of them, one in thirty studies.
+/// |z| of a picture's mean above which pictures differ. False alarms: one in thirty studies of a thousand pictures.
 pub const MAX_Z: f64 = 5.0;
 
 impl Results {
@@ -177,7 +177,7 @@ impl Results {
         self.pictures.iter().filter(|p| p.bias_z.abs() > MAX_Z).count()
     }
 
-    /// Did this machine measure a scene with all of these contenders?
+    /// Whether this machine measured a scene with all of these contenders.
     pub fn has(&self, machine: &str, scene: &str, contenders: &[String]) -> bool {
         let is = |b: &&Build| b.machine == machine && b.scene == scene;
         let there = self.builds.iter().filter(is).map(|b| &b.backend).collect::<Vec<_>>();
@@ -192,7 +192,7 @@ impl Results {
         forget!(traces builds pictures scalings agreements);
     }
 
-    /// Removes this study's own host if it measured nothing and there are others: it has nothing to say of the machine.
+    /// Removes this study's own host if it measured nothing and there are others.
     pub fn forget_idle_host(&mut self) {
         if self.hosts.len() > 1 && self.hosts[0].spin_seconds.is_empty() {
             self.hosts.remove(0);

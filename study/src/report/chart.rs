@@ -8,7 +8,7 @@ use maud::{Markup, html};
 
 use super::axis::{Axis, Scale, tick_text};
 
-/// What charts look like, in light and dark. Colours after Wong (2011), *Points of view: Color blindness*, made darker
+/// Style of charts in light and dark. Colours after Wong (2011), *Points of view: Color blindness*, made darker
 /// or lighter to stand out from the ground.
 pub const CSS: &str = "
 .chart{--ink:#1d232b;--soft:#5d6875;--grid:#e4e8ed;--s0:#6b7684;--s1:#0067a5;--s2:#c84e00;--s3:#00805d;--s4:#a8487f;

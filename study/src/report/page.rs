@@ -149,7 +149,7 @@ fn figure(class: &str, content: Markup, caption: &str) -> Markup {
     html! { figure class=(class) { (content) @if !caption.is_empty() { figcaption { (marked(caption)) } } } }
 }
 
-/// What may be wider than the page, so that it scrolls, by keys too.
+/// A box that scrolls, also by keys, if its content is wider than the page.
 pub(super) fn scrolling(what: &str, content: Markup) -> Markup {
     html! {
         div.scroll tabindex="0" role="region" aria-label=(what) { (content) }

@@ -41,7 +41,7 @@ impl Picture {
         Self { width: side, height: side, bytes }
     }
 
-    /// As the address of a PNG that needs no file.
+    /// A PNG as data URI.
     pub fn data_uri(&self) -> Result<String> {
         let mut png = Vec::new();
         PngEncoder::new(&mut png)
@@ -58,7 +58,7 @@ pub enum ColorScale {
     Amount { low: f64, high: f64 },
     /// From `-1` (blue) through 0 (pale) to 1 (red) (RdBu, by C. Brewer), of (value − middle)/half-width.
     Difference { middle: f64, half_width: f64 },
-    /// As [`ColorScale::Difference`], of log(value) from 1/`factor` through 1 to `factor`.
+    /// From 1/`factor` (blue) through 1 (pale) to `factor` (red), logarithmic.
     Ratio { factor: f64 },
 }
 
@@ -86,7 +86,7 @@ impl ColorScale {
         [mix(16), mix(8), mix(0)]
     }
 
-    /// As a CSS gradient from left to right.
+    /// A CSS gradient from left to right.
     pub fn gradient(self) -> String {
         let stops = if matches!(self, ColorScale::Amount { .. }) { &INFERNO } else { &RED_BLUE };
         let list = stops.iter().map(|c| format!("#{c:06x}")).collect::<Vec<_>>().join(",");

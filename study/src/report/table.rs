@@ -5,7 +5,7 @@ use maud::{Markup, html};
 use super::number;
 use super::page::scrolling;
 
-/// How a cell stands out.
+/// Emphasis of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Tone {
     Plain,
@@ -48,7 +48,6 @@ impl Tone {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Cell {
     pub text: String,
-    /// How it stands out.
     pub tone: Tone,
 }
 

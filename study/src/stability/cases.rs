@@ -3,11 +3,11 @@
 use super::domain::{Domain, Image, SIDE};
 
 pub struct Case {
-    /// As in the literature list of the docs: F1 … F17.
+    /// Number of the failure mode: F1 … F17.
     pub mode: &'static str,
     /// In a few words.
     pub name: &'static str,
-    /// How it is posed.
+    /// Description of the case.
     pub construct: &'static str,
     pub paths: u32,
     /// Largest variance ratio to `half` in any pixel and channel that counts as survived.
@@ -119,7 +119,7 @@ fn dim_and_bright() -> Domain {
     Domain::grey([(1.0, 0.3, 0.05), (0.3, 0.1, 0.5)])
 }
 
-/// Where the biased control has to be caught: 8 paths.
+/// The case in which the biased control must be caught: 8 paths.
 pub fn biased_control() -> Case {
     Case {
         mode: "F12",
@@ -131,7 +131,7 @@ pub fn biased_control() -> Case {
     }
 }
 
-/// Where the unsafe control has to be caught.
+/// The case in which the unsafe control must be caught.
 pub fn unsafe_control() -> Case {
     Case {
         mode: "F8",

@@ -115,7 +115,7 @@ impl Ratios {
 #[derive(Debug, Clone)]
 pub struct Tally {
     truth: Vec<[f64; 3]>,
-    /// By pixel and channel: estimate − truth, exact variance.
+    /// Per pixel and channel: estimate − truth, exact variance.
     estimate: Vec<[Sums; 3]>,
     variance: Vec<[Sums; 3]>,
     picture: [Sums; 3],

@@ -34,7 +34,6 @@ impl Subject {
         Balance::all().iter().map(|&b| Self::Method(b)).chain([Self::Ridge, Self::Minimax]).collect()
     }
 
-    /// Does it learn from samples?
     pub fn learns(self) -> bool {
         self.method().learns()
     }
@@ -190,7 +189,7 @@ pub fn replica(image: &Image, subject: Subject, paths: u32, random: &mut SplitMi
 /// Samples of either technique cost the same here.
 pub const EQUAL_COST: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
 
-/// One pixel under way.
+/// Sums of one pixel.
 #[derive(Debug, Clone, Default)]
 struct Sums {
     sum: [f64; 3],
@@ -281,7 +280,7 @@ impl Exact<'_> {
                 if atom.f == [0.0; 3] {
                     continue;
                 }
-                // What is broken is learned from too: the balance has to stand it.
+                // Invalid values are passed on: the balance must handle them.
                 let (a_l, a_b) = (f64::from(weighed.light_per_path()), f64::from(weighed.bsdf_per_path()));
                 let z = atom.f.map(|f| 2.0 * f / (a_l * atom.light + a_b * atom.bsdf));
                 let y = atom.f.map(|f| 2.0 * f / (atom.light + atom.bsdf));

@@ -1,4 +1,4 @@
-//! What a scene looks like: pictures, shares and errors in false colours, the worst pixels.
+//! Figures of a scene: pictures, shares and errors in false colours, the worst pixels.
 
 use bismar::Result;
 use bismar::film::View;

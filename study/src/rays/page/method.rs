@@ -1,4 +1,4 @@
-//! How it was measured, and on what.
+//! The sections on method and machine.
 
 use crate::rays::host::drift;
 use crate::rays::table::Results;
