@@ -172,9 +172,7 @@ fn row(
     let mean = judged.mean();
     let worst = ratio::worst_held_out(&judged.own, base, &judgeable.pixels, WORST);
     let surely = ratio::surely_worse(&judged.ratios, &control.ratios).len();
-    let [p50, p95, p99, p100] = summary.percentiles;
-    let [p50_se, p95_se, p99_se, p100_se] = errors.percentiles;
-    let [p50_control, p95_control, p99_control, p100_control] = control.summary.percentiles;
+    let (p, p_se, p_control) = (summary.percentiles, errors.percentiles, control.summary.percentiles);
     Row {
         scene: scene.to_owned(),
         estimator,
@@ -206,18 +204,18 @@ fn row(
         worse_se: errors.worse,
         worse_control: control.summary.worse,
         worse_surely: surely as f64 / judged.ratios.len() as f64,
-        p50,
-        p50_se,
-        p95,
-        p95_se,
-        p99,
-        p99_se,
-        p100,
-        p100_se,
-        p50_control,
-        p95_control,
-        p99_control,
-        p100_control,
+        p50: p[0],
+        p50_se: p_se[0],
+        p95: p[1],
+        p95_se: p_se[1],
+        p99: p[2],
+        p99_se: p_se[2],
+        p100: p[3],
+        p100_se: p_se[3],
+        p50_control: p_control[0],
+        p95_control: p_control[1],
+        p99_control: p_control[2],
+        p100_control: p_control[3],
         log_error: median(&judged.ratios.iter().map(|r| r.log_error).collect::<Vec<_>>()),
         worst_held_out: worst.map(|w| w.0),
         worst_held_out_se: worst.map(|w| w.1),

@@ -43,8 +43,10 @@ const PRESETS: [(&str, Preset); 6] = [
 const TREES: [(&str, TreeKind); 2] = [("cwbvh", TreeKind::EightWide), ("bvh2", TreeKind::Binary)];
 const TESTS: [(&str, TriangleTest); 2] = [("embree-test", TriangleTest::Embree), ("own-test", TriangleTest::Obvhs)];
 
-fn named<T: Copy>(list: &[(&str, T)], word: &str) -> Option<T> {
-    list.iter().find(|(name, _)| *name == word).map(|(_, value)| *value)
+/// Sets a field by an option's name, if the list has it.
+fn set<T: Copy>(list: &[(&str, T)], word: &str, field: &mut T) -> bool {
+    let value = list.iter().find(|(name, _)| *name == word).map(|(_, value)| *value);
+    value.inspect(|value| *field = *value).is_some()
 }
 
 fn word<T: Copy + PartialEq>(list: &[(&'static str, T)], value: T) -> Option<&'static str> {
@@ -113,17 +115,15 @@ impl Contender {
             Some("embree") => {
                 let mut options = EmbreeOptions::default();
                 for word in words {
-                    if let Some(quality) = named(&QUALITIES, word) {
-                        options.quality = quality;
-                    } else if let Some(packets) = named(&PACKETS, word) {
-                        options.packets = packets;
-                    } else if let Some(isa) = ISAS.into_iter().find(|isa| *isa == word) {
-                        options.isa = Some(isa);
-                    } else if word == "compact" {
-                        options.compact = true;
-                    } else if word == "robust" {
-                        options.robust = true;
-                    } else {
+                    let isa = ISAS.into_iter().find(|isa| *isa == word);
+                    options.isa = isa.or(options.isa);
+                    options.compact |= word == "compact";
+                    options.robust |= word == "robust";
+                    let known = isa.is_some() || ["compact", "robust"].contains(&word);
+                    if !(known
+                        || set(&QUALITIES, word, &mut options.quality)
+                        || set(&PACKETS, word, &mut options.packets))
+                    {
                         return unknown(
                             word,
                             "low, two-level, medium, high, compact, robust, single, x4, x8, x16, sse2, sse4.2, avx, avx2",
@@ -135,15 +135,12 @@ impl Contender {
             Some("obvhs") => {
                 let mut options = ObvhsOptions::default();
                 for word in words {
-                    if let Some(preset) = named(&PRESETS, word) {
-                        options.preset = preset;
-                    } else if let Some(tree) = named(&TREES, word) {
-                        options.tree = tree;
-                    } else if let Some(test) = named(&TESTS, word) {
-                        options.test = test;
-                    } else if word == "split" || word == "whole" {
+                    if word == "split" || word == "whole" {
                         options.split = Some(word == "split");
-                    } else {
+                    } else if !(set(&PRESETS, word, &mut options.preset)
+                        || set(&TREES, word, &mut options.tree)
+                        || set(&TESTS, word, &mut options.test))
+                    {
                         return unknown(
                             word,
                             "bvh2, cwbvh, fastest, very-fast, fast, medium, slow, very-slow, split, whole, own-test",

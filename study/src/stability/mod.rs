@@ -152,33 +152,15 @@ pub fn measure(
         }
         let best = case.image.pixels.iter().map(|d| d.best(case.paths)).sum::<f64>() / case.image.pixels.len() as f64;
         let Case { mode, name, construct, paths, bar, .. } = case;
-        modes.push(ModeResult {
-            mode,
-            name,
-            construct,
-            rendered: false,
-            paths,
-            replicas,
-            bar,
-            best: Some(best),
-            outcomes,
-        });
+        let (rendered, best) = (false, Some(best));
+        modes.push(ModeResult { mode, name, construct, rendered, paths, replicas, bar, best, outcomes });
     }
     if let Some(replicas) = scene_replicas {
         for case in scenes::scene_cases()? {
             let outcomes = case.outcomes(Balance::all(), replicas, stop, done)?;
             let (mode, name, construct, paths) = (case.mode, case.name, case.construct, scenes::PATHS);
-            modes.push(ModeResult {
-                mode,
-                name,
-                construct,
-                rendered: true,
-                paths,
-                replicas,
-                bar: cases::BAR,
-                best: None,
-                outcomes,
-            });
+            let (rendered, bar, best) = (true, cases::BAR, None);
+            modes.push(ModeResult { mode, name, construct, rendered, paths, replicas, bar, best, outcomes });
         }
     }
     modes.sort_by_key(|m| m.mode[1..].parse::<u32>().unwrap_or(u32::MAX));
@@ -190,21 +172,12 @@ pub fn measure(
     let all = modes.iter().flat_map(|m| &m.outcomes).chain([&biased_outcome, &unsafe_outcome]);
     let tests = all.map(|o| o.tests).sum();
     let z_limit = z_limit(tests);
+    let control =
+        |Case { mode, name, .. }: Case, check, caught, outcome| Control { mode, name, check, outcome, caught };
+    let unsafe_caught = unsafe_outcome.verdict(unsafe_case.bar, z_limit) == Verdict::Fails;
     let controls = vec![
-        Control {
-            mode: biased.mode,
-            name: biased.name,
-            check: "z-test of the mean",
-            caught: biased_outcome.z > z_limit,
-            outcome: biased_outcome,
-        },
-        Control {
-            mode: unsafe_case.mode,
-            name: unsafe_case.name,
-            check: "worst pixel's variance",
-            caught: unsafe_outcome.verdict(unsafe_case.bar, z_limit) == Verdict::Fails,
-            outcome: unsafe_outcome,
-        },
+        control(biased, "z-test of the mean", biased_outcome.z > z_limit, biased_outcome),
+        control(unsafe_case, "worst pixel's variance", unsafe_caught, unsafe_outcome),
     ];
     Ok(Results { z_limit, tests, false_alarm: judge::FALSE_ALARM, modes, facts: facts::facts(), controls })
 }
