@@ -8,7 +8,7 @@ use std::f64::consts::{PI, TAU};
 use glam::{DQuat, DVec3, dvec2, dvec3};
 use image::ImageError;
 
-use crate::glb::{Glb, Material, Place};
+use crate::glb::{Glb, Material, Placement};
 use crate::mesh::{
     Mesh, cuboid, lathe, panel, profile_spline, quad, rounded_box, smoothed, sphere, spline, textured_rectangle, torus,
     tube,
@@ -295,7 +295,7 @@ fn balls(glb: &mut Glb) {
     for (material, radius, x, z) in kinds {
         let name = material.name;
         let material = glb.material(&material);
-        glb.shared(name, &ball, material, &Place::scaled(dvec3(x, radius, z), radius));
+        glb.shared(name, &ball, material, &Placement::scaled(dvec3(x, radius, z), radius));
     }
 }
 
@@ -352,7 +352,7 @@ fn lemons_and_coins(glb: &mut Glb) {
     let lemon = glb.mesh("lemon", &[(&lemon, peel)]);
     for (x, z, y, turn, size) in [(0.325, 0.055, 0.0288, 0.5, 1.0), (0.405, 0.005, 0.0268, -0.75, 0.93)] {
         let rotation = DQuat::from_rotation_y(turn) * DQuat::from_rotation_z(PI / 2.0 + 0.06);
-        glb.instance(lemon, &Place { translation: dvec3(x, y, z), rotation, scale: size });
+        glb.instance(lemon, &Placement { translation: dvec3(x, y, z), rotation, scale: size });
     }
 
     let silver = glb.material(&Material::metal("silver", [0.91, 0.88, 0.81], 0.24));
@@ -362,10 +362,11 @@ fn lemons_and_coins(glb: &mut Glb) {
     let coin = glb.mesh("coin", &[(&coin, silver)]);
     let stack = (0..5).map(|i| {
         let wobble = |k: f64| 0.0016 * (k * f64::from(i)).sin();
-        Place::at(dvec3(0.205 + wobble(2.1), thick * f64::from(i), 0.118 + wobble(3.7)))
+        Placement::at(dvec3(0.205 + wobble(2.1), thick * f64::from(i), 0.118 + wobble(3.7)))
     });
-    let leaning = Place { translation: dvec3(0.2305, 0.0, 0.1235), rotation: DQuat::from_rotation_z(0.52), scale: 1.0 };
-    let loose = [(0.172, 0.146), (0.245, 0.150)].map(|(x, z)| Place::at(dvec3(x, 0.0, z)));
+    let leaning =
+        Placement { translation: dvec3(0.2305, 0.0, 0.1235), rotation: DQuat::from_rotation_z(0.52), scale: 1.0 };
+    let loose = [(0.172, 0.146), (0.245, 0.150)].map(|(x, z)| Placement::at(dvec3(x, 0.0, z)));
     for place in stack.chain([leaning]).chain(loose) {
         glb.instance(coin, &place);
     }

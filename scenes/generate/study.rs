@@ -6,7 +6,7 @@ use std::f64::consts::{PI, TAU};
 use glam::{DQuat, DVec3, dvec2, dvec3};
 use image::ImageError;
 
-use crate::glb::{Glb, Material, Place};
+use crate::glb::{Glb, Material, Placement};
 use crate::mesh::{Mesh, cuboid, lathe, panel, profile_spline, quad, rounded_box, sphere, textured_rectangle, tube};
 use crate::pictures::{self, Sky};
 use crate::random::{Random, fractal};
@@ -139,7 +139,7 @@ pub fn slats() -> Glb {
     let rail = glb.geometry(&cuboid(dvec3(5.0, 0.02, 0.19)));
     for i in 0..17 {
         let place = dvec3(0.0, 2.5, -1.7 + 0.2 * f64::from(i));
-        let place = Place { rotation: DQuat::from_rotation_x(-0.55), ..Place::at(place) };
+        let place = Placement { rotation: DQuat::from_rotation_x(-0.55), ..Placement::at(place) };
         glb.shared("slat", &rail, slat, &place);
     }
     for (x, z) in [(-1.6, -1.0), (0.1, 0.4), (1.7, -0.5)] {
@@ -163,7 +163,7 @@ pub fn mirrors() -> Glb {
         [("mirror", 0.03), ("polished", 0.09), ("satin", 0.2), ("brushed", 0.4)].into_iter().enumerate()
     {
         let metal = glb.material(&Material::metal(name, [0.86, 0.84, 0.80], roughness));
-        glb.shared(name, &ball, metal, &Place::at(dvec3(-1.65 + 1.1 * i as f64, 0.46, 0.25 * (i % 2) as f64)));
+        glb.shared(name, &ball, metal, &Placement::at(dvec3(-1.65 + 1.1 * i as f64, 0.46, 0.25 * (i % 2) as f64)));
     }
     let lacquer = glb.material(&Material::dielectric("lacquer", [0.22, 0.02, 0.02], 0.08));
     glb.object("slab", &block(dvec3(4.6, 0.05, 0.9), dvec3(0.0, 0.0, 1.35), 0.0), lacquer);
@@ -297,13 +297,13 @@ pub fn foliage() -> Result<Glb, ImageError> {
     for _ in 0..900 {
         let at = random.direction() * random.unit().cbrt() * dvec3(1.15, 0.95, 1.0) + dvec3(0.0, 2.0, 0.0);
         let turn = DQuat::from_rotation_y(random.between(0.0, TAU)) * DQuat::from_rotation_x(random.between(-1.3, 0.9));
-        glb.instance(card, &Place { translation: at, rotation: turn, scale: random.between(0.2, 0.34) });
+        glb.instance(card, &Placement { translation: at, rotation: turn, scale: random.between(0.2, 0.34) });
     }
     for _ in 0..160 {
         let at = dvec3(random.between(-2.6, 2.6), 0.01, random.between(-1.8, 1.8));
         let turn =
             DQuat::from_rotation_y(random.between(0.0, TAU)) * DQuat::from_rotation_x(random.between(-1.5, -1.1));
-        glb.instance(card, &Place { translation: at, rotation: turn, scale: random.between(0.14, 0.24) });
+        glb.instance(card, &Placement { translation: at, rotation: turn, scale: random.between(0.14, 0.24) });
     }
     glb.camera("camera", dvec3(0.5, 1.9, 5.8), dvec3(0.0, 1.65, -0.3), 36.0, 1.5);
     Ok(glb)

@@ -4,7 +4,7 @@
 
 use glam::{DVec3, dvec3};
 
-use crate::glb::{Glb, Material, Place};
+use crate::glb::{Glb, Material, Placement};
 use crate::mesh::{quad, sphere};
 
 pub fn scene() -> Glb {
@@ -20,7 +20,7 @@ pub fn scene() -> Glb {
     ] {
         // Radiance for the same power whatever the size.
         let emitter = glb.material(&Material::emitter(name, tint.map(|c: f64| c * 2.0 / (radius * radius))));
-        glb.shared(name, &ball, emitter, &Place::scaled(emitters.with_x(x), radius));
+        glb.shared(name, &ball, emitter, &Placement::scaled(emitters.with_x(x), radius));
     }
     for (name, alpha, y, z) in [
         ("plate, rough", 0.30, -0.95, 1.85),

@@ -10,7 +10,7 @@ use bismar::render::{Guiding, Progress, RenderSettings, RunOptions, StopReason, 
 use bismar::{Error, Result};
 use tracing::info;
 
-use super::cell::{Cell, Pilot, Replica, Times};
+use super::cell::{Cell, Prepass, Replica, Times};
 use super::key::{Key, What, last_pass};
 use super::measure::seeds;
 use super::{Design, Estimator, HALF, Mosaic, StudyScene, oracle};
@@ -113,7 +113,7 @@ impl<'a> Campaign<'a> {
         let taken = self.replica(key, 0, Some(middle));
         self.shares = kept;
         let (own, old) = (taken?.values, cell.picture(0));
-        let same = self.mosaic.places(middle).all(|p| own[3 * p.at..][..3] == old[3 * p.at..][..3]);
+        let same = self.mosaic.pixels_of(middle).all(|p| own[3 * p.at..][..3] == old[3 * p.at..][..3]);
         if !same {
             info!("{}: {} is measured anew: this program samples otherwise", self.scene.name, key.file_name());
         }
@@ -247,7 +247,7 @@ impl<'a> Campaign<'a> {
             cpu: process_seconds() - cpu,
             wall: wall.elapsed().as_secs_f64(),
             half_cpu: None,
-            pilot: rendered.stats.guiding.as_ref().map(Pilot::of),
+            prepass: rendered.stats.guiding.as_ref().map(Prepass::of),
             allocation: rendered.stats.adaptive.map(|adaptive| adaptive.efficiency.remaining),
         };
         self.rays.fetch_add(rendered.stats.rays(), Ordering::Relaxed);

@@ -18,7 +18,7 @@ pub struct Times {
     /// CPU seconds of `half` in the same round, where it was rendered then.
     pub half_cpu: Option<f64>,
     /// Of the pre-pass of `--guiding`, if requested.
-    pub pilot: Option<Pilot>,
+    pub prepass: Option<Prepass>,
     /// Error × time that `--adaptive` expected, over that without it, if requested; 1 where it decided against itself.
     pub allocation: Option<f64>,
 }
@@ -35,7 +35,7 @@ pub struct Timing {
 
 /// Result of a pre-pass of guiding.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Pilot {
+pub struct Prepass {
     pub on: bool,
     /// The variance that it expected to be left, over that without guiding.
     pub variance: f32,
@@ -43,7 +43,7 @@ pub struct Pilot {
     pub seconds: f64,
 }
 
-impl Pilot {
+impl Prepass {
     pub fn of(stats: &GuidingStats) -> Self {
         Self { on: stats.on, variance: stats.efficiency.variance, seconds: stats.seconds }
     }
@@ -157,9 +157,14 @@ mod tests {
         let mut cell = Cell::new(2);
         for r in 0..3 {
             let x = r as f32;
-            let pilot = Some(Pilot { on: r == 1, variance: 0.5, seconds: 0.1 });
-            let times =
-                Times { cpu: 0.1 * f64::from(r), wall: 1.0, half_cpu: (r > 0).then_some(0.3), pilot, allocation: None };
+            let prepass = Some(Prepass { on: r == 1, variance: 0.5, seconds: 0.1 });
+            let times = Times {
+                cpu: 0.1 * f64::from(r),
+                wall: 1.0,
+                half_cpu: (r > 0).then_some(0.3),
+                prepass,
+                allocation: None,
+            };
             let values = vec![x, 1.0, 2.0, 3.0 * x, 4.0, f32::MIN_POSITIVE];
             cell.push(&Replica { times, values, shares: vec![0.25 * x, 0.5], paths: vec![64.0, x] });
         }

@@ -8,7 +8,7 @@ pub mod page;
 
 use serde::{Deserialize, Serialize};
 
-use super::cell::{Cell, Pilot, Timing};
+use super::cell::{Cell, Prepass, Timing};
 use super::key::{Key, What};
 use super::measure::Measured;
 use super::table::{bias_z, rel_mse, relative_squares};
@@ -140,7 +140,7 @@ fn row(
     let times = &cell.times[..replicas];
     let optional_mean = |values: Vec<f64>| (!values.is_empty()).then(|| mean_of(values.into_iter()));
     let prepass =
-        |of: fn(&Pilot) -> f64| optional_mean(times.iter().filter_map(|t| t.pilot.as_ref().map(of)).collect());
+        |of: fn(&Prepass) -> f64| optional_mean(times.iter().filter_map(|t| t.prepass.as_ref().map(of)).collect());
     let product_ratio = rel_mse_ratio * time_ratio;
     Row {
         scene: scene.to_owned(),
