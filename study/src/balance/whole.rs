@@ -163,7 +163,7 @@ fn row(
         guided: prepass(|p| f64::from(u8::from(p.on))),
         guiding_variance: prepass(|p| f64::from(p.variance)),
         guiding_seconds: prepass(|p| p.seconds),
-        adaptive_left: optional_mean(times.iter().filter_map(|t| t.allocation.map(f64::from)).collect()),
+        adaptive_left: optional_mean(times.iter().filter_map(|t| t.allocation).collect()),
     }
 }
 

@@ -93,8 +93,9 @@ pub fn survival(results: &Results) -> Table {
     let table = balances(results, |m, o| judged(o, m.bar, results.verdict(m, o)));
     let mut table = table.column("bar", "largest variance ratio that survives", |m| faint(ratio(m.bar))).end();
     let of = |subject: Subject| {
-        let own = |m| move |o: &&Outcome| (o.estimator == subject.name()).then(|| results.verdict(m, o));
-        results.modes.iter().flat_map(|m| m.outcomes.iter().filter_map(move |o| own(m)(&o))).collect::<Vec<_>>()
+        let all = results.modes.iter().flat_map(|m| m.outcomes.iter().map(move |o| (m, o)));
+        let own = all.filter(|(_, o)| o.estimator == subject.name());
+        own.map(|(m, o)| results.verdict(m, o)).collect::<Vec<_>>()
     };
     table.push(failures(Subject::shown().into_iter().map(of)));
     table
