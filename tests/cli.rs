@@ -444,7 +444,7 @@ fn a_reader_that_goes_away_is_no_error() {
 }
 
 #[test]
-fn a_study_is_handed_to_the_program_beside_with_its_whole_line() {
+fn a_study_is_handed_to_bismar_study_with_its_whole_line() {
     use std::os::unix::fs::PermissionsExt;
     // On the file system of the program, so that it can be linked there: a copy could be busy when it is run.
     let folder = TempDir::new_in(env!("CARGO_TARGET_TMPDIR")).unwrap();

@@ -142,7 +142,7 @@ fn the_field_of_guiding_is_shown_where_it_pays() {
     let output = balance(folder.path(), line);
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     let page = fs::read_to_string(folder.path().join("out/report.html")).unwrap();
-    for words in ["Share of samples that follow the field of guiding", "Where to, in the mean"] {
+    for words in ["Share of samples from the guiding field", "Mean direction of the guiding field"] {
         assert!(page.contains(words), "{words}");
     }
 }
