@@ -60,7 +60,6 @@ pub struct Replica {
 /// Replicas of one estimator at one sample count.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Cell {
-    /// Pixels of a picture.
     pub pixels: usize,
     pub times: Vec<Times>,
     /// Radiance, replica by replica, row by row, linear RGB.
@@ -114,7 +113,6 @@ impl Cell {
         mean
     }
 
-    /// Times of the first `replicas` replicas.
     pub fn timing(&self, replicas: usize) -> Timing {
         let times = &self.times[..replicas];
         let median_of = |of: fn(&Times) -> f64| median(&times.iter().map(of).collect::<Vec<_>>());

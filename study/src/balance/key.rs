@@ -12,7 +12,6 @@ pub enum What {
     Control,
     /// The shares that a learning balance found before its last pass, used for the whole of another render.
     Found(Balance),
-    /// A part of the reference.
     Reference,
 }
 

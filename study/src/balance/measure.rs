@@ -27,7 +27,6 @@ pub(super) mod seeds {
 pub const REFERENCE_PARTS: u32 = 16;
 
 pub struct Measured {
-    /// Parts of the reference.
     pub reference: Cell,
     pub cells: Vec<(Key, Cell)>,
 }

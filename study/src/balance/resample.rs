@@ -18,7 +18,6 @@ pub struct Summary {
     pub ratio_of_means: f64,
     /// Share of pixels above [`super::ratio::WORSE`].
     pub worse: f64,
-    /// At [`PERCENTILES`].
     pub percentiles: [f64; 4],
 }
 

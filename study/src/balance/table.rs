@@ -228,7 +228,6 @@ pub(super) fn relative_squares(picture: &[f32], reference: &[f64]) -> impl Itera
     picture.iter().zip(reference).map(|(&x, &r)| (f64::from(x) - r).powi(2) / relative_to(r))
 }
 
-/// relMSE of a picture.
 pub(super) fn rel_mse(picture: &[f32], reference: &[f64]) -> f64 {
     mean_of(relative_squares(picture, reference))
 }
@@ -250,7 +249,6 @@ pub(super) fn bias_z(cell: &Cell, replicas: usize, reference: &[f64], parts: &Ce
     farthest((0..3).map(z))
 }
 
-/// `results.json`.
 #[derive(Serialize)]
 struct Results<'a, R> {
     schema: u32,

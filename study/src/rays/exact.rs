@@ -12,7 +12,6 @@ const ULP: f64 = f32::EPSILON as f64 / 2.0;
 /// computed in single precision 10 more; twice that for their second-order terms and Embree's approximate reciprocal.
 const OPERATIONS: f64 = 40.0;
 
-/// A ray of a batch.
 #[derive(Debug, Clone, Copy)]
 pub struct ExactRay {
     origin: DVec3,
@@ -22,7 +21,6 @@ pub struct ExactRay {
 }
 
 impl ExactRay {
-    /// Ray `i`.
     pub fn new(rays: &RayBatch, i: usize) -> Self {
         Self {
             origin: rays.origin(i).as_dvec3(),

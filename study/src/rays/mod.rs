@@ -56,12 +56,10 @@ pub struct Design {
     pub save_streams: bool,
     /// Take the streams from this folder instead of recording them.
     pub streams: Option<PathBuf>,
-    /// Name of this machine.
     pub machine: Option<String>,
 }
 
 impl Design {
-    /// Contenders on this scene.
     pub fn contenders(&self, subject: &Subject) -> &[Contender] {
         if subject.built > LARGE { &self.contenders_large } else { &self.contenders }
     }

@@ -27,7 +27,6 @@ pub fn write(folder: &Path, results: &Results) -> Result<()> {
     report::write(folder, page(results, &scenes), charts.chain(overview))
 }
 
-/// The rows of one scene on one machine.
 struct SceneRows<'a> {
     results: &'a Results,
     machine: &'a str,

@@ -140,7 +140,6 @@ pub fn record(scene: &Scene, backend: &dyn RayQueries, settings: &RenderSettings
     Ok(all.filter(|stream| stream.rays() >= FEWEST).collect())
 }
 
-/// A tape by kinds.
 #[derive(Default)]
 struct Tape {
     camera: Vec<Query>,

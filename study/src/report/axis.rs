@@ -32,7 +32,6 @@ impl Axis {
         Self { scale, low, high }
     }
 
-    /// An axis from `low` to `high`.
     pub fn new(scale: Scale, low: f64, high: f64) -> Self {
         Self { scale, low, high }
     }

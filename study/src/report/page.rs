@@ -157,12 +157,10 @@ pub(super) fn scrolling(what: &str, content: Markup) -> Markup {
     }
 }
 
-/// A chart with a caption, for a row.
 pub fn chart_figure(svg: Markup, caption: &str) -> Markup {
     figure("wide", scrolling("chart", svg), caption)
 }
 
-/// A picture with a caption, for a row.
 pub fn picture_figure(picture: &Picture, caption: &str) -> Result<Markup> {
     Ok(figure("pic", image(picture, caption)?, caption))
 }

@@ -41,7 +41,6 @@ impl Picture {
         Self { width: side, height: side, bytes }
     }
 
-    /// A PNG as data URI.
     pub fn data_uri(&self) -> Result<String> {
         let mut png = Vec::new();
         PngEncoder::new(&mut png)

@@ -141,7 +141,6 @@ impl Table {
         }
     }
 
-    /// The table in Markdown.
     pub fn markdown(&self) -> String {
         let cell = |text: &str| text.replace('|', "\\|");
         let line = |cells: Vec<String>| format!("| {} |\n", cells.join(" | "));

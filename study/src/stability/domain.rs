@@ -114,7 +114,6 @@ impl Domain {
     }
 }
 
-/// An image of domains.
 #[derive(Debug, Clone)]
 pub struct Image {
     pub width: usize,

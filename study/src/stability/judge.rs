@@ -38,7 +38,6 @@ pub enum Verdict {
 /// Measurements of an estimator in one mode.
 #[derive(Debug, Clone, Serialize)]
 pub struct Outcome {
-    /// Name of the estimator.
     pub estimator: String,
     /// Whether all values are finite and all shares in [0, 1].
     pub finite: bool,
@@ -94,7 +93,6 @@ impl Ratios {
         Self { bar, all: Sums::default(), worst: (0.0, 0.0), excess: 0.0 }
     }
 
-    /// Adds a ratio and its standard error.
     pub fn add(&mut self, ratio: f64, error: f64) {
         self.all.add(ratio);
         if ratio > self.worst.0 {

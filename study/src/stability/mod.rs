@@ -51,7 +51,6 @@ pub struct ModeResult {
 
 #[derive(Debug, Clone, Serialize)]
 pub struct Control {
-    /// Number of the mode.
     pub mode: &'static str,
     pub name: &'static str,
     /// The check that must catch it.

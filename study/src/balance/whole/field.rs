@@ -15,7 +15,6 @@ pub struct FieldPicture {
     pub shares: Vec<f64>,
     /// (1 + mean direction) / 2, where the mean of unit directions is shorter the more they differ; black without guiding.
     pub directions: Vec<[f32; 3]>,
-    /// Cells of the field.
     pub cells: usize,
 }
 

@@ -58,11 +58,9 @@ pub struct ModeResult {
     /// Whether `on` uses an adversarial field.
     #[serde(rename = "lies")]
     pub adversarial: bool,
-    /// `on` and `auto`.
     pub outcomes: [Guided; 2],
 }
 
-/// Results of the measurement.
 #[derive(Debug, Clone, Serialize)]
 pub struct Results {
     pub replicas: u32,
@@ -143,7 +141,6 @@ fn renders(seeds: std::ops::Range<u32>, stop: &AtomicBool, render: impl Fn(u32) 
 }
 
 impl Case {
-    /// Renders guided by one field.
     fn renders(&self, field: Option<&Field>, seeds: std::ops::Range<u32>, stop: &AtomicBool) -> Renders {
         renders(seeds, stop, |seed| pixels(&self.scene, field, seed, PATHS).iter().map(green).collect())
     }
