@@ -1,4 +1,4 @@
-//! The failure modes that can be posed exactly, on images of discrete integrands.
+//! Exact cases: failure modes on images of discrete integrands.
 
 use super::domain::{Domain, Image, SIDE};
 
@@ -53,12 +53,17 @@ pub fn cases() -> Vec<Case> {
         }),
         few(4, 1.15, case("F3", "tiny pilot", "f = x², 4 paths", Image::flat(&square()))),
         few(32, 1.15, case("F3", "smallest pilots", "f = x², 32 paths", Image::flat(&square()))),
-        case("F4", "firefly", "one pixel of 16 sees, once in 500 samples, what outweighs all else a thousandfold", {
-            Image::new(|x, y| match (x, y) {
-                (1, 1) => (Domain::grey([(0.6, 0.7, 0.1), (0.4, 0.1, 0.5), (2.0, 0.003, 0.001)]), 1),
-                _ => (base(), 1),
-            })
-        }),
+        case(
+            "F4",
+            "firefly",
+            "one pixel of 16 meets, once in 500 samples, a contribution a thousand times everything else",
+            {
+                Image::new(|x, y| match (x, y) {
+                    (1, 1) => (Domain::grey([(0.6, 0.7, 0.1), (0.4, 0.1, 0.5), (2.0, 0.003, 0.001)]), 1),
+                    _ => (base(), 1),
+                })
+            },
+        ),
         few(PATHS, 1.0, case("F5", "black", "no light at all", Image::flat(&Domain::grey([(0.0, 0.6, 0.3)])))),
         few(
             PATHS,
@@ -72,7 +77,12 @@ pub fn cases() -> Vec<Case> {
                 ]))
             }),
         ),
-        case("F8", "partial support", "what no light sample finds, met by 2 % of BSDF samples", Image::flat(&rare())),
+        case(
+            "F8",
+            "partial support",
+            "a contribution that no light sample finds, and 2 % of BSDF samples",
+            Image::flat(&rare()),
+        ),
         case("F9", "channels disagree", "red by light samples, blue by BSDF samples, alike in brightness", {
             Image::flat(&Domain::new([([1.0, 0.1, 0.0], 0.5, 0.05), ([0.0, 0.1, 1.0], 0.05, 0.5)]))
         }),
@@ -86,7 +96,7 @@ pub fn cases() -> Vec<Case> {
             case(
                 "F12",
                 "pilot used again",
-                "a bright place that light samples find, a dim one for BSDF samples; 32 paths",
+                "a bright region that light samples find, a dim one for BSDF samples; 32 paths",
                 Image::flat(&dim_and_bright()),
             ),
         ),
@@ -96,11 +106,11 @@ pub fn cases() -> Vec<Case> {
             "disjoint supports, strong light ∝ p_l, weak light ∝ p_b but for 10 %",
             Image::flat(&Domain::grey([(0.8, 1.0, 0.0), (0.09, 0.0, 0.5), (0.11, 0.0, 0.5)])),
         ),
-        case("F14", "material edge", "two materials that want opposite shares, side by side", {
+        case("F14", "material edge", "two materials with opposite optimal shares, side by side", {
             let flip = |d: Domain| Domain::new(d.atoms.iter().map(|a| (a.f, a.bsdf, a.light)));
             Image::new(|x, _| if x < SIDE / 2 { (lit(), 1) } else { (flip(lit()), 2) })
         }),
-        case("F15", "shadow edge", "one material, half of the pixels without what light samples find", {
+        case("F15", "shadow edge", "one material, half of the pixels without the part that light samples find", {
             Image::new(|x, _| if x < SIDE / 2 { (lit(), 1) } else { (shadow(), 1) })
         }),
         case("F16", "broken values", "f < 0 and f = NaN on one sample in ten each", {
@@ -114,7 +124,7 @@ pub fn cases() -> Vec<Case> {
     ]
 }
 
-/// A bright place that light samples find, a dim one for BSDF samples.
+/// A bright region that light samples find, a dim one for BSDF samples.
 fn dim_and_bright() -> Domain {
     Domain::grey([(1.0, 0.3, 0.05), (0.3, 0.1, 0.5)])
 }
@@ -123,8 +133,8 @@ fn dim_and_bright() -> Domain {
 pub fn biased_control() -> Case {
     Case {
         mode: "F12",
-        name: "a pixel's own pilot weighed anew",
-        construct: "a bright place that light samples find, a dim one for BSDF samples; 8 paths",
+        name: "a pixel's own pilot, reweighted",
+        construct: "a bright region that light samples find, a dim one for BSDF samples; 8 paths",
         paths: 8,
         bar: f64::INFINITY,
         image: Image::flat(&dim_and_bright()),

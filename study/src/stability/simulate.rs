@@ -22,7 +22,7 @@ pub enum Subject {
     Ridge,
     /// The paper's passes, and the share that is best against the worst integrand, with a ridge of two.
     Minimax,
-    /// Positive control of unbiasedness: a pixel's own pilot is weighed anew by a share that follows from that pilot.
+    /// Positive control of unbiasedness: a pixel's own pilot is reweighted by a share that was estimated from it.
     Biased,
     /// Positive control of safety: after a pilot of a quarter, the share that minimises the second moment of the pixel's
     /// own samples, without pseudo-observations.
