@@ -205,8 +205,7 @@ impl Tracer<'_> {
         let origin = point.position + ng * point.origin_offset;
         let cells = t.field.map(|field| (field, field.cells_at(V3::splat(origin), V3::splat(ng))));
         let luminances = F::splat(luminance(beta));
-        let roulette =
-            cells.filter(|_| depth > 0).and_then(|(field, cells)| field.roulette_probabilities(cells, luminances));
+        let roulette = cells.filter(|_| depth > 0).and_then(|(field, cells)| field.roulette_probabilities(cells, luminances));
         let vertex = Vertex {
             origin,
             position: point.position,

@@ -160,11 +160,7 @@ impl Wave {
                 let [light, on] = record.roulette;
                 let found = [light.sqrt() * scatter_records[record.parent as usize].light, on * found];
                 let found = found.map(|found| (found / record.beta).powi(2));
-                vertex_records.push(VertexRecord {
-                    position: record.position,
-                    normal: record.normal,
-                    squared_contributions: found,
-                });
+                vertex_records.push(VertexRecord { position: record.position, normal: record.normal, squared_contributions: found });
             }
             if found > 0.0 && record.diffuse && record.beta > 0.0 && found.is_finite() {
                 let ScatterRecord { position, normal, wi, beta, pdf: [pdf, bsdf_pdf, field_pdf], .. } = *record;

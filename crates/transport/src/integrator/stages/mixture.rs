@@ -56,10 +56,8 @@ pub fn find_cells(transport: &Transport, vertices: &mut Vertices) {
         let Some(field) = transport.field else { continue };
         let cells = field.cells_at(origin.load(&rows), ng.load(&rows));
         store_bits(&mut guiding.cell, at, diffuse.select(U::from(field.guiding_cells(cells)), U::splat(NO_CELL)));
-        for (column, probability) in guiding
-            .roulette
-            .iter_mut()
-            .zip(field.roulette_probabilities(cells, beta.load(&rows).luminance()).into_iter().flatten())
+        for (column, probability) in
+            guiding.roulette.iter_mut().zip(field.roulette_probabilities(cells, beta.load(&rows).luminance()).into_iter().flatten())
         {
             store(column, at, probability);
         }

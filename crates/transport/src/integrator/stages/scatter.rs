@@ -16,7 +16,7 @@ use crate::sampling::{keys, samples};
 /// Russian roulette begins after this many path segments.
 pub const ROULETTE_DEPTH: u32 = 3;
 /// Survival probability is this times the largest throughput channel, at most 1. In relMSE × seconds on a diffuse room, 1 (the
-/// common choice) is a third worse than 2, and 3 is no better.
+/// usual choice) is a third worse than 2, and 3 is no better.
 pub const ROULETTE_GAIN: f32 = 2.0;
 
 /// Fills the next rays from the vertices at `depth`. Rays from first surfaces begin sub-paths.
