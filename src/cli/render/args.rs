@@ -6,8 +6,8 @@ use clap::Args;
 
 use super::replay::PixelPath;
 use super::values::{AovList, Crop, LightUnit, balance, blades, finite, not_negative, share};
-use crate::batch::frames::{Frames, numbered};
 use crate::cli::flag_values::value_of;
+use crate::batch::frames::{Frames, numbered};
 use crate::cli::scene_selection::SceneSelection;
 use crate::console::Size;
 use crate::console::args::{positive, seconds, threads};
