@@ -26,14 +26,14 @@ fn main() -> Result<()> {
     let settings = RenderSettings { spp: Some(256), ..Default::default() };
     // Two files with equal identities hold the same picture: a real program would hash the scene's content.
     let identity = Identity::new(&path.display().to_string(), "its own", Backend::Embree, &settings);
-    let asked = RequestedOutputs { aovs: "variance,samples".into(), ..Default::default() };
+    let requested = RequestedOutputs { aovs: "variance,samples".into(), ..Default::default() };
     loop {
         let from = Earlier::read(&out)?.map(|earlier| earlier.saved(&identity)).transpose()?;
         let (began, stop) = (Instant::now(), AtomicBool::new(false));
         let progress = |_| stop.store(began.elapsed().as_secs_f64() > 5.0, Ordering::Relaxed);
         let options = RunOptions { began, from, ..RunOptions::new(&stop, &progress) };
         let rendered = run(&scene, &settings, options)?;
-        let record = Record::new(&identity, &asked, &rendered, Host::of(scene.rays.info()), true);
+        let record = Record::new(&identity, &requested, &rendered, Host::of(scene.rays.info()), true);
         checkpoint::write(&out, &rendered, &record, Vec::new(), None, true)?;
         eprintln!("{} paths so far", rendered.stats.paths);
         if rendered.stop != StopReason::Interrupted {

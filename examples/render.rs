@@ -25,7 +25,7 @@ fn main() -> Result<()> {
     let rendered = render(&scene, &settings, &AtomicBool::new(false), &progress)?;
     eprintln!("\n{} paths a pixel, noise {:.4}", rendered.paths_range().0, rendered.stats.noise);
 
-    // What a denoiser wants beside the picture.
+    // Guides for a denoiser, in addition to the picture.
     let aovs = [Aov::Albedo, Aov::Normal, Aov::Variance];
     exr_file::write(&out.with_extension("exr"), &rendered.pixels(), &aovs, &Vec::new(), None)?;
     let exposure = Exposure::Auto.of(bismar::film::colors(&rendered.pixels()));

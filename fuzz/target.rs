@@ -13,7 +13,7 @@ macro_rules! target {
     };
 }
 
-/// libFuzzer ends at every panic; those of decoders that are caught are no finding.
+/// libFuzzer ends at every panic; those of decoders that are caught are not counted.
 pub fn prepare() {
     let end = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |info| {

@@ -6,7 +6,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 spp=${1:-64} integrator=${2:-direct} size=96x64 seeds=${3:-$(seq 31)}
-bismar=target/release/bismar out=out/first-look/$integrator
+bismar=${BISMAR:-target/release/bismar} out=out/first-look/$integrator
 mkdir -p "$out"
 TIMEFORMAT=%U
 

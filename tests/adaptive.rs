@@ -11,16 +11,16 @@ use bismar::scene::Scene;
 use glam::Vec3;
 
 use crate::helpers::program::{expect, scene};
-use crate::helpers::stage::{Stage, lambert, lamp, look, metal, rectangle};
+use crate::helpers::stage::{Stage, area_light, lambert, look, metal, rectangle};
 use crate::helpers::statistics::Mean;
 
-/// A matt floor below two lamps beside a polished one that shows them, and a wide black border: noise of three kinds.
+/// A matt floor below two area lights next to a polished one that shows them, and a wide black border: noise of three kinds.
 fn floors() -> Arc<Scene> {
     let mut scene = Scene::default();
     rectangle(&mut scene, 0.0, [-1.0, 0.0], [-1.0, 1.0], true, lambert(0.7));
     rectangle(&mut scene, 0.0, [0.0, 1.0], [-1.0, 1.0], true, metal(0.3));
-    rectangle(&mut scene, 1.2, [-0.1, 0.1], [-1.1, -0.9], false, lamp(30.0));
-    rectangle(&mut scene, 0.4, [-0.9, -0.86], [0.2, 0.24], false, lamp(600.0));
+    rectangle(&mut scene, 1.2, [-0.1, 0.1], [-1.1, -0.9], false, area_light(30.0));
+    rectangle(&mut scene, 0.4, [-0.9, -0.86], [0.2, 0.24], false, area_light(600.0));
     look(&mut scene, Vec3::new(0.0, 2.2, 2.4), Vec3::new(0.0, 0.0, -0.1), 1.2);
     Arc::new(scene)
 }
@@ -74,7 +74,7 @@ fn as_many_paths_leave_less_error_and_the_same_means() {
 fn a_pilot_that_finds_all_tiles_alike_gives_all_as_many_and_the_bits_of_none() {
     let mut scene = Scene::default();
     rectangle(&mut scene, 0.0, [-50.0, 50.0], [-50.0, 50.0], true, lambert(0.5));
-    rectangle(&mut scene, 9.0, [-50.0, 50.0], [-50.0, 50.0], false, lamp(1.0));
+    rectangle(&mut scene, 9.0, [-50.0, 50.0], [-50.0, 50.0], false, area_light(1.0));
     look(&mut scene, Vec3::new(0.0, 3.0, 0.01), Vec3::ZERO, 0.8);
     let stage = Stage::new(Arc::new(scene), Backend::Obvhs);
     let alike = rendered(&stage, &settings());

@@ -1,4 +1,4 @@
-//! What the layers beside the beauty hold.
+//! What the layers besides the beauty contain.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -11,7 +11,7 @@ use glam::{Vec3, Vec4};
 
 use crate::helpers::pictures::{python, run};
 use crate::helpers::program::{bits, expect, scene};
-use crate::helpers::stage::{Stage, lambert, lamp, look, metal, rectangle};
+use crate::helpers::stage::{Stage, area_light, lambert, look, metal, rectangle};
 
 fn rendered(scene: Scene, balance: Balance) -> Rendered {
     let stage = Stage::new(Arc::new(scene), Backend::Embree);
@@ -35,11 +35,11 @@ fn each(rendered: &Rendered, mut check: impl FnMut(PixelStats, AovSums, ExtraSum
     }
 }
 
-/// A floor under a lamp, a bulb and a sky.
+/// A floor under an area light, a bulb and an environment.
 fn lit() -> Scene {
     let mut scene = Scene { environment: Some(Environment::constant([0.3, 0.2, 0.1])), ..Default::default() };
     rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
-    rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, lamp(9.0));
+    rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, area_light(9.0));
     rectangle(&mut scene, 0.6, [-1.5, 1.5], [-2.0, -1.0], true, metal(0.3));
     scene.lights.push(PunctualLight {
         motion: Vec::new(),

@@ -96,7 +96,7 @@ fn a_raised_stop_flag_ends_the_render_with_what_there_is() {
 #[test]
 fn small_first_passes_leave_the_picture_unbiased_and_the_balance_learnt() {
     use bismar::film::PixelStats;
-    // One with an area lamp alone, one with a sky besides: there light samples divide.
+    // One with an area light alone, one with an environment, too: there light samples divide.
     let with_sky = Stage::new(hall(), Backend::Embree);
     let mut scene = Scene::clone(&hall());
     scene.environment = None;

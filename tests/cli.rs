@@ -123,7 +123,7 @@ fn what_is_logged_follows_flags_and_rust_log() {
     let count = |flags, filter| said(flags, filter).lines().count();
     let (silent, plain, verbose, very) = (count("-q", ""), count("", ""), count("-v", ""), count("-vv", ""));
     assert!(silent == 0 && plain > 0 && plain < verbose && verbose < very, "{silent} {plain} {verbose} {very}");
-    // Whoever asks for more is told when, too.
+    // Whoever asks for more gets times, too.
     assert!(said("-v", "").contains("T") && said("-v", "").contains("Z  INFO"), "{}", said("-v", ""));
     assert!(!said("", "").contains("Z  WARN"), "{}", said("", ""));
     let driver = said("", "bismar::render::driver=debug");
@@ -195,8 +195,8 @@ fn a_viewer_is_shown_the_picture_and_one_that_is_not_there_is_no_failure() {
 fn time_that_is_over_too_soon_leaves_no_black_pixel_untold() {
     let folder = folder();
     fs::copy(program::scene("showpiece.glb"), folder.path().join("showpiece.glb")).unwrap();
-    // Times from a first pass that cannot be finished to several: whatever there is, what is black is told.
-    let (mut told, mut whole) = (0, 0);
+    // Times from a first pass that cannot be finished to several: whatever there is, black places are reported.
+    let (mut reported, mut whole) = (0, 0);
     for milliseconds in [100, 200, 400, 800, 1600, 3200, 6400, 12800, 25600] {
         let output = run(
             folder.path(),
@@ -210,13 +210,13 @@ fn time_that_is_over_too_soon_leaves_no_black_pixel_untold() {
         let fewest = program::attribute(&folder.path().join("showpiece.exr"), "bismar.samples");
         let empty = json(fewest.as_bytes())["pixel_min"] == 0;
         assert_eq!(text.contains("have no paths and are black"), empty, "{text}");
-        told += usize::from(empty);
+        reported += usize::from(empty);
         whole += usize::from(!empty);
         if whole == 1 {
             break;
         }
     }
-    assert!(whole == 1, "{told} pictures were told to be black in places");
+    assert!(whole == 1, "{reported} pictures were reported as black in places");
 }
 
 #[test]
@@ -444,7 +444,7 @@ fn a_reader_that_goes_away_is_no_error() {
 }
 
 #[test]
-fn a_study_is_handed_to_the_program_beside_with_its_whole_line() {
+fn a_study_is_handed_to_bismar_study_with_its_whole_line() {
     use std::os::unix::fs::PermissionsExt;
     // On the file system of the program, so that it can be linked there: a copy could be busy when it is run.
     let folder = TempDir::new_in(env!("CARGO_TARGET_TMPDIR")).unwrap();

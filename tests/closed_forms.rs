@@ -11,7 +11,7 @@ use bismar::render::{Balance, Integrator, PixelFilter, RenderSettings};
 use bismar::scene::{Environment, PunctualKind, PunctualLight, Scene};
 use glam::{DVec3, Vec3};
 
-use crate::helpers::stage::{Stage, add, lambert, lamp, look, metal, rectangle, sphere};
+use crate::helpers::stage::{Stage, add, area_light, lambert, look, metal, rectangle, sphere};
 use crate::helpers::statistics::z_limit;
 
 pub const BALANCES: [Balance; 5] =
@@ -111,8 +111,8 @@ fn uneven_sky_over_a_diffuse_plane_gives_what_its_quadrature_says() {
         _ => [1.5; 3],
     };
     let pixels = (0..width * height).map(texel).collect();
-    let sky = Environment { name: "test".into(), width, height, pixels, rotation: 0.3, strength: 1.0 };
-    let sampler = EnvironmentSampler::new(&sky).unwrap();
+    let environment = Environment { name: "test".into(), width, height, pixels, rotation: 0.3, strength: 1.0 };
+    let sampler = EnvironmentSampler::new(&environment).unwrap();
     let n = 1024;
     let mut irradiance = 0.0;
     for i in 0..n * n {
@@ -123,7 +123,7 @@ fn uneven_sky_over_a_diffuse_plane_gives_what_its_quadrature_says() {
         let (radiance, _) = sampler.radiance_pdf(V3::splat(d), Density::Radiance);
         irradiance += PI * f64::from(radiance.lane(0).y) / f64::from(n * n);
     }
-    let mut scene = Scene { environment: Some(sky), ..Default::default() };
+    let mut scene = Scene { environment: Some(environment), ..Default::default() };
     rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.6));
     look(&mut scene, Vec3::new(0.0, 2.0, 2.0), Vec3::ZERO, 0.2);
     agrees(scene, 0.6 / PI * irradiance, &BOTH);
@@ -145,7 +145,7 @@ pub fn polygon_irradiance(p: DVec3, corners: &[DVec3]) -> f64 {
 fn rectangular_light_over_a_diffuse_plane() {
     let mut scene = Scene::default();
     rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.5));
-    rectangle(&mut scene, 1.5, [-0.2, 1.0], [-0.7, 0.4], false, lamp(10.0));
+    rectangle(&mut scene, 1.5, [-0.2, 1.0], [-0.7, 0.4], false, area_light(10.0));
     look(&mut scene, Vec3::new(0.0, 1.0, 3.0), Vec3::ZERO, 1e-3);
     let corners = [(-0.2, -0.7), (1.0, -0.7), (1.0, 0.4), (-0.2, 0.4)].map(|(x, z)| DVec3::new(x, 1.5, z));
     agrees(scene, 0.5 / PI * 10.0 * polygon_irradiance(DVec3::ZERO, &corners), &BOTH);
@@ -155,11 +155,11 @@ fn rectangular_light_over_a_diffuse_plane() {
 fn a_sky_and_a_lamp_before_it_are_two_techniques_of_light_sampling() {
     let mut scene = Scene { environment: Some(Environment::constant([2.0; 3])), ..Default::default() };
     rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.5));
-    rectangle(&mut scene, 1.5, [-0.2, 1.0], [-0.7, 0.4], false, lamp(10.0));
+    rectangle(&mut scene, 1.5, [-0.2, 1.0], [-0.7, 0.4], false, area_light(10.0));
     look(&mut scene, Vec3::new(0.0, 1.0, 3.0), Vec3::ZERO, 1e-3);
     let corners = [(-0.2, -0.7), (1.0, -0.7), (1.0, 0.4), (-0.2, 0.4)].map(|(x, z)| DVec3::new(x, 1.5, z));
-    let lamp = polygon_irradiance(DVec3::ZERO, &corners);
-    let expected = 0.5 / PI * (10.0 * lamp + 2.0 * (PI - lamp));
+    let area_light = polygon_irradiance(DVec3::ZERO, &corners);
+    let expected = 0.5 / PI * (10.0 * area_light + 2.0 * (PI - area_light));
     // A pilot, its pass, and a pass and a path after it.
     let long = RenderSettings { balance: Balance::Progressive, spp: Some(161), ..settings() };
     let mean = Stage::new(Arc::new(scene.clone()), Backend::Embree).mean_green(&long, REPLICAS);
@@ -186,7 +186,7 @@ fn spherical_light_over_a_diffuse_plane() {
 
     let mut scene = Scene::default();
     rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.5));
-    add(&mut scene, points, indices, lamp(10.0));
+    add(&mut scene, points, indices, area_light(10.0));
     look(&mut scene, Vec3::new(0.0, 1.0, 3.0), Vec3::ZERO, 1e-3);
     agrees(scene, 0.5 / PI * 10.0 * irradiance, &BOTH);
 }
@@ -284,14 +284,14 @@ fn interreflection_between_two_plates_is_the_geometric_series() {
 #[test]
 fn all_balances_and_backends_agree_on_a_glossy_scene_with_sky_lamp_and_indirect_light() {
     let mut scene = Scene::default();
-    let mut sky = Environment::constant([0.4; 3]);
-    (sky.width, sky.height) = (16, 8);
+    let mut environment = Environment::constant([0.4; 3]);
+    (environment.width, environment.height) = (16, 8);
     let mut pixels = vec![[0.4; 3]; 128];
     pixels[20] = [60.0, 55.0, 50.0];
-    sky.pixels = pixels.into();
-    scene.environment = Some(sky);
+    environment.pixels = pixels.into();
+    scene.environment = Some(environment);
     rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, metal(0.5));
-    rectangle(&mut scene, 1.5, [-0.4, 0.4], [-0.9, -0.3], false, lamp(6.0));
+    rectangle(&mut scene, 1.5, [-0.4, 0.4], [-0.9, -0.3], false, area_light(6.0));
     let (points, indices) = sphere(8, 0.4, Vec3::new(0.2, 0.4, 0.2));
     add(&mut scene, points, indices, lambert(0.7));
     look(&mut scene, Vec3::new(0.0, 1.2, 3.0), Vec3::new(0.0, 0.2, 0.0), 0.5);

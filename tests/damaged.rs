@@ -85,28 +85,28 @@ fn assert_mixed(codes: &[i32]) {
     assert!(refused > codes.len() / 10 && refused < codes.len(), "{refused} of {}", codes.len());
 }
 
-/// Renders a few pixels of a damaged scene: the scene's own file, or one that stands beside it.
+/// Renders a few pixels of a damaged scene: the scene's own file, or one that is next to it.
 fn render_damaged(scene: &Path, seed: usize) -> Result<i32, String> {
     let folder = tempfile::tempdir().unwrap();
     let entries = fs::read_dir(scene.parent().unwrap()).unwrap().map(|e| e.unwrap().path());
-    let mut beside = Vec::new();
+    let mut neighbours = Vec::new();
     for path in entries.filter(|p| p.is_file()) {
         let used = ["bin", "png", "jpg", "jpeg", "hdr"].iter().any(|&e| path.extension().is_some_and(|x| x == e));
         if used || path == scene {
             fs::copy(&path, folder.path().join(path.file_name().unwrap())).unwrap();
         }
         if used && path.extension().is_some_and(|e| e != "hdr") {
-            beside.push(path);
+            neighbours.push(path);
         }
     }
     let own_sky = scene.with_extension("hdr");
     let mut env = String::new();
     if own_sky.exists() {
         env = format!(" --env {}", own_sky.file_name().unwrap().to_str().unwrap());
-        beside.push(own_sky);
+        neighbours.push(own_sky);
     }
-    beside.sort();
-    let victim = if seed % 3 == 2 && !beside.is_empty() { &beside[seed % beside.len()] } else { scene };
+    neighbours.sort();
+    let victim = if seed % 3 == 2 && !neighbours.is_empty() { &neighbours[seed % neighbours.len()] } else { scene };
     let name = |path: &Path| path.file_name().unwrap().to_str().unwrap().to_owned();
     fs::write(folder.path().join(name(victim)), damage(&fs::read(victim).unwrap(), seed)).unwrap();
     let line = format!("render {}{env} --size 8x8 --spp 2 -q -o out.exr", name(scene));

@@ -17,7 +17,7 @@ use crate::helpers::glb;
 use crate::helpers::program::{assert_same_bits, bismar, expect, paths, signal, stderr};
 
 /// An `sbatch` that runs tasks at once, one after the other, as Slurm would: the script by bash, its arguments as they
-/// are, in the folder that it is told.
+/// are, in the given folder.
 const SBATCH: &str = r#"#!/bin/bash
 echo "$0 $*" >>"$CALLS"
 tasks=0
@@ -42,7 +42,7 @@ const SCONTROL: &str = "#!/bin/sh\n[ $1 = show ] || echo scontrol $* >>$CALLS\ne
 /// Answers what a test has written down, if anything.
 const SQUEUE: &str = "#!/bin/sh\ncat $QUEUE\n";
 
-/// A folder with a scene, and beside it programs that stand in for Slurm's.
+/// A folder with a scene, with programs that stand in for Slurm's.
 struct Site {
     home: tempfile::TempDir,
     folder: PathBuf,

@@ -1,4 +1,4 @@
-//! Bright paths are found and can be limited; light that is no number is left out, and told.
+//! Bright paths are found and can be limited; light that is no number is left out, and reported.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -10,7 +10,7 @@ use bismar::scene::{Environment, Scene};
 use glam::Vec3;
 
 use crate::helpers::program::{bismar, expect, scene, stderr};
-use crate::helpers::stage::{Stage, hall, lambert, lamp, look, rectangle};
+use crate::helpers::stage::{Stage, area_light, hall, lambert, look, rectangle};
 
 fn rendered(stage: &Stage, settings: &RenderSettings) -> Rendered {
     render(&stage.scene, settings, &AtomicBool::new(false), &|_| ()).unwrap()
@@ -45,7 +45,7 @@ fn a_limit_that_nothing_reaches_changes_no_bit_and_lower_ones_take_light_away() 
 fn light_beyond_all_numbers_is_left_out_counted_and_found_again() {
     let mut scene = Scene { environment: Some(Environment::constant([0.3; 3])), ..Default::default() };
     rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
-    rectangle(&mut scene, 0.5, [-0.2, 0.2], [-0.2, 0.2], false, lamp(3e38));
+    rectangle(&mut scene, 0.5, [-0.2, 0.2], [-0.2, 0.2], false, area_light(3e38));
     look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.2, 0.0), 0.6);
     let stage = Stage::new(Arc::new(scene), Backend::Embree);
     let found = rendered(&stage, &settings());
@@ -76,9 +76,9 @@ fn the_brightest_firefly_is_the_path_that_replaying_shows() {
     let again = format!("render {} --size 60x40 {replay}", scene("veach.glb").display());
     let output = bismar(folder.path()).args(again.split(' ')).output().unwrap();
     assert!(output.status.success(), "{}", stderr(&output));
-    let told = String::from_utf8(output.stdout).unwrap();
+    let listed = String::from_utf8(output.stdout).unwrap();
     // `pixel 3,4 path 5: [r, g, b]`
-    let values = told.lines().next().unwrap().split('[').nth(1).unwrap().trim_end_matches(']').to_owned();
+    let values = listed.lines().next().unwrap().split('[').nth(1).unwrap().trim_end_matches(']').to_owned();
     let rgb: Vec<f32> = values.split(", ").map(|x| x.parse().unwrap()).collect();
     let shown = bismar::color::luminance(Vec3::from_slice(&rgb));
     let kept = brightest["luminance"].as_f64().unwrap() as f32;

@@ -11,7 +11,7 @@ use bismar::scene::{Environment, Material, Scene};
 use glam::{DVec3, Vec3};
 
 use crate::closed_forms::{BALANCES, agrees, polygon_irradiance, settings};
-use crate::helpers::stage::{Stage, add, closed_box, glass, glass_hall, lambert, lamp, look, rectangle, sphere};
+use crate::helpers::stage::{Stage, add, area_light, closed_box, glass, glass_hall, lambert, look, rectangle, sphere};
 use crate::helpers::statistics::z_limit;
 
 const PATH: [Integrator; 1] = [Integrator::Path];
@@ -42,11 +42,11 @@ fn index_one_is_invisible() {
     // A floor under an environment and an area light, seen and lit through a box: shadow rays are all occluded.
     let mut scene = under_sky(2.0);
     rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.5));
-    rectangle(&mut scene, 1.5, [-0.2, 1.0], [-0.7, 0.4], false, lamp(10.0));
+    rectangle(&mut scene, 1.5, [-0.2, 1.0], [-0.7, 0.4], false, area_light(10.0));
     look(&mut scene, Vec3::new(0.0, 1.0, 3.0), Vec3::ZERO, 1e-3);
     let corners = [(-0.2, -0.7), (1.0, -0.7), (1.0, 0.4), (-0.2, 0.4)].map(|(x, z)| DVec3::new(x, 1.5, z));
-    let lamp = polygon_irradiance(DVec3::ZERO, &corners);
-    let expected = 0.5 / std::f64::consts::PI * (10.0 * lamp + 2.0 * (std::f64::consts::PI - lamp));
+    let area_light = polygon_irradiance(DVec3::ZERO, &corners);
+    let expected = 0.5 / std::f64::consts::PI * (10.0 * area_light + 2.0 * (std::f64::consts::PI - area_light));
     for roughness in [0.0, 0.7] {
         let mut scene = scene.clone();
         closed_box(&mut scene, Vec3::new(-0.5, 0.01, -0.5), Vec3::new(0.5, 0.6, 0.5), glass(1.0, roughness));
@@ -119,7 +119,7 @@ fn both_techniques_find_an_area_light_behind_rough_glass() {
         let absorption3 = Vec3::splat(absorption as f32);
         let material = Material { bounds_medium, absorption: absorption3, ..glass(1.5, 0.7) };
         rectangle(&mut scene, 0.0, [-9.0, 9.0], [-9.0, 9.0], true, material);
-        rectangle(&mut scene, -1.2, [-0.7, 0.3], [-0.7, 0.3], true, lamp(10.0));
+        rectangle(&mut scene, -1.2, [-0.7, 0.3], [-0.7, 0.3], true, area_light(10.0));
         look(&mut scene, eye, Vec3::ZERO, 1e-4);
         let surface = Surface { roughness: 0.7, transmission: 1.0, bounds_medium, ..Surface::default() };
         let expected = 10.0 * radiance_through(&surface, absorption, eye, [-0.7, 0.3], -1.2);
@@ -135,7 +135,7 @@ fn an_area_light_shines_through_a_leaf() {
     let diffuse_transmission_color = Vec3::splat(0.5);
     let leaf = Material { diffuse_transmission: 0.6, diffuse_transmission_color, ..lambert(0.5) };
     rectangle(&mut scene, 0.0, [-9.0, 9.0], [-9.0, 9.0], true, leaf);
-    rectangle(&mut scene, -1.2, [-0.7, 0.3], [-0.7, 0.3], true, lamp(10.0));
+    rectangle(&mut scene, -1.2, [-0.7, 0.3], [-0.7, 0.3], true, area_light(10.0));
     look(&mut scene, eye, Vec3::ZERO, 1e-4);
     let corners = [(-0.7, -0.7), (0.3, -0.7), (0.3, 0.3), (-0.7, 0.3)].map(|(x, z)| DVec3::new(x, -1.2, z));
     agrees(scene, 0.6 * 0.5 / std::f64::consts::PI * 10.0 * polygon_irradiance(DVec3::ZERO, &corners), &PATH);
@@ -145,7 +145,7 @@ fn an_area_light_shines_through_a_leaf() {
 fn a_coat_dims_what_shines_beneath_it() {
     let mut scene = Scene::default();
     rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.5));
-    rectangle(&mut scene, 0.8, [-1.5, 2.0], [-1.7, 1.4], false, Material { clearcoat: 0.9, ..lamp(10.0) });
+    rectangle(&mut scene, 0.8, [-1.5, 2.0], [-1.7, 1.4], false, Material { clearcoat: 0.9, ..area_light(10.0) });
     look(&mut scene, Vec3::new(0.0, 0.5, 3.0), Vec3::ZERO, 1e-3);
     // Quadrature over the area light.
     const N: usize = 1000;
@@ -169,7 +169,7 @@ fn each_color_is_bent_by_its_own_index() {
         let (points, indices) = sphere(8, 1.0, Vec3::ZERO);
         let absorption = Vec3::new(0.1, 0.4, 0.2);
         add(&mut scene, points, indices, Material { dispersion, absorption, ..glass(ior, 0.3) });
-        rectangle(&mut scene, -2.5, [-1.5, -0.3], [-2.0, 2.0], true, lamp(4.0));
+        rectangle(&mut scene, -2.5, [-1.5, -0.3], [-2.0, 2.0], true, area_light(4.0));
         look(&mut scene, Vec3::new(1.5, 3.0, 0.5), Vec3::ZERO, 0.5);
         Stage::new(Arc::new(scene), Backend::Embree)
     };

@@ -17,10 +17,10 @@ use bismar::sampling::{SplitMix64, warp};
 use bismar::scene::{Material, Scene};
 use glam::Vec3;
 
-use crate::helpers::stage::{Stage, add, closed_box, glass_hall, hall, lambert, lamp, look, rectangle};
+use crate::helpers::stage::{Stage, add, area_light, closed_box, glass_hall, hall, lambert, look, rectangle};
 use crate::helpers::statistics::Mean;
 
-/// A box with a lamp above a thin shelf: all that the camera sees is lit by the ceiling.
+/// A box with an area light above a thin shelf: all that the camera sees is lit by the ceiling.
 fn cove() -> Arc<Scene> {
     let mut scene = Scene::default();
     closed_box(
@@ -31,7 +31,7 @@ fn cove() -> Arc<Scene> {
     );
     rectangle(&mut scene, 2.0, [-0.8, 0.8], [-2.0, -1.2], true, lambert(0.6));
     rectangle(&mut scene, 1.99, [-0.8, 0.8], [-2.0, -1.2], false, lambert(0.6));
-    rectangle(&mut scene, 2.05, [-0.3, 0.3], [-1.8, -1.5], true, lamp(40.0));
+    rectangle(&mut scene, 2.05, [-0.3, 0.3], [-1.8, -1.5], true, area_light(40.0));
     look(&mut scene, Vec3::new(0.0, 1.0, 1.8), Vec3::new(0.0, 0.9, -1.0), 0.9);
     Arc::new(scene)
 }
@@ -136,7 +136,7 @@ fn z([a, b]: &[Mean; 2]) -> f64 {
 #[test]
 fn a_field_of_lies_changes_no_mean() {
     // What fields learn in bad luck: a caustic from one side, light from below alone, one firefly among nothing, a light
-    // that was never seen (the lamp above), no training samples at all.
+    // that was never seen (the area light above), no training samples at all.
     let fields = [
         training_samples(20_000, |_| (Vec3::new(0.9, 0.1, 0.2).normalize(), 1.0)),
         training_samples(20_000, |random| (warp::sphere(0.5 + 0.5 * random.f32(), random.f32()).normalize(), 1.0)),
@@ -146,7 +146,7 @@ fn a_field_of_lies_changes_no_mean() {
     ]
     .map(|training_samples| learn(&training_samples, usize::MAX, 1.0, 100).0);
     // And of how often to go on: nothing was found anywhere, by light samples, by others, by one of them only.
-    let visits = |found: [f32; 2]| {
+    let records = |found: [f32; 2]| {
         (0..2000).map(move |i| VertexRecord {
             position: Vec3::new(i as f32 / 400.0 - 2.5, 0.0, 0.0),
             normal: Vec3::Y,
@@ -154,16 +154,16 @@ fn a_field_of_lies_changes_no_mean() {
         })
     };
     let roulettes = [
-        visits([0.0, 0.0]).collect(),
-        visits([1e-3, 1e-6]).collect(),
-        visits([1e-6, 1e-2]).collect(),
-        visits([0.0, 0.0]).take(1999).chain(visits([1e12, 1e12]).skip(1999)).collect(),
+        records([0.0, 0.0]).collect(),
+        records([1e-3, 1e-6]).collect(),
+        records([1e-6, 1e-2]).collect(),
+        records([0.0, 0.0]).take(1999).chain(records([1e12, 1e12]).skip(1999)).collect(),
         Vec::new(),
     ];
     let paths = PathStatistics { cost: 6.0, variance: 1.0, inverse: 1.0 };
     let fields: Vec<_> = std::iter::zip(fields, roulettes)
-        .map(|(mut field, visits)| {
-            field.learn_roulette(&visits, paths);
+        .map(|(mut field, records)| {
+            field.learn_roulette(&records, paths);
             field
         })
         .collect();
@@ -196,7 +196,7 @@ fn a_field_that_was_learned_changes_no_mean_and_takes_noise_away() {
 fn nothing_is_learned_where_nothing_shines() {
     let mut scene = Scene::default();
     rectangle(&mut scene, 0.0, [-2.0, 2.0], [-2.0, 2.0], true, lambert(0.5));
-    add(&mut scene, vec![[0.0; 3], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]], vec![[0, 1, 2]], lamp(1e-30));
+    add(&mut scene, vec![[0.0; 3], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]], vec![[0, 1, 2]], area_light(1e-30));
     look(&mut scene, Vec3::new(0.0, 1.0, 3.0), Vec3::ZERO, 0.8);
     let stage = Stage::new(Arc::new(scene), Backend::Obvhs);
     assert!(stage.green(&settings(Guiding::On)).iter().all(|g| g.is_finite() && *g < 1e-20));

@@ -314,7 +314,7 @@ fn a_million_keys_are_read_in_time() {
     moving.blurred(777_777.5, None).unwrap();
 }
 
-/// Whatever it was, it is finite, or told with 65.
+/// Whatever it was, it is finite, or refused with 65.
 fn is_told_or_finite(what: &str, attempt: Result<Imported, bismar::Error>) -> Option<Imported> {
     match attempt {
         Err(error) => {

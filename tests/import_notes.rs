@@ -172,7 +172,7 @@ fn a_picture_that_cannot_be_used_leaves_the_factor() {
         assert_eq!(imported.scene.images[0].name, "good.png");
         let error = import(&path, &ImportOptions { strict: true, ..Default::default() }).unwrap_err();
         assert!(error.to_string().contains("images[0]"), "{error}");
-        // A picture of this kind beside a core one is not even looked at.
+        // A picture of this kind next to a core one is not even looked at.
         let json = parts
             .json()
             .replace(r#"[{"source":0},"#, r#"[{"source":1,"extensions":{"EXT_texture_avif":{"source":0}}},"#);

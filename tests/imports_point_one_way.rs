@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Each room of `src/` and the rooms that it may see. `error`, `guard`, `lanes` and `color` are tools that all may use.
+/// Each room and the rooms that it may see. `error`, `guard`, `lanes` and `color` are tools that all may use.
 const SEES: [(&str, &[&str]); 18] = [
     ("error", &[]),
     ("guard", &[]),
@@ -42,7 +42,7 @@ const ALL: &[&str] = &[
 ];
 const TOOLS: [&str; 4] = ["error", "guard", "lanes", "color"];
 
-/// Names that only some folders or files of `src/` may use.
+/// Names that only some folders or files may use.
 const KEPT_IN: [(&str, &[&str]); 7] = [
     ("unsafe ", &["rays/embree", "film/denoise.rs", "console/memory"]),
     ("libloading::", &["film/denoise.rs"]),
@@ -56,14 +56,11 @@ const KEPT_IN: [(&str, &[&str]); 7] = [
 /// Where the rooms are: three crates hold them.
 const SOURCES: [&str; 3] = ["src", "crates/scene/src", "crates/transport/src"];
 
-fn files(folder: &Path, found: &mut Vec<PathBuf>) {
+/// All files below a folder.
+fn walk(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
-        if path.is_dir() {
-            files(&path, found);
-        } else if path.extension().is_some_and(|extension| extension == "rs") {
-            found.push(path);
-        }
+        if path.is_dir() { walk(&path, found) } else { found.push(path) }
     }
 }
 
@@ -72,13 +69,13 @@ fn sources() -> Vec<(String, String)> {
     let mut all = Vec::new();
     for folder in SOURCES.map(|source| Path::new(env!("CARGO_MANIFEST_DIR")).join(source)) {
         let mut paths = Vec::new();
-        files(&folder, &mut paths);
-        for path in paths {
+        walk(&folder, &mut paths);
+        for path in paths.iter().filter(|path| path.extension().is_some_and(|extension| extension == "rs")) {
             let name = path.strip_prefix(&folder).unwrap().to_str().unwrap().to_owned();
-            all.push((name, without_comments(&fs::read_to_string(&path).unwrap())));
+            all.push((name, without_comments(&fs::read_to_string(path).unwrap())));
         }
     }
-    assert!(all.len() > 50, "{} files in src/", all.len());
+    assert!(all.len() > 50, "{} source files", all.len());
     all
 }
 
@@ -184,6 +181,24 @@ fn what_only_some_rooms_may_do_is_done_there() {
         }
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+#[test]
+fn the_architecture_names_files_that_exist() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut paths = Vec::new();
+    ["src", "crates", "study", "tests", "scripts"].iter().for_each(|folder| walk(&root.join(folder), &mut paths));
+    let text = fs::read_to_string(root.join("docs/architecture.md")).unwrap();
+    // What is between backticks, with one list in braces written out.
+    let variants = |name: &str| match name.split_once('{').and_then(|(a, rest)| Some((a, rest.split_once('}')?))) {
+        Some((before, (list, after))) => list.split(',').map(|word| format!("{before}{word}{after}")).collect(),
+        None => vec![name.to_owned()],
+    };
+    let quoted = text.lines().flat_map(|line| line.split('`').skip(1).step_by(2).collect::<Vec<_>>());
+    let files = quoted.flat_map(variants).filter(|name| name.ends_with(".rs") || name.ends_with(".py"));
+    let files: Vec<_> = files.filter(|name| !name.contains("NAME")).collect();
+    let missing: Vec<_> = files.iter().filter(|name| !paths.iter().any(|path| path.ends_with(name))).collect();
+    assert!(files.len() > 40 && missing.is_empty(), "{} files, missing {missing:?}", files.len());
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Lamps that are chosen by what a pilot's light samples found: the same picture, less noise where walls hide most of them.
+//! Area lights that are chosen by what light samples of a pre-pass found: the same picture, less noise where walls hide most of them.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -13,16 +13,16 @@ use bismar::sampling::SplitMix64;
 use bismar::scene::Scene;
 use glam::Vec3;
 
-use crate::helpers::stage::{Stage, closed_box, glass_hall, lambert, lamp, look, rectangle};
+use crate::helpers::stage::{Stage, area_light, closed_box, glass_hall, lambert, look, rectangle};
 use crate::helpers::statistics::{Mean, z_limit};
 
-/// A room with a dim lamp, beside one with a bright one.
+/// A room with a dim area light, next to one with a bright one.
 fn house() -> Arc<Scene> {
     let mut scene = Scene::default();
     for (x, radiance) in [(0.0, 4.0), (4.2, 400.0)] {
         let (low, high) = (Vec3::new(x - 2.0, 0.0, -2.0), Vec3::new(x + 2.0, 2.5, 2.0));
         closed_box(&mut scene, low, high, bismar::scene::Material { double_sided: true, ..lambert(0.6) });
-        rectangle(&mut scene, 2.4, [x - 0.5, x + 0.5], [-0.5, 0.5], false, lamp(radiance));
+        rectangle(&mut scene, 2.4, [x - 0.5, x + 0.5], [-0.5, 0.5], false, area_light(radiance));
     }
     look(&mut scene, Vec3::new(0.0, 1.4, 1.9), Vec3::new(0.0, 0.8, -1.0), 0.9);
     Arc::new(scene)
@@ -74,7 +74,7 @@ fn what_a_pilot_learns_of_lamps_changes_no_mean_and_takes_noise_away() {
     assert!((lights.bytes() as u64) < bytes(&settings) && bytes(&settings) < 100 << 20);
     let [without, with] = [(None, 0), (Some(lights), 500)].map(|(lights, seed)| pictures(&stage, lights, seed, 200));
     assert!(z(&without[0], &with[0]).abs() < z_limit(1), "{without:?} {with:?}");
-    // The tree takes two light samples of three toward the lamp next door, and what was learned but one. Variances of 864 pixels are
+    // The tree takes two light samples of three toward the area light next door, and what was learned but one. Variances of 864 pixels are
     // known to a few per cent.
     assert!(with[1].mean < 0.75 * without[1].mean, "{} {}", with[1].mean, without[1].mean);
     let rendered = on_threads(&stage, &settings, 2);
@@ -90,31 +90,31 @@ fn lies_about_lamps_change_no_mean() {
     for (scene, name) in [(house(), "house"), (glass_hall(), "glass hall")] {
         let stage = Stage::new(scene, Backend::Obvhs);
         let area = stage.scene.lights.area.as_ref().unwrap();
-        let (tree, lamps) = (area.tree(), area.levels().exp2().round() as u32);
+        let (tree, area_lights) = (area.tree(), area.levels().exp2().round() as u32);
         let without = pictures(&stage, None, 0, 60)[0];
-        // Only the last lamp shines; only the first, and from everywhere but a corner; next to nothing but for a firefly.
-        let lies: [&dyn Fn(Vec3, u32, f32) -> f32; 3] = [
-            &|_, lamp, _| if lamp + 1 == lamps { 1.0 } else { 0.0 },
-            &|p, lamp, _| if lamp == 0 && p.x > -1.0 { 1.0 } else { 0.0 },
+        // Only the last area light shines; only the first, and from everywhere but a corner; next to nothing but for a firefly.
+        let wrong: [&dyn Fn(Vec3, u32, f32) -> f32; 3] = [
+            &|_, area_light, _| if area_light + 1 == area_lights { 1.0 } else { 0.0 },
+            &|p, area_light, _| if area_light == 0 && p.x > -1.0 { 1.0 } else { 0.0 },
             &|_, _, chance| if chance < 1e-3 { 1e12 } else { 1e-9 },
         ];
-        for (i, lie) in lies.iter().enumerate() {
+        for (i, learned) in wrong.iter().enumerate() {
             let mut random = SplitMix64(5);
             let light_sample_record = |n: u32| {
                 let position = Vec3::new(5.0 * random.f32() - 2.5, 2.5 * random.f32(), 5.0 * random.f32() - 2.5);
-                let (emitter, chance) = (n % lamps, random.f32());
+                let (emitter, chance) = (n % area_lights, random.f32());
                 LightSampleRecord {
                     position,
                     normal: Vec3::Y,
                     emitter,
                     pixel: 0,
-                    contribution: lie(position, emitter, chance),
+                    contribution: learned(position, emitter, chance),
                 }
             };
             let light_sample_records: Vec<_> = (0..20_000).map(light_sample_record).collect();
             let lights = LearnedLights::learn(tree, &light_sample_records, 1.0).unwrap();
             let with = pictures(&stage, Some(&lights), 500 * (i as u32 + 1), 60)[0];
-            assert!(z(&without, &with).abs() < z_limit(6), "{name}, lie {i}: {without:?} {with:?}");
+            assert!(z(&without, &with).abs() < z_limit(6), "{name}, learned {i}: {without:?} {with:?}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Depth of field against closed forms: the blurred edge of a lamp, for round and polygonal lenses; what has no lens is
+//! Depth of field against closed forms: the blurred edge of an area light, for round and polygonal lenses; what has no lens is
 //! as it was.
 
 use std::f64::consts::{PI, TAU};
@@ -13,19 +13,19 @@ use glam::Vec3;
 
 use crate::helpers::glb;
 use crate::helpers::program::{assert_same_bits, expect};
-use crate::helpers::stage::{Stage, add, lamp, look};
+use crate::helpers::stage::{Stage, add, area_light, look};
 use crate::helpers::statistics::{Mean, z_limit};
 
 const YFOV: f32 = 0.2;
 const COLUMNS: u32 = 8;
 const REPLICAS: u32 = 200;
 
-/// A lamp over all x < 0 at this distance, seen along -z.
+/// An area light over all x < 0 at this distance, seen along -z.
 fn edge(distance: f32, orthographic: bool) -> Arc<Scene> {
     let mut scene = Scene::default();
     let points =
         vec![[-50.0, -50.0, -distance], [0.0, -50.0, -distance], [0.0, 50.0, -distance], [-50.0, 50.0, -distance]];
-    add(&mut scene, points, vec![[0, 1, 2], [0, 2, 3]], lamp(3.0));
+    add(&mut scene, points, vec![[0, 1, 2], [0, 2, 3]], area_light(3.0));
     look(&mut scene, Vec3::ZERO, Vec3::NEG_Z, YFOV);
     if orthographic {
         scene.cameras[0].projection = Projection::Orthographic { xmag: 0.2, ymag: 0.2 };
@@ -60,7 +60,7 @@ fn share(blades: u32, c: f64) -> f64 {
     area(&cut) / area(&corners)
 }
 
-/// A ray through the lens at l meets the plane of focus at f, and the lamp's plane at l (1 - D/F) + f D/F.
+/// A ray through the lens at l meets the plane of focus at f, and the area light's plane at l (1 - D/F) + f D/F.
 fn expected(column: u32, (radius, focus, blades): (f64, f64, u32), distance: f64, orthographic: bool) -> f64 {
     const STEPS: u32 = 4000;
     let half = if orthographic { 0.2 } else { f64::from(0.5 * YFOV).tan() * focus } * f64::from(COLUMNS) / 2.0;
@@ -68,7 +68,7 @@ fn expected(column: u32, (radius, focus, blades): (f64, f64, u32), distance: f64
         let at = (f64::from(column) + (f64::from(step) + 0.5) / f64::from(STEPS)) / f64::from(COLUMNS);
         let f = half * (2.0 * at - 1.0);
         let (lens, through) = (1.0 - distance / focus, if orthographic { f } else { f * distance / focus });
-        // Of an orthographic camera lens points are beside the ray's own.
+        // Of an orthographic camera lens points are offsets from the ray's own.
         let lens = radius * lens;
         match lens {
             0.0 => f64::from(u8::from(through < 0.0)),

@@ -157,16 +157,16 @@ fn where_compensated_no_sample_goes_to_what_is_below_the_mean() {
     }
 }
 
-/// Three lamps of unlike size and power around the origin, the middle one seen from behind unless two-sided, one placed
+/// Three area lights of unlike size and power around the origin, the middle one seen from behind unless two-sided, one placed
 /// by a mirrored instance.
-fn lamps(double_sided: bool) -> Scene {
+fn area_lights(double_sided: bool) -> Scene {
     let triangle = |points: [[f32; 3]; 3], material| Mesh {
         positions: Positions::new(points.to_vec()),
         indices: vec![[0, 1, 2]],
         material,
         ..Default::default()
     };
-    let lamp = |radiance: f32| Material { emissive: Vec3::splat(radiance), double_sided, ..Default::default() };
+    let area_light = |radiance: f32| Material { emissive: Vec3::splat(radiance), double_sided, ..Default::default() };
     Scene {
         meshes: [
             triangle([[-1.0, 2.0, -1.0], [1.5, 2.0, -1.0], [0.0, 2.5, 1.5]], 0),
@@ -184,12 +184,12 @@ fn lamps(double_sided: bool) -> Scene {
                 ..Default::default()
             })
             .collect(),
-        materials: vec![lamp(3.0), lamp(1.0), lamp(8.0)],
+        materials: vec![area_light(3.0), area_light(1.0), area_light(8.0)],
         ..Default::default()
     }
 }
 
-/// The lamps in direction `d` from the origin, one behind the other: instance, distance.
+/// The area lights in direction `d` from the origin, one behind the other: instance, distance.
 fn look(scene: &Scene, d: Vec3) -> Vec<(u32, f32)> {
     let mut found = Vec::new();
     for (i, instance) in scene.instances.iter().enumerate() {
@@ -211,7 +211,7 @@ fn look(scene: &Scene, d: Vec3) -> Vec<(u32, f32)> {
 
 #[test]
 fn lamp_samples_follow_the_pdf() {
-    // Receivers that face all lamps, some, and one.
+    // Receivers that face all area lights, some, and one.
     let normals = [Vec3::new(1.0, 1.0, 1.0), Vec3::Y, Vec3::NEG_Z + 0.6 * Vec3::X].map(Vec3::normalize);
     for (double_sided, n, learns) in [
         (false, normals[0], false),
@@ -221,7 +221,7 @@ fn lamp_samples_follow_the_pdf() {
         (true, normals[0], true),
         (false, normals[1], true),
     ] {
-        let scene = lamps(double_sided);
+        let scene = area_lights(double_sided);
         let lights = AreaLights::new(&scene).unwrap();
         // One finds much, another little, the third nothing.
         let light_sample_record = |i: u32| LightSampleRecord {
@@ -253,7 +253,7 @@ fn lamp_samples_follow_the_pdf() {
 #[test]
 fn two_triangles_of_a_parallelogram_are_one_lamp_that_follows_the_pdf() {
     let points = [[-1.0, 2.0, -1.0], [1.0, 2.0, -1.5], [1.5, 2.5, 0.5], [-0.5, 2.5, 1.0]];
-    // All ways to cut it; and a quadrangle that is none, which stays two lamps.
+    // All ways to cut it; and a quadrangle that is none, which stays two area lights.
     let cuts = [[[0, 1, 2], [0, 2, 3]], [[1, 2, 3], [3, 0, 1]], [[2, 0, 1], [3, 0, 2]], [[0, 1, 2], [2, 3, 0]]];
     for (k, indices) in cuts.into_iter().enumerate() {
         let bent = k == 3;
@@ -292,7 +292,7 @@ fn two_triangles_of_a_parallelogram_are_one_lamp_that_follows_the_pdf() {
                 })
             },
         );
-        // One lamp: every direction has the same area density, whatever the choice's number.
+        // One area light: every direction has the same area density, whatever the choice's number.
         let spread = (0..64).map(|i| sample_lamps(&lights, &scene, n, None, [i as f32 / 64.0, 0.3, 0.6]).unwrap().wi.x);
         let (low, high) = spread.fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
         assert_eq!(low == high, !bent, "cut {k}");
@@ -301,7 +301,7 @@ fn two_triangles_of_a_parallelogram_are_one_lamp_that_follows_the_pdf() {
 
 #[test]
 fn lamps_shine_from_the_side_that_the_winding_calls_the_front_also_when_mirrored() {
-    let scene = lamps(false);
+    let scene = area_lights(false);
     let lights = AreaLights::new(&scene).unwrap();
     let mut random = Random(32);
     for _ in 0..20_000 {

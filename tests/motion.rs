@@ -22,7 +22,7 @@ use crate::helpers::program::{assert_same_bits, bits, expect};
 use crate::helpers::random::Random;
 use crate::helpers::ray_scenes::{box_room, camera_rays};
 use crate::helpers::shared;
-use crate::helpers::stage::{Stage, add, lambert, lamp, look, moving_hall, rectangle, set_in_motion, sphere};
+use crate::helpers::stage::{Stage, add, area_light, lambert, look, moving_hall, rectangle, set_in_motion, sphere};
 use crate::helpers::statistics::{Mean, z_limit};
 
 const COLUMNS: u32 = 8;
@@ -43,12 +43,12 @@ fn motion(moments: &[DAffine3]) -> Option<Arc<Motion>> {
     Motion::new(moments).map(Arc::new)
 }
 
-/// A lamp of radiance 3 over x in [x0, x1], 2 m before an orthographic camera that looks along -z.
+/// An area light of radiance 3 over x in [x0, x1], 2 m before an orthographic camera that looks along -z.
 fn plate(x0: f32, [half_height, x1]: [f32; 2]) -> Scene {
     let mut scene = Scene::default();
     let (h, z) = (half_height, -2.0);
     let points = vec![[x0, -h, z], [x1, -h, z], [x1, h, z], [x0, h, z]];
-    add(&mut scene, points, vec![[0, 1, 2], [0, 2, 3]], lamp(3.0));
+    add(&mut scene, points, vec![[0, 1, 2], [0, 2, 3]], area_light(3.0));
     look(&mut scene, Vec3::ZERO, Vec3::NEG_Z, 0.2);
     scene.cameras[0].projection = Projection::Orthographic { xmag: HALF as f32, ymag: HALF as f32 };
     scene
@@ -187,20 +187,20 @@ fn a_lamp_that_moves_and_turns_over_a_diffuse_plane_is_its_closed_form_by_every_
     let expected = 0.5 / PI * 10.0 * (0..TIMES).map(irradiance).sum::<f64>() / f64::from(TIMES);
     let moments: Vec<_> = (0..=16).map(|i| at(f64::from(i) / 16.0)).collect();
     let limit = z_limit(2 * BALANCES.len());
-    for sky in [false, true] {
+    for environment in [false, true] {
         let mut scene = floor();
-        // A sky that gives nothing that matters, so that both kinds share samples.
-        let add_sky = sky.then(|| Environment::constant([1e-6; 3]));
-        scene.environment = add_sky;
+        // A negligible environment, so that both kinds share samples.
+        let added = environment.then(|| Environment::constant([1e-6; 3]));
+        scene.environment = added;
         let points = corners.map(|c| c.as_vec3().to_array()).to_vec();
-        add(&mut scene, points, vec![[0, 1, 2], [0, 2, 3]], lamp(10.0));
+        add(&mut scene, points, vec![[0, 1, 2], [0, 2, 3]], area_light(10.0));
         scene.instances[1].transform = Some(moments[8].as_affine3a());
         scene.instances[1].motion = motion(&moments);
         let stage = Stage::new(Arc::new(scene), Backend::Embree);
         for balance in BALANCES {
             let mean = stage.mean_green(&RenderSettings { balance, ..small() }, 150);
             let z = mean.z(expected);
-            assert!(z.abs() < limit, "{balance:?}, sky {sky}: {} for {expected}, z = {z}", mean.mean);
+            assert!(z.abs() < limit, "{balance:?}, environment {environment}: {} for {expected}, z = {z}", mean.mean);
         }
     }
 }

@@ -190,7 +190,7 @@ fn a_scene_without_camera_fills_pictures_of_any_shape_and_is_not_cut_off() {
 
 #[test]
 fn a_picture_that_is_black_everywhere_is_told() {
-    let lamp = |rotation: &str| Parts {
+    let area_light = |rotation: &str| Parts {
         nodes: format!(r#"[{{"mesh":0,"rotation":{rotation}}}]"#),
         primitive: r#"{"attributes":{"POSITION":0},"material":0}"#.into(),
         more: r#","materials":[{"emissiveFactor":[1,1,1]}]"#.into(),
@@ -198,11 +198,11 @@ fn a_picture_that_is_black_everywhere_is_told() {
     };
     let folder = tempfile::tempdir().unwrap();
     let said = |rotation| {
-        fs::write(folder.path().join("lamp.gltf"), lamp(rotation).json()).unwrap();
+        fs::write(folder.path().join("lamp.gltf"), area_light(rotation).json()).unwrap();
         expect(folder.path(), "render lamp.gltf --size 24x18 --spp 2", 0)
     };
     assert!(!said("[0,0,0,1]").contains(" is black "));
-    // A lamp that shows its back.
+    // An area light that shows its back.
     let said = said("[0,1,0,0]");
     assert!(said.contains("lamp.exr is black everywhere") && said.contains("only its front emits"), "{said}");
 }

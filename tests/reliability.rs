@@ -1,5 +1,5 @@
 //! Two writers, other builds, too little memory, finished pictures whose companions are gone: nothing is lost, and whoever
-//! asks is told.
+//! asks is informed.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
@@ -53,7 +53,7 @@ fn the_second_of_two_writers_is_told() {
 
 #[test]
 fn merge_asks_of_parts_what_resume_asks() {
-    const TOLD: &str = "took other passes";
+    const OTHER_PASSES: &str = "took other passes";
     let folder = folder();
     let line = "render cornell.glb --size 40x30 -q --checkpoint 9 --resume";
     for (part, goals) in [(1, &["64", "256"][..]), (2, &["256"])] {
@@ -62,7 +62,7 @@ fn merge_asks_of_parts_what_resume_asks() {
         }
     }
     let said = expect(folder.path(), "merge 1.exr 2.exr -o out.exr", 0);
-    assert!(said.contains("1.exr was begun with another goal") && said.contains(TOLD), "{said}");
+    assert!(said.contains("1.exr was begun with another goal") && said.contains(OTHER_PASSES), "{said}");
     assert!(!said.contains("2.exr was begun"), "{said}");
     // From a multiple of 128 there is nothing to tell, and the bits are those of the whole.
     fs::remove_file(folder.path().join("1.exr")).unwrap();
@@ -70,7 +70,7 @@ fn merge_asks_of_parts_what_resume_asks() {
         expect(folder.path(), &format!("{line} --part 1/2 --spp {goal} -o 1.exr"), 0);
     }
     let said = expect(folder.path(), "merge 1.exr 2.exr -o out.exr", 0);
-    assert!(!said.contains(TOLD), "{said}");
+    assert!(!said.contains(OTHER_PASSES), "{said}");
     expect(folder.path(), "render cornell.glb --size 40x30 -q --spp 256 -o whole.exr", 0);
     assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("out.exr"));
 }

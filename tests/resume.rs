@@ -187,7 +187,7 @@ fn a_signal_saves_and_the_same_command_goes_on_to_the_same_bits() {
         lines.read_to_string(&mut said).unwrap();
         let code = child.wait().unwrap().code();
         if code == Some(0) {
-            // On a busy machine it may be done before it can be told.
+            // On a busy machine it may be done before it gets the signal.
             late += 1;
             assert!(late < 20, "no {signal} is heard:\n{said}");
             fs::remove_file(folder.path().join("out.exr")).unwrap();
@@ -215,7 +215,7 @@ fn a_finished_render_says_so_and_goes_on_to_a_higher_goal() {
     assert_eq!(fs::read(file("out.exr")).unwrap(), before);
     expect(folder.path(), "render cornell.glb --size 40x30 --spp 256 -o out.exr --resume -q", 0);
     assert_same_bits(&file("whole.exr"), &file("out.exr"));
-    // A picture that was rendered without statistics is told apart only once it would have to go on.
+    // A picture that was rendered without statistics is recognised only once it would have to go on.
     let said = expect(folder.path(), "render cornell.glb --size 40x30 --spp 256 -o whole.exr --resume", 0);
     assert!(said.contains("finished before"), "{said}");
     let said = expect(folder.path(), "render cornell.glb --size 40x30 --spp 257 -o whole.exr --resume", 65);
@@ -227,7 +227,7 @@ fn a_finished_render_says_so_and_goes_on_to_a_higher_goal() {
 
 #[test]
 fn a_goal_that_cuts_the_passes_otherwise_is_told() {
-    const TOLD: &str = "took other passes";
+    const OTHER_PASSES: &str = "took other passes";
     let folder = folder();
     for (balance, first, then, other) in [
         ("progressive", "--spp 64", "--spp 256", true),
@@ -252,7 +252,7 @@ fn a_goal_that_cuts_the_passes_otherwise_is_told() {
         let line = format!("render cornell.glb --size 20x20 --balance {balance}");
         expect(folder.path(), &format!("{line} {first} -o out.exr --checkpoint 9 -q"), 0);
         let said = expect(folder.path(), &format!("{line} {then} -o out.exr --resume"), 0);
-        assert_eq!(said.contains(TOLD), other, "{balance} {first}, {then}: {said}");
+        assert_eq!(said.contains(OTHER_PASSES), other, "{balance} {first}, {then}: {said}");
         expect(folder.path(), &format!("{line} {then} -o whole.exr -q"), 0);
         let whole = bits(&folder.path().join("whole.exr"));
         assert!(other || whole == bits(&folder.path().join("out.exr")), "{balance} {first}, {then}");

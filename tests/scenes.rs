@@ -1,4 +1,4 @@
-//! The scenes in the repository are what the program beside them writes.
+//! The scenes in the repository are what `scenes/generate` writes.
 
 use std::fs;
 use std::path::Path;

@@ -407,7 +407,7 @@ fn a_task_longer_than_its_time_limit_ends_all_the_same(work: &Work) {
 fn outlive_the_limit(flags: &str) -> bool {
     let slurm = Slurm::start();
     let folder = &slurm.work;
-    // A limit is a minute at least; told 57 seconds before it, a task has three.
+    // A limit is a minute at least; signalled 57 seconds before it, a task has three.
     let line = format!("veach.glb --cpus 2 --minutes 1 --sbatch=--signal=B:TERM@57 -- {flags} -o out.exr");
     let jobs = slurm.submit(folder.path(), &line);
     slurm.wait_for(&jobs[0], &["COMPLETED"]);
@@ -433,8 +433,8 @@ fn a_failed_task_cancels_its_own_merge_and_no_other(_: &Work) {
     assert_eq!(codes.iter().filter(|code| *code == "65:0").count(), 2, "{codes:?}");
     let status = status(folder.path(), "jobs.farm");
     assert_eq!(status["complete"], false);
-    let told = status["tasks"][0]["error"].as_str().unwrap();
-    assert!(told.contains("broken.glb"), "{told}");
+    let message = status["tasks"][0]["error"].as_str().unwrap();
+    assert!(message.contains("broken.glb"), "{message}");
     assert_eq!([0, 1].map(|i| status["merges"][i]["done"].clone()), [false, true]);
     expect(folder.path(), "render veach.glb --size 48x32 --spp 8 -o whole.exr -q", 0);
     assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("out/veach.exr"));
@@ -454,7 +454,7 @@ fn names_are_data_to_slurm_too(_: &Work) {
     for (folder, jobs) in submitted {
         slurm.wait_for(&jobs[1], &["COMPLETED"]);
         assert_same_bits(&whole, &folder.join("veach.exr"));
-        // Slurm's own log is there too, where Slurm can be told the place, and nowhere else.
+        // Slurm's own log is there too, where Slurm can be given the place, and nowhere else.
         let logs = program::names(&folder.join("veach.farm/logs"));
         let own = format!("slurm-{}_", jobs[0]);
         let expected = if folder.to_str().unwrap().contains(['%', '\\']) { 0 } else { 2 };

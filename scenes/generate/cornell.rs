@@ -26,14 +26,14 @@ pub fn scene() -> Glb {
     let white = glb.material(&Material::lambert("white", [0.73, 0.73, 0.73]));
     let red = glb.material(&Material::lambert("red", [0.65, 0.05, 0.05]));
     let green = glb.material(&Material::lambert("green", [0.12, 0.45, 0.15]));
-    let lamp = glb.material(&Material::lamp("lamp", [17.0, 12.0, 4.0]));
+    let emitter = glb.material(&Material::emitter("lamp", [17.0, 12.0, 4.0]));
     let room = [
         ("floor", [[552.8, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 559.2], [549.6, 0.0, 559.2]], white),
         ("ceiling", [[556.0, 548.8, 0.0], [556.0, 548.8, 559.2], [0.0, 548.8, 559.2], [0.0, 548.8, 0.0]], white),
         ("back wall", [[549.6, 0.0, 559.2], [0.0, 0.0, 559.2], [0.0, 548.8, 559.2], [556.0, 548.8, 559.2]], white),
         ("right wall", [[0.0, 0.0, 559.2], [0.0, 0.0, 0.0], [0.0, 548.8, 0.0], [0.0, 548.8, 559.2]], green),
         ("left wall", [[552.8, 0.0, 0.0], [549.6, 0.0, 559.2], [556.0, 548.8, 559.2], [556.0, 548.8, 0.0]], red),
-        ("lamp", [[343.0, 548.3, 227.0], [343.0, 548.3, 332.0], [213.0, 548.3, 332.0], [213.0, 548.3, 227.0]], lamp),
+        ("lamp", [[343.0, 548.3, 227.0], [343.0, 548.3, 332.0], [213.0, 548.3, 332.0], [213.0, 548.3, 227.0]], emitter),
     ];
     for (name, corners, material) in room {
         glb.object(name, &wall(corners), material);

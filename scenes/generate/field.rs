@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use glam::{DQuat, DVec3, dvec3};
 use image::ImageError;
 
-use crate::glb::{Glb, Material, Place};
+use crate::glb::{Glb, Material, Placement};
 use crate::mesh::{Mesh, icosphere, stone, tube};
 use crate::pictures::Sky;
 use crate::random::{Random, fractal};
@@ -126,7 +126,7 @@ pub fn scene() -> Glb {
         let x = random.between(-0.5, 0.5) * (6.0 + 0.75 * (3.2 - z)).min(WIDTH);
         (x, z)
     };
-    let place = |random: &mut Random, x: f64, z: f64, size: f64, sink: f64, lean: f64| Place {
+    let place = |random: &mut Random, x: f64, z: f64, size: f64, sink: f64, lean: f64| Placement {
         translation: dvec3(x, height(x, z) - sink, z),
         rotation: DQuat::from_rotation_arc(DVec3::Y, DVec3::Y.lerp(upright(x, z), lean).normalize())
             * DQuat::from_rotation_y(random.between(0.0, TAU)),

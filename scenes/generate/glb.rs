@@ -60,20 +60,20 @@ impl Material {
         Self { lambert: true, ..Self::plain(name, color, 0.0, 1.0) }
     }
 
-    pub fn lamp(name: &'static str, emission: [f64; 3]) -> Self {
+    pub fn emitter(name: &'static str, emission: [f64; 3]) -> Self {
         Self { emission, lambert: true, ..Self::plain(name, [0.0; 3], 0.0, 1.0) }
     }
 }
 
 /// Where a node is.
 #[derive(Clone, Copy)]
-pub struct Place {
+pub struct Placement {
     pub translation: DVec3,
     pub rotation: DQuat,
     pub scale: f64,
 }
 
-impl Place {
+impl Placement {
     pub fn at(translation: DVec3) -> Self {
         Self::scaled(translation, 1.0)
     }
@@ -244,7 +244,7 @@ impl Glb {
     }
 
     /// A node for geometry that other nodes show too, each in its own material.
-    pub fn shared(&mut self, name: &str, geometry: &Geometry, material: usize, place: &Place) {
+    pub fn shared(&mut self, name: &str, geometry: &Geometry, material: usize, place: &Placement) {
         let mesh = self.mesh(name, &[(geometry, material)]);
         self.instance(mesh, place);
         if let Some(node) = self.nodes.last_mut() {
@@ -253,7 +253,7 @@ impl Glb {
     }
 
     /// Another node for a mesh. Numbers are cut to a tenth of a millimetre, which keeps large fields small.
-    pub fn instance(&mut self, mesh: usize, place: &Place) {
+    pub fn instance(&mut self, mesh: usize, place: &Placement) {
         let mut node = json!({ "mesh": mesh, "translation": place.translation.to_array().map(|x| round(x, 4)) });
         if place.rotation != DQuat::IDENTITY {
             node["rotation"] = json!(place.rotation.to_array().map(|x| round(x, 4)));

@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use glam::{DQuat, dvec3};
 use image::ImageError;
 
-use crate::glb::{Glb, Material, Place};
+use crate::glb::{Glb, Material, Placement};
 use crate::mesh::{quad, sphere, tube};
 use crate::pictures::Sky;
 
@@ -41,8 +41,8 @@ pub fn scene() -> Glb {
     let lowest = knot.positions.iter().map(|p| p.y).fold(f64::INFINITY, f64::min);
     glb.object("knot", &knot.translated(dvec3(0.0, -lowest, 0.0)), copper);
     let ball = glb.geometry(&sphere(1.0, 40));
-    glb.shared("lacquered ball", &ball, black, &Place::scaled(dvec3(1.75, 0.42, 0.75), 0.42));
-    glb.shared("chalk ball", &ball, chalk, &Place::scaled(dvec3(-1.55, 0.3, 0.95), 0.3));
+    glb.shared("lacquered ball", &ball, black, &Placement::scaled(dvec3(1.75, 0.42, 0.75), 0.42));
+    glb.shared("chalk ball", &ball, chalk, &Placement::scaled(dvec3(-1.55, 0.3, 0.95), 0.3));
     let g = 30.0;
     glb.object("ground", &quad([dvec3(-g, 0.0, g), dvec3(g, 0.0, g), dvec3(g, 0.0, -g), dvec3(-g, 0.0, -g)]), ground);
     glb.camera("camera", dvec3(0.5, 1.75, 5.6), dvec3(0.1, 0.98, 0.0), 31.0, 1.5);

@@ -64,7 +64,7 @@ pub fn slit_sky() -> Result<Vec<u8>, ImageError> {
     .hdr(128, 64)
 }
 
-/// A lamp in the next room, whose door stands ajar.
+/// An area light in the next room, whose door stands ajar.
 pub fn ajar() -> Glb {
     let mut glb = Glb::default();
     let plaster = glb.material(&Material::lambert("plaster", [0.74, 0.72, 0.69]));
@@ -72,7 +72,7 @@ pub fn ajar() -> Glb {
     let oak = glb.material(&Material::dielectric("oak", [0.36, 0.24, 0.14], 0.45));
     let green = glb.material(&Material::lambert("green", [0.20, 0.42, 0.24]));
     let steel = glb.material(&Material::metal("steel", [0.62, 0.62, 0.64], 0.4));
-    let lamp = glb.material(&Material::lamp("lamp", [2700.0, 2280.0, 1680.0]));
+    let emitter = glb.material(&Material::emitter("lamp", [2700.0, 2280.0, 1680.0]));
     let (w, h, d) = (8.0, 2.7, 4.6);
     shell(&mut glb, [w, h, d], [tiles, plaster]);
     let x = w / 2.0;
@@ -89,7 +89,7 @@ pub fn ajar() -> Glb {
     let turn = glam::DQuat::from_rotation_y(0.42);
     let leaf = cuboid(dvec3(0.04, lintel - 0.02, near - far - 0.02)).translated(dvec3(0.0, 0.0, (far - near) / 2.0));
     glb.object("door", &leaf.rotated(turn).translated(dvec3(0.97, lintel / 2.0, near)), oak);
-    glb.object("lamp", &between(dvec3(3.2, h - 0.06, -1.0), dvec3(3.7, h - 0.02, -0.5)), lamp);
+    glb.object("lamp", &between(dvec3(3.2, h - 0.06, -1.0), dvec3(3.7, h - 0.02, -0.5)), emitter);
     glb.object("table", &between(dvec3(-2.2, 0.66, -1.8), dvec3(-0.6, 0.72, -0.9)), oak);
     for (x, z) in [(-2.15, -1.75), (-0.7, -1.75), (-0.7, -1.0), (-2.15, -1.0)] {
         glb.object("leg", &between(dvec3(x, 0.0, z), dvec3(x + 0.06, 0.66, z + 0.06)), oak);
@@ -102,7 +102,7 @@ pub fn ajar() -> Glb {
     glb
 }
 
-/// A lamp in a globe of frosted glass and another in a deep shade of metal.
+/// An area light in a globe of frosted glass and another in a deep shade of metal.
 pub fn shade() -> Glb {
     let mut glb = Glb::default();
     let paper = glb.material(&Material::lambert("paper", [0.70, 0.66, 0.58]));
@@ -111,7 +111,7 @@ pub fn shade() -> Glb {
     let brass = glb.material(&Material::metal("brass", [0.85, 0.66, 0.36], 0.3));
     let frosted = Material { transmission: 1.0, double_sided: true, ..Material::dielectric("frosted", [0.95; 3], 0.6) };
     let frosted = glb.material(&frosted);
-    let bulb = glb.material(&Material::lamp("bulb", [420.0, 330.0, 210.0]));
+    let bulb = glb.material(&Material::emitter("bulb", [420.0, 330.0, 210.0]));
     let (w, h, d) = (4.4, 2.6, 4.8);
     shell(&mut glb, [w, h, d], [boards, paper]);
     glb.object("right wall", &between(dvec3(w / 2.0, 0.0, -d / 2.0), dvec3(w / 2.0 + 0.2, h, d / 2.0)), paper);

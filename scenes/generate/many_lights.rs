@@ -1,11 +1,11 @@
 //! Six poles around a mast, garlands of small bulbs between them, and things below to be lit by all of them: hundreds
-//! of emitters of equal strength, so that the choice of a lamp is the hard part.
+//! of emitters of equal strength, so that the choice of an area light is the hard part.
 
 use std::f64::consts::TAU;
 
 use glam::{DQuat, DVec3, dvec3};
 
-use crate::glb::{Glb, Material, Place};
+use crate::glb::{Glb, Material, Placement};
 use crate::mesh::{cuboid, icosphere, lathe, profile_spline, quad, rounded_box, sphere, torus, tube};
 
 const BULB_RADIUS: f64 = 0.032;
@@ -33,8 +33,8 @@ pub fn scene() -> Glb {
     let bulbs: Vec<usize> = tints
         .into_iter()
         .map(|(name, tint)| {
-            let lamp = glb.material(&Material::lamp(name, tint.map(|c| c * 45.0)));
-            glb.mesh(name, &[(&bulb, lamp)])
+            let emitter = glb.material(&Material::emitter(name, tint.map(|c| c * 45.0)));
+            glb.mesh(name, &[(&bulb, emitter)])
         })
         .collect();
     let iron = glb.material(&Material::metal("iron", [0.30, 0.29, 0.28], 0.45));
@@ -57,7 +57,7 @@ pub fn scene() -> Glb {
             // Two of three are warm.
             let kind = [0, 1, 2, 0, 1, 3, 1, 0, 4][turn % 9];
             turn += 1;
-            glb.instance(bulbs[kind], &Place::at(*p - DVec3::Y * (BULB_RADIUS + 0.004)));
+            glb.instance(bulbs[kind], &Placement::at(*p - DVec3::Y * (BULB_RADIUS + 0.004)));
         }
     }
     for foot in (0..6).map(pole).chain([top]) {
@@ -79,8 +79,8 @@ pub fn scene() -> Glb {
     let neck = profile_spline(&[(0.24, 1.42), (0.19, 1.5), (0.28, 1.62), (0.25, 1.62), (0.16, 1.5), (0.0, 1.4)], 6);
     glb.object("urn", &lathe(&[urn, neck[1..].to_vec()].concat(), 64, 50.0), glaze);
     let ball = glb.geometry(&sphere(1.0, 36));
-    glb.shared("brass ball", &ball, brass, &Place::scaled(dvec3(-1.35, 0.34, 0.9), 0.34));
-    glb.shared("steel ball", &ball, steel, &Place::scaled(dvec3(1.15, 0.26, 1.25), 0.26));
+    glb.shared("brass ball", &ball, brass, &Placement::scaled(dvec3(-1.35, 0.34, 0.9), 0.34));
+    glb.shared("steel ball", &ball, steel, &Placement::scaled(dvec3(1.15, 0.26, 1.25), 0.26));
     let ring = torus(0.34, 0.11, 64, 20).rotated(DQuat::from_rotation_x(1.15)).translated(dvec3(1.75, 0.42, -0.25));
     glb.object("ring", &ring, brass);
     for (i, size) in [0.62, 0.46, 0.32].into_iter().enumerate() {

@@ -8,7 +8,7 @@ use std::f64::consts::{PI, TAU};
 use glam::{DQuat, DVec3, dvec2, dvec3};
 use image::ImageError;
 
-use crate::glb::{Glb, Material, Place};
+use crate::glb::{Glb, Material, Placement};
 use crate::mesh::{
     Mesh, cuboid, lathe, panel, profile_spline, quad, rounded_box, smoothed, sphere, spline, textured_rectangle, torus,
     tube,
@@ -76,13 +76,13 @@ fn room(glb: &mut Glb) -> Result<(), ImageError> {
         glb.object("room", &quad(face.map(p)), plain);
     }
 
-    let daylight = glb.material(&Material::lamp("daylight", [15.0, 17.0, 20.0]));
+    let daylight = glb.material(&Material::emitter("daylight", [15.0, 17.0, 20.0]));
     let (wide, tall, bar) = (0.30, 0.36, 0.045);
     for i in 0..6 {
         let centre = dvec3(x0 + 0.01, 0.42 + (tall + bar) * f64::from(i / 2), -0.02 + (wide + bar) * f64::from(i % 2));
         glb.object("window pane", &panel(centre, centre + DVec3::X, wide, tall), daylight);
     }
-    let ember = glb.material(&Material::lamp("hearth", [5.0, 2.6, 1.1]));
+    let ember = glb.material(&Material::emitter("hearth", [5.0, 2.6, 1.1]));
     glb.object("hearth", &panel(dvec3(1.45, 0.55, 1.3), dvec3(0.1, 0.15, 0.0), 0.5, 0.5), ember);
     Ok(())
 }
@@ -193,7 +193,7 @@ fn load(glb: &mut Glb, brass: usize, iron: usize) {
     let soot = glb.material(&Material::dielectric("wick", [0.02, 0.017, 0.015], 0.9));
     let wick = [centre + DVec3::Y * 0.039, centre + dvec3(0.0003, 0.047, 0.0), centre + dvec3(0.002, 0.053, 0.0)];
     glb.object("wick", &tube(&wick, 6, false, |_| 0.0007), soot);
-    let flame = glb.material(&Material::lamp("flame", [215.0, 104.0, 30.0]));
+    let flame = glb.material(&Material::emitter("flame", [215.0, 104.0, 30.0]));
     let shape = profile_spline(
         &[
             (0.0, 0.0),
@@ -295,7 +295,7 @@ fn balls(glb: &mut Glb) {
     for (material, radius, x, z) in kinds {
         let name = material.name;
         let material = glb.material(&material);
-        glb.shared(name, &ball, material, &Place::scaled(dvec3(x, radius, z), radius));
+        glb.shared(name, &ball, material, &Placement::scaled(dvec3(x, radius, z), radius));
     }
 }
 
@@ -352,7 +352,7 @@ fn lemons_and_coins(glb: &mut Glb) {
     let lemon = glb.mesh("lemon", &[(&lemon, peel)]);
     for (x, z, y, turn, size) in [(0.325, 0.055, 0.0288, 0.5, 1.0), (0.405, 0.005, 0.0268, -0.75, 0.93)] {
         let rotation = DQuat::from_rotation_y(turn) * DQuat::from_rotation_z(PI / 2.0 + 0.06);
-        glb.instance(lemon, &Place { translation: dvec3(x, y, z), rotation, scale: size });
+        glb.instance(lemon, &Placement { translation: dvec3(x, y, z), rotation, scale: size });
     }
 
     let silver = glb.material(&Material::metal("silver", [0.91, 0.88, 0.81], 0.24));
@@ -362,10 +362,11 @@ fn lemons_and_coins(glb: &mut Glb) {
     let coin = glb.mesh("coin", &[(&coin, silver)]);
     let stack = (0..5).map(|i| {
         let wobble = |k: f64| 0.0016 * (k * f64::from(i)).sin();
-        Place::at(dvec3(0.205 + wobble(2.1), thick * f64::from(i), 0.118 + wobble(3.7)))
+        Placement::at(dvec3(0.205 + wobble(2.1), thick * f64::from(i), 0.118 + wobble(3.7)))
     });
-    let leaning = Place { translation: dvec3(0.2305, 0.0, 0.1235), rotation: DQuat::from_rotation_z(0.52), scale: 1.0 };
-    let loose = [(0.172, 0.146), (0.245, 0.150)].map(|(x, z)| Place::at(dvec3(x, 0.0, z)));
+    let leaning =
+        Placement { translation: dvec3(0.2305, 0.0, 0.1235), rotation: DQuat::from_rotation_z(0.52), scale: 1.0 };
+    let loose = [(0.172, 0.146), (0.245, 0.150)].map(|(x, z)| Placement::at(dvec3(x, 0.0, z)));
     for place in stack.chain([leaning]).chain(loose) {
         glb.instance(coin, &place);
     }

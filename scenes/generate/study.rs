@@ -6,7 +6,7 @@ use std::f64::consts::{PI, TAU};
 use glam::{DQuat, DVec3, dvec2, dvec3};
 use image::ImageError;
 
-use crate::glb::{Glb, Material, Place};
+use crate::glb::{Glb, Material, Placement};
 use crate::mesh::{Mesh, cuboid, lathe, panel, profile_spline, quad, rounded_box, sphere, textured_rectangle, tube};
 use crate::pictures::{self, Sky};
 use crate::random::{Random, fractal};
@@ -32,14 +32,14 @@ fn block(size: DVec3, base: DVec3, turn: f64) -> Mesh {
     cuboid(size).rotated(DQuat::from_rotation_y(turn)).translated(base + DVec3::Y * size.y / 2.0)
 }
 
-/// A room with sun and sky through one window and a lamp at the far wall: three techniques.
+/// A room with sun and sky through one window and an area light at the far wall: three techniques.
 pub fn window() -> Glb {
     let mut glb = Glb::default();
     let white = glb.material(&Material::lambert("plaster", [0.74, 0.72, 0.68]));
     let oak = glb.material(&Material::dielectric("oak", [0.32, 0.20, 0.11], 0.35));
     let cloth = glb.material(&Material::lambert("cloth", [0.16, 0.24, 0.36]));
     let vase = glb.material(&Material::dielectric("glaze", [0.62, 0.60, 0.55], 0.1));
-    let lamp = glb.material(&Material::lamp("lamp", [9.0, 6.3, 3.6]));
+    let emitter = glb.material(&Material::emitter("lamp", [9.0, 6.3, 3.6]));
     let (w, h, d) = (5.0, 2.8, 6.0);
     let [ground, ceiling, _, right, back] = room(w, h, d);
     glb.object("floor", &ground, oak);
@@ -80,7 +80,7 @@ pub fn window() -> Glb {
     glb.object("sofa back", &rounded_box(dvec3(1.9, 0.5, 0.25), 0.08, 3).translated(dvec3(0.9, 0.7, -2.65)), cloth);
     let profile = profile_spline(&[(0.0, 0.0), (0.09, 0.0), (0.13, 0.12), (0.05, 0.26), (0.07, 0.32)], 6);
     glb.object("vase", &lathe(&profile, 40, 50.0).translated(dvec3(-0.3, 0.76, -0.4)), vase);
-    glb.object("lamp", &sphere(0.11, 16).translated(dvec3(2.0, 1.5, -2.5)), lamp);
+    glb.object("lamp", &sphere(0.11, 16).translated(dvec3(2.0, 1.5, -2.5)), emitter);
     glb.camera("camera", dvec3(1.3, 1.45, 2.7), dvec3(-0.55, 1.05, -1.2), 52.0, 1.5);
     glb
 }
@@ -109,13 +109,13 @@ pub fn screen() -> Result<Glb, ImageError> {
         [hue, 0.55, 1.0 - hue].map(|c| light * (0.25 + 0.75 * c))
     }))?;
     let picture = glb.texture("screen", &picture, "image/png");
-    let lamp = Material { emission_texture: Some(picture), ..Material::lamp("screen", [14.0; 3]) };
-    let lamp = glb.material(&lamp);
+    let emitter = Material { emission_texture: Some(picture), ..Material::emitter("screen", [14.0; 3]) };
+    let emitter = glb.material(&emitter);
     let ground = glb.material(&Material::dielectric("lino", [0.26, 0.25, 0.24], 0.25));
     let chalk = glb.material(&Material::lambert("chalk", [0.7, 0.7, 0.68]));
     let steel = glb.material(&Material::metal("steel", [0.6, 0.6, 0.62], 0.3));
     let wall = textured_rectangle(dvec3(-2.0, 0.6, -2.2), DVec3::X * 4.0, DVec3::Y * 2.0, dvec2(1.0, 1.0));
-    glb.object("screen", &wall, lamp);
+    glb.object("screen", &wall, emitter);
     glb.object("floor", &floor(8.0), ground);
     glb.object("chalk ball", &sphere(0.42, 36).translated(dvec3(-1.2, 0.42, -0.4)), chalk);
     glb.object("steel ball", &sphere(0.42, 36).translated(dvec3(0.0, 0.42, -0.1)), steel);
@@ -124,13 +124,13 @@ pub fn screen() -> Result<Glb, ImageError> {
     Ok(glb)
 }
 
-/// Lamps behind slats: what little gets through decides.
+/// Area lights behind slats: what little gets through decides.
 pub fn slats() -> Glb {
     let mut glb = Glb::default();
     let plaster = glb.material(&Material::lambert("plaster", [0.62, 0.60, 0.56]));
     let ground = glb.material(&Material::dielectric("tiles", [0.36, 0.33, 0.30], 0.3));
     let slat = glb.material(&Material::lambert("slat", [0.05, 0.05, 0.05]));
-    let lamp = glb.material(&Material::lamp("lamp", [60.0, 48.0, 34.0]));
+    let emitter = glb.material(&Material::emitter("lamp", [60.0, 48.0, 34.0]));
     let [below, _, left, right, back] = room(6.0, 3.2, 6.0);
     glb.object("floor", &below, ground);
     for (name, mesh) in [("left wall", left), ("right wall", right), ("back wall", back)] {
@@ -139,11 +139,11 @@ pub fn slats() -> Glb {
     let rail = glb.geometry(&cuboid(dvec3(5.0, 0.02, 0.19)));
     for i in 0..17 {
         let place = dvec3(0.0, 2.5, -1.7 + 0.2 * f64::from(i));
-        let place = Place { rotation: DQuat::from_rotation_x(-0.55), ..Place::at(place) };
+        let place = Placement { rotation: DQuat::from_rotation_x(-0.55), ..Placement::at(place) };
         glb.shared("slat", &rail, slat, &place);
     }
     for (x, z) in [(-1.6, -1.0), (0.1, 0.4), (1.7, -0.5)] {
-        glb.object("lamp", &panel(dvec3(x, 3.1, z), dvec3(x, 0.0, z + 0.01), 0.5, 0.5), lamp);
+        glb.object("lamp", &panel(dvec3(x, 3.1, z), dvec3(x, 0.0, z + 0.01), 0.5, 0.5), emitter);
     }
     glb.object("ball", &sphere(0.5, 36).translated(dvec3(-0.9, 0.5, -0.3)), plaster);
     glb.object("block", &block(dvec3(0.8, 1.1, 0.8), dvec3(0.9, 0.0, -1.0), 0.4), ground);
@@ -151,19 +151,19 @@ pub fn slats() -> Glb {
     glb
 }
 
-/// A large lamp over things that nearly mirror it.
+/// A large area light over things that nearly mirror it.
 pub fn mirrors() -> Glb {
     let mut glb = Glb::default();
-    let lamp = glb.material(&Material::lamp("lamp", [3.2, 3.0, 2.7]));
+    let emitter = glb.material(&Material::emitter("lamp", [3.2, 3.0, 2.7]));
     let ground = glb.material(&Material::dielectric("stone", [0.30, 0.29, 0.27], 0.5));
-    glb.object("lamp", &panel(dvec3(0.4, 3.0, -1.6), dvec3(0.0, 0.4, 0.0), 4.2, 2.4), lamp);
+    glb.object("lamp", &panel(dvec3(0.4, 3.0, -1.6), dvec3(0.0, 0.4, 0.0), 4.2, 2.4), emitter);
     glb.object("floor", &floor(8.0), ground);
     let ball = glb.geometry(&sphere(0.46, 48));
     for (i, (name, roughness)) in
         [("mirror", 0.03), ("polished", 0.09), ("satin", 0.2), ("brushed", 0.4)].into_iter().enumerate()
     {
         let metal = glb.material(&Material::metal(name, [0.86, 0.84, 0.80], roughness));
-        glb.shared(name, &ball, metal, &Place::at(dvec3(-1.65 + 1.1 * i as f64, 0.46, 0.25 * (i % 2) as f64)));
+        glb.shared(name, &ball, metal, &Placement::at(dvec3(-1.65 + 1.1 * i as f64, 0.46, 0.25 * (i % 2) as f64)));
     }
     let lacquer = glb.material(&Material::dielectric("lacquer", [0.22, 0.02, 0.02], 0.08));
     glb.object("slab", &block(dvec3(4.6, 0.05, 0.9), dvec3(0.0, 0.0, 1.35), 0.0), lacquer);
@@ -171,13 +171,13 @@ pub fn mirrors() -> Glb {
     glb
 }
 
-/// Night: one small far lamp, dark things, most of the picture almost black.
+/// Night: one small far area light, dark things, most of the picture almost black.
 pub fn night() -> Glb {
     let mut glb = Glb::default();
     let coal = glb.material(&Material::dielectric("coal", [0.012; 3], 0.4));
     let soot = glb.material(&Material::lambert("soot", [0.02, 0.02, 0.022]));
     let paint = glb.material(&Material::dielectric("paint", [0.03, 0.05, 0.09], 0.18));
-    let lamp = glb.material(&Material::lamp("lamp", [22.0, 15.0, 8.0]));
+    let emitter = glb.material(&Material::emitter("lamp", [22.0, 15.0, 8.0]));
     glb.object("ground", &floor(14.0), coal);
     glb.object("wall", &block(dvec3(0.3, 2.2, 5.0), dvec3(-0.9, 0.0, -2.0), 0.15), soot);
     glb.object("hut", &block(dvec3(1.4, 1.3, 1.2), dvec3(1.6, 0.0, -1.6), 0.5), soot);
@@ -186,20 +186,20 @@ pub fn night() -> Glb {
         &lathe(&[(0.0, 0.9), (0.34, 0.9), (0.38, 0.45), (0.34, 0.0)], 40, 30.0).translated(dvec3(0.4, 0.0, 0.2)),
         paint,
     );
-    glb.object("lamp", &sphere(0.09, 16).translated(dvec3(-2.6, 1.7, -2.4)), lamp);
-    glb.object("ember", &sphere(0.05, 12).translated(dvec3(2.3, 0.05, 0.4)), lamp);
+    glb.object("lamp", &sphere(0.09, 16).translated(dvec3(-2.6, 1.7, -2.4)), emitter);
+    glb.object("ember", &sphere(0.05, 12).translated(dvec3(2.3, 0.05, 0.4)), emitter);
     glb.camera("camera", dvec3(0.6, 1.6, 5.4), dvec3(0.1, 0.7, -0.8), 42.0, 1.5);
     glb
 }
 
-/// Uplights: the lamps shine at a ceiling, nearly everything that is seen is lit from there.
+/// Uplights: the area lights shine at a ceiling, nearly everything that is seen is lit from there.
 pub fn uplights() -> Glb {
     let mut glb = Glb::default();
     let white = glb.material(&Material::lambert("white", [0.78, 0.77, 0.74]));
     let blue = glb.material(&Material::lambert("blue", [0.16, 0.26, 0.52]));
     let rust = glb.material(&Material::lambert("rust", [0.55, 0.20, 0.09]));
     let gloss = glb.material(&Material::metal("tin", [0.75, 0.74, 0.72], 0.25));
-    let lamp = glb.material(&Material::lamp("lamp", [38.0, 33.0, 26.0]));
+    let emitter = glb.material(&Material::emitter("lamp", [38.0, 33.0, 26.0]));
     let [below, above, left, right, back] = room(5.0, 3.0, 5.0);
     for (name, mesh, material) in [
         ("floor", below, white),
@@ -213,7 +213,7 @@ pub fn uplights() -> Glb {
     let front = [dvec3(2.5, 0.0, 2.5), dvec3(-2.5, 0.0, 2.5), dvec3(-2.5, 3.0, 2.5), dvec3(2.5, 3.0, 2.5)];
     glb.object("front wall", &quad(front), white);
     for x in [-1.7, 1.7] {
-        // A bowl around the lamp that lets nothing sideways.
+        // A bowl around the area light that lets nothing sideways.
         let bowl = profile_spline(&[(0.0, 0.0), (0.2, 0.03), (0.27, 0.18)], 6);
         let mut shade = lathe(&bowl, 32, 60.0);
         let inside = Mesh {
@@ -223,7 +223,7 @@ pub fn uplights() -> Glb {
         };
         shade = shade.and(&inside);
         glb.object("bowl", &shade.translated(dvec3(x, 1.9, -2.1)), gloss);
-        glb.object("lamp", &panel(dvec3(x, 1.98, -2.1), dvec3(x, 3.0, -2.09), 0.2, 0.2), lamp);
+        glb.object("lamp", &panel(dvec3(x, 1.98, -2.1), dvec3(x, 3.0, -2.09), 0.2, 0.2), emitter);
     }
     glb.object("ball", &sphere(0.5, 36).translated(dvec3(-0.8, 0.5, -0.4)), gloss);
     glb.object("block", &block(dvec3(0.8, 1.2, 0.8), dvec3(0.8, 0.0, -0.8), 0.35), white);
@@ -297,13 +297,13 @@ pub fn foliage() -> Result<Glb, ImageError> {
     for _ in 0..900 {
         let at = random.direction() * random.unit().cbrt() * dvec3(1.15, 0.95, 1.0) + dvec3(0.0, 2.0, 0.0);
         let turn = DQuat::from_rotation_y(random.between(0.0, TAU)) * DQuat::from_rotation_x(random.between(-1.3, 0.9));
-        glb.instance(card, &Place { translation: at, rotation: turn, scale: random.between(0.2, 0.34) });
+        glb.instance(card, &Placement { translation: at, rotation: turn, scale: random.between(0.2, 0.34) });
     }
     for _ in 0..160 {
         let at = dvec3(random.between(-2.6, 2.6), 0.01, random.between(-1.8, 1.8));
         let turn =
             DQuat::from_rotation_y(random.between(0.0, TAU)) * DQuat::from_rotation_x(random.between(-1.5, -1.1));
-        glb.instance(card, &Place { translation: at, rotation: turn, scale: random.between(0.14, 0.24) });
+        glb.instance(card, &Placement { translation: at, rotation: turn, scale: random.between(0.14, 0.24) });
     }
     glb.camera("camera", dvec3(0.5, 1.9, 5.8), dvec3(0.0, 1.65, -0.3), 36.0, 1.5);
     Ok(glb)

@@ -1,16 +1,16 @@
 //! After Eric Veach's test of multiple importance sampling (Robust Monte Carlo Methods for Light Transport Simulation,
-//! 1997, section 9.3.1): metal plates that grow rougher, each turned to mirror four lamps of equal power and unequal
+//! 1997, section 9.3.1): metal plates that grow rougher, each turned to mirror four area lights of equal power and unequal
 //! size towards the camera.
 
 use glam::{DVec3, dvec3};
 
-use crate::glb::{Glb, Material, Place};
+use crate::glb::{Glb, Material, Placement};
 use crate::mesh::{quad, sphere};
 
 pub fn scene() -> Glb {
     let mut glb = Glb::default();
     let eye = dvec3(0.0, 2.0, 7.4);
-    let lamps = dvec3(0.0, 2.3, -1.6);
+    let emitters = dvec3(0.0, 2.3, -1.6);
     let ball = glb.geometry(&sphere(1.0, 32));
     for (name, x, radius, tint) in [
         ("lamp, tiny", -2.1, 0.033, [1.0, 0.62, 0.42]),
@@ -19,8 +19,8 @@ pub fn scene() -> Glb {
         ("lamp, large", 2.2, 0.6, [0.6, 0.75, 1.0]),
     ] {
         // Radiance for the same power whatever the size.
-        let lamp = glb.material(&Material::lamp(name, tint.map(|c: f64| c * 2.0 / (radius * radius))));
-        glb.shared(name, &ball, lamp, &Place::scaled(lamps.with_x(x), radius));
+        let emitter = glb.material(&Material::emitter(name, tint.map(|c: f64| c * 2.0 / (radius * radius))));
+        glb.shared(name, &ball, emitter, &Placement::scaled(emitters.with_x(x), radius));
     }
     for (name, alpha, y, z) in [
         ("plate, rough", 0.30, -0.95, 1.85),
@@ -29,7 +29,7 @@ pub fn scene() -> Glb {
         ("plate, smooth", 0.012, 0.25, -0.65),
     ] {
         let centre = dvec3(0.0, y, z);
-        let normal = ((eye - centre).normalize() + (lamps - centre).normalize()).normalize();
+        let normal = ((eye - centre).normalize() + (emitters - centre).normalize()).normalize();
         let up = normal.cross(DVec3::X).normalize() * 0.36;
         let side = DVec3::X * 2.5;
         // glTF's roughness is the root of the microfacet alpha.

@@ -133,7 +133,7 @@ fn movie(fps: f64, pictures: &[PathBuf], path: &Path) -> Result<()> {
     if !status.success() {
         return Err(Error::Io(format!("{}: ffmpeg failed ({status}); its message is above", path.display())));
     }
-    // Temporary files are private; the movie gets the usual permissions.
+    // Temporary files are private; the movie gets default permissions.
     fs::set_permissions(&*temporary, std::os::unix::fs::PermissionsExt::from_mode(0o644)).map_err(cannot)?;
     temporary.persist(path).map_err(|e| cannot(e.error))
 }

@@ -52,7 +52,7 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     let mut paths = Paths::default();
     declare(args, "", &mut paths)?;
     // Before any file is touched.
-    let signals = if args.signals_from_parent { Signals::led() } else { Signals::listen() }?;
+    let signals = if args.signals_from_parent { Signals::from_parent() } else { Signals::listen() }?;
     let _claims = claim_outputs(args)?;
     info!("{threads} threads ({source})");
     host::pool(threads)?.install(|| {

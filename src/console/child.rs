@@ -1,7 +1,7 @@
 //! A child process that its parent stops, and that ends with its parent.
 //!
 //! Signals of a terminal or a scheduler may reach both processes or only the parent. The child therefore ignores them
-//! ([`Signals::led`]) and listens to its standard input: a byte stands for a signal, the end of input for the parent's end.
+//! ([`Signals::from_parent`]) and listens to its standard input: a byte stands for a signal, the end of input for the parent's end.
 
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::process::CommandExt;
@@ -19,7 +19,7 @@ pub fn this_program() -> Command {
     command
 }
 
-/// Runs a command that listens with [`Signals::led`] until it ends, and forwards the first signal. `first` is written to its
+/// Runs a command that listens with [`Signals::from_parent`] until it ends, and forwards the first signal. `first` is written to its
 /// standard input. `line` is called with each line of its standard output if that is piped, `often` at least every 30 ms.
 ///
 /// # Errors

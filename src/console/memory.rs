@@ -142,7 +142,7 @@ mod tests {
         let two = "34 24 0:29 / /sys/fs/cgroup rw,nosuid - cgroup2 cgroup2 rw\n";
         let one = "35 24 0:30 / /sys/fs/cgroup/memory rw - cgroup cgroup rw,memory\n\
                    36 24 0:31 / /sys/fs/cgroup/cpu rw - cgroup cgroup rw,cpu\n";
-        // As in a container that sees its own cgroup alone, but is told its whole path.
+        // As in a container that sees its own cgroup alone, but gets its whole path.
         let inside = "35 24 0:30 /docker/x /sys/fs/cgroup/memory/a rw - cgroup cgroup rw,memory\n";
         for (membership, mounts, wanted) in [
             ("0::/slurm/job_7\n", two, Some(400 << 20)),

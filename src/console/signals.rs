@@ -50,7 +50,7 @@ impl Signals {
     ///
     /// # Errors
     /// [`Error::Host`] if the system refuses.
-    pub fn led() -> Result<Self> {
+    pub fn from_parent() -> Result<Self> {
         let signals = Self::silent();
         for signal in handled() {
             flag::register(signal, Arc::default())

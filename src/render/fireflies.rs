@@ -86,7 +86,7 @@ mod tests {
     fn a_pixel_that_one_path_has_made_is_found_and_what_many_make_is_not() {
         let settings = RenderSettings { width: 40, height: 30, crop: Some([3, 2, 40, 30]), ..Default::default() };
         let mut tiles = fresh_tiles(&settings);
-        // Grey 1 with a lamp of 50 whose corner is thin; every path of a pixel the same.
+        // Grey 1 with an area light of 50 whose corner is thin; every path of a pixel the same.
         for tile in &mut tiles {
             for (x, y, i) in tile.inside([0, 0, 40, 30]).collect::<Vec<_>>() {
                 let light = if x > 30 && y > 20 { 50.0 } else { 1.0 };

@@ -2,12 +2,10 @@
 
 use rustix::time::{ClockId, clock_gettime};
 
-/// Of the calling thread.
 pub fn thread_seconds() -> f64 {
     seconds(ClockId::ThreadCPUTime)
 }
 
-/// Of all threads of this program.
 pub fn process_seconds() -> f64 {
     seconds(ClockId::ProcessCPUTime)
 }

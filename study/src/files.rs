@@ -1,4 +1,4 @@
-//! What studies leave on disk: tables, pages, and measurements that are taken up again.
+//! Output files: tables, pages, and measurements for resuming.
 
 use std::fs;
 use std::io::Write;
@@ -11,33 +11,20 @@ use serde::de::DeserializeOwned;
 use serde_aux::prelude::serde_introspect;
 
 /// Makes a folder, and those above it.
-///
-/// # Errors
-/// [`Error::CannotCreate`].
 pub fn folder(path: &Path) -> Result<()> {
     fs::create_dir_all(path).map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", path.display())))
 }
 
 /// Writes a file whole or not at all.
-///
-/// # Errors
-/// As [`atomic::write`].
 pub fn write(path: &Path, bytes: impl AsRef<[u8]>) -> Result<()> {
     atomic::write(path, |file| Ok(Ok(file.write_all(bytes.as_ref())?)))
 }
 
-/// Writes pretty JSON.
-///
-/// # Errors
-/// As [`atomic::write`].
 pub fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
     write(path, serde_json::to_string_pretty(value).map_err(|e| Error::Bug(format!("JSON: {e}")))?)
 }
 
 /// Writes rows as CSV with a header line, also where there are no rows; what there is not is empty.
-///
-/// # Errors
-/// As [`atomic::write`].
 pub fn write_csv<Row: Serialize + DeserializeOwned>(path: &Path, rows: &[Row]) -> Result<()> {
     let mut writer = csv::WriterBuilder::new().has_headers(false).from_writer(Vec::new());
     writer.write_record(serde_introspect::<Row>()).map_err(|e| Error::Bug(format!("CSV: {e}")))?;
@@ -51,22 +38,18 @@ pub fn write_csv<Row: Serialize + DeserializeOwned>(path: &Path, rows: &[Row]) -
 const MAGIC: &[u8] = b"bismar study 3\n";
 
 /// Keeps a measurement: a magic line, BLAKE3 of the rest, the value in postcard's encoding.
-///
-/// # Errors
-/// As [`atomic::write`].
 pub fn keep(path: &Path, value: &impl Serialize) -> Result<()> {
-    let body = postcard::to_stdvec(value).map_err(|e| Error::Bug(format!("a measurement cannot be kept: {e}")))?;
-    write(path, [MAGIC, blake3::hash(&body).as_bytes(), &body].concat())
+    let payload = postcard::to_stdvec(value).map_err(|e| Error::Bug(format!("a measurement cannot be kept: {e}")))?;
+    write(path, [MAGIC, blake3::hash(&payload).as_bytes(), &payload].concat())
 }
 
 /// Reads what [`keep`] wrote; `None` for anything else, and for what is cut off or damaged.
-///
-/// # Errors
-/// As the system says, [`Error::Missing`] too.
 pub fn kept<T: DeserializeOwned>(path: &Path) -> Result<Option<T>> {
     let bytes = fs::read(path).map_err(|e| Error::reading(path, &e))?;
-    let body = bytes.strip_prefix(MAGIC).and_then(|rest| rest.split_first_chunk());
-    Ok(body.filter(|(hash, body)| blake3::hash(body) == **hash).and_then(|(_, body)| postcard::from_bytes(body).ok()))
+    let payload = bytes.strip_prefix(MAGIC).and_then(|rest| rest.split_first_chunk());
+    Ok(payload
+        .filter(|(hash, payload)| blake3::hash(payload) == **hash)
+        .and_then(|(_, payload)| postcard::from_bytes(payload).ok()))
 }
 
 #[cfg(test)]

@@ -1,6 +1,8 @@
-//! Measurements of Bismar: what each of its choices costs and what it is worth, with how sure that is.
+//! Measurements of Bismar: the cost and benefit of its choices, with standard errors.
 //!
-//! The program `bismar-study`, which `bismar study` starts, takes them through the library's public interface.
+//! The program `bismar-study`, which `bismar study` starts, measures through the library's public interface. This crate is
+//! no interface for others: it is a library so that its tests and benchmark can use it.
+#![allow(missing_docs, reason = "a program; docs/study-*.md describe its files")]
 
 pub mod balance;
 pub mod cli;

@@ -1,4 +1,4 @@
-//! Who measured, with what, on what: for results that are read elsewhere and later.
+//! Program, command and machine of a measurement.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -7,36 +7,29 @@ use bismar::console;
 use bismar::console::host::total_memory_bytes;
 use serde::{Deserialize, Serialize};
 
-/// What stands in the JSON of every study as `run`.
+/// The object `run` in the JSON of every study.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Provenance {
-    /// Of the program.
     pub version: String,
-    /// That the program was built from, if it is a release.
+    /// Commit of the program, if it is a release.
     pub commit: String,
     /// The words of the command line.
     pub command: Vec<String>,
-    /// Where it ran.
     pub machine: Machine,
-    /// Where the seeds of each use begin; replica r has the seed r above that.
+    /// First seed of each use; replica r adds r.
     pub seeds: BTreeMap<String, u32>,
 }
 
-/// A machine.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Machine {
-    /// The processor's name.
     pub cpu: String,
     /// Threads that can run at a time.
     pub cores: usize,
-    /// Of memory.
     pub memory_bytes: u64,
-    /// Version of Linux.
     pub kernel: String,
 }
 
 impl Provenance {
-    /// Of this process.
     pub fn now(seeds: &[(&str, u32)]) -> Self {
         Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -49,7 +42,6 @@ impl Provenance {
 }
 
 impl Machine {
-    /// The one that this is.
     pub fn look() -> Self {
         let read = |path: &str| fs::read_to_string(path).unwrap_or_default();
         let cpus = read("/proc/cpuinfo");

@@ -7,6 +7,12 @@ pub fn median(values: &[f64]) -> f64 {
     Median::median(&Data::new(values.to_vec()))
 }
 
+/// Mean of the values, NaN of none.
+pub fn mean_of(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, n) = values.fold((0.0, 0.0), |(sum, n), x| (sum + x, n + 1.0));
+    sum / n
+}
+
 /// Standard deviation of normal values, from their median deviation.
 pub fn robust_deviation(values: &[f64]) -> f64 {
     let middle = median(values);
@@ -38,7 +44,6 @@ pub struct Sums {
 }
 
 impl Sums {
-    /// Adds a value.
     pub fn add(&mut self, x: f64) {
         self.n += 1.0;
         self.sum += x;
@@ -52,12 +57,10 @@ impl Sums {
         self.squares += other.squares;
     }
 
-    /// Mean.
     pub fn mean(&self) -> f64 {
         self.sum / self.n
     }
 
-    /// Sample variance.
     pub fn variance(&self) -> f64 {
         ((self.squares - self.sum * self.sum / self.n) / (self.n - 1.0)).max(0.0)
     }

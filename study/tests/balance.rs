@@ -15,7 +15,7 @@ use glam::Vec3;
 use serde_json::Value;
 
 use crate::helpers::glb;
-use crate::helpers::stage::{Stage, lamp, look, metal, rectangle};
+use crate::helpers::stage::{Stage, area_light, look, metal, rectangle};
 use crate::helpers::statistics::{Mean, z_limit};
 
 fn study(folder: &Path, more: &str) -> Output {
@@ -142,12 +142,12 @@ fn the_field_of_guiding_is_shown_where_it_pays() {
     let output = balance(folder.path(), line);
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     let page = fs::read_to_string(folder.path().join("out/report.html")).unwrap();
-    for words in ["Share of samples that follow the field of guiding", "Where to, in the mean"] {
+    for words in ["Share of samples from the guiding field", "Mean direction of the guiding field"] {
         assert!(page.contains(words), "{words}");
     }
 }
 
-/// Whole pictures: nothing is taken twice, and the ratios are those of the numbers beside them.
+/// Whole pictures: nothing is taken twice, and the ratios are those of the numbers next to them.
 #[test]
 fn whole_pictures_show_error_against_seconds() {
     let folder = tempfile::tempdir().unwrap();
@@ -215,11 +215,11 @@ fn wrong_usage_is_told() {
     assert!(text.contains("there is no 'best'") && text.contains("oracle"), "{text}");
 }
 
-/// A glossy floor, a lamp and a sky: both techniques matter.
+/// A glossy floor, an area light and an environment: both techniques matter.
 fn stage() -> Stage {
     let mut scene = Scene { environment: Some(Environment::constant([0.4; 3])), ..Default::default() };
     rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, metal(0.4));
-    rectangle(&mut scene, 1.0, [-0.4, 0.4], [-0.9, -0.3], false, lamp(6.0));
+    rectangle(&mut scene, 1.0, [-0.4, 0.4], [-0.9, -0.3], false, area_light(6.0));
     look(&mut scene, Vec3::new(0.0, 1.2, 3.0), Vec3::new(0.0, 0.2, 0.0), 0.5);
     Stage::new(Arc::new(scene), Backend::Embree)
 }

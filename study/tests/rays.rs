@@ -54,7 +54,7 @@ fn a_study_reports_every_contender_alone_and_merged() {
     for row in a["agreements"].as_array().unwrap() {
         assert_eq!(row["unexplained"], 0, "{row}");
     }
-    // Four contenders beside the baseline on each stream; a scene of few leaves may have too few later bounces.
+    // Four contenders and the baseline on each stream; a scene of few leaves may have too few later bounces.
     let replayed = a["traces"].as_array().unwrap().iter().filter(|t| t["backend"] == "embree").count();
     assert!(replayed >= 7 + 5);
     assert_eq!(a["agreements"].as_array().unwrap().len(), 4 * replayed);
@@ -70,7 +70,7 @@ fn a_study_reports_every_contender_alone_and_merged() {
     }
     assert!(page.contains("They agree") && page.contains("obvhs+bvh2+slow"));
 
-    // The same rays again, and another machine's rows beside them.
+    // The same rays again, and another machine's rows in addition.
     let second = study(
         folder,
         &format!("--generate sphere:2000 --out b --streams a/streams --merge-report a/results.json {FEW}"),
@@ -206,10 +206,10 @@ fn on_adversarial_geometry_backends_differ_and_every_difference_is_explained() {
             {
                 let other = build(&scene, name);
                 let own = Answers::of(&*other, &stream);
-                let mut told = Vec::new();
-                let mut tell = |text| told.push(text);
+                let mut messages = Vec::new();
+                let mut tell = |text| messages.push(text);
                 let counts = judge.compare(&stream, (&*base, &of_base), (&*other, &own), &mut tell);
-                assert_eq!(counts.of(Class::Unexplained), 0, "{name}: {counts:?} {told:#?}");
+                assert_eq!(counts.of(Class::Unexplained), 0, "{name}: {counts:?} {messages:#?}");
                 assert_eq!(counts.0.iter().sum::<u64>(), 4000);
                 different += 4000 - counts.of(Class::Same);
             }

@@ -31,7 +31,7 @@ pub fn quad(vertices: &mut Vec<[f32; 3]>, indices: &mut Vec<[u32; 3]>, corners: 
     indices.extend([[base, base + 1, base + 2], [base, base + 2, base + 3]]);
 }
 
-/// A box room without a front, two boxes and a lamp: 36 triangles in [-1, 1]³.
+/// A box room without a front, two boxes and an area light: 36 triangles in [-1, 1]³.
 pub fn box_room() -> Scene {
     let (mut vertices, mut indices) = (Vec::new(), Vec::new());
     let cuboid = |vertices: &mut Vec<_>, indices: &mut Vec<_>, centre: Vec3, half: Vec3, angle: f32, front: bool| {
@@ -56,8 +56,8 @@ pub fn box_room() -> Scene {
     cuboid(&mut vertices, &mut indices, Vec3::ZERO, Vec3::ONE, 0.0, false);
     cuboid(&mut vertices, &mut indices, vec3(-0.35, -0.4, -0.3), vec3(0.3, 0.6, 0.3), 0.3, true);
     cuboid(&mut vertices, &mut indices, vec3(0.35, -0.7, 0.3), vec3(0.3, 0.3, 0.3), -0.3, true);
-    let lamp = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, z)| vec3(x * 0.25, 0.99, z * 0.25));
-    quad(&mut vertices, &mut indices, lamp);
+    let area_light = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, z)| vec3(x * 0.25, 0.99, z * 0.25));
+    quad(&mut vertices, &mut indices, area_light);
     scene(vec![Mesh::new(vertices, indices)], &[(0, None)])
 }
 

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
 use bismar::render::{RenderSettings, render};
-pub use bismar::scene::build::{area_light as lamp, glass, lambert, look, metal};
+pub use bismar::scene::build::{area_light, glass, lambert, look, metal};
 use bismar::scene::{
     Deformation, Environment, LightKey, Material, Mesh, Motion, PunctualKind, PunctualLight, Scene, build,
 };
@@ -41,7 +41,7 @@ pub fn glass_hall() -> Arc<Scene> {
     let mut scene = Arc::unwrap_or_clone(hall());
     let absorbing = Material { absorption: Vec3::new(1.0, 0.3, 2.0), dispersion: 3.0, ..glass(1.5, 0.5) };
     let center = Vec3::new(-0.9, 0.7, 1.2);
-    for (radius, material) in [(0.5, absorbing), (0.25, lamp(2.0)), (0.3, lambert(0.5))] {
+    for (radius, material) in [(0.5, absorbing), (0.25, area_light(2.0)), (0.3, lambert(0.5))] {
         let (points, indices) = sphere(6, radius, center + if radius == 0.3 { Vec3::X } else { Vec3::ZERO });
         add(&mut scene, points, indices, material);
     }
@@ -64,7 +64,7 @@ pub fn glass_hall() -> Arc<Scene> {
 pub fn hall() -> Arc<Scene> {
     let mut scene = Scene { environment: Some(Environment::constant([0.3; 3])), ..Default::default() };
     rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
-    rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, lamp(9.0));
+    rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, area_light(9.0));
     let (points, indices) = sphere(8, 0.6, Vec3::new(0.0, 0.6, 0.0));
     add(&mut scene, points, indices, metal(0.4));
     look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.5, 0.0), 0.6);
@@ -91,7 +91,7 @@ pub fn moving_hall() -> Arc<Scene> {
     let mut bulging = floor.positions.clone();
     bulging.as_mut_slice()[0][1] += 0.4;
     floor.motion = Some(Deformation { positions: vec![floor.positions.clone(), bulging], normals: Vec::new() });
-    rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, lamp(9.0));
+    rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, area_light(9.0));
     set_in_motion(&mut scene, turning(0.7, Vec3::new(0.5, -0.2, 0.3)));
     let (points, indices) = sphere(8, 0.6, Vec3::new(0.0, 0.6, 0.0));
     add(&mut scene, points, indices, metal(0.4));

@@ -1,7 +1,7 @@
 //! Rays, lights, scattering, sampling and the path integrator.
 //!
 //! A part of [bismar](https://docs.rs/bismar), which shows all of it by the same paths; a crate of its own only so that it is
-//! compiled beside the others.
+//! compiled in parallel with the others.
 
 // rustdoc does not read the flags that rustc is given.
 #[cfg(all(

@@ -63,7 +63,7 @@ impl Work {
         if self.dry_run {
             return dry_run(&jobs, &self.order);
         }
-        let signals = if self.signals_from_parent { Signals::led() } else { Signals::listen() }?;
+        let signals = if self.signals_from_parent { Signals::from_parent() } else { Signals::listen() }?;
         let earlier = self.report.as_deref().map(report::earlier).unwrap_or_default();
         self.report.iter().try_for_each(|report| atomic::check(report))?;
         let events = Events::open(self.events.as_deref())?;

@@ -30,7 +30,7 @@ pub fn run() -> Result<Verdict> {
     io::stdin().read_line(&mut line).map_err(|e| Error::Io(format!("standard input: cannot read: {e}")))?;
     let bad = |e: &dyn std::fmt::Display| Error::Usage(format!("not a job message of `bismar batch`: {e}"));
     let JobMessage { jobs, written, at_once, threads } = serde_json::from_str(&line).map_err(|e| bad(&e))?;
-    let signals = Signals::led()?;
+    let signals = Signals::from_parent()?;
     let command = RenderArgs::augment_args(Command::new("render"));
     let jobs = jobs.into_iter().map(|job| parse_flags(None, &command, job)).collect::<Result<Vec<_>>>()?;
     let mut paths = Paths::default();

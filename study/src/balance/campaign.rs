@@ -10,25 +10,24 @@ use bismar::render::{Guiding, Progress, RenderSettings, RunOptions, StopReason, 
 use bismar::{Error, Result};
 use tracing::info;
 
-use super::cell::{Cell, Pilot, Replica, Times};
+use super::cell::{Cell, Prepass, Replica, Times};
 use super::key::{Key, What, last_pass};
 use super::measure::seeds;
 use super::{Design, Estimator, HALF, Mosaic, StudyScene, oracle};
 use crate::clock::process_seconds;
 use crate::files;
 
-/// Of these rounds, one renders `half` again for the time alone, where its replicas are on disk already.
+/// Every so many rounds, `half` is rendered again for its time only, if its replicas are on disk already.
 const TIMING_ROUNDS: usize = 4;
 /// Seconds between two writes of unfinished cells.
 const SAVE_SECONDS: f64 = 60.0;
 
-/// What a render is to be, besides the scene's settings.
+/// Parameters of a render in addition to the scene's settings.
 #[derive(Clone)]
 struct Take {
     spp: u32,
     seed: u32,
     estimator: Estimator,
-    /// Of the measured pixels.
     shares: Option<Arc<[f32]>>,
     passes: Option<u32>,
     /// Number of the only one of the mosaic.
@@ -41,7 +40,7 @@ impl Default for Take {
     }
 }
 
-/// The measurements of one scene under way.
+/// Measurement of one scene.
 pub(super) struct Campaign<'a> {
     scene: &'a StudyScene,
     design: &'a Design,
@@ -50,10 +49,10 @@ pub(super) struct Campaign<'a> {
     stop: &'a AtomicBool,
     progress: &'a (dyn Fn(Progress) + Sync),
     folder: PathBuf,
-    /// Begins the names of its files.
+    /// Prefix of its file names.
     prefix: &'static str,
     start: Instant,
-    /// Paths a pixel taken, and to take in all.
+    /// Paths per pixel rendered so far, and in all.
     done: f64,
     pub all: f64,
     rays: AtomicU64,
@@ -62,7 +61,6 @@ pub(super) struct Campaign<'a> {
 }
 
 impl<'a> Campaign<'a> {
-    /// Of these pixels.
     pub fn new(
         scene: &'a StudyScene,
         design: &'a Design,
@@ -91,7 +89,6 @@ impl<'a> Campaign<'a> {
         })
     }
 
-    /// Of one replica.
     pub fn pixels(&self) -> usize {
         self.mosaic.pixels()
     }
@@ -100,7 +97,7 @@ impl<'a> Campaign<'a> {
         self.folder.join(format!("{}{}", self.prefix, key.file_name()))
     }
 
-    /// What there is of a cell that this program would take alike.
+    /// A stored cell, if this program renders a tile of it to the same bits; else an empty one.
     pub fn stored(&mut self, key: Key) -> Result<Cell> {
         let none = Cell::new(self.pixels());
         let Some(cell) = Cell::read(&self.path(key), self.pixels())? else { return Ok(none) };
@@ -116,7 +113,7 @@ impl<'a> Campaign<'a> {
         let taken = self.replica(key, 0, Some(middle));
         self.shares = kept;
         let (own, old) = (taken?.values, cell.picture(0));
-        let same = self.mosaic.places(middle).all(|p| own[3 * p.at..][..3] == old[3 * p.at..][..3]);
+        let same = self.mosaic.pixels_of(middle).all(|p| own[3 * p.at..][..3] == old[3 * p.at..][..3]);
         if !same {
             info!("{}: {} is measured anew: this program samples otherwise", self.scene.name, key.file_name());
         }
@@ -129,7 +126,7 @@ impl<'a> Campaign<'a> {
         Ok(cell.filter(|c| c.replicas() == 1).map(|c| c.shares_of(0).into()))
     }
 
-    /// Takes replicas until each cell has `replicas`, one of each cell in turn: what the machine does otherwise meets all
+    /// Renders replicas until each cell has `replicas`, one of each cell in turn: other load on the machine affects all
     /// alike.
     pub fn rounds(&mut self, cells: &mut [(Key, Cell)], replicas: usize) -> Result<()> {
         let half = What::Picture(HALF);
@@ -199,7 +196,6 @@ impl<'a> Campaign<'a> {
         Ok(())
     }
 
-    /// One replica, or one tile of it.
     fn replica(&self, key: Key, r: u32, tile: Option<usize>) -> Result<Replica> {
         let take = |seed, estimator| Take { spp: key.spp, seed: seed + r, estimator, tile, ..Take::default() };
         let take = match key.what {
@@ -251,7 +247,7 @@ impl<'a> Campaign<'a> {
             cpu: process_seconds() - cpu,
             wall: wall.elapsed().as_secs_f64(),
             half_cpu: None,
-            pilot: rendered.stats.guiding.as_ref().map(Pilot::of),
+            prepass: rendered.stats.guiding.as_ref().map(Prepass::of),
             allocation: rendered.stats.adaptive.map(|adaptive| adaptive.efficiency.remaining),
         };
         self.rays.fetch_add(rendered.stats.rays(), Ordering::Relaxed);

@@ -1,10 +1,9 @@
-//! What is measured: a cell for each estimator and sample count.
+//! Keys of measurements: a cell for each estimator and sample count.
 
 use bismar::balance::Balance;
 
 use super::{CONTROL, Design, Estimator, HALF};
 
-/// What a cell holds replicas of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum What {
     /// An estimator's picture: all its passes, combined.
@@ -13,21 +12,16 @@ pub enum What {
     Control,
     /// The shares that a learning balance found before its last pass, used for the whole of another render.
     Found(Balance),
-    /// A part of the reference.
     Reference,
 }
 
-/// Which cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Key {
-    /// Of what.
     pub what: What,
-    /// Paths a pixel.
     pub spp: u32,
 }
 
 impl Key {
-    /// The cell's file.
     pub fn file_name(self) -> String {
         let spp = self.spp;
         match self.what {
@@ -70,7 +64,7 @@ pub fn keys(design: &Design) -> Vec<Key> {
     keys
 }
 
-/// How many passes come before the last one, and their paths.
+/// Number of passes before the last one, and their paths.
 pub fn last_pass(balance: Balance, spp: u32) -> (u32, u32) {
     let (mut passes, mut done) = (0, 0);
     while let Some(n) = balance.method().next_pass(done, Some(spp), None).filter(|&n| n > 0) {

@@ -1,4 +1,4 @@
-//! Takes the measurements that are not on disk yet.
+//! Renders the measurements that are not on disk yet.
 
 use std::sync::atomic::AtomicBool;
 
@@ -11,7 +11,7 @@ use super::cell::Cell;
 use super::key::{Key, What, keys};
 use super::{Design, Estimator, StudyScene, oracle};
 
-/// Where the seeds of each use begin: no two uses share one.
+/// First seed of each use; ranges do not overlap.
 pub(super) mod seeds {
     pub const REPLICAS: u32 = 0;
     pub const CONTROL: u32 = 1 << 20;
@@ -19,7 +19,6 @@ pub(super) mod seeds {
     pub const ORACLE: u32 = 3 << 20;
     pub const REFERENCE: u32 = 4 << 20;
 
-    /// For results.
     pub const ALL: [(&str, u32); 5] =
         [("replicas", REPLICAS), ("control", CONTROL), ("found", FOUND), ("oracle", ORACLE), ("reference", REFERENCE)];
 }
@@ -27,11 +26,8 @@ pub(super) mod seeds {
 /// Independent renders that make up the reference.
 pub const REFERENCE_PARTS: u32 = 16;
 
-/// All measurements of a scene.
 pub struct Measured {
-    /// Parts of the reference.
     pub reference: Cell,
-    /// Everything else.
     pub cells: Vec<(Key, Cell)>,
 }
 
@@ -46,10 +42,6 @@ impl Measured {
 ///
 /// A cell on disk is kept only if a tile of its first replica, rendered again, has the same bits: what a change of the
 /// program left alone is not measured twice, and what it changed is never mixed.
-///
-/// # Errors
-/// [`Error::Interrupted`](bismar::Error::Interrupted) when `stop` is raised, with everything saved that was finished; what reading and writing cells
-/// returns.
 pub fn measure(
     scene: &StudyScene,
     design: &Design,

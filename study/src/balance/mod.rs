@@ -1,4 +1,4 @@
-//! How well the balances share the work: replicas of every estimator on every scene, against a converged reference.
+//! Variance and error of every balance: replicas of each estimator on each scene, against a converged reference.
 //!
 //! Variance is measured, not estimated: R renders that differ in their seed alone give each pixel R values, whose sample
 //! variance is the pixel's. Replica r of every estimator has the same seed, so that what two estimators do alike cancels
@@ -32,10 +32,9 @@ pub use portrait::{Portrait, portrait};
 pub use scene::StudyScene;
 pub use table::Row;
 
-/// What to measure, on each scene.
 #[derive(Debug, Clone)]
 pub struct Design {
-    /// Where everything goes; measurements in its folder `cells`.
+    /// Output folder; measurements are in its folder `cells`.
     pub folder: PathBuf,
     /// Besides `half`, which is always measured.
     pub estimators: Vec<Estimator>,
@@ -45,23 +44,17 @@ pub struct Design {
     pub replicas: u32,
     /// Paths a pixel of the reference.
     pub reference_spp: u32,
-    /// Light transport.
     pub integrator: Integrator,
     /// Measured pixels a row.
     pub width: u32,
-    /// Rows.
     pub height: u32,
     /// Size of the picture whose tiles are measured; `None`: that of the measured pixels, which are all of it.
     pub footprint: Option<[u32; 2]>,
-    /// Is it about the error of whole pictures against seconds, not about pixels' variances?
+    /// Whether to measure the error of whole pictures against seconds instead of pixels' variances.
     pub whole: bool,
 }
 
 impl Design {
-    /// Which pixels are measured.
-    ///
-    /// # Errors
-    /// As [`Mosaic::new`].
     pub fn mosaic(&self) -> Result<Mosaic> {
         Mosaic::new([self.width, self.height], self.footprint)
     }
@@ -77,25 +70,31 @@ impl Design {
         }
     }
 
-    /// What the reference is rendered by.
+    /// The integrator in words.
+    pub fn light(&self) -> &'static str {
+        match self.integrator {
+            Integrator::Direct => "direct light",
+            Integrator::Path => "path-traced light",
+        }
+    }
+
     pub fn reference(&self) -> Estimator {
         let guided = self.whole && self.estimators.iter().any(|e| e.parts().1.guided);
         if guided { Estimator::Aided(Balance::Half, Aids { guided, adaptive: false }) } else { HALF }
     }
 }
 
-/// What is compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Estimator {
     /// One of `--balance`.
     Method(Balance),
-    /// One of `--balance`, with more than that.
+    /// One of `--balance` with further options.
     Aided(Balance, Aids),
     /// The best fixed share of each pixel, found by brute force beforehand: the limit, not a method.
     Oracle,
 }
 
-/// What helps a balance, at least one of them.
+/// Options that are combined with a balance, at least one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Aids {
     /// `--guiding auto`.
@@ -105,7 +104,7 @@ pub struct Aids {
 }
 
 impl Aids {
-    /// All, with what ends the names of those that have them.
+    /// All combinations, with the suffixes of their names.
     pub const ALL: [(Self, &str); 3] = [
         (Self { guided: true, adaptive: false }, "+guiding"),
         (Self { guided: false, adaptive: true }, "+adaptive"),
@@ -113,7 +112,6 @@ impl Aids {
     ];
 }
 
-/// What all others are compared with.
 pub const HALF: Estimator = Estimator::Method(Balance::Half);
 
 impl Estimator {
@@ -124,7 +122,6 @@ impl Estimator {
         methods.chain([Estimator::Oracle]).collect()
     }
 
-    /// As on the command line.
     pub fn name(self) -> String {
         match self {
             Estimator::Method(balance) => balance.name().to_owned(),
@@ -136,13 +133,12 @@ impl Estimator {
         }
     }
 
-    /// By its name.
     pub fn named(name: &str) -> Option<Self> {
         let aided = |&balance| Aids::ALL.map(|(aids, _)| Self::Aided(balance, aids));
         Self::all().into_iter().chain(Balance::all().iter().flat_map(aided)).find(|e| e.name() == name)
     }
 
-    /// `--balance` and what helps it.
+    /// Balance and further options.
     pub fn parts(self) -> (Balance, Aids) {
         match self {
             Self::Method(balance) => (balance, Aids::default()),
@@ -151,7 +147,7 @@ impl Estimator {
         }
     }
 
-    /// The one to show beside `half`: the default, if it is studied.
+    /// The balance shown next to `half`: the default, if it is studied.
     pub fn shown(estimators: &[Self]) -> Balance {
         let methods = estimators.iter().filter_map(|e| if let Self::Method(b) = e { Some(*b) } else { None });
         let default = bismar::render::RenderSettings::default().balance;

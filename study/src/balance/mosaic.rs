@@ -22,9 +22,9 @@ pub struct Mosaic {
     pub tiles: Arc<[[u32; 2]]>,
 }
 
-/// What a pixel of a tile is.
+/// Indices of a measured pixel.
 #[derive(Debug, Clone, Copy)]
-pub struct Place {
+pub struct MosaicPixel {
     /// Index in the mosaic, row by row.
     pub at: usize,
     /// Index in the tile, row by row.
@@ -32,10 +32,7 @@ pub struct Place {
 }
 
 impl Mosaic {
-    /// As many tiles of a picture of the size `footprint` as `size` asks for; without one, all of a picture of `size`.
-    ///
-    /// # Errors
-    /// [`Error::Usage`] if the picture has fewer tiles than that.
+    /// Selects tiles of a picture of size `footprint` that cover `size` pixels; without `footprint`, a picture of `size`.
     pub fn new(size: [u32; 2], footprint: Option<[u32; 2]>) -> Result<Self> {
         let picture = footprint.unwrap_or(size);
         let columns = size.map(|n| n.div_ceil(TILE));
@@ -55,12 +52,11 @@ impl Mosaic {
         Ok(Self { size, picture, tiles })
     }
 
-    /// Measured pixels.
     pub fn pixels(&self) -> usize {
         (self.size[0] * self.size[1]) as usize
     }
 
-    /// Is it a picture of its own, not pieces of a larger one?
+    /// Whether it covers a whole picture.
     pub fn is_whole(&self) -> bool {
         self.size == self.picture
     }
@@ -83,41 +79,41 @@ impl Mosaic {
     }
 
     /// The measured pixels of tile `number`.
-    pub fn places(&self, number: usize) -> impl Iterator<Item = Place> {
+    pub fn pixels_of(&self, number: usize) -> impl Iterator<Item = MosaicPixel> {
         let ([width, height], [x0, y0]) = (self.size, self.corner(number));
         let side = TILE.min(self.picture[0] - self.tiles[number][0] * TILE);
         let (x1, y1) = ((x0 + TILE).min(width), (y0 + TILE).min(height));
         (y0..y1).flat_map(move |y| {
-            let place = move |x| Place { at: (y * width + x) as usize, in_tile: ((y - y0) * side + x - x0) as usize };
-            (x0..x1).map(place)
+            let pixel =
+                move |x| MosaicPixel { at: (y * width + x) as usize, in_tile: ((y - y0) * side + x - x0) as usize };
+            (x0..x1).map(pixel)
         })
     }
 
-    /// Where a measured pixel is in the picture.
-    pub fn place(&self, pixel: usize) -> [u32; 2] {
+    /// Coordinates of a measured pixel in the picture.
+    pub fn coordinates(&self, pixel: usize) -> [u32; 2] {
         let [x, y] = [pixel as u32 % self.size[0], pixel as u32 / self.size[0]];
         let [column, row] = self.tiles[(y / TILE * self.columns() + x / TILE) as usize];
         [column * TILE + x % TILE, row * TILE + y % TILE]
     }
 
-    /// Settings to render it.
     pub fn settings(&self, settings: RenderSettings) -> RenderSettings {
         let [width, height] = self.picture;
         RenderSettings { width, height, ..settings }
     }
 
-    /// Shares of the measured pixels as those of the whole picture, where the others have ½.
+    /// Expands shares of measured pixels to the whole picture; all other pixels get ½.
     pub fn spread(&self, shares: &[f32]) -> Arc<[f32]> {
         let [width, height] = self.picture;
         let mut all = vec![0.5; (width * height) as usize];
         for (pixel, &share) in shares.iter().enumerate() {
-            let [x, y] = self.place(pixel);
+            let [x, y] = self.coordinates(pixel);
             all[(y * width + x) as usize] = share;
         }
         all.into()
     }
 
-    /// What `of` makes of each measured pixel of some tiles, given by their numbers in the mosaic, in the same order as
+    /// Applies `of` to each measured pixel of some tiles, given by their numbers in the mosaic, in the order of
     /// `tiles`; the default elsewhere.
     pub fn gather<T: Clone + Default>(
         &self,
@@ -127,7 +123,7 @@ impl Mosaic {
     ) -> Vec<T> {
         let mut all = vec![T::default(); self.pixels()];
         for (number, tile) in numbers.zip(tiles) {
-            self.places(number).for_each(|place| all[place.at] = of(&tile.stats[place.in_tile]));
+            self.pixels_of(number).for_each(|pixel| all[pixel.at] = of(&tile.stats[pixel.in_tile]));
         }
         all
     }
@@ -142,13 +138,13 @@ mod tests {
         let mosaic = Mosaic::new([40, 32], Some([1920, 1080])).unwrap();
         assert_eq!(*mosaic.tiles, [[20, 16], [60, 16], [100, 16], [20, 50], [60, 50], [100, 50]]);
         assert!(!mosaic.is_whole() && mosaic.middle() == 4);
-        assert_eq!(mosaic.place(0), [320, 256]);
-        assert_eq!(mosaic.place(17 * 40 + 33), [1600 + 1, 800 + 1]);
+        assert_eq!(mosaic.coordinates(0), [320, 256]);
+        assert_eq!(mosaic.coordinates(17 * 40 + 33), [1600 + 1, 800 + 1]);
         // The last tile is cut off by the mosaic's edge, not narrower itself.
-        let places = mosaic.places(2).collect::<Vec<_>>();
+        let places = mosaic.pixels_of(2).collect::<Vec<_>>();
         assert_eq!((places.len(), places[8].at, places[8].in_tile), (8 * 16, 40 + 32, 16));
         let mut seen = vec![0; mosaic.pixels()];
-        (0..6).flat_map(|tile| mosaic.places(tile)).for_each(|place| seen[place.at] += 1);
+        (0..6).flat_map(|tile| mosaic.pixels_of(tile)).for_each(|pixel| seen[pixel.at] += 1);
         assert!(seen.iter().all(|n| *n == 1));
     }
 
@@ -159,9 +155,9 @@ mod tests {
             assert_eq!(*mosaic.tiles, [[0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1]]);
             assert!(mosaic.is_whole());
             // The last tile is 8 pixels wide and 4 high.
-            let last = mosaic.places(5).last().unwrap();
+            let last = mosaic.pixels_of(5).last().unwrap();
             assert_eq!((last.at, last.in_tile), (40 * 20 - 1, 4 * 8 - 1));
-            assert!((0..800).all(|pixel| mosaic.place(pixel) == [pixel as u32 % 40, pixel as u32 / 40]));
+            assert!((0..800).all(|pixel| mosaic.coordinates(pixel) == [pixel as u32 % 40, pixel as u32 / 40]));
         }
         let error = Mosaic::new([64, 64], Some([63, 100])).unwrap_err();
         assert!(error.to_string().contains("--footprint"), "{error}");

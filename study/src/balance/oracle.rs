@@ -13,26 +13,23 @@ pub const SHARES: [f32; 9] = [1.0 / 32.0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 
 /// The file of the result.
 pub const FILE: &str = "oracle.cell";
 
-/// Replicas' worth of variance that is assumed at either end of r besides what was seen: against events that the search
-/// did not see.
+/// Pseudo-observation of variance at either end of r, in replicas: against events that the search did not see.
 const PSEUDO_REPLICAS: f64 = 1.0;
 
-/// What the search takes.
 #[derive(Debug, Clone, Copy)]
 pub struct Training {
     /// Paths a pixel of each render.
     pub spp: u32,
-    /// Renders a share.
     pub replicas: u32,
 }
 
-/// As many replicas as the study's, at a quarter of the most samples.
+/// The study's number of replicas, at a quarter of the most samples.
 pub fn training(design: &Design) -> Training {
     let most = design.spp.last().copied().unwrap_or(1);
     Training { spp: (most / 4).clamp(most.min(16), most), replicas: design.replicas }
 }
 
-/// Gathers renders with fixed shares.
+/// Accumulates renders with fixed shares.
 pub struct Learner {
     /// 1/(reference² + 0.01) a pixel's channel.
     weights: Vec<f64>,

@@ -1,4 +1,4 @@
-//! What a scene looks like.
+//! Pictures of a scene's whole view.
 
 use std::sync::atomic::AtomicBool;
 
@@ -12,19 +12,17 @@ use super::key::{Key, What};
 use super::measure::missing;
 use super::{Design, Estimator, HALF, Mosaic, StudyScene};
 
-/// A scene to be looked at, not measured.
+/// Pictures of a scene that are shown, not measured.
 pub struct Portrait {
-    /// Pixels a row.
     pub width: u32,
-    /// Rows.
     pub height: u32,
     /// A balance that `half` is compared with by eye.
     pub shown: Balance,
     /// Paths a pixel of the two noisy pictures.
     pub spp: u32,
-    /// By `shown`, with [`PORTRAIT_SPP`] paths a pixel.
+    /// Rendered by `shown` with [`PORTRAIT_SPP`] paths a pixel.
     pub clean: Cell,
-    /// By `half` and by `shown`.
+    /// Rendered by `half` and by `shown`.
     pub noisy: [Cell; 2],
 }
 
@@ -33,10 +31,7 @@ const SIDE: u32 = 256;
 /// Paths a pixel of a portrait.
 pub const PORTRAIT_SPP: u32 = 64;
 
-/// Takes the portrait of a scene, several times as large as the measured pictures, as far as it is not on disk.
-///
-/// # Errors
-/// As [`measure`](super::measure()).
+/// Renders a scene's portrait, larger than the measured pictures, unless it is on disk.
 pub fn portrait(
     scene: &StudyScene,
     design: &Design,
@@ -44,7 +39,7 @@ pub fn portrait(
     stop: &AtomicBool,
     progress: &(dyn Fn(Progress) + Sync),
 ) -> Result<Portrait> {
-    // Of the same view.
+    // The aspect of the measured picture.
     let [width, height] = design.footprint.unwrap_or([design.width, design.height]);
     let side = |n: u32| (SIDE * n / width.max(height)).max(1);
     let [width, height] = if width.max(height) < SIDE {

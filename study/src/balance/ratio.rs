@@ -7,7 +7,7 @@ use super::cell::Cell;
 
 /// A pixel is worse when its variance ratio is above this.
 pub const WORSE: f64 = 1.05;
-/// Share of wrong finds among the pixels that are called worse for sure.
+/// Expected false discovery rate among the pixels that are surely worse.
 pub const FALSE_DISCOVERIES: f64 = 0.05;
 
 /// Replicas about their mean, weighted as relMSE weighs: 1/√(3 (reference² + 0.01)) a channel, so that a pixel's sum of
@@ -19,7 +19,7 @@ pub struct Deviations {
 }
 
 impl Deviations {
-    /// Of the first `replicas` replicas of a cell.
+    /// Deviations of the first `replicas` replicas of a cell.
     pub fn new(cell: &Cell, replicas: usize, reference: &[f64]) -> Self {
         let values = (0..cell.pixels).into_par_iter().flat_map_iter(|pixel| {
             let weight: [f64; 3] =
@@ -35,17 +35,14 @@ impl Deviations {
         Self { replicas, values: values.collect() }
     }
 
-    /// How many replicas.
     pub fn replicas(&self) -> usize {
         self.replicas
     }
 
-    /// How many pixels.
     pub fn pixels(&self) -> usize {
         self.values.len() / self.replicas
     }
 
-    /// One pixel's deviations.
     pub fn pixel(&self, pixel: usize) -> &[[f64; 4]] {
         &self.values[pixel * self.replicas..][..self.replicas]
     }
@@ -71,7 +68,6 @@ impl Deviations {
 /// A pixel's variance ratio.
 #[derive(Debug, Clone, Copy)]
 pub struct Ratio {
-    /// Which pixel.
     pub pixel: usize,
     /// Variance over the other's.
     pub ratio: f64,
@@ -86,7 +82,7 @@ impl Ratio {
     pub fn z(&self, threshold: f64) -> f64 {
         match (self.ratio / threshold).ln() {
             d if d == 0.0 || self.log_error == f64::INFINITY => 0.0,
-            // What does not vary between replicas is sure.
+            // Avoids division by zero where nothing varies between replicas.
             d => d / self.log_error.max(1e-9),
         }
     }
@@ -97,9 +93,8 @@ impl Ratio {
 pub struct Judgeable {
     /// The pixels whose variance is known well enough to be divided by.
     pub pixels: Vec<usize>,
-    /// How many do not vary.
     pub constant: usize,
-    /// How many have a variance that a few replicas make: events too rare for so few replicas. They count in relMSE and
+    /// Number of pixels whose variance comes from few replicas: events too rare to judge. They count in relMSE and
     /// in the ratio of means.
     pub undetermined: usize,
 }
@@ -115,7 +110,7 @@ const MOST_LOG_ERROR: f64 = 0.6;
 const MOST_APART: f64 = 6.0;
 
 impl Judgeable {
-    /// Of `half` and its control, each by itself.
+    /// Selects pixels by `half` and its control.
     pub fn new(base: &Deviations, control: &Deviations) -> Self {
         let mut judgeable = Self { pixels: Vec::new(), constant: 0, undetermined: 0 };
         for pixel in 0..base.pixels() {

@@ -1,4 +1,4 @@
-//! How sure summaries over pixels are: the bootstrap over replicas.
+//! Standard errors of summaries over pixels, by the bootstrap over replicas.
 
 use bismar::sampling::hash;
 use rayon::prelude::*;
@@ -6,21 +6,18 @@ use rayon::prelude::*;
 use super::ratio::{Deviations, Ratio, worse};
 use crate::statistics::{moments, quantiles};
 
-/// Resamples.
 pub const RESAMPLES: u32 = 200;
 /// Shares of pixels whose ratio is at most the percentile.
 pub const PERCENTILES: [f64; 4] = [0.5, 0.95, 0.99, 1.0];
 
-/// What is said of a picture's ratios.
+/// Summary of a picture's ratios.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Summary {
-    /// Mean over pixels.
     pub mean: f64,
     /// Mean variance over the other's mean variance.
     pub ratio_of_means: f64,
     /// Share of pixels above [`super::ratio::WORSE`].
     pub worse: f64,
-    /// At [`PERCENTILES`].
     pub percentiles: [f64; 4],
 }
 

@@ -16,9 +16,8 @@ use super::{Design, Mosaic};
 pub struct StudyScene {
     /// The file's name without folders and extension.
     pub name: String,
-    /// What is there.
     pub scene: PreparedScene<'static>,
-    /// Of the files' bytes and the settings.
+    /// Hash of files and settings.
     pub fingerprint: String,
     /// The first camera's view, without balance, samples and seed.
     pub settings: RenderSettings,
@@ -26,9 +25,6 @@ pub struct StudyScene {
 
 impl StudyScene {
     /// Reads and builds a scene.
-    ///
-    /// # Errors
-    /// As [`Files::open`], [`Files::import`] and [`PreparedScene::build`].
     pub fn load(path: &Path, design: &Design) -> Result<Self> {
         let files = Files::open(path)?;
         let settings = RenderSettings {
@@ -48,7 +44,6 @@ impl StudyScene {
         })
     }
 
-    /// Where its measurements are kept.
     pub fn folder(&self, design: &Design) -> PathBuf {
         design.folder.join("cells").join(format!("{}-{}", self.name, self.fingerprint))
     }
@@ -57,37 +52,34 @@ impl StudyScene {
 /// A scene's files, opened once: what is hashed is what is rendered.
 pub struct Files {
     scene: SceneFiles,
-    sky: Option<EnvironmentFile>,
+    environment: Option<EnvironmentFile>,
 }
 
 impl Files {
     /// Opens them; a file of the scene's name that ends in `.hdr` or `.exr` lights it from infinity.
-    ///
-    /// # Errors
-    /// As [`SceneFiles::open`] and [`EnvironmentFile::open`].
     pub fn open(path: &Path) -> Result<Self> {
-        let sky = ["hdr", "exr"].map(|e| path.with_extension(e)).into_iter().find(|p| p.is_file());
-        Ok(Self { scene: SceneFiles::open(path)?, sky: sky.map(|p| EnvironmentFile::open(&p)).transpose()? })
+        let environment = ["hdr", "exr"].map(|e| path.with_extension(e)).into_iter().find(|p| p.is_file());
+        Ok(Self {
+            scene: SceneFiles::open(path)?,
+            environment: environment.map(|p| EnvironmentFile::open(&p)).transpose()?,
+        })
     }
 
     /// The scene, lit: one without any light gets a studio's.
-    ///
-    /// # Errors
-    /// As [`SceneFiles::import`] and [`EnvironmentFile::decode`].
     pub fn import(&self) -> Result<Scene> {
         let mut scene = self.scene.import(&ImportOptions::default())?.scene;
-        scene.environment = self.sky.as_ref().map(|sky| sky.decode(0.0, 1.0)).transpose()?;
+        scene.environment = self.environment.as_ref().map(|environment| environment.decode(0.0, 1.0)).transpose()?;
         scene.light_if_dark();
         Ok(scene)
     }
 
-    /// Of what the pictures depend on outside of this program. (What they depend on inside is found out by rendering a
+    /// Hash of everything outside of this program that pictures depend on. (Changes of the program are detected by rendering a
     /// piece of each stored measurement again: see [`measure`](super::measure()).)
     fn fingerprint(&self, settings: &RenderSettings, mosaic: &Mosaic) -> Result<String> {
-        let sky = self.sky.as_ref().map_or(String::new(), EnvironmentFile::hash);
+        let environment = self.environment.as_ref().map_or(String::new(), EnvironmentFile::hash);
         let settings = serde_json::to_string(settings).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
         let pieces = if mosaic.is_whole() { String::new() } else { format!("{:?}", mosaic.picture) };
-        let all = [self.scene.survey().hash, sky, settings, pieces].join("\n");
+        let all = [self.scene.survey().hash, environment, settings, pieces].join("\n");
         Ok(blake3::hash(all.as_bytes()).to_hex()[..16].to_owned())
     }
 }

@@ -1,12 +1,11 @@
 //! One row a scene, estimator and sample count (`docs/study-balance.md` describes every column).
 
-use std::path::Path;
-
 use bismar::Result;
 use bismar::film::compare::relative_to;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::cell::Cell;
+use super::cell::{Cell, Timing};
 use super::key::What;
 use super::measure::{Measured, seeds};
 use super::ratio::{self, Deviations, Judgeable, Ratio};
@@ -14,7 +13,7 @@ use super::resample::{self, Summary};
 use super::{CONTROL, Design, Estimator, HALF, StudyScene};
 use crate::files;
 use crate::provenance::Provenance;
-use crate::statistics::{farthest, median, median_error, moments};
+use crate::statistics::{farthest, mean_of, median, moments};
 
 /// Share of the pixels in the held-out worst.
 pub const WORST: f64 = 0.01;
@@ -73,22 +72,18 @@ pub struct Row {
 
 /// Everything about one sample count on one scene.
 pub struct Level {
-    /// Paths a pixel.
     pub spp: u32,
-    /// What each estimator showed, the control second.
+    /// Outcome of each estimator, the control second.
     pub results: Vec<Outcome>,
 }
 
-/// What one estimator showed at one sample count.
+/// Results of one estimator at one sample count.
 pub struct Outcome {
-    /// Its line.
     pub row: Row,
     /// `None` for the control.
     pub estimator: Option<Estimator>,
     /// Per-pixel ratios to `half`.
     pub ratios: Vec<Ratio>,
-    /// Of them, those that are worse beyond what noise explains, surest first.
-    pub worse: Vec<Ratio>,
     /// Each pixel's variance, as a part of relMSE.
     pub variances: Vec<f64>,
     /// Each pixel's mean share of light samples.
@@ -121,9 +116,8 @@ pub fn levels(scene: &StudyScene, design: &Design, measured: &Measured) -> Vec<L
                 let reference = (&reference[..], &measured.reference);
                 let name = estimator.map_or(CONTROL.to_owned(), Estimator::name);
                 let row = row((&scene.name, name, spp), cell, reference, (&own, &against), found.as_ref());
-                let worse = ratio::surely_worse(&own.ratios, &against.0.ratios).into_iter().copied().collect();
                 let variances = (0..own.own.pixels()).map(|p| own.own.variance_of_all(p)).collect();
-                Outcome { row, estimator, ratios: own.ratios, worse, variances, shares: cell.mean_shares() }
+                Outcome { row, estimator, ratios: own.ratios, variances, shares: cell.mean_shares() }
             };
             let mut results = Vec::new();
             for (key, cell) in measured.cells.iter().filter(|(key, _)| key.spp == spp) {
@@ -170,26 +164,15 @@ fn row(
 ) -> Row {
     let replicas = base.replicas();
     let n = replicas as f64;
-    let error = |replica: usize, relative: bool| {
-        let squares = cell.picture(replica).iter().zip(reference).map(|(&x, r)| {
-            let square = (f64::from(x) - r).powi(2);
-            if relative { square / relative_to(*r) } else { square }
-        });
-        squares.sum::<f64>() / reference.len() as f64
-    };
-    let rel_mses = (0..replicas).map(|r| error(r, true)).collect::<Vec<_>>();
+    let squares = |r: usize| cell.picture(r).iter().zip(reference).map(|(&x, r)| (f64::from(x) - r).powi(2));
+    let rel_mses = (0..replicas).map(|r| rel_mse(cell.picture(r), reference)).collect::<Vec<_>>();
     let (rel_mse, rel_mse_variance) = moments(&rel_mses);
-    let times = &cell.times[..replicas];
-    let cpu_seconds = median(&times.iter().map(|t| t.cpu).collect::<Vec<_>>());
-    let to_half = times.iter().filter_map(|t| Some(t.cpu / t.half_cpu?)).collect::<Vec<_>>();
-    let (time_ratio, time_ratio_se) = (median(&to_half), median_error(&to_half));
+    let Timing { cpu_seconds, wall_seconds, time_ratio, time_ratio_se } = cell.timing(replicas);
     let (summary, errors) = (&judged.summary, &judged.errors);
     let mean = judged.mean();
     let worst = ratio::worst_held_out(&judged.own, base, &judgeable.pixels, WORST);
     let surely = ratio::surely_worse(&judged.ratios, &control.ratios).len();
-    let [p50, p95, p99, p100] = summary.percentiles;
-    let [p50_se, p95_se, p99_se, p100_se] = errors.percentiles;
-    let [p50_control, p95_control, p99_control, p100_control] = control.summary.percentiles;
+    let (p, p_se, p_control) = (summary.percentiles, errors.percentiles, control.summary.percentiles);
     Row {
         scene: scene.to_owned(),
         estimator,
@@ -200,10 +183,10 @@ fn row(
         constant: judgeable.constant,
         rel_mse,
         rel_mse_se: (rel_mse_variance / n).sqrt(),
-        mse: (0..replicas).map(|r| error(r, false)).sum::<f64>() / n,
+        mse: (0..replicas).map(|r| mean_of(squares(r))).sum::<f64>() / n,
         bias_z: bias_z(cell, replicas, reference, parts),
         cpu_seconds,
-        wall_seconds: median(&times.iter().map(|t| t.wall).collect::<Vec<_>>()),
+        wall_seconds,
         time_ratio,
         time_ratio_se,
         inverse_efficiency: rel_mse * cpu_seconds,
@@ -221,18 +204,18 @@ fn row(
         worse_se: errors.worse,
         worse_control: control.summary.worse,
         worse_surely: surely as f64 / judged.ratios.len() as f64,
-        p50,
-        p50_se,
-        p95,
-        p95_se,
-        p99,
-        p99_se,
-        p100,
-        p100_se,
-        p50_control,
-        p95_control,
-        p99_control,
-        p100_control,
+        p50: p[0],
+        p50_se: p_se[0],
+        p95: p[1],
+        p95_se: p_se[1],
+        p99: p[2],
+        p99_se: p_se[2],
+        p100: p[3],
+        p100_se: p_se[3],
+        p50_control: p_control[0],
+        p95_control: p_control[1],
+        p99_control: p_control[2],
+        p100_control: p_control[3],
         log_error: median(&judged.ratios.iter().map(|r| r.log_error).collect::<Vec<_>>()),
         worst_held_out: worst.map(|w| w.0),
         worst_held_out_se: worst.map(|w| w.1),
@@ -240,55 +223,69 @@ fn row(
     }
 }
 
+/// Squared errors over what relMSE divides them by, per channel.
+pub(super) fn relative_squares(picture: &[f32], reference: &[f64]) -> impl Iterator<Item = f64> {
+    picture.iter().zip(reference).map(|(&x, &r)| (f64::from(x) - r).powi(2) / relative_to(r))
+}
+
+pub(super) fn rel_mse(picture: &[f32], reference: &[f64]) -> f64 {
+    mean_of(relative_squares(picture, reference))
+}
+
 /// Largest |z| over the channels of the picture's mean against the reference's, with its sign.
 pub(super) fn bias_z(cell: &Cell, replicas: usize, reference: &[f64], parts: &Cell) -> f64 {
-    let channel_mean = |picture: &mut dyn Iterator<Item = f64>, pixels: usize| picture.sum::<f64>() / pixels as f64;
-    let mean_of = |cell: &Cell, replicas: usize, c: usize| {
-        let means = (0..replicas)
-            .map(|r| channel_mean(&mut cell.picture(r).iter().skip(c).step_by(3).map(|&x| f64::from(x)), cell.pixels))
-            .collect::<Vec<_>>();
-        let (mean, variance) = moments(&means);
-        (mean, variance / means.len() as f64)
+    let channel = |picture: &[f32], c: usize| mean_of(picture.iter().skip(c).step_by(3).map(|&x| f64::from(x)));
+    let mean_and_error = |cell: &Cell, replicas: usize, c: usize| {
+        let (mean, variance) = moments(&(0..replicas).map(|r| channel(cell.picture(r), c)).collect::<Vec<_>>());
+        (mean, variance / replicas as f64)
     };
     let z = |c: usize| {
-        let (mean, variance) = mean_of(cell, replicas, c);
-        let (_, reference_variance) = mean_of(parts, parts.replicas(), c);
-        let truth = channel_mean(&mut reference.iter().skip(c).step_by(3).copied(), cell.pixels);
+        let (mean, variance) = mean_and_error(cell, replicas, c);
+        let (_, reference_variance) = mean_and_error(parts, parts.replicas(), c);
+        let truth = mean_of(reference.iter().skip(c).step_by(3).copied());
         let deviation = (variance + reference_variance).sqrt();
         if mean == truth { 0.0 } else { (mean - truth) / deviation.max(1e-7 * truth) }
     };
     farthest((0..3).map(z))
 }
 
-/// What `results.json` says besides the rows.
 #[derive(Serialize)]
-struct Results<'a> {
+struct Results<'a, R> {
     schema: u32,
     version: &'static str,
     run: Provenance,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    whole: Option<bool>,
     integrator: bismar::render::Integrator,
     width: u32,
     height: u32,
-    /// Of the picture whose tiles were measured.
+    /// Size of the picture whose tiles were measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     footprint: Option<[u32; 2]>,
     replicas: u32,
     reference_spp: u32,
-    rows: &'a [Row],
+    rows: &'a [R],
 }
 
-/// Raised when a column changes its meaning or goes away.
+/// Rises when a column changes its meaning or is removed.
 const SCHEMA: u32 = 1;
 
-/// Writes rows as JSON.
-///
-/// # Errors
-/// As [`files::write`].
-pub fn write_json(path: &Path, design: &Design, rows: &[Row]) -> Result<()> {
+/// Writes rows as `results.csv` and `results.json`.
+pub fn write<R: Serialize + DeserializeOwned>(design: &Design, rows: &[R]) -> Result<()> {
+    files::write_csv(&design.folder.join("results.csv"), rows)?;
     let &Design { integrator, width, height, footprint, replicas, reference_spp, .. } = design;
-    let version = env!("CARGO_PKG_VERSION");
-    let run = Provenance::now(&seeds::ALL);
-    let schema = SCHEMA;
-    let results = Results { schema, version, run, integrator, width, height, footprint, replicas, reference_spp, rows };
-    files::write_json(path, &results)
+    let results = Results {
+        schema: SCHEMA,
+        version: env!("CARGO_PKG_VERSION"),
+        run: Provenance::now(&seeds::ALL),
+        whole: design.whole.then_some(true),
+        integrator,
+        width,
+        height,
+        footprint,
+        replicas,
+        reference_spp,
+        rows,
+    };
+    files::write_json(&design.folder.join("results.json"), &results)
 }

@@ -6,15 +6,14 @@
 pub mod field;
 pub mod page;
 
-use bismar::film::compare::relative_to;
 use serde::{Deserialize, Serialize};
 
-use super::cell::Cell;
+use super::cell::{Cell, Prepass, Timing};
 use super::key::{Key, What};
 use super::measure::Measured;
-use super::table::bias_z;
+use super::table::{bias_z, rel_mse, relative_squares};
 use super::{Aids, Design, Estimator, HALF, StudyScene};
-use crate::statistics::{median, median_error, moments};
+use crate::statistics::{mean_of, moments};
 
 /// A line of the table. `_se` is a standard error.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -43,23 +42,19 @@ pub struct Row {
     pub adaptive_left: Option<f64>,
 }
 
-/// What is known of one scene.
 pub struct SceneResults {
-    /// Its name.
     pub name: String,
     /// From the fewest paths up, `half` first.
     pub rows: Vec<Row>,
     /// The reference, three numbers a pixel.
     pub reference: Vec<f64>,
-    /// What each technique made of the most paths, in the rows' order.
+    /// Pictures of each technique with the most paths, in the rows' order.
     pub pictures: Vec<Pictures>,
-    /// What guides the most paths, if a technique may be guided and it pays.
+    /// Guiding field for the most paths, if a technique uses guiding and its pre-pass decides for it.
     pub field: Option<field::FieldPicture>,
 }
 
-/// What one technique made.
 pub struct Pictures {
-    /// Which.
     pub estimator: Estimator,
     /// One replica of the fewest paths, three numbers a pixel.
     pub example: Vec<f32>,
@@ -120,7 +115,6 @@ impl SceneResults {
     }
 }
 
-/// What pictures are judged by.
 struct Truth<'a> {
     reference: &'a [f64],
     parts: &'a Cell,
@@ -136,26 +130,24 @@ fn row(
     replicas: usize,
 ) -> Row {
     let rel_mses = |cell: &Cell| {
-        let of = |r: usize| mean(squares(cell.picture(r), truth.reference)) - truth.own_error;
-        (0..replicas).map(of).collect::<Vec<_>>()
+        let own = |r: usize| rel_mse(cell.picture(r), truth.reference) - truth.own_error;
+        (0..replicas).map(own).collect::<Vec<_>>()
     };
     let (own, base) = (rel_mses(cell), rel_mses(half));
     let (rel_mse, variance) = moments(&own);
     let (rel_mse_ratio, rel_mse_ratio_se) = ratio(&own, &base);
+    let Timing { cpu_seconds, time_ratio, time_ratio_se, .. } = cell.timing(replicas);
     let times = &cell.times[..replicas];
-    let to_half = times.iter().filter_map(|t| Some(t.cpu / t.half_cpu?)).collect::<Vec<_>>();
-    let (time_ratio, time_ratio_se) = (median(&to_half), median_error(&to_half));
-    let cpu_seconds = median(&times.iter().map(|t| t.cpu).collect::<Vec<_>>());
-    let pilots = times.iter().filter_map(|t| t.pilot).collect::<Vec<_>>();
-    let of_pilots = |of: &dyn Fn(usize) -> f64| (!pilots.is_empty()).then(|| mean((0..pilots.len()).map(of)));
-    let left = times.iter().filter_map(|t| t.allocation).collect::<Vec<_>>();
+    let optional_mean = |values: Vec<f64>| (!values.is_empty()).then(|| mean_of(values.into_iter()));
+    let prepass =
+        |of: fn(&Prepass) -> f64| optional_mean(times.iter().filter_map(|t| t.prepass.as_ref().map(of)).collect());
     let product_ratio = rel_mse_ratio * time_ratio;
     Row {
         scene: scene.to_owned(),
         estimator: estimator.name(),
         spp,
         replicas,
-        paths_mean: mean((0..replicas).flat_map(|r| cell.paths_of(r)).map(|&n| f64::from(n))),
+        paths_mean: mean_of((0..replicas).flat_map(|r| cell.paths_of(r)).map(|&n| f64::from(n))),
         rel_mse,
         rel_mse_se: (variance / replicas as f64).sqrt(),
         reference_rel_mse: truth.own_error,
@@ -168,28 +160,18 @@ fn row(
         time_ratio_se,
         product_ratio,
         product_ratio_se: product_ratio * (rel_mse_ratio_se / rel_mse_ratio).hypot(time_ratio_se / time_ratio),
-        guided: of_pilots(&|i| f64::from(u8::from(pilots[i].on))),
-        guiding_variance: of_pilots(&|i| f64::from(pilots[i].variance)),
-        guiding_seconds: of_pilots(&|i| pilots[i].seconds),
-        adaptive_left: (!left.is_empty()).then(|| mean(left.iter().copied())),
+        guided: prepass(|p| f64::from(u8::from(p.on))),
+        guiding_variance: prepass(|p| f64::from(p.variance)),
+        guiding_seconds: prepass(|p| p.seconds),
+        adaptive_left: optional_mean(times.iter().filter_map(|t| t.allocation).collect()),
     }
-}
-
-fn mean(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, n) = values.fold((0.0, 0.0), |(sum, n), x| (sum + x, n + 1.0));
-    sum / n
-}
-
-/// Squared errors over what relMSE divides them by, a number a channel.
-fn squares(picture: &[f32], reference: &[f64]) -> impl Iterator<Item = f64> {
-    picture.iter().zip(reference).map(|(&x, &r)| (f64::from(x) - r).powi(2) / relative_to(r))
 }
 
 /// Each pixel's error, the mean of its channels and of the replicas.
 fn errors(cell: &Cell, reference: &[f64], replicas: usize) -> Vec<f64> {
     let mut all = vec![0.0; cell.pixels];
     for r in 0..replicas {
-        let squares = squares(cell.picture(r), reference).enumerate();
+        let squares = relative_squares(cell.picture(r), reference).enumerate();
         squares.for_each(|(i, square)| all[i / 3] += square / (3 * replicas) as f64);
     }
     all
@@ -198,7 +180,7 @@ fn errors(cell: &Cell, reference: &[f64], replicas: usize) -> Vec<f64> {
 /// relMSE of the mean of parts that are independent, from how they differ.
 fn error_of_mean(parts: &Cell, mean_of_parts: &[f64]) -> f64 {
     let n = parts.replicas();
-    (0..n).map(|r| mean(squares(parts.picture(r), mean_of_parts))).sum::<f64>() / (n * (n - 1)) as f64
+    (0..n).map(|r| rel_mse(parts.picture(r), mean_of_parts)).sum::<f64>() / (n * (n - 1)) as f64
 }
 
 /// The ratio of two means of replicas that share seeds, and its standard error (jackknife).

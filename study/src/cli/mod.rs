@@ -6,6 +6,7 @@ mod stability;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Instant;
 
 use bismar::Result;
 use bismar::console::args::threads;
@@ -13,6 +14,7 @@ use bismar::console::help::{CompletionsArgs, ManArgs};
 use bismar::console::progress::Style;
 use bismar::console::{self, Reporter, Verbosity, Verdict, host};
 use bismar::film::atomic;
+use bismar::render::Progress;
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use tracing::info;
 
@@ -58,10 +60,13 @@ impl RunArgs {
     }
 }
 
+/// Progress of a study without pictures of its own: only the fraction that is done and the time.
+fn progress(fraction: f64, start: Instant) -> Progress {
+    let seconds = start.elapsed().as_secs_f64();
+    Progress { fraction, seconds, rays: 0, noise: f64::INFINITY, spp: 0, mean_spp: 0.0 }
+}
+
 /// Creates a study's folder and checks that its `page` can be written, before hours of work; returns the page's path.
-///
-/// # Errors
-/// Those of creating the folder and of [`atomic::check`].
 fn open(folder: &Path, page: &str) -> Result<PathBuf> {
     files::folder(folder)?;
     let page = folder.join(page);

@@ -5,12 +5,11 @@ use std::str::FromStr;
 use std::time::Instant;
 
 use bismar::console::{Signals, Verbosity, Verdict, host, print, say};
-use bismar::render::Progress;
 use bismar::{Error, Result};
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 
-use super::{PAGE, RunArgs, open};
+use super::{PAGE, RunArgs, open, progress};
 use crate::rays::contender::ISAS;
 use crate::rays::measure::CONTROL;
 use crate::rays::{Bench, Contender, Design, Results, Shape, Subject, measure, write};
@@ -84,8 +83,8 @@ impl FromStr for Contenders {
 impl RaysArgs {
     fn design(&self) -> Result<Design> {
         let quick = self.quick;
-        let usual = || if quick { "quick" } else { "usual" }.parse::<Contenders>().map_err(Error::Bug);
-        let contenders = self.backends.as_ref().map_or_else(usual, |list| Ok(list.clone()))?;
+        let default_list = || if quick { "quick" } else { "usual" }.parse::<Contenders>().map_err(Error::Bug);
+        let contenders = self.backends.as_ref().map_or_else(default_list, |list| Ok(list.clone()))?;
         Ok(Design {
             folder: self.out.clone(),
             contenders: contenders.all,
@@ -132,17 +131,7 @@ pub(super) fn run(args: &RaysArgs, verbosity: Verbosity) -> Result<Verdict> {
     }
     let all = subjects.len() as f64;
     for (i, subject) in subjects.iter().enumerate() {
-        let progress = |done: f64| {
-            let fraction = (i as f64 + done) / all;
-            reporter.update(Progress {
-                fraction,
-                seconds: start.elapsed().as_secs_f64(),
-                rays: 0,
-                noise: f64::INFINITY,
-                spp: 0,
-                mean_spp: 0.0,
-            });
-        };
+        let progress = |done: f64| reporter.update(progress((i as f64 + done) / all, start));
         let subject = subject()?;
         let mut requested = design.contenders(&subject).iter().map(Contender::name).collect::<Vec<_>>();
         requested.push(CONTROL.to_owned());

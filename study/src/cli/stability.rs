@@ -4,11 +4,10 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use bismar::console::{Signals, Verbosity, Verdict, print, say};
-use bismar::render::Progress;
 use bismar::{Error, Result};
 use clap::{Args, ValueEnum};
 
-use super::{PAGE, RunArgs, open};
+use super::{PAGE, RunArgs, open, progress};
 use crate::stability::{self, Found, guiding, page};
 
 /// Test every --balance and path guiding in the known failure modes of such methods.
@@ -55,9 +54,7 @@ pub(super) fn run(args: &StabilityArgs, verbosity: Verbosity) -> Result<Verdict>
     let mut steps = 0.0;
     let mut done = || {
         steps += 1.0;
-        let fraction = (steps / all).min(1.0);
-        let seconds = start.elapsed().as_secs_f64();
-        reporter.update(Progress { fraction, seconds, rays: 0, noise: f64::INFINITY, spp: 0, mean_spp: 0.0 });
+        reporter.update(progress((steps / all).min(1.0), start));
         if signals.stopped() { Err(Error::Interrupted("nothing was written".into())) } else { Ok(()) }
     };
     let replicas = if args.quick { 1000 } else { args.replicas };

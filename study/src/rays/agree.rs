@@ -1,4 +1,4 @@
-//! Do two backends hit the same? Every difference is judged in double precision: rounding explains it, or it counts as
+//! Agreement of two backends. Every difference is judged in double precision: rounding explains it, or it counts as
 //! unexplained.
 
 use bismar::rays::{HitBatch, RayBatch, RayOrder, RayQueries};
@@ -11,7 +11,7 @@ use super::stream::{Kind, Query, Stream};
 /// Why two answers differ.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Class {
-    /// They do not, up to rounding.
+    /// Equal up to rounding.
     Same,
     /// Different triangles, within rounding of an edge.
     Edge,
@@ -23,7 +23,7 @@ pub enum Class {
     SelfHit,
     /// The texel at which alpha was looked up differs.
     Alpha,
-    /// One slipped through within rounding of an edge and hit nothing.
+    /// One ray passed within rounding of an edge and hit nothing.
     Miss,
     /// Rounding does not explain it.
     Unexplained,
@@ -43,12 +43,11 @@ impl Class {
     ];
 }
 
-/// Of how many rays the answers differ why.
+/// Number of rays per class.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Tally(pub [u64; Class::ALL.len()]);
 
 impl Tally {
-    /// Of a class.
     pub fn of(&self, class: Class) -> u64 {
         self.0[class as usize]
     }
@@ -65,7 +64,6 @@ pub struct Answers {
 }
 
 impl Answers {
-    /// Asks.
     pub fn of(backend: &dyn RayQueries, stream: &Stream) -> Self {
         let mut all = Self::default();
         for Query { kind, order, rays } in &stream.queries {
@@ -105,7 +103,6 @@ pub struct Judge<'a> {
 }
 
 impl<'a> Judge<'a> {
-    /// For answers on this scene.
     pub fn new(scene: &'a Scene) -> Self {
         Self { scene, has_alpha: (0..scene.meshes.len() as u32).map(|mesh| scene.has_alpha(mesh)).collect() }
     }
@@ -137,9 +134,9 @@ impl<'a> Judge<'a> {
                     }
                 }
                 Kind::Occluded => {
-                    let Some((said_a, said_b)) = occluded.next() else { continue };
+                    let Some((a_occluded, b_occluded)) = occluded.next() else { continue };
                     for i in 0..rays.len() {
-                        if said_a[i] == said_b[i] {
+                        if a_occluded[i] == b_occluded[i] {
                             count(Class::Same, i, None, None);
                             continue;
                         }
@@ -152,7 +149,7 @@ impl<'a> Judge<'a> {
         counts
     }
 
-    /// Why the closest hits of ray `i` differ.
+    /// Class of a difference between closest hits of ray `i`.
     pub fn class(&self, rays: &RayBatch, i: usize, a: Option<Hit>, b: Option<Hit>) -> Class {
         if a == b {
             return Class::Same;
@@ -186,13 +183,13 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Why only one says that ray `i` is blocked, by their closest hits.
+    /// Class of a difference in occlusion of ray `i`, from both backends' closest hits.
     fn class_occluded(&self, rays: &RayBatch, i: usize, a: Option<Hit>, b: Option<Hit>) -> Class {
         let class = self.class(rays, i, a, b);
         if class != Class::Same {
             return class;
         }
-        // Both would hit the same: then the difference is one of finding any hit, and that very hit must be in doubt.
+        // Both would hit the same: then the difference is one of the any-hit query, and that very hit must be in doubt.
         let (Some(hit), ray) = (a, ExactRay::new(rays, i)) else { return Class::Unexplained };
         match meet(self.scene, &ray, hit.id) {
             Some(plane) => self.lost(&plane, &ray, rays.key[i], &hit, Class::Miss),
@@ -200,12 +197,12 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Is a hit what the triangle and the ray allow?
+    /// Whether a hit is consistent with ray and triangle.
     fn sound(&self, plane: &Plane, ray: &ExactRay, hit: &Hit) -> bool {
         plane.possible(ray) && plane.agrees(hit)
     }
 
-    /// Why the other backend may have gone past this hit.
+    /// Class of a hit that the other backend missed.
     fn lost(&self, plane: &Plane, ray: &ExactRay, key: u32, hit: &Hit, at_edge: Class) -> Class {
         if plane.weight_error > GRAZING {
             return Class::Grazing;
@@ -231,17 +228,17 @@ fn grazing_or_wrong(plane: Option<&Plane>) -> Class {
     if plane.is_none_or(|plane| plane.weight_error > 1.0) { Class::Grazing } else { Class::Unexplained }
 }
 
-/// By so much a ray's interval is lengthened, and its origin shifted in proportion to where it is, to find what it
+/// Relative extension of a ray's interval, and shift of its origin relative to its coordinates, to find what it
 /// passes within rounding.
-const BESIDE: f32 = 1e-5;
+const NEARBY: f32 = 1e-5;
 
-/// What ray `i` hits closest by two backends of which only one found any hit. Where neither has a closest one, that of a
+/// Closest hits of ray `i` by two backends of which only one reports occlusion. If neither has a closest hit, that of a
 /// ray nearby: a triangle to be judged against the ray itself.
 fn candidates(a: &dyn RayQueries, b: &dyn RayQueries, rays: &RayBatch, i: usize) -> [Option<Hit>; 2] {
-    let shift = BESIDE * (1.0 + rays.origin(i).abs().max_element());
+    let shift = NEARBY * (1.0 + rays.origin(i).abs().max_element());
     let sides = (0..27).map(|k| Vec3::new((k % 3) as f32, (k / 3 % 3) as f32, (k / 9) as f32) - 1.0);
-    let beside = sides.map(|side| (side * shift, 1.0 + BESIDE));
-    let mut tried = [(Vec3::ZERO, 1.0), (Vec3::ZERO, 1.0 + BESIDE)].into_iter().chain(beside);
+    let nearby = sides.map(|side| (side * shift, 1.0 + NEARBY));
+    let mut tried = [(Vec3::ZERO, 1.0), (Vec3::ZERO, 1.0 + NEARBY)].into_iter().chain(nearby);
     let found = |(shift, longer): (Vec3, f32)| {
         let both = [a, b].map(|backend| alone(backend, rays, i, shift, longer));
         both.iter().any(Option::is_some).then_some((both, shift == Vec3::ZERO))
@@ -249,7 +246,7 @@ fn candidates(a: &dyn RayQueries, b: &dyn RayQueries, rays: &RayBatch, i: usize)
     match tried.find_map(found) {
         None => [None, None],
         Some((both, true)) => both,
-        // Of a ray nearby, which of two triangles is hit means nothing.
+        // For a nearby ray it does not matter which of two triangles is hit.
         Some(([a, b], false)) => [a.or(b), a.or(b)],
     }
 }

@@ -1,27 +1,27 @@
-//! How far two studies of the same scenes agree: two runs on one machine, under two names, or two machines.
+//! Agreement of two studies of the same scenes: two machines, or two runs under different names.
 
 use super::page::{BASELINE, distinct};
 use super::table::{Results, Trace};
-use crate::report::{Page, Table, Tone, number, with_error};
+use crate::report::{Page, Table, number, with_error};
 
-/// Ratios are to be stable within this share.
+/// Largest relative difference of stable ratios.
 const WITHIN: f64 = 0.05;
 
-/// A speed over that of the baseline, as measured twice.
+/// A speed ratio that was measured twice.
 struct Pair<'a> {
     a: &'a Trace,
     b: &'a Trace,
 }
 
 impl Pair<'_> {
-    /// By what share the larger ratio exceeds the other.
+    /// The larger ratio over the smaller, minus 1.
     fn apart(&self) -> f64 {
         let quotient = self.a.speed_ratio / self.b.speed_ratio;
         quotient.max(1.0 / quotient) - 1.0
     }
 }
 
-/// What both measured, most different first. The baseline itself, whose ratio is 1, is no evidence.
+/// Ratios that both measured, the most different first, without the baseline.
 fn pairs<'a>(results: &'a Results, a: &str, b: &str) -> Vec<Pair<'a>> {
     let of = |machine: &str| {
         let own = move |t: &&Trace| t.machine == machine && t.backend != BASELINE;
@@ -35,7 +35,7 @@ fn pairs<'a>(results: &'a Results, a: &str, b: &str) -> Vec<Pair<'a>> {
     all
 }
 
-/// A section for all machines that measured what the first one measured, too; nothing if there are none.
+/// A section for all pairs of machines with common measurements, if there are any.
 pub(super) fn section(page: &mut Page, results: &Results) {
     let names = distinct(results.traces.iter().map(|t| &*t.machine));
     let mut all = Vec::new();
@@ -52,51 +52,35 @@ pub(super) fn section(page: &mut Page, results: &Results) {
         "By how much the speeds over that of embree differ between two runs, or two machines, that measured the same \
          contenders with the same streams.",
     );
-    let mut table = Table::new(&[
-        ("one", "Machine or run"),
-        ("the other", "Machine or run"),
-        ("ratios", "How many speed ratios both measured"),
-        ("median", "Of the differences"),
-        ("95th percentile", "Of the differences"),
-        ("largest", "Of the differences"),
-        ("within 5 %", "How many of the ratios"),
-    ]);
-    for (a, b, pairs) in &all {
-        let at = |share: f64| pairs[((1.0 - share) * (pairs.len() - 1) as f64).round() as usize].apart();
-        let within = pairs.iter().filter(|p| p.apart() <= WITHIN).count();
-        let cells = [
-            (*a).to_owned(),
-            (*b).to_owned(),
-            pairs.len().to_string(),
-            percent(at(0.5)),
-            percent(at(0.95)),
-            percent(at(1.0)),
-            format!("{within} ({:.1} %)", 100.0 * within as f64 / pairs.len() as f64),
-        ];
-        table.rows.push(cells.map(|text| (text, Tone::Plain)).to_vec());
-    }
-    page.table(&table);
+    let at = |pairs: &[Pair], share: f64| pairs[((1.0 - share) * (pairs.len() - 1) as f64).round() as usize].apart();
+    let table = Table::of(&all)
+        .column("one", "Machine or run", |(a, ..)| *a)
+        .column("the other", "Machine or run", |(_, b, _)| *b)
+        .column("ratios", "Number of speed ratios that both measured", |(.., pairs)| pairs.len() as u64)
+        .column("median", "Of the differences", |(.., pairs)| percent(at(pairs, 0.5)))
+        .column("95th percentile", "Of the differences", |(.., pairs)| percent(at(pairs, 0.95)))
+        .column("largest", "Of the differences", |(.., pairs)| percent(at(pairs, 1.0)))
+        .column("within 5 %", "Number of ratios", |(.., pairs)| {
+            let within = pairs.iter().filter(|p| p.apart() <= WITHIN).count();
+            format!("{within} ({:.1} %)", 100.0 * within as f64 / pairs.len() as f64)
+        });
+    page.table(&table.end());
     for (a, b, pairs) in &all {
         let beyond = pairs.iter().filter(|p| p.apart() > WITHIN).collect::<Vec<_>>();
         if beyond.is_empty() {
             continue;
         }
         page.details(&format!("{} ratios that differ by more than 5 %: {a}, {b}", beyond.len()), |page| {
-            let mut table = Table::new(&[
-                ("scene", ""),
-                ("contender", "Backend with its choices"),
-                ("stream", "Which rays"),
-                (a, "Speed over that of embree, with the standard error of the median"),
-                (b, "Speed over that of embree, with the standard error of the median"),
-                ("apart", "The larger over the other"),
-            ]);
-            for Pair { a, b } in beyond.iter().copied() {
-                let ratio = |t: &Trace| with_error(t.speed_ratio, t.speed_ratio_se);
-                let apart = percent(Pair { a, b }.apart());
-                let cells = [a.scene.clone(), a.backend.clone(), a.stream.clone(), ratio(a), ratio(b), apart];
-                table.rows.push(cells.map(|text| (text, Tone::Plain)).to_vec());
-            }
-            page.table(&table);
+            let ratio = |t: &Trace| with_error(t.speed_ratio, t.speed_ratio_se);
+            let speed = "Speed over that of embree, with the standard error of the median";
+            let table = Table::of(&beyond)
+                .column("scene", "", |p| &*p.a.scene)
+                .column("contender", "Backend with its options", |p| &*p.a.backend)
+                .column("stream", "Kind of rays", |p| &*p.a.stream)
+                .column(a, speed, |p| ratio(p.a))
+                .column(b, speed, |p| ratio(p.b))
+                .column("apart", "The larger over the other", |p| percent(p.apart()));
+            page.table(&table.end());
         });
     }
 }

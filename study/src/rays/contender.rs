@@ -1,4 +1,4 @@
-//! What is compared: a backend with its choices, by a name such as `embree+high+robust`.
+//! Ray backends with options, by names such as `embree+high+robust`.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use bismar::rays::embree::{EmbreeOptions, EmbreeRays, Packets, Quality};
 use bismar::rays::{RayQueries, Watch};
 use bismar::scene::Scene;
 
-/// A backend with its choices.
+/// A backend with its options.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contender {
     what: What,
@@ -20,7 +20,7 @@ enum What {
     Obvhs(ObvhsOptions),
 }
 
-/// Words that choose, and what they choose; a field's first word is its default and is not written.
+/// Names of options and their values. A list's first name is the default, which names of contenders omit.
 const QUALITIES: [(&str, Quality); 4] =
     [("medium", Quality::Medium), ("low", Quality::Low), ("two-level", Quality::TwoLevel), ("high", Quality::High)];
 const PACKETS: [(&str, Packets); 5] = [
@@ -43,44 +43,43 @@ const PRESETS: [(&str, Preset); 6] = [
 const TREES: [(&str, TreeKind); 2] = [("cwbvh", TreeKind::EightWide), ("bvh2", TreeKind::Binary)];
 const TESTS: [(&str, TriangleTest); 2] = [("embree-test", TriangleTest::Embree), ("own-test", TriangleTest::Obvhs)];
 
-fn named<T: Copy>(list: &[(&str, T)], word: &str) -> Option<T> {
-    list.iter().find(|(name, _)| *name == word).map(|(_, value)| *value)
+/// Sets a field by an option's name, if the list has it.
+fn set<T: Copy>(list: &[(&str, T)], word: &str, field: &mut T) -> bool {
+    let value = list.iter().find(|(name, _)| *name == word).map(|(_, value)| *value);
+    value.inspect(|value| *field = *value).is_some()
 }
 
 fn word<T: Copy + PartialEq>(list: &[(&'static str, T)], value: T) -> Option<&'static str> {
     list.iter().skip(1).find(|(_, v)| *v == value).map(|(name, _)| *name)
 }
 
-/// What a default study compares with `embree`: each choice of each library on its own.
-const USUAL: &str = "embree+low,embree+two-level,embree+high,embree+compact,embree+robust,embree+high+robust,\
+/// Contenders of a default study: each option of each library alone.
+const DEFAULT_LIST: &str = "embree+low,embree+two-level,embree+high,embree+compact,embree+robust,embree+high+robust,\
                      embree+single,embree+x4,embree+x8,embree+x16,embree+avx2,embree+sse2,obvhs+fastest,\
                      obvhs+very-fast,obvhs+fast,obvhs,obvhs+slow,obvhs+very-slow,obvhs+split,obvhs+slow+whole,\
                      obvhs+own-test,obvhs+bvh2+fastest,obvhs+bvh2,obvhs+bvh2+very-slow";
-/// What it compares where there are millions of triangles: builds of minutes are left out.
-const LARGE: &str = "embree+low,embree+high,embree+single,obvhs+fastest,obvhs,obvhs+bvh2";
-const QUICK: &str = "embree+low,embree+high,embree+single,obvhs+fastest,obvhs,obvhs+very-slow,obvhs+bvh2";
+/// Contenders for millions of triangles, without builds that take minutes.
+const LARGE_LIST: &str = "embree+low,embree+high,embree+single,obvhs+fastest,obvhs,obvhs+bvh2";
+const QUICK_LIST: &str = "embree+low,embree+high,embree+single,obvhs+fastest,obvhs,obvhs+very-slow,obvhs+bvh2";
 
 impl Contender {
-    /// What everything is compared with: as `--rays embree` renders.
+    /// The baseline: the options of `--rays embree`.
     pub fn baseline() -> Self {
         Self { what: What::Embree(EmbreeOptions::default()) }
     }
 
-    /// As `--rays obvhs` renders.
+    /// The options of `--rays obvhs`.
     pub fn other() -> Self {
         Self { what: What::Obvhs(ObvhsOptions::default()) }
     }
 
     /// The lists `usual`, `quick`, `large` and `all`, or names separated by commas.
-    ///
-    /// # Errors
-    /// A sentence that says which word there is not, and which ones there are.
     pub fn list(text: &str) -> std::result::Result<Vec<Self>, String> {
         let text = match text {
             "all" => return Ok(Self::all()),
-            "usual" => USUAL,
-            "quick" => QUICK,
-            "large" => LARGE,
+            "usual" => DEFAULT_LIST,
+            "quick" => QUICK_LIST,
+            "large" => LARGE_LIST,
             names => names,
         };
         text.split(',').map(|name| Self::named(name.trim())).collect()
@@ -116,17 +115,15 @@ impl Contender {
             Some("embree") => {
                 let mut options = EmbreeOptions::default();
                 for word in words {
-                    if let Some(quality) = named(&QUALITIES, word) {
-                        options.quality = quality;
-                    } else if let Some(packets) = named(&PACKETS, word) {
-                        options.packets = packets;
-                    } else if let Some(isa) = ISAS.into_iter().find(|isa| *isa == word) {
-                        options.isa = Some(isa);
-                    } else if word == "compact" {
-                        options.compact = true;
-                    } else if word == "robust" {
-                        options.robust = true;
-                    } else {
+                    let isa = ISAS.into_iter().find(|isa| *isa == word);
+                    options.isa = isa.or(options.isa);
+                    options.compact |= word == "compact";
+                    options.robust |= word == "robust";
+                    let known = isa.is_some() || ["compact", "robust"].contains(&word);
+                    if !(known
+                        || set(&QUALITIES, word, &mut options.quality)
+                        || set(&PACKETS, word, &mut options.packets))
+                    {
                         return unknown(
                             word,
                             "low, two-level, medium, high, compact, robust, single, x4, x8, x16, sse2, sse4.2, avx, avx2",
@@ -138,15 +135,12 @@ impl Contender {
             Some("obvhs") => {
                 let mut options = ObvhsOptions::default();
                 for word in words {
-                    if let Some(preset) = named(&PRESETS, word) {
-                        options.preset = preset;
-                    } else if let Some(tree) = named(&TREES, word) {
-                        options.tree = tree;
-                    } else if let Some(test) = named(&TESTS, word) {
-                        options.test = test;
-                    } else if word == "split" || word == "whole" {
+                    if word == "split" || word == "whole" {
                         options.split = Some(word == "split");
-                    } else {
+                    } else if !(set(&PRESETS, word, &mut options.preset)
+                        || set(&TREES, word, &mut options.tree)
+                        || set(&TESTS, word, &mut options.test))
+                    {
                         return unknown(
                             word,
                             "bvh2, cwbvh, fastest, very-fast, fast, medium, slow, very-slow, split, whole, own-test",
@@ -159,7 +153,7 @@ impl Contender {
         }
     }
 
-    /// Its name; what is left at its default is not named.
+    /// Its name, without options that have their defaults.
     pub fn name(&self) -> String {
         let (library, words) = match &self.what {
             What::Embree(o) => (
@@ -180,7 +174,7 @@ impl Contender {
         words.into_iter().flatten().fold(library.to_owned(), |name, word| name + "+" + word)
     }
 
-    /// Held to an instruction set, if it is Embree's and not held to another one.
+    /// Limits Embree to an instruction set, unless it is limited to another one.
     pub fn held_to(mut self, isa: Option<&'static str>) -> Self {
         if let What::Embree(options) = &mut self.what {
             options.isa = options.isa.or(isa);
@@ -188,10 +182,7 @@ impl Contender {
         self
     }
 
-    /// Builds the scene, on the current rayon pool or as many threads of Embree's.
-    ///
-    /// # Errors
-    /// As [`EmbreeRays::build`] and [`ObvhsRays::build`].
+    /// Builds the scene on the current rayon pool, or on as many threads of Embree's.
     pub fn build(&self, scene: Arc<Scene>, watch: Watch) -> Result<Box<dyn RayQueries>> {
         Ok(match &self.what {
             What::Embree(options) => {

@@ -12,19 +12,15 @@ const ULP: f64 = f32::EPSILON as f64 / 2.0;
 /// computed in single precision 10 more; twice that for their second-order terms and Embree's approximate reciprocal.
 const OPERATIONS: f64 = 40.0;
 
-/// A ray of a batch.
 #[derive(Debug, Clone, Copy)]
 pub struct ExactRay {
     origin: DVec3,
     direction: DVec3,
-    /// Where its interval starts.
     pub tnear: f64,
-    /// Where it ends.
     pub tfar: f64,
 }
 
 impl ExactRay {
-    /// Ray `i`.
     pub fn new(rays: &RayBatch, i: usize) -> Self {
         Self {
             origin: rays.origin(i).as_dvec3(),
@@ -35,10 +31,9 @@ impl ExactRay {
     }
 }
 
-/// What a backend says of a ray.
+/// A backend's answer for a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
-    /// Instance, mesh, triangle.
     pub id: [u32; 3],
     /// Distance and the weights of the second and third vertex.
     pub at: [f32; 3],
@@ -52,10 +47,9 @@ impl Hit {
     }
 }
 
-/// Where a ray meets the plane of a triangle.
+/// Intersection of a ray with a triangle's plane.
 #[derive(Debug, Clone, Copy)]
 pub struct Plane {
-    /// Distance.
     pub t: f64,
     /// Weights of the three corners.
     pub weights: [f64; 3],
@@ -71,23 +65,23 @@ impl Plane {
         self.weights.into_iter().fold(f64::INFINITY, f64::min)
     }
 
-    /// Is the ray within rounding of an edge?
+    /// Whether the ray is within rounding of an edge.
     pub fn at_edge(&self) -> bool {
         self.inside() <= self.weight_error
     }
 
-    /// May the triangle be hit at all, after rounding?
+    /// Whether a hit is possible within rounding.
     pub fn possible(&self, ray: &ExactRay) -> bool {
         let (e, te) = (self.weight_error, self.t_error);
         self.inside() >= -e && self.t >= ray.tnear - te && self.t <= ray.tfar + te
     }
 
-    /// Is it within rounding of where the ray's interval starts or ends?
+    /// Whether the intersection is within rounding of either end of the ray's interval.
     pub fn at_end(&self, ray: &ExactRay) -> bool {
         self.t <= ray.tnear + self.t_error || self.t >= ray.tfar - self.t_error
     }
 
-    /// Is what a backend says within rounding of the truth?
+    /// Whether a backend's hit is within rounding of the exact one.
     pub fn agrees(&self, hit: &Hit) -> bool {
         let [t, u, v] = hit.at.map(f64::from);
         let (e, te) = (self.weight_error, self.t_error);
@@ -95,7 +89,7 @@ impl Plane {
     }
 }
 
-/// Where a ray meets the plane of a triangle; `None` if it is parallel to it.
+/// Intersects a ray with a triangle's plane; `None` if they are parallel.
 pub fn meet(scene: &Scene, ray: &ExactRay, [instance, mesh, prim]: [u32; 3]) -> Option<Plane> {
     let (to_object, condition) = match &scene.instances[instance as usize].transform {
         None => (DAffine3::IDENTITY, 1.0),

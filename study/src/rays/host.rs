@@ -1,4 +1,4 @@
-//! What the machine is and how steadily it runs.
+//! The machine, and how steadily it runs.
 
 use std::fs;
 use std::hint::black_box;
@@ -38,7 +38,7 @@ pub struct Host {
 }
 
 impl Host {
-    /// Looks at the machine; `name` is how to call it, else its processor and number of cores do. To be called where
+    /// Describes the machine under `name`, or else its processor and number of cores. Must be called where
     /// rays will be traced, for the floating-point mode.
     pub fn look(name: Option<&str>) -> Self {
         let cpus = read("/proc/cpuinfo");
@@ -79,10 +79,6 @@ pub struct Bench {
 }
 
 impl Bench {
-    /// With so many threads where all are used.
-    ///
-    /// # Errors
-    /// [`Error::Host`] if they cannot be started.
     pub fn new(threads: usize) -> Result<Self> {
         let pool = |threads: usize| {
             ThreadPoolBuilder::new()
@@ -93,13 +89,13 @@ impl Bench {
         Ok(Self { one: pool(1)?, all: pool(threads)?, gauge: Gauge::new() })
     }
 
-    /// What the machine is, from one of the threads that trace.
+    /// Describes the machine, on a thread that traces.
     pub fn host(&self, name: Option<&str>) -> Host {
         self.one.install(|| Host::look(name))
     }
 }
 
-/// Times two fixed pieces of work again and again: one that only computes, one that only waits for memory.
+/// Times two fixed computations repeatedly: one without memory accesses, one that only waits for memory.
 pub struct Gauge {
     next: Vec<u32>,
     stolen: (u64, u64),
@@ -169,7 +165,7 @@ pub fn drift(seconds: &[f64]) -> f64 {
     if n == 0 { f64::NAN } else { sorted[(n - 1) * 9 / 10] / sorted[(n - 1) / 10] }
 }
 
-/// Are results flushed to zero, and are denormal operands zero, on this thread?
+/// Whether this thread flushes results to zero, and whether it treats denormal operands as zero.
 pub fn floating_point_mode() -> (bool, bool) {
     let (least, denormal) = (black_box(f32::MIN_POSITIVE), black_box(f32::from_bits(1)));
     // A normal number halved is denormal; a denormal one times 2²⁴ is normal unless it counts as zero.
@@ -198,8 +194,8 @@ fn counted(event: impl perf_event::events::Event, work: impl FnOnce()) -> Option
     counter.disable().ok()?;
     let count = counter.read_full().ok()?;
     // Zero if others had the counter all the time; scaled up if they had it for some of it.
-    let (asked, had) = (count.time_enabled()?.as_secs_f64(), count.time_running()?.as_secs_f64());
-    (had > 0.0).then(|| (count.count() as f64 * (asked / had)) as u64)
+    let (enabled, running) = (count.time_enabled()?.as_secs_f64(), count.time_running()?.as_secs_f64());
+    (running > 0.0).then(|| (count.count() as f64 * (enabled / running)) as u64)
 }
 
 fn read(file: &str) -> String {

@@ -39,9 +39,6 @@ const SCALED: &str = "diffuse";
 const SCALED_SECONDS: f64 = 0.1;
 
 /// Measures everything of `design` on one scene and adds it to `results`. `progress` is handed the share that is done.
-///
-/// # Errors
-/// [`Error::Interrupted`] when `stop` is raised; what builds, and reading and writing streams, return.
 pub fn measure(
     bench: &Bench,
     subject: &Subject,
@@ -74,7 +71,7 @@ pub fn measure(
     let mut contenders = contenders.map(|c| (c.name(), c.clone())).collect::<Vec<_>>();
     contenders.insert(0, (CONTROL.to_owned(), baseline.clone()));
     let all = contenders.len() as f64;
-    // Of each stream, all rounds of the baseline, and its instructions.
+    // Per stream, all rounds of the baseline and its instructions.
     let mut own = vec![(Vec::new(), None); streams.len()];
     for (i, (name, contender)) in contenders.into_iter().enumerate() {
         progress(i as f64 / all);
@@ -127,7 +124,6 @@ pub fn measure(
     Ok(())
 }
 
-/// A built backend.
 struct Side<'a> {
     backend: &'a dyn RayQueries,
     build_seconds: f64,

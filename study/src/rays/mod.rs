@@ -1,6 +1,6 @@
 //! Embree against obvhs: how fast, how large, how soon, and do they agree?
 //!
-//! Every contender is measured beside the baseline, `embree` as the renderer uses it: the two take turns on the same
+//! Every contender is measured in turn with the baseline, `embree` as the renderer uses it: the two take turns on the same
 //! recorded rays, round by round, so that whatever else the machine does meets both, and their ratio is what is
 //! reported. Only two acceleration structures are ever in memory. Seconds are processor seconds of one thread unless stated
 //! otherwise: another program on the same cores does not count (but its use of caches and memory does: see the gauges of
@@ -37,14 +37,11 @@ pub use table::Results;
 /// Built triangles above which a study takes fewer contenders, unless they were chosen.
 pub const LARGE: u64 = 4_000_000;
 
-/// What to measure, on each scene.
 #[derive(Debug, Clone)]
 pub struct Design {
-    /// Where everything goes.
     pub folder: PathBuf,
-    /// What is compared with the baseline.
     pub contenders: Vec<Contender>,
-    /// What is where more than [`LARGE`] triangles are built.
+    /// Contenders for scenes with more than [`LARGE`] built triangles.
     pub contenders_large: Vec<Contender>,
     /// Instruction set that Embree is held to.
     pub isa: Option<&'static str>,
@@ -56,16 +53,13 @@ pub struct Design {
     pub picture: u32,
     /// Paths a pixel of the pictures, ≥ 2; 0 for no pictures.
     pub spp: u32,
-    /// Save the streams?
     pub save_streams: bool,
     /// Take the streams from this folder instead of recording them.
     pub streams: Option<PathBuf>,
-    /// How to call this machine.
     pub machine: Option<String>,
 }
 
 impl Design {
-    /// What is compared with the baseline on this scene.
     pub fn contenders(&self, subject: &Subject) -> &[Contender] {
         if subject.built > LARGE { &self.contenders_large } else { &self.contenders }
     }
@@ -73,11 +67,10 @@ impl Design {
 
 /// A scene to be measured on.
 pub struct Subject {
-    /// What tells it from others: the file's name without folders and extension, say, or that of the shape.
+    /// Unique name: the file's stem, or the name of the shape.
     pub name: String,
     /// The kind of a generated scene.
     pub shape: Option<&'static str>,
-    /// What is there.
     pub scene: Arc<Scene>,
     /// Triangles, each as often as it is placed.
     pub triangles: u64,
@@ -89,9 +82,6 @@ pub struct Subject {
 
 impl Subject {
     /// Reads a file ([`Files`]) as `name`.
-    ///
-    /// # Errors
-    /// As [`Files::open`] and [`Files::import`]; [`Error::Data`] for a scene without triangles.
     pub fn load(path: &Path, name: &str) -> Result<Self> {
         let subject = Self::new(name.to_owned(), None, Files::open(path)?.import()?);
         if subject.triangles == 0 {
@@ -100,12 +90,10 @@ impl Subject {
         Ok(subject)
     }
 
-    /// Generates a scene.
     pub fn generate(shape: &Shape) -> Self {
         Self::new(shape.name(), Some(shape.kind.name()), shape.scene())
     }
 
-    /// A scene with a name.
     pub fn new(name: String, shape: Option<&'static str>, scene: Scene) -> Self {
         let triangles = scene.instances.iter().map(|i| scene.triangles(i.object) as u64).sum();
         let mut seen = vec![false; scene.objects.len()];
@@ -117,7 +105,7 @@ impl Subject {
         Self { name, shape, scene: Arc::new(scene), triangles, built, settings: RenderSettings::default() }
     }
 
-    /// Of the triangles, their places and the view: what recorded rays depend on.
+    /// Hash of triangles, transforms and view: everything that recorded rays depend on.
     fn fingerprint(&self, design: &Design) -> u64 {
         let mut hasher = blake3::Hasher::new();
         fn hash(hasher: &mut blake3::Hasher, number: u32) {

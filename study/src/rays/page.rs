@@ -1,4 +1,4 @@
-//! What was measured, for people: `report.html` and its charts.
+//! The page and its charts.
 
 mod charts;
 mod method;
@@ -9,35 +9,24 @@ use bismar::Result;
 
 use super::compare;
 use super::measure::CONTROL;
-use super::table::{Agreement, Build, MOST_Z, Results, Trace};
-use crate::files;
+use super::table::{Agreement, Build, MAX_Z, Results, Trace};
 use crate::report::page::chart_figure;
-use crate::report::{Page, Table, Tone, number, with_error};
+use crate::report::{self, Cell, Page, Table, Tone, number, plural, with_error};
 use charts::{STREAM, costs, overview, picture};
 use method::{hosts, method};
 
-/// The baseline's name.
 pub(super) const BASELINE: &str = "embree";
+
 /// Writes tables, `report.html` and `charts/`.
-///
-/// # Errors
-/// As [`files::write`].
 pub fn write(folder: &Path, results: &Results) -> Result<()> {
     results.write(folder)?;
-    let charts = folder.join("charts");
-    files::folder(&charts)?;
-    if let Some(plot) = overview(results) {
-        files::write(&charts.join("overview.svg"), plot.file())?;
-    }
     let scenes = scenes(results);
-    let all = costs(results).into_iter().chain(scenes.iter().map(|s| (format!("{}-picture", s.file()), picture(s))));
-    for (name, chart) in all {
-        files::write(&charts.join(format!("{name}.svg")), chart.file())?;
-    }
-    files::write(&folder.join("report.html"), page(results, &scenes))
+    let pictures = scenes.iter().map(|s| (format!("{}-picture", s.file()), picture(s)));
+    let charts = costs(results).into_iter().chain(pictures).map(|(name, chart)| (name, chart.file()));
+    let overview = overview(results).map(|plot| ("overview".to_owned(), plot.file()));
+    report::write(folder, page(results, &scenes), charts.chain(overview))
 }
 
-/// The rows of one scene on one machine.
 struct SceneRows<'a> {
     results: &'a Results,
     machine: &'a str,
@@ -76,7 +65,7 @@ impl<'a> SceneRows<'a> {
         self.builds().next()
     }
 
-    /// With its machine, where there are several.
+    /// Name of the scene, with the machine if there are several.
     fn title(&self) -> String {
         let several = self.results.builds.iter().any(|b| b.machine != self.machine);
         if several { format!("{}, {}", self.name, self.machine) } else { self.name.to_owned() }
@@ -104,12 +93,12 @@ fn page(results: &Results, scenes: &[SceneRows]) -> String {
         "Embree and obvhs on the same triangles and the same recorded rays: {} scene{}, every contender in turn with `embree` \
          as the renderer uses it. {verdict}",
         scenes.len(),
-        if scenes.len() == 1 { "" } else { "s" },
+        plural(scenes.len()),
     );
     let mut page = Page::new("Ray study", &lead);
     page.section("Overview");
     if let Some(plot) = overview(results) {
-        page.wide(plot.svg(), "`embree (again)` is the baseline built a second time: where it is not at 1 is noise.");
+        page.wide(plot.svg(), "`embree (again)` is the baseline built a second time: its distance from 1 is noise.");
     }
     page.heading("Over all scenes");
     page.text("Geometric means over the scenes that a contender was measured on, relative to `embree` there.");
@@ -153,50 +142,65 @@ fn geometric_mean(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 fn averages(results: &Results, scenes: &[SceneRows]) -> Table {
-    let streams = streams(results);
-    let mut columns = vec![("contender", "Backend with its choices"), ("scenes", "How many it was measured on")];
-    let speed = "Geometric mean over scenes of the speed over that of embree: above 1 is faster";
-    columns.extend(streams.iter().map(|s| (*s, speed)));
-    columns.extend([
-        ("build", "Geometric mean over scenes of the CPU seconds of a build over those of embree: below 1 is faster"),
-        ("memory", "Geometric mean over scenes of the bytes of the structure over those of embree"),
-        (
-            "picture",
-            "Geometric mean over scenes of the speed of a whole render over that with embree, without the build",
-        ),
-        ("unexplained", "Answers that differ from embree's without an explanation, over all scenes"),
-    ]);
-    let mut table = Table::new(&columns);
-    for name in distinct(results.builds.iter().map(|b| &*b.backend)) {
-        let tone = if name == CONTROL || name == BASELINE { Tone::Faint } else { Tone::Plain };
+    let reference = |name: &str| name == CONTROL || name == BASELINE;
+    let builds = |name: &str| {
         let built = scenes.iter().filter_map(|s| Some((s.base_build()?, s.builds().find(|b| b.backend == name)?)));
-        let built = built.collect::<Vec<_>>();
-        let mut row = vec![(name.to_owned(), tone), (built.len().to_string(), tone)];
-        for stream in &streams {
-            let rows = results.traces.iter().filter(|t| t.backend == name && t.stream == *stream);
+        built.collect::<Vec<_>>()
+    };
+    let of_base = |name: &str, of: fn(&Build) -> f64| {
+        geometric_mean(builds(name).into_iter().map(|(base, own)| of(own) / of(base)))
+    };
+    let names = distinct(results.builds.iter().map(|b| &*b.backend));
+    let mut table = Table::of(&names).column("contender", "Backend with its options", |name| *name).column(
+        "scenes",
+        "Number of scenes",
+        |name| builds(name).len() as u64,
+    );
+    for stream in streams(results) {
+        let speed = |name: &&str| {
+            let rows = results.traces.iter().filter(|t| t.backend == *name && t.stream == stream);
             let mean = geometric_mean(rows.map(|t| t.speed_ratio));
-            let own = if tone == Tone::Faint { tone } else { judged(mean, 0.02) };
-            row.push((number(mean), own));
-        }
-        let ratio = |of: &dyn Fn(&Build) -> f64| geometric_mean(built.iter().map(|(base, own)| of(own) / of(base)));
-        row.push((number(ratio(&|b| b.cpu_seconds)), tone));
-        row.push((number(ratio(&|b| b.bytes_per_triangle)), tone));
-        let pictures = results.pictures.iter().filter(|p| p.backend == name);
-        row.push((number(geometric_mean(pictures.map(|p| p.speed_ratio))), tone));
-        let unexplained = results.agreements.iter().filter(|a| a.backend == name).map(|a| a.unexplained).sum::<u64>();
-        row.push((unexplained.to_string(), if unexplained > 0 { Tone::Bad } else { tone }));
-        table.rows.push(row);
+            (number(mean), Tone::above_one(mean, 0.02))
+        };
+        table = table.column(
+            stream,
+            "Geometric mean over scenes of the speed over that of embree: above 1 is faster",
+            speed,
+        );
     }
     table
+        .column(
+            "build",
+            "Geometric mean over scenes of the CPU seconds of a build over those of embree: below 1 is faster",
+            |name| of_base(name, |b| b.cpu_seconds),
+        )
+        .column("memory", "Geometric mean over scenes of the bytes of the structure over those of embree", |name| {
+            of_base(name, |b| b.bytes_per_triangle)
+        })
+        .column(
+            "picture",
+            "Geometric mean over scenes of the speed of a whole render over that with embree, without the build",
+            |name| geometric_mean(results.pictures.iter().filter(|p| p.backend == *name).map(|p| p.speed_ratio)),
+        )
+        .faint(|name| reference(name))
+        .column("unexplained", "Answers that differ from embree's without an explanation, over all scenes", |name| {
+            let unexplained = results.agreements.iter().filter(|a| a.backend == *name).map(|a| a.unexplained).sum();
+            match unexplained {
+                0 if reference(name) => ("0".to_owned(), Tone::Faint).into(),
+                n => errors(n),
+            }
+        })
+        .end()
 }
 
-/// Good above 1, bad below, beyond two errors.
-fn judged(ratio: f64, error: f64) -> Tone {
-    match () {
-        () if ratio - 2.0 * error > 1.0 => Tone::Good,
-        () if ratio + 2.0 * error < 1.0 => Tone::Bad,
-        () => Tone::Plain,
-    }
+/// A number that is to be zero.
+fn errors(n: u64) -> Cell {
+    (n.to_string(), if n > 0 { Tone::Bad } else { Tone::Plain }).into()
+}
+
+/// A speed ratio that is good above 1; differences below 2 % do not count.
+fn speed(ratio: f64, error: f64) -> Cell {
+    (with_error(ratio, error), Tone::above_one(ratio, error.max(0.01))).into()
 }
 
 fn scene_section(page: &mut Page, scene: &SceneRows) {
@@ -208,109 +212,92 @@ fn scene_section(page: &mut Page, scene: &SceneRows) {
     page.row([chart_figure(
         picture(scene).svg(),
         "Measured build, and measured seconds a path times the number of paths, over those of `embree`. Where a line falls below 1, \
-         the longer build has paid.",
+         the longer build has paid off.",
     )]);
     page.heading("Mrays/s of one thread, and speed over that of embree");
-    let mut columns = vec![("contender", "Backend with its choices")];
-    for stream in &streams {
-        columns.push((stream, "Million rays a CPU second, median of the rounds"));
-        columns.push(("", "Speed over that of embree in the same rounds, with the standard error of the median"));
-    }
-    let mut table = Table::new(&columns);
     let names = distinct(scene.builds().map(|b| &*b.backend));
-    for name in &names {
-        let mut row = vec![((*name).to_owned(), Tone::Plain)];
-        for stream in &streams {
-            let found = scene.traces().find(|t| t.backend == *name && t.stream == *stream);
-            let (rate, ratio, tone) = match found {
-                None => (String::new(), String::new(), Tone::Plain),
-                Some(t) if t.speed_ratio_se == 0.0 && t.speed_ratio == 1.0 => {
-                    (number(t.mrays_per_second), String::new(), Tone::Faint)
-                }
-                Some(t) => (
-                    number(t.mrays_per_second),
-                    with_error(t.speed_ratio, t.speed_ratio_se),
-                    judged(t.speed_ratio, t.speed_ratio_se.max(0.01)),
-                ),
-            };
-            row.extend([(rate, Tone::Plain), (ratio, tone)]);
-        }
-        table.rows.push(row);
+    let mut table = Table::of(&names).column("contender", "Backend with its options", |name| *name);
+    for stream in streams {
+        let trace = |name: &str| scene.traces().find(|t| t.backend == name && t.stream == stream);
+        table = table
+            .column(stream, "Million rays a CPU second, median of the rounds", |name| {
+                trace(name).map(|t| t.mrays_per_second)
+            })
+            .column(
+                "",
+                "Speed over that of embree in the same rounds, with the standard error of the median",
+                |name| {
+                    let other = trace(name).filter(|t| t.speed_ratio_se != 0.0 || t.speed_ratio != 1.0);
+                    other.map(|t| speed(t.speed_ratio, t.speed_ratio_se))
+                },
+            );
     }
-    page.table(&table);
+    page.table(&table.end());
     page.heading("Building, and pictures");
     page.table(&builds(scene, &names));
     page.details("Agreement with embree, answer by answer", |page| page.table(&agreement(scene)));
 }
 
 fn builds(scene: &SceneRows, names: &[&str]) -> Table {
-    let mut table = Table::new(&[
-        ("contender", "Backend with its choices"),
-        ("build, CPU s", "Processor seconds of all threads, median of the builds"),
-        ("wall s", "Seconds with all threads; what else the machine did counts"),
-        ("one thread, s", "Wall seconds with one thread"),
-        ("bytes/triangle", "Of the finished structure, as the library counts them"),
-        ("peak, library", "Bytes a triangle that the library held at most while building, where it says so"),
-        ("peak, process", "Bytes a triangle by which the process grew at most while building, by the system's count"),
-        ("picture, ms/spp", "CPU milliseconds of one path in every pixel, without the build"),
-        ("speed", "Of a picture over that with embree in the same rounds"),
-        ("crossover, spp", "Paths a pixel from which on the longer build has paid"),
-        ("z", "Picture mean against that with embree, other seeds, in standard errors, worst channel"),
-        ("instructions", "Instructions of the processor for one ray of a diffuse bounce; where counters are there"),
-        ("threads", "Speed of diffuse bounces with all threads over that with one, by the wall clock"),
-    ]);
-    for name in names {
-        let Some(build) = scene.builds().find(|b| b.backend == *name) else { continue };
-        let of_scene =
-            |machine: &str, own: &str, backend: &str| machine == scene.machine && own == scene.name && backend == *name;
-        let results = scene.results;
-        let picture = results.pictures.iter().find(|p| of_scene(&p.machine, &p.scene, &p.backend));
-        let scaling = results.scalings.iter().find(|s| of_scene(&s.machine, &s.scene, &s.backend));
-        let diffuse = scene.traces().find(|t| t.backend == *name && t.stream == STREAM);
-        let text = |value: Option<f64>| value.map_or(String::new(), number);
-        let plain = |text: String| (text, Tone::Plain);
-        table.rows.push(vec![
-            plain((*name).to_owned()),
-            plain(number(build.cpu_seconds)),
-            plain(number(build.wall_seconds)),
-            plain(text(build.one_thread_seconds)),
-            plain(number(build.bytes_per_triangle)),
-            plain(text(build.peak_bytes_per_triangle)),
-            plain(number(build.peak_process_bytes_per_triangle)),
-            plain(text(picture.map(|p| 1e3 * p.cpu_seconds_per_spp))),
-            picture.map_or(plain(String::new()), |p| {
-                (with_error(p.speed_ratio, p.speed_ratio_se), judged(p.speed_ratio, p.speed_ratio_se.max(0.01)))
-            }),
-            plain(text(picture.and_then(|p| p.crossover_spp))),
-            picture.map_or(plain(String::new()), |p| {
-                (number(p.bias_z), if p.bias_z.abs() > MOST_Z { Tone::Bad } else { Tone::Plain })
-            }),
-            plain(text(diffuse.and_then(|t| t.instructions_per_ray))),
-            plain(scaling.map_or(String::new(), |s| format!("{}: {}", s.threads, with_error(s.speedup, s.speedup_se)))),
-        ]);
-    }
-    table
+    let rows = names.iter().filter_map(|name| scene.builds().find(|b| b.backend == *name)).collect::<Vec<_>>();
+    let picture = |b: &Build| {
+        let pictures = &scene.results.pictures;
+        pictures.iter().find(|p| p.machine == b.machine && p.scene == b.scene && p.backend == b.backend)
+    };
+    let scaling = |b: &Build| {
+        let scalings = &scene.results.scalings;
+        scalings.iter().find(|s| s.machine == b.machine && s.scene == b.scene && s.backend == b.backend)
+    };
+    let diffuse = |b: &Build| scene.traces().find(|t| t.backend == b.backend && t.stream == STREAM);
+    Table::of(&rows)
+        .column("contender", "Backend with its options", |b| &*b.backend)
+        .column("build, CPU s", "Processor seconds of all threads, median of the builds", |b| b.cpu_seconds)
+        .column("wall s", "Seconds with all threads; other load on the machine counts", |b| b.wall_seconds)
+        .column("one thread, s", "Wall seconds with one thread", |b| b.one_thread_seconds)
+        .column("bytes/triangle", "Of the finished structure, as the library counts them", |b| b.bytes_per_triangle)
+        .column(
+            "peak, library",
+            "Largest number of bytes a triangle that the library held while building, if it says so",
+            |b| b.peak_bytes_per_triangle,
+        )
+        .column(
+            "peak, process",
+            "Largest growth of the process while building, in bytes a triangle, by the system's count",
+            |b| b.peak_process_bytes_per_triangle,
+        )
+        .column("picture, ms/spp", "CPU milliseconds of one path in every pixel, without the build", |b| {
+            picture(b).map(|p| 1e3 * p.cpu_seconds_per_spp)
+        })
+        .column("speed", "Of a picture over that with embree in the same rounds", |b| {
+            picture(b).map(|p| speed(p.speed_ratio, p.speed_ratio_se))
+        })
+        .column("crossover, spp", "Paths a pixel from which on the longer build pays off", |b| {
+            picture(b).and_then(|p| p.crossover_spp)
+        })
+        .column("z", "Picture mean against that with embree, other seeds, in standard errors, worst channel", |b| {
+            picture(b).map(|p| (number(p.bias_z), if p.bias_z.abs() > MAX_Z { Tone::Bad } else { Tone::Plain }))
+        })
+        .column("instructions", "Instructions per ray of a diffuse bounce; needs hardware counters", |b| {
+            diffuse(b).and_then(|t| t.instructions_per_ray)
+        })
+        .column("threads", "Speed of diffuse bounces with all threads over that with one, by the wall clock", |b| {
+            scaling(b).map(|s| format!("{}: {}", s.threads, with_error(s.speedup, s.speedup_se)))
+        })
+        .end()
 }
 
 fn agreement(scene: &SceneRows) -> Table {
-    let mut table = Table::new(&[
-        ("contender", "Backend with its choices"),
-        ("stream", "Which rays"),
-        ("rays", "Compared answers"),
-        ("edge", "Different triangles, within rounding of an edge"),
-        ("coplanar", "Different triangles at the same distance, within rounding"),
-        ("grazing", "The ray lies in the triangle's plane, nearly"),
-        ("self", "Within rounding of where the ray's interval starts or ends"),
-        ("alpha", "The texel at which alpha is looked up differs"),
-        ("miss", "One slipped through at an edge and hit nothing"),
-        ("unexplained", "Rounding does not explain it"),
-    ]);
-    for row in scene.agreements().filter(|a| a.same < a.rays) {
-        let mut cells = vec![(row.backend.clone(), Tone::Plain), (row.stream.clone(), Tone::Plain)];
-        let counts = [row.rays, row.edge, row.coplanar, row.grazing, row.self_hit, row.alpha, row.miss];
-        cells.extend(counts.map(|n| (n.to_string(), Tone::Plain)));
-        cells.push((row.unexplained.to_string(), if row.unexplained > 0 { Tone::Bad } else { Tone::Plain }));
-        table.rows.push(cells);
-    }
-    table
+    let rows = scene.agreements().filter(|a| a.same < a.rays).collect::<Vec<_>>();
+    Table::of(&rows)
+        .column("contender", "Backend with its options", |a| &*a.backend)
+        .column("stream", "Kind of rays", |a| &*a.stream)
+        .column("rays", "Compared answers", |a| a.rays)
+        .column("edge", "Different triangles, within rounding of an edge", |a| a.edge)
+        .column("coplanar", "Different triangles at the same distance, within rounding", |a| a.coplanar)
+        .column("grazing", "The ray lies nearly in the triangle's plane", |a| a.grazing)
+        .column("self", "Within rounding of the start or end of the ray's interval", |a| a.self_hit)
+        .column("alpha", "The texel at which alpha is looked up differs", |a| a.alpha)
+        .column("miss", "One ray passed at an edge and hit nothing", |a| a.miss)
+        .column("unexplained", "Rounding does not explain it", |a| errors(a.unexplained))
+        .end()
 }

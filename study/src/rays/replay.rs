@@ -1,4 +1,4 @@
-//! Asks a backend what a stream asks, against the clock.
+//! Timed replay of a stream by a backend.
 
 use bismar::rays::{HitBatch, RayQueries};
 use bismar::sampling::SplitMix64;
@@ -6,13 +6,12 @@ use bismar::sampling::SplitMix64;
 use super::stream::{Kind, Query, Stream};
 use crate::clock::thread_seconds;
 
-/// A stream is replayed as often as makes this many seconds, for each time that is taken.
+/// Shortest time of a measurement in seconds; streams are replayed as often as that takes.
 const LEAST_SECONDS: f64 = 0.02;
 
-/// Where answers are written.
 pub(super) type Sink = (HitBatch, Vec<bool>);
 
-/// Asks a query, and throws the answer away.
+/// Traces a query and discards the answer.
 pub(super) fn answer(backend: &dyn RayQueries, Query { kind, order, rays }: &Query, (hits, occluded): &mut Sink) {
     match kind {
         Kind::Closest => backend.closest_hits(rays, *order, hits),
@@ -20,7 +19,7 @@ pub(super) fn answer(backend: &dyn RayQueries, Query { kind, order, rays }: &Que
     }
 }
 
-/// Seconds of both for a replay. Turn by turn, who is first by turns: neither finds caches and clocks in a better state
+/// Seconds of both for a replay, alternating who is first: neither finds caches and clocks in a better state
 /// than the other.
 pub(super) fn in_turn(both: [&dyn RayQueries; 2], stream: &Stream, round: usize, sink: &mut Sink) -> [f64; 2] {
     let once = both.map(|backend| replay(backend, stream, sink));

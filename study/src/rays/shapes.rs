@@ -1,5 +1,5 @@
 //! Generated scenes of any size, where files would be too large or too few: smooth, long and thin, or scattered
-//! triangles under a plain white sky.
+//! triangles under a white environment.
 
 use std::f32::consts::{PI, TAU};
 use std::str::FromStr;
@@ -11,13 +11,12 @@ use glam::{Vec3, Vec4, vec3};
 /// A generated scene: `sphere:1000000`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shape {
-    /// What its triangles are like.
     pub kind: ShapeKind,
-    /// How many there are, the ground's one or two among them; in [8, 100 million].
+    /// Number of triangles in [8, 100 million], including one or two of the ground.
     pub triangles: u32,
 }
 
-/// What the triangles of a generated scene are like.
+/// Kinds of triangles in generated scenes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ShapeKind {
     /// A bumpy ball on a ground: small, well-shaped triangles that touch.
@@ -28,12 +27,10 @@ pub enum ShapeKind {
     Foliage,
 }
 
-/// How they are called.
 const KINDS: [(&str, ShapeKind); 3] =
     [("sphere", ShapeKind::Sphere), ("slivers", ShapeKind::Slivers), ("foliage", ShapeKind::Foliage)];
 
 impl ShapeKind {
-    /// As on the command line.
     pub fn name(self) -> &'static str {
         KINDS.iter().find(|(_, kind)| *kind == self).map_or("", |(name, _)| name)
     }
@@ -148,7 +145,6 @@ fn sphere(n: u32) -> Triangles {
     (vertices, indices)
 }
 
-/// Every three vertices.
 fn apart(vertices: Vec<[f32; 3]>) -> Triangles {
     let n = vertices.len() as u32 / 3;
     (vertices, (0..n).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect())
@@ -186,7 +182,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shapes_have_exactly_the_triangles_that_were_asked_for_and_sound_vertices() {
+    fn shapes_have_exactly_the_triangles_that_were_requested_and_sound_vertices() {
         for (name, kind) in KINDS {
             for n in (8..100).chain([1000, 4999, 50_000]) {
                 let shape = format!("{name}:{n}").parse::<Shape>().unwrap();

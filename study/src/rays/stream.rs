@@ -1,4 +1,4 @@
-//! Ray streams: the batches that real renders ask for, the same for every backend.
+//! Ray streams: recorded batches of real renders, the same for every backend.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -15,39 +15,33 @@ use serde::{Deserialize, Serialize};
 
 use crate::files;
 
-/// What a query asks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Kind {
-    /// The closest hit.
     Closest,
-    /// Is there any hit?
+    /// Any hit.
     Occluded,
 }
 
 /// One batch, as the renderer handed it over.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Query {
-    /// What it asks.
     pub kind: Kind,
-    /// How the renderer called its order.
+    /// Order that the renderer declared.
     pub order: RayOrder,
-    /// The rays.
     pub rays: RayBatch,
 }
 
-/// Passes queries on and keeps every batch, in the order in which they come: for one thread.
+/// Forwards queries and records every batch in order. For one thread.
 pub struct Recorder<'a> {
     inner: &'a dyn RayQueries,
     tape: Mutex<Vec<Query>>,
 }
 
 impl<'a> Recorder<'a> {
-    /// Nothing yet.
     pub fn new(inner: &'a dyn RayQueries) -> Self {
         Self { inner, tape: Mutex::default() }
     }
 
-    /// What was asked.
     pub fn into_tape(self) -> Vec<Query> {
         self.tape.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner())
     }
@@ -77,14 +71,12 @@ impl RayQueries for Recorder<'_> {
 /// Batches of one kind.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Stream {
-    /// What they are.
     pub name: String,
     /// The batches, all of one kind and order.
     pub queries: Vec<Query>,
 }
 
 impl Stream {
-    /// Number of rays.
     pub fn rays(&self) -> usize {
         self.queries.iter().map(|q| q.rays.len()).sum()
     }
@@ -94,13 +86,13 @@ impl Stream {
 const FEWEST: usize = 256;
 /// Rays a batch of the sorted and shuffled streams, about as the renderer has them.
 const BATCH: usize = 4096;
-/// What glossy surfaces are for the glossy stream.
+/// Roughness of all surfaces for the glossy stream.
 const GLOSSY: f32 = 0.25;
 
 /// Records the streams of a view with about `rays` rays each. Camera, shadow and later bounces are those of a path-traced
 /// picture as it is; `diffuse` and `glossy` are first bounces with every surface made diffuse, or a metal of roughness
 /// ¼ (what alpha cuts out stays cut out); two more have the diffuse ones shuffled, and sorted by octant and origin.
-/// What a scene has hardly any of is left out. To be called on a pool of one thread.
+/// Streams of few rays are omitted. Must be called on a pool of one thread.
 pub fn record(scene: &Scene, backend: &dyn RayQueries, settings: &RenderSettings, rays: usize) -> Result<Vec<Stream>> {
     let of = |scene: &Scene, max_depth: u32| -> Result<Tape> {
         let side = (rays as f64).sqrt().ceil() as u32;
@@ -148,7 +140,6 @@ pub fn record(scene: &Scene, backend: &dyn RayQueries, settings: &RenderSettings
     Ok(all.filter(|stream| stream.rays() >= FEWEST).collect())
 }
 
-/// A tape by kinds.
 #[derive(Default)]
 struct Tape {
     camera: Vec<Query>,
@@ -179,7 +170,7 @@ impl Tape {
     }
 }
 
-/// Every so manieth batch, so that about `rays` rays are left from all over the picture.
+/// Batches at regular intervals, with about `rays` rays in all.
 fn thinned(queries: Vec<Query>, rays: usize) -> Vec<Query> {
     let all = queries.iter().map(|q| q.rays.len()).sum::<usize>();
     let (mut seen, mut taken) = (0, 0);
@@ -219,7 +210,7 @@ fn shuffled(queries: &[Query]) -> Vec<Query> {
     })
 }
 
-/// By the octant of the direction, then along a Morton curve through the origins.
+/// Sorted by the octant of the direction, then along a Morton curve through the origins.
 fn sorted(queries: &[Query]) -> Vec<Query> {
     let origins = || queries.iter().flat_map(|q| (0..q.rays.len()).map(|i| q.rays.origin(i)));
     let (low, high) = origins().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
@@ -242,9 +233,6 @@ struct Recording {
 }
 
 /// Keeps streams, with the fingerprint of what they were recorded on.
-///
-/// # Errors
-/// As [`files::keep`].
 pub fn save(path: &Path, fingerprint: u64, streams: Vec<Stream>) -> Result<Vec<Stream>> {
     let recording = Recording { fingerprint, streams };
     files::keep(path, &recording)?;
@@ -252,9 +240,6 @@ pub fn save(path: &Path, fingerprint: u64, streams: Vec<Stream>) -> Result<Vec<S
 }
 
 /// Reads what [`save`] wrote.
-///
-/// # Errors
-/// [`Error::Data`] for another format, a file that is damaged, or streams of another scene or view; what reading returns.
 pub fn load(path: &Path, fingerprint: u64) -> Result<Vec<Stream>> {
     let wrong = |what: &str| Error::Data(format!("{}: {what}: record them again with --save-streams", path.display()));
     let recording: Recording = files::kept(path)?

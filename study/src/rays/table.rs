@@ -1,4 +1,4 @@
-//! What a study found, as tables (`docs/study-rays.md` describes every column).
+//! The tables of a study (`docs/study-rays.md` describes every column).
 
 use std::fs;
 use std::path::Path;
@@ -11,10 +11,10 @@ use super::host::Host;
 use crate::files;
 use crate::provenance::Provenance;
 
-/// Raised when a column changes its meaning or goes away.
+/// Rises when a column changes its meaning or is removed.
 const SCHEMA: u32 = 1;
 
-/// Everything.
+/// All tables, as in `results.json`.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[allow(missing_docs, reason = "docs/study-rays.md")]
 pub struct Results {
@@ -29,11 +29,11 @@ pub struct Results {
     pub pictures: Vec<Picture>,
     pub scalings: Vec<Scaling>,
     pub agreements: Vec<Agreement>,
-    /// What could not be measured, and unexplained differences, as sentences.
+    /// Failed measurements and unexplained differences, as sentences.
     pub notes: Vec<String>,
 }
 
-/// How fast a backend answers a stream.
+/// Speed of a backend on a stream.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[allow(missing_docs, reason = "docs/study-rays.md")]
 pub struct Trace {
@@ -54,7 +54,6 @@ pub struct Trace {
     pub instructions_per_ray: Option<f64>,
 }
 
-/// What a build takes.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[allow(missing_docs, reason = "docs/study-rays.md")]
 pub struct Build {
@@ -95,7 +94,6 @@ pub struct Picture {
     pub bias_z: f64,
 }
 
-/// All threads against one.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[allow(missing_docs, reason = "docs/study-rays.md")]
 pub struct Scaling {
@@ -128,7 +126,6 @@ pub struct Agreement {
 }
 
 impl Agreement {
-    /// From counts.
     pub fn new([machine, scene, backend, stream]: [&str; 4], counts: &Tally) -> Self {
         Self {
             machine: machine.to_owned(),
@@ -148,8 +145,8 @@ impl Agreement {
     }
 }
 
-/// |z| of a picture's mean above which pictures differ: among a thousand of them, one in thirty studies.
-pub const MOST_Z: f64 = 5.0;
+/// |z| of a picture's mean above which pictures differ. False alarms: one in thirty studies of a thousand pictures.
+pub const MAX_Z: f64 = 5.0;
 
 impl Results {
     /// Nothing yet, measured on `host`.
@@ -177,10 +174,10 @@ impl Results {
 
     /// Pictures that differ by more than noise.
     pub fn differing_pictures(&self) -> usize {
-        self.pictures.iter().filter(|p| p.bias_z.abs() > MOST_Z).count()
+        self.pictures.iter().filter(|p| p.bias_z.abs() > MAX_Z).count()
     }
 
-    /// Did this machine measure a scene with all of these contenders?
+    /// Whether this machine measured a scene with all of these contenders.
     pub fn has(&self, machine: &str, scene: &str, contenders: &[String]) -> bool {
         let is = |b: &&Build| b.machine == machine && b.scene == scene;
         let there = self.builds.iter().filter(is).map(|b| &b.backend).collect::<Vec<_>>();
@@ -189,39 +186,35 @@ impl Results {
 
     /// Removes a machine's rows of a scene.
     pub fn forget(&mut self, machine: &str, scene: &str) {
-        let other = |m: &str, s: &str| m != machine || s != scene;
-        self.traces.retain(|r| other(&r.machine, &r.scene));
-        self.builds.retain(|r| other(&r.machine, &r.scene));
-        self.pictures.retain(|r| other(&r.machine, &r.scene));
-        self.scalings.retain(|r| other(&r.machine, &r.scene));
-        self.agreements.retain(|r| other(&r.machine, &r.scene));
+        macro_rules! forget {
+            ($($table:ident)*) => { $(self.$table.retain(|r| r.machine != machine || r.scene != scene);)* };
+        }
+        forget!(traces builds pictures scalings agreements);
     }
 
-    /// Removes this study's own host if it measured nothing and there are others: it has nothing to say of the machine.
+    /// Removes this study's own host if it measured nothing and there are others.
     pub fn forget_idle_host(&mut self) {
         if self.hosts.len() > 1 && self.hosts[0].spin_seconds.is_empty() {
             self.hosts.remove(0);
         }
     }
 
-    /// Adds what another study found, but for scenes that this one has of a machine of the same name.
+    /// Adds the results of another study, except for scenes that this one has of the same machine.
     pub fn merge(&mut self, other: Self) {
         let mine = self.builds.iter().map(|t| (t.machine.clone(), t.scene.clone())).collect::<Vec<_>>();
         let new = |machine: &str, scene: &str| !mine.iter().any(|(m, s)| m == machine && s == scene);
-        self.traces.extend(other.traces.into_iter().filter(|r| new(&r.machine, &r.scene)));
-        self.builds.extend(other.builds.into_iter().filter(|r| new(&r.machine, &r.scene)));
-        self.pictures.extend(other.pictures.into_iter().filter(|r| new(&r.machine, &r.scene)));
-        self.scalings.extend(other.scalings.into_iter().filter(|r| new(&r.machine, &r.scene)));
-        self.agreements.extend(other.agreements.into_iter().filter(|r| new(&r.machine, &r.scene)));
+        macro_rules! merge {
+            ($($table:ident)*) => {
+                $(self.$table.extend(other.$table.into_iter().filter(|r| new(&r.machine, &r.scene)));)*
+            };
+        }
+        merge!(traces builds pictures scalings agreements);
         self.runs.extend(other.runs);
         self.hosts.extend(other.hosts);
         self.notes.extend(other.notes);
     }
 
     /// Reads what [`write`](super::write) wrote.
-    ///
-    /// # Errors
-    /// [`Error::Data`] for another format; what reading returns.
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = fs::read(path).map_err(|e| Error::reading(path, &e))?;
         let data = |what: String| Error::Data(format!("{}: {what}", path.display()));
@@ -234,15 +227,14 @@ impl Results {
     }
 
     /// Writes `results.json` and a CSV file a table.
-    ///
-    /// # Errors
-    /// As [`files::write`].
     pub fn write(&self, folder: &Path) -> Result<()> {
         files::write_json(&folder.join("results.json"), self)?;
-        files::write_csv(&folder.join("traces.csv"), &self.traces)?;
-        files::write_csv(&folder.join("builds.csv"), &self.builds)?;
-        files::write_csv(&folder.join("pictures.csv"), &self.pictures)?;
-        files::write_csv(&folder.join("scalings.csv"), &self.scalings)?;
-        files::write_csv(&folder.join("agreements.csv"), &self.agreements)
+        macro_rules! write {
+            ($($table:ident)*) => {
+                $(files::write_csv(&folder.join(concat!(stringify!($table), ".csv")), &self.$table)?;)*
+            };
+        }
+        write!(traces builds pictures scalings agreements);
+        Ok(())
     }
 }

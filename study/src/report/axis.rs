@@ -1,11 +1,10 @@
 //! Axes: from values to positions, and where the ticks go.
 
-/// How values become positions.
+/// Mapping of values to positions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scale {
-    /// In proportion.
     Linear,
-    /// Decades are equally long; values ≤ 0 are left out.
+    /// Logarithmic; values ≤ 0 are omitted.
     Log,
 }
 
@@ -33,12 +32,11 @@ impl Axis {
         Self { scale, low, high }
     }
 
-    /// An axis from `low` to `high`.
     pub fn new(scale: Scale, low: f64, high: f64) -> Self {
         Self { scale, low, high }
     }
 
-    /// Where a value is, 0 at the low end and 1 at the high end; `None` if it has none on the axis.
+    /// Position of a value: 0 at the low end, 1 at the high end; `None` outside of the axis.
     pub fn position(&self, value: f64) -> Option<f64> {
         let of = |v: f64| if self.scale == Scale::Log { v.log10() } else { v };
         let position = (of(value) - of(self.low)) / (of(self.high) - of(self.low));
@@ -50,7 +48,6 @@ impl Axis {
         if value.is_nan() { None } else { self.position(value.clamp(self.low, self.high)) }
     }
 
-    /// Does it show decades equally long?
     pub fn is_log(&self) -> bool {
         self.scale == Scale::Log
     }
@@ -82,7 +79,6 @@ impl Axis {
     }
 }
 
-/// A tick's text.
 pub fn tick_text(value: f64) -> String {
     let text = match value.abs() {
         0.0 => "0".to_owned(),

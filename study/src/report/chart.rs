@@ -8,7 +8,7 @@ use maud::{Markup, html};
 
 use super::axis::{Axis, Scale, tick_text};
 
-/// What charts look like, in light and dark. Colours after Wong (2011), *Points of view: Color blindness*, made darker
+/// Style of charts in light and dark. Colours after Wong (2011), *Points of view: Color blindness*, made darker
 /// or lighter to stand out from the ground.
 pub const CSS: &str = "
 .chart{--ink:#1d232b;--soft:#5d6875;--grid:#e4e8ed;--s0:#6b7684;--s1:#0067a5;--s2:#c84e00;--s3:#00805d;--s4:#a8487f;
@@ -19,12 +19,10 @@ pub const CSS: &str = "
 .chart .grid{stroke:var(--grid);stroke-width:1}.chart .mark{stroke:var(--soft);stroke-width:1;stroke-dasharray:3 3}
 .chart .line{fill:none;stroke-width:2;stroke-linejoin:round}";
 
-/// How many colours there are.
 pub const COLORS: usize = 8;
 /// Dashes tell apart what colours alone might not.
 const DASHES: [&str; COLORS] = ["5 3", "", "", "8 3", "2 3", "8 3 2 3", "4 2", "1 2"];
 
-/// One line.
 #[derive(Debug, Clone)]
 pub struct Series {
     /// Written at its end.
@@ -40,17 +38,12 @@ pub struct Series {
 /// A chart of lines over two axes.
 #[derive(Debug, Clone)]
 pub struct Chart {
-    /// Above it.
     pub title: String,
-    /// Below it.
     pub x_label: String,
     /// Above the vertical axis.
     pub y_label: String,
-    /// The horizontal axis.
     pub x: Axis,
-    /// The vertical axis.
     pub y: Axis,
-    /// Its lines.
     pub series: Vec<Series>,
     /// A dot at every point?
     pub dots: bool,
@@ -186,7 +179,7 @@ pub(super) fn ink(color: usize) -> String {
     format!("var(--s{})", color % COLORS)
 }
 
-/// With its scale, where that is not the usual one.
+/// The label, with its scale if that is logarithmic.
 pub(super) fn labelled(label: &str, axis: &Axis) -> String {
     if axis.is_log() && !label.is_empty() { format!("{label} (log scale)") } else { label.to_owned() }
 }

@@ -2,13 +2,12 @@
 
 use maud::{Markup, html};
 
-use super::axis::{Axis, tick_text};
+use super::axis::{Axis, Scale, tick_text};
 use super::chart::{dot, frame, ink, labelled, line, standalone, text};
 
 /// One measured value in a row.
 #[derive(Debug, Clone, Copy)]
 pub struct Dot {
-    /// The value.
     pub value: f64,
     /// Its standard error; two of them are drawn either way.
     pub error: f64,
@@ -19,17 +18,13 @@ pub struct Dot {
 /// Rows of dots over one axis.
 #[derive(Debug, Clone)]
 pub struct DotPlot {
-    /// Above it.
     pub title: String,
-    /// Below it.
     pub label: String,
-    /// The axis.
     pub axis: Axis,
     /// A value that matters, with a word.
     pub mark: Option<(f64, String)>,
     /// Names and colours of the kinds.
     pub kinds: Vec<(String, usize)>,
-    /// Names and dots.
     pub rows: Vec<(String, Vec<Dot>)>,
 }
 
@@ -40,10 +35,23 @@ const TOP: f64 = 54.0;
 const LANE: f64 = 9.0;
 
 impl DotPlot {
+    /// Ratios on a logarithmic axis around 1, where a line says `same`.
+    pub fn ratios(
+        title: &str,
+        label: &str,
+        same: &str,
+        kinds: Vec<(String, usize)>,
+        rows: Vec<(String, Vec<Dot>)>,
+    ) -> Self {
+        let shown = rows.iter().flat_map(|(_, dots)| dots.iter().map(|d| d.value.clamp(0.05, 8.0)));
+        let axis = Axis::fit(Scale::Log, shown.chain([0.8, 1.2]));
+        Self { title: title.to_owned(), label: label.to_owned(), axis, mark: Some((1.0, same.to_owned())), kinds, rows }
+    }
+
     /// The picture, to stand in a page that has [`super::chart::CSS`].
     pub fn svg(&self) -> Markup {
         let row_height = LANE * self.kinds.len() as f64 + 12.0;
-        let body = row_height * self.rows.len() as f64;
+        let plot_height = row_height * self.rows.len() as f64;
         // The legend, in as many lines as it takes.
         let (mut legend, mut at) = (Vec::new(), (LEFT, 34.0));
         for (name, color) in &self.kinds {
@@ -64,12 +72,12 @@ impl DotPlot {
                 (text((x + 8.0, y + 4.0), "", "start", name))
             }
             @for (tick, x) in self.axis.ticks().into_iter().filter_map(|t| Some((t, px(self.axis.position(t)?)))) {
-                (line("grid", (x, head), (x, head + body)))
-                (text((x, head + body + 16.0), "soft", "middle", &tick_text(tick)))
+                (line("grid", (x, head), (x, head + plot_height)))
+                (text((x, head + plot_height + 16.0), "soft", "middle", &tick_text(tick)))
             }
-            (text((LEFT + w / 2.0, head + body + 36.0), "soft", "middle", &labelled(&self.label, &self.axis)))
+            (text((LEFT + w / 2.0, head + plot_height + 36.0), "soft", "middle", &labelled(&self.label, &self.axis)))
             @if let Some((x, word)) = mark {
-                (line("mark", (x, head - 4.0), (x, head + body)))
+                (line("mark", (x, head - 4.0), (x, head + plot_height)))
                 (text((x + 4.0, head + 6.0), "soft", "start", word))
             }
             @for (i, (name, dots)) in self.rows.iter().enumerate() {
@@ -79,7 +87,7 @@ impl DotPlot {
                 @for dot in dots { (self.dot(dot, top + 6.0, px)) }
             }
         };
-        frame((WIDTH, head + body + 44.0), &self.title, content)
+        frame((WIDTH, head + plot_height + 44.0), &self.title, content)
     }
 
     /// A dot with its uncertainty, in its kind's lane of a row that begins at `top`; nothing if it has no place.
@@ -103,7 +111,6 @@ impl DotPlot {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::Scale;
 
     #[test]
     fn every_dot_is_drawn_beyond_the_axis_at_its_end() {

@@ -1,5 +1,4 @@
-//! Pages that people read: charts as SVG, pictures in false colour, one self-contained HTML file. Knows nothing of what
-//! is reported.
+//! Self-contained HTML pages of tables, SVG charts and false-colour pictures. Knows nothing of what is reported.
 
 pub mod axis;
 pub mod chart;
@@ -13,7 +12,33 @@ pub use chart::{Chart, Series};
 pub use dots::{Dot, DotPlot};
 pub use page::Page;
 pub use picture::{ColorScale, Picture};
-pub use table::{Table, Tone};
+pub use table::{Cell, Columns, Table, Tone};
+
+use std::path::Path;
+
+use bismar::Result;
+
+use crate::files;
+
+/// Writes `report.html`, and `charts/NAME.svg` for each chart's name and SVG.
+pub fn write(folder: &Path, page: String, charts: impl IntoIterator<Item = (String, String)>) -> Result<()> {
+    let svgs = folder.join("charts");
+    files::folder(&svgs)?;
+    for (name, svg) in charts {
+        files::write(&svgs.join(format!("{name}.svg")), svg)?;
+    }
+    files::write(&folder.join("report.html"), page)
+}
+
+/// "s" unless there is one.
+pub fn plural(n: usize) -> &'static str {
+    if n == 1 { "" } else { "s" }
+}
+
+/// A share in per cent, with two decimals.
+pub fn percent(share: f64) -> String {
+    if share.is_nan() { "–".to_owned() } else { format!("{:.2} %", share * 100.0) }
+}
 
 /// A number as people read it: three significant digits, plain from 0.001 to 100 000, a minus that is one.
 pub fn number(x: f64) -> String {

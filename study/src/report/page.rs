@@ -62,18 +62,17 @@ pub struct Page {
     title: String,
     lead: String,
     links: Vec<(String, String)>,
-    body: String,
+    content: String,
 }
 
 impl Page {
     /// A page with a title and a sentence or two that say what it is.
     pub fn new(title: &str, lead: &str) -> Self {
-        Self { title: title.to_owned(), lead: lead.to_owned(), links: Vec::new(), body: String::new() }
+        Self { title: title.to_owned(), lead: lead.to_owned(), links: Vec::new(), content: String::new() }
     }
 
-    /// Adds a piece.
     pub fn add(&mut self, piece: Markup) {
-        self.body += &piece.0;
+        self.content += &piece.0;
     }
 
     /// Begins a part that the list at the top leads to.
@@ -93,7 +92,6 @@ impl Page {
         self.add(html! { p { (marked(text)) } });
     }
 
-    /// A table.
     pub fn table(&mut self, table: &Table) {
         self.add(table.html());
     }
@@ -110,13 +108,12 @@ impl Page {
 
     /// Parts that only some readers want.
     pub fn details(&mut self, summary: &str, fill: impl FnOnce(&mut Page)) {
-        let before = std::mem::take(&mut self.body);
+        let before = std::mem::take(&mut self.content);
         fill(self);
-        let inside = PreEscaped(std::mem::replace(&mut self.body, before));
+        let inside = PreEscaped(std::mem::replace(&mut self.content, before));
         self.add(html! { details { summary { (marked(summary)) } (inside) } });
     }
 
-    /// The file.
     pub fn finish(self) -> String {
         let page = html! {
             (DOCTYPE)
@@ -131,7 +128,7 @@ impl Page {
                     h1 { (self.title) }
                     p.lead { (marked(&self.lead)) }
                     nav { @for (id, title) in &self.links { a href={ "#" (id) } { (title) } } }
-                    (PreEscaped(self.body))
+                    (PreEscaped(self.content))
                     script { (PreEscaped(SCRIPT)) }
                 }
             }
@@ -140,7 +137,6 @@ impl Page {
     }
 }
 
-/// What stands between backticks is code.
 fn marked(text: &str) -> Markup {
     html! {
         @for (i, piece) in text.split('`').enumerate() {
@@ -153,7 +149,7 @@ fn figure(class: &str, content: Markup, caption: &str) -> Markup {
     html! { figure class=(class) { (content) @if !caption.is_empty() { figcaption { (marked(caption)) } } } }
 }
 
-/// What may be wider than the page, so that it scrolls, by keys too.
+/// A box that scrolls, also by keys, if its content is wider than the page.
 pub(super) fn scrolling(what: &str, content: Markup) -> Markup {
     html! {
         div.scroll tabindex="0" role="region" aria-label=(what) { (content) }
@@ -161,31 +157,20 @@ pub(super) fn scrolling(what: &str, content: Markup) -> Markup {
     }
 }
 
-/// A chart with a caption, for a row.
 pub fn chart_figure(svg: Markup, caption: &str) -> Markup {
     figure("wide", scrolling("chart", svg), caption)
 }
 
-/// A picture with a caption, for a row.
-///
-/// # Errors
-/// As [`Picture::data_uri`].
 pub fn picture_figure(picture: &Picture, caption: &str) -> Result<Markup> {
     Ok(figure("pic", image(picture, caption)?, caption))
 }
 
 /// A small picture with a caption, for a row.
-///
-/// # Errors
-/// As [`Picture::data_uri`].
 pub fn crop_figure(picture: &Picture, caption: &str) -> Result<Markup> {
     Ok(figure("crop", image(picture, caption)?, caption))
 }
 
 /// A picture in false colours with what they mean: words at the low end, in the middle and at the high end.
-///
-/// # Errors
-/// As [`Picture::data_uri`].
 pub fn map_figure(picture: &Picture, scale: ColorScale, words: [&str; 3], caption: &str) -> Result<Markup> {
     let content = html! {
         (image(picture, caption)?)
@@ -201,9 +186,6 @@ fn image(picture: &Picture, alt: &str) -> Result<Markup> {
 }
 
 /// Two pictures of the same view, the right one over the left one up to where the reader pulls it.
-///
-/// # Errors
-/// As [`Picture::data_uri`].
 pub fn slider(left: (&Picture, &str), right: (&Picture, &str), caption: &str) -> Result<Markup> {
     let content = html! {
         div.slider {

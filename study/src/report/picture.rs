@@ -9,9 +9,7 @@ use image::{ExtendedColorType, ImageEncoder};
 /// 8-bit RGB, row by row from the top.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Picture {
-    /// Pixels a row.
     pub width: u32,
-    /// Rows.
     pub height: u32,
     /// Three bytes a pixel.
     pub bytes: Vec<u8>,
@@ -43,10 +41,6 @@ impl Picture {
         Self { width: side, height: side, bytes }
     }
 
-    /// As the address of a PNG that needs no file.
-    ///
-    /// # Errors
-    /// [`Error::Bug`] if it cannot be encoded.
     pub fn data_uri(&self) -> Result<String> {
         let mut png = Vec::new();
         PngEncoder::new(&mut png)
@@ -60,24 +54,11 @@ impl Picture {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ColorScale {
     /// From `low` to `high` on a logarithmic scale, dark to bright (inferno, by N. Smith and S. van der Walt).
-    Amount {
-        /// Black.
-        low: f64,
-        /// Pale yellow.
-        high: f64,
-    },
+    Amount { low: f64, high: f64 },
     /// From `-1` (blue) through 0 (pale) to 1 (red) (RdBu, by C. Brewer), of (value − middle)/half-width.
-    Difference {
-        /// Pale.
-        middle: f64,
-        /// From pale to the ends.
-        half_width: f64,
-    },
-    /// As [`ColorScale::Difference`], of log(value) from 1/`factor` through 1 to `factor`.
-    Ratio {
-        /// Red.
-        factor: f64,
-    },
+    Difference { middle: f64, half_width: f64 },
+    /// From 1/`factor` (blue) through 1 (pale) to `factor` (red), logarithmic.
+    Ratio { factor: f64 },
 }
 
 const INFERNO: [u32; 9] = [0x000004, 0x1f0c48, 0x550f6d, 0x88226a, 0xba3655, 0xe35933, 0xf98e09, 0xf9cb35, 0xfcffa4];
@@ -104,7 +85,7 @@ impl ColorScale {
         [mix(16), mix(8), mix(0)]
     }
 
-    /// As a CSS gradient from left to right.
+    /// A CSS gradient from left to right.
     pub fn gradient(self) -> String {
         let stops = if matches!(self, ColorScale::Amount { .. }) { &INFERNO } else { &RED_BLUE };
         let list = stops.iter().map(|c| format!("#{c:06x}")).collect::<Vec<_>>().join(",");

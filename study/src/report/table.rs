@@ -2,24 +2,37 @@
 
 use maud::{Markup, html};
 
+use super::number;
 use super::page::scrolling;
 
-/// How a cell stands out.
+/// Emphasis of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Tone {
-    /// Not at all.
     Plain,
     /// Better than what it is compared with.
     Good,
     /// Worse than what it is compared with.
     Bad,
-    /// Of less weight: controls, limits.
     Faint,
     /// Words, not a number: a column of these is set from the left.
     Words,
 }
 
 impl Tone {
+    /// Good where a ratio is below 1 by more than two standard errors, bad where it is above.
+    pub fn below_one(ratio: f64, error: f64) -> Self {
+        match () {
+            () if ratio + 2.0 * error < 1.0 => Self::Good,
+            () if ratio - 2.0 * error > 1.0 => Self::Bad,
+            () => Self::Plain,
+        }
+    }
+
+    /// Good where a ratio is above 1 by more than two standard errors, bad where it is below.
+    pub fn above_one(ratio: f64, error: f64) -> Self {
+        Self::below_one(2.0 - ratio, error)
+    }
+
     fn class(self) -> Option<&'static str> {
         match self {
             Tone::Plain => None,
@@ -31,26 +44,78 @@ impl Tone {
     }
 }
 
+/// The text of a cell and how it stands out.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Cell {
+    pub text: String,
+    pub tone: Tone,
+}
+
+impl From<(String, Tone)> for Cell {
+    fn from((text, tone): (String, Tone)) -> Self {
+        Self { text, tone }
+    }
+}
+
+impl From<String> for Cell {
+    fn from(text: String) -> Self {
+        (text, Tone::Plain).into()
+    }
+}
+
+impl From<&str> for Cell {
+    fn from(text: &str) -> Self {
+        text.to_owned().into()
+    }
+}
+
+impl From<f64> for Cell {
+    fn from(x: f64) -> Self {
+        number(x).into()
+    }
+}
+
+impl From<u64> for Cell {
+    fn from(n: u64) -> Self {
+        n.to_string().into()
+    }
+}
+
+/// Empty for `None`.
+impl<T: Into<Cell>> From<Option<T>> for Cell {
+    fn from(cell: Option<T>) -> Self {
+        cell.map_or_else(|| "".into(), T::into)
+    }
+}
+
 /// A table whose first column names its rows.
 #[derive(Debug, Clone, Default)]
 pub struct Table {
     /// Column heads, each with what it means (shown when pointed at).
-    pub columns: Vec<(String, String)>,
-    /// Cells.
-    pub rows: Vec<Vec<(String, Tone)>>,
+    columns: Vec<(String, String)>,
+    rows: Vec<Vec<Cell>>,
+}
+
+/// A table under construction: one row per value of `of`, columns added one by one.
+pub struct Columns<'a, R> {
+    of: &'a [R],
+    table: Table,
 }
 
 impl Table {
-    /// A table without rows.
-    pub fn new(columns: &[(&str, &str)]) -> Self {
-        let columns = columns.iter().map(|(head, meaning)| (head.to_string(), meaning.to_string())).collect();
-        Self { columns, rows: Vec::new() }
+    /// A table with a row per value, without columns.
+    pub fn of<R>(of: &[R]) -> Columns<'_, R> {
+        Columns { of, table: Self { columns: Vec::new(), rows: vec![Vec::new(); of.len()] } }
     }
 
-    /// The table.
+    /// Adds a row at the end.
+    pub fn push(&mut self, row: impl IntoIterator<Item = Cell>) {
+        self.rows.push(row.into_iter().collect());
+    }
+
     pub fn html(&self) -> Markup {
         let of_words = |column: usize| {
-            !self.rows.is_empty() && self.rows.iter().all(|row| matches!(row.get(column), Some((_, Tone::Words))))
+            !self.rows.is_empty() && self.rows.iter().all(|row| row.get(column).is_some_and(|c| c.tone == Tone::Words))
         };
         let meant = || self.columns.iter().filter(|(_, meaning)| !meaning.is_empty());
         html! {
@@ -62,7 +127,7 @@ impl Table {
                 } }
                 tbody {
                     @for row in &self.rows {
-                        tr { @for (text, tone) in row { td class=[tone.class()] { (text) } } }
+                        tr { @for Cell { text, tone } in row { td class=[tone.class()] { (text) } } }
                     }
                 }
             } }))
@@ -76,16 +141,41 @@ impl Table {
         }
     }
 
-    /// The table in Markdown.
     pub fn markdown(&self) -> String {
         let cell = |text: &str| text.replace('|', "\\|");
         let line = |cells: Vec<String>| format!("| {} |\n", cells.join(" | "));
         let mut out = line(self.columns.iter().map(|c| cell(&c.0)).collect());
         out += &line(vec!["---".to_owned(); self.columns.len()]);
         for row in &self.rows {
-            out += &line(row.iter().map(|(text, _)| cell(text)).collect());
+            out += &line(row.iter().map(|c| cell(&c.text)).collect());
         }
         out
+    }
+}
+
+impl<'a, R> Columns<'a, R> {
+    /// Adds a column: its head, what it means, and the cell of each row.
+    pub fn column<C: Into<Cell>>(mut self, head: &str, meaning: &str, cell: impl Fn(&'a R) -> C) -> Self {
+        self.table.columns.push((head.to_owned(), meaning.to_owned()));
+        self.table.rows.iter_mut().zip(self.of).for_each(|(row, of)| row.push(cell(of).into()));
+        self
+    }
+
+    /// Adds a column of words without a meaning of its own, set from the left.
+    pub fn words<T: Into<String>>(self, head: &str, text: impl Fn(&'a R) -> T) -> Self {
+        self.column(head, "", |of| (text(of).into(), Tone::Words))
+    }
+
+    /// Makes the cells so far of some rows faint.
+    pub fn faint(mut self, faint: impl Fn(&R) -> bool) -> Self {
+        for (row, _) in self.table.rows.iter_mut().zip(self.of).filter(|(_, of)| faint(of)) {
+            row.iter_mut().for_each(|cell| cell.tone = Tone::Faint);
+        }
+        self
+    }
+
+    pub fn end(self) -> Table {
+        self.table
     }
 }
 
@@ -95,15 +185,15 @@ mod tests {
 
     #[test]
     fn a_table_is_html_and_markdown() {
-        let mut table = Table::new(&[("a|b", "what \"a\" is"), ("c", "")]);
-        table.rows.push(vec![("<1>".into(), Tone::Plain), ("2".into(), Tone::Bad)]);
+        let table = Table::of(&["2"]).column("a|b", "what \"a\" is", |_| "<1>");
+        let mut table = table.column("c", "", |text| (text.to_string(), Tone::Bad)).end();
         assert_eq!(table.markdown(), "| a\\|b | c |\n| --- | --- |\n| <1> | 2 |\n");
         let html = table.html().0;
         assert!(html.contains("&lt;1&gt;") && html.contains(r#"<td class="bad">2"#) && html.contains("&quot;a&quot;"));
         assert!(html.contains(r#"tabindex="0""#) && html.contains("<dt>a|b</dt><dd>what &quot;a&quot; is</dd>"));
         assert!(!html.contains("<dt>c"), "nothing is said of it");
         assert!(!html.contains(r#"class="words""#));
-        table.rows[0][1].1 = Tone::Words;
+        table.rows[0][1].tone = Tone::Words;
         let html = table.html().0;
         assert!(html.contains(r#"<th class="words" title="">c"#) && html.contains(r#"<td class="words">2"#));
     }

@@ -1,20 +1,17 @@
-//! The failure modes that can be posed exactly, on images of discrete integrands.
+//! Exact cases: failure modes on images of discrete integrands.
 
 use super::domain::{Domain, Image, SIDE};
 
-/// A failure mode.
 pub struct Case {
-    /// As in the literature list of the docs: F1 … F17.
+    /// Number of the failure mode: F1 … F17.
     pub mode: &'static str,
     /// In a few words.
     pub name: &'static str,
-    /// How it is posed.
+    /// Description of the case.
     pub construct: &'static str,
-    /// Paths a pixel.
     pub paths: u32,
     /// Largest variance ratio to `half` in any pixel and channel that counts as survived.
     pub bar: f64,
-    /// What is rendered.
     pub image: Image,
 }
 
@@ -41,7 +38,6 @@ fn rare() -> Domain {
     Domain::grey([(0.6, 0.6, 0.2), (0.3, 0.0, 0.02)])
 }
 
-/// All of them.
 pub fn cases() -> Vec<Case> {
     let case = |mode, name, construct, image| Case { mode, name, construct, paths: PATHS, bar: BAR, image };
     let few = |paths, bar, case: Case| Case { paths, bar, ..case };
@@ -57,12 +53,17 @@ pub fn cases() -> Vec<Case> {
         }),
         few(4, 1.15, case("F3", "tiny pilot", "f = x², 4 paths", Image::flat(&square()))),
         few(32, 1.15, case("F3", "smallest pilots", "f = x², 32 paths", Image::flat(&square()))),
-        case("F4", "firefly", "one pixel of 16 sees, once in 500 samples, what outweighs all else a thousandfold", {
-            Image::new(|x, y| match (x, y) {
-                (1, 1) => (Domain::grey([(0.6, 0.7, 0.1), (0.4, 0.1, 0.5), (2.0, 0.003, 0.001)]), 1),
-                _ => (base(), 1),
-            })
-        }),
+        case(
+            "F4",
+            "firefly",
+            "one pixel of 16 meets, once in 500 samples, a contribution a thousand times everything else",
+            {
+                Image::new(|x, y| match (x, y) {
+                    (1, 1) => (Domain::grey([(0.6, 0.7, 0.1), (0.4, 0.1, 0.5), (2.0, 0.003, 0.001)]), 1),
+                    _ => (base(), 1),
+                })
+            },
+        ),
         few(PATHS, 1.0, case("F5", "black", "no light at all", Image::flat(&Domain::grey([(0.0, 0.6, 0.3)])))),
         few(
             PATHS,
@@ -76,7 +77,12 @@ pub fn cases() -> Vec<Case> {
                 ]))
             }),
         ),
-        case("F8", "partial support", "what no light sample finds, met by 2 % of BSDF samples", Image::flat(&rare())),
+        case(
+            "F8",
+            "partial support",
+            "a contribution that no light sample finds, and 2 % of BSDF samples",
+            Image::flat(&rare()),
+        ),
         case("F9", "channels disagree", "red by light samples, blue by BSDF samples, alike in brightness", {
             Image::flat(&Domain::new([([1.0, 0.1, 0.0], 0.5, 0.05), ([0.0, 0.1, 1.0], 0.05, 0.5)]))
         }),
@@ -90,7 +96,7 @@ pub fn cases() -> Vec<Case> {
             case(
                 "F12",
                 "pilot used again",
-                "a bright place that light samples find, a dim one for BSDF samples; 32 paths",
+                "a bright region that light samples find, a dim one for BSDF samples; 32 paths",
                 Image::flat(&dim_and_bright()),
             ),
         ),
@@ -100,11 +106,11 @@ pub fn cases() -> Vec<Case> {
             "disjoint supports, strong light ∝ p_l, weak light ∝ p_b but for 10 %",
             Image::flat(&Domain::grey([(0.8, 1.0, 0.0), (0.09, 0.0, 0.5), (0.11, 0.0, 0.5)])),
         ),
-        case("F14", "material edge", "two materials that want opposite shares, side by side", {
+        case("F14", "material edge", "two materials with opposite optimal shares, side by side", {
             let flip = |d: Domain| Domain::new(d.atoms.iter().map(|a| (a.f, a.bsdf, a.light)));
             Image::new(|x, _| if x < SIDE / 2 { (lit(), 1) } else { (flip(lit()), 2) })
         }),
-        case("F15", "shadow edge", "one material, half of the pixels without what light samples find", {
+        case("F15", "shadow edge", "one material, half of the pixels without the part that light samples find", {
             Image::new(|x, _| if x < SIDE / 2 { (lit(), 1) } else { (shadow(), 1) })
         }),
         case("F16", "broken values", "f < 0 and f = NaN on one sample in ten each", {
@@ -118,24 +124,24 @@ pub fn cases() -> Vec<Case> {
     ]
 }
 
-/// A bright place that light samples find, a dim one for BSDF samples.
+/// A bright region that light samples find, a dim one for BSDF samples.
 fn dim_and_bright() -> Domain {
     Domain::grey([(1.0, 0.3, 0.05), (0.3, 0.1, 0.5)])
 }
 
-/// Where the biased control has to be caught: 8 paths.
+/// The case in which the biased control must be caught: 8 paths.
 pub fn biased_control() -> Case {
     Case {
         mode: "F12",
-        name: "a pixel's own pilot weighed anew",
-        construct: "a bright place that light samples find, a dim one for BSDF samples; 8 paths",
+        name: "a pixel's own pilot, reweighted",
+        construct: "a bright region that light samples find, a dim one for BSDF samples; 8 paths",
         paths: 8,
         bar: f64::INFINITY,
         image: Image::flat(&dim_and_bright()),
     }
 }
 
-/// Where the unsafe control has to be caught.
+/// The case in which the unsafe control must be caught.
 pub fn unsafe_control() -> Case {
     Case {
         mode: "F8",

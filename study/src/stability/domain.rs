@@ -35,7 +35,6 @@ impl Atom {
     }
 }
 
-/// One pixel's integrand.
 #[derive(Debug, Clone)]
 pub struct Domain {
     /// Atoms. Each technique's probabilities add up to one.
@@ -115,12 +114,9 @@ impl Domain {
     }
 }
 
-/// An image of domains.
 #[derive(Debug, Clone)]
 pub struct Image {
-    /// Pixels per row.
     pub width: usize,
-    /// One per pixel.
     pub pixels: Vec<Domain>,
     /// Guides of the spread over neighbouring pixels, one per pixel.
     pub guides: Vec<PixelFeatures>,

@@ -59,7 +59,6 @@ fn share(subject: Subject, samples: &[(f32, f32)], others: &[(f32, f32)]) -> f32
     variances.choose(pixel, image.width, &image.guides, EQUAL_COST).light_share
 }
 
-/// Runs all checks.
 pub fn facts() -> Vec<Fact> {
     // Sixteen of each: light samples with r = 0.9 and a variance, BSDF samples without variance.
     let plain: Vec<_> =

@@ -38,7 +38,6 @@ pub enum Verdict {
 /// Measurements of an estimator in one mode.
 #[derive(Debug, Clone, Serialize)]
 pub struct Outcome {
-    /// Name of the estimator.
     pub estimator: String,
     /// Whether all values are finite and all shares in [0, 1].
     pub finite: bool,
@@ -50,9 +49,7 @@ pub struct Outcome {
     pub bias: f64,
     /// Mean over pixels and channels of the variance over that of `half`.
     pub mean_ratio: f64,
-    /// Largest ratio.
     pub worst_ratio: f64,
-    /// Its standard error.
     pub worst_se: f64,
     /// Largest excess of a pixel and channel over the mode's bar, in standard errors.
     pub excess: f64,
@@ -96,7 +93,6 @@ impl Ratios {
         Self { bar, all: Sums::default(), worst: (0.0, 0.0), excess: 0.0 }
     }
 
-    /// Adds a ratio and its standard error.
     pub fn add(&mut self, ratio: f64, error: f64) {
         self.all.add(ratio);
         if ratio > self.worst.0 {
@@ -108,7 +104,6 @@ impl Ratios {
         }
     }
 
-    /// Mean.
     pub fn mean(&self) -> f64 {
         self.all.mean()
     }
@@ -118,7 +113,7 @@ impl Ratios {
 #[derive(Debug, Clone)]
 pub struct Tally {
     truth: Vec<[f64; 3]>,
-    /// By pixel and channel: estimate − truth, exact variance.
+    /// Per pixel and channel: estimate − truth, exact variance.
     estimate: Vec<[Sums; 3]>,
     variance: Vec<[Sums; 3]>,
     picture: [Sums; 3],
@@ -127,7 +122,6 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// No replicas.
     pub fn new(truth: &[[f64; 3]]) -> Self {
         let none = vec![[Sums::default(); 3]; truth.len()];
         Self {

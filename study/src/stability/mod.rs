@@ -34,15 +34,12 @@ use simulate::{Subject, replica};
 pub struct ModeResult {
     /// F1 … F18, F24.
     pub mode: &'static str,
-    /// Short name.
     pub name: &'static str,
     /// Description of the case.
     pub construct: &'static str,
     /// Whether variances come from renders; otherwise they are exact.
     pub rendered: bool,
-    /// Paths per pixel.
     pub paths: u32,
-    /// Number of replicas.
     pub replicas: u32,
     /// Largest variance ratio to `half` with which an estimator survives.
     pub bar: f64,
@@ -52,16 +49,12 @@ pub struct ModeResult {
     pub outcomes: Vec<Outcome>,
 }
 
-/// A positive control.
 #[derive(Debug, Clone, Serialize)]
 pub struct Control {
-    /// Number of the mode.
     pub mode: &'static str,
-    /// The deliberate error.
     pub name: &'static str,
     /// The check that must catch it.
     pub check: &'static str,
-    /// Its result.
     pub outcome: Outcome,
     /// Whether the check caught it.
     pub caught: bool,
@@ -76,11 +69,8 @@ pub struct Results {
     pub tests: usize,
     /// Upper bound of the probability of a false alarm in any test.
     pub false_alarm: f64,
-    /// Ordered by number.
     pub modes: Vec<ModeResult>,
-    /// Deterministic checks.
     pub facts: Vec<Fact>,
-    /// Positive controls.
     pub controls: Vec<Control>,
 }
 
@@ -124,7 +114,6 @@ impl Found {
         self.balance.as_ref().map_or_else(guiding, Results::replicas)
     }
 
-    /// Controls of both.
     pub fn controls(&self) -> impl Iterator<Item = &Control> {
         let of_balance = self.balance.iter().flat_map(|r| &r.controls);
         of_balance.chain(self.guiding.iter().flat_map(|r| &r.controls))
@@ -147,9 +136,6 @@ pub fn steps(scenes: bool) -> usize {
 
 /// Measures all exact cases with `replicas` ≥ 2, and all scenes with `scene_replicas` ≥ 2 unless that is `None`. Calls `done`
 /// after each of [`steps`]; `done` may stop the measurement with an error, and must once `stop` is raised.
-///
-/// # Errors
-/// Errors of `done` and of building the scenes.
 pub fn measure(
     replicas: u32,
     scene_replicas: Option<u32>,
@@ -165,33 +151,15 @@ pub fn measure(
         }
         let best = case.image.pixels.iter().map(|d| d.best(case.paths)).sum::<f64>() / case.image.pixels.len() as f64;
         let Case { mode, name, construct, paths, bar, .. } = case;
-        modes.push(ModeResult {
-            mode,
-            name,
-            construct,
-            rendered: false,
-            paths,
-            replicas,
-            bar,
-            best: Some(best),
-            outcomes,
-        });
+        let (rendered, best) = (false, Some(best));
+        modes.push(ModeResult { mode, name, construct, rendered, paths, replicas, bar, best, outcomes });
     }
     if let Some(replicas) = scene_replicas {
         for case in scenes::scene_cases()? {
             let outcomes = case.outcomes(Balance::all(), replicas, stop, done)?;
             let (mode, name, construct, paths) = (case.mode, case.name, case.construct, scenes::PATHS);
-            modes.push(ModeResult {
-                mode,
-                name,
-                construct,
-                rendered: true,
-                paths,
-                replicas,
-                bar: cases::BAR,
-                best: None,
-                outcomes,
-            });
+            let (rendered, bar, best) = (true, cases::BAR, None);
+            modes.push(ModeResult { mode, name, construct, rendered, paths, replicas, bar, best, outcomes });
         }
     }
     modes.sort_by_key(|m| m.mode[1..].parse::<u32>().unwrap_or(u32::MAX));
@@ -203,21 +171,12 @@ pub fn measure(
     let all = modes.iter().flat_map(|m| &m.outcomes).chain([&biased_outcome, &unsafe_outcome]);
     let tests = all.map(|o| o.tests).sum();
     let z_limit = z_limit(tests);
+    let control =
+        |Case { mode, name, .. }: Case, check, caught, outcome| Control { mode, name, check, outcome, caught };
+    let unsafe_caught = unsafe_outcome.verdict(unsafe_case.bar, z_limit) == Verdict::Fails;
     let controls = vec![
-        Control {
-            mode: biased.mode,
-            name: biased.name,
-            check: "z-test of the mean",
-            caught: biased_outcome.z > z_limit,
-            outcome: biased_outcome,
-        },
-        Control {
-            mode: unsafe_case.mode,
-            name: unsafe_case.name,
-            check: "worst pixel's variance",
-            caught: unsafe_outcome.verdict(unsafe_case.bar, z_limit) == Verdict::Fails,
-            outcome: unsafe_outcome,
-        },
+        control(biased, "z-test of the mean", biased_outcome.z > z_limit, biased_outcome),
+        control(unsafe_case, "worst pixel's variance", unsafe_caught, unsafe_outcome),
     ];
     Ok(Results { z_limit, tests, false_alarm: judge::FALSE_ALARM, modes, facts: facts::facts(), controls })
 }

@@ -4,30 +4,31 @@ use std::path::Path;
 
 use bismar::Result;
 
+use super::facts::Fact;
 use super::judge::{Outcome, Verdict};
 use super::scenes::OTHER_SEEDS;
 use super::simulate::Subject;
 use super::{Control, Found, ModeResult, Results, guiding};
 use crate::files;
 use crate::provenance::Provenance;
-use crate::report::{Page, Table, Tone, number};
+use crate::report::{Cell, Columns, Page, Table, Tone, number};
 
 /// Version of the JSON. It rises when a field changes its meaning or is removed.
 const SCHEMA: u32 = 1;
 
-/// A number with the mark and tone of its verdict.
-fn marked(text: String, verdict: Verdict) -> (String, Tone) {
+/// A text with the mark and tone of its verdict.
+fn marked(text: String, verdict: Verdict) -> Cell {
     match verdict {
-        Verdict::Survives => (text, Tone::Plain),
-        Verdict::Unsure => (format!("{text} ?"), Tone::Faint),
-        Verdict::Fails => (format!("{text} ✗"), Tone::Bad),
-        Verdict::Wrong => ("wrong ✗".to_owned(), Tone::Bad),
+        Verdict::Survives => text.into(),
+        Verdict::Unsure => (format!("{text} ?"), Tone::Faint).into(),
+        Verdict::Fails => (format!("{text} ✗"), Tone::Bad).into(),
+        Verdict::Wrong => ("wrong ✗".to_owned(), Tone::Bad).into(),
     }
 }
 
 /// A variance ratio with its verdict. It has three decimals if two would round it to the bar; an unsure one has its
 /// standard error.
-pub(super) fn judged(outcome: &Outcome, bar: f64, verdict: Verdict) -> (String, Tone) {
+pub(super) fn judged(outcome: &Outcome, bar: f64, verdict: Verdict) -> Cell {
     let (worst, error) = (outcome.worst_ratio, outcome.worst_se);
     let text = match ratio(worst) {
         rounded if rounded == ratio(bar) && verdict != Verdict::Survives => format!("{worst:.3}"),
@@ -41,7 +42,7 @@ pub(super) fn judged(outcome: &Outcome, bar: f64, verdict: Verdict) -> (String, 
 }
 
 /// The largest |z| of an estimator in a mode, with its verdict.
-pub(super) fn largest_z(outcome: &Outcome, verdict: Verdict) -> (String, Tone) {
+pub(super) fn largest_z(outcome: &Outcome, verdict: Verdict) -> Cell {
     let verdict = if verdict == Verdict::Wrong { Verdict::Fails } else { Verdict::Survives };
     marked(format!("{:.1}", outcome.z), verdict)
 }
@@ -55,136 +56,88 @@ pub(super) fn ratio(x: f64) -> String {
     }
 }
 
+pub(super) fn faint(text: impl Into<String>) -> Cell {
+    (text.into(), Tone::Faint).into()
+}
+
+/// A table with a row per mode and a column per estimator. `cell` is `None` where an estimator lacks a mode.
+pub(super) fn by_mode<'a, M, C: Into<Cell>>(
+    modes: &'a [M],
+    name: fn(&M) -> String,
+    estimators: &[String],
+    cell: impl Fn(&'a M, &str) -> Option<C>,
+) -> Columns<'a, M> {
+    let table = Table::of(modes).column("mode", "failure mode", name);
+    estimators.iter().fold(table, |table, estimator| {
+        table.column(estimator, "", |mode| cell(mode, estimator).map_or_else(|| faint("–"), C::into))
+    })
+}
+
+/// [`by_mode`] for the estimators of the balance.
+fn balances<'a, C: Into<Cell>>(
+    results: &'a Results,
+    cell: impl Fn(&'a ModeResult, &'a Outcome) -> C,
+) -> Columns<'a, ModeResult> {
+    let names: Vec<_> = Subject::shown().into_iter().map(Subject::name).collect();
+    by_mode(&results.modes, name_of, &names, |mode, name| {
+        mode.outcomes.iter().find(|o| o.estimator == name).map(|o| cell(mode, o))
+    })
+}
+
 fn name_of(mode: &ModeResult) -> String {
     format!("{} {}", mode.mode, mode.name)
 }
 
-fn none() -> (String, Tone) {
-    ("–".to_owned(), Tone::Faint)
-}
-
-/// A table with a row per mode, a column per estimator, and further columns.
-fn by_mode(
-    results: &Results,
-    cell: impl Fn(&ModeResult, &Outcome) -> (String, Tone),
-    last: &[(&str, &str)],
-    others: impl Fn(&ModeResult) -> Vec<String>,
-) -> Table {
-    let mut table = Table::new(&[("mode", "failure mode")]);
-    let names: Vec<_> = Subject::shown().into_iter().map(Subject::name).collect();
-    table.columns.extend(names.iter().map(|name| (name.clone(), String::new())));
-    table.columns.extend(last.iter().map(|(a, b)| ((*a).to_owned(), (*b).to_owned())));
-    for mode in &results.modes {
-        let mut row = vec![(name_of(mode), Tone::Plain)];
-        let of = |name: &String| mode.outcomes.iter().find(|o| o.estimator == *name);
-        row.extend(names.iter().map(|name| of(name).map_or_else(none, |o| cell(mode, o))));
-        row.extend(others(mode).into_iter().map(|text| (text, Tone::Faint)));
-        table.rows.push(row);
-    }
-    table
-}
-
 /// The worst pixel and channel of each mode and estimator, and the number of failures of each estimator.
 pub fn survival(results: &Results) -> Table {
-    let cell = |m: &ModeResult, o: &Outcome| judged(o, m.bar, results.verdict(m, o));
-    let bar = ("bar", "largest variance ratio that survives");
-    let mut table = by_mode(results, cell, &[bar], |m| vec![ratio(m.bar)]);
-    let all = || results.modes.iter().flat_map(|m| m.outcomes.iter().map(move |o| (m, o)));
+    let table = balances(results, |m, o| judged(o, m.bar, results.verdict(m, o)));
+    let mut table = table.column("bar", "largest variance ratio that survives", |m| faint(ratio(m.bar))).end();
     let of = |subject: Subject| {
-        let own = all().filter(|(_, o)| o.estimator == subject.name());
+        let all = results.modes.iter().flat_map(|m| m.outcomes.iter().map(move |o| (m, o)));
+        let own = all.filter(|(_, o)| o.estimator == subject.name());
         own.map(|(m, o)| results.verdict(m, o)).collect::<Vec<_>>()
     };
-    table.rows.push(failures(Subject::shown().into_iter().map(of)));
+    table.push(failures(Subject::shown().into_iter().map(of)));
     table
 }
 
 /// The last row of the survival table: the number of certain failures of each estimator.
-pub(super) fn failures(verdicts: impl Iterator<Item = Vec<Verdict>>) -> Vec<(String, Tone)> {
+pub(super) fn failures(verdicts: impl Iterator<Item = Vec<Verdict>>) -> impl Iterator<Item = Cell> {
     let of = |own: Vec<Verdict>| {
         let failed = own.iter().filter(|v| matches!(v, Verdict::Fails | Verdict::Wrong)).count();
-        (format!("{failed} of {}", own.len()), if failed > 0 { Tone::Bad } else { Tone::Good })
+        (format!("{failed} of {}", own.len()), if failed > 0 { Tone::Bad } else { Tone::Good }).into()
     };
-    let name = ("fails for sure".to_owned(), Tone::Plain);
-    std::iter::once(name).chain(verdicts.map(of)).chain([(String::new(), Tone::Faint)]).collect()
-}
-
-/// Mean variance ratios, and the least that a fixed share reaches.
-fn means(results: &Results) -> Table {
-    let best = ("best fixed share", "least variance of any fixed sample counts");
-    let cell = |_: &ModeResult, o: &Outcome| (ratio(o.mean_ratio), Tone::Plain);
-    by_mode(results, cell, &[best], |m| vec![m.best.map_or("–".to_owned(), ratio)])
-}
-
-/// Largest |z| of each mode and estimator.
-fn unbiased(results: &Results) -> Table {
-    let cell = |m: &ModeResult, o: &Outcome| largest_z(o, results.verdict(m, o));
-    by_mode(results, cell, &[("tests", "z-tests per estimator")], |m| {
-        vec![m.outcomes.first().map_or(0, |o| o.tests).to_string()]
-    })
-}
-
-/// Mean share of light samples and its standard deviation.
-fn shares(results: &Results) -> Table {
-    let cell = |_: &ModeResult, o: &Outcome| (format!("{:.2} ± {:.2}", o.share, o.share_sd), Tone::Plain);
-    by_mode(results, cell, &[], |_| vec![])
-}
-
-fn constructs(results: &Results) -> Table {
-    let mut table = Table::new(&[("mode", ""), ("construction", ""), ("paths per pixel", ""), ("variances from", "")]);
-    for m in &results.modes {
-        let by = if m.rendered { "renders" } else { "exact sums" };
-        let cells = [name_of(m), m.construct.to_owned(), m.paths.to_string(), by.to_owned()];
-        table.rows.push(cells.map(|c| (c, Tone::Words)).to_vec());
-    }
-    table
+    std::iter::once("fails for sure".into()).chain(verdicts.map(of)).chain([faint("")])
 }
 
 fn facts(results: &Results) -> Table {
-    let mut table = Table::new(&[("mode", ""), ("samples", ""), ("correct", "")]);
-    let names = results.facts.first().map_or(&[][..], |f| &f.answers).iter();
-    table.columns.extend(names.map(|(name, ..)| (name.clone(), String::new())));
-    for fact in &results.facts {
-        let mut row = [fact.mode, fact.shown, fact.right].map(|t| (t.to_owned(), Tone::Words)).to_vec();
-        row.extend(fact.answers.iter().map(|(_, share, right)| {
-            marked(format!("{share:.3}"), if *right { Verdict::Survives } else { Verdict::Fails })
-        }));
-        table.rows.push(row);
-    }
-    table
+    let table = Table::of(&results.facts);
+    let table = table.words("mode", |f| f.mode).words("samples", |f| f.shown).words("correct", |f| f.right);
+    let names = results.facts.first().map_or(&[][..], |f| &f.answers).iter().enumerate();
+    let share = |f: &Fact, i: usize| {
+        let (_, share, right) = &f.answers[i];
+        marked(format!("{share:.3}"), if *right { Verdict::Survives } else { Verdict::Fails })
+    };
+    names.fold(table, |table, (i, (name, ..))| table.column(name, "", |f| share(f, i))).end()
 }
 
 pub(super) fn controls(controls: &[Control]) -> Table {
-    let mut table = Table::new(&[
-        ("control", ""),
-        ("deliberate error", ""),
-        ("bias", ""),
-        ("largest z", ""),
-        ("worst ratio", ""),
-        ("check", ""),
-        ("caught", ""),
-    ]);
-    for c in controls {
-        let o = &c.outcome;
-        // Passes of the biased control are correlated: its exact variance is unknown.
-        let worst = if c.check.starts_with('z') { "–".to_owned() } else { ratio(o.worst_ratio) };
-        let cells = [
-            (o.estimator.clone(), Tone::Words),
-            (format!("{} ({})", c.name, c.mode), Tone::Words),
-            (format!("{:+.2} %", 100.0 * o.bias).replace('-', "−"), Tone::Plain),
-            (format!("{:.1}", o.z), Tone::Plain),
-            (worst, Tone::Plain),
-            (c.check.to_owned(), Tone::Words),
-        ];
-        let mut row = cells.to_vec();
-        row.push(if c.caught { ("yes".to_owned(), Tone::Good) } else { ("NO".to_owned(), Tone::Bad) });
-        table.rows.push(row);
-    }
-    table
+    // Passes of the biased control are correlated: its exact variance is unknown.
+    let worst = |c: &Control| if c.check.starts_with('z') { "–".to_owned() } else { ratio(c.outcome.worst_ratio) };
+    Table::of(controls)
+        .words("control", |c| &*c.outcome.estimator)
+        .words("deliberate error", |c| format!("{} ({})", c.name, c.mode))
+        .column("bias", "", |c| format!("{:+.2} %", 100.0 * c.outcome.bias).replace('-', "−"))
+        .column("largest z", "", |c| format!("{:.1}", c.outcome.z))
+        .column("worst ratio", "", worst)
+        .words("check", |c| c.check)
+        .column("caught", "", |c| if c.caught { ("yes".to_owned(), Tone::Good) } else { ("NO".to_owned(), Tone::Bad) })
+        .end()
 }
 
 const LEAD: &str = "Which `--balance` is safe in the failure modes of adaptive sampling. The numbers are variances over those \
-of `half` with equal paths, in the worst pixel and colour channel: 1 is no harm, below 1 is a gain. F19 to F23 test path \
-guiding.";
+of `half` with equal paths, in the worst pixel and colour channel: 1 is no harm, below 1 is a gain. `half` fails nothing. F19 to \
+F23 test path guiding.";
 const WORST: &str = "✗: a pixel exceeds the mode's bar by more than chance explains. ?: the worst pixel (± its standard error) \
 exceeds it, but chance may explain that. 1.00 may mean that a method learned nothing from so few samples, or nothing that it \
 trusted: see its shares below. `power` and `max` do not adapt; their losses come from their weights. `ridge` and `minimax` \
@@ -216,15 +169,26 @@ fn of_balance(results: &Results) -> Vec<Part> {
          seeds.",
         results.tests, results.false_alarm, results.z_limit
     );
+    let means = balances(results, |_, o| ratio(o.mean_ratio));
+    let means = means.column("best fixed share", "least variance of any fixed sample counts", |m| {
+        faint(m.best.map_or("–".to_owned(), ratio))
+    });
+    let unbiased = balances(results, |m, o| largest_z(o, results.verdict(m, o)));
+    let unbiased = unbiased
+        .column("tests", "z-tests per estimator", |m| faint(m.outcomes.first().map_or(0, |o| o.tests).to_string()));
+    let shares = balances(results, |_, o| format!("{:.2} ± {:.2}", o.share, o.share_sd));
+    let modes = Table::of(&results.modes).words("mode", name_of).words("construction", |m| m.construct);
+    let modes = modes.words("paths per pixel", |m| m.paths.to_string());
+    let modes = modes.words("variances from", |m| if m.rendered { "renders" } else { "exact sums" });
     let part = |title, text: &str, table| Part { title, text: text.to_owned(), table };
     vec![
         part("Who survives what", WORST, survival(results)),
-        part("On average", "The same ratios, averaged over pixels and channels.", means(results)),
-        part("Means", &family, unbiased(results)),
+        part("On average", "The same ratios, averaged over pixels and channels.", means.end()),
+        part("Means", &family, unbiased.end()),
         part("Controls", "Deliberate errors that the checks must catch.", controls(&results.controls)),
-        part("Shares", SHARES, shares(results)),
+        part("Shares", SHARES, shares.end()),
         part("Shares after hard samples", FACTS, facts(results)),
-        part("The modes", METHOD, constructs(results)),
+        part("The modes", METHOD, modes.end()),
     ]
 }
 
@@ -245,8 +209,8 @@ fn command(found: &Found) -> String {
 
 /// The tables for `docs`.
 pub fn markdown(found: &Found) -> String {
-    let mut text = "# Where methods fail\n".to_owned();
-    text += &format!("\n    {}\n\nwrote this; `make stability` copies it here.\n\n{LEAD}\n", command(found));
+    let mut text = "# Failure modes\n".to_owned();
+    text += &format!("\n    {}\n\nwrote this page; `make stability` copies it here.\n\n{LEAD}\n", command(found));
     for part in parts(found) {
         text += &format!("\n## {}\n\n{}\n\n{}", part.title, part.text, part.table.markdown());
     }
@@ -254,11 +218,8 @@ pub fn markdown(found: &Found) -> String {
 }
 
 /// Writes `report.html`, `stability.md` and `stability.json` into a folder.
-///
-/// # Errors
-/// As [`files::write`].
 pub fn write(folder: &Path, found: &Found) -> Result<()> {
-    let mut page = Page::new("Where methods fail", LEAD);
+    let mut page = Page::new("Failure modes", LEAD);
     for part in parts(found) {
         page.section(part.title);
         page.text(&part.text);

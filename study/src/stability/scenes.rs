@@ -20,7 +20,6 @@ use super::renders::Renders;
 pub(super) const SIDE: u32 = 4;
 /// Number of [`scene_cases`].
 pub const SCENES: usize = 8;
-/// Paths per pixel.
 pub const PATHS: u32 = 64;
 /// First seed of the renders that estimate the true means.
 pub const OTHER_SEEDS: u32 = 1 << 30;
@@ -29,7 +28,6 @@ pub const OTHER_SEEDS: u32 = 1 << 30;
 pub struct SceneCase {
     /// F1 … F18, F24.
     pub mode: &'static str,
-    /// Short name.
     pub name: &'static str,
     /// Description of the scene.
     pub construct: &'static str,
@@ -38,14 +36,14 @@ pub struct SceneCase {
 }
 
 /// An environment with a dimmer left half and a bright sun low on the right.
-fn sun_and_sky() -> Environment {
+fn sun_environment() -> Environment {
     let (width, height) = (16, 8);
     let texel = |i: u32| match (i % width, i / width) {
         (8, 2) => [60.0; 3],
         (x, _) => [if x < 8 { 0.2 } else { 0.4 }; 3],
     };
     let pixels = (0..width * height).map(texel).collect();
-    Environment { name: "sun and sky".into(), width, height, pixels, rotation: 0.0, strength: 1.0 }
+    Environment { name: "sun".into(), width, height, pixels, rotation: 0.0, strength: 1.0 }
 }
 
 /// Adds a parallelogram with the edges `u` and `v`; it faces `u` × `v`.
@@ -65,12 +63,8 @@ pub(super) fn ceiling(scene: &mut Scene, [x, y, z]: [f32; 3], w: f32, material: 
     plate(scene, [x - w, y, z - w], [2.0 * w, 0.0, 0.0], [0.0, 0.0, 2.0 * w], material);
 }
 
-/// Builds all cases.
-///
-/// # Errors
-/// As [`PreparedScene::build`].
 pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
-    let sky = || Scene { environment: Some(Environment::constant([0.4; 3])), ..Default::default() };
+    let lit_from_infinity = || Scene { environment: Some(Environment::constant([0.4; 3])), ..Default::default() };
     let build = |mode, name, construct, integrator, mut scene: Scene, yfov| {
         look(&mut scene, [0.0, 1.2, 3.0], [0.0; 3], yfov);
         Ok(SceneCase {
@@ -100,23 +94,23 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
         range: f32::INFINITY,
     });
 
-    let mut sobol = sky();
+    let mut sobol = lit_from_infinity();
     floor(&mut sobol, [-3.0, 3.0], metal(0.4));
     ceiling(&mut sobol, [0.0, 1.0, -0.6], 0.4, area_light(6.0));
 
-    let mut edge = sky();
+    let mut edge = lit_from_infinity();
     floor(&mut edge, [-3.0, 0.0], metal(0.2));
     floor(&mut edge, [0.0, 3.0], lambert(0.6));
     ceiling(&mut edge, [0.0, 1.0, -0.6], 0.4, area_light(6.0));
 
-    let mut shadow = sky();
+    let mut shadow = lit_from_infinity();
     floor(&mut shadow, [-3.0, 3.0], metal(0.5));
     ceiling(&mut shadow, [0.0, 1.0, -0.6], 0.3, area_light(6.0));
     ceiling(&mut shadow, [-0.52, 0.2, -0.1], 0.5, lambert(0.0));
 
     // The sun is in +x. In the first scene a wall shades half of the floor; in the second a wall shades all of it.
     let under = |wall: [f32; 3]| {
-        let mut scene = Scene { environment: Some(sun_and_sky()), ..Default::default() };
+        let mut scene = Scene { environment: Some(sun_environment()), ..Default::default() };
         floor(&mut scene, [-3.0, 0.0], metal(0.3));
         floor(&mut scene, [0.0, 3.0], lambert(0.6));
         plate(&mut scene, [1.0, 0.0, wall[0]], [0.0, 0.0, wall[1]], [0.0, wall[2], 0.0], lambert(0.2));
@@ -138,24 +132,45 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
 
     let direct = Integrator::Direct;
     Ok([
-        build("F6", "deltas", "a mirror, a diffuse floor, a point light, a lamp", direct, delta, 0.3)?,
+        build("F6", "deltas", "a mirror, a diffuse floor, a point light, an area light", direct, delta, 0.3)?,
         build(
             "F8",
             "caustic",
-            "a lamp, and its picture in a small mirror that only BSDF samples find",
+            "an area light, and its reflection in a small mirror that only BSDF samples find",
             Integrator::Path,
             caustic,
             0.2,
         )?,
-        build("F11", "low-discrepancy points", "a glossy floor under a lamp and a sky", direct, sobol, 0.5)?,
-        build("F14", "material edge, rendered", "a near mirror beside a diffuse floor", direct, edge, 0.3)?,
+        build(
+            "F11",
+            "low-discrepancy points",
+            "a glossy floor under an area light and an environment",
+            direct,
+            sobol,
+            0.5,
+        )?,
+        build("F14", "material edge, rendered", "a near mirror next to a diffuse floor", direct, edge, 0.3)?,
         build("F15", "shadow edge, rendered", "a hard shadow across a glossy floor", direct, shadow, 0.2)?,
-        build("F18", "compensation, in the sun", "sun and sky, a wall's shadow", Integrator::Path, sunny, 0.3)?,
-        build("F18", "compensation, in the shade", "a sky whose sun a wall hides", Integrator::Path, shady, 0.3)?,
+        build(
+            "F18",
+            "compensation, in the sun",
+            "an environment with a sun, a wall's shadow",
+            Integrator::Path,
+            sunny,
+            0.3,
+        )?,
+        build(
+            "F18",
+            "compensation, in the shade",
+            "an environment whose sun a wall hides",
+            Integrator::Path,
+            shady,
+            0.3,
+        )?,
         build(
             "F24",
-            "learned lamps",
-            "a bright lamp that one column sees past a wall, a dim one",
+            "learned light selection",
+            "a bright area light that one column sees past a wall, and a dim one",
             direct,
             walled,
             0.3,

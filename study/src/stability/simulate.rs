@@ -14,7 +14,6 @@ use glam::Vec3;
 use super::domain::{Atom, Image};
 use super::regularised::{minimax_ridge, second_order_ridge};
 
-/// Who is tested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Subject {
     /// A method of `--balance`.
@@ -23,7 +22,7 @@ pub enum Subject {
     Ridge,
     /// The paper's passes, and the share that is best against the worst integrand, with a ridge of two.
     Minimax,
-    /// Positive control of unbiasedness: a pixel's own pilot is weighed anew by a share that follows from that pilot.
+    /// Positive control of unbiasedness: a pixel's own pilot is reweighted by a share that was estimated from it.
     Biased,
     /// Positive control of safety: after a pilot of a quarter, the share that minimises the second moment of the pixel's
     /// own samples, without pseudo-observations.
@@ -31,12 +30,10 @@ pub enum Subject {
 }
 
 impl Subject {
-    /// Whom the tables show.
     pub fn shown() -> Vec<Self> {
         Balance::all().iter().map(|&b| Self::Method(b)).chain([Self::Ridge, Self::Minimax]).collect()
     }
 
-    /// Does it learn from samples?
     pub fn learns(self) -> bool {
         self.method().learns()
     }
@@ -52,7 +49,6 @@ impl Subject {
         }
     }
 
-    /// For tables.
     pub fn name(self) -> String {
         self.method().name().to_owned()
     }
@@ -158,10 +154,8 @@ impl Method for Unsafe {
     }
 }
 
-/// What one replica gave one pixel.
 #[derive(Debug, Clone, Copy)]
 pub struct Shot {
-    /// The picture's value.
     pub estimate: [f64; 3],
     /// Its exact variance at the shares that were chosen: Σ_k (n_k/N)² V(α_k), as passes are uncorrelated. Without meaning
     /// for the biased control.
@@ -195,12 +189,10 @@ pub fn replica(image: &Image, subject: Subject, paths: u32, random: &mut SplitMi
 /// Samples of either technique cost the same here.
 pub const EQUAL_COST: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
 
-/// One pixel under way.
+/// Sums of one pixel.
 #[derive(Debug, Clone, Default)]
 struct Sums {
-    /// Over paths.
     sum: [f64; 3],
-    /// Σ n_k² V_k.
     variance: [f64; 3],
 }
 
@@ -288,7 +280,7 @@ impl Exact<'_> {
                 if atom.f == [0.0; 3] {
                     continue;
                 }
-                // What is broken is learned from too: the balance has to stand it.
+                // Invalid values are passed on: the balance must handle them.
                 let (a_l, a_b) = (f64::from(weighed.light_per_path()), f64::from(weighed.bsdf_per_path()));
                 let z = atom.f.map(|f| 2.0 * f / (a_l * atom.light + a_b * atom.bsdf));
                 let y = atom.f.map(|f| 2.0 * f / (atom.light + atom.bsdf));

@@ -1,4 +1,4 @@
-//! Charts of a scene, and of all.
+//! Charts of one scene and of all scenes.
 
 use super::SceneResults;
 use crate::balance::table::{Level, Outcome, Row};
@@ -22,7 +22,7 @@ fn color(name: &str) -> usize {
     }
 }
 
-/// Rows to compare with `half`: no control, not `half` itself.
+/// All but `half` and its control.
 fn others(level: &Level) -> impl Iterator<Item = &Outcome> {
     level.results.iter().filter(|o| o.estimator.is_some_and(|e| e != HALF))
 }
@@ -33,22 +33,19 @@ pub(super) fn overview(design: &Design, scenes: &[SceneResults]) -> Option<DotPl
     let dots = |scene: &SceneResults| {
         let outcomes = scene.top().into_iter().flat_map(others);
         let dot = |o: &Outcome| Some(Dot { value: o.row.ratio, error: o.row.ratio_se, kind: kind(&o.row)? });
-        (scene.name.clone(), outcomes.filter_map(dot).collect::<Vec<_>>())
+        (scene.name.clone(), outcomes.filter_map(dot).collect())
     };
-    let rows = scenes.iter().map(dots).collect::<Vec<_>>();
-    let values = rows.iter().flat_map(|(_, dots)| dots.iter().map(|d| d.value.clamp(0.05, 8.0))).chain([0.8, 1.1]);
     let spp = design.spp.last().copied().unwrap_or(0);
-    Some(DotPlot {
-        title: format!("Variance over that of half, {spp} paths a pixel"),
-        label: "variance ratio, mean over pixels; bars: two standard errors either way; left is better".to_owned(),
-        axis: Axis::fit(Scale::Log, values),
-        mark: Some((1.0, "as half".to_owned())),
-        kinds: kinds.iter().map(|k| (k.clone(), color(k))).collect(),
-        rows,
-    })
+    Some(DotPlot::ratios(
+        &format!("Variance over that of half, {spp} paths a pixel"),
+        "variance ratio, mean over pixels; bars: two standard errors either way; left is better",
+        "as half",
+        kinds.iter().map(|k| (k.clone(), color(k))).collect(),
+        scenes.iter().map(dots).collect(),
+    ))
 }
 
-/// The charts of a scene, by the names of their files.
+/// The charts of a scene with their file names.
 pub(super) fn scene_charts(scene: &SceneResults) -> Vec<(&'static str, Chart)> {
     let Some(top) = scene.top() else { return Vec::new() };
     let named = || top.results.iter().filter(|o| o.estimator.is_some()).map(|o| o.row.estimator.clone());
@@ -62,18 +59,9 @@ pub(super) fn scene_charts(scene: &SceneResults) -> Vec<(&'static str, Chart)> {
         named().map(line).collect::<Vec<_>>()
     };
     let log = [Scale::Log; 2];
-    let seconds = Chart::fitted(
-        "Error against time",
-        ["CPU seconds a picture, median", "relMSE, mean over replicas"],
-        log,
-        lines(|r| r.cpu_seconds),
-    );
-    let samples = Chart::fitted(
-        "Error against samples",
-        ["paths a pixel", "relMSE, mean over replicas"],
-        log,
-        lines(|r| f64::from(r.spp)),
-    );
+    let error = |title, x_label, x| Chart::fitted(title, [x_label, "relMSE, mean over replicas"], log, lines(x));
+    let seconds = error("Error against time", "CPU seconds a picture, median", |r| r.cpu_seconds);
+    let samples = error("Error against samples", "paths a pixel", |r| f64::from(r.spp));
     let distribution = |outcome: &Outcome| {
         let mut ratios = outcome.ratios.iter().map(|r| r.ratio).collect::<Vec<_>>();
         ratios.sort_by(f64::total_cmp);

@@ -1,4 +1,4 @@
-//! What a scene looks like: pictures, shares and errors in false colours, the worst pixels.
+//! Figures of a scene: pictures, shares and errors in false colours, the worst pixels.
 
 use bismar::Result;
 use bismar::film::View;
@@ -121,7 +121,7 @@ pub(super) fn worst_pixels(page: &mut Page, design: &Design, scene: &SceneResult
     ));
     let mosaic = design.mosaic()?;
     for ratio in sorted.into_iter().take(CROPS) {
-        let ([px, py], x, y) = (mosaic.place(ratio.pixel), ratio.pixel as u32 % w, ratio.pixel as u32 / w);
+        let ([px, py], x, y) = (mosaic.coordinates(ratio.pixel), ratio.pixel as u32 % w, ratio.pixel as u32 / w);
         let (low, high) = ((-ratio.log_error).exp() * ratio.ratio, ratio.log_error.exp() * ratio.ratio);
         let mut pieces = Vec::new();
         for (i, (what, picture)) in all.iter().enumerate() {

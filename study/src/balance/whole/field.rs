@@ -1,4 +1,4 @@
-//! What a field of guiding looks like from the camera: how many samples of the surface that a pixel sees follow it, and where to.
+//! Pictures of a guiding field: per pixel, the share of samples that it guides at the visible surface, and their mean direction.
 
 use bismar::guiding::Field;
 use bismar::lanes::{F, LANES, V3, mask};
@@ -11,18 +11,17 @@ use crate::balance::StudyScene;
 
 /// A field, pixel by pixel.
 pub struct FieldPicture {
-    /// Share of the samples that follow it; NaN where a pixel sees no surface.
+    /// Probability of guiding; NaN where a pixel sees no surface.
     pub shares: Vec<f64>,
-    /// Where to, in the mean: (1 + direction) / 2, longer the more the directions agree; black where nothing follows.
+    /// (1 + mean direction) / 2, where the mean of unit directions is shorter the more they differ; black without guiding.
     pub directions: Vec<[f32; 3]>,
-    /// Cells of the field.
     pub cells: usize,
 }
 
-/// Directions that the mean is of, along each side of a square.
+/// Side of the square of stratified samples for the mean direction.
 const SIDE: usize = 16;
 
-/// The field that the pilot of a picture of `spp` paths a pixel learns, if it finds that one pays.
+/// The field that a pre-pass for `spp` paths a pixel learns, if it decides for guiding.
 pub fn seen(scene: &StudyScene, spp: u32) -> Option<FieldPicture> {
     let settings = RenderSettings { guiding: Guiding::Auto, spp: Some(spp), ..scene.settings.clone() };
     let transport = transport(&scene.scene, &settings);

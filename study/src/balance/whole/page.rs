@@ -1,65 +1,33 @@
-//! What whole pictures showed, for people: `results.csv`, `results.json`, `report.html` and its charts.
+//! The page and charts of a study of whole pictures.
 
 use bismar::Result;
-use bismar::render::Integrator;
-use serde::Serialize;
 
 use super::{Pictures, Row, SceneResults};
-use crate::balance::measure::{REFERENCE_PARTS, seeds};
+use crate::balance::measure::REFERENCE_PARTS;
 use crate::balance::page::pictures::{SHARE, SHARE_WORDS, developed, exposure};
-use crate::balance::{Design, Estimator, HALF};
-use crate::files;
-use crate::provenance::Provenance;
+use crate::balance::page::{bias, toned};
+use crate::balance::{Design, Estimator, HALF, table};
 use crate::report::page::{chart_figure, map_figure, picture_figure, slider};
 use crate::report::{
-    Axis, Chart, ColorScale, Dot, DotPlot, Page, Picture, Scale, Series, Table, Tone, number, with_error,
+    self, Chart, ColorScale, Dot, DotPlot, Page, Picture, Scale, Series, Table, Tone, number, plural,
     with_relative_error,
 };
+use crate::statistics::mean_of;
 
 /// Side of the blocks whose errors are compared.
 const BLOCK: u32 = 8;
 /// Error over that of `half` in false colours.
 const RATIO: ColorScale = ColorScale::Ratio { factor: 8.0 };
 const RATIO_WORDS: [&str; 3] = ["⅛", "1: as half", "8"];
-/// Raised when a column changes its meaning or goes away.
-const SCHEMA: u32 = 1;
-
-/// What `results.json` says besides the rows.
-#[derive(Serialize)]
-struct Results<'a> {
-    schema: u32,
-    version: &'static str,
-    run: Provenance,
-    whole: bool,
-    integrator: Integrator,
-    width: u32,
-    height: u32,
-    replicas: u32,
-    reference_spp: u32,
-    rows: &'a [Row],
-}
-
-/// Writes tables, page and charts.
-///
-/// # Errors
-/// As [`files::write`].
+/// Writes `results.csv`, `results.json`, `report.html` and `charts/`.
 pub fn write(design: &Design, scenes: &[SceneResults]) -> Result<()> {
-    let rows = scenes.iter().flat_map(|s| s.rows.clone()).collect::<Vec<_>>();
-    files::write_csv(&design.folder.join("results.csv"), &rows)?;
-    let &Design { integrator, width, height, replicas, reference_spp, .. } = design;
-    let (version, run, rows) = (env!("CARGO_PKG_VERSION"), Provenance::now(&seeds::ALL), &rows[..]);
-    let schema = SCHEMA;
-    let json = Results { schema, version, run, whole: true, integrator, width, height, replicas, reference_spp, rows };
-    files::write_json(&design.folder.join("results.json"), &json)?;
-    let charts = design.folder.join("charts");
-    files::folder(&charts)?;
-    files::write(&charts.join("overview.svg"), overview(design, scenes).file())?;
-    for scene in scenes {
-        for (name, chart) in scene_charts(design, scene) {
-            files::write(&charts.join(format!("{}-{name}.svg", scene.name)), chart.file())?;
-        }
-    }
-    files::write(&design.folder.join("report.html"), page(design, scenes)?)
+    table::write(design, &scenes.iter().flat_map(|s| s.rows.clone()).collect::<Vec<_>>())?;
+    let of_scene = |scene: &SceneResults| {
+        scene_charts(design, scene).map(|(name, chart)| (format!("{}-{name}", scene.name), chart.file()))
+    };
+    let overview = ("overview".to_owned(), overview(design, scenes).file());
+    let charts = scenes.iter().flat_map(of_scene).chain([overview]).collect::<Vec<_>>();
+    report::write(&design.folder, page(design, scenes)?, charts)
 }
 
 /// All but `half`.
@@ -73,17 +41,13 @@ fn color(design: &Design, estimator: Estimator) -> usize {
 }
 
 fn page(design: &Design, scenes: &[SceneResults]) -> Result<String> {
-    let light = match design.integrator {
-        Integrator::Direct => "direct light",
-        Integrator::Path => "path-traced light",
-    };
     let lead = format!(
-        "Error against CPU seconds of every technique, what it spends on learning included: {} scene{}, pictures of {}x{} \
-         pixels, {light}, {} replicas of every picture.",
+        "Error against CPU seconds of every technique, including the cost of learning: {} scene{}, pictures of {}, {}, {} replicas \
+         of every picture.",
         scenes.len(),
-        if scenes.len() == 1 { "" } else { "s" },
-        design.width,
-        design.height,
+        plural(scenes.len()),
+        design.pixels(),
+        design.light(),
         design.replicas
     );
     let mut page = Page::new("Error against time", &lead);
@@ -97,19 +61,19 @@ fn page(design: &Design, scenes: &[SceneResults]) -> Result<String> {
     for spp in design.spp.iter().rev() {
         page.details(&format!("{spp} paths a pixel"), |page| page.table(&scores(design, scenes, Some(*spp))));
     }
-    page.details("How this was measured, and how sure it is", |page| {
+    page.details("How this was measured, and its uncertainty", |page| {
         page.text(&format!(
             "relMSE is the mean over pixels and channels of (x − reference)²/(reference² + 0.01). The reference is the mean of \
-             {REFERENCE_PARTS} renders by `{}` with {} paths a pixel together and seeds of their own; its own error, which its parts \
-             tell, is taken off. Replica r has the same seed for every technique.",
+             {REFERENCE_PARTS} renders by `{}` with {} paths a pixel together and their own seeds; its error, estimated from the \
+             scatter of these renders, is subtracted. Replica r has the same seed for every technique.",
             design.reference().name(),
             design.reference_spp
         ));
         page.text(
-            "Seconds are CPU seconds of all threads from the scene in memory to the last pixel, pilots of guiding included. The \
-             techniques took turns, replica by replica, and the time ratio is the median over replicas of a picture's time over \
-             that of `half` in the same round. ± is one standard error, by the jackknife over replicas. Few replicas of pictures \
-             with rare bright spots say little.",
+            "Seconds are CPU seconds of all threads from the scene in memory to the last pixel, including pre-passes. The techniques \
+             took turns, replica by replica, and the time ratio is the median over replicas of a picture's time over that of `half` \
+             in the same round. ± is one standard error, by the jackknife over replicas. Few replicas of pictures with rare bright \
+             pixels prove little.",
         );
     });
     for scene in scenes {
@@ -127,25 +91,14 @@ fn overview(design: &Design, scenes: &[SceneResults]) -> DotPlot {
         };
         (scene.name.clone(), others(design).enumerate().map(dot).collect::<Vec<_>>())
     };
-    let rows = scenes.iter().map(dots).collect::<Vec<_>>();
-    let values = rows.iter().flat_map(|(_, dots)| dots.iter().map(|d| d.value.clamp(0.05, 8.0))).chain([0.8, 1.1]);
-    DotPlot {
-        title: "relMSE × CPU seconds over that of half".to_owned(),
-        label: "bars: two standard errors either way; left is better".to_owned(),
-        axis: Axis::fit(Scale::Log, values),
-        mark: Some((1.0, "as half".to_owned())),
-        kinds,
-        rows,
-    }
+    let rows = scenes.iter().map(dots).collect();
+    let label = "bars: two standard errors either way; left is better";
+    DotPlot::ratios("relMSE × CPU seconds over that of half", label, "as half", kinds, rows)
 }
 
-/// Products over those of `half`, a row a scene and one of geometric means: at so many paths, or all together.
+/// relMSE × CPU seconds over that of `half`, per scene and as geometric mean over scenes: at `spp` paths, or all numbers of
+/// paths together.
 fn scores(design: &Design, scenes: &[SceneResults], spp: Option<u32>) -> Table {
-    let names = others(design).map(Estimator::name).collect::<Vec<_>>();
-    let what = "relMSE times CPU seconds over that of half at as many paths: below 1 is better";
-    let mut columns = vec![("scene", "Which")];
-    columns.extend(names.iter().map(|name| (name.as_str(), what)));
-    let mut table = Table::new(&columns);
     let score = |scene: &SceneResults, estimator| match spp {
         None => scene.score(estimator),
         Some(spp) => {
@@ -153,28 +106,23 @@ fn scores(design: &Design, scenes: &[SceneResults], spp: Option<u32>) -> Table {
             row.map_or((f64::NAN, f64::NAN), |row| (row.product_ratio, row.product_ratio_se))
         }
     };
-    for scene in scenes {
-        let cells = others(design).map(|e| score(scene, e)).map(|(x, e)| (with_error(x, e), tone(x, e)));
-        table.rows.push([(scene.name.clone(), Tone::Plain)].into_iter().chain(cells).collect());
-    }
-    let n = scenes.len() as f64;
-    let mean = |estimator| {
+    let what = "relMSE times CPU seconds over that of half at as many paths: below 1 is better";
+    let mut table = Table::of(scenes).column("scene", "", |scene| &*scene.name);
+    let mut means = vec!["geometric mean".into()];
+    for estimator in others(design) {
+        let cell = |scene: &SceneResults| {
+            let (x, error) = score(scene, estimator);
+            toned(x, error)
+        };
+        table = table.column(&estimator.name(), what, cell);
         let all = scenes.iter().map(|scene| score(scene, estimator)).collect::<Vec<_>>();
-        let mean = (all.iter().map(|(x, _)| x.ln()).sum::<f64>() / n).exp();
-        let error = mean * all.iter().map(|(x, e)| (e / x).powi(2)).sum::<f64>().sqrt() / n;
-        (with_error(mean, error), tone(mean, error))
-    };
-    let means = others(design).map(mean);
-    table.rows.push([("geometric mean".to_owned(), Tone::Plain)].into_iter().chain(means).collect());
-    table
-}
-
-fn tone(ratio: f64, error: f64) -> Tone {
-    match () {
-        () if ratio + 2.0 * error < 1.0 => Tone::Good,
-        () if ratio - 2.0 * error > 1.0 => Tone::Bad,
-        () => Tone::Plain,
+        let mean = mean_of(all.iter().map(|(x, _)| x.ln())).exp();
+        let squares = all.iter().map(|(x, e)| (e / x).powi(2)).sum::<f64>();
+        means.push(toned(mean, mean * squares.sqrt() / scenes.len() as f64));
     }
+    let mut table = table.end();
+    table.push(means);
+    table
 }
 
 /// The charts of a scene, by the names of their files.
@@ -211,49 +159,40 @@ fn scene_section(page: &mut Page, design: &Design, scene: &SceneResults) -> Resu
 }
 
 fn rows(scene: &SceneResults) -> Table {
-    let mut table = Table::new(&[
-        ("technique", "What was used"),
-        ("paths", "A pixel, mean"),
-        ("relMSE", "Mean over replicas, the reference's own error taken off"),
-        ("CPU s", "Median CPU seconds of a picture, all threads, learning included"),
-        ("relMSE × s", "Inverse efficiency: less is better"),
-        ("error", "relMSE over that of half"),
-        ("time", "CPU time over that of half in the same round, median"),
-        ("product", "relMSE × CPU seconds over that of half"),
-        ("guided", "Share of replicas whose pilot found that guiding pays"),
-        ("guiding promised", "Variance that the pilot expected guiding to leave, over that without"),
-        ("pilot s", "Seconds that the pilot of guiding took"),
-        (
-            "adaptive promised",
-            "relMSE × CPU seconds that the pilot of adaptive paths expected to leave, over that without",
-        ),
-        ("bias z", "Difference of the picture's mean from the reference's in standard errors, worst channel"),
-    ]);
-    for row in &scene.rows {
-        let half = row.estimator == HALF.name();
-        let plain = if half { Tone::Faint } else { Tone::Plain };
-        let toned = |x: f64, e: f64| (with_error(x, e), if half { Tone::Faint } else { tone(x, e) });
-        let optional = |x: Option<f64>| (x.map_or(String::new(), number), plain);
-        table.rows.push(vec![
-            (row.estimator.clone(), plain),
-            (number(row.paths_mean), plain),
-            (with_relative_error(row.rel_mse, row.rel_mse_se), plain),
-            (number(row.cpu_seconds), plain),
-            (number(row.inverse_efficiency), plain),
-            toned(row.rel_mse_ratio, row.rel_mse_ratio_se),
-            toned(row.time_ratio, row.time_ratio_se),
-            toned(row.product_ratio, row.product_ratio_se),
-            optional(row.guided),
-            optional(row.guiding_variance),
-            optional(row.guiding_seconds),
-            optional(row.adaptive_left),
-            (format!("{:.1}", row.bias_z), if row.bias_z.abs() > 4.0 { Tone::Bad } else { plain }),
-        ]);
-    }
-    table
+    let half = |row: &Row| row.estimator == HALF.name();
+    Table::of(&scene.rows)
+        .column("technique", "", |r| &*r.estimator)
+        .column("paths", "A pixel, mean", |r| r.paths_mean)
+        .column("relMSE", "Mean over replicas, less the reference's own error", |r| {
+            with_relative_error(r.rel_mse, r.rel_mse_se)
+        })
+        .column("CPU s", "Median CPU seconds of a picture, all threads, learning included", |r| r.cpu_seconds)
+        .column("relMSE × s", "Inverse efficiency: less is better", |r| r.inverse_efficiency)
+        .column("error", "relMSE over that of half", |r| toned(r.rel_mse_ratio, r.rel_mse_ratio_se))
+        .column("time", "CPU time over that of half in the same round, median", |r| {
+            toned(r.time_ratio, r.time_ratio_se)
+        })
+        .column("product", "relMSE × CPU seconds over that of half", |r| toned(r.product_ratio, r.product_ratio_se))
+        .column("guided", "Share of replicas whose pre-pass decided for guiding", |r| r.guided)
+        .column("guiding expected", "Variance that the pre-pass expected with guiding, over that without", |r| {
+            r.guiding_variance
+        })
+        .column("pre-pass s", "Seconds of the pre-pass of guiding", |r| r.guiding_seconds)
+        .column(
+            "adaptive expected",
+            "relMSE × CPU seconds that the pre-pass of --adaptive expected, over that without",
+            |r| r.adaptive_left,
+        )
+        .faint(half)
+        .column(
+            "bias z",
+            "Difference of the picture's mean from the reference's in standard errors, worst channel",
+            |r| bias(r.bias_z, if half(r) { Tone::Faint } else { Tone::Plain }),
+        )
+        .end()
 }
 
-/// What there is to see: the scene, the shares, the paths, and where each technique has less error than `half`.
+/// Pictures of the scene, light shares, paths, and the error of each technique over that of `half`.
 fn pictures(page: &mut Page, design: &Design, scene: &SceneResults) -> Result<()> {
     let (w, h) = (design.width, design.height);
     let reference = scene.reference.iter().map(|&x| x as f32).collect::<Vec<_>>();
@@ -281,18 +220,22 @@ fn pictures(page: &mut Page, design: &Design, scene: &SceneResults) -> Result<()
         }
         let caption =
             format!("Squared error by `{name}` over that by `half`, blocks of {BLOCK}x{BLOCK} pixels, noise included.");
-        pieces.push(map_figure(&Picture::mapped(w, h, RATIO, worth(own, half, w)), RATIO, RATIO_WORDS, &caption)?);
+        pieces.push(map_figure(
+            &Picture::mapped(w, h, RATIO, error_ratios(own, half, w)),
+            RATIO,
+            RATIO_WORDS,
+            &caption,
+        )?);
     }
     if let Some(field) = &scene.field {
         let shares = Picture::mapped(w, h, SHARE, field.shares.iter().copied());
         let words = ["0: BSDF alone", "½", "1: field alone"];
-        let caption =
-            format!("Share of samples that follow the field of guiding where a pixel looks; {} cells.", field.cells);
+        let caption = format!("Share of samples from the guiding field at the visible surface; {} cells.", field.cells);
         pieces.push(map_figure(&shares, SHARE, words, &caption)?);
         let directions = Picture::new(w, h, field.directions.iter().copied());
         pieces.push(picture_figure(
             &directions,
-            "Where to, in the mean: red toward +x, green up, blue toward +z, grey in all directions; black where nothing follows.",
+            "Mean direction of the guiding field: red toward +x, green up, blue toward +z, grey in all directions; black where it is not used.",
         )?);
     }
     page.row(pieces);
@@ -302,14 +245,14 @@ fn pictures(page: &mut Page, design: &Design, scene: &SceneResults) -> Result<()
         let [left, right] = [half, best].map(|p| developed(w, h, &p.example, ev));
         let name = best.estimator.name();
         let caption =
-            format!("{spp} paths a pixel. Pull the line: `half` on its left, `{name}`, which does best, on its right.");
+            format!("{spp} paths a pixel. Pull the line: `half` on its left, `{name}`, the best, on its right.");
         page.row([slider((&left, &format!("half, {spp} spp")), (&right, &format!("{name}, {spp} spp")), &caption)?]);
     }
     Ok(())
 }
 
 /// A technique's error over that of `half`, pixel by pixel the same in each block.
-fn worth(own: &Pictures, half: &Pictures, width: u32) -> impl Iterator<Item = f64> {
+fn error_ratios(own: &Pictures, half: &Pictures, width: u32) -> impl Iterator<Item = f64> {
     let block = move |i: usize| (i as u32 % width / BLOCK, i as u32 / width / BLOCK);
     let columns = width.div_ceil(BLOCK);
     let index = move |i: usize| (block(i).1 * columns + block(i).0) as usize;

@@ -3,7 +3,7 @@
 use super::{BASELINE, SceneRows, distinct, scenes};
 use crate::rays::measure::CONTROL;
 use crate::rays::table::{Build, Picture, Results};
-use crate::report::{Axis, Chart, Dot, DotPlot, Scale, Series};
+use crate::report::{Chart, Dot, DotPlot, Scale, Series};
 
 /// Shown in charts, as many as there are colours, each with its own.
 const SHOWN: [(&str, usize); 8] = [
@@ -59,15 +59,13 @@ pub(super) fn overview(results: &Results) -> Option<DotPlot> {
     if rows.is_empty() {
         return None;
     }
-    let values = rows.iter().flat_map(|(_, dots)| dots.iter().map(|d| d.value)).chain([0.8, 1.25]);
-    Some(DotPlot {
-        title: "Speed of diffuse bounces over that of embree, one thread".to_owned(),
-        label: "speed ratio, median of rounds; bars: two standard errors either way; right is faster".to_owned(),
-        axis: Axis::fit(Scale::Log, values),
-        mark: Some((1.0, "as embree".to_owned())),
-        kinds: kinds.iter().map(|(name, color)| ((*name).to_owned(), *color)).collect(),
+    Some(DotPlot::ratios(
+        "Speed of diffuse bounces over that of embree, one thread",
+        "speed ratio, median of rounds; bars: two standard errors either way; right is faster",
+        "as embree",
+        kinds.iter().map(|(name, color)| ((*name).to_owned(), *color)).collect(),
         rows,
-    })
+    ))
 }
 
 /// Build and trace over the number of triangles, for each kind of generated scene of which a machine measured several sizes.
@@ -113,15 +111,11 @@ pub(super) fn costs(results: &Results) -> Charts {
         }
         let log = [Scale::Log; 2];
         let title = format!("Building: {shape}{of}");
-        charts.push((
-            format!("cost-build-{shape}{file}"),
-            Chart::fitted(&title, ["triangles", "CPU time of a build over that of embree"], log, builds),
-        ));
+        let labels = ["triangles", "CPU time of a build over that of embree"];
+        charts.push((format!("cost-build-{shape}{file}"), Chart::fitted(&title, labels, log, builds)));
         let title = format!("Tracing diffuse bounces: {shape}{of}");
-        charts.push((
-            format!("cost-trace-{shape}{file}"),
-            Chart::fitted(&title, ["triangles", "time of a ray over that with embree, one thread"], log, traces),
-        ));
+        let labels = ["triangles", "time of a ray over that with embree, one thread"];
+        charts.push((format!("cost-trace-{shape}{file}"), Chart::fitted(&title, labels, log, traces)));
     }
     charts
 }

@@ -1,4 +1,4 @@
-//! How it was measured, and on what.
+//! The sections on method and machine.
 
 use crate::rays::host::drift;
 use crate::rays::table::Results;
@@ -6,38 +6,36 @@ use crate::report::page::chart_figure;
 use crate::report::{Chart, Page, Scale, Series};
 
 pub(super) fn method(page: &mut Page, results: &Results) {
-    page.details("How this was measured, and how sure it is", |page| {
+    page.details("How this was measured, and its uncertainty", |page| {
         page.text(
-            "The rays are those that renders of the scene asked for, recorded batch by batch with `embree` and replayed to every \
-             contender alike. Camera, shadow and later bounces are from a path-traced picture of the scene as it is; diffuse and \
-             glossy are first bounces with all surfaces made diffuse, or metals of roughness ¼; shuffled and sorted (by octant, \
-             then along a Morton curve through the origins) are the diffuse ones in another order. Shadow rays ask for any hit, \
-             all others for the closest one with its weights and ids, which are written out as the renderer needs them: the \
-             times include that, for all contenders.",
+            "The rays are those of renders of the scene, recorded batch by batch with `embree` and replayed to every contender. \
+             Camera, shadow and later bounces come from a path-traced picture of the unchanged scene. Diffuse and glossy are first \
+             bounces with all surfaces made diffuse, or metals of roughness ¼. Shuffled and sorted (by octant, then along a \
+             Morton curve through the origins) are the diffuse rays in another order. Shadow rays query any hit, all others the \
+             closest hit with its weights and ids. Times include writing the results in the renderer's layout.",
         );
         page.text(&format!(
-            "Contender and baseline take turns, {} rounds, first and second by turns. A speed ratio is the median over rounds of \
-             the ratio within a round, ± is the standard error of that median (from the median deviation). Seconds are processor \
-             seconds of one thread: other programs on the same cores do not count, though they take from caches and \
-             memory bandwidth. Denormals are as the renderer has them, for both libraries: not flushed to zero.",
+            "Contender and baseline take turns, {} rounds, alternating who is first. A speed ratio is the median over rounds of \
+             the ratio within a round; ± is the standard error of that median (from the median deviation). Seconds are processor \
+             seconds of one thread: other programs on the same cores do not count, although they use caches and memory bandwidth. \
+             Denormals are not flushed to zero, as in the renderer, for both libraries.",
             results.rounds
         ));
         page.text(
-            "Builds begin at the scene's vertex and index buffers and end where rays can be shot; Embree shares the buffers, \
+            "Builds begin at the scene's vertex and index buffers and end when rays can be traced. Embree shares the buffers; \
              obvhs' triangles and ids are copied into the order of the leaves. Builds shorter than half a second are repeated. \
              Triangles are counted once for each time that they are built.",
         );
         page.text(
-            "`embree` hands rays over in packets as wide as the processor has them, kept together for camera rays and in small \
-             scenes; `single` calls for each ray, `x4` to `x16` keep packets together in the batch's order for every stream. \
-             `obvhs` is its compressed eight-wide tree by the medium preset; boxes grow by a millionth of the scene so that \
-             rounding loses no hit; the triangle test is Embree's, written in Rust; `own-test` is obvhs' own one.",
+            "`embree` traces packets as wide as the processor's vectors, coherent ones for camera rays and in small scenes; \
+             `single` traces ray by ray, `x4` to `x16` trace packets in the batch's order for every stream. `obvhs` is its \
+             compressed eight-wide tree with the medium preset; boxes grow by a millionth of the scene so that rounding loses no \
+             hit; the triangle test is Embree's, written in Rust; `own-test` is that of obvhs.",
         );
         page.text(
-            "Agreement: where two answers differ in anything, the ray and the triangles are intersected again in double precision, \
-             with bounds on the rounding of single precision (forty operations, as in the tests of the backends). An answer that \
-             the bounds exclude, or a nearer triangle that was passed by though the bounds demand it, is unexplained, and makes the \
-             study fail.",
+            "Agreement: where two answers differ, the ray and the triangles are intersected again in double precision, with bounds \
+             on the rounding of single precision (forty operations, as in the tests of the backends). An answer that the bounds \
+             exclude, or a missed nearer triangle that the bounds demand, is unexplained, and makes the study fail.",
         );
     });
 }
@@ -49,9 +47,9 @@ pub(super) fn hosts(page: &mut Page, results: &Results) {
         let run = if earlier == 0 { String::new() } else { format!(", run {}", earlier + 1) };
         page.heading(&format!("{}{run}", host.machine));
         let counters = if host.hardware_counters {
-            "there; they counted the instructions of one replay a stream"
+            "available; they counted the instructions of one replay per stream"
         } else {
-            "none that this program may use, so instructions a ray were not measured"
+            "not available to this program; instructions per ray were not measured"
         };
         page.text(&format!(
             "{}{}; {} cores, {:.0} GiB; Linux {}; frequency governor {}. Embree {} runs on {}, obvhs {} and the program are \
@@ -76,7 +74,7 @@ pub(super) fn hosts(page: &mut Page, results: &Results) {
             host.load_before,
             host.load_after,
             if host.load_before > host.cores as f64 || host.load_after > host.cores as f64 {
-                ", more than there are cores: caches and memory were shared, and wall seconds and scaling mean little"
+                ", more than the number of cores: caches and memory were shared, so wall seconds and scaling are unreliable"
             } else {
                 ""
             },

@@ -28,11 +28,9 @@ use super::scenes::{OTHER_SEEDS, PATHS};
 pub struct Case {
     /// F19 … F23.
     pub mode: &'static str,
-    /// Short name.
     pub name: &'static str,
     /// Description of the scene.
     pub construct: &'static str,
-    /// The scene.
     pub scene: PreparedScene<'static>,
     /// A field that was learned from wrong samples; `None`: the field of the case's own pre-pass.
     pub adversarial: Option<Field>,
@@ -54,31 +52,25 @@ pub struct Guided {
 pub struct ModeResult {
     /// F19 … F23.
     pub mode: &'static str,
-    /// Short name.
     pub name: &'static str,
     /// Description of the scene.
     pub construct: &'static str,
     /// Whether `on` uses an adversarial field.
     #[serde(rename = "lies")]
     pub adversarial: bool,
-    /// `on` and `auto`.
     pub outcomes: [Guided; 2],
 }
 
-/// Results of the measurement.
 #[derive(Debug, Clone, Serialize)]
 pub struct Results {
-    /// Replicas.
     pub replicas: u32,
     /// Largest |z| allowed of one test.
     pub z_limit: f64,
-    /// How many z-tests there were.
     pub tests: usize,
     /// Chance of a false alarm among all of them.
     pub false_alarm: f64,
     /// In the order of their numbers.
     pub modes: Vec<ModeResult>,
-    /// Positive controls.
     pub controls: Vec<Control>,
 }
 
@@ -120,7 +112,6 @@ pub fn settings(seed: u32, guiding: Guiding) -> RenderSettings {
     }
 }
 
-/// A pixel's value.
 fn green(pixel: &PixelStats) -> f64 {
     pixel.sum[1] / f64::from(pixel.samples)
 }
@@ -150,7 +141,6 @@ fn renders(seeds: std::ops::Range<u32>, stop: &AtomicBool, render: impl Fn(u32) 
 }
 
 impl Case {
-    /// Renders guided by one field.
     fn renders(&self, field: Option<&Field>, seeds: std::ops::Range<u32>, stop: &AtomicBool) -> Renders {
         renders(seeds, stop, |seed| pixels(&self.scene, field, seed, PATHS).iter().map(green).collect())
     }
@@ -194,9 +184,6 @@ pub fn steps() -> usize {
 
 /// Measures all cases with `replicas` ≥ 2. Calls `done` after each of [`steps`]; `done` may stop the measurement with an
 /// error, and must once `stop` is raised.
-///
-/// # Errors
-/// Errors of `done` and of building the scenes.
 pub fn measure(replicas: u32, stop: &AtomicBool, done: &mut dyn FnMut() -> Result<()>) -> Result<Results> {
     let (mut modes, mut controls) = (Vec::new(), Vec::new());
     for case in scenes::cases()? {

@@ -1,29 +1,25 @@
 //! Tables of guiding's failure modes.
 
 use super::{Guided, ModeResult, Results};
-use crate::report::{Table, Tone};
+use crate::report::{Cell, Columns, Table};
 use crate::stability::cases::BAR;
 use crate::stability::judge::Verdict;
-use crate::stability::page::{Part, controls, failures, judged, largest_z, ratio};
+use crate::stability::page::{Part, by_mode, controls, failures, faint, judged, largest_z, ratio};
 
-/// A table with a row per mode, a column per estimator, and a last column per mode.
-fn by_mode(
-    results: &Results,
-    cell: impl Fn(&ModeResult, &Guided) -> (String, Tone),
-    (last, meaning): (&str, &str),
-    other: impl Fn(&ModeResult) -> String,
-) -> Table {
-    let mut table = Table::new(&[("mode", "failure mode")]);
-    let names = results.modes.first().map_or(&[][..], |m| &m.outcomes[..]).iter().map(|o| &o.outcome.estimator);
-    table.columns.extend(names.map(|name| (name.clone(), String::new())));
-    table.columns.push((last.to_owned(), meaning.to_owned()));
-    for mode in &results.modes {
-        let mut row = vec![(format!("{} {}", mode.mode, mode.name), Tone::Plain)];
-        row.extend(mode.outcomes.iter().map(|o| cell(mode, o)));
-        row.push((other(mode), Tone::Faint));
-        table.rows.push(row);
-    }
-    table
+/// [`by_mode`] for `on` and `auto`.
+fn guidings<'a, C: Into<Cell>>(
+    results: &'a Results,
+    cell: impl Fn(&'a ModeResult, &'a Guided) -> C,
+) -> Columns<'a, ModeResult> {
+    let first = results.modes.first().map_or(&[][..], |m| &m.outcomes[..]);
+    let names = first.iter().map(|o| o.outcome.estimator.clone()).collect::<Vec<_>>();
+    by_mode(&results.modes, name_of, &names, |mode, name| {
+        mode.outcomes.iter().find(|o| o.outcome.estimator == name).map(|o| cell(mode, o))
+    })
+}
+
+fn name_of(mode: &ModeResult) -> String {
+    format!("{} {}", mode.mode, mode.name)
 }
 
 /// Which field `on` uses.
@@ -38,39 +34,19 @@ fn is_adversarial(mode: &ModeResult, own: &Guided) -> bool {
 
 /// The worst pixel of each mode and estimator, and the number of failures of each estimator.
 pub fn survival(results: &Results) -> Table {
-    let cell = |m: &ModeResult, o: &Guided| match is_adversarial(m, o) && results.verdict(o) != Verdict::Wrong {
-        true => (format!("{} (adversarial)", ratio(o.outcome.worst_ratio)), Tone::Faint),
+    let table = guidings(results, |m, o| match is_adversarial(m, o) && results.verdict(o) != Verdict::Wrong {
+        true => faint(format!("{} (adversarial)", ratio(o.outcome.worst_ratio))),
         false => judged(&o.outcome, BAR, results.verdict(o)),
-    };
-    let guided = |m: &ModeResult| format!("{:.0} %", 100.0 * m.outcomes[1].guided_fraction);
-    let mut table = by_mode(results, cell, ("auto guides", "fraction of pre-passes that decide for guiding"), guided);
+    });
+    let table = table.column("auto guides", "fraction of pre-passes that decide for guiding", |m| {
+        faint(format!("{:.0} %", 100.0 * m.outcomes[1].guided_fraction))
+    });
+    let mut table = table.end();
     let of = |estimator: usize| {
         let own = results.modes.iter().map(|m| (m, &m.outcomes[estimator])).filter(|(m, o)| !is_adversarial(m, o));
         own.map(|(_, o)| results.verdict(o)).collect::<Vec<_>>()
     };
-    table.rows.push(failures([0, 1].into_iter().map(of)));
-    table
-}
-
-/// Mean variance ratios.
-fn means(results: &Results) -> Table {
-    let cell = |_: &ModeResult, o: &Guided| (ratio(o.outcome.mean_ratio), Tone::Plain);
-    by_mode(results, cell, ("field of `on`", ""), |m| field_of(m).to_owned())
-}
-
-/// Largest |z| of each mode and estimator.
-fn unbiased(results: &Results) -> Table {
-    let cell = |_: &ModeResult, o: &Guided| largest_z(&o.outcome, results.verdict(o));
-    let tests = |m: &ModeResult| m.outcomes[0].outcome.tests.to_string();
-    by_mode(results, cell, ("tests", "z-tests per estimator"), tests)
-}
-
-fn constructs(results: &Results) -> Table {
-    let mut table = Table::new(&[("mode", ""), ("construction", ""), ("field of `on`", "")]);
-    for m in &results.modes {
-        let cells = [format!("{} {}", m.mode, m.name), m.construct.to_owned(), field_of(m).to_owned()];
-        table.rows.push(cells.map(|c| (c, Tone::Words)).to_vec());
-    }
+    table.push(failures([0, 1].into_iter().map(of)));
     table
 }
 
@@ -92,12 +68,21 @@ pub(in crate::stability) fn parts(results: &Results) -> Vec<Part> {
          the limit is {:.2}.",
         results.replicas, results.tests, results.false_alarm, results.z_limit
     );
+    let field = |table: Columns<_>| table.column("field of `on`", "", |m| faint(field_of(m))).end();
+    let unbiased = guidings(results, |_, o| largest_z(&o.outcome, results.verdict(o)));
+    let unbiased =
+        unbiased.column("tests", "z-tests per estimator", |m| faint(m.outcomes[0].outcome.tests.to_string()));
+    let modes = Table::of(&results.modes).words("mode", name_of).words("construction", |m| m.construct);
     let part = |title, text: &str, table| Part { title, text: text.to_owned(), table };
     vec![
         part("Guiding: who survives what", WORST, survival(results)),
-        part("Guiding: on average", "The same ratios, averaged over pixels.", means(results)),
-        part("Guiding: means", &family, unbiased(results)),
+        part(
+            "Guiding: on average",
+            "The same ratios, averaged over pixels.",
+            field(guidings(results, |_, o| ratio(o.outcome.mean_ratio))),
+        ),
+        part("Guiding: means", &family, unbiased.end()),
         part("Guiding: controls", CONTROLS, controls(&results.controls)),
-        part("Guiding: the modes", METHOD, constructs(results)),
+        part("Guiding: the modes", METHOD, modes.words("field of `on`", field_of).end()),
     ]
 }

@@ -19,8 +19,8 @@ use crate::stability::scenes::{ceiling, plate};
 pub const CASES: usize = 5;
 /// Height of the rooms in metres; they reach from −2 to 2 in x and z.
 const HEIGHT: f32 = 2.5;
-/// Height of the shelves in metres.
-const SHELF: f32 = 2.0;
+/// Height of the light coves in metres.
+const COVE_HEIGHT: f32 = 2.0;
 
 /// The material, double-sided.
 fn both(material: Material) -> Material {
@@ -40,7 +40,6 @@ fn walls(scene: &mut Scene, material: &Material) {
     }
 }
 
-/// A closed room.
 fn room() -> Scene {
     let mut scene = Scene::default();
     let white = lambert(0.6);
@@ -49,13 +48,12 @@ fn room() -> Scene {
     scene
 }
 
-/// An area light on a shelf that lights only the ceiling.
+/// An area light in a cove that lights only the ceiling.
 fn cove(scene: &mut Scene, x: f32, radiance: f32) {
-    plate(scene, [x - 0.3, SHELF, 0.8], [0.6, 0.0, 0.0], [0.0, 0.0, -1.6], both(lambert(0.6)));
-    plate(scene, [x - 0.1, SHELF + 0.05, 0.3], [0.2, 0.0, 0.0], [0.0, 0.0, -0.6], area_light(radiance));
+    plate(scene, [x - 0.3, COVE_HEIGHT, 0.8], [0.6, 0.0, 0.0], [0.0, 0.0, -1.6], both(lambert(0.6)));
+    plate(scene, [x - 0.1, COVE_HEIGHT + 0.05, 0.3], [0.2, 0.0, 0.0], [0.0, 0.0, -0.6], area_light(radiance));
 }
 
-/// One cove on the left, one on the right.
 fn coves(left: f32, right: f32) -> Scene {
     let mut scene = room();
     cove(&mut scene, -1.6, left);
@@ -122,7 +120,7 @@ fn firefly() -> Field {
         let (wi, weight) = (Vec3::new(0.9, 0.1, 0.2).normalize(), found * found);
         TrainingSample { position, normal, wi, contribution: found, weight, pdf: 0.2, bsdf_pdf: 0.2, field_pdf }
     };
-    // Normals are worth more than places.
+    // Normals count more than positions.
     learn(&(0..2000).map(training_sample).collect::<Vec<_>>(), 0, 100.0, 2).0
 }
 
@@ -135,10 +133,6 @@ fn learned_in(scene: Scene) -> Result<Option<Field>> {
     Ok(field(&build(scene)?, &settings(0, Guiding::On)))
 }
 
-/// Builds all cases.
-///
-/// # Errors
-/// As [`PreparedScene::build`].
 pub fn cases() -> Result<[Case; CASES]> {
     let case = |mode, name, construct, scene, adversarial| {
         Ok(Case { mode, name, construct, scene: build(scene)?, adversarial })

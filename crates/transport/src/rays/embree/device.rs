@@ -300,7 +300,7 @@ impl SceneHandle {
     pub(super) fn commit(&self, monitor: &DeviceMonitor, progress: CommitProgress) -> Result<()> {
         // Embree calls the monitor only every few thousand triangles.
         check_watch(progress.watch, progress.part.start)?;
-        // SAFETY: the handle is valid; `progress` outlives the commit, and Embree is told to forget it afterwards.
+        // SAFETY: the handle is valid; `progress` outlives the commit, and Embree drops it afterwards.
         unsafe {
             sys::rtcSetSceneProgressMonitorFunction(self.0, Some(on_progress), (&raw const progress).cast_mut().cast());
             sys::rtcCommitScene(self.0);
