@@ -18,8 +18,8 @@ use crate::cli::memory::{self, Need};
 use crate::cli::stats::{self, Stats};
 use crate::console::tev::Tev;
 use crate::film::{exr_file, preview};
-use crate::render::checkpoint::Earlier;
 use crate::render::camera::lens;
+use crate::render::checkpoint::Earlier;
 use crate::render::prepass::{guiding::MEMORY, learned_lights};
 use crate::render::{Guiding, Identity, Pause, Progress, RenderSettings, Rendered, RunOptions, Saved, StopReason, run};
 use crate::{Error, Result};
@@ -207,7 +207,8 @@ impl Session<'_> {
         if !interrupted {
             warnings::black_picture(&output, &rendered, args.part.is_some());
         }
-        let mut stats = writer.write_final(&rendered, interrupted || resumable || args.part.is_some(), self.began)?;
+        let mut stats =
+            writer.write_final(&rendered, interrupted || resumable || args.part.is_some(), self.began, stop)?;
         if interrupted {
             checkpoints.saved();
             return Err(self.interrupted(&rendered));
