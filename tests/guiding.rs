@@ -183,7 +183,7 @@ fn a_field_that_was_learned_changes_no_mean_and_takes_noise_away() {
     let stage = Stage::new(cove(), Backend::Embree);
     let settings = settings(Guiding::On);
     let unguided = transport(&stage.scene, &settings);
-    let learned = learned(&stage.scene, &settings, &unguided).unwrap();
+    let learned = learned(&stage.scene, &settings, &unguided, &AtomicBool::new(false)).unwrap();
     let means = compared(&stage, &settings, learned.field.as_ref().unwrap(), 60);
     assert!(z(&means).abs() < 4.5, "{} {}", means[0].mean, means[1].mean);
     // Of 60 replicas each, a ratio of variances below 0.75 by chance alone is 1 in 7; that the field takes half is seen.
@@ -244,9 +244,9 @@ fn a_guided_picture_that_is_gone_on_with_has_the_bits_of_one_in_one_go() {
     let stop = AtomicBool::new(false);
     let study = StudyOptions { max_passes: Some(1), ..Default::default() };
     let options = RunOptions { study, ..RunOptions::new(&stop, &|_| ()) };
-    let Rendered { tiles, stats, .. } = run(&stage.scene, &longer, options).unwrap();
+    let Rendered { tiles, stats, goals, .. } = run(&stage.scene, &longer, options).unwrap();
     assert!((0..tiles[0].pixels()).all(|i| tiles[0].at(i).0.samples < 32));
-    let from = Some(Saved { tiles, stats });
+    let from = Some(Saved { tiles, stats, goals });
     let options = RunOptions { from, ..RunOptions::new(&stop, &|_| ()) };
     let (parts, whole) = (run(&stage.scene, &longer, options).unwrap(), on_threads(&stage, &longer, 2));
     for (a, b) in parts.tiles.iter().zip(&whole.tiles) {
@@ -260,7 +260,7 @@ fn a_field_is_no_larger_than_it_may_be() {
     for memory in [1 << 14, 1 << 19, 1 << 24] {
         let settings = RenderSettings { guiding_memory: Some(memory), ..settings(Guiding::On) };
         let unguided = transport(&stage.scene, &settings);
-        let learned = learned(&stage.scene, &settings, &unguided).unwrap();
+        let learned = learned(&stage.scene, &settings, &unguided, &AtomicBool::new(false)).unwrap();
         let bytes = learned.field.map_or(0, |field| field.bytes());
         assert!(bytes as u64 <= memory, "{bytes} of {memory}");
     }

@@ -382,6 +382,51 @@ fn basis_universal_pictures_are_decoded_or_left_out() {
     }
 }
 
+/// The same file with its level in a Zstandard frame, which claims to unpack to `unpacked` bytes. RFC 8878, 3.1.1: a window
+/// descriptor, then blocks: `repeats` of 128 KiB of zeros, and the content as it is.
+fn ktx2_zstandard(blocks: &[u8], window: u8, repeats: usize, unpacked: u64) -> Vec<u8> {
+    let mut frame = b"\x28\xB5\x2F\xFD\x00".to_vec();
+    frame.push(window);
+    for _ in 0..repeats {
+        frame.extend(&((128_u32 << 10) << 3 | 1 << 1).to_le_bytes()[..3]);
+        frame.push(0);
+    }
+    frame.extend(&((blocks.len() as u32) << 3 | 1).to_le_bytes()[..3]);
+    frame.extend(blocks);
+    let mut file = ktx2(&frame, 0);
+    file[44..48].copy_from_slice(&2_u32.to_le_bytes());
+    file[96..104].copy_from_slice(&unpacked.to_le_bytes());
+    file
+}
+
+#[test]
+fn what_a_level_says_of_its_size_is_not_believed() {
+    let (blocks, expected) = include_bytes!("data/uastc.bin").split_at(256);
+    let texture = r#"{"extensions":{"KHR_texture_basisu":{"source":0}}}"#;
+    let load = |bytes: &[u8]| textured(texture, &[("a.ktx2", bytes)]);
+    // A window of 1 KiB; then of 8 MiB, which decoders support.
+    for window in [0, 13 << 3] {
+        let scene = load(&ktx2_zstandard(blocks, window, 0, 256)).scene;
+        let Some(Texels::Rgb8(texels)) = scene.images.first().map(|image| &image.texels) else { panic!("not shown") };
+        assert_eq!(texels.as_flattened(), expected);
+    }
+    let mut unknown = ktx2(blocks, 0);
+    unknown[44..48].copy_from_slice(&0x1_0000_u32.to_le_bytes());
+    for (bytes, why) in [
+        (ktx2_zstandard(blocks, 0, 0, 1536 << 20), "unpacks to 1610612736 bytes, not 256"),
+        (ktx2_zstandard(blocks, 0, 0, u64::MAX), "unpacks to 18446744073709551615 bytes"),
+        (ktx2_zstandard(blocks, 0, 0, 257), "unpacks to 257 bytes"),
+        // A frame of which the decoder would keep everything: 8 GiB in 262 KB.
+        (ktx2_zstandard(blocks, 31 << 3, 1 << 16, 256), "window is 2199023255552 bytes"),
+        (ktx2_zstandard(blocks, 14 << 3, 0, 256), "window is 16777216 bytes"),
+        (unknown, "supercompression scheme 65536"),
+    ] {
+        let import = load(&bytes);
+        assert!(shown(&import.scene).is_none());
+        assert!(import.report.notes.iter().any(|n| n.text.contains(why)), "{why}: {:?}", import.report.notes);
+    }
+}
+
 #[test]
 fn a_fallback_and_its_streams_agree() {
     let Some(folder) = shared::folder() else { return };

@@ -68,7 +68,7 @@ fn z(a: &Mean, b: &Mean) -> f64 {
 fn what_a_pilot_learns_of_lamps_changes_no_mean_and_takes_noise_away() {
     let stage = Stage::new(house(), Backend::Embree);
     let settings = settings(Balance::Progressive);
-    let found = learned(&stage.scene, &settings, &transport(&stage.scene, &settings)).unwrap();
+    let found = learned(&stage.scene, &settings, &transport(&stage.scene, &settings), &AtomicBool::new(false)).unwrap();
     assert!(found.remaining_variance < 0.7, "{:?}", found.stats());
     let lights = found.lights.as_ref().unwrap();
     assert!((lights.bytes() as u64) < bytes(&settings) && bytes(&settings) < 100 << 20);
@@ -136,14 +136,16 @@ fn where_lamps_are_learned_bits_are_the_same_on_any_threads_in_any_window_part_a
     let part: Part = "2/3".parse().unwrap();
     same(&on_threads(&stage, &RenderSettings { part: Some(part), ..settings.clone() }, 2));
     // Going on to more paths has learned the same as well.
-    let Rendered { tiles, stats, .. } = on_threads(&stage, &RenderSettings { spp: Some(8), ..settings.clone() }, 2);
-    let (stop, from) = (AtomicBool::new(false), Some(Saved { tiles, stats }));
+    let Rendered { tiles, stats, goals, .. } =
+        on_threads(&stage, &RenderSettings { spp: Some(8), ..settings.clone() }, 2);
+    let (stop, from) = (AtomicBool::new(false), Some(Saved { tiles, stats, goals }));
     let options = RunOptions { from, ..RunOptions::new(&stop, &|_| ()) };
     let longer = run(&stage.scene, &settings, options).unwrap();
     let whole = on_threads(&stage, &settings, 2);
     assert_eq!(longer.stats.learned_lights.unwrap().cells, whole.stats.learned_lights.unwrap().cells);
     // Nothing is left to do: nothing is learned again, and what was found is still said.
-    let (stop, from) = (AtomicBool::new(false), Some(Saved { tiles: whole.tiles, stats: whole.stats }));
+    let (stop, from) =
+        (AtomicBool::new(false), Some(Saved { tiles: whole.tiles, stats: whole.stats, goals: whole.goals }));
     let options = RunOptions { from, ..RunOptions::new(&stop, &|_| ()) };
     let again = run(&stage.scene, &settings, options).unwrap();
     assert_eq!(again.stats.learned_lights.unwrap().seconds, whole.stats.learned_lights.unwrap().seconds);

@@ -277,6 +277,96 @@ fn denoiser() -> Option<std::path::PathBuf> {
     Some(library).filter(|library| library.exists())
 }
 
+/// A library with the functions of Open Image Denoise, which does `what` when it shall denoise.
+fn false_denoiser(folder: &Path, name: &str, what: &str) -> std::path::PathBuf {
+    let (source, library) = (folder.join("oidn.c"), folder.join(name));
+    let code = format!(
+        r#"#include <stdlib.h>
+        #include <stddef.h>
+        #include <unistd.h>
+        #include <string.h>
+        static float *in, *out; static size_t w, h; static int code; static const char *text = "";
+        void *oidnNewDevice(int kind) {{ return &code; }}
+        void *oidnNewFilter(void *d, const char *kind) {{ return &code; }}
+        void oidnSetSharedFilterImage(void *f, const char *n, void *p, int k, size_t x, size_t y, size_t a, size_t b, size_t c) {{
+            if (!strcmp(n, "color")) in = p;
+            if (!strcmp(n, "output")) out = p;
+            w = x; h = y;
+        }}
+        void oidnSetFilterBool(void *f, const char *n, _Bool b) {{}}
+        int oidnGetDeviceError(void *d, const char **t) {{ *t = text; return code; }}
+        void oidnCommitDevice(void *d) {{}}
+        void oidnCommitFilter(void *f) {{}}
+        void oidnReleaseFilter(void *f) {{}}
+        void oidnReleaseDevice(void *d) {{}}
+        void oidnExecuteFilter(void *f) {{ {what} }}"#
+    );
+    fs::write(&source, code).unwrap();
+    let mut compiler = std::process::Command::new("cc");
+    compiler.args(["-shared", "-fPIC", "-w", "-o"]).arg(&library).arg(&source);
+    assert!(compiler.status().unwrap().success());
+    library
+}
+
+#[test]
+fn a_picture_is_there_whatever_its_denoiser_does() {
+    let folder = folder();
+    let path = folder.path();
+    expect(path, "render cornell.glb --size 80x60 --spp 8 -q -o plain.exr", 0);
+    let line = "render cornell.glb --size 80x60 --spp 8 -q --denoise oidn -o a.exr --preview a.png --resume";
+    let command = |name: &str, what: &str| {
+        let mut command = bismar(path);
+        command.args(line.split(' ')).env("BISMAR_OIDN", false_denoiser(path, name, what));
+        command.stderr(std::process::Stdio::piped());
+        command
+    };
+    let plain = bits(&path.join("plain.exr"));
+    let holds_it = || {
+        let with = bits(&path.join("a.exr"));
+        plain.iter().all(|(name, values)| with.iter().any(|(other, same)| other == name && same == values))
+    };
+    for (name, what, why) in [
+        ("abort.so", "abort();", "ended by signal 6"),
+        ("fault.so", "*(volatile int *)0 = 1;", "ended by signal 11"),
+        ("exit.so", "exit(3);", "exit status: 3"),
+        ("error.so", "code = 4; text = \"out of memory\";", "--denoise oidn: out of memory"),
+    ] {
+        let _ = fs::remove_file(path.join("a.exr"));
+        let output = command(name, what).output().unwrap();
+        let said = program::stderr(&output);
+        assert_eq!(output.status.code(), Some(76), "{name}: {said}");
+        assert!(said.contains(why) && said.contains("a.exr is saved") && said.contains("--resume"), "{name}: {said}");
+        assert!(holds_it(), "{name}");
+    }
+    // A signal is answered while it denoises, and the picture is there.
+    fs::remove_file(path.join("a.exr")).unwrap();
+    let child = command("slow.so", "sleep(60);").spawn().unwrap();
+    while !path.join("a.exr").exists() {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    let began = std::time::Instant::now();
+    program::signal(&child, "-TERM");
+    let output = child.wait_with_output().unwrap();
+    let said = program::stderr(&output);
+    assert!(output.status.code() == Some(75) && said.contains("a.exr is saved"), "{said}");
+    assert!(began.elapsed().as_secs() < 10 && holds_it());
+    // What is left is done by --resume, in the PNG as well, and once.
+    let good = "for (size_t i = 0; i < 3 * w * h; i++) out[i] = 2 * in[i];";
+    let output = command("good.so", good).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", program::stderr(&output));
+    let with = bits(&path.join("a.exr"));
+    let red = |name: &str| {
+        let (_, values) = with.iter().find(|(other, _)| other == name).unwrap();
+        values.iter().map(|bits| f32::from_bits(*bits)).collect::<Vec<_>>()
+    };
+    assert!(holds_it() && red("R").iter().zip(red("denoised.R")).all(|(x, y)| 2.0 * x == y));
+    assert!(path.join("a.png").exists());
+    let written = fs::metadata(path.join("a.exr")).unwrap().modified().unwrap();
+    assert_eq!(command("abort.so", "abort();").output().unwrap().status.code(), Some(0));
+    assert_eq!(fs::metadata(path.join("a.exr")).unwrap().modified().unwrap(), written);
+}
+
 #[test]
 fn noise_is_taken_out_into_a_layer_of_its_own_or_it_is_said_how_to_get_the_library() {
     let folder = folder();

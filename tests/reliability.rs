@@ -12,6 +12,7 @@ use bismar::rays::Backend;
 use bismar::render::lens::{Aperture, Focus, LensSettings};
 use bismar::render::{Balance, Part, RenderSettings, RunOptions, StopReason, StudyOptions, render, replay, run};
 
+use crate::helpers::gltf_parts::{Parts, TRIANGLE, floats};
 use crate::helpers::program::{self, assert_same_bits, attribute, bismar, expect, names, scene, stderr};
 use crate::helpers::stage::{Stage, hall};
 
@@ -73,6 +74,135 @@ fn merge_asks_of_parts_what_resume_asks() {
     assert!(!said.contains(OTHER_PASSES), "{said}");
     expect(folder.path(), "render cornell.glb --size 40x30 -q --spp 256 -o whole.exr", 0);
     assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("out.exr"));
+}
+
+#[test]
+fn merge_knows_what_its_parts_have_learned_and_how_passes_were_cut() {
+    const TOLD: &str = "was begun with another goal";
+    let folder = folder();
+    let parts = |flags: &str, goals: &[&str]| {
+        for (part, goals) in [(1, goals), (2, &goals[goals.len() - 1..])] {
+            let _ = fs::remove_file(folder.path().join(format!("{part}.exr")));
+            for goal in goals {
+                let line = format!("render cornell.glb --size 40x30 -q --checkpoint 9 --resume {flags}");
+                expect(folder.path(), &format!("{line} --part {part}/2 --spp {goal} -o {part}.exr"), 0);
+            }
+        }
+        expect(folder.path(), "merge 1.exr 2.exr -o out.exr", 0)
+    };
+    // As many passes, but others; and the same passes with another field.
+    for (flags, goals) in
+        [("", &["64", "256"][..]), ("--guiding on", &["64", "128"]), ("--guiding on", &["128", "256"])]
+    {
+        let said = parts(flags, goals);
+        assert!(said.contains(&format!("1.exr {TOLD}")) && !said.contains("2.exr was"), "{flags} {goals:?}: {said}");
+    }
+    for (flags, goals) in [("", &["128", "256"][..]), ("--guiding on", &["128"])] {
+        let said = parts(flags, goals);
+        assert!(!said.contains(TOLD), "{flags} {goals:?}: {said}");
+        let spp = goals[goals.len() - 1];
+        expect(folder.path(), &format!("render cornell.glb --size 40x30 -q {flags} --spp {spp} -o whole.exr"), 0);
+        assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("out.exr"));
+    }
+}
+
+#[test]
+fn parts_of_a_scene_with_and_without_a_texture_are_of_different_renders() {
+    let folder = folder();
+    let path = folder.path();
+    let mut positions = floats(&TRIANGLE);
+    positions.extend(floats(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0]));
+    let accessor = r#"{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},
+        {"bufferView":0,"byteOffset":36,"componentType":5126,"count":3,"type":"VEC2"}"#;
+    let more = r#","materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}],"textures":[{"source":0}],
+        "images":[{"uri":"a.png"}]"#;
+    let primitive = r#"{"attributes":{"POSITION":0,"TEXCOORD_0":1},"material":0}"#.into();
+    let (accessor, more) = (accessor.into(), more.into());
+    let parts = Parts { positions, accessor, primitive, more, ..Default::default() };
+    fs::write(path.join("a.gltf"), parts.json()).unwrap();
+    let part = |part: u32, code: i32| {
+        let line = format!("render a.gltf --sky --size 40x30 -q --spp 4 --part {part}/2 --resume -o {part}.exr");
+        expect(path, &line, code)
+    };
+    part(1, 0);
+    image::RgbImage::from_pixel(2, 2, image::Rgb([255, 0, 0])).save(path.join("a.png")).unwrap();
+    part(2, 0);
+    let said = expect(path, "merge 1.exr 2.exr -o out.exr", 65);
+    assert!(said.contains("different scene"), "{said}");
+    // Neither is what was rendered without it finished.
+    let said = part(1, 65);
+    assert!(said.contains("holds another render"), "{said}");
+    fs::remove_file(path.join("1.exr")).unwrap();
+    part(1, 0);
+    expect(path, "merge 1.exr 2.exr -o out.exr -q", 0);
+}
+
+#[test]
+fn only_copies_of_this_render_are_removed() {
+    let folder = folder();
+    let path = folder.path();
+    let line = "render cornell.glb --size 40x30 --spp 4 -q --checkpoint 9 -o";
+    // A picture of somebody else's, one that is no picture, a link, and an environment.
+    expect(path, &format!("{line} k.checkpoint-0001.exr"), 0);
+    fs::write(path.join("k.checkpoint-0002.exr"), "mine").unwrap();
+    std::os::unix::fs::symlink("k.checkpoint-0001.exr", path.join("k.checkpoint-0003.exr")).unwrap();
+    let mine = || fs::read(path.join("k.checkpoint-0001.exr")).unwrap();
+    let before = mine();
+    let long = "render cornell.glb --size 96x64 --spp 100000 --checkpoint 0.02 --keep 1 -o k.exr --progress plain \
+                --env k.checkpoint-0001.exr";
+    let mut first =
+        bismar(path).args(long.split_whitespace()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let ours = || -> Vec<String> {
+        let others = |name: &String| name.starts_with("k.checkpoint-") && name.as_str() > "k.checkpoint-0003.exr";
+        names(path).into_iter().filter(others).collect()
+    };
+    while !ours().iter().any(|name| name.as_str() > "k.checkpoint-0006.exr") {
+        assert!(first.try_wait().unwrap().is_none(), "it ended by itself");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    program::signal(&first, "-TERM");
+    assert_eq!(first.wait().unwrap().code(), Some(75));
+    assert_eq!(ours().len(), 1, "{:?}", names(path));
+    assert_eq!(fs::read(path.join("k.checkpoint-0002.exr")).unwrap(), b"mine");
+    assert!(fs::symlink_metadata(path.join("k.checkpoint-0003.exr")).unwrap().is_symlink());
+    assert!(mine() == before);
+}
+
+#[test]
+fn an_output_that_becomes_a_link_is_replaced() {
+    let folder = folder();
+    let path = folder.path();
+    fs::write(path.join("mine"), "mine").unwrap();
+    let long = "render cornell.glb --size 96x64 --spp 100000 -o k.exr --preview k.png --progress plain";
+    let mut first = bismar(path).args(long.split(' ')).stderr(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(first.stderr.take().unwrap());
+    let mut said = String::new();
+    while !said.contains("PROGRESS") {
+        assert_ne!(lines.read_line(&mut said).unwrap(), 0, "it ended by itself:\n{said}");
+    }
+    for name in ["k.exr", "k.png"] {
+        std::os::unix::fs::symlink("mine", path.join(name)).unwrap();
+    }
+    program::signal(&first, "-TERM");
+    lines.read_to_string(&mut said).unwrap();
+    assert_eq!(first.wait().unwrap().code(), Some(75), "{said}");
+    assert_eq!(fs::read(path.join("mine")).unwrap(), b"mine");
+    assert!(["k.exr", "k.png"].iter().all(|name| fs::symlink_metadata(path.join(name)).unwrap().is_file()));
+}
+
+#[test]
+fn a_signal_is_heard_while_a_pre_pass_learns() {
+    let folder = folder();
+    for (flags, what) in [("--guiding on", "guiding"), ("--adaptive", "adaptive")] {
+        let line = format!("render cornell.glb --size 1500x1500 --spp 65536 {flags} --checkpoint 9 -o out.exr");
+        let mut child = bismar(folder.path()).args(line.split(' ')).stderr(Stdio::piped()).spawn().unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(1500));
+        program::signal(&child, "-TERM");
+        let began = std::time::Instant::now();
+        let status = child.wait().unwrap();
+        let seconds = began.elapsed().as_secs_f64();
+        assert!(status.code() == Some(75) && seconds < 4.0, "{what}: {status} after {seconds} s");
+    }
 }
 
 /// Turns a word of a picture's header into another of the same length, and seals the file again.

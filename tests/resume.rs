@@ -42,7 +42,7 @@ fn in_pieces(stage: &Stage, settings: &RenderSettings, tiles_a_session: u32) -> 
         }
         let tiles = unpack(&all_bits(&rendered)).unwrap();
         assert!(fits(&tiles, settings));
-        let saved = Saved { tiles, stats: RenderStats { noise: 0.0, ..rendered.stats } };
+        let saved = Saved { tiles, stats: RenderStats { noise: 0.0, ..rendered.stats }, goals: rendered.goals };
         assert!(saved.has_passes_of(settings), "{:?}", saved.stats);
         from = Some(saved);
     }
@@ -104,7 +104,7 @@ fn checkpoints_leave_no_trace_and_each_can_go_on() {
     let tried = [100, 400, 1600, 6400].into_iter().map(at).find(|(.., saved)| saved.len() > 1);
     let (settings, whole, saved) = tried.expect("pauses");
     for (bytes, stats) in saved.into_iter().step_by(2) {
-        let from = Some(Saved { tiles: unpack(&bytes).unwrap(), stats });
+        let from = Some(Saved { tiles: unpack(&bytes).unwrap(), stats, goals: Vec::new() });
         let job = RunOptions { from, ..RunOptions::new(&stop, &|_| ()) };
         assert_eq!(all_bits(&run(&stage.scene, &settings, job).unwrap()), whole);
     }

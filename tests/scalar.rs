@@ -1,6 +1,6 @@
 //! The wavefront integrator against the scalar one, which shares neither queues nor sorting with it.
 
-use std::sync::atomic::AtomicU32;
+use std::sync::atomic::{AtomicBool, AtomicU32};
 
 use bismar::balance::{Balance, Contribution, Counts, Heuristic, Observer, Shares};
 use bismar::color::luminance;
@@ -50,7 +50,7 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         let limit = |most| Some(most).filter(|_| balance == Balance::Max);
         let settings = RenderSettings { clamp_direct: limit(0.5), clamp_indirect: limit(0.1), ..settings };
         let unguided = transport(&stage.scene, &settings);
-        let learned = learned(&stage.scene, &settings, &unguided);
+        let learned = learned(&stage.scene, &settings, &unguided, &AtomicBool::new(false));
         let field = learned.as_ref().and_then(|learned| learned.field.as_ref());
         assert_eq!(field.is_some(), guiding == Guiding::On);
         // A third of the area lights contribute nothing anywhere.

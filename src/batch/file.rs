@@ -34,7 +34,7 @@ pub fn read(path: &Path, flags: &HashMap<String, Flag>) -> Result<Vec<Job>> {
 fn parse(text: &str, folder: &Path, flags: &HashMap<String, Flag>) -> FileResult<Vec<Job>> {
     let table = DeTable::parse(text)
         .map_err(|e| (e.span().map_or(0, |s| s.start), e.message().trim_end().replace('\n', "; ")))?;
-    let reader = Reader { text, folder, flags };
+    let reader = Reader { text, lines: lines(text), folder, flags };
     let mut defaults = Vec::new();
     let mut groups = Vec::new();
     for (key, value) in sorted(table.get_ref()) {
@@ -87,10 +87,22 @@ fn parse(text: &str, folder: &Path, flags: &HashMap<String, Flag>) -> FileResult
     Ok(jobs)
 }
 
+/// Bytes at which the lines of a text begin.
+fn lines(text: &str) -> Vec<usize> {
+    [0].into_iter().chain(text.match_indices('\n').map(|(at, _)| at + 1)).collect()
+}
+
 impl Reader<'_> {
+    /// Line and column of a byte of the text, as [`position`].
+    pub(super) fn position(&self, byte: usize) -> (usize, usize) {
+        let line = self.lines.partition_point(|start| *start <= byte);
+        let before = self.text.get(self.lines[line - 1]..byte).unwrap_or_default();
+        (line, before.chars().count() + 1)
+    }
+
     /// Byte of the text at a line and column.
     fn byte(&self, (line, column): (usize, usize)) -> usize {
-        let start: usize = self.text.split_inclusive('\n').take(line - 1).map(str::len).sum();
+        let start = self.lines[line - 1];
         start + self.text[start..].chars().take(column - 1).map(char::len_utf8).sum::<usize>()
     }
 
@@ -195,7 +207,7 @@ impl Reader<'_> {
             };
             flags.push((key.to_owned(), value));
         }
-        let (line, column) = position(self.text, span.start);
+        let (line, column) = self.position(span.start);
         let keys = settings.iter().map(|s| (s.key.clone(), s.location)).collect();
         Ok(Job { name, scene: self.folder.join(scene), flags, output, location: SourceLocation { line, column, keys } })
     }
@@ -203,11 +215,11 @@ impl Reader<'_> {
     fn check_unique(&self, jobs: &[Job]) -> FileResult<()> {
         let (mut names, mut files): (HashMap<&str, &Job>, HashMap<&str, &Job>) = Default::default();
         for job in jobs {
-            let at = self.byte(job.location.of_key(None));
+            let at = || self.byte(job.location.of_key(None));
             if let Some(other) = names.insert(&job.name, job) {
                 let why = format!("two jobs are called '{}' (the other is in line {})", job.name, other.location.line);
                 return Err((
-                    at,
+                    at(),
                     format!("{why}; give the group a `name` with every key that differs, as in \"{{scene}}-{{seed}}\""),
                 ));
             }
@@ -216,7 +228,7 @@ impl Reader<'_> {
             for file in written.chain(job.output.to_str()) {
                 if let Some(other) = files.insert(file, job) {
                     let why = format!("'{}' and '{}' both write {file}", other.name, job.name);
-                    return Err((at, format!("{why}; put the job's name into outputs, as in \"out/{{name}}.exr\"")));
+                    return Err((at(), format!("{why}; put the job's name into outputs, as in \"out/{{name}}.exr\"")));
                 }
             }
         }

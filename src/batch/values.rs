@@ -37,6 +37,8 @@ pub fn position(text: &str, byte: usize) -> (usize, usize) {
 /// A batch file that is being read.
 pub struct Reader<'a> {
     pub text: &'a str,
+    /// Bytes at which the lines begin.
+    pub lines: Vec<usize>,
     pub folder: &'a Path,
     pub flags: &'a HashMap<String, Flag>,
 }
@@ -108,7 +110,7 @@ fn setting(reader: &Reader, key: &Spanned<Cow<str>>, value: &Spanned<DeValue>, s
             (values, many)
         }
     };
-    Ok(Setting { key: name, values, listed, location: position(reader.text, key.span().start) })
+    Ok(Setting { key: name, values, listed, location: reader.position(key.span().start) })
 }
 
 fn text<'a>(value: &'a Spanned<DeValue>) -> Option<&'a str> {

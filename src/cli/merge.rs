@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 
+use super::memory;
 use super::render::claim_output;
 use crate::batch::frames::{Frames, numbered};
 use crate::cli::flag_values::value_of;
@@ -14,7 +15,7 @@ use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::farm::PathMapping;
 use crate::film::exr_file::HeaderValue;
 use crate::film::{Exposure, Look, View, colors, preview};
-use crate::render::merge::merge;
+use crate::render::merge::{memory_bytes, merge};
 use crate::{Error, Result};
 
 /// Merge the parts of a picture, or average pictures of different seeds.
@@ -96,6 +97,10 @@ fn one(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
         claims.push(claim_output(path)?);
     }
     wait_for(&args.parts, args.wait)?;
+    let limit = memory::limit(None)?;
+    let bytes = memory::at_rest(rayon::current_num_threads()).saturating_add(memory_bytes(&args.parts)?);
+    memory::check(&format!("merging to {}", args.output.display()), bytes, limit)?;
+    memory::hold(limit);
     let mut merged = merge(&args.parts)?;
     merged.record.resumable &= !args.no_statistics;
     let exposure = args.exposure.of(colors(&merged.rendered.pixels()));

@@ -40,6 +40,8 @@ enum Command {
     Batch(batch::BatchArgs),
     #[command(hide = true)]
     BatchWorker(batch::WorkerArgs),
+    #[command(hide = true)]
+    DenoiseWorker(render::DenoiseWorkerArgs),
     Farm(farm::FarmArgs),
     Merge(merge::MergeArgs),
     Compare(compare::CompareArgs),
@@ -69,6 +71,7 @@ pub fn run() -> ExitCode {
             Command::Inspect(args) => inspect::run(args),
             Command::Batch(args) => batch::run(args, cli.verbosity),
             Command::BatchWorker(_) => batch::work(),
+            Command::DenoiseWorker(args) => render::denoise_work(args),
             Command::Farm(args) => farm::run(args),
             Command::Merge(args) => merge::run(args, cli.verbosity),
             Command::Compare(args) => compare::run(args),

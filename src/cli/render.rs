@@ -3,6 +3,7 @@
 mod args;
 mod checkpoints;
 mod choose;
+mod denoise;
 mod flags;
 mod identity;
 mod loaded;
@@ -20,6 +21,7 @@ use std::time::Instant;
 use tracing::info;
 
 pub use args::RenderArgs;
+pub use denoise::{DenoiseWorkerArgs, work as denoise_work};
 pub use flags::given;
 pub use identity::Inputs;
 pub use loaded::Loaded;

@@ -1,6 +1,7 @@
 //! Memory limits of the process, and the exit code when memory is exhausted.
 
 use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
 use std::fs;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,14 +17,21 @@ use crate::{Error, Result};
 #[derive(Debug)]
 pub struct Allocator;
 
-/// Raised when an allocation has failed.
+/// Raised while the last allocation of a thread has failed.
 static EXHAUSTED: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
+thread_local! {
+    /// Whether the last allocation of this thread failed.
+    static FAILED: Cell<bool> = const { Cell::new(false) };
+}
+
 fn recorded(memory: *mut u8) -> *mut u8 {
-    if memory.is_null()
-        && let Some(exhausted) = EXHAUSTED.get()
-    {
-        exhausted.store(true, Ordering::SeqCst);
+    // A thread that has no memory and goes on allocating has handled that: an abort has another reason then.
+    if memory.is_null() != FAILED.get() {
+        FAILED.set(memory.is_null());
+        if let Some(exhausted) = EXHAUSTED.get() {
+            exhausted.store(memory.is_null(), Ordering::SeqCst);
+        }
     }
     memory
 }

@@ -121,9 +121,12 @@ fn print_unescaped(text: &str) -> Result<()> {
     }
 }
 
-/// Escapes control characters except newlines and tabs.
+/// Escapes control characters except newlines and tabs, and those that change the direction of the text around them (Unicode
+/// Standard Annex 9): a terminal would show other words than those that are there.
 fn escaped(text: &str) -> String {
-    let control = |c: char| c.is_control() && c != '\n' && c != '\t';
+    let turns =
+        |c| matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    let control = |c: char| (c.is_control() && c != '\n' && c != '\t') || turns(c);
     if !text.contains(control) {
         return text.into();
     }
@@ -147,5 +150,7 @@ mod tests {
     fn control_characters_are_shown() {
         assert_eq!(escaped("a\nb\tc"), "a\nb\tc");
         assert_eq!(escaped("\u{1b}[2J\r\u{85}é"), "\\u{1b}[2J\\r\\u{85}é");
+        assert_eq!(escaped("a\u{202e}glb.\u{2066}b\u{200f}"), "a\\u{202e}glb.\\u{2066}b\\u{200f}");
+        assert_eq!(escaped("مرحبا"), "مرحبا");
     }
 }

@@ -57,7 +57,7 @@ impl Signals {
                 .map_err(|e| Error::Host(format!("cannot listen to signal {signal}: {e}")))?;
         }
         let stop = Arc::clone(&signals.stop);
-        thread::spawn(move || {
+        let listener = thread::Builder::new().spawn(move || {
             let mut byte = [0];
             loop {
                 match io::stdin().read(&mut byte) {
@@ -67,6 +67,7 @@ impl Signals {
                 }
             }
         });
+        listener.map_err(|e| Error::Host(format!("cannot start a thread: {e}")))?;
         Ok(signals)
     }
 
@@ -84,7 +85,8 @@ impl Signals {
     pub fn nothing_to_save<T>(&self, work: impl FnOnce() -> T) -> T {
         self.phase.store(LOADING, Ordering::SeqCst);
         let watched = self.clone();
-        thread::spawn(move || {
+        // Where the system refuses another thread, the signal is heard after the work.
+        let _ = thread::Builder::new().spawn(move || {
             while watched.phase.load(Ordering::SeqCst) == LOADING {
                 if watched.stopped()
                     && watched.phase.compare_exchange(LOADING, ENDING, Ordering::SeqCst, Ordering::SeqCst).is_ok()

@@ -79,6 +79,8 @@ const CHECKPOINT_SECONDS: &str = "60";
 const WAIT_SECONDS: &str = "60";
 /// Flags for the merged picture, not for its parts.
 const FLAGS_OF_MERGE: [&str; 4] = ["preview", "view", "exposure", "stats"];
+/// Version of the plan's format. Plans of other versions are not run.
+const SCHEMA: u32 = 1;
 /// File name of the plan in its folder.
 pub const PLAN: &str = "farm.json";
 
@@ -99,7 +101,7 @@ impl Plan {
     ) -> Result<Self> {
         let (tasks, merges) = (Vec::new(), Vec::new());
         let (name, folder) = (name.into(), folder.into());
-        let mut plan = Self { schema: 1, name, folder, parts, retries_memory: false, tasks, merges };
+        let mut plan = Self { schema: SCHEMA, name, folder, parts, retries_memory: false, tasks, merges };
         for render in renders {
             if parts > 1
                 && let Some((flag, _)) = render.flags.iter().find(|(flag, _)| flag == "time")
@@ -206,7 +208,13 @@ impl Plan {
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = std::fs::read(path).map_err(|e| Error::reading(path, &e))?;
         let bad = |why: &dyn Display| Error::Data(format!("{}: not a plan of `farm submit`: {why}", path.display()));
-        let plan: Self = serde_json::from_slice(&bytes).map_err(|e| bad(&e))?;
+        let plan: serde_json::Value = serde_json::from_slice(&bytes).map_err(|e| bad(&e))?;
+        if let Some(schema) = plan["schema"].as_u64().filter(|schema| *schema != u64::from(SCHEMA)) {
+            let why =
+                format!("it has format {schema}, and this bismar runs format {SCHEMA}: use the one that wrote it");
+            return Err(bad(&why));
+        }
+        let plan = Self::deserialize(plan).map_err(|e| bad(&e))?;
         plan.check().map_err(|e| bad(&e))?;
         Ok(plan)
     }
@@ -299,6 +307,19 @@ pub(crate) mod tests {
         assert_eq!(plan.command(6, false).unwrap().1, [Path::new("/f/parts/a.0007.2-of-2.exr")]);
         let read: Plan = serde_json::from_str(&serde_json::to_string(&plan).unwrap()).unwrap();
         assert_eq!(read, plan);
+    }
+
+    #[test]
+    fn a_plan_of_another_format_is_not_run() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(PLAN);
+        let read = |schema: u32| {
+            std::fs::write(&path, serde_json::to_string(&Plan { schema, ..plan(2) }).unwrap()).unwrap();
+            Plan::read(&path)
+        };
+        assert_eq!(read(1).unwrap(), plan(2));
+        let refused = read(99).unwrap_err();
+        assert!(refused.exit_code() == 65 && refused.to_string().contains("format 99"), "{refused}");
     }
 
     #[test]

@@ -4,6 +4,8 @@
 //! A pre-pass estimates variance and cost from a few pixels of each tile, with other scrambles of the sequence than the
 //! picture's. The picture therefore stays unbiased, and every part, crop and session computes the same allocation.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -59,17 +61,19 @@ struct Survey {
 }
 
 impl Allocation {
-    /// Allocates the paths of the whole picture, whatever part of it is rendered. `None` where `settings` are not adaptive.
-    pub fn new(transport: &Transport, settings: &RenderSettings) -> Option<Self> {
+    /// Allocates the paths of the whole picture, whatever part of it is rendered. `None` where `settings` are not adaptive,
+    /// and soon after `stop` is raised.
+    pub fn new(transport: &Transport, settings: &RenderSettings, stop: &AtomicBool) -> Option<Self> {
         let few = settings.spp.is_some_and(|spp| spp < MIN_MEAN_PATHS);
         if !settings.adaptive || settings.noise.is_some() || few {
             return None;
         }
         let [columns, rows] = [settings.width, settings.height].map(|n| n.div_ceil(TILE));
         let of_tile = |tile| {
-            with_buffers(|buffers| survey(buffers.wave(), transport, settings, [tile % columns, tile / columns]))
+            let survey = |wave: &mut Wave| survey(wave, transport, settings, [tile % columns, tile / columns]);
+            (!stop.load(Ordering::Relaxed)).then(|| with_buffers(|buffers| survey(buffers.wave())))
         };
-        let surveys: Vec<_> = (0..columns * rows).into_par_iter().map(of_tile).collect();
+        let surveys: Vec<_> = (0..columns * rows).into_par_iter().map(of_tile).collect::<Option<_>>()?;
         let (doublings, efficiency) = allocated(&surveys, columns as usize);
         Some(Self { doublings, columns, efficiency })
     }

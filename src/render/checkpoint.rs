@@ -5,11 +5,14 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::goals;
 use super::identity::{RequestedOutputs, variant_name};
 use super::scheduler;
 use super::stats::Samples;
-use super::tile::Tile;
-use super::{BuildInfo, Identity, Part, RenderSettings, RenderStats, Rendered, StopReason, fresh_tiles, paths_range};
+use super::tile::{TILE, Tile};
+use super::{
+    BuildInfo, Goal, Identity, Part, RenderSettings, RenderStats, Rendered, StopReason, fresh_tiles, paths_range,
+};
 use crate::film::exr_file::{self, Checksum, Header, HeaderValue, Layers};
 use crate::film::{Aov, Background};
 use crate::rays::BackendInfo;
@@ -22,12 +25,17 @@ pub struct Saved {
     pub tiles: Vec<Tile>,
     /// Counts and times of all sessions so far.
     pub stats: RenderStats,
+    /// The goals that it was begun and continued with, in order; empty if they are not known.
+    pub goals: Vec<Goal>,
 }
 
 impl Saved {
     /// Are its passes those that a render of these settings begins with? Then the resumed render has the bits of an
     /// uninterrupted one ([`scheduler::begins_as`]).
     pub fn has_passes_of(&self, settings: &RenderSettings) -> bool {
+        if !goals::are_as_one(&self.goals, settings) {
+            return false;
+        }
         let (done, ahead) = paths_range(&self.tiles);
         match settings.noise_goal() {
             // Tiles have their own counts, and any count once the noise has been estimated.
@@ -56,6 +64,9 @@ pub struct Record {
     pub aovs: String,
     /// Counts and times of all sessions.
     pub stats: RenderStats,
+    /// The goals that it was begun and continued with; empty in files of earlier builds.
+    #[serde(default)]
+    pub goals: Vec<Goal>,
     /// Why it ended.
     pub stop: StopReason,
     /// Estimated relative error; `None` before a pass is complete.
@@ -111,6 +122,7 @@ impl Record {
             request: identity.request(requested),
             aovs: requested.aovs.clone(),
             stats: rendered.stats,
+            goals: rendered.goals.clone(),
             stop: rendered.stop,
             noise: Some(rendered.stats.noise).filter(|noise| noise.is_finite()),
             paths: rendered.paths_range().0,
@@ -310,7 +322,7 @@ impl Earlier {
         let Some(tiles) = self.tiles(&ours.settings)? else {
             return Err(refused("carries no statistics to go on from, as it was rendered without --checkpoint".into()));
         };
-        Ok(Saved { tiles, stats: self.record.stats })
+        Ok(Saved { tiles, stats: self.record.stats, goals: self.record.goals.clone() })
     }
 }
 
@@ -370,6 +382,14 @@ fn unpack_tile(record: &[u8]) -> Option<Tile> {
 
 /// Are these the complete tiles of a render with these settings?
 pub fn fits(saved: &[Tile], settings: &RenderSettings) -> bool {
+    // First their number: the settings of a file may ask for more tiles than there is memory.
+    let [x0, y0, x1, y1] = settings.window().map(u64::from);
+    let tile = u64::from(TILE);
+    let tiles = (x1.div_ceil(tile) - x0 / tile) * (y1.div_ceil(tile) - y0 / tile);
+    let expected = settings.part.map_or(tiles, |part| part.count(tiles));
+    if saved.len() as u64 != expected {
+        return false;
+    }
     let fresh = fresh_tiles(settings);
     saved.len() == fresh.len() && saved.iter().zip(&fresh).all(|(a, b)| a.covers(b))
 }

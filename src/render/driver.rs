@@ -8,6 +8,7 @@ use tracing::debug;
 
 use super::allocation::Allocation;
 use super::camera::lens;
+use super::goals;
 use super::prepass::Prepasses;
 use super::progress::{PassProgress, Progress};
 use super::scheduler::{self, Next, State};
@@ -124,13 +125,17 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     study.validate(settings)?;
     lens(scene, settings)?;
     let start = Instant::now();
-    let Saved { tiles, stats } =
-        from.unwrap_or_else(|| Saved { tiles: study_tiles(settings, &study), stats: RenderStats::default() });
-    let unfinished = scheduler::planned(settings, paths_range(&tiles).0).is_some();
-    let prepasses = if unfinished { Prepasses::run(scene, settings) } else { Prepasses::default() };
+    let fresh = || Saved { tiles: study_tiles(settings, &study), stats: RenderStats::default(), goals: Vec::new() };
+    let Saved { tiles, stats, mut goals } = from.unwrap_or_else(fresh);
+    let (fewest, most) = paths_range(&tiles);
+    let unfinished = scheduler::planned(settings, fewest).is_some();
+    if unfinished {
+        goals::add(&mut goals, settings, most);
+    }
+    let prepasses = if unfinished { Prepasses::run(scene, settings, stop) } else { Prepasses::default() };
     let transport = prepasses.apply(transport(scene, settings));
     let allocation_start = Instant::now();
-    let allocation = if unfinished { Allocation::new(&transport, settings) } else { None };
+    let allocation = if unfinished { Allocation::new(&transport, settings, stop) } else { None };
     let allocation_seconds = allocation_start.elapsed().as_secs_f64();
     let adaptive =
         allocation.as_ref().map(|a| AdaptiveStats { efficiency: a.efficiency(), seconds: allocation_seconds });
@@ -142,11 +147,16 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
         ..stats
     };
     let (stop_reason, background) = (StopReason::Interrupted, background(&scene.scene, settings));
-    let mut rendered = Rendered { settings: settings.clone(), tiles, stats, stop: stop_reason, background };
+    let mut rendered = Rendered { settings: settings.clone(), tiles, stats, goals, stop: stop_reason, background };
     let clock = Clock { began, start, seconds: stats.seconds, render_seconds: stats.render_seconds };
     let driver = Driver { settings, transport, allocation, max_passes: study.max_passes, stop, progress, clock };
     let mut timers: Vec<_> = pauses.into_iter().map(PauseTimer::new).collect();
+    // What a pre-pass that was stopped has found means nothing.
+    let is_stopped_early = unfinished && driver.is_stopped();
     rendered.stop = loop {
+        if is_stopped_early {
+            break StopReason::Interrupted;
+        }
         let pass = match driver.next_pass(&mut rendered) {
             Ok(pass) => pass,
             Err(reason) => break reason,

@@ -101,7 +101,7 @@ mod tests {
             }
         }
         let (stats, stop, background) = (RenderStats::default(), StopReason::Samples, Background::Black);
-        let found = Fireflies::of(&Rendered { settings, tiles, stats, stop, background });
+        let found = Fireflies::of(&Rendered { settings, tiles, stats, goals: Vec::new(), stop, background });
         let places: Vec<_> = found.brightest.iter().map(|spot| (spot.x, spot.y, spot.path)).collect();
         assert_eq!(places, [(11, 12, 11), (10, 12, 10), (3, 2, 3)]);
         assert_eq!(found.count, 3);

@@ -1,6 +1,6 @@
 //! Merging: parts of a picture are combined, pictures with different seeds are averaged.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use tracing::warn;
@@ -55,7 +55,8 @@ pub fn merge(paths: &[PathBuf]) -> Result<Merged> {
     let stats = RenderStats { noise: noise(&tiles, settings.window()), ..stats };
     let Record { stop, background, .. } = first.record;
     let stop = if by_samples { StopReason::Samples } else { stop };
-    let rendered = Rendered { settings: settings.clone(), tiles, stats, stop, background };
+    let goals = first.record.goals.clone();
+    let rendered = Rendered { settings: settings.clone(), tiles, stats, goals, stop, background };
     let mut record = Record {
         stats,
         stop,
@@ -86,6 +87,28 @@ impl Merged {
     pub fn write(&self, path: &Path) -> Result<()> {
         checkpoint::write(path, &self.rendered, &self.record, self.more.clone(), None, self.record.resumable)
     }
+}
+
+/// Estimated peak memory in bytes of merging these pictures, by their headers.
+///
+/// # Errors
+/// Those of [`merge`] for pictures that cannot be read.
+pub fn memory_bytes(paths: &[PathBuf]) -> Result<u64> {
+    let mut all: u64 = 0;
+    let mut seeds = BTreeSet::new();
+    for path in paths {
+        let input = read(path)?;
+        let settings = settings(&input);
+        let [x0, y0, x1, y1] = settings.window().map(u64::from);
+        let pixels = x1.saturating_sub(x0).saturating_mul(y1.saturating_sub(y0));
+        // Statistics are compressed before they are written, usually to less than half.
+        let saved = if input.record.resumable { 2 } else { 0 };
+        let tile = Tile::bytes_per_pixel(settings.columns()) as u64;
+        all = all.max(pixels.saturating_mul(tile + tile / 4 * saved));
+        seeds.insert(settings.seed);
+    }
+    // The sum, and the picture that is added to it.
+    Ok(all.saturating_mul(seeds.len().min(2) as u64))
 }
 
 fn settings(input: &Earlier) -> &RenderSettings {
@@ -169,12 +192,14 @@ fn assemble(parts: &[Earlier]) -> Result<Whole> {
     let seed = settings(first).seed;
     if let Some(Part { of, .. }) = settings(first).part {
         let there = |number: &u32| parts.iter().any(|p| settings(p).part.is_some_and(|p| p.number == *number));
-        let missing: Vec<_> = (1..=of).filter(|n| !there(n)).map(|n| format!("{n}/{of}")).collect();
-        if !missing.is_empty() {
+        const MAX_NAMED: usize = 100;
+        let named: Vec<_> = (1..=of).filter(|n| !there(n)).take(MAX_NAMED + 1).map(|n| format!("{n}/{of}")).collect();
+        if !named.is_empty() {
+            let more = if named.len() > MAX_NAMED { ", …" } else { "" };
             return Err(Error::Data(format!(
-                "of seed {seed} {} of {of} parts are missing: {}",
-                missing.len(),
-                missing.join(", ")
+                "of seed {seed} {} of {of} parts are missing: {}{more}",
+                of as usize - parts.len().min(of as usize),
+                named[..named.len().min(MAX_NAMED)].join(", ")
             )));
         }
     }
@@ -186,12 +211,12 @@ fn assemble(parts: &[Earlier]) -> Result<Whole> {
         let own = part.tiles(settings(part))?.ok_or_else(|| {
             Error::Data(format!("{name}: carries no statistics to merge: render it with --checkpoint"))
         })?;
-        let saved = Saved { tiles: own, stats: part.record.stats };
+        let saved = Saved { tiles: own, stats: part.record.stats, goals: part.record.goals.clone() };
         // Merged parts should have the bits of the whole.
         if settings(part).part.is_some() && !saved.has_passes_of(settings(part)) {
             warn!(
-                "{name} was begun with another goal and took other passes than a render in one go: the picture is as right \
-                 as ever, but not bit for bit that of the whole"
+                "{name} was begun with another goal and took other passes, or learned another guiding field, than a render \
+                 in one go: the picture is as right as ever, but not bit for bit that of the whole"
             );
         }
         let own = saved.tiles;

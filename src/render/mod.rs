@@ -10,6 +10,7 @@ pub mod camera;
 pub mod checkpoint;
 pub mod driver;
 pub mod fireflies;
+pub mod goals;
 pub mod identity;
 pub mod lens;
 pub mod merge;
@@ -34,6 +35,7 @@ pub use camera::camera;
 pub use checkpoint::{Record, Saved};
 pub use driver::{Pause, RunOptions, render, run};
 pub use fireflies::Fireflies;
+pub use goals::Goal;
 pub use identity::Identity;
 pub use part::Part;
 pub use pixels::TilePixels;
@@ -53,6 +55,8 @@ pub struct Rendered {
     pub tiles: Vec<Tile>,
     /// Counts and times.
     pub stats: RenderStats,
+    /// The goals that it was begun and continued with, in order.
+    pub goals: Vec<Goal>,
     /// Why it ended.
     pub stop: StopReason,
     /// What the picture shows behind all surfaces.

@@ -35,6 +35,11 @@ impl FromStr for Part {
 }
 
 impl Part {
+    /// Number of tiles of this part, of `all` tiles.
+    pub fn count(self, all: u64) -> u64 {
+        (all + u64::from(self.of) - u64::from(self.number)) / u64::from(self.of)
+    }
+
     /// Selects the tiles of this part from those of a picture's window. Parts differ by at most one tile in size and are
     /// interleaved along a Z-order curve: neighbours, which have similar costs, are in different parts.
     pub fn select(self, mut all: Vec<Tile>) -> Vec<Tile> {
@@ -76,6 +81,9 @@ mod tests {
             let all: Vec<_> = Tile::cover(width, height, window, NONE).iter().map(Tile::grid_position).collect();
             let parts: Vec<_> =
                 (1..=of).map(|number| Part { number, of }.select(Tile::cover(width, height, window, NONE))).collect();
+            for (part, number) in parts.iter().zip(1..) {
+                prop_assert_eq!(part.len() as u64, Part { number, of }.count(all.len() as u64));
+            }
             let sizes = parts.iter().map(Vec::len);
             prop_assert!(sizes.clone().max().unwrap() - sizes.min().unwrap() <= 1);
             let mut joined: Vec<_> = parts.into_iter().flatten().collect();

@@ -1,5 +1,7 @@
 //! Traces the paths of one pixel again, one by one, to find out where a value comes from.
 
+use std::sync::atomic::AtomicBool;
+
 use glam::Vec3;
 
 use super::allocation::Allocation;
@@ -43,13 +45,14 @@ pub fn replay(
         let (width, height) = (settings.width, settings.height);
         return Err(Error::Usage(format!("pixel {x},{y} is not inside the picture of {width}x{height} pixels")));
     }
-    let prepasses = Prepasses::run(scene, settings);
+    let never = AtomicBool::new(false);
+    let prepasses = Prepasses::run(scene, settings, &never);
     let mut transport = prepasses.apply(transport(scene, settings));
     let window = [x, y, x + 1, y + 1];
     let Some(mut tile) = Tile::cover(settings.width, settings.height, window, settings.columns()).pop() else {
         return Ok(());
     };
-    let allocation = Allocation::new(&transport, settings);
+    let allocation = Allocation::new(&transport, settings, &never);
     let goal = settings.spp.map(|mean| allocation.map_or(mean, |allocation| allocation.paths(&tile, mean)));
     while let Some(pass) = scheduler::planned_to(settings, goal, tile.paths()) {
         transport.seed = pass_seed(settings, tile.paths());

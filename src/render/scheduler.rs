@@ -107,6 +107,19 @@ pub fn fraction(settings: &RenderSettings, paths: f64, seconds: f64, clean: f64)
     by_samples.max(by_time).max(clean).clamp(0.0, 1.0)
 }
 
+/// The numbers of paths at which passes of these settings end, up to the first one that is not below `paths`.
+pub fn pass_ends(settings: &RenderSettings, paths: u32) -> Vec<u32> {
+    let mut ends = Vec::new();
+    let mut done = 0;
+    while done < paths
+        && let Some(pass) = planned(settings, done)
+    {
+        done += pass;
+        ends.push(done);
+    }
+    ends
+}
+
 /// Does a pass of these settings end at this number of paths?
 pub fn is_planned(settings: &RenderSettings, paths: u32) -> bool {
     let mut done = 0;

@@ -52,13 +52,14 @@ impl Error {
         }
     }
 
-    /// The error of an input that could not be read: [`Missing`](Self::Missing), [`Permission`](Self::Permission) or
-    /// [`Io`](Self::Io), by the kind of the system's error.
+    /// The error of an input that could not be read: [`Missing`](Self::Missing), [`Permission`](Self::Permission),
+    /// [`Host`](Self::Host) (no memory) or [`Io`](Self::Io), by the kind of the system's error.
     pub fn reading(path: &std::path::Path, error: &std::io::Error) -> Self {
         let text = format!("{}: cannot read: {error}", path.display());
         match error.kind() {
             std::io::ErrorKind::NotFound => Error::Missing(text),
             std::io::ErrorKind::PermissionDenied => Error::Permission(text),
+            std::io::ErrorKind::OutOfMemory => Error::Host(format!("{text}: not enough memory")),
             _ => Error::Io(text),
         }
     }

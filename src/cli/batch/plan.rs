@@ -14,8 +14,8 @@ use crate::console::Paths;
 use crate::{Error, Result};
 
 /// Flags of `render` that a batch file must not hold.
-const NOT_IN_FILES: [&str; 8] =
-    ["resume", "progress", "threads", "part", "memory-limit", "path-mapping", "on-checkpoint", "led"];
+const NOT_IN_FILES: [&str; 9] =
+    ["resume", "replay-pixel", "progress", "threads", "part", "memory-limit", "path-mapping", "on-checkpoint", "led"];
 
 /// A job with its flags parsed.
 pub struct Planned {

@@ -16,6 +16,7 @@ use super::plan::{Planned, files_key, parse_flags, scene_key};
 use crate::batch::message::{Ended, JobMessage, Message};
 use crate::batch::queue::{Cache, each};
 use crate::batch::report::{Entry, Status};
+use crate::cli::memory;
 use crate::cli::render::{Done, Inputs, Loaded, RenderArgs, Session, claim_outputs, declare};
 use crate::console::{Paths, Signals, Verdict, host};
 use crate::render::Progress;
@@ -164,7 +165,7 @@ impl Worker {
         if let Some(earlier) = session.finished_before()? {
             return session.develop(&earlier);
         }
-        session.check_memory()?;
+        memory::hold(session.check_memory()?);
         let building = |_, _| !self.signals.stopped();
         // Whether other scenes will be made of these files.
         let more = self.inputs.left(&files) > self.scenes.left(key);

@@ -93,6 +93,9 @@ impl WorkerPool<'_> {
         let error = match exited.status.signal() {
             Some(9) => Error::Host("its process was killed, probably because the system ran out of memory".into()),
             Some(signal) => Error::Bug(format!("its process was ended by signal {signal}")),
+            None if exited.status.code() == Some(Error::Host(String::new()).exit_code().into()) => {
+                Error::Host("it ran out of memory; its message is above".into())
+            }
             None => Error::Bug(format!("its process ended early, with {}", exited.status)),
         };
         let (status, error, exit_code) = (Status::Failed, Some(error.to_string()), error.exit_code());

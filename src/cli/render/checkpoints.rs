@@ -1,10 +1,13 @@
 //! After a checkpoint: numbered copies (`--keep`) and the user's program (`--on-checkpoint`).
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
 use tracing::warn;
+
+use crate::render::checkpoint::Earlier;
 
 /// Copies checkpoints and starts the user's program. Failures are warnings.
 pub struct Checkpoints<'a> {
@@ -52,22 +55,37 @@ impl Drop for Checkpoints<'_> {
     }
 }
 
-/// Copies the file to the next number, by a hard link where possible, and removes the oldest copies.
-fn copy(output: &Path, keep: u32) -> std::io::Result<PathBuf> {
+/// Copies the file to the next number, by a hard link where possible, and removes the oldest copies of this render. Other
+/// files with such names are left alone.
+fn copy(output: &Path, keep: u32) -> io::Result<PathBuf> {
     let stem = output.file_stem().unwrap_or_default().to_string_lossy().into_owned() + ".checkpoint-";
     let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let number = |name: &str| name.strip_prefix(&stem)?.strip_suffix(".exr")?.parse::<u64>().ok();
     let names = fs::read_dir(folder)?.flatten().map(|entry| entry.file_name());
-    let mut copies: Vec<(u64, PathBuf)> =
+    let mut named: Vec<(u64, PathBuf)> =
         names.filter_map(|name| Some((number(name.to_str()?)?, folder.join(name)))).collect();
-    copies.sort();
-    let next = copies.last().map_or(0, |last| last.0) + 1;
+    named.sort();
+    let next = named.last().map_or(0, |last| last.0) + 1;
     let copy = folder.join(format!("{stem}{next:04}.exr"));
     // The next checkpoint replaces the output and never writes into it, so a hard link keeps this one.
-    fs::hard_link(output, &copy).or_else(|_| fs::copy(output, &copy).map(drop))?;
-    let too_many = (copies.len() + 1).saturating_sub(keep as usize);
-    for (_, old) in &copies[..too_many.min(copies.len())] {
-        fs::remove_file(old)?;
+    match fs::hard_link(output, &copy) {
+        Err(e) if e.kind() != ErrorKind::AlreadyExists => {
+            io::copy(&mut File::open(output)?, &mut File::create_new(&copy)?)?;
+        }
+        linked => linked?,
     }
+    let mut copies: Vec<_> = named.into_iter().map(|(_, path)| path).filter(|path| is_copy(path, output)).collect();
+    copies.truncate((copies.len() + 1).saturating_sub(keep as usize));
+    copies.iter().try_for_each(fs::remove_file)?;
     Ok(copy)
+}
+
+/// Is the file, which has the name of a copy, a checkpoint of the render in `output`? Its record tells.
+fn is_copy(path: &Path, output: &Path) -> bool {
+    let record = |path: &Path| Some(Earlier::read(path).ok()??.record);
+    let is_file = fs::symlink_metadata(path).is_ok_and(|meta| meta.is_file());
+    match (is_file, record(path), record(output)) {
+        (true, Some(a), Some(b)) => (a.request, a.identity.settings.part) == (b.request, b.identity.settings.part),
+        _ => false,
+    }
 }

@@ -2,19 +2,21 @@
 
 use std::cell::{Cell, RefCell};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use super::args::RenderArgs;
+use super::denoise::denoised_elsewhere;
 use super::identity::Inputs;
 use super::loaded::Loaded;
 use super::names::names;
-use crate::Result;
 use crate::cli::stats::{Seconds, Stats};
-use crate::film::denoise::Denoiser;
+use crate::film::denoise::{Denoiser, NoisyPicture};
 use crate::film::exr_file::{Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
-use crate::film::{Background, Look, Picture, colors, denoised, exr_file, preview};
+use crate::film::{Background, Look, Picture, colors, exr_file, preview};
 use crate::render::checkpoint::{self, Host};
-use crate::render::{Identity, Record, RenderSettings, Rendered, camera};
+use crate::render::{Identity, Record, RenderSettings, Rendered, StopReason, camera};
+use crate::{Error, Result};
 
 /// Layer of the denoised beauty.
 const DENOISED_LAYER: &str = "denoised";
@@ -30,14 +32,15 @@ pub struct OutputWriter<'a> {
     output: PathBuf,
     /// Whether the finished picture holds the state to continue from.
     resumable: bool,
-    denoiser: Option<Denoiser>,
+    /// Whether the finished picture is denoised.
+    denoises: bool,
     /// The denoised beauty of the finished picture, row by row.
     denoised: RefCell<Option<Vec<[f32; 3]>>>,
     seconds: Cell<Seconds>,
 }
 
 impl<'a> OutputWriter<'a> {
-    /// Loads the denoiser, so that a missing one is an error before the render.
+    /// Loads the denoiser once, so that a missing one is an error before the render.
     ///
     /// # Errors
     /// Those of [`Denoiser::load`].
@@ -50,7 +53,7 @@ impl<'a> OutputWriter<'a> {
         identity: &'a Identity,
         resumable: bool,
     ) -> Result<Self> {
-        let denoiser = args.denoise.map(|_| Denoiser::load()).transpose()?;
+        args.denoise.map(|_| Denoiser::load()).transpose()?;
         let seconds = Seconds { read: loaded.read_seconds, build: loaded.build_seconds, ..Default::default() };
         Ok(Self {
             args,
@@ -61,7 +64,7 @@ impl<'a> OutputWriter<'a> {
             identity,
             output: args.output(),
             resumable,
-            denoiser,
+            denoises: args.denoise.is_some(),
             denoised: RefCell::new(None),
             seconds: Cell::new(seconds),
         })
@@ -76,14 +79,23 @@ impl<'a> OutputWriter<'a> {
         self.write_preview(rendered, &stats)
     }
 
-    /// Writes all outputs of a render that has ended, denoised if requested; `began` is the start of the command.
+    /// Writes all outputs of a render that has ended. If requested, a finished picture is written first as it is, then
+    /// denoised and written again; `stop` ends the denoiser. `began` is the start of the command.
     ///
     /// # Errors
-    /// Those of the denoiser and of the files.
-    pub fn write_final(&self, rendered: &Rendered, with_statistics: bool, began: Instant) -> Result<Stats> {
-        if let Some(denoiser) = &self.denoiser {
+    /// Those of the denoiser, after the picture has been written with the statistics to continue from, and of the files.
+    pub fn write_final(
+        &self,
+        rendered: &Rendered,
+        with_statistics: bool,
+        began: Instant,
+        stop: &AtomicBool,
+    ) -> Result<Stats> {
+        if self.denoises && rendered.stop != StopReason::Interrupted {
+            self.write_picture(rendered, true)?;
             let start = Instant::now();
-            *self.denoised.borrow_mut() = Some(denoised(denoiser, &rendered.pixels())?);
+            let denoised = denoised_elsewhere(&NoisyPicture::of(&rendered.pixels()), stop);
+            *self.denoised.borrow_mut() = Some(denoised.map_err(|error| self.not_denoised(error))?);
             self.add_write_seconds(start);
         }
         let mut stats = self.write_picture(rendered, with_statistics)?;
@@ -99,6 +111,18 @@ impl<'a> OutputWriter<'a> {
         Ok(stats)
     }
 
+    /// The error of a picture that is written, but not denoised.
+    fn not_denoised(&self, error: Error) -> Error {
+        let output = self.output.display();
+        let left =
+            format!("{output} is saved with all its paths, not denoised; the same command with --resume denoises it");
+        match error {
+            Error::Interrupted(why) => Error::Interrupted(format!("{why}: {left}")),
+            Error::Host(why) => Error::Host(format!("{why}: {left}")),
+            other => other,
+        }
+    }
+
     fn write_picture(&self, rendered: &Rendered, with_statistics: bool) -> Result<Stats> {
         let start = Instant::now();
         let (scene, backend) = (&self.loaded.prepared.scene, self.loaded.prepared.rays.info());
@@ -106,9 +130,13 @@ impl<'a> OutputWriter<'a> {
         let mut stats = Stats::new(&self.args.scene, scene, backend, self.threads, rendered, seconds);
         stats.exposure = self.args.exposure.of(colors(&rendered.pixels()));
         let requested = self.args.requested();
-        let record = Record::new(self.identity, &requested, rendered, Host::of(backend), self.resumable);
+        let mut record = Record::new(self.identity, &requested, rendered, Host::of(backend), self.resumable);
         let header = self.header(&stats)?;
         let denoised = self.denoised.borrow();
+        if self.denoises && denoised.is_none() {
+            // `--resume` denoises it.
+            record.stop = StopReason::Interrupted;
+        }
         checkpoint::write(&self.output, rendered, &record, header, denoised.as_deref(), with_statistics)?;
         self.add_write_seconds(start);
         Ok(stats)

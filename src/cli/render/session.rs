@@ -207,7 +207,8 @@ impl Session<'_> {
         if !interrupted {
             warnings::black_picture(&output, &rendered, args.part.is_some());
         }
-        let mut stats = writer.write_final(&rendered, interrupted || resumable || args.part.is_some(), self.began)?;
+        let mut stats =
+            writer.write_final(&rendered, interrupted || resumable || args.part.is_some(), self.began, stop)?;
         if interrupted {
             checkpoints.saved();
             return Err(self.interrupted(&rendered));

@@ -2,6 +2,8 @@
 //! compensation, Karlík et al. 2019). A pre-pass at low resolution compares both densities over all surfaces. Its result
 //! depends only on the scene, the view and the seed, so that every part, crop and session decides alike.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use rayon::prelude::*;
 use tracing::debug;
 
@@ -24,8 +26,9 @@ const PATHS_PER_PIXEL: u32 = 16;
 /// The compensated density is used where at most this fraction of the variance remains.
 const MAX_REMAINING_VARIANCE: f64 = 0.97;
 
-/// The density by which the paths of `transport`, a render with these settings, sample the environment.
-pub fn density(scene: &PreparedScene, settings: &RenderSettings, transport: &Transport) -> Density {
+/// The density by which the paths of `transport`, a render with these settings, sample the environment. Ends soon after
+/// `stop` is raised.
+pub fn density(scene: &PreparedScene, settings: &RenderSettings, transport: &Transport, stop: &AtomicBool) -> Density {
     let uneven = scene.lights.environment.as_ref().is_some_and(|environment| environment.has_compensated());
     if !settings.balance.method().uses_prepasses() || !uneven {
         return Density::Radiance;
@@ -36,25 +39,30 @@ pub fn density(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
     let [plain, compensated] = [Density::Radiance, Density::Compensated].map(|density| {
         let seed = hash(settings.seed ^ hash(0x736b_7921));
         let drawing = Drawing { density, learned: None };
-        trace(&Transport { camera: camera.clone(), seed, drawing, ..transport.clone() }, [width, height])
+        trace(&Transport { camera: camera.clone(), seed, drawing, ..transport.clone() }, [width, height], stop)
     });
+    let (Some(plain), Some(compensated)) = (plain, compensated) else { return Density::Radiance };
     let remaining = remaining_variance(&plain, &compensated);
     debug!("the environment's compensated density leaves {remaining:.2} of the variance, by {width} x {height} pixels");
     if remaining < MAX_REMAINING_VARIANCE { Density::Compensated } else { Density::Radiance }
 }
 
-/// Traces a picture of this size.
-fn trace(transport: &Transport, [width, height]: [u32; 2]) -> Vec<PixelStats> {
+/// Traces a picture of this size; `None` if `stop` was raised.
+fn trace(transport: &Transport, [width, height]: [u32; 2], stop: &AtomicBool) -> Option<Vec<PixelStats>> {
     let counts = Counts::half(PATHS_PER_PIXEL);
     let pixels = (0..height).flat_map(|y| (0..width).map(move |x| [x, y]));
     let tasks: Vec<_> = pixels.map(|pixel| PixelTask::first(pixel, counts, 0)).collect();
     let of_some = |tasks: &[PixelTask]| {
+        if stop.load(Ordering::Relaxed) {
+            return None;
+        }
         let mut stats = vec![PixelStats::default(); tasks.len()];
         let mut batch = PixelBatch::radiance_only(tasks, &mut stats);
         with_buffers(|buffers| buffers.wave().run(transport, &mut batch));
-        stats
+        Some(stats)
     };
-    tasks.par_chunks(128).flat_map_iter(of_some).collect()
+    let all: Option<Vec<_>> = tasks.par_chunks(128).map(of_some).collect();
+    all.map(|all| all.concat())
 }
 
 /// Relative variance with the compensated density over that with the plain one, over the pixels of a picture. Infinite if

@@ -2,6 +2,7 @@
 //! result depends only on the scene, the view, the seed and the expected paths per pixel, so that every part and crop
 //! learns the same.
 
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use tracing::debug;
@@ -59,8 +60,14 @@ impl Learned {
     }
 }
 
-/// Learns a field along the paths of `transport`. `None` where `settings` turn guiding off or there is no indirect light.
-pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Transport) -> Option<Learned> {
+/// Learns a field along the paths of `transport`. `None` where `settings` turn guiding off or there is no indirect light, and
+/// soon after `stop` is raised.
+pub fn learned(
+    scene: &PreparedScene,
+    settings: &RenderSettings,
+    transport: &Transport,
+    stop: &AtomicBool,
+) -> Option<Learned> {
     if settings.guiding == Guiding::Off || transport.max_depth < 3 {
         return None;
     }
@@ -94,7 +101,7 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
             field: known.as_ref(),
             ..transport.clone()
         };
-        let mut recorded = trace(&transport, size, paths, [max_training_samples - fresh, max_vertex_records]);
+        let mut recorded = trace(&transport, size, paths, [max_training_samples - fresh, max_vertex_records], stop)?;
         let round_paths = pilot_pixels * f64::from(paths);
         let cost = recorded.rays as f64 / round_paths;
         let unguided = *unguided.get_or_insert(cost);
@@ -150,8 +157,8 @@ struct Round {
     rays: u64,
 }
 
-/// Traces a picture of this size and records at most `most` training samples and vertex records.
-fn trace(transport: &Transport, size: [u32; 2], paths: u32, most: [usize; 2]) -> Round {
+/// Traces a picture of this size and records at most `most` training samples and vertex records; `None` if `stop` was raised.
+fn trace(transport: &Transport, size: [u32; 2], paths: u32, most: [usize; 2], stop: &AtomicBool) -> Option<Round> {
     let counts = if transport.lights.has_extent() { Counts::half(paths) } else { Counts::bsdf_only(paths) };
     let most = most.map(|most| most / tiles(size).len());
     let of_tile = |wave: &mut Wave, pixels: Vec<[u32; 2]>| {
@@ -180,13 +187,13 @@ fn trace(transport: &Transport, size: [u32; 2], paths: u32, most: [usize; 2]) ->
         recorded.vertex_records.shrink_to_fit();
         recorded
     };
-    let of_tiles = in_tiles(size, of_tile);
-    of_tiles.into_iter().fold(Round::default(), |mut all, tile| {
+    let of_tiles = in_tiles(size, stop, of_tile)?;
+    Some(of_tiles.into_iter().fold(Round::default(), |mut all, tile| {
         all.training_samples.extend(tile.training_samples);
         all.vertex_records.extend(tile.vertex_records);
         all.variance += tile.variance;
         all.inverse += tile.inverse;
         all.rays += tile.rays;
         all
-    })
+    }))
 }

@@ -3,6 +3,7 @@
 //! every part, crop and session learns the same.
 
 use std::f32::consts::SQRT_2;
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use tracing::debug;
@@ -70,8 +71,13 @@ fn pixels(settings: &RenderSettings) -> f64 {
 }
 
 /// Learns which lights matter along the paths of `transport`, a render with these settings. `None` where the balance method
-/// uses no pre-passes or there is nothing to choose.
-pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Transport) -> Option<LearnedLightsResult> {
+/// uses no pre-passes or there is nothing to choose, and soon after `stop` is raised.
+pub fn learned(
+    scene: &PreparedScene,
+    settings: &RenderSettings,
+    transport: &Transport,
+    stop: &AtomicBool,
+) -> Option<LearnedLightsResult> {
     let area = scene.lights.area.as_ref().filter(|area| area.tree().top(3) > 1)?;
     if !settings.balance.method().uses_prepasses() {
         return None;
@@ -83,15 +89,15 @@ pub fn learned(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
         |light_sample_records: &[LightSampleRecord]| LearnedLights::learn(area.tree(), light_sample_records, normals);
     let round = |number: usize| {
         let seed = hash(settings.seed ^ hash(0x6c61_6d70 + number as u32));
-        trace(&Transport { camera: camera.clone(), seed, ..transport.clone() }, size, PATHS_PER_ROUND[number])
+        trace(&Transport { camera: camera.clone(), seed, ..transport.clone() }, size, PATHS_PER_ROUND[number], stop)
     };
-    let (first, second) = (round(0), round(1));
+    let (first, second) = (round(0)?, round(1)?);
     let remaining_variance =
         learn(&first.light_sample_records).map_or(1.0, |lights| relative_variance_with(area, &lights, &second));
     let mut lights = None;
     if remaining_variance < MAX_REMAINING_VARIANCE {
         lights =
-            learn(&[first.light_sample_records, second.light_sample_records, round(2).light_sample_records].concat());
+            learn(&[first.light_sample_records, second.light_sample_records, round(2)?.light_sample_records].concat());
     }
     let result = LearnedLightsResult { lights, remaining_variance, seconds: began.elapsed().as_secs_f64() };
     debug!("learned lights leave {remaining_variance:.2} of the variance; {:?}", result.stats());
@@ -106,8 +112,8 @@ struct Round {
     variances: Vec<f64>,
 }
 
-/// Traces a round.
-fn trace(transport: &Transport, size: [u32; 2], paths: u32) -> Round {
+/// Traces a round; `None` if `stop` was raised.
+fn trace(transport: &Transport, size: [u32; 2], paths: u32, stop: &AtomicBool) -> Option<Round> {
     let most = MAX_RECORDS * paths as usize / PATHS_PER_ROUND.iter().sum::<u32>() as usize / tiles(size).len();
     let counts = Counts::half(paths);
     let of_tile = |wave: &mut Wave, pixels: Vec<[u32; 2]>| {
@@ -130,10 +136,11 @@ fn trace(transport: &Transport, size: [u32; 2], paths: u32) -> Round {
         }
         round
     };
-    in_tiles(size, of_tile).into_iter().fold(Round::default(), |mut all, tile| {
+    let of_tiles = in_tiles(size, stop, of_tile)?;
+    Some(of_tiles.into_iter().fold(Round::default(), |mut all, tile| {
         all.add(tile);
         all
-    })
+    }))
 }
 
 impl Round {

@@ -1,5 +1,7 @@
 //! The view of pre-passes: that of the picture, with fewer pixels.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use rayon::prelude::*;
 
 use super::super::RenderSettings;
@@ -31,8 +33,12 @@ pub fn tiles([width, height]: [u32; 2]) -> Vec<[u32; 2]> {
 }
 
 /// Calls `of_tile` with the pixels of each tile, block by block, and a wave of the thread. The results are in the order of
-/// [`tiles`].
-pub fn in_tiles<T: Send>(size: [u32; 2], of_tile: impl Fn(&mut Wave, Vec<[u32; 2]>) -> T + Sync) -> Vec<T> {
+/// [`tiles`]; `None` if `stop` was raised.
+pub fn in_tiles<T: Send>(
+    size: [u32; 2],
+    stop: &AtomicBool,
+    of_tile: impl Fn(&mut Wave, Vec<[u32; 2]>) -> T + Sync,
+) -> Option<Vec<T>> {
     let [width, height] = size;
     let pixels = |[x0, y0]: [u32; 2]| {
         let row = move |y| (x0..width.min(x0 + TILE)).map(move |x| [x, y]);
@@ -40,8 +46,11 @@ pub fn in_tiles<T: Send>(size: [u32; 2], of_tile: impl Fn(&mut Wave, Vec<[u32; 2
         pixels.sort_by_key(block);
         pixels
     };
-    let take = |tile| with_buffers(|buffers| of_tile(buffers.wave(), pixels(tile)));
-    tiles(size).into_par_iter().map(take).collect()
+    let take = |tile| {
+        let proceeds = !stop.load(Ordering::Relaxed);
+        proceeds.then(|| with_buffers(|buffers| of_tile(buffers.wave(), pixels(tile))))
+    };
+    tiles(size).into_par_iter().with_max_len(1).map(take).collect()
 }
 
 /// Which block of pixels a pixel is in.

@@ -8,6 +8,8 @@ pub mod guiding;
 pub mod learned_lights;
 mod low_resolution;
 
+use std::sync::atomic::AtomicBool;
+
 use super::RenderSettings;
 use super::transport::transport;
 use crate::integrator::{PreparedScene, Transport};
@@ -25,12 +27,13 @@ pub struct Prepasses {
 }
 
 impl Prepasses {
-    /// Runs the pre-passes that `settings` ask for. Each uses the results of those before it.
-    pub fn run(scene: &PreparedScene, settings: &RenderSettings) -> Self {
+    /// Runs the pre-passes that `settings` ask for. Each uses the results of those before it. The results mean nothing if
+    /// `stop` is raised: the rest then ends within a tile's time.
+    pub fn run(scene: &PreparedScene, settings: &RenderSettings, stop: &AtomicBool) -> Self {
         let mut found = Self::default();
-        found.density = compensation::density(scene, settings, &found.apply(transport(scene, settings)));
-        found.learned_lights = learned_lights::learned(scene, settings, &found.apply(transport(scene, settings)));
-        found.guiding = guiding::learned(scene, settings, &found.apply(transport(scene, settings)));
+        found.density = compensation::density(scene, settings, &found.apply(transport(scene, settings)), stop);
+        found.learned_lights = learned_lights::learned(scene, settings, &found.apply(transport(scene, settings)), stop);
+        found.guiding = guiding::learned(scene, settings, &found.apply(transport(scene, settings)), stop);
         found
     }
 

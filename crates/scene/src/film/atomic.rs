@@ -44,14 +44,16 @@ pub fn sweep(path: &Path) {
 }
 
 /// Writes a file by `content`. An existing file is replaced only if everything succeeds. A device such as `/dev/null` is written
-/// in place.
+/// in place. Symbolic links are followed, except those that have taken the place of a claimed output
+/// ([`claim`](super::lock::claim)): these are replaced.
 ///
 /// # Errors
 /// [`Error::CannotCreate`], [`Error::Permission`]; [`Error::Io`] if the disk is full or a write fails; the error that `content`
 /// returns.
 pub fn write(path: &Path, content: impl FnOnce(&mut BufWriter<&File>) -> Writing) -> Result<()> {
     let failed = |e: io::Error| Error::Io(format!("{}: cannot write: {e}", path.display()));
-    match Destination::resolve(path)? {
+    let destination = lock::claimed(path).map_or_else(|| Destination::resolve(path), Ok)?;
+    match destination {
         Destination::Device => {
             let file = File::options().write(true).open(path).map_err(|e| cannot_create(path, &e))?;
             fill(&file, content).map_err(failed)?
@@ -61,7 +63,7 @@ pub fn write(path: &Path, content: impl FnOnce(&mut BufWriter<&File>) -> Writing
             // The lock keeps `sweep` away. A file system without locks is not swept either.
             let _ = temporary.as_file().try_lock();
             fill(temporary.as_file(), content).map_err(failed)??;
-            if let Ok(old) = fs::metadata(&target) {
+            if let Some(old) = fs::symlink_metadata(&target).ok().filter(fs::Metadata::is_file) {
                 // If that fails, the file keeps the permissions of the umask.
                 let _ = temporary.as_file().set_permissions(old.permissions());
             }

@@ -140,19 +140,44 @@ impl Denoiser {
     }
 }
 
+/// A beauty with its guides, which owns its pictures ([`Noisy`]).
+#[derive(Debug, Default)]
+pub struct NoisyPicture {
+    /// Width in pixels.
+    pub width: usize,
+    /// Radiance, albedo, and normals, each row by row.
+    pub images: [Vec<[f32; 3]>; 3],
+}
+
+impl NoisyPicture {
+    /// The beauty and guides of `pixels`, which must have extra sums.
+    pub fn of(pixels: &dyn Pixels) -> Self {
+        let [x0, y0, x1, y1] = pixels.window();
+        let [mut color, mut albedo, mut normal] = [Vec::new(), Vec::new(), Vec::new()];
+        for (x, y) in (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y))) {
+            let (stats, extras) = (pixels.at(x, y).0, pixels.extras(x, y).unwrap_or_default());
+            let n = stats.samples.max(1) as f32;
+            color.push(stats.mean());
+            albedo.push(extras.guide_albedo.map(|sum| (sum / n).clamp(0.0, 1.0)));
+            normal.push(extras.guide_normal.map(|sum| sum / n));
+        }
+        Self { width: (x1 - x0) as usize, images: [color, albedo, normal] }
+    }
+
+    /// Denoises the picture in this process; the result is linear RGB, row by row.
+    ///
+    /// # Errors
+    /// Those of [`Denoiser::denoise`].
+    pub fn denoised(&self, denoiser: &Denoiser) -> Result<Vec<[f32; 3]>> {
+        let [color, albedo, normal] = &self.images;
+        denoiser.denoise(Noisy { width: self.width, color, albedo, normal })
+    }
+}
+
 /// The denoised beauty, linear RGB row by row, guided by albedo and normals. `pixels` must have extra sums.
 ///
 /// # Errors
 /// Those of [`Denoiser::denoise`].
 pub fn denoised(denoiser: &Denoiser, pixels: &dyn Pixels) -> Result<Vec<[f32; 3]>> {
-    let [x0, y0, x1, y1] = pixels.window();
-    let (mut color, mut albedo, mut normal) = (Vec::new(), Vec::new(), Vec::new());
-    for (x, y) in (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y))) {
-        let (stats, extras) = (pixels.at(x, y).0, pixels.extras(x, y).unwrap_or_default());
-        let n = stats.samples.max(1) as f32;
-        color.push(stats.mean());
-        albedo.push(extras.guide_albedo.map(|sum| (sum / n).clamp(0.0, 1.0)));
-        normal.push(extras.guide_normal.map(|sum| sum / n));
-    }
-    denoiser.denoise(Noisy { width: (x1 - x0) as usize, color: &color, albedo: &albedo, normal: &normal })
+    NoisyPicture::of(pixels).denoised(denoiser)
 }

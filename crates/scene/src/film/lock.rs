@@ -9,6 +9,18 @@ use std::sync::{Mutex, PoisonError};
 use super::destination::{self, Destination};
 use crate::{Error, Result};
 
+/// The files that the claimed paths of this process stood for when they were claimed.
+static TARGETS: Mutex<Option<HashMap<PathBuf, Target>>> = Mutex::new(None);
+
+/// An output as it was when it was claimed.
+#[derive(Debug, Clone)]
+struct Target {
+    file: PathBuf,
+    folder: PathBuf,
+    /// Number of claims by this path.
+    claims: usize,
+}
+
 /// The locks of this process, by output file.
 static HELD: Mutex<Option<HashMap<PathBuf, Held>>> = Mutex::new(None);
 
@@ -27,17 +39,41 @@ impl Drop for Held {
     }
 }
 
-/// Keeps other processes from writing an output until it is dropped.
+/// Keeps other processes from writing an output until it is dropped, and this process from following symbolic links that
+/// take its place in the meantime.
 #[derive(Debug)]
 #[must_use]
-pub struct Claim(Option<PathBuf>);
+pub struct Claim {
+    /// The key of the lock.
+    lock: Option<PathBuf>,
+    /// The key of the target.
+    path: Option<PathBuf>,
+}
 
 impl Drop for Claim {
     fn drop(&mut self) {
-        if let Some(target) = &self.0 {
-            held(|held| held.remove(target));
+        if let Some(lock) = &self.lock {
+            held(|held| held.remove(lock));
         }
+        let Some(path) = &self.path else { return };
+        targets(|targets| {
+            let Some(target) = targets.get_mut(path) else { return };
+            target.claims -= 1;
+            if target.claims == 0 {
+                targets.remove(path);
+            }
+        });
     }
+}
+
+fn targets<T>(with: impl FnOnce(&mut HashMap<PathBuf, Target>) -> T) -> T {
+    with(TARGETS.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_default())
+}
+
+/// The destination that this process has claimed by the name `path`, if it has.
+pub(super) fn claimed(path: &Path) -> Option<Destination> {
+    let target = targets(|targets| targets.get(&std::path::absolute(path).ok()?).cloned())?;
+    Some(Destination::File { target: target.file, folder: target.folder })
 }
 
 fn held<T>(with: impl FnOnce(&mut HashMap<PathBuf, Held>) -> T) -> T {
@@ -57,7 +93,16 @@ fn key(target: &Path) -> PathBuf {
 /// # Errors
 /// [`Error::CannotCreate`] if another process has claimed it; the errors of [`atomic::check`](super::atomic::check).
 pub fn claim(path: &Path) -> Result<Claim> {
-    let Destination::File { target, folder } = Destination::resolve(path)? else { return Ok(Claim(None)) };
+    let Destination::File { target, folder } = Destination::resolve(path)? else {
+        return Ok(Claim { lock: None, path: None });
+    };
+    let name = std::path::absolute(path).ok();
+    if let Some(name) = &name {
+        let new = Target { file: target.clone(), folder: folder.clone(), claims: 0 };
+        targets(|targets| targets.entry(name.clone()).or_insert(new).claims += 1);
+    }
+    // Without a lock, so far.
+    let mut claim = Claim { lock: None, path: name };
     let lock_file = folder.join(destination::lock_name(&target));
     // The file may be replaced or created between open and lock.
     for _ in 0..100 {
@@ -67,7 +112,7 @@ pub fn claim(path: &Path) -> Result<Claim> {
                 Err(_) => match File::options().create(true).truncate(false).write(true).open(&lock_file) {
                     Ok(file) => (file, Some(lock_file.clone())),
                     // `atomic::check` reports the reason.
-                    Err(_) => return Ok(Claim(None)),
+                    Err(_) => return Ok(claim),
                 },
             };
         match file.try_lock() {
@@ -77,7 +122,7 @@ pub fn claim(path: &Path) -> Result<Claim> {
                     path.display()
                 )));
             }
-            Err(TryLockError::Error(_)) => return Ok(Claim(None)),
+            Err(TryLockError::Error(_)) => return Ok(claim),
             Ok(()) => {}
         }
         let same = |a: fs::Metadata, b: fs::Metadata| (a.dev(), a.ino()) == (b.dev(), b.ino());
@@ -86,10 +131,11 @@ pub fn claim(path: &Path) -> Result<Claim> {
         if current && (lock_path.is_none() || !target.exists()) {
             let key = key(&target);
             held(|held| held.insert(key.clone(), Held { _file: file, lock_file: lock_path }));
-            return Ok(Claim(Some(key)));
+            claim.lock = Some(key);
+            return Ok(claim);
         }
     }
-    Ok(Claim(None))
+    Ok(claim)
 }
 
 /// Releases all claims of this process before an immediate exit.
@@ -145,6 +191,32 @@ mod tests {
         refused();
         drop(second);
         assert_eq!(names(folder.path()), ["a.exr"]);
+    }
+
+    #[test]
+    fn a_claimed_name_that_becomes_a_link_is_replaced_and_not_followed() {
+        let folder = tempfile::tempdir().unwrap();
+        let [path, other] = ["a.exr", "other"].map(|name| folder.path().join(name));
+        for exists in [false, true] {
+            fs::write(&other, "mine").unwrap();
+            if exists {
+                fs::write(&path, "old").unwrap();
+            }
+            let first = claim(&path).unwrap();
+            let _ = fs::remove_file(&path);
+            std::os::unix::fs::symlink(&other, &path).unwrap();
+            written(&path);
+            assert_eq!((fs::read(&other).unwrap(), fs::read(&path).unwrap()), (b"mine".to_vec(), b"x".to_vec()));
+            assert!(fs::symlink_metadata(&path).unwrap().is_file());
+            drop(first);
+            fs::remove_file(&path).unwrap();
+        }
+        // A link that was there when it was claimed stays one.
+        std::os::unix::fs::symlink(&other, &path).unwrap();
+        let _first = claim(&path).unwrap();
+        written(&path);
+        assert_eq!(fs::read(&other).unwrap(), b"x");
+        assert!(fs::symlink_metadata(&path).unwrap().is_symlink());
     }
 
     #[test]

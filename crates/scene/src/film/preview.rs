@@ -1,10 +1,10 @@
 //! PNG pictures with 8 bits per channel.
 
 use std::fs::File;
-use std::io::{self, BufReader};
+use std::io::{self, BufReader, Read};
 use std::path::Path;
 
-use png::{BitDepth, ColorType, Compression, Decoder, Encoder, EncodingError};
+use png::{BitDepth, ColorType, Compression, DecodeOptions, Decoder, Encoder, EncodingError};
 
 use super::atomic;
 use super::picture::Picture;
@@ -151,11 +151,21 @@ fn encode(
     writer.finish()
 }
 
-/// The mark with which a PNG was written; `None` if it has none or cannot be read.
+/// The mark with which a PNG was written; `None` if it has none, cannot be read, or is damaged: every byte is checked.
 pub fn mark(path: &Path) -> Option<String> {
-    let reader = Decoder::new(BufReader::new(File::open(path).ok()?)).read_info().ok()?;
+    let mut options = DecodeOptions::default();
+    options.set_ignore_checksums(false);
+    options.set_skip_ancillary_crc_failures(false);
+    let mut file = BufReader::new(File::open(path).ok()?);
+    let mut reader = Decoder::new_with_options(&mut file, options).read_info().ok()?;
+    while reader.next_row().ok()?.is_some() {}
+    // All rows may be there before the end of the file, and of its last checksum.
+    reader.finish().ok()?;
     let text = &reader.info().uncompressed_latin1_text;
-    text.iter().find(|chunk| chunk.keyword == KEYWORD).map(|chunk| chunk.text.clone())
+    let mark = text.iter().find(|chunk| chunk.keyword == KEYWORD).map(|chunk| chunk.text.clone());
+    drop(reader);
+    // Nothing may follow.
+    file.read(&mut [0]).ok().filter(|more| *more == 0).and(mark)
 }
 
 /// The byte nearest to a value in [0, 1].
@@ -203,6 +213,28 @@ mod tests {
         let crop = image::open(&path).unwrap().into_rgb8();
         assert!((0..99).all(|y| (0..99).all(|x| picture[(x, y)] == crop[(x, y)])));
         assert_eq!(mark(&path), None);
+    }
+
+    #[test]
+    fn a_damaged_preview_has_no_mark() {
+        let mut film = Film::new(9, 7, [0, 0, 9, 7], false);
+        (0..).zip(&mut film.pixels).for_each(|(i, pixel)| (pixel.samples, pixel.sum) = (1, [0.01 * f64::from(i); 3]));
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("p.png");
+        write(&path, &film, LOOK, "of a film").unwrap();
+        let whole = std::fs::read(&path).unwrap();
+        let believed = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            mark(&path).is_some_and(|mark| mark == "of a film")
+        };
+        assert!(believed(&whole));
+        for (at, bit) in (0..whole.len()).flat_map(|at| [0, 3, 7].map(|bit| (at, bit))) {
+            let mut flipped = whole.clone();
+            flipped[at] ^= 1 << bit;
+            assert!(!believed(&flipped), "bit {bit} of byte {at} of {}", whole.len());
+        }
+        (0..whole.len()).for_each(|length| assert!(!believed(&whole[..length]), "{length} of {}", whole.len()));
+        assert!(!believed(&[&whole[..], b"x"].concat()));
     }
 
     #[test]

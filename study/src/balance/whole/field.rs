@@ -1,5 +1,7 @@
 //! Pictures of a guiding field: per pixel, the share of samples that it guides at the visible surface, and their mean direction.
 
+use std::sync::atomic::AtomicBool;
+
 use bismar::guiding::Field;
 use bismar::lanes::{F, LANES, V3, mask};
 use bismar::rays::{HitBatch, MISS, RayBatch, RayOrder};
@@ -25,7 +27,7 @@ const SIDE: usize = 16;
 pub fn seen(scene: &StudyScene, spp: u32) -> Option<FieldPicture> {
     let settings = RenderSettings { guiding: Guiding::Auto, spp: Some(spp), ..scene.settings.clone() };
     let transport = transport(&scene.scene, &settings);
-    let field = learned(&scene.scene, &settings, &transport)?.field?;
+    let field = learned(&scene.scene, &settings, &transport, &AtomicBool::new(false))?.field?;
     let camera = camera(&scene.scene.scene, &settings);
     let (mut rays, mut hits) = (RayBatch::default(), HitBatch::default());
     for (y, x) in (0..settings.height).flat_map(|y| (0..settings.width).map(move |x| (y, x))) {

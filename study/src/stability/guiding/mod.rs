@@ -118,7 +118,7 @@ fn green(pixel: &PixelStats) -> f64 {
 
 /// The field that guides a render with these settings, if any.
 pub fn field(scene: &PreparedScene, settings: &RenderSettings) -> Option<Field> {
-    learned(scene, settings, &transport(scene, settings)).and_then(|learned| learned.field)
+    learned(scene, settings, &transport(scene, settings), &AtomicBool::new(false)).and_then(|learned| learned.field)
 }
 
 /// Renders the window's pixels with [`settings`] and a number of paths per pixel, guided by `field`.

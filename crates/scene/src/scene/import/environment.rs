@@ -92,9 +92,17 @@ impl EnvironmentFile {
             let help = "an environment is an equirectangular .hdr or .exr picture with R, G and B";
             Error::Data(format!("{}: {text}; {help}", path.display()))
         })?;
-        let cleaned = clean(&mut pixels);
-        if cleaned > 0 {
-            tracing::warn!("{}: {cleaned} pixels were NaN, infinite or negative and are changed", path.display());
+        let Cleaned { invalid, dimmed, brightest } = clean(&mut pixels);
+        if invalid > 0 {
+            tracing::warn!("{}: {invalid} pixels were NaN, infinite or negative and are changed", path.display());
+        }
+        if dimmed > 0 {
+            tracing::warn!(
+                "{}: {dimmed} pixels were brighter than {MAX_RADIANCE}, the largest radiance of an environment, and are dimmed \
+                 to it (the brightest had {brightest:e}): scale the picture down and raise --env-strength by as much, or show \
+                 a sun as a light of the scene",
+                path.display()
+            );
         }
         if u64::from(width) != 2 * u64::from(height) {
             tracing::warn!("{}: {width}x{height} is not twice as wide as high; it is stretched", path.display());
@@ -151,17 +159,33 @@ fn read_exr(bytes: &[u8]) -> Picture {
     Ok(((x1 - x0) as u32, (y1 - y0) as u32, picture.rgb))
 }
 
-/// Makes every value finite and ≥ 0; returns the number of changed pixels.
-fn clean(pixels: &mut [[f32; 3]]) -> usize {
-    let mut changed = 0;
+/// What [`clean`] has changed.
+#[derive(Debug, Default, PartialEq)]
+struct Cleaned {
+    /// Pixels with a value that was NaN, infinite or negative.
+    invalid: usize,
+    /// Other pixels with a value above [`MAX_RADIANCE`].
+    dimmed: usize,
+    /// The largest value of those.
+    brightest: f32,
+}
+
+/// Makes every value finite and ≥ 0, and at most [`MAX_RADIANCE`].
+fn clean(pixels: &mut [[f32; 3]]) -> Cleaned {
+    let mut cleaned = Cleaned::default();
     for pixel in pixels {
         let before = *pixel;
         for x in pixel.iter_mut() {
             *x = if x.is_nan() { 0.0 } else { x.clamp(0.0, MAX_RADIANCE) };
         }
-        changed += usize::from(before.iter().zip(*pixel).any(|(a, b)| *a != b));
+        if before.iter().any(|x| !x.is_finite() || *x < 0.0) {
+            cleaned.invalid += 1;
+        } else if before.iter().any(|x| *x > MAX_RADIANCE) {
+            cleaned.dimmed += 1;
+            cleaned.brightest = before.into_iter().fold(cleaned.brightest, f32::max);
+        }
     }
-    changed
+    cleaned
 }
 
 /// Largest half float: sums over a map of such pixels stay finite.
@@ -174,7 +198,10 @@ mod tests {
     #[test]
     fn cleaning_leaves_light_alone_and_counts_the_rest() {
         let mut pixels = [[1.0, 0.0, 2.5], [f32::NAN, 1.0, 1.0], [-1.0, 0.0, 0.0], [f32::INFINITY, 0.0, 0.0]];
-        assert_eq!(clean(&mut pixels), 3);
+        assert_eq!(clean(&mut pixels), Cleaned { invalid: 3, ..Default::default() });
         assert_eq!(pixels, [[1.0, 0.0, 2.5], [0.0, 1.0, 1.0], [0.0; 3], [65504.0, 0.0, 0.0]]);
+        let mut suns = [[1e5, 2.0, 0.0], [1e7, 1.0, 1.0], [65504.0; 3], [-1.0, 1e9, 0.0]];
+        assert_eq!(clean(&mut suns), Cleaned { invalid: 1, dimmed: 2, brightest: 1e7 });
+        assert_eq!(suns, [[65504.0, 2.0, 0.0], [65504.0, 1.0, 1.0], [65504.0; 3], [0.0, 65504.0, 0.0]]);
     }
 }

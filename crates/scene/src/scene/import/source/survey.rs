@@ -45,9 +45,18 @@ impl Source {
         let mut hasher = blake3::Hasher::new();
         // The document without insignificant white space.
         hasher.update(self.json.to_string().as_bytes());
-        for data in self.buffers.iter().chain(&self.images).flatten().flatten() {
-            hasher.update(&data.bytes.length.to_le_bytes());
-            data.bytes.hash(&mut hasher);
+        for (i, data) in self.buffers.iter().chain(&self.images).enumerate() {
+            match data {
+                Some(Ok(data)) => {
+                    hasher.update(&data.bytes.length.to_le_bytes());
+                    data.bytes.hash(&mut hasher);
+                }
+                // A scene is shown without a picture that could not be read: it is another scene.
+                Some(Err(_)) => {
+                    hasher.update(format!("unread {i}").as_bytes());
+                }
+                None => {}
+            }
         }
         if let Some(bin) = &self.bin {
             bin.hash(&mut hasher);

@@ -1,0 +1,107 @@
+//! The goals that a render was begun and continued with: passes, the guiding field and the allocation of paths depend on
+//! them.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Guiding, RenderSettings, scheduler};
+
+/// A goal of a render, from a number of paths on.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Goal {
+    /// Maximum paths per pixel of a tile when it became the goal.
+    pub from: u32,
+    /// [`RenderSettings::spp`].
+    pub spp: Option<u32>,
+    /// [`RenderSettings::noise`].
+    pub noise: Option<f64>,
+    /// [`RenderSettings::min_spp`].
+    pub min_spp: Option<u32>,
+    /// Was there a time limit?
+    pub timed: bool,
+}
+
+impl Goal {
+    /// The goal of these settings.
+    pub fn of(settings: &RenderSettings, from: u32) -> Self {
+        let RenderSettings { spp, noise, min_spp, time, .. } = *settings;
+        Self { from, spp, noise, min_spp, timed: time.is_some() }
+    }
+
+    /// Settings with this goal instead of theirs.
+    fn instead(&self, settings: &RenderSettings) -> RenderSettings {
+        let time = self.timed.then_some(settings.time.unwrap_or(1.0));
+        RenderSettings { spp: self.spp, noise: self.noise, min_spp: self.min_spp, time, ..settings.clone() }
+    }
+}
+
+/// Adds the goal of a session that takes more passes, unless it is that of the last one.
+pub fn add(goals: &mut Vec<Goal>, settings: &RenderSettings, paths: u32) {
+    // Without a path since, an earlier goal has had no effect.
+    goals.retain(|goal| goal.from < paths);
+    let same = |last: &Goal| *last == Goal::of(settings, last.from);
+    if !goals.last().is_some_and(same) {
+        goals.push(Goal::of(settings, paths));
+    }
+}
+
+/// Have these goals led to the passes and to what was learned that a render of `settings` has from the beginning? Passes of
+/// goals with a time limit are not known. True without goals: older files record none.
+pub fn are_as_one(goals: &[Goal], settings: &RenderSettings) -> bool {
+    let learned = |s: &RenderSettings| {
+        // Adaptive sample counts and the guiding pre-pass depend on the number of paths that is aimed for.
+        (s.spp.filter(|_| s.adaptive), Some(s.expected_spp()).filter(|_| s.guiding != Guiding::Off))
+    };
+    let untils = goals.iter().skip(1).map(|next| Some(next.from)).chain([None]);
+    goals.iter().zip(untils).all(|(goal, until)| {
+        let theirs = goal.instead(settings);
+        let passes = |s: &RenderSettings| until.map(|paths| scheduler::pass_ends(s, paths));
+        let is_known = !goal.timed && settings.time.is_none() && !settings.adaptive;
+        learned(&theirs) == learned(settings) && (!is_known || passes(&theirs) == passes(settings))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(spp: u32) -> RenderSettings {
+        RenderSettings { spp: Some(spp), ..Default::default() }
+    }
+
+    #[test]
+    fn goals_are_added_where_they_change() {
+        let mut goals = Vec::new();
+        for (spp, paths) in [(64, 0), (64, 30), (256, 64), (512, 64), (512, 100)] {
+            add(&mut goals, &of(spp), paths);
+        }
+        assert_eq!(goals, [Goal::of(&of(64), 0), Goal::of(&of(512), 64)]);
+        add(&mut goals, &of(512), 0);
+        assert_eq!(goals, [Goal::of(&of(512), 0)]);
+    }
+
+    #[test]
+    fn passes_that_another_goal_has_cut_and_fields_of_another_goal_are_found() {
+        let went = |goals: &[(u32, u32)]| goals.iter().map(|&(spp, from)| Goal::of(&of(spp), from)).collect::<Vec<_>>();
+        // Passes have 128 paths: 64 and 192 are as many passes, but others.
+        for (goals, as_one) in [
+            (&[(256, 0)][..], true),
+            (&[(64, 0), (256, 64)], false),
+            (&[(128, 0), (256, 128)], true),
+            (&[(128, 0), (200, 128), (256, 200)], false),
+            (&[(512, 0), (256, 70)], true),
+            (&[], true),
+        ] {
+            assert_eq!(are_as_one(&went(goals), &of(256)), as_one, "{goals:?}");
+        }
+        let guided = RenderSettings { guiding: Guiding::On, ..of(256) };
+        assert!(!are_as_one(&went(&[(128, 0), (256, 128)]), &guided));
+        assert!(are_as_one(&went(&[(256, 0)]), &guided));
+        let adaptive = RenderSettings { adaptive: true, ..of(256) };
+        assert!(!are_as_one(&went(&[(128, 0), (256, 128)]), &adaptive));
+        // A goal of noise that was cut by a smaller one of samples.
+        let noise = |spp| RenderSettings { noise: Some(0.01), ..of(spp) };
+        let goals = [Goal::of(&noise(40), 0), Goal::of(&noise(4096), 40)];
+        assert!(!are_as_one(&goals, &noise(4096)));
+        assert!(are_as_one(&goals[..1], &noise(40)));
+    }
+}
