@@ -18,8 +18,8 @@ use crate::cli::memory::{self, Need};
 use crate::cli::stats::{self, Stats};
 use crate::console::tev::Tev;
 use crate::film::{exr_file, preview};
-use crate::render::checkpoint::Earlier;
 use crate::render::camera::lens;
+use crate::render::checkpoint::Earlier;
 use crate::render::prepass::{guiding::MEMORY, learned_lights};
 use crate::render::{Guiding, Identity, Pause, Progress, RenderSettings, Rendered, RunOptions, Saved, StopReason, run};
 use crate::{Error, Result};
@@ -205,7 +205,8 @@ impl Session<'_> {
         rendering_ends(!interrupted);
         self.check_paths(&rendered, paths_before)?;
         if !interrupted {
-            warnings::black_picture(&output, &rendered, args.part.is_some());
+            let lights = (!loaded.prepared.scene.lights.is_empty()).then_some(args.light_unit);
+            warnings::black_picture(&output, &rendered, args.part.is_some(), lights);
         }
         let mut stats = writer.write_final(&rendered, interrupted || resumable || args.part.is_some(), self.began)?;
         if interrupted {
