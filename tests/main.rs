@@ -19,6 +19,7 @@ mod corpus;
 mod damaged;
 mod farm;
 mod fireflies;
+mod first_picture;
 mod flip;
 mod guiding;
 mod import;

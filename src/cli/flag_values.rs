@@ -4,7 +4,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use crate::film::{Denoise, View};
 use crate::rays::Backend;
-use crate::render::{Guiding, Integrator, PixelFilter};
+use crate::render::{BackFaces, Guiding, Integrator, PixelFilter};
 
 /// A library type whose values are the values of a flag.
 pub trait FlagValue: Copy + Send + Sync + 'static {
@@ -48,6 +48,10 @@ flag_values! {
     Integrator {
         Path: "Path tracing: emission, direct and indirect light",
         Direct: "Emission and direct light",
+    }
+    BackFaces {
+        Cull: "Rays from the camera and their mirror images pass them",
+        Show: "They are drawn",
     }
     Guiding {
         Off: "No path guiding",

@@ -2,12 +2,19 @@
 
 use std::fmt::Write;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use clap::Args;
+use serde::Serialize;
 
 use crate::Result;
 use crate::cli::scene_selection::SceneSelection;
 use crate::console::{Verdict, print, print_json};
+use crate::integrator::PreparedScene;
+use crate::rays::Backend;
+use crate::render::BackFaces;
+use crate::render::default_light::{self, OwnLight};
+use crate::scene::Scene;
 use crate::scene::import::{self, Note, Summary};
 
 /// Print the contents of a scene, and which features are supported, approximated or ignored.
@@ -23,19 +30,57 @@ pub struct InspectArgs {
 }
 
 pub fn run(args: &InspectArgs) -> Result<Verdict> {
-    let summary = import::summary(&import::import(&args.scene, &args.selection.options(false, false))?);
+    let imported = import::import(&args.scene, &args.selection.options(false, false))?;
+    let summary = import::summary(&imported);
+    let own_light = match args.selection.is_posed() {
+        false => own_light(imported.scene)?,
+        true => own_light(import::import(&args.scene, &args.selection.at_rest().options(false, false))?.scene)?,
+    };
     if args.json {
-        print_json(&summary)?
+        let default_light = match own_light {
+            Some(found) => !found.is_enough(),
+            None => summary.lights.is_empty() && !has_emissive(&summary) && !is_unlit(&summary),
+        };
+        print_json(&Report { summary: &summary, own_light, default_light })?
     } else {
-        print(text(&summary).trim_end())?
+        print(text(&summary, own_light).trim_end())?
     }
     Ok(Verdict::Done)
+}
+
+/// The JSON document.
+#[derive(Serialize)]
+struct Report<'a> {
+    #[serde(flatten)]
+    summary: &'a Summary,
+    /// What the file's own light does in the view of the first camera; absent where that is not in question.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    own_light: Option<OwnLight>,
+    /// Does `render` add studio light?
+    default_light: bool,
+}
+
+/// What the scene's own light does in the view of the first camera, where that decides whether `render` adds light.
+fn own_light(scene: Scene) -> Result<Option<OwnLight>> {
+    if !default_light::is_in_question(&scene) {
+        return Ok(None);
+    }
+    let prepared = PreparedScene::build(Arc::new(scene), Backend::Embree)?;
+    Ok(Some(default_light::own_light(&prepared, 0, BackFaces::default())))
+}
+
+fn has_emissive(summary: &Summary) -> bool {
+    summary.materials.iter().any(|m| m.features.contains(&"emissive"))
+}
+
+fn is_unlit(summary: &Summary) -> bool {
+    !summary.materials.is_empty() && summary.materials.iter().all(|m| m.features.contains(&"unlit"))
 }
 
 /// Rows shown of each list.
 const MAX_ROWS: usize = 12;
 
-fn text(s: &Summary) -> String {
+fn text(s: &Summary, own_light: Option<OwnLight>) -> String {
     let mut out = s.file.clone();
     if let Some(generator) = &s.generator {
         let _ = write!(out, "  (by {generator})");
@@ -86,6 +131,14 @@ fn text(s: &Summary) -> String {
         lights.push(vec!["none: without --env soft studio light is added".into()]);
     }
     section(&mut out, "lights", lights);
+    if let Some(found) = own_light {
+        let OwnLight { surfaces, lit, .. } = found;
+        let added = if found.is_enough() { "no light is added" } else { "without --env soft studio light is added" };
+        let _ = writeln!(
+            out,
+            "  reach {lit} of {surfaces} pixels of surfaces in a first pass of the first camera: {added}"
+        );
+    }
 
     let mut materials = s.materials.iter().collect::<Vec<_>>();
     materials.sort_by_key(|m| std::cmp::Reverse(m.triangles));

@@ -76,6 +76,11 @@ impl SceneSelection {
         self.pose.is_some() || self.frame.is_some()
     }
 
+    /// The same scene at rest: without a time of its animations.
+    pub fn at_rest(&self) -> Self {
+        Self { pose: None, frame: None, shutter: None, ..self.clone() }
+    }
+
     /// Value of `--frame`.
     pub fn frame(&self) -> Option<f64> {
         self.frame

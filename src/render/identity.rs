@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::{Deserialize, Serialize};
 
 use super::prepass::guiding::MEMORY;
-use super::{Guiding, RenderSettings};
+use super::{BackFaces, Guiding, RenderSettings};
 use crate::balance::DEFAULT_PILOT_FRACTION;
 use crate::rays::Backend;
 
@@ -49,6 +49,9 @@ pub enum EnvironmentSource {
     },
     /// What the scene's file contains.
     Scene,
+    /// The same for a file with lights: the default light is added where they do not light what the camera sees
+    /// ([`default_light`](super::default_light)).
+    Judged,
     /// None, whatever the scene's file contains.
     Off,
 }
@@ -60,6 +63,7 @@ impl EnvironmentSource {
             Self::File { hash, degrees, strength } => format!("{hash} turned {degrees} times {strength}"),
             Self::White { strength } => format!("white times {strength}"),
             Self::Scene => "the scene's own".into(),
+            Self::Judged => "the scene's own, or studio".into(),
             Self::Off => "none".into(),
         }
     }
@@ -125,6 +129,7 @@ impl Identity {
             clamp_indirect,
             transparent,
             lens,
+            back_faces,
             // Parts have the bits of the whole.
             part: _,
         } = settings;
@@ -155,6 +160,9 @@ impl Identity {
         }
         if let Some(lens) = lens {
             insert("lens", lens.to_string());
+        }
+        if *back_faces != BackFaces::Show {
+            insert("back-faces", variant_name(back_faces));
         }
         if *guiding != Guiding::Off {
             insert("guiding", variant_name(guiding));

@@ -35,6 +35,40 @@ impl Integrator {
     }
 }
 
+/// What rays from the camera and their mirror images do at back faces of single-sided materials without transmission
+/// ([`back_faces`](crate::integrator::back_faces)).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum BackFaces {
+    /// They pass them, as the glTF specification asks.
+    #[default]
+    Cull,
+    /// They see them.
+    Show,
+}
+
+impl BackFaces {
+    /// All of them, in the order of the command line's help.
+    pub const ALL: [Self; 2] = [Self::Cull, Self::Show];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cull => "cull",
+            Self::Show => "show",
+        }
+    }
+
+    /// What renders did before there was a choice.
+    fn before() -> Self {
+        Self::Show
+    }
+
+    fn is_before(&self) -> bool {
+        *self == Self::before()
+    }
+}
+
 /// All that the picture's bits depend on besides the scene and the ray library, and when to stop.
 /// [`validate`](Self::validate) checks the ranges.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -92,6 +126,9 @@ pub struct RenderSettings {
     /// The camera's lens; `None`: a pinhole.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lens: Option<LensSettings>,
+    /// Back faces of single-sided materials. Absent in files where they are shown.
+    #[serde(default = "BackFaces::before", skip_serializing_if = "BackFaces::is_before")]
+    pub back_faces: BackFaces,
     /// Render only this part of the tiles.
     pub part: Option<Part>,
 }
@@ -169,6 +206,7 @@ impl Default for RenderSettings {
             clamp_indirect: None,
             transparent: false,
             lens: None,
+            back_faces: BackFaces::Cull,
             part: None,
         }
     }

@@ -18,7 +18,7 @@ use crate::film::{Aov, Denoise, Exposure, View};
 use crate::rays::Backend;
 use crate::render::identity::RequestedOutputs;
 use crate::render::lens::{Aperture, Focus, LensSettings};
-use crate::render::{Balance, Guiding, Integrator, Part, PixelFilter, RenderSettings};
+use crate::render::{BackFaces, Balance, Guiding, Integrator, Part, PixelFilter, RenderSettings};
 use crate::sampling::frame_seed;
 use crate::scene::Framing;
 use crate::{Error, Result};
@@ -67,6 +67,12 @@ pub struct RenderArgs {
     #[arg(long, value_name = "N", default_value_t = 0, requires = "aperture", value_parser = blades,
         help_heading = "View")]
     pub lens_blades: u32,
+
+    /// Back faces of single-sided materials: cull lets rays from the camera and their mirror images pass them, as glTF asks;
+    /// show draws them, for closed rooms seen from outside.
+    #[arg(long, value_parser = value_of::<BackFaces>(), default_value = BackFaces::Cull.name(), value_name = "WHAT",
+        help_heading = "View")]
+    pub back_faces: BackFaces,
 
     /// Environment map: an equirectangular .hdr or .exr.
     #[arg(long, value_name = "FILE", group = "infinite", help_heading = "Light")]
@@ -321,6 +327,7 @@ impl RenderArgs {
             clamp_indirect: self.clamp_indirect,
             transparent: self.transparent,
             lens: self.aperture.map(|aperture| LensSettings { aperture, focus: self.focus, blades: self.lens_blades }),
+            back_faces: self.back_faces,
             part: self.part,
             ..RenderSettings::default()
         }

@@ -1,10 +1,12 @@
 //! The input files of a command, opened and hashed without loading the scene.
 
+use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use super::args::RenderArgs;
 use crate::console::Paths;
+use crate::render::default_light::OwnLight;
 use crate::render::identity::{EnvironmentSource, scene_text};
 use crate::render::{Identity, RenderSettings};
 use crate::scene::import::{EnvironmentFile, SceneFiles, Survey};
@@ -21,6 +23,8 @@ pub struct Inputs {
     pub read_seconds: f64,
     /// The open files, until the last scene has been made of them.
     files: Mutex<Option<Files>>,
+    /// What the scene's own light does, by camera and import choices.
+    own_light: Mutex<HashMap<String, OwnLight>>,
 }
 
 /// The files of a scene and of its environment.
@@ -38,19 +42,21 @@ impl Inputs {
     pub fn read(args: &RenderArgs) -> Result<Self> {
         let start = Instant::now();
         let environment_file = args.env.as_deref().map(EnvironmentFile::open).transpose()?;
+        let scene_files = SceneFiles::open(&args.scene)?;
+        let scene = scene_files.survey();
         let (degrees, strength) = (args.env_rotate, args.env_strength);
         let source = match &environment_file {
             Some(file) => EnvironmentSource::File { hash: file.hash(), degrees, strength },
             None if args.no_env => EnvironmentSource::Off,
             None if args.sky => EnvironmentSource::White { strength },
+            None if scene.has_lights => EnvironmentSource::Judged,
             None => EnvironmentSource::Scene,
         };
         let environment = (source.text(), environment_file.as_ref().map_or(0, |file| file.memory_bytes()));
-        let scene_files = SceneFiles::open(&args.scene)?;
-        let scene = scene_files.survey();
         let (scene_files, environment_file) = (Arc::new(scene_files), environment_file.map(Arc::new));
         let files = Mutex::new(Some(Files { scene: scene_files, environment: environment_file }));
-        Ok(Self { scene, environment, read_seconds: start.elapsed().as_secs_f64(), files })
+        let read_seconds = start.elapsed().as_secs_f64();
+        Ok(Self { scene, environment, read_seconds, files, own_light: Mutex::default() })
     }
 
     /// Declares the files that the scene names, such as buffers and images.
@@ -86,6 +92,22 @@ impl Inputs {
             .ok_or_else(|| {
                 Error::Data(format!("{}: has changed since the command began; run it again", args.scene.display()))
             })
+    }
+
+    /// What the scene's own light does, measured once for all frames of a view.
+    ///
+    /// # Errors
+    /// Those of `measure`.
+    pub fn own_light(&self, args: &RenderArgs, measure: impl FnOnce() -> Result<OwnLight>) -> Result<OwnLight> {
+        let selection = args.selection.at_rest();
+        let key = format!("{:?} {} {:?} {:?}", args.camera, selection.name(), args.light_unit, args.back_faces);
+        let known = || self.own_light.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(found) = known().get(&key) {
+            return Ok(*found);
+        }
+        let found = measure()?;
+        known().insert(key, found);
+        Ok(found)
     }
 
     /// Identity of a render with these settings: what its pixels depend on.

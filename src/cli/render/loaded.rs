@@ -3,14 +3,17 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use tracing::{debug, info};
+use tracing::{debug, info, warn};
 
 use super::args::RenderArgs;
+use super::choose;
 use super::identity::{Files, Inputs};
-use super::scene::make_scene;
+use super::scene::{make_scene, scene_at_rest};
 use crate::cli::memory;
 use crate::integrator::PreparedScene;
 use crate::light::AreaLights;
+use crate::render::default_light::{self, OwnLight};
+use crate::scene::import::SceneFiles;
 use crate::scene::{Deformation, Scene};
 use crate::{Result, rays};
 
@@ -57,6 +60,7 @@ impl Loaded {
         building: Building,
     ) -> Result<Self> {
         let start = Instant::now();
+        let at_rest = args.selection.is_posed().then(|| Arc::clone(&files.scene));
         let scene = Arc::new(make_scene(args, files)?);
         let read_seconds = inputs.read_seconds + start.elapsed().as_secs_f64();
         info!("read {} in {read_seconds:.2} s", args.scene.display());
@@ -77,6 +81,7 @@ impl Loaded {
         {
             debug!("no geometry has moved: the acceleration structure is reused");
             let prepared = PreparedScene::after(scene, rays, Some(&previous.prepared));
+            let prepared = with_light(args, inputs, at_rest.as_deref(), prepared)?;
             return Ok(Self { prepared, read_seconds, build_seconds: built.elapsed().as_secs_f64() });
         }
         let rays =
@@ -86,8 +91,40 @@ impl Loaded {
         let mebibytes = backend.memory_bytes as f64 / 2_f64.powi(20);
         info!("built {} {} ({}): {build_seconds:.2} s, {mebibytes:.1} MiB", backend.name, backend.version, backend.isa);
         let prepared = PreparedScene::after(scene, rays.into(), previous.as_ref().map(|p| &p.prepared));
+        let prepared = with_light(args, inputs, at_rest.as_deref(), prepared)?;
         Ok(Self { prepared, read_seconds, build_seconds })
     }
+}
+
+/// Adds the default light to a scene whose own light does not light what the camera sees. A first pass decides: of the scene
+/// at rest, with its camera at rest, if it is shown at a time (`at_rest` are then its files), so that all frames decide alike.
+fn with_light<'a>(
+    args: &RenderArgs,
+    inputs: &Inputs,
+    at_rest: Option<&SceneFiles>,
+    prepared: PreparedScene<'a>,
+) -> Result<PreparedScene<'a>> {
+    if args.no_env || !default_light::is_in_question(&prepared.scene) {
+        return Ok(prepared);
+    }
+    let start = Instant::now();
+    let measured = |prepared: &PreparedScene| {
+        let camera = choose::camera(&prepared.scene.cameras, args.camera.as_deref())?;
+        Ok(default_light::own_light(prepared, camera, args.back_faces))
+    };
+    let found = inputs.own_light(args, || match at_rest {
+        None => measured(&prepared),
+        Some(files) => measured(&PreparedScene::build(Arc::new(scene_at_rest(args, files)?), args.rays)?),
+    })?;
+    let OwnLight { surfaces, lit, .. } = found;
+    let name = args.scene.display();
+    let text = format!("{name}: its own light reaches {lit} of {surfaces} pixels of its surfaces, by a first pass");
+    if found.is_enough() {
+        info!("{text} ({:.3} s): no light is added", start.elapsed().as_secs_f64());
+        return Ok(prepared);
+    }
+    warn!("{text}: soft studio light is added (--env FILE or --sky replace it, --no-env renders without)");
+    Ok(default_light::with_default_light(&prepared))
 }
 
 /// Bytes per instance: in the scene, in the ray queries and in shading.

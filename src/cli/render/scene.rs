@@ -6,24 +6,34 @@ use super::args::RenderArgs;
 use super::identity::Files;
 use super::values::OnByDefault;
 use crate::Result;
-use crate::scene::import::NoteKind;
+use crate::scene::import::{NoteKind, SceneFiles};
 use crate::scene::{Environment, Scene};
 
-/// Imports the scene.
+/// What to do about lights that are missing in a file of this generator.
+fn exporter_hint(generator: Option<&str>) -> &'static str {
+    match generator {
+        Some(generator) if generator.contains("Blender") => {
+            "; Blender writes lights and cameras only if its export dialog's Include > Punctual Lights and Cameras are set"
+        }
+        _ => "",
+    }
+}
+
+/// Imports the scene as it is at rest, for the first pass that measures its own light; without a warning.
 ///
 /// # Errors
-/// Those of the import and of the environment map.
-pub fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {
-    let imported = files.scene.import(&args.selection.options(args.strict, args.has_velocities()))?;
-    drop(files.scene);
-    let inexact = imported.report.notes.iter().filter(|n| matches!(n.kind, NoteKind::Approximated | NoteKind::Ignored));
-    let inexact = inexact.map(|n| n.text.as_str()).collect::<Vec<_>>();
-    inexact.iter().for_each(|note| debug!("{note}"));
-    if let [first, rest @ ..] = &inexact[..] {
-        let more = if rest.is_empty() { String::new() } else { format!(" and {} more", rest.len()) };
-        warn!("{} is not rendered exactly: {first}{more} (`bismar inspect` lists everything)", args.scene.display());
+/// Those of the import.
+pub fn scene_at_rest(args: &RenderArgs, files: &SceneFiles) -> Result<Scene> {
+    let mut scene = files.import(&args.selection.at_rest().options(false, false))?.scene;
+    apply_flags(args, &mut scene);
+    if args.is_framed() {
+        scene.frame();
     }
-    let mut scene = imported.scene;
+    Ok(scene)
+}
+
+/// Applies the unit of the lights and the energy compensation.
+fn apply_flags(args: &RenderArgs, scene: &mut Scene) {
     let unit = args.light_unit.factor();
     for light in &mut scene.lights {
         light.intensity *= unit;
@@ -32,6 +42,25 @@ pub fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {
     if args.energy_compensation == OnByDefault::Off {
         scene.materials.iter_mut().for_each(|material| material.energy_compensation = false);
     }
+}
+
+/// Imports the scene.
+///
+/// # Errors
+/// Those of the import and of the environment map.
+pub fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {
+    let imported = files.scene.import(&args.selection.options(args.strict, args.has_velocities()))?;
+    drop(files.scene);
+    let generator = imported.report.generator;
+    let inexact = imported.report.notes.iter().filter(|n| matches!(n.kind, NoteKind::Approximated | NoteKind::Ignored));
+    let inexact = inexact.map(|n| n.text.as_str()).collect::<Vec<_>>();
+    inexact.iter().for_each(|note| debug!("{note}"));
+    if let [first, rest @ ..] = &inexact[..] {
+        let more = if rest.is_empty() { String::new() } else { format!(" and {} more", rest.len()) };
+        warn!("{} is not rendered exactly: {first}{more} (`bismar inspect` lists everything)", args.scene.display());
+    }
+    let mut scene = imported.scene;
+    apply_flags(args, &mut scene);
     if args.no_env {
         scene.environment = None;
     } else if args.sky {
@@ -40,12 +69,16 @@ pub fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {
         scene.environment = Some(file.decode(args.env_rotate, args.env_strength)?);
     }
     let name = args.scene.display();
+    if !scene.instances.iter().any(|instance| scene.triangles(instance.object) > 0) {
+        warn!("{name} has no triangle to show (`bismar inspect` lists its contents)");
+    }
     if args.no_env {
         if !scene.is_lit() {
             warn!("{name} has no light and --no-env removes the environment: the picture will be black");
         }
     } else if scene.light_if_dark() {
-        warn!("{name} has no light: soft studio light is added (--env FILE or --sky replace it)");
+        let hint = exporter_hint(generator.as_deref());
+        warn!("{name} has no light: soft studio light is added (--env FILE or --sky replace it){hint}");
     }
     if args.is_framed() {
         scene.frame();

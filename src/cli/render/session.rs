@@ -205,7 +205,8 @@ impl Session<'_> {
         rendering_ends(!interrupted);
         self.check_paths(&rendered, paths_before)?;
         if !interrupted {
-            warnings::black_picture(&output, &rendered, args.part.is_some());
+            let lights = (!loaded.prepared.scene.lights.is_empty()).then_some(args.light_unit);
+            warnings::black_picture(&output, &rendered, args.part.is_some(), lights);
         }
         let mut stats =
             writer.write_final(&rendered, interrupted || resumable || args.part.is_some(), self.began, stop)?;

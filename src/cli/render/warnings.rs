@@ -4,7 +4,8 @@ use std::path::Path;
 
 use tracing::warn;
 
-use crate::film::colors;
+use super::values::LightUnit;
+use crate::color::luminance;
 use crate::rays::BackendInfo;
 use crate::render::checkpoint::Host;
 use crate::render::tile::Tile;
@@ -50,19 +51,70 @@ pub fn resumed_differently(
     }
 }
 
-/// Warns of a picture, or a part of one, that is black.
-pub fn black_picture(output: &Path, rendered: &Rendered, part: bool) {
-    let lit = colors(&rendered.pixels()).filter(|color| color.iter().any(|x| *x > 0.0)).count();
+/// Warns of a picture, or a part of one, that is black, and of one so bright or dark that the unit of its lights is in doubt.
+pub fn black_picture(output: &Path, rendered: &Rendered, part: bool, lights: Option<LightUnit>) {
+    let seen = Seen::of(rendered);
     // A light seen directly that lights nothing else is no illumination. The lit pixels may be in the other parts.
-    let few = if part { 0 } else { colors(&rendered.pixels()).count() / 50 };
-    if lit <= few {
-        let how = if lit == 0 { "everywhere" } else { "almost everywhere" };
+    let few = if part { 0 } else { seen.surfaces / 50 };
+    let output = output.display();
+    if seen.lit_anywhere == 0 || (seen.surfaces > 0 && !part && seen.lit <= few) {
+        let how = match (seen.lit_anywhere, seen.lit) {
+            (0, _) => "everywhere",
+            (_, 0) => "on all surfaces",
+            _ => "almost everywhere",
+        };
         warn!(
-            "{} is black {how}: no light reaches the visible surfaces. Does an emissive surface face away (only its front emits, \
-             unless it is double-sided), or the camera? --sky adds a uniform environment, --camera framed shows the \
-             whole scene",
-            output.display()
+            "{output} is black {how}: no light reaches the visible surfaces. Does an emissive surface face away (only its front \
+             emits, unless it is double-sided), or the camera? --sky adds a uniform environment, --camera framed shows the \
+             whole scene, --back-faces show shows single-sided surfaces from behind"
         );
+        return;
+    }
+    let mean = seen.luminance / seen.surfaces.max(1) as f64;
+    match lights {
+        Some(LightUnit::Lumen) if mean > BRIGHT => warn!(
+            "{output}: surfaces have a mean luminance of {mean:.0}, where white in plain light has 1. If the file's lights were \
+             exported from Blender's watts, --light-unit watt divides them by 683"
+        ),
+        Some(LightUnit::Watt) if seen.surfaces > 0 && mean < DARK => warn!(
+            "{output}: surfaces have a mean luminance of {mean:.1e}, where white in plain light has 1. --light-unit lumen uses the \
+             file's lights undivided"
+        ),
+        _ => {}
+    }
+}
+
+/// Mean luminances of surfaces beyond which the unit of the lights is in doubt: the factor is 683.
+const BRIGHT: f64 = 20.0;
+const DARK: f64 = 2e-3;
+
+/// What a picture shows of its surfaces.
+#[derive(Default)]
+struct Seen {
+    /// Pixels that are not black.
+    lit_anywhere: usize,
+    /// Pixels of which at least half show a surface.
+    surfaces: usize,
+    /// Those of them that are not black.
+    lit: usize,
+    /// The sum of their luminances.
+    luminance: f64,
+}
+
+impl Seen {
+    fn of(rendered: &Rendered) -> Self {
+        let window = rendered.settings.window();
+        let mut seen = Self::default();
+        for stats in rendered.tiles.iter().flat_map(|tile| tile.inside(window).map(|(.., i)| &tile.stats[i])) {
+            let is_lit = stats.sum.iter().any(|x| *x > 0.0);
+            seen.lit_anywhere += usize::from(is_lit);
+            if stats.samples > 0 && 2 * stats.covered >= stats.samples {
+                seen.surfaces += 1;
+                seen.lit += usize::from(is_lit);
+                seen.luminance += f64::from(luminance(stats.mean().into()));
+            }
+        }
+        seen
     }
 }
 

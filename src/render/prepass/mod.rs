@@ -6,7 +6,7 @@
 pub mod compensation;
 pub mod guiding;
 pub mod learned_lights;
-mod low_resolution;
+pub(super) mod low_resolution;
 
 use std::sync::atomic::AtomicBool;
 

@@ -18,7 +18,7 @@ pub enum Encoding {
 pub struct TextureRef {
     /// Index into [`super::Scene::textures`].
     pub texture: u32,
-    /// Which texture coordinate set: 0 or 1.
+    /// Which texture coordinate set.
     pub set: u8,
     /// KHR_texture_transform, applied to the coordinates.
     pub transform: Option<Affine2>,
@@ -27,11 +27,11 @@ pub struct TextureRef {
 }
 
 impl TextureRef {
-    /// The element of `sets` (by texture coordinate set) that this texture reads. The single place that decides which
-    /// coordinates a texture uses.
+    /// The element of `sets`, those of TEXCOORD_0 and TEXCOORD_1, that this texture reads; `None` if it reads a higher set
+    /// ([`Mesh::texcoord`](super::Mesh::texcoord) then has the coordinates).
     #[inline(always)]
-    pub fn select<'a, T>(&self, sets: &'a [T; 2]) -> &'a T {
-        &sets[usize::from(self.set.min(1))]
+    pub fn select<'a, T>(&self, sets: &'a [T; 2]) -> Option<&'a T> {
+        sets.get(usize::from(self.set))
     }
 }
 

@@ -93,6 +93,8 @@ pub struct Mesh {
     pub tangents: Option<Vec<[f32; 4]>>,
     /// TEXCOORD_0 and TEXCOORD_1; present only if the material samples them.
     pub texcoords: [Option<Vec<[f32; 2]>>; 2],
+    /// TEXCOORD_2 and higher that the material samples, each with its number.
+    pub more_texcoords: Vec<(u8, Vec<[f32; 2]>)>,
     /// COLOR_0: linear RGBA that multiplies the base colour.
     pub colors: Option<Vec<[f32; 4]>>,
     /// Triangles, counter-clockwise seen from the front.
@@ -113,10 +115,18 @@ impl Mesh {
         Self { name: "mesh".into(), positions: Positions::new(positions), indices, ..Self::default() }
     }
 
+    /// A set of texture coordinates; `None` if the mesh does not have it.
+    pub fn texcoord_set(&self, set: u8) -> Option<&[[f32; 2]]> {
+        match self.texcoords.get(usize::from(set)) {
+            Some(texcoords) => texcoords.as_deref(),
+            None => self.more_texcoords.iter().find(|(number, _)| *number == set).map(|(_, texcoords)| &texcoords[..]),
+        }
+    }
+
     /// Coordinates at which `texture` is sampled at three vertices; (0, 0) if the mesh does not have the set.
     #[inline]
     pub fn corner_texcoords(&self, texture: &TextureRef, vertices: [u32; 3]) -> [Vec2; 3] {
-        match texture.select(&self.texcoords) {
+        match self.texcoord_set(texture.set) {
             Some(texcoords) => vertices.map(|i| Vec2::from_array(texcoords[i as usize])),
             None => [Vec2::ZERO; 3],
         }

@@ -69,8 +69,12 @@ pub struct SurfacePoint<'a> {
     anisotropy_tangent: Vec3,
     /// Offset of ray origins along the geometric normal, in metres.
     pub origin_offset: f32,
-    /// Interpolated texture coordinates of both sets.
+    /// Interpolated texture coordinates of TEXCOORD_0 and TEXCOORD_1.
     pub texcoords: [Vec2; 2],
+    /// Index of the triangle in the mesh.
+    prim: u32,
+    /// Barycentric weights of the triangle's second and third vertex.
+    barycentric: (f32, f32),
     /// Interpolated vertex colour.
     color: Vec4,
     /// The material.
@@ -144,6 +148,22 @@ impl Geometry {
         SurfacePoints { position, ng, ns, origin_offset: extent * F::splat(ORIGIN_OFFSET) }
     }
 
+    /// The geometric normal of triangle `prim`, in world space and of any length, on the front side by the winding. `time` is
+    /// in [0, 1] of the shutter interval.
+    #[inline]
+    pub fn normal(&self, scene: &Scene, (instance, mesh, prim): (u32, u32, u32), time: f32) -> Vec3 {
+        let mesh = &scene.meshes[mesh as usize];
+        let vertices = mesh.indices[prim as usize];
+        let [a, b, c] = match &mesh.motion {
+            None => vertices.map(|i| Vec3::from_array(mesh.positions[i as usize])),
+            Some(motion) => motion.corners(vertices, time),
+        };
+        let ng = (b - a).cross(c - a);
+        let moving_transform = if self.moves { moving_transform(scene, instance, time) } else { None };
+        let transform = moving_transform.as_ref().or(self.instances[instance as usize].as_ref());
+        transform.map_or(ng, |transform| transform.normal * ng)
+    }
+
     /// The surface point at a hit on triangle `prim`; `u` and `v` are the barycentric weights of its second and third vertex,
     /// `time` is in [0, 1] of the shutter interval.
     #[inline]
@@ -199,7 +219,7 @@ impl Geometry {
             }
             ns = if n.length_squared() > 0.0 { n } else { ng };
         }
-        let corner = Interpolated { scene, mesh, material, transform, index, barycentric: (u, v), texcoords, ns };
+        let corner = Interpolated { scene, mesh, material, transform, prim, index, barycentric: (u, v), texcoords, ns };
         let coated_or_anisotropic = material.clearcoat > 0.0 || material.anisotropy > 0.0;
         let (coat_normal, anisotropy_tangent) =
             if coated_or_anisotropic { corner.coat_normal_and_tangent() } else { (Vec3::ZERO, Vec3::ZERO) };
@@ -212,6 +232,8 @@ impl Geometry {
             anisotropy_tangent,
             origin_offset: ORIGIN_OFFSET * extent,
             texcoords,
+            prim,
+            barycentric: (u, v),
             color,
             material,
             mesh,
@@ -225,6 +247,8 @@ struct Interpolated<'a> {
     mesh: &'a Mesh,
     material: &'a Material,
     transform: Option<&'a ShadingTransform>,
+    /// Index of the triangle in the mesh.
+    prim: u32,
     /// Vertex indices of the triangle.
     index: [usize; 3],
     barycentric: (f32, f32),
@@ -236,7 +260,9 @@ struct Interpolated<'a> {
 impl Interpolated<'_> {
     #[inline(always)]
     fn texel(&self, map: &TextureRef) -> Vec3 {
-        self.scene.sample_texture(map, *map.select(&self.texcoords)).truncate()
+        let at = map.select(&self.texcoords).copied();
+        let at = at.unwrap_or_else(|| self.mesh.texcoord(map, self.prim, self.barycentric));
+        self.scene.sample_texture(map, at).truncate()
     }
 
     /// Unit tangent, bitangent and shading normal in world space; `None` for meshes without tangents.
@@ -346,6 +372,8 @@ impl SurfacePoint<'_> {
     #[inline]
     fn texel(&self, scene: &Scene, slot: TextureSlot) -> Option<Vec4> {
         let texture = self.material.textures[slot].as_ref()?;
-        Some(scene.sample_texture(texture, *texture.select(&self.texcoords)))
+        let at = texture.select(&self.texcoords).copied();
+        let at = at.unwrap_or_else(|| self.mesh.texcoord(texture, self.prim, self.barycentric));
+        Some(scene.sample_texture(texture, at))
     }
 }

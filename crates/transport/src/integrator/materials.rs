@@ -20,6 +20,8 @@ pub struct MeshMaterial {
     pub emits: bool,
     /// KHR_materials_unlit: does it only emit its base colour?
     pub unlit: bool,
+    /// Does it have a front only, and let no light through?
+    pub single_sided: bool,
     /// The medium that it bounds, an index into [`Materials::media`]; `None` for surfaces that bound none.
     pub interior_medium: Option<u32>,
 }
@@ -34,6 +36,8 @@ pub struct Materials {
     pub lobes: LobeSet,
     /// Does any surface transmit light?
     pub transmits: bool,
+    /// Does any surface have a front only?
+    pub has_single_sided: bool,
     /// Does any surface disperse?
     pub disperses: bool,
     /// Absorption coefficients of the media, linear RGB per metre. Medium 0 is the vacuum outside all others. If it is the
@@ -66,13 +70,14 @@ impl Materials {
             || mesh_materials.iter().filter(|kind| !kind.unlit).map(|kind| &scene.materials[kind.material as usize]);
         let lobes = lit().map(possible_lobes).fold(LobeSet::default(), LobeSet::union);
         let transmits = lit().any(Material::transmits);
+        let has_single_sided = mesh_materials.iter().any(|kind| kind.single_sided);
         let disperses = lit().any(Material::disperses);
         let back_facing = if transmits {
             scene.materials.iter().map(|m| Surface { back_facing: true, ..untextured(m) }.bsdf()).collect()
         } else {
             Vec::new()
         };
-        Self { constant: [constant, back_facing], mesh_materials, lobes, transmits, disperses, media }
+        Self { constant: [constant, back_facing], mesh_materials, lobes, transmits, has_single_sided, disperses, media }
     }
 
     /// The shading that a mesh needs.
@@ -121,6 +126,7 @@ fn classify(scene: &Scene, mesh: &Mesh, constant: &[Bsdf]) -> MeshMaterial {
         black,
         emits: m.unlit || m.is_emissive(),
         unlit: m.unlit,
+        single_sided: !m.double_sided && !m.transmits(),
         interior_medium: None,
     }
 }

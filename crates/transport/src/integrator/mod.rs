@@ -1,6 +1,7 @@
 //! Wavefront path tracing: a batch of paths is advanced by stages between ray queries ([`wave`]). [`scalar`] traces single
 //! paths as a reference.
 
+pub mod back_faces;
 pub mod batch;
 pub mod camera;
 pub mod dispersion;

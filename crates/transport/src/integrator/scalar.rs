@@ -3,6 +3,7 @@
 
 use glam::Vec3;
 
+use super::back_faces::{MIRROR_PDF, beyond, is_culled};
 use super::batch::PixelTask;
 use super::dispersion;
 pub use super::events::{Event, EventKind};
@@ -41,6 +42,8 @@ struct Ray {
     medium: u32,
     /// Roulette probability of the light sample at the origin.
     light_probability: f32,
+    /// Is it a camera ray or a mirror image of one?
+    is_mirror_image: bool,
     /// Time in [0, 1] of the shutter interval.
     time: f32,
 }
@@ -63,6 +66,8 @@ struct Vertex {
     cell: u32,
     /// Roulette probabilities of the light sample and of continuing the path, if the field sets them.
     roulette: Option<[f32; 2]>,
+    /// Is it seen by the camera or in mirrors?
+    is_mirror_image: bool,
     /// Time in [0, 1] of the shutter interval.
     time: f32,
 }
@@ -126,6 +131,7 @@ pub fn trace(transport: &Transport, task: &PixelTask, path: u32, report: &mut dy
         index,
         medium: 0,
         light_probability: 1.0,
+        is_mirror_image: true,
         time,
     };
     let before = |n: u32| (0..path).map(|p| u32::from(deal(n, paths, p))).sum::<u32>();
@@ -156,6 +162,14 @@ impl Tracer<'_> {
         rays.push(origin, direction, 0.0, f32::INFINITY, ray.key);
         rays.time.extend(t.geometry.moves.then_some(ray.time));
         t.rays.closest_hits(&rays, RayOrder::Incoherent, &mut hits);
+        let culls = t.culls_back_faces && ray.is_mirror_image;
+        let hit = |hits: &HitBatch| (hits.instance[0], hits.mesh[0], hits.prim[0]);
+        while culls && is_culled(t, hit(&hits), || direction, || ray.time) {
+            rays.tnear[0] = beyond(hits.t[0]);
+            t.rays.closest_hits(&rays, RayOrder::Incoherent, &mut hits);
+        }
+        // No light sample has the direction of a ray that has passed a back face.
+        let one_technique = depth == 0 || rays.tnear[0] > 0.0;
         let (instance, mesh, prim, distance) = (hits.instance[0], hits.mesh[0], hits.prim[0], hits.t[0]);
         if mesh == MISS {
             self.report(depth, EventKind::Escape);
@@ -163,7 +177,7 @@ impl Tracer<'_> {
                 return Vec3::ZERO;
             }
             let (radiance, pdf) = t.lights.environment(V3::splat(direction), t.drawing);
-            let pdf = if depth == 0 { 0.0 } else { pdf.as_array()[0] };
+            let pdf = if one_technique { 0.0 } else { pdf.as_array()[0] };
             return self.emission(ray, depth, radiance.lane(0), [pdf, 0.0]);
         }
         let barycentric = (hits.u[0], hits.v[0]);
@@ -183,7 +197,8 @@ impl Tracer<'_> {
             let from = (origin, ray.normal);
             let hit = (instance, mesh, prim);
             let at = (t.scene, ray.time);
-            let pdf = if depth == 0 { 0.0 } else { t.lights.area_pdf(at, from, hit, direction, distance, t.drawing) };
+            let pdf =
+                if one_technique { 0.0 } else { t.lights.area_pdf(at, from, hit, direction, distance, t.drawing) };
             radiance_sum += self.emission(ray, depth, radiance, [0.0, pdf]);
         }
         if depth + 1 >= t.max_depth {
@@ -222,6 +237,7 @@ impl Tracer<'_> {
                 .filter(|_| mixture::is_diffuse(&scattering).any())
                 .map_or(NO_CELL, |(field, cells)| field.guiding_cells(cells)[0]),
             roulette: roulette.map(|roulette| roulette.map(|probability| probability.as_array()[0])),
+            is_mirror_image: ray.is_mirror_image,
             time: ray.time,
         };
         for &(index, toward) in light {
@@ -375,6 +391,7 @@ impl Tracer<'_> {
             index,
             medium,
             light_probability: vertex.roulette.map_or(1.0, |[light, _]| light),
+            is_mirror_image: vertex.is_mirror_image && pdf >= MIRROR_PDF,
             time: vertex.time,
         };
         self.trace_ray(&ray, depth + 1, &[(index, LightTarget::Random)], &[index])

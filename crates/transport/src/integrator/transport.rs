@@ -41,6 +41,9 @@ pub struct Transport<'a> {
     pub limits: [f32; 2],
     /// Is the environment invisible to camera rays?
     pub hides_environment: bool,
+    /// Do rays from the camera and their mirror images pass back faces of single-sided materials
+    /// ([`back_faces`](super::back_faces))?
+    pub culls_back_faces: bool,
     /// The guiding field, if paths are guided.
     pub field: Option<&'a Field>,
     /// The distributions of light samples.

@@ -3,6 +3,7 @@
 
 use std::time::Instant;
 
+use super::back_faces::BackFaces;
 use super::batch::{PixelBatch, PixelTask};
 use super::path_states::{NO_PARENT, PathStates, ScatterRecord};
 use super::queues::{PathRays, ShadowRays, SortedHits};
@@ -75,6 +76,7 @@ pub struct Wave {
     shadows: ShadowRays,
     occluded: Vec<bool>,
     path_states: PathStates,
+    back_faces: BackFaces,
     /// Totals over all waves so far.
     pub counts: WaveCounts,
 }
@@ -82,7 +84,19 @@ pub struct Wave {
 impl Wave {
     /// Traces the paths of the batch's tasks and adds them to its sums, in a fixed order.
     pub fn run(&mut self, transport: &Transport, batch: &mut PixelBatch) {
-        let Self { rays, next_rays, hits, sorted, vertices, requests, shadows, occluded, path_states, counts } = self;
+        let Self {
+            rays,
+            next_rays,
+            hits,
+            sorted,
+            vertices,
+            requests,
+            shadows,
+            occluded,
+            path_states,
+            back_faces,
+            counts,
+        } = self;
         path_states.start_paths(batch.tasks, transport.lights.environment_probability);
         if !batch.extras.is_empty() {
             path_states.mirrors.resize(path_states.paths.len(), None);
@@ -96,6 +110,7 @@ impl Wave {
             counts.add_rays(depth, rays.len);
             let order = if depth == 0 { RayOrder::Coherent } else { RayOrder::Incoherent };
             timed(counts, || transport.rays.closest_hits(&rays.rays, order, hits));
+            back_faces.pass(transport, depth, path_states, rays, hits);
 
             sort::sort(transport, depth, hits, sorted);
             if depth == 0 {

@@ -37,6 +37,7 @@ pub fn surfaces(
             let at = (transport.scene, rays.rays.time(ray));
             let pdf = match depth {
                 0 => 0.0,
+                _ if has_passed(rays, ray) => 0.0,
                 _ => transport.lights.area_pdf(at, from, hit, direction, hits.t[ray], transport.drawing),
             };
             add_emission(
@@ -69,11 +70,18 @@ pub fn environment(
         let (rows, n) = eight_of(escaped, at);
         let (radiance, pdf) = transport.lights.environment(rays.rays.directions(&rows), transport.drawing);
         for lane in 0..n {
-            let pdf = if depth == 0 { 0.0 } else { pdf.as_array()[lane] };
+            let passed = has_passed(rays, escaped[at + lane] as usize);
+            let pdf = if depth == 0 || passed { 0.0 } else { pdf.as_array()[lane] };
             let emission = Emission { radiance: radiance.lane(lane), pdf: [pdf, 0.0], group: 0 };
             add_emission(transport, depth, escaped[at + lane] as usize, emission, rays, path_states, batch);
         }
     }
+}
+
+/// Has the ray passed a back face ([`back_faces`](crate::integrator::back_faces))? Shadow rays do not: no light sample has its
+/// direction.
+fn has_passed(rays: &PathRays, ray: usize) -> bool {
+    rays.rays.tnear[ray] > 0.0
 }
 
 /// Emission that a ray hits.

@@ -15,6 +15,7 @@ pub fn mesh_bytes(mesh: &Mesh) -> u64 {
         + array_bytes(mesh.normals.as_ref())
         + array_bytes(mesh.tangents.as_ref())
         + mesh.texcoords.iter().map(|t| array_bytes(t.as_ref())).sum::<usize>()
+        + mesh.more_texcoords.iter().map(|(_, t)| array_bytes(Some(t))).sum::<usize>()
         + array_bytes(mesh.colors.as_ref())
         + mesh.motion.as_ref().map_or(0, Deformation::bytes);
     bytes as u64

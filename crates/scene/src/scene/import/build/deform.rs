@@ -79,8 +79,10 @@ fn morph(reader: &mut Reader, primitive: &Primitive, weights: &[f32], g: &mut Ge
                 color.iter_mut().zip(delta).for_each(|(x, d)| *x += weight * *d as f32);
             }
         }
-        for (set, out) in (0..).zip(&mut g.texcoords) {
-            if let (Some(out), Some(&index)) = (out, target.get(&Semantic::TexCoord(set))) {
+        let first = (0..).zip(&mut g.texcoords).filter_map(|(set, out)| Some((set, out.as_mut()?)));
+        let more = g.more_texcoords.iter_mut().map(|(set, out)| (u32::from(*set), out));
+        for (set, out) in first.chain(more) {
+            if let Some(&index) = target.get(&Semantic::TexCoord(set)) {
                 let deltas = reader.floats::<2>(index)?;
                 for (x, d) in out.iter_mut().zip(deltas) {
                     *x = [x[0] + weight * d[0], x[1] + weight * d[1]];

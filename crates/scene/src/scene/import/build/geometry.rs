@@ -14,6 +14,8 @@ pub struct Geometry {
     pub normals: Option<Vec<[f32; 3]>>,
     pub tangents: Option<Vec<[f32; 4]>>,
     pub texcoords: [Option<Vec<[f32; 2]>>; 2],
+    /// See [`scene::Mesh::more_texcoords`].
+    pub more_texcoords: Vec<(u8, Vec<[f32; 2]>)>,
     pub colors: Option<Vec<[f32; 4]>>,
     pub indices: Vec<[u32; 3]>,
     /// Index of each vertex in the file; present if other time samples are needed.
@@ -66,6 +68,7 @@ impl Geometry {
         self.normals.iter_mut().for_each(|v| filter(v, &keep));
         self.tangents.iter_mut().for_each(|v| filter(v, &keep));
         self.texcoords.iter_mut().flatten().for_each(|v| filter(v, &keep));
+        self.more_texcoords.iter_mut().for_each(|(_, v)| filter(v, &keep));
         self.colors.iter_mut().for_each(|v| filter(v, &keep));
     }
 
@@ -102,6 +105,7 @@ impl Geometry {
         self.normals.iter_mut().for_each(|v| spread(v, &self.indices));
         self.tangents.iter_mut().for_each(|v| spread(v, &self.indices));
         self.texcoords.iter_mut().flatten().for_each(|v| spread(v, &self.indices));
+        self.more_texcoords.iter_mut().for_each(|(_, v)| spread(v, &self.indices));
         self.colors.iter_mut().for_each(|v| spread(v, &self.indices));
         for (i, triangle) in self.indices.iter_mut().enumerate() {
             *triangle = [0, 1, 2].map(|corner| 3 * i as u32 + corner);
@@ -129,8 +133,17 @@ impl Geometry {
         self.normals.iter_mut().for_each(|v| pick(v, &kept));
         self.tangents.iter_mut().for_each(|v| pick(v, &kept));
         self.texcoords.iter_mut().flatten().for_each(|v| pick(v, &kept));
+        self.more_texcoords.iter_mut().for_each(|(_, v)| pick(v, &kept));
         self.colors.iter_mut().for_each(|v| pick(v, &kept));
         self.indices.iter_mut().flatten().for_each(|i| *i = target[*i as usize]);
+    }
+
+    /// A set of texture coordinates; `None` if the mesh does not have it.
+    pub fn texcoord_set(&self, set: u8) -> Option<&[[f32; 2]]> {
+        match self.texcoords.get(usize::from(set)) {
+            Some(texcoords) => texcoords.as_deref(),
+            None => self.more_texcoords.iter().find(|(number, _)| *number == set).map(|(_, texcoords)| &texcoords[..]),
+        }
     }
 
     /// The scene's mesh.
@@ -141,6 +154,7 @@ impl Geometry {
             normals: self.normals,
             tangents: self.tangents,
             texcoords: self.texcoords,
+            more_texcoords: self.more_texcoords,
             colors: self.colors,
             indices: self.indices,
             material,

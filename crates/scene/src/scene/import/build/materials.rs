@@ -65,7 +65,7 @@ fn resolve(
         notes.not_loaded(&format!("{}.occlusionTexture", from.at), text);
     }
     if !material.double_sided {
-        let text = "doubleSided is false: back faces are shaded, not culled; emission is from the front only";
+        let text = "doubleSided is false: the camera does not see back faces (--back-faces show); other light does";
         notes.convention(&from.at, text);
     }
     Ok(material)

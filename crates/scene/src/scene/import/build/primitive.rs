@@ -84,21 +84,28 @@ pub fn read(
         let is_morphed = primitive.targets.iter().any(|target| target.contains_key(&Semantic::Color(0)));
         g.colors = Some(colors).filter(|c| is_morphed || c.iter().any(|c| *c != [1.0; 4]));
     }
-    for (set, slot) in [0_u8, 1].into_iter().zip(&mut g.texcoords) {
-        let for_tangents = g.tangents.is_none() && material.tangent_set() == Some(set);
-        if !material.textures.iter().any(|t| t.set == set) {
-            let index = optional(Semantic::TexCoord(set.into())).filter(|_| for_tangents);
-            *slot = index.map(|i| reader.floats::<2>(i)).transpose()?;
-            continue;
+    let mut sets: Vec<u8> = material.textures.iter().map(|texture| texture.set).chain([0, 1]).collect();
+    sets.sort_unstable();
+    sets.dedup();
+    for set in sets {
+        let index = optional(Semantic::TexCoord(set.into()));
+        let texcoords = if material.textures.iter().any(|t| t.set == set) {
+            Some(match index {
+                Some(index) => reader.floats::<2>(index)?,
+                None => {
+                    let text = format!("no TEXCOORD_{set}, which the material's textures need: zeros are used");
+                    notes.approximated(&primitive.at, text);
+                    vec![[0.0; 2]; g.positions.len()]
+                }
+            })
+        } else {
+            let for_tangents = g.tangents.is_none() && material.tangent_set() == Some(set);
+            index.filter(|_| for_tangents).map(|i| reader.floats::<2>(i)).transpose()?
+        };
+        match g.texcoords.get_mut(usize::from(set)) {
+            Some(slot) => *slot = texcoords,
+            None => g.more_texcoords.extend(texcoords.map(|texcoords| (set, texcoords))),
         }
-        *slot = Some(match optional(Semantic::TexCoord(set.into())) {
-            Some(index) => reader.floats::<2>(index)?,
-            None => {
-                let text = format!("no TEXCOORD_{set}, which the material's textures need: zeros are used");
-                notes.approximated(&primitive.at, text);
-                vec![[0.0; 2]; g.positions.len()]
-            }
-        });
     }
     if attributes.contains_key(&Semantic::Color(1)) {
         notes.not_loaded(&primitive.at, "COLOR_1 and higher, which no material of the specification uses");

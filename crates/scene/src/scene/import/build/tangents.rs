@@ -56,7 +56,7 @@ pub fn prepare(g: &mut Geometry, set: u8, at: &str, notes: &mut Notes) -> bool {
         let flat = |t: [u32; 3]| [cross(g, t).try_normalize().unwrap_or(DVec3::Y).as_vec3().to_array(); 3];
         g.normals = Some(g.indices.iter().flat_map(|&t| flat(t)).collect());
     }
-    if g.tangents.is_none() && g.texcoords[usize::from(set)].is_none() {
+    if g.tangents.is_none() && g.texcoord_set(set).is_none() {
         notes.approximated(at, "neither TANGENT nor texture coordinates: highlights are isotropic");
         return false;
     }
@@ -80,7 +80,7 @@ pub fn make(g: &mut Geometry, set: u8) {
 }
 
 fn generate(g: &mut Geometry, set: u8) {
-    let (Some(normals), Some(texcoords)) = (&g.normals, &g.texcoords[usize::from(set)]) else { return };
+    let (Some(normals), Some(texcoords)) = (&g.normals, g.texcoord_set(set)) else { return };
     let mut mikk = Mikk { geometry: g, texcoords, normals, tangents: vec![[0.0; 4]; 3 * g.indices.len()] };
     if generate_tangents(&mut mikk).is_err() {
         return;

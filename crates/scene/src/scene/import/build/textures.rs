@@ -233,8 +233,8 @@ impl TextureTable {
     ) -> Result<Option<TextureRef>> {
         let texture = document.textures.get(info.texture)?;
         let Some(source) = self.readable(document, texture, &info.at, notes)? else { return Ok(None) };
-        let Some(set) = u8::try_from(info.set).ok().filter(|set| *set < 2) else {
-            let text = "a texture on TEXCOORD_2 or higher, of which only 0 and 1 are read: the factor alone is used";
+        let Ok(set) = u8::try_from(info.set) else {
+            let text = "a texture on TEXCOORD_256 or higher, which are not read: the factor alone is used";
             notes.ignored(&info.at, text);
             return Ok(None);
         };

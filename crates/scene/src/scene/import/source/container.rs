@@ -8,7 +8,7 @@ use std::path::Path;
 use serde_json::Value;
 
 use super::blob::Blob;
-use super::read::open_regular;
+use super::read::{open_regular, refuse_pointer};
 use crate::error::{Error, Result};
 
 const MAGIC: [u8; 4] = *b"glTF";
@@ -37,6 +37,9 @@ pub fn read(path: &Path) -> Result<Container> {
     let (file, file_bytes) = open_regular(path, MAX_FILE_BYTES)?;
     let in_file = |text: String| Error::Data(format!("{}: {text}", path.display()));
     let words = Words { path, file: &file, length: file_bytes };
+    if words.at(0)? == Some(*b"vers") {
+        refuse_pointer(path, &Blob::read(path, &file, 0..file_bytes.min(1023), None)?.all())?;
+    }
     let is_glb = words.at(0)? == Some(MAGIC);
     if !is_glb && path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb")) {
         return Err(in_file("byte 0: expected the GLB magic `glTF`, found something else; is this a GLB file?".into()));

@@ -17,8 +17,8 @@ use crate::error::Result;
 pub use blob::Blob;
 use container::Container;
 use reach::Reach;
-use read::open_regular;
 pub use read::read_regular;
+use read::{open_regular, refuse_pointer};
 pub use survey::Survey;
 use uri::Resource;
 
@@ -145,5 +145,7 @@ fn want(files: &mut Wanted, resource: Option<&Result<Resource>>, ranges: Option<
 
 fn read(path: &Path, wanted: Option<Vec<Range<u64>>>) -> Result<Blob> {
     let (file, size) = open_regular(path, u64::MAX)?;
-    Blob::read(path, &file, 0..size, wanted)
+    let blob = Blob::read(path, &file, 0..size, wanted)?;
+    refuse_pointer(path, &blob.all())?;
+    Ok(blob)
 }

@@ -23,7 +23,19 @@ pub fn open_regular(path: &Path, limit: u64) -> Result<(File, u64)> {
     }
 }
 
-/// Reads a regular file completely.
+/// Refuses a Git LFS pointer, which stands in place of a file that was not downloaded.
+///
+/// # Errors
+/// [`Error::Data`], which names the cure.
+pub fn refuse_pointer(path: &Path, bytes: &[u8]) -> Result<()> {
+    if bytes.len() < 1024 && bytes.starts_with(b"version https://git-lfs.github.com/spec/") {
+        let text = "a Git LFS pointer in place of the file: run `git lfs pull` where it comes from, and copy it again";
+        return Err(Error::Data(format!("{}: {text}", path.display())));
+    }
+    Ok(())
+}
+
+/// Reads a regular file completely; no Git LFS pointer.
 ///
 /// # Errors
 /// See [`open_regular`]; also a failed read, or insufficient memory.
@@ -34,5 +46,6 @@ pub fn read_regular(path: &Path, limit: u64) -> Result<Vec<u8>> {
     bytes.try_reserve_exact(usize::try_from(size).unwrap_or(usize::MAX)).map_err(|e| reading(e.into()))?;
     file.take(limit).read_to_end(&mut bytes).map_err(reading)?;
     tracing::debug!("{}: {} bytes", path.display(), bytes.len());
+    refuse_pointer(path, &bytes)?;
     Ok(bytes)
 }

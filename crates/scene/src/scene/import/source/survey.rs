@@ -27,6 +27,8 @@ pub struct Survey {
     pub geometry_bytes: u64,
     /// Upper bound of the bytes of decoded pictures.
     pub image_bytes: u64,
+    /// May a light of the document, or an emissive material, shine?
+    pub has_lights: bool,
 }
 
 impl Source {
@@ -38,6 +40,7 @@ impl Source {
         let shown = (0..self.reach.images.len()).filter(|&i| self.reach.images[i]);
         survey.image_bytes = shown.map(|i| decoded_bytes(&self.image_bytes(i))).sum();
         self.measure_meshes(&mut survey);
+        survey.has_lights = has_lights(&self.json);
         survey
     }
 
@@ -99,13 +102,26 @@ impl Source {
                 Some(5 | 6) => corners.saturating_sub(2),
                 _ => continue,
             };
-            let sizes = [("POSITION", 12), ("NORMAL", 12), ("TEXCOORD_0", 8), ("TEXCOORD_1", 8), ("COLOR_0", 16)];
-            let bytes_per_vertex: u64 =
-                sizes.iter().filter(|(name, _)| attributes[*name].is_u64()).map(|(_, bytes)| bytes).sum();
+            let size = |name: &str| match name {
+                "POSITION" | "NORMAL" => 12,
+                "COLOR_0" => 16,
+                name if name.starts_with("TEXCOORD_") => 8,
+                _ => 0,
+            };
+            let named = attributes.as_object().into_iter().flatten().filter(|(_, accessor)| accessor.is_u64());
+            let bytes_per_vertex: u64 = named.map(|(name, _)| size(name)).sum();
             survey.triangles += triangles;
             survey.geometry_bytes += vertices * bytes_per_vertex + 12 * triangles;
         }
     }
+}
+
+fn has_lights(json: &Value) -> bool {
+    let shines = |material: &Value| items(&material["emissiveFactor"]).any(|x| x.as_f64().is_some_and(|x| x > 0.0));
+    items(&json["extensions"]["KHR_lights_punctual"]["lights"]).next().is_some()
+        || items(&json["materials"]).any(shines)
+        // Animated factors, and lights of other extensions.
+        || items(&json["extensionsUsed"]).any(|name| name == "KHR_animation_pointer")
 }
 
 /// Decoded size of a picture: four bytes per texel, eight with 16 bits per channel; 0 for other data.

@@ -1,0 +1,232 @@
+//! The first picture of a file that nobody has prepared: its default light, back faces, texture coordinates, and what is said.
+
+use std::fs;
+use std::path::Path;
+
+use bismar::balance::Counts;
+use bismar::film::PixelStats;
+use bismar::integrator::{PixelBatch, PixelTask, Wave, scalar};
+use bismar::rays::Backend;
+use bismar::render::default_light::own_light;
+use bismar::render::{BackFaces, RenderSettings, transport};
+use bismar::scene::build::{area_light, lambert, look, metal};
+use bismar::scene::import::{ImportOptions, NoteKind, import};
+use bismar::scene::{Environment, Material, Scene, TextureSlot};
+use glam::Vec3;
+
+use crate::helpers::gltf_parts::{Parts, floats, scene_file};
+use crate::helpers::program::{bismar, bits, expect};
+use crate::helpers::stage::{Stage, rectangle};
+
+/// Two triangles side by side, seen by a camera in front: the first of material 0, the second of material 1.
+fn two(materials: &str) -> String {
+    let primitive = r#"{"attributes":{"POSITION":0},"material":0},{"attributes":{"POSITION":1},"material":1}"#.into();
+    let positions = floats(&[
+        0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, //
+        1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0,
+    ]);
+    let of = |at: u32| format!(r#"{{"bufferView":0,"byteOffset":{at},"componentType":5126,"count":3,"type":"VEC3"}}"#);
+    let accessor = format!("{},{}", of(0), of(36));
+    Parts { primitive, positions, accessor, more: format!(r#","materials":[{materials}]"#), ..Default::default() }
+        .json()
+}
+
+fn write(folder: &Path, json: &str) {
+    fs::write(folder.join("a.gltf"), json).unwrap();
+}
+
+const DISPLAY: &str = r#"{},{"emissiveFactor":[1,1,1]}"#;
+
+#[test]
+fn a_display_that_lights_nothing_does_not_switch_the_default_light_off() {
+    let folder = tempfile::tempdir().unwrap();
+    let said = |flags: &str| expect(folder.path(), &format!("render a.gltf --size 24x18 --spp 2 {flags}"), 0);
+    write(folder.path(), &two(DISPLAY));
+    let text = said("");
+    assert!(text.contains("its own light reaches 0 of") && text.contains("studio light is added"), "{text}");
+    assert!(!text.contains(" is black "), "{text}");
+    // Nothing is added to it, and its dark part is told.
+    let text = said("--no-env");
+    assert!(!text.contains("studio"), "{text}");
+    // A picture that shines all over needs no light.
+    write(folder.path(), &two(r#"{"emissiveFactor":[1,1,1]},{"emissiveFactor":[1,1,1]}"#));
+    assert!(!said("").contains("studio"));
+    let inspected = |materials: &str| {
+        write(folder.path(), &two(materials));
+        let output = bismar(folder.path()).args(["inspect", "a.gltf", "--json"]).output().unwrap();
+        serde_json::from_slice::<serde_json::Value>(&output.stdout).unwrap()
+    };
+    let found = inspected(DISPLAY);
+    assert_eq!((&found["default_light"], &found["own_light"]["lit"]), (&true.into(), &0.into()));
+    let found = inspected("{},{}");
+    assert_eq!((&found["default_light"], &found["own_light"]), (&true.into(), &serde_json::Value::Null));
+    write(folder.path(), &two(DISPLAY));
+    assert!(expect(folder.path(), "inspect a.gltf", 0).is_empty());
+}
+
+#[test]
+fn the_default_light_is_the_same_for_parts_crops_threads_and_seeds() {
+    let folder = tempfile::tempdir().unwrap();
+    write(folder.path(), &two(DISPLAY));
+    let line = "render a.gltf --size 40x30 --spp 4 -q";
+    for (flags, name) in [("--threads 1", "one"), ("--threads 2", "two"), ("--part 1/2", "p1"), ("--part 2/2", "p2")] {
+        expect(folder.path(), &format!("{line} {flags} -o {name}.exr"), 0);
+    }
+    expect(folder.path(), "merge p1.exr p2.exr -o merged.exr -q", 0);
+    assert_eq!(bits(&folder.path().join("one.exr")), bits(&folder.path().join("two.exr")));
+    assert_eq!(bits(&folder.path().join("one.exr")), bits(&folder.path().join("merged.exr")));
+    let text = expect(folder.path(), "render a.gltf --size 7x90 --spp 1 --seed 9 --crop 2,3,4,5", 0);
+    assert!(text.contains("studio light is added"), "{text}");
+}
+
+/// A floor under a lamp, in a room or not.
+fn lamp_over_floor(lamp: f32) -> Scene {
+    let mut scene = Scene::default();
+    rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
+    rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, area_light(lamp));
+    look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.5, 0.0), 0.6);
+    scene
+}
+
+#[test]
+fn a_lamp_over_a_floor_is_enough_light() {
+    for backend in [Backend::Embree, Backend::Obvhs] {
+        let of = |lamp| own_light(&Stage::new(lamp_over_floor(lamp).into(), backend).scene, 0, BackFaces::Cull);
+        let found = of(9.0);
+        assert!(found.is_enough() && found.lit * 2 > found.surfaces && found.covered >= found.surfaces, "{found:?}");
+        let found = of(1e-6);
+        assert!(!found.is_enough() && found.lit == 0 && found.surfaces > 100, "{found:?}");
+    }
+}
+
+/// A white sky with a grey wall that shows its back to the camera and to a mirror, and a diffuse floor.
+fn walls(double_sided: bool) -> Scene {
+    let mut scene = Scene { environment: Some(Environment::constant([1.0; 3])), ..Default::default() };
+    let wall = Material { double_sided, ..lambert(0.5) };
+    // It faces up; the camera and the mirror see it from below.
+    rectangle(&mut scene, 2.0, [-9.0, 9.0], [-9.0, 9.0], true, wall.clone());
+    rectangle(&mut scene, 3.0, [-9.0, 9.0], [-9.0, 9.0], true, wall);
+    rectangle(&mut scene, 0.0, [-1.0, 0.0], [-1.0, 1.0], true, metal(0.0));
+    rectangle(&mut scene, 0.0, [0.0, 1.0], [-1.0, 1.0], true, lambert(0.5));
+    look(&mut scene, Vec3::new(0.0, 1.5, 0.8), Vec3::ZERO, 1.0);
+    scene
+}
+
+#[test]
+fn the_camera_and_mirrors_do_not_see_back_faces_and_diffuse_light_does() {
+    for backend in [Backend::Embree, Backend::Obvhs] {
+        let mean = |double_sided, back_faces| {
+            let stage = Stage::new(walls(double_sided).into(), backend);
+            let settings =
+                RenderSettings { width: 32, height: 32, spp: Some(64), back_faces, ..RenderSettings::default() };
+            let green = stage.green(&settings);
+            let column = |x: usize| (12..20).map(|y| green[y * 32 + x]).sum::<f64>() / 8.0;
+            [column(10), column(22)]
+        };
+        let [culled, shown] = [BackFaces::Cull, BackFaces::Show].map(|back_faces| mean(false, back_faces));
+        // The mirror shows the white sky behind both walls; the floor lies in their shadow.
+        let [tint, floor] = culled;
+        assert!(tint > 0.5 && floor < 0.1, "{backend:?} {culled:?}");
+        assert!(shown[0] < 0.2 && (shown[1] - floor).abs() < 0.02, "{backend:?} {shown:?}");
+        // Double-sided walls are seen in either case: the same bits.
+        assert_eq!(mean(true, BackFaces::Cull), mean(true, BackFaces::Show));
+    }
+}
+
+#[test]
+fn paths_through_back_faces_are_those_of_the_scalar_tracer() {
+    let stage = Stage::new(walls(false).into(), Backend::Obvhs);
+    let settings = RenderSettings { width: 20, height: 15, ..RenderSettings::default() };
+    let transport = transport(&stage.scene, &settings);
+    let counts = Counts::half(1);
+    let tasks: Vec<_> = (0..300).map(|i| PixelTask::first([i % 20, i / 20], counts, i)).collect();
+    let mut stats = vec![PixelStats::default(); tasks.len()];
+    Wave::default().run(&transport, &mut PixelBatch::radiance_only(&tasks, &mut stats));
+    for (task, stats) in tasks.iter().zip(&stats) {
+        let scalar = scalar::trace(&transport, task, 0, &mut |_| ());
+        let wave = Vec3::from(stats.sum.map(|x| x as f32));
+        // Sums of at most 100 terms, in another order.
+        assert!(
+            (wave - scalar).abs().max_element() <= 100.0 * f32::EPSILON * scalar.max_element().max(1.0),
+            "{task:?}"
+        );
+    }
+}
+
+#[test]
+fn any_set_of_texture_coordinates_that_a_texture_names_is_loaded() {
+    let uv = |x: f32| floats(&[x, 0.0, x, 0.5, x, 1.0]);
+    let positions = [Parts::default().positions, uv(0.25), uv(0.5), uv(0.75)].concat();
+    let of = |at: u32| format!(r#",{{"bufferView":0,"byteOffset":{at},"componentType":5126,"count":3,"type":"VEC2"}}"#);
+    let accessor = format!("{}{}{}{}", Parts::default().accessor, of(36), of(60), of(84));
+    let primitive = r#"{"attributes":{"POSITION":0,"TEXCOORD_0":1,"TEXCOORD_2":2,"TEXCOORD_5":3},"material":0}"#.into();
+    let more = r#","materials":[{"emissiveFactor":[1,1,1],"emissiveTexture":{"index":0,"texCoord":5},
+        "pbrMetallicRoughness":{"baseColorTexture":{"index":0,"texCoord":2}}}],
+        "textures":[{"source":0}],"images":[{"uri":"a.png"}]"#
+        .into();
+    let (folder, path) =
+        scene_file("scene.gltf", Parts { positions, accessor, primitive, more, ..Default::default() }.json());
+    image::RgbImage::from_fn(4, 1, |x, _| image::Rgb([60 * x as u8; 3])).save(folder.path().join("a.png")).unwrap();
+    let imported = import(&path, &ImportOptions::default()).unwrap();
+    assert_eq!(imported.report.of_kind(NoteKind::Ignored).count(), 0);
+    let scene = &imported.scene;
+    let (mesh, material) = (&scene.meshes[0], &scene.materials[0]);
+    // Only the sets that textures name.
+    assert!(mesh.texcoords == [None, None], "{:?}", mesh.texcoords);
+    assert_eq!(mesh.more_texcoords.iter().map(|(set, _)| *set).collect::<Vec<_>>(), [2, 5]);
+    for (slot, x) in [(TextureSlot::BaseColor, 0.5), (TextureSlot::Emissive, 0.75)] {
+        let texture = material.textures[slot].as_ref().unwrap();
+        assert_eq!(mesh.texcoord(texture, 0, (0.25, 0.25)).x, x);
+    }
+    // What the camera sees of it: the base colour at 0.5, the emission at 0.75.
+    let line = "render scene.gltf --size 8x8 --spp 4 --no-env --aov albedo,emission -q";
+    expect(folder.path(), line, 0);
+}
+
+#[test]
+fn a_git_lfs_pointer_is_named_as_such() {
+    let pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n";
+    let folder = tempfile::tempdir().unwrap();
+    let told = |file: &str, code| {
+        fs::write(folder.path().join(file), pointer).unwrap();
+        let text = expect(folder.path(), "render a.gltf --size 8x8 --spp 1", code);
+        assert!(text.contains("Git LFS pointer") && text.contains("git lfs pull") && text.contains(file), "{text}");
+    };
+    told("a.gltf", 65);
+    let json = Parts::default().json();
+    let start = json.find("\"data:").unwrap();
+    let end = start + 1 + json[start + 1..].find('"').unwrap() + 1;
+    write(folder.path(), &format!("{}\"a.bin\"{}", &json[..start], &json[end..]));
+    told("a.bin", 65);
+}
+
+#[test]
+fn a_scene_without_a_triangle_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(
+        folder.path().join("a.gltf"),
+        r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{}]}"#,
+    )
+    .unwrap();
+    let text = expect(folder.path(), "render a.gltf --size 8x8 --spp 1", 0);
+    assert!(text.contains("has no triangle to show"), "{text}");
+}
+
+#[test]
+fn lights_in_watts_are_told_by_the_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let lit = |candela: f64| {
+        let more = format!(
+            r#","extensionsUsed":["KHR_lights_punctual"],
+            "extensions":{{"KHR_lights_punctual":{{"lights":[{{"type":"directional","intensity":{candela}}}]}}}}"#
+        );
+        let nodes = r#"[{"mesh":0,"extensions":{"KHR_lights_punctual":{"light":0}}}]"#.into();
+        write(folder.path(), &Parts { nodes, more, ..Default::default() }.json());
+    };
+    let said = |flags: &str| expect(folder.path(), &format!("render a.gltf --size 16x12 --spp 2 {flags}"), 0);
+    lit(683.0);
+    assert!(said("").contains("--light-unit watt"));
+    assert!(!said("--light-unit watt").contains("luminance"));
+    lit(1.0);
+    assert!(!said("").contains("luminance"));
+}
