@@ -8,6 +8,7 @@
 //! [`Environment::studio`]: crate::scene::Environment::studio
 
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 use serde::Serialize;
@@ -98,7 +99,9 @@ pub fn own_light(scene: &PreparedScene, camera: usize, back_faces: BackFaces) ->
         found
     };
     let none = OwnLight { covered: 0, surfaces: 0, lit: 0 };
-    in_tiles(size, of_tile).into_iter().fold(none, |all, tile| OwnLight {
+    // It takes a few milliseconds: nobody stops it.
+    let tiles = in_tiles(size, &AtomicBool::new(false), of_tile).unwrap_or_default();
+    tiles.into_iter().fold(none, |all, tile| OwnLight {
         covered: all.covered + tile.covered,
         surfaces: all.surfaces + tile.surfaces,
         lit: all.lit + tile.lit,
