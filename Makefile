@@ -7,6 +7,8 @@ CARGO := $(shell command -v cargo || echo "$$HOME/.cargo/bin/cargo")
 
 NAME := $(basename $(notdir $(SHOWPIECE)))
 BISMAR := target/release/bismar
+# Tests that this machine cannot run, a line each.
+SKIPPED := $(CURDIR)/target/skipped-tests.txt
 
 .DEFAULT_GOAL := help
 .PHONY: help setup build render test deb try-docs bench bench-peers agreement stability clean
@@ -39,8 +41,10 @@ render: setup
 test: setup
 	$(CARGO) fmt --all --check
 	$(CARGO) clippy --workspace --all-targets --locked -- -D warnings
-	$(CARGO) test --workspace --locked
+	@rm -f $(SKIPPED) && mkdir -p $(dir $(SKIPPED))
+	BISMAR_SKIPPED_TESTS=$(SKIPPED) $(CARGO) test --workspace --locked
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --workspace --no-deps --locked
+	@if [ -s $(SKIPPED) ]; then printf '%s tests were skipped:\n' "$$(wc -l <$(SKIPPED))" && sort $(SKIPPED); fi
 
 deb: build
 	@scripts/make-deb.sh

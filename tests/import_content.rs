@@ -5,6 +5,7 @@ use bismar::scene::{AlphaMode, Projection, PunctualKind, Scene, TextureSlot};
 use glam::{Vec2, Vec3};
 
 use crate::helpers::gltf_parts::{Parts, TRIANGLE, floats, scene_file};
+use crate::helpers::skipped::skipped;
 
 fn scene(parts: Parts) -> Scene {
     parts.import().unwrap().scene
@@ -399,7 +400,7 @@ fn generated_tangents_agree_with_those_that_exporters_wrote() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/gltf/materials");
     if !folder.exists() {
         assert!(std::env::var("CI").as_deref() != Ok("true"), "{} is missing", folder.display());
-        return println!("skipped: {} is missing", folder.display());
+        return skipped(&format!("{} is missing", folder.display()));
     }
     for name in ["ClearCoatTest/ClearCoatTest.glb", "AlphaBlendModeTest/AlphaBlendModeTest.glb"] {
         let bytes = std::fs::read(folder.join(name)).unwrap();
@@ -436,7 +437,7 @@ fn texture_transforms_turn_as_khronos_test_model_shows() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/gltf/materials/TextureTransformTest");
     if !folder.exists() {
         assert!(std::env::var("CI").as_deref() != Ok("true"), "{} is missing", folder.display());
-        return println!("skipped: {} is missing", folder.display());
+        return skipped(&format!("{} is missing", folder.display()));
     }
     let scene = import(&folder.join("TextureTransformTest.gltf"), &ImportOptions::default()).unwrap().scene;
     let rotation = scene.materials.iter().find(|m| m.name == "Rotation").unwrap();
@@ -487,7 +488,7 @@ fn an_opened_environment_stays_what_it_was() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/gltf/env");
     if !folder.exists() {
         assert!(std::env::var("CI").as_deref() != Ok("true"), "{} is missing", folder.display());
-        return println!("skipped: {} is missing", folder.display());
+        return skipped(&format!("{} is missing", folder.display()));
     }
     let bytes = std::fs::read(folder.join("studio_small_03_1k/studio_small_03_1k.hdr")).unwrap();
     let (_folder, path) = scene_file("sky.hdr", &bytes);

@@ -7,6 +7,7 @@ use std::thread;
 use std::time::Duration;
 
 use crate::helpers::gltf_parts::Parts;
+use crate::helpers::skipped::skipped;
 use crate::helpers::pictures::{python, run};
 use crate::helpers::program::{self, bismar, bits, expect, scene};
 
@@ -55,7 +56,7 @@ fn every_kind_of_file_opens_in_openimageio_and_blender_without_a_word() {
         let of = &seen[file];
         assert_eq!((&of["said"], &of["parts"]), (&"".into(), &1.into()), "{file}: {of}");
         let Some(blender) = of["blender"].as_object() else {
-            println!("skipped: no Blender (bpy wants Python 3.11)");
+            skipped("no Blender (bpy needs Python 3.11)");
             continue;
         };
         assert_eq!(blender["ended"], 0, "{file}: {of}");
@@ -272,7 +273,7 @@ fn denoiser() -> Option<std::path::PathBuf> {
     let site = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/pictures/lib/python3.11/site-packages/bpy/lib");
     let library = site.join("libOpenImageDenoise.so.2");
     if !library.exists() {
-        println!("skipped: no Open Image Denoise (bpy for Python 3.11 has it: scripts/setup.sh --pictures)");
+        skipped("no Open Image Denoise (bpy for Python 3.11 has it: scripts/setup.sh --pictures)");
     }
     Some(library).filter(|library| library.exists())
 }

@@ -13,6 +13,7 @@ use bismar::render::lens::{Aperture, Focus, LensSettings};
 use bismar::render::{Balance, Part, RenderSettings, RunOptions, StopReason, StudyOptions, render, replay, run};
 
 use crate::helpers::gltf_parts::{Parts, TRIANGLE, floats};
+use crate::helpers::skipped::skipped;
 use crate::helpers::program::{self, assert_same_bits, attribute, bismar, expect, names, scene, stderr};
 use crate::helpers::stage::{Stage, hall};
 
@@ -307,7 +308,7 @@ fn too_little_memory_is_76_before_or_while_rendering_or_it_fits() {
 fn a_cgroup_is_found_and_heeded() {
     let group = Path::new("/sys/fs/cgroup/memory").join(format!("bismar-{}", std::process::id()));
     if fs::create_dir(&group).is_err() {
-        println!("skipped: this machine lets nobody make a memory cgroup of version 1");
+        skipped("this machine does not allow memory cgroups of version 1");
         return;
     }
     let folder = folder();

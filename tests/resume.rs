@@ -16,6 +16,7 @@ use bismar::render::{
 };
 
 use crate::helpers::program::{self, assert_same_bits, bismar, bits, expect, names, paths, scene};
+use crate::helpers::skipped::skipped;
 use crate::helpers::stage::{Stage, hall};
 
 fn all_bits(rendered: &Rendered) -> Vec<u8> {
@@ -331,7 +332,7 @@ fn a_read_only_place_is_found_out_before_the_work() {
     fs::create_dir(folder.path().join("shots")).unwrap();
     let namespace = Command::new("unshare").args(["-rm", "true"]).status();
     if !namespace.is_ok_and(|s| s.success()) {
-        println!("skipped: this machine lets nobody mount a read-only folder (unshare -rm)");
+        skipped("this machine does not allow a read-only mount (unshare -rm)");
         return;
     }
     let mut command = Command::new("unshare");

@@ -11,7 +11,7 @@ use super::program;
 /// Says that something is not installed; on CI it must be.
 pub fn absent(why: &str) {
     assert!(std::env::var("CI").as_deref() != Ok("true"), "{why}");
-    println!("skipped: {why}; scripts/setup.sh --farm installs it");
+    super::skipped::skipped(&format!("{why}; scripts/setup.sh --farm installs it"));
 }
 
 /// Names that mean something to shells, to Slurm (`%j`, `\\`) or to Open Job Description.

@@ -9,5 +9,6 @@ pub mod program;
 pub mod random;
 pub mod ray_scenes;
 pub mod shared;
+pub mod skipped;
 pub mod stage;
 pub mod statistics;

@@ -12,7 +12,7 @@ pub fn python() -> Option<PathBuf> {
         return Some(python);
     }
     assert!(std::env::var("CI").as_deref() != Ok("true"), "{} is missing", python.display());
-    println!("skipped: no OpenImageIO and Blender (scripts/setup.sh --pictures installs them)");
+    super::skipped::skipped("no OpenImageIO and Blender (scripts/setup.sh --pictures installs them)");
     None
 }
 

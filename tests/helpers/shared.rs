@@ -10,7 +10,7 @@ pub fn folder() -> Option<PathBuf> {
         return Some(folder);
     }
     assert!(std::env::var("CI").as_deref() != Ok("true"), "{} is missing", folder.display());
-    println!("skipped: {} is missing", folder.display());
+    super::skipped::skipped(&format!("{} is missing", folder.display()));
     None
 }
 
