@@ -11,7 +11,7 @@ use super::low_resolution::low_resolution;
 use crate::balance::Counts;
 use crate::film::PixelStats;
 use crate::film::compare::{relative_to, sums_without_outliers};
-use crate::integrator::{PixelBatch, PixelTask, PreparedScene, Transport};
+use crate::integrator::{PixelSums, PixelTask, PreparedScene, Transport};
 use crate::light::{Density, Drawing};
 use crate::sampling::hash;
 
@@ -50,8 +50,7 @@ fn trace(transport: &Transport, [width, height]: [u32; 2]) -> Vec<PixelStats> {
     let tasks: Vec<_> = pixels.map(|pixel| PixelTask::first(pixel, counts, 0)).collect();
     let of_some = |tasks: &[PixelTask]| {
         let mut stats = vec![PixelStats::default(); tasks.len()];
-        let mut batch = PixelBatch::radiance_only(tasks, &mut stats);
-        with_buffers(|buffers| buffers.wave().run(transport, &mut batch));
+        with_buffers(|buffers| buffers.wave().run(transport, tasks, &mut PixelSums::new(&mut stats)));
         stats
     };
     tasks.par_chunks(128).flat_map_iter(of_some).collect()

@@ -5,8 +5,8 @@ use glam::Vec3;
 
 use super::batch::PixelTask;
 use super::dispersion;
-pub use super::events::{Event, EventKind};
 use super::path_states::clamp_contribution;
+pub use super::replay::{Event, EventKind};
 use super::stages::camera_rays::TIME_SET;
 use super::stages::lights::SHADOW_END;
 use super::stages::mixture::{self, Mixture, MixtureSample};
@@ -205,7 +205,8 @@ impl Tracer<'_> {
         let origin = point.position + ng * point.origin_offset;
         let cells = t.field.map(|field| (field, field.cells_at(V3::splat(origin), V3::splat(ng))));
         let luminances = F::splat(luminance(beta));
-        let roulette = cells.filter(|_| depth > 0).and_then(|(field, cells)| field.roulette_probabilities(cells, luminances));
+        let roulette =
+            cells.filter(|_| depth > 0).and_then(|(field, cells)| field.roulette_probabilities(cells, luminances));
         let vertex = Vertex {
             origin,
             position: point.position,
