@@ -244,11 +244,10 @@ impl Tracer {
             let sums = tile.aovs.get_mut(start..end).unwrap_or_default();
             let extras = tile.extras.get_mut(start..end).unwrap_or_default();
             let wanted = !(sums.is_empty() && extras.is_empty());
-            let aovs = wanted.then(|| Aovs { sums, extras, columns: &mut *aovs });
-            let contributions = match &mut observer {
-                Some(observer) => Some(Contributions { observer: &mut **observer, columns: &mut *contributions }),
-                None => None,
-            };
+            let aovs = wanted.then_some(Aovs { sums, extras, columns: &mut *aovs });
+            let contributions = observer
+                .as_mut()
+                .map(|observer| Contributions { observer: &mut **observer, columns: &mut *contributions });
             wave.run(transport, tasks, &mut (pixels, aovs, contributions));
             start = end;
         }
