@@ -5,7 +5,8 @@ use std::path::Path;
 
 use bismar::balance::Counts;
 use bismar::film::PixelStats;
-use bismar::integrator::{PixelBatch, PixelTask, Wave, scalar};
+use bismar::integrator::clients::PixelSums;
+use bismar::integrator::{PixelTask, Wave, scalar};
 use bismar::rays::Backend;
 use bismar::render::default_light::own_light;
 use bismar::render::{BackFaces, RenderSettings, transport};
@@ -141,7 +142,7 @@ fn paths_through_back_faces_are_those_of_the_scalar_tracer() {
     let counts = Counts::half(1);
     let tasks: Vec<_> = (0..300).map(|i| PixelTask::first([i % 20, i / 20], counts, i)).collect();
     let mut stats = vec![PixelStats::default(); tasks.len()];
-    Wave::default().run(&transport, &mut PixelBatch::radiance_only(&tasks, &mut stats));
+    Wave::default().run(&transport, &tasks, &mut PixelSums::new(&mut stats));
     for (task, stats) in tasks.iter().zip(&stats) {
         let scalar = scalar::trace(&transport, task, 0, &mut |_| ());
         let wave = Vec3::from(stats.sum.map(|x| x as f32));

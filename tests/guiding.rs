@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 use bismar::film::PixelStats;
 use bismar::guiding::directions::{BINS, bins};
 use bismar::guiding::{Field, NO_CELL, PathStatistics, TrainingSample, VertexRecord, learn};
-use bismar::integrator::{PixelBatch, PixelTask, Transport, Wave};
+use bismar::integrator::{PixelSums, PixelTask, Transport, Wave};
 use bismar::lanes::{F, LANES, V3, mask};
 use bismar::rays::Backend;
 use bismar::render::prepass::guiding::learned;
@@ -122,7 +122,7 @@ fn compared(stage: &Stage, settings: &RenderSettings, field: &Field, replicas: u
             let task = |i: u32| PixelTask::first([i % settings.width, i / settings.width], counts, i);
             let tasks: Vec<_> = (0..settings.width * settings.height).map(task).collect();
             let mut stats = vec![PixelStats::default(); tasks.len()];
-            Wave::default().run(&transport, &mut PixelBatch::radiance_only(&tasks, &mut stats));
+            Wave::default().run(&transport, &tasks, &mut PixelSums::new(&mut stats));
             mean.add(stats.iter().map(|s| s.sum[1] / f64::from(s.samples)).sum::<f64>() / stats.len() as f64);
         }
     }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use bismar::film::PixelStats;
-use bismar::integrator::{PixelBatch, PixelTask, Transport, Wave};
+use bismar::integrator::{PixelSums, PixelTask, Transport, Wave};
 use bismar::light::{Drawing, LearnedLights, LightSampleRecord};
 use bismar::rays::Backend;
 use bismar::render::prepass::learned_lights::{bytes, learned};
@@ -50,7 +50,7 @@ fn pictures(stage: &Stage, learned: Option<&LearnedLights>, first: u32, replicas
         let task = |i: u32| PixelTask::first([i % settings.width, i / settings.width], counts, i);
         let tasks: Vec<_> = (0..settings.width * settings.height).map(task).collect();
         let mut stats = vec![PixelStats::default(); tasks.len()];
-        Wave::default().run(&transport, &mut PixelBatch::radiance_only(&tasks, &mut stats));
+        Wave::default().run(&transport, &tasks, &mut PixelSums::new(&mut stats));
         let green: Vec<_> = stats.iter().map(|s| s.sum[1] / f64::from(s.samples)).collect();
         means.iter_mut().zip(&green).for_each(|(mean, green)| mean.add(*green));
         whole.add(green.iter().sum::<f64>() / green.len() as f64);

@@ -37,6 +37,7 @@ mod merge;
 mod motion;
 mod mutations;
 mod openjd;
+mod path_events;
 mod paths;
 mod pictures;
 mod rays;

@@ -7,9 +7,9 @@ use std::thread;
 use std::time::Duration;
 
 use crate::helpers::gltf_parts::Parts;
-use crate::helpers::skipped::skipped;
 use crate::helpers::pictures::{python, run};
 use crate::helpers::program::{self, bismar, bits, expect, scene};
+use crate::helpers::skipped::skipped;
 
 /// A folder with `cornell.glb`.
 fn folder() -> tempfile::TempDir {

@@ -13,8 +13,8 @@ use bismar::render::lens::{Aperture, Focus, LensSettings};
 use bismar::render::{Balance, Part, RenderSettings, RunOptions, StopReason, StudyOptions, render, replay, run};
 
 use crate::helpers::gltf_parts::{Parts, TRIANGLE, floats};
-use crate::helpers::skipped::skipped;
 use crate::helpers::program::{self, assert_same_bits, attribute, bismar, expect, names, scene, stderr};
+use crate::helpers::skipped::skipped;
 use crate::helpers::stage::{Stage, hall};
 
 fn folder() -> tempfile::TempDir {

@@ -5,7 +5,8 @@ use std::sync::atomic::{AtomicBool, AtomicU32};
 use bismar::balance::{Balance, Contribution, Counts, Heuristic, Observer, Shares};
 use bismar::color::luminance;
 use bismar::film::{Peak, PixelStats};
-use bismar::integrator::{PixelBatch, PixelTask, Transport, Wave, scalar};
+use bismar::integrator::clients::{ContributionColumns, Contributions};
+use bismar::integrator::{PixelSums, PixelTask, Transport, Wave, scalar};
 use bismar::light::{Drawing, LearnedLights, LightSampleRecord};
 use bismar::rays::Backend;
 use bismar::render::prepass::guiding::learned;
@@ -85,16 +86,9 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         let mut stats = vec![PixelStats::default(); tasks.len()];
         let mut seen = Radiance::default();
         let mut peaks = vec![Peak::default(); tasks.len()];
-        let (all, found) = (&mut stats, Some(&mut seen as &mut dyn Observer));
-        let mut batch = PixelBatch {
-            tasks: &tasks,
-            stats: all,
-            peaks: &mut peaks,
-            aovs: &mut [],
-            extras: &mut [],
-            observer: found,
-        };
-        Wave::default().run(&transport, &mut batch);
+        let pixels = PixelSums { stats: &mut stats, peaks: &mut peaks };
+        let contributions = Contributions { observer: &mut seen, columns: &mut ContributionColumns::default() };
+        Wave::default().run(&transport, &tasks, &mut (pixels, contributions));
         assert_eq!(seen.0.len(), tasks.len() * paths as usize);
         for (peak, (task, paths)) in peaks.iter().zip(tasks.iter().zip(seen.0.chunks(paths as usize))) {
             let of = |path: u32| luminance(paths[(path - task.first_path) as usize]);

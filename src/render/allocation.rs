@@ -16,7 +16,7 @@ use super::tile::{TILE, Tile};
 use crate::balance::Counts;
 use crate::film::PixelStats;
 use crate::film::compare::relative_to;
-use crate::integrator::{PixelBatch, PixelTask, Transport, Wave, WaveCounts};
+use crate::integrator::{PixelSums, PixelTask, Transport, Wave, WaveCounts};
 use crate::sampling::hash;
 
 /// Paths per pixel of the pre-pass in each of its two scrambles. Their difference is the error that remains with fixed
@@ -113,7 +113,7 @@ fn survey(wave: &mut Wave, transport: &Transport, settings: &RenderSettings, [co
     let [a, b] = [0, 1].map(|scramble| {
         let transport = Transport { seed: hash(settings.seed ^ hash(0x616c_6c6f + scramble)), ..transport.clone() };
         let mut stats = vec![PixelStats::default(); sampled];
-        wave.run(&transport, &mut PixelBatch::radiance_only(&tasks, &mut stats));
+        wave.run(&transport, &tasks, &mut PixelSums::new(&mut stats));
         stats.into_iter().map(|stats| Vec3::from(stats.mean())).collect::<Vec<_>>()
     });
     let mut variance = [0.0; 2];

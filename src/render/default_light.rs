@@ -19,7 +19,8 @@ use super::{BackFaces, RenderSettings};
 use crate::balance::Counts;
 use crate::color::luminance;
 use crate::film::{ExtraSums, PixelStats};
-use crate::integrator::{PixelBatch, PixelTask, PreparedScene, Transport, Wave};
+use crate::integrator::clients::{AovColumns, Aovs, Contributions, PixelSums};
+use crate::integrator::{PixelTask, PreparedScene, Transport, Wave};
 use crate::scene::{Environment, Projection, Scene};
 
 /// Pixels of the first pass: 32 x 18 for the usual aspect ratio.
@@ -85,8 +86,9 @@ pub fn own_light(scene: &PreparedScene, camera: usize, back_faces: BackFaces) ->
         let tasks: Vec<_> = pixels.into_iter().map(|pixel| PixelTask::first(pixel, counts, 0)).collect();
         let mut stats = vec![PixelStats::default(); tasks.len()];
         let mut extras = vec![ExtraSums::default(); tasks.len()];
-        let mut batch = PixelBatch { extras: &mut extras, ..PixelBatch::radiance_only(&tasks, &mut stats) };
-        wave.run(&transport, &mut batch);
+        let mut columns = AovColumns::default();
+        let aovs = Aovs { sums: &mut [], extras: &mut extras, columns: &mut columns };
+        wave.run(&transport, &tasks, &mut (PixelSums::new(&mut stats), Some(aovs), None::<Contributions>));
         let mut found = OwnLight { covered: 0, surfaces: 0, lit: 0 };
         for (stats, extras) in stats.iter().zip(&extras).filter(|(stats, _)| 2 * stats.covered >= PATHS) {
             let all = Vec3::from(stats.sum.map(|x| x as f32));

@@ -10,7 +10,8 @@ use super::adaptive::NoiseGoal;
 use super::tile::{Tile, TilePixel, TileWork};
 use crate::balance::sampler::LightInfo;
 use crate::balance::{Contribution, Cost, Counts, LearnedPixels, Observer, PixelFeatures, Sampler, Shares, Technique};
-use crate::integrator::{PixelBatch, PixelTask, Transport, Wave, WaveCounts, guides};
+use crate::integrator::clients::{AovColumns, Aovs, ContributionColumns, Contributions};
+use crate::integrator::{PixelSums, PixelTask, Transport, Wave, WaveCounts, guides};
 
 /// Maximum paths of a wave. Their buffers fit into the second-level cache.
 const PATHS_PER_WAVE: u32 = 2048;
@@ -24,15 +25,23 @@ thread_local! {
 /// The buffers of a thread, reused for all tiles and passes.
 #[derive(Debug, Default)]
 pub struct Buffers {
+    tracer: Tracer,
+    pilot: Pilot,
+}
+
+/// The wave of a thread, with the columns of its clients.
+#[derive(Debug, Default)]
+struct Tracer {
     wave: Wave,
     tasks: Vec<PixelTask>,
-    pilot: Pilot,
+    aovs: AovColumns,
+    contributions: ContributionColumns,
 }
 
 impl Buffers {
     /// The wave of the current thread.
     pub fn wave(&mut self) -> &mut Wave {
-        &mut self.wave
+        &mut self.tracer.wave
     }
 }
 
@@ -112,13 +121,13 @@ impl<'a> TileSampler<'a> {
         goal: Option<NoiseGoal>,
         watch: &'a mut dyn FnMut(&PixelTask),
     ) -> Self {
-        buffers.wave.counts = WaveCounts::default();
+        buffers.tracer.wave.counts = WaveCounts::default();
         Self { tile, transport, buffers, goal, watch }
     }
 
     /// Rays and time of the pass so far.
     pub fn counts(&self) -> WaveCounts {
-        self.buffers.wave.counts
+        self.buffers.tracer.wave.counts
     }
 }
 
@@ -152,12 +161,12 @@ impl Sampler for TileSampler<'_> {
     }
 
     fn take(&mut self, counts: &[Counts], weighed: &[Counts], observer: Option<&mut dyn Observer>) {
-        let Buffers { wave, tasks, .. } = self.buffers;
-        trace(self.tile, self.transport, wave, tasks, (counts, weighed), observer, self.watch);
+        let tracer = &mut self.buffers.tracer;
+        tracer.trace(self.tile, self.transport, (counts, weighed), observer, self.watch);
     }
 
     fn pilot(&mut self, counts: Counts) -> &[Contribution] {
-        let Buffers { wave, tasks, pilot } = self.buffers;
+        let Buffers { tracer, pilot } = self.buffers;
         pilot.counts = Some(counts);
         pilot.contributions.clear();
         pilot.paths.clear();
@@ -168,7 +177,7 @@ impl Sampler for TileSampler<'_> {
             None => [p.light, 0, p.bsdf],
         };
         let first: Vec<_> = self.tile.pixels.iter().map(first).collect();
-        trace(self.tile, self.transport, wave, tasks, (&all, &all), Some(pilot), self.watch);
+        tracer.trace(self.tile, self.transport, (&all, &all), Some(pilot), self.watch);
         // Sample indices of a pilot count from 0.
         for found in &mut pilot.contributions {
             let technique = if found.technique == Technique::Light { usize::from(found.area) } else { 2 };
@@ -187,62 +196,61 @@ impl Sampler for TileSampler<'_> {
     }
 
     fn cost(&self) -> Cost {
-        cost(&self.buffers.wave.counts)
+        cost(&self.buffers.tracer.wave.counts)
     }
 }
 
-/// Traces paths with sample counts `counts` and the MIS weights of sample counts `weighed`.
-fn trace(
-    tile: &mut Tile,
-    transport: &Transport,
-    wave: &mut Wave,
-    tasks: &mut Vec<PixelTask>,
-    (counts, weighed): (&[Counts], &[Counts]),
-    mut observer: Option<&mut dyn Observer>,
-    watch: &mut dyn FnMut(&PixelTask),
-) {
-    let mut start = 0;
-    while start < counts.len() {
-        // Whole pixels, as many as fit, at least one.
-        let mut paths = 0;
-        let fits = |c: &&Counts| {
-            paths += c.paths;
-            paths <= PATHS_PER_WAVE
-        };
-        let end = start + counts[start..].iter().take_while(fits).count().max(1);
-        tasks.clear();
-        let pixels = tile.pixels[start..end].iter_mut().zip(&tile.stats[start..end]);
-        for (i, (pixel, stats)) in (start..end).zip(pixels) {
-            let counts = counts[i];
-            tasks.push(PixelTask {
-                x: pixel.x,
-                y: pixel.y,
-                first_path: stats.samples,
-                first_light: pixel.light,
-                first_environment: pixel.environment,
-                first_bsdf: pixel.bsdf,
-                counts,
-                weighed: weighed[i],
-                number: i as u32,
-            });
-            pixel.light += counts.light;
-            pixel.environment += counts.environment.unwrap_or(0);
-            pixel.bsdf += counts.bsdf;
+impl Tracer {
+    /// Traces paths with sample counts `counts` and the MIS weights of sample counts `weighed`.
+    fn trace(
+        &mut self,
+        tile: &mut Tile,
+        transport: &Transport,
+        (counts, weighed): (&[Counts], &[Counts]),
+        mut observer: Option<&mut dyn Observer>,
+        watch: &mut dyn FnMut(&PixelTask),
+    ) {
+        let Self { wave, tasks, aovs, contributions } = self;
+        let mut start = 0;
+        while start < counts.len() {
+            // Whole pixels, as many as fit, at least one.
+            let mut paths = 0;
+            let fits = |c: &&Counts| {
+                paths += c.paths;
+                paths <= PATHS_PER_WAVE
+            };
+            let end = start + counts[start..].iter().take_while(fits).count().max(1);
+            tasks.clear();
+            let pixels = tile.pixels[start..end].iter_mut().zip(&tile.stats[start..end]);
+            for (i, (pixel, stats)) in (start..end).zip(pixels) {
+                let counts = counts[i];
+                tasks.push(PixelTask {
+                    x: pixel.x,
+                    y: pixel.y,
+                    first_path: stats.samples,
+                    first_light: pixel.light,
+                    first_environment: pixel.environment,
+                    first_bsdf: pixel.bsdf,
+                    counts,
+                    weighed: weighed[i],
+                    number: i as u32,
+                });
+                pixel.light += counts.light;
+                pixel.environment += counts.environment.unwrap_or(0);
+                pixel.bsdf += counts.bsdf;
+            }
+            tasks.iter().for_each(&mut *watch);
+            let pixels = PixelSums { stats: &mut tile.stats[start..end], peaks: &mut tile.peaks[start..end] };
+            let sums = tile.aovs.get_mut(start..end).unwrap_or_default();
+            let extras = tile.extras.get_mut(start..end).unwrap_or_default();
+            let wanted = !(sums.is_empty() && extras.is_empty());
+            let aovs = wanted.then_some(Aovs { sums, extras, columns: &mut *aovs });
+            let contributions = observer
+                .as_mut()
+                .map(|observer| Contributions { observer: &mut **observer, columns: &mut *contributions });
+            wave.run(transport, tasks, &mut (pixels, aovs, contributions));
+            start = end;
         }
-        tasks.iter().for_each(&mut *watch);
-        let mut batch = PixelBatch {
-            tasks,
-            stats: &mut tile.stats[start..end],
-            peaks: &mut tile.peaks[start..end],
-            aovs: tile.aovs.get_mut(start..end).unwrap_or_default(),
-            extras: tile.extras.get_mut(start..end).unwrap_or_default(),
-            observer: match &mut observer {
-                Some(observer) => Some(&mut **observer),
-                None => None,
-            },
-        };
-        wave.run(transport, &mut batch);
-        start = end;
     }
 }
 

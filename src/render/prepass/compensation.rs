@@ -13,7 +13,7 @@ use super::low_resolution::low_resolution;
 use crate::balance::Counts;
 use crate::film::PixelStats;
 use crate::film::compare::{relative_to, sums_without_outliers};
-use crate::integrator::{PixelBatch, PixelTask, PreparedScene, Transport};
+use crate::integrator::{PixelSums, PixelTask, PreparedScene, Transport};
 use crate::light::{Density, Drawing};
 use crate::sampling::hash;
 
@@ -57,8 +57,7 @@ fn trace(transport: &Transport, [width, height]: [u32; 2], stop: &AtomicBool) ->
             return None;
         }
         let mut stats = vec![PixelStats::default(); tasks.len()];
-        let mut batch = PixelBatch::radiance_only(tasks, &mut stats);
-        with_buffers(|buffers| buffers.wave().run(transport, &mut batch));
+        with_buffers(|buffers| buffers.wave().run(transport, tasks, &mut PixelSums::new(&mut stats)));
         Some(stats)
     };
     let all: Option<Vec<_>> = tasks.par_chunks(128).map(of_some).collect();

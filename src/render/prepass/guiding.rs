@@ -14,7 +14,8 @@ use crate::balance::Counts;
 use crate::film::PixelStats;
 use crate::guiding::learn::LEARNING_CELL_BYTES;
 use crate::guiding::{Field, PathStatistics, TrainingSample, VertexRecord, learn};
-use crate::integrator::{PixelBatch, PixelTask, PreparedScene, Transport, Wave, WaveCounts};
+use crate::integrator::clients::TrainingRecorder;
+use crate::integrator::{PixelSums, PixelTask, PreparedScene, Transport, Wave, WaveCounts};
 use crate::sampling::hash;
 
 /// Minimum pixels of the pre-pass.
@@ -163,17 +164,13 @@ fn trace(transport: &Transport, size: [u32; 2], paths: u32, most: [usize; 2], st
     let most = most.map(|most| most / tiles(size).len());
     let of_tile = |wave: &mut Wave, pixels: Vec<[u32; 2]>| {
         let tasks: Vec<_> = pixels.into_iter().map(|pixel| PixelTask::first(pixel, counts, 0)).collect();
-        let mut recorded = Round::default();
+        let (mut recorder, mut recorded) = (TrainingRecorder::default(), Round::default());
         wave.counts = WaveCounts::default();
         for tasks in tasks.chunks((2048 / paths).max(1) as usize) {
             let mut stats = vec![PixelStats::default(); tasks.len()];
-            let mut batch = PixelBatch::radiance_only(tasks, &mut stats);
-            let divisors = wave.collect_training_samples(
-                transport,
-                &mut batch,
-                &divisors,
-                (&mut recorded.training_samples, &mut recorded.vertex_records),
-            );
+            wave.run(transport, tasks, &mut (PixelSums::new(&mut stats), &mut recorder));
+            let divisors = divisors(tasks, &stats);
+            recorder.append_to(&divisors, &mut recorded.training_samples, &mut recorded.vertex_records);
             let of = |(stats, divisor): (&PixelStats, &f32)| relative_variance(stats, *divisor);
             recorded.variance += stats.iter().zip(&divisors).map(of).filter(|v| v.is_finite()).sum::<f64>();
             recorded.inverse += divisors.iter().map(|divisor| 1.0 / f64::from(*divisor)).sum::<f64>();

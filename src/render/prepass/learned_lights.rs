@@ -14,7 +14,8 @@ use super::low_resolution::{divisors, in_tiles, low_resolution, relative_varianc
 use crate::balance::Counts;
 use crate::film::PixelStats;
 use crate::film::compare::sums_without_outliers;
-use crate::integrator::{PixelBatch, PixelTask, PreparedScene, Transport, Wave};
+use crate::integrator::clients::LightSampleRecorder;
+use crate::integrator::{PixelSums, PixelTask, PreparedScene, Transport, Wave};
 use crate::light::{AreaLights, LearnedLights, LightSampleRecord};
 use crate::sampling::hash;
 
@@ -118,11 +119,12 @@ fn trace(transport: &Transport, size: [u32; 2], paths: u32, stop: &AtomicBool) -
     let counts = Counts::half(paths);
     let of_tile = |wave: &mut Wave, pixels: Vec<[u32; 2]>| {
         let tasks: Vec<_> = pixels.into_iter().map(|pixel| PixelTask::first(pixel, counts, 0)).collect();
-        let mut round = Round::default();
+        let (mut recorder, mut round) = (LightSampleRecorder::default(), Round::default());
         for tasks in tasks.chunks((2048 / paths) as usize) {
             let mut stats = vec![PixelStats::default(); tasks.len()];
-            let (light_sample_records, divisors) =
-                wave.collect_light_samples(transport, &mut PixelBatch::radiance_only(tasks, &mut stats), &divisors);
+            wave.run(transport, tasks, &mut (PixelSums::new(&mut stats), &mut recorder));
+            let divisors = divisors(tasks, &stats);
+            let light_sample_records = recorder.take(&divisors);
             let variances =
                 stats.iter().zip(divisors).map(|(stats, divisor)| relative_variance(stats, divisor)).collect();
             round.add(Round { light_sample_records, variances });

@@ -4,9 +4,12 @@
 
 use glam::Vec3;
 
-use super::path_states::PathStates;
+use super::events::{PathEvents, ScatteredGroup, WaveContext};
 use super::queues::PathRays;
+use super::stages::requests::RequestGroup;
 use super::transport::Transport;
+use super::vertices::Vertices;
+use crate::lanes::load_bits;
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 
 /// Density per steradian, of one BSDF sample, from which a ray counts as the mirror image of the ray before. It is that of
@@ -20,10 +23,11 @@ const BEYOND: f32 = 1.0 + 1e-6;
 /// Faces that a ray passes at most. It ends only rays that find the same faces again and again by rounding.
 const MAX_FACES: usize = 1 << 14;
 
-/// Follows camera rays and their mirror images through back faces; one per thread.
+/// Follows camera rays and their mirror images through back faces; one per thread. A client of the wave.
 #[derive(Debug, Default)]
 pub struct BackFaces {
-    /// Is the ray that began the sub-path, or its last, a mirror image of the camera's? By sub-path.
+    /// By number of a ray: is it a mirror image of the camera's ray? Before it is traced, is the ray that it descends from?
+    /// Empty where nothing is culled.
     mirror_images: Vec<bool>,
     /// Rows of the rays that hit a culled face.
     culled: Vec<u32>,
@@ -51,31 +55,26 @@ pub fn beyond(t: f32) -> f32 {
 }
 
 impl BackFaces {
-    /// Replaces the hits of `rays` at `depth` on culled faces by those behind them. A ray that has passed a face has a `tnear`
-    /// above zero.
+    /// Replaces the hits of `rays` on culled faces by those behind them. A ray that has passed a face has a `tnear` above zero.
     #[inline(never)]
-    pub fn pass(
-        &mut self,
-        transport: &Transport,
-        depth: u32,
-        path_states: &PathStates,
-        rays: &mut PathRays,
-        hits: &mut HitBatch,
-    ) {
-        if !transport.culls_back_faces || !transport.materials.has_single_sided {
+    pub fn pass(&mut self, at: &WaveContext, rays: &mut PathRays, hits: &mut HitBatch) {
+        if !culls(at.transport) {
             return;
         }
         self.culled.clear();
-        if depth == 0 {
-            self.mirror_images.clear();
-        }
-        self.mirror_images.resize(path_states.sub_paths.len(), false);
         for row in 0..rays.len {
-            if depth > 0 && !self.is_mirror_image(transport, depth, path_states, rays, row) {
-                continue;
+            let number = rays.first as usize + row;
+            if at.depth > 0 {
+                let [.., samples] = match at.depth {
+                    1 => at.paths[rays.path[row] as usize].samples_per_path,
+                    _ => at.transport.deeper_samples_per_path(),
+                };
+                self.mirror_images[number] &= rays.weighted_pdf[row] >= MIRROR_PDF * samples;
             }
             let hit = (hits.instance[row], hits.mesh[row], hits.prim[row]);
-            if is_culled(transport, hit, || rays.rays.direction(row), || rays.rays.time(row)) {
+            let culled = self.mirror_images[number]
+                && is_culled(at.transport, hit, || rays.rays.direction(row), || rays.rays.time(row));
+            if culled {
                 self.culled.push(row as u32);
             }
         }
@@ -83,31 +82,8 @@ impl BackFaces {
             if self.culled.is_empty() {
                 return;
             }
-            self.trace_again(transport, rays, hits);
+            self.trace_again(at.transport, rays, hits);
         }
-    }
-
-    /// Is the ray in this row a mirror image of the camera's ray? Remembers it for the rays that follow.
-    #[inline]
-    fn is_mirror_image(
-        &mut self,
-        transport: &Transport,
-        depth: u32,
-        path_states: &PathStates,
-        rays: &PathRays,
-        row: usize,
-    ) -> bool {
-        let sub_path = rays.sub_path[row] as usize;
-        let (before, [.., samples]) = match &path_states.scatter_records {
-            _ if depth == 1 => (true, path_states.paths[rays.path[row] as usize].samples_per_path),
-            // Each ray of a wave that learns has a sub-path of its own.
-            Some(records) => {
-                (self.mirror_images[records[sub_path].parent as usize], transport.deeper_samples_per_path())
-            }
-            None => (self.mirror_images[sub_path], transport.deeper_samples_per_path()),
-        };
-        self.mirror_images[sub_path] = before && rays.weighted_pdf[row] >= MIRROR_PDF * samples;
-        self.mirror_images[sub_path]
     }
 
     /// Traces the rays in `culled` from behind what they hit; those that hit another culled face remain there.
@@ -130,5 +106,28 @@ impl BackFaces {
             (hits.instance[to], hits.mesh[to], hits.prim[to]) = hit;
             is_culled(transport, hit, || rays.rays.direction(to), || rays.rays.time(to))
         });
+    }
+}
+
+/// Does the wave cull anything?
+fn culls(transport: &Transport) -> bool {
+    transport.culls_back_faces && transport.materials.has_single_sided
+}
+
+impl PathEvents for BackFaces {
+    fn begin(&mut self, at: &WaveContext) {
+        self.mirror_images.clear();
+        if culls(at.transport) {
+            self.mirror_images.resize(at.paths.len(), true);
+        }
+    }
+
+    fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, group: &RequestGroup, samples: &ScatteredGroup) {
+        if culls(at.transport) {
+            let arrived = samples.survivors.compress_bits(load_bits(&vertices.ray, &group.rows)).to_array();
+            for ray in &arrived[..samples.survivors.len] {
+                self.mirror_images.push(self.mirror_images[*ray as usize]);
+            }
+        }
     }
 }

@@ -1,7 +1,6 @@
-//! The input and output of a wave: what each pixel samples, and the sums that it adds to.
+//! The input of a wave: what each pixel samples.
 
-use crate::balance::{Contribution, Counts, Observer};
-use crate::film::{AovSums, ExtraSums, Peak, PixelStats};
+use crate::balance::Counts;
 
 /// The samples that one pixel takes in a wave.
 #[derive(Debug, Clone, Copy)]
@@ -39,36 +38,6 @@ impl PixelTask {
             counts,
             weighed: counts,
             number,
-        }
-    }
-}
-
-/// The pixels of a wave, one entry per pixel in each slice, and the observer of contributions at first surfaces.
-pub struct PixelBatch<'a> {
-    /// The samples to take.
-    pub tasks: &'a [PixelTask],
-    /// Radiance statistics.
-    pub stats: &'a mut [PixelStats],
-    /// Brightest path of each pixel; empty if not requested.
-    pub peaks: &'a mut [Peak],
-    /// AOV sums; empty if not requested.
-    pub aovs: &'a mut [AovSums],
-    /// Sums of further AOVs; empty if not requested.
-    pub extras: &'a mut [ExtraSums],
-    /// Notified of contributions and paths.
-    pub observer: Option<&'a mut dyn Observer>,
-}
-
-impl<'a> PixelBatch<'a> {
-    /// A batch that sums radiance only, without an observer.
-    pub fn radiance_only(tasks: &'a [PixelTask], stats: &'a mut [PixelStats]) -> Self {
-        Self { tasks, stats, peaks: &mut [], aovs: &mut [], extras: &mut [], observer: None }
-    }
-
-    /// Notifies the observer of a contribution in pixel `pixel` of the batch.
-    pub(super) fn notify(&mut self, pixel: usize, contribution: Contribution) {
-        if let Some(observer) = &mut self.observer {
-            observer.contribution(&Contribution { pixel: self.tasks[pixel].number, ..contribution });
         }
     }
 }

@@ -1,51 +1,219 @@
-//! Events along a path, for `--replay-pixel`.
+//! What happens to the paths of a wave, for its clients: sums of pixels, AOVs, training samples. A client is a value that
+//! implements [`PathEvents`]; tuples of clients are clients, and `()` is none. The wave calls a client between its stages, so
+//! that the kernels of stages are compiled once for all clients.
 
-use std::fmt::{self, Display};
+use std::iter::once;
 
 use glam::Vec3;
 
-/// An event along a path; `Display` prints it as one line.
-#[derive(Debug, Clone, Copy)]
-pub struct Event {
-    /// Number of path segments before it.
+use super::batch::PixelTask;
+use super::path_states::PathState;
+use super::queues::{PathRays, ShadowRays};
+use super::stages::requests::RequestGroup;
+use super::transport::Transport;
+use super::vertices::Vertices;
+use crate::lanes::{F, LANES, Survivors, V3};
+use crate::rays::HitBatch;
+
+/// The state of a wave when an event occurs.
+#[derive(Clone, Copy)]
+pub struct WaveContext<'a> {
+    /// What paths read.
+    pub transport: &'a Transport<'a>,
+    /// The pixels' tasks.
+    pub tasks: &'a [PixelTask],
+    /// The paths, pixel by pixel.
+    pub paths: &'a [PathState],
+    /// Number of path segments before the current rays: 0 for camera rays.
     pub depth: u32,
-    /// What happened.
-    pub kind: EventKind,
 }
 
-/// The kinds of events. `radiance` is the contribution that was added to the path, `weight` the MIS weight.
-#[derive(Debug, Clone, Copy)]
-#[allow(missing_docs, reason = "the names say it")]
-pub enum EventKind {
-    Ray { origin: Vec3, direction: Vec3, beta: Vec3 },
-    Escape,
-    Hit { instance: u32, mesh: u32, material: u32, t: f32 },
-    Emission { radiance: Vec3, weight: f32 },
-    LightSample { toward: &'static str, wi: Vec3, distance: f32, radiance: Vec3, occluded: bool },
-    BsdfSample { wi: Vec3, pdf: f32 },
-    Ends { reason: &'static str },
-}
-
-impl Display for Event {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let Self { depth, kind } = self;
-        let indent = 2 * *depth as usize;
-        write!(f, "{:indent$}", "")?;
-        match kind {
-            EventKind::Ray { origin, direction, beta } => {
-                write!(f, "{depth}: ray from {origin} toward {direction}, throughput {beta}")
-            }
-            EventKind::Escape => write!(f, "   escapes"),
-            EventKind::Hit { instance, mesh, material, t } => {
-                write!(f, "   hits instance {instance}, mesh {mesh}, material {material}, {t} away")
-            }
-            EventKind::Emission { radiance, weight } => write!(f, "   meets light: {radiance} (weight {weight})"),
-            EventKind::LightSample { toward, wi, distance, radiance, occluded } => {
-                let seen = if *occluded { " (occluded)" } else { "" };
-                write!(f, "   light sample, {toward}, toward {wi}, {distance} away: {radiance}{seen}")
-            }
-            EventKind::BsdfSample { wi, pdf } => write!(f, "   BSDF sample toward {wi}, pdf {pdf}"),
-            EventKind::Ends { reason } => write!(f, "   ends: {reason}"),
-        }
+impl<'a> WaveContext<'a> {
+    /// A column of the paths, pixel by pixel: each pixel's task and its paths' elements.
+    pub fn by_pixel<'b, T>(&self, column: &'b [T]) -> impl Iterator<Item = (&'a PixelTask, &'b [T])> + use<'a, 'b, T> {
+        let mut rest = column;
+        self.tasks.iter().map(move |task| {
+            let (paths, others) = rest.split_at(task.counts.paths as usize);
+            rest = others;
+            (task, paths)
+        })
     }
+
+    /// Index of a path's pixel in the wave.
+    #[inline]
+    pub fn pixel(&self, path: u32) -> usize {
+        self.paths[path as usize].pixel as usize
+    }
+}
+
+/// Light that a ray found at its end.
+#[derive(Debug, Clone, Copy)]
+pub struct FoundEmission {
+    /// Row of the ray.
+    pub ray: u32,
+    /// What it adds to its path: with throughput and MIS weight, clamped, linear RGB; not zero.
+    pub radiance: Vec3,
+    /// Densities per solid angle of light samples in its direction: environment, area lights. One of them is zero, both for
+    /// camera rays.
+    pub pdf: [f32; 2],
+    /// Kind of light, as in [`ShadowRays::light_group`].
+    pub light_group: u32,
+}
+
+/// Up to eight light samples of the environment and of area lights.
+#[derive(Debug, Clone, Copy)]
+pub struct LightSampleGroup {
+    /// Those that have a shadow ray.
+    pub survivors: Survivors,
+    /// Row of the first survivor's shadow ray; the others follow.
+    pub first_row: usize,
+    /// Mask: toward the environment.
+    pub is_environment: F,
+    /// Shading points and normals that area lights were sampled from.
+    pub from: (V3, V3),
+    /// Indices of the area lights.
+    pub emitter: [u32; LANES],
+    /// Density per solid angle times samples per path of the technique.
+    pub weighted_pdf: F,
+    /// Densities per solid angle of BSDF samples.
+    pub bsdf_pdf: F,
+    /// Contribution if unoccluded, with throughput and MIS weight, linear RGB.
+    pub radiance: V3,
+}
+
+/// Up to eight directions that were sampled from BSDFs, or from the mixture with the guiding field.
+#[derive(Debug, Clone, Copy)]
+pub struct ScatteredGroup {
+    /// Those that have a next ray.
+    pub survivors: Survivors,
+    /// Number in the wave of the first survivor's ray; the others follow.
+    pub first_ray: u32,
+    /// Unit directions.
+    pub wi: V3,
+    /// Densities per solid angle: of the mixture, of the BSDF, of the field.
+    pub pdf: [F; 3],
+    /// Roulette probabilities at the surface: of the light sample, and of continuing the path.
+    pub roulette: [F; 2],
+}
+
+/// Light that a shadow ray found.
+#[derive(Debug, Clone, Copy)]
+pub struct UnoccludedLight {
+    /// Row of the shadow ray.
+    pub row: usize,
+    /// What it adds to its path: with throughput and MIS weight, clamped, linear RGB.
+    pub radiance: Vec3,
+    /// The clamp's factor, at most 1.
+    pub scale: f32,
+}
+
+/// Receives what happens to the paths of a wave. Events come in a fixed order, and in that of the functions here at each depth.
+/// A client keeps columns of its own by path, by number of a ray ([`PathRays::first`]), or by row of a shadow ray.
+#[expect(unused_variables, reason = "the parameters' names are documentation")]
+pub trait PathEvents {
+    /// A wave begins. Camera rays are numbered like their paths.
+    #[inline]
+    fn begin(&mut self, at: &WaveContext) {}
+
+    /// The rays at a depth have met surfaces, or nothing.
+    #[inline]
+    fn hits(&mut self, at: &WaveContext, rays: &PathRays, hits: &HitBatch) {}
+
+    /// A ray has found light at its end.
+    #[inline]
+    fn emission(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {}
+
+    /// A group of vertices has sampled lights; punctual lights are not among them.
+    #[inline]
+    fn light_samples(
+        &mut self,
+        at: &WaveContext,
+        vertices: &Vertices,
+        group: &RequestGroup,
+        samples: &LightSampleGroup,
+    ) {
+    }
+
+    /// A group of vertices has sampled directions.
+    #[inline]
+    fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, group: &RequestGroup, samples: &ScatteredGroup) {}
+
+    /// A shadow ray has found light; punctual lights are among them.
+    #[inline]
+    fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {}
+
+    /// All paths have ended; `radiance` is theirs, linear RGB.
+    #[inline]
+    fn end(&mut self, at: &WaveContext, radiance: &[Vec3]) {}
+}
+
+/// Passes every event on to the clients that an expression names or iterates over.
+macro_rules! pass_on {
+    ($self:ident => $($clients:expr),*) => {
+        #[inline]
+        fn begin(&mut $self, at: &WaveContext) {
+            $($clients.for_each(|client| client.begin(at));)*
+        }
+
+        #[inline]
+        fn hits(&mut $self, at: &WaveContext, rays: &PathRays, hits: &HitBatch) {
+            $($clients.for_each(|client| client.hits(at, rays, hits));)*
+        }
+
+        #[inline]
+        fn emission(&mut $self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {
+            $($clients.for_each(|client| client.emission(at, rays, found));)*
+        }
+
+        #[inline]
+        fn light_samples(
+            &mut $self,
+            at: &WaveContext,
+            vertices: &Vertices,
+            group: &RequestGroup,
+            samples: &LightSampleGroup,
+        ) {
+            $($clients.for_each(|client| client.light_samples(at, vertices, group, samples));)*
+        }
+
+        #[inline]
+        fn scattered(
+            &mut $self,
+            at: &WaveContext,
+            vertices: &Vertices,
+            group: &RequestGroup,
+            samples: &ScatteredGroup,
+        ) {
+            $($clients.for_each(|client| client.scattered(at, vertices, group, samples));)*
+        }
+
+        #[inline]
+        fn unoccluded(&mut $self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
+            $($clients.for_each(|client| client.unoccluded(at, shadows, found));)*
+        }
+
+        #[inline]
+        fn end(&mut $self, at: &WaveContext, radiance: &[Vec3]) {
+            $($clients.for_each(|client| client.end(at, radiance));)*
+        }
+    };
+}
+
+impl PathEvents for () {}
+
+impl<A: PathEvents, B: PathEvents> PathEvents for (A, B) {
+    pass_on!(self => once(&mut self.0), once(&mut self.1));
+}
+
+impl<A: PathEvents, B: PathEvents, C: PathEvents> PathEvents for (A, B, C) {
+    pass_on!(self => once(&mut self.0), once(&mut self.1), once(&mut self.2));
+}
+
+impl<A: PathEvents> PathEvents for &mut A {
+    pass_on!(self => once(&mut **self));
+}
+
+/// A client that may be absent.
+impl<A: PathEvents> PathEvents for Option<A> {
+    pass_on!(self => self.iter_mut());
 }

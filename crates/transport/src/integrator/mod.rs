@@ -4,6 +4,7 @@
 pub mod back_faces;
 pub mod batch;
 pub mod camera;
+pub mod clients;
 pub mod dispersion;
 pub mod events;
 pub mod geometry;
@@ -12,6 +13,7 @@ pub mod materials;
 pub mod path_states;
 pub mod prepared;
 pub mod queues;
+pub mod replay;
 pub mod scalar;
 mod shading_normal;
 pub mod stages;
@@ -20,8 +22,10 @@ pub mod velocity;
 pub mod vertices;
 pub mod wave;
 
-pub use batch::{PixelBatch, PixelTask};
+pub use batch::PixelTask;
 pub use camera::CameraRays;
+pub use clients::PixelSums;
+pub use events::{PathEvents, WaveContext};
 pub use geometry::Geometry;
 pub use guides::guides;
 pub use materials::Materials;

@@ -28,14 +28,14 @@ pub struct Vertices {
     pub path: Vec<u32>,
     /// Sample index in the pixel's sequence.
     pub index: Vec<u32>,
-    /// Index of the sub-path; unused at first surfaces.
-    pub sub_path: Vec<u32>,
+    /// Number in the wave of the ray that arrived.
+    pub ray: Vec<u32>,
     /// Seed of the pixel's sequence.
     pub seed: Vec<u32>,
     /// Media on the side of `wo` and beyond the surface, indices into [`Materials::media`](super::Materials::media); present if
     /// one absorbs.
     pub media: Option<[Vec<u32>; 2]>,
-    /// Columns for path guiding; present if a field is used or trained.
+    /// Columns for path guiding; present if there is a field.
     pub guiding: Option<GuidingColumns>,
     /// Times in [0, 1] of the shutter interval; empty where nothing moves.
     time: Vec<f32>,
@@ -45,8 +45,6 @@ pub struct Vertices {
 /// Columns of [`Vertices`] for path guiding.
 #[derive(Debug, Default)]
 pub struct GuidingColumns {
-    /// Is the BSDF diffuse ([`Lobe::diffuseness`](crate::bsdf::Lobe::diffuseness))? 0 or 1.
-    pub diffuse: Vec<u32>,
     /// Cell of the guiding field, or [`NO_CELL`](crate::guiding::NO_CELL).
     pub cell: Vec<u32>,
     /// Roulette probabilities of the light sample and of continuing the path; valid beyond first surfaces, if the field sets
@@ -95,6 +93,8 @@ pub struct VertexGroup<'a> {
     pub media: [U; 2],
     /// Paths that they belong to.
     pub path_ids: PathIds,
+    /// Numbers in the wave of the arriving rays.
+    pub ray: U,
 }
 
 impl Vertices {
@@ -116,14 +116,13 @@ impl Vertices {
         }
         Bsdf::grow(&mut self.bsdf, capacity, lobes);
         grow(&mut self.origin_offset, capacity);
-        for column in [&mut self.path, &mut self.index, &mut self.sub_path, &mut self.seed] {
+        for column in [&mut self.path, &mut self.index, &mut self.ray, &mut self.seed] {
             grow(column, capacity);
         }
         self.media = absorb.then(|| self.media.take().unwrap_or_default());
         self.media.iter_mut().flatten().for_each(|column| grow(column, capacity));
         self.guiding = guiding.then(|| self.guiding.take().unwrap_or_default());
-        if let Some(GuidingColumns { diffuse, cell, roulette }) = &mut self.guiding {
-            grow(diffuse, capacity);
+        if let Some(GuidingColumns { cell, roulette }) = &mut self.guiding {
             grow(cell, capacity);
             roulette.iter_mut().for_each(|column| grow(column, capacity));
         }
@@ -154,7 +153,7 @@ impl Vertices {
         store(&mut self.origin_offset, at, group.origin_offset);
         store_bits(&mut self.path, at, group.path_ids.path);
         store_bits(&mut self.index, at, group.path_ids.index);
-        store_bits(&mut self.sub_path, at, group.path_ids.sub_path);
+        store_bits(&mut self.ray, at, group.ray);
         store_bits(&mut self.seed, at, group.path_ids.seed);
         match group.bsdfs {
             BsdfGroup::Any(bsdfs) => Bsdf::store(&mut self.bsdf, at, bsdfs),
@@ -223,7 +222,6 @@ impl Vertices {
         PathIds {
             path: load_bits(&self.path, rows),
             index: load_bits(&self.index, rows),
-            sub_path: load_bits(&self.sub_path, rows),
             seed: load_bits(&self.seed, rows),
             time: self.times(rows),
         }

@@ -4,17 +4,14 @@
 use std::time::Instant;
 
 use super::back_faces::BackFaces;
-use super::batch::{PixelBatch, PixelTask};
-use super::path_states::{NO_PARENT, PathStates, ScatterRecord};
+use super::batch::PixelTask;
+use super::events::{FoundEmission, PathEvents, WaveContext};
+use super::path_states::{NonFiniteSamples, PathStates};
 use super::queues::{PathRays, ShadowRays, SortedHits};
 use super::stages::requests::Requests;
 use super::stages::{camera_rays, emission, lights, media, mixture, scatter, sort, surfaces};
 use super::transport::Transport;
 use super::vertices::Vertices;
-use crate::color::luminance;
-use crate::film::PixelStats;
-use crate::guiding::{TrainingSample, VertexRecord};
-use crate::light::LightSampleRecord;
 use crate::rays::{HitBatch, RayOrder};
 
 /// Ray counts and query time of waves.
@@ -55,6 +52,16 @@ impl WaveCounts {
         }
     }
 
+    fn add_not_finite(&mut self, at: &WaveContext, samples: &NonFiniteSamples) {
+        self.not_finite += samples.count;
+        if let (None, Some(path)) = (self.first_not_finite, samples.first) {
+            let pixel = at.pixel(path);
+            let before = at.tasks[..pixel].iter().map(|task| task.counts.paths).sum::<u32>();
+            let task = &at.tasks[pixel];
+            self.first_not_finite = Some([task.x, task.y, task.first_path + path - before]);
+        }
+    }
+
     fn add_rays(&mut self, depth: u32, n: usize) {
         match depth {
             0 => self.camera_rays += n as u64,
@@ -71,6 +78,7 @@ pub struct Wave {
     next_rays: PathRays,
     hits: HitBatch,
     sorted: SortedHits,
+    emission: Vec<FoundEmission>,
     vertices: Vertices,
     requests: Requests,
     shadows: ShadowRays,
@@ -82,138 +90,46 @@ pub struct Wave {
 }
 
 impl Wave {
-    /// Traces the paths of the batch's tasks and adds them to its sums, in a fixed order.
-    pub fn run(&mut self, transport: &Transport, batch: &mut PixelBatch) {
-        let Self {
-            rays,
-            next_rays,
-            hits,
-            sorted,
-            vertices,
-            requests,
-            shadows,
-            occluded,
-            path_states,
-            back_faces,
-            counts,
-        } = self;
-        path_states.start_paths(batch.tasks, transport.lights.environment_probability);
-        if !batch.extras.is_empty() {
-            path_states.mirrors.resize(path_states.paths.len(), None);
-        }
-        camera_rays::begin(transport, batch.tasks, rays);
-        let learns = path_states.scatter_records.is_some();
-        for depth in 0..transport.max_depth {
-            if rays.len == 0 {
-                break;
-            }
-            counts.add_rays(depth, rays.len);
-            let order = if depth == 0 { RayOrder::Coherent } else { RayOrder::Incoherent };
+    /// Traces the paths of the pixels' tasks, in a fixed order, and tells `events` what happens to them.
+    pub fn run<E: PathEvents>(&mut self, transport: &Transport, tasks: &[PixelTask], events: &mut E) {
+        let Self { rays, next_rays, hits, sorted, vertices, requests, shadows, occluded, back_faces, counts, .. } =
+            self;
+        let events = &mut (events, back_faces);
+        self.path_states.start_paths(tasks, transport.lights.environment_probability);
+        let PathStates { paths, radiance, non_finite } = &mut self.path_states;
+        camera_rays::begin(transport, tasks, rays);
+        let mut at = WaveContext { transport, tasks, paths, depth: 0 };
+        events.begin(&at);
+        while at.depth < transport.max_depth && rays.len > 0 {
+            counts.add_rays(at.depth, rays.len);
+            let order = if at.depth == 0 { RayOrder::Coherent } else { RayOrder::Incoherent };
             timed(counts, || transport.rays.closest_hits(&rays.rays, order, hits));
-            back_faces.pass(transport, depth, path_states, rays, hits);
+            events.1.pass(&at, rays, hits);
+            events.hits(&at, rays, hits);
 
-            sort::sort(transport, depth, hits, sorted);
-            if depth == 0 {
-                surfaces::record_first_hits(transport, rays, hits, path_states, batch);
-            } else if !batch.extras.is_empty() {
-                surfaces::follow_mirrors(transport, depth, rays, hits, path_states, batch);
-            }
+            sort::sort(transport, at.depth, hits, sorted);
             if transport.materials.absorbs() {
-                media::attenuate(transport, depth, rays, hits);
+                media::attenuate(transport, at.depth, rays, hits);
             }
-            emission::surfaces(transport, depth, &sorted.emissive, rays, hits, path_states, batch);
-            emission::environment(transport, depth, &sorted.escaped, rays, path_states, batch);
-            surfaces::vertices(transport, learns, sorted, rays, hits, vertices);
+            emission::add(&at, sorted, rays, hits, &mut self.emission, (radiance, non_finite), events);
+            surfaces::vertices(transport, sorted, rays, hits, vertices);
             mixture::find_cells(transport, vertices);
 
-            requests.light_samples(transport, depth, vertices, path_states, batch.tasks);
-            lights::sample(transport, depth, vertices, requests, path_states, batch.observer.is_some(), shadows);
-            requests.bsdf_samples(depth, transport.max_depth, vertices, path_states);
-            scatter::sample(transport, depth, vertices, requests, path_states, next_rays);
+            requests.light_samples(transport, at.depth, vertices, paths, tasks);
+            lights::sample(&at, vertices, requests, non_finite, shadows, events);
+            requests.bsdf_samples(at.depth, transport.max_depth, vertices, paths);
+            scatter::sample(&at, vertices, requests, non_finite, (rays.next_number(), next_rays), events);
 
             if !shadows.rays.is_empty() {
                 counts.shadow_rays += shadows.len as u64;
                 timed(counts, || transport.rays.occluded(&shadows.rays, RayOrder::Incoherent, occluded));
-                path_states.add_light_samples(shadows, occluded, depth, transport.limits[(depth > 0) as usize], batch);
+                lights::add_unoccluded(&at, shadows, occluded, radiance, events);
             }
             std::mem::swap(rays, next_rays);
+            at.depth += 1;
         }
-        path_states.add_to_pixels(batch);
-        counts.not_finite += path_states.non_finite.count;
-        if let (None, Some(path)) = (counts.first_not_finite, path_states.non_finite.first) {
-            let pixel = path_states.paths[path as usize].pixel;
-            let before = batch.tasks[..pixel as usize].iter().map(|task| task.counts.paths).sum::<u32>();
-            let task = &batch.tasks[pixel as usize];
-            counts.first_not_finite = Some([task.x, task.y, task.first_path + path - before]);
-        }
-    }
-}
-
-/// Computes, from the tasks and statistics of pixels, the divisor of each pixel's squared contributions.
-pub type Divisors<'a> = &'a dyn Fn(&[PixelTask], &[PixelStats]) -> Vec<f32>;
-
-impl Wave {
-    /// Runs a wave and collects training data of the guiding field: appends a training sample for each scattered ray that found
-    /// light, weighted by the divisor of its pixel, and a vertex record for each vertex beyond the first. Returns the divisors.
-    pub fn collect_training_samples(
-        &mut self,
-        transport: &Transport,
-        batch: &mut PixelBatch,
-        divisors: Divisors,
-        (training_samples, vertex_records): (&mut Vec<TrainingSample>, &mut Vec<VertexRecord>),
-    ) -> Vec<f32> {
-        self.path_states.scatter_records.get_or_insert_default();
-        self.run(transport, batch);
-        self.path_states.accumulate_descendants();
-        let divisors = divisors(batch.tasks, batch.stats);
-        let PathStates { scatter_records, sub_paths, paths, .. } = &mut self.path_states;
-        let scatter_records = scatter_records.take().unwrap_or_default();
-        for (record, sub_path) in scatter_records.iter().zip(sub_paths.iter()) {
-            let found = luminance(sub_path.indirect);
-            if record.parent != NO_PARENT && record.beta > 0.0 {
-                // Estimates for roulette probabilities of one.
-                let [light, on] = record.roulette;
-                let found = [light.sqrt() * scatter_records[record.parent as usize].light, on * found];
-                let found = found.map(|found| (found / record.beta).powi(2));
-                vertex_records.push(VertexRecord {
-                    position: record.position,
-                    normal: record.normal,
-                    squared_contributions: found,
-                });
-            }
-            if found > 0.0 && record.diffuse && record.beta > 0.0 && found.is_finite() {
-                let ScatterRecord { position, normal, wi, beta, pdf: [pdf, bsdf_pdf, field_pdf], .. } = *record;
-                training_samples.push(TrainingSample {
-                    position,
-                    normal,
-                    wi,
-                    contribution: found / beta,
-                    weight: found * found / divisors[paths[sub_path.path as usize].pixel as usize],
-                    pdf,
-                    bsdf_pdf,
-                    field_pdf,
-                });
-            }
-        }
-        divisors
-    }
-}
-
-impl Wave {
-    /// Runs a wave and returns its light samples of area lights, each divided by the square root of its pixel's divisor, and the
-    /// divisors. [`LightSampleRecord::pixel`] is an index into the batch.
-    pub fn collect_light_samples(
-        &mut self,
-        transport: &Transport,
-        batch: &mut PixelBatch,
-        divisors: Divisors,
-    ) -> (Vec<LightSampleRecord>, Vec<f32>) {
-        self.path_states.light_sample_records.get_or_insert_default();
-        self.run(transport, batch);
-        let mut records = self.path_states.light_sample_records.take().unwrap_or_default();
-        let divisors = divisors(batch.tasks, batch.stats);
-        records.iter_mut().for_each(|record| record.contribution /= divisors[record.pixel as usize].sqrt());
-        (records, divisors)
+        events.end(&at, radiance);
+        counts.add_not_finite(&at, non_finite);
     }
 }
 

@@ -12,7 +12,7 @@ use bismar::Result;
 use bismar::balance::{Balance, Counts};
 use bismar::film::PixelStats;
 use bismar::guiding::Field;
-use bismar::integrator::{PixelBatch, PixelTask, PreparedScene, Transport, Wave};
+use bismar::integrator::{PixelSums, PixelTask, PreparedScene, Transport, Wave};
 use bismar::render::prepass::guiding::learned;
 use bismar::render::{Guiding, RenderSettings, transport};
 use rayon::prelude::*;
@@ -128,7 +128,7 @@ pub fn pixels(scene: &PreparedScene, field: Option<&Field>, seed: u32, paths: u3
     let places = (y0..y1).flat_map(|y| (x0..x1).map(move |x| [x, y]));
     let tasks: Vec<_> = places.zip(0..).map(|(at, i)| PixelTask::first(at, Counts::half(paths), i)).collect();
     let mut stats = vec![PixelStats::default(); tasks.len()];
-    Wave::default().run(&transport, &mut PixelBatch::radiance_only(&tasks, &mut stats));
+    Wave::default().run(&transport, &tasks, &mut PixelSums::new(&mut stats));
     stats
 }
 

@@ -15,7 +15,7 @@ pub const TIME_SET: u32 = u32::MAX - 1;
 #[inline(never)]
 pub fn begin(transport: &Transport, tasks: &[PixelTask], rays: &mut PathRays) {
     let moves = transport.geometry.moves;
-    rays.open(tasks.iter().map(|task| task.counts.paths as usize).sum(), moves);
+    rays.open(tasks.iter().map(|task| task.counts.paths as usize).sum(), moves, 0);
     for task in tasks {
         let paths = task.counts.paths;
         let seed = U::splat(pixel_seed(task.x, task.y, transport.seed));
@@ -27,7 +27,7 @@ pub fn begin(transport: &Transport, tasks: &[PixelTask], rays: &mut PathRays) {
             let y = transport.filter.offsets(py) + F::splat(task.y as f32 + 0.5);
             let path = U::splat(rays.len as u32) + U::from(NUMBERS);
             let time = if moves { samples(seed, index, TIME_SET)[0] } else { F::ZERO };
-            let path_ids = PathIds { path, index, sub_path: U::ZERO, seed, time };
+            let path_ids = PathIds { path, index, seed, time };
             let (ray, key) = (transport.camera.rays_through((x, y), (u, v), time), keys(seed, index, 0));
             rays.push(n, ray, key, V3::splat(Vec3::ONE), V3::ZERO, F::ZERO, path_ids);
         }

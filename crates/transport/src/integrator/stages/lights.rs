@@ -1,76 +1,87 @@
 //! Light sampling: shadow rays with their contributions.
 
+use glam::Vec3;
 use wide::bytemuck::cast;
 
 use super::mixture::Mixture;
-use super::requests::{AREA_SEQUENCE, LightTarget, RequestGroup, Requests, one_per_vertex, select_environment};
-use super::{contribution_terms_wide, light_set, media};
+use super::requests::{RequestGroup, Requests, one_per_vertex, select_environment};
+use super::{light_set, media};
 use crate::bsdf::{Core, Lobe, Parameters};
-use crate::integrator::path_states::{NonFiniteSamples, PathStates};
-use crate::integrator::queues::{ContributionTerms, PUNCTUAL_GROUP, ShadowRays};
+use crate::integrator::events::{LightSampleGroup, PathEvents, UnoccludedLight, WaveContext};
+use crate::integrator::path_states::{NonFiniteSamples, clamp_contribution};
+use crate::integrator::queues::{PUNCTUAL_GROUP, ShadowRays};
 use crate::integrator::transport::Transport;
 use crate::integrator::vertices::Vertices;
-use crate::lanes::{F, LANES, Survivors, U, V3, load, mask};
+use crate::lanes::{F, LANES, Survivors, U, V3, load, load_bits, mask};
 use crate::light::punctual;
 use crate::sampling::{hashes, keys, samples};
 
 /// Length of shadow rays relative to the distance of the light.
 pub const SHADOW_END: f32 = 1.0 - 1e-4;
 
-/// Fills the shadow rays of the vertices at `depth`: the light samples of `requests` (environment and area lights), and one
-/// sample of the punctual lights per vertex. `observed`: are contributions at first surfaces reported to an observer?
-pub fn sample(
-    transport: &Transport,
-    depth: u32,
+/// Fills the shadow rays of the vertices: the light samples of `requests` (environment and area lights), and one sample of the
+/// punctual lights per vertex.
+pub fn sample<E: PathEvents>(
+    at: &WaveContext,
     vertices: &Vertices,
     requests: &Requests,
-    path_states: &mut PathStates,
-    observed: bool,
+    non_finite: &mut NonFiniteSamples,
     shadows: &mut ShadowRays,
+    events: &mut E,
 ) {
+    let WaveContext { transport, depth, .. } = *at;
     let punctual = if transport.lights.punctual { vertices.len() } else { 0 };
-    let learns = path_states.light_sample_records.is_some();
-    shadows.open(requests.count() + punctual, vertices.moves(), observed && depth == 0, learns);
+    shadows.open(requests.count() + punctual, vertices.moves());
     if transport.lights.has_extent() {
-        for at in (0..requests.count()).step_by(LANES) {
-            let group = requests.group(transport, vertices, path_states, at);
-            match vertices.core() {
-                Some(columns) => {
-                    sample_extended(
-                        transport,
-                        depth,
-                        vertices,
-                        &Core::load(columns, &group.rows),
-                        &group,
-                        path_states,
-                        shadows,
-                    );
-                }
-                None => {
-                    sample_extended(
-                        transport,
-                        depth,
-                        vertices,
-                        &vertices.bsdf(&group.rows),
-                        &group,
-                        path_states,
-                        shadows,
-                    );
-                }
-            }
+        for first in (0..requests.count()).step_by(LANES) {
+            let group = requests.group(transport, vertices, at.paths, first);
+            let samples = sample_group(at, vertices, &group, non_finite, shadows);
+            events.light_samples(at, vertices, &group, &samples);
         }
     }
-    for at in (0..punctual).step_by(LANES) {
-        sample_punctual(
-            transport,
-            depth,
-            vertices,
-            &one_per_vertex(transport, vertices, at),
-            &mut path_states.non_finite,
-            shadows,
-        );
+    for first in (0..punctual).step_by(LANES) {
+        let group = one_per_vertex(transport, vertices, first);
+        sample_punctual(transport, depth, vertices, &group, non_finite, shadows);
     }
     shadows.close();
+}
+
+/// Adds the contributions of shadow rays that are not occluded, clamped, to the radiance of their paths.
+pub fn add_unoccluded<E: PathEvents>(
+    at: &WaveContext,
+    shadows: &ShadowRays,
+    occluded: &[bool],
+    radiance: &mut [Vec3],
+    events: &mut E,
+) {
+    let limit = at.transport.limits[(at.depth > 0) as usize];
+    let owners = shadows.path.iter().zip(&occluded[..shadows.len]).enumerate();
+    for (row, (&path, _)) in owners.filter(|(_, (_, occluded))| !**occluded) {
+        let (added, scale) = clamp_contribution(shadows.radiance.get(row), limit);
+        radiance[path as usize] += added;
+        events.unoccluded(at, shadows, &UnoccludedLight { row, radiance: added, scale });
+    }
+}
+
+/// [`sample_extended`] with the BSDFs of the group's vertices.
+#[inline(never)]
+fn sample_group(
+    at: &WaveContext,
+    vertices: &Vertices,
+    group: &RequestGroup,
+    non_finite: &mut NonFiniteSamples,
+    shadows: &mut ShadowRays,
+) -> LightSampleGroup {
+    match vertices.core() {
+        Some(columns) => {
+            let bsdf = Core::load(columns, &group.rows);
+            sample_extended(at.transport, at.depth, vertices, &bsdf, group, non_finite, shadows)
+        }
+        None => {
+            let bsdf = vertices.bsdf(&group.rows);
+            sample_extended(at.transport, at.depth, vertices, &bsdf, group, non_finite, shadows)
+        }
+    }
 }
 
 /// Eight samples of the environment and of area lights, with MIS weights.
@@ -81,9 +92,9 @@ fn sample_extended(
     vertices: &Vertices,
     bsdf: &impl Lobe,
     group: &RequestGroup,
-    path_states: &mut PathStates,
+    non_finite: &mut NonFiniteSamples,
     shadows: &mut ShadowRays,
-) {
+) -> LightSampleGroup {
     let (rows, id) = (&group.rows, &group.path_ids);
     let [choice, u, v, _] = samples(id.seed, id.index, light_set(depth));
     let transmits = bsdf.transmits();
@@ -103,24 +114,16 @@ fn sample_extended(
     let radiance = media::attenuated(transport, radiance, vertices.media(rows, spawned.beyond), light.distance);
     let valid = mask(group.len) & light.pdf.simd_gt(F::ZERO) & spawned.allowed;
     let finite = radiance.is_finite();
-    path_states.non_finite.add_lanes((valid & !finite).to_bitmask(), id.path);
+    non_finite.add_lanes((valid & !finite).to_bitmask(), id.path);
     let alive = valid & radiance.max_element().simd_gt(F::ZERO) & finite;
-    let contribution_terms = || {
-        let a_l = a_env + a_area;
-        let (w, r) = contribution_terms_wide(radiance, weighted_pdf / a_l, bsdf_pdf, a_l / (a_l + a_b));
-        let index = id.index & U::splat(!AREA_SEQUENCE);
-        ContributionTerms { index, area: group.target.simd_eq(U::splat(LightTarget::AreaLight as u32)), w, r }
-    };
     let key = hashes(keys(id.seed, id.index, light_set(depth)));
     let tfar = light.distance * F::splat(SHADOW_END);
     let kind: U = cast(!is_environment & cast::<U, F>(U::ONE));
-    let (ray, ids) = ((spawned.origin, light.wi), [id.path, id.sub_path, kind]);
-    let survivors = Survivors::of(alive);
-    if path_states.light_sample_records.is_some() {
-        let toward_area = (mask(group.len) & !is_environment).to_bitmask();
-        shadows.set_records(&survivors, path_states.record_light_samples(toward_area, from, light.emitter, id.path));
-    }
-    shadows.push(&survivors, ray, tfar, (key, id.time), radiance, ids, contribution_terms);
+    let (ray, ids) = ((spawned.origin, light.wi), [id.path, load_bits(&vertices.ray, rows), kind]);
+    let (survivors, first_row) = (Survivors::of(alive), shadows.len);
+    shadows.push(&survivors, ray, tfar, (key, id.time), radiance, ids);
+    let emitter = light.emitter;
+    LightSampleGroup { survivors, first_row, is_environment, from, emitter, weighted_pdf, bsdf_pdf, radiance }
 }
 
 /// One sample of the punctual lights for each of eight vertices. BSDF samples never hit them, so there is no MIS weight.
@@ -153,7 +156,6 @@ fn sample_punctual(
     let alive = valid & radiance.max_element().simd_gt(F::ZERO) & finite;
     let key = hashes(keys(id.seed, id.index, light_set(depth)));
     let tfar = F::from(lights.map(|l| l.distance * SHADOW_END));
-    let nothing = || ContributionTerms { index: U::ZERO, area: U::ZERO, w: F::ZERO, r: F::ZERO };
-    let ids = [id.path, id.sub_path, U::splat(PUNCTUAL_GROUP)];
-    shadows.push(&Survivors::of(alive), (spawned.origin, wi), tfar, (key, id.time), radiance, ids, nothing);
+    let ids = [id.path, load_bits(&vertices.ray, rows), U::splat(PUNCTUAL_GROUP)];
+    shadows.push(&Survivors::of(alive), (spawned.origin, wi), tfar, (key, id.time), radiance, ids);
 }

@@ -40,20 +40,23 @@ pub fn is_diffuse(bsdf: &impl Lobe) -> F {
     bsdf.diffuseness().simd_ge(F::ZERO)
 }
 
-/// Fills the guiding columns of the vertices: diffuseness, cells of the field, roulette probabilities.
+/// [`is_diffuse`] of eight vertices.
+#[inline(always)]
+pub fn are_diffuse(vertices: &Vertices, rows: &Rows) -> F {
+    match vertices.core() {
+        Some(columns) => is_diffuse(&Core::load(columns, rows)),
+        None => is_diffuse(&vertices.bsdf(rows)),
+    }
+}
+
+/// Fills the guiding columns of the vertices, if there is a field: cells and roulette probabilities.
 #[inline(never)]
 pub fn find_cells(transport: &Transport, vertices: &mut Vertices) {
-    let len = if vertices.guiding.is_some() { vertices.len() } else { 0 };
-    for at in (0..len).step_by(LANES) {
+    let Some(field) = transport.field else { return };
+    for at in (0..vertices.len()).step_by(LANES) {
         let rows = Rows::From(at);
-        let diffuse = match vertices.core() {
-            Some(columns) => is_diffuse(&Core::load(columns, &rows)),
-            None => is_diffuse(&vertices.bsdf(&rows)),
-        };
+        let diffuse: U = cast(are_diffuse(vertices, &rows));
         let Vertices { origin, ng, beta, guiding: Some(guiding), .. } = &mut *vertices else { return };
-        let diffuse: U = cast(diffuse);
-        store_bits(&mut guiding.diffuse, at, diffuse & U::ONE);
-        let Some(field) = transport.field else { continue };
         let cells = field.cells_at(origin.load(&rows), ng.load(&rows));
         store_bits(&mut guiding.cell, at, diffuse.select(U::from(field.guiding_cells(cells)), U::splat(NO_CELL)));
         for (column, probability) in guiding
@@ -64,8 +67,9 @@ pub fn find_cells(transport: &Transport, vertices: &mut Vertices) {
             store(column, at, probability);
         }
     }
-    let Some(guiding) = &mut vertices.guiding else { return };
-    guiding.cell[if transport.field.is_some() { len } else { 0 }..].fill(NO_CELL);
+    let len = vertices.len();
+    // Beyond the last vertex, columns hold cells of earlier waves.
+    vertices.guiding.iter_mut().for_each(|guiding| guiding.cell[len..].fill(NO_CELL));
 }
 
 impl<'a> Mixture<'a> {

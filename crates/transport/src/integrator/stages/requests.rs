@@ -3,7 +3,7 @@
 
 use super::super::batch::PixelTask;
 use super::{light_set, roulette_set};
-use crate::integrator::path_states::PathStates;
+use crate::integrator::path_states::PathState;
 use crate::integrator::queues::PathIds;
 use crate::integrator::transport::Transport;
 use crate::integrator::vertices::Vertices;
@@ -72,7 +72,7 @@ impl Requests {
         transport: &Transport,
         depth: u32,
         vertices: &Vertices,
-        path_states: &PathStates,
+        paths: &[PathState],
         tasks: &[PixelTask],
     ) {
         self.begin(depth, vertices);
@@ -80,7 +80,7 @@ impl Requests {
             self.play_roulette(transport, depth, vertices);
         }
         for (vertex, path) in (0..).zip(&vertices.path[..if self.at_first_surface { vertices.len() } else { 0 }]) {
-            let path = &path_states.paths[*path as usize];
+            let path = &paths[*path as usize];
             let task = &tasks[path.pixel as usize];
             for number in path.first_light..path.first_light + u32::from(path.light) {
                 let (index, target) = light_sample_index(task, number);
@@ -125,14 +125,14 @@ impl Requests {
     }
 
     /// Requests the BSDF samples of the vertices at `depth`; none at the last depth.
-    pub fn bsdf_samples(&mut self, depth: u32, max_depth: u32, vertices: &Vertices, path_states: &PathStates) {
+    pub fn bsdf_samples(&mut self, depth: u32, max_depth: u32, vertices: &Vertices, paths: &[PathState]) {
         self.begin(depth, vertices);
         if depth + 1 >= max_depth {
             self.len = 0;
             return;
         }
         for (vertex, path) in (0..).zip(&vertices.path[..if self.at_first_surface { vertices.len() } else { 0 }]) {
-            let path = &path_states.paths[*path as usize];
+            let path = &paths[*path as usize];
             let indices = path.first_bsdf..path.first_bsdf + u32::from(path.bsdf);
             self.list.extend(indices.map(|index| SampleRequest { vertex, index, target: LightTarget::Random }));
         }
@@ -171,14 +171,8 @@ impl Requests {
     }
 
     /// Up to eight samples from number `at` on.
-    #[inline(always)]
-    pub fn group(
-        &self,
-        transport: &Transport,
-        vertices: &Vertices,
-        path_states: &PathStates,
-        at: usize,
-    ) -> RequestGroup {
+    #[inline(never)]
+    pub fn group(&self, transport: &Transport, vertices: &Vertices, paths: &[PathState], at: usize) -> RequestGroup {
         if !self.uses_list {
             return one_per_vertex(transport, vertices, at);
         }
@@ -188,7 +182,7 @@ impl Requests {
         let rows = if consecutive { Rows::From(vertex[0] as usize) } else { Rows::Each(vertex) };
         let samples_per_path = if self.at_first_surface {
             // Gather by vertex: beyond the last request, columns hold data of earlier waves.
-            let paths = eight(|lane| &path_states.paths[vertices.path[vertex[lane] as usize] as usize]);
+            let paths = eight(|lane| &paths[vertices.path[vertex[lane] as usize] as usize]);
             [0, 1, 2].map(|t| F::from(eight(|lane| paths[lane].samples_per_path[t])))
         } else {
             let [a_env, a_area, a_b] = transport.deeper_samples_per_path().map(F::splat);

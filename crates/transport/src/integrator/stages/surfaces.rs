@@ -1,19 +1,14 @@
-//! Vertices on scattering surfaces from hits, and the AOVs of first hits.
-
-use glam::Vec3;
+//! Vertices on scattering surfaces from hits.
 
 use super::eight_of;
 use crate::bsdf::Surface;
-use crate::integrator::batch::PixelBatch;
 use crate::integrator::dispersion;
 use crate::integrator::geometry::SurfacePoint;
-use crate::integrator::path_states::{MirrorVertex, PathStates};
 use crate::integrator::queues::{PathIds, PathRays, SortedHits};
 use crate::integrator::transport::Transport;
-use crate::integrator::velocity::velocity;
 use crate::integrator::vertices::{BsdfGroup, VertexGroup, Vertices};
-use crate::lanes::{F, LANES, Rows, U, V3, eight, load, load_bits};
-use crate::rays::{HitBatch, MISS};
+use crate::lanes::{F, LANES, NUMBERS, Rows, U, V3, eight, load, load_bits};
+use crate::rays::HitBatch;
 use crate::sampling::samples;
 
 /// The surface point that a ray hit.
@@ -23,102 +18,9 @@ pub fn point<'a>(transport: &'a Transport, rays: &PathRays, hits: &HitBatch, ray
     transport.geometry.point(transport.scene, hit, barycentric, rays.rays.time(ray))
 }
 
-/// Records coverage and AOVs of the first hits.
-#[inline(never)]
-pub fn record_first_hits(
-    transport: &Transport,
-    rays: &PathRays,
-    hits: &HitBatch,
-    path_states: &mut PathStates,
-    batch: &mut PixelBatch,
-) {
-    for ray in (0..rays.len).filter(|&ray| hits.mesh[ray] != MISS) {
-        let path = &mut path_states.paths[rays.path[ray] as usize];
-        path.covered = true;
-        let pixel = path.pixel as usize;
-        let (aovs, extras) = (batch.aovs.get_mut(pixel), batch.extras.get_mut(pixel));
-        if aovs.is_none() && extras.is_none() {
-            continue;
-        }
-        let point = point(transport, rays, hits, ray);
-        let (albedo, normal) = (point.base_color(transport.scene), facing_normal(&point, rays, ray));
-        let (instance, material) = (hits.instance[ray], point.mesh.material);
-        if let Some(aovs) = aovs {
-            aovs.add_surface(albedo, normal, hits.t[ray]);
-            (aovs.object, aovs.material) = (instance + 1, material + 1);
-        }
-        if let Some(extras) = extras {
-            let names = [transport.names.objects[instance as usize], transport.names.materials[material as usize]];
-            extras.add_surface(point.position, point.texcoords[0], names);
-            if transport.geometry.has_velocities {
-                let hit = (instance, hits.mesh[ray], hits.prim[ray]);
-                extras.add_velocity(velocity(transport, hit, (hits.u[ray], hits.v[ray])));
-            }
-            if is_mirror(transport, &point) {
-                path_states.mirrors[rays.path[ray] as usize] = Some(MirrorVertex { tint: albedo, normal, depth: 0 });
-            } else {
-                extras.add_guide(albedo, normal);
-            }
-        }
-    }
-}
-
-/// Unit shading normal on the side of the ray origin.
-fn facing_normal(point: &SurfacePoint, rays: &PathRays, ray: usize) -> Vec3 {
-    let cos = point.ng.dot(rays.rays.direction(ray));
-    point.ns.normalize_or_zero() * if cos > 0.0 { -1.0 } else { 1.0 }
-}
-
-/// Is the surface a mirror: metal with a roughness so low that reflections have sharp edges?
-fn is_mirror(transport: &Transport, point: &SurfacePoint) -> bool {
-    // Textures only lower the metalness.
-    let metal = point.material.metallic > 0.9 && !point.material.unlit;
-    metal && {
-        let surface = point.parameters(transport.scene);
-        surface.metallic > 0.9 && surface.roughness < 0.15
-    }
-}
-
-/// Follows chains of mirrors: records the denoising guides (albedo, normal) of the first other surface.
-#[inline(never)]
-pub fn follow_mirrors(
-    transport: &Transport,
-    depth: u32,
-    rays: &PathRays,
-    hits: &HitBatch,
-    path_states: &mut PathStates,
-    batch: &mut PixelBatch,
-) {
-    for ray in 0..rays.len {
-        let path = rays.path[ray] as usize;
-        // Of several reflected rays, only the first that hits counts.
-        let pending = path_states.mirrors.get(path).copied().flatten();
-        let Some(mirror) = pending.filter(|mirror| mirror.depth + 1 == depth) else { continue };
-        let Some(extras) = batch.extras.get_mut(path_states.paths[path].pixel as usize) else { continue };
-        if hits.mesh[ray] == MISS {
-            continue;
-        }
-        let point = point(transport, rays, hits, ray);
-        let tint = mirror.tint * point.base_color(transport.scene);
-        if is_mirror(transport, &point) {
-            path_states.mirrors[path] = Some(MirrorVertex { tint, depth, ..mirror });
-        } else {
-            path_states.mirrors[path] = None;
-            extras.add_guide(tint, facing_normal(&point, rays, ray));
-        }
-    }
-}
-
-/// Fills the vertices with hits on scattering surfaces. There are guiding columns if a field is used, or trained (`learns`).
-pub fn vertices(
-    transport: &Transport,
-    learns: bool,
-    sorted: &SortedHits,
-    rays: &PathRays,
-    hits: &HitBatch,
-    vertices: &mut Vertices,
-) {
-    let guiding = learns || transport.field.is_some();
+/// Fills the vertices with hits on scattering surfaces. There are guiding columns if there is a field.
+pub fn vertices(transport: &Transport, sorted: &SortedHits, rays: &PathRays, hits: &HitBatch, vertices: &mut Vertices) {
+    let guiding = transport.field.is_some();
     let Transport { geometry, materials, .. } = transport;
     vertices.open(rays.len, materials.lobes, materials.absorbs(), guiding, geometry.moves);
     for at in (0..sorted.constant.len()).step_by(LANES) {
@@ -153,6 +55,7 @@ fn constant(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hit
         bsdfs: BsdfGroup::Any(eight(|lane| transport.materials.constant_bsdf(mesh[lane], back_facing(lane)))),
         media: media(transport, rays, &rows, mesh, back_facing),
         path_ids: path_ids(rays, &rows),
+        ray: numbers(rays, &rows),
     };
     vertices.push(n, &group);
 }
@@ -175,6 +78,7 @@ fn varying(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hits
         bsdfs,
         media: media(transport, rays, &rows, each.map(|ray| hits.mesh[ray as usize]), back_facing),
         path_ids: path_ids(rays, &rows),
+        ray: numbers(rays, &rows),
     };
     let beta = rays.beta.load(&rows);
     if vertices.core().is_some() {
@@ -231,8 +135,17 @@ fn path_ids(rays: &PathRays, rows: &Rows) -> PathIds {
     PathIds {
         path: load_bits(&rays.path, rows),
         index: load_bits(&rays.index, rows),
-        sub_path: load_bits(&rays.sub_path, rows),
         seed: load_bits(&rays.seed, rows),
         time: rays.rays.times(rows),
     }
+}
+
+/// Numbers in the wave of eight rays.
+#[inline(always)]
+fn numbers(rays: &PathRays, rows: &Rows) -> U {
+    let rows = match rows {
+        Rows::From(first) => U::splat(*first as u32) + U::from(NUMBERS),
+        Rows::Each(rows) => U::from(*rows),
+    };
+    U::splat(rays.first) + rows
 }

@@ -1,0 +1,66 @@
+//! Light samples of area lights, from which light selection is learned.
+
+use crate::color::luminance;
+use crate::integrator::events::{LightSampleGroup, PathEvents, UnoccludedLight, WaveContext};
+use crate::integrator::queues::{AREA_GROUP, ShadowRays};
+use crate::integrator::stages::requests::RequestGroup;
+use crate::integrator::vertices::Vertices;
+use crate::lanes::{U, eight, grow, mask, store_bits};
+use crate::light::LightSampleRecord;
+
+/// Records the light samples of area lights.
+#[derive(Debug, Default)]
+pub struct LightSampleRecorder {
+    /// [`LightSampleRecord::pixel`] is an index into the wave's tasks.
+    records: Vec<LightSampleRecord>,
+    /// By row of shadow rays toward area lights: index of the record.
+    record_of: Vec<u32>,
+}
+
+impl LightSampleRecorder {
+    /// Takes the records of a wave, each divided by the square root of its pixel's divisor.
+    pub fn take(&mut self, divisors: &[f32]) -> Vec<LightSampleRecord> {
+        let mut records = std::mem::take(&mut self.records);
+        records.iter_mut().for_each(|record| record.contribution /= divisors[record.pixel as usize].sqrt());
+        records
+    }
+}
+
+impl PathEvents for LightSampleRecorder {
+    fn begin(&mut self, _at: &WaveContext) {
+        self.records.clear();
+    }
+
+    fn light_samples(
+        &mut self,
+        at: &WaveContext,
+        _vertices: &Vertices,
+        group: &RequestGroup,
+        samples: &LightSampleGroup,
+    ) {
+        let toward_area = (mask(group.len) & !samples.is_environment).to_bitmask();
+        let (position, normal) = samples.from;
+        let path = group.path_ids.path.to_array();
+        let record_of = eight(|lane| {
+            let record = self.records.len() as u32;
+            if toward_area >> lane & 1 == 1 {
+                self.records.push(LightSampleRecord {
+                    position: position.lane(lane),
+                    normal: normal.lane(lane),
+                    emitter: samples.emitter[lane],
+                    pixel: at.pixel(path[lane]) as u32,
+                    contribution: 0.0,
+                });
+            }
+            record
+        });
+        grow(&mut self.record_of, samples.first_row);
+        store_bits(&mut self.record_of, samples.first_row, samples.survivors.compress_bits(U::from(record_of)));
+    }
+
+    fn unoccluded(&mut self, _at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
+        if shadows.light_group[found.row] == AREA_GROUP {
+            self.records[self.record_of[found.row] as usize].contribution = luminance(found.radiance);
+        }
+    }
+}

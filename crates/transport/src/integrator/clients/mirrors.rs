@@ -1,0 +1,101 @@
+//! Guides of the denoiser (albedo, normal): those of the first surface of a path that is no mirror.
+
+use glam::Vec3;
+
+use crate::film::ExtraSums;
+use crate::integrator::events::WaveContext;
+use crate::integrator::geometry::SurfacePoint;
+use crate::integrator::queues::PathRays;
+use crate::integrator::stages::surfaces::point;
+use crate::integrator::transport::Transport;
+use crate::rays::{HitBatch, MISS};
+
+/// The chains of mirrors at the start of paths, a part of [`Aovs`](super::Aovs).
+#[derive(Debug, Default)]
+pub struct MirrorChains {
+    /// By path, the chain whose end is still to be found.
+    open: Vec<Option<MirrorVertex>>,
+}
+
+/// The last vertex of a chain of mirrors.
+#[derive(Debug, Clone, Copy)]
+struct MirrorVertex {
+    /// Product of the base colours of the chain.
+    tint: Vec3,
+    /// Shading normal of the first mirror, on the camera's side.
+    normal: Vec3,
+    /// Index of the vertex on the path, 0 for the first hit.
+    depth: u32,
+}
+
+impl MirrorChains {
+    /// A wave of `paths` begins.
+    pub fn begin(&mut self, paths: usize) {
+        self.open.clear();
+        self.open.resize(paths, None);
+    }
+
+    /// A path's first hit, with its guides: begins a chain at a mirror.
+    #[inline]
+    pub fn first_hit(
+        &mut self,
+        at: &WaveContext,
+        path: u32,
+        point: &SurfacePoint,
+        (albedo, normal): (Vec3, Vec3),
+        extras: &mut ExtraSums,
+    ) {
+        if is_mirror(at.transport, point) {
+            self.open[path as usize] = Some(MirrorVertex { tint: albedo, normal, depth: 0 });
+        } else {
+            extras.add_guide(albedo, normal);
+        }
+    }
+
+    /// Later hits: records the guides of the first other surface.
+    #[inline(never)]
+    pub fn follow(&mut self, at: &WaveContext, rays: &PathRays, hits: &HitBatch, extras: &mut [ExtraSums]) {
+        for ray in 0..rays.len {
+            let path = rays.path[ray];
+            let open = &mut self.open[path as usize];
+            // Of several reflected rays, only the first that hits counts.
+            let Some(mirror) = open.filter(|mirror| mirror.depth + 1 == at.depth) else { continue };
+            if hits.mesh[ray] == MISS {
+                continue;
+            }
+            let point = point(at.transport, rays, hits, ray);
+            let tint = mirror.tint * point.base_color(at.transport.scene);
+            if is_mirror(at.transport, &point) {
+                *open = Some(MirrorVertex { tint, depth: at.depth, ..mirror });
+            } else {
+                *open = None;
+                extras[at.pixel(path)].add_guide(tint, facing_normal(&point, rays, ray));
+            }
+        }
+    }
+
+    /// All paths have ended. The guide of a chain that reached no other surface is its first mirror.
+    pub fn end(&self, at: &WaveContext, extras: &mut [ExtraSums]) {
+        for (path, mirror) in at.paths.iter().zip(&self.open) {
+            if let Some(mirror) = mirror {
+                extras[path.pixel as usize].add_guide(mirror.tint, mirror.normal);
+            }
+        }
+    }
+}
+
+/// Unit shading normal on the side of the ray origin.
+pub fn facing_normal(point: &SurfacePoint, rays: &PathRays, ray: usize) -> Vec3 {
+    let cos = point.ng.dot(rays.rays.direction(ray));
+    point.ns.normalize_or_zero() * if cos > 0.0 { -1.0 } else { 1.0 }
+}
+
+/// Is the surface a mirror: metal with a roughness so low that reflections have sharp edges?
+fn is_mirror(transport: &Transport, point: &SurfacePoint) -> bool {
+    // Textures only lower the metalness.
+    let metal = point.material.metallic > 0.9 && !point.material.unlit;
+    metal && {
+        let surface = point.parameters(transport.scene);
+        surface.metallic > 0.9 && surface.roughness < 0.15
+    }
+}

@@ -1,0 +1,14 @@
+//! Clients of a wave ([`PathEvents`](super::PathEvents)), a file each.
+
+pub mod aovs;
+pub mod contributions;
+pub mod light_samples;
+pub mod mirrors;
+pub mod pixel_sums;
+pub mod training_samples;
+
+pub use aovs::{AovColumns, Aovs};
+pub use contributions::{ContributionColumns, Contributions};
+pub use light_samples::LightSampleRecorder;
+pub use pixel_sums::PixelSums;
+pub use training_samples::TrainingRecorder;

@@ -1,0 +1,140 @@
+//! Training data of the guiding field: how rays were sampled, and what they found.
+
+use glam::Vec3;
+use wide::bytemuck::cast;
+
+use crate::color::luminance;
+use crate::guiding::{TrainingSample, VertexRecord};
+use crate::integrator::events::{FoundEmission, PathEvents, ScatteredGroup, UnoccludedLight, WaveContext};
+use crate::integrator::queues::{PUNCTUAL_GROUP, PathRays, ShadowRays};
+use crate::integrator::stages::mixture;
+use crate::integrator::stages::requests::RequestGroup;
+use crate::integrator::vertices::Vertices;
+use crate::lanes::load_bits;
+
+/// Records every scattered ray of a wave.
+#[derive(Debug, Default)]
+pub struct TrainingRecorder {
+    /// By number of a ray behind those of the camera.
+    records: Vec<ScatterRecord>,
+}
+
+/// How a ray was sampled at a surface, and what it found.
+#[derive(Debug, Clone, Copy)]
+struct ScatterRecord {
+    /// Index of its pixel in the wave.
+    pixel: u32,
+    /// Record of the ray that arrived at the surface; `None` for a camera ray.
+    parent: Option<u32>,
+    /// Origin of the ray, world space.
+    position: Vec3,
+    /// Unit geometric normal on the side of `wo`.
+    normal: Vec3,
+    /// Unit direction of the ray.
+    wi: Vec3,
+    /// Luminance of the path throughput at the surface, before scattering.
+    beta: f32,
+    /// Is the surface diffuse enough to be guided?
+    diffuse: bool,
+    /// Luminance contributed by the light sample (environment or area light) at the vertex where the ray ends.
+    light: f32,
+    /// Roulette probabilities at the surface: of the light sample, and of continuing the path with this ray.
+    roulette: [f32; 2],
+    /// Densities per solid angle of the direction: of the mixture that sampled it, of the BSDF, of the field.
+    pdf: [f32; 3],
+    /// Radiance found at the end of the ray and, after the wave, by its descendants.
+    found: Vec3,
+}
+
+impl TrainingRecorder {
+    /// Appends a training sample for each scattered ray of the wave that found light, weighted by the divisor of its pixel, and a
+    /// vertex record for each vertex beyond the first.
+    pub fn append_to(
+        &mut self,
+        divisors: &[f32],
+        training_samples: &mut Vec<TrainingSample>,
+        vertex_records: &mut Vec<VertexRecord>,
+    ) {
+        let records = &mut self.records;
+        for i in (0..records.len()).rev() {
+            let ScatterRecord { parent, found, .. } = records[i];
+            parent.into_iter().for_each(|parent| records[parent as usize].found += found);
+        }
+        for record in records.iter() {
+            let ScatterRecord { position, normal, wi, beta, pdf: [pdf, bsdf_pdf, field_pdf], .. } = *record;
+            let found = luminance(record.found);
+            if let Some(parent) = record.parent.filter(|_| beta > 0.0) {
+                // Estimates for roulette probabilities of one.
+                let [light, on] = record.roulette;
+                let found = [light.sqrt() * records[parent as usize].light, on * found];
+                let squared_contributions = found.map(|found| (found / beta).powi(2));
+                vertex_records.push(VertexRecord { position, normal, squared_contributions });
+            }
+            if found > 0.0 && record.diffuse && beta > 0.0 && found.is_finite() {
+                training_samples.push(TrainingSample {
+                    position,
+                    normal,
+                    wi,
+                    contribution: found / beta,
+                    weight: found * found / divisors[record.pixel as usize],
+                    pdf,
+                    bsdf_pdf,
+                    field_pdf,
+                });
+            }
+        }
+    }
+
+    /// The record of the ray of this number.
+    fn of_ray(&mut self, at: &WaveContext, ray: u32) -> &mut ScatterRecord {
+        &mut self.records[ray as usize - at.paths.len()]
+    }
+}
+
+impl PathEvents for TrainingRecorder {
+    fn begin(&mut self, _at: &WaveContext) {
+        self.records.clear();
+    }
+
+    fn emission(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {
+        if at.depth > 0 {
+            self.of_ray(at, rays.first + found.ray).found += found.radiance;
+        }
+    }
+
+    #[inline(never)]
+    fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, group: &RequestGroup, samples: &ScatteredGroup) {
+        let (rows, survivors) = (&group.rows, &samples.survivors);
+        let [position, normal, wi] = [vertices.origin.load(rows), vertices.ng.load(rows), samples.wi]
+            .map(|column| survivors.compress_v3(column));
+        let beta = survivors.compress(vertices.beta.load(rows).luminance()).to_array();
+        let diffuse = survivors.compress_bits(cast(mixture::are_diffuse(vertices, rows))).to_array();
+        let pdf = samples.pdf.map(|pdf| survivors.compress(pdf).to_array());
+        let roulette = samples.roulette.map(|probability| survivors.compress(probability).to_array());
+        let path = survivors.compress_bits(group.path_ids.path).to_array();
+        let arrived = survivors.compress_bits(load_bits(&vertices.ray, rows)).to_array();
+        self.records.extend((0..survivors.len).map(|lane| ScatterRecord {
+            pixel: at.pixel(path[lane]) as u32,
+            parent: arrived[lane].checked_sub(at.paths.len() as u32),
+            position: position.lane(lane),
+            normal: normal.lane(lane),
+            wi: wi.lane(lane),
+            beta: beta[lane],
+            diffuse: diffuse[lane] != 0,
+            light: 0.0,
+            roulette: roulette.map(|probability| probability[lane]),
+            pdf: pdf.map(|pdf| pdf[lane]),
+            found: Vec3::ZERO,
+        }));
+    }
+
+    fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
+        if at.depth > 0 {
+            let record = self.of_ray(at, shadows.ray[found.row]);
+            record.found += found.radiance;
+            if shadows.light_group[found.row] != PUNCTUAL_GROUP {
+                record.light += luminance(found.radiance);
+            }
+        }
+    }
+}
