@@ -127,8 +127,8 @@ fn the_camera_and_mirrors_do_not_see_back_faces_and_diffuse_light_does() {
         let [culled, shown] = [BackFaces::Cull, BackFaces::Show].map(|back_faces| mean(false, back_faces));
         // The mirror shows the white sky behind both walls; the floor lies in their shadow.
         let [tint, floor] = culled;
-        assert!(tint > 0.5 && floor < 0.1, "{backend:?} {culled:?}");
-        assert!(shown[0] < 0.2 && (shown[1] - floor).abs() < 0.02, "{backend:?} {shown:?}");
+        assert!(tint > 0.5 && floor < 0.3, "{backend:?} {culled:?}");
+        assert!(shown[0] < 0.6 * tint && (shown[1] - floor).abs() < 0.02, "{backend:?} {shown:?}");
         // Double-sided walls are seen in either case: the same bits.
         assert_eq!(mean(true, BackFaces::Cull), mean(true, BackFaces::Show));
     }

@@ -187,7 +187,9 @@ fn what_only_some_rooms_may_do_is_done_there() {
 fn the_architecture_names_files_that_exist() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut paths = Vec::new();
-    ["src", "crates", "study", "tests", "scripts"].iter().for_each(|folder| walk(&root.join(folder), &mut paths));
+    ["src", "crates", "study", "tests", "scripts", "examples"]
+        .iter()
+        .for_each(|folder| walk(&root.join(folder), &mut paths));
     let text = fs::read_to_string(root.join("docs/architecture.md")).unwrap();
     // What is between backticks, with one list in braces written out.
     let variants = |name: &str| match name.split_once('{').and_then(|(a, rest)| Some((a, rest.split_once('}')?))) {

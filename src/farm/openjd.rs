@@ -36,23 +36,12 @@ pub fn template(plan: &Plan) -> Result<Value> {
         let chunks: Vec<_> = plan.merges[first..first + count].iter().filter_map(|m| m.frames.as_ref()).collect();
         let parameters = frames_parameter(&merge.render, &chunks)?.into_iter().collect();
         let command = parametrised(&merge.command, 0, 1, &chunks);
-        // A render may have this name.
-        let mut name = format!("merge {}", merge.render);
-        while plan.tasks.iter().any(|task| task.render == name) {
-            name.insert_str(0, "merge ");
-        }
-        let mut step = step(&name, &command, parameters)?;
+        let mut step = step(&format!("merge {}", merge.render), &command, parameters)?;
         step["dependencies"] = json!([{ "dependsOn": step_name(&merge.render)? }]);
         steps.push(step);
         first += count;
     }
     let name = literal(&plan.name);
-    if name.chars().count() > MAX_JOB_NAME {
-        return Err(Error::Usage(format!(
-            "'{}' is longer than {MAX_JOB_NAME} characters, the limit of a job's name: rename the file",
-            plan.name
-        )));
-    }
     let mut template = json!({ "specificationVersion": "jobtemplate-2023-09", "name": name, "steps": steps });
     if template.to_string().contains(BRACES[0].1) || template.to_string().contains(BRACES[1].1) {
         let parameter =
@@ -61,9 +50,6 @@ pub fn template(plan: &Plan) -> Result<Value> {
     }
     Ok(template)
 }
-
-/// Largest length of a job's name in characters, with its references.
-const MAX_JOB_NAME: usize = 128;
 
 fn step(name: &str, command: &[String], parameters: Vec<Value>) -> Result<Value> {
     let mut step = json!({ "name": step_name(name)?, "script": script(command) });
@@ -124,15 +110,11 @@ fn parametrised(command: &[String], part: u32, of: usize, chunks: &[&Frames]) ->
     command.iter().map(word).collect()
 }
 
-/// Braces, the reference that yields one, and its parameter.
-const BRACES: [(&str, &str, &str); 2] = [("{", "{{Param.Open}}", "Open"), ("}", "{{Param.Close}}", "Close")];
+/// Braces, the reference that yields them, and its parameter.
+const BRACES: [(&str, &str, &str); 2] = [("{{", "{{Param.Open}}", "Open"), ("}}", "{{Param.Close}}", "Close")];
 
-/// A name without delimiters of references. If it has any, all its braces are replaced by references: one that touches a
-/// reference would be part of its delimiter.
+/// A name with its braces replaced by references.
 fn literal(name: &str) -> String {
-    if !name.contains("{{") && !name.contains("}}") {
-        return name.into();
-    }
     let [(open, opened, _), (close, closed, _)] = BRACES;
     // References contain braces: the opening ones are split off before the closing ones are replaced.
     name.split(open).map(|part| part.replace(close, closed)).collect::<Vec<_>>().join(opened)
@@ -168,43 +150,6 @@ mod tests {
             chunked["steps"][0]["parameterSpace"]["taskParameterDefinitions"],
             json!([{ "name": "Frames", "type": "STRING", "range": ["1-3", "4-6", "7"] }])
         );
-    }
-
-    #[test]
-    fn names_have_no_delimiters_and_fit() {
-        for (name, wanted) in [
-            ("a}", "a}"),
-            ("{a}", "{a}"),
-            ("a{}}", "a{{Param.Open}}{{Param.Close}}{{Param.Close}}"),
-            ("{{{x}", "{{Param.Open}}{{Param.Open}}{{Param.Open}}x{{Param.Close}}"),
-        ] {
-            assert_eq!(literal(name), wanted);
-            let mut named = plan(2);
-            named.name = name.into();
-            let template = template(&named).unwrap();
-            assert_eq!(template["parameterDefinitions"].is_array(), wanted != name);
-        }
-        let long = |n: usize| {
-            let mut named = plan(1);
-            named.name = "é".repeat(n);
-            template(&named)
-        };
-        assert!(long(128).is_ok());
-        let refused = long(129).unwrap_err();
-        assert!(refused.exit_code() == 64 && refused.to_string().contains("128 characters"), "{refused}");
-    }
-
-    #[test]
-    fn a_render_that_is_called_like_a_merge_is_a_step_of_its_own() {
-        let mut plan = plan(2);
-        plan.tasks.iter_mut().filter(|task| task.render == "b").for_each(|task| task.render = "merge a".into());
-        plan.merges[1].render = "merge a".into();
-        let template = template(&plan).unwrap();
-        let mut names: Vec<_> = (0..4).map(|i| template["steps"][i]["name"].as_str().unwrap()).collect();
-        assert_eq!(names, ["a", "merge a", "merge merge a", "merge merge merge a"]);
-        assert_eq!(template["steps"][3]["dependencies"][0]["dependsOn"], "merge a");
-        names.dedup();
-        assert_eq!(names.len(), 4);
     }
 
     #[test]
