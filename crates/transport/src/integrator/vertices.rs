@@ -15,7 +15,7 @@ pub struct Vertices {
     pub origin: V3Column,
     /// Unit geometric normal on the side of `wo`.
     pub ng: V3Column,
-    /// Unit shading normal, with n·wo ≥ [`MIN_COS`](shading_normal::MIN_COS).
+    /// Unit shading normal, with n·wo ≥ 0.001.
     pub ns: V3Column,
     /// Unit direction to the previous vertex.
     pub wo: V3Column,
