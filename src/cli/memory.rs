@@ -52,8 +52,6 @@ pub struct Need<'a> {
 const PROGRAM_BYTES: u64 = 48 << 20;
 /// Bytes of the buffers of one thread.
 const BYTES_PER_THREAD: u64 = 12 << 20;
-/// Memory per byte of tile data: 1.104 and 1.073 as measured between pictures of 0.5, 2 and 8 million pixels.
-const TILE_OVERHEAD: f64 = 1.085;
 /// Peak bytes per triangle while the acceleration structure is built.
 const EMBREE_BYTES_PER_TRIANGLE: u64 = 190;
 const OBVHS_BYTES_PER_TRIANGLE: u64 = 260;
@@ -75,13 +73,12 @@ impl Need<'_> {
                 Backend::Embree => EMBREE_BYTES_PER_TRIANGLE,
                 Backend::Obvhs => OBVHS_BYTES_PER_TRIANGLE,
             };
-        let tile = Tile::bytes_per_pixel(self.columns);
+        let tiles = Tile::memory_bytes(self.pixels, self.columns);
         // Statistics are compressed before writing, usually to less than half.
-        let saving = if self.saves_statistics { tile / 2 } else { 0 };
+        let saving = if self.saves_statistics { tiles / 2 } else { 0 };
         let loading = s.read_bytes;
         let scene = s.read_bytes + s.geometry_bytes + s.image_bytes + self.environment_bytes;
-        let pixels = (self.pixels as f64 * (tile + saving) as f64 * TILE_OVERHEAD) as u64;
-        at_rest(self.threads) + self.prepass_bytes + scene + loading.max(s.triangles * per_triangle) + pixels
+        at_rest(self.threads) + self.prepass_bytes + scene + loading.max(s.triangles * per_triangle) + tiles + saving
     }
 }
 

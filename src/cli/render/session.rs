@@ -21,6 +21,7 @@ use crate::film::{exr_file, preview};
 use crate::render::camera::lens;
 use crate::render::checkpoint::Earlier;
 use crate::render::prepass::{guiding::MEMORY, learned_lights};
+use crate::render::tile::TILE;
 use crate::render::{Guiding, Identity, Pause, Progress, RenderSettings, Rendered, RunOptions, Saved, StopReason, run};
 use crate::{Error, Result};
 
@@ -131,6 +132,11 @@ impl Session<'_> {
                 crop.inside(u32::MAX, u32::MAX).map_or(0, |[x0, y0, x1, y1]| u64::from(x1 - x0) * u64::from(y1 - y0))
             }
             None => u64::from(width) * u64::from(height),
+        };
+        // Parts differ by at most one tile.
+        let pixels = match self.args.part {
+            Some(part) => pixels.div_ceil(part.of.into()) + u64::from(TILE * TILE),
+            None => pixels,
         };
         let settings = self.args.settings();
         let guiding = match settings.guiding {
