@@ -44,6 +44,12 @@ impl PathEvents for Aovs<'_> {
         }
     }
 
+    fn hits_behind_walls(&mut self, at: &WaveContext, rays: &PathRays, hits: &HitBatch) {
+        if !self.extras.is_empty() {
+            self.columns.mirrors.follow(at, rays, hits, self.extras);
+        }
+    }
+
     fn emission(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {
         let path = rays.path[found.ray as usize];
         if let Some(extras) = self.extras.get_mut(at.pixel(path)) {
