@@ -222,7 +222,14 @@ fn albedo(bsdf: &Bsdf, wo: Vec3, samples: u32, random: &mut Random) -> Mean {
         let sample = sample(bsdf, wo, random.f32(), random.f32(), random.f32());
         mean.add(sample.map_or(0.0, |s| f64::from(s.value.y / s.pdf)));
     }
-    mean
+    let straight = straight(bsdf, wo).y;
+    mean.shifted(straight.into())
+}
+
+/// What passes straight on.
+fn straight(bsdf: &Bsdf, wo: Vec3) -> Vec3 {
+    let bsdf = Bsdf::gather([bsdf; LANES]);
+    bsdf.straight(V3::splat(Vec3::Z), V3::splat(wo), F::ONE).weight.lane(0)
 }
 
 #[test]

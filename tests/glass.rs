@@ -21,7 +21,7 @@ fn under_sky(radiance: f32) -> Scene {
 }
 
 /// Reflectance of a dielectric for unpolarized light, by Fresnel's two formulas.
-fn fresnel(eta: f64, theta: f64) -> f64 {
+pub fn fresnel(eta: f64, theta: f64) -> f64 {
     let (cos, inside) = (theta.cos(), (1.0 - (theta.sin() / eta).powi(2)).sqrt());
     let s = (cos - eta * inside) / (cos + eta * inside);
     let p = (eta * cos - inside) / (eta * cos + inside);

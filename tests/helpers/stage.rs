@@ -55,6 +55,12 @@ pub fn glass_hall() -> Arc<Scene> {
     let brushed = Material { anisotropy: 0.8, anisotropy_rotation: 0.5, iridescence: 0.8, ..metal(0.3) };
     rectangle(&mut scene, 1.0, [-1.7, -1.0], [-0.9, -0.3], true, brushed);
     std::sync::Arc::make_mut(scene.meshes.last_mut().unwrap()).tangents = Some(vec![[1.0, 0.0, 0.0, 1.0]; 4]);
+    let pane = Material { clearcoat: 0.3, sheen_color: Vec3::splat(0.1), ..wall(0.0, 0.8) };
+    for (z, material) in [(1.9, pane.clone()), (2.0, Material { iridescence: 1.0, emissive: Vec3::splat(0.1), ..pane })]
+    {
+        let points = vec![[-1.9, 0.0, z], [-0.3, 0.0, z], [-0.3, 1.4, z], [-1.9, 1.4, z]];
+        add(&mut scene, points, vec![[0, 1, 2], [0, 2, 3]], material);
+    }
     let bubble = Material { iridescence: 1.0, ..wall(0.4, 0.9) };
     rectangle(&mut scene, 0.6, [1.0, 1.7], [-0.9, 0.3], true, bubble);
     Arc::new(scene)

@@ -34,6 +34,11 @@ impl Mean {
         self.m2 += d * (x - self.mean);
     }
 
+    /// The statistics of numbers that are larger by `x`.
+    pub fn shifted(self, x: f64) -> Self {
+        Self { mean: self.mean + x, ..self }
+    }
+
     pub fn standard_error(&self) -> f64 {
         (self.m2 / (self.n - 1.0) / self.n).sqrt()
     }

@@ -2,7 +2,7 @@
 //! or a thin film. It replaces both [`Microfacet`](super::Microfacet) and [`Glass`](super::Glass) on materials that have one
 //! of the extensions, so that the two stay simple and fast.
 
-use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, diffuseness};
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, Straight, diffuseness};
 use super::microfacet::schlick_weight;
 use super::parameters::{Eight, lobe};
 use super::refraction::{self, Facet};
@@ -54,7 +54,7 @@ impl Lobe for GeneralMicrofacet<Eight> {
 
     #[inline(always)]
     fn transmits(&self) -> F {
-        self.transmission.simd_gt(F::ZERO)
+        self.is_glass() & !self.is_straight()
     }
 
     #[inline(always)]
@@ -64,8 +64,15 @@ impl Lobe for GeneralMicrofacet<Eight> {
 
     #[inline(always)]
     fn weight(&self, n: V3, wo: V3) -> (F, F) {
-        let fresnel = self.fresnel(n.dot(wo));
+        let fresnel = self.scattering(n.dot(wo));
         (fresnel.reflected.luminance() + fresnel.transmitted * self.tint.luminance(), fresnel.transmittance)
+    }
+
+    #[inline(never)]
+    fn straight(&self, n: V3, wo: V3, light: F) -> Straight {
+        let fresnel = self.fresnel(n.dot(wo));
+        let weight = self.tint * ((fresnel.transmitted * light) & self.is_straight());
+        Straight { weight, transmittance: light * fresnel.transmittance }
     }
 
     #[inline(never)]
@@ -77,7 +84,7 @@ impl Lobe for GeneralMicrofacet<Eight> {
         let masking = ggx::masking_along(frame.to_local(d.wo), alphas);
         let drawn = masking * density * jacobian / d.cos_o;
 
-        let fresnel = self.fresnel(wo_h);
+        let fresnel = self.scattering(wo_h);
         let p = self.reflection_probability(&fresnel);
         let visible = d.above | (transmits & self.transmits());
         let pdf = (drawn * d.above.select(p, F::ONE - p)) & visible;
@@ -97,7 +104,7 @@ impl Lobe for GeneralMicrofacet<Eight> {
         let frame = self.frame(*n);
         let m = ggx::sample_visible_normal(frame.to_local(wo), self.alphas(), u, v);
         let h = frame.t * m.x + frame.b * m.y + *n * m.z;
-        let reflects = lobe.simd_lt(self.reflection_probability(&self.fresnel(wo.dot(h))));
+        let reflects = lobe.simd_lt(self.reflection_probability(&self.scattering(wo.dot(h))));
         refraction::reflect_or_refract(*n, wo, h, self.eta, self.thin.simd_gt(F::ZERO), reflects)
     }
 }
@@ -142,7 +149,7 @@ impl GeneralMicrofacet<Eight> {
     #[inline(always)]
     fn fresnel(&self, cos: F) -> Fresnel {
         let cos = cos.fast_max(F::ZERO).fast_min(F::ONE);
-        let (one, transmits) = (V3 { x: F::ONE, y: F::ONE, z: F::ONE }, self.transmits());
+        let (one, transmits) = (V3 { x: F::ONE, y: F::ONE, z: F::ONE }, self.is_glass());
         let (exact, total) = refraction::fresnel_rise(cos, self.eta);
         let (schlick, total) = (schlick_weight(cos), total & transmits);
         let fresnel_rise = transmits.select(exact, schlick);
@@ -173,12 +180,31 @@ impl GeneralMicrofacet<Eight> {
         }
     }
 
+    /// The Fresnel terms less the light that goes straight on.
+    #[inline(always)]
+    fn scattering(&self, cos: F) -> Fresnel {
+        let fresnel = self.fresnel(cos);
+        Fresnel { transmitted: self.is_straight().select(F::ZERO, fresnel.transmitted), ..fresnel }
+    }
+
+    /// Mask of the surfaces that transmit, straight on or not.
+    #[inline(always)]
+    fn is_glass(&self) -> F {
+        self.transmission.simd_gt(F::ZERO)
+    }
+
+    /// Mask of the thin walls that are smooth.
+    #[inline(always)]
+    fn is_straight(&self) -> F {
+        self.thin.simd_gt(F::ZERO) & self.is_glass() & ggx::is_smooth(self.alpha_t.fast_max(self.alpha_b))
+    }
+
     /// The factor of the value that compensates multiple scattering, and the transmittance to the dielectric's base. The albedo is
     /// that of the mean of the two roughnesses: for strongly anisotropic surfaces it is 0.07 too low at most, and up to 0.4 too high.
     fn compensation(&self, cos_o: F, thin: F) -> (V3, F) {
         let alpha = F::splat(0.5) * (self.alpha_t + self.alpha_b);
         let albedo = albedo::ggx(cos_o, alpha);
-        let transmits = self.transmits();
+        let transmits = self.is_glass();
         let boundary = if transmits.any() { albedo::boundary_loss(cos_o, alpha, self.eta, thin) } else { F::ZERO };
         let rest = F::ONE - self.metallic;
         let dielectric = albedo::mean_fresnel(self.f0, self.f90);

@@ -9,6 +9,12 @@ use crate::sampling::warp::sin_cos_turns;
 /// highlight is 0.1° wide.
 pub const MIN_ALPHA: f32 = 1e-3;
 
+/// Mask of the smoothest surfaces, those of α [`MIN_ALPHA`] or less: light that thin walls transmit there is a delta.
+#[inline(always)]
+pub fn is_smooth(alpha: F) -> F {
+    alpha.simd_le(F::splat(MIN_ALPHA))
+}
+
 /// GGX distribution D(h) for the squared roughness `alpha2`, from the squared sine and cosine between microfacet and surface
 /// normal. Callers compute the sine by a cross product, not as 1 − cos², which would cancel for narrow lobes.
 #[inline(always)]

@@ -1,10 +1,10 @@
 //! Rough dielectric boundaries that reflect and refract (KHR_materials_transmission, KHR_materials_volume): of closed media
-//! or thin walls. `refraction.rs` has the geometry.
+//! or thin walls. `refraction.rs` has the geometry. What a smooth thin wall transmits goes straight on, see [`Lobe::straight`].
 //!
 //! Radiance inside media is not scaled by the squared index of refraction: emitters in glass have the radiance that the
 //! file says, and the factor cancels for light that leaves a medium.
 
-use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, diffuseness};
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, Straight, diffuseness};
 use super::parameters::{Eight, lobe};
 use super::refraction::{self, Facet};
 use super::{albedo, ggx};
@@ -43,7 +43,7 @@ impl Lobe for Glass<Eight> {
 
     #[inline(always)]
     fn transmits(&self) -> F {
-        self.present()
+        self.present() & !self.is_straight()
     }
 
     #[inline(always)]
@@ -53,11 +53,20 @@ impl Lobe for Glass<Eight> {
 
     #[inline(always)]
     fn weight(&self, n: V3, wo: V3) -> (F, F) {
-        let fresnel = self.fresnel(n.dot(wo));
+        let fresnel = self.scattering(n.dot(wo));
         (
             self.fraction * (fresnel.reflected.luminance() + fresnel.transmitted * self.tint.luminance()),
             F::ONE - self.fraction,
         )
+    }
+
+    #[inline(always)]
+    fn straight(&self, n: V3, wo: V3, light: F) -> Straight {
+        let transmitted = self.fresnel(n.dot(wo)).transmitted & self.is_straight();
+        Straight {
+            weight: self.tint * (transmitted * self.fraction * light),
+            transmittance: light * (F::ONE - self.fraction),
+        }
     }
 
     #[inline(always)]
@@ -70,7 +79,7 @@ impl Lobe for Glass<Eight> {
         let masking = ggx::masking(d.cos_o, alpha2);
         let drawn = masking * density * jacobian / d.cos_o;
 
-        let fresnel = self.fresnel(wo_h);
+        let fresnel = self.scattering(wo_h);
         let p = self.reflection_probability(&fresnel);
         let visible = d.above | transmits;
         let pdf = (drawn * d.above.select(p, F::ONE - p)) & visible;
@@ -89,7 +98,7 @@ impl Lobe for Glass<Eight> {
         let local = V3 { x: t.dot(wo), y: b.dot(wo), z: n.dot(wo) };
         let m = ggx::sample_visible_normal(local, [self.alpha; 2], u, v);
         let h = *t * m.x + *b * m.y + *n * m.z;
-        let reflects = lobe.simd_lt(self.reflection_probability(&self.fresnel(wo.dot(h))));
+        let reflects = lobe.simd_lt(self.reflection_probability(&self.scattering(wo.dot(h))));
         refraction::reflect_or_refract(*n, wo, h, self.eta, self.thin.simd_gt(F::ZERO), reflects)
     }
 }
@@ -111,6 +120,19 @@ impl Glass<Eight> {
         let one = V3 { x: F::ONE, y: F::ONE, z: F::ONE };
         let transmitted = F::ONE - between(self.f0.max_element());
         Fresnel { reflected: V3::select(total, one, reflected), transmitted: total.select(F::ZERO, transmitted) }
+    }
+
+    /// The Fresnel terms less the light that goes straight on.
+    #[inline(always)]
+    fn scattering(&self, cos: F) -> Fresnel {
+        let fresnel = self.fresnel(cos);
+        Fresnel { transmitted: self.is_straight().select(F::ZERO, fresnel.transmitted), ..fresnel }
+    }
+
+    /// Mask of the thin walls that are smooth.
+    #[inline(always)]
+    fn is_straight(&self) -> F {
+        self.thin.simd_gt(F::ZERO) & ggx::is_smooth(self.alpha)
     }
 
     #[inline(always)]

@@ -1,6 +1,6 @@
 //! Layering: one lobe on top of others.
 
-use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response};
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, Straight};
 use super::lobe_set::LobeSet;
 use super::parameters::Parameters;
 use crate::lanes::{F, LANES, Rows, V3, eight};
@@ -97,6 +97,14 @@ impl<Top: Lobe, Base: Lobe> Lobe for Layered<Option<Top>, Base> {
         let Some(top) = self.top() else { return (base, rest) };
         let (top, transmittance) = top.weight(n, wo);
         (top + base * transmittance, transmittance * rest)
+    }
+
+    #[inline(always)]
+    fn straight(&self, n: V3, wo: V3, light: F) -> Straight {
+        let Some(top) = self.top() else { return self.base.straight(n, wo, light) };
+        let top = top.straight(n, wo, light);
+        let base = self.base.straight(n, wo, top.transmittance);
+        Straight { weight: top.weight + base.weight, transmittance: base.transmittance }
     }
 
     #[inline(always)]

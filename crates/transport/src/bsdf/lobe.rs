@@ -31,6 +31,13 @@ pub trait Lobe: Copy {
     /// light that reaches the layers beneath. Sampling chooses among lobes by them. `n` is the shading normal.
     fn weight(&self, n: V3, wo: V3) -> (F, F);
 
+    /// Light that goes straight on: the delta part of the lobe, which [`eval`](Self::eval) and sampling leave out. `light` is
+    /// the fraction of light that the layers above transmit.
+    #[inline(always)]
+    fn straight(&self, n: V3, wo: V3, light: F) -> Straight {
+        Straight { weight: V3::ZERO, transmittance: light * self.weight(n, wo).1 }
+    }
+
     /// Value and density for given directions; `light` is the fraction of light that the layers above transmit.
     fn eval(&self, d: &Directions, light: F) -> Response;
 
@@ -114,6 +121,15 @@ pub struct Response {
     pub value: V3,
     /// Density per solid angle with which the lobe samples `wi`.
     pub pdf: F,
+    /// Fraction of the light that reaches the layers beneath.
+    pub transmittance: F,
+}
+
+/// The delta part of a lobe: what arrives at `wo` of light from −`wo`, whose direction it does not change.
+#[derive(Debug, Clone, Copy)]
+pub struct Straight {
+    /// Linear RGB fraction of the radiance.
+    pub weight: V3,
     /// Fraction of the light that reaches the layers beneath.
     pub transmittance: F,
 }

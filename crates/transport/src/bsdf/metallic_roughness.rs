@@ -132,6 +132,12 @@ impl Surface {
         Layered { top: coat, base: Layered { top: sheen, base: Layered { top: glass, base: reflection } } }
     }
 
+    /// Is it a thin wall that transmits light straight on?
+    pub fn is_smooth_wall(&self) -> bool {
+        let glass = self.glass(self.transmission);
+        glass.fraction > 0.0 && self.metallic < 1.0 && glass.thin > 0.0 && glass.alpha <= ggx::MIN_ALPHA
+    }
+
     /// The core model's BSDF with these parameters; the extensions' are ignored.
     #[inline(always)]
     pub fn core(&self) -> Core {

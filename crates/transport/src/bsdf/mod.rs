@@ -30,7 +30,7 @@ pub use general_microfacet::GeneralMicrofacet;
 pub use glass::Glass;
 pub use lambert::Lambert;
 pub use layered::Layered;
-pub use lobe::{BsdfSample, DirectionSample, Directions, Frames, Lobe, Response};
+pub use lobe::{BsdfSample, DirectionSample, Directions, Frames, Lobe, Response, Straight};
 pub use lobe_set::LobeSet;
 pub use metallic_roughness::{Anisotropy, Iridescence, Surface};
 pub use microfacet::Microfacet;

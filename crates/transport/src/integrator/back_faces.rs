@@ -61,7 +61,6 @@ impl BackFaces {
         if !culls(at.transport) {
             return;
         }
-        self.culled.clear();
         for row in 0..rays.len {
             let number = rays.first as usize + row;
             if at.depth > 0 {
@@ -71,6 +70,24 @@ impl BackFaces {
                 };
                 self.mirror_images[number] &= rays.weighted_pdf[row] >= MIRROR_PDF * samples;
             }
+        }
+        self.pass_rows(at, 0..rays.len as u32, rays, hits);
+    }
+
+    /// [`pass`](Self::pass) of some rows, again.
+    pub fn pass_rows(
+        &mut self,
+        at: &WaveContext,
+        rows: impl Iterator<Item = u32>,
+        rays: &mut PathRays,
+        hits: &mut HitBatch,
+    ) {
+        if !culls(at.transport) {
+            return;
+        }
+        self.culled.clear();
+        for row in rows.map(|row| row as usize) {
+            let number = rays.first as usize + row;
             let hit = (hits.instance[row], hits.mesh[row], hits.prim[row]);
             let culled = self.mirror_images[number]
                 && is_culled(at.transport, hit, || rays.rays.direction(row), || rays.rays.time(row));

@@ -103,7 +103,7 @@ pub struct UnoccludedLight {
     pub row: usize,
     /// What it adds to its path: with throughput and MIS weight, clamped, linear RGB.
     pub radiance: Vec3,
-    /// The clamp's factor, at most 1.
+    /// The clamp's factor times what thin walls leave, at most 1.
     pub scale: f32,
 }
 
@@ -115,9 +115,13 @@ pub trait PathEvents {
     #[inline]
     fn begin(&mut self, at: &WaveContext) {}
 
-    /// The rays at a depth have met surfaces, or nothing.
+    /// The rays at a depth have met surfaces, or nothing. Camera rays have not passed thin walls yet, all others have.
     #[inline]
     fn hits(&mut self, at: &WaveContext, rays: &PathRays, hits: &HitBatch) {}
+
+    /// Camera rays have passed thin walls, in scenes that have any: `hits` are those behind.
+    #[inline]
+    fn hits_behind_walls(&mut self, at: &WaveContext, rays: &PathRays, hits: &HitBatch) {}
 
     /// A ray has found light at its end.
     #[inline]
@@ -158,6 +162,11 @@ macro_rules! pass_on {
         #[inline]
         fn hits(&mut $self, at: &WaveContext, rays: &PathRays, hits: &HitBatch) {
             $($clients.for_each(|client| client.hits(at, rays, hits));)*
+        }
+
+        #[inline]
+        fn hits_behind_walls(&mut $self, at: &WaveContext, rays: &PathRays, hits: &HitBatch) {
+            $($clients.for_each(|client| client.hits_behind_walls(at, rays, hits));)*
         }
 
         #[inline]

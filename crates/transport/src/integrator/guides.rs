@@ -1,5 +1,7 @@
-//! Auxiliary features of pixels (object, normal, depth), which decide what statistics neighbouring pixels share.
+//! Auxiliary features of pixels (object, normal, depth), which decide what statistics neighbouring pixels share. They are
+//! those of the surface behind thin walls that most paths pass.
 
+use super::thin_walls;
 use super::transport::Transport;
 use crate::balance::PixelFeatures;
 use crate::lanes::{F, LANES, U};
@@ -18,6 +20,9 @@ pub fn guides(transport: &Transport, pixels: &[[u32; 2]]) -> Vec<PixelFeatures> 
     }
     rays.close(pixels.len());
     transport.rays.closest_hits(&rays, RayOrder::Coherent, &mut hits);
+    if transport.materials.has_thin_walls {
+        thin_walls::pass_most(transport, &rays, &mut hits);
+    }
     let guide = |ray: usize| {
         let (instance, mesh, prim) = (hits.instance[ray], hits.mesh[ray], hits.prim[ray]);
         if instance == MISS {

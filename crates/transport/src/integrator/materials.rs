@@ -22,6 +22,8 @@ pub struct MeshMaterial {
     pub unlit: bool,
     /// Does it have a front only, and let no light through?
     pub single_sided: bool,
+    /// Is it a thin wall that light may pass straight on ([`thin_walls`](super::thin_walls))? Textures decide at each point.
+    pub thin_wall: bool,
     /// The medium that it bounds, an index into [`Materials::media`]; `None` for surfaces that bound none.
     pub interior_medium: Option<u32>,
 }
@@ -38,6 +40,8 @@ pub struct Materials {
     pub transmits: bool,
     /// Does any surface have a front only?
     pub has_single_sided: bool,
+    /// Is any surface a thin wall that light may pass straight on?
+    pub has_thin_walls: bool,
     /// Does any surface disperse?
     pub disperses: bool,
     /// Absorption coefficients of the media, linear RGB per metre. Medium 0 is the vacuum outside all others. If it is the
@@ -71,13 +75,23 @@ impl Materials {
         let lobes = lit().map(possible_lobes).fold(LobeSet::default(), LobeSet::union);
         let transmits = lit().any(Material::transmits);
         let has_single_sided = mesh_materials.iter().any(|kind| kind.single_sided);
+        let has_thin_walls = mesh_materials.iter().any(|kind| kind.thin_wall);
         let disperses = lit().any(Material::disperses);
         let back_facing = if transmits {
             scene.materials.iter().map(|m| Surface { back_facing: true, ..untextured(m) }.bsdf()).collect()
         } else {
             Vec::new()
         };
-        Self { constant: [constant, back_facing], mesh_materials, lobes, transmits, has_single_sided, disperses, media }
+        Self {
+            constant: [constant, back_facing],
+            mesh_materials,
+            lobes,
+            transmits,
+            has_single_sided,
+            has_thin_walls,
+            disperses,
+            media,
+        }
     }
 
     /// The shading that a mesh needs.
@@ -127,8 +141,20 @@ fn classify(scene: &Scene, mesh: &Mesh, constant: &[Bsdf]) -> MeshMaterial {
         emits: m.unlit || m.is_emissive(),
         unlit: m.unlit,
         single_sided: !m.double_sided && !m.transmits(),
+        thin_wall: may_be_thin_wall(m),
         interior_medium: None,
     }
+}
+
+/// Can the material be a smooth thin wall at some point?
+fn may_be_thin_wall(material: &Material) -> bool {
+    let glass = material.has_dielectric() && material.transmission > 0.0 && !material.bounds_medium;
+    // Textures multiply the roughness, or the glossiness.
+    let smoothest = match material.textures[TextureSlot::MetallicRoughness] {
+        Some(_) => Surface { roughness: 0.0, ..untextured(material) },
+        None => untextured(material),
+    };
+    glass && Surface { metallic: 0.0, anisotropy: None, ..smoothest }.is_smooth_wall()
 }
 
 /// Material parameters without textures and vertex colours.

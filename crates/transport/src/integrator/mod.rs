@@ -17,6 +17,7 @@ pub mod replay;
 pub mod scalar;
 mod shading_normal;
 pub mod stages;
+pub mod thin_walls;
 pub mod transport;
 pub mod velocity;
 pub mod vertices;

@@ -24,6 +24,8 @@ pub struct PathRays {
     pub medium: Vec<u32>,
     /// Roulette probability of the light sample at the ray origin; unused without a guiding field.
     pub light_probability: Vec<f32>,
+    /// Camera rays that have passed a thin wall; empty for others and in scenes without thin walls.
+    pub passed_wall: Vec<bool>,
     /// Number in the wave of the ray of row 0. Rays are numbered in the order in which the wave generates them.
     pub first: u32,
     /// Number of valid rows.
@@ -125,6 +127,8 @@ pub struct ShadowRays {
     pub ray: Vec<u32>,
     /// Kind of light: [`ENVIRONMENT_GROUP`], [`AREA_GROUP`] or [`PUNCTUAL_GROUP`].
     pub light_group: Vec<u32>,
+    /// What thin walls leave of the contribution, as a ratio of lengths, at most 1; empty in scenes without thin walls.
+    pub through: Vec<f32>,
     /// Number of valid rows.
     pub len: usize,
 }

@@ -20,6 +20,7 @@ pub enum EventKind {
     Ray { origin: Vec3, direction: Vec3, beta: Vec3 },
     Escape,
     Hit { instance: u32, mesh: u32, material: u32, t: f32 },
+    PassesWall { weight: Vec3, t: f32 },
     Emission { radiance: Vec3, weight: f32 },
     LightSample { toward: &'static str, wi: Vec3, distance: f32, radiance: Vec3, occluded: bool },
     BsdfSample { wi: Vec3, pdf: f32 },
@@ -39,6 +40,7 @@ impl Display for Event {
             EventKind::Hit { instance, mesh, material, t } => {
                 write!(f, "   hits instance {instance}, mesh {mesh}, material {material}, {t} away")
             }
+            EventKind::PassesWall { weight, t } => write!(f, "   passes a thin wall {t} away, which leaves {weight}"),
             EventKind::Emission { radiance, weight } => write!(f, "   meets light: {radiance} (weight {weight})"),
             EventKind::LightSample { toward, wi, distance, radiance, occluded } => {
                 let seen = if *occluded { " (occluded)" } else { "" };

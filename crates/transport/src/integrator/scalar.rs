@@ -15,6 +15,7 @@ use super::stages::mixture::{self, Mixture, MixtureSample};
 use super::stages::requests::{LightTarget, light_sample_index};
 use super::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
 use super::stages::{bsdf_set, light_set, media, roulette_set};
+use super::thin_walls::{self, MAX_WALLS, Passages, is_wall};
 use super::transport::Transport;
 use crate::balance::deal;
 use crate::bsdf::{Bsdf, Lobe, Parameters};
@@ -163,17 +164,41 @@ impl Tracer<'_> {
         rays.time.extend(t.geometry.moves.then_some(ray.time));
         t.rays.closest_hits(&rays, RayOrder::Incoherent, &mut hits);
         let culls = t.culls_back_faces && ray.is_mirror_image;
+        // No light sample has the direction of a ray that has passed a back face.
+        let mut one_technique = depth == 0;
         let hit = |hits: &HitBatch| (hits.instance[0], hits.mesh[0], hits.prim[0]);
-        while culls && is_culled(t, hit(&hits), || direction, || ray.time) {
+        let (mut beta, mut walls, mut last_wall) = (ray.beta, 0, None);
+        loop {
+            if culls && is_culled(t, hit(&hits), || direction, || ray.time) {
+                one_technique = true;
+            } else if is_wall(t, hits.mesh[0]) {
+                if walls == MAX_WALLS {
+                    return Vec3::ZERO;
+                }
+                if last_wall != Some(hit(&hits)) {
+                    let passages = self.passages(&hits, direction, ray.time);
+                    let number =
+                        thin_walls::numbers(U::splat(self.seed), U::splat(ray.index), depth, walls).as_array()[0];
+                    let (passes, factor) = passages.draw(F::splat(number));
+                    beta *= factor.lane(0);
+                    if passes.to_bitmask() & 1 == 0 {
+                        break;
+                    }
+                    self.report(depth, EventKind::PassesWall { weight: passages.weight.lane(0), t: hits.t[0] });
+                }
+                last_wall = Some(hit(&hits));
+                walls += 1;
+            } else {
+                break;
+            }
             rays.tnear[0] = beyond(hits.t[0]);
             t.rays.closest_hits(&rays, RayOrder::Incoherent, &mut hits);
         }
-        // No light sample has the direction of a ray that has passed a back face.
-        let one_technique = depth == 0 || rays.tnear[0] > 0.0;
+        let ray = &Ray { beta, ..*ray };
         let (instance, mesh, prim, distance) = (hits.instance[0], hits.mesh[0], hits.prim[0], hits.t[0]);
         if mesh == MISS {
             self.report(depth, EventKind::Escape);
-            if t.lights.environment.is_none() || (depth == 0 && t.hides_environment) {
+            if t.lights.environment.is_none() || (depth == 0 && walls == 0 && t.hides_environment) {
                 return Vec3::ZERO;
             }
             let (radiance, pdf) = t.lights.environment(V3::splat(direction), t.drawing);
@@ -250,6 +275,13 @@ impl Tracer<'_> {
             radiance_sum += self.bsdf_sample(&vertex, depth, index);
         }
         radiance_sum
+    }
+
+    /// The light that goes straight through the thin wall that a ray has hit.
+    fn passages(&self, hits: &HitBatch, direction: Vec3, time: f32) -> Passages {
+        let at = (hits.instance[0], hits.mesh[0], hits.prim[0]);
+        let point = self.transport.geometry.point(self.transport.scene, at, (hits.u[0], hits.v[0]), time);
+        Passages::at(self.transport, &[point; LANES], &[direction; LANES])
     }
 
     fn mixture(&self, vertex: &Vertex) -> Option<Mixture<'_>> {
@@ -339,15 +371,42 @@ impl Tracer<'_> {
             self.report(depth, EventKind::LightSample { toward, wi, distance, radiance: Vec3::ZERO, occluded: false });
             return Vec3::ZERO;
         }
-        let (mut rays, mut occluded) = (RayBatch::default(), Vec::new());
+        let mut rays = RayBatch::default();
         let key = hash(key(self.seed, index, light_set(depth)));
         rays.push(origin, wi, 0.0, distance * SHADOW_END, key);
         rays.time.extend(self.transport.geometry.moves.then_some(vertex.time));
-        self.transport.rays.occluded(&rays, RayOrder::Incoherent, &mut occluded);
+        let radiance = radiance * self.unoccluded(rays, wi, vertex.time);
         let (radiance, _) = clamp_contribution(radiance, self.transport.limits[(depth > 0) as usize]);
-        let (occluded, radiance) = (occluded[0], if occluded[0] { Vec3::ZERO } else { radiance });
+        let occluded = radiance == Vec3::ZERO;
         self.report(depth, EventKind::LightSample { toward, wi, distance, radiance, occluded });
         radiance
+    }
+
+    /// The fraction of light that arrives along a shadow ray.
+    fn unoccluded(&self, mut ray: RayBatch, direction: Vec3, time: f32) -> Vec3 {
+        let rays = self.transport.rays;
+        if !self.transport.materials.has_thin_walls {
+            let mut occluded = Vec::new();
+            rays.occluded(&ray, RayOrder::Incoherent, &mut occluded);
+            return if occluded[0] { Vec3::ZERO } else { Vec3::ONE };
+        }
+        let (mut hits, mut left, mut last_wall) = (HitBatch::default(), Vec3::ONE, None);
+        for _ in 0..=MAX_WALLS {
+            rays.closest_hits(&ray, RayOrder::Incoherent, &mut hits);
+            if hits.mesh[0] == MISS {
+                return left;
+            }
+            if !is_wall(self.transport, hits.mesh[0]) {
+                break;
+            }
+            let hit = (hits.instance[0], hits.mesh[0], hits.prim[0]);
+            if last_wall != Some(hit) {
+                left *= self.passages(&hits, direction, time).weight.lane(0);
+            }
+            last_wall = Some(hit);
+            ray.tnear[0] = beyond(hits.t[0]);
+        }
+        Vec3::ZERO
     }
 
     fn bsdf_sample(&mut self, vertex: &Vertex, depth: u32, index: u32) -> Vec3 {

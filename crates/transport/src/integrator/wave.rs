@@ -10,6 +10,7 @@ use super::path_states::{NonFiniteSamples, PathStates};
 use super::queues::{PathRays, ShadowRays, SortedHits};
 use super::stages::requests::Requests;
 use super::stages::{camera_rays, emission, lights, media, mixture, scatter, sort, surfaces};
+use super::thin_walls::ThinWalls;
 use super::transport::Transport;
 use super::vertices::Vertices;
 use crate::rays::{HitBatch, RayOrder};
@@ -85,6 +86,7 @@ pub struct Wave {
     occluded: Vec<bool>,
     path_states: PathStates,
     back_faces: BackFaces,
+    walls: ThinWalls,
     /// Totals over all waves so far.
     pub counts: WaveCounts,
 }
@@ -92,8 +94,20 @@ pub struct Wave {
 impl Wave {
     /// Traces the paths of the pixels' tasks, in a fixed order, and tells `events` what happens to them.
     pub fn run<E: PathEvents>(&mut self, transport: &Transport, tasks: &[PixelTask], events: &mut E) {
-        let Self { rays, next_rays, hits, sorted, vertices, requests, shadows, occluded, back_faces, counts, .. } =
-            self;
+        let Self {
+            rays,
+            next_rays,
+            hits,
+            sorted,
+            vertices,
+            requests,
+            shadows,
+            occluded,
+            back_faces,
+            walls,
+            counts,
+            ..
+        } = self;
         let events = &mut (events, back_faces);
         self.path_states.start_paths(tasks, transport.lights.environment_probability);
         let PathStates { paths, radiance, non_finite } = &mut self.path_states;
@@ -105,7 +119,18 @@ impl Wave {
             let order = if at.depth == 0 { RayOrder::Coherent } else { RayOrder::Incoherent };
             timed(counts, || transport.rays.closest_hits(&rays.rays, order, hits));
             events.1.pass(&at, rays, hits);
-            events.hits(&at, rays, hits);
+            if at.depth == 0 {
+                events.hits(&at, rays, hits);
+            }
+            if transport.materials.has_thin_walls {
+                walls.pass(&at, rays, hits, events.1);
+                if at.depth == 0 {
+                    events.hits_behind_walls(&at, rays, hits);
+                }
+            }
+            if at.depth > 0 {
+                events.hits(&at, rays, hits);
+            }
 
             sort::sort(transport, at.depth, hits, sorted);
             if transport.materials.absorbs() {
@@ -122,7 +147,10 @@ impl Wave {
 
             if !shadows.rays.is_empty() {
                 counts.shadow_rays += shadows.len as u64;
-                timed(counts, || transport.rays.occluded(&shadows.rays, RayOrder::Incoherent, occluded));
+                timed(counts, || match transport.materials.has_thin_walls {
+                    true => walls.pass_shadow_rays(transport, shadows, occluded),
+                    false => transport.rays.occluded(&shadows.rays, RayOrder::Incoherent, occluded),
+                });
                 lights::add_unoccluded(&at, shadows, occluded, radiance, events);
             }
             std::mem::swap(rays, next_rays);

@@ -44,11 +44,18 @@ impl PathEvents for Aovs<'_> {
         }
     }
 
+    fn hits_behind_walls(&mut self, at: &WaveContext, rays: &PathRays, hits: &HitBatch) {
+        if !self.extras.is_empty() {
+            self.columns.mirrors.follow(at, rays, hits, self.extras);
+        }
+    }
+
     fn emission(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {
         let path = rays.path[found.ray as usize];
         if let Some(extras) = self.extras.get_mut(at.pixel(path)) {
             extras.add_light(found.light_group as usize, found.radiance);
-            if at.depth == 0 && found.light_group == AREA_GROUP {
+            let passed_wall = rays.passed_wall.get(found.ray as usize).is_some_and(|passed| *passed);
+            if at.depth == 0 && found.light_group == AREA_GROUP && !passed_wall {
                 extras.add_emission(found.radiance);
             }
         }

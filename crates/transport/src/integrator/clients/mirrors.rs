@@ -1,4 +1,4 @@
-//! Guides of the denoiser (albedo, normal): those of the first surface of a path that is no mirror.
+//! Guides of the denoiser (albedo, normal): those of the first surface of a path that is no mirror and no window pane.
 
 use glam::Vec3;
 
@@ -24,8 +24,8 @@ struct MirrorVertex {
     tint: Vec3,
     /// Shading normal of the first mirror, on the camera's side.
     normal: Vec3,
-    /// Index of the vertex on the path, 0 for the first hit.
-    depth: u32,
+    /// Depth at which the chain goes on: that of the next rays, or of the camera rays that have passed walls.
+    next: u32,
 }
 
 impl MirrorChains {
@@ -46,7 +46,9 @@ impl MirrorChains {
         extras: &mut ExtraSums,
     ) {
         if is_mirror(at.transport, point) {
-            self.open[path as usize] = Some(MirrorVertex { tint: albedo, normal, depth: 0 });
+            self.open[path as usize] = Some(MirrorVertex { tint: albedo, normal, next: 1 });
+        } else if is_pane(at.transport, point) {
+            self.open[path as usize] = Some(MirrorVertex { tint: albedo, normal, next: 0 });
         } else {
             extras.add_guide(albedo, normal);
         }
@@ -59,14 +61,18 @@ impl MirrorChains {
             let path = rays.path[ray];
             let open = &mut self.open[path as usize];
             // Of several reflected rays, only the first that hits counts.
-            let Some(mirror) = open.filter(|mirror| mirror.depth + 1 == at.depth) else { continue };
+            let Some(mirror) = open.filter(|mirror| mirror.next == at.depth) else { continue };
+            if at.depth == 0 && !rays.passed_wall[ray] {
+                *open = Some(MirrorVertex { next: 1, ..mirror });
+                continue;
+            }
             if hits.mesh[ray] == MISS {
                 continue;
             }
             let point = point(at.transport, rays, hits, ray);
             let tint = mirror.tint * point.base_color(at.transport.scene);
-            if is_mirror(at.transport, &point) {
-                *open = Some(MirrorVertex { tint, depth: at.depth, ..mirror });
+            if is_mirror(at.transport, &point) || is_pane(at.transport, &point) {
+                *open = Some(MirrorVertex { tint, next: at.depth + 1, ..mirror });
             } else {
                 *open = None;
                 extras[at.pixel(path)].add_guide(tint, facing_normal(&point, rays, ray));
@@ -88,6 +94,14 @@ impl MirrorChains {
 pub fn facing_normal(point: &SurfacePoint, rays: &PathRays, ray: usize) -> Vec3 {
     let cos = point.ng.dot(rays.rays.direction(ray));
     point.ns.normalize_or_zero() * if cos > 0.0 { -1.0 } else { 1.0 }
+}
+
+/// Is the surface a clear window pane?
+fn is_pane(transport: &Transport, point: &SurfacePoint) -> bool {
+    transport.materials.has_thin_walls && point.material.transmission > 0.9 && !point.material.unlit && {
+        let surface = point.parameters(transport.scene);
+        surface.transmission > 0.9 && surface.metallic < 0.1 && surface.is_smooth_wall()
+    }
 }
 
 /// Is the surface a mirror: metal with a roughness so low that reflections have sharp edges?

@@ -73,13 +73,18 @@ fn environment(
     found: &mut Vec<FoundEmission>,
 ) {
     let WaveContext { transport, depth, .. } = *at;
-    if transport.lights.environment.is_none() || (depth == 0 && transport.hides_environment) {
+    // Seen through glass, the environment is visible.
+    let hidden = depth == 0 && transport.hides_environment;
+    if transport.lights.environment.is_none() || (hidden && rays.passed_wall.is_empty()) {
         return;
     }
     for first in (0..escaped.len()).step_by(LANES) {
         let (rows, n) = eight_of(escaped, first);
         let (radiance, pdf) = transport.lights.environment(rays.rays.directions(&rows), transport.drawing);
         for lane in 0..n {
+            if hidden && !rays.passed_wall[escaped[first + lane] as usize] {
+                continue;
+            }
             let passed = has_passed(rays, escaped[first + lane] as usize);
             let pdf = if depth == 0 || passed { 0.0 } else { pdf.as_array()[lane] };
             let emission = Emission { radiance: radiance.lane(lane), pdf: [pdf, 0.0], group: ENVIRONMENT_GROUP };

@@ -59,6 +59,7 @@ pub fn add_unoccluded<E: PathEvents>(
     for (row, (&path, _)) in owners.filter(|(_, (_, occluded))| !**occluded) {
         let (added, scale) = clamp_contribution(shadows.radiance.get(row), limit);
         radiance[path as usize] += added;
+        let scale = scale * shadows.through.get(row).copied().unwrap_or(1.0);
         events.unoccluded(at, shadows, &UnoccludedLight { row, radiance: added, scale });
     }
 }

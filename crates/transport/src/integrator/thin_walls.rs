@@ -1,0 +1,255 @@
+//! Thin smooth walls: window panes, soap films. What such a wall transmits goes straight on, which is a delta of the BSDF
+//! ([`Lobe::straight`]). It is no vertex of a path, and no bounce:
+//!
+//! - A path's ray passes a wall with a probability, by its share of the light that the wall scatters; else it meets the
+//!   other lobes. Beyond the wall it is the same ray, with the origin and density that it had, from which MIS weights follow.
+//! - A shadow ray passes all walls, and its light is attenuated. So the light that both find in a direction is the same.
+
+use glam::Vec3;
+
+use super::back_faces::{BackFaces, beyond};
+use super::events::WaveContext;
+use super::geometry::SurfacePoint;
+use super::queues::{PathRays, ShadowRays};
+use super::shading_normal;
+use super::transport::Transport;
+use crate::bsdf::{Bsdf, Lobe, Parameters};
+use crate::lanes::{F, LANES, U, V3, eight};
+use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
+use crate::sampling::samples;
+
+/// Walls that a ray passes at most. Rays that meet more end there, shadow rays as well.
+pub const MAX_WALLS: u32 = 256;
+
+/// Sequence dimensions of the choices at walls.
+const WALL_SET: u32 = 1 << 16;
+
+/// A wall emits in all directions, hence rays must not pass it always.
+const MAX_EMITTER_PROBABILITY: f32 = 0.5;
+
+/// Light that goes straight through eight walls.
+#[derive(Debug, Clone, Copy)]
+pub struct Passages {
+    /// Linear RGB fraction of the light; zero where the surface is no smooth thin wall.
+    pub weight: V3,
+    /// Probability in [0, 1] with which paths pass.
+    pub probability: F,
+}
+
+impl Passages {
+    /// The light that goes straight through the surfaces at `points`, seen by rays of these unit directions.
+    #[inline(never)]
+    pub fn at(transport: &Transport, points: &[SurfacePoint; LANES], direction: &[Vec3; LANES]) -> Self {
+        let bsdfs = eight(|lane| points[lane].surface_from(transport.scene, direction[lane]).bsdf());
+        let bsdf = Bsdf::gather(bsdfs.each_ref());
+        // As in `Vertices::push`.
+        let wo = V3::gather(*direction) * F::splat(-1.0);
+        let ng = V3::gather(eight(|lane| points[lane].ng)).normalize_or(wo);
+        let side = (ng.dot(wo) & F::splat(-0.0)) | F::ONE;
+        let ng = ng * side;
+        let ns = V3::gather(eight(|lane| points[lane].ns)).normalize_or(ng * side) * side;
+        let n = shading_normal::consistent(ng, ns, wo);
+
+        let weight = bsdf.straight(n, wo, F::ONE).weight;
+        let weight = V3::select(weight.is_finite(), weight, V3::ZERO);
+        let (straight, scattered) = (weight.luminance(), bsdf.weight(n, wo).0);
+        let most = F::from(eight(|lane| match points[lane].material.is_emissive() {
+            true => MAX_EMITTER_PROBABILITY,
+            false => 1.0,
+        }));
+        let passes = straight.simd_gt(F::ZERO);
+        Self { weight, probability: passes & (straight / (straight + scattered)).fast_min(most) }
+    }
+
+    /// Decides by uniform numbers in [0, 1) which paths pass: a mask, and the factors of their throughputs.
+    #[inline(always)]
+    pub fn draw(&self, number: F) -> (F, V3) {
+        let passes = number.simd_lt(self.probability);
+        let stays = F::ONE / (F::ONE - self.probability);
+        let stays = V3 { x: stays, y: stays, z: stays };
+        (passes, V3::select(passes, self.weight * (F::ONE / self.probability), stays))
+    }
+}
+
+/// The numbers that decide at wall number `wall` of rays at `depth`.
+#[inline(always)]
+pub fn numbers(seed: U, index: U, depth: u32, wall: u32) -> F {
+    let set = WALL_SET.wrapping_add(depth.wrapping_mul(MAX_WALLS / 4)).wrapping_add(wall / 4);
+    samples(seed, index, set)[wall as usize % 4]
+}
+
+/// A ray that has hit a thin wall.
+#[derive(Debug, Clone, Copy)]
+struct WallHit {
+    /// Row of the ray.
+    row: u32,
+    /// Is it the triangle that the ray has just passed, found again by rounding?
+    again: bool,
+}
+
+/// Takes rays through thin walls; one per thread.
+#[derive(Debug, Default)]
+pub struct ThinWalls {
+    walls: Vec<WallHit>,
+    rays: RayBatch,
+    hits: HitBatch,
+    shadow_hits: HitBatch,
+}
+
+impl ThinWalls {
+    /// Takes the rays of paths through the walls that they pass: replaces their hits, and multiplies their throughputs.
+    #[inline(never)]
+    pub fn pass(&mut self, at: &WaveContext, rays: &mut PathRays, hits: &mut HitBatch, back_faces: &mut BackFaces) {
+        let transport = at.transport;
+        rays.passed_wall.clear();
+        if at.depth == 0 {
+            rays.passed_wall.resize(rays.len, false);
+        }
+        self.list(transport, rays.len, hits);
+        for wall in 0..MAX_WALLS {
+            if self.walls.is_empty() {
+                return;
+            }
+            let mut passing = 0;
+            for first in (0..self.walls.len()).step_by(LANES) {
+                let (group, n) = self.group(first);
+                let row = group.map(|hit| hit.row as usize);
+                let points = row.map(|row| point(transport, &rays.rays, hits, row));
+                let passages = Passages::at(transport, &points, &row.map(|row| rays.rays.direction(row)));
+                let seed = U::from(row.map(|row| rays.seed[row]));
+                let index = U::from(row.map(|row| rays.index[row]));
+                let (passes, factor) = passages.draw(numbers(seed, index, at.depth, wall));
+                let passes = passes.to_bitmask();
+                for lane in 0..n {
+                    let passes = group[lane].again || passes >> lane & 1 == 1;
+                    if !group[lane].again {
+                        rays.beta.set(row[lane], rays.beta.get(row[lane]) * factor.lane(lane));
+                    }
+                    if passes {
+                        self.walls[passing] = group[lane];
+                        passing += 1;
+                        rays.passed_wall.iter_mut().skip(row[lane]).take(1).for_each(|passed| *passed = true);
+                    }
+                }
+            }
+            self.walls.truncate(passing);
+            self.trace_behind(transport, &rays.rays, hits);
+            back_faces.pass_rows(at, self.walls.iter().map(|hit| hit.row), rays, hits);
+            self.keep_walls(transport, hits);
+        }
+        for row in self.walls.iter().map(|hit| hit.row as usize) {
+            (hits.instance[row], hits.mesh[row], hits.prim[row]) = (MISS, MISS, MISS);
+            rays.beta.set(row, Vec3::ZERO);
+        }
+    }
+
+    /// Tests whether shadow rays are occluded by something else than thin walls, and attenuates their light by the walls.
+    #[inline(never)]
+    pub fn pass_shadow_rays(&mut self, transport: &Transport, shadows: &mut ShadowRays, occluded: &mut Vec<bool>) {
+        let mut hits = std::mem::take(&mut self.shadow_hits);
+        transport.rays.closest_hits(&shadows.rays, RayOrder::Incoherent, &mut hits);
+        shadows.through.clear();
+        shadows.through.resize(shadows.len, 1.0);
+        self.list(transport, shadows.len, &hits);
+        for _ in 0..MAX_WALLS {
+            if self.walls.is_empty() {
+                break;
+            }
+            let mut passing = 0;
+            for first in (0..self.walls.len()).step_by(LANES) {
+                let (group, n) = self.group(first);
+                let row = group.map(|hit| hit.row as usize);
+                let points = row.map(|row| point(transport, &shadows.rays, &hits, row));
+                let passages = Passages::at(transport, &points, &row.map(|row| shadows.rays.direction(row)));
+                for lane in 0..n {
+                    if !group[lane].again {
+                        let before = shadows.radiance.get(row[lane]);
+                        let after = before * passages.weight.lane(lane);
+                        // A surface that lets no light straight through occludes.
+                        if after.max_element() <= 0.0 {
+                            continue;
+                        }
+                        shadows.radiance.set(row[lane], after);
+                        let scale = 1.0 / before.max_element();
+                        shadows.through[row[lane]] *= (after * scale).length() / (before * scale).length();
+                    }
+                    self.walls[passing] = group[lane];
+                    passing += 1;
+                }
+            }
+            self.walls.truncate(passing);
+            self.trace_behind(transport, &shadows.rays, &mut hits);
+            self.keep_walls(transport, &hits);
+        }
+        occluded.clear();
+        occluded.extend(hits.mesh[..shadows.len].iter().map(|&mesh| mesh != MISS));
+        self.shadow_hits = hits;
+    }
+
+    /// Lists the rows of rays that hit thin walls.
+    fn list(&mut self, transport: &Transport, len: usize, hits: &HitBatch) {
+        self.walls.clear();
+        let rows = (0..).zip(&hits.mesh[..len]).filter(|(_, mesh)| is_wall(transport, **mesh));
+        self.walls.extend(rows.map(|(row, _)| WallHit { row, again: false }));
+    }
+
+    /// Eight listed hits from `first` on, and how many of them are valid. Spare lanes repeat the first one.
+    fn group(&self, first: usize) -> ([WallHit; LANES], usize) {
+        let n = LANES.min(self.walls.len() - first);
+        (eight(|lane| self.walls[first + if lane < n { lane } else { 0 }]), n)
+    }
+
+    /// Replaces the listed rays' hits by those behind them.
+    fn trace_behind(&mut self, transport: &Transport, rays: &RayBatch, hits: &mut HitBatch) {
+        self.rays.clear();
+        for row in self.walls.iter().map(|hit| hit.row as usize) {
+            let (origin, direction) = (rays.origin(row), rays.direction(row));
+            self.rays.push(origin, direction, beyond(hits.t[row]), rays.tfar[row], rays.key[row]);
+            self.rays.time.extend(rays.time.get(row));
+        }
+        transport.rays.closest_hits(&self.rays, RayOrder::Incoherent, &mut self.hits);
+        let more = &self.hits;
+        for (from, wall) in self.walls.iter_mut().enumerate() {
+            let to = wall.row as usize;
+            let hit = (more.instance[from], more.mesh[from], more.prim[from]);
+            wall.again = hit == (hits.instance[to], hits.mesh[to], hits.prim[to]);
+            (hits.t[to], hits.u[to], hits.v[to]) = (more.t[from], more.u[from], more.v[from]);
+            (hits.instance[to], hits.mesh[to], hits.prim[to]) = hit;
+        }
+    }
+
+    /// Keeps the listed rays that have hit another wall.
+    fn keep_walls(&mut self, transport: &Transport, hits: &HitBatch) {
+        self.walls.retain(|hit| is_wall(transport, hits.mesh[hit.row as usize]));
+    }
+}
+
+/// Replaces the hits of rays on walls that most paths pass by those behind.
+pub fn pass_most(transport: &Transport, rays: &RayBatch, hits: &mut HitBatch) {
+    let mut walls = ThinWalls::default();
+    walls.list(transport, rays.len(), hits);
+    for _ in 0..MAX_WALLS {
+        walls.walls.retain(|hit| {
+            let row = hit.row as usize;
+            let point = point(transport, rays, hits, row);
+            let passages = Passages::at(transport, &[point; LANES], &[rays.direction(row); LANES]);
+            hit.again || passages.probability.as_array()[0] > 0.5
+        });
+        if walls.walls.is_empty() {
+            return;
+        }
+        walls.trace_behind(transport, rays, hits);
+        walls.keep_walls(transport, hits);
+    }
+}
+
+/// Is the mesh a thin wall that light may pass straight on?
+#[inline]
+pub fn is_wall(transport: &Transport, mesh: u32) -> bool {
+    mesh != MISS && transport.materials.mesh_material(mesh).thin_wall
+}
+
+fn point<'a>(transport: &'a Transport, rays: &RayBatch, hits: &HitBatch, row: usize) -> SurfacePoint<'a> {
+    let (hit, barycentric) = ((hits.instance[row], hits.mesh[row], hits.prim[row]), (hits.u[row], hits.v[row]));
+    transport.geometry.point(transport.scene, hit, barycentric, rays.time(row))
+}
