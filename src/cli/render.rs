@@ -21,6 +21,7 @@ use std::time::Instant;
 use tracing::info;
 
 pub use args::RenderArgs;
+pub use choose::size;
 pub use denoise::{DenoiseWorkerArgs, work as denoise_work};
 pub use flags::given;
 pub use identity::Inputs;
