@@ -72,8 +72,8 @@ const BYTES_PER_INSTANCE: u64 = 1000;
 const BYTES_PER_NODE: u64 = 480;
 /// Bytes per mesh outside of its arrays: in the document, the scene, the ray queries.
 const BYTES_PER_MESH: u64 = 4500;
-/// Bytes of a moving placement at one time: sampled, kept, and in the ray queries.
-const BYTES_PER_KEY: u64 = 300;
+/// Bytes of a moving placement at one time: in the scene, and in the ray queries.
+const BYTES_PER_KEY: [u64; 2] = [72, 220];
 /// Bytes of a node at one time while the motion is sampled.
 const BYTES_PER_NODE_AND_TIME: u64 = 176;
 /// Bytes of a deforming vertex at one time: position and normal.
@@ -90,7 +90,7 @@ pub fn at_rest(threads: usize) -> u64 {
 
 /// Bytes of placements, of so many keys of their motion in all, and of the emissive triangles in them.
 pub fn placed_bytes(instances: u64, keys: u64, emissive_triangles: u64) -> u64 {
-    instances * BYTES_PER_INSTANCE + keys * BYTES_PER_KEY + emissive_triangles * BYTES_PER_LIGHT
+    instances * BYTES_PER_INSTANCE + keys * BYTES_PER_KEY.iter().sum::<u64>() + emissive_triangles * BYTES_PER_LIGHT
 }
 
 impl<'a> Need<'a> {
@@ -122,8 +122,8 @@ impl<'a> Need<'a> {
             Backend::Embree => EMBREE_BYTES_PER_TRIANGLE,
             Backend::Obvhs => OBVHS_BYTES_PER_TRIANGLE,
         }
-        .map(|bytes| bytes * c.triangles);
-        let motion = times * (c.moving * BYTES_PER_KEY + c.deforming_vertices * BYTES_PER_VERTEX_AND_TIME);
+        .map(|bytes| bytes * c.triangles + times * c.moving * BYTES_PER_KEY[1]);
+        let motion = times * (c.moving * BYTES_PER_KEY[0] + c.deforming_vertices * BYTES_PER_VERTEX_AND_TIME);
         let sampling = times * c.nodes * BYTES_PER_NODE_AND_TIME;
         let environment = self.environment.map_or([0; 2], |size| size.bytes(self.compensates));
         // The scene in memory.
