@@ -191,7 +191,9 @@ impl Session<'_> {
         let args = self.args;
         let output = args.output();
         let settings = settings(args, &loaded.prepared.scene)?;
-        lens(&loaded.prepared, &settings)?;
+        if let Some(lens) = lens(&loaded.prepared, &settings)? {
+            warnings::wide_lens(args, lens.radius, lens.focus);
+        }
         let identity = self.inputs.identity(args, &settings);
         let (resumed, was_resumable) = self.resume(&identity, loaded)?.unzip();
         let resumable = was_resumable == Some(true) || args.checkpoint.is_some();
