@@ -8,8 +8,8 @@ use std::time::Duration;
 use indicatif::ProgressBar;
 use serde_json::json;
 
-use super::{escaped, say, writers};
 use super::screen::{self, clock};
+use super::{escaped, say, writers};
 use crate::Error;
 use crate::render::Progress;
 

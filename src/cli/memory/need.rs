@@ -127,7 +127,8 @@ impl<'a> Need<'a> {
         let sampling = times * c.nodes * BYTES_PER_NODE_AND_TIME;
         let environment = self.environment.map_or([0; 2], |size| size.bytes(self.compensates));
         // The scene in memory.
-        let kept = c.geometry_bytes + s.image_bytes + motion + c.instances * BYTES_PER_INSTANCE + c.meshes * BYTES_PER_MESH;
+        let kept =
+            c.geometry_bytes + s.image_bytes + motion + c.instances * BYTES_PER_INSTANCE + c.meshes * BYTES_PER_MESH;
         // While it is read: the files, the parsed document, twice where an animation poses it, and data of the formats.
         let documents = if times > 0 { 3 } else { 1 } * (c.json_bytes + c.nodes * BYTES_PER_NODE);
         let decoding = s.decoding_bytes.iter().take(self.threads).sum::<u64>();

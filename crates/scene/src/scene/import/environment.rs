@@ -32,12 +32,14 @@ impl EnvironmentSize {
     /// Memory in bytes while the picture is decoded, and when its tables for sampling are made: one, or two with the
     /// compensated density.
     pub fn bytes(self, compensated: bool) -> [u64; 2] {
-        let pixels = self.width.saturating_mul(self.height);
-        // A cumulative distribution and its guide.
-        let table = 4 * pixels + 4 * (2 * self.width).next_power_of_two().saturating_mul(self.height);
+        // Larger pictures are refused.
+        let (width, height) = (self.width.min(MAX_PIXELS), self.height.min(MAX_PIXELS));
+        let pixels = (width * height).min(MAX_PIXELS);
+        // A cumulative distribution and its guide, which has a power of two of entries in each row.
+        let table = 4 * pixels + 4 * (pixels / width.max(1)) * (2 * width).next_power_of_two();
         let tables = if compensated { 2 * table } else { table };
         // As read and as RGB; pixels, radiance and luminance.
-        [self.file_bytes + 24 * pixels, self.file_bytes + 28 * pixels + tables]
+        [self.file_bytes + 24 * pixels, 28 * pixels + tables]
     }
 }
 

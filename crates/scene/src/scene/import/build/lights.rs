@@ -29,13 +29,5 @@ pub fn place(from: &Light, node: &str, world: &DAffine3, notes: &mut Notes) -> O
         return None;
     };
     let name = from.name.clone().unwrap_or_else(|| node.into());
-    Some(PunctualLight {
-        name,
-        kind,
-        intensity,
-        position,
-        direction,
-        range: from.range,
-        motion: Vec::new(),
-    })
+    Some(PunctualLight { name, kind, intensity, position, direction, range: from.range, motion: Vec::new() })
 }

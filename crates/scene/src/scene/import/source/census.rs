@@ -19,8 +19,6 @@ pub struct Census {
     pub meshes: u64,
     /// Placements of meshes.
     pub instances: u64,
-    /// Placements of meshes, without those of meshes that are placed once, which need no transform.
-    pub transformed: u64,
     /// Emissive triangles, counted for each placement.
     pub emissive_triangles: u64,
     /// Placements that an animation may move.
@@ -35,8 +33,13 @@ pub struct Census {
     pub cameras: Vec<(String, Option<f32>)>,
 }
 
-/// Largest count that a sound document has: the others are left for the import to refuse.
+/// Largest count of an accessor that a sound document has: the others are left for the import to refuse.
 const MOST: u64 = 1 << 40;
+
+/// A sum that leaves room for products: no memory holds so much.
+fn add(a: u64, b: u64) -> u64 {
+    a.saturating_add(b).min(1 << 48)
+}
 
 /// A primitive's share of memory.
 #[derive(Debug, Clone, Copy, Default)]
@@ -64,25 +67,24 @@ pub fn census(json: &Value, reach: &Reach) -> Census {
         let Some(mesh) = number(&node["mesh"]).filter(|mesh| *mesh < sizes.len()) else { continue };
         let places = placements(json, node);
         let size = sizes[mesh];
-        census.instances += places;
-        census.emissive_triangles += places.saturating_mul(size.emissive).min(MOST);
+        census.instances = add(census.instances, places);
+        census.emissive_triangles = add(census.emissive_triangles, places.saturating_mul(size.emissive));
         let (skin, weights) = (&node["skin"], &node["weights"]);
         let own = if animated.weights.contains(&index) { format!("{index}") } else { String::new() };
         let deforms = !skin.is_null() && !animated.is_empty || animated.weights.contains(&index);
         let placed = forms.entry((mesh, format!("{skin} {weights} {own}"))).or_default();
         if *placed == 0 {
-            census.triangles += size.triangles;
-            census.geometry_bytes += size.bytes;
+            census.triangles = add(census.triangles, size.triangles);
+            census.geometry_bytes = add(census.geometry_bytes, size.bytes);
             census.reading_bytes = census.reading_bytes.max(size.reading);
             census.meshes += size.meshes;
-            census.deforming_vertices += if deforms { size.vertices } else { 0 };
+            census.deforming_vertices = add(census.deforming_vertices, if deforms { size.vertices } else { 0 });
         }
-        *placed += places;
+        *placed = add(*placed, places);
         if moving[index] && skin.is_null() {
-            census.moving += places;
+            census.moving = add(census.moving, places);
         }
     }
-    census.transformed = forms.into_values().filter(|placed| *placed > 1).sum::<u64>().max(census.moving);
     let list: Vec<_> = items(&json["cameras"]).collect();
     let cameras = nodes().filter(|(index, _)| shown.get(*index) == Some(&true));
     census.cameras = cameras
@@ -210,11 +212,12 @@ fn size(json: &Value, mesh: &Value, emissive: &[bool]) -> Size {
         let skinned = !attributes["JOINTS_0"].is_null();
         let bytes = kept * bytes_per_vertex + corners + 12 * triangles;
         // Indices as they are in the file; displacements of a target; matrices of a skin.
-        let reading = 12 * triangles + if targets > 0 { 12 * vertices } else { 0 } + if skinned { 168 * vertices } else { 0 };
-        all.vertices += vertices;
-        all.triangles += triangles;
-        all.emissive += if shines { triangles } else { 0 };
-        all.bytes += bytes;
+        let reading =
+            12 * triangles + if targets > 0 { 12 * vertices } else { 0 } + if skinned { 168 * vertices } else { 0 };
+        all.vertices = add(all.vertices, vertices);
+        all.triangles = add(all.triangles, triangles);
+        all.emissive = add(all.emissive, if shines { triangles } else { 0 });
+        all.bytes = add(all.bytes, bytes);
         all.reading = all.reading.max(reading + if made { 2 * corners } else { 0 });
         all.meshes += 1;
     }

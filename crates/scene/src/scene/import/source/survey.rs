@@ -41,7 +41,7 @@ impl Source {
         let mut survey = Survey { hash, files, file_bytes, read_bytes, ..Default::default() };
         let shown = (0..self.reach.images.len()).filter(|&i| self.reach.images[i]);
         for (kept, while_decoding) in shown.map(|i| decoded_bytes(&self.image_bytes(i))) {
-            survey.image_bytes += kept;
+            survey.image_bytes = survey.image_bytes.saturating_add(kept).min(MOST_BYTES);
             survey.decoding_bytes.push(while_decoding);
         }
         survey.decoding_bytes.sort_unstable_by_key(|bytes| Reverse(*bytes));
@@ -101,12 +101,16 @@ fn has_lights(json: &Value) -> bool {
         || items(&json["extensionsUsed"]).any(|name| name == "KHR_animation_pointer")
 }
 
+/// More than any memory holds; leaves room for sums.
+const MOST_BYTES: u64 = 1 << 48;
+
 /// Bytes of a picture in memory, and those that it takes besides while it is decoded; 0 for other data.
 fn decoded_bytes(bytes: &[u8]) -> (u64, u64) {
     if let [0xAB, b'K', b'T', b'X', b' ', b'2', b'0', ..] = bytes {
         let side = |at: usize| bytes.get(at..at + 4)?.try_into().ok().map(u32::from_le_bytes);
         let texels = u64::from(side(20).unwrap_or(0)) * u64::from(side(24).unwrap_or(0));
-        return (4 * texels, 4 * texels);
+        let bytes = texels.saturating_mul(4).min(MOST_BYTES);
+        return (bytes, bytes);
     }
     let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().ok();
     let Some(decoder) = reader.and_then(|reader| reader.into_decoder().ok()) else { return (0, 0) };
@@ -124,7 +128,7 @@ fn decoded_bytes(bytes: &[u8]) -> (u64, u64) {
         _ => (4, 4),
     };
     let texels = u64::from(width) * u64::from(height);
-    (kept * texels, besides * texels)
+    (texels.saturating_mul(kept).min(MOST_BYTES), texels.saturating_mul(besides).min(MOST_BYTES))
 }
 
 /// An index or size; 0 (the default) if absent.
