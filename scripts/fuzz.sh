@@ -1,12 +1,12 @@
 #!/bin/bash
 # Fuzzes the doors by which strangers' files come in, with libFuzzer: scripts/fuzz.sh TARGET SECONDS, or all SECONDS for one
-# after the other. Seeds are tests/mutations.rs's sound files. Needs a nightly toolchain; installs cargo-fuzz into target/fuzz.
+# after the other. Seeds are tests/mutations.rs's valid files. Needs a nightly toolchain; installs cargo-fuzz into target/fuzz.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 target=${1:?which target, or all?} seconds=${2:?for how many seconds?}
 PATH="$(scripts/requirements/install.sh fuzz):$PATH:$HOME/.cargo/bin"
 export PATH
-BISMAR_SEEDS=$PWD/fuzz/corpus cargo test --quiet --test all mutations::sound_files_pass_their_doors >/dev/null
+BISMAR_SEEDS=$PWD/fuzz/corpus cargo test --quiet --test all mutations::valid_files_pass_their_doors >/dev/null
 # The same dependencies and the same instructions as the program's.
 cp Cargo.lock fuzz/Cargo.lock
 export RUSTFLAGS="-C target-cpu=x86-64-v3"

@@ -361,6 +361,42 @@ fn a_task_out_of_memory_is_begun_again_once_with_more_and_then_held() {
     assert_eq!(calls().matches("MinMemoryNode").count(), 2);
 }
 
+/// A plan is not changed while its tasks wait or run, and two inputs have two folders.
+#[test]
+fn a_farm_in_use_keeps_its_plan() {
+    let site = Site::new("shots");
+    let submit = |line: &str| site.submit(&words(&line.split(' ').collect::<Vec<_>>()));
+    let refused = |line: &str, word: &str| {
+        let said = submit(line);
+        assert_eq!(said.status.code(), Some(73), "{}", stderr(&said));
+        assert!(stderr(&said).contains(word), "{}", stderr(&said));
+    };
+    let plan = || fs::read(site.folder.join("scene.farm/farm.json")).unwrap();
+    site.submit_only("scene.glb -- --size 40x20 --spp 4");
+    let first = plan();
+    for said in ["RUNNING None", "PENDING Priority"] {
+        fs::write(site.file("queue"), format!("7 1 {said}\n")).unwrap();
+        refused("scene.glb -- --size 40x20 --spp 64", "1 tasks and 0 merges");
+        // The same again: its task would find its output in use.
+        refused("scene.glb -- --size 40x20 --spp 4", "queued or running");
+        assert_eq!(plan(), first);
+    }
+    site.submit_only("scene.glb --folder other.farm -- --size 40x20 --spp 64");
+    // Slurm holds it, or has ended it.
+    for said in ["7 1 PENDING JobHeldUser\n", ""] {
+        fs::write(site.file("queue"), said).unwrap();
+        site.submit_only("scene.glb -- --size 40x20 --spp 64");
+    }
+    let first = plan();
+    fs::write(site.folder.join("scene.toml"), "[[job]]\nscene = 'scene.glb'\nsize = '8x8'\n").unwrap();
+    refused("scene.toml", "scene.glb: give this one another with --folder");
+    assert_eq!(plan(), first);
+    let mut openjd = site.farm();
+    openjd.args(["submit", "scene.toml", "--format", "openjd"]);
+    assert_eq!(openjd.output().unwrap().status.code(), Some(73));
+    site.submit_only("scene.toml --folder toml.farm");
+}
+
 #[test]
 fn status_asks_the_plan_and_not_the_file() {
     let site = Site::new("shots");

@@ -96,7 +96,7 @@ fn document(accessors: Value, views: Value, buffers: Value, primitive: Value, re
 
 /// Hills under a meshopt extension: normals by the octahedral filter at 8 bits, positions by an exponent of 20 bits or as
 /// they are.
-fn meshopt(extension: &str, version: u8, exponential: bool, sequence: bool) -> Vec<u8> {
+pub fn meshopt(extension: &str, version: u8, exponential: bool, sequence: bool) -> Vec<u8> {
     let hills = hills();
     let n = hills.positions.len();
     let mut workspace = Workspace::default();
@@ -159,7 +159,7 @@ const DRACO: &str = "KHR_draco_mesh_compression";
 
 /// Hills under KHR_draco_mesh_compression: positions by 12 bits, normals by 9. Speed 0 takes the edge breaker, 10 the
 /// sequential coder.
-fn draco(speed: i32) -> Vec<u8> {
+pub fn draco(speed: i32) -> Vec<u8> {
     let hills = hills();
     let attribute = |kind, values: &[Vec3]| {
         let mut attribute = PointAttribute::new();
@@ -341,7 +341,7 @@ fn webp_is_decoded_and_preferred_and_its_fallback_taken_where_it_is_damaged() {
 }
 
 /// A KTX2 file of one level of 16 x 16 texels in UASTC blocks. `vk_format` 0 says that they are.
-fn ktx2(blocks: &[u8], vk_format: u32) -> Vec<u8> {
+pub fn ktx2(blocks: &[u8], vk_format: u32) -> Vec<u8> {
     let mut out = b"\xABKTX 20\xBB\r\n\x1A\n".to_vec();
     let words = |out: &mut Vec<u8>, words: &[u32]| out.extend(words.iter().flat_map(|word| word.to_le_bytes()));
     words(&mut out, &[vk_format, 1, 16, 16, 0, 0, 1, 1, 0]);

@@ -32,7 +32,7 @@ fn a_buffer_larger_than_any_memory_is_read_where_a_mesh_needs_it() {
         let survey = files.survey();
         assert_eq!(survey.file_bytes, UNPLACED + n + document.to_string().len() as u64);
         assert_eq!(survey.read_bytes, survey.file_bytes - UNPLACED);
-        assert_eq!(survey.triangles, 1, "the other mesh's are not shown");
+        assert_eq!(survey.census.triangles, 1, "the other mesh's are not shown");
         assert_eq!(files.import(&ImportOptions::default()).unwrap().scene.meshes[0].positions[1], [1.0, 0.0, 0.0]);
         survey.hash
     };

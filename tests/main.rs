@@ -33,6 +33,7 @@ mod imports_point_one_way;
 mod lamps;
 mod lens;
 mod lights;
+mod memory;
 mod merge;
 mod motion;
 mod mutations;

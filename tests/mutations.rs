@@ -24,6 +24,7 @@ use crate::helpers::gltf_parts::{Parts, data_uri};
 use crate::helpers::program::{expect, scene, seal};
 use crate::helpers::random::Random;
 use crate::helpers::shared;
+use crate::import_packed;
 
 #[path = "../fuzz/doors.rs"]
 mod doors;
@@ -64,6 +65,43 @@ fn shared_scenes() -> Vec<ValidFile> {
 }
 
 /// Valid files of this program, each with the doors (entry points for foreign bytes) that accept it.
+/// Packed streams behind the head that `doors::decoders` takes.
+fn streams() -> Vec<Vec<u8>> {
+    let head = |which: u8, kind: u8, stride: u8, counts: [u64; 2]| -> Vec<u8> {
+        let counts = counts.into_iter().flat_map(|count| (count as u32).to_le_bytes());
+        [which, kind, stride, 0].into_iter().chain(counts).collect()
+    };
+    let mut all = Vec::new();
+    let blocks = &include_bytes!("data/uastc.bin")[..256];
+    all.push([head(0, 0, 0, [0; 2]), import_packed::ktx2(blocks, 0)].concat());
+    let parts = |file: &[u8]| {
+        let text = u32::from_le_bytes(file[12..16].try_into().unwrap()) as usize;
+        (serde_json::from_slice::<Value>(&file[20..20 + text]).unwrap(), file[28 + text..].to_vec())
+    };
+    let number = |value: &Value| value.as_u64().unwrap();
+    for sequence in [false, true] {
+        let (json, binary) = parts(&import_packed::meshopt("EXT_meshopt_compression", 1, sequence, sequence));
+        let packed = &json["bufferViews"][0]["extensions"]["EXT_meshopt_compression"];
+        let [start, length, count, stride] =
+            ["byteOffset", "byteLength", "count", "byteStride"].map(|key| number(&packed[key]));
+        let stream = &binary[start as usize..(start + length) as usize];
+        let filter = if packed["filter"] == "EXPONENTIAL" { 3 << 2 } else { 0 };
+        all.push([head(1, filter, stride as u8, [count, 0]), stream.to_vec()].concat());
+    }
+    for speed in [0, 10] {
+        let (json, binary) = parts(&import_packed::draco(speed));
+        let primitive = &json["meshes"][0]["primitives"][0];
+        let packed = &primitive["extensions"]["KHR_draco_mesh_compression"];
+        let view = &json["bufferViews"][number(&packed["bufferView"]) as usize];
+        let start = view["byteOffset"].as_u64().unwrap_or(0) as usize;
+        let stream = &binary[start..start + number(&view["byteLength"]) as usize];
+        let count = |index: &Value| number(&json["accessors"][number(index) as usize]["count"]);
+        let counts = [count(&primitive["attributes"]["POSITION"]), count(&primitive["indices"])];
+        all.push([head(2, number(&packed["attributes"]["POSITION"]) as u8, 0, counts), stream.to_vec()].concat());
+    }
+    all
+}
+
 fn valid_files() -> Vec<ValidFile> {
     let folder = tempfile::tempdir().unwrap();
     let mut all = Vec::new();
@@ -73,6 +111,10 @@ fn valid_files() -> Vec<ValidFile> {
     add(SCENE, Parts::default().json().into_bytes());
     for name in ["cornell.glb", "veach.glb"] {
         add(SCENE, fs::read(scene(name)).unwrap());
+    }
+
+    for stream in streams() {
+        add(&["decoders"], stream);
     }
 
     let pixels: Vec<u8> = (0..16 * 9 * 3).map(|i: u32| (i * i / 7) as u8).collect();

@@ -119,3 +119,21 @@ fn names_are_no_references() {
         assert!(!inner.join("X").exists() && !folder.path().join("X").exists());
     }
 }
+
+#[test]
+fn templates_with_any_braces_and_jobs_called_like_merges_pass_the_check() {
+    let Some(tool) = tool() else { return };
+    let folder = folder();
+    for (file, jobs) in
+        [("b}", ["a", "merge a"]), ("b}}", ["j}", "}}}}"]), ("}}}", ["merge }", "}"]), ("b{{}", ["merge merge a", "a"])]
+    {
+        let job = |name: &str| format!("[[job]]\nscene = 'veach.glb'\nname = '{name}'\n");
+        fs::write(folder.path().join(format!("{file}.toml")), jobs.map(job).concat()).unwrap();
+        let mut submit = bismar(folder.path());
+        submit.args(["farm", "submit", &format!("{file}.toml"), "--parts", "2", "--format", "openjd"]);
+        succeeds(submit);
+        let mut check = Command::new(&tool);
+        check.arg("check").arg(folder.path().join(format!("{file}.farm/template.json")));
+        succeeds(check);
+    }
+}

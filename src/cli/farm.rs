@@ -16,11 +16,13 @@ use crate::batch::frames::{split, with_placeholder};
 use crate::batch::job::Job;
 use crate::cli::batch;
 use crate::console::{Verdict, print, print_json, say};
+use crate::farm::sessions::{Sessions, record_path};
 use crate::farm::slurm::{self, Submitted, SubmittedArray, TaskOptions, quoted};
 use crate::farm::{PLAN, Plan, Render, openjd, utf8};
 use crate::film::atomic;
+use crate::film::lock::{Claim, claim};
 use crate::{Error, Result};
-use site::{DEFAULT_ARRAY_SIZE, Site, sbatch};
+use site::{DEFAULT_ARRAY_SIZE, Queue, QueueState, Site, sbatch};
 use status::StatusArgs;
 use task::TaskArgs;
 
@@ -118,6 +120,7 @@ fn submit(args: &SubmitArgs) -> Result<Verdict> {
     let name = args.input.file_stem().unwrap_or_default().to_string_lossy();
     let mut plan = Plan::new(&name, &folder, &this_program()?, progress, &renders, (args.parts, args.chunk))?;
     plan.retries_memory = args.retry_memory;
+    plan.input = utf8(&absolute_path(&args.input)?)?.to_owned();
     match args.format {
         Format::Slurm => submit_to_slurm(args, &plan),
         Format::Openjd => write_template(args, &plan),
@@ -226,6 +229,7 @@ fn submit_to_slurm(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {
         return Ok(Verdict::Done);
     }
     let site = Site::query()?;
+    let _claim = check_folder(plan)?;
     write_folder(plan, &files)?;
     if !site.requeues {
         say(
@@ -252,10 +256,43 @@ fn submit_to_slurm(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {
     Ok(Verdict::Done)
 }
 
-fn write_folder(plan: &Plan, files: &[(String, String)]) -> Result<()> {
-    let create = |folder: &Path| {
-        fs::create_dir_all(folder).map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", folder.display())))
+/// Checks that nobody works by the plan that the folder holds already, and keeps other submissions out.
+///
+/// # Errors
+/// [`Error::CannotCreate`] for a folder of another scene or batch file, or one whose tasks are queued or running.
+fn check_folder(plan: &Plan) -> Result<Claim> {
+    let (folder, path) = (plan.folder.display(), plan.folder.join(PLAN));
+    create(&plan.folder)?;
+    let claim = claim(&path)?;
+    let Ok(earlier) = Plan::read(&path) else { return Ok(claim) };
+    let other_folder = "give this one another with --folder";
+    if !earlier.input.is_empty() && earlier.input != plan.input {
+        return Err(Error::CannotCreate(format!("{folder}: the farm of {}: {other_folder}", earlier.input)));
+    }
+    let submitted = Submitted::read(&plan.folder).unwrap_or_default();
+    let queue = Queue::query(&submitted);
+    let queued = |state: Option<QueueState>| matches!(state, Some(QueueState::Waiting | QueueState::Running));
+    let busy = |number: usize, merge: bool| {
+        let state = queue.as_ref().and_then(|queue| if merge { queue.merge(number) } else { queue.task(number) });
+        let record = record_path(&earlier.log(number + 1, merge));
+        queued(state) || queue.is_none() && Sessions::read(&record).is_running(&record)
     };
+    let tasks = (0..earlier.tasks.len()).filter(|&number| busy(number, false)).count();
+    let merges = (0..earlier.merges.len()).filter(|&number| busy(number, true)).count();
+    if tasks + merges > 0 {
+        return Err(Error::CannotCreate(format!(
+            "{folder}: {tasks} tasks and {merges} merges of an earlier submission are queued or running by the plan in it: wait \
+             for them (`bismar farm status`), cancel them (scancel), or {other_folder}"
+        )));
+    }
+    Ok(claim)
+}
+
+fn create(folder: &Path) -> Result<()> {
+    fs::create_dir_all(folder).map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", folder.display())))
+}
+
+fn write_folder(plan: &Plan, files: &[(String, String)]) -> Result<()> {
     create(&plan.folder.join("logs"))?;
     create(&plan.folder.join("parts"))?;
     // Folder names hold no frame numbers, so there is one folder for all frames.
@@ -277,6 +314,7 @@ fn write_template(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {
         return Ok(Verdict::Done);
     }
     let text = serde_json::to_string_pretty(&template).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
+    let _claim = check_folder(plan)?;
     write_folder(plan, &[("template.json".into(), text)])?;
     say(format_args!("wrote {}", plan.folder.join("template.json").display()));
     Ok(Verdict::Done)

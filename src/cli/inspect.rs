@@ -8,6 +8,8 @@ use clap::Args;
 use serde::Serialize;
 
 use crate::Result;
+use crate::cli::memory::{self, Need};
+use crate::cli::render::size;
 use crate::cli::scene_selection::SceneSelection;
 use crate::console::{Verdict, print, print_json};
 use crate::integrator::PreparedScene;
@@ -15,7 +17,7 @@ use crate::rays::Backend;
 use crate::render::BackFaces;
 use crate::render::default_light::{self, OwnLight};
 use crate::scene::Scene;
-use crate::scene::import::{self, Note, Summary};
+use crate::scene::import::{self, Note, SceneFiles, Summary};
 
 /// Print the contents of a scene, and which features are supported, approximated or ignored.
 #[derive(Debug, Args)]
@@ -30,8 +32,18 @@ pub struct InspectArgs {
 }
 
 pub fn run(args: &InspectArgs) -> Result<Verdict> {
-    let imported = import::import(&args.scene, &args.selection.options(false, false))?;
+    let files = SceneFiles::open(&args.scene)?;
+    let survey = files.survey();
+    let name = args.scene.display().to_string();
+    let need = |pixels| Need::with_defaults(&survey, args.selection.steps(false), pixels).bytes();
+    let limit = memory::limit(None)?;
+    memory::check(&name, need(0), limit)?;
+    memory::hold(limit);
+    let imported = files.import(&args.selection.options(false, false))?;
+    drop(files);
     let summary = import::summary(&imported);
+    let (width, height) = size(&imported.scene.cameras[0]);
+    let render_bytes = need(u64::from(width) * u64::from(height));
     let own_light = match args.selection.is_posed() {
         false => own_light(imported.scene)?,
         true => own_light(import::import(&args.scene, &args.selection.at_rest().options(false, false))?.scene)?,
@@ -41,9 +53,9 @@ pub fn run(args: &InspectArgs) -> Result<Verdict> {
             Some(found) => !found.is_enough(),
             None => summary.lights.is_empty() && !has_emissive(&summary) && !is_unlit(&summary),
         };
-        print_json(&Report { summary: &summary, own_light, default_light })?
+        print_json(&Report { summary: &summary, own_light, default_light, render_bytes })?
     } else {
-        print(text(&summary, own_light).trim_end())?
+        print(text(&summary, own_light, render_bytes).trim_end())?
     }
     Ok(Verdict::Done)
 }
@@ -58,6 +70,8 @@ struct Report<'a> {
     own_light: Option<OwnLight>,
     /// Does `render` add studio light?
     default_light: bool,
+    /// Estimated peak memory of a render with default settings, in bytes.
+    render_bytes: u64,
 }
 
 /// What the scene's own light does in the view of the first camera, where that decides whether `render` adds light.
@@ -80,7 +94,7 @@ fn is_unlit(summary: &Summary) -> bool {
 /// Rows shown of each list.
 const MAX_ROWS: usize = 12;
 
-fn text(s: &Summary, own_light: Option<OwnLight>) -> String {
+fn text(s: &Summary, own_light: Option<OwnLight>, render_bytes: u64) -> String {
     let mut out = s.file.clone();
     if let Some(generator) = &s.generator {
         let _ = write!(out, "  (by {generator})");
@@ -96,6 +110,7 @@ fn text(s: &Summary, own_light: Option<OwnLight>) -> String {
         ("triangles", format!("{}{placed}", c.triangles)),
         ("meshes", format!("{} in {} objects, placed {} times", c.meshes, c.objects, c.instances)),
         ("memory", format!("{} geometry, {} images", bytes(c.geometry_bytes), bytes(c.image_bytes))),
+        ("a render", format!("needs about {} MiB of memory with default settings", render_bytes.div_ceil(1 << 20))),
     ];
     out += &table(sizes.into_iter().map(|(name, value)| vec![name.to_owned(), value]).collect(), "");
 

@@ -1,13 +1,13 @@
 //! Memory that a render is estimated to need, and the limit.
 
+mod need;
+
 use std::env;
 
 use crate::console::host;
 use crate::console::memory::{allowed, hold_to};
-use crate::rays::Backend;
-use crate::render::tile::{Columns, Tile};
-use crate::scene::import::Survey;
 use crate::{Error, Result};
+pub use need::{Need, Steps, at_rest, placed_bytes};
 
 /// Parses a size such as 900M, 6G or 1.5T into bytes; a plain number is bytes, and K is 1024 as in Slurm.
 ///
@@ -25,61 +25,6 @@ pub fn parse_size(text: &str) -> std::result::Result<u64, String> {
     let number: f64 = number.parse().map_err(|_| bad())?;
     let bytes = number * (1_u64 << shift) as f64;
     if (1.0..1e18).contains(&bytes) { Ok(bytes as u64) } else { Err(bad()) }
-}
-
-/// What the memory of a render depends on.
-#[derive(Debug, Clone, Copy)]
-pub struct Need<'a> {
-    /// The scene's files.
-    pub scene: &'a Survey,
-    /// Bytes of the environment, decoded and prepared.
-    pub environment_bytes: u64,
-    /// Pixels of the crop window.
-    pub pixels: u64,
-    /// What is stored per pixel.
-    pub columns: Columns,
-    /// Whether the picture holds the statistics to continue from.
-    pub saves_statistics: bool,
-    /// Bytes of what pre-passes learn.
-    pub prepass_bytes: u64,
-    /// Ray tracing library.
-    pub rays: Backend,
-    /// Number of render threads.
-    pub threads: usize,
-}
-
-/// Bytes of the program and its libraries.
-const PROGRAM_BYTES: u64 = 48 << 20;
-/// Bytes of the buffers of one thread.
-const BYTES_PER_THREAD: u64 = 12 << 20;
-/// Peak bytes per triangle while the acceleration structure is built.
-const EMBREE_BYTES_PER_TRIANGLE: u64 = 190;
-const OBVHS_BYTES_PER_TRIANGLE: u64 = 260;
-/// Bytes per triangle of the shading data outside of the mesh.
-const SHADING_BYTES_PER_TRIANGLE: u64 = 16;
-
-/// Bytes of the program without a scene.
-pub fn at_rest(threads: usize) -> u64 {
-    PROGRAM_BYTES + threads as u64 * BYTES_PER_THREAD
-}
-
-impl Need<'_> {
-    /// Estimated peak memory in bytes, from the files' headers: an upper bound, within a factor of about two for scenes
-    /// most of which is rendered.
-    pub fn bytes(&self) -> u64 {
-        let s = self.scene;
-        let per_triangle = SHADING_BYTES_PER_TRIANGLE
-            + match self.rays {
-                Backend::Embree => EMBREE_BYTES_PER_TRIANGLE,
-                Backend::Obvhs => OBVHS_BYTES_PER_TRIANGLE,
-            };
-        let tiles = Tile::memory_bytes(self.pixels, self.columns);
-        // Statistics are compressed before writing, usually to less than half.
-        let saving = if self.saves_statistics { tiles / 2 } else { 0 };
-        let loading = s.read_bytes;
-        let scene = s.read_bytes + s.geometry_bytes + s.image_bytes + self.environment_bytes;
-        at_rest(self.threads) + self.prepass_bytes + scene + loading.max(s.triangles * per_triangle) + tiles + saving
-    }
 }
 
 /// A limit in bytes, and its source.

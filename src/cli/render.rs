@@ -21,6 +21,7 @@ use std::time::Instant;
 use tracing::info;
 
 pub use args::RenderArgs;
+pub use choose::size;
 pub use denoise::{DenoiseWorkerArgs, work as denoise_work};
 pub use flags::given;
 pub use identity::Inputs;
@@ -29,18 +30,13 @@ pub use session::{Done, Session};
 
 use crate::Result;
 use crate::cli::memory;
-use crate::console::progress::Style;
-use crate::console::{Paths, Reporter, Signals, Verbosity, Verdict, host, print, say};
+use crate::console::{Paths, Reporter, Signals, Verbosity, Verdict, host, progress, say};
 use crate::film::atomic;
 use crate::film::lock::{Claim, claim};
 
 pub fn run(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     let result = render(args, verbosity);
-    if let (Err(error), Style::Openjd) = (&result, args.progress) {
-        // Open Job Description shows this text for a failed task.
-        print(format_args!("openjd_fail: {}", error.to_string().replace('\n', " ")))?;
-    }
-    result
+    result.inspect_err(|error| progress::failed(args.progress, error))
 }
 
 fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {

@@ -11,8 +11,8 @@ pub mod paths;
 pub mod progress;
 pub mod screen;
 pub mod signals;
-pub mod stderr;
 pub mod tev;
+mod writers;
 
 use std::fmt::Display;
 use std::io::{self, ErrorKind, Write};
@@ -81,14 +81,14 @@ pub fn run<Cli: Parser>(verbosity: impl Fn(&Cli) -> Verbosity, work: impl FnOnce
         // The panic hook has printed the message.
         Err(_) => ExitCode::from(70),
     };
-    stderr::flush();
+    writers::flush();
     code
 }
 
 /// Prints an error and returns its exit code.
 pub fn fail(error: &Error) -> ExitCode {
     logging::say_error(error);
-    stderr::flush();
+    writers::flush();
     ExitCode::from(error.exit_code())
 }
 

@@ -1,6 +1,6 @@
 //! Progress reports, for people on a terminal and for programs that start renders.
 
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, IsTerminal};
 use std::sync::{Arc, Condvar, Mutex};
 use std::thread;
 use std::time::Duration;
@@ -8,8 +8,9 @@ use std::time::Duration;
 use indicatif::ProgressBar;
 use serde_json::json;
 
-use super::say;
 use super::screen::{self, clock};
+use super::{escaped, say, writers};
+use crate::Error;
 use crate::render::Progress;
 
 /// The format of progress reports.
@@ -220,9 +221,15 @@ impl Last {
 }
 
 fn out(line: &str) {
-    // Rendering continues even if progress cannot be written.
-    let mut stdout = io::stdout().lock();
-    let _ = writeln!(stdout, "{line}").and_then(|()| stdout.flush());
+    writers::progress(line);
+}
+
+/// Tells the scheduler why a render has failed, where this style does so.
+pub fn failed(style: Style, error: &Error) {
+    if style == Style::Openjd {
+        // Open Job Description shows this text for a failed task.
+        out(&escaped(&format!("openjd_fail: {}", error.to_string().replace('\n', " "))));
+    }
 }
 
 fn eta_seconds(progress: &Progress) -> Option<f64> {

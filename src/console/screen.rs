@@ -7,7 +7,7 @@ use std::time::Duration;
 use console::Term;
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
 
-use super::stderr;
+use super::writers;
 
 /// All bars of the process. None is drawn if stderr is not a terminal.
 static BARS: LazyLock<MultiProgress> = LazyLock::new(|| {
@@ -44,7 +44,7 @@ pub fn clear() {
 
 /// Queues bytes for stderr, above the bars.
 pub fn write(bytes: &[u8]) {
-    stderr::write(bytes.to_vec());
+    writers::write(bytes.to_vec());
 }
 
 /// Writes to stderr above the bars and waits for the reader. Errors are ignored.

@@ -36,12 +36,18 @@ pub fn template(plan: &Plan) -> Result<Value> {
         let chunks: Vec<_> = plan.merges[first..first + count].iter().filter_map(|m| m.frames.as_ref()).collect();
         let parameters = frames_parameter(&merge.render, &chunks)?.into_iter().collect();
         let command = parametrised(&merge.command, 0, 1, &chunks);
-        let mut step = step(&format!("merge {}", merge.render), &command, parameters)?;
+        let mut step = step(&merge_name(plan, &merge.render), &command, parameters)?;
         step["dependencies"] = json!([{ "dependsOn": step_name(&merge.render)? }]);
         steps.push(step);
         first += count;
     }
     let name = literal(&plan.name);
+    if name.chars().count() > MAX_JOB_NAME {
+        return Err(Error::Usage(format!(
+            "'{}' is longer than {MAX_JOB_NAME} characters, the limit of a job's name: rename the file",
+            plan.name
+        )));
+    }
     let mut template = json!({ "specificationVersion": "jobtemplate-2023-09", "name": name, "steps": steps });
     if template.to_string().contains(BRACES[0].1) || template.to_string().contains(BRACES[1].1) {
         let parameter =
@@ -49,6 +55,18 @@ pub fn template(plan: &Plan) -> Result<Value> {
         template["parameterDefinitions"] = BRACES.map(parameter).into();
     }
     Ok(template)
+}
+
+/// Largest length of a job's name in characters, with its references.
+const MAX_JOB_NAME: usize = 128;
+
+/// Name of the step that merges a render, which no render has.
+fn merge_name(plan: &Plan, render: &str) -> String {
+    let mut name = format!("merge {render}");
+    while plan.tasks.iter().any(|task| task.render == name) {
+        name.insert_str(0, "merge ");
+    }
+    name
 }
 
 fn step(name: &str, command: &[String], parameters: Vec<Value>) -> Result<Value> {
@@ -150,6 +168,29 @@ mod tests {
             chunked["steps"][0]["parameterSpace"]["taskParameterDefinitions"],
             json!([{ "name": "Frames", "type": "STRING", "range": ["1-3", "4-6", "7"] }])
         );
+    }
+
+    #[test]
+    fn a_render_that_is_called_like_a_merge_is_a_step_of_its_own() {
+        let mut plan = plan(2);
+        plan.tasks.iter_mut().filter(|task| task.render == "b").for_each(|task| task.render = "merge a".into());
+        plan.merges[1].render = "merge a".into();
+        let template = template(&plan).unwrap();
+        let names: Vec<_> = (0..4).map(|i| template["steps"][i]["name"].as_str().unwrap()).collect();
+        assert_eq!(names, ["a", "merge a", "merge merge a", "merge merge merge a"]);
+        assert_eq!(template["steps"][3]["dependencies"][0]["dependsOn"], "merge a");
+    }
+
+    #[test]
+    fn a_name_that_is_too_long_is_refused_here() {
+        let long = |n: usize| {
+            let mut named = plan(1);
+            named.name = "é".repeat(n);
+            template(&named)
+        };
+        assert!(long(128).is_ok());
+        let refused = long(129).unwrap_err();
+        assert!(refused.exit_code() == 64 && refused.to_string().contains("128 characters"), "{refused}");
     }
 
     #[test]

@@ -30,6 +30,9 @@ pub struct Plan {
     pub name: String,
     /// Folder of scripts, logs and parts; absolute.
     pub folder: PathBuf,
+    /// The batch file or scene that was submitted; absolute. Empty in plans of earlier versions.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub input: String,
     /// Number of parts of every picture.
     pub parts: u32,
     /// Whether a task that ran out of memory is run again, once, with 1.5 times as much.
@@ -101,7 +104,8 @@ impl Plan {
     ) -> Result<Self> {
         let (tasks, merges) = (Vec::new(), Vec::new());
         let (name, folder) = (name.into(), folder.into());
-        let mut plan = Self { schema: SCHEMA, name, folder, parts, retries_memory: false, tasks, merges };
+        let mut plan =
+            Self { schema: SCHEMA, name, folder, input: String::new(), parts, retries_memory: false, tasks, merges };
         for render in renders {
             if parts > 1
                 && let Some((flag, _)) = render.flags.iter().find(|(flag, _)| flag == "time")

@@ -6,8 +6,7 @@ use super::plan::plan;
 use super::work::Work;
 use crate::batch::job::Job;
 use crate::cli::render::{RenderArgs, given};
-use crate::console::progress::Style;
-use crate::console::{Verbosity, Verdict, print};
+use crate::console::{Verbosity, Verdict, progress};
 use crate::farm::utf8;
 use crate::{Error, Result};
 
@@ -17,10 +16,7 @@ const NOT_FOR_JOBS: [&str; 6] = ["resume", "progress", "threads", "path-mapping"
 /// Renders the frames; `matches` are the parsed command line, which tells the flags that were given.
 pub fn run(args: &RenderArgs, matches: &ArgMatches, verbosity: Verbosity) -> Result<Verdict> {
     let result = render(args, matches, verbosity);
-    if let (Err(error), Style::Openjd) = (&result, args.progress) {
-        print(format_args!("openjd_fail: {}", error.to_string().replace('\n', " ")))?;
-    }
-    result
+    result.inspect_err(|error| progress::failed(args.progress, error))
 }
 
 fn render(args: &RenderArgs, matches: &ArgMatches, verbosity: Verbosity) -> Result<Verdict> {

@@ -37,11 +37,15 @@ pub fn camera(cameras: &[Camera], wanted: Option<&str>) -> Result<usize> {
 
 /// Default resolution in pixels: 960 wide, with the camera's aspect ratio or 16:9.
 pub fn size(camera: &Camera) -> (u32, u32) {
-    const WIDTH: u32 = 960;
-    let aspect = camera.aspect.or(match camera.projection {
+    size_of_aspect(camera.aspect.or(match camera.projection {
         Projection::Orthographic { xmag, ymag } => Some((xmag / ymag).abs()),
         Projection::Perspective { .. } => None,
-    });
+    }))
+}
+
+/// Default resolution of a camera with this width over height.
+pub fn size_of_aspect(aspect: Option<f32>) -> (u32, u32) {
+    const WIDTH: u32 = 960;
     let aspect = aspect.filter(|a| a.is_finite() && *a > 0.0).unwrap_or(16.0 / 9.0);
     (WIDTH, (WIDTH as f32 / aspect).round().clamp(1.0, 16.0 * WIDTH as f32) as u32)
 }

@@ -9,7 +9,7 @@ use crate::console::Paths;
 use crate::render::default_light::OwnLight;
 use crate::render::identity::{EnvironmentSource, scene_text};
 use crate::render::{Identity, RenderSettings};
-use crate::scene::import::{EnvironmentFile, SceneFiles, Survey};
+use crate::scene::import::{EnvironmentFile, EnvironmentSize, SceneFiles, Survey};
 use crate::{Error, Result};
 
 /// The input files of a command, opened once.
@@ -17,8 +17,8 @@ use crate::{Error, Result};
 pub struct Inputs {
     /// The scene's files.
     pub scene: Survey,
-    /// Text that identifies the environment, and its decoded size in bytes.
-    pub environment: (String, u64),
+    /// Text that identifies the environment, and the size of its picture if it has one.
+    pub environment: (String, Option<EnvironmentSize>),
     /// Wall seconds of opening and hashing.
     pub read_seconds: f64,
     /// The open files, until the last scene has been made of them.
@@ -52,7 +52,7 @@ impl Inputs {
             None if scene.has_lights => EnvironmentSource::Judged,
             None => EnvironmentSource::Scene,
         };
-        let environment = (source.text(), environment_file.as_ref().map_or(0, |file| file.memory_bytes()));
+        let environment = (source.text(), environment_file.as_ref().map(EnvironmentFile::size));
         let (scene_files, environment_file) = (Arc::new(scene_files), environment_file.map(Arc::new));
         let files = Mutex::new(Some(Files { scene: scene_files, environment: environment_file }));
         let read_seconds = start.elapsed().as_secs_f64();

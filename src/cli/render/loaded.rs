@@ -127,17 +127,16 @@ fn with_light<'a>(
     Ok(default_light::with_default_light(&prepared))
 }
 
-/// Bytes per instance: in the scene, in the ray queries and in shading.
-const INSTANCE_BYTES: u64 = 1024;
-
-/// Fails if instances, area lights and motion need more memory than allowed. The files' headers do not tell these sizes
-/// before the import.
+/// Fails if instances, area lights and motion need more memory than allowed, as counted once the scene is read: the number of
+/// times at which motion is kept may have been chosen by its curvature.
 fn check_instances_memory(args: &RenderArgs, inputs: &Inputs, scene: &Scene) -> Result<()> {
     let (lights, instances) = (AreaLights::count(scene), scene.instances.len() as u64);
-    let moving: usize = scene.meshes.iter().filter_map(|mesh| mesh.motion.as_ref()).map(Deformation::bytes).sum();
-    let placed = lights * AreaLights::BYTES_EACH + instances * INSTANCE_BYTES + moving as u64;
+    let deforming: usize = scene.meshes.iter().filter_map(|mesh| mesh.motion.as_ref()).map(Deformation::bytes).sum();
+    let moving = scene.instances.iter().filter_map(|instance| instance.motion.as_ref());
+    let keys: usize = moving.map(|motion| motion.keys().len()).sum();
+    let placed = memory::placed_bytes(instances, keys as u64, lights) + deforming as u64;
     let what = format!("{} with {instances} instances and {lights} emissive triangles in them", args.scene.display());
-    let files = inputs.scene.geometry_bytes + inputs.scene.image_bytes;
+    let files = inputs.scene.census.geometry_bytes + inputs.scene.image_bytes;
     let bytes = memory::at_rest(rayon::current_num_threads()) + files + placed;
     memory::check(&what, bytes, memory::limit(args.memory_limit)?)
 }

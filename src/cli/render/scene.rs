@@ -83,5 +83,32 @@ pub fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {
     if args.is_framed() {
         scene.frame();
     }
+    warn_if_far(args, &scene);
     Ok(scene)
+}
+
+/// Distance from the origin, in sizes of the scene, from which rounded coordinates change pictures by more than a tenth of a
+/// per cent.
+const FAR: f64 = 1000.0;
+/// Relative error of a picture per size of the scene by which it is away from the origin: rays begin 16 roundings of the largest
+/// coordinate away from their surface. A closed room was 1.5 % too bright at 10,000 sizes, and 14 % at 100,000.
+const ERROR_PER_SIZE: f64 = 1.5e-6;
+
+/// Warns of a scene so far away from the origin that 32-bit coordinates cannot tell its points apart.
+fn warn_if_far(args: &RenderArgs, scene: &Scene) {
+    let Some([low, high]) = scene.bounds() else { return };
+    let [low, high] = [low, high].map(|corner| corner.as_dvec3());
+    let (size, away) = ((high - low).length(), (0.5 * (low + high)).length());
+    let sizes = away / size.max(f64::MIN_POSITIVE);
+    if sizes > FAR {
+        let error = match sizes * ERROR_PER_SIZE {
+            error if error < 0.3 => format!("by about {:.1} %", 100.0 * error),
+            _ => "beyond recognition".to_owned(),
+        };
+        warn!(
+            "{}: the scene is {size:.3e} m large and {away:.3e} m away from the origin, too far for 32-bit coordinates: the picture \
+             may be wrong {error}. Move the scene to the origin before it is exported",
+            args.scene.display()
+        );
+    }
 }

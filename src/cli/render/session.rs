@@ -9,7 +9,7 @@ use tracing::{info, warn};
 
 use super::args::RenderArgs;
 use super::checkpoints::Checkpoints;
-use super::choose::settings;
+use super::choose::{settings, size_of_aspect};
 use super::identity::Inputs;
 use super::loaded::Loaded;
 use super::output::{OutputWriter, develop_file, preview_mark};
@@ -20,13 +20,16 @@ use crate::console::tev::Tev;
 use crate::film::{exr_file, preview};
 use crate::render::camera::lens;
 use crate::render::checkpoint::Earlier;
-use crate::render::prepass::{guiding::MEMORY, learned_lights};
+use crate::render::prepass::{guiding, learned_lights};
 use crate::render::tile::TILE;
-use crate::render::{Guiding, Identity, Pause, Progress, RenderSettings, Rendered, RunOptions, Saved, StopReason, run};
+use crate::render::{Identity, Pause, Progress, RenderSettings, Rendered, RunOptions, Saved, StopReason, run};
 use crate::{Error, Result};
 
 /// Seconds between updates of the viewer.
 const VIEWER_INTERVAL_SECONDS: f64 = 2.0;
+
+/// Number of instances or lights from which they are named where memory is too little.
+const MANY: u64 = 10_000;
 
 /// Result of a render command.
 pub enum Done {
@@ -125,37 +128,55 @@ impl Session<'_> {
     /// # Errors
     /// [`Error::Host`] if the render needs more.
     pub fn check_memory(&self) -> Result<memory::Limit> {
-        // Without --size the camera sets the height, which is not known yet; the film is then a small part of the whole.
-        let (width, height) = self.args.size.map_or((960, 540), |s| (s.0, s.1));
-        let pixels = match self.args.crop {
+        let (args, scene) = (self.args, &self.inputs.scene);
+        let (width, height) = args.size.map_or_else(|| self.size_by_camera(), |s| (s.0, s.1));
+        let pixels = match args.crop {
             Some(crop) => {
-                crop.inside(u32::MAX, u32::MAX).map_or(0, |[x0, y0, x1, y1]| u64::from(x1 - x0) * u64::from(y1 - y0))
+                crop.inside(width, height).map_or(0, |[x0, y0, x1, y1]| u64::from(x1 - x0) * u64::from(y1 - y0))
             }
             None => u64::from(width) * u64::from(height),
         };
         // Parts differ by at most one tile.
-        let pixels = match self.args.part {
+        let pixels = match args.part {
             Some(part) => pixels.div_ceil(part.of.into()) + u64::from(TILE * TILE),
             None => pixels,
         };
-        let settings = self.args.settings();
-        let guiding = match settings.guiding {
-            Guiding::Off => 0,
-            _ => settings.guiding_memory.unwrap_or(MEMORY),
-        };
+        let settings = RenderSettings { width, height, ..args.settings() };
+        let lights = scene.census.emissive_triangles;
         let need = Need {
-            scene: &self.inputs.scene,
-            environment_bytes: self.inputs.environment.1,
+            scene,
+            steps: args.selection.steps(args.has_velocities()),
+            environment: self.inputs.environment.1,
+            compensates: settings.balance.method().uses_prepasses(),
             pixels,
             columns: settings.columns(),
-            saves_statistics: self.args.checkpoint.is_some() || self.args.part.is_some(),
-            prepass_bytes: guiding + learned_lights::bytes(&settings),
-            rays: self.args.rays,
+            saved_pixels: if args.checkpoint.is_some() || args.part.is_some() { pixels } else { 0 },
+            denoises: args.denoise.is_some(),
+            prepass_bytes: guiding::bytes(&settings).max(learned_lights::bytes(&settings, lights)),
+            rays: args.rays,
             threads: self.threads,
         };
-        let limit = memory::limit(self.args.memory_limit)?;
-        info!("needs about {} MiB of memory; {} allows {}", need.bytes() >> 20, limit.1, limit.0 >> 20);
-        memory::check(&self.args.scene.display().to_string(), need.bytes(), limit).map(|()| limit)
+        let limit = memory::limit(args.memory_limit)?;
+        info!("needs about {} MiB of memory; {} allows {}", need.bytes().div_ceil(1 << 20), limit.1, limit.0 >> 20);
+        let census = &scene.census;
+        let mut what = args.scene.display().to_string();
+        if census.instances.max(lights) > MANY {
+            what += &format!(" with {} instances and {lights} emissive triangles in them", census.instances);
+        }
+        memory::check(&what, need.bytes(), limit).map(|()| limit)
+    }
+
+    /// Resolution of a picture without `--size`, by the document's cameras.
+    fn size_by_camera(&self) -> (u32, u32) {
+        let cameras = &self.inputs.scene.census.cameras;
+        let chosen = match self.args.camera.as_deref() {
+            None => cameras.first(),
+            Some(wanted) => {
+                let by_index = || cameras.get(wanted.parse::<usize>().ok()?);
+                cameras.iter().find(|camera| camera.0 == wanted).or_else(by_index)
+            }
+        };
+        size_of_aspect(chosen.and_then(|camera| camera.1))
     }
 
     /// Renders, saves checkpoints, and writes the outputs.
@@ -175,7 +196,9 @@ impl Session<'_> {
         let args = self.args;
         let output = args.output();
         let settings = settings(args, &loaded.prepared.scene)?;
-        lens(&loaded.prepared, &settings)?;
+        if let Some(lens) = lens(&loaded.prepared, &settings)? {
+            warnings::wide_lens(args, lens.radius, lens.focus);
+        }
         let identity = self.inputs.identity(args, &settings);
         let (resumed, was_resumable) = self.resume(&identity, loaded)?.unzip();
         let resumable = was_resumable == Some(true) || args.checkpoint.is_some();

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use tracing::warn;
 
+use super::args::RenderArgs;
 use super::values::LightUnit;
 use crate::color::luminance;
 use crate::rays::BackendInfo;
@@ -47,6 +48,21 @@ pub fn resumed_differently(
         warn!(
             "{output} was begun with another goal and took other passes, or learned another guiding field: the picture is \
              unbiased, but not bit-identical to an uninterrupted render"
+        );
+    }
+}
+
+/// Radius of a lens over the distance of its focus from which the scene's unit is in doubt: the fastest real lenses have a
+/// tenth, at their closest.
+const WIDE: f32 = 0.25;
+
+/// Warns of a lens that is wide for the scene before it, as in scenes whose unit is not the metre.
+pub fn wide_lens(args: &RenderArgs, radius: f32, focus: f32) {
+    if radius > WIDE * focus {
+        warn!(
+            "{}: the lens has a radius of {radius:.2e} m and is focused at {focus:.2e} m. Is the scene's unit the metre? --aperture \
+             takes a radius in the scene's own unit",
+            args.scene.display()
         );
     }
 }

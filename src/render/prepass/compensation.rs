@@ -29,8 +29,9 @@ const MAX_REMAINING_VARIANCE: f64 = 0.97;
 /// The density by which the paths of `transport`, a render with these settings, sample the environment. Ends soon after
 /// `stop` is raised.
 pub fn density(scene: &PreparedScene, settings: &RenderSettings, transport: &Transport, stop: &AtomicBool) -> Density {
-    let uneven = scene.lights.environment.as_ref().is_some_and(|environment| environment.has_compensated());
-    if !settings.balance.method().uses_prepasses() || !uneven {
+    let uneven = || scene.lights.environment.as_ref().is_some_and(|environment| environment.has_compensated());
+    // The table of the compensated density is as large as the plain one: it is made only where it may be used.
+    if !settings.balance.method().uses_prepasses() || !uneven() {
         return Density::Radiance;
     }
     let pixels = f64::from(settings.width) * f64::from(settings.height);

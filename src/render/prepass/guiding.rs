@@ -42,6 +42,25 @@ const MAX_REMAINING: f32 = 0.45;
 /// Default maximum bytes of a field and its training samples.
 pub const MEMORY: u64 = 256 << 20;
 
+/// Maximum bytes that the pre-pass of a render with these settings takes.
+pub fn bytes(settings: &RenderSettings) -> u64 {
+    if settings.guiding == Guiding::Off {
+        return 0;
+    }
+    let most = settings.guiding_memory.unwrap_or(MEMORY);
+    let pixels = f64::from(settings.width) * f64::from(settings.height);
+    // A round has twice the paths of the one before it: in the end there are up to three times as many as suffice. They are
+    // copied once, and the field takes as much again.
+    let training_samples = 3.0 * SUFFICIENT_TRAINING_SAMPLES.max(pixels / 2.0) * worthwhile(settings);
+    ((3.0 * training_samples * size_of::<TrainingSample>() as f64) as u64).min(most)
+}
+
+/// Factor of the effort, fitted to relMSE × CPU seconds of pictures of 64, 256 and 1024 paths per pixel.
+fn worthwhile(settings: &RenderSettings) -> f64 {
+    let root = (f64::from(settings.expected_spp()) / REFERENCE_SPP).sqrt();
+    root * root.sqrt()
+}
+
 /// The result of the pre-pass.
 #[derive(Debug)]
 pub struct Learned {
@@ -87,9 +106,7 @@ pub fn learned(
     // Rays per path of the first round, which is unguided.
     let mut unguided = None;
     let mut efficiency = GuidingEfficiency::default();
-    // Fitted to relMSE × CPU seconds of pictures of 64, 256 and 1024 paths per pixel.
-    let worthwhile = (f64::from(settings.expected_spp()) / REFERENCE_SPP).sqrt();
-    let worthwhile = worthwhile * worthwhile.sqrt();
+    let worthwhile = worthwhile(settings);
     // With three quarters of what memory allows, most of the next round would be left out.
     let enough = (SUFFICIENT_TRAINING_SAMPLES.max(pixels / 2.0) * worthwhile).min(0.75 * max_training_samples as f64);
     let pilot_pixels = f64::from(size[0]) * f64::from(size[1]);

@@ -57,11 +57,11 @@ impl LearnedLightsResult {
     }
 }
 
-/// Maximum bytes that the pre-pass of a render with these settings takes.
-pub fn bytes(settings: &RenderSettings) -> u64 {
+/// Maximum bytes that the pre-pass of a render with these settings takes, in a scene of at most so many area lights.
+pub fn bytes(settings: &RenderSettings, lights: u64) -> u64 {
     let vertices = pixels(settings) * f64::from(PATHS_PER_ROUND.iter().sum::<u32>()) * f64::from(settings.max_depth);
-    match settings.balance.method().uses_prepasses() {
-        true => LearnedLights::bytes_to_learn((vertices as u64).min(MAX_RECORDS as u64)),
+    match settings.balance.method().uses_prepasses() && lights > 1 {
+        true => LearnedLights::bytes_to_learn((vertices as u64).min(MAX_RECORDS as u64), lights),
         false => 0,
     }
 }

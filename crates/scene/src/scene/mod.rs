@@ -164,12 +164,17 @@ impl Scene {
 
     /// Radius in metres of a sphere that contains every placed mesh; 0 for an empty scene.
     pub fn radius(&self) -> f32 {
+        self.bounds().map_or(0.0, |[low, high]| 0.5 * (high - low).length())
+    }
+
+    /// World-space lower and upper corner, in metres, of a box around all placed meshes; `None` for an empty scene.
+    pub fn bounds(&self) -> Option<[Vec3; 2]> {
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for mesh_box in self.boxes() {
             low = low.min(mesh_box.0);
             high = high.max(mesh_box.1);
         }
-        if low.x > high.x { 0.0 } else { 0.5 * (high - low).length() }
+        (low.x <= high.x).then_some([low, high])
     }
 
     /// World-space lower and upper corner of a box around each placed mesh.

@@ -159,9 +159,6 @@ impl AreaLights {
         &self.tree
     }
 
-    /// Memory in bytes of a light and its part of the tree while both are built.
-    pub const BYTES_EACH: u64 = 240;
-
     /// Upper bound of the number of a scene's area lights: the emissive triangles of all instances.
     pub fn count(scene: &Scene) -> u64 {
         let emits = |mesh: &&Arc<Mesh>| scene.materials[mesh.material as usize].is_emissive();

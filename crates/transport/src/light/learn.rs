@@ -86,11 +86,12 @@ impl LearnedLights {
         Some(Self { cells, nodes, weights })
     }
 
-    /// Largest memory in bytes while it learns from so many records, these included.
-    pub fn bytes_to_learn(records: u64) -> u64 {
+    /// Largest memory in bytes while it learns from so many records, these included, which of so many lights to choose.
+    pub fn bytes_to_learn(records: u64, lights: u64) -> u64 {
         let cells = (2 * records).div_ceil(RECORDS_PER_CELL as u64).clamp(1, MAX_CELLS as u64);
         let per_node = 3 * size_of::<ClusterStats>() + size_of::<f32>();
-        records * 3 * size_of::<LightSampleRecord>() as u64 + cells * (MAX_NODES * per_node) as u64
+        records * 3 * size_of::<LightSampleRecord>() as u64
+            + cells * (2 * lights).min(MAX_NODES as u64) * per_node as u64
     }
 }
 

@@ -39,6 +39,22 @@ pub fn picture(bytes: &[u8], fits: &Fits) -> std::result::Result<Picture, String
     guarded(|| decode(bytes, None, fits))
 }
 
+/// Width and height of the largest part in pixels, by the head of a file's bytes; `None` for a head that cannot be read.
+pub fn size(bytes: &[u8]) -> Option<(u64, u64)> {
+    let mut largest = None;
+    let visit = &mut |attribute: head::Attribute| {
+        let side = |at: usize| Some(i64::from(i32::from_le_bytes(attribute.value.get(at..at + 4)?.try_into().ok()?)));
+        let sides = || Some((side(8)? - side(0)? + 1, side(12)? - side(4)? + 1));
+        if attribute.name == b"dataWindow"
+            && let Some((width, height)) = sides().filter(|(width, height)| *width > 0 && *height > 0)
+        {
+            largest = largest.max(Some((width as u64, height as u64)));
+        }
+    };
+    head::walk(bytes, visit).ok()?;
+    largest
+}
+
 /// Reads a layer from the bytes of a file: its R, G and B, its X, Y and Z, or its only channel three times; or a channel by its
 /// full name. `None` is the beauty.
 ///

@@ -17,8 +17,31 @@ const MAX_PIXELS: u64 = 1 << 27;
 /// Bytes of a file.
 const MAX_FILE_BYTES: u64 = 4 << 30;
 
-/// Memory per pixel: three floats, and the tables for importance sampling.
-const BYTES_PER_PIXEL: u64 = 12 + 24;
+/// Size of an environment's picture.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct EnvironmentSize {
+    /// Width in pixels.
+    pub width: u64,
+    /// Height in pixels.
+    pub height: u64,
+    /// Size of the file in bytes.
+    pub file_bytes: u64,
+}
+
+impl EnvironmentSize {
+    /// Memory in bytes while the picture is decoded, and when its tables for sampling are made: one, or two with the
+    /// compensated density.
+    pub fn bytes(self, compensated: bool) -> [u64; 2] {
+        // Larger pictures are refused.
+        let (width, height) = (self.width.min(MAX_PIXELS), self.height.min(MAX_PIXELS));
+        let pixels = (width * height).min(MAX_PIXELS);
+        // A cumulative distribution and its guide, which has a power of two of entries in each row.
+        let table = 4 * pixels + 4 * (pixels / width.max(1)) * (2 * width).next_power_of_two();
+        let tables = if compensated { 2 * table } else { table };
+        // As read and as RGB; pixels, radiance and luminance.
+        [self.file_bytes + 24 * pixels, 28 * pixels + tables]
+    }
+}
 
 /// An environment's file, opened once, so that the data that is hashed is the data that is rendered.
 #[derive(Debug)]
@@ -45,15 +68,15 @@ impl EnvironmentFile {
         blake3::hash(&self.bytes).to_hex().to_string()
     }
 
-    /// Estimated memory in bytes of the decoded and prepared environment, by the file's header.
-    pub fn memory_bytes(&self) -> u64 {
+    /// Size of the picture, by the file's header.
+    pub fn size(&self) -> EnvironmentSize {
         let reader = ImageReader::new(Cursor::new(&self.bytes)).with_guessed_format();
-        // Without a readable header: well-packed pictures have about four bytes per pixel. Decoding reports the fault.
-        let pixels = match reader.map(ImageReader::into_dimensions) {
-            Ok(Ok((width, height))) => u64::from(width) * u64::from(height),
-            _ => self.bytes.len() as u64 / 4,
+        let (width, height) = match reader.map(ImageReader::into_dimensions) {
+            Ok(Ok((width, height))) => (width.into(), height.into()),
+            // OpenEXR. Without a readable header decoding reports the fault.
+            _ => exr_file::size(&self.bytes).unwrap_or_default(),
         };
-        pixels * BYTES_PER_PIXEL
+        EnvironmentSize { width, height, file_bytes: self.bytes.len() as u64 }
     }
 
     /// Decodes the equirectangular picture; later calls reuse the pixels. `rotation_degrees` rotates it about +y, `strength`

@@ -20,10 +20,10 @@ use std::time::Instant;
 
 use serde_json::Value;
 
-pub use environment::{EnvironmentFile, environment};
+pub use environment::{EnvironmentFile, EnvironmentSize, environment};
 pub use options::{ImportOptions, Pose, Shutter};
 pub use report::{ImportReport, Note, NoteKind, SceneCounts};
-pub use source::Survey;
+pub use source::{Census, Survey};
 pub use summary::{Summary, summary};
 
 use report::Notes;

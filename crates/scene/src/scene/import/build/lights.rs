@@ -2,6 +2,7 @@
 
 use glam::{DAffine3, DVec3, Vec3};
 
+use super::materials::dimmed;
 use crate::scene::import::document::lights::Light;
 use crate::scene::import::report::Notes;
 use crate::scene::{PunctualKind, PunctualLight};
@@ -16,6 +17,10 @@ pub fn place(from: &Light, node: &str, world: &DAffine3, notes: &mut Notes) -> O
         notes.not_loaded(&from.at, "a light of no intensity");
         return None;
     }
+    let mut intensity = from.intensity;
+    if let Some(text) = dimmed(&mut intensity) {
+        notes.approximated(&from.at, text);
+    }
     let position = world.translation.as_vec3();
     let direction = world.transform_vector3(DVec3::NEG_Z).try_normalize().map(|d| d.as_vec3());
     let aimed = kind != PunctualKind::Point;
@@ -24,13 +29,5 @@ pub fn place(from: &Light, node: &str, world: &DAffine3, notes: &mut Notes) -> O
         return None;
     };
     let name = from.name.clone().unwrap_or_else(|| node.into());
-    Some(PunctualLight {
-        name,
-        kind,
-        intensity: from.intensity,
-        position,
-        direction,
-        range: from.range,
-        motion: Vec::new(),
-    })
+    Some(PunctualLight { name, kind, intensity, position, direction, range: from.range, motion: Vec::new() })
 }

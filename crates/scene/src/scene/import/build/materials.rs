@@ -2,6 +2,8 @@
 
 use std::collections::HashMap;
 
+use glam::Vec3;
+
 use super::textures::TextureTable;
 use crate::error::Result;
 use crate::scene::import::document::Document;
@@ -56,6 +58,9 @@ fn resolve(
             notes.not_loaded(&info.at, "a texture whose factor is 0, or that the material does not use");
         }
     }
+    if let Some(text) = dimmed(&mut material.emissive) {
+        notes.approximated(&from.at, text);
+    }
     if material.transmits() {
         let text = "light passes through, shadow rays do not: behind it, punctual lights do not shine";
         notes.convention(&from.at, text);
@@ -69,6 +74,19 @@ fn resolve(
         notes.convention(&from.at, text);
     }
     Ok(material)
+}
+
+/// Largest emitted radiance, and intensity of a light: sums of squares over a picture stay finite as 32-bit floats. A laser
+/// pointer's is near 1e10, the sun's 2e9.
+const MAX_EMISSION: f32 = 1e15;
+
+/// Limits the light of an emitter; what to say if it is changed.
+pub fn dimmed(light: &mut Vec3) -> Option<String> {
+    let most = light.max_element();
+    (most > MAX_EMISSION).then(|| {
+        *light = light.min(Vec3::splat(MAX_EMISSION));
+        format!("a light of {most:e} is dimmed to {MAX_EMISSION:e}, the largest that can be rendered")
+    })
 }
 
 /// The scene's materials, created when a mesh first uses them.

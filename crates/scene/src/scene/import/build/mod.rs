@@ -199,12 +199,13 @@ impl Assembly<'_> {
         let [shutter, adjacent_frames] =
             [&forms[..self.shutter_samples], &forms[self.shutter_samples..]].map(|f| if changing(f) { f } else { &[] });
         let poses = MeshPoses { picture, shutter, adjacent_frames };
-        let times = placements.iter().map(|placement| self.placement_times(placement, notes)).collect::<Vec<_>>();
         // The transform is baked into the meshes if the object is placed once and does not move.
-        let single = if let ([placement], [PlacementTimes { shutter: None, .. }]) = (&placements[..], &times[..]) {
-            Some((*placement, times[0].adjacent_frames))
-        } else {
-            None
+        let single = match &placements[..] {
+            [placement] => match self.placement_times(placement, notes) {
+                PlacementTimes { shutter: None, adjacent_frames } => Some((*placement, adjacent_frames)),
+                PlacementTimes { shutter: Some(_), .. } => None,
+            },
+            _ => None,
         };
         if self.reuse.is_some() {
             self.read_cached(key, mesh, &poses, single, notes)?;
@@ -236,7 +237,7 @@ impl Assembly<'_> {
             self.scene.instances.push(Instance { name: placement.name.clone(), object, ..Default::default() });
             return Ok(());
         }
-        self.add_instances(object, mesh, &placements, times)
+        self.add_instances(object, mesh, &placements, notes)
     }
 
     /// Adds the placements of an object whose meshes are in object space.
@@ -245,12 +246,14 @@ impl Assembly<'_> {
         object: u32,
         mesh: &MeshOfDocument,
         placements: &[&Placement],
-        times: Vec<PlacementTimes>,
+        notes: &mut Notes,
     ) -> Result<()> {
         let Object { meshes, .. } = &self.scene.objects[object as usize];
         let meshes = &self.scene.meshes[meshes.start as usize..meshes.end as usize];
         let corners = corners(points(meshes.iter().map(Arc::as_ref)));
-        for (placement, times) in placements.iter().zip(times) {
+        for placement in placements {
+            // One after the other: transforms at all times take more memory than what is kept of them.
+            let times = self.placement_times(placement, notes);
             for world in [&placement.world].into_iter().chain(times.shutter.iter().flatten()) {
                 check_extent(&corners, world, &placement.at, &mesh.at)?;
             }

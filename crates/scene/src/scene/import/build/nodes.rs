@@ -8,7 +8,7 @@ use glam::{Affine3A, DAffine3, DMat4, DQuat, DVec3};
 use super::reader::Reader;
 use super::time_samples::TimeSample;
 use super::{cameras, lights};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::scene::import::document::Document;
 use crate::scene::import::document::extensions::{Support, support};
 use crate::scene::import::document::nodes::{Instancing, world_transforms};
@@ -163,6 +163,17 @@ fn instances(from: &Instancing, reader: &mut Reader) -> Result<Vec<DAffine3>> {
     let Some(&any) = from.all.first() else { return Ok(Vec::new()) };
     let accessor = reader.document.accessors.get(any)?;
     let (at, count) = (accessor.at.clone(), accessor.count);
+    // All of them are in one place: every ray that meets one meets all.
+    const MAX_IN_ONE_PLACE: u64 = 4096;
+    let has_data = |&index: &usize| {
+        reader.document.accessors.get(index).is_ok_and(|accessor| accessor.view.is_some() || accessor.sparse.is_some())
+    };
+    if count > MAX_IN_ONE_PLACE && !from.all.iter().any(has_data) {
+        return Err(Error::Data(format!(
+            "{at}: {count} instances without data, that is all in one place; at most {MAX_IN_ONE_PLACE} are shown: give the \
+             accessor a bufferView, or is the file damaged?"
+        )));
+    }
     // Size of a placement, which exceeds that of the attributes that it is read from.
     const BYTES_PER_PLACEMENT: u64 = 256;
     reader.budget.take(&at, count, BYTES_PER_PLACEMENT)?;

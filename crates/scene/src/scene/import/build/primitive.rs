@@ -133,14 +133,17 @@ pub fn read(
     if let Some(source) = g.source.take() {
         let pick = |values: &Vec<[f32; 3]>| source.iter().map(|&i| values[i as usize]).collect::<Vec<_>>();
         let unit = |n: [f32; 3]| Vec3::from(n).normalize_or_zero().to_array();
-        let normals =
-            steps.iter().filter_map(|step| Some(pick(step.normals.as_ref()?).into_iter().map(unit).collect()));
-        let positions =
-            |steps: &[Geometry]| steps.iter().map(|s| Positions::new(pick(&s.positions))).collect::<Vec<_>>();
+        let positions = |step: &Geometry| Positions::new(pick(&step.positions));
         if !steps.is_empty() {
-            g.motion = Some(Deformation { positions: positions(&steps), normals: normals.collect() });
+            let mut motion = Deformation::default();
+            // One after the other, so that not all are in memory twice.
+            for step in steps {
+                motion.positions.push(positions(&step));
+                motion.normals.extend(step.normals.map(|normals| pick(&normals).into_iter().map(unit).collect()));
+            }
+            g.motion = Some(motion);
         }
-        g.adjacent_frames = positions(&adjacent_frames).try_into().ok();
+        g.adjacent_frames = adjacent_frames.iter().map(positions).collect::<Vec<_>>().try_into().ok();
     }
     Ok(Some(g))
 }

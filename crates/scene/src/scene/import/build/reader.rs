@@ -51,6 +51,10 @@ impl Budget {
     }
 }
 
+/// Largest number of elements of an accessor that has no data, whose elements are zeros unless sparse ones replace them. A
+/// count costs a file nothing.
+const MAX_WITHOUT_DATA: u64 = 1 << 20;
+
 /// Reads accessors' elements.
 pub struct Reader<'a> {
     pub document: &'a Document,
@@ -212,6 +216,14 @@ impl<'a> Reader<'a> {
         if size != (S * N) as u64 {
             // Callers check formats first; only tightly packed elements are read.
             return Err(bad(&accessor.at, format!("elements of {} bytes", S * N), accessor.format()));
+        }
+        let is_bare = accessor.view.is_none() && !self.unpacked.contains_key(&index);
+        if is_bare && accessor.count > MAX_WITHOUT_DATA {
+            return Err(Error::Data(format!(
+                "{}: asks for {} elements without data, that is of zeros; at most {MAX_WITHOUT_DATA} can be used: give it a \
+                 bufferView, or is the file damaged?",
+                accessor.at, accessor.count
+            )));
         }
         self.budget.take(&accessor.at, accessor.count, size_of::<[T; N]>() as u64)?;
         let count = accessor.count as usize;

@@ -1,6 +1,7 @@
 //! A scene's files. Each is opened once, so that the data that is hashed is the data that is rendered.
 
 mod blob;
+mod census;
 mod container;
 mod reach;
 mod read;
@@ -15,6 +16,7 @@ use serde_json::Value;
 
 use crate::error::Result;
 pub use blob::Blob;
+pub use census::Census;
 use container::Container;
 use reach::Reach;
 pub use read::read_regular;

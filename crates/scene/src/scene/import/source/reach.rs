@@ -7,6 +7,8 @@ use serde_json::Value;
 /// Reachable elements, by array.
 #[derive(Debug)]
 pub struct Reach {
+    /// By index into `nodes`.
+    pub nodes: Vec<bool>,
     /// By index into `meshes`.
     pub meshes: Vec<bool>,
     /// By index into `images`.
@@ -28,6 +30,7 @@ impl Reach {
             textures: none("textures"),
             accessors: none("accessors"),
             views: none("bufferViews"),
+            nodes: Vec::new(),
         };
         let mut nodes = none("nodes");
         match items(&json["scenes"]).next() {
@@ -38,6 +41,7 @@ impl Reach {
         for index in indices(&nodes) {
             reach.node(json, &json["nodes"][index]);
         }
+        reach.nodes = nodes;
         for sampler in items(&json["animations"]).flat_map(|animation| items(&animation["samplers"])) {
             mark(&mut reach.accessors, &sampler["input"]);
             mark(&mut reach.accessors, &sampler["output"]);

@@ -1,13 +1,15 @@
 //! Hash of a scene's files, and an estimate of the memory that loading them takes.
 
+use std::cmp::Reverse;
 use std::io::Cursor;
 use std::path::PathBuf;
 
 use bytes::Bytes;
-use image::{ImageDecoder, ImageReader};
+use image::{ColorType, ImageDecoder, ImageReader};
 use serde_json::Value;
 
 use super::Source;
+use super::census::{Census, census};
 use super::reach::items;
 
 /// Hash and sizes of a scene's files, without decoding them.
@@ -21,12 +23,12 @@ pub struct Survey {
     pub file_bytes: u64,
     /// Bytes that were read: all but those that no scene of the document can show.
     pub read_bytes: u64,
-    /// Upper bound of the number of triangles in memory.
-    pub triangles: u64,
-    /// Upper bound of the bytes of vertices and indices in memory.
-    pub geometry_bytes: u64,
+    /// Numbers of the scene's elements.
+    pub census: Census,
     /// Upper bound of the bytes of decoded pictures.
     pub image_bytes: u64,
+    /// Bytes that each takes besides while it is decoded, the largest first.
+    pub decoding_bytes: Vec<u64>,
     /// May a light of the document, or an emissive material, shine?
     pub has_lights: bool,
 }
@@ -38,8 +40,12 @@ impl Source {
         let (hash, files) = (self.hash(), self.files.clone());
         let mut survey = Survey { hash, files, file_bytes, read_bytes, ..Default::default() };
         let shown = (0..self.reach.images.len()).filter(|&i| self.reach.images[i]);
-        survey.image_bytes = shown.map(|i| decoded_bytes(&self.image_bytes(i))).sum();
-        self.measure_meshes(&mut survey);
+        for (kept, while_decoding) in shown.map(|i| decoded_bytes(&self.image_bytes(i))) {
+            survey.image_bytes = survey.image_bytes.saturating_add(kept).min(MOST_BYTES);
+            survey.decoding_bytes.push(while_decoding);
+        }
+        survey.decoding_bytes.sort_unstable_by_key(|bytes| Reverse(*bytes));
+        survey.census = census(&self.json, &self.reach);
         survey.has_lights = has_lights(&self.json);
         survey
     }
@@ -85,35 +91,6 @@ impl Source {
         let start = number(&view["byteOffset"]) as u64;
         bytes.get(start..start.saturating_add(number(&view["byteLength"]) as u64)).unwrap_or_default()
     }
-
-    fn measure_meshes(&self, survey: &mut Survey) {
-        let json = &self.json;
-        let accessor = |index: &Value| {
-            let count = index.as_u64().map(|i| json["accessors"][i as usize]["count"].as_u64().unwrap_or(0));
-            count.filter(|&n| n < 1 << 40)
-        };
-        let shown = items(&json["meshes"]).zip(&self.reach.meshes).filter(|(_, reached)| **reached);
-        for primitive in shown.flat_map(|(mesh, _)| items(&mesh["primitives"])) {
-            let attributes = &primitive["attributes"];
-            let vertices = accessor(&attributes["POSITION"]).unwrap_or(0);
-            let corners = accessor(&primitive["indices"]).unwrap_or(vertices);
-            let triangles = match primitive["mode"].as_u64() {
-                None | Some(4) => corners / 3,
-                Some(5 | 6) => corners.saturating_sub(2),
-                _ => continue,
-            };
-            let size = |name: &str| match name {
-                "POSITION" | "NORMAL" => 12,
-                "COLOR_0" => 16,
-                name if name.starts_with("TEXCOORD_") => 8,
-                _ => 0,
-            };
-            let named = attributes.as_object().into_iter().flatten().filter(|(_, accessor)| accessor.is_u64());
-            let bytes_per_vertex: u64 = named.map(|(name, _)| size(name)).sum();
-            survey.triangles += triangles;
-            survey.geometry_bytes += vertices * bytes_per_vertex + 12 * triangles;
-        }
-    }
 }
 
 fn has_lights(json: &Value) -> bool {
@@ -124,18 +101,34 @@ fn has_lights(json: &Value) -> bool {
         || items(&json["extensionsUsed"]).any(|name| name == "KHR_animation_pointer")
 }
 
-/// Decoded size of a picture: four bytes per texel, eight with 16 bits per channel; 0 for other data.
-fn decoded_bytes(bytes: &[u8]) -> u64 {
+/// More than any memory holds; leaves room for sums.
+const MOST_BYTES: u64 = 1 << 48;
+
+/// Bytes of a picture in memory, and those that it takes besides while it is decoded; 0 for other data.
+fn decoded_bytes(bytes: &[u8]) -> (u64, u64) {
     if let [0xAB, b'K', b'T', b'X', b' ', b'2', b'0', ..] = bytes {
         let side = |at: usize| bytes.get(at..at + 4)?.try_into().ok().map(u32::from_le_bytes);
-        return 4 * u64::from(side(20).unwrap_or(0)) * u64::from(side(24).unwrap_or(0));
+        let texels = u64::from(side(20).unwrap_or(0)) * u64::from(side(24).unwrap_or(0));
+        let bytes = texels.saturating_mul(4).min(MOST_BYTES);
+        return (bytes, bytes);
     }
     let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().ok();
-    let Some(decoder) = reader.and_then(|reader| reader.into_decoder().ok()) else { return 0 };
+    let Some(decoder) = reader.and_then(|reader| reader.into_decoder().ok()) else { return (0, 0) };
     let (width, height) = decoder.dimensions();
-    let color = decoder.color_type();
-    let channel = if color.bytes_per_pixel() > color.channel_count() { 2 } else { 1 };
-    4 * channel * u64::from(width) * u64::from(height)
+    // What the decoder makes is converted where it is none of the texels that are kept. Opaque alpha is dropped.
+    let (kept, besides) = match decoder.color_type() {
+        ColorType::Rgb8 => (3, 0),
+        ColorType::Rgba8 => (4, 3),
+        ColorType::L8 => (3, 1),
+        ColorType::La8 => (4, 3),
+        ColorType::Rgba16 => (8, 0),
+        ColorType::L16 => (8, 2),
+        ColorType::La16 => (8, 4),
+        ColorType::Rgb16 => (8, 6),
+        _ => (4, 4),
+    };
+    let texels = u64::from(width) * u64::from(height);
+    (texels.saturating_mul(kept).min(MOST_BYTES), texels.saturating_mul(besides).min(MOST_BYTES))
 }
 
 /// An index or size; 0 (the default) if absent.

@@ -1,0 +1,144 @@
+//! What memory a render needs, estimated before anything is decoded.
+
+use crate::rays::Backend;
+use crate::render::RenderSettings;
+use crate::render::prepass::learned_lights;
+use crate::render::tile::{Columns, Tile};
+use crate::scene::import::{EnvironmentSize, Survey};
+
+/// What the memory of a render depends on.
+#[derive(Debug, Clone, Copy)]
+pub struct Need<'a> {
+    /// The scene's files.
+    pub scene: &'a Survey,
+    /// Times at which moving parts are kept.
+    pub steps: Steps,
+    /// The environment's picture, if there is one.
+    pub environment: Option<EnvironmentSize>,
+    /// Whether the compensated density of the environment is made, too.
+    pub compensates: bool,
+    /// Pixels of the crop window.
+    pub pixels: u64,
+    /// What is stored per pixel.
+    pub columns: Columns,
+    /// Pixels whose statistics to continue from are in the picture's file.
+    pub saved_pixels: u64,
+    /// Whether the picture is denoised.
+    pub denoises: bool,
+    /// Largest number of bytes that a pre-pass takes.
+    pub prepass_bytes: u64,
+    /// Ray tracing library.
+    pub rays: Backend,
+    /// Number of render threads.
+    pub threads: usize,
+}
+
+/// Times at which moving parts are kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Steps {
+    /// The scene is at rest, or shown at one time.
+    #[default]
+    None,
+    /// So many linear segments.
+    Shutter(u32),
+    /// As many as the motion needs.
+    Adaptive,
+}
+
+impl Steps {
+    /// Number of times at which transforms and positions are kept.
+    fn kept(self) -> u64 {
+        match self {
+            Self::None => 0,
+            Self::Shutter(steps) => u64::from(steps) + 1,
+            // Few motions need more; those that do are measured again once they are read.
+            Self::Adaptive => 9,
+        }
+    }
+}
+
+/// Bytes of the program and its libraries.
+const PROGRAM_BYTES: u64 = 24 << 20;
+/// Bytes of the buffers of one thread.
+const BYTES_PER_THREAD: u64 = 2 << 20;
+/// Bytes per triangle of a static mesh: at the peak of the build, and of the finished acceleration structure.
+const EMBREE_BYTES_PER_TRIANGLE: [u64; 2] = [125, 100];
+const OBVHS_BYTES_PER_TRIANGLE: [u64; 2] = [360, 200];
+/// Bytes per placement: in the document, the scene, the ray queries and shading.
+const BYTES_PER_INSTANCE: u64 = 1000;
+/// Bytes per node of the checked document.
+const BYTES_PER_NODE: u64 = 480;
+/// Bytes per mesh outside of its arrays: in the document, the scene, the ray queries.
+const BYTES_PER_MESH: u64 = 4500;
+/// Bytes of a moving placement at one time: in the scene, and in the ray queries.
+const BYTES_PER_KEY: [u64; 2] = [72, 220];
+/// Bytes of a node at one time while the motion is sampled.
+const BYTES_PER_NODE_AND_TIME: u64 = 176;
+/// Bytes of a deforming vertex at one time: position and normal.
+const BYTES_PER_VERTEX_AND_TIME: u64 = 24;
+/// Bytes of an emissive triangle and its part of the light tree while both are built.
+const BYTES_PER_LIGHT: u64 = 250;
+/// Bytes per pixel of the denoiser's process with Open Image Denoise 2.3, and of the pictures that are passed to it.
+const DENOISER_BYTES_PER_PIXEL: u64 = 950;
+
+/// Bytes of the program without a scene.
+pub fn at_rest(threads: usize) -> u64 {
+    PROGRAM_BYTES + threads as u64 * BYTES_PER_THREAD
+}
+
+/// Bytes of placements, of so many keys of their motion in all, and of the emissive triangles in them.
+pub fn placed_bytes(instances: u64, keys: u64, emissive_triangles: u64) -> u64 {
+    instances * BYTES_PER_INSTANCE + keys * BYTES_PER_KEY.iter().sum::<u64>() + emissive_triangles * BYTES_PER_LIGHT
+}
+
+impl<'a> Need<'a> {
+    /// Of a picture of so many pixels with default settings and without an environment.
+    pub fn with_defaults(scene: &'a Survey, steps: Steps, pixels: u64) -> Self {
+        let settings = RenderSettings::default();
+        let learning = learned_lights::bytes(&settings, scene.census.emissive_triangles);
+        Self {
+            scene,
+            steps,
+            environment: None,
+            compensates: false,
+            pixels,
+            columns: settings.columns(),
+            saved_pixels: 0,
+            denoises: false,
+            prepass_bytes: if pixels > 0 { learning } else { 0 },
+            rays: Backend::default(),
+            threads: rayon::current_num_threads(),
+        }
+    }
+
+    /// Estimated peak memory in bytes, from the files' headers: an upper bound, for most scenes by less than a third.
+    /// `scripts/reliability_memory.py` compares it with what is taken.
+    pub fn bytes(&self) -> u64 {
+        let (s, c) = (self.scene, &self.scene.census);
+        let times = self.steps.kept();
+        let [building, built] = match self.rays {
+            Backend::Embree => EMBREE_BYTES_PER_TRIANGLE,
+            Backend::Obvhs => OBVHS_BYTES_PER_TRIANGLE,
+        }
+        .map(|bytes| bytes * c.triangles + times * c.moving * BYTES_PER_KEY[1]);
+        let motion = times * (c.moving * BYTES_PER_KEY[0] + c.deforming_vertices * BYTES_PER_VERTEX_AND_TIME);
+        let sampling = times * c.nodes * BYTES_PER_NODE_AND_TIME;
+        let environment = self.environment.map_or([0; 2], |size| size.bytes(self.compensates));
+        // The scene in memory.
+        let kept =
+            c.geometry_bytes + s.image_bytes + motion + c.instances * BYTES_PER_INSTANCE + c.meshes * BYTES_PER_MESH;
+        // While it is read: the files, the parsed document, twice where an animation poses it, and data of the formats.
+        let documents = if times > 0 { 3 } else { 1 } * (c.json_bytes + c.nodes * BYTES_PER_NODE);
+        let decoding = s.decoding_bytes.iter().take(self.threads).sum::<u64>();
+        let reading = s.read_bytes + documents + sampling + decoding.max(c.reading_bytes).max(environment[0]);
+        let lights = c.emissive_triangles * BYTES_PER_LIGHT;
+        let pixels = Tile::memory_bytes(self.pixels, self.columns);
+        // Statistics are compressed before writing, usually to less than half.
+        let saving = Tile::memory_bytes(self.saved_pixels, self.columns) / 2;
+        let denoiser = if self.denoises { self.pixels * DENOISER_BYTES_PER_PIXEL } else { 0 };
+        // A part of what the reader has freed is not given back to the system.
+        let documents = documents / 2;
+        let rendering = built + environment[1] + lights + pixels + self.prepass_bytes.max(saving).max(denoiser);
+        at_rest(self.threads) + kept + reading.max(documents + building).max(documents + rendering)
+    }
+}

@@ -1,0 +1,316 @@
+//! The memory that a render says it needs before it begins, against what it takes; and files of a kilobyte that ask for much.
+//! `scripts/reliability.py estimates` compares more kinds of scene, and larger ones.
+
+use std::fs;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+
+use crate::helpers::glb;
+use crate::helpers::program::{expect, scene};
+
+const MIB: u64 = 1 << 20;
+/// What the estimate may be above what is taken, besides a third: the process itself.
+const BASE: u64 = 24 * MIB;
+
+fn floats(values: impl IntoIterator<Item = f32>) -> Vec<u8> {
+    values.into_iter().flat_map(f32::to_le_bytes).collect()
+}
+
+/// A document with one buffer.
+#[derive(Default)]
+struct Document {
+    json: serde_json::Map<String, Value>,
+    binary: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+}
+
+impl Document {
+    /// Index of an accessor of these elements.
+    fn accessor(&mut self, bytes: &[u8], kind: &str, component: u32) -> usize {
+        let width = match kind {
+            "SCALAR" => 1,
+            "VEC2" => 2,
+            "VEC3" => 3,
+            _ => 4,
+        };
+        let size = width * if component == 5121 { 1 } else { 4 };
+        self.views.push(json!({ "buffer": 0, "byteOffset": self.binary.len(), "byteLength": bytes.len() }));
+        self.binary.extend(bytes);
+        self.binary.resize(self.binary.len().next_multiple_of(4), 0);
+        let count = bytes.len() / size;
+        let mut accessor =
+            json!({ "bufferView": self.views.len() - 1, "componentType": component, "count": count, "type": kind });
+        if kind == "VEC3" {
+            (accessor["min"], accessor["max"]) = (json!([-1e4, -1e4, -1e4]), json!([1e4, 1e4, 1e4]));
+        }
+        self.accessors.push(accessor);
+        self.accessors.len() - 1
+    }
+
+    /// A rolling field of `n` x `n` quads.
+    fn field(&mut self, n: usize) -> Value {
+        let at = |i: usize| 2.0 * i as f32 / n as f32 - 1.0;
+        let points = (0..=n).flat_map(|y| (0..=n).map(move |x| (x, y)));
+        let positions: Vec<f32> =
+            points.flat_map(|(x, y)| [at(x), 0.1 * (9.0 * at(x)).sin() * (7.0 * at(y)).cos(), at(y)]).collect();
+        let corner = |x: usize, y: usize| (y * (n + 1) + x) as u32;
+        let quads = (0..n).flat_map(|y| (0..n).map(move |x| (x, y)));
+        let indices = quads.flat_map(|(x, y)| {
+            let [a, b, c, d] = [corner(x, y), corner(x, y + 1), corner(x + 1, y), corner(x + 1, y + 1)];
+            [a, b, c, c, b, d]
+        });
+        let indices: Vec<u8> = indices.flat_map(u32::to_le_bytes).collect();
+        json!({ "attributes": { "POSITION": self.accessor(&floats(positions), "VEC3", 5126) },
+            "indices": self.accessor(&indices, "SCALAR", 5125) })
+    }
+
+    fn set(&mut self, key: &str, value: Value) {
+        self.json.insert(key.into(), value);
+    }
+
+    fn save(mut self, path: &Path) {
+        let nodes = self.json["nodes"].as_array().map_or(0, Vec::len);
+        self.set("asset", json!({ "version": "2.0" }));
+        self.json.entry("scenes").or_insert_with(|| json!([{ "nodes": (0..nodes).collect::<Vec<_>>() }]));
+        self.set("accessors", self.accessors.clone().into());
+        self.set("bufferViews", self.views.clone().into());
+        self.set("buffers", json!([{ "byteLength": self.binary.len() }]));
+        fs::write(path, glb::file(&self.json.clone().into(), &self.binary)).unwrap();
+    }
+}
+
+/// A node that shows mesh 0 in so many places.
+fn instanced(document: &mut Document, count: usize) {
+    let places =
+        document.accessor(&floats((0..count).flat_map(|i| [(i % 700) as f32, 0.0, (i / 700) as f32])), "VEC3", 5126);
+    document.set(
+        "nodes",
+        json!([{ "mesh": 0,
+        "extensions": { "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": places } } } }]),
+    );
+}
+
+fn fields(n: usize) -> Document {
+    let mut document = Document::default();
+    let field = document.field(n);
+    document.set("meshes", json!([{ "primitives": [field] }]));
+    document.set("nodes", json!([{ "mesh": 0 }]));
+    document
+}
+
+/// Every node moves up and down on a curve.
+fn animate(document: &mut Document, nodes: usize) {
+    let times = document.accessor(&floats([0.0, 0.5, 1.0]), "SCALAR", 5126);
+    let values = document.accessor(&floats([0.0, 0.0, 0.0, 0.3, 0.4, 0.0, 0.0, 1.0, 0.0]), "VEC3", 5126);
+    let channel = |node| json!({ "sampler": 0, "target": { "node": node, "path": "translation" } });
+    let channels: Vec<Value> = (0..nodes).map(channel).collect();
+    document.set("animations", json!([{ "samplers": [{ "input": times, "output": values }], "channels": channels }]));
+}
+
+/// The estimate and the peak in bytes of a render.
+fn said_and_taken(folder: &Path, line: &str) -> (u64, u64) {
+    let line = format!("render {line} --threads 2 -o out.exr --stats out.json -v");
+    let said = expect(folder, &line, 0);
+    let text = said.split("needs about ").nth(1).unwrap();
+    let said = text.split(' ').next().unwrap().parse::<u64>().unwrap() * MIB;
+    let stats: Value = serde_json::from_slice(&fs::read(folder.join("out.json")).unwrap()).unwrap();
+    (said, stats["peak_memory_bytes"].as_u64().unwrap())
+}
+
+#[test]
+fn what_a_render_says_it_needs_is_what_it_takes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    fs::copy(scene("cornell.glb"), path.join("cornell.glb")).unwrap();
+    let save = |name: &str, document: Document| document.save(&path.join(name));
+    save("mesh.glb", fields(400));
+    let mut many = fields(1);
+    instanced(&mut many, 150_000);
+    save("instances.glb", many);
+    let mut nodes = fields(1);
+    nodes.set("nodes", (0..30_000).map(|i| json!({ "mesh": 0, "translation": [i % 170, 0, i / 170] })).collect());
+    save("nodes.glb", nodes);
+    let mut lamps = fields(7);
+    lamps.json["meshes"][0]["primitives"][0]["material"] = 0.into();
+    lamps.set("materials", json!([{ "emissiveFactor": [1, 1, 1] }]));
+    instanced(&mut lamps, 2000);
+    save("lamps.glb", lamps);
+    let mut moving = fields(1);
+    moving.set("nodes", (0..1000).map(|i| json!({ "mesh": 0, "translation": [i % 30, 0, i / 30] })).collect());
+    animate(&mut moving, 1000);
+    save("moving.glb", moving);
+    let mut skin = fields(150);
+    let vertices = 151 * 151;
+    let joints = skin.accessor(&[0, 1, 0, 0].repeat(vertices), "VEC4", 5121);
+    let weights = skin.accessor(&floats([0.5, 0.5, 0.0, 0.0]).repeat(vertices), "VEC4", 5126);
+    let attributes = &mut skin.json["meshes"][0]["primitives"][0]["attributes"];
+    (attributes["JOINTS_0"], attributes["WEIGHTS_0"]) = (joints.into(), weights.into());
+    skin.set("nodes", json!([{}, {}, { "mesh": 0, "skin": 0 }]));
+    skin.set("skins", json!([{ "joints": [0, 1] }]));
+    animate(&mut skin, 2);
+    save("skin.glb", skin);
+    let mut tall = fields(4);
+    tall.set("nodes", json!([{ "mesh": 0 }, { "camera": 0, "translation": [0, 1, 4] }]));
+    tall.set(
+        "cameras",
+        json!([{ "type": "perspective", "perspective": { "aspectRatio": 0.5, "yfov": 1, "znear": 0.1 } }]),
+    );
+    save("tall.glb", tall);
+    let row: Vec<u8> = (0..2048_u32).flat_map(|x| [(x % 256) as u8, 90, 40, 128]).collect();
+    let head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1024 +X 2048\n";
+    fs::write(path.join("sky.hdr"), [&head[..], &row.repeat(1024)].concat()).unwrap();
+    let small = "--size 64x64 --spp 1";
+    let moves = "--frame 3 --shutter 0,1 --motion-steps";
+    for line in [
+        format!("cornell.glb {small}"),
+        "cornell.glb --size 700x500 --spp 1".into(),
+        "cornell.glb --size 500x400 --spp 1 --aov all".into(),
+        "tall.glb --sky --spp 1".into(),
+        format!("mesh.glb --sky {small}"),
+        format!("mesh.glb --sky {small} --rays obvhs"),
+        format!("instances.glb --sky {small}"),
+        format!("nodes.glb --sky {small}"),
+        format!("lamps.glb {small}"),
+        format!("moving.glb --sky {small} {moves} 100"),
+        format!("skin.glb --sky {small} {moves} 60"),
+        format!("cornell.glb {small} --env sky.hdr"),
+        format!("cornell.glb {small} --env sky.hdr --balance half"),
+    ] {
+        let (said, taken) = said_and_taken(path, &line);
+        let shown = format!("{line}: {} MiB said, {} taken", said / MIB, taken / MIB);
+        assert!(said >= taken && said <= taken * 4 / 3 + BASE, "{shown}");
+    }
+}
+
+/// A table as large as the plain one is not made for a method that never asks for it.
+#[test]
+fn the_second_table_of_a_sky_is_made_where_it_is_used() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::copy(scene("cornell.glb"), folder.path().join("cornell.glb")).unwrap();
+    let (width, height) = (4096, 2048);
+    let row: Vec<u8> = (0..width).flat_map(|x: u32| [(x % 256) as u8, 90, 40, 128]).collect();
+    let head = format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n");
+    fs::write(folder.path().join("sky.hdr"), [head.as_bytes(), &row.repeat(height)].concat()).unwrap();
+    let taken = |balance: &str| {
+        said_and_taken(folder.path(), &format!("cornell.glb --size 64x64 --spp 1 --env sky.hdr --balance {balance}")).1
+    };
+    // A cumulative distribution of floats, and a guide of two numbers of 32 bits for each pixel.
+    let table = 12 * u64::from(width) * height as u64;
+    assert!(taken("half") + table / 2 < taken("progressive"));
+}
+
+#[test]
+fn counts_without_data_are_bounded_in_words_that_name_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let refused = |document: Document, words: [&str; 2]| {
+        document.save(&path.join("scene.glb"));
+        assert!(fs::metadata(path.join("scene.glb")).unwrap().len() < 4096);
+        for line in ["inspect scene.glb", "render scene.glb --size 64x64 --spp 1 -q -o out.exr"] {
+            let began = Instant::now();
+            let said = expect(path, line, 65);
+            assert!(words.iter().all(|word| said.contains(word)), "{said}");
+            assert!(began.elapsed() < Duration::from_secs(10), "{line} took {:?}", began.elapsed());
+        }
+    };
+    let bare = |document: &mut Document, count: u64| {
+        document.accessors.push(json!({ "componentType": 5126, "count": count, "type": "VEC3" }));
+        document.accessors.len() - 1
+    };
+    let instances = |count: u64| {
+        let mut document = fields(2);
+        let places = bare(&mut document, count);
+        document.set(
+            "nodes",
+            json!([{ "mesh": 0,
+            "extensions": { "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": places } } } }]),
+        );
+        document
+    };
+    refused(instances(1_000_000), ["accessors[2]", "1000000 instances without data"]);
+    refused(instances(5_000), ["accessors[2]", "at most 4096"]);
+    let mut morphed = fields(2);
+    let target = bare(&mut morphed, 3_000_000);
+    let primitive = json!({ "attributes": { "POSITION": target }, "targets": [{ "POSITION": target }] });
+    morphed.set("meshes", json!([{ "primitives": [primitive], "weights": [1] }]));
+    refused(morphed, ["accessors[2]", "3000000 elements without data"]);
+    // As many as are allowed take seconds, too.
+    instances(4096).save(&path.join("scene.glb"));
+    let began = Instant::now();
+    expect(path, "render scene.glb --size 64x64 --spp 1 -q -o out.exr", 0);
+    assert!(began.elapsed() < Duration::from_secs(20), "took {:?}", began.elapsed());
+}
+
+#[test]
+fn inspect_says_what_a_render_needs_and_both_refuse_what_no_memory_holds() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    fs::copy(scene("cornell.glb"), path.join("cornell.glb")).unwrap();
+    let inspected: Value = serde_json::from_slice(
+        &crate::helpers::program::bismar(path).args(["inspect", "cornell.glb", "--json"]).output().unwrap().stdout,
+    )
+    .unwrap();
+    let bytes = inspected["render_bytes"].as_u64().unwrap();
+    assert!(bytes > 60 * MIB && bytes < 400 * MIB, "{bytes}");
+    // A hundred million triangles, all the same, of which the file has three corners.
+    let mut document = fields(7);
+    document.json["meshes"][0]["primitives"][0]["material"] = 0.into();
+    document.set("materials", json!([{ "emissiveFactor": [1, 1, 1] }]));
+    document.accessors.push(json!({ "componentType": 5126, "count": 2_000_000_000, "type": "VEC3" }));
+    document.set(
+        "nodes",
+        json!([{ "mesh": 0, "extensions": { "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": 2 } } } }]),
+    );
+    document.save(&path.join("many.glb"));
+    for line in ["inspect many.glb", "render many.glb --size 8x8"] {
+        let said = expect(path, line, 76);
+        assert!(said.contains("many.glb") && said.contains("needs about"), "{line}: {said}");
+    }
+}
+
+/// A scene in geographic coordinates, an emitter of 3e38 and a lens of centimetres in a scene of millimetres are told.
+#[test]
+fn what_numbers_cannot_hold_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let render = |flags: &str| expect(path, &format!("render scene.glb --size 16x16 --spp 4 -o out.exr {flags}"), 0);
+    let placed = |translation: [f64; 3], scale: f64| {
+        let mut document = fields(4);
+        document.set("nodes", json!([
+            { "mesh": 0, "translation": translation, "scale": [scale, scale, scale] },
+            { "camera": 0, "translation": [translation[0], translation[1] + 0.5 * scale, translation[2] + 4.0 * scale] },
+        ]));
+        document.set("cameras", json!([{ "type": "perspective", "perspective": { "yfov": 1, "znear": 0.0001 } }]));
+        document.save(&path.join("scene.glb"));
+    };
+    placed([0.0, 0.0, 0.0], 1.0);
+    let said = render("--sky --aperture f/2.8");
+    assert!(!said.contains("away from the origin") && !said.contains("the lens has"), "{said}");
+    placed([4e5, 0.0, 0.0], 1.0);
+    let said = render("--sky");
+    assert!(said.contains("4.000e5 m away from the origin") && said.contains("wrong by about 21.2 %"), "{said}");
+    placed([0.0, 0.0, 0.0], 0.001);
+    let said = render("--sky --aperture f/2.8");
+    assert!(said.contains("the lens has a radius of 7.84e-3 m"), "{said}");
+    let mut document = fields(4);
+    document.json["meshes"][0]["primitives"][0]["material"] = 0.into();
+    document.set(
+        "materials",
+        json!([{ "emissiveFactor": [1, 1, 1],
+        "extensions": { "KHR_materials_emissive_strength": { "emissiveStrength": 3e38 } } }]),
+    );
+    document.set("extensionsUsed", json!(["KHR_materials_emissive_strength"]));
+    document.save(&path.join("scene.glb"));
+    let said = render("--camera framed --aov all");
+    assert!(said.contains("a light of 3e38 is dimmed to 1e15"), "{said}");
+    for (name, bits) in crate::helpers::program::bits(&path.join("out.exr")) {
+        let infinite = bits.iter().filter(|bits| f32::from_bits(**bits).is_infinite()).count();
+        assert!(
+            infinite == 0 || name.starts_with("depth") || name.contains("rypto"),
+            "{infinite} infinite values in {name}"
+        );
+    }
+}
