@@ -70,8 +70,11 @@ impl DiffuseTransmission<Eight> {
     /// What the layer transmits: what its albedo leaves, or with no compensation what its Fresnel term at the half vector leaves.
     #[inline(always)]
     fn transmittance(&self, cos_o: F, wo_h: F) -> F {
-        let compensated = F::ONE - albedo::ggx(cos_o, self.alpha).layer(self.layer0, self.layer90);
-        self.compensation.simd_gt(F::ZERO).select(compensated, self.layer_transmittance(wo_h))
+        let (compensates, single) = (self.compensation.simd_gt(F::ZERO), self.layer_transmittance(wo_h));
+        if !compensates.any() {
+            return single;
+        }
+        compensates.select(F::ONE - albedo::ggx(cos_o, self.alpha).layer(self.layer0, self.layer90), single)
     }
 
     #[inline(always)]

@@ -42,7 +42,7 @@ use lengths::{Items, Lengths};
 use lights::Light;
 use materials::Material;
 use nodes::{Node, check_forest};
-use primitives::Mesh;
+use primitives::{Mesh, References};
 use skins::Skin;
 use table::Table;
 
@@ -108,9 +108,9 @@ impl Document {
         let samplers = Table::parse("samplers", &items.samplers, |_, json| Sampler::parse(json, notes));
         let textures = Table::parse("textures", &items.textures, |_, json| Texture::parse(json, &lengths));
         let materials = Table::parse("materials", &items.materials, |_, json| Material::parse(json, &lengths));
-        let meshes = Table::parse("meshes", &items.meshes, |_, json| {
-            Mesh::parse(json, &lengths, &accessors, &views, &materials, quantized, notes)
-        });
+        let references =
+            References { lengths: &lengths, accessors: &accessors, views: &views, materials: &materials, quantized };
+        let meshes = Table::parse("meshes", &items.meshes, |_, json| Mesh::parse(json, references, notes));
         let skins = Table::parse("skins", &items.skins, |_, json| Skin::parse(json, &lengths, &accessors, &views));
         let cameras = Table::parse("cameras", &items.cameras, |_, json| cameras::parse(json));
         let lights =

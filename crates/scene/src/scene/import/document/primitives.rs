@@ -36,23 +36,26 @@ pub struct Mesh {
     pub at: String,
 }
 
+/// The parts of a document that primitives refer to.
+#[derive(Clone, Copy)]
+pub struct References<'a> {
+    pub lengths: &'a Lengths,
+    pub accessors: &'a Table<Accessor>,
+    pub views: &'a Table<View>,
+    pub materials: &'a Table<Material>,
+    /// Whether the document requires KHR_mesh_quantization, which allows more formats of attributes.
+    pub quantized: bool,
+}
+
 impl Mesh {
-    pub fn parse(
-        json: &Json,
-        lengths: &Lengths,
-        accessors: &Table<Accessor>,
-        views: &Table<View>,
-        materials: &Table<Material>,
-        quantized: bool,
-        notes: &mut Notes,
-    ) -> Result<Self> {
+    pub fn parse(json: &Json, references: References, notes: &mut Notes) -> Result<Self> {
         let items = json.items("primitives")?;
         if items.is_empty() {
             return Err(json.bad("primitives", "at least one primitive", "none"));
         }
         let primitives = items
             .iter()
-            .map(|item| Primitive::parse(item, lengths, accessors, views, materials, quantized, notes))
+            .map(|item| Primitive::parse(item, references, notes))
             .collect::<Result<Vec<_>>>()?;
         let targets = primitives[0].targets.len();
         if let Some(other) = primitives.iter().find(|p| p.targets.len() != targets) {
@@ -74,15 +77,8 @@ pub fn read_weights(json: &Json, targets: usize) -> Result<Option<Vec<f32>>> {
 }
 
 impl Primitive {
-    fn parse(
-        json: &Json,
-        lengths: &Lengths,
-        accessors: &Table<Accessor>,
-        views: &Table<View>,
-        materials: &Table<Material>,
-        quantized: bool,
-        notes: &mut Notes,
-    ) -> Result<Self> {
+    fn parse(json: &Json, references: References, notes: &mut Notes) -> Result<Self> {
+        let References { lengths, accessors, views, materials, quantized } = references;
         let mode = json.integer("mode")?.unwrap_or(4);
         if mode > 6 {
             return Err(json.bad("mode", "0 to 6", mode));
