@@ -6,6 +6,7 @@ use glam::Vec3;
 use super::back_faces::{MIRROR_PDF, beyond, is_culled};
 use super::batch::PixelTask;
 use super::dispersion;
+use super::glass_shadows;
 use super::path_states::clamp_contribution;
 pub use super::replay::{Event, EventKind};
 use super::shading_normal;
@@ -45,6 +46,8 @@ struct Ray {
     light_probability: f32,
     /// Is it a camera ray or a mirror image of one?
     is_mirror_image: bool,
+    /// State of the path for [`glass_shadows`].
+    state: u8,
     /// Time in [0, 1] of the shutter interval.
     time: f32,
 }
@@ -69,6 +72,8 @@ struct Vertex {
     roulette: Option<[f32; 2]>,
     /// Is it seen by the camera or in mirrors?
     is_mirror_image: bool,
+    /// State for [`glass_shadows`] of the ray that arrived.
+    state: u8,
     /// Time in [0, 1] of the shutter interval.
     time: f32,
 }
@@ -92,9 +97,34 @@ impl Vertex {
         }
     }
 
+    /// Is it smooth glass?
+    fn is_smooth(&self) -> bool {
+        let straight = self.bsdf.straight(V3::splat(self.ns), V3::splat(self.wo), F::ONE, true);
+        straight.weight.lane(0).max_element() > 0.0
+    }
+
     /// The normal for light selection: zero on surfaces that transmit.
     fn light_sampling_normal(&self) -> Vec3 {
         if self.transmits { Vec3::ZERO } else { self.ng }
+    }
+}
+
+/// A ray that goes straight through glass.
+struct StraightRay {
+    /// What is left of the light.
+    left: Vec3,
+    /// Medium behind the last surface.
+    medium: u32,
+    /// Distance of the last surface.
+    start: f32,
+    /// Instance, mesh and triangle of the last surface.
+    last: Option<(u32, u32, u32)>,
+}
+
+impl StraightRay {
+    /// What the medium leaves up to a distance.
+    fn absorbed(&self, transport: &Transport, t: f32) -> Vec3 {
+        media::transmittance(transport.materials.media[self.medium as usize], t - self.start)
     }
 }
 
@@ -133,6 +163,7 @@ pub fn trace(transport: &Transport, task: &PixelTask, path: u32, report: &mut dy
         medium: 0,
         light_probability: 1.0,
         is_mirror_image: true,
+        state: 0,
         time,
     };
     let before = |n: u32| (0..path).map(|p| u32::from(deal(n, paths, p))).sum::<u32>();
@@ -176,7 +207,7 @@ impl Tracer<'_> {
                     return Vec3::ZERO;
                 }
                 if last_wall != Some(hit(&hits)) {
-                    let passages = self.passages(&hits, direction, ray.time);
+                    let passages = self.passages(&hits, direction, ray.time, false);
                     let number =
                         thin_walls::numbers(U::splat(self.seed), U::splat(ray.index), depth, walls).as_array()[0];
                     let (passes, factor) = passages.draw(F::splat(number));
@@ -195,10 +226,26 @@ impl Tracer<'_> {
             t.rays.closest_hits(&rays, RayOrder::Incoherent, &mut hits);
         }
         let ray = &Ray { beta, ..*ray };
+        let straight = if t.passes_bodies() { self.straight_behind_bodies(ray, depth, &hits) } else { Vec3::ZERO };
+        straight + self.trace_hit(ray, depth, (&hits, one_technique, walls > 0), light, bsdf)
+    }
+
+    /// Radiance along a ray that has hit something or nothing.
+    fn trace_hit(
+        &mut self,
+        ray: &Ray,
+        depth: u32,
+        (hits, one_technique, passed_wall): (&HitBatch, bool, bool),
+        light: &[(u32, LightTarget)],
+        bsdf: &[u32],
+    ) -> Vec3 {
+        let t = self.transport;
+        let Ray { origin, direction, .. } = *ray;
+        let excluded = ray.state & glass_shadows::REFRACTED != 0;
         let (instance, mesh, prim, distance) = (hits.instance[0], hits.mesh[0], hits.prim[0], hits.t[0]);
         if mesh == MISS {
             self.report(depth, EventKind::Escape);
-            if t.lights.environment.is_none() || (depth == 0 && walls == 0 && t.hides_environment) {
+            if excluded || t.lights.environment.is_none() || (depth == 0 && !passed_wall && t.hides_environment) {
                 return Vec3::ZERO;
             }
             let (radiance, pdf) = t.lights.environment(V3::splat(direction), t.drawing);
@@ -217,7 +264,7 @@ impl Tracer<'_> {
             return self.emission(ray, depth, point.base_color(t.scene), [0.0; 2]);
         }
         let mut radiance_sum = Vec3::ZERO;
-        if t.materials.mesh_material(mesh).emits && point.emits_against(direction) {
+        if t.materials.mesh_material(mesh).emits && point.emits_against(direction) && !excluded {
             let radiance = point.emitted_radiance(t.scene, prim, barycentric, direction);
             let from = (origin, ray.normal);
             let hit = (instance, mesh, prim);
@@ -263,6 +310,7 @@ impl Tracer<'_> {
                 .map_or(NO_CELL, |(field, cells)| field.guiding_cells(cells)[0]),
             roulette: roulette.map(|roulette| roulette.map(|probability| probability.as_array()[0])),
             is_mirror_image: ray.is_mirror_image,
+            state: ray.state,
             time: ray.time,
         };
         for &(index, toward) in light {
@@ -277,11 +325,66 @@ impl Tracer<'_> {
         radiance_sum
     }
 
-    /// The light that goes straight through the thin wall that a ray has hit.
-    fn passages(&self, hits: &HitBatch, direction: Vec3, time: f32) -> Passages {
+    /// Light that lies straight behind the body of glass that a ray in a rough direction has hit.
+    fn straight_behind_bodies(&mut self, ray: &Ray, depth: u32, hits: &HitBatch) -> Vec3 {
+        let (t, mut hits, mut sum) = (self.transport, hits.clone(), Vec3::ZERO);
+        if ray.state & glass_shadows::ROUGH == 0 || is_wall(t, hits.mesh[0]) {
+            return sum;
+        }
+        let mut rays = RayBatch::default();
+        rays.push(ray.origin, ray.direction, 0.0, f32::INFINITY, ray.key);
+        rays.time.extend(t.geometry.moves.then_some(ray.time));
+        let mut straight = StraightRay { left: ray.beta, medium: ray.medium, start: 0.0, last: None };
+        for _ in 0..MAX_WALLS {
+            if !self.pass(&mut straight, &mut rays, &mut hits, true) {
+                break;
+            }
+            let again = straight.last == Some((hits.instance[0], hits.mesh[0], hits.prim[0]));
+            if !again && (hits.mesh[0] == MISS || glass_shadows::emits(t, hits.mesh[0])) {
+                let beta = straight.left * straight.absorbed(t, hits.t[0]);
+                // `trace_hit` attenuates in the medium of the ray.
+                let seen = Ray { beta, medium: 0, ..*ray };
+                let max_depth = Transport { max_depth: depth + 1, ..t.clone() };
+                let mut tracer = Tracer { transport: &max_depth, report: &mut *self.report, ..*self };
+                sum += tracer.trace_hit(&seen, depth, (&hits, false, false), &[], &[]);
+            }
+        }
+        sum
+    }
+
+    /// Takes a ray through what it has hit, if light passes that straight on.
+    fn pass(&self, straight: &mut StraightRay, rays: &mut RayBatch, hits: &mut HitBatch, bodies: bool) -> bool {
+        let t = self.transport;
+        let hit = (hits.instance[0], hits.mesh[0], hits.prim[0]);
+        let is_body = |mesh| mesh != MISS && t.materials.mesh_material(mesh).smooth_body;
+        if !(is_wall(t, hit.1) || (bodies && is_body(hit.1))) {
+            return false;
+        }
+        if straight.last != Some(hit) {
+            let (direction, time) = (rays.direction(0), rays.time(0));
+            let passages = self.passages(hits, direction, time, true);
+            straight.left *= passages.weight.lane(0);
+            if straight.left.max_element() <= 0.0 {
+                return false;
+            }
+            if t.passes_bodies() {
+                straight.left *= straight.absorbed(t, hits.t[0]);
+                let back_facing = t.geometry.normal(t.scene, hit, time).dot(direction) > 0.0;
+                let [_, medium] = t.materials.media_at_surface(hit.1, back_facing, straight.medium);
+                (straight.medium, straight.start) = (medium, hits.t[0]);
+            }
+        }
+        straight.last = Some(hit);
+        rays.tnear[0] = beyond(hits.t[0]);
+        t.rays.closest_hits(rays, RayOrder::Incoherent, hits);
+        true
+    }
+
+    /// The light that goes straight through the surface that a ray has hit.
+    fn passages(&self, hits: &HitBatch, direction: Vec3, time: f32, bodies: bool) -> Passages {
         let at = (hits.instance[0], hits.mesh[0], hits.prim[0]);
         let point = self.transport.geometry.point(self.transport.scene, at, (hits.u[0], hits.v[0]), time);
-        Passages::at(self.transport, &[point; LANES], &[direction; LANES])
+        Passages::at(self.transport, &[point; LANES], &[direction; LANES], bodies)
     }
 
     fn mixture(&self, vertex: &Vertex) -> Option<Mixture<'_>> {
@@ -342,7 +445,7 @@ impl Tracer<'_> {
         let radiance = vertex.beta * value * emitted * (weight / weighted_pdf);
         let name = if environment { "environment" } else { "area light" };
         let sound = pdf > 0.0;
-        self.shadow_ray(vertex, depth, index, (name, wi, distance), if sound { radiance } else { Vec3::ZERO })
+        self.shadow_ray(vertex, depth, index, (name, wi, distance, bsdf_pdf), if sound { radiance } else { Vec3::ZERO })
     }
 
     fn punctual_sample(&mut self, vertex: &Vertex, depth: u32, index: u32) -> Vec3 {
@@ -350,9 +453,10 @@ impl Tracer<'_> {
         let sample = punctual::sample(&self.transport.scene.lights, vertex.position, choice, vertex.time);
         let Some(light) = sample else { return Vec3::ZERO };
         let (ns, wo) = (V3::splat(vertex.ns), V3::splat(vertex.wo));
-        let (value, _) = vertex.bsdf.eval_pdf(ns, wo, V3::splat(light.wi));
+        let (value, bsdf_pdf) = vertex.bsdf.eval_pdf(ns, wo, V3::splat(light.wi));
+        let bsdf_pdf = bsdf_pdf.as_array()[0];
         let radiance = vertex.beta * value.lane(0) * light.irradiance;
-        self.shadow_ray(vertex, depth, index, ("punctual light", light.wi, light.distance), radiance)
+        self.shadow_ray(vertex, depth, index, ("punctual light", light.wi, light.distance, bsdf_pdf), radiance)
     }
 
     /// Traces a shadow ray: the clamped contribution, or zero if it is occluded, not finite or below the horizon.
@@ -361,12 +465,16 @@ impl Tracer<'_> {
         vertex: &Vertex,
         depth: u32,
         index: u32,
-        (toward, wi, distance): (&'static str, Vec3, f32),
+        (toward, wi, distance, bsdf_pdf): (&'static str, Vec3, f32, f32),
         radiance: Vec3,
     ) -> Vec3 {
         let SpawnedRay { origin, allowed, medium } = vertex.spawn_ray(wi);
-        let radiance = radiance * media::transmittance(self.transport.materials.media[medium as usize], distance);
-        let contributes = allowed && radiance.max_element() > 0.0 && radiance.is_finite();
+        let passes_bodies = self.transport.passes_bodies();
+        let absorption = self.transport.materials.media[if passes_bodies { 0 } else { medium as usize }];
+        let radiance = radiance * media::transmittance(absorption, distance);
+        let refracted = vertex.ng.dot(wi) < 0.0 && bsdf_pdf >= MIRROR_PDF && vertex.is_smooth();
+        let excluded = passes_bodies && vertex.state & glass_shadows::AFTER_ROUGH != 0 && refracted;
+        let contributes = allowed && !excluded && radiance.max_element() > 0.0 && radiance.is_finite();
         if !contributes {
             self.report(depth, EventKind::LightSample { toward, wi, distance, radiance: Vec3::ZERO, occluded: false });
             return Vec3::ZERO;
@@ -375,38 +483,36 @@ impl Tracer<'_> {
         let key = hash(key(self.seed, index, light_set(depth)));
         rays.push(origin, wi, 0.0, distance * SHADOW_END, key);
         rays.time.extend(self.transport.geometry.moves.then_some(vertex.time));
-        let radiance = radiance * self.unoccluded(rays, wi, vertex.time);
+        let radiance = radiance * self.unoccluded(rays, bsdf_pdf < MIRROR_PDF, medium);
         let (radiance, _) = clamp_contribution(radiance, self.transport.limits[(depth > 0) as usize]);
         let occluded = radiance == Vec3::ZERO;
         self.report(depth, EventKind::LightSample { toward, wi, distance, radiance, occluded });
         radiance
     }
 
-    /// The fraction of light that arrives along a shadow ray.
-    fn unoccluded(&self, mut ray: RayBatch, direction: Vec3, time: f32) -> Vec3 {
+    /// The fraction of light that arrives along a shadow ray, which passes bodies of glass or not and begins in a medium.
+    fn unoccluded(&self, mut ray: RayBatch, bodies: bool, medium: u32) -> Vec3 {
         let rays = self.transport.rays;
-        if !self.transport.materials.has_thin_walls {
+        if !self.transport.materials.has_thin_walls && !self.transport.passes_bodies() {
             let mut occluded = Vec::new();
             rays.occluded(&ray, RayOrder::Incoherent, &mut occluded);
             return if occluded[0] { Vec3::ZERO } else { Vec3::ONE };
         }
-        let (mut hits, mut left, mut last_wall) = (HitBatch::default(), Vec3::ONE, None);
-        for _ in 0..=MAX_WALLS {
-            rays.closest_hits(&ray, RayOrder::Incoherent, &mut hits);
-            if hits.mesh[0] == MISS {
-                return left;
-            }
-            if !is_wall(self.transport, hits.mesh[0]) {
+        let mut hits = HitBatch::default();
+        rays.closest_hits(&ray, RayOrder::Incoherent, &mut hits);
+        let mut straight = StraightRay { left: Vec3::ONE, medium, start: 0.0, last: None };
+        for _ in 0..MAX_WALLS {
+            if !self.pass(&mut straight, &mut ray, &mut hits, bodies) {
                 break;
             }
-            let hit = (hits.instance[0], hits.mesh[0], hits.prim[0]);
-            if last_wall != Some(hit) {
-                left *= self.passages(&hits, direction, time).weight.lane(0);
-            }
-            last_wall = Some(hit);
-            ray.tnear[0] = beyond(hits.t[0]);
         }
-        Vec3::ZERO
+        match hits.mesh[0] {
+            MISS if self.transport.passes_bodies() => {
+                straight.left * straight.absorbed(self.transport, ray.tfar[0] / SHADOW_END)
+            }
+            MISS => straight.left,
+            _ => Vec3::ZERO,
+        }
     }
 
     fn bsdf_sample(&mut self, vertex: &Vertex, depth: u32, index: u32) -> Vec3 {
@@ -451,6 +557,7 @@ impl Tracer<'_> {
             medium,
             light_probability: vertex.roulette.map_or(1.0, |[light, _]| light),
             is_mirror_image: vertex.is_mirror_image && pdf >= MIRROR_PDF,
+            state: glass_shadows::state_after(vertex.state, pdf, vertex.ng.dot(wi) < 0.0 && vertex.is_smooth()),
             time: vertex.time,
         };
         self.trace_ray(&ray, depth + 1, &[(index, LightTarget::Random)], &[index])
