@@ -229,7 +229,7 @@ fn albedo(bsdf: &Bsdf, wo: Vec3, samples: u32, random: &mut Random) -> Mean {
 /// What passes straight on.
 fn straight(bsdf: &Bsdf, wo: Vec3) -> Vec3 {
     let bsdf = Bsdf::gather([bsdf; LANES]);
-    bsdf.straight(V3::splat(Vec3::Z), V3::splat(wo), F::ONE).weight.lane(0)
+    bsdf.straight(V3::splat(Vec3::Z), V3::splat(wo), F::ONE, false).weight.lane(0)
 }
 
 #[test]

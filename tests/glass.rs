@@ -6,7 +6,7 @@ use bismar::bsdf::{Bsdf, Lobe, Parameters, Surface};
 use bismar::integrator::dispersion;
 use bismar::lanes::{LANES, V3};
 use bismar::rays::Backend;
-use bismar::render::{Balance, Integrator, RenderSettings};
+use bismar::render::{Balance, GlassShadows, Integrator, RenderSettings};
 use bismar::scene::{Environment, Material, Scene};
 use glam::{DVec3, Vec3};
 
@@ -225,7 +225,11 @@ fn nothing_is_infinite_or_undefined_however_deep() {
     look(&mut scene, Vec3::new(0.0, 0.0, 5.0), Vec3::ZERO, 0.9);
     let stage = Stage::new(Arc::new(scene), Backend::Embree);
     for balance in BALANCES {
-        let pixels = stage.green(&RenderSettings { width: 24, height: 16, balance, max_depth: 64, ..settings() });
-        assert!(pixels.iter().all(|p| p.is_finite()) && pixels.iter().sum::<f64>() > 0.0);
+        for glass_shadows in GlassShadows::ALL {
+            let settings =
+                RenderSettings { width: 24, height: 16, balance, max_depth: 64, glass_shadows, ..settings() };
+            let pixels = stage.green(&settings);
+            assert!(pixels.iter().all(|p| p.is_finite()) && pixels.iter().sum::<f64>() > 0.0);
+        }
     }
 }

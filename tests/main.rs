@@ -21,6 +21,7 @@ mod farm;
 mod fireflies;
 mod first_picture;
 mod flip;
+mod glass_shadows;
 mod guiding;
 mod import;
 mod import_animation;

@@ -10,10 +10,10 @@ use bismar::integrator::{PixelSums, PixelTask, Transport, Wave, scalar};
 use bismar::light::{Drawing, LearnedLights, LightSampleRecord};
 use bismar::rays::Backend;
 use bismar::render::prepass::guiding::learned;
-use bismar::render::{Guiding, RenderSettings, transport};
+use bismar::render::{GlassShadows, Guiding, RenderSettings, transport};
 use glam::Vec3;
 
-use crate::helpers::stage::{Stage, glass_hall, hall, moving_hall};
+use crate::helpers::stage::{Stage, glass_hall, globe_hall, hall, moving_hall};
 
 /// Keeps each path's radiance.
 #[derive(Default)]
@@ -45,9 +45,14 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         (moving_hall(), Backend::Embree, Balance::Power, 3, 6000, Guiding::Off, false),
         (moving_hall(), Backend::Embree, Balance::Half, 8, 6000, Guiding::On, false),
         (glass_hall(), Backend::Obvhs, Balance::Half, 6, 4000, Guiding::Off, true),
+        (globe_hall(), Backend::Obvhs, Balance::Half, 12, 4000, Guiding::Off, false),
+        (globe_hall(), Backend::Obvhs, Balance::Power, 3, 4000, Guiding::Off, false),
+        (globe_hall(), Backend::Obvhs, Balance::Power, 8, 4000, Guiding::On, false),
     ] {
         let stage = Stage::new(scene, backend);
         let settings = RenderSettings { width: 20, height: 15, balance, max_depth, guiding, ..Default::default() };
+        // Without effect where there are no bodies of smooth glass.
+        let settings = RenderSettings { glass_shadows: GlassShadows::Straight, ..settings };
         let limit = |most| Some(most).filter(|_| balance == Balance::Max);
         let settings = RenderSettings { clamp_direct: limit(0.5), clamp_indirect: limit(0.1), ..settings };
         let unguided = transport(&stage.scene, &settings);

@@ -4,7 +4,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use crate::film::{Denoise, View};
 use crate::rays::Backend;
-use crate::render::{BackFaces, Guiding, Integrator, PixelFilter};
+use crate::render::{BackFaces, GlassShadows, Guiding, Integrator, PixelFilter};
 
 /// A library type whose values are the values of a flag.
 pub trait FlagValue: Copy + Send + Sync + 'static {
@@ -52,6 +52,10 @@ flag_values! {
     BackFaces {
         Cull: "Rays from the camera and their mirror images pass them",
         Show: "They are drawn",
+    }
+    GlassShadows {
+        Off: "Shadow rays end at them; light behind is found by refracted paths",
+        Straight: "Shadow rays pass them straight, dimmed by Fresnel and absorption: approximate",
     }
     Guiding {
         Off: "No path guiding",

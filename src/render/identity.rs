@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::{Deserialize, Serialize};
 
 use super::prepass::guiding::MEMORY;
-use super::{BackFaces, Guiding, RenderSettings};
+use super::{BackFaces, GlassShadows, Guiding, RenderSettings};
 use crate::balance::DEFAULT_PILOT_FRACTION;
 use crate::rays::Backend;
 
@@ -130,6 +130,7 @@ impl Identity {
             transparent,
             lens,
             back_faces,
+            glass_shadows,
             // Parts have the bits of the whole.
             part: _,
         } = settings;
@@ -163,6 +164,9 @@ impl Identity {
         }
         if *back_faces != BackFaces::Show {
             insert("back-faces", variant_name(back_faces));
+        }
+        if *glass_shadows != GlassShadows::Off {
+            insert("glass-shadows", variant_name(glass_shadows));
         }
         if *guiding != Guiding::Off {
             insert("guiding", variant_name(guiding));

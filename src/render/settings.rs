@@ -69,6 +69,34 @@ impl BackFaces {
     }
 }
 
+/// What shadow rays do at bodies of smooth glass ([`glass_shadows`](crate::integrator::glass_shadows)).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum GlassShadows {
+    /// They end there. Light behind is found by paths that are refracted.
+    #[default]
+    Off,
+    /// They pass straight, attenuated: an approximation.
+    Straight,
+}
+
+impl GlassShadows {
+    /// All of them, in the order of the command line's help.
+    pub const ALL: [Self; 2] = [Self::Off, Self::Straight];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::Straight => "straight",
+        }
+    }
+
+    fn is_off(&self) -> bool {
+        *self == Self::Off
+    }
+}
+
 /// All that the picture's bits depend on besides the scene and the ray library, and when to stop.
 /// [`validate`](Self::validate) checks the ranges.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -129,6 +157,9 @@ pub struct RenderSettings {
     /// Back faces of single-sided materials. Absent in files where they are shown.
     #[serde(default = "BackFaces::before", skip_serializing_if = "BackFaces::is_before")]
     pub back_faces: BackFaces,
+    /// What shadow rays do at bodies of smooth glass.
+    #[serde(default, skip_serializing_if = "GlassShadows::is_off")]
+    pub glass_shadows: GlassShadows,
     /// Render only this part of the tiles.
     pub part: Option<Part>,
 }
@@ -207,6 +238,7 @@ impl Default for RenderSettings {
             transparent: false,
             lens: None,
             back_faces: BackFaces::Cull,
+            glass_shadows: GlassShadows::Off,
             part: None,
         }
     }

@@ -1,7 +1,7 @@
 //! The transport of a render: what its paths do, and the seeds of its passes.
 
 use super::camera::{camera, lens};
-use super::{BackFaces, Integrator, RenderSettings, scheduler};
+use super::{BackFaces, GlassShadows, Integrator, RenderSettings, scheduler};
 use crate::integrator::{PreparedScene, Transport};
 use crate::light::Drawing;
 use crate::sampling::{FilterSampler, hash};
@@ -27,6 +27,7 @@ pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Tra
         limits: [settings.clamp_direct, settings.clamp_indirect].map(|limit| limit.map_or(f32::INFINITY, |x| x as f32)),
         hides_environment: settings.transparent,
         culls_back_faces: settings.back_faces == BackFaces::Cull,
+        straight_glass_shadows: settings.glass_shadows == GlassShadows::Straight,
         field: None,
         drawing: Drawing::default(),
     }

@@ -66,6 +66,24 @@ pub fn glass_hall() -> Arc<Scene> {
     Arc::new(scene)
 }
 
+/// [`glass_hall`] with bodies of smooth glass: an absorbing globe around a lamp, a box with a film, a punctual light.
+pub fn globe_hall() -> Arc<Scene> {
+    let mut scene = Arc::unwrap_or_clone(glass_hall());
+    let absorbing = Material { absorption: Vec3::new(1.0, 0.3, 2.0), ..glass(1.5, 0.0) };
+    let center = Vec3::new(1.6, 0.5, 0.8);
+    for (radius, material) in [(0.4, absorbing.clone()), (0.1, area_light(9.0))] {
+        let (points, indices) = sphere(6, radius, center);
+        add(&mut scene, points, indices, material);
+    }
+    let film = Material { iridescence: 1.0, emissive: Vec3::splat(0.2), ..absorbing };
+    closed_box(&mut scene, Vec3::new(-0.3, 0.1, 1.5), Vec3::new(0.2, 0.5, 1.9), film);
+    let (kind, intensity, position, direction) =
+        (PunctualKind::Point, Vec3::splat(2.0), Vec3::new(0.4, 1.8, 2.4), Vec3::NEG_Y);
+    let (name, range, motion) = ("lamp".into(), f32::INFINITY, Vec::new());
+    scene.lights.push(PunctualLight { name, kind, intensity, position, direction, range, motion });
+    Arc::new(scene)
+}
+
 /// A metal sphere on a diffuse floor under an area light and a grey environment.
 pub fn hall() -> Arc<Scene> {
     let mut scene = Scene { environment: Some(Environment::constant([0.3; 3])), ..Default::default() };

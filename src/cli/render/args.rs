@@ -18,7 +18,7 @@ use crate::film::{Aov, Denoise, Exposure, View};
 use crate::rays::Backend;
 use crate::render::identity::RequestedOutputs;
 use crate::render::lens::{Aperture, Focus, LensSettings};
-use crate::render::{BackFaces, Balance, Guiding, Integrator, Part, PixelFilter, RenderSettings};
+use crate::render::{BackFaces, Balance, GlassShadows, Guiding, Integrator, Part, PixelFilter, RenderSettings};
 use crate::sampling::frame_seed;
 use crate::scene::Framing;
 use crate::{Error, Result};
@@ -74,6 +74,12 @@ pub struct RenderArgs {
         help_heading = "View")]
     pub back_faces: BackFaces,
 
+    /// Shadow rays at bodies of smooth glass (a bottle, a globe, a pane with thickness): off ends them there, straight lets
+    /// them pass, dimmed by Fresnel and absorption. That is approximate: without refraction and caustics, with little noise.
+    /// They always pass thin glass.
+    #[arg(long, value_parser = value_of::<GlassShadows>(), default_value = GlassShadows::Off.name(), value_name = "HOW",
+        help_heading = "Light")]
+    pub glass_shadows: GlassShadows,
     /// Environment map: an equirectangular .hdr or .exr.
     #[arg(long, value_name = "FILE", group = "infinite", help_heading = "Light")]
     pub env: Option<PathBuf>,
@@ -328,6 +334,7 @@ impl RenderArgs {
             transparent: self.transparent,
             lens: self.aperture.map(|aperture| LensSettings { aperture, focus: self.focus, blades: self.lens_blades }),
             back_faces: self.back_faces,
+            glass_shadows: self.glass_shadows,
             part: self.part,
             ..RenderSettings::default()
         }

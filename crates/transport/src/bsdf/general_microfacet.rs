@@ -69,10 +69,11 @@ impl Lobe for GeneralMicrofacet<Eight> {
     }
 
     #[inline(never)]
-    fn straight(&self, n: V3, wo: V3, light: F) -> Straight {
-        let fresnel = self.fresnel(n.dot(wo));
-        let weight = self.tint * ((fresnel.transmitted * light) & self.is_straight());
-        Straight { weight, transmittance: light * fresnel.transmittance }
+    fn straight(&self, n: V3, wo: V3, light: F, bodies: bool) -> Straight {
+        let passes = if bodies { self.is_glass() & self.is_smooth() } else { self.is_straight() };
+        let outside = Self { eta: self.eta.fast_max(F::ONE / self.eta), ..*self };
+        let weight = self.tint * ((outside.fresnel(n.dot(wo)).transmitted * light) & passes);
+        Straight { weight, transmittance: light * self.fresnel(n.dot(wo)).transmittance }
     }
 
     #[inline(never)]
@@ -196,7 +197,12 @@ impl GeneralMicrofacet<Eight> {
     /// Mask of the thin walls that are smooth.
     #[inline(always)]
     fn is_straight(&self) -> F {
-        self.thin.simd_gt(F::ZERO) & self.is_glass() & ggx::is_smooth(self.alpha_t.fast_max(self.alpha_b))
+        self.thin.simd_gt(F::ZERO) & self.is_glass() & self.is_smooth()
+    }
+
+    #[inline(always)]
+    fn is_smooth(&self) -> F {
+        ggx::is_smooth(self.alpha_t.fast_max(self.alpha_b))
     }
 
     /// The factor of the value that compensates multiple scattering, and the transmittance to the dielectric's base. The albedo is

@@ -61,8 +61,11 @@ impl Lobe for Glass<Eight> {
     }
 
     #[inline(always)]
-    fn straight(&self, n: V3, wo: V3, light: F) -> Straight {
-        let transmitted = self.fresnel(n.dot(wo)).transmitted & self.is_straight();
+    fn straight(&self, n: V3, wo: V3, light: F, bodies: bool) -> Straight {
+        let passes = if bodies { ggx::is_smooth(self.alpha) } else { self.is_straight() };
+        // From within, the reflectance is that from outside at the refracted angle, which the ray has where it entered.
+        let outside = Self { eta: self.eta.fast_max(F::ONE / self.eta), ..*self };
+        let transmitted = outside.fresnel(n.dot(wo)).transmitted & passes;
         Straight {
             weight: self.tint * (transmitted * self.fraction * light),
             transmittance: light * (F::ONE - self.fraction),

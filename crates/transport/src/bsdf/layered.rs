@@ -100,10 +100,10 @@ impl<Top: Lobe, Base: Lobe> Lobe for Layered<Option<Top>, Base> {
     }
 
     #[inline(always)]
-    fn straight(&self, n: V3, wo: V3, light: F) -> Straight {
-        let Some(top) = self.top() else { return self.base.straight(n, wo, light) };
-        let top = top.straight(n, wo, light);
-        let base = self.base.straight(n, wo, top.transmittance);
+    fn straight(&self, n: V3, wo: V3, light: F, bodies: bool) -> Straight {
+        let Some(top) = self.top() else { return self.base.straight(n, wo, light, bodies) };
+        let top = top.straight(n, wo, light, bodies);
+        let base = self.base.straight(n, wo, top.transmittance, bodies);
         Straight { weight: top.weight + base.weight, transmittance: base.transmittance }
     }
 

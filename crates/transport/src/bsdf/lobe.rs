@@ -32,9 +32,10 @@ pub trait Lobe: Copy {
     fn weight(&self, n: V3, wo: V3) -> (F, F);
 
     /// Light that goes straight on: the delta part of the lobe, which [`eval`](Self::eval) and sampling leave out. `light` is
-    /// the fraction of light that the layers above transmit.
+    /// the fraction of light that the layers above transmit. With `bodies` also what smooth boundaries of media transmit, as
+    /// if it were not bent; that is no part of the BSDF.
     #[inline(always)]
-    fn straight(&self, n: V3, wo: V3, light: F) -> Straight {
+    fn straight(&self, n: V3, wo: V3, light: F, _bodies: bool) -> Straight {
         Straight { weight: V3::ZERO, transmittance: light * self.weight(n, wo).1 }
     }
 

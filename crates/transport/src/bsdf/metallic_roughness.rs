@@ -134,8 +134,13 @@ impl Surface {
 
     /// Is it a thin wall that transmits light straight on?
     pub fn is_smooth_wall(&self) -> bool {
+        !self.bounds_medium && self.is_smooth_glass()
+    }
+
+    /// Is it smooth glass, a thin wall or the boundary of a medium?
+    pub fn is_smooth_glass(&self) -> bool {
         let glass = self.glass(self.transmission);
-        glass.fraction > 0.0 && self.metallic < 1.0 && glass.thin > 0.0 && glass.alpha <= ggx::MIN_ALPHA
+        glass.fraction > 0.0 && self.metallic < 1.0 && glass.alpha <= ggx::MIN_ALPHA
     }
 
     /// The core model's BSDF with these parameters; the extensions' are ignored.

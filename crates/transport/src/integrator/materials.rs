@@ -24,6 +24,9 @@ pub struct MeshMaterial {
     pub single_sided: bool,
     /// Is it a thin wall that light may pass straight on ([`thin_walls`](super::thin_walls))? Textures decide at each point.
     pub thin_wall: bool,
+    /// Does it bound a medium, and is it smooth, so that shadow rays may pass it straight
+    /// ([`glass_shadows`](super::glass_shadows))? Textures decide at each point.
+    pub smooth_body: bool,
     /// The medium that it bounds, an index into [`Materials::media`]; `None` for surfaces that bound none.
     pub interior_medium: Option<u32>,
 }
@@ -42,6 +45,8 @@ pub struct Materials {
     pub has_single_sided: bool,
     /// Is any surface a thin wall that light may pass straight on?
     pub has_thin_walls: bool,
+    /// Does any surface bound a medium, and is it smooth?
+    pub has_smooth_bodies: bool,
     /// Does any surface disperse?
     pub disperses: bool,
     /// Absorption coefficients of the media, linear RGB per metre. Medium 0 is the vacuum outside all others. If it is the
@@ -76,6 +81,7 @@ impl Materials {
         let transmits = lit().any(Material::transmits);
         let has_single_sided = mesh_materials.iter().any(|kind| kind.single_sided);
         let has_thin_walls = mesh_materials.iter().any(|kind| kind.thin_wall);
+        let has_smooth_bodies = mesh_materials.iter().any(|kind| kind.smooth_body);
         let disperses = lit().any(Material::disperses);
         let back_facing = if transmits {
             scene.materials.iter().map(|m| Surface { back_facing: true, ..untextured(m) }.bsdf()).collect()
@@ -89,6 +95,7 @@ impl Materials {
             transmits,
             has_single_sided,
             has_thin_walls,
+            has_smooth_bodies,
             disperses,
             media,
         }
@@ -141,20 +148,21 @@ fn classify(scene: &Scene, mesh: &Mesh, constant: &[Bsdf]) -> MeshMaterial {
         emits: m.unlit || m.is_emissive(),
         unlit: m.unlit,
         single_sided: !m.double_sided && !m.transmits(),
-        thin_wall: may_be_thin_wall(m),
+        thin_wall: !m.bounds_medium && may_be_smooth_glass(m),
+        smooth_body: m.bounds_medium && may_be_smooth_glass(m),
         interior_medium: None,
     }
 }
 
-/// Can the material be a smooth thin wall at some point?
-fn may_be_thin_wall(material: &Material) -> bool {
-    let glass = material.has_dielectric() && material.transmission > 0.0 && !material.bounds_medium;
+/// Can the material be smooth glass at some point?
+fn may_be_smooth_glass(material: &Material) -> bool {
+    let glass = material.has_dielectric() && material.transmission > 0.0;
     // Textures multiply the roughness, or the glossiness.
     let smoothest = match material.textures[TextureSlot::MetallicRoughness] {
         Some(_) => Surface { roughness: 0.0, ..untextured(material) },
         None => untextured(material),
     };
-    glass && Surface { metallic: 0.0, anisotropy: None, ..smoothest }.is_smooth_wall()
+    glass && Surface { metallic: 0.0, anisotropy: None, ..smoothest }.is_smooth_glass()
 }
 
 /// Material parameters without textures and vertex colours.

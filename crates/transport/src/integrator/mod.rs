@@ -8,6 +8,7 @@ pub mod clients;
 pub mod dispersion;
 pub mod events;
 pub mod geometry;
+pub mod glass_shadows;
 pub mod guides;
 pub mod materials;
 pub mod path_states;

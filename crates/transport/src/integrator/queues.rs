@@ -26,6 +26,9 @@ pub struct PathRays {
     pub light_probability: Vec<f32>,
     /// Camera rays that have passed a thin wall; empty for others and in scenes without thin walls.
     pub passed_wall: Vec<bool>,
+    /// By row: does light that the ray finds belong to light samples of an earlier vertex
+    /// ([`glass_shadows`](super::glass_shadows))? Empty where shadow rays do not pass bodies.
+    pub excluded: Vec<bool>,
     /// Number in the wave of the ray of row 0. Rays are numbered in the order in which the wave generates them.
     pub first: u32,
     /// Number of valid rows.
@@ -114,6 +117,15 @@ pub const AREA_GROUP: u32 = 1;
 /// Light group of punctual lights.
 pub const PUNCTUAL_GROUP: u32 = 2;
 
+/// Columns of [`ShadowRays`] for [`glass_shadows`](super::glass_shadows).
+#[derive(Debug, Default)]
+pub struct BodyColumns {
+    /// All bits set if the ray passes bodies, else none.
+    pub passes: Vec<u32>,
+    /// Medium at the origin, an index into [`Materials::media`](super::Materials::media). `radiance` is not attenuated yet.
+    pub medium: Vec<u32>,
+}
+
 /// Shadow rays with their contributions if unoccluded, one row per ray.
 #[derive(Debug, Default)]
 pub struct ShadowRays {
@@ -127,6 +139,8 @@ pub struct ShadowRays {
     pub ray: Vec<u32>,
     /// Kind of light: [`ENVIRONMENT_GROUP`], [`AREA_GROUP`] or [`PUNCTUAL_GROUP`].
     pub light_group: Vec<u32>,
+    /// Columns for shadow rays that pass bodies of glass; present if they do.
+    pub bodies: Option<BodyColumns>,
     /// What thin walls leave of the contribution, as a ratio of lengths, at most 1; empty in scenes without thin walls.
     pub through: Vec<f32>,
     /// Number of valid rows.
@@ -141,7 +155,20 @@ impl ShadowRays {
         for column in [&mut self.path, &mut self.ray, &mut self.light_group] {
             grow(column, capacity);
         }
+        if let Some(BodyColumns { passes, medium }) = &mut self.bodies {
+            grow(passes, capacity);
+            grow(medium, capacity);
+        }
         self.len = 0;
+    }
+
+    /// Sets the columns of [`BodyColumns`] of the survivors that are pushed next.
+    #[inline(always)]
+    pub fn set_bodies(&mut self, survivors: &Survivors, passes: U, medium: U) {
+        if let Some(bodies) = &mut self.bodies {
+            store_bits(&mut bodies.passes, self.len, survivors.compress_bits(passes));
+            store_bits(&mut bodies.medium, self.len, survivors.compress_bits(medium));
+        }
     }
 
     /// Appends the survivors of a group: rays of length `tfar`, contribution, path, arriving ray and light group. `key` and `time`

@@ -1,11 +1,14 @@
 //! A scalar path tracer, one path at a time: the reference for tests of the wave, and the source of `--replay-pixel`. It
 //! shares BSDFs, lights and sample sequences with the wave, but not its queues, sorting and compaction.
 
+mod straight;
+
 use glam::Vec3;
 
 use super::back_faces::{MIRROR_PDF, beyond, is_culled};
 use super::batch::PixelTask;
 use super::dispersion;
+use super::glass_shadows;
 use super::path_states::clamp_contribution;
 pub use super::replay::{Event, EventKind};
 use super::shading_normal;
@@ -15,7 +18,7 @@ use super::stages::mixture::{self, Mixture, MixtureSample};
 use super::stages::requests::{LightTarget, light_sample_index};
 use super::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
 use super::stages::{bsdf_set, light_set, media, roulette_set};
-use super::thin_walls::{self, MAX_WALLS, Passages, is_wall};
+use super::thin_walls::{self, MAX_WALLS, is_wall};
 use super::transport::Transport;
 use crate::balance::deal;
 use crate::bsdf::{Bsdf, Lobe, Parameters};
@@ -45,6 +48,8 @@ struct Ray {
     light_probability: f32,
     /// Is it a camera ray or a mirror image of one?
     is_mirror_image: bool,
+    /// State of the path for [`glass_shadows`].
+    state: u8,
     /// Time in [0, 1] of the shutter interval.
     time: f32,
 }
@@ -69,6 +74,8 @@ struct Vertex {
     roulette: Option<[f32; 2]>,
     /// Is it seen by the camera or in mirrors?
     is_mirror_image: bool,
+    /// State for [`glass_shadows`] of the ray that arrived.
+    state: u8,
     /// Time in [0, 1] of the shutter interval.
     time: f32,
 }
@@ -90,6 +97,12 @@ impl Vertex {
             allowed: (cos > 0.0 || beyond) && consistent,
             medium: self.media[usize::from(beyond)],
         }
+    }
+
+    /// Is it smooth glass?
+    fn is_smooth(&self) -> bool {
+        let straight = self.bsdf.straight(V3::splat(self.ns), V3::splat(self.wo), F::ONE, true);
+        straight.weight.lane(0).max_element() > 0.0
     }
 
     /// The normal for light selection: zero on surfaces that transmit.
@@ -133,6 +146,7 @@ pub fn trace(transport: &Transport, task: &PixelTask, path: u32, report: &mut dy
         medium: 0,
         light_probability: 1.0,
         is_mirror_image: true,
+        state: 0,
         time,
     };
     let before = |n: u32| (0..path).map(|p| u32::from(deal(n, paths, p))).sum::<u32>();
@@ -176,7 +190,7 @@ impl Tracer<'_> {
                     return Vec3::ZERO;
                 }
                 if last_wall != Some(hit(&hits)) {
-                    let passages = self.passages(&hits, direction, ray.time);
+                    let passages = self.passages(&hits, direction, ray.time, false);
                     let number =
                         thin_walls::numbers(U::splat(self.seed), U::splat(ray.index), depth, walls).as_array()[0];
                     let (passes, factor) = passages.draw(F::splat(number));
@@ -195,10 +209,26 @@ impl Tracer<'_> {
             t.rays.closest_hits(&rays, RayOrder::Incoherent, &mut hits);
         }
         let ray = &Ray { beta, ..*ray };
+        let straight = if t.passes_bodies() { self.straight_behind_bodies(ray, depth, &hits) } else { Vec3::ZERO };
+        straight + self.trace_hit(ray, depth, (&hits, one_technique, walls > 0), light, bsdf)
+    }
+
+    /// Radiance along a ray that has hit something or nothing.
+    fn trace_hit(
+        &mut self,
+        ray: &Ray,
+        depth: u32,
+        (hits, one_technique, passed_wall): (&HitBatch, bool, bool),
+        light: &[(u32, LightTarget)],
+        bsdf: &[u32],
+    ) -> Vec3 {
+        let t = self.transport;
+        let Ray { origin, direction, .. } = *ray;
+        let excluded = ray.state & glass_shadows::REFRACTED != 0;
         let (instance, mesh, prim, distance) = (hits.instance[0], hits.mesh[0], hits.prim[0], hits.t[0]);
         if mesh == MISS {
             self.report(depth, EventKind::Escape);
-            if t.lights.environment.is_none() || (depth == 0 && walls == 0 && t.hides_environment) {
+            if excluded || t.lights.environment.is_none() || (depth == 0 && !passed_wall && t.hides_environment) {
                 return Vec3::ZERO;
             }
             let (radiance, pdf) = t.lights.environment(V3::splat(direction), t.drawing);
@@ -217,7 +247,7 @@ impl Tracer<'_> {
             return self.emission(ray, depth, point.base_color(t.scene), [0.0; 2]);
         }
         let mut radiance_sum = Vec3::ZERO;
-        if t.materials.mesh_material(mesh).emits && point.emits_against(direction) {
+        if t.materials.mesh_material(mesh).emits && point.emits_against(direction) && !excluded {
             let radiance = point.emitted_radiance(t.scene, prim, barycentric, direction);
             let from = (origin, ray.normal);
             let hit = (instance, mesh, prim);
@@ -263,6 +293,7 @@ impl Tracer<'_> {
                 .map_or(NO_CELL, |(field, cells)| field.guiding_cells(cells)[0]),
             roulette: roulette.map(|roulette| roulette.map(|probability| probability.as_array()[0])),
             is_mirror_image: ray.is_mirror_image,
+            state: ray.state,
             time: ray.time,
         };
         for &(index, toward) in light {
@@ -275,13 +306,6 @@ impl Tracer<'_> {
             radiance_sum += self.bsdf_sample(&vertex, depth, index);
         }
         radiance_sum
-    }
-
-    /// The light that goes straight through the thin wall that a ray has hit.
-    fn passages(&self, hits: &HitBatch, direction: Vec3, time: f32) -> Passages {
-        let at = (hits.instance[0], hits.mesh[0], hits.prim[0]);
-        let point = self.transport.geometry.point(self.transport.scene, at, (hits.u[0], hits.v[0]), time);
-        Passages::at(self.transport, &[point; LANES], &[direction; LANES])
     }
 
     fn mixture(&self, vertex: &Vertex) -> Option<Mixture<'_>> {
@@ -342,7 +366,7 @@ impl Tracer<'_> {
         let radiance = vertex.beta * value * emitted * (weight / weighted_pdf);
         let name = if environment { "environment" } else { "area light" };
         let sound = pdf > 0.0;
-        self.shadow_ray(vertex, depth, index, (name, wi, distance), if sound { radiance } else { Vec3::ZERO })
+        self.shadow_ray(vertex, depth, index, (name, wi, distance, bsdf_pdf), if sound { radiance } else { Vec3::ZERO })
     }
 
     fn punctual_sample(&mut self, vertex: &Vertex, depth: u32, index: u32) -> Vec3 {
@@ -350,9 +374,10 @@ impl Tracer<'_> {
         let sample = punctual::sample(&self.transport.scene.lights, vertex.position, choice, vertex.time);
         let Some(light) = sample else { return Vec3::ZERO };
         let (ns, wo) = (V3::splat(vertex.ns), V3::splat(vertex.wo));
-        let (value, _) = vertex.bsdf.eval_pdf(ns, wo, V3::splat(light.wi));
+        let (value, bsdf_pdf) = vertex.bsdf.eval_pdf(ns, wo, V3::splat(light.wi));
+        let bsdf_pdf = bsdf_pdf.as_array()[0];
         let radiance = vertex.beta * value.lane(0) * light.irradiance;
-        self.shadow_ray(vertex, depth, index, ("punctual light", light.wi, light.distance), radiance)
+        self.shadow_ray(vertex, depth, index, ("punctual light", light.wi, light.distance, bsdf_pdf), radiance)
     }
 
     /// Traces a shadow ray: the clamped contribution, or zero if it is occluded, not finite or below the horizon.
@@ -361,12 +386,16 @@ impl Tracer<'_> {
         vertex: &Vertex,
         depth: u32,
         index: u32,
-        (toward, wi, distance): (&'static str, Vec3, f32),
+        (toward, wi, distance, bsdf_pdf): (&'static str, Vec3, f32, f32),
         radiance: Vec3,
     ) -> Vec3 {
         let SpawnedRay { origin, allowed, medium } = vertex.spawn_ray(wi);
-        let radiance = radiance * media::transmittance(self.transport.materials.media[medium as usize], distance);
-        let contributes = allowed && radiance.max_element() > 0.0 && radiance.is_finite();
+        let passes_bodies = self.transport.passes_bodies();
+        let absorption = self.transport.materials.media[if passes_bodies { 0 } else { medium as usize }];
+        let radiance = radiance * media::transmittance(absorption, distance);
+        let refracted = vertex.ng.dot(wi) < 0.0 && bsdf_pdf >= MIRROR_PDF && vertex.is_smooth();
+        let excluded = passes_bodies && vertex.state & glass_shadows::AFTER_ROUGH != 0 && refracted;
+        let contributes = allowed && !excluded && radiance.max_element() > 0.0 && radiance.is_finite();
         if !contributes {
             self.report(depth, EventKind::LightSample { toward, wi, distance, radiance: Vec3::ZERO, occluded: false });
             return Vec3::ZERO;
@@ -375,38 +404,11 @@ impl Tracer<'_> {
         let key = hash(key(self.seed, index, light_set(depth)));
         rays.push(origin, wi, 0.0, distance * SHADOW_END, key);
         rays.time.extend(self.transport.geometry.moves.then_some(vertex.time));
-        let radiance = radiance * self.unoccluded(rays, wi, vertex.time);
+        let radiance = radiance * self.unoccluded(rays, bsdf_pdf < MIRROR_PDF, medium);
         let (radiance, _) = clamp_contribution(radiance, self.transport.limits[(depth > 0) as usize]);
         let occluded = radiance == Vec3::ZERO;
         self.report(depth, EventKind::LightSample { toward, wi, distance, radiance, occluded });
         radiance
-    }
-
-    /// The fraction of light that arrives along a shadow ray.
-    fn unoccluded(&self, mut ray: RayBatch, direction: Vec3, time: f32) -> Vec3 {
-        let rays = self.transport.rays;
-        if !self.transport.materials.has_thin_walls {
-            let mut occluded = Vec::new();
-            rays.occluded(&ray, RayOrder::Incoherent, &mut occluded);
-            return if occluded[0] { Vec3::ZERO } else { Vec3::ONE };
-        }
-        let (mut hits, mut left, mut last_wall) = (HitBatch::default(), Vec3::ONE, None);
-        for _ in 0..=MAX_WALLS {
-            rays.closest_hits(&ray, RayOrder::Incoherent, &mut hits);
-            if hits.mesh[0] == MISS {
-                return left;
-            }
-            if !is_wall(self.transport, hits.mesh[0]) {
-                break;
-            }
-            let hit = (hits.instance[0], hits.mesh[0], hits.prim[0]);
-            if last_wall != Some(hit) {
-                left *= self.passages(&hits, direction, time).weight.lane(0);
-            }
-            last_wall = Some(hit);
-            ray.tnear[0] = beyond(hits.t[0]);
-        }
-        Vec3::ZERO
     }
 
     fn bsdf_sample(&mut self, vertex: &Vertex, depth: u32, index: u32) -> Vec3 {
@@ -451,6 +453,7 @@ impl Tracer<'_> {
             medium,
             light_probability: vertex.roulette.map_or(1.0, |[light, _]| light),
             is_mirror_image: vertex.is_mirror_image && pdf >= MIRROR_PDF,
+            state: glass_shadows::state_after(vertex.state, pdf, vertex.ng.dot(wi) < 0.0 && vertex.is_smooth()),
             time: vertex.time,
         };
         self.trace_ray(&ray, depth + 1, &[(index, LightTarget::Random)], &[index])

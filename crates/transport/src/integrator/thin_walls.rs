@@ -12,9 +12,11 @@ use super::events::WaveContext;
 use super::geometry::SurfacePoint;
 use super::queues::{PathRays, ShadowRays};
 use super::shading_normal;
+use super::stages::lights::SHADOW_END;
+use super::stages::media::transmittance;
 use super::transport::Transport;
 use crate::bsdf::{Bsdf, Lobe, Parameters};
-use crate::lanes::{F, LANES, U, V3, eight};
+use crate::lanes::{F, LANES, U, V3, V3Column, eight};
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 use crate::sampling::samples;
 
@@ -38,8 +40,10 @@ pub struct Passages {
 
 impl Passages {
     /// The light that goes straight through the surfaces at `points`, seen by rays of these unit directions.
+    ///
+    /// With `bodies` also through smooth boundaries of media, as if they did not bend it.
     #[inline(never)]
-    pub fn at(transport: &Transport, points: &[SurfacePoint; LANES], direction: &[Vec3; LANES]) -> Self {
+    pub fn at(transport: &Transport, points: &[SurfacePoint; LANES], direction: &[Vec3; LANES], bodies: bool) -> Self {
         let bsdfs = eight(|lane| points[lane].surface_from(transport.scene, direction[lane]).bsdf());
         let bsdf = Bsdf::gather(bsdfs.each_ref());
         // As in `Vertices::push`.
@@ -50,7 +54,7 @@ impl Passages {
         let ns = V3::gather(eight(|lane| points[lane].ns)).normalize_or(ng * side) * side;
         let n = shading_normal::consistent(ng, ns, wo);
 
-        let weight = bsdf.straight(n, wo, F::ONE).weight;
+        let weight = bsdf.straight(n, wo, F::ONE, bodies).weight;
         let weight = V3::select(weight.is_finite(), weight, V3::ZERO);
         let (straight, scattered) = (weight.luminance(), bsdf.weight(n, wo).0);
         let most = F::from(eight(|lane| match points[lane].material.is_emissive() {
@@ -87,10 +91,22 @@ struct WallHit {
     again: bool,
 }
 
+/// The part of a ray behind the last surface that it has passed.
+#[derive(Debug, Clone, Copy)]
+struct Segment {
+    /// An index into [`Materials::media`](super::Materials::media).
+    medium: u32,
+    start: f32,
+}
+
 /// Takes rays through thin walls; one per thread.
 #[derive(Debug, Default)]
 pub struct ThinWalls {
     walls: Vec<WallHit>,
+    /// Rows that have met another surface in the last step.
+    passed: Vec<u32>,
+    /// By row, if media attenuate.
+    segments: Vec<Segment>,
     rays: RayBatch,
     hits: HitBatch,
     shadow_hits: HitBatch,
@@ -115,7 +131,7 @@ impl ThinWalls {
                 let (group, n) = self.group(first);
                 let row = group.map(|hit| hit.row as usize);
                 let points = row.map(|row| point(transport, &rays.rays, hits, row));
-                let passages = Passages::at(transport, &points, &row.map(|row| rays.rays.direction(row)));
+                let passages = Passages::at(transport, &points, &row.map(|row| rays.rays.direction(row)), false);
                 let seed = U::from(row.map(|row| rays.seed[row]));
                 let index = U::from(row.map(|row| rays.index[row]));
                 let (passes, factor) = passages.draw(numbers(seed, index, at.depth, wall));
@@ -143,47 +159,120 @@ impl ThinWalls {
         }
     }
 
-    /// Tests whether shadow rays are occluded by something else than thin walls, and attenuates their light by the walls.
+    /// Tests whether shadow rays are occluded by something else than thin walls, and attenuates their light by the walls. With
+    /// [`ShadowRays::bodies`], the rays that may pass bodies of smooth glass do, and media attenuate all of them.
     #[inline(never)]
     pub fn pass_shadow_rays(&mut self, transport: &Transport, shadows: &mut ShadowRays, occluded: &mut Vec<bool>) {
         let mut hits = std::mem::take(&mut self.shadow_hits);
-        transport.rays.closest_hits(&shadows.rays, RayOrder::Incoherent, &mut hits);
-        shadows.through.clear();
-        shadows.through.resize(shadows.len, 1.0);
-        self.list(transport, shadows.len, &hits);
+        let ShadowRays { rays, radiance, bodies, through, len, .. } = shadows;
+        transport.rays.closest_hits(rays, RayOrder::Incoherent, &mut hits);
+        through.clear();
+        through.resize(*len, 1.0);
+        let passes = |row: usize| bodies.as_ref().is_some_and(|bodies| bodies.passes[row] != 0);
+        self.begin(transport, *len, &hits, &passes, bodies.as_ref().map(|bodies| &bodies.medium[..*len]));
         for _ in 0..MAX_WALLS {
             if self.walls.is_empty() {
                 break;
             }
-            let mut passing = 0;
-            for first in (0..self.walls.len()).step_by(LANES) {
-                let (group, n) = self.group(first);
-                let row = group.map(|hit| hit.row as usize);
-                let points = row.map(|row| point(transport, &shadows.rays, &hits, row));
-                let passages = Passages::at(transport, &points, &row.map(|row| shadows.rays.direction(row)));
-                for lane in 0..n {
-                    if !group[lane].again {
-                        let before = shadows.radiance.get(row[lane]);
-                        let after = before * passages.weight.lane(lane);
-                        // A surface that lets no light straight through occludes.
-                        if after.max_element() <= 0.0 {
-                            continue;
-                        }
-                        shadows.radiance.set(row[lane], after);
-                        let scale = 1.0 / before.max_element();
-                        shadows.through[row[lane]] *= (after * scale).length() / (before * scale).length();
-                    }
-                    self.walls[passing] = group[lane];
-                    passing += 1;
-                }
-            }
-            self.walls.truncate(passing);
-            self.trace_behind(transport, &shadows.rays, &mut hits);
-            self.keep_walls(transport, &hits);
+            self.step(transport, rays, radiance, &mut hits, &passes, |row, ratio| through[row] *= ratio);
         }
         occluded.clear();
-        occluded.extend(hits.mesh[..shadows.len].iter().map(|&mesh| mesh != MISS));
+        occluded.extend(hits.mesh[..*len].iter().map(|&mesh| mesh != MISS));
+        if bodies.is_some() {
+            for row in (0..*len).filter(|&row| !occluded[row]) {
+                self.absorb(transport, radiance, row, rays.tfar[row] / SHADOW_END);
+            }
+        }
         self.shadow_hits = hits;
+    }
+
+    /// Begins to take `len` rays with these hits through all that light passes straight on. `passes`: does a ray pass bodies?
+    /// `media` are those at the rays' origins, if media shall attenuate.
+    pub fn begin(
+        &mut self,
+        transport: &Transport,
+        len: usize,
+        hits: &HitBatch,
+        passes: &dyn Fn(usize) -> bool,
+        media: Option<&[u32]>,
+    ) {
+        self.walls.clear();
+        let rows = (0..).zip(&hits.mesh[..len]).filter(|(row, mesh)| is_passable(transport, **mesh, passes, *row));
+        self.walls.extend(rows.map(|(row, _)| WallHit { row: row as u32, again: false }));
+        self.segments.clear();
+        self.segments.extend(media.into_iter().flatten().map(|&medium| Segment { medium, start: 0.0 }));
+    }
+
+    /// Takes the rays that have begun through one surface: replaces their hits, and attenuates `light`, of which `attenuated`
+    /// is told the row and the ratio of lengths. Rays that hit what light does not pass end.
+    pub fn step(
+        &mut self,
+        transport: &Transport,
+        rays: &RayBatch,
+        light: &mut V3Column,
+        hits: &mut HitBatch,
+        passes: &dyn Fn(usize) -> bool,
+        mut attenuated: impl FnMut(usize, f32),
+    ) {
+        let mut passing = 0;
+        for first in (0..self.walls.len()).step_by(LANES) {
+            let (group, n) = self.group(first);
+            let row = group.map(|hit| hit.row as usize);
+            let points = row.map(|row| point(transport, rays, hits, row));
+            let passages = Passages::at(transport, &points, &row.map(|row| rays.direction(row)), true);
+            for lane in 0..n {
+                let row = row[lane];
+                if !group[lane].again {
+                    let before = light.get(row);
+                    let after = before * passages.weight.lane(lane);
+                    // A surface that lets no light straight through occludes.
+                    if after.max_element() <= 0.0 {
+                        continue;
+                    }
+                    light.set(row, after);
+                    let scale = 1.0 / before.max_element();
+                    attenuated(row, (after * scale).length() / (before * scale).length());
+                    if !self.segments.is_empty() {
+                        self.absorb(transport, light, row, hits.t[row]);
+                        let back_facing = points[lane].is_back_facing(rays.direction(row));
+                        let medium = self.segments[row].medium;
+                        let [_, medium] = transport.materials.media_at_surface(hits.mesh[row], back_facing, medium);
+                        self.segments[row] = Segment { medium, start: hits.t[row] };
+                    }
+                }
+                self.walls[passing] = group[lane];
+                passing += 1;
+            }
+        }
+        self.walls.truncate(passing);
+        self.trace_behind(transport, rays, hits);
+        self.passed.clear();
+        self.passed.extend(self.walls.iter().filter(|hit| !hit.again).map(|hit| hit.row));
+        self.walls.retain(|hit| is_passable(transport, hits.mesh[hit.row as usize], passes, hit.row as usize));
+    }
+
+    /// Attenuates the light of a ray from the last surface that it has passed to `t`.
+    pub fn absorb(&self, transport: &Transport, light: &mut V3Column, row: usize, t: f32) {
+        let Some(&Segment { medium, start }) = self.segments.get(row) else { return };
+        if medium > 0 {
+            let left = transmittance(transport.materials.media[medium as usize], t - start);
+            light.set(row, light.get(row) * left);
+        }
+    }
+
+    /// Has no ray hit something that it may pass?
+    pub fn is_empty(&self) -> bool {
+        self.walls.is_empty()
+    }
+
+    /// Keeps some of the rows that have begun.
+    pub fn retain(&mut self, keep: impl Fn(usize) -> bool) {
+        self.walls.retain(|hit| keep(hit.row as usize));
+    }
+
+    /// Rows of the rays that have met another surface, or none, in the last step.
+    pub fn passed(&self) -> impl Iterator<Item = u32> {
+        self.passed.iter().copied()
     }
 
     /// Lists the rows of rays that hit thin walls.
@@ -232,7 +321,7 @@ pub fn pass_most(transport: &Transport, rays: &RayBatch, hits: &mut HitBatch) {
         walls.walls.retain(|hit| {
             let row = hit.row as usize;
             let point = point(transport, rays, hits, row);
-            let passages = Passages::at(transport, &[point; LANES], &[rays.direction(row); LANES]);
+            let passages = Passages::at(transport, &[point; LANES], &[rays.direction(row); LANES], false);
             hit.again || passages.probability.as_array()[0] > 0.5
         });
         if walls.walls.is_empty() {
@@ -247,6 +336,14 @@ pub fn pass_most(transport: &Transport, rays: &RayBatch, hits: &mut HitBatch) {
 #[inline]
 pub fn is_wall(transport: &Transport, mesh: u32) -> bool {
     mesh != MISS && transport.materials.mesh_material(mesh).thin_wall
+}
+
+/// [`is_wall`], or a smooth body if the ray `passes` bodies?
+fn is_passable(transport: &Transport, mesh: u32, passes: &dyn Fn(usize) -> bool, row: usize) -> bool {
+    mesh != MISS && {
+        let kind = transport.materials.mesh_material(mesh);
+        kind.thin_wall || (kind.smooth_body && passes(row))
+    }
 }
 
 fn point<'a>(transport: &'a Transport, rays: &RayBatch, hits: &HitBatch, row: usize) -> SurfacePoint<'a> {

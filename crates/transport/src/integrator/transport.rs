@@ -44,6 +44,8 @@ pub struct Transport<'a> {
     /// Do rays from the camera and their mirror images pass back faces of single-sided materials
     /// ([`back_faces`](super::back_faces))?
     pub culls_back_faces: bool,
+    /// Do shadow rays pass bodies of smooth glass, straight ([`glass_shadows`](super::glass_shadows))?
+    pub straight_glass_shadows: bool,
     /// The guiding field, if paths are guided.
     pub field: Option<&'a Field>,
     /// The distributions of light samples.
@@ -54,6 +56,11 @@ impl Transport<'_> {
     /// Does a guiding field set the roulette probabilities of light samples and of path continuation beyond first surfaces?
     pub(super) fn has_roulette(&self) -> bool {
         self.field.is_some_and(Field::has_roulette)
+    }
+
+    /// Do shadow rays pass bodies of smooth glass, and are there any?
+    pub(super) fn passes_bodies(&self) -> bool {
+        self.straight_glass_shadows && self.materials.has_smooth_bodies
     }
 
     /// Samples per path beyond first surfaces (environment, area lights, BSDF): one light sample and one BSDF sample.

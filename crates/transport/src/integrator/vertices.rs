@@ -37,6 +37,8 @@ pub struct Vertices {
     pub media: Option<[Vec<u32>; 2]>,
     /// Columns for path guiding; present if there is a field.
     pub guiding: Option<GuidingColumns>,
+    /// All bits set if the path has had a rough vertex; empty where shadow rays do not pass bodies of glass.
+    pub after_rough: Vec<u32>,
     /// Times in [0, 1] of the shutter interval; empty where nothing moves.
     time: Vec<f32>,
     len: usize,

@@ -6,6 +6,7 @@ use std::time::Instant;
 use super::back_faces::BackFaces;
 use super::batch::PixelTask;
 use super::events::{FoundEmission, PathEvents, WaveContext};
+use super::glass_shadows::GlassShadows;
 use super::path_states::{NonFiniteSamples, PathStates};
 use super::queues::{PathRays, ShadowRays, SortedHits};
 use super::stages::requests::Requests;
@@ -87,6 +88,7 @@ pub struct Wave {
     path_states: PathStates,
     back_faces: BackFaces,
     walls: ThinWalls,
+    glass_shadows: GlassShadows,
     /// Totals over all waves so far.
     pub counts: WaveCounts,
 }
@@ -105,10 +107,11 @@ impl Wave {
             occluded,
             back_faces,
             walls,
+            glass_shadows,
             counts,
             ..
         } = self;
-        let events = &mut (events, back_faces);
+        let events = &mut (events, back_faces, glass_shadows);
         self.path_states.start_paths(tasks, transport.lights.environment_probability);
         let PathStates { paths, radiance, non_finite } = &mut self.path_states;
         camera_rays::begin(transport, tasks, rays);
@@ -132,12 +135,15 @@ impl Wave {
                 events.hits(&at, rays, hits);
             }
 
+            let (clients, _, glass_shadows) = &mut *events;
+            glass_shadows.find(&at, rays, hits, (radiance, non_finite), clients);
             sort::sort(transport, at.depth, hits, sorted);
             if transport.materials.absorbs() {
                 media::attenuate(transport, at.depth, rays, hits);
             }
             emission::add(&at, sorted, rays, hits, &mut self.emission, (radiance, non_finite), events);
             surfaces::vertices(transport, sorted, rays, hits, vertices);
+            events.2.mark(transport, vertices);
             mixture::find_cells(transport, vertices);
 
             requests.light_samples(transport, at.depth, vertices, paths, tasks);
@@ -147,7 +153,7 @@ impl Wave {
 
             if !shadows.rays.is_empty() {
                 counts.shadow_rays += shadows.len as u64;
-                timed(counts, || match transport.materials.has_thin_walls {
+                timed(counts, || match transport.materials.has_thin_walls || transport.passes_bodies() {
                     true => walls.pass_shadow_rays(transport, shadows, occluded),
                     false => transport.rays.occluded(&shadows.rays, RayOrder::Incoherent, occluded),
                 });

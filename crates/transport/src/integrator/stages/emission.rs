@@ -40,6 +40,7 @@ fn emissive_surfaces(
 ) {
     let transport = at.transport;
     for ray in emissive.iter().map(|&ray| ray as usize) {
+        let excluded = is_excluded(rays, ray);
         let point = surfaces::point(transport, rays, hits, ray);
         if point.material.unlit {
             let emission = Emission { radiance: point.base_color(transport.scene), pdf: [0.0; 2], group: AREA_GROUP };
@@ -47,7 +48,7 @@ fn emissive_surfaces(
             continue;
         }
         let direction = rays.rays.direction(ray);
-        if point.emits_against(direction) {
+        if point.emits_against(direction) && !excluded {
             let hit = (hits.instance[ray], hits.mesh[ray], hits.prim[ray]);
             let radiance = point.emitted_radiance(transport.scene, hit.2, (hits.u[ray], hits.v[ray]), direction);
             let from = (rays.rays.origin(ray), rays.normal.get(ray));
@@ -82,6 +83,9 @@ fn environment(
         let (rows, n) = eight_of(escaped, first);
         let (radiance, pdf) = transport.lights.environment(rays.rays.directions(&rows), transport.drawing);
         for lane in 0..n {
+            if is_excluded(rays, escaped[first + lane] as usize) {
+                continue;
+            }
             if hidden && !rays.passed_wall[escaped[first + lane] as usize] {
                 continue;
             }
@@ -97,6 +101,11 @@ fn environment(
 /// direction.
 fn has_passed(rays: &PathRays, ray: usize) -> bool {
     rays.rays.tnear[ray] > 0.0
+}
+
+/// Does the light that the ray finds belong to light samples ([`glass_shadows`](crate::integrator::glass_shadows))?
+fn is_excluded(rays: &PathRays, ray: usize) -> bool {
+    rays.excluded.get(ray).is_some_and(|excluded| *excluded)
 }
 
 /// Emission that a ray hits.

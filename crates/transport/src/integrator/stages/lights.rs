@@ -8,6 +8,7 @@ use super::requests::{RequestGroup, Requests, one_per_vertex, select_environment
 use super::{light_set, media};
 use crate::bsdf::{Core, Lobe, Parameters};
 use crate::integrator::events::{LightSampleGroup, PathEvents, UnoccludedLight, WaveContext};
+use crate::integrator::glass_shadows;
 use crate::integrator::path_states::{NonFiniteSamples, clamp_contribution};
 use crate::integrator::queues::{PUNCTUAL_GROUP, ShadowRays};
 use crate::integrator::transport::Transport;
@@ -31,6 +32,7 @@ pub fn sample<E: PathEvents>(
 ) {
     let WaveContext { transport, depth, .. } = *at;
     let punctual = if transport.lights.punctual { vertices.len() } else { 0 };
+    shadows.bodies = transport.passes_bodies().then(|| shadows.bodies.take().unwrap_or_default());
     shadows.open(requests.count() + punctual, vertices.moves());
     if transport.lights.has_extent() {
         for first in (0..requests.count()).step_by(LANES) {
@@ -112,8 +114,14 @@ fn sample_extended(
     let weighted_pdf = is_environment.select(a_env, a_area) * light.pdf;
     let weight = transport.heuristic.weights(weighted_pdf, a_b * bsdf_pdf);
     let radiance = vertices.beta.load(rows) * value * light.radiance * (weight / weighted_pdf);
-    let radiance = media::attenuated(transport, radiance, vertices.media(rows, spawned.beyond), light.distance);
-    let valid = mask(group.len) & light.pdf.simd_gt(F::ZERO) & spawned.allowed;
+    let medium = vertices.media(rows, spawned.beyond);
+    let bodies = glass_shadows::at(transport, vertices, rows, bsdf, (bsdf_pdf, spawned.beyond));
+    let radiance = match bodies {
+        Some(_) => radiance,
+        None => media::attenuated(transport, radiance, medium, light.distance),
+    };
+    let allowed = bodies.map_or(spawned.allowed, |bodies| spawned.allowed & !bodies.excluded);
+    let valid = mask(group.len) & light.pdf.simd_gt(F::ZERO) & allowed;
     let finite = radiance.is_finite();
     non_finite.add_lanes((valid & !finite).to_bitmask(), id.path);
     let alive = valid & radiance.max_element().simd_gt(F::ZERO) & finite;
@@ -122,6 +130,9 @@ fn sample_extended(
     let kind: U = cast(!is_environment & cast::<U, F>(U::ONE));
     let (ray, ids) = ((spawned.origin, light.wi), [id.path, load_bits(&vertices.ray, rows), kind]);
     let (survivors, first_row) = (Survivors::of(alive), shadows.len);
+    if let Some(bodies) = bodies {
+        shadows.set_bodies(&survivors, cast(bodies.passes), medium.unwrap_or(U::ZERO));
+    }
     shadows.push(&survivors, ray, tfar, (key, id.time), radiance, ids);
     let emitter = light.emitter;
     LightSampleGroup { survivors, first_row, is_environment, from, emitter, weighted_pdf, bsdf_pdf, radiance }
@@ -147,16 +158,26 @@ fn sample_punctual(
     });
     let wi = V3::gather(lights.map(|l| l.wi));
     let bsdf = vertices.bsdf(rows);
-    let (value, _) = bsdf.eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), wi);
+    let (value, bsdf_pdf) = bsdf.eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), wi);
     let spawned = vertices.spawn_rays(rows, bsdf.transmits(), wi);
     let radiance = vertices.beta.load(rows) * value * V3::gather(lights.map(|l| l.irradiance));
     let distance = F::from(lights.map(|l| l.distance));
-    let radiance = media::attenuated(transport, radiance, vertices.media(rows, spawned.beyond), distance);
-    let (valid, finite) = (mask(group.len) & spawned.allowed, radiance.is_finite());
+    let medium = vertices.media(rows, spawned.beyond);
+    let bodies = glass_shadows::at(transport, vertices, rows, &bsdf, (bsdf_pdf, spawned.beyond));
+    let radiance = match bodies {
+        Some(_) => radiance,
+        None => media::attenuated(transport, radiance, medium, distance),
+    };
+    let allowed = bodies.map_or(spawned.allowed, |bodies| spawned.allowed & !bodies.excluded);
+    let (valid, finite) = (mask(group.len) & allowed, radiance.is_finite());
     non_finite.add_lanes((valid & !finite).to_bitmask(), id.path);
     let alive = valid & radiance.max_element().simd_gt(F::ZERO) & finite;
     let key = hashes(keys(id.seed, id.index, light_set(depth)));
     let tfar = F::from(lights.map(|l| l.distance * SHADOW_END));
     let ids = [id.path, load_bits(&vertices.ray, rows), U::splat(PUNCTUAL_GROUP)];
-    shadows.push(&Survivors::of(alive), (spawned.origin, wi), tfar, (key, id.time), radiance, ids);
+    let survivors = Survivors::of(alive);
+    if let Some(bodies) = bodies {
+        shadows.set_bodies(&survivors, cast(bodies.passes), medium.unwrap_or(U::ZERO));
+    }
+    shadows.push(&survivors, (spawned.origin, wi), tfar, (key, id.time), radiance, ids);
 }

@@ -1,0 +1,121 @@
+//! Straight passages of single rays through thin walls and bodies of smooth glass.
+
+use glam::Vec3;
+
+use super::{Ray, Tracer};
+use crate::integrator::back_faces::beyond;
+use crate::integrator::glass_shadows;
+use crate::integrator::stages::lights::SHADOW_END;
+use crate::integrator::stages::media;
+use crate::integrator::thin_walls::{MAX_WALLS, Passages, is_wall};
+use crate::integrator::transport::Transport;
+use crate::lanes::LANES;
+use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
+
+/// A ray that goes straight through glass.
+struct StraightRay {
+    /// What is left of the light.
+    left: Vec3,
+    /// Medium behind the last surface.
+    medium: u32,
+    /// Distance of the last surface.
+    start: f32,
+    /// Instance, mesh and triangle of the last surface.
+    last: Option<(u32, u32, u32)>,
+}
+
+impl StraightRay {
+    /// What the medium leaves up to a distance.
+    fn absorbed(&self, transport: &Transport, t: f32) -> Vec3 {
+        media::transmittance(transport.materials.media[self.medium as usize], t - self.start)
+    }
+}
+
+impl Tracer<'_> {
+    /// Light that lies straight behind the body of glass that a ray in a rough direction has hit.
+    pub(super) fn straight_behind_bodies(&mut self, ray: &Ray, depth: u32, hits: &HitBatch) -> Vec3 {
+        let (t, mut hits, mut sum) = (self.transport, hits.clone(), Vec3::ZERO);
+        if ray.state & glass_shadows::ROUGH == 0 || is_wall(t, hits.mesh[0]) {
+            return sum;
+        }
+        let mut rays = RayBatch::default();
+        rays.push(ray.origin, ray.direction, 0.0, f32::INFINITY, ray.key);
+        rays.time.extend(t.geometry.moves.then_some(ray.time));
+        let mut straight = StraightRay { left: ray.beta, medium: ray.medium, start: 0.0, last: None };
+        for _ in 0..MAX_WALLS {
+            if !self.pass(&mut straight, &mut rays, &mut hits, true) {
+                break;
+            }
+            let again = straight.last == Some((hits.instance[0], hits.mesh[0], hits.prim[0]));
+            if !again && (hits.mesh[0] == MISS || glass_shadows::emits(t, hits.mesh[0])) {
+                let beta = straight.left * straight.absorbed(t, hits.t[0]);
+                // `trace_hit` attenuates in the medium of the ray.
+                let seen = Ray { beta, medium: 0, ..*ray };
+                let max_depth = Transport { max_depth: depth + 1, ..t.clone() };
+                let mut tracer = Tracer { transport: &max_depth, report: &mut *self.report, ..*self };
+                sum += tracer.trace_hit(&seen, depth, (&hits, false, false), &[], &[]);
+            }
+        }
+        sum
+    }
+
+    /// Takes a ray through what it has hit, if light passes that straight on.
+    fn pass(&self, straight: &mut StraightRay, rays: &mut RayBatch, hits: &mut HitBatch, bodies: bool) -> bool {
+        let t = self.transport;
+        let hit = (hits.instance[0], hits.mesh[0], hits.prim[0]);
+        let is_body = |mesh| mesh != MISS && t.materials.mesh_material(mesh).smooth_body;
+        if !(is_wall(t, hit.1) || (bodies && is_body(hit.1))) {
+            return false;
+        }
+        if straight.last != Some(hit) {
+            let (direction, time) = (rays.direction(0), rays.time(0));
+            let passages = self.passages(hits, direction, time, true);
+            straight.left *= passages.weight.lane(0);
+            if straight.left.max_element() <= 0.0 {
+                return false;
+            }
+            if t.passes_bodies() {
+                straight.left *= straight.absorbed(t, hits.t[0]);
+                let back_facing = t.geometry.normal(t.scene, hit, time).dot(direction) > 0.0;
+                let [_, medium] = t.materials.media_at_surface(hit.1, back_facing, straight.medium);
+                (straight.medium, straight.start) = (medium, hits.t[0]);
+            }
+        }
+        straight.last = Some(hit);
+        rays.tnear[0] = beyond(hits.t[0]);
+        t.rays.closest_hits(rays, RayOrder::Incoherent, hits);
+        true
+    }
+
+    /// The light that goes straight through the surface that a ray has hit.
+    pub(super) fn passages(&self, hits: &HitBatch, direction: Vec3, time: f32, bodies: bool) -> Passages {
+        let at = (hits.instance[0], hits.mesh[0], hits.prim[0]);
+        let point = self.transport.geometry.point(self.transport.scene, at, (hits.u[0], hits.v[0]), time);
+        Passages::at(self.transport, &[point; LANES], &[direction; LANES], bodies)
+    }
+
+    /// The fraction of light that arrives along a shadow ray, which passes bodies of glass or not and begins in a medium.
+    pub(super) fn unoccluded(&self, mut ray: RayBatch, bodies: bool, medium: u32) -> Vec3 {
+        let rays = self.transport.rays;
+        if !self.transport.materials.has_thin_walls && !self.transport.passes_bodies() {
+            let mut occluded = Vec::new();
+            rays.occluded(&ray, RayOrder::Incoherent, &mut occluded);
+            return if occluded[0] { Vec3::ZERO } else { Vec3::ONE };
+        }
+        let mut hits = HitBatch::default();
+        rays.closest_hits(&ray, RayOrder::Incoherent, &mut hits);
+        let mut straight = StraightRay { left: Vec3::ONE, medium, start: 0.0, last: None };
+        for _ in 0..MAX_WALLS {
+            if !self.pass(&mut straight, &mut ray, &mut hits, bodies) {
+                break;
+            }
+        }
+        match hits.mesh[0] {
+            MISS if self.transport.passes_bodies() => {
+                straight.left * straight.absorbed(self.transport, ray.tfar[0] / SHADOW_END)
+            }
+            MISS => straight.left,
+            _ => Vec3::ZERO,
+        }
+    }
+}
