@@ -21,13 +21,14 @@ import time
 from pathlib import Path
 
 import reliability_files
+import reliability_memory
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs/reliability.md"
 HEAD = """# Reliability tests
 
 Number of tries and failures of fault-injection tests, counted by `scripts/reliability.py target/release/bismar all`. A section's
-name in place of `all` repeats that section. Version 0.1.0, November 2026. The last two sections were measured by hand.
+name in place of `all` repeats that section. Version 0.1.0, November 2026. The section about libFuzzer was measured by hand.
 """
 SECTIONS = {}
 
@@ -282,7 +283,7 @@ def write(title, text, rows):
 
 
 def main():
-    for title, function in reliability_files.SECTIONS.items():
+    for title, function in {**reliability_files.SECTIONS, **reliability_memory.SECTIONS}.items():
         section(title)(function)
     if len(sys.argv) < 3 or not set(sys.argv[2:]) <= {"all", *SECTIONS}:
         sys.exit(f"{__doc__}\nsections: all, {', '.join(SECTIONS)}")

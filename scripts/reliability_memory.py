@@ -102,6 +102,11 @@ def grid(scene, n, attributes=(), targets=0, strip=False, **more):
             coordinates.extend((u, v))
     indices = array.array("I")
     for y in range(n):
+        if strip:
+            # Rows are joined by triangles without area.
+            row = [i for x in range(n + 1) for i in (y * (n + 1) + x, (y + 1) * (n + 1) + x)]
+            indices.extend([row[0], *row, row[-1]])
+            continue
         for x in range(n):
             a = y * (n + 1) + x
             indices.extend((a, a + n + 1, a + 1, a + 1, a + n + 1, a + n + 2))
@@ -184,7 +189,18 @@ def meshes(folder):
         material = s.material(normalTexture=s.picture(png(8, 8), "image/png"))
         s.node(mesh=s.mesh(grid(s, 500, ("NORMAL", "TEXCOORD_0"), material=material)))
     yield "with a normal map, whose tangents are made", saved("m5.glb", mapped), small
-    yield "a strip of 1,500,000 triangles", saved("m6.glb", field(500, strip=True)), small
+    yield "a strip of 500,000 triangles", saved("m6.glb", field(500, strip=True)), small
+
+    def soup(s):
+        chance = random.Random(5)
+        where = lambda: [chance.uniform(-1, 1) for _ in range(3)]
+        points = array.array("f")
+        for _ in range(300_000):
+            middle = where()
+            points.extend(m + 0.02 * d for _ in range(3) for m, d in zip(middle, where()))
+        s.node(mesh=s.mesh({"attributes": {"POSITION": s.accessor(points.tobytes(), "VEC3")}}))
+    yield "300,000 scattered triangles without indices", saved("m8.glb", soup), small
+    yield "300,000 scattered triangles, obvhs", "m8.glb", small + " --rays obvhs"
 
     def many(s):
         primitives = [box(s) for _ in range(20000)]
@@ -274,6 +290,7 @@ def settings(folder):
     yield "64 x 64, 16 threads", c, "--size 64x64 --spp 64 --threads 16"
     yield "960 x 540", c, "--spp 2"
     yield "1920 x 1080", c, "--size 1920x1080 --spp 1"
+    yield "1920 x 1080 of a real scene", "show.glb", "--size 1920x1080 --spp 1"
     yield "1920 x 1080 with a PNG", c, "--size 1920x1080 --spp 1 --preview a.png"
     yield "3840 x 2160", c, "--size 3840x2160 --spp 1"
     yield "1280 x 720, all AOVs", c, "--size 1280x720 --spp 1 --aov all"
@@ -281,6 +298,8 @@ def settings(folder):
     yield "1280 x 720, 64 spp, --checkpoint", c, "--size 1280x720 --spp 8 --checkpoint 900"
     yield "1280 x 720, --balance half", c, "--size 1280x720 --spp 1 --balance half"
     yield "1280 x 720, --guiding on", c, "--size 1280x720 --spp 16 --guiding on"
+    (folder / "many.glb").write_bytes((ROOT / "scenes/many-lights.glb").read_bytes())
+    yield "640 x 360, learned lights", "many.glb", "--size 640x360 --spp 4"
     yield "1280 x 720, --adaptive", c, "--size 1280x720 --spp 4 --adaptive"
     yield "a crop of 256 x 256 of 8192 x 8192", c, "--size 8192x8192 --crop 0,0,256,256 --spp 1"
     yield "part 1/4 of 1920 x 1080", c, "--size 1920x1080 --spp 4 --part 1/4"
@@ -298,6 +317,7 @@ def settings(folder):
 
 def kinds(folder):
     """Triples: a name, the scene, the flags."""
+    (folder / "show.glb").write_bytes((ROOT / "scenes/showpiece.glb").read_bytes())
     (folder / "cornell.glb").write_bytes((ROOT / "scenes/cornell.glb").read_bytes())
     yield from settings(folder)
     yield from meshes(folder)

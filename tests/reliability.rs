@@ -107,6 +107,25 @@ fn merge_knows_what_its_parts_have_learned_and_how_passes_were_cut() {
     }
 }
 
+/// Tiles that fewer paths have cut take other passes from there on.
+#[test]
+fn a_noise_goal_that_goes_on_with_more_paths_says_that_its_bits_are_others() {
+    const TOLD: &str = "was begun with another goal";
+    let folder = folder();
+    let path = folder.path();
+    let line = "render cornell.glb --size 40x30 --noise 0.02 --checkpoint 9 --spp";
+    for (first, told) in [(100, true), (128, false), (64, true)] {
+        let _ = fs::remove_file(path.join("out.exr"));
+        expect(path, &format!("{line} {first} -q -o out.exr"), 0);
+        let said = expect(path, &format!("{line} 300 --resume -o out.exr"), 0);
+        assert_eq!(said.contains(TOLD), told, "{first}: {said}");
+        expect(path, &format!("{line} 300 -q -o whole.exr"), 0);
+        if !told {
+            assert_same_bits(&path.join("whole.exr"), &path.join("out.exr"));
+        }
+    }
+}
+
 #[test]
 fn parts_of_a_scene_with_and_without_a_texture_are_of_different_renders() {
     let folder = folder();

@@ -50,7 +50,7 @@ pub fn limit(flag: Option<u64>) -> Result<Limit> {
 pub fn hold((limit, source): Limit) {
     if source != MACHINE {
         // A cgroup also counts page tables and dirty file pages: 4 % are left for them.
-        hold_to(limit - limit / 25);
+        hold_to(limit - limit / 25, rayon::current_num_threads());
     }
 }
 

@@ -91,6 +91,12 @@ pub fn virtual_memory_bytes() -> u64 {
     kilobytes("/proc/self/status", "VmSize:").unwrap_or(0)
 }
 
+/// Private writable memory of this process that is mapped, such as stacks, but not resident, in bytes; 0 if unknown.
+pub fn untouched_data_bytes() -> u64 {
+    let of = |key: &str| kilobytes("/proc/self/status", key).unwrap_or(0);
+    of("VmData:").saturating_sub(of("RssAnon:"))
+}
+
 /// Resets [`peak_memory_bytes`] to the current memory, where the system supports it.
 pub fn reset_peak_memory() {
     let _ = fs::write("/proc/self/clear_refs", "5");

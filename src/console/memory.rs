@@ -80,15 +80,20 @@ pub fn allowed() -> Option<(u64, &'static str)> {
     // Mapped memory that is not resident, such as libraries and stacks, counts too.
     let elsewhere = host::virtual_memory_bytes().saturating_sub(host::resident_memory_bytes());
     let space = getrlimit(Resource::As).current.map(|bytes| bytes.saturating_sub(elsewhere));
-    let data = getrlimit(Resource::Data).current;
+    let data = getrlimit(Resource::Data).current.map(|bytes| bytes.saturating_sub(host::untouched_data_bytes()));
     let all = [(cgroup, "its cgroup"), (space, "its limit of address space"), (data, "its limit of data")];
     all.into_iter().filter_map(|(bytes, what)| Some((bytes?, what))).min()
 }
 
+/// Bytes of the stacks that a ray library maps for a thread of its own.
+const STACK_BYTES: u64 = 6 << 20;
+
 /// Makes allocations beyond this number of bytes fail, so that the program ends with a message ([`exit_when_exhausted`])
-/// before the system kills it.
-pub fn hold_to(bytes: u64) {
+/// before the system kills it. The limit counts what is mapped: stacks of this many threads, which hardly touch them, are
+/// allowed for.
+pub fn hold_to(bytes: u64, threads: usize) {
     let Rlimit { current, maximum } = getrlimit(Resource::Data);
+    let bytes = bytes.saturating_add(host::untouched_data_bytes()).saturating_add(threads as u64 * STACK_BYTES);
     let least = [Some(bytes), current, maximum].into_iter().flatten().min();
     // Without effect if the limit cannot be set.
     let _ = setrlimit(Resource::Data, Rlimit { current: least, maximum });

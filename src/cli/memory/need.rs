@@ -25,6 +25,8 @@ pub struct Need<'a> {
     pub saved_pixels: u64,
     /// Whether the picture is denoised.
     pub denoises: bool,
+    /// Whether a PNG is written, too.
+    pub previews: bool,
     /// Largest number of bytes that a pre-pass takes.
     pub prepass_bytes: u64,
     /// Ray tracing library.
@@ -58,9 +60,13 @@ impl Steps {
 }
 
 /// Bytes of the program and its libraries.
-const PROGRAM_BYTES: u64 = 24 << 20;
+const PROGRAM_BYTES: u64 = 28 << 20;
 /// Bytes of the buffers of one thread.
 const BYTES_PER_THREAD: u64 = 2 << 20;
+/// Bytes per pixel of all AOVs while the blocks of the file are compressed.
+const AOV_BYTES_PER_PIXEL: u64 = 48;
+/// Bytes per pixel of a PNG while it is written.
+const PREVIEW_BYTES_PER_PIXEL: u64 = 8;
 /// Bytes per triangle of a static mesh: at the peak of the build, and of the finished acceleration structure.
 const EMBREE_BYTES_PER_TRIANGLE: [u64; 2] = [125, 100];
 const OBVHS_BYTES_PER_TRIANGLE: [u64; 2] = [360, 200];
@@ -71,15 +77,20 @@ const BYTES_PER_NODE: u64 = 480;
 /// Bytes per mesh outside of its arrays: in the document, the scene, the ray queries.
 const BYTES_PER_MESH: u64 = 4500;
 /// Bytes of a moving placement at one time: in the scene, and in the ray queries.
-const BYTES_PER_KEY: [u64; 2] = [72, 220];
+const BYTES_PER_KEY: [u64; 2] = [72, 400];
 /// Bytes of a node at one time while the motion is sampled.
 const BYTES_PER_NODE_AND_TIME: u64 = 176;
 /// Bytes of a deforming vertex at one time: position and normal.
 const BYTES_PER_VERTEX_AND_TIME: u64 = 24;
+/// Bytes of the ray queries per deforming vertex, of two triangles: once, and for each time.
+const DEFORMING_BYTES_PER_VERTEX: [u64; 2] = [440, 10];
 /// Bytes of an emissive triangle and its part of the light tree while both are built.
 const BYTES_PER_LIGHT: u64 = 250;
-/// Bytes per pixel of the denoiser's process with Open Image Denoise 2.3, and of the pictures that are passed to it.
-const DENOISER_BYTES_PER_PIXEL: u64 = 950;
+/// Bytes of the denoiser's process with Open Image Denoise 2.3, and its bytes per pixel: of the pictures that are passed to it,
+/// and of its network, which takes tiles of at most so many pixels.
+const DENOISER_BYTES: u64 = 40 << 20;
+const DENOISER_BYTES_PER_PIXEL: [u64; 2] = [130, 790];
+const DENOISER_TILE_PIXELS: u64 = 2160 * 2160;
 
 /// Bytes of the program without a scene.
 pub fn at_rest(threads: usize) -> u64 {
@@ -105,6 +116,7 @@ impl<'a> Need<'a> {
             columns: settings.columns(),
             saved_pixels: 0,
             denoises: false,
+            previews: false,
             prepass_bytes: if pixels > 0 { learning } else { 0 },
             rays: Backend::default(),
             threads: rayon::current_num_threads(),
@@ -121,6 +133,8 @@ impl<'a> Need<'a> {
             Backend::Obvhs => OBVHS_BYTES_PER_TRIANGLE,
         }
         .map(|bytes| bytes * c.triangles + times * c.moving * BYTES_PER_KEY[1]);
+        let [once, each] = DEFORMING_BYTES_PER_VERTEX;
+        let deforming = if times > 0 { c.deforming_vertices * (once + times * each) } else { 0 };
         let motion = times * (c.moving * BYTES_PER_KEY[0] + c.deforming_vertices * BYTES_PER_VERTEX_AND_TIME);
         let sampling = times * c.nodes * BYTES_PER_NODE_AND_TIME;
         let environment = self.environment.map_or([0; 2], |size| size.bytes(self.compensates));
@@ -132,13 +146,19 @@ impl<'a> Need<'a> {
         let decoding = s.decoding_bytes.iter().take(self.threads).sum::<u64>();
         let reading = s.read_bytes + documents + sampling + decoding.max(c.reading_bytes).max(environment[0]);
         let lights = c.emissive_triangles * BYTES_PER_LIGHT;
-        let pixels = Tile::memory_bytes(self.pixels, self.columns);
+        let writing = if self.columns.aovs { AOV_BYTES_PER_PIXEL } else { 0 };
+        let pixels = Tile::memory_bytes(self.pixels, self.columns) + self.pixels * writing;
         // Statistics are compressed before writing, usually to less than half.
         let saving = Tile::memory_bytes(self.saved_pixels, self.columns) / 2;
-        let denoiser = if self.denoises { self.pixels * DENOISER_BYTES_PER_PIXEL } else { 0 };
+        let [pictures, network] = DENOISER_BYTES_PER_PIXEL;
+        let denoiser = match self.denoises {
+            true => DENOISER_BYTES + self.pixels * pictures + self.pixels.min(DENOISER_TILE_PIXELS) * network,
+            false => 0,
+        };
+        let preview = if self.previews { self.pixels * PREVIEW_BYTES_PER_PIXEL } else { 0 };
         // A part of what the reader has freed is not given back to the system.
         let documents = documents / 2;
-        let rendering = built + environment[1] + lights + pixels + self.prepass_bytes.max(saving).max(denoiser);
-        at_rest(self.threads) + kept + reading.max(documents + building).max(documents + rendering)
+        let rendering = built + environment[1] + lights + pixels + self.prepass_bytes.max(saving).max(denoiser).max(preview);
+        at_rest(self.threads) + kept + reading.max(documents + deforming + building).max(documents + deforming + rendering)
     }
 }

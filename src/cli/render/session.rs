@@ -152,6 +152,7 @@ impl Session<'_> {
             columns: settings.columns(),
             saved_pixels: if args.checkpoint.is_some() || args.part.is_some() { pixels } else { 0 },
             denoises: args.denoise.is_some(),
+            previews: args.preview.is_some(),
             prepass_bytes: guiding::bytes(&settings).max(learned_lights::bytes(&settings, lights)),
             rays: args.rays,
             threads: self.threads,

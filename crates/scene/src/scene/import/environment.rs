@@ -38,8 +38,8 @@ impl EnvironmentSize {
         // A cumulative distribution and its guide, which has a power of two of entries in each row.
         let table = 4 * pixels + 4 * (pixels / width.max(1)) * (2 * width).next_power_of_two();
         let tables = if compensated { 2 * table } else { table };
-        // As read and as RGB; pixels, radiance and luminance.
-        [self.file_bytes + 24 * pixels, 28 * pixels + tables]
+        // As read and as RGB; pixels, radiance, luminance and a little more.
+        [self.file_bytes + 24 * pixels, 30 * pixels + tables]
     }
 }
 
