@@ -167,7 +167,7 @@ fn render_of_scene(args: &SubmitArgs) -> Result<Render> {
     let name = args.input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let name = if render.frames.is_some() { with_placeholder(name) } else { name };
     let (scene, output) = (absolute_path(&args.input)?, absolute_path(&render.output())?);
-    let job = Job { name, scene, flags, output, location: Default::default() };
+    let job = Job { name, scene, flags, output, ..Job::default() };
     split(job.clone()).map_err(|(_, why)| Error::Usage(format!("after --: {why}")))?;
     Ok(Render { name: job.name, scene: job.scene, output: job.output, flags: job.flags })
 }

@@ -6,13 +6,14 @@ mod compare;
 mod develop;
 mod farm;
 pub mod flag_values;
+pub mod in_memory;
 mod inspect;
 mod memory;
 mod merge;
 mod movie;
 mod render;
 mod scene_selection;
-mod stats;
+pub mod stats;
 mod study;
 
 use std::process::ExitCode;
@@ -60,7 +61,7 @@ pub fn run() -> ExitCode {
     console::run(
         |cli: &Cli| cli.verbosity,
         |cli| match &cli.command {
-            Command::Render(args) if args.frames.is_some() => {
+            Command::Render(args) if args.is_sequence() => {
                 // Parsed again for the matches, which tell the flags that were given explicitly.
                 let matches = Cli::command().get_matches();
                 let render_matches =

@@ -21,10 +21,12 @@ use std::time::Instant;
 use tracing::info;
 
 pub use args::RenderArgs;
+pub use choose::settings;
 pub use denoise::{DenoiseWorkerArgs, work as denoise_work};
 pub use flags::given;
 pub use identity::Inputs;
 pub use loaded::Loaded;
+pub use output::{OutputWriter, preview_mark};
 pub use session::{Done, Session};
 
 use crate::Result;

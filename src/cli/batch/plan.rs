@@ -14,8 +14,18 @@ use crate::console::Paths;
 use crate::{Error, Result};
 
 /// Flags of `render` that a batch file must not hold.
-const NOT_IN_FILES: [&str; 9] =
-    ["resume", "replay-pixel", "progress", "threads", "part", "memory-limit", "path-mapping", "on-checkpoint", "led"];
+const NOT_IN_FILES: [&str; 10] = [
+    "placed",
+    "resume",
+    "replay-pixel",
+    "progress",
+    "threads",
+    "part",
+    "memory-limit",
+    "path-mapping",
+    "on-checkpoint",
+    "led",
+];
 
 /// A job with its flags parsed.
 pub struct Planned {
@@ -39,9 +49,9 @@ pub fn read(path: &Path) -> Result<Vec<Job>> {
             let flag = match arg.get_action() {
                 ArgAction::SetTrue => Flag::Switch,
                 _ if name == "size" => Flag::List('x'),
-                _ if ["aov", "crop", "frames"].contains(&name.as_str()) => Flag::List(','),
+                _ if ["aov", "crop", "frames", "orbit"].contains(&name.as_str()) => Flag::List(','),
                 _ if name == "seed-per-frame" => Flag::Choice,
-                _ if name == "env" => Flag::Input,
+                _ if ["env", "cameras"].contains(&name.as_str()) => Flag::Input,
                 _ if arg.get_value_hint() == ValueHint::AnyPath => Flag::File,
                 _ => Flag::Value,
             };

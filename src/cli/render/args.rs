@@ -7,6 +7,7 @@ use clap::Args;
 use super::replay::PixelPath;
 use super::values::{AovList, Crop, LightUnit, OnByDefault, balance, blades, finite, not_negative, share};
 use crate::batch::frames::{Frames, numbered};
+use crate::batch::views::MAX_VIEWS;
 use crate::cli::flag_values::value_of;
 use crate::cli::scene_selection::SceneSelection;
 use crate::console::Size;
@@ -20,7 +21,7 @@ use crate::render::identity::RequestedOutputs;
 use crate::render::lens::{Aperture, Focus, LensSettings};
 use crate::render::{BackFaces, Balance, Guiding, Integrator, Part, PixelFilter, RenderSettings};
 use crate::sampling::frame_seed;
-use crate::scene::Framing;
+use crate::scene::{Framing, Orbit, PlacedCamera};
 use crate::{Error, Result};
 
 /// Render a glTF scene to OpenEXR.
@@ -48,6 +49,26 @@ pub struct RenderArgs {
     /// if the scene has none].
     #[arg(long, value_name = "NAME|INDEX", help_heading = "View")]
     pub camera: Option<String>,
+    /// View from a point around the scene, in degrees: azimuth 0 sees it from +z (the front of a glTF asset), 90 from +x;
+    /// elevation is -90 to 90. The distance to the centre of what the scene shows is a multiple of that at which the sphere
+    /// around it just fits [default: 1].
+    #[arg(
+        long,
+        value_name = "AZIMUTH,ELEVATION[,DISTANCE]",
+        allow_hyphen_values = true,
+        conflicts_with = "camera",
+        help_heading = "View"
+    )]
+    pub orbit: Option<Orbit>,
+    /// N views once around the scene, from that of --orbit on [default: 0,20], each to its own file. File names hold the
+    /// number from 0 as #### or {frame:04}; transforms.json beside them holds the cameras (docs/cameras.md).
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_VIEWS)),
+        conflicts_with_all = ["camera", "frames", "cameras", "replay_pixel"], help_heading = "View")]
+    pub turntable: Option<u32>,
+    /// The cameras of a JSON file in the convention of NeRF's transforms.json, each to its own file as by --turntable; with
+    /// --camera only one of them.
+    #[arg(long, value_name = "FILE.json", conflicts_with_all = ["orbit", "frames", "replay_pixel"], help_heading = "View")]
+    pub cameras: Option<PathBuf>,
     /// Resolution in pixels [default: 960 wide, with the height from the camera's aspect ratio].
     #[arg(long, value_name = "WxH", help_heading = "View")]
     pub size: Option<Size>,
@@ -238,9 +259,17 @@ pub struct RenderArgs {
     /// Ignore signals; the parent process announces them on standard input.
     #[arg(long = "led", hide = true)]
     pub signals_from_parent: bool,
+    /// A camera by its matrix; jobs of --cameras have it.
+    #[arg(long, hide = true, conflicts_with_all = ["camera", "orbit"])]
+    pub placed: Option<PlacedCamera>,
 }
 
 impl RenderArgs {
+    /// Whether the command renders many pictures: frames or views.
+    pub fn is_sequence(&self) -> bool {
+        self.frames.is_some() || self.turntable.is_some() || self.cameras.is_some()
+    }
+
     /// Whether the scene is shown at a time of its animations.
     fn is_posed(&self) -> bool {
         self.frames.is_some() || self.selection.is_posed()
@@ -259,6 +288,12 @@ impl RenderArgs {
         format!("{}{unit}{energy}{velocities}", self.selection.name())
     }
 
+    /// Text that identifies a camera that is not one of the file; empty for those of the file.
+    pub fn view_text(&self) -> String {
+        let placed = self.placed.as_ref().map(|placed| format!(", camera at {placed}"));
+        placed.or(self.orbit.map(|orbit| format!(", orbit {orbit}"))).unwrap_or_default()
+    }
+
     /// Whether the velocity AOV is written.
     pub fn has_velocities(&self) -> bool {
         self.aovs().contains(&Aov::Velocity)
@@ -268,7 +303,7 @@ impl RenderArgs {
     pub fn output(&self) -> PathBuf {
         self.output.clone().unwrap_or_else(|| {
             let mut name = self.scene.file_stem().unwrap_or("bismar".as_ref()).to_owned();
-            name.push(if self.frames.is_some() { ".####.exr" } else { ".exr" });
+            name.push(if self.is_sequence() { ".####.exr" } else { ".exr" });
             name.into()
         })
     }
@@ -342,7 +377,7 @@ impl RenderArgs {
         if let Some(file) = &self.path_mapping {
             let mapping = PathMapping::read(file)?;
             mapping.apply(&mut args.scene);
-            let others = [&mut args.output, &mut args.env, &mut args.preview, &mut args.stats];
+            let others = [&mut args.output, &mut args.env, &mut args.cameras, &mut args.preview, &mut args.stats];
             others.into_iter().flatten().for_each(|path| mapping.apply(path));
         }
         Ok(args)

@@ -10,7 +10,11 @@ use crate::{Error, Result};
 /// # Errors
 /// [`Error::Usage`] for an unknown camera, a crop window outside of the picture, more parts than tiles.
 pub fn settings(args: &RenderArgs, scene: &Scene) -> Result<RenderSettings> {
-    let camera = camera(&scene.cameras, args.camera.as_deref())?;
+    // The camera of `Loaded::placed` is the last one.
+    let camera = match args.orbit.is_some() || args.placed.is_some() {
+        true => scene.cameras.len() - 1,
+        false => camera(&scene.cameras, args.camera.as_deref())?,
+    };
     let (width, height) = args.size.map_or_else(|| size(&scene.cameras[camera]), |s| (s.0, s.1));
     let crop = args.crop.map(|c| c.inside(width, height)).transpose()?;
     let settings = RenderSettings { camera, width, height, crop, ..args.settings() };
@@ -34,6 +38,9 @@ pub fn camera(cameras: &[Camera], wanted: Option<&str>) -> Result<usize> {
         None => Ok(0),
     }
 }
+
+/// Resolution in pixels for a camera without an aspect ratio.
+pub const DEFAULT_SIZE: (u32, u32) = (960, 540);
 
 /// Default resolution in pixels: 960 wide, with the camera's aspect ratio or 16:9.
 pub fn size(camera: &Camera) -> (u32, u32) {

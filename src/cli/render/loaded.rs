@@ -6,7 +6,7 @@ use std::time::Instant;
 use tracing::{debug, info, warn};
 
 use super::args::RenderArgs;
-use super::choose;
+use super::choose::{self, DEFAULT_SIZE};
 use super::identity::{Files, Inputs};
 use super::scene::{make_scene, scene_at_rest};
 use crate::cli::memory;
@@ -50,6 +50,22 @@ impl Loaded {
     ) -> Result<Self> {
         let files = if more { inputs.lend(args) } else { inputs.take(args) }?;
         Self::load_files(args, inputs, files, previous, building)
+    }
+
+    /// The same scene with the camera of `--orbit` or of a job of `--cameras` besides the file's; `None` without those flags.
+    ///
+    /// # Errors
+    /// Those of [`PlacedCamera::camera`](crate::scene::PlacedCamera::camera).
+    pub fn placed(&self, args: &RenderArgs) -> Result<Option<Self>> {
+        let (width, height) = args.size.map_or(DEFAULT_SIZE, |size| (size.0, size.1));
+        let aspect = f64::from(width) / f64::from(height);
+        let camera = match (&args.placed, &args.orbit) {
+            (Some(placed), _) => placed.camera(aspect)?,
+            (None, Some(orbit)) => orbit.camera(&self.prepared.scene, aspect),
+            (None, None) => return Ok(None),
+        };
+        let prepared = self.prepared.with_camera(camera);
+        Ok(Some(Self { prepared, read_seconds: self.read_seconds, build_seconds: self.build_seconds }))
     }
 
     fn load_files(

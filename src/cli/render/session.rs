@@ -168,6 +168,8 @@ impl Session<'_> {
     ) -> Result<Done> {
         let args = self.args;
         let output = args.output();
+        let placed = loaded.placed(args)?;
+        let loaded = placed.as_ref().unwrap_or(loaded);
         let settings = settings(args, &loaded.prepared.scene)?;
         lens(&loaded.prepared, &settings)?;
         let identity = self.inputs.identity(args, &settings);
