@@ -42,10 +42,10 @@ render: setup
 
 test: setup
 	$(CARGO) fmt --all --check
-	$(CARGO) clippy --workspace --exclude bismar-python --all-targets --locked -- -D warnings
+	$(CARGO) clippy --workspace --all-targets --locked -- -D warnings
 	@rm -f $(SKIPPED) && mkdir -p $(dir $(SKIPPED))
 	BISMAR_SKIPPED_TESTS=$(SKIPPED) $(CARGO) test --workspace --exclude bismar-python --locked
-	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --workspace --exclude bismar-python --no-deps --locked
+	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --workspace --no-deps --locked
 	@if [ -s $(SKIPPED) ]; then printf '%s tests were skipped:\n' "$$(wc -l <$(SKIPPED))" && sort $(SKIPPED); fi
 
 deb: build

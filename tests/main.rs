@@ -10,9 +10,11 @@ mod a_slurm_of_two_nodes;
 
 mod adaptive;
 mod aovs;
+mod arrays;
 mod batch;
 mod bits;
 mod bsdf;
+mod check;
 mod cli;
 mod closed_forms;
 mod corpus;

@@ -58,8 +58,8 @@ class Camera:
     """Index for `Scene.render(camera=)`."""
     name: str
     """Name for `Scene.render(camera=)`."""
-    perspective: bool
-    """False for an orthographic camera."""
+    projection: str
+    """"perspective", "orthographic" or "panorama"."""
     vertical: float
     """Vertical field of view in degrees, or half of the height in metres of an orthographic camera."""
     aspect: Optional[float]
@@ -200,12 +200,13 @@ class Scene:
         """
         return json.loads(self._native.inspect())  # type: ignore[no-any-return]
 
-    def add_camera(self, matrix: Any, fov: float, name: Optional[str] = None) -> Camera:
-        """Adds a perspective camera. It shares all else with the scene, so thousands cost little.
+    def add_camera(self, matrix: Any, fov: Union[float, str], name: Optional[str] = None) -> Camera:
+        """Adds a perspective camera or a panorama. It shares all else with the scene, so thousands cost little.
 
         matrix: camera to world, 4 x 4 (nested lists or an array): three orthonormal, right-handed columns and the position
             in metres. The camera looks along its local -z axis with +y up (glTF, OpenGL, NeRF).
-        fov: vertical field of view in degrees, above 0 and below 180.
+        fov: vertical field of view in degrees, above 0 and below 180; or "panorama": all directions, as an equirectangular
+            picture with the view axis in its middle.
         name: for `render(camera=)` [default: "added-N" by its index]; no other camera may have it.
 
         Raises UsageError for a matrix that is no rotation and translation.
@@ -217,7 +218,11 @@ class Scene:
         if [len(row) for row in rows] != [4, 4, 4, 4]:
             raise UsageError("matrix: not 4 x 4 numbers", 64)
         name = f"added-{len(self._native.cameras())}" if name is None else name
-        index = self._native.add_camera(name, rows, float(fov))
+        try:
+            angle = None if fov == "panorama" else float(fov)
+        except (TypeError, ValueError):
+            raise UsageError(f"fov: {fov!r} is neither degrees nor 'panorama'", 64) from None
+        index = self._native.add_camera(name, rows, angle)
         return self.cameras[index]
 
     def render(
@@ -225,6 +230,7 @@ class Scene:
         camera: Union[str, int, Camera, None] = None,
         size: Union[Tuple[int, int], str, None] = None,
         *,
+        orbit: Optional[Sequence[float]] = None,
         spp: Optional[int] = None,
         time: Union[float, str, None] = None,
         noise: Optional[float] = None,
@@ -251,7 +257,10 @@ class Scene:
     ) -> Picture:
         """Renders a picture. The arguments are flags of `bismar render`, and so are the defaults.
 
-        camera: a `Camera`, or its name or index [default: the first].
+        camera: a `Camera`, or its name or index, or "framed" (a view that fits the whole scene), or "panorama" (all
+            directions from the first camera, in the orientation of an environment map) [default: the first].
+        orbit: instead of a camera, a view around the scene: azimuth (0 sees it from +z, 90 from +x) and elevation in
+            degrees, and the distance as a multiple of that at which the sphere around the scene just fits [1].
         size: width and height in pixels [default: 960 wide, with the camera's aspect ratio].
         spp, time, noise: stops at this number of paths per pixel, after these seconds of this call, or at this estimated
             relative error, whichever is first [default: 64 paths].
@@ -274,6 +283,7 @@ class Scene:
             aovs = ",".join(aovs) or "none"
         options = _flags(
             camera=camera,
+            orbit=orbit,
             size=size,
             spp=spp,
             time=time,

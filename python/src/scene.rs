@@ -12,8 +12,8 @@ use bismar::scene::{FieldOfView, PlacedCamera};
 use crate::picture::Picture;
 use crate::{Flag, errors, json, run};
 
-/// A camera: name, perspective, vertical, aspect, matrix.
-type Camera = (String, bool, f64, Option<f64>, [[f64; 4]; 4]);
+/// A camera: name, projection, vertical, aspect, matrix.
+type Camera = (String, &'static str, f64, Option<f64>, [[f64; 4]; 4]);
 
 /// A scene in memory, and the threads that render it.
 #[pyclass(frozen, module = "bismar._bismar")]
@@ -39,14 +39,15 @@ impl Scene {
 impl Scene {
     fn cameras(&self) -> Vec<Camera> {
         let cameras = self.current().cameras();
-        cameras.into_iter().map(|c| (c.name, c.perspective, c.vertical, c.aspect, c.to_world)).collect()
+        cameras.into_iter().map(|c| (c.name, c.projection, c.vertical, c.aspect, c.to_world)).collect()
     }
 
-    fn add_camera(&self, py: Python, name: String, matrix: [[f64; 4]; 4], fov: f64) -> PyResult<usize> {
+    fn add_camera(&self, py: Python, name: String, matrix: [[f64; 4]; 4], fov: Option<f64>) -> PyResult<usize> {
         let mut scene = self.scene.lock().unwrap_or_else(PoisonError::into_inner);
         // A render in another thread keeps the scene as it was.
         let mut next = LoadedScene::clone(&scene);
-        let added = next.add_camera(&PlacedCamera { name, to_world: matrix, fov: FieldOfView::Vertical(fov) });
+        let fov = fov.map_or(FieldOfView::Panorama, FieldOfView::Vertical);
+        let added = next.add_camera(&PlacedCamera { name, to_world: matrix, fov });
         *scene = Arc::new(next);
         added.map_err(|error| errors::raise(py, &error))
     }

@@ -13,7 +13,7 @@ def test_bounds_and_cameras_and_contents(cornell):
     low, high = cornell.bounds
     assert all(a < b for a, b in zip(low, high))
     first, *_, last = cornell.cameras
-    assert first.index == 0 and first.perspective and 0 < first.vertical < 180
+    assert first.index == 0 and first.projection == "perspective" and 0 < first.vertical < 180
     assert last.name == "framed"
     inspected = cornell.inspect()
     assert inspected["cameras"][0]["name"] == first.name
@@ -59,6 +59,7 @@ def test_depth_from_an_added_camera_is_the_distance_along_its_rays(scenes):
         (np.full((4, 4), np.nan), 40, "not finite"),
         (np.eye(4), 180, "field of view"),
         (np.eye(4), float("nan"), "field of view"),
+        (np.eye(4), "wide", "neither degrees"),
     ],
 )
 def test_wrong_cameras_are_refused(cornell, matrix, fov, why):
@@ -66,6 +67,40 @@ def test_wrong_cameras_are_refused(cornell, matrix, fov, why):
     with pytest.raises(bismar.UsageError, match=why):
         cornell.add_camera(matrix, fov)
     assert len(cornell.cameras) == before
+
+
+def test_orbits_and_panoramas_are_those_of_the_command_line(cornell, scenes, program, tmp_path):
+    line = [program, "-q", "render", scenes / "cornell.glb", "--spp=4", "--size=32x16", "-o", tmp_path / "cli.exr"]
+    for options, flags in [
+        (dict(orbit=(30, -10, 0.7)), ["--orbit=30,-10,0.7"]),
+        (dict(camera="panorama"), ["--camera=panorama"]),
+    ]:
+        subprocess.run([*line, *flags], check=True)
+        cornell.render(size=(32, 16), spp=4, **options).save(tmp_path / "python.exr")
+        assert bismar.compare(tmp_path / "python.exr", tmp_path / "cli.exr")["mae"] == 0.0
+
+
+def test_an_added_panorama_sees_all_around(scenes):
+    scene = bismar.load(scenes / "cornell.glb")
+    (x0, y0, z0), (x1, y1, z1) = scene.bounds
+    eye = np.array([x0 + x1, y0 + y1, z0 + z1]) / 2
+    matrix = np.eye(4)
+    matrix[:3, 3] = eye
+    camera = scene.add_camera(matrix, "panorama")
+    assert camera.projection == "panorama" and camera.aspect == 2
+    picture = scene.render(camera, (64, 32), spp=1, aovs=["depth", "position"])
+    depth, position = picture["depth"][..., 0].astype(float), picture["position"].astype(float)
+    hit = depth < 1e9
+    assert hit.sum() > 1000
+    # One path per pixel: the depth is the distance of its hit.
+    assert np.allclose(np.linalg.norm(position - eye, axis=-1)[hit], depth[hit], rtol=1e-5)
+    # Left of the middle is -x, the top is +y; the filter reaches 2 pixels.
+    u, v = np.meshgrid((np.arange(64) + 0.5) / 64, (np.arange(32) + 0.5) / 32)
+    longitude, latitude = (u - 0.5) * 2 * np.pi, (0.5 - v) * np.pi
+    flat = np.cos(latitude)
+    toward = np.stack([np.sin(longitude) * flat, np.sin(latitude), -np.cos(longitude) * flat], axis=-1)
+    seen = (position - eye) / depth[..., None]
+    assert (np.einsum("yxc,yxc->yx", toward, seen)[hit] > math.cos(3 * math.pi / 32)).all()
 
 
 def test_two_cameras_of_one_name_are_refused(scenes):

@@ -27,10 +27,18 @@ const OTHER_OUTPUTS: [&str; 2] = ["preview", "stats"];
 /// Flags that make one job many.
 pub const SPLITTING: [&str; 2] = ["turntable", "cameras"];
 
+/// Camera model of panoramas, as nerfstudio names it.
+const EQUIRECTANGULAR: &str = "EQUIRECTANGULAR";
+/// Camera models without lens distortion, or whose distortion coefficients must be 0.
+const PINHOLES: [&str; 6] = ["PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "FULL_OPENCV", "RADIAL", "SIMPLE_RADIAL"];
+
 /// Intrinsics of all cameras or of one; lengths in pixels, angles in radians. Distortion must be 0.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 #[serde(default)]
 struct Intrinsics {
+    /// `PINHOLE` and its like, or [`EQUIRECTANGULAR`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    camera_model: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     camera_angle_x: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -91,6 +99,7 @@ impl Intrinsics {
     fn or(&self, all: &Self) -> Self {
         let distortion = |own: f64, all: f64| if own == 0.0 { all } else { own };
         Self {
+            camera_model: self.camera_model.clone().or(all.camera_model.clone()),
             camera_angle_x: self.camera_angle_x.or(all.camera_angle_x),
             camera_angle_y: self.camera_angle_y.or(all.camera_angle_y),
             fl_x: self.fl_x.or(all.fl_x),
@@ -110,6 +119,14 @@ impl Intrinsics {
 
     /// The field of view: by focal lengths, else by angles.
     fn fov(&self) -> std::result::Result<FieldOfView, String> {
+        match self.camera_model.as_deref() {
+            Some(EQUIRECTANGULAR) => return Ok(FieldOfView::Panorama),
+            Some(model) if !PINHOLES.contains(&model) => {
+                let known = PINHOLES.join(", ");
+                return Err(format!("camera_model {model} is not supported: {known} and {EQUIRECTANGULAR} are"));
+            }
+            _ => {}
+        }
         if [self.k1, self.k2, self.k3, self.k4, self.p1, self.p2].iter().any(|k| *k != 0.0) {
             return Err("lens distortion (k1 to k4, p1, p2) is not supported: undistort the cameras".into());
         }
@@ -280,31 +297,32 @@ fn view_of(picture: &Path) -> Option<View> {
             _ => None,
         })
     };
-    let (to_camera, to_picture) = (matrix(WORLD_TO_CAMERA)?, matrix(WORLD_TO_NDC)?);
-    let projection = to_picture * to_camera.inverse();
-    if projection.row(3).z == 0.0 {
-        return None;
-    }
+    let to_camera = matrix(WORLD_TO_CAMERA)?;
     let settings = &earlier.record.identity.settings;
     let (w, h) = (f64::from(settings.width), f64::from(settings.height));
-    // Half of the picture's width is 0.5 in NDC.
-    let (half_x, half_y) = (0.5 / projection.x_axis.x.abs(), 0.5 / projection.y_axis.y.abs());
+    let size = Intrinsics { cx: Some(0.5 * w), cy: Some(0.5 * h), w: Some(w), h: Some(h), ..Default::default() };
+    let own = match matrix(WORLD_TO_NDC).map(|to_picture| to_picture * to_camera.inverse()) {
+        Some(projection) if projection.row(3).z == 0.0 => return None,
+        Some(projection) => {
+            // Half of the picture's width is 0.5 in NDC.
+            let (half_x, half_y) = (0.5 / projection.x_axis.x.abs(), 0.5 / projection.y_axis.y.abs());
+            Intrinsics {
+                camera_angle_x: Some(2.0 * half_x.atan()),
+                camera_angle_y: Some(2.0 * half_y.atan()),
+                fl_x: Some(0.5 * w / half_x),
+                fl_y: Some(0.5 * h / half_y),
+                ..size
+            }
+        }
+        // Focal lengths such that nerfstudio's picture coordinates are from -1 to 1 and from -1/2 to 1/2.
+        None => Intrinsics { camera_model: Some(EQUIRECTANGULAR.into()), fl_x: Some(0.5 * w), fl_y: Some(h), ..size },
+    };
     // Camera space of the header looks along +z.
     let to_world = to_camera.inverse() * glam::DMat4::from_scale(glam::DVec3::new(1.0, 1.0, -1.0));
     Some(View {
         file_path: picture.file_name()?.to_string_lossy().into_owned(),
         transform_matrix: to_world.transpose().to_cols_array_2d(),
-        own: Intrinsics {
-            camera_angle_x: Some(2.0 * half_x.atan()),
-            camera_angle_y: Some(2.0 * half_y.atan()),
-            fl_x: Some(0.5 * w / half_x),
-            fl_y: Some(0.5 * h / half_y),
-            cx: Some(0.5 * w),
-            cy: Some(0.5 * h),
-            w: Some(w),
-            h: Some(h),
-            ..Default::default()
-        },
+        own,
     })
 }
 
@@ -354,9 +372,12 @@ mod tests {
         let two = &two.as_ref().unwrap()[0];
         assert!(matches!(two.camera.fov, FieldOfView::Vertical(d) if (d - 90.0).abs() < 1e-9));
         assert_eq!(two.size, Some([100, 100]));
+        let around = &read_text(r#""camera_model": "EQUIRECTANGULAR", "w": 64, "h": 32,"#, matrix).unwrap()[0];
+        assert_eq!((around.camera.fov, around.size), (FieldOfView::Panorama, Some([64, 32])));
         for (head, matrix, why) in [
             ("", matrix, "no field of view"),
             (r#""camera_angle_x": 1.0, "k1": 0.1,"#, matrix, "distortion"),
+            (r#""camera_angle_x": 1.0, "camera_model": "OPENCV_FISHEYE","#, matrix, "camera_model"),
             (r#""camera_angle_x": -1.0,"#, matrix, "field of view"),
             (r#""fl_x": 50, "fl_y": 60, "w": 9, "h": 9,"#, matrix, "square"),
             (r#""fl_x": 50, "w": 90, "h": 9, "cx": 1,"#, matrix, "shifted"),

@@ -18,6 +18,7 @@ use crate::film::compare::{Comparison, compare as compare_pictures, in_common};
 use crate::film::denoise::Denoiser;
 use crate::film::picture::Picture as FilmPicture;
 use crate::film::{Background, Exposure, Look, Pixels, View, colors, denoised, preview};
+use crate::render::camera::lens;
 use crate::render::{Identity, Progress, Rendered, RunOptions, StopReason, run};
 use crate::scene::import::{self, Summary};
 use crate::scene::{Camera, Framing, PlacedCamera, Projection, Scene};
@@ -31,8 +32,8 @@ pub type Options = [(String, Option<String>)];
 pub struct CameraInfo {
     /// Its name, for the option `camera`.
     pub name: String,
-    /// Whether it is a perspective camera; otherwise it is orthographic.
-    pub perspective: bool,
+    /// `perspective`, `orthographic` or `panorama`.
+    pub projection: &'static str,
     /// Vertical field of view in degrees, or half of the height in metres of an orthographic camera.
     pub vertical: f64,
     /// Width over height, if the file states it.
@@ -90,7 +91,7 @@ impl LoadedScene {
         self.scene().cameras.iter().map(CameraInfo::of).collect()
     }
 
-    /// Adds a camera with a vertical field of view and returns its index. Nothing else of the scene is copied.
+    /// Adds a camera and returns its index. Nothing else of the scene is copied.
     ///
     /// # Errors
     /// [`Error::Usage`] for a matrix that is no rotation and translation, a field of view out of range, or a name that is
@@ -137,17 +138,26 @@ impl LoadedScene {
         if args.has_velocities() && !self.with_velocities {
             return Err(Error::Usage("the AOV velocity: load the scene with velocity".into()));
         }
-        let settings = settings(&args, self.scene())?;
+        let with_view = self.loaded.placed(&args)?.map(Arc::new);
+        let loaded = with_view.unwrap_or_else(|| Arc::clone(&self.loaded));
+        let settings = settings(&args, &loaded.prepared.scene)?;
+        lens(&loaded.prepared, &settings)?;
         args.placed = self.placed.iter().find(|(index, _)| *index == settings.camera).map(|(_, placed)| placed.clone());
+        let mut given = all;
+        if let Some(placed) = &args.placed {
+            given.retain(|(name, _)| name != "camera");
+            given.push(("placed".into(), Some(placed.to_string())));
+        }
+        args.given = Some(given);
         session(&args, &self.inputs).check_memory()?;
         if args.denoise.is_some() {
             Denoiser::load()?;
         }
         let identity = self.inputs.identity(&args, &settings);
-        let rendered = run(&self.loaded.prepared, &settings, RunOptions { began, ..RunOptions::new(stop, progress) })?;
+        let rendered = run(&loaded.prepared, &settings, RunOptions { began, ..RunOptions::new(stop, progress) })?;
         let seconds = Seconds {
-            read: self.loaded.read_seconds,
-            build: self.loaded.build_seconds,
+            read: loaded.read_seconds,
+            build: loaded.build_seconds,
             render: rendered.stats.render_seconds,
             total: began.elapsed().as_secs_f64(),
             ..Default::default()
@@ -155,7 +165,7 @@ impl LoadedScene {
         let picture = RenderedPicture {
             args,
             inputs: Arc::clone(&self.inputs),
-            loaded: Arc::clone(&self.loaded),
+            loaded,
             identity,
             rendered,
             seconds,
@@ -170,14 +180,18 @@ impl LoadedScene {
     }
 }
 
+/// Projection of a [`CameraInfo`].
+const PERSPECTIVE: &str = "perspective";
+
 impl CameraInfo {
     fn of(camera: &Camera) -> Self {
-        let (perspective, vertical) = match camera.projection {
-            Projection::Perspective { yfov } => (true, f64::from(yfov).to_degrees()),
-            Projection::Orthographic { ymag, .. } => (false, f64::from(ymag)),
+        let (projection, vertical) = match camera.projection {
+            Projection::Perspective { yfov } => (PERSPECTIVE, f64::from(yfov).to_degrees()),
+            Projection::Orthographic { ymag, .. } => ("orthographic", f64::from(ymag)),
+            Projection::Panorama => ("panorama", 180.0),
         };
         let to_world = glam::Mat4::from(camera.to_world).transpose().as_dmat4().to_cols_array_2d();
-        Self { name: camera.name.clone(), perspective, vertical, aspect: camera.aspect.map(f64::from), to_world }
+        Self { name: camera.name.clone(), projection, vertical, aspect: camera.aspect.map(f64::from), to_world }
     }
 }
 
@@ -258,7 +272,7 @@ impl RenderedPicture {
         let settings = &self.rendered.settings;
         let view = self.loaded.prepared.scene.camera(settings.camera, settings.width, settings.height);
         let info = CameraInfo::of(&view);
-        (info.to_world, info.perspective.then(|| info.vertical.to_radians()))
+        (info.to_world, (info.projection == PERSPECTIVE).then(|| info.vertical.to_radians()))
     }
 
     /// The denoised beauty, linear RGB row by row; computed once.

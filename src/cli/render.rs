@@ -3,6 +3,7 @@
 mod args;
 mod checkpoints;
 mod choose;
+mod command;
 mod denoise;
 mod flags;
 mod identity;
@@ -22,6 +23,7 @@ use tracing::info;
 
 pub use args::RenderArgs;
 pub use choose::settings;
+pub use command::PictureCommand;
 pub use denoise::{DenoiseWorkerArgs, work as denoise_work};
 pub use flags::given;
 pub use identity::Inputs;

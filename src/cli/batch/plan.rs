@@ -9,7 +9,7 @@ use clap::{ArgAction, Args, Command, FromArgMatches, ValueHint};
 use crate::batch::file::{self, Flag};
 use crate::batch::frames::split;
 use crate::batch::job::Job;
-use crate::cli::render::{RenderArgs, declare};
+use crate::cli::render::{RenderArgs, declare, given};
 use crate::console::Paths;
 use crate::{Error, Result};
 
@@ -112,6 +112,7 @@ pub fn parse_flags(file: Option<&Path>, command: &Command, job: Job) -> Result<P
         job_error(file, &job, key.as_deref(), &e.to_string())
     })?;
     let mut args = RenderArgs::from_arg_matches(&matches).map_err(|e| job_error(file, &job, None, &e.to_string()))?;
+    args.given = given(command, &matches).ok();
     args.output = Some(job.output.clone());
     args.resume = true;
     args.check().map_err(|e| job_error(file, &job, None, &e.to_string()))?;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::replay::PixelPath;
-use super::values::{AovList, Crop, LightUnit, OnByDefault, balance, blades, finite, not_negative, share};
+use super::values::{AovList, Crop, LightUnit, OnByDefault, PartFlag, balance, blades, finite, not_negative, share};
 use crate::batch::frames::{Frames, numbered};
 use crate::batch::views::MAX_VIEWS;
 use crate::cli::flag_values::value_of;
@@ -45,8 +45,9 @@ pub struct RenderArgs {
     #[arg(short, long, value_name = "FILE.exr")]
     pub output: Option<PathBuf>,
 
-    /// Camera by name or by index from 0, or framed: a view that fits the whole scene [default: the first camera, or framed
-    /// if the scene has none].
+    /// Camera by name or by index from 0; framed: a view that fits the whole scene; or panorama: all directions from the first
+    /// camera, or from the scene's centre, as an equirectangular picture in the orientation of --env [default: the first
+    /// camera, or framed if the scene has none].
     #[arg(long, value_name = "NAME|INDEX", help_heading = "View")]
     pub camera: Option<String>,
     /// View from a point around the scene, in degrees: azimuth 0 sees it from +z (the front of a glTF asset), 90 from +x;
@@ -195,9 +196,17 @@ pub struct RenderArgs {
     /// paths per pixel.
     #[arg(long, help_heading = "Interruption and parts")]
     pub resume: bool,
-    /// Render only part K (1 to N) of the picture's tiles; `bismar merge` combines the parts.
-    #[arg(long, value_name = "K/N", conflicts_with = "time", help_heading = "Interruption and parts")]
-    pub part: Option<Part>,
+    /// Render only part K (1 to N) of the picture's tiles; `bismar merge` combines the parts. auto, or auto/N, takes K from
+    /// the array of Slurm (--array=1-N), AWS Batch or Kubernetes (indexed jobs) that this process is a task of; names of
+    /// outputs then hold K as #### or {frame:04} (docs/farm.md).
+    #[arg(
+        id = "part",
+        long,
+        value_name = "K/N|auto|auto/N",
+        conflicts_with = "time",
+        help_heading = "Interruption and parts"
+    )]
+    part_flag: Option<PartFlag>,
 
     /// Ray tracing library.
     #[arg(long, value_parser = value_of::<Backend>(), default_value = Backend::Embree.name(), help_heading = "Machine")]
@@ -262,6 +271,9 @@ pub struct RenderArgs {
     /// A camera by its matrix; jobs of --cameras have it.
     #[arg(long, hide = true, conflicts_with_all = ["camera", "orbit"])]
     pub placed: Option<PlacedCamera>,
+    /// The flags that were given, without dashes, with their values; `None` if they are not known.
+    #[arg(skip)]
+    pub given: Option<Vec<(String, Option<String>)>>,
 }
 
 impl RenderArgs {
@@ -303,7 +315,8 @@ impl RenderArgs {
     pub fn output(&self) -> PathBuf {
         self.output.clone().unwrap_or_else(|| {
             let mut name = self.scene.file_stem().unwrap_or("bismar".as_ref()).to_owned();
-            name.push(if self.is_sequence() { ".####.exr" } else { ".exr" });
+            let is_numbered = self.is_sequence() || self.part_flag.is_some_and(|flag| flag.is_auto);
+            name.push(if is_numbered { ".####.exr" } else { ".exr" });
             name.into()
         })
     }
@@ -363,17 +376,39 @@ impl RenderArgs {
             transparent: self.transparent,
             lens: self.aperture.map(|aperture| LensSettings { aperture, focus: self.focus, blades: self.lens_blades }),
             back_faces: self.back_faces,
-            part: self.part,
+            part: self.part(),
             ..RenderSettings::default()
         }
     }
 
-    /// The same command with `--path-mapping` applied to its paths.
+    /// The part to render; `None` for the whole picture.
+    pub fn part(&self) -> Option<Part> {
+        self.part_flag.map(|flag| flag.part)
+    }
+
+    /// Replaces the part to render.
+    pub fn set_part(&mut self, part: Option<Part>) {
+        self.part_flag = part.map(|part| PartFlag { part, is_auto: false });
+    }
+
+    /// The same command with `--path-mapping` applied to its paths, and with the number of the part in the names of its
+    /// outputs if the part is chosen by the scheduler.
     ///
     /// # Errors
-    /// Those of [`PathMapping::read`].
+    /// Those of [`PathMapping::read`]; [`Error::Usage`] if a name has no place for the number of the part.
     pub fn on_this_machine(&self) -> Result<Self> {
         let mut args = self.clone();
+        if let Some(PartFlag { part, is_auto: true }) = self.part_flag {
+            args.output = Some(self.output());
+            let outputs = [("-o", &mut args.output), ("--preview", &mut args.preview), ("--stats", &mut args.stats)];
+            for (flag, path) in outputs {
+                let Some(path) = path else { continue };
+                *path = numbered(path, part.number).ok_or_else(|| {
+                    let name = path.display();
+                    Error::Usage(format!("{flag} {name} names one file for all parts: write their number as ####"))
+                })?;
+            }
+        }
         if let Some(file) = &self.path_mapping {
             let mapping = PathMapping::read(file)?;
             mapping.apply(&mut args.scene);
@@ -414,6 +449,12 @@ impl RenderArgs {
         }
         let velocity = !self.has_all_aovs() && self.aov.0.contains(&Aov::Velocity);
         self.selection.check(self.is_posed(), velocity, self.rays)?;
+        if self.is_sequence() && self.part_flag.is_some_and(|flag| flag.is_auto) {
+            return Err(Error::Usage(
+                "--part auto divides one picture: for a sequence use `bismar farm submit`, whose tasks are its frames"
+                    .into(),
+            ));
+        }
         check_extension("-o", self.output.as_deref(), "exr")?;
         check_extension("--preview", self.preview.as_deref(), "png")
     }

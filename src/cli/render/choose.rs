@@ -2,7 +2,7 @@
 
 use super::args::RenderArgs;
 use crate::render::{RenderSettings, fresh_tiles};
-use crate::scene::{Camera, Framing, Projection, Scene, choose};
+use crate::scene::{Camera, Framing, Scene, choose};
 use crate::{Error, Result};
 
 /// Render settings of a command, completed by the scene.
@@ -18,7 +18,7 @@ pub fn settings(args: &RenderArgs, scene: &Scene) -> Result<RenderSettings> {
     let (width, height) = args.size.map_or_else(|| size(&scene.cameras[camera]), |s| (s.0, s.1));
     let crop = args.crop.map(|c| c.inside(width, height)).transpose()?;
     let settings = RenderSettings { camera, width, height, crop, ..args.settings() };
-    if let Some(part) = args.part
+    if let Some(part) = args.part()
         && fresh_tiles(&settings).is_empty()
     {
         return Err(Error::Usage(format!("--part {part}: the picture has fewer tiles than parts; give fewer parts")));
@@ -32,11 +32,36 @@ pub fn settings(args: &RenderArgs, scene: &Scene) -> Result<RenderSettings> {
 /// [`Error::Usage`], which lists the cameras.
 pub fn camera(cameras: &[Camera], wanted: Option<&str>) -> Result<usize> {
     match wanted {
-        Some(wanted) => choose("camera", wanted, &cameras.iter().map(|c| c.name.clone()).collect::<Vec<_>>())
-            .map_err(|error| Error::Usage(format!("{error}\n  or {}, which shows the whole scene", Framing::NAME))),
+        Some(wanted) => {
+            choose("camera", wanted, &cameras.iter().map(|c| c.name.clone()).collect::<Vec<_>>()).map_err(|error| {
+                let (framed, panorama) = (Framing::NAME, Camera::PANORAMA);
+                Error::Usage(format!("{error}\n  or {framed}, which shows the whole scene, or {panorama}"))
+            })
+        }
         None if cameras.is_empty() => Err(Error::Bug("a scene without a camera".into())),
         None => Ok(0),
     }
+}
+
+/// Index of the camera of the file whose view decides whether the scene's own light suffices: that of `--camera`; the first
+/// for cameras that are not of the file.
+///
+/// # Errors
+/// [`Error::Usage`], which lists the cameras.
+pub fn camera_of_file(cameras: &[Camera], args: &RenderArgs) -> Result<usize> {
+    camera(cameras, args.camera.as_deref().filter(|_| !is_panorama(cameras, args)))
+}
+
+/// Whether the camera is a panorama that the scene does not hold.
+pub fn is_panorama(cameras: &[Camera], args: &RenderArgs) -> bool {
+    args.camera.as_deref() == Some(Camera::PANORAMA) && cameras.iter().all(|camera| camera.name != Camera::PANORAMA)
+}
+
+/// The panorama of `--camera panorama`: from the first camera of the file, or from the centre of the scene if it has none.
+pub fn panorama(scene: &Scene) -> Camera {
+    let first = scene.cameras.first().filter(|camera| camera.framing.is_none());
+    let eye = first.map(|camera| camera.to_world.translation.into());
+    Camera::panorama(eye.unwrap_or_else(|| scene.enclosing_sphere().0.as_vec3()))
 }
 
 /// Resolution in pixels for a camera without an aspect ratio.
@@ -45,17 +70,14 @@ pub const DEFAULT_SIZE: (u32, u32) = (960, 540);
 /// Default resolution in pixels: 960 wide, with the camera's aspect ratio or 16:9.
 pub fn size(camera: &Camera) -> (u32, u32) {
     const WIDTH: u32 = 960;
-    let aspect = camera.aspect.or(match camera.projection {
-        Projection::Orthographic { xmag, ymag } => Some((xmag / ymag).abs()),
-        Projection::Perspective { .. } => None,
-    });
-    let aspect = aspect.filter(|a| a.is_finite() && *a > 0.0).unwrap_or(16.0 / 9.0);
+    let aspect = camera.natural_aspect().unwrap_or(16.0 / 9.0);
     (WIDTH, (WIDTH as f32 / aspect).round().clamp(1.0, 16.0 * WIDTH as f32) as u32)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Projection;
 
     fn cameras(names: &[&str]) -> Vec<Camera> {
         let camera =
@@ -88,5 +110,6 @@ mod tests {
         one.aspect = None;
         one.projection = Projection::Orthographic { xmag: 1.0, ymag: 2.0 };
         assert_eq!(size(&one), (960, 1920));
+        assert_eq!(size(&Camera::panorama(glam::Vec3::ZERO)), (960, 480));
     }
 }

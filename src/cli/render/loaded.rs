@@ -52,7 +52,8 @@ impl Loaded {
         Self::load_files(args, inputs, files, previous, building)
     }
 
-    /// The same scene with the camera of `--orbit` or of a job of `--cameras` besides the file's; `None` without those flags.
+    /// The same scene with the camera of `--orbit`, of a job of `--cameras` or of `--camera panorama` besides the file's;
+    /// `None` without those flags.
     ///
     /// # Errors
     /// Those of [`PlacedCamera::camera`](crate::scene::PlacedCamera::camera).
@@ -62,6 +63,9 @@ impl Loaded {
         let camera = match (&args.placed, &args.orbit) {
             (Some(placed), _) => placed.camera(aspect)?,
             (None, Some(orbit)) => orbit.camera(&self.prepared.scene, aspect),
+            (None, None) if choose::is_panorama(&self.prepared.scene.cameras, args) => {
+                choose::panorama(&self.prepared.scene)
+            }
             (None, None) => return Ok(None),
         };
         let prepared = self.prepared.with_camera(camera);
@@ -125,7 +129,7 @@ fn with_light<'a>(
     }
     let start = Instant::now();
     let measured = |prepared: &PreparedScene| {
-        let camera = choose::camera(&prepared.scene.cameras, args.camera.as_deref())?;
+        let camera = choose::camera_of_file(&prepared.scene.cameras, args)?;
         Ok(default_light::own_light(prepared, camera, args.back_faces))
     };
     let found = inputs.own_light(args, || match at_rest {

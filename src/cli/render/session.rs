@@ -142,7 +142,7 @@ impl Session<'_> {
             environment_bytes: self.inputs.environment.1,
             pixels,
             columns: settings.columns(),
-            saves_statistics: self.args.checkpoint.is_some() || self.args.part.is_some(),
+            saves_statistics: self.args.checkpoint.is_some() || self.args.part().is_some(),
             prepass_bytes: guiding + learned_lights::bytes(&settings),
             rays: self.args.rays,
             threads: self.threads,
@@ -208,10 +208,10 @@ impl Session<'_> {
         self.check_paths(&rendered, paths_before)?;
         if !interrupted {
             let lights = (!loaded.prepared.scene.lights.is_empty()).then_some(args.light_unit);
-            warnings::black_picture(&output, &rendered, args.part.is_some(), lights);
+            warnings::black_picture(&output, &rendered, args.part().is_some(), lights);
         }
         let mut stats =
-            writer.write_final(&rendered, interrupted || resumable || args.part.is_some(), self.began, stop)?;
+            writer.write_final(&rendered, interrupted || resumable || args.part().is_some(), self.began, stop)?;
         if interrupted {
             checkpoints.saved();
             return Err(self.interrupted(&rendered));

@@ -20,17 +20,19 @@ pub struct Orbit {
     pub distance: f64,
 }
 
-/// Field of view of a [`PlacedCamera`], in degrees above 0 and below 180.
+/// Field of view of a [`PlacedCamera`]; angles in degrees, above 0 and below 180.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FieldOfView {
     /// From the bottom to the top of the picture.
     Vertical(f64),
     /// From the left to the right side.
     Horizontal(f64),
+    /// All directions: an equirectangular picture with the view axis in its middle.
+    Panorama,
 }
 
-/// A perspective camera that is placed by a matrix. Text form: 16 numbers row by row, the field of view with `v` or `h` before
-/// it, the name; separated by commas.
+/// A perspective camera or a panorama that is placed by a matrix. Text form: 16 numbers row by row, the field of view with `v`
+/// or `h` before it or `panorama`, the name; separated by commas.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlacedCamera {
     /// Its name.
@@ -41,6 +43,9 @@ pub struct PlacedCamera {
     /// Field of view.
     pub fov: FieldOfView,
 }
+
+/// Field of view of a panorama in the text form.
+const PANORAMA: &str = "panorama";
 
 impl Orbit {
     /// Name of its camera.
@@ -107,8 +112,9 @@ impl PlacedCamera {
     pub fn camera(&self, aspect: f64) -> Result<Camera> {
         let Self { name, to_world: rows, fov } = self;
         let wrong = |why: &str| Err(Error::Usage(format!("camera '{name}': {why}")));
-        let (FieldOfView::Vertical(degrees) | FieldOfView::Horizontal(degrees)) = *fov;
-        if !(degrees > 0.0 && degrees < 180.0) {
+        if let FieldOfView::Vertical(degrees) | FieldOfView::Horizontal(degrees) = *fov
+            && !(degrees > 0.0 && degrees < 180.0)
+        {
             return wrong(&format!("its field of view is {degrees}, not above 0 and below 180 degrees"));
         }
         if !rows.iter().flatten().all(|x| x.is_finite()) {
@@ -124,14 +130,16 @@ impl PlacedCamera {
                  last row 0, 0, 0, 1",
             );
         }
-        let yfov = match *fov {
-            FieldOfView::Vertical(degrees) => degrees.to_radians(),
-            FieldOfView::Horizontal(degrees) => 2.0 * ((0.5 * degrees.to_radians()).tan() / aspect).atan(),
+        let perspective = |yfov: f64| Projection::Perspective { yfov: yfov as f32 };
+        let projection = match *fov {
+            FieldOfView::Vertical(degrees) => perspective(degrees.to_radians()),
+            FieldOfView::Horizontal(degrees) => perspective(2.0 * ((0.5 * degrees.to_radians()).tan() / aspect).atan()),
+            FieldOfView::Panorama => Projection::Panorama,
         };
         Ok(Camera {
             name: name.clone(),
-            projection: Projection::Perspective { yfov: yfov as f32 },
-            aspect: None,
+            projection,
+            aspect: (projection == Projection::Panorama).then_some(2.0),
             to_world: Affine3A::from_mat3_translation(
                 Mat3::from_cols_array(&axes.to_cols_array().map(|x| x as f32)),
                 matrix.w_axis.truncate().as_vec3(),
@@ -153,7 +161,9 @@ impl FromStr for PlacedCamera {
         let numbers: Option<Vec<f64>> = numbers.iter().map(|x| x.parse().ok()).collect();
         let flat: [f64; 16] = numbers.and_then(|numbers| numbers.try_into().ok()).ok_or(wrong)?;
         let of = |kind: char| fov.strip_prefix(kind).and_then(|degrees| degrees.parse().ok());
-        let fov = of('v').map(FieldOfView::Vertical).or(of('h').map(FieldOfView::Horizontal)).ok_or(wrong)?;
+        let panorama = (*fov == PANORAMA).then_some(FieldOfView::Panorama);
+        let fov = of('v').map(FieldOfView::Vertical).or(of('h').map(FieldOfView::Horizontal)).or(panorama);
+        let fov = fov.ok_or(wrong)?;
         let to_world = std::array::from_fn(|row| std::array::from_fn(|column| flat[4 * row + column]));
         Ok(Self { name: (*name).into(), to_world, fov })
     }
@@ -165,6 +175,7 @@ impl Display for PlacedCamera {
         match self.fov {
             FieldOfView::Vertical(degrees) => write!(f, "v{degrees},{}", self.name),
             FieldOfView::Horizontal(degrees) => write!(f, "h{degrees},{}", self.name),
+            FieldOfView::Panorama => write!(f, "{PANORAMA},{}", self.name),
         }
     }
 }
@@ -220,6 +231,9 @@ mod tests {
         let rows = [[1.0, 0.0, 0.0, 0.1], [0.0, 1.0, 0.0, 1e-9], [0.0, 0.0, 1.0, -3.0], [0.0, 0.0, 0.0, 1.0]];
         let placed = PlacedCamera { name: "a,b".into(), to_world: rows, fov: FieldOfView::Horizontal(50.0) };
         assert_eq!(placed.to_string().parse(), Ok(placed.clone()));
+        let around = PlacedCamera { fov: FieldOfView::Panorama, ..placed.clone() };
+        assert_eq!(around.to_string().parse(), Ok(around.clone()));
+        assert_eq!(around.camera(2.0).unwrap().projection, Projection::Panorama);
         for bad in ["", "1,2,v3,name", "x,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,v3,name"] {
             assert!(bad.parse::<PlacedCamera>().is_err(), "{bad}");
         }
