@@ -45,6 +45,8 @@ test: setup
 	$(CARGO) clippy --workspace --all-targets --locked -- -D warnings
 	@rm -f $(SKIPPED) && mkdir -p $(dir $(SKIPPED))
 	BISMAR_SKIPPED_TESTS=$(SKIPPED) $(CARGO) test --workspace --exclude bismar-python --locked
+	@if [ -x target/wheel-tools/bin/maturin ] && [ -x target/wheel-try/bin/python ]; then scripts/try-wheel.sh; \
+		else echo "python/tests: no virtual environments (scripts/setup.sh --python makes them)" >>$(SKIPPED); fi
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --workspace --no-deps --locked
 	@if [ -s $(SKIPPED) ]; then printf '%s tests were skipped:\n' "$$(wc -l <$(SKIPPED))" && sort $(SKIPPED); fi
 

@@ -5,13 +5,8 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 PATH="$PATH:$HOME/.cargo/bin"
 profile=${1:-release}
-tools=target/wheel-tools
-if ! [ -x "$tools/bin/auditwheel" ]; then
-    printf 'wheel: installing maturin and auditwheel from PyPI into %s\n' "$tools" >&2
-    python3 -m venv "$tools"
-    "$tools/bin/pip" --quiet --disable-pip-version-check install --require-hashes -r scripts/requirements/wheel.txt
-fi
-PATH="$PWD/$tools/bin:$PATH"
+scripts/setup.sh --python
+PATH="$PWD/target/wheel-tools/bin:$PATH"
 out=target/wheel
 rm -rf "$out"
 mkdir -p "$out/linked"

@@ -17,12 +17,8 @@ if [ -z "${BISMAR:-}" ]; then
     target=$(cargo metadata --no-deps --format-version 1 | sed 's/.*"target_directory":"\([^"]*\)".*/\1/')
     export BISMAR=$target/debug/bismar
 fi
+scripts/setup.sh --python
 venv=target/wheel-try
-if ! "$venv/bin/python" -c 'import numpy, OpenEXR, pytest, mypy' 2>/dev/null; then
-    rm -rf "$venv"
-    python3 -m venv "$venv"
-    "$venv/bin/pip" --quiet --disable-pip-version-check install --require-hashes -r scripts/requirements/python.txt
-fi
 "$venv/bin/pip" --quiet --disable-pip-version-check install --force-reinstall --no-deps "$wheel"
 # From another folder: what is imported is the wheel.
 cd python/tests

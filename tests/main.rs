@@ -19,6 +19,7 @@ mod cli;
 mod closed_forms;
 mod corpus;
 mod damaged;
+mod docs;
 mod farm;
 mod fireflies;
 mod first_picture;

@@ -402,9 +402,9 @@ class Picture:
         resumable: bool = False,
         half: bool = False,
     ) -> None:
-        """Writes the picture: .exr with all layers, or .png through a view transform.
+        """Writes the picture: .exr with all layers; .png, .jpg or lossless .webp through a view transform.
 
-        view: "agx", "neutral" or "srgb"; exposure: stops, or "auto" (.png).
+        view: "agx", "neutral" or "srgb"; exposure: stops, or "auto" (not for .exr).
         resumable: also store what `bismar render --resume` and `merge` need (.exr). An interrupted picture always has it.
         half: colours as 16-bit floats (.exr).
 

@@ -293,7 +293,7 @@ impl RenderedPicture {
         Ok(self.denoised.get_or_init(|| pixels))
     }
 
-    /// Writes the picture: `.exr` with all its layers, or `.png` through a view transform. `resumable` also stores the
+    /// Writes the picture: `.exr` with all its layers; `.png`, `.jpg` or `.webp` through a view transform. `resumable` also stores the
     /// statistics from which it can be continued (`bismar render --resume`) and merged. `half` stores colours as 16-bit
     /// floats.
     ///
@@ -314,7 +314,7 @@ impl RenderedPicture {
                     OutputWriter::new(&args, inputs, loaded, self.threads, &rendered.settings, identity, resumable)?;
                 writer.write_final(rendered, with_statistics, Instant::now(), &AtomicBool::new(false)).map(drop)
             }
-            Some("png") => {
+            Some(_) if preview::has_ending(path) => {
                 let _claim = claim_output(path)?;
                 let exposure = args.exposure.of(colors(&self.rendered.pixels()));
                 let look = Look { view: args.view, exposure };
@@ -326,7 +326,7 @@ impl RenderedPicture {
                 let opaque = self.rendered.background != Background::Transparent;
                 preview::write_picture(path, &picture, opaque, look, &mark)
             }
-            _ => Err(Error::Usage(format!("{}: the name must end in .exr or .png", path.display()))),
+            _ => Err(Error::Usage(format!("{}: the name must end in .exr, .png, .jpg or .webp", path.display()))),
         }
     }
 

@@ -15,7 +15,7 @@ use crate::console::args::{positive, seconds, threads};
 use crate::console::progress::Style;
 use crate::console::tev;
 use crate::farm::PathMapping;
-use crate::film::{Aov, Denoise, Exposure, View};
+use crate::film::{Aov, Denoise, Exposure, View, preview};
 use crate::rays::Backend;
 use crate::render::identity::RequestedOutputs;
 use crate::render::lens::{Aperture, Focus, LensSettings};
@@ -234,7 +234,7 @@ pub struct RenderArgs {
     /// Add a denoised layer `denoised`, and show it in the PNG. The beauty stays unchanged.
     #[arg(long, value_parser = value_of::<Denoise>(), conflicts_with = "part", help_heading = "Output")]
     pub denoise: Option<Denoise>,
-    /// Also write a PNG.
+    /// Also write a picture to look at: .png, .jpg, or lossless .webp.
     #[arg(long, value_name = "FILE.png", help_heading = "Output")]
     pub preview: Option<PathBuf>,
     /// Show the picture in the viewer tev while it renders; without an address at 127.0.0.1:14158.
@@ -455,8 +455,8 @@ impl RenderArgs {
                     .into(),
             ));
         }
-        check_extension("-o", self.output.as_deref(), "exr")?;
-        check_extension("--preview", self.preview.as_deref(), "png")
+        check_extension("-o", self.output.as_deref(), &["exr"])?;
+        check_extension("--preview", self.preview.as_deref(), &preview::ENDINGS)
     }
 
     /// Whether `--aov all` was given, which leaves out what cannot be written.
@@ -492,19 +492,19 @@ impl RenderArgs {
     }
 }
 
-/// Fails for a path without this extension. Devices have none and are allowed, for benchmarks.
-fn check_extension(flag: &str, path: Option<&Path>, extension: &str) -> Result<()> {
+/// Fails for a path without one of these extensions. Devices have none and are allowed, for benchmarks.
+fn check_extension(flag: &str, path: Option<&Path>, extensions: &[&str]) -> Result<()> {
     let Some(path) = path else { return Ok(()) };
     let has = |extension: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
-    if has(extension) || path.starts_with("/dev") {
+    if extensions.iter().any(|extension| has(extension)) || path.starts_with("/dev") {
         return Ok(());
     }
-    let hint = match (flag, has("png")) {
+    let hint = match (flag, preview::has_ending(path)) {
         ("-o", true) => {
             let exr = path.with_extension("exr");
             format!(": -o {} --preview {} writes both", exr.display(), path.display())
         }
         _ => String::new(),
     };
-    Err(Error::Usage(format!("{flag} {}: the name must end in .{extension}{hint}", path.display())))
+    Err(Error::Usage(format!("{flag} {}: the name must end in .{}{hint}", path.display(), extensions.join(" or ."))))
 }
