@@ -11,7 +11,7 @@ BISMAR := target/release/bismar
 SKIPPED := $(CURDIR)/target/skipped-tests.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help setup build render test deb try-docs bench bench-peers agreement stability clean
+.PHONY: help setup build render test deb wheel try-wheel try-docs bench bench-peers agreement stability clean
 
 help:
 	@echo "make setup   installs what is missing: Embree 4, libclang, a C linker"
@@ -19,6 +19,8 @@ help:
 	@echo "make render  renders $(SHOWPIECE) to out/$(NAME).exr and .png (SHOWPIECE=..., RENDER_FLAGS=...)"
 	@echo "make test    formatting, lints, tests, documentation"
 	@echo "make deb     packs both programs for Debian (target/bismar_*.deb)"
+	@echo "make wheel   builds the Python package (target/wheel/*.whl), with Embree in it"
+	@echo "make try-wheel  tests it in a clean virtual environment"
 	@echo "make try-docs  runs every command of docs/guide.md and docs/gallery.md"
 	@echo "make bench   a render against the limit of its rays, threads, allocations, set-up, memory"
 	@echo "make bench-peers  error against seconds, side by side with Mitsuba 3 and Cycles (needs Python, 1.5 GiB)"
@@ -42,12 +44,20 @@ test: setup
 	$(CARGO) fmt --all --check
 	$(CARGO) clippy --workspace --all-targets --locked -- -D warnings
 	@rm -f $(SKIPPED) && mkdir -p $(dir $(SKIPPED))
-	BISMAR_SKIPPED_TESTS=$(SKIPPED) $(CARGO) test --workspace --locked
+	BISMAR_SKIPPED_TESTS=$(SKIPPED) $(CARGO) test --workspace --exclude bismar-python --locked
+	@if [ -x target/wheel-tools/bin/maturin ] && [ -x target/wheel-try/bin/python ]; then scripts/try-wheel.sh; \
+		else echo "python/tests: no virtual environments (scripts/setup.sh --python makes them)" >>$(SKIPPED); fi
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --workspace --no-deps --locked
 	@if [ -s $(SKIPPED) ]; then printf '%s tests were skipped:\n' "$$(wc -l <$(SKIPPED))" && sort $(SKIPPED); fi
 
 deb: build
 	@scripts/make-deb.sh
+
+wheel: setup
+	@scripts/make-wheel.sh
+
+try-wheel: setup
+	@scripts/try-wheel.sh
 
 try-docs: build
 	scripts/try-docs.sh

@@ -6,15 +6,18 @@
 # Open Job Description in target/openjd.
 # With --pictures also the programs that tests/pictures.rs holds our pictures against: OpenImageIO, FLIP and, where Python
 # is 3.11, Blender (0.5 GB), in target/pictures.
+# With --python also what builds and tests the Python package: maturin and auditwheel in target/wheel-tools, NumPy, OpenEXR,
+# pytest and mypy in target/wheel-try.
 set -euo pipefail
 
-farm=false pictures=false
+farm=false pictures=false python=false
 for flag in "$@"; do
     case "$flag" in
     --farm) farm=true ;;
     --pictures) pictures=true ;;
+    --python) python=true ;;
     *)
-        printf 'usage: %s [--farm] [--pictures]\n' "$0" >&2
+        printf 'usage: %s [--farm] [--pictures] [--python]\n' "$0" >&2
         exit 64
         ;;
     esac
@@ -22,6 +25,8 @@ done
 
 openjd="$(dirname "$0")/../target/openjd"
 looks="$(dirname "$0")/../target/pictures"
+wheel_tools="$(dirname "$0")/../target/wheel-tools"
+wheel_try="$(dirname "$0")/../target/wheel-try"
 
 trixie_source=/etc/apt/sources.list.d/bismar-trixie.sources
 trixie_pin=/etc/apt/preferences.d/bismar-trixie
@@ -71,7 +76,7 @@ if $farm; then
     any /usr/bin/sbatch || missing+=(slurm-client)
     any /usr/sbin/munged || missing+=(munge)
 fi
-if $farm || $pictures; then
+if $farm || $pictures || $python; then
     python3 -c 'import ensurepip' 2>/dev/null || missing+=(python3-venv)
 fi
 
@@ -86,6 +91,17 @@ finish() {
         say "installing openjd-cli from PyPI into target/openjd"
         python3 -m venv "$openjd"
         install_pinned "$openjd" openjd
+    fi
+    if $python && ! [ -x "$wheel_tools/bin/auditwheel" ]; then
+        say "installing maturin and auditwheel from PyPI into target/wheel-tools"
+        python3 -m venv "$wheel_tools"
+        install_pinned "$wheel_tools" wheel
+    fi
+    if $python && ! "$wheel_try/bin/python" -c 'import numpy, OpenEXR, pytest, mypy' 2>/dev/null; then
+        say "installing what python/tests needs from PyPI into target/wheel-try"
+        rm -rf "$wheel_try"
+        python3 -m venv "$wheel_try"
+        install_pinned "$wheel_try" python
     fi
     if $pictures && ! "$looks/bin/python" -c 'import OpenImageIO, flip_evaluator, mmh3' 2>/dev/null; then
         say "installing OpenImageIO and FLIP from PyPI into target/pictures"

@@ -10,6 +10,7 @@ use super::frames::{split, with_placeholder};
 use super::job::{Job, SourceLocation};
 pub use super::values::Flag;
 use super::values::{FileResult, Reader, Setting, position, settings, sorted};
+use super::views::SPLITTING;
 use crate::{Error, Result};
 
 /// Most jobs of one file, frames included; more are assumed to be a mistake.
@@ -152,7 +153,7 @@ impl Reader<'_> {
             let parts = listed.map(|(s, v)| format!("-{}", shown(&s.key, v)));
             format!("{}{}", shown("scene", &Some(scene.clone())), parts.collect::<String>())
         };
-        let sequence = settings.iter().any(|s| s.key == "frames");
+        let sequence = settings.iter().any(|s| s.key == "frames" || SPLITTING.contains(&s.key.as_str()));
         let fill = |key: &str, template: &str, name: Option<&str>| -> FileResult<String> {
             let at = settings.iter().find(|s| s.key == key).map_or(span.start, |s| self.byte(s.location));
             let mut out = String::new();
@@ -209,7 +210,8 @@ impl Reader<'_> {
         }
         let (line, column) = self.position(span.start);
         let keys = settings.iter().map(|s| (s.key.clone(), s.location)).collect();
-        Ok(Job { name, scene: self.folder.join(scene), flags, output, location: SourceLocation { line, column, keys } })
+        let location = SourceLocation { line, column, keys };
+        Ok(Job { name, scene: self.folder.join(scene), flags, output, location, is_view: false })
     }
 
     fn check_unique(&self, jobs: &[Job]) -> FileResult<()> {

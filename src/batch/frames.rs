@@ -12,6 +12,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use super::job::Job;
+use super::views::{self, SPLITTING};
 use crate::Error;
 
 /// Frame numbers in the order in which they are rendered; at least one, none twice. Text form: `1-240x2,250`.
@@ -200,11 +201,15 @@ pub fn with_placeholder(name: String) -> String {
     if placeholder(name.as_bytes()).is_some() { name } else { name + ".####" }
 }
 
-/// Splits a job with `frames` into one job per frame; returns other jobs unchanged.
+/// Splits a job with `frames` into one job per frame, and a job with many views ([`views::split`]) into one per view; returns
+/// other jobs unchanged.
 ///
 /// # Errors
 /// A flag and what is wrong with it.
 pub fn split(job: Job) -> Result<Vec<Job>, (String, String)> {
+    if job.flags.iter().any(|(name, _)| SPLITTING.contains(&name.as_str())) {
+        return views::split(job);
+    }
     let Some(at) = job.flags.iter().position(|(name, _)| name == "frames") else { return Ok(vec![job]) };
     let mut job = job;
     let (flag, text) = job.flags.remove(at);

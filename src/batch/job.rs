@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 /// One render, or a sequence of one render per frame (flag `frames`).
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Job {
     /// Name, unique in its file.
     pub name: String,
@@ -21,6 +21,9 @@ pub struct Job {
     /// Location in the batch file.
     #[serde(skip)]
     pub location: SourceLocation,
+    /// Is it one of many views, whose cameras are written beside the pictures ([`views`](super::views))?
+    #[serde(skip)]
+    pub is_view: bool,
 }
 
 /// Serialization of paths that need not be UTF-8.

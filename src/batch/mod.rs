@@ -1,4 +1,4 @@
-//! Many renders from one file: the [`mod@file`], its [`job`]s, the [`frames`] of a sequence, the messages between processes
+//! Many renders from one file: the [`mod@file`], its [`job`]s, the [`frames`] of a sequence, the [`views`] of a scene, the messages between processes
 //! ([`message`]), the work [`queue`] and the [`report`].
 
 pub mod file;
@@ -8,3 +8,4 @@ pub mod message;
 pub mod queue;
 pub mod report;
 mod values;
+pub mod views;

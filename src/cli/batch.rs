@@ -18,7 +18,7 @@ use crate::console::{Verbosity, Verdict};
 use crate::{Error, Result};
 pub use plan::{files_key, plan, read};
 pub use sequence::run as sequence;
-use work::Work;
+pub use work::Work;
 pub use worker::{WorkerArgs, run as work};
 
 /// Render the jobs of a batch file: scenes, cameras, settings (docs/batch.md).

@@ -16,6 +16,7 @@ use crate::console::{Paths, Verdict, print, print_json, say};
 use crate::film::compare::{Comparison, compare, in_common};
 use crate::film::{Picture, atomic};
 use crate::{Error, Result};
+pub use difference::false_color;
 use difference::write_difference;
 use report::{Pair, Report, and_more, overview, short, table, write_csv};
 

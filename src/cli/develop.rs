@@ -10,13 +10,13 @@ use crate::film::{Exposure, Look, Picture, View, atomic, exr_file, preview};
 use crate::render::checkpoint::text;
 use crate::{Error, Result};
 
-/// Convert an OpenEXR or HDR picture to PNG with a view transform and an exposure.
+/// Convert an OpenEXR or HDR picture to PNG, JPEG or WebP with a view transform and an exposure.
 #[derive(Debug, Args)]
 pub struct DevelopArgs {
     /// The picture: .exr of any program, or .hdr.
     input: PathBuf,
-    /// Output PNG [default: the picture's name with .png, in the same folder].
-    #[arg(short, long, value_name = "FILE.png")]
+    /// Output: .png, .jpg or .webp [default: the picture's name with .png, in the same folder].
+    #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// View transform.
     #[arg(long, value_parser = value_of::<View>(), default_value = View::Agx.name())]
@@ -31,8 +31,8 @@ pub struct DevelopArgs {
 
 pub fn run(args: &DevelopArgs, verbosity: Verbosity) -> Result<Verdict> {
     let output = args.output.clone().unwrap_or_else(|| args.input.with_extension("png"));
-    if !output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) && !output.starts_with("/dev") {
-        return Err(Error::Usage(format!("-o {}: the name must end in .png", output.display())));
+    if !preview::has_ending(&output) && !output.starts_with("/dev") {
+        return Err(Error::Usage(format!("-o {}: the name must end in .png, .jpg or .webp", output.display())));
     }
     let mut paths = Paths::default();
     paths.reads("the picture", &args.input)?;

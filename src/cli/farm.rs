@@ -47,6 +47,8 @@ enum Format {
     Slurm,
     /// Open Job Description: a job template, to be submitted to a farm manager that runs these
     Openjd,
+    /// None: write the folder, whose tasks are `bismar farm task auto` in an array of Kubernetes or AWS Batch
+    Plan,
 }
 
 /// Submit a batch file or a scene to a farm, with each picture in --parts parts.
@@ -124,6 +126,7 @@ fn submit(args: &SubmitArgs) -> Result<Verdict> {
     match args.format {
         Format::Slurm => submit_to_slurm(args, &plan),
         Format::Openjd => write_template(args, &plan),
+        Format::Plan => write_plan(args, &plan),
     }
 }
 
@@ -173,7 +176,7 @@ fn render_of_scene(args: &SubmitArgs) -> Result<Render> {
     let name = args.input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let name = if render.frames.is_some() { with_placeholder(name) } else { name };
     let (scene, output) = (absolute_path(&args.input)?, absolute_path(&render.output())?);
-    let job = Job { name, scene, flags, output, location: Default::default() };
+    let job = Job { name, scene, flags, output, ..Job::default() };
     split(job.clone()).map_err(|(_, why)| Error::Usage(format!("after --: {why}")))?;
     Ok(Render { name: job.name, scene: job.scene, output: job.output, flags: job.flags })
 }
@@ -305,6 +308,21 @@ fn write_folder(plan: &Plan, files: &[(String, String)]) -> Result<()> {
         atomic::write(&plan.folder.join(name), |file| Ok(Ok(file.write_all(content.as_bytes())?)))?;
     }
     Ok(())
+}
+
+fn write_plan(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {
+    if args.dry_run {
+        print_json(plan)?;
+        return Ok(Verdict::Done);
+    }
+    write_folder(plan, &[])?;
+    let file = plan.folder.join(PLAN);
+    let (file, tasks) = (file.display(), plan.tasks.len());
+    say(format_args!("{tasks} tasks: bismar farm task auto --plan {file}"));
+    if !plan.merges.is_empty() {
+        say(format_args!("then {} merges: bismar farm task auto --merge --plan {file}", plan.merges.len()));
+    }
+    Ok(Verdict::Done)
 }
 
 fn write_template(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {

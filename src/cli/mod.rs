@@ -2,17 +2,19 @@
 //! [`Error::exit_code`](crate::Error::exit_code), and 1 for a comparison beyond its threshold.
 
 mod batch;
+mod check;
 mod compare;
 mod develop;
 mod farm;
 pub mod flag_values;
+pub mod in_memory;
 mod inspect;
 mod memory;
 mod merge;
 mod movie;
 mod render;
 mod scene_selection;
-mod stats;
+pub mod stats;
 mod study;
 
 use std::process::ExitCode;
@@ -46,6 +48,7 @@ enum Command {
     Farm(farm::FarmArgs),
     Merge(merge::MergeArgs),
     Compare(compare::CompareArgs),
+    Check(check::CheckArgs),
     Develop(develop::DevelopArgs),
     Movie(movie::MovieArgs),
     Study(study::StudyArgs),
@@ -61,14 +64,18 @@ pub fn run() -> ExitCode {
     console::run(
         |cli: &Cli| cli.verbosity,
         |cli| match &cli.command {
-            Command::Render(args) if args.frames.is_some() => {
+            Command::Render(args) => {
                 // Parsed again for the matches, which tell the flags that were given explicitly.
-                let matches = Cli::command().get_matches();
-                let render_matches =
-                    matches.subcommand_matches("render").ok_or_else(|| Error::Bug("no render".into()))?;
-                batch::sequence(args, render_matches, cli.verbosity)
+                let (command, matches) = (Cli::command(), Cli::command().get_matches());
+                let found = command.find_subcommand("render").zip(matches.subcommand_matches("render"));
+                let (command, matches) = found.ok_or_else(|| Error::Bug("no render".into()))?;
+                if args.is_sequence() {
+                    return batch::sequence(args, matches, cli.verbosity);
+                }
+                let mut args = args.clone();
+                args.given = render::given(command, matches).ok();
+                render::run(&args, cli.verbosity)
             }
-            Command::Render(args) => render::run(args, cli.verbosity),
             Command::Inspect(args) => inspect::run(args),
             Command::Batch(args) => batch::run(args, cli.verbosity),
             Command::BatchWorker(_) => batch::work(),
@@ -76,6 +83,7 @@ pub fn run() -> ExitCode {
             Command::Farm(args) => farm::run(args),
             Command::Merge(args) => merge::run(args, cli.verbosity),
             Command::Compare(args) => compare::run(args),
+            Command::Check(args) => check::run(args, cli.verbosity),
             Command::Develop(args) => develop::run(args, cli.verbosity),
             Command::Movie(args) => movie::run(args, cli.verbosity),
             Command::Study(args) => study::run(args, cli.verbosity),

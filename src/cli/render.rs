@@ -3,6 +3,7 @@
 mod args;
 mod checkpoints;
 mod choose;
+mod command;
 mod denoise;
 mod flags;
 mod identity;
@@ -21,11 +22,13 @@ use std::time::Instant;
 use tracing::info;
 
 pub use args::RenderArgs;
-pub use choose::size;
+pub use choose::{settings, size};
+pub use command::PictureCommand;
 pub use denoise::{DenoiseWorkerArgs, work as denoise_work};
 pub use flags::given;
 pub use identity::Inputs;
 pub use loaded::Loaded;
+pub use output::{OutputWriter, preview_mark};
 pub use session::{Done, Session};
 
 use crate::Result;

@@ -6,7 +6,7 @@ pub mod help;
 pub mod host;
 mod logging;
 pub mod memory;
-mod panics;
+pub mod panics;
 pub mod paths;
 pub mod progress;
 pub mod screen;

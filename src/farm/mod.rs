@@ -2,6 +2,7 @@
 //! [`sessions`] of its tasks. This module renders nothing: every task is one command that can be run again at any time, and
 //! no shell interprets it.
 
+pub mod array;
 mod names;
 pub mod openjd;
 mod path_mapping;

@@ -21,12 +21,15 @@ pub fn camera(scene: &Scene, settings: &RenderSettings) -> CameraRays {
 /// The lens of a render with these settings; `None` for a pinhole.
 ///
 /// # Errors
-/// [`Error::Usage`] for an f-stop of an orthographic camera, which has no focal length, and for automatic focus where the
-/// middle of the picture shows nothing.
+/// [`Error::Usage`] for a panorama, which has no focal plane, for an f-stop of an orthographic camera, which has no focal
+/// length, and for automatic focus where the middle of the picture shows nothing.
 pub fn lens(scene: &PreparedScene, settings: &RenderSettings) -> Result<Option<Lens>> {
     let Some(requested) = settings.lens else { return Ok(None) };
     let RenderSettings { camera: index, width, height, .. } = *settings;
     let radius = match (requested.aperture, scene.scene.camera(index, width, height).projection) {
+        (_, Projection::Panorama) => {
+            return Err(Error::Usage("--aperture: a panorama has no focal plane: render it without".into()));
+        }
         (Aperture::Radius(radius), _) => radius,
         (Aperture::Stop(stop), Projection::Perspective { yfov }) => {
             0.5 * FILM_HEIGHT / (0.5 * f64::from(yfov)).tan() / (2.0 * stop)

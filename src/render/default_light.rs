@@ -21,7 +21,7 @@ use crate::color::luminance;
 use crate::film::{ExtraSums, PixelStats};
 use crate::integrator::clients::{AovColumns, Aovs, Contributions, PixelSums};
 use crate::integrator::{PixelTask, PreparedScene, Transport, Wave};
-use crate::scene::{Environment, Projection, Scene};
+use crate::scene::{Environment, Scene};
 
 /// Pixels of the first pass: 32 x 18 for the usual aspect ratio.
 const PIXELS: f64 = 576.0;
@@ -66,11 +66,7 @@ pub fn is_in_question(scene: &Scene) -> bool {
 /// Measures what the light of `scene` does in the view of camera `camera`.
 pub fn own_light(scene: &PreparedScene, camera: usize, back_faces: BackFaces) -> OwnLight {
     let shown = &scene.scene.cameras[camera];
-    let aspect = shown.aspect.or(match shown.projection {
-        Projection::Orthographic { xmag, ymag } => Some((xmag / ymag).abs()),
-        Projection::Perspective { .. } => None,
-    });
-    let aspect = aspect.filter(|aspect| (0.1..=10.0).contains(aspect)).unwrap_or(16.0 / 9.0);
+    let aspect = shown.natural_aspect().filter(|aspect| (0.1..=10.0).contains(aspect)).unwrap_or(16.0 / 9.0);
     let settings = RenderSettings {
         camera,
         width: (1024.0 * aspect) as u32,

@@ -68,7 +68,8 @@ pub fn merge(paths: &[PathBuf]) -> Result<Merged> {
         ..first.record
     };
     record.identity.settings = settings;
-    let kept = ["bismar.version", "bismar.scene", "bismar.camera", "bismar.backend", "bismar.environment"];
+    let kept =
+        ["bismar.version", "bismar.scene", "bismar.camera", "bismar.backend", "bismar.environment", "bismar.command"];
     let text = |name: &&'static str| {
         checkpoint::text(&first.header, name).map(|text| ((*name).into(), HeaderValue::Text(text.into())))
     };

@@ -9,13 +9,23 @@ use clap::{ArgAction, Args, Command, FromArgMatches, ValueHint};
 use crate::batch::file::{self, Flag};
 use crate::batch::frames::split;
 use crate::batch::job::Job;
-use crate::cli::render::{RenderArgs, declare};
+use crate::cli::render::{RenderArgs, declare, given};
 use crate::console::Paths;
 use crate::{Error, Result};
 
 /// Flags of `render` that a batch file must not hold.
-const NOT_IN_FILES: [&str; 9] =
-    ["resume", "replay-pixel", "progress", "threads", "part", "memory-limit", "path-mapping", "on-checkpoint", "led"];
+const NOT_IN_FILES: [&str; 10] = [
+    "placed",
+    "resume",
+    "replay-pixel",
+    "progress",
+    "threads",
+    "part",
+    "memory-limit",
+    "path-mapping",
+    "on-checkpoint",
+    "led",
+];
 
 /// A job with its flags parsed.
 pub struct Planned {
@@ -39,9 +49,9 @@ pub fn read(path: &Path) -> Result<Vec<Job>> {
             let flag = match arg.get_action() {
                 ArgAction::SetTrue => Flag::Switch,
                 _ if name == "size" => Flag::List('x'),
-                _ if ["aov", "crop", "frames"].contains(&name.as_str()) => Flag::List(','),
+                _ if ["aov", "crop", "frames", "orbit"].contains(&name.as_str()) => Flag::List(','),
                 _ if name == "seed-per-frame" => Flag::Choice,
-                _ if name == "env" => Flag::Input,
+                _ if ["env", "cameras"].contains(&name.as_str()) => Flag::Input,
                 _ if arg.get_value_hint() == ValueHint::AnyPath => Flag::File,
                 _ => Flag::Value,
             };
@@ -102,6 +112,7 @@ pub fn parse_flags(file: Option<&Path>, command: &Command, job: Job) -> Result<P
         job_error(file, &job, key.as_deref(), &e.to_string())
     })?;
     let mut args = RenderArgs::from_arg_matches(&matches).map_err(|e| job_error(file, &job, None, &e.to_string()))?;
+    args.given = given(command, &matches).ok();
     args.output = Some(job.output.clone());
     args.resume = true;
     args.check().map_err(|e| job_error(file, &job, None, &e.to_string()))?;

@@ -5,6 +5,7 @@ use clap::{ArgMatches, Args, Command};
 use super::plan::plan;
 use super::work::Work;
 use crate::batch::job::Job;
+use crate::batch::views;
 use crate::cli::render::{RenderArgs, given};
 use crate::console::{Verbosity, Verdict, progress};
 use crate::farm::utf8;
@@ -22,18 +23,22 @@ pub fn run(args: &RenderArgs, matches: &ArgMatches, verbosity: Verbosity) -> Res
 fn render(args: &RenderArgs, matches: &ArgMatches, verbosity: Verbosity) -> Result<Verdict> {
     args.check()?;
     let args = &args.on_this_machine()?;
+    // For the exit code of a file that is missing or wrong.
+    args.cameras.iter().try_for_each(|file| views::read(file).map(drop))?;
     let command = RenderArgs::augment_args(Command::new("render"));
     let mut flags = given(&command, matches)?;
     flags.retain(|(name, _)| !NOT_FOR_JOBS.contains(&name.as_str()));
     // Paths after --path-mapping.
-    for (name, path) in [("env", &args.env), ("preview", &args.preview), ("stats", &args.stats)] {
+    for (name, path) in
+        [("env", &args.env), ("cameras", &args.cameras), ("preview", &args.preview), ("stats", &args.stats)]
+    {
         for (_, value) in flags.iter_mut().filter(|(flag, _)| flag == name) {
             *value = path.as_deref().map(|path| utf8(path).map(str::to_owned)).transpose()?;
         }
     }
     let output = args.output();
     let name = output.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let job = Job { name, scene: args.scene.clone(), flags, output, location: Default::default() };
+    let job = Job { name, scene: args.scene.clone(), flags, output, ..Job::default() };
     // There is no batch file that could be wrong.
     let (jobs, paths) = plan(None, vec![job]).map_err(|e| match e {
         Error::Config(why) => Error::Usage(why),

@@ -16,6 +16,7 @@ use super::worker_pool::WorkerPool;
 use crate::batch::message::{Ended, Message};
 use crate::batch::queue::Cache;
 use crate::batch::report::{self, Report};
+use crate::batch::views;
 use crate::cli::render::{Inputs, Session};
 use crate::console::progress::Style;
 use crate::console::{Paths, Signals, Verbosity, Verdict, host, print, say};
@@ -110,6 +111,7 @@ impl Work {
         let worked = if self.isolate { worker_pool.run_isolated() } else { worker_pool.run_shared() };
         overview.finish();
         worked?;
+        views::write(jobs.iter().filter(|planned| planned.job.is_view).map(|planned| planned.job.output.as_path()))?;
 
         let mut entries = entries.into_inner().unwrap_or_else(PoisonError::into_inner);
         let position: HashMap<&str, usize> =

@@ -58,7 +58,8 @@ pub fn run(args: &StatusArgs) -> Result<Verdict> {
         let queue_state = queue.as_ref().and_then(|queue| queue.merge(i));
         let mut whole = parse_command(&plan.tasks[merge.tasks.0].command)?;
         // The merged picture is whole, and need not be resumable as its parts are.
-        (whole.part, whole.checkpoint, whole.output) = (None, None, Some(merge.output.clone()));
+        whole.set_part(None);
+        (whole.checkpoint, whole.output) = (None, Some(merge.output.clone()));
         let states = inspector.states(whole, &plan.log(i + 1, true), queue_state)?;
         merges.extend(states.into_iter().map(|state| Row { render: &merge.render, part: 0, task: i + 1, state }));
     }

@@ -15,6 +15,7 @@ use super::site::capture;
 use crate::console::child::{lead, this_program};
 use crate::console::{Signals, Verdict};
 use crate::farm::Plan;
+use crate::farm::array::array_task;
 use crate::farm::sessions::{HEARTBEAT, HELD, INTERRUPTED, Sessions, record_path};
 use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
@@ -25,7 +26,9 @@ use crate::{Error, Result};
 /// render or merge, or 76 if three sessions in a row made no progress or the task was killed for lack of memory.
 #[derive(Debug, Args)]
 pub struct TaskArgs {
-    /// Number of the task, from 1.
+    /// Number of the task, from 1; or auto: that of this process in the array of Slurm, AWS Batch or Kubernetes that it is a
+    /// task of.
+    #[arg(value_name = "N|auto", value_parser = number)]
     number: usize,
     /// The plan: farm.json in the folder written by `farm submit`.
     #[arg(long, value_name = "FILE.json")]
@@ -33,6 +36,13 @@ pub struct TaskArgs {
     /// Run a merge instead of a render.
     #[arg(long)]
     merge: bool,
+}
+
+fn number(text: &str) -> std::result::Result<usize, String> {
+    match text {
+        "auto" => array_task().map(|task| task.number as usize),
+        _ => text.parse().map_err(|_| "neither the number of a task nor auto".into()),
+    }
 }
 
 pub fn run(args: &TaskArgs) -> Result<Verdict> {

@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::replay::PixelPath;
-use super::values::{AovList, Crop, LightUnit, OnByDefault, balance, blades, finite, not_negative, share};
+use super::values::{AovList, Crop, LightUnit, OnByDefault, PartFlag, balance, blades, finite, not_negative, share};
 use crate::batch::frames::{Frames, numbered};
+use crate::batch::views::MAX_VIEWS;
 use crate::cli::flag_values::value_of;
 use crate::cli::scene_selection::SceneSelection;
 use crate::console::Size;
@@ -14,13 +15,13 @@ use crate::console::args::{positive, seconds, threads};
 use crate::console::progress::Style;
 use crate::console::tev;
 use crate::farm::PathMapping;
-use crate::film::{Aov, Denoise, Exposure, View};
+use crate::film::{Aov, Denoise, Exposure, View, preview};
 use crate::rays::Backend;
 use crate::render::identity::RequestedOutputs;
 use crate::render::lens::{Aperture, Focus, LensSettings};
 use crate::render::{BackFaces, Balance, GlassShadows, Guiding, Integrator, Part, PixelFilter, RenderSettings};
 use crate::sampling::frame_seed;
-use crate::scene::Framing;
+use crate::scene::{Framing, Orbit, PlacedCamera};
 use crate::{Error, Result};
 
 /// Render a glTF scene to OpenEXR.
@@ -44,10 +45,31 @@ pub struct RenderArgs {
     #[arg(short, long, value_name = "FILE.exr")]
     pub output: Option<PathBuf>,
 
-    /// Camera by name or by index from 0, or framed: a view that fits the whole scene [default: the first camera, or framed
-    /// if the scene has none].
+    /// Camera by name or by index from 0; framed: a view that fits the whole scene; or panorama: all directions from the first
+    /// camera, or from the scene's centre, as an equirectangular picture in the orientation of --env [default: the first
+    /// camera, or framed if the scene has none].
     #[arg(long, value_name = "NAME|INDEX", help_heading = "View")]
     pub camera: Option<String>,
+    /// View from a point around the scene, in degrees: azimuth 0 sees it from +z (the front of a glTF asset), 90 from +x;
+    /// elevation is -90 to 90. The distance to the centre of what the scene shows is a multiple of that at which the sphere
+    /// around it just fits [default: 1].
+    #[arg(
+        long,
+        value_name = "AZIMUTH,ELEVATION[,DISTANCE]",
+        allow_hyphen_values = true,
+        conflicts_with = "camera",
+        help_heading = "View"
+    )]
+    pub orbit: Option<Orbit>,
+    /// N views once around the scene, from that of --orbit on [default: 0,20], each to its own file. File names hold the
+    /// number from 0 as #### or {frame:04}; transforms.json beside them holds the cameras (docs/cameras.md).
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_VIEWS)),
+        conflicts_with_all = ["camera", "frames", "cameras", "replay_pixel"], help_heading = "View")]
+    pub turntable: Option<u32>,
+    /// The cameras of a JSON file in the convention of NeRF's transforms.json, each to its own file as by --turntable; with
+    /// --camera only one of them.
+    #[arg(long, value_name = "FILE.json", conflicts_with_all = ["orbit", "frames", "replay_pixel"], help_heading = "View")]
+    pub cameras: Option<PathBuf>,
     /// Resolution in pixels [default: 960 wide, with the height from the camera's aspect ratio].
     #[arg(long, value_name = "WxH", help_heading = "View")]
     pub size: Option<Size>,
@@ -180,9 +202,17 @@ pub struct RenderArgs {
     /// paths per pixel.
     #[arg(long, help_heading = "Interruption and parts")]
     pub resume: bool,
-    /// Render only part K (1 to N) of the picture's tiles; `bismar merge` combines the parts.
-    #[arg(long, value_name = "K/N", conflicts_with = "time", help_heading = "Interruption and parts")]
-    pub part: Option<Part>,
+    /// Render only part K (1 to N) of the picture's tiles; `bismar merge` combines the parts. auto, or auto/N, takes K from
+    /// the array of Slurm (--array=1-N), AWS Batch or Kubernetes (indexed jobs) that this process is a task of; names of
+    /// outputs then hold K as #### or {frame:04} (docs/farm.md).
+    #[arg(
+        id = "part",
+        long,
+        value_name = "K/N|auto|auto/N",
+        conflicts_with = "time",
+        help_heading = "Interruption and parts"
+    )]
+    part_flag: Option<PartFlag>,
 
     /// Ray tracing library.
     #[arg(long, value_parser = value_of::<Backend>(), default_value = Backend::Embree.name(), help_heading = "Machine")]
@@ -210,7 +240,7 @@ pub struct RenderArgs {
     /// Add a denoised layer `denoised`, and show it in the PNG. The beauty stays unchanged.
     #[arg(long, value_parser = value_of::<Denoise>(), conflicts_with = "part", help_heading = "Output")]
     pub denoise: Option<Denoise>,
-    /// Also write a PNG.
+    /// Also write a picture to look at: .png, .jpg, or lossless .webp.
     #[arg(long, value_name = "FILE.png", help_heading = "Output")]
     pub preview: Option<PathBuf>,
     /// Show the picture in the viewer tev while it renders; without an address at 127.0.0.1:14158.
@@ -244,9 +274,20 @@ pub struct RenderArgs {
     /// Ignore signals; the parent process announces them on standard input.
     #[arg(long = "led", hide = true)]
     pub signals_from_parent: bool,
+    /// A camera by its matrix; jobs of --cameras have it.
+    #[arg(long, hide = true, conflicts_with_all = ["camera", "orbit"])]
+    pub placed: Option<PlacedCamera>,
+    /// The flags that were given, without dashes, with their values; `None` if they are not known.
+    #[arg(skip)]
+    pub given: Option<Vec<(String, Option<String>)>>,
 }
 
 impl RenderArgs {
+    /// Whether the command renders many pictures: frames or views.
+    pub fn is_sequence(&self) -> bool {
+        self.frames.is_some() || self.turntable.is_some() || self.cameras.is_some()
+    }
+
     /// Whether the scene is shown at a time of its animations.
     fn is_posed(&self) -> bool {
         self.frames.is_some() || self.selection.is_posed()
@@ -265,6 +306,12 @@ impl RenderArgs {
         format!("{}{unit}{energy}{velocities}", self.selection.name())
     }
 
+    /// Text that identifies a camera that is not one of the file; empty for those of the file.
+    pub fn view_text(&self) -> String {
+        let placed = self.placed.as_ref().map(|placed| format!(", camera at {placed}"));
+        placed.or(self.orbit.map(|orbit| format!(", orbit {orbit}"))).unwrap_or_default()
+    }
+
     /// Whether the velocity AOV is written.
     pub fn has_velocities(&self) -> bool {
         self.aovs().contains(&Aov::Velocity)
@@ -274,7 +321,8 @@ impl RenderArgs {
     pub fn output(&self) -> PathBuf {
         self.output.clone().unwrap_or_else(|| {
             let mut name = self.scene.file_stem().unwrap_or("bismar".as_ref()).to_owned();
-            name.push(if self.frames.is_some() { ".####.exr" } else { ".exr" });
+            let is_numbered = self.is_sequence() || self.part_flag.is_some_and(|flag| flag.is_auto);
+            name.push(if is_numbered { ".####.exr" } else { ".exr" });
             name.into()
         })
     }
@@ -335,21 +383,43 @@ impl RenderArgs {
             lens: self.aperture.map(|aperture| LensSettings { aperture, focus: self.focus, blades: self.lens_blades }),
             back_faces: self.back_faces,
             glass_shadows: self.glass_shadows,
-            part: self.part,
+            part: self.part(),
             ..RenderSettings::default()
         }
     }
 
-    /// The same command with `--path-mapping` applied to its paths.
+    /// The part to render; `None` for the whole picture.
+    pub fn part(&self) -> Option<Part> {
+        self.part_flag.map(|flag| flag.part)
+    }
+
+    /// Replaces the part to render.
+    pub fn set_part(&mut self, part: Option<Part>) {
+        self.part_flag = part.map(|part| PartFlag { part, is_auto: false });
+    }
+
+    /// The same command with `--path-mapping` applied to its paths, and with the number of the part in the names of its
+    /// outputs if the part is chosen by the scheduler.
     ///
     /// # Errors
-    /// Those of [`PathMapping::read`].
+    /// Those of [`PathMapping::read`]; [`Error::Usage`] if a name has no place for the number of the part.
     pub fn on_this_machine(&self) -> Result<Self> {
         let mut args = self.clone();
+        if let Some(PartFlag { part, is_auto: true }) = self.part_flag {
+            args.output = Some(self.output());
+            let outputs = [("-o", &mut args.output), ("--preview", &mut args.preview), ("--stats", &mut args.stats)];
+            for (flag, path) in outputs {
+                let Some(path) = path else { continue };
+                *path = numbered(path, part.number).ok_or_else(|| {
+                    let name = path.display();
+                    Error::Usage(format!("{flag} {name} names one file for all parts: write their number as ####"))
+                })?;
+            }
+        }
         if let Some(file) = &self.path_mapping {
             let mapping = PathMapping::read(file)?;
             mapping.apply(&mut args.scene);
-            let others = [&mut args.output, &mut args.env, &mut args.preview, &mut args.stats];
+            let others = [&mut args.output, &mut args.env, &mut args.cameras, &mut args.preview, &mut args.stats];
             others.into_iter().flatten().for_each(|path| mapping.apply(path));
         }
         Ok(args)
@@ -386,8 +456,14 @@ impl RenderArgs {
         }
         let velocity = !self.has_all_aovs() && self.aov.0.contains(&Aov::Velocity);
         self.selection.check(self.is_posed(), velocity, self.rays)?;
-        check_extension("-o", self.output.as_deref(), "exr")?;
-        check_extension("--preview", self.preview.as_deref(), "png")
+        if self.is_sequence() && self.part_flag.is_some_and(|flag| flag.is_auto) {
+            return Err(Error::Usage(
+                "--part auto divides one picture: for a sequence use `bismar farm submit`, whose tasks are its frames"
+                    .into(),
+            ));
+        }
+        check_extension("-o", self.output.as_deref(), &["exr"])?;
+        check_extension("--preview", self.preview.as_deref(), &preview::ENDINGS)
     }
 
     /// Whether `--aov all` was given, which leaves out what cannot be written.
@@ -423,19 +499,19 @@ impl RenderArgs {
     }
 }
 
-/// Fails for a path without this extension. Devices have none and are allowed, for benchmarks.
-fn check_extension(flag: &str, path: Option<&Path>, extension: &str) -> Result<()> {
+/// Fails for a path without one of these extensions. Devices have none and are allowed, for benchmarks.
+fn check_extension(flag: &str, path: Option<&Path>, extensions: &[&str]) -> Result<()> {
     let Some(path) = path else { return Ok(()) };
     let has = |extension: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
-    if has(extension) || path.starts_with("/dev") {
+    if extensions.iter().any(|extension| has(extension)) || path.starts_with("/dev") {
         return Ok(());
     }
-    let hint = match (flag, has("png")) {
+    let hint = match (flag, preview::has_ending(path)) {
         ("-o", true) => {
             let exr = path.with_extension("exr");
             format!(": -o {} --preview {} writes both", exr.display(), path.display())
         }
         _ => String::new(),
     };
-    Err(Error::Usage(format!("{flag} {}: the name must end in .{extension}{hint}", path.display())))
+    Err(Error::Usage(format!("{flag} {}: the name must end in .{}{hint}", path.display(), extensions.join(" or ."))))
 }

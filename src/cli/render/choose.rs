@@ -2,7 +2,7 @@
 
 use super::args::RenderArgs;
 use crate::render::{RenderSettings, tile_positions};
-use crate::scene::{Camera, Framing, Projection, Scene, choose};
+use crate::scene::{Camera, Framing, Scene, choose};
 use crate::{Error, Result};
 
 /// Render settings of a command, completed by the scene.
@@ -10,11 +10,15 @@ use crate::{Error, Result};
 /// # Errors
 /// [`Error::Usage`] for an unknown camera, a crop window outside of the picture, more parts than tiles.
 pub fn settings(args: &RenderArgs, scene: &Scene) -> Result<RenderSettings> {
-    let camera = camera(&scene.cameras, args.camera.as_deref())?;
+    // The camera of `Loaded::placed` is the last one.
+    let camera = match args.orbit.is_some() || args.placed.is_some() {
+        true => scene.cameras.len() - 1,
+        false => camera(&scene.cameras, args.camera.as_deref())?,
+    };
     let (width, height) = args.size.map_or_else(|| size(&scene.cameras[camera]), |s| (s.0, s.1));
     let crop = args.crop.map(|c| c.inside(width, height)).transpose()?;
     let settings = RenderSettings { camera, width, height, crop, ..args.settings() };
-    if let Some(part) = args.part
+    if let Some(part) = args.part()
         && tile_positions(&settings).is_empty()
     {
         return Err(Error::Usage(format!("--part {part}: the picture has fewer tiles than parts; give fewer parts")));
@@ -28,19 +32,44 @@ pub fn settings(args: &RenderArgs, scene: &Scene) -> Result<RenderSettings> {
 /// [`Error::Usage`], which lists the cameras.
 pub fn camera(cameras: &[Camera], wanted: Option<&str>) -> Result<usize> {
     match wanted {
-        Some(wanted) => choose("camera", wanted, &cameras.iter().map(|c| c.name.clone()).collect::<Vec<_>>())
-            .map_err(|error| Error::Usage(format!("{error}\n  or {}, which shows the whole scene", Framing::NAME))),
+        Some(wanted) => {
+            choose("camera", wanted, &cameras.iter().map(|c| c.name.clone()).collect::<Vec<_>>()).map_err(|error| {
+                let (framed, panorama) = (Framing::NAME, Camera::PANORAMA);
+                Error::Usage(format!("{error}\n  or {framed}, which shows the whole scene, or {panorama}"))
+            })
+        }
         None if cameras.is_empty() => Err(Error::Bug("a scene without a camera".into())),
         None => Ok(0),
     }
 }
 
+/// Index of the camera of the file whose view decides whether the scene's own light suffices: that of `--camera`; the first
+/// for cameras that are not of the file.
+///
+/// # Errors
+/// [`Error::Usage`], which lists the cameras.
+pub fn camera_of_file(cameras: &[Camera], args: &RenderArgs) -> Result<usize> {
+    camera(cameras, args.camera.as_deref().filter(|_| !is_panorama(cameras, args)))
+}
+
+/// Whether the camera is a panorama that the scene does not hold.
+pub fn is_panorama(cameras: &[Camera], args: &RenderArgs) -> bool {
+    args.camera.as_deref() == Some(Camera::PANORAMA) && cameras.iter().all(|camera| camera.name != Camera::PANORAMA)
+}
+
+/// The panorama of `--camera panorama`: from the first camera of the file, or from the centre of the scene if it has none.
+pub fn panorama(scene: &Scene) -> Camera {
+    let first = scene.cameras.first().filter(|camera| camera.framing.is_none());
+    let eye = first.map(|camera| camera.to_world.translation.into());
+    Camera::panorama(eye.unwrap_or_else(|| scene.enclosing_sphere().0.as_vec3()))
+}
+
+/// Resolution in pixels for a camera without an aspect ratio.
+pub const DEFAULT_SIZE: (u32, u32) = (960, 540);
+
 /// Default resolution in pixels: 960 wide, with the camera's aspect ratio or 16:9.
 pub fn size(camera: &Camera) -> (u32, u32) {
-    size_of_aspect(camera.aspect.or(match camera.projection {
-        Projection::Orthographic { xmag, ymag } => Some((xmag / ymag).abs()),
-        Projection::Perspective { .. } => None,
-    }))
+    size_of_aspect(camera.natural_aspect())
 }
 
 /// Default resolution of a camera with this width over height.
@@ -53,6 +82,7 @@ pub fn size_of_aspect(aspect: Option<f32>) -> (u32, u32) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Projection;
 
     fn cameras(names: &[&str]) -> Vec<Camera> {
         let camera =
@@ -85,5 +115,6 @@ mod tests {
         one.aspect = None;
         one.projection = Projection::Orthographic { xmag: 1.0, ymag: 2.0 };
         assert_eq!(size(&one), (960, 1920));
+        assert_eq!(size(&Camera::panorama(glam::Vec3::ZERO)), (960, 480));
     }
 }

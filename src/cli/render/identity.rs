@@ -112,7 +112,7 @@ impl Inputs {
 
     /// Identity of a render with these settings: what its pixels depend on.
     pub fn identity(&self, args: &RenderArgs, settings: &RenderSettings) -> Identity {
-        let scene = scene_text(&self.scene.hash, &args.import_choices());
+        let scene = scene_text(&self.scene.hash, &(args.import_choices() + &args.view_text()));
         Identity::new(&scene, &self.environment.0, args.rays, settings)
     }
 }

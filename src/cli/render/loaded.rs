@@ -6,7 +6,7 @@ use std::time::Instant;
 use tracing::{debug, info, warn};
 
 use super::args::RenderArgs;
-use super::choose;
+use super::choose::{self, DEFAULT_SIZE};
 use super::identity::{Files, Inputs};
 use super::scene::{make_scene, scene_at_rest};
 use crate::cli::memory;
@@ -50,6 +50,26 @@ impl Loaded {
     ) -> Result<Self> {
         let files = if more { inputs.lend(args) } else { inputs.take(args) }?;
         Self::load_files(args, inputs, files, previous, building)
+    }
+
+    /// The same scene with the camera of `--orbit`, of a job of `--cameras` or of `--camera panorama` besides the file's;
+    /// `None` without those flags.
+    ///
+    /// # Errors
+    /// Those of [`PlacedCamera::camera`](crate::scene::PlacedCamera::camera).
+    pub fn placed(&self, args: &RenderArgs) -> Result<Option<Self>> {
+        let (width, height) = args.size.map_or(DEFAULT_SIZE, |size| (size.0, size.1));
+        let aspect = f64::from(width) / f64::from(height);
+        let camera = match (&args.placed, &args.orbit) {
+            (Some(placed), _) => placed.camera(aspect)?,
+            (None, Some(orbit)) => orbit.camera(&self.prepared.scene, aspect),
+            (None, None) if choose::is_panorama(&self.prepared.scene.cameras, args) => {
+                choose::panorama(&self.prepared.scene)
+            }
+            (None, None) => return Ok(None),
+        };
+        let prepared = self.prepared.with_camera(camera);
+        Ok(Some(Self { prepared, read_seconds: self.read_seconds, build_seconds: self.build_seconds }))
     }
 
     fn load_files(
@@ -109,7 +129,7 @@ fn with_light<'a>(
     }
     let start = Instant::now();
     let measured = |prepared: &PreparedScene| {
-        let camera = choose::camera(&prepared.scene.cameras, args.camera.as_deref())?;
+        let camera = choose::camera_of_file(&prepared.scene.cameras, args)?;
         Ok(default_light::own_light(prepared, camera, args.back_faces))
     };
     let found = inputs.own_light(args, || match at_rest {

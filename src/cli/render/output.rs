@@ -6,6 +6,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use super::args::RenderArgs;
+use super::command::PictureCommand;
 use super::denoise::denoised_elsewhere;
 use super::identity::Inputs;
 use super::loaded::Loaded;
@@ -146,10 +147,11 @@ impl<'a> OutputWriter<'a> {
     fn header(&self, stats: &Stats) -> Result<Header> {
         let scene = &self.loaded.prepared.scene;
         let mut header = stats.header()?;
-        let matrices = camera(scene, self.settings).matrices();
-        let matrices = [WORLD_TO_CAMERA, WORLD_TO_NDC].into_iter().zip(matrices);
-        header.extend(matrices.map(|(name, matrix)| (name.into(), HeaderValue::Matrix(matrix))));
+        let (to_camera, to_picture) = camera(scene, self.settings).matrices();
+        header.push((WORLD_TO_CAMERA.into(), HeaderValue::Matrix(to_camera)));
+        header.extend(to_picture.map(|matrix| (WORLD_TO_NDC.into(), HeaderValue::Matrix(matrix))));
         header.extend(names(scene, &self.args.aovs())?);
+        PictureCommand::write(self.args, &mut header)?;
         Ok(header)
     }
 

@@ -38,6 +38,7 @@ impl FromStr for PixelPath {
 pub fn run(args: &RenderArgs, pixel_path: PixelPath) -> Result<Verdict> {
     let inputs = Inputs::read(args)?;
     let loaded = Loaded::load(args, &inputs, &|_, _| true)?;
+    let loaded = loaded.placed(args)?.unwrap_or(loaded);
     let settings: RenderSettings = settings(args, &loaded.prepared.scene)?;
     let PixelPath { pixel: [x, y], path } = pixel_path;
     if x >= settings.width || y >= settings.height {

@@ -137,7 +137,7 @@ impl Session<'_> {
             None => u64::from(width) * u64::from(height),
         };
         // Parts differ by at most one tile.
-        let pixels = match args.part {
+        let pixels = match args.part() {
             Some(part) => pixels.div_ceil(part.of.into()) + u64::from(TILE * TILE),
             None => pixels,
         };
@@ -150,7 +150,7 @@ impl Session<'_> {
             compensates: settings.balance.method().uses_prepasses(),
             pixels,
             columns: settings.columns(),
-            saved_pixels: if args.checkpoint.is_some() || args.part.is_some() { pixels } else { 0 },
+            saved_pixels: if args.checkpoint.is_some() || args.part().is_some() { pixels } else { 0 },
             denoises: args.denoise.is_some(),
             previews: args.preview.is_some(),
             prepass_bytes: guiding::bytes(&settings).max(learned_lights::bytes(&settings, lights)),
@@ -196,6 +196,8 @@ impl Session<'_> {
     ) -> Result<Done> {
         let args = self.args;
         let output = args.output();
+        let placed = loaded.placed(args)?;
+        let loaded = placed.as_ref().unwrap_or(loaded);
         let settings = settings(args, &loaded.prepared.scene)?;
         if let Some(lens) = lens(&loaded.prepared, &settings)? {
             warnings::wide_lens(args, lens.radius, lens.focus);
@@ -236,10 +238,10 @@ impl Session<'_> {
         self.check_paths(&rendered, paths_before)?;
         if !interrupted {
             let lights = (!loaded.prepared.scene.lights.is_empty()).then_some(args.light_unit);
-            warnings::black_picture(&output, &rendered, args.part.is_some(), lights);
+            warnings::black_picture(&output, &rendered, args.part().is_some(), lights);
         }
         let mut stats =
-            writer.write_final(&rendered, interrupted || resumable || args.part.is_some(), self.began, stop)?;
+            writer.write_final(&rendered, interrupted || resumable || args.part().is_some(), self.began, stop)?;
         if interrupted {
             checkpoints.saved();
             return Err(self.interrupted(&rendered));

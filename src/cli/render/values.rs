@@ -5,8 +5,9 @@ use std::str::FromStr;
 use clap::ValueEnum;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
+use crate::farm::array::{ArrayTask, array_task};
 use crate::film::Aov;
-use crate::render::Balance;
+use crate::render::{Balance, Part};
 use crate::{Error, Result};
 
 type Parsed<T> = std::result::Result<T, String>;
@@ -31,6 +32,41 @@ pub fn blades(text: &str) -> Parsed<u32> {
 
 pub fn share(text: &str) -> Parsed<f64> {
     text.parse().ok().filter(|x: &f64| *x > 0.0 && *x < 1.0).ok_or("not a number above 0 and below 1".into())
+}
+
+/// Value of `--part`: K/N; or `auto` or `auto/N`, for the part of this task of an array.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PartFlag {
+    /// The part.
+    pub part: Part,
+    /// Whether the scheduler chose it, so that all parts have one command.
+    pub is_auto: bool,
+}
+
+impl FromStr for PartFlag {
+    type Err = String;
+
+    fn from_str(text: &str) -> Parsed<Self> {
+        match text.strip_prefix("auto") {
+            Some(rest) => array_task().and_then(|task| part_of(task, rest)).map(|part| Self { part, is_auto: true }),
+            None => text.parse().map(|part| Self { part, is_auto: false }),
+        }
+    }
+}
+
+/// The part of a task of an array; `rest` is what follows `auto`.
+fn part_of(task: ArrayTask, rest: &str) -> Parsed<Part> {
+    let ArrayTask { number, of } = task;
+    let given = match rest.strip_prefix('/') {
+        Some(count) => Some(count.parse().ok().filter(|n| *n > 0).ok_or("not auto/N with N parts, as in auto/8")?),
+        None if rest.is_empty() => None,
+        None => return Err("not auto nor auto/N, as in auto/8".into()),
+    };
+    let of = given.or(of).ok_or("the scheduler does not tell the number of parts: write auto/N, as in auto/8")?;
+    if number > of {
+        return Err(format!("this is task {number} of the array, but there are {of} parts"));
+    }
+    Ok(Part { number, of })
 }
 
 /// A switch that is on by default.
@@ -123,6 +159,23 @@ impl FromStr for AovList {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_task_of_an_array_is_a_part() {
+        let task = |number, of| ArrayTask { number, of };
+        assert_eq!(part_of(task(3, Some(8)), ""), Ok(Part { number: 3, of: 8 }));
+        assert_eq!(part_of(task(3, None), "/4"), Ok(Part { number: 3, of: 4 }));
+        // The number of parts that the command states wins: arrays can be larger.
+        assert_eq!(part_of(task(3, Some(8)), "/4"), Ok(Part { number: 3, of: 4 }));
+        for (task, rest, why) in [
+            (task(3, None), "", "write auto/N"),
+            (task(5, None), "/4", "task 5 of the array, but there are 4 parts"),
+            (task(1, None), "/0", "not auto/N"),
+            (task(1, Some(2)), "matic", "not auto nor"),
+        ] {
+            assert!(part_of(task, rest).unwrap_err().contains(why), "{rest}");
+        }
+    }
 
     #[test]
     fn sizes_windows_and_lists_are_read_or_refused() {

@@ -1,9 +1,12 @@
-//! PNG pictures with 8 bits per channel.
+//! Pictures with 8 bits per channel: PNG, JPEG and WebP.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read};
 use std::path::Path;
 
+use image::codecs::jpeg::JpegEncoder;
+use image::codecs::webp::WebPEncoder;
+use image::{ExtendedColorType, ImageEncoder};
 use png::{BitDepth, ColorType, Compression, DecodeOptions, Decoder, Encoder, EncodingError};
 
 use super::atomic;
@@ -31,11 +34,21 @@ struct Raster<I> {
     transparent: bool,
 }
 
+/// Endings of the names of files that can be written. WebP is lossless. JPEG has no alpha: pictures are over black.
+pub const ENDINGS: [&str; 4] = ["png", "jpg", "jpeg", "webp"];
+/// Quality of JPEG, of 100.
+const JPEG_QUALITY: u8 = 92;
+
+/// Can a file of this name be written?
+pub fn has_ending(path: &Path) -> bool {
+    path.extension().is_some_and(|end| ENDINGS.iter().any(|known| end.eq_ignore_ascii_case(known)))
+}
+
 /// Keyword of the text chunk in a PNG that identifies its source.
 const KEYWORD: &str = "bismar";
 
 /// Writes the beauty of a window through a view transform. If the background is transparent the PNG has an alpha channel and
-/// colours that are not premultiplied. [`mark`] reads `mark` back.
+/// colours that are not premultiplied. The name's ending chooses the format. [`mark`] reads `mark` back from a PNG.
 ///
 /// # Errors
 /// The errors of [`atomic::write`].
@@ -53,7 +66,7 @@ pub fn write(path: &Path, pixels: &dyn Pixels, look: Look, mark: &str) -> Result
 }
 
 /// Writes a picture that was read from a file through a view transform; with an alpha channel if it has one and `opaque` is not
-/// set. [`mark`] reads `mark` back.
+/// set. [`mark`] reads `mark` back from a PNG.
 ///
 /// # Errors
 /// The errors of [`atomic::write`].
@@ -123,13 +136,37 @@ pub fn write_rgb8(path: &Path, width: u32, height: u32, bytes: &[u8]) -> Result<
 }
 
 fn write_bytes(path: &Path, size: [u32; 2], bytes: &[u8], kind: ColorType, mark: &str) -> Result<()> {
+    let ending = path.extension().map(|end| end.to_ascii_lowercase()).unwrap_or_default();
     atomic::write(path, |file| {
-        encode(file, size, bytes, kind, mark).map_err(|e| match e {
-            EncodingError::IoError(e) => e,
-            other => io::Error::other(other),
-        })?;
+        match ending.to_str() {
+            Some("jpg" | "jpeg") => encode_jpeg(file, size, bytes, kind)?,
+            Some("webp") => {
+                let kind = if kind == ColorType::Rgba { ExtendedColorType::Rgba8 } else { ExtendedColorType::Rgb8 };
+                WebPEncoder::new_lossless(file).write_image(bytes, size[0], size[1], kind).map_err(io::Error::other)?;
+            }
+            _ => encode(file, size, bytes, kind, mark).map_err(|e| match e {
+                EncodingError::IoError(e) => e,
+                other => io::Error::other(other),
+            })?,
+        }
         Ok(Ok(()))
     })
+}
+
+fn encode_jpeg(file: impl io::Write, [width, height]: [u32; 2], bytes: &[u8], kind: ColorType) -> io::Result<()> {
+    let over_black = |pixel: &[u8]| -> [u8; 3] {
+        std::array::from_fn(|c| ((u16::from(pixel[c]) * u16::from(pixel[3]) + 127) / 255) as u8)
+    };
+    let flat: Vec<u8>;
+    let opaque = match kind {
+        ColorType::Rgba => {
+            flat = bytes.chunks_exact(4).flat_map(over_black).collect();
+            &flat
+        }
+        _ => bytes,
+    };
+    let encoder = JpegEncoder::new_with_quality(file, JPEG_QUALITY);
+    encoder.write_image(opaque, width, height, ExtendedColorType::Rgb8).map_err(io::Error::other)
 }
 
 fn encode(

@@ -21,6 +21,9 @@ pub enum Projection {
         /// Half height.
         ymag: f32,
     },
+    /// All directions, as an equirectangular picture: the longitude about the camera's y axis goes from −π at the left side
+    /// over 0 (the view axis) in the middle to π, the latitude from π/2 at the top to −π/2.
+    Panorama,
 }
 
 /// A camera that looks along its local −z axis, with +y up.
@@ -44,6 +47,9 @@ pub struct Camera {
 }
 
 impl Camera {
+    /// Name of [`Self::panorama`].
+    pub const PANORAMA: &str = "panorama";
+
     /// A camera named `camera` at `eye` that looks at `target` (world space, metres), with a vertical field of view in
     /// radians. The world's +y is up in the picture; +z if the camera looks within about 8° of straight up or down.
     pub fn look_at(eye: Vec3, target: Vec3, yfov: f32) -> Self {
@@ -59,6 +65,30 @@ impl Camera {
             adjacent_frames: None,
             framing: None,
         }
+    }
+
+    /// A panorama from `eye` (world space, metres), named [`Self::PANORAMA`]. Its picture has the orientation of an
+    /// environment map: +x in the middle, −z at a quarter of the width, +y at the top ([`super::Environment`]).
+    pub fn panorama(eye: Vec3) -> Self {
+        Self {
+            name: Self::PANORAMA.into(),
+            projection: Projection::Panorama,
+            aspect: Some(2.0),
+            to_world: Affine3A::from_mat3_translation(Mat3::from_cols(Vec3::Z, Vec3::Y, Vec3::NEG_X), eye),
+            motion: None,
+            adjacent_frames: None,
+            framing: None,
+        }
+    }
+
+    /// Width over height that suits the projection, if the file states it or the projection has one; finite and above 0.
+    pub fn natural_aspect(&self) -> Option<f32> {
+        let aspect = self.aspect.or(match self.projection {
+            Projection::Orthographic { xmag, ymag } => Some((xmag / ymag).abs()),
+            Projection::Panorama => Some(2.0),
+            Projection::Perspective { .. } => None,
+        });
+        aspect.filter(|aspect| aspect.is_finite() && *aspect > 0.0)
     }
 
     /// The view that shows all points of `framing`, named [`Framing::NAME`]; fitted to a square picture until

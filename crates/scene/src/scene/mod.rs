@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 pub mod alpha;
 pub mod build;
@@ -16,6 +16,7 @@ pub mod lights;
 pub mod material;
 pub mod mesh;
 pub mod motion;
+pub mod placed;
 pub mod texture;
 
 pub use camera::{Camera, Projection};
@@ -27,6 +28,7 @@ pub use lights::{LightKey, PunctualKind, PunctualLight};
 pub use material::{AlphaMode, Encoding, Material, TextureRef, TextureSlot, Textures};
 pub use mesh::{Deformation, Instance, MAX_COORDINATE, Mesh, Object, Positions};
 pub use motion::Motion;
+pub use placed::{FieldOfView, Orbit, PlacedCamera};
 pub use texture::{Filter, Image, Texels, Texture, Wrap};
 
 /// A scene, ready to be built into ray queries. Lengths in metres; glTF's axes (+y up, right-handed).
@@ -87,16 +89,7 @@ impl Scene {
             return;
         }
         let mut framing = Framing::default();
-        for instance in &self.instances {
-            let transform = instance.transform;
-            let placed = |p: &[f32; 3]| {
-                let p = Vec3::from_array(*p);
-                transform.map_or(p, |t| t.transform_point3(p)).as_dvec3()
-            };
-            let meshes = self.objects[instance.object as usize].meshes.clone();
-            let points = meshes.flat_map(|mesh| self.meshes[mesh as usize].positions.iter());
-            points.for_each(|p| framing.include(placed(p)));
-        }
+        self.points().for_each(|p| framing.include(p));
         self.cameras.push(Camera::framed(framing));
     }
 
@@ -167,14 +160,31 @@ impl Scene {
         self.bounds().map_or(0.0, |[low, high]| 0.5 * (high - low).length())
     }
 
-    /// World-space lower and upper corner, in metres, of a box around all placed meshes; `None` for an empty scene.
+    /// World-space lower and upper corner of an axis-aligned box that contains every placed mesh, metres; `None` for an
+    /// empty scene. It is the smallest such box if no instance is rotated.
     pub fn bounds(&self) -> Option<[Vec3; 2]> {
-        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-        for mesh_box in self.boxes() {
-            low = low.min(mesh_box.0);
-            high = high.max(mesh_box.1);
-        }
-        (low.x <= high.x).then_some([low, high])
+        self.boxes().map(|(low, high)| [low, high]).reduce(|[l, h], [low, high]| [l.min(low), h.max(high)])
+    }
+
+    /// Centre of [`Self::bounds`] and the largest distance of a vertex from it, metres; (0, 0) for an empty scene.
+    pub fn enclosing_sphere(&self) -> (DVec3, f64) {
+        let Some([low, high]) = self.bounds() else { return (DVec3::ZERO, 0.0) };
+        let centre = 0.5 * (low.as_dvec3() + high.as_dvec3());
+        let radius = self.points().map(|p| p.distance(centre)).fold(0.0, f64::max);
+        (centre, radius)
+    }
+
+    /// World-space vertices of all placed meshes.
+    fn points(&self) -> impl Iterator<Item = DVec3> {
+        self.instances.iter().flat_map(|instance| {
+            let transform = instance.transform;
+            let placed = move |p: [f32; 3]| {
+                let p = Vec3::from_array(p);
+                transform.map_or(p, |t| t.transform_point3(p)).as_dvec3()
+            };
+            let meshes = self.objects[instance.object as usize].meshes.clone();
+            meshes.flat_map(|mesh| self.meshes[mesh as usize].positions.iter().copied()).map(placed)
+        })
     }
 
     /// World-space lower and upper corner of a box around each placed mesh.

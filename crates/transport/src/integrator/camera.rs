@@ -1,6 +1,6 @@
 //! Camera rays.
 
-use std::f32::consts::TAU;
+use std::f32::consts::{PI, TAU};
 use std::sync::Arc;
 
 use glam::{Affine3A, Mat3, Mat4, Vec2, Vec3, Vec3A, Vec4};
@@ -49,11 +49,19 @@ pub struct CameraRays {
     motion: Option<Arc<Motion>>,
     /// Camera-to-world transforms of the previous and the next frame, see [`Camera::adjacent_frames`].
     pub adjacent_frames: Option<[Affine3A; 2]>,
-    /// Half width and height of the picture at distance 1 (perspective) or of the view volume (orthographic), in metres.
+    /// Half width and height of the picture at distance 1 (perspective) or of the view volume (orthographic), in metres; π and
+    /// π/2 of a panorama, in radians.
     half: [f32; 2],
     size: [f32; 2],
-    perspective: bool,
+    kind: Kind,
     lens: Option<Lens>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Perspective,
+    Orthographic,
+    Panorama,
 }
 
 /// Eight camera poses in world space: unit axes and position.
@@ -66,20 +74,22 @@ struct CameraPose {
 
 impl CameraRays {
     /// A pinhole camera. The vertical field of view is the camera's; the horizontal one follows from the aspect of the
-    /// picture, `width` × `height` pixels.
+    /// picture, `width` × `height` pixels. A panorama covers all directions whatever the aspect.
     pub fn new(camera: &Camera, width: u32, height: u32) -> Self {
         let aspect = width as f32 / height as f32;
-        let (half_height, perspective) = match camera.projection {
-            Projection::Perspective { yfov } => ((0.5 * yfov).tan(), true),
-            Projection::Orthographic { ymag, .. } => (ymag, false),
+        let (half_height, kind) = match camera.projection {
+            Projection::Perspective { yfov } => ((0.5 * yfov).tan(), Kind::Perspective),
+            Projection::Orthographic { ymag, .. } => (ymag, Kind::Orthographic),
+            Projection::Panorama => (0.5 * PI, Kind::Panorama),
         };
+        let half_width = if kind == Kind::Panorama { PI } else { half_height * aspect };
         Self {
             to_world: camera.to_world,
             motion: camera.motion.clone(),
             adjacent_frames: camera.adjacent_frames,
-            half: [half_height * aspect, half_height],
+            half: [half_width, half_height],
             size: [width as f32, height as f32],
-            perspective,
+            kind,
             lens: None,
         }
     }
@@ -90,8 +100,9 @@ impl CameraRays {
     }
 
     /// The matrices of OpenEXR's `worldToCamera` and `worldToNDC`, row-major for row vectors. Camera space: x right, y up, z
-    /// along the view. NDC, after division by w: x and y from 0 in the upper left to 1 in the lower right corner.
-    pub fn matrices(&self) -> [[f32; 16]; 2] {
+    /// along the view. NDC, after division by w: x and y from 0 in the upper left to 1 in the lower right corner; `None` for a
+    /// panorama, which no matrix projects.
+    pub fn matrices(&self) -> ([f32; 16], Option<[f32; 16]>) {
         let m = &self.to_world.matrix3;
         let [right, up, forward] = [m.x_axis, m.y_axis, -m.z_axis].map(Vec3::from);
         let eye = Vec3::from(self.to_world.translation);
@@ -99,21 +110,35 @@ impl CameraRays {
         // The columns are the images of x, y, z and 1 in camera space.
         let [x, y] = self.half.map(|half| 0.5 / half);
         let (centre, one) = (Vec4::new(0.5, 0.5, 0.0, 0.0), Vec4::new(0.0, 0.0, 0.0, 1.0));
-        let (along, constant) = match self.perspective {
-            true => (centre + Vec4::Z + one, -Vec4::Z),
-            false => (Vec4::Z, centre + one),
+        let (along, constant) = match self.kind {
+            Kind::Perspective => (centre + Vec4::Z + one, -Vec4::Z),
+            Kind::Orthographic => (Vec4::Z, centre + one),
+            Kind::Panorama => return (to_camera.to_cols_array(), None),
         };
         let to_picture = Mat4::from_cols(Vec4::X * x, Vec4::Y * -y, along, constant) * to_camera;
         // A matrix for column vectors, column by column, is the one for row vectors, row by row.
-        [to_camera, to_picture].map(|m| m.to_cols_array())
+        (to_camera.to_cols_array(), Some(to_picture.to_cols_array()))
+    }
+
+    /// Difference of two projected points ([`Self::project`]), pixels to the right and up: the shorter way around a panorama.
+    pub fn displacement(&self, from: Vec2, to: Vec2) -> Vec2 {
+        let mut by = to - from;
+        if self.kind == Kind::Panorama {
+            by.x -= self.size[0] * (by.x / self.size[0]).round();
+        }
+        by
     }
 
     /// Projects a world-space point into the picture: pixels to the right and up from the centre. The camera-to-world transform
     /// is `to_world`, or that of the frame itself. `None` for points behind the camera.
     pub fn project(&self, to_world: Option<Affine3A>, p: Vec3) -> Option<Vec2> {
         let p = to_world.unwrap_or(self.to_world).inverse().transform_point3(p);
-        let depth = if self.perspective { -p.z } else { 1.0 };
-        let at = Vec2::new(p.x, p.y) * 0.5 * Vec2::from(self.size) / (Vec2::from(self.half) * depth);
+        let (at, depth) = match self.kind {
+            Kind::Perspective => (Vec2::new(p.x, p.y), -p.z),
+            Kind::Orthographic => (Vec2::new(p.x, p.y), 1.0),
+            Kind::Panorama => (Vec2::new(p.x.atan2(-p.z), p.y.atan2(p.x.hypot(p.z))), 1.0),
+        };
+        let at = at * 0.5 * Vec2::from(self.size) / (Vec2::from(self.half) * depth);
         Some(at).filter(|at| at.is_finite() && depth > 0.0)
     }
 
@@ -177,15 +202,25 @@ impl CameraRays {
     }
 
     #[inline(always)]
-    fn rays_from(&self, &CameraPose { right, up, back, eye }: &CameraPose, x: F, y: F) -> (V3, V3) {
+    fn rays_from(&self, pose: &CameraPose, x: F, y: F) -> (V3, V3) {
+        let &CameraPose { right, up, back, eye } = pose;
         let sx = x.mul_add(F::splat(2.0 / self.size[0]), F::splat(-1.0)) * F::splat(self.half[0]);
         let sy = y.mul_add(F::splat(-2.0 / self.size[1]), F::ONE) * F::splat(self.half[1]);
         let across = right * sx + up * sy;
-        if self.perspective {
-            (eye, (across - back).normalize_or(back))
-        } else {
-            (eye + across, (V3::ZERO - back).normalize_or(back))
+        match self.kind {
+            Kind::Perspective => (eye, (across - back).normalize_or(back)),
+            Kind::Orthographic => (eye + across, (V3::ZERO - back).normalize_or(back)),
+            Kind::Panorama => Self::panorama_ray(pose, sx, sy),
         }
+    }
+
+    /// The ray at a longitude and a latitude in radians. Those of pixels' filters that reach beyond a pole or a side are on the
+    /// other side of it.
+    #[inline(never)]
+    fn panorama_ray(&CameraPose { right, up, back, eye }: &CameraPose, longitude: F, latitude: F) -> (V3, V3) {
+        let ((s, c), (rise, flat)) = (longitude.sin_cos(), latitude.sin_cos());
+        let direction = right * (s * flat) + up * rise - back * (c * flat);
+        (eye, direction.normalize_or(back))
     }
 }
 
@@ -209,7 +244,8 @@ mod tests {
                 framing: None,
             };
             let rays = CameraRays::new(&camera, 320, 200);
-            let [to_camera, to_picture] = rays.matrices().map(|m| Mat4::from_cols_array(&m));
+            let (to_camera, to_picture) = rays.matrices();
+            let [to_camera, to_picture] = [to_camera, to_picture.unwrap()].map(|m| Mat4::from_cols_array(&m));
             for (x, y) in [(0.0, 0.0), (320.0, 200.0), (31.0, 170.0), (160.0, 100.0)] {
                 let (origin, direction) = rays.rays(F::splat(x), F::splat(y), F::ZERO);
                 let point = origin.lane(LANES - 1) + direction.lane(LANES - 1) * 5.0;
@@ -219,5 +255,31 @@ mod tests {
                 assert!((at.x - x / 320.0).abs() < 1e-5 && (at.y - y / 200.0).abs() < 1e-5, "{projection:?}: {at}");
             }
         }
+    }
+
+    #[test]
+    fn a_panorama_has_the_directions_of_an_environment_map_and_projects_them_back() {
+        let (eye, width, height) = (Vec3::new(1.0, -2.0, 3.0), 64.0, 30.0);
+        let rays = CameraRays::new(&Camera::panorama(eye), 64, 30);
+        assert!(rays.matrices().1.is_none());
+        for (x, y) in [(32.0, 15.0), (16.0, 15.0), (0.5, 0.5), (63.5, 29.5), (10.25, 20.0), (50.0, 3.0)] {
+            let (origin, direction) = rays.rays(F::splat(x), F::splat(y), F::ZERO);
+            let (origin, d) = (origin.lane(0), direction.lane(0));
+            assert_eq!(origin, eye);
+            assert!((d.length() - 1.0).abs() < 1e-6);
+            // The formula of environment maps (`Environment`).
+            let u = 0.5 + d.z.atan2(d.x) / TAU;
+            let v = d.y.acos() / PI;
+            assert!((u - x / width).abs() < 1e-5 && (v - y / height).abs() < 1e-5, "{x} {y}: {d} {u} {v}");
+            let back = rays.project(None, eye + d * 7.0).unwrap();
+            assert!((back - Vec2::new(x - 0.5 * width, 0.5 * height - y)).length() < 1e-3, "{back}");
+        }
+        // Across the seam the way is short.
+        let by = rays.displacement(Vec2::new(31.0, 0.0), Vec2::new(-31.0, 1.0));
+        assert!((by - Vec2::new(2.0, 1.0)).length() < 1e-5, "{by}");
+        // A filter that reaches beyond the zenith sees what is behind it.
+        let over = rays.rays(F::splat(20.0), F::splat(-0.5), F::ZERO).1.lane(0);
+        let behind = rays.rays(F::splat(52.0), F::splat(0.5), F::ZERO).1.lane(0);
+        assert!((over - behind).length() < 1e-5, "{over} {behind}");
     }
 }

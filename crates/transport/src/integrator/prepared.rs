@@ -8,7 +8,7 @@ use crate::Result;
 use crate::film::cryptomatte;
 use crate::light::Lights;
 use crate::rays::{self, Backend, RayQueries};
-use crate::scene::Scene;
+use crate::scene::{Camera, Scene};
 
 /// A scene with its acceleration structure and tables; independent of render settings.
 pub struct PreparedScene<'a> {
@@ -17,13 +17,13 @@ pub struct PreparedScene<'a> {
     /// The ray query backend.
     pub rays: Arc<dyn RayQueries + 'a>,
     /// Instance transforms, prepared for shading.
-    pub geometry: Geometry,
+    pub geometry: Arc<Geometry>,
     /// Materials, prepared for shading.
-    pub materials: Materials,
+    pub materials: Arc<Materials>,
     /// The lights, with their sampling tables.
-    pub lights: Lights,
+    pub lights: Arc<Lights>,
     /// Cryptomatte hashes of names.
-    pub names: Names,
+    pub names: Arc<Names>,
 }
 
 /// Cryptomatte hashes of names.
@@ -55,12 +55,33 @@ impl<'a> PreparedScene<'a> {
     pub fn after(scene: Arc<Scene>, rays: Arc<dyn RayQueries + 'a>, previous: Option<&Self>) -> Self {
         let geometry = Geometry::new(&scene);
         let materials = Materials::new(&scene);
-        let lights = Lights::after(&scene, scene.radius(), previous.map(|p| (&*p.scene, &p.lights)));
+        let lights = Lights::after(&scene, scene.radius(), previous.map(|p| (&*p.scene, &*p.lights)));
         let names = Names {
             objects: scene.instances.iter().map(|instance| cryptomatte::id(&instance.name)).collect(),
             materials: scene.materials.iter().map(|material| cryptomatte::id(&material.name)).collect(),
         };
-        Self { scene, rays, geometry, materials, lights, names }
+        Self {
+            scene,
+            rays,
+            geometry: geometry.into(),
+            materials: materials.into(),
+            lights: lights.into(),
+            names: names.into(),
+        }
+    }
+
+    /// The same scene with one more camera, which does not move. All tables are shared.
+    pub fn with_camera(&self, camera: Camera) -> Self {
+        let mut scene = Scene::clone(&self.scene);
+        scene.cameras.push(camera);
+        Self {
+            scene: scene.into(),
+            rays: Arc::clone(&self.rays),
+            geometry: Arc::clone(&self.geometry),
+            materials: Arc::clone(&self.materials),
+            lights: Arc::clone(&self.lights),
+            names: Arc::clone(&self.names),
+        }
     }
 
     /// The ray query backend, if `other` has the same surfaces.

@@ -27,7 +27,7 @@ pub fn velocity(transport: &Transport, (instance, mesh, prim): (u32, u32, u32), 
         let to_world = instance.adjacent_frames.map(|frames| frames[which]).or(instance.transform);
         let then =
             camera.project(camera.adjacent_frames.map(|frames| frames[which]), world_position(positions, to_world));
-        then.map_or(Vec2::ZERO, |then| then - now)
+        then.map_or(Vec2::ZERO, |then| camera.displacement(now, then))
     };
     [-displacement(0), displacement(1)]
 }

@@ -180,12 +180,12 @@ fn check_head(path: &Path, file: &File) -> Outcome<()> {
     })
 }
 
-fn cannot_use(path: &Path, why: &str) -> Error {
+pub(super) fn cannot_use(path: &Path, why: &str) -> Error {
     Error::Data(format!("{}: cannot use this OpenEXR file: {why}", path.display()))
 }
 
 /// Runs the decoder and turns its panics into errors.
-fn guarded<T>(decode: impl FnOnce() -> Result<T>) -> std::result::Result<T, String> {
+pub(super) fn guarded<T>(decode: impl FnOnce() -> Result<T>) -> std::result::Result<T, String> {
     guard::guarded("it is corrupt", decode)
 }
 
@@ -252,7 +252,7 @@ fn decode(bytes: &[u8], layer: Option<&str>, fits: &Fits) -> Result<Picture> {
 }
 
 /// Opens a file and checks its attributes, sizes and counts.
-fn checked(bytes: &[u8]) -> Result<Reader<Cursor<&[u8]>>> {
+pub(super) fn checked(bytes: &[u8]) -> Result<Reader<Cursor<&[u8]>>> {
     head::walk(bytes, &mut |_| ()).map_err(|e| invalid(e.to_string()))?;
     let chunks = exr::block::read(Cursor::new(bytes), false)?;
     chunks.headers().iter().try_for_each(|header| bounds::check(header, bytes.len() as u64)).map_err(invalid)?;
@@ -260,7 +260,7 @@ fn checked(bytes: &[u8]) -> Result<Reader<Cursor<&[u8]>>> {
 }
 
 /// Decodes the blocks of a part's highest resolution level in order, on this thread, where panics are caught.
-fn each_block(
+pub(super) fn each_block(
     chunks: Reader<Cursor<&[u8]>>,
     part: usize,
     mut work: impl FnMut(UncompressedBlock) -> Result<()>,
@@ -299,7 +299,7 @@ fn attribute<'a>(header: &'a ExrHeader, name: &str) -> Option<&'a AttributeValue
     header.own_attributes.other.get(&text(name))
 }
 
-fn invalid(why: impl Into<Cow<'static, str>>) -> ExrError {
+pub(super) fn invalid(why: impl Into<Cow<'static, str>>) -> ExrError {
     ExrError::Invalid(why.into())
 }
 

@@ -181,6 +181,7 @@ fn camera(index: usize, camera: &crate::scene::Camera) -> CameraSummary {
     let (projection, vertical) = match camera.projection {
         Projection::Perspective { yfov } => ("perspective", yfov.to_degrees()),
         Projection::Orthographic { ymag, .. } => ("orthographic", ymag),
+        Projection::Panorama => ("panorama", 180.0),
     };
     let position = camera.to_world.translation.to_array();
     CameraSummary { index, name: camera.name.clone(), projection, vertical, aspect: camera.aspect, position }

@@ -1,0 +1,459 @@
+"""Bismar: an offline glTF path tracer that finds the balance between light and BSDF sampling for each pixel.
+
+    import bismar
+
+    scene = bismar.load("scene.glb")
+    picture = scene.render(size=(640, 360), spp=64, aovs=["depth"])
+    rgba, depth = picture["beauty"], picture["depth"]
+    picture.save("shot.exr")
+
+Pictures have the bits that the command line renders with the same options. Lengths are metres, angles degrees unless said
+otherwise, colours linear Rec. 709; axes are glTF's (+y up, right-handed). Rendering releases the global lock (GIL).
+Messages go to `logging.getLogger("bismar")`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple, Union
+
+from . import _bismar
+from ._bismar import version as __version__
+from ._errors import ConfigError, Error, FileError, HostError, InputError, InternalError, Interrupted, UsageError
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    Path = Union[str, "os.PathLike[str]"]
+
+__all__ = [
+    "Camera",
+    "ConfigError",
+    "Error",
+    "FileError",
+    "HostError",
+    "InputError",
+    "InternalError",
+    "Interrupted",
+    "Picture",
+    "Progress",
+    "Scene",
+    "UsageError",
+    "__version__",
+    "compare",
+    "develop",
+    "load",
+    "merge",
+]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera of a scene."""
+
+    index: int
+    """Index for `Scene.render(camera=)`."""
+    name: str
+    """Name for `Scene.render(camera=)`."""
+    projection: str
+    """"perspective", "orthographic" or "panorama"."""
+    vertical: float
+    """Vertical field of view in degrees, or half of the height in metres of an orthographic camera."""
+    aspect: Optional[float]
+    """Width over height, if the file states it."""
+    matrix: List[List[float]]
+    """Camera to world, row by row (4 x 4): it looks along its local -z axis with +y up. That of the view `framed` depends
+    on the picture's aspect; this one is of a square."""
+
+
+class Progress(NamedTuple):
+    """Progress of a render."""
+
+    fraction: float
+    """Finished fraction in [0, 1], by the stop rule that is nearest."""
+    seconds: float
+    """Seconds since rendering began."""
+    spp: float
+    """Mean paths per pixel so far."""
+    noise: Optional[float]
+    """Estimated relative error after the last finished pass; None before."""
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, (list, tuple)):
+        return ",".join(_text(part) for part in value)
+    if isinstance(value, (str, int)):
+        return str(value)
+    if isinstance(value, os.PathLike):
+        return str(os.fspath(value))
+    if hasattr(value, "__index__"):
+        return str(value.__index__())
+    try:
+        return repr(float(value))
+    except (TypeError, ValueError):
+        raise UsageError(f"{value!r} is neither a number nor a text", 64) from None
+
+
+def _flags(**options: Any) -> List[Tuple[str, Optional[str]]]:
+    """Keyword arguments as flags of the command line."""
+    flags: List[Tuple[str, Optional[str]]] = []
+    for name, value in options.items():
+        if value is None or value is False:
+            continue
+        if name == "size":
+            value = value if isinstance(value, str) else "x".join(_text(side) for side in value)
+        flags.append((name.replace("_", "-"), None if value is True else _text(value)))
+    return flags
+
+
+def load(
+    path: Path,
+    *,
+    env: Optional[Path] = None,
+    env_rotate: Optional[float] = None,
+    env_strength: Optional[float] = None,
+    sky: bool = False,
+    no_env: bool = False,
+    light_unit: Optional[str] = None,
+    scene: Union[str, int, None] = None,
+    variant: Union[str, int, None] = None,
+    pose: Optional[float] = None,
+    frame: Optional[float] = None,
+    fps: Optional[float] = None,
+    animation: Union[str, int, None] = None,
+    shutter: Optional[Tuple[float, float]] = None,
+    motion_steps: Optional[int] = None,
+    velocity: bool = False,
+    strict: bool = False,
+    rays: Optional[str] = None,
+    memory_limit: Union[str, int, None] = None,
+    threads: Optional[int] = None,
+) -> Scene:
+    """Loads a glTF scene (.gltf or .glb) and builds what rendering needs. The arguments are flags of `bismar render`.
+
+    env: environment map, an equirectangular .hdr or .exr; `env_rotate` turns it about +y (degrees), `env_strength` is a
+        factor of its radiance. `sky` is a white environment, `no_env` none.
+    light_unit: "lumen" or "watt", the unit of the file's point, spot and directional lights.
+    scene, variant, animation: by name or index.
+    pose: time of the animations in seconds; or `frame`, in frames of `fps` (24).
+    shutter: opening and closing time in frames relative to that time, for motion blur.
+    velocity: prepares the AOV "velocity"; needs a time.
+    strict: refuse features that can only be approximated or ignored.
+    rays: "embree" or "obvhs".
+    memory_limit: bytes, or a text such as "6G": a scene or picture that needs more is a HostError.
+    threads: number of threads [default: BISMAR_THREADS, else SLURM_CPUS_PER_TASK, else all cores]. Scenes without a
+        number share their threads.
+
+    Raises InputError for a file that is missing or cannot be used, UsageError for wrong arguments, HostError where memory
+    or Embree do not suffice.
+    """
+    options = _flags(
+        env=env,
+        env_rotate=env_rotate,
+        env_strength=env_strength,
+        sky=sky,
+        no_env=no_env,
+        light_unit=light_unit,
+        scene_name=scene,
+        variant=variant,
+        pose=pose,
+        frame=frame,
+        fps=fps,
+        animation=animation,
+        shutter=shutter,
+        motion_steps=motion_steps,
+        strict=strict,
+        rays=rays,
+        memory_limit=memory_limit,
+        aov="velocity" if velocity else None,
+    )
+    return Scene(_bismar.load(path, options, threads))
+
+
+class Scene:
+    """A scene in memory, which can be rendered many times, also by several threads at once. `load` makes it."""
+
+    def __init__(self, native: _bismar.Scene) -> None:
+        self._native = native
+
+    @property
+    def cameras(self) -> List[Camera]:
+        """The file's cameras, the view `framed` that shows the whole scene, and those that were added."""
+        return [Camera(index, *camera) for index, camera in enumerate(self._native.cameras())]
+
+    @property
+    def bounds(self) -> Optional[Tuple[Tuple[float, float, float], Tuple[float, float, float]]]:
+        """Lower and upper corner of an axis-aligned box around all surfaces (world space, metres); None without any.
+
+        It is the smallest such box unless objects that are placed several times are rotated.
+        """
+        box = self._native.bounds()
+        return None if box is None else (tuple(box[0]), tuple(box[1]))  # type: ignore[return-value]
+
+    def inspect(self) -> Dict[str, Any]:
+        """What the file contains, and what is approximated, ignored or not loaded, as `bismar inspect --json` prints it.
+
+        Reads the file again.
+        """
+        return json.loads(self._native.inspect())  # type: ignore[no-any-return]
+
+    def add_camera(self, matrix: Any, fov: Union[float, str], name: Optional[str] = None) -> Camera:
+        """Adds a perspective camera or a panorama. It shares all else with the scene, so thousands cost little.
+
+        matrix: camera to world, 4 x 4 (nested lists or an array): three orthonormal, right-handed columns and the position
+            in metres. The camera looks along its local -z axis with +y up (glTF, OpenGL, NeRF).
+        fov: vertical field of view in degrees, above 0 and below 180; or "panorama": all directions, as an equirectangular
+            picture with the view axis in its middle.
+        name: for `render(camera=)` [default: "added-N" by its index]; no other camera may have it.
+
+        Raises UsageError for a matrix that is no rotation and translation.
+        """
+        try:
+            rows = [[float(x) for x in row] for row in matrix]
+        except (TypeError, ValueError):
+            rows = []
+        if [len(row) for row in rows] != [4, 4, 4, 4]:
+            raise UsageError("matrix: not 4 x 4 numbers", 64)
+        name = f"added-{len(self._native.cameras())}" if name is None else name
+        try:
+            angle = None if fov == "panorama" else float(fov)
+        except (TypeError, ValueError):
+            raise UsageError(f"fov: {fov!r} is neither degrees nor 'panorama'", 64) from None
+        index = self._native.add_camera(name, rows, angle)
+        return self.cameras[index]
+
+    def render(
+        self,
+        camera: Union[str, int, Camera, None] = None,
+        size: Union[Tuple[int, int], str, None] = None,
+        *,
+        orbit: Optional[Sequence[float]] = None,
+        spp: Optional[int] = None,
+        time: Union[float, str, None] = None,
+        noise: Optional[float] = None,
+        min_spp: Optional[int] = None,
+        adaptive: bool = False,
+        balance: Optional[str] = None,
+        pilot: Optional[float] = None,
+        integrator: Optional[str] = None,
+        max_depth: Optional[int] = None,
+        guiding: Optional[str] = None,
+        guiding_memory: Union[str, int, None] = None,
+        clamp_direct: Optional[float] = None,
+        clamp_indirect: Optional[float] = None,
+        filter: Optional[str] = None,
+        seed: Optional[int] = None,
+        crop: Optional[Tuple[int, int, int, int]] = None,
+        aperture: Union[str, float, None] = None,
+        focus: Union[str, float, None] = None,
+        lens_blades: Optional[int] = None,
+        transparent: bool = False,
+        aovs: Union[str, Iterable[str], None] = None,
+        denoise: bool = False,
+        progress: Optional[Callable[[Progress], Any]] = None,
+    ) -> Picture:
+        """Renders a picture. The arguments are flags of `bismar render`, and so are the defaults.
+
+        camera: a `Camera`, or its name or index, or "framed" (a view that fits the whole scene), or "panorama" (all
+            directions from the first camera, in the orientation of an environment map) [default: the first].
+        orbit: instead of a camera, a view around the scene: azimuth (0 sees it from +z, 90 from +x) and elevation in
+            degrees, and the distance as a multiple of that at which the sphere around the scene just fits [1].
+        size: width and height in pixels [default: 960 wide, with the camera's aspect ratio].
+        spp, time, noise: stops at this number of paths per pixel, after these seconds of this call, or at this estimated
+            relative error, whichever is first [default: 64 paths].
+        balance: how samples are divided between lights and BSDF: "progressive" (the default), "second-order", "kl",
+            "efficiency-aware", "half", "power" or "max".
+        guiding: "off", "on" or "auto". adaptive: paths per tile by estimated variance and cost.
+        crop: window x0, y0, x1, y1 in pixels, the last two exclusive.
+        aperture: an f-stop such as "f/2.8" or a radius in metres; focus: a distance in metres or "auto".
+        aovs: names from docs/pictures.md, or "all" or "none" [default: variance, samples, balance].
+        denoise: take what `Picture.denoise` needs.
+        progress: called about twenty times a second with a `Progress`, by the calling thread. If it returns False, the
+            render stops within the time of a tile and returns what there is (`Picture.interrupted`).
+
+        Raises UsageError for wrong arguments, HostError where memory does not suffice, and Interrupted after Ctrl-C, with
+        what there is in its attribute `picture`.
+        """
+        if isinstance(camera, Camera):
+            camera = camera.index
+        if not (aovs is None or isinstance(aovs, str)):
+            aovs = ",".join(aovs) or "none"
+        options = _flags(
+            camera=camera,
+            orbit=orbit,
+            size=size,
+            spp=spp,
+            time=time,
+            noise=noise,
+            min_spp=min_spp,
+            adaptive=adaptive,
+            balance=balance,
+            pilot=pilot,
+            integrator=integrator,
+            max_depth=max_depth,
+            guiding=guiding,
+            guiding_memory=guiding_memory,
+            clamp_direct=clamp_direct,
+            clamp_indirect=clamp_indirect,
+            filter=filter,
+            seed=seed,
+            crop=crop,
+            aperture=aperture,
+            focus=focus,
+            lens_blades=lens_blades,
+            transparent=transparent,
+            aov=aovs,
+            denoise="oidn" if denoise else None,
+        )
+        call = None if progress is None else (lambda *now: progress(Progress(*now)))
+        native, stopped_by = self._native.render(options, call)
+        picture = None if native is None else Picture(native)
+        if isinstance(stopped_by, KeyboardInterrupt):
+            interrupted = Interrupted("interrupted; the attribute `picture` has what there is", 75)
+            interrupted.picture = picture
+            raise interrupted from stopped_by
+        if stopped_by is not None:
+            raise stopped_by
+        assert picture is not None
+        return picture
+
+
+class Picture:
+    """A rendered picture in memory; `Scene.render` makes it. It keeps its scene in memory.
+
+    Layers are arrays: `picture["beauty"]`, and `picture[name]` for each AOV that was asked for, see `layers`.
+    """
+
+    def __init__(self, native: _bismar.Picture) -> None:
+        self._native = native
+        self._arrays: Dict[str, Tuple[npt.NDArray[Any], List[str]]] = {}
+
+    def _layer(self, name: str) -> Tuple[npt.NDArray[Any], List[str]]:
+        if name not in self._arrays:
+            try:
+                self._arrays[name] = self._native.layer(name)
+            except UsageError as error:
+                raise KeyError(str(error)) from None
+        return self._arrays[name]
+
+    def __getitem__(self, layer: str) -> npt.NDArray[Any]:
+        """A layer as an array (H, W, C), row 0 at the top; the same array each time.
+
+        "beauty" is float32 (H, W, 4): linear red, green, blue, premultiplied by alpha, and alpha. "depth" is float32
+        (H, W, 1) in metres, 1e10 where nothing was hit; "normal" and "position" are (H, W, 3), world space, metres;
+        "object", "material" and "samples" are uint32 (H, W, 1). docs/pictures.md lists all. Raises KeyError for a layer
+        that was not rendered.
+        """
+        return self._layer(layer)[0]
+
+    def channels(self, layer: str) -> List[str]:
+        """Names of a layer's channels, such as R, G, B, A."""
+        return list(self._layer(layer)[1])
+
+    @property
+    def layers(self) -> List[str]:
+        """Names of the layers: "beauty" and the AOVs."""
+        return self._native.layers()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.layers)
+
+    def __contains__(self, layer: object) -> bool:
+        return layer in self.layers
+
+    @property
+    def size(self) -> Tuple[int, int]:
+        """Width and height in pixels, of the crop window if there is one."""
+        width, height = self._native.size()
+        return width, height
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the render was stopped before it was complete."""
+        return self._native.interrupted()
+
+    @property
+    def stats(self) -> Dict[str, Any]:
+        """Times, counts and settings, as `bismar render --stats` writes them (docs/stats.md)."""
+        return json.loads(self._native.stats())  # type: ignore[no-any-return]
+
+    @property
+    def camera_to_world(self) -> List[List[float]]:
+        """Camera to world, row by row (4 x 4), as it was rendered: also for the view `framed`."""
+        return self._native.view()[0]
+
+    def denoise(self) -> npt.NDArray[np.float32]:
+        """The beauty denoised by Intel Open Image Denoise, float32 (H, W, 3).
+
+        Raises UsageError for a picture that was rendered without `denoise=True`, HostError without the library
+        (docs/pictures.md).
+        """
+        return self._native.denoised()  # type: ignore[no-any-return]
+
+    def save(
+        self,
+        path: Path,
+        *,
+        view: str = "agx",
+        exposure: Union[float, str] = "auto",
+        resumable: bool = False,
+        half: bool = False,
+    ) -> None:
+        """Writes the picture: .exr with all layers; .png, .jpg or lossless .webp through a view transform.
+
+        view: "agx", "neutral" or "srgb"; exposure: stops, or "auto" (not for .exr).
+        resumable: also store what `bismar render --resume` and `merge` need (.exr). An interrupted picture always has it.
+        half: colours as 16-bit floats (.exr).
+
+        A file is complete or not there. Raises FileError if it cannot be written.
+        """
+        self._native.save(path, view, _text(exposure), resumable, half)
+
+
+def compare(a: Union[Picture, Path], b: Union[Picture, Path], *, layer: Optional[str] = None) -> Dict[str, Any]:
+    """Errors of a picture A against a reference B, each a `Picture` or a file (EXR, HDR, PNG, JPEG).
+
+    The keys are those of `bismar compare --json`: "rel_mse", "rmse", "mae", "flip", "bias" (R, G, B), "not_finite" (pixels
+    of A and of B), and "statistics" with "bias_z" if both have variance. A crop is compared with the same window.
+    layer: a layer or channel of files, such as "albedo" or "depth.Z".
+
+    Raises InputError for pictures of different windows.
+    """
+    natives = [picture._native if isinstance(picture, Picture) else picture for picture in (a, b)]
+    return json.loads(_bismar.compare(natives[0], natives[1], layer))  # type: ignore[no-any-return]
+
+
+def merge(
+    parts: Sequence[Path],
+    output: Path,
+    *,
+    preview: Optional[Path] = None,
+    view: Optional[str] = None,
+    exposure: Union[float, str, None] = None,
+    statistics: bool = True,
+) -> None:
+    """Merges the parts of a picture, or averages pictures of different seeds, into the EXR `output`.
+
+    Pictures of different seeds must hold their statistics: `Picture.save(path, resumable=True)`.
+    preview: also write a PNG. statistics: keep what a render could be continued from.
+    """
+    options = _flags(output=output, preview=preview, view=view, exposure=exposure, no_statistics=not statistics)
+    _bismar.merge(list(parts), options)
+
+
+def develop(
+    input: Path,
+    output: Optional[Path] = None,
+    *,
+    view: Optional[str] = None,
+    exposure: Union[float, str, None] = None,
+    layer: Optional[str] = None,
+) -> None:
+    """Converts an EXR or HDR picture to PNG by a view transform ("agx", "neutral", "srgb") and an exposure in stops.
+
+    output: [default: the picture's name with .png, in the same folder]. layer: shown instead of the beauty.
+    """
+    _bismar.develop(input, _flags(output=output, view=view, exposure=exposure, layer=layer))

@@ -1,0 +1,67 @@
+//! Log events of the library, handed to Python's `logging` under the name `bismar`.
+
+use std::fmt::{Debug, Write};
+use std::mem::take;
+use std::sync::{Mutex, PoisonError};
+
+use pyo3::prelude::*;
+use tracing::field::{Field, Visit};
+use tracing::level_filters::LevelFilter;
+use tracing::{Event, Level, Subscriber};
+use tracing_subscriber::layer::{Context, Layer, SubscriberExt};
+
+/// Events that Python has not been told of: Python's level and the text.
+static EVENTS: Mutex<Vec<(u8, String)>> = Mutex::new(Vec::new());
+/// Most events that wait; later ones are dropped.
+const MOST: usize = 1000;
+
+struct Collector;
+
+struct Message(String);
+
+impl Visit for Message {
+    fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
+        if field.name() == "message" {
+            let _ = write!(self.0, "{value:?}");
+        }
+    }
+}
+
+impl<S: Subscriber> Layer<S> for Collector {
+    fn max_level_hint(&self) -> Option<LevelFilter> {
+        Some(LevelFilter::INFO)
+    }
+
+    fn on_event(&self, event: &Event, _: Context<S>) {
+        let level = match *event.metadata().level() {
+            Level::ERROR => 40,
+            Level::WARN => 30,
+            Level::INFO => 20,
+            _ => return,
+        };
+        let mut message = Message(String::new());
+        event.record(&mut message);
+        let mut events = EVENTS.lock().unwrap_or_else(PoisonError::into_inner);
+        if events.len() < MOST {
+            events.push((level, message.0));
+        }
+    }
+}
+
+/// Collects events from now on. Any thread can make one, so none calls Python.
+pub fn start() {
+    let _ = tracing::subscriber::set_global_default(tracing_subscriber::registry().with(Collector));
+}
+
+/// Hands the collected events to `logging.getLogger("bismar")`.
+///
+/// # Errors
+/// The exception of a handler.
+pub fn deliver(py: Python) -> PyResult<()> {
+    let events = take(&mut *EVENTS.lock().unwrap_or_else(PoisonError::into_inner));
+    if events.is_empty() {
+        return Ok(());
+    }
+    let logger = py.import("logging")?.call_method1("getLogger", ("bismar",))?;
+    events.into_iter().try_for_each(|(level, text)| logger.call_method1("log", (level, "%s", text)).map(drop))
+}

@@ -1,0 +1,152 @@
+//! Work of the library without Python's lock (GIL): on a thread pool, with panics caught, and with signals seen.
+
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::process;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::Duration;
+
+use pyo3::prelude::*;
+use rayon::ThreadPool;
+
+use bismar::console::host;
+use bismar::render::Progress;
+use bismar::{Error, Result};
+
+use crate::{errors, log};
+
+/// Time between looks at signals and calls of the progress callback.
+const INTERVAL: Duration = Duration::from_millis(50);
+
+/// The process whose threads were started, 0 before.
+static PROCESS: AtomicU32 = AtomicU32::new(0);
+static DEFAULT_POOL: Mutex<Option<Arc<ThreadPool>>> = Mutex::new(None);
+
+/// A pool of `threads` threads; without a number the one that the whole process shares.
+pub fn pool(threads: Option<usize>) -> Result<Arc<ThreadPool>> {
+    if let Some(threads) = threads {
+        check_process()?;
+        return host::pool(threads).map(Arc::new);
+    }
+    check_process()?;
+    let mut shared = DEFAULT_POOL.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(pool) = &*shared {
+        return Ok(Arc::clone(pool));
+    }
+    let pool = Arc::new(host::pool(bismar::cli::in_memory::default_threads()?)?);
+    *shared = Some(Arc::clone(&pool));
+    Ok(pool)
+}
+
+/// Threads do not survive a fork: work in the child would wait for ever.
+fn check_process() -> Result<()> {
+    match PROCESS.compare_exchange(0, process::id(), Ordering::SeqCst, Ordering::SeqCst) {
+        Err(first) if first != process::id() => Err(Error::Host(
+            "this process was forked from one that had used bismar, whose threads it lacks: fork before the first use, or \
+             start processes by multiprocessing.get_context('spawn')"
+                .into(),
+        )),
+        _ => Ok(()),
+    }
+}
+
+fn message(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or("unknown".into())
+}
+
+fn guarded<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
+    // Nothing that a panic could leave half done is used afterwards: each call makes its own state.
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| Err(Error::Bug(message(&*panic))))
+}
+
+/// Does work on a pool, without the lock.
+///
+/// # Errors
+/// The work's error, and a panic, as exceptions.
+pub fn work<T: Send>(py: Python, on: Option<&ThreadPool>, work: impl FnOnce() -> Result<T> + Send) -> PyResult<T> {
+    let done = py.detach(|| {
+        let shared;
+        let on = match on {
+            Some(on) => check_process().map(|()| on)?,
+            None => {
+                shared = pool(None)?;
+                &*shared
+            }
+        };
+        on.install(|| guarded(work))
+    });
+    log::deliver(py)?;
+    done.map_err(|error| errors::raise(py, &error))
+}
+
+/// What a render leaves: its result, and the exception of a signal handler or of the callback that stopped it.
+pub struct Outcome<T> {
+    pub result: Result<T>,
+    pub exception: Option<PyErr>,
+}
+
+/// Does work that can be stopped and reports progress. The calling thread sees signals and calls `callback` meanwhile; the
+/// work stops if a signal handler or the callback raises an exception, or the callback returns False.
+pub fn stoppable<T: Send>(
+    py: Python,
+    on: &ThreadPool,
+    callback: Option<&Py<PyAny>>,
+    work: impl FnOnce(&AtomicBool, &(dyn Fn(Progress) + Sync)) -> Result<T> + Send,
+) -> Outcome<T> {
+    let (stop, latest) = (AtomicBool::new(false), Mutex::new(None));
+    let look = |py: Python| -> PyResult<()> {
+        py.check_signals()?;
+        log::deliver(py)?;
+        let progress: Option<Progress> = latest.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let (Some(callback), Some(p)) = (callback, progress) {
+            let noise = Some(p.noise).filter(|noise| noise.is_finite());
+            let answer = callback.call1(py, (p.fraction, p.seconds, p.mean_spp, noise))?;
+            if answer.bind(py).is(pyo3::types::PyBool::new(py, false)) {
+                stop.store(true, Ordering::Relaxed);
+            }
+        }
+        Ok(())
+    };
+    let (result, mut exception) = py.detach(|| {
+        if let Err(error) = check_process() {
+            return (Err(error), None);
+        }
+        let mut exception = None;
+        let result = thread::scope(|scope| {
+            let (done, ends) = channel();
+            let progress = |p: Progress| *latest.lock().unwrap_or_else(PoisonError::into_inner) = Some(p);
+            let stop = &stop;
+            let render = thread::Builder::new().name("bismar".into()).spawn_scoped(scope, move || {
+                let result = on.install(|| guarded(|| work(stop, &progress)));
+                // The receiver waits for it.
+                let _ = done.send(result);
+            });
+            if let Err(e) = render {
+                return Err(Error::Host(format!("cannot start a thread: {e}")));
+            }
+            loop {
+                match ends.recv_timeout(INTERVAL) {
+                    Ok(result) => return result,
+                    Err(RecvTimeoutError::Disconnected) => return Err(Error::Bug("a render without a result".into())),
+                    Err(RecvTimeoutError::Timeout) => {}
+                }
+                if exception.is_none() {
+                    exception = Python::attach(look).err();
+                    if exception.is_some() {
+                        stop.store(true, Ordering::Relaxed);
+                    }
+                }
+            }
+        });
+        (result, exception)
+    });
+    // The last progress, and signals of the last moment.
+    if exception.is_none() {
+        exception = look(py).err();
+    }
+    Outcome { result, exception }
+}

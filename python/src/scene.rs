@@ -1,0 +1,80 @@
+//! `bismar.Scene`.
+
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use pyo3::prelude::*;
+use rayon::ThreadPool;
+
+use bismar::cli::in_memory::LoadedScene;
+use bismar::scene::{FieldOfView, PlacedCamera};
+
+use crate::picture::Picture;
+use crate::{Flag, errors, json, run};
+
+/// A camera: name, projection, vertical, aspect, matrix.
+type Camera = (String, &'static str, f64, Option<f64>, [[f64; 4]; 4]);
+
+/// A scene in memory, and the threads that render it.
+#[pyclass(frozen, module = "bismar._bismar")]
+pub struct Scene {
+    scene: Mutex<Arc<LoadedScene>>,
+    pool: Arc<ThreadPool>,
+}
+
+#[pyfunction]
+pub fn load(py: Python, path: PathBuf, options: Vec<Flag>, threads: Option<usize>) -> PyResult<Scene> {
+    let pool = run::pool(threads).map_err(|error| errors::raise(py, &error))?;
+    let scene = run::work(py, Some(&pool), || LoadedScene::load(&path, &options))?;
+    Ok(Scene { scene: Mutex::new(Arc::new(scene)), pool })
+}
+
+impl Scene {
+    fn current(&self) -> Arc<LoadedScene> {
+        Arc::clone(&self.scene.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+#[pymethods]
+impl Scene {
+    fn cameras(&self) -> Vec<Camera> {
+        let cameras = self.current().cameras();
+        cameras.into_iter().map(|c| (c.name, c.projection, c.vertical, c.aspect, c.to_world)).collect()
+    }
+
+    fn add_camera(&self, py: Python, name: String, matrix: [[f64; 4]; 4], fov: Option<f64>) -> PyResult<usize> {
+        let mut scene = self.scene.lock().unwrap_or_else(PoisonError::into_inner);
+        // A render in another thread keeps the scene as it was.
+        let mut next = LoadedScene::clone(&scene);
+        let fov = fov.map_or(FieldOfView::Panorama, FieldOfView::Vertical);
+        let added = next.add_camera(&PlacedCamera { name, to_world: matrix, fov });
+        *scene = Arc::new(next);
+        added.map_err(|error| errors::raise(py, &error))
+    }
+
+    fn bounds(&self) -> Option<[[f32; 3]; 2]> {
+        self.current().scene().bounds().map(|corners| corners.map(|corner| corner.to_array()))
+    }
+
+    fn inspect(&self, py: Python) -> PyResult<String> {
+        let scene = self.current();
+        run::work(py, Some(&self.pool), || json(&scene.inspect()?))
+    }
+
+    /// The picture, if there is one, and the exception that stopped the render, if one did.
+    fn render(
+        &self,
+        py: Python,
+        options: Vec<Flag>,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<(Option<Picture>, Option<PyErr>)> {
+        let scene = self.current();
+        let outcome =
+            run::stoppable(py, &self.pool, progress.as_ref(), |stop, progress| scene.render(&options, stop, progress));
+        match (outcome.result, outcome.exception) {
+            (Ok(picture), exception) => Ok((Some(Picture(Arc::new(picture))), exception)),
+            (Err(bismar::Error::Interrupted(_)), Some(exception)) => Ok((None, Some(exception))),
+            (Err(error), _) => Err(errors::raise(py, &error)),
+        }
+    }
+}

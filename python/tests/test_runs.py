@@ -1,0 +1,160 @@
+"""Errors, signals, threads, memory and time."""
+
+import logging
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import bismar
+
+
+@pytest.mark.parametrize(
+    "work, kind, code",
+    [
+        (lambda s: bismar.load("nowhere.glb"), bismar.InputError, 66),
+        (lambda s: bismar.load(__file__), bismar.InputError, 65),
+        (lambda s: bismar.load("x.glb", pose=-1), bismar.UsageError, 64),
+        (lambda s: bismar.load("x.glb", shutter=(1, 0), frame=3), bismar.UsageError, 64),
+        (lambda s: s.render(spp=0), bismar.UsageError, 64),
+        (lambda s: s.render(size=(0, 5)), bismar.UsageError, 64),
+        (lambda s: s.render(camera="nobody"), bismar.UsageError, 64),
+        (lambda s: s.render(balance="best"), bismar.UsageError, 64),
+        (lambda s: s.render(aovs=["colour"]), bismar.UsageError, 64),
+        (lambda s: s.render(noise=object()), bismar.UsageError, 64),
+        (lambda s: s.render(size=(65536, 65536), spp=1), bismar.HostError, 76),
+        (lambda s: s.render(size=(8, 8), spp=1).save("/nowhere/a.exr"), bismar.FileError, 73),
+        (lambda s: s.render(size=(8, 8), spp=1).save("a.gif"), bismar.UsageError, 64),
+        (lambda s: s.render(size=(8, 8), spp=1).save("a.exr", view="pretty"), bismar.UsageError, 64),
+        (lambda s: bismar.compare(s.render(size=(8, 8), spp=1), s.render(size=(9, 8), spp=1)), bismar.InputError, 65),
+        (lambda s: bismar.merge(["nowhere.exr"], "/tmp/merged.exr"), bismar.InputError, 66),
+        (lambda s: bismar.develop("nowhere.exr"), bismar.InputError, 66),
+        (lambda s: bismar._bismar._panic(), bismar.InternalError, 70),
+    ],
+)
+def test_errors_are_exceptions_by_exit_code(cornell, work, kind, code):
+    with pytest.raises(kind) as raised:
+        work(cornell)
+    assert isinstance(raised.value, bismar.Error) and raised.value.exit_code == code and str(raised.value)
+
+
+def test_a_scene_that_vanishes_between_renders_is_not_missed(scenes, tmp_path):
+    path = tmp_path / "scene.glb"
+    path.write_bytes((scenes / "cornell.glb").read_bytes())
+    scene = bismar.load(path)
+    first = scene.render(size=(8, 8), spp=2)["beauty"]
+    path.unlink()
+    assert (scene.render(size=(8, 8), spp=2)["beauty"] == first).all()
+    with pytest.raises(bismar.InputError):
+        scene.inspect()
+
+
+def test_ctrl_c_gives_what_there_is(cornell, tmp_path):
+    timer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt) as raised:
+        cornell.render(size=(256, 256), spp=1_000_000)
+    assert time.monotonic() - began < 5
+    assert isinstance(raised.value, bismar.Interrupted) and raised.value.exit_code == 75
+    picture = raised.value.picture
+    assert picture.interrupted and picture["beauty"].mean() > 0
+    picture.save(tmp_path / "part.exr")
+
+
+def test_a_callback_sees_progress_and_ends_a_render(cornell):
+    seen = []
+
+    def ends(progress):
+        seen.append(progress)
+        return progress.seconds < 0.3
+
+    picture = cornell.render(size=(128, 128), spp=1_000_000, progress=ends)
+    assert picture.interrupted and picture.stats["stop"] == "interrupted"
+    assert all(0 <= p.fraction <= 1 for p in seen) and seen[-1].spp > 0
+
+    def fails(progress):
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        cornell.render(size=(128, 128), spp=1_000_000, progress=fails)
+
+
+def test_python_runs_while_a_picture_renders(cornell):
+    counted, done = 0, threading.Event()
+    render = threading.Thread(target=lambda: (cornell.render(size=(64, 64), time=0.7), done.set()))
+    render.start()
+    while not done.is_set():
+        counted += 1
+        time.sleep(0.001)
+    render.join()
+    assert counted > 50
+
+
+def test_threads_and_numbers_of_threads_make_the_same_picture(scenes, cornell):
+    expected = cornell.render(size=(24, 24), spp=8)["beauty"]
+    found = []
+    work = [threading.Thread(target=lambda: found.append(cornell.render(size=(24, 24), spp=8))) for _ in range(4)]
+    [thread.start() for thread in work]
+    [thread.join() for thread in work]
+    found.append(bismar.load(scenes / "cornell.glb", threads=1).render(size=(24, 24), spp=8))
+    assert len(found) == 5 and all((picture["beauty"] == expected).all() for picture in found)
+
+
+def test_a_fork_before_the_first_use_works_and_one_after_it_is_an_error(scenes):
+    program = f"""
+import os, bismar
+def use():
+    bismar.load({str(scenes / "cornell.glb")!r}).render(size=(8, 8), spp=1)
+child = os.fork()
+if child == 0:
+    use(); os._exit(7)
+assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+use()
+child = os.fork()
+if child == 0:
+    try:
+        use()
+    except bismar.HostError as error:
+        os._exit(error.exit_code)
+    os._exit(0)
+assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 76
+"""
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
+
+
+def test_warnings_go_to_logging(scenes, caplog):
+    with caplog.at_level(logging.INFO, logger="bismar"):
+        bismar.load(scenes / "cornell.glb", no_env=True)
+    assert any("read " in record.message for record in caplog.records if record.name == "bismar")
+
+
+def test_import_takes_less_than_a_fifth_of_a_second():
+    program = "import time; t = time.perf_counter(); import bismar; print(time.perf_counter() - t)"
+    seconds = [float(subprocess.check_output([sys.executable, "-c", program])) for _ in range(5)]
+    assert min(seconds) < 0.2, seconds
+
+
+def resident():
+    with open("/proc/self/status") as status:
+        return next(int(line.split()[1]) / 1024 for line in status if line.startswith("VmRSS:"))
+
+
+def test_a_thousand_renders_keep_memory_flat(cornell, tmp_path):
+    def once(seed):
+        picture = cornell.render(size=(16, 16), spp=1, seed=seed, aovs=["depth", "object"])
+        assert picture["depth"].shape == (16, 16, 1) and np.isfinite(picture["beauty"]).all()
+        picture.save(tmp_path / "a.exr")
+
+    [once(seed) for seed in range(200)]
+    before = resident()
+    [once(seed) for seed in range(1000)]
+    grown = resident() - before
+    print(f"{before:.1f} MiB, grown by {grown:.2f} MiB")
+    # A picture has 16 x 16 pixels of about 200 bytes: one leaked array a render would be over 50 MiB.
+    assert grown < 4

@@ -1,0 +1,234 @@
+//! `bismar check GOLDEN…`
+
+mod outcome;
+mod page;
+mod report;
+
+use std::collections::{HashMap, HashSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::Args;
+
+use super::batch::{Work, plan};
+use super::render::PictureCommand;
+use crate::batch::job::Job;
+use crate::batch::report::{Entry, Status, earlier};
+use crate::console::args::{not_negative, threads};
+use crate::console::progress::Style;
+use crate::console::{Paths, Verbosity, Verdict, print, say};
+use crate::film::atomic;
+use crate::render::StopReason;
+use crate::render::checkpoint::Earlier;
+use crate::{Error, Result};
+use outcome::{Limit, Outcome, compare};
+
+/// Render golden pictures again as their headers say, and compare (docs/check.md).
+///
+/// A golden picture passes if every channel has equal bits, or if the FLIP error of the beauty is within --max-flip at
+/// --percentile. The exit code is 1 if a picture differs; if one cannot be rendered, the highest exit code of those.
+#[derive(Debug, Args)]
+pub struct CheckArgs {
+    /// Golden pictures (.exr) that bismar has rendered, or folders of them.
+    #[arg(required = true, value_name = "GOLDEN")]
+    goldens: Vec<PathBuf>,
+    /// Folder against which the scenes' and environments' relative paths in the headers are resolved, and in which those that
+    /// were given as absolute paths are looked up by name.
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    root: PathBuf,
+    /// Folder of the results: index.html, junit.xml, report.json, and in `new` the pictures that are not identical.
+    #[arg(long, value_name = "DIR", default_value = "bismar-check")]
+    out: PathBuf,
+    /// Largest FLIP error, 0 to 1; 0 asks for equal bits.
+    #[arg(long, value_name = "X", value_parser = not_negative, default_value_t = outcome::MAX_FLIP)]
+    max_flip: f64,
+    /// Percentile of the pixels' FLIP errors that is compared with --max-flip.
+    #[arg(long, value_name = "P", value_parser = percent, default_value_t = 99.0)]
+    percentile: f64,
+    /// Replace golden pictures that are not identical by the new ones.
+    #[arg(long)]
+    update: bool,
+    /// Number of pictures to render at the same time; they share the threads.
+    #[arg(short, long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    jobs: u32,
+    /// Number of threads [default: BISMAR_THREADS, else SLURM_CPUS_PER_TASK, else all cores].
+    #[arg(long, value_name = "N", value_parser = threads)]
+    threads: Option<usize>,
+}
+
+/// A golden picture and what became of it.
+struct Check {
+    golden: PathBuf,
+    /// Path of the scene.
+    scene: String,
+    /// Path of the new picture.
+    new: PathBuf,
+    /// Seconds of the render.
+    seconds: f64,
+    outcome: Outcome,
+    updated: bool,
+}
+
+fn percent(text: &str) -> std::result::Result<f64, String> {
+    text.parse().ok().filter(|p| (0.0..=100.0).contains(p)).ok_or("not a number from 0 to 100".into())
+}
+
+pub fn run(args: &CheckArgs, verbosity: Verbosity) -> Result<Verdict> {
+    let began = Instant::now();
+    let folder = args.out.join("new");
+    fs::create_dir_all(&folder)
+        .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", folder.display())))?;
+    let results = ["index.html", "junit.xml", "report.json"].map(|name| args.out.join(name));
+    results.iter().try_for_each(|path| atomic::check(path))?;
+    let (mut checks, mut jobs) = (Vec::new(), Vec::new());
+    for (i, golden) in pictures(&args.goldens)?.into_iter().enumerate() {
+        let stem = golden.file_stem().unwrap_or_default().to_string_lossy();
+        let new = folder.join(format!("{:04}-{stem}.exr", i + 1));
+        // What an earlier check has left is of another program, perhaps.
+        let _ = fs::remove_file(&new);
+        let job = job(&golden, &new, &args.root);
+        let (scene, outcome) = match &job {
+            Ok(job) => (job.scene.display().to_string(), Outcome::Pending),
+            Err(error) => (String::new(), Outcome::failed(error)),
+        };
+        jobs.extend(job);
+        checks.push(Check { golden, scene, new, seconds: 0.0, outcome, updated: false });
+    }
+    let rendered = render(args, jobs, verbosity)?;
+    let limit = Limit { percentile: args.percentile, max_flip: args.max_flip };
+    for check in checks.iter_mut().filter(|check| matches!(check.outcome, Outcome::Pending)) {
+        let name = check.golden.display().to_string();
+        let entry = rendered.get(&name).ok_or_else(|| Error::Bug(format!("{name}: no result")))?;
+        check.seconds = entry.seconds;
+        check.outcome = match entry.status {
+            Status::Done | Status::Before => {
+                compare(&check.golden, &check.new, limit).unwrap_or_else(|e| Outcome::failed(&e))
+            }
+            Status::Failed => Outcome::Failed {
+                exit_code: entry.exit_code,
+                error: entry.error.clone().unwrap_or_else(|| "no error".into()),
+            },
+            Status::Interrupted | Status::Pending => {
+                return Err(Error::Interrupted("interrupted: nothing is compared; run it again".into()));
+            }
+        };
+    }
+    page::write(&results[0], &checks, limit)?;
+    for check in &mut checks {
+        finish(args, check)?;
+    }
+    report::write_junit(&results[1], &checks)?;
+    report::write_json(&results[2], &checks, limit, began.elapsed().as_secs_f64())?;
+    for check in checks.iter().filter(|check| !check.outcome.is_identical()) {
+        let text = format!("{}: {}", check.golden.display(), report::line(check));
+        if check.outcome.passes() { print(text)? } else { say(text) }
+    }
+    if !verbosity.quiet {
+        let text = report::summary(&checks, began.elapsed().as_secs_f64());
+        say(format_args!("{text}; see {}", results[0].display()));
+    }
+    let failed = checks.iter().filter_map(|check| check.outcome.exit_code()).max();
+    Ok(match failed {
+        Some(code) => Verdict::Worst(code),
+        None if checks.iter().any(|check| !check.outcome.passes() && !check.updated) => Verdict::Beyond,
+        None => Verdict::Done,
+    })
+}
+
+/// All pictures of the arguments: files as they are, and the OpenEXR files of folders by name.
+fn pictures(goldens: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    let mut all = Vec::new();
+    for path in goldens {
+        if !path.is_dir() {
+            all.push(path.clone());
+            continue;
+        }
+        let entries = fs::read_dir(path).map_err(|e| Error::reading(path, &e))?;
+        let mut found: Vec<_> = entries.flatten().map(|entry| entry.path()).collect();
+        found.retain(|path| path.is_file() && path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr")));
+        found.sort();
+        if found.is_empty() {
+            return Err(Error::Missing(format!("{}: there is no .exr file in this folder", path.display())));
+        }
+        all.extend(found);
+    }
+    let mut seen = HashSet::new();
+    all.retain(|path| seen.insert(path.clone()));
+    Ok(all)
+}
+
+/// The job that renders a golden picture again into `new`.
+fn job(golden: &Path, new: &Path, root: &Path) -> Result<Job> {
+    let name = golden.display().to_string();
+    let cannot = |why: &str| Error::Data(format!("{name}: {why}"));
+    let earlier = Earlier::read(golden)?.ok_or_else(|| Error::Missing(format!("{name}: there is no such file")))?;
+    earlier.verify()?;
+    let command = PictureCommand::read(&earlier.header).ok_or_else(|| {
+        cannot(
+            "its header does not say how it was rendered (attribute bismar.command): render it again with this version",
+        )
+    })?;
+    let settings = &earlier.record.identity.settings;
+    if settings.time.is_some() {
+        return Err(cannot(
+            "it was rendered with --time, which ends elsewhere on another machine: use --spp or --noise",
+        ));
+    }
+    if earlier.record.stop == StopReason::Interrupted {
+        return Err(cannot("it is not complete: finish it with --resume"));
+    }
+    if settings.part.is_some() {
+        return Err(cannot("it is a part of a picture: merge the parts"));
+    }
+    let PictureCommand { scene, env, mut flags } = command;
+    let env = env.map(|env| root.join(env).display().to_string());
+    flags.extend(env.map(|env| ("env".to_owned(), Some(env))));
+    let job = Job { name: name.clone(), scene: root.join(scene), flags, output: new.to_owned(), ..Job::default() };
+    // A command of another version may have flags that this one lacks.
+    plan(None, vec![job.clone()]).map_err(|e| cannot(&format!("its command cannot be run: {e}")))?;
+    Ok(job)
+}
+
+/// Renders all jobs as a batch; the results by name.
+fn render(args: &CheckArgs, jobs: Vec<Job>, verbosity: Verbosity) -> Result<HashMap<String, Entry>> {
+    if jobs.is_empty() {
+        return Ok(HashMap::new());
+    }
+    let order = jobs.iter().map(|job| job.name.clone()).collect();
+    let (jobs, _) = plan(None, jobs)?;
+    let report = args.out.join("renders.json");
+    let _ = fs::remove_file(&report);
+    let work = Work {
+        file: "golden pictures".into(),
+        order,
+        report: Some(report.clone()),
+        events: None,
+        at_once: args.jobs as usize,
+        isolate: false,
+        dry_run: false,
+        threads: args.threads,
+        style: if verbosity.quiet { Style::None } else { Style::Auto },
+        signals_from_parent: false,
+    };
+    work.run(jobs, Paths::default(), Verbosity { quiet: true, ..verbosity })?;
+    let entries = earlier(&report);
+    let _ = fs::remove_file(&report);
+    Ok(entries)
+}
+
+/// Removes what is not needed of a comparison, and replaces the golden picture where that is asked for.
+fn finish(args: &CheckArgs, check: &mut Check) -> Result<()> {
+    if check.outcome.exit_code().is_some() {
+        return Ok(());
+    }
+    if args.update && !check.outcome.is_identical() {
+        let bytes = fs::read(&check.new).map_err(|e| Error::reading(&check.new, &e))?;
+        atomic::write(&check.golden, |file| Ok(Ok(std::io::Write::write_all(file, &bytes)?)))?;
+        check.updated = true;
+    }
+    if check.outcome.is_identical() || check.updated {
+        let _ = fs::remove_file(&check.new);
+    }
+    Ok(())
+}

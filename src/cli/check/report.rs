@@ -1,0 +1,134 @@
+//! Checks as text, JSON and JUnit XML.
+
+use std::fmt::Write as _;
+use std::io::Write;
+use std::path::Path;
+
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use super::Check;
+use super::outcome::{Limit, Outcome};
+use crate::Result;
+use crate::film::atomic;
+
+/// Schema version of the JSON; raised when a field changes its meaning or is removed.
+const SCHEMA: u32 = 1;
+/// Channels that a line names.
+const MOST_CHANNELS: usize = 6;
+
+/// What became of a golden picture, in a line.
+pub fn line(check: &Check) -> String {
+    let updated = if check.updated { "; updated" } else { "" };
+    match &check.outcome {
+        Outcome::Pending | Outcome::Identical => check.outcome.name().into(),
+        Outcome::Failed { error, .. } => error.clone(),
+        Outcome::Other { unlike: Some(why), .. } => format!("differs: {why}{updated}"),
+        Outcome::Other { flip, channels, .. } => {
+            let named = channels.iter().take(MOST_CHANNELS).map(|c| format!("{} ({})", c.name, c.pixels));
+            let named = named.collect::<Vec<_>>().join(", ");
+            let more = if channels.len() > MOST_CHANNELS { ", …" } else { "" };
+            format!("{}: FLIP {flip:.4}; pixels that differ: {named}{more}{updated}", check.outcome.name())
+        }
+    }
+}
+
+/// How many became what.
+pub fn summary(checks: &[Check], seconds: f64) -> String {
+    let mut text = format!("{} golden pictures:", checks.len());
+    for name in ["identical", "alike", "differs", "failed"] {
+        let count = checks.iter().filter(|check| check.outcome.name() == name).count();
+        let name = if name == "differs" { "different" } else { name };
+        let _ = write!(text, " {count} {name},");
+    }
+    let updated = checks.iter().filter(|check| check.updated).count();
+    if updated > 0 {
+        let _ = write!(text, " {updated} updated,");
+    }
+    let _ = write!(text, " in {seconds:.1} s");
+    text
+}
+
+/// Writes the report.
+///
+/// # Errors
+/// Those of [`atomic::write`].
+pub fn write_json(path: &Path, checks: &[Check], limit: Limit, seconds: f64) -> Result<()> {
+    #[derive(Serialize)]
+    struct Report<'a> {
+        schema: u32,
+        version: &'a str,
+        seconds: f64,
+        limit: Limit,
+        goldens: Vec<Value>,
+    }
+    let one = |check: &Check| {
+        let mut value = json!({
+            "golden": check.golden.display().to_string(),
+            "scene": check.scene,
+            "outcome": check.outcome.name(),
+            "passes": check.outcome.passes(),
+            "updated": check.updated,
+            "seconds": check.seconds,
+        });
+        match &check.outcome {
+            Outcome::Other { flip, channels, unlike, .. } => {
+                value["flip"] = json!(flip);
+                value["channels"] = json!(channels);
+                value["new"] = json!((!check.updated).then(|| check.new.display().to_string()));
+                value["error"] = json!(unlike);
+            }
+            Outcome::Failed { exit_code, error } => {
+                value["exit_code"] = json!(exit_code);
+                value["error"] = json!(error);
+            }
+            Outcome::Pending | Outcome::Identical => {}
+        }
+        value
+    };
+    let goldens = checks.iter().map(one).collect();
+    let report = Report { schema: SCHEMA, version: env!("CARGO_PKG_VERSION"), seconds, limit, goldens };
+    atomic::write(path, |file| {
+        serde_json::to_writer_pretty(&mut *file, &report)?;
+        file.write_all(b"\n")?;
+        Ok(Ok(()))
+    })
+}
+
+/// Writes JUnit XML: a test case for each golden picture.
+///
+/// # Errors
+/// Those of [`atomic::write`].
+pub fn write_junit(path: &Path, checks: &[Check]) -> Result<()> {
+    let failures = checks.iter().filter(|c| c.outcome.exit_code().is_none() && !c.outcome.passes() && !c.updated);
+    let errors = checks.iter().filter(|check| check.outcome.exit_code().is_some());
+    let seconds: f64 = checks.iter().map(|check| check.seconds).sum();
+    let mut text = format!(
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuite name=\"bismar check\" tests=\"{}\" failures=\"{}\" \
+         errors=\"{}\" time=\"{seconds:.3}\">\n",
+        checks.len(),
+        failures.count(),
+        errors.count()
+    );
+    for check in checks {
+        let name = escaped(&check.golden.display().to_string());
+        let _ = write!(text, "  <testcase classname=\"bismar\" name=\"{name}\" time=\"{:.3}\"", check.seconds);
+        let tag = match &check.outcome {
+            Outcome::Failed { .. } => Some("error"),
+            outcome if !outcome.passes() && !check.updated => Some("failure"),
+            _ => None,
+        };
+        text += &match tag {
+            Some(tag) => format!(">\n    <{tag} message=\"{}\"/>\n  </testcase>\n", escaped(&line(check))),
+            None => "/>\n".into(),
+        };
+    }
+    text += "</testsuite>\n";
+    atomic::write(path, |file| Ok(Ok(file.write_all(text.as_bytes())?)))
+}
+
+/// Text in an attribute of XML or HTML. Control characters, which XML does not allow, become spaces.
+pub fn escaped(text: &str) -> String {
+    let plain: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+    plain.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}

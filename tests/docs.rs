@@ -1,0 +1,31 @@
+//! The commands of documentation pages run as they stand. `scripts/try-docs.sh` runs those of longer pages.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use crate::helpers::program::program;
+
+/// What stands between ```sh and ```.
+fn commands(page: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs").join(page);
+    let text = fs::read_to_string(path).unwrap();
+    text.split("\n```sh\n").skip(1).map(|rest| rest.split("\n```").next().unwrap().to_owned() + "\n").collect()
+}
+
+#[test]
+fn commands_of_the_pages_on_cameras_and_golden_pictures_run() {
+    for (page, file) in [("cameras.md", "out/third.exr"), ("check.md", "out/check/index.html")] {
+        let folder = tempfile::tempdir().unwrap();
+        let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+        std::os::unix::fs::symlink(scenes, folder.path().join("scenes")).unwrap();
+        let path = format!("{}:{}", program().parent().unwrap().display(), std::env::var("PATH").unwrap());
+        let script = commands(page);
+        assert!(script.contains("bismar render"));
+        let mut shell = Command::new("bash");
+        shell.args(["-euo", "pipefail", "-c", &format!("mkdir -p out\n{script}")]).current_dir(folder.path());
+        let output = shell.env("PATH", path).output().unwrap();
+        assert!(output.status.success(), "{page}: {}", String::from_utf8_lossy(&output.stderr));
+        assert!(folder.path().join(file).exists(), "{page}: no {file}");
+    }
+}

@@ -1,0 +1,188 @@
+//! Many views of one scene: each is the picture of a command of its own, of one load of the scene, with its camera beside it.
+
+use std::f32::consts::{PI, TAU};
+use std::fs;
+
+use bismar::film::Picture;
+use bismar::film::exr_file::{HeaderValue, write_rgb};
+use serde_json::{Value, json};
+
+use crate::helpers::glb;
+use crate::helpers::program::{assert_same_bits, attribute, expect, names, scene};
+
+const FLAGS: &str = "--size 32x20 --spp 4";
+
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    fs::copy(scene("cornell.glb"), folder.path().join("c.glb")).unwrap();
+    folder
+}
+
+fn json_of(path: &std::path::Path) -> Value {
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+#[test]
+fn a_turntable_is_orbits_of_one_load_and_its_cameras_make_it_again() {
+    let folder = folder();
+    let path = folder.path();
+    let line =
+        format!("render c.glb --turntable 3 --orbit 40,-10,0.7 {FLAGS} -o set/v.##.exr --preview set/{{frame}}.png");
+    let said = expect(path, &format!("{line} -v"), 0);
+    assert_eq!(said.matches("built embree").count(), 1, "{said}");
+    let files = ["0.png", "1.png", "2.png", "transforms.json", "v.00.exr", "v.01.exr", "v.02.exr"];
+    assert_eq!(names(&path.join("set")), files);
+    for (view, azimuth) in [(0, 40), (1, 160), (2, 280)] {
+        expect(path, &format!("render c.glb --orbit {azimuth},-10,0.7 {FLAGS} -o single.exr -q"), 0);
+        assert_same_bits(&path.join("single.exr"), &path.join(format!("set/v.0{view}.exr")));
+    }
+    assert!(expect(path, &line, 0).contains("3 done before"));
+    // Another view is another picture.
+    expect(path, &format!("render c.glb --orbit 41,-10,0.7 {FLAGS} -o single.exr --resume -q"), 65);
+
+    // The cameras that were written give the same views: to what 32-bit matrices can tell.
+    let cameras = json_of(&path.join("set/transforms.json"));
+    assert_eq!(cameras["frames"].as_array().map(Vec::len), Some(3));
+    assert_eq!((&cameras["frames"][1]["w"], &cameras["frames"][1]["file_path"]), (&json!(32.0), &json!("v.01.exr")));
+    expect(path, "render c.glb --cameras set/transforms.json --spp 4 -o again/v.##.exr --aov depth -q", 0);
+    for view in 0..3 {
+        let line = format!("compare again/v.0{view}.exr set/v.0{view}.exr --max-relmse 0.01");
+        expect(path, &line, 0);
+    }
+    expect(path, "compare again/v.00.exr set/v.01.exr --max-relmse 0.01", 1);
+    let again = json_of(&path.join("again/transforms.json"));
+    for view in 0..3 {
+        for (row, column) in (0..4).flat_map(|row| (0..4).map(move |column| (row, column))) {
+            let of = |all: &Value| all["frames"][view]["transform_matrix"][row][column].as_f64().unwrap();
+            // A rotation, and an eye within 10 m, in 32-bit floats through two inversions.
+            assert!((of(&cameras) - of(&again)).abs() < 1e-4);
+        }
+    }
+    let angle = |all: &Value| all["camera_angle_x"].as_f64().unwrap();
+    assert!((angle(&cameras) - angle(&again)).abs() < 1e-5);
+    // One of them, by name, without a number in its name.
+    expect(path, "render c.glb --cameras set/transforms.json --camera v.01 --spp 4 -o one.exr --aov depth -q", 0);
+    assert_same_bits(&path.join("one.exr"), &path.join("again/v.01.exr"));
+}
+
+#[test]
+fn a_batch_has_views_too() {
+    let folder = folder();
+    let path = folder.path();
+    let text = "[defaults]\nscene = \"c.glb\"\nsize = [32, 20]\nspp = 4\noutput = \"{name}/####.exr\"\n\
+                [[job]]\nname = \"table\"\nturntable = 2\norbit = [40, -10, 0.7]\n[[job]]\nname = \"one\"\norbit = [40, -10, 0.7]\n\
+                output = \"one.exr\"\n";
+    fs::write(path.join("jobs.toml"), text).unwrap();
+    let said = expect(path, "batch jobs.toml -v", 0);
+    assert_eq!(said.matches("built embree").count(), 1, "{said}");
+    let set = fs::read_dir(path).unwrap().flatten().find(|e| e.path().is_dir()).unwrap().path();
+    assert_eq!(names(&set), ["0000.exr", "0001.exr", "transforms.json"]);
+    assert_same_bits(&path.join("one.exr"), &set.join("0000.exr"));
+}
+
+#[test]
+fn what_is_no_view_is_refused_before_anything_is_written() {
+    let folder = folder();
+    let path = folder.path();
+    let cameras = json!({"camera_angle_x": 1.0, "frames": [{"transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 2]]}]});
+    fs::write(path.join("bad.json"), cameras.to_string()).unwrap();
+    for (flags, code, why) in [
+        ("--orbit 0,91", 64, "elevation"),
+        ("--orbit 0,0,0", 64, "distance"),
+        ("--orbit 0,0 --camera 0", 64, "cannot be used with"),
+        ("--turntable 3 -o a.exr", 64, "one file for all views"),
+        ("--turntable 0", 64, "--turntable"),
+        ("--turntable 3 --frames 1-2", 64, "cannot be used with"),
+        ("--cameras nowhere.json", 66, "cannot read"),
+        ("--cameras bad.json", 65, "last row"),
+    ] {
+        let said = expect(path, &format!("render c.glb {FLAGS} {flags}"), code);
+        assert!(said.contains(why), "{flags}: {said}");
+    }
+    assert_eq!(names(path), ["bad.json", "c.glb"]);
+}
+
+/// An environment of 8 x 4 blocks of 8 x 8 texels with different radiances.
+fn blocks() -> Vec<[f32; 3]> {
+    let block = |x: usize, y: usize| [0.5 + x as f32, 1.0 + y as f32, 0.25 * (x + 3 * y) as f32];
+    (0..32).flat_map(|y| (0..64).map(move |x| block(x / 8, y / 8))).collect()
+}
+
+#[test]
+fn a_panorama_is_the_environment_map_that_it_sees() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    fs::write(path.join("t.glb"), glb::triangle()).unwrap();
+    write_rgb(&path.join("sky.exr"), [0, 0, 64, 32], [0, 0, 64, 32], &blocks()).unwrap();
+    let line = "render t.glb --camera panorama --size 64x32 --filter box --spp 4 --aov depth -q";
+    expect(path, &format!("{line} --env sky.exr -o a.exr"), 0);
+    expect(path, &format!("{line} --env a.exr -o b.exr"), 0);
+    let hidden = Picture::open(&path.join("a.exr"), Some("depth.Z")).unwrap().rgb;
+    let mut compared = 0;
+    for name in ["a.exr", "b.exr"] {
+        let seen = Picture::open(&path.join(name), None).unwrap().rgb;
+        for (i, (seen, sky)) in seen.iter().zip(blocks()).enumerate() {
+            // The inner texels of a block: interpolation reaches half a texel beyond a pixel, twice.
+            let inner = [i % 64 % 8, i / 64 % 8].iter().all(|k| (2..6).contains(k));
+            if inner && hidden[i][0] == 1e10 {
+                compared += 1;
+                let same = seen.iter().zip(sky).all(|(a, b)| (a - b).abs() <= 1e-5 * b);
+                assert!(same, "{name}, pixel {i}: {seen:?} for {sky:?}");
+            }
+        }
+    }
+    assert!(compared > 800, "{compared}");
+}
+
+#[test]
+fn a_panorama_sees_the_room_around_its_camera_and_its_depth_is_the_distance() {
+    let folder = folder();
+    let path = folder.path();
+    let line = "render c.glb --size 64x32 --spp 1 --aov depth,position -q";
+    expect(path, &format!("{line} --camera panorama -o a.exr"), 0);
+    expect(path, &format!("{line} --camera 0 -o straight.exr"), 0);
+    let matrix = |name: &str| attribute(&path.join("straight.exr"), name) == attribute(&path.join("a.exr"), name);
+    assert!(!matrix("worldToCamera"));
+    let header = bismar::film::exr_file::read_header(&path.join("a.exr")).unwrap();
+    assert!(header.iter().all(|(name, _)| name != "worldToNDC"));
+    // The camera of the file, from its own header: columns of the row-major matrix for row vectors.
+    let Some((_, HeaderValue::Matrix(to_camera))) = header.into_iter().find(|(name, _)| name == "worldToCamera") else {
+        panic!("no camera")
+    };
+    let eye = glam::Mat4::from_cols_array(&to_camera).inverse().transform_point3(glam::Vec3::ZERO);
+    let of = |layer: &str| Picture::open(&path.join("a.exr"), Some(layer)).unwrap().rgb;
+    let (depth, position) = (of("depth.Z"), of("position"));
+    let mut hits = 0;
+    for (i, (depth, position)) in depth.iter().zip(&position).enumerate().filter(|(_, (depth, _))| depth[0] < 1e9) {
+        hits += 1;
+        // One path per pixel: both are of the same hit.
+        let toward = glam::Vec3::from(*position) - eye;
+        assert!((toward.length() - depth[0]).abs() < 1e-4 * depth[0], "{depth:?} {toward}");
+        // As in an environment map; the filter reaches two pixels.
+        let [u, v] = [(i % 64) as f32 + 0.5, (i / 64) as f32 + 0.5].map(|x| x / 64.0);
+        let (longitude, latitude) = ((u - 0.5) * TAU, (0.5 - 2.0 * v) * PI);
+        let (s, c) = longitude.sin_cos();
+        let direction = glam::Vec3::new(c * latitude.cos(), latitude.sin(), s * latitude.cos());
+        assert!(direction.dot(toward.normalize()) > (3.0 * PI / 32.0).cos(), "pixel {i}: {direction} {toward}");
+    }
+    assert!(hits > 30, "{hits}");
+    assert!(expect(path, "render c.glb --camera panorama --aperture 0.1", 64).contains("panorama"));
+}
+
+#[test]
+fn panoramas_are_in_camera_files_too() {
+    let folder = folder();
+    let path = folder.path();
+    let frame = json!({"transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 1], [0, 0, 1, 0], [0, 0, 0, 1]]});
+    let rig = json!({"camera_model": "EQUIRECTANGULAR", "w": 32, "h": 16, "frames": [frame]});
+    fs::write(path.join("rig.json"), rig.to_string()).unwrap();
+    expect(path, "render c.glb --cameras rig.json --spp 2 --aov depth -o a/##.exr -q", 0);
+    // From the middle of the room, which is open in front only: +z, at both sides of the picture.
+    let depth = Picture::open(&path.join("a/00.exr"), Some("depth.Z")).unwrap().rgb;
+    assert!(depth.iter().filter(|d| d[0] < 1e9).count() > 300);
+    assert!(depth[8 * 32][0] > 1e9 && depth[8 * 32 + 16][0] < 1e9);
+    let written = json_of(&path.join("a/transforms.json"));
+    assert_eq!(written["frames"][0]["camera_model"], "EQUIRECTANGULAR");
+    expect(path, "render c.glb --cameras a/transforms.json --spp 2 --aov depth -o b/##.exr -q", 0);
+    assert_same_bits(&path.join("a/00.exr"), &path.join("b/00.exr"));
+}
