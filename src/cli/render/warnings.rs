@@ -109,7 +109,7 @@ const DARK: f64 = 2e-3;
 struct Seen {
     /// Pixels that are not black.
     lit_anywhere: usize,
-    /// Pixels of which at least half show a surface.
+    /// Pixels that show nothing but surfaces: the background lights the edges of others.
     surfaces: usize,
     /// Those of them that are not black.
     lit: usize,
@@ -124,7 +124,7 @@ impl Seen {
         for stats in rendered.tiles.iter().flat_map(|tile| tile.inside(window).map(|(.., i)| &tile.stats[i])) {
             let is_lit = stats.sum.iter().any(|x| *x > 0.0);
             seen.lit_anywhere += usize::from(is_lit);
-            if stats.samples > 0 && 2 * stats.covered >= stats.samples {
+            if stats.samples > 0 && stats.covered == stats.samples {
                 seen.surfaces += 1;
                 seen.lit += usize::from(is_lit);
                 seen.luminance += f64::from(luminance(stats.mean().into()));
