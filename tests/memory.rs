@@ -287,14 +287,14 @@ fn what_numbers_cannot_hold_is_told() {
         document.save(&path.join("scene.glb"));
     };
     placed([0.0, 0.0, 0.0], 1.0);
-    let said = render("--sky --aperture f/2.8");
+    let said = render("--sky --aperture f/2.8 --focus 4");
     assert!(!said.contains("away from the origin") && !said.contains("the lens has"), "{said}");
     placed([4e5, 0.0, 0.0], 1.0);
     let said = render("--sky");
     assert!(said.contains("4.000e5 m away from the origin") && said.contains("wrong by about 21.2 %"), "{said}");
     placed([0.0, 0.0, 0.0], 0.001);
-    let said = render("--sky --aperture f/2.8");
-    assert!(said.contains("the lens has a radius of 7.84e-3 m"), "{said}");
+    let said = render("--sky --aperture f/2.8 --focus 0.004");
+    assert!(said.contains("the lens has a radius of 3.92e-3 m and is focused at 4.00e-3 m"), "{said}");
     let mut document = fields(4);
     document.json["meshes"][0]["primitives"][0]["material"] = 0.into();
     document.set(

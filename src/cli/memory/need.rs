@@ -161,7 +161,10 @@ impl<'a> Need<'a> {
         let preview = if self.previews { self.pixels * PREVIEW_BYTES_PER_PIXEL } else { 0 };
         // A part of what the reader has freed is not given back to the system.
         let documents = documents / 2;
-        let rendering = built + environment[1] + lights + pixels + self.prepass_bytes.max(saving).max(denoiser).max(preview);
-        at_rest(self.threads) + kept + reading.max(documents + deforming + building).max(documents + deforming + rendering)
+        let rendering =
+            built + environment[1] + lights + pixels + self.prepass_bytes.max(saving).max(denoiser).max(preview);
+        at_rest(self.threads)
+            + kept
+            + reading.max(documents + deforming + building).max(documents + deforming + rendering)
     }
 }
