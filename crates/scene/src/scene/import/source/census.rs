@@ -38,7 +38,7 @@ const MOST: u64 = 1 << 40;
 
 /// A sum that leaves room for products: no memory holds so much.
 fn add(a: u64, b: u64) -> u64 {
-    a.saturating_add(b).min(1 << 48)
+    a.saturating_add(b).min(1 << 44)
 }
 
 /// A primitive's share of memory.
