@@ -1,11 +1,8 @@
-//! Stamps what the program was built from into it, and refuses an Embree that `src/rays` was not written for.
+//! Stamps the commit and the compiler that the program was built from into it.
 
 use std::env;
 use std::fs;
 use std::process::Command;
-
-/// Embree's C API is the same within a major version.
-const EMBREE_MAJOR: &str = "4";
 
 /// Where `cargo package` says which commit it packed.
 const PACKAGED: &str = ".cargo_vcs_info.json";
@@ -15,18 +12,9 @@ const STAMPED: &[&str] = &["src", "crates", "embree4-sys", "build.rs", "Cargo.to
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
-    println!("cargo::rerun-if-changed=Cargo.lock");
-    // From embree4-sys/build.rs: the version of the header that the bindings were made from.
-    let embree = env::var("DEP_EMBREE4_VERSION").unwrap_or_default();
-    if embree.split('.').next() != Some(EMBREE_MAJOR) {
-        println!("cargo::error=found Embree {embree:?}, but this program is written for Embree {EMBREE_MAJOR}");
-    }
-    println!("cargo::rustc-env=BISMAR_EMBREE_HEADER_VERSION={embree}");
-    println!("cargo::rustc-env=BISMAR_ISA_BASELINE={}", isa_baseline());
     println!("cargo::rustc-env=BISMAR_COMMIT={}", commit());
     let compiler = env::var("RUSTC").ok().and_then(|rustc| output_of(&rustc, &["--version"]));
     println!("cargo::rustc-env=BISMAR_COMPILER={}", compiler.unwrap_or("unknown".into()));
-    println!("cargo::rustc-env=BISMAR_OBVHS_VERSION={}", locked_version("obvhs"));
 }
 
 /// The commit that an optimised build is made of, `-dirty` if what goes into it was changed since; `BISMAR_COMMIT` where there
@@ -65,25 +53,4 @@ fn commit() -> String {
 fn output_of(program: &str, arguments: &[&str]) -> Option<String> {
     let output = Command::new(program).args(arguments).output().ok().filter(|output| output.status.success())?;
     Some(String::from_utf8_lossy(&output.stdout).trim().to_owned()).filter(|text| !text.is_empty())
-}
-
-/// The x86-64 level that rustc may use without asking the CPU.
-fn isa_baseline() -> String {
-    let features = env::var("CARGO_CFG_TARGET_FEATURE").unwrap_or_default();
-    let has = |all: &[&str]| all.iter().all(|one| features.split(',').any(|feature| feature == *one));
-    let arch = env::var("CARGO_CFG_TARGET_ARCH").unwrap_or_default();
-    let level = match arch.as_str() {
-        "x86_64" if has(&["avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"]) => "-v4",
-        "x86_64" if has(&["avx2", "bmi1", "bmi2", "f16c", "fma", "lzcnt", "movbe"]) => "-v3",
-        "x86_64" if has(&["popcnt", "sse4.2", "ssse3"]) => "-v2",
-        _ => "",
-    };
-    arch.replace('_', "-") + level
-}
-
-/// A dependency's version in Cargo.lock.
-fn locked_version(name: &str) -> String {
-    let lock = fs::read_to_string("Cargo.lock").unwrap_or_default();
-    let entry = lock.split(&format!("name = \"{name}\"\nversion = \"")).nth(1).unwrap_or("unknown\"");
-    entry.split('"').next().unwrap_or("unknown").to_owned()
 }

@@ -490,7 +490,10 @@ fn a_task_out_of_memory_gets_more_or_is_held_and_its_merge_waits(_: &Work) {
     let log = || fs::read_to_string(folder.join("veach.farm/logs/task-1.log")).unwrap_or_default();
     // Half as much again is enough.
     let line = |memory: u64| {
-        format!("veach.glb --parts 2 --cpus 1 --memory {memory}M --retry-memory -- {flags} -o {memory}.exr")
+        let merge = 2 * need;
+        format!(
+            "veach.glb --parts 2 --cpus 1 --memory {memory}M --merge-memory {merge}M --retry-memory -- {flags} -o {memory}.exr"
+        )
     };
     let jobs = slurm.submit(folder, &line(need * 3 / 4));
     slurm.wait_for(&jobs[1], &["COMPLETED"]);

@@ -12,6 +12,7 @@ fn main() {
     if embree.split('.').next() != Some(EMBREE_MAJOR) {
         println!("cargo::error=found Embree {embree:?}, but this program is written for Embree {EMBREE_MAJOR}");
     }
+    println!("cargo::rustc-env=BISMAR_EMBREE_HEADER_VERSION={embree}");
     println!("cargo::rustc-env=BISMAR_ISA_BASELINE={}", isa_baseline());
     println!("cargo::rustc-env=BISMAR_OBVHS_VERSION={}", locked_version("obvhs"));
 }

@@ -80,6 +80,9 @@ struct SubmitArgs {
     /// Memory per task, such as 4G (sbatch --mem).
     #[arg(long, value_name = "SIZE", help_heading = "Slurm")]
     memory: Option<String>,
+    /// Memory of a merge, which holds a whole picture [default: as --memory].
+    #[arg(long, value_name = "SIZE", help_heading = "Slurm")]
+    merge_memory: Option<String>,
     /// Time limit of a task in minutes, after which it is saved, requeued and resumed (sbatch --time).
     #[arg(long, value_name = "N", help_heading = "Slurm")]
     minutes: Option<u32>,
@@ -191,6 +194,7 @@ fn submit_to_slurm(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {
     let options = TaskOptions {
         cpus: args.cpus,
         memory: args.memory.clone(),
+        merge_memory: args.merge_memory.clone(),
         minutes: args.minutes,
         throttle: args.throttle,
         others: args.sbatch.clone(),

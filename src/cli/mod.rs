@@ -22,10 +22,11 @@ use clap::{CommandFactory, Parser, Subcommand};
 use crate::Error;
 use crate::console::help::{CompletionsArgs, ManArgs};
 use crate::console::{self, Verbosity};
+use crate::render::BuildInfo;
 
 /// Offline glTF path tracer that finds the balance between light and BSDF sampling for each pixel.
 #[derive(Debug, Parser)]
-#[command(name = "bismar", version, long_version = console::VERSION, arg_required_else_help = true, max_term_width = 100)]
+#[command(name = "bismar", version, long_version = BuildInfo::text(), arg_required_else_help = true, max_term_width = 100)]
 struct Cli {
     #[command(flatten)]
     verbosity: Verbosity,

@@ -31,19 +31,6 @@ pub use signals::Signals;
 /// The commit that a release was built from; `development` or `unknown` for other builds.
 pub const COMMIT: &str = env!("BISMAR_COMMIT");
 
-/// The text of `--version`: the version, and what the program was built from.
-pub const VERSION: &str = concat!(
-    env!("CARGO_PKG_VERSION"),
-    "\ncommit ",
-    env!("BISMAR_COMMIT"),
-    "\nEmbree ",
-    env!("BISMAR_EMBREE_HEADER_VERSION"),
-    ", obvhs ",
-    env!("BISMAR_OBVHS_VERSION"),
-    "\ncompiled for ",
-    env!("BISMAR_ISA_BASELINE"),
-);
-
 /// Verbosity of the log on stderr.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Verbosity {

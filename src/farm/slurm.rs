@@ -18,6 +18,8 @@ pub struct TaskOptions {
     pub cpus: Option<u32>,
     /// `--mem`, as Slurm writes it.
     pub memory: Option<String>,
+    /// `--mem` of merges; `memory` if `None`.
+    pub merge_memory: Option<String>,
     /// `--time`, in minutes: a task that needs longer is saved, requeued and resumed.
     pub minutes: Option<u32>,
     /// Most tasks at the same time.
@@ -31,10 +33,16 @@ pub struct TaskOptions {
 /// # Errors
 /// [`Error::Usage`] for control characters in options, each of which is a line of the script.
 pub fn files(plan: &Plan, options: &TaskOptions) -> Result<Vec<(String, String)>> {
-    options.others.iter().chain(&options.memory).try_for_each(|option| printable(option))?;
+    options
+        .others
+        .iter()
+        .chain(&options.memory)
+        .chain(&options.merge_memory)
+        .try_for_each(|option| printable(option))?;
     let mut files = vec![("tasks.sbatch".into(), script(plan, options))];
     if !plan.merges.is_empty() {
-        let alone = TaskOptions { minutes: None, throttle: None, ..options.clone() };
+        let memory = options.merge_memory.as_ref().or(options.memory.as_ref()).cloned();
+        let alone = TaskOptions { memory, minutes: None, throttle: None, ..options.clone() };
         files.push(("merge.sbatch".into(), script(plan, &alone)));
     }
     Ok(files)

@@ -1,6 +1,11 @@
 //! The build that wrote a file.
 
+use std::sync::LazyLock;
+
 use serde::{Deserialize, Serialize};
+
+use crate::rays::cwbvh::{ISA_BASELINE, VERSION as OBVHS};
+use crate::rays::embree;
 
 /// Identifies a build. Another build may round differently, so that bits are reproducible within one build only.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -16,13 +21,23 @@ pub struct BuildInfo {
 }
 
 impl BuildInfo {
+    /// The text of `--version`: the version, and what the program was built from.
+    pub fn text() -> &'static str {
+        static TEXT: LazyLock<String> = LazyLock::new(|| {
+            let BuildInfo { version, commit, isa, .. } = BuildInfo::here();
+            let embree = embree::HEADER_VERSION;
+            format!("{version}\ncommit {commit}\nEmbree {embree}, obvhs {OBVHS}\ncompiled for {isa}")
+        });
+        &TEXT
+    }
+
     /// This build.
     pub fn here() -> Self {
         Self {
             version: env!("CARGO_PKG_VERSION").into(),
             commit: env!("BISMAR_COMMIT").into(),
             compiler: env!("BISMAR_COMPILER").into(),
-            isa: env!("BISMAR_ISA_BASELINE").into(),
+            isa: ISA_BASELINE.into(),
         }
     }
 

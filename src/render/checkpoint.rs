@@ -11,7 +11,7 @@ use super::scheduler;
 use super::stats::Samples;
 use super::tile::{TILE, Tile};
 use super::{
-    BuildInfo, Goal, Identity, Part, RenderSettings, RenderStats, Rendered, StopReason, fresh_tiles, paths_range,
+    BuildInfo, Goal, Identity, Part, RenderSettings, RenderStats, Rendered, StopReason, paths_range, tile_positions,
 };
 use crate::film::exr_file::{self, Checksum, Header, HeaderValue, Layers};
 use crate::film::{Aov, Background};
@@ -384,11 +384,9 @@ pub fn fits(saved: &[Tile], settings: &RenderSettings) -> bool {
     let tile = u64::from(TILE);
     let tiles = (x1.div_ceil(tile) - x0 / tile) * (y1.div_ceil(tile) - y0 / tile);
     let expected = settings.part.map_or(tiles, |part| part.count(tiles));
-    if saved.len() as u64 != expected {
-        return false;
-    }
-    let fresh = fresh_tiles(settings);
-    saved.len() == fresh.len() && saved.iter().zip(&fresh).all(|(a, b)| a.covers(b))
+    let fresh = |position| Tile::new(position, settings.width, settings.height, settings.columns());
+    saved.len() as u64 == expected
+        && saved.iter().zip(tile_positions(settings)).all(|(tile, position)| tile.covers(&fresh(position)))
 }
 
 #[cfg(test)]

@@ -94,21 +94,23 @@ impl Merged {
 /// # Errors
 /// Those of [`merge`] for pictures that cannot be read.
 pub fn memory_bytes(paths: &[PathBuf]) -> Result<u64> {
-    let mut all: u64 = 0;
+    let (mut tiles, mut statistics, mut saved): (u64, u64, u64) = (0, 0, 0);
     let mut seeds = BTreeSet::new();
     for path in paths {
         let input = read(path)?;
         let settings = settings(&input);
         let [x0, y0, x1, y1] = settings.window().map(u64::from);
         let pixels = x1.saturating_sub(x0).saturating_mul(y1.saturating_sub(y0));
-        // Statistics are compressed before they are written, usually to less than half.
-        let saved = if input.record.resumable { 2 } else { 0 };
-        let tile = Tile::bytes_per_pixel(settings.columns()) as u64;
-        all = all.max(pixels.saturating_mul(tile + tile / 4 * saved));
+        tiles = tiles.max(Tile::memory_bytes(pixels, settings.columns()));
         seeds.insert(settings.seed);
+        // The statistics are most of a file. One file's are in memory at a time, before and after they are decompressed.
+        let file = std::fs::metadata(path).map_err(|e| Error::reading(path, &e))?.len();
+        statistics = statistics.max(file);
+        saved += if input.record.resumable { file } else { 0 };
     }
     // The sum, and the picture that is added to it.
-    Ok(all.saturating_mul(seeds.len().min(2) as u64))
+    let sums = tiles.saturating_mul(seeds.len().min(2) as u64);
+    Ok(sums.saturating_add(statistics.max(if seeds.len() > 1 { 0 } else { saved })))
 }
 
 fn settings(input: &Earlier) -> &RenderSettings {

@@ -44,7 +44,7 @@ pub use progress::Progress;
 pub use replay::replay;
 pub use settings::{BackFaces, Balance, Integrator, PixelFilter, RenderSettings, StudyOptions};
 pub use stats::{RenderStats, StopReason};
-use tile::{TILE, Tile};
+use tile::Tile;
 pub use transport::transport;
 
 /// A finished or stopped render.
@@ -99,21 +99,24 @@ pub fn fresh_tiles(settings: &RenderSettings) -> Vec<Tile> {
     study_tiles(settings, &StudyOptions::default())
 }
 
+/// Grid positions (column, row) of the tiles that a render with these settings has, row by row.
+pub fn tile_positions(settings: &RenderSettings) -> Vec<[u32; 2]> {
+    let all = Tile::grid_positions(settings.window()).collect();
+    match settings.part {
+        Some(part) => part.select(all),
+        None => all,
+    }
+}
+
 /// The tiles that a render with these study options begins with.
 fn study_tiles(settings: &RenderSettings, study: &StudyOptions) -> Vec<Tile> {
-    let cover = |window| Tile::cover(settings.width, settings.height, window, settings.columns());
-    let corner = |tile: &[u32; 2]| tile.map(|n| n * TILE);
-    let mut tiles = match &study.tiles {
-        None => cover(settings.window()),
-        Some(some) => some.iter().map(corner).flat_map(|[x, y]| cover([x, y, x + 1, y + 1])).collect(),
-    };
+    let positions = study.tiles.as_ref().map_or_else(|| tile_positions(settings), |tiles| tiles.to_vec());
+    let fresh = |position| Tile::new(position, settings.width, settings.height, settings.columns());
+    let mut tiles: Vec<_> = positions.into_iter().map(fresh).collect();
     if let Some(shares) = &study.light_shares {
         tiles.iter_mut().for_each(|tile| tile.set_light_shares(shares, settings.width));
     }
-    match settings.part {
-        Some(part) => part.select(tiles),
-        None => tiles,
-    }
+    tiles
 }
 
 /// Minimum and maximum paths of these tiles.

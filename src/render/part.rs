@@ -40,18 +40,18 @@ impl Part {
         (all + u64::from(self.of) - u64::from(self.number)) / u64::from(self.of)
     }
 
-    /// Selects the tiles of this part from those of a picture's window. Parts differ by at most one tile in size and are
-    /// interleaved along a Z-order curve: neighbours, which have similar costs, are in different parts.
-    pub fn select(self, mut all: Vec<Tile>) -> Vec<Tile> {
-        all.sort_by_cached_key(|tile| z_order(tile.grid_position()));
-        let mine = |(i, _): &(usize, Tile)| *i as u32 % self.of == self.number - 1;
-        let mut tiles: Vec<_> = all.into_iter().enumerate().filter(mine).map(|(_, tile)| tile).collect();
-        sort_in_rows(&mut tiles);
-        tiles
+    /// Selects the grid positions of this part's tiles from those of a picture's window. Parts differ by at most one tile
+    /// in size and are interleaved along a Z-order curve: neighbours, which have similar costs, are in different parts.
+    pub fn select(self, mut all: Vec<[u32; 2]>) -> Vec<[u32; 2]> {
+        all.sort_by_cached_key(|position| z_order(*position));
+        let own = all.iter().skip(self.number as usize - 1).step_by(self.of as usize);
+        let mut positions: Vec<_> = own.copied().collect();
+        positions.sort_by_key(|[column, row]| (*row, *column));
+        positions
     }
 }
 
-/// Sorts tiles row by row, the order of [`Tile::cover`].
+/// Sorts tiles row by row, the order of [`Tile::grid_positions`].
 pub fn sort_in_rows(tiles: &mut [Tile]) {
     tiles.sort_by_key(|tile| {
         let [x, y] = tile.grid_position();
@@ -67,10 +67,7 @@ fn z_order([x, y]: [u32; 2]) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::tile::Columns;
     use proptest::prelude::*;
-
-    const NONE: Columns = Columns { moments: false, aovs: false, extras: false };
 
     proptest! {
         #[test]
@@ -78,17 +75,16 @@ mod tests {
             (width, height, of) in (1u32..400, 1u32..400, 1u32..40), corner in (0u32..100, 0u32..100)
         ) {
             let window = [corner.0.min(width - 1), corner.1.min(height - 1), width, height];
-            let all: Vec<_> = Tile::cover(width, height, window, NONE).iter().map(Tile::grid_position).collect();
-            let parts: Vec<_> =
-                (1..=of).map(|number| Part { number, of }.select(Tile::cover(width, height, window, NONE))).collect();
+            let all: Vec<_> = Tile::grid_positions(window).collect();
+            let parts: Vec<_> = (1..=of).map(|number| Part { number, of }.select(all.clone())).collect();
             for (part, number) in parts.iter().zip(1..) {
                 prop_assert_eq!(part.len() as u64, Part { number, of }.count(all.len() as u64));
             }
             let sizes = parts.iter().map(Vec::len);
             prop_assert!(sizes.clone().max().unwrap() - sizes.min().unwrap() <= 1);
             let mut joined: Vec<_> = parts.into_iter().flatten().collect();
-            sort_in_rows(&mut joined);
-            prop_assert_eq!(joined.iter().map(Tile::grid_position).collect::<Vec<_>>(), all);
+            joined.sort_by_key(|[column, row]| (*row, *column));
+            prop_assert_eq!(joined, all);
         }
     }
 

@@ -7,7 +7,7 @@ use glam::Vec3;
 use super::allocation::Allocation;
 use super::camera::lens;
 use super::prepass::Prepasses;
-use super::tile::Tile;
+use super::tile::{TILE, Tile};
 use super::transport::{pass_seed, transport};
 use super::{RenderSettings, scheduler};
 use crate::integrator::scalar::{self, Event};
@@ -48,10 +48,7 @@ pub fn replay(
     let never = AtomicBool::new(false);
     let prepasses = Prepasses::run(scene, settings, &never);
     let mut transport = prepasses.apply(transport(scene, settings));
-    let window = [x, y, x + 1, y + 1];
-    let Some(mut tile) = Tile::cover(settings.width, settings.height, window, settings.columns()).pop() else {
-        return Ok(());
-    };
+    let mut tile = Tile::new([x / TILE, y / TILE], settings.width, settings.height, settings.columns());
     let allocation = Allocation::new(&transport, settings, &never);
     let goal = settings.spp.map(|mean| allocation.map_or(mean, |allocation| allocation.paths(&tile, mean)));
     while let Some(pass) = scheduler::planned_to(settings, goal, tile.paths()) {

@@ -304,7 +304,7 @@ mod tests {
 
     #[test]
     fn a_pilot_weighed_again_has_the_sums_of_paths_that_were_weighed_so_at_once() {
-        let mut tile = Tile::cover(2, 1, [0, 0, 2, 1], Columns { moments: false, aovs: true, extras: false }).remove(0);
+        let mut tile = Tile::new([0, 0], 2, 1, Columns { moments: false, aovs: true, extras: false });
         let mut pilot = Pilot { counts: Some(Counts::half(2)), ..Default::default() };
         let contribution = |pixel, technique, index, r, y| Contribution {
             pixel,

@@ -65,8 +65,6 @@ impl Steps {
 const PROGRAM_BYTES: u64 = 30 << 20;
 /// Bytes of the buffers of one thread.
 const BYTES_PER_THREAD: u64 = 2 << 20;
-/// Memory per byte of tile data: 1.104 and 1.073 as measured between pictures of 0.5, 2 and 8 million pixels.
-const TILE_OVERHEAD: f64 = 1.085;
 /// Bytes per pixel of all AOVs while the blocks of the file are compressed.
 const AOV_BYTES_PER_PIXEL: u64 = 64;
 /// Bytes per pixel of a PNG while it is written.
@@ -150,11 +148,10 @@ impl<'a> Need<'a> {
         let decoding = s.decoding_bytes.iter().take(self.threads).sum::<u64>();
         let reading = s.read_bytes + documents + sampling + decoding.max(c.reading_bytes).max(environment[0]);
         let lights = c.emissive_triangles * BYTES_PER_LIGHT;
-        let tile = Tile::bytes_per_pixel(self.columns) as u64;
         let writing = if self.columns.aovs { AOV_BYTES_PER_PIXEL } else { 0 };
-        let pixels = ((self.pixels * tile) as f64 * TILE_OVERHEAD) as u64 + self.pixels * writing;
+        let pixels = Tile::memory_bytes(self.pixels, self.columns) + self.pixels * writing;
         // Statistics are compressed before writing, usually to less than half.
-        let saving = self.saved_pixels * tile / 2;
+        let saving = Tile::memory_bytes(self.saved_pixels, self.columns) / 2;
         let [pictures, network] = DENOISER_BYTES_PER_PIXEL;
         let denoiser = match self.denoises {
             true => DENOISER_BYTES + self.pixels * pictures + self.pixels.min(DENOISER_TILE_PIXELS) * network,

@@ -1,7 +1,7 @@
 //! Camera, resolution and crop window of a command, which depend on the scene.
 
 use super::args::RenderArgs;
-use crate::render::{RenderSettings, fresh_tiles};
+use crate::render::{RenderSettings, tile_positions};
 use crate::scene::{Camera, Framing, Projection, Scene, choose};
 use crate::{Error, Result};
 
@@ -15,7 +15,7 @@ pub fn settings(args: &RenderArgs, scene: &Scene) -> Result<RenderSettings> {
     let crop = args.crop.map(|c| c.inside(width, height)).transpose()?;
     let settings = RenderSettings { camera, width, height, crop, ..args.settings() };
     if let Some(part) = args.part
-        && fresh_tiles(&settings).is_empty()
+        && tile_positions(&settings).is_empty()
     {
         return Err(Error::Usage(format!("--part {part}: the picture has fewer tiles than parts; give fewer parts")));
     }

@@ -21,6 +21,7 @@ use crate::film::{exr_file, preview};
 use crate::render::camera::lens;
 use crate::render::checkpoint::Earlier;
 use crate::render::prepass::{guiding, learned_lights};
+use crate::render::tile::TILE;
 use crate::render::{Identity, Pause, Progress, RenderSettings, Rendered, RunOptions, Saved, StopReason, run};
 use crate::{Error, Result};
 
@@ -135,9 +136,13 @@ impl Session<'_> {
             }
             None => u64::from(width) * u64::from(height),
         };
+        // Parts differ by at most one tile.
+        let pixels = match args.part {
+            Some(part) => pixels.div_ceil(part.of.into()) + u64::from(TILE * TILE),
+            None => pixels,
+        };
         let settings = RenderSettings { width, height, ..args.settings() };
         let lights = scene.census.emissive_triangles;
-        let parts = args.part.map_or(1, |part| u64::from(part.of));
         let need = Need {
             scene,
             steps: args.selection.steps(args.has_velocities()),
@@ -145,7 +150,7 @@ impl Session<'_> {
             compensates: settings.balance.method().uses_prepasses(),
             pixels,
             columns: settings.columns(),
-            saved_pixels: if args.checkpoint.is_some() || args.part.is_some() { pixels / parts } else { 0 },
+            saved_pixels: if args.checkpoint.is_some() || args.part.is_some() { pixels } else { 0 },
             denoises: args.denoise.is_some(),
             previews: args.preview.is_some(),
             prepass_bytes: guiding::bytes(&settings).max(learned_lights::bytes(&settings, lights)),

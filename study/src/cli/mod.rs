@@ -14,6 +14,7 @@ use bismar::console::help::{CompletionsArgs, ManArgs};
 use bismar::console::progress::Style;
 use bismar::console::{self, Reporter, Verbosity, Verdict, host};
 use bismar::film::atomic;
+use bismar::render::BuildInfo;
 use bismar::render::Progress;
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use tracing::info;
@@ -22,7 +23,7 @@ use crate::files;
 
 /// Measure the renderer's methods.
 #[derive(Debug, Parser)]
-#[command(name = "bismar-study", bin_name = "bismar study", version, long_version = console::VERSION, max_term_width = 100)]
+#[command(name = "bismar-study", bin_name = "bismar study", version, long_version = BuildInfo::text(), max_term_width = 100)]
 struct Cli {
     #[command(flatten)]
     verbosity: Verbosity,

@@ -37,6 +37,9 @@ use device::{CommitProgress, DeviceHandle, DeviceMonitor, SceneHandle, best_isa}
 pub use options::{EmbreeOptions, Packets, Quality};
 use packets::{Coherence, single, wide4, wide8, wide16};
 
+/// Version of the Embree header that the bindings were made from.
+pub const HEADER_VERSION: &str = env!("BISMAR_EMBREE_HEADER_VERSION");
+
 /// The acceleration structure of a [`Scene`] by Embree.
 pub struct EmbreeRays {
     // Drop order: the handles of the library before what they point to.
