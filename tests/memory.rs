@@ -232,6 +232,10 @@ fn counts_without_data_are_bounded_in_words_that_name_them() {
     };
     refused(instances(1_000_000), ["accessors[2]", "1000000 instances without data"]);
     refused(instances(5_000), ["accessors[2]", "at most 4096"]);
+    let mut sparse = instances(1_000_000);
+    sparse.accessors[2]["sparse"] = json!({ "count": 1, "indices": { "bufferView": 1, "componentType": 5125 },
+        "values": { "bufferView": 0 } });
+    refused(sparse, ["accessors[2]", "999999 instances without data"]);
     let mut morphed = fields(2);
     let target = bare(&mut morphed, 3_000_000);
     let primitive = json!({ "attributes": { "POSITION": target }, "targets": [{ "POSITION": target }] });
