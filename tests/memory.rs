@@ -232,6 +232,10 @@ fn counts_without_data_are_bounded_in_words_that_name_them() {
     };
     refused(instances(1_000_000), ["accessors[2]", "1000000 instances without data"]);
     refused(instances(5_000), ["accessors[2]", "at most 4096"]);
+    let mut sparse = instances(1_000_000);
+    sparse.accessors[2]["sparse"] = json!({ "count": 1, "indices": { "bufferView": 1, "componentType": 5125 },
+        "values": { "bufferView": 0 } });
+    refused(sparse, ["accessors[2]", "999999 instances without data"]);
     let mut morphed = fields(2);
     let target = bare(&mut morphed, 3_000_000);
     let primitive = json!({ "attributes": { "POSITION": target }, "targets": [{ "POSITION": target }] });
@@ -287,14 +291,14 @@ fn what_numbers_cannot_hold_is_told() {
         document.save(&path.join("scene.glb"));
     };
     placed([0.0, 0.0, 0.0], 1.0);
-    let said = render("--sky --aperture f/2.8");
+    let said = render("--sky --aperture f/2.8 --focus 4");
     assert!(!said.contains("away from the origin") && !said.contains("the lens has"), "{said}");
     placed([4e5, 0.0, 0.0], 1.0);
     let said = render("--sky");
     assert!(said.contains("4.000e5 m away from the origin") && said.contains("wrong by about 21.2 %"), "{said}");
     placed([0.0, 0.0, 0.0], 0.001);
-    let said = render("--sky --aperture f/2.8");
-    assert!(said.contains("the lens has a radius of 7.84e-3 m"), "{said}");
+    let said = render("--sky --aperture f/2.8 --focus 0.004");
+    assert!(said.contains("the lens has a radius of 3.92e-3 m and is focused at 4.00e-3 m"), "{said}");
     let mut document = fields(4);
     document.json["meshes"][0]["primitives"][0]["material"] = 0.into();
     document.set(

@@ -2,7 +2,7 @@
 //! asks is informed.
 
 use std::fs;
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::atomic::AtomicBool;
@@ -222,6 +222,36 @@ fn a_signal_is_heard_while_a_pre_pass_learns() {
         let status = child.wait().unwrap();
         let seconds = began.elapsed().as_secs_f64();
         assert!(status.code() == Some(75) && seconds < 4.0, "{what}: {status} after {seconds} s");
+    }
+}
+
+/// A scheduler that does not read its progress any more keeps no render from ending.
+#[test]
+fn a_reader_that_is_stuck_does_not_keep_a_render() {
+    let folder = folder();
+    for style in ["openjd", "json"] {
+        // A pipe of the system's size that is full, and that nobody reads.
+        let (reader, mut writer) = std::io::pipe().unwrap();
+        writer.write_all(&[b'\n'; 1 << 16]).unwrap();
+        let line =
+            format!("render cornell.glb --size 96x64 --spp 100000 --checkpoint 9 -o {style}.exr --progress {style}");
+        let mut child = bismar(folder.path()).args(line.split(' ')).stdout(writer).spawn().unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(2500));
+        program::signal(&child, "-TERM");
+        let began = std::time::Instant::now();
+        let status = loop {
+            if let Some(status) = child.try_wait().unwrap() {
+                break status;
+            }
+            if began.elapsed().as_secs() > 20 {
+                child.kill().unwrap();
+                panic!("{style}: it does not end");
+            }
+            std::thread::sleep(std::time::Duration::from_millis(20));
+        };
+        assert_eq!(status.code(), Some(75), "{style}");
+        assert!(folder.path().join(format!("{style}.exr")).exists());
+        drop(reader);
     }
 }
 

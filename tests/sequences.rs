@@ -22,6 +22,28 @@ fn folder() -> tempfile::TempDir {
     folder
 }
 
+/// A placeholder can stand for the number in the scene's own name, or in that of a file that the scene names.
+#[test]
+fn no_frame_overwrites_what_it_is_made_of() {
+    let folder = folder();
+    let path = folder.path();
+    let glb = glb::moving();
+    fs::write(path.join("own.0001.glb"), &glb).unwrap();
+    let text = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
+    let mut json: Value = serde_json::from_slice(&glb[20..20 + text]).unwrap();
+    json["buffers"][0]["uri"] = "own.0001.bin".into();
+    fs::write(path.join("own.gltf"), json.to_string()).unwrap();
+    fs::write(path.join("own.0001.bin"), &glb[28 + text..]).unwrap();
+    for (scene, stats, file) in
+        [("own.0001.glb", "own.####.glb", "own.0001.glb"), ("own.gltf", "own.{frame:04}.bin", "own.0001.bin")]
+    {
+        let before = fs::read(path.join(file)).unwrap();
+        let said = expect(path, &format!("render {scene} --frames 1 --stats {stats} {FLAGS} -o a.####.exr"), 64);
+        assert!(said.contains("would overwrite"), "{said}");
+        assert!(fs::read(path.join(file)).unwrap() == before);
+    }
+}
+
 #[test]
 fn frames_are_the_pictures_of_single_commands_and_again_only_what_is_missing_is_done() {
     let folder = folder();

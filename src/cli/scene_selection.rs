@@ -116,7 +116,8 @@ impl SceneSelection {
             (true, Some(_), None) => Steps::Adaptive,
             // One frame before and after.
             (true, None, _) if velocities => Steps::Shutter(1),
-            _ => Steps::None,
+            (true, None, _) => Steps::Pose,
+            (false, ..) => Steps::Rest,
         }
     }
 

@@ -17,20 +17,33 @@ use crate::{Error, Result};
 #[derive(Debug)]
 pub struct Allocator;
 
-/// Raised while the last allocation of a thread has failed.
+/// Raised while an allocation has failed and its thread has not handled that.
 static EXHAUSTED: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
 thread_local! {
-    /// Whether the last allocation of this thread failed.
-    static FAILED: Cell<bool> = const { Cell::new(false) };
+    /// Size of this thread's last allocation that failed, and how many have succeeded since; 0 without one.
+    static FAILED: Cell<(usize, u32)> = const { Cell::new((0, 0)) };
 }
 
-fn recorded(memory: *mut u8) -> *mut u8 {
-    // A thread that has no memory and goes on allocating has handled that: an abort has another reason then.
-    if memory.is_null() != FAILED.get() {
-        FAILED.set(memory.is_null());
-        if let Some(exhausted) = EXHAUSTED.get() {
-            exhausted.store(memory.is_null(), Ordering::SeqCst);
+/// A thread that has no memory and goes on with so many allocations has handled that: an abort has another reason then. The
+/// backtrace of one that has not takes some thousands.
+const HANDLED: u32 = 100_000;
+
+fn recorded(memory: *mut u8, bytes: usize) -> *mut u8 {
+    let (failed, since) = FAILED.get();
+    let raised = |exhausted: bool| {
+        if let Some(flag) = EXHAUSTED.get() {
+            flag.store(exhausted, Ordering::SeqCst);
+        }
+    };
+    if memory.is_null() {
+        FAILED.set((bytes, 0));
+        raised(true);
+    } else if failed > 0 {
+        let handled = bytes >= failed || since >= HANDLED;
+        FAILED.set(if handled { (0, 0) } else { (failed, since + 1) });
+        if handled {
+            raised(false);
         }
     }
     memory
@@ -40,17 +53,17 @@ fn recorded(memory: *mut u8) -> *mut u8 {
 unsafe impl GlobalAlloc for Allocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         // SAFETY: the caller's contract.
-        recorded(unsafe { System.alloc(layout) })
+        recorded(unsafe { System.alloc(layout) }, layout.size())
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         // SAFETY: the caller's contract.
-        recorded(unsafe { System.alloc_zeroed(layout) })
+        recorded(unsafe { System.alloc_zeroed(layout) }, layout.size())
     }
 
     unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         // SAFETY: the caller's contract; `memory` was allocated by `System`.
-        recorded(unsafe { System.realloc(memory, layout, size) })
+        recorded(unsafe { System.realloc(memory, layout, size) }, size)
     }
 
     unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {

@@ -3,6 +3,8 @@
 //! `{{` and `}}` delimit references in a template and cannot be escaped: names that contain them refer to parameters whose
 //! values are the braces.
 
+use std::collections::HashSet;
+
 use serde_json::{Value, json};
 
 use super::plan::Plan;
@@ -16,6 +18,7 @@ use crate::{Error, Result};
 /// [`Error::Usage`] for names and numbers beyond the limits of the format.
 pub fn template(plan: &Plan) -> Result<Value> {
     let mut steps = Vec::new();
+    let mut names: HashSet<String> = plan.tasks.iter().map(|task| task.render.clone()).collect();
     let mut first = 0;
     while let Some(task) = plan.tasks.get(first) {
         let count = plan.tasks[first..].iter().take_while(|t| t.render == task.render).count();
@@ -36,7 +39,7 @@ pub fn template(plan: &Plan) -> Result<Value> {
         let chunks: Vec<_> = plan.merges[first..first + count].iter().filter_map(|m| m.frames.as_ref()).collect();
         let parameters = frames_parameter(&merge.render, &chunks)?.into_iter().collect();
         let command = parametrised(&merge.command, 0, 1, &chunks);
-        let mut step = step(&merge_name(plan, &merge.render), &command, parameters)?;
+        let mut step = step(&merge_name(&mut names, &merge.render), &command, parameters)?;
         step["dependencies"] = json!([{ "dependsOn": step_name(&merge.render)? }]);
         steps.push(step);
         first += count;
@@ -60,10 +63,10 @@ pub fn template(plan: &Plan) -> Result<Value> {
 /// Largest length of a job's name in characters, with its references.
 const MAX_JOB_NAME: usize = 128;
 
-/// Name of the step that merges a render, which no render has.
-fn merge_name(plan: &Plan, render: &str) -> String {
+/// Name of the step that merges a render, which is added to the `names` of other steps.
+fn merge_name(names: &mut HashSet<String>, render: &str) -> String {
     let mut name = format!("merge {render}");
-    while plan.tasks.iter().any(|task| task.render == name) {
+    while !names.insert(name.clone()) {
         name.insert_str(0, "merge ");
     }
     name

@@ -38,9 +38,11 @@ pub struct Need<'a> {
 /// Times at which moving parts are kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Steps {
-    /// The scene is at rest, or shown at one time.
+    /// The scene is at rest.
     #[default]
-    None,
+    Rest,
+    /// The scene is shown at one time.
+    Pose,
     /// So many linear segments.
     Shutter(u32),
     /// As many as the motion needs.
@@ -51,7 +53,7 @@ impl Steps {
     /// Number of times at which transforms and positions are kept.
     fn kept(self) -> u64 {
         match self {
-            Self::None => 0,
+            Self::Rest | Self::Pose => 0,
             Self::Shutter(steps) => u64::from(steps) + 1,
             // Few motions need more; those that do are measured again once they are read.
             Self::Adaptive => 9,
@@ -60,11 +62,11 @@ impl Steps {
 }
 
 /// Bytes of the program and its libraries.
-const PROGRAM_BYTES: u64 = 28 << 20;
+const PROGRAM_BYTES: u64 = 30 << 20;
 /// Bytes of the buffers of one thread.
 const BYTES_PER_THREAD: u64 = 2 << 20;
 /// Bytes per pixel of all AOVs while the blocks of the file are compressed.
-const AOV_BYTES_PER_PIXEL: u64 = 48;
+const AOV_BYTES_PER_PIXEL: u64 = 64;
 /// Bytes per pixel of a PNG while it is written.
 const PREVIEW_BYTES_PER_PIXEL: u64 = 8;
 /// Bytes per triangle of a static mesh: at the peak of the build, and of the finished acceleration structure.
@@ -142,7 +144,7 @@ impl<'a> Need<'a> {
         let kept =
             c.geometry_bytes + s.image_bytes + motion + c.instances * BYTES_PER_INSTANCE + c.meshes * BYTES_PER_MESH;
         // While it is read: the files, the parsed document, twice where an animation poses it, and data of the formats.
-        let documents = if times > 0 { 3 } else { 1 } * (c.json_bytes + c.nodes * BYTES_PER_NODE);
+        let documents = if self.steps == Steps::Rest { 1 } else { 3 } * (c.json_bytes + c.nodes * BYTES_PER_NODE);
         let decoding = s.decoding_bytes.iter().take(self.threads).sum::<u64>();
         let reading = s.read_bytes + documents + sampling + decoding.max(c.reading_bytes).max(environment[0]);
         let lights = c.emissive_triangles * BYTES_PER_LIGHT;
@@ -158,7 +160,10 @@ impl<'a> Need<'a> {
         let preview = if self.previews { self.pixels * PREVIEW_BYTES_PER_PIXEL } else { 0 };
         // A part of what the reader has freed is not given back to the system.
         let documents = documents / 2;
-        let rendering = built + environment[1] + lights + pixels + self.prepass_bytes.max(saving).max(denoiser).max(preview);
-        at_rest(self.threads) + kept + reading.max(documents + deforming + building).max(documents + deforming + rendering)
+        let rendering =
+            built + environment[1] + lights + pixels + self.prepass_bytes.max(saving).max(denoiser).max(preview);
+        at_rest(self.threads)
+            + kept
+            + reading.max(documents + deforming + building).max(documents + deforming + rendering)
     }
 }

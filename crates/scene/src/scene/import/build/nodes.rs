@@ -165,12 +165,16 @@ fn instances(from: &Instancing, reader: &mut Reader) -> Result<Vec<DAffine3>> {
     let (at, count) = (accessor.at.clone(), accessor.count);
     // All of them are in one place: every ray that meets one meets all.
     const MAX_IN_ONE_PLACE: u64 = 4096;
-    let has_data = |&index: &usize| {
-        reader.document.accessors.get(index).is_ok_and(|accessor| accessor.view.is_some() || accessor.sparse.is_some())
+    let without_data = |&index: &usize| match reader.document.accessors.get(index) {
+        Ok(accessor) if accessor.view.is_none() => {
+            count.saturating_sub(accessor.sparse.as_ref().map_or(0, |sparse| sparse.count))
+        }
+        _ => 0,
     };
-    if count > MAX_IN_ONE_PLACE && !from.all.iter().any(has_data) {
+    let in_one_place = from.all.iter().map(without_data).min().unwrap_or(0);
+    if in_one_place > MAX_IN_ONE_PLACE {
         return Err(Error::Data(format!(
-            "{at}: {count} instances without data, that is all in one place; at most {MAX_IN_ONE_PLACE} are shown: give the \
+            "{at}: {in_one_place} instances without data, that is all in one place; at most {MAX_IN_ONE_PLACE} are shown: give the \
              accessor a bufferView, or is the file damaged?"
         )));
     }

@@ -38,7 +38,7 @@ const MOST: u64 = 1 << 40;
 
 /// A sum that leaves room for products: no memory holds so much.
 fn add(a: u64, b: u64) -> u64 {
-    a.saturating_add(b).min(1 << 48)
+    a.saturating_add(b).min(1 << 44)
 }
 
 /// A primitive's share of memory.
@@ -58,9 +58,16 @@ pub fn census(json: &Value, reach: &Reach) -> Census {
     let mut census = Census { nodes: nodes().count() as u64, json_bytes: value_bytes(json), ..Default::default() };
     let animated = Animated::of(json);
     let (shown, moving) = (&reach.nodes, below(json, animated.moving));
-    let emissive: Vec<bool> =
-        items(&json["materials"]).enumerate().map(|(i, m)| shines(m) || animated.shining.contains(&i)).collect();
-    let sizes: Vec<Size> = items(&json["meshes"]).map(|mesh| size(json, mesh, &emissive)).collect();
+    let shading = |(index, material): (usize, &Value)| {
+        let text = material.to_string();
+        Shading {
+            emissive: shines(material) || animated.shining.contains(&index),
+            textured: text.contains("Texture"),
+            tangents: text.contains("ormalTexture") || text.contains("anisotropy"),
+        }
+    };
+    let materials: Vec<Shading> = items(&json["materials"]).enumerate().map(shading).collect();
+    let sizes: Vec<Size> = items(&json["meshes"]).map(|mesh| size(json, mesh, &materials)).collect();
     // Nodes whose meshes have the same form share them.
     let mut forms: HashMap<(usize, String), u64> = HashMap::new();
     for (index, node) in nodes().filter(|(index, _)| shown.get(*index) == Some(&true)) {
@@ -176,7 +183,16 @@ fn count(json: &Value, index: &Value) -> u64 {
     if count < MOST { count } else { 0 }
 }
 
-fn size(json: &Value, mesh: &Value, emissive: &[bool]) -> Size {
+/// What a material needs of its meshes, and whether they shine.
+#[derive(Debug, Clone, Copy, Default)]
+struct Shading {
+    emissive: bool,
+    textured: bool,
+    tangents: bool,
+}
+
+fn size(json: &Value, mesh: &Value, materials: &[Shading]) -> Size {
+    let shading = |index: &Value| number(index).and_then(|index| materials.get(index)).copied().unwrap_or_default();
     let mut all = Size::default();
     for primitive in items(&mesh["primitives"]) {
         let attributes = &primitive["attributes"];
@@ -187,12 +203,7 @@ fn size(json: &Value, mesh: &Value, emissive: &[bool]) -> Size {
             Some(5 | 6) => corners.saturating_sub(2),
             _ => continue,
         };
-        let material = number(&primitive["material"]).map(|material| &json["materials"][material]);
-        let textured = material.is_some_and(|material| material.to_string().contains("Texture"));
-        let tangents = material.is_some_and(|material| {
-            let text = material.to_string();
-            text.contains("ormalTexture") || text.contains("anisotropy")
-        });
+        let Shading { textured, tangents, .. } = shading(&primitive["material"]);
         let bytes_of = |name: &str| match name {
             "POSITION" | "NORMAL" => 12,
             "TANGENT" if tangents => 16,
@@ -206,8 +217,8 @@ fn size(json: &Value, mesh: &Value, emissive: &[bool]) -> Size {
         // Tangents that are made split vertices, up to one for each corner.
         let (kept, corners) = if made { (0, 3 * triangles * (bytes_per_vertex + 16)) } else { (vertices, 0) };
         let variants = items(&primitive["extensions"]["KHR_materials_variants"]["mappings"]);
-        let mut materials = variants.map(|mapping| &mapping["material"]).chain([&primitive["material"]]);
-        let shines = materials.any(|index| number(index).is_some_and(|index| emissive.get(index) == Some(&true)));
+        let mut all_variants = variants.map(|mapping| &mapping["material"]).chain([&primitive["material"]]);
+        let shines = all_variants.any(|index| shading(index).emissive);
         let targets = items(&primitive["targets"]).count() as u64;
         let skinned = !attributes["JOINTS_0"].is_null();
         let bytes = kept * bytes_per_vertex + corners + 12 * triangles;
