@@ -103,6 +103,8 @@ fn a_changed_scene_differs_until_the_golden_is_updated() {
     let said = expect(path, "check a.exr --update", 0);
     assert!(said.contains("1 updated"), "{said}");
     assert_same_bits(&path.join("a.exr"), &path.join("b.exr"));
+    // Its header still says where the scene is, seen from the root.
+    assert!(attribute(&path.join("a.exr"), "bismar.command").contains("\"models/c.glb\""));
     assert_eq!((expect(path, "check a.exr -q", 0), outcomes(path)), (String::new(), vec!["identical".into()]));
 }
 

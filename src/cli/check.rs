@@ -184,6 +184,7 @@ fn job(golden: &Path, new: &Path, root: &Path) -> Result<Job> {
     let PictureCommand { scene, env, mut flags } = command;
     let env = env.map(|env| root.join(env).display().to_string());
     flags.extend(env.map(|env| ("env".to_owned(), Some(env))));
+    flags.push(("relative-to".into(), Some(root.display().to_string())));
     let job = Job { name: name.clone(), scene: root.join(scene), flags, output: new.to_owned(), ..Job::default() };
     // A command of another version may have flags that this one lacks.
     plan(None, vec![job.clone()]).map_err(|e| cannot(&format!("its command cannot be run: {e}")))?;
