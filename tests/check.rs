@@ -54,11 +54,15 @@ fn goldens_of_every_kind_of_command_are_identical() {
         expect(path, &format!("{line} {size}"), 0);
     }
     expect(path, "merge 1.exr 2.exr -o g/f.exr -q", 0);
-    expect(path, "render models/c.glb --cameras g/transforms.json --camera e.1 --spp 4 --env g/c.exr -o g/g.exr -q", 0);
+    expect(
+        path,
+        "render models/c.glb --cameras g/transforms.json --camera e.1 --spp 4 --env g/c.exr -o more/g.exr -q",
+        0,
+    );
     let toml = "[[job]]\nscene = 'models/c.glb'\nsize = [24, 16]\nspp = 4\nguiding = 'on'\noutput = 'g/h.exr'\n";
     fs::write(path.join("jobs.toml"), toml).unwrap();
     expect(path, "batch jobs.toml -q", 0);
-    let said = expect(path, "check g", 0);
+    let said = expect(path, "check g more", 0);
     assert!(said.contains("10 golden pictures: 10 identical, 0 alike, 0 different, 0 failed"), "{said}");
     assert_eq!(outcomes(path), ["identical"; 10]);
     assert_eq!(names(&path.join("bismar-check")), ["index.html", "junit.xml", "new", "report.json"]);
@@ -67,7 +71,7 @@ fn goldens_of_every_kind_of_command_are_identical() {
     assert!(junit.contains("tests=\"10\" failures=\"0\" errors=\"0\""), "{junit}");
     // From elsewhere.
     let elsewhere = tempfile::tempdir().unwrap();
-    let line = format!("check {0}/g --root {0} --out r", path.display());
+    let line = format!("check {0}/g {0}/more --root {0} --out r", path.display());
     expect(elsewhere.path(), &format!("{line} -q"), 0);
     assert_eq!(names(elsewhere.path()), ["r"]);
 }
@@ -103,6 +107,8 @@ fn a_changed_scene_differs_until_the_golden_is_updated() {
     let said = expect(path, "check a.exr --update", 0);
     assert!(said.contains("1 updated"), "{said}");
     assert_same_bits(&path.join("a.exr"), &path.join("b.exr"));
+    // Its header still says where the scene is, seen from the root.
+    assert!(attribute(&path.join("a.exr"), "bismar.command").contains("\"models/c.glb\""));
     assert_eq!((expect(path, "check a.exr -q", 0), outcomes(path)), (String::new(), vec!["identical".into()]));
 }
 

@@ -34,6 +34,7 @@ mod import_notes;
 mod import_packed;
 mod import_reach;
 mod imports_point_one_way;
+mod labels;
 mod lamps;
 mod lens;
 mod lights;

@@ -124,14 +124,17 @@ fn a_panorama_is_the_environment_map_that_it_sees() {
         for (i, (seen, sky)) in seen.iter().zip(blocks()).enumerate() {
             // The inner texels of a block: interpolation reaches half a texel beyond a pixel, twice.
             let inner = [i % 64 % 8, i / 64 % 8].iter().all(|k| (2..6).contains(k));
-            if inner && hidden[i][0] == 1e10 {
+            // Nothing in front of the sky, here and in the pixels around.
+            let at = |dx: usize, dy: usize| hidden[(i / 64 + dy) % 32 * 64 + (i % 64 + dx) % 64][0];
+            let is_clear = [0, 1, 63].iter().all(|&dx| [0, 1, 31].iter().all(|&dy| at(dx, dy) == 1e10));
+            if inner && is_clear {
                 compared += 1;
                 let same = seen.iter().zip(sky).all(|(a, b)| (a - b).abs() <= 1e-5 * b);
                 assert!(same, "{name}, pixel {i}: {seen:?} for {sky:?}");
             }
         }
     }
-    assert!(compared > 800, "{compared}");
+    assert!(compared > 600, "{compared}");
 }
 
 #[test]
@@ -173,11 +176,11 @@ fn a_panorama_sees_the_room_around_its_camera_and_its_depth_is_the_distance() {
 fn panoramas_are_in_camera_files_too() {
     let folder = folder();
     let path = folder.path();
-    let frame = json!({"transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 1], [0, 0, 1, 0], [0, 0, 0, 1]]});
+    let frame = json!({"transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 4], [0, 0, 1, 0], [0, 0, 0, 1]]});
     let rig = json!({"camera_model": "EQUIRECTANGULAR", "w": 32, "h": 16, "frames": [frame]});
     fs::write(path.join("rig.json"), rig.to_string()).unwrap();
     expect(path, "render c.glb --cameras rig.json --spp 2 --aov depth -o a/##.exr -q", 0);
-    // From the middle of the room, which is open in front only: +z, at both sides of the picture.
+    // From above the boxes in the room, which is open in front only: +z, at both sides of the picture.
     let depth = Picture::open(&path.join("a/00.exr"), Some("depth.Z")).unwrap().rgb;
     assert!(depth.iter().filter(|d| d[0] < 1e9).count() > 300);
     assert!(depth[8 * 32][0] > 1e9 && depth[8 * 32 + 16][0] < 1e9);

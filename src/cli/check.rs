@@ -68,6 +68,8 @@ struct Check {
     seconds: f64,
     outcome: Outcome,
     updated: bool,
+    /// Has the render printed its error?
+    is_said: bool,
 }
 
 fn percent(text: &str) -> std::result::Result<f64, String> {
@@ -93,7 +95,7 @@ pub fn run(args: &CheckArgs, verbosity: Verbosity) -> Result<Verdict> {
             Err(error) => (String::new(), Outcome::failed(error)),
         };
         jobs.extend(job);
-        checks.push(Check { golden, scene, new, seconds: 0.0, outcome, updated: false });
+        checks.push(Check { golden, scene, new, seconds: 0.0, outcome, updated: false, is_said: false });
     }
     let rendered = render(args, jobs, verbosity)?;
     let limit = Limit { percentile: args.percentile, max_flip: args.max_flip };
@@ -101,6 +103,7 @@ pub fn run(args: &CheckArgs, verbosity: Verbosity) -> Result<Verdict> {
         let name = check.golden.display().to_string();
         let entry = rendered.get(&name).ok_or_else(|| Error::Bug(format!("{name}: no result")))?;
         check.seconds = entry.seconds;
+        check.is_said = entry.status == Status::Failed;
         check.outcome = match entry.status {
             Status::Done | Status::Before => {
                 compare(&check.golden, &check.new, limit).unwrap_or_else(|e| Outcome::failed(&e))
@@ -120,9 +123,14 @@ pub fn run(args: &CheckArgs, verbosity: Verbosity) -> Result<Verdict> {
     }
     report::write_junit(&results[1], &checks)?;
     report::write_json(&results[2], &checks, limit, began.elapsed().as_secs_f64())?;
-    for check in checks.iter().filter(|check| !check.outcome.is_identical()) {
-        let text = format!("{}: {}", check.golden.display(), report::line(check));
-        if check.outcome.passes() { print(text)? } else { say(text) }
+    for check in checks.iter().filter(|check| !check.outcome.is_identical() && !check.is_said) {
+        let (name, line) = (check.golden.display(), report::line(check));
+        match &check.outcome {
+            // Errors name the picture.
+            Outcome::Failed { .. } => say(line),
+            outcome if outcome.passes() => print(format_args!("{name}: {line}"))?,
+            _ => say(format_args!("{name}: {line}")),
+        }
     }
     if !verbosity.quiet {
         let text = report::summary(&checks, began.elapsed().as_secs_f64());
@@ -184,6 +192,7 @@ fn job(golden: &Path, new: &Path, root: &Path) -> Result<Job> {
     let PictureCommand { scene, env, mut flags } = command;
     let env = env.map(|env| root.join(env).display().to_string());
     flags.extend(env.map(|env| ("env".to_owned(), Some(env))));
+    flags.push(("relative-to".into(), Some(root.display().to_string())));
     let job = Job { name: name.clone(), scene: root.join(scene), flags, output: new.to_owned(), ..Job::default() };
     // A command of another version may have flags that this one lacks.
     plan(None, vec![job.clone()]).map_err(|e| cannot(&format!("its command cannot be run: {e}")))?;

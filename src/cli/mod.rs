@@ -9,6 +9,7 @@ mod farm;
 pub mod flag_values;
 pub mod in_memory;
 mod inspect;
+mod labels;
 mod memory;
 mod merge;
 mod movie;
@@ -49,6 +50,7 @@ enum Command {
     Merge(merge::MergeArgs),
     Compare(compare::CompareArgs),
     Check(check::CheckArgs),
+    Labels(labels::LabelsArgs),
     Develop(develop::DevelopArgs),
     Movie(movie::MovieArgs),
     Study(study::StudyArgs),
@@ -84,6 +86,7 @@ pub fn run() -> ExitCode {
             Command::Merge(args) => merge::run(args, cli.verbosity),
             Command::Compare(args) => compare::run(args),
             Command::Check(args) => check::run(args, cli.verbosity),
+            Command::Labels(args) => labels::run(args, cli.verbosity),
             Command::Develop(args) => develop::run(args, cli.verbosity),
             Command::Movie(args) => movie::run(args, cli.verbosity),
             Command::Study(args) => study::run(args, cli.verbosity),

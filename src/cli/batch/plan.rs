@@ -14,7 +14,8 @@ use crate::console::Paths;
 use crate::{Error, Result};
 
 /// Flags of `render` that a batch file must not hold.
-const NOT_IN_FILES: [&str; 10] = [
+const NOT_IN_FILES: [&str; 11] = [
+    "relative-to",
     "placed",
     "resume",
     "replay-pixel",

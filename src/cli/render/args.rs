@@ -277,6 +277,9 @@ pub struct RenderArgs {
     /// A camera by its matrix; jobs of --cameras have it.
     #[arg(long, hide = true, conflicts_with_all = ["camera", "orbit"])]
     pub placed: Option<PlacedCamera>,
+    /// Folder that is left out of the paths in the picture's header; `bismar check` has it.
+    #[arg(long, hide = true)]
+    pub relative_to: Option<PathBuf>,
     /// The flags that were given, without dashes, with their values; `None` if they are not known.
     #[arg(skip)]
     pub given: Option<Vec<(String, Option<String>)>>,

@@ -12,7 +12,7 @@ use crate::render::checkpoint::{json, text};
 /// The header attribute.
 pub const ATTRIBUTE: &str = "bismar.command";
 /// Flags that do not say what is in the picture.
-const NOT_OF_THE_PICTURE: [&str; 19] = [
+const NOT_OF_THE_PICTURE: [&str; 20] = [
     "output",
     "preview",
     "view",
@@ -32,6 +32,7 @@ const NOT_OF_THE_PICTURE: [&str; 19] = [
     "strict",
     "led",
     "env",
+    "relative-to",
 ];
 
 /// A scene, and flags of `bismar render`.
@@ -51,6 +52,7 @@ impl PictureCommand {
     fn of(args: &RenderArgs) -> Option<Self> {
         let mut flags = args.given.clone()?;
         flags.retain(|(name, _)| !NOT_OF_THE_PICTURE.contains(&name.as_str()));
+        let shared = |path: &Path| shared(path, args.relative_to.as_deref());
         let env = args.env.as_deref().map(shared);
         if env == Some(None) {
             return None;
@@ -75,8 +77,9 @@ impl PictureCommand {
     }
 }
 
-/// A path for a file that others will see.
-fn shared(path: &Path) -> Option<String> {
+/// A path for a file that others will see, without the folder `root` before it.
+fn shared(path: &Path, root: Option<&Path>) -> Option<String> {
+    let path = root.and_then(|root| path.strip_prefix(root).ok()).unwrap_or(path);
     let shown = if path.is_absolute() { Path::new(path.file_name()?) } else { path };
     shown.to_str().map(str::to_owned)
 }

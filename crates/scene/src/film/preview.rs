@@ -135,6 +135,28 @@ pub fn write_rgb8(path: &Path, width: u32, height: u32, bytes: &[u8]) -> Result<
     write_bytes(path, [width, height], bytes, ColorType::Rgb, "")
 }
 
+/// Writes 16-bit grey values as a PNG, row-major from the top.
+///
+/// # Errors
+/// The errors of [`atomic::write`].
+pub fn write_grey16(path: &Path, [width, height]: [u32; 2], values: &[u16]) -> Result<()> {
+    let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_be_bytes()).collect();
+    atomic::write(path, |file| {
+        let mut encoder = Encoder::new(file, width, height);
+        encoder.set_color(ColorType::Grayscale);
+        encoder.set_depth(BitDepth::Sixteen);
+        let written = encoder.write_header().and_then(|mut writer| {
+            writer.write_image_data(&bytes)?;
+            writer.finish()
+        });
+        written.map_err(|e| match e {
+            EncodingError::IoError(e) => e,
+            other => io::Error::other(other),
+        })?;
+        Ok(Ok(()))
+    })
+}
+
 fn write_bytes(path: &Path, size: [u32; 2], bytes: &[u8], kind: ColorType, mark: &str) -> Result<()> {
     let ending = path.extension().map(|end| end.to_ascii_lowercase()).unwrap_or_default();
     atomic::write(path, |file| {
