@@ -48,3 +48,4 @@ mod sampling;
 mod scalar;
 mod scenes;
 mod sequences;
+mod techniques;

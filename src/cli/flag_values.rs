@@ -4,7 +4,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use crate::film::{Denoise, View};
 use crate::rays::Backend;
-use crate::render::{BackFaces, Guiding, Integrator, PixelFilter};
+use crate::render::{BackFaces, Choice, Integrator, PixelFilter};
 
 /// A library type whose values are the values of a flag.
 pub trait FlagValue: Copy + Send + Sync + 'static {
@@ -53,10 +53,10 @@ flag_values! {
         Cull: "Rays from the camera and their mirror images pass them",
         Show: "They are drawn",
     }
-    Guiding {
-        Off: "No path guiding",
-        On: "Guide all paths",
-        Auto: "Guide paths where a pre-pass estimates that guiding pays for its cost",
+    Choice {
+        Off: "Never",
+        On: "Always",
+        Auto: "Where a pre-pass estimates that it pays for its cost",
     }
     PixelFilter {
         Gaussian: "Gaussian of standard deviation 0.5 pixels, truncated at 1.5 pixels",

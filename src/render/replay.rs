@@ -53,8 +53,11 @@ pub fn replay(
         return Ok(());
     };
     let allocation = Allocation::new(&transport, settings, &never);
-    let goal = settings.spp.map(|mean| allocation.map_or(mean, |allocation| allocation.paths(&tile, mean)));
-    while let Some(pass) = scheduler::planned_to(settings, goal, tile.paths()) {
+    let planned = |tile: &Tile| match &allocation {
+        Some(allocation) => allocation.next_pass(settings, tile),
+        None => scheduler::planned(settings, tile.paths()),
+    };
+    while let Some(pass) = planned(&tile) {
         transport.seed = pass_seed(settings, tile.paths());
         tile.pass_watched(&transport, settings, pass, &mut |task: &PixelTask| {
             if [task.x, task.y] != [x, y] {

@@ -41,6 +41,7 @@ pub fn read(path: &Path) -> Result<Vec<Job>> {
                 _ if name == "size" => Flag::List('x'),
                 _ if ["aov", "crop", "frames"].contains(&name.as_str()) => Flag::List(','),
                 _ if name == "seed-per-frame" => Flag::Choice,
+                _ if name == "adaptive" => Flag::Mode,
                 _ if name == "env" => Flag::Input,
                 _ if arg.get_value_hint() == ValueHint::AnyPath => Flag::File,
                 _ => Flag::Value,

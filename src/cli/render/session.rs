@@ -21,7 +21,7 @@ use crate::film::{exr_file, preview};
 use crate::render::camera::lens;
 use crate::render::checkpoint::Earlier;
 use crate::render::prepass::{guiding::MEMORY, learned_lights};
-use crate::render::{Guiding, Identity, Pause, Progress, RenderSettings, Rendered, RunOptions, Saved, StopReason, run};
+use crate::render::{Identity, Pause, Progress, RenderSettings, Rendered, RunOptions, Saved, StopReason, run};
 use crate::{Error, Result};
 
 /// Seconds between updates of the viewer.
@@ -133,10 +133,7 @@ impl Session<'_> {
             None => u64::from(width) * u64::from(height),
         };
         let settings = self.args.settings();
-        let guiding = match settings.guiding {
-            Guiding::Off => 0,
-            _ => settings.guiding_memory.unwrap_or(MEMORY),
-        };
+        let guiding = if settings.guides() { settings.guiding_memory.unwrap_or(MEMORY) } else { 0 };
         let need = Need {
             scene: &self.inputs.scene,
             environment_bytes: self.inputs.environment.1,
