@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use bismar::film::compare::relative_to;
 use bismar::rays::Backend;
-use bismar::render::{Balance, RenderSettings, Rendered, StopReason, render};
+use bismar::render::{Balance, Choice, RenderSettings, Rendered, StopReason, render};
 use bismar::scene::Scene;
 use glam::Vec3;
 
@@ -31,7 +31,7 @@ fn settings() -> RenderSettings {
         height: 64,
         spp: Some(32),
         balance: Balance::Half,
-        adaptive: true,
+        adaptive: Choice::On,
         ..Default::default()
     }
 }
@@ -49,9 +49,9 @@ fn paths(rendered: &Rendered, mean: u32) -> f64 {
 fn as_many_paths_leave_less_error_and_the_same_means() {
     let stage = Stage::new(floors(), Backend::Embree);
     let pixel = |r: &Rendered| r.film().pixels.iter().map(|p| f64::from(p.mean()[1])).collect::<Vec<_>>();
-    let even = RenderSettings { adaptive: false, ..settings() };
+    let even = RenderSettings { adaptive: Choice::Off, ..settings() };
     let reference = pixel(&rendered(&stage, &RenderSettings { spp: Some(4096), seed: 1 << 20, ..even.clone() }));
-    const REPLICAS: u32 = 60;
+    const REPLICAS: u32 = 240;
     let (mut means, mut errors) = ([Mean::default(), Mean::default()], [Mean::default(), Mean::default()]);
     for (i, settings) in [even, settings()].into_iter().enumerate() {
         for seed in 0..REPLICAS {
@@ -78,7 +78,7 @@ fn a_pilot_that_finds_all_tiles_alike_gives_all_as_many_and_the_bits_of_none() {
     look(&mut scene, Vec3::new(0.0, 3.0, 0.01), Vec3::ZERO, 0.8);
     let stage = Stage::new(Arc::new(scene), Backend::Obvhs);
     let alike = rendered(&stage, &settings());
-    let even = rendered(&stage, &RenderSettings { adaptive: false, ..settings() });
+    let even = rendered(&stage, &RenderSettings { adaptive: Choice::Off, ..settings() });
     assert_eq!(alike.stats.adaptive.unwrap().efficiency.range, [1.0; 2]);
     assert_eq!(format!("{:?}", alike.film()), format!("{:?}", even.film()));
     assert!(even.stats.adaptive.is_none());

@@ -32,7 +32,8 @@ fn any_number_of_threads_gives_the_same_bits() {
         let stage = Stage::new(hall(), backend);
         for balance in [Balance::Progressive, Balance::SecondOrder, Balance::Power] {
             for (noise, adaptive) in [(Some(0.12), false), (None, true)] {
-                let settings = RenderSettings { balance, noise, adaptive, spp: Some(160), ..settings() };
+                let settings =
+                    RenderSettings { balance, noise, adaptive: adaptive.into(), spp: Some(160), ..settings() };
                 let one = film(&stage, &settings, 1);
                 for threads in [2, 7] {
                     let other = film(&stage, &settings, threads);
@@ -51,7 +52,7 @@ fn any_number_of_threads_gives_the_same_bits() {
 fn a_crop_has_the_bits_of_the_whole() {
     let stage = Stage::new(hall(), Backend::Embree);
     for (noise, adaptive, spp) in [(None, false, 40), (None, true, 40), (Some(0.12), false, 160)] {
-        let settings = RenderSettings { noise, adaptive, spp: Some(spp), ..settings() };
+        let settings = RenderSettings { noise, adaptive: adaptive.into(), spp: Some(spp), ..settings() };
         let whole = film(&stage, &settings, 2);
         for crop in [[0, 0, 1, 1], [13, 9, 34, 33], [49, 36, 50, 37]] {
             let part = film(&stage, &RenderSettings { crop: Some(crop), ..settings.clone() }, 2);

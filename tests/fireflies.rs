@@ -90,8 +90,15 @@ fn the_brightest_firefly_is_the_path_that_replaying_shows() {
 fn replaying_takes_the_passes_that_tiles_took_for_themselves() {
     let stage = Stage::new(hall(), Backend::Obvhs);
     for (noise, spp, adaptive) in [(Some(0.04), None, false), (None, Some(40), true)] {
-        let settings =
-            RenderSettings { width: 20, height: 18, noise, spp, adaptive, balance: Balance::Half, ..settings() };
+        let settings = RenderSettings {
+            width: 20,
+            height: 18,
+            noise,
+            spp,
+            adaptive: adaptive.into(),
+            balance: Balance::Half,
+            ..settings()
+        };
         let film = render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap().film();
         for [x, y] in [[0u32, 0], [7, 9], [13, 2], [17, 17]] {
             let stats = &film.pixels[(y * 20 + x) as usize];

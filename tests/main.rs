@@ -54,5 +54,6 @@ mod sampling;
 mod scalar;
 mod scenes;
 mod sequences;
+mod techniques;
 mod thin_walls;
 mod views;

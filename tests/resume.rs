@@ -68,7 +68,7 @@ fn interruptions_anywhere_leave_no_trace() {
             height: 37,
             spp: Some(if noise.is_some() { 200 } else { 40 }),
             noise,
-            adaptive,
+            adaptive: adaptive.into(),
             aovs: true,
             balance,
             crop,

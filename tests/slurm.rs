@@ -531,7 +531,7 @@ fn starve(flags: &str) -> bool {
     let slurm = Slurm::start();
     let folder = slurm.work.path();
     let part = folder.join("veach.farm/parts/veach.1-of-2.exr");
-    let line = format!("veach.glb --parts 2 --memory 400M --retry-memory -- {flags} --checkpoint 0.5 -o out.exr");
+    let line = format!("veach.glb --parts 2 --memory 700M --retry-memory -- {flags} --checkpoint 0.5 -o out.exr");
     let jobs = slurm.submit(folder, &line);
     let [array, merge] = &jobs[..] else { panic!("{jobs:?}") };
     let task = format!("{array}_1");
@@ -540,12 +540,12 @@ fn starve(flags: &str) -> bool {
     let Some(render) = writer(&part) else { return false };
     kill(render);
     let log = || fs::read_to_string(folder.join("veach.farm/logs/task-1.log")).unwrap_or_default();
-    slurm.wait("it is told", || log().contains("Slurm requeues it with 600 MiB") || over());
-    if !log().contains("600 MiB") {
+    slurm.wait("it is told", || log().contains("Slurm requeues it with 1050 MiB") || over());
+    if !log().contains("1050 MiB") {
         return false;
     }
     slurm.wait_for(merge, &["COMPLETED"]);
-    assert_eq!(slurm.values(&task, "MinMemoryNode"), ["600M"]);
+    assert_eq!(slurm.values(&task, "MinMemoryNode"), ["1050M"]);
     assert_same_bits(&single_machine(folder, flags), &folder.join("out.exr"));
     true
 }

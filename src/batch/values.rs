@@ -22,6 +22,8 @@ pub enum Flag {
     Switch,
     /// A boolean value.
     Choice,
+    /// A boolean value, which stands for on or off, or a word.
+    Mode,
 }
 
 /// Result with an error of the file: byte of the text, and message.
@@ -145,7 +147,10 @@ fn scalar(reader: &Reader, name: &str, kind: Flag, value: &Spanned<DeValue>) -> 
         (Flag::Switch, DeValue::Boolean(true)) => Ok(None),
         (Flag::Switch, DeValue::Boolean(false)) => Ok(Some(String::new())),
         (Flag::Choice, DeValue::Boolean(choice)) => Ok(Some(choice.to_string())),
+        (Flag::Mode, DeValue::Boolean(on)) => Ok(Some(if *on { "on" } else { "off" }.to_owned())),
+        (Flag::Mode, DeValue::String(word)) if !word.contains(char::is_control) => Ok(Some(word.to_string())),
         (Flag::Switch | Flag::Choice, _) => wanted("true or false"),
+        (Flag::Mode, _) => wanted("true, false or a word in quotes"),
         (_, DeValue::String(text)) if text.contains(char::is_control) => {
             Err((value.span().start, format!("`{name}` holds a control character: {text:?}")))
         }

@@ -4,7 +4,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use crate::film::{Denoise, View};
 use crate::rays::Backend;
-use crate::render::{BackFaces, GlassShadows, Guiding, Integrator, PixelFilter};
+use crate::render::{BackFaces, Choice, GlassShadows, Integrator, PixelFilter};
 
 /// A library type whose values are the values of a flag.
 pub trait FlagValue: Copy + Send + Sync + 'static {
@@ -57,10 +57,10 @@ flag_values! {
         Off: "Shadow rays end at them; light behind is found by refracted paths",
         Straight: "Shadow rays pass them straight, dimmed by Fresnel and absorption: approximate",
     }
-    Guiding {
-        Off: "No path guiding",
-        On: "Guide all paths",
-        Auto: "Guide paths where a pre-pass estimates that guiding pays for its cost",
+    Choice {
+        Off: "Never",
+        On: "Always",
+        Auto: "Where a pre-pass estimates that it pays for its cost",
     }
     PixelFilter {
         Gaussian: "Gaussian of standard deviation 0.5 pixels, truncated at 1.5 pixels",

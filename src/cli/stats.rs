@@ -11,8 +11,8 @@ use crate::film::atomic;
 use crate::film::exr_file::{Header, HeaderValue};
 use crate::rays::BackendInfo;
 use crate::render::checkpoint::{json, text};
-use crate::render::stats::{AdaptiveStats, GuidingStats, LearnedLightsStats, Samples};
-use crate::render::{Fireflies, Guiding, RenderSettings, Rendered, StopReason};
+use crate::render::stats::{AdaptiveStats, CompensationStats, GuidingStats, LearnedLightsStats, Samples};
+use crate::render::{Choice, Decisions, Fireflies, RenderSettings, Rendered, StopReason};
 use crate::scene::Scene;
 use crate::{Error, Result};
 
@@ -41,6 +41,11 @@ pub struct Stats {
     noise: f64,
     noise_worst_tile: f64,
     samples: Samples,
+    /// Which techniques are used, and why.
+    techniques: Decisions,
+    /// Pre-pass of the environment, if there was one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    compensation: Option<CompensationStats>,
     /// Pre-pass that learned the light sources, if there was one.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[serde(rename = "lamps")]
@@ -194,6 +199,8 @@ impl Stats {
             noise: stats.noise,
             noise_worst_tile: rendered.worst_noise(),
             samples: Samples::of(rendered),
+            techniques: Decisions::new(settings, stats),
+            compensation: stats.compensation,
             learned_lights: stats.learned_lights,
             guiding: stats.guiding,
             adaptive: stats.adaptive,
@@ -256,16 +263,22 @@ impl Stats {
         let s = &self.samples;
         let spp = if s.pixel_min == s.pixel_max { s.pixel_min.to_string() } else { format!("{:.1}", s.pixel_mean) };
         let replay = |x, y, path| {
-            let RenderSettings { spp, noise, min_spp, seed, adaptive, guiding, .. } = self.settings;
-            let adaptive = adaptive && spp.is_some();
-            let guided = Some(guiding.name()).filter(|_| guiding != Guiding::Off);
+            let RenderSettings { spp, noise, min_spp, seed, balance, adaptive, guiding, .. } = self.settings;
+            // What a command without these flags does.
+            let usual = if balance.method().uses_prepasses() { Choice::Auto } else { Choice::Off };
+            let adaptive = match adaptive {
+                adaptive if adaptive == usual || spp.is_none() => String::new(),
+                Choice::On => "--adaptive ".into(),
+                other => format!("--adaptive={} ", other.name()),
+            };
+            let guided = Some(guiding.name()).filter(|_| guiding != usual);
             let spp = spp.or(Some(s.pixel_max).filter(|_| noise.is_none()));
             let flag =
                 |name: &str, value: Option<String>| value.map(|value| format!("--{name} {value} ")).unwrap_or_default();
             let stop = flag("spp", spp.map(|n| n.to_string()))
                 + &flag("noise", noise.map(|x| x.to_string()))
                 + &flag("min-spp", min_spp.map(|n| n.to_string()))
-                + if adaptive { "--adaptive " } else { "" }
+                + &adaptive
                 + &flag("guiding", guided.map(str::to_owned));
             format!("{stop}--seed {seed} --replay-pixel {x},{y},{path}")
         };

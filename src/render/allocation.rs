@@ -4,16 +4,21 @@
 //! A pre-pass estimates variance and cost from a few pixels of each tile, with other scrambles of the sequence than the
 //! picture's. The picture therefore stays unbiased, and every part, crop and session computes the same allocation.
 
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
 use glam::Vec3;
 use rayon::prelude::*;
+use tracing::debug;
 
-use super::RenderSettings;
 use super::sampler::with_buffers;
+use super::scheduler::planned_to;
 use super::stats::AllocationEfficiency;
 use super::tile::{TILE, Tile};
+use super::{Choice, RenderSettings};
 use crate::balance::Counts;
+use crate::balance::method::MAX_PASS_PATHS;
 use crate::film::PixelStats;
 use crate::film::compare::relative_to;
 use crate::integrator::{PixelSums, PixelTask, Transport, Wave, WaveCounts};
@@ -26,6 +31,15 @@ const PATHS_PER_SCRAMBLE: u32 = 4;
 /// thirty-second of the picture's paths.
 const MAX_PIXELS: usize = 1 << 14;
 const PIXELS_PER_TILE: [usize; 2] = [32, 128];
+/// Sampled pixels of a tile in the first step. With `auto` there is a second step only where the first estimates that at most
+/// this fraction of error times cost remains: few pixels tell tiles apart badly, which makes the estimate too high.
+const FIRST_PIXELS_PER_TILE: usize = 12;
+const MAX_REMAINING_AT_FIRST_STEP: f64 = 0.97;
+/// Maximum seconds of the pre-pass over those of a time limit. It is given up if it takes longer.
+const MAX_TIME_SHARE: f64 = 0.1;
+/// Cost of a camera ray over that of a ray of a later bounce or of a shadow ray: camera rays are coherent, and those that meet
+/// nothing are not shaded. Fitted to CPU times of pictures with and without an allocation.
+const CAMERA_RAY_COST: f64 = 0.3;
 /// Sampled pixels at which a tile's own estimate has the same weight as that of the tiles around it.
 const SMOOTHING_PIXELS: f64 = 40.0;
 /// Minimum and maximum doublings of the mean number of paths. Powers of two suit low-discrepancy points, by a few per
@@ -34,7 +48,7 @@ const DOUBLINGS: [i32; 2] = [-2, 2];
 /// Maximum paths of a tile, over the mean.
 pub const MAX_PATHS_OVER_MEAN: u32 = 1 << DOUBLINGS[1];
 /// All tiles get the same number of paths where the pre-pass estimates that more than this of the error would remain.
-const MAX_REMAINING_ERROR: f64 = 0.97;
+const MAX_REMAINING_ERROR: f64 = 0.95;
 /// Below this mean number of paths, all tiles get the same number.
 const MIN_MEAN_PATHS: u32 = 16;
 
@@ -52,12 +66,39 @@ pub struct Allocation {
 struct Survey {
     /// Pixels.
     pixels: f64,
-    /// Relative variance of a path, by each half of the sampled pixels.
+    /// Sum of the relative variance of a path over each half of the sampled pixels.
     variance: [f64; 2],
-    /// Sampled pixels.
-    sampled: usize,
-    /// Rays of a path.
+    /// Sampled pixels in each half.
+    sampled: [usize; 2],
+    /// Sum of the cost of a path over the sampled pixels.
     cost: f64,
+}
+
+impl Survey {
+    /// Relative variance of a path, by one half of the sampled pixels.
+    fn variance(&self, half: usize) -> f64 {
+        self.variance[half] / self.sampled[half].max(1) as f64
+    }
+
+    /// Number of sampled pixels.
+    fn all_sampled(&self) -> f64 {
+        (self.sampled[0] + self.sampled[1]) as f64
+    }
+
+    /// Cost of a path, > 0: each has a camera ray.
+    fn cost(&self) -> f64 {
+        self.cost / self.all_sampled()
+    }
+
+    /// Both of the same tile.
+    fn plus(&self, more: &Self) -> Self {
+        Self {
+            pixels: self.pixels,
+            variance: [0, 1].map(|half| self.variance[half] + more.variance[half]),
+            sampled: [0, 1].map(|half| self.sampled[half] + more.sampled[half]),
+            cost: self.cost + more.cost,
+        }
+    }
 }
 
 impl Allocation {
@@ -65,17 +106,34 @@ impl Allocation {
     /// and soon after `stop` is raised.
     pub fn new(transport: &Transport, settings: &RenderSettings, stop: &AtomicBool) -> Option<Self> {
         let few = settings.spp.is_some_and(|spp| spp < MIN_MEAN_PATHS);
-        if !settings.adaptive || settings.noise.is_some() || few {
+        if !settings.allocates() || few {
             return None;
         }
+        let began = Instant::now();
+        // Pictures against the clock have no reproducible number of paths.
+        let is_late = || settings.time.is_some_and(|time| began.elapsed().as_secs_f64() > MAX_TIME_SHARE * time);
         let [columns, rows] = [settings.width, settings.height].map(|n| n.div_ceil(TILE));
-        let of_tile = |tile| {
-            let survey = |wave: &mut Wave| survey(wave, transport, settings, [tile % columns, tile / columns]);
-            (!stop.load(Ordering::Relaxed)).then(|| with_buffers(|buffers| survey(buffers.wave())))
+        let step = |sampled: Range<usize>| -> Option<Vec<Survey>> {
+            let of_tile = |tile| {
+                let at = [tile % columns, tile / columns];
+                let survey = |wave: &mut Wave| survey(wave, transport, settings, at, sampled.clone());
+                (!stop.load(Ordering::Relaxed) && !is_late()).then(|| with_buffers(|buffers| survey(buffers.wave())))
+            };
+            (0..columns * rows).into_par_iter().map(of_tile).collect()
         };
-        let surveys: Vec<_> = (0..columns * rows).into_par_iter().map(of_tile).collect::<Option<_>>()?;
-        let (doublings, efficiency) = allocated(&surveys, columns as usize);
-        Some(Self { doublings, columns, efficiency })
+        let all = pixels_per_tile(settings);
+        let of = |surveys: &[Survey]| {
+            let (doublings, efficiency) = allocated(surveys, columns as usize);
+            Self { doublings, columns, efficiency }
+        };
+        let first = step(0..FIRST_PIXELS_PER_TILE)?;
+        let found = of(&first);
+        debug!("the first step of the allocation leaves {:.3}", found.efficiency.remaining);
+        if settings.adaptive == Choice::Auto && found.efficiency.remaining > MAX_REMAINING_AT_FIRST_STEP {
+            return Some(Self { doublings: vec![0; first.len()], ..found });
+        }
+        let more = step(FIRST_PIXELS_PER_TILE..all)?;
+        Some(of(&first.iter().zip(&more).map(|(first, more)| first.plus(more)).collect::<Vec<_>>()))
     }
 
     /// Paths per pixel of a tile, where the mean over all tiles is `mean`.
@@ -85,34 +143,70 @@ impl Allocation {
         if mean < MIN_MEAN_PATHS { mean } else { own.round() as u32 }
     }
 
+    /// Paths per pixel of the next pass of a tile, where `settings` have a goal; `None` if the tile has reached its own.
+    pub fn next_pass(&self, settings: &RenderSettings, tile: &Tile) -> Option<u32> {
+        let goal = settings.spp.map(|mean| self.paths(tile, mean));
+        let pass = planned_to(settings, goal, tile.paths())?;
+        // Renders of 128 and of 256 paths then begin alike in tiles with a fraction of the mean.
+        let longest = self.paths(tile, MAX_PASS_PATHS).min(MAX_PASS_PATHS);
+        Some(if settings.balance.method().uses_prepasses() { pass.min(longest) } else { pass })
+    }
+
+    /// Renders with equal keys, and other settings alike, have the same allocation and begin with the same passes. `None`
+    /// where all tiles get the same number of paths.
+    pub fn key(settings: &RenderSettings) -> Option<u32> {
+        let spp = settings.spp.filter(|spp| settings.allocates() && *spp >= MIN_MEAN_PATHS)?;
+        Some(if spp.is_multiple_of(MAX_PASS_PATHS) { MAX_PASS_PATHS } else { spp })
+    }
+
     /// Its estimated efficiency.
     pub fn efficiency(&self) -> AllocationEfficiency {
         self.efficiency
     }
 }
 
-/// Traces the pre-pass of a tile.
-fn survey(wave: &mut Wave, transport: &Transport, settings: &RenderSettings, [column, row]: [u32; 2]) -> Survey {
+/// Cost of the paths of a wave, in rays beyond the camera's. What is counted does not depend on the machine or its load.
+fn cost(counts: &WaveCounts) -> f64 {
+    let beyond = counts.first_bounce_rays + counts.later_bounce_rays + counts.shadow_rays;
+    CAMERA_RAY_COST * counts.camera_rays as f64 + beyond as f64
+}
+
+/// Sampled pixels of a whole tile.
+fn pixels_per_tile(settings: &RenderSettings) -> usize {
+    let tiles = settings.width.div_ceil(TILE) as usize * settings.height.div_ceil(TILE) as usize;
+    let few = settings.spp.map_or(PIXELS_PER_TILE[1], |spp| spp as usize).max(PIXELS_PER_TILE[0]);
+    (MAX_PIXELS / tiles).clamp(PIXELS_PER_TILE[0], PIXELS_PER_TILE[1]).min(few)
+}
+
+/// Traces some of the pixels of a tile's pre-pass, of which there are at most as many as half of its pixels.
+fn survey(
+    wave: &mut Wave,
+    transport: &Transport,
+    settings: &RenderSettings,
+    [column, row]: [u32; 2],
+    sampled: Range<usize>,
+) -> Survey {
     let (x0, y0) = (column * TILE, row * TILE);
     let (width, height) = (TILE.min(settings.width - x0), TILE.min(settings.height - y0));
     let pixels = (width * height) as usize;
-    let tiles = settings.width.div_ceil(TILE) as usize * settings.height.div_ceil(TILE) as usize;
-    let few = settings.spp.map_or(PIXELS_PER_TILE[1], |spp| spp as usize).max(PIXELS_PER_TILE[0]);
-    let sampled = (MAX_PIXELS / tiles).clamp(PIXELS_PER_TILE[0], PIXELS_PER_TILE[1]).min(few).min(pixels.div_ceil(2));
+    let [begin, end] = [sampled.start, sampled.end].map(|n| n.min(pixels.div_ceil(2)));
     let counts = if transport.lights.has_extent() {
         Counts::half(PATHS_PER_SCRAMBLE)
     } else {
         Counts::bsdf_only(PATHS_PER_SCRAMBLE)
     };
+    if begin == end {
+        return Survey { pixels: pixels as f64, ..Default::default() };
+    }
     // 97 is prime, and no tile has a side of that: no pixel comes twice.
-    let mut places: Vec<_> = (0..sampled as u32).map(|i| i * 97 % pixels as u32).collect();
+    let mut places: Vec<_> = (begin..end).map(|i| (i * 97 % pixels) as u32).collect();
     places.sort_unstable();
     let place = |i: u32| [x0 + i % width, y0 + i / width];
     let tasks: Vec<_> = places.into_iter().map(|i| PixelTask::first(place(i), counts, 0)).collect();
     wave.counts = WaveCounts::default();
     let [a, b] = [0, 1].map(|scramble| {
         let transport = Transport { seed: hash(settings.seed ^ hash(0x616c_6c6f + scramble)), ..transport.clone() };
-        let mut stats = vec![PixelStats::default(); sampled];
+        let mut stats = vec![PixelStats::default(); tasks.len()];
         wave.run(&transport, &tasks, &mut PixelSums::new(&mut stats));
         stats.into_iter().map(|stats| Vec3::from(stats.mean())).collect::<Vec<_>>()
     });
@@ -125,12 +219,12 @@ fn survey(wave: &mut Wave, transport: &Transport, settings: &RenderSettings, [co
         let own = f64::from(PATHS_PER_SCRAMBLE) * (of(0) + of(1) + of(2)) / 3.0;
         variance[i % 2] += if own.is_finite() { own } else { 0.0 };
     }
-    let halves = [sampled.div_ceil(2), (sampled / 2).max(1)];
+    let n = tasks.len();
     Survey {
         pixels: pixels as f64,
-        variance: [0, 1].map(|half| variance[half] / halves[half] as f64),
-        sampled,
-        cost: (wave.counts.rays() as f64 / (2 * PATHS_PER_SCRAMBLE as usize * sampled) as f64).max(1.0),
+        variance,
+        sampled: [n.div_ceil(2), n / 2],
+        cost: cost(&wave.counts) / f64::from(2 * PATHS_PER_SCRAMBLE),
     }
 }
 
@@ -138,14 +232,14 @@ fn survey(wave: &mut Wave, transport: &Transport, settings: &RenderSettings, [co
 /// the variance of the other half.
 fn allocated(surveys: &[Survey], columns: usize) -> (Vec<i32>, AllocationEfficiency) {
     let variances = |of: &dyn Fn(&Survey) -> f64| surveys.iter().map(of).collect::<Vec<_>>();
-    let halves = [variances(&|s| s.variance[0]), variances(&|s| s.variance[1])];
-    let both = variances(&|s| 0.5 * (s.variance[0] + s.variance[1]));
+    let halves = [variances(&|s| s.variance(0)), variances(&|s| s.variance(1))];
+    let both = variances(&|s| 0.5 * (s.variance(0) + s.variance(1)));
     let factor = |doubled: &i32| f64::exp2(f64::from(*doubled));
     let remaining = [(0, 1), (1, 0)].map(|(ours, theirs)| {
         let found = doublings(surveys, &smoothed(surveys, &halves[ours], columns));
         let (mut error, mut cost) = ([0.0; 2], [0.0; 2]);
         for ((s, variance), factor) in surveys.iter().zip(&halves[theirs]).zip(found.iter().map(factor)) {
-            let [v, c] = [s.pixels * variance, s.pixels * s.cost];
+            let [v, c] = [s.pixels * variance, s.pixels * s.cost()];
             error = [error[0] + v / factor, error[1] + v];
             cost = [cost[0] + c * factor, cost[1] + c];
         }
@@ -168,7 +262,8 @@ fn smoothed(surveys: &[Survey], variance: &[f64], columns: usize) -> Vec<f64> {
         let (column, row) = (i % columns, i / columns);
         let around = || near(row, rows).flat_map(|r| near(column, columns).map(move |c| r * columns + c));
         let mean = around().map(|j| variance[j]).sum::<f64>() / around().count() as f64;
-        let trust = surveys[i].sampled as f64 / (surveys[i].sampled as f64 + SMOOTHING_PIXELS);
+        let sampled = surveys[i].all_sampled();
+        let trust = sampled / (sampled + SMOOTHING_PIXELS);
         trust * variance[i] + (1.0 - trust) * mean
     };
     (0..surveys.len()).map(of).collect()
@@ -180,7 +275,7 @@ fn doublings(surveys: &[Survey], variance: &[f64]) -> Vec<i32> {
     let [least, most] = DOUBLINGS;
     // A tile's error falls by variance / 2n, its cost rises by n: the root of their ratio.
     let steps = surveys.iter().zip(variance).enumerate().flat_map(|(tile, (s, v))| {
-        (least..most).map(move |doubled| (tile, doubled, (v / s.cost).sqrt() / f64::exp2(f64::from(doubled))))
+        (least..most).map(move |doubled| (tile, doubled, (v / s.cost()).sqrt() / f64::exp2(f64::from(doubled))))
     });
     let mut steps: Vec<_> = steps.collect();
     steps.sort_by(|(a, i, gain), (b, j, other)| other.total_cmp(gain).then((i, a).cmp(&(j, b))));
@@ -201,7 +296,7 @@ mod tests {
     use super::*;
 
     fn tile(variance: [f64; 2], cost: f64) -> Survey {
-        Survey { pixels: 256.0, variance, sampled: 128, cost }
+        Survey { pixels: 256.0, variance: variance.map(|v| 64.0 * v), sampled: [64; 2], cost: 128.0 * cost }
     }
 
     #[test]

@@ -30,10 +30,15 @@ pub struct Saved {
 }
 
 impl Saved {
+    /// Were its paths guided?
+    pub fn is_guided(&self) -> bool {
+        self.stats.guiding.is_some_and(|guiding| guiding.on)
+    }
+
     /// Are its passes those that a render of these settings begins with? Then the resumed render has the bits of an
     /// uninterrupted one ([`scheduler::begins_as`]).
     pub fn has_passes_of(&self, settings: &RenderSettings) -> bool {
-        if !goals::are_as_one(&self.goals, settings) {
+        if !goals::are_as_one(&self.goals, settings, self.is_guided()) {
             return false;
         }
         let (done, ahead) = paths_range(&self.tiles);
@@ -41,7 +46,7 @@ impl Saved {
             // Tiles have their own counts, each the end of a pass unless an earlier goal has cut it.
             Some(_) => self.tiles.iter().all(|tile| scheduler::is_planned(settings, tile.paths())),
             // Tiles have their own goals.
-            None if settings.adaptive => true,
+            None if settings.allocates() => true,
             None => scheduler::begins_as(settings, done, ahead, self.stats.passes),
         }
     }
@@ -141,7 +146,7 @@ impl Record {
     /// Paths per pixel of a finished render: the minimum of a tile, or the mean where tiles have their own goals.
     pub fn spp(&self) -> u32 {
         let settings = &self.identity.settings;
-        let mean = settings.spp.filter(|_| settings.adaptive && self.stop == StopReason::Samples);
+        let mean = settings.spp.filter(|_| settings.allocates() && self.stop == StopReason::Samples);
         mean.unwrap_or(self.paths)
     }
 

@@ -4,10 +4,11 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
 use rayon::prelude::*;
-use tracing::debug;
+use tracing::{debug, info, warn};
 
 use super::allocation::Allocation;
 use super::camera::lens;
+use super::decisions::Decisions;
 use super::goals;
 use super::prepass::Prepasses;
 use super::progress::{PassProgress, Progress};
@@ -139,13 +140,24 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     let allocation_seconds = allocation_start.elapsed().as_secs_f64();
     let adaptive =
         allocation.as_ref().map(|a| AdaptiveStats { efficiency: a.efficiency(), seconds: allocation_seconds });
+    let guided_before = stats.guiding;
     let stats = RenderStats {
         noise: f64::INFINITY,
         guiding: prepasses.guiding.as_ref().map(|guiding| guiding.stats()).or(stats.guiding),
         learned_lights: prepasses.learned_lights.as_ref().map(|lights| lights.stats()).or(stats.learned_lights),
         adaptive: adaptive.or(stats.adaptive),
+        compensation: prepasses.compensation.or(stats.compensation),
         ..stats
     };
+    if unfinished {
+        info!("{}", Decisions::new(settings, &stats));
+    }
+    let [on, was_on] = [stats.guiding, guided_before].map(|guiding| guiding.map(|guiding| guiding.on));
+    if was_on == Some(false) && on == Some(true) {
+        warn!(
+            "paths are guided from here on: the picture is unbiased, but not bit-identical to an uninterrupted render"
+        );
+    }
     let (stop_reason, background) = (StopReason::Interrupted, background(&scene.scene, settings));
     let mut rendered = Rendered { settings: settings.clone(), tiles, stats, goals, stop: stop_reason, background };
     let clock = Clock { began, start, seconds: stats.seconds, render_seconds: stats.render_seconds };
@@ -229,6 +241,14 @@ struct Driver<'a> {
 }
 
 impl Driver<'_> {
+    /// Paths per pixel of the next pass of a tile with a goal of its own; `None` if it has reached that.
+    fn planned(&self, tile: &Tile) -> Option<u32> {
+        match &self.allocation {
+            Some(allocation) => allocation.next_pass(self.settings, tile),
+            None => scheduler::planned_to(self.settings, self.goal(tile), tile.paths()),
+        }
+    }
+
     /// Paths per pixel at which a tile is to end.
     fn goal(&self, tile: &Tile) -> Option<u32> {
         match &self.allocation {
@@ -240,7 +260,7 @@ impl Driver<'_> {
     /// Does the tile take no more passes?
     fn is_finished(&self, tile: &Tile) -> bool {
         match &self.allocation {
-            Some(_) => scheduler::planned_to(self.settings, self.goal(tile), tile.paths()).is_none(),
+            Some(_) => self.planned(tile).is_none(),
             None => tile.is_clean(self.settings),
         }
     }
@@ -288,9 +308,7 @@ impl Driver<'_> {
         let max_paths = settings.time.map_or(u32::MAX, |_| size);
         let paths_of = |(tile, finished): (&Tile, &bool)| match allocation {
             _ if *finished => 0,
-            _ if per_tile_counts => {
-                scheduler::planned_to(settings, self.goal(tile), tile.paths()).unwrap_or(0).min(max_paths)
-            }
+            _ if per_tile_counts => self.planned(tile).unwrap_or(0).min(max_paths),
             Some(allocation) => allocation.paths(tile, target).saturating_sub(tile.paths()),
             None => target.saturating_sub(tile.paths()),
         };

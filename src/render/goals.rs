@@ -3,7 +3,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Guiding, RenderSettings, scheduler};
+use super::allocation::Allocation;
+use super::{RenderSettings, scheduler};
 
 /// A goal of a render, from a number of paths on.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -44,18 +45,21 @@ pub fn add(goals: &mut Vec<Goal>, settings: &RenderSettings, paths: u32) {
     }
 }
 
-/// Have these goals led to the passes and to what was learned that a render of `settings` has from the beginning? Passes of
-/// goals with a time limit are not known. True without goals: older files record none.
-pub fn are_as_one(goals: &[Goal], settings: &RenderSettings) -> bool {
-    let learned = |s: &RenderSettings| {
-        // Adaptive sample counts and the guiding pre-pass depend on the number of paths that is aimed for.
-        (s.spp.filter(|_| s.adaptive), Some(s.expected_spp()).filter(|_| s.guiding != Guiding::Off))
-    };
+/// What the pre-passes of a render with these settings learn depends on the number of paths that is aimed for: equal keys
+/// stand for equal allocations and, if it is `guided`, for equal fields.
+pub fn learning_key(settings: &RenderSettings, guided: bool) -> (Option<u32>, Option<u32>) {
+    (Allocation::key(settings), guided.then(|| settings.expected_spp()))
+}
+
+/// Have these goals led to the passes and to what was learned that a render of `settings` has from the beginning? It is
+/// `guided` or not. Passes of goals with a time limit are not known. True without goals: older files record none.
+pub fn are_as_one(goals: &[Goal], settings: &RenderSettings, guided: bool) -> bool {
+    let learned = |s: &RenderSettings| learning_key(s, guided);
     let untils = goals.iter().skip(1).map(|next| Some(next.from)).chain([None]);
     goals.iter().zip(untils).all(|(goal, until)| {
         let theirs = goal.instead(settings);
         let passes = |s: &RenderSettings| until.map(|paths| scheduler::pass_ends(s, paths));
-        let is_known = !goal.timed && settings.time.is_none() && !settings.adaptive;
+        let is_known = !goal.timed && settings.time.is_none() && !settings.allocates();
         learned(&theirs) == learned(settings) && (!is_known || passes(&theirs) == passes(settings))
     })
 }
@@ -63,6 +67,7 @@ pub fn are_as_one(goals: &[Goal], settings: &RenderSettings) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::render::Choice;
 
     fn of(spp: u32) -> RenderSettings {
         RenderSettings { spp: Some(spp), ..Default::default() }
@@ -91,17 +96,24 @@ mod tests {
             (&[(512, 0), (256, 70)], true),
             (&[], true),
         ] {
-            assert_eq!(are_as_one(&went(goals), &of(256)), as_one, "{goals:?}");
+            assert_eq!(are_as_one(&went(goals), &of(256), false), as_one, "{goals:?}");
         }
-        let guided = RenderSettings { guiding: Guiding::On, ..of(256) };
-        assert!(!are_as_one(&went(&[(128, 0), (256, 128)]), &guided));
-        assert!(are_as_one(&went(&[(256, 0)]), &guided));
-        let adaptive = RenderSettings { adaptive: true, ..of(256) };
-        assert!(!are_as_one(&went(&[(128, 0), (256, 128)]), &adaptive));
+        assert!(!are_as_one(&went(&[(128, 0), (256, 128)]), &of(256), true));
+        assert!(are_as_one(&went(&[(256, 0)]), &of(256), true));
+        // Paths are allocated alike from 128 on, and passes are as long.
+        let adaptive = |spp| RenderSettings { adaptive: Choice::On, ..of(spp) };
+        for (goals, spp, as_one) in [
+            (&[(128, 0), (256, 128)][..], 256, true),
+            (&[(64, 0), (256, 64)], 256, false),
+            (&[(128, 0), (200, 128)], 200, false),
+            (&[(8, 0), (12, 8)], 12, false),
+        ] {
+            assert_eq!(are_as_one(&went(goals), &adaptive(spp), false), as_one, "{goals:?}");
+        }
         // A goal of noise that was cut by a smaller one of samples.
         let noise = |spp| RenderSettings { noise: Some(0.01), ..of(spp) };
         let goals = [Goal::of(&noise(40), 0), Goal::of(&noise(4096), 40)];
-        assert!(!are_as_one(&goals, &noise(4096)));
-        assert!(are_as_one(&goals[..1], &noise(40)));
+        assert!(!are_as_one(&goals, &noise(4096), false));
+        assert!(are_as_one(&goals[..1], &noise(40), false));
     }
 }

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::{Deserialize, Serialize};
 
 use super::prepass::guiding::MEMORY;
-use super::{BackFaces, GlassShadows, Guiding, RenderSettings};
+use super::{BackFaces, Choice, GlassShadows, RenderSettings};
 use crate::balance::DEFAULT_PILOT_FRACTION;
 use crate::rays::Backend;
 
@@ -121,6 +121,8 @@ impl Identity {
             pilot,
             guiding,
             guiding_memory,
+            learned_lights,
+            compensation,
             seed,
             filter,
             aovs,
@@ -154,7 +156,7 @@ impl Identity {
                 insert(name, limit.to_string());
             }
         }
-        for (name, is_on) in [("more sums for AOVs", extras), ("adaptive", adaptive), ("transparent", transparent)] {
+        for (name, is_on) in [("more sums for AOVs", extras), ("transparent", transparent)] {
             if *is_on {
                 insert(name, "true".into());
             }
@@ -168,7 +170,16 @@ impl Identity {
         if *glass_shadows != GlassShadows::Off {
             insert("glass-shadows", variant_name(glass_shadows));
         }
-        if *guiding != Guiding::Off {
+        // The rules, not what they led to: that follows from them. Left out where earlier builds had no choice.
+        if *adaptive != Choice::Off {
+            insert("adaptive", if *adaptive == Choice::On { "true".into() } else { variant_name(adaptive) });
+        }
+        for (name, choice) in [("learned-lights", learned_lights), ("compensation", compensation)] {
+            if *choice != Choice::Auto {
+                insert(name, variant_name(choice));
+            }
+        }
+        if *guiding != Choice::Off {
             insert("guiding", variant_name(guiding));
             insert("guiding-memory", guiding_memory.unwrap_or(MEMORY).to_string());
         }
@@ -217,10 +228,11 @@ impl Identity {
 fn differences(ours: &Values, theirs: &Values) -> String {
     let names: BTreeSet<_> = ours.keys().chain(theirs.keys()).collect();
     let differing = names.into_iter().filter(|name| ours.get(*name) != theirs.get(*name));
-    let shown = |name: &String| match (theirs.get(name), ours.get(name)) {
+    let shown = |name: &String| {
+        // Some are there only where they are not what they were before there was a choice.
+        let [a, b] = [theirs, ours].map(|values| values.get(name).map_or("none", String::as_str));
         // Hashes are not for people.
-        (Some(a), Some(b)) if a.len() < 60 && b.len() < 60 => format!("{name} ({a} there, {b} here)"),
-        _ => name.clone(),
+        if a.len() < 60 && b.len() < 60 { format!("{name} ({a} there, {b} here)") } else { name.clone() }
     };
     differing.map(shown).collect::<Vec<_>>().join(", ")
 }
@@ -250,11 +262,13 @@ mod tests {
         assert!(paper(64).differences(&paper(128)).contains("spp (second-order's pilot is a share of it)"));
         let piloted = |pilot| of(&RenderSettings { pilot, balance: Balance::SecondOrder, ..settings.clone() });
         let guided = |guiding, guiding_memory| of(&RenderSettings { guiding, guiding_memory, ..settings.clone() });
-        assert_eq!(guided(Guiding::Off, Some(1 << 20)).differences(&ours), "");
-        assert!(guided(Guiding::On, None).differences(&ours).contains("guiding"));
-        assert_eq!(guided(Guiding::On, None).differences(&guided(Guiding::On, Some(MEMORY))), "");
-        assert!(guided(Guiding::On, None).differences(&guided(Guiding::On, Some(1))).contains("guiding-memory"));
-        assert!(of(&RenderSettings { adaptive: true, ..settings.clone() }).differences(&ours).contains("adaptive"));
+        assert_eq!(guided(Choice::Off, Some(1 << 20)).differences(&ours), "");
+        assert!(guided(Choice::On, None).differences(&ours).contains("guiding"));
+        assert_eq!(guided(Choice::On, None).differences(&guided(Choice::On, Some(MEMORY))), "");
+        assert!(guided(Choice::On, None).differences(&guided(Choice::On, Some(1))).contains("guiding-memory"));
+        assert!(
+            of(&RenderSettings { adaptive: Choice::On, ..settings.clone() }).differences(&ours).contains("adaptive")
+        );
         assert_eq!(piloted(None).differences(&piloted(Some(0.5))), "");
         assert_eq!(piloted(None).differences(&piloted(Some(0.25))), "pilot (0.25 there, 0.5 here)");
     }

@@ -224,7 +224,7 @@ fn assemble(parts: &[Earlier]) -> Result<Whole> {
         }
         let own = saved.tiles;
         let paths = |tiles: &[Tile]| tiles.first().map_or(0, Tile::paths);
-        let per_tile_counts = |s: &RenderSettings| s.noise.is_some() || s.adaptive;
+        let per_tile_counts = |s: &RenderSettings| s.noise.is_some() || s.allocates();
         let [goal, ours] =
             [settings(part), settings(first)].map(|s| (s.noise, s.min_spp, s.spp.filter(|_| per_tile_counts(s))));
         if goal != ours {

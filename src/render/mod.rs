@@ -8,6 +8,8 @@ pub mod allocation;
 mod build_info;
 pub mod camera;
 pub mod checkpoint;
+mod choice;
+mod decisions;
 pub mod default_light;
 pub mod driver;
 pub mod fireflies;
@@ -30,10 +32,13 @@ mod validate;
 
 use crate::film::compare::relative_to;
 use crate::film::{Background, Film};
-pub use crate::guiding::Guiding;
 pub use build_info::BuildInfo;
 pub use camera::camera;
 pub use checkpoint::{Record, Saved};
+pub use choice::Choice;
+/// Whether paths are guided.
+pub use choice::Choice as Guiding;
+pub use decisions::{Decision, Decisions};
 pub use driver::{Pause, RunOptions, render, run};
 pub use fireflies::Fireflies;
 pub use goals::Goal;

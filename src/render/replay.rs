@@ -50,8 +50,11 @@ pub fn replay(
     let mut transport = prepasses.apply(transport(scene, settings));
     let mut tile = Tile::new([x / TILE, y / TILE], settings.width, settings.height, settings.columns());
     let allocation = Allocation::new(&transport, settings, &never);
-    let goal = settings.spp.map(|mean| allocation.map_or(mean, |allocation| allocation.paths(&tile, mean)));
-    while let Some(pass) = scheduler::planned_to(settings, goal, tile.paths()) {
+    let planned = |tile: &Tile| match &allocation {
+        Some(allocation) => allocation.next_pass(settings, tile),
+        None => scheduler::planned(settings, tile.paths()),
+    };
+    while let Some(pass) = planned(&tile) {
         transport.seed = pass_seed(settings, tile.paths());
         tile.pass_watched(&transport, settings, pass, &mut |task: &PixelTask| {
             if [task.x, task.y] != [x, y] {

@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 
 use super::Part;
 use super::adaptive::{NOISE_PATHS, NoiseGoal};
+use super::choice::{Choice, as_switch};
 use super::lens::LensSettings;
 use super::tile::Columns;
 pub use crate::balance::Balance;
-use crate::guiding::Guiding;
 pub use crate::sampling::PixelFilter;
 
 /// The light transport.
@@ -121,21 +121,30 @@ pub struct RenderSettings {
     pub noise: Option<f64>,
     /// Minimum paths per pixel before `noise` is estimated, ≥ 2; `None`: [`NOISE_PATHS`].
     pub min_spp: Option<u32>,
-    /// Allocate paths to tiles by variance and cost ([`allocation`](super::allocation)), with `spp` as the mean. Without
+    /// Allocation of paths to tiles by variance and cost ([`allocation`](super::allocation)), with `spp` as the mean. Without
     /// effect where `noise` is set.
-    #[serde(default, skip_serializing_if = "is_default")]
-    pub adaptive: bool,
+    #[serde(default, with = "as_switch", skip_serializing_if = "is_default")]
+    pub adaptive: Choice,
     /// The method that divides samples between light sampling and BSDF sampling.
     pub balance: Balance,
     /// Fraction of all paths in the pilot of `second-order`, in (0, 1); `None`:
     /// [`DEFAULT_PILOT_FRACTION`](crate::balance::DEFAULT_PILOT_FRACTION).
     pub pilot: Option<f64>,
-    /// Path guiding.
+    /// Path guiding. Without effect where there is no indirect light; auto concerns renders of at least
+    /// [`MIN_AUTO_PATHS`] expected paths per pixel.
     #[serde(default, skip_serializing_if = "is_default")]
-    pub guiding: Guiding,
+    pub guiding: Choice,
     /// Maximum bytes of guiding; `None`: [`MEMORY`](super::prepass::guiding::MEMORY).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub guiding_memory: Option<u64>,
+    /// Light selection by what a pre-pass has learned ([`learned_lights`](super::prepass::learned_lights)). Auto concerns
+    /// balance methods that use pre-passes.
+    #[serde(default = "Choice::auto", skip_serializing_if = "Choice::is_auto")]
+    pub learned_lights: Choice,
+    /// The compensated density of the environment ([`compensation`](super::prepass::compensation)). Auto concerns balance
+    /// methods that use pre-passes.
+    #[serde(default = "Choice::auto", skip_serializing_if = "Choice::is_auto")]
+    pub compensation: Choice,
     /// Seed of every random choice.
     pub seed: u32,
     /// Pixel filter.
@@ -178,6 +187,9 @@ pub struct StudyOptions {
 
 /// Maximum width and height of a picture in pixels.
 pub const MAX_SIDE: u32 = 1 << 16;
+/// Expected paths per pixel from which on path guiding and the allocation of paths are decided: below, the decision costs
+/// more than most pictures could gain.
+pub const MIN_AUTO_PATHS: u32 = 16;
 /// Expected paths per pixel of a render whose end is not known.
 const UNKNOWN_SPP: u32 = 128;
 
@@ -205,6 +217,29 @@ impl RenderSettings {
         }
     }
 
+    /// Are paths allocated to tiles, if the pre-pass finds that it pays?
+    pub fn allocates(&self) -> bool {
+        self.adaptive != Choice::Off && self.noise.is_none()
+    }
+
+    /// Are paths guided, as far as the settings tell?
+    pub fn guides(&self) -> bool {
+        match self.guiding {
+            Choice::Off => false,
+            Choice::On => true,
+            Choice::Auto => self.expected_spp() >= MIN_AUTO_PATHS,
+        }
+    }
+
+    /// Does the balance method, or the choice of one technique, ask for a pre-pass of this technique?
+    pub(super) fn uses_prepass(&self, choice: Choice) -> bool {
+        match choice {
+            Choice::Off => false,
+            Choice::On => true,
+            Choice::Auto => self.balance.method().uses_prepasses(),
+        }
+    }
+
     /// The crop window or the whole picture, in pixels: x0, y0, x1, y1, the last two exclusive.
     pub fn window(&self) -> [u32; 4] {
         self.crop.unwrap_or([0, 0, self.width, self.height])
@@ -224,11 +259,13 @@ impl Default for RenderSettings {
             time: None,
             noise: None,
             min_spp: None,
-            adaptive: false,
+            adaptive: Choice::Off,
             balance: Balance::Progressive,
             pilot: None,
-            guiding: Guiding::Off,
+            guiding: Choice::Off,
             guiding_memory: None,
+            learned_lights: Choice::Auto,
+            compensation: Choice::Auto,
             seed: 0,
             filter: PixelFilter::Gaussian,
             aovs: false,

@@ -46,6 +46,9 @@ pub struct RenderStats {
     pub not_finite: u64,
     /// Column, row and path number of the first of them.
     pub first_not_finite: Option<[u32; 3]>,
+    /// The density of the environment, in the last session.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub compensation: Option<CompensationStats>,
     /// Learned emissive triangles, in the last session.
     #[serde(rename = "lamps", skip_serializing_if = "Option::is_none")]
     pub learned_lights: Option<LearnedLightsStats>,
@@ -83,6 +86,18 @@ pub struct GuidingStats {
     /// Its estimated efficiency.
     #[serde(flatten)]
     pub efficiency: GuidingEfficiency,
+    /// Wall seconds.
+    pub seconds: f64,
+}
+
+/// The result of the pre-pass of the environment.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct CompensationStats {
+    /// Is the environment sampled by the compensated density?
+    pub on: bool,
+    /// Estimated variance over that without it; `None` where it was not estimated.
+    #[serde(rename = "left", skip_serializing_if = "Option::is_none")]
+    pub remaining_variance: Option<f64>,
     /// Wall seconds.
     pub seconds: f64,
 }
@@ -175,6 +190,7 @@ impl RenderStats {
         self.passes = self.passes.max(other.passes);
         self.not_finite += other.not_finite;
         self.first_not_finite = self.first_not_finite.or(other.first_not_finite);
+        self.compensation = self.compensation.or(other.compensation);
         self.learned_lights = self.learned_lights.or(other.learned_lights);
         self.guiding = self.guiding.or(other.guiding);
         self.adaptive = self.adaptive.or(other.adaptive);

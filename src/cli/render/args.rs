@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::replay::PixelPath;
-use super::values::{AovList, Crop, LightUnit, OnByDefault, PartFlag, balance, blades, finite, not_negative, share};
+use super::values::{
+    AovList, Crop, LightUnit, OnByDefault, PartFlag, adaptive, balance, blades, finite, not_negative, share,
+};
 use crate::batch::frames::{Frames, numbered};
 use crate::batch::views::MAX_VIEWS;
 use crate::cli::flag_values::value_of;
@@ -19,7 +21,7 @@ use crate::film::{Aov, Denoise, Exposure, View, preview};
 use crate::rays::Backend;
 use crate::render::identity::RequestedOutputs;
 use crate::render::lens::{Aperture, Focus, LensSettings};
-use crate::render::{BackFaces, Balance, GlassShadows, Guiding, Integrator, Part, PixelFilter, RenderSettings};
+use crate::render::{BackFaces, Balance, Choice, GlassShadows, Integrator, Part, PixelFilter, RenderSettings};
 use crate::sampling::frame_seed;
 use crate::scene::{Framing, Orbit, PlacedCamera};
 use crate::{Error, Result};
@@ -151,9 +153,11 @@ pub struct RenderArgs {
         help_heading = "Sampling")]
     pub min_spp: Option<u32>,
     /// Adaptive sampling: a pre-pass estimates the noise of each tile of 16 x 16 pixels, and noisy tiles get more paths;
-    /// --spp is the mean (docs/adaptive.md).
-    #[arg(long, conflicts_with = "noise", help_heading = "Sampling")]
-    pub adaptive: bool,
+    /// --spp is the mean (docs/adaptive.md). Without effect with --noise [default: auto with --balance progressive, else
+    /// off; --adaptive alone: on].
+    #[arg(long, value_parser = adaptive(), num_args = 0..=1, require_equals = true, default_missing_value = Choice::On.name(),
+        value_name = "WHEN", help_heading = "Sampling")]
+    pub adaptive: Option<Choice>,
     /// Method that sets the share of light samples and BSDF samples in multiple importance sampling (docs/balance.md).
     #[arg(long, value_parser = balance(), default_value = "progressive", help_heading = "Sampling")]
     pub balance: Balance,
@@ -161,12 +165,22 @@ pub struct RenderArgs {
     #[arg(long, value_name = "SHARE", value_parser = share, help_heading = "Sampling")]
     pub pilot: Option<f64>,
     /// Path guiding: sample directions from the light field that a pre-pass has learned (docs/guiding.md). It helps where
-    /// light reaches the visible surfaces through few paths.
-    #[arg(long, value_parser = value_of::<Guiding>(), default_value = Guiding::default().name(), value_name = "WHEN", help_heading = "Sampling")]
-    pub guiding: Guiding,
+    /// light reaches the visible surfaces through few paths [default: auto with --balance progressive, else off].
+    #[arg(long, value_parser = value_of::<Choice>(), value_name = "WHEN", help_heading = "Sampling")]
+    pub guiding: Option<Choice>,
     /// Memory limit of the guiding field, such as 256M or 1G [default: 256M].
     #[arg(long, value_name = "SIZE", value_parser = crate::cli::memory::parse_size, help_heading = "Sampling")]
     pub guiding_memory: Option<u64>,
+    /// Learned light selection: choose among emissive triangles by what a pre-pass has learned (docs/balance.md). auto
+    /// concerns --balance progressive.
+    #[arg(long, value_parser = value_of::<Choice>(), default_value = Choice::Auto.name(), value_name = "WHEN",
+        help_heading = "Sampling")]
+    pub learned_lights: Choice,
+    /// Compensated environment density: draw light samples of the environment by its radiance above the mean
+    /// (docs/balance.md). auto concerns --balance progressive.
+    #[arg(long, value_parser = value_of::<Choice>(), default_value = Choice::Auto.name(), value_name = "WHEN",
+        help_heading = "Sampling")]
+    pub compensation: Choice,
     /// Clamp direct light: largest radiance, in the brightest channel, of one contribution at the first surface. Removes
     /// fireflies, but the picture becomes darker than the truth [default: no limit].
     #[arg(long, value_name = "X", value_parser = positive, help_heading = "Sampling")]
@@ -360,6 +374,8 @@ impl RenderArgs {
 
     /// Render settings, except camera, width and height, which depend on the scene.
     pub fn settings(&self) -> RenderSettings {
+        // Other methods are there to compare with: they take what is asked for, and nothing more.
+        let automatic = if self.balance.method().uses_prepasses() { Choice::Auto } else { Choice::Off };
         RenderSettings {
             crop: self.crop.map(|c| c.0),
             integrator: self.integrator,
@@ -368,11 +384,13 @@ impl RenderArgs {
             time: self.time,
             noise: self.noise,
             min_spp: self.min_spp,
-            adaptive: self.adaptive,
+            adaptive: self.adaptive.unwrap_or(automatic),
             balance: self.balance,
             pilot: self.pilot,
-            guiding: self.guiding,
+            guiding: self.guiding.unwrap_or(automatic),
             guiding_memory: self.guiding_memory,
+            learned_lights: self.learned_lights,
+            compensation: self.compensation,
             seed: match (self.seed_per_frame, self.selection.frame()) {
                 (Some(true), Some(frame)) => frame_seed(self.seed, frame),
                 _ => self.seed,
@@ -454,6 +472,11 @@ impl RenderArgs {
     /// [`Error::Usage`].
     pub fn check(&self) -> Result<()> {
         self.check_balance()?;
+        if self.adaptive == Some(Choice::On) && self.noise.is_some() {
+            return Err(Error::Usage(
+                "--adaptive cannot be used with --noise, which gives each tile the paths that it needs".into(),
+            ));
+        }
         if self.seed_per_frame == Some(true) && self.frames.is_none() && self.selection.frame().is_none() {
             return Err(Error::Usage("--seed-per-frame needs a frame: --frames or --frame".into()));
         }

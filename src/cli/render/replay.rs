@@ -50,7 +50,7 @@ pub fn run(args: &RenderArgs, pixel_path: PixelPath) -> Result<Verdict> {
     let Some(spp) = settings.spp else {
         return Err(Error::Usage("--replay-pixel needs --spp, which sets the number of paths".into()));
     };
-    let paths = if settings.adaptive { spp.saturating_mul(MAX_PATHS_OVER_MEAN) } else { spp };
+    let paths = if settings.allocates() { spp.saturating_mul(MAX_PATHS_OVER_MEAN) } else { spp };
     if let Some(n) = path.filter(|n| *n >= paths) {
         return Err(Error::Usage(format!(
             "--replay-pixel {x},{y},{n}: with --spp {spp} the last path is {}",

@@ -7,7 +7,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use crate::farm::array::{ArrayTask, array_task};
 use crate::film::Aov;
-use crate::render::{Balance, Part};
+use crate::render::{Balance, Choice, Part};
 use crate::{Error, Result};
 
 type Parsed<T> = std::result::Result<T, String>;
@@ -24,6 +24,20 @@ pub fn not_negative(text: &str) -> Parsed<f32> {
 pub fn balance() -> impl TypedValueParser<Value = Balance> {
     let names = Balance::all().iter().map(|b| PossibleValue::new(b.name()).help(b.method().about()));
     PossibleValuesParser::new(names).map(|name| Balance::named(&name).expect("one of them"))
+}
+
+/// Parser of `--adaptive`, which was a switch: batch files have true and false.
+pub fn adaptive() -> impl TypedValueParser<Value = Choice> {
+    let names = Choice::ALL.map(|choice| match choice {
+        Choice::Off => PossibleValue::new(choice.name()).alias("false"),
+        Choice::On => PossibleValue::new(choice.name()).alias("true"),
+        Choice::Auto => PossibleValue::new(choice.name()),
+    });
+    PossibleValuesParser::new(names).map(|name| match name.as_str() {
+        "off" | "false" => Choice::Off,
+        "on" | "true" => Choice::On,
+        _ => Choice::Auto,
+    })
 }
 
 pub fn blades(text: &str) -> Parsed<u32> {

@@ -9,8 +9,9 @@ use super::values::LightUnit;
 use crate::color::luminance;
 use crate::rays::BackendInfo;
 use crate::render::checkpoint::Host;
+use crate::render::goals::learning_key;
 use crate::render::tile::Tile;
-use crate::render::{BuildInfo, Guiding, Record, RenderSettings, Rendered, Saved};
+use crate::render::{BuildInfo, Record, RenderSettings, Rendered, Saved};
 
 /// Warns if a resumed render, on `backend` and with `settings`, is not bit-identical to an uninterrupted one.
 pub fn resumed_differently(
@@ -38,11 +39,8 @@ pub fn resumed_differently(
     }
     let [goal, earlier_goal] = [settings, &before.identity.settings].map(RenderSettings::noise_goal);
     let noise_was_checked = |tile: &Tile| goal.or(earlier_goal).is_some_and(|goal| tile.paths() > goal.min_paths);
-    // Adaptive sample counts and the guiding pre-pass depend on the number of paths that is aimed for.
-    let planned_paths = |s: &RenderSettings| {
-        (s.spp.filter(|_| s.adaptive), Some(s.expected_spp()).filter(|_| s.guiding != Guiding::Off))
-    };
-    let [planned, planned_before] = [settings, &before.identity.settings].map(planned_paths);
+    let learning_key = |s: &RenderSettings| learning_key(s, saved.is_guided());
+    let [planned, planned_before] = [settings, &before.identity.settings].map(learning_key);
     let noise_differs = goal != earlier_goal && saved.tiles.iter().any(noise_was_checked);
     if noise_differs || planned != planned_before || !saved.has_passes_of(settings) {
         warn!(

@@ -3,12 +3,14 @@
 //! depends only on the scene, the view and the seed, so that every part, crop and session decides alike.
 
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
 use rayon::prelude::*;
 use tracing::debug;
 
-use super::super::RenderSettings;
 use super::super::sampler::with_buffers;
+use super::super::stats::CompensationStats;
+use super::super::{Choice, RenderSettings};
 use super::low_resolution::low_resolution;
 use crate::balance::Counts;
 use crate::film::PixelStats;
@@ -26,13 +28,22 @@ const PATHS_PER_PIXEL: u32 = 16;
 /// The compensated density is used where at most this fraction of the variance remains.
 const MAX_REMAINING_VARIANCE: f64 = 0.97;
 
-/// The density by which the paths of `transport`, a render with these settings, sample the environment. Ends soon after
-/// `stop` is raised.
-pub fn density(scene: &PreparedScene, settings: &RenderSettings, transport: &Transport, stop: &AtomicBool) -> Density {
+/// Decides by which density the paths of `transport`, a render with these settings, sample the environment. `None` where
+/// there is nothing to decide: the density is then the radiance. Ends soon after `stop` is raised.
+pub fn compensation(
+    scene: &PreparedScene,
+    settings: &RenderSettings,
+    transport: &Transport,
+    stop: &AtomicBool,
+) -> Option<CompensationStats> {
+    let began = Instant::now();
     let uneven = || scene.lights.environment.as_ref().is_some_and(|environment| environment.has_compensated());
     // The table of the compensated density is as large as the plain one: it is made only where it may be used.
-    if !settings.balance.method().uses_prepasses() || !uneven() {
-        return Density::Radiance;
+    if !settings.uses_prepass(settings.compensation) || !uneven() {
+        return None;
+    }
+    if settings.compensation == Choice::On {
+        return Some(CompensationStats { on: true, remaining_variance: None, seconds: 0.0 });
     }
     let pixels = f64::from(settings.width) * f64::from(settings.height);
     let ([width, height], camera) =
@@ -42,10 +53,14 @@ pub fn density(scene: &PreparedScene, settings: &RenderSettings, transport: &Tra
         let drawing = Drawing { density, learned: None };
         trace(&Transport { camera: camera.clone(), seed, drawing, ..transport.clone() }, [width, height], stop)
     });
-    let (Some(plain), Some(compensated)) = (plain, compensated) else { return Density::Radiance };
-    let remaining = remaining_variance(&plain, &compensated);
+    let remaining = remaining_variance(&plain?, &compensated?);
     debug!("the environment's compensated density leaves {remaining:.2} of the variance, by {width} x {height} pixels");
-    if remaining < MAX_REMAINING_VARIANCE { Density::Compensated } else { Density::Radiance }
+    Some(CompensationStats {
+        on: remaining < MAX_REMAINING_VARIANCE,
+        // Infinite where nothing varies.
+        remaining_variance: Some(if remaining.is_finite() { remaining } else { 1.0 }),
+        seconds: began.elapsed().as_secs_f64(),
+    })
 }
 
 /// Traces a picture of this size; `None` if `stop` was raised.

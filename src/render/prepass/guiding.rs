@@ -8,7 +8,7 @@ use std::time::Instant;
 use tracing::debug;
 
 use super::super::stats::{GuidingEfficiency, GuidingStats};
-use super::super::{Guiding, RenderSettings};
+use super::super::{Choice, RenderSettings};
 use super::low_resolution::{divisors, in_tiles, low_resolution, relative_variance, thin, tiles};
 use crate::balance::Counts;
 use crate::film::PixelStats;
@@ -39,12 +39,15 @@ const MIN_SAMPLES_PER_PATH: f64 = 0.04;
 /// Paths are guided if at most this fraction of variance times rays remains after the last round: a guided ray takes
 /// longer, and smooth light (cornell: 0.55) loses the benefit of stratified points.
 const MAX_REMAINING: f32 = 0.45;
+/// Maximum seconds of the pre-pass over those of a time limit, as far as rounds tell: the next one takes twice as long as
+/// all before it.
+const MAX_TIME_SHARE: f64 = 0.1;
 /// Default maximum bytes of a field and its training samples.
 pub const MEMORY: u64 = 256 << 20;
 
 /// Maximum bytes that the pre-pass of a render with these settings takes.
 pub fn bytes(settings: &RenderSettings) -> u64 {
-    if settings.guiding == Guiding::Off {
+    if !settings.guides() {
         return 0;
     }
     let most = settings.guiding_memory.unwrap_or(MEMORY);
@@ -88,7 +91,7 @@ pub fn learned(
     transport: &Transport,
     stop: &AtomicBool,
 ) -> Option<Learned> {
-    if settings.guiding == Guiding::Off || transport.max_depth < 3 {
+    if !settings.guides() || transport.max_depth < 3 {
         return None;
     }
     let began = Instant::now();
@@ -128,9 +131,10 @@ pub fn learned(
         // Paths including the next round.
         let all = pilot_pixels * f64::from(4 * paths - 1);
         let last = round + 1 == MAX_ROUNDS
+            || settings.time.is_some_and(|time| 3.0 * began.elapsed().as_secs_f64() > MAX_TIME_SHARE * time)
             || all > (MAX_PATHS_PER_PICTURE_PIXEL * worthwhile * pixels).max(15.0 * pilot_pixels)
             || training_samples.len() as f64 >= enough;
-        let decides = last || (round == FIRST_DECISION_ROUND && settings.guiding == Guiding::Auto);
+        let decides = last || round == FIRST_DECISION_ROUND;
         // The first round was unguided.
         let fresh = if decides && round > 0 { fresh } else { usize::MAX };
         let (mut field, gain) = learn(&training_samples, fresh, normals, most_cells);
@@ -142,7 +146,7 @@ pub fn learned(
             };
             debug!("round {round}: {} cells, {efficiency:?}", field.cells());
             let most = if last { MAX_REMAINING } else { MAX_REMAINING_AT_FIRST_DECISION };
-            if settings.guiding == Guiding::Auto && efficiency.variance * efficiency.cost > most && (last || !few) {
+            if settings.guiding == Choice::Auto && efficiency.variance * efficiency.cost > most && (last || !few) {
                 return Some(Learned { field: None, efficiency, seconds: began.elapsed().as_secs_f64() });
             }
         }

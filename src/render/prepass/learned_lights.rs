@@ -8,8 +8,8 @@ use std::time::Instant;
 
 use tracing::debug;
 
-use super::super::RenderSettings;
 use super::super::stats::LearnedLightsStats;
+use super::super::{Choice, RenderSettings};
 use super::low_resolution::{divisors, in_tiles, low_resolution, relative_variance, thin, tiles};
 use crate::balance::Counts;
 use crate::film::PixelStats;
@@ -60,7 +60,7 @@ impl LearnedLightsResult {
 /// Maximum bytes that the pre-pass of a render with these settings takes, in a scene of at most so many area lights.
 pub fn bytes(settings: &RenderSettings, lights: u64) -> u64 {
     let vertices = pixels(settings) * f64::from(PATHS_PER_ROUND.iter().sum::<u32>()) * f64::from(settings.max_depth);
-    match settings.balance.method().uses_prepasses() && lights > 1 {
+    match settings.uses_prepass(settings.learned_lights) && lights > 1 {
         true => LearnedLights::bytes_to_learn((vertices as u64).min(MAX_RECORDS as u64), lights),
         false => 0,
     }
@@ -80,7 +80,7 @@ pub fn learned(
     stop: &AtomicBool,
 ) -> Option<LearnedLightsResult> {
     let area = scene.lights.area.as_ref().filter(|area| area.tree().top(3) > 1)?;
-    if !settings.balance.method().uses_prepasses() {
+    if !settings.uses_prepass(settings.learned_lights) {
         return None;
     }
     let began = Instant::now();
@@ -96,7 +96,7 @@ pub fn learned(
     let remaining_variance =
         learn(&first.light_sample_records).map_or(1.0, |lights| relative_variance_with(area, &lights, &second));
     let mut lights = None;
-    if remaining_variance < MAX_REMAINING_VARIANCE {
+    if remaining_variance < MAX_REMAINING_VARIANCE || settings.learned_lights == Choice::On {
         lights =
             learn(&[first.light_sample_records, second.light_sample_records, round(2)?.light_sample_records].concat());
     }

@@ -11,6 +11,7 @@ pub(super) mod low_resolution;
 use std::sync::atomic::AtomicBool;
 
 use super::RenderSettings;
+use super::stats::CompensationStats;
 use super::transport::transport;
 use crate::integrator::{PreparedScene, Transport};
 use crate::light::{Density, Drawing};
@@ -18,8 +19,8 @@ use crate::light::{Density, Drawing};
 /// The results of a render's pre-passes.
 #[derive(Debug, Default)]
 pub struct Prepasses {
-    /// The density by which the environment is sampled.
-    pub density: Density,
+    /// Whether the environment is sampled by the compensated density.
+    pub compensation: Option<CompensationStats>,
     /// Learned emissive triangles.
     pub learned_lights: Option<learned_lights::LearnedLightsResult>,
     /// The field of guiding.
@@ -31,7 +32,8 @@ impl Prepasses {
     /// `stop` is raised: the rest then ends within a tile's time.
     pub fn run(scene: &PreparedScene, settings: &RenderSettings, stop: &AtomicBool) -> Self {
         let mut found = Self::default();
-        found.density = compensation::density(scene, settings, &found.apply(transport(scene, settings)), stop);
+        found.compensation =
+            compensation::compensation(scene, settings, &found.apply(transport(scene, settings)), stop);
         found.learned_lights = learned_lights::learned(scene, settings, &found.apply(transport(scene, settings)), stop);
         found.guiding = guiding::learned(scene, settings, &found.apply(transport(scene, settings)), stop);
         found
@@ -41,6 +43,10 @@ impl Prepasses {
     pub fn apply<'a>(&'a self, transport: Transport<'a>) -> Transport<'a> {
         let learned = self.learned_lights.as_ref().and_then(|result| result.lights.as_ref());
         let field = self.guiding.as_ref().and_then(|guiding| guiding.field.as_ref());
-        Transport { drawing: Drawing { density: self.density, learned }, field, ..transport }
+        let density = match self.compensation {
+            Some(CompensationStats { on: true, .. }) => Density::Compensated,
+            _ => Density::Radiance,
+        };
+        Transport { drawing: Drawing { density, learned }, field, ..transport }
     }
 }

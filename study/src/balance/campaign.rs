@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
 use bismar::film::PixelStats;
-use bismar::render::{Guiding, Progress, RenderSettings, RunOptions, StopReason, StudyOptions, run};
+use bismar::render::{Choice, Progress, RenderSettings, RunOptions, StopReason, StudyOptions, run};
 use bismar::{Error, Result};
 use tracing::info;
 
@@ -220,8 +220,8 @@ impl<'a> Campaign<'a> {
             spp: Some(take.spp),
             seed: take.seed,
             balance,
-            guiding: if aids.guided { Guiding::Auto } else { Guiding::Off },
-            adaptive: aids.adaptive,
+            guiding: if aids.guided { Choice::Auto } else { Choice::Off },
+            adaptive: if aids.adaptive { Choice::Auto } else { Choice::Off },
             ..self.settings.clone()
         };
         let study = StudyOptions {

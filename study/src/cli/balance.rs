@@ -28,7 +28,7 @@ pub(super) struct BalanceArgs {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Estimators to compare with half, separated by commas, or all. oracle is the best fixed share of light samples per
-    /// pixel, found by brute force; NAME+guiding and NAME+adaptive add --guiding auto and --adaptive.
+    /// pixel, found by brute force; NAME+guiding and NAME+adaptive add --guiding auto and --adaptive=auto.
     #[arg(long, value_name = "LIST")]
     balance: Option<Estimators>,
     /// Paths per pixel, separated by commas [default: 16,64,256; with --whole also 1024].

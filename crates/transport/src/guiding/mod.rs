@@ -16,32 +16,3 @@ pub mod roulette;
 pub use field::{Field, NO_CELL};
 pub use learn::{Gain, TrainingSample, learn};
 pub use roulette::{PathStatistics, VertexRecord};
-
-use serde::{Deserialize, Serialize};
-
-/// Whether paths are guided.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Guiding {
-    /// Never.
-    #[default]
-    Off,
-    /// Always.
-    On,
-    /// Where the pre-pass estimates a gain in efficiency.
-    Auto,
-}
-
-impl Guiding {
-    /// All of them, in the order of the command line's help.
-    pub const ALL: [Self; 3] = [Self::Off, Self::On, Self::Auto];
-
-    /// Name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Off => "off",
-            Self::On => "on",
-            Self::Auto => "auto",
-        }
-    }
-}

@@ -1,0 +1,139 @@
+//! The plain command decides which techniques it uses, says so, and is the command with these decisions as flags.
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::helpers::program::{assert_same_bits, attribute, expect, scene};
+
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["veach.glb", "cornell.glb", "study/ajar.glb"] {
+        let path = scene(name);
+        fs::copy(&path, folder.path().join(path.file_name().unwrap())).unwrap();
+    }
+    folder
+}
+
+fn stats(path: &Path) -> Value {
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+/// The flags that stand for the decisions of a picture.
+fn as_flags(techniques: &Value) -> String {
+    let choice = |name: &str| if techniques[name]["on"] == true { "on" } else { "off" };
+    format!(
+        "--compensation {} --learned-lights {} --guiding {} --adaptive={}",
+        choice("compensation"),
+        choice("learned_lights"),
+        choice("guiding"),
+        choice("adaptive")
+    )
+}
+
+#[test]
+fn the_plain_command_is_the_one_with_its_decisions_as_flags() {
+    let folder = folder();
+    let path = folder.path();
+    let mut used = Vec::new();
+    for (line, file) in [
+        ("render veach.glb --size 96x64 --spp 32", "veach"),
+        ("render ajar.glb --size 72x48 --spp 64", "ajar"),
+        ("render cornell.glb --size 40x30 --spp 16 --integrator direct", "direct"),
+    ] {
+        let said = expect(path, &format!("{line} -v -o {file}.exr --stats {file}.json"), 0);
+        let techniques = stats(&path.join(format!("{file}.json")))["techniques"].clone();
+        for name in ["compensation", "learned_lights", "guiding", "adaptive"] {
+            let Value::String(why) = &techniques[name]["why"] else { panic!("{techniques}") };
+            assert!(
+                said.lines().any(|line| line.contains("adaptive sampling") && line.contains(why.as_str())),
+                "{said}"
+            );
+            if techniques[name]["on"] == true {
+                used.push(name);
+            }
+        }
+        let flags = as_flags(&techniques);
+        expect(path, &format!("{line} {flags} -q -o chosen.exr --stats chosen.json"), 0);
+        assert_same_bits(&path.join(format!("{file}.exr")), &path.join("chosen.exr"));
+        assert_eq!(as_flags(&stats(&path.join("chosen.json"))["techniques"]), flags);
+        expect(path, &format!("{line} --guiding auto --adaptive=auto -q -o auto.exr"), 0);
+        assert_same_bits(&path.join(format!("{file}.exr")), &path.join("auto.exr"));
+        // The header has the rule, and what it led to.
+        let header = |name: &str| attribute(&path.join(format!("{file}.exr")), name);
+        let settings: Value = serde_json::from_str(&header("bismar.settings")).unwrap();
+        assert_eq!([&settings["guiding"], &settings["adaptive"]], ["auto", "auto"]);
+        let fingerprint: Value = serde_json::from_str(&header("bismar.fingerprint")).unwrap();
+        assert_eq!([&fingerprint["guiding"], &fingerprint["adaptive"]], ["auto", "auto"]);
+        assert!(header("bismar.stats").contains("\"techniques\""));
+    }
+    for name in ["learned_lights", "guiding", "adaptive"] {
+        assert!(used.contains(&name), "none of the scenes uses {name}: {used:?}");
+    }
+}
+
+#[test]
+fn each_technique_is_off_where_nobody_asked_for_it() {
+    let folder = folder();
+    let path = folder.path();
+    // Other balances are there to compare with.
+    expect(path, "render veach.glb --size 48x32 --spp 16 --balance half -q -o half.exr --stats half.json", 0);
+    let half = stats(&path.join("half.json"));
+    assert!(["lamps", "guiding", "adaptive", "compensation"].iter().all(|name| half[*name].is_null()), "{half}");
+    assert!(half["settings"]["guiding"].is_null() && half["settings"]["adaptive"].is_null(), "{half}");
+    let off = "--guiding off --adaptive=off --learned-lights off --compensation off";
+    expect(path, &format!("render veach.glb --size 48x32 --spp 16 {off} -q -o off.exr --stats off.json"), 0);
+    let off = stats(&path.join("off.json"));
+    assert!(["lamps", "guiding", "adaptive", "compensation"].iter().all(|name| off[*name].is_null()), "{off}");
+    assert_eq!(off["techniques"]["guiding"]["why"], "not asked for");
+    // Each can be used with any balance.
+    let on = "--balance half --learned-lights on --adaptive=on --guiding on";
+    expect(path, &format!("render veach.glb --size 48x32 --spp 16 {on} -q -o on.exr --stats on.json"), 0);
+    let on = stats(&path.join("on.json"));
+    assert!(["lamps", "guiding"].iter().all(|name| on[*name]["on"] == true), "{on}");
+    assert!(on["adaptive"].is_object(), "{on}");
+    // A few paths, and goals of noise.
+    for (flags, why) in [("--spp 4", "fewer than 16 paths per pixel"), ("--noise 0.5", "a noise goal gives")] {
+        let line = format!("render cornell.glb --size 24x16 {flags} -q -o few.exr --stats few.json");
+        expect(path, &line, 0);
+        let few = stats(&path.join("few.json"));
+        let said = few["techniques"]["adaptive"]["why"].as_str().unwrap();
+        assert!(said.contains(why) && few["adaptive"].is_null(), "{flags}: {said}");
+    }
+}
+
+#[test]
+fn a_picture_of_earlier_settings_is_refused_and_goes_on_by_its_own() {
+    let folder = folder();
+    let path = folder.path();
+    let line = "render cornell.glb --size 40x30 -q -o out.exr --checkpoint 9";
+    // What a picture of a program without these defaults has in its header.
+    let before = "--guiding off --adaptive=off";
+    expect(path, &format!("{line} --spp 16 {before}"), 0);
+    let said = expect(path, &format!("{line} --spp 32 --resume"), 65);
+    assert!(said.contains("guiding (none there, auto here)") && said.contains("adaptive (none there"), "{said}");
+    expect(path, &format!("{line} --spp 32 --resume {before}"), 0);
+    // The switch of before is what it was, wherever it stands, and a batch file's true and false are on and off.
+    expect(path, "render --adaptive cornell.glb --size 40x30 --spp 16 -q -o a.exr --stats a.json", 0);
+    assert_eq!(stats(&path.join("a.json"))["settings"]["adaptive"], true);
+    let jobs = "[defaults]\nscene = \"cornell.glb\"\nsize = [40, 30]\nspp = 16\nstats = \"{name}.json\"\n\
+                [[job]]\nname = \"on\"\nadaptive = true\n[[job]]\nname = \"off\"\nadaptive = false\n\
+                [[job]]\nname = \"auto\"\nadaptive = \"auto\"\n";
+    fs::write(path.join("jobs.toml"), jobs).unwrap();
+    expect(path, "batch jobs.toml -q", 0);
+    let of = |name: &str| stats(&path.join(format!("{name}.json")))["settings"]["adaptive"].clone();
+    assert_eq!([of("on"), of("off"), of("auto")], [Value::Bool(true), Value::Null, Value::String("auto".into())]);
+}
+
+#[test]
+fn short_time_limits_are_no_longer_because_of_pre_passes() {
+    let folder = folder();
+    let path = folder.path();
+    let began = std::time::Instant::now();
+    expect(path, "render ajar.glb --size 960x540 --time 6 -q -o timed.exr --stats timed.json", 0);
+    let timed = stats(&path.join("timed.json"));
+    assert!(timed["samples"]["paths"].as_u64().unwrap() > 0, "{timed}");
+    // The first pass of so large a picture is cut, too.
+    assert!(began.elapsed().as_secs_f64() < 60.0);
+}
