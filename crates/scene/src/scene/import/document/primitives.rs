@@ -53,10 +53,8 @@ impl Mesh {
         if items.is_empty() {
             return Err(json.bad("primitives", "at least one primitive", "none"));
         }
-        let primitives = items
-            .iter()
-            .map(|item| Primitive::parse(item, references, notes))
-            .collect::<Result<Vec<_>>>()?;
+        let primitives =
+            items.iter().map(|item| Primitive::parse(item, references, notes)).collect::<Result<Vec<_>>>()?;
         let targets = primitives[0].targets.len();
         if let Some(other) = primitives.iter().find(|p| p.targets.len() != targets) {
             let wanted = format!("{targets} targets as in the first primitive");
