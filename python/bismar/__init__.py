@@ -235,7 +235,9 @@ class Scene:
         time: Union[float, str, None] = None,
         noise: Optional[float] = None,
         min_spp: Optional[int] = None,
-        adaptive: bool = False,
+        adaptive: Union[str, bool, None] = None,
+        learned_lights: Optional[str] = None,
+        compensation: Optional[str] = None,
         balance: Optional[str] = None,
         pilot: Optional[float] = None,
         integrator: Optional[str] = None,
@@ -266,7 +268,8 @@ class Scene:
             relative error, whichever is first [default: 64 paths].
         balance: how samples are divided between lights and BSDF: "progressive" (the default), "second-order", "kl",
             "efficiency-aware", "half", "power" or "max".
-        guiding: "off", "on" or "auto". adaptive: paths per tile by estimated variance and cost.
+        guiding, adaptive, learned_lights, compensation: "off", "on" or "auto" (where a pre-pass estimates that it pays)
+            [default: auto with the balance "progressive"]. adaptive: paths per tile by estimated variance and cost.
         crop: window x0, y0, x1, y1 in pixels, the last two exclusive.
         aperture: an f-stop such as "f/2.8" or a radius in metres; focus: a distance in metres or "auto".
         aovs: names from docs/pictures.md, or "all" or "none" [default: variance, samples, balance].
@@ -290,6 +293,8 @@ class Scene:
             noise=noise,
             min_spp=min_spp,
             adaptive=adaptive,
+            learned_lights=learned_lights,
+            compensation=compensation,
             balance=balance,
             pilot=pilot,
             integrator=integrator,
