@@ -114,7 +114,10 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         assert!(lit > least_lit && events.into_inner() > 20_000, "{lit}");
         // On triangle edges, Embree's packets may hit where a single ray misses: a few paths in ten thousand.
         // Rounding may move a point on a cell boundary to the neighbouring cell: as few.
-        let allowed = if backend == Backend::Embree || guiding == Guiding::On || learns { 7 } else { 0 };
+        // Smooth bodies magnify the rounding of points over many bounces: as few.
+        let smooth = stage.scene.materials.has_smooth_bodies;
+        let rounds = backend == Backend::Embree || guiding == Guiding::On || learns || smooth;
+        let allowed = if rounds { 7 } else { 0 };
         assert!(differing <= allowed, "{backend:?} {balance:?} {max_depth}: {differing} of {} paths", seen.0.len());
         assert_eq!(transport.heuristic, balance.method().heuristic());
         assert!(balance != Balance::Power || transport.heuristic == Heuristic::Power);
