@@ -49,7 +49,7 @@ impl Saved {
                 self.tiles.iter().all(|tile| is_reached(tile.paths()))
             }
             // Tiles have their own goals.
-            None if settings.allocates() => true,
+            None if self.stats.is_allocated() => true,
             None => scheduler::begins_as(settings, done, ahead, self.stats.passes),
         }
     }
