@@ -14,6 +14,7 @@ use tracing::debug;
 
 use super::sampler::with_buffers;
 use super::scheduler::planned_to;
+use super::settings::MIN_AUTO_PATHS;
 use super::stats::AllocationEfficiency;
 use super::tile::{TILE, Tile};
 use super::{Choice, RenderSettings};
@@ -49,8 +50,6 @@ const DOUBLINGS: [i32; 2] = [-2, 2];
 pub const MAX_PATHS_OVER_MEAN: u32 = 1 << DOUBLINGS[1];
 /// All tiles get the same number of paths where the pre-pass estimates that more than this of the error would remain.
 const MAX_REMAINING_ERROR: f64 = 0.95;
-/// Below this mean number of paths, all tiles get the same number.
-const MIN_MEAN_PATHS: u32 = 16;
 
 /// The paths of each tile, relative to the mean.
 #[derive(Debug)]
@@ -105,7 +104,7 @@ impl Allocation {
     /// Allocates the paths of the whole picture, whatever part of it is rendered. `None` where `settings` are not adaptive,
     /// and soon after `stop` is raised.
     pub fn new(transport: &Transport, settings: &RenderSettings, stop: &AtomicBool) -> Option<Self> {
-        let few = settings.spp.is_some_and(|spp| spp < MIN_MEAN_PATHS);
+        let few = settings.spp.is_some_and(|spp| spp < MIN_AUTO_PATHS);
         if !settings.allocates() || few {
             return None;
         }
@@ -140,7 +139,7 @@ impl Allocation {
     pub fn paths(&self, tile: &Tile, mean: u32) -> u32 {
         let [column, row] = tile.grid_position();
         let own = f64::from(mean) * f64::exp2(f64::from(self.doublings[(row * self.columns + column) as usize]));
-        if mean < MIN_MEAN_PATHS { mean } else { own.round() as u32 }
+        if mean < MIN_AUTO_PATHS { mean } else { own.round() as u32 }
     }
 
     /// Paths per pixel of the next pass of a tile, where `settings` have a goal; `None` if the tile has reached its own.
@@ -155,7 +154,7 @@ impl Allocation {
     /// Renders with equal keys, and other settings alike, have the same allocation and begin with the same passes. `None`
     /// where all tiles get the same number of paths.
     pub fn key(settings: &RenderSettings) -> Option<u32> {
-        let spp = settings.spp.filter(|spp| settings.allocates() && *spp >= MIN_MEAN_PATHS)?;
+        let spp = settings.spp.filter(|spp| settings.allocates() && *spp >= MIN_AUTO_PATHS)?;
         Some(if spp.is_multiple_of(MAX_PASS_PATHS) { MAX_PASS_PATHS } else { spp })
     }
 

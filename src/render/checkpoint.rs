@@ -46,7 +46,7 @@ impl Saved {
             // Tiles have their own counts, each the end of a pass unless an earlier goal has cut it.
             Some(_) => self.tiles.iter().all(|tile| scheduler::is_planned(settings, tile.paths())),
             // Tiles have their own goals.
-            None if settings.allocates() => true,
+            None if self.stats.is_allocated() => true,
             None => scheduler::begins_as(settings, done, ahead, self.stats.passes),
         }
     }

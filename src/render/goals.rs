@@ -4,6 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::allocation::Allocation;
+use super::settings::MIN_AUTO_PATHS;
 use super::{RenderSettings, scheduler};
 
 /// A goal of a render, from a number of paths on.
@@ -55,11 +56,12 @@ pub fn learning_key(settings: &RenderSettings, guided: bool) -> (Option<u32>, Op
 /// `guided` or not. Passes of goals with a time limit are not known. True without goals: older files record none.
 pub fn are_as_one(goals: &[Goal], settings: &RenderSettings, guided: bool) -> bool {
     let learned = |s: &RenderSettings| learning_key(s, guided);
+    let allocated = settings.allocates() && settings.spp.is_none_or(|spp| spp >= MIN_AUTO_PATHS);
     let untils = goals.iter().skip(1).map(|next| Some(next.from)).chain([None]);
     goals.iter().zip(untils).all(|(goal, until)| {
         let theirs = goal.instead(settings);
         let passes = |s: &RenderSettings| until.map(|paths| scheduler::pass_ends(s, paths));
-        let is_known = !goal.timed && settings.time.is_none() && !settings.allocates();
+        let is_known = !goal.timed && settings.time.is_none() && !allocated;
         learned(&theirs) == learned(settings) && (!is_known || passes(&theirs) == passes(settings))
     })
 }

@@ -224,16 +224,18 @@ fn assemble(parts: &[Earlier]) -> Result<Whole> {
         }
         let own = saved.tiles;
         let paths = |tiles: &[Tile]| tiles.first().map_or(0, Tile::paths);
-        let per_tile_counts = |s: &RenderSettings| s.noise.is_some() || s.allocates();
-        let [goal, ours] =
-            [settings(part), settings(first)].map(|s| (s.noise, s.min_spp, s.spp.filter(|_| per_tile_counts(s))));
+        let per_tile_counts = |part: &Earlier| settings(part).noise.is_some() || part.record.stats.is_allocated();
+        let [goal, ours] = [part, first].map(|part| {
+            let s = settings(part);
+            (s.noise, s.min_spp, s.spp.filter(|_| per_tile_counts(part)))
+        });
         if goal != ours {
             return Err(Error::Data(format!(
                 "{name} and {} ended at different goals (--noise, --min-spp, --spp): go on with one of them (--resume)",
                 first.path.display()
             )));
         }
-        if !tiles.is_empty() && !per_tile_counts(settings(part)) && paths(&own) != paths(&tiles) {
+        if !tiles.is_empty() && !per_tile_counts(part) && paths(&own) != paths(&tiles) {
             return Err(Error::Data(format!(
                 "{name} has {} paths a pixel and {} has {}: go on with the one that has less (--resume)",
                 paths(&own),

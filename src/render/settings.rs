@@ -187,8 +187,8 @@ pub struct StudyOptions {
 
 /// Maximum width and height of a picture in pixels.
 pub const MAX_SIDE: u32 = 1 << 16;
-/// Expected paths per pixel from which on path guiding and the allocation of paths are decided: below, the decision costs
-/// more than most pictures could gain.
+/// Paths per pixel from which on paths are allocated, and path guiding is decided about: below, the decision costs more than
+/// most pictures could gain.
 pub const MIN_AUTO_PATHS: u32 = 16;
 /// Expected paths per pixel of a render whose end is not known.
 const UNKNOWN_SPP: u32 = 128;

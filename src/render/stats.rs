@@ -176,6 +176,11 @@ impl RenderStats {
         self.camera_rays + self.first_bounce_rays + self.later_bounce_rays + self.shadow_rays
     }
 
+    /// Have its tiles their own numbers of paths, by a pre-pass?
+    pub fn is_allocated(&self) -> bool {
+        self.adaptive.is_some_and(|adaptive| adaptive.efficiency.range != [1.0; 2])
+    }
+
     /// Adds those of another part or seed of the same picture.
     pub fn join(&mut self, other: &Self) {
         self.paths += other.paths;

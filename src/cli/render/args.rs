@@ -213,7 +213,7 @@ pub struct RenderArgs {
     pub on_checkpoint: Option<PathBuf>,
     /// Continue from the output file; start from the beginning if it does not exist, do nothing if it is finished. With a
     /// higher --spp a finished render continues; the result is bit-identical to a single render if it had a multiple of 128
-    /// paths per pixel.
+    /// paths per pixel and is not guided.
     #[arg(long, help_heading = "Interruption and parts")]
     pub resume: bool,
     /// Render only part K (1 to N) of the picture's tiles; `bismar merge` combines the parts. auto, or auto/N, takes K from
