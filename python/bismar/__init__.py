@@ -292,7 +292,7 @@ class Scene:
             time=time,
             noise=noise,
             min_spp=min_spp,
-            adaptive=adaptive,
+            adaptive=("on" if adaptive else "off") if isinstance(adaptive, bool) else adaptive,
             learned_lights=learned_lights,
             compensation=compensation,
             balance=balance,
