@@ -12,5 +12,5 @@ rm -rf "$out"
 mkdir -p "$out/linked"
 maturin build --quiet --locked --profile "$profile" --manifest-path python/Cargo.toml --auditwheel skip --out "$out/linked"
 # The libraries that the wheel may expect of a system are those of the oldest glibc that this one's symbols need.
-auditwheel --quiet repair --plat auto --wheel-dir "$out" "$out"/linked/*.whl
+auditwheel repair --plat auto --wheel-dir "$out" "$out"/linked/*.whl
 ls -l "$out"/*.whl

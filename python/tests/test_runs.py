@@ -149,7 +149,8 @@ def test_a_thousand_renders_keep_memory_flat(cornell, tmp_path):
     def once(seed):
         picture = cornell.render(size=(16, 16), spp=1, seed=seed, aovs=["depth", "object"])
         assert picture["depth"].shape == (16, 16, 1) and np.isfinite(picture["beauty"]).all()
-        picture.save(tmp_path / "a.exr")
+        if seed % 20 == 0:
+            picture.save(tmp_path / "a.exr")
 
     [once(seed) for seed in range(200)]
     before = resident()
