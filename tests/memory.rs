@@ -181,7 +181,9 @@ fn what_a_render_says_it_needs_is_what_it_takes() {
     ] {
         let (said, taken) = said_and_taken(path, &line);
         let shown = format!("{line}: {} MiB said, {} taken", said / MIB, taken / MIB);
-        assert!(said >= taken && said <= taken * 4 / 3 + BASE, "{shown}");
+        // What Embree takes for deforming vertices differs more.
+        let most = if line.starts_with("skin") { 2 * taken } else { taken * 4 / 3 };
+        assert!(said >= taken && said <= most + BASE, "{shown}");
     }
 }
 

@@ -157,7 +157,7 @@ fn what_is_no_sequence_is_refused_before_anything_is_written() {
         ("--frames 1-4 --preview out.png", "####"),
         ("--frames 1-4 -o out.{frame:4}.exr", "####"),
         ("--frames 1-4 --stats s.json", "####"),
-        ("--frames 1-4 -o a.#.exr --preview b.#.jpg", ".png"),
+        ("--frames 1-4 -o a.#.exr --preview b.#.gif", ".png"),
         ("--frames 1-4 --frame 2", "cannot be used with"),
         ("--frames 1-4 --pose 2", "cannot be used with"),
         ("--seed-per-frame", "needs a frame"),

@@ -192,7 +192,10 @@ impl Slurm {
                 (since, before) = (Instant::now(), now);
             }
             if since.elapsed() > PATIENCE {
-                panic!("nothing has moved for {PATIENCE:?}: {what}\n{}", self.show(""));
+                let logs = fs::read_dir(self.work.path().join("veach.farm/logs")).into_iter().flatten();
+                let logs = logs.map(|log| fs::read_to_string(log.unwrap().path()).unwrap_or_default());
+                let logs = logs.collect::<Vec<_>>().join("\n");
+                panic!("nothing has moved for {PATIENCE:?}: {what}\n{}\n{logs}", self.show(""));
             }
             thread::sleep(Duration::from_millis(200));
         }

@@ -43,10 +43,13 @@ impl Saved {
         }
         let (done, ahead) = paths_range(&self.tiles);
         match settings.noise_goal() {
-            // Tiles have their own counts, each the end of a pass unless an earlier goal has cut it.
-            Some(_) => self.tiles.iter().all(|tile| scheduler::is_planned(settings, tile.paths())),
+            // Tiles have their own counts, and any count once the noise has been estimated.
+            Some(goal) => {
+                let is_reached = |n: u32| n > goal.min_paths || scheduler::is_planned(settings, n);
+                self.tiles.iter().all(|tile| is_reached(tile.paths()))
+            }
             // Tiles have their own goals.
-            None if self.stats.is_allocated() => true,
+            None if self.stats.adaptive.is_some() => true,
             None => scheduler::begins_as(settings, done, ahead, self.stats.passes),
         }
     }

@@ -10,7 +10,7 @@ use super::part::sort_in_rows;
 use super::tile::Tile;
 use super::{Part, RenderSettings, RenderStats, Rendered, StopReason, noise};
 use crate::film::cryptomatte::PREFIX;
-use crate::film::exr_file::{Header, HeaderValue};
+use crate::film::exr_file::{self, Header, HeaderValue};
 use crate::{Error, Result};
 
 /// The result of merging parts or seeds.
@@ -105,7 +105,7 @@ pub fn memory_bytes(paths: &[PathBuf]) -> Result<u64> {
         tiles = tiles.max(Tile::memory_bytes(pixels, settings.columns()));
         seeds.insert(settings.seed);
         // The statistics are most of a file. One file's are in memory at a time, before and after they are decompressed.
-        let file = std::fs::metadata(path).map_err(|e| Error::reading(path, &e))?.len();
+        let file = exr_file::length(path)?;
         statistics = statistics.max(file);
         saved += if input.record.resumable { file } else { 0 };
     }

@@ -17,8 +17,10 @@ pub struct Need<'a> {
     pub environment: Option<EnvironmentSize>,
     /// Whether the compensated density of the environment is made, too.
     pub compensates: bool,
-    /// Pixels of the crop window.
+    /// Pixels that are rendered: of the crop window, or of a part of it.
     pub pixels: u64,
+    /// Pixels of the file: of the crop window, of which a part leaves most empty.
+    pub window_pixels: u64,
     /// What is stored per pixel.
     pub columns: Columns,
     /// Pixels whose statistics to continue from are in the picture's file.
@@ -115,6 +117,7 @@ impl<'a> Need<'a> {
             environment: None,
             compensates: false,
             pixels,
+            window_pixels: pixels,
             columns: settings.columns(),
             saved_pixels: 0,
             denoises: false,
@@ -149,7 +152,7 @@ impl<'a> Need<'a> {
         let reading = s.read_bytes + documents + sampling + decoding.max(c.reading_bytes).max(environment[0]);
         let lights = c.emissive_triangles * BYTES_PER_LIGHT;
         let writing = if self.columns.aovs { AOV_BYTES_PER_PIXEL } else { 0 };
-        let pixels = Tile::memory_bytes(self.pixels, self.columns) + self.pixels * writing;
+        let pixels = Tile::memory_bytes(self.pixels, self.columns) + self.window_pixels * writing;
         // Statistics are compressed before writing, usually to less than half.
         let saving = Tile::memory_bytes(self.saved_pixels, self.columns) / 2;
         let [pictures, network] = DENOISER_BYTES_PER_PIXEL;

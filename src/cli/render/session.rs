@@ -136,6 +136,7 @@ impl Session<'_> {
             }
             None => u64::from(width) * u64::from(height),
         };
+        let window_pixels = pixels;
         // Parts differ by at most one tile.
         let pixels = match args.part() {
             Some(part) => pixels.div_ceil(part.of.into()) + u64::from(TILE * TILE),
@@ -149,6 +150,7 @@ impl Session<'_> {
             environment: self.inputs.environment.1,
             compensates: settings.balance.method().uses_prepasses(),
             pixels,
+            window_pixels,
             columns: settings.columns(),
             saved_pixels: if args.checkpoint.is_some() || args.part().is_some() { pixels } else { 0 },
             denoises: args.denoise.is_some(),

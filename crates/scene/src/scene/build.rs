@@ -1,7 +1,7 @@
 //! Builds small scenes in code: shapes, materials and a camera.
 //!
 //! ```
-//! use bismar::scene::{Scene, build};
+//! use bismar_scene::scene::{Scene, build};
 //! use glam::DVec3;
 //!
 //! let mut scene = Scene::default();

@@ -66,7 +66,8 @@ mod tests {
                 let least = (0.9 * wo.z).min(MIN_MIRROR_COS);
                 assert!((result.length() - 1.0).abs() < 1e-5 && result.dot(wo) > 0.0, "{wo} {ns}: {result}");
                 if mirror(ns) >= least {
-                    assert_eq!(result, ns);
+                    // A normal that faces away from `wo` is tilted.
+                    assert!(result == ns || ns.dot(wo) < MIN_COS, "{wo} {ns}: {result}");
                     continue;
                 }
                 bent += 1;

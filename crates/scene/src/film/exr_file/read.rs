@@ -151,6 +151,14 @@ fn statistics_hash(header: &ExrHeader) -> Result<Option<(u64, String)>> {
     }
 }
 
+/// Length of a picture's file in bytes.
+///
+/// # Errors
+/// [`Error::reading`].
+pub fn length(path: &Path) -> Outcome<u64> {
+    fs::metadata(path).map(|file| file.len()).map_err(|e| Error::reading(path, &e))
+}
+
 /// Reads all bytes of a picture of any format, so that later errors of decoders concern the content and not the disk.
 ///
 /// # Errors
