@@ -98,15 +98,15 @@ pub fn allowed() -> Option<(u64, &'static str)> {
     all.into_iter().filter_map(|(bytes, what)| Some((bytes?, what))).min()
 }
 
-/// Bytes of the stacks that a ray library maps for a thread of its own.
-const STACK_BYTES: u64 = 6 << 20;
+/// Bytes of the stacks that a thread and the ray library's thread beside it map: 8 MiB each, as is usual, and a guard.
+const STACK_BYTES: u64 = 18 << 20;
 
 /// Makes allocations beyond this number of bytes fail, so that the program ends with a message ([`exit_when_exhausted`])
 /// before the system kills it. The limit counts what is mapped: stacks of this many threads, which hardly touch them, are
 /// allowed for.
 pub fn hold_to(bytes: u64, threads: usize) {
     let Rlimit { current, maximum } = getrlimit(Resource::Data);
-    let bytes = bytes.saturating_add(host::untouched_data_bytes()).saturating_add(threads as u64 * STACK_BYTES);
+    let bytes = bytes.saturating_add(host::untouched_data_bytes()).saturating_add((threads as u64 + 1) * STACK_BYTES);
     let least = [Some(bytes), current, maximum].into_iter().flatten().min();
     // Without effect if the limit cannot be set.
     let _ = setrlimit(Resource::Data, Rlimit { current: least, maximum });

@@ -218,17 +218,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn interpolated_albedos_are_the_integrals_to_a_hundredth_and_at_the_horizon_to_three() {
+    fn interpolated_albedos_are_the_integrals_to_a_hundredth_and_at_grazing_angles_to_three() {
         for i in 0..40 {
             for j in 0..40 {
-                let (cos, alpha) = (((i as f32 + 0.37) / 40.0).powi(2), ((j as f32 + 0.61) / 40.0).powi(2));
+                let (cos, alpha) =
+                    (((i as f32 + 0.37) / 40.0).powi(2), ((j as f32 + 0.61) / 40.0).powi(2).max(ggx::MIN_ALPHA));
                 let [normal, grazing] = integrate_reflection(cos, alpha);
                 let albedo = ggx(F::splat(cos), F::splat(alpha));
                 let errors = [albedo.normal - F::splat(normal), albedo.grazing - F::splat(grazing)];
                 let errors = errors.map(|error| error.to_array()[3].abs());
-                // Between the last two columns of the table, the albedo of smooth surfaces has a step.
-                let most = if cos < 1e-2 { 0.03 } else { 0.01 };
-                assert!(errors[0] < most && errors[1] < most, "{cos} {alpha}: {errors:?}");
+                // The part that Fresnel's rise adds at grazing angles is steep there.
+                let most = if cos < 0.03 { 0.03 } else { 0.01 };
+                assert!(errors[0] < 0.01 && errors[1] < most, "{cos} {alpha}: {errors:?}");
             }
         }
     }
