@@ -3,11 +3,13 @@
 
 use std::f64::consts::FRAC_1_PI;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use bismar::bsdf::{Bsdf, Lobe, Parameters, Surface};
 use bismar::lanes::{F, LANES, V3};
 use bismar::rays::Backend;
-use bismar::render::{Balance, Guiding, Integrator, RenderSettings};
+use bismar::render::checkpoint::pack;
+use bismar::render::{Balance, Guiding, Integrator, RenderSettings, render};
 use bismar::scene::{
     Encoding, Environment, Filter, Image, Material, Mesh, PunctualKind, PunctualLight, Scene, Texels, Texture,
     TextureRef, TextureSlot, Wrap, build,
@@ -385,5 +387,34 @@ fn panes_in_a_white_furnace_vanish() {
     for backend in [Backend::Embree, Backend::Obvhs] {
         let mean = Stage::new(Arc::new(scene.clone()), backend).mean_green(&settings, 300);
         assert!(mean.z(1.0).abs() < z_limit(2), "{backend:?}: {} ± {}", mean.mean, mean.standard_error());
+    }
+}
+
+#[test]
+fn a_thread_that_has_rendered_panes_renders_other_scenes_as_before() {
+    let room = |panes: usize| {
+        let mut scene = floor_under(panes, &pane());
+        let ([x0, x1], [z0, z1], y) = LIGHT;
+        rectangle(&mut scene, y as f32, [x0 as f32, x1 as f32], [z0 as f32, z1 as f32], false, area_light(10.0));
+        scene.environment = Some(Environment::constant([2.0; 3]));
+        Stage::new(Arc::new(scene), Backend::Embree)
+    };
+    let (plain, glazed) = (room(0), room(2));
+    for (balance, transparent) in [(Balance::SecondOrder, false), (Balance::Half, true)] {
+        let settings = RenderSettings {
+            width: 24,
+            height: 24,
+            spp: Some(40),
+            aovs: true,
+            balance,
+            transparent,
+            ..Default::default()
+        };
+        let bits = |stages: &[&Stage]| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+            let of = |stage: &&Stage| render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap();
+            pool.install(|| stages.iter().map(|stage| pack(&of(stage).tiles).unwrap()).next_back())
+        };
+        assert!(bits(&[&plain]) == bits(&[&glazed, &plain]), "{balance:?}");
     }
 }

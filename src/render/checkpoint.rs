@@ -43,9 +43,10 @@ impl Saved {
         }
         let (done, ahead) = paths_range(&self.tiles);
         match settings.noise_goal() {
-            // Tiles have their own counts, and any count once the noise has been estimated.
+            // Tiles have their own counts, and any count once the noise has been estimated, unless an earlier goal has cut it.
             Some(goal) => {
-                let is_reached = |n: u32| n > goal.min_paths || scheduler::is_planned(settings, n);
+                let is_estimated = |n| n > goal.min_paths && self.goals.iter().all(|goal| goal.spp != Some(n));
+                let is_reached = |n: u32| is_estimated(n) || scheduler::is_planned(settings, n);
                 self.tiles.iter().all(|tile| is_reached(tile.paths()))
             }
             // Tiles have their own goals.

@@ -59,6 +59,7 @@ impl PathRays {
         for column in [&mut self.path, &mut self.index, &mut self.seed] {
             grow(column, capacity);
         }
+        self.passed_wall.clear();
         self.first = first;
         self.len = 0;
     }
@@ -159,6 +160,8 @@ impl ShadowRays {
             grow(passes, capacity);
             grow(medium, capacity);
         }
+        // A wave is used for one scene after another.
+        self.through.clear();
         self.len = 0;
     }
 

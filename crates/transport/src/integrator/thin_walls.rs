@@ -117,7 +117,6 @@ impl ThinWalls {
     #[inline(never)]
     pub fn pass(&mut self, at: &WaveContext, rays: &mut PathRays, hits: &mut HitBatch, back_faces: &mut BackFaces) {
         let transport = at.transport;
-        rays.passed_wall.clear();
         if at.depth == 0 {
             rays.passed_wall.resize(rays.len, false);
         }
@@ -166,7 +165,6 @@ impl ThinWalls {
         let mut hits = std::mem::take(&mut self.shadow_hits);
         let ShadowRays { rays, radiance, bodies, through, len, .. } = shadows;
         transport.rays.closest_hits(rays, RayOrder::Incoherent, &mut hits);
-        through.clear();
         through.resize(*len, 1.0);
         let passes = |row: usize| bodies.as_ref().is_some_and(|bodies| bodies.passes[row] != 0);
         self.begin(transport, *len, &hits, &passes, bodies.as_ref().map(|bodies| &bodies.medium[..*len]));
