@@ -8,11 +8,14 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::thread;
 use std::time::Instant;
 
+use bismar::balance::method::take_pass_and_update;
+use bismar::balance::{LearnedPixels, Method, Moments, Sampler};
 use bismar::film::exr_file;
 use bismar::rays::Backend;
 use bismar::render::checkpoint::{fits, pack, unpack};
 use bismar::render::{
-    Balance, Part, Pause, RenderSettings, RenderStats, Rendered, RunOptions, Saved, StopReason, render, run,
+    Balance, Choice, CustomMethod, Part, Pause, RenderSettings, RenderStats, Rendered, RunOptions, Saved, StopReason,
+    render, run,
 };
 
 use crate::helpers::program::{self, assert_same_bits, bismar, bits, expect, names, paths, scene};
@@ -85,6 +88,49 @@ fn interruptions_anywhere_leave_no_trace() {
         assert!(noise.is_some() || adaptive || whole.stats.passes == pieces.stats.passes);
         assert_eq!(whole.stats.noise, pieces.stats.noise);
     }
+}
+
+/// `kl` as a method of another crate.
+struct Mine;
+
+impl Method for Mine {
+    fn name(&self) -> &'static str {
+        "mine"
+    }
+
+    fn about(&self) -> &'static str {
+        "As kl"
+    }
+
+    fn sums_moments(&self) -> bool {
+        true
+    }
+
+    fn scrambles_passes(&self) -> bool {
+        true
+    }
+
+    fn pass(&self, learned: &mut LearnedPixels, sampler: &mut dyn Sampler, _done: u32, paths: u32) {
+        take_pass_and_update(learned, sampler, paths, Moments::kl_linear);
+    }
+}
+
+#[test]
+fn a_method_of_another_crate_is_rendered_with_guiding_and_interrupted_as_ours_are() {
+    let stage = Stage::new(hall(), Backend::Embree);
+    let of = |balance| {
+        let guiding = Choice::On;
+        RenderSettings { width: 50, height: 37, spp: Some(24), balance, guiding, aovs: true, ..Default::default() }
+    };
+    let (mine, kl) = (of(Balance::Custom(CustomMethod(&Mine))), of(Balance::Kl));
+    let whole = render(&stage.scene, &kl, &AtomicBool::new(false), &|_| ()).unwrap();
+    let (pieces, sessions) = in_pieces(&stage, &mine, 3);
+    assert!(sessions > 1 && whole.stats.guiding.unwrap().on);
+    assert!(all_bits(&whole) == all_bits(&pieces));
+    // What it does is not known from its name.
+    let name = serde_json::to_value(mine.balance).unwrap();
+    assert_eq!(name, "mine");
+    assert!(serde_json::from_value::<Balance>(name).unwrap_err().to_string().contains("no balance method `mine`"));
 }
 
 #[test]

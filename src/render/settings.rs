@@ -9,7 +9,7 @@ use super::adaptive::{NOISE_PATHS, NoiseGoal};
 use super::choice::{Choice, as_switch};
 use super::lens::LensSettings;
 use super::tile::Columns;
-pub use crate::balance::Balance;
+pub use crate::balance::{Balance, CustomMethod};
 pub use crate::sampling::PixelFilter;
 
 /// The light transport.

@@ -21,7 +21,7 @@ pub use counts::{Counts, Shares, deal};
 pub use features::PixelFeatures;
 pub use heuristic::Heuristic;
 pub use method::Method;
-pub use methods::Balance;
 pub use methods::second_order::DEFAULT_PILOT_FRACTION;
+pub use methods::{Balance, CustomMethod};
 pub use moments::Moments;
 pub use sampler::{LearnedPixels, Sampler};

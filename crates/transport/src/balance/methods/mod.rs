@@ -1,4 +1,5 @@
-//! The methods of `--balance`. A new method is a file here and a line in the table.
+//! The methods of `--balance`. A new method is a file here and a line in the table. A method of another crate is
+//! [`Balance::Custom`].
 
 pub mod efficiency_aware;
 pub mod fixed;
@@ -15,14 +16,17 @@ macro_rules! table {
         /// A method that divides the samples at a camera path's first surface between light and BSDF sampling: a name for
         /// each [`Method`].
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-        #[serde(rename_all = "kebab-case")]
+        #[serde(into = "String", try_from = "String")]
         #[allow(missing_docs, reason = "each method's file says what it is")]
         pub enum Balance {
             $($variant,)*
+            /// A method of another crate. Pictures record its name, which must be none of the others'; they cannot be read as
+            /// records of a render, since the name alone does not say what the method does.
+            Custom(CustomMethod),
         }
 
         impl Balance {
-            /// All methods, in the order of the help.
+            /// The methods of this crate, in the order of the help.
             pub fn all() -> &'static [Self] {
                 &[$(Self::$variant,)*]
             }
@@ -31,6 +35,7 @@ macro_rules! table {
             pub fn method(self) -> &'static dyn Method {
                 match self {
                     $(Self::$variant => &$method,)*
+                    Self::Custom(CustomMethod(method)) => method,
                 }
             }
         }
@@ -49,6 +54,39 @@ table! {
         about: "Power heuristic (exponent 2), one sample of each",
     },
     Max: fixed::OneOfEach { heuristic: Heuristic::Max, name: "max", about: "Maximum heuristic, one sample of each" },
+}
+
+/// A method of another crate: `CustomMethod(&MyMethod)`, or a leaked box for one that is made at run time. Two are equal if
+/// their names are.
+#[derive(Clone, Copy)]
+pub struct CustomMethod(pub &'static dyn Method);
+
+impl std::fmt::Debug for CustomMethod {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.0.name())
+    }
+}
+
+impl PartialEq for CustomMethod {
+    fn eq(&self, other: &Self) -> bool {
+        self.0.name() == other.0.name()
+    }
+}
+
+impl Eq for CustomMethod {}
+
+impl From<Balance> for String {
+    fn from(balance: Balance) -> Self {
+        balance.name().into()
+    }
+}
+
+impl TryFrom<String> for Balance {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<Self, String> {
+        Self::named(&name).ok_or_else(|| format!("there is no balance method `{name}`"))
+    }
 }
 
 impl Balance {
