@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use bismar::Result;
 use bismar::balance::method::take_pass_and_update;
 use bismar::balance::{LearnedPixels, Method, Moments, Sampler};
 use bismar::film::compare::relative_to;
@@ -12,7 +13,6 @@ use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
 use bismar::render::{Balance, CustomMethod, RenderSettings, render};
 use bismar::scene::import::import;
-use bismar::{Error, Result};
 
 /// Half of the second-order method's step: the share moves from ½ by m₁ / (8 m₂) of all samples so far.
 struct HalfStep;
