@@ -142,3 +142,19 @@ fn mattes_are_read_by_the_specification_and_say_what_the_numbers_of_objects_say(
         }
     }
 }
+
+#[test]
+fn every_layer_of_a_picture_of_one_path_is_finite() {
+    let folder = tempfile::tempdir().unwrap();
+    let line = format!("render {} --size 24x16 --spp 1 --aov all -q -o one.exr", scene("cornell.glb").display());
+    expect(folder.path(), &line, 0);
+    let mut seen = 0;
+    for (name, values) in bits(&folder.path().join("one.exr")) {
+        // Ids and hashes are no numbers.
+        if name.starts_with("variance") || name.starts_with("lights") || name.len() == 1 {
+            assert!(values.iter().all(|value| f32::from_bits(*value).is_finite()), "{name}");
+            seen += 1;
+        }
+    }
+    assert!(seen >= 6, "{seen}");
+}

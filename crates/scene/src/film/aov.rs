@@ -183,7 +183,7 @@ impl Aov {
             Aov::Depth => ("depth.", "Z", Value::Float(depth)),
             Aov::Direct => ("direct.", "RGB", Value::Color(|p, a, c| mean(p, a.direct[c]))),
             Aov::Indirect => ("indirect.", "RGB", Value::Color(|p, a, c| mean(p, a.indirect[c]))),
-            Aov::Variance => ("variance.", "RGB", Value::Float(|p, _, c| p.variance_of_mean()[c])),
+            Aov::Variance => ("variance.", "RGB", Value::Float(|p, _, c| variance(p, c))),
             Aov::Samples => ("samples.", "V", Value::Uint(|p, _| p.samples)),
             Aov::Balance => ("balance.", "V", Value::Float(|p, _, _| p.light_share)),
             Aov::Object => ("object.", "V", Value::Uint(|_, a| a.object)),
@@ -243,6 +243,14 @@ fn ranked(pixel: &PixelStats, (id, paths): (u32, u32), component: usize) -> f32 
 
 fn mean_over_hits(pixel: &PixelStats, sum: f32) -> f32 {
     sum / pixel.covered.max(1) as f32
+}
+
+/// Estimated variance of the beauty. One path has none: its square is finite, and in expectation not too low.
+fn variance(pixel: &PixelStats, channel: usize) -> f32 {
+    match pixel.samples {
+        0 | 1 => pixel.sum_squared[channel] as f32,
+        _ => pixel.variance_of_mean()[channel],
+    }
 }
 
 fn mean(pixel: &PixelStats, sum: f32) -> f32 {
