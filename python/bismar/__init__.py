@@ -409,7 +409,7 @@ class Picture:
     ) -> None:
         """Writes the picture: .exr with all layers; .png, .jpg or lossless .webp through a view transform.
 
-        view: "agx", "neutral" or "srgb"; exposure: stops, or "auto" (not for .exr).
+        view: "agx", "neutral", "aces" or "srgb"; exposure: stops, or "auto" (not for .exr).
         resumable: also store what `bismar render --resume` and `merge` need (.exr). An interrupted picture always has it.
         half: colours as 16-bit floats (.exr).
 
@@ -457,7 +457,7 @@ def develop(
     exposure: Union[float, str, None] = None,
     layer: Optional[str] = None,
 ) -> None:
-    """Converts an EXR or HDR picture to PNG by a view transform ("agx", "neutral", "srgb") and an exposure in stops.
+    """Converts an EXR or HDR picture to PNG by a view transform ("agx", "neutral", "aces", "srgb") and an exposure in stops.
 
     output: [default: the picture's name with .png, in the same folder]. layer: shown instead of the beauty.
     """

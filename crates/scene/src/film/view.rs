@@ -10,19 +10,22 @@ pub enum View {
     Agx,
     /// Khronos PBR Neutral: base colours stay what they are, only highlights are compressed.
     Neutral,
+    /// ACES as Hill fitted it, of the radiance over 0.6, with a power of 1/2.2: the look of Khronos' render fidelity suite.
+    Aces,
     /// The sRGB curve alone; everything above 1 clips.
     Srgb,
 }
 
 impl View {
     /// All of them, in the order of the command line's help.
-    pub const ALL: [Self; 3] = [Self::Agx, Self::Neutral, Self::Srgb];
+    pub const ALL: [Self; 4] = [Self::Agx, Self::Neutral, Self::Aces, Self::Srgb];
 
     /// The name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             View::Agx => "agx",
             View::Neutral => "neutral",
+            View::Aces => "aces",
             View::Srgb => "srgb",
         }
     }
@@ -37,6 +40,7 @@ impl View {
         let display = match self {
             View::Agx => agx(color),
             View::Neutral => pbr_neutral(color).map(srgb_encode),
+            View::Aces => aces(color).map(|x| x.max(0.0).powf(1.0 / 2.2)),
             View::Srgb => color.map(srgb_encode),
         };
         display.map(|x| x.clamp(0.0, 1.0))
@@ -102,11 +106,27 @@ fn pbr_neutral(color: [f32; 3]) -> [f32; 3] {
     })
 }
 
+/// The ACES reference rendering and output transforms (sRGB) as Stephen Hill fitted them: a matrix, a rational curve, a matrix
+/// (github.com/TheRealMJP/BakingLab, ACES.hlsl), of the radiance over 0.6, as viewers of glTF apply them. Linear to linear.
+fn aces(color: [f32; 3]) -> [f32; 3] {
+    const INPUT: [[f32; 3]; 3] =
+        [[0.597_19, 0.354_58, 0.048_23], [0.076, 0.908_34, 0.015_66], [0.028_4, 0.133_83, 0.837_77]];
+    const OUTPUT: [[f32; 3]; 3] =
+        [[1.604_75, -0.531_08, -0.073_67], [-0.102_08, 1.108_13, -0.006_05], [-0.003_27, -0.072_76, 1.076_02]];
+    multiply(&OUTPUT, multiply(&INPUT, color.map(|x| x / 0.6)).map(aces_curve))
+}
+
+fn aces_curve(x: f32) -> f32 {
+    // The limit, before squares overflow.
+    let x = x.min(1e15);
+    (x * (x + 0.024_578_6) - 0.000_090_537) / (x * (0.983_729 * x + 0.432_951) + 0.238_081)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const VIEWS: [View; 3] = [View::Agx, View::Neutral, View::Srgb];
+    const VIEWS: [View; 4] = View::ALL;
 
     fn close(a: f32, b: f32, tolerance: f32) {
         assert!((a - b).abs() <= tolerance, "{a} is not {b} within {tolerance}");
@@ -124,6 +144,8 @@ mod tests {
         close(grey(View::Agx), 0.5, 3.8e-3);
         // Neutral: 0.18 - 0.04 = 0.14 linear, sRGB-encoded.
         close(grey(View::Neutral), 1.055 * 0.14_f32.powf(1.0 / 2.4) - 0.055, 1e-5);
+        // The matrices' rows sum to 1: grey passes the curve alone. Of 0.3 it is 0.09728 / 0.45650.
+        close(grey(View::Aces), (0.097_283_f32 / 0.456_502).powf(1.0 / 2.2), 1e-4);
         close(grey(View::Srgb), 0.461_356, 1e-5);
     }
 
