@@ -45,6 +45,7 @@ __all__ = [
     "__version__",
     "compare",
     "develop",
+    "labels",
     "load",
     "merge",
 ]
@@ -447,6 +448,41 @@ def merge(
     """
     options = _flags(output=output, preview=preview, view=view, exposure=exposure, no_statistics=not statistics)
     _bismar.merge(list(parts), options)
+
+
+def labels(
+    pictures: Sequence[Path],
+    output: Optional[Path] = None,
+    *,
+    by: Optional[str] = None,
+    images: Optional[str] = None,
+    ids: bool = False,
+    depth: Optional[Sequence[str]] = None,
+    depth_scale: Optional[float] = None,
+    normals: Optional[Sequence[str]] = None,
+    normal_space: Optional[str] = None,
+) -> None:
+    """Writes what a data set needs beside its pictures (docs/datasets.md).
+
+    pictures: EXR files with the AOVs that are asked for, or folders of such files.
+    output: COCO annotations (.json): images, categories, masks (RLE). by: "object" (the default) or "material". images: ending
+        of the pictures' names in them, such as "png".
+    ids: 16-bit PNG of the ids. depth, normals: lists of "npy" and "png". depth_scale: metres per step of the PNG [0.001].
+    normal_space: "world" (the default) or "camera".
+
+    Raises InputError for a picture without the AOV.
+    """
+    options = _flags(
+        output=output,
+        by=by,
+        images=images,
+        ids=ids,
+        depth=depth,
+        depth_scale=depth_scale,
+        normals=normals,
+        normal_space=normal_space,
+    )
+    _bismar.labels(list(pictures), options)
 
 
 def develop(

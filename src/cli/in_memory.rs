@@ -9,6 +9,7 @@ use std::time::Instant;
 use clap::{Args, Command};
 
 use super::develop::DevelopArgs;
+use super::labels::LabelsArgs;
 use super::merge::MergeArgs;
 use super::render::{Inputs, Loaded, OutputWriter, RenderArgs, Session, claim_output, preview_mark, settings};
 use super::stats::{Seconds, Stats};
@@ -397,6 +398,15 @@ pub fn compare(a: &FilmPicture, b: &FilmPicture) -> Result<Comparison> {
 pub fn merge(options: &Options, parts: &[PathBuf]) -> Result<()> {
     let parts: Vec<&Path> = parts.iter().map(PathBuf::as_path).collect();
     super::merge::run(&parse::<MergeArgs>("merge", options, &parts)?, QUIET).map(drop)
+}
+
+/// `bismar labels`: annotations, ids, depth and normals of pictures.
+///
+/// # Errors
+/// Those of the command.
+pub fn labels(options: &Options, pictures: &[PathBuf]) -> Result<()> {
+    let pictures: Vec<&Path> = pictures.iter().map(PathBuf::as_path).collect();
+    super::labels::run(&parse::<LabelsArgs>("labels", options, &pictures)?, QUIET).map(drop)
 }
 
 /// `bismar develop`: a picture file to PNG.

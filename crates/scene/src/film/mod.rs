@@ -11,6 +11,7 @@ pub mod exr_file;
 pub mod flip;
 mod header;
 pub mod lock;
+pub mod npy;
 mod open;
 pub mod picture;
 pub mod pixels;
