@@ -254,6 +254,7 @@ class Scene:
         focus: Union[str, float, None] = None,
         lens_blades: Optional[int] = None,
         transparent: bool = False,
+        ground: Optional[str] = None,
         aovs: Union[str, Iterable[str], None] = None,
         denoise: bool = False,
         progress: Optional[Callable[[Progress], Any]] = None,
@@ -273,6 +274,7 @@ class Scene:
             [default: auto with the balance "progressive"]. adaptive: paths per tile by estimated variance and cost.
         crop: window x0, y0, x1, y1 in pixels, the last two exclusive.
         aperture: an f-stop such as "f/2.8" or a radius in metres; focus: a distance in metres or "auto".
+        transparent: hides the environment. ground: "shadow", a plane below the scene that shows only shadows, in alpha.
         aovs: names from docs/pictures.md, or "all" or "none" [default: variance, samples, balance].
         denoise: take what `Picture.denoise` needs.
         progress: called about twenty times a second with a `Progress`, by the calling thread. If it returns False, the
@@ -311,6 +313,7 @@ class Scene:
             focus=focus,
             lens_blades=lens_blades,
             transparent=transparent,
+            ground=ground,
             aov=aovs,
             denoise="oidn" if denoise else None,
         )

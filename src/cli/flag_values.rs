@@ -4,7 +4,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use crate::film::{Denoise, View};
 use crate::rays::Backend;
-use crate::render::{BackFaces, Choice, GlassShadows, Integrator, PixelFilter};
+use crate::render::{BackFaces, Choice, GlassShadows, Ground, Integrator, PixelFilter};
 
 /// A library type whose values are the values of a flag.
 pub trait FlagValue: Copy + Send + Sync + 'static {
@@ -56,6 +56,10 @@ flag_values! {
     GlassShadows {
         Off: "Shadow rays end at them; light behind is found by refracted paths",
         Straight: "Shadow rays pass them straight, dimmed by Fresnel and absorption: approximate",
+    }
+    Ground {
+        None: "Nothing",
+        Shadow: "A plane that shows shadows alone",
     }
     Choice {
         Off: "Never",

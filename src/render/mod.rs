@@ -47,7 +47,7 @@ pub use part::Part;
 pub use pixels::TilePixels;
 pub use progress::Progress;
 pub use replay::replay;
-pub use settings::{BackFaces, Balance, GlassShadows, Integrator, PixelFilter, RenderSettings, StudyOptions};
+pub use settings::{BackFaces, Balance, GlassShadows, Ground, Integrator, PixelFilter, RenderSettings, StudyOptions};
 pub use stats::{RenderStats, StopReason};
 use tile::Tile;
 pub use transport::transport;

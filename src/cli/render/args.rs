@@ -21,7 +21,7 @@ use crate::film::{Aov, Denoise, Exposure, View, preview};
 use crate::rays::Backend;
 use crate::render::identity::RequestedOutputs;
 use crate::render::lens::{Aperture, Focus, LensSettings};
-use crate::render::{BackFaces, Balance, Choice, GlassShadows, Integrator, Part, PixelFilter, RenderSettings};
+use crate::render::{BackFaces, Balance, Choice, GlassShadows, Ground, Integrator, Part, PixelFilter, RenderSettings};
 use crate::sampling::frame_seed;
 use crate::scene::{Framing, Orbit, PlacedCamera};
 use crate::{Error, Result};
@@ -98,6 +98,12 @@ pub struct RenderArgs {
         help_heading = "View")]
     pub back_faces: BackFaces,
 
+    /// What lies below the scene: none; or shadow, a plane at its lowest point that shows only what the scene takes from its
+    /// light, as black with alpha, seen from above. The environment is hidden, as by --transparent. Light that the scene adds to
+    /// the ground, and what the ground would reflect, is left out.
+    #[arg(long, value_parser = value_of::<Ground>(), default_value = Ground::None.name(), value_name = "WHAT",
+        help_heading = "View")]
+    pub ground: Ground,
     /// Shadow rays at bodies of smooth glass (a bottle, a globe, a pane with thickness): off ends them there, straight lets
     /// them pass, dimmed by Fresnel and absorption. That is approximate: without refraction and caustics, with little noise.
     /// They always pass thin glass.
@@ -384,7 +390,8 @@ impl RenderArgs {
             time: self.time,
             noise: self.noise,
             min_spp: self.min_spp,
-            adaptive: self.adaptive.unwrap_or(automatic),
+            // The variance that it estimates is that of the colour, not of alpha.
+            adaptive: self.adaptive.unwrap_or(if self.ground == Ground::None { automatic } else { Choice::Off }),
             balance: self.balance,
             pilot: self.pilot,
             guiding: self.guiding.unwrap_or(automatic),
@@ -400,10 +407,11 @@ impl RenderArgs {
             extras: self.denoise.is_some() || self.aovs().iter().any(|a| a.needs_extras()),
             clamp_direct: self.clamp_direct,
             clamp_indirect: self.clamp_indirect,
-            transparent: self.transparent,
+            transparent: self.transparent || self.ground == Ground::Shadow,
             lens: self.aperture.map(|aperture| LensSettings { aperture, focus: self.focus, blades: self.lens_blades }),
             back_faces: self.back_faces,
             glass_shadows: self.glass_shadows,
+            ground: self.ground,
             part: self.part(),
             ..RenderSettings::default()
         }

@@ -58,7 +58,7 @@ pub fn write(path: &Path, pixels: &dyn Pixels, look: Look, mark: &str) -> Result
     let raster = Raster {
         corner: [x0.into(), y0.into()],
         size: [x1 - x0, y1 - y0],
-        pixels: positions.map(|(x, y)| pixels.at(x, y).0).map(|p| (p.mean(), p.coverage())),
+        pixels: positions.map(|(x, y)| pixels.at(x, y)).map(|(p, sums)| (p.mean(), p.coverage() + sums.shadow)),
         transparent: pixels.background() == Background::Transparent,
     };
     let (size, (bytes, kind)) = (raster.size, raster.develop(look));
