@@ -232,6 +232,7 @@ class Scene:
         size: Union[Tuple[int, int], str, None] = None,
         *,
         orbit: Optional[Sequence[float]] = None,
+        preset: Optional[str] = None,
         spp: Optional[int] = None,
         time: Union[float, str, None] = None,
         noise: Optional[float] = None,
@@ -265,6 +266,7 @@ class Scene:
             directions from the first camera, in the orientation of an environment map) [default: the first].
         orbit: instead of a camera, a view around the scene: azimuth (0 sees it from +z, 90 from +x) and elevation in
             degrees, and the distance as a multiple of that at which the sphere around the scene just fits [1].
+        preset: "thumbnail", "product" or "final": other defaults of some arguments (`bismar render --help`); none denoises.
         size: width and height in pixels [default: 960 wide, with the camera's aspect ratio].
         spp, time, noise: stops at this number of paths per pixel, after these seconds of this call, or at this estimated
             relative error, whichever is first [default: 64 paths].
@@ -290,6 +292,7 @@ class Scene:
         options = _flags(
             camera=camera,
             orbit=orbit,
+            preset=preset,
             size=size,
             spp=spp,
             time=time,

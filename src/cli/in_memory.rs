@@ -105,9 +105,7 @@ impl LoadedScene {
         }
         let index = cameras.len();
         self.placed.push((index, placed.clone()));
-        let Loaded { prepared, read_seconds, build_seconds } = &*self.loaded;
-        let (read_seconds, build_seconds) = (*read_seconds, *build_seconds);
-        self.loaded = Arc::new(Loaded { prepared: prepared.with_camera(camera), read_seconds, build_seconds });
+        self.loaded = Arc::new(Loaded { prepared: self.loaded.prepared.with_camera(camera), ..*self.loaded });
         Ok(index)
     }
 
@@ -156,13 +154,8 @@ impl LoadedScene {
         }
         let identity = self.inputs.identity(&args, &settings);
         let rendered = run(&loaded.prepared, &settings, RunOptions { began, ..RunOptions::new(stop, progress) })?;
-        let seconds = Seconds {
-            read: loaded.read_seconds,
-            build: loaded.build_seconds,
-            render: rendered.stats.render_seconds,
-            total: began.elapsed().as_secs_f64(),
-            ..Default::default()
-        };
+        let seconds =
+            Seconds { render: rendered.stats.render_seconds, total: began.elapsed().as_secs_f64(), ..loaded.seconds() };
         let picture = RenderedPicture {
             args,
             inputs: Arc::clone(&self.inputs),
