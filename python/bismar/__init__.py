@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, Iterator, List,
 from . import _bismar
 from ._bismar import version as __version__
 from ._errors import ConfigError, Error, FileError, HostError, InputError, InternalError, Interrupted, UsageError
+from ._heuristics import Moments, of_arrays
 
 if TYPE_CHECKING:
     import numpy as np
@@ -38,6 +39,7 @@ __all__ = [
     "InputError",
     "InternalError",
     "Interrupted",
+    "Moments",
     "Picture",
     "Progress",
     "Scene",
@@ -240,7 +242,7 @@ class Scene:
         adaptive: Union[str, bool, None] = None,
         learned_lights: Optional[str] = None,
         compensation: Optional[str] = None,
-        balance: Optional[str] = None,
+        balance: Union[str, Callable[[Moments], Any], None] = None,
         pilot: Optional[float] = None,
         integrator: Optional[str] = None,
         max_depth: Optional[int] = None,
@@ -271,7 +273,10 @@ class Scene:
         spp, time, noise: stops at this number of paths per pixel, after these seconds of this call, or at this estimated
             relative error, whichever is first [default: 64 paths].
         balance: how samples are divided between lights and BSDF: "progressive" (the default), "second-order", "kl",
-            "efficiency-aware", "half", "power" or "max".
+            "efficiency-aware", "half", "power" or "max". Or a heuristic of one's own, for study: a callable that is given
+            the `Moments` so far between passes (of 8, 8, 16, 32, 64, 128, 128, ... paths, the first with shares of 0.5), and
+            returns the light shares of the next one, in [0, 1]: an array (H, W), or one number for all pixels. It needs
+            `size` and `spp`. It is slow, and its picture cannot be saved as .exr.
         guiding, adaptive, learned_lights, compensation: "off", "on" or "auto" (where a pre-pass estimates that it pays)
             [default: auto with the balance "progressive"]. adaptive: paths per tile by estimated variance and cost.
         crop: window x0, y0, x1, y1 in pixels, the last two exclusive.
@@ -287,6 +292,11 @@ class Scene:
         """
         if isinstance(camera, Camera):
             camera = camera.index
+        heuristic = None
+        if callable(balance):
+            heuristic, balance = balance, None
+            if not isinstance(size, tuple):
+                raise UsageError("balance: a heuristic of one's own needs size=(width, height)", 64)
         if not (aovs is None or isinstance(aovs, str)):
             aovs = ",".join(aovs) or "none"
         options = _flags(
@@ -321,7 +331,9 @@ class Scene:
             denoise="oidn" if denoise else None,
         )
         call = None if progress is None else (lambda *now: progress(Progress(*now)))
-        native, stopped_by = self._native.render(options, call)
+        window = (0, 0, *(size if isinstance(size, tuple) else (0, 0))) if crop is None else crop
+        shape = (window[3] - window[1], window[2] - window[0])
+        native, stopped_by = self._native.render(options, call, None if heuristic is None else of_arrays(heuristic, shape))
         picture = None if native is None else Picture(native)
         if isinstance(stopped_by, KeyboardInterrupt):
             interrupted = Interrupted("interrupted; the attribute `picture` has what there is", 75)

@@ -16,7 +16,10 @@ class Scene:
     def bounds(self) -> Optional[List[List[float]]]: ...
     def inspect(self) -> str: ...
     def render(
-        self, options: _Flags, progress: Optional[Callable[[float, float, float, Optional[float]], Any]]
+        self,
+        options: _Flags,
+        progress: Optional[Callable[[float, float, float, Optional[float]], Any]],
+        heuristic: Optional[Callable[[Any, Any, Any], Any]],
     ) -> Tuple[Optional[Picture], Optional[BaseException]]: ...
 
 class Picture:

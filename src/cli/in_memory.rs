@@ -1,12 +1,16 @@
 //! Scenes that stay in memory and are rendered many times, for front ends other than the command line (the Python package).
 //! Options have the names, the values and the checks of the command line's flags, so that both make the same pictures.
 
+mod heuristic;
+
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 use clap::{Args, Command};
+
+pub use heuristic::{Heuristic, PixelMoments};
 
 use super::develop::DevelopArgs;
 use super::labels::LabelsArgs;
@@ -19,8 +23,9 @@ use crate::film::compare::{Comparison, compare as compare_pictures, in_common};
 use crate::film::denoise::Denoiser;
 use crate::film::picture::Picture as FilmPicture;
 use crate::film::{Background, Exposure, Look, Pixels, View, colors, denoised, preview};
+use crate::integrator::PreparedScene;
 use crate::render::camera::lens;
-use crate::render::{Identity, Progress, Rendered, RunOptions, StopReason, run};
+use crate::render::{Identity, Progress, RenderSettings, Rendered, RunOptions, StopReason, run};
 use crate::scene::import::{self, Summary};
 use crate::scene::{Camera, Framing, PlacedCamera, Projection, Scene};
 use crate::{Error, Result};
@@ -130,6 +135,17 @@ impl LoadedScene {
         stop: &AtomicBool,
         progress: &(dyn Fn(Progress) + Sync),
     ) -> Result<RenderedPicture> {
+        self.render_with(options, &|scene, settings, began| {
+            run(scene, settings, RunOptions { began, ..RunOptions::new(stop, progress) })
+        })
+    }
+
+    /// Renders with `passes`, which is given the scene, the settings and when the render began.
+    fn render_with(
+        &self,
+        options: &Options,
+        passes: &dyn Fn(&PreparedScene, &RenderSettings, Instant) -> Result<Rendered>,
+    ) -> Result<RenderedPicture> {
         let began = Instant::now();
         let all = [&self.options[..], options].concat();
         let mut args = parse::<RenderArgs>("render", &all, &[&self.path])?;
@@ -153,7 +169,7 @@ impl LoadedScene {
             Denoiser::load()?;
         }
         let identity = self.inputs.identity(&args, &settings);
-        let rendered = run(&loaded.prepared, &settings, RunOptions { began, ..RunOptions::new(stop, progress) })?;
+        let rendered = passes(&loaded.prepared, &settings, began)?;
         let seconds =
             Seconds { render: rendered.stats.render_seconds, total: began.elapsed().as_secs_f64(), ..loaded.seconds() };
         let picture = RenderedPicture {
@@ -165,6 +181,7 @@ impl LoadedScene {
             seconds,
             threads: rayon::current_num_threads(),
             denoised: OnceLock::new(),
+            has_own_heuristic: false,
         };
         match (picture.rendered.paths_range(), picture.is_interrupted()) {
             ((_, 0), true) => Err(Error::Interrupted("interrupted before the first path".into())),
@@ -208,6 +225,8 @@ pub struct RenderedPicture {
     seconds: Seconds,
     threads: usize,
     denoised: OnceLock<Vec<[f32; 3]>>,
+    /// Its light shares are by no method of `--balance`, so no file can say how it was made.
+    has_own_heuristic: bool,
 }
 
 impl RenderedPicture {
@@ -298,6 +317,11 @@ impl RenderedPicture {
         let mut args = self.args.clone();
         (args.view, args.exposure) = look;
         match ending.to_str() {
+            Some("exr") if self.has_own_heuristic => Err(Error::Usage(format!(
+                "{}: a picture by a heuristic of one's own cannot be saved as EXR, whose header would have to say how it was \
+                 made: save its arrays",
+                path.display()
+            ))),
             Some("exr") => {
                 let _claim = claim_output(path)?;
                 args.output = Some(path.into());
