@@ -2,7 +2,8 @@
 
 data_set.py PYTHON[,PYTHON…] runs it: each interpreter has one of the packages bismar, mitsuba and bpy, and takes its turn.
 All render the same meshes, materials, light and cameras to float arrays, at equal paths a pixel. Set-up counts: a data set
-loads each object once. --objects 40 --cameras 24 --size 256 --spp 32 are the defaults.
+loads each object once. Bismar is without adaptive sampling, so that every pixel takes the same
+number of paths. Mitsuba needs DRJIT_LIBLLVM_PATH where bench-peers/setup.sh says so.
 """
 
 import argparse
@@ -23,6 +24,7 @@ import numpy as np
 YFOV = 0.7
 DISTANCE = 4.0
 PARTS = 3
+AOVS = ["depth", "normal", "object"]
 
 
 def parts(number):
@@ -89,7 +91,7 @@ def by_bismar(opt, number, path):
     scene = bismar.load(path, sky=True)
     for index, eye in enumerate(eyes(number, opt.cameras)):
         camera = scene.add_camera(matrix(*eye), math.degrees(YFOV), f"view {index}")
-        picture = scene.render(camera, (opt.size, opt.size), spp=opt.spp, max_depth=opt.depth, aovs=["depth", "normal", "object"])
+        picture = scene.render(camera, (opt.size, opt.size), spp=opt.spp, max_depth=opt.depth, adaptive="off", aovs=AOVS)
         yield [picture["beauty"][..., :3], picture["depth"][..., 0], picture["normal"], picture["object"][..., 0]]
 
 
