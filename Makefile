@@ -11,7 +11,7 @@ BISMAR := target/release/bismar
 SKIPPED := $(CURDIR)/target/skipped-tests.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help setup build render test deb wheel try-wheel try-docs bench bench-peers agreement stability clean
+.PHONY: help setup build render test deb try-container wheel try-wheel try-docs bench bench-peers agreement stability clean
 
 help:
 	@echo "make setup   installs what is missing: Embree 4, libclang, a C linker"
@@ -19,6 +19,7 @@ help:
 	@echo "make render  renders $(SHOWPIECE) to out/$(NAME).exr and .png (SHOWPIECE=..., RENDER_FLAGS=...)"
 	@echo "make test    formatting, lints, tests, documentation"
 	@echo "make deb     packs both programs for Debian (target/bismar_*.deb)"
+	@echo "make try-container  builds container/Containerfile with that package and tries it"
 	@echo "make wheel   builds the Python package (target/wheel/*.whl), with Embree in it"
 	@echo "make try-wheel  tests it in a clean virtual environment"
 	@echo "make try-docs  runs every command of docs/guide.md and docs/gallery.md"
@@ -52,6 +53,9 @@ test: setup
 
 deb: build
 	@scripts/make-deb.sh
+
+try-container: deb
+	@scripts/try-container.sh
 
 wheel: setup
 	@scripts/make-wheel.sh

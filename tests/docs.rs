@@ -18,7 +18,7 @@ fn commands_of_the_pages_on_cameras_data_sets_and_golden_pictures_run() {
     for (page, file) in [
         ("cameras.md", "out/third.exr"),
         ("check.md", "out/check/index.html"),
-        ("datasets.md", "out/set/0003.object.png"),
+        ("datasets.md", "out/set/0003.normal.npy"),
     ] {
         let folder = tempfile::tempdir().unwrap();
         let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");

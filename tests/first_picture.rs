@@ -16,7 +16,7 @@ use bismar::scene::{Environment, Material, Scene, TextureSlot};
 use glam::Vec3;
 
 use crate::helpers::gltf_parts::{Parts, floats, scene_file};
-use crate::helpers::program::{bismar, bits, expect};
+use crate::helpers::program::{assert_same_bits, bismar, bits, expect, scene};
 use crate::helpers::stage::{Stage, rectangle};
 
 /// Two triangles side by side, seen by a camera in front: the first of material 0, the second of material 1.
@@ -230,4 +230,33 @@ fn lights_in_watts_are_told_by_the_picture() {
     assert!(!said("--light-unit watt").contains("luminance"));
     lit(1.0);
     assert!(!said("").contains("luminance"));
+}
+
+#[test]
+fn a_preset_is_the_flags_that_its_help_says_and_given_flags_win() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    fs::copy(scene("cornell.glb"), path.join("c.glb")).unwrap();
+    let help = String::from_utf8(bismar(path).args(["render", "--help"]).output().unwrap().stdout).unwrap();
+    for (preset, flags, own, rest) in [
+        ("thumbnail", "--size 512x512 --spp 16 --aov none", "--size 24x18", "--spp 16 --aov none"),
+        (
+            "product",
+            "--size 1024x1024 --spp 256 --ground shadow",
+            "--size 24x18 --orbit 20,30",
+            "--spp 256 --ground shadow",
+        ),
+        ("final", "--size 1920x1080 --spp 1024 --checkpoint 60", "--size 24x18 --spp 3 --aov none", "--checkpoint 60"),
+    ] {
+        assert!(help.contains(&format!("{preset}:")) && help.contains(flags), "{help}");
+        let said = expect(path, &format!("render c.glb --preset {preset} {own} -v -o preset.exr"), 0);
+        let denoise = if said.contains(&format!("{flags} --denoise oidn;")) { "--denoise oidn" } else { "" };
+        assert!(said.contains(&format!("--preset {preset} stands for {flags}")), "{said}");
+        expect(path, &format!("render c.glb {rest} {own} {denoise} -o flags.exr -q"), 0);
+        assert_same_bits(&path.join("preset.exr"), &path.join("flags.exr"));
+        // The command with the flags is the same render.
+        let again = expect(path, &format!("render c.glb {rest} {own} {denoise} -o preset.exr --resume"), 0);
+        assert!(again.contains("nothing to do"), "{again}");
+    }
+    expect(path, "render c.glb --preset poster", 64);
 }

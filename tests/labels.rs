@@ -1,9 +1,11 @@
 //! Masks and ids of pictures, against the AOV.
 
 use std::fs;
+use std::path::Path;
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
+use crate::helpers::glb;
 use crate::helpers::program::{attribute, bits, expect, names, scene};
 
 #[test]
@@ -81,4 +83,125 @@ fn previews_are_of_the_format_that_their_name_says() {
     assert_eq!(fs::read(path.join("c.webp")).unwrap(), fs::read(path.join("b.webp")).unwrap());
     assert!(expect(path, "develop a.exr -o a.gif", 64).contains(".png, .jpg or .webp"));
     assert!(expect(path, &format!("{line} -o d.exr --preview d.gif"), 64).contains("--preview"));
+}
+
+/// Shape and values of an array of 32-bit floats, as NumPy reads them.
+fn npy(path: &Path) -> (String, Vec<u32>) {
+    let bytes = fs::read(path).unwrap();
+    assert_eq!(&bytes[..8], b"\x93NUMPY\x01\x00");
+    let length = usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+    assert_eq!((10 + length) % 64, 0);
+    let header = std::str::from_utf8(&bytes[10..10 + length]).unwrap();
+    assert!(
+        header.starts_with("{'descr': '<f4', 'fortran_order': False, 'shape': (")
+            && header.trim_end().ends_with("), }")
+    );
+    assert!(header.ends_with('\n'));
+    let shape = header.split(['(', ')']).nth(1).unwrap().to_owned();
+    (shape, bytes[10 + length..].as_chunks::<4>().0.iter().map(|x| u32::from_le_bytes(*x)).collect())
+}
+
+#[test]
+fn depth_and_normals_are_those_of_the_picture_in_metres_and_on_the_axes_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    fs::copy(scene("cornell.glb"), path.join("c.glb")).unwrap();
+    let line = "render c.glb --turntable 2 --orbit 20,10,1.2 --size 40x30 --spp 2 --aov depth,normal,object";
+    expect(path, &format!("{line} -o set/#.exr -q"), 0);
+    expect(path, "labels set --depth npy,png --depth-scale 0.0005 --normals npy,png -q", 0);
+    let cameras: Value = serde_json::from_slice(&fs::read(path.join("set/transforms.json")).unwrap()).unwrap();
+    for view in 0..2 {
+        let beside = |ending: &str| path.join(format!("set/{view}.{ending}"));
+        let channels = bits(&beside("exr"));
+        let of = |name: &str| channels.iter().find(|(other, _)| other == name).unwrap().1.clone();
+        let depth = of("depth.Z");
+        assert_eq!(npy(&beside("depth.npy")), ("30,40,".into(), depth.clone()));
+        let png = image::open(beside("depth.png")).unwrap().into_luma16();
+        let mut missed = 0;
+        for (depth, step) in depth.iter().map(|bits| f32::from_bits(*bits)).zip(png.pixels().map(|p| p.0[0])) {
+            missed += u32::from(step == 0);
+            // Half of a step, and rounding.
+            let error = (f64::from(step) * 0.0005 - f64::from(depth)).abs();
+            assert!(if depth == 1e10 { step == 0 } else { error <= 0.000_251 }, "{depth}: {step}");
+        }
+        assert!(missed > 10 && missed < 1150, "{missed}");
+        let normals = ["normal.X", "normal.Y", "normal.Z"].map(of);
+        let expected: Vec<u32> = (0..40 * 30).flat_map(|i| [0, 1, 2].map(|c| normals[c][i])).collect();
+        let (shape, world) = npy(&beside("normal.npy"));
+        assert_eq!((shape.as_str(), &world), ("30,40,3,", &expected));
+        let png = image::open(beside("normal.png")).unwrap().into_rgb16();
+        for (value, bits) in png.as_raw().iter().zip(&world) {
+            let decoded = (f32::from(*value) - 32768.0) / 32767.0;
+            // Half of a step, and the rounding of 32-bit floats near 65536.
+            assert!((decoded - f32::from_bits(*bits)).abs() <= 0.51 / 32767.0);
+        }
+        // On the camera's axes, which the data set's cameras state.
+        let png_before = fs::read(beside("normal.png")).unwrap();
+        expect(path, &format!("labels set/{view}.exr --normals npy --normal-space camera -q"), 0);
+        assert_eq!(fs::read(beside("normal.png")).unwrap(), png_before);
+        let matrix = &cameras["frames"][view]["transform_matrix"];
+        let camera = npy(&beside("normal.npy")).1;
+        for (world, camera) in world.as_chunks::<3>().0.iter().zip(camera.as_chunks::<3>().0) {
+            for (column, value) in camera.iter().enumerate() {
+                let turned = |row: usize| matrix[row][column].as_f64().unwrap() * f64::from(f32::from_bits(world[row]));
+                let expected: f64 = (0..3).map(turned).sum();
+                // Matrices of 32-bit floats, inverted.
+                assert!((f64::from(f32::from_bits(*value)) - expected).abs() < 1e-5);
+            }
+        }
+    }
+    let said = expect(path, "labels set/0.exr --depth png --depth-scale 1e-6", 65);
+    let enough = said.split("--depth-scale ").nth(1).unwrap().split(' ').next().unwrap();
+    expect(path, &format!("labels set/0.exr --depth png --depth-scale {enough} -q"), 0);
+    for scale in ["0", "-1", "NaN", "x"] {
+        expect(path, &format!("labels set/0.exr --depth png --depth-scale={scale}"), 64);
+    }
+    expect(path, "labels set/0.exr", 64);
+    expect(path, "render c.glb --size 8x8 --spp 1 -o plain.exr -q", 0);
+    for (flag, aov) in [("--depth npy", "--aov depth"), ("--normals png", "--aov normal")] {
+        assert!(expect(path, &format!("labels plain.exr {flag}"), 65).contains(aov));
+        expect(path, &format!("labels nowhere.exr {flag}"), 66);
+    }
+}
+
+#[test]
+fn categories_are_those_of_the_nodes_extras_or_of_a_node_above() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let file = fs::read(scene("cornell.glb")).unwrap();
+    let length = u32::from_le_bytes(file[12..16].try_into().unwrap()) as usize;
+    let mut document: Value = serde_json::from_slice(&file[20..20 + length]).unwrap();
+    let nodes = document["nodes"].as_array_mut().unwrap();
+    let index = |name: &str| nodes.iter().position(|node| node["name"] == name);
+    let (tall, short, floor) = (index("tall block").unwrap(), index("short block").unwrap(), index("floor").unwrap());
+    nodes[tall]["extras"] = json!({ "category": "furniture" });
+    // Anything may be in extras; the short block is below a node with a category.
+    nodes[short]["extras"] = json!([1, { "category": 3 }]);
+    nodes[floor]["extras"] = json!({ "category": 7 });
+    let above = nodes.len();
+    nodes.push(json!({ "children": [short], "extras": { "category": "furniture" } }));
+    for root in document["scenes"][0]["nodes"].as_array_mut().unwrap() {
+        if *root == json!(short) {
+            *root = json!(above);
+        }
+    }
+    fs::write(path.join("c.glb"), glb::file(&document, &file[20 + length + 8..])).unwrap();
+    expect(path, "render c.glb --size 40x30 --spp 4 --aov object --checkpoint 1000 -o 1.exr -q", 0);
+    expect(path, "render c.glb --size 40x30 --spp 4 --seed 1 --aov object --checkpoint 1000 -o 2.exr -q", 0);
+    // A merged picture knows them too.
+    expect(path, "merge 1.exr 2.exr -o both.exr -q", 0);
+    for picture in ["1.exr", "both.exr"] {
+        expect(path, &format!("labels {picture} -o a.json -q"), 0);
+        let coco: Value = serde_json::from_slice(&fs::read(path.join("a.json")).unwrap()).unwrap();
+        let categories = coco["categories"].as_array().unwrap();
+        let mut found: Vec<(String, String)> = Vec::new();
+        for annotation in coco["annotations"].as_array().unwrap() {
+            let id = annotation["category_id"].as_u64().unwrap() as usize;
+            let of = categories[id - 1]["name"].as_str().unwrap();
+            found.push((annotation["name"].as_str().unwrap().into(), of.into()));
+        }
+        for (name, of) in [("tall block", "furniture"), ("short block", "furniture"), ("floor", "floor")] {
+            assert!(found.contains(&(name.into(), of.into())), "{found:?}");
+        }
+    }
 }

@@ -25,6 +25,7 @@ mod fireflies;
 mod first_picture;
 mod flip;
 mod glass_shadows;
+mod ground;
 mod guiding;
 mod import;
 mod import_animation;

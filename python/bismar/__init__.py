@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, Iterator, List,
 from . import _bismar
 from ._bismar import version as __version__
 from ._errors import ConfigError, Error, FileError, HostError, InputError, InternalError, Interrupted, UsageError
+from ._heuristics import Moments, of_arrays
 
 if TYPE_CHECKING:
     import numpy as np
@@ -38,6 +39,7 @@ __all__ = [
     "InputError",
     "InternalError",
     "Interrupted",
+    "Moments",
     "Picture",
     "Progress",
     "Scene",
@@ -45,6 +47,7 @@ __all__ = [
     "__version__",
     "compare",
     "develop",
+    "labels",
     "load",
     "merge",
 ]
@@ -231,6 +234,7 @@ class Scene:
         size: Union[Tuple[int, int], str, None] = None,
         *,
         orbit: Optional[Sequence[float]] = None,
+        preset: Optional[str] = None,
         spp: Optional[int] = None,
         time: Union[float, str, None] = None,
         noise: Optional[float] = None,
@@ -238,7 +242,7 @@ class Scene:
         adaptive: Union[str, bool, None] = None,
         learned_lights: Optional[str] = None,
         compensation: Optional[str] = None,
-        balance: Optional[str] = None,
+        balance: Union[str, Callable[[Moments], Any], None] = None,
         pilot: Optional[float] = None,
         integrator: Optional[str] = None,
         max_depth: Optional[int] = None,
@@ -253,6 +257,7 @@ class Scene:
         focus: Union[str, float, None] = None,
         lens_blades: Optional[int] = None,
         transparent: bool = False,
+        ground: Optional[str] = None,
         aovs: Union[str, Iterable[str], None] = None,
         denoise: bool = False,
         progress: Optional[Callable[[Progress], Any]] = None,
@@ -263,15 +268,20 @@ class Scene:
             directions from the first camera, in the orientation of an environment map) [default: the first].
         orbit: instead of a camera, a view around the scene: azimuth (0 sees it from +z, 90 from +x) and elevation in
             degrees, and the distance as a multiple of that at which the sphere around the scene just fits [1].
+        preset: "thumbnail", "product" or "final": other defaults of some arguments (`bismar render --help`); none denoises.
         size: width and height in pixels [default: 960 wide, with the camera's aspect ratio].
         spp, time, noise: stops at this number of paths per pixel, after these seconds of this call, or at this estimated
             relative error, whichever is first [default: 64 paths].
         balance: how samples are divided between lights and BSDF: "progressive" (the default), "second-order", "kl",
-            "efficiency-aware", "half", "power" or "max".
+            "efficiency-aware", "half", "power" or "max". Or a heuristic of one's own, for study: a callable that is given
+            the `Moments` so far between passes (of 8, 8, 16, 32, 64, 128, 128, ... paths, the first with shares of 0.5), and
+            returns the light shares of the next one, in [0, 1]: an array (H, W), or one number for all pixels. It needs
+            `size` and `spp`. It is slow, and its picture cannot be saved as .exr.
         guiding, adaptive, learned_lights, compensation: "off", "on" or "auto" (where a pre-pass estimates that it pays)
             [default: auto with the balance "progressive"]. adaptive: paths per tile by estimated variance and cost.
         crop: window x0, y0, x1, y1 in pixels, the last two exclusive.
         aperture: an f-stop such as "f/2.8" or a radius in metres; focus: a distance in metres or "auto".
+        transparent: hides the environment. ground: "shadow", a plane below the scene that shows only shadows, in alpha.
         aovs: names from docs/pictures.md, or "all" or "none" [default: variance, samples, balance].
         denoise: take what `Picture.denoise` needs.
         progress: called about twenty times a second with a `Progress`, by the calling thread. If it returns False, the
@@ -282,11 +292,17 @@ class Scene:
         """
         if isinstance(camera, Camera):
             camera = camera.index
+        heuristic = None
+        if callable(balance):
+            heuristic, balance = balance, None
+            if not isinstance(size, tuple):
+                raise UsageError("balance: a heuristic of one's own needs size=(width, height)", 64)
         if not (aovs is None or isinstance(aovs, str)):
             aovs = ",".join(aovs) or "none"
         options = _flags(
             camera=camera,
             orbit=orbit,
+            preset=preset,
             size=size,
             spp=spp,
             time=time,
@@ -310,11 +326,14 @@ class Scene:
             focus=focus,
             lens_blades=lens_blades,
             transparent=transparent,
+            ground=ground,
             aov=aovs,
             denoise="oidn" if denoise else None,
         )
         call = None if progress is None else (lambda *now: progress(Progress(*now)))
-        native, stopped_by = self._native.render(options, call)
+        window = (0, 0, *(size if isinstance(size, tuple) else (0, 0))) if crop is None else crop
+        shape = (window[3] - window[1], window[2] - window[0])
+        native, stopped_by = self._native.render(options, call, None if heuristic is None else of_arrays(heuristic, shape))
         picture = None if native is None else Picture(native)
         if isinstance(stopped_by, KeyboardInterrupt):
             interrupted = Interrupted("interrupted; the attribute `picture` has what there is", 75)
@@ -447,6 +466,41 @@ def merge(
     """
     options = _flags(output=output, preview=preview, view=view, exposure=exposure, no_statistics=not statistics)
     _bismar.merge(list(parts), options)
+
+
+def labels(
+    pictures: Sequence[Path],
+    output: Optional[Path] = None,
+    *,
+    by: Optional[str] = None,
+    images: Optional[str] = None,
+    ids: bool = False,
+    depth: Optional[Sequence[str]] = None,
+    depth_scale: Optional[float] = None,
+    normals: Optional[Sequence[str]] = None,
+    normal_space: Optional[str] = None,
+) -> None:
+    """Writes what a data set needs beside its pictures (docs/datasets.md).
+
+    pictures: EXR files with the AOVs that are asked for, or folders of such files.
+    output: COCO annotations (.json): images, categories, masks (RLE). by: "object" (the default) or "material". images: ending
+        of the pictures' names in them, such as "png".
+    ids: 16-bit PNG of the ids. depth, normals: lists of "npy" and "png". depth_scale: metres per step of the PNG [0.001].
+    normal_space: "world" (the default) or "camera".
+
+    Raises InputError for a picture without the AOV.
+    """
+    options = _flags(
+        output=output,
+        by=by,
+        images=images,
+        ids=ids,
+        depth=depth,
+        depth_scale=depth_scale,
+        normals=normals,
+        normal_space=normal_space,
+    )
+    _bismar.labels(list(pictures), options)
 
 
 def develop(

@@ -51,6 +51,11 @@ fn merge(py: Python, parts: Vec<PathBuf>, options: Vec<Flag>) -> PyResult<()> {
 }
 
 #[pyfunction]
+fn labels(py: Python, pictures: Vec<PathBuf>, options: Vec<Flag>) -> PyResult<()> {
+    run::work(py, None, || in_memory::labels(&options, &pictures))
+}
+
+#[pyfunction]
 fn develop(py: Python, input: PathBuf, options: Vec<Flag>) -> PyResult<()> {
     run::work(py, None, || in_memory::develop(&options, &input))
 }
@@ -77,6 +82,7 @@ fn _bismar(module: &Bound<PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(load, module)?)?;
     module.add_function(wrap_pyfunction!(compare, module)?)?;
     module.add_function(wrap_pyfunction!(merge, module)?)?;
+    module.add_function(wrap_pyfunction!(labels, module)?)?;
     module.add_function(wrap_pyfunction!(develop, module)?)?;
     module.add_function(wrap_pyfunction!(_panic, module)?)
 }

@@ -3,10 +3,12 @@
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use numpy::{IntoPyArray, PyReadonlyArray1};
 use pyo3::prelude::*;
 use rayon::ThreadPool;
 
-use bismar::cli::in_memory::LoadedScene;
+use bismar::Error;
+use bismar::cli::in_memory::{LoadedScene, PixelMoments};
 use bismar::scene::{FieldOfView, PlacedCamera};
 
 use crate::picture::Picture;
@@ -33,6 +35,16 @@ impl Scene {
     fn current(&self) -> Arc<LoadedScene> {
         Arc::clone(&self.scene.lock().unwrap_or_else(PoisonError::into_inner))
     }
+}
+
+/// The light shares by a callable of paths, light shares and moments, flat arrays.
+fn ask(py: Python, heuristic: Option<&Py<PyAny>>, moments: PixelMoments) -> PyResult<Vec<f32>> {
+    let Some(heuristic) = heuristic else { return Ok(Vec::new()) };
+    let PixelMoments { paths, light_shares, moments } = moments;
+    let arrays = (paths.into_pyarray(py), light_shares.into_pyarray(py), moments.into_flattened().into_pyarray(py));
+    let shares = heuristic.call1(py, arrays)?;
+    let shares: PyReadonlyArray1<f32> = shares.bind(py).extract()?;
+    Ok(shares.as_array().to_vec())
 }
 
 #[pymethods]
@@ -67,10 +79,24 @@ impl Scene {
         py: Python,
         options: Vec<Flag>,
         progress: Option<Py<PyAny>>,
+        heuristic: Option<Py<PyAny>>,
     ) -> PyResult<(Option<Picture>, Option<PyErr>)> {
         let scene = self.current();
-        let outcome =
-            run::stoppable(py, &self.pool, progress.as_ref(), |stop, progress| scene.render(&options, stop, progress));
+        let raised = Mutex::new(None);
+        let shares = |moments: PixelMoments| {
+            let asked = Python::attach(|py| ask(py, heuristic.as_ref(), moments));
+            asked.map_err(|exception| {
+                *raised.lock().unwrap_or_else(PoisonError::into_inner) = Some(exception);
+                Error::Interrupted("the heuristic raised an exception".into())
+            })
+        };
+        let outcome = run::stoppable(py, &self.pool, progress.as_ref(), |stop, progress| match heuristic {
+            Some(_) => scene.render_by(&shares, &options, stop, progress),
+            None => scene.render(&options, stop, progress),
+        });
+        if let Some(exception) = raised.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            return Err(exception);
+        }
         match (outcome.result, outcome.exception) {
             (Ok(picture), exception) => Ok((Some(Picture(Arc::new(picture))), exception)),
             (Err(bismar::Error::Interrupted(_)), Some(exception)) => Ok((None, Some(exception))),

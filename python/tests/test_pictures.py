@@ -1,5 +1,6 @@
 """Pictures: the bits of the command line, as arrays and in files."""
 
+import json
 import subprocess
 
 import numpy as np
@@ -118,3 +119,16 @@ def test_a_picture_without_guides_is_not_denoised(cornell):
 def test_statistics_are_those_of_the_command_line(cornell):
     stats = cornell.render(size=(16, 8), spp=5).stats
     assert stats["samples"]["pixel_mean"] == 5 and stats["settings"]["width"] == 16 and stats["stop"] == "samples"
+
+
+def test_labels_are_what_numpy_reads(cornell, tmp_path):
+    picture = cornell.render(size=(20, 12), spp=2, aovs=["depth", "normal", "object"])
+    picture.save(tmp_path / "a.exr")
+    bismar.labels([tmp_path], tmp_path / "coco.json", ids=True, depth=["npy", "png"], normals=["npy"], normal_space="world")
+    assert same(np.load(tmp_path / "a.depth.npy"), np.ascontiguousarray(picture["depth"][..., 0]))
+    assert same(np.load(tmp_path / "a.normal.npy"), picture["normal"])
+    assert (tmp_path / "a.depth.png").exists() and (tmp_path / "a.object.png").exists()
+    masks = json.loads((tmp_path / "coco.json").read_text())["annotations"]
+    assert sum(mask["area"] for mask in masks) == (picture["object"] > 0).sum()
+    with pytest.raises(bismar.UsageError):
+        bismar.labels([tmp_path / "a.exr"], depth=["exr"])

@@ -145,7 +145,7 @@ pub fn run(args: &CheckArgs, verbosity: Verbosity) -> Result<Verdict> {
 }
 
 /// All pictures of the arguments: files as they are, and the OpenEXR files of folders by name.
-fn pictures(goldens: &[PathBuf]) -> Result<Vec<PathBuf>> {
+pub fn pictures(goldens: &[PathBuf]) -> Result<Vec<PathBuf>> {
     let mut all = Vec::new();
     for path in goldens {
         if !path.is_dir() {

@@ -4,7 +4,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use crate::film::{Denoise, View};
 use crate::rays::Backend;
-use crate::render::{BackFaces, Choice, GlassShadows, Integrator, PixelFilter};
+use crate::render::{BackFaces, Choice, GlassShadows, Ground, Integrator, PixelFilter};
 
 /// A library type whose values are the values of a flag.
 pub trait FlagValue: Copy + Send + Sync + 'static {
@@ -57,6 +57,10 @@ flag_values! {
         Off: "Shadow rays end at them; light behind is found by refracted paths",
         Straight: "Shadow rays pass them straight, dimmed by Fresnel and absorption: approximate",
     }
+    Ground {
+        None: "Nothing",
+        Shadow: "A plane that shows shadows alone",
+    }
     Choice {
         Off: "Never",
         On: "Always",
@@ -77,6 +81,7 @@ flag_values! {
     View {
         Agx: "AgX, base look: a soft shoulder; bright colours desaturate as on film",
         Neutral: "Khronos PBR Neutral: keeps base colours and compresses highlights",
+        Aces: "ACES as fitted by Hill, as Khronos' render fidelity suite shows it",
         Srgb: "The sRGB transfer function alone; values above 1 clip",
     }
 }

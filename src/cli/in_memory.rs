@@ -1,6 +1,8 @@
 //! Scenes that stay in memory and are rendered many times, for front ends other than the command line (the Python package).
 //! Options have the names, the values and the checks of the command line's flags, so that both make the same pictures.
 
+mod heuristic;
+
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
@@ -8,7 +10,10 @@ use std::time::Instant;
 
 use clap::{Args, Command};
 
+pub use heuristic::{Heuristic, PixelMoments};
+
 use super::develop::DevelopArgs;
+use super::labels::LabelsArgs;
 use super::merge::MergeArgs;
 use super::render::{Inputs, Loaded, OutputWriter, RenderArgs, Session, claim_output, preview_mark, settings};
 use super::stats::{Seconds, Stats};
@@ -18,8 +23,9 @@ use crate::film::compare::{Comparison, compare as compare_pictures, in_common};
 use crate::film::denoise::Denoiser;
 use crate::film::picture::Picture as FilmPicture;
 use crate::film::{Background, Exposure, Look, Pixels, View, colors, denoised, preview};
+use crate::integrator::PreparedScene;
 use crate::render::camera::lens;
-use crate::render::{Identity, Progress, Rendered, RunOptions, StopReason, run};
+use crate::render::{Identity, Progress, RenderSettings, Rendered, RunOptions, StopReason, run};
 use crate::scene::import::{self, Summary};
 use crate::scene::{Camera, Framing, PlacedCamera, Projection, Scene};
 use crate::{Error, Result};
@@ -104,9 +110,7 @@ impl LoadedScene {
         }
         let index = cameras.len();
         self.placed.push((index, placed.clone()));
-        let Loaded { prepared, read_seconds, build_seconds } = &*self.loaded;
-        let (read_seconds, build_seconds) = (*read_seconds, *build_seconds);
-        self.loaded = Arc::new(Loaded { prepared: prepared.with_camera(camera), read_seconds, build_seconds });
+        self.loaded = Arc::new(Loaded { prepared: self.loaded.prepared.with_camera(camera), ..*self.loaded });
         Ok(index)
     }
 
@@ -131,6 +135,17 @@ impl LoadedScene {
         stop: &AtomicBool,
         progress: &(dyn Fn(Progress) + Sync),
     ) -> Result<RenderedPicture> {
+        self.render_with(options, &|scene, settings, began| {
+            run(scene, settings, RunOptions { began, ..RunOptions::new(stop, progress) })
+        })
+    }
+
+    /// Renders with `passes`, which is given the scene, the settings and when the render began.
+    fn render_with(
+        &self,
+        options: &Options,
+        passes: &dyn Fn(&PreparedScene, &RenderSettings, Instant) -> Result<Rendered>,
+    ) -> Result<RenderedPicture> {
         let began = Instant::now();
         let all = [&self.options[..], options].concat();
         let mut args = parse::<RenderArgs>("render", &all, &[&self.path])?;
@@ -154,14 +169,9 @@ impl LoadedScene {
             Denoiser::load()?;
         }
         let identity = self.inputs.identity(&args, &settings);
-        let rendered = run(&loaded.prepared, &settings, RunOptions { began, ..RunOptions::new(stop, progress) })?;
-        let seconds = Seconds {
-            read: loaded.read_seconds,
-            build: loaded.build_seconds,
-            render: rendered.stats.render_seconds,
-            total: began.elapsed().as_secs_f64(),
-            ..Default::default()
-        };
+        let rendered = passes(&loaded.prepared, &settings, began)?;
+        let seconds =
+            Seconds { render: rendered.stats.render_seconds, total: began.elapsed().as_secs_f64(), ..loaded.seconds() };
         let picture = RenderedPicture {
             args,
             inputs: Arc::clone(&self.inputs),
@@ -171,6 +181,7 @@ impl LoadedScene {
             seconds,
             threads: rayon::current_num_threads(),
             denoised: OnceLock::new(),
+            has_own_heuristic: false,
         };
         match (picture.rendered.paths_range(), picture.is_interrupted()) {
             ((_, 0), true) => Err(Error::Interrupted("interrupted before the first path".into())),
@@ -214,6 +225,8 @@ pub struct RenderedPicture {
     seconds: Seconds,
     threads: usize,
     denoised: OnceLock<Vec<[f32; 3]>>,
+    /// Its light shares are by no method of `--balance`, so no file can say how it was made.
+    has_own_heuristic: bool,
 }
 
 impl RenderedPicture {
@@ -304,6 +317,11 @@ impl RenderedPicture {
         let mut args = self.args.clone();
         (args.view, args.exposure) = look;
         match ending.to_str() {
+            Some("exr") if self.has_own_heuristic => Err(Error::Usage(format!(
+                "{}: a picture by a heuristic of one's own cannot be saved as EXR, whose header would have to say how it was \
+                 made: save its arrays",
+                path.display()
+            ))),
             Some("exr") => {
                 let _claim = claim_output(path)?;
                 args.output = Some(path.into());
@@ -397,6 +415,15 @@ pub fn compare(a: &FilmPicture, b: &FilmPicture) -> Result<Comparison> {
 pub fn merge(options: &Options, parts: &[PathBuf]) -> Result<()> {
     let parts: Vec<&Path> = parts.iter().map(PathBuf::as_path).collect();
     super::merge::run(&parse::<MergeArgs>("merge", options, &parts)?, QUIET).map(drop)
+}
+
+/// `bismar labels`: annotations, ids, depth and normals of pictures.
+///
+/// # Errors
+/// Those of the command.
+pub fn labels(options: &Options, pictures: &[PathBuf]) -> Result<()> {
+    let pictures: Vec<&Path> = pictures.iter().map(PathBuf::as_path).collect();
+    super::labels::run(&parse::<LabelsArgs>("labels", options, &pictures)?, QUIET).map(drop)
 }
 
 /// `bismar develop`: a picture file to PNG.

@@ -1,29 +1,34 @@
 //! `bismar labels PICTURE.exr…`
 
-use std::collections::{BTreeMap, HashMap};
+mod arrays;
+mod masks;
+
+use std::collections::HashMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
+use self::masks::{Mask, RunLengths, masks};
 use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::film::exr_file::{read_bits, read_header};
 use crate::film::{Picture, atomic, preview};
 use crate::render::checkpoint::text;
 use crate::{Error, Result};
 
-/// Write the masks of objects or materials as COCO annotations, and their ids as 16-bit PNG (docs/datasets.md).
+/// Write what a data set needs beside its pictures: COCO annotations, ids, depth and normals (docs/datasets.md).
 ///
-/// The pictures need the AOV object or material. A pixel belongs to what its last path hit first.
+/// The pictures need the AOVs that are asked for: object or material, depth, normal. A pixel's mask belongs to what its last
+/// path hit first.
 #[derive(Debug, Args)]
 pub struct LabelsArgs {
-    /// Pictures that bismar has rendered with --aov object or material.
+    /// Pictures that bismar has rendered with these AOVs, or folders of such pictures.
     #[arg(required = true, value_name = "PICTURE.exr")]
     pictures: Vec<PathBuf>,
     /// COCO annotations: images, categories, and for each object in each picture its mask (RLE), area and box.
-    #[arg(short, long, value_name = "FILE.json")]
-    output: PathBuf,
+    #[arg(short, long, value_name = "FILE.json", required_unless_present_any = ["ids", "depth", "normals"])]
+    output: Option<PathBuf>,
     /// What has a mask.
     #[arg(long, value_enum, default_value_t)]
     by: By,
@@ -33,6 +38,8 @@ pub struct LabelsArgs {
     /// Also write the ids of each picture as a 16-bit PNG beside it, named as in view.object.png; 0 is nothing.
     #[arg(long)]
     ids: bool,
+    #[command(flatten)]
+    arrays: arrays::ArrayArgs,
 }
 
 /// What has a mask.
@@ -76,14 +83,6 @@ struct Category {
     name: String,
 }
 
-/// A mask as COCO's run lengths: of 0, of 1, of 0, … column by column.
-#[derive(Debug, PartialEq, Serialize)]
-struct RunLengths {
-    counts: Vec<usize>,
-    /// Height and width.
-    size: [usize; 2],
-}
-
 #[derive(Debug, Serialize)]
 struct Annotation {
     id: usize,
@@ -110,12 +109,19 @@ struct Coco {
 pub fn run(args: &LabelsArgs, verbosity: Verbosity) -> Result<Verdict> {
     let mut paths = Paths::default();
     args.pictures.iter().try_for_each(|picture| paths.reads("the picture", picture))?;
-    paths.writes("-o", &args.output)?;
-    atomic::check(&args.output)?;
-    let folder = args.output.parent().unwrap_or(Path::new(""));
+    if let Some(output) = &args.output {
+        paths.writes("-o", output)?;
+        atomic::check(output)?;
+    }
+    let folder = args.output.as_deref().and_then(Path::parent).unwrap_or(Path::new(""));
     let (mut coco, mut categories) = (Coco::default(), HashMap::new());
-    for picture in &args.pictures {
-        let (ids, [width, height], names) = ids_of(picture, args.by)?;
+    let pictures = super::check::pictures(&args.pictures)?;
+    for picture in &pictures {
+        args.arrays.write(picture, &mut paths)?;
+        if args.output.is_none() && !args.ids {
+            continue;
+        }
+        let Ids { ids, size: [width, height], names, categories: stated } = ids_of(picture, args.by)?;
         if args.ids {
             let file = picture.with_extension(format!("{}.png", args.by.layer()));
             paths.writes("--ids", &file)?;
@@ -127,7 +133,8 @@ pub fn run(args: &LabelsArgs, verbosity: Verbosity) -> Result<Verdict> {
         coco.images.push(Image { id, file_name: named.display().to_string(), width, height });
         for (instance_id, mask) in masks(&ids, [width, height]) {
             let name = names.get(instance_id as usize - 1).cloned().unwrap_or_else(|| instance_id.to_string());
-            let category = category(&name).to_owned();
+            let stated = stated.get(instance_id as usize - 1).cloned().flatten();
+            let category = stated.unwrap_or_else(|| category(&name).to_owned());
             let next = categories.len() + 1;
             let category_id = *categories.entry(category.clone()).or_insert(next);
             if category_id == next {
@@ -148,30 +155,51 @@ pub fn run(args: &LabelsArgs, verbosity: Verbosity) -> Result<Verdict> {
             });
         }
     }
-    atomic::write(&args.output, |file| {
-        serde_json::to_writer(&mut *file, &coco)?;
-        file.write_all(b"\n")?;
-        Ok(Ok(()))
-    })?;
+    if let Some(output) = &args.output {
+        atomic::write(output, |file| {
+            serde_json::to_writer(&mut *file, &coco)?;
+            file.write_all(b"\n")?;
+            Ok(Ok(()))
+        })?;
+    }
     if !verbosity.quiet {
-        let Coco { images, categories, annotations } = &coco;
-        let (pictures, kinds, masks) = (images.len(), categories.len(), annotations.len());
-        say(format_args!("{}: {masks} masks of {kinds} categories in {pictures} pictures", args.output.display()));
+        let Coco { categories, annotations, .. } = &coco;
+        let (pictures, kinds, masks) = (pictures.len(), categories.len(), annotations.len());
+        match &args.output {
+            Some(output) => {
+                say(format_args!("{}: {masks} masks of {kinds} categories in {pictures} pictures", output.display()));
+            }
+            None => say(format_args!("labels of {pictures} pictures")),
+        }
     }
     Ok(Verdict::Done)
 }
 
-/// The ids of a picture row by row, its width and height, and the names of the ids from 1.
-fn ids_of(path: &Path, by: By) -> Result<(Vec<u32>, [usize; 2], Vec<String>)> {
+/// The ids of a picture.
+struct Ids {
+    /// Row by row.
+    ids: Vec<u32>,
+    /// Width and height.
+    size: [usize; 2],
+    /// Of the ids from 1.
+    names: Vec<String>,
+    /// Categories that the nodes' `extras` state, of the ids from 1; empty if none does.
+    categories: Vec<Option<String>>,
+}
+
+fn ids_of(path: &Path, by: By) -> Result<Ids> {
     let channel = format!("{}.V", by.layer());
     let ids = read_bits(path)?.into_iter().find(|(name, _)| *name == channel).map(|(_, ids)| ids);
-    let names = text(&read_header(path)?, by.attribute()).and_then(|names| serde_json::from_str(names).ok());
+    let header = read_header(path)?;
+    let names = text(&header, by.attribute()).and_then(|names| serde_json::from_str(names).ok());
     let Some((ids, names)) = ids.zip(names) else {
         let (path, layer) = (path.display(), by.layer());
         return Err(Error::Data(format!("{path}: it has no ids: render it with --aov {layer}")));
     };
     let size = Picture::open(path, Some(&channel))?.size();
-    Ok((ids, size, names))
+    let categories = text(&header, "bismar.categories").filter(|_| by == By::Object);
+    let categories = categories.and_then(|names| serde_json::from_str(names).ok()).unwrap_or_default();
+    Ok(Ids { ids, size, names, categories })
 }
 
 /// The category of a name: without the number that Blender appends to copies, as in `Chair.003`.
@@ -184,62 +212,16 @@ fn category(name: &str) -> &str {
     }
 }
 
-struct Mask {
-    segmentation: RunLengths,
-    area: usize,
-    bbox: [usize; 4],
-}
-
-/// The mask of each id but 0, by id.
-fn masks(ids: &[u32], [width, height]: [usize; 2]) -> BTreeMap<u32, Mask> {
-    /// Runs so far, the end of the last one in column order, and the box: left, top, right, bottom.
-    struct Open {
-        counts: Vec<usize>,
-        end: usize,
-        bounds: [usize; 4],
-        area: usize,
-    }
-    let mut open: BTreeMap<u32, Open> = BTreeMap::new();
-    for (at, (x, y)) in (0..width).flat_map(|x| (0..height).map(move |y| (x, y))).enumerate() {
-        let id = ids[y * width + x];
-        if id == 0 {
-            continue;
-        }
-        let new = || Open { counts: vec![0, 0], end: 0, bounds: [x, y, x, y], area: 0 };
-        let mask = open.entry(id).or_insert_with(new);
-        if mask.area == 0 {
-            mask.counts[0] = at;
-        } else if mask.end < at {
-            mask.counts.extend([at - mask.end, 0]);
-        }
-        if let Some(run) = mask.counts.last_mut() {
-            *run += 1;
-        }
-        let [left, top, right, bottom] = mask.bounds;
-        mask.bounds = [left.min(x), top.min(y), right.max(x), bottom.max(y)];
-        (mask.end, mask.area) = (at + 1, mask.area + 1);
-    }
-    let closed = |(id, Open { mut counts, end, bounds: [left, top, right, bottom], area })| {
-        if end < width * height {
-            counts.push(width * height - end);
-        }
-        let segmentation = RunLengths { counts, size: [height, width] };
-        (id, Mask { segmentation, area, bbox: [left, top, right - left + 1, bottom - top + 1] })
-    };
-    open.into_iter().map(closed).collect()
-}
-
 fn write_ids(path: &Path, size: [usize; 2], ids: &[u32]) -> Result<()> {
     let small: std::result::Result<Vec<u16>, _> = ids.iter().map(|id| u16::try_from(*id)).collect();
     let small =
         small.map_err(|_| Error::Data(format!("{}: ids above 65535 do not fit into 16 bits", path.display())))?;
-    preview::write_grey16(path, size.map(|n| n as u32), &small)
+    preview::write_png16(path, size.map(|n| n as u32), &small)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
 
     #[test]
     fn copies_are_of_one_category() {
@@ -247,37 +229,6 @@ mod tests {
             [("Chair.003", "Chair"), ("Chair", "Chair"), ("v1.2", "v1.2"), (".001", ".001"), ("a.b.0012", "a.b")]
         {
             assert_eq!(category(name), of);
-        }
-    }
-
-    proptest! {
-        #[test]
-        fn run_lengths_are_the_mask_column_by_column(
-            (width, height) in (1usize..9, 1usize..9), seeds in proptest::collection::vec(0u32..4, 64)
-        ) {
-            let ids: Vec<u32> = seeds[..width * height].to_vec();
-            let found = masks(&ids, [width, height]);
-            for id in 1..4 {
-                let pixels: Vec<_> = (0..ids.len()).filter(|i| ids[*i] == id).map(|i| (i % width, i / width)).collect();
-                let Some(Mask { segmentation, area, bbox: [x, y, w, h] }) = found.get(&id) else {
-                    prop_assert!(pixels.is_empty());
-                    continue;
-                };
-                prop_assert_eq!(*area, pixels.len());
-                prop_assert_eq!(segmentation.counts.iter().sum::<usize>(), ids.len());
-                let mut decoded = Vec::new();
-                for (i, count) in segmentation.counts.iter().enumerate() {
-                    decoded.extend(std::iter::repeat_n(i % 2 == 1, *count));
-                }
-                for (at, inside) in decoded.into_iter().enumerate() {
-                    prop_assert_eq!(inside, ids[at % height * width + at / height] == id);
-                }
-                let extent = |of: &dyn Fn(&(usize, usize)) -> usize| {
-                    (pixels.iter().map(of).min().unwrap(), pixels.iter().map(of).max().unwrap() + 1)
-                };
-                prop_assert_eq!(extent(&|p| p.0), (*x, x + w));
-                prop_assert_eq!(extent(&|p| p.1), (*y, y + h));
-            }
         }
     }
 }

@@ -116,6 +116,8 @@ pub struct Seconds {
     pub read: f64,
     /// Building the acceleration structure.
     pub build: f64,
+    /// Building the tables of lights and materials, and the first pass that decides about the default light.
+    pub prepare: f64,
     /// Render passes.
     pub render: f64,
     /// Writing pictures.
@@ -230,8 +232,8 @@ impl Stats {
     /// [`Error::Bug`] if they cannot be written as JSON.
     pub fn header(&self) -> Result<Header> {
         let text = |s: &str| HeaderValue::Text(s.to_owned());
-        let Seconds { read, build, render, .. } = self.seconds;
-        let phases = serde_json::json!({ "read": read, "build": build, "render": render });
+        let Seconds { read, build, prepare, render, .. } = self.seconds;
+        let phases = serde_json::json!({ "read": read, "build": build, "prepare": prepare, "render": render });
         let mut header = vec![
             ("bismar.version".into(), text(self.version)),
             ("bismar.scene".into(), text(&self.scene)),

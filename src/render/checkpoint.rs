@@ -335,16 +335,20 @@ impl Earlier {
 /// Maximum bytes of an unpacked tile.
 const MAX_TILE_BYTES: usize = 1 << 24;
 
-/// Serialises tiles. Each has its length in bytes (32 bits, little-endian) and its data: postcard, followed by velocities if
-/// there are any, compressed with LZ4, which is faster than a disk.
+/// Serialises tiles. Each has its length in bytes (32 bits, little-endian) and its data: postcard, followed by velocities and
+/// the sums of the ground if there are any, compressed with LZ4, which is faster than a disk.
 ///
 /// # Errors
 /// [`Error::Bug`] if a tile cannot be serialised.
 pub fn pack(tiles: &[Tile]) -> Result<Vec<u8>> {
     let record = |tile: &Tile| {
         let mut bytes = postcard::to_stdvec(tile)?;
-        if let Some(velocities) = tile.velocities() {
-            bytes.extend(postcard::to_stdvec(&velocities)?);
+        let velocities = tile.velocities();
+        if velocities.is_some() || !tile.ground.is_empty() {
+            bytes.extend(postcard::to_stdvec(&velocities.unwrap_or_default())?);
+        }
+        if !tile.ground.is_empty() {
+            bytes.extend(postcard::to_stdvec(&tile.ground)?);
         }
         Ok(lz4_flex::compress_prepend_size(&bytes))
     };
@@ -383,7 +387,12 @@ fn unpack_tile(record: &[u8]) -> Option<Tile> {
         return Some(tile);
     }
     let (velocities, rest) = postcard::take_from_bytes(rest).ok()?;
-    if rest.is_empty() { tile.with_velocities(velocities) } else { None }
+    let mut tile = tile.with_velocities(velocities)?;
+    if !rest.is_empty() {
+        let (ground, rest): (_, &[u8]) = postcard::take_from_bytes(rest).ok()?;
+        tile.ground = Some(ground).filter(|_| rest.is_empty())?;
+    }
+    Some(tile)
 }
 
 /// Are these the complete tiles of a render with these settings?

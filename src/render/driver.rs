@@ -188,6 +188,7 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
 fn background(scene: &Scene, settings: &RenderSettings) -> Background {
     match &scene.environment {
         None => Background::Black,
+        _ if settings.catches_shadows() => Background::Transparent,
         Some(_) if settings.transparent => Background::Transparent,
         Some(_) => Background::Environment,
     }

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::{Deserialize, Serialize};
 
 use super::prepass::guiding::MEMORY;
-use super::{BackFaces, Choice, GlassShadows, RenderSettings};
+use super::{BackFaces, Choice, GlassShadows, Ground, RenderSettings};
 use crate::balance::DEFAULT_PILOT_FRACTION;
 use crate::rays::Backend;
 
@@ -133,6 +133,7 @@ impl Identity {
             lens,
             back_faces,
             glass_shadows,
+            ground,
             // Parts have the bits of the whole.
             part: _,
         } = settings;
@@ -169,6 +170,9 @@ impl Identity {
         }
         if *glass_shadows != GlassShadows::Off {
             insert("glass-shadows", variant_name(glass_shadows));
+        }
+        if *ground != Ground::None {
+            insert("ground", variant_name(ground));
         }
         // The rules, not what they led to: that follows from them. Left out where earlier builds had no choice.
         if *adaptive != Choice::Off {

@@ -74,7 +74,8 @@ pub fn merge(paths: &[PathBuf]) -> Result<Merged> {
         checkpoint::text(&first.header, name).map(|text| ((*name).into(), HeaderValue::Text(text.into())))
     };
     let more = first.header.iter().filter(|(name, value)| {
-        let named = name.starts_with(PREFIX) || ["bismar.objects", "bismar.materials"].contains(&name.as_ref());
+        let lists = ["bismar.objects", "bismar.categories", "bismar.materials"];
+        let named = name.starts_with(PREFIX) || lists.contains(&name.as_ref());
         named || matches!(value, HeaderValue::Matrix(_))
     });
     Ok(Merged { rendered, record, more: kept.iter().filter_map(text).chain(more.cloned()).collect() })

@@ -48,7 +48,7 @@ pub use pixels::TilePixels;
 pub use progress::Progress;
 pub use replay::replay;
 pub use settings::{
-    BackFaces, Balance, CustomMethod, GlassShadows, Integrator, PixelFilter, RenderSettings, StudyOptions,
+    BackFaces, Balance, CustomMethod, GlassShadows, Ground, Integrator, PixelFilter, RenderSettings, StudyOptions,
 };
 pub use stats::{RenderStats, StopReason};
 use tile::Tile;

@@ -10,7 +10,7 @@ use super::adaptive::NoiseGoal;
 use super::tile::{Tile, TilePixel, TileWork};
 use crate::balance::sampler::LightInfo;
 use crate::balance::{Contribution, Cost, Counts, LearnedPixels, Observer, PixelFeatures, Sampler, Shares, Technique};
-use crate::integrator::clients::{AovColumns, Aovs, ContributionColumns, Contributions};
+use crate::integrator::clients::{AovColumns, Aovs, ContributionColumns, Contributions, Ground, GroundColumns};
 use crate::integrator::{PixelSums, PixelTask, Transport, Wave, WaveCounts, guides};
 
 /// Maximum paths of a wave. Their buffers fit into the second-level cache.
@@ -36,6 +36,7 @@ struct Tracer {
     tasks: Vec<PixelTask>,
     aovs: AovColumns,
     contributions: ContributionColumns,
+    ground: GroundColumns,
 }
 
 impl Buffers {
@@ -210,7 +211,7 @@ impl Tracer {
         mut observer: Option<&mut dyn Observer>,
         watch: &mut dyn FnMut(&PixelTask),
     ) {
-        let Self { wave, tasks, aovs, contributions } = self;
+        let Self { wave, tasks, aovs, contributions, ground } = self;
         let mut start = 0;
         while start < counts.len() {
             // Whole pixels, as many as fit, at least one.
@@ -248,7 +249,10 @@ impl Tracer {
             let contributions = observer
                 .as_mut()
                 .map(|observer| Contributions { observer: &mut **observer, columns: &mut *contributions });
-            wave.run(transport, tasks, &mut (pixels, aovs, contributions));
+            let sums = tile.ground.get_mut(start..end);
+            let ground =
+                transport.ground.zip(sums).map(|(height, sums)| Ground { height, sums, columns: &mut *ground });
+            wave.run(transport, tasks, &mut ((pixels, ground), aovs, contributions));
             start = end;
         }
     }
@@ -304,7 +308,7 @@ mod tests {
 
     #[test]
     fn a_pilot_weighed_again_has_the_sums_of_paths_that_were_weighed_so_at_once() {
-        let mut tile = Tile::new([0, 0], 2, 1, Columns { moments: false, aovs: true, extras: false });
+        let mut tile = Tile::new([0, 0], 2, 1, Columns { moments: false, aovs: true, extras: false, ground: false });
         let mut pilot = Pilot { counts: Some(Counts::half(2)), ..Default::default() };
         let contribution = |pixel, technique, index, r, y| Contribution {
             pixel,

@@ -97,6 +97,30 @@ impl GlassShadows {
     }
 }
 
+/// What lies below the scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Ground {
+    /// Nothing.
+    #[default]
+    None,
+    /// A plane that shows shadows alone ([`ground`](crate::integrator::clients::ground)).
+    Shadow,
+}
+
+impl Ground {
+    /// All of them, in the order of the command line's help.
+    pub const ALL: [Self; 2] = [Self::None, Self::Shadow];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Shadow => "shadow",
+        }
+    }
+}
+
 /// All that the picture's bits depend on besides the scene and the ray library, and when to stop.
 /// [`validate`](Self::validate) checks the ranges.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -169,6 +193,9 @@ pub struct RenderSettings {
     /// What shadow rays do at bodies of smooth glass.
     #[serde(default, skip_serializing_if = "GlassShadows::is_off")]
     pub glass_shadows: GlassShadows,
+    /// What lies below the scene.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub ground: Ground,
     /// Render only this part of the tiles.
     pub part: Option<Part>,
 }
@@ -200,7 +227,17 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 impl RenderSettings {
     /// The columns of tiles besides the statistics.
     pub fn columns(&self) -> Columns {
-        Columns { moments: self.balance.method().sums_moments(), aovs: self.aovs, extras: self.extras }
+        Columns {
+            moments: self.balance.method().sums_moments(),
+            aovs: self.aovs,
+            extras: self.extras,
+            ground: self.catches_shadows(),
+        }
+    }
+
+    /// Is there a ground that catches shadows?
+    pub fn catches_shadows(&self) -> bool {
+        self.ground == Ground::Shadow
     }
 
     /// The noise goal, if there is one.
@@ -276,6 +313,7 @@ impl Default for RenderSettings {
             lens: None,
             back_faces: BackFaces::Cull,
             glass_shadows: GlassShadows::Off,
+            ground: Ground::None,
             part: None,
         }
     }

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::RenderSettings;
 use super::adaptive::TileStats;
 use crate::balance::Moments;
-use crate::film::{AovSums, ExtraSums, Peak, PixelStats};
+use crate::film::{AovSums, ExtraSums, GroundSums, Peak, PixelStats};
 use crate::integrator::WaveCounts;
 
 /// Side of a tile in pixels. Tiles lie on the whole picture's grid.
@@ -29,6 +29,10 @@ pub struct Tile {
     pub extras: Vec<ExtraSums>,
     /// Brightest paths, one per pixel.
     pub peaks: Vec<Peak>,
+    /// Sums of the ground that catches shadows, one per pixel; empty without one. Files store them separately, so that files
+    /// without a ground do not change.
+    #[serde(skip)]
+    pub ground: Vec<GroundSums>,
 }
 
 /// Which columns tiles have besides the statistics.
@@ -40,6 +44,8 @@ pub struct Columns {
     pub aovs: bool,
     /// [`Tile::extras`].
     pub extras: bool,
+    /// [`Tile::ground`].
+    pub ground: bool,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -90,6 +96,7 @@ impl Tile {
             aovs: vec![AovSums::default(); if columns.aovs { n } else { 0 }],
             extras: vec![ExtraSums::default(); if columns.extras { n } else { 0 }],
             peaks: vec![Peak::default(); n],
+            ground: vec![GroundSums::default(); if columns.ground { n } else { 0 }],
         }
     }
 
@@ -113,7 +120,8 @@ impl Tile {
 
     /// Statistics and AOV sums of pixel `i`, row by row. AOV sums are 0 where the tile has none.
     pub fn at(&self, i: usize) -> (PixelStats, AovSums) {
-        (self.stats[i], self.aovs.get(i).copied().unwrap_or_default())
+        let shadow = self.ground.get(i).map_or(0.0, |ground| ground.alpha(self.stats[i].samples));
+        (self.stats[i], AovSums { shadow, ..self.aovs.get(i).copied().unwrap_or_default() })
     }
 
     /// Adds the sums of independent paths of the same pixels.
@@ -121,6 +129,7 @@ impl Tile {
         self.stats.iter_mut().zip(&other.stats).for_each(|(own, more)| own.join(more));
         self.aovs.iter_mut().zip(&other.aovs).for_each(|(own, more)| own.join(more));
         self.extras.iter_mut().zip(&other.extras).for_each(|(own, more)| own.join(more));
+        self.ground.iter_mut().zip(&other.ground).for_each(|(own, more)| own.join(more));
         self.peaks.iter_mut().zip(&other.peaks).for_each(|(own, more)| own.add(more.luminance, more.path));
     }
 
@@ -133,6 +142,7 @@ impl Tile {
             + column(columns.moments, size_of::<Moments>())
             + column(columns.aovs, size_of::<AovSums>())
             + column(columns.extras, size_of::<ExtraSums>())
+            + column(columns.ground, size_of::<GroundSums>())
     }
 
     /// Estimated bytes of memory of the tiles of so many pixels with these columns.
@@ -175,8 +185,17 @@ impl Tile {
     /// Has it the pixels and columns of the other, all complete?
     pub fn covers(&self, other: &Tile) -> bool {
         let same = |(a, b): (&TilePixel, &TilePixel)| (a.x, a.y) == (b.x, b.y);
-        let sizes =
-            |t: &Tile| [t.pixels.len(), t.stats.len(), t.moments.len(), t.aovs.len(), t.extras.len(), t.peaks.len()];
+        let sizes = |t: &Tile| {
+            [
+                t.pixels.len(),
+                t.stats.len(),
+                t.moments.len(),
+                t.aovs.len(),
+                t.extras.len(),
+                t.peaks.len(),
+                t.ground.len(),
+            ]
+        };
         sizes(self) == sizes(other) && self.pixels.iter().zip(&other.pixels).all(same) && self.tile_stats().is_whole()
     }
 
@@ -186,9 +205,9 @@ impl Tile {
         some.then(|| self.extras.iter().map(|extras| extras.velocity).collect())
     }
 
-    /// The tile with these sums of velocities; `None` unless there is one for each pixel.
+    /// The tile with these sums of velocities; `None` unless there is none, or one for each pixel.
     pub(super) fn with_velocities(mut self, velocities: Vec<[f32; 4]>) -> Option<Self> {
-        let fits = velocities.len() == self.extras.len();
+        let fits = velocities.is_empty() || velocities.len() == self.extras.len();
         self.extras.iter_mut().zip(velocities).for_each(|(extras, velocity)| extras.velocity = velocity);
         fits.then_some(self)
     }

@@ -3,10 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use tracing::info;
 
 use super::replay::PixelPath;
 use super::values::{
-    AovList, Crop, LightUnit, OnByDefault, PartFlag, adaptive, balance, blades, finite, not_negative, share,
+    AovList, Crop, LightUnit, OnByDefault, PartFlag, Preset, adaptive, balance, blades, finite, not_negative, preset,
+    share,
 };
 use crate::batch::frames::{Frames, numbered};
 use crate::batch::views::MAX_VIEWS;
@@ -17,11 +19,12 @@ use crate::console::args::{positive, seconds, threads};
 use crate::console::progress::Style;
 use crate::console::tev;
 use crate::farm::PathMapping;
+use crate::film::denoise::Denoiser;
 use crate::film::{Aov, Denoise, Exposure, View, preview};
 use crate::rays::Backend;
 use crate::render::identity::RequestedOutputs;
 use crate::render::lens::{Aperture, Focus, LensSettings};
-use crate::render::{BackFaces, Balance, Choice, GlassShadows, Integrator, Part, PixelFilter, RenderSettings};
+use crate::render::{BackFaces, Balance, Choice, GlassShadows, Ground, Integrator, Part, PixelFilter, RenderSettings};
 use crate::sampling::frame_seed;
 use crate::scene::{Framing, Orbit, PlacedCamera};
 use crate::{Error, Result};
@@ -72,8 +75,12 @@ pub struct RenderArgs {
     /// --camera only one of them.
     #[arg(long, value_name = "FILE.json", conflicts_with_all = ["orbit", "frames", "replay_pixel"], help_heading = "View")]
     pub cameras: Option<PathBuf>,
+    /// Other defaults of some flags, for an occasion; flags that are given win.
+    #[arg(long, value_parser = preset(), value_name = "OCCASION", help_heading = "View")]
+    pub preset: Option<Preset>,
     /// Resolution in pixels [default: 960 wide, with the height from the camera's aspect ratio].
-    #[arg(long, value_name = "WxH", help_heading = "View")]
+    #[arg(long, value_name = "WxH", default_value_ifs([("preset", "thumbnail", "512x512"), ("preset", "product", "1024x1024"),
+        ("preset", "final", "1920x1080")]), help_heading = "View")]
     pub size: Option<Size>,
     /// Crop window in pixels from the top left; x1 and y1 are exclusive. Its pixels are bit-identical to those of the full
     /// render.
@@ -98,6 +105,12 @@ pub struct RenderArgs {
         help_heading = "View")]
     pub back_faces: BackFaces,
 
+    /// What lies below the scene: none; or shadow, a plane at its lowest point that shows only what the scene takes from its
+    /// light, as black with alpha, seen from above. The environment is hidden, as by --transparent. Light that the scene adds to
+    /// the ground, and what the ground would reflect, is left out.
+    #[arg(long, value_parser = value_of::<Ground>(), default_value = Ground::None.name(), value_name = "WHAT",
+        default_value_if("preset", "product", "shadow"), help_heading = "View")]
+    pub ground: Ground,
     /// Shadow rays at bodies of smooth glass (a bottle, a globe, a pane with thickness): off ends them there, straight lets
     /// them pass, dimmed by Fresnel and absorption. That is approximate: without refraction and caustics, with little noise.
     /// They always pass thin glass.
@@ -138,7 +151,8 @@ pub struct RenderArgs {
         help_heading = "Sampling")]
     pub max_depth: u32,
     /// Stop at this many paths per pixel.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Sampling")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_ifs([("preset",
+        "thumbnail", "16"), ("preset", "product", "256"), ("preset", "final", "1024")]), help_heading = "Sampling")]
     pub spp: Option<u32>,
     /// Stop after this wall time, loading included: in seconds, or with a unit as in 90s, 10m, 1.5h. A resumed render counts
     /// the time of all its sessions. The first passes are small, so that every pixel has paths early.
@@ -202,7 +216,8 @@ pub struct RenderArgs {
 
     /// Save a resumable picture at this interval and at the end, together with the --preview: in seconds, or with a unit as
     /// in 10m.
-    #[arg(long, value_name = "SECONDS", value_parser = seconds, help_heading = "Interruption and parts")]
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, default_value_if("preset", "final", "60"),
+        help_heading = "Interruption and parts")]
     pub checkpoint: Option<f64>,
     /// Keep copies of the last N checkpoints next to the picture, named as in out.checkpoint-0007.exr.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), requires = "checkpoint",
@@ -243,7 +258,13 @@ pub struct RenderArgs {
     /// indirect, variance, samples, balance, object, material, position, uv, emission, guide-albedo and guide-normal
     /// (followed through mirrors, for denoisers), lights (the beauty by type of light source), velocity (pixels per frame),
     /// crypto-object, crypto-material.
-    #[arg(long, value_name = "LIST", default_value = "variance,samples,balance", help_heading = "Output")]
+    #[arg(
+        long,
+        value_name = "LIST",
+        default_value = "variance,samples,balance",
+        default_value_if("preset", "thumbnail", "none"),
+        help_heading = "Output"
+    )]
     aov: AovList,
     /// Write colours and normals as 16-bit floats, which halves the file size.
     #[arg(long, help_heading = "Output")]
@@ -384,7 +405,8 @@ impl RenderArgs {
             time: self.time,
             noise: self.noise,
             min_spp: self.min_spp,
-            adaptive: self.adaptive.unwrap_or(automatic),
+            // The variance that it estimates is that of the colour, not of alpha.
+            adaptive: self.adaptive.unwrap_or(if self.ground == Ground::None { automatic } else { Choice::Off }),
             balance: self.balance,
             pilot: self.pilot,
             guiding: self.guiding.unwrap_or(automatic),
@@ -400,10 +422,11 @@ impl RenderArgs {
             extras: self.denoise.is_some() || self.aovs().iter().any(|a| a.needs_extras()),
             clamp_direct: self.clamp_direct,
             clamp_indirect: self.clamp_indirect,
-            transparent: self.transparent,
+            transparent: self.transparent || self.ground == Ground::Shadow,
             lens: self.aperture.map(|aperture| LensSettings { aperture, focus: self.focus, blades: self.lens_blades }),
             back_faces: self.back_faces,
             glass_shadows: self.glass_shadows,
+            ground: self.ground,
             part: self.part(),
             ..RenderSettings::default()
         }
@@ -426,6 +449,13 @@ impl RenderArgs {
     /// Those of [`PathMapping::read`]; [`Error::Usage`] if a name has no place for the number of the part.
     pub fn on_this_machine(&self) -> Result<Self> {
         let mut args = self.clone();
+        if let Some(preset) = self.preset {
+            if preset.denoises() && self.part_flag.is_none() && Denoiser::load().is_ok() {
+                args.denoise = Some(Denoise::Oidn);
+            }
+            let denoised = if args.denoise.is_some() { " --denoise oidn" } else { "" };
+            info!("--preset {} stands for {}{denoised}; flags that are given win", preset.name(), preset.flags());
+        }
         if let Some(PartFlag { part, is_auto: true }) = self.part_flag {
             args.output = Some(self.output());
             let outputs = [("-o", &mut args.output), ("--preview", &mut args.preview), ("--stats", &mut args.stats)];

@@ -10,6 +10,7 @@ use super::choose::{self, DEFAULT_SIZE};
 use super::identity::{Files, Inputs};
 use super::scene::{make_scene, scene_at_rest};
 use crate::cli::memory;
+use crate::cli::stats::Seconds;
 use crate::integrator::PreparedScene;
 use crate::light::AreaLights;
 use crate::render::default_light::{self, OwnLight};
@@ -22,12 +23,20 @@ pub struct Loaded {
     pub prepared: PreparedScene<'static>,
     pub read_seconds: f64,
     pub build_seconds: f64,
+    /// Seconds from then on until all is ready.
+    pub prepare_seconds: f64,
 }
 
 /// Progress of a build: receives the fraction done, in [0, 1], and the wall seconds so far; false stops the build.
 pub type Building<'a> = &'a (dyn Fn(f64, f64) -> bool + Sync);
 
 impl Loaded {
+    /// The seconds so far.
+    pub fn seconds(&self) -> Seconds {
+        let Self { read_seconds: read, build_seconds: build, prepare_seconds: prepare, .. } = *self;
+        Seconds { read, build, prepare, ..Default::default() }
+    }
+
     /// Imports scene and environment, closes their files, and builds the acceleration structure.
     ///
     /// # Errors
@@ -69,7 +78,7 @@ impl Loaded {
             (None, None) => return Ok(None),
         };
         let prepared = self.prepared.with_camera(camera);
-        Ok(Some(Self { prepared, read_seconds: self.read_seconds, build_seconds: self.build_seconds }))
+        Ok(Some(Self { prepared, ..*self }))
     }
 
     fn load_files(
@@ -102,7 +111,8 @@ impl Loaded {
             debug!("no geometry has moved: the acceleration structure is reused");
             let prepared = PreparedScene::after(scene, rays, Some(&previous.prepared));
             let prepared = with_light(args, inputs, at_rest.as_deref(), prepared)?;
-            return Ok(Self { prepared, read_seconds, build_seconds: built.elapsed().as_secs_f64() });
+            let prepare_seconds = built.elapsed().as_secs_f64();
+            return Ok(Self { prepared, read_seconds, build_seconds: 0.0, prepare_seconds });
         }
         let rays =
             rays::build_watched(args.rays, Arc::clone(&scene), &|done| building(done, built.elapsed().as_secs_f64()))?;
@@ -112,7 +122,9 @@ impl Loaded {
         info!("built {} {} ({}): {build_seconds:.2} s, {mebibytes:.1} MiB", backend.name, backend.version, backend.isa);
         let prepared = PreparedScene::after(scene, rays.into(), previous.as_ref().map(|p| &p.prepared));
         let prepared = with_light(args, inputs, at_rest.as_deref(), prepared)?;
-        Ok(Self { prepared, read_seconds, build_seconds })
+        let prepare_seconds = built.elapsed().as_secs_f64() - build_seconds;
+        debug!("prepared lights and materials: {prepare_seconds:.2} s");
+        Ok(Self { prepared, read_seconds, build_seconds, prepare_seconds })
     }
 }
 

@@ -17,7 +17,13 @@ pub fn names(scene: &Scene, aovs: &[Aov]) -> Result<Header> {
     let mut header = Header::new();
     for aov in aovs {
         match aov {
-            Aov::Object => header.push(("bismar.objects".into(), checkpoint::json(&objects().collect::<Vec<_>>())?)),
+            Aov::Object => {
+                header.push(("bismar.objects".into(), checkpoint::json(&objects().collect::<Vec<_>>())?));
+                let categories: Vec<_> = scene.instances.iter().map(|instance| instance.category.as_deref()).collect();
+                if categories.iter().any(Option::is_some) {
+                    header.push(("bismar.categories".into(), checkpoint::json(&categories)?));
+                }
+            }
             Aov::Material => {
                 header.push(("bismar.materials".into(), checkpoint::json(&materials().collect::<Vec<_>>())?))
             }

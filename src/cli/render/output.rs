@@ -55,7 +55,7 @@ impl<'a> OutputWriter<'a> {
         resumable: bool,
     ) -> Result<Self> {
         args.denoise.map(|_| Denoiser::load()).transpose()?;
-        let seconds = Seconds { read: loaded.read_seconds, build: loaded.build_seconds, ..Default::default() };
+        let seconds = loaded.seconds();
         Ok(Self {
             args,
             inputs,

@@ -40,6 +40,53 @@ pub fn adaptive() -> impl TypedValueParser<Value = Choice> {
     })
 }
 
+/// Value of `--preset`: other defaults of some flags. The values are in `args.rs`, as conditional defaults.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Preset {
+    Thumbnail,
+    Product,
+    Final,
+}
+
+impl Preset {
+    /// All of them, in the order of the help text.
+    pub const ALL: [Self; 3] = [Self::Thumbnail, Self::Product, Self::Final];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Thumbnail => "thumbnail",
+            Self::Product => "product",
+            Self::Final => "final",
+        }
+    }
+
+    /// The flags that it stands for.
+    pub fn flags(self) -> &'static str {
+        match self {
+            Self::Thumbnail => "--size 512x512 --spp 16 --aov none",
+            Self::Product => "--size 1024x1024 --spp 256 --ground shadow",
+            Self::Final => "--size 1920x1080 --spp 1024 --checkpoint 60",
+        }
+    }
+
+    /// Whether it denoises where Open Image Denoise is installed.
+    pub fn denoises(self) -> bool {
+        self != Self::Final
+    }
+}
+
+/// Parser of `--preset`, with what each sets as its help.
+pub fn preset() -> impl TypedValueParser<Value = Preset> {
+    let help = |preset: Preset| match preset.denoises() {
+        true => format!("{} --denoise oidn (where it is installed; not in batch files)", preset.flags()),
+        false => preset.flags().to_owned(),
+    };
+    let names = Preset::ALL.map(|preset| PossibleValue::new(preset.name()).help(help(preset)));
+    let named = |name: String| Preset::ALL.into_iter().find(|preset| preset.name() == name).ok_or("unknown value");
+    PossibleValuesParser::new(names).try_map(named)
+}
+
 pub fn blades(text: &str) -> Parsed<u32> {
     text.parse().ok().filter(|n| *n == 0 || (3..=32).contains(n)).ok_or("not a number from 3 to 32, nor 0".into())
 }

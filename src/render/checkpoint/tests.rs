@@ -1,8 +1,8 @@
 use super::*;
-use crate::render::Balance;
 use crate::render::tile::Columns;
+use crate::render::{Balance, Ground};
 
-const BOTH: Columns = Columns { moments: true, aovs: true, extras: true };
+const BOTH: Columns = Columns { moments: true, aovs: true, extras: true, ground: true };
 
 #[test]
 fn tiles_come_back_and_anything_else_does_not() {
@@ -16,6 +16,7 @@ fn tiles_come_back_and_anything_else_does_not() {
         height,
         aovs: true,
         extras: true,
+        ground: Ground::Shadow,
         balance: Balance::SecondOrder,
         ..Default::default()
     };

@@ -89,7 +89,7 @@ pub struct Channel {
 pub fn beauty(background: Background) -> Vec<Channel> {
     let alpha: Component = match background {
         Background::Environment => |p, _, _| if p.samples > 0 { 1.0 } else { 0.0 },
-        Background::Black | Background::Transparent => |p, _, _| p.coverage(),
+        Background::Black | Background::Transparent => |p, sums, _| p.coverage() + sums.shadow,
     };
     let mut channels = layer("", "RGB", Value::Color(|p, _, c| p.mean()[c]));
     channels.extend(layer("", "A", Value::Color(alpha)));

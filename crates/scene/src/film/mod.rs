@@ -11,6 +11,7 @@ pub mod exr_file;
 pub mod flip;
 mod header;
 pub mod lock;
+pub mod npy;
 mod open;
 pub mod picture;
 pub mod pixels;
@@ -24,7 +25,7 @@ pub use exposure::Exposure;
 pub use picture::Picture;
 pub use pixels::{Background, Film, Pixels, colors};
 pub use preview::Look;
-pub use stats::{AovSums, ExtraSums, Peak, PixelStats};
+pub use stats::{AovSums, ExtraSums, GroundSums, Peak, PixelStats};
 pub use view::View;
 
 /// The denoiser of a finished picture.

@@ -58,7 +58,7 @@ pub fn write(path: &Path, pixels: &dyn Pixels, look: Look, mark: &str) -> Result
     let raster = Raster {
         corner: [x0.into(), y0.into()],
         size: [x1 - x0, y1 - y0],
-        pixels: positions.map(|(x, y)| pixels.at(x, y).0).map(|p| (p.mean(), p.coverage())),
+        pixels: positions.map(|(x, y)| pixels.at(x, y)).map(|(p, sums)| (p.mean(), p.coverage() + sums.shadow)),
         transparent: pixels.background() == Background::Transparent,
     };
     let (size, (bytes, kind)) = (raster.size, raster.develop(look));
@@ -135,15 +135,16 @@ pub fn write_rgb8(path: &Path, width: u32, height: u32, bytes: &[u8]) -> Result<
     write_bytes(path, [width, height], bytes, ColorType::Rgb, "")
 }
 
-/// Writes 16-bit grey values as a PNG, row-major from the top.
+/// Writes 16-bit values as a PNG, row-major from the top: grey, or RGB if there are three for each pixel.
 ///
 /// # Errors
 /// The errors of [`atomic::write`].
-pub fn write_grey16(path: &Path, [width, height]: [u32; 2], values: &[u16]) -> Result<()> {
+pub fn write_png16(path: &Path, [width, height]: [u32; 2], values: &[u16]) -> Result<()> {
     let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_be_bytes()).collect();
     atomic::write(path, |file| {
         let mut encoder = Encoder::new(file, width, height);
-        encoder.set_color(ColorType::Grayscale);
+        let grey = values.len() == width as usize * height as usize;
+        encoder.set_color(if grey { ColorType::Grayscale } else { ColorType::Rgb });
         encoder.set_depth(BitDepth::Sixteen);
         let written = encoder.write_header().and_then(|mut writer| {
             writer.write_image_data(&bytes)?;

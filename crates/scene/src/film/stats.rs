@@ -57,6 +57,38 @@ pub struct AovSums {
     pub object: u32,
     /// Material index + 1 of the last path that hit one, 0 for none.
     pub material: u32,
+    /// What the ground's shadow adds to alpha, in [0, 1]: no sum, and set for pictures with such a ground alone.
+    #[serde(skip)]
+    pub shadow: f32,
+}
+
+/// Sums over the paths of a pixel that end on the ground that catches shadows.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct GroundSums {
+    /// Number of paths.
+    pub paths: u32,
+    /// Luminance of the light samples without the scene.
+    pub light: f64,
+    /// Luminance of those that the scene takes.
+    pub taken: f64,
+}
+
+impl GroundSums {
+    /// Adds independent paths of the same pixel.
+    pub fn join(&mut self, other: &Self) {
+        self.paths += other.paths;
+        self.light += other.light;
+        self.taken += other.taken;
+    }
+
+    /// What the ground's shadow adds to the alpha of a pixel with so many paths, in [0, 1].
+    pub fn alpha(&self, paths: u32) -> f32 {
+        if self.light > 0.0 {
+            (self.taken / self.light * f64::from(self.paths) / f64::from(paths.max(1))) as f32
+        } else {
+            0.0
+        }
+    }
 }
 
 /// More optional sums over paths, kept only if an AOV needs one of them.

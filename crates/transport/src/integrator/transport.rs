@@ -46,6 +46,8 @@ pub struct Transport<'a> {
     pub culls_back_faces: bool,
     /// Do shadow rays pass bodies of smooth glass, straight ([`glass_shadows`](super::glass_shadows))?
     pub straight_glass_shadows: bool,
+    /// Height in metres of the ground that catches shadows ([`ground`](super::clients::ground)), if there is one.
+    pub ground: Option<f32>,
     /// The guiding field, if paths are guided.
     pub field: Option<&'a Field>,
     /// The distributions of light samples.

@@ -36,6 +36,13 @@ struct Bounds {
     cone: [f32; 3],
 }
 
+impl Bounds {
+    /// Luminance of the emitted power.
+    fn power(&self) -> f32 {
+        self.row[7].abs()
+    }
+}
+
 /// A node of the tree.
 #[derive(Debug, Clone, Copy)]
 struct Node {
@@ -114,6 +121,10 @@ impl Cluster {
 
 /// The smallest cone that contains two cones, given by axis and half angle.
 fn cone_union((a, angle_a): (Vec3, f32), (b, angle_b): (Vec3, f32)) -> (Vec3, f32) {
+    // What the first condition below says of a cone of all directions.
+    if angle_a >= std::f32::consts::PI {
+        return (a, angle_a);
+    }
     let between = a.dot(b).clamp(-1.0, 1.0).acos();
     if (between + angle_b).min(std::f32::consts::PI) <= angle_a {
         return (a, angle_a);
@@ -138,36 +149,46 @@ impl LightTree {
         if shining.is_empty() {
             return None;
         }
-        let mut tree = Self { nodes: Vec::with_capacity(2 * shining.len()), leaves: vec![u32::MAX; emitters.len()] };
         let empty = Node { bounds: Bounds::default(), children: 0, emitter: 0, parent: 0 };
-        tree.nodes.push(empty);
-        // Ranges of `shining` whose nodes are to be filled, by power: the bits of numbers >= 0 have the order of the numbers.
-        let mut open = BinaryHeap::from([(0, Reverse(0), 0, shining.len())]);
-        while let Some((_, Reverse(node), from, to)) = open.pop() {
-            let range = &mut shining[from..to];
-            let clusters = range.iter().map(|&i| Cluster::new(&emitters[i as usize]));
-            let Some(whole) = clusters.reduce(Cluster::union) else { continue };
-            tree.nodes[node].bounds = whole.bounds();
-            if let [only] = *range {
-                tree.nodes[node].emitter = only;
-                tree.leaves[only as usize] = node as u32;
+        let mut nodes = vec![empty; 2 * shining.len() - 1];
+        grow(emitters, &mut shining, &mut nodes, 0);
+        let mut tree = Self { nodes, leaves: vec![u32::MAX; emitters.len()] };
+        tree.sort();
+        Some(tree)
+    }
+
+    /// Brings the nodes of [`grow`] into the order of power, and links them.
+    fn sort(&mut self) {
+        let mut place = vec![0_u32; self.nodes.len()];
+        let mut next = 1;
+        // Nodes whose place is known, by power: the bits of numbers >= 0 have the order of the numbers.
+        let mut open = BinaryHeap::from([(0, Reverse(0), 0)]);
+        while let Some((_, Reverse(to), from)) = open.pop() {
+            place[from] = to;
+            let left_emitters = self.nodes[from].children as usize;
+            if left_emitters == 0 {
+                self.leaves[self.nodes[from].emitter as usize] = to;
                 continue;
             }
-            let middle = from + split(emitters, range);
-            let children = tree.nodes.len();
-            tree.nodes[node].children = children as u32;
-            tree.nodes.extend([Node { parent: node as u32, ..empty }; 2]);
-            for (child, from, to) in [(children, from, middle), (children + 1, middle, to)] {
-                let power: f32 = shining[from..to].iter().map(|&i| emitters[i as usize].power).sum();
-                open.push((power.to_bits(), Reverse(child), from, to));
+            self.nodes[from].children = next;
+            for child in children(from, left_emitters) {
+                self.nodes[child].parent = to;
+                open.push((self.nodes[child].bounds.power().to_bits(), Reverse(next), child));
+                next += 1;
             }
         }
-        Some(tree)
+        for at in 0..place.len() {
+            while place[at] as usize != at {
+                let to = place[at] as usize;
+                self.nodes.swap(at, to);
+                place.swap(at, to);
+            }
+        }
     }
 
     /// Luminance of the total emitted power.
     pub fn power(&self) -> f32 {
-        self.nodes[0].bounds.row[7].abs()
+        self.nodes[0].bounds.power()
     }
 
     /// The number of first nodes, at most `max` and at least one, that form a cut: each has both children among them or none.
@@ -317,6 +338,51 @@ fn cos_minus(cos_a: F, sin_a: F, cos_b: F, sin_b: F) -> (F, F) {
     (covered.select(F::ONE, cos), covered.select(F::ZERO, sin))
 }
 
+/// Number of times that the building of the tree is divided among threads, and the fewest emitters of which a part is divided.
+const FORKS: usize = 6;
+const MIN_FORK: usize = 4096;
+
+/// The children of node `at` while the tree is built: a node is followed by its left child with all its descendants, and they by
+/// its right child.
+fn children(at: usize, left_emitters: usize) -> [usize; 2] {
+    [at + 1, at + 2 * left_emitters]
+}
+
+/// Builds the nodes of a set of emitters, twice as many less one, in the order of [`children`]. `children` of a node is the
+/// number of its left child's emitters, 0 for a leaf.
+fn grow(emitters: &[Emitter], range: &mut [u32], nodes: &mut [Node], forks: usize) {
+    if forks < FORKS && range.len() >= MIN_FORK {
+        let left_emitters = divide(emitters, range, &mut nodes[0]);
+        let (left, right) = range.split_at_mut(left_emitters);
+        let (left_nodes, right_nodes) = nodes[1..].split_at_mut(2 * left_emitters - 1);
+        rayon::join(|| grow(emitters, left, left_nodes, forks + 1), || grow(emitters, right, right_nodes, forks + 1));
+        return;
+    }
+    // Not by recursion, whose depth emitters of very different distances would make large.
+    let mut open = vec![(0, range.len(), 0)];
+    while let Some((from, to, at)) = open.pop() {
+        let left_emitters = divide(emitters, &mut range[from..to], &mut nodes[at]);
+        if left_emitters > 0 {
+            let ([left, right], middle) = (children(at, left_emitters), from + left_emitters);
+            open.extend([(from, middle, left), (middle, to, right)]);
+        }
+    }
+}
+
+/// Makes the node of a set of emitters, and partitions them; returns the number of those of the left child, 0 for a leaf.
+fn divide(emitters: &[Emitter], range: &mut [u32], node: &mut Node) -> usize {
+    let clusters = range.iter().map(|&i| Cluster::new(&emitters[i as usize]));
+    let Some(whole) = clusters.reduce(Cluster::union) else { return 0 };
+    node.bounds = whole.bounds();
+    if let [only] = *range {
+        node.emitter = only;
+        return 0;
+    }
+    let left_emitters = split(emitters, range);
+    node.children = left_emitters as u32;
+    left_emitters
+}
+
 /// Partitions emitters into two parts, neither empty, and returns the index of the second one's start.
 fn split(emitters: &[Emitter], range: &mut [u32]) -> usize {
     let center = |i: u32| 0.5 * (emitters[i as usize].low + emitters[i as usize].high);
@@ -334,9 +400,13 @@ fn split(emitters: &[Emitter], range: &mut [u32]) -> usize {
             let bin = &mut bins[bin_of(i, axis)];
             *bin = Some(bin.map_or(own, |b| Cluster::union(b, own)));
         }
-        let join = |bins: &[Option<Cluster>]| bins.iter().flatten().copied().reduce(Cluster::union);
+        let mut before: Option<Cluster> = None;
         for at in 1..BINS {
-            if let (Some(a), Some(b)) = (join(&bins[..at]), join(&bins[at..])) {
+            // After an empty bin, both parts are those of the step before.
+            let Some(bin) = bins[at - 1] else { continue };
+            let a = before.map_or(bin, |before| Cluster::union(before, bin));
+            before = Some(a);
+            if let Some(b) = bins[at..].iter().flatten().copied().reduce(Cluster::union) {
                 let cost = a.cost() + b.cost();
                 if best.is_none_or(|(lowest, ..)| cost < lowest) {
                     best = Some((cost, axis, at));

@@ -2,6 +2,7 @@
 
 pub mod aovs;
 pub mod contributions;
+pub mod ground;
 pub mod light_samples;
 pub mod mirrors;
 pub mod pixel_sums;
@@ -9,6 +10,7 @@ pub mod training_samples;
 
 pub use aovs::{AovColumns, Aovs};
 pub use contributions::{ContributionColumns, Contributions};
+pub use ground::{Ground, GroundColumns};
 pub use light_samples::LightSampleRecorder;
 pub use pixel_sums::PixelSums;
 pub use training_samples::TrainingRecorder;

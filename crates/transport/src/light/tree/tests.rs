@@ -112,3 +112,26 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_tree_that_threads_have_divided_among_them_is_that_of_one() {
+    let emitters = emitters(3 * MIN_FORK as u32, 5);
+    let mut shining: Vec<u32> = (0..emitters.len() as u32).filter(|&i| emitters[i as usize].power > 0.0).collect();
+    let empty = Node { bounds: Bounds::default(), children: 0, emitter: 0, parent: 0 };
+    let mut nodes = vec![empty; 2 * shining.len() - 1];
+    grow(&emitters, &mut shining, &mut nodes, FORKS);
+    let mut serial = LightTree { nodes, leaves: vec![u32::MAX; emitters.len()] };
+    serial.sort();
+    let tree = LightTree::new(&emitters).unwrap();
+    assert_eq!(format!("{:?}", tree.nodes), format!("{:?}", serial.nodes));
+    assert_eq!(tree.leaves, serial.leaves);
+    // Nodes come after their parents, in the order of power.
+    for (at, node) in tree.nodes.iter().enumerate().skip(1) {
+        assert!((node.parent as usize) < at);
+        let first = tree.nodes[node.parent as usize].children as usize;
+        assert!(at == first || at == first + 1);
+    }
+    for (emitter, &leaf) in tree.leaves.iter().enumerate().filter(|(_, leaf)| **leaf != u32::MAX) {
+        assert_eq!((tree.nodes[leaf as usize].children, tree.nodes[leaf as usize].emitter), (0, emitter as u32));
+    }
+}

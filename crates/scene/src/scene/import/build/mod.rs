@@ -234,7 +234,8 @@ impl Assembly<'_> {
             ));
         }
         if let Some((placement, _)) = single {
-            self.scene.instances.push(Instance { name: placement.name.clone(), object, ..Default::default() });
+            let (name, category) = (placement.name.clone(), placement.category.clone());
+            self.scene.instances.push(Instance { name, category, object, ..Default::default() });
             return Ok(());
         }
         self.add_instances(object, mesh, &placements, notes)
@@ -259,6 +260,7 @@ impl Assembly<'_> {
             }
             self.scene.instances.push(Instance {
                 name: placement.name.clone(),
+                category: placement.category.clone(),
                 object,
                 transform: Some(to_f32(&placement.world)),
                 motion: times.shutter.and_then(|transforms| Motion::new(&transforms)).map(Arc::new),

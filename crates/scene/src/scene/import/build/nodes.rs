@@ -29,6 +29,8 @@ pub struct ObjectKey {
 /// A placement of an object.
 pub struct Placement {
     pub name: String,
+    /// [`crate::scene::Instance::category`].
+    pub category: Option<Arc<str>>,
     pub world: DAffine3,
     pub at: String,
     /// Index of the node, and the transform from object to node space; `None` for skinned meshes, which joints place.
@@ -68,13 +70,14 @@ pub fn flatten(
     let mut by_key: HashMap<ObjectKey, usize> = HashMap::new();
     let mut shown = vec![false; nodes.len()];
     // In the document's order, depth first.
-    let mut stack: Vec<(usize, bool)> = document.roots.iter().rev().map(|&root| (root, true)).collect();
-    while let Some((index, parent_visible)) = stack.pop() {
+    let mut stack: Vec<_> = document.roots.iter().rev().map(|&root| (root, true, None::<Arc<str>>)).collect();
+    while let Some((index, parent_visible, parent_category)) = stack.pop() {
         let node = &nodes[index];
         let content = node.content()?;
         let visible = parent_visible && content.visible;
         shown[index] = true;
-        stack.extend(node.children.iter().rev().map(|&child| (child, visible)));
+        let category = node.category.clone().or(parent_category);
+        stack.extend(node.children.iter().rev().map(|&child| (child, visible, category.clone())));
         for name in &content.extensions {
             if let Support::Ignored(why) = support(name) {
                 notes.ignored(&format!("{}.extensions.{name}", node.at), format!("{name}: {why}"));
@@ -132,6 +135,7 @@ pub fn flatten(
         };
         let place = |world: DAffine3, inside: Option<(usize, DAffine3)>| Placement {
             name: node.name.clone(),
+            category: category.clone(),
             world,
             at: node.at.clone(),
             node: inside,

@@ -1,5 +1,7 @@
 //! Nodes of the document, which form a forest.
 
+use std::sync::Arc;
+
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 
 use super::accessors::{Accessor, Component, Shape};
@@ -14,6 +16,8 @@ use crate::scene::import::complaint::bad;
 #[derive(Debug)]
 pub struct Node {
     pub name: String,
+    /// `extras.category`, if it is a text.
+    pub category: Option<Arc<str>>,
     pub children: Vec<usize>,
     /// To the parent's space.
     pub transform: DAffine3,
@@ -49,6 +53,7 @@ impl Node {
     pub fn parse(json: &Json, lengths: &Lengths, meshes: &Table<Mesh>, accessors: &Table<Accessor>) -> Result<Self> {
         Ok(Self {
             name: json.name()?,
+            category: category(json),
             children: json.indices("children", lengths.nodes, "nodes")?,
             transform: transform(json)?,
             at: json.at.clone(),
@@ -94,6 +99,12 @@ impl Content {
         let extensions = json.extension_names()?.into_iter().map(Into::into).collect();
         Ok(Self { mesh, skin, camera, light, weights, instancing, visible, extensions })
     }
+}
+
+/// `extras` may be anything: what is no text names no category.
+fn category(json: &Json) -> Option<Arc<str>> {
+    let name = json.value().get("extras")?.get("category")?.as_str()?;
+    (!name.is_empty()).then(|| name.into())
 }
 
 fn transform(json: &Json) -> Result<DAffine3> {

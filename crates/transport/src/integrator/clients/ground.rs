@@ -1,0 +1,131 @@
+//! The ground that catches shadows: a horizontal plane that only camera rays see, from above, and that takes part in nothing
+//! else. What it shows is the fraction of its light that the scene takes: alpha is 1 − E/E₀ where E is the irradiance with the
+//! scene in between and E₀ without it, both from the same light samples, so that a point that sees all lights has exactly 0.
+//! A pixel's alpha is the ratio of two sums over its paths, which is consistent: its bias falls like one over their number.
+
+use glam::Vec3;
+
+use crate::color::luminance;
+use crate::film::GroundSums;
+use crate::integrator::events::{PathEvents, WaveContext};
+use crate::integrator::queues::{PathRays, ShadowRays};
+use crate::integrator::stages::light_set;
+use crate::integrator::stages::lights::SHADOW_END;
+use crate::integrator::thin_walls::ThinWalls;
+use crate::lanes::{F, LANES, Survivors, U, V3, eight, mask};
+use crate::light::{Drawing, punctual};
+use crate::rays::{HitBatch, MISS, RayOrder};
+use crate::sampling::{hashes, keys, samples};
+
+/// Columns of [`Ground`], kept by its owner.
+#[derive(Debug, Default)]
+pub struct GroundColumns {
+    shadows: ShadowRays,
+    walls: ThinWalls,
+    occluded: Vec<bool>,
+    /// Luminance of each shadow ray's contribution if unoccluded.
+    light: Vec<f32>,
+    /// Camera rays that end on the ground: their row, and the point.
+    points: Vec<(u32, Vec3)>,
+}
+
+/// Adds the light of the ground to the sums of pixels, one entry per task.
+#[derive(Debug)]
+pub struct Ground<'a> {
+    /// Height of the plane in metres (world y). No surface lies below.
+    pub height: f32,
+    /// The sums.
+    pub sums: &'a mut [GroundSums],
+    /// Scratch space.
+    pub columns: &'a mut GroundColumns,
+}
+
+impl PathEvents for Ground<'_> {
+    fn hits(&mut self, at: &WaveContext, rays: &PathRays, hits: &HitBatch) {
+        if at.depth > 0 {
+            return;
+        }
+        self.find(rays, hits);
+        for (row, _) in &self.columns.points {
+            self.sums[at.pixel(rays.path[*row as usize])].paths += 1;
+        }
+        self.sample(at, rays);
+        let GroundColumns { shadows, walls, occluded, light, .. } = &mut *self.columns;
+        if shadows.len == 0 {
+            return;
+        }
+        match at.transport.materials.has_thin_walls || at.transport.passes_bodies() {
+            true => walls.pass_shadow_rays(at.transport, shadows, occluded),
+            false => at.transport.rays.occluded(&shadows.rays, RayOrder::Incoherent, occluded),
+        }
+        for (row, &light) in light.iter().enumerate() {
+            let sums = &mut self.sums[at.pixel(shadows.path[row])];
+            let left = if occluded[row] { 0.0 } else { luminance(shadows.radiance.get(row)).min(light) };
+            sums.light += f64::from(light);
+            sums.taken += f64::from(light - left);
+        }
+    }
+}
+
+impl Ground<'_> {
+    /// Finds the points of rays from above that meet nothing else.
+    fn find(&mut self, rays: &PathRays, hits: &HitBatch) {
+        self.columns.points.clear();
+        for row in (0..rays.len).filter(|row| hits.mesh[*row] == MISS) {
+            let (origin, direction) = (rays.rays.origin(row), rays.rays.direction(row));
+            let point = origin + direction * ((self.height - origin.y) / direction.y);
+            if origin.y > self.height && direction.y < 0.0 && point.is_finite() {
+                self.columns.points.push((row as u32, point.with_y(self.height)));
+            }
+        }
+    }
+
+    /// Fills the shadow rays of the points: a sample of the environment or the area lights, and one of the punctual lights.
+    /// The densities are those that need no BSDF samples.
+    fn sample(&mut self, at: &WaveContext, rays: &PathRays) {
+        let GroundColumns { shadows, light, points, .. } = &mut *self.columns;
+        let transport = at.transport;
+        let lights = transport.lights;
+        shadows.bodies = transport.passes_bodies().then(|| shadows.bodies.take().unwrap_or_default());
+        shadows.open(2 * points.len(), transport.geometry.moves);
+        light.clear();
+        let up = V3::splat(Vec3::Y);
+        for group in points.chunks(LANES) {
+            let lane_of = |lane: usize| group[lane.min(group.len() - 1)];
+            let column = |column: &[u32]| U::from(eight(|lane| column[lane_of(lane).0 as usize]));
+            let (path, seed, index) = (column(&rays.path), column(&rays.seed), column(&rays.index));
+            let time = F::from(eight(|lane| rays.rays.time(lane_of(lane).0 as usize)));
+            let point = V3::gather(eight(|lane| lane_of(lane).1));
+            let key = hashes(keys(seed, index, light_set(0)));
+            let [choice, u, v, other] = samples(seed, index, light_set(0));
+            let mut push = |wi: V3, distance: F, radiance: V3, valid: F| {
+                let radiance = radiance * wi.y;
+                let bright = wi.y.simd_gt(F::ZERO) & radiance.max_element().simd_gt(F::ZERO) & radiance.is_finite();
+                let survivors = Survivors::of(mask(group.len()) & valid & bright);
+                shadows.set_bodies(&survivors, U::MAX, U::ZERO);
+                let first = shadows.len;
+                let tfar = distance * F::splat(SHADOW_END);
+                shadows.push(&survivors, (point, wi), tfar, (key, time), radiance, [path, U::ZERO, U::ZERO]);
+                light.extend((first..shadows.len).map(|row| luminance(shadows.radiance.get(row))));
+            };
+            if lights.has_extent() {
+                let (to_environment, choice) = lights.draw_kind(choice);
+                let drawing = (to_environment, Drawing::default());
+                let sample = lights.sample((transport.scene, time), (point, up), drawing, [choice, u, v]);
+                let q = F::splat(lights.environment_probability);
+                let pdf = to_environment.select(q, F::ONE - q) * sample.pdf;
+                push(sample.wi, sample.distance, sample.radiance * (F::ONE / pdf), pdf.simd_gt(F::ZERO));
+            }
+            if lights.punctual {
+                let lights: [_; LANES] = eight(|lane| {
+                    let (p, choice, time) = (point.lane(lane), other.as_array()[lane], time.as_array()[lane]);
+                    punctual::sample(&transport.scene.lights, p, choice, time).unwrap_or(punctual::DARK)
+                });
+                let distance = F::from(lights.map(|light| light.distance));
+                let irradiance = V3::gather(lights.map(|light| light.irradiance));
+                push(V3::gather(lights.map(|light| light.wi)), distance, irradiance, distance.simd_gt(F::ZERO));
+            }
+        }
+        shadows.close();
+    }
+}
