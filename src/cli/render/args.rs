@@ -133,7 +133,8 @@ pub struct RenderArgs {
     /// Light transport to simulate.
     #[arg(long, value_parser = value_of::<Integrator>(), default_value = Integrator::Path.name(), help_heading = "Sampling")]
     pub integrator: Integrator,
-    /// Largest number of segments of a path: 1 is emission only, 2 adds direct light.
+    /// Largest number of segments of a path: 1 is emission only, 2 adds direct light. Mirror-like bounces at smooth glass are
+    /// not counted.
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..),
         help_heading = "Sampling")]
     pub max_depth: u32,

@@ -8,6 +8,7 @@ pub mod clients;
 pub mod dispersion;
 pub mod events;
 pub mod geometry;
+pub mod glass_bounces;
 pub mod glass_shadows;
 pub mod guides;
 pub mod materials;

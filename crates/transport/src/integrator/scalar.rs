@@ -8,7 +8,6 @@ use glam::Vec3;
 use super::back_faces::{MIRROR_PDF, beyond, is_culled};
 use super::batch::PixelTask;
 use super::dispersion;
-use super::glass_shadows;
 use super::path_states::clamp_contribution;
 pub use super::replay::{Event, EventKind};
 use super::shading_normal;
@@ -20,6 +19,7 @@ use super::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
 use super::stages::{bsdf_set, light_set, media, roulette_set};
 use super::thin_walls::{self, MAX_WALLS, is_wall};
 use super::transport::Transport;
+use super::{glass_bounces, glass_shadows};
 use crate::balance::deal;
 use crate::bsdf::{Bsdf, Lobe, Parameters};
 use crate::color::luminance;
@@ -50,6 +50,8 @@ struct Ray {
     is_mirror_image: bool,
     /// State of the path for [`glass_shadows`].
     state: u8,
+    /// Bounces of the path that do not count ([`glass_bounces`]).
+    glass_bounces: u8,
     /// Time in [0, 1] of the shutter interval.
     time: f32,
 }
@@ -76,6 +78,8 @@ struct Vertex {
     is_mirror_image: bool,
     /// State for [`glass_shadows`] of the ray that arrived.
     state: u8,
+    /// Bounces before that do not count.
+    glass_bounces: u8,
     /// Time in [0, 1] of the shutter interval.
     time: f32,
 }
@@ -147,6 +151,7 @@ pub fn trace(transport: &Transport, task: &PixelTask, path: u32, report: &mut dy
         light_probability: 1.0,
         is_mirror_image: true,
         state: 0,
+        glass_bounces: 0,
         time,
     };
     let before = |n: u32| (0..path).map(|p| u32::from(deal(n, paths, p))).sum::<u32>();
@@ -256,7 +261,7 @@ impl Tracer<'_> {
                 if one_technique { 0.0 } else { t.lights.area_pdf(at, from, hit, direction, distance, t.drawing) };
             radiance_sum += self.emission(ray, depth, radiance, [0.0, pdf]);
         }
-        if depth + 1 >= t.max_depth {
+        if !glass_bounces::scatters(t, depth, ray.glass_bounces) {
             self.report(depth, EventKind::Ends { reason: "--max-depth" });
             return radiance_sum;
         }
@@ -294,6 +299,7 @@ impl Tracer<'_> {
             roulette: roulette.map(|roulette| roulette.map(|probability| probability.as_array()[0])),
             is_mirror_image: ray.is_mirror_image,
             state: ray.state,
+            glass_bounces: ray.glass_bounces,
             time: ray.time,
         };
         for &(index, toward) in light {
@@ -453,6 +459,10 @@ impl Tracer<'_> {
             medium,
             light_probability: vertex.roulette.map_or(1.0, |[light, _]| light),
             is_mirror_image: vertex.is_mirror_image && pdf >= MIRROR_PDF,
+            glass_bounces: match self.transport.materials.has_smooth_bodies {
+                true => glass_bounces::after(vertex.glass_bounces, pdf, vertex.is_smooth(), vertex.ng.dot(wi) < 0.0),
+                false => 0,
+            },
             state: glass_shadows::state_after(vertex.state, pdf, vertex.ng.dot(wi) < 0.0 && vertex.is_smooth()),
             time: vertex.time,
         };

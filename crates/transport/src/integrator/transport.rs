@@ -2,6 +2,7 @@
 
 use super::camera::CameraRays;
 use super::geometry::Geometry;
+use super::glass_bounces::MAX_GLASS_BOUNCES;
 use super::materials::Materials;
 use super::prepared::Names;
 use crate::balance::{Counts, Heuristic};
@@ -32,7 +33,7 @@ pub struct Transport<'a> {
     pub filter: FilterSampler,
     /// MIS heuristic.
     pub heuristic: Heuristic,
-    /// Largest number of path segments.
+    /// Largest number of path segments, less those after bounces that do not count ([`glass_bounces`](super::glass_bounces)).
     pub max_depth: u32,
     /// Seed of all random sequences.
     pub seed: u32,
@@ -56,6 +57,11 @@ impl Transport<'_> {
     /// Does a guiding field set the roulette probabilities of light samples and of path continuation beyond first surfaces?
     pub(super) fn has_roulette(&self) -> bool {
         self.field.is_some_and(Field::has_roulette)
+    }
+
+    /// Largest number of path segments, all counted.
+    pub fn longest_path(&self) -> u32 {
+        self.max_depth.saturating_add(if self.materials.has_smooth_bodies { MAX_GLASS_BOUNCES } else { 0 })
     }
 
     /// Do shadow rays pass bodies of smooth glass, and are there any?
