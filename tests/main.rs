@@ -38,6 +38,7 @@ mod labels;
 mod lamps;
 mod lens;
 mod lights;
+mod manifold;
 mod memory;
 mod merge;
 mod motion;

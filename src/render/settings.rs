@@ -78,17 +78,21 @@ pub enum GlassShadows {
     Off,
     /// They pass straight, attenuated: an approximation.
     Straight,
+    /// They end there, but emissive surfaces and punctual lights behind are connected by refraction
+    /// ([`manifold`](crate::integrator::manifold)).
+    Manifold,
 }
 
 impl GlassShadows {
     /// All of them, in the order of the command line's help.
-    pub const ALL: [Self; 2] = [Self::Off, Self::Straight];
+    pub const ALL: [Self; 3] = [Self::Off, Self::Straight, Self::Manifold];
 
     /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Off => "off",
             Self::Straight => "straight",
+            Self::Manifold => "manifold",
         }
     }
 

@@ -28,6 +28,7 @@ pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Tra
         hides_environment: settings.transparent,
         culls_back_faces: settings.back_faces == BackFaces::Cull,
         straight_glass_shadows: settings.glass_shadows == GlassShadows::Straight,
+        manifold_glass_shadows: settings.glass_shadows == GlassShadows::Manifold,
         field: None,
         drawing: Drawing::default(),
     }

@@ -100,7 +100,7 @@ pub struct RenderArgs {
 
     /// Shadow rays at bodies of smooth glass (a bottle, a globe, a pane with thickness): off ends them there, straight lets
     /// them pass, dimmed by Fresnel and absorption. That is approximate: without refraction and caustics, with little noise.
-    /// They always pass thin glass.
+    /// manifold finds the refracted way to emissive surfaces and punctual lights. They always pass thin glass.
     #[arg(long, value_parser = value_of::<GlassShadows>(), default_value = GlassShadows::Off.name(), value_name = "HOW",
         help_heading = "Light")]
     pub glass_shadows: GlassShadows,

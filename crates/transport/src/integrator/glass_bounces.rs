@@ -25,7 +25,7 @@ impl GlassBounces {
     /// Does a ray that arrives at `depth` scatter? `None` where that depends on the depth alone.
     pub fn scatters(&self, transport: &Transport, depth: u32) -> Option<impl Fn(u32) -> bool> {
         let counts = !self.by_ray.is_empty();
-        counts.then(|| move |ray| scatters(transport, depth, self.by_ray[ray as usize]))
+        counts.then_some(move |ray| scatters(transport, depth, self.by_ray[ray as usize]))
     }
 }
 

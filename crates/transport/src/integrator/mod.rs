@@ -11,6 +11,7 @@ pub mod geometry;
 pub mod glass_bounces;
 pub mod glass_shadows;
 pub mod guides;
+pub mod manifold;
 pub mod materials;
 pub mod path_states;
 pub mod prepared;

@@ -47,6 +47,8 @@ pub struct Transport<'a> {
     pub culls_back_faces: bool,
     /// Do shadow rays pass bodies of smooth glass, straight ([`glass_shadows`](super::glass_shadows))?
     pub straight_glass_shadows: bool,
+    /// Do light samples find light through bodies of smooth glass by refraction ([`manifold`](super::manifold))?
+    pub manifold_glass_shadows: bool,
     /// The guiding field, if paths are guided.
     pub field: Option<&'a Field>,
     /// The distributions of light samples.
@@ -67,6 +69,11 @@ impl Transport<'_> {
     /// Do shadow rays pass bodies of smooth glass, and are there any?
     pub(super) fn passes_bodies(&self) -> bool {
         self.straight_glass_shadows && self.materials.has_smooth_bodies
+    }
+
+    /// Are lights connected through bodies of smooth glass, and are there any?
+    pub(super) fn connects(&self) -> bool {
+        self.manifold_glass_shadows && self.materials.has_smooth_bodies
     }
 
     /// Samples per path beyond first surfaces (environment, area lights, BSDF): one light sample and one BSDF sample.

@@ -8,6 +8,7 @@ use super::batch::PixelTask;
 use super::events::{FoundEmission, PathEvents, WaveContext};
 use super::glass_bounces::GlassBounces;
 use super::glass_shadows::GlassShadows;
+use super::manifold::Manifolds;
 use super::path_states::{NonFiniteSamples, PathStates};
 use super::queues::{PathRays, ShadowRays, SortedHits};
 use super::stages::requests::Requests;
@@ -91,6 +92,7 @@ pub struct Wave {
     walls: ThinWalls,
     glass_shadows: GlassShadows,
     glass_bounces: GlassBounces,
+    manifolds: Manifolds,
     /// Totals over all waves so far.
     pub counts: WaveCounts,
 }
@@ -111,10 +113,11 @@ impl Wave {
             walls,
             glass_shadows,
             glass_bounces,
+            manifolds,
             counts,
             ..
         } = self;
-        let events = &mut (events, back_faces, (glass_shadows, glass_bounces));
+        let events = &mut (events, back_faces, (glass_shadows, glass_bounces, manifolds));
         self.path_states.start_paths(tasks, transport.lights.environment_probability);
         let PathStates { paths, radiance, non_finite } = &mut self.path_states;
         camera_rays::begin(transport, tasks, rays);
@@ -138,8 +141,9 @@ impl Wave {
                 events.hits(&at, rays, hits);
             }
 
-            let (clients, _, (glass_shadows, glass_bounces)) = &mut *events;
+            let (clients, _, (glass_shadows, glass_bounces, manifolds)) = &mut *events;
             glass_shadows.find(&at, rays, hits, (radiance, non_finite), clients);
+            manifolds.find(&at, rays, hits);
             sort::sort(transport, (at.depth, rays.first), glass_bounces, hits, sorted);
             if transport.materials.absorbs() {
                 media::attenuate(transport, at.depth, rays, hits);
@@ -147,6 +151,7 @@ impl Wave {
             emission::add(&at, sorted, rays, hits, &mut self.emission, (radiance, non_finite), events);
             surfaces::vertices(transport, sorted, rays, hits, vertices);
             events.2.0.mark(transport, vertices);
+            events.2.2.mark(transport, vertices);
             mixture::find_cells(transport, vertices);
 
             requests.light_samples(transport, at.depth, vertices, paths, tasks);
@@ -162,6 +167,8 @@ impl Wave {
                 });
                 lights::add_unoccluded(&at, shadows, occluded, radiance, events);
             }
+            let (clients, _, (.., manifolds)) = &mut *events;
+            manifolds.sample(&at, vertices, (radiance, non_finite), clients);
             std::mem::swap(rays, next_rays);
             at.depth += 1;
         }
