@@ -35,7 +35,7 @@ impl PathEvents for PathLengths {
     }
 
     fn end(&mut self, at: &WaveContext, radiance: &[Vec3]) {
-        let most = at.transport.max_depth as usize;
+        let most = at.transport.longest_path() as usize;
         self.histogram.resize(most + 1, 0);
         self.radiance.resize(most + 1, 0.0);
         for (segments, radiance) in self.segments.iter().zip(radiance) {

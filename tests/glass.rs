@@ -82,6 +82,35 @@ fn a_slab_reflects_to_and_fro() {
 }
 
 #[test]
+fn bounces_at_smooth_bodies_are_not_counted() {
+    // Light passes twelve boundaries. Of the paths that are reflected in between, few have more than 24 such bounces.
+    let mut scene = under_sky(1.0);
+    for i in 0..6 {
+        let y = i as f32;
+        closed_box(&mut scene, Vec3::new(-9.0, y, -9.0), Vec3::new(9.0, y + 0.5, 9.0), glass(1.5, 0.0));
+    }
+    look(&mut scene, Vec3::new(0.0, 9.0, 0.5), Vec3::ZERO, 1e-3);
+    let stage = Stage::new(Arc::new(scene), Backend::Embree);
+    for max_depth in [2, 3, 8] {
+        let mean = stage.mean_green(&RenderSettings { max_depth, ..settings() }, 20);
+        // Without roulette a path of the furnace is 1 or was cut.
+        assert!(mean.mean > 0.98 && mean.mean < 1.001, "{max_depth}: {}", mean.mean);
+    }
+    // A path that is nothing but emission does not scatter.
+    assert!(stage.mean_green(&RenderSettings { max_depth: 1, ..settings() }, 2).mean == 0.0);
+    // Other bounces count in the same scene: the sky on a matt floor behind the glass is direct light.
+    let lit = |max_depth| {
+        let mut scene = under_sky(1.0);
+        closed_box(&mut scene, Vec3::new(-9.0, 2.0, -9.0), Vec3::new(9.0, 2.5, 9.0), glass(1.5, 0.0));
+        rectangle(&mut scene, 0.0, [-1.0, 1.0], [-1.0, 1.0], true, lambert(0.5));
+        rectangle(&mut scene, 0.5, [-1.0, 1.0], [-1.0, 1.0], false, lambert(0.5));
+        look(&mut scene, Vec3::new(0.0, 9.0, 0.5), Vec3::new(1.2, 0.0, 0.0), 1e-3);
+        Stage::new(Arc::new(scene), Backend::Embree).mean_green(&RenderSettings { max_depth, ..settings() }, 20).mean
+    };
+    assert!(lit(2) > 0.0 && lit(2) <= lit(3));
+}
+
+#[test]
 fn a_thin_wall_reflects_and_tints() {
     let mut scene = under_sky(1.0);
     let base_color = Vec3::splat(0.3).extend(1.0);

@@ -39,6 +39,7 @@ mod labels;
 mod lamps;
 mod lens;
 mod lights;
+mod manifold;
 mod memory;
 mod merge;
 mod motion;

@@ -5,9 +5,12 @@
 //! 4 pixels, and the number of paths of a group follows from the error of the next group. A pixel's own samples can affect
 //! it only through all eight groups, after as many decisions. Decisions are few: a group takes at once what it is expected
 //! to need, from half of its paths to three times as many.
+//!
+//! Where paths have found next to nothing, the estimate of the error says nothing: a pixel without a find has none, one with
+//! a find counts 1 at most. Such a group goes on until light that its paths could have missed is below the goal.
 
 use crate::film::PixelStats;
-use crate::film::compare::relative_to;
+use crate::film::compare::{REL_MSE_EPSILON, relative_to};
 
 /// Default paths per pixel before the noise is estimated. Fewer paths give a poor estimate.
 pub const NOISE_PATHS: u32 = 32;
@@ -17,6 +20,12 @@ const GROUPS: usize = 8;
 pub const GROWTH: u32 = 3;
 /// Minimum paths that an unfinished group takes in a pass, over those already taken.
 const MIN_GROWTH: f64 = 0.5;
+/// Finds of a group, below which its error is not judged by its samples.
+const MIN_FINDS: f64 = 4.0;
+/// Radiance of a path, up to which rare light must not be missed.
+const RARE_RADIANCE: f64 = 1000.0;
+/// What occurs less than three times in as many paths as these is not found with a chance of 5 % (the rule of three).
+const RULE_OF_THREE: f64 = 3.0;
 /// Paths are taken in blocks of the low-discrepancy sequence.
 const PATHS_PER_BLOCK: f64 = 4.0;
 
@@ -68,7 +77,27 @@ impl<'a> TileStats<'a> {
         let others = (1..=GROUPS).map(|step| (group + step) % GROUPS);
         let Some(other) = others.into_iter().find(|g| self.group(*g).next().is_some()) else { return 0.0 };
         let (sum, n) = self.group(other).fold((0.0, 0.0), |(sum, n), i| (sum + self.error(i), n + 1.0));
-        sum / n * f64::from(self.paths_of(other)) / (goal.error * goal.error)
+        let required = sum / n * f64::from(self.paths_of(other)) / (goal.error * goal.error);
+        if self.finds(other) >= MIN_FINDS { required } else { required.max(self.paths_to_rule_out_light(goal)) }
+    }
+
+    /// Paths of a group that have found light, or nothing that could be lit; an effective number (Kish 1965, *Survey
+    /// Sampling*): that of equal finds with as large a sum and sum of squares.
+    fn finds(self, group: usize) -> f64 {
+        let (mut sum, mut squared, mut open) = (0.0, 0.0, 0.0);
+        for pixel in self.group(group).map(|i| &self.stats[i]) {
+            sum += pixel.sum.iter().sum::<f64>();
+            squared += 3.0 * pixel.sum_squared.iter().sum::<f64>();
+            open += f64::from(pixel.samples - pixel.covered);
+        }
+        open + if squared > 0.0 { sum * sum / squared } else { 0.0 }
+    }
+
+    /// Paths per pixel of a tile without a find, after which the mean of what it may have missed is probably (95 %) below the
+    /// goal: below the error times the square root of [`REL_MSE_EPSILON`].
+    fn paths_to_rule_out_light(self, goal: &NoiseGoal) -> f64 {
+        let mean = goal.error * REL_MSE_EPSILON.sqrt();
+        RULE_OF_THREE * RARE_RADIANCE / (mean * self.stats.len() as f64)
     }
 
     /// Variance of the mean over the square of the mean ([`relative_to`]), the mean of the channels.
@@ -139,6 +168,26 @@ mod tests {
         assert_eq!(tile.paths_for(192, Some(&goal))[1], 32);
         assert_eq!(tile.paths_for(5, Some(&NoiseGoal { min_paths: 65, ..GOAL })), [5; 8]);
         assert!(tile.is_clean(&NoiseGoal { error: 1e6, ..GOAL }));
+    }
+
+    #[test]
+    fn tiles_that_have_found_nothing_yet_go_on_and_black_ones_end() {
+        let tile_of = |found: u32, paths: u32, covered: u32| -> Vec<_> {
+            let black = PixelStats { samples: paths, covered, ..PixelStats::EMPTY };
+            let mut stats = vec![black; 256];
+            for pixel in stats.iter_mut().step_by(37).take(found as usize) {
+                (pixel.sum, pixel.sum_squared) = ([1e4; 3], [1e8; 3]);
+            }
+            stats
+        };
+        let is_clean = |stats: &[PixelStats]| TileStats { stats, width: 16 }.is_clean(&GOAL);
+        for found in 0..4 {
+            assert!(!is_clean(&tile_of(found, 64, 64)), "{found}");
+        }
+        // 3 * 1000 / (0.1 * 0.1 * 256) = 1172 paths. No surface is in the picture: nothing can be lit.
+        assert!(!is_clean(&tile_of(0, 1171, 1171)));
+        assert!(is_clean(&tile_of(0, 1172, 1172)));
+        assert!(is_clean(&tile_of(0, 32, 0)));
     }
 
     #[test]

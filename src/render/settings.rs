@@ -78,17 +78,21 @@ pub enum GlassShadows {
     Off,
     /// They pass straight, attenuated: an approximation.
     Straight,
+    /// They end there, but emissive surfaces and punctual lights behind are connected by refraction
+    /// ([`manifold`](crate::integrator::manifold)).
+    Manifold,
 }
 
 impl GlassShadows {
     /// All of them, in the order of the command line's help.
-    pub const ALL: [Self; 2] = [Self::Off, Self::Straight];
+    pub const ALL: [Self; 3] = [Self::Off, Self::Straight, Self::Manifold];
 
     /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Off => "off",
             Self::Straight => "straight",
+            Self::Manifold => "manifold",
         }
     }
 
@@ -135,7 +139,8 @@ pub struct RenderSettings {
     pub crop: Option<[u32; 4]>,
     /// The light transport.
     pub integrator: Integrator,
-    /// Maximum segments of a path, ≥ 1: 1 is emission alone, 2 adds direct light.
+    /// Maximum segments of a path, ≥ 1: 1 is emission alone, 2 adds direct light. Mirror-like bounces at smooth glass are not
+    /// counted ([`glass_bounces`](crate::integrator::glass_bounces)).
     pub max_depth: u32,
     /// Stop at this number of paths per pixel, ≥ 1.
     pub spp: Option<u32>,

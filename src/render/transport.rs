@@ -29,6 +29,7 @@ pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Tra
         culls_back_faces: settings.back_faces == BackFaces::Cull,
         ground: settings.catches_shadows().then(|| scene.scene.bounds().map(|[low, _]| low.y)).flatten(),
         straight_glass_shadows: settings.glass_shadows == GlassShadows::Straight,
+        manifold_glass_shadows: settings.glass_shadows == GlassShadows::Manifold,
         field: None,
         drawing: Drawing::default(),
     }

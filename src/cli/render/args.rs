@@ -113,7 +113,7 @@ pub struct RenderArgs {
     pub ground: Ground,
     /// Shadow rays at bodies of smooth glass (a bottle, a globe, a pane with thickness): off ends them there, straight lets
     /// them pass, dimmed by Fresnel and absorption. That is approximate: without refraction and caustics, with little noise.
-    /// They always pass thin glass.
+    /// manifold finds the refracted way to emissive surfaces and punctual lights. They always pass thin glass.
     #[arg(long, value_parser = value_of::<GlassShadows>(), default_value = GlassShadows::Off.name(), value_name = "HOW",
         help_heading = "Light")]
     pub glass_shadows: GlassShadows,
@@ -146,7 +146,8 @@ pub struct RenderArgs {
     /// Light transport to simulate.
     #[arg(long, value_parser = value_of::<Integrator>(), default_value = Integrator::Path.name(), help_heading = "Sampling")]
     pub integrator: Integrator,
-    /// Largest number of segments of a path: 1 is emission only, 2 adds direct light.
+    /// Largest number of segments of a path: 1 is emission only, 2 adds direct light. Mirror-like bounces at smooth glass are
+    /// not counted.
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..),
         help_heading = "Sampling")]
     pub max_depth: u32,

@@ -244,8 +244,8 @@ impl Surface {
     }
 
     fn glass(&self, fraction: f32) -> Glass {
-        // An infinite index transmits nothing, so any large value does. Index 1 is no boundary, hence not a rough one.
-        let ior = if self.ior == 0.0 { f32::from(u8::MAX) } else { self.ior.max(1.0 + MIN_BEND) };
+        // Index 1 is no boundary, hence not a rough one.
+        let ior = refraction_index(self.ior);
         let rough = if ior > 1.0 + MIN_BEND { alpha(self.roughness) } else { ggx::MIN_ALPHA };
         Glass {
             fraction,
@@ -258,6 +258,12 @@ impl Surface {
             compensation: self.compensation(),
         }
     }
+}
+
+/// The index by which boundaries of a material with this `ior` refract. 0 means infinite: nothing is transmitted, as by any
+/// large index.
+pub fn refraction_index(ior: f32) -> f32 {
+    if ior == 0.0 { f32::from(u8::MAX) } else { ior.max(1.0 + MIN_BEND) }
 }
 
 /// An absent glass lobe, for lanes next to others that have it.

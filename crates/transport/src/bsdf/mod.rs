@@ -32,7 +32,7 @@ pub use lambert::Lambert;
 pub use layered::Layered;
 pub use lobe::{BsdfSample, DirectionSample, Directions, Frames, Lobe, Response, Straight};
 pub use lobe_set::LobeSet;
-pub use metallic_roughness::{Anisotropy, Iridescence, Surface};
+pub use metallic_roughness::{Anisotropy, Iridescence, Surface, refraction_index};
 pub use microfacet::Microfacet;
 pub use model::{Bsdf, Core};
 pub use parameters::{Columns, Eight, One, Parameters, Width};

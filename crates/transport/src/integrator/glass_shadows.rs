@@ -60,7 +60,7 @@ pub fn at(
 
 /// Mask of the vertices on smooth glass.
 #[inline(never)]
-fn smooth(vertices: &Vertices, rows: &Rows, bsdf: &impl Lobe) -> F {
+pub fn smooth(vertices: &Vertices, rows: &Rows, bsdf: &impl Lobe) -> F {
     let straight = bsdf.straight(vertices.ns.load(rows), vertices.wo.load(rows), F::ONE, true);
     straight.weight.max_element().simd_gt(F::ZERO)
 }

@@ -1,6 +1,7 @@
 //! A scalar path tracer, one path at a time: the reference for tests of the wave, and the source of `--replay-pixel`. It
 //! shares BSDFs, lights and sample sequences with the wave, but not its queues, sorting and compaction.
 
+mod refracted;
 mod straight;
 
 use glam::Vec3;
@@ -8,7 +9,7 @@ use glam::Vec3;
 use super::back_faces::{MIRROR_PDF, beyond, is_culled};
 use super::batch::PixelTask;
 use super::dispersion;
-use super::glass_shadows;
+use super::manifold::History;
 use super::path_states::clamp_contribution;
 pub use super::replay::{Event, EventKind};
 use super::shading_normal;
@@ -20,6 +21,7 @@ use super::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
 use super::stages::{bsdf_set, light_set, media, roulette_set};
 use super::thin_walls::{self, MAX_WALLS, is_wall};
 use super::transport::Transport;
+use super::{glass_bounces, glass_shadows};
 use crate::balance::deal;
 use crate::bsdf::{Bsdf, Lobe, Parameters};
 use crate::color::luminance;
@@ -28,6 +30,9 @@ use crate::lanes::{F, LANES, U, V3, unit_interval};
 use crate::light::punctual;
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 use crate::sampling::{PixelSequence, hash, keys, pixel_seed};
+
+/// Kind of light in events of light samples.
+const ENVIRONMENT: &str = "environment";
 
 /// A ray along a path.
 struct Ray {
@@ -50,6 +55,10 @@ struct Ray {
     is_mirror_image: bool,
     /// State of the path for [`glass_shadows`].
     state: u8,
+    /// Bounces of the path that do not count ([`glass_bounces`]).
+    glass_bounces: u8,
+    /// What the path has done, for [`manifold`].
+    history: History,
     /// Time in [0, 1] of the shutter interval.
     time: f32,
 }
@@ -76,6 +85,10 @@ struct Vertex {
     is_mirror_image: bool,
     /// State for [`glass_shadows`] of the ray that arrived.
     state: u8,
+    /// Bounces before that do not count.
+    glass_bounces: u8,
+    /// History of the ray that arrived.
+    history: History,
     /// Time in [0, 1] of the shutter interval.
     time: f32,
 }
@@ -103,6 +116,11 @@ impl Vertex {
     fn is_smooth(&self) -> bool {
         let straight = self.bsdf.straight(V3::splat(self.ns), V3::splat(self.wo), F::ONE, true);
         straight.weight.lane(0).max_element() > 0.0
+    }
+
+    /// Does light in a direction cross a smooth boundary?
+    fn crosses_smooth(&self, wi: Vec3) -> bool {
+        self.transmits && self.ng.dot(wi) < 0.0 && self.is_smooth()
     }
 
     /// The normal for light selection: zero on surfaces that transmit.
@@ -147,6 +165,8 @@ pub fn trace(transport: &Transport, task: &PixelTask, path: u32, report: &mut dy
         light_probability: 1.0,
         is_mirror_image: true,
         state: 0,
+        glass_bounces: 0,
+        history: History::default(),
         time,
     };
     let before = |n: u32| (0..path).map(|p| u32::from(deal(n, paths, p))).sum::<u32>();
@@ -247,6 +267,8 @@ impl Tracer<'_> {
             return self.emission(ray, depth, point.base_color(t.scene), [0.0; 2]);
         }
         let mut radiance_sum = Vec3::ZERO;
+        let excluded = excluded || self.is_connected(ray, hits);
+        let one_technique = one_technique || (t.connects() && ray.history.bent);
         if t.materials.mesh_material(mesh).emits && point.emits_against(direction) && !excluded {
             let radiance = point.emitted_radiance(t.scene, prim, barycentric, direction);
             let from = (origin, ray.normal);
@@ -256,7 +278,7 @@ impl Tracer<'_> {
                 if one_technique { 0.0 } else { t.lights.area_pdf(at, from, hit, direction, distance, t.drawing) };
             radiance_sum += self.emission(ray, depth, radiance, [0.0, pdf]);
         }
-        if depth + 1 >= t.max_depth {
+        if !glass_bounces::scatters(t, depth, ray.glass_bounces) {
             self.report(depth, EventKind::Ends { reason: "--max-depth" });
             return radiance_sum;
         }
@@ -294,6 +316,8 @@ impl Tracer<'_> {
             roulette: roulette.map(|roulette| roulette.map(|probability| probability.as_array()[0])),
             is_mirror_image: ray.is_mirror_image,
             state: ray.state,
+            glass_bounces: ray.glass_bounces,
+            history: ray.history,
             time: ray.time,
         };
         for &(index, toward) in light {
@@ -301,6 +325,9 @@ impl Tracer<'_> {
         }
         if t.lights.punctual {
             radiance_sum += self.punctual_sample(&vertex, depth, ray.index);
+        }
+        if t.connects() {
+            radiance_sum += self.refracted_light(&vertex, depth, ray.index);
         }
         for &index in bsdf {
             radiance_sum += self.bsdf_sample(&vertex, depth, index);
@@ -364,7 +391,7 @@ impl Tracer<'_> {
         let weighted_pdf = probability * if environment { a_env } else { a_area } * pdf;
         let weight = t.heuristic.weight(weighted_pdf, a_b * bsdf_pdf);
         let radiance = vertex.beta * value * emitted * (weight / weighted_pdf);
-        let name = if environment { "environment" } else { "area light" };
+        let name = if environment { ENVIRONMENT } else { "area light" };
         let sound = pdf > 0.0;
         self.shadow_ray(vertex, depth, index, (name, wi, distance, bsdf_pdf), if sound { radiance } else { Vec3::ZERO })
     }
@@ -395,7 +422,11 @@ impl Tracer<'_> {
         let radiance = radiance * media::transmittance(absorption, distance);
         let refracted = vertex.ng.dot(wi) < 0.0 && bsdf_pdf >= MIRROR_PDF && vertex.is_smooth();
         let excluded = passes_bodies && vertex.state & glass_shadows::AFTER_ROUGH != 0 && refracted;
-        let contributes = allowed && !excluded && radiance.max_element() > 0.0 && radiance.is_finite();
+        let left_out = self.transport.connects()
+            && vertex.history.after_rough
+            && vertex.crosses_smooth(wi)
+            && toward != ENVIRONMENT;
+        let contributes = allowed && !excluded && !left_out && radiance.max_element() > 0.0 && radiance.is_finite();
         if !contributes {
             self.report(depth, EventKind::LightSample { toward, wi, distance, radiance: Vec3::ZERO, occluded: false });
             return Vec3::ZERO;
@@ -453,6 +484,11 @@ impl Tracer<'_> {
             medium,
             light_probability: vertex.roulette.map_or(1.0, |[light, _]| light),
             is_mirror_image: vertex.is_mirror_image && pdf >= MIRROR_PDF,
+            glass_bounces: match self.transport.materials.has_smooth_bodies {
+                true => glass_bounces::after(vertex.glass_bounces, pdf, vertex.is_smooth(), vertex.ng.dot(wi) < 0.0),
+                false => 0,
+            },
+            history: self.history_after(vertex, pdf, (origin, wi)),
             state: glass_shadows::state_after(vertex.state, pdf, vertex.ng.dot(wi) < 0.0 && vertex.is_smooth()),
             time: vertex.time,
         };

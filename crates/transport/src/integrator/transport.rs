@@ -2,6 +2,7 @@
 
 use super::camera::CameraRays;
 use super::geometry::Geometry;
+use super::glass_bounces::MAX_GLASS_BOUNCES;
 use super::materials::Materials;
 use super::prepared::Names;
 use crate::balance::{Counts, Heuristic};
@@ -32,7 +33,7 @@ pub struct Transport<'a> {
     pub filter: FilterSampler,
     /// MIS heuristic.
     pub heuristic: Heuristic,
-    /// Largest number of path segments.
+    /// Largest number of path segments, less those after bounces that do not count ([`glass_bounces`](super::glass_bounces)).
     pub max_depth: u32,
     /// Seed of all random sequences.
     pub seed: u32,
@@ -48,6 +49,8 @@ pub struct Transport<'a> {
     pub straight_glass_shadows: bool,
     /// Height in metres of the ground that catches shadows ([`ground`](super::clients::ground)), if there is one.
     pub ground: Option<f32>,
+    /// Do light samples find light through bodies of smooth glass by refraction ([`manifold`](super::manifold))?
+    pub manifold_glass_shadows: bool,
     /// The guiding field, if paths are guided.
     pub field: Option<&'a Field>,
     /// The distributions of light samples.
@@ -60,9 +63,19 @@ impl Transport<'_> {
         self.field.is_some_and(Field::has_roulette)
     }
 
+    /// Largest number of path segments, all counted.
+    pub fn longest_path(&self) -> u32 {
+        self.max_depth.saturating_add(if self.materials.has_smooth_bodies { MAX_GLASS_BOUNCES } else { 0 })
+    }
+
     /// Do shadow rays pass bodies of smooth glass, and are there any?
     pub(super) fn passes_bodies(&self) -> bool {
         self.straight_glass_shadows && self.materials.has_smooth_bodies
+    }
+
+    /// Are lights connected through bodies of smooth glass, and are there any?
+    pub(super) fn connects(&self) -> bool {
+        self.manifold_glass_shadows && self.materials.has_smooth_bodies
     }
 
     /// Samples per path beyond first surfaces (environment, area lights, BSDF): one light sample and one BSDF sample.

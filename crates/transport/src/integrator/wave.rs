@@ -6,7 +6,9 @@ use std::time::Instant;
 use super::back_faces::BackFaces;
 use super::batch::PixelTask;
 use super::events::{FoundEmission, PathEvents, WaveContext};
+use super::glass_bounces::GlassBounces;
 use super::glass_shadows::GlassShadows;
+use super::manifold::Manifolds;
 use super::path_states::{NonFiniteSamples, PathStates};
 use super::queues::{PathRays, ShadowRays, SortedHits};
 use super::stages::requests::Requests;
@@ -89,6 +91,8 @@ pub struct Wave {
     back_faces: BackFaces,
     walls: ThinWalls,
     glass_shadows: GlassShadows,
+    glass_bounces: GlassBounces,
+    manifolds: Manifolds,
     /// Totals over all waves so far.
     pub counts: WaveCounts,
 }
@@ -108,16 +112,18 @@ impl Wave {
             back_faces,
             walls,
             glass_shadows,
+            glass_bounces,
+            manifolds,
             counts,
             ..
         } = self;
-        let events = &mut (events, back_faces, glass_shadows);
+        let events = &mut (events, back_faces, (glass_shadows, glass_bounces, manifolds));
         self.path_states.start_paths(tasks, transport.lights.environment_probability);
         let PathStates { paths, radiance, non_finite } = &mut self.path_states;
         camera_rays::begin(transport, tasks, rays);
         let mut at = WaveContext { transport, tasks, paths, depth: 0 };
         events.begin(&at);
-        while at.depth < transport.max_depth && rays.len > 0 {
+        while at.depth < transport.longest_path() && rays.len > 0 {
             counts.add_rays(at.depth, rays.len);
             let order = if at.depth == 0 { RayOrder::Coherent } else { RayOrder::Incoherent };
             timed(counts, || transport.rays.closest_hits(&rays.rays, order, hits));
@@ -135,20 +141,22 @@ impl Wave {
                 events.hits(&at, rays, hits);
             }
 
-            let (clients, _, glass_shadows) = &mut *events;
+            let (clients, _, (glass_shadows, glass_bounces, manifolds)) = &mut *events;
             glass_shadows.find(&at, rays, hits, (radiance, non_finite), clients);
-            sort::sort(transport, at.depth, hits, sorted);
+            manifolds.find(&at, rays, hits);
+            sort::sort(transport, (at.depth, rays.first), glass_bounces, hits, sorted);
             if transport.materials.absorbs() {
                 media::attenuate(transport, at.depth, rays, hits);
             }
             emission::add(&at, sorted, rays, hits, &mut self.emission, (radiance, non_finite), events);
             surfaces::vertices(transport, sorted, rays, hits, vertices);
-            events.2.mark(transport, vertices);
+            events.2.0.mark(transport, vertices);
+            events.2.2.mark(transport, vertices);
             mixture::find_cells(transport, vertices);
 
             requests.light_samples(transport, at.depth, vertices, paths, tasks);
             lights::sample(&at, vertices, requests, non_finite, shadows, events);
-            requests.bsdf_samples(at.depth, transport.max_depth, vertices, paths);
+            requests.bsdf_samples(at.depth, vertices, paths);
             scatter::sample(&at, vertices, requests, non_finite, (rays.next_number(), next_rays), events);
 
             if !shadows.rays.is_empty() {
@@ -159,6 +167,8 @@ impl Wave {
                 });
                 lights::add_unoccluded(&at, shadows, occluded, radiance, events);
             }
+            let (clients, _, (.., manifolds)) = &mut *events;
+            manifolds.sample(&at, vertices, (radiance, non_finite), clients);
             std::mem::swap(rays, next_rays);
             at.depth += 1;
         }

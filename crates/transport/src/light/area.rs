@@ -238,6 +238,14 @@ impl AreaLights {
         LightSamples { wi, distance, radiance, pdf: pdf & seen, emitter: chosen }
     }
 
+    /// Cosine between the reverse of `direction` and the emitting side of area light `light`, at a time in [0, 1] of the shutter;
+    /// 0 where it does not emit.
+    pub fn facing(&self, scene: &Scene, light: u32, time: f32, direction: Vec3) -> f32 {
+        let AreaLight { emission: [_, x, y, z, ..], two_sided, .. } = self.lights[light as usize].at(scene, time);
+        let cos = -Vec3::new(x, y, z).dot(direction);
+        if two_sided { cos.abs() } else { cos.max(0.0) }
+    }
+
     /// Density per solid angle of [`sample`](Self::sample) at `p` with normal `n`, for a hit of triangle `prim` at `distance`
     /// metres along `wi`, at a time in [0, 1] of the shutter. Zero if the triangle is not a light.
     #[inline]

@@ -14,10 +14,15 @@ pub struct PunctualSample {
     pub distance: f32,
     /// Irradiance at normal incidence, linear RGB, divided by the probability of the choice of this light.
     pub irradiance: Vec3,
+    /// Index of the light.
+    pub light: usize,
+    /// One over the probability of the choice.
+    pub one_over_probability: f32,
 }
 
 /// The sample where no light reaches the point.
-pub const DARK: PunctualSample = PunctualSample { wi: Vec3::Y, distance: 0.0, irradiance: Vec3::ZERO };
+pub const DARK: PunctualSample =
+    PunctualSample { wi: Vec3::Y, distance: 0.0, irradiance: Vec3::ZERO, light: 0, one_over_probability: 0.0 };
 
 /// Chooses one of `lights` in proportion to its unoccluded irradiance at `p`, by `choice` in [0, 1), at a time in [0, 1] of the
 /// shutter. `None` if none reaches `p`.
@@ -29,11 +34,13 @@ pub fn sample(lights: &[PunctualLight], p: Vec3, choice: f32, time: f32) -> Opti
     }
     let mut rest = choice * total;
     let mut chosen = None;
-    for light in lights {
+    for (index, light) in lights.iter().enumerate() {
         let (wi, distance, e) = irradiance(light, p, time);
         let weight = luminance(e);
         if weight > 0.0 {
-            chosen = Some(PunctualSample { wi, distance, irradiance: e * (total / weight) });
+            let one_over_probability = total / weight;
+            let irradiance = e * one_over_probability;
+            chosen = Some(PunctualSample { wi, distance, irradiance, light: index, one_over_probability });
             if rest < weight {
                 break;
             }
@@ -47,7 +54,7 @@ pub fn sample(lights: &[PunctualLight], p: Vec3, choice: f32, time: f32) -> Opti
 /// squared distance, times 1 − (distance/range)⁴, which is 0 at the range. The edge of a spot fades by the square of a linear
 /// ramp in the cosine.
 #[inline]
-fn irradiance(light: &PunctualLight, p: Vec3, time: f32) -> (Vec3, f32, Vec3) {
+pub fn irradiance(light: &PunctualLight, p: Vec3, time: f32) -> (Vec3, f32, Vec3) {
     let LightKey { intensity, position, direction } = light.at(time);
     if light.kind == PunctualKind::Directional {
         return (-direction, f32::INFINITY, intensity);

@@ -128,7 +128,7 @@ impl PathEvents for Contributions<'_> {
         let UnoccludedLight { row, radiance, scale } = *found;
         if at.depth > 0 {
             self.columns.add_indirect(at, shadows.ray[row], radiance);
-        } else if shadows.light_group[row] != PUNCTUAL_GROUP {
+        } else if shadows.light_group[row] < PUNCTUAL_GROUP {
             let LightColumns { index, area, w, r } = &self.columns.light;
             if w[row] > 0.0 {
                 let (area, index, r) = (area[row] != 0, index[row], r[row]);

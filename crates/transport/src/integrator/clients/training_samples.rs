@@ -132,7 +132,7 @@ impl PathEvents for TrainingRecorder {
         if at.depth > 0 {
             let record = self.of_ray(at, shadows.ray[found.row]);
             record.found += found.radiance;
-            if shadows.light_group[found.row] != PUNCTUAL_GROUP {
+            if shadows.light_group[found.row] < PUNCTUAL_GROUP {
                 record.light += luminance(found.radiance);
             }
         }

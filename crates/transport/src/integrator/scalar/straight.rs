@@ -50,7 +50,7 @@ impl Tracer<'_> {
             if !again && (hits.mesh[0] == MISS || glass_shadows::emits(t, hits.mesh[0])) {
                 let beta = straight.left * straight.absorbed(t, hits.t[0]);
                 // `trace_hit` attenuates in the medium of the ray.
-                let seen = Ray { beta, medium: 0, ..*ray };
+                let seen = Ray { beta, medium: 0, glass_bounces: 0, ..*ray };
                 let max_depth = Transport { max_depth: depth + 1, ..t.clone() };
                 let mut tracer = Tracer { transport: &max_depth, report: &mut *self.report, ..*self };
                 sum += tracer.trace_hit(&seen, depth, (&hits, false, false), &[], &[]);

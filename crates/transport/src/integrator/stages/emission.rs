@@ -55,7 +55,7 @@ fn emissive_surfaces(
             let when = (transport.scene, rays.rays.time(ray));
             let pdf = match at.depth {
                 0 => 0.0,
-                _ if has_passed(rays, ray) => 0.0,
+                _ if has_passed(rays, ray) || rays.bent.get(ray).is_some_and(|bent| *bent) => 0.0,
                 _ => transport.lights.area_pdf(when, from, hit, direction, hits.t[ray], transport.drawing),
             };
             let emission = Emission { radiance, pdf: [0.0, pdf], group: AREA_GROUP };

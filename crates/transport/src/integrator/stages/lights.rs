@@ -9,6 +9,7 @@ use super::{light_set, media};
 use crate::bsdf::{Core, Lobe, Parameters};
 use crate::integrator::events::{LightSampleGroup, PathEvents, UnoccludedLight, WaveContext};
 use crate::integrator::glass_shadows;
+use crate::integrator::manifold;
 use crate::integrator::path_states::{NonFiniteSamples, clamp_contribution};
 use crate::integrator::queues::{PUNCTUAL_GROUP, ShadowRays};
 use crate::integrator::transport::Transport;
@@ -120,7 +121,8 @@ fn sample_extended(
         Some(_) => radiance,
         None => media::attenuated(transport, radiance, medium, light.distance),
     };
-    let allowed = bodies.map_or(spawned.allowed, |bodies| spawned.allowed & !bodies.excluded);
+    let left_out = manifold::left_out(transport, vertices, rows, bsdf, spawned.beyond) & !is_environment;
+    let allowed = bodies.map_or(spawned.allowed, |bodies| spawned.allowed & !bodies.excluded) & !left_out;
     let valid = mask(group.len) & light.pdf.simd_gt(F::ZERO) & allowed;
     let finite = radiance.is_finite();
     non_finite.add_lanes((valid & !finite).to_bitmask(), id.path);
@@ -168,7 +170,8 @@ fn sample_punctual(
         Some(_) => radiance,
         None => media::attenuated(transport, radiance, medium, distance),
     };
-    let allowed = bodies.map_or(spawned.allowed, |bodies| spawned.allowed & !bodies.excluded);
+    let left_out = manifold::left_out(transport, vertices, rows, &bsdf, spawned.beyond);
+    let allowed = bodies.map_or(spawned.allowed, |bodies| spawned.allowed & !bodies.excluded) & !left_out;
     let (valid, finite) = (mask(group.len) & allowed, radiance.is_finite());
     non_finite.add_lanes((valid & !finite).to_bitmask(), id.path);
     let alive = valid & radiance.max_element().simd_gt(F::ZERO) & finite;

@@ -124,13 +124,9 @@ impl Requests {
         self.list.extend_from_slice(&self.area_light_samples);
     }
 
-    /// Requests the BSDF samples of the vertices at `depth`; none at the last depth.
-    pub fn bsdf_samples(&mut self, depth: u32, max_depth: u32, vertices: &Vertices, paths: &[PathState]) {
+    /// Requests the BSDF samples of the vertices at `depth`.
+    pub fn bsdf_samples(&mut self, depth: u32, vertices: &Vertices, paths: &[PathState]) {
         self.begin(depth, vertices);
-        if depth + 1 >= max_depth {
-            self.len = 0;
-            return;
-        }
         for (vertex, path) in (0..).zip(&vertices.path[..if self.at_first_surface { vertices.len() } else { 0 }]) {
             let path = &paths[*path as usize];
             let indices = path.first_bsdf..path.first_bsdf + u32::from(path.bsdf);
