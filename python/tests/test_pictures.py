@@ -55,6 +55,7 @@ def test_arrays_and_files_have_the_bits_of_the_command_line(cornell, scenes, pro
         dict(balance="second-order", pilot=0.25, guiding="on"),
         dict(noise=0.4, transparent=True, aperture="f/2.8", focus=2.5, clamp_indirect=0.5),
         dict(camera="framed", integrator="direct", adaptive=True),
+        dict(orbit=(20, 30, 2), ground="shadow"),
     ],
 )
 def test_every_kind_of_option_arrives(cornell, scenes, program, tmp_path, options):

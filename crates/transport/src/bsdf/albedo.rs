@@ -5,7 +5,7 @@
 //! the mean Fresnel term of Kulla and Conty 2017, *Revisiting Physically Based Shading at Imageworks*). The factor depends on
 //! `wo` alone, so that sampling and pdfs stay as they are. A compensated lobe is not reciprocal.
 
-use std::sync::LazyLock;
+use std::sync::{LazyLock, OnceLock};
 
 use super::microfacet::schlick_weight;
 use super::{ggx, refraction};
@@ -168,14 +168,17 @@ const INDICES: usize = 17;
 /// Largest |η − 1|/(η + 1) of the tables, for η = 3.
 const MAX_CONTRAST: f32 = 0.5;
 
-/// Albedos of dielectric boundaries by the relative index of refraction. A quarter of a second, for scenes with rough glass.
-static BOUNDARY: LazyLock<Vec<Table>> = LazyLock::new(|| {
-    let eta = |i: usize| {
+/// Albedos of dielectric boundaries by the relative index of refraction, each made when it is first needed: all of them take a
+/// quarter of a second, and a scene of one glass needs four.
+static BOUNDARY: [OnceLock<Table>; INDICES] = [const { OnceLock::new() }; INDICES];
+
+fn boundary(i: usize) -> &'static Table {
+    BOUNDARY[i].get_or_init(|| {
         let contrast = MAX_CONTRAST * (2.0 * i as f32 / (INDICES - 1) as f32 - 1.0);
-        (1.0 + contrast) / (1.0 - contrast)
-    };
-    (0..INDICES).map(|i| table(|cos, alpha| [integrate_boundary(cos, alpha, eta(i)), 0.0])).collect()
-});
+        let eta = (1.0 + contrast) / (1.0 - contrast);
+        table(|cos, alpha| [integrate_boundary(cos, alpha, eta), 0.0])
+    })
+}
 
 /// (1 − E)/E of dielectric boundaries that reflect and refract; in lanes of the mask `thin`, of thin walls, where transmission
 /// mirrors reflection. `eta`: index of refraction beyond the surface over that on the side of `wo`.
@@ -190,7 +193,7 @@ pub fn boundary_loss(cos: F, alpha: F, eta: F, thin: F) -> F {
     let index = (index * last).fast_max(F::ZERO).fast_min(last - F::splat(1e-3)).to_array();
     let (cos, alpha) = (cos.to_array(), alpha.to_array());
     let albedo = F::from(eight(|lane| {
-        let at = |i: usize| look_up(&BOUNDARY[i], F::splat(cos[lane]), F::splat(alpha[lane]))[0].to_array()[0];
+        let at = |i: usize| look_up(boundary(i), F::splat(cos[lane]), F::splat(alpha[lane]))[0].to_array()[0];
         let (i, t) = (index[lane] as usize, index[lane].fract());
         at(i) * (1.0 - t) + at(i + 1) * t
     }));
