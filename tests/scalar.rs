@@ -50,7 +50,7 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         (globe_hall(), Backend::Obvhs, Balance::Half, 12, 4000, Guiding::Off, false, Straight),
         (globe_hall(), Backend::Obvhs, Balance::Power, 3, 4000, Guiding::Off, false, Straight),
         (globe_hall(), Backend::Obvhs, Balance::Power, 8, 4000, Guiding::On, false, Straight),
-        (lamp_in_globe(), Backend::Obvhs, Balance::Half, 12, 500, Guiding::Off, false, Off),
+        (lamp_in_globe(), Backend::Obvhs, Balance::Half, 12, 100, Guiding::Off, false, Off),
         (lamp_in_globe(), Backend::Obvhs, Balance::Half, 12, 3000, Guiding::Off, false, Manifold),
         (lamp_in_globe(), Backend::Obvhs, Balance::Power, 4, 3000, Guiding::On, false, Manifold),
     ] {
