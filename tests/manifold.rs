@@ -142,6 +142,15 @@ fn globe(lamp: Option<PunctualKind>) -> Scene {
     scene
 }
 
+/// [`globe`] with a ball and a point light. The bodies have smooth normals: of the images in the facets of flat-shaded ones,
+/// rounding decides which one a walk finds.
+pub fn lamp_in_globe() -> Arc<Scene> {
+    let mut scene = globe(None);
+    scene.lights = globe(Some(PunctualKind::Point)).lights;
+    scene.lights[0].position.y += 2.0 * LAMP_RADIUS / 1.7;
+    Arc::new(scene)
+}
+
 #[test]
 fn walks_and_paths_share_the_light_of_a_lamp_in_a_globe() {
     let stage = Stage::new(Arc::new(globe(None)), Backend::Embree);
@@ -197,8 +206,10 @@ fn a_pilot_sees_where_lamps_stand_behind_glass() {
         let settings = RenderSettings { width: size[0], height: size[1], ..settings() };
         share_behind_glass(&transport(&stage.scene, &settings), size)
     };
-    for lamp in [None, Some(PunctualKind::Point)] {
-        assert!(share(Arc::new(globe(lamp))) > 0.9);
+    // Of the ball, half of the points face away.
+    for (lamp, least) in [(None, 0.3), (Some(PunctualKind::Point), 0.8)] {
+        let share = share(Arc::new(globe(lamp)));
+        assert!(share > least, "{share}");
     }
     // No smooth body; none before the light.
     assert_eq!(share(glass_hall()), 0.0);

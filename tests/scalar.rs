@@ -14,6 +14,7 @@ use bismar::render::{GlassShadows, Guiding, RenderSettings, transport};
 use glam::Vec3;
 
 use crate::helpers::stage::{Stage, glass_hall, globe_hall, hall, moving_hall};
+use crate::manifold::lamp_in_globe;
 
 /// Keeps each path's radiance.
 #[derive(Default)]
@@ -29,7 +30,7 @@ impl Observer for Radiance {
 
 #[test]
 fn each_path_of_a_wave_is_the_scalar_path() {
-    use GlassShadows::{Manifold, Straight};
+    use GlassShadows::{Manifold, Off, Straight};
     // Sums of the same terms in another order differ by roundings of the largest term; paths have at most 100 terms here.
     const ROUNDINGS: f32 = 100.0 * f32::EPSILON;
     for (scene, backend, balance, max_depth, least_lit, guiding, learns, glass_shadows) in [
@@ -49,8 +50,9 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         (globe_hall(), Backend::Obvhs, Balance::Half, 12, 4000, Guiding::Off, false, Straight),
         (globe_hall(), Backend::Obvhs, Balance::Power, 3, 4000, Guiding::Off, false, Straight),
         (globe_hall(), Backend::Obvhs, Balance::Power, 8, 4000, Guiding::On, false, Straight),
-        (globe_hall(), Backend::Obvhs, Balance::Half, 12, 4000, Guiding::Off, false, Manifold),
-        (globe_hall(), Backend::Obvhs, Balance::Power, 4, 4000, Guiding::On, false, Manifold),
+        (lamp_in_globe(), Backend::Obvhs, Balance::Half, 12, 100, Guiding::Off, false, Off),
+        (lamp_in_globe(), Backend::Obvhs, Balance::Half, 12, 3000, Guiding::Off, false, Manifold),
+        (lamp_in_globe(), Backend::Obvhs, Balance::Power, 4, 3000, Guiding::On, false, Manifold),
     ] {
         let stage = Stage::new(scene, backend);
         let settings = RenderSettings { width: 20, height: 15, balance, max_depth, guiding, ..Default::default() };
@@ -104,6 +106,9 @@ fn each_path_of_a_wave_is_the_scalar_path() {
             assert!(peak.luminance == most && (most == 0.0 || of(peak.path) == most), "{peak:?}");
         }
         let events = AtomicU32::new(0);
+        // Walks end up to 1e-5 beside the light, wherever rounding leads them, and geometric terms magnify that.
+        let roundings = if glass_shadows == Manifold { 1e-3 } else { ROUNDINGS };
+        let mut errors = [0; 8];
         let mut differing = 0;
         let mut lit = 0;
         for (i, wave) in seen.0.iter().enumerate() {
@@ -112,7 +117,9 @@ fn each_path_of_a_wave_is_the_scalar_path() {
                 events.fetch_add(u32::from(!event.to_string().is_empty()), std::sync::atomic::Ordering::Relaxed);
             });
             lit += u32::from(scalar != Vec3::ZERO);
-            differing += u32::from((*wave - scalar).abs().max_element() > ROUNDINGS * scalar.max_element().max(1.0));
+            let error = (*wave - scalar).abs().max_element() / scalar.max_element().max(1.0);
+            differing += u32::from(error > roundings);
+            (0..8).for_each(|i| errors[i] += u32::from(error > 10f32.powi(-(i as i32))));
         }
         assert!(lit > least_lit && events.into_inner() > 20_000, "{lit}");
         // On triangle edges, Embree's packets may hit where a single ray misses: a few paths in ten thousand.
@@ -121,7 +128,11 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         let smooth = stage.scene.materials.has_smooth_bodies;
         let rounds = backend == Backend::Embree || guiding == Guiding::On || learns || smooth;
         let allowed = if rounds { 7 } else { 0 };
-        assert!(differing <= allowed, "{backend:?} {balance:?} {max_depth}: {differing} of {} paths", seen.0.len());
+        assert!(
+            differing <= allowed,
+            "{backend:?} {balance:?} {max_depth} {glass_shadows:?}: {differing} of {} paths, {errors:?} beyond powers of ten",
+            seen.0.len()
+        );
         assert_eq!(transport.heuristic, balance.method().heuristic());
         assert!(balance != Balance::Power || transport.heuristic == Heuristic::Power);
     }

@@ -244,7 +244,7 @@ impl Tracer<'_> {
     ) -> Vec3 {
         let t = self.transport;
         let Ray { origin, direction, .. } = *ray;
-        let excluded = ray.state & glass_shadows::REFRACTED != 0;
+        let excluded = t.passes_bodies() && ray.state & glass_shadows::REFRACTED != 0;
         let (instance, mesh, prim, distance) = (hits.instance[0], hits.mesh[0], hits.prim[0], hits.t[0]);
         if mesh == MISS {
             self.report(depth, EventKind::Escape);

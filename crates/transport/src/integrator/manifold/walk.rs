@@ -29,6 +29,9 @@ const MAX_CHAINS: usize = 24;
 const TOLERANCE: f32 = 1e-5;
 /// The same where rounding lets a walk go no further.
 const COARSE_TOLERANCE: f32 = 1e-3;
+/// Radians by which a solution's direction is off, at most: a walk that is stuck at a fold, where the miss hardly depends on the
+/// direction, has found no solution.
+const DIRECTION_TOLERANCE: f32 = 1e-3;
 /// Radians of a step, at most.
 const MAX_STEP: f32 = 0.3;
 /// Shortest step relative to Newton's.
@@ -107,7 +110,6 @@ impl Chain {
         let ([a, b], [du, dv]) = self.jacobian();
         let (miss, det) = (Vec2::new(self.miss.dot(a), self.miss.dot(b)), du.perp_dot(dv));
         let step = -Vec2::new(miss.perp_dot(dv), du.perp_dot(miss)) / det;
-        let step = step * (MAX_STEP / step.length()).min(1.0);
         (det != 0.0 && step.is_finite()).then_some(step)
     }
 
@@ -147,7 +149,8 @@ impl Walker {
             if chain.relative_miss() <= TOLERANCE || scale < MIN_STEP {
                 break;
             }
-            let step = chain.step()? * scale;
+            let step = chain.step()?;
+            let step = step * (scale * (MAX_STEP / step.length()).min(1.0));
             let (u, v) = warp::frame(direction);
             let tried = (direction + u * step.x + v * step.y).normalize();
             let better = |next: &Chain| next.relative_miss() < chain.relative_miss();
@@ -156,7 +159,8 @@ impl Walker {
                 None => scale *= 0.5,
             }
         }
-        if chain.relative_miss() > COARSE_TOLERANCE || chain.hidden {
+        let is_off = chain.step()?.length() > DIRECTION_TOLERANCE;
+        if chain.relative_miss() > COARSE_TOLERANCE || is_off || chain.hidden {
             return None;
         }
         let Chain { arrival, left, .. } = self.trace(transport, start, direction, end, true)?;
