@@ -117,7 +117,8 @@ fn compared(stage: &Stage, settings: &RenderSettings, field: &Field, replicas: u
     for (mean, field) in means.iter_mut().zip([None, Some(field)]) {
         for seed in 0..replicas {
             let settings = RenderSettings { seed: seed + if field.is_some() { 1000 } else { 0 }, ..settings.clone() };
-            let transport = Transport { field, ..transport(&stage.scene, &settings) };
+            let transport = transport(&stage.scene, &settings);
+            let transport = Transport { proposal: transport.proposal.guided(field), ..transport };
             let counts = bismar::balance::Counts::half(4);
             let task = |i: u32| PixelTask::first([i % settings.width, i / settings.width], counts, i);
             let tasks: Vec<_> = (0..settings.width * settings.height).map(task).collect();

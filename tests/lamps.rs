@@ -4,8 +4,8 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use bismar::film::PixelStats;
-use bismar::integrator::{PixelSums, PixelTask, Transport, Wave};
-use bismar::light::{Drawing, LearnedLights, LightSampleRecord};
+use bismar::integrator::{PixelSums, PixelTask, Proposal, Transport, Wave};
+use bismar::light::{LearnedLights, LightProposal, LightSampleRecord};
 use bismar::rays::Backend;
 use bismar::render::prepass::learned_lights::{bytes, learned};
 use bismar::render::{Balance, Part, RenderSettings, Rendered, RunOptions, Saved, render, run, transport};
@@ -44,8 +44,9 @@ fn pictures(stage: &Stage, learned: Option<&LearnedLights>, first: u32, replicas
     let mut whole = Mean::default();
     for seed in first..first + replicas {
         let settings = RenderSettings { seed, ..settings.clone() };
-        let drawing = Drawing { learned, ..Default::default() };
-        let transport = Transport { drawing, ..transport(&stage.scene, &settings) };
+        let transport = transport(&stage.scene, &settings);
+        let lights = LightProposal { learned, ..transport.proposal.lights };
+        let transport = Transport { proposal: Proposal { lights, ..transport.proposal }, ..transport };
         let counts = bismar::balance::Counts::half(4);
         let task = |i: u32| PixelTask::first([i % settings.width, i / settings.width], counts, i);
         let tasks: Vec<_> = (0..settings.width * settings.height).map(task).collect();

@@ -1,7 +1,10 @@
 //! The lights' promises: samples follow the pdf, radiance along a sample is the light's own.
 
 use bismar::lanes::{F, V3};
-use bismar::light::{AreaLights, Density, EnvironmentSampler, LearnedLights, LightSampleRecord, LightSamples};
+use bismar::light::{
+    AreaLights, Density, EnvironmentSampler, LearnedLights, LightProposal, LightSampleContext, LightSampleRecord,
+    LightSamples,
+};
 use bismar::scene::{Environment, Instance, Material, Mesh, Object, Positions, Scene};
 use glam::{Affine3A, Vec3};
 
@@ -22,8 +25,14 @@ fn third(s: LightSamples) -> Option<Sample> {
 
 const DENSITIES: [Density; 2] = [Density::Radiance, Density::Compensated];
 
+/// The origin, with normal `n`.
+fn context(scene: &Scene, n: Vec3) -> LightSampleContext<'_> {
+    LightSampleContext { scene, time: F::ZERO, p: V3::splat(Vec3::ZERO), n: V3::splat(n) }
+}
+
 fn sample_environment(sampler: &EnvironmentSampler, u: f32, v: f32, density: Density) -> Option<Sample> {
-    third(sampler.sample(F::splat(u), F::splat(v), density))
+    let proposal = LightProposal { density, ..Default::default() };
+    third(sampler.sample(&context(&Scene::default(), Vec3::ZERO), &proposal, [F::ZERO, F::splat(u), F::splat(v)]))
 }
 
 fn radiance_pdf(sampler: &EnvironmentSampler, wi: Vec3, density: Density) -> (Vec3, f32) {
@@ -38,7 +47,8 @@ fn sample_lamps(
     learned: Option<&LearnedLights>,
     numbers: [f32; 3],
 ) -> Option<Sample> {
-    third(lights.sample((scene, F::ZERO), (V3::splat(Vec3::ZERO), V3::splat(n)), learned, numbers.map(F::splat)))
+    let proposal = LightProposal { learned, ..Default::default() };
+    third(lights.sample(&context(scene, n), &proposal, numbers.map(F::splat)))
 }
 
 /// A small map with a sun, a black band and uneven colours.

@@ -160,7 +160,7 @@ fn punctual_lights_are_chosen_by_what_they_bring() {
     let mut observed = vec![0; lights.len()];
     let mut random = Random(600);
     for _ in 0..SAMPLES {
-        let chosen = punctual::sample(&lights, Vec3::ZERO, random.f32(), 0.0).unwrap();
+        let chosen = punctual::choose(&lights, Vec3::ZERO, random.f32(), 0.0).unwrap();
         let which = distances.iter().position(|&d| d == chosen.distance || (d - chosen.distance).abs() < 1e-4).unwrap();
         observed[which] += 1;
         // What the choice carries is its light over its probability: the mean over choices is the sum of all lights.

@@ -6,8 +6,8 @@ use bismar::balance::{Balance, Contribution, Counts, Heuristic, Observer, Shares
 use bismar::color::luminance;
 use bismar::film::{Peak, PixelStats};
 use bismar::integrator::clients::{ContributionColumns, Contributions};
-use bismar::integrator::{PixelSums, PixelTask, Transport, Wave, scalar};
-use bismar::light::{Drawing, LearnedLights, LightSampleRecord};
+use bismar::integrator::{PixelSums, PixelTask, Proposal, Transport, Wave, scalar};
+use bismar::light::{LearnedLights, LightProposal, LightSampleRecord};
 use bismar::rays::Backend;
 use bismar::render::prepass::guiding::learned;
 use bismar::render::{GlassShadows, Guiding, RenderSettings, transport};
@@ -74,9 +74,10 @@ fn each_path_of_a_wave_is_the_scalar_path() {
             let light_sample_records: Vec<_> = (0..4000).filter(|_| learns).map(light_sample_record).collect();
             LearnedLights::learn(area.tree(), &light_sample_records, 1.0)
         });
-        let drawing = Drawing { learned: lights.as_ref().and_then(Option::as_ref), ..unguided.drawing };
-        assert_eq!(drawing.learned.is_some(), learns);
-        let transport = Transport { field, drawing, ..unguided };
+        let learned = lights.as_ref().and_then(Option::as_ref);
+        assert_eq!(learned.is_some(), learns);
+        let lights = LightProposal { learned, ..unguided.proposal.lights };
+        let transport = Transport { proposal: Proposal { lights, field }, ..unguided };
         let paths = 24;
         // Uneven sample counts, allocated to environment and area lights, with MIS weights of other counts.
         let counts = Counts::from_shares(Shares { light_share: 0.7, environment_share: Some(0.4) }, paths);

@@ -143,7 +143,8 @@ impl Sampler for TileSampler<'_> {
 
     fn lights(&self) -> Option<LightInfo> {
         let lights = self.transport.lights;
-        let environment_probability = lights.two_kinds().then_some(lights.environment_probability);
+        let proposal = &self.transport.proposal.lights;
+        let environment_probability = lights.two_kinds().then_some(proposal.environment_probability);
         let selection_cost = lights.area.as_ref().map_or(0.0, |area| RAYS_PER_TREE_LEVEL * area.levels());
         lights.has_extent().then_some(LightInfo {
             environment_probability,

@@ -2,8 +2,7 @@
 
 use super::camera::{camera, lens};
 use super::{BackFaces, GlassShadows, Integrator, RenderSettings, scheduler};
-use crate::integrator::{PreparedScene, Transport};
-use crate::light::Drawing;
+use crate::integrator::{PreparedScene, Proposal, Transport};
 use crate::sampling::{FilterSampler, hash};
 
 /// The transport of a render with these settings, without what pre-passes learn. A lens that cannot be made ([`lens`]) is
@@ -30,8 +29,7 @@ pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Tra
         ground: settings.catches_shadows().then(|| scene.scene.bounds().map(|[low, _]| low.y)).flatten(),
         straight_glass_shadows: settings.glass_shadows == GlassShadows::Straight,
         manifold_glass_shadows: settings.glass_shadows == GlassShadows::Manifold,
-        field: None,
-        drawing: Drawing::default(),
+        proposal: Proposal::new(&scene.lights),
     }
 }
 

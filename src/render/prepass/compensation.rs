@@ -15,8 +15,8 @@ use super::low_resolution::low_resolution;
 use crate::balance::Counts;
 use crate::film::PixelStats;
 use crate::film::compare::{relative_to, sums_without_outliers};
-use crate::integrator::{PixelSums, PixelTask, PreparedScene, Transport};
-use crate::light::{Density, Drawing};
+use crate::integrator::{PixelSums, PixelTask, PreparedScene, Proposal, Transport};
+use crate::light::{Density, LightProposal};
 use crate::sampling::hash;
 
 /// Pixels of the picture per pixel of the pre-pass, and the minimum and maximum pixels of the pre-pass.
@@ -50,8 +50,9 @@ pub fn compensation(
         low_resolution(scene, settings, (pixels / PIXELS_PER_PREPASS_PIXEL).clamp(MIN_PIXELS, MAX_PIXELS));
     let [plain, compensated] = [Density::Radiance, Density::Compensated].map(|density| {
         let seed = hash(settings.seed ^ hash(0x736b_7921));
-        let drawing = Drawing { density, learned: None };
-        trace(&Transport { camera: camera.clone(), seed, drawing, ..transport.clone() }, [width, height], stop)
+        let lights = LightProposal { density, ..transport.proposal.lights };
+        let proposal = Proposal { lights, ..transport.proposal };
+        trace(&Transport { camera: camera.clone(), seed, proposal, ..transport.clone() }, [width, height], stop)
     });
     let remaining = remaining_variance(&plain?, &compensated?);
     debug!("the environment's compensated density leaves {remaining:.2} of the variance, by {width} x {height} pixels");

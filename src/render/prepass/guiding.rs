@@ -119,7 +119,7 @@ pub fn learned(
         let transport = Transport {
             camera: camera.clone(),
             seed: hash(settings.seed ^ hash(0x6775_6964 + round)),
-            field: known.as_ref(),
+            proposal: transport.proposal.guided(known.as_ref()),
             ..transport.clone()
         };
         let mut recorded = trace(&transport, size, paths, [max_training_samples - fresh, max_vertex_records], stop)?;

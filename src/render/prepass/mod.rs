@@ -13,8 +13,8 @@ use std::sync::atomic::AtomicBool;
 use super::RenderSettings;
 use super::stats::CompensationStats;
 use super::transport::transport;
-use crate::integrator::{PreparedScene, Transport};
-use crate::light::{Density, Drawing};
+use crate::integrator::{PreparedScene, Proposal, Transport};
+use crate::light::{Density, LightProposal};
 
 /// The results of a render's pre-passes.
 #[derive(Debug, Default)]
@@ -47,6 +47,7 @@ impl Prepasses {
             Some(CompensationStats { on: true, .. }) => Density::Compensated,
             _ => Density::Radiance,
         };
-        Transport { drawing: Drawing { density, learned }, field, ..transport }
+        let lights = LightProposal { density, learned, ..transport.proposal.lights };
+        Transport { proposal: Proposal { lights, field }, ..transport }
     }
 }

@@ -69,7 +69,7 @@ pub struct PathStates {
 
 impl PathStates {
     /// Starts the paths of all pixels and distributes each pixel's samples over its paths. `environment_probability` is that
-    /// of [`Lights`](crate::light::Lights).
+    /// of [`LightProposal`](crate::light::LightProposal).
     pub fn start_paths(&mut self, tasks: &[PixelTask], environment_probability: f32) {
         self.paths.clear();
         self.non_finite = NonFiniteSamples::default();

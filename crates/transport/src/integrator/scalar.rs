@@ -27,7 +27,7 @@ use crate::bsdf::{Bsdf, Lobe, Parameters};
 use crate::color::luminance;
 use crate::guiding::NO_CELL;
 use crate::lanes::{F, LANES, U, V3, unit_interval};
-use crate::light::punctual;
+use crate::light::{LightSampleContext, punctual};
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 use crate::sampling::{PixelSequence, hash, keys, pixel_seed};
 
@@ -151,7 +151,7 @@ pub fn trace(transport: &Transport, task: &PixelTask, path: u32, report: &mut dy
     let time = if moves { sequence.sample(index, TIME_SET)[0] } else { 0.0 };
     let (xy, uv) = ((F::splat(x), F::splat(y)), (F::splat(u), F::splat(v)));
     let (origin, direction) = transport.camera.rays_through(xy, uv, F::splat(time));
-    let samples_per_path = task.weighed.samples_per_path(transport.lights.environment_probability);
+    let samples_per_path = task.weighed.samples_per_path(transport.proposal.lights.environment_probability);
     let mut state = Tracer { transport, sequence, seed, samples_per_path, report };
     let ray = Ray {
         origin: origin.lane(0),
@@ -251,7 +251,7 @@ impl Tracer<'_> {
             if excluded || t.lights.environment.is_none() || (depth == 0 && !passed_wall && t.hides_environment) {
                 return Vec3::ZERO;
             }
-            let (radiance, pdf) = t.lights.environment(V3::splat(direction), t.drawing);
+            let (radiance, pdf) = t.lights.environment(V3::splat(direction), &t.proposal.lights);
             let pdf = if one_technique { 0.0 } else { pdf.as_array()[0] };
             return self.emission(ray, depth, radiance.lane(0), [pdf, 0.0]);
         }
@@ -274,8 +274,11 @@ impl Tracer<'_> {
             let from = (origin, ray.normal);
             let hit = (instance, mesh, prim);
             let at = (t.scene, ray.time);
-            let pdf =
-                if one_technique { 0.0 } else { t.lights.area_pdf(at, from, hit, direction, distance, t.drawing) };
+            let pdf = if one_technique {
+                0.0
+            } else {
+                t.lights.area_pdf(at, from, hit, direction, distance, &t.proposal.lights)
+            };
             radiance_sum += self.emission(ray, depth, radiance, [0.0, pdf]);
         }
         if !glass_bounces::scatters(t, depth, ray.glass_bounces) {
@@ -295,7 +298,7 @@ impl Tracer<'_> {
         let surface = seen.bsdf();
         let scattering = Bsdf::gather([&surface; LANES]);
         let origin = point.position + ng * point.origin_offset;
-        let cells = t.field.map(|field| (field, field.cells_at(V3::splat(origin), V3::splat(ng))));
+        let cells = t.proposal.field.map(|field| (field, field.cells_at(V3::splat(origin), V3::splat(ng))));
         let luminances = F::splat(luminance(beta));
         let roulette =
             cells.filter(|_| depth > 0).and_then(|(field, cells)| field.roulette_probabilities(cells, luminances));
@@ -336,7 +339,7 @@ impl Tracer<'_> {
     }
 
     fn mixture(&self, vertex: &Vertex) -> Option<Mixture<'_>> {
-        Mixture::new(self.transport.field?, [vertex.cell; LANES])
+        Mixture::new(self.transport.proposal.field?, [vertex.cell; LANES])
     }
 
     /// Samples per path of each technique at the vertex at `depth`.
@@ -372,16 +375,20 @@ impl Tracer<'_> {
             return Vec3::ZERO;
         }
         let [choice, u, v, _] = self.sequence.sample(index, light_set(depth));
-        let (drawn, left) = t.lights.draw_kind(F::splat(choice));
+        let (drawn, left) = t.proposal.lights.draw_kind(F::splat(choice));
         let environment = match toward {
             LightTarget::Random => drawn.to_bitmask() & 1 == 1,
             toward => toward == LightTarget::Environment,
         };
         let choice = if toward == LightTarget::Random { left } else { F::splat(choice) };
         let mask = if environment { F::ZERO.simd_eq(F::ZERO) } else { F::ZERO };
-        let from = (V3::splat(vertex.origin), V3::splat(vertex.light_sampling_normal()));
-        let at = (t.scene, F::splat(vertex.time));
-        let light = t.lights.sample(at, from, (mask, t.drawing), [choice, F::splat(u), F::splat(v)]);
+        let context = LightSampleContext {
+            scene: t.scene,
+            time: F::splat(vertex.time),
+            p: V3::splat(vertex.origin),
+            n: V3::splat(vertex.light_sampling_normal()),
+        };
+        let light = t.lights.sample(&context, mask, &t.proposal.lights, [choice, F::splat(u), F::splat(v)]);
         let (value, mut bsdf_pdf) = vertex.bsdf.eval_pdf(V3::splat(vertex.ns), V3::splat(vertex.wo), light.wi);
         if let Some(mixture) = self.mixture(vertex) {
             bsdf_pdf = mixture.pdf(light.wi, bsdf_pdf);
@@ -398,7 +405,7 @@ impl Tracer<'_> {
 
     fn punctual_sample(&mut self, vertex: &Vertex, depth: u32, index: u32) -> Vec3 {
         let [.., choice] = self.sequence.sample(index, light_set(depth));
-        let sample = punctual::sample(&self.transport.scene.lights, vertex.position, choice, vertex.time);
+        let sample = punctual::choose(&self.transport.scene.lights, vertex.position, choice, vertex.time);
         let Some(light) = sample else { return Vec3::ZERO };
         let (ns, wo) = (V3::splat(vertex.ns), V3::splat(vertex.wo));
         let (value, bsdf_pdf) = vertex.bsdf.eval_pdf(ns, wo, V3::splat(light.wi));

@@ -5,9 +5,9 @@ use super::geometry::Geometry;
 use super::glass_bounces::MAX_GLASS_BOUNCES;
 use super::materials::Materials;
 use super::prepared::Names;
+use super::proposal::Proposal;
 use crate::balance::{Counts, Heuristic};
-use crate::guiding::Field;
-use crate::light::{Drawing, Lights};
+use crate::light::Lights;
 use crate::rays::RayQueries;
 use crate::sampling::FilterSampler;
 use crate::scene::Scene;
@@ -51,18 +51,11 @@ pub struct Transport<'a> {
     pub ground: Option<f32>,
     /// Do light samples find light through bodies of smooth glass by refraction ([`manifold`](super::manifold))?
     pub manifold_glass_shadows: bool,
-    /// The guiding field, if paths are guided.
-    pub field: Option<&'a Field>,
-    /// The distributions of light samples.
-    pub drawing: Drawing<'a>,
+    /// What light samples and directions are drawn by.
+    pub proposal: Proposal<'a>,
 }
 
 impl Transport<'_> {
-    /// Does a guiding field set the roulette probabilities of light samples and of path continuation beyond first surfaces?
-    pub(super) fn has_roulette(&self) -> bool {
-        self.field.is_some_and(Field::has_roulette)
-    }
-
     /// Largest number of path segments, all counted.
     pub fn longest_path(&self) -> u32 {
         self.max_depth.saturating_add(if self.materials.has_smooth_bodies { MAX_GLASS_BOUNCES } else { 0 })
@@ -80,6 +73,6 @@ impl Transport<'_> {
 
     /// Samples per path beyond first surfaces (environment, area lights, BSDF): one light sample and one BSDF sample.
     pub(super) fn deeper_samples_per_path(&self) -> [f32; 3] {
-        Counts::half(1).samples_per_path(self.lights.environment_probability)
+        Counts::half(1).samples_per_path(self.proposal.lights.environment_probability)
     }
 }

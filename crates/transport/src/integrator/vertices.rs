@@ -203,7 +203,7 @@ impl Vertices {
     /// them.
     #[inline(always)]
     pub fn roulette(&self, transport: &Transport, rows: &Rows) -> Option<[F; 2]> {
-        let guiding = self.guiding.as_ref().filter(|_| transport.has_roulette())?;
+        let guiding = self.guiding.as_ref().filter(|_| transport.proposal.has_roulette())?;
         Some([load(&guiding.roulette[0], rows), load(&guiding.roulette[1], rows)])
     }
 

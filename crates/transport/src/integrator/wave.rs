@@ -118,7 +118,7 @@ impl Wave {
             ..
         } = self;
         let events = &mut (events, back_faces, (glass_shadows, glass_bounces, manifolds));
-        self.path_states.start_paths(tasks, transport.lights.environment_probability);
+        self.path_states.start_paths(tasks, transport.proposal.lights.environment_probability);
         let PathStates { paths, radiance, non_finite } = &mut self.path_states;
         camera_rays::begin(transport, tasks, rays);
         let mut at = WaveContext { transport, tasks, paths, depth: 0 };

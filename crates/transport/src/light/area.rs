@@ -6,8 +6,8 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use super::learned::LearnedLights;
-use super::samples::LightSamples;
 use super::tree::{Emitter, LightTree};
+use super::{LightProposal, LightSampleContext, LightSamples};
 use crate::color::luminance;
 use crate::lanes::{F, LANES, V3, eight};
 use crate::sampling::warp;
@@ -194,18 +194,17 @@ impl AreaLights {
         emitted * (1.0 - coat * (0.04 + 0.96 * (1.0 - cos.abs()).clamp(0.0, 1.0).powi(5)))
     }
 
-    /// Samples points on area lights, uniform over the area of a light, for points `p` with normals `n` as for
-    /// [`LightTree::sample`], at times in [0, 1] of the shutter. The first of three random numbers in [0, 1) chooses the light,
-    /// with `learned` weights if there are any; the others choose the point on it.
+    /// Samples points on area lights, uniform over the area of a light. The first of three random numbers in [0, 1) chooses the
+    /// light, the others the point on it.
     #[inline]
     pub fn sample(
         &self,
-        (scene, time): (&Scene, F),
-        (p, n): (V3, V3),
-        learned: Option<&LearnedLights>,
+        context: &LightSampleContext,
+        proposal: &LightProposal,
         [choice, u, v]: [F; 3],
     ) -> LightSamples {
-        let (chosen, pmf) = self.tree.sample(p, n, choice, learned);
+        let LightSampleContext { scene, time, p, n } = *context;
+        let (chosen, pmf) = self.tree.sample(p, n, choice, proposal.learned);
         let mut lights = eight(|lane| &self.lights[chosen[lane] as usize]);
         let moved;
         if self.moves {

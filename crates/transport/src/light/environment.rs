@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 
 use glam::Vec3;
 
-use super::samples::LightSamples;
+use super::{LightProposal, LightSampleContext, LightSamples};
 use crate::color::luminance;
 use crate::lanes::{F, LANES, V3};
 use crate::sampling::{Discrete, warp};
@@ -113,10 +113,11 @@ impl EnvironmentSampler {
         }
     }
 
-    /// Samples directions by two random numbers in [0, 1).
+    /// Samples directions by the last two of three random numbers in [0, 1). All points see the same environment: `_context` has
+    /// no effect.
     #[inline]
-    pub fn sample(&self, u: F, v: F, density: Density) -> LightSamples {
-        let table = self.table(density);
+    pub fn sample(&self, _context: &LightSampleContext, proposal: &LightProposal, [_, u, v]: [F; 3]) -> LightSamples {
+        let table = self.table(proposal.density);
         let (u, v) = (u.as_array(), v.as_array());
         let (mut row, mut column) = ([0; LANES], [0; LANES]);
         let (mut rest_u, mut rest_v) = ([0.0; LANES], [0.0; LANES]);

@@ -1,5 +1,6 @@
 //! Lights: the environment, area lights (emissive triangles) and punctual lights, and the choice among them. Each kind is a
-//! file with the same three functions:
+//! file. All `sample` functions have one signature: [`LightSampleContext`], [`LightProposal`] and three random numbers make
+//! [`LightSamples`].
 //!
 //! | kind | emitted radiance | sample | pdf |
 //! | --- | --- | --- | --- |
@@ -20,21 +21,36 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use crate::lanes::{F, LANES, V3};
+use crate::sampling::warp::ONE_MINUS_EPSILON;
 use crate::scene::Scene;
 pub use area::AreaLights;
 pub use environment::{Density, EnvironmentSampler};
 pub use learn::LightSampleRecord;
 pub use learned::LearnedLights;
 pub use punctual::PunctualSample;
-pub use samples::LightSamples;
+pub use samples::{LightSampleContext, LightSamples};
 
-/// The density of light samples.
+/// What light samples are drawn by.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Drawing<'a> {
-    /// Toward the environment.
+pub struct LightProposal<'a> {
+    /// The probability in [0, 1] of the environment where each light sample chooses its kind at random.
+    pub environment_probability: f32,
+    /// Density toward the environment.
     pub density: Density,
-    /// Learned selection of area lights.
+    /// Learned selection of area lights; `None` for the light tree alone.
     pub learned: Option<&'a LearnedLights>,
+}
+
+impl LightProposal<'_> {
+    /// Chooses the kind of light for eight samples by `choice` in [0, 1): the mask of those that go to the environment, and the
+    /// remapped `choice` in [0, 1) for the area lights.
+    #[inline]
+    pub fn draw_kind(&self, choice: F) -> (F, F) {
+        let q = self.environment_probability;
+        let toward = choice.simd_lt(F::splat(q));
+        let remapped = (choice - F::splat(q)) * F::splat(1.0 / (1.0 - q));
+        (toward, remapped.fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS_EPSILON)))
+    }
 }
 
 /// All lights of a scene. Environment and area lights are either two techniques, or one technique whose samples choose the
@@ -47,9 +63,8 @@ pub struct Lights {
     pub area: Option<AreaLights>,
     /// Whether there are punctual lights.
     pub punctual: bool,
-    /// The probability of the environment where each light sample chooses its kind at random: between 0.1 and 0.9 by power if
-    /// there are area lights too, otherwise 1 or 0.
-    pub environment_probability: f32,
+    /// The probability of the environment by power: between 0.1 and 0.9 if there are area lights too, otherwise 1 or 0.
+    environment_probability: f32,
 }
 
 /// The bitmask of a mask that is set in all lanes.
@@ -95,39 +110,31 @@ impl Lights {
         self.environment.is_some() && self.area.is_some()
     }
 
-    /// Chooses the kind of light for eight samples by `choice` in [0, 1): the mask of those that go to the environment, and the
-    /// remapped `choice` in [0, 1) for the area lights.
-    #[inline]
-    pub fn draw_kind(&self, choice: F) -> (F, F) {
-        let q = self.environment_probability;
-        let toward = choice.simd_lt(F::splat(q));
-        let remapped = (choice - F::splat(q)) * F::splat(1.0 / (1.0 - q));
-        (toward, remapped.fast_max(F::ZERO).fast_min(F::splat(crate::sampling::warp::ONE_MINUS_EPSILON)))
+    /// The proposal without anything learned: by radiance, power and the light tree.
+    pub fn proposal(&self) -> LightProposal<'static> {
+        LightProposal { environment_probability: self.environment_probability, ..Default::default() }
     }
 
-    /// Samples directions by `drawing`: toward the environment where the mask `toward_environment` is set, otherwise toward area
-    /// lights from `p` with normals `n` as for [`tree::LightTree::sample`]. If only one kind exists, the mask has no effect. The
-    /// first of three random `numbers` in [0, 1) chooses the light, the others the point on it. `at` is the scene, and times in
-    /// [0, 1] of the shutter.
+    /// Samples directions by `proposal`: toward the environment where the mask `toward_environment` is set, otherwise toward area
+    /// lights. If only one kind exists, the mask has no effect. The first of three random `numbers` in [0, 1) chooses the light,
+    /// the others the point on it.
     #[inline]
     pub fn sample(
         &self,
-        at: (&Scene, F),
-        (p, n): (V3, V3),
-        (toward_environment, drawing): (F, Drawing),
+        context: &LightSampleContext,
+        toward_environment: F,
+        proposal: &LightProposal,
         numbers: [F; 3],
     ) -> LightSamples {
         let mask = toward_environment.to_bitmask();
-        let Drawing { density, learned } = drawing;
-        let [_, u, v] = numbers;
         match (&self.environment, &self.area) {
-            (Some(environment), None) => environment.sample(u, v, density),
-            (Some(environment), Some(_)) if mask == ALL_LANES => environment.sample(u, v, density),
-            (None, Some(area)) => area.sample(at, (p, n), learned, numbers),
-            (Some(_), Some(area)) if mask == 0 => area.sample(at, (p, n), learned, numbers),
+            (Some(environment), None) => environment.sample(context, proposal, numbers),
+            (Some(environment), Some(_)) if mask == ALL_LANES => environment.sample(context, proposal, numbers),
+            (None, Some(area)) => area.sample(context, proposal, numbers),
+            (Some(_), Some(area)) if mask == 0 => area.sample(context, proposal, numbers),
             (Some(environment), Some(area)) => {
-                let a = environment.sample(u, v, density);
-                let b = area.sample(at, (p, n), learned, numbers);
+                let a = environment.sample(context, proposal, numbers);
+                let b = area.sample(context, proposal, numbers);
                 LightSamples {
                     wi: V3::select(toward_environment, a.wi, b.wi),
                     distance: toward_environment.select(a.distance, b.distance),
@@ -144,16 +151,16 @@ impl Lights {
     }
 
     /// Radiance (linear RGB) of the environment from `wi`, and the density per solid angle with which [`sample`](Self::sample)
-    /// samples these directions by `drawing`.
+    /// samples these directions by `proposal`.
     #[inline]
-    pub fn environment(&self, wi: V3, drawing: Drawing) -> (V3, F) {
+    pub fn environment(&self, wi: V3, proposal: &LightProposal) -> (V3, F) {
         match &self.environment {
-            Some(environment) => environment.radiance_pdf(wi, drawing.density),
+            Some(environment) => environment.radiance_pdf(wi, proposal.density),
             None => (V3::splat(Vec3::ZERO), F::ZERO),
         }
     }
 
-    /// Density per solid angle with which [`sample`](Self::sample) samples direction `wi` by `drawing` at `from` (point, normal).
+    /// Density per solid angle with which [`sample`](Self::sample) samples direction `wi` by `proposal` at `from` (point, normal).
     /// `hit` is the instance, mesh and triangle at `distance` metres along `wi`; `at` is the scene and a time in [0, 1] of the
     /// shutter. Zero if the triangle is not a light.
     #[inline]
@@ -164,8 +171,8 @@ impl Lights {
         hit: (u32, u32, u32),
         wi: Vec3,
         distance: f32,
-        drawing: Drawing,
+        proposal: &LightProposal,
     ) -> f32 {
-        self.area.as_ref().map_or(0.0, |a| a.pdf(at, from, hit, wi, distance, drawing.learned))
+        self.area.as_ref().map_or(0.0, |a| a.pdf(at, from, hit, wi, distance, proposal.learned))
     }
 }

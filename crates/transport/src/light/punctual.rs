@@ -2,7 +2,9 @@
 
 use glam::Vec3;
 
+use super::{LightProposal, LightSampleContext, LightSamples};
 use crate::color::luminance;
+use crate::lanes::{F, V3, eight};
 use crate::scene::{LightKey, PunctualKind, PunctualLight};
 
 /// A sample of a punctual light at a point.
@@ -21,13 +23,30 @@ pub struct PunctualSample {
 }
 
 /// The sample where no light reaches the point.
-pub const DARK: PunctualSample =
+const DARK: PunctualSample =
     PunctualSample { wi: Vec3::Y, distance: 0.0, irradiance: Vec3::ZERO, light: 0, one_over_probability: 0.0 };
+
+/// Samples one punctual light for each point, with the first of three random numbers in [0, 1). Nothing is learned about them:
+/// `_proposal` has no effect.
+#[inline]
+pub fn sample(context: &LightSampleContext, _proposal: &LightProposal, [choice, ..]: [F; 3]) -> LightSamples {
+    let samples = eight(|lane| {
+        let (choice, time) = (choice.as_array()[lane], context.time.as_array()[lane]);
+        choose(&context.scene.lights, context.p.lane(lane), choice, time).unwrap_or(DARK)
+    });
+    LightSamples {
+        wi: V3::gather(samples.map(|sample| sample.wi)),
+        distance: F::from(samples.map(|sample| sample.distance)),
+        radiance: V3::gather(samples.map(|sample| sample.irradiance)),
+        pdf: F::from(samples.map(|sample| f32::from(u8::from(sample.distance > 0.0)))),
+        emitter: samples.map(|sample| sample.light as u32),
+    }
+}
 
 /// Chooses one of `lights` in proportion to its unoccluded irradiance at `p`, by `choice` in [0, 1), at a time in [0, 1] of the
 /// shutter. `None` if none reaches `p`.
 #[inline]
-pub fn sample(lights: &[PunctualLight], p: Vec3, choice: f32, time: f32) -> Option<PunctualSample> {
+pub fn choose(lights: &[PunctualLight], p: Vec3, choice: f32, time: f32) -> Option<PunctualSample> {
     let total: f32 = lights.iter().map(|l| luminance(irradiance(l, p, time).2)).sum();
     if total <= 0.0 || !total.is_finite() {
         return None;

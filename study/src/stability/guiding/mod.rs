@@ -123,7 +123,8 @@ pub fn field(scene: &PreparedScene, settings: &RenderSettings) -> Option<Field> 
 
 /// Renders the window's pixels with [`settings`] and a number of paths per pixel, guided by `field`.
 pub fn pixels(scene: &PreparedScene, field: Option<&Field>, seed: u32, paths: u32) -> Vec<PixelStats> {
-    let transport = Transport { field, ..transport(scene, &settings(seed, Guiding::Off)) };
+    let transport = transport(scene, &settings(seed, Guiding::Off));
+    let transport = Transport { proposal: transport.proposal.guided(field), ..transport };
     let [x0, y0, x1, y1] = WINDOW;
     let places = (y0..y1).flat_map(|y| (x0..x1).map(move |x| [x, y]));
     let tasks: Vec<_> = places.zip(0..).map(|(at, i)| PixelTask::first(at, Counts::half(paths), i)).collect();

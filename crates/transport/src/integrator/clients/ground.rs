@@ -13,7 +13,7 @@ use crate::integrator::stages::light_set;
 use crate::integrator::stages::lights::SHADOW_END;
 use crate::integrator::thin_walls::ThinWalls;
 use crate::lanes::{F, LANES, Survivors, U, V3, eight, mask};
-use crate::light::{Drawing, punctual};
+use crate::light::{LightSampleContext, punctual};
 use crate::rays::{HitBatch, MISS, RayOrder};
 use crate::sampling::{hashes, keys, samples};
 
@@ -108,22 +108,18 @@ impl Ground<'_> {
                 shadows.push(&survivors, (point, wi), tfar, (key, time), radiance, [path, U::ZERO, U::ZERO]);
                 light.extend((first..shadows.len).map(|row| luminance(shadows.radiance.get(row))));
             };
+            let context = LightSampleContext { scene: transport.scene, time, p: point, n: up };
             if lights.has_extent() {
-                let (to_environment, choice) = lights.draw_kind(choice);
-                let drawing = (to_environment, Drawing::default());
-                let sample = lights.sample((transport.scene, time), (point, up), drawing, [choice, u, v]);
-                let q = F::splat(lights.environment_probability);
+                let proposal = lights.proposal();
+                let (to_environment, choice) = proposal.draw_kind(choice);
+                let sample = lights.sample(&context, to_environment, &proposal, [choice, u, v]);
+                let q = F::splat(proposal.environment_probability);
                 let pdf = to_environment.select(q, F::ONE - q) * sample.pdf;
                 push(sample.wi, sample.distance, sample.radiance * (F::ONE / pdf), pdf.simd_gt(F::ZERO));
             }
             if lights.punctual {
-                let lights: [_; LANES] = eight(|lane| {
-                    let (p, choice, time) = (point.lane(lane), other.as_array()[lane], time.as_array()[lane]);
-                    punctual::sample(&transport.scene.lights, p, choice, time).unwrap_or(punctual::DARK)
-                });
-                let distance = F::from(lights.map(|light| light.distance));
-                let irradiance = V3::gather(lights.map(|light| light.irradiance));
-                push(V3::gather(lights.map(|light| light.wi)), distance, irradiance, distance.simd_gt(F::ZERO));
+                let sample = punctual::sample(&context, &lights.proposal(), [other, F::ZERO, F::ZERO]);
+                push(sample.wi, sample.distance, sample.radiance, sample.pdf.simd_gt(F::ZERO));
             }
         }
         shadows.close();

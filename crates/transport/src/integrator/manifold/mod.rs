@@ -30,7 +30,7 @@ use super::transport::Transport;
 use super::vertices::Vertices;
 use crate::bsdf::Lobe;
 use crate::lanes::{F, LANES, Rows, U, V3, eight, grow, load_bits};
-use crate::light::punctual;
+use crate::light::{LightSampleContext, punctual};
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 use crate::sampling::{hashes, keys, samples};
 use crate::scene::PunctualKind;
@@ -95,7 +95,8 @@ impl History {
         let (wi, distance) = (to.normalize_or(Vec3::Y), to.length());
         let at = (transport.scene, time);
         let is_sampled =
-            transport.lights.area_pdf(at, (start.origin, Vec3::ZERO), hit, wi, distance, transport.drawing) > 0.0;
+            transport.lights.area_pdf(at, (start.origin, Vec3::ZERO), hit, wi, distance, &transport.proposal.lights)
+                > 0.0;
         let mut found = || walker.connect(transport, &start, End::Point(point));
         is_sampled && found().is_some_and(|found| found.direction.dot(self.direction) > SAME_DIRECTION)
     }
@@ -129,9 +130,9 @@ impl Candidate {
         let [choice, u, v, punctual_choice] = numbers;
         let mut both = [[None; LANES]; 2];
         if let Some(area) = &transport.lights.area {
-            let normals = V3::ZERO;
             let scene = transport.scene;
-            let samples = area.sample((scene, time), (from, normals), transport.drawing.learned, [choice, u, v]);
+            let context = LightSampleContext { scene, time, p: from, n: V3::ZERO };
+            let samples = area.sample(&context, &transport.proposal.lights, [choice, u, v]);
             for (lane, candidate) in both[0].iter_mut().enumerate() {
                 let [pdf, distance, time] = [samples.pdf, samples.distance, time].map(|x| x.as_array()[lane]);
                 let (wi, emitter) = (samples.wi.lane(lane), samples.emitter[lane]);
@@ -145,7 +146,7 @@ impl Candidate {
             for (lane, candidate) in both[1].iter_mut().enumerate() {
                 let (from, time) = (from.lane(lane), time.as_array()[lane]);
                 let lights = &transport.scene.lights;
-                let chosen = punctual::sample(lights, from, punctual_choice.as_array()[lane], time);
+                let chosen = punctual::choose(lights, from, punctual_choice.as_array()[lane], time);
                 *candidate = chosen.map(|chosen| {
                     let is_far = lights[chosen.light].kind == PunctualKind::Directional;
                     let end =

@@ -56,7 +56,7 @@ fn emissive_surfaces(
             let pdf = match at.depth {
                 0 => 0.0,
                 _ if has_passed(rays, ray) || rays.bent.get(ray).is_some_and(|bent| *bent) => 0.0,
-                _ => transport.lights.area_pdf(when, from, hit, direction, hits.t[ray], transport.drawing),
+                _ => transport.lights.area_pdf(when, from, hit, direction, hits.t[ray], &transport.proposal.lights),
             };
             let emission = Emission { radiance, pdf: [0.0, pdf], group: AREA_GROUP };
             found.extend(emission.weighted(at, ray, rays, non_finite));
@@ -81,7 +81,7 @@ fn environment(
     }
     for first in (0..escaped.len()).step_by(LANES) {
         let (rows, n) = eight_of(escaped, first);
-        let (radiance, pdf) = transport.lights.environment(rays.rays.directions(&rows), transport.drawing);
+        let (radiance, pdf) = transport.lights.environment(rays.rays.directions(&rows), &transport.proposal.lights);
         for lane in 0..n {
             if is_excluded(rays, escaped[first + lane] as usize) {
                 continue;
@@ -133,7 +133,7 @@ impl Emission {
             _ => transport.deeper_samples_per_path(),
         };
         // At first surfaces, light samples are not subject to roulette.
-        let has_roulette = depth > 1 && transport.has_roulette();
+        let has_roulette = depth > 1 && transport.proposal.has_roulette();
         let probability = if has_roulette { rays.light_probability[ray] } else { 1.0 };
         let weighted_light = probability * (a_env * self.pdf[0] + a_area * self.pdf[1]);
         let weight = match weighted_light > 0.0 {

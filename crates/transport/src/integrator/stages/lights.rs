@@ -15,7 +15,7 @@ use crate::integrator::queues::{PUNCTUAL_GROUP, ShadowRays};
 use crate::integrator::transport::Transport;
 use crate::integrator::vertices::Vertices;
 use crate::lanes::{F, LANES, Survivors, U, V3, load, load_bits, mask};
-use crate::light::punctual;
+use crate::light::{LightSampleContext, LightSamples, punctual};
 use crate::sampling::{hashes, keys, samples};
 
 /// Length of shadow rays relative to the distance of the light.
@@ -101,43 +101,24 @@ fn sample_extended(
 ) -> LightSampleGroup {
     let (rows, id) = (&group.rows, &group.path_ids);
     let [choice, u, v, _] = samples(id.seed, id.index, light_set(depth));
-    let transmits = bsdf.transmits();
     let [a_env, a_area, a_b] = group.samples_per_path;
     let (is_environment, choice) = select_environment(transport, group.target, choice);
-    let from = (vertices.origin.load(rows), vertices.light_sampling_normals(rows, transmits));
-    let drawing = (is_environment, transport.drawing);
-    let light = transport.lights.sample((transport.scene, id.time), from, drawing, [choice, u, v]);
+    let (p, n) = (vertices.origin.load(rows), vertices.light_sampling_normals(rows, bsdf.transmits()));
+    let context = LightSampleContext { scene: transport.scene, time: id.time, p, n };
+    let light = transport.lights.sample(&context, is_environment, &transport.proposal.lights, [choice, u, v]);
     let (value, mut bsdf_pdf) = bsdf.eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
     if let Some(mixture) = Mixture::at(transport, vertices, rows) {
         bsdf_pdf = mixture.pdf(light.wi, bsdf_pdf);
     }
-    let spawned = vertices.spawn_rays(rows, transmits, light.wi);
     let weighted_pdf = is_environment.select(a_env, a_area) * light.pdf;
     let weight = transport.heuristic.weights(weighted_pdf, a_b * bsdf_pdf);
     let radiance = vertices.beta.load(rows) * value * light.radiance * (weight / weighted_pdf);
-    let medium = vertices.media(rows, spawned.beyond);
-    let bodies = glass_shadows::at(transport, vertices, rows, bsdf, (bsdf_pdf, spawned.beyond));
-    let radiance = match bodies {
-        Some(_) => radiance,
-        None => media::attenuated(transport, radiance, medium, light.distance),
-    };
-    let left_out = manifold::left_out(transport, vertices, rows, bsdf, spawned.beyond) & !is_environment;
-    let allowed = bodies.map_or(spawned.allowed, |bodies| spawned.allowed & !bodies.excluded) & !left_out;
-    let valid = mask(group.len) & light.pdf.simd_gt(F::ZERO) & allowed;
-    let finite = radiance.is_finite();
-    non_finite.add_lanes((valid & !finite).to_bitmask(), id.path);
-    let alive = valid & radiance.max_element().simd_gt(F::ZERO) & finite;
-    let key = hashes(keys(id.seed, id.index, light_set(depth)));
-    let tfar = light.distance * F::splat(SHADOW_END);
     let kind: U = cast(!is_environment & cast::<U, F>(U::ONE));
-    let (ray, ids) = ((spawned.origin, light.wi), [id.path, load_bits(&vertices.ray, rows), kind]);
-    let (survivors, first_row) = (Survivors::of(alive), shadows.len);
-    if let Some(bodies) = bodies {
-        shadows.set_bodies(&survivors, cast(bodies.passes), medium.unwrap_or(U::ZERO));
-    }
-    shadows.push(&survivors, ray, tfar, (key, id.time), radiance, ids);
+    let found = Found { light, radiance, bsdf_pdf, is_environment, kind };
+    let (survivors, first_row, radiance) =
+        push_shadow_rays(transport, depth, vertices, bsdf, group, &found, non_finite, shadows);
     let emitter = light.emitter;
-    LightSampleGroup { survivors, first_row, is_environment, from, emitter, weighted_pdf, bsdf_pdf, radiance }
+    LightSampleGroup { survivors, first_row, is_environment, from: (p, n), emitter, weighted_pdf, bsdf_pdf, radiance }
 }
 
 /// One sample of the punctual lights for each of eight vertices. BSDF samples never hit them, so there is no MIS weight.
@@ -152,35 +133,61 @@ fn sample_punctual(
 ) {
     let (rows, id) = (&group.rows, &group.path_ids);
     let [.., choice] = samples(id.seed, id.index, light_set(depth));
-    let (origin, ng) = (vertices.origin.load(rows), vertices.ng.load(rows));
-    let position = origin - ng * load(&vertices.origin_offset, rows);
-    let lights: [_; LANES] = std::array::from_fn(|lane| {
-        let (choice, time) = (choice.as_array()[lane], id.time.as_array()[lane]);
-        punctual::sample(&transport.scene.lights, position.lane(lane), choice, time).unwrap_or(punctual::DARK)
-    });
-    let wi = V3::gather(lights.map(|l| l.wi));
+    let p = vertices.origin.load(rows) - vertices.ng.load(rows) * load(&vertices.origin_offset, rows);
+    let context = LightSampleContext { scene: transport.scene, time: id.time, p, n: V3::ZERO };
+    let light = punctual::sample(&context, &transport.proposal.lights, [choice, F::ZERO, F::ZERO]);
     let bsdf = vertices.bsdf(rows);
-    let (value, bsdf_pdf) = bsdf.eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), wi);
-    let spawned = vertices.spawn_rays(rows, bsdf.transmits(), wi);
-    let radiance = vertices.beta.load(rows) * value * V3::gather(lights.map(|l| l.irradiance));
-    let distance = F::from(lights.map(|l| l.distance));
+    let (value, bsdf_pdf) = bsdf.eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
+    let radiance = vertices.beta.load(rows) * value * light.radiance;
+    let found = Found { light, radiance, bsdf_pdf, is_environment: F::ZERO, kind: U::splat(PUNCTUAL_GROUP) };
+    push_shadow_rays(transport, depth, vertices, &bsdf, group, &found, non_finite, shadows);
+}
+
+/// Eight light samples, with the contribution of the light where nothing is in between.
+struct Found {
+    light: LightSamples,
+    radiance: V3,
+    bsdf_pdf: F,
+    is_environment: F,
+    /// Light group.
+    kind: U,
+}
+
+/// Pushes the shadow rays of eight light samples: those that survive, the row of the first of them, and their radiance after
+/// the medium.
+#[inline(always)]
+fn push_shadow_rays(
+    transport: &Transport,
+    depth: u32,
+    vertices: &Vertices,
+    bsdf: &impl Lobe,
+    group: &RequestGroup,
+    found: &Found,
+    non_finite: &mut NonFiniteSamples,
+    shadows: &mut ShadowRays,
+) -> (Survivors, usize, V3) {
+    let (rows, id) = (&group.rows, &group.path_ids);
+    let Found { light, bsdf_pdf, is_environment, kind, .. } = *found;
+    let spawned = vertices.spawn_rays(rows, bsdf.transmits(), light.wi);
     let medium = vertices.media(rows, spawned.beyond);
-    let bodies = glass_shadows::at(transport, vertices, rows, &bsdf, (bsdf_pdf, spawned.beyond));
+    let bodies = glass_shadows::at(transport, vertices, rows, bsdf, (bsdf_pdf, spawned.beyond));
     let radiance = match bodies {
-        Some(_) => radiance,
-        None => media::attenuated(transport, radiance, medium, distance),
+        Some(_) => found.radiance,
+        None => media::attenuated(transport, found.radiance, medium, light.distance),
     };
-    let left_out = manifold::left_out(transport, vertices, rows, &bsdf, spawned.beyond);
+    let left_out = manifold::left_out(transport, vertices, rows, bsdf, spawned.beyond) & !is_environment;
     let allowed = bodies.map_or(spawned.allowed, |bodies| spawned.allowed & !bodies.excluded) & !left_out;
-    let (valid, finite) = (mask(group.len) & allowed, radiance.is_finite());
+    let valid = mask(group.len) & light.pdf.simd_gt(F::ZERO) & allowed;
+    let finite = radiance.is_finite();
     non_finite.add_lanes((valid & !finite).to_bitmask(), id.path);
     let alive = valid & radiance.max_element().simd_gt(F::ZERO) & finite;
     let key = hashes(keys(id.seed, id.index, light_set(depth)));
-    let tfar = F::from(lights.map(|l| l.distance * SHADOW_END));
-    let ids = [id.path, load_bits(&vertices.ray, rows), U::splat(PUNCTUAL_GROUP)];
-    let survivors = Survivors::of(alive);
+    let tfar = light.distance * F::splat(SHADOW_END);
+    let (ray, ids) = ((spawned.origin, light.wi), [id.path, load_bits(&vertices.ray, rows), kind]);
+    let (survivors, first_row) = (Survivors::of(alive), shadows.len);
     if let Some(bodies) = bodies {
         shadows.set_bodies(&survivors, cast(bodies.passes), medium.unwrap_or(U::ZERO));
     }
-    shadows.push(&survivors, (spawned.origin, wi), tfar, (key, id.time), radiance, ids);
+    shadows.push(&survivors, ray, tfar, (key, id.time), radiance, ids);
+    (survivors, first_row, radiance)
 }

@@ -52,7 +52,7 @@ pub fn are_diffuse(vertices: &Vertices, rows: &Rows) -> F {
 /// Fills the guiding columns of the vertices, if there is a field: cells and roulette probabilities.
 #[inline(never)]
 pub fn find_cells(transport: &Transport, vertices: &mut Vertices) {
-    let Some(field) = transport.field else { return };
+    let Some(field) = transport.proposal.field else { return };
     for at in (0..vertices.len()).step_by(LANES) {
         let rows = Rows::From(at);
         let diffuse: U = cast(are_diffuse(vertices, &rows));
@@ -83,7 +83,7 @@ impl<'a> Mixture<'a> {
     /// The mixture at eight vertices; `None` if the field is sampled at none of them.
     #[inline(always)]
     pub fn at(transport: &Transport<'a>, vertices: &Vertices, rows: &Rows) -> Option<Self> {
-        let (field, guiding) = transport.field.zip(vertices.guiding.as_ref())?;
+        let (field, guiding) = transport.proposal.field.zip(vertices.guiding.as_ref())?;
         Self::new(field, load_bits(&guiding.cell, rows).to_array())
     }
 

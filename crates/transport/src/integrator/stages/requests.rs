@@ -76,7 +76,7 @@ impl Requests {
         tasks: &[PixelTask],
     ) {
         self.begin(depth, vertices);
-        if depth > 0 && transport.has_roulette() {
+        if depth > 0 && transport.proposal.has_roulette() {
             self.play_roulette(transport, depth, vertices);
         }
         for (vertex, path) in (0..).zip(&vertices.path[..if self.at_first_surface { vertices.len() } else { 0 }]) {
@@ -210,7 +210,7 @@ impl Requests {
 /// area lights. `choice` is the sample's first number.
 #[inline(always)]
 pub fn select_environment(transport: &Transport, target: U, choice: F) -> (F, F) {
-    let (drawn, left) = transport.lights.draw_kind(choice);
+    let (drawn, left) = transport.proposal.lights.draw_kind(choice);
     let draws = are(target, LightTarget::Random as u32);
     (are(target, LightTarget::Environment as u32) | (draws & drawn), draws.select(left, choice))
 }

@@ -20,7 +20,7 @@ pub fn point<'a>(transport: &'a Transport, rays: &PathRays, hits: &HitBatch, ray
 
 /// Fills the vertices with hits on scattering surfaces. There are guiding columns if there is a field.
 pub fn vertices(transport: &Transport, sorted: &SortedHits, rays: &PathRays, hits: &HitBatch, vertices: &mut Vertices) {
-    let guiding = transport.field.is_some();
+    let guiding = transport.proposal.field.is_some();
     let Transport { geometry, materials, .. } = transport;
     vertices.open(rays.len, materials.lobes, materials.absorbs(), guiding, geometry.moves);
     for at in (0..sorted.constant.len()).step_by(LANES) {
