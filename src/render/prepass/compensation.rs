@@ -2,20 +2,17 @@
 //! compensation, Karlík et al. 2019). A pre-pass at low resolution compares both densities over all surfaces. Its result
 //! depends only on the scene, the view and the seed, so that every part, crop and session decides alike.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use rayon::prelude::*;
 use tracing::debug;
 
-use super::super::sampler::with_buffers;
 use super::super::stats::CompensationStats;
 use super::super::{Choice, RenderSettings};
 use super::low_resolution::low_resolution;
-use crate::balance::Counts;
-use crate::film::PixelStats;
-use crate::film::compare::{relative_to, sums_without_outliers};
-use crate::integrator::{PixelSums, PixelTask, PreparedScene, Proposal, Transport};
+use super::rounds::{Round, RoundPixel, Wanted, trace};
+use crate::film::compare::sums_without_outliers;
+use crate::integrator::{PreparedScene, Proposal, Transport};
 use crate::light::{Density, LightProposal};
 use crate::sampling::hash;
 
@@ -52,7 +49,8 @@ pub fn compensation(
         let seed = hash(settings.seed ^ hash(0x736b_7921));
         let lights = LightProposal { density, ..transport.proposal.lights };
         let proposal = Proposal { lights, ..transport.proposal };
-        trace(&Transport { camera: camera.clone(), seed, proposal, ..transport.clone() }, [width, height], stop)
+        let transport = Transport { camera: camera.clone(), seed, proposal, ..transport.clone() };
+        trace(&transport, [width, height], (0, PATHS_PER_PIXEL), Wanted::default(), stop)
     });
     let remaining = remaining_variance(&plain?, &compensated?);
     debug!("the environment's compensated density leaves {remaining:.2} of the variance, by {width} x {height} pixels");
@@ -64,50 +62,32 @@ pub fn compensation(
     })
 }
 
-/// Traces a picture of this size; `None` if `stop` was raised.
-fn trace(transport: &Transport, [width, height]: [u32; 2], stop: &AtomicBool) -> Option<Vec<PixelStats>> {
-    let counts = Counts::half(PATHS_PER_PIXEL);
-    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| [x, y]));
-    let tasks: Vec<_> = pixels.map(|pixel| PixelTask::first(pixel, counts, 0)).collect();
-    let of_some = |tasks: &[PixelTask]| {
-        if stop.load(Ordering::Relaxed) {
-            return None;
-        }
-        let mut stats = vec![PixelStats::default(); tasks.len()];
-        with_buffers(|buffers| buffers.wave().run(transport, tasks, &mut PixelSums::new(&mut stats)));
-        Some(stats)
+/// Relative variance with the compensated density over that with the plain one, over the pixels of two rounds. Infinite if the
+/// plain variance is 0.
+fn remaining_variance(plain: &Round, compensated: &Round) -> f64 {
+    let of = |(a, b): (&RoundPixel, &RoundPixel)| {
+        // The mean of both divisors, so that noise favours neither.
+        let divisor = 0.5 * f64::from(a.divisor + b.divisor);
+        [a.variance / divisor, b.variance / divisor]
     };
-    let all: Option<Vec<_>> = tasks.par_chunks(128).map(of_some).collect();
-    all.map(|all| all.concat())
-}
-
-/// Relative variance with the compensated density over that with the plain one, over the pixels of a picture. Infinite if
-/// the plain variance is 0.
-fn remaining_variance(plain: &[PixelStats], compensated: &[PixelStats]) -> f64 {
-    let of = |(a, b): (&PixelStats, &PixelStats)| {
-        let mut sums = [0.0; 2];
-        for c in 0..3 {
-            // The mean of both, so that noise favours neither.
-            let divisor = relative_to(0.5 * f64::from(a.mean()[c] + b.mean()[c]));
-            for (sum, stats) in sums.iter_mut().zip([a, b]) {
-                *sum += f64::from(stats.variance_of_mean()[c]) / divisor;
-            }
-        }
-        sums
-    };
-    let [plain, compensated] = sums_without_outliers(plain.iter().zip(compensated).map(of).collect());
+    let pixels = plain.pixels.iter().zip(&compensated.pixels).map(of).collect();
+    let [plain, compensated] = sums_without_outliers(pixels);
     if plain > 0.0 { compensated / plain } else { f64::INFINITY }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{Round, RoundPixel};
+    use crate::film::compare::relative_to;
 
-    /// A pixel with this mean and variance of its paths.
-    fn pixel(mean: f64, variance: f64) -> PixelStats {
-        let n = f64::from(PATHS_PER_PIXEL);
-        let squares = n * mean * mean + variance * (n - 1.0);
-        PixelStats { samples: PATHS_PER_PIXEL, sum: [n * mean; 3], sum_squared: [squares; 3], ..PixelStats::EMPTY }
+    /// A pixel with this mean and variance.
+    fn pixel(mean: f64, variance: f64) -> RoundPixel {
+        RoundPixel { variance, divisor: relative_to(mean) as f32 }
+    }
+
+    fn remaining_variance(plain: &[RoundPixel], compensated: &[RoundPixel]) -> f64 {
+        let round = |pixels: &[RoundPixel]| Round { pixels: pixels.into(), ..Default::default() };
+        super::remaining_variance(&round(plain), &round(compensated))
     }
 
     #[test]

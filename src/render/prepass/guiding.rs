@@ -1,28 +1,22 @@
-//! The pre-pass of path guiding: a field of incident light is learned from paths of the same view at low resolution. Its
-//! result depends only on the scene, the view, the seed and the expected paths per pixel, so that every part and crop
-//! learns the same.
+//! Learns the field of incident light that guides paths, and decides whether it does. Each round of the pre-pass is guided by
+//! the field that those before it taught. The result also depends on the expected paths per pixel.
 
 use std::sync::atomic::AtomicBool;
-use std::time::Instant;
 
 use tracing::debug;
 
 use super::super::stats::{GuidingEfficiency, GuidingStats};
 use super::super::{Choice, RenderSettings};
-use super::low_resolution::{divisors, in_tiles, low_resolution, relative_variance, thin, tiles};
-use crate::balance::Counts;
-use crate::film::PixelStats;
+use super::rounds::{self, Learner, Round, Wanted};
 use crate::guiding::learn::LEARNING_CELL_BYTES;
 use crate::guiding::{Field, PathStatistics, TrainingSample, VertexRecord, learn};
-use crate::integrator::clients::TrainingRecorder;
-use crate::integrator::{PixelSums, PixelTask, PreparedScene, Transport, Wave, WaveCounts};
-use crate::sampling::hash;
+use crate::integrator::{PreparedScene, Proposal, Transport};
 
 /// Minimum pixels of the pre-pass.
 const MIN_PIXELS: f64 = 8192.0;
 /// Pixels of the picture per pixel of the pre-pass.
 const PIXELS_PER_PREPASS_PIXEL: f64 = 16.0;
-/// Maximum rounds, of 1, 2, 4, … paths per pixel. Each is guided by the field that those before it taught.
+/// Maximum rounds.
 const MAX_ROUNDS: u32 = 9;
 /// Paths per pixel of the picture for which the next two constants are meant.
 const REFERENCE_SPP: f64 = 64.0;
@@ -83,135 +77,139 @@ impl Learned {
     }
 }
 
-/// Learns a field along the paths of `transport`. `None` where `settings` turn guiding off or there is no indirect light, and
-/// soon after `stop` is raised.
+/// Learns from the rounds of a pre-pass.
+pub struct GuidingLearner {
+    /// Is the field used whatever it leaves?
+    always: bool,
+    /// Seconds of a time limit that all rounds may take.
+    max_seconds: Option<f64>,
+    /// Pixels of the picture.
+    picture_pixels: f64,
+    max: Wanted,
+    max_cells: usize,
+    /// Training samples after which no further round is needed.
+    sufficient: f64,
+    /// Paths per pixel of the picture after which no further round begins.
+    max_paths: f64,
+    /// Weight of differences of normals against distances, in metres.
+    scale: f32,
+    training_samples: Vec<TrainingSample>,
+    /// Rays per path of the first round, which is unguided.
+    unguided: Option<f64>,
+    finished: bool,
+    result: Learned,
+}
+
+impl GuidingLearner {
+    /// Begins to learn; `None` where the settings turn guiding off or there is no indirect light.
+    pub fn new(scene: &PreparedScene, settings: &RenderSettings, transport: &Transport) -> Option<Self> {
+        if !settings.guides() || transport.max_depth < 3 {
+            return None;
+        }
+        let most = settings.guiding_memory.unwrap_or(MEMORY) as f64;
+        // A quarter for training samples and an eighth for vertex records, which are copied once; a quarter for cells while they
+        // learn.
+        let max_training_samples = (most / 4.0 / size_of::<TrainingSample>() as f64) as usize;
+        let max_vertex_records = (most / 8.0 / size_of::<VertexRecord>() as f64) as usize;
+        let picture_pixels = f64::from(settings.width) * f64::from(settings.height);
+        let worthwhile = worthwhile(settings);
+        let sufficient = SUFFICIENT_TRAINING_SAMPLES.max(picture_pixels / 2.0) * worthwhile;
+        Some(Self {
+            always: settings.guiding == Choice::On,
+            max_seconds: settings.time.map(|time| MAX_TIME_SHARE * time),
+            picture_pixels,
+            max: Wanted {
+                training_samples: max_training_samples,
+                vertex_records: max_vertex_records,
+                ..Default::default()
+            },
+            max_cells: (most / 4.0 / LEARNING_CELL_BYTES as f64).max(1.0) as usize,
+            // With three quarters of what memory allows, most of the next round would be left out.
+            sufficient: sufficient.min(0.75 * max_training_samples as f64),
+            max_paths: MAX_PATHS_PER_PICTURE_PIXEL * worthwhile,
+            scale: 0.25 * scene.scene.radius(),
+            training_samples: Vec::new(),
+            unguided: None,
+            finished: false,
+            result: Learned { field: None, efficiency: GuidingEfficiency::default(), seconds: 0.0 },
+        })
+    }
+
+    /// What was learned.
+    pub fn result(self) -> Learned {
+        self.result
+    }
+}
+
+impl Learner for GuidingLearner {
+    fn pixels(&self) -> f64 {
+        MIN_PIXELS.max(self.picture_pixels / PIXELS_PER_PREPASS_PIXEL)
+    }
+
+    fn wants(&self) -> Option<Wanted> {
+        let training_samples = self.max.training_samples - self.training_samples.len().min(self.max.training_samples);
+        (!self.finished).then_some(Wanted { training_samples: training_samples.max(1), ..self.max })
+    }
+
+    fn learn(&mut self, round: &Round, seconds: f64) {
+        self.result.seconds += seconds;
+        let pixels = round.pixels.len() as f64;
+        let cost = round.rays as f64 / round.all_paths();
+        let unguided = *self.unguided.get_or_insert(cost);
+        let few = (round.training_samples.len() as f64) < MIN_SAMPLES_PER_PATH * round.all_paths();
+        let fresh = self.training_samples.len();
+        self.training_samples.extend_from_slice(&round.training_samples);
+        // Paths including the next round.
+        let all = pixels * f64::from(4 * round.paths - 1);
+        let last = round.number + 1 == MAX_ROUNDS
+            || self.max_seconds.is_some_and(|most| 3.0 * self.result.seconds > most)
+            || all > (self.max_paths * self.picture_pixels).max(15.0 * pixels)
+            || self.training_samples.len() as f64 >= self.sufficient;
+        let decides = last || round.number == FIRST_DECISION_ROUND;
+        // The first round was unguided.
+        let fresh = if decides && round.number > 0 { fresh } else { usize::MAX };
+        let (mut field, gain) = learn(&self.training_samples, fresh, self.scale, self.max_cells);
+        let variances = round.pixels.iter().map(|pixel| pixel.relative_variance()).filter(|v| v.is_finite());
+        let variance: f64 = variances.sum();
+        if decides {
+            let efficiency = GuidingEfficiency {
+                variance: gain.variance(variance),
+                cost: (cost / unguided) as f32,
+                share: gain.guiding_probability,
+            };
+            self.result.efficiency = efficiency;
+            debug!("round {}: {} cells, {efficiency:?}", round.number, field.cells());
+            let most = if last { MAX_REMAINING } else { MAX_REMAINING_AT_FIRST_DECISION };
+            if !self.always && efficiency.variance * efficiency.cost > most && (last || !few) {
+                self.result.field = None;
+                self.finished = true;
+                return;
+            }
+        }
+        // One path per pixel has no variance.
+        if last || round.number > 0 {
+            let inverse = round.pixels.iter().map(|pixel| 1.0 / f64::from(pixel.divisor)).sum::<f64>();
+            let all = PathStatistics { cost, variance: variance / round.all_paths(), inverse: inverse / pixels };
+            field.learn_roulette(&round.vertex_records, all);
+        }
+        self.result.field = Some(field);
+        self.finished = last;
+    }
+
+    fn apply<'a>(&'a self, proposal: Proposal<'a>) -> Proposal<'a> {
+        proposal.guided(self.result.field.as_ref())
+    }
+}
+
+/// Learns a field along the paths of `transport`, without other learners. `None` where `settings` turn guiding off or there is
+/// no indirect light, and soon after `stop` is raised.
 pub fn learned(
     scene: &PreparedScene,
     settings: &RenderSettings,
     transport: &Transport,
     stop: &AtomicBool,
 ) -> Option<Learned> {
-    if !settings.guides() || transport.max_depth < 3 {
-        return None;
-    }
-    let began = Instant::now();
-    let most = settings.guiding_memory.unwrap_or(MEMORY) as f64;
-    // A quarter for training samples and an eighth for vertex records, which are copied once; a quarter for cells while they
-    // learn.
-    let max_training_samples = (most / 4.0 / size_of::<TrainingSample>() as f64) as usize;
-    let max_vertex_records = (most / 8.0 / size_of::<VertexRecord>() as f64) as usize;
-    let most_cells = (most / 4.0 / LEARNING_CELL_BYTES as f64).max(1.0) as usize;
-    let pixels = f64::from(settings.width) * f64::from(settings.height);
-    let (size, camera) = low_resolution(scene, settings, MIN_PIXELS.max(pixels / PIXELS_PER_PREPASS_PIXEL));
-    let normals = 0.25 * scene.scene.radius();
-    let mut training_samples = Vec::new();
-    let mut known = None;
-    // Rays per path of the first round, which is unguided.
-    let mut unguided = None;
-    let mut efficiency = GuidingEfficiency::default();
-    let worthwhile = worthwhile(settings);
-    // With three quarters of what memory allows, most of the next round would be left out.
-    let enough = (SUFFICIENT_TRAINING_SAMPLES.max(pixels / 2.0) * worthwhile).min(0.75 * max_training_samples as f64);
-    let pilot_pixels = f64::from(size[0]) * f64::from(size[1]);
-    for round in 0..MAX_ROUNDS {
-        let paths = 1 << round;
-        let fresh = training_samples.len();
-        let transport = Transport {
-            camera: camera.clone(),
-            seed: hash(settings.seed ^ hash(0x6775_6964 + round)),
-            proposal: transport.proposal.guided(known.as_ref()),
-            ..transport.clone()
-        };
-        let mut recorded = trace(&transport, size, paths, [max_training_samples - fresh, max_vertex_records], stop)?;
-        let round_paths = pilot_pixels * f64::from(paths);
-        let cost = recorded.rays as f64 / round_paths;
-        let unguided = *unguided.get_or_insert(cost);
-        let few = (recorded.training_samples.len() as f64) < MIN_SAMPLES_PER_PATH * round_paths;
-        training_samples.append(&mut recorded.training_samples);
-        // Paths including the next round.
-        let all = pilot_pixels * f64::from(4 * paths - 1);
-        let last = round + 1 == MAX_ROUNDS
-            || settings.time.is_some_and(|time| 3.0 * began.elapsed().as_secs_f64() > MAX_TIME_SHARE * time)
-            || all > (MAX_PATHS_PER_PICTURE_PIXEL * worthwhile * pixels).max(15.0 * pilot_pixels)
-            || training_samples.len() as f64 >= enough;
-        let decides = last || round == FIRST_DECISION_ROUND;
-        // The first round was unguided.
-        let fresh = if decides && round > 0 { fresh } else { usize::MAX };
-        let (mut field, gain) = learn(&training_samples, fresh, normals, most_cells);
-        if decides {
-            efficiency = GuidingEfficiency {
-                variance: gain.variance(recorded.variance),
-                cost: (cost / unguided) as f32,
-                share: gain.guiding_probability,
-            };
-            debug!("round {round}: {} cells, {efficiency:?}", field.cells());
-            let most = if last { MAX_REMAINING } else { MAX_REMAINING_AT_FIRST_DECISION };
-            if settings.guiding == Choice::Auto && efficiency.variance * efficiency.cost > most && (last || !few) {
-                return Some(Learned { field: None, efficiency, seconds: began.elapsed().as_secs_f64() });
-            }
-        }
-        // One path per pixel has no variance.
-        if last || round > 0 {
-            let all = PathStatistics {
-                cost,
-                variance: recorded.variance / round_paths,
-                inverse: recorded.inverse / pilot_pixels,
-            };
-            field.learn_roulette(&recorded.vertex_records, all);
-        }
-        known = Some(field);
-        if last {
-            break;
-        }
-    }
-    Some(Learned { field: known, efficiency, seconds: began.elapsed().as_secs_f64() })
-}
-
-/// What a round has recorded.
-#[derive(Default)]
-struct Round {
-    training_samples: Vec<TrainingSample>,
-    vertex_records: Vec<VertexRecord>,
-    /// Sum of the pixels' variances, each over its divisor of relMSE.
-    variance: f64,
-    /// Sum over pixels of 1 / divisor.
-    inverse: f64,
-    rays: u64,
-}
-
-/// Traces a picture of this size and records at most `most` training samples and vertex records; `None` if `stop` was raised.
-fn trace(transport: &Transport, size: [u32; 2], paths: u32, most: [usize; 2], stop: &AtomicBool) -> Option<Round> {
-    let counts = if transport.lights.has_extent() { Counts::half(paths) } else { Counts::bsdf_only(paths) };
-    let most = most.map(|most| most / tiles(size).len());
-    let of_tile = |wave: &mut Wave, pixels: Vec<[u32; 2]>| {
-        let tasks: Vec<_> = pixels.into_iter().map(|pixel| PixelTask::first(pixel, counts, 0)).collect();
-        let (mut recorder, mut recorded) = (TrainingRecorder::default(), Round::default());
-        wave.counts = WaveCounts::default();
-        for tasks in tasks.chunks((2048 / paths).max(1) as usize) {
-            let mut stats = vec![PixelStats::default(); tasks.len()];
-            wave.run(transport, tasks, &mut (PixelSums::new(&mut stats), &mut recorder));
-            let divisors = divisors(tasks, &stats);
-            recorder.append_to(&divisors, &mut recorded.training_samples, &mut recorded.vertex_records);
-            let of = |(stats, divisor): (&PixelStats, &f32)| relative_variance(stats, *divisor);
-            recorded.variance += stats.iter().zip(&divisors).map(of).filter(|v| v.is_finite()).sum::<f64>();
-            recorded.inverse += divisors.iter().map(|divisor| 1.0 / f64::from(*divisor)).sum::<f64>();
-        }
-        recorded.rays = wave.counts.rays();
-        while thin(&mut recorded.training_samples, most[0]) {
-            recorded.training_samples.iter_mut().for_each(|training_sample| training_sample.weight *= 2.0);
-        }
-        while thin(&mut recorded.vertex_records, most[1]) {}
-        recorded.training_samples.shrink_to_fit();
-        recorded.vertex_records.shrink_to_fit();
-        recorded
-    };
-    let of_tiles = in_tiles(size, stop, of_tile)?;
-    Some(of_tiles.into_iter().fold(Round::default(), |mut all, tile| {
-        all.training_samples.extend(tile.training_samples);
-        all.vertex_records.extend(tile.vertex_records);
-        all.variance += tile.variance;
-        all.inverse += tile.inverse;
-        all.rays += tile.rays;
-        all
-    }))
+    let mut learner = GuidingLearner::new(scene, settings, transport)?;
+    rounds::run(scene, settings, transport, &mut [&mut learner], stop)?;
+    Some(learner.result())
 }

@@ -70,12 +70,6 @@ pub fn divisors(tasks: &[PixelTask], stats: &[PixelStats]) -> Vec<f32> {
     tasks.chunk_by(alike).flat_map(of_block).collect()
 }
 
-/// The variance of a pixel's paths over the divisor of relMSE, times the number of paths.
-pub fn relative_variance(stats: &PixelStats, divisor: f32) -> f64 {
-    let all = stats.variance_of_mean().iter().map(|v| f64::from(*v)).sum::<f64>() / 3.0;
-    all * f64::from(stats.samples).powi(2) / f64::from(divisor)
-}
-
 /// Keeps every other element if there are more than `most`; says whether there were.
 pub fn thin<T>(list: &mut Vec<T>, most: usize) -> bool {
     let too_many = list.len() > most;

@@ -1,12 +1,13 @@
-//! Pre-passes: short renders of the same view at low resolution before the first pass. They decide how the environment is
-//! sampled ([`compensation`]), how emissive triangles are ([`learned_lights`]) and whether paths are guided ([`guiding`]).
-//! Their results depend only on the scene, the view, the seed and settings, so that every part, crop and session decides
-//! alike.
+//! The pre-pass: a short render of the same view at low resolution before the first pass. It decides how the environment is
+//! sampled ([`compensation`]), how emissive triangles are ([`learned_lights`]) and whether paths are guided ([`guiding`]); the
+//! last two learn from the same paths ([`rounds`]). Results depend only on the scene, the view, the seed and settings, so that
+//! every part, crop and session decides alike.
 
 pub mod compensation;
 pub mod guiding;
 pub mod learned_lights;
 pub(super) mod low_resolution;
+pub mod rounds;
 
 use std::sync::atomic::AtomicBool;
 
@@ -15,6 +16,9 @@ use super::stats::CompensationStats;
 use super::transport::transport;
 use crate::integrator::{PreparedScene, Proposal, Transport};
 use crate::light::{Density, LightProposal};
+use guiding::GuidingLearner;
+use learned_lights::LightsLearner;
+use rounds::Learner;
 
 /// The results of a render's pre-passes.
 #[derive(Debug, Default)]
@@ -28,26 +32,35 @@ pub struct Prepasses {
 }
 
 impl Prepasses {
-    /// Runs the pre-passes that `settings` ask for. Each uses the results of those before it. The results mean nothing if
-    /// `stop` is raised: the rest then ends within a tile's time.
+    /// Runs the pre-passes that `settings` ask for. First the density of the environment is chosen, then the paths of the same
+    /// rounds teach all learners. The results mean nothing if `stop` is raised: the rest then ends within a tile's time.
     pub fn run(scene: &PreparedScene, settings: &RenderSettings, stop: &AtomicBool) -> Self {
         let mut found = Self::default();
         found.compensation =
             compensation::compensation(scene, settings, &found.apply(transport(scene, settings)), stop);
-        found.learned_lights = learned_lights::learned(scene, settings, &found.apply(transport(scene, settings)), stop);
-        found.guiding = guiding::learned(scene, settings, &found.apply(transport(scene, settings)), stop);
+        let transport = found.apply(transport(scene, settings));
+        let mut lights = LightsLearner::new(scene, settings);
+        let mut guiding = GuidingLearner::new(scene, settings, &transport);
+        let learners =
+            [lights.as_mut().map(|l| l as &mut dyn Learner), guiding.as_mut().map(|l| l as &mut dyn Learner)];
+        let mut learners: Vec<_> = learners.into_iter().flatten().collect();
+        if rounds::run(scene, settings, &transport, &mut learners, stop).is_some() {
+            found.learned_lights = lights.map(LightsLearner::result);
+            found.guiding = guiding.map(GuidingLearner::result);
+        }
         found
     }
 
     /// The transport with these results.
     pub fn apply<'a>(&'a self, transport: Transport<'a>) -> Transport<'a> {
-        let learned = self.learned_lights.as_ref().and_then(|result| result.lights.as_ref());
-        let field = self.guiding.as_ref().and_then(|guiding| guiding.field.as_ref());
         let density = match self.compensation {
             Some(CompensationStats { on: true, .. }) => Density::Compensated,
             _ => Density::Radiance,
         };
-        let lights = LightProposal { density, learned, ..transport.proposal.lights };
-        Transport { proposal: Proposal { lights, field }, ..transport }
+        let lights = LightProposal { density, ..transport.proposal.lights };
+        let proposal = Proposal { lights, ..transport.proposal };
+        let proposal = self.learned_lights.as_ref().map_or(proposal, |lights| lights.apply(proposal));
+        let proposal = self.guiding.as_ref().map_or(proposal, |guiding| proposal.guided(guiding.field.as_ref()));
+        Transport { proposal, ..transport }
     }
 }

@@ -1,0 +1,187 @@
+//! The rounds of the pre-pass: one picture of the same view at low resolution, with 1, 2, 4, … paths per pixel. The paths of a
+//! round teach every [`Learner`] that has not finished, and are sampled by what the learners know from the rounds before.
+
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+use super::super::RenderSettings;
+use super::low_resolution::{divisors, in_tiles, low_resolution, thin, tiles};
+use crate::balance::Counts;
+use crate::film::PixelStats;
+use crate::guiding::{TrainingSample, VertexRecord};
+use crate::integrator::clients::{LightSampleRecorder, TrainingRecorder};
+use crate::integrator::{PixelSums, PixelTask, PreparedScene, Proposal, Transport, Wave, WaveCounts};
+use crate::light::LightSampleRecord;
+use crate::sampling::hash;
+
+/// Maximum paths of a wave, as far as whole pixels allow.
+const PATHS_PER_WAVE: u32 = 2048;
+
+/// Something that learns from paths how to sample them better.
+pub trait Learner {
+    /// Pixels of the low-resolution picture that it needs at least.
+    fn pixels(&self) -> f64;
+
+    /// What it needs from the next round; `None` once it has finished.
+    fn wants(&self) -> Option<Wanted>;
+
+    /// Learns from the next round. `seconds` is the wall time that it took, divided by the number of learners.
+    fn learn(&mut self, round: &Round, seconds: f64);
+
+    /// The proposal with what it knows.
+    fn apply<'a>(&'a self, proposal: Proposal<'a>) -> Proposal<'a>;
+}
+
+/// Maximum numbers of records of a round; 0 for those that are not needed.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Wanted {
+    /// Training samples of the guiding field.
+    pub training_samples: usize,
+    /// Vertex records of the roulette.
+    pub vertex_records: usize,
+    /// Light samples of area lights.
+    pub light_sample_records: usize,
+}
+
+impl Wanted {
+    fn or(self, other: Self) -> Self {
+        Self {
+            training_samples: self.training_samples.max(other.training_samples),
+            vertex_records: self.vertex_records.max(other.vertex_records),
+            light_sample_records: self.light_sample_records.max(other.light_sample_records),
+        }
+    }
+}
+
+/// What the paths of a round have recorded.
+#[derive(Debug, Default)]
+pub struct Round {
+    /// Number of the round, from 0.
+    pub number: u32,
+    /// Paths per pixel.
+    pub paths: u32,
+    /// Per pixel, tile by tile.
+    pub pixels: Vec<RoundPixel>,
+    /// Directions in which light was found.
+    pub training_samples: Vec<TrainingSample>,
+    /// Vertices beyond the first.
+    pub vertex_records: Vec<VertexRecord>,
+    /// Light samples of area lights, with indices into `pixels`.
+    pub light_sample_records: Vec<LightSampleRecord>,
+    /// Rays of all paths.
+    pub rays: u64,
+}
+
+/// A pixel of a round.
+#[derive(Debug, Clone, Copy)]
+pub struct RoundPixel {
+    /// Variance of the sum of its paths, the mean over colour channels.
+    pub variance: f64,
+    /// Divisor of relMSE, from the mean of the pixels around.
+    pub divisor: f32,
+}
+
+impl RoundPixel {
+    /// Relative variance of the sum of its paths.
+    pub fn relative_variance(&self) -> f64 {
+        self.variance / f64::from(self.divisor)
+    }
+}
+
+impl Round {
+    /// Paths of all pixels.
+    pub fn all_paths(&self) -> f64 {
+        self.pixels.len() as f64 * f64::from(self.paths)
+    }
+
+    /// Appends the records of more pixels.
+    fn append(&mut self, more: Self) {
+        let before = self.pixels.len() as u32;
+        self.pixels.extend(more.pixels);
+        self.training_samples.extend(more.training_samples);
+        self.vertex_records.extend(more.vertex_records);
+        let numbered = |record: LightSampleRecord| LightSampleRecord { pixel: before + record.pixel, ..record };
+        self.light_sample_records.extend(more.light_sample_records.into_iter().map(numbered));
+        self.rays += more.rays;
+    }
+}
+
+/// Runs rounds until all `learners` of a render with these settings have finished. `None` soon after `stop` is raised.
+pub fn run(
+    scene: &PreparedScene,
+    settings: &RenderSettings,
+    transport: &Transport,
+    learners: &mut [&mut dyn Learner],
+    stop: &AtomicBool,
+) -> Option<()> {
+    let pixels = learners.iter().filter(|learner| learner.wants().is_some()).map(|learner| learner.pixels());
+    let (size, camera) = low_resolution(scene, settings, pixels.fold(0.0, f64::max));
+    for number in 0.. {
+        let wanted: Vec<_> = learners.iter().filter_map(|learner| learner.wants()).collect();
+        let Some(wants) = wanted.iter().copied().reduce(Wanted::or) else { break };
+        let began = Instant::now();
+        let round = {
+            let proposal = learners.iter().fold(transport.proposal, |proposal, learner| learner.apply(proposal));
+            let seed = hash(settings.seed ^ hash(0x6775_6964 + number));
+            let transport = Transport { camera: camera.clone(), seed, proposal, ..transport.clone() };
+            trace(&transport, size, (number, 1 << number), wants, stop)?
+        };
+        let seconds = began.elapsed().as_secs_f64() / wanted.len() as f64;
+        for learner in learners.iter_mut().filter(|learner| learner.wants().is_some()) {
+            learner.learn(&round, seconds);
+        }
+    }
+    Some(())
+}
+
+/// Traces a round of a picture of this size: its number and paths per pixel. `None` if `stop` was raised.
+pub fn trace(
+    transport: &Transport,
+    size: [u32; 2],
+    (number, paths): (u32, u32),
+    wants: Wanted,
+    stop: &AtomicBool,
+) -> Option<Round> {
+    let counts = if transport.lights.has_extent() { Counts::half(paths) } else { Counts::bsdf_only(paths) };
+    let tiles = tiles(size).len();
+    let most =
+        [wants.training_samples, wants.vertex_records, wants.light_sample_records].map(|most| most.div_ceil(tiles));
+    let of_tile = |wave: &mut Wave, pixels: Vec<[u32; 2]>| {
+        let tasks: Vec<_> = pixels.into_iter().map(|pixel| PixelTask::first(pixel, counts, 0)).collect();
+        let mut training = (wants.training_samples > 0).then(TrainingRecorder::default);
+        let mut lights = (wants.light_sample_records > 0).then(LightSampleRecorder::default);
+        let mut found = Round::default();
+        wave.counts = WaveCounts::default();
+        for tasks in tasks.chunks((PATHS_PER_WAVE / paths).max(1) as usize) {
+            let mut stats = vec![PixelStats::default(); tasks.len()];
+            wave.run(transport, tasks, &mut (PixelSums::new(&mut stats), &mut training, &mut lights));
+            let divisors = divisors(tasks, &stats);
+            if let Some(recorder) = &mut training {
+                recorder.append_to(&divisors, &mut found.training_samples, &mut found.vertex_records);
+            }
+            let light_sample_records = lights.as_mut().map(|recorder| recorder.take(&divisors)).unwrap_or_default();
+            let pixel = |(stats, divisor): (&PixelStats, f32)| {
+                let variance = stats.variance_of_mean().iter().map(|v| f64::from(*v)).sum::<f64>() / 3.0;
+                RoundPixel { variance: variance * f64::from(stats.samples).powi(2), divisor }
+            };
+            let pixels = stats.iter().zip(divisors).map(pixel).collect();
+            found.append(Round { pixels, light_sample_records, ..Default::default() });
+        }
+        found.rays = wave.counts.rays();
+        // The records that remain stand for those that are left out.
+        while thin(&mut found.training_samples, most[0]) {
+            found.training_samples.iter_mut().for_each(|sample| sample.weight *= 2.0);
+        }
+        while thin(&mut found.vertex_records, most[1]) {}
+        while thin(&mut found.light_sample_records, most[2]) {
+            found.light_sample_records.iter_mut().for_each(|record| record.contribution *= std::f32::consts::SQRT_2);
+        }
+        found.training_samples.shrink_to_fit();
+        found.vertex_records.shrink_to_fit();
+        found
+    };
+    let of_tiles = in_tiles(size, stop, of_tile)?;
+    let mut all = Round { number, paths, ..Default::default() };
+    of_tiles.into_iter().for_each(|tile| all.append(tile));
+    Some(all)
+}
