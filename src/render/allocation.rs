@@ -2,7 +2,8 @@
 //! relative variance in the tile over its cost, which minimises the mean of variance / paths at a given total cost.
 //!
 //! A pre-pass estimates variance and cost from a few pixels of each tile, with other scrambles of the sequence than the
-//! picture's. The picture therefore stays unbiased, and every part, crop and session computes the same allocation.
+//! picture's. The picture therefore stays unbiased, and every part, crop and session computes the same allocation. The
+//! variance of emission that the camera sees directly is estimated from all pixels ([`visible_emission`](super::visible_emission)).
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,12 +18,14 @@ use super::scheduler::planned_to;
 use super::settings::MIN_AUTO_PATHS;
 use super::stats::AllocationEfficiency;
 use super::tile::{TILE, Tile};
+use super::visible_emission::VisibleEmission;
 use super::{Choice, RenderSettings};
 use crate::balance::Counts;
 use crate::balance::method::MAX_PASS_PATHS;
-use crate::film::PixelStats;
+use crate::color::luminance;
 use crate::film::compare::relative_to;
-use crate::integrator::{PixelSums, PixelTask, Transport, Wave, WaveCounts};
+use crate::integrator::clients::ScatteredSums;
+use crate::integrator::{PixelTask, Transport, Wave, WaveCounts};
 use crate::sampling::hash;
 
 /// Paths per pixel of the pre-pass in each of its two scrambles. Their difference is the error that remains with fixed
@@ -71,6 +74,10 @@ struct Survey {
     sampled: [usize; 2],
     /// Sum of the cost of a path over the sampled pixels.
     cost: f64,
+    /// Sum of the mean luminance over the sampled pixels, without emission that the camera sees directly.
+    scattered: f64,
+    /// Mean over all pixels of the relative variance of that emission.
+    visible: f64,
 }
 
 impl Survey {
@@ -96,6 +103,8 @@ impl Survey {
             variance: [0, 1].map(|half| self.variance[half] + more.variance[half]),
             sampled: [0, 1].map(|half| self.sampled[half] + more.sampled[half]),
             cost: self.cost + more.cost,
+            scattered: self.scattered + more.scattered,
+            visible: 0.0,
         }
     }
 }
@@ -112,17 +121,28 @@ impl Allocation {
         // Pictures against the clock have no reproducible number of paths.
         let is_late = || settings.time.is_some_and(|time| began.elapsed().as_secs_f64() > MAX_TIME_SHARE * time);
         let [columns, rows] = [settings.width, settings.height].map(|n| n.div_ceil(TILE));
+        let visible = VisibleEmission::new(transport, [settings.width, settings.height], stop);
         let step = |sampled: Range<usize>| -> Option<Vec<Survey>> {
             let of_tile = |tile| {
                 let at = [tile % columns, tile / columns];
-                let survey = |wave: &mut Wave| survey(wave, transport, settings, at, sampled.clone());
+                let survey = |wave: &mut Wave| survey(wave, transport, settings, visible.as_ref(), at, sampled.clone());
                 (!stop.load(Ordering::Relaxed) && !is_late()).then(|| with_buffers(|buffers| survey(buffers.wave())))
             };
             (0..columns * rows).into_par_iter().map(of_tile).collect()
         };
         let all = pixels_per_tile(settings);
         let of = |surveys: &[Survey]| {
-            let (doublings, efficiency) = allocated(surveys, columns as usize);
+            let mut surveys = surveys.to_vec();
+            for (survey, tile) in surveys.iter_mut().zip(0..) {
+                let [x0, y0] = [tile % columns, tile / columns].map(|at| at * TILE);
+                survey.visible = visible.as_ref().map_or(0.0, |visible| {
+                    let scattered = survey.scattered / survey.all_sampled().max(1.0);
+                    let row = |y| (x0..settings.width.min(x0 + TILE)).map(move |x| [x, y]);
+                    let pixels = (y0..settings.height.min(y0 + TILE)).flat_map(row);
+                    pixels.map(|at| visible.relative_variance(at, scattered)).sum::<f64>() / survey.pixels
+                });
+            }
+            let (doublings, efficiency) = allocated(&surveys, columns as usize);
             Self { doublings, columns, efficiency }
         };
         let first = step(0..FIRST_PIXELS_PER_TILE)?;
@@ -182,6 +202,7 @@ fn survey(
     wave: &mut Wave,
     transport: &Transport,
     settings: &RenderSettings,
+    visible: Option<&VisibleEmission>,
     [column, row]: [u32; 2],
     sampled: Range<usize>,
 ) -> Survey {
@@ -205,16 +226,19 @@ fn survey(
     wave.counts = WaveCounts::default();
     let [a, b] = [0, 1].map(|scramble| {
         let transport = Transport { seed: hash(settings.seed ^ hash(0x616c_6c6f + scramble)), ..transport.clone() };
-        let mut stats = vec![PixelStats::default(); tasks.len()];
-        wave.run(&transport, &tasks, &mut PixelSums::new(&mut stats));
-        stats.into_iter().map(|stats| Vec3::from(stats.mean())).collect::<Vec<_>>()
+        let mut sums = vec![Vec3::ZERO; tasks.len()];
+        wave.run(&transport, &tasks, &mut ScatteredSums(&mut sums));
+        sums.into_iter().map(|sum| sum / PATHS_PER_SCRAMBLE as f32).collect::<Vec<_>>()
     });
-    let mut variance = [0.0; 2];
+    let (mut variance, mut scattered) = ([0.0; 2], 0.0);
     for (i, (a, b)) in a.iter().zip(&b).enumerate() {
+        let emitted = visible.map_or(0.0, |visible| visible.mean([tasks[i].x, tasks[i].y]));
         let of = |c: usize| {
             let (a, b) = (f64::from(a[c]), f64::from(b[c]));
-            (a - b) * (a - b) / (2.0 * relative_to(0.5 * (a + b)))
+            (a - b) * (a - b) / (2.0 * relative_to(0.5 * (a + b) + emitted))
         };
+        let mean = f64::from(luminance(0.5 * (*a + *b)));
+        scattered += if mean.is_finite() { mean.max(0.0) } else { 0.0 };
         let own = f64::from(PATHS_PER_SCRAMBLE) * (of(0) + of(1) + of(2)) / 3.0;
         variance[i % 2] += if own.is_finite() { own } else { 0.0 };
     }
@@ -224,6 +248,8 @@ fn survey(
         variance,
         sampled: [n.div_ceil(2), n / 2],
         cost: cost(&wave.counts) / f64::from(2 * PATHS_PER_SCRAMBLE),
+        scattered,
+        visible: 0.0,
     }
 }
 
@@ -238,7 +264,7 @@ fn allocated(surveys: &[Survey], columns: usize) -> (Vec<i32>, AllocationEfficie
         let found = doublings(surveys, &smoothed(surveys, &halves[ours], columns));
         let (mut error, mut cost) = ([0.0; 2], [0.0; 2]);
         for ((s, variance), factor) in surveys.iter().zip(&halves[theirs]).zip(found.iter().map(factor)) {
-            let [v, c] = [s.pixels * variance, s.pixels * s.cost()];
+            let [v, c] = [s.pixels * (variance + s.visible), s.pixels * s.cost()];
             error = [error[0] + v / factor, error[1] + v];
             cost = [cost[0] + c * factor, cost[1] + c];
         }
@@ -253,7 +279,7 @@ fn allocated(surveys: &[Survey], columns: usize) -> (Vec<i32>, AllocationEfficie
     (found, AllocationEfficiency { remaining, range })
 }
 
-/// Each tile's variance, mixed with the mean of the tiles around it: the fewer its sampled pixels, the more.
+/// Each tile's variance. That by sampled pixels is mixed with the mean of the tiles around it: the fewer there are, the more.
 fn smoothed(surveys: &[Survey], variance: &[f64], columns: usize) -> Vec<f64> {
     let rows = surveys.len() / columns;
     let near = |i: usize, most: usize| i.saturating_sub(1)..(i + 2).min(most);
@@ -263,7 +289,7 @@ fn smoothed(surveys: &[Survey], variance: &[f64], columns: usize) -> Vec<f64> {
         let mean = around().map(|j| variance[j]).sum::<f64>() / around().count() as f64;
         let sampled = surveys[i].all_sampled();
         let trust = sampled / (sampled + SMOOTHING_PIXELS);
-        trust * variance[i] + (1.0 - trust) * mean
+        trust * variance[i] + (1.0 - trust) * mean + surveys[i].visible
     };
     (0..surveys.len()).map(of).collect()
 }
@@ -295,7 +321,13 @@ mod tests {
     use super::*;
 
     fn tile(variance: [f64; 2], cost: f64) -> Survey {
-        Survey { pixels: 256.0, variance: variance.map(|v| 64.0 * v), sampled: [64; 2], cost: 128.0 * cost }
+        Survey {
+            pixels: 256.0,
+            variance: variance.map(|v| 64.0 * v),
+            sampled: [64; 2],
+            cost: 128.0 * cost,
+            ..Default::default()
+        }
     }
 
     #[test]

@@ -29,6 +29,7 @@ pub mod stats;
 pub mod tile;
 pub mod transport;
 mod validate;
+mod visible_emission;
 
 use crate::film::compare::relative_to;
 use crate::film::{Background, Film};

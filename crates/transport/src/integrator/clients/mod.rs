@@ -6,6 +6,7 @@ pub mod ground;
 pub mod light_samples;
 pub mod mirrors;
 pub mod pixel_sums;
+pub mod scattered_sums;
 pub mod training_samples;
 
 pub use aovs::{AovColumns, Aovs};
@@ -13,4 +14,5 @@ pub use contributions::{ContributionColumns, Contributions};
 pub use ground::{Ground, GroundColumns};
 pub use light_samples::LightSampleRecorder;
 pub use pixel_sums::PixelSums;
+pub use scattered_sums::ScatteredSums;
 pub use training_samples::TrainingRecorder;

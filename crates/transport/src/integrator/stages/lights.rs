@@ -116,7 +116,7 @@ fn sample_extended(
     let kind: U = cast(!is_environment & cast::<U, F>(U::ONE));
     let found = Found { light, radiance, bsdf_pdf, is_environment, kind };
     let (survivors, first_row, radiance) =
-        push_shadow_rays(transport, depth, vertices, bsdf, group, &found, non_finite, shadows);
+        push_shadow_rays(transport, depth, vertices, bsdf, group, &found, (non_finite, shadows));
     let emitter = light.emitter;
     LightSampleGroup { survivors, first_row, is_environment, from: (p, n), emitter, weighted_pdf, bsdf_pdf, radiance }
 }
@@ -140,7 +140,7 @@ fn sample_punctual(
     let (value, bsdf_pdf) = bsdf.eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
     let radiance = vertices.beta.load(rows) * value * light.radiance;
     let found = Found { light, radiance, bsdf_pdf, is_environment: F::ZERO, kind: U::splat(PUNCTUAL_GROUP) };
-    push_shadow_rays(transport, depth, vertices, &bsdf, group, &found, non_finite, shadows);
+    push_shadow_rays(transport, depth, vertices, &bsdf, group, &found, (non_finite, shadows));
 }
 
 /// Eight light samples, with the contribution of the light where nothing is in between.
@@ -163,8 +163,7 @@ fn push_shadow_rays(
     bsdf: &impl Lobe,
     group: &RequestGroup,
     found: &Found,
-    non_finite: &mut NonFiniteSamples,
-    shadows: &mut ShadowRays,
+    (non_finite, shadows): (&mut NonFiniteSamples, &mut ShadowRays),
 ) -> (Survivors, usize, V3) {
     let (rows, id) = (&group.rows, &group.path_ids);
     let Found { light, bsdf_pdf, is_environment, kind, .. } = *found;

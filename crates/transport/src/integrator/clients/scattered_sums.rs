@@ -1,0 +1,24 @@
+//! Radiance of pixels without what the camera sees directly.
+
+use glam::Vec3;
+
+use crate::integrator::events::{FoundEmission, PathEvents, WaveContext};
+use crate::integrator::queues::PathRays;
+
+/// Adds the radiance of paths, without the emission at the end of camera rays, to the sums of their pixels, one per task.
+#[derive(Debug)]
+pub struct ScatteredSums<'a>(pub &'a mut [Vec3]);
+
+impl PathEvents for ScatteredSums<'_> {
+    fn emission(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {
+        if at.depth == 0 {
+            self.0[at.pixel(rays.path[found.ray as usize])] -= found.radiance;
+        }
+    }
+
+    fn end(&mut self, at: &WaveContext, radiance: &[Vec3]) {
+        for (sum, (_, paths)) in self.0.iter_mut().zip(at.by_pixel(radiance)) {
+            *sum += paths.iter().sum::<Vec3>();
+        }
+    }
+}
