@@ -11,7 +11,8 @@ use super::scheduler;
 use super::stats::Samples;
 use super::tile::{TILE, Tile};
 use super::{
-    BuildInfo, Goal, Identity, Part, RenderSettings, RenderStats, Rendered, StopReason, paths_range, tile_positions,
+    BuildInfo, Choice, Goal, Identity, Part, RenderSettings, RenderStats, Rendered, StopReason, paths_range,
+    tile_positions,
 };
 use crate::film::exr_file::{self, Checksum, Header, HeaderValue, Layers};
 use crate::film::{Aov, Background};
@@ -30,15 +31,16 @@ pub struct Saved {
 }
 
 impl Saved {
-    /// Were its paths guided?
-    pub fn is_guided(&self) -> bool {
-        self.stats.guiding.is_some_and(|guiding| guiding.on)
+    /// Does what it has learned depend on the goal? A guiding field does, and light selection that learned from the same rounds.
+    pub fn learns_by_goal(&self, settings: &RenderSettings) -> bool {
+        let beside_guiding = self.stats.learned_lights.is_some() && settings.guiding != Choice::Off;
+        beside_guiding || self.stats.guiding.is_some_and(|guiding| guiding.on)
     }
 
     /// Are its passes those that a render of these settings begins with? Then the resumed render has the bits of an
     /// uninterrupted one ([`scheduler::begins_as`]).
     pub fn has_passes_of(&self, settings: &RenderSettings) -> bool {
-        if !goals::are_as_one(&self.goals, settings, self.is_guided()) {
+        if !goals::are_as_one(&self.goals, settings, self.learns_by_goal(settings)) {
             return false;
         }
         let (done, ahead) = paths_range(&self.tiles);

@@ -47,15 +47,15 @@ pub fn add(goals: &mut Vec<Goal>, settings: &RenderSettings, paths: u32) {
 }
 
 /// What the pre-passes of a render with these settings learn depends on the number of paths that is aimed for: equal keys
-/// stand for equal allocations and, if it is `guided`, for equal fields.
-pub fn learning_key(settings: &RenderSettings, guided: bool) -> (Option<u32>, Option<u32>) {
-    (Allocation::key(settings), guided.then(|| settings.expected_spp()))
+/// stand for equal allocations and, if what it learns depends on the goal (`by_goal`), for equal fields and light selection.
+pub fn learning_key(settings: &RenderSettings, by_goal: bool) -> (Option<u32>, Option<u32>) {
+    (Allocation::key(settings), by_goal.then(|| settings.expected_spp()))
 }
 
-/// Have these goals led to the passes and to what was learned that a render of `settings` has from the beginning? It is
-/// `guided` or not. Passes of goals with a time limit are not known. True without goals: older files record none.
-pub fn are_as_one(goals: &[Goal], settings: &RenderSettings, guided: bool) -> bool {
-    let learned = |s: &RenderSettings| learning_key(s, guided);
+/// Have these goals led to the passes and to what was learned that a render of `settings` has from the beginning? What
+/// it learns depends on the goal (`by_goal`) or not. Passes of goals with a time limit are not known. True without goals: older files record none.
+pub fn are_as_one(goals: &[Goal], settings: &RenderSettings, by_goal: bool) -> bool {
+    let learned = |s: &RenderSettings| learning_key(s, by_goal);
     let allocated = settings.allocates() && settings.spp.is_none_or(|spp| spp >= MIN_AUTO_PATHS);
     let untils = goals.iter().skip(1).map(|next| Some(next.from)).chain([None]);
     goals.iter().zip(untils).all(|(goal, until)| {
