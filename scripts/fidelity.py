@@ -271,9 +271,9 @@ def tables(rows, left_out):
 
 def put(text, name, content):
     """The page's text with what stands between `<!-- NAME -->` and `<!-- /NAME -->` replaced."""
-    start, end = f"<!-- {name} -->\n", f"\n<!-- /{name} -->"
+    start, end = f"<!-- {name} -->\n", f"<!-- /{name} -->"
     before, rest = text.split(start, 1)
-    return before + start + content + end + rest.split(end, 1)[1]
+    return before + start + content + "\n" + end + rest.split(end, 1)[1]
 
 
 def gallery(rows, out):

@@ -1,9 +1,11 @@
 """Scenes with glass, made in Blender, rendered by Cycles and by Bismar from Blender's glTF export.
 
-    glass.py make SCENE FOLDER                          writes SCENE.blend and SCENE.glb: room, bottle or bulbs
-    glass.py cycles SCENE.blend SPP SEED OUT.exr [caustics]  renders with Cycles, one thread; prints its CPU seconds.
-                                                        caustics: shadow caustics, which Cycles has for lights, not for meshes
-    glass.py measure FOLDER SCENE... [--seeds N]        renders with both, prints a table: docs/peers.md
+    glass.py make SCENE FOLDER      writes SCENE.blend and SCENE.glb: room, bottle or bulbs
+    glass.py cycles SCENE.blend SPP SEED OUT.exr [caustics]
+                                    renders with Cycles, one thread; prints its CPU seconds. caustics: shadow caustics,
+                                    which Cycles has for lights, not for emissive meshes
+    glass.py measure FOLDER SCENE... [--seeds N] [--spp N] [--cycles N]
+                                    renders with both, prints the table of docs/peers.md
 
 Run it with a Python that has bpy (5.0.1), NumPy and OpenImageIO (scripts/setup.sh --pictures). The export has its defaults,
 and the options for cameras and lights. Bodies of glass have the group node `glTF Material Output` with a thickness, without
@@ -213,10 +215,11 @@ def of_cycles(how, folder, name, spp, seed):
 
 def of_bismar(bismar, folder, name, spp, seed, *flags):
     out = folder / "bismar.exr"
+    out.unlink(missing_ok=True)
     before = os.times()
     subprocess.run([bismar, "-q", "render", folder / f"{name}.glb", "--no-env", "--light-unit", "watt", "--size", "{}x{}".format(*SIZE),
                     "--filter", "box", "--max-depth", str(DEPTH), "--spp", str(spp), "--seed", str(seed), "--threads", "1", "--aov",
-                    "none", *flags, "-o", out], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+                    "none", *flags, "-o", out], check=True, stdout=subprocess.DEVNULL)
     after = os.times()
     return read(out), after.children_user + after.children_system - before.children_user - before.children_system
 
