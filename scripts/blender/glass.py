@@ -1,6 +1,6 @@
 """Scenes with glass, made in Blender, rendered by Cycles and by Bismar from Blender's glTF export.
 
-    glass.py make SCENE FOLDER      writes SCENE.blend and SCENE.glb: room, bottle or bulbs
+    glass.py make SCENE FOLDER      writes SCENE.blend and SCENE.glb: open, room, bottle or bulbs
     glass.py cycles SCENE.blend SPP SEED OUT.exr [caustics]
                                     renders with Cycles, one thread; prints its CPU seconds. caustics: shadow caustics,
                                     which Cycles has for lights, not for emissive meshes
@@ -106,14 +106,15 @@ def walls(x, y, z, wall, floor, right=True):
         quad("right", [(x, -y, 0), (x, -y, z), (x, y, z), (x, y, 0)], wall)
 
 
-def room():
-    """A closed room with a window of 1 m, a thin pane in it, and a sun outside."""
+def room(pane=True):
+    """A closed room with a window of 1 m, with or without a thin pane in it, and a sun outside."""
     import bpy
     wall, floor = material("wall"), material("floor", (0.5, 0.35, 0.25))
     x, y, z = 2, 1.5, 2.7
     walls(x, y, z, wall, floor, right=False)
-    parts = {"r1": (-y, -0.5, 0, z, wall), "r2": (0.5, y, 0, z, wall), "r3": (-0.5, 0.5, 0, 1, wall), "r4": (-0.5, 0.5, 2, z, wall),
-             "pane": (-0.5, 0.5, 1, 2, material("glass", (1, 1, 1), 0.0, 1.0))}
+    parts = {"r1": (-y, -0.5, 0, z, wall), "r2": (0.5, y, 0, z, wall), "r3": (-0.5, 0.5, 0, 1, wall), "r4": (-0.5, 0.5, 2, z, wall)}
+    if pane:
+        parts["pane"] = (-0.5, 0.5, 1, 2, material("glass", (1, 1, 1), 0.0, 1.0))
     for name, (y0, y1, z0, z1, of) in parts.items():
         quad(name, [(x, y0, z0), (x, y0, z1), (x, y1, z1), (x, y1, z0)], of)
     sun = bpy.data.lights.new("sun", "SUN")
@@ -155,7 +156,7 @@ def bulbs():
     camera((0, -1.4, 1.3), (92, 0, 0), 75)
 
 
-SCENES = {"room": room, "bottle": bottle, "bulbs": bulbs}
+SCENES = {"open": lambda: room(False), "room": room, "bottle": bottle, "bulbs": bulbs}
 
 
 def make(name, folder):
@@ -233,6 +234,7 @@ def measure(options):
     compares the means of the pictures.
     """
     import numpy
+    options.folder.mkdir(parents=True, exist_ok=True)
     print("| scene | way | mean | against the reference | relMSE | CPU seconds | relMSE x seconds |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
     for name in options.scenes:
@@ -240,7 +242,7 @@ def measure(options):
                        stdout=subprocess.DEVNULL)
         ways = {f"Bismar, `--glass-shadows {how}`": (of_bismar, options.bismar, options.spp, ["--glass-shadows", how])
                 for how in ("manifold", "off", "straight")}
-        if name == "room":  # a thin pane is no body
+        if name in ("open", "room"):  # a thin pane is no body
             ways = {"Bismar": (of_bismar, options.bismar, options.spp, [])}
         ways["Cycles"] = (of_cycles, "plain", options.cycles, [])
         if name == "room":
