@@ -58,10 +58,19 @@ fn pictures_of_the_suite_are_compared_and_what_is_missing_is_named() {
     for name in ["khronos-NoModel", "khronos-NoSky"] {
         golden(name, turned);
     }
+    // Two that disagree, and one of them alone.
+    golden("khronos-Two", above);
+    golden("khronos-One", turned);
+    let goldens = path.join("suite/public/thumbnails/goldens");
+    let vray = "vray-golden.thumb.webp";
+    fs::copy(goldens.join("khronos-Turned").join(vray), goldens.join("khronos-Two").join(vray)).unwrap();
+    fs::remove_file(goldens.join("khronos-One/blender-cycles-golden.thumb.webp")).unwrap();
     let scenarios = json!({"scenarios": [
         scenario("khronos-Turned", "Thing", "field", 45.0, 90.0),
         scenario("khronos-Above", "Thing", "field", 0.0, 45.0),
         scenario("khronos-Elsewhere", "Thing", "field", -45.0, 90.0),
+        scenario("khronos-Two", "Thing", "field", 0.0, 45.0),
+        scenario("khronos-One", "Thing", "field", 0.0, 45.0),
         scenario("khronos-NoModel", "Other", "field", 45.0, 90.0),
         scenario("khronos-NoSky", "Thing", "other", 45.0, 90.0),
         scenario("khronos-NoGolden", "Thing", "field", 45.0, 90.0),
@@ -92,6 +101,13 @@ fn pictures_of_the_suite_are_compared_and_what_is_missing_is_named() {
     }
     assert!(of("Elsewhere", "flip", "bismar").unwrap() > 0.01 && of("Elsewhere", "overlap", "bismar").unwrap() < 0.9);
     assert_eq!(of("Elsewhere", "overlap", "vray"), Some(1.0));
+    // Each of the others is compared with the mean of those that are left.
+    let one = of("One", "flip", "bismar");
+    assert!(
+        one > Some(0.01) && of("Two", "flip", "blender-cycles") == one && of("One", "flip", "vray").is_none(),
+        "{rows}"
+    );
+    assert!(of("Two", "flip", "bismar") < one, "{rows}");
     // Without its light only the silhouette is compared: of another picture, rendered under an even sky.
     assert!(of("NoSky", "flip", "bismar").is_none() && of("NoSky", "overlap", "bismar") == Some(1.0), "{rows}");
     for line in [
