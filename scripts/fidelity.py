@@ -29,6 +29,15 @@ PATH_TRACERS = {"blender-cycles": "Cycles", "vray": "V-Ray", "stellar": "STELLAR
 RASTERISERS = {"gltf-sample-viewer": "Sample Viewer", "filament": "Filament"}
 PEERS = {**PATH_TRACERS, **RASTERISERS}
 FURTHEST = 10
+# What a scenario of the generator's config does not say.
+DEFAULTS = {"lighting": "lightroom_14b.hdr", "dimensions": {"width": 768, "height": 768}, "target": {"x": 0, "y": 0, "z": 0},
+            "orbit": {"theta": 0, "phi": 90, "radius": 1}, "verticalFoV": 45, "renderSkybox": False}
+
+
+def complete(scenario):
+    """The scenario with the suite's defaults for what it leaves out."""
+    nested = {key: {**value, **scenario.get(key, {})} for key, value in DEFAULTS.items() if isinstance(value, dict)}
+    return {**DEFAULTS, **scenario, **nested}
 
 
 def camera(scenario):
@@ -43,7 +52,7 @@ def camera(scenario):
           backward[0] * right[1] - backward[1] * right[0]]
     target = [scenario["target"][axis] for axis in "xyz"]
     rows = [[right[i], up[i], backward[i], target[i] + scenario["orbit"]["radius"] * backward[i]] for i in range(3)]
-    return {"camera_angle_y": math.radians(scenario.get("verticalFoV", 45)),
+    return {"camera_angle_y": math.radians(scenario["verticalFoV"]),
             "w": scenario["dimensions"]["width"], "h": scenario["dimensions"]["height"],
             "frames": [{"file_path": "view", "transform_matrix": [*rows, [0.0, 0.0, 0.0, 1.0]]}]}
 
@@ -144,7 +153,7 @@ class Suite:
         if self.options.again or not png.is_file():
             (folder / "camera.json").write_text(json.dumps(camera(scenario)))
             light = ["--env", environment] if environment else ["--sky"]
-            hidden = [] if scenario.get("renderSkybox") and environment else ["--transparent"]
+            hidden = [] if scenario["renderSkybox"] and environment else ["--transparent"]
             flags = shlex.split(self.options.flags)
             command = [self.options.bismar, "-q", "render", model, "--cameras", folder / "camera.json", "--camera", "view", *light,
                        *hidden, "--view", "aces", "--exposure", "0", "--filter", "box", "--spp", str(self.options.spp), "--aov", "none", *flags, "-o",
@@ -183,7 +192,7 @@ class Suite:
             strip = [over_white(ours), mean, *(flat[name] for name in flat)]
             write(self.options.out / scenario["name"] / "strip.png", numpy.concatenate(strip, axis=1))
             result["strip"] = ["Bismar", "mean of the path tracers", *(PEERS[name] for name in flat)]
-        if not scenario.get("renderSkybox"):
+        if not scenario["renderSkybox"]:
             for name, pixels in {"bismar": ours, **peers}.items():
                 others = [peers[peer][..., 3] for peer in peers if peer != name]
                 if others:
@@ -203,7 +212,7 @@ class Suite:
                 left_out.append((name, "no golden picture in the suite"))
             elif not model:
                 left_out.append((name, "its model is in no folder of --models"))
-            elif not lit and scenario.get("renderSkybox"):
+            elif not lit and scenario["renderSkybox"]:
                 left_out.append((name, f"{Path(scenario['lighting']).name} is in no folder of --environments"))
             else:
                 height, width = next(iter(peers.values())).shape[:2]
@@ -300,7 +309,7 @@ def main():
     parser.add_argument("--again", action="store_true", help="render pictures again that are in --out")
     parser.add_argument("--write", action="store_true", help="put the tables into docs/fidelity.md")
     options = parser.parse_args()
-    scenarios = json.loads(options.config.read_text())["scenarios"]
+    scenarios = [complete(scenario) for scenario in json.loads(options.config.read_text())["scenarios"]]
     if options.only:
         scenarios = [s for s in scenarios if s["name"].removeprefix("khronos-") in options.only]
     rows, left_out = Suite(options).run(scenarios)

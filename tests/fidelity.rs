@@ -33,7 +33,9 @@ fn pictures_of_the_suite_are_compared_and_what_is_missing_is_named() {
     fs::create_dir_all(path.join("models/Thing")).unwrap();
     fs::write(path.join("models/Thing/Thing.gltf"), model.json()).unwrap();
     fs::create_dir(path.join("skies")).unwrap();
-    fs::copy(scene("field.hdr"), path.join("skies/field.hdr")).unwrap();
+    for sky in ["field.hdr", "lightroom_14b.hdr"] {
+        fs::copy(scene("field.hdr"), path.join("skies").join(sky)).unwrap();
+    }
 
     // From the right and from above: right, up and backward are the columns of the matrix.
     let turned = [[S, 0.0, S, 0.25 + 3.0 * S], [0.0, 1.0, 0.0, 0.5], [-S, 0.0, S, 3.0 * S], [0.0, 0.0, 0.0, 1.0]];
@@ -66,7 +68,9 @@ fn pictures_of_the_suite_are_compared_and_what_is_missing_is_named() {
     fs::copy(goldens.join("khronos-Turned").join(vray), goldens.join("khronos-Two").join(vray)).unwrap();
     fs::remove_file(goldens.join("khronos-One/blender-cycles-golden.thumb.webp")).unwrap();
     let scenarios = json!({"scenarios": [
-        scenario("khronos-Turned", "Thing", "field", 45.0, 90.0),
+        // The suite's defaults: its light, its field of view, a view from the side.
+        {"name": "khronos-Turned", "model": "Thing.gltf", "dimensions": {"width": 48, "height": 40},
+         "target": {"x": 0.25, "y": 0.5}, "orbit": {"theta": 45, "radius": 3}},
         scenario("khronos-Above", "Thing", "field", 0.0, 45.0),
         scenario("khronos-Elsewhere", "Thing", "field", -45.0, 90.0),
         scenario("khronos-Two", "Thing", "field", 0.0, 45.0),
