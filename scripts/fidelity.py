@@ -156,8 +156,8 @@ class Suite:
             hidden = [] if scenario["renderSkybox"] and environment else ["--transparent"]
             flags = shlex.split(self.options.flags)
             command = [self.options.bismar, "-q", "render", model, "--cameras", folder / "camera.json", "--camera", "view", *light,
-                       *hidden, "--view", "aces", "--exposure", "0", "--filter", "box", "--spp", str(self.options.spp), "--aov", "none", *flags, "-o",
-                       picture, "--preview", png]
+                       *hidden, "--view", "aces", "--exposure", "0", "--filter", "box", "--spp", str(self.options.spp), "--aov",
+                       "none", *flags, "-o", picture, "--preview", png]
             done = subprocess.run(command, capture_output=True, text=True)
             if done.returncode:
                 return None, done.stderr.strip().splitlines()[-1]
