@@ -21,6 +21,7 @@ mod corpus;
 mod damaged;
 mod docs;
 mod farm;
+mod fidelity;
 mod fireflies;
 mod first_picture;
 mod flip;

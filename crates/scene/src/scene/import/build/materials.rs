@@ -62,7 +62,8 @@ fn resolve(
         notes.approximated(&from.at, text);
     }
     if material.transmits() {
-        let text = "light passes through, shadow rays do not: behind it, punctual lights do not shine";
+        let text = "light passes through; shadow rays pass thin smooth glass alone, and smooth bodies by --glass-shadows: behind \
+                    other glass, punctual lights do not shine";
         notes.convention(&from.at, text);
     }
     if from.has_occlusion {
