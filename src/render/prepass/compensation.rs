@@ -11,7 +11,7 @@ use super::super::stats::CompensationStats;
 use super::super::{Choice, RenderSettings};
 use super::low_resolution::low_resolution;
 use super::rounds::{Round, RoundPixel, Wanted, trace};
-use crate::film::compare::sums_without_outliers;
+use crate::film::compare::{relative_to, sums_without_outliers};
 use crate::integrator::{PreparedScene, Proposal, Transport};
 use crate::light::{Density, LightProposal};
 use crate::sampling::hash;
@@ -66,8 +66,8 @@ pub fn compensation(
 /// plain variance is 0.
 fn remaining_variance(plain: &Round, compensated: &Round) -> f64 {
     let of = |(a, b): (&RoundPixel, &RoundPixel)| {
-        // The mean of both divisors, so that noise favours neither.
-        let divisor = 0.5 * f64::from(a.divisor + b.divisor);
+        // With so many paths a pixel has a mean of its own; that of both, so that noise favours neither.
+        let divisor = relative_to(0.5 * f64::from(a.mean + b.mean));
         [a.variance / divisor, b.variance / divisor]
     };
     let pixels = plain.pixels.iter().zip(&compensated.pixels).map(of).collect();
@@ -78,11 +78,10 @@ fn remaining_variance(plain: &Round, compensated: &Round) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::{Round, RoundPixel};
-    use crate::film::compare::relative_to;
 
     /// A pixel with this mean and variance.
     fn pixel(mean: f64, variance: f64) -> RoundPixel {
-        RoundPixel { variance, divisor: relative_to(mean) as f32 }
+        RoundPixel { variance, divisor: 1.0, mean: mean as f32 }
     }
 
     fn remaining_variance(plain: &[RoundPixel], compensated: &[RoundPixel]) -> f64 {

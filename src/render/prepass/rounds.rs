@@ -7,6 +7,7 @@ use std::time::Instant;
 use super::super::RenderSettings;
 use super::low_resolution::{divisors, in_tiles, low_resolution, thin, tiles};
 use crate::balance::Counts;
+use crate::color::luminance;
 use crate::film::PixelStats;
 use crate::guiding::{TrainingSample, VertexRecord};
 use crate::integrator::clients::{LightSampleRecorder, TrainingRecorder};
@@ -79,6 +80,8 @@ pub struct RoundPixel {
     pub variance: f64,
     /// Divisor of relMSE, from the mean of the pixels around.
     pub divisor: f32,
+    /// Mean luminance of its paths.
+    pub mean: f32,
 }
 
 impl RoundPixel {
@@ -162,7 +165,8 @@ pub fn trace(
             let light_sample_records = lights.as_mut().map(|recorder| recorder.take(&divisors)).unwrap_or_default();
             let pixel = |(stats, divisor): (&PixelStats, f32)| {
                 let variance = stats.variance_of_mean().iter().map(|v| f64::from(*v)).sum::<f64>() / 3.0;
-                RoundPixel { variance: variance * f64::from(stats.samples).powi(2), divisor }
+                let mean = luminance(stats.mean().into());
+                RoundPixel { variance: variance * f64::from(stats.samples).powi(2), divisor, mean }
             };
             let pixels = stats.iter().zip(divisors).map(pixel).collect();
             found.append(Round { pixels, light_sample_records, ..Default::default() });
