@@ -36,7 +36,7 @@ fn as_flags(techniques: &Value) -> String {
 fn the_plain_command_is_the_one_with_its_decisions_as_flags() {
     let folder = folder();
     let path = folder.path();
-    let mut used = Vec::new();
+    let (mut used, mut unchanged) = (Vec::new(), 0);
     for (line, file) in [
         ("render veach.glb --size 96x64 --spp 32", "veach"),
         ("render ajar.glb --size 72x48 --spp 64", "ajar"),
@@ -56,7 +56,14 @@ fn the_plain_command_is_the_one_with_its_decisions_as_flags() {
         }
         let flags = as_flags(&techniques);
         expect(path, &format!("{line} {flags} -q -o chosen.exr --stats chosen.json"), 0);
-        assert_same_bits(&path.join(format!("{file}.exr")), &path.join("chosen.exr"));
+        // Lights that learned from paths which guiding guided until it was refused learn anew from others.
+        let refused = techniques["guiding"]["why"].as_str().is_some_and(|why| why.contains("of the cost"));
+        if refused && techniques["guiding"]["on"] == false && techniques["learned_lights"]["on"] == true {
+            expect(path, &format!("compare {file}.exr chosen.exr --max-z 4"), 0);
+        } else {
+            assert_same_bits(&path.join(format!("{file}.exr")), &path.join("chosen.exr"));
+            unchanged += 1;
+        }
         assert_eq!(as_flags(&stats(&path.join("chosen.json"))["techniques"]), flags);
         expect(path, &format!("{line} --guiding auto --adaptive=auto -q -o auto.exr"), 0);
         assert_same_bits(&path.join(format!("{file}.exr")), &path.join("auto.exr"));
@@ -68,6 +75,7 @@ fn the_plain_command_is_the_one_with_its_decisions_as_flags() {
         assert_eq!([&fingerprint["guiding"], &fingerprint["adaptive"]], ["auto", "auto"]);
         assert!(header("bismar.stats").contains("\"techniques\""));
     }
+    assert!(unchanged >= 2);
     for name in ["learned_lights", "guiding", "adaptive"] {
         assert!(used.contains(&name), "none of the scenes uses {name}: {used:?}");
     }

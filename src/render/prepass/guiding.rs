@@ -52,6 +52,11 @@ pub fn bytes(settings: &RenderSettings) -> u64 {
     ((3.0 * training_samples * size_of::<TrainingSample>() as f64) as u64).min(most)
 }
 
+/// Pixels of the pre-pass that this learner needs.
+pub fn pixels(settings: &RenderSettings) -> f64 {
+    MIN_PIXELS.max(f64::from(settings.width) * f64::from(settings.height) / PIXELS_PER_PREPASS_PIXEL)
+}
+
 /// Factor of the effort, fitted to relMSE × CPU seconds of pictures of 64, 256 and 1024 paths per pixel.
 fn worthwhile(settings: &RenderSettings) -> f64 {
     let root = (f64::from(settings.expected_spp()) / REFERENCE_SPP).sqrt();
@@ -83,8 +88,9 @@ pub struct GuidingLearner {
     always: bool,
     /// Seconds of a time limit that all rounds may take.
     max_seconds: Option<f64>,
-    /// Pixels of the picture.
+    /// Pixels of the picture, and of the pre-pass that it needs.
     picture_pixels: f64,
+    pixels: f64,
     max: Wanted,
     max_cells: usize,
     /// Training samples after which no further round is needed.
@@ -118,6 +124,7 @@ impl GuidingLearner {
             always: settings.guiding == Choice::On,
             max_seconds: settings.time.map(|time| MAX_TIME_SHARE * time),
             picture_pixels,
+            pixels: pixels(settings),
             max: Wanted {
                 training_samples: max_training_samples,
                 vertex_records: max_vertex_records,
@@ -143,7 +150,7 @@ impl GuidingLearner {
 
 impl Learner for GuidingLearner {
     fn pixels(&self) -> f64 {
-        MIN_PIXELS.max(self.picture_pixels / PIXELS_PER_PREPASS_PIXEL)
+        self.pixels
     }
 
     fn wants(&self) -> Option<Wanted> {

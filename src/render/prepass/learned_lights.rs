@@ -7,6 +7,7 @@ use tracing::debug;
 
 use super::super::stats::LearnedLightsStats;
 use super::super::{Choice, RenderSettings};
+use super::guiding;
 use super::rounds::{self, Learner, Round, Wanted};
 use crate::film::compare::sums_without_outliers;
 use crate::integrator::{PreparedScene, Proposal, Transport};
@@ -57,10 +58,20 @@ impl LearnedLightsResult {
 
 /// Maximum bytes that learning takes for a render with these settings, in a scene of at most so many area lights.
 pub fn bytes(settings: &RenderSettings, lights: u64) -> u64 {
-    match settings.uses_prepass(settings.learned_lights) && lights > 1 {
-        true => LearnedLights::bytes_to_learn(4 * MAX_RECORDS_PER_ROUND as u64, lights),
-        false => 0,
+    if !settings.uses_prepass(settings.learned_lights) || lights < 2 {
+        return 0;
     }
+    let own = pixels(settings);
+    let shared = if settings.guides() { own.max(guiding::pixels(settings)) } else { own };
+    // Each round has twice the paths of the one before it, and there are two at least.
+    let paths = (2.0 * SUFFICIENT_PATHS_PER_PIXEL * own + shared).max(3.0 * shared);
+    let records = (paths * f64::from(settings.max_depth)).min(4.0 * MAX_RECORDS_PER_ROUND as f64);
+    LearnedLights::bytes_to_learn(records as u64, lights)
+}
+
+/// Pixels of the pre-pass that this learner needs.
+fn pixels(settings: &RenderSettings) -> f64 {
+    (f64::from(settings.width) * f64::from(settings.height) / PIXELS_PER_PREPASS_PIXEL).clamp(MIN_PIXELS, MAX_PIXELS)
 }
 
 /// Learns from the rounds of a pre-pass.
@@ -82,12 +93,11 @@ impl<'a> LightsLearner<'a> {
     /// Begins to learn; `None` where the settings do not ask for it or there is nothing to choose.
     pub fn new(scene: &'a PreparedScene, settings: &RenderSettings) -> Option<Self> {
         let area = scene.lights.area.as_ref().filter(|area| area.tree().top(3) > 1)?;
-        let pixels = f64::from(settings.width) * f64::from(settings.height) / PIXELS_PER_PREPASS_PIXEL;
         settings.uses_prepass(settings.learned_lights).then(|| Self {
             area,
             always: settings.learned_lights == Choice::On,
             scale: 0.25 * scene.scene.radius(),
-            pixels: pixels.clamp(MIN_PIXELS, MAX_PIXELS),
+            pixels: pixels(settings),
             records: Vec::new(),
             paths: 0.0,
             finished: false,
