@@ -60,6 +60,21 @@ fn normals_follow_the_inverse_transpose() {
 }
 
 #[test]
+fn normals_behind_the_front_of_every_triangle_are_turned_around() {
+    let normals = |z: [f32; 3]| {
+        let normals: Vec<f32> = z.iter().flat_map(|&z| [0.0, 0.0, z]).collect();
+        let json = r#"{"attributes":{"POSITION":0,"NORMAL":1}}"#;
+        let imported = with(floats(&normals), &accessor(36, 5126, 3, "VEC3", false), json).import().unwrap();
+        let told = imported.report.notes.iter().any(|note| note.text.contains("turned around"));
+        (imported.scene.meshes[0].normals.as_ref().unwrap().iter().map(|n| n[2]).collect::<Vec<_>>(), told)
+    };
+    assert_eq!(normals([-1.0; 3]), (vec![1.0; 3], true));
+    assert_eq!(normals([1.0; 3]), (vec![1.0; 3], false));
+    // The mean normal decides.
+    assert_eq!(normals([1.0, 1.0, -1.0]), (vec![1.0, 1.0, -1.0], false));
+}
+
+#[test]
 fn what_is_placed_twice_is_kept_once() {
     let nodes = r#"[{"children":[1,2]},{"mesh":0,"name":"left"},{"mesh":0,"translation":[5,0,0]}]"#.into();
     let imported = Parts { nodes, ..Default::default() }.import().unwrap();

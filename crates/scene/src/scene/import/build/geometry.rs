@@ -24,6 +24,8 @@ pub struct Geometry {
     pub adjacent_frames: Option<[Positions; 2]>,
     /// Texture coordinate set for which tangents must still be generated.
     pub tangents_for: Option<u8>,
+    /// Were the file's normals negated, because they contradict the winding?
+    pub is_inverted: bool,
 }
 
 fn point(g: &Geometry, i: u32) -> DVec3 {
@@ -72,7 +74,8 @@ impl Geometry {
         self.colors.iter_mut().for_each(|v| filter(v, &keep));
     }
 
-    /// Normalizes normals; those of length zero become the area-weighted mean of their triangles' normals.
+    /// Normalizes normals; those of length zero become the area-weighted mean of their triangles' normals. Normals that contradict
+    /// the winding of all triangles are negated.
     pub fn repair_normals(&mut self, at: &str, notes: &mut Notes) {
         let Some(mut normals) = self.normals.take() else { return };
         let mut missing = false;
@@ -91,6 +94,18 @@ impl Geometry {
             for (n, sum) in normals.iter_mut().zip(sums).filter(|(n, _)| **n == [0.0; 3]) {
                 *n = sum.try_normalize().unwrap_or(DVec3::Y).as_vec3().to_array();
             }
+        }
+        // The specification takes the front from the winding. Shaded by such normals, either side would be black.
+        let against = |t: &[u32; 3]| {
+            let sum: DVec3 = t.iter().map(|&i| Vec3::from(normals[i as usize]).as_dvec3()).sum();
+            sum.dot(cross(self, *t)) < 0.0
+        };
+        self.is_inverted = self.indices.iter().all(against);
+        if self.is_inverted {
+            notes.repaired(at, "normals that point away from the front of every triangle: turned around");
+            normals.iter_mut().flatten().for_each(|x| *x = -*x);
+            // The bitangent stays as it was.
+            self.tangents.iter_mut().flatten().for_each(|t| t[3] = -t[3]);
         }
         self.normals = Some(normals);
     }

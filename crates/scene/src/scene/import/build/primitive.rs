@@ -132,7 +132,8 @@ pub fn read(
     }
     if let Some(source) = g.source.take() {
         let pick = |values: &Vec<[f32; 3]>| source.iter().map(|&i| values[i as usize]).collect::<Vec<_>>();
-        let unit = |n: [f32; 3]| Vec3::from(n).normalize_or_zero().to_array();
+        let sign = if g.is_inverted { -1.0 } else { 1.0 };
+        let unit = |n: [f32; 3]| (sign * Vec3::from(n).normalize_or_zero()).to_array();
         let positions = |step: &Geometry| Positions::new(pick(&step.positions));
         if !steps.is_empty() {
             let mut motion = Deformation::default();
