@@ -3,7 +3,7 @@
 //!
 //! A pre-pass estimates variance and cost from a few pixels of each tile, with other scrambles of the sequence than the
 //! picture's. The picture therefore stays unbiased, and every part, crop and session computes the same allocation. The
-//! variance of emission that the camera sees directly is estimated from all pixels ([`visible_emission`](super::visible_emission)).
+//! variance of emission that the camera sees directly is estimated from all pixels (`visible_emission`).
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
