@@ -28,10 +28,10 @@ const SUFFICIENT_TRAINING_SAMPLES: f64 = 150_000.0;
 const FIRST_DECISION_ROUND: u32 = 1;
 /// Learning continues there if at most this fraction of variance times rays remains, or if less than
 /// [`MIN_SAMPLES_PER_PATH`] training samples per path were found, which is too few for an estimate.
-const MAX_REMAINING_AT_FIRST_DECISION: f32 = 0.72;
+const MAX_REMAINING_AT_FIRST_DECISION: f32 = 0.66;
 const MIN_SAMPLES_PER_PATH: f64 = 0.04;
 /// Paths are guided if at most this fraction of variance times rays remains after the last round: a guided ray takes
-/// longer, and smooth light (cornell: 0.55) loses the benefit of stratified points.
+/// longer, and smooth light (cornell: 0.66) loses the benefit of stratified points.
 const MAX_REMAINING: f32 = 0.45;
 /// Maximum seconds of the pre-pass over those of a time limit, as far as rounds tell: the next one takes twice as long as
 /// all before it.

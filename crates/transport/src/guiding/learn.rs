@@ -27,6 +27,8 @@ pub struct TrainingSample {
     pub bsdf_pdf: f32,
     /// Density of the earlier field; 0 without one.
     pub field_pdf: f32,
+    /// Density of light samples if the direction ends at a light that MIS shares with them, otherwise 0.
+    pub light_pdf: f32,
 }
 
 /// Approximate number of training samples per cell: it grows with the total between these limits. A cell with fewer is not
@@ -239,15 +241,16 @@ const PRIOR_HEAVY_SAMPLES: f64 = 4.0;
 
 impl ProbabilitySums {
     fn add(&mut self, training_sample: &TrainingSample) {
-        let p = f64::from(training_sample.pdf);
-        let ratio = |c: f32| {
-            p / f64::from(c.mul_add(training_sample.field_pdf - training_sample.bsdf_pdf, training_sample.bsdf_pdf))
-        };
+        let TrainingSample { weight, pdf, bsdf_pdf, field_pdf, light_pdf, .. } = *training_sample;
+        // By the balance heuristic, light samples and scattered rays have the second moment (f L)² / (p + p_light) in all.
+        let both = f64::from(pdf + light_pdf);
+        let taken = f64::from(weight) * both / f64::from(pdf);
+        let ratio = |c: f32| both / f64::from(c.mul_add(field_pdf - bsdf_pdf, bsdf_pdf) + light_pdf);
         for (sum, c) in self.moments.iter_mut().zip(GUIDING_PROBABILITIES) {
-            *sum += f64::from(training_sample.weight) * ratio(c).min(1e6);
+            *sum += taken * ratio(c).min(1e6);
         }
-        self.squares += (f64::from(training_sample.weight) * ratio(0.5)).powi(2);
-        self.taken += f64::from(training_sample.weight);
+        self.squares += (taken * ratio(0.5)).powi(2);
+        self.taken += taken;
         self.n += 1.0;
     }
 

@@ -118,7 +118,17 @@ fn firefly() -> Field {
         let position = Vec3::new(4.0 * random.f32() - 2.0, 0.0, 4.0 * random.f32() - 2.0);
         let (found, field_pdf) = if i == 500 { (1e6, 100.0) } else { (1.0, 0.0) };
         let (wi, weight) = (Vec3::new(0.9, 0.1, 0.2).normalize(), found * found);
-        TrainingSample { position, normal, wi, contribution: found, weight, pdf: 0.2, bsdf_pdf: 0.2, field_pdf }
+        TrainingSample {
+            position,
+            normal,
+            wi,
+            contribution: found,
+            weight,
+            pdf: 0.2,
+            bsdf_pdf: 0.2,
+            field_pdf,
+            light_pdf: 0.0,
+        }
     };
     // Normals count more than positions.
     learn(&(0..2000).map(training_sample).collect::<Vec<_>>(), 0, 100.0, 2).0

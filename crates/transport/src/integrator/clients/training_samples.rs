@@ -42,6 +42,8 @@ struct ScatterRecord {
     roulette: [f32; 2],
     /// Densities per solid angle of the direction: of the mixture that sampled it, of the BSDF, of the field.
     pdf: [f32; 3],
+    /// Density per solid angle of light samples toward the light at the end of the ray; 0 without one.
+    light_pdf: f32,
     /// Radiance found at the end of the ray and, after the wave, by its descendants.
     found: Vec3,
 }
@@ -80,6 +82,7 @@ impl TrainingRecorder {
                     pdf,
                     bsdf_pdf,
                     field_pdf,
+                    light_pdf: record.light_pdf,
                 });
             }
         }
@@ -98,7 +101,9 @@ impl PathEvents for TrainingRecorder {
 
     fn emission(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {
         if at.depth > 0 {
-            self.of_ray(at, rays.first + found.ray).found += found.radiance;
+            let record = self.of_ray(at, rays.first + found.ray);
+            record.found += found.radiance;
+            record.light_pdf = found.pdf[0] + found.pdf[1];
         }
     }
 
@@ -124,6 +129,7 @@ impl PathEvents for TrainingRecorder {
             light: 0.0,
             roulette: roulette.map(|probability| probability[lane]),
             pdf: pdf.map(|pdf| pdf[lane]),
+            light_pdf: 0.0,
             found: Vec3::ZERO,
         }));
     }
