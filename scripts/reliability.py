@@ -28,7 +28,7 @@ PAGE = ROOT / "docs/reliability.md"
 HEAD = """# Reliability tests
 
 Number of tries and failures of fault-injection tests, counted by `scripts/reliability.py target/release/bismar all`. A section's
-name in place of `all` repeats that section. Version 0.1.0, November 2026. The section about libFuzzer was measured by hand.
+name in place of `all` repeats that section. The section about libFuzzer was measured by hand.
 """
 SECTIONS = {}
 
@@ -288,13 +288,15 @@ def main():
     if len(sys.argv) < 3 or not set(sys.argv[2:]) <= {"all", *SECTIONS}:
         sys.exit(f"{__doc__}\nsections: all, {', '.join(SECTIONS)}")
     bismar = str(Path(sys.argv[1]).resolve())
+    version = subprocess.run([bismar, "--version"], capture_output=True, text=True, check=True).stdout.split()
+    version = f"version {version[1]}, commit {version[3]}, {time.strftime('%B %Y')}"
     failed = False
     for name, (title, function) in SECTIONS.items():
         if not {"all", name} & set(sys.argv[2:]):
             continue
         with tempfile.TemporaryDirectory() as folder:
             rows = function(bismar, Path(folder))
-        write(title, f"{' '.join(function.__doc__.split())} (`scripts/reliability.py BINARY {name}`)", rows)
+        write(title, f"{' '.join(function.__doc__.split())} (`scripts/reliability.py BINARY {name}`; {version})", rows)
         for row in rows:
             print(f"{name}: {row[0]}: {row[2]} of {row[1]} {row[3]}", flush=True)
             failed |= row[2] > 0
