@@ -22,7 +22,9 @@ const SUFFICIENT_PATHS_PER_PIXEL: f64 = 15.0;
 /// Learned lights are used where at most this fraction of the variance remains: later rounds and the longer traversal of the
 /// light tree take time.
 const MAX_REMAINING_VARIANCE: f64 = 0.9;
-/// Maximum light-sample records of a round, of which there are four at most.
+/// Maximum rounds: their pre-pass has no fewer pixels than it would have alone.
+const MAX_ROUNDS: u32 = 4;
+/// Maximum light-sample records of a round.
 const MAX_RECORDS_PER_ROUND: usize = 1 << 16;
 
 /// The result of the pre-pass.
@@ -63,9 +65,11 @@ pub fn bytes(settings: &RenderSettings, lights: u64) -> u64 {
     }
     let own = pixels(settings);
     let shared = if settings.guides() { own.max(guiding::pixels(settings)) } else { own };
-    // Each round has twice the paths of the one before it, and there are two at least.
-    let paths = (2.0 * SUFFICIENT_PATHS_PER_PIXEL * own + shared).max(3.0 * shared);
-    let records = (paths * f64::from(settings.max_depth)).min(4.0 * MAX_RECORDS_PER_ROUND as f64);
+    let paths = |round: u32| shared * f64::from(1 << round);
+    // Before a round there were as many paths as it has itself, less one per pixel.
+    let rounds = (0..MAX_ROUNDS).take_while(|&r| r < 2 || paths(r) - shared < SUFFICIENT_PATHS_PER_PIXEL * own);
+    let records =
+        rounds.map(|r| (paths(r) * f64::from(settings.max_depth)).min(MAX_RECORDS_PER_ROUND as f64)).sum::<f64>();
     LearnedLights::bytes_to_learn(records as u64, lights)
 }
 
