@@ -94,9 +94,13 @@ impl Sessions {
         }
     }
 
-    fn no_progress(&mut self) -> Error {
-        // Somebody who releases the held task has changed something, so the counts are reset.
+    /// Resets the counts of a task that is held: somebody who releases it has changed something.
+    pub fn hold(&mut self) {
         self.begun = 0;
+    }
+
+    fn no_progress(&mut self) -> Error {
+        self.hold();
         Error::Host(format!(
             "begun {MAX_FRUITLESS_SESSIONS} times in a row, and interrupted each time before anything was saved: give it more time or \
              a faster host"
@@ -164,6 +168,11 @@ mod tests {
             sessions = sessions.begin("7", "n1", 21, 0);
             assert_eq!(sessions.check_progress().is_err(), killed == 3, "{killed}");
         }
+        // A task that is held because of its memory, and released with more, begins anew.
+        sessions = sessions.begin("7", "n1", 21, 0).begin("7", "n1", 21, 0).begin("7", "n1", 21, 0);
+        sessions.hold();
+        sessions = sessions.begin("7", "n1", 21, 0);
+        assert_eq!((sessions.begun, sessions.fruitless), (1, 0));
         // What is submitted again begins anew; what ends otherwise than interrupted is not counted here.
         sessions = sessions.begin("8", "n1", 21, 0);
         assert_eq!((sessions.begun, sessions.fruitless), (1, 0));

@@ -135,6 +135,7 @@ impl Session {
                 (vec![vec!["requeue".into(), job], update.into()], error)
             }
             None => {
+                self.sessions.hold();
                 let key = memory.map_or("MinMemoryNode", |(key, _)| key);
                 let error = Error::Host(format!(
                     "{why}; Slurm holds it, and its merge waits: scontrol update JobId={job} {key}=MIB, then scontrol \
