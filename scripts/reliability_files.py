@@ -192,7 +192,7 @@ def mutations(_, folder):
     that dies or hangs for a minute is one failure, and another continues after that file."""
     test = "mutations::no_mutated_file_panics_aborts_or_hangs"
     built = subprocess.run(["cargo", "test", "--test", "all", "--no-run"], cwd=ROOT, capture_output=True, text=True)
-    binaries = [ROOT / name for name in re.findall(r"\((target/\S*/all-\w+)\)", built.stderr)]
+    binaries = [ROOT / name for name in re.findall(r"\((\S*/all-\w+)\)", built.stderr)]
     lists = lambda binary: test in subprocess.run([binary, "--list"], capture_output=True, text=True).stdout
     binary = next(filter(lists, binaries))
     many = int(os.environ.get("BISMAR_MUTATIONS", 1_000_000))
