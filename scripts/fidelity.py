@@ -22,6 +22,7 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from statistics import median
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs/fidelity.md"
@@ -226,12 +227,6 @@ class Suite:
                 if not lit:
                     left_out.append((name, f"FLIP only: {Path(scenario['lighting']).name} is in no folder of --environments"))
         return rows, left_out
-
-
-def median(values):
-    values = sorted(values)
-    half = len(values) // 2
-    return values[half] if len(values) % 2 else (values[half - 1] + values[half]) / 2
 
 
 def table(rows, key, digits):

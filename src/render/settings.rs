@@ -282,6 +282,11 @@ impl RenderSettings {
         }
     }
 
+    /// Pixels of the whole picture.
+    pub(super) fn pixels(&self) -> f64 {
+        f64::from(self.width) * f64::from(self.height)
+    }
+
     /// The crop window or the whole picture, in pixels: x0, y0, x1, y1, the last two exclusive.
     pub fn window(&self) -> [u32; 4] {
         self.crop.unwrap_or([0, 0, self.width, self.height])

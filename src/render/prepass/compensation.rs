@@ -42,7 +42,7 @@ pub fn compensation(
     if settings.compensation == Choice::On {
         return Some(CompensationStats { on: true, remaining_variance: None, seconds: 0.0 });
     }
-    let pixels = f64::from(settings.width) * f64::from(settings.height);
+    let pixels = settings.pixels();
     let ([width, height], camera) =
         low_resolution(scene, settings, (pixels / PIXELS_PER_PREPASS_PIXEL).clamp(MIN_PIXELS, MAX_PIXELS));
     let [plain, compensated] = [Density::Radiance, Density::Compensated].map(|density| {

@@ -45,16 +45,16 @@ pub fn bytes(settings: &RenderSettings) -> u64 {
         return 0;
     }
     let most = settings.guiding_memory.unwrap_or(MEMORY);
-    let pixels = f64::from(settings.width) * f64::from(settings.height);
+    let pixels = settings.pixels();
     // A round has twice the paths of the one before it: in the end there are up to three times as many as suffice. They are
     // copied once, and the field takes as much again.
     let training_samples = 3.0 * SUFFICIENT_TRAINING_SAMPLES.max(pixels / 2.0) * worthwhile(settings);
     ((3.0 * training_samples * size_of::<TrainingSample>() as f64) as u64).min(most)
 }
 
-/// Pixels of the pre-pass that this learner needs.
-pub fn pixels(settings: &RenderSettings) -> f64 {
-    MIN_PIXELS.max(f64::from(settings.width) * f64::from(settings.height) / PIXELS_PER_PREPASS_PIXEL)
+/// Pixels of the pre-pass that this learner needs for a picture of so many pixels.
+pub fn pixels(picture_pixels: f64) -> f64 {
+    MIN_PIXELS.max(picture_pixels / PIXELS_PER_PREPASS_PIXEL)
 }
 
 /// Factor of the effort, fitted to relMSE × CPU seconds of pictures of 64, 256 and 1024 paths per pixel.
@@ -88,9 +88,8 @@ pub struct GuidingLearner {
     always: bool,
     /// Seconds of a time limit that all rounds may take.
     max_seconds: Option<f64>,
-    /// Pixels of the picture, and of the pre-pass that it needs.
+    /// Pixels of the picture.
     picture_pixels: f64,
-    pixels: f64,
     max: Wanted,
     max_cells: usize,
     /// Training samples after which no further round is needed.
@@ -117,14 +116,13 @@ impl GuidingLearner {
         // learn.
         let max_training_samples = (most / 4.0 / size_of::<TrainingSample>() as f64) as usize;
         let max_vertex_records = (most / 8.0 / size_of::<VertexRecord>() as f64) as usize;
-        let picture_pixels = f64::from(settings.width) * f64::from(settings.height);
+        let picture_pixels = settings.pixels();
         let worthwhile = worthwhile(settings);
         let sufficient = SUFFICIENT_TRAINING_SAMPLES.max(picture_pixels / 2.0) * worthwhile;
         Some(Self {
             always: settings.guiding == Choice::On,
             max_seconds: settings.time.map(|time| MAX_TIME_SHARE * time),
             picture_pixels,
-            pixels: pixels(settings),
             max: Wanted {
                 training_samples: max_training_samples,
                 vertex_records: max_vertex_records,
@@ -150,7 +148,7 @@ impl GuidingLearner {
 
 impl Learner for GuidingLearner {
     fn pixels(&self) -> f64 {
-        self.pixels
+        pixels(self.picture_pixels)
     }
 
     fn wants(&self) -> Option<Wanted> {

@@ -22,8 +22,6 @@ const SUFFICIENT_PATHS_PER_PIXEL: f64 = 15.0;
 /// Learned lights are used where at most this fraction of the variance remains: later rounds and the longer traversal of the
 /// light tree take time.
 const MAX_REMAINING_VARIANCE: f64 = 0.9;
-/// Maximum rounds: their pre-pass has no fewer pixels than it would have alone.
-const MAX_ROUNDS: u32 = 4;
 /// Maximum light-sample records of a round.
 const MAX_RECORDS_PER_ROUND: usize = 1 << 16;
 
@@ -64,18 +62,23 @@ pub fn bytes(settings: &RenderSettings, lights: u64) -> u64 {
         return 0;
     }
     let own = pixels(settings);
-    let shared = if settings.guides() { own.max(guiding::pixels(settings)) } else { own };
+    let shared = if settings.guides() { own.max(guiding::pixels(settings.pixels())) } else { own };
     let paths = |round: u32| shared * f64::from(1 << round);
     // Before a round there were as many paths as it has itself, less one per pixel.
-    let rounds = (0..MAX_ROUNDS).take_while(|&r| r < 2 || paths(r) - shared < SUFFICIENT_PATHS_PER_PIXEL * own);
+    let rounds = (0..).take_while(|&round| !suffice(round, paths(round) - shared, own));
     let records =
         rounds.map(|r| (paths(r) * f64::from(settings.max_depth)).min(MAX_RECORDS_PER_ROUND as f64)).sum::<f64>();
     LearnedLights::bytes_to_learn(records as u64, lights)
 }
 
+/// Do so many rounds of so many paths in all suffice, where the pre-pass would have `pixels` if it were alone?
+fn suffice(rounds: u32, paths: f64, pixels: f64) -> bool {
+    rounds > 1 && paths >= SUFFICIENT_PATHS_PER_PIXEL * pixels
+}
+
 /// Pixels of the pre-pass that this learner needs.
 fn pixels(settings: &RenderSettings) -> f64 {
-    (f64::from(settings.width) * f64::from(settings.height) / PIXELS_PER_PREPASS_PIXEL).clamp(MIN_PIXELS, MAX_PIXELS)
+    (settings.pixels() / PIXELS_PER_PREPASS_PIXEL).clamp(MIN_PIXELS, MAX_PIXELS)
 }
 
 /// Learns from the rounds of a pre-pass.
@@ -144,7 +147,7 @@ impl Learner for LightsLearner<'_> {
         // Records of all rounds follow the light tree: learned choices begin when all are in.
         self.records.extend_from_slice(&round.light_sample_records);
         self.paths += round.all_paths();
-        if round.number > 0 && self.paths >= SUFFICIENT_PATHS_PER_PIXEL * self.pixels {
+        if suffice(round.number + 1, self.paths, self.pixels) {
             self.result.lights = self.learned();
             self.finished = true;
         }

@@ -19,7 +19,7 @@ const BLOCK: u32 = 8;
 
 /// Width and height of a view of about `pixels` pixels, not larger than the picture, and its camera.
 pub fn low_resolution(scene: &PreparedScene, settings: &RenderSettings, pixels: f64) -> ([u32; 2], CameraRays) {
-    let all = f64::from(settings.width) * f64::from(settings.height);
+    let all = settings.pixels();
     let scale = (pixels / all).sqrt().min(1.0);
     let [width, height] = [settings.width, settings.height].map(|n| (f64::from(n) * scale).ceil().max(1.0) as u32);
     let camera = CameraRays::new(&scene.scene.camera(settings.camera, width, height), width, height);

@@ -24,8 +24,6 @@ pub struct Geometry {
     pub adjacent_frames: Option<[Positions; 2]>,
     /// Texture coordinate set for which tangents must still be generated.
     pub tangents_for: Option<u8>,
-    /// Were the file's normals negated, because they contradict the winding?
-    pub is_inverted: bool,
 }
 
 fn point(g: &Geometry, i: u32) -> DVec3 {
@@ -75,9 +73,9 @@ impl Geometry {
     }
 
     /// Normalizes normals; those of length zero become the area-weighted mean of their triangles' normals. Normals that contradict
-    /// the winding of all triangles are negated.
-    pub fn repair_normals(&mut self, at: &str, notes: &mut Notes) {
-        let Some(mut normals) = self.normals.take() else { return };
+    /// the winding of all triangles are negated; returns whether they were.
+    pub fn repair_normals(&mut self, at: &str, notes: &mut Notes) -> bool {
+        let Some(mut normals) = self.normals.take() else { return false };
         let mut missing = false;
         for n in &mut normals {
             let unit = Vec3::from(*n).as_dvec3().try_normalize();
@@ -100,14 +98,15 @@ impl Geometry {
             let sum: DVec3 = t.iter().map(|&i| Vec3::from(normals[i as usize]).as_dvec3()).sum();
             sum.dot(cross(self, *t)) < 0.0
         };
-        self.is_inverted = self.indices.iter().all(against);
-        if self.is_inverted {
+        let is_inverted = self.indices.iter().all(against);
+        if is_inverted {
             notes.repaired(at, "normals that point away from the front of every triangle: turned around");
             normals.iter_mut().flatten().for_each(|x| *x = -*x);
             // The bitangent stays as it was.
             self.tangents.iter_mut().flatten().for_each(|t| t[3] = -t[3]);
         }
         self.normals = Some(normals);
+        is_inverted
     }
 
     /// Splits vertices so that no two triangles share one.

@@ -122,7 +122,7 @@ pub fn read(
         return Ok(None);
     }
     g.compact();
-    g.repair_normals(&primitive.at, notes);
+    let sign = if g.repair_normals(&primitive.at, notes) { -1.0 } else { 1.0 };
     g.tangents_for = material.tangent_set().filter(|&set| tangents::prepare(&mut g, set, &primitive.at, notes));
     if g.source.is_some()
         && let Some(set) = g.tangents_for.take()
@@ -132,7 +132,6 @@ pub fn read(
     }
     if let Some(source) = g.source.take() {
         let pick = |values: &Vec<[f32; 3]>| source.iter().map(|&i| values[i as usize]).collect::<Vec<_>>();
-        let sign = if g.is_inverted { -1.0 } else { 1.0 };
         let unit = |n: [f32; 3]| (sign * Vec3::from(n).normalize_or_zero()).to_array();
         let positions = |step: &Geometry| Positions::new(pick(&step.positions));
         if !steps.is_empty() {
