@@ -301,6 +301,7 @@ def settings(folder):
     (folder / "many.glb").write_bytes((ROOT / "scenes/many-lights.glb").read_bytes())
     yield "640 x 360, learned lights", "many.glb", "--size 640x360 --spp 4"
     yield "1280 x 720, --adaptive", c, "--size 1280x720 --spp 4 --adaptive"
+    yield "a crop of 16 x 16 of 4096 x 4096, adaptive", c, "--size 4096x4096 --crop 0,0,16,16 --spp 16 --guiding off"
     yield "a crop of 256 x 256 of 8192 x 8192", c, "--size 8192x8192 --crop 0,0,256,256 --spp 1"
     yield "part 1/4 of 1920 x 1080", c, "--size 1920x1080 --spp 4 --part 1/4"
     scene = Scene()

@@ -168,6 +168,7 @@ fn what_a_render_says_it_needs_is_what_it_takes() {
         format!("cornell.glb {small}"),
         "cornell.glb --size 700x500 --spp 1".into(),
         "cornell.glb --size 500x400 --spp 1 --aov all".into(),
+        "cornell.glb --size 4096x4096 --crop 0,0,16,16 --spp 16 --guiding off".into(),
         "tall.glb --sky --spp 1".into(),
         format!("mesh.glb --sky {small}"),
         format!("mesh.glb --sky {small} --rays obvhs"),

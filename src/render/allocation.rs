@@ -109,12 +109,27 @@ impl Survey {
     }
 }
 
+/// Bytes of a pixel in [`VisibleEmission`], and of a tile: its surveys and variances, and the steps of its doublings while they are sorted.
+const BYTES_PER_PIXEL: u64 = size_of::<f32>() as u64;
+const BYTES_PER_TILE: u64 = 6 * size_of::<Survey>() as u64 + 6 * size_of::<(usize, i32, f64)>() as u64;
+
+/// Maximum bytes that the pre-pass of a render with these settings takes.
+pub fn bytes(settings: &RenderSettings) -> u64 {
+    let [width, height] = [settings.width, settings.height].map(u64::from);
+    let tiles = width.div_ceil(TILE.into()) * height.div_ceil(TILE.into());
+    if is_made(settings) { width * height * BYTES_PER_PIXEL + tiles * BYTES_PER_TILE } else { 0 }
+}
+
+/// Do these settings ask for an allocation, and for enough paths to survey them?
+pub fn is_made(settings: &RenderSettings) -> bool {
+    settings.allocates() && settings.spp.is_none_or(|spp| spp >= MIN_AUTO_PATHS)
+}
+
 impl Allocation {
     /// Allocates the paths of the whole picture, whatever part of it is rendered. `None` where `settings` are not adaptive,
     /// and soon after `stop` is raised.
     pub fn new(transport: &Transport, settings: &RenderSettings, stop: &AtomicBool) -> Option<Self> {
-        let few = settings.spp.is_some_and(|spp| spp < MIN_AUTO_PATHS);
-        if !settings.allocates() || few {
+        if !is_made(settings) {
             return None;
         }
         let began = Instant::now();
@@ -133,15 +148,15 @@ impl Allocation {
         let all = pixels_per_tile(settings);
         let of = |surveys: &[Survey]| {
             let mut surveys = surveys.to_vec();
-            for (survey, tile) in surveys.iter_mut().zip(0..) {
-                let [x0, y0] = [tile % columns, tile / columns].map(|at| at * TILE);
+            surveys.par_iter_mut().enumerate().for_each(|(tile, survey)| {
+                let [x0, y0] = [tile as u32 % columns, tile as u32 / columns].map(|at| at * TILE);
                 survey.visible = visible.as_ref().map_or(0.0, |visible| {
                     let scattered = survey.scattered / survey.all_sampled().max(1.0);
                     let row = |y| (x0..settings.width.min(x0 + TILE)).map(move |x| [x, y]);
                     let pixels = (y0..settings.height.min(y0 + TILE)).flat_map(row);
                     pixels.map(|at| visible.relative_variance(at, scattered)).sum::<f64>() / survey.pixels
                 });
-            }
+            });
             let (doublings, efficiency) = allocated(&surveys, columns as usize);
             Self { doublings, columns, efficiency }
         };
@@ -174,7 +189,7 @@ impl Allocation {
     /// Renders with equal keys, and other settings alike, have the same allocation and begin with the same passes. `None`
     /// where all tiles get the same number of paths.
     pub fn key(settings: &RenderSettings) -> Option<u32> {
-        let spp = settings.spp.filter(|spp| settings.allocates() && *spp >= MIN_AUTO_PATHS)?;
+        let spp = settings.spp.filter(|_| is_made(settings))?;
         Some(if spp.is_multiple_of(MAX_PASS_PATHS) { MAX_PASS_PATHS } else { spp })
     }
 

@@ -3,8 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::allocation::Allocation;
-use super::settings::MIN_AUTO_PATHS;
+use super::allocation::{self, Allocation};
 use super::{RenderSettings, scheduler};
 
 /// A goal of a render, from a number of paths on.
@@ -52,11 +51,12 @@ pub fn learning_key(settings: &RenderSettings, by_goal: bool) -> (Option<u32>, O
     (Allocation::key(settings), by_goal.then(|| settings.expected_spp()))
 }
 
-/// Have these goals led to the passes and to what was learned that a render of `settings` has from the beginning? What
-/// it learns depends on the goal (`by_goal`) or not. Passes of goals with a time limit are not known. True without goals: older files record none.
+/// Have these goals led to the passes and to what was learned that a render of `settings` has from the beginning? What it learns
+/// depends on the goal (`by_goal`) or not. Passes of goals with a time limit are not known. True without goals: older files
+/// record none.
 pub fn are_as_one(goals: &[Goal], settings: &RenderSettings, by_goal: bool) -> bool {
     let learned = |s: &RenderSettings| learning_key(s, by_goal);
-    let allocated = settings.allocates() && settings.spp.is_none_or(|spp| spp >= MIN_AUTO_PATHS);
+    let allocated = allocation::is_made(settings);
     let untils = goals.iter().skip(1).map(|next| Some(next.from)).chain([None]);
     goals.iter().zip(untils).all(|(goal, until)| {
         let theirs = goal.instead(settings);

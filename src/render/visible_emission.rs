@@ -1,7 +1,7 @@
 //! The emission that the camera sees directly: light sources and the environment. Where their edges cross a pixel, few of its
 //! paths meet a light of great radiance. A few paths do not see this variance, but neighbouring pixels show it.
 
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use super::prepass::low_resolution::in_tiles;
 use crate::balance::Counts;
@@ -40,17 +40,21 @@ impl VisibleEmission {
         let filter = FilterSampler::new(PixelFilter::Box);
         let seed = hash(transport.seed ^ hash(0x656d_6974));
         let seen = Transport { filter, seed, max_depth: 1, ..transport.clone() };
+        let all: Vec<_> = (0..size[0] as usize * size[1] as usize).map(|_| AtomicU32::new(0)).collect();
         let of_tile = |wave: &mut Wave, pixels: Vec<[u32; 2]>| {
             let tasks: Vec<_> = pixels.iter().map(|&pixel| PixelTask::first(pixel, Counts::bsdf_only(1), 0)).collect();
             let mut stats = vec![PixelStats::default(); tasks.len()];
             wave.run(&seen, &tasks, &mut PixelSums::new(&mut stats));
-            let luminance = stats.iter().map(|stats| luminance(stats.mean().into()));
-            pixels.into_iter().zip(luminance).collect::<Vec<_>>()
+            for ([x, y], stats) in pixels.into_iter().zip(stats) {
+                let luminance = luminance(stats.mean().into());
+                let luminance = if luminance.is_finite() { luminance } else { 0.0 };
+                // Each pixel belongs to one tile.
+                all[y as usize * size[0] as usize + x as usize].store(luminance.to_bits(), Ordering::Relaxed);
+            }
         };
-        let mut all = vec![0.0; size[0] as usize * size[1] as usize];
-        for ([x, y], luminance) in in_tiles(size, stop, of_tile)?.into_iter().flatten() {
-            all[y as usize * size[0] as usize + x as usize] = if luminance.is_finite() { luminance } else { 0.0 };
-        }
+        in_tiles(size, stop, of_tile)?;
+        // In place: large pictures are not in memory twice.
+        let all: Vec<_> = all.into_iter().map(|luminance| f32::from_bits(luminance.into_inner())).collect();
         let differ = all.iter().any(|luminance| *luminance != all[0]);
         differ.then(|| Self { size, luminance: all, mass: mass(&transport.filter) })
     }

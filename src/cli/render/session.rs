@@ -22,7 +22,9 @@ use crate::render::camera::lens;
 use crate::render::checkpoint::Earlier;
 use crate::render::prepass::{guiding, learned_lights};
 use crate::render::tile::TILE;
-use crate::render::{Identity, Pause, Progress, RenderSettings, Rendered, RunOptions, Saved, StopReason, run};
+use crate::render::{
+    Identity, Pause, Progress, RenderSettings, Rendered, RunOptions, Saved, StopReason, allocation, run,
+};
 use crate::{Error, Result};
 
 /// Seconds between updates of the viewer.
@@ -155,7 +157,9 @@ impl Session<'_> {
             saved_pixels: if args.checkpoint.is_some() || args.part().is_some() { pixels } else { 0 },
             denoises: args.denoise.is_some(),
             previews: args.preview.is_some(),
-            prepass_bytes: guiding::bytes(&settings).max(learned_lights::bytes(&settings, lights)),
+            prepass_bytes: guiding::bytes(&settings)
+                .max(learned_lights::bytes(&settings, lights))
+                .max(allocation::bytes(&settings)),
             rays: args.rays,
             threads: self.threads,
         };
