@@ -6,12 +6,13 @@ use std::sync::atomic::AtomicBool;
 
 use bismar::film::compare::relative_to;
 use bismar::rays::Backend;
+use bismar::render::stats::AdaptiveStats;
 use bismar::render::{Balance, Choice, RenderSettings, Rendered, StopReason, render};
 use bismar::scene::Scene;
 use glam::Vec3;
 
 use crate::helpers::program::{expect, scene};
-use crate::helpers::stage::{Stage, area_light, lambert, look, metal, rectangle};
+use crate::helpers::stage::{Stage, add, area_light, lambert, look, metal, rectangle, sphere};
 use crate::helpers::statistics::Mean;
 
 /// A matt floor below two area lights next to a polished one that shows them, and a wide black border: noise of three kinds.
@@ -47,20 +48,40 @@ fn paths(rendered: &Rendered, mean: u32) -> f64 {
 
 #[test]
 fn as_many_paths_leave_less_error_and_the_same_means() {
-    let stage = Stage::new(floors(), Backend::Embree);
+    compare(floors(), 240, 1.0);
+}
+
+#[test]
+fn silhouettes_of_lights_have_a_fraction_of_the_error_and_the_same_means() {
+    let mut scene = Scene::default();
+    rectangle(&mut scene, 0.0, [-1.0, 1.0], [-1.0, 1.0], true, lambert(0.05));
+    for i in 0..5 {
+        let (points, indices) = sphere(12, 0.12, Vec3::new(0.36 * i as f32 - 0.72, 0.2 + 0.07 * i as f32, 0.0));
+        add(&mut scene, points, indices, area_light(60.0));
+    }
+    look(&mut scene, Vec3::new(0.0, 2.2, 2.4), Vec3::new(0.0, 0.0, -0.1), 1.2);
+    let stats = compare(Arc::new(scene), 100, 0.5);
+    assert!(stats.efficiency.emission_rays > 0.01 && stats.efficiency.remaining < 0.5, "{stats:?}");
+}
+
+/// Pictures of a scene have the same means with and without adaptive sampling, and at most this fraction of the error.
+fn compare(scene: Arc<Scene>, replicas: u32, remaining: f64) -> AdaptiveStats {
+    let stage = Stage::new(scene, Backend::Embree);
     let pixel = |r: &Rendered| r.film().pixels.iter().map(|p| f64::from(p.mean()[1])).collect::<Vec<_>>();
     let even = RenderSettings { adaptive: Choice::Off, ..settings() };
     let reference = pixel(&rendered(&stage, &RenderSettings { spp: Some(4096), seed: 1 << 20, ..even.clone() }));
-    const REPLICAS: u32 = 240;
+    let mut found = None;
     let (mut means, mut errors) = ([Mean::default(), Mean::default()], [Mean::default(), Mean::default()]);
     for (i, settings) in [even, settings()].into_iter().enumerate() {
-        for seed in 0..REPLICAS {
+        for seed in 0..replicas {
             let picture = rendered(&stage, &RenderSettings { seed: seed + 1000 * i as u32, ..settings.clone() });
             assert!((0.93..=1.0).contains(&paths(&picture, 32)), "{}", picture.stats.paths);
+            found = picture.stats.adaptive.or(found);
             let pixels = pixel(&picture);
             means[i].add(pixels.iter().sum::<f64>() / pixels.len() as f64);
             let of = |(a, b): (&f64, &f64)| (a - b) * (a - b) / relative_to(*b);
-            errors[i].add(pixels.iter().zip(&reference).map(of).sum::<f64>() / pixels.len() as f64);
+            let error = pixels.iter().zip(&reference).map(of).sum::<f64>() / pixels.len() as f64;
+            errors[i].add(error * if i == 0 { remaining } else { 1.0 });
         }
     }
     let apart = |[a, b]: &[Mean; 2]| (a.mean - b.mean) / a.standard_error().hypot(b.standard_error());
@@ -68,6 +89,7 @@ fn as_many_paths_leave_less_error_and_the_same_means() {
     assert!(apart(&means).abs() < 4.5, "{} {}", means[0].mean, means[1].mean);
     // Less error, and surely: by chance once in 10⁵.
     assert!(apart(&errors) > 4.5, "{} {}", errors[0].mean, errors[1].mean);
+    found.unwrap()
 }
 
 #[test]

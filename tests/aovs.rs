@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use bismar::film::{AovSums, ExtraSums, PixelStats, Pixels};
 use bismar::rays::Backend;
-use bismar::render::{Balance, RenderSettings, Rendered, render};
+use bismar::render::{Balance, Choice, RenderSettings, Rendered, render};
 use bismar::scene::{Environment, Material, PunctualKind, PunctualLight, Scene};
 use glam::{Vec3, Vec4};
 
@@ -14,6 +14,10 @@ use crate::helpers::program::{bits, expect, scene};
 use crate::helpers::stage::{Stage, area_light, lambert, look, metal, rectangle};
 
 fn rendered(scene: Scene, balance: Balance) -> Rendered {
+    rendered_by(scene, balance, Choice::Off)
+}
+
+fn rendered_by(scene: Scene, balance: Balance, adaptive: Choice) -> Rendered {
     let stage = Stage::new(Arc::new(scene), Backend::Embree);
     let settings = RenderSettings {
         width: 24,
@@ -22,6 +26,7 @@ fn rendered(scene: Scene, balance: Balance) -> Rendered {
         aovs: true,
         extras: true,
         balance,
+        adaptive,
         ..Default::default()
     };
     render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap()
@@ -37,9 +42,13 @@ fn each(rendered: &Rendered, mut check: impl FnMut(PixelStats, AovSums, ExtraSum
 
 /// A floor under an area light, a bulb and an environment.
 fn lit() -> Scene {
+    lit_by(9.0)
+}
+
+fn lit_by(radiance: f32) -> Scene {
     let mut scene = Scene { environment: Some(Environment::constant([0.3, 0.2, 0.1])), ..Default::default() };
     rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
-    rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, area_light(9.0));
+    rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, area_light(radiance));
     rectangle(&mut scene, 0.6, [-1.5, 1.5], [-2.0, -1.0], true, metal(0.3));
     scene.lights.push(PunctualLight {
         motion: Vec::new(),
@@ -56,8 +65,15 @@ fn lit() -> Scene {
 
 #[test]
 fn groups_of_light_and_direct_and_indirect_light_add_up_to_the_beauty() {
-    for balance in [Balance::Progressive, Balance::Half] {
-        let rendered = rendered(lit(), balance);
+    // On the silhouettes of a bright light, camera rays for emission alone add to both.
+    for (balance, radiance, adaptive) in [
+        (Balance::Progressive, 9.0, Choice::Off),
+        (Balance::Half, 9.0, Choice::Off),
+        (Balance::Progressive, 900.0, Choice::On),
+    ] {
+        let rendered = rendered_by(lit_by(radiance), balance, adaptive);
+        let found = rendered.stats.adaptive.map_or(0.0, |adaptive| adaptive.efficiency.emission_rays);
+        assert_eq!(found > 0.0, adaptive == Choice::On);
         let mut by_group = [0.0; 3];
         each(&rendered, |stats, sums, extras| {
             for c in 0..3 {

@@ -6,7 +6,7 @@ use bismar::balance::{Balance, Contribution, Counts, Heuristic, Observer, Shares
 use bismar::color::luminance;
 use bismar::film::{Peak, PixelStats};
 use bismar::integrator::clients::{ContributionColumns, Contributions};
-use bismar::integrator::{PixelSums, PixelTask, Proposal, Transport, Wave, scalar};
+use bismar::integrator::{EmissionRayCounts, PixelSums, PixelTask, Proposal, Transport, Wave, scalar};
 use bismar::light::{LearnedLights, LightProposal, LightSampleRecord};
 use bismar::rays::Backend;
 use bismar::render::prepass::guiding::learned;
@@ -77,7 +77,10 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         let learned = lights.as_ref().and_then(Option::as_ref);
         assert_eq!(learned.is_some(), learns);
         let lights = LightProposal { learned, ..unguided.proposal.lights };
-        let transport = Transport { proposal: Proposal { lights, field }, ..unguided };
+        // Camera rays for emission in two of three pixels.
+        let emission_rays = EmissionRayCounts::new(20, (0..300).map(|i| [1, 4, 2][i % 3]).collect());
+        let emission_rays = Some(&emission_rays).filter(|_| max_depth > 5);
+        let transport = Transport { proposal: Proposal { lights, field, emission_rays }, ..unguided };
         let paths = 24;
         // Uneven sample counts, allocated to environment and area lights, with MIS weights of other counts.
         let counts = Counts::from_shares(Shares { light_share: 0.7, environment_share: Some(0.4) }, paths);

@@ -79,7 +79,7 @@ impl Decisions {
                 None if settings.adaptive != Choice::Off && few => no(too_few()),
                 None => without(settings.adaptive, true, "the time limit is too short for a pre-pass"),
                 Some(found) => by(
-                    stats.is_allocated(),
+                    found.efficiency.is_used(),
                     settings.adaptive,
                     format!("leaves {:.2} of the error times cost", found.efficiency.remaining),
                 ),

@@ -6,11 +6,11 @@ use std::time::Instant;
 use rayon::prelude::*;
 use tracing::{debug, info, warn};
 
-use super::allocation::Allocation;
 use super::camera::lens;
 use super::decisions::Decisions;
 use super::goals;
 use super::prepass::Prepasses;
+use super::prepass::allocation::Allocation;
 use super::progress::{PassProgress, Progress};
 use super::scheduler::{self, Next, State};
 use super::stats::AdaptiveStats;
@@ -23,7 +23,7 @@ use super::{
 use crate::Result;
 use crate::film::Background;
 use crate::integrator::manifold::share_behind_glass;
-use crate::integrator::{PreparedScene, Transport};
+use crate::integrator::{PreparedScene, Proposal, Transport};
 use crate::scene::Scene;
 
 /// How to run a render, besides its settings.
@@ -143,6 +143,8 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     let transport = prepasses.apply(transport(scene, settings));
     let allocation_start = Instant::now();
     let allocation = if unfinished { Allocation::new(&transport, settings, stop) } else { None };
+    let emission_rays = allocation.as_ref().and_then(Allocation::emission_rays);
+    let transport = Transport { proposal: Proposal { emission_rays, ..transport.proposal }, ..transport };
     let allocation_seconds = allocation_start.elapsed().as_secs_f64();
     let adaptive =
         allocation.as_ref().map(|a| AdaptiveStats { efficiency: a.efficiency(), seconds: allocation_seconds });
@@ -168,6 +170,7 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     let (stop_reason, background) = (StopReason::Interrupted, background(&scene.scene, settings));
     let mut rendered = Rendered { settings: settings.clone(), tiles, stats, goals, stop: stop_reason, background };
     let clock = Clock { began, start, seconds: stats.seconds, render_seconds: stats.render_seconds };
+    let allocation = allocation.as_ref();
     let driver = Driver { settings, transport, allocation, max_passes: study.max_passes, stop, progress, clock };
     let mut timers: Vec<_> = pauses.into_iter().map(PauseTimer::new).collect();
     // What a pre-pass that was stopped has found means nothing.
@@ -257,7 +260,7 @@ struct Pass {
 struct Driver<'a> {
     settings: &'a RenderSettings,
     transport: Transport<'a>,
-    allocation: Option<Allocation>,
+    allocation: Option<&'a Allocation>,
     max_passes: Option<u32>,
     stop: &'a AtomicBool,
     progress: &'a (dyn Fn(Progress) + Sync),

@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::allocation::{self, Allocation};
+use super::prepass::allocation::{self, Allocation};
 use super::{RenderSettings, scheduler};
 
 /// A goal of a render, from a number of paths on.

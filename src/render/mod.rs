@@ -4,7 +4,6 @@
 //! picture's file, [`merge`] combines parts and seeds, and [`identity`] lists what a picture's bits depend on.
 
 pub mod adaptive;
-pub mod allocation;
 mod build_info;
 pub mod camera;
 pub mod checkpoint;
@@ -29,7 +28,6 @@ pub mod stats;
 pub mod tile;
 pub mod transport;
 mod validate;
-mod visible_emission;
 
 use crate::film::compare::relative_to;
 use crate::film::{Background, Film};

@@ -4,9 +4,9 @@ use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 
-use super::allocation::Allocation;
 use super::camera::lens;
 use super::prepass::Prepasses;
+use super::prepass::allocation::Allocation;
 use super::tile::{TILE, Tile};
 use super::transport::{pass_seed, transport};
 use super::{RenderSettings, scheduler};
@@ -50,6 +50,7 @@ pub fn replay(
     let mut transport = prepasses.apply(transport(scene, settings));
     let mut tile = Tile::new([x / TILE, y / TILE], settings.width, settings.height, settings.columns());
     let allocation = Allocation::new(&transport, settings, &never);
+    transport.proposal.emission_rays = allocation.as_ref().and_then(Allocation::emission_rays);
     let planned = |tile: &Tile| match &allocation {
         Some(allocation) => allocation.next_pass(settings, tile),
         None => scheduler::planned(settings, tile.paths()),

@@ -150,8 +150,8 @@ pub struct RenderSettings {
     pub noise: Option<f64>,
     /// Minimum paths per pixel before `noise` is estimated, ≥ 2; `None`: [`NOISE_PATHS`].
     pub min_spp: Option<u32>,
-    /// Allocation of paths to tiles by variance and cost ([`allocation`](super::allocation)), with `spp` as the mean. Without
-    /// effect where `noise` is set.
+    /// Allocation of paths to tiles by variance and cost ([`allocation`](super::prepass::allocation)), with `spp` as the mean.
+    /// Without effect where `noise` is set.
     #[serde(default, with = "as_switch", skip_serializing_if = "is_default")]
     pub adaptive: Choice,
     /// The method that divides samples between light sampling and BSDF sampling.

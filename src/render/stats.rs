@@ -126,6 +126,17 @@ pub struct AllocationEfficiency {
     pub remaining: f64,
     /// Minimum and maximum paths of a tile, over the mean; both 1 where the allocation is uniform.
     pub range: [f64; 2],
+    /// Mean number per path of camera rays for emission alone
+    /// ([`emission_rays`](crate::integrator::emission_rays)).
+    #[serde(default)]
+    pub emission_rays: f64,
+}
+
+impl AllocationEfficiency {
+    /// Has any tile another number of paths, or any pixel camera rays for emission?
+    pub fn is_used(&self) -> bool {
+        self.range != [1.0; 2] || self.emission_rays > 0.0
+    }
 }
 
 /// The result of the allocation pre-pass.
@@ -203,7 +214,7 @@ impl RenderStats {
 
     pub(super) fn add(&mut self, work: &TileWork) {
         self.paths += work.paths;
-        self.camera_rays += work.counts.camera_rays;
+        self.camera_rays += work.counts.camera_rays + work.counts.emission_rays;
         self.first_bounce_rays += work.counts.first_bounce_rays;
         self.later_bounce_rays += work.counts.later_bounce_rays;
         self.shadow_rays += work.counts.shadow_rays;

@@ -7,7 +7,7 @@ use super::choose::settings;
 use super::identity::Inputs;
 use super::loaded::Loaded;
 use crate::console::{Verdict, print};
-use crate::render::allocation::MAX_PATHS_OVER_MEAN;
+use crate::render::prepass::allocation::MAX_PATHS_OVER_MEAN;
 use crate::render::{RenderSettings, replay};
 use crate::{Error, Result};
 

@@ -20,11 +20,9 @@ use crate::console::tev::Tev;
 use crate::film::{exr_file, preview};
 use crate::render::camera::lens;
 use crate::render::checkpoint::Earlier;
-use crate::render::prepass::{guiding, learned_lights};
+use crate::render::prepass::{allocation, guiding, learned_lights};
 use crate::render::tile::TILE;
-use crate::render::{
-    Identity, Pause, Progress, RenderSettings, Rendered, RunOptions, Saved, StopReason, allocation, run,
-};
+use crate::render::{Identity, Pause, Progress, RenderSettings, Rendered, RunOptions, Saved, StopReason, run};
 use crate::{Error, Result};
 
 /// Seconds between updates of the viewer.

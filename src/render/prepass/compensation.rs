@@ -9,6 +9,7 @@ use tracing::debug;
 
 use super::super::stats::CompensationStats;
 use super::super::{Choice, RenderSettings};
+use super::effort::{self, MAX_REMAINING_COMPENSATED};
 use super::low_resolution::low_resolution;
 use super::rounds::{Round, RoundPixel, Wanted, trace};
 use crate::film::compare::{relative_to, sums_without_outliers};
@@ -16,14 +17,8 @@ use crate::integrator::{PreparedScene, Proposal, Transport};
 use crate::light::{Density, LightProposal};
 use crate::sampling::hash;
 
-/// Pixels of the picture per pixel of the pre-pass, and the minimum and maximum pixels of the pre-pass.
-const PIXELS_PER_PREPASS_PIXEL: f64 = 32.0;
-const MIN_PIXELS: f64 = 64.0;
-const MAX_PIXELS: f64 = 1024.0;
 /// Paths per pixel of the pre-pass, for each density.
 const PATHS_PER_PIXEL: u32 = 16;
-/// The compensated density is used where at most this fraction of the variance remains.
-const MAX_REMAINING_VARIANCE: f64 = 0.97;
 
 /// Decides by which density the paths of `transport`, a render with these settings, sample the environment. `None` where
 /// there is nothing to decide: the density is then the radiance. Ends soon after `stop` is raised.
@@ -42,9 +37,7 @@ pub fn compensation(
     if settings.compensation == Choice::On {
         return Some(CompensationStats { on: true, remaining_variance: None, seconds: 0.0 });
     }
-    let pixels = settings.pixels();
-    let ([width, height], camera) =
-        low_resolution(scene, settings, (pixels / PIXELS_PER_PREPASS_PIXEL).clamp(MIN_PIXELS, MAX_PIXELS));
+    let ([width, height], camera) = low_resolution(scene, settings, effort::COMPENSATION.pixels(settings.pixels()));
     let [plain, compensated] = [Density::Radiance, Density::Compensated].map(|density| {
         let seed = hash(settings.seed ^ hash(0x736b_7921));
         let lights = LightProposal { density, ..transport.proposal.lights };
@@ -55,7 +48,7 @@ pub fn compensation(
     let remaining = remaining_variance(&plain?, &compensated?);
     debug!("the environment's compensated density leaves {remaining:.2} of the variance, by {width} x {height} pixels");
     Some(CompensationStats {
-        on: remaining < MAX_REMAINING_VARIANCE,
+        on: remaining < MAX_REMAINING_COMPENSATED,
         // Infinite where nothing varies.
         remaining_variance: Some(if remaining.is_finite() { remaining } else { 1.0 }),
         seconds: began.elapsed().as_secs_f64(),

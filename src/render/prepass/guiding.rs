@@ -7,15 +7,12 @@ use tracing::debug;
 
 use super::super::stats::{GuidingEfficiency, GuidingStats};
 use super::super::{Choice, RenderSettings};
+use super::effort::{self, MAX_REMAINING_AT_FIRST_DECISION, MAX_REMAINING_GUIDED, MAX_TIME_SHARE};
 use super::rounds::{self, Learner, Round, Wanted};
 use crate::guiding::learn::LEARNING_CELL_BYTES;
 use crate::guiding::{Field, PathStatistics, TrainingSample, VertexRecord, learn};
 use crate::integrator::{PreparedScene, Proposal, Transport};
 
-/// Minimum pixels of the pre-pass.
-const MIN_PIXELS: f64 = 8192.0;
-/// Pixels of the picture per pixel of the pre-pass.
-const PIXELS_PER_PREPASS_PIXEL: f64 = 16.0;
 /// Maximum rounds.
 const MAX_ROUNDS: u32 = 9;
 /// Paths per pixel of the picture for which the next two constants are meant.
@@ -26,16 +23,8 @@ const MAX_PATHS_PER_PICTURE_PIXEL: f64 = 12.0;
 const SUFFICIENT_TRAINING_SAMPLES: f64 = 150_000.0;
 /// The round, counted from 0, after which `auto` first estimates the efficiency.
 const FIRST_DECISION_ROUND: u32 = 1;
-/// Learning continues there if at most this fraction of variance times rays remains, or if less than
-/// [`MIN_SAMPLES_PER_PATH`] training samples per path were found, which is too few for an estimate.
-const MAX_REMAINING_AT_FIRST_DECISION: f32 = 0.66;
+/// Learning continues there, too, if fewer training samples per path were found, too few for an estimate.
 const MIN_SAMPLES_PER_PATH: f64 = 0.04;
-/// Paths are guided if at most this fraction of variance times rays remains after the last round: a guided ray takes
-/// longer, and smooth light (cornell: 0.66) loses the benefit of stratified points.
-const MAX_REMAINING: f32 = 0.45;
-/// Maximum seconds of the pre-pass over those of a time limit, as far as rounds tell: the next one takes twice as long as
-/// all before it.
-const MAX_TIME_SHARE: f64 = 0.1;
 /// Default maximum bytes of a field and its training samples.
 pub const MEMORY: u64 = 256 << 20;
 
@@ -54,7 +43,7 @@ pub fn bytes(settings: &RenderSettings) -> u64 {
 
 /// Pixels of the pre-pass that this learner needs for a picture of so many pixels.
 pub fn pixels(picture_pixels: f64) -> f64 {
-    MIN_PIXELS.max(picture_pixels / PIXELS_PER_PREPASS_PIXEL)
+    effort::GUIDING.pixels(picture_pixels)
 }
 
 /// Factor of the effort, fitted to relMSE × CPU seconds of pictures of 64, 256 and 1024 paths per pixel.
@@ -184,7 +173,7 @@ impl Learner for GuidingLearner {
             };
             self.result.efficiency = efficiency;
             debug!("round {}: {} cells, {efficiency:?}", round.number, field.cells());
-            let most = if last { MAX_REMAINING } else { MAX_REMAINING_AT_FIRST_DECISION };
+            let most = if last { MAX_REMAINING_GUIDED } else { MAX_REMAINING_AT_FIRST_DECISION };
             if !self.always && efficiency.variance * efficiency.cost > most && (last || !few) {
                 self.result.field = None;
                 self.finished = true;

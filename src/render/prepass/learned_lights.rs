@@ -7,21 +7,15 @@ use tracing::debug;
 
 use super::super::stats::LearnedLightsStats;
 use super::super::{Choice, RenderSettings};
+use super::effort::{self, MAX_REMAINING_LEARNED_LIGHTS};
 use super::guiding;
 use super::rounds::{self, Learner, Round, Wanted};
 use crate::film::compare::sums_without_outliers;
 use crate::integrator::{PreparedScene, Proposal, Transport};
 use crate::light::{AreaLights, LearnedLights, LightProposal, LightSampleRecord};
 
-/// Pixels of the picture per pixel of the pre-pass, and the minimum and maximum pixels of the pre-pass.
-const PIXELS_PER_PREPASS_PIXEL: f64 = 8.0;
-const MIN_PIXELS: f64 = 64.0;
-const MAX_PIXELS: f64 = 8192.0;
 /// Paths after which no further round is needed, per pixel of a pre-pass with the pixels above: four rounds.
 const SUFFICIENT_PATHS_PER_PIXEL: f64 = 15.0;
-/// Learned lights are used where at most this fraction of the variance remains: later rounds and the longer traversal of the
-/// light tree take time.
-const MAX_REMAINING_VARIANCE: f64 = 0.9;
 /// Maximum light-sample records of a round.
 const MAX_RECORDS_PER_ROUND: usize = 1 << 16;
 
@@ -78,7 +72,7 @@ fn suffice(rounds: u32, paths: f64, pixels: f64) -> bool {
 
 /// Pixels of the pre-pass that this learner needs.
 fn pixels(settings: &RenderSettings) -> f64 {
-    (settings.pixels() / PIXELS_PER_PREPASS_PIXEL).clamp(MIN_PIXELS, MAX_PIXELS)
+    effort::LEARNED_LIGHTS.pixels(settings.pixels())
 }
 
 /// Learns from the rounds of a pre-pass.
@@ -139,7 +133,7 @@ impl Learner for LightsLearner<'_> {
             let lights = self.learned();
             self.result.remaining_variance =
                 lights.map_or(1.0, |lights| relative_variance_with(self.area, &lights, round));
-            if self.result.remaining_variance >= MAX_REMAINING_VARIANCE && !self.always {
+            if self.result.remaining_variance >= MAX_REMAINING_LEARNED_LIGHTS && !self.always {
                 self.finished = true;
                 return;
             }

@@ -3,11 +3,14 @@
 //! last two learn from the same paths ([`rounds`]). Results depend only on the scene, the view, the seed and settings, so that
 //! every part, crop and session decides alike.
 
+pub mod allocation;
 pub mod compensation;
+mod effort;
 pub mod guiding;
 pub mod learned_lights;
 pub(super) mod low_resolution;
 pub mod rounds;
+mod visible_emission;
 
 use std::sync::atomic::AtomicBool;
 

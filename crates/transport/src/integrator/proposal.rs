@@ -1,5 +1,6 @@
 //! What paths are sampled by.
 
+use super::emission_rays::EmissionRayCounts;
 use crate::guiding::Field;
 use crate::light::{LightProposal, Lights};
 
@@ -11,12 +12,14 @@ pub struct Proposal<'a> {
     /// Directions: a mixture of the BSDF and this guiding field, or the BSDF alone. The field also has the roulette
     /// probabilities of light samples and of path continuation beyond first surfaces.
     pub field: Option<&'a Field>,
+    /// Camera rays per path for emission that the camera sees directly: these, or the path's own.
+    pub emission_rays: Option<&'a EmissionRayCounts>,
 }
 
 impl<'a> Proposal<'a> {
     /// The proposal without anything learned.
     pub fn new(lights: &Lights) -> Self {
-        Self { lights: lights.proposal(), field: None }
+        Self { lights: lights.proposal(), field: None, emission_rays: None }
     }
 
     /// This proposal with another guiding field, or none.

@@ -9,11 +9,12 @@ use glam::Vec3;
 use super::back_faces::{MIRROR_PDF, beyond, is_culled};
 use super::batch::PixelTask;
 use super::dispersion;
+use super::emission_rays::emission_seed;
 use super::manifold::History;
 use super::path_states::clamp_contribution;
 pub use super::replay::{Event, EventKind};
 use super::shading_normal;
-use super::stages::camera_rays::TIME_SET;
+use super::stages::camera_rays::camera_ray;
 use super::stages::lights::SHADOW_END;
 use super::stages::mixture::{self, Mixture, MixtureSample};
 use super::stages::requests::{LightTarget, light_sample_index};
@@ -135,40 +136,28 @@ struct Tracer<'a> {
     seed: u32,
     /// Samples per path at the first surface: environment, area lights, BSDF.
     samples_per_path: [f32; 3],
+    /// Do other camera rays find the emission that the camera sees directly ([`emission_rays`](super::emission_rays))?
+    skips_visible_emission: bool,
     report: &'a mut dyn FnMut(Event),
 }
 
 /// Radiance of path number `path` of those that a wave takes for a pixel. `report` receives the events.
 pub fn trace(transport: &Transport, task: &PixelTask, path: u32, report: &mut dyn FnMut(Event)) -> Vec3 {
     let paths = task.counts.paths;
-    let sequence = PixelSequence::new(task.x, task.y, transport.seed);
-    let seed = pixel_seed(task.x, task.y, transport.seed);
     let index = task.first_path + path;
-    let [px, py, u, v] = sequence.sample(index, 0);
-    let offset = |u: f32| transport.filter.offsets(F::splat(u)).as_array()[0];
-    let (x, y) = (offset(px) + (task.x as f32 + 0.5), offset(py) + (task.y as f32 + 0.5));
-    let moves = transport.geometry.moves;
-    let time = if moves { sequence.sample(index, TIME_SET)[0] } else { 0.0 };
-    let (xy, uv) = ((F::splat(x), F::splat(y)), (F::splat(u), F::splat(v)));
-    let (origin, direction) = transport.camera.rays_through(xy, uv, F::splat(time));
-    let samples_per_path = task.weighed.samples_per_path(transport.proposal.lights.environment_probability);
-    let mut state = Tracer { transport, sequence, seed, samples_per_path, report };
-    let ray = Ray {
-        origin: origin.lane(0),
-        direction: direction.lane(0),
-        key: key(seed, index, 0),
-        beta: Vec3::ONE,
-        normal: Vec3::ZERO,
-        weighted_pdf: 0.0,
-        index,
-        medium: 0,
-        light_probability: 1.0,
-        is_mirror_image: true,
-        state: 0,
-        glass_bounces: 0,
-        history: History::default(),
-        time,
-    };
+    let emission_rays = transport.proposal.emission_rays.map_or(1, |rays| rays.rays_per_path(task.x, task.y));
+    let mut emission = Vec3::ZERO;
+    if emission_rays > 1 {
+        let seed = emission_seed(transport.seed);
+        let alone = Transport { seed, max_depth: 1, ..transport.clone() };
+        for index in (0..emission_rays).map(|i| index * emission_rays + i) {
+            let (mut tracer, ray) = Tracer::camera_ray(&alone, task, index, report);
+            let ray = Ray { beta: Vec3::splat(1.0 / emission_rays as f32), ..ray };
+            emission += tracer.trace_ray(&ray, 0, &[], &[]);
+        }
+    }
+    let (mut tracer, ray) = Tracer::camera_ray(transport, task, index, report);
+    tracer.skips_visible_emission = emission_rays > 1;
     let before = |n: u32| (0..path).map(|p| u32::from(deal(n, paths, p))).sum::<u32>();
     let numbers = |first: u32, n: u32| {
         let start = first + before(n);
@@ -176,14 +165,45 @@ pub fn trace(transport: &Transport, task: &PixelTask, path: u32, report: &mut dy
     };
     let light = numbers(task.first_light, task.counts.light).map(|number| light_sample_index(task, number));
     let bsdf = numbers(task.first_bsdf, task.counts.bsdf);
-    state.trace_ray(&ray, 0, &light.collect::<Vec<_>>(), &bsdf.collect::<Vec<_>>())
+    emission + tracer.trace_ray(&ray, 0, &light.collect::<Vec<_>>(), &bsdf.collect::<Vec<_>>())
 }
 
 fn key(seed: u32, index: u32, set: u32) -> u32 {
     keys(U::splat(seed), U::splat(index), set).to_array()[0]
 }
 
-impl Tracer<'_> {
+impl<'a> Tracer<'a> {
+    /// Camera ray number `index` of a pixel.
+    fn camera_ray(
+        transport: &'a Transport<'a>,
+        task: &PixelTask,
+        index: u32,
+        report: &'a mut dyn FnMut(Event),
+    ) -> (Self, Ray) {
+        let sequence = PixelSequence::new(task.x, task.y, transport.seed);
+        let seed = pixel_seed(task.x, task.y, transport.seed);
+        let ((origin, direction), time) = camera_ray(transport, [task.x, task.y], U::splat(seed), U::splat(index));
+        let samples_per_path = task.weighed.samples_per_path(transport.proposal.lights.environment_probability);
+        let tracer = Self { transport, sequence, seed, samples_per_path, skips_visible_emission: false, report };
+        let ray = Ray {
+            origin: origin.lane(0),
+            direction: direction.lane(0),
+            key: key(seed, index, 0),
+            beta: Vec3::ONE,
+            normal: Vec3::ZERO,
+            weighted_pdf: 0.0,
+            index,
+            medium: 0,
+            light_probability: 1.0,
+            is_mirror_image: true,
+            state: 0,
+            glass_bounces: 0,
+            history: History::default(),
+            time: time.as_array()[0],
+        };
+        (tracer, ray)
+    }
+
     fn report(&mut self, depth: u32, kind: EventKind) {
         (self.report)(Event { depth, kind });
     }
@@ -349,6 +369,9 @@ impl Tracer<'_> {
 
     /// Emission that a ray hits, with the MIS weight for light-sample densities `pdf` (environment, area lights).
     fn emission(&mut self, ray: &Ray, depth: u32, radiance: Vec3, pdf: [f32; 2]) -> Vec3 {
+        if depth == 0 && self.skips_visible_emission {
+            return Vec3::ZERO;
+        }
         let samples_per_path = self.samples_per_path(depth.saturating_sub(1));
         let weighted_light = ray.light_probability * (samples_per_path[0] * pdf[0] + samples_per_path[1] * pdf[1]);
         let weight = match weighted_light > 0.0 {

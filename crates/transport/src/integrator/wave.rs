@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use super::back_faces::BackFaces;
 use super::batch::PixelTask;
+use super::emission_rays::EmissionRays;
 use super::events::{FoundEmission, PathEvents, WaveContext};
 use super::glass_bounces::GlassBounces;
 use super::glass_shadows::GlassShadows;
@@ -23,6 +24,8 @@ use crate::rays::{HitBatch, RayOrder};
 pub struct WaveCounts {
     /// Camera rays.
     pub camera_rays: u64,
+    /// Camera rays for directly visible emission alone ([`emission_rays`](super::emission_rays)).
+    pub emission_rays: u64,
     /// Rays of the first bounce.
     pub first_bounce_rays: u64,
     /// Rays of later bounces.
@@ -40,13 +43,14 @@ pub struct WaveCounts {
 impl WaveCounts {
     /// Total number of rays.
     pub fn rays(&self) -> u64 {
-        self.camera_rays + self.first_bounce_rays + self.later_bounce_rays + self.shadow_rays
+        self.camera_rays + self.emission_rays + self.first_bounce_rays + self.later_bounce_rays + self.shadow_rays
     }
 
     /// The sum of two counts.
     pub fn plus(&self, other: &Self) -> Self {
         Self {
             camera_rays: self.camera_rays + other.camera_rays,
+            emission_rays: self.emission_rays + other.emission_rays,
             first_bounce_rays: self.first_bounce_rays + other.first_bounce_rays,
             later_bounce_rays: self.later_bounce_rays + other.later_bounce_rays,
             shadow_rays: self.shadow_rays + other.shadow_rays,
@@ -93,6 +97,7 @@ pub struct Wave {
     glass_shadows: GlassShadows,
     glass_bounces: GlassBounces,
     manifolds: Manifolds,
+    emission_rays: EmissionRays,
     /// Totals over all waves so far.
     pub counts: WaveCounts,
 }
@@ -114,6 +119,7 @@ impl Wave {
             glass_shadows,
             glass_bounces,
             manifolds,
+            emission_rays,
             counts,
             ..
         } = self;
@@ -148,6 +154,9 @@ impl Wave {
             if transport.materials.absorbs() {
                 media::attenuate(transport, at.depth, rays, hits);
             }
+            if at.depth == 0 {
+                emission_rays.trace(&at, sorted, walls, (radiance, non_finite), events, counts);
+            }
             emission::add(&at, sorted, rays, hits, &mut self.emission, (radiance, non_finite), events);
             surfaces::vertices(transport, sorted, rays, hits, vertices);
             events.2.0.mark(transport, vertices);
@@ -178,7 +187,7 @@ impl Wave {
 }
 
 /// Runs a ray query and adds its time.
-fn timed(counts: &mut WaveCounts, query: impl FnOnce()) {
+pub(super) fn timed(counts: &mut WaveCounts, query: impl FnOnce()) {
     let start = Instant::now();
     query();
     counts.query_seconds += start.elapsed().as_secs_f64();

@@ -9,7 +9,7 @@ use crate::lanes::{F, LANES, NUMBERS, U, V3};
 use crate::sampling::{keys, pixel_seed, samples};
 
 /// Sequence dimensions of the time of a path.
-pub const TIME_SET: u32 = u32::MAX - 1;
+const TIME_SET: u32 = u32::MAX - 1;
 
 /// Fills `rays` with the camera rays of all pixels, in the order of the path states.
 #[inline(never)]
@@ -22,15 +22,22 @@ pub fn begin(transport: &Transport, tasks: &[PixelTask], rays: &mut PathRays) {
         for i in (0..paths).step_by(LANES) {
             let n = LANES.min((paths - i) as usize);
             let index = U::splat(task.first_path + i) + U::from(NUMBERS);
-            let [px, py, u, v] = samples(seed, index, 0);
-            let x = transport.filter.offsets(px) + F::splat(task.x as f32 + 0.5);
-            let y = transport.filter.offsets(py) + F::splat(task.y as f32 + 0.5);
             let path = U::splat(rays.len as u32) + U::from(NUMBERS);
-            let time = if moves { samples(seed, index, TIME_SET)[0] } else { F::ZERO };
+            let (ray, time) = camera_ray(transport, [task.x, task.y], seed, index);
             let path_ids = PathIds { path, index, seed, time };
-            let (ray, key) = (transport.camera.rays_through((x, y), (u, v), time), keys(seed, index, 0));
-            rays.push(n, ray, key, V3::splat(Vec3::ONE), V3::ZERO, F::ZERO, path_ids);
+            rays.push(n, ray, keys(seed, index, 0), V3::splat(Vec3::ONE), V3::ZERO, F::ZERO, path_ids);
         }
     }
     rays.close();
+}
+
+/// Eight camera rays of the pixel at column `x` and row `y`, by these points of its sequence: origins and unit directions, and
+/// times in [0, 1] of the shutter interval.
+#[inline(always)]
+pub fn camera_ray(transport: &Transport, [x, y]: [u32; 2], seed: U, index: U) -> ((V3, V3), F) {
+    let [px, py, u, v] = samples(seed, index, 0);
+    let x = transport.filter.offsets(px) + F::splat(x as f32 + 0.5);
+    let y = transport.filter.offsets(py) + F::splat(y as f32 + 0.5);
+    let time = if transport.geometry.moves { samples(seed, index, TIME_SET)[0] } else { F::ZERO };
+    (transport.camera.rays_through((x, y), (u, v), time), time)
 }

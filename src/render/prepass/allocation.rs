@@ -3,7 +3,8 @@
 //!
 //! A pre-pass estimates variance and cost from a few pixels of each tile, with other scrambles of the sequence than the
 //! picture's. The picture therefore stays unbiased, and every part, crop and session computes the same allocation. The
-//! variance of emission that the camera sees directly is estimated from all pixels (`visible_emission`).
+//! variance of emission that the camera sees directly is estimated from all pixels (`visible_emission`); where it is large, camera
+//! rays for emission alone reduce it.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,46 +14,37 @@ use glam::Vec3;
 use rayon::prelude::*;
 use tracing::debug;
 
-use super::sampler::with_buffers;
-use super::scheduler::planned_to;
-use super::settings::MIN_AUTO_PATHS;
-use super::stats::AllocationEfficiency;
-use super::tile::{TILE, Tile};
+use super::super::sampler::with_buffers;
+use super::super::scheduler::planned_to;
+use super::super::settings::MIN_AUTO_PATHS;
+use super::super::stats::AllocationEfficiency;
+use super::super::tile::{TILE, Tile};
+use super::super::{Choice, RenderSettings};
+use super::effort::{
+    ALLOCATION_PIXELS_PER_TILE, CAMERA_RAY_COST, FIRST_ALLOCATION_PIXELS_PER_TILE, MAX_ALLOCATION_PIXELS,
+    MAX_REMAINING_ALLOCATED, MAX_REMAINING_AT_FIRST_STEP, MAX_REMAINING_BY_EMISSION_RAYS, MAX_TIME_SHARE,
+};
 use super::visible_emission::VisibleEmission;
-use super::{Choice, RenderSettings};
 use crate::balance::Counts;
 use crate::balance::method::MAX_PASS_PATHS;
 use crate::color::luminance;
 use crate::film::compare::relative_to;
 use crate::integrator::clients::ScatteredSums;
-use crate::integrator::{PixelTask, Transport, Wave, WaveCounts};
+use crate::integrator::{EmissionRayCounts, PixelTask, Transport, Wave, WaveCounts};
 use crate::sampling::hash;
 
 /// Paths per pixel of the pre-pass in each of its two scrambles. Their difference is the error that remains with fixed
 /// sample counts and stratified points.
 const PATHS_PER_SCRAMBLE: u32 = 4;
-/// Maximum pixels of a picture in the pre-pass, and the minimum and maximum of a tile. The pre-pass takes at most a
-/// thirty-second of the picture's paths.
-const MAX_PIXELS: usize = 1 << 14;
-const PIXELS_PER_TILE: [usize; 2] = [32, 128];
-/// Sampled pixels of a tile in the first step. With `auto` there is a second step only where the first estimates that at most
-/// this fraction of error times cost remains: few pixels tell tiles apart badly, which makes the estimate too high.
-const FIRST_PIXELS_PER_TILE: usize = 12;
-const MAX_REMAINING_AT_FIRST_STEP: f64 = 0.97;
-/// Maximum seconds of the pre-pass over those of a time limit. It is given up if it takes longer.
-const MAX_TIME_SHARE: f64 = 0.1;
-/// Cost of a camera ray over that of a ray of a later bounce or of a shadow ray: camera rays are coherent, and those that meet
-/// nothing are not shaded. Fitted to CPU times of pictures with and without an allocation.
-const CAMERA_RAY_COST: f64 = 0.3;
 /// Sampled pixels at which a tile's own estimate has the same weight as that of the tiles around it.
 const SMOOTHING_PIXELS: f64 = 40.0;
 /// Minimum and maximum doublings of the mean number of paths. Powers of two suit low-discrepancy points, by a few per
 /// cent.
 const DOUBLINGS: [i32; 2] = [-2, 2];
+/// Steps of the iteration that finds the price of a camera ray for emission.
+const PRICE_STEPS: u32 = 2;
 /// Maximum paths of a tile, over the mean.
 pub const MAX_PATHS_OVER_MEAN: u32 = 1 << DOUBLINGS[1];
-/// All tiles get the same number of paths where the pre-pass estimates that more than this of the error would remain.
-const MAX_REMAINING_ERROR: f64 = 0.95;
 
 /// The paths of each tile, relative to the mean.
 #[derive(Debug)]
@@ -60,6 +52,8 @@ pub struct Allocation {
     /// Doublings of the mean, row by row.
     doublings: Vec<i32>,
     columns: u32,
+    /// Camera rays for emission; `None` if no pixel has more than its paths'.
+    emission_rays: Option<EmissionRayCounts>,
     efficiency: AllocationEfficiency,
 }
 
@@ -76,14 +70,22 @@ struct Survey {
     cost: f64,
     /// Sum of the mean luminance over the sampled pixels, without emission that the camera sees directly.
     scattered: f64,
-    /// Mean over all pixels of the relative variance of that emission.
-    visible: f64,
+    /// Mean over all pixels of the relative variance of that emission, by the path's camera ray alone, and by as many rays as
+    /// each pixel has.
+    visible: [f64; 2],
+    /// Mean number per path, over all pixels, of camera rays for that emission.
+    emission_rays: f64,
 }
 
 impl Survey {
     /// Relative variance of a path, by one half of the sampled pixels.
     fn variance(&self, half: usize) -> f64 {
         self.variance[half] / self.sampled[half].max(1) as f64
+    }
+
+    /// Relative variance of a path, by all sampled pixels.
+    fn both(&self) -> f64 {
+        0.5 * (self.variance(0) + self.variance(1))
     }
 
     /// Number of sampled pixels.
@@ -96,6 +98,11 @@ impl Survey {
         self.cost / self.all_sampled()
     }
 
+    /// Mean luminance over the sampled pixels, without emission that the camera sees directly.
+    fn mean_scattered(&self) -> f64 {
+        self.scattered / self.all_sampled().max(1.0)
+    }
+
     /// Both of the same tile.
     fn plus(&self, more: &Self) -> Self {
         Self {
@@ -104,13 +111,18 @@ impl Survey {
             sampled: [0, 1].map(|half| self.sampled[half] + more.sampled[half]),
             cost: self.cost + more.cost,
             scattered: self.scattered + more.scattered,
-            visible: 0.0,
+            ..*self
         }
+    }
+
+    /// Cost of a path with its camera rays for emission.
+    fn cost_with_emission_rays(&self) -> f64 {
+        self.cost() + CAMERA_RAY_COST * self.emission_rays
     }
 }
 
-/// Bytes of a pixel in [`VisibleEmission`], and of a tile: its surveys and variances, and the steps of its doublings while they are sorted.
-const BYTES_PER_PIXEL: u64 = size_of::<f32>() as u64;
+/// Bytes of a pixel in [`VisibleEmission`] and [`EmissionRayCounts`], and of a tile: its surveys and variances, and the steps of its doublings while they are sorted.
+const BYTES_PER_PIXEL: u64 = (size_of::<f32>() + size_of::<u8>()) as u64;
 const BYTES_PER_TILE: u64 = 6 * size_of::<Survey>() as u64 + 6 * size_of::<(usize, i32, f64)>() as u64;
 
 /// Maximum bytes that the pre-pass of a render with these settings takes.
@@ -146,28 +158,20 @@ impl Allocation {
             (0..columns * rows).into_par_iter().map(of_tile).collect()
         };
         let all = pixels_per_tile(settings);
-        let of = |surveys: &[Survey]| {
-            let mut surveys = surveys.to_vec();
-            surveys.par_iter_mut().enumerate().for_each(|(tile, survey)| {
-                let [x0, y0] = [tile as u32 % columns, tile as u32 / columns].map(|at| at * TILE);
-                survey.visible = visible.as_ref().map_or(0.0, |visible| {
-                    let scattered = survey.scattered / survey.all_sampled().max(1.0);
-                    let row = |y| (x0..settings.width.min(x0 + TILE)).map(move |x| [x, y]);
-                    let pixels = (y0..settings.height.min(y0 + TILE)).flat_map(row);
-                    pixels.map(|at| visible.relative_variance(at, scattered)).sum::<f64>() / survey.pixels
-                });
-            });
-            let (doublings, efficiency) = allocated(&surveys, columns as usize);
-            Self { doublings, columns, efficiency }
+        let of = |mut surveys: Vec<Survey>| {
+            let visible = visible.as_ref().map(|visible| Visible { visible, settings, columns });
+            let emission_rays = visible.and_then(|visible| visible.choose(&mut surveys));
+            let Allocated { doublings, by_counts, efficiency } = allocated(&surveys, columns as usize);
+            (Self { doublings, columns, emission_rays, efficiency }, by_counts)
         };
-        let first = step(0..FIRST_PIXELS_PER_TILE)?;
-        let found = of(&first);
-        debug!("the first step of the allocation leaves {:.3}", found.efficiency.remaining);
-        if settings.adaptive == Choice::Auto && found.efficiency.remaining > MAX_REMAINING_AT_FIRST_STEP {
-            return Some(Self { doublings: vec![0; first.len()], ..found });
+        let first = step(0..FIRST_ALLOCATION_PIXELS_PER_TILE)?;
+        let (found, by_counts) = of(first.clone());
+        debug!("the first step of the allocation leaves {by_counts:.3}");
+        if settings.adaptive == Choice::Auto && by_counts > MAX_REMAINING_AT_FIRST_STEP {
+            return Some(found);
         }
-        let more = step(FIRST_PIXELS_PER_TILE..all)?;
-        Some(of(&first.iter().zip(&more).map(|(first, more)| first.plus(more)).collect::<Vec<_>>()))
+        let more = step(FIRST_ALLOCATION_PIXELS_PER_TILE..all)?;
+        Some(of(first.iter().zip(&more).map(|(first, more)| first.plus(more)).collect()).0)
     }
 
     /// Paths per pixel of a tile, where the mean over all tiles is `mean`.
@@ -193,6 +197,11 @@ impl Allocation {
         Some(if spp.is_multiple_of(MAX_PASS_PATHS) { MAX_PASS_PATHS } else { spp })
     }
 
+    /// Camera rays for emission that the camera sees directly.
+    pub fn emission_rays(&self) -> Option<&EmissionRayCounts> {
+        self.emission_rays.as_ref()
+    }
+
     /// Its estimated efficiency.
     pub fn efficiency(&self) -> AllocationEfficiency {
         self.efficiency
@@ -208,8 +217,8 @@ fn cost(counts: &WaveCounts) -> f64 {
 /// Sampled pixels of a whole tile.
 fn pixels_per_tile(settings: &RenderSettings) -> usize {
     let tiles = settings.width.div_ceil(TILE) as usize * settings.height.div_ceil(TILE) as usize;
-    let few = settings.spp.map_or(PIXELS_PER_TILE[1], |spp| spp as usize).max(PIXELS_PER_TILE[0]);
-    (MAX_PIXELS / tiles).clamp(PIXELS_PER_TILE[0], PIXELS_PER_TILE[1]).min(few)
+    let few = settings.spp.map_or(ALLOCATION_PIXELS_PER_TILE[1], |spp| spp as usize).max(ALLOCATION_PIXELS_PER_TILE[0]);
+    (MAX_ALLOCATION_PIXELS / tiles).clamp(ALLOCATION_PIXELS_PER_TILE[0], ALLOCATION_PIXELS_PER_TILE[1]).min(few)
 }
 
 /// Traces some of the pixels of a tile's pre-pass, of which there are at most as many as half of its pixels.
@@ -264,34 +273,110 @@ fn survey(
         sampled: [n.div_ceil(2), n / 2],
         cost: cost(&wave.counts) / f64::from(2 * PATHS_PER_SCRAMBLE),
         scattered,
-        visible: 0.0,
+        ..Default::default()
     }
 }
 
-/// Doublings of tiles, row by row, and their estimated efficiency: an allocation by one half of the pixels is judged by
-/// the variance of the other half.
-fn allocated(surveys: &[Survey], columns: usize) -> (Vec<i32>, AllocationEfficiency) {
+/// Directly visible emission in the pixels of a picture of `columns` tiles a row.
+#[derive(Clone, Copy)]
+struct Visible<'a> {
+    visible: &'a VisibleEmission,
+    settings: &'a RenderSettings,
+    columns: u32,
+}
+
+impl Visible<'_> {
+    /// Chooses each pixel's camera rays for emission, and completes the surveys. `None` if they would not pay.
+    fn choose(&self, surveys: &mut [Survey]) -> Option<EmissionRayCounts> {
+        self.complete(surveys, f64::INFINITY);
+        // The price falls as rays reduce the variance.
+        let mut price = 0.0;
+        for _ in 0..PRICE_STEPS {
+            let variance = sum(surveys, |s| s.both() + s.visible[1]);
+            price = CAMERA_RAY_COST * variance / sum(surveys, Survey::cost_with_emission_rays);
+            self.complete(surveys, price);
+        }
+        if remaining_by_emission_rays(surveys) > MAX_REMAINING_BY_EMISSION_RAYS {
+            self.complete(surveys, f64::INFINITY);
+            return None;
+        }
+        let RenderSettings { width, height, .. } = *self.settings;
+        let rays = (0..height).into_par_iter().flat_map_iter(|y| (0..width).map(move |x| [x, y])).map(|[x, y]| {
+            let tile = (y / TILE * self.columns + x / TILE) as usize;
+            self.visible.rays_per_path([x, y], surveys[tile].mean_scattered(), price) as u8
+        });
+        Some(EmissionRayCounts::new(width, rays.collect()))
+    }
+
+    /// Fills what surveys have of directly visible emission, where a camera ray has this price.
+    fn complete(&self, surveys: &mut [Survey], price: f64) {
+        let RenderSettings { width, height, .. } = *self.settings;
+        surveys.par_iter_mut().enumerate().for_each(|(tile, survey)| {
+            let [x0, y0] = [tile as u32 % self.columns, tile as u32 / self.columns].map(|at| at * TILE);
+            let scattered = survey.mean_scattered();
+            (survey.visible, survey.emission_rays) = ([0.0; 2], 0.0);
+            for at in (y0..height.min(y0 + TILE)).flat_map(|y| (x0..width.min(x0 + TILE)).map(move |x| [x, y])) {
+                let rays = self.visible.rays_per_path(at, scattered, price);
+                let variance = [1, rays].map(|rays| self.visible.relative_variance(at, scattered, rays));
+                (0..2).for_each(|i| survey.visible[i] += variance[i] / survey.pixels);
+                survey.emission_rays += f64::from(if rays > 1 { rays } else { 0 }) / survey.pixels;
+            }
+        });
+    }
+}
+
+/// Sum over pixels, in tiles where each contributes so much.
+fn sum(surveys: &[Survey], of: impl Fn(&Survey) -> f64) -> f64 {
+    surveys.iter().map(|s| s.pixels * of(s)).sum()
+}
+
+/// Error times cost with the camera rays for emission, over that without.
+fn remaining_by_emission_rays(surveys: &[Survey]) -> f64 {
+    let [without, with] = [0, 1].map(|i| sum(surveys, |s| s.both() + s.visible[i]));
+    let error = if without > 0.0 { with / without } else { 1.0 };
+    error * sum(surveys, Survey::cost_with_emission_rays) / sum(surveys, Survey::cost)
+}
+
+/// What [`allocated`] finds.
+struct Allocated {
+    /// Doublings of tiles, row by row.
+    doublings: Vec<i32>,
+    /// Error times cost with these, over that of equal counts with the same camera rays for emission. Above
+    /// [`MAX_REMAINING_ALLOCATED`] all counts are equal.
+    by_counts: f64,
+    efficiency: AllocationEfficiency,
+}
+
+/// Allocates paths to tiles, and estimates the efficiency: an allocation by one half of the pixels is judged by the variance of
+/// the other half.
+fn allocated(surveys: &[Survey], columns: usize) -> Allocated {
     let variances = |of: &dyn Fn(&Survey) -> f64| surveys.iter().map(of).collect::<Vec<_>>();
     let halves = [variances(&|s| s.variance(0)), variances(&|s| s.variance(1))];
-    let both = variances(&|s| 0.5 * (s.variance(0) + s.variance(1)));
+    let both = variances(&Survey::both);
     let factor = |doubled: &i32| f64::exp2(f64::from(*doubled));
-    let remaining = [(0, 1), (1, 0)].map(|(ours, theirs)| {
+    let by_counts = [(0, 1), (1, 0)].map(|(ours, theirs)| {
         let found = doublings(surveys, &smoothed(surveys, &halves[ours], columns));
         let (mut error, mut cost) = ([0.0; 2], [0.0; 2]);
         for ((s, variance), factor) in surveys.iter().zip(&halves[theirs]).zip(found.iter().map(factor)) {
-            let [v, c] = [s.pixels * (variance + s.visible), s.pixels * s.cost()];
+            let [v, c] = [s.pixels * (variance + s.visible[1]), s.pixels * s.cost_with_emission_rays()];
             error = [error[0] + v / factor, error[1] + v];
             cost = [cost[0] + c * factor, cost[1] + c];
         }
         if error[1] > 0.0 { error[0] / error[1] * cost[0] / cost[1] } else { 1.0 }
     });
-    let remaining = (remaining[0] * remaining[1]).sqrt();
-    let found = match remaining < MAX_REMAINING_ERROR {
+    let by_counts = (by_counts[0] * by_counts[1]).sqrt();
+    let found = match by_counts < MAX_REMAINING_ALLOCATED {
         true => doublings(surveys, &smoothed(surveys, &both, columns)),
         false => vec![0; surveys.len()],
     };
     let range = found.iter().map(factor).fold([1.0; 2], |[low, high]: [f64; 2], f| [low.min(f), high.max(f)]);
-    (found, AllocationEfficiency { remaining, range })
+    let emission_rays = sum(surveys, |s| s.emission_rays) / sum(surveys, |_| 1.0);
+    let by_rays = remaining_by_emission_rays(surveys);
+    // Equal counts gain nothing, whatever others were estimated to.
+    let only_rays = range == [1.0; 2] && emission_rays > 0.0;
+    let remaining = if only_rays { by_rays } else { by_counts * by_rays };
+    let efficiency = AllocationEfficiency { remaining, range, emission_rays };
+    Allocated { doublings: found, by_counts, efficiency }
 }
 
 /// Each tile's variance. That by sampled pixels is mixed with the mean of the tiles around it: the fewer there are, the more.
@@ -304,7 +389,7 @@ fn smoothed(surveys: &[Survey], variance: &[f64], columns: usize) -> Vec<f64> {
         let mean = around().map(|j| variance[j]).sum::<f64>() / around().count() as f64;
         let sampled = surveys[i].all_sampled();
         let trust = sampled / (sampled + SMOOTHING_PIXELS);
-        trust * variance[i] + (1.0 - trust) * mean + surveys[i].visible
+        trust * variance[i] + (1.0 - trust) * mean + surveys[i].visible[1]
     };
     (0..surveys.len()).map(of).collect()
 }
@@ -315,7 +400,9 @@ fn doublings(surveys: &[Survey], variance: &[f64]) -> Vec<i32> {
     let [least, most] = DOUBLINGS;
     // A tile's error falls by variance / 2n, its cost rises by n: the root of their ratio.
     let steps = surveys.iter().zip(variance).enumerate().flat_map(|(tile, (s, v))| {
-        (least..most).map(move |doubled| (tile, doubled, (v / s.cost()).sqrt() / f64::exp2(f64::from(doubled))))
+        (least..most).map(move |doubled| {
+            (tile, doubled, (v / s.cost_with_emission_rays()).sqrt() / f64::exp2(f64::from(doubled)))
+        })
     });
     let mut steps: Vec<_> = steps.collect();
     steps.sort_by(|(a, i, gain), (b, j, other)| other.total_cmp(gain).then((i, a).cmp(&(j, b))));
@@ -358,15 +445,15 @@ mod tests {
     #[test]
     fn tiles_are_alike_where_the_halves_do_not_agree_that_they_differ() {
         let even = [[1.0, 100.0], [100.0, 1.0], [1.0, 100.0], [100.0, 1.0]].map(|variance| tile(variance, 1.0));
-        let (found, efficiency) = allocated(&even, 1);
+        let Allocated { doublings: found, efficiency, .. } = allocated(&even, 1);
         assert!(
             found == [0; 4] && efficiency.remaining > 1.0 && efficiency.range == [1.0; 2],
             "{found:?} {efficiency:?}"
         );
         let differ = [tile([1.0, 1.1], 1.0), tile([1.0, 0.9], 1.0), tile([36.0, 33.0], 1.0), tile([36.0, 40.0], 1.0)];
-        let (found, efficiency) = allocated(&differ, 1);
+        let Allocated { doublings: found, efficiency, .. } = allocated(&differ, 1);
         assert!(found == [-1, -1, 0, 1] && efficiency.remaining < 0.8, "{found:?} {efficiency:?}");
-        let (black, efficiency) = allocated(&[tile([0.0; 2], 1.0); 4], 2);
+        let Allocated { doublings: black, efficiency, .. } = allocated(&[tile([0.0; 2], 1.0); 4], 2);
         assert!(black == [0; 4] && efficiency.remaining == 1.0);
     }
 }

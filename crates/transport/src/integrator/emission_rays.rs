@@ -1,0 +1,150 @@
+//! Camera rays for emission that the camera sees directly, besides those of paths.
+//!
+//! Where the silhouette of a light crosses a pixel, whether a camera ray meets the light or not is most of a path's variance. A
+//! camera ray that ends there costs a fraction of a path. So in such pixels the emission that a path sees directly is the mean
+//! over several camera rays of their own (splitting), and its own camera ray finds all other light only. Means do not change;
+//! statistics of paths, AOVs and light groups include the mean as the path's emission.
+
+use glam::Vec3;
+
+use super::back_faces::BackFaces;
+use super::events::{FoundEmission, PathEvents, WaveContext};
+use super::path_states::NonFiniteSamples;
+use super::queues::{PathIds, PathRays, SortedHits};
+use super::stages::camera_rays::camera_ray;
+use super::stages::{emission, media};
+use super::thin_walls::ThinWalls;
+use super::wave::{WaveCounts, timed};
+use crate::lanes::{F, LANES, NUMBERS, U, V3};
+use crate::rays::{HitBatch, MISS, RayOrder};
+use crate::sampling::{hash, keys, pixel_seed};
+
+/// Maximum of [`EmissionRayCounts::rays_per_path`].
+pub const MAX_RAYS_PER_PATH: u32 = 64;
+
+/// For each pixel of a picture, the number of camera rays per path for emission.
+#[derive(Debug, Clone)]
+pub struct EmissionRayCounts {
+    width: u32,
+    /// Row by row.
+    rays: Vec<u8>,
+}
+
+impl EmissionRayCounts {
+    /// `rays` are the numbers of a picture of `width` pixels a row, row by row, each from 1 to [`MAX_RAYS_PER_PATH`].
+    pub fn new(width: u32, rays: Vec<u8>) -> Self {
+        debug_assert!(rays.iter().all(|rays| (1..=MAX_RAYS_PER_PATH as u8).contains(rays)));
+        Self { width, rays }
+    }
+
+    /// Camera rays per path of the pixel at column `x` and row `y`; with one, the path's own finds the emission.
+    #[inline]
+    pub fn rays_per_path(&self, x: u32, y: u32) -> u32 {
+        self.rays[y as usize * self.width as usize + x as usize].into()
+    }
+}
+
+/// The seed of the sequences of these camera rays.
+pub fn emission_seed(seed: u32) -> u32 {
+    hash(seed ^ 0x6564_6765)
+}
+
+/// Traces these camera rays; one per thread.
+#[derive(Debug, Default)]
+pub struct EmissionRays {
+    rays: PathRays,
+    hits: HitBatch,
+    sorted: SortedHits,
+    found: Vec<FoundEmission>,
+    back_faces: BackFaces,
+}
+
+impl EmissionRays {
+    /// Takes the paths of pixels with several camera rays out of `sorted`, the hits of the paths' own rays, as far as these
+    /// found emission, and adds the emission that the several rays find.
+    #[inline(never)]
+    pub fn trace<E: PathEvents>(
+        &mut self,
+        at: &WaveContext,
+        sorted: &mut SortedHits,
+        walls: &mut ThinWalls,
+        (radiance, non_finite): (&mut [Vec3], &mut NonFiniteSamples),
+        events: &mut E,
+        counts: &mut WaveCounts,
+    ) {
+        let Some(numbers) = at.transport.proposal.emission_rays else { return };
+        let of = |pixel: usize| numbers.rays_per_path(at.tasks[pixel].x, at.tasks[pixel].y);
+        if (0..at.tasks.len()).all(|pixel| of(pixel) == 1) {
+            return;
+        }
+        for rows in [&mut sorted.escaped, &mut sorted.emissive] {
+            rows.retain(|path| of(at.pixel(*path)) == 1);
+        }
+        self.back_faces.begin(at);
+        // Rays of a batch have the numbers of camera rays.
+        let capacity = at.paths.len();
+        let mut light = (radiance, non_finite);
+        self.rays.open(capacity, at.transport.geometry.moves, 0);
+        let mut first_path = 0;
+        for (pixel, task) in at.tasks.iter().enumerate() {
+            let per_path = of(pixel);
+            let all = if per_path > 1 { task.counts.paths * per_path } else { 0 };
+            let mut next = 0;
+            while next < all {
+                if self.rays.len == capacity {
+                    self.add(at, walls, &mut light, events, counts);
+                }
+                let n = LANES.min(capacity - self.rays.len).min((all - next) as usize);
+                self.push(at, [pixel as u32, first_path, per_path], next, n);
+                next += n as u32;
+            }
+            first_path += task.counts.paths;
+        }
+        self.add(at, walls, &mut light, events, counts);
+    }
+
+    /// Appends `n` rays of a pixel from number `first` on. Its first path in the wave has the number `first_path`.
+    fn push(&mut self, at: &WaveContext, [pixel, first_path, per_path]: [u32; 3], first: u32, n: usize) {
+        let task = &at.tasks[pixel as usize];
+        let seed = U::splat(pixel_seed(task.x, task.y, emission_seed(at.transport.seed)));
+        let index = U::splat(task.first_path.wrapping_mul(per_path).wrapping_add(first)) + U::from(NUMBERS);
+        let path = U::from(NUMBERS.map(|lane| first_path + (first + lane) / per_path));
+        let (ray, time) = camera_ray(at.transport, [task.x, task.y], seed, index);
+        let beta = V3::splat(Vec3::splat(1.0 / per_path as f32));
+        let path_ids = PathIds { path, index, seed, time };
+        self.rays.push(n, ray, keys(seed, index, 0), beta, V3::ZERO, F::ZERO, path_ids);
+    }
+
+    /// Adds the emission that the rays find, and empties the batch.
+    fn add<E: PathEvents>(
+        &mut self,
+        at: &WaveContext,
+        walls: &mut ThinWalls,
+        (radiance, non_finite): &mut (&mut [Vec3], &mut NonFiniteSamples),
+        events: &mut E,
+        counts: &mut WaveCounts,
+    ) {
+        let Self { rays, hits, sorted, found, back_faces } = self;
+        let transport = at.transport;
+        rays.close();
+        counts.emission_rays += rays.len as u64;
+        timed(counts, || transport.rays.closest_hits(&rays.rays, RayOrder::Coherent, hits));
+        back_faces.pass(at, rays, hits);
+        if transport.materials.has_thin_walls {
+            walls.pass(at, rays, hits, back_faces);
+        }
+        sorted.clear();
+        for (row, &mesh) in (0..).zip(&hits.mesh[..rays.len]) {
+            match mesh {
+                MISS => sorted.escaped.push(row),
+                mesh if transport.materials.mesh_material(mesh).emits => sorted.emissive.push(row),
+                _ => {}
+            }
+        }
+        if transport.materials.absorbs() {
+            media::attenuate(transport, at.depth, rays, hits);
+        }
+        emission::add(at, sorted, rays, hits, found, (&mut **radiance, &mut **non_finite), events);
+        rays.open(at.paths.len(), transport.geometry.moves, 0);
+    }
+}

@@ -1,0 +1,56 @@
+//! How much the pre-passes render, and from which estimates on techniques are used.
+
+/// Pixels of a pre-pass at low resolution.
+#[derive(Debug, Clone, Copy)]
+pub struct Resolution {
+    /// Pixels of the picture per pixel of the pre-pass.
+    divisor: f64,
+    /// Minimum and maximum pixels of the pre-pass.
+    range: [f64; 2],
+}
+
+impl Resolution {
+    /// Pixels of the pre-pass for a picture of so many pixels.
+    pub fn pixels(&self, picture_pixels: f64) -> f64 {
+        (picture_pixels / self.divisor).clamp(self.range[0], self.range[1])
+    }
+}
+
+/// Resolution for the density of the environment.
+pub const COMPENSATION: Resolution = Resolution { divisor: 32.0, range: [64.0, 1024.0] };
+/// Resolution for learned lights.
+pub const LEARNED_LIGHTS: Resolution = Resolution { divisor: 8.0, range: [64.0, 8192.0] };
+/// Resolution for guiding.
+pub const GUIDING: Resolution = Resolution { divisor: 16.0, range: [8192.0, f64::INFINITY] };
+/// Maximum pixels of a picture in the allocation's pre-pass, and the minimum and maximum of a tile. The pre-pass takes at most a
+/// thirty-second of the picture's paths.
+pub const MAX_ALLOCATION_PIXELS: usize = 1 << 14;
+/// See [`MAX_ALLOCATION_PIXELS`].
+pub const ALLOCATION_PIXELS_PER_TILE: [usize; 2] = [32, 128];
+/// Sampled pixels of a tile in the allocation's first step. With `auto` there is a second step only where the first is promising
+/// ([`MAX_REMAINING_AT_FIRST_STEP`]).
+pub const FIRST_ALLOCATION_PIXELS_PER_TILE: usize = 12;
+
+/// Maximum seconds of a pre-pass over those of a time limit.
+pub const MAX_TIME_SHARE: f64 = 0.1;
+
+/// The compensated density is used where at most this fraction of the variance remains.
+pub const MAX_REMAINING_COMPENSATED: f64 = 0.97;
+/// Learned lights are used where at most this fraction of the variance remains: later rounds and the longer traversal of the
+/// light tree take time.
+pub const MAX_REMAINING_LEARNED_LIGHTS: f64 = 0.9;
+/// Paths are guided if at most this fraction of variance times rays remains after the last round: a guided ray takes
+/// longer, and smooth light (cornell: 0.66) loses the benefit of stratified points.
+pub const MAX_REMAINING_GUIDED: f32 = 0.45;
+/// Learning for guiding continues after the second round if at most this fraction remains.
+pub const MAX_REMAINING_AT_FIRST_DECISION: f32 = 0.66;
+/// All tiles get the same number of paths where more than this fraction of error times cost would remain.
+pub const MAX_REMAINING_ALLOCATED: f64 = 0.95;
+/// The same after the allocation's first step: few pixels tell tiles apart badly, which makes the estimate too high.
+pub const MAX_REMAINING_AT_FIRST_STEP: f64 = 0.97;
+/// Emission gets no camera rays of its own where more than this fraction of error times cost would remain.
+pub const MAX_REMAINING_BY_EMISSION_RAYS: f64 = 0.99;
+
+/// Cost of a camera ray over that of a ray of a later bounce or of a shadow ray: camera rays are coherent, and those that meet
+/// nothing are not shaded. Fitted to CPU times of pictures with and without an allocation.
+pub const CAMERA_RAY_COST: f64 = 0.3;
