@@ -3,10 +3,11 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use bismar::film::{AovSums, ExtraSums, PixelStats, Pixels};
+use bismar::film::{Aov, AovSums, ExtraSums, PixelStats, Pixels, exr_file};
 use bismar::rays::Backend;
 use bismar::render::{Balance, Choice, RenderSettings, Rendered, render};
 use bismar::scene::{Environment, Material, PunctualKind, PunctualLight, Scene};
+use exr::image::FlatSamples;
 use glam::{Vec3, Vec4};
 
 use crate::helpers::pictures::{python, run};
@@ -173,4 +174,20 @@ fn every_layer_of_a_picture_of_one_path_is_finite() {
         }
     }
     assert!(seen >= 6, "{seen}");
+}
+
+#[test]
+fn the_balance_layer_holds_the_light_shares_of_the_next_pass() {
+    let rendered = rendered(lit(), Balance::SecondOrder);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    exr_file::write(&path, &rendered.pixels(), &[Aov::Balance], &exr_file::Header::new(), None).unwrap();
+    let image = exr::prelude::read_first_flat_layer_from_file(&path).unwrap();
+    let channel = image.layer_data.channel_data.list.iter().find(|c| c.name.to_string() == "balance.V").unwrap();
+    let FlatSamples::F32(written) = &channel.sample_data else { panic!("shares are not floats") };
+    let pixels = rendered.pixels();
+    let learned: Vec<_> =
+        (0..16).flat_map(|y| (0..24).map(move |x| (x, y))).map(|(x, y)| pixels.light_share(x, y)).collect();
+    assert_eq!(*written, learned);
+    assert!(learned.iter().filter(|share| **share != 0.5).count() > 100);
 }

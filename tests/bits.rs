@@ -3,9 +3,9 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
-use bismar::film::Film;
+use bismar::film::{Film, Pixels};
 use bismar::rays::Backend;
-use bismar::render::{Balance, RenderSettings, StopReason, render};
+use bismar::render::{Balance, RenderSettings, Rendered, StopReason, render};
 use bismar::scene::Scene;
 
 use crate::helpers::stage::{Stage, hall};
@@ -14,16 +14,15 @@ fn settings() -> RenderSettings {
     RenderSettings { width: 50, height: 37, spp: Some(40), aovs: true, ..Default::default() }
 }
 
-fn film(stage: &Stage, settings: &RenderSettings, threads: usize) -> Film {
+fn rendered(stage: &Stage, settings: &RenderSettings, threads: usize) -> Rendered {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(|| render(&stage.scene, settings, &AtomicBool::new(false), &|_| ()).unwrap()).film()
+    pool.install(|| render(&stage.scene, settings, &AtomicBool::new(false), &|_| ()).unwrap())
 }
 
 /// Everything about a pixel, as text that differs when a bit differs.
-fn pixel(film: &Film, x: u32, y: u32) -> String {
-    let [x0, y0, x1, _] = film.window;
-    let at = ((y - y0) * (x1 - x0) + x - x0) as usize;
-    format!("{:?} {:?}", film.pixels[at], film.aovs[at])
+fn pixel(rendered: &Rendered, x: u32, y: u32) -> String {
+    let pixels = rendered.pixels();
+    format!("{:?} {}", pixels.at(x, y), pixels.light_share(x, y))
 }
 
 #[test]
@@ -34,9 +33,9 @@ fn any_number_of_threads_gives_the_same_bits() {
             for (noise, adaptive) in [(Some(0.12), false), (None, true)] {
                 let settings =
                     RenderSettings { balance, noise, adaptive: adaptive.into(), spp: Some(160), ..settings() };
-                let one = film(&stage, &settings, 1);
+                let one = rendered(&stage, &settings, 1);
                 for threads in [2, 7] {
-                    let other = film(&stage, &settings, threads);
+                    let other = rendered(&stage, &settings, threads);
                     for y in 0..37 {
                         for x in 0..50 {
                             assert_eq!(pixel(&one, x, y), pixel(&other, x, y), "{backend:?} {balance:?} {threads}");
@@ -53,9 +52,9 @@ fn a_crop_has_the_bits_of_the_whole() {
     let stage = Stage::new(hall(), Backend::Embree);
     for (noise, adaptive, spp) in [(None, false, 40), (None, true, 40), (Some(0.12), false, 160)] {
         let settings = RenderSettings { noise, adaptive: adaptive.into(), spp: Some(spp), ..settings() };
-        let whole = film(&stage, &settings, 2);
+        let whole = rendered(&stage, &settings, 2);
         for crop in [[0, 0, 1, 1], [13, 9, 34, 33], [49, 36, 50, 37]] {
-            let part = film(&stage, &RenderSettings { crop: Some(crop), ..settings.clone() }, 2);
+            let part = rendered(&stage, &RenderSettings { crop: Some(crop), ..settings.clone() }, 2);
             for y in crop[1]..crop[3] {
                 for x in crop[0]..crop[2] {
                     assert_eq!(pixel(&whole, x, y), pixel(&part, x, y), "{crop:?} {x} {y}");
@@ -68,8 +67,8 @@ fn a_crop_has_the_bits_of_the_whole() {
 #[test]
 fn seeds_differ() {
     let stage = Stage::new(hall(), Backend::Embree);
-    let a = film(&stage, &settings(), 2);
-    let b = film(&stage, &RenderSettings { seed: 1, ..settings() }, 2);
+    let a = rendered(&stage, &settings(), 2);
+    let b = rendered(&stage, &RenderSettings { seed: 1, ..settings() }, 2);
     // The lower rows show the floor, where no pixel is without noise.
     for y in 25..37 {
         for x in 0..50 {
@@ -104,7 +103,8 @@ fn small_first_passes_leave_the_picture_unbiased_and_the_balance_learnt() {
     let settings = RenderSettings { spp: Some(132), ..settings() };
     let timed = RenderSettings { time: Some(1e9), seed: 7, ..settings.clone() };
     for stage in [with_sky, Stage::new(Arc::new(scene), Backend::Embree)] {
-        let (plain, early) = (film(&stage, &settings, 2), film(&stage, &timed, 2));
+        let both = [rendered(&stage, &settings, 2), rendered(&stage, &timed, 2)];
+        let [plain, early] = both.each_ref().map(Rendered::film);
         let sum = |film: &Film, of: &dyn Fn(&PixelStats) -> f64| film.pixels.iter().map(of).sum::<f64>();
         for c in 0..3 {
             let mean = |film: &Film| sum(film, &|p| f64::from(p.mean()[c]));
@@ -113,8 +113,10 @@ fn small_first_passes_leave_the_picture_unbiased_and_the_balance_learnt() {
             assert!(z.abs() < 5.0, "channel {c}: z {z}");
         }
         // Pixels learn their shares as ever, from other samples.
-        let learnt = |film: &Film| film.pixels.iter().filter(|p| p.light_share != 0.5).count() as f64;
-        let (plain, early) = (learnt(&plain), learnt(&early));
+        let shares =
+            |rendered: &Rendered| rendered.tiles.iter().flat_map(|tile| tile.shares.clone()).collect::<Vec<_>>();
+        let learnt = |rendered| shares(rendered).iter().filter(|share| share.light_share != 0.5).count() as f64;
+        let [plain, early] = both.each_ref().map(learnt);
         assert!(plain > 0.0 && (early / plain - 1.0).abs() < 0.2, "{early} pixels, {plain} without");
     }
 }

@@ -374,7 +374,6 @@ impl RenderedPicture {
 fn values(pixels: &dyn Pixels, channels: &[Channel]) -> Values {
     let [x0, y0, x1, y1] = pixels.window();
     let positions = (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y)));
-    let needs_extras = channels.iter().any(|c| matches!(c.value, Value::Extra(_) | Value::ExtraColor(_)));
     let count = (x1 - x0) as usize * (y1 - y0) as usize * channels.len();
     if channels.iter().all(|c| matches!(c.value, Value::Uint(_))) {
         let mut values = Vec::with_capacity(count);
@@ -389,13 +388,7 @@ fn values(pixels: &dyn Pixels, channels: &[Channel]) -> Values {
     }
     let mut values = Vec::with_capacity(count);
     for (x, y) in positions {
-        let (stats, sums) = pixels.at(x, y);
-        let extras = if needs_extras { pixels.extras(x, y).unwrap_or_default() } else { Default::default() };
-        values.extend(channels.iter().map(|c| match c.value {
-            Value::Float(of) | Value::Color(of) => of(&stats, &sums, c.component),
-            Value::Extra(of) | Value::ExtraColor(of) => of(&stats, &extras, c.component),
-            Value::Uint(of) => of(&stats, &sums) as f32,
-        }));
+        values.extend(channels.iter().map(|channel| channel.float(pixels, x, y)));
     }
     Values::Floats(values)
 }

@@ -59,7 +59,7 @@ impl Saved {
 }
 
 /// Version of the record and of the packed tiles. Files of other versions are not read.
-pub const FORMAT: u32 = 4;
+pub const FORMAT: u32 = 5;
 
 /// The record of a render in its picture's header: all that resuming and merging need besides the tiles.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -337,23 +337,13 @@ impl Earlier {
 /// Maximum bytes of an unpacked tile.
 const MAX_TILE_BYTES: usize = 1 << 24;
 
-/// Serialises tiles. Each has its length in bytes (32 bits, little-endian) and its data: postcard, followed by velocities and
-/// the sums of the ground if there are any, compressed with LZ4, which is faster than a disk.
+/// Serialises tiles. Each has its length in bytes (32 bits, little-endian) and its data: postcard, compressed
+/// with LZ4, which is faster than a disk.
 ///
 /// # Errors
 /// [`Error::Bug`] if a tile cannot be serialised.
 pub fn pack(tiles: &[Tile]) -> Result<Vec<u8>> {
-    let record = |tile: &Tile| {
-        let mut bytes = postcard::to_stdvec(tile)?;
-        let velocities = tile.velocities();
-        if velocities.is_some() || !tile.ground.is_empty() {
-            bytes.extend(postcard::to_stdvec(&velocities.unwrap_or_default())?);
-        }
-        if !tile.ground.is_empty() {
-            bytes.extend(postcard::to_stdvec(&tile.ground)?);
-        }
-        Ok(lz4_flex::compress_prepend_size(&bytes))
-    };
+    let record = |tile: &Tile| Ok(lz4_flex::compress_prepend_size(&postcard::to_stdvec(tile)?));
     let mut bytes = Vec::new();
     // In chunks, to limit memory.
     for some in tiles.chunks(1024) {
@@ -385,16 +375,7 @@ fn unpack_tile(record: &[u8]) -> Option<Tile> {
     let (size, packed) = lz4_flex::block::uncompressed_size(record).ok().filter(|(size, _)| *size <= MAX_TILE_BYTES)?;
     let bytes = lz4_flex::decompress(packed, size).ok()?;
     let (tile, rest): (Tile, _) = postcard::take_from_bytes(&bytes).ok()?;
-    if rest.is_empty() {
-        return Some(tile);
-    }
-    let (velocities, rest) = postcard::take_from_bytes(rest).ok()?;
-    let mut tile = tile.with_velocities(velocities)?;
-    if !rest.is_empty() {
-        let (ground, rest): (_, &[u8]) = postcard::take_from_bytes(rest).ok()?;
-        tile.ground = Some(ground).filter(|_| rest.is_empty())?;
-    }
-    Some(tile)
+    rest.is_empty().then_some(tile)
 }
 
 /// Are these the complete tiles of a render with these settings?

@@ -61,6 +61,10 @@ impl Pixels for TilePixels<'_> {
         self.locate(x, y).map_or(no_tile, |(tile, i)| tile.extras.get(i).copied())
     }
 
+    fn light_share(&self, x: u32, y: u32) -> f32 {
+        self.locate(x, y).map_or(0.5, |(tile, i)| tile.shares[i].light_share)
+    }
+
     fn background(&self) -> Background {
         self.background
     }

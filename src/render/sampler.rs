@@ -9,7 +9,7 @@ use super::RenderSettings;
 use super::adaptive::NoiseGoal;
 use super::tile::{Tile, TilePixel, TileWork};
 use crate::balance::sampler::LightInfo;
-use crate::balance::{Contribution, Cost, Counts, LearnedPixels, Observer, PixelFeatures, Sampler, Shares, Technique};
+use crate::balance::{Contribution, Cost, Counts, LearnedPixels, Observer, PixelFeatures, Sampler, Technique};
 use crate::integrator::clients::{AovColumns, Aovs, ContributionColumns, Contributions, Ground, GroundColumns};
 use crate::integrator::{PixelSums, PixelTask, Transport, Wave, WaveCounts, guides};
 
@@ -85,21 +85,14 @@ impl Tile {
     ) -> TileWork {
         let start = Instant::now();
         let (done, before) = (self.paths(), self.all_paths());
-        let both = self.pixels.iter().zip(&self.stats);
-        let mut shares: Vec<_> = both
-            .map(|(pixel, s)| Shares { light_share: s.light_share, environment_share: pixel.environment_share })
-            .collect();
-        let mut moments = std::mem::take(&mut self.moments);
+        let (mut shares, mut moments) = (std::mem::take(&mut self.shares), std::mem::take(&mut self.moments));
         let counts = with_buffers(|buffers| {
             let mut sampler = TileSampler::new(self, transport, buffers, settings.noise_goal(), watch);
             let mut learned = LearnedPixels { shares: &mut shares, moments: &mut moments };
             settings.balance.method().pass(&mut learned, &mut sampler, done, paths);
             sampler.counts()
         });
-        self.moments = moments;
-        for ((pixel, stats), share) in self.pixels.iter_mut().zip(&mut self.stats).zip(shares) {
-            (stats.light_share, pixel.environment_share) = (share.light_share, share.environment_share);
-        }
+        (self.shares, self.moments) = (shares, moments);
         TileWork { counts, seconds: start.elapsed().as_secs_f64(), paths: self.all_paths() - before }
     }
 }

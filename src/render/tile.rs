@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::RenderSettings;
 use super::adaptive::TileStats;
-use crate::balance::Moments;
+use crate::balance::{Moments, Shares};
 use crate::film::{AovSums, ExtraSums, GroundSums, Peak, PixelStats};
 use crate::integrator::WaveCounts;
 
@@ -21,6 +21,8 @@ pub struct Tile {
     pub(super) pixels: Vec<TilePixel>,
     /// Radiance statistics, one per pixel, in the order of the pixels.
     pub stats: Vec<PixelStats>,
+    /// Shares of the samples of the next pass, one per pixel.
+    pub shares: Vec<Shares>,
     /// Balance moments, one per pixel; empty for methods that need none.
     pub moments: Vec<Moments>,
     /// AOV sums, one per pixel; empty if no AOV needs them.
@@ -29,9 +31,7 @@ pub struct Tile {
     pub extras: Vec<ExtraSums>,
     /// Brightest paths, one per pixel.
     pub peaks: Vec<Peak>,
-    /// Sums of the ground that catches shadows, one per pixel; empty without one. Files store them separately, so that files
-    /// without a ground do not change.
-    #[serde(skip)]
+    /// Sums of the ground that catches shadows, one per pixel; empty without one.
     pub ground: Vec<GroundSums>,
 }
 
@@ -56,8 +56,6 @@ pub(super) struct TilePixel {
     pub light: u32,
     pub environment: u32,
     pub bsdf: u32,
-    /// Fraction of light samples for the environment; `None` until it is chosen.
-    pub environment_share: Option<f32>,
 }
 
 /// Counts and times of a pass over a tile.
@@ -85,13 +83,14 @@ impl Tile {
         let mut pixels = Vec::with_capacity((TILE * TILE) as usize);
         for y in row * TILE..((row + 1) * TILE).min(height) {
             for x in column * TILE..((column + 1) * TILE).min(width) {
-                pixels.push(TilePixel { x, y, light: 0, environment: 0, bsdf: 0, environment_share: None });
+                pixels.push(TilePixel { x, y, light: 0, environment: 0, bsdf: 0 });
             }
         }
         let n = pixels.len();
         Self {
             pixels,
-            stats: vec![PixelStats { light_share: 0.5, ..Default::default() }; n],
+            stats: vec![PixelStats::EMPTY; n],
+            shares: vec![Shares { light_share: 0.5, environment_share: None }; n],
             moments: vec![Moments::default(); if columns.moments { n } else { 0 }],
             aovs: vec![AovSums::default(); if columns.aovs { n } else { 0 }],
             extras: vec![ExtraSums::default(); if columns.extras { n } else { 0 }],
@@ -102,8 +101,8 @@ impl Tile {
 
     /// Sets the pixels' shares of light samples for the first pass, from those of the whole picture, `width` pixels a row.
     pub fn set_light_shares(&mut self, shares: &[f32], width: u32) {
-        for (pixel, stats) in self.pixels.iter().zip(&mut self.stats) {
-            stats.light_share = shares[(pixel.y * width + pixel.x) as usize];
+        for (pixel, own) in self.pixels.iter().zip(&mut self.shares) {
+            own.light_share = shares[(pixel.y * width + pixel.x) as usize];
         }
     }
 
@@ -124,8 +123,13 @@ impl Tile {
         (self.stats[i], AovSums { shadow, ..self.aovs.get(i).copied().unwrap_or_default() })
     }
 
-    /// Adds the sums of independent paths of the same pixels.
+    /// Adds the sums of independent paths of the same pixels. Light shares become their mean by paths.
     pub fn join(&mut self, other: &Tile) {
+        let shares = self.shares.iter_mut().zip(&other.shares);
+        for ((own, other), (before, more)) in shares.zip(self.stats.iter().zip(&other.stats)) {
+            let fraction = f64::from(more.samples) / f64::from((before.samples + more.samples).max(1));
+            own.light_share += (f64::from(other.light_share - own.light_share) * fraction) as f32;
+        }
         self.stats.iter_mut().zip(&other.stats).for_each(|(own, more)| own.join(more));
         self.aovs.iter_mut().zip(&other.aovs).for_each(|(own, more)| own.join(more));
         self.extras.iter_mut().zip(&other.extras).for_each(|(own, more)| own.join(more));
@@ -138,6 +142,7 @@ impl Tile {
         let column = |there: bool, bytes: usize| if there { bytes } else { 0 };
         size_of::<TilePixel>()
             + size_of::<PixelStats>()
+            + size_of::<Shares>()
             + size_of::<Peak>()
             + column(columns.moments, size_of::<Moments>())
             + column(columns.aovs, size_of::<AovSums>())
@@ -189,6 +194,7 @@ impl Tile {
             [
                 t.pixels.len(),
                 t.stats.len(),
+                t.shares.len(),
                 t.moments.len(),
                 t.aovs.len(),
                 t.extras.len(),
@@ -197,19 +203,6 @@ impl Tile {
             ]
         };
         sizes(self) == sizes(other) && self.pixels.iter().zip(&other.pixels).all(same) && self.tile_stats().is_whole()
-    }
-
-    /// Sums of its pixels' velocities; `None` if all are 0.
-    pub(super) fn velocities(&self) -> Option<Vec<[f32; 4]>> {
-        let some = self.extras.iter().any(|extras| extras.velocity != [0.0; 4]);
-        some.then(|| self.extras.iter().map(|extras| extras.velocity).collect())
-    }
-
-    /// The tile with these sums of velocities; `None` unless there is none, or one for each pixel.
-    pub(super) fn with_velocities(mut self, velocities: Vec<[f32; 4]>) -> Option<Self> {
-        let fits = velocities.is_empty() || velocities.len() == self.extras.len();
-        self.extras.iter_mut().zip(velocities).for_each(|(extras, velocity)| extras.velocity = velocity);
-        fits.then_some(self)
     }
 
     /// Number of pixels.

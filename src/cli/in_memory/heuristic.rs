@@ -92,7 +92,7 @@ fn render_passes(
         }
         for tile in &mut rendered.tiles {
             for (x, y, i) in tile.inside(window).collect::<Vec<_>>() {
-                tile.stats[i].light_share = shares[place(x, y)];
+                tile.shares[i].light_share = shares[place(x, y)];
             }
         }
         from = Some(Saved { tiles: rendered.tiles, stats: rendered.stats, goals: rendered.goals });

@@ -5,7 +5,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
-use bismar::film::PixelStats;
 use bismar::render::{Choice, Progress, RenderSettings, RunOptions, StopReason, StudyOptions, run};
 use bismar::{Error, Result};
 use tracing::info;
@@ -258,9 +257,10 @@ impl<'a> Campaign<'a> {
             )));
         }
         let numbers = take.tile.map_or(0..self.mosaic.tiles.len(), |tile| tile..tile + 1);
-        let values = self.mosaic.gather(numbers.clone(), &rendered.tiles, PixelStats::mean).into_flattened();
-        let shares = self.mosaic.gather(numbers.clone(), &rendered.tiles, |pixel| pixel.light_share);
-        let paths = self.mosaic.gather(numbers, &rendered.tiles, |pixel| pixel.samples as f32);
+        let values =
+            self.mosaic.gather(numbers.clone(), &rendered.tiles, |tile, i| tile.stats[i].mean()).into_flattened();
+        let shares = self.mosaic.gather(numbers.clone(), &rendered.tiles, |tile, i| tile.shares[i].light_share);
+        let paths = self.mosaic.gather(numbers, &rendered.tiles, |tile, i| tile.stats[i].samples as f32);
         Ok(Replica { times, values, shares, paths })
     }
 }

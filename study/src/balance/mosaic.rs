@@ -6,7 +6,6 @@
 
 use std::sync::Arc;
 
-use bismar::film::PixelStats;
 use bismar::render::RenderSettings;
 use bismar::render::tile::{TILE, Tile};
 use bismar::{Error, Result};
@@ -114,16 +113,16 @@ impl Mosaic {
     }
 
     /// Applies `of` to each measured pixel of some tiles, given by their numbers in the mosaic, in the order of
-    /// `tiles`; the default elsewhere.
+    /// `tiles`; the default elsewhere. `of` takes a tile and a pixel's index in it.
     pub fn gather<T: Clone + Default>(
         &self,
         numbers: impl Iterator<Item = usize>,
         tiles: &[Tile],
-        of: impl Fn(&PixelStats) -> T,
+        of: impl Fn(&Tile, usize) -> T,
     ) -> Vec<T> {
         let mut all = vec![T::default(); self.pixels()];
         for (number, tile) in numbers.zip(tiles) {
-            self.pixels_of(number).for_each(|pixel| all[pixel.at] = of(&tile.stats[pixel.in_tile]));
+            self.pixels_of(number).for_each(|pixel| all[pixel.at] = of(tile, pixel.in_tile));
         }
         all
     }

@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use bismar::Result;
 use bismar::balance::Balance;
+use bismar::film::Pixels;
 use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
 use bismar::render::{Integrator, RenderSettings, render};
@@ -191,9 +192,11 @@ impl SceneCase {
                 seed: seed + r,
                 ..Default::default()
             };
-            let film = render(&self.scene, &settings, stop, &|_| ())?.film();
-            let green = film.pixels.iter().map(|p| p.sum[1] / f64::from(p.samples)).collect();
-            Ok((green, film.pixels.iter().map(|p| p.light_share).collect()))
+            let rendered = render(&self.scene, &settings, stop, &|_| ())?;
+            let green = rendered.film().pixels.iter().map(|p| p.sum[1] / f64::from(p.samples)).collect();
+            let pixels = rendered.pixels();
+            let positions = (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (x, y)));
+            Ok((green, positions.map(|(x, y)| pixels.light_share(x, y)).collect()))
         };
         let renders = (0..replicas).into_par_iter().map(one).collect::<Result<Vec<_>>>()?;
         let (green, shares) = renders.into_iter().unzip();

@@ -1,7 +1,7 @@
 //! Arbitrary output variables (AOVs): the channels of a picture file besides the beauty.
 
 use super::cryptomatte::RANKS;
-use super::pixels::Background;
+use super::pixels::{Background, Pixels};
 use super::stats::{AovSums, ExtraSums, PixelStats};
 
 /// An output besides R, G, B and A. Channels are named `layer.channel` with the letters of Blender, Nuke and tev: R, G, B for
@@ -64,6 +64,8 @@ pub enum Value {
     ExtraColor(ExtraComponent),
     /// A 32-bit unsigned integer.
     Uint(fn(&PixelStats, &AovSums) -> u32),
+    /// The light share, a 32-bit float.
+    LightShare,
 }
 
 /// A component of an AOV from the statistics of a pixel; the last argument is its index.
@@ -83,6 +85,21 @@ pub struct Channel {
     pub component: usize,
     /// Its value.
     pub value: Value,
+}
+
+impl Channel {
+    /// Its value at pixel (x, y) of the whole picture, as a float.
+    pub fn float(&self, pixels: &dyn Pixels, x: u32, y: u32) -> f32 {
+        let (stats, sums) = pixels.at(x, y);
+        match self.value {
+            Value::Float(f) | Value::Color(f) => f(&stats, &sums, self.component),
+            Value::Extra(f) | Value::ExtraColor(f) => {
+                f(&stats, &pixels.extras(x, y).unwrap_or_default(), self.component)
+            }
+            Value::Uint(f) => f(&stats, &sums) as f32,
+            Value::LightShare => pixels.light_share(x, y),
+        }
+    }
 }
 
 /// The channels R, G, B and A of the beauty, premultiplied for the *over* operator.
@@ -185,7 +202,7 @@ impl Aov {
             Aov::Indirect => ("indirect.", "RGB", Value::Color(|p, a, c| mean(p, a.indirect[c]))),
             Aov::Variance => ("variance.", "RGB", Value::Float(|p, _, c| variance(p, c))),
             Aov::Samples => ("samples.", "V", Value::Uint(|p, _| p.samples)),
-            Aov::Balance => ("balance.", "V", Value::Float(|p, _, _| p.light_share)),
+            Aov::Balance => ("balance.", "V", Value::LightShare),
             Aov::Object => ("object.", "V", Value::Uint(|_, a| a.object)),
             Aov::Material => ("material.", "V", Value::Uint(|_, a| a.material)),
             Aov::Position => ("position.", "XYZ", Value::Extra(|p, e, c| mean_over_hits(p, e.position[c]))),

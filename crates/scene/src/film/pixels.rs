@@ -34,6 +34,11 @@ pub trait Pixels: Sync {
         None
     }
 
+    /// The light share α of pixel (x, y) of the whole picture, in [0, 1]: the fraction of samples that are light samples.
+    fn light_share(&self, _x: u32, _y: u32) -> f32 {
+        0.5
+    }
+
     /// The background.
     fn background(&self) -> Background;
 

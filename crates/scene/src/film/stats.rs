@@ -16,9 +16,6 @@ pub struct PixelStats {
     pub sum_squared: [f64; 3],
     /// Number of paths whose camera ray hit a surface.
     pub covered: u32,
-    /// The light share α of the next pass, in [0, 1].
-    #[serde(rename = "balance")]
-    pub light_share: f32,
 }
 
 /// The brightest path of a pixel.
@@ -111,8 +108,7 @@ pub struct ExtraSums {
     /// Cryptomatte of the materials at first hits.
     pub materials: Matte,
     /// Motion of the first hit in pixels (right, up): from the previous frame, and to the next frame; summed over `covered`
-    /// paths. Files store it separately, so that files without motion do not change.
-    #[serde(skip)]
+    /// paths.
     pub velocity: [f32; 4],
 }
 
@@ -184,7 +180,7 @@ impl ExtraSums {
 
 impl PixelStats {
     /// A pixel without paths.
-    pub const EMPTY: Self = Self { samples: 0, sum: [0.0; 3], sum_squared: [0.0; 3], covered: 0, light_share: 0.5 };
+    pub const EMPTY: Self = Self { samples: 0, sum: [0.0; 3], sum_squared: [0.0; 3], covered: 0 };
 
     /// Adds a path's radiance; `covered` if its camera ray hit a surface.
     #[inline]
@@ -200,8 +196,6 @@ impl PixelStats {
 
     /// Adds independent paths of the same pixel.
     pub fn join(&mut self, other: &Self) {
-        let share = f64::from(other.samples) / f64::from((self.samples + other.samples).max(1));
-        self.light_share += ((other.light_share - self.light_share) as f64 * share) as f32;
         self.samples += other.samples;
         self.covered += other.covered;
         for c in 0..3 {

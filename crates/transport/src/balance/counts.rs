@@ -1,7 +1,9 @@
 //! Sample counts of a pass, and their distribution over its paths.
 
+use serde::{Deserialize, Serialize};
+
 /// How the samples of a pixel divide among the techniques.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Shares {
     /// Fraction of all samples that are light samples: α in [0, 1].
     pub light_share: f32,

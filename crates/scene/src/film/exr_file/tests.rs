@@ -16,7 +16,6 @@ fn film() -> Film {
             sum: [x, 2.0 * x, 3.0],
             sum_squared: [x * x, x * x * 4.0, 9.0],
             covered: (i % 5) as u32,
-            light_share: 0.25,
         };
         *aov = AovSums { depth: i as f32, object: i as u32, ..Default::default() };
     }

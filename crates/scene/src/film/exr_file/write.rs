@@ -13,7 +13,7 @@ use exr::prelude::*;
 
 use super::attributes::{HASH, LENGTH, text};
 use super::checksum::{self, CHECKSUM};
-use crate::film::aov::{self, Aov, ExtraComponent, Value};
+use crate::film::aov::{self, Aov, Value};
 use crate::film::atomic;
 use crate::film::header::{Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::film::pixels::Pixels;
@@ -120,29 +120,19 @@ fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers<'a>, header: &Header) -> 
     let with_extras = pixels.extras(x0, y0).is_some();
     let channels = beauty.into_iter().chain(aovs.iter().flat_map(|aov| aov.channels(pixels.has_aovs(), with_extras)));
     let channels = channels.map(|channel| {
-        let c = channel.component;
-        let at = move |x, y| pixels.at(x0 + x as u32, y0 + y as u32);
-        let extra = move |f: ExtraComponent, x, y| {
-            let extras = pixels.extras(x0 + x as u32, y0 + y as u32).unwrap_or_default();
-            f(&at(x, y).0, &extras, c)
-        };
-        let samples = match channel.value {
-            Value::Color(f) if layers.half => Samples::Half(Box::new(move |x, y| {
-                let (stats, sums) = at(x, y);
-                half(f(&stats, &sums, c))
-            })),
-            Value::ExtraColor(f) if layers.half => Samples::Half(Box::new(move |x, y| half(extra(f, x, y)))),
-            Value::Extra(f) | Value::ExtraColor(f) => Samples::Float(Box::new(move |x, y| extra(f, x, y))),
-            Value::Float(f) | Value::Color(f) => Samples::Float(Box::new(move |x, y| {
-                let (stats, sums) = at(x, y);
-                f(&stats, &sums, c)
-            })),
+        let (name, value) = (text(&channel.name), channel.value);
+        let float = move |x, y| channel.float(pixels, x0 + x as u32, y0 + y as u32);
+        let samples = match value {
+            Value::Color(_) | Value::ExtraColor(_) if layers.half => {
+                Samples::Half(Box::new(move |x, y| half(float(x, y))))
+            }
             Value::Uint(f) => Samples::Uint(Box::new(move |x, y| {
-                let (stats, sums) = at(x, y);
+                let (stats, sums) = pixels.at(x0 + x as u32, y0 + y as u32);
                 f(&stats, &sums)
             })),
+            _ => Samples::Float(Box::new(float)),
         };
-        AnyChannel::new(text(&channel.name), samples)
+        AnyChannel::new(name, samples)
     });
     let mut own = LayerAttributes {
         layer_position: Vec2(x0 as i32, y0 as i32),
