@@ -52,6 +52,9 @@ pub struct RenderStats {
     /// Learned emissive triangles, in the last session.
     #[serde(rename = "lamps", skip_serializing_if = "Option::is_none")]
     pub learned_lights: Option<LearnedLightsStats>,
+    /// Learned regions of the environment, in the last session.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub learned_environment: Option<LearnedLightsStats>,
     /// Path guiding, in the last session.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub guiding: Option<GuidingStats>,
@@ -102,7 +105,7 @@ pub struct CompensationStats {
     pub seconds: f64,
 }
 
-/// The result of the pre-pass of emissive triangles.
+/// The result of the pre-pass of emissive triangles, or of the environment's regions.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub struct LearnedLightsStats {
     /// Are light samples chosen by it?

@@ -5,11 +5,17 @@ use std::sync::OnceLock;
 
 use glam::Vec3;
 
+mod learned;
+mod regions;
+
 use super::{LightProposal, LightSampleContext, LightSamples};
 use crate::color::luminance;
 use crate::lanes::{F, LANES, V3};
 use crate::sampling::{Discrete, warp};
 use crate::scene::Environment;
+use learned::EnvironmentCells;
+pub use learned::LearnedEnvironment;
+pub use regions::Regions;
 
 /// Radiance is interpolated between texel centres (wrapping in u, clamped at the poles). Samples follow the luminance of this
 /// interpolant times sin θ at the middle of each row: first a cell between four texel centres by its integral, then the
@@ -71,9 +77,15 @@ impl EnvironmentSampler {
         self.mean_luminance
     }
 
-    /// Radiance (linear RGB) from unit directions `wi` in world space, and the density per solid angle of [`sample`](Self::sample).
+    /// The environment in regions, for this density.
+    pub fn regions(&self, density: Density) -> Regions {
+        Regions::new(self.table(density), self.width)
+    }
+
+    /// Radiance (linear RGB) from unit directions `wi` in world space, and the density per solid angle of [`sample`](Self::sample)
+    /// with `density`, or with what was `learned` for it.
     #[inline]
-    pub fn radiance_pdf(&self, wi: V3, density: Density) -> (V3, F) {
+    pub fn radiance_pdf(&self, wi: V3, density: Density, learned: Option<EnvironmentCells>) -> (V3, F) {
         let (s, c) = (F::splat(self.rotation.0), F::splat(self.rotation.1));
         // The inverse rotation.
         let (x, z) = (c * wi.x - s * wi.z, s * wi.x + c * wi.z);
@@ -86,7 +98,8 @@ impl EnvironmentSampler {
         let row = v.mul_add(F::splat(self.height as f32), F::HALF).floor();
         let wrapped = floor.simd_lt(F::ZERO).select(floor + F::splat(self.width as f32), floor);
         let table = self.table(density);
-        let cells = self.cells(table, row.as_array().map(|r| r as usize), wrapped.as_array().map(|c| c as usize));
+        let at = (row.as_array().map(|r| r as usize), wrapped.as_array().map(|c| c as usize));
+        let (cells, _) = self.cells(table, at.0, at.1, learned);
         let fu = column - floor;
         let fv = ((v - cells.top) / cells.height).fast_max(F::ZERO).fast_min(F::ONE);
         let radiance = cells.radiance(fu, fv);
@@ -113,15 +126,21 @@ impl EnvironmentSampler {
         }
     }
 
-    /// Samples directions by the last two of three random numbers in [0, 1). All points see the same environment: `_context` has
-    /// no effect.
+    /// Samples directions by the last two of three random numbers in [0, 1). All points see the same environment: the context has
+    /// an effect where the proposal has learned from which part of it light arrives.
     #[inline]
-    pub fn sample(&self, _context: &LightSampleContext, proposal: &LightProposal, [_, u, v]: [F; 3]) -> LightSamples {
+    pub fn sample(&self, context: &LightSampleContext, proposal: &LightProposal, [_, u, v]: [F; 3]) -> LightSamples {
         let table = self.table(proposal.density);
+        let learned = proposal.learned_environment.map(|learned| learned.at(context.p, context.n));
         let (u, v) = (u.as_array(), v.as_array());
         let (mut row, mut column) = ([0; LANES], [0; LANES]);
         let (mut rest_u, mut rest_v) = ([0.0; LANES], [0.0; LANES]);
         for i in 0..LANES {
+            if let Some(learned) = learned {
+                let ([r, c], [rest_c, rest_r]) = learned.sample(i, table, [u[i], v[i]]);
+                (row[i], column[i], rest_u[i], rest_v[i]) = (r as usize, c as usize, rest_c, rest_r);
+                continue;
+            }
             let (r, rest) = table.rows.sample(v[i]);
             (row[i], rest_v[i]) = (r as usize, rest);
             if let Some(columns) = &table.columns[r as usize] {
@@ -129,7 +148,7 @@ impl EnvironmentSampler {
                 (column[i], rest_u[i]) = (c as usize, rest);
             }
         }
-        let cells = self.cells(table, row, column);
+        let (cells, regions) = self.cells(table, row, column, learned);
         let [a, b, c, d] = cells.weights(table.level);
         // The bilinear function's marginal in v is linear, then the slice in u is linear.
         let fv = warp::linear(F::from(rest_v), a + b, c + d);
@@ -146,7 +165,7 @@ impl EnvironmentSampler {
         let wi = V3 { x: co * x + s * z, y: cos_theta, z: co * z - s * x };
         let radiance = cells.radiance(fu, fv);
         let pdf = self.pdf(&cells, cells.weight(table.level, radiance, fu, fv), sin_theta, table.level);
-        LightSamples { wi, distance: F::splat(f32::INFINITY), radiance, pdf, emitter: [0; LANES] }
+        LightSamples { wi, distance: F::splat(f32::INFINITY), radiance, pdf, emitter: regions }
     }
 
     /// Density per solid angle: probability of the cell × bilinear density within it / solid angle per unit of the square.
@@ -158,8 +177,16 @@ impl EnvironmentSampler {
         pdf & pdf.is_finite()
     }
 
+    /// The cells at rows and columns, and their regions if anything is `learned`.
     #[inline(always)]
-    fn cells(&self, table: &Table, row: [usize; LANES], column: [usize; LANES]) -> Cells {
+    fn cells(
+        &self,
+        table: &Table,
+        row: [usize; LANES],
+        column: [usize; LANES],
+        learned: Option<EnvironmentCells>,
+    ) -> (Cells, [u32; LANES]) {
+        let mut regions = [0; LANES];
         let mut corners = [[[0.0; LANES]; 3]; 4];
         let (mut probability, mut top, mut height) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         for i in 0..LANES {
@@ -171,18 +198,20 @@ impl EnvironmentSampler {
                 let texel = self.texels[y * self.width + x];
                 (corner[0][i], corner[1][i], corner[2][i]) = (texel.x, texel.y, texel.z);
             }
-            if let Some(columns) = &table.columns[row] {
-                probability[i] = table.rows.pmf(row as u32) * columns.pmf(column as u32);
+            match learned {
+                None => probability[i] = table.probability(row, (column as u32, column as u32 + 1)),
+                Some(learned) => (regions[i], probability[i]) = learned.cell(i, table, row, column),
             }
             let (from, to) = row_extent(row, self.height);
             (top[i], height[i]) = (from, to - from);
         }
-        Cells {
+        let cells = Cells {
             corners: corners.map(V3::from_arrays),
             probability: F::from(probability),
             top: F::from(top),
             height: F::from(height),
-        }
+        };
+        (cells, regions)
     }
 }
 
@@ -216,6 +245,31 @@ impl Table {
         }
         let rows = Discrete::new(row_weights.into_iter())?;
         Some((Self { rows, columns, level }, mean as f32))
+    }
+}
+
+impl Table {
+    /// Number of rows of cells.
+    fn rows_of_cells(&self) -> usize {
+        self.columns.len()
+    }
+
+    /// Probability of columns within a row of cells.
+    #[inline(always)]
+    fn share(&self, row: usize, columns: (u32, u32)) -> f32 {
+        self.columns[row].as_ref().map_or(0.0, |row| row.probability(columns))
+    }
+
+    /// Probability of columns of a row of cells.
+    #[inline(always)]
+    fn probability(&self, row: usize, columns: (u32, u32)) -> f32 {
+        self.rows.pmf(row as u32) * self.share(row, columns)
+    }
+
+    /// Samples one of these columns of a row: the column, and a new uniform number.
+    #[inline(always)]
+    fn sample_column(&self, row: usize, columns: (u32, u32), u: f32) -> (u32, f32) {
+        self.columns[row].as_ref().map_or((columns.0, u), |row| row.sample_among(columns, u))
     }
 }
 

@@ -59,6 +59,33 @@ impl Discrete {
         (i as u32, fresh.clamp(0.0, super::warp::ONE_MINUS_EPSILON))
     }
 
+    /// The outcome among `from..to` for `u` in [0, 1), and the position of `u` within the outcome's interval: a new uniform number
+    /// in [0, 1). Their [`probability`](Self::probability) is not 0.
+    #[inline]
+    pub fn sample_among(&self, (from, to): (u32, u32), u: f32) -> (u32, f32) {
+        let (low, high) = (self.cdf[from as usize], self.cdf[to as usize]);
+        let at = |i: usize| (self.cdf[i] - low) / (high - low);
+        let near = low + u * (high - low);
+        let mut i = self.guide[((near * self.guide.len() as f32) as usize).min(self.guide.len() - 1)] as usize;
+        // Rounding may have led to a neighbour.
+        i = i.clamp(from as usize, to as usize - 1);
+        while i > from as usize && at(i) > u {
+            i -= 1;
+        }
+        while i + 1 < to as usize && at(i + 1) <= u {
+            i += 1;
+        }
+        let (start, end) = (at(i), at(i + 1));
+        let fresh = if end > start { (u - start) / (end - start) } else { 0.0 };
+        (i as u32, fresh.clamp(0.0, super::warp::ONE_MINUS_EPSILON))
+    }
+
+    /// Probability of the outcomes `from..to`.
+    #[inline]
+    pub fn probability(&self, (from, to): (u32, u32)) -> f32 {
+        self.cdf[to as usize] - self.cdf[from as usize]
+    }
+
     /// Probability of outcome `i`.
     #[inline]
     pub fn pmf(&self, i: u32) -> f32 {
