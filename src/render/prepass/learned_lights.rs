@@ -68,7 +68,7 @@ impl Selection for LearnedEnvironment {
     }
 
     fn probabilities(&self, learned: &Self, record: &LightSampleRecord) -> [f32; 2] {
-        learned.probabilities_of(record)
+        [self, learned].map(|environment| environment.probability(record))
     }
 
     fn apply<'a>(&'a self, learned: Option<&'a Self>, lights: LightProposal<'a>) -> LightProposal<'a> {
@@ -211,6 +211,7 @@ impl<S: Selection> Learner for LightsLearner<S> {
         if round.number == 1 {
             let lights = self.learned();
             self.result.stats.remaining_variance = lights.map_or(1.0, |lights| self.relative_variance_with(&lights, round));
+            tracing::info!("LEFT {} {:.3}", S::RECORDS, self.result.stats.remaining_variance);
             if self.result.stats.remaining_variance >= MAX_REMAINING_LEARNED_LIGHTS && !self.always {
                 self.finished = true;
                 return;

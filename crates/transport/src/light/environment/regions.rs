@@ -1,14 +1,14 @@
-//! The environment in regions of directions: rectangles of the map, as the leaves of a binary tree. A sample descends the tree
-//! by the probabilities of the regions, then follows the density of the environment within one.
+//! The environment in regions of directions: rectangles of the map, within which samples follow the density of the environment.
 
+use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::f32::consts::PI;
 
 use super::{Table, row_extent};
 use crate::sampling::Discrete;
 
-/// Number of regions.
-const REGIONS: usize = 64;
+/// Largest number of regions.
+pub const REGIONS: usize = 64;
 /// Largest number of blocks of cells in a column and in a row of the map. Regions are made of whole blocks.
 const BLOCKS: [usize; 2] = [64, 128];
 
@@ -22,9 +22,9 @@ pub struct Regions {
     /// The region of each block.
     of_block: Vec<u8>,
     regions: Vec<Region>,
-    /// Node 0 is the root; children come after their parents.
-    nodes: Vec<Node>,
-    /// Probability of each node by the density of the environment.
+    /// The tree by which a region is chosen, one node fewer than regions. Children come after their parents.
+    pub(super) nodes: Vec<Node>,
+    /// Probability of each region by the density of the environment.
     probabilities: Vec<f32>,
 }
 
@@ -37,17 +37,26 @@ struct Region {
     columns: (u32, u32),
     /// The rows; `None` if the region is never sampled.
     rows: Option<Discrete>,
-    /// Its node.
-    node: u32,
 }
 
 /// A node of the tree over regions.
 #[derive(Debug, Clone, Copy)]
-struct Node {
-    /// Index of the first of two adjacent children; 0 for a leaf.
-    children: u32,
-    /// The axis along which the children are divided: 0 for rows, 1 for columns. Of a leaf: the region.
-    next: u32,
+pub struct Node {
+    /// Is it divided by columns, or by rows?
+    pub by_column: bool,
+    /// The children: another node, or the complement of a region's index.
+    pub children: [i32; 2],
+}
+
+/// A cell of the map that was sampled.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct SampledCell {
+    /// Row and column.
+    pub at: [usize; 2],
+    /// Probability within its region.
+    pub probability: f32,
+    /// New numbers in [0, 1) for the position along the column's and the row's width.
+    pub rest: [f32; 2],
 }
 
 /// Blocks from a row and column to a row and column.
@@ -82,126 +91,107 @@ impl Regions {
             (at(bottom, right) - at(top, right) - at(bottom, left) + at(top, left)).max(0.0)
         };
         let measure = |r: Rectangle| 0.5 * (sum(r, 0) + sum(r, 1));
-        let mut nodes = vec![Node { children: 0, next: 0 }];
-        let mut rectangles: Vec<Rectangle> = vec![[[0, 0], [high, wide]]];
-        let mut open = BinaryHeap::from([(u64::MAX, 0usize)]);
-        let mut leaves = 1;
-        while let Some((_, node)) = open.pop().filter(|_| leaves < REGIONS) {
-            let Some((axis, [a, b])) = halves(rectangles[node], &measure) else { continue };
-            nodes[node] = Node { children: nodes.len() as u32, next: axis };
-            for part in [a, b] {
-                open.push((measure(part).to_bits(), nodes.len()));
-                nodes.push(Node { children: 0, next: 0 });
-                rectangles.push(part);
-            }
-            leaves += 1;
-        }
-        let mut all = Self { block, width: wide, of_block: vec![0; high * wide], regions: Vec::new(), nodes, probabilities: Vec::new() };
-        all.probabilities = rectangles.iter().map(|&r| sum(r, 0) as f32).collect();
-        for (node, rectangle) in rectangles.iter().enumerate() {
-            if all.nodes[node].children > 0 {
-                continue;
-            }
-            let region = all.regions.len();
-            all.nodes[node].next = region as u32;
-            let [[top, left], [bottom, right]] = *rectangle;
-            (top..bottom).for_each(|y| all.of_block[y * wide + left..y * wide + right].fill(region as u8));
+        let (nodes, rectangles) = divide([[0, 0], [high, wide]], &measure);
+        let mut all = Self {
+            block,
+            width: wide,
+            of_block: vec![0; high * wide],
+            regions: Vec::with_capacity(rectangles.len()),
+            nodes,
+            probabilities: Vec::with_capacity(rectangles.len()),
+        };
+        for rectangle in rectangles {
+            let [[top, left], [bottom, right]] = rectangle;
+            (top..bottom).for_each(|y| all.of_block[y * wide + left..y * wide + right].fill(all.regions.len() as u8));
             let rows = top * block[0]..(bottom * block[0]).min(rows);
             let columns = ((left * block[1]) as u32, (right * block[1]).min(width) as u32);
-            all.regions.push(Region {
-                first_row: rows.start as u32,
-                columns,
-                rows: Discrete::new(rows.map(|row| table.probability(row, columns))),
-                node: node as u32,
-            });
-            if all.regions[region].rows.is_none() {
-                all.probabilities[node] = 0.0;
-            }
+            let first_row = rows.start as u32;
+            let rows = Discrete::new(rows.map(|row| table.probability(row, columns)));
+            all.probabilities.push(if rows.is_some() { sum(rectangle, 0) as f32 } else { 0.0 });
+            all.regions.push(Region { first_row, columns, rows });
         }
-        let mut probabilities = std::mem::take(&mut all.probabilities);
-        all.sum_up(&mut probabilities);
-        all.probabilities = probabilities;
         all
     }
 
-    /// Sets the values of inner nodes to the sums of their leaves' values, and scales all so that the root has 1.
-    fn sum_up(&self, values: &mut [f32]) {
-        for node in (0..self.nodes.len()).rev() {
-            let children = self.nodes[node].children as usize;
-            if children > 0 {
-                values[node] = values[children] + values[children + 1];
-            }
+    /// The probability of each node's first child, where regions have the probabilities of `regions`.
+    pub fn first_child_probabilities(&self, regions: &[f32]) -> Vec<f32> {
+        let mut sums = vec![0.0; self.nodes.len()];
+        let mut first = vec![0.0; self.nodes.len()];
+        for (i, node) in self.nodes.iter().enumerate().rev() {
+            let of = |child: i32| if child < 0 { regions[!child as usize] } else { sums[child as usize] };
+            let [a, b] = node.children.map(of);
+            (sums[i], first[i]) = (a + b, if a + b > 0.0 { a / (a + b) } else { 0.5 });
         }
-        let whole = values[0];
-        values.iter_mut().for_each(|value| *value /= whole);
+        first
     }
 
-    /// Number of regions.
-    pub fn len(&self) -> usize {
-        self.regions.len()
-    }
-
-    /// Number of nodes of the tree.
-    pub fn nodes(&self) -> usize {
-        self.nodes.len()
-    }
-
-    /// Probability of each node by the density of the environment.
+    /// Probability of each region by the density of the environment.
     pub fn probabilities(&self) -> &[f32] {
         &self.probabilities
     }
 
-    /// Probability of each region by the density of the environment.
-    pub fn region_probabilities(&self) -> impl Iterator<Item = f32> {
-        self.regions.iter().map(|region| self.probabilities[region.node as usize])
-    }
-
-    /// The probabilities of nodes from those of regions, up to a factor.
-    pub fn of_nodes(&self, weights: &[f32], nodes: &mut [f32]) {
-        self.regions.iter().zip(weights).for_each(|(region, weight)| nodes[region.node as usize] = *weight);
-        self.sum_up(nodes);
-    }
-
-    /// The probability of a region, from those of the nodes.
+    /// Samples a cell of a region by `u` and `v` in [0, 1).
     #[inline]
-    pub fn probability(&self, region: u32, nodes: &[f32]) -> f32 {
-        nodes[self.regions[region as usize].node as usize]
-    }
-
-    /// Samples a cell of the map by `u` and `v` in [0, 1), and by the probabilities of the nodes: row, column, and new numbers in
-    /// [0, 1) for the position in the cell; and the region.
-    #[inline]
-    pub(super) fn sample(&self, table: &Table, nodes: &[f32], [mut u, mut v]: [f32; 2]) -> ([u32; 2], [f32; 2], u32) {
-        let mut node = self.nodes[0];
-        while node.children > 0 {
-            let left = node.children as usize;
-            let (a, b) = (nodes[left], nodes[left + 1]);
-            let p = a / (a + b);
-            let x = if node.next == 0 { &mut v } else { &mut u };
-            let goes_left = *x < p;
-            *x = if goes_left { *x / p } else { (*x - p) / (1.0 - p) }.clamp(0.0, crate::sampling::warp::ONE_MINUS_EPSILON);
-            node = self.nodes[left + usize::from(!goes_left)];
-        }
-        let region = &self.regions[node.next as usize];
-        let (row, v) = region.rows.as_ref().map_or((0, v), |rows| rows.sample(v));
-        let row = region.first_row + row;
-        let (column, u) = table.sample_column(row as usize, region.columns, u);
-        ([row, column], [u, v], node.next)
+    pub(super) fn sample(&self, table: &Table, region: usize, [u, v]: [f32; 2]) -> SampledCell {
+        let Region { first_row, columns, rows } = &self.regions[region];
+        let (row, v) = rows.as_ref().map_or((0, v), |rows| rows.sample(v));
+        let at = (first_row + row) as usize;
+        let (column, u) = table.sample_column(at, *columns, u);
+        let at = [at, column as usize];
+        SampledCell { at, probability: self.probability_within(table, region, at), rest: [u, v] }
     }
 
     /// The region of a cell, and the cell's probability within it.
     #[inline]
-    pub(super) fn cell(&self, table: &Table, row: usize, column: usize) -> (u32, f32) {
-        let region = u32::from(self.of_block[row / self.block[0] * self.width + column / self.block[1]]);
-        let Region { first_row, columns, rows: Some(rows), .. } = &self.regions[region as usize] else { return (region, 0.0) };
-        let whole = table.share(row, *columns);
-        let own = table.share(row, (column as u32, column as u32 + 1));
-        (region, if whole > 0.0 { rows.pmf(row as u32 - first_row) * (own / whole) } else { 0.0 })
+    pub(super) fn cell(&self, table: &Table, [row, column]: [usize; 2]) -> (usize, f32) {
+        let region = usize::from(self.of_block[row / self.block[0] * self.width + column / self.block[1]]);
+        (region, self.probability_within(table, region, [row, column]))
+    }
+
+    /// The probability of a cell within its region.
+    #[inline(always)]
+    fn probability_within(&self, table: &Table, region: usize, [row, column]: [usize; 2]) -> f32 {
+        let Region { first_row, columns, rows: Some(rows) } = &self.regions[region] else { return 0.0 };
+        let [own, whole] = [(column as u32, column as u32 + 1), *columns].map(|columns| table.share(row, columns));
+        if whole > 0.0 { rows.pmf(row as u32 - first_row) * (own / whole) } else { 0.0 }
     }
 }
 
-/// Divides a rectangle of more than one block near the middle of its measure, along its longer side: the axis, and both parts.
-fn halves(r: Rectangle, measure: &impl Fn(Rectangle) -> f64) -> Option<(u32, [Rectangle; 2])> {
+/// Divides a rectangle into at most [`REGIONS`], those with the largest measure first: the tree, and the regions.
+fn divide(whole: Rectangle, measure: &impl Fn(Rectangle) -> f64) -> (Vec<Node>, Vec<Rectangle>) {
+    let (mut nodes, mut regions) = (Vec::new(), Vec::new());
+    // Parts that have not been divided, and where their parents refer to them. Numbers >= 0 have the order of their bits; of equal
+    // ones the first is divided.
+    let mut parts = vec![(whole, None)];
+    let mut open = BinaryHeap::from([(0, Reverse(0))]);
+    while let Some((_, Reverse(part))) = open.pop() {
+        let (rectangle, parent) = parts[part];
+        let divided = if nodes.len() + 1 < REGIONS { halves(rectangle, measure) } else { None };
+        let own = match divided {
+            Some((by_column, halves)) => {
+                for (side, half) in halves.into_iter().enumerate() {
+                    open.push((measure(half).to_bits(), Reverse(parts.len())));
+                    parts.push((half, Some((nodes.len(), side))));
+                }
+                nodes.push(Node { by_column, children: [0; 2] });
+                nodes.len() as i32 - 1
+            }
+            None => {
+                regions.push(rectangle);
+                !(regions.len() as i32 - 1)
+            }
+        };
+        if let Some((parent, side)) = parent {
+            let parent: &mut Node = &mut nodes[parent];
+            parent.children[side] = own;
+        }
+    }
+    (nodes, regions)
+}
+
+/// Divides a rectangle near the middle of its measure, along its longer side: whether by columns, and the halves. `None` for a
+/// single block.
+fn halves(r: Rectangle, measure: &impl Fn(Rectangle) -> f64) -> Option<(bool, [Rectangle; 2])> {
     let [[top, left], [bottom, right]] = r;
     // Blocks are about as high as they are wide, but for the narrowing towards the poles.
     let axis = usize::from(right - left > bottom - top);
@@ -220,5 +210,5 @@ fn halves(r: Rectangle, measure: &impl Fn(Rectangle) -> f64) -> Option<(u32, [Re
     let before = (at - 1).max(from + 1);
     let uneven = |at: usize| (measure(parts(at)[0]) - 0.5 * whole).abs();
     let at = if uneven(before) < uneven(at) { before } else { at };
-    Some((axis as u32, parts(at)))
+    Some((axis == 1, parts(at)))
 }
