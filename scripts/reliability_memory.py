@@ -153,10 +153,11 @@ def hdr(width, height):
 
 
 def animate(scene, nodes, seconds=1.0):
-    """Every node moves up, on a curve of three keys."""
-    time_of = scene.accessor(floats([0, seconds / 2, seconds]), "SCALAR", min=[0], max=[seconds])
-    value = scene.accessor(floats([0, 0, 0, 0.3, 0.4, 0, 0, 1, 0]), "VEC3")
-    scene.json["animations"] = [{"samplers": [{"input": time_of, "output": value}],
+    """Every node moves up and down, on a curve of which no part is a line."""
+    time_of = scene.accessor(floats([0, seconds]), "SCALAR", min=[0], max=[seconds])
+    # Of each key: the tangent before it, the value, and the tangent after it.
+    value = scene.accessor(floats([0] * 9 + [0, -9, 0, 0, 1, 0, 0, -9, 0]), "VEC3")
+    scene.json["animations"] = [{"samplers": [{"input": time_of, "output": value, "interpolation": "CUBICSPLINE"}],
                                  "channels": [{"sampler": 0, "target": {"node": n, "path": "translation"}} for n in nodes]}]
 
 

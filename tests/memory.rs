@@ -101,13 +101,15 @@ fn fields(n: usize) -> Document {
     document
 }
 
-/// Every node moves up and down on a curve.
+/// Every node moves up and down on a curve, of which no part is a line.
 fn animate(document: &mut Document, nodes: usize) {
-    let times = document.accessor(&floats([0.0, 0.5, 1.0]), "SCALAR", 5126);
-    let values = document.accessor(&floats([0.0, 0.0, 0.0, 0.3, 0.4, 0.0, 0.0, 1.0, 0.0]), "VEC3", 5126);
+    let times = document.accessor(&floats([0.0, 1.0]), "SCALAR", 5126);
+    // Of each key: the tangent before it, the value, and the tangent after it.
+    let values = [[0.0; 9], [0.0, -9.0, 0.0, 0.0, 1.0, 0.0, 0.0, -9.0, 0.0]].concat();
+    let values = document.accessor(&floats(values), "VEC3", 5126);
     let channel = |node| json!({ "sampler": 0, "target": { "node": node, "path": "translation" } });
     let channels: Vec<Value> = (0..nodes).map(channel).collect();
-    document.set("animations", json!([{ "samplers": [{ "input": times, "output": values }], "channels": channels }]));
+    document.set("animations", json!([{ "samplers": [{ "input": times, "output": values, "interpolation": "CUBICSPLINE" }], "channels": channels }]));
 }
 
 /// The estimate and the peak in bytes of a render.
