@@ -301,6 +301,12 @@ def settings(folder):
     yield "1280 x 720, --guiding on", c, "--size 1280x720 --spp 16 --guiding on"
     (folder / "many.glb").write_bytes((ROOT / "scenes/many-lights.glb").read_bytes())
     yield "640 x 360, learned lights", "many.glb", "--size 640x360 --spp 4"
+    # Rooms with indirect light, where paths are guided; a part of few tiles shows the pre-pass alone.
+    for name in ("ajar", "shade"):
+        (folder / f"{name}.glb").write_bytes((ROOT / f"scenes/study/{name}.glb").read_bytes())
+    yield "a part of 640 x 360, guided, learned lights", "ajar.glb", "--size 640x360 --spp 64 --part 1/64"
+    yield "a part of 1280 x 720, guided", "shade.glb", "--size 1280x720 --spp 16 --part 1/64"
+    yield "480 x 270, guided", "ajar.glb", "--size 480x270 --spp 16 --guiding on"
     yield "1280 x 720, --adaptive", c, "--size 1280x720 --spp 4 --adaptive"
     yield "a crop of 16 x 16 of 4096 x 4096, adaptive", c, "--size 4096x4096 --crop 0,0,16,16 --spp 16 --guiding off"
     yield "a crop of 256 x 256 of 8192 x 8192", c, "--size 8192x8192 --crop 0,0,256,256 --spp 1"
