@@ -127,6 +127,7 @@ fn what_a_render_says_it_needs_is_what_it_takes() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     fs::copy(scene("cornell.glb"), path.join("cornell.glb")).unwrap();
+    fs::copy(scene("study/ajar.glb"), path.join("guided.glb")).unwrap();
     let save = |name: &str, document: Document| document.save(&path.join(name));
     save("mesh.glb", fields(400));
     let mut many = fields(1);
@@ -171,6 +172,7 @@ fn what_a_render_says_it_needs_is_what_it_takes() {
         "cornell.glb --size 700x500 --spp 1".into(),
         "cornell.glb --size 500x400 --spp 1 --aov all".into(),
         "cornell.glb --size 4096x4096 --crop 0,0,16,16 --spp 16 --guiding off".into(),
+        "guided.glb --size 400x225 --spp 64 --part 1/32".into(),
         "tall.glb --sky --spp 1".into(),
         format!("mesh.glb --sky {small}"),
         format!("mesh.glb --sky {small} --rays obvhs"),
@@ -264,6 +266,14 @@ fn inspect_says_what_a_render_needs_and_both_refuse_what_no_memory_holds() {
     .unwrap();
     let bytes = inspected["render_bytes"].as_u64().unwrap();
     assert!(bytes > 60 * MIB && bytes < 400 * MIB, "{bytes}");
+    // A camera sixteen times as high as wide has as high a picture where nobody gives its size.
+    let mut high = fields(4);
+    high.set("nodes", json!([{ "mesh": 0 }, { "camera": 0, "translation": [0, 1, 4] }]));
+    let perspective = json!({ "aspectRatio": 0.0625, "yfov": 1, "znear": 0.1 });
+    high.set("cameras", json!([{ "type": "perspective", "perspective": perspective }]));
+    high.save(&path.join("high.glb"));
+    let said = expect(path, "render high.glb --sky --spp 1 --aov all --memory-limit 3G -o out.exr", 76);
+    assert!(said.contains("high.glb needs about"), "{said}");
     // A hundred million triangles, all the same, of which the file has three corners.
     let mut document = fields(7);
     document.json["meshes"][0]["primitives"][0]["material"] = 0.into();
@@ -304,6 +314,13 @@ fn what_numbers_cannot_hold_is_told() {
     placed([0.0, 0.0, 0.0], 0.001);
     let said = render("--sky --aperture f/2.8 --focus 0.004");
     assert!(said.contains("the lens has a radius of 3.92e-3 m and is focused at 4.00e-3 m"), "{said}");
+    placed([0.0, 0.0, 0.0], 1.0);
+    // Two pixels, one of them a sun of 3.3e6.
+    let sun =
+        [&b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n"[..], &[200, 200, 200, 150, 90, 80, 70, 128]].concat();
+    fs::write(path.join("sun.hdr"), sun).unwrap();
+    let said = render("--env sun.hdr");
+    assert!(said.contains("sun.hdr: 1 pixels were brighter than 65504") && said.contains("3.27"), "{said}");
     let mut document = fields(4);
     document.json["meshes"][0]["primitives"][0]["material"] = 0.into();
     document.set(
