@@ -6,7 +6,7 @@ use std::fs;
 use std::os::unix::ffi::OsStringExt;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output};
+use std::process::{Child, Command, Output, Stdio};
 use std::thread;
 use std::time::{Duration, SystemTime};
 
@@ -395,6 +395,29 @@ fn a_farm_in_use_keeps_its_plan() {
     openjd.args(["submit", "scene.toml", "--format", "openjd"]);
     assert_eq!(openjd.output().unwrap().status.code(), Some(73));
     site.submit_only("scene.toml --folder toml.farm");
+}
+
+#[test]
+fn of_two_submissions_at_once_the_second_is_told_and_changes_nothing() {
+    let site = Site::new("shots");
+    // It does not answer before the second submission has ended.
+    let sbatch = "#!/bin/sh\n: >\"$CALLS.begun\"\nwhile [ ! -e \"$CALLS.go\" ]; do sleep 0.02; done\necho 7\n";
+    fs::write(site.file("bin/sbatch"), sbatch).unwrap();
+    let submit = |spp: &str| {
+        let mut command = site.farm();
+        command.args(["submit", "scene.glb", "--", "--size", "40x20", "--spp", spp]).stderr(Stdio::piped());
+        command
+    };
+    let mut first = submit("4").spawn().unwrap();
+    wait(&mut first, || site.file("calls.begun").exists());
+    let plan = || fs::read(site.folder.join("scene.farm/farm.json")).unwrap();
+    let before = plan();
+    let second = submit("64").output().unwrap();
+    assert_eq!(second.status.code(), Some(73), "{}", stderr(&second));
+    assert!(stderr(&second).contains("another bismar is writing it"), "{}", stderr(&second));
+    assert_eq!(plan(), before);
+    fs::write(site.file("calls.go"), "").unwrap();
+    assert!(first.wait().unwrap().success());
 }
 
 #[test]

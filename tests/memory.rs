@@ -8,7 +8,8 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 
 use crate::helpers::glb;
-use crate::helpers::program::{expect, scene};
+use crate::helpers::program::{bismar, expect, scene, stderr};
+use crate::pictures::false_denoiser;
 
 const MIB: u64 = 1 << 20;
 /// What the estimate may be above what is taken, besides a third: the process itself.
@@ -192,6 +193,24 @@ fn what_a_render_says_it_needs_is_what_it_takes() {
     }
 }
 
+/// Of Open Image Denoise, which is not needed for that: as much as 2.3 takes for a megapixel, in a process of its own.
+#[test]
+fn the_denoiser_is_part_of_the_estimate() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    fs::copy(scene("cornell.glb"), path.join("cornell.glb")).unwrap();
+    let library = false_denoiser(path, "good.so", "");
+    let need = |flags: &str| {
+        let line = format!("render cornell.glb --size 1024x1024 --spp 1 --memory-limit 1M -q -o a.exr {flags}");
+        let output = bismar(path).args(line.split_whitespace()).env("BISMAR_OIDN", &library).output().unwrap();
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(76), "{said}");
+        said.split("needs about ").nth(1).unwrap().split(' ').next().unwrap().parse::<u64>().unwrap()
+    };
+    // 564 MiB above what was said without it.
+    assert!(need("--denoise oidn") >= need("") + 564);
+}
+
 /// A table as large as the plain one is not made for a method that never asks for it.
 #[test]
 fn the_second_table_of_a_sky_is_made_where_it_is_used() {
@@ -260,10 +279,9 @@ fn inspect_says_what_a_render_needs_and_both_refuse_what_no_memory_holds() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     fs::copy(scene("cornell.glb"), path.join("cornell.glb")).unwrap();
-    let inspected: Value = serde_json::from_slice(
-        &crate::helpers::program::bismar(path).args(["inspect", "cornell.glb", "--json"]).output().unwrap().stdout,
-    )
-    .unwrap();
+    let inspected: Value =
+        serde_json::from_slice(&bismar(path).args(["inspect", "cornell.glb", "--json"]).output().unwrap().stdout)
+            .unwrap();
     let bytes = inspected["render_bytes"].as_u64().unwrap();
     assert!(bytes > 60 * MIB && bytes < 400 * MIB, "{bytes}");
     // A camera sixteen times as high as wide has as high a picture where nobody gives its size.

@@ -298,7 +298,7 @@ fn denoiser() -> Option<std::path::PathBuf> {
 }
 
 /// A library with the functions of Open Image Denoise, which does `what` when it shall denoise.
-fn false_denoiser(folder: &Path, name: &str, what: &str) -> std::path::PathBuf {
+pub fn false_denoiser(folder: &Path, name: &str, what: &str) -> std::path::PathBuf {
     let (source, library) = (folder.join("oidn.c"), folder.join(name));
     let code = format!(
         r#"#include <stdlib.h>
