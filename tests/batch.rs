@@ -330,9 +330,9 @@ fn jobs_are_refused_and_held_by_the_memory_limit() {
     let data = limits.lines().find_map(|line| line.strip_prefix("Max data size")).unwrap();
     // Stacks of threads count as mapped.
     let held = data.split_whitespace().next().unwrap().parse::<u64>();
-    assert!(held.as_ref().is_ok_and(|held| *held < 600 << 20), "{data}");
     signal(&batch, "-TERM");
     assert_eq!(batch.wait().unwrap().code(), Some(75));
+    assert!(held.is_ok_and(|held| held < 600 << 20), "{data}");
 }
 
 /// As many as a file may reasonably hold, each a table of its own: the time grows with their number, and not with its square.
