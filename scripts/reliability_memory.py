@@ -153,10 +153,11 @@ def hdr(width, height):
 
 
 def animate(scene, nodes, seconds=1.0):
-    """Every node moves up, on a curve of three keys."""
-    time_of = scene.accessor(floats([0, seconds / 2, seconds]), "SCALAR", min=[0], max=[seconds])
-    value = scene.accessor(floats([0, 0, 0, 0.3, 0.4, 0, 0, 1, 0]), "VEC3")
-    scene.json["animations"] = [{"samplers": [{"input": time_of, "output": value}],
+    """Every node moves up and down, on a curve of which no part is a line."""
+    time_of = scene.accessor(floats([0, seconds]), "SCALAR", min=[0], max=[seconds])
+    # Of each key: the tangent before it, the value, and the tangent after it.
+    value = scene.accessor(floats([0] * 9 + [0, -9, 0, 0, 1, 0, 0, -9, 0]), "VEC3")
+    scene.json["animations"] = [{"samplers": [{"input": time_of, "output": value, "interpolation": "CUBICSPLINE"}],
                                  "channels": [{"sampler": 0, "target": {"node": n, "path": "translation"}} for n in nodes]}]
 
 
@@ -300,6 +301,12 @@ def settings(folder):
     yield "1280 x 720, --guiding on", c, "--size 1280x720 --spp 16 --guiding on"
     (folder / "many.glb").write_bytes((ROOT / "scenes/many-lights.glb").read_bytes())
     yield "640 x 360, learned lights", "many.glb", "--size 640x360 --spp 4"
+    # Rooms with indirect light, where paths are guided; a part of few tiles shows the pre-pass alone.
+    for name in ("ajar", "shade"):
+        (folder / f"{name}.glb").write_bytes((ROOT / f"scenes/study/{name}.glb").read_bytes())
+    yield "a part of 640 x 360, guided, learned lights", "ajar.glb", "--size 640x360 --spp 64 --part 1/64"
+    yield "a part of 1280 x 720, guided", "shade.glb", "--size 1280x720 --spp 16 --part 1/64"
+    yield "480 x 270, guided", "ajar.glb", "--size 480x270 --spp 16 --guiding on"
     yield "1280 x 720, --adaptive", c, "--size 1280x720 --spp 4 --adaptive"
     yield "a crop of 16 x 16 of 4096 x 4096, adaptive", c, "--size 4096x4096 --crop 0,0,16,16 --spp 16 --guiding off"
     yield "a crop of 256 x 256 of 8192 x 8192", c, "--size 8192x8192 --crop 0,0,256,256 --spp 1"

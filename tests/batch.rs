@@ -212,6 +212,7 @@ fn mistakes_in_the_file_exit_with_78_and_their_place() {
         ("[[job]]\nscene = 'a.glb'\nspp = 'many'\n", "jobs.toml:3:1: job 'a': invalid value 'many' for '--spp"),
         ("[[job]]\nscene = 'a.glb'\nspq = 3\n", "jobs.toml:3:1: there is no key `spq`"),
         ("[[job]]\nscene = 'a.glb'\nresume = true\n", "jobs.toml:3:1: there is no key `resume`"),
+        ("[[job]]\nscene = 'a.glb'\nreplay-pixel = '3,4'\n", "jobs.toml:3:1: there is no key `replay-pixel`"),
         ("[[job]]\nscene = 'a.glb'\nspp = = 3\n", "jobs.toml:3:7"),
         ("[[job]]\nscene = 'a.glb'\nbalance = 'second-order'\n", "needs --spp"),
         ("[[job]]\nscene = 'a.glb'\nsize = '3'\n", "WIDTHxHEIGHT"),
@@ -291,4 +292,60 @@ fn a_killed_batch_takes_its_processes_along_and_the_next_one_accounts_for_all() 
     expect(path, "batch jobs.toml -q", 0);
     let report = report(path);
     assert_eq!((&report["done"], &report["before"]), (&4.into(), &3.into()), "{report:#}");
+}
+
+/// A job that needs more than the limit fails with 76 before it begins, and the process that renders the others is held to it.
+#[test]
+fn jobs_are_refused_and_held_by_the_memory_limit() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    with_an_endless_job(path);
+    let file = fs::read_to_string(path.join("jobs.toml")).unwrap();
+    let file = file.replace("spp = 1_000_000_000", "spp = 1_000_000_000\ncheckpoint = 0.05");
+    fs::write(path.join("jobs.toml"), format!("{file}\n[[job]]\nname = 'large'\nsize = '8000x8000'\n")).unwrap();
+    let only = |name: &str| {
+        let mut batch = bismar(path);
+        batch.args(["batch", "jobs.toml", "-q", "--events", "events.jsonl", "--only", name]).stdout(Stdio::null());
+        batch.env("SLURM_MEM_PER_NODE", "300");
+        batch
+    };
+    assert_eq!(only("large").status().unwrap().code(), Some(76));
+    let report = report(path);
+    let large = report["jobs"].as_array().unwrap().iter().find(|job| job["job"] == "large").unwrap();
+    assert_eq!(large["exit_code"], 76, "{large}");
+    assert!(large["error"].as_str().unwrap().contains("SLURM_MEM_PER_NODE allows 300"), "{large}");
+    // Frames are jobs, too.
+    fs::write(path.join("moving.glb"), glb::moving()).unwrap();
+    let line = "render moving.glb --frames 1-2 --fps 10 --size 8000x8000 --spp 1 -q -o a.##.exr --memory-limit 300M";
+    let said = expect(path, line, 76);
+    assert!(said.contains("--memory-limit allows 300"), "{said}");
+    let mut batch = only("endless").spawn().unwrap();
+    let worker = worker_of_endless(path, &mut batch, 1);
+    // Once something is saved, it renders.
+    while !path.join("endless.exr").exists() {
+        assert!(batch.try_wait().unwrap().is_none(), "it has ended by itself");
+        thread::sleep(Duration::from_millis(5));
+    }
+    let limits = fs::read_to_string(format!("/proc/{worker}/limits")).unwrap();
+    let data = limits.lines().find_map(|line| line.strip_prefix("Max data size")).unwrap();
+    // Stacks of threads count as mapped.
+    let held = data.split_whitespace().next().unwrap().parse::<u64>();
+    signal(&batch, "-TERM");
+    assert_eq!(batch.wait().unwrap().code(), Some(75));
+    assert!(held.is_ok_and(|held| held < 600 << 20), "{data}");
+}
+
+/// As many as a file may reasonably hold, each a table of its own: the time grows with their number, and not with its square.
+#[test]
+fn twenty_thousand_jobs_are_read_in_seconds() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    fs::write(path.join("scene.glb"), glb::triangle()).unwrap();
+    let job = |n: u32| format!("[[job]]\nname = 'job {n}'\nscene = 'scene.glb'\nseed = {n}\n");
+    fs::write(path.join("jobs.toml"), (0..20_000).map(job).collect::<String>()).unwrap();
+    let began = std::time::Instant::now();
+    let output = bismar(path).args(["batch", "jobs.toml", "--dry-run"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert_eq!(String::from_utf8_lossy(&output.stdout).matches(": render\n").count(), 20_000);
+    assert!(began.elapsed() < Duration::from_secs(20), "{:?}", began.elapsed());
 }

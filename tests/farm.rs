@@ -6,7 +6,7 @@ use std::fs;
 use std::os::unix::ffi::OsStringExt;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output};
+use std::process::{Child, Command, Output, Stdio};
 use std::thread;
 use std::time::{Duration, SystemTime};
 
@@ -395,6 +395,34 @@ fn a_farm_in_use_keeps_its_plan() {
     openjd.args(["submit", "scene.toml", "--format", "openjd"]);
     assert_eq!(openjd.output().unwrap().status.code(), Some(73));
     site.submit_only("scene.toml --folder toml.farm");
+}
+
+#[test]
+fn of_two_submissions_at_once_the_second_is_told_and_changes_nothing() {
+    let site = Site::new("shots");
+    // It answers once the second submission has ended, or has come as far as the first.
+    let sbatch = "#!/bin/sh\necho >>\"$CALLS.begun\"\nwhile [ ! -e \"$CALLS.go\" ]; do sleep 0.02; done\necho 7\n";
+    fs::write(site.file("bin/sbatch"), sbatch).unwrap();
+    let submit = |spp: &str| {
+        let mut command = site.farm();
+        command.args(["submit", "scene.glb", "--", "--size", "40x20", "--spp", spp]).stderr(Stdio::piped());
+        command.spawn().unwrap()
+    };
+    let begun = || fs::read(site.file("calls.begun")).map_or(0, |lines| lines.len());
+    let plan = || fs::read(site.folder.join("scene.farm/farm.json")).unwrap();
+    let mut first = submit("4");
+    wait(&mut first, || begun() == 1);
+    let before = plan();
+    let mut second = submit("64");
+    while second.try_wait().unwrap().is_none() && begun() == 1 {
+        thread::sleep(Duration::from_millis(5));
+    }
+    let after = plan();
+    fs::write(site.file("calls.go"), "").unwrap();
+    let (first, second) = (first.wait().unwrap(), second.wait_with_output().unwrap());
+    assert!(first.success() && before == after);
+    assert_eq!(second.status.code(), Some(73), "{}", stderr(&second));
+    assert!(stderr(&second).contains("another bismar is writing it"), "{}", stderr(&second));
 }
 
 #[test]

@@ -529,7 +529,8 @@ fn environments_load_and_others_are_refused() {
     }
     let huge = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1000000 +X 1000000\n";
     let exr = [&[0x76, 0x2F, 0x31, 0x01, 2, 0, 0, 0][..], &[0xFF; 64]].concat();
-    for bytes in [&b"no picture"[..], b"", b"#?RADIANCE\n", huge, &exr] {
+    let empty = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 0\n";
+    for bytes in [&b"no picture"[..], b"", b"#?RADIANCE\n", huge, empty, &exr] {
         let (_folder, path) = scene_file("sky.hdr", bytes);
         let error = environment(&path, 0.0, 1.0).unwrap_err();
         assert!(error.exit_code() == 65 && error.to_string().contains("sky.hdr"), "{error}");

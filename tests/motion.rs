@@ -317,10 +317,11 @@ fn steps_are_as_many_as_motion_bends() {
         let placed = scene.instances.iter().filter_map(|instance| Some(instance.motion.as_ref()?.keys().len()));
         forms.chain(placed).collect::<Vec<_>>()
     };
-    // On lines one step does; where they end within, more; else as many as are asked for.
+    // On lines one step does; where they end within, more; else as many as are asked for, but for transforms on a line.
     assert_eq!(keys(0.2, 0.5, None), [2, 2]);
     assert!(keys(0.8, 0.33, None).iter().all(|n| (5..=65).contains(n)), "{:?}", keys(0.8, 0.33, None));
-    assert_eq!(keys(0.2, 0.5, Some(7)), [8, 8]);
+    assert_eq!(keys(0.2, 0.5, Some(7)), [8, 2]);
+    assert_eq!(keys(0.8, 0.33, Some(7)), [8, 8]);
     assert_eq!(keys(1.0, 0.5, None), [0; 0]);
 }
 

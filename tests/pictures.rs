@@ -143,6 +143,25 @@ fn a_picture_is_developed_from_its_file_as_it_was_when_it_was_rendered() {
 }
 
 #[test]
+fn a_png_that_was_changed_or_cut_is_written_again() {
+    let folder = folder();
+    let file = |name: &str| folder.path().join(name);
+    let line = "render cornell.glb --size 40x30 --spp 8 -o a.exr --preview a.png --resume";
+    expect(folder.path(), line, 0);
+    let (picture, png) = (fs::read(file("a.exr")).unwrap(), fs::read(file("a.png")).unwrap());
+    let said = expect(folder.path(), line, 0);
+    assert!(said.contains("nothing to do"), "{said}");
+    let mut flipped = png.clone();
+    flipped[png.len() / 2] ^= 1;
+    for bytes in [&flipped[..], &png[..png.len() - 1], &png[..png.len() / 2], b""] {
+        fs::write(file("a.png"), bytes).unwrap();
+        let said = expect(folder.path(), line, 0);
+        assert!(said.contains("the PNG is written again"), "{said}");
+        assert!(fs::read(file("a.png")).unwrap() == png && fs::read(file("a.exr")).unwrap() == picture);
+    }
+}
+
+#[test]
 fn a_batch_develops_anew_what_is_to_look_otherwise_and_renders_nothing() {
     let folder = folder();
     let jobs = |more: &str| {
@@ -279,7 +298,7 @@ fn denoiser() -> Option<std::path::PathBuf> {
 }
 
 /// A library with the functions of Open Image Denoise, which does `what` when it shall denoise.
-fn false_denoiser(folder: &Path, name: &str, what: &str) -> std::path::PathBuf {
+pub fn false_denoiser(folder: &Path, name: &str, what: &str) -> std::path::PathBuf {
     let (source, library) = (folder.join("oidn.c"), folder.join(name));
     let code = format!(
         r#"#include <stdlib.h>

@@ -271,6 +271,19 @@ fn forge(path: &Path, from: &str, to: &str) {
     fs::write(path, file).unwrap();
 }
 
+/// A part of kilobytes that claims four billion pixels.
+#[test]
+fn merge_asks_for_memory_before_it_takes_it() {
+    let folder = folder();
+    let line = "render cornell.glb --size 65535x65535 --crop 0,0,16,16 --spp 1 --part 1/1 -q -o part.exr";
+    expect(folder.path(), line, 0);
+    forge(&folder.path().join("part.exr"), r#""crop":[0,0,16,16]"#, r#""crop":null       "#);
+    assert!(fs::metadata(folder.path().join("part.exr")).unwrap().len() < 16 << 10);
+    let said = expect(folder.path(), "merge part.exr -o out.exr", 76);
+    assert!(said.contains("merging to out.exr needs about"), "{said}");
+    assert!(!folder.path().join("out.exr").exists());
+}
+
 #[test]
 fn what_another_build_began_goes_on_with_a_word_about_it() {
     let folder = folder();
@@ -351,6 +364,37 @@ fn too_little_memory_is_76_before_or_while_rendering_or_it_fits() {
     let (code, said) = limited(folder.path(), "ulimit -d 102400", line);
     assert_eq!(code, Some(76), "{said}");
     assert!(said.contains("its limit of data allows"), "{said}");
+}
+
+/// Neither is a file that does not fit into memory an error of the disk, nor a thread that is refused a bug.
+#[test]
+fn memory_that_ends_while_files_are_read_or_threads_begin_is_76() {
+    let folder = folder();
+    let path = folder.path();
+    let head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4000 +X 8000\n";
+    for (name, head) in [("sky.hdr", &head[..]), ("text.gltf", b"{")] {
+        // Zeros that take no place on the disk.
+        let mut file = fs::File::create(path.join(name)).unwrap();
+        file.write_all(head).unwrap();
+        file.set_len(400 << 20).unwrap();
+    }
+    for line in [
+        "render cornell.glb --env sky.hdr --size 8x8 --spp 1 -q -o out.exr",
+        "render text.gltf --size 8x8 --spp 1 -q -o out.exr",
+        "inspect text.gltf",
+        "compare sky.hdr sky.hdr",
+    ] {
+        let (code, said) = limited(path, "ulimit -d 204800", line);
+        assert!(code == Some(76) && said.contains("not enough memory"), "{line}: {code:?} {said}");
+    }
+    fs::write(path.join("jobs.toml"), "[[job]]\nscene = 'cornell.glb'\nenv = 'sky.hdr'\nspp = 1\n").unwrap();
+    let (code, said) = limited(path, "ulimit -d 204800", "batch jobs.toml -q");
+    assert!(code == Some(76) && said.contains("sky.hdr"), "{code:?} {said}");
+    for (mebibytes, threads) in [(700, 400), (1000, 400)] {
+        let line = format!("render cornell.glb --size 8x8 --spp 1 --threads {threads} -q -o out.exr");
+        let (code, said) = limited(path, &format!("ulimit -v {}", mebibytes << 10), &line);
+        assert!(code == Some(76) && said.contains(&format!("cannot start {threads} threads")), "{code:?} {said}");
+    }
 }
 
 #[test]

@@ -184,4 +184,22 @@ mod tests {
             assert_eq!(cgroup_limit(membership, mounts, folder.path()), wanted, "{membership}");
         }
     }
+
+    #[test]
+    fn a_failed_allocation_that_was_handled_is_no_reason_for_a_later_abort() {
+        let flag = EXHAUSTED.get_or_init(Arc::default);
+        let exhausted = || flag.load(Ordering::SeqCst);
+        let (failed, made) = (std::ptr::null_mut(), std::ptr::dangling_mut());
+        recorded(failed, 1000);
+        assert!(exhausted());
+        // The message and the backtrace allocate, too.
+        (0..5000).for_each(|_| _ = recorded(made, 100));
+        assert!(exhausted());
+        // As much memory as was missing, or a long time without an abort.
+        recorded(made, 1000);
+        assert!(!exhausted());
+        recorded(failed, 1000);
+        (0..=HANDLED).for_each(|_| _ = recorded(made, 100));
+        assert!(!exhausted());
+    }
 }

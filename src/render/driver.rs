@@ -132,13 +132,8 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     study.validate(settings)?;
     lens(scene, settings)?;
     let start = Instant::now();
-    let fresh = || Saved { tiles: study_tiles(settings, &study), stats: RenderStats::default(), goals: Vec::new() };
-    let Saved { tiles, stats, mut goals } = from.unwrap_or_else(fresh);
-    let (fewest, most) = paths_range(&tiles);
+    let (fewest, most) = from.as_ref().map_or((0, 0), |saved| paths_range(&saved.tiles));
     let unfinished = scheduler::planned(settings, fewest).is_some();
-    if unfinished {
-        goals::add(&mut goals, settings, most);
-    }
     let prepasses = if unfinished { Prepasses::run(scene, settings, stop) } else { Prepasses::default() };
     let transport = prepasses.apply(transport(scene, settings));
     let allocation_start = Instant::now();
@@ -148,6 +143,12 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     let allocation_seconds = allocation_start.elapsed().as_secs_f64();
     let adaptive =
         allocation.as_ref().map(|a| AdaptiveStats { efficiency: a.efficiency(), seconds: allocation_seconds });
+    // Made after the pre-passes, so that the memory of both is not taken at once.
+    let fresh = || Saved { tiles: study_tiles(settings, &study), stats: RenderStats::default(), goals: Vec::new() };
+    let Saved { tiles, stats, mut goals } = from.unwrap_or_else(fresh);
+    if unfinished {
+        goals::add(&mut goals, settings, most);
+    }
     let guided_before = stats.guiding;
     let stats = RenderStats {
         noise: f64::INFINITY,

@@ -155,8 +155,8 @@ impl Session<'_> {
             saved_pixels: if args.checkpoint.is_some() || args.part().is_some() { pixels } else { 0 },
             denoises: args.denoise.is_some(),
             previews: args.preview.is_some(),
-            prepass_bytes: guiding::bytes(&settings)
-                .max(learned_lights::bytes(&settings, lights))
+            // The first two learn from the same rounds.
+            prepass_bytes: (guiding::bytes(&settings) + learned_lights::bytes(&settings, lights))
                 .max(allocation::bytes(&settings)),
             rays: args.rays,
             threads: self.threads,

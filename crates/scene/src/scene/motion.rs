@@ -10,6 +10,9 @@ pub const MAX_STEPS: usize = 128;
 /// the surface.
 const MAX_ROTATION_PER_STEP: f64 = 0.061;
 
+/// Largest deviation from a line, relative to the largest number, that is a rounding error of single precision.
+const ROUNDING_ERROR: f64 = 2.0 / (1 << 23) as f64;
+
 /// Index of the key before `time` (in [0, 1]) among `keys` keys (≥ 2), and the weight of the next key in [0, 1]; the
 /// arithmetic is Embree's.
 #[inline]
@@ -44,9 +47,13 @@ pub struct Key {
 }
 
 impl Motion {
-    /// Interpolates invertible transforms that are evenly spaced in time; `None` if there are none or all are equal.
+    /// Interpolates invertible transforms that are evenly spaced in time; `None` if there are none or all are equal. Of
+    /// transforms on a line only the first and the last become keys.
     pub fn new(samples: &[DAffine3]) -> Option<Self> {
-        let first = samples.first()?.as_affine3a();
+        let ends = [*samples.first()?, *samples.last()?];
+        // Other nodes may need all samples; Embree's build takes time and memory for each key.
+        let samples = if are_on_line(samples, &ends) { &ends } else { samples };
+        let first = ends[0].as_affine3a();
         if samples.iter().all(|m| m.as_affine3a() == first) {
             return None;
         }
@@ -115,6 +122,20 @@ impl Key {
     }
 }
 
+/// Do samples that are evenly spaced lie on the line between the ends, to rounding?
+fn are_on_line(samples: &[DAffine3], [first, last]: &[DAffine3; 2]) -> bool {
+    let largest = |numbers: &[f64]| numbers.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+    let size = [first, last].map(|m| [largest(&m.matrix3.to_cols_array()), largest(&m.translation.to_array())]);
+    let size = [0, 1].map(|group| size[0][group].max(size[1][group]));
+    samples.iter().enumerate().all(|(i, sample)| {
+        let weight = i as f64 / (samples.len() - 1) as f64;
+        let linear = first.matrix3 * (1.0 - weight) + last.matrix3 * weight - sample.matrix3;
+        let translation = first.translation.lerp(last.translation, weight) - sample.translation;
+        largest(&linear.to_cols_array()) <= ROUNDING_ERROR * size[0]
+            && largest(&translation.to_array()) <= ROUNDING_ERROR * size[1]
+    })
+}
+
 /// Factors a matrix into a rotation and an upper triangular matrix, applied in reverse order (Gram–Schmidt).
 fn factor_rotation(m: DMat3) -> (DQuat, DMat3) {
     let x = m.x_axis.normalize();
@@ -138,6 +159,12 @@ mod tests {
                 DVec3::new(1.0 + angle, 0.0, 0.0),
             )
         };
+        let of_line = |time: f64| {
+            let moved = DVec3::new(1.0, 2.0, 3.0) + time * DVec3::new(0.3, -0.7, 0.1);
+            // As in files.
+            let moved = moved.as_vec3().as_dvec3();
+            DAffine3::from_scale_rotation_translation(DVec3::splat(1.0 + time), DQuat::from_rotation_y(0.4), moved)
+        };
         let samples = [of(0.0), of(0.4), of(0.8)];
         let motion = Motion::new(&samples).unwrap();
         assert!(motion.has_rotation() && motion.keys().len() == 15, "{}", motion.keys().len());
@@ -150,7 +177,15 @@ mod tests {
             assert!(motion.at(time).abs_diff_eq(true_one, 1e-5), "{time}: {} {true_one}", motion.at(time));
         }
         assert_eq!(Motion::new(&[of(0.3), of(0.3)]), None);
-        // Straight on, and too fast to be followed.
+        // On a line in any number of steps, beside the line, and too fast to be followed.
+        for steps in [1, 2, 128] {
+            let at = |step: u32| of_line(f64::from(step) / f64::from(steps));
+            let pushed = Motion::new(&(0..=steps).map(at).collect::<Vec<_>>()).unwrap();
+            assert_eq!(pushed.keys().len(), 2, "{steps}");
+            assert!(pushed.at(0.3).abs_diff_eq(of_line(f64::from(0.3_f32)).as_affine3a(), 2e-6));
+        }
+        let beside = Motion::new(&[of_line(0.0), of_line(0.501), of_line(1.0)]).unwrap();
+        assert_eq!(beside.keys().len(), 3);
         let pushed = Motion::new(&[DAffine3::IDENTITY, DAffine3::from_translation(DVec3::X)]).unwrap();
         assert!(!pushed.has_rotation() && pushed.keys().len() == 2);
         assert_eq!(pushed.at(0.25).translation.x, 0.25);
