@@ -50,6 +50,9 @@ pub struct Stats {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[serde(rename = "lamps")]
     learned_lights: Option<LearnedLightsStats>,
+    /// Pre-pass that learned the environment, if there was one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    learned_environment: Option<LearnedLightsStats>,
     /// Pre-pass of path guiding, if there was one.
     #[serde(skip_serializing_if = "Option::is_none")]
     guiding: Option<GuidingStats>,
@@ -204,6 +207,7 @@ impl Stats {
             techniques: Decisions::new(settings, stats),
             compensation: stats.compensation,
             learned_lights: stats.learned_lights,
+            learned_environment: stats.learned_environment,
             guiding: stats.guiding,
             adaptive: stats.adaptive,
             fireflies: Fireflies::of(rendered),

@@ -5,6 +5,7 @@ use std::fmt::{self, Display};
 use serde::Serialize;
 
 use super::settings::MIN_AUTO_PATHS;
+use super::stats::LearnedLightsStats;
 use super::{Choice, RenderSettings, RenderStats};
 
 /// Whether a technique is used, and why.
@@ -21,8 +22,10 @@ pub struct Decision {
 pub struct Decisions {
     /// The compensated density of the environment.
     pub compensation: Decision,
-    /// Learned light selection.
+    /// Learned selection of area lights.
     pub learned_lights: Decision,
+    /// Learned sampling of the environment.
+    pub learned_environment: Decision,
     /// Path guiding.
     pub guiding: Decision,
     /// Numbers of paths by tile.
@@ -43,6 +46,13 @@ impl Decisions {
             Choice::On => Decision { on, why: format!("asked for; {what}") },
             _ => Decision { on, why: what },
         };
+        let learned = |found: Option<LearnedLightsStats>, nothing: &str| match found {
+            None => without(settings.learned_lights, is_auto_here, nothing),
+            Some(found) => {
+                let what = format!("leaves {:.2} of the variance", found.remaining_variance);
+                by(found.on, settings.learned_lights, what)
+            }
+        };
         let few = settings.expected_spp() < MIN_AUTO_PATHS;
         Self {
             compensation: match stats.compensation {
@@ -52,14 +62,8 @@ impl Decisions {
                     Some(left) => by(found.on, settings.compensation, format!("leaves {left:.2} of the variance")),
                 },
             },
-            learned_lights: match stats.learned_lights {
-                None => without(settings.learned_lights, is_auto_here, "no emissive triangles to choose among"),
-                Some(found) => by(
-                    found.on,
-                    settings.learned_lights,
-                    format!("leaves {:.2} of the variance", found.remaining_variance),
-                ),
-            },
+            learned_lights: learned(stats.learned_lights, "no emissive triangles to choose among"),
+            learned_environment: learned(stats.learned_environment, "no environment"),
             guiding: match stats.guiding {
                 None if settings.guiding == Choice::Auto && few => no(too_few()),
                 None => without(settings.guiding, true, "no indirect light"),
@@ -98,10 +102,11 @@ fn too_few() -> String {
 
 impl Display for Decisions {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let Self { compensation, learned_lights, guiding, adaptive } = self;
+        let Self { compensation, learned_lights, learned_environment, guiding, adaptive } = self;
         let named = [
             ("compensation", compensation),
             ("learned lights", learned_lights),
+            ("learned environment", learned_environment),
             ("guiding", guiding),
             ("adaptive sampling", adaptive),
         ];

@@ -154,7 +154,11 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
         noise: f64::INFINITY,
         guiding: prepasses.guiding.as_ref().map(|guiding| guiding.stats()).or(stats.guiding),
         learned_lights: prepasses.learned_lights.as_ref().map(|lights| lights.stats).or(stats.learned_lights),
-        learned_environment: prepasses.learned_environment.as_ref().map(|found| found.stats).or(stats.learned_environment),
+        learned_environment: prepasses
+            .learned_environment
+            .as_ref()
+            .map(|found| found.stats)
+            .or(stats.learned_environment),
         adaptive: adaptive.or(stats.adaptive),
         compensation: prepasses.compensation.or(stats.compensation),
         ..stats

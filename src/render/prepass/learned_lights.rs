@@ -1,15 +1,17 @@
-//! Learns which emissive triangles light each part of the scene, and decides whether light samples are chosen by that. The
-//! second round of the pre-pass measures the efficiency of what the first has taught.
+//! Learns which emissive triangles, or which parts of the environment, light each part of the scene, and decides whether light
+//! samples are chosen by that. A round of the pre-pass measures the efficiency of what those before it have taught.
+
+use std::sync::atomic::AtomicBool;
 
 use tracing::debug;
 
 use super::super::stats::LearnedLightsStats;
 use super::super::{Choice, RenderSettings};
-use super::effort::{self, MAX_REMAINING_LEARNED_LIGHTS};
+use super::effort;
 use super::guiding;
-use super::rounds::{Learner, Round, Wanted};
+use super::rounds::{self, Learner, Round, Wanted};
 use crate::film::compare::sums_without_outliers;
-use crate::integrator::{PreparedScene, Proposal};
+use crate::integrator::{PreparedScene, Proposal, Transport};
 use crate::light::{AreaLights, Density, LearnedEnvironment, LearnedLights, LightProposal, LightSampleRecord};
 
 /// Paths after which no further round is needed, per pixel of a pre-pass with the pixels above: four rounds.
@@ -17,13 +19,16 @@ const SUFFICIENT_PATHS_PER_PIXEL: f64 = 15.0;
 /// Maximum light-sample records of a round.
 const MAX_RECORDS_PER_ROUND: usize = 1 << 16;
 
-/// What light samples choose among, in an order that is learned.
+/// What light samples choose among: emissive triangles, or regions of the environment.
 pub trait Selection {
-    /// What is learned.
+    /// What is learned about the choice.
     type Learned;
 
-    /// Index of its records in those of a round.
+    /// Index of its records in [`Round::light_sample_records`].
     const RECORDS: usize;
+
+    /// It is used where at most this fraction of the variance remains.
+    const MAX_REMAINING: f64;
 
     /// Learns from records. `scale` (metres) weights differences of normals against distances.
     fn learn(&self, records: &[LightSampleRecord], scale: f32) -> Option<Self::Learned>;
@@ -31,16 +36,17 @@ pub trait Selection {
     /// The probabilities of a record's choice: without and with what is learned.
     fn probabilities(&self, learned: &Self::Learned, record: &LightSampleRecord) -> [f32; 2];
 
-    /// The proposal with what is learned, or as it must be to learn.
+    /// The proposal with what is learned, or, with `None`, as it must be in order to learn.
     fn apply<'a>(&'a self, learned: Option<&'a Self::Learned>, lights: LightProposal<'a>) -> LightProposal<'a>;
 
-    /// Cells and bytes.
+    /// Number of cells, and bytes.
     fn size(learned: &Self::Learned) -> (usize, usize);
 }
 
 impl Selection for &AreaLights {
     type Learned = LearnedLights;
     const RECORDS: usize = 0;
+    const MAX_REMAINING: f64 = effort::MAX_REMAINING_LEARNED_LIGHTS;
 
     fn learn(&self, records: &[LightSampleRecord], scale: f32) -> Option<LearnedLights> {
         LearnedLights::learn(self.tree(), records, scale)
@@ -62,6 +68,7 @@ impl Selection for &AreaLights {
 impl Selection for LearnedEnvironment {
     type Learned = Self;
     const RECORDS: usize = 1;
+    const MAX_REMAINING: f64 = effort::MAX_REMAINING_LEARNED_ENVIRONMENT;
 
     fn learn(&self, records: &[LightSampleRecord], scale: f32) -> Option<Self> {
         LearnedEnvironment::learn(self, records, scale)
@@ -84,15 +91,17 @@ impl Selection for LearnedEnvironment {
 /// The result of the pre-pass.
 #[derive(Debug)]
 pub struct LearnedLightsResult<L> {
-    /// Which lights matter in which part of the scene; `None` where that would not reduce the variance enough.
+    /// Which lights, or regions of the environment, matter in which part of the scene; `None` where that would not reduce the
+    /// variance enough.
     pub lights: Option<L>,
     /// Its statistics, for reports.
     pub stats: LearnedLightsStats,
 }
 
-/// Maximum bytes that learning takes for a render with these settings, in a scene of at most so many area lights.
-pub fn bytes(settings: &RenderSettings, lights: u64) -> u64 {
-    if !settings.uses_prepass(settings.learned_lights) || lights < 2 {
+/// Maximum bytes that learning takes for a render with these settings, in a scene of at most so many area lights, with an
+/// environment or without.
+pub fn bytes(settings: &RenderSettings, lights: u64, has_environment: bool) -> u64 {
+    if !settings.uses_prepass(settings.learned_lights) {
         return 0;
     }
     let own = pixels(settings);
@@ -102,7 +111,8 @@ pub fn bytes(settings: &RenderSettings, lights: u64) -> u64 {
     let rounds = (0..).take_while(|&round| !suffice(round, paths(round) - shared, own));
     let records =
         rounds.map(|r| (paths(r) * f64::from(settings.max_depth)).min(MAX_RECORDS_PER_ROUND as f64)).sum::<f64>();
-    LearnedLights::bytes_to_learn(records as u64, lights)
+    let area = if lights < 2 { 0 } else { LearnedLights::bytes_to_learn(records as u64, lights) };
+    area + if has_environment { LearnedEnvironment::bytes_to_learn(records as u64) } else { 0 }
 }
 
 /// Do so many rounds of so many paths in all suffice, where the pre-pass would have `pixels` if it were alone?
@@ -177,7 +187,10 @@ impl<S: Selection> LightsLearner<S> {
 
     /// What was learned.
     pub fn result(self) -> LearnedLightsResult<S::Learned> {
-        debug!("learned lights leave {:.2} of the variance; {:?}", self.result.stats.remaining_variance, self.result.stats);
+        debug!(
+            "learned lights leave {:.2} of the variance; {:?}",
+            self.result.stats.remaining_variance, self.result.stats
+        );
         self.result
     }
 
@@ -208,19 +221,21 @@ impl<S: Selection> Learner for LightsLearner<S> {
 
     fn learn(&mut self, round: &Round, seconds: f64) {
         self.result.stats.seconds += seconds;
-        if round.number == 1 {
+        self.paths += round.all_paths();
+        let is_last = suffice(round.number + 1, self.paths, self.pixels);
+        if round.number == 1 || is_last {
             let lights = self.learned();
-            self.result.stats.remaining_variance = lights.map_or(1.0, |lights| self.relative_variance_with(&lights, round));
-            tracing::info!("LEFT {} {:.3}", S::RECORDS, self.result.stats.remaining_variance);
-            if self.result.stats.remaining_variance >= MAX_REMAINING_LEARNED_LIGHTS && !self.always {
+            let remaining = lights.map_or(1.0, |lights| self.relative_variance_with(&lights, round));
+            self.result.stats.remaining_variance = remaining;
+            let most = if is_last { S::MAX_REMAINING } else { effort::MAX_REMAINING_AT_FIRST_ROUND };
+            if remaining >= most && !self.always {
                 self.finished = true;
                 return;
             }
         }
         // Records of all rounds follow the unlearned selection: learned choices begin when all are in.
         self.records.extend_from_slice(&round.light_sample_records[S::RECORDS]);
-        self.paths += round.all_paths();
-        if suffice(round.number + 1, self.paths, self.pixels) {
+        if is_last {
             self.finish_with(self.learned());
         }
     }
@@ -234,4 +249,16 @@ impl<S: Selection> Learner for LightsLearner<S> {
         };
         Proposal { lights, ..proposal }
     }
+}
+
+/// Lets a learner alone learn from the paths of `transport`, a render with these settings. `None` soon after `stop` is raised.
+pub fn learned<S: Selection>(
+    mut learner: LightsLearner<S>,
+    scene: &PreparedScene,
+    settings: &RenderSettings,
+    transport: &Transport,
+    stop: &AtomicBool,
+) -> Option<LearnedLightsResult<S::Learned>> {
+    rounds::run(scene, settings, transport, &mut [&mut learner], stop)?;
+    Some(learner.result())
 }

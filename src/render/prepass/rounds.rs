@@ -151,8 +151,7 @@ pub fn trace(
     let counts = if transport.lights.has_extent() { Counts::half(paths) } else { Counts::bsdf_only(paths) };
     let tiles = tiles(size).len();
     let [area, environment] = wants.light_sample_records;
-    let most =
-        [wants.training_samples, wants.vertex_records, area, environment].map(|most| most.div_ceil(tiles));
+    let most = [wants.training_samples, wants.vertex_records, area, environment].map(|most| most.div_ceil(tiles));
     let of_tile = |wave: &mut Wave, pixels: Vec<[u32; 2]>| {
         let tasks: Vec<_> = pixels.into_iter().map(|pixel| PixelTask::first(pixel, counts, 0)).collect();
         let mut training = (wants.training_samples > 0).then(TrainingRecorder::default);

@@ -13,8 +13,8 @@ use crate::color::luminance;
 use crate::lanes::{F, LANES, V3, eight};
 use crate::sampling::{Discrete, warp};
 use crate::scene::Environment;
-use learned::RegionProbabilities;
 pub use learned::LearnedEnvironment;
+use learned::RegionProbabilities;
 use regions::{Regions, SampledCell};
 
 /// Radiance is interpolated between texel centres (wrapping in u, clamped at the poles). Samples follow the luminance of this

@@ -1,4 +1,4 @@
-//! Learns light selection from the light samples of a pre-pass.
+//! Learns light selection from the light samples of a pre-pass: cells in space, and statistics of clusters of lights in them.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -7,14 +7,14 @@ use super::learned::LearnedLights;
 use super::tree::LightTree;
 use crate::sampling::cells::CellTree;
 
-/// A light sample that a pre-pass took.
+/// A light sample that a pre-pass took, toward an area light or the environment.
 #[derive(Debug, Clone, Copy)]
 pub struct LightSampleRecord {
     /// The point that [`LightTree::sample`] was given.
     pub position: Vec3,
     /// The normal that [`LightTree::sample`] was given.
     pub normal: Vec3,
-    /// The light that was chosen.
+    /// The area light that was chosen, or the region of the environment.
     pub emitter: u32,
     /// Index of the pixel in the pre-pass.
     pub pixel: u32,
@@ -72,11 +72,16 @@ impl LearnedLights {
 
     /// Largest memory in bytes while it learns from so many records, these included, which of so many lights to choose.
     pub fn bytes_to_learn(records: u64, lights: u64) -> u64 {
-        let cells = (2 * records).div_ceil(RECORDS_PER_CELL as u64).clamp(1, MAX_CELLS as u64);
-        let per_node = 3 * size_of::<ClusterStats>() + size_of::<f32>();
-        records * 3 * size_of::<LightSampleRecord>() as u64
-            + cells * (2 * lights).min(MAX_NODES as u64) * per_node as u64
+        bytes_to_learn(records, (2 * lights).min(MAX_NODES as u64), size_of::<f32>() as u64)
     }
+}
+
+/// Largest memory in bytes while so many clusters are learned from so many records, these included; what is learned takes
+/// `own` bytes per cell and cluster.
+pub(super) fn bytes_to_learn(records: u64, clusters: u64, own: u64) -> u64 {
+    let cells = (2 * records).div_ceil(RECORDS_PER_CELL as u64).clamp(1, MAX_CELLS as u64);
+    let per_cluster = 3 * size_of::<ClusterStats>() as u64 + own;
+    records * 3 * size_of::<LightSampleRecord>() as u64 + cells * clusters * per_cluster
 }
 
 /// What light samples choose among.

@@ -123,6 +123,25 @@ mod tests {
     }
 
     #[test]
+    fn among_some_outcomes_each_has_its_share() {
+        let table = Discrete::new([5.0f32, 1e-6, 0.25, 7.5, 2.0, 0.0, 1.0].into_iter()).unwrap();
+        for (from, to) in [(0, 7), (1, 3), (2, 5), (4, 7), (6, 7)] {
+            let n = 1 << 20;
+            let mut count = [0u32; 7];
+            for k in 0..n {
+                let (i, fresh) = table.sample_among((from, to), k as f32 / n as f32);
+                assert!((from..to).contains(&i) && (0.0..1.0).contains(&fresh));
+                count[i as usize] += 1;
+            }
+            for i in from..to {
+                let share = table.pmf(i) / table.probability((from, to));
+                // An interval of numbers that are equally far apart has one more or less, and rounding another.
+                assert!((count[i as usize] as f32 - share * n as f32).abs() <= 2.0, "{from}..{to}, {i}");
+            }
+        }
+    }
+
+    #[test]
     fn nothing_to_choose_is_none() {
         assert!(Discrete::new([].into_iter()).is_none());
         assert!(Discrete::new([0.0, 0.0].into_iter()).is_none());

@@ -7,7 +7,7 @@ use super::regions::{REGIONS, Regions};
 use super::{Density, EnvironmentSampler};
 use crate::lanes::{F, LANES, V3, eight};
 use crate::light::LightSampleRecord;
-use crate::light::learn::{Clusters, MIN_WEIGHT, posteriors};
+use crate::light::learn::{Clusters, MIN_WEIGHT, bytes_to_learn, posteriors};
 use crate::light::learned::mixture;
 use crate::sampling::cells::CellTree;
 use crate::sampling::warp::ONE_MINUS_EPSILON;
@@ -79,6 +79,11 @@ impl LearnedEnvironment {
             choices[cell] = Choice::new(&self.regions, &mixed);
         });
         Some(Self { regions: self.regions.clone(), density: self.density, cells: Some(cells), choices })
+    }
+
+    /// Largest memory in bytes while it learns from so many records, these included.
+    pub fn bytes_to_learn(records: u64) -> u64 {
+        bytes_to_learn(records, REGIONS as u64, (size_of::<Choice>() / REGIONS) as u64)
     }
 
     /// The probability of the region of a record's choice, at its point.

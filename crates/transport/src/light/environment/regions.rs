@@ -77,12 +77,14 @@ impl Regions {
                 for row in y * block[0]..((y + 1) * block[0]).min(rows) {
                     let (top, bottom) = row_extent(row, rows - 1);
                     own[0] += f64::from(table.probability(row, columns));
-                    own[1] += f64::from((PI * top).cos() - (PI * bottom).cos()) * 0.5 * f64::from(columns.1 - columns.0)
-                        / width as f64;
+                    own[1] +=
+                        f64::from((PI * top).cos() - (PI * bottom).cos()) * 0.5 * f64::from(columns.1 - columns.0)
+                            / width as f64;
                 }
                 let at = |y: usize, x: usize| y * (wide + 1) + x;
                 for k in 0..2 {
-                    sums[at(y + 1, x + 1)][k] = own[k] + sums[at(y, x + 1)][k] + sums[at(y + 1, x)][k] - sums[at(y, x)][k];
+                    sums[at(y + 1, x + 1)][k] =
+                        own[k] + sums[at(y, x + 1)][k] + sums[at(y + 1, x)][k] - sums[at(y, x)][k];
                 }
             }
         }
