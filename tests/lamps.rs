@@ -8,7 +8,7 @@ use bismar::integrator::{PixelSums, PixelTask, Proposal, Transport, Wave};
 use bismar::light::{Density, LearnedEnvironment, LearnedLights, LightProposal, LightSampleRecord};
 use bismar::rays::Backend;
 use bismar::render::prepass::learned_lights::{LightsLearner, bytes, learned};
-use bismar::render::stats::LearnedLightsStats;
+use bismar::render::techniques::LearnedLightsStats;
 use bismar::render::{Balance, Part, RenderSettings, RenderStats, Rendered, RunOptions, Saved, render, run, transport};
 use bismar::sampling::SplitMix64;
 use bismar::scene::{Environment, Scene};
@@ -93,7 +93,7 @@ fn what_a_pilot_learns_of_lamps_changes_no_mean_and_takes_noise_away() {
     // known to a few per cent.
     assert!(with[1].mean < 0.75 * without[1].mean, "{} {}", with[1].mean, without[1].mean);
     let rendered = on_threads(&stage, &settings, 2);
-    let stats = rendered.stats.learned_lights.unwrap();
+    let stats = rendered.stats.techniques.learned_lights.unwrap();
     assert!(
         stats.on && stats.cells == lights.cells() && stats.remaining_variance == found.stats.remaining_variance,
         "{stats:?}"
@@ -130,7 +130,7 @@ fn what_is_learned_of_the_environment_changes_no_mean_and_takes_noise_away() {
     // Variances of 864 pixels are known to a few per cent.
     assert!(with[1].mean < 0.85 * without[1].mean, "{} {}", with[1].mean, without[1].mean);
     let stats = on_threads(&stage, &settings, 2).stats;
-    assert!(stats.learned_environment.unwrap().on && stats.learned_lights.is_none(), "{stats:?}");
+    assert!(stats.techniques.learned_environment.unwrap().on && stats.techniques.learned_lights.is_none(), "{stats:?}");
 }
 
 #[test]
@@ -169,9 +169,9 @@ fn lies_about_lamps_change_no_mean() {
 
 #[test]
 fn where_lights_are_learned_bits_are_the_same_on_any_threads_in_any_window_part_and_session() {
-    let of_lights = |stats: &RenderStats| stats.learned_lights.unwrap();
+    let of_lights = |stats: &RenderStats| stats.techniques.learned_lights.unwrap();
     same_bits(&Stage::new(house(), Backend::Embree), &settings(Balance::Progressive), of_lights);
-    let of_environment = |stats: &RenderStats| stats.learned_environment.unwrap();
+    let of_environment = |stats: &RenderStats| stats.techniques.learned_environment.unwrap();
     same_bits(&Stage::new(open_hall(), Backend::Embree), &larger(), of_environment);
 }
 

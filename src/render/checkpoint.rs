@@ -33,8 +33,8 @@ pub struct Saved {
 impl Saved {
     /// Does what it has learned depend on the goal? A guiding field does, and light selection that learned from the same rounds.
     pub fn learns_by_goal(&self, settings: &RenderSettings) -> bool {
-        let beside_guiding = self.stats.learned_lights.is_some() && settings.guiding != Choice::Off;
-        beside_guiding || self.stats.guiding.is_some_and(|guiding| guiding.on)
+        let beside_guiding = self.stats.techniques.learned_lights.is_some() && settings.guiding != Choice::Off;
+        beside_guiding || self.stats.techniques.guiding.is_some_and(|guiding| guiding.on)
     }
 
     /// Are its passes those that a render of these settings begins with? Then the resumed render has the bits of an
@@ -52,7 +52,7 @@ impl Saved {
                 self.tiles.iter().all(|tile| is_reached(tile.paths()))
             }
             // Tiles have their own goals.
-            None if self.stats.adaptive.is_some() => true,
+            None if self.stats.techniques.adaptive.is_some() => true,
             None => scheduler::begins_as(settings, done, ahead, self.stats.passes),
         }
     }
