@@ -148,7 +148,7 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     if unfinished {
         goals::add(&mut goals, settings, most);
     }
-    let guided_before = stats.techniques.guiding;
+    let before = stats.techniques;
     let stats = RenderStats {
         noise: f64::INFINITY,
         techniques: TechniqueStats { adaptive, ..prepasses.stats() }.or(stats.techniques),
@@ -158,10 +158,13 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
         info!("{}", Decisions::new(settings, &stats.techniques));
         name_glass_shadows(&transport, settings);
     }
-    let [on, was_on] = [stats.techniques.guiding, guided_before].map(|guiding| guiding.map(|guiding| guiding.on));
-    if was_on == Some(false) && on == Some(true) {
+    let begins = |is_on: &dyn Fn(&TechniqueStats) -> Option<bool>| {
+        is_on(&before) == Some(false) && is_on(&stats.techniques) == Some(true)
+    };
+    if begins(&|found| Some(found.guiding?.on)) || begins(&|found| Some(found.learned_environment?.on)) {
         warn!(
-            "paths are guided from here on: the picture is unbiased, but not bit-identical to an uninterrupted render"
+            "paths are guided, or light samples choose parts of the environment, from here on: the picture is unbiased, but not \
+             bit-identical to an uninterrupted render"
         );
     }
     let (stop_reason, background) = (StopReason::Interrupted, background(&scene.scene, settings));
