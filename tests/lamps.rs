@@ -1,19 +1,20 @@
-//! Area lights that are chosen by what light samples of a pre-pass found: the same picture, less noise where walls hide most of them.
+//! Lights that are chosen by what light samples of a pre-pass found: the same picture, less noise where walls hide most of them.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use bismar::film::PixelStats;
 use bismar::integrator::{PixelSums, PixelTask, Proposal, Transport, Wave};
-use bismar::light::{LearnedLights, LightProposal, LightSampleRecord};
+use bismar::light::{Density, LearnedEnvironment, LearnedLights, LightProposal, LightSampleRecord};
 use bismar::rays::Backend;
-use bismar::render::prepass::learned_lights::{bytes, learned};
-use bismar::render::{Balance, Part, RenderSettings, Rendered, RunOptions, Saved, render, run, transport};
+use bismar::render::prepass::learned_lights::{LightsLearner, bytes, learned};
+use bismar::render::techniques::LearnedLightsStats;
+use bismar::render::{Balance, Part, RenderSettings, RenderStats, Rendered, RunOptions, Saved, render, run, transport};
 use bismar::sampling::SplitMix64;
-use bismar::scene::Scene;
+use bismar::scene::{Environment, Scene};
 use glam::Vec3;
 
-use crate::helpers::stage::{Stage, area_light, closed_box, glass_hall, lambert, look, rectangle};
+use crate::helpers::stage::{Stage, add, area_light, closed_box, glass_hall, lambert, look, rectangle};
 use crate::helpers::statistics::{Mean, z_limit};
 
 /// A room with a dim area light, next to one with a bright one.
@@ -32,20 +33,29 @@ fn settings(balance: Balance) -> RenderSettings {
     RenderSettings { width: 36, height: 24, spp: Some(16), max_depth: 4, balance, ..Default::default() }
 }
 
+/// With a pre-pass that has enough pixels to learn about an environment.
+fn larger() -> RenderSettings {
+    RenderSettings { width: 144, height: 96, ..settings(Balance::Progressive) }
+}
+
 fn on_threads(stage: &Stage, settings: &RenderSettings, threads: usize) -> Rendered {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     pool.install(|| render(&stage.scene, settings, &AtomicBool::new(false), &|_| ()).unwrap())
 }
 
-/// Pixels' means and variances of the green of pictures that know of lights what is `learned`.
-fn pictures(stage: &Stage, learned: Option<&LearnedLights>, first: u32, replicas: u32) -> [Mean; 2] {
+/// What is known of area lights and of the environment.
+type Known<'a> = (Option<&'a LearnedLights>, Option<&'a LearnedEnvironment>);
+
+/// Pixels' means and variances of the green of pictures that know of lights what is `known`.
+fn pictures(stage: &Stage, known: Known, first: u32, replicas: u32) -> [Mean; 2] {
     let settings = settings(Balance::Half);
     let mut means = vec![Mean::default(); (settings.width * settings.height) as usize];
     let mut whole = Mean::default();
     for seed in first..first + replicas {
         let settings = RenderSettings { seed, ..settings.clone() };
         let transport = transport(&stage.scene, &settings);
-        let lights = LightProposal { learned, ..transport.proposal.lights };
+        let (learned, learned_environment) = known;
+        let lights = LightProposal { learned, learned_environment, ..transport.proposal.lights };
         let transport = Transport { proposal: Proposal { lights, ..transport.proposal }, ..transport };
         let counts = bismar::balance::Counts::half(4);
         let task = |i: u32| PixelTask::first([i % settings.width, i / settings.width], counts, i);
@@ -69,22 +79,58 @@ fn z(a: &Mean, b: &Mean) -> f64 {
 fn what_a_pilot_learns_of_lamps_changes_no_mean_and_takes_noise_away() {
     let stage = Stage::new(house(), Backend::Embree);
     let settings = settings(Balance::Progressive);
-    let found = learned(&stage.scene, &settings, &transport(&stage.scene, &settings), &AtomicBool::new(false)).unwrap();
-    assert!(found.remaining_variance < 0.7, "{:?}", found.stats());
+    let learner = LightsLearner::area(&stage.scene, &settings).unwrap();
+    let transport = transport(&stage.scene, &settings);
+    let found = learned(learner, &stage.scene, &settings, &transport, &AtomicBool::new(false)).unwrap();
+    assert!(found.stats.remaining_variance < 0.7, "{:?}", found.stats);
     let lights = found.lights.as_ref().unwrap();
-    let bytes = bytes(&settings, 1 << 20);
+    let bytes = bytes(&settings, 1 << 20, false);
     assert!((lights.bytes() as u64) < bytes && bytes < 100 << 20);
-    let [without, with] = [(None, 0), (Some(lights), 500)].map(|(lights, seed)| pictures(&stage, lights, seed, 200));
+    let [without, with] =
+        [(None, 0), (Some(lights), 500)].map(|(lights, seed)| pictures(&stage, (lights, None), seed, 200));
     assert!(z(&without[0], &with[0]).abs() < z_limit(1), "{without:?} {with:?}");
     // The tree takes two light samples of three toward the area light next door, and what was learned but one. Variances of 864 pixels are
     // known to a few per cent.
     assert!(with[1].mean < 0.75 * without[1].mean, "{} {}", with[1].mean, without[1].mean);
     let rendered = on_threads(&stage, &settings, 2);
-    let stats = rendered.stats.learned_lights.unwrap();
+    let stats = rendered.stats.techniques.learned_lights.unwrap();
     assert!(
-        stats.on && stats.cells == lights.cells() && stats.remaining_variance == found.remaining_variance,
+        stats.on && stats.cells == lights.cells() && stats.remaining_variance == found.stats.remaining_variance,
         "{stats:?}"
     );
+}
+
+/// A low hall that is open on one side, under a sky that is brightest above the roof.
+fn open_hall() -> Arc<Scene> {
+    let mut pixels = vec![[1.0; 3]; 32 * 16];
+    pixels[..32 * 6].fill([40.0; 3]);
+    let sky = Environment { width: 32, height: 16, pixels: pixels.into(), ..Environment::constant([0.0; 3]) };
+    let mut scene = Scene { environment: Some(sky), ..Default::default() };
+    rectangle(&mut scene, 0.0, [-4.0, 4.0], [-4.0, 4.0], true, lambert(0.6));
+    rectangle(&mut scene, 1.5, [-4.0, 4.0], [-4.0, 3.0], false, lambert(0.6));
+    let wall = vec![[-4.0, 0.0, -4.0], [4.0, 0.0, -4.0], [4.0, 1.5, -4.0], [-4.0, 1.5, -4.0]];
+    add(&mut scene, wall, vec![[0, 1, 2], [0, 2, 3]], lambert(0.6));
+    look(&mut scene, Vec3::new(0.0, 1.2, 2.9), Vec3::new(0.0, 0.2, -2.0), 0.9);
+    Arc::new(scene)
+}
+
+#[test]
+fn what_is_learned_of_the_environment_changes_no_mean_and_takes_noise_away() {
+    let stage = Stage::new(open_hall(), Backend::Embree);
+    let settings = larger();
+    let learner = LightsLearner::environment(&stage.scene, &settings, Density::Radiance).unwrap();
+    let transport = transport(&stage.scene, &settings);
+    let found = learned(learner, &stage.scene, &settings, &transport, &AtomicBool::new(false)).unwrap();
+    assert!(found.stats.remaining_variance < 0.8, "{:?}", found.stats);
+    let environment = found.lights.as_ref().unwrap();
+    assert!((environment.bytes() as u64) < bytes(&settings, 0, true));
+    let [without, with] =
+        [(None, 0), (Some(environment), 500)].map(|(known, seed)| pictures(&stage, (None, known), seed, 200));
+    assert!(z(&without[0], &with[0]).abs() < z_limit(1), "{without:?} {with:?}");
+    // Variances of 864 pixels are known to a few per cent.
+    assert!(with[1].mean < 0.85 * without[1].mean, "{} {}", with[1].mean, without[1].mean);
+    let stats = on_threads(&stage, &settings, 2).stats;
+    assert!(stats.techniques.learned_environment.unwrap().on && stats.techniques.learned_lights.is_none(), "{stats:?}");
 }
 
 #[test]
@@ -93,7 +139,7 @@ fn lies_about_lamps_change_no_mean() {
         let stage = Stage::new(scene, Backend::Obvhs);
         let area = stage.scene.lights.area.as_ref().unwrap();
         let (tree, area_lights) = (area.tree(), area.levels().exp2().round() as u32);
-        let without = pictures(&stage, None, 0, 60)[0];
+        let without = pictures(&stage, (None, None), 0, 60)[0];
         // Only the last area light shines; only the first, and from everywhere but a corner; next to nothing but for a firefly.
         let wrong: [&dyn Fn(Vec3, u32, f32) -> f32; 3] = [
             &|_, area_light, _| if area_light + 1 == area_lights { 1.0 } else { 0.0 },
@@ -115,40 +161,45 @@ fn lies_about_lamps_change_no_mean() {
             };
             let light_sample_records: Vec<_> = (0..20_000).map(light_sample_record).collect();
             let lights = LearnedLights::learn(tree, &light_sample_records, 1.0).unwrap();
-            let with = pictures(&stage, Some(&lights), 500 * (i as u32 + 1), 60)[0];
+            let with = pictures(&stage, (Some(&lights), None), 500 * (i as u32 + 1), 60)[0];
             assert!(z(&without, &with).abs() < z_limit(6), "{name}, learned {i}: {without:?} {with:?}");
         }
     }
 }
 
 #[test]
-fn where_lamps_are_learned_bits_are_the_same_on_any_threads_in_any_window_part_and_session() {
-    let stage = Stage::new(house(), Backend::Embree);
-    let settings = settings(Balance::Progressive);
-    let one = on_threads(&stage, &settings, 1);
-    assert!(one.stats.learned_lights.unwrap().on);
+fn where_lights_are_learned_bits_are_the_same_on_any_threads_in_any_window_part_and_session() {
+    let of_lights = |stats: &RenderStats| stats.techniques.learned_lights.unwrap();
+    same_bits(&Stage::new(house(), Backend::Embree), &settings(Balance::Progressive), of_lights);
+    let of_environment = |stats: &RenderStats| stats.techniques.learned_environment.unwrap();
+    same_bits(&Stage::new(open_hall(), Backend::Embree), &larger(), of_environment);
+}
+
+fn same_bits(stage: &Stage, settings: &RenderSettings, learned: impl Fn(&RenderStats) -> LearnedLightsStats) {
+    let one = on_threads(stage, settings, 1);
+    assert!(learned(&one.stats).on);
     let same = |other: &Rendered| {
         for tile in &other.tiles {
             let own = one.tiles.iter().find(|own| own.grid_position() == tile.grid_position()).unwrap();
             assert!((0..tile.pixels()).all(|i| tile.at(i).0.sum == own.at(i).0.sum), "{:?}", other.settings);
         }
     };
-    same(&on_threads(&stage, &settings, 3));
-    same(&on_threads(&stage, &RenderSettings { crop: Some([16, 0, 32, 16]), ..settings.clone() }, 2));
+    same(&on_threads(stage, settings, 3));
+    same(&on_threads(stage, &RenderSettings { crop: Some([16, 0, 32, 16]), ..settings.clone() }, 2));
     let part: Part = "2/3".parse().unwrap();
-    same(&on_threads(&stage, &RenderSettings { part: Some(part), ..settings.clone() }, 2));
+    same(&on_threads(stage, &RenderSettings { part: Some(part), ..settings.clone() }, 2));
     // Going on to more paths has learned the same as well.
     let Rendered { tiles, stats, goals, .. } =
-        on_threads(&stage, &RenderSettings { spp: Some(8), ..settings.clone() }, 2);
+        on_threads(stage, &RenderSettings { spp: Some(8), ..settings.clone() }, 2);
     let (stop, from) = (AtomicBool::new(false), Some(Saved { tiles, stats, goals }));
     let options = RunOptions { from, ..RunOptions::new(&stop, &|_| ()) };
-    let longer = run(&stage.scene, &settings, options).unwrap();
-    let whole = on_threads(&stage, &settings, 2);
-    assert_eq!(longer.stats.learned_lights.unwrap().cells, whole.stats.learned_lights.unwrap().cells);
+    let longer = run(&stage.scene, settings, options).unwrap();
+    let whole = on_threads(stage, settings, 2);
+    assert_eq!(learned(&longer.stats).cells, learned(&whole.stats).cells);
     // Nothing is left to do: nothing is learned again, and what was found is still said.
     let (stop, from) =
         (AtomicBool::new(false), Some(Saved { tiles: whole.tiles, stats: whole.stats, goals: whole.goals }));
     let options = RunOptions { from, ..RunOptions::new(&stop, &|_| ()) };
-    let again = run(&stage.scene, &settings, options).unwrap();
-    assert_eq!(again.stats.learned_lights.unwrap().seconds, whole.stats.learned_lights.unwrap().seconds);
+    let again = run(&stage.scene, settings, options).unwrap();
+    assert_eq!(learned(&again.stats).seconds, learned(&whole.stats).seconds);
 }

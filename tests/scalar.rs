@@ -7,7 +7,7 @@ use bismar::color::luminance;
 use bismar::film::{Peak, PixelStats};
 use bismar::integrator::clients::{ContributionColumns, Contributions};
 use bismar::integrator::{EmissionRayCounts, PixelSums, PixelTask, Proposal, Transport, Wave, scalar};
-use bismar::light::{LearnedLights, LightProposal, LightSampleRecord};
+use bismar::light::{Density, LearnedEnvironment, LearnedLights, LightProposal, LightSampleRecord, Lights};
 use bismar::rays::Backend;
 use bismar::render::prepass::guiding::learned;
 use bismar::render::{GlassShadows, Guiding, RenderSettings, transport};
@@ -65,18 +65,31 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         let field = learned.as_ref().and_then(|learned| learned.field.as_ref());
         assert_eq!(field.is_some(), guiding == Guiding::On);
         // A third of the area lights contribute nothing anywhere.
-        let lights = stage.scene.lights.area.as_ref().map(|area| {
+        let of_light_samples = |lights: u32| -> Vec<_> {
             let light_sample_record = |i: u32| {
                 let position =
                     Vec3::new((i % 61) as f32 / 10.0 - 3.0, (i % 17) as f32 / 17.0, (i % 53) as f32 / 10.0 - 2.6);
-                LightSampleRecord { position, normal: Vec3::Y, emitter: i % 40, pixel: 0, contribution: (i % 3) as f32 }
+                LightSampleRecord {
+                    position,
+                    normal: Vec3::Y,
+                    emitter: i % lights,
+                    pixel: 0,
+                    contribution: (i % 3) as f32,
+                }
             };
-            let light_sample_records: Vec<_> = (0..4000).filter(|_| learns).map(light_sample_record).collect();
-            LearnedLights::learn(area.tree(), &light_sample_records, 1.0)
+            (0..4000).filter(|_| learns).map(light_sample_record).collect()
+        };
+        let Lights { area, environment, .. } = stage.scene.lights.as_ref();
+        let area = area.as_ref().and_then(|area| LearnedLights::learn(area.tree(), &of_light_samples(40), 1.0));
+        let environment = environment.as_ref().and_then(|environment| {
+            LearnedEnvironment::new(environment, Density::Radiance).learn(&of_light_samples(2), 1.0)
         });
-        let learned = lights.as_ref().and_then(Option::as_ref);
-        assert_eq!(learned.is_some(), learns);
-        let lights = LightProposal { learned, ..unguided.proposal.lights };
+        assert_eq!([area.is_some(), environment.is_some()], [learns; 2]);
+        let lights = LightProposal {
+            learned: area.as_ref(),
+            learned_environment: environment.as_ref(),
+            ..unguided.proposal.lights
+        };
         // Camera rays for emission in two of three pixels.
         let emission_rays = EmissionRayCounts::new(20, (0..300).map(|i| [1, 4, 2][i % 3]).collect());
         let emission_rays = Some(&emission_rays).filter(|_| max_depth > 5);

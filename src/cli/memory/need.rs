@@ -110,7 +110,7 @@ impl<'a> Need<'a> {
     /// Of a picture of so many pixels with default settings and without an environment.
     pub fn with_defaults(scene: &'a Survey, steps: Steps, pixels: u64) -> Self {
         let settings = RenderSettings::default();
-        let learning = learned_lights::bytes(&settings, scene.census.emissive_triangles);
+        let learning = learned_lights::bytes(&settings, scene.census.emissive_triangles, false);
         Self {
             scene,
             steps,

@@ -156,8 +156,9 @@ impl Session<'_> {
             denoises: args.denoise.is_some(),
             previews: args.preview.is_some(),
             // The first two learn from the same rounds.
-            prepass_bytes: (guiding::bytes(&settings) + learned_lights::bytes(&settings, lights))
-                .max(allocation::bytes(&settings)),
+            prepass_bytes: (guiding::bytes(&settings)
+                + learned_lights::bytes(&settings, lights, self.inputs.environment.1.is_some()))
+            .max(allocation::bytes(&settings)),
             rays: args.rays,
             threads: self.threads,
         };

@@ -18,7 +18,7 @@ impl Resolution {
 
 /// Resolution for the density of the environment.
 pub const COMPENSATION: Resolution = Resolution { divisor: 32.0, range: [64.0, 1024.0] };
-/// Resolution for learned lights.
+/// Resolution for learned light selection.
 pub const LEARNED_LIGHTS: Resolution = Resolution { divisor: 8.0, range: [64.0, 8192.0] };
 /// Resolution for guiding.
 pub const GUIDING: Resolution = Resolution { divisor: 16.0, range: [8192.0, f64::INFINITY] };
@@ -36,9 +36,14 @@ pub const MAX_TIME_SHARE: f64 = 0.1;
 
 /// The compensated density is used where at most this fraction of the variance remains.
 pub const MAX_REMAINING_COMPENSATED: f64 = 0.97;
-/// Learned lights are used where at most this fraction of the variance remains: later rounds and the longer traversal of the
-/// light tree take time.
+/// Area lights are chosen by what was learned where at most this fraction of the variance remains, by the last round: the longer
+/// traversal of the light tree takes time.
 pub const MAX_REMAINING_LEARNED_LIGHTS: f64 = 0.9;
+/// The same for the environment: light samples that were below the horizon now take shadow rays.
+pub const MAX_REMAINING_LEARNED_ENVIRONMENT: f64 = 0.88;
+/// Learning about lights continues after the second round if at most this fraction remains: what one path per pixel has taught is
+/// too little to estimate the gain.
+pub const MAX_REMAINING_AT_FIRST_ROUND: f64 = 0.97;
 /// Paths are guided if at most this fraction of variance times rays remains after the last round: a guided ray takes
 /// longer, and smooth light (cornell: 0.66) loses the benefit of stratified points.
 pub const MAX_REMAINING_GUIDED: f32 = 0.45;

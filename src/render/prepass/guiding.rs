@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use tracing::debug;
 
-use super::super::stats::{GuidingEfficiency, GuidingStats};
+use super::super::techniques::{GuidingEfficiency, GuidingStats};
 use super::super::{Choice, RenderSettings};
 use super::effort::{self, MAX_REMAINING_AT_FIRST_DECISION, MAX_REMAINING_GUIDED, MAX_TIME_SHARE};
 use super::rounds::{self, Learner, Round, Wanted};
@@ -21,6 +21,8 @@ const REFERENCE_SPP: f64 = 64.0;
 const MAX_PATHS_PER_PICTURE_PIXEL: f64 = 12.0;
 /// No further round begins after this number of training samples or half the picture's pixels, whichever is larger.
 const SUFFICIENT_TRAINING_SAMPLES: f64 = 150_000.0;
+/// Maximum vertex records of a round, over the training samples that suffice.
+const VERTEX_RECORDS_PER_SUFFICIENT_SAMPLE: f64 = 2.0;
 /// The round, counted from 0, after which `auto` first estimates the efficiency.
 const FIRST_DECISION_ROUND: u32 = 1;
 /// Learning continues there, too, if fewer training samples per path were found, too few for an estimate.
@@ -34,16 +36,23 @@ pub fn bytes(settings: &RenderSettings) -> u64 {
         return 0;
     }
     let most = settings.guiding_memory.unwrap_or(MEMORY);
-    let pixels = settings.pixels();
     // A round has twice the paths of the one before it: in the end there are up to three times as many as suffice. They are
     // copied once, and the field takes as much again.
-    let training_samples = 3.0 * SUFFICIENT_TRAINING_SAMPLES.max(pixels / 2.0) * worthwhile(settings);
-    ((3.0 * training_samples * size_of::<TrainingSample>() as f64) as u64).min(most)
+    let sufficient = sufficient(settings);
+    let training_samples = 3.0 * 3.0 * sufficient * size_of::<TrainingSample>() as f64;
+    // Vertex records are copied once.
+    let vertex_records = 2.0 * VERTEX_RECORDS_PER_SUFFICIENT_SAMPLE * sufficient * size_of::<VertexRecord>() as f64;
+    ((training_samples + vertex_records) as u64).min(most)
 }
 
 /// Pixels of the pre-pass that this learner needs for a picture of so many pixels.
 pub fn pixels(picture_pixels: f64) -> f64 {
     effort::GUIDING.pixels(picture_pixels)
+}
+
+/// Training samples after which no further round is needed.
+fn sufficient(settings: &RenderSettings) -> f64 {
+    SUFFICIENT_TRAINING_SAMPLES.max(settings.pixels() / 2.0) * worthwhile(settings)
 }
 
 /// Factor of the effort, fitted to relMSE × CPU seconds of pictures of 64, 256 and 1024 paths per pixel.
@@ -104,10 +113,11 @@ impl GuidingLearner {
         // A quarter for training samples and an eighth for vertex records, which are copied once; a quarter for cells while they
         // learn.
         let max_training_samples = (most / 4.0 / size_of::<TrainingSample>() as f64) as usize;
-        let max_vertex_records = (most / 8.0 / size_of::<VertexRecord>() as f64) as usize;
         let picture_pixels = settings.pixels();
         let worthwhile = worthwhile(settings);
-        let sufficient = SUFFICIENT_TRAINING_SAMPLES.max(picture_pixels / 2.0) * worthwhile;
+        let sufficient = sufficient(settings);
+        let max_vertex_records = (most / 8.0 / size_of::<VertexRecord>() as f64)
+            .min(VERTEX_RECORDS_PER_SUFFICIENT_SAMPLE * sufficient) as usize;
         Some(Self {
             always: settings.guiding == Choice::On,
             max_seconds: settings.time.map(|time| MAX_TIME_SHARE * time),

@@ -15,10 +15,10 @@ mod visible_emission;
 use std::sync::atomic::AtomicBool;
 
 use super::RenderSettings;
-use super::stats::CompensationStats;
+use super::techniques::{CompensationStats, TechniqueStats};
 use super::transport::transport;
 use crate::integrator::{PreparedScene, Proposal, Transport};
-use crate::light::{Density, LightProposal};
+use crate::light::{Density, LearnedEnvironment, LearnedLights, LightProposal};
 use guiding::GuidingLearner;
 use learned_lights::LightsLearner;
 use rounds::Learner;
@@ -29,7 +29,9 @@ pub struct Prepasses {
     /// Whether the environment is sampled by the compensated density.
     pub compensation: Option<CompensationStats>,
     /// Learned emissive triangles.
-    pub learned_lights: Option<learned_lights::LearnedLightsResult>,
+    pub learned_lights: Option<learned_lights::LearnedLightsResult<LearnedLights>>,
+    /// Learned regions of the environment.
+    pub learned_environment: Option<learned_lights::LearnedLightsResult<LearnedEnvironment>>,
     /// The field of guiding.
     pub guiding: Option<guiding::Learned>,
 }
@@ -42,16 +44,32 @@ impl Prepasses {
         found.compensation =
             compensation::compensation(scene, settings, &found.apply(transport(scene, settings)), stop);
         let transport = found.apply(transport(scene, settings));
-        let mut lights = LightsLearner::new(scene, settings);
+        let mut lights = LightsLearner::area(scene, settings);
+        let mut environment = LightsLearner::environment(scene, settings, transport.proposal.lights.density);
         let mut guiding = GuidingLearner::new(scene, settings, &transport);
-        let learners =
-            [lights.as_mut().map(|l| l as &mut dyn Learner), guiding.as_mut().map(|l| l as &mut dyn Learner)];
+        let learners = [
+            lights.as_mut().map(|l| l as &mut dyn Learner),
+            environment.as_mut().map(|l| l as &mut dyn Learner),
+            guiding.as_mut().map(|l| l as &mut dyn Learner),
+        ];
         let mut learners: Vec<_> = learners.into_iter().flatten().collect();
         if rounds::run(scene, settings, &transport, &mut learners, stop).is_some() {
             found.learned_lights = lights.map(LightsLearner::result);
+            found.learned_environment = environment.map(LightsLearner::result);
             found.guiding = guiding.map(GuidingLearner::result);
         }
         found
+    }
+
+    /// What they found, for reports.
+    pub fn stats(&self) -> TechniqueStats {
+        TechniqueStats {
+            compensation: self.compensation,
+            learned_lights: self.learned_lights.as_ref().map(|found| found.stats),
+            learned_environment: self.learned_environment.as_ref().map(|found| found.stats),
+            guiding: self.guiding.as_ref().map(|guiding| guiding.stats()),
+            adaptive: None,
+        }
     }
 
     /// The transport with these results.
@@ -60,9 +78,13 @@ impl Prepasses {
             Some(CompensationStats { on: true, .. }) => Density::Compensated,
             _ => Density::Radiance,
         };
-        let lights = LightProposal { density, ..transport.proposal.lights };
+        let lights = LightProposal {
+            density,
+            learned: self.learned_lights.as_ref().and_then(|found| found.lights.as_ref()),
+            learned_environment: self.learned_environment.as_ref().and_then(|found| found.lights.as_ref()),
+            ..transport.proposal.lights
+        };
         let proposal = Proposal { lights, ..transport.proposal };
-        let proposal = self.learned_lights.as_ref().map_or(proposal, |lights| lights.apply(proposal));
         let proposal = self.guiding.as_ref().map_or(proposal, |guiding| proposal.guided(guiding.field.as_ref()));
         Transport { proposal, ..transport }
     }

@@ -11,6 +11,7 @@ use crate::color::luminance;
 use crate::film::PixelStats;
 use crate::guiding::{TrainingSample, VertexRecord};
 use crate::integrator::clients::{LightSampleRecorder, TrainingRecorder};
+use crate::integrator::queues::{AREA_GROUP, ENVIRONMENT_GROUP};
 use crate::integrator::{PixelSums, PixelTask, PreparedScene, Proposal, Transport, Wave, WaveCounts};
 use crate::light::LightSampleRecord;
 use crate::sampling::hash;
@@ -40,8 +41,8 @@ pub struct Wanted {
     pub training_samples: usize,
     /// Vertex records of the roulette.
     pub vertex_records: usize,
-    /// Light samples of area lights.
-    pub light_sample_records: usize,
+    /// Light samples by kind: area lights, environment.
+    pub light_sample_records: [usize; 2],
 }
 
 impl Wanted {
@@ -49,7 +50,7 @@ impl Wanted {
         Self {
             training_samples: self.training_samples.max(other.training_samples),
             vertex_records: self.vertex_records.max(other.vertex_records),
-            light_sample_records: self.light_sample_records.max(other.light_sample_records),
+            light_sample_records: [0, 1].map(|k| self.light_sample_records[k].max(other.light_sample_records[k])),
         }
     }
 }
@@ -67,8 +68,8 @@ pub struct Round {
     pub training_samples: Vec<TrainingSample>,
     /// Vertices beyond the first.
     pub vertex_records: Vec<VertexRecord>,
-    /// Light samples of area lights, with indices into `pixels`.
-    pub light_sample_records: Vec<LightSampleRecord>,
+    /// Light samples by kind (area lights, environment), with indices into `pixels`.
+    pub light_sample_records: [Vec<LightSampleRecord>; 2],
     /// Rays of all paths.
     pub rays: u64,
 }
@@ -104,7 +105,9 @@ impl Round {
         self.training_samples.extend(more.training_samples);
         self.vertex_records.extend(more.vertex_records);
         let numbered = |record: LightSampleRecord| LightSampleRecord { pixel: before + record.pixel, ..record };
-        self.light_sample_records.extend(more.light_sample_records.into_iter().map(numbered));
+        for (records, more) in self.light_sample_records.iter_mut().zip(more.light_sample_records) {
+            records.extend(more.into_iter().map(numbered));
+        }
         self.rays += more.rays;
     }
 }
@@ -147,12 +150,13 @@ pub fn trace(
 ) -> Option<Round> {
     let counts = if transport.lights.has_extent() { Counts::half(paths) } else { Counts::bsdf_only(paths) };
     let tiles = tiles(size).len();
-    let most =
-        [wants.training_samples, wants.vertex_records, wants.light_sample_records].map(|most| most.div_ceil(tiles));
+    let [area, environment] = wants.light_sample_records;
+    let most = [wants.training_samples, wants.vertex_records, area, environment].map(|most| most.div_ceil(tiles));
     let of_tile = |wave: &mut Wave, pixels: Vec<[u32; 2]>| {
         let tasks: Vec<_> = pixels.into_iter().map(|pixel| PixelTask::first(pixel, counts, 0)).collect();
         let mut training = (wants.training_samples > 0).then(TrainingRecorder::default);
-        let mut lights = (wants.light_sample_records > 0).then(LightSampleRecorder::default);
+        let recorder = |k: usize, kind| (wants.light_sample_records[k] > 0).then(|| LightSampleRecorder::new(kind));
+        let mut lights = (recorder(0, AREA_GROUP), recorder(1, ENVIRONMENT_GROUP));
         let mut found = Round::default();
         wave.counts = WaveCounts::default();
         for tasks in tasks.chunks((PATHS_PER_WAVE / paths).max(1) as usize) {
@@ -162,7 +166,8 @@ pub fn trace(
             if let Some(recorder) = &mut training {
                 recorder.append_to(&divisors, &mut found.training_samples, &mut found.vertex_records);
             }
-            let light_sample_records = lights.as_mut().map(|recorder| recorder.take(&divisors)).unwrap_or_default();
+            let light_sample_records = [&mut lights.0, &mut lights.1]
+                .map(|recorder| recorder.as_mut().map(|recorder| recorder.take(&divisors)).unwrap_or_default());
             let pixel = |(stats, divisor): (&PixelStats, f32)| {
                 let variance = stats.variance_of_mean().iter().map(|v| f64::from(*v)).sum::<f64>() / 3.0;
                 let mean = luminance(stats.mean().into());
@@ -177,8 +182,10 @@ pub fn trace(
             found.training_samples.iter_mut().for_each(|sample| sample.weight *= 2.0);
         }
         while thin(&mut found.vertex_records, most[1]) {}
-        while thin(&mut found.light_sample_records, most[2]) {
-            found.light_sample_records.iter_mut().for_each(|record| record.contribution *= std::f32::consts::SQRT_2);
+        for (records, most) in found.light_sample_records.iter_mut().zip(&most[2..]) {
+            while thin(records, *most) {
+                records.iter_mut().for_each(|record| record.contribution *= std::f32::consts::SQRT_2);
+            }
         }
         found.training_samples.shrink_to_fit();
         found.vertex_records.shrink_to_fit();

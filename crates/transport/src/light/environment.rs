@@ -5,11 +5,17 @@ use std::sync::OnceLock;
 
 use glam::Vec3;
 
+mod learned;
+mod regions;
+
 use super::{LightProposal, LightSampleContext, LightSamples};
 use crate::color::luminance;
-use crate::lanes::{F, LANES, V3};
+use crate::lanes::{F, LANES, V3, eight};
 use crate::sampling::{Discrete, warp};
 use crate::scene::Environment;
+pub use learned::LearnedEnvironment;
+use learned::RegionProbabilities;
+use regions::{Regions, SampledCell};
 
 /// Radiance is interpolated between texel centres (wrapping in u, clamped at the poles). Samples follow the luminance of this
 /// interpolant times sin θ at the middle of each row: first a cell between four texel centres by its integral, then the
@@ -71,9 +77,15 @@ impl EnvironmentSampler {
         self.mean_luminance
     }
 
-    /// Radiance (linear RGB) from unit directions `wi` in world space, and the density per solid angle of [`sample`](Self::sample).
+    /// The environment in regions, for this density.
+    fn regions(&self, density: Density) -> Regions {
+        Regions::new(self.table(density), self.width)
+    }
+
+    /// Radiance (linear RGB) from unit directions `wi` in world space, and the density per solid angle of [`sample`](Self::sample)
+    /// with `density`, and with what was `learned` for it.
     #[inline]
-    pub fn radiance_pdf(&self, wi: V3, density: Density) -> (V3, F) {
+    pub fn radiance_pdf(&self, wi: V3, density: Density, learned: Option<RegionProbabilities>) -> (V3, F) {
         let (s, c) = (F::splat(self.rotation.0), F::splat(self.rotation.1));
         // The inverse rotation.
         let (x, z) = (c * wi.x - s * wi.z, s * wi.x + c * wi.z);
@@ -86,7 +98,17 @@ impl EnvironmentSampler {
         let row = v.mul_add(F::splat(self.height as f32), F::HALF).floor();
         let wrapped = floor.simd_lt(F::ZERO).select(floor + F::splat(self.width as f32), floor);
         let table = self.table(density);
-        let cells = self.cells(table, row.as_array().map(|r| r as usize), wrapped.as_array().map(|c| c as usize));
+        let (row, column_at) = (row.as_array().map(|r| r as usize), wrapped.as_array().map(|c| c as usize));
+        // Rounding may lead past the last cell.
+        let at = eight(|lane| [row[lane].min(self.height), column_at[lane].min(self.width - 1)]);
+        let probability = eight(|lane| match &learned {
+            None => table.cell_probability(at[lane]),
+            Some(learned) => {
+                let (region, within) = learned.regions.cell(table, at[lane]);
+                within * learned.probability(lane, region)
+            }
+        });
+        let cells = self.cells(at, probability);
         let fu = column - floor;
         let fv = ((v - cells.top) / cells.height).fast_max(F::ZERO).fast_min(F::ONE);
         let radiance = cells.radiance(fu, fv);
@@ -113,29 +135,32 @@ impl EnvironmentSampler {
         }
     }
 
-    /// Samples directions by the last two of three random numbers in [0, 1). All points see the same environment: `_context` has
-    /// no effect.
+    /// Samples directions by the last two of three random numbers in [0, 1). The point in `context` has an effect only where the
+    /// proposal has learned from which part of the environment light arrives.
     #[inline]
-    pub fn sample(&self, _context: &LightSampleContext, proposal: &LightProposal, [_, u, v]: [F; 3]) -> LightSamples {
+    pub fn sample(&self, context: &LightSampleContext, proposal: &LightProposal, [_, u, v]: [F; 3]) -> LightSamples {
         let table = self.table(proposal.density);
-        let (u, v) = (u.as_array(), v.as_array());
-        let (mut row, mut column) = ([0; LANES], [0; LANES]);
-        let (mut rest_u, mut rest_v) = ([0.0; LANES], [0.0; LANES]);
-        for i in 0..LANES {
-            let (r, rest) = table.rows.sample(v[i]);
-            (row[i], rest_v[i]) = (r as usize, rest);
-            if let Some(columns) = &table.columns[r as usize] {
-                let (c, rest) = columns.sample(u[i]);
-                (column[i], rest_u[i]) = (c as usize, rest);
+        let learned = proposal.learned_environment.map(|learned| learned.at(context.p, context.n));
+        let (regions, probability, [u, v]) = match &learned {
+            None => ([0; LANES], F::ONE, [u, v]),
+            Some(learned) => learned.sample([u, v]),
+        };
+        let (u, v, probability) = (u.as_array(), v.as_array(), probability.as_array());
+        let sampled = eight(|lane| match &learned {
+            None => table.sample([u[lane], v[lane]]),
+            Some(learned) => {
+                let cell = learned.regions.sample(table, regions[lane] as usize, [u[lane], v[lane]]);
+                SampledCell { probability: probability[lane] * cell.probability, ..cell }
             }
-        }
-        let cells = self.cells(table, row, column);
+        });
+        let cells = self.cells(sampled.map(|cell| cell.at), sampled.map(|cell| cell.probability));
+        let [rest_u, rest_v] = [0, 1].map(|k| sampled.map(|cell| cell.rest[k]));
         let [a, b, c, d] = cells.weights(table.level);
         // The bilinear function's marginal in v is linear, then the slice in u is linear.
         let fv = warp::linear(F::from(rest_v), a + b, c + d);
         let (left, right) = ((c - a).mul_add(fv, a), (d - b).mul_add(fv, b));
         let fu = warp::linear(F::from(rest_u), left, right);
-        let map_u = (F::from(column.map(|c| c as f32 + 0.5)) + fu) / F::splat(self.width as f32);
+        let map_u = (F::from(sampled.map(|cell| cell.at[1] as f32 + 0.5)) + fu) / F::splat(self.width as f32);
         let map_v = cells.height.mul_add(fv, cells.top);
         let (sin_theta, cos_theta) = warp::sin_cos_turns(map_v * F::HALF);
         let past = map_u.simd_gt(F::ONE);
@@ -146,7 +171,7 @@ impl EnvironmentSampler {
         let wi = V3 { x: co * x + s * z, y: cos_theta, z: co * z - s * x };
         let radiance = cells.radiance(fu, fv);
         let pdf = self.pdf(&cells, cells.weight(table.level, radiance, fu, fv), sin_theta, table.level);
-        LightSamples { wi, distance: F::splat(f32::INFINITY), radiance, pdf, emitter: [0; LANES] }
+        LightSamples { wi, distance: F::splat(f32::INFINITY), radiance, pdf, emitter: regions }
     }
 
     /// Density per solid angle: probability of the cell × bilinear density within it / solid angle per unit of the square.
@@ -158,21 +183,19 @@ impl EnvironmentSampler {
         pdf & pdf.is_finite()
     }
 
+    /// The cells at rows and columns, with these probabilities.
     #[inline(always)]
-    fn cells(&self, table: &Table, row: [usize; LANES], column: [usize; LANES]) -> Cells {
+    fn cells(&self, at: [[usize; 2]; LANES], probability: [f32; LANES]) -> Cells {
         let mut corners = [[[0.0; LANES]; 3]; 4];
-        let (mut probability, mut top, mut height) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+        let (mut top, mut height) = ([0.0; LANES], [0.0; LANES]);
         for i in 0..LANES {
-            let (row, column) = (row[i].min(self.height), column[i].min(self.width - 1));
+            let [row, column] = at[i];
             let (above, below) = row_pair(row, self.height);
             let next = if column + 1 == self.width { 0 } else { column + 1 };
             let texels = [(above, column), (above, next), (below, column), (below, next)];
             for (corner, (y, x)) in corners.iter_mut().zip(texels) {
                 let texel = self.texels[y * self.width + x];
                 (corner[0][i], corner[1][i], corner[2][i]) = (texel.x, texel.y, texel.z);
-            }
-            if let Some(columns) = &table.columns[row] {
-                probability[i] = table.rows.pmf(row as u32) * columns.pmf(column as u32);
             }
             let (from, to) = row_extent(row, self.height);
             (top[i], height[i]) = (from, to - from);
@@ -216,6 +239,44 @@ impl Table {
         }
         let rows = Discrete::new(row_weights.into_iter())?;
         Some((Self { rows, columns, level }, mean as f32))
+    }
+
+    /// Number of rows of cells.
+    fn rows_of_cells(&self) -> usize {
+        self.columns.len()
+    }
+
+    /// Probability of columns within a row of cells.
+    #[inline(always)]
+    fn share(&self, row: usize, columns: (u32, u32)) -> f32 {
+        self.columns[row].as_ref().map_or(0.0, |row| row.probability(columns))
+    }
+
+    /// Probability of columns of a row of cells.
+    #[inline(always)]
+    fn probability(&self, row: usize, columns: (u32, u32)) -> f32 {
+        self.rows.pmf(row as u32) * self.share(row, columns)
+    }
+
+    /// Samples a cell by two numbers in [0, 1), for columns and rows.
+    #[inline(always)]
+    fn sample(&self, [u, v]: [f32; 2]) -> SampledCell {
+        let (row, rest_v) = self.rows.sample(v);
+        let (column, rest_u) = self.columns[row as usize].as_ref().map_or((0, 0.0), |row| row.sample(u));
+        let at = [row as usize, column as usize];
+        SampledCell { at, probability: self.cell_probability(at), rest: [rest_u, rest_v] }
+    }
+
+    /// Probability of a cell.
+    #[inline(always)]
+    fn cell_probability(&self, [row, column]: [usize; 2]) -> f32 {
+        self.probability(row, (column as u32, column as u32 + 1))
+    }
+
+    /// Samples one of these columns of a row: the column, and a new uniform number.
+    #[inline(always)]
+    fn sample_column(&self, row: usize, columns: (u32, u32), u: f32) -> (u32, f32) {
+        self.columns[row].as_ref().map_or((columns.0, u), |row| row.sample_among(columns, u))
     }
 }
 

@@ -1,4 +1,4 @@
-//! Learns light selection from the light samples of a pre-pass.
+//! Learns light selection from the light samples of a pre-pass: cells in space, and statistics of clusters of lights in them.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -7,14 +7,14 @@ use super::learned::LearnedLights;
 use super::tree::LightTree;
 use crate::sampling::cells::CellTree;
 
-/// A light sample that a pre-pass took.
+/// A light sample that a pre-pass took, toward an area light or the environment.
 #[derive(Debug, Clone, Copy)]
 pub struct LightSampleRecord {
     /// The point that [`LightTree::sample`] was given.
     pub position: Vec3,
     /// The normal that [`LightTree::sample`] was given.
     pub normal: Vec3,
-    /// The light that was chosen.
+    /// The area light that was chosen, or the region of the environment.
     pub emitter: u32,
     /// Index of the pixel in the pre-pass.
     pub pixel: u32,
@@ -34,17 +34,17 @@ const MAX_CELLS: usize = 2048;
 /// Number of records by which a cell's parent is weighted in the cell.
 const PRIOR_RECORDS: f32 = 16.0;
 /// Minimum weight of a node, relative to the mean of the cell.
-const MIN_WEIGHT: f32 = 0.02;
+pub(super) const MIN_WEIGHT: f32 = 0.02;
 /// Records with a larger squared contribution are ignored.
 const MAX_SQUARE: f32 = 1e30;
 
-/// Statistics of a cluster of lights.
+/// Statistics of a cluster of lights, or of a region of the environment.
 #[derive(Debug, Clone, Copy, Default)]
-struct ClusterStats {
+pub(super) struct ClusterStats {
     /// Number of records that chose the cluster, or their fraction.
-    n: f32,
+    pub n: f32,
     /// Sum of their squared contributions, or the mean.
-    square: f32,
+    pub square: f32,
 }
 
 impl ClusterStats {
@@ -61,45 +61,80 @@ impl LearnedLights {
         if nodes < 3 || !records.iter().any(|record| record.contribution > 0.0) {
             return None;
         }
-        let step = records.len().div_ceil(MAX_CELL_RECORDS);
-        let keys = records.iter().step_by(step).map(|r| CellTree::key(r.position, r.normal, scale)).collect();
-        let cells = CellTree::new(keys, scale, RECORDS_PER_CELL.div_ceil(step), MAX_CELLS);
-        let stats = sums(tree, &cells, nodes, records);
-        let mut weights = vec![1.0; cells.leaves() * (nodes + 1)];
-        // From the root of the cells down. The prior of the root is the same mean for all nodes.
-        let all = stats[..nodes].iter().copied().fold(ClusterStats::default(), ClusterStats::plus);
-        let mean = ClusterStats { n: 1.0 / nodes as f32, square: all.square / all.n };
-        let mut open = vec![(0, vec![mean; nodes])];
-        while let Some((cell, parent)) = open.pop() {
-            let own = &stats[cell * nodes..][..nodes];
-            let n: f32 = own.iter().map(|stats| stats.n).sum();
-            let posterior = |(own, parent): (&ClusterStats, &ClusterStats)| ClusterStats {
-                n: (own.n + PRIOR_RECORDS * parent.n) / (n + PRIOR_RECORDS),
-                square: (own.square + PRIOR_RECORDS * parent.square) / (own.n + PRIOR_RECORDS),
-            };
-            let stats: Vec<_> = own.iter().zip(&parent).map(posterior).collect();
-            match cells.children(cell) {
-                Err(leaf) => set_weights(tree, &stats, &mut weights[leaf as usize * (nodes + 1)..][..nodes]),
-                Ok(children) => open.extend(children.map(|child| (child, stats.clone()))),
-            }
-        }
+        let clusters = Clusters { len: nodes, of: |emitter| tree.above(emitter, nodes) };
+        let mut weights = Vec::new();
+        let cells = posteriors(&clusters, records, scale, |cells, leaf, stats| {
+            weights.resize(cells.leaves() * (nodes + 1), 1.0);
+            set_weights(tree, stats, &mut weights[leaf * (nodes + 1)..][..nodes]);
+        });
         Some(Self { cells, nodes, weights })
     }
 
     /// Largest memory in bytes while it learns from so many records, these included, which of so many lights to choose.
     pub fn bytes_to_learn(records: u64, lights: u64) -> u64 {
-        let cells = (2 * records).div_ceil(RECORDS_PER_CELL as u64).clamp(1, MAX_CELLS as u64);
-        let per_node = 3 * size_of::<ClusterStats>() + size_of::<f32>();
-        records * 3 * size_of::<LightSampleRecord>() as u64
-            + cells * (2 * lights).min(MAX_NODES as u64) * per_node as u64
+        bytes_to_learn(records, (2 * lights).min(MAX_NODES as u64), size_of::<f32>() as u64)
     }
 }
 
-/// Sums over the records of each known node without known children, for every cell and its parents.
-fn sums(tree: &LightTree, cells: &CellTree, nodes: usize, records: &[LightSampleRecord]) -> Vec<ClusterStats> {
+/// Largest memory in bytes while so many clusters are learned from so many records, these included; what is learned takes
+/// `own` bytes per cell and cluster.
+pub(super) fn bytes_to_learn(records: u64, clusters: u64, own: u64) -> u64 {
+    let cells = (2 * records).div_ceil(RECORDS_PER_CELL as u64).clamp(1, MAX_CELLS as u64);
+    let per_cluster = 3 * size_of::<ClusterStats>() as u64 + own;
+    records * 3 * size_of::<LightSampleRecord>() as u64 + cells * clusters * per_cluster
+}
+
+/// What light samples choose among.
+pub(super) struct Clusters<F> {
+    /// Number of clusters.
+    pub len: usize,
+    /// The cluster of an emitter.
+    pub of: F,
+}
+
+/// Builds cells from records, and gives the statistics of the clusters in each cell to `leaf`, blended with those of the cells
+/// around.
+pub(super) fn posteriors(
+    clusters: &Clusters<impl Fn(u32) -> Option<usize> + Sync>,
+    records: &[LightSampleRecord],
+    scale: f32,
+    mut leaf: impl FnMut(&CellTree, usize, &[ClusterStats]),
+) -> CellTree {
+    let step = records.len().div_ceil(MAX_CELL_RECORDS);
+    let keys = records.iter().step_by(step).map(|r| CellTree::key(r.position, r.normal, scale)).collect();
+    let cells = CellTree::new(keys, scale, RECORDS_PER_CELL.div_ceil(step), MAX_CELLS);
+    let stats = sums(clusters, &cells, records);
+    // From the root of the cells down. The prior of the root is the same mean for all clusters.
+    let len = clusters.len;
+    let all = stats[..len].iter().copied().fold(ClusterStats::default(), ClusterStats::plus);
+    let mean = ClusterStats { n: 1.0 / len as f32, square: all.square / all.n };
+    let mut open = vec![(0, vec![mean; len])];
+    while let Some((cell, parent)) = open.pop() {
+        let own = &stats[cell * len..][..len];
+        let n: f32 = own.iter().map(|stats| stats.n).sum();
+        let posterior = |(own, parent): (&ClusterStats, &ClusterStats)| ClusterStats {
+            n: (own.n + PRIOR_RECORDS * parent.n) / (n + PRIOR_RECORDS),
+            square: (own.square + PRIOR_RECORDS * parent.square) / (own.n + PRIOR_RECORDS),
+        };
+        let stats: Vec<_> = own.iter().zip(&parent).map(posterior).collect();
+        match cells.children(cell) {
+            Err(index) => leaf(&cells, index as usize, &stats),
+            Ok(children) => open.extend(children.map(|child| (child, stats.clone()))),
+        }
+    }
+    cells
+}
+
+/// Sums over the records of each cluster, for every cell and its parents.
+fn sums(
+    clusters: &Clusters<impl Fn(u32) -> Option<usize> + Sync>,
+    cells: &CellTree,
+    records: &[LightSampleRecord],
+) -> Vec<ClusterStats> {
+    let nodes = clusters.len;
     let entry = |record: &LightSampleRecord| {
         let cell = cells.leaf(record.position, record.normal) as usize;
-        Some((cell * nodes + tree.above(record.emitter, nodes)?, record.contribution * record.contribution))
+        Some((cell * nodes + (clusters.of)(record.emitter)?, record.contribution * record.contribution))
     };
     let entries: Vec<_> = records.par_iter().map(entry).collect();
     let mut of_leaf = vec![ClusterStats::default(); cells.leaves() * nodes];

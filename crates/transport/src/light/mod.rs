@@ -20,11 +20,11 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use crate::lanes::{F, LANES, V3};
+use crate::lanes::{F, LANES, V3, eight};
 use crate::sampling::warp::ONE_MINUS_EPSILON;
 use crate::scene::Scene;
 pub use area::AreaLights;
-pub use environment::{Density, EnvironmentSampler};
+pub use environment::{Density, EnvironmentSampler, LearnedEnvironment};
 pub use learn::LightSampleRecord;
 pub use learned::LearnedLights;
 pub use punctual::PunctualSample;
@@ -39,6 +39,8 @@ pub struct LightProposal<'a> {
     pub density: Density,
     /// Learned selection of area lights; `None` for the light tree alone.
     pub learned: Option<&'a LearnedLights>,
+    /// Learned regions of the environment, made for `density`; `None` for the density alone.
+    pub learned_environment: Option<&'a LearnedEnvironment>,
 }
 
 impl LightProposal<'_> {
@@ -140,7 +142,7 @@ impl Lights {
                     distance: toward_environment.select(a.distance, b.distance),
                     radiance: V3::select(toward_environment, a.radiance, b.radiance),
                     pdf: toward_environment.select(a.pdf, b.pdf),
-                    emitter: b.emitter,
+                    emitter: eight(|lane| if mask >> lane & 1 == 1 { a.emitter[lane] } else { b.emitter[lane] }),
                 }
             }
             (None, None) => {
@@ -151,11 +153,14 @@ impl Lights {
     }
 
     /// Radiance (linear RGB) of the environment from `wi`, and the density per solid angle with which [`sample`](Self::sample)
-    /// samples these directions by `proposal`.
+    /// samples these directions by `proposal` at `from` (points, normals).
     #[inline]
-    pub fn environment(&self, wi: V3, proposal: &LightProposal) -> (V3, F) {
+    pub fn environment(&self, wi: V3, from: (V3, V3), proposal: &LightProposal) -> (V3, F) {
         match &self.environment {
-            Some(environment) => environment.radiance_pdf(wi, proposal.density),
+            Some(environment) => {
+                let learned = proposal.learned_environment.map(|learned| learned.at(from.0, from.1));
+                environment.radiance_pdf(wi, proposal.density, learned)
+            }
             None => (V3::splat(Vec3::ZERO), F::ZERO),
         }
     }
