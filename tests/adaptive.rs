@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use bismar::film::compare::relative_to;
 use bismar::rays::Backend;
 use bismar::render::checkpoint::{fits, pack, unpack};
-use bismar::render::stats::AdaptiveStats;
+use bismar::render::techniques::AdaptiveStats;
 use bismar::render::tile::Tile;
 use bismar::render::{Balance, Choice, Part, RenderSettings, Rendered, RunOptions, Saved, StopReason, render, run};
 use bismar::scene::Scene;
@@ -133,7 +133,7 @@ fn compare(scene: Arc<Scene>, replicas: u32, remaining: f64, balance: Balance) -
         for seed in 0..replicas {
             let picture = rendered(&stage, &RenderSettings { seed: seed + 1000 * i as u32, ..settings.clone() });
             assert!((0.93..=1.0).contains(&paths(&picture, 32)), "{}", picture.stats.paths);
-            found = picture.stats.adaptive.or(found);
+            found = picture.stats.techniques.adaptive.or(found);
             let pixels = pixel(&picture);
             means[i].add(pixels.iter().sum::<f64>() / pixels.len() as f64);
             let of = |(a, b): (&f64, &f64)| (a - b) * (a - b) / relative_to(*b);
@@ -158,16 +158,16 @@ fn a_pilot_that_finds_all_tiles_alike_gives_all_as_many_and_the_bits_of_none() {
     let stage = Stage::new(Arc::new(scene), Backend::Obvhs);
     let alike = rendered(&stage, &settings());
     let even = rendered(&stage, &RenderSettings { adaptive: Choice::Off, ..settings() });
-    assert_eq!(alike.stats.adaptive.unwrap().efficiency.range, [1.0; 2]);
+    assert_eq!(alike.stats.techniques.adaptive.unwrap().efficiency.range, [1.0; 2]);
     assert_eq!(format!("{:?}", alike.film()), format!("{:?}", even.film()));
-    assert!(even.stats.adaptive.is_none());
+    assert!(even.stats.techniques.adaptive.is_none());
 }
 
 #[test]
 fn few_paths_and_black_pictures_are_as_ever_and_time_stops_it_too() {
     let stage = Stage::new(floors(), Backend::Obvhs);
     let few = rendered(&stage, &RenderSettings { spp: Some(15), ..settings() });
-    assert!(few.stats.adaptive.is_none() && few.paths_range() == (15, 15));
+    assert!(few.stats.techniques.adaptive.is_none() && few.paths_range() == (15, 15));
     let mut black = Scene::default();
     rectangle(&mut black, 0.0, [-1.0, 1.0], [-1.0, 1.0], true, lambert(0.5));
     look(&mut black, Vec3::new(0.0, 2.0, 1.0), Vec3::ZERO, 0.8);

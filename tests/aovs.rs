@@ -73,7 +73,7 @@ fn groups_of_light_and_direct_and_indirect_light_add_up_to_the_beauty() {
         (Balance::Progressive, 900.0, Choice::On),
     ] {
         let rendered = rendered_by(lit_by(radiance), balance, adaptive);
-        let found = rendered.stats.adaptive.map_or(0.0, |adaptive| adaptive.efficiency.emission_rays);
+        let found = rendered.stats.techniques.adaptive.map_or(0.0, |adaptive| adaptive.efficiency.emission_rays);
         assert_eq!(found > 0.0, adaptive == Choice::On);
         let mut by_group = [0.0; 3];
         each(&rendered, |stats, sums, extras| {

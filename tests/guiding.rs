@@ -204,7 +204,7 @@ fn nothing_is_learned_where_nothing_shines() {
     assert!(stage.green(&settings(Guiding::On)).iter().all(|g| g.is_finite() && *g < 1e-20));
     let automatic = RenderSettings { spp: Some(16), ..settings(Guiding::Auto) };
     let rendered = render(&stage.scene, &automatic, &AtomicBool::new(false), &|_| ()).unwrap();
-    assert!(!rendered.stats.guiding.unwrap().on);
+    assert!(!rendered.stats.techniques.guiding.unwrap().on);
 }
 
 fn on_threads(stage: &Stage, settings: &RenderSettings, threads: usize) -> Rendered {
@@ -223,7 +223,7 @@ fn a_guided_picture_has_the_same_bits_on_any_threads_in_any_window_and_part() {
         film.pixels.iter().enumerate().map(|(i, p)| (place(i), p.sum)).collect::<Vec<_>>()
     };
     let one = on_threads(&stage, &settings, 1);
-    assert!(one.stats.guiding.unwrap().on);
+    assert!(one.stats.techniques.guiding.unwrap().on);
     assert_eq!(sums(&one), sums(&on_threads(&stage, &settings, 3)));
     let whole = sums(&one);
     let crop = RenderSettings { crop: Some([17, 3, 33, 20]), ..settings.clone() };

@@ -8,7 +8,7 @@ use bismar::integrator::{PixelSums, PixelTask, Proposal, Transport, Wave};
 use bismar::light::{Density, LearnedEnvironment, LearnedLights, LightProposal, LightSampleRecord};
 use bismar::rays::Backend;
 use bismar::render::prepass::learned_lights::{LightsLearner, bytes, learned};
-use bismar::render::stats::LearnedLightsStats;
+use bismar::render::techniques::LearnedLightsStats;
 use bismar::render::{Balance, Part, RenderSettings, RenderStats, Rendered, RunOptions, Saved, render, run, transport};
 use bismar::sampling::SplitMix64;
 use bismar::scene::{Environment, Scene};
@@ -31,6 +31,11 @@ fn house() -> Arc<Scene> {
 
 fn settings(balance: Balance) -> RenderSettings {
     RenderSettings { width: 36, height: 24, spp: Some(16), max_depth: 4, balance, ..Default::default() }
+}
+
+/// With a pre-pass that has enough pixels to learn about an environment.
+fn larger() -> RenderSettings {
+    RenderSettings { width: 144, height: 96, ..settings(Balance::Progressive) }
 }
 
 fn on_threads(stage: &Stage, settings: &RenderSettings, threads: usize) -> Rendered {
@@ -88,7 +93,7 @@ fn what_a_pilot_learns_of_lamps_changes_no_mean_and_takes_noise_away() {
     // known to a few per cent.
     assert!(with[1].mean < 0.75 * without[1].mean, "{} {}", with[1].mean, without[1].mean);
     let rendered = on_threads(&stage, &settings, 2);
-    let stats = rendered.stats.learned_lights.unwrap();
+    let stats = rendered.stats.techniques.learned_lights.unwrap();
     assert!(
         stats.on && stats.cells == lights.cells() && stats.remaining_variance == found.stats.remaining_variance,
         "{stats:?}"
@@ -98,7 +103,7 @@ fn what_a_pilot_learns_of_lamps_changes_no_mean_and_takes_noise_away() {
 /// A low hall that is open on one side, under a sky that is brightest above the roof.
 fn open_hall() -> Arc<Scene> {
     let mut pixels = vec![[1.0; 3]; 32 * 16];
-    pixels[..32 * 6].fill([6.0; 3]);
+    pixels[..32 * 6].fill([40.0; 3]);
     let sky = Environment { width: 32, height: 16, pixels: pixels.into(), ..Environment::constant([0.0; 3]) };
     let mut scene = Scene { environment: Some(sky), ..Default::default() };
     rectangle(&mut scene, 0.0, [-4.0, 4.0], [-4.0, 4.0], true, lambert(0.6));
@@ -112,7 +117,7 @@ fn open_hall() -> Arc<Scene> {
 #[test]
 fn what_is_learned_of_the_environment_changes_no_mean_and_takes_noise_away() {
     let stage = Stage::new(open_hall(), Backend::Embree);
-    let settings = settings(Balance::Progressive);
+    let settings = larger();
     let learner = LightsLearner::environment(&stage.scene, &settings, Density::Radiance).unwrap();
     let transport = transport(&stage.scene, &settings);
     let found = learned(learner, &stage.scene, &settings, &transport, &AtomicBool::new(false)).unwrap();
@@ -125,7 +130,7 @@ fn what_is_learned_of_the_environment_changes_no_mean_and_takes_noise_away() {
     // Variances of 864 pixels are known to a few per cent.
     assert!(with[1].mean < 0.85 * without[1].mean, "{} {}", with[1].mean, without[1].mean);
     let stats = on_threads(&stage, &settings, 2).stats;
-    assert!(stats.learned_environment.unwrap().on && stats.learned_lights.is_none(), "{stats:?}");
+    assert!(stats.techniques.learned_environment.unwrap().on && stats.techniques.learned_lights.is_none(), "{stats:?}");
 }
 
 #[test]
@@ -164,14 +169,14 @@ fn lies_about_lamps_change_no_mean() {
 
 #[test]
 fn where_lights_are_learned_bits_are_the_same_on_any_threads_in_any_window_part_and_session() {
-    let of_lights = |stats: &RenderStats| stats.learned_lights.unwrap();
-    same_bits(&Stage::new(house(), Backend::Embree), of_lights);
-    same_bits(&Stage::new(open_hall(), Backend::Embree), |stats| stats.learned_environment.unwrap());
+    let of_lights = |stats: &RenderStats| stats.techniques.learned_lights.unwrap();
+    same_bits(&Stage::new(house(), Backend::Embree), &settings(Balance::Progressive), of_lights);
+    let of_environment = |stats: &RenderStats| stats.techniques.learned_environment.unwrap();
+    same_bits(&Stage::new(open_hall(), Backend::Embree), &larger(), of_environment);
 }
 
-fn same_bits(stage: &Stage, learned: impl Fn(&RenderStats) -> LearnedLightsStats) {
-    let settings = settings(Balance::Progressive);
-    let one = on_threads(stage, &settings, 1);
+fn same_bits(stage: &Stage, settings: &RenderSettings, learned: impl Fn(&RenderStats) -> LearnedLightsStats) {
+    let one = on_threads(stage, settings, 1);
     assert!(learned(&one.stats).on);
     let same = |other: &Rendered| {
         for tile in &other.tiles {
@@ -179,7 +184,7 @@ fn same_bits(stage: &Stage, learned: impl Fn(&RenderStats) -> LearnedLightsStats
             assert!((0..tile.pixels()).all(|i| tile.at(i).0.sum == own.at(i).0.sum), "{:?}", other.settings);
         }
     };
-    same(&on_threads(stage, &settings, 3));
+    same(&on_threads(stage, settings, 3));
     same(&on_threads(stage, &RenderSettings { crop: Some([16, 0, 32, 16]), ..settings.clone() }, 2));
     let part: Part = "2/3".parse().unwrap();
     same(&on_threads(stage, &RenderSettings { part: Some(part), ..settings.clone() }, 2));
@@ -188,13 +193,13 @@ fn same_bits(stage: &Stage, learned: impl Fn(&RenderStats) -> LearnedLightsStats
         on_threads(stage, &RenderSettings { spp: Some(8), ..settings.clone() }, 2);
     let (stop, from) = (AtomicBool::new(false), Some(Saved { tiles, stats, goals }));
     let options = RunOptions { from, ..RunOptions::new(&stop, &|_| ()) };
-    let longer = run(&stage.scene, &settings, options).unwrap();
-    let whole = on_threads(stage, &settings, 2);
+    let longer = run(&stage.scene, settings, options).unwrap();
+    let whole = on_threads(stage, settings, 2);
     assert_eq!(learned(&longer.stats).cells, learned(&whole.stats).cells);
     // Nothing is left to do: nothing is learned again, and what was found is still said.
     let (stop, from) =
         (AtomicBool::new(false), Some(Saved { tiles: whole.tiles, stats: whole.stats, goals: whole.goals }));
     let options = RunOptions { from, ..RunOptions::new(&stop, &|_| ()) };
-    let again = run(&stage.scene, &settings, options).unwrap();
+    let again = run(&stage.scene, settings, options).unwrap();
     assert_eq!(learned(&again.stats).seconds, learned(&whole.stats).seconds);
 }

@@ -136,7 +136,7 @@ fn learned_environment_samples_follow_the_pdf_and_carry_it() {
             chi_square_directions(
                 &format!("learned environment, claim {k}, {density:?}"),
                 6,
-                (400_000, 12),
+                (200_000, 96),
                 || sample_learned(&sampler, &learned, [random.f32(), random.f32()]).map(|s| s.wi),
                 |wi| f64::from(learned_radiance_pdf(&sampler, &learned, wi).1),
             );

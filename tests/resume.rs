@@ -125,7 +125,7 @@ fn a_method_of_another_crate_is_rendered_with_guiding_and_interrupted_as_ours_ar
     let (mine, kl) = (of(Balance::Custom(CustomMethod(&Mine))), of(Balance::Kl));
     let whole = render(&stage.scene, &kl, &AtomicBool::new(false), &|_| ()).unwrap();
     let (pieces, sessions) = in_pieces(&stage, &mine, 3);
-    assert!(sessions > 1 && whole.stats.guiding.unwrap().on);
+    assert!(sessions > 1 && whole.stats.techniques.guiding.unwrap().on);
     assert!(all_bits(&whole) == all_bits(&pieces));
     // What it does is not known from its name.
     let name = serde_json::to_value(mine.balance).unwrap();

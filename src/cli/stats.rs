@@ -11,8 +11,8 @@ use crate::film::atomic;
 use crate::film::exr_file::{Header, HeaderValue};
 use crate::rays::BackendInfo;
 use crate::render::checkpoint::{json, text};
-use crate::render::stats::{AdaptiveStats, CompensationStats, GuidingStats, LearnedLightsStats, Samples};
-use crate::render::{Choice, Decisions, Fireflies, RenderSettings, Rendered, StopReason};
+use crate::render::stats::Samples;
+use crate::render::{Choice, Decisions, Fireflies, RenderSettings, Rendered, StopReason, TechniqueStats};
 use crate::scene::Scene;
 use crate::{Error, Result};
 
@@ -43,22 +43,9 @@ pub struct Stats {
     samples: Samples,
     /// Which techniques are used, and why.
     techniques: Decisions,
-    /// Pre-pass of the environment, if there was one.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    compensation: Option<CompensationStats>,
-    /// Pre-pass that learned the light sources, if there was one.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[serde(rename = "lamps")]
-    learned_lights: Option<LearnedLightsStats>,
-    /// Pre-pass that learned the environment, if there was one.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    learned_environment: Option<LearnedLightsStats>,
-    /// Pre-pass of path guiding, if there was one.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    guiding: Option<GuidingStats>,
-    /// Adaptive sample counts, if there were any.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    adaptive: Option<AdaptiveStats>,
+    /// What the pre-passes found.
+    #[serde(flatten)]
+    prepasses: TechniqueStats,
     fireflies: Fireflies,
     not_finite: NotFinite,
     /// Wall seconds by phase.
@@ -204,12 +191,8 @@ impl Stats {
             noise: stats.noise,
             noise_worst_tile: rendered.worst_noise(),
             samples: Samples::of(rendered),
-            techniques: Decisions::new(settings, stats),
-            compensation: stats.compensation,
-            learned_lights: stats.learned_lights,
-            learned_environment: stats.learned_environment,
-            guiding: stats.guiding,
-            adaptive: stats.adaptive,
+            techniques: Decisions::new(settings, &stats.techniques),
+            prepasses: stats.techniques,
             fireflies: Fireflies::of(rendered),
             not_finite: NotFinite { count: stats.not_finite, first: stats.first_not_finite },
             seconds,

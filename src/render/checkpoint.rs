@@ -9,6 +9,7 @@ use super::goals;
 use super::identity::{RequestedOutputs, variant_name};
 use super::scheduler;
 use super::stats::Samples;
+use super::techniques::TechniqueStats;
 use super::tile::{TILE, Tile};
 use super::{
     BuildInfo, Choice, Goal, Identity, Part, RenderSettings, RenderStats, Rendered, StopReason, paths_range,
@@ -31,10 +32,11 @@ pub struct Saved {
 }
 
 impl Saved {
-    /// Does what it has learned depend on the goal? A guiding field does, and light selection that learned from the same rounds.
+    /// Does what it has learned depend on the goal? A guiding field does, and what was learned about lights from the same rounds.
     pub fn learns_by_goal(&self, settings: &RenderSettings) -> bool {
-        let beside_guiding = self.stats.learned_lights.is_some() && settings.guiding != Choice::Off;
-        beside_guiding || self.stats.guiding.is_some_and(|guiding| guiding.on)
+        let TechniqueStats { learned_lights, learned_environment, guiding, .. } = self.stats.techniques;
+        let about_lights = learned_lights.is_some() || learned_environment.is_some_and(|found| found.on);
+        about_lights && settings.guiding != Choice::Off || guiding.is_some_and(|guiding| guiding.on)
     }
 
     /// Are its passes those that a render of these settings begins with? Then the resumed render has the bits of an
@@ -52,7 +54,7 @@ impl Saved {
                 self.tiles.iter().all(|tile| is_reached(tile.paths()))
             }
             // Tiles have their own goals.
-            None if self.stats.adaptive.is_some() => true,
+            None if self.stats.techniques.adaptive.is_some() => true,
             None => scheduler::begins_as(settings, done, ahead, self.stats.passes),
         }
     }

@@ -7,13 +7,12 @@ use rayon::prelude::*;
 use tracing::{debug, info, warn};
 
 use super::camera::lens;
-use super::decisions::Decisions;
 use super::goals;
 use super::prepass::Prepasses;
 use super::prepass::allocation::Allocation;
 use super::progress::{PassProgress, Progress};
 use super::scheduler::{self, Next, State};
-use super::stats::AdaptiveStats;
+use super::techniques::{AdaptiveStats, Decisions, TechniqueStats};
 use super::tile::{Tile, TileWork};
 use super::transport::{pass_seed, transport};
 use super::{
@@ -149,28 +148,23 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     if unfinished {
         goals::add(&mut goals, settings, most);
     }
-    let guided_before = stats.guiding;
+    let before = stats.techniques;
     let stats = RenderStats {
         noise: f64::INFINITY,
-        guiding: prepasses.guiding.as_ref().map(|guiding| guiding.stats()).or(stats.guiding),
-        learned_lights: prepasses.learned_lights.as_ref().map(|lights| lights.stats).or(stats.learned_lights),
-        learned_environment: prepasses
-            .learned_environment
-            .as_ref()
-            .map(|found| found.stats)
-            .or(stats.learned_environment),
-        adaptive: adaptive.or(stats.adaptive),
-        compensation: prepasses.compensation.or(stats.compensation),
+        techniques: TechniqueStats { adaptive, ..prepasses.stats() }.or(stats.techniques),
         ..stats
     };
     if unfinished {
-        info!("{}", Decisions::new(settings, &stats));
+        info!("{}", Decisions::new(settings, &stats.techniques));
         name_glass_shadows(&transport, settings);
     }
-    let [on, was_on] = [stats.guiding, guided_before].map(|guiding| guiding.map(|guiding| guiding.on));
-    if was_on == Some(false) && on == Some(true) {
+    let begins = |is_on: &dyn Fn(&TechniqueStats) -> Option<bool>| {
+        is_on(&before) == Some(false) && is_on(&stats.techniques) == Some(true)
+    };
+    if begins(&|found| Some(found.guiding?.on)) || begins(&|found| Some(found.learned_environment?.on)) {
         warn!(
-            "paths are guided from here on: the picture is unbiased, but not bit-identical to an uninterrupted render"
+            "paths are guided, or light samples choose parts of the environment, from here on: the picture is unbiased, but not \
+             bit-identical to an uninterrupted render"
         );
     }
     let (stop_reason, background) = (StopReason::Interrupted, background(&scene.scene, settings));

@@ -4,9 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
-use super::prepass::guiding::MEMORY;
-use super::{BackFaces, Choice, GlassShadows, Ground, RenderSettings};
-use crate::balance::DEFAULT_PILOT_FRACTION;
+use super::RenderSettings;
 use crate::rays::Backend;
 
 /// What a picture was made of. Stored in its header.
@@ -85,7 +83,7 @@ pub struct RequestedOutputs {
 }
 
 /// Named values, for comparison.
-type Values = BTreeMap<String, String>;
+pub type Values = BTreeMap<String, String>;
 
 impl Identity {
     /// The identity of a render by this version, with the texts of a scene and an environment.
@@ -99,100 +97,12 @@ impl Identity {
         }
     }
 
-    /// Named values. Renders whose values are equal have equal bits on one instruction set. Settings with the value that
-    /// existed before they could be set are left out.
+    /// Named values. Renders whose values are equal have equal bits on one instruction set.
     pub fn bits(&self) -> Values {
-        // Exhaustive: a new setting must say here whether bits depend on it.
         let Self { version, scene, environment, rays, settings } = self;
-        let RenderSettings {
-            camera,
-            width,
-            height,
-            crop,
-            integrator,
-            max_depth,
-            spp,
-            // Stop rules: a render can be resumed with others.
-            time: _,
-            noise: _,
-            min_spp: _,
-            adaptive,
-            balance,
-            pilot,
-            guiding,
-            guiding_memory,
-            learned_lights,
-            compensation,
-            seed,
-            filter,
-            aovs,
-            extras,
-            clamp_direct,
-            clamp_indirect,
-            transparent,
-            lens,
-            back_faces,
-            glass_shadows,
-            ground,
-            // Parts have the bits of the whole.
-            part: _,
-        } = settings;
-        let mut values = Values::new();
-        let mut insert = |name: &str, value: String| values.insert(name.into(), value);
-        insert("version", version.clone());
-        insert("scene", scene.clone());
-        insert("environment", environment.clone());
-        insert("rays", variant_name(rays));
-        insert("camera", camera.to_string());
-        insert("size", format!("{width}x{height}"));
-        insert("crop", crop.map_or("none".into(), |c| c.map(|x| x.to_string()).join(",")));
-        insert("integrator", variant_name(integrator));
-        insert("max-depth", max_depth.to_string());
-        insert("balance", variant_name(balance));
-        insert("filter", variant_name(filter));
-        insert("seed", seed.to_string());
-        insert("sums for AOVs", aovs.to_string());
-        for (name, limit) in [("clamp-direct", clamp_direct), ("clamp-indirect", clamp_indirect)] {
-            if let Some(limit) = limit {
-                insert(name, limit.to_string());
-            }
-        }
-        for (name, is_on) in [("more sums for AOVs", extras), ("transparent", transparent)] {
-            if *is_on {
-                insert(name, "true".into());
-            }
-        }
-        if let Some(lens) = lens {
-            insert("lens", lens.to_string());
-        }
-        if *back_faces != BackFaces::Show {
-            insert("back-faces", variant_name(back_faces));
-        }
-        if *glass_shadows != GlassShadows::Off {
-            insert("glass-shadows", variant_name(glass_shadows));
-        }
-        if *ground != Ground::None {
-            insert("ground", variant_name(ground));
-        }
-        // The rules, not what they led to: that follows from them. Left out where earlier builds had no choice.
-        if *adaptive != Choice::Off {
-            insert("adaptive", if *adaptive == Choice::On { "true".into() } else { variant_name(adaptive) });
-        }
-        for (name, choice) in [("learned-lights", learned_lights), ("compensation", compensation)] {
-            if *choice != Choice::Auto {
-                insert(name, variant_name(choice));
-            }
-        }
-        if *guiding != Choice::Off {
-            insert("guiding", variant_name(guiding));
-            insert("guiding-memory", guiding_memory.unwrap_or(MEMORY).to_string());
-        }
-        // The passes of such a balance depend on the number of samples.
-        if balance.method().needs_goal() {
-            insert("pilot", pilot.unwrap_or(DEFAULT_PILOT_FRACTION).to_string());
-            let spp = spp.map_or("none".into(), |n| n.to_string());
-            insert(&format!("spp ({}'s pilot is a share of it)", balance.name()), spp);
-        }
+        let mut values = settings.bits();
+        let own = [("version", version), ("scene", scene), ("environment", environment), ("rays", &variant_name(rays))];
+        values.extend(own.map(|(name, value)| (name.into(), value.clone())));
         values
     }
 
@@ -250,7 +160,8 @@ pub(super) fn variant_name(variant: &impl Serialize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::Balance;
+    use crate::render::prepass::guiding::MEMORY;
+    use crate::render::{Balance, Choice};
 
     #[test]
     fn differences_are_named_and_stop_rules_are_none() {

@@ -9,7 +9,6 @@ pub mod camera;
 pub mod checkpoint;
 mod choice;
 pub mod deal;
-mod decisions;
 pub mod default_light;
 pub mod driver;
 pub mod fireflies;
@@ -26,6 +25,7 @@ pub mod sampler;
 pub mod scheduler;
 pub mod settings;
 pub mod stats;
+pub mod techniques;
 pub mod tile;
 pub mod transport;
 mod validate;
@@ -38,7 +38,6 @@ pub use checkpoint::{Record, Saved};
 pub use choice::Choice;
 /// Whether paths are guided.
 pub use choice::Choice as Guiding;
-pub use decisions::{Decision, Decisions};
 pub use driver::{Pause, RunOptions, render, run};
 pub use fireflies::Fireflies;
 pub use goals::Goal;
@@ -51,6 +50,7 @@ pub use settings::{
     BackFaces, Balance, CustomMethod, GlassShadows, Ground, Integrator, PixelFilter, RenderSettings, StudyOptions,
 };
 pub use stats::{RenderStats, StopReason};
+pub use techniques::{Decision, Decisions, TechniqueStats};
 use tile::Tile;
 pub use transport::transport;
 

@@ -7,8 +7,11 @@ use serde::{Deserialize, Serialize};
 use super::Part;
 use super::adaptive::{NOISE_PATHS, NoiseGoal};
 use super::choice::{Choice, as_switch};
+use super::identity::{Values, variant_name};
 use super::lens::LensSettings;
+use super::prepass::guiding::MEMORY;
 use super::tile::Columns;
+use crate::balance::DEFAULT_PILOT_FRACTION;
 pub use crate::balance::{Balance, CustomMethod};
 pub use crate::sampling::PixelFilter;
 
@@ -170,6 +173,10 @@ pub struct RenderSettings {
     /// balance methods that use pre-passes.
     #[serde(default = "Choice::auto", skip_serializing_if = "Choice::is_auto")]
     pub learned_lights: Choice,
+    /// Sampling of the environment by what a pre-pass has learned ([`learned_lights`](super::prepass::learned_lights)). Auto
+    /// concerns balance methods that use pre-passes.
+    #[serde(default = "Choice::auto", skip_serializing_if = "Choice::is_auto")]
+    pub learned_environment: Choice,
     /// The compensated density of the environment ([`compensation`](super::prepass::compensation)). Auto concerns balance
     /// methods that use pre-passes.
     #[serde(default = "Choice::auto", skip_serializing_if = "Choice::is_auto")]
@@ -230,6 +237,100 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 }
 
 impl RenderSettings {
+    /// Named values that the bits of a picture depend on. Settings with the value that existed before they could be set are left
+    /// out.
+    pub fn bits(&self) -> Values {
+        // Exhaustive: a new setting must say here whether bits depend on it.
+        let RenderSettings {
+            camera,
+            width,
+            height,
+            crop,
+            integrator,
+            max_depth,
+            spp,
+            // Stop rules: a render can be resumed with others.
+            time: _,
+            noise: _,
+            min_spp: _,
+            adaptive,
+            balance,
+            pilot,
+            guiding,
+            guiding_memory,
+            learned_lights,
+            learned_environment,
+            compensation,
+            seed,
+            filter,
+            aovs,
+            extras,
+            clamp_direct,
+            clamp_indirect,
+            transparent,
+            lens,
+            back_faces,
+            glass_shadows,
+            ground,
+            // Parts have the bits of the whole.
+            part: _,
+        } = self;
+        let mut values = Values::new();
+        let mut insert = |name: &str, value: String| values.insert(name.into(), value);
+        insert("camera", camera.to_string());
+        insert("size", format!("{width}x{height}"));
+        insert("crop", crop.map_or("none".into(), |c| c.map(|x| x.to_string()).join(",")));
+        insert("integrator", variant_name(integrator));
+        insert("max-depth", max_depth.to_string());
+        insert("balance", variant_name(balance));
+        insert("filter", variant_name(filter));
+        insert("seed", seed.to_string());
+        insert("sums for AOVs", aovs.to_string());
+        for (name, limit) in [("clamp-direct", clamp_direct), ("clamp-indirect", clamp_indirect)] {
+            if let Some(limit) = limit {
+                insert(name, limit.to_string());
+            }
+        }
+        for (name, is_on) in [("more sums for AOVs", extras), ("transparent", transparent)] {
+            if *is_on {
+                insert(name, "true".into());
+            }
+        }
+        if let Some(lens) = lens {
+            insert("lens", lens.to_string());
+        }
+        if *back_faces != BackFaces::Show {
+            insert("back-faces", variant_name(back_faces));
+        }
+        if *glass_shadows != GlassShadows::Off {
+            insert("glass-shadows", variant_name(glass_shadows));
+        }
+        if *ground != Ground::None {
+            insert("ground", variant_name(ground));
+        }
+        // The rules, not what they led to: that follows from them. Left out where earlier builds had no choice.
+        if *adaptive != Choice::Off {
+            insert("adaptive", if *adaptive == Choice::On { "true".into() } else { variant_name(adaptive) });
+        }
+        let learned = [("learned-lights", learned_lights), ("learned-environment", learned_environment)];
+        for (name, choice) in learned.into_iter().chain([("compensation", compensation)]) {
+            if *choice != Choice::Auto {
+                insert(name, variant_name(choice));
+            }
+        }
+        if *guiding != Choice::Off {
+            insert("guiding", variant_name(guiding));
+            insert("guiding-memory", guiding_memory.unwrap_or(MEMORY).to_string());
+        }
+        // The passes of such a balance depend on the number of samples.
+        if balance.method().needs_goal() {
+            insert("pilot", pilot.unwrap_or(DEFAULT_PILOT_FRACTION).to_string());
+            let spp = spp.map_or("none".into(), |n| n.to_string());
+            insert(&format!("spp ({}'s pilot is a share of it)", balance.name()), spp);
+        }
+        values
+    }
+
     /// The columns of tiles besides the statistics.
     pub fn columns(&self) -> Columns {
         Columns {
@@ -312,6 +413,7 @@ impl Default for RenderSettings {
             guiding: Choice::Off,
             guiding_memory: None,
             learned_lights: Choice::Auto,
+            learned_environment: Choice::Auto,
             compensation: Choice::Auto,
             seed: 0,
             filter: PixelFilter::Gaussian,

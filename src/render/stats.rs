@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::Rendered;
+use super::techniques::TechniqueStats;
 use super::tile::{Tile, TileWork};
 
 /// Why a render ended.
@@ -46,110 +47,12 @@ pub struct RenderStats {
     pub not_finite: u64,
     /// Column, row and path number of the first of them.
     pub first_not_finite: Option<[u32; 3]>,
-    /// The density of the environment, in the last session.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub compensation: Option<CompensationStats>,
-    /// Learned emissive triangles, in the last session.
-    #[serde(rename = "lamps", skip_serializing_if = "Option::is_none")]
-    pub learned_lights: Option<LearnedLightsStats>,
-    /// Learned regions of the environment, in the last session.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub learned_environment: Option<LearnedLightsStats>,
-    /// Path guiding, in the last session.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub guiding: Option<GuidingStats>,
-    /// Allocation of paths to tiles, in the last session.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub adaptive: Option<AdaptiveStats>,
+    /// What the pre-passes of the last session found.
+    #[serde(flatten)]
+    pub techniques: TechniqueStats,
     /// Estimated relative error of the picture after its last complete pass. Not read from files: it is computed again.
     #[serde(skip_deserializing)]
     pub noise: f64,
-}
-
-/// The estimated efficiency of a field.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct GuidingEfficiency {
-    /// Variance of guided paths over that of unguided ones.
-    pub variance: f32,
-    /// Rays of a guided path over those of an unguided one.
-    pub cost: f32,
-    /// Mean fraction of directions that are sampled from the field.
-    pub share: f32,
-}
-
-/// The result of the guiding pre-pass.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-pub struct GuidingStats {
-    /// Are paths guided?
-    pub on: bool,
-    /// Cells of the field.
-    pub cells: usize,
-    /// Its bytes.
-    pub bytes: usize,
-    /// Its estimated efficiency.
-    #[serde(flatten)]
-    pub efficiency: GuidingEfficiency,
-    /// Wall seconds.
-    pub seconds: f64,
-}
-
-/// The result of the pre-pass of the environment.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct CompensationStats {
-    /// Is the environment sampled by the compensated density?
-    pub on: bool,
-    /// Estimated variance over that without it; `None` where it was not estimated.
-    #[serde(rename = "left", skip_serializing_if = "Option::is_none")]
-    pub remaining_variance: Option<f64>,
-    /// Wall seconds.
-    pub seconds: f64,
-}
-
-/// The result of the pre-pass of emissive triangles, or of the environment's regions.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-pub struct LearnedLightsStats {
-    /// Are light samples chosen by it?
-    pub on: bool,
-    /// Cells in space.
-    pub cells: usize,
-    /// Bytes of the cells.
-    pub bytes: usize,
-    /// Estimated variance over that without it.
-    #[serde(rename = "left")]
-    pub remaining_variance: f64,
-    /// Wall seconds.
-    pub seconds: f64,
-}
-
-/// The estimated efficiency of an allocation.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct AllocationEfficiency {
-    /// Variance times cost, over that of a uniform allocation.
-    #[serde(rename = "left")]
-    pub remaining: f64,
-    /// Minimum and maximum paths of a tile, over the mean; both 1 where the allocation is uniform.
-    pub range: [f64; 2],
-    /// Mean number per path of camera rays for emission alone
-    /// ([`emission_rays`](crate::integrator::emission_rays)).
-    #[serde(default)]
-    pub emission_rays: f64,
-}
-
-impl AllocationEfficiency {
-    /// Has any tile another number of paths, or any pixel camera rays for emission?
-    pub fn is_used(&self) -> bool {
-        self.range != [1.0; 2] || self.emission_rays > 0.0
-    }
-}
-
-/// The result of the allocation pre-pass.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-pub struct AdaptiveStats {
-    /// The estimated efficiency of the allocation.
-    #[serde(flatten)]
-    pub efficiency: AllocationEfficiency,
-    /// Wall seconds.
-    pub seconds: f64,
 }
 
 /// Sample counts of a picture.
@@ -192,7 +95,7 @@ impl RenderStats {
 
     /// Have its tiles their own numbers of paths, by a pre-pass?
     pub fn is_allocated(&self) -> bool {
-        self.adaptive.is_some_and(|adaptive| adaptive.efficiency.range != [1.0; 2])
+        self.techniques.adaptive.is_some_and(|adaptive| adaptive.efficiency.range != [1.0; 2])
     }
 
     /// Adds those of another part or seed of the same picture.
@@ -209,10 +112,7 @@ impl RenderStats {
         self.passes = self.passes.max(other.passes);
         self.not_finite += other.not_finite;
         self.first_not_finite = self.first_not_finite.or(other.first_not_finite);
-        self.compensation = self.compensation.or(other.compensation);
-        self.learned_lights = self.learned_lights.or(other.learned_lights);
-        self.guiding = self.guiding.or(other.guiding);
-        self.adaptive = self.adaptive.or(other.adaptive);
+        self.techniques = self.techniques.or(other.techniques);
     }
 
     pub(super) fn add(&mut self, work: &TileWork) {

@@ -18,7 +18,7 @@ use super::super::deal;
 use super::super::sampler::with_buffers;
 use super::super::scheduler::planned_to;
 use super::super::settings::MIN_AUTO_PATHS;
-use super::super::stats::AllocationEfficiency;
+use super::super::techniques::AllocationEfficiency;
 use super::super::tile::{TILE, Tile};
 use super::super::{Choice, RenderSettings};
 use super::effort::{

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use tracing::debug;
 
-use super::super::stats::CompensationStats;
+use super::super::techniques::CompensationStats;
 use super::super::{Choice, RenderSettings};
 use super::effort::{self, MAX_REMAINING_COMPENSATED};
 use super::low_resolution::low_resolution;

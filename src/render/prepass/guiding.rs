@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use tracing::debug;
 
-use super::super::stats::{GuidingEfficiency, GuidingStats};
+use super::super::techniques::{GuidingEfficiency, GuidingStats};
 use super::super::{Choice, RenderSettings};
 use super::effort::{self, MAX_REMAINING_AT_FIRST_DECISION, MAX_REMAINING_GUIDED, MAX_TIME_SHARE};
 use super::rounds::{self, Learner, Round, Wanted};

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use tracing::debug;
 
-use super::super::stats::LearnedLightsStats;
+use super::super::techniques::LearnedLightsStats;
 use super::super::{Choice, RenderSettings};
 use super::effort;
 use super::guiding;
@@ -101,9 +101,8 @@ pub struct LearnedLightsResult<L> {
 /// Maximum bytes that learning takes for a render with these settings, in a scene of at most so many area lights, with an
 /// environment or without.
 pub fn bytes(settings: &RenderSettings, lights: u64, has_environment: bool) -> u64 {
-    if !settings.uses_prepass(settings.learned_lights) {
-        return 0;
-    }
+    let area = settings.uses_prepass(settings.learned_lights) && lights >= 2;
+    let environment = settings.uses_prepass(settings.learned_environment) && has_environment;
     let own = pixels(settings);
     let shared = if settings.guides() { own.max(guiding::pixels(settings.pixels())) } else { own };
     let paths = |round: u32| shared * f64::from(1 << round);
@@ -111,8 +110,9 @@ pub fn bytes(settings: &RenderSettings, lights: u64, has_environment: bool) -> u
     let rounds = (0..).take_while(|&round| !suffice(round, paths(round) - shared, own));
     let records =
         rounds.map(|r| (paths(r) * f64::from(settings.max_depth)).min(MAX_RECORDS_PER_ROUND as f64)).sum::<f64>();
-    let area = if lights < 2 { 0 } else { LearnedLights::bytes_to_learn(records as u64, lights) };
-    area + if has_environment { LearnedEnvironment::bytes_to_learn(records as u64) } else { 0 }
+    let records = records as u64;
+    let area = if area { LearnedLights::bytes_to_learn(records, lights) } else { 0 };
+    area + if environment { LearnedEnvironment::bytes_to_learn(records) } else { 0 }
 }
 
 /// Do so many rounds of so many paths in all suffice, where the pre-pass would have `pixels` if it were alone?
@@ -144,7 +144,8 @@ impl<'a> LightsLearner<&'a AreaLights> {
     /// Begins to learn about area lights; `None` where the settings do not ask for it or there is nothing to choose.
     pub fn area(scene: &'a PreparedScene, settings: &RenderSettings) -> Option<Self> {
         let area = scene.lights.area.as_ref().filter(|area| area.tree().top(3) > 1)?;
-        settings.uses_prepass(settings.learned_lights).then(|| Self::new(area, scene, settings))
+        let choice = settings.learned_lights;
+        settings.uses_prepass(choice).then(|| Self::new(area, scene, settings, choice))
     }
 }
 
@@ -153,15 +154,16 @@ impl LightsLearner<LearnedEnvironment> {
     pub fn environment(scene: &PreparedScene, settings: &RenderSettings, density: Density) -> Option<Self> {
         let environment = scene.lights.environment.as_ref()?;
         let regions = || LearnedEnvironment::new(environment, density);
-        settings.uses_prepass(settings.learned_lights).then(|| Self::new(regions(), scene, settings))
+        let choice = settings.learned_environment;
+        settings.uses_prepass(choice).then(|| Self::new(regions(), scene, settings, choice))
     }
 }
 
 impl<S: Selection> LightsLearner<S> {
-    fn new(selection: S, scene: &PreparedScene, settings: &RenderSettings) -> Self {
+    fn new(selection: S, scene: &PreparedScene, settings: &RenderSettings, choice: Choice) -> Self {
         Self {
             selection,
-            always: settings.learned_lights == Choice::On,
+            always: choice == Choice::On,
             scale: 0.25 * scene.scene.radius(),
             pixels: pixels(settings),
             records: Vec::new(),

@@ -15,7 +15,7 @@ mod visible_emission;
 use std::sync::atomic::AtomicBool;
 
 use super::RenderSettings;
-use super::stats::CompensationStats;
+use super::techniques::{CompensationStats, TechniqueStats};
 use super::transport::transport;
 use crate::integrator::{PreparedScene, Proposal, Transport};
 use crate::light::{Density, LearnedEnvironment, LearnedLights, LightProposal};
@@ -59,6 +59,17 @@ impl Prepasses {
             found.guiding = guiding.map(GuidingLearner::result);
         }
         found
+    }
+
+    /// What they found, for reports.
+    pub fn stats(&self) -> TechniqueStats {
+        TechniqueStats {
+            compensation: self.compensation,
+            learned_lights: self.learned_lights.as_ref().map(|found| found.stats),
+            learned_environment: self.learned_environment.as_ref().map(|found| found.stats),
+            guiding: self.guiding.as_ref().map(|guiding| guiding.stats()),
+            adaptive: None,
+        }
     }
 
     /// The transport with these results.

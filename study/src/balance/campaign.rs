@@ -246,8 +246,8 @@ impl<'a> Campaign<'a> {
             cpu: process_seconds() - cpu,
             wall: wall.elapsed().as_secs_f64(),
             half_cpu: None,
-            prepass: rendered.stats.guiding.as_ref().map(Prepass::of),
-            allocation: rendered.stats.adaptive.map(|adaptive| adaptive.efficiency.remaining),
+            prepass: rendered.stats.techniques.guiding.as_ref().map(Prepass::of),
+            allocation: rendered.stats.techniques.adaptive.map(|adaptive| adaptive.efficiency.remaining),
         };
         self.rays.fetch_add(rendered.stats.rays(), Ordering::Relaxed);
         if rendered.stop == StopReason::Interrupted {

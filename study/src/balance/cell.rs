@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use bismar::render::stats::GuidingStats;
+use bismar::render::techniques::GuidingStats;
 use bismar::{Error, Result};
 use serde::{Deserialize, Serialize};
 

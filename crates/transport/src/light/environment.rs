@@ -83,7 +83,7 @@ impl EnvironmentSampler {
     }
 
     /// Radiance (linear RGB) from unit directions `wi` in world space, and the density per solid angle of [`sample`](Self::sample)
-    /// with `density`, or with what was `learned` for it.
+    /// with `density`, and with what was `learned` for it.
     #[inline]
     pub fn radiance_pdf(&self, wi: V3, density: Density, learned: Option<RegionProbabilities>) -> (V3, F) {
         let (s, c) = (F::splat(self.rotation.0), F::splat(self.rotation.1));
@@ -135,8 +135,8 @@ impl EnvironmentSampler {
         }
     }
 
-    /// Samples directions by the last two of three random numbers in [0, 1). All points see the same environment: the context has
-    /// an effect where the proposal has learned from which part of it light arrives.
+    /// Samples directions by the last two of three random numbers in [0, 1). The point in `context` has an effect only where the
+    /// proposal has learned from which part of the environment light arrives.
     #[inline]
     pub fn sample(&self, context: &LightSampleContext, proposal: &LightProposal, [_, u, v]: [F; 3]) -> LightSamples {
         let table = self.table(proposal.density);
@@ -240,9 +240,7 @@ impl Table {
         let rows = Discrete::new(row_weights.into_iter())?;
         Some((Self { rows, columns, level }, mean as f32))
     }
-}
 
-impl Table {
     /// Number of rows of cells.
     fn rows_of_cells(&self) -> usize {
         self.columns.len()

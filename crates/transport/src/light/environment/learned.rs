@@ -66,7 +66,8 @@ impl LearnedEnvironment {
         if by_density.len() < 2 || !records.iter().any(|record| record.contribution > 0.0) {
             return None;
         }
-        let clusters = Clusters { len: by_density.len(), of: |region: u32| Some(region as usize) };
+        let known = |region: u32| Some(region as usize).filter(|region| *region < by_density.len());
+        let clusters = Clusters { len: by_density.len(), of: known };
         let mut choices = Vec::new();
         let cells = posteriors(&clusters, records, scale, |cells, cell, stats| {
             choices.resize(cells.leaves(), self.choices[0]);
