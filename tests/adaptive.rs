@@ -6,8 +6,10 @@ use std::sync::atomic::AtomicBool;
 
 use bismar::film::compare::relative_to;
 use bismar::rays::Backend;
+use bismar::render::checkpoint::{fits, pack, unpack};
 use bismar::render::techniques::AdaptiveStats;
-use bismar::render::{Balance, Choice, RenderSettings, Rendered, StopReason, render};
+use bismar::render::tile::Tile;
+use bismar::render::{Balance, Choice, Part, RenderSettings, Rendered, RunOptions, Saved, StopReason, render, run};
 use bismar::scene::Scene;
 use glam::Vec3;
 
@@ -48,7 +50,61 @@ fn paths(rendered: &Rendered, mean: u32) -> f64 {
 
 #[test]
 fn as_many_paths_leave_less_error_and_the_same_means() {
-    compare(floors(), 240, 1.0);
+    compare(floors(), 240, 1.0, Balance::Half);
+}
+
+#[test]
+fn the_pixels_of_a_tile_differ_too_and_have_the_same_means() {
+    compare(floors(), 240, 1.0, Balance::Progressive);
+}
+
+/// Pixels that differ within a tile leave the tile's mean, and no trace of threads, crops, parts or sessions.
+#[test]
+fn what_pixels_of_a_tile_are_dealt_depends_on_nothing_but_the_picture() {
+    let stage = Stage::new(floors(), Backend::Embree);
+    let settings = |spp| RenderSettings { balance: Balance::Progressive, spp: Some(spp), aovs: true, ..settings() };
+    let on = |threads, settings: &RenderSettings, from| {
+        let never = AtomicBool::new(false);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let options = RunOptions { from, ..RunOptions::new(&never, &|_| ()) };
+            run(&stage.scene, settings, options).unwrap()
+        })
+    };
+    let sum = |tile: &Tile| tile.stats.iter().map(|pixel| pixel.samples).sum::<u32>();
+    let whole = on(1, &settings(256), None);
+    let mut differ = 0;
+    for tile in &whole.tiles {
+        let counts = tile.stats.iter().map(|pixel| pixel.samples);
+        let [least, most] = [counts.clone().min(), counts.max()].map(Option::unwrap);
+        assert_eq!(sum(tile), tile.paths() * tile.pixels() as u32);
+        assert!(2 * least >= tile.paths() && most <= 2 * tile.paths(), "{least} {most}");
+        differ += usize::from(least < most);
+    }
+    assert!(differ > 4 && whole.stats.paths <= 256 * 96 * 64, "{differ}");
+    let packed = |rendered: &Rendered| pack(&rendered.tiles).unwrap();
+    // From 128 paths, by way of a file's bytes.
+    let half = on(3, &settings(128), None);
+    let tiles = unpack(&packed(&half)).unwrap();
+    assert!(fits(&tiles, &settings(128)));
+    let saved = Saved { tiles, stats: half.stats, goals: half.goals };
+    assert!(saved.has_passes_of(&settings(256)));
+    assert_eq!(packed(&on(2, &settings(256), Some(saved))), packed(&whole));
+    // Any number of paths goes on, to the mean that it should have.
+    let odd = on(2, &settings(50), None);
+    let saved = Saved { tiles: odd.tiles, stats: odd.stats, goals: odd.goals };
+    let more = on(2, &settings(77), Some(saved));
+    assert!(more.tiles.iter().all(|tile| sum(tile) == tile.paths() * tile.pixels() as u32));
+    assert!((0.93..=1.0).contains(&paths(&more, 77)), "{}", more.stats.paths);
+    let [crop, part] = [
+        RenderSettings { crop: Some([13, 9, 50, 40]), ..settings(256) },
+        RenderSettings { part: Some(Part { number: 2, of: 3 }), ..settings(256) },
+    ]
+    .map(|settings| on(2, &settings, None));
+    for tile in crop.tiles.iter().chain(&part.tiles) {
+        let same = whole.tiles.iter().find(|other| other.grid_position() == tile.grid_position()).unwrap();
+        assert_eq!(format!("{:?}", tile.stats), format!("{:?}", same.stats));
+    }
 }
 
 #[test]
@@ -60,19 +116,20 @@ fn silhouettes_of_lights_have_a_fraction_of_the_error_and_the_same_means() {
         add(&mut scene, points, indices, area_light(60.0));
     }
     look(&mut scene, Vec3::new(0.0, 2.2, 2.4), Vec3::new(0.0, 0.0, -0.1), 1.2);
-    let stats = compare(Arc::new(scene), 100, 0.5);
+    let stats = compare(Arc::new(scene), 100, 0.5, Balance::Half);
     assert!(stats.efficiency.emission_rays > 0.01 && stats.efficiency.remaining < 0.5, "{stats:?}");
 }
 
 /// Pictures of a scene have the same means with and without adaptive sampling, and at most this fraction of the error.
-fn compare(scene: Arc<Scene>, replicas: u32, remaining: f64) -> AdaptiveStats {
+fn compare(scene: Arc<Scene>, replicas: u32, remaining: f64, balance: Balance) -> AdaptiveStats {
     let stage = Stage::new(scene, Backend::Embree);
     let pixel = |r: &Rendered| r.film().pixels.iter().map(|p| f64::from(p.mean()[1])).collect::<Vec<_>>();
-    let even = RenderSettings { adaptive: Choice::Off, ..settings() };
+    let adaptive = RenderSettings { balance, ..settings() };
+    let even = RenderSettings { adaptive: Choice::Off, ..adaptive.clone() };
     let reference = pixel(&rendered(&stage, &RenderSettings { spp: Some(4096), seed: 1 << 20, ..even.clone() }));
     let mut found = None;
     let (mut means, mut errors) = ([Mean::default(), Mean::default()], [Mean::default(), Mean::default()]);
-    for (i, settings) in [even, settings()].into_iter().enumerate() {
+    for (i, settings) in [even, adaptive].into_iter().enumerate() {
         for seed in 0..replicas {
             let picture = rendered(&stage, &RenderSettings { seed: seed + 1000 * i as u32, ..settings.clone() });
             assert!((0.93..=1.0).contains(&paths(&picture, 32)), "{}", picture.stats.paths);

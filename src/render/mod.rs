@@ -8,6 +8,7 @@ mod build_info;
 pub mod camera;
 pub mod checkpoint;
 mod choice;
+pub mod deal;
 pub mod default_light;
 pub mod driver;
 pub mod fireflies;

@@ -51,13 +51,14 @@ pub fn replay(
     let mut tile = Tile::new([x / TILE, y / TILE], settings.width, settings.height, settings.columns());
     let allocation = Allocation::new(&transport, settings, &never);
     transport.proposal.emission_rays = allocation.as_ref().and_then(Allocation::emission_rays);
+    let deals = allocation.as_ref().is_some_and(Allocation::deals);
     let planned = |tile: &Tile| match &allocation {
         Some(allocation) => allocation.next_pass(settings, tile),
         None => scheduler::planned(settings, tile.paths()),
     };
     while let Some(pass) = planned(&tile) {
         transport.seed = pass_seed(settings, tile.paths());
-        tile.pass_watched(&transport, settings, pass, &mut |task: &PixelTask| {
+        tile.pass_watched(&transport, settings, (pass, deals), &mut |task: &PixelTask| {
             if [task.x, task.y] != [x, y] {
                 return;
             }

@@ -7,6 +7,7 @@ use glam::Vec3;
 
 use super::RenderSettings;
 use super::adaptive::NoiseGoal;
+use super::deal;
 use super::tile::{Tile, TilePixel, TileWork};
 use crate::balance::sampler::LightInfo;
 use crate::balance::{Contribution, Cost, Counts, LearnedPixels, Observer, PixelFeatures, Sampler, Technique};
@@ -70,9 +71,10 @@ impl Observer for Pilot {
 }
 
 impl Tile {
-    /// Traces a pass of `paths` paths per pixel, or fewer where a noise goal requires fewer, by the balance method.
-    pub fn pass(&mut self, transport: &Transport, settings: &RenderSettings, paths: u32) -> TileWork {
-        self.pass_watched(transport, settings, paths, &mut |_| ())
+    /// Traces a pass of `paths` paths per pixel, or fewer where a noise goal requires fewer, by the balance method. With
+    /// `deals` they are its mean, and a method with a pilot may deal more to some pixels than to others.
+    pub fn pass(&mut self, transport: &Transport, settings: &RenderSettings, paths: u32, deals: bool) -> TileWork {
+        self.pass_watched(transport, settings, (paths, deals), &mut |_| ())
     }
 
     /// Traces a pass like [`pass`](Self::pass) and calls `watch` with the task of each pixel, wave by wave.
@@ -80,14 +82,15 @@ impl Tile {
         &mut self,
         transport: &Transport,
         settings: &RenderSettings,
-        paths: u32,
+        (paths, deals): (u32, bool),
         watch: &mut dyn FnMut(&PixelTask),
     ) -> TileWork {
         let start = Instant::now();
         let (done, before) = (self.paths(), self.all_paths());
         let (mut shares, mut moments) = (std::mem::take(&mut self.shares), std::mem::take(&mut self.moments));
         let counts = with_buffers(|buffers| {
-            let mut sampler = TileSampler::new(self, transport, buffers, settings.noise_goal(), watch);
+            let mut sampler = TileSampler::new(self, transport, buffers, watch);
+            (sampler.goal, sampler.deals) = (settings.noise_goal(), deals);
             let mut learned = LearnedPixels { shares: &mut shares, moments: &mut moments };
             settings.balance.method().pass(&mut learned, &mut sampler, done, paths);
             sampler.counts()
@@ -102,21 +105,22 @@ pub struct TileSampler<'a> {
     tile: &'a mut Tile,
     transport: &'a Transport<'a>,
     buffers: &'a mut Buffers,
-    goal: Option<NoiseGoal>,
     watch: &'a mut dyn FnMut(&PixelTask),
+    goal: Option<NoiseGoal>,
+    deals: bool,
 }
 
 impl<'a> TileSampler<'a> {
-    /// Begins a pass. `watch` is called with the task of each pixel, wave by wave.
+    /// Begins a pass without a noise goal in which all pixels get as many paths. `watch` is called with the task of each
+    /// pixel, wave by wave.
     pub fn new(
         tile: &'a mut Tile,
         transport: &'a Transport<'a>,
         buffers: &'a mut Buffers,
-        goal: Option<NoiseGoal>,
         watch: &'a mut dyn FnMut(&PixelTask),
     ) -> Self {
         buffers.tracer.wave.counts = WaveCounts::default();
-        Self { tile, transport, buffers, goal, watch }
+        Self { tile, transport, buffers, watch, goal: None, deals: false }
     }
 
     /// Rays and time of the pass so far.
@@ -152,7 +156,19 @@ impl Sampler for TileSampler<'_> {
 
     fn paths(&mut self, paths: u32) -> Vec<u32> {
         let stats = self.tile.tile_stats();
-        stats.deal(stats.paths_for(paths, self.goal.as_ref()))
+        match &self.goal {
+            None if self.tile.dealt => deal::as_before(&self.tile.stats, self.width(), paths),
+            goal => stats.deal(stats.paths_for(paths, goal.as_ref())),
+        }
+    }
+
+    fn deal(&mut self, paths: u32) -> Vec<u32> {
+        if !self.deals {
+            return vec![paths; self.pixels()];
+        }
+        let dealt = deal::by_neighbours(&self.tile.stats, self.width(), paths);
+        self.tile.dealt |= dealt.iter().any(|n| *n != paths);
+        dealt
     }
 
     fn take(&mut self, counts: &[Counts], weighed: &[Counts], observer: Option<&mut dyn Observer>) {

@@ -19,6 +19,8 @@ pub const TILE: u32 = 16;
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Tile {
     pub(super) pixels: Vec<TilePixel>,
+    /// Have its pixels been dealt different numbers of paths ([`deal`](super::deal))?
+    pub(super) dealt: bool,
     /// Radiance statistics, one per pixel, in the order of the pixels.
     pub stats: Vec<PixelStats>,
     /// Shares of the samples of the next pass, one per pixel.
@@ -89,6 +91,7 @@ impl Tile {
         let n = pixels.len();
         Self {
             pixels,
+            dealt: false,
             stats: vec![PixelStats::EMPTY; n],
             shares: vec![Shares { light_share: 0.5, environment_share: None }; n],
             moments: vec![Moments::default(); if columns.moments { n } else { 0 }],
@@ -125,6 +128,7 @@ impl Tile {
 
     /// Adds the sums of independent paths of the same pixels. Light shares become their mean by paths.
     pub fn join(&mut self, other: &Tile) {
+        self.dealt |= other.dealt;
         let shares = self.shares.iter_mut().zip(&other.shares);
         for ((own, other), (before, more)) in shares.zip(self.stats.iter().zip(&other.stats)) {
             let fraction = f64::from(more.samples) / f64::from((before.samples + more.samples).max(1));
@@ -162,12 +166,13 @@ impl Tile {
         self.pixels.first().map_or([0; 2], |p| [p.x / TILE, p.y / TILE])
     }
 
-    /// Its pixels' statistics, for noise goals.
+    /// Its pixels' statistics.
     pub(super) fn tile_stats(&self) -> TileStats<'_> {
-        TileStats { stats: &self.stats, width: self.width() }
+        TileStats { stats: &self.stats, width: self.width(), dealt: self.dealt }
     }
 
-    /// Maximum paths of a pixel. Pixels differ only with a noise goal.
+    /// Mean paths of a pixel where they have been dealt, which is then a whole number. Otherwise the maximum: pixels differ
+    /// only with a noise goal.
     pub fn paths(&self) -> u32 {
         self.tile_stats().paths()
     }

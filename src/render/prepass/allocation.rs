@@ -14,6 +14,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use tracing::debug;
 
+use super::super::deal;
 use super::super::sampler::with_buffers;
 use super::super::scheduler::planned_to;
 use super::super::settings::MIN_AUTO_PATHS;
@@ -43,8 +44,8 @@ const SMOOTHING_PIXELS: f64 = 40.0;
 const DOUBLINGS: [i32; 2] = [-2, 2];
 /// Steps of the iteration that finds the price of a camera ray for emission.
 const PRICE_STEPS: u32 = 2;
-/// Maximum paths of a tile, over the mean.
-pub const MAX_PATHS_OVER_MEAN: u32 = 1 << DOUBLINGS[1];
+/// Maximum paths of a pixel, over the mean of the picture.
+pub const MAX_PATHS_OVER_MEAN: u32 = deal::MAX_RATIO << DOUBLINGS[1];
 
 /// The paths of each tile, relative to the mean.
 #[derive(Debug)]
@@ -188,6 +189,11 @@ impl Allocation {
         // Renders of 128 and of 256 paths then begin alike in tiles with a fraction of the mean.
         let longest = self.paths(tile, MAX_PASS_PATHS).min(MAX_PASS_PATHS);
         Some(if settings.balance.method().uses_prepasses() { pass.min(longest) } else { pass })
+    }
+
+    /// Are the paths of a tile divided unevenly among its pixels too? Only where tiles differ.
+    pub fn deals(&self) -> bool {
+        self.doublings.iter().any(|doubled| *doubled != 0)
     }
 
     /// Renders with equal keys, and other settings alike, have the same allocation and begin with the same passes. `None`

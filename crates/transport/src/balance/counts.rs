@@ -53,6 +53,14 @@ impl Counts {
         Self { light: 0, environment: None, bsdf: paths, paths }
     }
 
+    /// The nearest counts of as many samples that have no less of any technique than a pilot, which has fewer samples.
+    pub fn at_least(self, pilot: Self) -> Self {
+        let all = self.light + self.bsdf;
+        let light = self.light.clamp(pilot.light, all - pilot.bsdf);
+        let split = |(own, pilots): (u32, u32)| own.clamp(pilots, light - (pilot.light - pilots));
+        Self { light, environment: self.environment.zip(pilot.environment).map(split), bsdf: all - light, ..self }
+    }
+
     /// The counts that remain of these after a pilot.
     pub fn after(self, pilot: Self) -> Self {
         Self {
@@ -123,6 +131,24 @@ mod tests {
             prop_assert!(c.light >= 1 && c.bsdf >= 1);
             // Half a sample of rounding, one of the floor.
             prop_assert!((c.light_share() - light_share).abs() <= 1.0 / (2 * paths) as f32 + 1e-6);
+        }
+
+        #[test]
+        fn counts_that_hold_a_pilot_can_be_taken_after_it(
+            light_share in 0.0f32..=1.0, environment in prop::option::of(0.0f32..=1.0), pilot in 2u32..64, more in 0u32..300
+        ) {
+            let shares = Shares { light_share, environment_share: environment };
+            let half = Counts { environment: environment.map(|_| pilot / 2), ..Counts::half(pilot) };
+            let total = Counts::from_shares(shares, 2 * pilot + more);
+            let held = total.at_least(half);
+            let rest = held.after(half);
+            prop_assert_eq!([rest.light + half.light, rest.bsdf + half.bsdf], [held.light, held.bsdf]);
+            prop_assert_eq!(held.light + held.bsdf, 2 * held.paths);
+            if let Some((all, rest)) = held.environment.zip(rest.environment) {
+                prop_assert!(all == rest + pilot / 2 && held.light - all >= pilot - pilot / 2);
+            }
+            prop_assert_eq!(held.at_least(half), held);
+            prop_assert!(total.light < pilot || total.bsdf < pilot || environment.is_some() || total == held);
         }
 
         #[test]

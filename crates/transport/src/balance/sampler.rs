@@ -22,6 +22,12 @@ pub trait Sampler {
         vec![paths; self.pixels()]
     }
 
+    /// The number of paths that each pixel takes in a pass of `paths` paths in the mean, after the pass's pilot. That of a
+    /// pixel does not depend on the pixel's own samples, and is at least twice that of the pilot.
+    fn deal(&mut self, paths: u32) -> Vec<u32> {
+        vec![paths; self.pixels()]
+    }
+
     /// Takes `counts[i]` samples in pixel i and weights them by `weighed[i]`. `observer` receives their contributions.
     fn take(&mut self, counts: &[Counts], weighed: &[Counts], observer: Option<&mut dyn Observer>);
 

@@ -4,7 +4,7 @@
 use crate::balance::method::{EARLY_PATHS, FIRST_PASS_PATHS, MAX_PASS_PATHS, pass_within_goal, take_pass};
 use crate::balance::sampler::LightInfo;
 use crate::balance::variance::{BlockVariances, Candidates, Caution};
-use crate::balance::{Cost, Counts, LearnedPixels, Method, Sampler};
+use crate::balance::{Cost, Counts, LearnedPixels, Method, Sampler, Shares};
 
 /// The first pass is so many times as long as its pilot.
 const PASS_PER_PILOT: u32 = 4;
@@ -67,8 +67,8 @@ fn candidates(lights: LightInfo) -> Candidates {
     }
 }
 
-/// Takes a pass of `paths` paths that begins with a pilot of equal counts. All samples are weighted by the total counts. A
-/// light sample costs `selection_cost` rays more than its shadow ray.
+/// Takes a pass of `paths` paths in the mean, which begins with a pilot of equal counts. All samples are weighted by the
+/// total counts. A light sample costs `selection_cost` rays more than its shadow ray.
 fn take_pass_with_pilot(
     learned: &mut LearnedPixels,
     sampler: &mut dyn Sampler,
@@ -83,7 +83,8 @@ fn take_pass_with_pilot(
     for (i, shares) in learned.shares.iter_mut().enumerate() {
         *shares = variances.choose(i, width, &features, cost);
     }
-    let total: Vec<_> = learned.shares.iter().map(|shares| Counts::from_shares(*shares, paths)).collect();
+    let total_of = |(shares, paths): (&Shares, u32)| Counts::from_shares(*shares, paths).at_least(pilot);
+    let total: Vec<_> = learned.shares.iter().zip(sampler.deal(paths)).map(total_of).collect();
     sampler.reweight(&total);
     let rest: Vec<_> = total.iter().map(|total| total.after(pilot)).collect();
     sampler.take(&rest, &total, None);
