@@ -187,8 +187,12 @@ fn what_a_render_says_it_needs_is_what_it_takes() {
     ] {
         let (said, taken) = said_and_taken(path, &line);
         let shown = format!("{line}: {} MiB said, {} taken", said / MIB, taken / MIB);
-        // What Embree takes for deforming vertices differs more.
-        let most = if line.starts_with("skin") { 2 * taken } else { taken * 4 / 3 };
+        // What Embree takes for deforming vertices differs more, and guiding's last round finds up to twice as much as all before.
+        let most = match &line {
+            line if line.starts_with("skin") => 2 * taken,
+            line if line.starts_with("guided") => taken * 3 / 2,
+            _ => taken * 4 / 3,
+        };
         assert!(said >= taken && said <= most + BASE, "{shown}");
     }
 }

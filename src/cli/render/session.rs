@@ -20,7 +20,7 @@ use crate::console::tev::Tev;
 use crate::film::{exr_file, preview};
 use crate::render::camera::lens;
 use crate::render::checkpoint::Earlier;
-use crate::render::prepass::{allocation, guiding, learned_lights};
+use crate::render::prepass;
 use crate::render::tile::TILE;
 use crate::render::{Identity, Pause, Progress, RenderSettings, Rendered, RunOptions, Saved, StopReason, run};
 use crate::{Error, Result};
@@ -155,10 +155,7 @@ impl Session<'_> {
             saved_pixels: if args.checkpoint.is_some() || args.part().is_some() { pixels } else { 0 },
             denoises: args.denoise.is_some(),
             previews: args.preview.is_some(),
-            // The first two learn from the same rounds.
-            prepass_bytes: (guiding::bytes(&settings)
-                + learned_lights::bytes(&settings, lights, self.inputs.environment.1.is_some()))
-            .max(allocation::bytes(&settings)),
+            prepass_bytes: prepass::bytes(&settings, lights, self.inputs.environment.1.is_some()),
             rays: args.rays,
             threads: self.threads,
         };

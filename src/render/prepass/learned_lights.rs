@@ -231,7 +231,7 @@ impl<S: Selection> Learner for LightsLearner<S> {
             self.result.stats.remaining_variance = remaining;
             let most = if is_last { S::MAX_REMAINING } else { effort::MAX_REMAINING_AT_FIRST_ROUND };
             if remaining >= most && !self.always {
-                self.finished = true;
+                (self.records, self.finished) = (Vec::new(), true);
                 return;
             }
         }
@@ -239,6 +239,7 @@ impl<S: Selection> Learner for LightsLearner<S> {
         self.records.extend_from_slice(&round.light_sample_records[S::RECORDS]);
         if is_last {
             self.finish_with(self.learned());
+            self.records = Vec::new();
         }
     }
 

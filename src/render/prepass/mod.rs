@@ -36,6 +36,15 @@ pub struct Prepasses {
     pub guiding: Option<guiding::Learned>,
 }
 
+/// Maximum bytes that the pre-passes of a render with these settings take, in a scene of at most so many area lights, with an
+/// environment or without.
+pub fn bytes(settings: &RenderSettings, lights: u64, has_environment: bool) -> u64 {
+    let guiding = guiding::bytes(settings);
+    // Guiding learns last in a round. Before, it holds no copies.
+    let learning = guiding.max(learned_lights::bytes(settings, lights, has_environment) + guiding / 2);
+    learning.max(allocation::bytes(settings))
+}
+
 impl Prepasses {
     /// Runs the pre-passes that `settings` ask for. First the density of the environment is chosen, then the paths of the same
     /// rounds teach all learners. The results mean nothing if `stop` is raised: the rest then ends within a tile's time.
