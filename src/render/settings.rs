@@ -160,13 +160,13 @@ pub struct RenderSettings {
     /// The method that divides samples between light sampling and BSDF sampling.
     pub balance: Balance,
     /// Fraction of all paths in the pilot of `second-order`, in (0, 1); `None`:
-    /// [`DEFAULT_PILOT_FRACTION`](crate::balance::DEFAULT_PILOT_FRACTION).
+    /// [`DEFAULT_PILOT_FRACTION`].
     pub pilot: Option<f64>,
     /// Path guiding. Without effect where there is no indirect light; auto concerns renders of at least
     /// [`MIN_AUTO_PATHS`] expected paths per pixel.
     #[serde(default, skip_serializing_if = "is_default")]
     pub guiding: Choice,
-    /// Maximum bytes of guiding; `None`: [`MEMORY`](super::prepass::guiding::MEMORY).
+    /// Maximum bytes of guiding; `None`: [`MEMORY`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub guiding_memory: Option<u64>,
     /// Light selection by what a pre-pass has learned ([`learned_lights`](super::prepass::learned_lights)). Auto concerns
