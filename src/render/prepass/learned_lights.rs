@@ -180,11 +180,13 @@ impl<S: Selection> LightsLearner<S> {
         self.selection.learn(&self.records, self.scale)
     }
 
+    /// Ends learning with this result, and frees the records.
     fn finish_with(&mut self, lights: Option<S::Learned>) {
         let (cells, bytes) = lights.as_ref().map_or((0, 0), S::size);
         let LearnedLightsStats { remaining_variance, seconds, .. } = self.result.stats;
         let stats = LearnedLightsStats { on: lights.is_some(), cells, bytes, remaining_variance, seconds };
         (self.result, self.finished) = (LearnedLightsResult { lights, stats }, true);
+        self.records = Vec::new();
     }
 
     /// What was learned.
@@ -231,15 +233,13 @@ impl<S: Selection> Learner for LightsLearner<S> {
             self.result.stats.remaining_variance = remaining;
             let most = if is_last { S::MAX_REMAINING } else { effort::MAX_REMAINING_AT_FIRST_ROUND };
             if remaining >= most && !self.always {
-                (self.records, self.finished) = (Vec::new(), true);
-                return;
+                return self.finish_with(None);
             }
         }
         // Records of all rounds follow the unlearned selection: learned choices begin when all are in.
         self.records.extend_from_slice(&round.light_sample_records[S::RECORDS]);
         if is_last {
             self.finish_with(self.learned());
-            self.records = Vec::new();
         }
     }
 

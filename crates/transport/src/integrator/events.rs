@@ -69,9 +69,9 @@ pub struct LightSampleGroup {
     pub first_row: usize,
     /// Mask: toward the environment.
     pub is_environment: F,
-    /// Shading points and normals that area lights were sampled from.
+    /// Shading points and normals that lights were sampled from.
     pub from: (V3, V3),
-    /// Indices of the area lights.
+    /// Indices of the area lights, or the environment's regions where the proposal has any.
     pub emitter: [u32; LANES],
     /// Density per solid angle times samples per path of the technique.
     pub weighted_pdf: F,

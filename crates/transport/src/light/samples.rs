@@ -30,6 +30,6 @@ pub struct LightSamples {
     /// the sample is on a side that does not emit, or where no punctual light reaches the point: such a sample counts with
     /// value zero.
     pub pdf: F,
-    /// Indices of the area lights or punctual lights.
+    /// Indices of the area lights or punctual lights, or the environment's regions where the proposal has any.
     pub emitter: [u32; LANES],
 }
