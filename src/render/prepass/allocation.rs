@@ -262,7 +262,7 @@ fn survey(
     });
     let (mut variance, mut scattered) = ([0.0; 2], 0.0);
     for (i, (a, b)) in a.iter().zip(&b).enumerate() {
-        let emitted = visible.map_or(0.0, |visible| visible.mean([tasks[i].x, tasks[i].y]));
+        let emitted = visible.map_or(0.0, |visible| visible.at([tasks[i].x, tasks[i].y]).mean);
         let of = |c: usize| {
             let (a, b) = (f64::from(a[c]), f64::from(b[c]));
             (a - b) * (a - b) / (2.0 * relative_to(0.5 * (a + b) + emitted))
@@ -309,7 +309,7 @@ impl Visible<'_> {
         let RenderSettings { width, height, .. } = *self.settings;
         let rays = (0..height).into_par_iter().flat_map_iter(|y| (0..width).map(move |x| [x, y])).map(|[x, y]| {
             let tile = (y / TILE * self.columns + x / TILE) as usize;
-            self.visible.rays_per_path([x, y], surveys[tile].mean_scattered(), price) as u8
+            self.visible.at([x, y]).rays_per_path(surveys[tile].mean_scattered(), price) as u8
         });
         Some(EmissionRayCounts::new(width, rays.collect()))
     }
@@ -322,8 +322,9 @@ impl Visible<'_> {
             let scattered = survey.mean_scattered();
             (survey.visible, survey.emission_rays) = ([0.0; 2], 0.0);
             for at in (y0..height.min(y0 + TILE)).flat_map(|y| (x0..width.min(x0 + TILE)).map(move |x| [x, y])) {
-                let rays = self.visible.rays_per_path(at, scattered, price);
-                let variance = [1, rays].map(|rays| self.visible.relative_variance(at, scattered, rays));
+                let seen = self.visible.at(at);
+                let rays = seen.rays_per_path(scattered, price);
+                let variance = [1, rays].map(|rays| seen.relative_variance(scattered, rays));
                 (0..2).for_each(|i| survey.visible[i] += variance[i] / survey.pixels);
                 survey.emission_rays += f64::from(if rays > 1 { rays } else { 0 }) / survey.pixels;
             }

@@ -39,8 +39,9 @@ const MIN_EDGE: f64 = 2.0;
 const PIXELS_PER_WAVE: usize = 128;
 
 /// The emitted luminance that a path of a pixel sees.
-struct Moments {
-    mean: f64,
+#[derive(Debug, Clone, Copy)]
+pub struct SeenEmission {
+    pub mean: f64,
     /// Variance of independent paths.
     variance: f64,
     /// What stratified points leave of it.
@@ -124,7 +125,8 @@ impl VisibleEmission {
         differ.then(|| Self { size, pixels, mass: mass(&transport.filter) })
     }
 
-    fn moments(&self, at: [u32; 2]) -> Moments {
+    /// The emission that paths of a pixel see.
+    pub fn at(&self, at: [u32; 2]) -> SeenEmission {
         // Not 0: what is squared is a divisor.
         let (mut mean, mut square, mut max) = (0.0, 0.0, 1e-100);
         for (at, [dx, dy]) in neighbors(self.size, at) {
@@ -135,30 +137,24 @@ impl VisibleEmission {
             max = rms.to_f64().max(max);
         }
         let variance = (square - mean * mean).max(0.0);
-        Moments { mean, variance, stratified: variance / (1.0 + STRATIFICATION * variance / (max * max)) }
+        SeenEmission { mean, variance, stratified: variance / (1.0 + STRATIFICATION * variance / (max * max)) }
+    }
+}
+
+impl SeenEmission {
+    /// Relative variance of what a path sees by `rays` camera rays, where other light has the mean luminance `scattered`.
+    pub fn relative_variance(&self, scattered: f64, rays: u32) -> f64 {
+        self.stratified / f64::from(rays).powf(RAYS_EXPONENT) / relative_to(self.mean + scattered)
     }
 
-    /// Mean emitted luminance that paths of a pixel see.
-    pub fn mean(&self, at: [u32; 2]) -> f64 {
-        self.moments(at).mean
-    }
-
-    /// Relative variance of the emission that a path of a pixel sees by `rays` camera rays, where other light has the mean
-    /// luminance `scattered`.
-    pub fn relative_variance(&self, at: [u32; 2], scattered: f64, rays: u32) -> f64 {
-        let Moments { mean, stratified, .. } = self.moments(at);
-        stratified / f64::from(rays).powf(RAYS_EXPONENT) / relative_to(mean + scattered)
-    }
-
-    /// Camera rays per path of a pixel for emission, a power of two: those that minimise the relative variance of the picture
-    /// times its cost. `price` is the variance that a camera ray must save, > 0.
-    pub fn rays_per_path(&self, at: [u32; 2], scattered: f64, price: f64) -> u32 {
-        let Moments { mean, variance, stratified } = self.moments(at);
-        if variance <= MIN_CONTRAST * mean * scattered {
+    /// Camera rays per path, a power of two: those that minimise the relative variance of the picture times its cost. `price` is
+    /// the variance that a camera ray must save, > 0.
+    pub fn rays_per_path(&self, scattered: f64, price: f64) -> u32 {
+        if self.variance <= MIN_CONTRAST * self.mean * scattered {
             return 1;
         }
         // Where the derivative of V / n^a is the price.
-        let rays = RAYS_EXPONENT * stratified / relative_to(mean + scattered) / price;
+        let rays = RAYS_EXPONENT * self.stratified / relative_to(self.mean + scattered) / price;
         let doublings = rays.log2() / (RAYS_EXPONENT + 1.0);
         // NaN, too, becomes 0.
         1 << (doublings.round().max(0.0) as u32).min(MAX_RAYS_PER_PATH.ilog2())
@@ -209,20 +205,20 @@ mod tests {
     #[test]
     fn pixels_beside_a_light_have_the_variance_and_no_others() {
         let seen = columns(&[0.0, 0.0, 5.0, 5.0, 5.0, 0.0, 0.0]);
-        let of = |x| seen.relative_variance([x, 1], 0.1, 1);
+        let of = |x| seen.at([x, 1]).relative_variance(0.1, 1);
         assert_eq!([of(0), of(3), of(6)], [0.0; 3]);
         // The dark side of the edge has the mean of a few paths, to which the variance is relative.
         assert!(of(1) > 10.0 * of(2) && of(2) > 0.0, "{} {}", of(1), of(2));
         assert!(of(1) == of(5) && of(2) == of(4));
         // Light from elsewhere hides it.
-        assert!(seen.relative_variance([1, 1], 10.0, 1) < 0.1 * of(1));
-        assert!((columns(&[2.0; 5]).mean([2, 2]) - 2.0).abs() < 1e-12);
+        assert!(seen.at([1, 1]).relative_variance(10.0, 1) < 0.1 * of(1));
+        assert!((columns(&[2.0; 5]).at([2, 2]).mean - 2.0).abs() < 1e-12);
     }
 
     #[test]
     fn camera_rays_go_where_light_begins_unless_other_light_is_as_bright() {
         let seen = columns(&[0.0, 0.0, 5.0, 5.0, 5.0, 0.0, 0.0]);
-        let of = |scattered, price| (0..7).map(|x| seen.rays_per_path([x, 1], scattered, price)).collect::<Vec<_>>();
+        let of = |scattered, price| (0..7).map(|x| seen.at([x, 1]).rays_per_path(scattered, price)).collect::<Vec<_>>();
         let dark = of(0.01, 1e-4);
         assert!(dark[1] > 8 && dark[5] == dark[1] && [dark[0], dark[3], dark[6]] == [1; 3], "{dark:?}");
         // Camera rays that find other light as bright see no less.
@@ -231,14 +227,14 @@ mod tests {
         assert_eq!(of(0.01, f64::INFINITY), [1; 7]);
         assert!(of(0.01, 1.0)[1] < dark[1]);
         assert_eq!(of(0.01, 0.0)[1], MAX_RAYS_PER_PATH);
-        assert_eq!(columns(&[0.0; 3]).rays_per_path([1, 1], 0.0, 0.0), 1);
+        assert_eq!(columns(&[0.0; 3]).at([1, 1]).rays_per_path(0.0, 0.0), 1);
     }
 
     #[test]
     fn no_light_is_too_bright_or_too_dark_for_it() {
         for light in [f32::MAX, f32::MIN_POSITIVE, 0.0] {
             let seen = columns(&[0.0, light, 0.0]);
-            let all = [0, 1, 2].map(|x| seen.relative_variance([x, 0], 0.0, 1));
+            let all = [0, 1, 2].map(|x| seen.at([x, 0]).relative_variance(0.0, 1));
             assert!(all.iter().all(|v| v.is_finite() && *v >= 0.0), "{light}: {all:?}");
         }
     }
