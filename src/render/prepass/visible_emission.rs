@@ -41,6 +41,7 @@ const PIXELS_PER_WAVE: usize = 128;
 /// The emitted luminance that a path of a pixel sees.
 #[derive(Debug, Clone, Copy)]
 pub struct SeenEmission {
+    /// Mean luminance of its camera rays.
     pub mean: f64,
     /// Variance of independent paths.
     variance: f64,
