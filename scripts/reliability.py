@@ -20,6 +20,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import reliability_commands
 import reliability_files
 import reliability_memory
 
@@ -283,8 +284,9 @@ def write(title, text, rows):
 
 
 def main():
-    for title, function in {**reliability_files.SECTIONS, **reliability_memory.SECTIONS}.items():
-        section(title)(function)
+    for module in (reliability_files, reliability_memory, reliability_commands):
+        for title, function in module.SECTIONS.items():
+            section(title)(function)
     if len(sys.argv) < 3 or not set(sys.argv[2:]) <= {"all", *SECTIONS}:
         sys.exit(f"{__doc__}\nsections: all, {', '.join(SECTIONS)}")
     bismar = str(Path(sys.argv[1]).resolve())

@@ -233,8 +233,9 @@ def read_exr(path):
         kind = struct.unpack_from("<I", header["channels"], end + 1)[0]
         channels.append((header["channels"][place:end].decode(), kind))
         place = end + 17
-    if any(kind == 1 for _, kind in channels):
-        raise RuntimeError(f"{path.name}: half floats")
+    # Bytes of a value: kind 1 is half floats.
+    channels = [(name, 2 if kind == 1 else 4) for name, kind in channels]
+    pixel = sum(width for _, width in channels)
     x0, y0, x1, y1 = struct.unpack("<4i", header["dataWindow"])
     width, height, compression = x1 - x0 + 1, y1 - y0 + 1, header["compression"][0]
     lines = {0: 1, 2: 1, 3: 16}.get(compression)
@@ -242,7 +243,7 @@ def read_exr(path):
     tile_width, tile_height, levels = struct.unpack("<IIB", header.get("tiles", whole_lines))
     if lines is None or levels:
         raise RuntimeError(f"{path.name}: compression {compression} or mip levels are not supported")
-    values = {name: array("I", bytes(4 * width * height)) for name, _ in channels}
+    values = {name: array("H" if size == 2 else "I", bytes(size * width * height)) for name, size in channels}
     count = -(-height // tile_height) * -(-width // tile_width)
     for offset in struct.unpack_from(f"<{count}Q", data, at):
         offset += 4 * several
@@ -253,18 +254,19 @@ def read_exr(path):
             y, size = struct.unpack_from("<iI", data, offset)
             left, top, chunk = 0, y - y0, data[offset + 8 :][:size]
         rows, columns = min(tile_height, height - top), min(tile_width, width - left)
-        full = 4 * len(channels) * columns * rows
+        full = pixel * columns * rows
         if size < full:
             # Bytes are stored as differences, those at even positions first.
             chunk = bytes(itertools.accumulate(zlib.decompress(chunk), lambda a, b: (a + b - 128) & 255))
             half, straight = (full + 1) // 2, bytearray(full)
             straight[0::2], straight[1::2] = chunk[:half], chunk[half:]
             chunk = bytes(straight)
-        words = array("I", chunk)
-        for row in range(rows):
-            for i, (name, _) in enumerate(channels):
-                start, place = (row * len(channels) + i) * columns, (top + row) * width + left
-                values[name][place : place + columns] = words[start : start + columns]
+        start = 0
+        for row in range(top, top + rows):
+            for name, size in channels:
+                end, place = start + size * columns, row * width + left
+                values[name][place : place + columns] = array(values[name].typecode, chunk[start:end])
+                start = end
     return {"window": [x0, y0, x1, y1], **values}
 
 
@@ -293,7 +295,7 @@ def read_png(path):
 
 
 def value(bits, kind="I"):
-    return struct.unpack("<f", struct.pack("<I", bits))[0] if kind == "I" else bits
+    return struct.unpack({"I": "<f", "H": "<e"}[kind], struct.pack(f"<{kind}", bits))[0] if kind in "IH" else bits
 
 
 def differences(old, new, where=""):
