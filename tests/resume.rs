@@ -300,6 +300,11 @@ fn a_goal_that_cuts_the_passes_otherwise_is_told() {
         // Tiles that ended by themselves are brought to one number of paths.
         ("half", "--noise 0.1 --spp 128", "--spp 256", true),
         ("progressive", "--noise 0.1 --spp 128", "--noise 0.05 --spp 256", true),
+        // A pass after the first estimate of the noise was cut at a number that is also the end of a planned one, or none was.
+        ("half --integrator direct", "--noise 0.1 --spp 128", "--noise 0.1 --spp 256", true),
+        ("half", "--noise 0.001 --spp 128", "--noise 0.001 --spp 256", false),
+        // Every tile has ended with a whole pass, whatever its number of paths.
+        ("progressive --guiding off --adaptive=on", "--spp 128", "--spp 192", false),
     ] {
         let line = format!("render cornell.glb --size 20x20 --balance {balance}");
         expect(folder.path(), &format!("{line} {first} -o out.exr --checkpoint 9 -q"), 0);

@@ -48,11 +48,15 @@ impl Saved {
         let (done, ahead) = paths_range(&self.tiles);
         match settings.noise_goal() {
             // Tiles have their own counts, and any count once the noise has been estimated, unless an earlier goal has cut it.
-            Some(goal) => {
-                let is_estimated = |n| n > goal.min_paths && self.goals.iter().all(|goal| goal.spp != Some(n));
-                let is_reached = |n: u32| is_estimated(n) || scheduler::is_planned(settings, n);
-                self.tiles.iter().all(|tile| is_reached(tile.paths()))
-            }
+            // A pass after the first estimate ends at a goal by chance alone.
+            Some(goal) => self.tiles.iter().map(Tile::paths).all(|n| {
+                if n <= goal.min_paths {
+                    scheduler::is_planned(settings, n)
+                } else {
+                    self.goals.iter().all(|goal| goal.spp != Some(n) || goal.spp == settings.spp)
+                        || scheduler::begins_as(settings, n, n, self.stats.passes)
+                }
+            }),
             // Tiles have their own goals.
             None if self.stats.techniques.adaptive.is_some() => true,
             None => scheduler::begins_as(settings, done, ahead, self.stats.passes),

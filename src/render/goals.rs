@@ -45,24 +45,25 @@ pub fn add(goals: &mut Vec<Goal>, settings: &RenderSettings, paths: u32) {
     }
 }
 
-/// What the pre-passes of a render with these settings learn depends on the number of paths that is aimed for: equal keys
-/// stand for equal allocations and, if what it learns depends on the goal (`by_goal`), for equal fields and light selection.
-pub fn learning_key(settings: &RenderSettings, by_goal: bool) -> (Option<u32>, Option<u32>) {
-    (Allocation::key(settings), by_goal.then(|| settings.expected_spp()))
+/// Does what pre-passes learn for the goal of `shorter`, of fewer paths or as many, hold for that of `settings`, as far as passes to
+/// the former have taken it? The allocation depends on the goal, and so do guiding field and light selection if `by_goal`.
+pub fn learned_alike(shorter: &RenderSettings, settings: &RenderSettings, by_goal: bool) -> bool {
+    let allocated_alike =
+        Allocation::key(shorter) == Allocation::key(settings) || Allocation::begins_as(shorter, settings);
+    allocated_alike && (!by_goal || shorter.expected_spp() == settings.expected_spp())
 }
 
 /// Have these goals led to the passes and to what was learned that a render of `settings` has from the beginning? What it learns
 /// depends on the goal (`by_goal`) or not. Passes of goals with a time limit are not known. True without goals: older files
 /// record none.
 pub fn are_as_one(goals: &[Goal], settings: &RenderSettings, by_goal: bool) -> bool {
-    let learned = |s: &RenderSettings| learning_key(s, by_goal);
     let allocated = allocation::is_made(settings);
     let untils = goals.iter().skip(1).map(|next| Some(next.from)).chain([None]);
     goals.iter().zip(untils).all(|(goal, until)| {
         let theirs = goal.instead(settings);
         let passes = |s: &RenderSettings| until.map(|paths| scheduler::pass_ends(s, paths));
         let is_known = !goal.timed && settings.time.is_none() && !allocated;
-        learned(&theirs) == learned(settings) && (!is_known || passes(&theirs) == passes(settings))
+        learned_alike(&theirs, settings, by_goal) && (!is_known || passes(&theirs) == passes(settings))
     })
 }
 
@@ -107,7 +108,8 @@ mod tests {
         for (goals, spp, as_one) in [
             (&[(128, 0), (256, 128)][..], 256, true),
             (&[(64, 0), (256, 64)], 256, false),
-            (&[(128, 0), (200, 128)], 200, false),
+            (&[(128, 0), (200, 128)], 200, true),
+            (&[(128, 0), (200, 128), (256, 200)], 256, false),
             (&[(8, 0), (12, 8)], 12, false),
         ] {
             assert_eq!(are_as_one(&went(goals), &adaptive(spp), false), as_one, "{goals:?}");

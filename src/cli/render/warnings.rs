@@ -9,7 +9,7 @@ use super::values::LightUnit;
 use crate::color::luminance;
 use crate::rays::BackendInfo;
 use crate::render::checkpoint::Host;
-use crate::render::goals::learning_key;
+use crate::render::goals::learned_alike;
 use crate::render::tile::Tile;
 use crate::render::{BuildInfo, Record, RenderSettings, Rendered, Saved};
 
@@ -39,10 +39,9 @@ pub fn resumed_differently(
     }
     let [goal, earlier_goal] = [settings, &before.identity.settings].map(RenderSettings::noise_goal);
     let noise_was_checked = |tile: &Tile| goal.or(earlier_goal).is_some_and(|goal| tile.paths() > goal.min_paths);
-    let learning_key = |s: &RenderSettings| learning_key(s, saved.learns_by_goal(s));
-    let [planned, planned_before] = [settings, &before.identity.settings].map(learning_key);
+    let learned_alike = learned_alike(&before.identity.settings, settings, saved.learns_by_goal(settings));
     let noise_differs = goal != earlier_goal && saved.tiles.iter().any(noise_was_checked);
-    if noise_differs || planned != planned_before || !saved.has_passes_of(settings) {
+    if noise_differs || !learned_alike || !saved.has_passes_of(settings) {
         warn!(
             "{output} was begun with another goal and took other passes, or learned something else in its pre-pass: the picture is \
              unbiased, but not bit-identical to an uninterrupted render"

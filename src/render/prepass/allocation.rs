@@ -203,6 +203,12 @@ impl Allocation {
         Some(if spp.is_multiple_of(MAX_PASS_PATHS) { MAX_PASS_PATHS } else { spp })
     }
 
+    /// Does a render to the goal of `settings` begin with all passes of one to the smaller goal of `shorter`? Those end with a
+    /// whole pass of every tile.
+    pub fn begins_as(shorter: &RenderSettings, settings: &RenderSettings) -> bool {
+        Self::key(shorter) == Some(MAX_PASS_PATHS) && is_made(settings) && settings.spp > shorter.spp
+    }
+
     /// Camera rays for emission that the camera sees directly.
     pub fn emission_rays(&self) -> Option<&EmissionRayCounts> {
         self.emission_rays.as_ref()
