@@ -31,13 +31,16 @@ pub struct Caution {
     doubt: f32,
     /// Least relative gain in variance.
     min_gain: f32,
+    /// Maximum of variance times cost at the shares that neighbours choose, over that at the prior shares, by the variances of
+    /// a tile's pixels themselves. Blocks as short as a pilot's show too little of what stratification does for ½.
+    max_remaining: f32,
 }
 
 impl Caution {
     /// For direct lighting.
-    pub const DIRECT: Self = Self { kappa: 2.0, doubt: 1.0, min_gain: 0.05 };
+    pub const DIRECT: Self = Self { kappa: 2.0, doubt: 1.0, min_gain: 0.05, max_remaining: 1.0 };
     /// For paths with indirect light, which is occasionally far stronger than a pilot shows.
-    pub const INDIRECT: Self = Self { kappa: 4.0, doubt: 2.0, min_gain: 0.1 };
+    pub const INDIRECT: Self = Self { kappa: 4.0, doubt: 2.0, min_gain: 0.1, max_remaining: 0.85 };
 }
 
 /// A colour channel below this fraction of the strongest is weighted as if it had this fraction.
@@ -209,10 +212,45 @@ impl<'a> BlockVariances<'a> {
         self.prior.push(if finite { at_prior } else { 0.0 });
     }
 
-    /// The shares of pixel `pixel` of a tile with `width` pixels per row, by the variances of its neighbours alone. Among the
-    /// candidates with less variance than the prior, pseudo-observations and doubt included, it is the one with the least
-    /// variance times `cost`; the prior if there is none. `features` has one entry per pixel.
-    pub fn choose(&self, pixel: usize, width: usize, features: &[PixelFeatures], cost: Cost) -> Shares {
+    /// The shares of each pixel of a tile with `width` pixels per row, by the other pixels' variances alone: those that its
+    /// neighbours choose, or the prior where such shares leave too much of variance times `cost` at the pixels that are no
+    /// neighbours of it. These judge by their own variances what their neighbours have chosen. `features` has one entry per pixel.
+    pub fn choose(&self, width: usize, features: &[PixelFeatures], cost: Cost) -> Vec<Shares> {
+        let Candidates { shares, prior, caution, .. } = self.candidates;
+        let pixels = self.prior.len();
+        let chosen: Vec<_> = (0..pixels).map(|pixel| self.by_neighbours(pixel, width, features, cost)).collect();
+        let work: Vec<_> = chosen.iter().enumerate().map(|(pixel, at)| self.work(pixel, *at, cost)).collect();
+        // Whole sums without these pixels, not less them: rounding would leave a trace of the pixel itself.
+        let sum = |work: &mut dyn Iterator<Item = [f64; 2]>| work.fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]);
+        let rows: Vec<_> = work.chunks(width).map(|row| (row, sum(&mut row.iter().copied()))).collect();
+        let is_far = |a: usize, b: usize| a.abs_diff(b) > NEIGHBOUR_RADIUS;
+        let pays = |pixel: usize| {
+            let far = |row: &[[f64; 2]]| {
+                sum(&mut row.iter().enumerate().filter(|(x, _)| is_far(*x, pixel % width)).map(|(_, work)| *work))
+            };
+            let by_row = rows.iter().enumerate();
+            let [chosen, prior] =
+                sum(&mut by_row.map(|(y, (row, all))| if is_far(y, pixel / width) { *all } else { far(row) }));
+            chosen <= f64::from(caution.max_remaining) * prior
+        };
+        let share = |(pixel, at): (usize, usize)| shares[if at != *prior && pays(pixel) { at } else { *prior }];
+        chosen.into_iter().enumerate().map(share).collect()
+    }
+
+    /// Variance times cost of a pixel at candidate `at`, and at the prior shares; zero if that is its candidate.
+    fn work(&self, pixel: usize, at: usize, cost: Cost) -> [f64; 2] {
+        let Candidates { shares, ratios, prior, .. } = self.candidates;
+        if at == *prior || self.prior[pixel] == 0.0 {
+            return [0.0; 2];
+        }
+        let variance = self.variance[pixel * ratios.len() + at / LANES].as_array()[at % LANES];
+        let cost = [at, *prior].map(|at| cost.at(shares[at].light_share));
+        [variance * cost[0], self.prior[pixel] * cost[1]].map(f64::from)
+    }
+
+    /// The candidate for pixel `pixel` by the variances of its neighbours alone. Among those with less variance than the prior,
+    /// pseudo-observations and doubt included, it is the one with the least variance times `cost`; the prior if there is none.
+    fn by_neighbours(&self, pixel: usize, width: usize, features: &[PixelFeatures], cost: Cost) -> usize {
         let chunks = self.candidates.ratios.len();
         let similar = |other: &usize| {
             *other != pixel && self.prior[*other] > 0.0 && features[pixel].is_similar(&features[*other])
@@ -225,7 +263,7 @@ impl<'a> BlockVariances<'a> {
         }
         let neighbours = &neighbours[..found];
         if found < 2 {
-            return self.candidates.prior();
+            return self.candidates.prior;
         }
         let count = found as f32;
         let (mut prior, mut prior2) = (0.0f32, 0.0f32);
@@ -233,11 +271,11 @@ impl<'a> BlockVariances<'a> {
             prior += self.prior[other];
             prior2 += self.prior[other] * self.prior[other];
         }
-        let Caution { kappa, doubt, min_gain } = self.candidates.caution;
+        let Caution { kappa, doubt, min_gain, .. } = self.candidates.caution;
         let unseen = kappa * prior2 / (prior * count * DEGREES_OF_FREEDOM);
         let prior = prior / count;
         let threshold = -min_gain * prior;
-        let mut best = (f32::INFINITY, self.candidates.prior());
+        let mut best = (f32::INFINITY, self.candidates.prior);
         for chunk in 0..chunks {
             // Sums over neighbours of the difference to the prior's variance, and of its square.
             let (mut gain, mut gain2) = (F::ZERO, F::ZERO);
@@ -251,10 +289,11 @@ impl<'a> BlockVariances<'a> {
             let error = (error * F::splat(1.0 / (count - 1.0))).sqrt();
             let score = mean + F::splat(doubt) * error + F::splat(unseen) * self.candidates.unseen[chunk];
             for (lane, score) in score.to_array().into_iter().enumerate() {
-                let Some(&shares) = self.candidates.shares.get(chunk * LANES + lane) else { break };
+                let at = chunk * LANES + lane;
+                let Some(shares) = self.candidates.shares.get(at) else { break };
                 let work = (prior + score) * cost.at(shares.light_share);
                 if score < threshold && work < best.0 {
-                    best = (work, shares);
+                    best = (work, at);
                 }
             }
         }

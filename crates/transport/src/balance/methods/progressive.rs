@@ -80,9 +80,7 @@ fn take_pass_with_pilot(
     let variances = BlockVariances::new(candidates, sampler.pilot(pilot), n, pilot.paths);
     let (width, rays, features) = (sampler.width(), sampler.cost(), sampler.features());
     let cost = Cost { light: rays.light + selection_cost, ..rays };
-    for (i, shares) in learned.shares.iter_mut().enumerate() {
-        *shares = variances.choose(i, width, &features, cost);
-    }
+    learned.shares.copy_from_slice(&variances.choose(width, &features, cost));
     let total_of = |(shares, paths): (&Shares, u32)| Counts::from_shares(*shares, paths).at_least(pilot);
     let total: Vec<_> = learned.shares.iter().zip(sampler.deal(paths)).map(total_of).collect();
     sampler.reweight(&total);

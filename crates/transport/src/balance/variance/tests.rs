@@ -12,7 +12,7 @@ fn contribution(pixel: u32, technique: Technique, index: u32, r: f32, y: f32) ->
 /// The light share of a pixel of a tile with `width` pixels per row, after a pilot of 32 paths.
 fn choose(pixel: usize, width: usize, contributions: &[Contribution], features: &[PixelFeatures]) -> f32 {
     BlockVariances::new(&Candidates::light_and_bsdf(Caution::DIRECT), contributions, features.len(), 32)
-        .choose(pixel, width, features, EQUAL)
+        .choose(width, features, EQUAL)[pixel]
         .light_share
 }
 
@@ -42,6 +42,32 @@ fn a_pixels_own_pilot_has_no_part_in_its_share() {
         let (all, but) = (noisy_bsdf(5, 9), noisy_bsdf(5, pixel));
         assert_eq!(choose(pixel as usize, 5, &all, &[WALL; 5]), choose(pixel as usize, 5, &but, &[WALL; 5]));
     }
+}
+
+/// In a row of pixels, light sampling is better for some and, though their neighbours say the same, worse for more.
+#[test]
+fn shares_that_do_not_pay_elsewhere_in_the_tile_are_not_used() {
+    let pixels = 40;
+    let shares = |contributions: &[Contribution]| {
+        BlockVariances::new(&Candidates::light_and_bsdf(Caution::INDIRECT), contributions, pixels, 32).choose(
+            pixels,
+            &vec![WALL; pixels],
+            EQUAL,
+        )
+    };
+    let all = noisy_bsdf(pixels as u32, 99);
+    assert!(shares(&all).iter().all(|shares| shares.light_share > 0.5));
+    // In one pixel of eight BSDF samples find what light samples do not.
+    let spoiled = |own: u32| {
+        let found = |pixel, i| contribution(pixel, Technique::Bsdf, i, -0.9, if i == 3 { 200.0 } else { 1.0 });
+        let spoiled = (4..pixels as u32).step_by(8).flat_map(|pixel| (0..32).map(move |i| found(pixel, i)));
+        all.iter().copied().chain(spoiled).filter(|c| c.pixel != own).collect::<Vec<_>>()
+    };
+    let found = shares(&spoiled(99));
+    for (pixel, shares_now) in found.iter().enumerate() {
+        assert_eq!(shares(&spoiled(pixel as u32))[pixel], *shares_now, "{pixel}");
+    }
+    assert!(found.iter().all(|shares| shares.light_share == 0.5));
 }
 
 #[test]
@@ -130,7 +156,7 @@ fn estimate(replicas: u32, own: bool) -> (f64, f64) {
         let learned: Vec<_> = learned.collect();
         let candidates = Candidates::light_and_bsdf(Caution::DIRECT);
         let total = Counts::from_shares(
-            BlockVariances::new(&candidates, &learned, 9, PILOT).choose(4, 3, &[WALL; 9], EQUAL),
+            BlockVariances::new(&candidates, &learned, 9, PILOT).choose(3, &[WALL; 9], EQUAL)[4],
             PATHS,
         );
         let mut l = 0.0;
@@ -177,7 +203,7 @@ fn the_kind_of_light_that_varies_gets_the_samples() {
             }
         }
         BlockVariances::new(&Candidates::environment_area_and_bsdf(0.5, Caution::DIRECT), &contributions, 9, 32)
-            .choose(4, 3, &[WALL; 9], EQUAL)
+            .choose(3, &[WALL; 9], EQUAL)[4]
     };
     assert!(share(true).environment_share < Some(0.5) && share(true).light_share > 0.5, "{:?}", share(true));
     assert!(share(false).environment_share > Some(0.5) && share(false).light_share > 0.5, "{:?}", share(false));
@@ -187,7 +213,7 @@ fn the_kind_of_light_that_varies_gets_the_samples() {
 fn without_evidence_the_prior_share_of_the_environment_stands() {
     for (chance, eighths) in [(0.1, 1.0), (0.5, 4.0), (0.7, 6.0), (0.9, 7.0)] {
         let candidates = Candidates::environment_area_and_bsdf(chance, Caution::DIRECT);
-        let share = BlockVariances::new(&candidates, &[], 9, 32).choose(4, 3, &[WALL; 9], EQUAL);
+        let share = BlockVariances::new(&candidates, &[], 9, 32).choose(3, &[WALL; 9], EQUAL)[4];
         assert_eq!(share, Shares { light_share: 0.5, environment_share: Some(eighths / 8.0) });
     }
 }
@@ -242,7 +268,7 @@ fn of_shares_that_are_surely_better_the_cheapest_work_wins() {
     }
     let candidates = Candidates::light_and_bsdf(Caution::DIRECT);
     let variances = BlockVariances::new(&candidates, &contributions, 25, 32);
-    let share = |cost| variances.choose(12, 5, &[WALL; 25], cost).light_share;
+    let share = |cost| variances.choose(5, &[WALL; 25], cost)[12].light_share;
     // V ∝ 16/α + 1/(1 − α) is least at ¾ of the candidates; V α falls with α, but nothing below ½ is better than ½.
     let dear_light = share(Cost { fixed: 0.0, light: 1.0, bsdf: 0.0 });
     assert!(dear_light > 0.5 && dear_light < share(EQUAL), "{dear_light} {}", share(EQUAL));
