@@ -7,7 +7,8 @@ use bismar::film::PixelStats;
 use bismar::integrator::{PixelSums, PixelTask, Proposal, Transport, Wave};
 use bismar::light::{Density, LearnedEnvironment, LearnedLights, LightProposal, LightSampleRecord};
 use bismar::rays::Backend;
-use bismar::render::prepass::learned_lights::{LightsLearner, bytes, learned};
+use bismar::render::prepass::learned_lights::{LightsLearner, learned};
+use bismar::render::prepass::size;
 use bismar::render::techniques::LearnedLightsStats;
 use bismar::render::{Balance, Part, RenderSettings, RenderStats, Rendered, RunOptions, Saved, render, run, transport};
 use bismar::sampling::SplitMix64;
@@ -84,7 +85,7 @@ fn what_a_pilot_learns_of_lamps_changes_no_mean_and_takes_noise_away() {
     let found = learned(learner, &stage.scene, &settings, &transport, &AtomicBool::new(false)).unwrap();
     assert!(found.stats.remaining_variance < 0.7, "{:?}", found.stats);
     let lights = found.lights.as_ref().unwrap();
-    let bytes = bytes(&settings, 1 << 20, false);
+    let bytes = size(&settings, 1 << 20, false).learning;
     assert!((lights.bytes() as u64) < bytes && bytes < 100 << 20);
     let [without, with] =
         [(None, 0), (Some(lights), 500)].map(|(lights, seed)| pictures(&stage, (lights, None), seed, 200));
@@ -123,7 +124,7 @@ fn what_is_learned_of_the_environment_changes_no_mean_and_takes_noise_away() {
     let found = learned(learner, &stage.scene, &settings, &transport, &AtomicBool::new(false)).unwrap();
     assert!(found.stats.remaining_variance < 0.8, "{:?}", found.stats);
     let environment = found.lights.as_ref().unwrap();
-    assert!((environment.bytes() as u64) < bytes(&settings, 0, true));
+    assert!((environment.bytes() as u64) < size(&settings, 0, true).learning);
     let [without, with] =
         [(None, 0), (Some(environment), 500)].map(|(known, seed)| pictures(&stage, (None, known), seed, 200));
     assert!(z(&without[0], &with[0]).abs() < z_limit(1), "{without:?} {with:?}");

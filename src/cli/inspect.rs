@@ -35,15 +35,15 @@ pub fn run(args: &InspectArgs) -> Result<Verdict> {
     let files = SceneFiles::open(&args.scene)?;
     let survey = files.survey();
     let name = args.scene.display().to_string();
-    let need = |pixels| Need::with_defaults(&survey, args.selection.steps(false), pixels).bytes();
+    let need = |size| Need::with_defaults(&survey, args.selection.steps(false), size).bytes();
     let limit = memory::limit(None)?;
-    memory::check(&name, need(0), limit)?;
+    memory::check(&name, need([0, 0]), limit)?;
     memory::hold(limit);
     let imported = files.import(&args.selection.options(false, false))?;
     drop(files);
     let summary = import::summary(&imported);
     let (width, height) = size(&imported.scene.cameras[0]);
-    let render_bytes = need(u64::from(width) * u64::from(height));
+    let render_bytes = need([width, height]);
     let own_light = match args.selection.is_posed() {
         false => own_light(imported.scene)?,
         true => own_light(import::import(&args.scene, &args.selection.at_rest().options(false, false))?.scene)?,

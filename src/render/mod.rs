@@ -30,6 +30,8 @@ pub mod tile;
 pub mod transport;
 mod validate;
 
+use rayon::prelude::*;
+
 use crate::film::compare::relative_to;
 use crate::film::{Background, Film};
 pub use build_info::BuildInfo;
@@ -119,7 +121,8 @@ pub fn tile_positions(settings: &RenderSettings) -> Vec<[u32; 2]> {
 fn study_tiles(settings: &RenderSettings, study: &StudyOptions) -> Vec<Tile> {
     let positions = study.tiles.as_ref().map_or_else(|| tile_positions(settings), |tiles| tiles.to_vec());
     let fresh = |position| Tile::new(position, settings.width, settings.height, settings.columns());
-    let mut tiles: Vec<_> = positions.into_iter().map(fresh).collect();
+    // By all threads: what pre-passes have freed lies in their arenas, and is not given back to the system.
+    let mut tiles: Vec<_> = positions.into_par_iter().map(fresh).collect();
     if let Some(shares) = &study.light_shares {
         tiles.iter_mut().for_each(|tile| tile.set_light_shares(shares, settings.width));
     }

@@ -2,8 +2,8 @@
 
 use crate::rays::Backend;
 use crate::render::RenderSettings;
-use crate::render::prepass::learned_lights;
-use crate::render::tile::{Columns, Tile};
+use crate::render::prepass;
+use crate::render::tile::{Columns, TILE, Tile};
 use crate::scene::import::{EnvironmentSize, Survey};
 
 /// What the memory of a render depends on.
@@ -29,8 +29,12 @@ pub struct Need<'a> {
     pub denoises: bool,
     /// Whether a PNG is written, too.
     pub previews: bool,
-    /// Largest number of bytes that a pre-pass takes.
-    pub prepass_bytes: u64,
+    /// What pre-passes take.
+    pub prepass: prepass::Size,
+    /// Whether there are pixels before the pre-passes.
+    pub continues: bool,
+    /// Number of tiles that threads work at, of the allocation too. Threads without work have no buffers.
+    pub tiles: u64,
     /// Ray tracing library.
     pub rays: Backend,
     /// Number of render threads.
@@ -65,10 +69,13 @@ impl Steps {
 
 /// Bytes of the program and its libraries.
 const PROGRAM_BYTES: u64 = 30 << 20;
-/// Bytes of the buffers of one thread.
+/// Bytes of the buffers of one thread, and of those with which it records paths that teach.
 const BYTES_PER_THREAD: u64 = 2 << 20;
+const RECORDING_BYTES_PER_THREAD: u64 = 2 << 20;
 /// Bytes per pixel of all AOVs while the blocks of the file are compressed.
 const AOV_BYTES_PER_PIXEL: u64 = 64;
+/// Bytes per pixel of the window of the luminances that set the exposure, in a list that grows.
+const EXPOSURE_BYTES_PER_PIXEL: u64 = 6;
 /// Bytes per pixel of a PNG while it is written.
 const PREVIEW_BYTES_PER_PIXEL: u64 = 8;
 /// Bytes per triangle of a static mesh: at the peak of the build, and of the finished acceleration structure.
@@ -106,11 +113,18 @@ pub fn placed_bytes(instances: u64, keys: u64, emissive_triangles: u64) -> u64 {
     instances * BYTES_PER_INSTANCE + keys * BYTES_PER_KEY.iter().sum::<u64>() + emissive_triangles * BYTES_PER_LIGHT
 }
 
+/// Maximum number of tiles of a window: x0, y0, x1, y1, the last two exclusive.
+pub fn tiles([x0, y0, x1, y1]: [u32; 4]) -> u64 {
+    let along = |begin: u32, end: u32| u64::from(end.div_ceil(TILE) - begin / TILE);
+    along(x0, x1) * along(y0, y1)
+}
+
 impl<'a> Need<'a> {
-    /// Of a picture of so many pixels with default settings and without an environment.
-    pub fn with_defaults(scene: &'a Survey, steps: Steps, pixels: u64) -> Self {
-        let settings = RenderSettings::default();
-        let learning = learned_lights::bytes(&settings, scene.census.emissive_triangles, false);
+    /// Of a picture of this width and height with default settings and without an environment; with 0 of the scene alone.
+    pub fn with_defaults(scene: &'a Survey, steps: Steps, [width, height]: [u32; 2]) -> Self {
+        let settings = RenderSettings { width, height, ..Default::default() };
+        let pixels = u64::from(width) * u64::from(height);
+        let prepass = || prepass::size(&settings, scene.census.emissive_triangles, false);
         Self {
             scene,
             steps,
@@ -122,7 +136,9 @@ impl<'a> Need<'a> {
             saved_pixels: 0,
             denoises: false,
             previews: false,
-            prepass_bytes: if pixels > 0 { learning } else { 0 },
+            prepass: if pixels > 0 { prepass() } else { Default::default() },
+            continues: false,
+            tiles: tiles([0, 0, width, height]),
             rays: Backend::default(),
             threads: rayon::current_num_threads(),
         }
@@ -151,7 +167,7 @@ impl<'a> Need<'a> {
         let decoding = s.decoding_bytes.iter().take(self.threads).sum::<u64>();
         let reading = s.read_bytes + documents + sampling + decoding.max(c.reading_bytes).max(environment[0]);
         let lights = c.emissive_triangles * BYTES_PER_LIGHT;
-        let writing = if self.columns.aovs { AOV_BYTES_PER_PIXEL } else { 0 };
+        let writing = if self.columns.aovs { AOV_BYTES_PER_PIXEL } else { EXPOSURE_BYTES_PER_PIXEL };
         let pixels = Tile::memory_bytes(self.pixels, self.columns) + self.window_pixels * writing;
         // Statistics are compressed before writing, usually to less than half.
         let saving = Tile::memory_bytes(self.saved_pixels, self.columns) / 2;
@@ -161,12 +177,16 @@ impl<'a> Need<'a> {
             false => 0,
         };
         let preview = if self.previews { self.pixels * PREVIEW_BYTES_PER_PIXEL } else { 0 };
-        // A part of what the reader has freed is not given back to the system.
-        let documents = documents / 2;
-        let rendering =
-            built + environment[1] + lights + pixels + self.prepass_bytes.max(saving).max(denoiser).max(preview);
-        at_rest(self.threads)
-            + kept
-            + reading.max(documents + deforming + building).max(documents + deforming + rendering)
+        // A part of what is freed is not given back to the system: of what the reader had, and learners.
+        let (documents, learned) = (documents / 2, self.prepass.learning / 2);
+        let buffers = at_rest(self.threads.min(self.tiles as usize));
+        let learners = self.threads.min(self.prepass.tiles as usize) as u64;
+        let learning = self.prepass.learning + at_rest(0) + learners * (BYTES_PER_THREAD + RECORDING_BYTES_PER_THREAD);
+        let allocating = learned + self.prepass.allocation + buffers;
+        let before = if self.continues { pixels } else { 0 };
+        let drawing = pixels + learned.max(self.prepass.allocation).max(saving).max(denoiser).max(preview) + buffers;
+        let rendering = built + environment[1] + lights + drawing.max(before + learning.max(allocating));
+        kept + (at_rest(self.threads) + reading.max(documents + deforming + building))
+            .max(documents + deforming + rendering)
     }
 }

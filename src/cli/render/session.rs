@@ -130,20 +130,18 @@ impl Session<'_> {
     pub fn check_memory(&self) -> Result<memory::Limit> {
         let (args, scene) = (self.args, &self.inputs.scene);
         let (width, height) = args.size.map_or_else(|| self.size_by_camera(), |s| (s.0, s.1));
-        let pixels = match args.crop {
-            Some(crop) => {
-                crop.inside(width, height).map_or(0, |[x0, y0, x1, y1]| u64::from(x1 - x0) * u64::from(y1 - y0))
-            }
-            None => u64::from(width) * u64::from(height),
-        };
-        let window_pixels = pixels;
+        let whole = [0, 0, width, height];
+        let window = args.crop.map_or(whole, |crop| crop.inside(width, height).unwrap_or_default());
+        let [columns, rows] = [window[2] - window[0], window[3] - window[1]].map(u64::from);
+        let window_pixels = columns * rows;
         // Parts differ by at most one tile.
         let pixels = match args.part() {
-            Some(part) => pixels.div_ceil(part.of.into()) + u64::from(TILE * TILE),
-            None => pixels,
+            Some(part) => window_pixels.div_ceil(part.of.into()) + u64::from(TILE * TILE),
+            None => window_pixels,
         };
         let settings = RenderSettings { width, height, ..args.settings() };
         let lights = scene.census.emissive_triangles;
+        let prepass = prepass::size(&settings, lights, self.inputs.environment.1.is_some());
         let need = Need {
             scene,
             steps: args.selection.steps(args.has_velocities()),
@@ -155,7 +153,9 @@ impl Session<'_> {
             saved_pixels: if args.checkpoint.is_some() || args.part().is_some() { pixels } else { 0 },
             denoises: args.denoise.is_some(),
             previews: args.preview.is_some(),
-            prepass_bytes: prepass::bytes(&settings, lights, self.inputs.environment.1.is_some()),
+            prepass,
+            continues: args.resume && args.output().exists(),
+            tiles: memory::tiles(if prepass.allocation > 0 { whole } else { window }),
             rays: args.rays,
             threads: self.threads,
         };

@@ -9,7 +9,7 @@ use super::super::techniques::{GuidingEfficiency, GuidingStats};
 use super::super::{Choice, RenderSettings};
 use super::effort::{self, MAX_REMAINING_AT_FIRST_DECISION, MAX_REMAINING_GUIDED, MAX_TIME_SHARE};
 use super::rounds::{self, Learner, Round, Wanted};
-use crate::guiding::learn::LEARNING_CELL_BYTES;
+use crate::guiding::learn::bytes_to_learn;
 use crate::guiding::{Field, PathStatistics, TrainingSample, VertexRecord, learn};
 use crate::integrator::{PreparedScene, Proposal, Transport};
 
@@ -27,22 +27,37 @@ const VERTEX_RECORDS_PER_SUFFICIENT_SAMPLE: f64 = 2.0;
 const FIRST_DECISION_ROUND: u32 = 1;
 /// Learning continues there, too, if fewer training samples per path were found, too few for an estimate.
 const MIN_SAMPLES_PER_PATH: f64 = 0.04;
+/// Training samples of a path over its maximum segments, and vertex records. A closed white room has two thirds in the first
+/// rounds, and a third once roulette has been learned.
+const SAMPLES_PER_SEGMENT: f64 = 0.5;
+/// Bytes of memory for each cell of a field, where memory limits their number. They take less; more cells would change pictures.
+const BYTES_PER_CELL: f64 = 13_468.0;
 /// Default maximum bytes of a field and its training samples.
 pub const MEMORY: u64 = 256 << 20;
 
-/// Maximum bytes that the pre-pass of a render with these settings takes.
-pub fn bytes(settings: &RenderSettings) -> u64 {
+/// Maximum bytes of the records of so many rounds with so many pixels, which the settings may end before, and bytes that learning
+/// from them takes.
+pub fn bytes(settings: &RenderSettings, rounds: u32, pixels: f64) -> [u64; 2] {
     if !settings.guides() {
-        return 0;
+        return [0; 2];
     }
-    let most = settings.guiding_memory.unwrap_or(MEMORY);
-    // A round has twice the paths of the one before it: in the end there are up to three times as many as suffice. They are
-    // copied once, and the field takes as much again.
+    let most = settings.guiding_memory.unwrap_or(MEMORY) as f64;
+    // No round but the first begins that would exceed this number of paths.
+    let max_paths = (MAX_PATHS_PER_PICTURE_PIXEL * worthwhile(settings) * settings.pixels()).max(15.0 * pixels);
+    let all = |round: u32| pixels * f64::from((2 << round) - 1);
+    let last =
+        (0..rounds.min(MAX_ROUNDS)).take_while(|round| *round == 0 || all(*round) <= max_paths).last().unwrap_or(0);
+    let samples_per_path = f64::from(settings.max_depth) * SAMPLES_PER_SEGMENT;
     let sufficient = sufficient(settings);
-    let training_samples = 3.0 * 3.0 * sufficient * size_of::<TrainingSample>() as f64;
-    // Vertex records are copied once.
-    let vertex_records = 2.0 * VERTEX_RECORDS_PER_SUFFICIENT_SAMPLE * sufficient * size_of::<VertexRecord>() as f64;
-    ((training_samples + vertex_records) as u64).min(most)
+    // A round has twice the paths of the one before it: in the end there are up to three times as many as suffice.
+    let training_samples =
+        (3.0 * sufficient).min(samples_per_path * all(last)).min(most / 4.0 / size_of::<TrainingSample>() as f64);
+    let vertex_records = (VERTEX_RECORDS_PER_SUFFICIENT_SAMPLE * sufficient)
+        .min(samples_per_path * pixels * f64::from(1 << last))
+        .min(most / 8.0 / size_of::<VertexRecord>() as f64);
+    let records =
+        training_samples * size_of::<TrainingSample>() as f64 + vertex_records * size_of::<VertexRecord>() as f64;
+    [records as u64, bytes_to_learn(training_samples as u64)]
 }
 
 /// Pixels of the pre-pass that this learner needs for a picture of so many pixels.
@@ -59,6 +74,11 @@ fn sufficient(settings: &RenderSettings) -> f64 {
 fn worthwhile(settings: &RenderSettings) -> f64 {
     let root = (f64::from(settings.expected_spp()) / REFERENCE_SPP).sqrt();
     root * root.sqrt()
+}
+
+/// Number of records in all parts.
+fn count<T>(parts: &[Vec<T>]) -> usize {
+    parts.iter().map(Vec::len).sum()
 }
 
 /// The result of the pre-pass.
@@ -96,7 +116,8 @@ pub struct GuidingLearner {
     max_paths: f64,
     /// Weight of differences of normals against distances, in metres.
     scale: f32,
-    training_samples: Vec<TrainingSample>,
+    /// In parts, in the order of the rounds.
+    training_samples: Vec<Vec<TrainingSample>>,
     /// Rays per path of the first round, which is unguided.
     unguided: Option<f64>,
     finished: bool,
@@ -110,8 +131,7 @@ impl GuidingLearner {
             return None;
         }
         let most = settings.guiding_memory.unwrap_or(MEMORY) as f64;
-        // A quarter for training samples and an eighth for vertex records, which are copied once; a quarter for cells while they
-        // learn.
+        // A quarter for training samples, an eighth for vertex records, a quarter for cells while they learn.
         let max_training_samples = (most / 4.0 / size_of::<TrainingSample>() as f64) as usize;
         let picture_pixels = settings.pixels();
         let worthwhile = worthwhile(settings);
@@ -127,7 +147,7 @@ impl GuidingLearner {
                 vertex_records: max_vertex_records,
                 ..Default::default()
             },
-            max_cells: (most / 4.0 / LEARNING_CELL_BYTES as f64).max(1.0) as usize,
+            max_cells: (most / 4.0 / BYTES_PER_CELL).max(1.0) as usize,
             // With three quarters of what memory allows, most of the next round would be left out.
             sufficient: sufficient.min(0.75 * max_training_samples as f64),
             max_paths: MAX_PATHS_PER_PICTURE_PIXEL * worthwhile,
@@ -151,28 +171,28 @@ impl Learner for GuidingLearner {
     }
 
     fn wants(&self) -> Option<Wanted> {
-        let training_samples = self.max.training_samples - self.training_samples.len().min(self.max.training_samples);
-        (!self.finished).then_some(Wanted { training_samples: training_samples.max(1), ..self.max })
+        let training_samples = self.max.training_samples.saturating_sub(count(&self.training_samples)).max(1);
+        (!self.finished).then_some(Wanted { training_samples, ..self.max })
     }
 
-    fn learn(&mut self, round: &Round, seconds: f64) {
+    fn learn(&mut self, round: &mut Round, seconds: f64) {
         self.result.seconds += seconds;
         let pixels = round.pixels.len() as f64;
         let cost = round.rays as f64 / round.all_paths();
         let unguided = *self.unguided.get_or_insert(cost);
-        let few = (round.training_samples.len() as f64) < MIN_SAMPLES_PER_PATH * round.all_paths();
-        let fresh = self.training_samples.len();
-        self.training_samples.extend_from_slice(&round.training_samples);
+        let few = (count(&round.training_samples) as f64) < MIN_SAMPLES_PER_PATH * round.all_paths();
+        let fresh = count(&self.training_samples);
+        self.training_samples.append(&mut round.training_samples);
         // Paths including the next round.
         let all = pixels * f64::from(4 * round.paths - 1);
         let last = round.number + 1 == MAX_ROUNDS
             || self.max_seconds.is_some_and(|most| 3.0 * self.result.seconds > most)
             || all > (self.max_paths * self.picture_pixels).max(15.0 * pixels)
-            || self.training_samples.len() as f64 >= self.sufficient;
+            || count(&self.training_samples) as f64 >= self.sufficient;
         let decides = last || round.number == FIRST_DECISION_ROUND;
         // The first round was unguided.
         let fresh = if decides && round.number > 0 { fresh } else { usize::MAX };
-        let (mut field, gain) = learn(&self.training_samples, fresh, self.scale, self.max_cells);
+        let (mut field, gain) = learn(self.training_samples.iter().flatten(), fresh, self.scale, self.max_cells);
         let variances = round.pixels.iter().map(|pixel| pixel.relative_variance()).filter(|v| v.is_finite());
         let variance: f64 = variances.sum();
         if decides {
@@ -194,7 +214,7 @@ impl Learner for GuidingLearner {
         if last || round.number > 0 {
             let inverse = round.pixels.iter().map(|pixel| 1.0 / f64::from(pixel.divisor)).sum::<f64>();
             let all = PathStatistics { cost, variance: variance / round.all_paths(), inverse: inverse / pixels };
-            field.learn_roulette(&round.vertex_records, all);
+            field.learn_roulette(round.vertex_records.iter().flatten(), all);
         }
         self.result.field = Some(field);
         self.finished = last;

@@ -8,7 +8,6 @@ use tracing::debug;
 use super::super::techniques::LearnedLightsStats;
 use super::super::{Choice, RenderSettings};
 use super::effort;
-use super::guiding;
 use super::rounds::{self, Learner, Round, Wanted};
 use crate::film::compare::sums_without_outliers;
 use crate::integrator::{PreparedScene, Proposal, Transport};
@@ -31,7 +30,7 @@ pub trait Selection {
     const MAX_REMAINING: f64;
 
     /// Learns from records. `scale` (metres) weights differences of normals against distances.
-    fn learn(&self, records: &[LightSampleRecord], scale: f32) -> Option<Self::Learned>;
+    fn learn<'a>(&self, records: impl IntoIterator<Item = &'a LightSampleRecord>, scale: f32) -> Option<Self::Learned>;
 
     /// The probabilities of a record's choice: without and with what is learned.
     fn probabilities(&self, learned: &Self::Learned, record: &LightSampleRecord) -> [f32; 2];
@@ -48,7 +47,7 @@ impl Selection for &AreaLights {
     const RECORDS: usize = 0;
     const MAX_REMAINING: f64 = effort::MAX_REMAINING_LEARNED_LIGHTS;
 
-    fn learn(&self, records: &[LightSampleRecord], scale: f32) -> Option<LearnedLights> {
+    fn learn<'a>(&self, records: impl IntoIterator<Item = &'a LightSampleRecord>, scale: f32) -> Option<LearnedLights> {
         LearnedLights::learn(self.tree(), records, scale)
     }
 
@@ -70,7 +69,7 @@ impl Selection for LearnedEnvironment {
     const RECORDS: usize = 1;
     const MAX_REMAINING: f64 = effort::MAX_REMAINING_LEARNED_ENVIRONMENT;
 
-    fn learn(&self, records: &[LightSampleRecord], scale: f32) -> Option<Self> {
+    fn learn<'a>(&self, records: impl IntoIterator<Item = &'a LightSampleRecord>, scale: f32) -> Option<Self> {
         LearnedEnvironment::learn(self, records, scale)
     }
 
@@ -98,21 +97,19 @@ pub struct LearnedLightsResult<L> {
     pub stats: LearnedLightsStats,
 }
 
-/// Maximum bytes that learning takes for a render with these settings, in a scene of at most so many area lights, with an
-/// environment or without.
-pub fn bytes(settings: &RenderSettings, lights: u64, has_environment: bool) -> u64 {
+/// Maximum rounds and bytes that learning takes for a render with these settings, of which each round has `shared` pixels, in a
+/// scene of at most so many area lights, with an environment or without.
+pub fn bytes(settings: &RenderSettings, shared: f64, lights: u64, has_environment: bool) -> (u32, u64) {
     let area = settings.uses_prepass(settings.learned_lights) && lights >= 2;
     let environment = settings.uses_prepass(settings.learned_environment) && has_environment;
     let own = pixels(settings);
-    let shared = if settings.guides() { own.max(guiding::pixels(settings.pixels())) } else { own };
     let paths = |round: u32| shared * f64::from(1 << round);
     // Before a round there were as many paths as it has itself, less one per pixel.
-    let rounds = (0..).take_while(|&round| !suffice(round, paths(round) - shared, own));
-    let records =
-        rounds.map(|r| (paths(r) * f64::from(settings.max_depth)).min(MAX_RECORDS_PER_ROUND as f64)).sum::<f64>();
-    let records = records as u64;
+    let rounds = (0..).take_while(|&round| !suffice(round, paths(round) - shared, own)).count() as u32;
+    let of_round = |round| (paths(round) * f64::from(settings.max_depth)).min(MAX_RECORDS_PER_ROUND as f64);
+    let records = (0..rounds).map(of_round).sum::<f64>() as u64;
     let area = if area { LearnedLights::bytes_to_learn(records, lights) } else { 0 };
-    area + if environment { LearnedEnvironment::bytes_to_learn(records) } else { 0 }
+    (rounds, area + if environment { LearnedEnvironment::bytes_to_learn(records) } else { 0 })
 }
 
 /// Do so many rounds of so many paths in all suffice, where the pre-pass would have `pixels` if it were alone?
@@ -120,8 +117,8 @@ fn suffice(rounds: u32, paths: f64, pixels: f64) -> bool {
     rounds > 1 && paths >= SUFFICIENT_PATHS_PER_PIXEL * pixels
 }
 
-/// Pixels of the pre-pass that this learner needs.
-fn pixels(settings: &RenderSettings) -> f64 {
+/// Pixels of the pre-pass that learning needs.
+pub fn pixels(settings: &RenderSettings) -> f64 {
     effort::LEARNED_LIGHTS.pixels(settings.pixels())
 }
 
@@ -134,7 +131,8 @@ pub struct LightsLearner<S: Selection> {
     scale: f32,
     /// Pixels of the pre-pass, if it were alone.
     pixels: f64,
-    records: Vec<LightSampleRecord>,
+    /// In parts, in the order of the rounds.
+    records: Vec<Vec<LightSampleRecord>>,
     paths: f64,
     finished: bool,
     result: LearnedLightsResult<S::Learned>,
@@ -177,7 +175,7 @@ impl<S: Selection> LightsLearner<S> {
     }
 
     fn learned(&self) -> Option<S::Learned> {
-        self.selection.learn(&self.records, self.scale)
+        self.selection.learn(self.records.iter().flatten(), self.scale)
     }
 
     /// Ends learning with this result, and frees the records.
@@ -202,7 +200,8 @@ impl<S: Selection> LightsLearner<S> {
     /// learned choice.
     fn relative_variance_with(&self, lights: &S::Learned, round: &Round) -> f64 {
         let mut pixels: Vec<_> = round.pixels.iter().map(|pixel| [pixel.relative_variance(); 2]).collect();
-        for record in round.light_sample_records[S::RECORDS].iter().filter(|record| record.contribution > 0.0) {
+        for record in round.light_sample_records[S::RECORDS].iter().flatten().filter(|record| record.contribution > 0.0)
+        {
             let [before, learned] = self.selection.probabilities(lights, record);
             let moment = f64::from(record.contribution).powi(2);
             pixels[record.pixel as usize][1] += moment * f64::from(before / learned - 1.0);
@@ -223,7 +222,7 @@ impl<S: Selection> Learner for LightsLearner<S> {
         (!self.finished).then_some(wanted)
     }
 
-    fn learn(&mut self, round: &Round, seconds: f64) {
+    fn learn(&mut self, round: &mut Round, seconds: f64) {
         self.result.stats.seconds += seconds;
         self.paths += round.all_paths();
         let is_last = suffice(round.number + 1, self.paths, self.pixels);
@@ -237,7 +236,7 @@ impl<S: Selection> Learner for LightsLearner<S> {
             }
         }
         // Records of all rounds follow the unlearned selection: learned choices begin when all are in.
-        self.records.extend_from_slice(&round.light_sample_records[S::RECORDS]);
+        self.records.append(&mut round.light_sample_records[S::RECORDS]);
         if is_last {
             self.finish_with(self.learned());
         }

@@ -1,12 +1,12 @@
 //! The view of pre-passes: that of the picture, with fewer pixels.
 
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 
 use super::super::RenderSettings;
 use super::super::camera::lens;
-use super::super::sampler::with_buffers;
 use crate::color::luminance;
 use crate::film::PixelStats;
 use crate::film::compare::relative_to;
@@ -17,11 +17,16 @@ const TILE: u32 = 32;
 /// Side of a block in pixels. The divisor of relMSE is the same for a whole block.
 const BLOCK: u32 = 8;
 
-/// Width and height of a view of about `pixels` pixels, not larger than the picture, and its camera.
-pub fn low_resolution(scene: &PreparedScene, settings: &RenderSettings, pixels: f64) -> ([u32; 2], CameraRays) {
+/// Width and height of a view of about `pixels` pixels, not larger than the picture.
+pub fn size(settings: &RenderSettings, pixels: f64) -> [u32; 2] {
     let all = settings.pixels();
     let scale = (pixels / all).sqrt().min(1.0);
-    let [width, height] = [settings.width, settings.height].map(|n| (f64::from(n) * scale).ceil().max(1.0) as u32);
+    [settings.width, settings.height].map(|n| (f64::from(n) * scale).ceil().max(1.0) as u32)
+}
+
+/// A view of about `pixels` pixels: its [`size`], and its camera.
+pub fn low_resolution(scene: &PreparedScene, settings: &RenderSettings, pixels: f64) -> ([u32; 2], CameraRays) {
+    let [width, height] = size(settings, pixels);
     let camera = CameraRays::new(&scene.scene.camera(settings.camera, width, height), width, height);
     ([width, height], camera.with_lens(lens(scene, settings).unwrap_or_default()))
 }
@@ -32,7 +37,8 @@ pub fn tiles([width, height]: [u32; 2]) -> Vec<[u32; 2]> {
     (0..height).step_by(TILE as usize).flat_map(row).collect()
 }
 
-/// Calls `of_tile` with the pixels of each tile, block by block, and a wave of the thread. The results are in the order of
+/// Calls `of_tile` with the pixels of each tile, block by block, and a wave. There are as many waves as tiles are worked at at
+/// once: the few tiles of a pre-pass come to all threads, one after the other, whose own buffers would stay. The results are in the order of
 /// [`tiles`]; `None` if `stop` was raised.
 pub fn in_tiles<T: Send>(
     size: [u32; 2],
@@ -46,9 +52,16 @@ pub fn in_tiles<T: Send>(
         pixels.sort_by_key(block);
         pixels
     };
+    let free = Mutex::new(Vec::new());
+    let free = || free.lock().unwrap_or_else(PoisonError::into_inner);
     let take = |tile| {
-        let proceeds = !stop.load(Ordering::Relaxed);
-        proceeds.then(|| with_buffers(|buffers| of_tile(buffers.wave(), pixels(tile))))
+        if stop.load(Ordering::Relaxed) {
+            return None;
+        }
+        let mut wave: Wave = free().pop().unwrap_or_default();
+        let found = of_tile(&mut wave, pixels(tile));
+        free().push(wave);
+        Some(found)
     };
     tiles(size).into_par_iter().with_max_len(1).map(take).collect()
 }
@@ -68,14 +81,4 @@ pub fn divisors(tasks: &[PixelTask], stats: &[PixelStats]) -> Vec<f32> {
         vec![relative_to(sum / tasks.len() as f64) as f32; tasks.len()]
     };
     tasks.chunk_by(alike).flat_map(of_block).collect()
-}
-
-/// Keeps every other element if there are more than `most`; says whether there were.
-pub fn thin<T>(list: &mut Vec<T>, most: usize) -> bool {
-    let too_many = list.len() > most;
-    if too_many {
-        let mut kept = 0..;
-        list.retain(|_| kept.next().is_some_and(|i: usize| i % 2 == 1));
-    }
-    too_many
 }

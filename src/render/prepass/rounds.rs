@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use super::super::RenderSettings;
-use super::low_resolution::{divisors, in_tiles, low_resolution, thin, tiles};
+use super::low_resolution::{divisors, in_tiles, low_resolution, tiles};
 use crate::balance::Counts;
 use crate::color::luminance;
 use crate::film::PixelStats;
@@ -27,8 +27,9 @@ pub trait Learner {
     /// What it needs from the next round; `None` once it has finished.
     fn wants(&self) -> Option<Wanted>;
 
-    /// Learns from the next round. `seconds` is the wall time that it took, divided by the number of learners.
-    fn learn(&mut self, round: &Round, seconds: f64);
+    /// Learns from the next round, and may take records that no other learner wants. `seconds` is the wall time that it took,
+    /// divided by the number of learners.
+    fn learn(&mut self, round: &mut Round, seconds: f64);
 
     /// The proposal with what it knows.
     fn apply<'a>(&'a self, proposal: Proposal<'a>) -> Proposal<'a>;
@@ -64,12 +65,12 @@ pub struct Round {
     pub paths: u32,
     /// Per pixel, tile by tile.
     pub pixels: Vec<RoundPixel>,
-    /// Directions in which light was found.
-    pub training_samples: Vec<TrainingSample>,
+    /// Directions in which light was found, tile by tile, as all records are: they are many, and never copied.
+    pub training_samples: Vec<Vec<TrainingSample>>,
     /// Vertices beyond the first.
-    pub vertex_records: Vec<VertexRecord>,
+    pub vertex_records: Vec<Vec<VertexRecord>>,
     /// Light samples by kind (area lights, environment), with indices into `pixels`.
-    pub light_sample_records: [Vec<LightSampleRecord>; 2],
+    pub light_sample_records: [Vec<Vec<LightSampleRecord>>; 2],
     /// Rays of all paths.
     pub rays: u64,
 }
@@ -98,17 +99,59 @@ impl Round {
         self.pixels.len() as f64 * f64::from(self.paths)
     }
 
-    /// Appends the records of more pixels.
+    /// Appends more pixels with their records.
     fn append(&mut self, more: Self) {
         let before = self.pixels.len() as u32;
         self.pixels.extend(more.pixels);
         self.training_samples.extend(more.training_samples);
         self.vertex_records.extend(more.vertex_records);
-        let numbered = |record: LightSampleRecord| LightSampleRecord { pixel: before + record.pixel, ..record };
-        for (records, more) in self.light_sample_records.iter_mut().zip(more.light_sample_records) {
-            records.extend(more.into_iter().map(numbered));
+        for (records, mut more) in self.light_sample_records.iter_mut().zip(more.light_sample_records) {
+            more.iter_mut().flatten().for_each(|record| record.pixel += before);
+            records.append(&mut more);
         }
         self.rays += more.rays;
+    }
+}
+
+/// A list of at most so many records. Every other one is left out as often as there are too many, as soon as there are: before
+/// that, a tile could have many times as many.
+struct Thinned<T> {
+    most: usize,
+    records: Vec<T>,
+    /// Number of records so far, with those that are left out.
+    all: usize,
+    /// One of this number of records, a power of two, is kept.
+    step: usize,
+}
+
+impl<T> Extend<T> for Thinned<T> {
+    fn extend<I: IntoIterator<Item = T>>(&mut self, more: I) {
+        for record in more {
+            self.all += 1;
+            if self.all.is_multiple_of(self.step) {
+                self.records.push(record);
+            }
+            if self.records.len() > self.most {
+                let mut kept = 0..;
+                self.records.retain(|_| kept.next().is_some_and(|i: usize| i % 2 == 1));
+                self.step *= 2;
+            }
+        }
+    }
+}
+
+impl<T> Thinned<T> {
+    fn of_at_most(most: usize) -> Self {
+        Self { most, records: Vec::new(), all: 0, step: 1 }
+    }
+
+    /// The list, without room for more. `double` changes a record as often as half of them were left out.
+    fn weighted(mut self, double: impl Fn(&mut T)) -> Vec<T> {
+        for record in &mut self.records {
+            (0..self.step.ilog2()).for_each(|_| double(record));
+        }
+        self.records.shrink_to_fit();
+        self.records
     }
 }
 
@@ -126,7 +169,7 @@ pub fn run(
         let wanted: Vec<_> = learners.iter().filter_map(|learner| learner.wants()).collect();
         let Some(wants) = wanted.iter().copied().reduce(Wanted::or) else { break };
         let began = Instant::now();
-        let round = {
+        let mut round = {
             let proposal = learners.iter().fold(transport.proposal, |proposal, learner| learner.apply(proposal));
             let seed = hash(settings.seed ^ hash(0x6775_6964 + number));
             let transport = Transport { camera: camera.clone(), seed, proposal, ..transport.clone() };
@@ -134,7 +177,7 @@ pub fn run(
         };
         let seconds = began.elapsed().as_secs_f64() / wanted.len() as f64;
         for learner in learners.iter_mut().filter(|learner| learner.wants().is_some()) {
-            learner.learn(&round, seconds);
+            learner.learn(&mut round, seconds);
         }
     }
     Some(())
@@ -158,41 +201,60 @@ pub fn trace(
         let recorder = |k: usize, kind| (wants.light_sample_records[k] > 0).then(|| LightSampleRecorder::new(kind));
         let mut lights = (recorder(0, AREA_GROUP), recorder(1, ENVIRONMENT_GROUP));
         let mut found = Round::default();
+        let mut training_samples = Thinned::of_at_most(most[0]);
+        let mut vertex_records = Thinned::of_at_most(most[1]);
+        let mut light_sample_records = [most[2], most[3]].map(Thinned::of_at_most);
         wave.counts = WaveCounts::default();
         for tasks in tasks.chunks((PATHS_PER_WAVE / paths).max(1) as usize) {
             let mut stats = vec![PixelStats::default(); tasks.len()];
             wave.run(transport, tasks, &mut (PixelSums::new(&mut stats), &mut training, &mut lights));
             let divisors = divisors(tasks, &stats);
             if let Some(recorder) = &mut training {
-                recorder.append_to(&divisors, &mut found.training_samples, &mut found.vertex_records);
+                recorder.append_to(&divisors, &mut training_samples, &mut vertex_records);
             }
-            let light_sample_records = [&mut lights.0, &mut lights.1]
-                .map(|recorder| recorder.as_mut().map(|recorder| recorder.take(&divisors)).unwrap_or_default());
+            let before = found.pixels.len() as u32;
+            let numbered = |record: LightSampleRecord| LightSampleRecord { pixel: before + record.pixel, ..record };
+            for (kept, recorder) in light_sample_records.iter_mut().zip([&mut lights.0, &mut lights.1]) {
+                let records = recorder.as_mut().map(|recorder| recorder.take(&divisors)).unwrap_or_default();
+                kept.extend(records.into_iter().map(numbered));
+            }
             let pixel = |(stats, divisor): (&PixelStats, f32)| {
                 let variance = stats.variance_of_mean().iter().map(|v| f64::from(*v)).sum::<f64>() / 3.0;
                 let mean = luminance(stats.mean().into());
                 RoundPixel { variance: variance * f64::from(stats.samples).powi(2), divisor, mean }
             };
-            let pixels = stats.iter().zip(divisors).map(pixel).collect();
-            found.append(Round { pixels, light_sample_records, ..Default::default() });
+            found.pixels.extend(stats.iter().zip(divisors).map(pixel));
         }
-        found.rays = wave.counts.rays();
         // The records that remain stand for those that are left out.
-        while thin(&mut found.training_samples, most[0]) {
-            found.training_samples.iter_mut().for_each(|sample| sample.weight *= 2.0);
-        }
-        while thin(&mut found.vertex_records, most[1]) {}
-        for (records, most) in found.light_sample_records.iter_mut().zip(&most[2..]) {
-            while thin(records, *most) {
-                records.iter_mut().for_each(|record| record.contribution *= std::f32::consts::SQRT_2);
-            }
-        }
-        found.training_samples.shrink_to_fit();
-        found.vertex_records.shrink_to_fit();
+        found.training_samples = vec![training_samples.weighted(|sample| sample.weight *= 2.0)];
+        found.vertex_records = vec![vertex_records.weighted(|_| ())];
+        found.light_sample_records = light_sample_records
+            .map(|records| vec![records.weighted(|record| record.contribution *= std::f32::consts::SQRT_2)]);
+        found.rays = wave.counts.rays();
         found
     };
     let of_tiles = in_tiles(size, stop, of_tile)?;
     let mut all = Round { number, paths, ..Default::default() };
     of_tiles.into_iter().for_each(|tile| all.append(tile));
     Some(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn records_are_left_out_as_if_all_were_there_before() {
+        for (n, most) in [(10, 16), (16, 16), (17, 16), (100, 7), (1000, 1), (4097, 64)] {
+            let mut thinned = Thinned::of_at_most(most);
+            (0..n).for_each(|i| thinned.extend([(i, 1)]));
+            let (mut all, mut weight): (Vec<usize>, _) = ((0..n).collect(), 1);
+            while all.len() > most {
+                all = all.into_iter().skip(1).step_by(2).collect();
+                weight *= 2;
+            }
+            let expected: Vec<_> = all.into_iter().map(|i| (i, weight)).collect();
+            assert_eq!(thinned.weighted(|record| record.1 *= 2), expected, "{n} {most}");
+        }
+    }
 }

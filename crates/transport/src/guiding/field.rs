@@ -40,7 +40,11 @@ impl Field {
     pub const CELL_BYTES: usize = size_of::<Histogram>() + size_of::<f32>() + Roulette::CELL_BYTES;
 
     /// Learns the probabilities of light samples and of path continuation from the vertex records of a pre-pass.
-    pub fn learn_roulette(&mut self, vertex_records: &[VertexRecord], paths: PathStatistics) {
+    pub fn learn_roulette<'a>(
+        &mut self,
+        vertex_records: impl IntoIterator<Item = &'a VertexRecord>,
+        paths: PathStatistics,
+    ) {
         self.roulette = Some(Roulette::learn(&self.tree, vertex_records, paths));
     }
 

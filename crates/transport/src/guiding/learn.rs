@@ -1,5 +1,7 @@
 //! Learns a field from the training samples of a pre-pass.
 
+use std::collections::HashMap;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -35,8 +37,6 @@ pub struct TrainingSample {
 /// split. The lower limit is small because near lights are seen in other directions from every position, so that one large
 /// cell guides badly.
 const TRAINING_SAMPLES_PER_CELL: [usize; 2] = [24, 256];
-/// Memory of a cell in bytes while it learns: its sums, those of two nodes of the tree, and its part of the field.
-pub const LEARNING_CELL_BYTES: usize = size_of::<Sums>() + 2 * (BINS + 1) * size_of::<f32>() + Field::CELL_BYTES;
 /// Approximate number of cells up to which cells hold the lower limit of training samples.
 const FIRST_CELLS: usize = 64;
 /// Number of training samples by which a node's parent is weighted in the node's histogram.
@@ -69,96 +69,126 @@ impl Gain {
     }
 }
 
+/// Largest memory in bytes while a field is learned from so many training samples, without these.
+pub const fn bytes_to_learn(training_samples: u64) -> u64 {
+    let per_sample = size_of::<&TrainingSample>() + size_of::<u32>();
+    // Cells are halved while they have too many training samples. Histograms are collected from parts of the tree.
+    let [cells, first] = [training_samples / TRAINING_SAMPLES_PER_CELL[1] as u64 + 1, 2 * FIRST_CELLS as u64];
+    let cells = if cells > first { cells.next_power_of_two() } else { first };
+    let per_cell = 2 * Field::CELL_BYTES + size_of::<ProbabilitySums>();
+    // Of the nodes at the top: moments in two maps, and weights.
+    let top = 1 << SEQUENTIAL_LEVELS;
+    let per_node = 3 * size_of::<Moments>() + 2 * size_of::<[f64; BINS]>();
+    let nodes = if cells < top { cells } else { top };
+    training_samples * per_sample as u64 + cells * per_cell as u64 + nodes * per_node as u64
+}
+
 /// Learns a field of at most `max_cells` cells from all `training_samples`. `scale` (metres) weights differences of normals
 /// against distances. The guiding probability of each cell follows from the training samples from index `fresh` on, whose
 /// [`TrainingSample::field_pdf`] is the density of a field that was learned without them. Without such samples it is ½.
-pub fn learn(training_samples: &[TrainingSample], fresh: usize, scale: f32, max_cells: usize) -> (Field, Gain) {
+pub fn learn<'a>(
+    training_samples: impl IntoIterator<Item = &'a TrainingSample>,
+    fresh: usize,
+    scale: f32,
+    max_cells: usize,
+) -> (Field, Gain) {
+    let training_samples: Vec<_> = training_samples.into_iter().collect();
     let step = training_samples.len().div_ceil(MAX_TREE_SAMPLES).max(1);
     let keys = training_samples.iter().step_by(step).map(|s| CellTree::key(s.position, s.normal, scale)).collect();
     let per_cell =
         (training_samples.len() / FIRST_CELLS).clamp(TRAINING_SAMPLES_PER_CELL[0], TRAINING_SAMPLES_PER_CELL[1]);
     let tree = CellTree::new(keys, scale, per_cell.div_ceil(step), max_cells);
-    let cells = sums(&tree, training_samples, fresh);
-    let histograms = histograms(&tree, &cells);
-    let all = cells.iter().fold(ProbabilitySums::default(), |all, cell| all.plus(&cell.probabilities));
+    let (order, ends) = by_leaf(&tree, &training_samples);
+    let of_leaf = |leaf: usize| {
+        let begin = if leaf > 0 { ends[leaf - 1] } else { 0 };
+        order[begin..ends[leaf]].iter().map(|&i| i as usize)
+    };
+    let histograms = histograms(&tree, &|leaf| Moments::of(of_leaf(leaf).map(|i| training_samples[i])));
+    let probability_sums = |leaf| {
+        let mut sums = ProbabilitySums::default();
+        of_leaf(leaf).filter(|&i| i >= fresh).for_each(|i| sums.add(training_samples[i]));
+        sums
+    };
+    let cells: Vec<_> = (0..tree.leaves()).into_par_iter().map(probability_sums).collect();
+    let all = cells.iter().fold(ProbabilitySums::default(), |all, cell| all.plus(cell));
     let mut gain = Gain::default();
-    let probability = |cell: &Sums| {
+    let probability = |cell: &ProbabilitySums| {
         if fresh >= training_samples.len() {
             return LEARNING_PROBABILITY;
         }
-        let best = cell.probabilities.best(&all);
-        gain.without += cell.probabilities.moments[0];
-        gain.with += cell.probabilities.moments[best];
-        gain.taken += cell.probabilities.taken;
-        gain.guiding_probability += GUIDING_PROBABILITIES[best] * cell.probabilities.n / all.n.max(1.0);
+        let best = cell.best(&all);
+        gain.without += cell.moments[0];
+        gain.with += cell.moments[best];
+        gain.taken += cell.taken;
+        gain.guiding_probability += GUIDING_PROBABILITIES[best] * cell.n / all.n.max(1.0);
         GUIDING_PROBABILITIES[best]
     };
     let probabilities = cells.iter().map(probability).collect();
     (Field::new(tree, histograms, probabilities), gain)
 }
 
-/// Sums over the training samples of a cell.
+/// Sums over the training samples of a node.
 #[derive(Debug, Clone)]
-struct Sums {
+struct Moments {
     /// ∫ (f L)² dω over each bin.
-    moments: [f32; BINS],
+    bins: [f32; BINS],
     n: f32,
-    probabilities: ProbabilitySums,
 }
 
-impl Default for Sums {
-    fn default() -> Self {
-        Self { moments: [0.0; BINS], n: 0.0, probabilities: ProbabilitySums::default() }
-    }
-}
-
-impl Sums {
-    fn add(&mut self, training_sample: &TrainingSample, fresh: bool) {
-        let moment = training_sample.contribution * training_sample.contribution * training_sample.pdf;
-        if moment.is_finite() {
-            self.moments[bins(V3::splat(training_sample.wi))[0] as usize] += moment;
-            self.n += 1.0;
+impl Moments {
+    fn of<'a>(training_samples: impl Iterator<Item = &'a TrainingSample>) -> Self {
+        let mut sums = Self { bins: [0.0; BINS], n: 0.0 };
+        for training_sample in training_samples {
+            let moment = training_sample.contribution * training_sample.contribution * training_sample.pdf;
+            if moment.is_finite() {
+                sums.bins[bins(V3::splat(training_sample.wi))[0] as usize] += moment;
+                sums.n += 1.0;
+            }
         }
-        if fresh {
-            self.probabilities.add(training_sample);
-        }
-    }
-}
-
-/// Sums over the training samples of each leaf.
-fn sums(tree: &CellTree, training_samples: &[TrainingSample], fresh: usize) -> Vec<Sums> {
-    let leaves: Vec<_> = training_samples
-        .par_iter()
-        .map(|training_sample| tree.leaf(training_sample.position, training_sample.normal))
-        .collect();
-    let mut of_leaf = vec![Vec::new(); tree.leaves()];
-    for (training_sample, leaf) in (0u32..).zip(leaves) {
-        of_leaf[leaf as usize].push(training_sample);
-    }
-    let sum = |indices: Vec<u32>| {
-        let mut sums = Sums::default();
-        indices.into_iter().for_each(|i| sums.add(&training_samples[i as usize], i as usize >= fresh));
         sums
-    };
-    of_leaf.into_par_iter().map(sum).collect()
+    }
+
+    fn plus(&self, other: &Self) -> Self {
+        Self { bins: std::array::from_fn(|bin| self.bins[bin] + other.bins[bin]), n: self.n + other.n }
+    }
+}
+
+/// Indices of the training samples, leaf by leaf, and where in the list each leaf ends.
+fn by_leaf(tree: &CellTree, training_samples: &[&TrainingSample]) -> (Vec<u32>, Vec<usize>) {
+    let leaf = |sample: &&TrainingSample| tree.leaf(sample.position, sample.normal);
+    let leaves: Vec<_> = training_samples.par_iter().map(leaf).collect();
+    let mut begins = vec![0; tree.leaves() + 1];
+    leaves.iter().for_each(|leaf| begins[*leaf as usize + 1] += 1);
+    (0..tree.leaves()).for_each(|leaf| begins[leaf + 1] += begins[leaf]);
+    let mut order = vec![0; training_samples.len()];
+    for (i, leaf) in (0u32..).zip(leaves) {
+        let next = &mut begins[leaf as usize];
+        order[*next] = i;
+        *next += 1;
+    }
+    // Each has come to its end.
+    (order, begins)
 }
 
 /// Levels at the top of the tree that one thread works at; the subtrees below are worked at in parallel.
-const SEQUENTIAL_LEVELS: u32 = 5;
+const SEQUENTIAL_LEVELS: u32 = 6;
 
-/// The histogram of each leaf, by its own training samples and, the fewer these are, by those of its parents.
-fn histograms(tree: &CellTree, cells: &[Sums]) -> Vec<Histogram> {
-    let areas = areas();
-    let mut nodes = vec![([0.0f32; BINS], 0.0f32); tree.nodes()];
-    for node in (0..nodes.len()).rev() {
-        nodes[node] = match tree.children(node) {
-            Err(leaf) => (cells[leaf as usize].moments, cells[leaf as usize].n),
-            Ok([a, b]) => (std::array::from_fn(|bin| nodes[a].0[bin] + nodes[b].0[bin]), nodes[a].1 + nodes[b].1),
-        };
+/// The histogram of each leaf, by its own training samples and, the fewer these are, by those of its parents. The moments of
+/// all nodes would take more memory than the training samples: those of a subtree are summed twice, once for the nodes above it.
+fn histograms(tree: &CellTree, of_leaf: &(impl Fn(usize) -> Moments + Sync)) -> Vec<Histogram> {
+    let of_leaf = |node: usize| tree.children(node).err().map(|leaf| of_leaf(leaf as usize));
+    let below = |node: usize| tree.children(node).map_or_else(|_| vec![node], |children| children.to_vec());
+    let mut roots = vec![0];
+    for _ in 0..SEQUENTIAL_LEVELS {
+        roots = roots.into_iter().flat_map(below).collect();
     }
-    let weights = |node: usize, parent: &[f64; BINS]| -> [f64; BINS] {
-        let (moments, n) = &nodes[node];
-        let own = best(&moments.map(f64::from), &areas);
+    let of_root = |root: usize| Some((root, moments_below(tree, root, of_leaf).remove(&root)?));
+    let mut of_roots: HashMap<_, _> = roots.into_par_iter().filter_map(of_root).collect();
+    let top = moments_below(tree, 0, |node| of_roots.remove(&node));
+    let areas = areas();
+    let weights = |moments: &HashMap<usize, Moments>, node: usize, parent: &[f64; BINS]| -> [f64; BINS] {
+        let Moments { bins, n } = &moments[&node];
+        let own = best(&bins.map(f64::from), &areas);
         let (own_sum, parent_sum): (f64, f64) = (own.iter().sum(), parent.iter().sum());
         let trust = if own_sum > 0.0 { f64::from(*n) / (f64::from(*n) + PRIOR_SAMPLES) } else { 0.0 };
         std::array::from_fn(|bin| {
@@ -171,26 +201,49 @@ fn histograms(tree: &CellTree, cells: &[Sums]) -> Vec<Histogram> {
         let below = |(node, parent)| match tree.children(node) {
             Err(_) => vec![(node, parent)],
             Ok(children) => {
-                let weights = weights(node, &parent);
+                let weights = weights(&top, node, &parent);
                 children.map(|child| (child, weights)).to_vec()
             }
         };
         parts = parts.into_iter().flat_map(below).collect();
     }
-    let of_part = |part| {
-        let (mut open, mut leaves) = (vec![part], Vec::new());
+    let of_part = |part: (usize, _)| {
+        let moments = moments_below(tree, part.0, of_leaf);
+        let (mut open, mut histograms) = (vec![part], Vec::new());
         while let Some((node, parent)) = open.pop() {
-            let weights = weights(node, &parent);
+            let weights = weights(&moments, node, &parent);
             match tree.children(node) {
-                Err(leaf) => leaves.push((leaf, Histogram::new(&weights))),
-                Ok(children) => open.extend(children.map(|child| (child, weights))),
+                Err(_) => histograms.push(Histogram::new(&weights)),
+                // The first child is next, as leaves are counted.
+                Ok([a, b]) => open.extend([(b, weights), (a, weights)]),
             }
         }
-        leaves
+        histograms
     };
-    let mut leaves: Vec<_> = parts.into_par_iter().flat_map_iter(of_part).collect();
-    leaves.sort_unstable_by_key(|(leaf, _)| *leaf);
-    leaves.into_iter().map(|(_, histogram)| histogram).collect()
+    parts.into_par_iter().flat_map_iter(of_part).collect()
+}
+
+/// Moments of a node and of those below it, as far as down to nodes of which `known` tells them.
+fn moments_below(
+    tree: &CellTree,
+    root: usize,
+    mut known: impl FnMut(usize) -> Option<Moments>,
+) -> HashMap<usize, Moments> {
+    let (mut open, mut parents, mut moments) = (vec![root], Vec::new(), HashMap::new());
+    while let Some(node) = open.pop() {
+        if let Some(known) = known(node) {
+            moments.insert(node, known);
+        } else if let Ok(children) = tree.children(node) {
+            parents.push((node, children));
+            open.extend(children);
+        }
+    }
+    // Children come after their parents.
+    for (node, [a, b]) in parents.into_iter().rev() {
+        let sum = moments[&a].plus(&moments[&b]);
+        moments.insert(node, sum);
+    }
+    moments
 }
 
 /// Solid angles of the bins in steradians.

@@ -57,7 +57,11 @@ impl Roulette {
     pub const CELL_BYTES: usize = size_of::<[f32; 2]>();
 
     /// Learns from the vertex records of a pre-pass in the leaves of a tree.
-    pub(super) fn learn(tree: &CellTree, vertex_records: &[VertexRecord], paths: PathStatistics) -> Self {
+    pub(super) fn learn<'a>(
+        tree: &CellTree,
+        vertex_records: impl IntoIterator<Item = &'a VertexRecord>,
+        paths: PathStatistics,
+    ) -> Self {
         let mut cells = vec![[0.0; 3]; tree.leaves()];
         let mut all = [0.0; 3];
         for record in vertex_records {

@@ -29,6 +29,8 @@ const MAX_NODES: usize = 127;
 const RECORDS_PER_CELL: usize = 256;
 /// Largest number of records from which the cells are built.
 const MAX_CELL_RECORDS: usize = 1 << 14;
+/// Records whose cells are in memory at once.
+const RECORDS_AT_ONCE: usize = 1 << 14;
 /// Largest number of cells.
 const MAX_CELLS: usize = 2048;
 /// Number of records by which a cell's parent is weighted in the cell.
@@ -56,14 +58,19 @@ impl ClusterStats {
 impl LearnedLights {
     /// Learns from records of the lights of a `tree`. `scale` (metres) weights differences of normals against distances.
     /// `None` if there is nothing to choose or no record has a contribution.
-    pub fn learn(tree: &LightTree, records: &[LightSampleRecord], scale: f32) -> Option<Self> {
+    pub fn learn<'a>(
+        tree: &LightTree,
+        records: impl IntoIterator<Item = &'a LightSampleRecord>,
+        scale: f32,
+    ) -> Option<Self> {
         let nodes = tree.top(MAX_NODES);
+        let records: Vec<_> = records.into_iter().collect();
         if nodes < 3 || !records.iter().any(|record| record.contribution > 0.0) {
             return None;
         }
         let clusters = Clusters { len: nodes, of: |emitter| tree.above(emitter, nodes) };
         let mut weights = Vec::new();
-        let cells = posteriors(&clusters, records, scale, |cells, leaf, stats| {
+        let cells = posteriors(&clusters, &records, scale, |cells, leaf, stats| {
             weights.resize(cells.leaves() * (nodes + 1), 1.0);
             set_weights(tree, stats, &mut weights[leaf * (nodes + 1)..][..nodes]);
         });
@@ -81,7 +88,8 @@ impl LearnedLights {
 pub(super) fn bytes_to_learn(records: u64, clusters: u64, own: u64) -> u64 {
     let cells = (2 * records).div_ceil(RECORDS_PER_CELL as u64).clamp(1, MAX_CELLS as u64);
     let per_cluster = 3 * size_of::<ClusterStats>() as u64 + own;
-    records * 3 * size_of::<LightSampleRecord>() as u64 + cells * clusters * per_cluster
+    let per_record = size_of::<LightSampleRecord>() + size_of::<&LightSampleRecord>();
+    records * per_record as u64 + cells * clusters * per_cluster
 }
 
 /// What light samples choose among.
@@ -96,7 +104,7 @@ pub(super) struct Clusters<F> {
 /// around.
 pub(super) fn posteriors(
     clusters: &Clusters<impl Fn(u32) -> Option<usize> + Sync>,
-    records: &[LightSampleRecord],
+    records: &[&LightSampleRecord],
     scale: f32,
     mut leaf: impl FnMut(&CellTree, usize, &[ClusterStats]),
 ) -> CellTree {
@@ -129,17 +137,19 @@ pub(super) fn posteriors(
 fn sums(
     clusters: &Clusters<impl Fn(u32) -> Option<usize> + Sync>,
     cells: &CellTree,
-    records: &[LightSampleRecord],
+    records: &[&LightSampleRecord],
 ) -> Vec<ClusterStats> {
     let nodes = clusters.len;
-    let entry = |record: &LightSampleRecord| {
+    let entry = |record: &&LightSampleRecord| {
         let cell = cells.leaf(record.position, record.normal) as usize;
         Some((cell * nodes + (clusters.of)(record.emitter)?, record.contribution * record.contribution))
     };
-    let entries: Vec<_> = records.par_iter().map(entry).collect();
     let mut of_leaf = vec![ClusterStats::default(); cells.leaves() * nodes];
-    for (index, square) in entries.into_iter().flatten().filter(|(_, square)| *square < MAX_SQUARE) {
-        of_leaf[index] = of_leaf[index].plus(ClusterStats { n: 1.0, square });
+    for records in records.chunks(RECORDS_AT_ONCE) {
+        let entries: Vec<_> = records.par_iter().map(entry).collect();
+        for (index, square) in entries.into_iter().flatten().filter(|(_, square)| *square < MAX_SQUARE) {
+            of_leaf[index] = of_leaf[index].plus(ClusterStats { n: 1.0, square });
+        }
     }
     let mut stats = vec![ClusterStats::default(); cells.nodes() * nodes];
     for cell in (0..cells.nodes()).rev() {

@@ -64,7 +64,8 @@ impl CellTree {
         self.nodes.len()
     }
 
-    /// The children of a node, or the index of its leaf as the error.
+    /// The children of a node, or the index of its leaf as the error. Leaves below the first child come before those below the
+    /// second.
     pub fn children(&self, node: usize) -> Result<[usize; 2], u32> {
         let next = self.nodes[node].next;
         let number = next >> AXIS_BITS;

@@ -54,8 +54,8 @@ impl TrainingRecorder {
     pub fn append_to(
         &mut self,
         divisors: &[f32],
-        training_samples: &mut Vec<TrainingSample>,
-        vertex_records: &mut Vec<VertexRecord>,
+        training_samples: &mut impl Extend<TrainingSample>,
+        vertex_records: &mut impl Extend<VertexRecord>,
     ) {
         let records = &mut self.records;
         for i in (0..records.len()).rev() {
@@ -70,10 +70,10 @@ impl TrainingRecorder {
                 let [light, on] = record.roulette;
                 let found = [light.sqrt() * records[parent as usize].light, on * found];
                 let squared_contributions = found.map(|found| (found / beta).powi(2));
-                vertex_records.push(VertexRecord { position, normal, squared_contributions });
+                vertex_records.extend([VertexRecord { position, normal, squared_contributions }]);
             }
             if found > 0.0 && record.diffuse && beta > 0.0 && found.is_finite() {
-                training_samples.push(TrainingSample {
+                training_samples.extend([TrainingSample {
                     position,
                     normal,
                     wi,
@@ -83,7 +83,7 @@ impl TrainingRecorder {
                     bsdf_pdf,
                     field_pdf,
                     light_pdf: record.light_pdf,
-                });
+                }]);
             }
         }
     }

@@ -61,7 +61,8 @@ impl LearnedEnvironment {
 
     /// Learns from records of light samples by [`new`](Self::new)'s value. `scale` (metres) weights differences of normals against
     /// distances. `None` if there is nothing to choose or no record has a contribution.
-    pub fn learn(&self, records: &[LightSampleRecord], scale: f32) -> Option<Self> {
+    pub fn learn<'a>(&self, records: impl IntoIterator<Item = &'a LightSampleRecord>, scale: f32) -> Option<Self> {
+        let records: Vec<_> = records.into_iter().collect();
         let by_density = self.regions.probabilities();
         if by_density.len() < 2 || !records.iter().any(|record| record.contribution > 0.0) {
             return None;
@@ -69,7 +70,7 @@ impl LearnedEnvironment {
         let known = |region: u32| Some(region as usize).filter(|region| *region < by_density.len());
         let clusters = Clusters { len: by_density.len(), of: known };
         let mut choices = Vec::new();
-        let cells = posteriors(&clusters, records, scale, |cells, cell, stats| {
+        let cells = posteriors(&clusters, &records, scale, |cells, cell, stats| {
             choices.resize(cells.leaves(), self.choices[0]);
             let roots: Vec<f32> = stats.iter().map(|stats| stats.square.sqrt()).collect();
             let mean: f32 = by_density.iter().zip(&roots).map(|(p, root)| p * root).sum();
