@@ -6,7 +6,7 @@
 A section counts tries and failures; the exit code is 1 if any failed. Needs nothing but Python 3.9.
 """
 
-import importlib.util
+import importlib
 import json
 import os
 import random
@@ -23,9 +23,11 @@ from pathlib import Path
 import reliability_commands
 import reliability_files
 import reliability_memory
+from reliability_files import environment
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs/reliability.md"
+reader = importlib.import_module("same-bits")
 HEAD = """# Reliability tests
 
 Number of tries and failures of fault-injection tests, counted by `scripts/reliability.py target/release/bismar all`. A section's
@@ -42,26 +44,13 @@ def section(title):
     return register
 
 
-def same_bits():
-    """Values of a picture's channels, by the reader of same-bits.py."""
-    spec = importlib.util.spec_from_file_location("same_bits", ROOT / "scripts/same-bits.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def environment(**more):
-    kept = {name: value for name, value in os.environ.items() if not name.startswith("SLURM_")}
-    return {**kept, "BISMAR_THREADS": "2", **more}
-
-
 def run(bismar, folder, line, **more):
     words = line.split() if isinstance(line, str) else line
-    return subprocess.run([bismar, *words], cwd=folder, env=environment(**more), capture_output=True, text=True)
+    return subprocess.run([bismar, *words], cwd=folder, env=environment(2, **more), capture_output=True, text=True)
 
 
 def start(bismar, folder, line, **more):
-    return subprocess.Popen([bismar, *line.split()], cwd=folder, env=environment(**more),
+    return subprocess.Popen([bismar, *line.split()], cwd=folder, env=environment(2, **more),
                             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
@@ -163,7 +152,6 @@ def batch(bismar, folder):
     wrong = [name for name, _ in jobs if (status[name]["status"] in ("done", "before")) != name.startswith("good")]
     codes = sorted({status[f"bad{n}"]["exit_code"] for n in range(len(bad))})
     differ = 0
-    reader = same_bits()
     for n in range(good):
         run(bismar, folder, f"render scene.glb --size 64x48 --spp 384 --seed {n} -o whole.exr -q")
         differ += reader.read_exr(folder / "whole.exr") != reader.read_exr(folder / f"out/good{n}.exr")
@@ -240,7 +228,6 @@ def kills(bismar, folder):
     began = time.monotonic()
     run(bismar, folder, f"{line} whole.exr")
     longest = time.monotonic() - began
-    reader = same_bits()
     whole = reader.read_exr(folder / "whole.exr")
     chance = random.Random(2)
     out, copy = folder / "killed.exr", folder / "copy.exr"

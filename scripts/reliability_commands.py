@@ -15,8 +15,8 @@ import subprocess
 import time
 from pathlib import Path
 
-from reliability_files import on_all_cores
-from reliability_memory import Scene, animate, box, floats, grid
+from reliability_files import environment, on_all_cores
+from reliability_memory import Scene, animate, box, grid
 
 ROOT = Path(__file__).resolve().parent.parent
 reader = importlib.import_module("same-bits")
@@ -161,7 +161,7 @@ def difference(a, b):
     if a.keys() != b.keys():
         return f"channels {sorted(a.keys() ^ b.keys())}"
     size = lambda picture: picture["window"][2] - picture["window"][0] + 1
-    (x0, y0, x1, y1), (bx, by, *_) = a["window"], b["window"]
+    (x0, y0, _, y1), (bx, by, *_) = a["window"], b["window"]
     found = []
     for name in a.keys() - {"window"}:
         rows = (b[name][(y - by) * size(b) + x0 - bx:][:size(a)] for y in range(y0, y1 + 1))
@@ -189,9 +189,8 @@ class Command:
         return " ".join(self.line("out.exr")).replace(f"{ROOT}/", "").replace(f"{self.scene.parent}/", "")
 
     def start(self, words):
-        kept = {name: value for name, value in os.environ.items() if not name.startswith("SLURM_")}
-        return subprocess.Popen([self.bismar, *words], cwd=self.folder, env={**kept, "BISMAR_THREADS": "2"},
-                                stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, errors="replace")
+        return subprocess.Popen([self.bismar, *words], cwd=self.folder, env=environment(2), stdout=subprocess.PIPE,
+                                stderr=subprocess.PIPE, text=True, errors="replace")
 
     def run(self, words):
         """Exit code, or None of what takes ten minutes, and stderr."""

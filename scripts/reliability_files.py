@@ -14,11 +14,16 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 
 
+def environment(threads, **more):
+    """The environment of bismar, outside of any Slurm task."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("SLURM_")}
+    return {**kept, "BISMAR_THREADS": str(threads), **more}
+
+
 def run(bismar, folder, line, before=None):
     words = line.split() if isinstance(line, str) else line
-    kept = {name: value for name, value in os.environ.items() if not name.startswith("SLURM_")}
-    return subprocess.run([bismar, *words], cwd=folder, env={**kept, "BISMAR_THREADS": "1"}, capture_output=True,
-                          text=True, errors="replace", preexec_fn=before)
+    return subprocess.run([bismar, *words], cwd=folder, env=environment(1), capture_output=True, text=True,
+                          errors="replace", preexec_fn=before)
 
 
 def on_all_cores(work, items):

@@ -7,7 +7,7 @@ use std::env;
 use crate::console::host;
 use crate::console::memory::{allowed, hold_to};
 use crate::{Error, Result};
-pub use need::{Need, Steps, at_rest, placed_bytes, tiles};
+pub use need::{Need, Steps, at_rest, placed_bytes};
 
 /// Parses a size such as 900M, 6G or 1.5T into bytes; a plain number is bytes, and K is 1024 as in Slurm.
 ///

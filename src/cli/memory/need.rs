@@ -3,7 +3,7 @@
 use crate::rays::Backend;
 use crate::render::RenderSettings;
 use crate::render::prepass;
-use crate::render::tile::{Columns, TILE, Tile};
+use crate::render::tile::{Columns, Tile};
 use crate::scene::import::{EnvironmentSize, Survey};
 
 /// What the memory of a render depends on.
@@ -34,7 +34,7 @@ pub struct Need<'a> {
     /// Whether there are pixels before the pre-passes.
     pub continues: bool,
     /// Number of tiles that threads work at, of the allocation too. Threads without work have no buffers.
-    pub tiles: u64,
+    pub tiles: usize,
     /// Ray tracing library.
     pub rays: Backend,
     /// Number of render threads.
@@ -113,18 +113,15 @@ pub fn placed_bytes(instances: u64, keys: u64, emissive_triangles: u64) -> u64 {
     instances * BYTES_PER_INSTANCE + keys * BYTES_PER_KEY.iter().sum::<u64>() + emissive_triangles * BYTES_PER_LIGHT
 }
 
-/// Maximum number of tiles of a window: x0, y0, x1, y1, the last two exclusive.
-pub fn tiles([x0, y0, x1, y1]: [u32; 4]) -> u64 {
-    let along = |begin: u32, end: u32| u64::from(end.div_ceil(TILE) - begin / TILE);
-    along(x0, x1) * along(y0, y1)
-}
-
 impl<'a> Need<'a> {
     /// Of a picture of this width and height with default settings and without an environment; with 0 of the scene alone.
     pub fn with_defaults(scene: &'a Survey, steps: Steps, [width, height]: [u32; 2]) -> Self {
         let settings = RenderSettings { width, height, ..Default::default() };
         let pixels = u64::from(width) * u64::from(height);
-        let prepass = || prepass::size(&settings, scene.census.emissive_triangles, false);
+        let prepass = match pixels {
+            0 => prepass::Size::default(),
+            _ => prepass::size(&settings, scene.census.emissive_triangles, false),
+        };
         Self {
             scene,
             steps,
@@ -136,9 +133,9 @@ impl<'a> Need<'a> {
             saved_pixels: 0,
             denoises: false,
             previews: false,
-            prepass: if pixels > 0 { prepass() } else { Default::default() },
+            prepass,
             continues: false,
-            tiles: tiles([0, 0, width, height]),
+            tiles: Tile::grid_positions([0, 0, width, height]).count(),
             rays: Backend::default(),
             threads: rayon::current_num_threads(),
         }
@@ -179,7 +176,7 @@ impl<'a> Need<'a> {
         let preview = if self.previews { self.pixels * PREVIEW_BYTES_PER_PIXEL } else { 0 };
         // A part of what is freed is not given back to the system: of what the reader had, and learners.
         let (documents, learned) = (documents / 2, self.prepass.learning / 2);
-        let buffers = at_rest(self.threads.min(self.tiles as usize));
+        let buffers = at_rest(self.threads.min(self.tiles));
         let learners = self.threads.min(self.prepass.tiles as usize) as u64;
         let learning = self.prepass.learning + at_rest(0) + learners * (BYTES_PER_THREAD + RECORDING_BYTES_PER_THREAD);
         let allocating = learned + self.prepass.allocation + buffers;

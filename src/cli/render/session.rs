@@ -21,7 +21,7 @@ use crate::film::{exr_file, preview};
 use crate::render::camera::lens;
 use crate::render::checkpoint::Earlier;
 use crate::render::prepass;
-use crate::render::tile::TILE;
+use crate::render::tile::{TILE, Tile};
 use crate::render::{Identity, Pause, Progress, RenderSettings, Rendered, RunOptions, Saved, StopReason, run};
 use crate::{Error, Result};
 
@@ -155,7 +155,7 @@ impl Session<'_> {
             previews: args.preview.is_some(),
             prepass,
             continues: args.resume && args.output().exists(),
-            tiles: memory::tiles(if prepass.allocation > 0 { whole } else { window }),
+            tiles: Tile::grid_positions(if prepass.allocation > 0 { whole } else { window }).count(),
             rays: args.rays,
             threads: self.threads,
         };

@@ -37,9 +37,9 @@ pub fn tiles([width, height]: [u32; 2]) -> Vec<[u32; 2]> {
     (0..height).step_by(TILE as usize).flat_map(row).collect()
 }
 
-/// Calls `of_tile` with the pixels of each tile, block by block, and a wave. There are as many waves as tiles are worked at at
-/// once: the few tiles of a pre-pass come to all threads, one after the other, whose own buffers would stay. The results are in the order of
-/// [`tiles`]; `None` if `stop` was raised.
+/// Calls `of_tile` with the pixels of each tile, block by block, and a wave. The results are in the order of [`tiles`]; `None` if
+/// `stop` was raised. There are as many waves as tiles in work at a time. With a wave of each thread's own, the few tiles of a
+/// pre-pass would leave one in every thread.
 pub fn in_tiles<T: Send>(
     size: [u32; 2],
     stop: &AtomicBool,

@@ -221,16 +221,16 @@ impl<'a> BlockVariances<'a> {
         let chosen: Vec<_> = (0..pixels).map(|pixel| self.by_neighbours(pixel, width, features, cost)).collect();
         let work: Vec<_> = chosen.iter().enumerate().map(|(pixel, at)| self.work(pixel, *at, cost)).collect();
         // Whole sums without these pixels, not less them: rounding would leave a trace of the pixel itself.
-        let sum = |work: &mut dyn Iterator<Item = [f64; 2]>| work.fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]);
-        let rows: Vec<_> = work.chunks(width).map(|row| (row, sum(&mut row.iter().copied()))).collect();
+        let rows: Vec<_> = work.chunks(width).map(|row| (row, sum(row.iter().copied()))).collect();
         let is_far = |a: usize, b: usize| a.abs_diff(b) > NEIGHBOUR_RADIUS;
         let pays = |pixel: usize| {
-            let far = |row: &[[f64; 2]]| {
-                sum(&mut row.iter().enumerate().filter(|(x, _)| is_far(*x, pixel % width)).map(|(_, work)| *work))
+            let (x, y) = (pixel % width, pixel / width);
+            let beside = |row: &[[f64; 2]]| {
+                sum(row.iter().enumerate().filter(|(column, _)| is_far(*column, x)).map(|(_, work)| *work))
             };
             let by_row = rows.iter().enumerate();
             let [chosen, prior] =
-                sum(&mut by_row.map(|(y, (row, all))| if is_far(y, pixel / width) { *all } else { far(row) }));
+                sum(by_row.map(|(row, (work, all))| if is_far(row, y) { *all } else { beside(work) }));
             chosen <= f64::from(caution.max_remaining) * prior
         };
         let share = |(pixel, at): (usize, usize)| shares[if at != *prior && pays(pixel) { at } else { *prior }];
@@ -299,6 +299,11 @@ impl<'a> BlockVariances<'a> {
         }
         best.1
     }
+}
+
+/// The sum of pairs.
+fn sum(pairs: impl Iterator<Item = [f64; 2]>) -> [f64; 2] {
+    pairs.fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d])
 }
 
 /// The pixels within `radius` of `pixel` along each axis, `pixel` included, row by row, in a tile of `pixels` pixels with

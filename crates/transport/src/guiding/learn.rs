@@ -70,16 +70,15 @@ impl Gain {
 }
 
 /// Largest memory in bytes while a field is learned from so many training samples, without these.
-pub const fn bytes_to_learn(training_samples: u64) -> u64 {
+pub fn bytes_to_learn(training_samples: u64) -> u64 {
     let per_sample = size_of::<&TrainingSample>() + size_of::<u32>();
     // Cells are halved while they have too many training samples. Histograms are collected from parts of the tree.
     let [cells, first] = [training_samples / TRAINING_SAMPLES_PER_CELL[1] as u64 + 1, 2 * FIRST_CELLS as u64];
     let cells = if cells > first { cells.next_power_of_two() } else { first };
     let per_cell = 2 * Field::CELL_BYTES + size_of::<ProbabilitySums>();
     // Of the nodes at the top: moments in two maps, and weights.
-    let top = 1 << SEQUENTIAL_LEVELS;
     let per_node = 3 * size_of::<Moments>() + 2 * size_of::<[f64; BINS]>();
-    let nodes = if cells < top { cells } else { top };
+    let nodes = cells.min(1 << SEQUENTIAL_LEVELS);
     training_samples * per_sample as u64 + cells * per_cell as u64 + nodes * per_node as u64
 }
 
