@@ -14,7 +14,7 @@ import scenes
 from chart import chart
 
 PEERS = ("mitsuba", "cycles")
-INTERIORS = ("slit", "ajar")
+INTERIORS = ("slit", "ajar", "pendants", "blinds")
 TITLES = {"bismar": "Bismar", "mitsuba": "Mitsuba 3", "cycles": "Cycles"}
 
 

@@ -311,7 +311,66 @@ def ajar():
     return Scene(meshes, (-2.6, 1.5, 2.1), (-0.7, 0.95, -1.2), 1.01)
 
 
-SCENES = {build.__name__: build for build in (cornell, veach, blob, lamps, field400, slit, ajar)}
+def cone(top, bottom, height, center, sides=24):
+    """A lampshade: the side of a truncated cone with a lid, open below; `center` is that of the opening."""
+    angle = np.arange(sides + 1) / sides * 2 * np.pi
+    ring = np.stack([np.cos(angle), 0 * angle, np.sin(angle)], -1)
+    vertices = np.concatenate([bottom * ring, top * ring + [0, height, 0], [[0, height, 0]]])
+    a, wide = np.arange(sides), sides + 1
+    lid = np.stack([a + wide, a + wide + 1, np.full(sides, 2 * wide)], -1)
+    side = np.concatenate([np.stack([a, a + 1, a + wide], -1), np.stack([a + 1, a + wide + 1, a + wide], -1)])
+    return vertices + center, np.concatenate([side, lid])
+
+
+def pendants():
+    """A dining room with twelve bulbs, each in an opaque shade that is open below."""
+    plaster, floor, wood = Material((0.75, 0.73, 0.7)), Material((0.3, 0.25, 0.2)), Material((0.4, 0.24, 0.12))
+    enamel, steel = Material((0.6, 0.6, 0.58)), Material((0.6, 0.6, 0.62), True, 0.4)
+    x, y, z = 3.2, 2.8, 3.6
+    meshes = room(x, y, z, plaster, floor)
+    meshes.append(Mesh(*between((x, 0, -z), (x + 0.2, y, z)), plaster))
+    for row, depth in enumerate((-2.4, -0.8, 0.8, 2.2)):
+        for column, across in enumerate((-2.0, 0.0, 2.0)):
+            hung = (across, 1.55 + 0.1 * ((row + 2 * column) % 3), depth)
+            warm = (1.0, 0.8 + 0.05 * column, 0.5 + 0.1 * row)
+            bulb = Material((0, 0, 0), emission=tuple(120 * c for c in warm))
+            meshes.append(Mesh(*cone(0.05, 0.17, 0.2, hung), enamel))
+            meshes.append(Mesh(*sphere(8, 0.035, (hung[0], hung[1] + 0.1, hung[2])), bulb))
+        meshes.append(Mesh(*between((-2.6, 0.72, depth - 0.35), (2.6, 0.76, depth + 0.35)), wood))
+        meshes.append(Mesh(*sphere(24, 0.12, (0.9 - 0.6 * row, 0.88, depth)), steel))
+    return Scene(meshes, (-2.7, 1.9, 3.3), (0.3, 0.8, -1.2), 1.05)
+
+
+def blinds():
+    """A room behind a window with closed blinds, lit by a bright panel outside."""
+    plaster, floor, clay = Material((0.74, 0.73, 0.7)), Material((0.36, 0.27, 0.18)), Material((0.5, 0.25, 0.17))
+    slat, tin = Material((0.6, 0.58, 0.55)), Material((0.7, 0.7, 0.68), True, 0.4)
+    x, y, z = 2.4, 2.7, 2.6
+    low, high, near, far = 0.8, 2.2, -1.6, 0.8
+    meshes = room(x, y, z, plaster, floor)
+    for (bottom, top), (front, back) in (
+        ((0, y), (-z, near)),
+        ((0, y), (far, z)),
+        ((0, low), (near, far)),
+        ((high, y), (near, far)),
+    ):
+        meshes.append(Mesh(*between((x, bottom, front), (x + 0.2, top, back)), plaster))
+    for k in range(28):  # slats of 6 cm, tilted by 50 degrees: the inner edge is the higher one
+        height = low + 0.025 + 0.05 * k
+        inner, outer = (x + 0.08, height + 0.023), (x + 0.12, height - 0.023)
+        shape = quad((*inner, far), (*outer, far), (*outer, near), (*inner, near))
+        meshes.append(Mesh(*shape, slat))
+    meshes += [
+        Mesh(*between((-1.9, 0, -2.3), (0.3, 0.45, -1.5)), floor),
+        Mesh(*sphere(32, 0.3, (-0.3, 0.3, -0.5)), clay),
+        Mesh(*sphere(32, 0.2, (-1.2, 0.65, -1.9)), tin),
+    ]
+    panel = quad((4.5, -1, 4), (4.5, -1, -5), (4.5, 6, -5), (4.5, 6, 4))
+    meshes.append(Mesh(panel[0], panel[1][:, ::-1], Material((0, 0, 0), emission=(60, 66, 75))))
+    return Scene(meshes, (-1.0, 1.4, 2.4), (0.4, 0.9, -1.4), 0.95)
+
+
+SCENES = {build.__name__: build for build in (cornell, veach, blob, lamps, field400, slit, ajar, pendants, blinds)}
 
 
 def sky_bytes(width=512, height=256):

@@ -64,12 +64,22 @@ pub fn bins(w: V3) -> [u32; 8] {
 /// A histogram that can be sampled. It is stored in few bits, so that many histograms stay in the cache. Samples and densities
 /// both follow the rounded values.
 #[derive(Debug, Clone)]
-#[repr(C, align(32))]
+#[repr(C, align(64))]
 pub struct Histogram {
     /// Cumulative probabilities at the start of each row, in units of 2⁻¹⁶.
     rows: [u16; SIDE],
     /// Cumulative probabilities at the start of each column of a row, in units of 2⁻⁸.
     columns: [[u8; SIDE]; SIDE],
+}
+
+/// A sampled row of a histogram.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Row {
+    row: usize,
+    /// Position in the row, in [0, 1).
+    y: f32,
+    /// Its probability in units of 2⁻¹⁶.
+    probability: f32,
 }
 
 impl Histogram {
@@ -92,12 +102,18 @@ impl Histogram {
         probability(&self.rows, row) * probability(&self.columns[row], column) * OF_BINS
     }
 
-    /// Samples a point of the unit square by two random numbers in [0, 1); the third value is its density.
+    /// Samples a row by a random number in [0, 1).
     #[inline(always)]
-    pub fn draw(&self, u: f32, v: f32) -> (f32, f32, f32) {
-        let (row, y, of_row) = invert(&self.rows, u);
-        let (column, x, of_column) = invert(&self.columns[row], v);
-        ((row as f32 + y) / SIDE as f32, (column as f32 + x) / SIDE as f32, of_row * of_column * OF_BINS)
+    pub fn draw_row(&self, u: f32) -> Row {
+        let (row, y, probability) = invert(&self.rows, u);
+        Row { row, y, probability }
+    }
+
+    /// Samples a point of the unit square in a sampled row by a random number in [0, 1); the third value is its density.
+    #[inline(always)]
+    pub fn draw_in(&self, Row { row, y, probability }: Row, v: f32) -> (f32, f32, f32) {
+        let (column, x, of_row) = invert(&self.columns[row % SIDE], v);
+        ((row as f32 + y) / SIDE as f32, (column as f32 + x) / SIDE as f32, probability * of_row * OF_BINS)
     }
 }
 
@@ -205,7 +221,7 @@ mod tests {
         let n = 400_000;
         let (mut counts, mut odd) = ([0u32; BINS], 0);
         for _ in 0..n {
-            let (u, v, density) = histogram.draw(random.f32(), random.f32());
+            let (u, v, density) = histogram.draw_in(histogram.draw_row(random.f32()), random.f32());
             let w = from_square(F::splat(u), F::splat(v));
             let bin = bins(w)[0];
             counts[bin as usize] += 1;
@@ -237,6 +253,6 @@ mod tests {
     fn a_histogram_without_weights_is_uniform() {
         let histogram = Histogram::new(&[0.0; BINS]);
         assert!((0..BINS as u32).all(|bin| (histogram.density(bin) - 1.0).abs() < 1e-5));
-        assert_eq!(histogram.draw(0.0, 0.0), (0.0, 0.0, 1.0));
+        assert_eq!(histogram.draw_in(histogram.draw_row(0.0), 0.0), (0.0, 0.0, 1.0));
     }
 }

@@ -1,6 +1,6 @@
 //! The guiding field: cells in space, each with a histogram of directions and the probability of sampling from it.
 
-use super::directions::{Histogram, bins, from_square};
+use super::directions::{Histogram, Row, bins, from_square};
 use super::roulette::{PathStatistics, Roulette, VertexRecord};
 use crate::lanes::{F, LANES, V3, eight};
 use crate::sampling::cells::CellTree;
@@ -62,7 +62,7 @@ impl Field {
     /// The cells that guide; [`NO_CELL`] in place of those with guiding probability 0.
     #[inline]
     pub fn guiding_cells(&self, cells: [u32; LANES]) -> [u32; LANES] {
-        cells.map(|cell| if self.guiding_probabilities[cell as usize] > 0.0 { cell } else { NO_CELL })
+        eight(|lane| if self.guiding_probabilities[cells[lane] as usize] > 0.0 { cells[lane] } else { NO_CELL })
     }
 
     /// Probabilities in (0, 1] of a light sample and of path continuation in eight cells, for the luminances `beta` of the
@@ -98,9 +98,16 @@ impl Field {
     pub fn draw(&self, cells: [u32; LANES], mask: F, u: F, v: F) -> (V3, F) {
         let (u, v) = (u.as_array(), v.as_array());
         let (mut x, mut y, mut density) = ([0.5; LANES], [0.5; LANES], [0.0; LANES]);
+        // Rows of all lanes, then columns: memory is read for several lanes at a time.
+        let mut rows = [Row::default(); LANES];
         for lane in lanes(mask) {
             if let Some(histogram) = self.histograms.get(cells[lane] as usize) {
-                (x[lane], y[lane], density[lane]) = histogram.draw(u[lane], v[lane]);
+                rows[lane] = histogram.draw_row(u[lane]);
+            }
+        }
+        for lane in lanes(mask) {
+            if let Some(histogram) = self.histograms.get(cells[lane] as usize) {
+                (x[lane], y[lane], density[lane]) = histogram.draw_in(rows[lane], v[lane]);
             }
         }
         (from_square(F::from(x), F::from(y)), F::from(density))

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use crate::lanes::{F, LANES, V3};
+use crate::lanes::{F, LANES, V3, eight};
 
 /// A point of the tree's domain: position in metres, and the normal times the tree's scale.
 pub type CellKey = [f32; 6];
@@ -14,10 +14,23 @@ const AXIS_BITS: u32 = 3;
 
 #[derive(Debug, Clone, Copy)]
 struct Node {
-    /// Keys below this value go to the first child.
+    /// Keys below this value go to the first child. In a leaf, its bits are the number of the leaf.
     split: f32,
-    /// The axis in the low bits; above them the index of the first child (the second follows it), or of the leaf.
+    /// The axis in the low bits; above them the index of the first child (the second follows it), or of the leaf's own node.
     next: u32,
+}
+
+impl Node {
+    /// Leaf number `leaf`, as the node with index `node`. A descent stays there: no −∞ reaches a `split` that is not negative.
+    fn leaf(node: usize, leaf: u32) -> Self {
+        Self { split: f32::from_bits(leaf), next: LEAF | (node as u32) << AXIS_BITS }
+    }
+
+    /// The node that follows for a key whose value on axis i is `key(i)`; −∞ on axis [`LEAF`].
+    #[inline(always)]
+    fn next(self, key: impl FnOnce(usize) -> f32) -> u32 {
+        (self.next >> AXIS_BITS) + u32::from(key((self.next & LEAF) as usize) >= self.split)
+    }
 }
 
 /// A k-d tree over keys, whose leaves are the cells.
@@ -34,20 +47,20 @@ impl CellTree {
     /// by [`key`](Self::key) with the same `scale`.
     pub fn new(mut keys: Vec<CellKey>, scale: f32, max_keys: usize, max_leaves: usize) -> Self {
         let max_keys = max_keys.max(2 * keys.len() / max_leaves.max(1)).max(1);
-        let mut tree = Self { nodes: vec![Node { split: 0.0, next: LEAF }], scale, leaves: 0 };
+        let mut tree = Self { nodes: vec![Node::leaf(0, 0)], scale, leaves: 0 };
         let mut open = vec![(0, 0..keys.len())];
         while let Some((node, range)) = open.pop() {
             let here = &mut keys[range.clone()];
             let room = tree.leaves as usize + open.len() + 2 <= max_leaves;
             let split = if here.len() > max_keys && room { split(here) } else { None };
             let Some((axis, at, middle)) = split else {
-                tree.nodes[node].next = LEAF | tree.leaves << AXIS_BITS;
+                tree.nodes[node] = Node::leaf(node, tree.leaves);
                 tree.leaves += 1;
                 continue;
             };
             let first = tree.nodes.len();
             tree.nodes[node] = Node { split: at, next: axis as u32 | (first as u32) << AXIS_BITS };
-            tree.nodes.extend([Node { split: 0.0, next: LEAF }; 2]);
+            tree.nodes.extend([Node::leaf(0, 0); 2]);
             open.push((first + 1, range.start + middle..range.end));
             open.push((first, range.start..range.start + middle));
         }
@@ -67,9 +80,9 @@ impl CellTree {
     /// The children of a node, or the index of its leaf as the error. Leaves below the first child come before those below the
     /// second.
     pub fn children(&self, node: usize) -> Result<[usize; 2], u32> {
-        let next = self.nodes[node].next;
-        let number = next >> AXIS_BITS;
-        if next & LEAF == LEAF { Err(number) } else { Ok([number as usize, number as usize + 1]) }
+        let Node { split, next } = self.nodes[node];
+        let first = (next >> AXIS_BITS) as usize;
+        if next & LEAF == LEAF { Err(split.to_bits()) } else { Ok([first, first + 1]) }
     }
 
     /// Memory in bytes.
@@ -87,19 +100,19 @@ impl CellTree {
     #[inline]
     pub fn leaves_of(&self, position: V3, normal: V3) -> [u32; LANES] {
         let n = normal * F::splat(self.scale);
-        let axes = [position.x, position.y, position.z, n.x, n.y, n.z, F::ZERO, F::ZERO].map(F::to_array);
-        let mut at = [0u32; LANES];
+        let none = F::splat(f32::NEG_INFINITY);
+        let axes = [position.x, position.y, position.z, n.x, n.y, n.z, none, none];
+        let axes = eight(|axis| axes[axis].to_array());
+        let mut at = [0; LANES];
         loop {
-            let mut arrived = true;
-            for (lane, at) in at.iter_mut().enumerate() {
-                let node = self.nodes[*at as usize];
-                let axis = node.next & LEAF;
-                let below = (node.next >> AXIS_BITS) + u32::from(axes[axis as usize][lane] >= node.split);
-                *at = if axis == LEAF { *at } else { below };
-                arrived &= axis == LEAF;
-            }
-            if arrived {
-                return at.map(|node| self.nodes[node as usize].next >> AXIS_BITS);
+            let mut moved = 0;
+            at = eight(|lane| {
+                let next = self.nodes[at[lane] as usize].next(|axis| axes[axis][lane]);
+                moved |= next ^ at[lane];
+                next
+            });
+            if moved == 0 {
+                return eight(|lane| self.nodes[at[lane] as usize].split.to_bits());
             }
         }
     }
@@ -108,14 +121,14 @@ impl CellTree {
     #[inline]
     pub fn leaf(&self, position: Vec3, normal: Vec3) -> u32 {
         let [a, b, c, d, e, f] = Self::key(position, normal, self.scale);
-        let key = [a, b, c, d, e, f, 0.0, 0.0];
-        let mut node = self.nodes[0];
+        let key = [a, b, c, d, e, f, f32::NEG_INFINITY, f32::NEG_INFINITY];
+        let mut at = 0;
         loop {
-            let (axis, next) = (node.next & LEAF, node.next >> AXIS_BITS);
-            if axis == LEAF {
-                return next;
+            let node = self.nodes[at as usize];
+            if node.next & LEAF == LEAF {
+                return node.split.to_bits();
             }
-            node = self.nodes[next as usize + usize::from(key[axis as usize] >= node.split)];
+            at = node.next(|axis| key[axis]);
         }
     }
 }

@@ -59,12 +59,9 @@ pub fn find_cells(transport: &Transport, vertices: &mut Vertices) {
         let Vertices { origin, ng, beta, guiding: Some(guiding), .. } = &mut *vertices else { return };
         let cells = field.cells_at(origin.load(&rows), ng.load(&rows));
         store_bits(&mut guiding.cell, at, diffuse.select(U::from(field.guiding_cells(cells)), U::splat(NO_CELL)));
-        for (column, probability) in guiding
-            .roulette
-            .iter_mut()
-            .zip(field.roulette_probabilities(cells, beta.load(&rows).luminance()).into_iter().flatten())
-        {
-            store(column, at, probability);
+        if let Some([light, on]) = field.roulette_probabilities(cells, beta.load(&rows).luminance()) {
+            store(&mut guiding.roulette[0], at, light);
+            store(&mut guiding.roulette[1], at, on);
         }
     }
     let len = vertices.len();
