@@ -7,7 +7,7 @@ use tracing::debug;
 
 use super::super::techniques::{GuidingEfficiency, GuidingStats};
 use super::super::{Choice, RenderSettings};
-use super::effort::{self, MAX_REMAINING_AT_FIRST_DECISION, MAX_REMAINING_GUIDED, MAX_TIME_SHARE};
+use super::effort::{self, MAX_TIME_SHARE};
 use super::rounds::{self, Learner, Round, Wanted};
 use crate::guiding::learn::bytes_to_learn;
 use crate::guiding::{Field, PathStatistics, TrainingSample, VertexRecord, learn};
@@ -185,10 +185,11 @@ impl Learner for GuidingLearner {
         self.training_samples.append(&mut round.training_samples);
         // Paths including the next round.
         let all = pixels * f64::from(4 * round.paths - 1);
+        let suffices = count(&self.training_samples) as f64 >= self.sufficient;
         let last = round.number + 1 == MAX_ROUNDS
             || self.max_seconds.is_some_and(|most| 3.0 * self.result.seconds > most)
             || all > (self.max_paths * self.picture_pixels).max(15.0 * pixels)
-            || count(&self.training_samples) as f64 >= self.sufficient;
+            || suffices;
         let decides = last || round.number == FIRST_DECISION_ROUND;
         // The first round was unguided.
         let fresh = if decides && round.number > 0 { fresh } else { usize::MAX };
@@ -203,7 +204,11 @@ impl Learner for GuidingLearner {
             };
             self.result.efficiency = efficiency;
             debug!("round {}: {} cells, {efficiency:?}", round.number, field.cells());
-            let most = if last { MAX_REMAINING_GUIDED } else { MAX_REMAINING_AT_FIRST_DECISION };
+            let most = match (last, suffices) {
+                (false, _) => effort::MAX_REMAINING_AT_FIRST_DECISION,
+                (true, true) => effort::MAX_REMAINING_GUIDED,
+                (true, false) => effort::MAX_REMAINING_GUIDED_BY_FEW,
+            };
             if !self.always && efficiency.variance * efficiency.cost > most && (last || !few) {
                 self.result.field = None;
                 self.finished = true;
