@@ -355,7 +355,7 @@ def blinds():
         ((high, y), (near, far)),
     ):
         meshes.append(Mesh(*between((x, bottom, front), (x + 0.2, top, back)), plaster))
-    for k in range(28):  # slats of 6 cm, tilted by 50 degrees: the inner edge is the higher one
+    for k in range(28):  # slats of 6 cm, tilted by 49 degrees: the inner edge is the higher one
         height = low + 0.025 + 0.05 * k
         inner, outer = (x + 0.08, height + 0.023), (x + 0.12, height - 0.023)
         shape = quad((*inner, far), (*outer, far), (*outer, near), (*inner, near))
