@@ -194,6 +194,37 @@ fn a_field_that_was_learned_changes_no_mean_and_takes_noise_away() {
     assert!(learned.efficiency.variance < 0.8, "{:?}", learned.efficiency);
 }
 
+/// A room behind blinds, whose light comes from a panel beyond them.
+fn blinds() -> Arc<Scene> {
+    let mut scene = Scene::default();
+    let plaster = || Material { double_sided: true, ..lambert(0.7) };
+    closed_box(&mut scene, Vec3::new(-2.0, 0.0, -2.0), Vec3::new(2.0, 2.5, 2.0), plaster());
+    for slat in 0..25 {
+        let (inner, outer) = (0.1 * slat as f32 + 0.0999, 0.1 * slat as f32 + 0.0001);
+        let points = vec![[1.3, inner, -2.0], [1.33, outer, -2.0], [1.33, outer, 2.0], [1.3, inner, 2.0]];
+        add(&mut scene, points, vec![[0, 1, 2], [0, 2, 3]], plaster());
+    }
+    let panel = vec![[1.95, 0.0, -2.0], [1.95, 0.0, 2.0], [1.95, 2.5, 2.0], [1.95, 2.5, -2.0]];
+    add(&mut scene, panel, vec![[0, 1, 2], [0, 2, 3]], area_light(20.0));
+    look(&mut scene, Vec3::new(0.8, 1.3, 1.5), Vec3::new(-1.5, 1.0, -1.5), 0.9);
+    Arc::new(scene)
+}
+
+#[test]
+fn a_room_behind_blinds_is_guided() {
+    let stage = Stage::new(blinds(), Backend::Embree);
+    let automatic = RenderSettings { width: 320, height: 240, spp: Some(64), ..settings(Guiding::Auto) };
+    let unguided = transport(&stage.scene, &automatic);
+    let learned = learned(&stage.scene, &automatic, &unguided, &AtomicBool::new(false)).unwrap();
+    // Neither does light come through one opening, nor from everywhere.
+    let left = learned.efficiency.variance * learned.efficiency.cost;
+    assert!(left > 0.4, "{:?}", learned.efficiency);
+    let means = compared(&stage, &settings(Guiding::Off), learned.field.as_ref().expect("a field"), 60);
+    assert!(z(&means).abs() < 4.5, "{} {}", means[0].mean, means[1].mean);
+    let [without, with] = means.map(|mean| mean.standard_error().powi(2));
+    assert!(with < 0.75 * without, "{with} {without}");
+}
+
 #[test]
 fn nothing_is_learned_where_nothing_shines() {
     let mut scene = Scene::default();

@@ -45,8 +45,8 @@ pub const MAX_REMAINING_LEARNED_ENVIRONMENT: f64 = 0.88;
 /// too little to estimate the gain.
 pub const MAX_REMAINING_AT_FIRST_ROUND: f64 = 0.97;
 /// Paths are guided if at most this fraction of variance times rays remains after the last round: a guided ray takes longer, and
-/// smooth light loses the benefit of stratified points. Of rooms where 0.5 to 0.54 was estimated, guiding left 0.6 to 0.75 of
-/// error times CPU seconds; where 0.66 to 0.72 was, 1.0 to 1.4.
+/// smooth light loses the benefit of stratified points. Where 0.5 to 0.62 was estimated, guiding left 0.6 to 0.8 of error times
+/// CPU seconds; where 0.66 to 0.72 was, 1.0 to 1.4.
 pub const MAX_REMAINING_GUIDED: f32 = 0.6;
 /// The same where the pre-pass ended with fewer training samples than suffice: rare light makes the estimate uncertain.
 pub const MAX_REMAINING_GUIDED_BY_FEW: f32 = 0.45;
