@@ -216,9 +216,9 @@ fn a_room_behind_blinds_is_guided() {
     let automatic = RenderSettings { width: 320, height: 240, spp: Some(64), ..settings(Guiding::Auto) };
     let unguided = transport(&stage.scene, &automatic);
     let learned = learned(&stage.scene, &automatic, &unguided, &AtomicBool::new(false)).unwrap();
-    // Neither does light come through one opening, nor from everywhere.
+    // More remains than where light comes through one opening: only enough training samples allow a field.
     let left = learned.efficiency.variance * learned.efficiency.cost;
-    assert!(left > 0.4, "{:?}", learned.efficiency);
+    assert!(left > 0.45, "{:?}", learned.efficiency);
     let means = compared(&stage, &settings(Guiding::Off), learned.field.as_ref().expect("a field"), 60);
     assert!(z(&means).abs() < 4.5, "{} {}", means[0].mean, means[1].mean);
     let [without, with] = means.map(|mean| mean.standard_error().powi(2));
