@@ -262,27 +262,36 @@ def room(x, y, z, plaster, floor):
     return [Mesh(*shape, material) for shape, material in parts]
 
 
+def right_wall(x, y, z, plaster, low, high, near, far):
+    """The wall that `room` leaves out, with an opening from `low` to `high` and from `near` to `far` along z."""
+    parts = (
+        ((0, y), (-z, near)),
+        ((0, y), (far, z)),
+        ((0, low), (near, far)),
+        ((high, y), (near, far)),
+    )
+    return [Mesh(*between((x, bottom, front), (x + 0.2, top, back)), plaster) for (bottom, top), (front, back) in parts]
+
+
+def panel(x, front, emission):
+    """A lamp as large as a wall at x, that shines toward -x."""
+    vertices, triangles = quad((x, -1, front), (x, -1, -5), (x, 6, -5), (x, 6, front))
+    return Mesh(vertices, triangles[:, ::-1], Material((0, 0, 0), emission=emission))
+
+
 def slit():
     """A room that a bright panel lights through a slit of 12 cm in a thick wall."""
     plaster, floor, clay = Material((0.72, 0.7, 0.66)), Material((0.34, 0.22, 0.13)), Material((0.55, 0.27, 0.16))
     tin = Material((0.78, 0.77, 0.75), True, 0.35)
     x, y, z = 2.3, 2.7, 2.6
-    meshes = room(x, y, z, plaster, floor)
-    for (low, high), (near, far) in (
-        ((0, y), (-z, -1.05)),
-        ((0, y), (-0.93, z)),
-        ((0, 0.5), (-1.05, -0.93)),
-        ((2.3, y), (-1.05, -0.93)),
-    ):
-        meshes.append(Mesh(*between((x, low, near), (x + 0.2, high, far)), plaster))
+    meshes = room(x, y, z, plaster, floor) + right_wall(x, y, z, plaster, 0.5, 2.3, -1.05, -0.93)
     meshes += [
         Mesh(*between((-2, 0, -2.4), (0.2, 0.45, -1.7)), floor),
         Mesh(*sphere(32, 0.32, (-0.4, 0.32, -0.6)), clay),
         Mesh(*sphere(32, 0.22, (-1.3, 0.67, -2.05)), tin),
         Mesh(*between((0.85, 0, -2.25), (1.55, 1.1, -1.55)), plaster),
+        panel(4, 3, (400, 450, 520)),
     ]
-    panel = quad((4, -1, 3), (4, -1, -5), (4, 6, -5), (4, 6, 3))
-    meshes.append(Mesh(panel[0], panel[1][:, ::-1], Material((0, 0, 0), emission=(400, 450, 520))))
     return Scene(meshes, (-0.2, 1.4, 2.4), (0, 0.95, -1.4), 0.942)
 
 
@@ -347,14 +356,7 @@ def blinds():
     slat, tin = Material((0.6, 0.58, 0.55)), Material((0.7, 0.7, 0.68), True, 0.4)
     x, y, z = 2.4, 2.7, 2.6
     low, high, near, far = 0.8, 2.2, -1.6, 0.8
-    meshes = room(x, y, z, plaster, floor)
-    for (bottom, top), (front, back) in (
-        ((0, y), (-z, near)),
-        ((0, y), (far, z)),
-        ((0, low), (near, far)),
-        ((high, y), (near, far)),
-    ):
-        meshes.append(Mesh(*between((x, bottom, front), (x + 0.2, top, back)), plaster))
+    meshes = room(x, y, z, plaster, floor) + right_wall(x, y, z, plaster, low, high, near, far)
     for k in range(28):  # slats of 6 cm, tilted by 49 degrees: the inner edge is the higher one
         height = low + 0.025 + 0.05 * k
         inner, outer = (x + 0.08, height + 0.023), (x + 0.12, height - 0.023)
@@ -364,9 +366,8 @@ def blinds():
         Mesh(*between((-1.9, 0, -2.3), (0.3, 0.45, -1.5)), floor),
         Mesh(*sphere(32, 0.3, (-0.3, 0.3, -0.5)), clay),
         Mesh(*sphere(32, 0.2, (-1.2, 0.65, -1.9)), tin),
+        panel(4.5, 4, (60, 66, 75)),
     ]
-    panel = quad((4.5, -1, 4), (4.5, -1, -5), (4.5, 6, -5), (4.5, 6, 4))
-    meshes.append(Mesh(panel[0], panel[1][:, ::-1], Material((0, 0, 0), emission=(60, 66, 75))))
     return Scene(meshes, (-1.0, 1.4, 2.4), (0.4, 0.9, -1.4), 0.95)
 
 

@@ -62,7 +62,7 @@ pub fn bins(w: V3) -> [u32; 8] {
 }
 
 /// A histogram that can be sampled. It is stored in few bits, so that many histograms stay in the cache. Samples and densities
-/// both follow the rounded values.
+/// both follow the rounded values. Its rows are one line of the cache.
 #[derive(Debug, Clone)]
 #[repr(C, align(64))]
 pub struct Histogram {
