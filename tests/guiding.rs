@@ -53,6 +53,7 @@ fn training_sample(position: Vec3, wi: Vec3, found: f32) -> TrainingSample {
         bsdf_pdf,
         field_pdf: 0.0,
         light_pdf: 0.0,
+        distance: f32::INFINITY,
     }
 }
 

@@ -128,6 +128,7 @@ fn firefly() -> Field {
             bsdf_pdf: 0.2,
             field_pdf,
             light_pdf: 0.0,
+            distance: f32::INFINITY,
         }
     };
     // Normals count more than positions.

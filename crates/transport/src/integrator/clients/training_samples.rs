@@ -11,6 +11,7 @@ use crate::integrator::stages::mixture;
 use crate::integrator::stages::requests::RequestGroup;
 use crate::integrator::vertices::Vertices;
 use crate::lanes::load_bits;
+use crate::rays::HitBatch;
 
 /// Records every scattered ray of a wave.
 #[derive(Debug, Default)]
@@ -46,6 +47,8 @@ struct ScatterRecord {
     light_pdf: f32,
     /// Radiance found at the end of the ray and, after the wave, by its descendants.
     found: Vec3,
+    /// Distance to the end of the ray; infinite where it meets nothing.
+    distance: f32,
 }
 
 impl TrainingRecorder {
@@ -83,6 +86,7 @@ impl TrainingRecorder {
                     bsdf_pdf,
                     field_pdf,
                     light_pdf: record.light_pdf,
+                    distance: record.distance,
                 }]);
             }
         }
@@ -97,6 +101,12 @@ impl TrainingRecorder {
 impl PathEvents for TrainingRecorder {
     fn begin(&mut self, _at: &WaveContext) {
         self.records.clear();
+    }
+
+    fn hits(&mut self, at: &WaveContext, rays: &PathRays, hits: &HitBatch) {
+        if at.depth > 0 {
+            (rays.first..).zip(&hits.t[..rays.len]).for_each(|(ray, t)| self.of_ray(at, ray).distance = *t);
+        }
     }
 
     fn emission(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {
@@ -131,6 +141,7 @@ impl PathEvents for TrainingRecorder {
             pdf: pdf.map(|pdf| pdf[lane]),
             light_pdf: 0.0,
             found: Vec3::ZERO,
+            distance: f32::INFINITY,
         }));
     }
 

@@ -1,0 +1,247 @@
+//! The histogram of each cell, from its own training samples and, the fewer these are, from those of the cells around it.
+//!
+//! A training sample at another position saw the same surface in another direction. So its direction is that from the cell's
+//! mean position to the point that the sample's ray met (after the parallax-aware mixtures of Ruppert, Herholz and Lensch 2020,
+//! *Robust Fitting of Parallax-Aware Mixtures for Path Guiding*; here samples are moved when histograms are made).
+
+use std::ops::Range;
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::TrainingSample;
+use super::directions::{BINS, Histogram, SIDE, bins, from_square, steradians};
+use crate::lanes::{F, LANES, V3, eight};
+use crate::sampling::cells::CellTree;
+
+/// Number of training samples by which a node's parent is weighted in the node's weights.
+const PRIOR_SAMPLES: f64 = 120.0;
+/// Maximum training samples from which a cell's histogram is made, if the cell has fewer.
+const MAX_SAMPLES: usize = 4096;
+/// Limits of the squared distance to what a training sample met, over that from the sample's own position. Its moment is divided
+/// by it.
+const SQUARED_DISTANCES: [f32; 2] = [0.25, 4.0];
+/// Minimum cosine at a training sample's own position, and maximum squared cosine at the cell over that.
+const COSINES: [f32; 2] = [0.1, 4.0];
+
+/// Training samples in the order of the tree's leaves.
+pub struct ByLeaf<'a> {
+    samples: &'a [&'a TrainingSample],
+    order: Vec<u32>,
+    /// Where each leaf ends in `order`.
+    ends: Vec<usize>,
+}
+
+impl<'a> ByLeaf<'a> {
+    /// Orders training samples by the leaves of a tree.
+    pub fn new(tree: &CellTree, samples: &'a [&'a TrainingSample]) -> Self {
+        let leaf = |sample: &&TrainingSample| tree.leaf(sample.position, sample.normal);
+        let leaves: Vec<_> = samples.par_iter().map(leaf).collect();
+        let mut begins = vec![0; tree.leaves() + 1];
+        leaves.iter().for_each(|leaf| begins[*leaf as usize + 1] += 1);
+        (0..tree.leaves()).for_each(|leaf| begins[leaf + 1] += begins[leaf]);
+        let mut order = vec![0; samples.len()];
+        for (i, leaf) in (0u32..).zip(leaves) {
+            let next = &mut begins[leaf as usize];
+            order[*next] = i;
+            *next += 1;
+        }
+        // Each has come to its end.
+        Self { samples, order, ends: begins }
+    }
+
+    /// Indices of a leaf's training samples.
+    pub fn leaf(&self, leaf: usize) -> &[u32] {
+        &self.order[self.range(leaf)]
+    }
+
+    fn range(&self, leaf: usize) -> Range<usize> {
+        (if leaf > 0 { self.ends[leaf - 1] } else { 0 })..self.ends[leaf]
+    }
+
+    fn at(&self, range: Range<usize>) -> impl Iterator<Item = &TrainingSample> {
+        self.order[range].iter().map(|i| self.samples[*i as usize])
+    }
+}
+
+/// The histogram of each leaf of the tree.
+pub fn histograms(tree: &CellTree, samples: &ByLeaf) -> Vec<Histogram> {
+    let mut ranges = vec![0..0; tree.nodes()];
+    // Children come after their parents.
+    for node in (0..tree.nodes()).rev() {
+        ranges[node] = match tree.children(node) {
+            Ok([a, b]) => ranges[a].start..ranges[b].end,
+            Err(leaf) => samples.range(leaf as usize),
+        };
+    }
+    let (mut open, mut roots) = (vec![0], Vec::new());
+    while let Some(node) = open.pop() {
+        match tree.children(node) {
+            Ok([a, b]) if ranges[node].len() > MAX_SAMPLES => open.extend([b, a]),
+            _ => roots.push(node),
+        }
+    }
+    let areas = areas();
+    let below = |root: usize| {
+        let (mut open, mut histograms) = (vec![(root, Vec::new())], Vec::new());
+        while let Some((node, mut nested)) = open.pop() {
+            nested.push(ranges[node].clone());
+            match tree.children(node) {
+                Ok([a, b]) => open.extend([(b, nested.clone()), (a, nested)]),
+                Err(_) => histograms.push(Histogram::new(&weights(samples, &nested, &areas))),
+            }
+        }
+        histograms
+    };
+    roots.into_par_iter().flat_map_iter(below).collect()
+}
+
+/// Weights of the bins of a leaf, from the training samples of nodes: each range contains the next, the last is the leaf's own.
+fn weights(samples: &ByLeaf, nested: &[Range<usize>], areas: &[f64; BINS]) -> [f64; BINS] {
+    let own = nested.last().cloned().unwrap_or_default();
+    let mean =
+        |of: fn(&TrainingSample) -> Vec3| samples.at(own.clone()).map(of).sum::<Vec3>() / own.len().max(1) as f32;
+    let (position, normal) = (mean(|sample| sample.position), mean(|sample| sample.normal).normalize_or_zero());
+    let (mut moments, mut inner) = ([0.0; BINS], own.start..own.start);
+    let mut of_nodes = Vec::with_capacity(nested.len());
+    for range in nested.iter().rev() {
+        for outside in [range.start..inner.start, inner.end..range.end] {
+            add(&mut moments, samples, outside, position, normal);
+        }
+        of_nodes.push((moments, range.len() as f64));
+        inner = range.clone();
+    }
+    // From the outside in. The first prior is uniform over directions.
+    of_nodes.iter().rev().fold(*areas, |prior, (moments, n)| {
+        let own = best(moments, areas);
+        let (own_sum, prior_sum): (f64, f64) = (own.iter().sum(), prior.iter().sum());
+        let trust = if own_sum > 0.0 { n / (n + PRIOR_SAMPLES) } else { 0.0 };
+        std::array::from_fn(|bin| {
+            trust * own[bin] / own_sum.max(f64::MIN_POSITIVE) + (1.0 - trust) * prior[bin] / prior_sum
+        })
+    })
+}
+
+/// Adds ∫ (f L)² dω over each bin, as seen from a position with a normal.
+fn add(moments: &mut [f32; BINS], samples: &ByLeaf, range: Range<usize>, position: Vec3, normal: Vec3) {
+    let (position, normal) = (V3::splat(position), V3::splat(normal));
+    for group in samples.order[range].chunks(LANES) {
+        let of = eight(|lane| samples.samples[group[lane.min(group.len() - 1)] as usize]);
+        let column = |value: fn(&TrainingSample) -> f32| F::from(eight(|lane| value(of[lane])));
+        let vectors = |value: fn(&TrainingSample) -> Vec3| V3::gather(eight(|lane| value(of[lane])));
+        let wi = vectors(|sample| sample.wi);
+        // In units of the sample's own distance, which may be infinite.
+        let inverse = F::ONE / column(|sample| sample.distance);
+        let to = wi + (vectors(|sample| sample.position) - position) * inverse;
+        let squared = to.length_squared();
+        let w = to * (F::ONE / squared.fast_max(F::splat(f32::MIN_POSITIVE)).sqrt());
+        let [least, most] = SQUARED_DISTANCES.map(F::splat);
+        let [least_cosine, most_ratio] = COSINES.map(F::splat);
+        let cosines = normal.dot(w).fast_max(F::ZERO) / vectors(|sample| sample.normal).dot(wi).fast_max(least_cosine);
+        let scale = (cosines * cosines).fast_min(most_ratio) / squared.fast_max(least).fast_min(most);
+        let contribution = column(|sample| sample.contribution);
+        let moment = (contribution * contribution * column(|sample| sample.pdf) * scale).to_array();
+        for (bin, moment) in bins(w).into_iter().zip(moment).take(group.len()) {
+            if moment.is_finite() {
+                moments[bin as usize] += moment;
+            }
+        }
+    }
+}
+
+/// Solid angles of the bins in steradians.
+fn areas() -> [f64; BINS] {
+    std::array::from_fn(|bin| {
+        let middle = |i: usize| F::splat((i as f32 + 0.5) / SIDE as f32);
+        let w = from_square(middle(bin / SIDE), middle(bin % SIDE));
+        f64::from(steradians(w).to_array()[0]) / BINS as f64
+    })
+}
+
+/// Bin weights in proportion to the root of the density of the second moment, which minimise the variance (Rath et al. 2020,
+/// equation 9).
+fn best(moments: &[f32; BINS], areas: &[f64; BINS]) -> [f64; BINS] {
+    let smooth = smoothed(moments);
+    std::array::from_fn(|bin| (smooth[bin] * areas[bin]).sqrt())
+}
+
+/// Smooths the sums over neighbouring bins, because training samples are few.
+fn smoothed(sums: &[f32; BINS]) -> [f64; BINS] {
+    let mut smooth = [0.0; BINS];
+    for (bin, sum) in sums.iter().enumerate().filter(|(_, sum)| **sum > 0.0) {
+        let (row, column) = ((bin / SIDE) as isize, (bin % SIDE) as isize);
+        for (dr, dc) in (-1..=1isize).flat_map(|dr| (-1..=1isize).map(move |dc| (dr, dc))) {
+            let inside = |i: isize| i.clamp(0, SIDE as isize - 1) as usize;
+            let weight = [8.0, 1.0, 0.5][dr.unsigned_abs() + dc.unsigned_abs()] / 14.0;
+            smooth[inside(row + dr) * SIDE + inside(column + dc)] += f64::from(*sum) * weight;
+        }
+    }
+    smooth
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sampling::SplitMix64;
+
+    /// Training samples on a floor of 4 x 4 m, all with light from a point 1 m above its middle.
+    fn below_a_light(n: usize, distances: bool) -> Vec<TrainingSample> {
+        let mut random = SplitMix64(3);
+        let one = |_| {
+            let position = Vec3::new(4.0 * random.f32() - 2.0, 0.0, 4.0 * random.f32() - 2.0);
+            let to = Vec3::Y - position;
+            let (distance, wi) = (to.length(), to.normalize());
+            TrainingSample {
+                position,
+                normal: Vec3::Y,
+                wi,
+                contribution: wi.y / (distance * distance),
+                weight: 1.0,
+                pdf: 0.2,
+                bsdf_pdf: 0.2,
+                field_pdf: 0.0,
+                light_pdf: 0.0,
+                distance: if distances { distance } else { f32::INFINITY },
+            }
+        };
+        (0..n).map(one).collect()
+    }
+
+    /// Mean over positions of the density per solid angle toward the light.
+    fn density_toward_the_light(training_samples: &[TrainingSample]) -> f32 {
+        let samples: Vec<_> = training_samples.iter().collect();
+        let keys = samples.iter().map(|sample| CellTree::key(sample.position, sample.normal, 1.0)).collect();
+        let tree = CellTree::new(keys, 1.0, 24, 10_000);
+        let histograms = histograms(&tree, &ByLeaf::new(&tree, &samples));
+        assert_eq!(histograms.len(), tree.leaves());
+        let density = |sample: &&TrainingSample| {
+            let wi = V3::splat(sample.wi);
+            let histogram = &histograms[tree.leaf(sample.position, sample.normal) as usize];
+            histogram.density(bins(wi)[0]) / steradians(wi).to_array()[0]
+        };
+        samples.iter().map(density).sum::<f32>() / samples.len() as f32
+    }
+
+    #[test]
+    fn samples_of_other_cells_point_to_what_they_met() {
+        let [with, without] = [true, false].map(|distances| density_toward_the_light(&below_a_light(5000, distances)));
+        assert!(with > 1.5 * without, "{with} {without}");
+    }
+
+    #[test]
+    fn odd_samples_leave_histograms_that_can_be_sampled() {
+        let mut training_samples = below_a_light(400, true);
+        for (i, sample) in training_samples.iter_mut().enumerate() {
+            match i % 6 {
+                0 => sample.distance = 0.0,
+                1 => sample.distance = f32::MIN_POSITIVE,
+                2 => sample.contribution = f32::MAX,
+                3 => sample.pdf = f32::INFINITY,
+                4 => sample.normal = -Vec3::Y,
+                _ => {}
+            }
+        }
+        let density = density_toward_the_light(&training_samples);
+        assert!(density.is_finite() && density >= 0.0, "{density}");
+    }
+}
