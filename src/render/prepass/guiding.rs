@@ -120,6 +120,8 @@ pub struct GuidingLearner {
     training_samples: Vec<Vec<TrainingSample>>,
     /// Rays per path of the first round, which is unguided.
     unguided: Option<f64>,
+    /// Did the first decision go on in spite of too little estimated gain?
+    doubtful: bool,
     finished: bool,
     result: Learned,
 }
@@ -154,6 +156,7 @@ impl GuidingLearner {
             scale: 0.25 * scene.scene.radius(),
             training_samples: Vec::new(),
             unguided: None,
+            doubtful: false,
             finished: false,
             result: Learned { field: None, efficiency: GuidingEfficiency::default(), seconds: 0.0 },
         })
@@ -203,13 +206,16 @@ impl Learner for GuidingLearner {
                 share: gain.guiding_probability,
             };
             self.result.efficiency = efficiency;
-            debug!("round {}: {} cells, {efficiency:?}", round.number, field.cells());
-            let most = match (last, suffices) {
+            debug!("round {}: {} cells, {efficiency:?}, {gain:?}", round.number, field.cells());
+            let remaining = efficiency.variance * efficiency.cost;
+            self.doubtful |= !last && remaining > effort::MAX_REMAINING_AT_FIRST_DECISION;
+            let most = match (last, suffices && !self.doubtful) {
+                (false, _) if gain.standard_error > effort::UNCERTAIN_STANDARD_ERROR => effort::MAX_REMAINING_UNCERTAIN,
                 (false, _) => effort::MAX_REMAINING_AT_FIRST_DECISION,
                 (true, true) => effort::MAX_REMAINING_GUIDED,
                 (true, false) => effort::MAX_REMAINING_GUIDED_BY_FEW,
             };
-            if !self.always && efficiency.variance * efficiency.cost > most && (last || !few) {
+            if !self.always && remaining > most && (last || !few) {
                 self.result.field = None;
                 self.finished = true;
                 return;

@@ -58,6 +58,8 @@ pub struct Gain {
     pub taken: f64,
     /// Mean guiding probability over training samples.
     pub guiding_probability: f32,
+    /// Relative standard error of the second moment at a guiding probability of ½: 1 if one sample has all of it.
+    pub standard_error: f32,
 }
 
 impl Gain {
@@ -104,7 +106,8 @@ pub fn learn<'a>(
     };
     let cells: Vec<_> = (0..tree.leaves()).into_par_iter().map(probability_sums).collect();
     let all = cells.iter().fold(ProbabilitySums::default(), |all, cell| all.plus(cell));
-    let mut gain = Gain::default();
+    let error = if all.moments[2] > 0.0 { (all.squares.sqrt() / all.moments[2]) as f32 } else { 1.0 };
+    let mut gain = Gain { standard_error: error, ..Default::default() };
     let probability = |cell: &ProbabilitySums| {
         if fresh >= training_samples.len() {
             return LEARNING_PROBABILITY;
