@@ -48,16 +48,19 @@ pub const MAX_REMAINING_AT_FIRST_ROUND: f64 = 0.97;
 /// smooth light loses the benefit of stratified points. Where 0.5 to 0.62 was estimated, guiding left 0.6 to 0.8 of error times
 /// CPU seconds; where 0.66 to 0.72 was, 1.0 to 1.4.
 pub const MAX_REMAINING_GUIDED: f32 = 0.6;
-/// The same where the pre-pass ended with fewer training samples than suffice, or went on by [`MAX_REMAINING_UNCERTAIN`]: rare
-/// light makes the estimate uncertain.
+/// The same where the pre-pass ended with fewer training samples than suffice: rare light makes the estimate uncertain.
 pub const MAX_REMAINING_GUIDED_BY_FEW: f32 = 0.45;
 /// Learning for guiding continues after the second round if at most this fraction remains.
 pub const MAX_REMAINING_AT_FIRST_DECISION: f32 = 0.66;
 /// The same where the relative standard error of the second moment exceeds [`UNCERTAIN_STANDARD_ERROR`]. In rooms with lamps in
-/// shades the first estimates were 0.2 to 0.72, the last ones 0.3 to 0.4.
+/// shades the first estimates were 0.3 to 0.72, the last ones 0.2 to 0.4. Elsewhere 0.67 to 0.73 became 0.5 to 0.57, and guiding
+/// left 1.06 to 1.1 of error times CPU seconds.
 pub const MAX_REMAINING_UNCERTAIN: f32 = 0.75;
 /// See [`MAX_REMAINING_UNCERTAIN`].
 pub const UNCERTAIN_STANDARD_ERROR: f32 = 0.1;
+/// Learning continues after the third round if at most this fraction remains. With lamps in shades it was up to 0.56, behind
+/// blinds up to 0.65; where the second round was wrong it was 0.8 to 0.9.
+pub const MAX_REMAINING_AT_SECOND_DECISION: f32 = 0.7;
 /// All tiles get the same number of paths where more than this fraction of error times cost would remain.
 pub const MAX_REMAINING_ALLOCATED: f64 = 0.95;
 /// The same after the allocation's first step: few pixels tell tiles apart badly, which makes the estimate too high.

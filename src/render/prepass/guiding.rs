@@ -23,9 +23,11 @@ const MAX_PATHS_PER_PICTURE_PIXEL: f64 = 12.0;
 const SUFFICIENT_TRAINING_SAMPLES: f64 = 150_000.0;
 /// Maximum vertex records of a round, over the training samples that suffice.
 const VERTEX_RECORDS_PER_SUFFICIENT_SAMPLE: f64 = 2.0;
-/// The round, counted from 0, after which `auto` first estimates the efficiency.
+/// The round, counted from 0, after which `auto` first estimates the efficiency. It does so again after the last round.
 const FIRST_DECISION_ROUND: u32 = 1;
-/// Learning continues there, too, if fewer training samples per path were found, too few for an estimate.
+/// It also does so after the rounds up to this one, if they are not the last.
+const LAST_DECISION_ROUND: u32 = 2;
+/// Learning continues after these decisions, too, if fewer training samples per path were found, too few for an estimate.
 const MIN_SAMPLES_PER_PATH: f64 = 0.04;
 /// Training samples of a path over its maximum segments, and vertex records. A closed white room has two thirds in the first
 /// rounds, and a third once roulette has been learned.
@@ -120,8 +122,6 @@ pub struct GuidingLearner {
     training_samples: Vec<Vec<TrainingSample>>,
     /// Rays per path of the first round, which is unguided.
     unguided: Option<f64>,
-    /// Did the first decision go on in spite of too little estimated gain?
-    doubtful: bool,
     finished: bool,
     result: Learned,
 }
@@ -156,7 +156,6 @@ impl GuidingLearner {
             scale: 0.25 * scene.scene.radius(),
             training_samples: Vec::new(),
             unguided: None,
-            doubtful: false,
             finished: false,
             result: Learned { field: None, efficiency: GuidingEfficiency::default(), seconds: 0.0 },
         })
@@ -193,7 +192,7 @@ impl Learner for GuidingLearner {
             || self.max_seconds.is_some_and(|most| 3.0 * self.result.seconds > most)
             || all > (self.max_paths * self.picture_pixels).max(15.0 * pixels)
             || suffices;
-        let decides = last || round.number == FIRST_DECISION_ROUND;
+        let decides = last || (FIRST_DECISION_ROUND..=LAST_DECISION_ROUND).contains(&round.number);
         // The first round was unguided.
         let fresh = if decides && round.number > 0 { fresh } else { usize::MAX };
         let (mut field, gain) = learn(self.training_samples.iter().flatten(), fresh, self.scale, self.max_cells);
@@ -207,19 +206,21 @@ impl Learner for GuidingLearner {
             };
             self.result.efficiency = efficiency;
             debug!("round {}: {} cells, {efficiency:?}, {gain:?}", round.number, field.cells());
-            let remaining = efficiency.variance * efficiency.cost;
-            self.doubtful |= !last && remaining > effort::MAX_REMAINING_AT_FIRST_DECISION;
-            let most = match (last, suffices && !self.doubtful) {
-                (false, _) if gain.standard_error > effort::UNCERTAIN_STANDARD_ERROR => effort::MAX_REMAINING_UNCERTAIN,
-                (false, _) => effort::MAX_REMAINING_AT_FIRST_DECISION,
+            let most = match (last, suffices) {
                 (true, true) => effort::MAX_REMAINING_GUIDED,
                 (true, false) => effort::MAX_REMAINING_GUIDED_BY_FEW,
+                _ if round.number > FIRST_DECISION_ROUND => effort::MAX_REMAINING_AT_SECOND_DECISION,
+                _ if gain.standard_error > effort::UNCERTAIN_STANDARD_ERROR => effort::MAX_REMAINING_UNCERTAIN,
+                _ => effort::MAX_REMAINING_AT_FIRST_DECISION,
             };
-            if !self.always && remaining > most && (last || !few) {
+            if !self.always && efficiency.variance * efficiency.cost > most && (last || !few) {
                 self.result.field = None;
                 self.finished = true;
                 return;
             }
+        }
+        if !last {
+            field.set_learning_probability();
         }
         // One path per pixel has no variance.
         if last || round.number > 0 {

@@ -84,8 +84,8 @@ pub struct Row {
 
 impl Histogram {
     /// A histogram in proportion to `weights`, each finite and ≥ 0; uniform on the square if all are zero.
-    pub fn new(weights: &[f64; BINS]) -> Self {
-        let total: f64 = weights.iter().sum();
+    pub fn new(weights: &[f32; BINS]) -> Self {
+        let total: f32 = weights.iter().sum();
         let weights = if total > 0.0 && total.is_finite() { *weights } else { [1.0; BINS] };
         let mut of_rows = [0.0; SIDE];
         let mut columns = [[0; SIDE]; SIDE];
@@ -148,13 +148,13 @@ impl Fraction for u8 {
 }
 
 /// Cumulative probabilities at the start of each of a row of weights.
-fn starts_of<P: Fraction>(weights: &[f64; SIDE]) -> [P; SIDE] {
-    let total: f64 = weights.iter().sum();
+fn starts_of<P: Fraction>(weights: &[f32; SIDE]) -> [P; SIDE] {
+    let total: f32 = weights.iter().sum();
     let mut sum = 0.0;
     std::array::from_fn(|i| {
-        let start = if total > 0.0 { sum / total } else { i as f64 / SIDE as f64 };
+        let start = if total > 0.0 { sum / total } else { i as f32 / SIDE as f32 };
         sum += weights[i];
-        P::from_f32((start * f64::from(P::ONE)).round() as f32)
+        P::from_f32((start * P::ONE).round())
     })
 }
 
@@ -214,9 +214,10 @@ mod tests {
     fn samples_have_the_stated_density() {
         let mut random = SplitMix64(3);
         let mut weights = [0.0; BINS];
-        weights.iter_mut().for_each(|w| *w = if random.f64() < 0.5 { 0.0 } else { random.f64().powi(4) });
+        weights.iter_mut().for_each(|w| *w = if random.f32() < 0.5 { 0.0 } else { random.f32().powi(4) });
         weights[BINS - 1] = 0.0;
         let histogram = Histogram::new(&weights);
+        let weights = weights.map(f64::from);
         let total: f64 = weights.iter().sum();
         let n = 400_000;
         let (mut counts, mut odd) = ([0u32; BINS], 0);

@@ -15,7 +15,7 @@ use crate::lanes::{F, LANES, V3, eight};
 use crate::sampling::cells::CellTree;
 
 /// Number of training samples by which a node's parent is weighted in the node's weights.
-const PRIOR_SAMPLES: f64 = 120.0;
+const PRIOR_SAMPLES: f32 = 120.0;
 /// Maximum training samples from which a cell's histogram is made, if the cell has fewer.
 const MAX_SAMPLES: usize = 4096;
 /// Limits of the squared distance to what a training sample met, over that from the sample's own position. Its moment is divided
@@ -97,7 +97,7 @@ pub fn histograms(tree: &CellTree, samples: &ByLeaf) -> Vec<Histogram> {
 }
 
 /// Weights of the bins of a leaf, from the training samples of nodes: each range contains the next, the last is the leaf's own.
-fn weights(samples: &ByLeaf, nested: &[Range<usize>], areas: &[f64; BINS]) -> [f64; BINS] {
+fn weights(samples: &ByLeaf, nested: &[Range<usize>], areas: &[f32; BINS]) -> [f32; BINS] {
     let own = nested.last().cloned().unwrap_or_default();
     let mean =
         |of: fn(&TrainingSample) -> Vec3| samples.at(own.clone()).map(of).sum::<Vec3>() / own.len().max(1) as f32;
@@ -108,17 +108,16 @@ fn weights(samples: &ByLeaf, nested: &[Range<usize>], areas: &[f64; BINS]) -> [f
         for outside in [range.start..inner.start, inner.end..range.end] {
             add(&mut moments, samples, outside, position, normal);
         }
-        of_nodes.push((moments, range.len() as f64));
+        of_nodes.push((moments, range.len() as f32));
         inner = range.clone();
     }
     // From the outside in. The first prior is uniform over directions.
     of_nodes.iter().rev().fold(*areas, |prior, (moments, n)| {
         let own = best(moments, areas);
-        let (own_sum, prior_sum): (f64, f64) = (own.iter().sum(), prior.iter().sum());
+        let [own_sum, prior_sum] = [&own, &prior].map(sum);
         let trust = if own_sum > 0.0 { n / (n + PRIOR_SAMPLES) } else { 0.0 };
-        std::array::from_fn(|bin| {
-            trust * own[bin] / own_sum.max(f64::MIN_POSITIVE) + (1.0 - trust) * prior[bin] / prior_sum
-        })
+        let (own_scale, prior_scale) = (trust / own_sum.max(f32::MIN_POSITIVE), (1.0 - trust) / prior_sum);
+        std::array::from_fn(|bin| own_scale * own[bin] + prior_scale * prior[bin])
     })
 }
 
@@ -150,33 +149,44 @@ fn add(moments: &mut [f32; BINS], samples: &ByLeaf, range: Range<usize>, positio
 }
 
 /// Solid angles of the bins in steradians.
-fn areas() -> [f64; BINS] {
+fn areas() -> [f32; BINS] {
     std::array::from_fn(|bin| {
         let middle = |i: usize| F::splat((i as f32 + 0.5) / SIDE as f32);
         let w = from_square(middle(bin / SIDE), middle(bin % SIDE));
-        f64::from(steradians(w).to_array()[0]) / BINS as f64
+        steradians(w).to_array()[0] / BINS as f32
     })
 }
 
 /// Bin weights in proportion to the root of the density of the second moment, which minimise the variance (Rath et al. 2020,
 /// equation 9).
-fn best(moments: &[f32; BINS], areas: &[f64; BINS]) -> [f64; BINS] {
+fn best(moments: &[f32; BINS], areas: &[f32; BINS]) -> [f32; BINS] {
     let smooth = smoothed(moments);
     std::array::from_fn(|bin| (smooth[bin] * areas[bin]).sqrt())
 }
 
-/// Smooths the sums over neighbouring bins, because training samples are few.
-fn smoothed(sums: &[f32; BINS]) -> [f64; BINS] {
+/// Smooths the sums over neighbouring bins, because training samples are few: weights 8, 1 and ½ of 14 for the bin, those beside
+/// it and those at its corners. At the edges of the square, what would fall outside stays in the bin.
+fn smoothed(sums: &[f32; BINS]) -> [f32; BINS] {
+    let rows: &[[f32; SIDE]] = sums.as_chunks().0;
+    // Along rows, for the bin's own row and for the ones beside it.
+    let along = |row: &[f32; SIDE], middle: f32, side: f32| -> [f32; SIDE] {
+        let at = |i: usize| row[i.min(SIDE - 1)];
+        std::array::from_fn(|i| middle * row[i] + side * (at(i.saturating_sub(1)) + at(i + 1)))
+    };
     let mut smooth = [0.0; BINS];
-    for (bin, sum) in sums.iter().enumerate().filter(|(_, sum)| **sum > 0.0) {
-        let (row, column) = ((bin / SIDE) as isize, (bin % SIDE) as isize);
-        for (dr, dc) in (-1..=1isize).flat_map(|dr| (-1..=1isize).map(move |dc| (dr, dc))) {
-            let inside = |i: isize| i.clamp(0, SIDE as isize - 1) as usize;
-            let weight = [8.0, 1.0, 0.5][dr.unsigned_abs() + dc.unsigned_abs()] / 14.0;
-            smooth[inside(row + dr) * SIDE + inside(column + dc)] += f64::from(*sum) * weight;
-        }
+    for (i, out) in smooth.as_chunks_mut::<SIDE>().0.iter_mut().enumerate() {
+        let own = along(&rows[i], 8.0 / 14.0, 1.0 / 14.0);
+        let [above, below] =
+            [i.saturating_sub(1), (i + 1).min(SIDE - 1)].map(|i| along(&rows[i], 1.0 / 14.0, 0.5 / 14.0));
+        *out = std::array::from_fn(|j| own[j] + (above[j] + below[j]));
     }
     smooth
+}
+
+/// The sum of all bins.
+fn sum(bins: &[f32; BINS]) -> f32 {
+    let eights = bins.as_chunks::<LANES>().0.iter().map(|eight| F::from(*eight));
+    eights.fold(F::ZERO, |sum, eight| sum + eight).to_array().iter().sum()
 }
 
 #[cfg(test)]

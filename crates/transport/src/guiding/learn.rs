@@ -45,7 +45,7 @@ const MAX_TREE_SAMPLES: usize = 1 << 15;
 /// The guiding probabilities among which cells choose.
 pub const GUIDING_PROBABILITIES: [f32; 5] = [0.0, 0.25, 0.5, 0.75, 0.875];
 /// The guiding probability while a field is learned.
-const LEARNING_PROBABILITY: f32 = 0.5;
+pub(super) const LEARNING_PROBABILITY: f32 = 0.5;
 
 /// Estimated gain by a field, from the last training samples.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
