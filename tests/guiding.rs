@@ -17,7 +17,7 @@ use bismar::sampling::{SplitMix64, warp};
 use bismar::scene::{Material, Scene};
 use glam::Vec3;
 
-use crate::helpers::stage::{Stage, add, area_light, closed_box, glass_hall, hall, lambert, look, rectangle};
+use crate::helpers::stage::{Stage, add, area_light, closed_box, glass_hall, hall, lambert, look, rectangle, sphere};
 use crate::helpers::statistics::Mean;
 
 /// A box with an area light above a thin shelf: all that the camera sees is lit by the ceiling.
@@ -74,7 +74,7 @@ fn what_the_field_draws_has_the_density_that_it_says() {
         let wi = warp::sphere(random.f32(), random.f32().powi(3));
         (Vec3::new(wi.x, wi.y.abs(), wi.z), random.f32().powi(6))
     });
-    let (field, _) = learn(&training_samples, usize::MAX, 1.0, 1000);
+    let (field, _) = learn(&training_samples, usize::MAX, false, 1.0, 1000);
     assert!(field.cells() > 20, "{}", field.cells());
     let mut random = SplitMix64(11);
     let mut worst: f64 = 0.0;
@@ -147,7 +147,7 @@ fn a_field_of_lies_changes_no_mean() {
         training_samples(20_000, |random| (Vec3::new(random.f32() - 0.5, 0.05, random.f32() - 0.5).normalize(), 1.0)),
         Vec::new(),
     ]
-    .map(|training_samples| learn(&training_samples, usize::MAX, 1.0, 100).0);
+    .map(|training_samples| learn(&training_samples, usize::MAX, false, 1.0, 100).0);
     // And of how often to go on: nothing was found anywhere, by light samples, by others, by one of them only.
     let records = |found: [f32; 2]| {
         (0..2000).map(move |i| VertexRecord {
@@ -224,6 +224,40 @@ fn a_room_behind_blinds_is_guided() {
     assert!(z(&means).abs() < 4.5, "{} {}", means[0].mean, means[1].mean);
     let [without, with] = means.map(|mean| mean.standard_error().powi(2));
     assert!(with < 0.75 * without, "{with} {without}");
+}
+
+/// A room with twelve bulbs, each in an opaque shade that is open below: every surface sees few of them.
+fn pendants() -> Arc<Scene> {
+    let mut scene = Scene::default();
+    let plaster = || Material { double_sided: true, ..lambert(0.7) };
+    closed_box(&mut scene, Vec3::new(-3.2, 0.0, -3.6), Vec3::new(3.2, 2.8, 3.6), plaster());
+    for i in 0..12 {
+        let at = Vec3::new(2.0 * (i % 3) as f32 - 2.0, 1.6, 1.6 * (i / 3) as f32 - 2.4);
+        let point = |[x, z]: [f32; 2], y: f32, half: f32| (at + Vec3::new(half * x, y, half * z)).to_array();
+        let square = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
+        let rings = [(0.0, 0.17), (0.2, 0.05)].map(|(y, half)| square.map(|xz| point(xz, y, half)));
+        let side = |k: u32| [[k, (k + 1) % 4, 4 + k], [(k + 1) % 4, 4 + (k + 1) % 4, 4 + k]];
+        let triangles = (0..4).flat_map(side).chain([[4, 5, 6], [4, 6, 7]]).collect();
+        add(&mut scene, rings.concat(), triangles, plaster());
+        let (points, triangles) = sphere(8, 0.035, at + Vec3::new(0.0, 0.1, 0.0));
+        add(&mut scene, points, triangles, area_light(120.0));
+    }
+    look(&mut scene, Vec3::new(-2.7, 1.9, 3.3), Vec3::new(0.3, 0.8, -1.2), 1.05);
+    Arc::new(scene)
+}
+
+#[test]
+fn rounds_learn_what_those_before_them_found_useless() {
+    let stage = Stage::new(pendants(), Backend::Embree);
+    let automatic = RenderSettings { width: 320, height: 240, spp: Some(64), ..settings(Guiding::Auto) };
+    for seed in 0..3 {
+        let automatic = RenderSettings { seed, ..automatic.clone() };
+        let unguided = transport(&stage.scene, &automatic);
+        let learned = learned(&stage.scene, &automatic, &unguided, &AtomicBool::new(false)).unwrap();
+        // With the probabilities that early rounds find best, many cells would learn nothing more.
+        let left = learned.efficiency.variance * learned.efficiency.cost;
+        assert!(learned.field.is_some() && left < 0.45, "seed {seed}: {:?}", learned.efficiency);
+    }
 }
 
 #[test]

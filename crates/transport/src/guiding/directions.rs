@@ -83,16 +83,16 @@ pub struct Row {
 }
 
 impl Histogram {
-    /// A histogram in proportion to `weights`, each finite and ≥ 0; uniform on the square if all are zero.
+    /// A histogram in proportion to `weights`, each finite and ≥ 0; uniform on the square if all are zero or their sum overflows.
     pub fn new(weights: &[f32; BINS]) -> Self {
-        let total: f32 = weights.iter().sum();
-        let weights = if total > 0.0 && total.is_finite() { *weights } else { [1.0; BINS] };
         let mut of_rows = [0.0; SIDE];
         let mut columns = [[0; SIDE]; SIDE];
         for ((sum, starts), row) in of_rows.iter_mut().zip(&mut columns).zip(weights.as_chunks::<SIDE>().0) {
-            (*sum, *starts) = (row.iter().sum(), starts_of(row));
+            (*starts, *sum) = starts_of(row);
         }
-        Self { rows: starts_of(&of_rows), columns }
+        let (rows, total) = starts_of(&of_rows);
+        // The sum may overflow.
+        if total.is_finite() { Self { rows, columns } } else { Self::new(&[0.0; BINS]) }
     }
 
     /// Density on the unit square in bin `bin`.
@@ -147,15 +147,16 @@ impl Fraction for u8 {
     }
 }
 
-/// Cumulative probabilities at the start of each of a row of weights.
-fn starts_of<P: Fraction>(weights: &[f32; SIDE]) -> [P; SIDE] {
+/// Cumulative probabilities at the start of each of a row of weights, and the sum of the weights.
+fn starts_of<P: Fraction>(weights: &[f32; SIDE]) -> ([P; SIDE], f32) {
     let total: f32 = weights.iter().sum();
     let mut sum = 0.0;
-    std::array::from_fn(|i| {
+    let starts = std::array::from_fn(|i| {
         let start = if total > 0.0 { sum / total } else { i as f32 / SIDE as f32 };
         sum += weights[i];
         P::from_f32((start * P::ONE).round())
-    })
+    });
+    (starts, total)
 }
 
 /// Probability of interval `i`.
@@ -251,9 +252,11 @@ mod tests {
     }
 
     #[test]
-    fn a_histogram_without_weights_is_uniform() {
-        let histogram = Histogram::new(&[0.0; BINS]);
-        assert!((0..BINS as u32).all(|bin| (histogram.density(bin) - 1.0).abs() < 1e-5));
-        assert_eq!(histogram.draw_in(histogram.draw_row(0.0), 0.0), (0.0, 0.0, 1.0));
+    fn a_histogram_without_weights_or_with_too_large_ones_is_uniform() {
+        for weights in [[0.0; BINS], [f32::MAX; BINS]] {
+            let histogram = Histogram::new(&weights);
+            assert!((0..BINS as u32).all(|bin| (histogram.density(bin) - 1.0).abs() < 1e-5));
+            assert_eq!(histogram.draw_in(histogram.draw_row(0.0), 0.0), (0.0, 0.0, 1.0));
+        }
     }
 }

@@ -1,7 +1,6 @@
 //! The guiding field: cells in space, each with a histogram of directions and the probability of sampling from it.
 
 use super::directions::{Histogram, Row, bins, from_square};
-use super::learn::LEARNING_PROBABILITY;
 use super::roulette::{PathStatistics, Roulette, VertexRecord};
 use crate::lanes::{F, LANES, V3, eight};
 use crate::sampling::cells::CellTree;
@@ -25,12 +24,6 @@ impl Field {
     pub(super) fn new(tree: CellTree, histograms: Vec<Histogram>, guiding_probabilities: Vec<f32>) -> Self {
         debug_assert!(tree.leaves() == histograms.len() && tree.leaves() == guiding_probabilities.len());
         Self { tree, histograms, guiding_probabilities, roulette: None }
-    }
-
-    /// Samples from the histograms of all cells with the probability that is meant for learning: a cell with probability 0
-    /// would learn nothing more.
-    pub fn set_learning_probability(&mut self) {
-        self.guiding_probabilities.fill(LEARNING_PROBABILITY);
     }
 
     /// Number of cells.

@@ -45,7 +45,7 @@ const MAX_TREE_SAMPLES: usize = 1 << 15;
 /// The guiding probabilities among which cells choose.
 pub const GUIDING_PROBABILITIES: [f32; 5] = [0.0, 0.25, 0.5, 0.75, 0.875];
 /// The guiding probability while a field is learned.
-pub(super) const LEARNING_PROBABILITY: f32 = 0.5;
+const LEARNING_PROBABILITY: f32 = 0.5;
 
 /// Estimated gain by a field, from the last training samples.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -82,11 +82,14 @@ pub fn bytes_to_learn(training_samples: u64) -> u64 {
 }
 
 /// Learns a field of at most `max_cells` cells from all `training_samples`. `scale` (metres) weights differences of normals
-/// against distances. The guiding probability of each cell follows from the training samples from index `fresh` on, whose
-/// [`TrainingSample::field_pdf`] is the density of a field that was learned without them. Without such samples it is ½.
+/// against distances. The training samples from index `fresh` on, whose [`TrainingSample::field_pdf`] is the density of a field
+/// that was learned without them, say which guiding probability is best in each cell, and what guiding gains with these. The
+/// field has these probabilities if it is `final_field` and there are such samples. Otherwise it guides half of the directions
+/// everywhere: a cell with probability 0 would learn nothing more.
 pub fn learn<'a>(
     training_samples: impl IntoIterator<Item = &'a TrainingSample>,
     fresh: usize,
+    final_field: bool,
     scale: f32,
     max_cells: usize,
 ) -> (Field, Gain) {
@@ -109,15 +112,12 @@ pub fn learn<'a>(
     let error = if all.moments[2] > 0.0 { (all.squares.sqrt() / all.moments[2]) as f32 } else { 1.0 };
     let mut gain = Gain { standard_error: error, ..Default::default() };
     let probability = |cell: &ProbabilitySums| {
-        if fresh >= training_samples.len() {
-            return LEARNING_PROBABILITY;
-        }
         let best = cell.best(&all);
         gain.without += cell.moments[0];
         gain.with += cell.moments[best];
         gain.taken += cell.taken;
         gain.guiding_probability += GUIDING_PROBABILITIES[best] * cell.n / all.n.max(1.0);
-        GUIDING_PROBABILITIES[best]
+        if final_field && all.n > 0.0 { GUIDING_PROBABILITIES[best] } else { LEARNING_PROBABILITY }
     };
     let probabilities = cells.iter().map(probability).collect();
     (Field::new(tree, histograms, probabilities), gain)

@@ -132,7 +132,7 @@ fn firefly() -> Field {
         }
     };
     // Normals count more than positions.
-    learn(&(0..2000).map(training_sample).collect::<Vec<_>>(), 0, 100.0, 2).0
+    learn(&(0..2000).map(training_sample).collect::<Vec<_>>(), 0, true, 100.0, 2).0
 }
 
 fn build(scene: Scene) -> Result<PreparedScene<'static>> {
