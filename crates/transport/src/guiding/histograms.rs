@@ -239,6 +239,20 @@ mod tests {
     }
 
     #[test]
+    fn smoothing_keeps_the_sum_of_every_bin() {
+        for bin in 0..BINS {
+            let mut sums = [0.0; BINS];
+            sums[bin] = 14.0;
+            let smooth = smoothed(&sums);
+            assert!((sum(&smooth) - 14.0).abs() < 1e-5, "{bin}: {}", sum(&smooth));
+            // Beside an edge of the square, a bin keeps the weight of the bin that would lie outside.
+            let edges = [bin / SIDE, bin % SIDE].map(|at| f32::from(u8::from(at == 0 || at == SIDE - 1)));
+            let kept = 8.0 + edges[0] + edges[1] + 0.5 * edges[0] * edges[1];
+            assert!((smooth[bin] - kept).abs() < 1e-5, "{bin}: {}", smooth[bin]);
+        }
+    }
+
+    #[test]
     fn odd_samples_leave_histograms_that_can_be_sampled() {
         let mut training_samples = below_a_light(400, true);
         for (i, sample) in training_samples.iter_mut().enumerate() {
