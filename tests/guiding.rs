@@ -14,10 +14,10 @@ use bismar::render::{
     Balance, Guiding, Part, RenderSettings, Rendered, RunOptions, Saved, StudyOptions, render, run, transport,
 };
 use bismar::sampling::{SplitMix64, warp};
-use bismar::scene::{Material, Scene};
-use glam::Vec3;
+use bismar::scene::{Material, Scene, build};
+use glam::{DVec3, Vec3};
 
-use crate::helpers::stage::{Stage, add, area_light, closed_box, glass_hall, hall, lambert, look, rectangle, sphere};
+use crate::helpers::stage::{Stage, add, area_light, closed_box, glass_hall, hall, lambert, look, rectangle};
 use crate::helpers::statistics::Mean;
 
 /// A box with an area light above a thin shelf: all that the camera sees is lit by the ceiling.
@@ -231,16 +231,17 @@ fn pendants() -> Arc<Scene> {
     let mut scene = Scene::default();
     let plaster = || Material { double_sided: true, ..lambert(0.7) };
     closed_box(&mut scene, Vec3::new(-3.2, 0.0, -3.6), Vec3::new(3.2, 2.8, 3.6), plaster());
+    let corners = |y: f64, half: f64| {
+        [[-half, -half], [half, -half], [half, half], [-half, half]].map(|[x, z]| DVec3::new(x, y, z))
+    };
+    let (low, high) = (corners(0.0, 0.17), corners(0.2, 0.05));
+    let sides = (0..4).map(|k| build::quad([low[k], low[(k + 1) % 4], high[(k + 1) % 4], high[k]]));
+    let shade = sides.fold(build::quad(high), |shade, side| shade.and(&side));
+    let bulb = build::sphere(0.035, 8).translated(0.1 * DVec3::Y);
     for i in 0..12 {
-        let at = Vec3::new(2.0 * (i % 3) as f32 - 2.0, 1.6, 1.6 * (i / 3) as f32 - 2.4);
-        let point = |[x, z]: [f32; 2], y: f32, half: f32| (at + Vec3::new(half * x, y, half * z)).to_array();
-        let square = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
-        let rings = [(0.0, 0.17), (0.2, 0.05)].map(|(y, half)| square.map(|xz| point(xz, y, half)));
-        let side = |k: u32| [[k, (k + 1) % 4, 4 + k], [(k + 1) % 4, 4 + (k + 1) % 4, 4 + k]];
-        let triangles = (0..4).flat_map(side).chain([[4, 5, 6], [4, 6, 7]]).collect();
-        add(&mut scene, rings.concat(), triangles, plaster());
-        let (points, triangles) = sphere(8, 0.035, at + Vec3::new(0.0, 0.1, 0.0));
-        add(&mut scene, points, triangles, area_light(120.0));
+        let at = DVec3::new(2.0 * f64::from(i % 3) - 2.0, 1.6, 1.6 * f64::from(i / 3) - 2.4);
+        build::add_shape(&mut scene, &shade.clone().translated(at), plaster());
+        build::add_shape(&mut scene, &bulb.clone().translated(at), area_light(120.0));
     }
     look(&mut scene, Vec3::new(-2.7, 1.9, 3.3), Vec3::new(0.3, 0.8, -1.2), 1.05);
     Arc::new(scene)

@@ -194,7 +194,7 @@ impl Learner for GuidingLearner {
             || suffices;
         let decides = last || (FIRST_DECISION_ROUND..=LAST_DECISION_ROUND).contains(&round.number);
         // The first round was unguided.
-        let fresh = if round.number > 0 { fresh } else { usize::MAX };
+        let fresh = if decides && round.number > 0 { fresh } else { usize::MAX };
         let (mut field, gain) = learn(self.training_samples.iter().flatten(), fresh, last, self.scale, self.max_cells);
         let variances = round.pixels.iter().map(|pixel| pixel.relative_variance()).filter(|v| v.is_finite());
         let variance: f64 = variances.sum();
