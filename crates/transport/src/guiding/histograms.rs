@@ -3,6 +3,9 @@
 //! A training sample at another position saw the same surface in another direction. So its direction is that from the cell's
 //! mean position to the point that the sample's ray met (after the parallax-aware mixtures of Ruppert, Herholz and Lensch 2020,
 //! *Robust Fitting of Parallax-Aware Mixtures for Path Guiding*; here samples are moved when histograms are made).
+//!
+//! Cells that have missed a light would sample its direction far too rarely. So a part of every histogram points to where the
+//! most light was found in the whole scene.
 
 use std::ops::Range;
 
@@ -18,6 +21,10 @@ use crate::sampling::cells::CellTree;
 const PRIOR_SAMPLES: f32 = 120.0;
 /// Maximum training samples from which a cell's histogram is made, if the cell has fewer.
 const MAX_SAMPLES: usize = 4096;
+/// Fraction of each histogram that follows the brightest samples of the whole scene.
+const SCENE_FRACTION: f32 = 0.125;
+/// Maximum number of these samples.
+const SCENE_SAMPLES: usize = 256;
 /// Limits of the squared distance to what a training sample met, over that from the sample's own position. Its moment is divided
 /// by it.
 const SQUARED_DISTANCES: [f32; 2] = [0.25, 4.0];
@@ -82,13 +89,14 @@ pub fn histograms(tree: &CellTree, samples: &ByLeaf) -> Vec<Histogram> {
         }
     }
     let areas = areas();
+    let brightest = brightest(samples);
     let below = |root: usize| {
         let (mut open, mut histograms) = (vec![(root, Vec::new())], Vec::new());
         while let Some((node, mut nested)) = open.pop() {
             nested.push(ranges[node].clone());
             match tree.children(node) {
                 Ok([a, b]) => open.extend([(b, nested.clone()), (a, nested)]),
-                Err(_) => histograms.push(Histogram::new(&weights(samples, &nested, &areas))),
+                Err(_) => histograms.push(Histogram::new(&weights(samples, &nested, &brightest, &areas))),
             }
         }
         histograms
@@ -96,8 +104,33 @@ pub fn histograms(tree: &CellTree, samples: &ByLeaf) -> Vec<Histogram> {
     roots.into_par_iter().flat_map_iter(below).collect()
 }
 
-/// Weights of the bins of a leaf, from the training samples of nodes: each range contains the next, the last is the leaf's own.
-fn weights(samples: &ByLeaf, nested: &[Range<usize>], areas: &[f32; BINS]) -> [f32; BINS] {
+/// Samples of the whole scene, chosen by systematic resampling in proportion to the moment ∫ (f L)² dω that each contributes. Each
+/// has a moment of 1, or as often as it was chosen. Light from infinity is left out: it has no point to turn to.
+fn brightest(samples: &ByLeaf) -> Vec<TrainingSample> {
+    let moment = |sample: &TrainingSample| {
+        let moment = f64::from(sample.contribution).powi(2) * f64::from(sample.pdf);
+        if moment.is_finite() && sample.distance.is_finite() { moment } else { 0.0 }
+    };
+    let all = || samples.at(0..samples.order.len());
+    let step = all().map(moment).sum::<f64>() / SCENE_SAMPLES as f64;
+    let (mut sum, mut passed) = (0.0, 0.0);
+    let choose = |sample: &TrainingSample| {
+        sum += moment(sample);
+        let steps = (sum / step).round();
+        let times = (steps - std::mem::replace(&mut passed, steps)) as f32;
+        (times > 0.0).then(|| TrainingSample { contribution: (times / sample.pdf).sqrt(), ..*sample })
+    };
+    all().filter_map(choose).collect()
+}
+
+/// Weights of the bins of a leaf, from the training samples of nodes, of which each range contains the next and the last is the
+/// leaf's own, and from the `brightest` samples of the scene.
+fn weights(
+    samples: &ByLeaf,
+    nested: &[Range<usize>],
+    brightest: &[TrainingSample],
+    areas: &[f32; BINS],
+) -> [f32; BINS] {
     let own = nested.last().cloned().unwrap_or_default();
     let mean =
         |of: fn(&TrainingSample) -> Vec3| samples.at(own.clone()).map(of).sum::<Vec3>() / own.len().max(1) as f32;
@@ -106,26 +139,43 @@ fn weights(samples: &ByLeaf, nested: &[Range<usize>], areas: &[f32; BINS]) -> [f
     let mut of_nodes = Vec::with_capacity(nested.len());
     for range in nested.iter().rev() {
         for outside in [range.start..inner.start, inner.end..range.end] {
-            add(&mut moments, samples, outside, position, normal);
+            add(&mut moments, samples.at(outside), position, normal);
         }
         of_nodes.push((moments, range.len() as f32));
         inner = range.clone();
     }
     // From the outside in. The first prior is uniform over directions.
-    of_nodes.iter().rev().fold(*areas, |prior, (moments, n)| {
-        let own = best(moments, areas);
-        let [own_sum, prior_sum] = [&own, &prior].map(sum);
-        let trust = if own_sum > 0.0 { n / (n + PRIOR_SAMPLES) } else { 0.0 };
-        let (own_scale, prior_scale) = (trust / own_sum.max(f32::MIN_POSITIVE), (1.0 - trust) / prior_sum);
-        std::array::from_fn(|bin| own_scale * own[bin] + prior_scale * prior[bin])
-    })
+    let weights = of_nodes
+        .iter()
+        .rev()
+        .fold(*areas, |prior, (moments, n)| mixture(&best(moments, areas), n / (n + PRIOR_SAMPLES), &prior));
+    let mut moments = [0.0; BINS];
+    add(&mut moments, brightest, position, normal);
+    mixture(&best(&moments, areas), SCENE_FRACTION, &weights)
+}
+
+/// Weights with a `fraction` in proportion to `own`, the rest to `others`; those of `others` if `own` has none.
+fn mixture(own: &[f32; BINS], fraction: f32, others: &[f32; BINS]) -> [f32; BINS] {
+    let [own_sum, others_sum] = [own, others].map(sum);
+    let fraction = if own_sum > 0.0 { fraction } else { 0.0 };
+    let (own_scale, others_scale) = (fraction / own_sum.max(f32::MIN_POSITIVE), (1.0 - fraction) / others_sum);
+    std::array::from_fn(|bin| own_scale * own[bin] + others_scale * others[bin])
 }
 
 /// Adds ∫ (f L)² dω over each bin, as seen from a position with a normal.
-fn add(moments: &mut [f32; BINS], samples: &ByLeaf, range: Range<usize>, position: Vec3, normal: Vec3) {
+fn add<'a>(
+    moments: &mut [f32; BINS],
+    samples: impl IntoIterator<Item = &'a TrainingSample>,
+    position: Vec3,
+    normal: Vec3,
+) {
     let (position, normal) = (V3::splat(position), V3::splat(normal));
-    for group in samples.order[range].chunks(LANES) {
-        let of = eight(|lane| samples.samples[group[lane.min(group.len() - 1)] as usize]);
+    let mut samples = samples.into_iter();
+    while let Some(first) = samples.next() {
+        let (mut of, mut n) = ([first; LANES], 1);
+        for (slot, sample) in of[1..].iter_mut().zip(samples.by_ref()) {
+            (*slot, n) = (sample, n + 1);
+        }
         let column = |value: fn(&TrainingSample) -> f32| F::from(eight(|lane| value(of[lane])));
         let vectors = |value: fn(&TrainingSample) -> Vec3| V3::gather(eight(|lane| value(of[lane])));
         let wi = vectors(|sample| sample.wi);
@@ -140,7 +190,7 @@ fn add(moments: &mut [f32; BINS], samples: &ByLeaf, range: Range<usize>, positio
         let scale = (cosines * cosines).fast_min(most_ratio) / squared.fast_max(least).fast_min(most);
         let contribution = column(|sample| sample.contribution);
         let moment = (contribution * contribution * column(|sample| sample.pdf) * scale).to_array();
-        for (bin, moment) in bins(w).into_iter().zip(moment).take(group.len()) {
+        for (bin, moment) in bins(w).into_iter().zip(moment).take(n) {
             if moment.is_finite() {
                 moments[bin as usize] += moment;
             }
@@ -236,6 +286,33 @@ mod tests {
     fn samples_of_other_cells_point_to_what_they_met() {
         let [with, without] = [true, false].map(|distances| density_toward_the_light(&below_a_light(5000, distances)));
         assert!(with > 1.5 * without, "{with} {without}");
+    }
+
+    #[test]
+    fn cells_that_have_missed_a_light_point_to_it_nevertheless() {
+        let lit = below_a_light(5000, true);
+        let lamp = lit[0].position + lit[0].wi * lit[0].distance;
+        // As many samples 20 m away have found light from above alone, a tenth as bright.
+        let far = lit.iter().map(|sample| TrainingSample {
+            position: sample.position + Vec3::new(15.0, 0.0, -13.0),
+            wi: Vec3::Y,
+            contribution: 0.1 * sample.contribution,
+            ..*sample
+        });
+        let training_samples: Vec<_> = lit.iter().copied().chain(far).collect();
+        let samples: Vec<_> = training_samples.iter().collect();
+        let keys = samples.iter().map(|sample| CellTree::key(sample.position, sample.normal, 1.0)).collect();
+        let tree = CellTree::new(keys, 1.0, 24, 10_000);
+        let histograms = histograms(&tree, &ByLeaf::new(&tree, &samples));
+        for sample in &samples[lit.len()..] {
+            let histogram = &histograms[tree.leaf(sample.position, sample.normal) as usize];
+            let bin = bins(V3::splat((lamp - sample.position).normalize()))[0];
+            // Smoothing leaves a part of the fraction in the bins around; and the cell's mean position is not the sample's.
+            let around = [bin - SIDE as u32, bin, bin + SIDE as u32].map(|bin| [bin - 1, bin, bin + 1]);
+            let probability =
+                around.as_flattened().iter().map(|bin| histogram.density(*bin)).sum::<f32>() / BINS as f32;
+            assert!(probability > 0.1 * SCENE_FRACTION, "{probability}");
+        }
     }
 
     #[test]
