@@ -195,13 +195,14 @@ mod tests {
 
     #[test]
     fn cells_of_the_prepass_reach_across_the_wall() {
-        let field = learned_in(divided()).unwrap().unwrap();
-        let cell = |x, z| field.cells_at(V3::splat(Vec3::new(x, 0.0, z)), V3::splat(Vec3::Y))[0];
-        let across = |i: &i32| {
-            let z = *i as f32 / 100.0 - 0.2;
-            cell(0.28, z) == cell(0.32, z)
+        let scene = build(divided()).unwrap();
+        // Probes around the pixels' surface points, which are at z = 0.
+        let reaches_across = |seed: &u32| {
+            let field = field(&scene, &settings(*seed, Guiding::On)).unwrap();
+            let cell = |x, z| field.cells_at(V3::splat(Vec3::new(x, 0.0, z)), V3::splat(Vec3::Y))[0];
+            (-20..=20).map(|i| i as f32 / 100.0).any(|z| cell(0.28, z) == cell(0.32, z))
         };
-        let across = (0..40).filter(across).count();
-        assert!(across > 0, "of {} cells none", field.cells());
+        let across = (0..16).filter(reaches_across).count();
+        assert!(across >= 8, "in {across} of 16 pre-passes");
     }
 }
