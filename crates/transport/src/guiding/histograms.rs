@@ -267,13 +267,19 @@ mod tests {
         (0..n).map(one).collect()
     }
 
+    /// The tree that the samples make, and the histograms of its leaves.
+    fn learned(samples: &[&TrainingSample]) -> (CellTree, Vec<Histogram>) {
+        let keys = samples.iter().map(|sample| CellTree::key(sample.position, sample.normal, 1.0)).collect();
+        let tree = CellTree::new(keys, 1.0, 24, 10_000);
+        let histograms = histograms(&tree, &ByLeaf::new(&tree, samples));
+        assert_eq!(histograms.len(), tree.leaves());
+        (tree, histograms)
+    }
+
     /// Mean over positions of the density per solid angle toward the light.
     fn density_toward_the_light(training_samples: &[TrainingSample]) -> f32 {
         let samples: Vec<_> = training_samples.iter().collect();
-        let keys = samples.iter().map(|sample| CellTree::key(sample.position, sample.normal, 1.0)).collect();
-        let tree = CellTree::new(keys, 1.0, 24, 10_000);
-        let histograms = histograms(&tree, &ByLeaf::new(&tree, &samples));
-        assert_eq!(histograms.len(), tree.leaves());
+        let (tree, histograms) = learned(&samples);
         let density = |sample: &&TrainingSample| {
             let wi = V3::splat(sample.wi);
             let histogram = &histograms[tree.leaf(sample.position, sample.normal) as usize];
@@ -301,9 +307,7 @@ mod tests {
         });
         let training_samples: Vec<_> = lit.iter().copied().chain(far).collect();
         let samples: Vec<_> = training_samples.iter().collect();
-        let keys = samples.iter().map(|sample| CellTree::key(sample.position, sample.normal, 1.0)).collect();
-        let tree = CellTree::new(keys, 1.0, 24, 10_000);
-        let histograms = histograms(&tree, &ByLeaf::new(&tree, &samples));
+        let (tree, histograms) = learned(&samples);
         for sample in &samples[lit.len()..] {
             let histogram = &histograms[tree.leaf(sample.position, sample.normal) as usize];
             let bin = bins(V3::splat((lamp - sample.position).normalize()))[0];
