@@ -201,7 +201,7 @@ fn blinds() -> Arc<Scene> {
     let plaster = || Material { double_sided: true, ..lambert(0.7) };
     closed_box(&mut scene, Vec3::new(-2.0, 0.0, -2.0), Vec3::new(2.0, 2.5, 2.0), plaster());
     for slat in 0..25 {
-        let (inner, outer) = (0.1 * slat as f32 + 0.0999, 0.1 * slat as f32 + 0.0001);
+        let (inner, outer) = (0.1 * slat as f32 + 0.088, 0.1 * slat as f32 + 0.012);
         let points = vec![[1.3, inner, -2.0], [1.33, outer, -2.0], [1.33, outer, 2.0], [1.3, inner, 2.0]];
         add(&mut scene, points, vec![[0, 1, 2], [0, 2, 3]], plaster());
     }
@@ -223,7 +223,8 @@ fn a_room_behind_blinds_is_guided() {
     let means = compared(&stage, &settings(Guiding::Off), learned.field.as_ref().expect("a field"), 60);
     assert!(z(&means).abs() < 4.5, "{} {}", means[0].mean, means[1].mean);
     let [without, with] = means.map(|mean| mean.standard_error().powi(2));
-    assert!(with < 0.75 * without, "{with} {without}");
+    // Half of the gain is shorter paths: roulette by throughput continues unguided ones behind the blinds for nothing.
+    assert!(with * f64::from(learned.efficiency.cost) < 0.75 * without, "{with} {without} {:?}", learned.efficiency);
 }
 
 /// A room with twelve bulbs, each in an opaque shade that is open below: every surface sees few of them.
