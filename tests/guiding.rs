@@ -220,7 +220,7 @@ fn a_room_behind_blinds_is_guided() {
     // More remains than where light comes through one opening: only enough training samples allow a field.
     let left = learned.efficiency.variance * learned.efficiency.cost;
     assert!(left > 0.45, "{:?}", learned.efficiency);
-    let means = compared(&stage, &settings(Guiding::Off), learned.field.as_ref().expect("a field"), 60);
+    let means = compared(&stage, &settings(Guiding::Off), learned.field.as_ref().expect("a field"), 240);
     assert!(z(&means).abs() < 4.5, "{} {}", means[0].mean, means[1].mean);
     let [without, with] = means.map(|mean| mean.standard_error().powi(2));
     // Much of the gain is shorter paths: learned roulette ends those that roulette by throughput continues.
