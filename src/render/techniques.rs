@@ -52,6 +52,13 @@ pub struct GuidingEfficiency {
     pub share: f32,
 }
 
+impl GuidingEfficiency {
+    /// The fraction of variance times rays that remains.
+    pub fn remaining(&self) -> f32 {
+        self.variance * self.cost
+    }
+}
+
 /// The result of the guiding pre-pass.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub struct GuidingStats {

@@ -2,11 +2,13 @@
 //! the field that those before it taught. The result also depends on the expected paths per pixel.
 
 use std::sync::atomic::AtomicBool;
+use std::time::Instant;
 
 use tracing::debug;
 
 use super::super::techniques::{GuidingEfficiency, GuidingStats};
 use super::super::{Choice, RenderSettings};
+use super::comparison::{self, Compared};
 use super::effort::{self, MAX_TIME_SHARE};
 use super::rounds::{self, Learner, Round, Wanted};
 use crate::guiding::learn::bytes_to_learn;
@@ -95,6 +97,33 @@ pub struct Learned {
 }
 
 impl Learned {
+    /// With `--guiding auto`, compares guided and unguided paths and gives the field up if too much remains. Where the
+    /// estimate leaves no doubt, nothing is rendered.
+    pub(super) fn compare(
+        &mut self,
+        scene: &PreparedScene,
+        settings: &RenderSettings,
+        unguided: &Transport,
+        stop: &AtomicBool,
+    ) {
+        let certain = self.efficiency.remaining() <= effort::MAX_REMAINING_CERTAIN;
+        // A time limit leaves no time for more than learning.
+        if self.field.is_none() || settings.guiding != Choice::Auto || settings.time.is_some() || certain {
+            return;
+        }
+        let began = Instant::now();
+        let guided = Transport { proposal: unguided.proposal.guided(self.field.as_ref()), ..unguided.clone() };
+        if let Some(Compared { variance, rays }) = comparison::compare(scene, settings, [&guided, unguided], stop) {
+            let [variance, cost] = [variance, rays].map(|v| v as f32);
+            self.efficiency = GuidingEfficiency { variance, cost, ..self.efficiency };
+            debug!("compared with unguided paths: {:?}", self.efficiency);
+            if self.efficiency.remaining() > effort::MAX_REMAINING_COMPARED {
+                self.field = None;
+            }
+        }
+        self.seconds += began.elapsed().as_secs_f64();
+    }
+
     /// Its statistics, for reports.
     pub fn stats(&self) -> GuidingStats {
         let (cells, bytes) = self.field.as_ref().map_or((0, 0), |field| (field.cells(), field.bytes()));
@@ -213,7 +242,7 @@ impl Learner for GuidingLearner {
                 _ if gain.standard_error > effort::UNCERTAIN_STANDARD_ERROR => effort::MAX_REMAINING_UNCERTAIN,
                 _ => effort::MAX_REMAINING_AT_FIRST_DECISION,
             };
-            if !self.always && efficiency.variance * efficiency.cost > most && (last || !few) {
+            if !self.always && efficiency.remaining() > most && (last || !few) {
                 self.result.field = None;
                 self.finished = true;
                 return;

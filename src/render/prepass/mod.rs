@@ -4,6 +4,7 @@
 //! every part, crop and session decides alike.
 
 pub mod allocation;
+mod comparison;
 pub mod compensation;
 mod effort;
 pub mod guiding;
@@ -75,20 +76,24 @@ impl Prepasses {
         let mut found = Self::default();
         found.compensation =
             compensation::compensation(scene, settings, &found.apply(transport(scene, settings)), stop);
-        let transport = found.apply(transport(scene, settings));
+        let untaught = found.apply(transport(scene, settings));
         let mut lights = LightsLearner::area(scene, settings);
-        let mut environment = LightsLearner::environment(scene, settings, transport.proposal.lights.density);
-        let mut guiding = GuidingLearner::new(scene, settings, &transport);
+        let mut environment = LightsLearner::environment(scene, settings, untaught.proposal.lights.density);
+        let mut guiding = GuidingLearner::new(scene, settings, &untaught);
         let learners = [
             lights.as_mut().map(|l| l as &mut dyn Learner),
             environment.as_mut().map(|l| l as &mut dyn Learner),
             guiding.as_mut().map(|l| l as &mut dyn Learner),
         ];
         let mut learners: Vec<_> = learners.into_iter().flatten().collect();
-        if rounds::run(scene, settings, &transport, &mut learners, stop).is_some() {
+        if rounds::run(scene, settings, &untaught, &mut learners, stop).is_some() {
             found.learned_lights = lights.map(LightsLearner::result);
             found.learned_environment = environment.map(LightsLearner::result);
-            found.guiding = guiding.map(GuidingLearner::result);
+            let mut guiding = guiding.map(GuidingLearner::result);
+            if let Some(guiding) = &mut guiding {
+                guiding.compare(scene, settings, &found.apply(transport(scene, settings)), stop);
+            }
+            found.guiding = guiding;
         }
         found
     }
