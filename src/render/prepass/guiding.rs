@@ -1,7 +1,7 @@
 //! Learns the field of incident light that guides paths, and decides whether it does. Each round of the pre-pass is guided by
 //! the field that those before it taught. The result also depends on the expected paths per pixel.
 
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use tracing::debug;
@@ -98,22 +98,17 @@ pub struct Learned {
 
 impl Learned {
     /// With `--guiding auto`, compares guided and unguided paths and gives the field up if too much remains. Where the
-    /// estimate leaves no doubt, nothing is rendered.
-    pub(super) fn compare(
-        &mut self,
-        scene: &PreparedScene,
-        settings: &RenderSettings,
-        unguided: &Transport,
-        stop: &AtomicBool,
-    ) {
+    /// estimate leaves no doubt, nothing is rendered; the estimate counts too where a time limit leaves too little time.
+    pub(super) fn compare(&mut self, settings: &RenderSettings, unguided: &Transport, stop: &AtomicBool) {
         let certain = self.efficiency.remaining() <= effort::MAX_REMAINING_CERTAIN;
-        // A time limit leaves no time for more than learning.
-        if self.field.is_none() || settings.guiding != Choice::Auto || settings.time.is_some() || certain {
+        if self.field.is_none() || settings.guiding != Choice::Auto || certain {
             return;
         }
         let began = Instant::now();
+        let is_late = || settings.time.is_some_and(|time| began.elapsed().as_secs_f64() > MAX_TIME_SHARE * time);
+        let stopped = || stop.load(Ordering::Relaxed) || is_late();
         let guided = Transport { proposal: unguided.proposal.guided(self.field.as_ref()), ..unguided.clone() };
-        if let Some(Compared { variance, rays }) = comparison::compare(scene, settings, [&guided, unguided], stop) {
+        if let Some(Compared { variance, rays }) = comparison::compare(settings, &guided, unguided, stopped) {
             let [variance, cost] = [variance, rays].map(|v| v as f32);
             self.efficiency = GuidingEfficiency { variance, cost, ..self.efficiency };
             debug!("compared with unguided paths: {:?}", self.efficiency);
@@ -263,8 +258,8 @@ impl Learner for GuidingLearner {
     }
 }
 
-/// Learns a field along the paths of `transport`, without other learners. `None` where `settings` turn guiding off or there is
-/// no indirect light, and soon after `stop` is raised.
+/// Learns a field along the paths of `transport`, without other learners, and decides about it. `None` where `settings` turn
+/// guiding off or there is no indirect light, and soon after `stop` is raised.
 pub fn learned(
     scene: &PreparedScene,
     settings: &RenderSettings,
@@ -273,5 +268,7 @@ pub fn learned(
 ) -> Option<Learned> {
     let mut learner = GuidingLearner::new(scene, settings, transport)?;
     rounds::run(scene, settings, transport, &mut [&mut learner], stop)?;
-    Some(learner.result())
+    let mut learned = learner.result();
+    learned.compare(settings, transport, stop);
+    Some(learned)
 }

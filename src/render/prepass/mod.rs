@@ -91,7 +91,7 @@ impl Prepasses {
             found.learned_environment = environment.map(LightsLearner::result);
             let mut guiding = guiding.map(GuidingLearner::result);
             if let Some(guiding) = &mut guiding {
-                guiding.compare(scene, settings, &found.apply(transport(scene, settings)), stop);
+                guiding.compare(settings, &found.apply(transport(scene, settings)), stop);
             }
             found.guiding = guiding;
         }
