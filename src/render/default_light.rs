@@ -16,7 +16,6 @@ use serde::Serialize;
 use super::prepass::low_resolution::{in_tiles, low_resolution};
 use super::transport::transport;
 use super::{BackFaces, RenderSettings};
-use crate::balance::Counts;
 use crate::color::luminance;
 use crate::film::{ExtraSums, PixelStats};
 use crate::integrator::clients::{AovColumns, Aovs, Contributions, PixelSums};
@@ -77,7 +76,7 @@ pub fn own_light(scene: &PreparedScene, camera: usize, back_faces: BackFaces) ->
     };
     let (size, camera) = low_resolution(scene, &settings, PIXELS);
     let transport = Transport { camera, ..transport(scene, &settings) };
-    let counts = if scene.lights.has_extent() { Counts::half(PATHS) } else { Counts::bsdf_only(PATHS) };
+    let counts = transport.half(PATHS);
     let of_tile = |wave: &mut Wave, pixels: Vec<[u32; 2]>| {
         let tasks: Vec<_> = pixels.into_iter().map(|pixel| PixelTask::first(pixel, counts, 0)).collect();
         let mut stats = vec![PixelStats::default(); tasks.len()];

@@ -15,7 +15,7 @@ use crate::integrator::clients::{AovColumns, Aovs, ContributionColumns, Contribu
 use crate::integrator::{PixelSums, PixelTask, Transport, Wave, WaveCounts, guides};
 
 /// Maximum paths of a wave. Their buffers fit into the second-level cache.
-const PATHS_PER_WAVE: u32 = 2048;
+pub const PATHS_PER_WAVE: u32 = 2048;
 /// Cost of a level of the light tree in rays, fitted to CPU times of scenes with 6 to 16 000 emissive triangles.
 const RAYS_PER_TREE_LEVEL: f32 = 0.1;
 

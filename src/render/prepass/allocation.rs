@@ -22,11 +22,10 @@ use super::super::techniques::AllocationEfficiency;
 use super::super::tile::{TILE, Tile};
 use super::super::{Choice, RenderSettings};
 use super::effort::{
-    ALLOCATION_PIXELS_PER_TILE, CAMERA_RAY_COST, FIRST_ALLOCATION_PIXELS_PER_TILE, MAX_ALLOCATION_PIXELS,
-    MAX_REMAINING_ALLOCATED, MAX_REMAINING_AT_FIRST_STEP, MAX_REMAINING_BY_EMISSION_RAYS, MAX_TIME_SHARE,
+    self, ALLOCATION_PIXELS_PER_TILE, CAMERA_RAY_COST, FIRST_ALLOCATION_PIXELS_PER_TILE, MAX_ALLOCATION_PIXELS,
+    MAX_REMAINING_ALLOCATED, MAX_REMAINING_AT_FIRST_STEP, MAX_REMAINING_BY_EMISSION_RAYS,
 };
 use super::visible_emission::VisibleEmission;
-use crate::balance::Counts;
 use crate::balance::method::MAX_PASS_PATHS;
 use crate::color::luminance;
 use crate::film::compare::relative_to;
@@ -147,7 +146,7 @@ impl Allocation {
         }
         let began = Instant::now();
         // Pictures against the clock have no reproducible number of paths.
-        let is_late = || settings.time.is_some_and(|time| began.elapsed().as_secs_f64() > MAX_TIME_SHARE * time);
+        let is_late = || effort::is_late(settings, began);
         let [columns, rows] = [settings.width, settings.height].map(|n| n.div_ceil(TILE));
         let visible = VisibleEmission::new(transport, [settings.width, settings.height], stop);
         let step = |sampled: Range<usize>| -> Option<Vec<Survey>> {
@@ -246,11 +245,7 @@ fn survey(
     let (width, height) = (TILE.min(settings.width - x0), TILE.min(settings.height - y0));
     let pixels = (width * height) as usize;
     let [begin, end] = [sampled.start, sampled.end].map(|n| n.min(pixels.div_ceil(2)));
-    let counts = if transport.lights.has_extent() {
-        Counts::half(PATHS_PER_SCRAMBLE)
-    } else {
-        Counts::bsdf_only(PATHS_PER_SCRAMBLE)
-    };
+    let counts = transport.half(PATHS_PER_SCRAMBLE);
     if begin == end {
         return Survey { pixels: pixels as f64, ..Default::default() };
     }

@@ -4,8 +4,7 @@
 use rayon::prelude::*;
 
 use super::super::RenderSettings;
-use super::super::sampler::with_buffers;
-use crate::balance::Counts;
+use super::super::sampler::{PATHS_PER_WAVE, with_buffers};
 use crate::film::PixelStats;
 use crate::film::compare::relative_to;
 use crate::integrator::{PixelSums, PixelTask, Transport, Wave, WaveCounts};
@@ -17,8 +16,6 @@ const PICTURE_PATHS: f64 = 64.0;
 const PIXELS: [f64; 2] = [256.0, 16_384.0];
 /// Maximum paths per pixel in each of two scrambles, whose difference is the error with stratified points.
 const MAX_PATHS: u32 = 64;
-/// Paths of a wave.
-const PATHS_PER_WAVE: u32 = 2048;
 /// The noisiest pixel of this number is left out of a second comparison: a few pixels can have most of the error, with guided
 /// paths or without.
 const TRIMMED: usize = 100;
@@ -87,7 +84,7 @@ fn trace(
     pixels: &[[u32; 2]],
     paths: u32,
 ) -> (Vec<Colors>, f64) {
-    let counts = if transport.lights.has_extent() { Counts::half(paths) } else { Counts::bsdf_only(paths) };
+    let counts = transport.half(paths);
     let tasks: Vec<_> = pixels.iter().map(|pixel| PixelTask::first(*pixel, counts, 0)).collect();
     wave.counts = WaveCounts::default();
     let [a, b] = [0, 1].map(|scramble| {

@@ -1,5 +1,9 @@
 //! How much the pre-passes render, and from which estimates on techniques are used.
 
+use std::time::Instant;
+
+use super::super::RenderSettings;
+
 /// Pixels of a pre-pass at low resolution.
 #[derive(Debug, Clone, Copy)]
 pub struct Resolution {
@@ -33,6 +37,11 @@ pub const FIRST_ALLOCATION_PIXELS_PER_TILE: usize = 12;
 
 /// Maximum seconds of a pre-pass over those of a time limit.
 pub const MAX_TIME_SHARE: f64 = 0.1;
+
+/// Has a pre-pass that began then taken its share of a time limit?
+pub fn is_late(settings: &RenderSettings, began: Instant) -> bool {
+    settings.time.is_some_and(|time| began.elapsed().as_secs_f64() > MAX_TIME_SHARE * time)
+}
 
 /// The compensated density is used where at most this fraction of the variance remains.
 pub const MAX_REMAINING_COMPENSATED: f64 = 0.97;

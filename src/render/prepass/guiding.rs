@@ -105,8 +105,7 @@ impl Learned {
             return;
         }
         let began = Instant::now();
-        let is_late = || settings.time.is_some_and(|time| began.elapsed().as_secs_f64() > MAX_TIME_SHARE * time);
-        let stopped = || stop.load(Ordering::Relaxed) || is_late();
+        let stopped = || stop.load(Ordering::Relaxed) || effort::is_late(settings, began);
         let guided = Transport { proposal: unguided.proposal.guided(self.field.as_ref()), ..unguided.clone() };
         if let Some(Compared { variance, rays }) = comparison::compare(settings, &guided, unguided, stopped) {
             let [variance, cost] = [variance, rays].map(|v| v as f32);

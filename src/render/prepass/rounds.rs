@@ -5,8 +5,8 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use super::super::RenderSettings;
+use super::super::sampler::PATHS_PER_WAVE;
 use super::low_resolution::{divisors, in_tiles, low_resolution, tiles};
-use crate::balance::Counts;
 use crate::color::luminance;
 use crate::film::PixelStats;
 use crate::guiding::{TrainingSample, VertexRecord};
@@ -15,9 +15,6 @@ use crate::integrator::queues::{AREA_GROUP, ENVIRONMENT_GROUP};
 use crate::integrator::{PixelSums, PixelTask, PreparedScene, Proposal, Transport, Wave, WaveCounts};
 use crate::light::LightSampleRecord;
 use crate::sampling::hash;
-
-/// Maximum paths of a wave, as far as whole pixels allow.
-const PATHS_PER_WAVE: u32 = 2048;
 
 /// Something that learns from paths how to sample them better.
 pub trait Learner {
@@ -191,7 +188,7 @@ pub fn trace(
     wants: Wanted,
     stop: &AtomicBool,
 ) -> Option<Round> {
-    let counts = if transport.lights.has_extent() { Counts::half(paths) } else { Counts::bsdf_only(paths) };
+    let counts = transport.half(paths);
     let tiles = tiles(size).len();
     let [area, environment] = wants.light_sample_records;
     let most = [wants.training_samples, wants.vertex_records, area, environment].map(|most| most.div_ceil(tiles));

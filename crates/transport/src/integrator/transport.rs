@@ -61,6 +61,11 @@ impl Transport<'_> {
         self.max_depth.saturating_add(if self.materials.has_smooth_bodies { MAX_GLASS_BOUNCES } else { 0 })
     }
 
+    /// One sample of each technique per path, where lights can be sampled; for paths whose light share nobody learns.
+    pub fn half(&self, paths: u32) -> Counts {
+        if self.lights.has_extent() { Counts::half(paths) } else { Counts::bsdf_only(paths) }
+    }
+
     /// Do shadow rays pass bodies of smooth glass, and are there any?
     pub(super) fn passes_bodies(&self) -> bool {
         self.straight_glass_shadows && self.materials.has_smooth_bodies
