@@ -7,8 +7,6 @@ CARGO := $(shell command -v cargo || echo "$$HOME/.cargo/bin/cargo")
 
 NAME := $(basename $(notdir $(SHOWPIECE)))
 BISMAR := target/release/bismar
-# Tests that this machine cannot run, a line each.
-SKIPPED := $(CURDIR)/target/skipped-tests.txt
 
 .DEFAULT_GOAL := help
 .PHONY: help setup build render test deb try-container wheel try-wheel try-docs bench bench-peers agreement stability clean
@@ -42,14 +40,7 @@ render: setup
 	$(BISMAR) render $(SHOWPIECE) -o out/$(NAME).exr --preview out/$(NAME).png $(RENDER_FLAGS)
 
 test: setup
-	$(CARGO) fmt --all --check
-	$(CARGO) clippy --workspace --all-targets --locked -- -D warnings
-	@rm -f $(SKIPPED) && mkdir -p $(dir $(SKIPPED))
-	BISMAR_SKIPPED_TESTS=$(SKIPPED) $(CARGO) test --workspace --exclude bismar-python --locked
-	@if [ -x target/wheel-tools/bin/maturin ] && [ -x target/wheel-try/bin/python ]; then scripts/try-wheel.sh; \
-		else echo "python/tests: no virtual environments (scripts/setup.sh --python makes them)" >>$(SKIPPED); fi
-	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --workspace --no-deps --locked
-	@if [ -s $(SKIPPED) ]; then printf '%s tests were skipped:\n' "$$(wc -l <$(SKIPPED))" && sort $(SKIPPED); fi
+	@scripts/test.sh "$(CARGO)"
 
 deb: build
 	@scripts/make-deb.sh
@@ -69,18 +60,18 @@ try-docs: build
 bench: build
 	$(CARGO) bench --package bismar-study --locked --bench replay -- $(BENCH_FLAGS)
 
-# BENCH_FLAGS="--quick" for a look; docs/throughput.md and docs/peers.md say what is measured.
+# BENCH_FLAGS="--quick" for a look; docs/throughput.md and lab/peers.md say what is measured.
 bench-peers: build
-	scripts/bench-peers/setup.sh target/peers
-	target/peers/mitsuba/bin/python scripts/bench-peers/bench.py $(BENCH_FLAGS)
+	lab/bench-peers/setup.sh target/peers
+	target/peers/mitsuba/bin/python lab/bench-peers/bench.py $(BENCH_FLAGS)
 
 agreement: build
-	scripts/bench-peers/setup.sh target/peers
-	target/peers/mitsuba/bin/python scripts/bench-peers/bench.py --agreement --peers mitsuba --scenes cornell,veach,blob $(BENCH_FLAGS)
+	lab/bench-peers/setup.sh target/peers
+	target/peers/mitsuba/bin/python lab/bench-peers/bench.py --agreement --peers mitsuba --scenes cornell,veach,blob $(BENCH_FLAGS)
 
 stability: build
 	$(BISMAR) study stability --out out/stability
-	cp out/stability/stability.md docs/stability.md
+	scripts/stability-page.sh out/stability/stability.md >docs/stability.md
 
 clean:
 	$(CARGO) clean

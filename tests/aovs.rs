@@ -10,9 +10,11 @@ use bismar::scene::{Environment, Material, PunctualKind, PunctualLight, Scene};
 use exr::image::FlatSamples;
 use glam::{Vec3, Vec4};
 
+use crate::helpers::gltf_parts::{data_uri, floats};
 use crate::helpers::pictures::{python, run};
 use crate::helpers::program::{bits, expect, scene};
 use crate::helpers::stage::{Stage, area_light, lambert, look, metal, rectangle};
+use crate::import_content::{accessor, with};
 
 fn rendered(scene: Scene, balance: Balance) -> Rendered {
     rendered_by(scene, balance, Choice::Off)
@@ -190,4 +192,47 @@ fn the_balance_layer_holds_the_light_shares_of_the_next_pass() {
         (0..16).flat_map(|y| (0..24).map(move |x| (x, y))).map(|(x, y)| pixels.light_share(x, y)).collect();
     assert_eq!(*written, learned);
     assert!(learned.iter().filter(|share| **share != 0.5).count() > 100);
+}
+
+#[test]
+fn the_uv_layer_is_texcoord_0_whatever_the_material_samples() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    // TEXCOORD_0 is x and y, TEXCOORD_1 something else.
+    let coordinates = floats(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.5, 0.5, 0.25, 0.5, 0.5, 0.25]);
+    let accessors = [36, 60].map(|offset| accessor(offset, 5126, 3, "VEC2", false)).concat();
+    let primitive = r#"{"attributes":{"POSITION":0,"TEXCOORD_0":1,"TEXCOORD_1":2},"material":0}"#;
+    let mut parts = with(coordinates, &accessors, primitive);
+    let png = data_uri("image/png", &bismar::film::preview::encoded(1, 1, &[200; 3]).unwrap());
+    let transform = r#","extensions":{"KHR_texture_transform":{"scale":[3,2],"offset":[0.5,0.25]}}"#;
+    for (slot, set, transform) in [
+        ("baseColorTexture", 0, transform),
+        ("baseColorTexture", 1, ""),
+        ("metallicRoughnessTexture", 1, transform),
+        ("normalTexture", 1, ""),
+        ("emissiveTexture", 1, ""),
+    ] {
+        let texture = format!(r#""{slot}":{{"index":0,"texCoord":{set}{transform}}}"#);
+        let material = match slot {
+            "normalTexture" | "emissiveTexture" => format!(r#"{{{texture},"emissiveFactor":[1,1,1]}}"#),
+            _ => format!(r#"{{"pbrMetallicRoughness":{{{texture}}}}}"#),
+        };
+        parts.more = format!(
+            r#","extensionsUsed":["KHR_texture_transform"],"materials":[{material}],"textures":[{{"source":0}}],
+            "images":[{{"uri":"{png}"}}]"#
+        );
+        std::fs::write(path.join("t.gltf"), parts.json()).unwrap();
+        expect(path, "render t.gltf --sky --size 24x16 --spp 4 --aov uv,position -o t.exr -q", 0);
+        let channels = bits(&path.join("t.exr"));
+        let of = |name: &str| &channels.iter().find(|(other, _)| other == name).unwrap().1;
+        for (uv, position) in [("uv.U", "position.X"), ("uv.V", "position.Y")] {
+            let float = |bits: &u32| f32::from_bits(*bits);
+            let largest = of(uv).iter().map(float).fold(0.0, f32::max);
+            assert!(largest > 0.5, "{slot} on set {set}: {uv} is at most {largest}");
+            for (uv, position) in of(uv).iter().map(float).zip(of(position).iter().map(float)) {
+                // Both are interpolated in 32-bit floats.
+                assert!((uv - position).abs() < 1e-5, "{slot} on set {set}: {uv} for {position}");
+            }
+        }
+    }
 }

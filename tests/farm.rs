@@ -247,7 +247,10 @@ fn a_task_is_an_entry_of_its_plan() {
     }
     // Whatever a plan says, its tasks render and its merges merge.
     let good: serde_json::Value = serde_json::from_slice(&fs::read(&plan).unwrap()).unwrap();
-    for command in [vec![], vec!["touch"], vec!["touch", "X"], vec!["bismar", "farm", "task", "1"]] {
+    for command in [vec![], vec!["touch"], vec!["touch", "X"], vec!["bismar", "farm", "task", "1"]]
+        .into_iter()
+        .chain(["--on-checkpoint=touch X", "--tev=localhost:1"].map(|flag| vec!["bismar", "render", "scene.glb", flag]))
+    {
         let mut bad = good.clone();
         bad["tasks"][0]["command"] = command.into();
         fs::write(&plan, bad.to_string()).unwrap();

@@ -121,9 +121,9 @@ fn a_buffer_that_nothing_shown_needs_may_be_missing() {
 
 #[test]
 fn damaged_data_of_a_mesh_that_is_not_placed_is_not_read() {
-    let nan = floats(&[f32::NAN; 9]);
-    let mut parts = with(nan, &accessor(36, 5126, 3, "VEC3", false), r#"{"attributes":{"POSITION":0}}"#);
-    parts.primitive += r#"]},{"primitives":[{"attributes":{"POSITION":1}}"#;
+    let wild = floats(&[f32::NAN; 9]);
+    let mut parts = with(wild, &accessor(36, 5125, 9, "SCALAR", false), r#"{"attributes":{"POSITION":0}}"#);
+    parts.primitive += r#"]},{"primitives":[{"attributes":{"POSITION":0},"indices":1}"#;
     assert_eq!(parts.import().unwrap().scene.meshes.len(), 1);
     parts.nodes = r#"[{"mesh":1}]"#.into();
     assert!(parts.import().is_err());

@@ -187,7 +187,7 @@ fn what_only_some_rooms_may_do_is_done_there() {
 fn the_architecture_names_files_that_exist() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut paths = Vec::new();
-    ["src", "crates", "study", "tests", "scripts", "examples"]
+    ["src", "crates", "study", "tests", "scripts", "lab", "examples"]
         .iter()
         .for_each(|folder| walk(&root.join(folder), &mut paths));
     let text = fs::read_to_string(root.join("docs/architecture.md")).unwrap();

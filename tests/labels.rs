@@ -3,9 +3,11 @@
 use std::fs;
 use std::path::Path;
 
+use bismar::film::exr_file::{HeaderValue, read_header};
 use serde_json::{Value, json};
 
 use crate::helpers::glb;
+use crate::helpers::gltf_parts::Parts;
 use crate::helpers::program::{attribute, bits, expect, names, scene};
 
 #[test]
@@ -204,4 +206,41 @@ fn categories_are_those_of_the_nodes_extras_or_of_a_node_above() {
             assert!(found.contains(&(name.into(), of.into())), "{found:?}");
         }
     }
+}
+
+#[test]
+fn names_outside_ascii_are_those_of_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let mut parts = Parts { primitive: r#"{"attributes":{"POSITION":0},"material":0}"#.into(), ..Parts::default() };
+    parts.nodes =
+        r#"[{"children":[1,2,3]},{"mesh":0,"name":"椅子.001"},{"mesh":0,"name":"Stühle","translation":[1,1,0],
+        "extras":{"category":"Möbel"}},{"camera":0,"name":"Büro","translation":[0.5,0.5,4]}]"#
+            .into();
+    parts.more = r#","materials":[{"name":"Grün"}],"cameras":[{"name":"Büro","type":"orthographic",
+        "orthographic":{"xmag":2,"ymag":2,"znear":0.1,"zfar":9}}]"#
+        .into();
+    fs::write(path.join("bühne.gltf"), parts.json()).unwrap();
+    fs::create_dir(path.join("set")).unwrap();
+    let line = "render bühne.gltf --camera Büro --sky --size 160x32 --spp 2 --aov object,material,crypto-object -q";
+    expect(path, &format!("{line} -o set/whole.exr --preview p.png"), 0);
+    (1..=2).for_each(|k| drop(expect(path, &format!("{line} --part {k}/2 -o {k}.exr"), 0)));
+    expect(path, "merge 1.exr 2.exr -o set/merged.exr -q", 0);
+    for name in ["set/whole", "set/merged"] {
+        let names = |by: &str, key: &str| -> Vec<String> {
+            expect(path, &format!("labels {name}.exr -o a.json --by {by} -q"), 0);
+            let coco: Value = serde_json::from_slice(&fs::read(path.join("a.json")).unwrap()).unwrap();
+            coco[key].as_array().unwrap().iter().map(|each| each["name"].as_str().unwrap().into()).collect()
+        };
+        assert_eq!(names("object", "categories"), ["椅子", "Möbel"]);
+        assert_eq!(names("object", "annotations"), ["椅子.001", "Stühle"]);
+        assert_eq!(names("material", "categories"), ["Grün"]);
+        let header = read_header(&path.join(format!("{name}.exr"))).unwrap();
+        let manifest = header.into_iter().find(|(name, _)| name.ends_with("/manifest")).unwrap().1;
+        let HeaderValue::Text(manifest) = manifest else { panic!("{manifest:?}") };
+        let manifest: Value = serde_json::from_str(&manifest).unwrap();
+        assert!(["椅子.001", "Stühle"].iter().all(|name| manifest[name].is_string()), "{manifest}");
+    }
+    let said = expect(path, "check set", 0);
+    assert!(said.contains("2 golden pictures: 2 identical"), "{said}");
 }

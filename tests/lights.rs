@@ -27,7 +27,7 @@ const DENSITIES: [Density; 2] = [Density::Radiance, Density::Compensated];
 
 /// The origin, with normal `n`.
 fn context(scene: &Scene, n: Vec3) -> LightSampleContext<'_> {
-    LightSampleContext { scene, time: F::ZERO, p: V3::splat(Vec3::ZERO), n: V3::splat(n) }
+    LightSampleContext { scene, time: F::ZERO, p: V3::splat(Vec3::ZERO), origin_error: F::ZERO, n: V3::splat(n) }
 }
 
 fn sample_environment(sampler: &EnvironmentSampler, u: f32, v: f32, density: Density) -> Option<Sample> {

@@ -1,9 +1,8 @@
 //! The memory that a render says it needs before it begins, against what it takes; and files of a kilobyte that ask for much.
-//! `scripts/reliability.py estimates` compares more kinds of scene, and larger ones.
+//! `lab/reliability.py estimates` compares more kinds of scene, and larger ones.
 
 use std::fs;
 use std::path::Path;
-use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
@@ -240,10 +239,8 @@ fn counts_without_data_are_bounded_in_words_that_name_them() {
         document.save(&path.join("scene.glb"));
         assert!(fs::metadata(path.join("scene.glb")).unwrap().len() < 4096);
         for line in ["inspect scene.glb", "render scene.glb --size 64x64 --spp 1 -q -o out.exr"] {
-            let began = Instant::now();
             let said = expect(path, line, 65);
             assert!(words.iter().all(|word| said.contains(word)), "{said}");
-            assert!(began.elapsed() < Duration::from_secs(10), "{line} took {:?}", began.elapsed());
         }
     };
     let bare = |document: &mut Document, count: u64| {
@@ -271,11 +268,8 @@ fn counts_without_data_are_bounded_in_words_that_name_them() {
     let primitive = json!({ "attributes": { "POSITION": target }, "targets": [{ "POSITION": target }] });
     morphed.set("meshes", json!([{ "primitives": [primitive], "weights": [1] }]));
     refused(morphed, ["accessors[2]", "3000000 elements without data"]);
-    // As many as are allowed take seconds, too.
     instances(4096).save(&path.join("scene.glb"));
-    let began = Instant::now();
     expect(path, "render scene.glb --size 64x64 --spp 1 -q -o out.exr", 0);
-    assert!(began.elapsed() < Duration::from_secs(20), "took {:?}", began.elapsed());
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Mutated files of every kind that the program reads: never a panic, an abort or a hang.
 //!
 //! `BISMAR_MUTATIONS=N` tries N of them instead of a few thousand, from `BISMAR_MUTATIONS_FROM` on, writes the number in hand
-//! to `BISMAR_MUTATIONS_AT` and holds the process to its memory: `scripts/reliability.py mutations` does so a million times.
+//! to `BISMAR_MUTATIONS_AT` and holds the process to its memory: `lab/reliability.py mutations` does so a million times.
 //! `BISMAR_MUTATION=N` tries one alone. `BISMAR_SEEDS=FOLDER` is given the sound files, for `scripts/fuzz.sh`.
 
 use std::env;

@@ -189,3 +189,30 @@ fn panoramas_are_in_camera_files_too() {
     expect(path, "render c.glb --cameras a/transforms.json --spp 2 --aov depth -o b/##.exr -q", 0);
     assert_same_bits(&path.join("a/00.exr"), &path.join("b/00.exr"));
 }
+
+#[test]
+fn cameras_of_crops_are_those_of_the_cropped_pictures() {
+    let folder = folder();
+    let path = folder.path();
+    let line = "render c.glb --turntable 2 --orbit 40,-10,0.7 --size 64x48 --spp 1 --aov position,depth -q";
+    for (name, crop) in [("all", ""), ("cut", "--crop 10,20,50,44"), ("middle", "--crop 16,12,48,36")] {
+        expect(path, &format!("{line} {crop} -o {name}/#.exr"), 0);
+    }
+    let [all, cut] = ["all", "cut"].map(|name| json_of(&path.join(format!("{name}/transforms.json"))));
+    for view in 0..2 {
+        let (all, cut) = (&all["frames"][view], &cut["frames"][view]);
+        let number = |key: &str| cut[key].as_f64().unwrap();
+        assert_eq!(["w", "h", "cx", "cy"].map(number), [40.0, 24.0, 22.0, 4.0]);
+        assert!(["fl_x", "fl_y", "transform_matrix"].iter().all(|key| cut[key] == all[key]), "{cut} {all}");
+        assert!((number("camera_angle_x") - 2.0 * (20.0 / number("fl_x")).atan()).abs() < 1e-12);
+    }
+    // A crop in the middle is a camera of its own; another would be a shifted lens.
+    expect(path, "render c.glb --cameras middle/transforms.json --spp 1 --aov depth -o again/#.exr -q", 0);
+    let [middle, again] = ["middle", "again"].map(|name| json_of(&path.join(format!("{name}/transforms.json"))));
+    for key in ["w", "h", "cx", "cy", "fl_x", "fl_y"] {
+        let of = |all: &Value| all["frames"][1][key].as_f64().unwrap();
+        // Through 32-bit matrices.
+        assert!((of(&middle) / of(&again) - 1.0).abs() < 1e-5, "{key}: {middle} {again}");
+    }
+    assert!(expect(path, "render c.glb --cameras cut/transforms.json --spp 1 -o x/#.exr", 65).contains("cx is 22"));
+}

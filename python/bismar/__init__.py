@@ -19,13 +19,14 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple, Union
 
+import numpy as np
+
 from . import _bismar
 from ._bismar import version as __version__
 from ._errors import ConfigError, Error, FileError, HostError, InputError, InternalError, Interrupted, UsageError
 from ._heuristics import Moments, of_arrays
 
 if TYPE_CHECKING:
-    import numpy as np
     import numpy.typing as npt
 
     Path = Union[str, "os.PathLike[str]"]
@@ -100,6 +101,21 @@ def _text(value: Any) -> str:
         raise UsageError(f"{value!r} is neither a number nor a text", 64) from None
 
 
+def _switch(value: Union[str, bool, None]) -> Optional[str]:
+    return ("on" if value else "off") if isinstance(value, bool) else value
+
+
+def _numbers(name: str, value: Any, count: int) -> Tuple[Any, ...]:
+    """A tuple of so many numbers."""
+    try:
+        numbers = tuple(value)
+    except TypeError:
+        numbers = ()
+    if isinstance(value, str) or len(numbers) != count:
+        raise UsageError(f"{name}: {value!r} is not {count} numbers", 64)
+    return numbers
+
+
 def _flags(**options: Any) -> List[Tuple[str, Optional[str]]]:
     """Keyword arguments as flags of the command line."""
     flags: List[Tuple[str, Optional[str]]] = []
@@ -107,7 +123,9 @@ def _flags(**options: Any) -> List[Tuple[str, Optional[str]]]:
         if value is None or value is False:
             continue
         if name == "size":
-            value = value if isinstance(value, str) else "x".join(_text(side) for side in value)
+            value = value if isinstance(value, str) else "x".join(map(_text, _numbers(name, value, 2)))
+        if name == "crop":
+            value = _numbers(name, value, 4)
         flags.append((name.replace("_", "-"), None if value is True else _text(value)))
     return flags
 
@@ -121,6 +139,7 @@ def load(
     sky: bool = False,
     no_env: bool = False,
     light_unit: Optional[str] = None,
+    energy_compensation: Union[str, bool, None] = None,
     scene: Union[str, int, None] = None,
     variant: Union[str, int, None] = None,
     pose: Optional[float] = None,
@@ -140,6 +159,7 @@ def load(
     env: environment map, an equirectangular .hdr or .exr; `env_rotate` turns it about +y (degrees), `env_strength` is a
         factor of its radiance. `sky` is a white environment, `no_env` none.
     light_unit: "lumen" or "watt", the unit of the file's point, spot and directional lights.
+    energy_compensation: False for the letter of glTF 2.0 on rough surfaces.
     scene, variant, animation: by name or index.
     pose: time of the animations in seconds; or `frame`, in frames of `fps` (24).
     shutter: opening and closing time in frames relative to that time, for motion blur.
@@ -159,6 +179,7 @@ def load(
         env_strength=env_strength,
         sky=sky,
         no_env=no_env,
+        energy_compensation=_switch(energy_compensation),
         light_unit=light_unit,
         scene_name=scene,
         variant=variant,
@@ -259,6 +280,9 @@ class Scene:
         lens_blades: Optional[int] = None,
         transparent: bool = False,
         ground: Optional[str] = None,
+        back_faces: Optional[str] = None,
+        glass_shadows: Optional[str] = None,
+        no_clip: bool = False,
         aovs: Union[str, Iterable[str], None] = None,
         denoise: bool = False,
         progress: Optional[Callable[[Progress], Any]] = None,
@@ -284,6 +308,8 @@ class Scene:
         crop: window x0, y0, x1, y1 in pixels, the last two exclusive.
         aperture: an f-stop such as "f/2.8" or a radius in metres; focus: a distance in metres or "auto".
         transparent: hides the environment. ground: "shadow", a plane below the scene that shows only shadows, in alpha.
+        back_faces: "show" draws those of single-sided materials. glass_shadows: "straight" lets shadow rays pass bodies of
+            smooth glass. no_clip: ignores the camera's clipping planes.
         aovs: names from docs/pictures.md, or "all" or "none" [default: variance, samples, balance].
         denoise: take what `Picture.denoise` needs.
         progress: called about twenty times a second with a `Progress`, by the calling thread. If it returns False, the
@@ -297,7 +323,7 @@ class Scene:
         heuristic = None
         if callable(balance):
             heuristic, balance = balance, None
-            if not isinstance(size, tuple):
+            if not isinstance(size, tuple) or len(size) != 2:
                 raise UsageError("balance: a heuristic of one's own needs size=(width, height)", 64)
         if not (aovs is None or isinstance(aovs, str)):
             aovs = ",".join(aovs) or "none"
@@ -310,7 +336,7 @@ class Scene:
             time=time,
             noise=noise,
             min_spp=min_spp,
-            adaptive=("on" if adaptive else "off") if isinstance(adaptive, bool) else adaptive,
+            adaptive=_switch(adaptive),
             learned_lights=learned_lights,
             learned_environment=learned_environment,
             compensation=compensation,
@@ -330,6 +356,9 @@ class Scene:
             lens_blades=lens_blades,
             transparent=transparent,
             ground=ground,
+            back_faces=back_faces,
+            glass_shadows=glass_shadows,
+            no_clip=no_clip,
             aov=aovs,
             denoise="oidn" if denoise else None,
         )

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Callable, NamedTuple, Tuple
 
+import numpy as np
+
 if TYPE_CHECKING:
-    import numpy as np
     import numpy.typing as npt
 
 
@@ -35,8 +36,6 @@ class Moments(NamedTuple):
 
 def of_arrays(balance: Callable[[Moments], Any], shape: Tuple[int, int]) -> Callable[[Any, Any, Any], Any]:
     """`balance` for the native half: of flat arrays."""
-    import numpy as np
-
     def shares(paths: Any, light_share: Any, moments: Any) -> Any:
         height, width = shape if shape[0] * shape[1] == len(paths) else (1, len(paths))
         sums = np.moveaxis(moments.reshape(height, width, 5), 2, 0)

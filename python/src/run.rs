@@ -1,6 +1,7 @@
 //! Work of the library without Python's lock (GIL): on a thread pool, with panics caught, and with signals seen.
 
 use std::any::Any;
+use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -20,6 +21,25 @@ use crate::{errors, log};
 
 /// Time between looks at signals and calls of the progress callback.
 const INTERVAL: Duration = Duration::from_millis(50);
+
+thread_local! {
+    /// Does this thread call back into Python?
+    static IN_CALLBACK: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Calls into Python from a render. What the callable renders itself then has a pool of its own: the pool of the render may wait
+/// for the callable.
+pub fn call_back<T>(call: impl FnOnce() -> T) -> T {
+    let before = IN_CALLBACK.replace(true);
+    let result = call();
+    IN_CALLBACK.set(before);
+    result
+}
+
+/// Another pool of the same size inside of a callable.
+fn own_pool(on: &ThreadPool) -> Result<Option<ThreadPool>> {
+    IN_CALLBACK.get().then(|| host::pool(on.current_num_threads())).transpose()
+}
 
 /// The process whose threads were started, 0 before.
 static PROCESS: AtomicU32 = AtomicU32::new(0);
@@ -77,7 +97,10 @@ pub fn work<T: Send>(py: Python, on: Option<&ThreadPool>, work: impl FnOnce() ->
                 &*shared
             }
         };
-        on.install(|| guarded(work))
+        match own_pool(on)? {
+            Some(own) => own.install(|| guarded(work)),
+            None => on.install(|| guarded(work)),
+        }
     });
     log::deliver(py)?;
     done.map_err(|error| errors::raise(py, &error))
@@ -104,7 +127,7 @@ pub fn stoppable<T: Send>(
         let progress: Option<Progress> = latest.lock().unwrap_or_else(PoisonError::into_inner).take();
         if let (Some(callback), Some(p)) = (callback, progress) {
             let noise = Some(p.noise).filter(|noise| noise.is_finite());
-            let answer = callback.call1(py, (p.fraction, p.seconds, p.mean_spp, noise))?;
+            let answer = call_back(|| callback.call1(py, (p.fraction, p.seconds, p.mean_spp, noise)))?;
             if answer.bind(py).is(pyo3::types::PyBool::new(py, false)) {
                 stop.store(true, Ordering::Relaxed);
             }
@@ -116,6 +139,11 @@ pub fn stoppable<T: Send>(
             return (Err(error), None);
         }
         let mut exception = None;
+        let own = match own_pool(on) {
+            Ok(own) => own,
+            Err(error) => return (Err(error), None),
+        };
+        let on = own.as_ref().unwrap_or(on);
         let result = thread::scope(|scope| {
             let (done, ends) = channel();
             let progress = |p: Progress| *latest.lock().unwrap_or_else(PoisonError::into_inner) = Some(p);

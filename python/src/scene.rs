@@ -84,7 +84,7 @@ impl Scene {
         let scene = self.current();
         let raised = Mutex::new(None);
         let shares = |moments: PixelMoments| {
-            let asked = Python::attach(|py| ask(py, heuristic.as_ref(), moments));
+            let asked = run::call_back(|| Python::attach(|py| ask(py, heuristic.as_ref(), moments)));
             asked.map_err(|exception| {
                 *raised.lock().unwrap_or_else(PoisonError::into_inner) = Some(exception);
                 Error::Interrupted("the heuristic raised an exception".into())

@@ -23,6 +23,12 @@ import bismar
         (lambda s: bismar.load("x.glb", shutter=(1, 0), frame=3), bismar.UsageError, 64),
         (lambda s: s.render(spp=0), bismar.UsageError, 64),
         (lambda s: s.render(size=(0, 5)), bismar.UsageError, 64),
+        (lambda s: s.render(size=(5,)), bismar.UsageError, 64),
+        (lambda s: s.render(size=(5,), balance=lambda moments: 0.5, spp=8), bismar.UsageError, 64),
+        (lambda s: s.render(crop=(0, 1)), bismar.UsageError, 64),
+        (lambda s: s.render(crop=7), bismar.UsageError, 64),
+        (lambda s: bismar.load("x.glb", threads=2**31), bismar.UsageError, 64),
+        (lambda s: bismar.load("x.glb", threads=0), bismar.UsageError, 64),
         (lambda s: s.render(camera="nobody"), bismar.UsageError, 64),
         (lambda s: s.render(balance="best"), bismar.UsageError, 64),
         (lambda s: s.render(aovs=["colour"]), bismar.UsageError, 64),
@@ -55,14 +61,15 @@ def test_a_scene_that_vanishes_between_renders_is_not_missed(scenes, tmp_path):
 
 
 def test_ctrl_c_gives_what_there_is(cornell, tmp_path):
-    timer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
-    timer.start()
-    began = time.monotonic()
-    with pytest.raises(KeyboardInterrupt) as raised:
-        cornell.render(size=(256, 256), spp=1_000_000)
-    assert time.monotonic() - began < 5
-    assert isinstance(raised.value, bismar.Interrupted) and raised.value.exit_code == 75
-    picture = raised.value.picture
+    # Later again while nothing is rendered yet.
+    for delay in (0.5, 2, 8, 32):
+        threading.Timer(delay, os.kill, (os.getpid(), signal.SIGINT)).start()
+        with pytest.raises(KeyboardInterrupt) as raised:
+            cornell.render(size=(256, 256), spp=1_000_000)
+        assert isinstance(raised.value, bismar.Interrupted) and raised.value.exit_code == 75
+        picture = raised.value.picture
+        if picture is not None:
+            break
     assert picture.interrupted and picture["beauty"].mean() > 0
     picture.save(tmp_path / "part.exr")
 
@@ -134,10 +141,41 @@ def test_warnings_go_to_logging(scenes, caplog):
     assert any("read " in record.message for record in caplog.records if record.name == "bismar")
 
 
-def test_import_takes_less_than_a_fifth_of_a_second():
-    program = "import time; t = time.perf_counter(); import bismar; print(time.perf_counter() - t)"
-    seconds = [float(subprocess.check_output([sys.executable, "-c", program])) for _ in range(5)]
-    assert min(seconds) < 0.2, seconds
+def test_import_brings_numpy_and_little_else():
+    program = "import sys, numpy; before = len(sys.modules); import bismar; print(len(sys.modules) - before)"
+    assert int(subprocess.check_output([sys.executable, "-c", program])) < 40
+
+
+def test_callables_may_render_the_scene_that_calls_them(scenes):
+    scene = bismar.load(scenes / "cornell.glb", threads=1)
+    inner = []
+
+    def balance(moments):
+        inner.append(scene.render(size=(8, 8), spp=1)["beauty"].mean())
+        return 0.5
+
+    scene.render(size=(8, 8), spp=16, balance=balance)
+    assert inner and all(np.isfinite(inner))
+
+    def progress(now):
+        inner.append(scene.render(size=(8, 8), spp=1)["beauty"].mean())
+        return False
+
+    before = len(inner)
+    scene.render(size=(200, 200), spp=4096, progress=progress)
+    assert len(inner) > before
+
+
+def test_a_picture_does_not_replace_what_it_was_made_of(scenes, tmp_path):
+    (tmp_path / "s.glb").write_bytes((scenes / "cornell.glb").read_bytes())
+    sky = tmp_path / "sky.hdr"
+    sky.write_bytes((scenes / "field.hdr").read_bytes())
+    picture = bismar.load(tmp_path / "s.glb", env=sky).render(size=(8, 8), spp=1)
+    link = tmp_path / "link.exr"
+    link.symlink_to(sky)
+    with pytest.raises(bismar.UsageError, match="would overwrite"):
+        picture.save(link)
+    assert sky.read_bytes() == (scenes / "field.hdr").read_bytes()
 
 
 def resident():

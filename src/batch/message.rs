@@ -2,6 +2,7 @@
 //! standard output, one JSON object per line.
 
 use std::ffi::OsString;
+use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
@@ -16,6 +17,8 @@ pub struct JobMessage {
     pub jobs: Vec<Job>,
     /// Files that the batch itself writes.
     pub written: Vec<OsString>,
+    /// Folders below which outputs may lie.
+    pub folders: Vec<PathBuf>,
     /// Number of jobs at the same time.
     pub at_once: usize,
     /// Threads per job.

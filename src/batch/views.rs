@@ -15,6 +15,7 @@ use super::job::Job;
 use crate::film::atomic;
 use crate::film::exr_file::{HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::render::checkpoint::Earlier;
+use crate::scene::import::read_text;
 use crate::scene::{FieldOfView, Orbit, PlacedCamera};
 use crate::{Error, Result};
 
@@ -80,6 +81,9 @@ struct View {
 
 #[derive(Debug, Serialize, Deserialize)]
 struct Views {
+    /// The program that has written the file.
+    #[serde(default)]
+    generator: String,
     #[serde(flatten)]
     all: Intrinsics,
     frames: Vec<View>,
@@ -172,7 +176,7 @@ impl Intrinsics {
 /// [`Error::reading`]; [`Error::Data`] for a file that is no such JSON, and for cameras that cannot be rendered.
 pub fn read(path: &Path) -> Result<Vec<FileCamera>> {
     let wrong = |why: String| Error::Data(format!("{}: {why}", path.display()));
-    let bytes = fs::read(path).map_err(|e| Error::reading(path, &e))?;
+    let bytes = read_text(path)?;
     let views: Views =
         serde_json::from_slice(&bytes).map_err(|e| wrong(format!("not cameras as in NeRF's transforms.json: {e}")))?;
     if views.frames.is_empty() {
@@ -280,7 +284,7 @@ pub fn write<'a>(pictures: impl Iterator<Item = &'a Path>) -> Result<usize> {
         // Loaders of the first NeRF data sets read the angle from here only.
         let all = Intrinsics { camera_angle_x: frames[0].own.camera_angle_x, ..Default::default() };
         atomic::write(&folder.join(FILE), |file| {
-            serde_json::to_writer_pretty(&mut *file, &Views { all, frames })?;
+            serde_json::to_writer_pretty(&mut *file, &Views { generator: "bismar".into(), all, frames })?;
             file.write_all(b"\n")?;
             Ok(Ok(()))
         })?;
@@ -300,17 +304,20 @@ fn view_of(picture: &Path) -> Option<View> {
     let to_camera = matrix(WORLD_TO_CAMERA)?;
     let settings = &earlier.record.identity.settings;
     let (w, h) = (f64::from(settings.width), f64::from(settings.height));
-    let size = Intrinsics { cx: Some(0.5 * w), cy: Some(0.5 * h), w: Some(w), h: Some(h), ..Default::default() };
+    // The file has the pixels of the crop.
+    let [x0, y0, x1, y1] = settings.window().map(f64::from);
+    let (cx, cy) = (Some(0.5 * w - x0), Some(0.5 * h - y0));
+    let size = Intrinsics { cx, cy, w: Some(x1 - x0), h: Some(y1 - y0), ..Default::default() };
     let own = match matrix(WORLD_TO_NDC).map(|to_picture| to_picture * to_camera.inverse()) {
         Some(projection) if projection.row(3).z == 0.0 => return None,
         Some(projection) => {
             // Half of the picture's width is 0.5 in NDC.
-            let (half_x, half_y) = (0.5 / projection.x_axis.x.abs(), 0.5 / projection.y_axis.y.abs());
+            let (fl_x, fl_y) = (w * projection.x_axis.x.abs(), h * projection.y_axis.y.abs());
             Intrinsics {
-                camera_angle_x: Some(2.0 * half_x.atan()),
-                camera_angle_y: Some(2.0 * half_y.atan()),
-                fl_x: Some(0.5 * w / half_x),
-                fl_y: Some(0.5 * h / half_y),
+                camera_angle_x: Some(2.0 * (0.5 * (x1 - x0) / fl_x).atan()),
+                camera_angle_y: Some(2.0 * (0.5 * (y1 - y0) / fl_y).atan()),
+                fl_x: Some(fl_x),
+                fl_y: Some(fl_y),
                 ..size
             }
         }

@@ -7,7 +7,7 @@ mod work;
 mod worker;
 mod worker_pool;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use glob::Pattern;
@@ -15,6 +15,7 @@ use glob::Pattern;
 use crate::console::args::threads;
 use crate::console::progress::Style;
 use crate::console::{Verbosity, Verdict};
+use crate::film::atomic;
 use crate::{Error, Result};
 pub use plan::{files_key, plan, read};
 pub use sequence::run as sequence;
@@ -42,6 +43,9 @@ pub struct BatchArgs {
     /// other jobs.
     #[arg(long, value_name = "PATTERN")]
     only: Vec<Pattern>,
+    /// Folder below which outputs may lie; may be repeated [default: the batch file's folder].
+    #[arg(long, value_name = "DIR")]
+    root: Vec<PathBuf>,
     /// Print the commands that would run and what they would do, without running them.
     #[arg(long)]
     dry_run: bool,
@@ -54,11 +58,15 @@ pub struct BatchArgs {
 }
 
 pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
-    let (mut jobs, paths) = plan(Some(&args.file), read(&args.file)?)?;
     let report = args.report.clone().unwrap_or_else(|| {
         let stem = args.file.file_stem().unwrap_or_default().to_string_lossy();
         args.file.with_file_name(format!("{stem}-report.json"))
     });
+    // The default report follows from the batch file that the command line names.
+    [&report].into_iter().chain(&args.events).for_each(|path| atomic::named(path));
+    let folders = roots(&args.file, &args.root);
+    atomic::confine(&folders);
+    let (mut jobs, paths) = plan(Some(&args.file), read(&args.file)?)?;
     let order: Vec<String> = jobs.iter().map(|j| j.job.name.clone()).collect();
     if !args.only.is_empty() {
         jobs.retain(|planned| args.only.iter().any(|pattern| pattern.matches(&planned.job.name)));
@@ -73,6 +81,7 @@ pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
         order,
         report: Some(report),
         events: args.events.clone(),
+        folders,
         at_once: args.jobs as usize,
         isolate: args.isolate,
         dry_run: args.dry_run,
@@ -81,4 +90,10 @@ pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
         signals_from_parent: false,
     };
     work.run(jobs, paths, verbosity)
+}
+
+/// Folders below which the outputs of a batch file may lie: its own, or those that the command line names.
+pub fn roots(file: &Path, named: &[PathBuf]) -> Vec<PathBuf> {
+    let own = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if named.is_empty() { vec![own.into()] } else { named.to_vec() }
 }

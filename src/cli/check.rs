@@ -6,7 +6,7 @@ mod report;
 
 use std::collections::{HashMap, HashSet};
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
@@ -37,6 +37,9 @@ pub struct CheckArgs {
     /// were given as absolute paths are looked up by name.
     #[arg(long, value_name = "DIR", default_value = ".")]
     root: PathBuf,
+    /// Largest number of paths of a picture, all pixels together: a header may ask for days.
+    #[arg(long, value_name = "N", default_value_t = 1 << 33)]
+    max_paths: u64,
     /// Folder of the results: index.html, junit.xml, report.json, and in `new` the pictures that are not identical.
     #[arg(long, value_name = "DIR", default_value = "bismar-check")]
     out: PathBuf,
@@ -79,8 +82,14 @@ fn percent(text: &str) -> std::result::Result<f64, String> {
 pub fn run(args: &CheckArgs, verbosity: Verbosity) -> Result<Verdict> {
     let began = Instant::now();
     let folder = args.out.join("new");
-    fs::create_dir_all(&folder)
-        .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", folder.display())))?;
+    let mut folders = vec![args.out.clone()];
+    if args.update {
+        folders.extend(
+            args.goldens.iter().map(|path| if path.is_dir() { path } else { path.parent().unwrap_or(path) }.into()),
+        );
+    }
+    atomic::confine(&folders);
+    atomic::create_folder(&folder.join("a"))?;
     let results = ["index.html", "junit.xml", "report.json"].map(|name| args.out.join(name));
     results.iter().try_for_each(|path| atomic::check(path))?;
     let (mut checks, mut jobs) = (Vec::new(), Vec::new());
@@ -89,7 +98,7 @@ pub fn run(args: &CheckArgs, verbosity: Verbosity) -> Result<Verdict> {
         let new = folder.join(format!("{:04}-{stem}.exr", i + 1));
         // What an earlier check has left is of another program, perhaps.
         let _ = fs::remove_file(&new);
-        let job = job(&golden, &new, &args.root);
+        let job = job(&golden, &new, args);
         let (scene, outcome) = match &job {
             Ok(job) => (job.scene.display().to_string(), Outcome::Pending),
             Err(error) => (String::new(), Outcome::failed(error)),
@@ -167,7 +176,7 @@ pub fn pictures(goldens: &[PathBuf]) -> Result<Vec<PathBuf>> {
 }
 
 /// The job that renders a golden picture again into `new`.
-fn job(golden: &Path, new: &Path, root: &Path) -> Result<Job> {
+fn job(golden: &Path, new: &Path, args: &CheckArgs) -> Result<Job> {
     let name = golden.display().to_string();
     let cannot = |why: &str| Error::Data(format!("{name}: {why}"));
     let earlier = Earlier::read(golden)?.ok_or_else(|| Error::Missing(format!("{name}: there is no such file")))?;
@@ -186,17 +195,52 @@ fn job(golden: &Path, new: &Path, root: &Path) -> Result<Job> {
     if earlier.record.stop == StopReason::Interrupted {
         return Err(cannot("it is not complete: finish it with --resume"));
     }
+    if !earlier.record.seeds.is_empty() {
+        return Err(cannot("it is the mean of pictures with several seeds: check those"));
+    }
     if settings.part.is_some() {
         return Err(cannot("it is a part of a picture: merge the parts"));
     }
-    let PictureCommand { scene, env, mut flags } = command;
-    let env = env.map(|env| root.join(env).display().to_string());
-    flags.extend(env.map(|env| ("env".to_owned(), Some(env))));
+    let pixels = u64::from(settings.width) * u64::from(settings.height);
+    let paths = pixels.saturating_mul(settings.spp.map_or(MAX_PATHS_WITHOUT_SPP, u64::from));
+    if paths > args.max_paths {
+        return Err(cannot(&format!("its header asks for {paths} paths, more than --max-paths {}", args.max_paths)));
+    }
+    let mut flags =
+        command.flags().map_err(|field| cannot(&format!("this version has no '{field}', which its header names")))?;
+    let roots = [args.root.as_path(), golden.parent().unwrap_or(golden)];
+    let (scene, root) = below(&roots, &command.scene).map_err(|why| cannot(&why))?;
+    if let Some(env) = &command.env {
+        let (env, _) = below(&roots, env).map_err(|why| cannot(&why))?;
+        flags.push(("env".into(), Some(env.display().to_string())));
+    }
     flags.push(("relative-to".into(), Some(root.display().to_string())));
-    let job = Job { name: name.clone(), scene: root.join(scene), flags, output: new.to_owned(), ..Job::default() };
+    let job = Job { name: name.clone(), scene, flags, output: new.to_owned(), ..Job::default() };
     // A command of another version may have flags that this one lacks.
     plan(None, vec![job.clone()]).map_err(|e| cannot(&format!("its command cannot be run: {e}")))?;
     Ok(job)
+}
+
+/// Paths per pixel at most of a render whose only goal is its noise.
+const MAX_PATHS_WITHOUT_SPP: u64 = 1 << 15;
+
+/// A file that a header names, and the folder that it was found below; the first folder where there is none. A header must not
+/// reach other files: neither by its path nor through links.
+fn below<'a>(roots: &[&'a Path], name: &str) -> std::result::Result<(PathBuf, &'a Path), String> {
+    let inside = |part: Component| matches!(part, Component::Normal(_) | Component::CurDir);
+    if !Path::new(name).components().all(inside) {
+        return Err(format!("its header names '{name}', which is not below a folder"));
+    }
+    let found = roots.iter().find(|root| root.join(name).exists()).unwrap_or(&roots[0]);
+    let path = found.join(name);
+    let resolved = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.into());
+    if path.exists() && !resolved(&path).starts_with(resolved(found)) {
+        return Err(format!(
+            "'{name}' leads out of {} by a link: --root DIR names the folder where it is",
+            found.display()
+        ));
+    }
+    Ok((path, found))
 }
 
 /// Renders all jobs as a batch; the results by name.
@@ -213,6 +257,7 @@ fn render(args: &CheckArgs, jobs: Vec<Job>, verbosity: Verbosity) -> Result<Hash
         order,
         report: Some(report.clone()),
         events: None,
+        folders: vec![args.out.clone()],
         at_once: args.jobs as usize,
         isolate: false,
         dry_run: false,

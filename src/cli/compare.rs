@@ -77,7 +77,7 @@ pub fn run(args: &CompareArgs) -> Result<Verdict> {
             let endings = endings.iter().map(|ending| format!(".{ending}")).collect::<Vec<_>>().join(" or ");
             return Err(Error::Usage(format!("{flag} {}: the name must end in {endings}", path.display())));
         }
-        paths.writes(flag, path)?;
+        paths.names(flag, path)?;
         atomic::check(path)?;
     }
     let folders = args.a.is_dir() && args.b.is_dir();

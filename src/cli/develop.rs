@@ -36,6 +36,8 @@ pub fn run(args: &DevelopArgs, verbosity: Verbosity) -> Result<Verdict> {
     }
     let mut paths = Paths::default();
     paths.reads("the picture", &args.input)?;
+    args.output.iter().for_each(|output| atomic::named(output));
+    atomic::confine(&[]);
     paths.writes("-o", &output)?;
     atomic::check(&output)?;
     let picture = Picture::open(&args.input, args.layer.as_deref())?;

@@ -315,6 +315,7 @@ fn write_plan(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {
         print_json(plan)?;
         return Ok(Verdict::Done);
     }
+    let _claim = check_folder(plan)?;
     write_folder(plan, &[])?;
     let file = plan.folder.join(PLAN);
     let (file, tasks) = (file.display(), plan.tasks.len());

@@ -56,7 +56,6 @@ flag_values! {
     GlassShadows {
         Off: "Shadow rays end at them; light behind is found by refracted paths",
         Straight: "Shadow rays pass them straight, dimmed by Fresnel and absorption: approximate",
-        Manifold: "Light samples of lamps find their way through them by refraction: slower, with little noise",
     }
     Ground {
         None: "Nothing",

@@ -15,9 +15,9 @@ pub use heuristic::{Heuristic, PixelMoments};
 use super::develop::DevelopArgs;
 use super::labels::LabelsArgs;
 use super::merge::MergeArgs;
-use super::render::{Inputs, Loaded, OutputWriter, RenderArgs, Session, claim_output, preview_mark, settings};
+use super::render::{Inputs, Loaded, OutputWriter, RenderArgs, Session, claim_output, declare, preview_mark, settings};
 use super::stats::{Seconds, Stats};
-use crate::console::{Verbosity, host};
+use crate::console::{Paths, Verbosity, host};
 use crate::film::aov::{Channel, Value, beauty};
 use crate::film::compare::{Comparison, compare as compare_pictures, in_common};
 use crate::film::denoise::Denoiser;
@@ -313,8 +313,12 @@ impl RenderedPicture {
     /// # Errors
     /// [`Error::Usage`] for another ending, those of writing files.
     pub fn save(&self, path: &Path, look: (View, Exposure), resumable: bool, half: bool) -> Result<()> {
-        let ending = path.extension().map(|ending| ending.to_ascii_lowercase()).unwrap_or_default();
+        let mut paths = Paths::default();
         let mut args = self.args.clone();
+        args.output = Some(path.into());
+        declare(&args, "", &mut paths)?;
+        self.inputs.declare(&mut paths)?;
+        let ending = path.extension().map(|ending| ending.to_ascii_lowercase()).unwrap_or_default();
         (args.view, args.exposure) = look;
         match ending.to_str() {
             Some("exr") if self.has_own_heuristic => Err(Error::Usage(format!(

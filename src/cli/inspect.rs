@@ -14,8 +14,8 @@ use crate::cli::scene_selection::SceneSelection;
 use crate::console::{Verdict, print, print_json};
 use crate::integrator::PreparedScene;
 use crate::rays::Backend;
-use crate::render::BackFaces;
 use crate::render::default_light::{self, OwnLight};
+use crate::render::{BackFaces, clipped};
 use crate::scene::Scene;
 use crate::scene::import::{self, Note, SceneFiles, Summary};
 
@@ -44,18 +44,20 @@ pub fn run(args: &InspectArgs) -> Result<Verdict> {
     let summary = import::summary(&imported);
     let (width, height) = size(&imported.scene.cameras[0]);
     let render_bytes = need([width, height]);
+    let scene = Arc::new(imported.scene);
+    let hidden = hidden_by_far_planes(&scene)?;
     let own_light = match args.selection.is_posed() {
-        false => own_light(imported.scene)?,
-        true => own_light(import::import(&args.scene, &args.selection.at_rest().options(false, false))?.scene)?,
+        false => own_light(scene)?,
+        true => own_light(import::import(&args.scene, &args.selection.at_rest().options(false, false))?.scene.into())?,
     };
     if args.json {
         let default_light = match own_light {
             Some(found) => !found.is_enough(),
             None => summary.lights.is_empty() && !has_emissive(&summary) && !is_unlit(&summary),
         };
-        print_json(&Report { summary: &summary, own_light, default_light, render_bytes })?
+        print_json(&Report { summary: &summary, own_light, default_light, hidden_by_zfar: &hidden, render_bytes })?
     } else {
-        print(text(&summary, own_light, render_bytes).trim_end())?
+        print(text(&summary, own_light, &hidden, render_bytes).trim_end())?
     }
     Ok(Verdict::Done)
 }
@@ -70,17 +72,28 @@ struct Report<'a> {
     own_light: Option<OwnLight>,
     /// Does `render` add studio light?
     default_light: bool,
+    /// By camera, the share of what is in its view that its far clipping plane hides.
+    hidden_by_zfar: &'a [f32],
     /// Estimated peak memory of a render with default settings, in bytes.
     render_bytes: u64,
 }
 
 /// What the scene's own light does in the view of the first camera, where that decides whether `render` adds light.
-fn own_light(scene: Scene) -> Result<Option<OwnLight>> {
+fn own_light(scene: Arc<Scene>) -> Result<Option<OwnLight>> {
     if !default_light::is_in_question(&scene) {
         return Ok(None);
     }
-    let prepared = PreparedScene::build(Arc::new(scene), Backend::Embree)?;
+    let prepared = PreparedScene::build(scene, Backend::Embree)?;
     Ok(Some(default_light::own_light(&prepared, 0, BackFaces::default())))
+}
+
+/// By camera, the share of what is in its view that its far clipping plane hides.
+fn hidden_by_far_planes(scene: &Arc<Scene>) -> Result<Vec<f32>> {
+    if !scene.cameras.iter().any(|camera| clipped::may_hide(scene, camera)) {
+        return Ok(vec![0.0; scene.cameras.len()]);
+    }
+    let prepared = PreparedScene::build(Arc::clone(scene), Backend::Embree)?;
+    Ok(scene.cameras.iter().map(|camera| clipped::hidden_share(&prepared, camera)).collect())
 }
 
 fn has_emissive(summary: &Summary) -> bool {
@@ -94,7 +107,7 @@ fn is_unlit(summary: &Summary) -> bool {
 /// Rows shown of each list.
 const MAX_ROWS: usize = 12;
 
-fn text(s: &Summary, own_light: Option<OwnLight>, render_bytes: u64) -> String {
+fn text(s: &Summary, own_light: Option<OwnLight>, hidden: &[f32], render_bytes: u64) -> String {
     let mut out = s.file.clone();
     if let Some(generator) = &s.generator {
         let _ = write!(out, "  (by {generator})");
@@ -127,6 +140,13 @@ fn text(s: &Summary, own_light: Option<OwnLight>, render_bytes: u64) -> String {
             vertical,
             aspect,
             format!("at {}", vector(&c.position)),
+            match (c.znear, c.zfar) {
+                (Some(near), Some(far)) => {
+                    format!("znear {} m, zfar {} m{}", number(near), number(far), hides(hidden[c.index]))
+                }
+                (Some(near), None) => format!("znear {} m", number(near)),
+                _ => String::new(),
+            },
         ]
     });
     section(&mut out, "cameras", cameras.collect());
@@ -185,6 +205,10 @@ fn text(s: &Summary, own_light: Option<OwnLight>, render_bytes: u64) -> String {
     section(&mut out, "not loaded, because the picture does not need them", notes(&s.not_loaded));
     section(&mut out, "remarks", notes(&s.remarks));
     out
+}
+
+fn hides(share: f32) -> String {
+    if share > clipped::TOLD { format!(", hides {:.0} % of what is in view", 100.0 * share) } else { String::new() }
 }
 
 fn notes(notes: &[Note]) -> Vec<Vec<String>> {

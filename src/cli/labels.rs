@@ -107,12 +107,21 @@ struct Coco {
 }
 
 pub fn run(args: &LabelsArgs, verbosity: Verbosity) -> Result<Verdict> {
+    if let Some(images) = args.images.as_ref().filter(|ending| ending.contains(['/', '\\'])) {
+        return Err(Error::Usage(format!("--images {images}: not the ending of a file's name, such as png")));
+    }
     let mut paths = Paths::default();
     args.pictures.iter().try_for_each(|picture| paths.reads("the picture", picture))?;
     if let Some(output) = &args.output {
-        paths.writes("-o", output)?;
+        paths.names("-o", output)?;
         atomic::check(output)?;
     }
+    let folders: Vec<PathBuf> = args
+        .pictures
+        .iter()
+        .map(|path| if path.is_dir() { path } else { path.parent().unwrap_or(path) }.into())
+        .collect();
+    atomic::confine(&folders);
     let folder = args.output.as_deref().and_then(Path::parent).unwrap_or(Path::new(""));
     let (mut coco, mut categories) = (Coco::default(), HashMap::new());
     let pictures = super::check::pictures(&args.pictures)?;

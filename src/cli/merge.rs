@@ -93,7 +93,7 @@ fn one(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
     args.path_mapping.iter().try_for_each(|file| paths.reads("--path-mapping", file))?;
     for (flag, path) in [("-o", Some(&args.output)), ("--preview", args.preview.as_ref())] {
         let Some(path) = path else { continue };
-        paths.writes(flag, path)?;
+        paths.names(flag, path)?;
         claims.push(claim_output(path)?);
     }
     wait_for(&args.parts, args.wait)?;

@@ -45,7 +45,7 @@ pub fn run(args: &MovieArgs, verbosity: Verbosity) -> Result<Verdict> {
     pictures.iter().try_for_each(|picture| paths.reads("the frame", picture))?;
     for (flag, path) in [("-o", &args.output), ("--sheet", &args.sheet)] {
         let Some(path) = path else { continue };
-        paths.writes(flag, path)?;
+        paths.names(flag, path)?;
         atomic::check(path)?;
     }
     if let Some(path) = &args.sheet {

@@ -51,6 +51,8 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
         return host::pool(threads)?.install(|| replay::run(args, pixel_path));
     }
     let mut paths = Paths::default();
+    [&args.output, &args.preview, &args.stats].into_iter().flatten().for_each(|path| atomic::named(path));
+    atomic::confine(&[]);
     declare(args, "", &mut paths)?;
     // Before any file is touched.
     let signals = if args.signals_from_parent { Signals::from_parent() } else { Signals::listen() }?;

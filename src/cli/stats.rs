@@ -11,8 +11,7 @@ use crate::film::atomic;
 use crate::film::exr_file::{Header, HeaderValue};
 use crate::rays::BackendInfo;
 use crate::render::checkpoint::{json, text};
-use crate::render::stats::Samples;
-use crate::render::{Choice, Decisions, Fireflies, RenderSettings, Rendered, StopReason, TechniqueStats};
+use crate::render::{Choice, Decisions, Fireflies, RenderSettings, Rendered, Samples, StopReason, TechniqueStats};
 use crate::scene::Scene;
 use crate::{Error, Result};
 

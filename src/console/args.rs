@@ -2,6 +2,7 @@
 
 use std::str::FromStr;
 
+use super::host::MAX_THREADS;
 use crate::render::settings::MAX_SIDE;
 
 /// A number of threads, for `value_parser`.
@@ -9,7 +10,7 @@ use crate::render::settings::MAX_SIDE;
 /// # Errors
 /// Why it is invalid, for clap.
 pub fn threads(text: &str) -> Result<usize, String> {
-    text.parse().ok().filter(|n| (1..=4096).contains(n)).ok_or("not a number from 1 to 4096".into())
+    text.parse().ok().filter(|n| (1..=MAX_THREADS).contains(n)).ok_or("not a number from 1 to 4096".into())
 }
 
 /// A time above 0 in seconds, for `value_parser`: `90`, or with a unit, `90s`, `10m`, `1.5h`, `2d`.

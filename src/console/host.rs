@@ -47,6 +47,9 @@ pub fn check_isa() -> Result<()> {
     Ok(())
 }
 
+/// Largest number of threads of a process.
+pub const MAX_THREADS: usize = 4096;
+
 /// Number of threads, and the source of the number: the flag, `BISMAR_THREADS`, `SLURM_CPUS_PER_TASK`, all.
 ///
 /// # Errors
@@ -59,7 +62,7 @@ pub fn threads(flag: Option<usize>) -> Result<(usize, &'static str)> {
         match env::var(name).as_deref().map(str::trim) {
             Err(_) | Ok("") => continue,
             Ok(value) => match value.parse() {
-                Ok(n) if n > 0 => return Ok((n, name)),
+                Ok(n) if (1..=MAX_THREADS).contains(&n) => return Ok((n, name)),
                 _ => return Err(Error::Usage(format!("{name} is '{value}', not a number of threads"))),
             },
         }
@@ -70,8 +73,11 @@ pub fn threads(flag: Option<usize>) -> Result<(usize, &'static str)> {
 /// A rayon pool with this number of threads.
 ///
 /// # Errors
-/// [`Error::Host`] if the threads cannot be started.
+/// [`Error::Usage`] for no threads, and for more than [`MAX_THREADS`]; [`Error::Host`] if they cannot be started.
 pub fn pool(threads: usize) -> Result<rayon::ThreadPool> {
+    if !(1..=MAX_THREADS).contains(&threads) {
+        return Err(Error::Usage(format!("{threads} threads: not a number from 1 to {MAX_THREADS}")));
+    }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     pool.map_err(|e| Error::Host(format!("cannot start {threads} threads: {e}")))
 }

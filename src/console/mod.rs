@@ -18,15 +18,20 @@ use std::fmt::Display;
 use std::io::{self, ErrorKind, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use clap::{Args, Parser};
 
+use crate::film::atomic;
 use crate::{Error, Result};
 pub use args::Size;
 pub use logging::{Format as LogFormat, say};
 pub use paths::Paths;
 pub use progress::Reporter;
 pub use signals::Signals;
+
+/// The signal of a write beyond a file's largest size, by POSIX; the number is Linux'.
+const SIGXFSZ: i32 = 25;
 
 /// The commit that a release was built from; `development` or `unknown` for other builds.
 pub const COMMIT: &str = env!("BISMAR_COMMIT");
@@ -60,6 +65,9 @@ pub enum Verdict {
 /// Exit codes are those of [`Verdict`] and [`Error::exit_code`], 70 for a panic.
 pub fn run<Cli: Parser>(verbosity: impl Fn(&Cli) -> Verbosity, work: impl FnOnce(&Cli) -> Result<Verdict>) -> ExitCode {
     panics::install_hook();
+    atomic::begin_command();
+    // Beyond a file's largest size (ulimit -f) a write then fails as on a full disk, and leaves nothing.
+    let _ = signal_hook::flag::register(SIGXFSZ, Arc::default());
     if let Err(error) = host::check_isa().and_then(|()| memory::exit_when_exhausted()) {
         return fail(&error);
     }
@@ -78,6 +86,10 @@ pub fn run<Cli: Parser>(verbosity: impl Fn(&Cli) -> Verbosity, work: impl FnOnce
         Ok(Ok(Verdict::Beyond)) => ExitCode::from(1),
         Ok(Ok(Verdict::Worst(code))) => ExitCode::from(code),
         Ok(Err(error)) => fail(&error),
+        Err(payload) if panics::is_refused_thread(&*payload) => {
+            let why = "the system refuses to start another thread (ulimit -u, or the limit of a container)";
+            fail(&Error::Host(why.into()))
+        }
         // The panic hook has printed the message.
         Err(_) => ExitCode::from(70),
     };

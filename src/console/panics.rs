@@ -1,10 +1,22 @@
 //! The panic hook.
 
+use std::any::Any;
 use std::backtrace::{Backtrace, BacktraceStatus};
 use std::panic;
 
 use super::say;
 use crate::guard;
+
+fn message(payload: &dyn Any) -> Option<&str> {
+    let message = payload.downcast_ref::<&str>().copied();
+    message.or_else(|| payload.downcast_ref::<String>().map(String::as_str))
+}
+
+/// Is it the panic of a thread that the system has refused, of the standard library or of rayon's own pool?
+pub fn is_refused_thread(payload: &dyn Any) -> bool {
+    message(payload)
+        .is_some_and(|text| text.contains("failed to spawn thread") || text.contains("ThreadPoolBuildError"))
+}
 
 /// Installs a hook that prints one sentence for a panic and asks for a report; with `RUST_BACKTRACE=1` also the backtrace.
 pub fn install_hook() {
@@ -13,9 +25,10 @@ pub fn install_hook() {
         if guard::is_decoding() {
             return;
         }
-        let payload = info.payload();
-        let message = payload.downcast_ref::<&str>().copied();
-        let message = message.or_else(|| payload.downcast_ref::<String>().map(String::as_str));
+        let message = message(info.payload());
+        if is_refused_thread(info.payload()) {
+            return;
+        }
         let place = info.location().map(|l| format!(" ({}:{})", l.file(), l.line())).unwrap_or_default();
         say(format_args!(
             "internal error: {}{place}; please report it with the command and the scene",
@@ -26,4 +39,20 @@ pub fn install_hook() {
             say(trace);
         }
     }));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_refused_thread_is_known_by_its_panic() {
+        for (text, refused) in [
+            ("failed to spawn thread: Os { code: 11, kind: WouldBlock }", true),
+            ("The global thread pool has not been initialized.: ThreadPoolBuildError { kind: IOError }", true),
+            ("index out of bounds", false),
+        ] {
+            assert_eq!(is_refused_thread(&text.to_owned()), refused);
+        }
+    }
 }

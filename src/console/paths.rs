@@ -5,6 +5,7 @@ use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
+use crate::film::atomic;
 use crate::{Error, Result};
 
 /// All files that a command names. Files are compared, not paths: other spellings, symbolic links and hard links are
@@ -39,10 +40,19 @@ impl Paths {
         self.add(NamedFile { name: format!("{what} {}", path.display()), written: false }, path)
     }
 
-    /// Adds a file that is written; `what` as in [`Self::reads`]. Devices may be written twice.
+    /// Adds a file that is written and that the command line names; `what` as in [`Self::reads`]. Devices may be written twice.
     ///
     /// # Errors
     /// [`Error::Usage`] if it is an input or another output.
+    pub fn names(&mut self, what: &str, path: &Path) -> Result<()> {
+        atomic::named(path);
+        self.writes(what, path)
+    }
+
+    /// Adds a file that is written, but is not named on the command line.
+    ///
+    /// # Errors
+    /// Those of [`Self::names`].
     pub fn writes(&mut self, what: &str, path: &Path) -> Result<()> {
         self.add(NamedFile { name: format!("{what} {}", path.display()), written: true }, path)
     }

@@ -1,7 +1,7 @@
 //! A plan as a job template of the Open Job Description specification (version 2023-09).
 //!
-//! `{{` and `}}` delimit references in a template and cannot be escaped: names that contain them refer to parameters whose
-//! values are the braces.
+//! `{{` and `}}` delimit references in a template and cannot be escaped: in names that contain them, each brace is a reference to
+//! a parameter whose value is the brace.
 
 use std::collections::HashSet;
 
@@ -131,14 +131,21 @@ fn parametrised(command: &[String], part: u32, of: usize, chunks: &[&Frames]) ->
     command.iter().map(word).collect()
 }
 
-/// Braces, the reference that yields them, and its parameter.
-const BRACES: [(&str, &str, &str); 2] = [("{{", "{{Param.Open}}", "Open"), ("}}", "{{Param.Close}}", "Close")];
+/// A brace, the reference that yields it, and its parameter.
+const BRACES: [(&str, &str, &str); 2] = [("{", "{{Param.L}}", "L"), ("}", "{{Param.R}}", "R")];
 
-/// A name with its braces replaced by references.
+/// A name with its braces replaced by references, if two of them stand together.
 fn literal(name: &str) -> String {
-    let [(open, opened, _), (close, closed, _)] = BRACES;
-    // References contain braces: the opening ones are split off before the closing ones are replaced.
-    name.split(open).map(|part| part.replace(close, closed)).collect::<Vec<_>>().join(opened)
+    if !name.contains("{{") && !name.contains("}}") {
+        return name.into();
+    }
+    let [(_, opened, _), (_, closed, _)] = BRACES;
+    let one = |c: char| match c {
+        '{' => opened.to_owned(),
+        '}' => closed.to_owned(),
+        c => c.to_string(),
+    };
+    name.chars().map(one).collect()
 }
 
 fn step_name(name: &str) -> Result<String> {
@@ -171,6 +178,17 @@ mod tests {
             chunked["steps"][0]["parameterSpace"]["taskParameterDefinitions"],
             json!([{ "name": "Frames", "type": "STRING", "range": ["1-3", "4-6", "7"] }])
         );
+    }
+
+    #[test]
+    fn braces_in_names_are_references_that_do_not_touch_braces() {
+        for (name, right) in [
+            ("x{a}", "x{a}"),
+            ("x{}}", "x{{Param.L}}{{Param.R}}{{Param.R}}"),
+            ("{{{", "{{Param.L}}{{Param.L}}{{Param.L}}"),
+        ] {
+            assert_eq!(literal(name), right);
+        }
     }
 
     #[test]

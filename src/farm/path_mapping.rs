@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
+use crate::scene::import::read_text;
 use crate::{Error, Result};
 
 /// Path mapping rules, longest source first.
@@ -40,7 +41,7 @@ impl PathMapping {
     /// # Errors
     /// [`Error::reading`]; [`Error::Config`] for anything that is not `pathmapping-1.0`.
     pub fn read(path: &Path) -> Result<Self> {
-        let bytes = std::fs::read(path).map_err(|e| Error::reading(path, &e))?;
+        let bytes = read_text(path)?;
         let bad = |why: &str| Error::Config(format!("{}: not a file of path mapping rules: {why}", path.display()));
         let file: File = serde_json::from_slice(&bytes).map_err(|e| bad(&e.to_string()))?;
         if file.version.as_deref().is_some_and(|version| version != "pathmapping-1.0") {

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::names::{printable, utf8};
 use crate::batch::frames::{Frames, numbered};
+use crate::scene::import::read_text;
 use crate::{Error, Result};
 
 /// A render, whole or in parts, or a sequence of frames (flag `frames`).
@@ -190,9 +191,10 @@ impl Plan {
         for (what, render, command) in tasks.chain(merges) {
             printable(render)?;
             command.iter().try_for_each(|word| printable(word))?;
-            if let Some(word) = command.iter().find(|word| word.starts_with("--on-checkpoint")) {
+            let acts = |word: &&String| ["--on-checkpoint", "--tev"].iter().any(|flag| word.starts_with(flag));
+            if let Some(word) = command.iter().find(acts) {
                 return Err(Error::Usage(format!(
-                    "{word}: not allowed in a plan, which must not start programs on other machines"
+                    "{word}: not allowed in a plan, which starts no programs and opens no connections"
                 )));
             }
             if command.get(1).is_none_or(|word| word != what) {
@@ -210,7 +212,7 @@ impl Plan {
     /// # Errors
     /// [`Error::Missing`] and [`Error::Data`], with the file.
     pub fn read(path: &Path) -> Result<Self> {
-        let bytes = std::fs::read(path).map_err(|e| Error::reading(path, &e))?;
+        let bytes = read_text(path)?;
         let bad = |why: &dyn Display| Error::Data(format!("{}: not a plan of `farm submit`: {why}", path.display()));
         let plan: serde_json::Value = serde_json::from_slice(&bytes).map_err(|e| bad(&e))?;
         if let Some(schema) = plan["schema"].as_u64().filter(|schema| *schema != u64::from(SCHEMA)) {

@@ -8,6 +8,7 @@ use std::time::{Duration, SystemTime};
 use serde::{Deserialize, Serialize};
 
 use crate::film::atomic;
+use crate::scene::import::read_text;
 use crate::{Error, Result};
 
 /// Sessions of a task, which may be interrupted and requeued several times.
@@ -47,7 +48,7 @@ const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(120);
 impl Sessions {
     /// Reads a record; one that is missing or unreadable counts as never begun.
     pub fn read(path: &Path) -> Self {
-        fs::read(path).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok()).unwrap_or_default()
+        read_text(path).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok()).unwrap_or_default()
     }
 
     /// The record at the beginning of a session: of submission `job`, with `paths` in the task's output.
@@ -118,12 +119,15 @@ impl Sessions {
 
     /// Gives a sign of life: sets the record's modification time. Failures are ignored.
     pub fn heartbeat(path: &Path) {
-        let _ = File::options().append(true).open(path).and_then(|file| file.set_modified(SystemTime::now()));
+        let _ = atomic::open_guessable(File::options().append(true), path)
+            .and_then(|file| file.set_modified(SystemTime::now()));
     }
 
     /// Whether the last session runs, according to its heartbeats.
     pub fn is_running(&self, path: &Path) -> bool {
-        let age = fs::metadata(path).and_then(|meta| meta.modified()).map(|time| time.elapsed().unwrap_or_default());
+        // Clocks differ a little; a time far in the future is none of a heartbeat.
+        let age = fs::metadata(path).and_then(|meta| meta.modified());
+        let age = age.map(|time| time.elapsed().unwrap_or_else(|ahead| ahead.duration()));
         self.begun > 0 && self.code.is_none() && age.is_ok_and(|age| age < HEARTBEAT_TIMEOUT)
     }
 }

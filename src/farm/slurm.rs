@@ -1,6 +1,5 @@
 //! A plan as Slurm job arrays, and merges that depend on them.
 
-use std::fs;
 use std::io::Write;
 use std::path::Path;
 
@@ -9,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::names::{printable, utf8};
 use super::plan::{PLAN, Plan};
 use crate::film::atomic;
+use crate::scene::import::read_text;
 use crate::{Error, Result};
 
 /// Resources and options of each task.
@@ -160,7 +160,7 @@ const SUBMITTED: &str = "slurm.json";
 impl Submitted {
     /// Reads the job IDs; `None` if the plan was never submitted to Slurm.
     pub fn read(folder: &Path) -> Option<Self> {
-        fs::read(folder.join(SUBMITTED)).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok())
+        read_text(&folder.join(SUBMITTED)).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok())
     }
 
     /// Writes the job IDs.

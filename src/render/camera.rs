@@ -6,7 +6,7 @@ use crate::integrator::camera::Lens;
 use crate::integrator::{CameraRays, PreparedScene};
 use crate::lanes::{F, U};
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
-use crate::scene::{Projection, Scene};
+use crate::scene::{Camera, Projection, Scene};
 use crate::{Error, Result};
 
 /// Height of the film in metres: that of 35 mm stills.
@@ -15,7 +15,9 @@ const FILM_HEIGHT: f64 = 0.024;
 /// The camera of a render with these settings.
 pub fn camera(scene: &Scene, settings: &RenderSettings) -> CameraRays {
     let RenderSettings { camera, width, height, .. } = *settings;
-    CameraRays::new(&scene.camera(camera, width, height), width, height)
+    let camera = scene.camera(camera, width, height);
+    let clip = camera.clip.filter(|_| settings.clip);
+    CameraRays::new(&Camera { clip, ..camera }, width, height)
 }
 
 /// The lens of a render with these settings; `None` for a pinhole.
@@ -45,11 +47,14 @@ pub fn lens(scene: &PreparedScene, settings: &RenderSettings) -> Result<Option<L
         Focus::Auto => {
             let [x, y] = [width, height].map(|size| F::splat(0.5 * size as f32));
             let middle = F::splat(0.5);
-            let ray = camera(&scene.scene, settings).rays(x, y, middle);
+            let camera = camera(&scene.scene, settings);
+            let ray = camera.rays(x, y, middle);
+            let (near, far) = camera.intervals(ray.1, middle);
             let (mut rays, mut hits) = (RayBatch::default(), HitBatch::default());
             rays.open(1, scene.geometry.moves);
-            rays.put(0, ray, F::splat(f32::INFINITY), U::ZERO, middle);
+            rays.put(0, ray, far, U::ZERO, middle);
             rays.close(1);
+            rays.tnear[0] = near.as_array()[0];
             scene.rays.closest_hits(&rays, RayOrder::Coherent, &mut hits);
             if hits.instance[0] == MISS {
                 let why =

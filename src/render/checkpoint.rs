@@ -5,16 +5,20 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::build_info::BuildInfo;
+use super::choice::Choice;
 use super::goals;
-use super::identity::{RequestedOutputs, variant_name};
+use super::goals::Goal;
+use super::identity::Identity;
+use super::identity::RequestedOutputs;
+use super::names::variant_name;
+use super::part::Part;
+use super::rendered::{Rendered, Samples, paths_range, tile_positions};
 use super::scheduler;
-use super::stats::Samples;
+use super::settings::RenderSettings;
+use super::stats::{RenderStats, StopReason};
 use super::techniques::TechniqueStats;
 use super::tile::{TILE, Tile};
-use super::{
-    BuildInfo, Choice, Goal, Identity, Part, RenderSettings, RenderStats, Rendered, StopReason, paths_range,
-    tile_positions,
-};
 use crate::film::exr_file::{self, Checksum, Header, HeaderValue, Layers};
 use crate::film::{Aov, Background};
 use crate::rays::BackendInfo;

@@ -11,17 +11,14 @@ use super::goals;
 use super::prepass::Prepasses;
 use super::prepass::allocation::Allocation;
 use super::progress::{PassProgress, Progress};
+use super::rendered::{Rendered, noise, paths_range, study_tiles};
 use super::scheduler::{self, Next, State};
 use super::techniques::{AdaptiveStats, Decisions, TechniqueStats};
 use super::tile::{Tile, TileWork};
 use super::transport::{pass_seed, transport};
-use super::{
-    GlassShadows, RenderSettings, RenderStats, Rendered, Saved, StopReason, StudyOptions, noise, paths_range,
-    study_tiles,
-};
+use super::{RenderSettings, RenderStats, Saved, StopReason, StudyOptions};
 use crate::Result;
 use crate::film::Background;
-use crate::integrator::manifold::share_behind_glass;
 use crate::integrator::{PreparedScene, Proposal, Transport};
 use crate::scene::Scene;
 
@@ -58,8 +55,6 @@ pub struct Pause<'a> {
     pub at: &'a mut dyn FnMut(&Rendered),
 }
 
-/// Share of the picture with lamps behind smooth glass, from which the flag for it is named.
-const LEAST_SHARE_BEHIND_GLASS: f32 = 0.05;
 /// Maximum seconds before the first pause: a render that has begun to cost something is soon saved.
 const MAX_SECONDS_TO_FIRST_PAUSE: f64 = 4.0;
 /// Minimum seconds between pauses, over the seconds that a pause takes.
@@ -156,7 +151,6 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     };
     if unfinished {
         info!("{}", Decisions::new(settings, &stats.techniques));
-        name_glass_shadows(&transport, settings);
     }
     let begins = |is_on: &dyn Fn(&TechniqueStats) -> Option<bool>| {
         is_on(&before) == Some(false) && is_on(&stats.techniques) == Some(true)
@@ -192,22 +186,6 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     rendered.stats.render_seconds = driver.clock.render_seconds();
     rendered.stats.seconds = driver.clock.seconds();
     Ok(rendered)
-}
-
-/// Warns where lamps stand behind smooth glass, of the flag that finds their light.
-fn name_glass_shadows(transport: &Transport, settings: &RenderSettings) {
-    let lamps = transport.lights.punctual || transport.lights.area.is_some();
-    if settings.glass_shadows != GlassShadows::Off || !lamps {
-        return;
-    }
-    let share = share_behind_glass(transport, [settings.width, settings.height]);
-    if share >= LEAST_SHARE_BEHIND_GLASS {
-        warn!(
-            "{:.0} % of what the picture shows has lamps behind bodies of smooth glass: their light is noisy or missing; \
-             --glass-shadows manifold finds it by refraction, --glass-shadows straight approximately",
-            100.0 * share
-        );
-    }
 }
 
 /// What the picture shows behind all surfaces.
@@ -288,7 +266,7 @@ impl Driver<'_> {
     fn is_finished(&self, tile: &Tile) -> bool {
         match &self.allocation {
             Some(_) => self.planned(tile).is_none(),
-            None => tile.is_clean(self.settings),
+            None => self.settings.noise_goal().is_some_and(|goal| tile.is_clean(&goal)),
         }
     }
 

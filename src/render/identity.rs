@@ -1,10 +1,11 @@
 //! The identity of a render: the inputs and settings that its bits depend on, and the key of the command that asks for it.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
 
 use super::RenderSettings;
+use super::names::{Values, variant_name};
 use crate::rays::Backend;
 
 /// What a picture was made of. Stored in its header.
@@ -82,9 +83,6 @@ pub struct RequestedOutputs {
     pub denoised: bool,
 }
 
-/// Named values, for comparison.
-pub type Values = BTreeMap<String, String>;
-
 impl Identity {
     /// The identity of a render by this version, with the texts of a scene and an environment.
     pub fn new(scene: &str, environment: &str, rays: Backend, settings: &RenderSettings) -> Self {
@@ -151,16 +149,10 @@ fn differences(ours: &Values, theirs: &Values) -> String {
     differing.map(shown).collect::<Vec<_>>().join(", ")
 }
 
-/// The serialised name of a variant: that of files and of the command line.
-pub(super) fn variant_name(variant: &impl Serialize) -> String {
-    let name = serde_json::to_value(variant).ok();
-    name.and_then(|n| n.as_str().map(str::to_owned)).unwrap_or_default()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::prepass::guiding::MEMORY;
+    use crate::render::settings::GUIDING_MEMORY;
     use crate::render::{Balance, Choice};
 
     #[test]
@@ -179,7 +171,7 @@ mod tests {
         let guided = |guiding, guiding_memory| of(&RenderSettings { guiding, guiding_memory, ..settings.clone() });
         assert_eq!(guided(Choice::Off, Some(1 << 20)).differences(&ours), "");
         assert!(guided(Choice::On, None).differences(&ours).contains("guiding"));
-        assert_eq!(guided(Choice::On, None).differences(&guided(Choice::On, Some(MEMORY))), "");
+        assert_eq!(guided(Choice::On, None).differences(&guided(Choice::On, Some(GUIDING_MEMORY))), "");
         assert!(guided(Choice::On, None).differences(&guided(Choice::On, Some(1))).contains("guiding-memory"));
         assert!(
             of(&RenderSettings { adaptive: Choice::On, ..settings.clone() }).differences(&ours).contains("adaptive")

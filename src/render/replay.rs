@@ -68,7 +68,8 @@ pub fn replay(
                 report(Replayed { path: task.first_path + path, radiance, events });
             }
         });
-        if tile.is_clean(settings) || only.is_some_and(|only| only < tile.fewest_paths()) {
+        let is_clean = settings.noise_goal().is_some_and(|goal| tile.is_clean(&goal));
+        if is_clean || only.is_some_and(|only| only < tile.fewest_paths()) {
             break;
         }
     }

@@ -7,13 +7,15 @@ use serde::{Deserialize, Serialize};
 use super::Part;
 use super::adaptive::{NOISE_PATHS, NoiseGoal};
 use super::choice::{Choice, as_switch};
-use super::identity::{Values, variant_name};
 use super::lens::LensSettings;
-use super::prepass::guiding::MEMORY;
+use super::names::{Values, variant_name};
 use super::tile::Columns;
 use crate::balance::DEFAULT_PILOT_FRACTION;
 pub use crate::balance::{Balance, CustomMethod};
 pub use crate::sampling::PixelFilter;
+
+/// Default maximum bytes of a guiding field and its training samples.
+pub const GUIDING_MEMORY: u64 = 256 << 20;
 
 /// The light transport.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -81,21 +83,17 @@ pub enum GlassShadows {
     Off,
     /// They pass straight, attenuated: an approximation.
     Straight,
-    /// They end there, but emissive surfaces and punctual lights behind are connected by refraction
-    /// ([`manifold`](crate::integrator::manifold)).
-    Manifold,
 }
 
 impl GlassShadows {
     /// All of them, in the order of the command line's help.
-    pub const ALL: [Self; 3] = [Self::Off, Self::Straight, Self::Manifold];
+    pub const ALL: [Self; 2] = [Self::Off, Self::Straight];
 
     /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Off => "off",
             Self::Straight => "straight",
-            Self::Manifold => "manifold",
         }
     }
 
@@ -166,7 +164,7 @@ pub struct RenderSettings {
     /// [`MIN_AUTO_PATHS`] expected paths per pixel.
     #[serde(default, skip_serializing_if = "is_default")]
     pub guiding: Choice,
-    /// Maximum bytes of guiding; `None`: [`MEMORY`].
+    /// Maximum bytes of guiding; `None`: [`GUIDING_MEMORY`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub guiding_memory: Option<u64>,
     /// Light selection by what a pre-pass has learned ([`learned_lights`](super::prepass::learned_lights)). Auto concerns
@@ -205,11 +203,18 @@ pub struct RenderSettings {
     /// What shadow rays do at bodies of smooth glass.
     #[serde(default, skip_serializing_if = "GlassShadows::is_off")]
     pub glass_shadows: GlassShadows,
+    /// Does the camera see only what lies between its clipping planes?
+    #[serde(default = "yes", skip_serializing_if = "Clone::clone")]
+    pub clip: bool,
     /// What lies below the scene.
     #[serde(default, skip_serializing_if = "is_default")]
     pub ground: Ground,
     /// Render only this part of the tiles.
     pub part: Option<Part>,
+}
+
+fn yes() -> bool {
+    true
 }
 
 /// Options of a render that only studies use. They are not stored in files.
@@ -270,6 +275,7 @@ impl RenderSettings {
             transparent,
             lens,
             back_faces,
+            clip,
             glass_shadows,
             ground,
             // Parts have the bits of the whole.
@@ -299,6 +305,9 @@ impl RenderSettings {
         if let Some(lens) = lens {
             insert("lens", lens.to_string());
         }
+        if !*clip {
+            insert("clip", "false".into());
+        }
         if *back_faces != BackFaces::Show {
             insert("back-faces", variant_name(back_faces));
         }
@@ -320,7 +329,7 @@ impl RenderSettings {
         }
         if *guiding != Choice::Off {
             insert("guiding", variant_name(guiding));
-            insert("guiding-memory", guiding_memory.unwrap_or(MEMORY).to_string());
+            insert("guiding-memory", guiding_memory.unwrap_or(GUIDING_MEMORY).to_string());
         }
         // The passes of such a balance depend on the number of samples.
         if balance.method().needs_goal() {
@@ -424,6 +433,7 @@ impl Default for RenderSettings {
             transparent: false,
             lens: None,
             back_faces: BackFaces::Cull,
+            clip: true,
             glass_shadows: GlassShadows::Off,
             ground: Ground::None,
             part: None,

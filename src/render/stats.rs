@@ -2,9 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Rendered;
 use super::techniques::TechniqueStats;
-use super::tile::{Tile, TileWork};
+use super::tile::TileWork;
 
 /// Why a render ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -53,38 +52,6 @@ pub struct RenderStats {
     /// Estimated relative error of the picture after its last complete pass. Not read from files: it is computed again.
     #[serde(skip_deserializing)]
     pub noise: f64,
-}
-
-/// Sample counts of a picture.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub struct Samples {
-    /// Total paths.
-    pub paths: u64,
-    /// Passes completed.
-    pub passes: u32,
-    /// Pixels of the window.
-    pub pixels: u64,
-    /// Minimum paths of a pixel.
-    pub pixel_min: u32,
-    /// Mean paths of a pixel.
-    pub pixel_mean: f64,
-    /// Maximum paths of a pixel.
-    pub pixel_max: u32,
-}
-
-impl Samples {
-    /// Counts the samples of a render.
-    pub fn of(rendered: &Rendered) -> Self {
-        let Rendered { tiles, stats, settings, .. } = rendered;
-        let inside =
-            || tiles.iter().flat_map(|tile| tile.inside(settings.window()).map(|(.., i)| tile.stats[i].samples));
-        let (pixel_min, pixel_max) = (inside().min().unwrap_or(0), inside().max().unwrap_or(0));
-        let pixels = tiles.iter().map(|t| t.inside(settings.window()).count() as u64).sum();
-        // Tiles at the border of the window are traced whole.
-        let traced: usize = tiles.iter().map(Tile::pixels).sum();
-        let pixel_mean = stats.paths as f64 / traced.max(1) as f64;
-        Self { paths: stats.paths, passes: stats.passes, pixels, pixel_min, pixel_mean, pixel_max }
-    }
 }
 
 impl RenderStats {

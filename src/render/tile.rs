@@ -2,8 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::RenderSettings;
-use super::adaptive::TileStats;
+use super::adaptive::{NoiseGoal, TileStats};
 use crate::balance::{Moments, Shares};
 use crate::film::{AovSums, ExtraSums, GroundSums, Peak, PixelStats};
 use crate::integrator::WaveCounts;
@@ -187,9 +186,9 @@ impl Tile {
         self.stats.iter().map(|s| s.samples).min().unwrap_or(0)
     }
 
-    /// Has it reached the noise goal of these settings?
-    pub fn is_clean(&self, settings: &RenderSettings) -> bool {
-        settings.noise_goal().is_some_and(|goal| self.tile_stats().is_clean(&goal))
+    /// Has it reached this noise goal?
+    pub fn is_clean(&self, goal: &NoiseGoal) -> bool {
+        self.tile_stats().is_clean(goal)
     }
 
     /// Has it the pixels and columns of the other, all complete?

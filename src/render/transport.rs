@@ -26,9 +26,8 @@ pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Tra
         limits: [settings.clamp_direct, settings.clamp_indirect].map(|limit| limit.map_or(f32::INFINITY, |x| x as f32)),
         hides_environment: settings.transparent || settings.catches_shadows(),
         culls_back_faces: settings.back_faces == BackFaces::Cull,
-        ground: settings.catches_shadows().then(|| scene.scene.bounds().map(|[low, _]| low.y)).flatten(),
+        ground: settings.catches_shadows().then(|| scene.scene.lowest()).flatten(),
         straight_glass_shadows: settings.glass_shadows == GlassShadows::Straight,
-        manifold_glass_shadows: settings.glass_shadows == GlassShadows::Manifold,
         proposal: Proposal::new(&scene.lights),
     }
 }

@@ -175,9 +175,9 @@ pub fn table(entries: &[Entry]) -> String {
     for entry in entries {
         let status = serde_json::to_value(entry.status).ok().and_then(|s| s.as_str().map(str::to_owned));
         let status = status.unwrap_or_default();
-        let stats = entry.stats.as_ref();
-        let seconds = stats.map(|_| format!("{:.2}", entry.seconds)).unwrap_or_default();
-        let [spp, noise, speed, memory] = stats.map(columns).unwrap_or_default();
+        let stats = entry.statistics();
+        let seconds = stats.as_ref().map(|_| format!("{:.2}", entry.seconds)).unwrap_or_default();
+        let [spp, noise, speed, memory] = stats.as_ref().map(columns).unwrap_or_default();
         rows.push([entry.job.clone(), status, seconds, spp, noise, speed, memory]);
     }
     let width = |c: usize| rows.iter().map(|r| r[c].chars().count()).max().unwrap_or(0);

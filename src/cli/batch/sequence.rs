@@ -1,5 +1,7 @@
 //! `bismar render --frames`: the frames of one scene as a batch.
 
+use std::path::{Component, Path, PathBuf};
+
 use clap::{ArgMatches, Args, Command};
 
 use super::plan::plan;
@@ -9,7 +11,16 @@ use crate::batch::views;
 use crate::cli::render::{RenderArgs, given};
 use crate::console::{Verbosity, Verdict, progress};
 use crate::farm::utf8;
+use crate::film::atomic;
 use crate::{Error, Result};
+
+/// The folder of an output, before the first of its folders whose name holds the frame's number.
+fn folder(output: &Path) -> PathBuf {
+    let has_number = |part: &Component| part.as_os_str().to_string_lossy().contains(['#', '{']);
+    let parent = output.parent().unwrap_or(Path::new(""));
+    let before: PathBuf = parent.components().take_while(|part| !has_number(part)).collect();
+    if before.as_os_str().is_empty() { ".".into() } else { before }
+}
 
 /// Flags that the sequence handles itself and does not pass to its jobs.
 const NOT_FOR_JOBS: [&str; 6] = ["resume", "progress", "threads", "path-mapping", "led", "output"];
@@ -39,6 +50,12 @@ fn render(args: &RenderArgs, matches: &ArgMatches, verbosity: Verbosity) -> Resu
     let output = args.output();
     let name = output.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let job = Job { name, scene: args.scene.clone(), flags, output, ..Job::default() };
+    let folders: Vec<PathBuf> = [Some(&job.output), args.preview.as_ref(), args.stats.as_ref()]
+        .into_iter()
+        .flatten()
+        .map(|path| folder(path))
+        .collect();
+    atomic::confine(&folders);
     // There is no batch file that could be wrong.
     let (jobs, paths) = plan(None, vec![job]).map_err(|e| match e {
         Error::Config(why) => Error::Usage(why),
@@ -49,6 +66,7 @@ fn render(args: &RenderArgs, matches: &ArgMatches, verbosity: Verbosity) -> Resu
         order: jobs.iter().map(|j| j.job.name.clone()).collect(),
         report: None,
         events: None,
+        folders,
         at_once: 1,
         isolate: false,
         dry_run: false,

@@ -2,7 +2,7 @@
 
 use std::collections::{HashMap, HashSet};
 use std::fs::File;
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -33,6 +33,8 @@ pub struct Work {
     pub order: Vec<String>,
     pub report: Option<PathBuf>,
     pub events: Option<PathBuf>,
+    /// Folders below which outputs may lie.
+    pub folders: Vec<PathBuf>,
     /// Number of jobs at the same time.
     pub at_once: usize,
     /// One process per job.
@@ -101,6 +103,7 @@ impl Work {
         let written: Vec<_> = written.map(|path| path.clone().into_os_string()).collect();
         let worker_pool = WorkerPool {
             jobs: &jobs,
+            folders: &self.folders,
             written: &written,
             at_once,
             threads,
@@ -138,6 +141,9 @@ impl Work {
             file.write_all(b"\n")?;
             Ok(Ok(()))
         })?;
+        if let Some(why) = events.failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            return Err(Error::Io(format!("--events: cannot write: {why}; events are missing")));
+        }
         if !verbosity.quiet {
             if self.events.as_deref() != Some(stdout) {
                 print(table.trim_end())?;
@@ -181,6 +187,8 @@ fn dry_run(jobs: &[Planned], order: &[String]) -> Result<Verdict> {
 /// The --events file: JSON, one event per line.
 struct Events {
     to: Option<Mutex<Box<dyn Write + Send>>>,
+    /// The first failed write.
+    failed: Mutex<Option<String>>,
     began: Instant,
 }
 
@@ -195,14 +203,18 @@ impl Events {
                 Some(Box::new(file))
             }
         };
-        Ok(Self { to: to.map(Mutex::new), began: Instant::now() })
+        Ok(Self { to: to.map(Mutex::new), failed: Mutex::default(), began: Instant::now() })
     }
 
     fn write(&self, mut event: serde_json::Value) {
         let Some(to) = &self.to else { return };
         event["seconds_since_start"] = json!(self.began.elapsed().as_secs_f64());
         let mut to = to.lock().unwrap_or_else(PoisonError::into_inner);
-        // A reader that has gone away must not stop the render.
-        let _ = writeln!(to, "{event}").and_then(|()| to.flush());
+        // Jobs are rendered all the same, and a reader that has gone away is no failure.
+        if let Err(e) = writeln!(to, "{event}").and_then(|()| to.flush())
+            && e.kind() != ErrorKind::BrokenPipe
+        {
+            self.failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(|| e.to_string());
+        }
     }
 }

@@ -1,7 +1,6 @@
 //! The worker process of a batch: a job message in, messages out ([`message`](crate::batch::message)).
 
 use std::collections::HashMap;
-use std::fs;
 use std::io::{self, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Sender, channel};
@@ -10,7 +9,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use clap::{Args, Command};
-use serde_json::to_value;
+use serde_json::value::to_raw_value;
 
 use super::plan::{Planned, files_key, parse_flags, scene_key};
 use crate::batch::message::{Ended, JobMessage, Message};
@@ -19,6 +18,7 @@ use crate::batch::report::{Entry, Status};
 use crate::cli::memory;
 use crate::cli::render::{Done, Inputs, Loaded, RenderArgs, Session, claim_outputs, declare};
 use crate::console::{Paths, Signals, Verdict, host};
+use crate::film::atomic;
 use crate::render::Progress;
 use crate::{Error, Result};
 
@@ -30,7 +30,8 @@ pub fn run() -> Result<Verdict> {
     let mut line = String::new();
     io::stdin().read_line(&mut line).map_err(|e| Error::Io(format!("standard input: cannot read: {e}")))?;
     let bad = |e: &dyn std::fmt::Display| Error::Usage(format!("not a job message of `bismar batch`: {e}"));
-    let JobMessage { jobs, written, at_once, threads } = serde_json::from_str(&line).map_err(|e| bad(&e))?;
+    let JobMessage { jobs, written, folders, at_once, threads } = serde_json::from_str(&line).map_err(|e| bad(&e))?;
+    atomic::confine(&folders);
     let signals = Signals::from_parent()?;
     let command = RenderArgs::augment_args(Command::new("render"));
     let jobs = jobs.into_iter().map(|job| parse_flags(None, &command, job)).collect::<Result<Vec<_>>>()?;
@@ -125,7 +126,7 @@ impl Worker {
             Ok(Done::Rendered(_, stats)) => {
                 entry.status = Status::Done;
                 line = Some(format!("{}: {}", job.name, stats.summary()));
-                entry.stats = to_value(stats).ok();
+                entry.stats = to_raw_value(&stats).ok();
             }
             Ok(Done::Before(_, paths, _)) => {
                 entry.status = Status::Before;
@@ -153,10 +154,7 @@ impl Worker {
         began: Instant,
         on_progress: &(dyn Fn(Progress) + Sync),
     ) -> Result<Done> {
-        if let Some(folder) = args.output().parent() {
-            fs::create_dir_all(folder)
-                .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", folder.display())))?;
-        }
+        atomic::create_folder(&args.output())?;
         let _claims = claim_outputs(args)?;
         let files = files_key(args);
         let inputs = self.inputs.get(&files, || Inputs::read(args))?;

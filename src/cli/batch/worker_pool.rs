@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::ops::Range;
 use std::os::unix::process::ExitStatusExt;
+use std::path::PathBuf;
 use std::process::{ExitStatus, Stdio};
 use std::sync::{Mutex, PoisonError};
 
@@ -20,6 +21,8 @@ pub struct WorkerPool<'a> {
     pub jobs: &'a [Planned],
     /// Files that the batch itself writes.
     pub written: &'a [OsString],
+    /// Folders below which outputs may lie.
+    pub folders: &'a [PathBuf],
     /// Number of jobs at the same time.
     pub at_once: usize,
     /// Threads per job.
@@ -115,7 +118,13 @@ impl WorkerPool<'_> {
     /// Runs one worker process over a range of the jobs.
     fn process(&self, range: Range<usize>, at_once: usize, threads: usize) -> Result<Exited> {
         let jobs = self.jobs[range.clone()].iter().map(|planned| planned.job.clone()).collect();
-        let message = serde_json::to_string(&JobMessage { jobs, written: self.written.into(), at_once, threads });
+        let message = serde_json::to_string(&JobMessage {
+            jobs,
+            written: self.written.into(),
+            folders: self.folders.into(),
+            at_once,
+            threads,
+        });
         let message = message.map_err(|e| Error::Bug(format!("JSON: {e}")))? + "\n";
         let mut command = this_program();
         command.arg("batch-worker").stdout(Stdio::piped());

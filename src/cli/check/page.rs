@@ -19,7 +19,7 @@ use crate::film::{Exposure, Look, Picture, View, atomic};
 
 /// Side of the enlarged place in pixels.
 const CROP: i64 = 48;
-const HEAD: &str = "<!doctype html>\n<html lang=en>\n<meta charset=utf-8>\n\
+const HEAD: &str = "<!doctype html>\n<html lang=en>\n<meta charset=utf-8>\n<meta name=generator content=bismar>\n\
     <meta name=viewport content=\"width=device-width, initial-scale=1\">\n<title>Golden pictures</title>\n<style>\n\
     :root { color-scheme: light dark; }\n\
     body { font: 16px/1.5 system-ui, sans-serif; max-width: 80rem; margin: 0 auto; padding: 1rem; }\n\

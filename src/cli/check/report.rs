@@ -127,8 +127,19 @@ pub fn write_junit(path: &Path, checks: &[Check]) -> Result<()> {
     atomic::write(path, |file| Ok(Ok(file.write_all(text.as_bytes())?)))
 }
 
-/// Text in an attribute of XML or HTML. Control characters, which XML does not allow, become spaces.
+/// Text in an attribute of XML or HTML. What XML 1.0 does not allow (control characters, U+FFFE, U+FFFF) becomes spaces.
 pub fn escaped(text: &str) -> String {
-    let plain: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+    let plain: String =
+        text.chars().map(|c| if c.is_control() || matches!(c, '\u{FFFE}' | '\u{FFFF}') { ' ' } else { c }).collect();
     plain.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::escaped;
+
+    #[test]
+    fn text_is_what_xml_allows() {
+        assert_eq!(escaped("a\u{FFFF}\u{1}<\"é"), "a  &lt;&quot;é");
+    }
 }

@@ -63,5 +63,15 @@ pub fn write(path: &Path, names: [&Path; 2], [a, b]: [&Picture; 2], c: &Comparis
 }
 
 fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;").replace("{{", "{ {")
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;").replace('{', "&#123;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::escaped;
+
+    #[test]
+    fn a_name_fills_no_placeholder() {
+        assert!(!escaped("{{{rows}}").contains("{{rows}}"));
+    }
 }

@@ -17,6 +17,7 @@ use crate::console::{Signals, Verdict};
 use crate::farm::Plan;
 use crate::farm::array::array_task;
 use crate::farm::sessions::{HEARTBEAT, HELD, INTERRUPTED, Sessions, record_path};
+use crate::film::atomic;
 use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
 
@@ -51,7 +52,7 @@ pub fn run(args: &TaskArgs) -> Result<Verdict> {
     let (command, outputs) = plan.command(args.number, args.merge)?;
     let path = plan.log(args.number, args.merge);
     let cannot = |e| Error::CannotCreate(format!("{}: cannot write: {e}", path.display()));
-    let log = File::options().create(true).read(true).append(true).open(&path).map_err(cannot)?;
+    let log = atomic::open_guessable(File::options().create(true).read(true).append(true), &path).map_err(cannot)?;
     let log_start = log.metadata().map_or(0, |meta| meta.len());
     // Always this program, whatever the plan names: a plan must not start other programs.
     let mut process = this_program();

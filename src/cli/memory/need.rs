@@ -142,7 +142,7 @@ impl<'a> Need<'a> {
     }
 
     /// Estimated peak memory in bytes, from the files' headers: an upper bound, for most scenes by less than a third.
-    /// `scripts/reliability_memory.py` compares it with what is taken.
+    /// `lab/reliability_memory.py` compares it with what is taken.
     pub fn bytes(&self) -> u64 {
         let (s, c) = (self.scene, &self.scene.census);
         let times = self.steps.kept();

@@ -105,6 +105,11 @@ pub struct RenderArgs {
         help_heading = "View")]
     pub back_faces: BackFaces,
 
+    /// Ignore the camera's clipping planes, znear and zfar. Without this the camera sees only what lies between them; shadows
+    /// and mirrors see all.
+    #[arg(long, help_heading = "View")]
+    pub no_clip: bool,
+
     /// What lies below the scene: none; or shadow, a plane at its lowest point that shows only what the scene takes from its
     /// light, as black with alpha, seen from above. The environment is hidden, as by --transparent. Light that the scene adds to
     /// the ground, and what the ground would reflect, is left out.
@@ -113,7 +118,7 @@ pub struct RenderArgs {
     pub ground: Ground,
     /// Shadow rays at bodies of smooth glass (a bottle, a globe, a pane with thickness): off ends them there, straight lets
     /// them pass, dimmed by Fresnel and absorption. That is approximate: without refraction and caustics, with little noise.
-    /// manifold finds the refracted way to emissive surfaces and punctual lights. They always pass thin glass.
+    /// They always pass thin glass.
     #[arg(long, value_parser = value_of::<GlassShadows>(), default_value = GlassShadows::Off.name(), value_name = "HOW",
         help_heading = "Light")]
     pub glass_shadows: GlassShadows,
@@ -432,6 +437,7 @@ impl RenderArgs {
             transparent: self.transparent || self.ground == Ground::Shadow,
             lens: self.aperture.map(|aperture| LensSettings { aperture, focus: self.focus, blades: self.lens_blades }),
             back_faces: self.back_faces,
+            clip: !self.no_clip,
             glass_shadows: self.glass_shadows,
             ground: self.ground,
             part: self.part(),

@@ -2,12 +2,19 @@
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind};
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
 
+use rustix::process::{Pid, Signal, kill_process_group};
 use tracing::warn;
 
 use crate::render::checkpoint::Earlier;
+
+/// The longest time that the user's program may run on after the render: a scheduler kills both soon after its signal.
+const LONGEST_WAIT: Duration = Duration::from_secs(10);
 
 /// Copies checkpoints and starts the user's program. Failures are warnings.
 pub struct Checkpoints<'a> {
@@ -42,6 +49,7 @@ impl<'a> Checkpoints<'a> {
             .arg(copy.as_deref().unwrap_or(self.output))
             .stdin(Stdio::null())
             .stdout(std::io::stderr())
+            .process_group(0)
             .spawn();
         self.running = started.inspect_err(|e| warn!("--on-checkpoint {}: {e}", program.display())).ok();
     }
@@ -49,8 +57,17 @@ impl<'a> Checkpoints<'a> {
 
 impl Drop for Checkpoints<'_> {
     fn drop(&mut self) {
-        if let Some(mut child) = self.running.take() {
-            let _ = child.wait();
+        let Some(mut child) = self.running.take() else { return };
+        let began = Instant::now();
+        while child.try_wait().is_ok_and(|ended| ended.is_none()) {
+            if began.elapsed() > LONGEST_WAIT {
+                warn!("--on-checkpoint: the program still runs after {} s and is ended", LONGEST_WAIT.as_secs());
+                let group = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
+                let _ = group.map(|group| kill_process_group(group, Signal::KILL));
+                let _ = child.wait();
+                return;
+            }
+            thread::sleep(Duration::from_millis(20));
         }
     }
 }

@@ -1,8 +1,11 @@
 //! The command that a picture was rendered by, in the picture's header: `bismar check` renders it again.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
+use clap::{Args, Command};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use super::args::RenderArgs;
 use crate::Result;
@@ -11,53 +14,48 @@ use crate::render::checkpoint::{json, text};
 
 /// The header attribute.
 pub const ATTRIBUTE: &str = "bismar.command";
-/// Flags that do not say what is in the picture.
-const NOT_OF_THE_PICTURE: [&str; 20] = [
-    "output",
-    "preview",
-    "view",
-    "exposure",
-    "stats",
-    "tev",
-    "progress",
-    "threads",
-    "memory-limit",
-    "resume",
-    "checkpoint",
-    "keep",
-    "on-checkpoint",
-    "part",
-    "path-mapping",
-    "replay-pixel",
-    "strict",
-    "led",
-    "env",
-    "relative-to",
+/// What decides what is in a picture. Nothing else is written into a header, or read from one: it may be of somebody else.
+#[rustfmt::skip]
+const OF_THE_PICTURE: [&str; 51] = [
+    "adaptive", "animation", "aov", "aperture", "back-faces", "balance", "camera", "clamp-direct", "clamp-indirect",
+    "compensation", "crop", "denoise", "energy-compensation", "env-rotate", "env-strength", "filter", "focus", "fps", "frame",
+    "glass-shadows", "ground", "guiding", "guiding-memory", "half", "integrator", "learned-environment", "learned-lights",
+    "lens-blades", "light-unit", "max-depth", "min-spp", "motion-steps", "no-clip", "no-env", "noise", "orbit", "pilot",
+    "placed", "pose", "preset", "rays", "scene-name", "seed", "seed-per-frame", "shutter", "size", "sky", "spp", "time",
+    "transparent", "variant",
 ];
 
-/// A scene, and flags of `bismar render`.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+/// How a picture was made: a scene, an environment map, and the fields that decide what is in the picture.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PictureCommand {
     /// The scene's path as it was given, if that was relative; else its name without the folders, which are private.
     pub scene: String,
     /// The environment map's path, likewise.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub env: Option<String>,
-    /// Flags without dashes that decide what is in the picture; `None` for switches.
-    pub flags: Vec<(String, Option<String>)>,
+    /// Names and values; `true` for switches. Names are those of flags of `bismar render`, without dashes.
+    #[serde(default)]
+    fields: BTreeMap<String, Value>,
+    /// The same in files of earlier versions.
+    #[serde(skip_serializing, default)]
+    flags: Vec<(String, Option<String>)>,
 }
 
 impl PictureCommand {
     /// The command of these arguments; `None` if their flags are not known, or paths are not UTF-8.
     fn of(args: &RenderArgs) -> Option<Self> {
-        let mut flags = args.given.clone()?;
-        flags.retain(|(name, _)| !NOT_OF_THE_PICTURE.contains(&name.as_str()));
+        let given = args.given.as_ref()?.iter().filter(|(name, _)| OF_THE_PICTURE.contains(&name.as_str()));
+        let value = |text: &String| match text.parse::<serde_json::Number>() {
+            Ok(number) if number.to_string() == *text => Value::Number(number),
+            _ => Value::String(text.clone()),
+        };
+        let fields = given.map(|(name, text)| (name.clone(), text.as_ref().map_or(Value::Bool(true), value))).collect();
         let shared = |path: &Path| shared(path, args.relative_to.as_deref());
         let env = args.env.as_deref().map(shared);
         if env == Some(None) {
             return None;
         }
-        Some(Self { scene: shared(&args.scene)?, env: env.flatten(), flags })
+        Some(Self { scene: shared(&args.scene)?, env: env.flatten(), fields, flags: Vec::new() })
     }
 
     /// Adds the attribute to a header.
@@ -74,6 +72,29 @@ impl PictureCommand {
     /// The command of a picture; `None` for pictures without.
     pub fn read(header: &Header) -> Option<Self> {
         text(header, ATTRIBUTE).and_then(|text| serde_json::from_str(text).ok())
+    }
+}
+
+impl PictureCommand {
+    /// The fields as flags of a job; a name that is no field of this version is an error.
+    /// What does not decide what is in the picture is left out.
+    ///
+    /// # Errors
+    /// The name.
+    pub fn flags(&self) -> std::result::Result<Vec<(String, Option<String>)>, String> {
+        let text = |value: &Value| match value {
+            Value::Bool(_) => None,
+            Value::String(text) => Some(text.clone()),
+            other => Some(other.to_string()),
+        };
+        let fields = self.fields.iter().map(|(name, value)| (name.clone(), text(value)));
+        let all: Vec<_> = fields.chain(self.flags.iter().cloned()).collect();
+        let known = RenderArgs::augment_args(Command::new("render"));
+        let is_known = |name: &str| known.get_arguments().any(|arg| arg.get_long() == Some(name));
+        match all.iter().find(|(name, _)| !is_known(name)) {
+            Some((name, _)) => Err(name.clone()),
+            None => Ok(all.into_iter().filter(|(name, _)| OF_THE_PICTURE.contains(&name.as_str())).collect()),
+        }
     }
 }
 

@@ -204,6 +204,9 @@ impl Session<'_> {
         if let Some(lens) = lens(&loaded.prepared, &settings)? {
             warnings::wide_lens(args, lens.radius, lens.focus);
         }
+        if settings.clip {
+            warnings::clipped(args, &loaded.prepared, settings.camera);
+        }
         let identity = self.inputs.identity(args, &settings);
         let (resumed, was_resumable) = self.resume(&identity, loaded)?.unzip();
         let resumable = was_resumable == Some(true) || args.checkpoint.is_some();

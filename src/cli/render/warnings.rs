@@ -7,8 +7,10 @@ use tracing::warn;
 use super::args::RenderArgs;
 use super::values::LightUnit;
 use crate::color::luminance;
+use crate::integrator::PreparedScene;
 use crate::rays::BackendInfo;
 use crate::render::checkpoint::Host;
+use crate::render::clipped::{TOLD, hidden_share};
 use crate::render::goals::learned_alike;
 use crate::render::tile::Tile;
 use crate::render::{BuildInfo, Record, RenderSettings, Rendered, Saved};
@@ -60,6 +62,20 @@ pub fn wide_lens(args: &RenderArgs, radius: f32, focus: f32) {
             "{}: the lens has a radius of {radius:.2e} m and is focused at {focus:.2e} m. Is the scene's unit the metre? --aperture \
              takes a radius in the scene's own unit",
             args.scene.display()
+        );
+    }
+}
+
+/// Warns of a camera whose far clipping plane hides much of what is in its view.
+pub fn clipped(args: &RenderArgs, scene: &PreparedScene, camera: usize) {
+    let camera = &scene.scene.cameras[camera];
+    let share = hidden_share(scene, camera);
+    if share > TOLD {
+        warn!(
+            "{}: zfar of camera '{}' hides {:.0} % of what is in view; --no-clip shows it",
+            args.scene.display(),
+            camera.name,
+            100.0 * share
         );
     }
 }

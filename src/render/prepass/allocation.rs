@@ -148,7 +148,10 @@ impl Allocation {
         // Pictures against the clock have no reproducible number of paths.
         let is_late = || effort::is_late(settings, began);
         let [columns, rows] = [settings.width, settings.height].map(|n| n.div_ceil(TILE));
-        let visible = VisibleEmission::new(transport, [settings.width, settings.height], stop);
+        // Alpha is that of the paths' own camera rays, and the colour that it multiplies must be too.
+        let visible = (!settings.transparent)
+            .then(|| VisibleEmission::new(transport, [settings.width, settings.height], stop))
+            .flatten();
         let step = |sampled: Range<usize>| -> Option<Vec<Survey>> {
             let of_tile = |tile| {
                 let at = [tile % columns, tile / columns];

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use tracing::debug;
 
+use super::super::settings::GUIDING_MEMORY;
 use super::super::techniques::{GuidingEfficiency, GuidingStats};
 use super::super::{Choice, RenderSettings};
 use super::comparison::{self, Compared};
@@ -36,8 +37,6 @@ const MIN_SAMPLES_PER_PATH: f64 = 0.04;
 const SAMPLES_PER_SEGMENT: f64 = 0.5;
 /// Bytes of memory for each cell of a field, where memory limits their number. They take less; more cells would change pictures.
 const BYTES_PER_CELL: f64 = 13_468.0;
-/// Default maximum bytes of a field and its training samples.
-pub const MEMORY: u64 = 256 << 20;
 
 /// Maximum bytes of the records of so many rounds with so many pixels, which the settings may end before, and bytes that learning
 /// from them takes.
@@ -45,7 +44,7 @@ pub fn bytes(settings: &RenderSettings, rounds: u32, pixels: f64) -> [u64; 2] {
     if !settings.guides() {
         return [0; 2];
     }
-    let most = settings.guiding_memory.unwrap_or(MEMORY) as f64;
+    let most = settings.guiding_memory.unwrap_or(GUIDING_MEMORY) as f64;
     // No round but the first begins that would exceed this number of paths.
     let max_paths = (MAX_PATHS_PER_PICTURE_PIXEL * worthwhile(settings) * settings.pixels()).max(15.0 * pixels);
     let all = |round: u32| pixels * f64::from((2 << round) - 1);
@@ -155,7 +154,7 @@ impl GuidingLearner {
         if !settings.guides() || transport.max_depth < 3 {
             return None;
         }
-        let most = settings.guiding_memory.unwrap_or(MEMORY) as f64;
+        let most = settings.guiding_memory.unwrap_or(GUIDING_MEMORY) as f64;
         // A quarter for training samples, an eighth for vertex records, a quarter for cells while they learn.
         let max_training_samples = (most / 4.0 / size_of::<TrainingSample>() as f64) as usize;
         let picture_pixels = settings.pixels();

@@ -13,7 +13,7 @@ use crate::balance::Counts;
 use crate::color::luminance;
 use crate::film::PixelStats;
 use crate::film::compare::relative_to;
-use crate::integrator::emission_rays::MAX_RAYS_PER_PATH;
+use crate::integrator::proposal::MAX_RAYS_PER_PATH;
 use crate::integrator::{PixelSums, PixelTask, Transport, Wave};
 use crate::lanes::F;
 use crate::sampling::{FilterSampler, PixelFilter, hash};

@@ -69,6 +69,7 @@ fn progress(fraction: f64, start: Instant) -> Progress {
 
 /// Creates a study's folder and checks that its `page` can be written, before hours of work; returns the page's path.
 fn open(folder: &Path, page: &str) -> Result<PathBuf> {
+    atomic::confine(&[folder.into()]);
     files::folder(folder)?;
     let page = folder.join(page);
     atomic::check(&page)?;

@@ -147,7 +147,7 @@ impl Chart {
 /// A picture with the look that pages give it.
 pub(super) fn standalone(svg: Markup) -> String {
     let ground = ".chart{background:#fff}@media(prefers-color-scheme:dark){.chart{background:#14181d}}";
-    svg.0.replacen('>', &format!("><style>{CSS}{ground}</style>"), 1)
+    svg.0.replacen('>', &format!("><metadata>bismar-study</metadata><style>{CSS}{ground}</style>"), 1)
 }
 
 /// A picture of a size, with its title.

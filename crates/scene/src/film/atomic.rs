@@ -9,7 +9,8 @@ use std::path::Path;
 
 use tempfile::NamedTempFile;
 
-use super::destination::{Destination, SUFFIX, cannot_create, temporary_prefix};
+use super::destination::{Destination, SUFFIX, cannot_create, is_confined, may_replace, temporary_prefix};
+pub use super::destination::{begin_command, confine, create_folder, named, open_guessable};
 use super::lock;
 use crate::{Error, Result};
 
@@ -36,7 +37,7 @@ pub fn sweep(path: &Path) {
         |name: &OsStr| name.as_bytes().starts_with(prefix.as_bytes()) && name.as_bytes().ends_with(SUFFIX.as_bytes());
     let files = fs::read_dir(folder).into_iter().flatten().flatten().filter(|f| left(&f.file_name()));
     for file in files {
-        if File::open(file.path()).is_ok_and(|f| f.try_lock().is_ok()) {
+        if open_guessable(File::options().read(true), &file.path()).is_ok_and(|f| f.try_lock().is_ok()) {
             // Another process may have removed it.
             let _ = fs::remove_file(file.path());
         }
@@ -66,6 +67,11 @@ pub fn write(path: &Path, content: impl FnOnce(&mut BufWriter<&File>) -> Writing
             if let Some(old) = fs::symlink_metadata(&target).ok().filter(fs::Metadata::is_file) {
                 // If that fails, the file keeps the permissions of the umask.
                 let _ = temporary.as_file().set_permissions(old.permissions());
+            }
+            if is_confined(path) && !may_replace(&target, temporary.as_file()) {
+                let why =
+                    "there is a file that bismar has not written; remove it, or name the output on the command line";
+                return Err(Error::CannotCreate(format!("{}: not written: {why}", path.display())));
             }
             temporary.as_file().sync_all().map_err(failed)?;
             let file = temporary.persist(&target).map_err(|e| failed(e.error))?;

@@ -1,11 +1,142 @@
 //! Destinations of outputs, and the names of temporary files next to them.
 
+use std::collections::HashSet;
 use std::ffi::OsString;
-use std::fs;
-use std::io::{self, ErrorKind};
-use std::path::{Path, PathBuf};
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, ErrorKind, Read, Seek, SeekFrom};
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Component, Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use rustix::fs::OFlags;
 
 use crate::{Error, Result};
+
+/// Which outputs this process may write. Files may be of others, so that only what a user has typed is written anywhere.
+static RULE: Mutex<Option<Rule>> = Mutex::new(None);
+static IS_COMMAND: AtomicBool = AtomicBool::new(false);
+
+/// This process runs one command, for which [`confine`] and [`named`] hold. In a library, where one call would confine the next,
+/// every path counts as named.
+pub fn begin_command() {
+    IS_COMMAND.store(true, Ordering::Relaxed);
+}
+
+#[derive(Debug, Default)]
+struct Rule {
+    /// Absolute paths of outputs that the command line names.
+    named: HashSet<PathBuf>,
+    /// Folders, resolved, below which all other outputs lie; anywhere if empty.
+    folders: Vec<PathBuf>,
+}
+
+fn rule<T>(with: impl FnOnce(&mut Option<Rule>) -> T) -> T {
+    with(&mut RULE.lock().unwrap_or_else(PoisonError::into_inner))
+}
+
+/// From now on, an output of this process that its command line does not [name](named()) is written only below one of `folders`
+/// (anywhere if there are none), not through a symbolic link, and not over a file that is not of this program.
+pub fn confine(folders: &[PathBuf]) {
+    let folders = folders.iter().map(|folder| resolved(folder));
+    rule(|rule| rule.get_or_insert_default().folders.extend(folders));
+}
+
+/// The command line names this output: it is written wherever it is, through links and over any file.
+pub fn named(path: &Path) {
+    if let Ok(path) = std::path::absolute(path) {
+        rule(|rule| rule.get_or_insert_default().named.insert(path));
+    }
+}
+
+/// Is this output one that the command line does not name?
+pub(super) fn is_confined(path: &Path) -> bool {
+    let path = std::path::absolute(path).unwrap_or_else(|_| path.into());
+    IS_COMMAND.load(Ordering::Relaxed) && rule(|rule| rule.as_ref().is_some_and(|rule| !rule.named.contains(&path)))
+}
+
+/// Opens a file of ours whose name others can guess: never through a link, and no pipe that would wait for a reader.
+///
+/// # Errors
+/// Those of the system, and [`ErrorKind::InvalidInput`] for what is no regular file.
+pub fn open_guessable(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
+    let flags = OFlags::NOFOLLOW | OFlags::NONBLOCK;
+    let file = options.custom_flags(flags.bits().cast_signed()).open(path)?;
+    match file.metadata()?.is_file() {
+        true => Ok(file),
+        false => Err(io::Error::new(ErrorKind::InvalidInput, "not a regular file")),
+    }
+}
+
+/// Creates the folder of an output, if it may be there.
+///
+/// # Errors
+/// [`Error::CannotCreate`].
+pub fn create_folder(output: &Path) -> Result<()> {
+    check_place(output)?;
+    let Some(folder) = output.parent().filter(|folder| !folder.as_os_str().is_empty()) else { return Ok(()) };
+    fs::create_dir_all(folder).map_err(|e| cannot_create(folder, &e))
+}
+
+/// Checks that an output that the command line does not name lies below the folders for such, and is no link.
+fn check_place(path: &Path) -> Result<()> {
+    if !is_confined(path) {
+        return Ok(());
+    }
+    let refused = |why: String| Err(Error::CannotCreate(format!("{}: not written: {why}", path.display())));
+    if fs::symlink_metadata(path).is_ok_and(|meta| !meta.is_file() && !meta.is_dir()) {
+        return refused(
+            "it is a link or a device; an output that the command line does not name must be a file".into(),
+        );
+    }
+    let place = resolved(path);
+    let folders = rule(|rule| rule.as_ref().map(|rule| rule.folders.clone()).unwrap_or_default());
+    if !folders.is_empty() && !folders.iter().any(|folder| place.starts_with(folder)) {
+        return refused(format!(
+            "it lies outside of {}, where outputs may be; --root DIR names another folder",
+            folders[0].display()
+        ));
+    }
+    Ok(())
+}
+
+/// The path without links and `..`, as far as it exists.
+fn resolved(path: &Path) -> PathBuf {
+    let path = std::path::absolute(path).unwrap_or_else(|_| path.into());
+    let mut place = PathBuf::new();
+    for component in path.components() {
+        match component {
+            Component::ParentDir => drop(place.pop()),
+            other => place.push(other),
+        }
+        place = place.canonicalize().unwrap_or(place);
+    }
+    place
+}
+
+/// May `new` replace the file `old`, which the command line does not name? Only a file of this program: one that says so, or whose
+/// first line is the same, as that of tables. JPEG and WebP files cannot say so.
+pub(super) fn may_replace(old: &Path, new: &File) -> bool {
+    let Ok(mut old) = File::open(old) else { return true };
+    const MOST: u64 = 1 << 16;
+    let beginning = |mut file: &File| {
+        let mut bytes = Vec::new();
+        let _ = file.seek(SeekFrom::Start(0)).and_then(|_| file.take(MOST).read_to_end(&mut bytes));
+        bytes
+    };
+    let (before, after) = (beginning(&old), beginning(new));
+    let mut end = Vec::new();
+    let length = old.metadata().map_or(0, |meta| meta.len());
+    let _ = old.seek(SeekFrom::Start(length.saturating_sub(MOST))).and_then(|_| old.read_to_end(&mut end));
+    let contains = |bytes: &[u8], word: &[u8]| bytes.windows(word.len()).any(|part| part == word);
+    let says = [&before, &end].iter().any(|bytes| contains(bytes, b"bismar"));
+    let is_report = before.starts_with(b"{") && contains(&before, b"\"schema\":");
+    let line = |bytes: &[u8]| bytes.split(|b| *b == b'\n').next().unwrap_or_default().to_vec();
+    let same_table = line(&before).len() >= 16 && line(&before) == line(&after);
+    let magic = |bytes: &[u8]| bytes.starts_with(&[0xFF, 0xD8, 0xFF]) || bytes.starts_with(b"RIFF");
+    let same_kind = before.first() == after.first();
+    before.is_empty() || same_kind && (says || is_report || same_table || magic(&before))
+}
 
 /// The destination of an output path.
 pub(super) enum Destination {
@@ -17,6 +148,7 @@ pub(super) enum Destination {
 
 impl Destination {
     pub(super) fn resolve(path: &Path) -> Result<Self> {
+        check_place(path)?;
         let target = match fs::metadata(path) {
             Ok(meta) if meta.is_dir() => {
                 return Err(Error::CannotCreate(format!("{}: cannot write: it is a folder", path.display())));
@@ -62,8 +194,14 @@ pub(super) fn lock_name(target: &Path) -> OsString {
 
 /// Prefix of temporary files for `target`.
 pub(super) fn temporary_prefix(target: &Path) -> OsString {
+    /// What the rest of a temporary name takes of the 255 bytes of a name.
+    const MOST: usize = 255 - 16;
+    let name = target.file_name().unwrap_or_default();
     let mut prefix = OsString::from(".");
-    prefix.push(target.file_name().unwrap_or_default());
+    match name.len() <= MOST {
+        true => prefix.push(name),
+        false => prefix.push(&*blake3::hash(name.as_encoded_bytes()).to_hex()),
+    }
     prefix.push(".");
     prefix
 }

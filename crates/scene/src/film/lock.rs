@@ -2,11 +2,11 @@
 
 use std::collections::HashMap;
 use std::fs::{self, File, TryLockError};
-use std::os::unix::fs::MetadataExt;
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use super::destination::{self, Destination};
+use super::destination::{self, Destination, open_guessable};
 use crate::{Error, Result};
 
 /// The files that the claimed paths of this process stood for when they were claimed.
@@ -109,13 +109,18 @@ pub fn claim(path: &Path) -> Result<Claim> {
         let (file, lock_path) =
             match File::options().read(true).write(true).open(&target).or_else(|_| File::open(&target)) {
                 Ok(file) => (file, None),
-                Err(_) => match File::options().create(true).truncate(false).write(true).open(&lock_file) {
+                Err(_) => match open_guessable(
+                    File::options().create(true).truncate(false).write(true).mode(0o600),
+                    &lock_file,
+                ) {
                     Ok(file) => (file, Some(lock_file.clone())),
                     // `atomic::check` reports the reason.
                     Err(_) => return Ok(claim),
                 },
             };
         match file.try_lock() {
+            // Somebody who may only read it: no bismar takes a shared lock.
+            Err(TryLockError::WouldBlock) if file.try_lock_shared().is_ok() => return Ok(claim),
             Err(TryLockError::WouldBlock) => {
                 return Err(Error::CannotCreate(format!(
                     "{}: another bismar is writing it: wait for that one, or choose another name",

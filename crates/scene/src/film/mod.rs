@@ -16,6 +16,7 @@ mod open;
 pub mod picture;
 pub mod pixels;
 pub mod preview;
+pub mod radiance;
 pub mod stats;
 pub mod view;
 

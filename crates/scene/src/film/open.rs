@@ -5,8 +5,8 @@ use std::path::Path;
 
 use image::{ColorType, DynamicImage, ImageFormat, ImageReader};
 
-use super::exr_file;
 use super::picture::Picture;
+use super::{exr_file, radiance};
 use crate::{Error, Result};
 
 impl Picture {
@@ -23,14 +23,20 @@ impl Picture {
                 return exr_file::layer(&bytes, layer)
                     .map_err(|why| refused(format!("cannot use this OpenEXR file: {why}")));
             }
-            Some([b'#', b'?', ..]) => ImageFormat::Hdr,
-            Some([0x89, b'P', b'N', b'G']) => ImageFormat::Png,
-            Some([0xFF, 0xD8, 0xFF, _]) => ImageFormat::Jpeg,
+            Some([b'#', b'?', ..]) => None,
+            Some([0x89, b'P', b'N', b'G']) => Some(ImageFormat::Png),
+            Some([0xFF, 0xD8, 0xFF, _]) => Some(ImageFormat::Jpeg),
             _ => return Err(refused("cannot use this OpenEXR file: it is none, nor Radiance HDR, PNG or JPEG".into())),
         };
         if let Some(layer) = layer {
             return Err(refused(format!("has no layers, so no '{layer}': only OpenEXR files have")));
         }
+        let Some(format) = format else {
+            let picture = radiance::decode(&bytes, |_, _| Ok(()));
+            let (width, height, rgb) = picture.map_err(|e| refused(format!("cannot use this picture: {e}")))?;
+            let window = [0, 0, width.into(), height.into()];
+            return Ok(Self { window, display: window, rgb, variance: None, alpha: None, displayed: false });
+        };
         let decoded = ImageReader::with_format(Cursor::new(&bytes), format).decode();
         let image = decoded.map_err(|e| refused(format!("cannot use this picture: {e}")))?;
         Ok(Self::of_image(image))

@@ -1,5 +1,7 @@
 //! Pictures that were read from files.
 
+use glam::{Mat3, Vec3};
+
 /// A picture that was read.
 #[derive(Debug, Clone)]
 pub struct Picture {
@@ -35,6 +37,26 @@ impl Picture {
             alpha: self.alpha.as_ref().map(|all| indices.iter().map(|i| all[*i]).collect()),
             displayed: self.displayed,
         }
+    }
+
+    /// The colours of the display window, row-major; black where the data window has none.
+    pub fn shown(&self) -> Vec<[f32; 3]> {
+        let [x0, y0, x1, y1] = self.display;
+        let pixel = |x: i64, y: i64| {
+            let inside = (self.window[0]..self.window[2]).contains(&x) && (self.window[1]..self.window[3]).contains(&y);
+            let index = |x: i64, y: i64| (y - self.window[1]) as usize * self.size()[0] + (x - self.window[0]) as usize;
+            if inside { self.rgb[index(x, y)] } else { [0.0; 3] }
+        };
+        (y0..y1).flat_map(|y| (x0..x1).map(move |x| pixel(x, y))).collect()
+    }
+
+    /// Changes the colours by a matrix, and their variances as those of uncorrelated values. Colours that are not finite stay:
+    /// an infinite sun would become NaN.
+    pub fn transform(&mut self, matrix: Mat3) {
+        let finite = self.rgb.iter_mut().filter(|c| c.iter().all(|x| x.is_finite()));
+        finite.for_each(|c| *c = (matrix * Vec3::from(*c)).into());
+        let squared = Mat3::from_cols(matrix.x_axis.powf(2.0), matrix.y_axis.powf(2.0), matrix.z_axis.powf(2.0));
+        self.variance.iter_mut().flatten().for_each(|v| *v = (squared * Vec3::from(*v)).into());
     }
 
     /// Width and height in pixels.

@@ -146,7 +146,8 @@ pub fn write_png16(path: &Path, [width, height]: [u32; 2], values: &[u16]) -> Re
         let grey = values.len() == width as usize * height as usize;
         encoder.set_color(if grey { ColorType::Grayscale } else { ColorType::Rgb });
         encoder.set_depth(BitDepth::Sixteen);
-        let written = encoder.write_header().and_then(|mut writer| {
+        let named = encoder.add_text_chunk("Software".into(), "bismar".into());
+        let written = named.and_then(|()| encoder.write_header()).and_then(|mut writer| {
             writer.write_image_data(&bytes)?;
             writer.finish()
         });
@@ -203,8 +204,9 @@ fn encode(
     encoder.set_color(kind);
     encoder.set_depth(BitDepth::Eight);
     encoder.set_compression(Compression::Balanced);
-    if !mark.is_empty() {
-        encoder.add_text_chunk(KEYWORD.into(), mark.into())?;
+    match mark {
+        "" => encoder.add_text_chunk("Software".into(), "bismar".into())?,
+        mark => encoder.add_text_chunk(KEYWORD.into(), mark.into())?,
     }
     let mut writer = encoder.write_header()?;
     writer.write_image_data(bytes)?;

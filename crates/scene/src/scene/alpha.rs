@@ -30,6 +30,17 @@ impl Scene {
         })
     }
 
+    /// Probability that a hit counts, in [0, 1]: how much of its light a lamp gives where a light sample chooses this point.
+    /// Arguments as of [`is_present`](Self::is_present).
+    #[inline]
+    pub fn coverage(&self, surface: &Mesh, prim: u32, (u, v): (f32, f32)) -> f32 {
+        match self.materials[surface.material as usize].alpha_mode {
+            AlphaMode::Opaque => 1.0,
+            AlphaMode::Mask(cutoff) => f32::from(u8::from(self.base_color_alpha(surface, prim, u, v) >= cutoff)),
+            AlphaMode::Blend => self.base_color_alpha(surface, prim, u, v).clamp(0.0, 1.0),
+        }
+    }
+
     /// Does this hit count? Mask compares alpha with the cutoff. Blend compares it with a hash of (`key`, `instance`, `mesh`,
     /// `prim`): the surface is present with probability alpha, equally for every backend and thread. (`u`, `v`) are the
     /// barycentric weights of the second and third vertex of triangle `prim`.

@@ -44,6 +44,9 @@ pub struct Camera {
     /// Points that the view is fitted to. If present, [`super::Scene::camera`] replaces `to_world` by the transform that
     /// fits the picture's aspect; set it to `None` to place this camera by hand.
     pub framing: Option<Arc<Framing>>,
+    /// Clipping planes: the least and the largest depth along the view axis that the camera sees, in metres, the latter
+    /// infinite where the file has none. Shadows and mirrors see all. `None` for cameras without.
+    pub clip: Option<[f32; 2]>,
 }
 
 impl Camera {
@@ -64,6 +67,7 @@ impl Camera {
             motion: None,
             adjacent_frames: None,
             framing: None,
+            clip: None,
         }
     }
 
@@ -78,6 +82,7 @@ impl Camera {
             motion: None,
             adjacent_frames: None,
             framing: None,
+            clip: None,
         }
     }
 
@@ -102,6 +107,7 @@ impl Camera {
             motion: None,
             adjacent_frames: None,
             framing: Some(Arc::new(framing)),
+            clip: None,
         }
     }
 }

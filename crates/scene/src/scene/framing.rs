@@ -16,9 +16,11 @@ const DIRECTIONS: usize = 4 * SLOPES + 1;
 /// The outermost points of a scene as the default view sees them: enough to fit that view to any aspect of a picture.
 #[derive(Debug, Clone)]
 pub struct Framing {
-    directions: [DVec3; DIRECTIONS],
+    /// Their x, y and z.
+    directions: [[f64; DIRECTIONS]; 3],
     /// Largest distance along each direction, and the point at that distance.
-    extremes: [(f64, DVec3); DIRECTIONS],
+    reached: [f64; DIRECTIONS],
+    points: [DVec3; DIRECTIONS],
 }
 
 /// The view's axes in world space: right, up, toward the eye.
@@ -35,8 +37,9 @@ impl Default for Framing {
             let slope = ((k / 4) as f64 + 0.5) * FRAC_PI_2 / SLOPES as f64;
             [x, -x, y, -y][k % 4] * slope.cos() + z * slope.sin()
         };
-        let directions = std::array::from_fn(|k| if k < 4 * SLOPES { side(k) } else { z });
-        Self { directions, extremes: [(f64::NEG_INFINITY, DVec3::ZERO); DIRECTIONS] }
+        let directions: [DVec3; DIRECTIONS] = std::array::from_fn(|k| if k < 4 * SLOPES { side(k) } else { z });
+        let directions = [0, 1, 2].map(|axis| directions.map(|direction| direction[axis]));
+        Self { directions, reached: [f64::NEG_INFINITY; DIRECTIONS], points: [DVec3::ZERO; DIRECTIONS] }
     }
 }
 
@@ -48,10 +51,17 @@ impl Framing {
 
     /// Adds a point (world space) that the view must show.
     pub fn include(&mut self, p: DVec3) {
-        for (direction, extreme) in self.directions.iter().zip(&mut self.extremes) {
-            let along = direction.dot(p);
-            if along > extreme.0 {
-                *extreme = (along, p);
+        let [x, y, z] = &self.directions;
+        let (mut along, mut grows) = ([0.0; DIRECTIONS], false);
+        for k in 0..DIRECTIONS {
+            along[k] = x[k] * p.x + y[k] * p.y + z[k] * p.z;
+            grows |= along[k] > self.reached[k];
+        }
+        if grows {
+            for (k, along) in along.into_iter().enumerate() {
+                if along > self.reached[k] {
+                    (self.reached[k], self.points[k]) = (along, p);
+                }
             }
         }
     }
@@ -60,8 +70,8 @@ impl Framing {
     /// projected points are centred.
     pub fn to_world(&self, aspect: f64) -> Affine3A {
         let axes @ [x, y, z] = view_axes();
-        let seen = self.extremes.iter().filter(|(along, _)| along.is_finite());
-        let mut points: Vec<_> = seen.map(|(_, p)| DVec3::from(axes.map(|axis| axis.dot(*p)))).collect();
+        let seen = self.points.iter().zip(&self.reached).filter(|(_, along)| along.is_finite());
+        let mut points: Vec<_> = seen.map(|(p, _)| DVec3::from(axes.map(|axis| axis.dot(*p)))).collect();
         if points.is_empty() {
             points.extend([DVec3::ONE, DVec3::NEG_ONE]);
         }

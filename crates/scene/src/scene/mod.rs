@@ -53,6 +53,19 @@ pub struct Scene {
     pub cameras: Vec<Camera>,
     /// Light from infinity; `None` for black.
     pub environment: Option<Environment>,
+    /// What surfaces reach over a played animation, by which all its frames are framed; `None` where none is played.
+    pub reach: Option<Arc<Reach>>,
+}
+
+/// The points that surfaces reach over a whole animation.
+#[derive(Debug, Clone)]
+pub struct Reach {
+    /// Lower and upper corner of their box, world space, metres.
+    pub bounds: [Vec3; 2],
+    /// Centre of the box and the largest distance of a point from it.
+    pub sphere: (DVec3, f64),
+    /// The view that shows them all.
+    pub framing: Framing,
 }
 
 impl Scene {
@@ -60,6 +73,7 @@ impl Scene {
     /// Returns the index of the new instance, through which it can be moved.
     pub fn add(&mut self, mut mesh: Mesh, material: Material) -> usize {
         let (index, object) = (self.meshes.len() as u32, self.objects.len() as u32);
+        self.reach = None;
         mesh.material = self.materials.len() as u32;
         self.materials.push(material);
         self.objects.push(Object { name: mesh.name.clone(), meshes: index..index + 1 });
@@ -88,8 +102,11 @@ impl Scene {
         if self.cameras.iter().any(|camera| camera.name == Framing::NAME) {
             return;
         }
-        let mut framing = Framing::default();
-        self.points().for_each(|p| framing.include(p));
+        let framing = self.reach.as_ref().map(|reach| reach.framing.clone()).unwrap_or_else(|| {
+            let mut framing = Framing::default();
+            self.points().for_each(|p| framing.include(p));
+            framing
+        });
         self.cameras.push(Camera::framed(framing));
     }
 
@@ -166,8 +183,18 @@ impl Scene {
         self.boxes().map(|(low, high)| [low, high]).reduce(|[l, h], [low, high]| [l.min(low), h.max(high)])
     }
 
-    /// Centre of [`Self::bounds`] and the largest distance of a vertex from it, metres; (0, 0) for an empty scene.
+    /// Height of the lowest point, over a played animation, metres; `None` for an empty scene.
+    pub fn lowest(&self) -> Option<f32> {
+        let bounds = self.reach.as_ref().map(|reach| reach.bounds).or_else(|| self.bounds());
+        bounds.map(|[low, _]| low.y)
+    }
+
+    /// Centre of [`Self::bounds`] and the largest distance of a vertex from it, over a played animation, metres; (0, 0) for an
+    /// empty scene.
     pub fn enclosing_sphere(&self) -> (DVec3, f64) {
+        if let Some(reach) = &self.reach {
+            return reach.sphere;
+        }
         let Some([low, high]) = self.bounds() else { return (DVec3::ZERO, 0.0) };
         let centre = 0.5 * (low.as_dvec3() + high.as_dvec3());
         let radius = self.points().map(|p| p.distance(centre)).fold(0.0, f64::max);

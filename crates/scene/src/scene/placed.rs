@@ -73,6 +73,7 @@ impl Orbit {
             motion: None,
             adjacent_frames: None,
             framing: None,
+            clip: None,
         }
     }
 }
@@ -147,6 +148,7 @@ impl PlacedCamera {
             motion: None,
             adjacent_frames: None,
             framing: None,
+            clip: None,
         })
     }
 }

@@ -12,7 +12,7 @@ use super::vertices::Vertices;
 use crate::lanes::load_bits;
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 
-/// Density per steradian, of one BSDF sample, from which a ray counts as the mirror image of the ray before. It is that of
+/// Density per steradian, of a sample of the BSDF (whatever guides it), from which a ray counts as the mirror image of the ray before. It is that of
 /// a lobe that covers about 0.1 sr: roughness below about 0.3. Of the reflections of a perfect mirror (α 0.001), 1 % have a
 /// lower density; of a diffuse surface, none has a higher one.
 pub const MIRROR_PDF: f32 = 10.0;
@@ -26,8 +26,7 @@ const MAX_FACES: usize = 1 << 14;
 /// Follows camera rays and their mirror images through back faces; one per thread. A client of the wave.
 #[derive(Debug, Default)]
 pub struct BackFaces {
-    /// By number of a ray: is it a mirror image of the camera's ray? Before it is traced, is the ray that it descends from?
-    /// Empty where nothing is culled.
+    /// By number of a ray: is it a mirror image of the camera's ray? Empty where nothing asks ([`tracks`]).
     mirror_images: Vec<bool>,
     /// Rows of the rays that hit a culled face.
     culled: Vec<u32>,
@@ -58,18 +57,9 @@ impl BackFaces {
     /// Replaces the hits of `rays` on culled faces by those behind them. A ray that has passed a face has a `tnear` above zero.
     #[inline(never)]
     pub fn pass(&mut self, at: &WaveContext, rays: &mut PathRays, hits: &mut HitBatch) {
-        if !culls(at.transport) {
-            return;
-        }
-        for row in 0..rays.len {
-            let number = rays.first as usize + row;
-            if at.depth > 0 {
-                let [.., samples] = match at.depth {
-                    1 => at.paths[rays.path[row] as usize].samples_per_path,
-                    _ => at.transport.deeper_samples_per_path(),
-                };
-                self.mirror_images[number] &= rays.weighted_pdf[row] >= MIRROR_PDF * samples;
-            }
+        rays.mirror_image.clear();
+        if at.depth > 0 && at.transport.materials.has_unlit {
+            rays.mirror_image.extend_from_slice(&self.mirror_images[rays.first as usize..][..rays.len]);
         }
         self.pass_rows(at, 0..rays.len as u32, rays, hits);
     }
@@ -131,19 +121,25 @@ fn culls(transport: &Transport) -> bool {
     transport.culls_back_faces && transport.materials.has_single_sided
 }
 
+/// Does anything depend on what is a mirror image of camera rays: back faces, or unlit surfaces, which give no light?
+fn tracks(transport: &Transport) -> bool {
+    culls(transport) || transport.materials.has_unlit
+}
+
 impl PathEvents for BackFaces {
     fn begin(&mut self, at: &WaveContext) {
         self.mirror_images.clear();
-        if culls(at.transport) {
+        if tracks(at.transport) {
             self.mirror_images.resize(at.paths.len(), true);
         }
     }
 
     fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, group: &RequestGroup, samples: &ScatteredGroup) {
-        if culls(at.transport) {
+        if tracks(at.transport) {
             let arrived = samples.survivors.compress_bits(load_bits(&vertices.ray, &group.rows)).to_array();
-            for ray in &arrived[..samples.survivors.len] {
-                self.mirror_images.push(self.mirror_images[*ray as usize]);
+            let pdf = samples.survivors.compress(samples.pdf[1]).to_array();
+            for lane in 0..samples.survivors.len {
+                self.mirror_images.push(self.mirror_images[arrived[lane] as usize] && pdf[lane] >= MIRROR_PDF);
             }
         }
     }

@@ -55,6 +55,8 @@ pub struct CameraRays {
     size: [f32; 2],
     kind: Kind,
     lens: Option<Lens>,
+    /// [`Camera::clip`].
+    clip: Option<[f32; 2]>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -91,6 +93,7 @@ impl CameraRays {
             size: [width as f32, height as f32],
             kind,
             lens: None,
+            clip: camera.clip,
         }
     }
 
@@ -152,6 +155,19 @@ impl CameraRays {
         match &self.lens {
             None => (origin, direction),
             Some(lens) => self.through_lens(&pose, lens, (origin, direction), lens.point(u, v)),
+        }
+    }
+
+    /// Start and end of rays with these unit directions, in metres: between the clipping planes, which also cut what lies behind
+    /// other surfaces. From 0 to infinity without planes.
+    #[inline(always)]
+    pub fn intervals(&self, direction: V3, time: F) -> (F, F) {
+        match self.clip {
+            None => (F::ZERO, F::splat(f32::INFINITY)),
+            Some([near, far]) => {
+                let per_depth = F::splat(-1.0) / direction.dot(self.pose(time).back);
+                (F::splat(near) * per_depth, F::splat(far) * per_depth)
+            }
         }
     }
 
@@ -242,6 +258,7 @@ mod tests {
                 motion: None,
                 adjacent_frames: None,
                 framing: None,
+                clip: None,
             };
             let rays = CameraRays::new(&camera, 320, 200);
             let (to_camera, to_picture) = rays.matrices();

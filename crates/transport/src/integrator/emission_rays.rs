@@ -8,41 +8,16 @@
 use glam::Vec3;
 
 use super::back_faces::BackFaces;
+use super::counts::{WaveCounts, timed};
 use super::events::{FoundEmission, PathEvents, WaveContext};
 use super::path_states::NonFiniteSamples;
 use super::queues::{PathIds, PathRays, SortedHits};
-use super::stages::camera_rays::camera_ray;
+use super::stages::camera_rays::{camera_ray, clip};
 use super::stages::{emission, media};
 use super::thin_walls::ThinWalls;
-use super::wave::{WaveCounts, timed};
 use crate::lanes::{F, LANES, NUMBERS, U, V3};
 use crate::rays::{HitBatch, MISS, RayOrder};
 use crate::sampling::{hash, keys, pixel_seed};
-
-/// Maximum of [`EmissionRayCounts::rays_per_path`].
-pub const MAX_RAYS_PER_PATH: u32 = 64;
-
-/// For each pixel of a picture, the number of camera rays per path for emission.
-#[derive(Debug, Clone)]
-pub struct EmissionRayCounts {
-    width: u32,
-    /// Row by row.
-    rays: Vec<u8>,
-}
-
-impl EmissionRayCounts {
-    /// `rays` are the numbers of a picture of `width` pixels a row, row by row, each from 1 to [`MAX_RAYS_PER_PATH`].
-    pub fn new(width: u32, rays: Vec<u8>) -> Self {
-        debug_assert!(rays.iter().all(|rays| (1..=MAX_RAYS_PER_PATH as u8).contains(rays)));
-        Self { width, rays }
-    }
-
-    /// Camera rays per path of the pixel at column `x` and row `y`; with one, the path's own finds the emission.
-    #[inline]
-    pub fn rays_per_path(&self, x: u32, y: u32) -> u32 {
-        self.rays[y as usize * self.width as usize + x as usize].into()
-    }
-}
 
 /// The seed of the sequences of these camera rays.
 pub fn emission_seed(seed: u32) -> u32 {
@@ -113,6 +88,7 @@ impl EmissionRays {
         let beta = V3::splat(Vec3::splat(1.0 / per_path as f32));
         let path_ids = PathIds { path, index, seed, time };
         self.rays.push(n, ray, keys(seed, index, 0), beta, V3::ZERO, F::ZERO, path_ids);
+        clip(at.transport, &mut self.rays, n);
     }
 
     /// Adds the emission that the rays find, and empties the batch.

@@ -1,6 +1,6 @@
 //! From a hit to a point on a surface: position, normals, material parameters.
 
-use glam::{Affine3A, Mat3, Vec2, Vec3, Vec4};
+use glam::{Affine3A, Mat2, Mat3, Vec2, Vec3, Vec4};
 
 use super::materials;
 use crate::bsdf::{Anisotropy, Core, Surface};
@@ -10,7 +10,7 @@ use crate::sampling::warp;
 use crate::scene::{Material, Mesh, Scene, TextureRef, TextureSlot};
 
 /// Offset of ray origins from their surface relative to the largest coordinate involved: sixteen roundings.
-const ORIGIN_OFFSET: f32 = 16.0 * f32::EPSILON;
+const ORIGIN_OFFSET: f32 = crate::light::samples::ROUNDING;
 
 /// Instance transforms, prepared for shading.
 #[derive(Debug)]
@@ -219,7 +219,18 @@ impl Geometry {
             }
             ns = if n.length_squared() > 0.0 { n } else { ng };
         }
-        let corner = Interpolated { scene, mesh, material, transform, prim, index, barycentric: (u, v), texcoords, ns };
+        let corner = Interpolated {
+            scene,
+            mesh,
+            material,
+            transform,
+            prim,
+            index,
+            barycentric: (u, v),
+            edges: (e1, e2),
+            texcoords,
+            ns,
+        };
         let coated_or_anisotropic = material.clearcoat > 0.0 || material.anisotropy > 0.0;
         let (coat_normal, anisotropy_tangent) =
             if coated_or_anisotropic { corner.coat_normal_and_tangent() } else { (Vec3::ZERO, Vec3::ZERO) };
@@ -252,6 +263,8 @@ struct Interpolated<'a> {
     /// Vertex indices of the triangle.
     index: [usize; 3],
     barycentric: (f32, f32),
+    /// From the triangle's first corner to the second and third, world space.
+    edges: (Vec3, Vec3),
     texcoords: [Vec2; 2],
     /// Interpolated normal, of any length.
     ns: Vec3,
@@ -265,9 +278,10 @@ impl Interpolated<'_> {
         self.scene.sample_texture(map, at).truncate()
     }
 
-    /// Unit tangent, bitangent and shading normal in world space; `None` for meshes without tangents.
+    /// Unit tangent, bitangent and shading normal in world space, those of the coordinates that `map` transforms; `None` for
+    /// meshes without tangents.
     #[inline(always)]
-    fn frame(&self) -> Option<(Vec3, Vec3, Vec3)> {
+    fn frame(&self, map: Option<&TextureRef>) -> Option<(Vec3, Vec3, Vec3)> {
         let tangents = self.mesh.tangents.as_ref()?;
         let [a, b, c] = self.index.map(|i| Vec4::from_array(tangents[i]));
         let ns = self.ns.normalize_or_zero();
@@ -279,14 +293,50 @@ impl Interpolated<'_> {
             sign *= transform.linear.determinant().signum();
         }
         let tangent = (tangent - ns * ns.dot(tangent)).normalize_or(warp::frame(ns).0);
-        Some((tangent, ns.cross(tangent) * sign, ns))
+        let bitangent = ns.cross(tangent) * sign;
+        match map.and_then(|map| Some((map, map.transform?.matrix2))) {
+            Some((map, matrix)) if matrix.x_axis.y != 0.0 || matrix.x_axis.x <= 0.0 || matrix.determinant() <= 0.0 => {
+                Some(self.turned((tangent, bitangent, ns), map, matrix))
+            }
+            _ => Some((tangent, bitangent, ns)),
+        }
+    }
+
+    /// The frame of texture coordinates that `matrix` transforms, from that of the coordinates before: turned as the triangle's
+    /// derivative by u is. The bitangent points against v, which runs down.
+    #[inline(never)]
+    fn turned(
+        &self,
+        (tangent, bitangent, ns): (Vec3, Vec3, Vec3),
+        map: &TextureRef,
+        matrix: Mat2,
+    ) -> (Vec3, Vec3, Vec3) {
+        let [a, b, c] = self.mesh.corner_texcoords(map, self.mesh.indices[self.prim as usize]);
+        let ((e1, e2), (d1, d2)) = (self.edges, (b - a, c - a));
+        let sides = d1.perp_dot(d2).signum();
+        let (by_u, by_v) = ((e1 * d2.y - e2 * d1.y) * sides, (e2 * d1.x - e1 * d2.x) * sides);
+        let t = by_u.normalize_or_zero();
+        let across = t * t.dot(by_v) - by_v;
+        // Where the triangle has no coordinates, as if they were even.
+        let (u, v) = match across.length() {
+            length if length > 0.0 && t != Vec3::ZERO => {
+                (Vec2::new(by_u.length(), 0.0), Vec2::new(t.dot(by_v), -length))
+            }
+            _ => (Vec2::X, Vec2::NEG_Y),
+        };
+        let mirror = matrix.determinant().signum();
+        // The first column of the inverse, times the determinant.
+        let along = (u * matrix.y_axis.y - v * matrix.x_axis.y) * mirror;
+        let along = (tangent * along.x + bitangent * along.y).normalize_or(tangent);
+        let handed = ns.cross(tangent).dot(bitangent).signum() * mirror;
+        (along, ns.cross(along) * handed, ns)
     }
 
     /// The unit normal that a normal map gives, if there is one.
     #[inline(always)]
     fn mapped_normal(&self, slot: TextureSlot, scale: f32) -> Option<Vec3> {
         let map = self.material.textures[slot].as_ref()?;
-        let (tangent, bitangent, ns) = self.frame()?;
+        let (tangent, bitangent, ns) = self.frame(Some(map))?;
         let n = self.texel(map) * 2.0 - Vec3::ONE;
         Some((tangent * (n.x * scale) + bitangent * (n.y * scale) + ns * n.z).normalize_or(ns))
     }
@@ -303,12 +353,13 @@ impl Interpolated<'_> {
             }
             false => Vec3::ZERO,
         };
-        let anisotropy_tangent = self.frame().filter(|_| material.anisotropy > 0.0).map(|(tangent, bitangent, _)| {
-            let map = material.textures[TextureSlot::Anisotropy].as_ref();
-            let along = map.map_or(Vec2::X, |map| self.texel(map).truncate() * 2.0 - Vec2::ONE);
-            let along = Vec2::from_angle(material.anisotropy_rotation).rotate(along.normalize_or(Vec2::X));
-            tangent * along.x + bitangent * along.y
-        });
+        let map = material.textures[TextureSlot::Anisotropy].as_ref();
+        let anisotropy_tangent =
+            self.frame(map).filter(|_| material.anisotropy > 0.0).map(|(tangent, bitangent, _)| {
+                let along = map.map_or(Vec2::X, |map| self.texel(map).truncate() * 2.0 - Vec2::ONE);
+                let along = Vec2::from_angle(material.anisotropy_rotation).rotate(along.normalize_or(Vec2::X));
+                tangent * along.x + bitangent * along.y
+            });
         (coat_normal, anisotropy_tangent.unwrap_or_default())
     }
 }

@@ -7,12 +7,9 @@ use super::back_faces::MIRROR_PDF;
 use super::events::{PathEvents, ScatteredGroup, WaveContext};
 use super::glass_shadows::smooth;
 use super::stages::requests::RequestGroup;
-use super::transport::Transport;
+use super::transport::{MAX_GLASS_BOUNCES, Transport};
 use super::vertices::Vertices;
 use crate::lanes::{F, load_bits};
-
-/// Bounces of a path that are not counted, at most: those behind are. It ends paths that glass has trapped.
-pub const MAX_GLASS_BOUNCES: u32 = 24;
 
 /// Counts the bounces of paths at glass; one per thread. A client of the wave.
 #[derive(Debug, Default)]

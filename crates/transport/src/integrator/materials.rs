@@ -7,6 +7,12 @@ use glam::{Vec3, Vec4};
 use crate::bsdf::{Anisotropy, Bsdf, Iridescence, LobeSet, Surface};
 use crate::scene::{Material, Mesh, Scene, TextureSlot};
 
+/// Transmittance, linear RGB, over `distance` metres in a medium of absorption coefficient `absorption` per metre.
+#[inline]
+pub fn transmittance(absorption: Vec3, distance: f32) -> Vec3 {
+    if distance.is_finite() { (absorption * -distance).exp() } else { Vec3::ONE }
+}
+
 /// What shading a mesh needs.
 #[derive(Debug, Clone, Copy)]
 pub struct MeshMaterial {
@@ -43,6 +49,8 @@ pub struct Materials {
     pub transmits: bool,
     /// Does any surface have a front only?
     pub has_single_sided: bool,
+    /// Is any surface unlit, and another one not?
+    pub has_unlit: bool,
     /// Is any surface a thin wall that light may pass straight on?
     pub has_thin_walls: bool,
     /// Does any surface bound a medium, and is it smooth?
@@ -80,6 +88,7 @@ impl Materials {
         let lobes = lit().map(possible_lobes).fold(LobeSet::default(), LobeSet::union);
         let transmits = lit().any(Material::transmits);
         let has_single_sided = mesh_materials.iter().any(|kind| kind.single_sided);
+        let has_unlit = mesh_materials.iter().any(|kind| kind.unlit) && lit().next().is_some();
         let has_thin_walls = mesh_materials.iter().any(|kind| kind.thin_wall);
         let has_smooth_bodies = mesh_materials.iter().any(|kind| kind.smooth_body);
         let disperses = lit().any(Material::disperses);
@@ -94,6 +103,7 @@ impl Materials {
             lobes,
             transmits,
             has_single_sided,
+            has_unlit,
             has_thin_walls,
             has_smooth_bodies,
             disperses,

@@ -1,6 +1,5 @@
 //! What paths are sampled by.
 
-use super::emission_rays::EmissionRayCounts;
 use crate::guiding::Field;
 use crate::light::{LightProposal, Lights};
 
@@ -30,5 +29,30 @@ impl<'a> Proposal<'a> {
     /// Does a guiding field set the roulette probabilities of light samples and of path continuation beyond first surfaces?
     pub(super) fn has_roulette(&self) -> bool {
         self.field.is_some_and(Field::has_roulette)
+    }
+}
+
+/// Maximum of [`EmissionRayCounts::rays_per_path`].
+pub const MAX_RAYS_PER_PATH: u32 = 64;
+
+/// For each pixel of a picture, the number of camera rays per path for emission.
+#[derive(Debug, Clone)]
+pub struct EmissionRayCounts {
+    width: u32,
+    /// Row by row.
+    rays: Vec<u8>,
+}
+
+impl EmissionRayCounts {
+    /// `rays` are the numbers of a picture of `width` pixels a row, row by row, each from 1 to [`MAX_RAYS_PER_PATH`].
+    pub fn new(width: u32, rays: Vec<u8>) -> Self {
+        debug_assert!(rays.iter().all(|rays| (1..=MAX_RAYS_PER_PATH as u8).contains(rays)));
+        Self { width, rays }
+    }
+
+    /// Camera rays per path of the pixel at column `x` and row `y`; with one, the path's own finds the emission.
+    #[inline]
+    pub fn rays_per_path(&self, x: u32, y: u32) -> u32 {
+        self.rays[y as usize * self.width as usize + x as usize].into()
     }
 }

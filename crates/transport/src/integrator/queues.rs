@@ -29,9 +29,9 @@ pub struct PathRays {
     /// By row: does light that the ray finds belong to light samples of an earlier vertex
     /// ([`glass_shadows`](super::glass_shadows))? Empty where shadow rays do not pass bodies.
     pub excluded: Vec<bool>,
-    /// By row: has a smooth boundary refracted the ray, so that it alone finds emitters ([`manifold`](super::manifold))? Empty
-    /// without walks.
-    pub bent: Vec<bool>,
+    /// Rows that are mirror images of camera rays; empty for camera rays, and where nothing asks
+    /// ([`back_faces`](super::back_faces)).
+    pub mirror_image: Vec<bool>,
     /// Number in the wave of the ray of row 0. Rays are numbered in the order in which the wave generates them.
     pub first: u32,
     /// Number of valid rows.
@@ -120,8 +120,6 @@ pub const ENVIRONMENT_GROUP: u32 = 0;
 pub const AREA_GROUP: u32 = 1;
 /// Light group of punctual lights.
 pub const PUNCTUAL_GROUP: u32 = 2;
-/// Added to the groups above for light through bodies of glass ([`manifold`](super::manifold)): no light sample of an event.
-pub const THROUGH_GLASS: u32 = 3;
 
 /// Columns of [`ShadowRays`] for [`glass_shadows`](super::glass_shadows).
 #[derive(Debug, Default)]
@@ -143,7 +141,7 @@ pub struct ShadowRays {
     pub path: Vec<u32>,
     /// Number in the wave of the ray that arrived at the vertex.
     pub ray: Vec<u32>,
-    /// Kind of light: [`ENVIRONMENT_GROUP`], [`AREA_GROUP`] or [`PUNCTUAL_GROUP`], plus [`THROUGH_GLASS`] or not.
+    /// Kind of light: [`ENVIRONMENT_GROUP`], [`AREA_GROUP`] or [`PUNCTUAL_GROUP`].
     pub light_group: Vec<u32>,
     /// Columns for shadow rays that pass bodies of glass; present if they do.
     pub bodies: Option<BodyColumns>,

@@ -1,7 +1,6 @@
 //! A scalar path tracer, one path at a time: the reference for tests of the wave, and the source of `--replay-pixel`. It
 //! shares BSDFs, lights and sample sequences with the wave, but not its queues, sorting and compaction.
 
-mod refracted;
 mod straight;
 
 use glam::Vec3;
@@ -10,16 +9,15 @@ use super::back_faces::{MIRROR_PDF, beyond, is_culled};
 use super::batch::PixelTask;
 use super::dispersion;
 use super::emission_rays::emission_seed;
-use super::manifold::History;
+use super::materials::transmittance;
 use super::path_states::clamp_contribution;
 pub use super::replay::{Event, EventKind};
 use super::shading_normal;
 use super::stages::camera_rays::camera_ray;
-use super::stages::lights::SHADOW_END;
 use super::stages::mixture::{self, Mixture, MixtureSample};
 use super::stages::requests::{LightTarget, light_sample_index};
 use super::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
-use super::stages::{bsdf_set, light_set, media, roulette_set};
+use super::stages::{bsdf_set, light_set, roulette_set};
 use super::thin_walls::{self, MAX_WALLS, is_wall};
 use super::transport::Transport;
 use super::{glass_bounces, glass_shadows};
@@ -58,8 +56,6 @@ struct Ray {
     state: u8,
     /// Bounces of the path that do not count ([`glass_bounces`]).
     glass_bounces: u8,
-    /// What the path has done, for [`manifold`].
-    history: History,
     /// Time in [0, 1] of the shutter interval.
     time: f32,
 }
@@ -88,8 +84,6 @@ struct Vertex {
     state: u8,
     /// Bounces before that do not count.
     glass_bounces: u8,
-    /// History of the ray that arrived.
-    history: History,
     /// Time in [0, 1] of the shutter interval.
     time: f32,
 }
@@ -117,11 +111,6 @@ impl Vertex {
     fn is_smooth(&self) -> bool {
         let straight = self.bsdf.straight(V3::splat(self.ns), V3::splat(self.wo), F::ONE, true);
         straight.weight.lane(0).max_element() > 0.0
-    }
-
-    /// Does light in a direction cross a smooth boundary?
-    fn crosses_smooth(&self, wi: Vec3) -> bool {
-        self.transmits && self.ng.dot(wi) < 0.0 && self.is_smooth()
     }
 
     /// The normal for light selection: zero on surfaces that transmit.
@@ -198,7 +187,6 @@ impl<'a> Tracer<'a> {
             is_mirror_image: true,
             state: 0,
             glass_bounces: 0,
-            history: History::default(),
             time: time.as_array()[0],
         };
         (tracer, ray)
@@ -214,7 +202,11 @@ impl<'a> Tracer<'a> {
         let Ray { origin, direction, .. } = *ray;
         self.report(depth, EventKind::Ray { origin, direction, beta: ray.beta });
         let (mut rays, mut hits) = (RayBatch::default(), HitBatch::default());
-        rays.push(origin, direction, 0.0, f32::INFINITY, ray.key);
+        let (near, far) = match depth {
+            0 => t.camera.intervals(V3::splat(direction), F::splat(ray.time)),
+            _ => (F::ZERO, F::splat(f32::INFINITY)),
+        };
+        rays.push(origin, direction, near.as_array()[0], far.as_array()[0], ray.key);
         rays.time.extend(t.geometry.moves.then_some(ray.time));
         t.rays.closest_hits(&rays, RayOrder::Incoherent, &mut hits);
         let culls = t.culls_back_faces && ray.is_mirror_image;
@@ -285,14 +277,16 @@ impl<'a> Tracer<'a> {
         self.report(depth, EventKind::Hit { instance, mesh, material, t: distance });
         let back_facing = point.is_back_facing(direction);
         let medium = if depth == 0 { t.materials.media_at_surface(mesh, back_facing, 0)[0] } else { ray.medium };
-        let beta = ray.beta * media::transmittance(t.materials.media[medium as usize], distance);
+        let beta = ray.beta * transmittance(t.materials.media[medium as usize], distance);
         let ray = &Ray { beta, ..*ray };
         if point.material.unlit {
+            // It is seen, but gives no light.
+            if !ray.is_mirror_image {
+                return Vec3::ZERO;
+            }
             return self.emission(ray, depth, point.base_color(t.scene), [0.0; 2]);
         }
         let mut radiance_sum = Vec3::ZERO;
-        let excluded = excluded || self.is_connected(ray, hits);
-        let one_technique = one_technique || (t.connects() && ray.history.bent);
         if t.materials.mesh_material(mesh).emits && point.emits_against(direction) && !excluded {
             let radiance = point.emitted_radiance(t.scene, prim, barycentric, direction);
             let from = (origin, ray.normal);
@@ -344,7 +338,6 @@ impl<'a> Tracer<'a> {
             is_mirror_image: ray.is_mirror_image,
             state: ray.state,
             glass_bounces: ray.glass_bounces,
-            history: ray.history,
             time: ray.time,
         };
         for &(index, toward) in light {
@@ -352,9 +345,6 @@ impl<'a> Tracer<'a> {
         }
         if t.lights.punctual {
             radiance_sum += self.punctual_sample(&vertex, depth, ray.index);
-        }
-        if t.connects() {
-            radiance_sum += self.refracted_light(&vertex, depth, ray.index);
         }
         for &index in bsdf {
             radiance_sum += self.bsdf_sample(&vertex, depth, index);
@@ -413,6 +403,7 @@ impl<'a> Tracer<'a> {
             scene: t.scene,
             time: F::splat(vertex.time),
             p: V3::splat(vertex.origin),
+            origin_error: F::splat(if vertex.transmits { 2.0 * vertex.origin_offset } else { 0.0 }),
             n: V3::splat(vertex.light_sampling_normal()),
         };
         let light = t.lights.sample(&context, mask, &t.proposal.lights, [choice, F::splat(u), F::splat(v)]);
@@ -420,14 +411,15 @@ impl<'a> Tracer<'a> {
         if let Some(mixture) = self.mixture(vertex) {
             bsdf_pdf = mixture.pdf(light.wi, bsdf_pdf);
         }
-        let [pdf, bsdf_pdf, distance] = [light.pdf, bsdf_pdf, light.distance].map(|x| x.as_array()[0]);
+        let [pdf, bsdf_pdf, distance, end] = [light.pdf, bsdf_pdf, light.distance, light.end].map(|x| x.as_array()[0]);
         let (wi, value, emitted) = (light.wi.lane(0), value.lane(0), light.radiance.lane(0));
         let weighted_pdf = probability * if environment { a_env } else { a_area } * pdf;
         let weight = t.heuristic.weight(weighted_pdf, a_b * bsdf_pdf);
         let radiance = vertex.beta * value * emitted * (weight / weighted_pdf);
         let name = if environment { ENVIRONMENT } else { "area light" };
         let sound = pdf > 0.0;
-        self.shadow_ray(vertex, depth, index, (name, wi, distance, bsdf_pdf), if sound { radiance } else { Vec3::ZERO })
+        let radiance = if sound { radiance } else { Vec3::ZERO };
+        self.shadow_ray(vertex, depth, index, (name, wi, [distance, end], bsdf_pdf), radiance)
     }
 
     fn punctual_sample(&mut self, vertex: &Vertex, depth: u32, index: u32) -> Vec3 {
@@ -438,7 +430,8 @@ impl<'a> Tracer<'a> {
         let (value, bsdf_pdf) = vertex.bsdf.eval_pdf(ns, wo, V3::splat(light.wi));
         let bsdf_pdf = bsdf_pdf.as_array()[0];
         let radiance = vertex.beta * value.lane(0) * light.irradiance;
-        self.shadow_ray(vertex, depth, index, ("punctual light", light.wi, light.distance, bsdf_pdf), radiance)
+        let ends = [light.distance, light.end(vertex.position)];
+        self.shadow_ray(vertex, depth, index, ("punctual light", light.wi, ends, bsdf_pdf), radiance)
     }
 
     /// Traces a shadow ray: the clamped contribution, or zero if it is occluded, not finite or below the horizon.
@@ -447,27 +440,23 @@ impl<'a> Tracer<'a> {
         vertex: &Vertex,
         depth: u32,
         index: u32,
-        (toward, wi, distance, bsdf_pdf): (&'static str, Vec3, f32, f32),
+        (toward, wi, [distance, end], bsdf_pdf): (&'static str, Vec3, [f32; 2], f32),
         radiance: Vec3,
     ) -> Vec3 {
         let SpawnedRay { origin, allowed, medium } = vertex.spawn_ray(wi);
         let passes_bodies = self.transport.passes_bodies();
         let absorption = self.transport.materials.media[if passes_bodies { 0 } else { medium as usize }];
-        let radiance = radiance * media::transmittance(absorption, distance);
+        let radiance = radiance * transmittance(absorption, distance);
         let refracted = vertex.ng.dot(wi) < 0.0 && bsdf_pdf >= MIRROR_PDF && vertex.is_smooth();
         let excluded = passes_bodies && vertex.state & glass_shadows::AFTER_ROUGH != 0 && refracted;
-        let left_out = self.transport.connects()
-            && vertex.history.after_rough
-            && vertex.crosses_smooth(wi)
-            && toward != ENVIRONMENT;
-        let contributes = allowed && !excluded && !left_out && radiance.max_element() > 0.0 && radiance.is_finite();
+        let contributes = allowed && !excluded && radiance.max_element() > 0.0 && radiance.is_finite();
         if !contributes {
             self.report(depth, EventKind::LightSample { toward, wi, distance, radiance: Vec3::ZERO, occluded: false });
             return Vec3::ZERO;
         }
         let mut rays = RayBatch::default();
         let key = hash(key(self.seed, index, light_set(depth)));
-        rays.push(origin, wi, 0.0, distance * SHADOW_END, key);
+        rays.push(origin, wi, 0.0, end, key);
         rays.time.extend(self.transport.geometry.moves.then_some(vertex.time));
         let radiance = radiance * self.unoccluded(rays, bsdf_pdf < MIRROR_PDF, medium);
         let (radiance, _) = clamp_contribution(radiance, self.transport.limits[(depth > 0) as usize]);
@@ -481,7 +470,7 @@ impl<'a> Tracer<'a> {
         let (ns, wo) = (V3::splat(vertex.ns), V3::splat(vertex.wo));
         let numbers = [lobe, u, v].map(F::splat);
         let mixture = self.mixture(vertex);
-        let MixtureSample { sample, .. } = match &mixture {
+        let MixtureSample { sample, pdfs } = match &mixture {
             Some(mixture) => mixture.sample(&vertex.bsdf, ns, wo, numbers),
             None => MixtureSample::from_bsdf(vertex.bsdf.sample(ns, wo, numbers)),
         };
@@ -517,12 +506,11 @@ impl<'a> Tracer<'a> {
             index,
             medium,
             light_probability: vertex.roulette.map_or(1.0, |[light, _]| light),
-            is_mirror_image: vertex.is_mirror_image && pdf >= MIRROR_PDF,
+            is_mirror_image: vertex.is_mirror_image && pdfs[0].as_array()[0] >= MIRROR_PDF,
             glass_bounces: match self.transport.materials.has_smooth_bodies {
                 true => glass_bounces::after(vertex.glass_bounces, pdf, vertex.is_smooth(), vertex.ng.dot(wi) < 0.0),
                 false => 0,
             },
-            history: self.history_after(vertex, pdf, (origin, wi)),
             state: glass_shadows::state_after(vertex.state, pdf, vertex.ng.dot(wi) < 0.0 && vertex.is_smooth()),
             time: vertex.time,
         };

@@ -10,10 +10,9 @@ use glam::Vec3;
 use super::back_faces::{BackFaces, beyond};
 use super::events::WaveContext;
 use super::geometry::SurfacePoint;
+use super::materials::transmittance;
 use super::queues::{PathRays, ShadowRays};
 use super::shading_normal;
-use super::stages::lights::SHADOW_END;
-use super::stages::media::transmittance;
 use super::transport::Transport;
 use crate::bsdf::{Bsdf, Lobe, Parameters};
 use crate::lanes::{F, LANES, U, V3, V3Column, eight};
@@ -178,7 +177,7 @@ impl ThinWalls {
         occluded.extend(hits.mesh[..*len].iter().map(|&mesh| mesh != MISS));
         if bodies.is_some() {
             for row in (0..*len).filter(|&row| !occluded[row]) {
-                self.absorb(transport, radiance, row, rays.tfar[row] / SHADOW_END);
+                self.absorb(transport, radiance, row, rays.tfar[row]);
             }
         }
         self.shadow_hits = hits;

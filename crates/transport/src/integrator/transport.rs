@@ -2,7 +2,6 @@
 
 use super::camera::CameraRays;
 use super::geometry::Geometry;
-use super::glass_bounces::MAX_GLASS_BOUNCES;
 use super::materials::Materials;
 use super::prepared::Names;
 use super::proposal::Proposal;
@@ -11,6 +10,9 @@ use crate::light::Lights;
 use crate::rays::RayQueries;
 use crate::sampling::FilterSampler;
 use crate::scene::Scene;
+
+/// Bounces of a path at smooth glass that are not counted, at most: those behind are. It ends paths that glass has trapped.
+pub const MAX_GLASS_BOUNCES: u32 = 24;
 
 /// Everything that paths read and no path changes.
 #[derive(Clone)]
@@ -49,8 +51,6 @@ pub struct Transport<'a> {
     pub straight_glass_shadows: bool,
     /// Height in metres of the ground that catches shadows ([`ground`](super::clients::ground)), if there is one.
     pub ground: Option<f32>,
-    /// Do light samples find light through bodies of smooth glass by refraction ([`manifold`](super::manifold))?
-    pub manifold_glass_shadows: bool,
     /// What light samples and directions are drawn by.
     pub proposal: Proposal<'a>,
 }
@@ -69,11 +69,6 @@ impl Transport<'_> {
     /// Do shadow rays pass bodies of smooth glass, and are there any?
     pub(super) fn passes_bodies(&self) -> bool {
         self.straight_glass_shadows && self.materials.has_smooth_bodies
-    }
-
-    /// Are lights connected through bodies of smooth glass, and are there any?
-    pub(super) fn connects(&self) -> bool {
-        self.manifold_glass_shadows && self.materials.has_smooth_bodies
     }
 
     /// Samples per path beyond first surfaces (environment, area lights, BSDF): one light sample and one BSDF sample.

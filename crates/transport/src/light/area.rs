@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use super::learned::LearnedLights;
+use super::samples::ROUNDING;
 use super::tree::{Emitter, LightTree};
 use super::{LightProposal, LightSampleContext, LightSamples};
 use crate::color::luminance;
@@ -27,6 +28,8 @@ struct AreaLight {
     two_sided: bool,
     /// Whether its radiance depends on the point or the direction.
     varies: bool,
+    /// May rays pass it, by its material's alpha?
+    has_alpha: bool,
     parallelogram: bool,
     /// Whether it moves: `geometry` and `emission` hold the picture's reference time.
     moves: bool,
@@ -100,6 +103,7 @@ impl AreaLights {
         let (mut lights, mut emitters) = (Vec::new(), Vec::new());
         let (mut first, mut light_of) = (Vec::new(), Vec::new());
         let moving = scene.moving_meshes();
+        let mut alpha = vec![None; scene.meshes.len()];
         for (instance_index, instance) in scene.instances.iter().enumerate() {
             for mesh_index in scene.objects[instance.object as usize].meshes.clone() {
                 let mesh = &scene.meshes[mesh_index as usize];
@@ -110,7 +114,9 @@ impl AreaLights {
                 first.push(((instance_index as u32, mesh_index), light_of.len() as u32));
                 let moves = moving[mesh_index as usize] && (mesh.motion.is_some() || instance.motion.is_some());
                 let corners = |prim: usize| corners(instance, mesh, prim, None);
-                let varies = material.textures[TextureSlot::Emissive].is_some() || material.clearcoat > 0.0;
+                let has_alpha = *alpha[mesh_index as usize].get_or_insert_with(|| scene.has_alpha(mesh_index));
+                let varies =
+                    material.textures[TextureSlot::Emissive].is_some() || material.clearcoat > 0.0 || has_alpha;
                 let mut prim = 0;
                 while prim < mesh.indices.len() {
                     let mut triangle = corners(prim);
@@ -123,7 +129,7 @@ impl AreaLights {
                     }
                     let ([v, e, f], cross) = edges(triangle, instance);
                     let area = if pair.is_some() { 1.0 } else { 0.5 } * cross.length();
-                    let radiance = luminance(mean_emission(scene, material, mesh, mesh.indices[prim]));
+                    let radiance = luminance(mean_emission(scene, mesh, prim as u32, has_alpha));
                     let mut emitter = emitter(material, ([v, e, f], cross), far, (area, radiance));
                     if moves {
                         sweep(&mut emitter, instance, mesh, prim);
@@ -140,6 +146,7 @@ impl AreaLights {
                         prim: prim as u32,
                         two_sided: material.double_sided,
                         varies,
+                        has_alpha,
                         parallelogram: pair.is_some(),
                         moves,
                     };
@@ -203,7 +210,7 @@ impl AreaLights {
         proposal: &LightProposal,
         [choice, u, v]: [F; 3],
     ) -> LightSamples {
-        let LightSampleContext { scene, time, p, n } = *context;
+        let LightSampleContext { scene, time, p, origin_error, n } = *context;
         let (chosen, pmf) = self.tree.sample(p, n, choice, proposal.learned);
         let mut lights = eight(|lane| &self.lights[chosen[lane] as usize]);
         let moved;
@@ -230,11 +237,16 @@ impl AreaLights {
             radiance = V3::gather(std::array::from_fn(|i| {
                 let mesh = &scene.meshes[lights[i].mesh as usize];
                 let at = (b1.as_array()[i], b2.as_array()[i]);
-                Self::radiance(scene, mesh, lights[i].prim, at, cos.as_array()[i])
+                let radiance = Self::radiance(scene, mesh, lights[i].prim, at, cos.as_array()[i]);
+                if lights[i].has_alpha { radiance * scene.coverage(mesh, lights[i].prim, at) } else { radiance }
             }));
         }
         let seen = facing.simd_gt(F::ZERO) & pdf.is_finite();
-        LightSamples { wi, distance, radiance, pdf: pdf & seen, emitter: chosen }
+        // The end lies at a height above the light's plane, however far the light is and however it is inclined.
+        let extent = |v: V3| v.x.abs().fast_max(v.y.abs()).fast_max(v.z.abs());
+        let size = extent(to + p).fast_max(extent(edge1)).fast_max(extent(edge2)).fast_max(extent(p));
+        let end = (distance - (F::splat(ROUNDING) * size + origin_error) / facing).fast_max(F::ZERO);
+        LightSamples { wi, distance, end, radiance, pdf: pdf & seen, emitter: chosen }
     }
 
     /// Cosine between the reverse of `direction` and the emitting side of area light `light`, at a time in [0, 1] of the shutter;
@@ -336,16 +348,22 @@ fn parallelogram(a: [Vec3; 3], b: [Vec3; 3]) -> Option<[Vec3; 4]> {
     None
 }
 
-/// Emitted radiance averaged over 16 texture samples of a triangle, which is accurate enough for the light tree.
-fn mean_emission(scene: &Scene, material: &Material, mesh: &Mesh, index: [u32; 3]) -> Vec3 {
-    let Some(texture) = &material.textures[TextureSlot::Emissive] else { return material.emissive };
-    let [a, b, c] = mesh.corner_texcoords(texture, index);
+/// Emitted radiance averaged over 16 points of a triangle, by what its surface covers of them, which is accurate enough for the
+/// light tree.
+fn mean_emission(scene: &Scene, mesh: &Mesh, prim: u32, has_alpha: bool) -> Vec3 {
+    let material = &scene.materials[mesh.material as usize];
+    let texture = material.textures[TextureSlot::Emissive].as_ref();
+    let has_texture = texture.is_some() || material.textures[TextureSlot::BaseColor].is_some() || mesh.colors.is_some();
+    if texture.is_none() && !has_alpha {
+        return material.emissive;
+    }
     let mut sum = Vec3::ZERO;
     for k in 0..16 {
         let (u, v) = warp::triangles(F::splat((k % 4) as f32 / 4.0 + 0.125), F::splat((k / 4) as f32 / 4.0 + 0.125));
-        let (u, v) = (u.as_array()[0], v.as_array()[0]);
-        sum += scene.sample_texture(texture, a + (b - a) * u + (c - a) * v).truncate();
+        let at = (u.as_array()[0], v.as_array()[0]);
+        let texel = texture.map_or(Vec3::ONE, |t| scene.sample_texture(t, mesh.texcoord(t, prim, at)).truncate());
+        sum += if has_alpha { texel * scene.coverage(mesh, prim, at) } else { texel };
     }
     // A small addition for emission between the 16 points.
-    material.emissive * (sum / 16.0 + 1e-3)
+    material.emissive * (sum / 16.0 + if has_texture { 1e-3 } else { 0.0 })
 }

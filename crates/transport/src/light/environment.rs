@@ -171,7 +171,8 @@ impl EnvironmentSampler {
         let wi = V3 { x: co * x + s * z, y: cos_theta, z: co * z - s * x };
         let radiance = cells.radiance(fu, fv);
         let pdf = self.pdf(&cells, cells.weight(table.level, radiance, fu, fv), sin_theta, table.level);
-        LightSamples { wi, distance: F::splat(f32::INFINITY), radiance, pdf, emitter: regions }
+        let distance = F::splat(f32::INFINITY);
+        LightSamples { wi, distance, end: distance, radiance, pdf, emitter: regions }
     }
 
     /// Density per solid angle: probability of the cell × bilinear density within it / solid angle per unit of the square.

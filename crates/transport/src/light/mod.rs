@@ -140,6 +140,7 @@ impl Lights {
                 LightSamples {
                     wi: V3::select(toward_environment, a.wi, b.wi),
                     distance: toward_environment.select(a.distance, b.distance),
+                    end: toward_environment.select(a.end, b.end),
                     radiance: V3::select(toward_environment, a.radiance, b.radiance),
                     pdf: toward_environment.select(a.pdf, b.pdf),
                     emitter: eight(|lane| if mask >> lane & 1 == 1 { a.emitter[lane] } else { b.emitter[lane] }),
@@ -147,7 +148,7 @@ impl Lights {
             }
             (None, None) => {
                 let (wi, radiance) = (V3::splat(Vec3::Z), V3::splat(Vec3::ZERO));
-                LightSamples { wi, distance: F::ONE, radiance, pdf: F::ZERO, emitter: [0; LANES] }
+                LightSamples { wi, distance: F::ONE, end: F::ONE, radiance, pdf: F::ZERO, emitter: [0; LANES] }
             }
         }
     }

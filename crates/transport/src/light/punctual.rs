@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 
+use super::samples::ROUNDING;
 use super::{LightProposal, LightSampleContext, LightSamples};
 use crate::color::luminance;
 use crate::lanes::{F, V3, eight};
@@ -22,6 +23,18 @@ pub struct PunctualSample {
     pub one_over_probability: f32,
 }
 
+impl PunctualSample {
+    /// End of its shadow ray from `p`, [`LightSamples::end`].
+    #[inline]
+    pub fn end(&self, p: Vec3) -> f32 {
+        let light = p + self.wi * self.distance;
+        match self.distance.is_finite() {
+            true => self.distance - ROUNDING * p.abs().max(light.abs()).max_element().max(self.distance),
+            false => self.distance,
+        }
+    }
+}
+
 /// The sample where no light reaches the point.
 const DARK: PunctualSample =
     PunctualSample { wi: Vec3::Y, distance: 0.0, irradiance: Vec3::ZERO, light: 0, one_over_probability: 0.0 };
@@ -37,6 +50,7 @@ pub fn sample(context: &LightSampleContext, _proposal: &LightProposal, [choice, 
     LightSamples {
         wi: V3::gather(samples.map(|sample| sample.wi)),
         distance: F::from(samples.map(|sample| sample.distance)),
+        end: F::from(eight(|lane| samples[lane].end(context.p.lane(lane)))),
         radiance: V3::gather(samples.map(|sample| sample.irradiance)),
         pdf: F::from(samples.map(|sample| f32::from(u8::from(sample.distance > 0.0)))),
         emitter: samples.map(|sample| sample.light as u32),

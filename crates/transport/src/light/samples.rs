@@ -12,6 +12,8 @@ pub struct LightSampleContext<'a> {
     pub time: F,
     /// The points, world space.
     pub p: V3,
+    /// How far the origins of shadow rays may be from the points, in metres; not 0 on surfaces that transmit.
+    pub origin_error: F,
     /// Unit normals, as for [`LightTree::sample`](super::tree::LightTree::sample): zero where light from both sides counts.
     pub n: V3,
 }
@@ -23,6 +25,9 @@ pub struct LightSamples {
     pub wi: V3,
     /// Distances to the light in metres; infinite for the environment and for directional lights.
     pub distance: F,
+    /// Ends of shadow rays in metres: before the light by the bound on what rounding may move it, so that it does not occlude
+    /// itself, and everything before it does.
+    pub end: F,
     /// Radiance along `wi` without occlusion, linear RGB. Of punctual lights: irradiance at normal incidence over the
     /// probability of the choice.
     pub radiance: V3,
@@ -33,3 +38,8 @@ pub struct LightSamples {
     /// Indices of the area lights or punctual lights, or the environment's regions where the proposal has any.
     pub emitter: [u32; LANES],
 }
+
+/// Bound on the rounding error of a point on a surface, relative to the largest coordinate that it was computed from: that of
+/// its interpolation, of instance transforms, and of ray queries. Rays begin and end so far from surfaces (Wächter and Binder,
+/// "A Fast and Robust Method for Avoiding Self-Intersection", Ray Tracing Gems, 2019, for the idea; the number by tests).
+pub const ROUNDING: f32 = 16.0 * f32::EPSILON;

@@ -9,7 +9,7 @@
 //! flag, Embree traces the rays of a packet one by one as soon as they diverge. Compared to single rays, coherent packets of one
 //! octant are up to 3 times as fast for camera rays and 1.5 times for sorted bounces in a small scene; coherent packets of
 //! unsorted bounces are half as fast. Shadow rays stop at their first occluder and never use the flag; except in small scenes
-//! they go 8 wide. docs/throughput.md has the measurements.
+//! they go 8 wide. lab/notes/throughput.md has the measurements.
 //!
 //! In a coherent packet, the other rays influence which of several coincident surfaces is hit (2 to 10 % of the hits on two
 //! equal instances in one place changed with the packets). The renderer therefore always fills its packets in the same way,
@@ -20,8 +20,8 @@ mod device;
 mod options;
 mod packets;
 
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use embree4_sys as sys;
@@ -30,8 +30,8 @@ use super::batch::{HitBatch, RayBatch, RayOrder};
 use super::build::{Watch, build_units};
 use super::check::check;
 use super::queries::{BackendInfo, RayQueries};
-use crate::Result;
 use crate::scene::Scene;
+use crate::{Error, Result};
 use committed::{CommittedScene, Placement};
 use device::{CommitProgress, DeviceHandle, DeviceMonitor, SceneHandle, best_isa};
 pub use options::{EmbreeOptions, Packets, Quality};
@@ -65,12 +65,13 @@ impl EmbreeRays {
     /// Builds the acceleration structure; keeps the scene for its buffers and for alpha tests.
     ///
     /// # Errors
-    /// [`Error::Data`](crate::Error::Data) for a malformed scene, [`Error::Host`](crate::Error::Host) for a library whose
+    /// [`Error::Data`] for a malformed scene, [`Error::Host`] for a library whose
     /// version is not that of the header, an unsupported CPU or too little memory,
-    /// [`Error::Interrupted`](crate::Error::Interrupted) if `watch` stops the build.
+    /// [`Error::Interrupted`] if `watch` stops the build.
     pub fn build(scene: Arc<Scene>, options: &EmbreeOptions, watch: Watch) -> Result<Self> {
         let start = Instant::now();
         check(&scene)?;
+        check_threads(options.threads)?;
         let monitor = Arc::<DeviceMonitor>::default();
         let device = DeviceHandle::new(options, &monitor)?;
         let version = device.version()?;
@@ -170,3 +171,17 @@ const SMALL_SCENE_PRIMITIVES: usize = 2000;
 
 /// Smallest batch that is sorted by octant: enough rays to fill packets of each.
 const MIN_SORTED_RAYS: usize = 256;
+
+/// Starts as many threads as Embree will, and ends them: Embree's library ends the process where the system refuses one.
+fn check_threads(threads: usize) -> Result<()> {
+    let gate = Mutex::new(());
+    std::thread::scope(|scope| {
+        let shut = gate.lock();
+        for _ in 0..threads {
+            let thread = std::thread::Builder::new().spawn_scoped(scope, || drop(gate.lock()));
+            thread.map_err(|e| Error::Host(format!("cannot start {threads} threads for Embree: {e}")))?;
+        }
+        drop(shut);
+        Ok(())
+    })
+}

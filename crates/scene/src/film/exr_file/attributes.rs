@@ -9,3 +9,8 @@ pub(super) const HASH: &str = "bismar.hash";
 pub(super) fn text(s: &str) -> exr::meta::attribute::Text {
     exr::meta::attribute::Text::from_slice_unchecked(s.as_bytes())
 }
+
+/// The text of an attribute or name. OpenEXR's texts are bytes, and UTF-8 by its documentation; others are read as Latin-1.
+pub(super) fn string(text: &exr::meta::attribute::Text) -> String {
+    String::from_utf8(text.as_slice().to_vec()).unwrap_or_else(|_| text.to_string())
+}

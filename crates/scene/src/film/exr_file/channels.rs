@@ -3,6 +3,7 @@
 use exr::meta::attribute::SampleType;
 use exr::prelude::*;
 
+use super::attributes::string;
 use super::read::{cannot_use, checked, each_block, guarded, invalid};
 use crate::Result as Outcome;
 
@@ -25,7 +26,7 @@ fn bits(bytes: &[u8]) -> Result<Vec<ChannelBits>> {
         return Err(invalid("it has deep or subsampled channels"));
     }
     let Vec2(width, height) = header.layer_size;
-    let new = |channel: &ChannelDescription| (channel.name.to_string(), vec![0; width * height]);
+    let new = |channel: &ChannelDescription| (string(&channel.name), vec![0; width * height]);
     let mut channels: Vec<ChannelBits> = header.channels.list.iter().map(new).collect();
     each_block(chunks, 0, |block| {
         for line in block.lines(&header.channels) {

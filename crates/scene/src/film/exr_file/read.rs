@@ -13,14 +13,15 @@ use exr::error::Error as ExrError;
 use exr::meta::attribute::{AttributeValue, SampleType};
 use exr::meta::header::Header as ExrHeader;
 use exr::prelude::*;
+use glam::Mat3;
 
-use super::attributes::{HASH, LENGTH, text};
+use super::attributes::{HASH, LENGTH, string, text};
 use super::checksum::CHECKSUM;
 use super::{bounds, head};
 use crate::film::cryptomatte::PREFIX;
 use crate::film::header::{Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::film::picture::Picture;
-use crate::{Error, Result as Outcome, guard};
+use crate::{Error, Result as Outcome, color, guard};
 
 /// Reads the beauty of any flat OpenEXR file: the channels R, G, B (or those of a layer that ends in `Combined`, as Blender
 /// writes) in half, float or integer, and `variance.R`, `.G`, `.B` if they exist. The content of the file is not trusted.
@@ -39,13 +40,13 @@ pub fn picture(bytes: &[u8], fits: &Fits) -> std::result::Result<Picture, String
     guarded(|| decode(bytes, None, fits))
 }
 
-/// Width and height of the largest part in pixels, by the head of a file's bytes; `None` for a head that cannot be read.
+/// Width and height of the largest window in pixels, by the head of a file's bytes; `None` for a head that cannot be read.
 pub fn size(bytes: &[u8]) -> Option<(u64, u64)> {
     let mut largest = None;
     let visit = &mut |attribute: head::Attribute| {
         let side = |at: usize| Some(i64::from(i32::from_le_bytes(attribute.value.get(at..at + 4)?.try_into().ok()?)));
         let sides = || Some((side(8)? - side(0)? + 1, side(12)? - side(4)? + 1));
-        if attribute.name == b"dataWindow"
+        if [&b"dataWindow"[..], b"displayWindow"].contains(&attribute.name)
             && let Some((width, height)) = sides().filter(|(width, height)| *width > 0 && *height > 0)
         {
             largest = largest.max(Some((width as u64, height as u64)));
@@ -75,9 +76,9 @@ pub fn read_header(path: &Path) -> Outcome<Header> {
     let meta = read_meta(path, open(path)?)?;
     let Some(first) = meta.headers.first() else { return Ok(Header::new()) };
     let ours = first.own_attributes.other.iter().filter_map(|(name, value)| {
-        let name = name.to_string();
+        let name = string(name);
         let value = match value {
-            AttributeValue::Text(t) => HeaderValue::Text(t.to_string()),
+            AttributeValue::Text(t) => HeaderValue::Text(string(t)),
             AttributeValue::F64(x) => HeaderValue::Number(*x),
             _ => return None,
         };
@@ -87,6 +88,8 @@ pub fn read_header(path: &Path) -> Outcome<Header> {
         public.then(|| (name.into(), value))
     });
     let mut header: Header = ours.collect();
+    // The decoder has them in no order.
+    header.sort_by(|a, b| a.0.cmp(&b.0));
     let own = &first.own_attributes;
     for (name, matrix) in [(WORLD_TO_CAMERA, own.world_to_camera), (WORLD_TO_NDC, own.world_to_normalized_device)] {
         header.extend(matrix.map(|m| (name.into(), HeaderValue::Matrix(m))));
@@ -256,6 +259,15 @@ fn decode(bytes: &[u8], layer: Option<&str>, fits: &Fits) -> Result<Picture> {
         }
         Ok(())
     })?;
+    let is_rgb = colors.iter().zip(["R", "G", "B"]).all(|(name, letter)| name.ends_with(letter));
+    if let Some(c) = header.shared_attributes.chromaticities.filter(|_| is_rgb) {
+        let points = [c.red, c.green, c.blue, c.white].map(|Vec2(x, y)| [x, y]);
+        match color::rec709_from_rgb(points.as_flattened().try_into().expect("four points")) {
+            Some(matrix) if matrix == Mat3::IDENTITY => {}
+            Some(matrix) => picture.transform(matrix),
+            None => tracing::warn!("chromaticities {points:?} are no colour space's: read as those of Rec. 709"),
+        }
+    }
     Ok(picture)
 }
 
@@ -312,7 +324,7 @@ pub(super) fn invalid(why: impl Into<Cow<'static, str>>) -> ExrError {
 }
 
 fn names(header: &ExrHeader) -> Vec<String> {
-    header.channels.list.iter().map(|c| c.name.to_string()).collect()
+    header.channels.list.iter().map(|c| string(&c.name)).collect()
 }
 
 /// The prefix of R, G and B in the names of the beauty's channels.
@@ -337,7 +349,7 @@ fn layer_channels(names: &[String], layer: &str) -> Option<Vec<String>> {
 
 /// Index of the channel with this name, if it has full resolution.
 fn full_channel(header: &ExrHeader, name: &str) -> Option<usize> {
-    header.channels.list.iter().position(|x| x.name.eq(name) && x.sampling == Vec2(1, 1))
+    header.channels.list.iter().position(|x| string(&x.name) == name && x.sampling == Vec2(1, 1))
 }
 
 fn window_of(position: Vec2<i32>, size: Vec2<usize>) -> [i64; 4] {

@@ -138,6 +138,52 @@ fn header_attributes_hold_text_in_utf8_and_numbers() {
     assert_eq!(other[&text("bismar.scene")], AttributeValue::Text(text("Küche.glb")));
     assert_eq!(other[&text("bismar.seed")], AttributeValue::F64(7.0));
     assert!(read(&path).unwrap().variance.is_none());
+    assert_eq!(read_header(&path).unwrap(), header);
+    // Bytes that are no UTF-8 are read as Latin-1.
+    assert_eq!(super::attributes::string(&Text::new_or_panic("Büro")), "Büro");
+}
+
+/// A picture of one colour with these chromaticities, whose data window is at `position` in a display window of 8 x 4.
+fn of_color(chromaticities: Option<[(f32, f32); 4]>, position: (i32, i32), size: (usize, usize)) -> Vec<u8> {
+    let color = [0.3, 0.5, 0.2];
+    let channels = SpecificChannels::rgb(|_| (color[0], color[1], color[2]));
+    let attributes = LayerAttributes { layer_position: position.into(), ..LayerAttributes::named("a") };
+    let mut image = Image::from_layer(Layer::new(size, attributes, Encoding::UNCOMPRESSED, channels));
+    image.attributes.display_window = IntegerBounds::from_dimensions((8, 4));
+    image.attributes.chromaticities = chromaticities.map(|[red, green, blue, white]| {
+        let [red, green, blue, white] = [red, green, blue, white].map(|(x, y)| Vec2(x, y));
+        exr::meta::attribute::Chromaticities { red, green, blue, white }
+    });
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image.write().to_buffered(&mut bytes).unwrap();
+    bytes.into_inner()
+}
+
+#[test]
+fn chromaticities_are_honoured() {
+    let ap1 = [(0.713, 0.293), (0.165, 0.830), (0.128, 0.044), (0.32168, 0.33767)];
+    // The published matrix from ACEScg to Rec. 709, times the colour.
+    for (chromaticities, right) in [(None, [0.3, 0.5, 0.2]), (Some(ap1), [0.18397, 0.52921, 0.15890])] {
+        let bytes = of_color(chromaticities, (0, 0), (8, 4));
+        let picture = super::picture(&bytes, &|_, _| Ok(())).unwrap();
+        assert!(picture.rgb[5].iter().zip(right).all(|(a, b)| (a - b).abs() < 2e-4), "{:?}", picture.rgb[5]);
+    }
+    // Those that are no colour space's leave the colours as they are.
+    let bytes = of_color(Some([(0.3, 0.3); 4]), (0, 0), (8, 4));
+    assert_eq!(super::picture(&bytes, &|_, _| Ok(())).unwrap().rgb[0], [0.3, 0.5, 0.2]);
+}
+
+#[test]
+fn a_panorama_is_the_display_window() {
+    for (position, size, lit) in
+        [((3, 1), (2, 2), 4), ((-2, -1), (12, 6), 32), ((20, 20), (2, 2), 0), ((0, 0), (8, 4), 32)]
+    {
+        let bytes = of_color(None, position, size);
+        let shown = super::picture(&bytes, &|_, _| Ok(())).unwrap().shown();
+        assert_eq!(shown.len(), 32);
+        assert_eq!(shown.iter().filter(|p| **p != [0.0; 3]).count(), lit, "{position:?}");
+        assert_eq!(shown[8 + 3] != [0.0; 3], lit > 0);
+    }
 }
 
 #[test]
@@ -146,10 +192,10 @@ fn half_floats_and_blenders_layer_names_are_read() {
     let path = folder.path().join("h.exr");
     let channel = |name, x| AnyChannel::new(text(name), FlatSamples::F16(vec![f16::from_f32(x); 6]));
     let channels = [
-        channel("ViewLayer.Combined.R", 0.5),
-        channel("ViewLayer.Combined.G", 1.0),
-        channel("ViewLayer.Combined.B", 2.0),
-        channel("ViewLayer.Depth.Z", 9.0),
+        channel("視野.Combined.R", 0.5),
+        channel("視野.Combined.G", 1.0),
+        channel("視野.Combined.B", 2.0),
+        channel("視野.Tiefenschärfe.Z", 9.0),
     ];
     let channels = AnyChannels::sort(channels.into_iter().collect());
     Image::from_channels((3, 2), channels).write().to_file(&path).unwrap();

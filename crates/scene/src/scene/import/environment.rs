@@ -1,15 +1,11 @@
 //! Equirectangular environment pictures: Radiance `.hdr` and OpenEXR.
 
-use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use image::codecs::hdr::HdrDecoder;
-use image::{DynamicImage, ImageDecoder, ImageReader};
-
 use super::source::read_regular;
 use crate::error::{Error, Result};
-use crate::film::exr_file;
+use crate::film::{exr_file, radiance};
 use crate::scene::Environment;
 
 /// 16384x8192.
@@ -70,12 +66,9 @@ impl EnvironmentFile {
 
     /// Size of the picture, by the file's header.
     pub fn size(&self) -> EnvironmentSize {
-        let reader = ImageReader::new(Cursor::new(&self.bytes)).with_guessed_format();
-        let (width, height) = match reader.map(ImageReader::into_dimensions) {
-            Ok(Ok((width, height))) => (width.into(), height.into()),
-            // OpenEXR. Without a readable header decoding reports the fault.
-            _ => exr_file::size(&self.bytes).unwrap_or_default(),
-        };
+        // Without a readable header decoding reports the fault.
+        let size = radiance::size(&self.bytes).filter(|_| self.bytes.starts_with(b"#?"));
+        let (width, height) = size.or_else(|| exr_file::size(&self.bytes)).unwrap_or_default();
         EnvironmentSize { width, height, file_bytes: self.bytes.len() as u64 }
     }
 
@@ -167,19 +160,21 @@ fn check_size(width: u64, height: u64, file_bytes: usize) -> std::result::Result
 }
 
 fn read_hdr(bytes: &[u8]) -> Picture {
-    let damaged = |e: image::ImageError| format!("a damaged Radiance picture: {e}");
-    let decoder = HdrDecoder::new(Cursor::new(bytes)).map_err(damaged)?;
-    let (width, height) = decoder.dimensions();
-    check_size(width.into(), height.into(), bytes.len())?;
-    let raw = DynamicImage::from_decoder(decoder).map_err(damaged)?.into_rgb32f().into_raw();
-    Ok((width, height, raw.as_chunks::<3>().0.to_vec()))
+    radiance::decode(bytes, |width, height| check_size(width, height, bytes.len()))
+        .map_err(|e| format!("a Radiance picture that cannot be read: {e}"))
 }
 
+/// Reads the display window: what lies outside of the data window is black.
 fn read_exr(bytes: &[u8]) -> Picture {
-    let picture = exr_file::picture(bytes, &|width, height| check_size(width, height, bytes.len()));
-    let picture = picture.map_err(|e| format!("an OpenEXR picture that cannot be read: {e}"))?;
-    let [x0, y0, x1, y1] = picture.window;
-    Ok(((x1 - x0) as u32, (y1 - y0) as u32, picture.rgb))
+    let check = |width, height| check_size(width, height, bytes.len());
+    let picture = exr_file::picture(bytes, &check).and_then(|picture| {
+        let [x0, y0, x1, y1] = picture.display;
+        let (width, height) = ((x1 - x0).max(0) as u64, (y1 - y0).max(0) as u64);
+        check(width, height)?;
+        let pixels = if picture.window == picture.display { picture.rgb } else { picture.shown() };
+        Ok((width as u32, height as u32, pixels))
+    });
+    picture.map_err(|e| format!("an OpenEXR picture that cannot be read: {e}"))
 }
 
 /// What [`clean`] has changed.

@@ -23,7 +23,7 @@ use serde_json::Value;
 pub use environment::{EnvironmentFile, EnvironmentSize, environment};
 pub use options::{ImportOptions, Pose, Shutter};
 pub use report::{ImportReport, Note, NoteKind, SceneCounts};
-pub use source::{Census, Survey};
+pub use source::{Census, Survey, read_text};
 pub use summary::{Summary, summary};
 
 use report::Notes;
@@ -102,7 +102,7 @@ impl SceneFiles {
             time_samples.extend(adjacent_frames);
             let shown = build::ShownDocument {
                 document: &document,
-                posed: posed.is_some(),
+                posed: posed.as_ref().and(options.pose.as_ref()).map(|pose| (json, pose)),
                 time_samples: &time_samples,
                 shutter_samples,
             };

@@ -22,6 +22,12 @@ pub struct CameraSummary {
     pub aspect: Option<f32>,
     /// Position in world space, metres.
     pub position: [f32; 3],
+    /// Near clipping plane, a depth along the view axis in metres, if the camera has planes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub znear: Option<f32>,
+    /// Far clipping plane, likewise.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub zfar: Option<f32>,
 }
 
 /// Summary of a punctual light.
@@ -184,7 +190,18 @@ fn camera(index: usize, camera: &crate::scene::Camera) -> CameraSummary {
         Projection::Panorama => ("panorama", 180.0),
     };
     let position = camera.to_world.translation.to_array();
-    CameraSummary { index, name: camera.name.clone(), projection, vertical, aspect: camera.aspect, position }
+    let znear = camera.clip.map(|[near, _]| near);
+    let zfar = camera.clip.map(|[_, far]| far).filter(|far| far.is_finite());
+    CameraSummary {
+        index,
+        name: camera.name.clone(),
+        projection,
+        vertical,
+        aspect: camera.aspect,
+        position,
+        znear,
+        zfar,
+    }
 }
 
 fn light(light: &crate::scene::PunctualLight) -> LightSummary {

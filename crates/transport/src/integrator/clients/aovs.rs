@@ -5,7 +5,7 @@ use glam::Vec3;
 use super::mirrors::{MirrorChains, facing_normal};
 use crate::film::{AovSums, ExtraSums};
 use crate::integrator::events::{FoundEmission, PathEvents, UnoccludedLight, WaveContext};
-use crate::integrator::queues::{AREA_GROUP, PathRays, ShadowRays, THROUGH_GLASS};
+use crate::integrator::queues::{AREA_GROUP, PathRays, ShadowRays};
 use crate::integrator::stages::surfaces::point;
 use crate::integrator::velocity::velocity;
 use crate::rays::{HitBatch, MISS};
@@ -67,7 +67,7 @@ impl PathEvents for Aovs<'_> {
     fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
         let path = shadows.path[found.row];
         if let Some(extras) = self.extras.get_mut(at.pixel(path)) {
-            extras.add_light((shadows.light_group[found.row] % THROUGH_GLASS) as usize, found.radiance);
+            extras.add_light(shadows.light_group[found.row] as usize, found.radiance);
         }
         if at.depth == 0 {
             self.add_direct(path, found.radiance);

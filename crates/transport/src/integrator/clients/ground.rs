@@ -10,12 +10,14 @@ use crate::film::GroundSums;
 use crate::integrator::events::{PathEvents, WaveContext};
 use crate::integrator::queues::{PathRays, ShadowRays};
 use crate::integrator::stages::light_set;
-use crate::integrator::stages::lights::SHADOW_END;
 use crate::integrator::thin_walls::ThinWalls;
 use crate::lanes::{F, LANES, Survivors, U, V3, eight, mask};
-use crate::light::{LightSampleContext, punctual};
+use crate::light::{LightSampleContext, LightSamples, punctual};
 use crate::rays::{HitBatch, MISS, RayOrder};
 use crate::sampling::{hashes, keys, samples};
+
+/// Light samples of a point on the ground: a path that ends there costs little else.
+const SAMPLES: u32 = 4;
 
 /// Columns of [`Ground`], kept by its owner.
 #[derive(Debug, Default)]
@@ -73,53 +75,56 @@ impl Ground<'_> {
         self.columns.points.clear();
         for row in (0..rays.len).filter(|row| hits.mesh[*row] == MISS) {
             let (origin, direction) = (rays.rays.origin(row), rays.rays.direction(row));
-            let point = origin + direction * ((self.height - origin.y) / direction.y);
-            if origin.y > self.height && direction.y < 0.0 && point.is_finite() {
+            let t = (self.height - origin.y) / direction.y;
+            let point = origin + direction * t;
+            let inside = t >= rays.rays.tnear[row] && t <= rays.rays.tfar[row];
+            if origin.y > self.height && direction.y < 0.0 && point.is_finite() && inside {
                 self.columns.points.push((row as u32, point.with_y(self.height)));
             }
         }
     }
 
-    /// Fills the shadow rays of the points: a sample of the environment or the area lights, and one of the punctual lights.
+    /// Fills the shadow rays of the points, [`SAMPLES`] times: a sample of the environment or the area lights, and one of the
+    /// punctual lights.
     /// The densities are those that need no BSDF samples.
     fn sample(&mut self, at: &WaveContext, rays: &PathRays) {
         let GroundColumns { shadows, light, points, .. } = &mut *self.columns;
         let transport = at.transport;
         let lights = transport.lights;
         shadows.bodies = transport.passes_bodies().then(|| shadows.bodies.take().unwrap_or_default());
-        shadows.open(2 * points.len(), transport.geometry.moves);
+        shadows.open(2 * SAMPLES as usize * points.len(), transport.geometry.moves);
         light.clear();
         let up = V3::splat(Vec3::Y);
-        for group in points.chunks(LANES) {
+        for (group, sample) in points.chunks(LANES).flat_map(|group| (0..SAMPLES).map(move |sample| (group, sample))) {
             let lane_of = |lane: usize| group[lane.min(group.len() - 1)];
             let column = |column: &[u32]| U::from(eight(|lane| column[lane_of(lane).0 as usize]));
             let (path, seed, index) = (column(&rays.path), column(&rays.seed), column(&rays.index));
+            let index = index * U::splat(SAMPLES) + U::splat(sample);
             let time = F::from(eight(|lane| rays.rays.time(lane_of(lane).0 as usize)));
             let point = V3::gather(eight(|lane| lane_of(lane).1));
             let key = hashes(keys(seed, index, light_set(0)));
             let [choice, u, v, other] = samples(seed, index, light_set(0));
-            let mut push = |wi: V3, distance: F, radiance: V3, valid: F| {
+            let mut push = |LightSamples { wi, end, .. }: LightSamples, radiance: V3, valid: F| {
                 let radiance = radiance * wi.y;
                 let bright = wi.y.simd_gt(F::ZERO) & radiance.max_element().simd_gt(F::ZERO) & radiance.is_finite();
                 let survivors = Survivors::of(mask(group.len()) & valid & bright);
                 shadows.set_bodies(&survivors, U::MAX, U::ZERO);
                 let first = shadows.len;
-                let tfar = distance * F::splat(SHADOW_END);
-                shadows.push(&survivors, (point, wi), tfar, (key, time), radiance, [path, U::ZERO, U::ZERO]);
+                shadows.push(&survivors, (point, wi), end, (key, time), radiance, [path, U::ZERO, U::ZERO]);
                 light.extend((first..shadows.len).map(|row| luminance(shadows.radiance.get(row))));
             };
-            let context = LightSampleContext { scene: transport.scene, time, p: point, n: up };
+            let context = LightSampleContext { scene: transport.scene, time, p: point, origin_error: F::ZERO, n: up };
             if lights.has_extent() {
                 let proposal = lights.proposal();
                 let (to_environment, choice) = proposal.draw_kind(choice);
                 let sample = lights.sample(&context, to_environment, &proposal, [choice, u, v]);
                 let q = F::splat(proposal.environment_probability);
                 let pdf = to_environment.select(q, F::ONE - q) * sample.pdf;
-                push(sample.wi, sample.distance, sample.radiance * (F::ONE / pdf), pdf.simd_gt(F::ZERO));
+                push(sample, sample.radiance * (F::ONE / pdf), pdf.simd_gt(F::ZERO));
             }
             if lights.punctual {
                 let sample = punctual::sample(&context, &lights.proposal(), [other, F::ZERO, F::ZERO]);
-                push(sample.wi, sample.distance, sample.radiance, sample.pdf.simd_gt(F::ZERO));
+                push(sample, sample.radiance, sample.pdf.simd_gt(F::ZERO));
             }
         }
         shadows.close();

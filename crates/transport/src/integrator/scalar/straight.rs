@@ -5,8 +5,7 @@ use glam::Vec3;
 use super::{Ray, Tracer};
 use crate::integrator::back_faces::beyond;
 use crate::integrator::glass_shadows;
-use crate::integrator::stages::lights::SHADOW_END;
-use crate::integrator::stages::media;
+use crate::integrator::materials::transmittance;
 use crate::integrator::thin_walls::{MAX_WALLS, Passages, is_wall};
 use crate::integrator::transport::Transport;
 use crate::lanes::LANES;
@@ -27,7 +26,7 @@ struct StraightRay {
 impl StraightRay {
     /// What the medium leaves up to a distance.
     fn absorbed(&self, transport: &Transport, t: f32) -> Vec3 {
-        media::transmittance(transport.materials.media[self.medium as usize], t - self.start)
+        transmittance(transport.materials.media[self.medium as usize], t - self.start)
     }
 }
 
@@ -111,9 +110,7 @@ impl Tracer<'_> {
             }
         }
         match hits.mesh[0] {
-            MISS if self.transport.passes_bodies() => {
-                straight.left * straight.absorbed(self.transport, ray.tfar[0] / SHADOW_END)
-            }
+            MISS if self.transport.passes_bodies() => straight.left * straight.absorbed(self.transport, ray.tfar[0]),
             MISS => straight.left,
             _ => Vec3::ZERO,
         }

@@ -5,7 +5,7 @@ use glam::Vec3;
 use crate::integrator::batch::PixelTask;
 use crate::integrator::queues::{PathIds, PathRays};
 use crate::integrator::transport::Transport;
-use crate::lanes::{F, LANES, NUMBERS, U, V3};
+use crate::lanes::{F, LANES, NUMBERS, Rows, U, V3, store};
 use crate::sampling::{keys, pixel_seed, samples};
 
 /// Sequence dimensions of the time of a path.
@@ -26,9 +26,19 @@ pub fn begin(transport: &Transport, tasks: &[PixelTask], rays: &mut PathRays) {
             let (ray, time) = camera_ray(transport, [task.x, task.y], seed, index);
             let path_ids = PathIds { path, index, seed, time };
             rays.push(n, ray, keys(seed, index, 0), V3::splat(Vec3::ONE), V3::ZERO, F::ZERO, path_ids);
+            clip(transport, rays, n);
         }
     }
     rays.close();
+}
+
+/// Ends the last `n` of the rays, which are camera rays, at the clipping planes.
+#[inline(always)]
+pub fn clip(transport: &Transport, rays: &mut PathRays, n: usize) {
+    let at = Rows::From(rays.len - n);
+    let (near, far) = transport.camera.intervals(rays.rays.directions(&at), rays.rays.times(&at));
+    store(&mut rays.rays.tnear, rays.len - n, near);
+    store(&mut rays.rays.tfar, rays.len - n, far);
 }
 
 /// Eight camera rays of the pixel at column `x` and row `y`, by these points of its sequence: origins and unit directions, and

@@ -43,6 +43,10 @@ fn emissive_surfaces(
         let excluded = is_excluded(rays, ray);
         let point = surfaces::point(transport, rays, hits, ray);
         if point.material.unlit {
+            // It is seen, but gives no light.
+            if at.depth > 0 && !rays.mirror_image[ray] {
+                continue;
+            }
             let emission = Emission { radiance: point.base_color(transport.scene), pdf: [0.0; 2], group: AREA_GROUP };
             found.extend(emission.weighted(at, ray, rays, non_finite));
             continue;
@@ -55,7 +59,7 @@ fn emissive_surfaces(
             let when = (transport.scene, rays.rays.time(ray));
             let pdf = match at.depth {
                 0 => 0.0,
-                _ if has_passed(rays, ray) || rays.bent.get(ray).is_some_and(|bent| *bent) => 0.0,
+                _ if has_passed(rays, ray) => 0.0,
                 _ => transport.lights.area_pdf(when, from, hit, direction, hits.t[ray], &transport.proposal.lights),
             };
             let emission = Emission { radiance, pdf: [0.0, pdf], group: AREA_GROUP };

@@ -9,7 +9,6 @@ use super::{light_set, media};
 use crate::bsdf::{Core, Lobe, Parameters};
 use crate::integrator::events::{LightSampleGroup, PathEvents, UnoccludedLight, WaveContext};
 use crate::integrator::glass_shadows;
-use crate::integrator::manifold;
 use crate::integrator::path_states::{NonFiniteSamples, clamp_contribution};
 use crate::integrator::queues::{PUNCTUAL_GROUP, ShadowRays};
 use crate::integrator::transport::Transport;
@@ -17,9 +16,6 @@ use crate::integrator::vertices::Vertices;
 use crate::lanes::{F, LANES, Survivors, U, V3, load, load_bits, mask};
 use crate::light::{LightSampleContext, LightSamples, punctual};
 use crate::sampling::{hashes, keys, samples};
-
-/// Length of shadow rays relative to the distance of the light.
-pub const SHADOW_END: f32 = 1.0 - 1e-4;
 
 /// Fills the shadow rays of the vertices: the light samples of `requests` (environment and area lights), and one sample of the
 /// punctual lights per vertex.
@@ -103,8 +99,11 @@ fn sample_extended(
     let [choice, u, v, _] = samples(id.seed, id.index, light_set(depth));
     let [a_env, a_area, a_b] = group.samples_per_path;
     let (is_environment, choice) = select_environment(transport, group.target, choice);
-    let (p, n) = (vertices.origin.load(rows), vertices.light_sampling_normals(rows, bsdf.transmits()));
-    let context = LightSampleContext { scene: transport.scene, time: id.time, p, n };
+    let transmits = bsdf.transmits();
+    let (p, n) = (vertices.origin.load(rows), vertices.light_sampling_normals(rows, transmits));
+    // Rays that cross the surface begin beyond it.
+    let origin_error = transmits & (load(&vertices.origin_offset, rows) * F::splat(2.0));
+    let context = LightSampleContext { scene: transport.scene, time: id.time, p, origin_error, n };
     let light = transport.lights.sample(&context, is_environment, &transport.proposal.lights, [choice, u, v]);
     let (value, mut bsdf_pdf) = bsdf.eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
     if let Some(mixture) = Mixture::at(transport, vertices, rows) {
@@ -114,7 +113,7 @@ fn sample_extended(
     let weight = transport.heuristic.weights(weighted_pdf, a_b * bsdf_pdf);
     let radiance = vertices.beta.load(rows) * value * light.radiance * (weight / weighted_pdf);
     let kind: U = cast(!is_environment & cast::<U, F>(U::ONE));
-    let found = Found { light, radiance, bsdf_pdf, is_environment, kind };
+    let found = Found { light, radiance, bsdf_pdf, kind };
     let (survivors, first_row, radiance) =
         push_shadow_rays(transport, depth, vertices, bsdf, group, &found, (non_finite, shadows));
     let emitter = light.emitter;
@@ -134,12 +133,12 @@ fn sample_punctual(
     let (rows, id) = (&group.rows, &group.path_ids);
     let [.., choice] = samples(id.seed, id.index, light_set(depth));
     let p = vertices.origin.load(rows) - vertices.ng.load(rows) * load(&vertices.origin_offset, rows);
-    let context = LightSampleContext { scene: transport.scene, time: id.time, p, n: V3::ZERO };
+    let context = LightSampleContext { scene: transport.scene, time: id.time, p, origin_error: F::ZERO, n: V3::ZERO };
     let light = punctual::sample(&context, &transport.proposal.lights, [choice, F::ZERO, F::ZERO]);
     let bsdf = vertices.bsdf(rows);
     let (value, bsdf_pdf) = bsdf.eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
     let radiance = vertices.beta.load(rows) * value * light.radiance;
-    let found = Found { light, radiance, bsdf_pdf, is_environment: F::ZERO, kind: U::splat(PUNCTUAL_GROUP) };
+    let found = Found { light, radiance, bsdf_pdf, kind: U::splat(PUNCTUAL_GROUP) };
     push_shadow_rays(transport, depth, vertices, &bsdf, group, &found, (non_finite, shadows));
 }
 
@@ -148,7 +147,6 @@ struct Found {
     light: LightSamples,
     radiance: V3,
     bsdf_pdf: F,
-    is_environment: F,
     /// Light group.
     kind: U,
 }
@@ -166,7 +164,7 @@ fn push_shadow_rays(
     (non_finite, shadows): (&mut NonFiniteSamples, &mut ShadowRays),
 ) -> (Survivors, usize, V3) {
     let (rows, id) = (&group.rows, &group.path_ids);
-    let Found { light, bsdf_pdf, is_environment, kind, .. } = *found;
+    let Found { light, bsdf_pdf, kind, .. } = *found;
     let spawned = vertices.spawn_rays(rows, bsdf.transmits(), light.wi);
     let medium = vertices.media(rows, spawned.beyond);
     let bodies = glass_shadows::at(transport, vertices, rows, bsdf, (bsdf_pdf, spawned.beyond));
@@ -174,19 +172,17 @@ fn push_shadow_rays(
         Some(_) => found.radiance,
         None => media::attenuated(transport, found.radiance, medium, light.distance),
     };
-    let left_out = manifold::left_out(transport, vertices, rows, bsdf, spawned.beyond) & !is_environment;
-    let allowed = bodies.map_or(spawned.allowed, |bodies| spawned.allowed & !bodies.excluded) & !left_out;
+    let allowed = bodies.map_or(spawned.allowed, |bodies| spawned.allowed & !bodies.excluded);
     let valid = mask(group.len) & light.pdf.simd_gt(F::ZERO) & allowed;
     let finite = radiance.is_finite();
     non_finite.add_lanes((valid & !finite).to_bitmask(), id.path);
     let alive = valid & radiance.max_element().simd_gt(F::ZERO) & finite;
     let key = hashes(keys(id.seed, id.index, light_set(depth)));
-    let tfar = light.distance * F::splat(SHADOW_END);
     let (ray, ids) = ((spawned.origin, light.wi), [id.path, load_bits(&vertices.ray, rows), kind]);
     let (survivors, first_row) = (Survivors::of(alive), shadows.len);
     if let Some(bodies) = bodies {
         shadows.set_bodies(&survivors, cast(bodies.passes), medium.unwrap_or(U::ZERO));
     }
-    shadows.push(&survivors, ray, tfar, (key, id.time), radiance, ids);
+    shadows.push(&survivors, ray, light.end, (key, id.time), radiance, ids);
     (survivors, first_row, radiance)
 }

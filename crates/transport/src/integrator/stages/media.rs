@@ -1,19 +1,12 @@
 //! Absorption in media by the Beer-Lambert law, exp(−σ t). Light from the environment is not attenuated: a boundary that it
 //! crosses once is not closed.
 
-use glam::Vec3;
-
 use super::surfaces;
+use crate::integrator::materials::transmittance;
 use crate::integrator::queues::PathRays;
 use crate::integrator::transport::Transport;
 use crate::lanes::{F, U, V3, eight};
 use crate::rays::{HitBatch, MISS};
-
-/// Transmittance, linear RGB, over `distance` metres in a medium of absorption coefficient `absorption` per metre.
-#[inline]
-pub fn transmittance(absorption: Vec3, distance: f32) -> Vec3 {
-    if distance.is_finite() { (absorption * -distance).exp() } else { Vec3::ONE }
-}
 
 /// Attenuates the throughput of the rays at `depth` over the distance to their hits. The medium of a camera ray is unknown at
 /// its origin; it is that of the boundary that the ray hits from inside, if it does.

@@ -15,7 +15,7 @@ use crate::sampling::{keys, samples};
 /// Russian roulette begins after this many path segments.
 pub const ROULETTE_DEPTH: u32 = 3;
 /// Survival probability is this times the largest throughput channel, at most 1. Over 2, which was used before, 6 leaves 0.84 of
-/// relMSE × CPU seconds in seven scenes; 4 and 8 are within noise of it, 1 and no roulette worse (docs/throughput.md).
+/// relMSE × CPU seconds in seven scenes; 4 and 8 are within noise of it, 1 and no roulette worse (lab/notes/throughput.md).
 pub const ROULETTE_GAIN: f32 = 6.0;
 
 /// Fills the next rays from the vertices. `first_ray` is the number in the wave of the first one.

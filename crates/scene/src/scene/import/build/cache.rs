@@ -1,11 +1,15 @@
 //! Cache shared by imports of the same files at different times: decoded pictures, and meshes that do not change.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use glam::{DAffine3, DMat4};
+use glam::{DAffine3, DMat4, DVec3};
 
 use super::nodes::ObjectKey;
+use super::reach::Played;
+use super::reader::Reader;
+use crate::error::Result;
+use crate::scene::import::options::Pose;
 use crate::scene::import::report::Note;
 use crate::scene::{Image, Material, Mesh};
 
@@ -16,7 +20,11 @@ pub struct ImportCache {
     images: Mutex<HashMap<usize, Arc<Image>>>,
     /// Objects of the last import.
     objects: Mutex<Objects>,
+    /// What an animation of these root nodes moves.
+    played: Mutex<Option<Kept>>,
 }
+
+type Kept = ((Option<String>, Vec<usize>), Option<Arc<Played>>);
 
 /// Objects of one import.
 pub type Objects = HashMap<CacheKey, Arc<CachedObject>>;
@@ -31,10 +39,12 @@ pub struct CacheKey {
     world: Vec<u64>,
     /// Number of time samples while the shutter is open; the remaining ones are for velocities.
     shutter_samples: usize,
+    /// Bits of the direction along which triangles that are lines have been left out.
+    lost: Option<[u64; 3]>,
 }
 
 /// Attributes that a material needs: the texture coordinate set that tangents follow, and whether each set is sampled.
-pub type AttributeNeeds = (Option<u8>, [bool; 2]);
+pub type AttributeNeeds = (Option<u8>, BTreeSet<u8>);
 
 /// An object's meshes; in world space if it is placed once.
 #[derive(Debug)]
@@ -54,26 +64,44 @@ impl CacheKey {
     }
 
     /// The key of an object with these joint matrices at its time samples; `worlds` are the transforms that are baked into its
-    /// meshes.
+    /// meshes, and `lost` the direction along which triangles that are lines are left out.
     pub fn new<'a>(
         object: &ObjectKey,
         joints: impl Iterator<Item = &'a [DMat4]>,
         worlds: impl Iterator<Item = DAffine3>,
-        shutter_samples: usize,
+        (shutter_samples, lost): (usize, Option<DVec3>),
     ) -> Self {
         let bits = |numbers: &[f64]| numbers.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
         let joints = joints.flatten().flat_map(|m| bits(&m.to_cols_array())).collect();
         let world = worlds.flat_map(|world| bits(&world.to_cols_array())).collect();
-        Self { object: object.clone(), joints, world, shutter_samples }
+        let lost = lost.map(|lost| lost.to_array().map(f64::to_bits));
+        Self { object: object.clone(), joints, world, shutter_samples, lost }
     }
 }
 
 /// Attributes that a material needs.
 pub fn attribute_needs(material: &Material) -> AttributeNeeds {
-    (material.tangent_set(), [0, 1].map(|set| material.textures.iter().any(|t| t.set == set)))
+    (material.tangent_set(), material.textures.iter().map(|t| t.set).collect())
 }
 
 impl ImportCache {
+    /// What the animation moves; read once for all frames.
+    ///
+    /// # Errors
+    /// Those of [`Played::read`].
+    pub fn played(&self, reader: &mut Reader, pose: &Pose) -> Result<Option<Arc<Played>>> {
+        let mut kept = self.played.lock().unwrap_or_else(PoisonError::into_inner);
+        let key = (pose.animation.clone(), reader.document.roots.clone());
+        if let Some((of, played)) = &*kept
+            && *of == key
+        {
+            return Ok(played.clone());
+        }
+        let found = Played::read(reader, pose)?.map(Arc::new);
+        *kept = Some((key, found.clone()));
+        Ok(found)
+    }
+
     /// Decoded pictures, by the document's index.
     pub fn images(&self) -> MutexGuard<'_, HashMap<usize, Arc<Image>>> {
         self.images.lock().unwrap_or_else(PoisonError::into_inner)

@@ -2,13 +2,14 @@
 
 use glam::{Affine3A, DAffine3, DVec3, Mat3A, Vec3A};
 
+use super::placements::axis;
 use crate::scene;
 use crate::scene::import::document::cameras::Camera;
 
 /// The camera at its node's world transform; `None` if the transform leaves no viewing direction.
 pub fn place(from: &Camera, name: String, world: &DAffine3) -> Option<scene::Camera> {
-    let z = world.matrix3.z_axis.try_normalize()?;
-    let y = world.matrix3.y_axis;
+    let z = axis(world, 2)?;
+    let y = axis(world, 1)?;
     let y = (y - z * y.dot(z)).try_normalize()?;
     let to_world = camera_to_world(y.cross(z), y, z, world.translation);
     to_world.is_finite().then_some(scene::Camera {
@@ -19,6 +20,7 @@ pub fn place(from: &Camera, name: String, world: &DAffine3) -> Option<scene::Cam
         motion: None,
         adjacent_frames: None,
         framing: None,
+        clip: Some(from.clip),
     })
 }
 

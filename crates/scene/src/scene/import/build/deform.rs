@@ -31,18 +31,13 @@ pub struct MeshPoses<'a> {
 /// Applies morph targets and skin to a primitive's vertices.
 ///
 /// # Errors
-/// Deltas, joints or weights that cannot be read; positions that are not finite afterwards.
+/// Deltas, joints or weights that cannot be read.
 pub fn apply_pose(reader: &mut Reader, primitive: &Primitive, pose: &MeshPose, g: &mut Geometry) -> Result<()> {
     morph(reader, primitive, pose.weights, g)?;
     if let Some(joints) = pose.joints {
         skin(reader, primitive, joints, g)?;
     }
-    match g.positions.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
-        Some(i) => {
-            Err(bad(&primitive.at, "finite positions in its pose", format!("{:?} at vertex {i}", g.positions[i])))
-        }
-        None => Ok(()),
-    }
+    Ok(())
 }
 
 /// Positions and normals of the undeformed vertices `g` at another time.
@@ -58,14 +53,18 @@ pub fn geometry_at(reader: &mut Reader, primitive: &Primitive, pose: &MeshPose, 
 
 /// Adds the weighted displacements of the morph targets.
 fn morph(reader: &mut Reader, primitive: &Primitive, weights: &[f32], g: &mut Geometry) -> Result<()> {
-    let vertices = g.positions.len();
+    let (vertices, mut mended) = (g.positions.len(), 0);
+    let mut add_to = |x: &mut f32, weight: f32, delta: f32| match delta.is_finite() {
+        true => *x += weight * delta,
+        false => mended += 1,
+    };
     for (target, &weight) in primitive.targets.iter().zip(weights).filter(|(_, w)| **w != 0.0) {
         let target: &Attributes = target;
         let mut add = |semantic: Semantic, out: &mut dyn Iterator<Item = &mut [f32]>| -> Result<()> {
             if let Some(&index) = target.get(&semantic) {
                 let deltas = reader.floats::<3>(index)?;
                 for (x, delta) in out.zip(deltas) {
-                    x.iter_mut().zip(delta).for_each(|(x, d)| *x += weight * d);
+                    x.iter_mut().zip(delta).for_each(|(x, d)| add_to(x, weight, d));
                 }
             }
             Ok(())
@@ -76,7 +75,7 @@ fn morph(reader: &mut Reader, primitive: &Primitive, weights: &[f32], g: &mut Ge
         if let (Some(colors), Some(&index)) = (&mut g.colors, target.get(&Semantic::Color(0))) {
             let deltas = reader.flat(index)?;
             for (color, delta) in colors.iter_mut().zip(deltas.chunks(deltas.len() / vertices)) {
-                color.iter_mut().zip(delta).for_each(|(x, d)| *x += weight * *d as f32);
+                color.iter_mut().zip(delta).for_each(|(x, d)| add_to(x, weight, *d as f32));
             }
         }
         let first = (0..).zip(&mut g.texcoords).filter_map(|(set, out)| Some((set, out.as_mut()?)));
@@ -85,12 +84,13 @@ fn morph(reader: &mut Reader, primitive: &Primitive, weights: &[f32], g: &mut Ge
             if let Some(&index) = target.get(&Semantic::TexCoord(set)) {
                 let deltas = reader.floats::<2>(index)?;
                 for (x, d) in out.iter_mut().zip(deltas) {
-                    *x = [x[0] + weight * d[0], x[1] + weight * d[1]];
+                    x.iter_mut().zip(d).for_each(|(x, d)| add_to(x, weight, d));
                 }
             }
         }
     }
-    g.colors.iter_mut().flatten().flatten().for_each(|x| *x = x.clamp(0.0, 1.0));
+    g.mended += mended;
+    g.colors.iter_mut().flatten().flatten().filter(|x| x.is_finite()).for_each(|x| *x = x.clamp(0.0, 1.0));
     Ok(())
 }
 
@@ -110,7 +110,8 @@ fn skin(reader: &mut Reader, primitive: &Primitive, joints: &[DMat4], g: &mut Ge
             blended.iter_mut().zip(chosen.iter().zip(&weights)).enumerate()
         {
             for (&joint, &weight) in chosen.iter().zip(weights) {
-                if weight == 0.0 {
+                if weight == 0.0 || !weight.is_finite() {
+                    g.mended += usize::from(weight != 0.0);
                     continue;
                 }
                 let Some(joint_matrix) = joints.get(joint as usize) else {

@@ -22,6 +22,8 @@ pub struct Geometry {
     pub source: Option<Vec<u32>>,
     pub motion: Option<Deformation>,
     pub adjacent_frames: Option<[Positions; 2]>,
+    /// Numbers that were not finite and had no effect: weights of joints, deltas of morph targets.
+    pub mended: usize,
     /// Texture coordinate set for which tangents must still be generated.
     pub tangents_for: Option<u8>,
 }
@@ -36,6 +38,51 @@ pub fn cross(g: &Geometry, [a, b, c]: [u32; 3]) -> DVec3 {
 }
 
 impl Geometry {
+    /// Replaces colours and texture coordinates that are NaN or infinite, with a note: NaN in a colour by 1, in coordinates by 0.
+    /// Colours are clamped to [0, 1]; normals and tangents are made unit vectors later.
+    pub fn mend_numbers(&mut self, at: &str, notes: &mut Notes) {
+        let mut mended = self.mended;
+        let mut mend = |x: &mut f32, instead: f32| {
+            if !x.is_finite() {
+                *x = if x.is_nan() { instead } else { x.clamp(0.0, 1.0) };
+                mended += 1;
+            }
+        };
+        self.colors.iter_mut().flatten().flatten().for_each(|x| mend(x, 1.0));
+        let sets = self.texcoords.iter_mut().flatten().chain(self.more_texcoords.iter_mut().map(|(_, set)| set));
+        sets.flatten().flatten().for_each(|x| mend(x, 0.0));
+        self.tangents.iter_mut().flatten().filter(|t| !t.iter().all(|x| x.is_finite())).for_each(|t| {
+            *t = [0.0, 0.0, 0.0, if t[3] < 0.0 { -1.0 } else { 1.0 }];
+            mended += 1;
+        });
+        if mended > 0 {
+            notes.repaired(
+                at,
+                format!("{mended} numbers of colours, tangents, texture coordinates, weights or morph targets are not finite: replaced"),
+            );
+        }
+    }
+
+    /// Removes triangles of which a corner is not finite, here or at one of the `others`' times, with a note.
+    pub fn drop_not_finite<'a>(&mut self, others: impl Iterator<Item = &'a Self>, at: &str, notes: &mut Notes) {
+        let not_finite = |g: &Self, i: usize| !g.positions[i].iter().all(|x| x.is_finite());
+        let mut bad: Vec<bool> = (0..self.positions.len()).map(|i| not_finite(self, i)).collect();
+        others.for_each(|g| bad.iter_mut().enumerate().for_each(|(i, bad)| *bad |= not_finite(g, i)));
+        let before = self.indices.len();
+        self.indices.retain(|t| !t.iter().any(|&i| bad[i as usize]));
+        let dropped = before - self.indices.len();
+        if dropped > 0 {
+            notes.not_loaded(at, format!("{dropped} triangles with a position that is not finite"));
+        }
+    }
+
+    /// Removes triangles that are lines as seen along a direction.
+    pub fn drop_edge_on(&mut self, direction: DVec3) {
+        let mut indices = std::mem::take(&mut self.indices);
+        indices.retain(|&t| cross(self, t).normalize_or_zero().dot(direction).abs() > 1e-9);
+        self.indices = indices;
+    }
+
     /// Removes triangles without area, with a note.
     pub fn drop_degenerate(&mut self, at: &str, notes: &mut Notes) {
         let before = self.indices.len();
@@ -83,7 +130,7 @@ impl Geometry {
             *n = unit.unwrap_or(DVec3::ZERO).as_vec3().to_array();
         }
         if missing {
-            notes.repaired(at, "normals of length 0: the triangles' own are used");
+            notes.repaired(at, "normals of length 0, or not finite: the triangles' own are used");
             let mut sums = vec![DVec3::ZERO; normals.len()];
             for &t in &self.indices {
                 let area = cross(self, t);

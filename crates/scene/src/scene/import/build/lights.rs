@@ -1,8 +1,9 @@
 //! Punctual lights with their world transforms.
 
-use glam::{DAffine3, DVec3, Vec3};
+use glam::{DAffine3, Vec3};
 
 use super::materials::dimmed;
+use super::placements::axis;
 use crate::scene::import::document::lights::Light;
 use crate::scene::import::report::Notes;
 use crate::scene::{PunctualKind, PunctualLight};
@@ -22,7 +23,7 @@ pub fn place(from: &Light, node: &str, world: &DAffine3, notes: &mut Notes) -> O
         notes.approximated(&from.at, text);
     }
     let position = world.translation.as_vec3();
-    let direction = world.transform_vector3(DVec3::NEG_Z).try_normalize().map(|d| d.as_vec3());
+    let direction = axis(world, 2).map(|z| (-z).as_vec3());
     let aimed = kind != PunctualKind::Point;
     let (true, Some(direction)) = (position.is_finite(), direction.or((!aimed).then_some(Vec3::NEG_Z))) else {
         notes.ignored(&from.at, "a light whose node has no direction or place (zero or infinite scale)");

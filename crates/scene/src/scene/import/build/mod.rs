@@ -12,6 +12,7 @@ mod nodes;
 mod placements;
 mod pose;
 mod primitive;
+mod reach;
 mod reader;
 mod skins;
 mod tangents;
@@ -25,14 +26,16 @@ use std::time::Instant;
 
 use glam::{DAffine3, DMat4, DVec3};
 use rayon::prelude::*;
+use serde_json::Value;
 use tracing::debug;
 
 use crate::error::Result;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::extensions::{Support, support};
 use crate::scene::import::document::primitives::Mesh as MeshOfDocument;
+use crate::scene::import::options::Pose;
 use crate::scene::import::report::{ImportReport, Notes};
-use crate::scene::{self, Camera, Instance, Motion, Object, Scene};
+use crate::scene::{self, Camera, Framing, Instance, Motion, Object, Scene};
 
 pub use cache::ImportCache;
 use cache::{CacheKey, CachedObject, Objects, attribute_needs};
@@ -41,9 +44,12 @@ pub use count::{image_bytes, mesh_bytes};
 use deform::{MeshPose, MeshPoses};
 use materials::MaterialTable;
 use nodes::{FlattenedScene, ObjectKey, Placement, flatten};
-use placements::{check_extent, corners, frame_objects, is_invertible, keep_invertible, points, to_f32};
+use placements::{
+    check_extent, corners, is_flat, is_visible, keep_visible, lost_direction, points, thickened, to_f32, visit_points,
+};
 pub use pose::posed;
 use primitive::Draft;
+use reach::Played;
 use reader::Reader;
 use textures::TextureTable;
 pub use time_samples::{TimeSample, time_sample, time_samples};
@@ -53,8 +59,8 @@ use unshown::{note_document, note_faults, note_unplaced};
 pub struct ShownDocument<'a> {
     /// The document at the picture's own time.
     pub document: &'a Document,
-    /// Are animations played? Otherwise the document is in its rest pose.
-    pub posed: bool,
+    /// The JSON at rest and the pose, if animations are played. Otherwise the document is in its rest pose.
+    pub posed: Option<(&'a Value, &'a Pose)>,
     /// Samples while the shutter is open, then one frame before and one after; either part may be empty.
     pub time_samples: &'a [TimeSample],
     /// Number of time samples while the shutter is open.
@@ -73,7 +79,7 @@ pub fn build(
     mut notes: Notes,
     report: &mut ImportReport,
 ) -> Result<Scene> {
-    note_document(document, document.variant.is_some(), posed, &mut notes);
+    note_document(document, document.variant.is_some(), posed.is_some(), &mut notes);
     let reader = Reader::new(document, file_bytes);
     let textures = TextureTable::new(file_bytes);
     let mut assembly = Assembly {
@@ -85,9 +91,10 @@ pub fn build(
         materials: MaterialTable::default(),
         scene: Scene::default(),
         framed_objects: Vec::new(),
+        played: None,
         drafts: Vec::new(),
         // A document in its rest pose is imported once: there is nothing to reuse.
-        reuse: posed.then(|| ObjectReuse { previous: cache.objects(), current: Objects::default() }),
+        reuse: posed.map(|_| ObjectReuse { previous: cache.objects(), current: Objects::default() }),
     };
     let flattened = flatten(document, (time_samples, shutter_samples), &mut assembly.reader, &mut notes)?;
     // Cached meshes need no decoding. If only another pose is cached, `read_cached` decodes the mesh.
@@ -97,18 +104,36 @@ pub fn build(
     let start = Instant::now();
     assembly.reader.unpack(meshes.flat_map(|mesh| &mesh.primitives))?;
     debug!("geometry unpacked: {:.3} s", start.elapsed().as_secs_f64());
+    assembly.played = posed.map(|(_, pose)| cache.played(&mut assembly.reader, pose)).transpose()?.flatten();
     for (key, placements) in &flattened.objects {
         assembly.place(key, placements, &flattened, &mut notes)?;
     }
     let placed: HashSet<usize> = flattened.objects.iter().map(|(key, _)| key.mesh).collect();
     note_unplaced(document, &placed, &mut notes);
 
-    let Assembly { textures, materials, mut scene, framed_objects, drafts, reuse, .. } = assembly;
+    let Assembly { mut reader, textures, materials, mut scene, framed_objects, drafts, reuse, played, .. } = assembly;
     let start = Instant::now();
     let finished: Vec<_> = drafts.into_par_iter().map(|(i, draft)| (i, Arc::new(draft.finish()))).collect();
     finished.into_iter().for_each(|(i, mesh)| scene.meshes[i] = mesh);
     debug!("tangents made: {:.3} s", start.elapsed().as_secs_f64());
-    let framing = flattened.cameras.is_empty().then(|| frame_objects(&scene, &framed_objects));
+    if let (Some(played), Some((json, _))) = (played, posed) {
+        let start = Instant::now();
+        // Rounded alike, whether stored in world space or not, so that every frame has the same.
+        let still = |visit: &mut dyn FnMut(DVec3)| {
+            visit_points(&scene, &framed_objects, &mut |p| visit(p.as_vec3().as_dvec3()));
+        };
+        let reach = played.reached.get_or_init(|| played.reach(&mut reader, json, &still).map(Arc::new));
+        scene.reach.clone_from(reach);
+        debug!("bounds over the animation: {:.6} s", start.elapsed().as_secs_f64());
+    }
+    let framing = flattened.cameras.is_empty().then(|| match &scene.reach {
+        Some(reach) => reach.framing.clone(),
+        None => {
+            let mut framing = Framing::default();
+            visit_points(&scene, &framed_objects, &mut |p| framing.include(p));
+            framing
+        }
+    });
     if let Some(reuse) = reuse {
         cache.set_objects(reuse.current);
     }
@@ -142,8 +167,11 @@ struct Assembly<'a> {
     textures: TextureTable,
     materials: MaterialTable,
     scene: Scene,
-    /// For a scene without a camera: objects, whether their meshes are in world space, and their transforms.
+    /// For a scene without a camera, or of which something moves: objects that do not, whether their meshes are in world space, and
+    /// their transforms.
     framed_objects: Vec<(u32, bool, Vec<DAffine3>)>,
+    /// What an animation moves; `None` if nothing.
+    played: Option<Arc<Played>>,
     /// Meshes that need tangents, with the index of their stand-in in the scene; they are finished in parallel.
     drafts: Vec<(usize, Draft)>,
     /// `None` without animation.
@@ -171,7 +199,7 @@ struct ObjectReuse {
 }
 
 impl Assembly<'_> {
-    /// Reads an object's meshes and places them.
+    /// Reads an object's meshes and places them. Placements that flatten it have meshes of their own.
     fn place(
         &mut self,
         key: &ObjectKey,
@@ -179,8 +207,21 @@ impl Assembly<'_> {
         flattened: &FlattenedScene,
         notes: &mut Notes,
     ) -> Result<()> {
+        let visible: Vec<&Placement> = placements.iter().filter(|p| keep_visible(p, notes)).collect();
+        let (flat, solid): (Vec<&Placement>, Vec<&Placement>) = visible.into_iter().partition(|p| is_flat(&p.world));
+        self.place_alike(key, &solid, flattened, notes)?;
+        self.place_alike(key, &flat, flattened, notes)
+    }
+
+    /// Reads an object's meshes for placements of which all or none are flat.
+    fn place_alike(
+        &mut self,
+        key: &ObjectKey,
+        placements: &[&Placement],
+        flattened: &FlattenedScene,
+        notes: &mut Notes,
+    ) -> Result<()> {
         let document = self.document;
-        let placements: Vec<&Placement> = placements.iter().filter(|p| keep_invertible(p, notes)).collect();
         let mesh = document.meshes.get(key.mesh)?;
         let joints = match key.skin {
             Some(skin) => Some(skins::joint_matrices(document.skins.get(skin)?, &mut self.reader, &flattened.worlds)?),
@@ -200,18 +241,24 @@ impl Assembly<'_> {
             [&forms[..self.shutter_samples], &forms[self.shutter_samples..]].map(|f| if changing(f) { f } else { &[] });
         let poses = MeshPoses { picture, shutter, adjacent_frames };
         // The transform is baked into the meshes if the object is placed once and does not move.
-        let single = match &placements[..] {
+        let single = match placements {
             [placement] => match self.placement_times(placement, notes) {
-                PlacementTimes { shutter: None, adjacent_frames } => Some((*placement, adjacent_frames)),
                 PlacementTimes { shutter: Some(_), .. } => None,
+                PlacementTimes { shutter: None, adjacent_frames } => Some((*placement, adjacent_frames)),
             },
             _ => None,
         };
+        // The direction in which they are flattened, if it is one.
+        let mut lost: Vec<DVec3> =
+            placements.iter().filter(|p| is_flat(&p.world)).map(|p| lost_direction(&p.world.matrix3)).collect();
+        let flat = !lost.is_empty();
+        lost.dedup();
+        let lost = <[DVec3; 1]>::try_from(lost).ok().map(|[lost]| lost);
         if self.reuse.is_some() {
-            self.read_cached(key, mesh, &poses, single, notes)?;
+            self.read_cached(key, mesh, &poses, (single, lost), notes)?;
         } else {
-            for (_, draft) in self.read(mesh, &poses, single, notes)? {
-                if draft.needs_tangents() {
+            for (_, draft) in self.read(mesh, &poses, (single, lost), notes)? {
+                if draft.needs_tangents() && !flat {
                     let outline = Arc::new(draft.outline());
                     self.drafts.push((self.scene.meshes.len(), draft));
                     self.scene.meshes.push(outline);
@@ -220,25 +267,28 @@ impl Assembly<'_> {
                 }
             }
         }
+        if flat {
+            // Every normal is that of the plane, which triangles have.
+            self.scene.meshes[start as usize..].iter_mut().for_each(|mesh| Arc::make_mut(mesh).normals = None);
+        }
         let meshes = start..self.scene.meshes.len() as u32;
         if meshes.is_empty() {
             return Ok(());
         }
         let object = self.scene.objects.len() as u32;
         self.scene.objects.push(Object { name: mesh.name.clone(), meshes });
-        if flattened.cameras.is_empty() {
-            self.framed_objects.push((
-                object,
-                single.is_some(),
-                placements.iter().map(|placement| placement.world).collect(),
-            ));
+        if flattened.cameras.is_empty() || self.played.is_some() {
+            let still =
+                |placement: &&&Placement| self.played.as_ref().is_none_or(|played| played.is_still(placement.from));
+            let worlds: Vec<_> = placements.iter().filter(still).map(|placement| placement.world).collect();
+            self.framed_objects.extend((!worlds.is_empty()).then_some((object, single.is_some(), worlds)));
         }
         if let Some((placement, _)) = single {
             let (name, category) = (placement.name.clone(), placement.category.clone());
             self.scene.instances.push(Instance { name, category, object, ..Default::default() });
             return Ok(());
         }
-        self.add_instances(object, mesh, &placements, notes)
+        self.add_instances(object, mesh, placements, notes)
     }
 
     /// Adds the placements of an object whose meshes are in object space.
@@ -252,6 +302,7 @@ impl Assembly<'_> {
         let Object { meshes, .. } = &self.scene.objects[object as usize];
         let meshes = &self.scene.meshes[meshes.start as usize..meshes.end as usize];
         let corners = corners(points(meshes.iter().map(Arc::as_ref)));
+        let thick = |worlds: Vec<DAffine3>| worlds.iter().map(|world| thickened(world, &corners)).collect::<Vec<_>>();
         for placement in placements {
             // One after the other: transforms at all times take more memory than what is kept of them.
             let times = self.placement_times(placement, notes);
@@ -262,9 +313,9 @@ impl Assembly<'_> {
                 name: placement.name.clone(),
                 category: placement.category.clone(),
                 object,
-                transform: Some(to_f32(&placement.world)),
-                motion: times.shutter.and_then(|transforms| Motion::new(&transforms)).map(Arc::new),
-                adjacent_frames: times.adjacent_frames.map(|both| both.map(|world| to_f32(&world))),
+                transform: Some(to_f32(&thickened(&placement.world, &corners))),
+                motion: times.shutter.and_then(|transforms| Motion::new(&thick(transforms))).map(Arc::new),
+                adjacent_frames: times.adjacent_frames.map(|both| both.map(|w| to_f32(&thickened(&w, &corners)))),
             });
         }
         Ok(())
@@ -289,8 +340,8 @@ impl Assembly<'_> {
         let transforms = placement.transforms_at(self.time_samples);
         let still = |transforms: &[DAffine3]| transforms.iter().all(|world| to_f32(world) == to_f32(&placement.world));
         let (shutter, adjacent_frames) = transforms.split_at(self.shutter_samples.min(transforms.len()));
-        let solid = shutter.iter().all(is_invertible);
-        if !solid {
+        let solid = shutter.iter().all(is_visible);
+        if !solid && !still(shutter) {
             let text = "zero or infinite scale while the shutter is open: rendered without motion, as at the picture's own time";
             notes.approximated(&placement.at, text);
         }
@@ -303,12 +354,13 @@ impl Assembly<'_> {
         }
     }
 
-    /// Reads an object's meshes, each with the index of its primitive; in world space if there is a `single` placement.
+    /// Reads an object's meshes, each with the index of its primitive; in world space if there is a `single` placement; without
+    /// what is a line as seen along `lost`.
     fn read(
         &mut self,
         mesh: &MeshOfDocument,
         poses: &MeshPoses,
-        single: Option<SinglePlacement>,
+        (single, lost): (Option<SinglePlacement>, Option<DVec3>),
         notes: &mut Notes,
     ) -> Result<Vec<(usize, Draft)>> {
         let document = self.document;
@@ -326,19 +378,26 @@ impl Assembly<'_> {
             }
             let material = self.materials.get(document, primitive.material, &mut self.textures, notes)?;
             let shading = &self.materials.materials[material as usize];
-            if let Some(geometry) = primitive::read(&mut self.reader, primitive, shading, poses, notes)? {
+            if let Some(mut geometry) = primitive::read(&mut self.reader, primitive, shading, poses, notes)? {
+                lost.into_iter().for_each(|lost| geometry.drop_edge_on(lost));
+                if geometry.indices.is_empty() {
+                    notes.not_loaded(&primitive.at, "a primitive that its scale flattens to lines: nothing to see");
+                    continue;
+                }
                 let name = match mesh.primitives.len() {
                     1 => mesh.name.clone(),
                     _ => format!("{}[{i}]", mesh.name),
                 };
-                let world = single.map(|(placement, adjacent_frames)| (placement.world, adjacent_frames));
-                drafts.push((i, Draft { geometry, name, material, world }));
+                drafts.push((i, Draft { geometry, name, material, world: None }));
             }
         }
-        if let Some((placement, _)) = single {
+        if let Some((placement, adjacent_frames)) = single {
             let positions = drafts.iter().flat_map(|(_, draft)| &draft.geometry.positions);
             let corners = corners(positions.map(|p| DVec3::from(p.map(f64::from))));
             check_extent(&corners, &placement.world, &placement.at, &mesh.at)?;
+            let thick = |world: DAffine3| thickened(&world, &corners);
+            let world = (thick(placement.world), adjacent_frames.map(|both| both.map(thick)));
+            drafts.iter_mut().for_each(|(_, draft)| draft.world = Some(world));
         }
         Ok(drafts)
     }
@@ -349,7 +408,7 @@ impl Assembly<'_> {
         key: &ObjectKey,
         mesh: &MeshOfDocument,
         poses: &MeshPoses,
-        single: Option<SinglePlacement>,
+        (single, lost): (Option<SinglePlacement>, Option<DVec3>),
         notes: &mut Notes,
     ) -> Result<()> {
         let document = self.document;
@@ -361,7 +420,7 @@ impl Assembly<'_> {
         let worlds = single.iter().flat_map(|(placement, adjacent_frames)| {
             [placement.world].into_iter().chain(adjacent_frames.iter().flatten().copied())
         });
-        let key = CacheKey::new(key, joints, worlds, self.shutter_samples);
+        let key = CacheKey::new(key, joints, worlds, (self.shutter_samples, lost));
         // Materials are numbered independently of the cache.
         let (mut materials, mut needs) = (Vec::new(), Vec::new());
         for primitive in &mesh.primitives {
@@ -379,7 +438,7 @@ impl Assembly<'_> {
             None => {
                 self.reader.unpack(mesh.primitives.iter())?;
                 let mut own = Notes::default();
-                let read = self.read(mesh, poses, single, &mut own)?;
+                let read = self.read(mesh, poses, (single, lost), &mut own)?;
                 let meshes = read.into_par_iter().map(|(i, draft)| (i, Arc::new(draft.finish()))).collect();
                 Arc::new(CachedObject { needs, meshes, notes: own.into_list() })
             }

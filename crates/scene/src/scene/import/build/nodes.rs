@@ -33,6 +33,8 @@ pub struct Placement {
     pub category: Option<Arc<str>>,
     pub world: DAffine3,
     pub at: String,
+    /// Index of the node that has the mesh.
+    pub from: usize,
     /// Index of the node, and the transform from object to node space; `None` for skinned meshes, which joints place.
     pub node: Option<(usize, DAffine3)>,
 }
@@ -138,6 +140,7 @@ pub fn flatten(
             category: category.clone(),
             world,
             at: node.at.clone(),
+            from: index,
             node: inside,
         };
         match &content.instancing {
@@ -163,7 +166,7 @@ fn to_f64(transform: &Affine3A) -> DAffine3 {
 }
 
 /// Transforms from instance to node space (EXT_mesh_gpu_instancing).
-fn instances(from: &Instancing, reader: &mut Reader) -> Result<Vec<DAffine3>> {
+pub fn instances(from: &Instancing, reader: &mut Reader) -> Result<Vec<DAffine3>> {
     let Some(&any) = from.all.first() else { return Ok(Vec::new()) };
     let accessor = reader.document.accessors.get(any)?;
     let (at, count) = (accessor.at.clone(), accessor.count);
@@ -192,7 +195,7 @@ fn instances(from: &Instancing, reader: &mut Reader) -> Result<Vec<DAffine3>> {
         let t = translation.as_ref().map_or(DVec3::ZERO, |v| DVec3::from(v[i].map(f64::from)));
         let s = scale.as_ref().map_or(DVec3::ONE, |v| DVec3::from(v[i].map(f64::from)));
         let r = rotation.as_ref().map_or(DQuat::IDENTITY, |v| DQuat::from_array(v[i].map(f64::from)));
-        let r = if r.length_squared() > 0.0 { r.normalize() } else { DQuat::IDENTITY };
+        let r = if r.length_squared() == 0.0 { DQuat::IDENTITY } else { r.normalize() };
         DAffine3::from_scale_rotation_translation(s, r, t)
     };
     Ok((0..count as usize).map(place).collect())

@@ -1,10 +1,12 @@
 //! Plays animations: a copy of the document with the values of animated properties at one time.
 
+use std::ops::Range;
+
 use glam::{DMat4, DQuat};
 use serde_json::{Value, json};
 
 use super::reader::Reader;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::scene::choose;
 use crate::scene::import::complaint::bad;
 use crate::scene::import::document::Document;
@@ -46,6 +48,22 @@ const ANIMATABLE: &[&str] = &[
     "dispersion",
 ];
 
+/// Indices of the animations that are played.
+///
+/// # Errors
+/// [`Error::Usage`](crate::Error::Usage) for an animation that is not there.
+pub fn chosen(document: &Document, pose: &Pose) -> Result<Range<usize>> {
+    let animations = &document.animations;
+    Ok(match pose.animation.as_deref() {
+        None | Some("all") => 0..animations.len(),
+        Some(wanted) => {
+            let name = |i| animations.get(i).map(|a| a.name.clone()).unwrap_or_default();
+            let index = choose("animation", wanted, &(0..animations.len()).map(name).collect::<Vec<_>>())?;
+            index..index + 1
+        }
+    })
+}
+
 /// The document with every animated property at the pose's time, clamped to each channel's keys. If two channels animate one
 /// property, the later one wins.
 ///
@@ -53,24 +71,27 @@ const ANIMATABLE: &[&str] = &[
 /// [`Error::Usage`] for an animation that is not there; [`Error::Data`] for keys that break the specification.
 pub fn posed(document: &Document, json: &Value, file_bytes: u64, pose: &Pose, notes: &mut Notes) -> Result<Value> {
     let animations = &document.animations;
-    let chosen = match pose.animation.as_deref() {
-        None | Some("all") => 0..animations.len(),
-        Some(wanted) => {
-            let name = |i| animations.get(i).map(|a| a.name.clone()).unwrap_or_default();
-            let index = choose("animation", wanted, &(0..animations.len()).map(name).collect::<Vec<_>>())?;
-            index..index + 1
-        }
-    };
     let mut out = json.clone();
     let mut reader = Reader::new(document, file_bytes);
     let mut played = Vec::new();
-    for index in chosen {
+    for index in chosen(document, pose)? {
         let animation = animations.get(index)?;
         played.push(if animation.name.is_empty() { format!("animations[{index}]") } else { animation.name.clone() });
         for channel in &animation.channels {
             let name = channel.pointer.rsplit('/').find(|name| !name.bytes().all(|b| b.is_ascii_digit()));
             if name.is_some_and(|name| ANIMATABLE.contains(&name) || name.ends_with("Factor")) {
-                let values = sample(&mut reader, channel, pose.seconds)?;
+                let Some(track) = Track::read(&mut reader, channel)? else {
+                    notes.repaired(&channel.at, format!("{}: no key is finite: not played", channel.pointer));
+                    continue;
+                };
+                if track.left_out > 0 {
+                    notes.repaired(&channel.at, format!("{} keys that are not finite are left out", track.left_out));
+                }
+                let values = track.at(pose.seconds);
+                if !values.iter().all(|x| x.is_finite()) {
+                    notes.repaired(&channel.at, format!("{} is not finite at this time: not played", channel.pointer));
+                    continue;
+                }
                 if set_property(&mut out, &channel.pointer, &values)? {
                     continue;
                 }
@@ -83,74 +104,108 @@ pub fn posed(document: &Document, json: &Value, file_bytes: u64, pose: &Pose, no
     Ok(out)
 }
 
-/// The channel's value at a time in seconds.
-fn sample(reader: &mut Reader, channel: &Channel, seconds: f64) -> Result<Vec<f64>> {
-    let input = reader.document.accessors.get(channel.input)?;
-    if input.shape != Shape::Scalar || input.component != Component::F32 {
-        return Err(bad(&input.at, "SCALAR of FLOAT, times of keys", input.format()));
-    }
-    let times: Vec<f64> = reader.floats::<1>(channel.input)?.into_iter().map(|[t]| t.into()).collect();
-    if let Some(i) = times.windows(2).position(|t| t[0] >= t[1]) {
-        let found = format!("{} after {} as number {}", times[i + 1], times[i], i + 1);
-        return Err(bad(&input.at, "times that increase from key to key", found));
-    }
-    let values = reader.flat(channel.output)?;
-    let spline = channel.interpolation == Interpolation::CubicSpline;
-    let values_per_key = if spline { 3 } else { 1 };
-    let width = values.len() / (times.len() * values_per_key);
-    let rotation = channel.pointer.starts_with("/nodes/") && channel.pointer.ends_with("/rotation");
-    let fits = match channel.pointer.rsplit('/').next() {
-        Some("rotation") if rotation => width == 4,
-        Some("translation" | "scale") if channel.pointer.starts_with("/nodes/") => width == 3,
-        _ => width > 0,
-    };
-    if !fits || width * times.len() * values_per_key != values.len() {
-        let at = &reader.document.accessors.get(channel.output)?.at;
-        let wanted = format!("values for {} keys of {}", times.len(), channel.pointer);
-        return Err(bad(at, wanted, format!("{} numbers", values.len())));
-    }
-    // A spline stores three values per key: in-tangent, value, out-tangent.
-    let part = |key: usize, part: usize| &values[(key * values_per_key + part) * width..][..width];
-    let value = |key: usize| part(key, usize::from(spline));
-    let after = times.partition_point(|t| *t <= seconds);
-    let (Some(from), true) = (after.checked_sub(1), after < times.len()) else {
-        return Ok(value(after.min(times.len() - 1)).to_vec());
-    };
-    let step = times[after] - times[from];
-    let u = (seconds - times[from]) / step;
-    let (a, b) = (value(from), value(after));
-    let quaternion = |q: &[f64]| DQuat::from_xyzw(q[0], q[1], q[2], q[3]);
-    Ok(match channel.interpolation {
-        Interpolation::Step => a.to_vec(),
-        Interpolation::Linear if rotation => {
-            let [a, b] = [a, b].map(|q| quaternion(q).normalize());
-            a.slerp(b, u).to_array().to_vec()
+/// The keys of a channel.
+#[derive(Debug)]
+pub struct Track {
+    /// Times in seconds, increasing.
+    pub times: Vec<f64>,
+    values: Vec<f64>,
+    /// Numbers of a value.
+    width: usize,
+    rotation: bool,
+    interpolation: Interpolation,
+    /// Number of keys that are not finite and no part of it.
+    left_out: usize,
+}
+
+impl Track {
+    /// Reads and checks a channel; `None` if none of its keys is finite.
+    ///
+    /// # Errors
+    /// [`Error::Data`](crate::Error::Data) for keys that break the specification.
+    pub fn read(reader: &mut Reader, channel: &Channel) -> Result<Option<Self>> {
+        let input = reader.document.accessors.get(channel.input)?;
+        if input.shape != Shape::Scalar || input.component != Component::F32 {
+            return Err(bad(&input.at, "SCALAR of FLOAT, times of keys", input.format()));
         }
-        Interpolation::Linear => a.iter().zip(b).map(|(a, b)| a + (b - a) * u).collect(),
-        // Appendix C of the glTF 2.0 specification.
-        Interpolation::CubicSpline => {
-            let (u2, u3) = (u * u, u * u * u);
-            let (out, into) = (part(from, 2), part(after, 0));
-            let spline = |i: usize| {
-                (2.0 * u3 - 3.0 * u2 + 1.0) * a[i]
-                    + step * (u3 - 2.0 * u2 + u) * out[i]
-                    + (3.0 * u2 - 2.0 * u3) * b[i]
-                    + step * (u3 - u2) * into[i]
-            };
-            let values: Vec<f64> = (0..width).map(spline).collect();
-            if rotation { quaternion(&values).normalize().to_array().to_vec() } else { values }
+        let mut times: Vec<f64> = reader.floats::<1>(channel.input)?.into_iter().map(|[t]| t.into()).collect();
+        let finite: Vec<f64> = times.iter().copied().filter(|t| t.is_finite()).collect();
+        if let Some(i) = finite.windows(2).position(|t| t[0] >= t[1]) {
+            let found = format!("{} after {} as number {}", finite[i + 1], finite[i], i + 1);
+            return Err(bad(&input.at, "times that increase from key to key", found));
         }
-    })
+        let mut values = reader.flat(channel.output)?;
+        let values_per_key = channel.interpolation.values_per_key();
+        let width = values.len() / (times.len() * values_per_key);
+        let rotation = channel.pointer.starts_with("/nodes/") && channel.pointer.ends_with("/rotation");
+        let fits = match channel.pointer.rsplit('/').next() {
+            Some("rotation") if rotation => width == 4,
+            Some("translation" | "scale") if channel.pointer.starts_with("/nodes/") => width == 3,
+            _ => width > 0,
+        };
+        if !fits || width * times.len() * values_per_key != values.len() {
+            let at = &reader.document.accessors.get(channel.output)?.at;
+            let wanted = format!("values for {} keys of {}", times.len(), channel.pointer);
+            return Err(bad(at, wanted, format!("{} numbers", values.len())));
+        }
+        let of_key = width * values_per_key;
+        let keep: Vec<bool> = times
+            .iter()
+            .zip(values.chunks(of_key))
+            .map(|(t, v)| t.is_finite() && v.iter().all(|x| x.is_finite()))
+            .collect();
+        let left_out = keep.iter().filter(|keep| !**keep).count();
+        if left_out > 0 {
+            let (mut key, mut value) = (0..keep.len(), 0..values.len());
+            times.retain(|_| key.next().is_some_and(|key| keep[key]));
+            values.retain(|_| value.next().is_some_and(|i| keep[i / of_key]));
+        }
+        let track = Self { times, values, width, rotation, interpolation: channel.interpolation, left_out };
+        Ok((!track.times.is_empty()).then_some(track))
+    }
+
+    /// The value at a time in seconds.
+    pub fn at(&self, seconds: f64) -> Vec<f64> {
+        let Self { times, values, width, rotation, interpolation, .. } = self;
+        // A spline stores three values per key: in-tangent, value, out-tangent.
+        let spline = *interpolation == Interpolation::CubicSpline;
+        let part = |key: usize, part: usize| &values[(key * interpolation.values_per_key() + part) * width..][..*width];
+        let value = |key: usize| part(key, usize::from(spline));
+        let after = times.partition_point(|t| *t <= seconds);
+        let (Some(from), true) = (after.checked_sub(1), after < times.len()) else {
+            return value(after.min(times.len() - 1)).to_vec();
+        };
+        let step = times[after] - times[from];
+        let u = (seconds - times[from]) / step;
+        let (a, b) = (value(from), value(after));
+        let quaternion = |q: &[f64]| DQuat::from_xyzw(q[0], q[1], q[2], q[3]);
+        match interpolation {
+            Interpolation::Step => a.to_vec(),
+            Interpolation::Linear if *rotation => {
+                let [a, b] = [a, b].map(|q| quaternion(q).normalize());
+                a.slerp(b, u).to_array().to_vec()
+            }
+            Interpolation::Linear => a.iter().zip(b).map(|(a, b)| a + (b - a) * u).collect(),
+            // Appendix C of the glTF 2.0 specification.
+            Interpolation::CubicSpline => {
+                let (u2, u3) = (u * u, u * u * u);
+                let (out, into) = (part(from, 2), part(after, 0));
+                let spline = |i: usize| {
+                    (2.0 * u3 - 3.0 * u2 + 1.0) * a[i]
+                        + step * (u3 - 2.0 * u2 + u) * out[i]
+                        + (3.0 * u2 - 2.0 * u3) * b[i]
+                        + step * (u3 - u2) * into[i]
+                };
+                let values: Vec<f64> = (0..*width).map(spline).collect();
+                if *rotation { quaternion(&values).normalize().to_array().to_vec() } else { values }
+            }
+        }
+    }
 }
 
 /// Writes a value at a JSON pointer and creates members that may be absent because they have a default. `false` if the
 /// pointer does not resolve.
 fn set_property(json: &mut Value, pointer: &str, values: &[f64]) -> Result<bool> {
-    if values.iter().any(|x| !x.is_finite()) {
-        return Err(Error::Data(format!(
-            "{pointer}: the animation gives the value {values:?}, which is not finite; export the file again"
-        )));
-    }
     // Animatable properties belong to an element of one of the document's arrays.
     let Some((parent, name)) = pointer.rsplit_once('/').filter(|(parent, _)| parent.matches('/').count() > 1) else {
         return Ok(false);

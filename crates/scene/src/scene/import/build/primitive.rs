@@ -100,7 +100,9 @@ pub fn read(
             })
         } else {
             let for_tangents = g.tangents.is_none() && material.tangent_set() == Some(set);
-            index.filter(|_| for_tangents).map(|i| reader.floats::<2>(i)).transpose()?
+            // The AOV `uv` shows TEXCOORD_0 of all surfaces with textures.
+            let for_aov = set == 0 && material.textures.iter().next().is_some();
+            index.filter(|_| for_tangents || for_aov).map(|i| reader.floats::<2>(i)).transpose()?
         };
         match g.texcoords.get_mut(usize::from(set)) {
             Some(slot) => *slot = texcoords,
@@ -116,6 +118,8 @@ pub fn read(
     let (steps, adjacent_frames) = (steps(shutter)?, steps(adjacent_frames)?);
     g.source = (!steps.is_empty() || !adjacent_frames.is_empty()).then(|| (0..g.positions.len() as u32).collect());
     apply_pose(reader, primitive, pose, &mut g)?;
+    g.mend_numbers(&primitive.at, notes);
+    g.drop_not_finite(steps.iter().chain(&adjacent_frames), &primitive.at, notes);
     g.drop_degenerate(&primitive.at, notes);
     if g.indices.is_empty() {
         notes.not_loaded(&primitive.at, "a primitive without a triangle of any area");
@@ -156,9 +160,9 @@ fn read_colors(reader: &mut Reader, index: usize, notes: &mut Notes) -> Result<V
         _ => reader.floats::<4>(index)?,
     };
     // The specification requires clamping.
-    if !colors.iter().flatten().all(|x| (0.0..=1.0).contains(x)) {
+    if colors.iter().flatten().any(|x| x.is_finite() && !(0.0..=1.0).contains(x)) {
         notes.repaired(&accessor.at, "vertex colours outside of 0 to 1 are clamped");
-        colors.iter_mut().flatten().for_each(|x| *x = x.clamp(0.0, 1.0));
+        colors.iter_mut().flatten().filter(|x| x.is_finite()).for_each(|x| *x = x.clamp(0.0, 1.0));
     }
     Ok(colors)
 }

@@ -152,26 +152,22 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// All elements as finite floats; normalized integers are divided by their largest value.
+    /// All elements as floats, of which some may be NaN or infinite; normalized integers are divided by their largest value.
     ///
     /// # Errors
-    /// Bytes that are not there, NaN or infinite values, wrong sparse indices, too much memory.
+    /// Bytes that are not there, wrong sparse indices, too much memory.
     pub fn floats<const N: usize>(&mut self, index: usize) -> Result<Vec<[f32; N]>> {
         let accessor = self.document.accessors.get(index)?;
         let n = accessor.normalized;
         let signed = move |x: f32, largest: f32| if n { (x / largest).max(-1.0) } else { x };
         let unsigned = move |x: f32, largest: f32| if n { x / largest } else { x };
-        let elements = match accessor.component {
-            Component::F32 => self.elements(index, |b: [u8; 4]| f32::from_le_bytes(b))?,
-            Component::U8 => self.elements(index, |b: [u8; 1]| unsigned(b[0].into(), 255.0))?,
-            Component::I8 => self.elements(index, |b: [u8; 1]| signed((b[0] as i8).into(), 127.0))?,
-            Component::U16 => self.elements(index, |b: [u8; 2]| unsigned(u16::from_le_bytes(b).into(), 65535.0))?,
-            Component::I16 => self.elements(index, |b: [u8; 2]| signed(i16::from_le_bytes(b).into(), 32767.0))?,
-            Component::U32 => self.elements(index, |b: [u8; 4]| u32::from_le_bytes(b) as f32)?,
-        };
-        match elements.iter().position(|e: &[f32; N]| !e.iter().all(|x| x.is_finite())) {
-            None => Ok(elements),
-            Some(i) => Err(bad(&accessor.at, "finite numbers", format!("{:?} in element {i}", elements[i]))),
+        match accessor.component {
+            Component::F32 => self.elements(index, |b: [u8; 4]| f32::from_le_bytes(b)),
+            Component::U8 => self.elements(index, |b: [u8; 1]| unsigned(b[0].into(), 255.0)),
+            Component::I8 => self.elements(index, |b: [u8; 1]| signed((b[0] as i8).into(), 127.0)),
+            Component::U16 => self.elements(index, |b: [u8; 2]| unsigned(u16::from_le_bytes(b).into(), 65535.0)),
+            Component::I16 => self.elements(index, |b: [u8; 2]| signed(i16::from_le_bytes(b).into(), 32767.0)),
+            Component::U32 => self.elements(index, |b: [u8; 4]| u32::from_le_bytes(b) as f32),
         }
     }
 

@@ -15,6 +15,13 @@ pub enum Interpolation {
     CubicSpline,
 }
 
+impl Interpolation {
+    /// Values that are stored for a key.
+    pub fn values_per_key(self) -> usize {
+        if self == Self::CubicSpline { 3 } else { 1 }
+    }
+}
+
 /// An animated property.
 #[derive(Debug)]
 pub struct Channel {

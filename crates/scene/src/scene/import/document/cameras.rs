@@ -17,6 +17,8 @@ pub struct Camera {
     pub name: Option<String>,
     pub projection: Projection,
     pub aspect: Option<f32>,
+    /// [`crate::scene::Camera::clip`].
+    pub clip: [f32; 2],
 }
 
 /// Parses and checks a camera.
@@ -28,23 +30,24 @@ pub fn parse(json: &Json) -> Result<Camera> {
         false => Err(bad(&json.path(&format!("{kind}.{key}")), wanted, x)),
     };
     let positive = |key: &str, x: f32| check(x > 0.0, key, "a number above 0", x);
-    let (projection, aspect) = match from.type_ {
+    let (projection, aspect, clip) = match from.type_ {
         Valid(Type::Perspective) => {
             let p = json.need(kind, from.perspective)?;
             let znear = positive("znear", p.znear)?;
-            p.zfar.map(|zfar| check(zfar > znear, "zfar", "more than znear", zfar)).transpose()?;
+            let zfar = p.zfar.map(|zfar| check(zfar > znear, "zfar", "more than znear", zfar)).transpose()?;
             let yfov = check(p.yfov < PI, "yfov", "an angle below π", positive("yfov", p.yfov)?)?;
             let aspect = p.aspect_ratio.map(|x| positive("aspectRatio", x)).transpose()?;
-            (Projection::Perspective { yfov }, aspect)
+            (Projection::Perspective { yfov }, aspect, [znear, zfar.unwrap_or(f32::INFINITY)])
         }
         Valid(Type::Orthographic) => {
             let o = json.need(kind, from.orthographic)?;
             let znear = check(o.znear >= 0.0, "znear", "at least 0", o.znear)?;
-            check(o.zfar > znear, "zfar", "more than znear", o.zfar)?;
+            let zfar = check(o.zfar > znear, "zfar", "more than znear", o.zfar)?;
             let (xmag, ymag) = (positive("xmag", o.xmag)?, positive("ymag", o.ymag)?);
-            (Projection::Orthographic { xmag, ymag }, Some(xmag / ymag).filter(|a| a.is_finite() && *a > 0.0))
+            let aspect = Some(xmag / ymag).filter(|a| a.is_finite() && *a > 0.0);
+            (Projection::Orthographic { xmag, ymag }, aspect, [znear, zfar])
         }
         _ => return Err(json.bad("type", "\"perspective\" or \"orthographic\"", kind)),
     };
-    Ok(Camera { name: from.name.filter(|n| !n.is_empty()), projection, aspect })
+    Ok(Camera { name: from.name.filter(|n| !n.is_empty()), projection, aspect, clip })
 }

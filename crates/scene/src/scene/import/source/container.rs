@@ -55,8 +55,29 @@ pub fn read(path: &Path) -> Result<Container> {
         None => (&json[..], false),
     };
     // The parser's own recursion limit keeps deep nesting from overflowing the stack.
-    let json = serde_json::from_slice(json).map_err(|error| in_file(format!("not valid JSON: {error}")))?;
+    let mut parser = serde_json::Deserializer::from_slice(json);
+    let parsed = serde_path_to_error::deserialize(&mut parser).map_err(|error| in_file(not_json(json, &error)))?;
+    parser.end().map_err(|error| in_file(format!("not valid JSON: {error}")))?;
+    let json = parsed;
     Ok(Container { json, byte_order_mark, file, file_bytes, bin })
+}
+
+/// What is wrong in `json`, and where. Python's and Unreal's exporters write numbers that JSON does not have.
+fn not_json(json: &[u8], error: &serde_path_to_error::Error<serde_json::Error>) -> String {
+    let (path, error) = (error.path().to_string(), error.inner());
+    let line = json.split(|b| *b == b'\n').nth(error.line().saturating_sub(1)).unwrap_or_default();
+    let (before, after) = line.split_at(error.column().saturating_sub(1).min(line.len()));
+    let is_word = |b: &u8| b.is_ascii_alphabetic();
+    let start = before.iter().rposition(|b| !is_word(b)).map_or(0, |i| i + 1);
+    let end = after.iter().position(|b| !is_word(b)).unwrap_or(after.len());
+    let word = String::from_utf8_lossy(&[&before[start..], &after[..end]].concat()).into_owned();
+    match ["nan", "inf", "infinity", "ind"].contains(&&*word.to_lowercase()) {
+        true => format!(
+            "not valid JSON: {path}: {word}, which JSON has no number for (line {}); write a finite one",
+            error.line()
+        ),
+        false => format!("not valid JSON: {path}: {error}"),
+    }
 }
 
 /// Reads 32-bit words of a file.

@@ -19,8 +19,8 @@ pub use blob::Blob;
 pub use census::Census;
 use container::Container;
 use reach::Reach;
-pub use read::read_regular;
 use read::{open_regular, refuse_pointer};
+pub use read::{read_regular, read_text};
 pub use survey::Survey;
 use uri::Resource;
 

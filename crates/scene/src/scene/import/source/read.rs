@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::Read;
+use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 
 use crate::error::{Error, Result};
@@ -48,4 +49,22 @@ pub fn read_regular(path: &Path, limit: u64) -> Result<Vec<u8>> {
     tracing::debug!("{}: {} bytes", path.display(), bytes.len());
     refuse_pointer(path, &bytes)?;
     Ok(bytes)
+}
+
+/// Reads a text of some program: from a file or a pipe, of at most 1 GiB.
+///
+/// # Errors
+/// [`Error::reading`]; [`Error::Data`] for a device, which may have no end, and for one that is longer.
+pub fn read_text(path: &Path) -> Result<Vec<u8>> {
+    const MOST: u64 = 1 << 30;
+    let reading = |e| Error::reading(path, &e);
+    let kind = std::fs::metadata(path).map_err(reading)?.file_type();
+    let mut bytes = Vec::new();
+    if !kind.is_char_device() && !kind.is_block_device() {
+        File::open(path).and_then(|file| file.take(MOST + 1).read_to_end(&mut bytes)).map_err(reading)?;
+        if bytes.len() as u64 <= MOST {
+            return Ok(bytes);
+        }
+    }
+    Err(Error::Data(format!("{}: a device, or longer than {MOST} bytes", path.display())))
 }

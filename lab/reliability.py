@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Kills, starves and misleads bismar, counts what was lost, and writes the counts into docs/reliability.md.
+"""Kills, starves and misleads bismar, counts what was lost, and writes the counts into lab/reliability.md.
 
     reliability.py BINARY SECTION...     a section by name, or all; each replaces its own part of the page
 
@@ -26,12 +26,12 @@ import reliability_memory
 from reliability_files import environment
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGE = ROOT / "docs/reliability.md"
+PAGE = ROOT / "lab/reliability.md"
 reader = importlib.import_module("same-bits")
 HEAD = """# Reliability tests
 
-Number of tries and failures of fault-injection tests, counted by `scripts/reliability.py target/release/bismar all`. A section's
-name in place of `all` repeats that section. The section about libFuzzer was measured by hand.
+Tries and failures, counted by `lab/reliability.py target/release/bismar all`; a section's name in place of
+`all` repeats it. libFuzzer was measured by hand.
 """
 SECTIONS = {}
 
@@ -278,14 +278,14 @@ def main():
         sys.exit(f"{__doc__}\nsections: all, {', '.join(SECTIONS)}")
     bismar = str(Path(sys.argv[1]).resolve())
     version = subprocess.run([bismar, "--version"], capture_output=True, text=True, check=True).stdout.split()
-    version = f"version {version[1]}, commit {version[3]}, {time.strftime('%B %Y')}"
+    version = f"{version[3]}, {time.strftime('%B %Y')}"
     failed = False
     for name, (title, function) in SECTIONS.items():
         if not {"all", name} & set(sys.argv[2:]):
             continue
         with tempfile.TemporaryDirectory() as folder:
             rows = function(bismar, Path(folder))
-        write(title, f"{' '.join(function.__doc__.split())} (`scripts/reliability.py BINARY {name}`; {version})", rows)
+        write(title, f"{' '.join(function.__doc__.split())} (`{name}`; {version})", rows)
         for row in rows:
             print(f"{name}: {row[0]}: {row[2]} of {row[1]} {row[3]}", flush=True)
             failed |= row[2] > 0

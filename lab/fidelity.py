@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Compares pictures with those of other renderers in Khronos' fidelity suite, and writes docs/fidelity.md.
+"""Compares pictures with those of other renderers in Khronos' fidelity suite, and writes lab/fidelity.md.
 
     fidelity.py --suite FOLDER --config FILE --models FOLDER... --environments FOLDER... [--write]
 
@@ -25,11 +25,13 @@ from pathlib import Path
 from statistics import median
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGE = ROOT / "docs/fidelity.md"
+PAGE = ROOT / "lab/fidelity.md"
 PATH_TRACERS = {"blender-cycles": "Cycles", "vray": "V-Ray", "stellar": "STELLAR", "three-gpu-pathtracer": "three-gpu-pathtracer"}
 RASTERISERS = {"gltf-sample-viewer": "Sample Viewer", "filament": "Filament"}
 PEERS = {**PATH_TRACERS, **RASTERISERS}
 FURTHEST = 10
+# Rows of the table, under two lines of heading; results.json has all.
+SHOWN = 8
 # What a scenario of the generator's config does not say.
 DEFAULTS = {"lighting": "lightroom_14b.hdr", "dimensions": {"width": 768, "height": 768}, "target": {"x": 0, "y": 0, "z": 0},
             "orbit": {"theta": 0, "phi": 90, "radius": 1}, "verticalFoV": 45, "renderSkybox": False}
@@ -264,12 +266,12 @@ def summary(rows, key, digits):
 def tables(rows, left_out):
     """What the page has between its marks."""
     light, _ = table(rows, "flip", 3)
-    shape, _ = table(rows, "overlap", 4)
-    made = {"fidelity-flip": [summary(rows, "flip", 3), "", *light], "fidelity-silhouettes": [summary(rows, "overlap", 4), "", *shape]}
+    made = {"fidelity-flip": [summary(rows, "flip", 3), "", *light[:SHOWN + 2]],
+            "fidelity-silhouettes": [summary(rows, "overlap", 4)]}
     reasons = {}
     for name, why in left_out:
         reasons.setdefault(why, []).append(name.removeprefix("khronos-"))
-    made["fidelity-left-out"] = [f"- {why}: {', '.join(names)}." for why, names in reasons.items()] or ["Nothing."]
+    made["fidelity-left-out"] = [f"- {why}: {', '.join(names) if len(names) < 9 else f'{len(names)} scenarios'}." for why, names in reasons.items()] or ["Nothing."]
     return {name: "\n".join(lines) for name, lines in made.items()}
 
 
@@ -302,7 +304,7 @@ def main():
     parser.add_argument("--flags", default="", metavar="FLAGS", help="further flags of `bismar render`, in one string")
     parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="only these scenarios")
     parser.add_argument("--again", action="store_true", help="render pictures again that are in --out")
-    parser.add_argument("--write", action="store_true", help="put the tables into docs/fidelity.md")
+    parser.add_argument("--write", action="store_true", help="put the tables into lab/fidelity.md")
     options = parser.parse_args()
     scenarios = [complete(scenario) for scenario in json.loads(options.config.read_text())["scenarios"]]
     if options.only:

@@ -9,8 +9,8 @@ command wrote is kept in out/tables; --reuse compares that instead of running th
 
 A number with a standard error (a ± b) differs if it is more than three combined errors away. Seconds are of a machine and
 differ beyond a fifth. z-scores are noise: only their marks count. All other numbers have fixed seeds and must be equal as
-printed. Tables of docs/throughput.md and docs/peers.md are made by `make bench-peers`, those of docs/reliability.md by
-scripts/reliability.py; the tables of docs/balance.md and docs/guiding.md take hours and name their commands and commits.
+printed. Tables of lab/peers.md are made by `make bench-peers` and `make agreement`, those of lab/reliability.md by
+lab/reliability.py; the tables of docs/balance.md, docs/adaptive.md and docs/guiding.md take hours and name their commands.
 """
 
 import argparse
@@ -63,7 +63,9 @@ def stability(bismar):
     """The whole page."""
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run([bismar, "-q", "study", "stability", "--out", folder], check=True, stdout=subprocess.DEVNULL)
-        return {"docs/stability.md": (Path(folder) / "stability.md").read_text()}
+        page = subprocess.run([ROOT / "scripts/stability-page.sh", Path(folder) / "stability.md"], check=True, capture_output=True,
+                              text=True)
+        return {"docs/stability.md": page.stdout}
 
 
 COMMANDS = {"first-look": first_look, "noise-goal": noise_goal, "stability": stability}

@@ -5,7 +5,7 @@
                                     renders with Cycles, one thread; prints its CPU seconds. caustics: shadow caustics,
                                     which Cycles has for lights, not for emissive meshes
     glass.py measure FOLDER SCENE... [--seeds N] [--spp N] [--cycles N]
-                                    renders with both, prints the table of docs/peers.md
+                                    renders with both, prints the table of lab/peers.md
 
 Run it with a Python that has bpy (5.0.1), NumPy and OpenImageIO (scripts/setup.sh --pictures). The export has its defaults,
 and the options for cameras and lights. Bodies of glass have the group node `glTF Material Output` with a thickness, without
@@ -228,8 +228,7 @@ def of_bismar(bismar, folder, name, spp, seed, *flags):
 def measure(options):
     """Per scene and way: mean with its standard error, relMSE of one render, CPU seconds, product.
 
-    The reference is the mean of the scene's first way: `--glass-shadows manifold`, which finds the light of emissive surfaces
-    without bias and with the least noise, or the plain command for the room. relMSE is the mean of variance / (reference^2 +
+    The reference is the mean of the scene's first way: `--glass-shadows off`, or the plain command for the room. relMSE is the mean of variance / (reference^2 +
     0.01) over pixels and channels, with the sample variance of a way's own renders of different seeds: noise alone. *Against*
     compares the means of the pictures.
     """
@@ -241,7 +240,7 @@ def measure(options):
         subprocess.run([sys.executable, "-W", "ignore", __file__, "make", name, options.folder], check=True,
                        stdout=subprocess.DEVNULL)
         ways = {f"Bismar, `--glass-shadows {how}`": (of_bismar, options.bismar, options.spp, ["--glass-shadows", how])
-                for how in ("manifold", "off", "straight")}
+                for how in ("off", "straight")}
         if name in ("open", "room"):  # a thin pane is no body
             ways = {"Bismar": (of_bismar, options.bismar, options.spp, [])}
         ways["Cycles"] = (of_cycles, "plain", options.cycles, [])

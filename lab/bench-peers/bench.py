@@ -28,12 +28,12 @@ def options():
     parser.add_argument("--depth", type=int, default=8, help="most segments of a path [%(default)s]")
     parser.add_argument("--peer-roulette", type=int, default=1000, help="Mitsuba's rr_depth [%(default)s: none]")
     parser.add_argument("--reference-spp", type=int, default=8192, help="of the converged pictures [%(default)s]")
-    parser.add_argument("--quick", action="store_true", help="one small spp, two runs, rough references, no files in docs/")
-    parser.add_argument("--agreement", action="store_true", help="compare converged pictures instead; writes docs/peers.md's table")
+    parser.add_argument("--quick", action="store_true", help="one small spp, two runs, rough references, no files in lab/")
+    parser.add_argument("--agreement", action="store_true", help="compare converged pictures instead; writes lab/peers.md's table")
     parser.add_argument("--bismar", default="target/release/bismar", help="[%(default)s]")
     parser.add_argument("--bismar-flags", default="", help="more flags for it")
     parser.add_argument("--work", type=Path, default=Path("target/peers"), help="peers, scenes, references [%(default)s]")
-    parser.add_argument("--docs", type=Path, default=Path("docs"), help="where results go [%(default)s]")
+    parser.add_argument("--results", type=Path, default=Path("lab"), help="where results go [%(default)s]")
     if parser.parse_known_args()[0].quick:
         parser.set_defaults(spp="16", runs=2, reference_spp=1024)
     out = parser.parse_args()
@@ -47,8 +47,8 @@ def options():
 
 def measure(opt, scene):
     """One row a render: every renderer takes its turn in every round."""
-    # Cycles' GGX masks otherwise than the others': with metal it is measured against its own converged picture.
-    own = {"cycles"} if scene in ("veach", "blob") else set()
+    # GGX is masked otherwise by each: with rough metal a renderer is measured against its own converged picture.
+    own = {"bismar", *opt.peers} if scene in ("veach", "blob") else set()
     # Where light comes by few ways, peers take too long to converge; --agreement tells whether all show the same.
     common = "bismar" if scene in INTERIORS else "mitsuba"
     of = {name: name if name in own else common for name in ["bismar", *opt.peers]}
@@ -94,7 +94,7 @@ def spread(values, digits=2):
 
 
 def table(rows, opt):
-    """Per scene: each renderer's numbers, then ours over the best peer's, round by round."""
+    """What is measured; per scene each renderer's numbers, and ours over the best peer's, round by round."""
     spp = opt.spp[len(opt.spp) // 2]
     lines = [
         "| scene | renderer | set-up s | seconds | processor s | Mpaths/s | relMSE | relMSE x seconds | peak MiB |",
@@ -119,7 +119,7 @@ def table(rows, opt):
         ratio = [spread(np.divide(*(column(rows, k, **w) for w in of))) for k in ("inverse_efficiency", "relmse", "seconds", "cpu_seconds")]
         ratios.append(f"| {scene} | {TITLES[best]} | " + " | ".join(ratio) + " |")
     head = f"{opt.size} x {opt.size} pixels, {spp} spp, at most {opt.depth} segments, box filter; median (least to most) of {opt.runs} runs in turn."
-    return "\n".join([head, "", *lines, "", *ratios])
+    return head, "\n".join(lines), "\n".join(ratios)
 
 
 def agreement(opt):
@@ -157,14 +157,14 @@ def main():
     if opt.agreement:
         text = agreement(opt)
         if not opt.quick:
-            insert(opt.docs / "peers.md", "agreement", text)
+            insert(opt.results / "peers.md", "agreement", text)
         return
     load = os.getloadavg()[0]
     rows = [row for scene in opt.scenes for row in measure(opt, scene)]
-    text = table(rows, opt)
-    print(f"\n{text}\n\nload before: {load:.1f}")
-    folder = opt.work if opt.quick else opt.docs
-    with open(folder / "throughput.csv", "w", newline="") as file:
+    head, each, ratios = table(rows, opt)
+    print(f"\n{head}\n\n{each}\n\n{ratios}\n\nload before: {load:.1f}")
+    folder = opt.work if opt.quick else opt.results
+    with open(folder / "peers.csv", "w", newline="") as file:
         writer = csv.DictWriter(file, rows[0].keys())
         writer.writeheader()
         writer.writerows({k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows)
@@ -172,9 +172,9 @@ def main():
         scene: {TITLES[n]: [(np.median(column(rows, "seconds", scene=scene, renderer=n, spp=s)), np.median(column(rows, "relmse", scene=scene, renderer=n, spp=s))) for s in opt.spp] for n in ["bismar", *opt.peers]}
         for scene in opt.scenes
     }  # fmt: skip
-    (folder / "throughput.svg").write_text(chart(points))
+    (folder / "peers.svg").write_text(chart(points))
     if not opt.quick:
-        insert(opt.docs / "throughput.md", "bench-peers", text)
+        insert(opt.results / "peers.md", "bench-peers", f"{head}\n\n{ratios}")
 
 
 if __name__ == "__main__":

@@ -5,18 +5,19 @@ set -euo pipefail
 dir=$1
 say() { printf 'bench-peers: %s\n' "$*" >&2; }
 
-venv() { # name, package it must be able to import, list in scripts/requirements with versions and hashes
+venv() { # name, package it must be able to import, list of versions and hashes
     local name=$1 module=$2
     shift 2
     "$dir/$name/bin/python" -c "import $module" 2>/dev/null >&2 && return
-    say "installing $1 into $dir/$name"
+    say "installing $name into $dir/$name"
     "${PYTHON:-python3}" -m venv --clear "$dir/$name" || { say "needs Python's venv (Debian: python3-venv)"; exit 1; }
-    "$dir/$name/bin/pip" --quiet install --require-hashes -r "$(dirname "$0")/../requirements/$1.txt"
+    "$dir/$name/bin/pip" --quiet install --require-hashes -r "$1"
 }
 
 mkdir -p "$dir"
-venv mitsuba mitsuba mitsuba
-venv cycles bpy blender || say "no Cycles: bpy 5.0.1 is built for Python 3.11 alone (PYTHON=python3.11 chooses one)"
+here=$(dirname "$0")
+venv mitsuba mitsuba "$here/mitsuba.txt"
+venv cycles bpy "$here/../../scripts/requirements/blender.txt" || say "no Cycles: bpy 5.0.1 is built for Python 3.11 alone (PYTHON=python3.11 chooses one)"
 
 # Mitsuba's LLVM back end crashes with the LLVM 14 that Debian 12 has as its default; 19 is beside it in both releases.
 if [ -z "${DRJIT_LIBLLVM_PATH:-}" ] && ! compgen -G "$dir/llvm/usr/lib/*/libLLVM.so.19*" >/dev/null; then

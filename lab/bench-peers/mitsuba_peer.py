@@ -25,7 +25,7 @@ def rgb(value):
 
 def bsdf(material):
     if material.metallic:
-        # Its GGX is ours: separable Smith masking, Schlick's Fresnel.
+        # Schlick's Fresnel as ours, but separable Smith masking, where ours is height-correlated.
         inner = {"type": "principled", "base_color": rgb(material.color), "metallic": 1.0, "roughness": material.roughness}
     else:
         inner = {"type": "diffuse", "reflectance": rgb(material.color)}

@@ -1,0 +1,71 @@
+//! Limits of the system and of formats: they end a command cleanly, with a code and a text that say what to do.
+
+use std::fs;
+use std::process::Command;
+
+use crate::helpers::glb;
+use crate::helpers::program::{bismar, expect, names, program, stderr};
+
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("s.glb"), glb::triangle()).unwrap();
+    folder
+}
+
+#[test]
+fn a_file_beyond_the_largest_size_is_a_failed_write_and_leaves_nothing() {
+    let folder = folder();
+    let line =
+        format!("ulimit -f 8; exec {} render s.glb --size 200x200 --spp 1 --aov all -o a.exr", program().display());
+    let ran = Command::new("sh").args(["-c", &line]).current_dir(folder.path()).output().unwrap();
+    assert_eq!(ran.status.code(), Some(74), "{}", stderr(&ran));
+    assert_eq!(names(folder.path()), ["s.glb"]);
+}
+
+#[test]
+fn devices_without_end_are_refused_and_lost_events_are_an_error() {
+    let folder = folder();
+    let path = folder.path();
+    expect(path, "render s.glb --cameras /dev/zero -o a.#.exr", 65);
+    expect(path, "render s.glb --path-mapping /dev/zero -o a.exr", 65);
+    expect(path, "farm task 1 --plan /dev/zero", 65);
+    fs::write(path.join("jobs.toml"), "[[job]]\nscene = 's.glb'\nsize = '8x8'\nspp = 1\noutput = 'a.exr'\n").unwrap();
+    assert!(expect(path, "batch jobs.toml --events /dev/full", 74).contains("--events"));
+    assert!(path.join("a.exr").exists());
+}
+
+#[test]
+fn names_as_long_as_the_system_allows_are_written() {
+    let folder = folder();
+    let name = format!("{}.exr", "n".repeat(251));
+    expect(folder.path(), &format!("render s.glb --size 8x8 --spp 1 -o {name}"), 0);
+    assert_eq!(names(folder.path()), [name, "s.glb".into()]);
+}
+
+#[test]
+fn numbers_of_threads_are_bounded_wherever_they_come_from() {
+    let folder = folder();
+    for n in ["0", "2147483648", "-1"] {
+        let ran =
+            bismar(folder.path()).args(["render", "s.glb", "-o", "a.exr"]).env("BISMAR_THREADS", n).output().unwrap();
+        assert_eq!(ran.status.code(), Some(64), "{}", stderr(&ran));
+        expect(folder.path(), &format!("render s.glb -o a.exr --threads={n}"), 64);
+    }
+}
+
+#[test]
+fn an_ending_with_a_folder_is_refused() {
+    let folder = folder();
+    expect(folder.path(), "render s.glb --size 8x8 --spp 1 --aov object -o a.exr", 0);
+    assert!(expect(folder.path(), "labels a.exr -o a.json --images a/b", 64).contains("--images"));
+}
+
+#[test]
+fn a_program_after_a_checkpoint_that_hangs_does_not_keep_the_render() {
+    let folder = folder();
+    let path = folder.path();
+    fs::write(path.join("hang.sh"), "#!/bin/sh\nsleep 1000 &\nwait\n").unwrap();
+    assert!(Command::new("chmod").arg("+x").arg(path.join("hang.sh")).status().unwrap().success());
+    let line = "render s.glb --size 64x64 --spp 4096 --checkpoint 0.001 --on-checkpoint ./hang.sh -o a.exr";
+    assert!(expect(path, line, 0).contains("still runs"));
+}

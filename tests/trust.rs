@@ -1,0 +1,176 @@
+//! A file that somebody else may have made is data: it starts no program, names no output, and leads nowhere outside.
+
+use std::fs::{self, File};
+use std::os::unix::fs::symlink;
+use std::path::Path;
+use std::process::Command;
+
+use crate::helpers::glb;
+use crate::helpers::program::{bismar, expect, names, scene, seal, stderr};
+
+/// A folder with a scene of a triangle.
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("scene-of-a-long-name-so-that-its-header-has-room-for-all-commands-of-this-test-that-are-put-in-its-place.glb"), glb::triangle()).unwrap();
+    fs::write(folder.path().join("s.glb"), glb::triangle()).unwrap();
+    folder
+}
+
+const RENDER: &str =
+    "-o golden.exr --size 12x9 --spp 2 --no-env --balance half --max-depth 3 --seed 7 --filter box --aov none";
+
+/// A golden picture whose header has `command` in place of its own.
+fn golden(folder: &Path, command: &str) {
+    expect(
+        folder,
+        &format!(
+            "render scene-of-a-long-name-so-that-its-header-has-room-for-all-commands-of-this-test-that-are-put-in-its-place.glb {RENDER}"
+        ),
+        0,
+    );
+    let path = folder.join("golden.exr");
+    let mut bytes = fs::read(&path).unwrap();
+    let at = bytes.windows(10).position(|part| part == b"{\"scene\":\"").unwrap();
+    let end = at + bytes[at..].iter().position(|b| *b == 0 || *b > 127).unwrap();
+    let length = bytes[at..end].iter().rposition(|b| *b == b'}').unwrap() + 1;
+    assert!(command.len() <= length, "{length}");
+    bytes[at..at + length].fill(b' ');
+    bytes[at..at + command.len()].copy_from_slice(command.as_bytes());
+    seal(&mut bytes);
+    fs::write(path, bytes).unwrap();
+}
+
+#[test]
+fn a_header_runs_nothing_writes_nothing_and_reads_nothing_outside() {
+    let folder = folder();
+    let path = folder.path();
+    fs::write(path.join("run.sh"), "#!/bin/sh\ntouch \"$(dirname \"$0\")/ran\"\n").unwrap();
+    assert!(Command::new("chmod").arg("+x").arg(path.join("run.sh")).status().unwrap().success());
+    // The form of earlier versions.
+    let sizes = r#"["size","12x9"],["spp","2"],["no-env",null],["balance","half"],["max-depth","3"],["seed","7"],["filter","box"]"#;
+    for flag in [r#"["on-checkpoint","./run.sh"],["checkpoint","1e-9"]"#, r#"["stats","s"]"#, r#"["threads","9999"]"#] {
+        golden(path, &format!(r#"{{"scene":"s.glb","flags":[{flag},{sizes}]}}"#));
+        fs::write(path.join("s"), "mine").unwrap();
+        expect(path, "check golden.exr", 0);
+        assert!(!path.join("ran").exists() && fs::read(path.join("s")).unwrap() == b"mine", "{flag}");
+    }
+    golden(path, r#"{"scene":"s.glb","flags":[["no-such-flag","1"]]}"#);
+    assert!(expect(path, "check golden.exr", 65).contains("no-such-flag"));
+    // Paths and links that lead out of the folder.
+    let other = tempfile::tempdir().unwrap();
+    fs::write(other.path().join("s.glb"), glb::triangle()).unwrap();
+    symlink(other.path(), path.join("out")).unwrap();
+    for scene in [other.path().join("s.glb").to_str().unwrap(), "../s.glb", "out/s.glb"] {
+        golden(path, &format!(r#"{{"scene":"{scene}","fields":{{"size":"12x9","spp":2}}}}"#));
+        let said = expect(path, "check golden.exr", 65);
+        assert!(said.contains("not below a folder") || said.contains("by a link"), "{said}");
+    }
+    golden(path, r#"{"scene":"s.glb","fields":{"size":"12x9"}}"#);
+    assert!(expect(path, "check golden.exr --max-paths 99", 65).contains("--max-paths"));
+}
+
+#[test]
+fn outputs_that_a_file_names_stay_in_its_folder_and_replace_nothing_of_others() {
+    let (folder, other) = (folder(), tempfile::tempdir().unwrap());
+    let path = folder.path();
+    fs::create_dir(path.join("linked")).unwrap();
+    symlink(other.path(), path.join("away")).unwrap();
+    fs::write(path.join("notes.txt"), "mine").unwrap();
+    fs::write(other.path().join("theirs"), "theirs").unwrap();
+    symlink(other.path().join("theirs"), path.join("linked/stats.json")).unwrap();
+    let outside = other.path().join("stats.json").display().to_string();
+    for (line, why) in [
+        (format!("stats = '{outside}'"), "outside"),
+        ("stats = '../../up.json'".into(), "outside"),
+        ("stats = 'notes.txt'".into(), "has not written"),
+        ("stats = 'linked/stats.json'".into(), "link"),
+        ("output = 'away/new/p.exr'".into(), "outside"),
+    ] {
+        let output = if line.starts_with("output") { String::new() } else { "output = 'p.exr'\n".into() };
+        let jobs = format!("[[job]]\nname = 'a'\nscene = 's.glb'\nsize = '8x8'\nspp = 1\n{output}{line}\n");
+        fs::write(path.join("jobs.toml"), jobs).unwrap();
+        let _ = fs::remove_file(path.join("p.exr"));
+        let ran = bismar(path).args(["batch", "jobs.toml"]).output().unwrap();
+        assert!(ran.status.code() == Some(73) && stderr(&ran).contains(why), "{line}: {}", stderr(&ran));
+    }
+    assert_eq!(
+        (fs::read(path.join("notes.txt")).unwrap(), names(other.path())),
+        (b"mine".to_vec(), vec!["theirs".into()])
+    );
+    assert_eq!(fs::read(other.path().join("theirs")).unwrap(), b"theirs");
+    // The command line names another folder, and what bismar has written is replaced.
+    let jobs = format!(
+        "[[job]]\nname = 'a'\nscene = 's.glb'\nsize = '8x8'\nspp = 1\noutput = '{}/p.exr'\n",
+        other.path().display()
+    );
+    fs::write(path.join("jobs.toml"), jobs).unwrap();
+    let root = other.path().display();
+    expect(path, &format!("batch jobs.toml --root {root}"), 0);
+    fs::write(path.join("s.glb"), [glb::triangle(), vec![]].concat()).unwrap();
+    expect(path, &format!("batch jobs.toml --root {root}"), 0);
+}
+
+#[test]
+fn what_a_command_derives_is_not_written_through_links_or_over_files_of_others() {
+    let folder = folder();
+    let path = folder.path();
+    expect(path, "render s.glb -o p.exr --size 8x8 --spp 4 --aov object", 0);
+    fs::write(path.join("mine"), "mine").unwrap();
+    symlink("mine", path.join("p.object.png")).unwrap();
+    assert!(expect(path, "labels p.exr --ids", 73).contains("link"));
+    fs::remove_file(path.join("p.object.png")).unwrap();
+    for _ in 0..2 {
+        expect(path, "labels p.exr --ids", 0);
+        expect(path, "develop p.exr", 0);
+    }
+    fs::write(path.join("transforms.json"), r#"{"frames": [], "mine": true}"#).unwrap();
+    let turn = "render s.glb --turntable 2 --size 8x8 --spp 1 -o v.#.exr";
+    assert!(expect(path, turn, 73).contains("has not written"));
+    fs::remove_file(path.join("transforms.json")).unwrap();
+    expect(path, turn, 0);
+    expect(path, turn, 0);
+    // `-o` on the command line is the user's own word.
+    fs::write(path.join("named.exr"), "mine").unwrap();
+    symlink("mine", path.join("named.png")).unwrap();
+    expect(path, "render s.glb --size 8x8 --spp 1 -o named.exr --preview named.png", 0);
+    assert!(fs::symlink_metadata(path.join("named.png")).unwrap().is_symlink());
+    // A folder of results that is a link.
+    let other = tempfile::tempdir().unwrap();
+    expect(path, "render s.glb --size 8x8 --spp 1 -o golden.exr", 0);
+    fs::create_dir(path.join("bismar-check")).unwrap();
+    symlink(other.path(), path.join("bismar-check/new")).unwrap();
+    expect(path, "check golden.exr", 73);
+    assert!(names(other.path()).is_empty());
+}
+
+#[test]
+fn names_that_wait_for_a_render_do_not_stop_it() {
+    let folder = folder();
+    let path = folder.path();
+    for name in [".q.exr.lock.tmp", ".q.exr.AbCdEf.tmp"] {
+        assert!(Command::new("mkfifo").arg(path.join(name)).status().unwrap().success());
+    }
+    expect(path, "render s.glb --size 8x8 --spp 1 -o q.exr", 0);
+    // As links they lead nowhere.
+    symlink("made", path.join(".r.exr.lock.tmp")).unwrap();
+    expect(path, "render s.glb --size 8x8 --spp 1 -o r.exr", 0);
+    assert!(!path.join("made").exists());
+    // Somebody who may read an output locks it.
+    let held = File::open(path.join("r.exr")).unwrap();
+    held.try_lock_shared().unwrap();
+    expect(path, "render s.glb --size 8x8 --spp 2 -o r.exr", 0);
+}
+
+#[test]
+fn the_plan_of_another_farm_is_not_replaced() {
+    let folder = folder();
+    let path = folder.path();
+    fs::copy(scene("cornell.glb"), path.join("c.glb")).unwrap();
+    let submit =
+        |scene: &str| format!("farm submit {scene} --parts 2 --format plan --folder farm -- --size 8x8 --spp 1");
+    expect(path, &submit("s.glb"), 0);
+    expect(path, &submit("s.glb"), 0);
+    let before = fs::read(path.join("farm/farm.json")).unwrap();
+    assert!(expect(path, &submit("c.glb"), 73).contains("--folder"));
+    assert_eq!(fs::read(path.join("farm/farm.json")).unwrap(), before);
+}
