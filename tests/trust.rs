@@ -92,6 +92,10 @@ fn outputs_that_a_file_names_stay_in_its_folder_and_replace_nothing_of_others() 
         let _ = fs::remove_file(path.join("p.exr"));
         let ran = bismar(path).args(["batch", "jobs.toml"]).output().unwrap();
         assert!(ran.status.code() == Some(73) && stderr(&ran).contains(why), "{line}: {}", stderr(&ran));
+        if why != "has not written" {
+            let said = expect(path, "farm submit jobs.toml --format plan", 73);
+            assert!(said.contains(why) && !path.join("jobs.farm").exists(), "{line}: {said}");
+        }
     }
     assert_eq!(
         (fs::read(path.join("notes.txt")).unwrap(), names(other.path())),
@@ -108,6 +112,18 @@ fn outputs_that_a_file_names_stay_in_its_folder_and_replace_nothing_of_others() 
     expect(path, &format!("batch jobs.toml --root {root}"), 0);
     fs::write(path.join("s.glb"), [glb::triangle(), vec![]].concat()).unwrap();
     expect(path, &format!("batch jobs.toml --root {root}"), 0);
+    expect(path, &format!("farm submit jobs.toml --root {root} --format plan"), 0);
+    // A plan may be of others, too.
+    let picture = other.path().join("p.exr");
+    let task = |code| expect(path, "farm task 1 --plan jobs.farm/farm.json", code);
+    task(0);
+    fs::write(&picture, "mine").unwrap();
+    task(65);
+    assert_eq!(fs::read(&picture).unwrap(), b"mine");
+    fs::remove_file(&picture).unwrap();
+    symlink(other.path().join("new"), &picture).unwrap();
+    task(73);
+    assert!(!other.path().join("new").exists());
 }
 
 #[test]

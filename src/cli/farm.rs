@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf, absolute};
 
 use clap::{Args, Command, FromArgMatches, Subcommand, ValueEnum, ValueHint};
 
-use super::render::{RenderArgs, given};
+use super::render::{RenderArgs, given, outputs};
 use crate::batch::frames::{split, with_placeholder};
 use crate::batch::job::Job;
 use crate::cli::batch;
@@ -73,6 +73,9 @@ struct SubmitArgs {
     /// the same folder].
     #[arg(long, value_name = "DIR")]
     folder: Option<PathBuf>,
+    /// Folder below which the outputs of a batch file may lie; may be repeated [default: the batch file's folder].
+    #[arg(long, value_name = "DIR")]
+    root: Vec<PathBuf>,
     /// Print what would be written and submitted, without doing it.
     #[arg(long)]
     dry_run: bool,
@@ -113,7 +116,7 @@ pub fn run(args: &FarmArgs) -> Result<Verdict> {
 fn submit(args: &SubmitArgs) -> Result<Verdict> {
     let is_batch = args.input.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
     let renders = match (is_batch, args.flags.is_empty()) {
-        (true, true) => renders_of_batch(&args.input)?,
+        (true, true) => renders_of_batch(&args.input, &args.root)?,
         (true, false) => return Err(Error::Usage("a batch file contains its flags: none may follow --".into())),
         (false, _) => vec![render_of_scene(args)?],
     };
@@ -130,7 +133,7 @@ fn submit(args: &SubmitArgs) -> Result<Verdict> {
     }
 }
 
-fn renders_of_batch(path: &Path) -> Result<Vec<Render>> {
+fn renders_of_batch(path: &Path, roots: &[PathBuf]) -> Result<Vec<Render>> {
     let command = RenderArgs::augment_args(Command::new("render"));
     let one = |job: Job| {
         let flags = absolute_flags(&command, job.flags)?;
@@ -138,7 +141,10 @@ fn renders_of_batch(path: &Path) -> Result<Vec<Render>> {
     };
     let jobs = batch::read(path)?;
     // Flags are checked per frame; tasks take whole sequences.
-    batch::plan(Some(path), jobs.clone())?;
+    let roots = batch::roots(path, roots);
+    for planned in batch::plan(Some(path), jobs.clone())?.0 {
+        outputs(&planned.args).try_for_each(|output| atomic::check_below(&output, &roots))?;
+    }
     jobs.into_iter().map(one).collect()
 }
 

@@ -16,7 +16,7 @@ mod session;
 mod values;
 mod warnings;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use tracing::info;
@@ -116,9 +116,12 @@ pub fn declare(args: &RenderArgs, suffix: &str, paths: &mut Paths) -> Result<()>
 /// # Errors
 /// Those of [`claim_output`].
 pub fn claim_outputs(args: &RenderArgs) -> Result<Vec<Claim>> {
-    let output = args.output();
-    let outputs = [Some(&output), args.preview.as_ref(), args.stats.as_ref()].into_iter().flatten();
-    outputs.map(|path| claim_output(path)).collect()
+    outputs(args).map(|path| claim_output(&path)).collect()
+}
+
+/// The picture, its preview and its statistics.
+pub fn outputs(args: &RenderArgs) -> impl Iterator<Item = PathBuf> {
+    [Some(args.output()), args.preview.clone(), args.stats.clone()].into_iter().flatten()
 }
 
 /// Locks one output.

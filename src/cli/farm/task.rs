@@ -56,7 +56,7 @@ pub fn run(args: &TaskArgs) -> Result<Verdict> {
     let log_start = log.metadata().map_or(0, |meta| meta.len());
     // Always this program, whatever the plan names: a plan must not start other programs.
     let mut process = this_program();
-    process.args(&command[1..]);
+    process.args(&command[1..]).env(atomic::OF_A_PLAN, "1");
     process.stdout(log.try_clone().map_err(cannot)?).stderr(log.try_clone().map_err(cannot)?);
     if !args.merge {
         process.arg("--led");

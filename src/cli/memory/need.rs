@@ -73,7 +73,7 @@ const PROGRAM_BYTES: u64 = 30 << 20;
 const BYTES_PER_THREAD: u64 = 2 << 20;
 const RECORDING_BYTES_PER_THREAD: u64 = 2 << 20;
 /// Bytes per pixel of all AOVs while the blocks of the file are compressed.
-const AOV_BYTES_PER_PIXEL: u64 = 64;
+const AOV_BYTES_PER_PIXEL: u64 = 80;
 /// Bytes per pixel of the window of the luminances that set the exposure, in a list that grows.
 const EXPOSURE_BYTES_PER_PIXEL: u64 = 6;
 /// Bytes per pixel of a PNG while it is written.

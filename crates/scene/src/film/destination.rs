@@ -17,17 +17,27 @@ use crate::{Error, Result};
 static RULE: Mutex<Option<Rule>> = Mutex::new(None);
 static IS_COMMAND: AtomicBool = AtomicBool::new(false);
 
+/// Set for the command that a plan holds: nobody has typed its outputs.
+pub const OF_A_PLAN: &str = "BISMAR_OF_A_PLAN";
+
 /// This process runs one command, for which [`confine`] and [`named`] hold. In a library, where one call would confine the next,
 /// every path counts as named.
 pub fn begin_command() {
     IS_COMMAND.store(true, Ordering::Relaxed);
+    if is_of_a_plan() {
+        confine(&[]);
+    }
+}
+
+fn is_of_a_plan() -> bool {
+    std::env::var_os(OF_A_PLAN).is_some()
 }
 
 #[derive(Debug, Default)]
 struct Rule {
     /// Absolute paths of outputs that the command line names.
     named: HashSet<PathBuf>,
-    /// Folders, resolved, below which all other outputs lie; anywhere if empty.
+    /// Folders below which all other outputs lie; anywhere if empty.
     folders: Vec<PathBuf>,
 }
 
@@ -38,13 +48,14 @@ fn rule<T>(with: impl FnOnce(&mut Option<Rule>) -> T) -> T {
 /// From now on, an output of this process that its command line does not [name](named()) is written only below one of `folders`
 /// (anywhere if there are none), not through a symbolic link, and not over a file that is not of this program.
 pub fn confine(folders: &[PathBuf]) {
-    let folders = folders.iter().map(|folder| resolved(folder));
-    rule(|rule| rule.get_or_insert_default().folders.extend(folders));
+    rule(|rule| rule.get_or_insert_default().folders.extend_from_slice(folders));
 }
 
 /// The command line names this output: it is written wherever it is, through links and over any file.
 pub fn named(path: &Path) {
-    if let Ok(path) = std::path::absolute(path) {
+    if let Ok(path) = std::path::absolute(path)
+        && !is_of_a_plan()
+    {
         rule(|rule| rule.get_or_insert_default().named.insert(path));
     }
 }
@@ -78,11 +89,16 @@ pub fn create_folder(output: &Path) -> Result<()> {
     fs::create_dir_all(folder).map_err(|e| cannot_create(folder, &e))
 }
 
-/// Checks that an output that the command line does not name lies below the folders for such, and is no link.
 fn check_place(path: &Path) -> Result<()> {
-    if !is_confined(path) {
-        return Ok(());
-    }
+    let folders = || rule(|rule| rule.as_ref().map(|rule| rule.folders.clone()).unwrap_or_default());
+    if is_confined(path) { check_below(path, &folders()) } else { Ok(()) }
+}
+
+/// Checks that an output that the command line does not name lies below one of the folders, if there are any, and is no link.
+///
+/// # Errors
+/// [`Error::CannotCreate`].
+pub fn check_below(path: &Path, folders: &[PathBuf]) -> Result<()> {
     let refused = |why: String| Err(Error::CannotCreate(format!("{}: not written: {why}", path.display())));
     if fs::symlink_metadata(path).is_ok_and(|meta| !meta.is_file() && !meta.is_dir()) {
         return refused(
@@ -90,8 +106,7 @@ fn check_place(path: &Path) -> Result<()> {
         );
     }
     let place = resolved(path);
-    let folders = rule(|rule| rule.as_ref().map(|rule| rule.folders.clone()).unwrap_or_default());
-    if !folders.is_empty() && !folders.iter().any(|folder| place.starts_with(folder)) {
+    if !folders.is_empty() && !folders.iter().any(|folder| place.starts_with(resolved(folder))) {
         return refused(format!(
             "it lies outside of {}, where outputs may be; --root DIR names another folder",
             folders[0].display()

@@ -66,6 +66,22 @@ impl Framing {
         }
     }
 
+    /// Adds points (world space) that lie near each other: at once if their box lies below what is reached.
+    pub fn include_near(&mut self, points: &[DVec3]) {
+        let low = points.iter().copied().fold(DVec3::INFINITY, DVec3::min);
+        let high = points.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
+        let (c, half, [x, y, z]) = (0.5 * (low + high), 0.5 * (high - low), &self.directions);
+        let mut grows = false;
+        for k in 0..DIRECTIONS {
+            let centre = x[k] * c.x + y[k] * c.y + z[k] * c.z;
+            let extent = x[k].abs() * half.x + y[k].abs() * half.y + z[k].abs() * half.z;
+            grows |= centre + extent > self.reached[k];
+        }
+        if grows {
+            points.iter().for_each(|p| self.include(*p));
+        }
+    }
+
     /// Camera to world of the nearest view whose picture of this aspect (width over height) shows every point; the
     /// projected points are centred.
     pub fn to_world(&self, aspect: f64) -> Affine3A {

@@ -21,9 +21,9 @@ use crate::scene::import::options::Pose;
 use crate::scene::{Framing, MAX_COORDINATE, Reach};
 
 /// Times at most, so many that there is one between keys that are closer, times between two keys, and points at all times together.
-const MAX_TIMES: usize = 1024;
-const ENOUGH_TIMES: usize = 128;
-const TIMES_BETWEEN_KEYS: usize = 32;
+const MAX_TIMES: usize = 512;
+const ENOUGH_TIMES: usize = 64;
+const TIMES_BETWEEN_KEYS: usize = 16;
 const MAX_POINTS: usize = 1 << 18;
 /// A mesh of more vertices is represented by the outermost ones in so many directions, or in fewer of each joint.
 const MAX_VERTICES: usize = 512;
@@ -141,19 +141,18 @@ impl Played {
             shown.iter().flat_map(|shown| shown.points(seconds, &place)).collect::<Vec<_>>()
         };
         let times = self.times((MAX_POINTS / points.max(1)).clamp(16, MAX_TIMES));
-        let moving: Vec<DVec3> = times.into_par_iter().map(at).collect::<Vec<_>>().concat();
-        let visit = |include: &mut dyn FnMut(DVec3)| {
-            // What lies beyond cannot be shown.
-            let can_be_shown = |p: &DVec3| p.abs().max_element() <= f64::from(MAX_COORDINATE);
-            moving.iter().copied().filter(can_be_shown).for_each(&mut *include);
-            still(include);
-        };
+        let mut all: Vec<DVec3> = times.into_par_iter().map(at).collect::<Vec<_>>().concat();
+        // What lies beyond cannot be shown.
+        all.retain(|p| p.abs().max_element() <= f64::from(MAX_COORDINATE));
         let (mut framing, mut low, mut high, mut radius) =
             (Framing::default(), DVec3::INFINITY, DVec3::NEG_INFINITY, 0.0_f64);
-        visit(&mut |p| {
-            (low, high) = (low.min(p), high.max(p));
-            framing.include(p);
-        });
+        all.chunks(8).for_each(|near| framing.include_near(near));
+        let visit = |include: &mut dyn FnMut(DVec3)| {
+            all.iter().copied().for_each(&mut *include);
+            still(include);
+        };
+        visit(&mut |p| (low, high) = (low.min(p), high.max(p)));
+        still(&mut |p| framing.include(p));
         let centre = 0.5 * (low + high);
         visit(&mut |p| radius = radius.max(p.distance(centre)));
         let bounds = [low.as_vec3(), high.as_vec3()];
