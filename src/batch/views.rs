@@ -10,8 +10,8 @@ use std::path::Path;
 use glam::Mat4;
 use serde::{Deserialize, Serialize};
 
-use super::frames::{numbered, numbered_name, with_placeholder};
 use super::job::Job;
+use super::numbering::{numbered, numbered_name, with_placeholder};
 use crate::film::atomic;
 use crate::film::exr_file::{HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::render::checkpoint::Earlier;
