@@ -40,8 +40,8 @@ impl LearnedEnvironment {
         self.cells.as_ref().map_or(0, CellTree::bytes) + size_of_val(&*self.choices)
     }
 
-    /// Learns from records of light samples by what [`in_regions`](super::EnvironmentSampler::in_regions) gives. `scale` (metres) weights differences of normals against
-    /// distances. `None` if there is nothing to choose or no record has a contribution.
+    /// Learns from records of light samples by what [`in_regions`](super::EnvironmentSampler::in_regions) gives. `scale`
+    /// (metres) weights differences of normals against distances. `None` if there is nothing to choose or no record has a contribution.
     pub fn learn<'a>(&self, records: impl IntoIterator<Item = &'a LightSampleRecord>, scale: f32) -> Option<Self> {
         let records: Vec<_> = records.into_iter().collect();
         let by_density = self.regions.probabilities();
