@@ -8,7 +8,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use super::job::Job;
-use super::numbering::{numbered, numbered_name, with_placeholder};
+use super::numbering::{OTHER_OUTPUTS, numbered, numbered_name, with_placeholder};
 use super::views::{self, SPLITTING};
 
 /// Frame numbers in the order in which they are rendered; at least one, none twice. Text form: `1-240x2,250`.
@@ -20,8 +20,6 @@ pub struct Frames(Vec<u32>);
 const MAX_FRAMES: usize = 100_000;
 /// Largest frame number; larger ones are assumed to be a mistake.
 const MAX_FRAME_NUMBER: u32 = 9_999_999;
-/// Output flags, besides the picture, whose file names hold the frame number.
-const OTHER_OUTPUTS: [&str; 2] = ["preview", "stats"];
 
 impl Frames {
     /// Frame numbers.

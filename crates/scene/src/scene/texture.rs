@@ -54,7 +54,7 @@ pub struct Image {
 /// A picture with a sampler.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Texture {
-    /// Index into [`Scene::images`].
+    /// Index into [`Scene::images`](super::Scene::images).
     pub image: u32,
     /// Wrap mode along u.
     pub wrap_s: Wrap,
