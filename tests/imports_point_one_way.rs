@@ -1,6 +1,6 @@
 //! Imports follow the data flow of `docs/architecture.md`: a room sees those before it, never those after.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -64,17 +64,19 @@ fn walk(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// Relative path and text without comments of every source file.
+/// Relative path and text without comments of a folder's source files.
+fn files(source: &str) -> Vec<(String, String)> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(source);
+    let mut paths = Vec::new();
+    walk(&folder, &mut paths);
+    let rust = paths.iter().filter(|path| path.extension().is_some_and(|extension| extension == "rs"));
+    let name = |path: &Path| path.strip_prefix(&folder).unwrap().to_str().unwrap().to_owned();
+    rust.map(|path| (name(path), without_comments(&fs::read_to_string(path).unwrap()))).collect()
+}
+
+/// Those of all rooms.
 fn sources() -> Vec<(String, String)> {
-    let mut all = Vec::new();
-    for folder in SOURCES.map(|source| Path::new(env!("CARGO_MANIFEST_DIR")).join(source)) {
-        let mut paths = Vec::new();
-        walk(&folder, &mut paths);
-        for path in paths.iter().filter(|path| path.extension().is_some_and(|extension| extension == "rs")) {
-            let name = path.strip_prefix(&folder).unwrap().to_str().unwrap().to_owned();
-            all.push((name, without_comments(&fs::read_to_string(path).unwrap())));
-        }
-    }
+    let all: Vec<_> = SOURCES.into_iter().flat_map(files).collect();
     assert!(all.len() > 50, "{} source files", all.len());
     all
 }
@@ -84,35 +86,52 @@ fn without_comments(text: &str) -> String {
     text.lines().map(|line| line[..code(line)].to_owned() + "\n").collect()
 }
 
+/// What a text imports, as (what is before `use`, the name that it binds, its path), and the rest of the text.
+fn imports(text: &str) -> (Vec<(&str, String, String)>, String) {
+    let (mut found, mut body) = (Vec::new(), String::new());
+    let mut rest = text;
+    while let Some((line, _)) = rest.split_once('\n') {
+        let import = line.split_once("use ");
+        let import = import.filter(|(before, _)| matches!(before.trim(), "" | "pub" | "pub(crate)" | "pub(super)"));
+        let end = import.and_then(|_| rest.find(';')).unwrap_or(line.len());
+        match import {
+            Some((before, tree)) => write_out("", &rest[line.len() - tree.len()..end], &mut |name, path| {
+                found.push((before, name, path));
+            }),
+            None => body += &rest[..=end],
+        }
+        rest = &rest[end + 1..];
+    }
+    (found, body)
+}
+
+/// Writes out the lists of `a::{b, c::d as e}`, as names and their paths: `b` for `a::b`, `e` for `a::c::d`.
+fn write_out(prefix: &str, tree: &str, found: &mut dyn FnMut(String, String)) {
+    let Some((head, list)) = tree.split_once('{') else {
+        let (path, alias) = tree.split_once(" as ").unwrap_or((tree, ""));
+        let path = format!("{prefix}{}", path.trim()).trim_end_matches("::self").to_owned();
+        let name = if alias.is_empty() { path.rsplit("::").next().unwrap() } else { alias.trim() };
+        return found(name.to_owned(), path);
+    };
+    let mut depth = 0;
+    let at_comma = |c| {
+        depth += i32::from(c == '{') - i32::from(c == '}');
+        c == ',' && depth == 0
+    };
+    let items = list[..list.rfind('}').unwrap()].split(at_comma).filter(|item| !item.trim().is_empty());
+    items.for_each(|item| write_out(&format!("{prefix}{}", head.trim()), item, found));
+}
+
+/// Names, and paths of names.
+fn paths(body: &str) -> BTreeSet<&str> {
+    body.split(|c: char| !(c.is_alphanumeric() || "_:".contains(c))).map(|path| path.trim_matches(':')).collect()
+}
+
 /// First names of all paths that start with `crate::`, whether in a list or alone.
 fn names_in_crate(text: &str) -> BTreeSet<String> {
-    let name = |text: &str| text.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>();
-    let mut names = BTreeSet::new();
-    for (at, found) in text.match_indices("crate::") {
-        let rest = &text[at + found.len()..];
-        let Some(list) = rest.strip_prefix('{') else {
-            names.insert(name(rest));
-            continue;
-        };
-        let mut depth = 1;
-        let mut at_start = true;
-        for (at, c) in list.char_indices() {
-            match c {
-                '{' => depth += 1,
-                '}' => depth -= 1,
-                ',' if depth == 1 => at_start = true,
-                c if at_start && depth == 1 && !c.is_whitespace() => {
-                    names.insert(name(&list[at..]));
-                    at_start = false;
-                }
-                _ => {}
-            }
-            if depth == 0 {
-                break;
-            }
-        }
-    }
-    names
+    let (imported, body) = imports(text);
+    let all = imported.into_iter().map(|(.., path)| path).chain(paths(&body).into_iter().map(str::to_owned));
+    all.filter_map(|path| Some(path.strip_prefix("crate::")?.split("::").next()?.to_owned())).collect()
 }
 
 /// `rays` for `rays/embree/device.rs`, `color` for `color.rs`.
@@ -149,6 +168,123 @@ fn rooms_import_only_what_comes_before_them() {
         }
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+/// The modules of a crate by path (`crate::rays::embree`), without what is compiled for tests only.
+type Modules = BTreeMap<String, Module>;
+
+struct Module {
+    file: String,
+    /// By the name that is bound: is it only re-exported, and its path from the root, empty for what is of another crate.
+    imports: BTreeMap<String, (bool, String)>,
+    body: String,
+}
+
+fn modules(files: Vec<(String, String)>) -> Modules {
+    let (mut modules, mut written) = (Modules::new(), Vec::new());
+    for (file, text) in files.into_iter().filter(|(file, _)| file != "main.rs") {
+        let path = format!("crate::{}", file.trim_end_matches(".rs").replace('/', "::"));
+        let path = path.trim_end_matches("::mod").trim_end_matches("::lib").to_owned();
+        let mut parts = text.split("#[cfg(test)]\n");
+        let mut code = parts.next().unwrap().to_owned();
+        for part in parts {
+            let line = part.find('\n').unwrap_or(0);
+            code += &part[if part[..line].ends_with(';') { line } else { part.find("\n}\n").unwrap_or(line) }..];
+        }
+        let code: String = code.split_inclusive('\n').filter(|line| !line.contains("mod ")).collect();
+        let (imports, body) = imports(&code);
+        // `super` of a module within the file is another one.
+        let imports = imports.into_iter().filter(|(before, ..)| !before.starts_with(' '));
+        written
+            .push((path.clone(), imports.map(|(before, name, at)| (name, before.is_empty(), at)).collect::<Vec<_>>()));
+        modules.insert(path, Module { file, imports: BTreeMap::new(), body });
+    }
+    for (path, imports) in written {
+        let body = paths(&modules[&path].body);
+        let kept = |(name, own, at): (String, bool, String)| {
+            let only_shown = !own && !body.contains(&*name);
+            let at = from_root(&at, &path, &modules).unwrap_or_default();
+            (name, (only_shown, at))
+        };
+        let imports = imports.into_iter().map(kept).collect();
+        modules.get_mut(&path).unwrap().imports = imports;
+    }
+    modules
+}
+
+/// A path in a module, from the crate's root; `None` if it is of another crate.
+fn from_root(path: &str, module: &str, modules: &Modules) -> Option<String> {
+    let (first, rest) = path.split_once("::").unwrap_or((path, ""));
+    let join = |at: &str, rest: &str| format!("{at}::{rest}").trim_end_matches("::").to_owned();
+    let below = |at: &str| from_root(rest, at, modules).unwrap_or(join(at, rest));
+    match first {
+        "crate" => Some(path.to_owned()),
+        "self" => Some(below(module)),
+        "super" => Some(below(module.rsplit_once("::")?.0)),
+        _ if modules.contains_key(&join(module, first)) => Some(join(module, path)),
+        _ => Some(join(&modules.get(module)?.imports.get(first).filter(|(_, at)| !at.is_empty())?.1, rest)),
+    }
+}
+
+/// The file that defines what a path from the root names, behind all re-exports, and the name.
+fn home<'a>(path: &str, modules: &'a Modules) -> Option<(&'a str, String)> {
+    let mut ends = path.rmatch_indices("::").map(|(end, _)| end).filter(|_| !modules.contains_key(path));
+    let (module, rest) = ends.find_map(|end| Some((modules.get(&path[..end])?, &path[end + 2..])))?;
+    let name = rest.split("::").next().unwrap();
+    let again = module.imports.get(name).map(|(_, path)| home(path, modules));
+    again.unwrap_or_else(|| Some((&module.file, name.to_owned())))
+}
+
+/// A circle of files, each with what the one before takes from it.
+fn circle(files: Vec<(String, String)>) -> Option<String> {
+    let modules = modules(files);
+    let mut sees: BTreeMap<&str, BTreeMap<&str, BTreeSet<String>>> = BTreeMap::new();
+    for (path, Module { file, imports, body }) in &modules {
+        let imported = imports.values().filter(|(only_shown, _)| !only_shown).map(|(_, at)| at.clone());
+        let named = paths(body).into_iter().filter(|name| name.contains("::"));
+        for at in imported.chain(named.filter_map(|name| from_root(name, path, &modules))) {
+            if let Some((other, name)) = home(&at, &modules).filter(|(other, _)| other != file) {
+                sees.entry(file).or_default().entry(other).or_default().insert(name);
+            }
+        }
+    }
+    // What sees none of the rest is in no circle; what then sees none is neither.
+    let mut before = 0;
+    while before != sees.len() {
+        before = sees.len();
+        let left: BTreeSet<_> = sees.keys().copied().collect();
+        sees.values_mut().for_each(|others| others.retain(|other, _| left.contains(other)));
+        sees.retain(|_, others| !others.is_empty());
+    }
+    let mut walked = vec![*sees.keys().next()?];
+    loop {
+        let (next, _) = sees[walked.last().unwrap()].first_key_value().unwrap();
+        let start = walked.iter().position(|file| file == next);
+        walked.push(next);
+        if let Some(start) = start {
+            let step = |two: &[&str]| format!(" -> {} {:?}", two[1], sees[two[0]][two[1]]);
+            return Some((*next).to_owned() + &walked[start..].windows(2).map(step).collect::<String>());
+        }
+    }
+}
+
+#[test]
+fn files_import_each_other_in_no_circle() {
+    let circles = SOURCES.into_iter().chain(["study/src", "python/src"]).map(|source| circle(files(source)));
+    assert_eq!(circles.flatten().collect::<Vec<_>>(), [""; 0]);
+}
+
+#[test]
+fn a_circle_is_found_through_re_exports_and_in_bodies() {
+    let of =
+        |files: &[(&str, &str)]| circle(files.iter().map(|(file, text)| ((*file).into(), (*text).into())).collect());
+    let shown = ("a/mod.rs", "mod b;\nmod c;\npub use b::{B, c as d};\n#[cfg(test)]\nmod tests;\nuse std::fs;\n");
+    let b = ("a/b.rs", "use super::c::{self, C};\n#[cfg(test)]\nmod tests {\n    use crate::x::X;\n}\n");
+    assert_eq!(of(&[("lib.rs", "mod a;\n"), shown, b, ("a/c.rs", "use fs::x;\n")]), None);
+    let found = of(&[("lib.rs", "mod a;\n"), shown, b, ("a/c.rs", "fn f() { crate::a::B::new() }\n")]);
+    assert_eq!(found.unwrap(), "a/b.rs -> a/c.rs {\"C\"} -> a/b.rs {\"B\"}");
+    let found = of(&[("lib.rs", ""), ("a.rs", "mod b;\npub use b::B;\nstruct A(B);\n"), ("a/b.rs", "use super::A;\n")]);
+    assert_eq!(found.unwrap(), "a.rs -> a/b.rs {\"B\"} -> a.rs {\"A\"}");
 }
 
 #[test]

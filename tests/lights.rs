@@ -62,7 +62,7 @@ fn learned_environment(
         }
     };
     let records: Vec<_> = (0..20_000).map(record).collect();
-    LearnedEnvironment::new(sampler, density).learn(&records, 1.0).unwrap()
+    sampler.in_regions(density).learn(&records, 1.0).unwrap()
 }
 
 fn sample_learned(sampler: &EnvironmentSampler, learned: &LearnedEnvironment, [u, v]: [f32; 2]) -> Option<Sample> {
@@ -181,7 +181,7 @@ fn whatever_was_learned_of_the_environment_its_light_has_the_same_mean() {
 #[test]
 fn of_an_environment_nothing_is_learned_where_nothing_arrives_and_odd_records_harm_nothing() {
     let sampler = EnvironmentSampler::new(&map(0.0)).unwrap();
-    let all = LearnedEnvironment::new(&sampler, Density::Radiance);
+    let all = sampler.in_regions(Density::Radiance);
     assert!(all.learn(&[], 1.0).is_none());
     let record =
         |contribution| LightSampleRecord { position: Vec3::ZERO, normal: Vec3::Y, emitter: 3, pixel: 0, contribution };

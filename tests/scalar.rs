@@ -7,7 +7,7 @@ use bismar::color::luminance;
 use bismar::film::{Peak, PixelStats};
 use bismar::integrator::clients::{ContributionColumns, Contributions};
 use bismar::integrator::{EmissionRayCounts, PixelSums, PixelTask, Proposal, Transport, Wave, scalar};
-use bismar::light::{Density, LearnedEnvironment, LearnedLights, LightProposal, LightSampleRecord, Lights};
+use bismar::light::{Density, LearnedLights, LightProposal, LightSampleRecord, Lights};
 use bismar::rays::Backend;
 use bismar::render::prepass::guiding::learned;
 use bismar::render::{GlassShadows, Guiding, RenderSettings, transport};
@@ -77,9 +77,9 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         };
         let Lights { area, environment, .. } = stage.scene.lights.as_ref();
         let area = area.as_ref().and_then(|area| LearnedLights::learn(area.tree(), &of_light_samples(40), 1.0));
-        let environment = environment.as_ref().and_then(|environment| {
-            LearnedEnvironment::new(environment, Density::Radiance).learn(&of_light_samples(2), 1.0)
-        });
+        let environment = environment
+            .as_ref()
+            .and_then(|environment| environment.in_regions(Density::Radiance).learn(&of_light_samples(2), 1.0));
         assert_eq!([area.is_some(), environment.is_some()], [learns; 2]);
         let lights = LightProposal {
             learned: area.as_ref(),

@@ -15,10 +15,8 @@ use bismar::cli::in_memory;
 use bismar::film;
 
 use picture::Picture;
+use run::{Flag, json};
 use scene::{Scene, load};
-
-/// A flag of the command line: its name and its value.
-type Flag = (String, Option<String>);
 
 /// A picture in memory or a picture file.
 #[derive(FromPyObject)]
@@ -64,10 +62,6 @@ fn develop(py: Python, input: PathBuf, options: Vec<Flag>) -> PyResult<()> {
 #[pyfunction]
 fn _panic(py: Python) -> PyResult<()> {
     run::work(py, None, || panic!("on purpose"))
-}
-
-fn json(value: &impl serde::Serialize) -> bismar::Result<String> {
-    serde_json::to_string(value).map_err(|e| bismar::Error::Bug(format!("JSON: {e}")))
 }
 
 #[pymodule]

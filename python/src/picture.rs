@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use bismar::cli::in_memory::{RenderedPicture, Values};
 use bismar::film::{Exposure, View};
 
-use crate::{json, run};
+use crate::run::{self, json};
 
 /// A rendered picture in memory.
 #[pyclass(frozen, module = "bismar._bismar")]

@@ -19,6 +19,9 @@ use bismar::{Error, Result};
 
 use crate::{errors, log};
 
+/// A flag of the command line: its name and its value.
+pub type Flag = (String, Option<String>);
+
 /// Time between looks at signals and calls of the progress callback.
 const INTERVAL: Duration = Duration::from_millis(50);
 
@@ -177,4 +180,9 @@ pub fn stoppable<T: Send>(
         exception = look(py).err();
     }
     Outcome { result, exception }
+}
+
+/// A value as JSON.
+pub fn json(value: &impl serde::Serialize) -> bismar::Result<String> {
+    serde_json::to_string(value).map_err(|e| bismar::Error::Bug(format!("JSON: {e}")))
 }

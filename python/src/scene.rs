@@ -11,8 +11,9 @@ use bismar::Error;
 use bismar::cli::in_memory::{LoadedScene, PixelMoments};
 use bismar::scene::{FieldOfView, PlacedCamera};
 
+use crate::errors;
 use crate::picture::Picture;
-use crate::{Flag, errors, json, run};
+use crate::run::{self, Flag, json};
 
 /// A camera: name, projection, vertical, aspect, matrix.
 type Camera = (String, &'static str, f64, Option<f64>, [[f64; 4]; 4]);

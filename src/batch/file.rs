@@ -6,8 +6,9 @@ use std::path::Path;
 
 use toml::de::{DeTable, DeValue};
 
-use super::frames::{split, with_placeholder};
+use super::frames::split;
 use super::job::{Job, SourceLocation};
+use super::numbering::with_placeholder;
 pub use super::values::Flag;
 use super::values::{FileResult, Reader, Setting, position, settings, sorted};
 use super::views::SPLITTING;

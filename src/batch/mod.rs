@@ -5,6 +5,7 @@ pub mod file;
 pub mod frames;
 pub mod job;
 pub mod message;
+pub mod numbering;
 pub mod queue;
 pub mod report;
 mod values;

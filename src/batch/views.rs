@@ -10,8 +10,8 @@ use std::path::Path;
 use glam::Mat4;
 use serde::{Deserialize, Serialize};
 
-use super::frames::{numbered, numbered_name, with_placeholder};
 use super::job::Job;
+use super::numbering::{OTHER_OUTPUTS, numbered, numbered_name, with_placeholder};
 use crate::film::atomic;
 use crate::film::exr_file::{HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::render::checkpoint::Earlier;
@@ -23,8 +23,6 @@ use crate::{Error, Result};
 pub const FILE: &str = "transforms.json";
 /// Largest number of views of a turntable.
 pub const MAX_VIEWS: u32 = 100_000;
-/// Output flags, besides the picture, whose file names hold the number of the view.
-const OTHER_OUTPUTS: [&str; 2] = ["preview", "stats"];
 /// Flags that make one job many.
 pub const SPLITTING: [&str; 2] = ["turntable", "cameras"];
 

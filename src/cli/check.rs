@@ -22,7 +22,7 @@ use crate::film::atomic;
 use crate::render::StopReason;
 use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
-use outcome::{Limit, Outcome, compare};
+use outcome::{Check, Limit, Outcome, compare};
 
 /// Render golden pictures again as their headers say, and compare (docs/check.md).
 ///
@@ -58,21 +58,6 @@ pub struct CheckArgs {
     /// Number of threads [default: BISMAR_THREADS, else SLURM_CPUS_PER_TASK, else all cores].
     #[arg(long, value_name = "N", value_parser = threads)]
     threads: Option<usize>,
-}
-
-/// A golden picture and what became of it.
-struct Check {
-    golden: PathBuf,
-    /// Path of the scene.
-    scene: String,
-    /// Path of the new picture.
-    new: PathBuf,
-    /// Seconds of the render.
-    seconds: f64,
-    outcome: Outcome,
-    updated: bool,
-    /// Has the render printed its error?
-    is_said: bool,
 }
 
 fn percent(text: &str) -> std::result::Result<f64, String> {

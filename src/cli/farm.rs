@@ -12,8 +12,9 @@ use std::path::{Path, PathBuf, absolute};
 use clap::{Args, Command, FromArgMatches, Subcommand, ValueEnum, ValueHint};
 
 use super::render::{RenderArgs, given, outputs};
-use crate::batch::frames::{split, with_placeholder};
+use crate::batch::frames::split;
 use crate::batch::job::Job;
+use crate::batch::numbering::with_placeholder;
 use crate::cli::batch;
 use crate::console::{Verdict, print, print_json, say};
 use crate::farm::sessions::{Sessions, record_path};

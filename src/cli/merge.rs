@@ -8,7 +8,8 @@ use clap::Args;
 
 use super::memory;
 use super::render::claim_output;
-use crate::batch::frames::{Frames, numbered};
+use crate::batch::frames::Frames;
+use crate::batch::numbering::numbered;
 use crate::cli::flag_values::value_of;
 use crate::console::args::wait;
 use crate::console::{Paths, Verbosity, Verdict, say};

@@ -10,7 +10,8 @@ use clap::Args;
 use image::imageops::FilterType;
 use image::{ImageFormat, RgbaImage, imageops};
 
-use crate::batch::frames::{Frames, numbered, present};
+use crate::batch::frames::Frames;
+use crate::batch::numbering::{numbered, present};
 use crate::console::args::positive;
 use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::farm::slurm::quoted;

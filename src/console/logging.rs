@@ -5,6 +5,7 @@ use std::io::{self, IsTerminal};
 use std::str::FromStr;
 use std::sync::OnceLock;
 
+use clap::Args;
 use serde_json::json;
 use tracing::Level;
 use tracing_subscriber::filter::Targets;
@@ -12,7 +13,7 @@ use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::time::{FormatTime, SystemTime};
 use tracing_subscriber::prelude::*;
 
-use super::{Verbosity, escaped, screen};
+use super::writers;
 
 /// Format of lines on stderr.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
@@ -22,6 +23,20 @@ pub enum Format {
     Text,
     /// One JSON object a line: `timestamp`, `level`, `message`, and what else is known.
     Json,
+}
+
+/// Verbosity of the log on stderr.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct Verbosity {
+    /// Print errors only.
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    pub quiet: bool,
+    /// Print what is done, with times; twice for more, three times for all. The variable RUST_LOG selects modules.
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub verbose: u8,
+    /// Format of lines on stderr.
+    #[arg(long, global = true, value_enum, default_value_t, value_name = "FORMAT")]
+    pub log: Format,
 }
 
 static FORMAT: OnceLock<Format> = OnceLock::new();
@@ -45,7 +60,7 @@ pub fn start(verbosity: Verbosity) {
     let (with_time, with_module) =
         (verbosity.verbose > 0 || rust_log.is_some(), verbosity.verbose > 1 || rust_log.is_some());
     let lines = tracing_subscriber::fmt::layer()
-        .with_writer(|| screen::Above)
+        .with_writer(|| writers::Above)
         .with_ansi(io::stderr().is_terminal() && verbosity.log == Format::Text)
         .with_target(with_module)
         .log_internal_errors(false);
@@ -85,5 +100,30 @@ fn line(level: Level, text: &str) {
         }
         _ => escaped(text),
     };
-    screen::write(format!("{text}\n").as_bytes());
+    writers::write(format!("{text}\n").into_bytes());
+}
+
+/// Escapes control characters except newlines and tabs, and those that change the direction of the text around them (Unicode
+/// Standard Annex 9): a terminal would show other words than those that are there.
+pub(super) fn escaped(text: &str) -> String {
+    let turns =
+        |c| matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    let control = |c: char| (c.is_control() && c != '\n' && c != '\t') || turns(c);
+    if !text.contains(control) {
+        return text.into();
+    }
+    text.chars().map(|c| if control(c) { c.escape_default().to_string() } else { c.into() }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn control_characters_are_shown() {
+        assert_eq!(escaped("a\nb\tc"), "a\nb\tc");
+        assert_eq!(escaped("\u{1b}[2J\r\u{85}é"), "\\u{1b}[2J\\r\\u{85}é");
+        assert_eq!(escaped("a\u{202e}glb.\u{2066}b\u{200f}"), "a\\u{202e}glb.\\u{2066}b\\u{200f}");
+        assert_eq!(escaped("مرحبا"), "مرحبا");
+    }
 }

@@ -20,12 +20,13 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use clap::{Args, Parser};
+use clap::Parser;
 
 use crate::film::atomic;
 use crate::{Error, Result};
 pub use args::Size;
-pub use logging::{Format as LogFormat, say};
+use logging::escaped;
+pub use logging::{Format as LogFormat, Verbosity, say};
 pub use paths::Paths;
 pub use progress::Reporter;
 pub use signals::Signals;
@@ -35,20 +36,6 @@ const SIGXFSZ: i32 = 25;
 
 /// The commit that a release was built from; `development` or `unknown` for other builds.
 pub const COMMIT: &str = env!("BISMAR_COMMIT");
-
-/// Verbosity of the log on stderr.
-#[derive(Debug, Clone, Copy, Args)]
-pub struct Verbosity {
-    /// Print errors only.
-    #[arg(short, long, global = true, conflicts_with = "verbose")]
-    pub quiet: bool,
-    /// Print what is done, with times; twice for more, three times for all. The variable RUST_LOG selects modules.
-    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
-    pub verbose: u8,
-    /// Format of lines on stderr.
-    #[arg(long, global = true, value_enum, default_value_t, value_name = "FORMAT")]
-    pub log: LogFormat,
-}
 
 /// The exit code of a command that did its work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -120,18 +107,6 @@ fn print_unescaped(text: &str) -> Result<()> {
     }
 }
 
-/// Escapes control characters except newlines and tabs, and those that change the direction of the text around them (Unicode
-/// Standard Annex 9): a terminal would show other words than those that are there.
-fn escaped(text: &str) -> String {
-    let turns =
-        |c| matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
-    let control = |c: char| (c.is_control() && c != '\n' && c != '\t') || turns(c);
-    if !text.contains(control) {
-        return text.into();
-    }
-    text.chars().map(|c| if control(c) { c.escape_default().to_string() } else { c.into() }).collect()
-}
-
 /// Prints indented JSON on stdout.
 ///
 /// # Errors
@@ -139,17 +114,4 @@ fn escaped(text: &str) -> String {
 pub fn print_json(value: &impl serde::Serialize) -> Result<()> {
     // JSON has its own escapes.
     print_unescaped(&serde_json::to_string_pretty(value).map_err(|e| Error::Bug(format!("JSON: {e}")))?)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn control_characters_are_shown() {
-        assert_eq!(escaped("a\nb\tc"), "a\nb\tc");
-        assert_eq!(escaped("\u{1b}[2J\r\u{85}é"), "\\u{1b}[2J\\r\\u{85}é");
-        assert_eq!(escaped("a\u{202e}glb.\u{2066}b\u{200f}"), "a\\u{202e}glb.\\u{2066}b\\u{200f}");
-        assert_eq!(escaped("مرحبا"), "مرحبا");
-    }
 }

@@ -7,8 +7,6 @@ use std::time::Duration;
 use console::Term;
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
 
-use super::writers;
-
 /// All bars of the process. None is drawn if stderr is not a terminal.
 static BARS: LazyLock<MultiProgress> = LazyLock::new(|| {
     let term = Term::stderr();
@@ -42,31 +40,12 @@ pub fn clear() {
     BARS.set_draw_target(ProgressDrawTarget::hidden());
 }
 
-/// Queues bytes for stderr, above the bars.
-pub fn write(bytes: &[u8]) {
-    writers::write(bytes.to_vec());
-}
-
 /// Writes to stderr above the bars and waits for the reader. Errors are ignored.
 pub(super) fn write_now(bytes: &[u8]) {
     let write = || drop(io::stderr().lock().write_all(bytes));
     match io::stderr().is_terminal() {
         true => BARS.suspend(write),
         false => write(),
-    }
-}
-
-/// A writer whose bytes go above the bars.
-pub struct Above;
-
-impl Write for Above {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        write(bytes);
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
     }
 }
 

@@ -41,11 +41,25 @@ fn write_progress(bytes: &[u8]) {
     let _ = stdout.write_all(bytes).and_then(|()| stdout.flush());
 }
 
-/// Queues bytes for standard error, in the order of the calls.
+/// Queues bytes for standard error, above the bars, in the order of the calls.
 pub fn write(bytes: Vec<u8>) {
     match STDERR.get_or_init(|| started("stderr", write_now)) {
         Some(writer) => drop(writer.send(Request::Write(bytes))),
         None => write_now(&bytes),
+    }
+}
+
+/// A writer whose bytes go above the bars.
+pub struct Above;
+
+impl Write for Above {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        write(bytes.to_vec());
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
     }
 }
 

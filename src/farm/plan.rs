@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::names::{printable, utf8};
-use crate::batch::frames::{Frames, numbered};
+use crate::batch::frames::Frames;
+use crate::batch::numbering::numbered;
 use crate::scene::import::read_text;
 use crate::{Error, Result};
 

@@ -108,8 +108,8 @@ fn guiding_moves_no_mean_and_as_its_pilot_decides_no_pixel_is_worse_for_sure() {
 fn a_picture_in_the_modes_of_guiding_is_what_a_render_is() {
     for case in guiding::scenes::cases().unwrap() {
         for way in [Guiding::Off, Guiding::On, Guiding::Auto] {
-            let settings = guiding::settings(7, way);
-            let field = guiding::field(&case.scene, &settings);
+            let settings = guiding::scenes::settings(7, way);
+            let field = guiding::scenes::field(&case.scene, &settings);
             assert_eq!(way == Guiding::On, field.is_some() && way != Guiding::Auto, "{}", case.mode);
             let own = guiding::pixels(&case.scene, field.as_ref(), 7, settings.spp.unwrap());
             let rendered = render(&case.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap();

@@ -1,6 +1,6 @@
 //! A golden picture against the new one.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
@@ -11,6 +11,21 @@ use crate::{Error, Result};
 
 /// Default of `--max-flip` (docs/check.md has the measurement).
 pub const MAX_FLIP: f64 = 0.05;
+
+/// A golden picture and what became of it.
+pub struct Check {
+    pub golden: PathBuf,
+    /// Path of the scene.
+    pub scene: String,
+    /// Path of the new picture.
+    pub new: PathBuf,
+    /// Seconds of the render.
+    pub seconds: f64,
+    pub outcome: Outcome,
+    pub updated: bool,
+    /// Has the render printed its error?
+    pub is_said: bool,
+}
 
 /// What is still taken as the same picture.
 #[derive(Debug, Clone, Copy, Serialize)]

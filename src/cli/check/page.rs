@@ -8,8 +8,7 @@ use std::path::Path;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
-use super::Check;
-use super::outcome::{Limit, Outcome};
+use super::outcome::{Check, Limit, Outcome};
 use super::report::{escaped, line, summary};
 use crate::Result;
 use crate::cli::compare::false_color;

@@ -7,8 +7,7 @@ use std::path::Path;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::Check;
-use super::outcome::{Limit, Outcome};
+use super::outcome::{Check, Limit, Outcome};
 use crate::Result;
 use crate::film::atomic;
 

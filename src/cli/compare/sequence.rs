@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use super::report::{Pair, Report, and_more, short};
-use crate::batch::frames::{numbered, present};
+use crate::batch::numbering::{numbered, present};
 use crate::console::say;
 use crate::{Error, Result};
 

@@ -9,7 +9,7 @@ use clap::{Args, Command, FromArgMatches};
 use serde_json::{Value, json};
 
 use super::site::{Queue, QueueState};
-use crate::batch::frames::numbered_name;
+use crate::batch::numbering::numbered_name;
 use crate::cli::batch::files_key;
 use crate::cli::render::{Inputs, RenderArgs, Session};
 use crate::console::{Verdict, print, print_json};

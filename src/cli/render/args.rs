@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use tracing::info;
 
-use super::replay::PixelPath;
 use super::values::{
-    AovList, Crop, LightUnit, OnByDefault, PartFlag, Preset, adaptive, balance, blades, finite, not_negative, preset,
-    share,
+    AovList, Crop, LightUnit, OnByDefault, PartFlag, PixelPath, Preset, adaptive, balance, blades, finite,
+    not_negative, preset, share,
 };
-use crate::batch::frames::{Frames, numbered};
+use crate::batch::frames::Frames;
+use crate::batch::numbering::numbered;
 use crate::batch::views::MAX_VIEWS;
 use crate::cli::flag_values::value_of;
 use crate::cli::scene_selection::SceneSelection;

@@ -217,6 +217,26 @@ impl FromStr for AovList {
     }
 }
 
+/// `X,Y[,N]`: a pixel of the full picture from the top left, and the index of one of its paths.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PixelPath {
+    pub pixel: [u32; 2],
+    pub path: Option<u32>,
+}
+
+impl FromStr for PixelPath {
+    type Err = String;
+
+    fn from_str(text: &str) -> Parsed<Self> {
+        let numbers: Option<Vec<u32>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+        match numbers.as_deref() {
+            Some(&[x, y]) => Ok(PixelPath { pixel: [x, y], path: None }),
+            Some(&[x, y, n]) => Ok(PixelPath { pixel: [x, y], path: Some(n) }),
+            _ => Err("not X,Y or X,Y,N: a pixel from the top left and the index of a path, as in 17,4,3".into()),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -249,5 +269,14 @@ mod tests {
         assert_eq!("all".parse::<AovList>().map(|l| l.0.len()), Ok(19));
         assert_eq!("variance,samples,balance".parse(), Ok(AovList(Aov::DEFAULT.to_vec())));
         assert!("depth,,normal".parse::<AovList>().is_err());
+    }
+
+    #[test]
+    fn places_are_read_or_refused() {
+        assert_eq!("17,4".parse(), Ok(PixelPath { pixel: [17, 4], path: None }));
+        assert_eq!("0, 0,12".parse(), Ok(PixelPath { pixel: [0, 0], path: Some(12) }));
+        for bad in ["", "1", "1,", "-1,2", "1,2,3,4", "a,b", "1.5,2", "99999999999,1"] {
+            assert!(bad.parse::<PixelPath>().is_err(), "{bad}");
+        }
     }
 }

@@ -151,7 +151,7 @@ impl LightsLearner<LearnedEnvironment> {
     /// Begins to learn about the environment, sampled by `density`; `None` where the settings do not ask for it.
     pub fn environment(scene: &PreparedScene, settings: &RenderSettings, density: Density) -> Option<Self> {
         let environment = scene.lights.environment.as_ref()?;
-        let regions = || LearnedEnvironment::new(environment, density);
+        let regions = || environment.in_regions(density);
         let choice = settings.learned_environment;
         settings.uses_prepass(choice).then(|| Self::new(regions(), scene, settings, choice))
     }

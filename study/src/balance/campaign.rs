@@ -11,10 +11,21 @@ use tracing::info;
 
 use super::cell::{Cell, Prepass, Replica, Times};
 use super::key::{Key, What, last_pass};
-use super::measure::seeds;
 use super::{Design, Estimator, HALF, Mosaic, StudyScene, oracle};
 use crate::clock::process_seconds;
 use crate::files;
+
+/// First seed of each use; ranges do not overlap.
+pub(super) mod seeds {
+    pub const REPLICAS: u32 = 0;
+    pub const CONTROL: u32 = 1 << 20;
+    pub const FOUND: u32 = 2 << 20;
+    pub const ORACLE: u32 = 3 << 20;
+    pub const REFERENCE: u32 = 4 << 20;
+
+    pub const ALL: [(&str, u32); 5] =
+        [("replicas", REPLICAS), ("control", CONTROL), ("found", FOUND), ("oracle", ORACLE), ("reference", REFERENCE)];
+}
 
 /// Every so many rounds, `half` is rendered again for its time only, if its replicas are on disk already.
 const TIMING_ROUNDS: usize = 4;

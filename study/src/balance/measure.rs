@@ -11,18 +11,6 @@ use super::cell::Cell;
 use super::key::{Key, What, keys};
 use super::{Design, Estimator, StudyScene, oracle};
 
-/// First seed of each use; ranges do not overlap.
-pub(super) mod seeds {
-    pub const REPLICAS: u32 = 0;
-    pub const CONTROL: u32 = 1 << 20;
-    pub const FOUND: u32 = 2 << 20;
-    pub const ORACLE: u32 = 3 << 20;
-    pub const REFERENCE: u32 = 4 << 20;
-
-    pub const ALL: [(&str, u32); 5] =
-        [("replicas", REPLICAS), ("control", CONTROL), ("found", FOUND), ("oracle", ORACLE), ("reference", REFERENCE)];
-}
-
 /// Independent renders that make up the reference.
 pub const REFERENCE_PARTS: u32 = 16;
 

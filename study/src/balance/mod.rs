@@ -16,6 +16,7 @@ pub mod portrait;
 pub mod ratio;
 pub mod resample;
 pub mod scene;
+mod scene_results;
 pub mod table;
 pub mod whole;
 
@@ -27,9 +28,10 @@ use bismar::render::Integrator;
 
 pub use measure::{Measured, measure};
 pub use mosaic::Mosaic;
-pub use page::{SceneResults, write};
+pub use page::write;
 pub use portrait::{Portrait, portrait};
 pub use scene::StudyScene;
+pub use scene_results::SceneResults;
 pub use table::Row;
 
 #[derive(Debug, Clone)]

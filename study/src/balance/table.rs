@@ -5,9 +5,10 @@ use bismar::film::compare::relative_to;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
+use super::campaign::seeds;
 use super::cell::{Cell, Timing};
 use super::key::What;
-use super::measure::{Measured, seeds};
+use super::measure::Measured;
 use super::ratio::{self, Deviations, Judgeable, Ratio};
 use super::resample::{self, Summary};
 use super::{CONTROL, Design, Estimator, HALF, StudyScene};

@@ -10,7 +10,7 @@ use bismar::console::{Signals, Size, Verbosity, Verdict, print, say};
 use bismar::render::{Balance, Integrator, Progress};
 use clap::Args;
 
-use super::{PAGE, RunArgs, open};
+use super::common::{PAGE, RunArgs, open};
 use crate::balance::table::{Level, Outcome, levels};
 use crate::balance::{Aids, Design, Estimator, SceneResults, StudyScene, measure, portrait, whole, write};
 

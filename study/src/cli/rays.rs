@@ -9,7 +9,7 @@ use bismar::{Error, Result};
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 
-use super::{PAGE, RunArgs, open, progress};
+use super::common::{PAGE, RunArgs, open, progress};
 use crate::rays::contender::ISAS;
 use crate::rays::measure::CONTROL;
 use crate::rays::{Bench, Contender, Design, Results, Shape, Subject, measure, write};

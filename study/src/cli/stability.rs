@@ -7,7 +7,7 @@ use bismar::console::{Signals, Verbosity, Verdict, print, say};
 use bismar::{Error, Result};
 use clap::{Args, ValueEnum};
 
-use super::{PAGE, RunArgs, open, progress};
+use super::common::{PAGE, RunArgs, open, progress};
 use crate::stability::{self, Found, guiding, page};
 
 /// Test every --balance and path guiding in the known failure modes of such methods.

@@ -1,7 +1,6 @@
 //! Agreement of two studies of the same scenes: two machines, or two runs under different names.
 
-use super::page::{BASELINE, distinct};
-use super::table::{Results, Trace};
+use super::table::{BASELINE, Results, Trace, distinct};
 use crate::report::{Page, Table, number, with_error};
 
 /// Largest relative difference of stable ratios.

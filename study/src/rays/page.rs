@@ -9,13 +9,11 @@ use bismar::Result;
 
 use super::compare;
 use super::measure::CONTROL;
-use super::table::{Agreement, Build, MAX_Z, Results, Trace};
+use super::table::{BASELINE, Build, MAX_Z, Results, SceneRows, distinct, scenes};
 use crate::report::page::chart_figure;
 use crate::report::{self, Cell, Page, Table, Tone, number, plural, with_error};
 use charts::{STREAM, costs, overview, picture};
 use method::{hosts, method};
-
-pub(super) const BASELINE: &str = "embree";
 
 /// Writes tables, `report.html` and `charts/`.
 pub fn write(folder: &Path, results: &Results) -> Result<()> {
@@ -25,59 +23,6 @@ pub fn write(folder: &Path, results: &Results) -> Result<()> {
     let charts = costs(results).into_iter().chain(pictures).map(|(name, chart)| (name, chart.file()));
     let overview = overview(results).map(|plot| ("overview".to_owned(), plot.file()));
     report::write(folder, page(results, &scenes), charts.chain(overview))
-}
-
-struct SceneRows<'a> {
-    results: &'a Results,
-    machine: &'a str,
-    name: &'a str,
-    triangles: u64,
-}
-
-fn scenes(results: &Results) -> Vec<SceneRows<'_>> {
-    let mut all: Vec<SceneRows> = Vec::new();
-    for row in &results.builds {
-        if !all.iter().any(|s| s.machine == row.machine && s.name == row.scene) {
-            all.push(SceneRows { results, machine: &row.machine, name: &row.scene, triangles: row.triangles });
-        }
-    }
-    all.sort_by_key(|s| s.triangles);
-    all
-}
-
-impl<'a> SceneRows<'a> {
-    fn traces(&self) -> impl Iterator<Item = &'a Trace> {
-        let (machine, name) = (self.machine, self.name);
-        self.results.traces.iter().filter(move |r| r.machine == machine && r.scene == name)
-    }
-
-    fn builds(&self) -> impl Iterator<Item = &'a Build> {
-        let (machine, name) = (self.machine, self.name);
-        self.results.builds.iter().filter(move |r| r.machine == machine && r.scene == name)
-    }
-
-    fn agreements(&self) -> impl Iterator<Item = &'a Agreement> {
-        let (machine, name) = (self.machine, self.name);
-        self.results.agreements.iter().filter(move |r| r.machine == machine && r.scene == name)
-    }
-
-    fn base_build(&self) -> Option<&'a Build> {
-        self.builds().next()
-    }
-
-    /// Name of the scene, with the machine if there are several.
-    fn title(&self) -> String {
-        let several = self.results.builds.iter().any(|b| b.machine != self.machine);
-        if several { format!("{}, {}", self.name, self.machine) } else { self.name.to_owned() }
-    }
-
-    fn file(&self) -> String {
-        let machines = self.results.hosts.iter().map(|h| &h.machine).collect::<Vec<_>>();
-        match machines.iter().position(|m| **m == self.machine) {
-            None | Some(0) => self.name.to_owned(),
-            Some(other) => format!("{}-machine{}", self.name, other + 1),
-        }
-    }
 }
 
 fn page(results: &Results, scenes: &[SceneRows]) -> String {
@@ -119,17 +64,6 @@ fn page(results: &Results, scenes: &[SceneRows]) -> String {
     }
     hosts(&mut page, results);
     page.finish()
-}
-
-/// In the order in which they were measured, the baseline first.
-pub(super) fn distinct<'a>(names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
-    let mut all: Vec<&str> = Vec::new();
-    for name in names {
-        if !all.contains(&name) {
-            all.push(name);
-        }
-    }
-    all
 }
 
 fn streams(results: &Results) -> Vec<&str> {

@@ -14,6 +14,8 @@ use crate::provenance::Provenance;
 /// Rises when a column changes its meaning or is removed.
 const SCHEMA: u32 = 1;
 
+pub(super) const BASELINE: &str = "embree";
+
 /// All tables, as in `results.json`.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[allow(missing_docs, reason = "docs/study-rays.md")]
@@ -237,4 +239,69 @@ impl Results {
         write!(traces builds pictures scalings agreements);
         Ok(())
     }
+}
+
+/// The rows of a scene on a machine.
+pub(super) struct SceneRows<'a> {
+    pub results: &'a Results,
+    pub machine: &'a str,
+    pub name: &'a str,
+    pub triangles: u64,
+}
+
+pub(super) fn scenes(results: &Results) -> Vec<SceneRows<'_>> {
+    let mut all: Vec<SceneRows> = Vec::new();
+    for row in &results.builds {
+        if !all.iter().any(|s| s.machine == row.machine && s.name == row.scene) {
+            all.push(SceneRows { results, machine: &row.machine, name: &row.scene, triangles: row.triangles });
+        }
+    }
+    all.sort_by_key(|s| s.triangles);
+    all
+}
+
+impl<'a> SceneRows<'a> {
+    pub(super) fn traces(&self) -> impl Iterator<Item = &'a Trace> {
+        let (machine, name) = (self.machine, self.name);
+        self.results.traces.iter().filter(move |r| r.machine == machine && r.scene == name)
+    }
+
+    pub(super) fn builds(&self) -> impl Iterator<Item = &'a Build> {
+        let (machine, name) = (self.machine, self.name);
+        self.results.builds.iter().filter(move |r| r.machine == machine && r.scene == name)
+    }
+
+    pub(super) fn agreements(&self) -> impl Iterator<Item = &'a Agreement> {
+        let (machine, name) = (self.machine, self.name);
+        self.results.agreements.iter().filter(move |r| r.machine == machine && r.scene == name)
+    }
+
+    pub(super) fn base_build(&self) -> Option<&'a Build> {
+        self.builds().next()
+    }
+
+    /// Name of the scene, with the machine if there are several.
+    pub(super) fn title(&self) -> String {
+        let several = self.results.builds.iter().any(|b| b.machine != self.machine);
+        if several { format!("{}, {}", self.name, self.machine) } else { self.name.to_owned() }
+    }
+
+    pub(super) fn file(&self) -> String {
+        let machines = self.results.hosts.iter().map(|h| &h.machine).collect::<Vec<_>>();
+        match machines.iter().position(|m| **m == self.machine) {
+            None | Some(0) => self.name.to_owned(),
+            Some(other) => format!("{}-machine{}", self.name, other + 1),
+        }
+    }
+}
+
+/// In the order in which they were measured, the baseline first.
+pub(super) fn distinct<'a>(names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
+    let mut all: Vec<&str> = Vec::new();
+    for name in names {
+        if !all.contains(&name) {
+            all.push(name);
+        }
+    }
+    all
 }

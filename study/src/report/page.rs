@@ -5,7 +5,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::chart;
 use super::picture::{ColorScale, Picture};
-use super::table::Table;
+use super::table::{Table, scrolling};
 
 const CSS: &str = "
 :root{--bg:#fff;--ink:#1d232b;--soft:#5d6875;--rule:#e4e8ed;--card:#f6f8fa;--good:#00694c;--bad:#b03a00;--link:#0067a5}
@@ -150,13 +150,6 @@ fn figure(class: &str, content: Markup, caption: &str) -> Markup {
 }
 
 /// A box that scrolls, also by keys, if its content is wider than the page.
-pub(super) fn scrolling(what: &str, content: Markup) -> Markup {
-    html! {
-        div.scroll tabindex="0" role="region" aria-label=(what) { (content) }
-        p.hint aria-hidden="true" { "There is more to the right: swipe, or scroll with → and ←." }
-    }
-}
-
 pub fn chart_figure(svg: Markup, caption: &str) -> Markup {
     figure("wide", scrolling("chart", svg), caption)
 }

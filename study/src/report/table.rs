@@ -3,8 +3,6 @@
 use maud::{Markup, html};
 
 use super::number;
-use super::page::scrolling;
-
 /// Emphasis of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Tone {
@@ -176,6 +174,13 @@ impl<'a, R> Columns<'a, R> {
 
     pub fn end(self) -> Table {
         self.table
+    }
+}
+
+pub(super) fn scrolling(what: &str, content: Markup) -> Markup {
+    html! {
+        div.scroll tabindex="0" role="region" aria-label=(what) { (content) }
+        p.hint aria-hidden="true" { "There is more to the right: swipe, or scroll with → and ←." }
     }
 }
 

@@ -205,3 +205,14 @@ impl Tally {
         }
     }
 }
+
+#[derive(Debug, Clone, Serialize)]
+pub struct Control {
+    pub mode: &'static str,
+    pub name: &'static str,
+    /// The check that must catch it.
+    pub check: &'static str,
+    pub outcome: Outcome,
+    /// Whether the check caught it.
+    pub caught: bool,
+}

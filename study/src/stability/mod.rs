@@ -15,6 +15,7 @@ pub mod regularised;
 pub mod renders;
 pub mod scenes;
 pub mod simulate;
+mod tables;
 
 use std::sync::atomic::AtomicBool;
 
@@ -26,7 +27,7 @@ use serde::Serialize;
 
 use cases::Case;
 use facts::Fact;
-use judge::{Outcome, Tally, Verdict, z_limit};
+use judge::{Control, Outcome, Tally, Verdict, z_limit};
 use simulate::{Subject, replica};
 
 /// A failure mode and the results of the estimators in it.
@@ -47,17 +48,6 @@ pub struct ModeResult {
     pub best: Option<f64>,
     /// One per estimator. Renders lack the estimators that exist only in simulation.
     pub outcomes: Vec<Outcome>,
-}
-
-#[derive(Debug, Clone, Serialize)]
-pub struct Control {
-    pub mode: &'static str,
-    pub name: &'static str,
-    /// The check that must catch it.
-    pub check: &'static str,
-    pub outcome: Outcome,
-    /// Whether the check caught it.
-    pub caught: bool,
 }
 
 /// Results of the exact cases and scenes.

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 
 pub mod alpha;
 pub mod build;
@@ -54,12 +54,12 @@ pub struct Scene {
     /// Light from infinity; `None` for black.
     pub environment: Option<Environment>,
     /// What surfaces reach over a played animation, by which all its frames are framed; `None` where none is played.
-    pub reach: Option<Arc<Reach>>,
+    pub reach: Option<Arc<AnimatedBounds>>,
 }
 
 /// The points that surfaces reach over a whole animation.
 #[derive(Debug, Clone)]
-pub struct Reach {
+pub struct AnimatedBounds {
     /// Lower and upper corner of their box, world space, metres.
     pub bounds: [Vec3; 2],
     /// Centre of the box and the largest distance of a point from it.
@@ -199,6 +199,26 @@ impl Scene {
         let centre = 0.5 * (low.as_dvec3() + high.as_dvec3());
         let radius = self.points().map(|p| p.distance(centre)).fold(0.0, f64::max);
         (centre, radius)
+    }
+
+    /// Linear RGBA in [0, 1] of a texture at coordinates `uv` of the set that it reads ([`TextureRef::select`]). The
+    /// texture's transform is applied here. Non-finite coordinates read texel (0, 0).
+    #[inline]
+    pub fn sample_texture(&self, texture: &TextureRef, uv: Vec2) -> Vec4 {
+        let (own, image, uv) = self.sampled(texture, uv);
+        own.rgba(image, uv, texture.encoding)
+    }
+
+    /// Alpha of [`Self::sample_texture`], at lower cost.
+    fn sample_alpha(&self, texture: &TextureRef, uv: Vec2) -> f32 {
+        let (own, image, uv) = self.sampled(texture, uv);
+        own.alpha(image, uv)
+    }
+
+    fn sampled(&self, texture: &TextureRef, uv: Vec2) -> (&Texture, &Image, Vec2) {
+        let uv = texture.transform.map_or(uv, |transform| transform.transform_point2(uv));
+        let own = &self.textures[texture.texture as usize];
+        (own, &self.images[own.image as usize], uv)
     }
 
     /// World-space vertices of all placed meshes.

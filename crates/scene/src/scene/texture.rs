@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 
 use glam::{Vec2, Vec3, Vec4};
 
-use super::{Encoding, Scene, TextureRef};
+use super::material::Encoding;
 
 /// Treatment of coordinates outside [0, 1].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -54,7 +54,7 @@ pub struct Image {
 /// A picture with a sampler.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Texture {
-    /// Index into [`Scene::images`].
+    /// Index into [`Scene::images`](super::Scene::images).
     pub image: u32,
     /// Wrap mode along u.
     pub wrap_s: Wrap,
@@ -142,26 +142,24 @@ fn nearest(x: f32, size: u32) -> u32 {
     ((x * size as f32) as u32).min(size - 1)
 }
 
-impl Scene {
-    /// Linear RGBA in [0, 1] of a texture at coordinates `uv` of the set that it reads ([`TextureRef::select`]). The
-    /// texture's transform is applied here. Non-finite coordinates read texel (0, 0).
+impl Texture {
+    /// Linear RGBA of the texture's `image`. Non-finite coordinates read texel (0, 0).
     #[inline]
-    pub fn sample_texture(&self, texture: &TextureRef, uv: Vec2) -> Vec4 {
-        self.filter(texture, uv, |texels, index| texels.rgba(index, texture.encoding))
+    pub(super) fn rgba(&self, image: &Image, uv: Vec2, encoding: Encoding) -> Vec4 {
+        self.filter(image, uv, |texels, index| texels.rgba(index, encoding))
     }
 
-    /// Alpha of [`Self::sample_texture`], at lower cost.
-    pub(super) fn sample_alpha(&self, texture: &TextureRef, uv: Vec2) -> f32 {
-        self.filter(texture, uv, Texels::alpha)
+    /// Alpha of [`Self::rgba`].
+    pub(super) fn alpha(&self, image: &Image, uv: Vec2) -> f32 {
+        self.filter(image, uv, Texels::alpha)
     }
 
-    fn filter<T>(&self, texture: &TextureRef, uv: Vec2, texel: impl Fn(&Texels, usize) -> T) -> T
+    fn filter<T>(&self, image: &Image, uv: Vec2, texel: impl Fn(&Texels, usize) -> T) -> T
     where
         T: Copy + Mul<f32, Output = T> + Add<Output = T> + Sub<Output = T>,
     {
-        let uv = texture.transform.map_or(uv, |transform| transform.transform_point2(uv));
-        let &Texture { image, wrap_s, wrap_t, filter } = &self.textures[texture.texture as usize];
-        let Image { width, height, ref texels, .. } = *self.images[image as usize];
+        let &Self { wrap_s, wrap_t, filter, .. } = self;
+        let &Image { width, height, ref texels, .. } = image;
         if !uv.is_finite() {
             return texel(texels, 0);
         }
@@ -185,6 +183,7 @@ mod tests {
     use glam::Affine2;
 
     use super::*;
+    use crate::scene::{Scene, TextureRef};
 
     /// A 2x2 picture: red and green above, blue and white (alpha 0) below.
     fn scene(wrap: Wrap, filter: Filter) -> Scene {

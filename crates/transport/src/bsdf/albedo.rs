@@ -7,7 +7,7 @@
 
 use std::sync::{LazyLock, OnceLock};
 
-use super::microfacet::schlick_weight;
+use super::schlick::schlick_weight;
 use super::{ggx, refraction};
 use crate::lanes::{F, LANES, NUMBERS, U, V3, eight};
 

@@ -4,8 +4,8 @@
 //! attenuates the layers beneath. A smooth coat therefore conserves energy.
 
 use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, diffuseness};
-use super::microfacet::schlick_weight;
 use super::parameters::{Eight, lobe};
+use super::schlick::schlick_weight;
 use super::{albedo, ggx};
 use crate::lanes::{F, V3};
 use crate::sampling::warp;

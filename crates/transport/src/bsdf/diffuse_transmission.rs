@@ -4,8 +4,8 @@ use std::f32::consts::{FRAC_1_PI, PI};
 
 use super::albedo;
 use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response};
-use super::microfacet::schlick_weight;
 use super::parameters::{Eight, lobe};
+use super::schlick::schlick_weight;
 use crate::lanes::{F, V3};
 use crate::sampling::warp;
 

@@ -3,9 +3,9 @@
 //! of the extensions, so that the two stay simple and fast.
 
 use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, Straight, diffuseness};
-use super::microfacet::schlick_weight;
 use super::parameters::{Eight, lobe};
 use super::refraction::{self, Facet};
+use super::schlick::schlick_weight;
 use super::{albedo, ggx, thin_film};
 use crate::lanes::{F, V3};
 

@@ -3,6 +3,7 @@
 
 use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, diffuseness};
 use super::parameters::{Eight, lobe};
+use super::schlick::schlick_weight;
 use super::{albedo, ggx};
 use crate::lanes::{F, V3};
 
@@ -90,12 +91,4 @@ impl Microfacet<Eight> {
     fn layer(&self, schlick: F) -> F {
         (self.layer90 - self.layer0).mul_add(schlick, self.layer0)
     }
-}
-
-/// Schlick's weight (1 − cos)⁵.
-#[inline(always)]
-pub(super) fn schlick_weight(cos: F) -> F {
-    let x = (F::ONE - cos).fast_max(F::ZERO).fast_min(F::ONE);
-    let x2 = x * x;
-    x2 * x2 * x
 }

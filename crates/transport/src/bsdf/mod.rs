@@ -21,6 +21,7 @@ pub mod microfacet;
 pub mod model;
 pub mod parameters;
 mod refraction;
+mod schlick;
 pub mod sheen;
 pub mod thin_film;
 

@@ -4,7 +4,7 @@
 
 use std::f32::consts::PI;
 
-use super::microfacet::schlick_weight;
+use super::schlick::schlick_weight;
 use crate::lanes::{F, V3};
 
 /// Upper limit of the base's reflectance: at 1 its index of refraction would be infinite.

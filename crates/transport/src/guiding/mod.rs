@@ -13,7 +13,9 @@ pub mod field;
 mod histograms;
 pub mod learn;
 pub mod roulette;
+mod training_sample;
 
 pub use field::{Field, NO_CELL};
-pub use learn::{Gain, TrainingSample, learn};
+pub use learn::{Gain, learn};
 pub use roulette::{PathStatistics, VertexRecord};
+pub use training_sample::TrainingSample;

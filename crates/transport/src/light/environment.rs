@@ -7,15 +7,17 @@ use glam::Vec3;
 
 mod learned;
 mod regions;
+mod table;
 
-use super::{LightProposal, LightSampleContext, LightSamples};
+use super::samples::{LightProposal, LightSampleContext, LightSamples};
 use crate::color::luminance;
 use crate::lanes::{F, LANES, V3, eight};
-use crate::sampling::{Discrete, warp};
+use crate::sampling::warp;
 use crate::scene::Environment;
 pub use learned::LearnedEnvironment;
-use learned::RegionProbabilities;
-use regions::{Regions, SampledCell};
+use regions::{RegionProbabilities, Regions};
+pub use table::Density;
+use table::{SampledCell, Table, row_extent, row_pair};
 
 /// Radiance is interpolated between texel centres (wrapping in u, clamped at the poles). Samples follow the luminance of this
 /// interpolant times sin θ at the middle of each row: first a cell between four texel centres by its integral, then the
@@ -37,29 +39,6 @@ pub struct EnvironmentSampler {
     mean_luminance: f32,
 }
 
-/// The density of directions toward the environment.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum Density {
-    /// In proportion to the luminance.
-    #[default]
-    Radiance,
-    /// In proportion to the luminance above its mean, or like `Radiance` if none is: MIS compensation (Karlík, Šik, Vévoda,
-    /// Skřivan and Křivánek 2019, *MIS Compensation: Optimizing Sampling Techniques in Multiple Importance Sampling*). BSDF
-    /// samples must find the rest.
-    Compensated,
-}
-
-/// Probabilities of cells, in proportion to the integrals of their bilinear functions.
-#[derive(Debug)]
-struct Table {
-    /// Rows of cells: `height + 1`, the first and the last half as high.
-    rows: Discrete,
-    /// The columns of each row of cells.
-    columns: Vec<Option<Discrete>>,
-    /// The value that is subtracted from the texels' luminance.
-    level: f32,
-}
-
 impl EnvironmentSampler {
     /// A sampler of an environment; `None` if it is black.
     pub fn new(environment: &Environment) -> Option<Self> {
@@ -77,9 +56,9 @@ impl EnvironmentSampler {
         self.mean_luminance
     }
 
-    /// The environment in regions, for this density.
-    fn regions(&self, density: Density) -> Regions {
-        Regions::new(self.table(density), self.width)
+    /// The environment in regions, for this density, with nothing learned.
+    pub fn in_regions(&self, density: Density) -> LearnedEnvironment {
+        LearnedEnvironment::new(Regions::new(self.table(density), self.width), density)
     }
 
     /// Radiance (linear RGB) from unit directions `wi` in world space, and the density per solid angle of [`sample`](Self::sample)
@@ -210,77 +189,6 @@ impl EnvironmentSampler {
     }
 }
 
-impl Table {
-    /// A table of the luminances, `width` per row, minus `level`, and the mean of these differences over the sphere. `None` if no
-    /// difference is positive.
-    fn new(luminance: &[f32], width: usize, level: f32) -> Option<(Self, f32)> {
-        let height = luminance.len() / width;
-        let excess = |x: usize| (luminance[x] - level).max(0.0);
-        let mut row_weights = Vec::with_capacity(height + 1);
-        let mut columns = Vec::with_capacity(height + 1);
-        let mut mean = 0.0f64;
-        for row in 0..=height {
-            let (above, below) = row_pair(row, height);
-            let weight = |x: usize| {
-                let next = (x + 1) % width;
-                excess(above * width + x)
-                    + excess(above * width + next)
-                    + excess(below * width + x)
-                    + excess(below * width + next)
-            };
-            let (top, bottom) = row_extent(row, height);
-            let sin = (PI * 0.5 * (top + bottom)).sin();
-            let column = Discrete::new((0..width).map(weight));
-            let total = column.as_ref().map_or(0.0, Discrete::total) * 0.25;
-            // Integral over the cells: mean value × sin θ × height in v × width in u.
-            let integral = total * f64::from(sin) * f64::from(bottom - top) / width as f64;
-            mean += integral * std::f64::consts::FRAC_PI_2;
-            row_weights.push(integral as f32);
-            columns.push(column);
-        }
-        let rows = Discrete::new(row_weights.into_iter())?;
-        Some((Self { rows, columns, level }, mean as f32))
-    }
-
-    /// Number of rows of cells.
-    fn rows_of_cells(&self) -> usize {
-        self.columns.len()
-    }
-
-    /// Probability of columns within a row of cells.
-    #[inline(always)]
-    fn share(&self, row: usize, columns: (u32, u32)) -> f32 {
-        self.columns[row].as_ref().map_or(0.0, |row| row.probability(columns))
-    }
-
-    /// Probability of columns of a row of cells.
-    #[inline(always)]
-    fn probability(&self, row: usize, columns: (u32, u32)) -> f32 {
-        self.rows.pmf(row as u32) * self.share(row, columns)
-    }
-
-    /// Samples a cell by two numbers in [0, 1), for columns and rows.
-    #[inline(always)]
-    fn sample(&self, [u, v]: [f32; 2]) -> SampledCell {
-        let (row, rest_v) = self.rows.sample(v);
-        let (column, rest_u) = self.columns[row as usize].as_ref().map_or((0, 0.0), |row| row.sample(u));
-        let at = [row as usize, column as usize];
-        SampledCell { at, probability: self.cell_probability(at), rest: [rest_u, rest_v] }
-    }
-
-    /// Probability of a cell.
-    #[inline(always)]
-    fn cell_probability(&self, [row, column]: [usize; 2]) -> f32 {
-        self.probability(row, (column as u32, column as u32 + 1))
-    }
-
-    /// Samples one of these columns of a row: the column, and a new uniform number.
-    #[inline(always)]
-    fn sample_column(&self, row: usize, columns: (u32, u32), u: f32) -> (u32, f32) {
-        self.columns[row].as_ref().map_or((columns.0, u), |row| row.sample_among(columns, u))
-    }
-}
-
 /// Cells between four texel centres.
 struct Cells {
     /// Radiance above left, above right, below left, below right.
@@ -318,17 +226,4 @@ impl Cells {
         let (top, bottom) = (a + (b - a) * fu, c + (d - c) * fu);
         top + (bottom - top) * fv
     }
-}
-
-/// The texel rows above and below a row of cells.
-#[inline]
-fn row_pair(row: usize, height: usize) -> (usize, usize) {
-    (row.saturating_sub(1), row.min(height - 1))
-}
-
-/// Start and end of a row of cells in v.
-#[inline]
-fn row_extent(row: usize, height: usize) -> (f32, f32) {
-    let h = height as f32;
-    (((row as f32 - 0.5) / h).max(0.0), ((row as f32 + 0.5) / h).min(1.0))
 }

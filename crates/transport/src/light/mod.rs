@@ -21,39 +21,13 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use crate::lanes::{F, LANES, V3, eight};
-use crate::sampling::warp::ONE_MINUS_EPSILON;
 use crate::scene::Scene;
 pub use area::AreaLights;
 pub use environment::{Density, EnvironmentSampler, LearnedEnvironment};
 pub use learn::LightSampleRecord;
 pub use learned::LearnedLights;
 pub use punctual::PunctualSample;
-pub use samples::{LightSampleContext, LightSamples};
-
-/// What light samples are drawn by.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct LightProposal<'a> {
-    /// The probability in [0, 1] of the environment where each light sample chooses its kind at random.
-    pub environment_probability: f32,
-    /// Density toward the environment.
-    pub density: Density,
-    /// Learned selection of area lights; `None` for the light tree alone.
-    pub learned: Option<&'a LearnedLights>,
-    /// Learned regions of the environment, made for `density`; `None` for the density alone.
-    pub learned_environment: Option<&'a LearnedEnvironment>,
-}
-
-impl LightProposal<'_> {
-    /// Chooses the kind of light for eight samples by `choice` in [0, 1): the mask of those that go to the environment, and the
-    /// remapped `choice` in [0, 1) for the area lights.
-    #[inline]
-    pub fn draw_kind(&self, choice: F) -> (F, F) {
-        let q = self.environment_probability;
-        let toward = choice.simd_lt(F::splat(q));
-        let remapped = (choice - F::splat(q)) * F::splat(1.0 / (1.0 - q));
-        (toward, remapped.fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS_EPSILON)))
-    }
-}
+pub use samples::{LightProposal, LightSampleContext, LightSamples};
 
 /// All lights of a scene. Environment and area lights are either two techniques, or one technique whose samples choose the
 /// kind at random. Punctual lights are separate: BSDF sampling never finds them.

@@ -1,6 +1,9 @@
 //! Samples of lights.
 
+use super::environment::{Density, LearnedEnvironment};
+use super::learned::LearnedLights;
 use crate::lanes::{F, LANES, V3};
+use crate::sampling::warp::ONE_MINUS_EPSILON;
 use crate::scene::Scene;
 
 /// Eight points that light samples are taken for.
@@ -43,3 +46,28 @@ pub struct LightSamples {
 /// its interpolation, of instance transforms, and of ray queries. Rays begin and end so far from surfaces (Wächter and Binder,
 /// "A Fast and Robust Method for Avoiding Self-Intersection", Ray Tracing Gems, 2019, for the idea; the number by tests).
 pub const ROUNDING: f32 = 16.0 * f32::EPSILON;
+
+/// What light samples are drawn by.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct LightProposal<'a> {
+    /// The probability in [0, 1] of the environment where each light sample chooses its kind at random.
+    pub environment_probability: f32,
+    /// Density toward the environment.
+    pub density: Density,
+    /// Learned selection of area lights; `None` for the light tree alone.
+    pub learned: Option<&'a LearnedLights>,
+    /// Learned regions of the environment, made for `density`; `None` for the density alone.
+    pub learned_environment: Option<&'a LearnedEnvironment>,
+}
+
+impl LightProposal<'_> {
+    /// Chooses the kind of light for eight samples by `choice` in [0, 1): the mask of those that go to the environment, and the
+    /// remapped `choice` in [0, 1) for the area lights.
+    #[inline]
+    pub fn draw_kind(&self, choice: F) -> (F, F) {
+        let q = self.environment_probability;
+        let toward = choice.simd_lt(F::splat(q));
+        let remapped = (choice - F::splat(q)) * F::splat(1.0 / (1.0 - q));
+        (toward, remapped.fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS_EPSILON)))
+    }
+}

@@ -1,6 +1,6 @@
 //! Charts of one scene and of all scenes.
 
-use super::SceneResults;
+use crate::balance::scene_results::SceneResults;
 use crate::balance::table::{Level, Outcome, Row};
 use crate::balance::{CONTROL, Design, Estimator, HALF};
 use crate::report::{Axis, Chart, Dot, DotPlot, Scale, Series};

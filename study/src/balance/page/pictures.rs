@@ -4,8 +4,8 @@ use bismar::Result;
 use bismar::film::View;
 use bismar::film::exposure::automatic;
 
-use super::SceneResults;
 use crate::balance::portrait::PORTRAIT_SPP;
+use crate::balance::scene_results::SceneResults;
 use crate::balance::table::Outcome;
 use crate::balance::{Design, Estimator, HALF};
 use crate::report::page::{crop_figure, map_figure, picture_figure, slider};

@@ -1,8 +1,7 @@
 //! Charts of a scene, and over all.
 
-use super::{BASELINE, SceneRows, distinct, scenes};
 use crate::rays::measure::CONTROL;
-use crate::rays::table::{Build, Picture, Results};
+use crate::rays::table::{BASELINE, Build, Picture, Results, SceneRows, distinct, scenes};
 use crate::report::{Chart, Dot, DotPlot, Scale, Series};
 
 /// Shown in charts, as many as there are colours, each with its own.

@@ -9,32 +9,19 @@ pub mod scenes;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use bismar::Result;
-use bismar::balance::{Balance, Counts};
+use bismar::balance::Counts;
 use bismar::film::PixelStats;
 use bismar::guiding::Field;
 use bismar::integrator::{PixelSums, PixelTask, PreparedScene, Transport, Wave};
-use bismar::render::prepass::guiding::learned;
-use bismar::render::{Guiding, RenderSettings, transport};
+use bismar::render::{Guiding, transport};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::Control;
 use super::cases::BAR;
-use super::judge::{FALSE_ALARM, Outcome, Verdict, z_limit};
+use super::judge::{Control, FALSE_ALARM, Outcome, Verdict, z_limit};
 use super::renders::Renders;
 use super::scenes::{OTHER_SEEDS, PATHS};
-
-/// A failure mode on a scene.
-pub struct Case {
-    /// F19 … F23.
-    pub mode: &'static str,
-    pub name: &'static str,
-    /// Description of the scene.
-    pub construct: &'static str,
-    pub scene: PreparedScene<'static>,
-    /// A field that was learned from wrong samples; `None`: the field of the case's own pre-pass.
-    pub adversarial: Option<Field>,
-}
+use scenes::{Case, WINDOW, field, settings};
 
 /// Result of an estimator in a mode.
 #[derive(Debug, Clone, Serialize)]
@@ -88,37 +75,11 @@ impl Results {
     }
 }
 
-/// Pixels along a side of the whole picture.
-const WHOLE: u32 = 64;
-/// The pixels that are rendered.
-const WINDOW: [u32; 4] = [30, 30, 34, 34];
-/// Maximum number of path segments. Russian roulette begins after the second surface.
-const MAX_DEPTH: u32 = 4;
 /// Number of replicas that share a pre-pass.
 const REPLICAS_PER_PREPASS: u32 = 100;
 
-/// Settings of every render here.
-pub fn settings(seed: u32, guiding: Guiding) -> RenderSettings {
-    RenderSettings {
-        width: WHOLE,
-        height: WHOLE,
-        crop: Some(WINDOW),
-        spp: Some(PATHS),
-        max_depth: MAX_DEPTH,
-        balance: Balance::Half,
-        guiding,
-        seed,
-        ..Default::default()
-    }
-}
-
 fn green(pixel: &PixelStats) -> f64 {
     pixel.sum[1] / f64::from(pixel.samples)
-}
-
-/// The field that guides a render with these settings, if any.
-pub fn field(scene: &PreparedScene, settings: &RenderSettings) -> Option<Field> {
-    learned(scene, settings, &transport(scene, settings), &AtomicBool::new(false)).and_then(|learned| learned.field)
 }
 
 /// Renders the window's pixels with [`settings`] and a number of paths per pixel, guided by `field`.

@@ -4,7 +4,7 @@ use super::{Guided, ModeResult, Results};
 use crate::report::{Cell, Columns, Table};
 use crate::stability::cases::BAR;
 use crate::stability::judge::Verdict;
-use crate::stability::page::{Part, by_mode, controls, failures, faint, judged, largest_z, ratio};
+use crate::stability::tables::{Part, by_mode, controls, failures, faint, judged, largest_z, ratio};
 
 /// [`by_mode`] for `on` and `auto`.
 fn guidings<'a, C: Into<Cell>>(

@@ -1,19 +1,39 @@
 //! Scenes in which guiding may fail, and the adversarial fields that guide it there.
 
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use bismar::Result;
+use bismar::balance::Balance;
 use bismar::guiding::{Field, TrainingSample, learn};
 use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
-use bismar::render::Guiding;
+use bismar::render::prepass::guiding::learned;
+use bismar::render::{Guiding, RenderSettings, transport};
 use bismar::sampling::SplitMix64;
 use bismar::scene::build::{area_light, lambert, look, metal};
 use bismar::scene::{Environment, Material, Scene};
 use glam::Vec3;
 
-use super::{Case, field, settings};
-use crate::stability::scenes::{ceiling, plate};
+use crate::stability::scenes::{PATHS, ceiling, plate};
+
+/// Pixels along a side of the whole picture.
+const WHOLE: u32 = 64;
+/// The pixels that are rendered.
+pub(super) const WINDOW: [u32; 4] = [30, 30, 34, 34];
+/// Maximum number of path segments. Russian roulette begins after the second surface.
+const MAX_DEPTH: u32 = 4;
+/// A failure mode on a scene.
+pub struct Case {
+    /// F19 … F23.
+    pub mode: &'static str,
+    pub name: &'static str,
+    /// Description of the scene.
+    pub construct: &'static str,
+    pub scene: PreparedScene<'static>,
+    /// A field that was learned from wrong samples; `None`: the field of the case's own pre-pass.
+    pub adversarial: Option<Field>,
+}
 
 /// Number of [`cases`].
 pub const CASES: usize = 5;
@@ -185,6 +205,26 @@ pub fn cases() -> Result<[Case; CASES]> {
             Some(firefly()),
         )?,
     ])
+}
+
+/// Settings of every render here.
+pub fn settings(seed: u32, guiding: Guiding) -> RenderSettings {
+    RenderSettings {
+        width: WHOLE,
+        height: WHOLE,
+        crop: Some(WINDOW),
+        spp: Some(PATHS),
+        max_depth: MAX_DEPTH,
+        balance: Balance::Half,
+        guiding,
+        seed,
+        ..Default::default()
+    }
+}
+
+/// The field that guides a render with these settings, if any.
+pub fn field(scene: &PreparedScene, settings: &RenderSettings) -> Option<Field> {
+    learned(scene, settings, &transport(scene, settings), &AtomicBool::new(false)).and_then(|learned| learned.field)
 }
 
 #[cfg(test)]

@@ -4,8 +4,10 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::f32::consts::PI;
 
-use super::{Table, row_extent};
+use super::table::{SampledCell, Table, row_extent};
+use crate::lanes::{F, LANES, eight};
 use crate::sampling::Discrete;
+use crate::sampling::warp::ONE_MINUS_EPSILON;
 
 /// Largest number of regions.
 pub const REGIONS: usize = 64;
@@ -23,7 +25,7 @@ pub struct Regions {
     of_block: Vec<u8>,
     regions: Vec<Region>,
     /// The tree by which a region is chosen, one node fewer than regions. Children come after their parents.
-    pub(super) nodes: Vec<Node>,
+    nodes: Vec<Node>,
     /// Probability of each region by the density of the environment.
     probabilities: Vec<f32>,
 }
@@ -46,17 +48,6 @@ pub struct Node {
     pub by_column: bool,
     /// The children: another node, or the complement of a region's index.
     pub children: [i32; 2],
-}
-
-/// A cell of the map that was sampled.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct SampledCell {
-    /// Row and column.
-    pub at: [usize; 2],
-    /// Probability within its region.
-    pub probability: f32,
-    /// New numbers in [0, 1) for the position along the column's and the row's width.
-    pub rest: [f32; 2],
 }
 
 /// Blocks from a row and column to a row and column.
@@ -213,4 +204,71 @@ fn halves(r: Rectangle, measure: &impl Fn(Rectangle) -> f64) -> Option<(bool, [R
     let uneven = |at: usize| (measure(parts(at)[0]) - 0.5 * whole).abs();
     let at = if uneven(before) < uneven(at) { before } else { at };
     Some((axis == 1, parts(at)))
+}
+
+/// The choice of a region.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Choice {
+    /// Probability of the first child of each node of the regions' tree.
+    first: [f32; REGIONS],
+    /// Probability of each region.
+    pub(super) of: [f32; REGIONS],
+}
+
+impl Choice {
+    /// The choice of `regions` with these probabilities.
+    pub(super) fn new(regions: &Regions, probabilities: &[f32]) -> Self {
+        let padded = |list: &[f32]| std::array::from_fn(|i| list.get(i).copied().unwrap_or(0.0));
+        Self { first: padded(&regions.first_child_probabilities(probabilities)), of: padded(probabilities) }
+    }
+}
+
+/// The choice of a region at eight points.
+#[derive(Debug, Clone, Copy)]
+pub struct RegionProbabilities<'a> {
+    pub(super) regions: &'a Regions,
+    pub(super) choices: [&'a Choice; LANES],
+}
+
+impl RegionProbabilities<'_> {
+    /// Chooses a region at each point by numbers in [0, 1) for columns and rows: the regions, their probabilities, and new numbers
+    /// in [0, 1). Each number is divided along its own axis only, which keeps the strata of both.
+    #[inline(always)]
+    pub(super) fn sample(&self, numbers: [F; 2]) -> ([u32; LANES], F, [F; 2]) {
+        let mut at = [0i32; LANES];
+        // The interval of each number that leads to the current nodes.
+        let (mut low, mut width) = ([F::ZERO; 2], [F::ONE; 2]);
+        while at.iter().any(|&node| node >= 0) {
+            let nodes = eight(|lane| &self.regions.nodes[at[lane].max(0) as usize]);
+            let first = F::from(eight(|lane| self.choices[lane].first[at[lane].max(0) as usize]));
+            let inner = F::from(eight(|lane| f32::from(u8::from(at[lane] >= 0)))).simd_gt(F::ZERO);
+            let by_column = F::from(eight(|lane| f32::from(u8::from(nodes[lane].by_column)))).simd_gt(F::ZERO);
+            let part = by_column.select(width[0], width[1]) * first;
+            let middle = by_column.select(low[0], low[1]) + part;
+            let is_first = by_column.select(numbers[0], numbers[1]).simd_lt(middle);
+            for (axis, mask) in [by_column & inner, !by_column & inner].into_iter().enumerate() {
+                let rest = is_first.select(part, width[axis] - part);
+                low[axis] = (mask & !is_first).select(middle, low[axis]);
+                width[axis] = mask.select(rest, width[axis]);
+            }
+            let is_first = is_first.to_bitmask();
+            for lane in 0..LANES {
+                if at[lane] >= 0 {
+                    at[lane] = nodes[lane].children[1 - (is_first >> lane & 1) as usize];
+                }
+            }
+        }
+        let regions = at.map(|region| !region as u32);
+        let rest = [0, 1].map(|axis| {
+            let rest = (numbers[axis] - low[axis]) / width[axis];
+            rest.fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS_EPSILON))
+        });
+        (regions, F::from(eight(|lane| self.probability(lane, regions[lane] as usize))), rest)
+    }
+
+    /// The probability of a region at the point in `lane`.
+    #[inline(always)]
+    pub(super) fn probability(&self, lane: usize, region: usize) -> f32 {
+        self.choices[lane].of[region]
+    }
 }

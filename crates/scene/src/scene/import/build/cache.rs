@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use glam::{DAffine3, DMat4, DVec3};
 
+use super::animated_bounds::Played;
 use super::nodes::ObjectKey;
-use super::reach::Played;
 use super::reader::Reader;
 use crate::error::Result;
 use crate::scene::import::options::Pose;

@@ -2,7 +2,7 @@
 
 use glam::{Affine3A, DAffine3, DVec3, Mat3A, Vec3A};
 
-use super::placements::axis;
+use super::transforms::axis;
 use crate::scene;
 use crate::scene::import::document::cameras::Camera;
 

@@ -2,8 +2,7 @@
 
 use glam::{DAffine3, Vec3};
 
-use super::materials::dimmed;
-use super::placements::axis;
+use super::transforms::axis;
 use crate::scene::import::document::lights::Light;
 use crate::scene::import::report::Notes;
 use crate::scene::{PunctualKind, PunctualLight};
@@ -31,4 +30,17 @@ pub fn place(from: &Light, node: &str, world: &DAffine3, notes: &mut Notes) -> O
     };
     let name = from.name.clone().unwrap_or_else(|| node.into());
     Some(PunctualLight { name, kind, intensity, position, direction, range: from.range, motion: Vec::new() })
+}
+
+/// Largest emitted radiance, and intensity of a light: sums of squares over a picture stay finite as 32-bit floats. A laser
+/// pointer's is near 1e10, the sun's 2e9.
+const MAX_EMISSION: f32 = 1e15;
+
+/// Limits the light of an emitter; what to say if it is changed.
+pub fn dimmed(light: &mut Vec3) -> Option<String> {
+    let most = light.max_element();
+    (most > MAX_EMISSION).then(|| {
+        *light = light.min(Vec3::splat(MAX_EMISSION));
+        format!("a light of {most:e} is dimmed to {MAX_EMISSION:e}, the largest that can be rendered")
+    })
 }

@@ -2,8 +2,7 @@
 
 use std::collections::HashMap;
 
-use glam::Vec3;
-
+use super::lights::dimmed;
 use super::textures::TextureTable;
 use crate::error::Result;
 use crate::scene::import::document::Document;
@@ -75,19 +74,6 @@ fn resolve(
         notes.convention(&from.at, text);
     }
     Ok(material)
-}
-
-/// Largest emitted radiance, and intensity of a light: sums of squares over a picture stay finite as 32-bit floats. A laser
-/// pointer's is near 1e10, the sun's 2e9.
-const MAX_EMISSION: f32 = 1e15;
-
-/// Limits the light of an emitter; what to say if it is changed.
-pub fn dimmed(light: &mut Vec3) -> Option<String> {
-    let most = light.max_element();
-    (most > MAX_EMISSION).then(|| {
-        *light = light.min(Vec3::splat(MAX_EMISSION));
-        format!("a light of {most:e} is dimmed to {MAX_EMISSION:e}, the largest that can be rendered")
-    })
 }
 
 /// The scene's materials, created when a mesh first uses them.

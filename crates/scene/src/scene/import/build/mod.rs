@@ -1,5 +1,6 @@
 //! Builds the scene from a checked document.
 
+mod animated_bounds;
 mod cache;
 mod cameras;
 mod count;
@@ -12,12 +13,12 @@ mod nodes;
 mod placements;
 mod pose;
 mod primitive;
-mod reach;
 mod reader;
 mod skins;
 mod tangents;
 mod textures;
 mod time_samples;
+mod transforms;
 mod unshown;
 
 use std::collections::HashSet;
@@ -37,6 +38,7 @@ use crate::scene::import::options::Pose;
 use crate::scene::import::report::{ImportReport, Notes};
 use crate::scene::{self, Camera, Framing, Instance, Motion, Object, Scene};
 
+use animated_bounds::Played;
 pub use cache::ImportCache;
 use cache::{CacheKey, CachedObject, Objects, attribute_needs};
 use count::count;
@@ -44,15 +46,13 @@ pub use count::{image_bytes, mesh_bytes};
 use deform::{MeshPose, MeshPoses};
 use materials::MaterialTable;
 use nodes::{FlattenedScene, ObjectKey, Placement, flatten};
-use placements::{
-    check_extent, corners, is_flat, is_visible, keep_visible, lost_direction, points, thickened, to_f32, visit_points,
-};
+use placements::{check_extent, corners, keep_visible, points, visit_points};
 pub use pose::posed;
 use primitive::Draft;
-use reach::Played;
 use reader::Reader;
 use textures::TextureTable;
 pub use time_samples::{TimeSample, time_sample, time_samples};
+use transforms::{is_flat, is_visible, lost_direction, thickened, to_f32};
 use unshown::{note_document, note_faults, note_unplaced};
 
 /// The document to build, with the state of its animations.

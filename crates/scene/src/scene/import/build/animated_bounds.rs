@@ -8,17 +8,18 @@ use rayon::prelude::*;
 use serde_json::Value;
 
 use super::nodes::instances;
-use super::placements::{corners, is_visible};
+use super::placements::corners;
 use super::pose::{Track, chosen};
 use super::reader::Reader;
 use super::skins::joint_matrices;
+use super::transforms::is_visible;
 use crate::error::Result;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::attributes::Semantic;
 use crate::scene::import::document::nodes::world_transforms;
 use crate::scene::import::document::primitives::Primitive;
 use crate::scene::import::options::Pose;
-use crate::scene::{Framing, MAX_COORDINATE, Reach};
+use crate::scene::{AnimatedBounds, Framing, MAX_COORDINATE};
 
 /// Times at most, so many that there is one between keys that are closer, times between two keys, and points at all times together.
 const MAX_TIMES: usize = 512;
@@ -82,7 +83,7 @@ pub struct Played {
     /// By node: do its surfaces move?
     surfaces: Vec<bool>,
     /// What came of [`Self::reach`].
-    pub reached: OnceLock<Option<Arc<Reach>>>,
+    pub reached: OnceLock<Option<Arc<AnimatedBounds>>>,
 }
 
 impl Played {
@@ -128,7 +129,7 @@ impl Played {
 
     /// The bounds over the whole animation: keys, and times between them. `json` is the document at rest; `still` visits the
     /// points of surfaces that do not move. Faulty elements are left out; where they are shown, reading them is an error.
-    pub fn reach(&self, reader: &mut Reader, json: &Value, still: &VisitPoints) -> Option<Reach> {
+    pub fn reach(&self, reader: &mut Reader, json: &Value, still: &VisitPoints) -> Option<AnimatedBounds> {
         let document = reader.document;
         let base = world_transforms(&document.nodes);
         let shown = self.shown(reader);
@@ -156,7 +157,7 @@ impl Played {
         let centre = 0.5 * (low + high);
         visit(&mut |p| radius = radius.max(p.distance(centre)));
         let bounds = [low.as_vec3(), high.as_vec3()];
-        centre.is_finite().then_some(Reach { bounds, sphere: (centre, radius), framing })
+        centre.is_finite().then_some(AnimatedBounds { bounds, sphere: (centre, radius), framing })
     }
 
     /// The meshes of the shown scene that move, hidden ones too.
