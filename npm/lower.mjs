@@ -1,11 +1,10 @@
-// Marks versions of libc and libstdc++ that Debian 12 does not have as weak in ELF files, so that the loader does not insist on
-// them: what the files take from there is in compat.c, or is looked up at run time.
-//   node npm/weaken.mjs FILE...
+// Replaces versions of libc and libstdc++ that Debian 12 does not have, in what ELF files need, by old ones of the same library:
+// the loader insists on them. The functions themselves are in compat.c, or weak.
+//   node npm/lower.mjs FILE...
 import { readFileSync, writeFileSync } from "node:fs";
 
 const NEWEST = { GLIBC: [2, 36], GLIBCXX: [3, 4, 30], CXXABI: [1, 3, 13] };
 const SHT_GNU_VERNEED = 0x6ffffffe;
-const VER_FLG_WEAK = 2;
 
 function isNewer(name) {
   const [library, numbers] = name.split("_");
@@ -27,11 +26,19 @@ for (const file of process.argv.slice(2)) {
   const names = section(needed.link).offset;
   for (let need = needed.offset, step = 1; step !== 0; need += step) {
     step = elf.readUInt32LE(need + 12);
-    for (let version = need + elf.readUInt32LE(need + 8), next = 1; next !== 0; version += next) {
-      next = elf.readUInt32LE(version + 12);
-      const name = names + elf.readUInt32LE(version + 8);
-      const text = elf.toString("latin1", name, elf.indexOf(0, name));
-      if (isNewer(text)) elf.writeUInt16LE(elf.readUInt16LE(version + 4) | VER_FLG_WEAK, version + 4);
+    const versions = [];
+    for (let at = need + elf.readUInt32LE(need + 8), next = 1; next !== 0; at += next) {
+      next = elf.readUInt32LE(at + 12);
+      const name = names + elf.readUInt32LE(at + 8);
+      versions.push({ at, text: elf.toString("latin1", name, elf.indexOf(0, name)) });
+    }
+    for (const { at, text } of versions.filter((version) => isNewer(version.text))) {
+      const prefix = `${text.split("_")[0]}_`;
+      const old = versions.find((version) => version.text.startsWith(prefix) && !isNewer(version.text));
+      if (old === undefined) throw new Error(`${file}: needs ${text} and nothing older of it`);
+      // Hash and name.
+      elf.copy(elf, at, old.at, old.at + 4);
+      elf.copy(elf, at + 8, old.at + 8, old.at + 12);
     }
   }
   writeFileSync(file, elf);
