@@ -9,7 +9,7 @@ NAME := $(basename $(notdir $(SHOWPIECE)))
 BISMAR := target/release/bismar
 
 .DEFAULT_GOAL := help
-.PHONY: help setup build render test deb try-container wheel try-wheel try-docs bench bench-peers agreement stability clean
+.PHONY: help setup build render test deb try-container wheel try-wheel npm try-npm try-npm-roots try-docs bench bench-peers agreement stability clean
 
 help:
 	@echo "make setup   installs what is missing: Embree 4, libclang, a C linker"
@@ -20,6 +20,8 @@ help:
 	@echo "make try-container  builds container/Containerfile with that package and tries it"
 	@echo "make wheel   builds the Python package (target/wheel/*.whl), with Embree in it"
 	@echo "make try-wheel  tests it in a clean virtual environment"
+	@echo "make npm     packs the npm packages (target/npm/*.tgz), with the program and Embree in them"
+	@echo "make try-npm tests them in an empty folder without a network; try-npm-roots in Debian 12 and 13"
 	@echo "make try-docs  runs every command of docs/guide.md and docs/gallery.md"
 	@echo "make bench   a render against the limit of its rays, threads, allocations, set-up, memory"
 	@echo "make bench-peers  error against seconds, side by side with Mitsuba 3 and Cycles (needs Python, 1.5 GiB)"
@@ -53,6 +55,15 @@ wheel: setup
 
 try-wheel: setup
 	@scripts/try-wheel.sh
+
+npm: build
+	@scripts/make-npm.sh
+
+try-npm: setup
+	@scripts/try-npm.sh
+
+try-npm-roots: setup
+	@scripts/try-npm.sh --roots
 
 try-docs: build
 	scripts/try-docs.sh

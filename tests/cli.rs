@@ -590,3 +590,43 @@ fn numbers_that_mean_nothing_are_refused_and_control_characters_are_shown() {
         assert!(stderr(&output).contains(r"a\u{1b}[2J\u{85}.glb"), "{}", stderr(&output));
     }
 }
+
+#[test]
+fn a_glb_comes_from_a_pipe_and_gives_the_same_bits() {
+    let folder = folder();
+    let path = |name: &str| folder.path().join(name);
+    let piped = |line: &str, bytes: &[u8]| {
+        let mut command = bismar(folder.path());
+        let mut child = command
+            .args(line.split_whitespace())
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        // A program that refuses the beginning closes the pipe.
+        let _ = std::io::Write::write_all(&mut child.stdin.take().unwrap(), bytes);
+        let output = child.wait_with_output().unwrap();
+        (output.status.code(), stderr(&output))
+    };
+    let glb = fs::read(path("scene.glb")).unwrap();
+    assert_eq!(piped("render - --size 32x24 --spp 8 -q -o pipe.exr", &glb).0, Some(0));
+    expect(folder.path(), &format!("{SMALL} -o file.exr"), 0);
+    program::assert_same_bits(&path("pipe.exr"), &path("file.exr"));
+    // Longer than its header says, as a file may be.
+    assert_eq!(piped("inspect - --pose 0", &[&glb[..], b"more"].concat()).0, Some(0));
+    let mut large = glb.clone();
+    large[8..12].copy_from_slice(&u32::MAX.to_le_bytes());
+    for (line, bytes, code, words) in [
+        ("render -", &glb[..glb.len() - 1], 65, "standard input: GLB container"),
+        ("render -", b"{}", 65, "a .gltf is read by its name"),
+        ("render - --memory-limit 1G", &large, 76, "a GLB of 4096 MiB"),
+        ("render - --frames 1-2 -o a.####.exr", &glb, 64, "for one picture"),
+    ] {
+        let (found, text) = piped(line, bytes);
+        assert_eq!(found, Some(code), "{line}: {text}");
+        assert!(text.contains(words), "{line}: {text}");
+    }
+    // No golden picture: nothing says what it was rendered from.
+    expect(folder.path(), "check pipe.exr", 65);
+}

@@ -1,6 +1,7 @@
 //! `bismar inspect SCENE`
 
 use std::fmt::Write;
+use std::io::stdin;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -17,12 +18,12 @@ use crate::rays::Backend;
 use crate::render::default_light::{self, OwnLight};
 use crate::render::{BackFaces, clipped};
 use crate::scene::Scene;
-use crate::scene::import::{self, Note, SceneFiles, Summary};
+use crate::scene::import::{self, Note, STANDARD_INPUT, SceneFiles, Summary};
 
 /// Print the contents of a scene, and which features are supported, approximated or ignored.
 #[derive(Debug, Args)]
 pub struct InspectArgs {
-    /// The scene file, .gltf or .glb.
+    /// The scene file, .gltf or .glb; or -, a GLB from standard input.
     scene: PathBuf,
     #[command(flatten)]
     selection: SceneSelection,
@@ -32,24 +33,25 @@ pub struct InspectArgs {
 }
 
 pub fn run(args: &InspectArgs) -> Result<Verdict> {
-    let files = SceneFiles::open(&args.scene)?;
-    let survey = files.survey();
-    let name = args.scene.display().to_string();
-    let need = |size| Need::with_defaults(&survey, args.selection.steps(false), size).bytes();
     let limit = memory::limit(None)?;
+    let from_pipe = args.scene.as_os_str() == "-";
+    let files =
+        if from_pipe { SceneFiles::read_glb(&mut stdin().lock(), limit.0) } else { SceneFiles::open(&args.scene) }?;
+    let survey = files.survey();
+    let name = if from_pipe { STANDARD_INPUT.into() } else { args.scene.display().to_string() };
+    let need = |size| Need::with_defaults(&survey, args.selection.steps(false), size).bytes();
     memory::check(&name, need([0, 0]), limit)?;
     memory::hold(limit);
     let imported = files.import(&args.selection.options(false, false))?;
+    let at_rest = args.selection.is_posed().then(|| files.import(&args.selection.at_rest().options(false, false)));
+    let at_rest = at_rest.transpose()?.map(|imported| Arc::new(imported.scene));
     drop(files);
     let summary = import::summary(&imported);
     let (width, height) = size(&imported.scene.cameras[0]);
     let render_bytes = need([width, height]);
     let scene = Arc::new(imported.scene);
     let hidden = hidden_by_far_planes(&scene)?;
-    let own_light = match args.selection.is_posed() {
-        false => own_light(scene)?,
-        true => own_light(import::import(&args.scene, &args.selection.at_rest().options(false, false))?.scene.into())?,
-    };
+    let own_light = own_light(at_rest.unwrap_or(scene))?;
     if args.json {
         let default_light = match own_light {
             Some(found) => !found.is_enough(),

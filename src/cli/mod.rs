@@ -23,7 +23,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::Error;
-use crate::console::help::{CompletionsArgs, ManArgs};
+use crate::console::help::{CompletionsArgs, ManArgs, OptionsArgs};
 use crate::console::{self, Verbosity};
 use crate::render::BuildInfo;
 
@@ -56,6 +56,8 @@ enum Command {
     Study(study::StudyArgs),
     Completions(CompletionsArgs),
     Man(ManArgs),
+    #[command(hide = true)]
+    Options(OptionsArgs),
 }
 
 /// Runs the program with the process's arguments.
@@ -92,6 +94,7 @@ pub fn run() -> ExitCode {
             Command::Study(args) => study::run(args, cli.verbosity),
             Command::Completions(args) => args.run(Cli::command()),
             Command::Man(args) => args.run(Cli::command()),
+            Command::Options(args) => args.run(&Cli::command()),
         },
     )
 }

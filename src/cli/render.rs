@@ -16,6 +16,7 @@ mod session;
 mod values;
 mod warnings;
 
+use std::io::stdin;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -45,7 +46,9 @@ pub fn run(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
 fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     let began = Instant::now();
     args.check()?;
-    let args = &args.on_this_machine()?;
+    let mut args = args.on_this_machine()?;
+    let from_pipe = args.takes_standard_input();
+    let args = &args;
     let (threads, source) = host::threads(args.threads)?;
     if let Some(pixel_path) = args.replay_pixel {
         return host::pool(threads)?.install(|| replay::run(args, pixel_path));
@@ -61,7 +64,7 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     host::pool(threads)?.install(|| {
         let reporter = Reporter::new(args.progress, verbosity.quiet);
         let prepared = signals.nothing_to_save(|| {
-            let inputs = Inputs::read(args)?;
+            let inputs = if from_pipe { Inputs::read_pipe(args, &mut stdin().lock()) } else { Inputs::read(args) }?;
             inputs.declare(&mut paths)?;
             let session = Session { args, inputs: &inputs, threads, began, replaces: false };
             if let Some(earlier) = session.finished_before()? {

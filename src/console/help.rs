@@ -1,12 +1,15 @@
-//! `completions SHELL` and `man FOLDER`: shell completions and manual pages, made from the flags.
+//! `completions SHELL`, `man FOLDER` and `options`: shell completions, manual pages and a description as JSON, made from the
+//! flags.
 
+use std::any::TypeId;
 use std::path::{Path, PathBuf};
 
-use clap::{Args, Command};
+use clap::{Arg, Args, Command};
 use clap_complete::Shell;
 use clap_mangen::Man;
+use serde_json::{Map, Value, json};
 
-use super::{Verdict, print, say};
+use super::{Verdict, print, print_json, say};
 use crate::film::atomic;
 use crate::{Error, Result};
 
@@ -26,6 +29,46 @@ pub struct CompletionsArgs {
 pub struct ManArgs {
     /// Output folder; created if it does not exist.
     folder: PathBuf,
+}
+
+/// Print the flags of all commands as JSON, from which `npm/` is made.
+#[derive(Debug, Args)]
+pub struct OptionsArgs {}
+
+impl OptionsArgs {
+    /// Prints them: of each command its flags; of each flag its name, its name in libraries (that of its alias, if it has one),
+    /// its values and its help.
+    ///
+    /// # Errors
+    /// Those of [`print_json()`].
+    pub fn run(&self, program: &Command) -> Result<Verdict> {
+        let shown = |command: &&Command| !command.is_hide_set();
+        let options = |command: &Command| command.get_arguments().filter_map(described).collect::<Value>();
+        let commands = program.get_subcommands().filter(shown);
+        print_json(&commands.map(|command| (command.get_name().to_owned(), options(command))).collect::<Map<_, _>>())?;
+        Ok(Verdict::Done)
+    }
+}
+
+/// The description of a flag; `None` for hidden ones and for arguments without a name.
+fn described(arg: &Arg) -> Option<Value> {
+    let long = arg.get_long().filter(|_| !arg.is_hide_set())?;
+    let aliases = arg.get_all_aliases().unwrap_or_default();
+    let values: Vec<_> = arg.get_possible_values().iter().map(|value| value.get_name().to_owned()).collect();
+    let parsed = arg.get_value_parser().type_id();
+    let numbers =
+        [TypeId::of::<f32>(), TypeId::of::<f64>(), TypeId::of::<u32>(), TypeId::of::<u64>(), TypeId::of::<usize>()];
+    let takes_value = arg.get_action().takes_values();
+    Some(json!({
+        "flag": long,
+        "name": aliases.first().unwrap_or(&long).replace('-', "_"),
+        "value": takes_value.then(|| arg.get_value_names().and_then(|names| names.first()).map(|name| name.to_string())).flatten(),
+        "switch": !takes_value,
+        "number": numbers.iter().any(|number| parsed == *number),
+        "choices": if takes_value { values } else { Vec::new() },
+        "heading": arg.get_help_heading(),
+        "help": arg.get_help().map(ToString::to_string),
+    }))
 }
 
 impl CompletionsArgs {

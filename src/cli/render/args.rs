@@ -26,6 +26,7 @@ use crate::render::identity::RequestedOutputs;
 use crate::render::lens::{Aperture, Focus, LensSettings};
 use crate::render::{BackFaces, Balance, Choice, GlassShadows, Ground, Integrator, Part, PixelFilter, RenderSettings};
 use crate::sampling::frame_seed;
+use crate::scene::import::STANDARD_INPUT;
 use crate::scene::{Framing, Orbit, PlacedCamera};
 use crate::{Error, Result};
 
@@ -37,7 +38,7 @@ use crate::{Error, Result};
 #[derive(Debug, Clone, Args)]
 #[command(allow_negative_numbers = true)]
 pub struct RenderArgs {
-    /// The scene file, .gltf or .glb.
+    /// The scene file, .gltf or .glb; or -, a GLB from standard input, which can name no other file.
     pub scene: PathBuf,
     #[command(flatten)]
     pub selection: SceneSelection,
@@ -271,6 +272,7 @@ pub struct RenderArgs {
     /// crypto-object, crypto-material.
     #[arg(
         long,
+        alias = "aovs",
         value_name = "LIST",
         default_value = "variance,samples,balance",
         default_value_if("preset", "thumbnail", "none"),
@@ -509,12 +511,31 @@ impl RenderArgs {
         Ok(args)
     }
 
+    /// Whether the scene is `-`, standard input. It is then named so in what people read, and no header says how to render it
+    /// again.
+    pub fn takes_standard_input(&mut self) -> bool {
+        let takes = self.is_dash() && !self.signals_from_parent;
+        if takes {
+            self.output.get_or_insert("bismar.exr".into());
+            self.scene = STANDARD_INPUT.into();
+            self.given = None;
+        }
+        takes
+    }
+
+    fn is_dash(&self) -> bool {
+        self.scene.as_os_str() == "-"
+    }
+
     /// Checks the rules that clap cannot express.
     ///
     /// # Errors
     /// [`Error::Usage`].
     pub fn check(&self) -> Result<()> {
         self.check_balance()?;
+        if self.is_dash() && (self.is_sequence() || self.replay_pixel.is_some()) {
+            return Err(Error::Usage("a scene from standard input is for one picture: give a file".into()));
+        }
         if self.adaptive == Some(Choice::On) && self.noise.is_some() {
             return Err(Error::Usage(
                 "--adaptive cannot be used with --noise, which gives each tile the paths that it needs".into(),

@@ -1,10 +1,12 @@
 //! The input files of a command, opened and hashed without loading the scene.
 
 use std::collections::HashMap;
+use std::io::Read;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use super::args::RenderArgs;
+use crate::cli::memory;
 use crate::console::Paths;
 use crate::render::default_light::OwnLight;
 use crate::render::identity::{EnvironmentSource, scene_text};
@@ -40,9 +42,21 @@ impl Inputs {
     /// # Errors
     /// Those of [`SceneFiles::open`] and [`EnvironmentFile::open`].
     pub fn read(args: &RenderArgs) -> Result<Self> {
+        Self::of(args, || SceneFiles::open(&args.scene))
+    }
+
+    /// The same with a scene that is read from a pipe.
+    ///
+    /// # Errors
+    /// Those of [`SceneFiles::read_glb`], [`EnvironmentFile::open`] and [`memory::limit`].
+    pub fn read_pipe(args: &RenderArgs, pipe: &mut dyn Read) -> Result<Self> {
+        Self::of(args, || SceneFiles::read_glb(pipe, memory::limit(args.memory_limit)?.0))
+    }
+
+    fn of(args: &RenderArgs, open: impl FnOnce() -> Result<SceneFiles>) -> Result<Self> {
         let start = Instant::now();
         let environment_file = args.env.as_deref().map(EnvironmentFile::open).transpose()?;
-        let scene_files = SceneFiles::open(&args.scene)?;
+        let scene_files = open()?;
         let scene = scene_files.survey();
         let (degrees, strength) = (args.env_rotate, args.env_strength);
         let source = match &environment_file {

@@ -15,6 +15,7 @@ mod report;
 mod source;
 mod summary;
 
+use std::io::Read;
 use std::path::Path;
 use std::time::Instant;
 
@@ -23,7 +24,7 @@ use serde_json::Value;
 pub use environment::{EnvironmentFile, EnvironmentSize, environment};
 pub use options::{ImportOptions, Pose, Shutter};
 pub use report::{ImportReport, Note, NoteKind, SceneCounts};
-pub use source::{Census, Survey, read_text};
+pub use source::{Census, STANDARD_INPUT, Survey, read_text};
 pub use summary::{Summary, summary};
 
 use report::Notes;
@@ -56,6 +57,15 @@ impl SceneFiles {
     /// [`Error::Io`] as the system says.
     pub fn open(path: &Path) -> Result<Self> {
         Ok(Self { source: source::Source::open(path)?, cache: build::ImportCache::default() })
+    }
+
+    /// Reads a GLB of at most `limit` bytes from a pipe. It names no other file. Messages call it [`STANDARD_INPUT`].
+    ///
+    /// # Errors
+    /// [`Error::Data`] for anything but a GLB, also one that ends early; [`Error::Host`] for one beyond the limit;
+    /// [`Error::Io`].
+    pub fn read_glb(reader: &mut dyn Read, limit: u64) -> Result<Self> {
+        Ok(Self { source: source::Source::read_glb(reader, limit)?, cache: build::ImportCache::default() })
     }
 
     /// Hashes and measures the files without decoding them.

@@ -1,14 +1,13 @@
 //! Bytes of a file, of which only the needed ranges are read.
 
-use std::fs::File;
 use std::ops::Range;
-use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::Arc;
 
 use bytes::Bytes;
 
-use crate::error::{Error, Result};
+use super::input::Input;
+use crate::error::Result;
 
 /// Smallest number of unneeded bytes that are worth skipping.
 const MIN_SKIPPED_BYTES: u64 = 1 << 20;
@@ -32,7 +31,7 @@ impl Blob {
     ///
     /// # Errors
     /// A failed read, no memory.
-    pub fn read(path: &Path, file: &File, within: Range<u64>, mut wanted: Option<Vec<Range<u64>>>) -> Result<Self> {
+    pub fn read(path: &Path, input: &Input, within: Range<u64>, mut wanted: Option<Vec<Range<u64>>>) -> Result<Self> {
         let length = within.end - within.start;
         wanted.iter_mut().for_each(|wanted| wanted.sort_unstable_by_key(|range| range.start));
         let mut merged: Vec<Range<u64>> = Vec::new();
@@ -51,14 +50,10 @@ impl Blob {
             merged.push(0..length);
         }
         let part = |range: Range<u64>| {
-            let mut bytes = Vec::new();
-            let size = usize::try_from(range.end - range.start).unwrap_or(usize::MAX);
-            bytes.try_reserve_exact(size).map_err(|e| Error::reading(path, &e.into()))?;
-            bytes.resize(size, 0);
             let start = within.start + range.start;
-            file.read_exact_at(&mut bytes, start).map_err(|e| Error::reading(path, &e))?;
-            tracing::debug!("{}: {size} bytes from {start}", path.display());
-            Ok((range.start, Bytes::from(bytes)))
+            let bytes = input.bytes(path, start..within.start + range.end)?;
+            tracing::debug!("{}: {} bytes from {start}", path.display(), bytes.len());
+            Ok((range.start, bytes))
         };
         Ok(Self { length, parts: merged.into_iter().map(part).collect::<Result<_>>()? })
     }

@@ -1,18 +1,19 @@
 //! The container of the scene: GLB, or plain JSON.
 
-use std::fs::File;
 use std::ops::Range;
-use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 use serde_json::Value;
 
 use super::blob::Blob;
+use super::input::Input;
 use super::read::{open_regular, refuse_pointer};
 use crate::error::{Error, Result};
 
-const MAGIC: [u8; 4] = *b"glTF";
-const HEADER: u64 = 12;
+/// The first bytes of a GLB.
+pub const MAGIC: [u8; 4] = *b"glTF";
+/// Bytes of a GLB's header: magic, version, length.
+pub const HEADER: u64 = 12;
 const CHUNK_HEADER: u64 = 8;
 /// Limit of chunks, as each needs a read.
 const MAX_CHUNKS: u32 = 1 << 16;
@@ -24,21 +25,26 @@ pub struct Container {
     pub json: Value,
     /// Does the JSON start with a byte-order mark?
     pub byte_order_mark: bool,
-    pub file: File,
+    pub input: Input,
     /// Size of the file in bytes.
     pub file_bytes: u64,
     /// Byte range of the GLB's binary chunk.
     pub bin: Option<Range<u64>>,
 }
 
-/// Reads the document of a `.gltf` or `.glb`, distinguished by their first bytes.
-pub fn read(path: &Path) -> Result<Container> {
+/// Opens a `.gltf` or `.glb`.
+pub fn open(path: &Path) -> Result<Container> {
     const MAX_FILE_BYTES: u64 = 64 << 30;
     let (file, file_bytes) = open_regular(path, MAX_FILE_BYTES)?;
+    read(path, Input::File(file), file_bytes)
+}
+
+/// Reads the document of a `.gltf` or `.glb`, distinguished by their first bytes.
+pub fn read(path: &Path, input: Input, file_bytes: u64) -> Result<Container> {
     let in_file = |text: String| Error::Data(format!("{}: {text}", path.display()));
-    let words = Words { path, file: &file, length: file_bytes };
+    let words = Words { path, input: &input, length: file_bytes };
     if words.at(0)? == Some(*b"vers") {
-        refuse_pointer(path, &Blob::read(path, &file, 0..file_bytes.min(1023), None)?.all())?;
+        refuse_pointer(path, &Blob::read(path, &input, 0..file_bytes.min(1023), None)?.all())?;
     }
     let is_glb = words.at(0)? == Some(MAGIC);
     if !is_glb && path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb")) {
@@ -48,7 +54,7 @@ pub fn read(path: &Path) -> Result<Container> {
         true => split(&words)?,
         false => (0..file_bytes, None),
     };
-    let json = Blob::read(path, &file, json, None)?.all();
+    let json = Blob::read(path, &input, json, None)?.all();
     // RFC 8259, 8.1: writers must not add one, readers may skip it.
     let (json, byte_order_mark) = match json.strip_prefix(b"\xEF\xBB\xBF") {
         Some(rest) => (rest, true),
@@ -59,7 +65,7 @@ pub fn read(path: &Path) -> Result<Container> {
     let parsed = serde_path_to_error::deserialize(&mut parser).map_err(|error| in_file(not_json(json, &error)))?;
     parser.end().map_err(|error| in_file(format!("not valid JSON: {error}")))?;
     let json = parsed;
-    Ok(Container { json, byte_order_mark, file, file_bytes, bin })
+    Ok(Container { json, byte_order_mark, input, file_bytes, bin })
 }
 
 /// What is wrong in `json`, and where. Python's and Unreal's exporters write numbers that JSON does not have.
@@ -83,19 +89,17 @@ fn not_json(json: &[u8], error: &serde_path_to_error::Error<serde_json::Error>) 
 /// Reads 32-bit words of a file.
 struct Words<'a> {
     path: &'a Path,
-    file: &'a File,
+    input: &'a Input,
     length: u64,
 }
 
 impl Words<'_> {
     /// Four bytes at an offset; `None` beyond the end.
     fn at(&self, at: u64) -> Result<Option<[u8; 4]>> {
-        let mut word = [0; 4];
         if at + 4 > self.length {
             return Ok(None);
         }
-        self.file.read_exact_at(&mut word, at).map_err(|e| Error::reading(self.path, &e))?;
-        Ok(Some(word))
+        Ok(self.input.bytes(self.path, at..at + 4)?[..].try_into().ok())
     }
 
     fn number(&self, at: u64, cut: impl Fn() -> Error) -> Result<u32> {

@@ -3,12 +3,14 @@
 mod blob;
 mod census;
 mod container;
+mod input;
 mod reach;
 mod read;
 mod survey;
 mod uri;
 
 use std::collections::HashMap;
+use std::io::Read;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -18,6 +20,8 @@ use crate::error::Result;
 pub use blob::Blob;
 pub use census::Census;
 use container::Container;
+pub use input::STANDARD_INPUT;
+use input::{Input, read_glb};
 use reach::Reach;
 use read::{open_regular, refuse_pointer};
 pub use read::{read_regular, read_text};
@@ -48,7 +52,7 @@ pub struct Source {
     pub file_bytes: u64,
     /// Number of these bytes that were read.
     read_bytes: u64,
-    /// All files, the scene file first.
+    /// All files, the scene file first; none for what comes from standard input.
     pub files: Vec<PathBuf>,
     buffers: Vec<Option<Result<Data>>>,
     images: Vec<Option<Result<Data>>>,
@@ -61,17 +65,32 @@ impl Source {
     /// # Errors
     /// The scene file missing, forbidden, not regular or neither GLB nor JSON.
     pub fn open(path: &Path) -> Result<Self> {
-        let Container { json, byte_order_mark, file, file_bytes, bin } = container::read(path)?;
+        Self::of(path, container::open(path)?, Some(uri::folder_of(path)?))
+    }
+
+    /// Reads a GLB of at most `limit` bytes, which has no folder: it can name no other file.
+    ///
+    /// # Errors
+    /// Those of [`read_glb`], and of the container.
+    pub fn read_glb(reader: &mut dyn Read, limit: u64) -> Result<Self> {
+        let (path, bytes) = (Path::new(STANDARD_INPUT), read_glb(reader, limit)?);
+        let file_bytes = bytes.len() as u64;
+        Self::of(path, container::read(path, Input::Memory(bytes), file_bytes)?, None)
+    }
+
+    fn of(path: &Path, container: Container, folder: Option<PathBuf>) -> Result<Self> {
+        let Container { json, byte_order_mark, input, file_bytes, bin } = container;
         let reach = Reach::of(&json);
         let bin = match bin {
-            Some(within) => Some(Blob::read(path, &file, within, Some(reach.ranges(&json, 0)))?),
+            Some(within) => Some(Blob::read(path, &input, within, Some(reach.ranges(&json, 0)))?),
             None => None,
         };
-        let folder = uri::folder_of(path)?;
         let resolve = |list: &str| -> Vec<Option<Result<Resource>>> {
             let items = reach::items(&json[list]).enumerate();
             items
-                .map(|(i, item)| Some(uri::resolve(item["uri"].as_str()?, &folder, &format!("{list}[{i}].uri"))))
+                .map(|(i, item)| {
+                    Some(uri::resolve(item["uri"].as_str()?, folder.as_deref(), &format!("{list}[{i}].uri")))
+                })
                 .collect()
         };
         let (buffers, images) = (resolve("buffers"), resolve("images"));
@@ -97,11 +116,14 @@ impl Source {
         };
         let (buffers, images) = (data(buffers), data(images));
         let sound = || blobs.iter().filter_map(|(path, blob)| Some((path, blob.as_ref().ok()?)));
-        let left_out = |blob: &Blob| blob.length - blob.read_bytes();
+        // What is in memory was read whole.
+        let in_memory = matches!(input, Input::Memory(_));
+        let left_out = |blob: &Blob| if in_memory { 0 } else { blob.length - blob.read_bytes() };
         let file_bytes = file_bytes + sound().map(|(_, blob)| blob.length).sum::<u64>();
         let read_bytes =
             file_bytes - sound().map(|(_, blob)| left_out(blob)).chain(bin.iter().map(left_out)).sum::<u64>();
-        let files = [path].into_iter().chain(sound().map(|(path, _)| &**path)).map(Path::to_owned).collect();
+        let files =
+            folder.map(|_| path).into_iter().chain(sound().map(|(path, _)| &**path)).map(Path::to_owned).collect();
         Ok(Self {
             path: path.into(),
             json,
@@ -147,7 +169,7 @@ fn want(files: &mut Wanted, resource: Option<&Result<Resource>>, ranges: Option<
 
 fn read(path: &Path, wanted: Option<Vec<Range<u64>>>) -> Result<Blob> {
     let (file, size) = open_regular(path, u64::MAX)?;
-    let blob = Blob::read(path, &file, 0..size, wanted)?;
+    let blob = Blob::read(path, &Input::File(file), 0..size, wanted)?;
     refuse_pointer(path, &blob.all())?;
     Ok(blob)
 }

@@ -17,7 +17,7 @@ use super::reach::items;
 pub struct Survey {
     /// BLAKE3 of the bytes that were read of the scene file and the files that it refers to; hexadecimal.
     pub hash: String,
-    /// Paths of the files, the scene file first.
+    /// Paths of the files, the scene file first; none for what comes from standard input.
     pub files: Vec<PathBuf>,
     /// Size of these files in bytes.
     pub file_bytes: u64,

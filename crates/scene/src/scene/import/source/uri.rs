@@ -46,12 +46,18 @@ pub fn folder_of(scene: &Path) -> Result<PathBuf> {
 /// Resolves the URI at JSON path `at`.
 ///
 /// # Errors
-/// A scheme other than `data:`, an absolute path, a path or link that leaves `folder`, anything but a regular
+/// Any file without a `folder`; a scheme other than `data:`, an absolute path, a path or link that leaves `folder`, anything but a regular
 /// file, malformed data: [`Error::Data`]. A file that does not exist: [`Error::Missing`].
-pub fn resolve(uri: &str, folder: &Path, at: &str) -> Result<Resource> {
+pub fn resolve(uri: &str, folder: Option<&Path>, at: &str) -> Result<Resource> {
     if let Some(data) = uri.strip_prefix("data:") {
         return decode(data, at);
     }
+    let Some(folder) = folder else {
+        return Err(Error::Data(format!(
+            "{at}: `{}` names a file, but a scene from standard input has no folder: embed it in the GLB",
+            short(uri)
+        )));
+    };
     let refused = |why: &str| {
         Error::Data(format!(
             "{at}: `{}` {why}; only relative paths to files beside or below the scene file are read: move the file \
