@@ -8,11 +8,11 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
-use clap::{Args, Command};
-
 pub use heuristic::{Heuristic, PixelMoments};
 
 use super::develop::DevelopArgs;
+pub use super::flag_values::Options;
+use super::flag_values::parse;
 use super::labels::LabelsArgs;
 use super::merge::MergeArgs;
 use super::render::{Inputs, Loaded, OutputWriter, RenderArgs, Session, claim_output, declare, preview_mark, settings};
@@ -29,9 +29,6 @@ use crate::render::{Identity, Progress, RenderSettings, Rendered, RunOptions, St
 use crate::scene::import::{self, Summary};
 use crate::scene::{Camera, Framing, PlacedCamera, Projection, Scene};
 use crate::{Error, Result};
-
-/// Options of a command: the names of flags without dashes, and their values; `None` for switches.
-pub type Options = [(String, Option<String>)];
 
 /// A camera of a scene.
 #[derive(Debug, Clone)]
@@ -439,24 +436,6 @@ const QUIET: Verbosity = Verbosity { quiet: true, verbose: 0, log: crate::consol
 /// Those of [`host::threads`].
 pub fn default_threads() -> Result<usize> {
     host::threads(None).map(|(threads, _)| threads)
-}
-
-/// Parses options as the command line does.
-fn parse<T: Args>(name: &'static str, options: &Options, inputs: &[&Path]) -> Result<T> {
-    let command = T::augment_args(Command::new(name));
-    let mut line = vec![name.into()];
-    line.extend(options.iter().map(|(name, value)| match value {
-        Some(value) => format!("--{name}={value}").into(),
-        None => format!("--{name}").into(),
-    }));
-    line.push("--".into());
-    line.extend(inputs.iter().map(|path| path.as_os_str().to_owned()));
-    let parsed = command.try_get_matches_from(line).and_then(|matches| T::from_arg_matches(&matches));
-    parsed.map_err(|e| {
-        let text = e.to_string();
-        let text = text.strip_prefix("error: ").unwrap_or(&text);
-        Error::Usage(text.split("\n\n").next().unwrap_or(text).trim_end().to_owned())
-    })
 }
 
 fn session<'a>(args: &'a RenderArgs, inputs: &'a Inputs) -> Session<'a> {
