@@ -14,6 +14,8 @@ use super::develop::DevelopArgs;
 pub use super::flag_values::Options;
 use super::flag_values::parse;
 use super::labels::LabelsArgs;
+use super::look::LookArgs;
+pub use super::look::{Looked, Shot};
 use super::merge::MergeArgs;
 use super::render::{Inputs, Loaded, OutputWriter, RenderArgs, Session, claim_output, declare, preview_mark, settings};
 use super::stats::{Seconds, Stats};
@@ -349,6 +351,19 @@ impl RenderedPicture {
         }
     }
 
+    /// The beauty as an opaque PNG, denoised if that was asked for, with the view AgX and the automatic exposure.
+    ///
+    /// # Errors
+    /// Those of [`Self::denoised`] and of the encoder.
+    pub fn png(&self) -> Result<Vec<u8>> {
+        let exposure = Exposure::Auto.of(colors(&self.rendered.pixels()));
+        let mut picture = self.picture();
+        if self.args.denoise.is_some() {
+            picture.rgb = self.denoised()?.to_vec();
+        }
+        preview::encoded_picture(&picture, Look { view: View::Agx, exposure })
+    }
+
     /// The beauty as a picture that can be compared.
     pub fn picture(&self) -> FilmPicture {
         let pixels = self.rendered.pixels();
@@ -426,6 +441,15 @@ pub fn labels(options: &Options, pictures: &[PathBuf]) -> Result<()> {
 /// Those of the command.
 pub fn develop(options: &Options, input: &Path) -> Result<()> {
     super::develop::run(&parse::<DevelopArgs>("develop", options, &[input])?, QUIET).map(drop)
+}
+
+/// `bismar look`: a contact sheet of a scene, or of two, and what is in them; on the current rayon pool. Nothing is written.
+///
+/// # Errors
+/// Those of the command; [`Error::Interrupted`] soon after `stop` is raised.
+pub fn look(options: &Options, scenes: &[PathBuf], stop: &AtomicBool) -> Result<Looked> {
+    let scenes: Vec<&Path> = scenes.iter().map(PathBuf::as_path).collect();
+    super::look::look(&parse::<LookArgs>("look", options, &scenes)?, &mut Paths::default(), stop)
 }
 
 const QUIET: Verbosity = Verbosity { quiet: true, verbose: 0, log: crate::console::LogFormat::Text };

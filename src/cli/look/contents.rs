@@ -18,6 +18,16 @@ pub struct Bounds {
     pub size: [f64; 3],
 }
 
+impl Bounds {
+    /// The box around those that there are.
+    pub fn around(a: &Option<Self>, b: &Option<Self>) -> Option<Self> {
+        let (Some(a), Some(b)) = (a, b) else { return a.clone().or(b.clone()) };
+        let low = std::array::from_fn(|axis| a.low[axis].min(b.low[axis]));
+        let high = std::array::from_fn(|axis| a.high[axis].max(b.high[axis]));
+        Some(Self { low, high, size: std::array::from_fn(|axis| high[axis] - low[axis]) })
+    }
+}
+
 #[derive(Debug, Clone, Serialize)]
 struct MaterialRow {
     name: String,

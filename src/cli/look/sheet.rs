@@ -4,9 +4,10 @@ use std::path::Path;
 
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
 
-use crate::Result;
 use crate::film::lock::claim;
-use crate::film::preview::{self, to_byte};
+use crate::film::view::srgb_decode;
+use crate::film::{Picture, preview};
+use crate::{Error, Result};
 
 /// A contact sheet, display-encoded.
 pub struct Sheet {
@@ -16,8 +17,8 @@ pub struct Sheet {
     pub bytes: Vec<u8>,
 }
 
-/// A picture and its label; display-encoded RGB in [0, 1], row by row.
-pub type Cell = (String, Vec<[f32; 3]>);
+/// A label and its picture: display-encoded RGB, row by row.
+pub type Cell = (String, Vec<u8>);
 
 const FONT: (FontWeight, RasterHeight) = (FontWeight::Regular, RasterHeight::Size16);
 /// Pixels around text and pictures.
@@ -41,10 +42,9 @@ impl Sheet {
         for (i, (label, picture)) in cells.iter().enumerate() {
             let [x, y] = [GAP + (i % columns) * (w + GAP), top + (i / columns) * (LINE + h + GAP)];
             sheet.write_text(label, [x, y], w);
-            for (row, pixels) in picture.chunks(w.max(1)).enumerate() {
+            for (row, pixels) in picture.chunks(3 * w.max(1)).enumerate() {
                 let at = ((y + LINE + row) * size[0] + x) * 3;
-                let bytes = pixels.iter().flatten().map(|x| to_byte(*x));
-                self::fill(&mut sheet.bytes[at..], bytes);
+                sheet.bytes[at..at + pixels.len()].copy_from_slice(pixels);
             }
         }
         sheet
@@ -57,17 +57,30 @@ impl Sheet {
         for (i, glyph) in text.chars().take(width / each).filter_map(raster).enumerate() {
             for (row, levels) in glyph.rows().enumerate() {
                 let at = ((y + row) * self.size[0] as usize + x + i * each) * 3;
-                let level = |level: u8| PAPER + ((u16::from(level) * u16::from(INK - PAPER)) / 255) as u8;
-                self::fill(&mut self.bytes[at..], levels.iter().flat_map(|l| [level(*l); 3]));
+                let level = |level: &u8| PAPER + ((u16::from(*level) * u16::from(INK - PAPER)) / 255) as u8;
+                let bytes = levels.iter().flat_map(|l| [level(l); 3]);
+                self.bytes[at..].iter_mut().zip(bytes).for_each(|(to, byte)| *to = byte);
             }
         }
+    }
+
+    /// Checks the ending of the sheet's name; `what` names it.
+    ///
+    /// # Errors
+    /// [`Error::Usage`].
+    pub fn check_name(what: &str, path: &Path) -> Result<()> {
+        if preview::has_ending(path) || path.starts_with("/dev") {
+            return Ok(());
+        }
+        Err(Error::Usage(format!("{what} {}: the name must end in .png, .webp or .jpg", path.display())))
     }
 
     /// Writes the sheet; the name's ending chooses the format.
     ///
     /// # Errors
-    /// Those of [`claim`] and of writing files.
+    /// [`Error::Usage`] for another ending; those of [`claim`] and of writing files.
     pub fn write(&self, path: &Path) -> Result<()> {
+        Self::check_name("the sheet", path)?;
         let _claim = claim(path)?;
         preview::write_rgb8(path, self.size[0], self.size[1], &self.bytes)
     }
@@ -79,8 +92,17 @@ impl Sheet {
     pub fn png(&self) -> Result<Vec<u8>> {
         preview::encoded(self.size[0], self.size[1], &self.bytes)
     }
+
+    /// The sheet as a picture, to compare.
+    pub fn picture(&self) -> Picture {
+        picture(&self.bytes, self.size)
+    }
 }
 
-fn fill(to: &mut [u8], bytes: impl Iterator<Item = u8>) {
-    to.iter_mut().zip(bytes).for_each(|(to, byte)| *to = byte);
+/// Display-encoded RGB, row by row, as a picture to compare.
+pub fn picture(bytes: &[u8], [width, height]: [u32; 2]) -> Picture {
+    let window = [0, 0, i64::from(width), i64::from(height)];
+    let linear = |byte: &u8| srgb_decode(f32::from(*byte) / 255.0);
+    let rgb = bytes.as_chunks::<3>().0.iter().map(|[r, g, b]| [r, g, b].map(linear)).collect();
+    Picture { window, display: window, rgb, variance: None, alpha: None, displayed: true }
 }

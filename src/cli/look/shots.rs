@@ -5,59 +5,20 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use clap::ValueEnum;
 use glam::DVec3;
 use serde_json::{Value, json};
 
-use super::LookArgs;
+use super::args::LookArgs;
 use super::contents::Contents;
+use super::direction::Direction;
 use crate::batch::frames::Frames;
 use crate::cli::flag_values::parse;
-use crate::cli::memory;
 use crate::cli::render::{Inputs, Loaded, RenderArgs, Session};
 use crate::console::Paths;
 use crate::film::{Exposure, Pixels, View, preview::to_byte};
 use crate::render::{RenderSettings, RunOptions, StopReason, run};
 use crate::scene::Orbit;
 use crate::{Error, Result};
-
-/// A direction from which a scene is seen; the front of a glTF asset faces +z.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Direction {
-    /// From +z
-    Front,
-    /// From the front, the right and above
-    ThreeQuarters,
-    /// From +x
-    Side,
-    /// From -z
-    Back,
-    /// From above
-    Top,
-    /// From -x
-    Left,
-    /// From below
-    Bottom,
-}
-
-impl Direction {
-    fn name(self) -> String {
-        self.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
-    }
-
-    fn orbit(self) -> Orbit {
-        let (azimuth, elevation) = match self {
-            Self::Front => (0.0, 0.0),
-            Self::ThreeQuarters => (35.0, 25.0),
-            Self::Side => (90.0, 0.0),
-            Self::Back => (180.0, 0.0),
-            Self::Top => (0.0, 90.0),
-            Self::Left => (-90.0, 0.0),
-            Self::Bottom => (0.0, -90.0),
-        };
-        Orbit { azimuth, elevation, distance: 1.0 }
-    }
-}
 
 /// Centre and radius in metres.
 pub type Sphere = (DVec3, f64);
@@ -96,7 +57,7 @@ impl Subject {
         inputs.declare(paths)?;
         let threads = rayon::current_num_threads();
         let session = Session { args: &args, inputs: &inputs, threads, began: Instant::now(), replaces: false };
-        memory::hold(session.check_memory()?);
+        session.check_memory()?;
         let imported = inputs.lend(&args)?.scene.import(&args.selection.options(false, false))?;
         let (contents, sphere) = (Contents::of(&imported, &inputs.scene), imported.scene.enclosing_sphere());
         Ok(Self { args, inputs, contents, sphere })
@@ -154,7 +115,7 @@ impl Subject {
             [r, g, b, stats.coverage()]
         };
         let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| pixel(x, y)).collect();
-        Ok(Shot { view, frame, pixels })
+        Ok(Shot { view, frame, size: [width, height], pixels })
     }
 }
 
@@ -162,12 +123,14 @@ impl Subject {
 pub struct Shot {
     view: Direction,
     frame: Option<u32>,
+    /// Width and height in pixels.
+    pub size: [u32; 2],
     /// Linear RGB, premultiplied, and the share of the pixel that shows a surface; row by row from the top.
     pub pixels: Vec<[f32; 4]>,
 }
 
 /// What lies behind the scene, display-encoded.
-pub const BACKDROP: f32 = 0.25;
+const BACKDROP: f32 = 0.25;
 /// Display values, of 255, up to which a pixel is black in all channels, and from which it is burnt out.
 const BLACK: u8 = 5;
 const BURNT_OUT: u8 = 250;
@@ -179,18 +142,24 @@ impl Shot {
         self.view.name() + &frame
     }
 
-    /// Display-encoded RGB over the backdrop, in [0, 1].
-    pub fn developed(&self, exposure: f32) -> Vec<[f32; 3]> {
+    /// Display-encoded RGB over the backdrop.
+    pub fn developed(&self, exposure: f32) -> Vec<u8> {
         let over = |[r, g, b, alpha]: [f32; 4]| {
             let shown = self.shown([r, g, b, alpha], exposure);
-            shown.map(|x| x * alpha + BACKDROP * (1.0 - alpha))
+            shown.map(|x| to_byte(x * alpha + BACKDROP * (1.0 - alpha)))
         };
-        self.pixels.iter().map(|pixel| over(*pixel)).collect()
+        self.pixels.iter().flat_map(|pixel| over(*pixel)).collect()
     }
 
     /// The display-encoded colour of what a pixel shows.
     fn shown(&self, [r, g, b, alpha]: [f32; 4], exposure: f32) -> [f32; 3] {
         View::Agx.apply([r, g, b].map(|x| x / alpha.max(f32::MIN_POSITIVE)), exposure)
+    }
+
+    /// Do both views have the same bits?
+    pub fn has_bits_of(&self, other: &Self) -> bool {
+        let bits = |shot: &Self| shot.pixels.as_flattened().iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+        bits(self) == bits(other)
     }
 
     /// BLAKE3 of the linear premultiplied RGBA, 32-bit floats, little-endian, row by row.
