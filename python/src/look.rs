@@ -6,7 +6,7 @@ use numpy::{IntoPyArray, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use bismar::cli::in_memory::{self, Looked};
+use bismar::cli::in_memory::{self, Looked, Shot};
 use bismar::console::Paths;
 
 use crate::{Flag, errors, json, run};
@@ -35,10 +35,6 @@ impl Look {
         run::work(py, None, || json(&self.looked.report))
     }
 
-    fn lines(&self) -> Vec<String> {
-        self.looked.lines.clone()
-    }
-
     /// The sheet, an array (H, W, 3).
     fn sheet<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let [width, height] = self.looked.sheet.size.map(|n| n as usize);
@@ -47,7 +43,7 @@ impl Look {
 
     /// The views, arrays (H, W, 4).
     fn views<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        let view = |shot: &bismar::cli::in_memory::Shot| {
+        let view = |shot: &Shot| {
             let pixels = shot.pixels.clone().into_flattened();
             Ok(pixels.into_pyarray(py).reshape([shot.size[1] as usize, shot.size[0] as usize, 4])?.into_any())
         };
