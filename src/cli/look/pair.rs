@@ -93,7 +93,7 @@ impl Pair {
             if !is_equal && worst.as_ref().is_none_or(|(most, _)| flip > *most) {
                 worst = Some((flip, label.clone()));
             }
-            if let Some(most) = args.max_flip.filter(|most| !(flip <= *most)) {
+            if let Some(most) = args.max_flip.filter(|most| flip.is_nan() || flip > *most) {
                 failures.push(format!("{label}: FLIP {} is beyond {most}", short(flip)));
             }
             let colors = map.iter().flat_map(|e| false_color(*e).map(to_byte)).collect();
