@@ -92,6 +92,9 @@ fn one(args: &LookArgs, scene: &Path, paths: &mut Paths, stop: &AtomicBool) -> R
     report["exposure"] = json!(decimal(exposure));
     report["views"] = shots.iter().map(|shot| shot.report(exposure)).collect();
     report["scene"] = subject.contents.report()?;
-    let lines = vec![format!("{}: {}", scene.display(), subject.contents.line())];
+    let mut lines = vec![format!("{}: {}", scene.display(), subject.contents.line())];
+    if subject.contents.bounds.is_some() && shots.iter().all(|shot| shot.shown() == 0.0) {
+        lines.push("the views show nothing: all surfaces face away or are transparent; try --views bottom,left".into());
+    }
     Ok(Looked { sheet, shots, report, lines, verdict: Verdict::Done, page: None })
 }

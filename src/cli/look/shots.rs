@@ -145,14 +145,14 @@ impl Shot {
     /// Display-encoded RGB over the backdrop.
     pub fn developed(&self, exposure: f32) -> Vec<u8> {
         let over = |[r, g, b, alpha]: [f32; 4]| {
-            let shown = self.shown([r, g, b, alpha], exposure);
+            let shown = Self::encoded([r, g, b, alpha], exposure);
             shown.map(|x| to_byte(x * alpha + BACKDROP * (1.0 - alpha)))
         };
         self.pixels.iter().flat_map(|pixel| over(*pixel)).collect()
     }
 
     /// The display-encoded colour of what a pixel shows.
-    fn shown(&self, [r, g, b, alpha]: [f32; 4], exposure: f32) -> [f32; 3] {
+    fn encoded([r, g, b, alpha]: [f32; 4], exposure: f32) -> [f32; 3] {
         View::Agx.apply([r, g, b].map(|x| x / alpha.max(f32::MIN_POSITIVE)), exposure)
     }
 
@@ -169,12 +169,16 @@ impl Shot {
         }
     }
 
+    /// Share of the frame that shows a surface, 0 to 1.
+    pub fn shown(&self) -> f64 {
+        self.pixels.iter().map(|pixel| f64::from(pixel[3])).sum::<f64>() / self.pixels.len().max(1) as f64
+    }
+
     /// What a program can act on, as JSON.
     pub fn report(&self, exposure: f32) -> Value {
-        let covered: f64 = self.pixels.iter().map(|pixel| f64::from(pixel[3])).sum();
         let (mut all, mut black, mut burnt_out) = (0_u64, 0_u64, 0_u64);
         for pixel in self.pixels.iter().filter(|pixel| pixel[3] >= 0.5) {
-            let bytes = self.shown(*pixel, exposure).map(to_byte);
+            let bytes = Self::encoded(*pixel, exposure).map(to_byte);
             all += 1;
             black += u64::from(bytes.iter().all(|x| *x <= BLACK));
             burnt_out += u64::from(bytes.iter().all(|x| *x >= BURNT_OUT));
@@ -183,7 +187,7 @@ impl Shot {
         let Orbit { azimuth, elevation, .. } = self.view.orbit();
         let mut report = json!({ "name": self.view.name(), "azimuth": azimuth, "elevation": elevation });
         self.frame.iter().for_each(|frame| report["frame"] = json!(frame));
-        report["shown"] = json!(covered / self.pixels.len().max(1) as f64);
+        report["shown"] = json!(self.shown());
         report["black"] = json!(share(black));
         report["burnt_out"] = json!(share(burnt_out));
         report["hash"] = json!(hash_of(std::slice::from_ref(self)));
