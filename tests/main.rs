@@ -42,6 +42,7 @@ mod lamps;
 mod lens;
 mod lights;
 mod limits;
+mod look;
 mod memory;
 mod merge;
 mod motion;

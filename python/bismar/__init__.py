@@ -40,6 +40,7 @@ __all__ = [
     "InputError",
     "InternalError",
     "Interrupted",
+    "Look",
     "Moments",
     "Picture",
     "Progress",
@@ -50,6 +51,7 @@ __all__ = [
     "develop",
     "labels",
     "load",
+    "look",
     "merge",
 ]
 
@@ -467,6 +469,85 @@ class Picture:
         A file is complete or not there. Raises FileError if it cannot be written.
         """
         self._native.save(path, view, _text(exposure), resumable, half)
+
+    def _repr_png_(self) -> bytes:
+        """The picture in a notebook: a PNG with the view AgX and the automatic exposure."""
+        return self._native.png()
+
+
+class Look:
+    """A contact sheet of a scene, or of two, and what it shows; `look` makes it. Notebooks show the sheet."""
+
+    def __init__(self, native: _bismar.Look) -> None:
+        self._native = native
+        self.report: Dict[str, Any] = json.loads(native.report())
+        """What `bismar look` prints (docs/look.md)."""
+
+    @property
+    def sheet(self) -> npt.NDArray[np.uint8]:
+        """The sheet, uint8 (H, W, 3), display-encoded, row 0 at the top; a new array each time."""
+        return self._native.sheet()  # type: ignore[no-any-return]
+
+    @property
+    def views(self) -> List[npt.NDArray[np.float32]]:
+        """The views, frame by frame, each float32 (H, W, 4): linear red, green, blue, premultiplied, and the share of the
+        pixel that shows a surface. Of two scenes those of the old one, then those of the new one; new arrays each time."""
+        return self._native.views()
+
+    def save(self, path: Path) -> None:
+        """Writes the sheet: .png, lossless .webp or .jpg. Raises UsageError over a scene, FileError if it cannot be written."""
+        self._native.save(path)
+
+    def _repr_png_(self) -> bytes:
+        return self._native.png()
+
+
+def look(
+    path: Path,
+    new: Optional[Path] = None,
+    *,
+    views: Union[str, Iterable[str], None] = None,
+    size: Union[Tuple[int, int], str, None] = None,
+    spp: Optional[int] = None,
+    frames: Optional[str] = None,
+    max_flip: Optional[float] = None,
+    scene: Union[str, int, None] = None,
+    variant: Union[str, int, None] = None,
+    pose: Optional[float] = None,
+    frame: Optional[float] = None,
+    fps: Optional[float] = None,
+    animation: Union[str, int, None] = None,
+    memory_limit: Union[str, int, None] = None,
+    threads: Optional[int] = None,
+) -> Look:
+    """Shows what is in a scene, or what differs between two scenes or folders of scenes, old and new. Writes no file.
+
+    views: "front", "three-quarters", "side", "back", "top", "left", "bottom" [default: four of them, docs/look.md].
+    size: width and height of a view in pixels [512, 512]. spp: paths per pixel [8].
+    frames: frames of the animation, a row for each, as in "0-48x12".
+    max_flip: of two scenes, `report["within"]` is False if a view's mean FLIP error is larger.
+    The other arguments are those of `load`.
+
+    Raises InputError for a file that is missing or cannot be used, UsageError for wrong arguments, HostError where memory
+    does not suffice, KeyboardInterrupt after Ctrl-C.
+    """
+    if not (views is None or isinstance(views, str)):
+        views = ",".join(views)
+    options = _flags(
+        views=views,
+        size=size,
+        spp=spp,
+        frames=frames,
+        max_flip=max_flip,
+        scene_name=scene,
+        variant=variant,
+        pose=pose,
+        frame=frame,
+        fps=fps,
+        animation=animation,
+        memory_limit=memory_limit,
+    )
+    return Look(_bismar.look([path] if new is None else [path, new], options, threads))
 
 
 def compare(a: Union[Picture, Path], b: Union[Picture, Path], *, layer: Optional[str] = None) -> Dict[str, Any]:

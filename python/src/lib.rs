@@ -3,6 +3,7 @@
 
 mod errors;
 mod log;
+mod look;
 mod picture;
 mod run;
 mod scene;
@@ -73,6 +74,8 @@ fn _bismar(module: &Bound<PyModule>) -> PyResult<()> {
     module.add("version", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<Scene>()?;
     module.add_class::<Picture>()?;
+    module.add_class::<look::Look>()?;
+    module.add_function(wrap_pyfunction!(look::look, module)?)?;
     module.add_function(wrap_pyfunction!(load, module)?)?;
     module.add_function(wrap_pyfunction!(compare, module)?)?;
     module.add_function(wrap_pyfunction!(merge, module)?)?;

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use numpy::{IntoPyArray, PyArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
 
 use bismar::cli::in_memory::{RenderedPicture, Values};
 use bismar::film::{Exposure, View};
@@ -46,6 +47,10 @@ impl Picture {
         let values = run::work(py, None, || self.0.denoised().map(<[_]>::to_vec))?;
         let [width, height] = self.0.size();
         Ok(values.into_flattened().into_pyarray(py).reshape([height, width, 3])?.into_any())
+    }
+
+    fn png<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        run::work(py, None, || self.0.png()).map(|png| PyBytes::new(py, &png))
     }
 
     fn stats(&self, py: Python) -> PyResult<String> {

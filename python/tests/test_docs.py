@@ -10,7 +10,7 @@ ROOT = pathlib.Path(__file__).parents[2]
 def test_the_commands_of_the_documentation_run(tmp_path, monkeypatch):
     text = (ROOT / "docs" / "python.md").read_text()
     blocks = re.findall(r"^```python\n(.*?)^```$", text, flags=re.M | re.S)
-    assert len(blocks) == 6
+    assert len(blocks) == 7
     os.symlink(ROOT / "scenes", tmp_path / "scenes")
     monkeypatch.chdir(tmp_path)
     names = {}

@@ -1,8 +1,8 @@
 //! `bismar compare A B`
 
 mod difference;
-mod page;
-mod report;
+pub mod page;
+pub mod report;
 mod sequence;
 
 use std::collections::BTreeSet;

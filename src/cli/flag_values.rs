@@ -1,10 +1,14 @@
 //! Values of flags that are library types, with the help text of each.
 
+use std::path::Path;
+
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::{Args, Command};
 
 use crate::film::{Denoise, View};
 use crate::rays::Backend;
 use crate::render::{BackFaces, Choice, GlassShadows, Ground, Integrator, PixelFilter};
+use crate::{Error, Result};
 
 /// A library type whose values are the values of a flag.
 pub trait FlagValue: Copy + Send + Sync + 'static {
@@ -21,6 +25,30 @@ pub fn value_of<T: FlagValue>() -> impl TypedValueParser<Value = T> {
     let values = T::all().iter().map(|value| PossibleValue::new(value.flag_name()).help(value.help()));
     let parse = |name: String| T::all().iter().find(|value| value.flag_name() == name).copied().ok_or("unknown value");
     PossibleValuesParser::new(values).try_map(parse)
+}
+
+/// Options of a command: the names of flags without dashes, and their values; `None` for switches.
+pub type Options = [(String, Option<String>)];
+
+/// Parses options as the command line does.
+///
+/// # Errors
+/// [`Error::Usage`] with clap's first lines.
+pub fn parse<T: Args>(name: &'static str, options: &Options, inputs: &[&Path]) -> Result<T> {
+    let command = T::augment_args(Command::new(name));
+    let mut line = vec![name.into()];
+    line.extend(options.iter().map(|(name, value)| match value {
+        Some(value) => format!("--{name}={value}").into(),
+        None => format!("--{name}").into(),
+    }));
+    line.push("--".into());
+    line.extend(inputs.iter().map(|path| path.as_os_str().to_owned()));
+    let parsed = command.try_get_matches_from(line).and_then(|matches| T::from_arg_matches(&matches));
+    parsed.map_err(|e| {
+        let text = e.to_string();
+        let text = text.strip_prefix("error: ").unwrap_or(&text);
+        Error::Usage(text.split("\n\n").next().unwrap_or(text).trim_end().to_owned())
+    })
 }
 
 /// Implements [`FlagValue`] for types with a list `ALL` and a `name`.

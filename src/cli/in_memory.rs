@@ -8,12 +8,14 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
-use clap::{Args, Command};
-
 pub use heuristic::{Heuristic, PixelMoments};
 
 use super::develop::DevelopArgs;
+pub use super::flag_values::Options;
+use super::flag_values::parse;
 use super::labels::LabelsArgs;
+use super::look::LookArgs;
+pub use super::look::{Looked, Shot};
 use super::merge::MergeArgs;
 use super::render::{Inputs, Loaded, OutputWriter, RenderArgs, Session, claim_output, declare, preview_mark, settings};
 use super::stats::{Seconds, Stats};
@@ -29,9 +31,6 @@ use crate::render::{Identity, Progress, RenderSettings, Rendered, RunOptions, St
 use crate::scene::import::{self, Summary};
 use crate::scene::{Camera, Framing, PlacedCamera, Projection, Scene};
 use crate::{Error, Result};
-
-/// Options of a command: the names of flags without dashes, and their values; `None` for switches.
-pub type Options = [(String, Option<String>)];
 
 /// A camera of a scene.
 #[derive(Debug, Clone)]
@@ -352,6 +351,19 @@ impl RenderedPicture {
         }
     }
 
+    /// The beauty as an opaque PNG, denoised if that was asked for, with the view AgX and the automatic exposure.
+    ///
+    /// # Errors
+    /// Those of [`Self::denoised`] and of the encoder.
+    pub fn png(&self) -> Result<Vec<u8>> {
+        let exposure = Exposure::Auto.of(colors(&self.rendered.pixels()));
+        let mut picture = self.picture();
+        if self.args.denoise.is_some() {
+            picture.rgb = self.denoised()?.to_vec();
+        }
+        preview::encoded_picture(&picture, Look { view: View::Agx, exposure })
+    }
+
     /// The beauty as a picture that can be compared.
     pub fn picture(&self) -> FilmPicture {
         let pixels = self.rendered.pixels();
@@ -431,6 +443,15 @@ pub fn develop(options: &Options, input: &Path) -> Result<()> {
     super::develop::run(&parse::<DevelopArgs>("develop", options, &[input])?, QUIET).map(drop)
 }
 
+/// `bismar look`: a contact sheet of a scene, or of two, and what is in them; on the current rayon pool. Nothing is written.
+///
+/// # Errors
+/// Those of the command; [`Error::Interrupted`] soon after `stop` is raised.
+pub fn look(options: &Options, scenes: &[PathBuf], stop: &AtomicBool) -> Result<Looked> {
+    let scenes: Vec<&Path> = scenes.iter().map(PathBuf::as_path).collect();
+    super::look::look(&parse::<LookArgs>("look", options, &scenes)?, &mut Paths::default(), stop)
+}
+
 const QUIET: Verbosity = Verbosity { quiet: true, verbose: 0, log: crate::console::LogFormat::Text };
 
 /// Number of threads that the command line would take without a flag.
@@ -439,24 +460,6 @@ const QUIET: Verbosity = Verbosity { quiet: true, verbose: 0, log: crate::consol
 /// Those of [`host::threads`].
 pub fn default_threads() -> Result<usize> {
     host::threads(None).map(|(threads, _)| threads)
-}
-
-/// Parses options as the command line does.
-fn parse<T: Args>(name: &'static str, options: &Options, inputs: &[&Path]) -> Result<T> {
-    let command = T::augment_args(Command::new(name));
-    let mut line = vec![name.into()];
-    line.extend(options.iter().map(|(name, value)| match value {
-        Some(value) => format!("--{name}={value}").into(),
-        None => format!("--{name}").into(),
-    }));
-    line.push("--".into());
-    line.extend(inputs.iter().map(|path| path.as_os_str().to_owned()));
-    let parsed = command.try_get_matches_from(line).and_then(|matches| T::from_arg_matches(&matches));
-    parsed.map_err(|e| {
-        let text = e.to_string();
-        let text = text.strip_prefix("error: ").unwrap_or(&text);
-        Error::Usage(text.split("\n\n").next().unwrap_or(text).trim_end().to_owned())
-    })
 }
 
 fn session<'a>(args: &'a RenderArgs, inputs: &'a Inputs) -> Session<'a> {

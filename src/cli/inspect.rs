@@ -188,7 +188,7 @@ fn text(s: &Summary, own_light: Option<OwnLight>, hidden: &[f32], render_bytes: 
     let images = images.iter().map(|i| vec![i.name.clone(), format!("{} x {}", i.width, i.height), bytes(i.bytes)]);
     section(&mut out, "images", images.collect());
 
-    for (title, names) in [("scenes", &s.scenes), ("material variants", &s.variants)] {
+    for (title, names) in [("scenes", &s.scenes), ("material variants", &s.variants), ("animations", &s.animations)] {
         if names.len() > usize::from(title == "scenes") {
             let rows = names.iter().enumerate().map(|(index, name)| vec![index.to_string(), name.clone()]);
             section(&mut out, title, rows.collect());

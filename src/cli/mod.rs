@@ -10,6 +10,7 @@ pub mod flag_values;
 pub mod in_memory;
 mod inspect;
 mod labels;
+mod look;
 mod memory;
 mod merge;
 mod movie;
@@ -51,6 +52,7 @@ enum Command {
     Compare(compare::CompareArgs),
     Check(check::CheckArgs),
     Labels(labels::LabelsArgs),
+    Look(look::LookArgs),
     Develop(develop::DevelopArgs),
     Movie(movie::MovieArgs),
     Study(study::StudyArgs),
@@ -89,6 +91,7 @@ pub fn run() -> ExitCode {
             Command::Compare(args) => compare::run(args),
             Command::Check(args) => check::run(args, cli.verbosity),
             Command::Labels(args) => labels::run(args, cli.verbosity),
+            Command::Look(args) => look::run(args, cli.verbosity),
             Command::Develop(args) => develop::run(args, cli.verbosity),
             Command::Movie(args) => movie::run(args, cli.verbosity),
             Command::Study(args) => study::run(args, cli.verbosity),

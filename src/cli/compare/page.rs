@@ -15,12 +15,20 @@ use crate::film::{Exposure, Look, Picture, View, atomic};
 
 const TEMPLATE: &str = include_str!("page.html");
 
-/// Writes the page; `curve` is the chart of a sequence, or empty. Both pictures have the view transform and the automatic
-/// exposure of B.
+/// Writes the page; `curve` is the chart of a sequence, or empty.
 ///
 /// # Errors
 /// Those of [`atomic::write`].
-pub fn write(path: &Path, names: [&Path; 2], [a, b]: [&Picture; 2], c: &Comparison, curve: &str) -> Result<()> {
+pub fn write(path: &Path, names: [&Path; 2], pictures: [&Picture; 2], c: &Comparison, curve: &str) -> Result<()> {
+    let text = page(names, pictures, c, curve)?;
+    atomic::write(path, |file| Ok(Ok(file.write_all(text.as_bytes())?)))
+}
+
+/// The page, with HTML above the pictures. Both pictures have the view transform and the automatic exposure of B.
+///
+/// # Errors
+/// Those of the PNG encoder.
+pub fn page(names: [&Path; 2], [a, b]: [&Picture; 2], c: &Comparison, above: &str) -> Result<String> {
     let view = if a.displayed && b.displayed { View::Srgb } else { View::Agx };
     let exposure = if view == View::Srgb { 0.0 } else { Exposure::Auto.of(b.rgb.iter().copied()) };
     let look = Look { view, exposure };
@@ -49,7 +57,7 @@ pub fn write(path: &Path, names: [&Path; 2], [a, b]: [&Picture; 2], c: &Comparis
         ("{{width}}", width.to_string()),
         ("{{height}}", height.to_string()),
         ("{{look}}", format!("view {}, exposure {exposure} EV", view.name())),
-        ("{{curve}}", curve.to_owned()),
+        ("{{curve}}", above.to_owned()),
         ("{{rows}}", rows),
         ("{{a}}", data(encoded_picture(a, look)?)),
         ("{{b}}", data(encoded_picture(b, look)?)),
@@ -59,10 +67,11 @@ pub fn write(path: &Path, names: [&Path; 2], [a, b]: [&Picture; 2], c: &Comparis
     for (word, value) in fill {
         text = text.replace(word, &value);
     }
-    atomic::write(path, |file| Ok(Ok(file.write_all(text.as_bytes())?)))
+    Ok(text)
 }
 
-fn escaped(text: &str) -> String {
+/// Text that is no HTML, and fills no placeholder.
+pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;").replace('{', "&#123;")
 }
 

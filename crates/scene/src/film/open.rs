@@ -6,6 +6,7 @@ use std::path::Path;
 use image::{ColorType, DynamicImage, ImageFormat, ImageReader};
 
 use super::picture::Picture;
+use super::view::srgb_decode;
 use super::{exr_file, radiance};
 use crate::{Error, Result};
 
@@ -63,9 +64,4 @@ impl Picture {
             displayed,
         }
     }
-}
-
-/// The inverse of [`srgb_encode`](super::view::srgb_encode), on [0, 1].
-fn srgb_decode(x: f32) -> f32 {
-    if x <= 0.040_45 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
 }

@@ -53,6 +53,11 @@ pub fn srgb_encode(linear: f32) -> f32 {
     if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
 }
 
+/// The inverse of [`srgb_encode`], on [0, 1].
+pub fn srgb_decode(x: f32) -> f32 {
+    if x <= 0.040_45 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
+}
+
 /// AgX by Troy Sobotka (github.com/sobotka/AgX): inset towards grey, log2 over 16.5 stops around 0.18, a contrast
 /// curve, outset. The curve is the sixth-degree polynomial that B. Wrensch fitted to it ("Minimal AgX
 /// Implementation", 2023; mean squared error 3.7e-6), and so are the matrices' digits. The result is display-encoded

@@ -55,7 +55,11 @@ impl Orbit {
     /// vertical field of view [`Framing::YFOV`]. The sphere is the smallest one around that centre which contains every
     /// surface, so that the distance depends on neither angle.
     pub fn camera(&self, scene: &Scene, aspect: f64) -> Camera {
-        let (centre, radius) = scene.enclosing_sphere();
+        self.around(scene.enclosing_sphere(), aspect)
+    }
+
+    /// The same for a sphere: centre and radius in metres.
+    pub fn around(&self, (centre, radius): (DVec3, f64), aspect: f64) -> Camera {
         let vertical = (0.5 * Framing::YFOV).tan();
         let half = vertical.min(vertical * aspect).atan();
         // A point has no extent: it is seen from one metre.

@@ -73,6 +73,8 @@ pub struct ImportReport {
     pub scenes: Vec<String>,
     /// Names of its material variants.
     pub variants: Vec<String>,
+    /// Names of its animations; `animations[3]` for one without.
+    pub animations: Vec<String>,
     /// Extensions in the file that are supported.
     pub extensions_used: Vec<String>,
     /// Extensions in the file that are ignored.

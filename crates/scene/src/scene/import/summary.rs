@@ -112,6 +112,8 @@ pub struct Summary {
     pub scenes: Vec<String>,
     /// Names of its material variants.
     pub variants: Vec<String>,
+    /// Names of its animations; `animations[3]` for one without.
+    pub animations: Vec<String>,
     /// Supported extensions.
     pub extensions_used: Vec<String>,
     /// Extensions rendered approximately; none at present.
@@ -173,6 +175,7 @@ pub fn summary(imported: &Imported) -> Summary {
             .collect(),
         scenes: report.scenes.clone(),
         variants: report.variants.clone(),
+        animations: report.animations.clone(),
         extensions_used: report.extensions_used.clone(),
         extensions_approximated: Vec::new(),
         extensions_ignored: report.extensions_ignored.clone(),

@@ -154,6 +154,9 @@ pub fn build(
     }
     report.scenes.clone_from(&document.scene_names);
     report.variants.clone_from(&document.variants);
+    let animation = |i| document.animations.get(i).ok().map(|animation| animation.name.clone());
+    let name = |i| animation(i).filter(|name| !name.is_empty()).unwrap_or_else(|| format!("animations[{i}]"));
+    report.animations = (0..document.animations.len()).map(name).collect();
     report.notes = notes.into_list();
     Ok(scene)
 }

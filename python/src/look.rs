@@ -1,0 +1,65 @@
+//! `bismar.look`.
+
+use std::path::PathBuf;
+
+use numpy::{IntoPyArray, PyArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+use bismar::cli::in_memory::{self, Looked, Shot};
+use bismar::console::Paths;
+
+use crate::{Flag, errors, json, run};
+
+/// A contact sheet and what it shows.
+#[pyclass(frozen, module = "bismar._bismar")]
+pub struct Look {
+    looked: Looked,
+    scenes: Vec<PathBuf>,
+}
+
+#[pyfunction]
+pub fn look(py: Python, scenes: Vec<PathBuf>, options: Vec<Flag>, threads: Option<usize>) -> PyResult<Look> {
+    let pool = run::pool(threads).map_err(|error| errors::raise(py, &error))?;
+    let outcome = run::stoppable(py, &pool, None, |stop, _| in_memory::look(&options, &scenes, stop));
+    match (outcome.result, outcome.exception) {
+        (_, Some(exception)) => Err(exception),
+        (Ok(looked), None) => Ok(Look { looked, scenes }),
+        (Err(error), None) => Err(errors::raise(py, &error)),
+    }
+}
+
+#[pymethods]
+impl Look {
+    fn report(&self, py: Python) -> PyResult<String> {
+        run::work(py, None, || json(&self.looked.report))
+    }
+
+    /// The sheet, an array (H, W, 3).
+    fn sheet<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let [width, height] = self.looked.sheet.size.map(|n| n as usize);
+        Ok(self.looked.sheet.bytes.clone().into_pyarray(py).reshape([height, width, 3])?.into_any())
+    }
+
+    /// The views, arrays (H, W, 4).
+    fn views<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        let view = |shot: &Shot| {
+            let pixels = shot.pixels.clone().into_flattened();
+            Ok(pixels.into_pyarray(py).reshape([shot.size[1] as usize, shot.size[0] as usize, 4])?.into_any())
+        };
+        self.looked.shots.iter().map(view).collect()
+    }
+
+    fn png<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        run::work(py, None, || self.looked.sheet.png()).map(|png| PyBytes::new(py, &png))
+    }
+
+    fn save(&self, py: Python, path: PathBuf) -> PyResult<()> {
+        run::work(py, None, || {
+            let mut paths = Paths::default();
+            self.scenes.iter().try_for_each(|scene| paths.reads("the scene", scene))?;
+            paths.writes("the sheet", &path)?;
+            self.looked.sheet.write(&path)
+        })
+    }
+}
