@@ -18,7 +18,8 @@ function type({ switch: isSwitch, number, choices, value }) {
   if (isSwitch) return "boolean";
   if (choices.length > 0) {
     const also = choices.length === 1 || choices.includes("on") || choices.includes("true");
-    return choices.map((choice) => JSON.stringify(choice)).join(" | ") + (also ? " | boolean" : "");
+    const one = choices.map((choice) => JSON.stringify(choice)).join(" | ") + (also ? " | boolean" : "");
+    return value === "LIST" ? `${one} | readonly (${one})[]` : one;
   }
   if (number) return "number | string";
   return value.startsWith("FILE") ? "string" : "string | number | readonly (string | number)[]";

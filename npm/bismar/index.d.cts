@@ -171,6 +171,38 @@ export interface CompareFlags {
   max_z?: number | string | undefined;
 }
 
+/** Flags of `bismar look`, which the texts speak of. */
+export interface LookFlags {
+  /** The file's scene, by name or index [default: the file's default scene] */
+  scene?: string | number | readonly (string | number)[] | undefined;
+  /** Material variant (KHR_materials_variants), by name or index [default: the default materials] */
+  variant?: string | number | readonly (string | number)[] | undefined;
+  /** Time of the animations, in seconds [default: the rest pose, without animations] */
+  pose?: number | string | undefined;
+  /** Time of the animations, in frames of --fps from 0 */
+  frame?: number | string | undefined;
+  /** Frames per second, for --frame, --frames and --shutter */
+  fps?: number | string | undefined;
+  /** Animation to play, by name or index, or all: every animation at once [default: all] */
+  animation?: string | number | readonly (string | number)[] | undefined;
+  /** Motion blur: shutter opening and closing time in frames of --fps, relative to the time shown, as in -0.25,0.25 [default: no motion blur] */
+  shutter?: string | number | readonly (string | number)[] | undefined;
+  /** Number of linear motion segments while the shutter is open, 1 to 128 [default: chosen by the motion's curvature] */
+  motion_steps?: number | string | undefined;
+  /** Views, separated by commas [default: front, three-quarters, side, and top of a scene that is less than half as high as it is wide and deep, else back; of folders three-quarters] */
+  views?: "front" | "three-quarters" | "side" | "back" | "top" | "left" | "bottom" | readonly ("front" | "three-quarters" | "side" | "back" | "top" | "left" | "bottom")[] | undefined;
+  /** Size of a view in pixels */
+  size?: string | number | readonly (string | number)[] | undefined;
+  /** Paths per pixel */
+  spp?: number | string | undefined;
+  /** For two scenes: exit with 1 if the mean FLIP error of a view is larger than this */
+  max_flip?: number | string | undefined;
+  /** Number of threads [default: BISMAR_THREADS, else SLURM_CPUS_PER_TASK, else all cores] */
+  threads?: number | string | undefined;
+  /** Memory limit, such as 900M or 6G [default: Slurm's limit, else the machine's memory] */
+  memory_limit?: number | string | undefined;
+}
+
 export interface RenderOptions extends RenderFlags, Abort {
   /** Called about once a second. If it throws, the call is aborted and rejects with that error. */
   progress?: ((progress: Progress) => void) | undefined;
@@ -189,7 +221,7 @@ export function compare(a: Input, b: Input, options?: CompareFlags & Abort): Pro
 /** A contact sheet of scenes, and what `bismar look` prints. */
 export function look(
   scenes: Input | readonly Input[],
-  options?: Abort,
+  options?: LookFlags & Abort,
 ): Promise<{ png: Uint8Array; report: any; warnings: string[] }>;
 
 /** The path of the program. Throws a BismarError where there is none for this platform. */
