@@ -37,6 +37,7 @@ mod import_packed;
 mod import_reach;
 mod import_repaired;
 mod imports_point_one_way;
+mod in_ci;
 mod labels;
 mod lamps;
 mod lens;

@@ -1,19 +1,21 @@
 //! The container of the scene: GLB, or plain JSON.
 
+use std::io::{self, Read};
 use std::ops::Range;
 use std::path::Path;
 
+use bytes::Bytes;
 use serde_json::Value;
 
 use super::blob::Blob;
-use super::input::Input;
+use super::input::{Input, STANDARD_INPUT};
 use super::read::{open_regular, refuse_pointer};
 use crate::error::{Error, Result};
 
 /// The first bytes of a GLB.
-pub const MAGIC: [u8; 4] = *b"glTF";
+const MAGIC: [u8; 4] = *b"glTF";
 /// Bytes of a GLB's header: magic, version, length.
-pub const HEADER: u64 = 12;
+const HEADER: u64 = 12;
 const CHUNK_HEADER: u64 = 8;
 /// Limit of chunks, as each needs a read.
 const MAX_CHUNKS: u32 = 1 << 16;
@@ -30,6 +32,31 @@ pub struct Container {
     pub file_bytes: u64,
     /// Byte range of the GLB's binary chunk.
     pub bin: Option<Range<u64>>,
+}
+
+/// Reads a GLB as far as its header says.
+///
+/// # Errors
+/// [`Error::Data`] for anything but a GLB; [`Error::Host`] for one of more than `limit` bytes, before it is read; [`Error::Io`].
+pub fn read_glb(reader: &mut dyn Read, limit: u64) -> Result<Bytes> {
+    let failed = |e: io::Error| Error::Io(format!("{STANDARD_INPUT}: cannot read: {e}"));
+    let mut bytes = Vec::new();
+    reader.take(HEADER).read_to_end(&mut bytes).map_err(failed)?;
+    if !bytes.starts_with(&MAGIC) {
+        return Err(Error::Data(format!(
+            "{STANDARD_INPUT}: byte 0: expected the GLB magic `glTF`, found something else; a .gltf is read by its name"
+        )));
+    }
+    let word = bytes.get(8..12).and_then(|word| word.try_into().ok());
+    let length = u64::from(word.map_or(0, u32::from_le_bytes));
+    if length > limit {
+        let (length, limit) = (length.div_ceil(1 << 20), limit >> 20);
+        return Err(Error::Host(format!(
+            "{STANDARD_INPUT}: a GLB of {length} MiB; the limit of memory is {limit} MiB"
+        )));
+    }
+    reader.take(length.saturating_sub(HEADER)).read_to_end(&mut bytes).map_err(failed)?;
+    Ok(bytes.into())
 }
 
 /// Opens a `.gltf` or `.glb`.

@@ -20,8 +20,8 @@ use crate::error::Result;
 pub use blob::Blob;
 pub use census::Census;
 use container::Container;
+use input::Input;
 pub use input::STANDARD_INPUT;
-use input::{Input, read_glb};
 use reach::Reach;
 use read::{open_regular, refuse_pointer};
 pub use read::{read_regular, read_text};
@@ -71,9 +71,9 @@ impl Source {
     /// Reads a GLB of at most `limit` bytes, which has no folder: it can name no other file.
     ///
     /// # Errors
-    /// Those of [`read_glb`], and of the container.
+    /// Those of [`container::read_glb`], and of the container.
     pub fn read_glb(reader: &mut dyn Read, limit: u64) -> Result<Self> {
-        let (path, bytes) = (Path::new(STANDARD_INPUT), read_glb(reader, limit)?);
+        let (path, bytes) = (Path::new(STANDARD_INPUT), container::read_glb(reader, limit)?);
         let file_bytes = bytes.len() as u64;
         Self::of(path, container::read(path, Input::Memory(bytes), file_bytes)?, None)
     }

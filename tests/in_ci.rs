@@ -1,0 +1,104 @@
+//! What runs in continuous integration: the script behind `action.yml`, and the steps of the workflows.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use crate::helpers::glb;
+use crate::helpers::program::{expect, program, scene, stderr};
+use crate::helpers::skipped::skipped;
+
+const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+
+fn git(folder: &Path, line: &str) {
+    let name = ["-c", "user.name=a", "-c", "user.email=a@b", "-c", "commit.gpgsign=false"];
+    let output = Command::new("git").current_dir(folder).args(name).args(line.split(' ')).output().unwrap();
+    assert!(output.status.success(), "git {line}: {}", stderr(&output));
+}
+
+/// Runs the script in a folder; returns its summary.
+fn pictures(folder: &Path, line: &str, code: i32) -> String {
+    let _ = fs::remove_dir_all(folder.join("bismar-ci"));
+    let summary = folder.join("step.md");
+    let _ = fs::remove_file(&summary);
+    let mut command = Command::new("python3");
+    command.current_dir(folder).arg(Path::new(ROOT).join("scripts/pictures-in-ci.py"));
+    command.arg("--bismar").arg(program()).args(line.split(' ')).env("GITHUB_STEP_SUMMARY", &summary);
+    let output = command.output().unwrap();
+    assert_eq!(output.status.code(), Some(code), "{line}: {}", stderr(&output));
+    let text = fs::read_to_string(folder.join("bismar-ci/summary.md")).unwrap_or_default();
+    assert_eq!(text, fs::read_to_string(summary).unwrap_or_default());
+    text
+}
+
+fn has(program: &str) -> bool {
+    Command::new(program).arg("--version").output().is_ok_and(|output| output.status.success())
+}
+
+#[test]
+fn a_change_of_scenes_is_shown_and_goldens_are_checked() {
+    if !has("git") || !has("python3") {
+        return skipped("git or python3 is not installed");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    fs::create_dir_all(path.join("assets/deep")).unwrap();
+    let put = |name: &str, bytes: &[u8]| fs::write(path.join("assets").join(name), bytes).unwrap();
+    let cornell = fs::read(scene("cornell.glb")).unwrap();
+    put("same.glb", &glb::triangle());
+    put("deep/room.glb", &cornell);
+    put("gone.glb", &glb::triangle());
+    git(path, "init -q");
+    git(path, "add .");
+    git(path, "commit -qm base");
+    let none = pictures(path, "pairs --base HEAD assets", 0);
+    assert!(none.contains("0 changed, 3 unchanged, 0 failed"), "{none}");
+    put("deep/room.glb", &glb::triangle());
+    put("new|er.glb", &cornell);
+    fs::remove_file(path.join("assets/gone.glb")).unwrap();
+    let all = pictures(path, "pairs --base HEAD assets", 0);
+    assert!(all.contains("1 added, 1 removed, 1 changed, 1 unchanged, 0 failed"), "{all}");
+    assert!(
+        all.contains("| deep/room.glb | 0.") && all.contains("triangles: 32 -> 1") && all.contains("new\\|er"),
+        "{all}"
+    );
+    assert!(path.join("bismar-ci/pairs.png").exists());
+    pictures(path, "pairs --base HEAD --max-flip 0.001 assets", 1);
+    // A broken scene is named, and the rest is shown; a revision that is not there is an error.
+    put("same.glb", b"glTF\x02\0\0\0");
+    let broken = pictures(path, "pairs --base HEAD assets", 65);
+    assert!(broken.contains("1 failed") && broken.contains("| same.glb |"), "{broken}");
+    assert!(pictures(path, "pairs --base nowhere assets", 66).contains("not here"));
+    // A folder that is new.
+    assert!(pictures(path, "pairs --base HEAD assets/deep", 0).contains("1 changed"));
+    fs::create_dir(path.join("fresh")).unwrap();
+    fs::write(path.join("fresh/a.glb"), &cornell).unwrap();
+    assert!(pictures(path, "pairs --base HEAD fresh", 0).contains("1 added, 0 removed"));
+
+    expect(path, "render fresh/a.glb --size 24x24 --spp 4 --aov none -o g.exr", 0);
+    assert!(pictures(path, "goldens g.exr", 0).contains("1 golden pictures, 1 of them identical"));
+    fs::write(path.join("fresh/a.glb"), glb::triangle()).unwrap();
+    let differs = pictures(path, "goldens --max-flip 0.01 g.exr", 1);
+    assert!(differs.contains("| g.exr | differs |"), "{differs}");
+}
+
+#[test]
+fn workflows_run_steps_of_the_script_and_the_action_its_inputs() {
+    let root = Path::new(ROOT);
+    let script = fs::read_to_string(root.join("scripts/workflow.sh")).unwrap();
+    for file in fs::read_dir(root.join(".github/workflows")).unwrap() {
+        let text = fs::read_to_string(file.unwrap().path()).unwrap();
+        let steps: Vec<_> = text.lines().filter_map(|line| line.split("run: ").nth(1)).collect();
+        assert!(!steps.is_empty(), "{text}");
+        for step in steps {
+            let word = step.strip_prefix("scripts/workflow.sh ").unwrap_or_else(|| panic!("{step}"));
+            assert!(script.lines().any(|line| line.starts_with(&format!("{word})"))), "{step}");
+        }
+    }
+    let wrong = Command::new(root.join("scripts/workflow.sh")).arg("no-such-step").output().unwrap();
+    assert_eq!(wrong.status.code(), Some(64));
+    let action = fs::read_to_string(root.join("action.yml")).unwrap();
+    for input in action.split("${{ inputs.").skip(1).map(|rest| rest.split(' ').next().unwrap()) {
+        assert!(action.contains(&format!("\n  {input}:\n")), "{input}");
+    }
+}
